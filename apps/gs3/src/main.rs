@@ -1,0 +1,2 @@
+//! The command `gs3`.
+fn main() {}

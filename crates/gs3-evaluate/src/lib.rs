@@ -1,0 +1,1 @@
+//! gs3-evaluate

@@ -1,0 +1,206 @@
+//! Pinhole cameras.
+//!
+//! Axes as in COLMAP: in view space x points right, y down, z forward. Pixel `(i, j)` covers `[i, i+1) × [j, j+1)`;
+//! its centre is at `(i + 0.5, j + 0.5)`.
+
+use glam::{DAffine3, DMat3, DVec2, DVec3};
+
+/// Largest image side: 7680×4320 with room for portrait and square formats.
+pub const MAX_SIDE: u32 = 8192;
+
+/// Size, focal lengths and principal point of a pinhole camera, in pixels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Intrinsics {
+    /// Image width, 1 to [`MAX_SIDE`].
+    pub width: u32,
+    /// Image height, 1 to [`MAX_SIDE`].
+    pub height: u32,
+    /// Horizontal focal length in pixels, positive.
+    pub fx: f64,
+    /// Vertical focal length in pixels, positive.
+    pub fy: f64,
+    /// Principal point x in pixels.
+    pub cx: f64,
+    /// Principal point y in pixels.
+    pub cy: f64,
+}
+
+/// Why values do not make a camera.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum CameraError {
+    /// The image size is zero or too large.
+    #[error("image size: expected 1x1 to {MAX_SIDE}x{MAX_SIDE}, found {width}x{height}")]
+    Size {
+        /// Width found.
+        width: u32,
+        /// Height found.
+        height: u32,
+    },
+    /// A focal length or principal point is not usable.
+    #[error("{field}: expected {expected}, found {actual}")]
+    Intrinsic {
+        /// Name of the field.
+        field: &'static str,
+        /// What is accepted.
+        expected: &'static str,
+        /// The value found.
+        actual: f64,
+    },
+    /// The pose is not a rigid transform.
+    #[error(
+        "camera pose: expected a finite rotation (orthonormal within 1e-3, determinant +1), found {actual}"
+    )]
+    Pose {
+        /// The rotation block found.
+        actual: DMat3,
+    },
+    /// The pose's translation is not finite.
+    #[error("camera position: expected finite values, found {actual}")]
+    Position {
+        /// The translation found.
+        actual: DVec3,
+    },
+}
+
+impl Intrinsics {
+    /// Square pixels, centred principal point, vertical field of view `fov_y` in radians.
+    #[must_use]
+    pub fn from_fov_y(width: u32, height: u32, fov_y: f64) -> Self {
+        let (w, h) = (f64::from(width), f64::from(height));
+        let focal = 0.5 * h / (0.5 * fov_y).tan();
+        Self { width, height, fx: focal, fy: focal, cx: 0.5 * w, cy: 0.5 * h }
+    }
+}
+
+/// A checked pinhole camera: a rigid pose and valid intrinsics.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    view_from_world: DAffine3,
+    intrinsics: Intrinsics,
+}
+
+impl Camera {
+    /// Checks the pose and the intrinsics. A rotation that is orthonormal within 1e-3 is re-orthonormalised.
+    ///
+    /// # Errors
+    /// [`CameraError`] if the size, an intrinsic or the pose is not usable.
+    pub fn new(view_from_world: DAffine3, intrinsics: Intrinsics) -> Result<Self, CameraError> {
+        let Intrinsics { width, height, fx, fy, cx, cy } = intrinsics;
+        if width == 0 || height == 0 || width > MAX_SIDE || height > MAX_SIDE {
+            return Err(CameraError::Size { width, height });
+        }
+        for (field, actual) in [("fx", fx), ("fy", fy)] {
+            if !(actual.is_finite() && actual > 0.0) {
+                return Err(CameraError::Intrinsic { field, expected: "a positive finite number", actual });
+            }
+        }
+        for (field, actual) in [("cx", cx), ("cy", cy)] {
+            if !actual.is_finite() {
+                return Err(CameraError::Intrinsic { field, expected: "a finite number", actual });
+            }
+        }
+        let rotation = view_from_world.matrix3;
+        let gram = rotation * rotation.transpose() - DMat3::IDENTITY;
+        let is_rigid = rotation.is_finite()
+            && gram.to_cols_array().iter().all(|v| v.abs() < 1e-3)
+            && rotation.determinant() > 0.0;
+        if !is_rigid {
+            return Err(CameraError::Pose { actual: rotation });
+        }
+        if !view_from_world.translation.is_finite() {
+            return Err(CameraError::Position { actual: view_from_world.translation });
+        }
+        // The nearest rotation keeps projection and unprojection exact inverses of each other.
+        let matrix3 = DMat3::from_quat(glam::DQuat::from_mat3(&rotation).normalize());
+        Ok(Self { view_from_world: DAffine3 { matrix3, ..view_from_world }, intrinsics })
+    }
+
+    /// The rigid transform from world to view space.
+    #[must_use]
+    pub const fn view_from_world(&self) -> DAffine3 {
+        self.view_from_world
+    }
+
+    /// The rigid transform from view to world space.
+    #[must_use]
+    pub fn world_from_view(&self) -> DAffine3 {
+        self.view_from_world.inverse()
+    }
+
+    /// The camera centre in world space.
+    #[must_use]
+    pub fn position(&self) -> DVec3 {
+        self.world_from_view().translation
+    }
+
+    /// Size, focal lengths and principal point.
+    #[must_use]
+    pub const fn intrinsics(&self) -> Intrinsics {
+        self.intrinsics
+    }
+
+    /// Image width in pixels.
+    #[must_use]
+    pub const fn width(&self) -> u32 {
+        self.intrinsics.width
+    }
+
+    /// Image height in pixels.
+    #[must_use]
+    pub const fn height(&self) -> u32 {
+        self.intrinsics.height
+    }
+
+    /// The same view at another size: the vertical field of view and the pixel aspect are kept, the principal point
+    /// keeps its place relative to the centre.
+    ///
+    /// # Errors
+    /// [`CameraError::Size`] if the size is zero or too large.
+    pub fn resized(&self, width: u32, height: u32) -> Result<Self, CameraError> {
+        let old = self.intrinsics;
+        let scale = f64::from(height) / f64::from(old.height);
+        let intrinsics = Intrinsics {
+            width,
+            height,
+            fx: old.fx * scale,
+            fy: old.fy * scale,
+            cx: (old.cx - 0.5 * f64::from(old.width)) * scale + 0.5 * f64::from(width),
+            cy: (old.cy - 0.5 * f64::from(old.height)) * scale + 0.5 * f64::from(height),
+        };
+        Self::new(self.view_from_world, intrinsics)
+    }
+
+    /// The low-resolution (LR) camera of this one: every LR pixel covers `scale`×`scale` pixels of this camera, LR
+    /// pixel `(0, 0)` starting at pixel `(0, 0)`. Sizes that `scale` does not divide are rounded up, so the LR image
+    /// covers at least this one.
+    #[must_use]
+    pub fn low_resolution(&self, scale: u32) -> Self {
+        let s = f64::from(scale);
+        let i = self.intrinsics;
+        let intrinsics = Intrinsics {
+            width: i.width.div_ceil(scale),
+            height: i.height.div_ceil(scale),
+            fx: i.fx / s,
+            fy: i.fy / s,
+            cx: i.cx / s,
+            cy: i.cy / s,
+        };
+        Self { intrinsics, ..*self }
+    }
+
+    /// Projects a world point: pixel position and view-space depth z. The pixel is meaningful for z > 0 only.
+    #[must_use]
+    pub fn project(&self, world: DVec3) -> (DVec2, f64) {
+        let view = self.view_from_world.transform_point3(world);
+        let i = self.intrinsics;
+        (DVec2::new(i.fx * view.x / view.z + i.cx, i.fy * view.y / view.z + i.cy), view.z)
+    }
+
+    /// The world point seen at `pixel` at view-space depth `z`.
+    #[must_use]
+    pub fn unproject(&self, pixel: DVec2, z: f64) -> DVec3 {
+        let i = self.intrinsics;
+        let view = DVec3::new((pixel.x - i.cx) / i.fx * z, (pixel.y - i.cy) / i.fy * z, z);
+        self.world_from_view().transform_point3(view)
+    }
+}

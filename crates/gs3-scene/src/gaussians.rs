@@ -1,0 +1,159 @@
+//! The Gaussians of a scene as a structure of arrays, activated: what the rasterizer reads.
+
+/// `N` 3D Gaussians, one array per component so that sixteen of them load as sixteen lanes.
+///
+/// Values are activated (linear scale, opacity in `[0, 1]`), as a renderer needs them; readers apply `exp` and
+/// `sigmoid` once. The fields may hold anything until [`crate::Scene::new`] has dropped invalid Gaussians.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Gaussians {
+    /// Centres in world units: planes `x`, `y`, `z`, each `[N]`.
+    pub means: [Vec<f32>; 3],
+    /// Standard deviations along the principal axes in world units, positive: planes `[N]`.
+    pub scales: [Vec<f32>; 3],
+    /// Rotations from principal axes to world as quaternions `w`, `x`, `y`, `z`: planes `[N]`. Normalised by
+    /// [`crate::Scene::new`].
+    pub rotations: [Vec<f32>; 4],
+    /// Opacities in `[0, 1]`, `[N]`.
+    pub opacities: Vec<f32>,
+    /// Spherical-harmonics degree, 0 to 3.
+    pub sh_degree: u8,
+    /// Spherical-harmonics coefficients, `[N, (sh_degree + 1)², 3]` (coefficient-major, RGB innermost; the constant
+    /// term first), in the sign convention and order of Kerbl et al. 2023.
+    pub sh: Vec<f32>,
+}
+
+/// Largest spherical-harmonics degree that 3D Gaussian Splatting scenes use.
+pub const MAX_SH_DEGREE: u8 = 3;
+
+/// Number of spherical-harmonics coefficients per colour channel at `degree`, the constant term included.
+#[must_use]
+pub const fn sh_coefficient_count(degree: u8) -> usize {
+    (degree as usize + 1) * (degree as usize + 1)
+}
+
+impl Gaussians {
+    /// `count` zeroed Gaussians of the given spherical-harmonics degree, for a reader to fill in place.
+    #[must_use]
+    pub fn zeroed(count: usize, sh_degree: u8) -> Self {
+        let plane = || vec![0.0; count];
+        Self {
+            means: std::array::from_fn(|_| plane()),
+            scales: std::array::from_fn(|_| plane()),
+            rotations: std::array::from_fn(|_| plane()),
+            opacities: plane(),
+            sh_degree,
+            sh: vec![0.0; count * sh_coefficient_count(sh_degree) * 3],
+        }
+    }
+
+    /// Number of Gaussians `N`.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.opacities.len()
+    }
+
+    /// Whether there are no Gaussians.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.opacities.is_empty()
+    }
+
+    /// The centre of Gaussian `i` in world units.
+    #[must_use]
+    pub fn mean(&self, i: usize) -> [f32; 3] {
+        [self.means[0][i], self.means[1][i], self.means[2][i]]
+    }
+
+    /// The three standard deviations of Gaussian `i` in world units.
+    #[must_use]
+    pub fn scale(&self, i: usize) -> [f32; 3] {
+        [self.scales[0][i], self.scales[1][i], self.scales[2][i]]
+    }
+
+    /// The rotation of Gaussian `i` as a quaternion `[w, x, y, z]`.
+    #[must_use]
+    pub fn rotation(&self, i: usize) -> [f32; 4] {
+        [self.rotations[0][i], self.rotations[1][i], self.rotations[2][i], self.rotations[3][i]]
+    }
+
+    /// Floats per Gaussian in [`Self::sh`].
+    #[must_use]
+    pub const fn sh_stride(&self) -> usize {
+        sh_coefficient_count(self.sh_degree) * 3
+    }
+
+    /// The spherical-harmonics coefficients of Gaussian `i`, `[(sh_degree + 1)², 3]`.
+    #[must_use]
+    pub fn sh_of(&self, i: usize) -> &[f32] {
+        let stride = self.sh_stride();
+        &self.sh[i * stride..(i + 1) * stride]
+    }
+
+    /// Size of the parameters as f32, in bytes.
+    #[must_use]
+    pub fn byte_size(&self) -> usize {
+        self.len() * (3 + 3 + 4 + 1 + self.sh_stride()) * size_of::<f32>()
+    }
+
+    /// Appends `other`, padding the lower of the two spherical-harmonics degrees with zeros.
+    pub fn append(&mut self, other: &Self) {
+        let degree = self.sh_degree.max(other.sh_degree);
+        self.pad_sh_to(degree);
+        for (to, from) in self.means.iter_mut().zip(&other.means) {
+            to.extend_from_slice(from);
+        }
+        for (to, from) in self.scales.iter_mut().zip(&other.scales) {
+            to.extend_from_slice(from);
+        }
+        for (to, from) in self.rotations.iter_mut().zip(&other.rotations) {
+            to.extend_from_slice(from);
+        }
+        self.opacities.extend_from_slice(&other.opacities);
+        let (stride, other_stride) = (self.sh_stride(), other.sh_stride());
+        self.sh.reserve(other.len() * stride);
+        for row in other.sh.chunks_exact(other_stride) {
+            self.sh.extend_from_slice(row);
+            self.sh.resize(self.sh.len() + stride - other_stride, 0.0);
+        }
+    }
+
+    fn pad_sh_to(&mut self, degree: u8) {
+        if degree == self.sh_degree {
+            return;
+        }
+        let from = self.sh_stride();
+        let to = sh_coefficient_count(degree) * 3;
+        let mut padded = vec![0.0; self.len() * to];
+        for (row, old) in padded.chunks_exact_mut(to).zip(self.sh.chunks_exact(from)) {
+            row[..from].copy_from_slice(old);
+        }
+        self.sh = padded;
+        self.sh_degree = degree;
+    }
+
+    /// Keeps the Gaussians for which `keep` holds, in order, in place.
+    pub fn retain(&mut self, keep: impl Fn(&Self, usize) -> bool) {
+        let stride = self.sh_stride();
+        let mut kept = 0;
+        for i in 0..self.len() {
+            if !keep(self, i) {
+                continue;
+            }
+            if kept != i {
+                let planes = self.means.iter_mut().chain(&mut self.scales).chain(&mut self.rotations);
+                for plane in planes {
+                    plane[kept] = plane[i];
+                }
+                self.opacities[kept] = self.opacities[i];
+                self.sh.copy_within(i * stride..(i + 1) * stride, kept * stride);
+            }
+            kept += 1;
+        }
+        let planes = self.means.iter_mut().chain(&mut self.scales).chain(&mut self.rotations);
+        for plane in planes {
+            plane.truncate(kept);
+        }
+        self.opacities.truncate(kept);
+        self.sh.truncate(kept * stride);
+    }
+}

@@ -1,0 +1,117 @@
+//! The G-buffer: what is rasterized at low resolution and what reconstruction reads. Any renderer can fill one.
+
+/// `C` planes of f32, `[C, height, width]`, in one allocation.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Planes<const C: usize> {
+    width: usize,
+    height: usize,
+    data: Vec<f32>,
+}
+
+impl<const C: usize> Planes<C> {
+    /// Zeroed planes.
+    #[must_use]
+    pub fn new(width: usize, height: usize) -> Self {
+        Self { width, height, data: vec![0.0; C * width * height] }
+    }
+
+    /// Width in pixels.
+    #[must_use]
+    pub const fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Height in pixels.
+    #[must_use]
+    pub const fn height(&self) -> usize {
+        self.height
+    }
+
+    /// All planes, `[C, height, width]`.
+    #[must_use]
+    pub fn data(&self) -> &[f32] {
+        &self.data
+    }
+
+    /// All planes, `[C, height, width]`.
+    #[must_use]
+    pub fn data_mut(&mut self) -> &mut [f32] {
+        &mut self.data
+    }
+
+    /// Plane `c`, `[height, width]`.
+    #[must_use]
+    pub fn plane(&self, c: usize) -> &[f32] {
+        let size = self.width * self.height;
+        &self.data[c * size..(c + 1) * size]
+    }
+
+    /// Row `y` of plane `c`, `[width]`.
+    #[must_use]
+    pub fn row(&self, c: usize, y: usize) -> &[f32] {
+        let start = (c * self.height + y) * self.width;
+        &self.data[start..start + self.width]
+    }
+
+    /// Makes the planes `width`×`height`, reusing their memory. The contents are unspecified afterwards.
+    pub fn resize(&mut self, width: usize, height: usize) {
+        self.data.resize(C * width * height, 0.0);
+        self.width = width;
+        self.height = height;
+    }
+}
+
+/// Exact derivatives of the blended colour with respect to the pixel position, per pixel of the G-buffer's own grid.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Gradients {
+    /// ∂colour/∂x, RGB.
+    pub color_dx: Planes<3>,
+    /// ∂colour/∂y, RGB.
+    pub color_dy: Planes<3>,
+    /// ∂²colour/∂x∂y, RGB, where it was asked for.
+    pub color_dxdy: Option<Planes<3>>,
+}
+
+/// Depth and normals.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Geometry {
+    /// View-space depth z of the surface at which transmittance falls to one half, world units; 0 where nothing was
+    /// hit.
+    pub depth_median: Planes<1>,
+    /// Mean view-space depth z of what was blended, weighted by contribution, world units; 0 where nothing was hit.
+    pub depth_expected: Planes<1>,
+    /// View-space normal, accumulated with the blending weights (length = share of opaque, agreeing normals),
+    /// x right, y down, z forward; facing normals have negative z.
+    pub normal: Planes<3>,
+}
+
+/// One rasterized frame with what only Gaussians give: exact gradients, depth, normals.
+///
+/// Pixel `(i, j)` is the point sample of the image at `(i + 0.5 + jitter.x, j + 0.5 + jitter.y)` of this grid.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct GBuffer {
+    /// Offset of the sample positions from the pixel centres, in pixels of this grid.
+    pub jitter: [f32; 2],
+    /// Colour over the background, display-encoded RGB, not clamped above.
+    pub color: Planes<3>,
+    /// Opacity 1 − T, `[0, 1]`.
+    pub alpha: Planes<1>,
+    /// Image gradients, where they were asked for.
+    pub gradients: Option<Gradients>,
+    /// Depth and normals, where they were asked for.
+    pub geometry: Option<Geometry>,
+}
+
+impl GBuffer {
+    /// Width in pixels.
+    #[must_use]
+    pub const fn width(&self) -> usize {
+        self.color.width()
+    }
+
+    /// Height in pixels.
+    #[must_use]
+    pub const fn height(&self) -> usize {
+        self.color.height()
+    }
+}

@@ -1,0 +1,76 @@
+//! High-resolution frames.
+
+/// An RGB frame, `[height, width, 4]` f32: display-encoded red, green, blue (nominally in `[0, 1]`, not clamped) and a
+/// fourth value whose meaning the producer states (alpha for the rasterizer, confidence for the super sampler).
+///
+/// Four channels, because one pixel is then one aligned 128-bit load wherever history is gathered.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Image {
+    width: usize,
+    height: usize,
+    pixels: Vec<[f32; 4]>,
+}
+
+impl Image {
+    /// A black image with a zero fourth channel.
+    #[must_use]
+    pub fn new(width: usize, height: usize) -> Self {
+        Self { width, height, pixels: vec![[0.0; 4]; width * height] }
+    }
+
+    /// An image from its pixels, row by row.
+    ///
+    /// Returns `None` if `pixels` does not hold `width × height` of them.
+    #[must_use]
+    pub fn from_pixels(width: usize, height: usize, pixels: Vec<[f32; 4]>) -> Option<Self> {
+        (pixels.len() == width * height).then_some(Self { width, height, pixels })
+    }
+
+    /// Width in pixels.
+    #[must_use]
+    pub const fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Height in pixels.
+    #[must_use]
+    pub const fn height(&self) -> usize {
+        self.height
+    }
+
+    /// All pixels, row by row, `[height, width]`.
+    #[must_use]
+    pub fn pixels(&self) -> &[[f32; 4]] {
+        &self.pixels
+    }
+
+    /// All pixels, row by row, `[height, width]`.
+    #[must_use]
+    pub fn pixels_mut(&mut self) -> &mut [[f32; 4]] {
+        &mut self.pixels
+    }
+
+    /// Row `y`, `[width]`.
+    #[must_use]
+    pub fn row(&self, y: usize) -> &[[f32; 4]] {
+        &self.pixels[y * self.width..(y + 1) * self.width]
+    }
+
+    /// Makes the image `width`×`height`, reusing its memory. The contents are unspecified afterwards.
+    pub fn resize(&mut self, width: usize, height: usize) {
+        self.pixels.resize(width * height, [0.0; 4]);
+        self.width = width;
+        self.height = height;
+    }
+
+    /// The image as 8-bit RGB, row by row: clamped to `[0, 1]`, rounded to nearest.
+    #[must_use]
+    pub fn to_rgb8(&self) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(self.pixels.len() * 3);
+        for pixel in &self.pixels {
+            // `as` saturates and maps NaN to 0, so hostile values stay in range.
+            bytes.extend(pixel[..3].iter().map(|v| (v * 255.0 + 0.5) as u8));
+        }
+        bytes
+    }
+}

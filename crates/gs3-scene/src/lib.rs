@@ -1,0 +1,16 @@
+//! Trained 3D Gaussian Splatting scenes, cameras and camera paths, images, and their file formats.
+//!
+//! This crate knows nothing of devices, rasterization or networks. Everything that enters gs3 from outside is checked
+//! here once, at the border; behind it no check is repeated and nothing panics.
+
+pub mod camera;
+pub mod gaussians;
+pub mod gbuffer;
+pub mod image;
+pub mod scene;
+
+pub use camera::{Camera, CameraError, Intrinsics};
+pub use gaussians::Gaussians;
+pub use gbuffer::{GBuffer, Geometry, Gradients, Planes};
+pub use image::Image;
+pub use scene::{Dropped, OpacityMode, Scene, SceneError};

@@ -1,0 +1,174 @@
+//! A scene: Gaussians that have passed the border check, and how they are to be rendered.
+
+use crate::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficient_count};
+
+/// How opacity reacts to the dilation of the projected covariance. A scene is rendered in the mode it was trained in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum OpacityMode {
+    /// Opacity as stored (Kerbl et al. 2023).
+    #[default]
+    Default,
+    /// Opacity scaled by the square root of the determinants' ratio before and after dilation (Mip-Splatting;
+    /// gsplat's `antialiased`).
+    Antialiased,
+}
+
+/// Gaussians that were invalid in the source and are not part of the scene, by reason. A Gaussian with several defects
+/// counts once, under the first.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Dropped {
+    /// NaN or infinite centre.
+    pub non_finite_mean: usize,
+    /// NaN, infinite or negative scale.
+    pub invalid_scale: usize,
+    /// NaN, infinite or zero quaternion.
+    pub invalid_rotation: usize,
+    /// NaN opacity, or one outside `[0, 1]`.
+    pub invalid_opacity: usize,
+    /// NaN or infinite spherical-harmonics coefficient.
+    pub non_finite_sh: usize,
+}
+
+impl Dropped {
+    /// Number of dropped Gaussians.
+    #[must_use]
+    pub const fn total(&self) -> usize {
+        self.non_finite_mean
+            + self.invalid_scale
+            + self.invalid_rotation
+            + self.invalid_opacity
+            + self.non_finite_sh
+    }
+}
+
+/// Why Gaussians do not make a scene.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SceneError {
+    /// An array does not have the length that the number of Gaussians asks for.
+    #[error("{field}: expected {expected} values for {count} Gaussians, found {actual}")]
+    Length {
+        /// The array's name.
+        field: &'static str,
+        /// Number of Gaussians (the length of `opacities`).
+        count: usize,
+        /// Expected number of values.
+        expected: usize,
+        /// Actual number of values.
+        actual: usize,
+    },
+    /// The spherical-harmonics degree is not supported.
+    #[error("sh_degree: expected 0 to {MAX_SH_DEGREE}, found {actual}")]
+    ShDegree {
+        /// The degree found.
+        actual: u8,
+    },
+    /// No valid Gaussian is left.
+    #[error("the scene has no valid Gaussian: expected at least 1, found 0 ({dropped} dropped as invalid)")]
+    Empty {
+        /// Number of Gaussians dropped as invalid.
+        dropped: usize,
+    },
+}
+
+/// A scene that is safe to render: at least one Gaussian, all values finite, scales not negative, quaternions
+/// normalised, opacities in `[0, 1]`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    gaussians: Gaussians,
+    opacity_mode: OpacityMode,
+    dropped: Dropped,
+}
+
+impl Scene {
+    /// Checks `gaussians` once: drops and counts the invalid ones, normalises quaternions.
+    ///
+    /// # Errors
+    /// [`SceneError`] if array lengths disagree, the degree is unknown, or no valid Gaussian is left.
+    pub fn new(mut gaussians: Gaussians, opacity_mode: OpacityMode) -> Result<Self, SceneError> {
+        check_lengths(&gaussians)?;
+        let mut dropped = Dropped::default();
+        let valid: Vec<bool> =
+            (0..gaussians.len()).map(|i| is_valid(&mut gaussians, i, &mut dropped)).collect();
+        if dropped.total() > 0 {
+            gaussians.retain(|_, i| valid[i]);
+        }
+        if gaussians.is_empty() {
+            return Err(SceneError::Empty { dropped: dropped.total() });
+        }
+        Ok(Self { gaussians, opacity_mode, dropped })
+    }
+
+    /// The Gaussians.
+    #[must_use]
+    pub const fn gaussians(&self) -> &Gaussians {
+        &self.gaussians
+    }
+
+    /// The opacity mode that the scene was trained in.
+    #[must_use]
+    pub const fn opacity_mode(&self) -> OpacityMode {
+        self.opacity_mode
+    }
+
+    /// What was invalid in the source and dropped.
+    #[must_use]
+    pub const fn dropped(&self) -> Dropped {
+        self.dropped
+    }
+
+    /// Gives the Gaussians back.
+    #[must_use]
+    pub fn into_gaussians(self) -> Gaussians {
+        self.gaussians
+    }
+}
+
+fn check_lengths(g: &Gaussians) -> Result<(), SceneError> {
+    if g.sh_degree > MAX_SH_DEGREE {
+        return Err(SceneError::ShDegree { actual: g.sh_degree });
+    }
+    let count = g.len();
+    let planes = (g.means.iter().map(|p| ("means", p)))
+        .chain(g.scales.iter().map(|p| ("scales", p)))
+        .chain(g.rotations.iter().map(|p| ("rotations", p)));
+    for (field, plane) in planes {
+        if plane.len() != count {
+            return Err(SceneError::Length { field, count, expected: count, actual: plane.len() });
+        }
+    }
+    let expected = count * sh_coefficient_count(g.sh_degree) * 3;
+    if g.sh.len() != expected {
+        return Err(SceneError::Length { field: "sh", count, expected, actual: g.sh.len() });
+    }
+    Ok(())
+}
+
+/// Normalises the quaternion of Gaussian `i`; counts the first defect found.
+fn is_valid(g: &mut Gaussians, i: usize, dropped: &mut Dropped) -> bool {
+    if !g.mean(i).iter().all(|v| v.is_finite()) {
+        dropped.non_finite_mean += 1;
+        return false;
+    }
+    if !g.scale(i).iter().all(|v| v.is_finite() && *v >= 0.0) {
+        dropped.invalid_scale += 1;
+        return false;
+    }
+    let q = g.rotation(i);
+    let norm = q.iter().map(|v| f64::from(*v) * f64::from(*v)).sum::<f64>().sqrt();
+    if !norm.is_finite() || norm < f64::from(f32::MIN_POSITIVE) {
+        dropped.invalid_rotation += 1;
+        return false;
+    }
+    for (plane, value) in g.rotations.iter_mut().zip(q) {
+        plane[i] = (f64::from(value) / norm) as f32;
+    }
+    if !(0.0..=1.0).contains(&g.opacities[i]) {
+        dropped.invalid_opacity += 1;
+        return false;
+    }
+    if !g.sh_of(i).iter().all(|v| v.is_finite()) {
+        dropped.non_finite_sh += 1;
+        return false;
+    }
+    true
+}
