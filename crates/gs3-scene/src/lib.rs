@@ -4,13 +4,18 @@
 //! here once, at the border; behind it no check is repeated and nothing panics.
 
 pub mod camera;
+pub mod camera_path;
+pub mod capture;
 pub mod gaussians;
 pub mod gbuffer;
 pub mod image;
+pub mod jitter;
 pub mod scene;
 
 pub use camera::{Camera, CameraError, Intrinsics};
+pub use camera_path::CameraPath;
 pub use gaussians::Gaussians;
 pub use gbuffer::{GBuffer, Geometry, Gradients, Planes};
 pub use image::Image;
+pub use jitter::Jitter;
 pub use scene::{Dropped, OpacityMode, Scene, SceneError};
