@@ -1,0 +1,147 @@
+//! Splats to tiles: a counting sort of (depth, splat) keys by tile.
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use rayon::prelude::*;
+
+use super::project::Projected;
+use super::splat::{PixelRect, Splat};
+use crate::settings::Culling;
+
+/// Tile size in pixels. 32×16 keeps a tile's blending state (up to 22 values a pixel) near the first-level cache,
+/// gives bands of 16 rows to share among threads, and its 4×4 blocks fill a 32-bit mask.
+pub const TILE_WIDTH: usize = 32;
+/// See [`TILE_WIDTH`].
+pub const TILE_HEIGHT: usize = 16;
+
+/// Bits of a key that name the splat within its projection job.
+const LOCAL_BITS: u32 = 16;
+
+/// Largest number of Gaussians in a projection job.
+pub const MAX_JOB_SIZE: usize = 1 << LOCAL_BITS;
+
+/// Splats by tile. A key holds the depth in its upper half, job and index in its lower: sorted keys are front to back,
+/// equal depths in scene order, whatever thread wrote them.
+#[derive(Default)]
+pub struct Bins {
+    /// Start of each tile's keys, `[tiles + 1]`.
+    offsets: Vec<usize>,
+    keys: Vec<AtomicU64>,
+    /// Per group of jobs, `[tiles]`: counts, then write positions.
+    cursors: Vec<Vec<usize>>,
+}
+
+impl Bins {
+    /// The unsorted keys of `tile`.
+    pub fn keys(&self, tile: usize) -> impl Iterator<Item = u64> + '_ {
+        self.keys[self.offsets[tile]..self.offsets[tile + 1]].iter().map(|k| k.load(Ordering::Relaxed))
+    }
+
+    /// Fills the bins of a `columns`×`rows` grid of tiles.
+    pub fn fill(&mut self, jobs: &[Projected], columns: usize, rows: usize, culling: Culling) {
+        let tiles = columns * rows;
+        let groups = balanced_groups(jobs, rayon::current_num_threads());
+        self.cursors.resize_with(groups.len(), Vec::new);
+
+        self.cursors.par_iter_mut().zip(&groups).for_each(|(counts, group)| {
+            counts.clear();
+            counts.resize(tiles, 0);
+            for job in &jobs[group.clone()] {
+                for (splat, rect) in job.splats.iter().zip(&job.rects) {
+                    for_each_tile(splat, *rect, culling, columns, |tile| counts[tile] += 1);
+                }
+            }
+        });
+
+        self.offsets.clear();
+        self.offsets.reserve(tiles + 1);
+        let mut total = 0;
+        for tile in 0..tiles {
+            self.offsets.push(total);
+            for cursor in &mut self.cursors {
+                let count = cursor[tile];
+                cursor[tile] = total;
+                total += count;
+            }
+        }
+        self.offsets.push(total);
+        if self.keys.len() < total {
+            self.keys.resize_with(total, AtomicU64::default);
+        }
+
+        let keys = &self.keys;
+        self.cursors.par_iter_mut().zip(&groups).for_each(|(cursor, group)| {
+            for job_index in group.clone() {
+                let job = &jobs[job_index];
+                for (local, (splat, rect)) in job.splats.iter().zip(&job.rects).enumerate() {
+                    let id = (job_index << LOCAL_BITS | local) as u64;
+                    let key = u64::from(job.depth_bits[local]) << 32 | id;
+                    for_each_tile(splat, *rect, culling, columns, |tile| {
+                        keys[cursor[tile]].store(key, Ordering::Relaxed);
+                        cursor[tile] += 1;
+                    });
+                }
+            }
+        });
+    }
+}
+
+/// Job and index of the splat that a key names.
+#[inline(always)]
+pub fn splat_of_key(key: u64) -> (usize, usize) {
+    let id = key as u32;
+    ((id >> LOCAL_BITS) as usize, (id & (MAX_JOB_SIZE as u32 - 1)) as usize)
+}
+
+/// Splits the jobs into `count` runs of about equally many splats.
+fn balanced_groups(jobs: &[Projected], count: usize) -> Vec<Range<usize>> {
+    let total: usize = jobs.iter().map(|job| job.splats.len()).sum();
+    let share = total.div_ceil(count).max(1);
+    let mut groups = Vec::with_capacity(count);
+    let (mut start, mut in_group) = (0, 0);
+    for (i, job) in jobs.iter().enumerate() {
+        in_group += job.splats.len();
+        if in_group >= share {
+            groups.push(start..i + 1);
+            (start, in_group) = (i + 1, 0);
+        }
+    }
+    if start < jobs.len() {
+        groups.push(start..jobs.len());
+    }
+    groups
+}
+
+/// Calls `visit` with each tile that `culling` assigns the splat to. Counting and writing both go through here, so they
+/// agree to the last bit.
+#[inline(always)]
+fn for_each_tile(
+    splat: &Splat,
+    rect: PixelRect,
+    culling: Culling,
+    columns: usize,
+    mut visit: impl FnMut(usize),
+) {
+    let (first_x, last_x) = (rect.x0 as usize / TILE_WIDTH, (rect.x1 as usize - 1) / TILE_WIDTH);
+    let (first_y, last_y) = (rect.y0 as usize / TILE_HEIGHT, (rect.y1 as usize - 1) / TILE_HEIGHT);
+    if first_x == last_x && first_y == last_y {
+        visit(first_y * columns + first_x);
+        return;
+    }
+    for y in first_y..=last_y {
+        let (top, bottom) = ((y * TILE_HEIGHT) as f32, ((y + 1) * TILE_HEIGHT - 1) as f32);
+        let (mut from, mut to) = (first_x, last_x);
+        if culling == Culling::AccuTile {
+            let [left, right] = splat.x_span(top, bottom);
+            from = from.max((left.max(0.0) as usize) / TILE_WIDTH);
+            to = to.min((right.max(0.0) as usize) / TILE_WIDTH);
+        }
+        for x in from..=to {
+            let (left, right) = ((x * TILE_WIDTH) as f32, ((x + 1) * TILE_WIDTH - 1) as f32);
+            if culling != Culling::Exact || splat.reaches(left, top, right, bottom) {
+                visit(y * columns + x);
+            }
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! Bounds of runs of consecutive Gaussians, to cull them 256 at a time. Trained scenes come in spatial order from most
+//! formats; where they do not, bounds are large and nothing is culled wrongly.
+
+use gs3_scene::Gaussians;
+use rayon::prelude::*;
+
+use super::view::{NEAR, View};
+
+/// Gaussians in a chunk.
+pub const CHUNK: usize = 256;
+
+/// Largest Mahalanobis radius of a support, √(2 ln 255) = 3.33, rounded up.
+const MAX_RADIUS: f32 = 3.34;
+
+/// A sphere around the centres of a chunk, and its largest scale, world units.
+#[derive(Clone, Copy, Debug)]
+pub struct Chunk {
+    center: [f32; 3],
+    radius: f32,
+    largest_scale: f32,
+}
+
+/// The chunks of a scene, in order.
+pub fn of_gaussians(g: &Gaussians) -> Vec<Chunk> {
+    (0..g.len().div_ceil(CHUNK))
+        .into_par_iter()
+        .map(|c| {
+            let range = c * CHUNK..((c + 1) * CHUNK).min(g.len());
+            let mut center = [0.0; 3];
+            let mut half = [0.0; 3];
+            for k in 0..3 {
+                let plane = &g.means[k][range.clone()];
+                let low = plane.iter().fold(f32::INFINITY, |a, b| a.min(*b));
+                let high = plane.iter().fold(f32::NEG_INFINITY, |a, b| a.max(*b));
+                center[k] = low + 0.5 * (high - low);
+                half[k] = 0.5 * (high - low);
+            }
+            let radius = half.iter().map(|v: &f32| v * v).sum::<f32>().sqrt() * 1.0001;
+            let scales = g.scales.iter().flat_map(|plane| &plane[range.clone()]);
+            Chunk { center, radius, largest_scale: scales.fold(0.0, |a, b| a.max(*b)) }
+        })
+        .collect()
+}
+
+/// The conditions under which a chunk may have a visible Gaussian, as half spaces of view space.
+///
+/// A splat reaches pixel x = W when fx·x/z + cx − W − 3.34·√(Σxx + ε) < 0; Σxx ≤ (fx/z)²(1 + limit²)·s² bounds it, so
+/// multiplied by z the condition is linear in (x, z) but for a constant times the largest scale s. The other sides
+/// likewise.
+pub struct Frustum<'a> {
+    view: &'a View,
+    /// Coefficients of the view-space coordinate and of z, the pair's length, and the factor of the largest scale.
+    planes: [(usize, [f32; 3], f32); 4],
+}
+
+impl<'a> Frustum<'a> {
+    pub fn new(view: &'a View) -> Self {
+        let margin = MAX_RADIUS * view.dilation.sqrt() + 1.0;
+        let plane = |axis: usize, sign: f32| {
+            let focal = view.focal[axis];
+            let edge = if sign > 0.0 { view.size[axis] as f32 } else { 0.0 };
+            // sign·(focal·x/z + center − edge) > margin + … means outside.
+            let a = sign * focal;
+            let b = sign * (view.center[axis] - edge) - margin;
+            let limit = view.jacobian_limit[axis];
+            let spread = MAX_RADIUS * focal * (1.0 + limit * limit).sqrt();
+            (axis, [a, b, a.hypot(b)], spread)
+        };
+        Self { view, planes: [plane(0, 1.0), plane(0, -1.0), plane(1, 1.0), plane(1, -1.0)] }
+    }
+
+    /// Whether any Gaussian of the chunk may touch the image. Errs towards yes.
+    pub fn may_see(&self, chunk: &Chunk) -> bool {
+        let offset: [f32; 3] = std::array::from_fn(|k| chunk.center[k] - self.view.origin[k]);
+        let center = self.view.rotate(offset);
+        let slack = 1e-4 * (center.iter().map(|v| v.abs()).sum::<f32>() + chunk.radius);
+        let radius = chunk.radius + slack;
+        if center[2] + radius <= NEAR {
+            return false;
+        }
+        // Written so that a chunk with non-finite bounds is seen.
+        let outside = self.planes.iter().any(|(axis, [a, b, length], spread)| {
+            a * center[*axis] + b * center[2] - length * radius > spread * chunk.largest_scale
+        });
+        !outside
+    }
+}

@@ -1,0 +1,91 @@
+//! What projection hands to blending: one record per visible Gaussian.
+
+/// A contribution below this is not blended (Kerbl et al. 2023).
+pub const MIN_ALPHA: f32 = 1.0 / 255.0;
+
+/// A projected Gaussian. Lengths in pixels, positions in the frame of [`super::view::View`] (samples at integers).
+///
+/// The quadratic form is kept as a Cholesky factor: with d = mean − sample, `u = l11·dx + l21·dy` and `v = l22·dy`,
+/// the contribution is `opacity · 2^−(u² + v²)`. Unlike the conic A·dx² + 2B·dx·dy + C·dy², the sum of squares does not
+/// cancel, so long thin splats keep their precision and the exponent is never positive.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(C)]
+pub struct Splat {
+    pub mean: [f32; 2],
+    pub l11: f32,
+    pub l21: f32,
+    pub l22: f32,
+    pub opacity: f32,
+    pub color: [f32; 3],
+    /// Upper bound of u² + v² on the support: log₂(255·opacity) and a margin for rounding.
+    pub support: f32,
+    /// The support's largest dx is reached at this dy (its smallest at the negative).
+    pub dy_at_max_dx: f32,
+    /// 1 / l11.
+    pub inv_l11: f32,
+}
+
+/// What depth and normal need of a projected Gaussian (RaDe-GS, Zhang et al. 2024).
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(C)]
+pub struct SplatGeometry {
+    /// Distance along the ray at the centre, world units, and its change per pixel of dx, dy (d = mean − sample).
+    pub ray_distance: f32,
+    pub ray_plane: [f32; 2],
+    /// View-space unit normal, facing the camera.
+    pub normal: [f32; 3],
+}
+
+/// Pixels `[x0, x1) × [y0, y1)`, inside the image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PixelRect {
+    pub x0: u16,
+    pub y0: u16,
+    pub x1: u16,
+    pub y1: u16,
+}
+
+impl Splat {
+    /// First and last x of the support over sample rows `y0..=y1`, with a slack for rounding. Meaningful where the
+    /// support reaches those rows (Speedy-Splat's AccuTile, Hanson et al. 2025).
+    ///
+    /// Over a band of rows the support's right edge is highest at `dy_at_max_dx` or at the row nearest to it, the left
+    /// edge by symmetry at its negative. (dx runs against x: d = mean − sample.)
+    #[inline(always)]
+    pub fn x_span(&self, y0: f32, y1: f32) -> [f32; 2] {
+        let (low, high) = (self.mean[1] - y1, self.mean[1] - y0);
+        let edge = |dy: f32, side: f32| {
+            let v = self.l22 * dy;
+            (side * (self.support - v * v).max(0.0).sqrt() - self.l21 * dy) * self.inv_l11
+        };
+        let right = edge(self.dy_at_max_dx.min(high).max(low), 1.0);
+        let left = edge((-self.dy_at_max_dx).min(high).max(low), -1.0);
+        let slack = 0.01 + 1e-5 * (right - left);
+        [self.mean[0] - right - slack, self.mean[0] - left + slack]
+    }
+
+    /// Whether the support reaches the rectangle of sample positions `[x0, x1] × [y0, y1]` (StopThePop, Radl et al.
+    /// 2024): the quadratic form is convex, so outside the centre its minimum lies on an edge.
+    #[inline]
+    pub fn reaches(&self, x0: f32, y0: f32, x1: f32, y1: f32) -> bool {
+        let [x, y] = self.mean;
+        if (x0..=x1).contains(&x) && (y0..=y1).contains(&y) {
+            return true;
+        }
+        let form = |dx: f32, dy: f32| {
+            let (u, v) = (self.l11 * dx + self.l21 * dy, self.l22 * dy);
+            u * u + v * v
+        };
+        let column = |edge: f32| {
+            let dx = x - edge;
+            let dy = -self.l11 * self.l21 * dx / (self.l21 * self.l21 + self.l22 * self.l22);
+            form(dx, dy.min(y - y0).max(y - y1))
+        };
+        let row = |edge: f32| {
+            let dy = y - edge;
+            form((-self.l21 * dy * self.inv_l11).min(x - x0).max(x - x1), dy)
+        };
+        // The slack covers rounding; a tile too many costs time only.
+        column(x0).min(column(x1)).min(row(y0)).min(row(y1)) <= self.support * (1.0 + 1e-4) + 1e-3
+    }
+}

@@ -1,0 +1,63 @@
+//! The camera as the kernels read it: single precision, relative to the camera centre, sample positions at integers.
+
+use glam::DVec3;
+use gs3_scene::Camera;
+
+use crate::settings::RasterSettings;
+
+/// Gaussians nearer than this view-space z are culled (Kerbl et al. 2023).
+pub const NEAR: f32 = 0.2;
+
+/// The projection of positions is exact, its Jacobian is evaluated with x/z and y/z within this multiple of the
+/// half field of view's tangent (Kerbl et al. 2023).
+const JACOBIAN_LIMIT: f64 = 1.3;
+
+/// Constants of one frame.
+pub struct View {
+    /// World to view rotation, rows.
+    pub rotation: [[f32; 3]; 3],
+    /// Camera centre in world space, rounded to f32 …
+    pub origin: [f32; 3],
+    /// … and what the rounding left, so that far-off scenes keep sub-pixel precision.
+    pub origin_rest: [f32; 3],
+    /// Focal lengths in pixels.
+    pub focal: [f32; 2],
+    /// Principal point in a frame in which the sample of pixel `(i, j)` lies at exactly `(i, j)`: half a pixel and
+    /// the jitter are subtracted.
+    pub center: [f32; 2],
+    /// Limits of x/z and y/z inside the Jacobian.
+    pub jacobian_limit: [f32; 2],
+    /// Image width and height in pixels.
+    pub size: [u32; 2],
+    /// ε in px².
+    pub dilation: f32,
+}
+
+impl View {
+    pub fn new(camera: &Camera, settings: &RasterSettings) -> Self {
+        let i = camera.intrinsics();
+        let rotation = camera.view_from_world().matrix3.transpose().to_cols_array_2d();
+        let position = camera.position();
+        let origin = position.as_vec3();
+        let rest = (position - DVec3::from(origin)).as_vec3();
+        let limit = |side: u32, focal: f64| (JACOBIAN_LIMIT * f64::from(side) / (2.0 * focal)) as f32;
+        Self {
+            rotation: rotation.map(|row| row.map(|v| v as f32)),
+            origin: origin.to_array(),
+            origin_rest: rest.to_array(),
+            focal: [i.fx as f32, i.fy as f32],
+            center: [
+                (i.cx - 0.5 - f64::from(settings.jitter[0])) as f32,
+                (i.cy - 0.5 - f64::from(settings.jitter[1])) as f32,
+            ],
+            jacobian_limit: [limit(i.width, i.fx), limit(i.height, i.fy)],
+            size: [i.width, i.height],
+            dilation: settings.dilation,
+        }
+    }
+
+    /// View-space coordinates of the world-space offset `d` from the camera centre.
+    pub fn rotate(&self, d: [f32; 3]) -> [f32; 3] {
+        self.rotation.map(|row| row[0] * d[0] + row[1] * d[1] + row[2] * d[2])
+    }
+}

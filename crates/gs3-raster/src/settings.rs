@@ -1,0 +1,98 @@
+//! What to rasterize and how.
+
+/// Dilation of the projected covariance in px² that 3D Gaussian Splatting trains with (Kerbl et al. 2023).
+pub const STOCK_DILATION: f32 = 0.3;
+
+/// The dilation, in px² of a grid `scale` times coarser, that makes low-resolution samples exact point samples of the
+/// high-resolution image rendered with [`STOCK_DILATION`]: lengths shrink by `scale`, areas by its square.
+#[must_use]
+pub fn matched_dilation(scale: u32) -> f32 {
+    STOCK_DILATION / (scale * scale) as f32
+}
+
+/// Which tiles a splat is assigned to.
+///
+/// The last three cover the whole support of a splat (contribution ≥ 1/255) and give identical images; the first two
+/// cut it as published, which loses the rim of opaque splats outside the tiles that their box touches.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Culling {
+    /// 3DGS (Kerbl et al. 2023): a square of radius ⌈3√λmax⌉, in whole 16×16 tiles.
+    Aabb3Sigma,
+    /// AdR-Gaussian (Wang et al. 2024): per axis min(3σ, ⌈√(2 ln(255 o) Σii)⌉), in whole 16×16 tiles.
+    Adr,
+    /// Speedy-Splat's SnugBox (Hanson et al. 2025): the tight box of the support.
+    SnugBox,
+    /// Speedy-Splat's AccuTile: the support's exact extent per row of tiles.
+    #[default]
+    AccuTile,
+    /// The exact test of StopThePop (Radl et al. 2024): largest contribution within the tile.
+    Exact,
+}
+
+/// Which planes to produce.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outputs {
+    /// Colour and alpha.
+    Color,
+    /// Colour, alpha, ∂/∂x and ∂/∂y of colour, depth and normal.
+    GBuffer,
+    /// [`Outputs::GBuffer`] and the mixed derivative ∂²/∂x∂y of colour.
+    GBufferMixed,
+}
+
+/// Settings of one rasterized frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RasterSettings {
+    /// Planes to produce.
+    pub outputs: Outputs,
+    /// ε added to the projected covariance's diagonal, in px² of the grid being rendered, finite and not negative.
+    pub dilation: f32,
+    /// Offset of the sample positions from the pixel centres, in pixels of the grid being rendered, within ±1.
+    pub jitter: [f32; 2],
+    /// Background colour, display-encoded RGB, finite.
+    pub background: [f32; 3],
+}
+
+impl RasterSettings {
+    /// Stock dilation, no jitter, black background.
+    #[must_use]
+    pub const fn new(outputs: Outputs) -> Self {
+        Self { outputs, dilation: STOCK_DILATION, jitter: [0.0; 2], background: [0.0; 3] }
+    }
+
+    pub(crate) fn check(&self) -> Result<(), RasterError> {
+        if !(self.dilation.is_finite() && self.dilation >= 0.0) {
+            return Err(RasterError::Dilation { actual: self.dilation });
+        }
+        if !self.jitter.iter().all(|v| v.abs() <= 1.0) {
+            return Err(RasterError::Jitter { actual: self.jitter });
+        }
+        if !self.background.iter().all(|v| v.is_finite()) {
+            return Err(RasterError::Background { actual: self.background });
+        }
+        Ok(())
+    }
+}
+
+/// Why settings cannot be rasterized with.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum RasterError {
+    /// The dilation is negative or not finite.
+    #[error("dilation: expected a finite number of at least 0 (px²), found {actual}")]
+    Dilation {
+        /// The value found.
+        actual: f32,
+    },
+    /// The jitter is not within one pixel.
+    #[error("jitter: expected two numbers within -1 and 1 (pixels), found {}, {}", actual[0], actual[1])]
+    Jitter {
+        /// The value found.
+        actual: [f32; 2],
+    },
+    /// The background is not finite.
+    #[error("background: expected three finite numbers, found {}, {}, {}", actual[0], actual[1], actual[2])]
+    Background {
+        /// The value found.
+        actual: [f32; 3],
+    },
+}
