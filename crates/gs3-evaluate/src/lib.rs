@@ -1,1 +1,5 @@
-//! gs3-evaluate
+//! How good and how fast is it? Image and video quality metrics, baselines, and a protocol that compares them.
+//!
+//! [`metrics`] are pure functions on images and sequences, each checked against its reference implementation.
+
+pub mod metrics;
