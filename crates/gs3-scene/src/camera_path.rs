@@ -62,6 +62,11 @@ impl CameraPath {
         Ok(Self { cameras, names: Vec::new(), frames_per_second, is_cycle })
     }
 
+    /// A closed path through generated cameras, of which there is at least one.
+    pub(crate) const fn cycle(cameras: Vec<Camera>) -> Self {
+        Self { cameras, names: Vec::new(), frames_per_second: 30.0, is_cycle: true }
+    }
+
     /// The same path with the names of the photos taken by its cameras, one per camera; missing ones stay empty.
     #[must_use]
     pub fn with_names(mut self, mut names: Vec<String>) -> Self {

@@ -6,10 +6,12 @@
 pub mod camera;
 pub mod camera_path;
 pub mod capture;
+pub mod demo;
 pub mod gaussians;
 pub mod gbuffer;
 pub mod image;
 pub mod jitter;
+pub mod orbit;
 pub mod scene;
 
 pub use camera::{Camera, CameraError, Intrinsics};
