@@ -1,1 +1,21 @@
-//! gs3-reconstruct
+//! Reconstructs high-resolution (HR) frames from low-resolution (LR) G-buffers without learning.
+//!
+//! Inputs are plain: a [`GBuffer`](gs3_scene::GBuffer) of any renderer, cameras and jitter. This crate knows nothing of
+//! Gaussians, devices or networks.
+
+mod error;
+mod hermite;
+mod lattice;
+mod reprojection;
+mod resample;
+mod samples;
+mod splat;
+mod super_sample;
+
+pub use error::ReconstructError;
+pub use hermite::hermite;
+pub use resample::{Kernel, resample};
+pub use super_sample::{ResetReason, SuperSampler, Tuning};
+
+/// Largest scale factor, HR over LR.
+pub const MAX_SCALE: u32 = 8;

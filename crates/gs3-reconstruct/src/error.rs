@@ -1,0 +1,97 @@
+//! Why inputs cannot be reconstructed.
+
+use gs3_scene::{Camera, GBuffer, Image};
+
+/// Why a reconstruction did not run. Nothing has been written and no history has changed when one is returned.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ReconstructError {
+    /// The scale factor is outside what is supported.
+    #[error("scale: expected 1 to {max}, found {actual}", max = crate::MAX_SCALE)]
+    Scale {
+        /// The scale found.
+        actual: u32,
+    },
+    /// An input does not have the size that the output demands.
+    #[error("{what}: expected {}x{} pixels, found {}x{}", expected.0, expected.1, actual.0, actual.1)]
+    Size {
+        /// Which input.
+        what: &'static str,
+        /// Width and height expected.
+        expected: (usize, usize),
+        /// Width and height found.
+        actual: (usize, usize),
+    },
+    /// The G-buffer lacks planes that this reconstruction reads.
+    #[error("G-buffer: expected {what}, found none")]
+    Missing {
+        /// The planes missing.
+        what: &'static str,
+    },
+    /// The jitter is not finite or moves samples by more than a pixel.
+    #[error("jitter: expected finite offsets within one low-resolution pixel, found [{}, {}]", actual[0], actual[1])]
+    Jitter {
+        /// The jitter found.
+        actual: [f32; 2],
+    },
+    /// The time of an interpolated frame is outside the interval.
+    #[error("time: expected a value between 0 and 1, found {actual}")]
+    Time {
+        /// The time found.
+        actual: f32,
+    },
+}
+
+/// Checks the scale factor.
+pub(crate) fn check_scale(scale: u32) -> Result<(), ReconstructError> {
+    if (1..=crate::MAX_SCALE).contains(&scale) {
+        Ok(())
+    } else {
+        Err(ReconstructError::Scale { actual: scale })
+    }
+}
+
+/// Checks that `actual` is the size `expected` of the input `what`.
+pub(crate) fn check_size(
+    what: &'static str,
+    expected: (usize, usize),
+    actual: (usize, usize),
+) -> Result<(), ReconstructError> {
+    if expected == actual { Ok(()) } else { Err(ReconstructError::Size { what, expected, actual }) }
+}
+
+/// Checks that `gbuffer` is the LR frame of a `width`×`height` output and that its jitter is usable.
+pub(crate) fn check_gbuffer(
+    gbuffer: &GBuffer,
+    scale: u32,
+    (width, height): (usize, usize),
+) -> Result<(), ReconstructError> {
+    let scale = scale as usize;
+    let expected = (width.div_ceil(scale), height.div_ceil(scale));
+    check_size("G-buffer", expected, (gbuffer.width(), gbuffer.height()))?;
+    let jitter = gbuffer.jitter;
+    if !jitter.iter().all(|j| j.abs() <= 1.0) {
+        return Err(ReconstructError::Jitter { actual: jitter });
+    }
+    if let Some(gradients) = &gbuffer.gradients {
+        for plane in [Some(&gradients.color_dx), Some(&gradients.color_dy), gradients.color_dxdy.as_ref()] {
+            if let Some(plane) = plane {
+                check_size("G-buffer gradients", expected, (plane.width(), plane.height()))?;
+            }
+        }
+    }
+    if let Some(geometry) = &gbuffer.geometry {
+        let depth = &geometry.depth_median;
+        check_size("G-buffer depth", expected, (depth.width(), depth.height()))?;
+    }
+    Ok(())
+}
+
+/// The size of a camera's image.
+pub(crate) fn camera_size(camera: &Camera) -> (usize, usize) {
+    (camera.width() as usize, camera.height() as usize)
+}
+
+/// The size of an image.
+pub(crate) fn image_size(image: &Image) -> (usize, usize) {
+    (image.width(), image.height())
+}

@@ -1,0 +1,90 @@
+//! Where HR pixels lie between the samples of a jittered LR frame.
+
+/// One HR coordinate on the LR sample lattice: between samples `index` and `index + 1`, `fraction` of the way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Place {
+    /// The sample at or before the coordinate; −1 or less before the first sample.
+    pub index: isize,
+    /// `[0, 1)`.
+    pub fraction: f32,
+}
+
+/// One axis of the sample lattice of a jittered LR frame, seen from HR pixel centres.
+///
+/// LR sample `i` lies at HR coordinate `S (i + ½ + jitter)`, HR pixel `x` has its centre at `x + ½`: the pixel's place
+/// is `(x + ½)/S − ½ − jitter` samples. The fraction repeats every `S` pixels: `S` phases.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Axis {
+    phases: Vec<Place>,
+}
+
+impl Axis {
+    pub fn new(scale: u32, jitter: f32) -> Self {
+        let mut axis = Self::default();
+        axis.set(scale, jitter);
+        axis
+    }
+
+    /// Makes this the axis of another frame, reusing its memory.
+    pub fn set(&mut self, scale: u32, jitter: f32) {
+        let s = f64::from(scale);
+        self.phases.clear();
+        self.phases.extend((0..scale).map(|r| {
+            let place = (f64::from(r) + 0.5) / s - 0.5 - f64::from(jitter);
+            // Jitters are f32 numbers such as 1/6: a pixel that coincides with a sample must not fall into the cell
+            // before it, at a fraction of 0.99999997, because of their rounding.
+            let place = if (place - place.round()).abs() < 1e-6 { place.round() } else { place };
+            Place { index: place.floor() as isize, fraction: (place - place.floor()) as f32 }
+        }));
+    }
+
+    /// The places of the pixels of one period.
+    pub fn phases(&self) -> &[Place] {
+        &self.phases
+    }
+
+    /// The place of HR pixel `x`.
+    pub fn place(&self, x: usize) -> Place {
+        let scale = self.phases.len();
+        let phase = self.phases[x % scale];
+        Place { index: phase.index + (x / scale) as isize, fraction: phase.fraction }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn grid_jitter_puts_samples_on_pixel_centres() {
+        for scale in 1..=4_u32 {
+            for a in 0..scale {
+                let s = scale as f32;
+                let axis = Axis::new(scale, (a as f32 - (s - 1.0) / 2.0) / s);
+                for x in 0..20_usize {
+                    let place = axis.place(x);
+                    let hits = x % scale as usize == a as usize;
+                    assert_eq!(
+                        place.fraction == 0.0,
+                        hits,
+                        "scale {scale}, offset {a}, pixel {x}: {place:?}"
+                    );
+                    if hits {
+                        assert_eq!(place.index, (x / scale as usize) as isize);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn any_jitter_is_the_formula() {
+        let axis = Axis::new(3, 0.31);
+        for x in 0..30_usize {
+            let place = axis.place(x);
+            let expected = (x as f64 + 0.5) / 3.0 - 0.5 - f64::from(0.31_f32);
+            assert!((place.index as f64 + f64::from(place.fraction) - expected).abs() < 1e-6);
+            assert!((0.0..1.0).contains(&place.fraction));
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! Where a point seen by one camera appears in another, as rows of a homography plus parallax.
+
+use glam::{DMat3, DVec3};
+use gs3_scene::Camera;
+
+/// Maps pixel and inverse depth of a source camera to pixel and inverse depth of a target camera.
+///
+/// With `p = (x, y, 1)` in source pixels and `w = 1/z` the inverse view-space depth (0 at infinity), the target sees the
+/// point at `(h₀·p + e₀ w, h₁·p + e₁ w) / q` with inverse depth `w / q`, where `q = h₂·p + e₂ w`; the point is in front
+/// of the target where `q > 0`. `H = K_t R K_s⁻¹` and `e = K_t t` for the rigid motion `(R, t)` from source to target
+/// view space. Exact for pinhole cameras; evaluated in f64 once, applied in f32.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Reprojection {
+    /// Rows of `H`.
+    pub rows: [[f32; 3]; 3],
+    /// `e`.
+    pub epipole: [f32; 3],
+}
+
+impl Reprojection {
+    pub fn new(source: &Camera, target: &Camera) -> Self {
+        let target_from_source = target.view_from_world() * source.world_from_view();
+        let target_matrix = intrinsic_matrix(target);
+        let h = target_matrix * target_from_source.matrix3 * intrinsic_matrix(source).inverse();
+        let e = target_matrix * target_from_source.translation;
+        let row = |i: usize| h.row(i).to_array().map(|v| v as f32);
+        Self { rows: [row(0), row(1), row(2)], epipole: e.to_array().map(|v| v as f32) }
+    }
+
+    /// Target pixel x, y and the divisor `q` of source pixel `(x, y)` at inverse depth `w`.
+    #[inline(always)]
+    pub fn apply(&self, x: f32, y: f32, w: f32) -> (f32, f32, f32) {
+        let [a, b, c] = std::array::from_fn(|i| {
+            let [h0, h1, h2] = self.rows[i];
+            h0 * x + (h1 * y + (h2 + self.epipole[i] * w))
+        });
+        let reciprocal = 1.0 / c;
+        (a * reciprocal, b * reciprocal, c)
+    }
+}
+
+fn intrinsic_matrix(camera: &Camera) -> DMat3 {
+    let i = camera.intrinsics();
+    DMat3::from_cols(DVec3::new(i.fx, 0.0, 0.0), DVec3::new(0.0, i.fy, 0.0), DVec3::new(i.cx, i.cy, 1.0))
+}
+
+/// Inverse view-space depth; 0 (infinity) where nothing was hit, which depth 0 means. Depths below a micro-unit count as
+/// such too, so that no inverse overflows.
+#[inline(always)]
+pub(crate) fn inverse_depth(z: f32) -> f32 {
+    if z > 1e-6 { 1.0 / z } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DAffine3, DQuat, DVec2};
+    use gs3_scene::Intrinsics;
+
+    use super::*;
+
+    #[test]
+    fn agrees_with_unproject_and_project() {
+        let intrinsics = Intrinsics::from_fov_y(640, 360, 1.0);
+        let pose = |yaw: f64, t: [f64; 3]| {
+            let rotation = DQuat::from_euler(glam::EulerRot::YXZ, yaw, 0.1, -0.2);
+            Camera::new(DAffine3::from_rotation_translation(rotation, t.into()), intrinsics).unwrap()
+        };
+        let (source, target) = (pose(0.0, [0.0; 3]), pose(0.1, [0.3, -0.2, 0.4]));
+        let reprojection = Reprojection::new(&source, &target);
+        for (x, y, z) in [(10.5, 20.5, 1.0), (320.0, 180.0, 5.0), (600.25, 300.75, 100.0)] {
+            let (expected, depth) = target.project(source.unproject(DVec2::new(x, y), z));
+            let (u, v, q) = reprojection.apply(x as f32, y as f32, inverse_depth(z as f32));
+            assert!((f64::from(u) - expected.x).abs() < 1e-3, "{u} {expected}");
+            assert!((f64::from(v) - expected.y).abs() < 1e-3, "{v} {expected}");
+            assert!((z * f64::from(q) - depth).abs() < 1e-4 * depth);
+        }
+    }
+
+    #[test]
+    fn the_same_camera_is_the_identity() {
+        let pose = DAffine3::from_rotation_translation(
+            DQuat::from_euler(glam::EulerRot::YXZ, 0.7, 0.3, 0.1),
+            DVec3::new(1.0, 2.0, 3.0),
+        );
+        let camera = Camera::new(pose, Intrinsics::from_fov_y(1920, 1080, 1.0)).unwrap();
+        let (x, y, q) = Reprojection::new(&camera, &camera).apply(1900.5, 1000.5, 0.25);
+        assert!(
+            (x - 1900.5).abs() < 1e-3 && (y - 1000.5).abs() < 1e-3 && (q - 1.0).abs() < 1e-6,
+            "{x} {y} {q}"
+        );
+    }
+}
