@@ -13,6 +13,9 @@ fn main() {
     let mut out = Image::new(w, h);
     let mut hist = Image::new(w, h);
     let mut sums = [0.0; 3];
+    let mut itp = Interpolator::new(4).unwrap();
+    let mut mid = Image::new(w, h);
+    let mut prev: Option<(gs3_scene::Camera, Image, gs3_scene::GBuffer)> = None;
     for k in 0..30 {
         let t = k as f64 * speed;
         let cam = camera(w as u32, h as u32, [t, 0.3 * t, 0.2 * t], 0.1 * t, -0.05 * t);
@@ -29,6 +32,22 @@ fn main() {
         let ms = t0.elapsed().as_secs_f64() * 1e3;
         let c = psnr(&hist, &native);
         println!("{k}: bicubic {a:.2} hermite {b:.2} history {c:.2}  {ms:.1} ms");
+        if let Some((pc, pi, pg)) = &prev {
+            let t = (k as f64 - 0.5) * speed;
+            let mc = camera(w as u32, h as u32, [t, 0.3 * t, 0.2 * t], 0.1 * t, -0.05 * t);
+            let t0 = Instant::now();
+            itp.interpolate(
+                Neighbor { camera: pc, image: pi, gbuffer: pg },
+                Neighbor { camera: &cam, image: &hist, gbuffer: &g },
+                0.5,
+                &mc,
+                &mut mid,
+            )
+            .unwrap();
+            let ms = t0.elapsed().as_secs_f64() * 1e3;
+            println!("    middle {:.2}  {ms:.1} ms", psnr(&mid, &world.native(&mc)));
+        }
+        prev = Some((cam, hist.clone(), g));
         sums[0] += a;
         sums[1] += b;
         sums[2] += c;

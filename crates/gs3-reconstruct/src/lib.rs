@@ -4,7 +4,9 @@
 //! Gaussians, devices or networks.
 
 mod error;
+mod gather;
 mod hermite;
+mod interpolate;
 mod lattice;
 mod reprojection;
 mod resample;
@@ -14,6 +16,7 @@ mod super_sample;
 
 pub use error::ReconstructError;
 pub use hermite::hermite;
+pub use interpolate::{Interpolator, Neighbor};
 pub use resample::{Kernel, resample};
 pub use super_sample::{ResetReason, SuperSampler, Tuning};
 
