@@ -192,7 +192,7 @@ fn odd_sizes_work_and_unusable_ones_are_refused() {
     assert!(matches!(psnr(&empty, &empty, Quantisation::None), Err(MetricError::TooSmall { .. })));
     assert!(matches!(flip(&empty, &empty, DEFAULT_PIXELS_PER_DEGREE), Err(MetricError::TooSmall { .. })));
     assert!(matches!(
-        color_video_vdp(&[tiny.clone()], &[], &viewing()),
+        color_video_vdp(std::slice::from_ref(&tiny), &[], &viewing()),
         Err(MetricError::FrameCount { expected: 1, actual: 0, .. })
     ));
 }

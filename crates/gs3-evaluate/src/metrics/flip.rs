@@ -5,7 +5,7 @@ use gs3_scene::{Image, Planes};
 use rayon::prelude::*;
 
 use super::planes::{filter_columns, filter_rows};
-use super::{BAND_ROWS, MetricError, same_size};
+use super::{BAND_ROWS, MetricError, displayed, same_size};
 
 /// Pixels per degree of visual angle of the published default: a 0.7 m wide 3840-pixel display seen from 0.7 m.
 pub const DEFAULT_PIXELS_PER_DEGREE: f32 = 67.02064;
@@ -115,8 +115,7 @@ fn opponent_planes(image: &Image) -> [Planes<1>; 3] {
     let [y, cx, cz] = &mut planes;
     let targets = (y.data_mut().par_iter_mut(), cx.data_mut().par_iter_mut(), cz.data_mut().par_iter_mut());
     targets.into_par_iter().zip(image.pixels()).for_each(|((y, cx, cz), pixel)| {
-        // `max` first maps NaN to 0, as a display does.
-        let linear = [pixel[0], pixel[1], pixel[2]].map(|v| linear_from_srgb(v.max(0.0).min(1.0)));
+        let linear = [pixel[0], pixel[1], pixel[2]].map(|v| linear_from_srgb(displayed(v)));
         let [x, luminance, z] = white_relative_xyz(linear);
         (*y, *cx, *cz) = (116.0 * luminance - 16.0, 500.0 * (x - luminance), 200.0 * (luminance - z));
     });

@@ -35,3 +35,10 @@ fn same_size(reference: &Image, what: &'static str, image: &Image) -> Result<(),
     let actual = (image.width(), image.height());
     if expected == actual { Ok(()) } else { Err(MetricError::Size { what, expected, actual }) }
 }
+
+/// The value in `[0, 1]` that a display would show.
+#[inline(always)]
+#[expect(clippy::manual_clamp, reason = "`max` first maps NaN to 0; `clamp` would keep it")]
+fn displayed(value: f32) -> f32 {
+    value.max(0.0).min(1.0)
+}

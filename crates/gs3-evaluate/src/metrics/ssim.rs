@@ -5,7 +5,7 @@ use fearless_simd::{Level, dispatch, f32x16};
 use gs3_scene::Image;
 use rayon::prelude::*;
 
-use super::{BAND_ROWS, MetricError, same_size};
+use super::{BAND_ROWS, MetricError, displayed, same_size};
 
 /// What happens where the window reaches over the border of the image. The two conventions differ in the third
 /// decimal, so results state theirs.
@@ -140,9 +140,8 @@ impl Window {
                 let targets = (x[span.clone()].iter_mut().zip(&mut y_[span.clone()]))
                     .zip(squares[span.clone()].iter_mut().zip(&mut product[span]));
                 for ((a, b), ((x, y), (s, p))) in pixels.zip(targets) {
-                    // `max` first maps NaN to 0, as a display does.
-                    let a = a[self.channel].max(0.0).min(1.0) - CENTRE;
-                    let b = b[self.channel].max(0.0).min(1.0) - CENTRE;
+                    let a = displayed(a[self.channel]) - CENTRE;
+                    let b = displayed(b[self.channel]) - CENTRE;
                     (*x, *y, *s, *p) = (a, b, a * a + b * b, a * b);
                 }
             }
@@ -176,14 +175,15 @@ impl Window {
             &self.ring[slot..slot + row_size]
         });
         for (i, out) in self.similarity.chunks_exact_mut(16).enumerate() {
-            let [mx, my, squares, product] = std::array::from_fn(|quantity| {
+            // A closure over vectors (`array::from_fn`) would be compiled without the SIMD level's features.
+            let mut sums = [f32x16::splat(simd, 0.0); QUANTITIES];
+            for (quantity, sum) in sums.iter_mut().enumerate() {
                 let at = quantity * self.stride + 16 * i;
-                let mut sum = f32x16::splat(simd, 0.0);
                 for (row, weight) in rows.iter().zip(&self.weights) {
-                    sum = f32x16::from_slice(simd, &row[at..at + 16]).mul_add(*weight, sum);
+                    *sum = f32x16::from_slice(simd, &row[at..at + 16]).mul_add(*weight, *sum);
                 }
-                sum
-            });
+            }
+            let [mx, my, squares, product] = sums;
             let variances = squares - mx * mx - my * my;
             let covariance = product - mx * my;
             let (mx, my) = (mx + CENTRE, my + CENTRE);

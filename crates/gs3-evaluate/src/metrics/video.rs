@@ -4,7 +4,7 @@
 use colorvideovdp::{Color, Cvvdp, DisplayModel, Options};
 use gs3_scene::Image;
 
-use super::{MetricError, same_size};
+use super::{MetricError, displayed, same_size};
 
 /// How the video is watched.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,7 +42,6 @@ pub fn color_video_vdp(reference: &[Image], test: &[Image], viewing: &Viewing) -
 }
 
 fn converted(image: &Image) -> Result<colorvideovdp::Image, colorvideovdp::Error> {
-    // `max` first maps NaN to 0.
-    let data = image.pixels().iter().flat_map(|p| [p[0], p[1], p[2]].map(|v| v.max(0.0).min(1.0))).collect();
+    let data = image.pixels().iter().flat_map(|p| [p[0], p[1], p[2]].map(displayed)).collect();
     colorvideovdp::Image::new(image.width(), image.height(), 3, data)
 }

@@ -4,7 +4,7 @@ use glam::{DMat3, DVec2, DVec3};
 use gs3_scene::{Camera, Image, Planes};
 use rayon::prelude::*;
 
-use super::{BAND_ROWS, MetricError};
+use super::{BAND_ROWS, MetricError, displayed};
 
 /// A frame with what its motion follows from.
 #[derive(Clone, Copy, Debug)]
@@ -54,7 +54,7 @@ pub fn warping_error(frames: [WarpFrame<'_>; 2]) -> Result<Option<f64>, MetricEr
                 for x in 0..width {
                     let depth = f64::from(from.depth.row(0, y)[x]);
                     let Some(warped) = sample_same_surface(&motion, &to, x, y, depth) else { continue };
-                    let here = displayed(from.image.row(y)[x]);
+                    let here = from.image.row(y)[x].map(displayed);
                     sum += (0..3).map(|c| f64::from(warped[c] - here[c]).powi(2)).sum::<f64>();
                     count += 1;
                 }
@@ -122,22 +122,17 @@ fn sample_same_surface(
     // Every pixel of the bilinear footprint must see this surface, or the sample mixes in another one.
     for (px, py) in [(x0, y0), (x1, y0), (x0, y1), (x1, y1)] {
         let seen = f64::from(to.depth.row(0, py)[px]);
-        if !((seen - z).abs() <= SAME_SURFACE * z) {
+        let same_surface = (seen - z).abs() <= SAME_SURFACE * z;
+        if !same_surface {
             return None;
         }
     }
     let (fx, fy) = ((u - x0 as f64) as f32, (v - y0 as f64) as f32);
-    let [a, b] = [to.image.row(y0)[x0], to.image.row(y0)[x1]].map(displayed);
-    let [c, d] = [to.image.row(y1)[x0], to.image.row(y1)[x1]].map(displayed);
+    let [a, b] = [to.image.row(y0)[x0], to.image.row(y0)[x1]].map(|p| p.map(displayed));
+    let [c, d] = [to.image.row(y1)[x0], to.image.row(y1)[x1]].map(|p| p.map(displayed));
     Some(std::array::from_fn(|i| {
         let top = a[i] + fx * (b[i] - a[i]);
         let bottom = c[i] + fx * (d[i] - c[i]);
         top + fy * (bottom - top)
     }))
-}
-
-/// The RGB values that a display would show.
-fn displayed(pixel: [f32; 4]) -> [f32; 3] {
-    // `max` first maps NaN to 0.
-    std::array::from_fn(|c| pixel[c].max(0.0).min(1.0))
 }
