@@ -131,6 +131,19 @@ impl Gaussians {
         self.sh_degree = degree;
     }
 
+    /// The Gaussians as slots to fill, for readers that write disjoint ranges from several threads.
+    pub(crate) fn slots(&mut self) -> Slots<'_> {
+        let sh_stride = self.sh_stride();
+        Slots {
+            means: self.means.each_mut().map(Vec::as_mut_slice),
+            scales: self.scales.each_mut().map(Vec::as_mut_slice),
+            rotations: self.rotations.each_mut().map(Vec::as_mut_slice),
+            opacities: &mut self.opacities,
+            sh: &mut self.sh,
+            sh_stride,
+        }
+    }
+
     /// Keeps the Gaussians for which `keep` holds, in order, in place.
     pub fn retain(&mut self, keep: impl Fn(&Self, usize) -> bool) {
         let stride = self.sh_stride();
@@ -156,4 +169,75 @@ impl Gaussians {
         self.opacities.truncate(kept);
         self.sh.truncate(kept * stride);
     }
+}
+
+/// A mutable range of [`Gaussians`]: the same planes, borrowed, so that threads can fill disjoint ranges.
+pub(crate) struct Slots<'a> {
+    pub(crate) means: [&'a mut [f32]; 3],
+    pub(crate) scales: [&'a mut [f32]; 3],
+    pub(crate) rotations: [&'a mut [f32]; 4],
+    pub(crate) opacities: &'a mut [f32],
+    /// `[N, sh_stride]`.
+    pub(crate) sh: &'a mut [f32],
+    /// Floats per Gaussian in `sh`.
+    pub(crate) sh_stride: usize,
+}
+
+impl<'a> Slots<'a> {
+    pub(crate) fn len(&self) -> usize {
+        self.opacities.len()
+    }
+
+    /// The first `count` slots and the others; `count` is at most [`Self::len`].
+    pub(crate) fn split_at(self, count: usize) -> (Self, Self) {
+        let (means, means_rest) = split_planes(self.means, count);
+        let (scales, scales_rest) = split_planes(self.scales, count);
+        let (rotations, rotations_rest) = split_planes(self.rotations, count);
+        let (opacities, opacities_rest) = self.opacities.split_at_mut(count);
+        let sh_stride = self.sh_stride;
+        let (sh, sh_rest) = self.sh.split_at_mut(count * sh_stride);
+        (
+            Self { means, scales, rotations, opacities, sh, sh_stride },
+            Self {
+                means: means_rest,
+                scales: scales_rest,
+                rotations: rotations_rest,
+                opacities: opacities_rest,
+                sh: sh_rest,
+                sh_stride,
+            },
+        )
+    }
+
+    /// Ranges of `size` slots (the last may be shorter), each with the index of its first slot.
+    pub(crate) fn blocks(self, size: usize) -> Vec<(usize, Self)> {
+        let mut blocks = Vec::with_capacity(self.len().div_ceil(size));
+        let (mut first, mut rest) = (0, self);
+        while rest.len() > size {
+            let (block, others) = rest.split_at(size);
+            blocks.push((first, block));
+            first += size;
+            rest = others;
+        }
+        if rest.len() > 0 {
+            blocks.push((first, rest));
+        }
+        blocks
+    }
+}
+
+fn split_planes<'a, const PLANES: usize>(
+    planes: [&'a mut [f32]; PLANES],
+    count: usize,
+) -> ([&'a mut [f32]; PLANES], [&'a mut [f32]; PLANES]) {
+    let mut rest = [const { None }; PLANES];
+    let mut index = 0;
+    let first = planes.map(|plane| {
+        let (first, others) = plane.split_at_mut(count);
+        rest[index] = Some(others);
+        index += 1;
+        first
+    });
+    // Every element was set by the map above, which visits each plane once.
+    (first, rest.map(Option::unwrap_or_default))
 }

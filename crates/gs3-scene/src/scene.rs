@@ -1,6 +1,11 @@
 //! A scene: Gaussians that have passed the border check, and how they are to be rendered.
 
-use crate::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficient_count};
+use rayon::prelude::*;
+
+use crate::gaussians::{Gaussians, MAX_SH_DEGREE, Slots, sh_coefficient_count};
+
+/// Gaussians checked by one task: a few hundred microseconds of work, so that scheduling costs nothing.
+const CHECK_BLOCK: usize = 16_384;
 
 /// How opacity reacts to the dilation of the projected covariance. A scene is rendered in the mode it was trained in.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -38,6 +43,16 @@ impl Dropped {
             + self.invalid_rotation
             + self.invalid_opacity
             + self.non_finite_sh
+    }
+
+    const fn plus(self, other: Self) -> Self {
+        Self {
+            non_finite_mean: self.non_finite_mean + other.non_finite_mean,
+            invalid_scale: self.invalid_scale + other.invalid_scale,
+            invalid_rotation: self.invalid_rotation + other.invalid_rotation,
+            invalid_opacity: self.invalid_opacity + other.invalid_opacity,
+            non_finite_sh: self.non_finite_sh + other.non_finite_sh,
+        }
     }
 }
 
@@ -86,9 +101,12 @@ impl Scene {
     /// [`SceneError`] if array lengths disagree, the degree is unknown, or no valid Gaussian is left.
     pub fn new(mut gaussians: Gaussians, opacity_mode: OpacityMode) -> Result<Self, SceneError> {
         check_lengths(&gaussians)?;
-        let mut dropped = Dropped::default();
-        let valid: Vec<bool> =
-            (0..gaussians.len()).map(|i| is_valid(&mut gaussians, i, &mut dropped)).collect();
+        let mut valid = vec![false; gaussians.len()];
+        let dropped = valid
+            .par_chunks_mut(CHECK_BLOCK)
+            .zip(gaussians.slots().blocks(CHECK_BLOCK))
+            .map(|(valid, (_, mut slots))| check_block(&mut slots, valid))
+            .reduce(Dropped::default, Dropped::plus);
         if dropped.total() > 0 {
             gaussians.retain(|_, i| valid[i]);
         }
@@ -143,30 +161,39 @@ fn check_lengths(g: &Gaussians) -> Result<(), SceneError> {
     Ok(())
 }
 
+/// Normalises the quaternions of a block, marks its valid Gaussians and counts the defects of the others.
+fn check_block(slots: &mut Slots<'_>, valid: &mut [bool]) -> Dropped {
+    let mut dropped = Dropped::default();
+    for i in 0..valid.len() {
+        valid[i] = is_valid(slots, i, &mut dropped);
+    }
+    dropped
+}
+
 /// Normalises the quaternion of Gaussian `i`; counts the first defect found.
-fn is_valid(g: &mut Gaussians, i: usize, dropped: &mut Dropped) -> bool {
-    if !g.mean(i).iter().all(|v| v.is_finite()) {
+fn is_valid(slots: &mut Slots<'_>, i: usize, dropped: &mut Dropped) -> bool {
+    if !slots.means.iter().all(|plane| plane[i].is_finite()) {
         dropped.non_finite_mean += 1;
         return false;
     }
-    if !g.scale(i).iter().all(|v| v.is_finite() && *v >= 0.0) {
+    if !slots.scales.iter().all(|plane| plane[i].is_finite() && plane[i] >= 0.0) {
         dropped.invalid_scale += 1;
         return false;
     }
-    let q = g.rotation(i);
-    let norm = q.iter().map(|v| f64::from(*v) * f64::from(*v)).sum::<f64>().sqrt();
+    let norm = (slots.rotations.iter()).map(|plane| f64::from(plane[i]).powi(2)).sum::<f64>().sqrt();
     if !norm.is_finite() || norm < f64::from(f32::MIN_POSITIVE) {
         dropped.invalid_rotation += 1;
         return false;
     }
-    for (plane, value) in g.rotations.iter_mut().zip(q) {
-        plane[i] = (f64::from(value) / norm) as f32;
+    for plane in &mut slots.rotations {
+        plane[i] = (f64::from(plane[i]) / norm) as f32;
     }
-    if !(0.0..=1.0).contains(&g.opacities[i]) {
+    if !(0.0..=1.0).contains(&slots.opacities[i]) {
         dropped.invalid_opacity += 1;
         return false;
     }
-    if !g.sh_of(i).iter().all(|v| v.is_finite()) {
+    let stride = slots.sh_stride;
+    if !slots.sh[i * stride..(i + 1) * stride].iter().all(|v| v.is_finite()) {
         dropped.non_finite_sh += 1;
         return false;
     }

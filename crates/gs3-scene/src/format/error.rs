@@ -1,0 +1,133 @@
+//! Why a scene file cannot be read or written: one readable line with file, field, expected and actual.
+
+use std::io;
+use std::path::PathBuf;
+
+use crate::scene::SceneError;
+
+/// Why a scene cannot be loaded.
+#[derive(Debug, thiserror::Error)]
+pub enum LoadError {
+    /// The file cannot be opened or read.
+    #[error("{file}: cannot be read: {source}")]
+    Io {
+        /// The file.
+        file: String,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The content is of no format that is read.
+    #[error(
+        "{file}: format: expected PLY, SPZ, SOG (bundle, meta.json or lod-meta.json) or a name ending in .splat, \
+         found {actual}"
+    )]
+    UnknownFormat {
+        /// The file.
+        file: String,
+        /// What the content starts with.
+        actual: String,
+    },
+    /// The file ends before its data does.
+    #[error("{file}: {field}: expected {expected} bytes, found {actual}")]
+    Truncated {
+        /// The file.
+        file: String,
+        /// Which part is cut off.
+        field: String,
+        /// How many bytes the part needs.
+        expected: u64,
+        /// How many bytes there are.
+        actual: u64,
+    },
+    /// A part would need implausibly much memory for the size of its file.
+    #[error("{file}: {field}: expected at most {expected} bytes for a file of this size, found {actual}")]
+    TooLarge {
+        /// The file.
+        file: String,
+        /// Which part.
+        field: String,
+        /// The most bytes that a file of this size may unpack to.
+        expected: u64,
+        /// How many bytes the part asks for.
+        actual: u64,
+    },
+    /// A field does not hold what the format asks for.
+    #[error("{file}: {field}: expected {expected}, found {actual}")]
+    Invalid {
+        /// The file.
+        file: String,
+        /// The field's name in the format.
+        field: String,
+        /// What the format asks for.
+        expected: String,
+        /// What is there.
+        actual: String,
+    },
+    /// The Gaussians do not make a scene.
+    #[error("{file}: {source}")]
+    Scene {
+        /// The file.
+        file: String,
+        /// Why.
+        source: SceneError,
+    },
+}
+
+impl LoadError {
+    pub(crate) fn invalid(
+        file: &str,
+        field: impl Into<String>,
+        expected: impl Into<String>,
+        actual: impl Into<String>,
+    ) -> Self {
+        Self::Invalid {
+            file: file.to_owned(),
+            field: field.into(),
+            expected: expected.into(),
+            actual: actual.into(),
+        }
+    }
+}
+
+/// Why a scene cannot be saved. Nothing is left at the target that was not there before.
+#[derive(Debug, thiserror::Error)]
+pub enum SaveError {
+    /// The file cannot be written.
+    #[error("{}: cannot be written: {source}", file.display())]
+    Io {
+        /// The file.
+        file: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The extension names no format that is written.
+    #[error("{}: extension: expected .ply, .spz or .sog, found {actual:?}", file.display())]
+    UnknownFormat {
+        /// The file.
+        file: PathBuf,
+        /// Its extension.
+        actual: String,
+    },
+    /// The scene does not fit the format.
+    #[error("{}: {field}: expected {expected}, found {actual}", file.display())]
+    Unrepresentable {
+        /// The file.
+        file: PathBuf,
+        /// Which part of the scene.
+        field: &'static str,
+        /// What the format can hold.
+        expected: String,
+        /// What the scene has.
+        actual: String,
+    },
+}
+
+/// `text` from outside, fit for one line of a message: quoted, control characters escaped, cut at 60 characters.
+pub(crate) fn quoted(text: &str) -> String {
+    const LONGEST: usize = 60;
+    if text.chars().count() > LONGEST {
+        format!("{:?}…", text.chars().take(LONGEST).collect::<String>())
+    } else {
+        format!("{text:?}")
+    }
+}

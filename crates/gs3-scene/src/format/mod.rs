@@ -1,0 +1,107 @@
+//! Scene files: [`load`] any of them, [`save`] as PLY, SPZ or SOG.
+//!
+//! | format | read | written |
+//! |---|---|---|
+//! | PLY of 3D Gaussian Splatting (Kerbl et al. 2023), binary or text | yes | yes |
+//! | compressed PLY (PlayCanvas) | yes | |
+//! | `.splat` (antimatter15) | yes | |
+//! | SPZ (Niantic), versions 2 and 3 | yes | version 3 |
+//! | SOG (PlayCanvas), version 2: bundle, or folder with `meta.json` | yes | bundle |
+//! | streamed SOG: folder with `lod-meta.json` | yes | |
+//!
+//! Everything a file says is checked before it is believed: sizes against the file's size, memory against
+//! what a file of that size may plausibly unpack to, values by [`Scene::new`].
+
+mod error;
+mod ply;
+mod progress;
+mod quaternion;
+mod sog;
+mod source;
+mod splat;
+mod spz;
+
+use std::path::Path;
+
+pub use error::{LoadError, SaveError};
+pub use progress::Progress;
+pub use source::{Files, Source};
+
+use crate::gaussians::Gaussians;
+use crate::scene::{OpacityMode, Scene};
+
+/// Gaussians decoded by one task: enough work that scheduling costs nothing, small enough to stay in cache.
+const BLOCK: usize = 4096;
+
+/// The constant spherical-harmonics basis function, 1 / (2 √π): what turns a colour's distance from ½ into a coefficient.
+const SH_C0: f32 = 0.28209479177387814;
+
+/// What to load of a scene that holds several representations of itself.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LoadOptions {
+    /// Level of detail of a streamed SOG scene, 0 the finest. `None` takes the finest that each part of the scene has.
+    pub level_of_detail: Option<u32>,
+    /// Whether the environment (sky, far background) of a streamed SOG scene is appended.
+    pub environment: bool,
+}
+
+impl Default for LoadOptions {
+    fn default() -> Self {
+        Self { level_of_detail: None, environment: true }
+    }
+}
+
+/// Loads the scene at `path`: a file of any format in the module's table, or a folder with a `lod-meta.json` or
+/// `meta.json`. The content decides on the format; only `.splat`, which has no signature, goes by its name.
+///
+/// `progress` is called from several threads with the share that is done, 0 to 1.
+///
+/// # Errors
+/// [`LoadError`], one line that names file, field, expected and actual.
+pub fn load(path: &Path, options: &LoadOptions, progress: Progress<'_>) -> Result<Scene, LoadError> {
+    let index = if path.is_dir() {
+        let streamed = path.join("lod-meta.json");
+        if streamed.exists() { streamed } else { path.join("meta.json") }
+    } else {
+        path.to_owned()
+    };
+    let folder = source::Folder(index.parent().unwrap_or(Path::new("")).to_owned());
+    load_source(&Source::open(&index)?, &folder, options, progress)
+}
+
+/// Loads a scene from `source`, which may name others among `files`: the same as [`load`] for bytes that are not in
+/// the file system. A scene in one piece needs no `files`; an empty `BTreeMap<String, Vec<u8>>` serves.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_source(
+    source: &Source<'_>,
+    files: &dyn Files,
+    options: &LoadOptions,
+    progress: Progress<'_>,
+) -> Result<Scene, LoadError> {
+    let head = source.head(16)?;
+    let (gaussians, mode) = if head.starts_with(b"ply") {
+        ply::read(source, progress)?
+    } else if head.starts_with(&[0x1f, 0x8b]) {
+        spz::read(source, progress)?
+    } else if head.starts_with(b"PK\x03\x04") || head.trim_ascii_start().starts_with(b"{") {
+        sog::read(source, files, options, progress)?
+    } else if has_extension(source.name(), "splat") {
+        splat::read(source, progress)?
+    } else {
+        let actual = head.iter().map(|byte| format!("{byte:02x}")).collect::<Vec<_>>().join(" ");
+        let actual = if actual.is_empty() { "an empty file".to_owned() } else { format!("bytes {actual}") };
+        return Err(LoadError::UnknownFormat { file: source.name().to_owned(), actual });
+    };
+    progress(1.0);
+    Scene::new(gaussians, mode)
+        .map_err(|error| LoadError::Scene { file: source.name().to_owned(), source: error })
+}
+
+/// What every reader gives: Gaussians not yet checked, and the mode they were trained in.
+type Decoded = (Gaussians, OpacityMode);
+
+fn has_extension(name: &str, extension: &str) -> bool {
+    Path::new(name).extension().is_some_and(|actual| actual.eq_ignore_ascii_case(extension))
+}

@@ -1,0 +1,78 @@
+//! SOG (PlayCanvas): Gaussians as the pixels of lossless WebP images beside a `meta.json`.
+//!
+//! Source: the SOG format specification, version 2, and the streamed SOG specification, version 1, both by PlayCanvas.
+//! Every per-Gaussian image has Gaussian `i` at pixel `(i mod width, i / width)`.
+
+mod archive;
+mod chunk;
+mod meta;
+mod plane;
+mod stream;
+
+use std::io;
+
+use super::error::LoadError;
+use super::progress::{Progress, Work};
+use super::source::{Files, Source, check_allowance};
+use super::{Decoded, LoadOptions};
+use crate::gaussians::Gaussians;
+use crate::scene::OpacityMode;
+use chunk::Chunk;
+
+/// Reads a bundle, a `meta.json` or a `lod-meta.json`; the two latter name their parts among `files`.
+pub(super) fn read(
+    source: &Source<'_>,
+    files: &dyn Files,
+    options: &LoadOptions,
+    progress: Progress<'_>,
+) -> Result<Decoded, LoadError> {
+    if !source.head(2)?.starts_with(b"PK") && meta::is_streamed(source)? {
+        return stream::read(source, files, options, progress);
+    }
+    let chunk = Chunk::open(source, files, "")?;
+    decode(source.name(), vec![(chunk, None)], progress)
+}
+
+/// A chunk, and which of its Gaussians are wanted, in order and apart; `None` for all.
+type Selection<'a> = (Chunk<'a>, Option<Vec<std::ops::Range<usize>>>);
+
+/// Decodes the selected Gaussians of all chunks, in order.
+fn decode(file: &str, selections: Vec<Selection<'_>>, progress: Progress<'_>) -> Result<Decoded, LoadError> {
+    let degree = selections.iter().map(|(chunk, _)| chunk.sh_degree()).max().unwrap_or(0);
+    let count_of = |(chunk, ranges): &Selection<'_>| match ranges {
+        Some(ranges) => ranges.iter().map(ExactSizeIterator::len).sum(),
+        None => chunk.count(),
+    };
+    let counts: Vec<usize> = selections.iter().map(count_of).collect();
+    // Chunk counts are within the size of WebP images, ranges within chunks: neither sum overflows 64 bits.
+    let count = counts.iter().sum::<usize>();
+    let file_bytes = selections.iter().fold(0, |sum: u64, (chunk, _)| sum.saturating_add(chunk.file_bytes()));
+    let stride = Gaussians::zeroed(0, degree).sh_stride();
+    let scene_bytes = (count as u64).checked_mul((11 + stride as u64) * 4);
+    check_allowance(file, "count", file_bytes, scene_bytes)?;
+
+    let mode = match selections.iter().any(|(chunk, _)| chunk.antialiased()) {
+        true => OpacityMode::Antialiased,
+        false => OpacityMode::Default,
+    };
+    let work = Work::new(selections.iter().map(|(chunk, _)| chunk.work()).sum(), progress);
+    let mut gaussians = Gaussians::zeroed(count, degree);
+    let mut rest = gaussians.slots();
+    let mut tasks = Vec::with_capacity(selections.len());
+    for ((chunk, ranges), count) in selections.into_iter().zip(counts) {
+        let (slots, others) = rest.split_at(count);
+        rest = others;
+        tasks.push((chunk, ranges, slots));
+    }
+    let results: Result<Vec<()>, LoadError> = {
+        use rayon::prelude::*;
+        tasks.into_par_iter().map(|(chunk, ranges, slots)| chunk.decode(ranges, slots, &work)).collect()
+    };
+    results?;
+    Ok((gaussians, mode))
+}
+
+/// The error of a file that a SOG scene names and does not have.
+fn missing(name: &str) -> LoadError {
+    LoadError::Io { file: name.to_owned(), source: io::Error::from(io::ErrorKind::NotFound) }
+}

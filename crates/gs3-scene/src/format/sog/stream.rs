@@ -1,0 +1,101 @@
+//! Streamed SOG: a tree of ranges over chunks, per level of detail.
+
+use std::ops::Range;
+
+use super::super::LoadOptions;
+use super::super::error::LoadError;
+use super::super::progress::Progress;
+use super::super::source::{Files, Source, inside};
+use super::chunk::Chunk;
+use super::meta::{LodMeta, Node, Run};
+use super::{Decoded, Selection, decode};
+
+/// Reads the wanted level of detail of all leaves, then the environment.
+pub(super) fn read(
+    source: &Source<'_>,
+    files: &dyn Files,
+    options: &LoadOptions,
+    progress: Progress<'_>,
+) -> Result<Decoded, LoadError> {
+    let meta = LodMeta::parse(source)?;
+    let name = source.name();
+    if let Some(level) = options.level_of_detail
+        && level >= meta.level_count
+    {
+        let expected = format!("a level below {}", meta.level_count);
+        return Err(LoadError::invalid(name, "level of detail", expected, level.to_string()));
+    }
+    let mut runs = vec![Vec::new(); meta.filenames.len()];
+    collect_runs(name, &meta.tree, options.level_of_detail, &mut runs)?;
+
+    let mut wanted: Vec<(&str, &str, Option<Vec<Range<usize>>>)> = Vec::new();
+    for (file, runs) in meta.filenames.iter().zip(runs) {
+        if !runs.is_empty() {
+            wanted.push(("filenames", file, Some(merged(name, file, runs)?)));
+        }
+    }
+    if let Some(file) = meta.environment.as_deref().filter(|_| options.environment) {
+        wanted.push(("environment", file, None));
+    }
+    let mut sources = Vec::with_capacity(wanted.len());
+    for (field, file, _) in &wanted {
+        sources.push(files.open(&inside(name, field, "", file)?)?);
+    }
+    let mut selections: Vec<Selection<'_>> = Vec::with_capacity(wanted.len());
+    for (source, (_, file, ranges)) in sources.iter().zip(wanted) {
+        let folder = file.rsplit_once('/').map_or("", |(folder, _)| folder);
+        let chunk = Chunk::open(source, files, folder)?;
+        if let Some(end) = ranges.as_ref().and_then(|ranges| ranges.last()).map(|range| range.end)
+            && end > chunk.count()
+        {
+            let expected = format!("ranges within the {} Gaussians of {}", chunk.count(), chunk.name());
+            return Err(LoadError::invalid(name, "tree", expected, format!("one that ends at {end}")));
+        }
+        selections.push((chunk, ranges));
+    }
+    decode(name, selections, progress)
+}
+
+/// Adds the ranges of the leaves under `node`, by chunk. The depth of the tree is bounded by the JSON parser (128).
+fn collect_runs(
+    name: &str,
+    node: &Node,
+    level: Option<u32>,
+    runs: &mut [Vec<Range<usize>>],
+) -> Result<(), LoadError> {
+    let run = match level {
+        Some(level) => node.lods.get(&level),
+        None => node.lods.first_key_value().map(|(_, run)| run),
+    };
+    if let Some(Run { file, offset, count }) = run.filter(|run| run.count > 0) {
+        let known = runs.len();
+        let (Some(runs), Some(end)) = (runs.get_mut(*file), offset.checked_add(*count)) else {
+            let expected = format!("a file below {known} and a range within it");
+            let actual = format!("file {file}, offset {offset}, count {count}");
+            return Err(LoadError::invalid(name, "tree", expected, actual));
+        };
+        runs.push(*offset..end);
+    }
+    for child in &node.children {
+        collect_runs(name, child, level, runs)?;
+    }
+    Ok(())
+}
+
+/// The ranges in order, neighbours joined. They must not overlap: no Gaussian is in two leaves.
+fn merged(name: &str, file: &str, mut ranges: Vec<Range<usize>>) -> Result<Vec<Range<usize>>, LoadError> {
+    ranges.sort_unstable_by_key(|range| range.start);
+    let mut merged: Vec<Range<usize>> = Vec::new();
+    for range in ranges {
+        match merged.last_mut() {
+            Some(last) if range.start < last.end => {
+                let expected = format!("ranges of {file} that do not overlap");
+                let actual = format!("{}..{} and {}..{}", last.start, last.end, range.start, range.end);
+                return Err(LoadError::invalid(name, "tree", expected, actual));
+            }
+            Some(last) if range.start == last.end => last.end = range.end,
+            _ => merged.push(range),
+        }
+    }
+    Ok(merged)
+}

@@ -1,0 +1,46 @@
+//! `.splat` (antimatter15): 32 bytes per Gaussian and nothing else.
+
+use rayon::prelude::*;
+
+use super::error::LoadError;
+use super::progress::{Progress, Work};
+use super::source::Source;
+use super::{BLOCK, Decoded, SH_C0};
+use crate::gaussians::{Gaussians, Slots};
+use crate::scene::OpacityMode;
+
+/// Position and linear scale as 3 × f32 each, RGB and opacity as 4 × u8, quaternion (w first) as 4 × u8.
+const RECORD: usize = 32;
+
+pub(super) fn read(source: &Source<'_>, progress: Progress<'_>) -> Result<Decoded, LoadError> {
+    if !source.len().is_multiple_of(RECORD as u64) {
+        let expected = format!("a multiple of {RECORD} bytes");
+        return Err(LoadError::invalid(source.name(), "size", expected, source.len().to_string()));
+    }
+    let count = (source.len() / RECORD as u64) as usize;
+    let mut gaussians = Gaussians::zeroed(count, 0);
+    let work = Work::new(count as u64, progress);
+    gaussians.slots().blocks(BLOCK).into_par_iter().try_for_each(|(first, mut slots)| {
+        let mut bytes = vec![0; slots.len() * RECORD];
+        source.read_at((first * RECORD) as u64, &mut bytes, "records")?;
+        for (i, record) in bytes.as_chunks::<RECORD>().0.iter().enumerate() {
+            unpack(record, i, &mut slots);
+        }
+        work.add(slots.len());
+        Ok::<(), LoadError>(())
+    })?;
+    Ok((gaussians, OpacityMode::Default))
+}
+
+fn unpack(record: &[u8; RECORD], i: usize, slots: &mut Slots<'_>) {
+    let float = |at: usize| f32::from_le_bytes([record[at], record[at + 1], record[at + 2], record[at + 3]]);
+    for axis in 0..3 {
+        slots.means[axis][i] = float(axis * 4);
+        slots.scales[axis][i] = float(12 + axis * 4);
+        slots.sh[i * 3 + axis] = (f32::from(record[24 + axis]) / 255.0 - 0.5) / SH_C0;
+    }
+    slots.opacities[i] = f32::from(record[27]) / 255.0;
+    for component in 0..4 {
+        slots.rotations[component][i] = (f32::from(record[28 + component]) - 128.0) / 128.0;
+    }
+}
