@@ -1,0 +1,130 @@
+//! Every plane, in every mode, against the oracle.
+
+use glam::DVec2;
+use gs3_raster::{Outputs, RasterSettings, matched_dilation};
+use gs3_scene::OpacityMode;
+
+use crate::compare::{EVERYTHING, EXACT_CULLING, Tally, assert_matches, oracle, oracle_samples, render};
+use crate::scenes::{RandomScene, camera_at_origin, posed, tilted_pose};
+
+/// Of the plane's largest value, outside the cut-off sets.
+const TOLERANCE: f64 = 1e-4;
+
+const SIZES: [[u32; 2]; 7] = [[1, 1], [2, 3], [17, 13], [33, 31], [64, 48], [263, 5], [5, 71]];
+const OUTPUTS: [Outputs; 3] = [Outputs::Color, Outputs::GBuffer, Outputs::GBufferMixed];
+const MODES: [OpacityMode; 2] = [OpacityMode::Default, OpacityMode::Antialiased];
+
+#[test]
+fn all_modes() {
+    let mut tally = Tally::default();
+    let mut seed = 0;
+    for [width, height] in SIZES {
+        for opacity_mode in MODES {
+            for sh_degree in 0..=3 {
+                for (dilation, sigma) in [(0.3, 0.4), (matched_dilation(4), 0.4), (0.05, 0.2), (0.0, 1.0)] {
+                    seed += 1;
+                    let shift = DVec2::new(0.11, -0.23) * (seed % 3) as f64;
+                    let camera = posed(&camera_at_origin(width, height, shift), tilted_pose());
+                    let recipe = RandomScene {
+                        seed,
+                        sh_degree,
+                        opacity_mode,
+                        sigma: [sigma, 12.0],
+                        ..RandomScene::BASE
+                    };
+                    let scene = recipe.build(&camera);
+                    for (jitter, background) in [([0.0; 2], [0.0; 3]), ([0.375, -0.125], [0.9, 0.3, 0.6])] {
+                        let settings = RasterSettings { dilation, jitter, background, ..EVERYTHING };
+                        let samples = oracle_samples(&oracle(&scene, &camera, &settings), &camera);
+                        for outputs in OUTPUTS {
+                            for culling in EXACT_CULLING {
+                                let what = format!(
+                                    "{width}x{height} {opacity_mode:?} degree {sh_degree} dilation {dilation} \
+                                     jitter {jitter:?} {outputs:?} {culling:?} seed {seed}"
+                                );
+                                let settings = RasterSettings { outputs, ..settings };
+                                let gbuffer = render(&scene, culling, &camera, &settings);
+                                assert_eq!(gbuffer.gradients.is_some(), outputs != Outputs::Color, "{what}");
+                                assert_eq!(gbuffer.geometry.is_some(), outputs != Outputs::Color, "{what}");
+                                let mixed = gbuffer.gradients.as_ref().and_then(|g| g.color_dxdy.as_ref());
+                                assert_eq!(mixed.is_some(), outputs == Outputs::GBufferMixed, "{what}");
+                                assert_eq!(gbuffer.jitter, jitter, "{what}");
+                                tally.add(assert_matches(&gbuffer, &samples, TOLERANCE, &what));
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+    eprintln!("{tally:?}: {:.2} % near a cut-off", 100.0 * tally.excluded_share());
+    assert!(tally.excluded_share() < 0.05, "too much excluded: {tally:?}");
+    assert!(tally.compared > 1_000_000, "too little compared: {tally:?}");
+}
+
+/// Many layers, so that blending stops within most pixels.
+#[test]
+fn dense_scenes() {
+    let camera = camera_at_origin(48, 40, DVec2::ZERO);
+    let mut tally = Tally::default();
+    for seed in 100..106 {
+        let recipe = RandomScene { seed, count: 600, sigma: [2.0, 20.0], sh_degree: 1, ..RandomScene::BASE };
+        let scene = recipe.build(&camera);
+        let settings = RasterSettings { background: [1.0; 3], ..EVERYTHING };
+        let samples = oracle_samples(&oracle(&scene, &camera, &settings), &camera);
+        assert!(samples.iter().filter(|s| s.alpha > 0.99).count() > samples.len() / 2);
+        for culling in EXACT_CULLING {
+            let gbuffer = render(&scene, culling, &camera, &settings);
+            tally.add(assert_matches(
+                &gbuffer,
+                &samples,
+                TOLERANCE,
+                &format!("dense {culling:?} seed {seed}"),
+            ));
+        }
+    }
+    assert!(tally.excluded_share() < 0.15, "too much excluded: {tally:?}");
+}
+
+/// Flat and needle-like Gaussians, as trained scenes hold them.
+#[test]
+fn thin_gaussians() {
+    let camera = camera_at_origin(64, 48, DVec2::ZERO);
+    let mut tally = Tally::default();
+    for seed in 200..206 {
+        let recipe = RandomScene { seed, anisotropy: 1e4, sigma: [0.5, 6.0], ..RandomScene::BASE };
+        let scene = recipe.build(&camera);
+        for dilation in [0.3, matched_dilation(4)] {
+            let settings = RasterSettings { dilation, outputs: Outputs::GBuffer, ..EVERYTHING };
+            let samples = oracle_samples(&oracle(&scene, &camera, &settings), &camera);
+            let gbuffer = render(&scene, EXACT_CULLING[1], &camera, &settings);
+            // Elongated splats lose a few bits of the determinant to cancellation.
+            tally.add(assert_matches(
+                &gbuffer,
+                &samples,
+                1e-3,
+                &format!("thin, dilation {dilation}, seed {seed}"),
+            ));
+        }
+    }
+    assert!(tally.excluded_share() < 0.10, "too much excluded: {tally:?}");
+}
+
+/// The colour-only entry gives the colours of the G-buffer and alpha in its fourth channel.
+#[test]
+fn image_holds_color_and_alpha() {
+    let camera = camera_at_origin(67, 45, DVec2::ZERO);
+    let scene = RandomScene::BASE.build(&camera);
+    for culling in EXACT_CULLING {
+        let settings = RasterSettings { background: [0.2, 0.4, 0.8], ..EVERYTHING };
+        let gbuffer =
+            render(&scene, culling, &camera, &RasterSettings { outputs: Outputs::Color, ..settings });
+        let image = crate::compare::render_image(&scene, culling, &camera, &settings);
+        assert_eq!((image.width(), image.height()), (67, 45));
+        for (p, pixel) in image.pixels().iter().enumerate() {
+            let expected = [0, 1, 2].map(|c| gbuffer.color.plane(c)[p]);
+            assert_eq!(pixel[..3], expected, "{culling:?} pixel {p}");
+            assert_eq!(pixel[3], gbuffer.alpha.plane(0)[p], "{culling:?} pixel {p}");
+        }
+    }
+}

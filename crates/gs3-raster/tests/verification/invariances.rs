@@ -1,0 +1,223 @@
+//! Changes that must not change the picture, or must change it in a known way.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DQuat, DVec2, DVec3};
+use gs3_raster::{Culling, Outputs, RasterSettings, Rasterizer, matched_dilation};
+use gs3_scene::{Camera, GBuffer, OpacityMode, Scene};
+use proptest::prelude::*;
+
+use crate::compare::{
+    EVERYTHING, EXACT_CULLING, assert_identical, assert_matches, oracle, oracle_samples, pairs, render,
+};
+use crate::scenes::{Random, RandomScene, Spec, camera_at_origin, gaussians, posed, scene};
+
+fn cases(cases: u32) -> ProptestConfig {
+    ProptestConfig { cases, failure_persistence: None, ..ProptestConfig::default() }
+}
+
+fn recipes() -> impl Strategy<Value = RandomScene> {
+    (any::<u64>(), 1_usize..150, 0_u8..=3, any::<bool>()).prop_map(|(seed, count, sh_degree, antialiased)| {
+        let opacity_mode = if antialiased { OpacityMode::Antialiased } else { OpacityMode::Default };
+        RandomScene { seed, count, sh_degree, opacity_mode, ..RandomScene::BASE }
+    })
+}
+
+fn test_camera() -> Camera {
+    camera_at_origin(53, 37, DVec2::new(0.1, -0.1))
+}
+
+proptest! {
+    #![proptest_config(cases(24))]
+
+    /// Behind opaque walls nothing shows: two of α = 0.99 leave T = 1e-4, and whatever follows would leave less.
+    #[test]
+    fn hidden_splats_change_nothing(seed: u64, count in 1_usize..60) {
+        let camera = test_camera();
+        let walls: Vec<Spec> = (0..3)
+            .map(|k| Spec::ball(DVec3::new(0.0, 0.0, 4.0 + f64::from(k)), 100.0, 1.0, [0.7, 0.4, 0.2]))
+            .collect();
+        let hidden = RandomScene { seed, count, ..RandomScene::BASE }.specs(&camera).into_iter().map(|mut s| {
+            s.mean.z = s.mean.z.abs() + 8.0;
+            s
+        });
+        let all: Vec<Spec> = walls.iter().cloned().chain(hidden).collect();
+        for culling in EXACT_CULLING {
+            assert_identical(
+                &render(&scene(&walls, 0), culling, &camera, &EVERYTHING),
+                &render(&scene(&all, 0), culling, &camera, &EVERYTHING),
+                "hidden",
+            );
+        }
+    }
+
+    /// The order in the file does not matter where depths differ.
+    #[test]
+    fn permutations_change_nothing(recipe in recipes(), shuffle: u64) {
+        let camera = test_camera();
+        let mut specs = recipe.specs(&camera);
+        for (k, s) in specs.iter_mut().enumerate() {
+            // Distinct in single precision, the rest of the scene left to chance.
+            s.mean.z = 0.25 + 0.01 * k as f64;
+        }
+        let build = |specs: &[Spec]| {
+            Scene::new(gaussians(specs, recipe.sh_degree), recipe.opacity_mode).expect("valid")
+        };
+        let before = render(&build(&specs), Culling::AccuTile, &camera, &EVERYTHING);
+        let mut random = Random(shuffle);
+        for k in (1..specs.len()).rev() {
+            specs.swap(k, (random.bits() % (k as u64 + 1)) as usize);
+        }
+        let after = render(&build(&specs), Culling::AccuTile, &camera, &EVERYTHING);
+        assert_identical(&before, &after, "permuted");
+    }
+
+    /// Equal depths are drawn in a fixed order, whatever the culling and the number of threads.
+    #[test]
+    fn ties_are_deterministic(recipe in recipes(), layers in 1_usize..4) {
+        let camera = test_camera();
+        let mut specs = recipe.specs(&camera);
+        for (k, s) in specs.iter_mut().enumerate() {
+            s.mean.z = 1.0 + (k % layers) as f64;
+        }
+        let scene = Scene::new(gaussians(&specs, recipe.sh_degree), recipe.opacity_mode).expect("valid");
+        let first = on_threads(1, || render(&scene, Culling::Exact, &camera, &EVERYTHING));
+        for (threads, culling) in [(1, Culling::SnugBox), (3, Culling::AccuTile), (2, Culling::Exact)] {
+            let again = on_threads(threads, || render(&scene, culling, &camera, &EVERYTHING));
+            assert_identical(&first, &again, "ties");
+        }
+    }
+
+    /// Moving scene and camera together changes rounding only. Degree 0: coefficients of higher degree do not turn with
+    /// the scene.
+    #[test]
+    fn rigid_motion_changes_nothing(seed: u64, turn: u64, x in -3.0..3.0_f64, y in -3.0..3.0_f64) {
+        let camera = test_camera();
+        let recipe = RandomScene { seed, ..RandomScene::BASE };
+        let motion = DAffine3::from_rotation_translation(Random(turn).rotation(), DVec3::new(x, y, x - y));
+        let mut specs = recipe.specs(&camera);
+        let still = scene(&specs, 0);
+        for s in &mut specs {
+            s.mean = motion.transform_point3(s.mean);
+            s.rotation = DQuat::from_mat3(&motion.matrix3) * s.rotation;
+        }
+        let moved_camera = posed(&camera, camera.view_from_world() * motion.inverse());
+        let samples = oracle_samples(&oracle(&still, &camera, &EVERYTHING), &camera);
+        let moved = render(&scene(&specs, 0), Culling::AccuTile, &moved_camera, &EVERYTHING);
+        // Positions of magnitude 10 are known to 1e-6, splats of σ = 0.4 px at a focal length of 46 px amplify it to
+        // 1e-4 of the colour, and 3/σ times that for gradients.
+        assert_matches(&moved, &samples, 2e-3, "moved");
+    }
+
+    /// The same for any degree when scene and camera are only shifted.
+    #[test]
+    fn translation_changes_nothing(recipe in recipes(), x in -3.0..3.0_f64, y in -3.0..3.0_f64) {
+        let camera = test_camera();
+        let shift = DVec3::new(x, y, y - x);
+        let mut specs = recipe.specs(&camera);
+        let build = |specs: &[Spec]| {
+            Scene::new(gaussians(specs, recipe.sh_degree), recipe.opacity_mode).expect("valid")
+        };
+        let samples = oracle_samples(&oracle(&build(&specs), &camera, &EVERYTHING), &camera);
+        for s in &mut specs {
+            s.mean += shift;
+        }
+        let moved_camera = posed(&camera, camera.view_from_world() * DAffine3::from_translation(-shift));
+        let moved = render(&build(&specs), Culling::AccuTile, &moved_camera, &EVERYTHING);
+        assert_matches(&moved, &samples, 2e-3, "shifted");
+    }
+
+    /// The same frame bit for bit on any number of threads, and from a used rasterizer and buffer.
+    #[test]
+    fn threads_and_reuse_change_nothing(recipe in recipes()) {
+        let camera = test_camera();
+        let scene = recipe.build(&camera);
+        let settings = RasterSettings { jitter: [0.3, -0.2], ..EVERYTHING };
+        let first = on_threads(1, || render(&scene, Culling::AccuTile, &camera, &settings));
+        for threads in [2, 3, 5] {
+            let other = on_threads(threads, || render(&scene, Culling::AccuTile, &camera, &settings));
+            assert_identical(&first, &other, &format!("{threads} threads"));
+        }
+        let mut rasterizer = Rasterizer::new(Arc::new(scene), Culling::AccuTile);
+        let mut gbuffer = GBuffer::default();
+        let other_camera = camera_at_origin(90, 11, DVec2::ZERO);
+        rasterizer.rasterize(&other_camera, &EVERYTHING, &mut gbuffer).expect("valid");
+        let colors = RasterSettings { outputs: Outputs::Color, ..settings };
+        rasterizer.rasterize(&camera, &colors, &mut gbuffer).expect("valid");
+        rasterizer.rasterize(&camera, &settings, &mut gbuffer).expect("valid");
+        assert_identical(&first, &gbuffer, "reused");
+    }
+}
+
+/// Runs `work` in a pool of its own.
+pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a thread pool").install(work)
+}
+
+/// Nothing in view: the background exactly, and zeros.
+#[test]
+fn no_visible_splat_gives_the_background() {
+    let unseen = [
+        Spec::ball(DVec3::new(0.0, 0.0, -3.0), 0.5, 1.0, [1.0; 3]),
+        Spec::ball(DVec3::new(0.0, 0.0, 0.19), 0.5, 1.0, [1.0; 3]),
+        Spec::ball(DVec3::new(500.0, 0.0, 3.0), 0.5, 1.0, [1.0; 3]),
+        Spec::ball(DVec3::new(0.0, 0.0, 3.0), 0.5, 0.0, [1.0; 3]),
+        Spec::ball(DVec3::new(0.0, 0.0, 3.0), 0.5, 1.0 / 256.0, [1.0; 3]),
+    ];
+    let background = [0.1, 0.7, 0.3];
+    for culling in EXACT_CULLING {
+        let settings = RasterSettings { background, ..EVERYTHING };
+        let frame = render(&scene(&unseen, 0), culling, &test_camera(), &settings);
+        for c in 0..3 {
+            assert!(frame.color.plane(c).iter().all(|v| *v == background[c]), "{culling:?}");
+        }
+        for pair in pairs(&frame).iter().filter(|p| p.name != "color") {
+            assert!(pair.actual.iter().all(|v| *v == 0.0), "{culling:?}: {}", pair.name);
+        }
+    }
+}
+
+/// A low-resolution frame with matched dilation, jittered onto a native pixel of each block, is that pixel; its
+/// gradients are per LR pixel, so `S` times as large.
+#[test]
+fn matched_low_resolution_samples_the_native_image() {
+    const S: usize = 4;
+    let native_camera = camera_at_origin(128, 96, DVec2::ZERO);
+    for mode in [OpacityMode::Default, OpacityMode::Antialiased] {
+        let recipe = RandomScene { opacity_mode: mode, sigma: [1.0, 20.0], ..RandomScene::BASE };
+        let scene = recipe.build(&native_camera);
+        let native = render(&scene, Culling::AccuTile, &native_camera, &EVERYTHING);
+        let samples = oracle_samples(&oracle(&scene, &native_camera, &EVERYTHING), &native_camera);
+        let camera = native_camera.low_resolution(S as u32);
+        for (a, b) in [(0, 0), (3, 0), (1, 2), (3, 3)] {
+            let jitter = [(a as f32 - 1.5) / 4.0, (b as f32 - 1.5) / 4.0];
+            let settings = RasterSettings { jitter, dilation: matched_dilation(S as u32), ..EVERYTHING };
+            let low = render(&scene, Culling::AccuTile, &camera, &settings);
+            for (l, n) in pairs(&low).iter().zip(pairs(&native)) {
+                let factor = match l.name {
+                    "color_dx" | "color_dy" => S as f64,
+                    "color_dxdy" => (S * S) as f64,
+                    _ => 1.0,
+                };
+                let (mut squares, mut count, mut largest) = (0.0, 0, 0.0_f64);
+                let (lw, lh) = (low.width(), low.height());
+                for (i, v) in l.actual.iter().enumerate() {
+                    let (k, y, x) = (i / (lw * lh), i / lw % lh * S + b, i % lw * S + a);
+                    let cut_offs = samples[y * 128 + x].cut_offs;
+                    if cut_offs.any() || (cut_offs.median && l.name == "depth_median") {
+                        continue;
+                    }
+                    let expected = factor * f64::from(n.actual[(k * 96 + y) * 128 + x]);
+                    squares += (f64::from(*v) - expected).powi(2);
+                    largest = largest.max(expected.abs());
+                    count += 1;
+                }
+                let decibels = 10.0 * (largest.powi(2) * f64::from(count) / squares).log10();
+                // Colours and alpha as stated by the method; the others lose the amplification of their slopes.
+                let floor = if matches!(l.name, "color" | "alpha") { 110.0 } else { 90.0 };
+                eprintln!("{mode:?} ({a}, {b}) {}: {decibels:.1} dB", l.name);
+                assert!(decibels > floor, "{mode:?} ({a}, {b}) {}: {decibels:.1} dB", l.name);
+            }
+        }
+    }
+}

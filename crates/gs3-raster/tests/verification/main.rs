@@ -1,0 +1,11 @@
+//! Independent verification of the rasterizer: what it draws against a naive double-precision evaluation of the same
+//! published rules, and properties that must hold whatever the implementation.
+
+mod against_oracle;
+mod compare;
+mod culling;
+mod derivatives;
+mod invariances;
+mod oracle;
+mod robustness;
+mod scenes;
