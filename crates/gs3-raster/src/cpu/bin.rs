@@ -6,7 +6,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use rayon::prelude::*;
 
 use super::project::Projected;
-use super::splat::{PixelRect, Splat};
 use crate::settings::Culling;
 
 /// Tile size in pixels. 32×16 keeps a tile's blending state (up to 22 values a pixel) near the first-level cache,
@@ -48,8 +47,8 @@ impl Bins {
             counts.clear();
             counts.resize(tiles, 0);
             for job in &jobs[group.clone()] {
-                for (splat, rect) in job.splats.iter().zip(&job.rects) {
-                    for_each_tile(splat, *rect, culling, columns, |tile| counts[tile] += 1);
+                for local in 0..job.splats.len() {
+                    for_each_tile(job, local, culling, columns, |tile| counts[tile] += 1);
                 }
             }
         });
@@ -74,10 +73,10 @@ impl Bins {
         self.cursors.par_iter_mut().zip(&groups).for_each(|(cursor, group)| {
             for job_index in group.clone() {
                 let job = &jobs[job_index];
-                for (local, (splat, rect)) in job.splats.iter().zip(&job.rects).enumerate() {
+                for local in 0..job.splats.len() {
                     let id = (job_index << LOCAL_BITS | local) as u64;
                     let key = u64::from(job.depth_bits[local]) << 32 | id;
-                    for_each_tile(splat, *rect, culling, columns, |tile| {
+                    for_each_tile(job, local, culling, columns, |tile| {
                         keys[cursor[tile]].store(key, Ordering::Relaxed);
                         cursor[tile] += 1;
                     });
@@ -117,18 +116,20 @@ fn balanced_groups(jobs: &[Projected], count: usize) -> Vec<Range<usize>> {
 /// agree to the last bit.
 #[inline(always)]
 fn for_each_tile(
-    splat: &Splat,
-    rect: PixelRect,
+    job: &Projected,
+    local: usize,
     culling: Culling,
     columns: usize,
     mut visit: impl FnMut(usize),
 ) {
+    let rect = job.rects[local];
     let (first_x, last_x) = (rect.x0 as usize / TILE_WIDTH, (rect.x1 as usize - 1) / TILE_WIDTH);
     let (first_y, last_y) = (rect.y0 as usize / TILE_HEIGHT, (rect.y1 as usize - 1) / TILE_HEIGHT);
     if first_x == last_x && first_y == last_y {
         visit(first_y * columns + first_x);
         return;
     }
+    let splat = &job.splats[local];
     for y in first_y..=last_y {
         let (top, bottom) = ((y * TILE_HEIGHT) as f32, ((y + 1) * TILE_HEIGHT - 1) as f32);
         let (mut from, mut to) = (first_x, last_x);

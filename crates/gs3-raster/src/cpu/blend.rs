@@ -9,7 +9,7 @@ use fearless_simd::{Simd, f32x16, prelude::*};
 use super::bin::{Bins, TILE_HEIGHT, TILE_WIDTH, splat_of_key};
 use super::math::exp2;
 use super::project::{HALF_LOG2_E_SQRT, Projected};
-use super::splat::{MIN_ALPHA, PixelRect, Splat, SplatGeometry};
+use super::splat::{MIN_ALPHA, Splat, SplatGeometry};
 
 /// Contributions are capped here (Kerbl et al. 2023); a capped contribution is constant, its derivatives are zero.
 const MAX_ALPHA: f32 = 0.99;
@@ -67,11 +67,18 @@ pub const GBUFFER_MIXED: usize = 2;
 pub struct TileScratch {
     pub blocks: Box<[Block; BLOCKS]>,
     keys: Vec<u64>,
+    splats: Vec<Splat>,
+    geometry: Vec<SplatGeometry>,
 }
 
 impl Default for TileScratch {
     fn default() -> Self {
-        Self { blocks: Box::new([Block([[0.0; 16]; plane::COUNT]); BLOCKS]), keys: Vec::new() }
+        Self {
+            blocks: Box::new([Block([[0.0; 16]; plane::COUNT]); BLOCKS]),
+            keys: Vec::new(),
+            splats: Vec::new(),
+            geometry: Vec::new(),
+        }
     }
 }
 
@@ -91,35 +98,51 @@ pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
     scratch.keys.clear();
     scratch.keys.extend(bins.keys(row * columns + column));
     scratch.keys.sort_unstable();
+    let TileScratch { blocks, keys, splats, geometry } = scratch;
 
     let lane_x = f32x16::from_slice(s, &LANE_X);
     let lane_y = f32x16::from_slice(s, &LANE_Y);
-    for &key in &scratch.keys {
+    for keys in keys.chunks(GATHER) {
+        // Copying a run of splats first lets their cache misses overlap; blending one by one would wait for each.
+        splats.clear();
+        splats.extend(keys.iter().map(|&key| {
+            let (job, local) = splat_of_key(key);
+            jobs[job].splats[local]
+        }));
+        if OUTPUTS != COLOR {
+            geometry.clear();
+            geometry.extend(keys.iter().map(|&key| {
+                let (job, local) = splat_of_key(key);
+                jobs[job].geometry[local]
+            }));
+        }
+        for (i, splat) in splats.iter().enumerate() {
+            let mut touched = block_mask(splat, x0, y0) & open;
+            if touched == 0 {
+                continue;
+            }
+            let none = SplatGeometry::default();
+            let kernel = SplatKernel::new(s, splat, if OUTPUTS == COLOR { &none } else { &geometry[i] });
+            while touched != 0 {
+                let b = touched.trailing_zeros() as usize;
+                touched &= touched - 1;
+                let x = splat.mean[0] - (x0 + b % BLOCKS_X * BLOCK) as f32;
+                let y = splat.mean[1] - (y0 + b / BLOCKS_X * BLOCK) as f32;
+                let dx = lanes(s, x) - lane_x;
+                let dy = lanes(s, y) - lane_y;
+                if kernel.blend::<OUTPUTS>(s, dx, dy, &mut blocks[b].0) {
+                    open &= !(1 << b);
+                }
+            }
+        }
         if open == 0 {
             break;
         }
-        let (job, local) = splat_of_key(key);
-        let job = &jobs[job];
-        let splat = &job.splats[local];
-        let mut touched = block_mask(splat, job.rects[local], x0, y0) & open;
-        if touched == 0 {
-            continue;
-        }
-        let kernel =
-            SplatKernel::new(s, splat, if OUTPUTS == COLOR { None } else { job.geometry.get(local) });
-        while touched != 0 {
-            let b = touched.trailing_zeros() as usize;
-            touched &= touched - 1;
-            let x = splat.mean[0] - (x0 + b % BLOCKS_X * BLOCK) as f32;
-            let y = splat.mean[1] - (y0 + b / BLOCKS_X * BLOCK) as f32;
-            let dx = f32x16::splat(s, x) - lane_x;
-            let dy = f32x16::splat(s, y) - lane_y;
-            if kernel.blend::<OUTPUTS>(s, dx, dy, &mut scratch.blocks[b].0) {
-                open &= !(1 << b);
-            }
-        }
     }
 }
+
+/// Splats copied at a time: 256 × 88 B stay in the second-level cache beside the tile's state.
+const GATHER: usize = 256;
 
 const LANE_X: [f32; 16] = [0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3.];
 const LANE_Y: [f32; 16] = [0., 0., 0., 0., 1., 1., 1., 1., 2., 2., 2., 2., 3., 3., 3., 3.];
@@ -153,7 +176,8 @@ fn start_tile<const OUTPUTS: usize>(
 
 /// Blocks of the tile at `(x0, y0)` that the support touches.
 #[inline(always)]
-fn block_mask(splat: &Splat, rect: PixelRect, x0: usize, y0: usize) -> u32 {
+fn block_mask(splat: &Splat, x0: usize, y0: usize) -> u32 {
+    let rect = splat.rect;
     let clip = |v: u16, origin: usize, size: usize| (v as usize).saturating_sub(origin).min(size);
     let (left, right) = (clip(rect.x0, x0, TILE_WIDTH), clip(rect.x1, x0, TILE_WIDTH));
     let (top, bottom) = (clip(rect.y0, y0, TILE_HEIGHT), clip(rect.y1, y0, TILE_HEIGHT));
@@ -164,11 +188,9 @@ fn block_mask(splat: &Splat, rect: PixelRect, x0: usize, y0: usize) -> u32 {
     let (by0, by1) = (top / BLOCK, (bottom - 1) / BLOCK);
     let row_bits = |from: usize, to: usize| ((2_u32 << to) - 1) & !((1_u32 << from) - 1) & 0xff;
     if bx1 - bx0 < 2 || by1 == by0 {
-        let mut mask = 0;
-        for by in by0..=by1 {
-            mask |= row_bits(bx0, bx1) << (by * BLOCKS_X);
-        }
-        return mask;
+        // 0x01010101 repeats a row's byte in every row.
+        let rows = (0x0101_0101_u32 >> (8 * (BLOCKS_Y - 1 - (by1 - by0)))) << (8 * by0);
+        return row_bits(bx0, bx1) * rows;
     }
     let mut mask = 0;
     for by in by0..=by1 {
@@ -201,18 +223,16 @@ struct SplatKernel<S: Simd> {
 
 impl<S: Simd> SplatKernel<S> {
     #[inline(always)]
-    fn new(s: S, splat: &Splat, geometry: Option<&SplatGeometry>) -> Self {
-        let c = |v: f32| f32x16::splat(s, v);
-        let geometry = geometry.copied().unwrap_or_default();
+    fn new(s: S, splat: &Splat, geometry: &SplatGeometry) -> Self {
         Self {
-            l11: c(splat.l11),
-            l21: c(splat.l21),
-            l22: c(splat.l22),
-            opacity: c(splat.opacity),
-            color: splat.color.map(c),
-            ray_distance: c(geometry.ray_distance),
-            ray_plane: geometry.ray_plane.map(c),
-            normal: geometry.normal.map(c),
+            l11: lanes(s, splat.l11),
+            l21: lanes(s, splat.l21),
+            l22: lanes(s, splat.l22),
+            opacity: lanes(s, splat.opacity),
+            color: lanes3(s, splat.color),
+            ray_distance: lanes(s, geometry.ray_distance),
+            ray_plane: [lanes(s, geometry.ray_plane[0]), lanes(s, geometry.ray_plane[1])],
+            normal: lanes3(s, geometry.normal),
         }
     }
 
@@ -225,53 +245,48 @@ impl<S: Simd> SplatKernel<S> {
         dy: f32x16<S>,
         state: &mut [[f32; 16]; plane::COUNT],
     ) -> bool {
-        let c = |v: f32| f32x16::splat(s, v);
-        let (zero, one) = (c(0.0), c(1.0));
+        let (zero, one) = (lanes(s, 0.0), lanes(s, 1.0));
         let u = self.l11.mul_add(dx, self.l21 * dy);
         let v = self.l22 * dy;
         let raw = self.opacity * exp2(s, zero - u.mul_add(u, v * v));
         let t = f32x16::from_slice(s, &state[plane::TRANSMITTANCE]);
-        let hit = raw.simd_ge(c(MIN_ALPHA)) & t.simd_gt(zero);
+        let hit = raw.simd_ge(lanes(s, MIN_ALPHA)) & t.simd_gt(zero);
         if !hit.any_true() {
             return false;
         }
-        let alpha = raw.min(c(MAX_ALPHA));
+        let alpha = raw.min(lanes(s, MAX_ALPHA));
         let after = t * (one - alpha);
-        let finished = hit & after.simd_lt(c(MIN_TRANSMITTANCE));
-        let blended = hit & after.simd_ge(c(MIN_TRANSMITTANCE));
+        let finished = hit & after.simd_lt(lanes(s, MIN_TRANSMITTANCE));
+        let blended = hit & after.simd_ge(lanes(s, MIN_TRANSMITTANCE));
         let alpha = blended.select(alpha, zero);
         let weight = alpha * t;
 
-        let add = |state: &mut [[f32; 16]; plane::COUNT], p: usize, a: f32x16<S>, b: f32x16<S>| {
-            let old = f32x16::from_slice(s, &state[p]);
-            a.mul_add(b, old).store_slice(&mut state[p]);
-        };
         for k in 0..3 {
-            add(state, plane::COLOR + k, self.color[k], weight);
+            accumulate(s, &mut state[plane::COLOR + k], self.color[k], weight);
         }
         if OUTPUTS >= GBUFFER {
             // g = (A·dx + B·dy, B·dx + C·dy) from the factor; α derivatives vanish where α is capped.
-            let slope = raw.simd_lt(c(MAX_ALPHA)).select(alpha, zero);
-            let gx = self.l11 * u * c(UNSCALE);
-            let gy = self.l21.mul_add(u, self.l22 * v) * c(UNSCALE);
+            let slope = raw.simd_lt(lanes(s, MAX_ALPHA)).select(alpha, zero);
+            let gx = self.l11 * u * lanes(s, UNSCALE);
+            let gy = self.l21.mul_add(u, self.l22 * v) * lanes(s, UNSCALE);
             let (alpha_x, alpha_y) = (slope * gx, slope * gy);
             let old_x = f32x16::from_slice(s, &state[plane::ALPHA_DX]);
             let old_y = f32x16::from_slice(s, &state[plane::ALPHA_DY]);
             let weight_x = t.mul_add(alpha_x, zero - old_x * alpha);
             let weight_y = t.mul_add(alpha_y, zero - old_y * alpha);
             for k in 0..3 {
-                add(state, plane::COLOR_DX + k, self.color[k], weight_x);
-                add(state, plane::COLOR_DY + k, self.color[k], weight_y);
+                accumulate(s, &mut state[plane::COLOR_DX + k], self.color[k], weight_x);
+                accumulate(s, &mut state[plane::COLOR_DY + k], self.color[k], weight_y);
             }
             if OUTPUTS == GBUFFER_MIXED {
-                let b = self.l11 * self.l21 * c(UNSCALE);
+                let b = self.l11 * self.l21 * lanes(s, UNSCALE);
                 let alpha_xy = slope * gx.mul_add(gy, zero - b);
                 let old_xy = f32x16::from_slice(s, &state[plane::ALPHA_DXDY]);
                 let cross = old_x.mul_add(alpha_y, old_y * alpha_x);
                 let fresh = t.mul_add(alpha_xy, zero - cross);
                 let weight_xy = fresh - old_xy * alpha;
                 for k in 0..3 {
-                    add(state, plane::COLOR_DXDY + k, self.color[k], weight_xy);
+                    accumulate(s, &mut state[plane::COLOR_DXDY + k], self.color[k], weight_xy);
                 }
                 (old_xy + weight_xy).store_slice(&mut state[plane::ALPHA_DXDY]);
             }
@@ -280,12 +295,12 @@ impl<S: Simd> SplatKernel<S> {
             (old_y + weight_y).store_slice(&mut state[plane::ALPHA_DY]);
 
             let distance = self.ray_plane[0].mul_add(dx, self.ray_plane[1].mul_add(dy, self.ray_distance));
-            add(state, plane::DISTANCE, distance, weight);
-            let in_front = blended & t.simd_gt(c(0.5));
+            accumulate(s, &mut state[plane::DISTANCE], distance, weight);
+            let in_front = blended & t.simd_gt(lanes(s, 0.5));
             let median = f32x16::from_slice(s, &state[plane::MEDIAN]);
             in_front.select(distance, median).store_slice(&mut state[plane::MEDIAN]);
             for k in 0..3 {
-                add(state, plane::NORMAL + k, self.normal[k], weight);
+                accumulate(s, &mut state[plane::NORMAL + k], self.normal[k], weight);
             }
         }
 
@@ -300,4 +315,20 @@ impl<S: Simd> SplatKernel<S> {
         t_next.store_slice(&mut state[plane::TRANSMITTANCE]);
         false
     }
+}
+
+#[inline(always)]
+fn lanes<S: Simd>(s: S, v: f32) -> f32x16<S> {
+    f32x16::splat(s, v)
+}
+
+#[inline(always)]
+fn lanes3<S: Simd>(s: S, v: [f32; 3]) -> [f32x16<S>; 3] {
+    [lanes(s, v[0]), lanes(s, v[1]), lanes(s, v[2])]
+}
+
+/// `plane += a · b`.
+#[inline(always)]
+fn accumulate<S: Simd>(s: S, plane: &mut [f32; 16], a: f32x16<S>, b: f32x16<S>) {
+    a.mul_add(b, f32x16::from_slice(s, plane)).store_slice(plane);
 }

@@ -1,51 +1,60 @@
-//! Depth and normal of a Gaussian as seen by a camera (RaDe-GS, Zhang et al. 2024).
+//! Depth and normal of Gaussians as seen by a camera (RaDe-GS, Zhang et al. 2024), sixteen at a time.
 
-use gs3_scene::Gaussians;
+use fearless_simd::{Simd, f32x16, prelude::*};
 
-use super::splat::SplatGeometry;
+use super::project::{dot, lanes, rotate};
 use super::view::View;
 
-/// Ray distance, its slope over the image and the normal of Gaussian `index`; `direction` is its centre relative to the
-/// camera centre, world space.
+/// Values per Gaussian that [`project`] returns: ray distance, its slopes along x and y, the normal.
+pub const PLANES: usize = 6;
+
+/// Ray distance at the centre (world units), its change per pixel of mean − sample along x and y, and the view-space
+/// normal, from the view-space means, the principal axes (world space) and the scales.
 ///
-/// With U = μ/z (view space), the plane that the rays' maxima of the Gaussian form has the normal m = Σ⁻¹U. Σ⁻¹ is
-/// scaled by the square of the smallest axis, so flat Gaussians stay finite.
-pub fn of_gaussian(g: &Gaussians, index: usize, view: &View, direction: [f32; 3]) -> SplatGeometry {
-    let mean = view.rotate(direction);
-    let ray = [mean[0] / mean[2], mean[1] / mean[2], 1.0];
-    let scale = g.scale(index);
-    let smallest = scale[0].min(scale[1]).min(scale[2]);
-    let [w, x, y, z] = g.rotation(index);
-    let axes = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)],
-        [2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)],
-        [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ];
-    let mut m = [0.0; 3];
-    for (axis, s) in axes.into_iter().zip(scale) {
-        let axis = view.rotate(axis);
+/// With U = μ/z, the plane that the rays' maxima of the Gaussian form has the normal m = Σ⁻¹U. Σ⁻¹ is scaled by the
+/// square of the smallest axis, so flat Gaussians stay finite.
+#[inline(always)]
+pub fn project<S: Simd>(
+    s: S,
+    view: &View,
+    mean: [f32x16<S>; 3],
+    axes: [[f32x16<S>; 3]; 3],
+    scales: [f32x16<S>; 3],
+) -> [f32x16<S>; PLANES] {
+    let (zero, one) = (lanes(s, 0.0), lanes(s, 1.0));
+    let tiny = lanes(s, f32::MIN_POSITIVE);
+    let inv_z = one / mean[2];
+    let ray = [mean[0] * inv_z, mean[1] * inv_z, one];
+    let smallest = scales[0].min(scales[1]).min(scales[2]);
+    let mut m = [zero; 3];
+    for k in 0..3 {
+        let axis = rotate(s, view, axes[k]);
         // 0/0 of a degenerate axis counts as the smallest itself.
-        let ratio = if s > smallest { smallest / s } else { 1.0 };
+        let ratio = scales[k].simd_gt(smallest).select(smallest / scales[k], one);
         let weight = ratio * ratio * dot(axis, ray);
-        for k in 0..3 {
-            m[k] += weight * axis[k];
+        for i in 0..3 {
+            m[i] = weight.mul_add(axis[i], m[i]);
         }
     }
-    let along = dot(m, ray);
     let ray_length2 = dot(ray, ray);
+    let inv_ray_length2 = one / ray_length2;
     // An edge-on flat Gaussian has no plane of maxima; its centre's depth is used.
-    let q = if along > f32::MIN_POSITIVE { m.map(|v| v / along) } else { ray.map(|v| v / ray_length2) };
-    let distance = dot(mean, mean).sqrt();
-    let slope = |a: usize| distance / view.focal[a] * (q[a] - ray[a] / ray_length2);
-    let length = dot(m, m).sqrt();
-    let normal = if length > f32::MIN_POSITIVE {
-        m.map(|v| -v / length)
-    } else {
-        ray.map(|v| -v / ray_length2.sqrt())
-    };
-    SplatGeometry { ray_distance: distance, ray_plane: [slope(0), slope(1)], normal }
-}
-
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    let along = dot(m, ray);
+    let has_plane = along.simd_gt(tiny);
+    let distance = mean[2] * ray_length2.sqrt();
+    let mut slopes = [zero; 2];
+    for a in 0..2 {
+        let slope = distance * (m[a] / along - ray[a] * inv_ray_length2) * lanes(s, 1.0 / view.focal[a]);
+        slopes[a] = has_plane.select(slope, zero);
+    }
+    let length2 = dot(m, m);
+    let has_normal = length2.simd_gt(tiny);
+    let inv_length = one / length2.sqrt();
+    let inv_ray_length = inv_ray_length2.sqrt();
+    let mut normal = [zero; 3];
+    for k in 0..3 {
+        let facing = zero - ray[k] * inv_ray_length;
+        normal[k] = has_normal.select(zero - m[k] * inv_length, facing);
+    }
+    [distance, slopes[0], slopes[1], normal[0], normal[1], normal[2]]
 }

@@ -22,6 +22,9 @@ const EXTENT_MARGIN: f32 = 2e-3;
 /// Smallest factor on opacity in antialiased scenes (gsplat).
 const MIN_COMPENSATION: f32 = 0.005;
 
+/// Upper bound of 2·ln 255, the largest squared Mahalanobis radius of a support.
+const MAX_SQUARED_RADIUS: f32 = 11.1;
+
 /// 2·ln 2, which turns log₂(255 o) into the squared Mahalanobis radius 2·ln(255 o).
 const TWO_LN_2: f32 = 2.0 * std::f32::consts::LN_2;
 
@@ -68,6 +71,7 @@ struct Lanes {
     dy_at_max_dx: [f32; 16],
     depth: [f32; 16],
     rect: [[f32; 16]; 4],
+    geometry: [[f32; 16]; geometry::PLANES],
 }
 
 /// Projects Gaussians `start..end` and appends the visible ones to `out` in order.
@@ -98,6 +102,21 @@ fn load<S: Simd>(s: S, plane: &[f32], start: usize, count: usize) -> f32x16<S> {
     }
 }
 
+#[inline(always)]
+fn load3<S: Simd>(s: S, planes: &[Vec<f32>; 3], start: usize, count: usize) -> [f32x16<S>; 3] {
+    [load(s, &planes[0], start, count), load(s, &planes[1], start, count), load(s, &planes[2], start, count)]
+}
+
+#[inline(always)]
+fn load4<S: Simd>(s: S, planes: &[Vec<f32>; 4], start: usize, count: usize) -> [f32x16<S>; 4] {
+    [
+        load(s, &planes[0], start, count),
+        load(s, &planes[1], start, count),
+        load(s, &planes[2], start, count),
+        load(s, &planes[3], start, count),
+    ]
+}
+
 /// Projects up to sixteen Gaussians; returns the bit mask of the visible ones.
 #[inline(always)]
 fn project_lanes<S: Simd>(
@@ -108,81 +127,85 @@ fn project_lanes<S: Simd>(
     out: &mut Lanes,
 ) -> u64 {
     let ProjectInput { gaussians: g, view, .. } = *input;
-    let c = |v: f32| f32x16::splat(s, v);
-    let zero = c(0.0);
+    let zero = lanes(s, 0.0);
 
-    let direction: [f32x16<S>; 3] = std::array::from_fn(|k| {
-        load(s, &g.means[k], start, count) - c(view.origin[k]) - c(view.origin_rest[k])
-    });
-    let view_space: [f32x16<S>; 3] = std::array::from_fn(|k| {
-        let row = view.rotation[k];
-        direction[0].mul_add(c(row[0]), direction[1].mul_add(c(row[1]), direction[2] * c(row[2])))
-    });
+    let mut direction = [zero; 3];
+    for k in 0..3 {
+        let mean = load(s, &g.means[k], start, count);
+        direction[k] = mean - lanes(s, view.origin[k]) - lanes(s, view.origin_rest[k]);
+    }
+    let view_space = rotate(s, view, direction);
     let z = view_space[2];
-    let inv_z = c(1.0) / z;
-    let slope = [view_space[0] * inv_z, view_space[1] * inv_z];
-    let mean: [f32x16<S>; 2] = std::array::from_fn(|a| slope[a].mul_add(c(view.focal[a]), c(view.center[a])));
-    // T = J·W, rows scaled by z / focal: row a = W_a − clamp(slope_a) · W_2.
-    let clamped: [f32x16<S>; 2] = std::array::from_fn(|a| {
-        let limit = c(view.jacobian_limit[a]);
-        slope[a].min(limit).max(zero - limit)
-    });
-    let scales: [f32x16<S>; 3] = std::array::from_fn(|k| load(s, &g.scales[k], start, count));
-
-    // A bound of the extents from the largest scale alone, before rotation and opacity are read. 11.1 > 2·ln 255.
+    let inv_z = lanes(s, 1.0) / z;
+    let scales = load3(s, &g.scales, start, count);
     let largest = scales[0].max(scales[1]).max(scales[2]);
+
     let valid_lanes = mask32x16::from_bitmask(s, (1_u64 << count) - 1);
-    let mut visible = valid_lanes & z.simd_gt(c(NEAR));
+    let mut visible = valid_lanes & z.simd_gt(lanes(s, NEAR));
+    // Per image axis: μ/z, the same limited for the Jacobian, the projected mean.
+    let (mut slope, mut limited, mut mean) = ([zero; 2], [zero; 2], [zero; 2]);
     for a in 0..2 {
-        let per_unit = c(view.focal[a]) * inv_z * largest;
-        let variance = per_unit * per_unit * clamped[a].mul_add(clamped[a], c(1.0)) + c(view.dilation);
-        let extent = (variance * c(11.1)).sqrt() + c(1.0);
+        slope[a] = view_space[a] * inv_z;
+        mean[a] = slope[a].mul_add(lanes(s, view.focal[a]), lanes(s, view.center[a]));
+        let limit = lanes(s, view.jacobian_limit[a]);
+        limited[a] = slope[a].min(limit).max(zero - limit);
+        // A bound of the extent from the largest scale alone, before rotation and opacity are read.
+        let per_unit = lanes(s, view.focal[a]) * inv_z * largest;
+        let variance = (per_unit * per_unit)
+            .mul_add(limited[a].mul_add(limited[a], lanes(s, 1.0)), lanes(s, view.dilation));
+        let extent = (variance * lanes(s, MAX_SQUARED_RADIUS)).sqrt() + lanes(s, 1.0);
         visible &= (mean[a] + extent).simd_ge(zero);
-        visible &= (mean[a] - extent).simd_le(c(view.size[a] as f32 - 1.0));
+        visible &= (mean[a] - extent).simd_le(lanes(s, view.size[a] as f32 - 1.0));
     }
     if !visible.any_true() {
         return 0;
     }
 
-    let transform: [[f32x16<S>; 3]; 2] = std::array::from_fn(|a| {
-        let factor = c(view.focal[a]) * inv_z;
-        std::array::from_fn(|k| (c(view.rotation[a][k]) - clamped[a] * c(view.rotation[2][k])) * factor)
-    });
-    let rotation: [f32x16<S>; 4] = std::array::from_fn(|k| load(s, &g.rotations[k], start, count));
-    // Columns of M = T·R·S, [axis][row]: the principal axes on the image.
-    let axes = rotation_columns(s, rotation);
-    let m: [[f32x16<S>; 2]; 3] = std::array::from_fn(|k| {
-        std::array::from_fn(|a| {
-            let t = transform[a];
-            let p = t[0].mul_add(axes[k][0], t[1].mul_add(axes[k][1], t[2] * axes[k][2]));
-            p * scales[k]
-        })
-    });
-    let dot = |a: usize, b: usize| m[0][a].mul_add(m[0][b], m[1][a].mul_add(m[1][b], m[2][a] * m[2][b]));
-    let dilation = c(view.dilation);
-    let (raw_xx, raw_yy, xy) = (dot(0, 0), dot(1, 1), dot(0, 1));
+    // Columns of M = J·W·R·S, [axis][row]: the principal axes on the image. Row a of J·W is
+    // (W_a − clamp(μ_a/z)·W_2)·focal/z.
+    let axes = rotation_columns(s, load4(s, &g.rotations, start, count));
+    let mut m = [[zero; 2]; 3];
+    for a in 0..2 {
+        let factor = lanes(s, view.focal[a]) * inv_z;
+        let mut row = [zero; 3];
+        for k in 0..3 {
+            let w = lanes(s, view.rotation[a][k]) - limited[a] * lanes(s, view.rotation[2][k]);
+            row[k] = w * factor;
+        }
+        for k in 0..3 {
+            m[k][a] = dot(row, axes[k]) * scales[k];
+        }
+    }
+    let dilation = lanes(s, view.dilation);
+    let raw_xx = dot([m[0][0], m[1][0], m[2][0]], [m[0][0], m[1][0], m[2][0]]);
+    let raw_yy = dot([m[0][1], m[1][1], m[2][1]], [m[0][1], m[1][1], m[2][1]]);
+    let xy = dot([m[0][0], m[1][0], m[2][0]], [m[0][1], m[1][1], m[2][1]]);
     let (xx, yy) = (raw_xx + dilation, raw_yy + dilation);
-    // det(M·Mᵀ) as the sum of its squared 2×2 minors (Cauchy–Binet): no cancellation for thin splats, unlike xx·yy − xy².
-    let minor = |j: usize, k: usize| m[j][0] * m[k][1] - m[k][0] * m[j][1];
-    let (m01, m02, m12) = (minor(0, 1), minor(0, 2), minor(1, 2));
-    let raw_det = m01.mul_add(m01, m02.mul_add(m02, m12 * m12));
+    // det(M·Mᵀ) as the sum of its squared 2×2 minors (Cauchy–Binet): no cancellation for thin splats, unlike
+    // xx·yy − xy².
+    let minors = [
+        m[0][0] * m[1][1] - m[1][0] * m[0][1],
+        m[0][0] * m[2][1] - m[2][0] * m[0][1],
+        m[1][0] * m[2][1] - m[2][0] * m[1][1],
+    ];
+    let raw_det = dot(minors, minors);
     let det = dilation.mul_add(raw_xx + raw_yy + dilation, raw_det);
-    visible &= det.simd_gt(zero) & det.simd_lt(c(f32::MAX));
+    visible &= det.simd_gt(zero) & det.simd_lt(lanes(s, f32::MAX));
 
     let mut opacity = load(s, &g.opacities, start, count);
     if input.opacity_mode == OpacityMode::Antialiased {
-        let floor = c(MIN_COMPENSATION * MIN_COMPENSATION);
+        let floor = lanes(s, MIN_COMPENSATION * MIN_COMPENSATION);
         opacity *= (raw_det / det).max(floor).sqrt();
     }
-    let reach = opacity * c(255.0);
-    visible &= reach.simd_ge(c(1.0));
-    let support = log2(s, reach.max(c(1.0))) + c(SUPPORT_MARGIN);
+    let reach = opacity * lanes(s, 255.0);
+    visible &= reach.simd_ge(lanes(s, 1.0));
+    let support = log2(s, reach.max(lanes(s, 1.0))) + lanes(s, SUPPORT_MARGIN);
 
     // Extents of the support, and the rows and columns of samples inside.
-    let squared_radius = support * c(TWO_LN_2);
-    let extent_x = (squared_radius * xx).sqrt() + c(EXTENT_MARGIN);
-    let extent_y = (squared_radius * yy).sqrt() + c(EXTENT_MARGIN);
-    let last = [c(view.size[0] as f32 - 1.0), c(view.size[1] as f32 - 1.0)];
+    let squared_radius = support * lanes(s, TWO_LN_2);
+    let extent_x = (squared_radius * xx).sqrt() + lanes(s, EXTENT_MARGIN);
+    let extent_y = (squared_radius * yy).sqrt() + lanes(s, EXTENT_MARGIN);
+    let last = [lanes(s, view.size[0] as f32 - 1.0), lanes(s, view.size[1] as f32 - 1.0)];
     let x0 = (mean[0] - extent_x).ceil().max(zero);
     let x1 = (mean[0] + extent_x).floor().min(last[0]);
     let y0 = (mean[1] - extent_y).ceil().max(zero);
@@ -190,33 +213,33 @@ fn project_lanes<S: Simd>(
     visible &= x0.simd_le(x1) & y0.simd_le(y1);
 
     // Cholesky factor of the scaled inverse covariance.
-    let scale = c(HALF_LOG2_E_SQRT);
+    let scale = lanes(s, HALF_LOG2_E_SQRT);
     let l22 = scale / yy.sqrt();
     let root = scale / (yy * det).sqrt();
     let (l11, l21) = (yy * root, zero - xy * root);
 
     // Where at most two by two samples are in the box, all of them may miss the ellipse.
-    let small = (x1 - x0).simd_le(c(1.0)) & (y1 - y0).simd_le(c(1.0));
-    let inside = |x: f32x16<S>, y: f32x16<S>| {
+    let small = (x1 - x0).simd_le(lanes(s, 1.0)) & (y1 - y0).simd_le(lanes(s, 1.0));
+    let mut hit = mask32x16::splat(s, false);
+    for (x, y) in [(x0, y0), (x1, y0), (x0, y1), (x1, y1)] {
         let (dx, dy) = (mean[0] - x, mean[1] - y);
         let (u, v) = (l11.mul_add(dx, l21 * dy), l22 * dy);
-        u.mul_add(u, v * v).simd_le(support)
-    };
-    let hit = inside(x0, y0) | inside(x1, y0) | inside(x0, y1) | inside(x1, y1);
+        hit |= u.mul_add(u, v * v).simd_le(support);
+    }
     visible &= hit | !small;
 
     let (mut x0, mut x1, mut y0, mut y1) = (x0, x1, y0, y1);
     let clip = match input.culling {
         Culling::Aabb3Sigma => {
-            let half = (raw_xx + raw_yy) * c(0.5) + dilation;
-            let spread = (raw_xx - raw_yy) * c(0.5);
-            let radius = ((half + spread.mul_add(spread, xy * xy).sqrt()).sqrt() * c(3.0)).ceil();
+            let half = (raw_xx + raw_yy) * lanes(s, 0.5) + dilation;
+            let spread = (raw_xx - raw_yy) * lanes(s, 0.5);
+            let radius = ((half + spread.mul_add(spread, xy * xy).sqrt()).sqrt() * lanes(s, 3.0)).ceil();
             Some([radius, radius])
         }
         Culling::Adr => {
-            let reach = (support - c(SUPPORT_MARGIN)) * c(TWO_LN_2);
+            let reach = (support - lanes(s, SUPPORT_MARGIN)) * lanes(s, TWO_LN_2);
             let radius =
-                |variance: f32x16<S>| (variance.sqrt() * c(3.0)).min((reach * variance).sqrt().ceil());
+                |variance: f32x16<S>| (variance.sqrt() * lanes(s, 3.0)).min((reach * variance).sqrt().ceil());
             Some([radius(xx), radius(yy)])
         }
         Culling::SnugBox | Culling::AccuTile | Culling::Exact => None,
@@ -231,8 +254,14 @@ fn project_lanes<S: Simd>(
 
     let visible = visible.to_bitmask();
     if visible != 0 {
-        for k in 0..3 {
-            direction[k].store_slice(&mut out.direction[k]);
+        for (vector, lanes) in direction.iter().zip(&mut out.direction) {
+            vector.store_slice(lanes);
+        }
+        if input.with_geometry {
+            let geometry = geometry::project(s, view, view_space, axes, scales);
+            for (vector, lanes) in geometry.iter().zip(&mut out.geometry) {
+                vector.store_slice(lanes);
+            }
         }
         for (vector, lanes) in mean.iter().zip(&mut out.mean) {
             vector.store_slice(lanes);
@@ -256,10 +285,9 @@ fn project_lanes<S: Simd>(
 /// ⌊(mean − radius)/16⌋ to ⌊(mean + radius + 15)/16⌋, exclusive.
 #[inline(always)]
 fn published_tiles<S: Simd>(s: S, mean: f32x16<S>, radius: f32x16<S>) -> [f32x16<S>; 2] {
-    let c = |v: f32| f32x16::splat(s, v);
-    let first = ((mean - radius) * c(1.0 / 16.0)).floor() * c(16.0);
-    let end = ((mean + radius + c(15.0)) * c(1.0 / 16.0)).floor() * c(16.0);
-    [first, end - c(1.0)]
+    let first = ((mean - radius) * lanes(s, 1.0 / 16.0)).floor() * lanes(s, 16.0);
+    let end = ((mean + radius + lanes(s, 15.0)) * lanes(s, 1.0 / 16.0)).floor() * lanes(s, 16.0);
+    [first, end - lanes(s, 1.0)]
 }
 
 /// Columns of the rotation matrix of the unit quaternion (w, x, y, z): the principal axes in world space.
@@ -276,25 +304,47 @@ fn rotation_columns<S: Simd>(s: S, [w, x, y, z]: [f32x16<S>; 4]) -> [[f32x16<S>;
 /// Appends the splat of Gaussian `index` from its lane.
 #[inline(always)]
 fn emit(input: &ProjectInput<'_>, lanes: &Lanes, lane: usize, index: usize, out: &mut Projected) {
-    let direction = lanes.direction.map(|plane| plane[lane]);
-    let inv_length = 1.0 / direction.iter().map(|v| v * v).sum::<f32>().sqrt();
-    let color = sh::color(input.gaussians.sh_of(index), direction.map(|v| v * inv_length));
-    let [l11, l21, l22] = lanes.factor.map(|plane| plane[lane]);
+    let direction = [lanes.direction[0][lane], lanes.direction[1][lane], lanes.direction[2][lane]];
+    let [x0, y0, x1, y1] = [0, 1, 2, 3].map(|k| lanes.rect[k][lane] as u16);
+    let rect = PixelRect { x0, y0, x1: x1 + 1, y1: y1 + 1 };
+    let l11 = lanes.factor[0][lane];
     out.splats.push(Splat {
-        mean: lanes.mean.map(|plane| plane[lane]),
+        mean: [lanes.mean[0][lane], lanes.mean[1][lane]],
         l11,
-        l21,
-        l22,
+        l21: lanes.factor[1][lane],
+        l22: lanes.factor[2][lane],
         opacity: lanes.opacity[lane],
-        color,
+        color: sh::color(input.gaussians.sh_of(index), direction),
         support: lanes.support[lane],
         dy_at_max_dx: lanes.dy_at_max_dx[lane],
         inv_l11: 1.0 / l11,
+        rect,
     });
     out.depth_bits.push(lanes.depth[lane].to_bits());
-    let [x0, y0, x1, y1] = lanes.rect.map(|plane| plane[lane] as u16);
-    out.rects.push(PixelRect { x0, y0, x1: x1 + 1, y1: y1 + 1 });
+    out.rects.push(rect);
     if input.with_geometry {
-        out.geometry.push(geometry::of_gaussian(input.gaussians, index, input.view, direction));
+        let [distance, plane_x, plane_y, nx, ny, nz] = [0, 1, 2, 3, 4, 5].map(|k| lanes.geometry[k][lane]);
+        out.geometry.push(SplatGeometry {
+            ray_distance: distance,
+            ray_plane: [plane_x, plane_y],
+            normal: [nx, ny, nz],
+        });
     }
+}
+
+#[inline(always)]
+pub fn lanes<S: Simd>(s: S, v: f32) -> f32x16<S> {
+    f32x16::splat(s, v)
+}
+
+#[inline(always)]
+pub fn dot<S: Simd>(a: [f32x16<S>; 3], b: [f32x16<S>; 3]) -> f32x16<S> {
+    a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
+}
+
+/// World-space vectors in view space.
+#[inline(always)]
+pub fn rotate<S: Simd>(s: S, view: &View, v: [f32x16<S>; 3]) -> [f32x16<S>; 3] {
+    let row = |r: [f32; 3]| [lanes(s, r[0]), lanes(s, r[1]), lanes(s, r[2])];
+    [dot(row(view.rotation[0]), v), dot(row(view.rotation[1]), v), dot(row(view.rotation[2]), v)]
 }

@@ -19,18 +19,20 @@ const C3: [f32; 7] = [
     -0.590_043_589_926_643_5,
 ];
 
-/// Colour of a Gaussian seen along the unit vector `direction` (from the camera to the Gaussian), display-encoded RGB,
-/// at least 0 (Kerbl et al. 2023). `coefficients` is `[K, 3]` with K = 1, 4, 9 or 16.
+/// Colour of a Gaussian seen along `direction` (from the camera to the Gaussian, any length), display-encoded RGB, at
+/// least 0 (Kerbl et al. 2023). `coefficients` is `[K, 3]` with K = 1, 4, 9 or 16.
 #[inline]
 pub fn color(coefficients: &[f32], direction: [f32; 3]) -> [f32; 3] {
-    let [x, y, z] = direction;
+    if coefficients.len() == 3 {
+        return [0, 1, 2].map(|c| (C0 * coefficients[c] + 0.5).max(0.0));
+    }
+    let inv_length = 1.0 / direction.iter().map(|v| v * v).sum::<f32>().sqrt();
+    let [x, y, z] = direction.map(|v| v * inv_length);
     let mut basis = [0.0; 16];
     basis[0] = C0;
-    if coefficients.len() > 3 {
-        basis[1] = -C1 * y;
-        basis[2] = C1 * z;
-        basis[3] = -C1 * x;
-    }
+    basis[1] = -C1 * y;
+    basis[2] = C1 * z;
+    basis[3] = -C1 * x;
     if coefficients.len() > 12 {
         let (xx, yy, zz) = (x * x, y * y, z * z);
         basis[4] = C2[0] * x * y;

@@ -8,8 +8,10 @@ pub const MIN_ALPHA: f32 = 1.0 / 255.0;
 /// The quadratic form is kept as a Cholesky factor: with d = mean − sample, `u = l11·dx + l21·dy` and `v = l22·dy`,
 /// the contribution is `opacity · 2^−(u² + v²)`. Unlike the conic A·dx² + 2B·dx·dy + C·dy², the sum of squares does not
 /// cancel, so long thin splats keep their precision and the exponent is never positive.
+///
+/// One cache line.
 #[derive(Clone, Copy, Debug, Default)]
-#[repr(C)]
+#[repr(C, align(64))]
 pub struct Splat {
     pub mean: [f32; 2],
     pub l11: f32,
@@ -23,6 +25,8 @@ pub struct Splat {
     pub dy_at_max_dx: f32,
     /// 1 / l11.
     pub inv_l11: f32,
+    /// Pixels that may lie in the support.
+    pub rect: PixelRect,
 }
 
 /// What depth and normal need of a projected Gaussian (RaDe-GS, Zhang et al. 2024).
