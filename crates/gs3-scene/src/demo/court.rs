@@ -19,11 +19,11 @@ pub fn splats() -> Vec<Splat> {
     splats.extend(pedestal());
     splats.extend(knot());
     let spheres = [
-        (Vec3::new(1.7, 0.9, 0.42), 0.42, Vec3::new(0.93, 0.91, 0.88), 10),
+        (Vec3::new(1.7, 0.9, 0.42), 0.42, Vec3::new(0.70, 0.69, 0.67), 10),
         (Vec3::new(-1.2, 1.6, 0.55), 0.55, Vec3::new(0.16, 0.34, 0.30), 11),
         (Vec3::new(-1.5, -1.3, 0.36), 0.36, Vec3::new(0.62, 0.22, 0.16), 12),
         (Vec3::new(1.1, -1.75, 0.48), 0.48, Vec3::new(0.18, 0.22, 0.42), 13),
-        (Vec3::new(2.3, -0.6, 0.24), 0.24, Vec3::new(0.90, 0.72, 0.42), 14),
+        (Vec3::new(2.3, -0.6, 0.24), 0.24, Vec3::new(0.72, 0.56, 0.30), 14),
     ];
     for (center, radius, color, seed) in spheres {
         splats.extend(marble_sphere(center, radius, color, seed));
@@ -39,7 +39,7 @@ pub fn splats() -> Vec<Splat> {
 fn paving() -> Vec<Splat> {
     let patch = Patch { seed: 2, counts: [560, 150], overlap: 0.62 };
     let surface = |u: f32, v: f32| {
-        let p = circle(u) * (COURT_RADIUS * v.max(0.0).powf(0.62));
+        let p = circle(-u) * (COURT_RADIUS * v.max(0.0).powf(0.62));
         p + Vec3::Z * (0.02 * noise(p * 9.0))
     };
     patch.cover(surface, |p, _, _, _| {
@@ -147,7 +147,7 @@ fn column(place: Vec3, seed: u64) -> Vec<Splat> {
         // The last tenth of v closes the top.
         let (height, inwards) =
             if v < 0.9 { (v / 0.9 * broken, 1.0) } else { (broken, ((1.0 - v) / 0.1).max(0.02)) };
-        let foot = if height < 0.18 { 0.30 } else { 0.22 - 0.012 * height };
+        let foot = 0.22 - 0.012 * height + 0.09 * (-(height / 0.16).powi(4)).exp();
         let flute = 1.0 - 0.05 * (TAU * 16.0 * u).cos().abs();
         let chipped =
             0.05 * noise(Vec3::new(u * 12.0, seed as f32, height * 3.0)) * (height / broken).powi(4);

@@ -110,7 +110,7 @@ pub const DOME_RADIUS: f32 = 60.0;
 /// A dome with clouds, brightest around the sun.
 pub fn sky_dome() -> Vec<Splat> {
     let sun = sun_direction();
-    let patch = Patch { seed: 1, counts: [240, 70], overlap: 0.7 };
+    let patch = Patch { seed: 1, counts: [240, 70], overlap: 0.85 };
     // v runs down from the zenith, so that ∂u × ∂v points inwards.
     let surface = |u: f32, v: f32| {
         let elevation = 0.25 * TAU * (1.02 - 1.08 * v).min(1.0);

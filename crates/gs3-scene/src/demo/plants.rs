@@ -33,7 +33,7 @@ fn ground_height(p: Vec3) -> f32 {
 fn meadow() -> Vec<Splat> {
     let patch = Patch { seed: 40, counts: [500, 70], overlap: 0.66 };
     let surface = |u: f32, v: f32| {
-        let p = circle(u) * (COURT_RADIUS + (MEADOW_RADIUS - COURT_RADIUS) * v.max(0.0).powf(1.4));
+        let p = circle(-u) * (COURT_RADIUS + (MEADOW_RADIUS - COURT_RADIUS) * v.max(0.0).powf(1.4));
         p + Vec3::Z * (ground_height(p) - 0.01)
     };
     patch.cover(surface, |p, _, _, _| {
@@ -48,7 +48,7 @@ fn hills() -> Vec<Splat> {
     let patch = Patch { seed: 41, counts: [420, 44], overlap: 0.68 };
     let surface = |u: f32, v: f32| {
         let t = v.clamp(0.0, 1.0);
-        let p = circle(u) * (MEADOW_RADIUS - 0.5 + (DOME_RADIUS - 2.0 - MEADOW_RADIUS) * t);
+        let p = circle(-u) * (MEADOW_RADIUS - 0.5 + (DOME_RADIUS - 2.0 - MEADOW_RADIUS) * t);
         p + Vec3::Z * (ground_height(p) + 11.0 * t * t * (fractal_noise(p * 0.06) - 0.22))
     };
     patch.cover(surface, |p, _, _, _| {
