@@ -7,5 +7,6 @@ mod culling;
 mod derivatives;
 mod invariances;
 mod oracle;
+mod real_scenes;
 mod robustness;
 mod scenes;
