@@ -1,1 +1,50 @@
-//! gs3
+//! Shows trained 3D Gaussian Splatting scenes sharp and fluid: rasterizes few pixels together with what only Gaussians
+//! give for free (exact image gradients, depth, normals) and reconstructs the rest.
+//!
+//! [`FramePipeline`] is the whole frame; the command, the benchmark and the evaluation all call it. Open, render,
+//! super-sample:
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use gs3::{FramePipeline, Mode, PipelineSettings, scene::demo};
+//!
+//! let scene = demo::scene()?; // or gs3::open("garden.ply".as_ref())?
+//! let path = demo::path().resized(320, 180)?; // or gs3::scene::capture::load("cameras.json".as_ref())?
+//! let settings = PipelineSettings { mode: Mode::Full, scale: 4, ..Default::default() };
+//! let mut pipeline = FramePipeline::new(scene.into(), settings)?;
+//! for camera in &path.cameras()[..2] {
+//!     let frames = pipeline.render(camera, None)?; // 80×45 pixels rasterized, 320×180 shown
+//!     assert_eq!((frames.current.width(), frames.current.height()), (320, 180));
+//! }
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! The parts are usable alone: [`raster`] makes G-buffers, [`reconstruct`] turns those of any renderer into
+//! high-resolution frames, [`scene`] holds scenes, cameras and their files.
+
+mod frame;
+mod settings;
+mod stages;
+
+use std::path::Path;
+
+pub use frame::{FramePipeline, PipelineError, Presented};
+pub use gs3_raster as raster;
+pub use gs3_raster::Culling;
+pub use gs3_reconstruct as reconstruct;
+pub use gs3_reconstruct::ResetReason;
+pub use gs3_scene as scene;
+pub use settings::{Dilation, Mode, PipelineSettings, Sampling};
+pub use stages::{Stage, StageTimes};
+
+use gs3_scene::Scene;
+use gs3_scene::format::{LoadError, LoadOptions};
+
+/// Opens a trained scene of any supported format ([`gs3_scene::format`]) at its finest level of detail.
+///
+/// # Errors
+/// [`LoadError`], naming file, field, expected and actual.
+pub fn open(path: &Path) -> Result<Scene, LoadError> {
+    gs3_scene::format::load(path, &LoadOptions::default(), &|_| {})
+}

@@ -1,0 +1,117 @@
+//! What a pipeline makes of a scene.
+
+use gs3_raster::{Culling, STOCK_DILATION, matched_dilation};
+use gs3_scene::Jitter;
+
+/// How frames come about.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Mode {
+    /// Every pixel rasterized: the reference of quality and speed.
+    Native,
+    /// Low-resolution frames enlarged by bicubic (Catmull–Rom) interpolation of their colour: the baseline.
+    Bicubic,
+    /// Low-resolution G-buffers super-sampled over time.
+    SuperSample,
+    /// [`Mode::SuperSample`], and an interpolated frame before each rendered one: two frames shown per frame rasterized.
+    #[default]
+    Full,
+}
+
+impl Mode {
+    /// Frames shown for each rendered one but the first, which always is a single frame.
+    #[must_use]
+    pub const fn displayed_per_rendered(self) -> usize {
+        match self {
+            Self::Full => 2,
+            Self::Native | Self::Bicubic | Self::SuperSample => 1,
+        }
+    }
+
+    /// Whether frames depend on the ones before.
+    #[must_use]
+    pub const fn has_history(self) -> bool {
+        matches!(self, Self::SuperSample | Self::Full)
+    }
+}
+
+/// Where within their pixels low-resolution frames are sampled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Sampling {
+    /// At the offsets of the exact S×S grid in turn ([`Jitter::grid`]): after S² frames a resting camera has seen every
+    /// high-resolution pixel.
+    #[default]
+    Jittered,
+    /// Always at pixel centres.
+    Centered,
+}
+
+/// The dilation ε of projected covariances, in px² of the grid being rasterized.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Dilation {
+    /// 0.3 / S²: low-resolution samples are exact samples of the native image.
+    #[default]
+    Matched,
+    /// 0.3 at any resolution, as 3D Gaussian Splatting renders and the paper assumes: a blurrier signal.
+    Stock,
+    /// Any other value, finite and not negative.
+    Value(f32),
+}
+
+impl Dilation {
+    /// The value for a grid `scale` times coarser than the image shown.
+    #[must_use]
+    pub fn at_scale(self, scale: u32) -> f32 {
+        match self {
+            Self::Matched => matched_dilation(scale),
+            Self::Stock => STOCK_DILATION,
+            Self::Value(value) => value,
+        }
+    }
+}
+
+/// Settings of a [`crate::FramePipeline`], fixed at its construction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PipelineSettings {
+    /// How frames come about.
+    pub mode: Mode,
+    /// High-resolution over low-resolution size, 1 to [`gs3_reconstruct::MAX_SCALE`]. Not read by [`Mode::Native`].
+    pub scale: u32,
+    /// Where low-resolution frames are sampled. Not read by [`Mode::Native`].
+    pub sampling: Sampling,
+    /// Dilation of the projected covariances.
+    pub dilation: Dilation,
+    /// Which tiles a splat is assigned to.
+    pub culling: Culling,
+    /// Background, display-encoded RGB, finite.
+    pub background: [f32; 3],
+}
+
+impl Default for PipelineSettings {
+    fn default() -> Self {
+        Self {
+            mode: Mode::default(),
+            scale: 4,
+            sampling: Sampling::default(),
+            dilation: Dilation::default(),
+            culling: Culling::default(),
+            background: [0.0; 3],
+        }
+    }
+}
+
+impl PipelineSettings {
+    /// The grid that is rasterized: how many times coarser it is than the frame.
+    pub(crate) const fn raster_scale(&self) -> u32 {
+        match self.mode {
+            Mode::Native => 1,
+            Mode::Bicubic | Mode::SuperSample | Mode::Full => self.scale,
+        }
+    }
+
+    pub(crate) fn jitter(&self) -> Jitter {
+        match (self.mode, self.sampling) {
+            (Mode::Native, _) | (_, Sampling::Centered) => Jitter::none(),
+            (_, Sampling::Jittered) => Jitter::grid(self.scale),
+        }
+    }
+}

@@ -1,0 +1,55 @@
+//! Wall-clock time of the stages of a frame.
+
+use std::time::{Duration, Instant};
+
+/// A stage of the frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Gaussians to G-buffer, or to the native image.
+    Rasterize,
+    /// Low-resolution frame to high-resolution frame.
+    SuperSample,
+    /// The frame between two high-resolution frames.
+    Interpolate,
+}
+
+impl Stage {
+    /// All stages in the order in which they run.
+    pub const ALL: [Self; 3] = [Self::Rasterize, Self::SuperSample, Self::Interpolate];
+
+    /// The stage's name in reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Rasterize => "rasterize",
+            Self::SuperSample => "super_sample",
+            Self::Interpolate => "interpolate",
+        }
+    }
+}
+
+/// How long each stage of a frame took.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StageTimes([Option<Duration>; Stage::ALL.len()]);
+
+impl StageTimes {
+    /// The time of `stage`, if it ran.
+    #[must_use]
+    pub const fn get(&self, stage: Stage) -> Option<Duration> {
+        self.0[stage as usize]
+    }
+
+    /// The time of all stages together.
+    #[must_use]
+    pub fn total(&self) -> Duration {
+        self.0.iter().flatten().sum()
+    }
+
+    /// Runs `work` as `stage`.
+    pub(crate) fn time<T>(&mut self, stage: Stage, work: impl FnOnce() -> T) -> T {
+        let started = Instant::now();
+        let result = work();
+        self.0[stage as usize] = Some(started.elapsed());
+        result
+    }
+}

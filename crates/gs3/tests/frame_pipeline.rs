@@ -1,0 +1,160 @@
+//! The pipeline's promises: what rests becomes native, history ends when it must, threads do not matter.
+#![allow(clippy::unwrap_used, reason = "a failed helper is a failed test")]
+
+use std::sync::{Arc, OnceLock};
+
+use gs3::scene::camera_path::CameraPath;
+use gs3::scene::{Image, Scene, demo};
+use gs3::{Dilation, FramePipeline, Mode, PipelineSettings, ResetReason, Sampling, Stage};
+
+const WIDTH: u32 = 256;
+const HEIGHT: u32 = 144;
+
+fn scene() -> Arc<Scene> {
+    static SCENE: OnceLock<Arc<Scene>> = OnceLock::new();
+    Arc::clone(SCENE.get_or_init(|| Arc::new(demo::scene().unwrap())))
+}
+
+fn path() -> CameraPath {
+    demo::path().resized(WIDTH, HEIGHT).unwrap()
+}
+
+fn pipeline(mode: Mode) -> FramePipeline {
+    FramePipeline::new(scene(), PipelineSettings { mode, ..Default::default() }).unwrap()
+}
+
+fn psnr(a: &Image, b: &Image) -> f64 {
+    let squares =
+        a.pixels().iter().zip(b.pixels()).flat_map(|(a, b)| {
+            (0..3).map(|c| f64::from(a[c].clamp(0.0, 1.0) - b[c].clamp(0.0, 1.0)).powi(2))
+        });
+    let mse = squares.sum::<f64>() / (3 * a.pixels().len()) as f64;
+    -10.0 * mse.max(1e-12).log10()
+}
+
+#[test]
+fn a_resting_camera_becomes_native() {
+    let camera = path().cameras()[17];
+    let native = pipeline(Mode::Native).render(&camera, None).unwrap().current.clone();
+    let mut resting = pipeline(Mode::SuperSample);
+    let first = psnr(resting.render(&camera, None).unwrap().current, &native);
+    for _ in 1..16 {
+        resting.render(&camera, None).unwrap();
+    }
+    let last = psnr(resting.render(&camera, None).unwrap().current, &native);
+    assert!(last >= 40.0 && last > first + 15.0, "{first} dB, then {last} dB");
+}
+
+#[test]
+fn every_mode_shows_the_scene_and_the_order_of_quality_holds() {
+    let path = path();
+    let frames = 12;
+    let native: Vec<Image> = {
+        let mut pipeline = pipeline(Mode::Native);
+        path.cameras()[..frames].iter().map(|c| pipeline.render(c, None).unwrap().current.clone()).collect()
+    };
+    let quality = |mode| {
+        let mut pipeline = pipeline(mode);
+        path.cameras()[..frames].iter().fold(0.0, |_, camera| {
+            let shown = pipeline.render(camera, None).unwrap();
+            psnr(shown.current, &native[frames - 1])
+        })
+    };
+    let (bicubic, super_sampled, full) =
+        (quality(Mode::Bicubic), quality(Mode::SuperSample), quality(Mode::Full));
+    assert!(super_sampled > bicubic + 2.0, "bicubic {bicubic} dB, super-sampled {super_sampled} dB");
+    assert_eq!(full, super_sampled, "interpolation does not touch rendered frames");
+}
+
+#[test]
+fn full_mode_shows_the_true_moment_between() {
+    let path = path();
+    let (a, b, middle) = (path.at(3.0), path.at(5.0), path.at(4.0));
+    let truth = pipeline(Mode::Native).render(&middle, None).unwrap().current.clone();
+    let mut full = pipeline(Mode::Full);
+    assert!(full.render(&a, None).unwrap().between.is_none(), "nothing lies before the first frame");
+    let held = psnr(full.render(&b, Some(&middle)).unwrap().current, &truth);
+    let mut full = pipeline(Mode::Full);
+    full.render(&a, None).unwrap();
+    let shown = full.render(&b, Some(&middle)).unwrap();
+    assert_eq!(shown.iter().count(), 2);
+    let between = psnr(shown.between.unwrap(), &truth);
+    assert!(between > held + 2.0, "between {between} dB, a neighbour {held} dB");
+    assert!(Stage::ALL.iter().all(|stage| full.times().get(*stage).is_some()));
+}
+
+/// The frame of `camera` with no past at all.
+fn fresh(mode: Mode, camera: &gs3::scene::Camera) -> Image {
+    pipeline(mode).render(camera, None).unwrap().current.clone()
+}
+
+#[test]
+fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
+    let path = path();
+    let (near, far) = (path.cameras()[0], path.cameras()[0]);
+    // The camera turned by half a circle about its own axis sees nothing of what it saw.
+    let turned = {
+        let pose = glam::DAffine3::from_rotation_y(std::f64::consts::PI) * far.view_from_world();
+        gs3::scene::Camera::new(pose, far.intrinsics()).unwrap()
+    };
+    let mut p = pipeline(Mode::Full);
+    p.render(&near, None).unwrap();
+    let shown = p.render(&turned, None).unwrap();
+    assert_eq!(shown.current, &fresh(Mode::Full, &turned));
+    assert_eq!(shown.between, Some(&fresh(Mode::Full, &near)), "the previous frame is held over a cut");
+
+    let next = path.cameras()[1];
+    let with_history = |reset: Option<ResetReason>| {
+        let mut p = pipeline(Mode::SuperSample);
+        p.render(&near, None).unwrap();
+        if let Some(reason) = reset {
+            p.reset(reason);
+        }
+        p.render(&next, None).unwrap().current.clone()
+    };
+    let anew = fresh(Mode::SuperSample, &next);
+    assert!(with_history(None) != anew, "a small motion keeps the history");
+    assert!(with_history(Some(ResetReason::SceneChange)) == anew);
+
+    let larger = next.resized(WIDTH + 5, HEIGHT + 3).unwrap();
+    let mut p = pipeline(Mode::Full);
+    p.render(&near, None).unwrap();
+    let shown = p.render(&larger, None).unwrap();
+    assert!(shown.between.is_none() && shown.current == &fresh(Mode::Full, &larger));
+
+    let mut p = pipeline(Mode::SuperSample);
+    p.render(&near, None).unwrap();
+    p.set_scene(scene());
+    assert!(p.render(&next, None).unwrap().current == &anew);
+}
+
+#[test]
+fn frames_do_not_depend_on_the_number_of_threads() {
+    let path = path();
+    let frames = |threads: usize| -> Vec<Image> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut p = pipeline(Mode::Full);
+            let render = |camera| -> Vec<Image> { p.render(camera, None).unwrap().iter().cloned().collect() };
+            path.cameras()[..3].iter().flat_map(render).collect()
+        })
+    };
+    let one = frames(1);
+    assert_eq!(one.len(), 5);
+    assert!(one == frames(3));
+}
+
+#[test]
+fn settings_out_of_range_are_errors() {
+    let settings = |scale| PipelineSettings { scale, ..Default::default() };
+    let error = FramePipeline::new(scene(), settings(0)).err().unwrap();
+    assert!(error.to_string().contains("scale: expected 1 to"), "{error}");
+    let settings = PipelineSettings { dilation: Dilation::Value(-1.0), ..Default::default() };
+    let mut p = FramePipeline::new(scene(), settings).unwrap();
+    let error = p.render(&path().cameras()[0], None).unwrap_err();
+    assert!(error.to_string().contains("dilation: expected"), "{error}");
+    let centered = PipelineSettings { sampling: Sampling::Centered, ..Default::default() };
+    let mut p = FramePipeline::new(scene(), centered).unwrap();
+    p.render(&path().cameras()[0], None).unwrap();
+    assert_eq!(p.gbuffer().jitter, [0.0, 0.0]);
+}
