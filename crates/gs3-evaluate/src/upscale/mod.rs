@@ -1,0 +1,111 @@
+//! Spatial baselines: one low-resolution (LR) frame to one high-resolution (HR) frame, no memory of other frames.
+//!
+//! All place LR pixel `i` at HR coordinate `S (i + ½ + jitter)`: a shift of half an LR pixel, the commonest mistake in
+//! comparisons of super sampling, costs several dB.
+
+mod fsr1;
+mod lanczos;
+mod lattice;
+mod ridge;
+
+pub use fsr1::Fsr1;
+pub use lanczos::Lanczos;
+pub use ridge::{RidgeError, RidgeMap};
+
+use gs3_raster::Outputs;
+use gs3_reconstruct::{Kernel, ReconstructError};
+use gs3_scene::{GBuffer, Image};
+
+/// Why a frame was not upscaled.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum UpscaleError {
+    /// The reconstruction refused its input.
+    #[error(transparent)]
+    Reconstruct(#[from] ReconstructError),
+    /// The output is not `scale` times the size of the input.
+    #[error("upscaled image: expected {}x{} pixels, found {}x{}", .expected.0, .expected.1, .actual.0, .actual.1)]
+    Size {
+        /// `scale` times the size of the LR frame.
+        expected: (usize, usize),
+        /// Size of the output.
+        actual: (usize, usize),
+    },
+    /// The method is made for one scale factor.
+    #[error("{method}: expected scale {expected}, found {actual}")]
+    Scale {
+        /// The method.
+        method: &'static str,
+        /// The scale that it is made for.
+        expected: u32,
+        /// The scale found.
+        actual: u32,
+    },
+    /// The method needs samples at the pixel centres.
+    #[error("{method}: expected no jitter, found [{}, {}]", .actual[0], .actual[1])]
+    Jitter {
+        /// The method.
+        method: &'static str,
+        /// The jitter found.
+        actual: [f32; 2],
+    },
+    /// The method reads image gradients and the frame has none.
+    #[error("{method}: expected a G-buffer with gradients, found one without")]
+    NoGradients {
+        /// The method.
+        method: &'static str,
+    },
+}
+
+/// A spatial upscaler.
+pub trait Upscaler: Send {
+    /// Planes that it reads.
+    fn outputs(&self) -> Outputs {
+        Outputs::Color
+    }
+
+    /// Whether it honours the jitter of the LR frame. Others get frames without.
+    fn honours_jitter(&self) -> bool {
+        true
+    }
+
+    /// Enlarges `lr` by `scale` into `out`, whose size is `scale` times that of `lr`. The fourth channel becomes 0.
+    ///
+    /// # Errors
+    /// [`UpscaleError`] if sizes, scale or planes do not suit the method.
+    fn upscale(&mut self, lr: &GBuffer, scale: u32, out: &mut Image) -> Result<(), UpscaleError>;
+}
+
+impl Upscaler for Kernel {
+    fn upscale(&mut self, lr: &GBuffer, scale: u32, out: &mut Image) -> Result<(), UpscaleError> {
+        Ok(gs3_reconstruct::resample(lr, scale, *self, out)?)
+    }
+}
+
+/// Gradient-aware cubic Hermite interpolation of a single frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hermite {
+    /// The mixed derivative is estimated from the gradients of the neighbours.
+    EstimatedMixed,
+    /// The mixed derivative is rendered: the spline of UpscaleGS.
+    ExactMixed,
+}
+
+impl Upscaler for Hermite {
+    fn outputs(&self) -> Outputs {
+        match self {
+            Self::EstimatedMixed => Outputs::GBuffer,
+            Self::ExactMixed => Outputs::GBufferMixed,
+        }
+    }
+
+    fn upscale(&mut self, lr: &GBuffer, scale: u32, out: &mut Image) -> Result<(), UpscaleError> {
+        Ok(gs3_reconstruct::hermite(lr, scale, out)?)
+    }
+}
+
+/// Checks that `out` is `scale` times the size of `lr`.
+fn check_size(lr: &GBuffer, scale: u32, out: &Image) -> Result<(), UpscaleError> {
+    let expected = (lr.width() * scale as usize, lr.height() * scale as usize);
+    let actual = (out.width(), out.height());
+    if expected == actual { Ok(()) } else { Err(UpscaleError::Size { expected, actual }) }
+}
