@@ -110,6 +110,26 @@ fn thin_gaussians() {
     assert!(tally.excluded_share() < 0.10, "too much excluded: {tally:?}");
 }
 
+/// Splats so small that antialiasing holds their opacity at its floor of 0.005, just above the 1/255 that is drawn.
+#[test]
+fn antialiased_opacity_has_a_floor() {
+    let camera = camera_at_origin(48, 40, DVec2::ZERO);
+    let recipe = RandomScene {
+        seed: 300,
+        count: 900,
+        sigma: [0.002, 0.05],
+        anisotropy: 1.0,
+        opacity_mode: OpacityMode::Antialiased,
+        ..RandomScene::BASE
+    };
+    let scene = recipe.build(&camera);
+    let samples = oracle_samples(&oracle(&scene, &camera, &EVERYTHING), &camera);
+    let faint = samples.iter().filter(|s| s.alpha > 0.0 && s.alpha < 0.005).count();
+    assert!(faint > 20, "only {faint} pixels show a splat at the floor");
+    let gbuffer = render(&scene, EXACT_CULLING[2], &camera, &EVERYTHING);
+    assert_matches(&gbuffer, &samples, TOLERANCE, "floor");
+}
+
 /// The colour-only entry gives the colours of the G-buffer and alpha in its fourth channel.
 #[test]
 fn image_holds_color_and_alpha() {
