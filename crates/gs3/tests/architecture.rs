@@ -1,0 +1,101 @@
+//! Keeps the walls between the rooms of ARCHITECTURE.md.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// The workspace's root.
+const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
+
+/// Names of the crates that `package` depends on outside its tests: directly, or over any number of steps.
+fn dependencies(package: &str, depth: &str) -> BTreeSet<String> {
+    let mut command = Command::new(env!("CARGO"));
+    command.args(["tree", "--offline", "--package", package, "--edges", "normal,build", "--depth", depth]);
+    command.args(["--prefix", "none", "--format", "{p}"]).current_dir(ROOT);
+    let output = command.output().expect("cargo runs");
+    assert!(output.status.success(), "cargo tree: {}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).expect("names are UTF-8");
+    // A line is "name v1.2.3 (path)".
+    let mut names: BTreeSet<String> =
+        text.lines().filter_map(|line| line.split_whitespace().next()).map(str::to_owned).collect();
+    assert!(names.remove(package), "cargo tree does not show {package} itself: {text}");
+    names
+}
+
+fn direct(package: &str) -> BTreeSet<String> {
+    dependencies(package, "1")
+}
+
+fn transitive(package: &str) -> BTreeSet<String> {
+    dependencies(package, "100")
+}
+
+/// The crates of this workspace among `names`.
+fn ours(names: &BTreeSet<String>) -> Vec<&str> {
+    names.iter().map(String::as_str).filter(|n| *n == "gs3" || n.starts_with("gs3-")).collect()
+}
+
+#[test]
+fn crates_know_only_what_the_map_says() {
+    for (package, knows) in [
+        ("gs3-scene", vec![]),
+        ("gs3-raster", vec!["gs3-scene"]),
+        ("gs3-reconstruct", vec!["gs3-scene"]),
+        ("gs3", vec!["gs3-raster", "gs3-reconstruct", "gs3-scene"]),
+    ] {
+        assert_eq!(ours(&transitive(package)), knows, "{package}");
+    }
+    assert!(!transitive("gs3-evaluate").contains("gs3-cli"), "evaluation knows the command");
+}
+
+/// The kernels need arithmetic and threads; formats, terminals and devices belong elsewhere.
+#[test]
+fn kernels_stay_light() {
+    let allowed: BTreeSet<String> =
+        ["fearless_simd", "glam", "gs3-scene", "rayon", "thiserror"].map(str::to_owned).into();
+    for package in ["gs3-raster", "gs3-reconstruct"] {
+        let extra: Vec<String> = direct(package).difference(&allowed).cloned().collect();
+        assert!(extra.is_empty(), "{package} depends on {extra:?}: say why in ARCHITECTURE.md");
+    }
+}
+
+/// A library does not draw progress bars, parse arguments or catch signals, and the CPU path needs no driver.
+#[test]
+fn libraries_know_nothing_of_terminals_and_devices() {
+    for package in ["gs3-scene", "gs3-raster", "gs3-reconstruct", "gs3"] {
+        let all = transitive(package);
+        for foreign in ["clap", "indicatif", "ctrlc", "wgpu", "ash", "cudarc"] {
+            assert!(!all.contains(foreign), "{package} depends on {foreign}");
+        }
+    }
+}
+
+/// Reconstruction sees images and cameras, so that any renderer can call it.
+#[test]
+fn reconstruction_never_names_a_gaussian() {
+    let mut checked = 0;
+    for file in rust_files(&Path::new(ROOT).join("crates/gs3-reconstruct/src")) {
+        for (number, line) in fs::read_to_string(&file).expect("readable").lines().enumerate() {
+            let code = line.split("//").next().unwrap_or_default();
+            let foreign =
+                ["Gaussians", "OpacityMode", "gs3_raster", "Scene"].iter().find(|name| code.contains(**name));
+            assert_eq!(foreign, None, "{}:{}: {line}", file.display(), number + 1);
+            checked += 1;
+        }
+    }
+    assert!(checked > 500, "only {checked} lines found");
+}
+
+fn rust_files(folder: &Path) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    for entry in fs::read_dir(folder).expect("a folder") {
+        let path = entry.expect("an entry").path();
+        if path.is_dir() {
+            files.extend(rust_files(&path));
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            files.push(path);
+        }
+    }
+    files
+}
