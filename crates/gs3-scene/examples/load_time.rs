@@ -1,16 +1,18 @@
-//! Measures how fast a scene loads: `cargo run --release -p gs3-scene --example load_time -- SCENE [REPEATS]`.
+//! Measures how fast a scene loads and, if a target is given, saves:
+//! `cargo run --release -p gs3-scene --example load_time -- SCENE [REPEATS [TARGET]]`.
 
 use std::path::Path;
 use std::time::Instant;
 
-use gs3_scene::format::{LoadOptions, load};
+use gs3_scene::format::{LoadOptions, load, save};
 use gs3_scene::info::SceneInfo;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
-    let path = arguments.next().ok_or("usage: load_time SCENE [REPEATS]")?;
+    let path = arguments.next().ok_or("usage: load_time SCENE [REPEATS [TARGET]]")?;
     let repeats: u32 = arguments.next().map_or(Ok(3), |text| text.parse())?;
     let file_bytes = std::fs::metadata(&path).map_or(0, |meta| if meta.is_file() { meta.len() } else { 0 });
+    let target = arguments.next();
     for repeat in 0..repeats {
         let start = Instant::now();
         let scene = load(Path::new(&path), &LoadOptions::default(), &|_| {})?;
@@ -27,6 +29,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         );
         if repeat == 0 {
             println!("{}", SceneInfo::of(&scene));
+        }
+        if let Some(target) = &target {
+            let start = Instant::now();
+            save(&scene, Path::new(target))?;
+            let seconds = start.elapsed().as_secs_f64();
+            let bytes = std::fs::metadata(target)?.len();
+            println!("{target}: {seconds:.3} s, {:.1} MB", bytes as f64 / 1e6);
         }
     }
     Ok(())

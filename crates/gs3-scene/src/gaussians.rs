@@ -226,10 +226,10 @@ impl<'a> Slots<'a> {
     }
 }
 
-fn split_planes<'a, const PLANES: usize>(
-    planes: [&'a mut [f32]; PLANES],
+fn split_planes<const PLANES: usize>(
+    planes: [&mut [f32]; PLANES],
     count: usize,
-) -> ([&'a mut [f32]; PLANES], [&'a mut [f32]; PLANES]) {
+) -> ([&mut [f32]; PLANES], [&mut [f32]; PLANES]) {
     let mut rest = [const { None }; PLANES];
     let mut index = 0;
     let first = planes.map(|plane| {

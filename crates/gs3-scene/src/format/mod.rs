@@ -12,6 +12,8 @@
 //! Everything a file says is checked before it is believed: sizes against the file's size, memory against
 //! what a file of that size may plausibly unpack to, values by [`Scene::new`].
 
+mod activation;
+mod atomic;
 mod error;
 mod ply;
 mod progress;
@@ -23,6 +25,7 @@ mod spz;
 
 use std::path::Path;
 
+pub use atomic::write_atomically;
 pub use error::{LoadError, SaveError};
 pub use progress::Progress;
 pub use source::{Files, Source};
@@ -97,6 +100,37 @@ pub fn load_source(
     progress(1.0);
     Scene::new(gaussians, mode)
         .map_err(|error| LoadError::Scene { file: source.name().to_owned(), source: error })
+}
+
+/// Saves `scene` at `path` in the format that the extension names: `.ply`, `.spz` or `.sog`. The file appears whole or not
+/// at all. Precision is that of the format: exact to rounding for PLY, quantised for the others; SOG reorders the Gaussians.
+///
+/// # Errors
+/// [`SaveError`] if the extension is another, the scene does not fit the format, or the file cannot be written.
+pub fn save(scene: &Scene, path: &Path) -> Result<(), SaveError> {
+    let io_error = |source| SaveError::Io { file: path.to_owned(), source };
+    let unrepresentable = |field, expected: String, actual: String| SaveError::Unrepresentable {
+        file: path.to_owned(),
+        field,
+        expected,
+        actual,
+    };
+    let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let count = scene.gaussians().len();
+    match extension.as_str() {
+        "ply" => write_atomically(path, |writer| ply::write(scene, writer)).map_err(io_error),
+        "spz" => {
+            let bits = spz::fractional_bits(scene).map_err(|largest| {
+                unrepresentable("position", "coordinates up to 8388607".to_owned(), largest.to_string())
+            })?;
+            write_atomically(path, |writer| spz::write(scene, bits, writer)).map_err(io_error)
+        }
+        "sog" if count > sog::MOST_GAUSSIANS => {
+            Err(unrepresentable("count", format!("at most {}", sog::MOST_GAUSSIANS), count.to_string()))
+        }
+        "sog" => write_atomically(path, |writer| sog::write(scene, writer)).map_err(io_error),
+        _ => Err(SaveError::UnknownFormat { file: path.to_owned(), actual: extension }),
+    }
 }
 
 /// What every reader gives: Gaussians not yet checked, and the mode they were trained in.

@@ -63,13 +63,16 @@ impl<'a> Source<'a> {
 
     /// Fills `buffer` from `offset`; `field` says what is being read.
     pub(crate) fn read_at(&self, offset: u64, buffer: &mut [u8], field: &str) -> Result<(), LoadError> {
-        let wanted = buffer.len() as u64;
-        self.check_extent(offset, wanted, field)?;
+        if buffer.is_empty() {
+            // Also beyond the end, where seeking may lead.
+            return Ok(());
+        }
+        self.check_extent(offset, buffer.len() as u64, field)?;
         match &self.bytes {
             Bytes::File(file) => read_exact_at(file, buffer, offset)
                 .map_err(|source| LoadError::Io { file: self.name.clone(), source }),
             Bytes::Memory(bytes) => {
-                // In range by the check above.
+                // In range by the check above, which is for at least one byte.
                 let start = offset as usize;
                 buffer.copy_from_slice(&bytes[start..start + buffer.len()]);
                 Ok(())

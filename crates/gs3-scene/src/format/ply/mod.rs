@@ -5,12 +5,14 @@ mod compressed;
 mod header;
 mod text;
 mod vertices;
+mod write;
 
 use super::Decoded;
 use super::error::LoadError;
 use super::progress::Progress;
 use super::source::Source;
 use header::Header;
+pub(super) use write::write;
 
 /// Reads either kind, told apart by the element `chunk`.
 pub(super) fn read(source: &Source<'_>, progress: Progress<'_>) -> Result<Decoded, LoadError> {

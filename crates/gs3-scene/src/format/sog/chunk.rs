@@ -15,10 +15,13 @@ use super::plane::Plane;
 use crate::gaussians::{MAX_SH_DEGREE, Slots, sh_coefficient_count};
 
 /// Palette rows side by side in the image of the palette.
-const PALETTE_COLUMNS: usize = 64;
+pub(super) const PALETTE_COLUMNS: usize = 64;
 
 /// WebP images are at most 16,384 pixels on a side; more Gaussians cannot be.
 const MAX_COUNT: u64 = 1 << 28;
+
+/// Ranges of Gaussians, in order and apart.
+pub(super) type Ranges = Vec<Range<usize>>;
 
 /// An opened data set: its description and where its images are.
 pub(super) struct Chunk<'a> {
@@ -115,13 +118,13 @@ impl<'a> Chunk<'a> {
         }
     }
 
-    /// Fills `slots` with the Gaussians of `ranges`, one after the other (`None`: all). The slots are as many.
-    pub(super) fn decode(
-        &self,
-        ranges: Option<Vec<Range<usize>>>,
-        slots: Slots<'_>,
-        work: &Work<'_>,
-    ) -> Result<(), LoadError> {
+    /// The range of all Gaussians.
+    pub(super) fn all(&self) -> Ranges {
+        std::iter::once(0..self.count).collect()
+    }
+
+    /// Fills `slots` with the Gaussians of `ranges`, one range after the other. The slots are as many.
+    pub(super) fn decode(&self, ranges: Ranges, slots: Slots<'_>, work: &Work<'_>) -> Result<(), LoadError> {
         let names: Vec<&str> = self.image_names().collect();
         let planes = names
             .par_iter()
@@ -151,7 +154,7 @@ impl<'a> Chunk<'a> {
         };
         let mut rest = slots;
         let mut blocks = Vec::new();
-        for range in ranges.unwrap_or_else(|| vec![0..self.count]) {
+        for range in ranges {
             let (run, others) = rest.split_at(range.len());
             rest = others;
             blocks.extend(run.blocks(BLOCK).into_iter().map(|(first, block)| (range.start + first, block)));

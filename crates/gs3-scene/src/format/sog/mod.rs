@@ -5,11 +5,16 @@
 
 mod archive;
 mod chunk;
+mod codebook;
 mod meta;
+mod palette;
 mod plane;
 mod stream;
+mod write;
 
 use std::io;
+
+use rayon::prelude::*;
 
 use super::error::LoadError;
 use super::progress::{Progress, Work};
@@ -17,7 +22,8 @@ use super::source::{Files, Source, check_allowance};
 use super::{Decoded, LoadOptions};
 use crate::gaussians::Gaussians;
 use crate::scene::OpacityMode;
-use chunk::Chunk;
+use chunk::{Chunk, Ranges};
+pub(super) use write::{MOST_GAUSSIANS, write};
 
 /// Reads a bundle, a `meta.json` or a `lod-meta.json`; the two latter name their parts among `files`.
 pub(super) fn read(
@@ -30,20 +36,18 @@ pub(super) fn read(
         return stream::read(source, files, options, progress);
     }
     let chunk = Chunk::open(source, files, "")?;
-    decode(source.name(), vec![(chunk, None)], progress)
+    let all = chunk.all();
+    decode(source.name(), vec![(chunk, all)], progress)
 }
 
-/// A chunk, and which of its Gaussians are wanted, in order and apart; `None` for all.
-type Selection<'a> = (Chunk<'a>, Option<Vec<std::ops::Range<usize>>>);
+/// A chunk, and which of its Gaussians are wanted.
+type Selection<'a> = (Chunk<'a>, Ranges);
 
 /// Decodes the selected Gaussians of all chunks, in order.
 fn decode(file: &str, selections: Vec<Selection<'_>>, progress: Progress<'_>) -> Result<Decoded, LoadError> {
     let degree = selections.iter().map(|(chunk, _)| chunk.sh_degree()).max().unwrap_or(0);
-    let count_of = |(chunk, ranges): &Selection<'_>| match ranges {
-        Some(ranges) => ranges.iter().map(ExactSizeIterator::len).sum(),
-        None => chunk.count(),
-    };
-    let counts: Vec<usize> = selections.iter().map(count_of).collect();
+    let counts: Vec<usize> =
+        selections.iter().map(|(_, ranges)| ranges.iter().map(ExactSizeIterator::len).sum()).collect();
     // Chunk counts are within the size of WebP images, ranges within chunks: neither sum overflows 64 bits.
     let count = counts.iter().sum::<usize>();
     let file_bytes = selections.iter().fold(0, |sum: u64, (chunk, _)| sum.saturating_add(chunk.file_bytes()));
@@ -64,11 +68,7 @@ fn decode(file: &str, selections: Vec<Selection<'_>>, progress: Progress<'_>) ->
         rest = others;
         tasks.push((chunk, ranges, slots));
     }
-    let results: Result<Vec<()>, LoadError> = {
-        use rayon::prelude::*;
-        tasks.into_par_iter().map(|(chunk, ranges, slots)| chunk.decode(ranges, slots, &work)).collect()
-    };
-    results?;
+    tasks.into_par_iter().try_for_each(|(chunk, ranges, slots)| chunk.decode(ranges, slots, &work))?;
     Ok((gaussians, mode))
 }
 

@@ -1,14 +1,20 @@
 //! Streamed SOG: a tree of ranges over chunks, per level of detail.
 
-use std::ops::Range;
-
 use super::super::LoadOptions;
 use super::super::error::LoadError;
 use super::super::progress::Progress;
 use super::super::source::{Files, Source, inside};
-use super::chunk::Chunk;
+use super::chunk::{Chunk, Ranges};
 use super::meta::{LodMeta, Node, Run};
 use super::{Decoded, Selection, decode};
+
+/// A chunk that `lod-meta.json` names.
+struct Wanted<'a> {
+    field: &'static str,
+    file: &'a str,
+    /// `None` for all of it.
+    ranges: Option<Ranges>,
+}
 
 /// Reads the wanted level of detail of all leaves, then the environment.
 pub(super) fn read(
@@ -28,24 +34,25 @@ pub(super) fn read(
     let mut runs = vec![Vec::new(); meta.filenames.len()];
     collect_runs(name, &meta.tree, options.level_of_detail, &mut runs)?;
 
-    let mut wanted: Vec<(&str, &str, Option<Vec<Range<usize>>>)> = Vec::new();
+    let mut wanted: Vec<Wanted<'_>> = Vec::new();
     for (file, runs) in meta.filenames.iter().zip(runs) {
         if !runs.is_empty() {
-            wanted.push(("filenames", file, Some(merged(name, file, runs)?)));
+            wanted.push(Wanted { field: "filenames", file, ranges: Some(merged(name, file, runs)?) });
         }
     }
     if let Some(file) = meta.environment.as_deref().filter(|_| options.environment) {
-        wanted.push(("environment", file, None));
+        wanted.push(Wanted { field: "environment", file, ranges: None });
     }
     let mut sources = Vec::with_capacity(wanted.len());
-    for (field, file, _) in &wanted {
+    for Wanted { field, file, .. } in &wanted {
         sources.push(files.open(&inside(name, field, "", file)?)?);
     }
     let mut selections: Vec<Selection<'_>> = Vec::with_capacity(wanted.len());
-    for (source, (_, file, ranges)) in sources.iter().zip(wanted) {
+    for (source, Wanted { file, ranges, .. }) in sources.iter().zip(wanted) {
         let folder = file.rsplit_once('/').map_or("", |(folder, _)| folder);
         let chunk = Chunk::open(source, files, folder)?;
-        if let Some(end) = ranges.as_ref().and_then(|ranges| ranges.last()).map(|range| range.end)
+        let ranges = ranges.unwrap_or_else(|| chunk.all());
+        if let Some(end) = ranges.last().map(|range| range.end)
             && end > chunk.count()
         {
             let expected = format!("ranges within the {} Gaussians of {}", chunk.count(), chunk.name());
@@ -57,12 +64,7 @@ pub(super) fn read(
 }
 
 /// Adds the ranges of the leaves under `node`, by chunk. The depth of the tree is bounded by the JSON parser (128).
-fn collect_runs(
-    name: &str,
-    node: &Node,
-    level: Option<u32>,
-    runs: &mut [Vec<Range<usize>>],
-) -> Result<(), LoadError> {
+fn collect_runs(name: &str, node: &Node, level: Option<u32>, runs: &mut [Ranges]) -> Result<(), LoadError> {
     let run = match level {
         Some(level) => node.lods.get(&level),
         None => node.lods.first_key_value().map(|(_, run)| run),
@@ -83,9 +85,9 @@ fn collect_runs(
 }
 
 /// The ranges in order, neighbours joined. They must not overlap: no Gaussian is in two leaves.
-fn merged(name: &str, file: &str, mut ranges: Vec<Range<usize>>) -> Result<Vec<Range<usize>>, LoadError> {
-    ranges.sort_unstable_by_key(|range| range.start);
-    let mut merged: Vec<Range<usize>> = Vec::new();
+fn merged(name: &str, file: &str, mut ranges: Ranges) -> Result<Ranges, LoadError> {
+    ranges.sort_unstable_by_key(|range| (range.start, range.end));
+    let mut merged: Ranges = Vec::new();
     for range in ranges {
         match merged.last_mut() {
             Some(last) if range.start < last.end => {

@@ -5,8 +5,10 @@
 //! that are odd in them.
 
 mod read;
+mod write;
 
 pub(super) use read::read;
+pub(super) use write::{fractional_bits, write};
 
 /// "NGSP" as a little-endian number.
 const MAGIC: u32 = 0x5053_474e;

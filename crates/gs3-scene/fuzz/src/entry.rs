@@ -1,0 +1,103 @@
+//! What the fuzz targets call, and what the replay of their corpus calls on stable Rust: bytes in, no panic, and either
+//! an error in one line or a scene that keeps its promises.
+
+use std::collections::BTreeMap;
+use std::io::Write;
+
+use gs3_scene::Scene;
+use gs3_scene::format::{LoadError, LoadOptions, Source, load_source};
+
+/// The targets by name, each with its entry.
+pub const TARGETS: [(&str, fn(&[u8])); 7] = [
+    ("ply", ply),
+    ("compressed_ply", ply),
+    ("splat", splat),
+    ("spz", spz),
+    ("sog", sog),
+    ("sog_bundle", sog_bundle),
+    ("streamed_sog", streamed_sog),
+];
+
+/// A PLY file of either kind.
+pub fn ply(data: &[u8]) {
+    check(load("fuzz.ply", data));
+}
+
+/// A `.splat` file.
+pub fn splat(data: &[u8]) {
+    check(load("fuzz.splat", data));
+}
+
+/// What an SPZ file has within its gzip, so that changes reach the reader instead of the checksum.
+pub fn spz(data: &[u8]) {
+    let mut gzip = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::none());
+    gzip.write_all(data).expect("writing to memory");
+    check(load("fuzz.spz", &gzip.finish().expect("writing to memory")));
+}
+
+/// The files of a SOG folder, packed by [`pack`].
+pub fn sog(data: &[u8]) {
+    check(load_files("meta.json", &unpack(data)));
+}
+
+/// A SOG bundle.
+pub fn sog_bundle(data: &[u8]) {
+    check(load("fuzz.sog", data));
+}
+
+/// The files of a streamed SOG folder, packed by [`pack`].
+pub fn streamed_sog(data: &[u8]) {
+    check(load_files("lod-meta.json", &unpack(data)));
+}
+
+fn load(name: &str, data: &[u8]) -> Result<Scene, LoadError> {
+    load_source(&Source::memory(name, data), &BTreeMap::new(), &LoadOptions::default(), &|_| {})
+}
+
+fn load_files(index: &str, files: &BTreeMap<String, Vec<u8>>) -> Result<Scene, LoadError> {
+    let empty = Vec::new();
+    let source = Source::memory(index, files.get(index).unwrap_or(&empty));
+    load_source(&source, files, &LoadOptions::default(), &|_| {})
+}
+
+fn check(result: Result<Scene, LoadError>) {
+    match result {
+        Err(error) => {
+            let message = error.to_string();
+            assert!(!message.contains('\n') && message.len() < 2000, "not one readable line: {message}");
+        }
+        Ok(scene) => {
+            let gaussians = scene.gaussians();
+            assert!(!gaussians.is_empty());
+            let planes = gaussians.means.iter().chain(&gaussians.scales).chain(&gaussians.rotations);
+            assert!(planes.chain([&gaussians.sh]).flatten().all(|value| value.is_finite()));
+            assert!(gaussians.opacities.iter().all(|opacity| (0.0..=1.0).contains(opacity)));
+        }
+    }
+}
+
+/// Files as one piece: for each the length of its name (1 byte), its name, its length (4 bytes, little endian), itself.
+pub fn pack(files: &BTreeMap<String, Vec<u8>>) -> Vec<u8> {
+    let mut packed = Vec::new();
+    for (name, bytes) in files {
+        packed.push(name.len() as u8);
+        packed.extend_from_slice(name.as_bytes());
+        packed.extend_from_slice(&(bytes.len() as u32).to_le_bytes());
+        packed.extend_from_slice(bytes);
+    }
+    packed
+}
+
+/// The inverse of [`pack`]; what is cut off is shorter or missing.
+pub fn unpack(mut data: &[u8]) -> BTreeMap<String, Vec<u8>> {
+    let mut files = BTreeMap::new();
+    while let Some((length, rest)) = data.split_first() {
+        let Some((name, rest)) = rest.split_at_checked(usize::from(*length)) else { break };
+        let Some((length, rest)) = rest.split_first_chunk::<4>() else { break };
+        let length = (u32::from_le_bytes(*length) as usize).min(rest.len());
+        let (bytes, rest) = rest.split_at(length);
+        files.insert(String::from_utf8_lossy(name).into_owned(), bytes.to_vec());
+        data = rest;
+    }
+    files
+}

@@ -1,0 +1,46 @@
+//! Writing the PLY of 3D Gaussian Splatting: binary little endian, f32, the trainer's properties in its order.
+
+use std::io::{self, Write};
+
+use super::super::activation::{log_scale, logit};
+use super::super::atomic::write_rows;
+use crate::scene::{OpacityMode, Scene};
+
+/// Writes `scene`. Normals, which 3D Gaussian Splatting declares and never uses, are zero: some readers count on them.
+pub(in super::super) fn write(scene: &Scene, writer: &mut impl Write) -> io::Result<()> {
+    let gaussians = scene.gaussians();
+    let rest = gaussians.sh_stride() - 3;
+    writer.write_all(header(scene, rest).as_bytes())?;
+    let row_bytes = (17 + rest) * size_of::<f32>();
+    write_rows(writer, gaussians.len(), row_bytes, |i, row| {
+        let sh = gaussians.sh_of(i);
+        let scale = gaussians.scale(i).map(log_scale);
+        // Channel-major, unlike in memory.
+        let sh_rest = (0..rest).map(|k| sh[3 + k % (rest / 3) * 3 + k / (rest / 3)]);
+        let values = (gaussians.mean(i).into_iter())
+            .chain([0.0; 3])
+            .chain([sh[0], sh[1], sh[2]])
+            .chain(sh_rest)
+            .chain([logit(gaussians.opacities[i])])
+            .chain(scale)
+            .chain(gaussians.rotation(i));
+        for (bytes, value) in row.as_chunks_mut::<4>().0.iter_mut().zip(values) {
+            *bytes = value.to_le_bytes();
+        }
+    })
+}
+
+fn header(scene: &Scene, rest: usize) -> String {
+    let mut header = String::from("ply\nformat binary_little_endian 1.0\n");
+    if scene.opacity_mode() == OpacityMode::Antialiased {
+        header += "comment SplatRenderMode: mip\ncomment antialiased 1\n";
+    }
+    header += &format!("element vertex {}\n", scene.gaussians().len());
+    let names = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"].map(str::to_owned);
+    let rest = (0..rest).map(|i| format!("f_rest_{i}"));
+    let last = ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"];
+    for name in names.into_iter().chain(rest).chain(last.map(str::to_owned)) {
+        header += &format!("property float {name}\n");
+    }
+    header + "end_header\n"
+}

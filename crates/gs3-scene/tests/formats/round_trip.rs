@@ -1,0 +1,196 @@
+//! What is saved is what is loaded, within the format's precision.
+
+use std::path::Path;
+
+use gs3_scene::format::{LoadOptions, SaveError, load, save};
+use gs3_scene::{Gaussians, OpacityMode, Scene};
+use proptest::prelude::*;
+use proptest::test_runner::Config;
+
+/// A number in ±1 that looks random.
+fn noise(seed: u64, i: usize, k: usize) -> f32 {
+    let mut x = seed ^ (i as u64) << 32 ^ k as u64;
+    for _ in 0..3 {
+        x = (x ^ x >> 31).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    }
+    (x >> 40) as f32 / (1 << 23) as f32 - 1.0
+}
+
+fn scene(seed: u64, count: usize, degree: u8, mode: OpacityMode) -> Scene {
+    let mut gaussians = Gaussians::zeroed(count, degree);
+    let stride = gaussians.sh_stride();
+    for i in 0..count {
+        for axis in 0..3 {
+            gaussians.means[axis][i] = noise(seed, i, axis) * 10.0;
+            gaussians.scales[axis][i] = (noise(seed, i, 3 + axis) * 4.0 - 4.0).exp();
+        }
+        for component in 0..4 {
+            gaussians.rotations[component][i] = noise(seed, i, 6 + component);
+        }
+        gaussians.opacities[i] = noise(seed, i, 10).abs();
+        for k in 0..stride {
+            gaussians.sh[i * stride + k] = noise(seed, i, 11 + k) * 0.9;
+        }
+    }
+    Scene::new(gaussians, mode).unwrap()
+}
+
+fn round_trip(scene: &Scene, extension: &str) -> Scene {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(format!("scene.{extension}"));
+    save(scene, &path).unwrap();
+    let left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().collect();
+    assert_eq!(left.len(), 1, "more than the target was left: {left:?}");
+    load(&path, &LoadOptions::default(), &|_| {}).unwrap()
+}
+
+/// Tolerances of a format.
+struct Tolerance {
+    mean: f32,
+    /// Of the logarithm.
+    scale: f32,
+    /// Angle between rotations.
+    radians: f32,
+    opacity: f32,
+    /// Constant term.
+    sh0: f32,
+    /// Higher terms.
+    sh: f32,
+}
+
+/// Gaussian `i` of `before` against Gaussian `partner(i)` of `after`.
+#[track_caller]
+fn compare(before: &Scene, after: &Scene, tolerance: &Tolerance, partner: impl Fn(usize) -> usize) {
+    let (a, b) = (before.gaussians(), after.gaussians());
+    assert_eq!((a.len(), a.sh_degree, before.opacity_mode()), (b.len(), b.sh_degree, after.opacity_mode()));
+    for i in 0..a.len() {
+        let j = partner(i);
+        for axis in 0..3 {
+            let (x, y) = (a.mean(i)[axis], b.mean(j)[axis]);
+            assert!((x - y).abs() <= tolerance.mean * x.abs().max(1.0), "mean {x} came back as {y}");
+            let (x, y) = (a.scale(i)[axis].ln(), b.scale(j)[axis].ln());
+            assert!((x - y).abs() <= tolerance.scale, "log scale {x} came back as {y}");
+        }
+        let dot: f32 = a.rotation(i).iter().zip(b.rotation(j)).map(|(x, y)| x * y).sum();
+        let angle = 2.0 * dot.abs().min(1.0).acos();
+        assert!(angle <= tolerance.radians, "rotation of {i} is off by {angle} radians");
+        let (x, y) = (a.opacities[i], b.opacities[j]);
+        assert!((x - y).abs() <= tolerance.opacity, "opacity {x} came back as {y}");
+        for (k, (x, y)) in a.sh_of(i).iter().zip(b.sh_of(j)).enumerate() {
+            let allowed = if k < 3 { tolerance.sh0 } else { tolerance.sh };
+            assert!((x - y).abs() <= allowed, "SH value {k} of {i}: {x} came back as {y}");
+        }
+    }
+}
+
+/// Exact but for the rounding of exp, ln and the sigmoid; acos near 1 turns 1e-7 into 1e-3.
+const PLY: Tolerance = Tolerance { mean: 0.0, scale: 2e-6, radians: 2e-3, opacity: 1e-6, sh0: 0.0, sh: 0.0 };
+
+/// 24 bits for ±10: 2⁻¹⁹ of the unit at most; log scale in steps of 1/16; 9 bits of √½ per component; 8 bits else.
+const SPZ: Tolerance =
+    Tolerance { mean: 1e-6, scale: 0.0313, radians: 0.006, opacity: 0.00197, sh0: 0.0132, sh: 0.0040 };
+
+/// 16 bits for the logarithm of ±10: 2 · ln 11 / 65,535 / 2 relative to 1 + |x|. 8 bits of √2 per component, three of them and
+/// the fourth made of them: 2 · 0.0096. Codebooks of 256 for up to 1,200 values: those that share a code lie within a few of the mean gaps
+/// (8 / 256 for log scales, 1.8 / 256 for colours). Palette rows of their own.
+const SOG: Tolerance =
+    Tolerance { mean: 1e-4, scale: 0.06, radians: 0.02, opacity: 0.00197, sh0: 0.015, sh: 0.015 };
+
+proptest! {
+    #![proptest_config(Config { cases: 24, failure_persistence: None, ..Config::default() })]
+
+    #[test]
+    fn ply(seed: u64, count in 1usize..600, degree in 0u8..4, antialiased: bool) {
+        let mode = if antialiased { OpacityMode::Antialiased } else { OpacityMode::Default };
+        let before = scene(seed, count, degree, mode);
+        compare(&before, &round_trip(&before, "ply"), &PLY, |i| i);
+    }
+
+    #[test]
+    fn spz(seed: u64, count in 1usize..600, degree in 0u8..4, antialiased: bool) {
+        let mode = if antialiased { OpacityMode::Antialiased } else { OpacityMode::Default };
+        let before = scene(seed, count, degree, mode);
+        compare(&before, &round_trip(&before, "spz"), &SPZ, |i| i);
+    }
+
+    #[test]
+    fn sog(seed: u64, count in 1usize..400, degree in 0u8..4, antialiased: bool) {
+        let mode = if antialiased { OpacityMode::Antialiased } else { OpacityMode::Default };
+        let before = scene(seed, count, degree, mode);
+        let after = round_trip(&before, "sog");
+        compare(&before, &after, &SOG, |i| nearest(&after, before.gaussians().mean(i)));
+    }
+}
+
+/// SOG reorders: the partner is the nearest Gaussian.
+fn nearest(scene: &Scene, mean: [f32; 3]) -> usize {
+    let distance = |i: &usize| {
+        let other = scene.gaussians().mean(*i);
+        (0..3).map(|axis| (other[axis] - mean[axis]).powi(2)).sum::<f32>()
+    };
+    (0..scene.gaussians().len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap()
+}
+
+#[test]
+fn a_palette_smaller_than_the_scene_keeps_the_harmonics_close() {
+    // 100,000 Gaussians of 1,000 kinds that differ by a little: 65,536 rows must find them.
+    let count = 100_000;
+    let mut gaussians = Gaussians::zeroed(count, 1);
+    for i in 0..count {
+        gaussians.means[0][i] = i as f32;
+        gaussians.rotations[0][i] = 1.0;
+        for k in 0..9 {
+            gaussians.sh[i * 12 + 3 + k] = noise(1, i % 1000, k) + 0.001 * noise(2, i, k);
+        }
+    }
+    let before = Scene::new(gaussians, OpacityMode::Default).unwrap();
+    let after = round_trip(&before, "sog");
+    // A line along x in logarithmic 16-bit steps: neighbours share codes, so compare by the order that the curve keeps.
+    let mut squared = 0.0;
+    let mut order: Vec<usize> = (0..count).collect();
+    order.sort_by(|a, b| after.gaussians().mean(*a)[0].total_cmp(&after.gaussians().mean(*b)[0]));
+    for (i, j) in order.into_iter().enumerate() {
+        let (a, b) = (before.gaussians().sh_of(i), after.gaussians().sh_of(j));
+        squared += a.iter().zip(b).map(|(x, y)| f64::from(x - y).powi(2)).sum::<f64>();
+    }
+    let error = (squared / (count * 9) as f64).sqrt();
+    assert!(error < 0.01, "root mean square error {error}");
+}
+
+#[test]
+fn limits_of_the_values() {
+    let mut gaussians = Gaussians::zeroed(3, 0);
+    gaussians.rotations[2] = vec![1.0; 3];
+    gaussians.opacities = vec![0.0, 1.0, 0.5];
+    gaussians.means[1] = vec![-3000.0, 5000.0, 0.0];
+    gaussians.sh = vec![-30.0, 0.0, 30.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    let before = Scene::new(gaussians, OpacityMode::Default).unwrap();
+    for extension in ["ply", "spz", "sog"] {
+        let after = round_trip(&before, extension);
+        assert_eq!(after.gaussians().len(), 3, "{extension}");
+        for i in 0..3 {
+            let mean = before.gaussians().mean(i);
+            let j = nearest(&after, mean);
+            assert!((after.gaussians().mean(j)[1] - mean[1]).abs() < 1.0, "{extension}: {mean:?}");
+            let (x, y) = (before.gaussians().opacities[i], after.gaussians().opacities[j]);
+            assert!((x - y).abs() < 0.003, "{extension}: opacity {x} came back as {y}");
+            assert!(after.gaussians().scale(j).iter().all(|scale| *scale < 1e-4), "{extension}");
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_saved_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(1, 3, 0, OpacityMode::Default);
+    let error = save(&scene, &folder.path().join("scene.obj")).unwrap_err();
+    assert!(matches!(&error, SaveError::UnknownFormat { actual, .. } if actual == "obj"), "{error}");
+    let error = save(&scene, Path::new("/nowhere/at/all/scene.ply")).unwrap_err();
+    assert!(matches!(error, SaveError::Io { .. }), "{error}");
+    let mut gaussians = scene.into_gaussians();
+    gaussians.means[0][0] = 1e30;
+    let far = Scene::new(gaussians, OpacityMode::Default).unwrap();
+    let error = save(&far, &folder.path().join("scene.spz")).unwrap_err();
+    assert!(error.to_string().contains("position"), "{error}");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
