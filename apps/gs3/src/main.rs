@@ -1,2 +1,73 @@
-//! The command `gs3`.
-fn main() {}
+//! The command `gs3`: render, inspect, convert and measure 3D Gaussian Splatting scenes.
+
+mod args;
+mod bench;
+mod compare;
+mod convert;
+mod error;
+mod gbuffer;
+mod info;
+mod inputs;
+mod interrupt;
+mod npz;
+mod output;
+mod render;
+mod report;
+mod video;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use clap::error::ErrorKind;
+
+use args::{Args, Command};
+use error::CliError;
+
+/// Exit code for bad input, also clap's.
+const BAD_INPUT: u8 = 2;
+
+/// Exit code after Ctrl-C: 128 + SIGINT, as shells expect.
+const INTERRUPTED: u8 = 130;
+
+/// How a command ended that met no error.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Outcome {
+    Done,
+    Interrupted,
+}
+
+fn main() -> ExitCode {
+    let args = match Args::try_parse() {
+        Ok(args) => args,
+        Err(error) if error.kind() == ErrorKind::ValueValidation => {
+            // The first line says it all; the rest points to the help text.
+            eprintln!("{}", error.to_string().lines().next().unwrap_or_default());
+            return BAD_INPUT.into();
+        }
+        Err(error) => error.exit(),
+    };
+    let outcome = match &args.command {
+        Command::Render(args) => render::run(args),
+        Command::Gbuffer(args) => gbuffer::run(args),
+        Command::Info(args) => info::run(args),
+        Command::Convert(args) => convert::run(args),
+        Command::Bench(args) => bench::run(args),
+    };
+    match outcome {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::Interrupted) => INTERRUPTED.into(),
+        Err(error) => {
+            eprintln!("error: {}", error.one_line());
+            BAD_INPUT.into()
+        }
+    }
+}
+
+/// Starts the pool that all work runs on.
+fn start_threads(threads: Option<u16>) -> Result<(), CliError> {
+    let Some(threads) = threads else { return Ok(()) };
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.into())
+        .build_global()
+        .map_err(|e| CliError::Threads { message: e.to_string() })
+}

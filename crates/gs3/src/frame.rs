@@ -139,6 +139,24 @@ impl FramePipeline {
         self.reset(ResetReason::SceneChange);
     }
 
+    /// The scene shown.
+    #[must_use]
+    pub const fn scene(&self) -> &Arc<Scene> {
+        self.rasterizer.scene()
+    }
+
+    /// Number of frames after which the sampling offsets repeat, which is also how many frames the history holds.
+    #[must_use]
+    pub fn jitter_period(&self) -> usize {
+        self.jitter.period()
+    }
+
+    /// The last frame rendered; empty before the first one.
+    #[must_use]
+    pub const fn last_image(&self) -> &Image {
+        &self.current.image
+    }
+
     /// The settings.
     #[must_use]
     pub const fn settings(&self) -> &PipelineSettings {

@@ -1,0 +1,316 @@
+//! The command line.
+
+use std::ops::Range;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use clap::{Parser, Subcommand, ValueEnum};
+use gs3::scene::camera::MAX_SIDE;
+use gs3::{Culling, Dilation, Mode, PipelineSettings, Sampling};
+
+/// Shows trained 3D Gaussian Splatting scenes sharp and fluid.
+#[derive(Debug, Parser)]
+#[command(name = "gs3", version, about)]
+pub struct Args {
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Render frames or a video along a camera path
+    Render(RenderArgs),
+    /// Write one frame's G-buffer as NumPy arrays
+    Gbuffer(GbufferArgs),
+    /// Say what is in a scene
+    Info(InfoArgs),
+    /// Convert a scene to another format (.ply, .spz, .sog)
+    Convert(ConvertArgs),
+    /// Measure displayed frames per second against native rendering
+    Bench(BenchArgs),
+}
+
+/// What to look at.
+#[derive(Debug, clap::Args)]
+pub struct View {
+    /// Scene file or folder, or `demo` for the built-in scene
+    pub scene: PathBuf,
+    /// Cameras: COLMAP model, transforms.json, cameras.json or camera_path.json [default: an orbit]
+    #[arg(long, value_name = "CAMERAS")]
+    pub path: Option<PathBuf>,
+    /// Image size [default: that of the cameras, 1920x1080 without --path]
+    #[arg(long, value_name = "WxH")]
+    pub size: Option<Size>,
+    /// Threads [default: one per core]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+}
+
+/// How the frames are made.
+#[derive(Debug, clap::Args)]
+pub struct Look {
+    /// High-resolution over low-resolution size
+    #[arg(long, default_value_t = 4, value_name = "S")]
+    pub scale: u32,
+    /// Sub-pixel offsets of the low-resolution frames
+    #[arg(long, default_value = "on", value_name = "on|off")]
+    pub jitter: Switch,
+    /// Dilation of splats in px² of the rendered grid: matched (0.3/S²), stock (0.3) or a number
+    #[arg(long, default_value = "matched", value_name = "matched|stock|VALUE")]
+    pub dilation: DilationArg,
+    /// Which tiles a splat is assigned to
+    #[arg(long, default_value = "accutile")]
+    pub culling: CullingArg,
+    /// Background colour, each from 0 to 1
+    #[arg(long, default_value = "0,0,0", value_name = "R,G,B")]
+    pub background: Rgb,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct RenderArgs {
+    #[command(flatten)]
+    pub view: View,
+    /// Frames of the path, the last one excluded [default: all; the first one for FILE.png]
+    #[arg(long, value_name = "A..B")]
+    pub frames: Option<FrameRange>,
+    /// Render this many frames along the smooth curve through the cameras, at constant speed
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub smooth: Option<u32>,
+    /// How frames come about; `full` shows two frames per rendered one
+    #[arg(long, default_value = "full")]
+    pub mode: ModeArg,
+    #[command(flatten)]
+    pub look: Look,
+    /// Folder for PNG frames, FILE.png for a single frame, or FILE.mp4 for a video with its frames in folder FILE
+    #[arg(long, value_name = "DIR|FILE.png|FILE.mp4")]
+    pub out: PathBuf,
+    /// Also write a comparison of the last frame's middle: native, bicubic, this mode
+    #[arg(long, value_name = "FILE.png")]
+    pub compare: Option<PathBuf>,
+    /// Write figures of the run
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct GbufferArgs {
+    #[command(flatten)]
+    pub view: View,
+    /// Frame of the path
+    #[arg(long, default_value_t = 0, value_name = "K")]
+    pub frame: usize,
+    /// High-resolution over this resolution, for `--dilation matched`
+    #[arg(long, default_value_t = 4, value_name = "S")]
+    pub scale: u32,
+    /// Offset of the samples from the pixel centres
+    #[arg(long, default_value = "0,0", value_name = "X,Y", allow_hyphen_values = true)]
+    pub jitter: Pair,
+    /// Dilation of splats in px² of the rendered grid: matched (0.3/S²), stock (0.3) or a number
+    #[arg(long, default_value = "matched", value_name = "matched|stock|VALUE")]
+    pub dilation: DilationArg,
+    /// Which tiles a splat is assigned to
+    #[arg(long, default_value = "accutile")]
+    pub culling: CullingArg,
+    /// Background colour, each from 0 to 1
+    #[arg(long, default_value = "0,0,0", value_name = "R,G,B")]
+    pub background: Rgb,
+    /// Also write the mixed derivative color_dxy
+    #[arg(long)]
+    pub mixed: bool,
+    /// Output file
+    #[arg(long, value_name = "FILE.npz")]
+    pub out: PathBuf,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct InfoArgs {
+    /// Scene file or folder, or `demo` for the built-in scene
+    pub scene: PathBuf,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct ConvertArgs {
+    /// Scene file or folder, or `demo` for the built-in scene
+    pub input: PathBuf,
+    /// Output file: .ply, .spz or .sog
+    pub output: PathBuf,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct BenchArgs {
+    #[command(flatten)]
+    pub view: View,
+    /// Frames of the path, the last one excluded
+    #[arg(long, default_value = "0..20", value_name = "A..B")]
+    pub frames: FrameRange,
+    #[command(flatten)]
+    pub look: Look,
+    /// Write the figures
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+impl Look {
+    pub fn settings(&self, mode: Mode) -> PipelineSettings {
+        PipelineSettings {
+            mode,
+            scale: self.scale,
+            sampling: self.jitter.into(),
+            dilation: self.dilation.0,
+            culling: self.culling.into(),
+            background: self.background.0,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum ModeArg {
+    /// Every pixel rasterized
+    Native,
+    /// Low resolution, bicubic interpolation
+    Bicubic,
+    /// Low resolution, super-sampled over time
+    SuperSample,
+    /// Super-sampled, with an interpolated frame before each rendered one
+    Full,
+}
+
+impl From<ModeArg> for Mode {
+    fn from(mode: ModeArg) -> Self {
+        match mode {
+            ModeArg::Native => Self::Native,
+            ModeArg::Bicubic => Self::Bicubic,
+            ModeArg::SuperSample => Self::SuperSample,
+            ModeArg::Full => Self::Full,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Switch {
+    On,
+    Off,
+}
+
+impl From<Switch> for Sampling {
+    fn from(switch: Switch) -> Self {
+        match switch {
+            Switch::On => Self::Jittered,
+            Switch::Off => Self::Centered,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum CullingArg {
+    #[value(name = "aabb3sigma")]
+    Aabb3Sigma,
+    Adr,
+    #[value(name = "snugbox")]
+    SnugBox,
+    #[value(name = "accutile")]
+    AccuTile,
+    Exact,
+}
+
+impl From<CullingArg> for Culling {
+    fn from(culling: CullingArg) -> Self {
+        match culling {
+            CullingArg::Aabb3Sigma => Self::Aabb3Sigma,
+            CullingArg::Adr => Self::Adr,
+            CullingArg::SnugBox => Self::SnugBox,
+            CullingArg::AccuTile => Self::AccuTile,
+            CullingArg::Exact => Self::Exact,
+        }
+    }
+}
+
+/// An image size, `WxH`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Size {
+    pub width: u32,
+    pub height: u32,
+}
+
+impl FromStr for Size {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let valid = |side: &str| side.parse().ok().filter(|v| (1..=MAX_SIDE).contains(v));
+        text.split_once('x')
+            .and_then(|(w, h)| Some(Self { width: valid(w)?, height: valid(h)? }))
+            .ok_or_else(|| format!("expected WIDTHxHEIGHT from 1x1 to {MAX_SIDE}x{MAX_SIDE}, found {text}"))
+    }
+}
+
+/// Frames `A..B`, B excluded.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FrameRange(pub Range<usize>);
+
+impl FromStr for FrameRange {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let bounds = text.split_once("..").and_then(|(a, b)| Some(a.parse().ok()?..b.parse().ok()?));
+        bounds
+            .filter(|range: &Range<usize>| !range.is_empty())
+            .map(Self)
+            .ok_or_else(|| format!("expected A..B with A < B, found {text}"))
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DilationArg(pub Dilation);
+
+impl FromStr for DilationArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let value = || text.parse().ok().filter(|v: &f32| v.is_finite() && *v >= 0.0).map(Dilation::Value);
+        match text {
+            "matched" => Some(Dilation::Matched),
+            "stock" => Some(Dilation::Stock),
+            _ => value(),
+        }
+        .map(Self)
+        .ok_or_else(|| format!("expected matched, stock or a number of at least 0, found {text}"))
+    }
+}
+
+/// A colour, each channel in `[0, 1]`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rgb(pub [f32; 3]);
+
+impl FromStr for Rgb {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        numbers(text)
+            .filter(|rgb| rgb.iter().all(|v| (0.0..=1.0).contains(v)))
+            .map(Self)
+            .ok_or_else(|| format!("expected R,G,B from 0 to 1, found {text}"))
+    }
+}
+
+/// Two numbers within ±1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pair(pub [f32; 2]);
+
+impl FromStr for Pair {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        numbers(text)
+            .filter(|pair| pair.iter().all(|v| v.abs() <= 1.0))
+            .map(Self)
+            .ok_or_else(|| format!("expected X,Y from -1 to 1, found {text}"))
+    }
+}
+
+fn numbers<const N: usize>(text: &str) -> Option<[f32; N]> {
+    let numbers: Vec<f32> = text.split(',').map(|v| v.trim().parse().ok()).collect::<Option<_>>()?;
+    numbers.try_into().ok()
+}

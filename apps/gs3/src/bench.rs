@@ -1,0 +1,113 @@
+//! `gs3 bench`: displayed frames per second against native rendering, in the same run.
+
+use gs3::{FramePipeline, Mode, Stage};
+use indicatif::ProgressBar;
+use serde_json::{Value, json};
+
+use crate::args::BenchArgs;
+use crate::error::CliError;
+use crate::output::write_text;
+use crate::report::{self, Times};
+use crate::{Outcome, inputs, start_threads};
+
+/// Rounds over the frames. The best of each side counts: other work on the machine only ever slows a round down.
+const ROUNDS: usize = 3;
+
+pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
+    start_threads(args.view.threads)?;
+    let (scene, load_time) = inputs::scene(&args.view.scene)?;
+    let path = inputs::cameras(&args.view, &scene)?;
+    let range = args.frames.0.clone();
+    inputs::check_frames("--frames", &range, &path)?;
+    let pipeline = |mode| FramePipeline::new(scene.clone(), args.look.settings(mode));
+    let (mut native, mut full) = (pipeline(Mode::Native)?, pipeline(Mode::Full)?);
+    // The first frame of each allocates and fills caches, and has nothing before it to interpolate from.
+    let first = path.cameras()[range.start];
+    native.render(&first, None)?;
+    full.render(&first, None)?;
+
+    let mut rounds: Vec<[Times; 2]> = Vec::new();
+    let bar = ProgressBar::new((ROUNDS * range.len()) as u64)
+        .with_style(inputs::style("{pos}/{len} {wide_bar} {eta} left"));
+    for _ in 0..ROUNDS {
+        let mut times = [Times::default(), Times::default()];
+        for k in range.clone() {
+            let middle = (k > 0 || path.is_cycle()).then(|| path.at(k as f64 - 0.5));
+            // Both in turn, so that a disturbance meets both.
+            for (pipeline, times) in [&mut native, &mut full].into_iter().zip(&mut times) {
+                let displayed = pipeline.render(&path.cameras()[k], middle.as_ref())?.iter().count();
+                times.add(pipeline.times(), displayed);
+            }
+            bar.inc(1);
+        }
+        rounds.push(times);
+    }
+    bar.finish_and_clear();
+
+    let figures = figures(&rounds, args, load_time.as_secs_f64(), [first.width(), first.height()]);
+    print(&figures);
+    if let Some(file) = &args.json {
+        write_text(file, &format!("{figures:#}\n"))?;
+    }
+    Ok(Outcome::Done)
+}
+
+fn figures(rounds: &[[Times; 2]], args: &BenchArgs, load_s: f64, size: [u32; 2]) -> Value {
+    let best = |side: usize| {
+        rounds.iter().map(|r| &r[side]).max_by(|a, b| a.displayed_fps().total_cmp(&b.displayed_fps()))
+    };
+    let [native, full] = [best(0).cloned().unwrap_or_default(), best(1).cloned().unwrap_or_default()];
+    let gbuffer_over_native = full
+        .median_ms(Stage::Rasterize)
+        .zip(native.median_ms(Stage::Rasterize))
+        .map(|(gbuffer, native)| gbuffer / native);
+    let side = |times: &Times| {
+        json!({
+            "displayed_fps": times.displayed_fps(),
+            "frame_ms": times.median_frame_ms(),
+            "stage_ms": times.stage_ms(),
+        })
+    };
+    let figures = json!({
+        "displayed_fps_full_over_native": full.displayed_fps() / native.displayed_fps(),
+        "gbuffer_over_native": gbuffer_over_native,
+        "native": side(&native),
+        "full": side(&full),
+        "rounds_displayed_fps": rounds
+            .iter()
+            .map(|[native, full]| json!([native.displayed_fps(), full.displayed_fps()]))
+            .collect::<Vec<_>>(),
+        "scene": args.view.scene.display().to_string(),
+        "size": size,
+        "scale": args.look.scale,
+        "frames": [args.frames.0.start, args.frames.0.end],
+        "load_s": load_s,
+    });
+    report::join(figures, report::machine())
+}
+
+fn print(figures: &Value) {
+    let number = |value: &Value| value.as_f64().unwrap_or(f64::NAN);
+    println!("displayed fps, full / native    {:.2}", number(&figures["displayed_fps_full_over_native"]));
+    println!("LR G-buffer / native, time      {:.3}", number(&figures["gbuffer_over_native"]));
+    for side in ["native", "full"] {
+        let figures = &figures[side];
+        print!("{side:<8} {:8.2} fps", number(&figures["displayed_fps"]));
+        for (stage, ms) in figures["stage_ms"].as_object().into_iter().flatten() {
+            print!("  {stage} {:.1} ms", number(ms));
+        }
+        println!();
+    }
+    let rounds: Vec<String> = figures["rounds_displayed_fps"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .map(|round| format!("{:.2} / {:.2}", number(&round[1]), number(&round[0])))
+        .collect();
+    println!("rounds, full / native fps: {}", rounds.join(", "));
+    println!(
+        "{} threads, {:.0} MB at most",
+        figures["threads"],
+        figures["peak_rss_mb"].as_f64().unwrap_or(f64::NAN)
+    );
+}

@@ -1,0 +1,56 @@
+//! What the command can fail with: one readable line each.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use gs3::PipelineError;
+use gs3::raster::RasterError;
+use gs3::reconstruct::ReconstructError;
+use gs3::scene::capture::CaptureError;
+use gs3::scene::format::{LoadError, SaveError};
+use gs3::scene::{CameraError, SceneError};
+use gs3_evaluate::metrics::MetricError;
+
+/// Why a command stopped.
+#[derive(Debug, thiserror::Error)]
+pub enum CliError {
+    #[error(transparent)]
+    Load(#[from] LoadError),
+    #[error(transparent)]
+    Save(#[from] SaveError),
+    #[error(transparent)]
+    Capture(#[from] CaptureError),
+    #[error("demo: {0}")]
+    Demo(#[from] SceneError),
+    #[error("{0}")]
+    Camera(#[from] CameraError),
+    #[error("{0}")]
+    Pipeline(#[from] PipelineError),
+    #[error("{0}")]
+    Raster(#[from] RasterError),
+    #[error("{0}")]
+    Reconstruct(#[from] ReconstructError),
+    #[error("{0}")]
+    Metric(#[from] MetricError),
+    #[error("{}: cannot be written: {source}", path.display())]
+    Write { path: PathBuf, source: io::Error },
+    #[error("{option}: expected {expected}, found {actual}")]
+    Option { option: &'static str, expected: String, actual: String },
+    #[error("--threads: the thread pool did not start: {message}")]
+    Threads { message: String },
+    #[error("Ctrl-C cannot be handled: {0}")]
+    Interrupt(#[from] ctrlc::Error),
+    #[error("{}: ffmpeg failed: {message}; the frames are in {}", path.display(), frames.display())]
+    Video { path: PathBuf, message: String, frames: PathBuf },
+}
+
+impl CliError {
+    pub fn write(path: &Path) -> impl Fn(io::Error) -> Self + '_ {
+        move |source| Self::Write { path: path.to_path_buf(), source }
+    }
+
+    /// The message on a single line, whatever file names or libraries put into it.
+    pub fn one_line(&self) -> String {
+        self.to_string().split(['\n', '\r']).map(str::trim).collect::<Vec<_>>().join(" ")
+    }
+}

@@ -1,0 +1,73 @@
+//! `gs3 gbuffer`.
+
+use std::io;
+
+use gs3::raster::{Outputs, RasterSettings, Rasterizer};
+use gs3::reconstruct::{MAX_SCALE, ReconstructError};
+use gs3::scene::format::write_atomically;
+use gs3::scene::{GBuffer, Planes};
+use zip::ZipWriter;
+
+use crate::args::GbufferArgs;
+use crate::error::CliError;
+use crate::{Outcome, inputs, npz, start_threads};
+
+pub fn run(args: &GbufferArgs) -> Result<Outcome, CliError> {
+    start_threads(args.view.threads)?;
+    if !(1..=MAX_SCALE).contains(&args.scale) {
+        return Err(ReconstructError::Scale { actual: args.scale }.into());
+    }
+    let (scene, _) = inputs::scene(&args.view.scene)?;
+    let path = inputs::cameras(&args.view, &scene)?;
+    inputs::check_frames("--frame", &(args.frame..args.frame + 1), &path)?;
+    let settings = RasterSettings {
+        outputs: if args.mixed { Outputs::GBufferMixed } else { Outputs::GBuffer },
+        dilation: args.dilation.0.at_scale(args.scale),
+        jitter: args.jitter.0,
+        background: args.background.0,
+    };
+    let mut gbuffer = GBuffer::default();
+    Rasterizer::new(scene, args.culling.into()).rasterize(
+        &path.cameras()[args.frame],
+        &settings,
+        &mut gbuffer,
+    )?;
+    write_atomically(&args.out, |writer| {
+        let mut zip = ZipWriter::new(writer);
+        write_planes(&mut zip, &gbuffer)?;
+        zip.finish()?;
+        Ok(())
+    })
+    .map_err(CliError::write(&args.out))?;
+    Ok(Outcome::Done)
+}
+
+fn write_planes(zip: &mut ZipWriter<impl io::Write + io::Seek>, gbuffer: &GBuffer) -> io::Result<()> {
+    rgb(zip, "color", &gbuffer.color)?;
+    scalar(zip, "alpha", &gbuffer.alpha)?;
+    if let Some(gradients) = &gbuffer.gradients {
+        rgb(zip, "color_dx", &gradients.color_dx)?;
+        rgb(zip, "color_dy", &gradients.color_dy)?;
+        if let Some(color_dxdy) = &gradients.color_dxdy {
+            rgb(zip, "color_dxy", color_dxdy)?;
+        }
+    }
+    if let Some(geometry) = &gbuffer.geometry {
+        scalar(zip, "depth_median", &geometry.depth_median)?;
+        scalar(zip, "depth_expected", &geometry.depth_expected)?;
+        rgb(zip, "normal", &geometry.normal)?;
+    }
+    Ok(())
+}
+
+/// `[H, W]`.
+fn scalar(zip: &mut ZipWriter<impl io::Write + io::Seek>, name: &str, planes: &Planes<1>) -> io::Result<()> {
+    npz::add(zip, name, &[planes.height(), planes.width()], planes.data().iter().copied())
+}
+
+/// `[H, W, 3]`.
+fn rgb(zip: &mut ZipWriter<impl io::Write + io::Seek>, name: &str, planes: &Planes<3>) -> io::Result<()> {
+    let size = planes.height() * planes.width();
+    let values = (0..size).flat_map(|i| (0..3).map(move |c| planes.data()[c * size + i]));
+    npz::add(zip, name, &[planes.height(), planes.width(), 3], values)
+}

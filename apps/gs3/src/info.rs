@@ -1,0 +1,105 @@
+//! `gs3 info`.
+
+use gs3::scene::orbit::Bounds;
+use gs3::scene::{OpacityMode, Scene};
+use serde_json::{Value, json};
+
+use crate::args::InfoArgs;
+use crate::error::CliError;
+use crate::{Outcome, inputs};
+
+/// Percentiles of opacity and scale that are reported.
+const PERCENTILES: [u32; 7] = [0, 5, 25, 50, 75, 95, 100];
+
+pub fn run(args: &InfoArgs) -> Result<Outcome, CliError> {
+    let (scene, load_time) = inputs::scene(&args.scene)?;
+    let facts = facts(&scene, load_time.as_secs_f64());
+    if args.json {
+        println!("{facts:#}");
+    } else {
+        print!("{}", text(&args.scene.display().to_string(), &facts));
+    }
+    Ok(Outcome::Done)
+}
+
+fn facts(scene: &Scene, load_s: f64) -> Value {
+    let g = scene.gaussians();
+    let range = |values: &[f32]| {
+        let low = values.iter().copied().fold(f32::INFINITY, f32::min);
+        let high = values.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        [low, high]
+    };
+    let [x, y, z] = [0, 1, 2].map(|axis: usize| range(&g.means[axis]));
+    let Bounds { center, radius, is_object, up } = Bounds::of(scene);
+    let dropped = scene.dropped();
+    json!({
+        "gaussians": g.len(),
+        "sh_degree": g.sh_degree,
+        "opacity_mode": match scene.opacity_mode() {
+            OpacityMode::Default => "default",
+            OpacityMode::Antialiased => "antialiased",
+        },
+        "bounds": { "min": [x[0], y[0], z[0]], "max": [x[1], y[1], z[1]] },
+        "bulk": {
+            "center": center.to_array(), "radius": radius, "is_object": is_object, "up": up.to_array(),
+        },
+        "opacity_percentiles": percentiles(g.opacities.clone()),
+        "scale_percentiles": percentiles(g.scales.concat()),
+        "dropped": {
+            "total": dropped.total(),
+            "non_finite_mean": dropped.non_finite_mean,
+            "invalid_scale": dropped.invalid_scale,
+            "invalid_rotation": dropped.invalid_rotation,
+            "invalid_opacity": dropped.invalid_opacity,
+            "non_finite_sh": dropped.non_finite_sh,
+        },
+        "f32_mb": g.byte_size() as f64 / 1e6,
+        "load_s": load_s,
+    })
+}
+
+/// `[[percentile, value]…]`.
+fn percentiles(mut values: Vec<f32>) -> Vec<Value> {
+    values.sort_unstable_by(f32::total_cmp);
+    let last = values.len().saturating_sub(1);
+    let value = |p: u32| values.get((f64::from(p) / 100.0 * last as f64).round() as usize);
+    PERCENTILES.iter().map(|p| json!([p, value(*p)])).collect()
+}
+
+/// The same for people.
+fn text(name: &str, facts: &Value) -> String {
+    let row = |values: &Value| {
+        let pairs = values.as_array().into_iter().flatten();
+        pairs
+            .map(|pair| format!("{}% {:.4}", pair[0], pair[1].as_f64().unwrap_or(0.0)))
+            .collect::<Vec<_>>()
+            .join("  ")
+    };
+    let point = |value: &Value| {
+        let numbers = value.as_array().into_iter().flatten();
+        numbers.map(|v| format!("{:.3}", v.as_f64().unwrap_or(0.0))).collect::<Vec<_>>().join(", ")
+    };
+    let bulk = &facts["bulk"];
+    let dropped = &facts["dropped"];
+    let reasons =
+        dropped.as_object().into_iter().flatten().filter(|(key, n)| *key != "total" && **n != json!(0));
+    let reasons: Vec<String> = reasons.map(|(key, n)| format!("{n} {}", key.replace('_', " "))).collect();
+    let because = if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join(", ")) };
+    format!(
+        "{name}\n  Gaussians   {}, {:.1} MB as f32, SH degree {}, {} opacity\n  bounds      {}  to  {}\n  \
+         bulk        radius {:.3} around {}, {}, up {}\n  opacity     {}\n  scale       {}\n  dropped     {}{because}\n",
+        facts["gaussians"],
+        facts["f32_mb"].as_f64().unwrap_or(0.0),
+        facts["sh_degree"],
+        facts["opacity_mode"].as_str().unwrap_or_default(),
+        point(&facts["bounds"]["min"]),
+        point(&facts["bounds"]["max"]),
+        bulk["radius"].as_f64().unwrap_or(0.0),
+        point(&bulk["center"]),
+        if bulk["is_object"] == json!(true) { "an object" } else { "surroundings" },
+        point(&bulk["up"]),
+        row(&facts["opacity_percentiles"]),
+        row(&facts["scale_percentiles"]),
+        dropped["total"],
+    )
+}

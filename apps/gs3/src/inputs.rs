@@ -1,0 +1,67 @@
+//! Scenes and cameras named on the command line.
+
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use gs3::scene::format::{LoadOptions, load};
+use gs3::scene::{CameraPath, Scene, capture, demo, orbit};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use crate::args::{Size, View};
+use crate::error::CliError;
+
+/// Size of frames along generated paths.
+const DEFAULT_SIZE: Size = Size { width: 1920, height: 1080 };
+
+/// Frames of a generated orbit: 10 s at 30 rendered frames per second.
+const ORBIT_FRAMES: usize = 300;
+
+/// Whether `path` names the built-in scene.
+pub fn is_demo(path: &Path) -> bool {
+    path.as_os_str() == "demo"
+}
+
+/// Loads the scene, showing progress, and says how long it took.
+pub fn scene(path: &Path) -> Result<(Arc<Scene>, Duration), CliError> {
+    let started = Instant::now();
+    let scene = if is_demo(path) {
+        demo::scene()?
+    } else {
+        let bar = ProgressBar::new(1000).with_style(style("loading {wide_bar} {percent}%"));
+        let scene = load(path, &LoadOptions::default(), &|share| bar.set_position((share * 1000.0) as u64))?;
+        bar.finish_and_clear();
+        scene
+    };
+    Ok((Arc::new(scene), started.elapsed()))
+}
+
+/// The cameras of `view` at the size asked for.
+pub fn cameras(view: &View, scene: &Scene) -> Result<CameraPath, CliError> {
+    let path = match &view.path {
+        Some(file) => capture::load(file)?,
+        None if is_demo(&view.scene) => demo::path(),
+        None => orbit::around(scene, ORBIT_FRAMES, DEFAULT_SIZE.width, DEFAULT_SIZE.height)?,
+    };
+    let size = view.size.or(view.path.is_none().then_some(DEFAULT_SIZE));
+    Ok(size.map_or(Ok(path.clone()), |size| path.resized(size.width, size.height))?)
+}
+
+/// Checks that the path has these frames.
+pub fn check_frames(option: &'static str, range: &Range<usize>, path: &CameraPath) -> Result<(), CliError> {
+    let count = path.cameras().len();
+    if range.end <= count {
+        return Ok(());
+    }
+    Err(CliError::Option {
+        option,
+        expected: format!("frames within 0..{count}, as many as the path has"),
+        actual: format!("{}..{}", range.start, range.end),
+    })
+}
+
+/// A progress bar's looks; they are constants of this program, checked by every run.
+pub fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
+}

@@ -1,0 +1,148 @@
+//! `gs3 render`.
+
+use std::ops::Range;
+
+use gs3::scene::CameraPath;
+use gs3::scene::camera_path::Pace;
+use gs3::{FramePipeline, Mode};
+use indicatif::ProgressBar;
+use serde_json::json;
+
+use crate::args::RenderArgs;
+use crate::error::CliError;
+use crate::output::{FrameWriter, Target, write_text};
+use crate::report::{self, Times};
+use crate::{Outcome, compare, inputs, interrupt, start_threads};
+
+pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
+    start_threads(args.view.threads)?;
+    let mode = Mode::from(args.mode);
+    if args.compare.is_some() && mode == Mode::Native {
+        return Err(CliError::Option {
+            option: "--compare",
+            expected: "a mode other than native, which is what it compares with".into(),
+            actual: "--mode native".into(),
+        });
+    }
+    let (scene, load_time) = inputs::scene(&args.view.scene)?;
+    let mut path = inputs::cameras(&args.view, &scene)?;
+    if let Some(frames) = args.smooth {
+        path = path.smoothed(frames as usize, Pace::Speed);
+    }
+    let target = Target::of(&args.out);
+    let range = frames_to_render(args, &target, &path)?;
+    let mut pipeline = FramePipeline::new(scene, args.look.settings(mode))?;
+    let first = path.cameras()[range.start];
+    let rate = path.frames_per_second() * mode.displayed_per_rendered() as f64;
+
+    // Before any file: settings that the rasterizer refuses show in the frames that only fill the history.
+    warm_up(&mut pipeline, &path, range.start)?;
+    let mut writer = None;
+    let mut times = Times::default();
+    interrupt::watch()?;
+    let bar = ProgressBar::new(range.len() as u64)
+        .with_style(inputs::style("{pos}/{len} rendered {wide_bar} {per_sec}, {eta} left"));
+    let mut next = range.start;
+    while next < range.end && !interrupt::requested() {
+        let middle = (next > 0 || path.is_cycle()).then(|| path.at(next as f64 - 0.5));
+        let shown = pipeline.render(&path.cameras()[next], middle.as_ref())?;
+        let writer = match &mut writer {
+            Some(writer) => writer,
+            none => none.insert(FrameWriter::new(target.clone(), [first.width(), first.height()], rate)?),
+        };
+        let is_single = matches!(target, Target::Single(_));
+        let frames: Vec<_> = if is_single { vec![shown.current] } else { shown.iter().collect() };
+        // Displayed frames are counted from the start of the path, so that the parts of a path fit together.
+        let last_number = next * mode.displayed_per_rendered();
+        for (k, image) in frames.iter().enumerate() {
+            writer.write(last_number + k + 1 - frames.len(), image)?;
+        }
+        let displayed = frames.len();
+        times.add(pipeline.times(), displayed);
+        next += 1;
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    let is_complete = next == range.end;
+    let (written, encode_time) = writer.map_or(Ok(Default::default()), |w| w.finish(is_complete))?;
+
+    let mut figures = json!({
+        "frames_displayed": times.displayed(),
+        "frames_rendered": next - range.start,
+        "frames_written": written,
+        "displayed_fps": times.displayed_fps(),
+        "stage_ms": times.stage_ms(),
+        "load_s": load_time.as_secs_f64(),
+        "encode_s": encode_time.as_secs_f64(),
+        "gaussians": pipeline.scene().gaussians().len(),
+        "mode": mode_name(mode),
+        "scale": args.look.scale,
+        "size": [first.width(), first.height()],
+        "is_complete": is_complete,
+    });
+    if let Some(file) = args.compare.as_ref().filter(|_| is_complete) {
+        let compared = compare::write(&mut pipeline, &path.cameras()[range.end - 1], file)?;
+        figures = report::join(figures, json!({ "compare": compared }));
+    }
+    figures = report::join(figures, report::machine());
+    if let Some(file) = &args.json {
+        write_text(file, &format!("{figures:#}\n"))?;
+    }
+    eprintln!(
+        "{} frames shown, {:.2} per second of rendering ({} in {}); loading {:.2} s, encoding {:.2} s, not included",
+        times.displayed(),
+        times.displayed_fps(),
+        mode_name(mode),
+        args.out.display(),
+        load_time.as_secs_f64(),
+        encode_time.as_secs_f64(),
+    );
+    if is_complete {
+        return Ok(Outcome::Done);
+    }
+    eprintln!(
+        "interrupted; all files are whole. To go on: the same command with --frames {next}..{}",
+        range.end
+    );
+    Ok(Outcome::Interrupted)
+}
+
+/// The frames asked for, checked against the path and the output.
+fn frames_to_render(args: &RenderArgs, target: &Target, path: &CameraPath) -> Result<Range<usize>, CliError> {
+    let is_single = matches!(target, Target::Single(_));
+    let default = if is_single { 0..1 } else { 0..path.cameras().len() };
+    let range = args.frames.as_ref().map_or(default, |frames| frames.0.clone());
+    inputs::check_frames("--frames", &range, path)?;
+    if is_single && range.len() > 1 {
+        return Err(CliError::Option {
+            option: "--out",
+            expected: format!("a folder or FILE.mp4 for {} frames", range.len()),
+            actual: args.out.display().to_string(),
+        });
+    }
+    Ok(range)
+}
+
+/// Renders the frames before `start` on which its history rests, so that a part of a path looks as it does in the whole.
+fn warm_up(pipeline: &mut FramePipeline, path: &CameraPath, start: usize) -> Result<(), CliError> {
+    if !pipeline.settings().mode.has_history() {
+        return Ok(());
+    }
+    // One period of the jitter reaches back as far as the history; starting at a multiple of it keeps the order of the
+    // offsets.
+    let period = pipeline.jitter_period();
+    let from = start.saturating_sub(period) / period * period;
+    for camera in &path.cameras()[from..start] {
+        pipeline.render(camera, None)?;
+    }
+    Ok(())
+}
+
+const fn mode_name(mode: Mode) -> &'static str {
+    match mode {
+        Mode::Native => "native",
+        Mode::Bicubic => "bicubic",
+        Mode::SuperSample => "super-sample",
+        Mode::Full => "full",
+    }
+}
