@@ -7,8 +7,11 @@ use std::io::Write;
 use gs3_scene::Scene;
 use gs3_scene::format::{LoadError, LoadOptions, Source, load_source};
 
-/// The targets by name, each with its entry.
-pub const TARGETS: [(&str, fn(&[u8])); 7] = [
+/// What a fuzz target calls with each input.
+pub type Entry = fn(&[u8]);
+
+/// The targets by name.
+pub const TARGETS: [(&str, Entry); 7] = [
     ("ply", ply),
     ("compressed_ply", ply),
     ("splat", splat),

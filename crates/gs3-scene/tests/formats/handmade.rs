@@ -84,7 +84,7 @@ pub fn compressed_ply() -> Vec<u8> {
     file.extend(bounds.iter().flat_map(|value| value.to_le_bytes()));
     // 10-bit code of 0 is not among the codes: 511 and 512 are 0.5 ∓ 1/2046.
     let rotations: [u32; 3] = [
-        0 << 30 | 512 << 20 | 512 << 10 | 512,  // w largest, the others about 0
+        512 << 20 | 512 << 10 | 512,            // 0, w largest; the others about 0
         3 << 30 | 512 << 20 | 512 << 10 | 512,  // rot_3 (z) largest
         1 << 30 | 1023 << 20 | 512 << 10 | 512, // rot_1 (x) largest, w at +√½
     ];
