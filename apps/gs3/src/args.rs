@@ -8,6 +8,8 @@ use clap::{Parser, Subcommand, ValueEnum};
 use gs3::scene::camera::MAX_SIDE;
 use gs3::{Culling, Dilation, Mode, PipelineSettings, Sampling};
 
+use crate::evaluate::EvaluateArgs;
+
 /// Shows trained 3D Gaussian Splatting scenes sharp and fluid.
 #[derive(Debug, Parser)]
 #[command(name = "gs3", version, about)]
@@ -28,6 +30,8 @@ pub enum Command {
     Convert(ConvertArgs),
     /// Measure displayed frames per second against native rendering
     Bench(BenchArgs),
+    /// Judge quality and speed against native rendering and against other methods
+    Evaluate(EvaluateArgs),
 }
 
 /// What to look at.

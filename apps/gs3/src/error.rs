@@ -10,6 +10,7 @@ use gs3::scene::capture::CaptureError;
 use gs3::scene::format::{LoadError, SaveError};
 use gs3::scene::{CameraError, SceneError};
 use gs3_evaluate::metrics::MetricError;
+use gs3_evaluate::protocol::EvaluateError;
 
 /// Why a command stopped.
 #[derive(Debug, thiserror::Error)]
@@ -32,6 +33,8 @@ pub enum CliError {
     Reconstruct(#[from] ReconstructError),
     #[error("{0}")]
     Metric(#[from] MetricError),
+    #[error("{0}")]
+    Evaluate(#[from] EvaluateError),
     #[error("{}: cannot be written: {source}", path.display())]
     Write { path: PathBuf, source: io::Error },
     #[error("{option}: expected {expected}, found {actual}")]

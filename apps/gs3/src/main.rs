@@ -5,6 +5,7 @@ mod bench;
 mod compare;
 mod convert;
 mod error;
+mod evaluate;
 mod gbuffer;
 mod info;
 mod inputs;
@@ -52,6 +53,7 @@ fn main() -> ExitCode {
         Command::Info(args) => info::run(args),
         Command::Convert(args) => convert::run(args),
         Command::Bench(args) => bench::run(args),
+        Command::Evaluate(args) => evaluate::run(args),
     };
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

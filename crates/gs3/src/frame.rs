@@ -75,12 +75,14 @@ impl FramePipeline {
     /// [`ReconstructError::Scale`] if the scale is not supported.
     pub fn new(scene: Arc<Scene>, settings: PipelineSettings) -> Result<Self, PipelineError> {
         let scale = settings.raster_scale();
+        // First, because both check the scale and everything else builds on it.
+        let (super_sampler, interpolator) = (SuperSampler::new(scale)?, Interpolator::new(scale)?);
         Ok(Self {
             settings,
             jitter: settings.jitter(),
             rasterizer: Rasterizer::new(scene, settings.culling),
-            super_sampler: SuperSampler::new(scale)?,
-            interpolator: Interpolator::new(scale)?,
+            super_sampler,
+            interpolator,
             invalid: Some(ResetReason::FirstFrame),
             age: 0,
             previous: Frame::default(),

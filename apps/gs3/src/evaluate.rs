@@ -1,0 +1,120 @@
+//! `gs3 evaluate`.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use gs3_evaluate::methods::{DEFAULT_METHODS, MethodSpec};
+use gs3_evaluate::protocol::{Case, EvaluateError, Event, Protocol, Results};
+use gs3_evaluate::report;
+use indicatif::ProgressBar;
+use serde_json::json;
+
+use crate::args::{CullingArg, FrameRange, Rgb, View};
+use crate::error::CliError;
+use crate::output::write_text;
+use crate::{Outcome, inputs, start_threads};
+
+/// Arguments of `gs3 evaluate`.
+#[derive(Debug, Args)]
+pub struct EvaluateArgs {
+    #[command(flatten)]
+    pub view: View,
+    /// Rendered frames of the path, the last one excluded
+    #[arg(long, default_value = "0..30", value_name = "A..B")]
+    pub frames: FrameRange,
+    /// High-resolution over low-resolution size
+    #[arg(long, default_value_t = 4, value_name = "S")]
+    pub scale: u32,
+    /// Methods, each NAME[@FORMATION][+INTERPOLATION]; names: native, nearest, bilinear, bicubic, lanczos, fsr1, hermite,
+    /// spline, ridge, history, analytic; formations of low-resolution frames: matched, stock, antialiased;
+    /// interpolations: repeat, blend, warp
+    #[arg(long, default_value = DEFAULT_METHODS, value_delimiter = ',', value_name = "A,B,…")]
+    pub methods: Vec<MethodSpec>,
+    /// How the camera moves over the frames
+    #[arg(long, default_value = "path")]
+    pub case: CaseArg,
+    /// Which tiles a splat is assigned to
+    #[arg(long, default_value = "accutile")]
+    pub culling: CullingArg,
+    /// Background colour, each from 0 to 1
+    #[arg(long, default_value = "0,0,0", value_name = "R,G,B")]
+    pub background: Rgb,
+    /// Rendered frames that every method runs before it is timed and judged
+    #[arg(long, default_value_t = 3, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=1000))]
+    pub warm_up: u16,
+    /// Folder for report.html, results.json, table.md and what an interrupted run resumes from
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum CaseArg {
+    /// Along the path
+    Path,
+    /// Not at all
+    Rest,
+    /// Along the path, with a cut to the far side of it in the middle
+    Cut,
+}
+
+impl From<CaseArg> for Case {
+    fn from(case: CaseArg) -> Self {
+        match case {
+            CaseArg::Path => Self::Path,
+            CaseArg::Rest => Self::Rest,
+            CaseArg::Cut => Self::Cut,
+        }
+    }
+}
+
+pub fn run(args: &EvaluateArgs) -> Result<Outcome, CliError> {
+    start_threads(args.view.threads)?;
+    let (scene, _) = inputs::scene(&args.view.scene)?;
+    let path = inputs::cameras(&args.view, &scene)?;
+    let first = path.cameras()[0];
+    let stem =
+        |path: &PathBuf| path.file_stem().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+    let protocol = Protocol {
+        scene,
+        scene_name: stem(&args.view.scene),
+        path,
+        path_name: args.view.path.as_ref().map_or_else(|| "generated path".into(), stem),
+        frames: args.frames.0.clone(),
+        case: args.case.into(),
+        size: (first.width(), first.height()),
+        scale: args.scale,
+        methods: args.methods.clone(),
+        culling: args.culling.into(),
+        background: args.background.0,
+        warm_up_frames: args.warm_up.into(),
+        command: std::env::args().collect::<Vec<_>>().join(" "),
+    };
+    let results = evaluate(&protocol, &args.out)?;
+    let table = report::markdown(&results);
+    write_text(&args.out.join("results.json"), &format!("{:#}\n", json!(results)))?;
+    write_text(&args.out.join("table.md"), &table)?;
+    write_text(&args.out.join("report.html"), &report::html(&results))?;
+    println!("{table}\n{}", args.out.join("report.html").display());
+    Ok(Outcome::Done)
+}
+
+/// Runs the protocol, showing progress.
+fn evaluate(protocol: &Protocol, out: &Path) -> Result<Results, EvaluateError> {
+    let bar = ProgressBar::new(0).with_style(inputs::style("{msg:24} {pos}/{len} {wide_bar} {eta} left"));
+    let show = |what: String, done: usize, total: usize| {
+        if done == 1 {
+            bar.reset();
+            bar.set_length(total as u64);
+            bar.set_message(what);
+        }
+        bar.set_position(done as u64);
+    };
+    let results = protocol.run(out, &mut |event| match event {
+        Event::GroundTruth { done, total } => show("ground truth".into(), done, total),
+        Event::Method { method, done, total } => show(method.to_string(), done, total),
+        Event::Resumed { method } => bar.println(format!("{method}: finished in an earlier run")),
+        Event::Failed { method, error } => bar.println(format!("{method}: {error}")),
+    });
+    bar.finish_and_clear();
+    results
+}

@@ -1,0 +1,75 @@
+//! Everything that is wrong ends with one readable line, exit code 2 and no output.
+
+use std::fs;
+
+use super::{gs3, names, stderr};
+
+const ONE_CAMERA: &str = r#"{"fl_x": 50, "w": 64, "h": 36, "frames": [
+    {"transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}"#;
+
+#[test]
+fn one_line_that_names_field_expected_and_actual() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    fs::write(at.join("one.json"), ONE_CAMERA).unwrap();
+    fs::write(at.join("singular.json"), ONE_CAMERA.replace("[1,0,0,0]", "[0,0,0,0]")).unwrap();
+    fs::write(at.join("words.json"), ONE_CAMERA.replace("50", "\"wide\"")).unwrap();
+    fs::write(at.join("empty.json"), r#"{"frames": []}"#).unwrap();
+    fs::write(at.join("noise.ply"), "ply\nformat binary_little_endian 1.0\nelement vertex 99\n").unwrap();
+    fs::write(at.join("noise.bin"), [7; 100]).unwrap();
+    fs::write(at.join("file"), "not a folder").unwrap();
+    let before = names(at);
+    let cases: &[(&str, &[&str])] = &[
+        ("render missing.ply --out o", &["missing.ply"]),
+        ("render noise.ply --out o", &["noise.ply"]),
+        ("render noise.bin --out o", &["noise.bin", "expected", "07 07"]),
+        ("render demo --path missing.json --out o", &["missing.json", "cannot read"]),
+        ("render demo --path singular.json --out o", &["singular.json: frames[0]: camera pose: expected"]),
+        (
+            "render demo --path words.json --out o",
+            &["words.json: fl_x: expected a finite number, found \"wide\""],
+        ),
+        ("render demo --path empty.json --out o", &["empty.json: cameras: expected at least 1, found 0"]),
+        (
+            "render demo --path one.json --frames 0..2 --out o",
+            &["--frames: expected frames within 0..1", "0..2"],
+        ),
+        ("render demo --size 0x5 --out o", &["--size", "expected WIDTHxHEIGHT from 1x1", "0x5"]),
+        ("render demo --size 9999x5 --out o", &["--size", "9999x5"]),
+        ("render demo --size 64x36 --scale 0 --out o", &["scale: expected 1 to", "found 0"]),
+        ("render demo --size 64x36 --scale 99 --out o", &["scale: expected 1 to", "found 99"]),
+        ("render demo --frames 5..5 --out o", &["--frames", "expected A..B with A < B", "5..5"]),
+        ("render demo --dilation -1 --out o", &["-1"]),
+        ("render demo --dilation nan --out o", &["expected matched, stock or a number", "nan"]),
+        ("render demo --background 1,2 --out o", &["expected R,G,B from 0 to 1", "1,2"]),
+        ("render demo --threads 0 --out o", &["--threads", "0"]),
+        ("render demo --size 64x36 --frames 0..1 --out file/o", &["file/o: cannot be written"]),
+        (
+            "render demo --size 64x36 --out x.png --frames 0..3",
+            &["--out: expected a folder or FILE.mp4", "x.png"],
+        ),
+        (
+            "render demo --mode native --compare c.png --out o",
+            &["--compare: expected a mode other than native"],
+        ),
+        ("gbuffer demo --frame 900 --out g.npz", &["--frame: expected", "900"]),
+        ("gbuffer demo --size 64x36 --out file/g.npz", &["file/g.npz: cannot be written"]),
+        ("gbuffer demo --jitter 3,0 --out g.npz", &["expected X,Y from -1 to 1", "3,0"]),
+        ("gbuffer demo --scale 0 --out g.npz", &["scale: expected 1 to"]),
+        ("info missing.spz", &["missing.spz"]),
+        ("convert demo scene.xyz", &["scene.xyz", "expected .ply, .spz or .sog", "xyz"]),
+        ("bench demo --frames 0..9999", &["--frames: expected", "0..9999"]),
+    ];
+    for (arguments, expected) in cases {
+        let output = gs3(at, arguments).output().unwrap();
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "gs3 {arguments}: {said}");
+        for part in *expected {
+            assert!(said.contains(part), "gs3 {arguments}: {said:?} should contain {part:?}");
+        }
+        assert!(said.starts_with("error: "), "gs3 {arguments}: {said}");
+        // clap adds a usage hint only where it does not know the option at all.
+        assert!(said.trim_end().lines().count() == 1 || arguments.contains("-1"), "gs3 {arguments}: {said}");
+        assert_eq!(names(at), before, "gs3 {arguments} leaves nothing");
+    }
+}

@@ -1,0 +1,144 @@
+//! `gs3 render` and `gs3 bench`.
+
+use std::fs;
+use std::path::Path;
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+use super::{gs3, json, names, png, stderr, succeed};
+
+#[test]
+fn full_shows_two_frames_per_rendered_one_and_reports() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    succeed(
+        at,
+        "render demo --size 160x90 --frames 0..3 --mode full --out out --compare cmp/c.png --json r.json --threads 2",
+    );
+    assert_eq!(names(&at.join("out")), (0..5).map(|k| format!("frame_{k:06}.png")).collect::<Vec<_>>());
+    let (width, height, bytes) = png(&at.join("out/frame_000003.png"));
+    assert_eq!((width, height), (160, 90));
+    let mean = bytes.iter().map(|v| f64::from(*v)).sum::<f64>() / bytes.len() as f64;
+    assert!((60.0..200.0).contains(&mean), "a picture is neither black nor white: {mean}");
+    assert_eq!(png(&at.join("cmp/c.png")).0, 3 * 53 + 8);
+
+    let report = json(&at.join("r.json"));
+    assert_eq!(report["frames_displayed"], 5);
+    assert_eq!(report["frames_rendered"], 3);
+    assert_eq!((&report["backend"], &report["threads"]), (&"cpu".into(), &2.into()));
+    for field in ["displayed_fps", "load_s", "encode_s"] {
+        assert!(report[field].as_f64().unwrap() > 0.0, "{field}: {report}");
+    }
+    for stage in ["rasterize", "super_sample", "interpolate"] {
+        assert!(report["stage_ms"][stage].as_f64().unwrap() > 0.0, "{stage}: {report}");
+    }
+    assert_eq!(report["peak_rss_mb"].is_number(), cfg!(target_os = "linux"));
+    let (bicubic, own) = (&report["compare"]["bicubic_psnr"], &report["compare"]["psnr"]);
+    assert!(own.as_f64().unwrap() > bicubic.as_f64().unwrap() + 0.5, "{report}");
+}
+
+#[test]
+fn every_mode_writes_single_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    for mode in ["native", "bicubic", "super-sample", "full"] {
+        let file = format!("{mode}.png");
+        succeed(folder.path(), &format!("render demo --size 97x55 --mode {mode} --frames 2..3 --out {file}"));
+        assert_eq!(png(&folder.path().join(file)).0, 97);
+    }
+    assert_eq!(names(folder.path()).len(), 4, "nothing else is left: {:?}", names(folder.path()));
+}
+
+#[test]
+fn options_reach_the_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let render = |name: &str, options: &str| {
+        succeed(folder.path(), &format!("render demo --size 96x54 {options} --out {name}.png"));
+        png(&folder.path().join(format!("{name}.png"))).2
+    };
+    let plain = render("plain", "--mode bicubic");
+    assert!(plain != render("stock", "--mode bicubic --dilation stock"));
+    assert!(plain == render("value", "--mode bicubic --dilation 0.01875"), "matched is 0.3 / 4²");
+    assert!(plain != render("centered", "--mode bicubic --jitter off"));
+    assert!(plain == render("exact", "--mode bicubic --culling exact"));
+    assert!(plain != render("scale", "--mode bicubic --scale 2"));
+    // Some of the demo's sky lets the background through.
+    assert!(plain != render("background", "--mode bicubic --background 1,0,0"));
+}
+
+fn frames(folder: &Path) -> Vec<(String, Vec<u8>)> {
+    names(folder).into_iter().map(|name| (name.clone(), fs::read(folder.join(name)).unwrap())).collect()
+}
+
+#[test]
+fn frames_are_the_same_bytes_whatever_the_number_of_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    for threads in [1, 2, 5] {
+        let options = format!("--frames 0..3 --threads {threads} --out {threads}");
+        succeed(folder.path(), &format!("render demo --size 160x90 {options}"));
+    }
+    let one = frames(&folder.path().join("1"));
+    assert_eq!(one.len(), 5);
+    assert!(one == frames(&folder.path().join("2")) && one == frames(&folder.path().join("5")));
+}
+
+#[test]
+fn the_parts_of_a_path_fit_together() {
+    let folder = tempfile::tempdir().unwrap();
+    let render = |frames: &str, out: &str| {
+        succeed(folder.path(), &format!("render demo --size 96x54 --scale 2 --frames {frames} --out {out}"));
+    };
+    render("0..13", "whole");
+    render("0..6", "parts");
+    render("6..13", "parts");
+    let whole = frames(&folder.path().join("whole"));
+    assert_eq!(whole.len(), 25);
+    assert!(whole == frames(&folder.path().join("parts")), "the second part starts with its history");
+}
+
+#[test]
+fn a_smooth_path_has_as_many_frames_as_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    succeed(folder.path(), "render demo --size 64x36 --mode native --smooth 4 --out out");
+    assert_eq!(names(&folder.path().join("out")).len(), 4);
+}
+
+#[test]
+#[cfg(unix)]
+fn an_interrupted_run_leaves_whole_files_and_says_how_to_go_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let mut command = gs3(folder.path(), "render demo --size 320x180 --out out --json r.json");
+    let child = command.stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while !out.is_dir() || names(&out).len() < 4 {
+        assert!(Instant::now() < deadline, "no frames came");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let pid = child.id().to_string();
+    assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130), "{}", stderr(&output));
+    let names = names(&out);
+    assert!(names.len() >= 4 && names.len() < 479, "{}", names.len());
+    for name in &names {
+        assert_eq!(png(&out.join(name)).0, 320, "{name}");
+    }
+    let rendered = json(&folder.path().join("r.json"))["frames_rendered"].as_u64().unwrap();
+    assert_eq!(names.len() as u64, 2 * rendered - 1, "all frames rendered are written");
+    let said = stderr(&output);
+    assert!(said.contains(&format!("--frames {rendered}..240")), "{said}");
+}
+
+#[test]
+fn bench_prints_ratios_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = succeed(folder.path(), "bench demo --size 160x90 --frames 0..2 --json b.json");
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(said.starts_with("displayed fps, full / native"), "{said}");
+    let report = json(&folder.path().join("b.json"));
+    let ratio = report["displayed_fps_full_over_native"].as_f64().unwrap();
+    let by_hand = report["full"]["displayed_fps"].as_f64().unwrap()
+        / report["native"]["displayed_fps"].as_f64().unwrap();
+    assert!((ratio - by_hand).abs() < 1e-9 && ratio > 0.0);
+    assert!(report["gbuffer_over_native"].as_f64().unwrap() > 0.0);
+}

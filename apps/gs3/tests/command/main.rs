@@ -1,0 +1,51 @@
+//! The command as its users meet it: what it writes, what it says, how it ends.
+#![allow(clippy::unwrap_used, reason = "a failed helper is a failed test")]
+
+mod bad_input;
+mod frames;
+mod scenes;
+mod video;
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+/// The command, in `folder`, with whatever `gs3 {arguments}` is split into at blanks.
+fn gs3(folder: &Path, arguments: &str) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_gs3"));
+    command.current_dir(folder).args(arguments.split_ascii_whitespace());
+    command
+}
+
+/// Runs it to a good end.
+fn succeed(folder: &Path, arguments: &str) -> Output {
+    let output = gs3(folder, arguments).output().unwrap();
+    assert!(output.status.success(), "gs3 {arguments}: {}", stderr(&output));
+    output
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// The names in `folder`, sorted.
+fn names(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).unwrap();
+    let mut names: Vec<String> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+/// Width, height and RGB bytes of a whole PNG file.
+fn png(file: &Path) -> (u32, u32, Vec<u8>) {
+    let decoder = png::Decoder::new(std::io::BufReader::new(fs::File::open(file).unwrap()));
+    let mut reader = decoder.read_info().unwrap();
+    let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut bytes).unwrap();
+    reader.finish().unwrap();
+    (info.width, info.height, bytes)
+}
+
+fn json(file: &Path) -> serde_json::Value {
+    serde_json::from_slice(&fs::read(file).unwrap()).unwrap()
+}
