@@ -1,7 +1,7 @@
-//! Splats to tiles: a counting sort of (depth, splat) keys by tile.
+//! Splats to tiles: a counting sort by tile.
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use rayon::prelude::*;
 
@@ -14,27 +14,30 @@ pub const TILE_WIDTH: usize = 32;
 /// See [`TILE_WIDTH`].
 pub const TILE_HEIGHT: usize = 16;
 
-/// Bits of a key that name the splat within its projection job.
+/// Bits of an id that name the splat within its projection job.
 const LOCAL_BITS: u32 = 16;
 
 /// Largest number of Gaussians in a projection job.
 pub const MAX_JOB_SIZE: usize = 1 << LOCAL_BITS;
 
-/// Splats by tile. A key holds the depth in its upper half, job and index in its lower: sorted keys are front to back,
-/// equal depths in scene order, whatever thread wrote them.
+/// Splats by tile, in scene order whatever thread wrote them. An id holds the projection job in its upper half and the
+/// index within in its lower.
 #[derive(Default)]
 pub struct Bins {
-    /// Start of each tile's keys, `[tiles + 1]`.
+    /// Start of each tile's ids, `[tiles + 1]`.
     offsets: Vec<usize>,
-    keys: Vec<AtomicU64>,
+    ids: Vec<AtomicU32>,
     /// Per group of jobs, `[tiles]`: counts, then write positions.
     cursors: Vec<Vec<usize>>,
 }
 
 impl Bins {
-    /// The unsorted keys of `tile`.
-    pub fn keys(&self, tile: usize) -> impl Iterator<Item = u64> + '_ {
-        self.keys[self.offsets[tile]..self.offsets[tile + 1]].iter().map(|k| k.load(Ordering::Relaxed))
+    /// Job and index of the splats of `tile`, in scene order.
+    pub fn of_tile(&self, tile: usize) -> impl Iterator<Item = (usize, usize)> + '_ {
+        self.ids[self.offsets[tile]..self.offsets[tile + 1]].iter().map(|id| {
+            let id = id.load(Ordering::Relaxed);
+            ((id >> LOCAL_BITS) as usize, (id & (MAX_JOB_SIZE as u32 - 1)) as usize)
+        })
     }
 
     /// Fills the bins of a `columns`×`rows` grid of tiles.
@@ -65,32 +68,24 @@ impl Bins {
             }
         }
         self.offsets.push(total);
-        if self.keys.len() < total {
-            self.keys.resize_with(total, AtomicU64::default);
+        if self.ids.len() < total {
+            self.ids.resize_with(total, AtomicU32::default);
         }
 
-        let keys = &self.keys;
+        let ids = &self.ids;
         self.cursors.par_iter_mut().zip(&groups).for_each(|(cursor, group)| {
             for job_index in group.clone() {
                 let job = &jobs[job_index];
                 for local in 0..job.splats.len() {
-                    let id = (job_index << LOCAL_BITS | local) as u64;
-                    let key = u64::from(job.depth_bits[local]) << 32 | id;
+                    let id = (job_index << LOCAL_BITS | local) as u32;
                     for_each_tile(job, local, culling, columns, |tile| {
-                        keys[cursor[tile]].store(key, Ordering::Relaxed);
+                        ids[cursor[tile]].store(id, Ordering::Relaxed);
                         cursor[tile] += 1;
                     });
                 }
             }
         });
     }
-}
-
-/// Job and index of the splat that a key names.
-#[inline(always)]
-pub fn splat_of_key(key: u64) -> (usize, usize) {
-    let id = key as u32;
-    ((id >> LOCAL_BITS) as usize, (id & (MAX_JOB_SIZE as u32 - 1)) as usize)
 }
 
 /// Splits the jobs into `count` runs of about equally many splats.
@@ -127,6 +122,15 @@ fn for_each_tile(
     let (first_y, last_y) = (rect.y0 as usize / TILE_HEIGHT, (rect.y1 as usize - 1) / TILE_HEIGHT);
     if first_x == last_x && first_y == last_y {
         visit(first_y * columns + first_x);
+        return;
+    }
+    if first_x == last_x || first_y == last_y || !matches!(culling, Culling::AccuTile | Culling::Exact) {
+        // The box is tight: the support reaches every tile of a single row or column.
+        for y in first_y..=last_y {
+            for x in first_x..=last_x {
+                visit(y * columns + x);
+            }
+        }
         return;
     }
     let splat = &job.splats[local];

@@ -6,8 +6,10 @@
 
 use fearless_simd::{Simd, f32x16, prelude::*};
 
-use super::bin::{Bins, TILE_HEIGHT, TILE_WIDTH, splat_of_key};
+use super::bin::{Bins, TILE_HEIGHT, TILE_WIDTH};
+use super::cover::{BLOCK, BLOCKS, BLOCKS_X, BLOCKS_Y, Cover, RUN};
 use super::math::exp2;
+use super::order::DepthOrder;
 use super::project::{HALF_LOG2_E_SQRT, Projected};
 use super::splat::{MIN_ALPHA, Splat, SplatGeometry};
 
@@ -19,12 +21,6 @@ const MIN_TRANSMITTANCE: f32 = 1e-4;
 
 /// Undoes the scaling of the Cholesky factor: 1 / (½ log₂ e).
 const UNSCALE: f32 = 1.0 / (HALF_LOG2_E_SQRT * HALF_LOG2_E_SQRT);
-
-/// Side of a block in pixels.
-pub const BLOCK: usize = 4;
-const BLOCKS_X: usize = TILE_WIDTH / BLOCK;
-const BLOCKS_Y: usize = TILE_HEIGHT / BLOCK;
-const BLOCKS: usize = BLOCKS_X * BLOCKS_Y;
 
 /// Planes of a block's state.
 pub mod plane {
@@ -63,21 +59,27 @@ pub const GBUFFER: usize = 1;
 /// With the mixed derivative too.
 pub const GBUFFER_MIXED: usize = 2;
 
-/// State of a tile and its sorted keys; one per thread, reused.
+/// State of a tile and its splats in order; one per thread, reused.
 pub struct TileScratch {
     pub blocks: Box<[Block; BLOCKS]>,
-    keys: Vec<u64>,
+    order: DepthOrder,
     splats: Vec<Splat>,
     geometry: Vec<SplatGeometry>,
+    run: Vec<Splat>,
+    run_geometry: Vec<SplatGeometry>,
+    cover: Box<Cover>,
 }
 
 impl Default for TileScratch {
     fn default() -> Self {
         Self {
             blocks: Box::new([Block([[0.0; 16]; plane::COUNT]); BLOCKS]),
-            keys: Vec::new(),
+            order: DepthOrder::default(),
             splats: Vec::new(),
             geometry: Vec::new(),
+            run: Vec::new(),
+            run_geometry: Vec::new(),
+            cover: Box::default(),
         }
     }
 }
@@ -95,44 +97,44 @@ pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
     let (x0, y0) = (column * TILE_WIDTH, row * TILE_HEIGHT);
     let mut open = start_tile::<OUTPUTS>(&mut scratch.blocks, width - x0, height - y0);
     let columns = width.div_ceil(TILE_WIDTH);
-    scratch.keys.clear();
-    scratch.keys.extend(bins.keys(row * columns + column));
-    scratch.keys.sort_unstable();
-    let TileScratch { blocks, keys, splats, geometry } = scratch;
-
-    let lane_x = f32x16::from_slice(s, &LANE_X);
-    let lane_y = f32x16::from_slice(s, &LANE_Y);
-    for keys in keys.chunks(GATHER) {
-        // Copying a run of splats first lets their cache misses overlap; blending one by one would wait for each.
-        splats.clear();
-        splats.extend(keys.iter().map(|&key| {
-            let (job, local) = splat_of_key(key);
-            jobs[job].splats[local]
-        }));
+    let TileScratch { blocks, order, splats, geometry, run, run_geometry, cover } = scratch;
+    // All of the tile's splats are copied in scene order, near the order of memory, and only then visited by depth:
+    // the random accesses stay within the second-level cache.
+    splats.clear();
+    geometry.clear();
+    for (job, local) in bins.of_tile(row * columns + column) {
+        splats.push(jobs[job].splats[local]);
         if OUTPUTS != COLOR {
-            geometry.clear();
-            geometry.extend(keys.iter().map(|&key| {
-                let (job, local) = splat_of_key(key);
-                jobs[job].geometry[local]
-            }));
+            geometry.push(jobs[job].geometry[local]);
         }
-        for (i, splat) in splats.iter().enumerate() {
-            let mut touched = block_mask(splat, x0, y0) & open;
-            if touched == 0 {
+    }
+    order.sort_front_to_back(splats.iter().map(|splat| splat.depth_bits));
+
+    for visited in order.sorted().chunks(RUN) {
+        run.clear();
+        run_geometry.clear();
+        for (i, &index) in visited.iter().enumerate() {
+            let splat = splats[index as usize];
+            cover.set(i, &splat, x0 as f32, y0 as f32);
+            run.push(splat);
+            if OUTPUTS != COLOR {
+                run_geometry.push(geometry[index as usize]);
+            }
+        }
+        cover.fill(s, visited.len(), open);
+        // Block by block, so that the state stays in registers over the run.
+        for b in 0..BLOCKS {
+            let touching = cover.of_block(b);
+            if touching.is_empty() {
                 continue;
             }
-            let none = SplatGeometry::default();
-            let kernel = SplatKernel::new(s, splat, if OUTPUTS == COLOR { &none } else { &geometry[i] });
-            while touched != 0 {
-                let b = touched.trailing_zeros() as usize;
-                touched &= touched - 1;
-                let x = splat.mean[0] - (x0 + b % BLOCKS_X * BLOCK) as f32;
-                let y = splat.mean[1] - (y0 + b / BLOCKS_X * BLOCK) as f32;
-                let dx = lanes(s, x) - lane_x;
-                let dy = lanes(s, y) - lane_y;
-                if kernel.blend::<OUTPUTS>(s, dx, dy, &mut blocks[b].0) {
-                    open &= !(1 << b);
-                }
+            let sample_x = f32x16::from_slice(s, &SAMPLES_X[b % BLOCKS_X]) + lanes(s, x0 as f32);
+            let sample_y = f32x16::from_slice(s, &SAMPLES_Y[b / BLOCKS_X]) + lanes(s, y0 as f32);
+            let mut state = State::load(s, &blocks[b]);
+            let finished = state.blend_run::<OUTPUTS>(s, [sample_x, sample_y], touching, run, run_geometry);
+            state.store::<OUTPUTS>(&mut blocks[b]);
+            if finished {
+                open &= !(1 << b);
             }
         }
         if open == 0 {
@@ -141,11 +143,20 @@ pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
     }
 }
 
-/// Splats copied at a time: 256 × 88 B stay in the second-level cache beside the tile's state.
-const GATHER: usize = 256;
+/// Sample positions within the tile, by column and by row of blocks.
+static SAMPLES_X: [[f32; 16]; BLOCKS_X] = sample_positions(false);
+static SAMPLES_Y: [[f32; 16]; BLOCKS_Y] = sample_positions(true);
 
-const LANE_X: [f32; 16] = [0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3.];
-const LANE_Y: [f32; 16] = [0., 0., 0., 0., 1., 1., 1., 1., 2., 2., 2., 2., 3., 3., 3., 3.];
+const fn sample_positions<const N: usize>(along_y: bool) -> [[f32; 16]; N] {
+    let mut positions = [[0.0; 16]; N];
+    let mut i = 0;
+    while i < N * 16 {
+        let lane = if along_y { i % 16 / BLOCK } else { i % BLOCK };
+        positions[i / 16][i % 16] = (i / 16 * BLOCK + lane) as f32;
+        i += 1;
+    }
+    positions
+}
 
 /// Clears the state; pixels outside the image start finished. Returns the mask of blocks with open pixels.
 fn start_tile<const OUTPUTS: usize>(
@@ -174,146 +185,165 @@ fn start_tile<const OUTPUTS: usize>(
     open
 }
 
-/// Blocks of the tile at `(x0, y0)` that the support touches.
-#[inline(always)]
-fn block_mask(splat: &Splat, x0: usize, y0: usize) -> u32 {
-    let rect = splat.rect;
-    let clip = |v: u16, origin: usize, size: usize| (v as usize).saturating_sub(origin).min(size);
-    let (left, right) = (clip(rect.x0, x0, TILE_WIDTH), clip(rect.x1, x0, TILE_WIDTH));
-    let (top, bottom) = (clip(rect.y0, y0, TILE_HEIGHT), clip(rect.y1, y0, TILE_HEIGHT));
-    if left >= right || top >= bottom {
-        return 0;
-    }
-    let (bx0, bx1) = (left / BLOCK, (right - 1) / BLOCK);
-    let (by0, by1) = (top / BLOCK, (bottom - 1) / BLOCK);
-    let row_bits = |from: usize, to: usize| ((2_u32 << to) - 1) & !((1_u32 << from) - 1) & 0xff;
-    if bx1 - bx0 < 2 || by1 == by0 {
-        // 0x01010101 repeats a row's byte in every row.
-        let rows = (0x0101_0101_u32 >> (8 * (BLOCKS_Y - 1 - (by1 - by0)))) << (8 * by0);
-        return row_bits(bx0, bx1) * rows;
-    }
-    let mut mask = 0;
-    for by in by0..=by1 {
-        let y = (y0 + by * BLOCK) as f32;
-        let [from, to] = splat.x_span(y, y + (BLOCK - 1) as f32);
-        let from = (from - x0 as f32).max(0.0) as usize / BLOCK;
-        let to = to - x0 as f32;
-        if to < 0.0 || from > bx1 {
-            continue;
-        }
-        let (from, to) = (from.max(bx0), (to as usize / BLOCK).min(bx1));
-        if from <= to {
-            mask |= row_bits(from, to) << (by * BLOCKS_X);
-        }
-    }
-    mask
-}
-
-/// A splat's constants in all lanes.
-struct SplatKernel<S: Simd> {
-    l11: f32x16<S>,
-    l21: f32x16<S>,
-    l22: f32x16<S>,
-    opacity: f32x16<S>,
+/// A block's state in registers.
+struct State<S: Simd> {
+    transmittance: f32x16<S>,
+    last: f32x16<S>,
     color: [f32x16<S>; 3],
-    ray_distance: f32x16<S>,
-    ray_plane: [f32x16<S>; 2],
+    alpha_dx: f32x16<S>,
+    alpha_dy: f32x16<S>,
+    color_dx: [f32x16<S>; 3],
+    color_dy: [f32x16<S>; 3],
+    distance: f32x16<S>,
+    median: f32x16<S>,
     normal: [f32x16<S>; 3],
+    alpha_dxdy: f32x16<S>,
+    color_dxdy: [f32x16<S>; 3],
 }
 
-impl<S: Simd> SplatKernel<S> {
+impl<S: Simd> State<S> {
     #[inline(always)]
-    fn new(s: S, splat: &Splat, geometry: &SplatGeometry) -> Self {
+    fn load(s: S, block: &Block) -> Self {
+        let plane = &block.0;
         Self {
-            l11: lanes(s, splat.l11),
-            l21: lanes(s, splat.l21),
-            l22: lanes(s, splat.l22),
-            opacity: lanes(s, splat.opacity),
-            color: lanes3(s, splat.color),
-            ray_distance: lanes(s, geometry.ray_distance),
-            ray_plane: [lanes(s, geometry.ray_plane[0]), lanes(s, geometry.ray_plane[1])],
-            normal: lanes3(s, geometry.normal),
+            transmittance: f32x16::from_slice(s, &plane[plane::TRANSMITTANCE]),
+            last: f32x16::from_slice(s, &plane[plane::FINAL]),
+            color: load3(s, block, plane::COLOR),
+            alpha_dx: f32x16::from_slice(s, &plane[plane::ALPHA_DX]),
+            alpha_dy: f32x16::from_slice(s, &plane[plane::ALPHA_DY]),
+            color_dx: load3(s, block, plane::COLOR_DX),
+            color_dy: load3(s, block, plane::COLOR_DY),
+            distance: f32x16::from_slice(s, &plane[plane::DISTANCE]),
+            median: f32x16::from_slice(s, &plane[plane::MEDIAN]),
+            normal: load3(s, block, plane::NORMAL),
+            alpha_dxdy: f32x16::from_slice(s, &plane[plane::ALPHA_DXDY]),
+            color_dxdy: load3(s, block, plane::COLOR_DXDY),
         }
     }
 
-    /// Blends the splat over one block; `dx`, `dy` are mean − sample. Returns whether the block is finished.
+    /// Writes back what [`Self::blend_run`] changes for these outputs.
     #[inline(always)]
-    fn blend<const OUTPUTS: usize>(
-        &self,
+    fn store<const OUTPUTS: usize>(&self, block: &mut Block) {
+        let plane = &mut block.0;
+        self.transmittance.store_slice(&mut plane[plane::TRANSMITTANCE]);
+        self.last.store_slice(&mut plane[plane::FINAL]);
+        store3(self.color, plane, plane::COLOR);
+        if OUTPUTS >= GBUFFER {
+            self.alpha_dx.store_slice(&mut plane[plane::ALPHA_DX]);
+            self.alpha_dy.store_slice(&mut plane[plane::ALPHA_DY]);
+            store3(self.color_dx, plane, plane::COLOR_DX);
+            store3(self.color_dy, plane, plane::COLOR_DY);
+            self.distance.store_slice(&mut plane[plane::DISTANCE]);
+            self.median.store_slice(&mut plane[plane::MEDIAN]);
+            store3(self.normal, plane, plane::NORMAL);
+        }
+        if OUTPUTS == GBUFFER_MIXED {
+            self.alpha_dxdy.store_slice(&mut plane[plane::ALPHA_DXDY]);
+            store3(self.color_dxdy, plane, plane::COLOR_DXDY);
+        }
+    }
+
+    /// Blends the splats named by `touching` over the block; returns whether all its pixels are finished.
+    #[inline(always)]
+    fn blend_run<const OUTPUTS: usize>(
+        &mut self,
         s: S,
-        dx: f32x16<S>,
-        dy: f32x16<S>,
-        state: &mut [[f32; 16]; plane::COUNT],
+        sample: [f32x16<S>; 2],
+        touching: &[u32],
+        splats: &[Splat],
+        geometry: &[SplatGeometry],
     ) -> bool {
         let (zero, one) = (lanes(s, 0.0), lanes(s, 1.0));
-        let u = self.l11.mul_add(dx, self.l21 * dy);
-        let v = self.l22 * dy;
-        let raw = self.opacity * exp2(s, zero - u.mul_add(u, v * v));
-        let t = f32x16::from_slice(s, &state[plane::TRANSMITTANCE]);
-        let hit = raw.simd_ge(lanes(s, MIN_ALPHA)) & t.simd_gt(zero);
-        if !hit.any_true() {
-            return false;
-        }
-        let alpha = raw.min(lanes(s, MAX_ALPHA));
-        let after = t * (one - alpha);
-        let finished = hit & after.simd_lt(lanes(s, MIN_TRANSMITTANCE));
-        let blended = hit & after.simd_ge(lanes(s, MIN_TRANSMITTANCE));
-        let alpha = blended.select(alpha, zero);
-        let weight = alpha * t;
-
-        for k in 0..3 {
-            accumulate(s, &mut state[plane::COLOR + k], self.color[k], weight);
-        }
-        if OUTPUTS >= GBUFFER {
-            // g = (A·dx + B·dy, B·dx + C·dy) from the factor; α derivatives vanish where α is capped.
-            let slope = raw.simd_lt(lanes(s, MAX_ALPHA)).select(alpha, zero);
-            let gx = self.l11 * u * lanes(s, UNSCALE);
-            let gy = self.l21.mul_add(u, self.l22 * v) * lanes(s, UNSCALE);
-            let (alpha_x, alpha_y) = (slope * gx, slope * gy);
-            let old_x = f32x16::from_slice(s, &state[plane::ALPHA_DX]);
-            let old_y = f32x16::from_slice(s, &state[plane::ALPHA_DY]);
-            let weight_x = t.mul_add(alpha_x, zero - old_x * alpha);
-            let weight_y = t.mul_add(alpha_y, zero - old_y * alpha);
-            for k in 0..3 {
-                accumulate(s, &mut state[plane::COLOR_DX + k], self.color[k], weight_x);
-                accumulate(s, &mut state[plane::COLOR_DY + k], self.color[k], weight_y);
+        for &i in touching {
+            let splat = &splats[i as usize];
+            let dx = lanes(s, splat.mean[0]) - sample[0];
+            let dy = lanes(s, splat.mean[1]) - sample[1];
+            let u = lanes(s, splat.l11).mul_add(dx, lanes(s, splat.l21) * dy);
+            let v = lanes(s, splat.l22) * dy;
+            let q = u.mul_add(u, v * v);
+            let t = self.transmittance;
+            // The bound is at hand long before the exponential, so a mispredicted branch costs little.
+            if (q.simd_gt(lanes(s, splat.support)) | t.simd_le(zero)).all_true() {
+                continue;
             }
-            if OUTPUTS == GBUFFER_MIXED {
-                let b = self.l11 * self.l21 * lanes(s, UNSCALE);
-                let alpha_xy = slope * gx.mul_add(gy, zero - b);
-                let old_xy = f32x16::from_slice(s, &state[plane::ALPHA_DXDY]);
-                let cross = old_x.mul_add(alpha_y, old_y * alpha_x);
-                let fresh = t.mul_add(alpha_xy, zero - cross);
-                let weight_xy = fresh - old_xy * alpha;
+            let raw = lanes(s, splat.opacity) * exp2(s, zero - q);
+            let hit = raw.simd_ge(lanes(s, MIN_ALPHA)) & t.simd_gt(zero);
+            let alpha = raw.min(lanes(s, MAX_ALPHA));
+            let after = t * (one - alpha);
+            let ends = after.simd_lt(lanes(s, MIN_TRANSMITTANCE));
+            let finished = hit & ends;
+            let blended = hit & !ends;
+            let alpha = blended.select(alpha, zero);
+            let weight = alpha * t;
+
+            let color = lanes3(s, splat.color);
+            for k in 0..3 {
+                self.color[k] = color[k].mul_add(weight, self.color[k]);
+            }
+            if OUTPUTS >= GBUFFER {
+                // g = (A·dx + B·dy, B·dx + C·dy) from the factor; α derivatives vanish where α is capped.
+                let slope = raw.simd_lt(lanes(s, MAX_ALPHA)).select(alpha, zero) * lanes(s, UNSCALE);
+                let gx = lanes(s, splat.l11) * u;
+                let gy = lanes(s, splat.l21).mul_add(u, lanes(s, splat.l22) * v);
+                let (alpha_x, alpha_y) = (slope * gx, slope * gy);
+                let weight_x = t.mul_add(alpha_x, zero - self.alpha_dx * alpha);
+                let weight_y = t.mul_add(alpha_y, zero - self.alpha_dy * alpha);
                 for k in 0..3 {
-                    accumulate(s, &mut state[plane::COLOR_DXDY + k], self.color[k], weight_xy);
+                    self.color_dx[k] = color[k].mul_add(weight_x, self.color_dx[k]);
+                    self.color_dy[k] = color[k].mul_add(weight_y, self.color_dy[k]);
                 }
-                (old_xy + weight_xy).store_slice(&mut state[plane::ALPHA_DXDY]);
-            }
-            // A(1 − α) + T·αx = A + weight_x, and likewise for the others.
-            (old_x + weight_x).store_slice(&mut state[plane::ALPHA_DX]);
-            (old_y + weight_y).store_slice(&mut state[plane::ALPHA_DY]);
+                if OUTPUTS == GBUFFER_MIXED {
+                    let b = lanes(s, splat.l11 * splat.l21);
+                    let alpha_xy = slope * (gx * gy).mul_add(lanes(s, UNSCALE), zero - b);
+                    let cross = self.alpha_dx.mul_add(alpha_y, self.alpha_dy * alpha_x);
+                    let weight_xy = t.mul_add(alpha_xy, zero - cross) - self.alpha_dxdy * alpha;
+                    for k in 0..3 {
+                        self.color_dxdy[k] = color[k].mul_add(weight_xy, self.color_dxdy[k]);
+                    }
+                    self.alpha_dxdy += weight_xy;
+                }
+                // A(1 − α) + T·αx = A + weight_x, and likewise for the others.
+                self.alpha_dx += weight_x;
+                self.alpha_dy += weight_y;
 
-            let distance = self.ray_plane[0].mul_add(dx, self.ray_plane[1].mul_add(dy, self.ray_distance));
-            accumulate(s, &mut state[plane::DISTANCE], distance, weight);
-            let in_front = blended & t.simd_gt(lanes(s, 0.5));
-            let median = f32x16::from_slice(s, &state[plane::MEDIAN]);
-            in_front.select(distance, median).store_slice(&mut state[plane::MEDIAN]);
-            for k in 0..3 {
-                accumulate(s, &mut state[plane::NORMAL + k], self.normal[k], weight);
+                let geometry = &geometry[i as usize];
+                let across = lanes(s, geometry.ray_plane[1]).mul_add(dy, lanes(s, geometry.ray_distance));
+                let distance = lanes(s, geometry.ray_plane[0]).mul_add(dx, across);
+                self.distance = distance.mul_add(weight, self.distance);
+                let in_front = blended & t.simd_gt(lanes(s, 0.5));
+                self.median = in_front.select(distance, self.median);
+                let normal = lanes3(s, geometry.normal);
+                for k in 0..3 {
+                    self.normal[k] = normal[k].mul_add(weight, self.normal[k]);
+                }
+            }
+
+            self.transmittance = blended.select(after, t);
+            if finished.any_true() {
+                self.last = finished.select(t, self.last);
+                self.transmittance = finished.select(zero, self.transmittance);
+                if self.transmittance.simd_le(zero).all_true() {
+                    return true;
+                }
             }
         }
-
-        let t_next = blended.select(after, t);
-        if finished.any_true() {
-            let last = f32x16::from_slice(s, &state[plane::FINAL]);
-            finished.select(t, last).store_slice(&mut state[plane::FINAL]);
-            let t_next = finished.select(zero, t_next);
-            t_next.store_slice(&mut state[plane::TRANSMITTANCE]);
-            return t_next.simd_le(zero).all_true();
-        }
-        t_next.store_slice(&mut state[plane::TRANSMITTANCE]);
         false
+    }
+}
+
+#[inline(always)]
+fn load3<S: Simd>(s: S, block: &Block, first: usize) -> [f32x16<S>; 3] {
+    [
+        f32x16::from_slice(s, &block.0[first]),
+        f32x16::from_slice(s, &block.0[first + 1]),
+        f32x16::from_slice(s, &block.0[first + 2]),
+    ]
+}
+
+#[inline(always)]
+fn store3<S: Simd>(values: [f32x16<S>; 3], planes: &mut [[f32; 16]; plane::COUNT], first: usize) {
+    for (k, value) in values.iter().enumerate() {
+        value.store_slice(&mut planes[first + k]);
     }
 }
 
@@ -325,10 +355,4 @@ fn lanes<S: Simd>(s: S, v: f32) -> f32x16<S> {
 #[inline(always)]
 fn lanes3<S: Simd>(s: S, v: [f32; 3]) -> [f32x16<S>; 3] {
     [lanes(s, v[0]), lanes(s, v[1]), lanes(s, v[2])]
-}
-
-/// `plane += a · b`.
-#[inline(always)]
-fn accumulate<S: Simd>(s: S, plane: &mut [f32; 16], a: f32x16<S>, b: f32x16<S>) {
-    a.mul_add(b, f32x16::from_slice(s, plane)).store_slice(plane);
 }

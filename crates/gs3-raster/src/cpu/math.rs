@@ -2,25 +2,21 @@
 
 use fearless_simd::{Simd, f32x16, i32x16, prelude::*};
 
-/// 2ˣ for `x ≤ 0` (clamped at −126), relative error below 2e-7.
+/// 2ˣ for `x ≤ 0` (clamped at −126), relative error below 3e-7.
 ///
-/// x = n + f with |f| ≤ ½; 2ᶠ by its Taylor polynomial of degree 7 (truncation ≤ (ln2/2)⁸/8! = 5e-9), 2ⁿ by the
-/// exponent bits.
+/// x = n + f with |f| ≤ ½; 2ᶠ by the polynomial of degree 5 with the smallest relative error on that interval (Remez:
+/// 7.5e-8, the rest is rounding), 2ⁿ by the exponent bits.
 #[inline(always)]
 pub fn exp2<S: Simd>(s: S, x: f32x16<S>) -> f32x16<S> {
     let x = x.max(f32x16::splat(s, -126.0));
     let n = x.round_ties_even();
     let f = x - n;
-    let c = |v: f32| f32x16::splat(s, v);
-    // ln2ᵏ / k!
-    let mut y = c(1.525_273_4e-5);
-    y = y.mul_add(f, c(1.540_353e-4));
-    y = y.mul_add(f, c(1.333_355_8e-3));
-    y = y.mul_add(f, c(9.618_129e-3));
-    y = y.mul_add(f, c(5.550_411e-2));
-    y = y.mul_add(f, c(2.402_265e-1));
-    y = y.mul_add(f, c(6.931_472e-1));
-    y = y.mul_add(f, c(1.0));
+    let mut y = f32x16::splat(s, 1.327_647_2e-3);
+    y = y.mul_add(f, f32x16::splat(s, 9.675_541e-3));
+    y = y.mul_add(f, f32x16::splat(s, 5.550_713e-2));
+    y = y.mul_add(f, f32x16::splat(s, 2.402_212e-1));
+    y = y.mul_add(f, f32x16::splat(s, 6.931_469_4e-1));
+    y = y.mul_add(f, f32x16::splat(s, 1.000_000_1));
     let exponent: i32x16<S> = n.to_int::<i32x16<S>>();
     let bits: i32x16<S> = y.bitcast::<i32x16<S>>() + (exponent << 23_u32);
     bits.bitcast()
@@ -66,7 +62,7 @@ mod tests {
         for k in 0..1000 {
             let x = std::array::from_fn(|i| -((k * 16 + i) as f32) * 0.002);
             for (actual, expected) in apply(f64::exp2, x, true) {
-                assert!((actual / expected - 1.0).abs() < 2e-7, "{actual} {expected}");
+                assert!((actual / expected - 1.0).abs() < 3e-7, "{actual} {expected}");
             }
         }
     }

@@ -6,8 +6,10 @@
 mod bin;
 mod blend;
 mod chunk;
+mod cover;
 mod geometry;
 mod math;
+mod order;
 mod project;
 mod resolve;
 mod sh;

@@ -37,8 +37,7 @@ pub struct Projected {
     pub splats: Vec<Splat>,
     /// Empty unless depth and normals are asked for.
     pub geometry: Vec<SplatGeometry>,
-    /// View-space z, as bits that sort as unsigned integers (z is positive).
-    pub depth_bits: Vec<u32>,
+    /// The splats' rectangles once more: all that most of binning reads.
     pub rects: Vec<PixelRect>,
 }
 
@@ -46,7 +45,6 @@ impl Projected {
     pub fn clear(&mut self) {
         self.splats.clear();
         self.geometry.clear();
-        self.depth_bits.clear();
         self.rects.clear();
     }
 }
@@ -217,6 +215,10 @@ fn project_lanes<S: Simd>(
     let l22 = scale / yy.sqrt();
     let root = scale / (yy * det).sqrt();
     let (l11, l21) = (yy * root, zero - xy * root);
+    // A splat thinner than a nanopixel meets a sample by accident only, and its derivatives would overflow. It takes
+    // a dilation of 0 to get here.
+    let steepest = l11.max(l22).max(l21.abs());
+    visible &= steepest.simd_lt(lanes(s, 1e9));
 
     // Where at most two by two samples are in the box, all of them may miss the ellipse.
     let small = (x1 - x0).simd_le(lanes(s, 1.0)) & (y1 - y0).simd_le(lanes(s, 1.0));
@@ -319,8 +321,8 @@ fn emit(input: &ProjectInput<'_>, lanes: &Lanes, lane: usize, index: usize, out:
         dy_at_max_dx: lanes.dy_at_max_dx[lane],
         inv_l11: 1.0 / l11,
         rect,
+        depth_bits: lanes.depth[lane].to_bits(),
     });
-    out.depth_bits.push(lanes.depth[lane].to_bits());
     out.rects.push(rect);
     if input.with_geometry {
         let [distance, plane_x, plane_y, nx, ny, nz] = [0, 1, 2, 3, 4, 5].map(|k| lanes.geometry[k][lane]);

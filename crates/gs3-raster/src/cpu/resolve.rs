@@ -3,7 +3,8 @@
 use gs3_scene::{Camera, GBuffer, Geometry, Gradients, Image, Planes};
 
 use super::bin::{TILE_HEIGHT, TILE_WIDTH};
-use super::blend::{BLOCK, Block, plane};
+use super::blend::{Block, plane};
+use super::cover::BLOCK;
 use super::view::View;
 use crate::settings::{Outputs, RasterSettings};
 

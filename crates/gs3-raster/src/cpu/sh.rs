@@ -21,7 +21,7 @@ const C3: [f32; 7] = [
 
 /// Colour of a Gaussian seen along `direction` (from the camera to the Gaussian, any length), display-encoded RGB, at
 /// least 0 (Kerbl et al. 2023). `coefficients` is `[K, 3]` with K = 1, 4, 9 or 16.
-#[inline]
+#[inline(always)]
 pub fn color(coefficients: &[f32], direction: [f32; 3]) -> [f32; 3] {
     if coefficients.len() == 3 {
         return [0, 1, 2].map(|c| (C0 * coefficients[c] + 0.5).max(0.0));
@@ -50,11 +50,14 @@ pub fn color(coefficients: &[f32], direction: [f32; 3]) -> [f32; 3] {
             basis[15] = C3[6] * x * (xx - 3.0 * yy);
         }
     }
-    let mut color = [0.5; 3];
-    for (rgb, b) in coefficients.chunks_exact(3).zip(basis) {
-        for c in 0..3 {
-            color[c] += b * rgb[c];
+    // Four lanes a coefficient, the fourth unused, so that the sum runs on one vector; the last row has no fourth.
+    let mut sum = [0.5; 4];
+    let last = coefficients.len() / 3 - 1;
+    for k in 0..last {
+        let rgb = &coefficients[3 * k..3 * k + 4];
+        for c in 0..4 {
+            sum[c] += basis[k] * rgb[c];
         }
     }
-    color.map(|v| v.max(0.0))
+    [0, 1, 2].map(|c| (sum[c] + basis[last] * coefficients[3 * last + c]).max(0.0))
 }

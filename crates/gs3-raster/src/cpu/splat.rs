@@ -27,6 +27,8 @@ pub struct Splat {
     pub inv_l11: f32,
     /// Pixels that may lie in the support.
     pub rect: PixelRect,
+    /// View-space z, as bits that sort as unsigned integers (z is positive).
+    pub depth_bits: u32,
 }
 
 /// What depth and normal need of a projected Gaussian (RaDe-GS, Zhang et al. 2024).
