@@ -123,7 +123,7 @@ fn every_method_places_samples_where_they_were_taken() {
                 ("bilinear", Box::new(Kernel::Bilinear), 0.025),
                 ("bicubic", Box::new(Kernel::Bicubic), 0.01),
                 ("lanczos", Box::new(Lanczos::default()), 0.012),
-                ("fsr1", Box::new(Fsr1::default()), 0.12),
+                ("fsr1", Box::new(Fsr1::default()), 0.15),
                 ("hermite", Box::new(Hermite::EstimatedMixed), 2e-3),
                 ("spline", Box::new(Hermite::ExactMixed), 1e-3),
             ];

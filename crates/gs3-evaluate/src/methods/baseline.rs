@@ -1,0 +1,193 @@
+//! Baselines: a spatial upscaler (or gs3's history, or native frames) and an interpolation, in any combination.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use gs3::{FramePipeline, Mode, ResetReason, Stage};
+use gs3_raster::{Outputs, RasterSettings, Rasterizer, STOCK_DILATION, matched_dilation};
+use gs3_reconstruct::{Interpolator, Kernel};
+use gs3_scene::{Camera, GBuffer, Image};
+
+use super::formation::reduce;
+use super::interpolation::{Frame, interpolate};
+use super::{
+    Durations, Formation, Interpolation, Method, MethodError, MethodSettings, MethodSpec, Shown, Spatial,
+    pipeline,
+};
+use crate::upscale::{Fsr1, Hermite, Lanczos, RidgeMap, Upscaler};
+
+/// A method put together from parts.
+pub(super) struct Baseline {
+    spec: MethodSpec,
+    spatial: SpatialPart,
+    interpolator: Interpolator,
+    previous: Frame,
+    current: Frame,
+    between: Image,
+    durations: Durations,
+}
+
+/// What makes the rendered frames.
+enum SpatialPart {
+    /// gs3's pipeline, without interpolation.
+    Pipeline(Box<FramePipeline>),
+    /// LR frames and an upscaler.
+    Upscaled { source: Box<LrSource>, upscaler: Box<dyn Upscaler> },
+}
+
+impl Baseline {
+    pub fn new(spec: MethodSpec, settings: &MethodSettings) -> Result<Self, MethodError> {
+        let of_pipeline =
+            |mode| pipeline(mode, spec.formation, settings).map(|p| SpatialPart::Pipeline(Box::new(p)));
+        let upscaled = |upscaler: Box<dyn Upscaler>| {
+            let outputs = match (upscaler.outputs(), spec.interpolation) {
+                (Outputs::Color, Interpolation::Warp) => Outputs::GBuffer,
+                (outputs, _) => outputs,
+            };
+            let source = Box::new(LrSource::new(spec.formation, outputs, settings));
+            SpatialPart::Upscaled { source, upscaler }
+        };
+        let spatial = match spec.spatial {
+            Spatial::Native => of_pipeline(Mode::Native)?,
+            Spatial::History => of_pipeline(Mode::SuperSample)?,
+            Spatial::Nearest => upscaled(Box::new(Kernel::Nearest)),
+            Spatial::Bilinear => upscaled(Box::new(Kernel::Bilinear)),
+            Spatial::Bicubic => upscaled(Box::new(Kernel::Bicubic)),
+            Spatial::Lanczos => upscaled(Box::<Lanczos>::default()),
+            Spatial::Fsr1 => upscaled(Box::<Fsr1>::default()),
+            Spatial::Hermite => upscaled(Box::new(Hermite::EstimatedMixed)),
+            Spatial::Spline => upscaled(Box::new(Hermite::ExactMixed)),
+            Spatial::Ridge => upscaled(Box::new(fit_ridge(spec, settings)?)),
+        };
+        Ok(Self {
+            spec,
+            spatial,
+            interpolator: Interpolator::new(settings.scale)?,
+            previous: Frame::default(),
+            current: Frame::default(),
+            between: Image::default(),
+            durations: Durations::default(),
+        })
+    }
+}
+
+impl Method for Baseline {
+    fn reset(&mut self) {
+        self.previous.camera = None;
+        self.current.camera = None;
+        if let SpatialPart::Pipeline(pipeline) = &mut self.spatial {
+            pipeline.reset(ResetReason::FirstFrame);
+        }
+    }
+
+    fn render(&mut self, camera: &Camera, middle: Option<&Camera>) -> Result<Shown<'_>, MethodError> {
+        std::mem::swap(&mut self.previous, &mut self.current);
+        self.current.camera = Some(*camera);
+        self.durations = Durations::default();
+        let needs_gbuffer = self.spec.interpolation == Interpolation::Warp;
+        match &mut self.spatial {
+            SpatialPart::Pipeline(pipeline) => {
+                self.current.image.clone_from(pipeline.render(camera, None)?.current);
+                if needs_gbuffer {
+                    self.current.gbuffer.clone_from(pipeline.gbuffer());
+                }
+                self.durations = Stage::ALL.map(|stage| pipeline.times().get(stage));
+            }
+            SpatialPart::Upscaled { source, upscaler } => {
+                let Frame { gbuffer, image, .. } = &mut self.current;
+                self.durations[Stage::Rasterize as usize] = source.render(camera, gbuffer)?;
+                let started = Instant::now();
+                image.resize(camera.width() as usize, camera.height() as usize);
+                upscaler.upscale(gbuffer, source.scale, image)?;
+                self.durations[Stage::SuperSample as usize] = Some(started.elapsed());
+            }
+        }
+        let between = match (self.previous.camera.is_some(), self.spec.interpolation, middle) {
+            (false, ..) | (_, Interpolation::None, _) => None,
+            (true, _, None) => Some(&self.previous.image),
+            (true, interpolation, Some(middle)) => {
+                let started = Instant::now();
+                let made = interpolate(
+                    interpolation,
+                    &mut self.interpolator,
+                    &self.previous,
+                    &self.current,
+                    middle,
+                    &mut self.between,
+                )?;
+                if made {
+                    self.durations[Stage::Interpolate as usize] = Some(started.elapsed());
+                }
+                Some(if made { &self.between } else { &self.previous.image })
+            }
+        };
+        Ok(Shown { between, current: &self.current.image })
+    }
+
+    fn durations(&self) -> Durations {
+        self.durations
+    }
+}
+
+/// Makes LR frames, without jitter.
+pub(super) struct LrSource {
+    rasterizer: Rasterizer,
+    formation: Formation,
+    outputs: Outputs,
+    scale: u32,
+    background: [f32; 3],
+    native: Image,
+}
+
+impl LrSource {
+    pub fn new(formation: Formation, outputs: Outputs, settings: &MethodSettings) -> Self {
+        Self {
+            rasterizer: Rasterizer::new(Arc::clone(&settings.scene), settings.culling),
+            formation,
+            outputs,
+            scale: settings.scale,
+            background: settings.background,
+            native: Image::default(),
+        }
+    }
+
+    /// Makes the LR frame of the HR `camera`; gives the time, where a renderer would need as long.
+    fn render(&mut self, camera: &Camera, lr: &mut GBuffer) -> Result<Option<Duration>, MethodError> {
+        let dilation = match self.formation {
+            Formation::Matched => matched_dilation(self.scale),
+            Formation::Stock => STOCK_DILATION,
+            Formation::Antialiased => {
+                self.render_native(camera)?;
+                reduce(&self.native, self.scale, lr);
+                return Ok(None);
+            }
+        };
+        let settings =
+            RasterSettings { dilation, background: self.background, ..RasterSettings::new(self.outputs) };
+        let started = Instant::now();
+        self.rasterizer.rasterize(&camera.low_resolution(self.scale), &settings, lr)?;
+        Ok(Some(started.elapsed()))
+    }
+
+    fn render_native(&mut self, camera: &Camera) -> Result<&Image, MethodError> {
+        let settings = RasterSettings { background: self.background, ..RasterSettings::new(Outputs::Color) };
+        self.rasterizer.rasterize_image(camera, &settings, &mut self.native)?;
+        Ok(&self.native)
+    }
+}
+
+/// Fits the ridge map to the training cameras, with the LR formation that it will see.
+fn fit_ridge(spec: MethodSpec, settings: &MethodSettings) -> Result<RidgeMap, MethodError> {
+    if settings.training.is_empty() {
+        return Err(MethodError::NoTrainingFrames { method: spec });
+    }
+    let mut source = LrSource::new(spec.formation, Outputs::GBuffer, settings);
+    let mut frames = Vec::new();
+    for camera in &settings.training {
+        let mut lr = GBuffer::default();
+        source.render(camera, &mut lr)?;
+        frames.push((lr, source.render_native(camera)?.clone()));
+    }
+    let frames: Vec<(&GBuffer, &Image)> = frames.iter().map(|(lr, hr)| (lr, hr)).collect();
+    Ok(RidgeMap::fit(&frames, settings.scale)?)
+}

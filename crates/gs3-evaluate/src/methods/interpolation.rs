@@ -1,0 +1,44 @@
+//! Frames between rendered ones, for baselines.
+
+use gs3_reconstruct::{Interpolator, Neighbor};
+use gs3_scene::{Camera, GBuffer, Image};
+use rayon::prelude::*;
+
+use super::{Interpolation, MethodError};
+
+/// A rendered frame, to be interpolated between.
+#[derive(Debug, Default)]
+pub(super) struct Frame {
+    pub camera: Option<Camera>,
+    pub gbuffer: GBuffer,
+    pub image: Image,
+}
+
+/// Makes the frame between `before` and `after` in `out`; false if the method makes none, and `before` stays on.
+pub(super) fn interpolate(
+    interpolation: Interpolation,
+    interpolator: &mut Interpolator,
+    before: &Frame,
+    after: &Frame,
+    middle: &Camera,
+    out: &mut Image,
+) -> Result<bool, MethodError> {
+    match interpolation {
+        Interpolation::None | Interpolation::Repeat => Ok(false),
+        Interpolation::Blend => {
+            out.resize(after.image.width(), after.image.height());
+            let neighbors = before.image.pixels().par_iter().zip(after.image.pixels());
+            out.pixels_mut().par_iter_mut().zip(neighbors).for_each(|(to, (a, b))| {
+                *to = std::array::from_fn(|c| 0.5 * (a[c] + b[c]));
+            });
+            Ok(true)
+        }
+        Interpolation::Warp => {
+            let (Some(from), Some(to)) = (&before.camera, &after.camera) else { return Ok(false) };
+            let before = Neighbor { camera: from, image: &before.image, gbuffer: &before.gbuffer };
+            let after = Neighbor { camera: to, image: &after.image, gbuffer: &after.gbuffer };
+            interpolator.interpolate(before, after, 0.5, middle, out)?;
+            Ok(true)
+        }
+    }
+}

@@ -1,0 +1,142 @@
+//! Methods under evaluation: scene and cameras in, displayed frames out, timed by stage.
+//!
+//! gs3's own modes run through [`gs3::FramePipeline`], so that what is measured is what is shown. The baselines share its
+//! rasterizer and differ in what follows.
+
+mod baseline;
+mod formation;
+mod interpolation;
+mod spec;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use gs3::{
+    Culling, Dilation, FramePipeline, Mode, PipelineError, PipelineSettings, ResetReason, Sampling, Stage,
+};
+use gs3_raster::RasterError;
+use gs3_reconstruct::ReconstructError;
+use gs3_scene::{Camera, Image, Scene};
+
+use crate::upscale::{RidgeError, UpscaleError};
+use baseline::Baseline;
+pub use spec::{DEFAULT_METHODS, Formation, Interpolation, MethodSpec, Spatial, SpecError};
+
+/// Durations of the stages of a rendered frame, in the order of [`Stage::ALL`]; none for stages that did not run or whose
+/// time means nothing.
+pub type Durations = [Option<Duration>; Stage::ALL.len()];
+
+/// Why a method gave no frame.
+#[derive(Debug, thiserror::Error)]
+pub enum MethodError {
+    /// The rasterizer refused its settings.
+    #[error(transparent)]
+    Raster(#[from] RasterError),
+    /// The frame pipeline failed.
+    #[error(transparent)]
+    Pipeline(#[from] PipelineError),
+    /// The reconstruction failed.
+    #[error(transparent)]
+    Reconstruct(#[from] ReconstructError),
+    /// The upscaler failed.
+    #[error(transparent)]
+    Upscale(#[from] UpscaleError),
+    /// The ridge map could not be fitted.
+    #[error(transparent)]
+    Ridge(#[from] RidgeError),
+    /// There are no frames to fit a map on.
+    #[error("{method}: expected frames of the path outside the evaluated ones to fit on, found none")]
+    NoTrainingFrames {
+        /// The method.
+        method: MethodSpec,
+    },
+}
+
+/// What a rendered frame gives to show.
+#[derive(Clone, Copy, Debug)]
+pub struct Shown<'a> {
+    /// The frame half-way from the previous one, of methods that interpolate.
+    pub between: Option<&'a Image>,
+    /// The frame at the camera asked for.
+    pub current: &'a Image,
+}
+
+/// A method at work on one sequence.
+pub trait Method {
+    /// Forgets the frames before.
+    fn reset(&mut self);
+
+    /// Renders the frame of `camera`, and the one between it and the previous at `middle`. At a cut `middle` is absent:
+    /// nothing lies between, and methods that interpolate show the previous frame once more.
+    ///
+    /// # Errors
+    /// [`MethodError`] if the method cannot.
+    fn render(&mut self, camera: &Camera, middle: Option<&Camera>) -> Result<Shown<'_>, MethodError>;
+
+    /// How long the stages of the last frame took.
+    fn durations(&self) -> Durations;
+}
+
+/// What all methods share.
+#[derive(Clone, Debug)]
+pub struct MethodSettings {
+    /// The scene.
+    pub scene: Arc<Scene>,
+    /// HR over LR size.
+    pub scale: u32,
+    /// Which tiles a splat is assigned to.
+    pub culling: Culling,
+    /// Background, display-encoded RGB, finite.
+    pub background: [f32; 3],
+    /// Cameras outside the evaluated frames, for methods that fit something to the scene.
+    pub training: Vec<Camera>,
+}
+
+/// Makes the method that `spec` names.
+///
+/// # Errors
+/// [`MethodError`] if the scale is not supported or a map cannot be fitted.
+pub fn build(spec: MethodSpec, settings: &MethodSettings) -> Result<Box<dyn Method>, MethodError> {
+    let mode = match (spec.spatial, spec.interpolation) {
+        (Spatial::Native, Interpolation::None) => Mode::Native,
+        (Spatial::History, Interpolation::None) => Mode::SuperSample,
+        (Spatial::History, Interpolation::Warp) => Mode::Full,
+        _ => return Ok(Box::new(Baseline::new(spec, settings)?)),
+    };
+    Ok(Box::new(pipeline(mode, spec.formation, settings)?))
+}
+
+fn pipeline(
+    mode: Mode,
+    formation: Formation,
+    settings: &MethodSettings,
+) -> Result<FramePipeline, PipelineError> {
+    let dilation = match (mode, formation) {
+        (Mode::Native, _) | (_, Formation::Stock) => Dilation::Stock,
+        (_, Formation::Matched | Formation::Antialiased) => Dilation::Matched,
+    };
+    let settings_ = PipelineSettings {
+        mode,
+        scale: settings.scale,
+        sampling: Sampling::Jittered,
+        dilation,
+        culling: settings.culling,
+        background: settings.background,
+    };
+    FramePipeline::new(Arc::clone(&settings.scene), settings_)
+}
+
+impl Method for FramePipeline {
+    fn reset(&mut self) {
+        FramePipeline::reset(self, ResetReason::FirstFrame);
+    }
+
+    fn render(&mut self, camera: &Camera, middle: Option<&Camera>) -> Result<Shown<'_>, MethodError> {
+        let presented = FramePipeline::render(self, camera, middle)?;
+        Ok(Shown { between: presented.between, current: presented.current })
+    }
+
+    fn durations(&self) -> Durations {
+        Stage::ALL.map(|stage| self.times().get(stage))
+    }
+}

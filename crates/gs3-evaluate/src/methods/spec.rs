@@ -1,0 +1,239 @@
+//! Names of methods: `NAME[@FORMATION][+INTERPOLATION]`.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// How a method makes a frame from a rendered one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Spatial {
+    /// Every pixel rasterized.
+    Native,
+    /// The nearest LR sample.
+    Nearest,
+    /// Linear interpolation.
+    Bilinear,
+    /// Catmull–Rom interpolation.
+    Bicubic,
+    /// Lanczos-3 interpolation.
+    Lanczos,
+    /// FSR 1: EASU and RCAS.
+    Fsr1,
+    /// Gradient-aware Hermite interpolation, mixed derivative estimated.
+    Hermite,
+    /// Gradient-aware Hermite interpolation, mixed derivative rendered (UpscaleGS).
+    Spline,
+    /// The best linear map of colours and gradients, fitted on other frames of the path.
+    Ridge,
+    /// gs3's super sampling with jittered history.
+    History,
+}
+
+/// How LR frames come about. The choice decides how methods rank, so every result states its own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Formation {
+    /// Rasterized at LR with dilation 0.3/S²: exact point samples of the native image.
+    #[default]
+    Matched,
+    /// Rasterized at LR with the stock dilation 0.3: a blurrier signal, as 3D Gaussian Splatting renders at that size.
+    Stock,
+    /// The native image reduced by an antialiasing bicubic filter, as image super resolution is trained. It needs the native
+    /// image, so methods fed with it have no speed.
+    Antialiased,
+}
+
+/// How a method makes the frames between the rendered ones.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Interpolation {
+    /// It shows rendered frames only.
+    #[default]
+    None,
+    /// The previous frame once more.
+    Repeat,
+    /// The mean of the two neighbours.
+    Blend,
+    /// gs3's analytic warp of both neighbours to the middle pose.
+    Warp,
+}
+
+/// A method: how frames are super-sampled, from what, and how the ones between are made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct MethodSpec {
+    /// Rendered frames.
+    pub spatial: Spatial,
+    /// LR frames.
+    pub formation: Formation,
+    /// Frames between.
+    pub interpolation: Interpolation,
+}
+
+/// Why a text names no method.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SpecError {
+    /// A part is not known.
+    #[error("method '{method}': expected {part} one of {known}, found '{actual}'")]
+    Unknown {
+        /// The whole text.
+        method: String,
+        /// Which part of it.
+        part: &'static str,
+        /// Accepted values.
+        known: String,
+        /// The value found.
+        actual: String,
+    },
+    /// The parts do not go together.
+    #[error("method '{method}': expected {expected}")]
+    Combination {
+        /// The whole text.
+        method: String,
+        /// What would go together.
+        expected: &'static str,
+    },
+}
+
+const SPATIAL: [(&str, Spatial); 10] = [
+    ("native", Spatial::Native),
+    ("nearest", Spatial::Nearest),
+    ("bilinear", Spatial::Bilinear),
+    ("bicubic", Spatial::Bicubic),
+    ("lanczos", Spatial::Lanczos),
+    ("fsr1", Spatial::Fsr1),
+    ("hermite", Spatial::Hermite),
+    ("spline", Spatial::Spline),
+    ("ridge", Spatial::Ridge),
+    ("history", Spatial::History),
+];
+const FORMATIONS: [(&str, Formation); 3] =
+    [("matched", Formation::Matched), ("stock", Formation::Stock), ("antialiased", Formation::Antialiased)];
+const INTERPOLATIONS: [(&str, Interpolation); 3] =
+    [("repeat", Interpolation::Repeat), ("blend", Interpolation::Blend), ("warp", Interpolation::Warp)];
+/// The name of `history+warp`: gs3 without learning, both parts.
+const ANALYTIC: &str = "analytic";
+
+/// The methods compared where none are named.
+pub const DEFAULT_METHODS: &str = "native,nearest,bilinear,bicubic,lanczos,fsr1,hermite,spline,ridge,history,\
+     bicubic@stock,bicubic+repeat,bicubic+blend,history+repeat,history+blend,analytic";
+
+impl Spatial {
+    /// Whether it reads image gradients or depth, which only rasterized LR frames have.
+    const fn reads_gbuffer(self) -> bool {
+        matches!(self, Self::Hermite | Self::Spline | Self::Ridge | Self::History)
+    }
+}
+
+impl Formation {
+    /// The formation's name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        name_of(&FORMATIONS, self)
+    }
+}
+
+impl MethodSpec {
+    /// Rasterizing every pixel: what speed-ups are stated against.
+    pub const NATIVE: Self =
+        Self { spatial: Spatial::Native, formation: Formation::Matched, interpolation: Interpolation::None };
+
+    /// Frames shown for each rendered one.
+    #[must_use]
+    pub const fn displayed_per_rendered(self) -> usize {
+        match self.interpolation {
+            Interpolation::None => 1,
+            Interpolation::Repeat | Interpolation::Blend | Interpolation::Warp => 2,
+        }
+    }
+
+    fn check(self, method: &str) -> Result<Self, SpecError> {
+        let warps = self.interpolation == Interpolation::Warp;
+        let expected = if self.spatial == Spatial::Native && (self.formation != Formation::Matched || warps) {
+            "no LR formation and no warp with native rendering"
+        } else if self.formation == Formation::Antialiased && (self.spatial.reads_gbuffer() || warps) {
+            "a rasterized LR formation (matched or stock) where gradients or depth are read"
+        } else {
+            return Ok(self);
+        };
+        Err(SpecError::Combination { method: method.into(), expected })
+    }
+}
+
+impl FromStr for MethodSpec {
+    type Err = SpecError;
+
+    fn from_str(method: &str) -> Result<Self, SpecError> {
+        let (rest, interpolation) = match method.split_once('+') {
+            Some((rest, name)) => (rest, lookup(method, "interpolation", &INTERPOLATIONS, name)?),
+            None => (method, Interpolation::None),
+        };
+        let (name, formation) = match rest.split_once('@') {
+            Some((name, formation)) => (name, lookup(method, "LR formation", &FORMATIONS, formation)?),
+            None => (rest, Formation::Matched),
+        };
+        if name == ANALYTIC && interpolation == Interpolation::None {
+            let (spatial, interpolation) = (Spatial::History, Interpolation::Warp);
+            return Self { spatial, formation, interpolation }.check(method);
+        }
+        let spatial = lookup(method, "name", &SPATIAL, name)?;
+        Self { spatial, formation, interpolation }.check(method)
+    }
+}
+
+impl fmt::Display for MethodSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let is_analytic = (self.spatial, self.interpolation) == (Spatial::History, Interpolation::Warp);
+        f.write_str(if is_analytic { ANALYTIC } else { name_of(&SPATIAL, self.spatial) })?;
+        if self.formation != Formation::Matched {
+            write!(f, "@{}", self.formation.name())?;
+        }
+        if self.interpolation != Interpolation::None && !is_analytic {
+            write!(f, "+{}", name_of(&INTERPOLATIONS, self.interpolation))?;
+        }
+        Ok(())
+    }
+}
+
+fn name_of<T: PartialEq>(table: &[(&'static str, T)], value: T) -> &'static str {
+    table.iter().find(|(_, v)| *v == value).map_or("", |(name, _)| name)
+}
+
+fn lookup<T: Copy>(
+    method: &str,
+    part: &'static str,
+    table: &[(&'static str, T)],
+    actual: &str,
+) -> Result<T, SpecError> {
+    table.iter().find(|(name, _)| *name == actual).map(|(_, value)| *value).ok_or_else(|| {
+        SpecError::Unknown {
+            method: method.into(),
+            part,
+            known: table.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", "),
+            actual: actual.into(),
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_read_back_as_written() {
+        let names =
+            DEFAULT_METHODS.split(',').chain(["bicubic@antialiased", "analytic@stock", "hermite@stock+warp"]);
+        for name in names {
+            assert_eq!(name.parse::<MethodSpec>().map(|m| m.to_string()).as_deref(), Ok(name));
+        }
+        let both = ["history+warp", "analytic"].map(|name| name.parse::<MethodSpec>());
+        assert_eq!(both[0], both[1]);
+    }
+
+    #[test]
+    fn what_makes_no_method_is_refused_with_what_would() {
+        let message = |name: &str| name.parse::<MethodSpec>().map_err(|e| e.to_string()).unwrap_err();
+        assert!(message("bicubik").contains("one of native, nearest"), "{}", message("bicubik"));
+        assert!(message("bicubic@blurry").contains("found 'blurry'"));
+        assert!(message("bicubic+flow").contains("repeat, blend, warp"));
+        for name in ["native@stock", "native+warp", "hermite@antialiased", "bicubic@antialiased+warp", ""] {
+            assert!(name.parse::<MethodSpec>().is_err(), "{name}");
+        }
+    }
+}

@@ -1,0 +1,79 @@
+//! Finished parts of a run, kept in the output folder.
+
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use super::EvaluateError;
+
+/// The folder of finished parts of one protocol.
+pub(super) struct Cache {
+    folder: PathBuf,
+}
+
+impl Cache {
+    /// Opens `out/cache`; parts that a protocol with another key left there are removed.
+    pub fn new(out: &Path, key: &str) -> Result<Self, EvaluateError> {
+        let folder = out.join("cache");
+        let key_file = folder.join("protocol.txt");
+        if fs::read_to_string(&key_file).is_ok_and(|found| found == key) {
+            return Ok(Self { folder });
+        }
+        if key_file.exists() {
+            fs::remove_dir_all(&folder).map_err(at_path(&folder))?;
+        }
+        fs::create_dir_all(&folder).map_err(at_path(&folder))?;
+        write_whole(&key_file, |file| file.write_all(key.as_bytes()))?;
+        Ok(Self { folder })
+    }
+
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    fn file(&self, name: &str) -> PathBuf {
+        self.folder.join(format!("{name}.json"))
+    }
+
+    /// The part `name`, if it is finished.
+    pub fn load<T: DeserializeOwned>(&self, name: &str) -> Result<Option<T>, EvaluateError> {
+        let path = self.file(name);
+        match fs::read(&path) {
+            // A part that does not parse counts as unfinished.
+            Ok(bytes) => Ok(serde_json::from_slice(&bytes).ok()),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(at_path(&path)(error)),
+        }
+    }
+
+    /// Keeps the part `name`, and gives it back.
+    pub fn store<T: Serialize>(&self, name: &str, part: T) -> Result<T, EvaluateError> {
+        let path = self.file(name);
+        write_whole(&path, |file| Ok(serde_json::to_writer(file, &part)?))?;
+        Ok(part)
+    }
+}
+
+/// Writes a file whole or not at all: a run that is interrupted leaves no half file under its name.
+pub(super) fn write_whole(
+    path: &Path,
+    write: impl FnOnce(&mut std::io::BufWriter<fs::File>) -> std::io::Result<()>,
+) -> Result<(), EvaluateError> {
+    let partial = path.with_extension("partial");
+    let written = fs::File::create(&partial).and_then(|file| {
+        let mut file = std::io::BufWriter::new(file);
+        write(&mut file)?;
+        file.flush()?;
+        fs::rename(&partial, path)
+    });
+    written.map_err(at_path(path))
+}
+
+/// Names the file in an I/O error.
+pub(super) fn at_path(path: &Path) -> impl FnOnce(std::io::Error) -> EvaluateError {
+    let path = path.to_owned();
+    move |source| EvaluateError::File { path, source }
+}

@@ -1,0 +1,178 @@
+//! Runs one method over the timeline and scores every displayed frame.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use gs3_scene::Image;
+use serde::{Deserialize, Serialize};
+
+use super::EvaluateError;
+use super::ground_truth::{GroundTruth, Truth};
+use super::results::Subset;
+use super::timeline::Timeline;
+use crate::methods::{Durations, Method};
+use crate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
+use crate::metrics::{Border, Quantisation, flicker, flip, psnr, ssim, tpsnr, warping_error};
+use crate::report::png_rgb8;
+
+/// PSNR of frames that agree better, or exactly, counts as this many dB, so that means exist.
+pub const PSNR_CAP: f64 = 100.0;
+
+/// Scores of one displayed frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameScore {
+    /// Index of the displayed frame at twice the rendered rate: even ones are rendered, odd ones lie between.
+    pub displayed: usize,
+    /// PSNR in dB, capped at [`PSNR_CAP`].
+    pub psnr: f64,
+    /// SSIM, borders cropped.
+    pub ssim: f64,
+    /// Mean ꟻLIP.
+    pub flip: f64,
+}
+
+/// A detail of a displayed frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Crop {
+    /// Index of the displayed frame.
+    pub displayed: usize,
+    /// The ground truth's detail, as PNG.
+    pub truth_png: Vec<u8>,
+    /// The method's, as PNG.
+    pub png: Vec<u8>,
+}
+
+/// All scores of one method.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct MethodScore {
+    /// Scores by displayed frame.
+    pub frames: Vec<FrameScore>,
+    /// tPSNR in dB, capped, of the pairs of consecutive frames of each subset, in the order of [`Subset::EACH`].
+    pub tpsnr: [Vec<f64>; 3],
+    /// Warping error of the same pairs, where something is visible in both.
+    pub warping_error: [Vec<f64>; 3],
+    /// Flicker of the triples of consecutive frames of each subset.
+    pub flicker: [Vec<f64>; 3],
+    /// Milliseconds of the stages of every rendered frame but the first, in the order of [`gs3::Stage::ALL`].
+    pub stage_ms: Vec<[Option<f64>; 3]>,
+    /// A detail of one rendered frame and of the frame before it.
+    pub crops: Vec<Crop>,
+}
+
+/// A displayed frame with its ground truth.
+#[derive(Clone)]
+struct Displayed {
+    truth: Arc<Truth>,
+    image: Arc<Image>,
+}
+
+/// Runs `method` and judges it.
+pub(super) fn judge(
+    method: &mut dyn Method,
+    timeline: &Timeline,
+    truth: &mut GroundTruth<'_>,
+    warm_up_frames: usize,
+    progress: &mut dyn FnMut(usize),
+) -> Result<MethodScore, EvaluateError> {
+    for step in timeline.steps().iter().cycle().take(warm_up_frames) {
+        method.render(&step.camera, step.middle.as_ref())?;
+    }
+    method.reset();
+    let mut score = MethodScore::default();
+    let mut recent: [VecDeque<Displayed>; 3] = Default::default();
+    let crop_at = timeline.steps().len() / 2;
+    for (i, step) in timeline.steps().iter().enumerate() {
+        // Whatever a method still shows from before, the first frame has nothing before it.
+        let shown = method.render(&step.camera, step.middle.as_ref())?;
+        let (between, current) = (
+            shown.between.filter(|_| i > 0).map(|image| Arc::new(image.clone())),
+            Arc::new(shown.current.clone()),
+        );
+        // The first frame has nothing before it, so a method that interpolates does less there.
+        if i > 0 {
+            score.stage_ms.push(milliseconds(method.durations()));
+        }
+        let displayed = between.map(|image| (2 * i - 1, image)).into_iter().chain([(2 * i, current)]);
+        for (index, image) in displayed {
+            let frame = Displayed { truth: truth.load(index)?, image };
+            score.frames.push(frame_score(index, &frame)?);
+            if i == crop_at {
+                score.crops.push(crop(index, &frame));
+            }
+            for subset in [Subset::All, Subset::of_displayed(index)] {
+                let recent = &mut recent[subset as usize];
+                recent.push_back(frame.clone());
+                score_motion(subset, recent, &mut score)?;
+                if recent.len() == 3 {
+                    recent.pop_front();
+                }
+            }
+        }
+        progress(i + 1);
+    }
+    Ok(score)
+}
+
+fn frame_score(displayed: usize, frame: &Displayed) -> Result<FrameScore, EvaluateError> {
+    let (reference, test) = (&frame.truth.image, &*frame.image);
+    Ok(FrameScore {
+        displayed,
+        psnr: psnr(reference, test, Quantisation::None)?.min(PSNR_CAP),
+        ssim: ssim(reference, test, Border::Crop)?,
+        flip: flip(reference, test, DEFAULT_PIXELS_PER_DEGREE)?,
+    })
+}
+
+/// Scores the newest frame against the ones before it.
+fn score_motion(
+    subset: Subset,
+    recent: &VecDeque<Displayed>,
+    score: &mut MethodScore,
+) -> Result<(), EvaluateError> {
+    let frames: Vec<&Displayed> = recent.iter().collect();
+    if let [.., before, now] = frames[..] {
+        let truths = [&before.truth.image, &now.truth.image];
+        let value = tpsnr(truths, [&before.image, &now.image], Quantisation::None)?;
+        score.tpsnr[subset as usize].push(value.min(PSNR_CAP));
+        let error = warping_error([before.truth.warp(&before.image), now.truth.warp(&now.image)])?;
+        score.warping_error[subset as usize].extend(error);
+    }
+    if let [a, b, c] = frames[..] {
+        let truths = [&a.truth.image, &b.truth.image, &c.truth.image];
+        let value = flicker(truths, [&a.image, &b.image, &c.image], Quantisation::None)?;
+        score.flicker[subset as usize].push(value);
+    }
+    Ok(())
+}
+
+fn milliseconds(durations: Durations) -> [Option<f64>; 3] {
+    durations.map(|d| d.map(|d| d.as_secs_f64() * 1e3))
+}
+
+/// Width and height of details, in pixels.
+const CROP: (usize, usize) = (320, 180);
+
+/// The part of the frame where the ground truth has most detail.
+fn crop(displayed: usize, frame: &Displayed) -> Crop {
+    let truth = &frame.truth.image;
+    let size = (CROP.0.min(truth.width()), CROP.1.min(truth.height()));
+    let mut best = (-1.0, (0, 0));
+    for top in (0..=truth.height() - size.1).step_by(size.1.div_ceil(2)) {
+        for left in (0..=truth.width() - size.0).step_by(size.0.div_ceil(2)) {
+            let detail = detail(truth, (left, top), size);
+            if detail > best.0 {
+                best = (detail, (left, top));
+            }
+        }
+    }
+    let png = |image: &Image| png_rgb8(image, best.1, size);
+    Crop { displayed, truth_png: png(truth), png: png(&frame.image) }
+}
+
+/// Sum of absolute differences of neighbouring green values, every other row.
+fn detail(image: &Image, (left, top): (usize, usize), (width, height): (usize, usize)) -> f64 {
+    let rows = (top..top + height).step_by(2);
+    rows.flat_map(|y| image.row(y)[left..left + width].windows(2))
+        .map(|pair| f64::from((pair[1][1] - pair[0][1]).abs()))
+        .sum()
+}

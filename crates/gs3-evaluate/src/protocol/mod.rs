@@ -1,0 +1,254 @@
+//! The protocol: which frames are judged, against what, how they are timed.
+//!
+//! Ground truth is the scene rasterized at full size by the same rasterizer, at the poses of rendered frames and of the frames
+//! between. Every method runs alone over the same cameras, after warming up; scores are taken outside the timed stages.
+//! Finished methods are kept in the output folder, so a run that was interrupted resumes.
+
+mod cache;
+mod ground_truth;
+mod judge;
+mod machine;
+mod results;
+mod timeline;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use gs3::Culling;
+use gs3_scene::camera_path::CameraPath;
+use gs3_scene::{CameraError, Scene};
+
+use crate::methods::{MethodError, MethodSettings, MethodSpec, build};
+use crate::metrics::MetricError;
+use cache::Cache;
+use ground_truth::GroundTruth;
+use judge::judge;
+pub use judge::{Crop, FrameScore, MethodScore};
+pub use machine::Machine;
+pub use results::{Failure, ProtocolFacts, ResultRow, Results, StageStatistics, Subset, TruthFacts};
+pub use timeline::Case;
+use timeline::Timeline;
+
+/// What to evaluate.
+#[derive(Clone, Debug)]
+pub struct Protocol {
+    /// The scene.
+    pub scene: Arc<Scene>,
+    /// Its name in reports.
+    pub scene_name: String,
+    /// The cameras.
+    pub path: CameraPath,
+    /// Their name in reports.
+    pub path_name: String,
+    /// Rendered frames of the path, first and one past the last.
+    pub frames: std::ops::Range<usize>,
+    /// How the camera moves over them.
+    pub case: Case,
+    /// Width and height of the displayed frames.
+    pub size: (u32, u32),
+    /// HR over LR size.
+    pub scale: u32,
+    /// Methods to compare; native rendering is always among them.
+    pub methods: Vec<MethodSpec>,
+    /// Which tiles a splat is assigned to.
+    pub culling: Culling,
+    /// Background, display-encoded RGB, finite.
+    pub background: [f32; 3],
+    /// Rendered frames that every method runs, untimed and unjudged, before it starts.
+    pub warm_up_frames: usize,
+    /// The command that was given, for the report.
+    pub command: String,
+}
+
+/// Why nothing was evaluated.
+#[derive(Debug, thiserror::Error)]
+pub enum EvaluateError {
+    /// The frame range is not part of the path.
+    #[error("frames: expected a range within 0..{available} with at least 3 frames, found {}..{}", .actual.start, .actual.end)]
+    Frames {
+        /// Number of frames of the path.
+        available: usize,
+        /// The range found.
+        actual: std::ops::Range<usize>,
+    },
+    /// The size cannot be divided by the scale.
+    #[error("size: expected sides divisible by the scale {scale}, found {}x{}", .actual.0, .actual.1)]
+    Size {
+        /// The scale.
+        scale: u32,
+        /// The size found.
+        actual: (u32, u32),
+    },
+    /// The scale is not supported.
+    #[error("scale: expected 2 to {}, found {actual}", gs3_reconstruct::MAX_SCALE)]
+    Scale {
+        /// The scale found.
+        actual: u32,
+    },
+    /// The cameras cannot take the size.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    /// The ground truth cannot be rendered.
+    #[error("ground truth: {0}")]
+    GroundTruth(#[from] gs3_raster::RasterError),
+    /// A file of the output folder cannot be read or written.
+    #[error("{}: {source}", .path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What went wrong.
+        source: std::io::Error,
+    },
+    /// Images do not compare; a method gave one of another size.
+    #[error(transparent)]
+    Metric(#[from] MetricError),
+    /// A method failed.
+    #[error(transparent)]
+    Method(#[from] MethodError),
+}
+
+/// Something that happened, for who watches.
+#[derive(Clone, Copy, Debug)]
+pub enum Event<'a> {
+    /// Ground-truth frame `done` of `total` is there.
+    GroundTruth {
+        /// Frames so far.
+        done: usize,
+        /// All frames.
+        total: usize,
+    },
+    /// Rendered frame `done` of `total` of a method is judged.
+    Method {
+        /// The method.
+        method: MethodSpec,
+        /// Frames so far.
+        done: usize,
+        /// All frames.
+        total: usize,
+    },
+    /// A method is finished already, from a run before.
+    Resumed {
+        /// The method.
+        method: MethodSpec,
+    },
+    /// A method failed; the others go on.
+    Failed {
+        /// The method.
+        method: MethodSpec,
+        /// Why.
+        error: &'a EvaluateError,
+    },
+}
+
+/// Poses that methods may fit to: enough for a map of a few hundred weights, few enough to render quickly.
+const TRAINING_FRAMES: usize = 4;
+
+impl Protocol {
+    /// Runs the evaluation; `folder` keeps what is finished.
+    ///
+    /// # Errors
+    /// [`EvaluateError`] if the protocol makes no sense, the ground truth cannot be made, or a file cannot be written. A
+    /// method that fails is listed in the results.
+    pub fn run(&self, folder: &Path, watch: &mut dyn FnMut(Event<'_>)) -> Result<Results, EvaluateError> {
+        self.check()?;
+        let timeline = Timeline::new(&self.path, self.frames.clone(), self.case, self.size)?;
+        let cache = Cache::new(folder, &self.key())?;
+        let mut truth = GroundTruth::new(self, &timeline, cache.folder());
+        let methods = self.methods_with_native();
+        let mut scores = Vec::new();
+        for spec in &methods {
+            scores.push((*spec, cache.load::<MethodScore>(&spec.to_string())?));
+        }
+        if scores.iter().any(|(_, score)| score.is_none()) {
+            let total = timeline.displayed_count();
+            for index in 0..total {
+                truth.ensure(index)?;
+                watch(Event::GroundTruth { done: index + 1, total });
+            }
+        }
+        let facts = match cache.load("ground_truth")? {
+            Some(facts) => facts,
+            None => cache.store("ground_truth", truth.facts()?)?,
+        };
+        let settings = MethodSettings {
+            scene: Arc::clone(&self.scene),
+            scale: self.scale,
+            culling: self.culling,
+            background: self.background,
+            training: timeline.outside(&self.path, self.frames.clone(), self.size, TRAINING_FRAMES)?,
+        };
+        let (mut finished, mut failures) = (Vec::new(), Vec::new());
+        for (spec, score) in scores {
+            let name = spec.to_string();
+            if let Some(score) = score {
+                watch(Event::Resumed { method: spec });
+                finished.push((spec, score));
+                continue;
+            }
+            let mut progress =
+                |done| watch(Event::Method { method: spec, done, total: timeline.steps().len() });
+            let judged = build(spec, &settings).map_err(EvaluateError::from).and_then(|mut method| {
+                judge(method.as_mut(), &timeline, &mut truth, self.warm_up_frames, &mut progress)
+            });
+            match judged {
+                Ok(score) => finished.push((spec, cache.store(&name, score)?)),
+                Err(error) => {
+                    watch(Event::Failed { method: spec, error: &error });
+                    failures.push(Failure { method: name, error: error.to_string() });
+                }
+            }
+        }
+        truth.remove_frames()?;
+        Ok(Results::new(self, &timeline, facts, finished, failures))
+    }
+
+    fn check(&self) -> Result<(), EvaluateError> {
+        let (available, actual) = (self.path.cameras().len(), self.frames.clone());
+        // Flicker looks at three frames in a row.
+        if actual.end > available || actual.len() < 3 {
+            return Err(EvaluateError::Frames { available, actual });
+        }
+        if !(2..=gs3_reconstruct::MAX_SCALE).contains(&self.scale) {
+            return Err(EvaluateError::Scale { actual: self.scale });
+        }
+        if !self.size.0.is_multiple_of(self.scale) || !self.size.1.is_multiple_of(self.scale) {
+            return Err(EvaluateError::Size { scale: self.scale, actual: self.size });
+        }
+        Ok(())
+    }
+
+    /// The methods, each once, native rendering first.
+    fn methods_with_native(&self) -> Vec<MethodSpec> {
+        let mut methods = vec![MethodSpec::NATIVE];
+        for method in &self.methods {
+            if !methods.contains(method) {
+                methods.push(*method);
+            }
+        }
+        methods
+    }
+
+    /// Everything that results depend on but the methods: results of another key are not resumed.
+    fn key(&self) -> String {
+        let Self {
+            scene_name,
+            path_name,
+            frames,
+            case,
+            size,
+            scale,
+            culling,
+            background,
+            warm_up_frames,
+            ..
+        } = self;
+        let count = self.scene.gaussians().len();
+        let (first, last) = (self.path.at(frames.start as f64), self.path.at(frames.end as f64 - 1.0));
+        format!(
+            "gs3-evaluate {} {scene_name} {count} {path_name} {frames:?} {case:?} {size:?} x{scale} {culling:?} {background:?} \
+             {warm_up_frames} {first:?} {last:?} {} threads",
+            env!("CARGO_PKG_VERSION"),
+            rayon::current_num_threads()
+        )
+    }
+}

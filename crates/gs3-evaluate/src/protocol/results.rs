@@ -1,0 +1,293 @@
+//! What a run found: `results.json`.
+
+use serde::{Deserialize, Serialize};
+
+use super::Protocol;
+use super::judge::{MethodScore, PSNR_CAP};
+use super::machine::Machine;
+use super::timeline::Timeline;
+use crate::methods::{Formation, MethodSpec, Spatial};
+use crate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
+
+/// Which of the displayed frames a figure is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Subset {
+    /// Frames that were rendered.
+    SuperSampled,
+    /// Frames between them.
+    Interpolated,
+    /// All frames that the method displays.
+    All,
+}
+
+impl Subset {
+    /// All subsets, in order.
+    pub const EACH: [Self; 3] = [Self::SuperSampled, Self::Interpolated, Self::All];
+
+    /// The subset of displayed frame `index` beside [`Self::All`].
+    #[must_use]
+    pub const fn of_displayed(index: usize) -> Self {
+        if index.is_multiple_of(2) { Self::SuperSampled } else { Self::Interpolated }
+    }
+
+    /// The subset's name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::SuperSampled => "super_sampled",
+            Self::Interpolated => "interpolated",
+            Self::All => "all",
+        }
+    }
+
+    const fn holds(self, displayed: usize) -> bool {
+        matches!(self, Self::All) || self as usize == Self::of_displayed(displayed) as usize
+    }
+}
+
+/// Facts of the ground truth.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TruthFacts {
+    /// Warping error of the ground truth itself, by subset in the order of [`Subset::EACH`].
+    pub warping_error: [Option<f64>; 3],
+    /// Median motion between displayed frames of a method that interpolates, in pixels; mean over the frames.
+    pub motion_px_per_displayed_frame: Option<f64>,
+    /// The same between rendered frames.
+    pub motion_px_per_rendered_frame: Option<f64>,
+}
+
+/// Median and 99th percentile of a duration, in milliseconds.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StageStatistics {
+    /// Median.
+    pub median_ms: f64,
+    /// 99th percentile.
+    pub p99_ms: f64,
+}
+
+impl StageStatistics {
+    /// None of no values.
+    fn of(mut values: Vec<f64>) -> Option<Self> {
+        values.sort_by(f64::total_cmp);
+        let at = |share: f64| values.get((share * (values.len() as f64 - 1.0)).round() as usize).copied();
+        Some(Self { median_ms: at(0.5)?, p99_ms: at(0.99)? })
+    }
+}
+
+/// One method on one subset of its frames.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ResultRow {
+    /// The method.
+    pub method: String,
+    /// Which of its frames.
+    pub subset: Subset,
+    /// Mean PSNR in dB.
+    pub psnr: f64,
+    /// Mean SSIM.
+    pub ssim: f64,
+    /// Mean ꟻLIP.
+    pub flip: f64,
+    /// Mean PSNR of frame differences in dB.
+    pub tpsnr: Option<f64>,
+    /// Mean warping error; the ground truth's own stands in the protocol's facts.
+    pub warping_error: Option<f64>,
+    /// Mean flicker.
+    pub flicker: Option<f64>,
+    /// Frames displayed per second: what the median rendered frame takes. None for methods whose LR frames need the native
+    /// image.
+    pub displayed_fps: Option<f64>,
+    /// [`Self::displayed_fps`] over that of native rendering in the same run.
+    pub speedup_over_native: Option<f64>,
+    /// How the LR frames came about; none for native rendering.
+    pub lr_formation: Option<String>,
+    /// Whether the LR frames were jittered.
+    pub lr_jitter: bool,
+    /// Number of frames.
+    pub frames: usize,
+    /// Rasterizing a frame.
+    pub rasterize: Option<StageStatistics>,
+    /// Super-sampling it.
+    pub super_sample: Option<StageStatistics>,
+    /// Making the frame between.
+    pub interpolate: Option<StageStatistics>,
+    /// All of it, per rendered frame.
+    pub total: Option<StageStatistics>,
+}
+
+/// A method that failed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Failure {
+    /// The method.
+    pub method: String,
+    /// Why.
+    pub error: String,
+}
+
+/// The protocol's own facts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ProtocolFacts {
+    /// Name of the scene.
+    pub scene: String,
+    /// Number of its Gaussians.
+    pub gaussians: usize,
+    /// Degree of its spherical harmonics.
+    pub sh_degree: u8,
+    /// Name of the path.
+    pub path: String,
+    /// How the camera moves: `path`, `rest` or `cut`.
+    pub case: String,
+    /// First rendered frame of the path, and one past the last.
+    pub frames: [usize; 2],
+    /// Rendered frames.
+    pub rendered_frames: usize,
+    /// Displayed frames of a method that interpolates.
+    pub displayed_frames: usize,
+    /// Width and height of displayed frames.
+    pub size: [u32; 2],
+    /// HR over LR size.
+    pub scale: u32,
+    /// Tile culling.
+    pub culling: String,
+    /// Background colour.
+    pub background: [f32; 3],
+    /// Rendered frames run before the timed ones.
+    pub warm_up_frames: usize,
+    /// What the ground truth is.
+    pub ground_truth: String,
+    /// Its facts.
+    #[serde(flatten)]
+    pub truth: TruthFacts,
+    /// How figures are defined.
+    pub conventions: Vec<String>,
+    /// The machine.
+    pub machine: Machine,
+    /// Version of gs3.
+    pub version: String,
+    /// The command.
+    pub command: String,
+}
+
+/// What a run found.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Results {
+    /// The protocol's facts.
+    pub protocol: ProtocolFacts,
+    /// One row per method and subset.
+    pub results: Vec<ResultRow>,
+    /// Methods that failed.
+    pub failures: Vec<Failure>,
+    /// All scores by method, for plots.
+    #[serde(skip)]
+    pub scores: Vec<(String, MethodScore)>,
+}
+
+impl Results {
+    pub(super) fn new(
+        protocol: &Protocol,
+        timeline: &Timeline,
+        truth: TruthFacts,
+        scores: Vec<(MethodSpec, MethodScore)>,
+        failures: Vec<Failure>,
+    ) -> Self {
+        let native_fps = (scores.iter().find(|(spec, _)| *spec == MethodSpec::NATIVE))
+            .and_then(|(spec, score)| displayed_fps(*spec, score));
+        let results = scores.iter().flat_map(|(spec, score)| rows(*spec, score, native_fps)).collect();
+        Self {
+            protocol: facts(protocol, timeline, truth),
+            results,
+            failures,
+            scores: scores.into_iter().map(|(spec, score)| (spec.to_string(), score)).collect(),
+        }
+    }
+
+    /// The row of `method` and `subset`.
+    #[must_use]
+    pub fn row(&self, method: &str, subset: Subset) -> Option<&ResultRow> {
+        self.results.iter().find(|row| row.method == method && row.subset == subset)
+    }
+}
+
+/// The time of each rendered frame, where all of its stages have one.
+fn totals(spec: MethodSpec, score: &MethodScore) -> Option<StageStatistics> {
+    let all = score.stage_ms.iter().map(|stages| stages.iter().flatten().sum());
+    (spec.formation != Formation::Antialiased).then(|| StageStatistics::of(all.collect()))?
+}
+
+fn displayed_fps(spec: MethodSpec, score: &MethodScore) -> Option<f64> {
+    Some(spec.displayed_per_rendered() as f64 * 1e3 / totals(spec, score)?.median_ms)
+}
+
+fn rows(spec: MethodSpec, score: &MethodScore, native_fps: Option<f64>) -> Vec<ResultRow> {
+    let mean =
+        |values: &[f64]| (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
+    let stage =
+        |i: usize| StageStatistics::of(score.stage_ms.iter().filter_map(|stages| stages[i]).collect());
+    let fps = displayed_fps(spec, score);
+    let row = |subset: Subset| {
+        let frames: Vec<_> = score.frames.iter().filter(|f| subset.holds(f.displayed)).collect();
+        let mean_of = |value: &dyn Fn(usize) -> f64| mean(&(0..frames.len()).map(value).collect::<Vec<_>>());
+        let index = subset as usize;
+        Some(ResultRow {
+            method: spec.to_string(),
+            subset,
+            psnr: mean_of(&|i| frames[i].psnr)?,
+            ssim: mean_of(&|i| frames[i].ssim)?,
+            flip: mean_of(&|i| frames[i].flip)?,
+            tpsnr: mean(&score.tpsnr[index]),
+            warping_error: mean(&score.warping_error[index]),
+            flicker: mean(&score.flicker[index]),
+            displayed_fps: fps,
+            speedup_over_native: fps.zip(native_fps).map(|(fps, native)| fps / native),
+            lr_formation: (spec.spatial != Spatial::Native).then(|| spec.formation.name().to_owned()),
+            lr_jitter: spec.spatial == Spatial::History,
+            frames: frames.len(),
+            rasterize: stage(0),
+            super_sample: stage(1),
+            interpolate: stage(2),
+            total: totals(spec, score),
+        })
+    };
+    Subset::EACH.into_iter().filter_map(row).collect()
+}
+
+fn facts(protocol: &Protocol, timeline: &Timeline, truth: TruthFacts) -> ProtocolFacts {
+    let gaussians = protocol.scene.gaussians();
+    ProtocolFacts {
+        scene: protocol.scene_name.clone(),
+        gaussians: gaussians.len(),
+        sh_degree: gaussians.sh_degree,
+        path: protocol.path_name.clone(),
+        case: protocol.case.name().into(),
+        frames: [protocol.frames.start, protocol.frames.end],
+        rendered_frames: timeline.steps().len(),
+        displayed_frames: timeline.displayed_count(),
+        size: [protocol.size.0, protocol.size.1],
+        scale: protocol.scale,
+        culling: format!("{:?}", protocol.culling),
+        background: protocol.background,
+        warm_up_frames: protocol.warm_up_frames,
+        ground_truth: "the scene rasterized at full size by the same rasterizer, stock dilation 0.3 px², at the poses of \
+                       rendered frames and at the true poses half-way between"
+            .into(),
+        truth,
+        conventions: vec![
+            "All metrics judge values clamped to [0, 1], not rounded to 8 bits; the ground truth is kept at 16 bits.".into(),
+            format!("PSNR: one mean squared error over all RGB of a frame, mean over frames, capped at {PSNR_CAP} dB."),
+            "SSIM: 11×11 Gaussian, σ = 1.5, biased, borders cropped (scikit-image).".into(),
+            format!("FLIP: LDR, {DEFAULT_PIXELS_PER_DEGREE:.2} pixels per degree, mean error."),
+            "tPSNR: PSNR of the differences of consecutive frames of the subset.".into(),
+            "Warping error: mean squared RGB distance along exact motion, where visible in both frames.".into(),
+            "Flicker: rms of the error's part that alternates from frame to frame.".into(),
+            "LR formation `matched`: rasterized at LR with dilation 0.3/S² (exact point samples of the native image); `stock`: \
+             dilation 0.3; `antialiased`: the native image reduced by an antialiasing bicubic filter."
+                .into(),
+            "Displayed FPS: frames shown per rendered frame over its median time, all stages in sequence, the first frame \
+             excluded; loading, metrics and encoding excluded. Frames are of one run; native rendering is its first method."
+                .into(),
+        ],
+        machine: Machine::this(),
+        version: env!("CARGO_PKG_VERSION").into(),
+        command: protocol.command.clone(),
+    }
+}

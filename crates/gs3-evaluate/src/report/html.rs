@@ -1,0 +1,321 @@
+//! The HTML page: one file, nothing loaded from elsewhere.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+use super::base64;
+use super::markdown::number;
+use super::plot::{Axes, Series, color, plot};
+use crate::protocol::{FrameScore, MethodScore, ResultRow, Results, StageStatistics, Subset};
+
+/// The results as a self-contained page: tables, curves, details to compare, and how it was all measured.
+#[must_use]
+pub fn html(results: &Results) -> String {
+    let protocol = &results.protocol;
+    let title = format!("{}, {}", protocol.scene, protocol.path);
+    let sections = [
+        header(results),
+        failures(results),
+        section("Quality and speed", &(quality(results) + &speed_plot(results))),
+        section("Frame by frame", &curves(results)),
+        section("Look closer", &details(results)),
+        section("Time of the stages", &stages(results)),
+        section("How this was measured", &method_notes(results)),
+    ];
+    format!(
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
+         <title>gs3 evaluate: {}</title>\n<style>\n{}</style></head>\n<body><main>\n{}\n</main>\n<script>\n{}</script></body></html>\n",
+        escape(&title),
+        include_str!("style.css"),
+        sections.join("\n"),
+        include_str!("script.js"),
+    )
+}
+
+fn section(title: &str, body: &str) -> String {
+    if body.is_empty() { String::new() } else { format!("<h2>{title}</h2>{body}") }
+}
+
+fn header(results: &Results) -> String {
+    let p = &results.protocol;
+    let motion = |v: Option<f64>| v.map_or_else(|| "–".into(), |v| format!("{v:.1} px"));
+    let facts = [
+        ("Scene", format!("{}, {} Gaussians, SH degree {}", p.scene, p.gaussians, p.sh_degree)),
+        ("Camera path", format!("{}, frames {}..{} ({})", p.path, p.frames[0], p.frames[1], p.case)),
+        ("Displayed size", format!("{}×{}", p.size[0], p.size[1])),
+        ("Rendered size", format!("{}×{} (×{})", p.size[0] / p.scale, p.size[1] / p.scale, p.scale)),
+        ("Motion per displayed frame", motion(p.truth.motion_px_per_displayed_frame)),
+        ("Motion per rendered frame", motion(p.truth.motion_px_per_rendered_frame)),
+        ("Machine", format!("{}, {} threads, {}", p.machine.processor, p.machine.threads, p.machine.simd)),
+        ("Version", format!("gs3 {}", p.version)),
+    ];
+    let facts: String =
+        facts.iter().map(|(name, value)| format!("<div><b>{name}</b>{}</div>", escape(value))).collect();
+    format!(
+        "<h1>gs3 evaluate</h1><p class=\"soft\">Against the scene's own native rendering.</p><div class=\"card facts\">{facts}</div>"
+    )
+}
+
+fn failures(results: &Results) -> String {
+    let items: String = (results.failures.iter())
+        .map(|f| format!("<p><b>{}</b> failed: {}</p>", escape(&f.method), escape(&f.error)))
+        .collect();
+    if items.is_empty() {
+        items
+    } else {
+        format!("<div class=\"card failed\" style=\"margin-top:16px\">{items}</div>")
+    }
+}
+
+/// A column of the table: its title, the value of a row, how it is written, and whether more is better.
+struct Column {
+    title: &'static str,
+    value: fn(&MethodRows<'_>) -> Option<f64>,
+    write: fn(f64) -> String,
+    more_is_better: bool,
+}
+
+/// The rows of one method.
+struct MethodRows<'a> {
+    index: usize,
+    name: &'a str,
+    all: &'a ResultRow,
+    rendered: Option<&'a ResultRow>,
+    between: Option<&'a ResultRow>,
+}
+
+fn rows(results: &Results) -> Vec<MethodRows<'_>> {
+    let rows = |(index, (name, _)): (usize, &'_ (String, MethodScore))| {
+        let all = results.row(name, Subset::All)?;
+        let (rendered, between) =
+            (results.row(name, Subset::SuperSampled), results.row(name, Subset::Interpolated));
+        Some(MethodRows { index, name: &all.method, all, rendered, between })
+    };
+    results.scores.iter().enumerate().filter_map(rows).collect()
+}
+
+const COLUMNS: [Column; 10] = [
+    Column {
+        title: "PSNR<br>rendered",
+        value: |m| Some(m.rendered?.psnr),
+        write: |v| format!("{v:.2}"),
+        more_is_better: true,
+    },
+    Column {
+        title: "PSNR<br>between",
+        value: |m| Some(m.between?.psnr),
+        write: |v| format!("{v:.2}"),
+        more_is_better: true,
+    },
+    Column {
+        title: "PSNR<br>all",
+        value: |m| Some(m.all.psnr),
+        write: |v| format!("{v:.2}"),
+        more_is_better: true,
+    },
+    Column { title: "SSIM", value: |m| Some(m.all.ssim), write: |v| format!("{v:.4}"), more_is_better: true },
+    Column {
+        title: "FLIP",
+        value: |m| Some(m.all.flip),
+        write: |v| format!("{v:.4}"),
+        more_is_better: false,
+    },
+    Column { title: "tPSNR", value: |m| m.all.tpsnr, write: |v| format!("{v:.2}"), more_is_better: true },
+    Column {
+        title: "Warping<br>error",
+        value: |m| m.all.warping_error,
+        write: |v| format!("{v:.2e}"),
+        more_is_better: false,
+    },
+    Column {
+        title: "Flicker",
+        value: |m| m.all.flicker,
+        write: |v| format!("{v:.4}"),
+        more_is_better: false,
+    },
+    Column {
+        title: "Displayed<br>FPS",
+        value: |m| m.all.displayed_fps,
+        write: |v| format!("{v:.2}"),
+        more_is_better: true,
+    },
+    Column {
+        title: "×&nbsp;native",
+        value: |m| m.all.speedup_over_native,
+        write: |v| format!("{v:.2}"),
+        more_is_better: true,
+    },
+];
+
+fn quality(results: &Results) -> String {
+    let rows = rows(results);
+    let best = |column: &Column| {
+        // Native rendering is the reference of quality, no contender.
+        let values = rows.iter().filter(|m| m.name != "native").filter_map(|m| (column.value)(m));
+        values.reduce(|a, b| if (a > b) == column.more_is_better { a } else { b })
+    };
+    let best = COLUMNS.each_ref().map(best);
+    let titles: String = COLUMNS.iter().map(|c| format!("<th>{}</th>", c.title)).collect();
+    let mut body = String::new();
+    for m in &rows {
+        let cells: String = (COLUMNS.iter().zip(best))
+            .map(|(column, best)| match (column.value)(m) {
+                None => "<td>–</td>".into(),
+                Some(v) if Some(v) == best && m.name != "native" => {
+                    format!("<td class=\"best\">{}</td>", (column.write)(v))
+                }
+                Some(v) => format!("<td>{}</td>", (column.write)(v)),
+            })
+            .collect();
+        let formation = m.all.lr_formation.as_deref().unwrap_or("–");
+        let jitter = if m.all.lr_jitter { ", jittered" } else { "" };
+        // Writing to a string does not fail.
+        let _ = write!(
+            body,
+            "<tr><td>{}{}</td><td>{formation}{jitter}</td>{cells}</tr>",
+            dot(m.index),
+            escape(m.name)
+        );
+    }
+    let truth = |subset: Subset| {
+        results.protocol.truth.warping_error[subset as usize]
+            .map_or_else(|| "–".into(), |v| format!("{v:.2e}"))
+    };
+    format!(
+        "<div class=\"card\"><table><thead><tr><th>Method</th><th>LR frames</th>{titles}</tr></thead><tbody>{body}</tbody></table></div>\
+         <p class=\"soft\">Rendered: frames at rendered poses. Between: frames half-way between them. All: every frame that the \
+         method displays; the columns from SSIM on are over all. The ground truth's own warping error is {} between displayed \
+         frames ({} between rendered ones). Bold: the best but native.</p>",
+        truth(Subset::All),
+        truth(Subset::SuperSampled),
+    )
+}
+
+fn dot(method: usize) -> String {
+    format!("<i class=\"dot\" style=\"background:{}\"></i>", color(method))
+}
+
+fn speed_plot(results: &Results) -> String {
+    let series: Vec<Series> = (rows(results).iter())
+        .filter(|m| m.name != "native")
+        .filter_map(|m| {
+            let points = vec![(m.all.displayed_fps?, m.all.psnr)];
+            Some(Series { method: m.index, name: escape(m.name), points })
+        })
+        .collect();
+    let axes = Axes {
+        x: "displayed frames per second (logarithmic)",
+        y: "PSNR of all frames, dB",
+        log_x: true,
+        scatter: true,
+    };
+    format!("<div class=\"card\" style=\"margin-top:12px\">{}</div>", plot(&axes, &series))
+}
+
+fn curves(results: &Results) -> String {
+    let legend: String = (results.scores.iter().enumerate())
+        .map(|(i, (name, _))| {
+            let checked = if name == "native" { "" } else { " checked" };
+            format!(
+                "<label><input type=\"checkbox\" value=\"{i}\"{checked}> {}{}</label>",
+                dot(i),
+                escape(name)
+            )
+        })
+        .collect();
+    type Value = fn(&FrameScore) -> f64;
+    let values: [(&str, Value); 3] = [("PSNR, dB", |f| f.psnr), ("SSIM", |f| f.ssim), ("FLIP", |f| f.flip)];
+    let plots: String = (values.iter())
+        .map(|(name, value)| {
+            let series: Vec<Series> = (results.scores.iter().enumerate())
+                // Native rendering is perfect; its line would only press the others together.
+                .filter(|(_, (name, _))| name != "native")
+                .map(|(method, (name, score))| {
+                    let first = results.protocol.frames[0] as f64;
+                    let points =
+                        score.frames.iter().map(|f| (first + f.displayed as f64 / 2.0, value(f))).collect();
+                    Series { method, name: escape(name), points }
+                })
+                .collect();
+            plot(&Axes { x: "frame of the path", y: name, log_x: false, scatter: false }, &series)
+        })
+        .collect();
+    format!("<div class=\"card curves\"><div class=\"legend\">{legend}</div>{plots}</div>")
+}
+
+/// The details, for the script: `{frame: {method: PNG}}`.
+fn details(results: &Results) -> String {
+    let mut crops: BTreeMap<String, BTreeMap<&str, String>> = BTreeMap::new();
+    for (name, score) in &results.scores {
+        for crop in &score.crops {
+            let kind = match Subset::of_displayed(crop.displayed) {
+                Subset::Interpolated => "between",
+                Subset::SuperSampled | Subset::All => "rendered",
+            };
+            let frame = results.protocol.frames[0] as f64 + crop.displayed as f64 / 2.0;
+            let crops = crops.entry(format!("{kind} (frame {frame})")).or_default();
+            crops.entry("ground truth").or_insert_with(|| base64(&crop.truth_png));
+            if name != "native" {
+                crops.insert(name, base64(&crop.png));
+            }
+        }
+    }
+    // Rendered frames first: they have all methods.
+    let frames: String = crops.keys().rev().map(|key| format!("<option>{key}</option>")).collect();
+    // `<` cannot end the script element early in base 64 and method names.
+    let Ok(json) = serde_json::to_string(&crops) else { return String::new() };
+    format!(
+        "<div class=\"card\"><div class=\"bar\"><label>Frame <select id=\"frame\">{frames}</select></label>\
+         <label>Left <select id=\"left\"></select></label><label>Right <select id=\"right\"></select></label></div>\
+         <div class=\"compare\" data-left=\"bicubic\" data-right=\"analytic\"><img alt=\"right\"><img alt=\"left\">\
+         <div class=\"edge\"></div><span class=\"left\"></span><span class=\"right\"></span></div>\
+         <p class=\"soft\">The part of the frame with most detail, enlarged without smoothing. Move the pointer to slide.</p></div>\
+         <script type=\"application/json\" id=\"crops\">{json}</script>"
+    )
+}
+
+fn stages(results: &Results) -> String {
+    let cell = |stage: Option<StageStatistics>| {
+        let (median, p99) = (stage.map(|s| s.median_ms), stage.map(|s| s.p99_ms));
+        format!("<td>{}</td><td class=\"soft\">{}</td>", number(median, 1), number(p99, 1))
+    };
+    let body: String = (rows(results).iter())
+        .map(|m| {
+            let cells: String =
+                [m.all.rasterize, m.all.super_sample, m.all.interpolate, m.all.total].map(cell).concat();
+            format!("<tr><td>{}{}</td>{cells}</tr>", dot(m.index), escape(m.name))
+        })
+        .collect();
+    let titles: String = ["Rasterize", "Super sample", "Interpolate", "All"]
+        .map(|t| format!("<th>{t}<br>median</th><th>99 %</th>"))
+        .concat();
+    format!(
+        "<div class=\"card\"><table><thead><tr><th>Method</th>{titles}</tr></thead><tbody>{body}</tbody></table></div>\
+         <p class=\"soft\">Milliseconds per rendered frame.</p>"
+    )
+}
+
+fn method_notes(results: &Results) -> String {
+    let p = &results.protocol;
+    let items: String = p.conventions.iter().map(|c| format!("<li>{}</li>", escape(c))).collect();
+    format!(
+        "<div class=\"card\"><p>Ground truth: {}.</p><ul>{items}</ul><p>{} rendered frames, {} displayed by methods that \
+         interpolate; {} rendered frames to warm up; tile culling {}; background {:?}; {}, {} cores.</p>\
+         <p>Command: <code>{}</code></p></div>",
+        escape(&p.ground_truth),
+        p.rendered_frames,
+        p.displayed_frames,
+        p.warm_up_frames,
+        escape(&p.culling),
+        p.background,
+        escape(&p.machine.system),
+        p.machine.cores,
+        escape(&p.command),
+    )
+}
+
+/// Text as HTML.
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}

@@ -1,0 +1,53 @@
+//! A Markdown table for READMEs.
+
+use std::fmt::Write;
+
+use crate::protocol::{Results, Subset};
+
+/// The results as a Markdown table, one row per method, all of its frames together, with a line on how they were made.
+#[must_use]
+pub fn markdown(results: &Results) -> String {
+    let protocol = &results.protocol;
+    let mut text = format!(
+        "{} ({} Gaussians), {} frames {}..{} ({}), {}×{}, ×{}, {} ({} threads)\n\n",
+        protocol.scene,
+        protocol.gaussians,
+        protocol.path,
+        protocol.frames[0],
+        protocol.frames[1],
+        protocol.case,
+        protocol.size[0],
+        protocol.size[1],
+        protocol.scale,
+        protocol.machine.processor,
+        protocol.machine.threads,
+    );
+    text += "| method | PSNR rendered | PSNR between | SSIM | FLIP | tPSNR | warping error | displayed FPS | × native |\n";
+    text += "|---|--:|--:|--:|--:|--:|--:|--:|--:|\n";
+    for (method, _) in &results.scores {
+        let Some(all) = results.row(method, Subset::All) else { continue };
+        let psnr = |subset| number(results.row(method, subset).map(|row| row.psnr), 2);
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            text,
+            "| {method} | {} | {} | {} | {} | {} | {} | {} | {} |",
+            psnr(Subset::SuperSampled),
+            psnr(Subset::Interpolated),
+            number(Some(all.ssim), 4),
+            number(Some(all.flip), 4),
+            number(all.tpsnr, 2),
+            all.warping_error.map_or_else(|| "–".into(), |v| format!("{v:.2e}")),
+            number(all.displayed_fps, 2),
+            number(all.speedup_over_native, 2),
+        );
+    }
+    for failure in &results.failures {
+        let _ = writeln!(text, "\n{} failed: {}", failure.method, failure.error);
+    }
+    text
+}
+
+/// A number with `digits` decimals, or a dash.
+pub(super) fn number(value: Option<f64>, digits: usize) -> String {
+    value.map_or_else(|| "–".into(), |v| format!("{v:.digits$}"))
+}

@@ -1,0 +1,55 @@
+//! Results for people: a self-contained HTML page and a Markdown table.
+
+mod html;
+mod markdown;
+mod plot;
+
+pub use html::html;
+pub use markdown::markdown;
+
+use gs3_scene::Image;
+
+/// The part of `image` at `(left, top)`, as an 8-bit RGB PNG.
+pub(crate) fn png_rgb8(
+    image: &Image,
+    (left, top): (usize, usize),
+    (width, height): (usize, usize),
+) -> Vec<u8> {
+    let pixels = (top..top + height).flat_map(|y| image.row(y)[left..left + width].iter().copied()).collect();
+    let part = Image::from_pixels(width, height, pixels).unwrap_or_default();
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, width as u32, height as u32);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    // Writing to memory fails only for sizes of 0, and images have none.
+    let written = encoder.write_header().and_then(|mut writer| writer.write_image_data(&part.to_rgb8()));
+    if written.is_err() {
+        bytes.clear();
+    }
+    bytes
+}
+
+/// Bytes in base 64, for data URIs.
+fn base64(bytes: &[u8]) -> String {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for chunk in bytes.chunks(3) {
+        let word = (0..3).fold(0u32, |word, i| word << 8 | u32::from(chunk.get(i).copied().unwrap_or(0)));
+        for i in 0..4 {
+            let digit = DIGITS[(word >> (18 - 6 * i)) as usize & 63];
+            text.push(if i <= chunk.len() { char::from(digit) } else { '=' });
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn base64_of_rfc_4648() {
+        let cases = ["", "f", "fo", "foo", "foob", "fooba", "foobar"].map(|text| base64(text.as_bytes()));
+        assert_eq!(cases, ["", "Zg==", "Zm8=", "Zm9v", "Zm9vYg==", "Zm9vYmE=", "Zm9vYmFy"]);
+    }
+}

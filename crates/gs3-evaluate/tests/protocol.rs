@@ -1,0 +1,195 @@
+//! The protocol on a small scene: what it reports, resumes and survives.
+
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::path::Path;
+use std::sync::Arc;
+
+use gs3::Culling;
+use gs3_evaluate::protocol::{Case, EvaluateError, Event, Protocol, Results, Subset};
+use gs3_evaluate::report;
+use gs3_scene::{Gaussians, OpacityMode, Scene, orbit};
+
+/// Some hundred overlapping Gaussians in a ball.
+fn scene() -> Scene {
+    const COUNT: usize = 400;
+    let mut gaussians = Gaussians::zeroed(COUNT, 0);
+    let mut state = 7u32;
+    let mut random = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as f32 / (1 << 24) as f32
+    };
+    for i in 0..COUNT {
+        gaussians.means.iter_mut().for_each(|plane| plane[i] = 2.0 * random() - 1.0);
+        gaussians.scales.iter_mut().for_each(|plane| plane[i] = 0.03 + 0.12 * random());
+        gaussians.rotations.iter_mut().for_each(|plane| plane[i] = random() - 0.4);
+        gaussians.opacities[i] = 0.3 + 0.7 * random();
+        gaussians.sh[3 * i..3 * i + 3].iter_mut().for_each(|v| *v = 3.0 * random() - 1.5);
+    }
+    Scene::new(gaussians, OpacityMode::Default).unwrap()
+}
+
+fn protocol(methods: &str, case: Case) -> Protocol {
+    let scene = Arc::new(scene());
+    let path = orbit::around(&scene, 90, 96, 64).unwrap();
+    Protocol {
+        scene,
+        scene_name: "ball".into(),
+        path,
+        path_name: "orbit".into(),
+        frames: 10..16,
+        case,
+        size: (96, 64),
+        scale: 4,
+        methods: methods.split(',').map(|m| m.parse().unwrap()).collect(),
+        culling: Culling::AccuTile,
+        background: [0.1, 0.2, 0.3],
+        warm_up_frames: 1,
+        command: "gs3 evaluate <ball> & more".into(),
+    }
+}
+
+/// Runs a protocol; also gives the methods that were run, resumed and failed.
+fn run(protocol: &Protocol, folder: &Path) -> (Results, [Vec<String>; 3]) {
+    let mut seen: [Vec<String>; 3] = Default::default();
+    let results = protocol.run(folder, &mut |event| match event {
+        Event::Method { method, done: 1, .. } => seen[0].push(method.to_string()),
+        Event::Resumed { method } => seen[1].push(method.to_string()),
+        Event::Failed { method, .. } => seen[2].push(method.to_string()),
+        Event::Method { .. } | Event::GroundTruth { .. } => {}
+    });
+    (results.unwrap(), seen)
+}
+
+#[test]
+fn methods_are_scored_by_subset_and_rank_as_they_should() {
+    let folder = tempfile::tempdir().unwrap();
+    let methods = "nearest,bicubic,bicubic@stock,bicubic@antialiased,hermite,spline,ridge,history,history+repeat,analytic";
+    let (results, _) = run(&protocol(methods, Case::Path), folder.path());
+    assert_eq!(results.failures, []);
+    let psnr = |method: &str, subset| results.row(method, subset).unwrap().psnr;
+    let rendered = |method: &str| psnr(method, Subset::SuperSampled);
+    assert!(rendered("native") > 95.0, "{}", rendered("native"));
+    for (better, worse) in [
+        ("bicubic", "nearest"),
+        ("bicubic", "bicubic@stock"),
+        ("hermite", "bicubic"),
+        ("spline", "bicubic"),
+        ("ridge", "hermite"),
+    ] {
+        assert!(
+            rendered(better) > rendered(worse),
+            "{better} {} > {worse} {}",
+            rendered(better),
+            rendered(worse)
+        );
+    }
+    let (warp, repeat) =
+        (psnr("analytic", Subset::Interpolated), psnr("history+repeat", Subset::Interpolated));
+    assert!(warp > repeat + 3.0, "{warp} against {repeat}");
+
+    let row = |method: &str, subset| results.row(method, subset).unwrap().clone();
+    assert_eq!((row("analytic", Subset::All).frames, row("analytic", Subset::SuperSampled).frames), (11, 6));
+    assert!(results.row("bicubic", Subset::Interpolated).is_none());
+    assert_eq!(row("bicubic", Subset::All).psnr, rendered("bicubic"));
+    assert_eq!(row("native", Subset::All).speedup_over_native, Some(1.0));
+    assert_eq!(row("bicubic@antialiased", Subset::All).displayed_fps, None);
+    assert!(
+        row("analytic", Subset::All).interpolate.is_some()
+            && row("history", Subset::All).interpolate.is_none()
+    );
+    let (analytic, history) = (row("analytic", Subset::All), row("history+repeat", Subset::All));
+    assert!(analytic.flicker < history.flicker && analytic.warping_error < history.warping_error);
+    let motion = results.protocol.truth;
+    let (displayed, rendered) =
+        (motion.motion_px_per_displayed_frame.unwrap(), motion.motion_px_per_rendered_frame.unwrap());
+    assert!(displayed > 0.2 && (rendered / displayed - 2.0).abs() < 0.1, "{displayed} {rendered}");
+
+    let json: serde_json::Value = serde_json::from_str(&serde_json::to_string(&results).unwrap()).unwrap();
+    let first = &json["results"][0];
+    let keys = [
+        "method",
+        "subset",
+        "psnr",
+        "ssim",
+        "flip",
+        "tpsnr",
+        "warping_error",
+        "displayed_fps",
+        "speedup_over_native",
+    ];
+    assert!(keys.iter().all(|key| first.get(key).is_some()), "{first}");
+    assert_eq!(first["subset"], "super_sampled");
+
+    let page = report::html(&results);
+    assert!(page.contains("gs3 evaluate &lt;ball&gt; &amp; more") && page.matches("<svg").count() == 4);
+    assert!(!page.contains("http"), "the page loads nothing");
+    assert!(report::markdown(&results).contains("| analytic |"));
+}
+
+#[test]
+fn a_resting_camera_converges_to_native_and_before_a_cut_the_last_frame_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let rest = Protocol { frames: 10..30, ..protocol("hermite,analytic", Case::Rest) };
+    let (results, _) = run(&rest, folder.path());
+    let score = &results.scores.iter().find(|(name, _)| name == "analytic").unwrap().1;
+    let last = score.frames.last().unwrap().psnr;
+    assert!(last > 50.0, "after S² jittered frames standing still is native: {last}");
+    assert!(results.protocol.truth.motion_px_per_displayed_frame.unwrap() < 1e-9);
+
+    let folder = tempfile::tempdir().unwrap();
+    let (results, _) = run(&protocol("bicubic+repeat,bicubic+blend", Case::Cut), folder.path());
+    let psnr = |method: &str, displayed: usize| {
+        let score = &results.scores.iter().find(|(name, _)| name == method).unwrap().1;
+        score.frames.iter().find(|f| f.displayed == displayed).unwrap().psnr
+    };
+    // Nothing lies between the frames beside a cut: the one before (4) should stay on (5), and it does.
+    for method in ["bicubic+repeat", "bicubic+blend"] {
+        assert_eq!(psnr(method, 5), psnr(method, 4));
+        assert_ne!(psnr(method, 3), psnr(method, 2));
+    }
+}
+
+#[test]
+fn finished_methods_are_resumed_and_failing_ones_do_not_end_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    // All frames are evaluated: nothing is left to fit the ridge map on.
+    let all = Protocol { frames: 0..90, ..protocol("bicubic", Case::Path) };
+    let few = Protocol { path: orbit::around(&all.scene, 6, 96, 64).unwrap(), frames: 0..6, ..all };
+    let (first, seen) = run(&few, folder.path());
+    assert_eq!(seen, [vec!["native".to_owned(), "bicubic".into()], vec![], vec![]]);
+
+    let more = Protocol { methods: protocol("ridge,bicubic,nearest", Case::Path).methods, ..few.clone() };
+    let (second, seen) = run(&more, folder.path());
+    let expected: [Vec<String>; 3] =
+        [vec!["nearest".into()], vec!["native".into(), "bicubic".into()], vec!["ridge".into()]];
+    assert_eq!(seen, expected);
+    assert!(second.failures[0].error.contains("found none"), "{:?}", second.failures);
+    assert_eq!(first.row("bicubic", Subset::All), second.row("bicubic", Subset::All));
+    assert!(report::html(&second).contains("ridge</b> failed"));
+
+    let other = Protocol { background: [0.0; 3], ..few };
+    assert_eq!(run(&other, folder.path()).1[1], Vec::<String>::new(), "another protocol resumes nothing");
+}
+
+#[test]
+fn protocols_that_make_no_sense_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let base = protocol("bicubic", Case::Path);
+    let error = |protocol: Protocol| protocol.run(folder.path(), &mut |_| {}).unwrap_err();
+    assert!(matches!(
+        error(Protocol { frames: 88..91, ..base.clone() }),
+        EvaluateError::Frames { available: 90, .. }
+    ));
+    assert!(matches!(error(Protocol { frames: 5..7, ..base.clone() }), EvaluateError::Frames { .. }));
+    assert!(matches!(
+        error(Protocol { size: (98, 64), ..base.clone() }),
+        EvaluateError::Size { scale: 4, .. }
+    ));
+    assert!(matches!(error(Protocol { scale: 1, ..base.clone() }), EvaluateError::Scale { actual: 1 }));
+    assert!(matches!(error(Protocol { size: (0, 64), ..base.clone() }), EvaluateError::Camera(_)));
+    let file = folder.path().join("file");
+    std::fs::write(&file, "").unwrap();
+    assert!(matches!(base.run(&file, &mut |_| {}), Err(EvaluateError::File { .. })));
+    assert!(!folder.path().join("cache").exists(), "refused before anything is written");
+}
