@@ -30,7 +30,7 @@ fn facts(scene: &Scene, load_s: f64) -> Value {
         [low, high]
     };
     let [x, y, z] = [0, 1, 2].map(|axis: usize| range(&g.means[axis]));
-    let Bounds { center, radius, is_object, up } = Bounds::of(scene);
+    let Bounds { center, radius, extent, is_object, up } = Bounds::of(scene);
     let dropped = scene.dropped();
     json!({
         "gaussians": g.len(),
@@ -41,7 +41,7 @@ fn facts(scene: &Scene, load_s: f64) -> Value {
         },
         "bounds": { "min": [x[0], y[0], z[0]], "max": [x[1], y[1], z[1]] },
         "bulk": {
-            "center": center.to_array(), "radius": radius, "is_object": is_object, "up": up.to_array(),
+            "center": center.to_array(), "radius": radius, "extent": extent.to_array(), "is_object": is_object, "up": up.to_array(),
         },
         "opacity_percentiles": percentiles(g.opacities.clone()),
         "scale_percentiles": percentiles(g.scales.concat()),
@@ -96,7 +96,7 @@ fn text(name: &str, facts: &Value) -> String {
         point(&facts["bounds"]["max"]),
         bulk["radius"].as_f64().unwrap_or(0.0),
         point(&bulk["center"]),
-        if bulk["is_object"] == json!(true) { "an object" } else { "surroundings" },
+        if bulk["is_object"] == json!(true) { "an object" } else { "a place" },
         point(&bulk["up"]),
         row(&facts["opacity_percentiles"]),
         row(&facts["scale_percentiles"]),

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use glam::{DAffine3, DMat3, DQuat, DVec3};
+use glam::{DAffine3, DMat3, DVec3};
 
 use crate::camera::{Camera, CameraError, Intrinsics};
 use crate::camera_path::CameraPath;
@@ -14,8 +14,16 @@ const FOV_Y: f64 = 50.0 * std::f64::consts::PI / 180.0;
 /// Height of the camera over the horizon of the centre: 15°, from where both tops and sides of objects show.
 const ELEVATION: f64 = 15.0 * std::f64::consts::PI / 180.0;
 
-/// The camera's distance in radii where the scene surrounds it (a room, a street).
-const INSIDE_DISTANCE: f64 = 0.9;
+/// A scene that is lower than this share of its width surrounds the camera (a room, a street, a lawn); others are
+/// objects. (Empirical: captured places are at most 0.3, standing objects 0.4 and more.)
+const PLACE_HEIGHT: f64 = 0.4;
+
+/// The camera's distance from the centre of a place as a share of its width: well within its walls.
+const PLACE_DISTANCE: f64 = 0.35;
+
+/// z is up where the scene is lowest along z, and lower than this share of its length along y. (Empirical: places on an
+/// xy ground have up to 0.26, objects that stand along y 0.33 and more.)
+const LOW_ALONG_Z: f64 = 0.3;
 
 /// Where the bulk of a scene is, however far its strays fly, and which way is up.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,9 +34,11 @@ pub struct Bounds {
     /// twice their median. The second rules in captures, whose background reaches many times farther than their
     /// subject.
     pub radius: f64,
-    /// Whether most of the scene lies within `radius`, as for a statue; else it goes on all around.
+    /// Lengths along x, y and z between the 10th and the 90th percentile of the centres.
+    pub extent: DVec3,
+    /// Whether the scene is one to walk around, as a statue; else it is a place to be in.
     pub is_object: bool,
-    /// A guess of the upward direction, one of the world's ±y and ±z.
+    /// The likely upward direction: +z for what lies on an xy ground, else −y, as COLMAP leaves captures.
     pub up: DVec3,
 }
 
@@ -37,31 +47,44 @@ impl Bounds {
     #[must_use]
     pub fn of(scene: &Scene) -> Self {
         let means = &scene.gaussians().means;
-        let center = DVec3::from_array(std::array::from_fn(|axis| {
-            percentile(means[axis].iter().copied().map(f64::from).collect(), 0.5)
-        }));
+        let along = |share: f64| {
+            DVec3::from_array(std::array::from_fn(|axis| {
+                percentile(means[axis].iter().copied().map(f64::from).collect(), share)
+            }))
+        };
+        let (center, extent) = (along(0.5), along(0.9) - along(0.1));
         let distances: Vec<f64> = (0..scene.gaussians().len())
             .map(|i| DVec3::from(scene.gaussians().mean(i).map(f64::from)).distance(center))
             .collect();
         let most = percentile(distances.clone(), 0.95);
-        let twice_median = 2.0 * percentile(distances, 0.5);
         // A scene of a single point still needs a distance to look from.
-        let radius = most.min(twice_median).max(1e-3);
-        Self { center, radius, is_object: most <= 1.25 * twice_median, up: guess_up(scene, center, radius) }
+        let radius = most.min(2.0 * percentile(distances, 0.5)).max(1e-3);
+        let is_z_up = extent.z < extent.x && extent.z < LOW_ALONG_Z * extent.y;
+        let (up, height) = if is_z_up { (DVec3::Z, extent.z) } else { (DVec3::NEG_Y, extent.y) };
+        let is_object = height >= PLACE_HEIGHT * level_width(extent, up);
+        Self { center, radius, extent, is_object, up }
     }
 }
 
+/// The smaller of the two level extents.
+fn level_width(extent: DVec3, up: DVec3) -> f64 {
+    if up.z != 0.0 { extent.x.min(extent.y) } else { extent.x.min(extent.z) }
+}
+
 /// A closed orbit of `frames` cameras (at least 1) at 30 frames per second that keeps `scene` in view: around an
-/// object, all of it in the image; within a capture that goes on all around, looking across its middle.
+/// object, all of it in the image; in a place, from within and across its middle.
 ///
 /// # Errors
 /// [`CameraError`] if the size is zero or too large.
 pub fn around(scene: &Scene, frames: usize, width: u32, height: u32) -> Result<CameraPath, CameraError> {
-    let Bounds { center, radius, is_object, up } = Bounds::of(scene);
+    let Bounds { center, radius, extent, is_object, up } = Bounds::of(scene);
     let intrinsics = Intrinsics::from_fov_y(width, height, FOV_Y);
     let half_fov_x = (0.5 * f64::from(width) / intrinsics.fx).atan();
-    let distance =
-        if is_object { radius / half_fov_x.min(0.5 * FOV_Y).sin() } else { INSIDE_DISTANCE * radius };
+    let distance = if is_object {
+        radius / half_fov_x.min(0.5 * FOV_Y).sin()
+    } else {
+        PLACE_DISTANCE * level_width(extent, up)
+    };
     let side = up.any_orthonormal_vector();
     let forward = up.cross(side);
     let camera = |frame: usize| {
@@ -83,33 +106,6 @@ pub fn look_at(eye: DVec3, target: DVec3, up: DVec3, intrinsics: Intrinsics) -> 
     let down = forward.cross(right);
     let view_from_world = DMat3::from_cols(right, down, forward).transpose();
     Camera::new(DAffine3 { matrix3: view_from_world, translation: -(view_from_world * eye) }, intrinsics)
-}
-
-/// How much more level area an axis other than y needs to be taken for the vertical one. Empirical: scenes without a
-/// floor have about as much on every axis, and most tools leave them in COLMAP's axes, y down.
-const VERTICAL_EVIDENCE: f64 = 1.3;
-
-/// The vertical axis is that of y and z which has more level area across it: floors, table tops, ceilings. Which of
-/// its ends is up is settled by custom: −y as in COLMAP, +z as in everything that stands on an xy ground.
-fn guess_up(scene: &Scene, center: DVec3, radius: f64) -> DVec3 {
-    let gaussians = scene.gaussians();
-    let mut level_area = [0.0; 3];
-    for i in 0..gaussians.len() {
-        let mean = DVec3::from(gaussians.mean(i).map(f64::from));
-        if mean.distance(center) > radius {
-            continue;
-        }
-        let scale = gaussians.scale(i).map(f64::from);
-        let thin = (0..3).min_by(|a, b| scale[*a].total_cmp(&scale[*b])).unwrap_or(0);
-        let area = scale[(thin + 1) % 3] * scale[(thin + 2) % 3] * f64::from(gaussians.opacities[i]);
-        let [w, x, y, z] = gaussians.rotation(i).map(f64::from);
-        let normal = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w)).col(thin);
-        for axis in 0..3 {
-            // The eighth power counts normals within about 20° of the axis.
-            level_area[axis] += area * normal[axis].powi(8);
-        }
-    }
-    if level_area[2] > VERTICAL_EVIDENCE * level_area[1] { DVec3::Z } else { DVec3::NEG_Y }
 }
 
 /// The value below which `share` of `values` lie; 0 for none.
@@ -174,7 +170,8 @@ mod tests {
     #[test]
     fn up_is_up_in_the_image() {
         let scene = crate::demo::scene().unwrap();
-        assert_eq!(Bounds::of(&scene).up, DVec3::Z);
+        let bounds = Bounds::of(&scene);
+        assert!(bounds.up == DVec3::Z && !bounds.is_object, "{bounds:?}");
         for camera in around(&scene, 5, 160, 90).unwrap().cameras() {
             let low = camera.project(DVec3::ZERO).0;
             let high = camera.project(DVec3::new(0.0, 0.0, 1.0)).0;
