@@ -1,7 +1,7 @@
 //! Activated parameters back to what files store.
 
-/// Opacities are kept this far from 0 and 1, where the logit is infinite and other programs stumble; one in 16 million is
-/// far below the 1/255 that shows.
+/// Opacities are kept this far from 0 and 1, where the logit is infinite and other programs stumble; one in
+/// 16 million is far below the 1/255 that shows.
 const OPACITY_MARGIN: f32 = 1.0 / (1 << 24) as f32;
 
 /// The inverse of the sigmoid, finite.

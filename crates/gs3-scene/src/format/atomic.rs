@@ -5,8 +5,9 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Writes the file at `path` through `write`. The bytes go to a temporary file beside it, which takes the place of `path`
-/// once all of them are on disk; after an error or a panic it is gone and `path` is as it was.
+/// Writes the file at `path` through `write`. The bytes go to a temporary file beside it, which takes the
+/// place of `path` once all of them are on disk; after an error or a panic it is gone and `path` is as it
+/// was.
 ///
 /// # Errors
 /// What `write` or the system reports.

@@ -122,7 +122,8 @@ pub enum SaveError {
     },
 }
 
-/// `text` from outside, fit for one line of a message: quoted, control characters escaped, cut at 60 characters.
+/// `text` from outside, fit for one line of a message: quoted, control characters escaped, cut at 60
+/// characters.
 pub(crate) fn quoted(text: &str) -> String {
     const LONGEST: usize = 60;
     if text.chars().count() > LONGEST {

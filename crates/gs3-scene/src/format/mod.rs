@@ -36,13 +36,15 @@ use crate::scene::{OpacityMode, Scene};
 /// Gaussians decoded by one task: enough work that scheduling costs nothing, small enough to stay in cache.
 const BLOCK: usize = 4096;
 
-/// The constant spherical-harmonics basis function, 1 / (2 √π): what turns a colour's distance from ½ into a coefficient.
+/// The constant spherical-harmonics basis function, 1 / (2 √π): what turns a colour's distance from ½ into a
+/// coefficient.
 const SH_C0: f32 = 0.28209479177387814;
 
 /// What to load of a scene that holds several representations of itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LoadOptions {
-    /// Level of detail of a streamed SOG scene, 0 the finest. `None` takes the finest that each part of the scene has.
+    /// Level of detail of a streamed SOG scene, 0 the finest. `None` takes the finest that each part of the
+    /// scene has.
     pub level_of_detail: Option<u32>,
     /// Whether the environment (sky, far background) of a streamed SOG scene is appended.
     pub environment: bool,
@@ -72,8 +74,9 @@ pub fn load(path: &Path, options: &LoadOptions, progress: Progress<'_>) -> Resul
     load_source(&Source::open(&index)?, &folder, options, progress)
 }
 
-/// Loads a scene from `source`, which may name others among `files`: the same as [`load`] for bytes that are not in
-/// the file system. A scene in one piece needs no `files`; an empty `BTreeMap<String, Vec<u8>>` serves.
+/// Loads a scene from `source`, which may name others among `files`: the same as [`load`] for bytes that are
+/// not in the file system. A scene in one piece needs no `files`; an empty `BTreeMap<String, Vec<u8>>`
+/// serves.
 ///
 /// # Errors
 /// As [`load`].
@@ -102,8 +105,9 @@ pub fn load_source(
         .map_err(|error| LoadError::Scene { file: source.name().to_owned(), source: error })
 }
 
-/// Saves `scene` at `path` in the format that the extension names: `.ply`, `.spz` or `.sog`. The file appears whole or not
-/// at all. Precision is that of the format: exact to rounding for PLY, quantised for the others; SOG reorders the Gaussians.
+/// Saves `scene` at `path` in the format that the extension names: `.ply`, `.spz` or `.sog`. The file appears
+/// whole or not at all. Precision is that of the format: exact to rounding for PLY, quantised for the others;
+/// SOG reorders the Gaussians.
 ///
 /// # Errors
 /// [`SaveError`] if the extension is another, the scene does not fit the format, or the file cannot be written.

@@ -2,8 +2,8 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Called with the share that is done, 0 to 1, from whichever thread did it; calls may overlap and arrive out of
-/// order by a little.
+/// Called with the share that is done, 0 to 1, from whichever thread did it; calls may overlap and arrive out
+/// of order by a little.
 pub type Progress<'a> = &'a (dyn Fn(f32) + Sync);
 
 /// Counts units of work that many threads do.

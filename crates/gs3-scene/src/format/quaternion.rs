@@ -1,7 +1,7 @@
 //! Unit quaternions without their largest component.
 
-/// The quaternion whose component `largest` was left out because the other three and its length of 1 give it. `others`
-/// are those three in order. Where rounding made them longer than 1 the missing one is 0.
+/// The quaternion whose component `largest` was left out because the other three and its length of 1 give it.
+/// `others` are those three in order. Where rounding made them longer than 1 the missing one is 0.
 pub(super) fn with_largest(largest: usize, others: [f32; 3]) -> [f32; 4] {
     let squares: f32 = others.iter().map(|v| v * v).sum();
     let mut quaternion = [(1.0 - squares).max(0.0).sqrt(); 4];
@@ -11,8 +11,8 @@ pub(super) fn with_largest(largest: usize, others: [f32; 3]) -> [f32; 4] {
     quaternion
 }
 
-/// The inverse: index of the component with the largest magnitude, and the other three in order, of the same rotation
-/// with that component positive. The three lie within ±√½.
+/// The inverse: index of the component with the largest magnitude, and the other three in order, of the same
+/// rotation with that component positive. The three lie within ±√½.
 pub(super) fn without_largest(quaternion: [f32; 4]) -> (usize, [f32; 3]) {
     let mut largest = 0;
     for i in 1..4 {

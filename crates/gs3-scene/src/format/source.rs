@@ -125,8 +125,9 @@ impl<'a> Source<'a> {
     }
 }
 
-/// How much memory a file of `file_bytes` may unpack to: trained scenes stay below 30 times the size of their file,
-/// so 100 times, and a quarter of a gibibyte for the smallest, leave room for odd ones and none for bombs.
+/// How much memory a file of `file_bytes` may unpack to: trained scenes stay below 30 times the size of their
+/// file, so 100 times, and a quarter of a gibibyte for the smallest, leave room for odd ones and none for
+/// bombs.
 pub(crate) fn allowance(file_bytes: u64) -> u64 {
     file_bytes.saturating_mul(100).max(256 << 20)
 }
@@ -207,8 +208,8 @@ impl Files for BTreeMap<String, Vec<u8>> {
     }
 }
 
-/// `name`, which a file gives, relative to `folder`. It must stay inside: a scene must not make gs3 open other files
-/// of its reader.
+/// `name`, which a file gives, relative to `folder`. It must stay inside: a scene must not make gs3 open
+/// other files of its reader.
 pub(crate) fn inside(file: &str, field: &str, folder: &str, name: &str) -> Result<String, LoadError> {
     let plain =
         |part: &str| !part.is_empty() && part != ".." && part != "." && !part.contains(['\\', ':', '\0']);
@@ -237,7 +238,8 @@ fn read_exact_at(file: &File, mut buffer: &mut [u8], mut offset: u64) -> io::Res
     Ok(())
 }
 
-/// Elsewhere (a web page has no threads by default and no files) one position is shared; reads are one after another.
+/// Elsewhere (a web page has no threads by default and no files) one position is shared; reads are one after
+/// another.
 #[cfg(not(any(unix, windows)))]
 fn read_exact_at(mut file: &File, buffer: &mut [u8], offset: u64) -> io::Result<()> {
     file.seek(SeekFrom::Start(offset))?;

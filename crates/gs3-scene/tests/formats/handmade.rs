@@ -7,8 +7,8 @@ use image_webp::{ColorType, WebPEncoder};
 
 use crate::entry::{TARGETS, pack};
 
-/// Two Gaussians of degree 1. Properties are out of the trainer's order, of four types; an element with a list stands
-/// before them and one after.
+/// Two Gaussians of degree 1. Properties are out of the trainer's order, of four types; an element with a
+/// list stands before them and one after.
 pub fn ply_odd() -> Vec<u8> {
     let mut file = b"ply\r\nformat binary_big_endian 1.0\r\ncomment made by hand\r\ncomment antialiased 1\r\n\
         element tag 2\r\nproperty list uchar short ids\r\nproperty uchar flag\r\nelement vertex 2\r\n\

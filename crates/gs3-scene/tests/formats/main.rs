@@ -1,5 +1,5 @@
-//! Scene files: files made by hand for every reader, round trips through every writer, real captures, and files that
-//! somebody broke.
+//! Scene files: files made by hand for every reader, round trips through every writer, real captures, and
+//! files that somebody broke.
 #![allow(clippy::unwrap_used, reason = "a step that fails is a test that fails")]
 
 #[path = "../../fuzz/src/entry.rs"]

@@ -86,13 +86,15 @@ fn compare(before: &Scene, after: &Scene, tolerance: &Tolerance, partner: impl F
 /// Exact but for the rounding of exp, ln and the sigmoid; acos near 1 turns 1e-7 into 1e-3.
 const PLY: Tolerance = Tolerance { mean: 0.0, scale: 2e-6, radians: 2e-3, opacity: 1e-6, sh0: 0.0, sh: 0.0 };
 
-/// 24 bits for ±10: 2⁻¹⁹ of the unit at most; log scale in steps of 1/16; 9 bits of √½ per component; 8 bits else.
+/// 24 bits for ±10: 2⁻¹⁹ of the unit at most; log scale in steps of 1/16; 9 bits of √½ per component; 8 bits
+/// else.
 const SPZ: Tolerance =
     Tolerance { mean: 1e-6, scale: 0.0313, radians: 0.006, opacity: 0.00197, sh0: 0.0132, sh: 0.0040 };
 
-/// 16 bits for the logarithm of ±10: 2 · ln 11 / 65,535 / 2 relative to 1 + |x|. 8 bits of √2 per component, three of them and
-/// the fourth made of them: 2 · 0.0096. Codebooks of 256 for up to 1,200 values: those that share a code lie within a few of the mean gaps
-/// (8 / 256 for log scales, 1.8 / 256 for colours). Palette rows of their own.
+/// 16 bits for the logarithm of ±10: 2 · ln 11 / 65,535 / 2 relative to 1 + |x|. 8 bits of √2 per component,
+/// three of them and the fourth made of them: 2 · 0.0096. Codebooks of 256 for up to 1,200 values: those that
+/// share a code lie within a few of the mean gaps (8 / 256 for log scales, 1.8 / 256 for colours). Palette
+/// rows of their own.
 const SOG: Tolerance =
     Tolerance { mean: 1e-4, scale: 0.06, radians: 0.02, opacity: 0.00197, sh0: 0.015, sh: 0.015 };
 
@@ -145,7 +147,8 @@ fn a_palette_smaller_than_the_scene_keeps_the_harmonics_close() {
     }
     let before = Scene::new(gaussians, OpacityMode::Default).unwrap();
     let after = round_trip(&before, "sog");
-    // A line along x in logarithmic 16-bit steps: neighbours share codes, so compare by the order that the curve keeps.
+    // A line along x in logarithmic 16-bit steps: neighbours share codes, so compare by the order that the
+    // curve keeps.
     let mut squared = 0.0;
     let mut order: Vec<usize> = (0..count).collect();
     order.sort_by(|a, b| after.gaussians().mean(*a)[0].total_cmp(&after.gaussians().mean(*b)[0]));

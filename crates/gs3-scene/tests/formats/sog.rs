@@ -132,8 +132,8 @@ fn broken_images_and_trees_are_named() {
 
 #[test]
 fn an_image_that_would_unpack_to_gigabytes_is_refused_before_it_does() {
-    // 16,383 × 16,383 pixels of one colour: a kilobyte that asks for a gibibyte. Header and image data are from a small
-    // image; only its stated size is changed.
+    // 16,383 × 16,383 pixels of one colour: a kilobyte that asks for a gibibyte. Header and image data are
+    // from a small image; only its stated size is changed.
     let mut image = webp(2, ColorType::Rgb8, &[0; 12]);
     let size = image.windows(4).position(|bytes| bytes == b"VP8L").unwrap() + 9;
     image[size..size + 4].copy_from_slice(&(16_382u32 << 14 | 16_382).to_le_bytes());

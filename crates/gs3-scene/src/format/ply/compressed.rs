@@ -166,8 +166,8 @@ fn sh_columns(
     Ok((degree, columns))
 }
 
-/// Unpacks position (11, 10, 11 bits), rotation (2, 10, 10, 10), log scale (11, 10, 11) and colour with opacity (8 each),
-/// the first field in the highest bits.
+/// Unpacks position (11, 10, 11 bits), rotation (2, 10, 10, 10), log scale (11, 10, 11) and colour with
+/// opacity (8 each), the first field in the highest bits.
 fn unpack([position, rotation, scale, color]: [u32; 4], bounds: &Bounds, i: usize, slots: &mut Slots<'_>) {
     let [min, max] = bounds;
     let lerp =

@@ -179,8 +179,8 @@ impl Element {
         self.properties.iter().map(size).sum()
     }
 
-    /// The scalar property `name`: its type and its byte within a row. `None` if there is none or one before it is a
-    /// list.
+    /// The scalar property `name`: its type and its byte within a row. `None` if there is none or one before
+    /// it is a list.
     pub(super) fn find(&self, name: &str) -> Option<(Scalar, usize)> {
         let mut offset = 0;
         for property in &self.properties {

@@ -11,7 +11,8 @@ use super::header::{Element, Encoding, Header};
 use super::text::{Tokens, end_of};
 use crate::gaussians::{Gaussians, Slots, sh_coefficient_count};
 
-/// Bytes that a task reads at once: large enough for the system call to cost nothing, small enough for the cache.
+/// Bytes that a task reads at once: large enough for the system call to cost nothing, small enough for the
+/// cache.
 const READ_BYTES: usize = 1 << 20;
 
 /// Bytes of rows that all columns pass over while they stay in the first-level cache.

@@ -6,7 +6,8 @@ use super::super::activation::{log_scale, logit};
 use super::super::atomic::write_rows;
 use crate::scene::{OpacityMode, Scene};
 
-/// Writes `scene`. Normals, which 3D Gaussian Splatting declares and never uses, are zero: some readers count on them.
+/// Writes `scene`. Normals, which 3D Gaussian Splatting declares and never uses, are zero: some readers count
+/// on them.
 pub(in super::super) fn write(scene: &Scene, writer: &mut impl Write) -> io::Result<()> {
     let gaussians = scene.gaussians();
     let rest = gaussians.sh_stride() - 3;

@@ -201,7 +201,8 @@ struct Decoder<'a> {
     meta: &'a Meta,
     /// The codebook of log scales, activated.
     scales: [f32; 256],
-    /// In the order of [`Chunk::image_names`]: means low, means high, scales, quaternions, sh0, palette, labels.
+    /// In the order of [`Chunk::image_names`]: means low, means high, scales, quaternions, sh0, palette,
+    /// labels.
     planes: Vec<&'a Plane>,
     palette: Option<Palette>,
 }
@@ -256,8 +257,8 @@ impl Decoder<'_> {
     }
 }
 
-/// Three components within ±√½ as bytes, and 252 + the index (w, x, y, z) of the fourth. Other tags are reserved: a zero
-/// quaternion, which the check of the scene drops and counts.
+/// Three components within ±√½ as bytes, and 252 + the index (w, x, y, z) of the fourth. Other tags are
+/// reserved: a zero quaternion, which the check of the scene drops and counts.
 fn unpack_quaternion([a, b, c, tag]: [u8; 4]) -> [f32; 4] {
     let Some(largest) = tag.checked_sub(252) else { return [0.0; 4] };
     let component = |byte: u8| (f32::from(byte) / 255.0 * 2.0 - 1.0) * std::f32::consts::FRAC_1_SQRT_2;

@@ -71,8 +71,8 @@ fn few_values(sorted: &[f32]) -> Option<[f32; 256]> {
     Some(codes)
 }
 
-/// Density of codes proportional to the cube root of the density of values, which minimises the squared distance for many
-/// codes (Panter and Dite 1951).
+/// Density of codes proportional to the cube root of the density of values, which minimises the squared
+/// distance for many codes (Panter and Dite 1951).
 fn first_guess(values: &[f32], smallest: f32, largest: f32) -> [f32; 256] {
     let (smallest, largest) = (f64::from(smallest), f64::from(largest));
     let edge = |bin: usize| smallest + (largest - smallest) * bin as f64 / BINS as f64;

@@ -1,7 +1,7 @@
 //! SOG (PlayCanvas): Gaussians as the pixels of lossless WebP images beside a `meta.json`.
 //!
-//! Source: the SOG format specification, version 2, and the streamed SOG specification, version 1, both by PlayCanvas.
-//! Every per-Gaussian image has Gaussian `i` at pixel `(i mod width, i / width)`.
+//! Source: the SOG format specification, version 2, and the streamed SOG specification, version 1, both by
+//! PlayCanvas. Every per-Gaussian image has Gaussian `i` at pixel `(i mod width, i / width)`.
 
 mod archive;
 mod chunk;

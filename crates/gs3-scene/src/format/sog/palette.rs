@@ -1,5 +1,6 @@
-//! A palette for vectors: tree-structured vector quantisation. Splitting in two again and again takes time proportional to
-//! the logarithm of the palette's size, where plain k-means takes its size: a factor of 4,000 for 65,536 rows.
+//! A palette for vectors: tree-structured vector quantisation. Splitting in two again and again takes time
+//! proportional to the logarithm of the palette's size, where plain k-means takes its size: a factor of 4,000
+//! for 65,536 rows.
 
 use rayon::prelude::*;
 
@@ -74,7 +75,8 @@ impl Node<'_> {
             return;
         };
         let (left, right) = members.split_at_mut(middle);
-        // Rows where the error is: the best allocation for many dimensions is in proportion to the squared error.
+        // Rows where the error is: the best allocation for many dimensions is in proportion to the squared
+        // error.
         let error =
             |members: &[u32]| Statistics::of(vectors, dimensions, members).squared_error(members.len());
         let (left_error, right_error) = (error(left), error(right));
@@ -137,12 +139,13 @@ impl Statistics {
     }
 }
 
-/// Reorders `members` so that two compact halves follow one another and gives the length of the first; `None` if they
-/// are all the same.
+/// Reorders `members` so that two compact halves follow one another and gives the length of the first; `None`
+/// if they are all the same.
 fn bisect(vectors: Vectors<'_>, members: &mut [u32], mean: &[f64], variance: &[f64]) -> Option<usize> {
     let dimensions = mean.len();
     let widest = (0..dimensions).max_by(|a, b| variance[*a].total_cmp(&variance[*b]))?;
-    // A column of the covariance matrix: one step of the power iteration towards the direction of largest variance.
+    // A column of the covariance matrix: one step of the power iteration towards the direction of largest
+    // variance.
     let mut direction = vec![0.0f64; dimensions];
     for member in members.iter() {
         let vector = vectors.get(*member);
@@ -169,8 +172,8 @@ fn bisect(vectors: Vectors<'_>, members: &mut [u32], mean: &[f64], variance: &[f
     Some(middle)
 }
 
-/// Moves members below the plane to the front, keeping the order within both sides; `None`, and nothing moved, if a side
-/// is empty.
+/// Moves members below the plane to the front, keeping the order within both sides; `None`, and nothing
+/// moved, if a side is empty.
 fn partition(vectors: Vectors<'_>, members: &mut [u32], normal: &[f32], threshold: f32) -> Option<usize> {
     let below: Vec<bool> = members
         .par_iter()

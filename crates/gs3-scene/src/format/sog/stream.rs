@@ -63,7 +63,8 @@ pub(super) fn read(
     decode(name, selections, progress)
 }
 
-/// Adds the ranges of the leaves under `node`, by chunk. The depth of the tree is bounded by the JSON parser (128).
+/// Adds the ranges of the leaves under `node`, by chunk. The depth of the tree is bounded by the JSON parser
+/// (128).
 fn collect_runs(name: &str, node: &Node, level: Option<u32>, runs: &mut [Ranges]) -> Result<(), LoadError> {
     let run = match level {
         Some(level) => node.lods.get(&level),

@@ -16,12 +16,13 @@ use super::palette::{Palette, Vectors};
 use crate::gaussians::Gaussians;
 use crate::scene::{OpacityMode, Scene};
 
-/// Most Gaussians of a data set: the pixels of the largest square WebP image with sides that are multiples of 4. WebP allows
-/// 16,384 pixels on a side; image-webp 0.2 reads 16,383.
+/// Most Gaussians of a data set: the pixels of the largest square WebP image with sides that are multiples of
+/// 4. WebP allows 16,384 pixels on a side; image-webp 0.2 reads 16,383.
 pub(in super::super) const MOST_GAUSSIANS: usize = 16_380 * 16_380;
 
-/// Writes `scene`, its Gaussians in Morton order, which makes neighbouring pixels alike. Precision: 16 bits for the logarithm of
-/// positions, 8 bits for the others, the higher harmonics by a palette of at most 65,536 rows.
+/// Writes `scene`, its Gaussians in Morton order, which makes neighbouring pixels alike. Precision: 16 bits
+/// for the logarithm of positions, 8 bits for the others, the higher harmonics by a palette of at most 65,536
+/// rows.
 pub(in super::super) fn write(scene: &Scene, writer: &mut impl Write) -> io::Result<()> {
     let gaussians = scene.gaussians();
     let means = Means::new(gaussians);
@@ -192,10 +193,10 @@ fn log_position(value: f32) -> f64 {
 /// The 16 bits with two zeros after each.
 fn spread(code: u16) -> u64 {
     let mut bits = u64::from(code);
-    bits = (bits | bits << 16) & 0x0000_00ff_0000_00ff;
-    bits = (bits | bits << 8) & 0x0000_f00f_0000_f00f;
-    bits = (bits | bits << 4) & 0x000c_30c3_000c_30c3;
-    (bits | bits << 2) & 0x0024_9249_0024_9249
+    bits = (bits | bits << 16) & 0x0000_ff00_00ff;
+    bits = (bits | bits << 8) & 0x00f0_0f00_f00f;
+    bits = (bits | bits << 4) & 0x0c30_c30c_30c3;
+    (bits | bits << 2) & 0x2492_4924_9249
 }
 
 /// Three components within ±√½ as bytes, and 252 + the index (w, x, y, z) of the fourth.

@@ -1,8 +1,8 @@
 //! SPZ (Niantic): gzip around a 16-byte header and one array per attribute.
 //!
-//! Source: the SPZ format description, versions 2 and 3. Coordinates in the file are right-up-back; scenes here are, as in
-//! PLY, right-down-front, so y and z change sign, and with them the quaternions' y and z and the spherical harmonics
-//! that are odd in them.
+//! Source: the SPZ format description, versions 2 and 3. Coordinates in the file are right-up-back; scenes
+//! here are, as in PLY, right-down-front, so y and z change sign, and with them the quaternions' y and z and
+//! the spherical harmonics that are odd in them.
 
 mod read;
 mod write;
@@ -22,8 +22,8 @@ const ANTIALIASED: u8 = 1;
 /// Colours cover more than 0 to 1, because higher harmonics may bring them back: code = dc · 0.15 + 0.5.
 const COLOR_SCALE: f32 = 0.15;
 
-/// Sign of each spherical-harmonics coefficient under y → −y, z → −z, the constant term first: the parity of the number
-/// of y and z in its monomial.
+/// Sign of each spherical-harmonics coefficient under y → −y, z → −z, the constant term first: the parity of
+/// the number of y and z in its monomial.
 const SH_SIGNS: [f32; 16] = [
     1.0, // constant
     -1.0, -1.0, 1.0, // y, z, x

@@ -167,8 +167,8 @@ fn first_three(xyz: [u8; 3]) -> [f32; 4] {
     with_largest(0, xyz.map(|v| f32::from(v) / 127.5 - 1.0))
 }
 
-/// Version 3: the index of the largest component (x, y, z, w) in the top two bits, then the others, each a sign bit and 9 bits
-/// of magnitude up to √½. Result in the order w, x, y, z.
+/// Version 3: the index of the largest component (x, y, z, w) in the top two bits, then the others, each a
+/// sign bit and 9 bits of magnitude up to √½. Result in the order w, x, y, z.
 fn smallest_three(packed: u32) -> [f32; 4] {
     let component = |shift: u32| {
         let bits = packed >> shift;

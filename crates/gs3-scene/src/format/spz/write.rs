@@ -19,8 +19,8 @@ const LARGEST_FIXED: f64 = ((1 << 23) - 1) as f64;
 /// More bits after the binary point than this bring nothing: an f32 has 24 in all.
 const MOST_FRACTIONAL_BITS: i32 = 20;
 
-/// Bits after the binary point that keep all positions of `scene` representable with the finest step; the coordinate
-/// that is too large where none do.
+/// Bits after the binary point that keep all positions of `scene` representable with the finest step; the
+/// coordinate that is too large where none do.
 pub(in super::super) fn fractional_bits(scene: &Scene) -> Result<u8, f32> {
     let means = scene.gaussians().means.iter().flatten();
     let largest = means.fold(0.0f32, |largest, value| largest.max(value.abs()));
@@ -31,8 +31,8 @@ pub(in super::super) fn fractional_bits(scene: &Scene) -> Result<u8, f32> {
     }
 }
 
-/// Writes `scene` with positions of the given [`fractional_bits`]. Higher harmonics keep all 8 bits, where Niantic's encoder
-/// rounds them to 5 and 4 for a smaller file; they are cut at ±1.
+/// Writes `scene` with positions of the given [`fractional_bits`]. Higher harmonics keep all 8 bits, where
+/// Niantic's encoder rounds them to 5 and 4 for a smaller file; they are cut at ±1.
 pub(in super::super) fn write(scene: &Scene, fractional_bits: u8, writer: &mut impl Write) -> io::Result<()> {
     let gaussians = scene.gaussians();
     let sizes = Sizes::new(VERSION, gaussians.sh_degree);
