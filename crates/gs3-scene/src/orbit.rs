@@ -31,8 +31,8 @@ pub struct Bounds {
     /// Median of the centres, per axis.
     pub center: DVec3,
     /// Radius around `center` that holds the bulk of the scene: the 95th percentile of the distances, but at most
-    /// twice their median. The second rules in captures, whose background reaches many times farther than their
-    /// subject.
+    /// four times their median. The second rules in captures whose background reaches many times farther than their
+    /// subject; a captured guitar on its stand has 3.9.
     pub radius: f64,
     /// Lengths along x, y and z between the 10th and the 90th percentile of the centres.
     pub extent: DVec3,
@@ -58,7 +58,7 @@ impl Bounds {
             .collect();
         let most = percentile(distances.clone(), 0.95);
         // A scene of a single point still needs a distance to look from.
-        let radius = most.min(2.0 * percentile(distances, 0.5)).max(1e-3);
+        let radius = most.min(4.0 * percentile(distances, 0.5)).max(1e-3);
         let is_z_up = extent.z < extent.x && extent.z < LOW_ALONG_Z * extent.y;
         let (up, height) = if is_z_up { (DVec3::Z, extent.z) } else { (DVec3::NEG_Y, extent.y) };
         let is_object = height >= PLACE_HEIGHT * level_width(extent, up);
