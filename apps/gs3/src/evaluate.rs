@@ -26,7 +26,7 @@ pub struct EvaluateArgs {
     #[arg(long, default_value_t = 4, value_name = "S")]
     pub scale: u32,
     /// Methods, each NAME[@FORMATION][+INTERPOLATION]; names: native, nearest, bilinear, bicubic, lanczos, fsr1, hermite,
-    /// spline, ridge, history, analytic; formations of low-resolution frames: matched, stock, antialiased;
+    /// spline, ridge, history, analytic, span, rt4ksr; formations of low-resolution frames: matched, stock, antialiased;
     /// interpolations: repeat, blend, warp
     #[arg(long, default_value = DEFAULT_METHODS, value_delimiter = ',', value_name = "A,B,…")]
     pub methods: Vec<MethodSpec>,
@@ -42,6 +42,9 @@ pub struct EvaluateArgs {
     /// Rendered frames that every method runs before it is timed and judged
     #[arg(long, default_value_t = 3, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=1000))]
     pub warm_up: u16,
+    /// Folder with the weights of span (span28_x4.safetensors) and rt4ksr (rt4ksr_x2.safetensors)
+    #[arg(long, value_name = "DIR")]
+    pub weights: Option<PathBuf>,
     /// Folder for report.html, results.json, table.md and what an interrupted run resumes from
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
@@ -87,6 +90,7 @@ pub fn run(args: &EvaluateArgs) -> Result<Outcome, CliError> {
         culling: args.culling.into(),
         background: args.background.0,
         warm_up_frames: args.warm_up.into(),
+        weights: args.weights.clone(),
         command: std::env::args().collect::<Vec<_>>().join(" "),
     };
     let results = evaluate(&protocol, &args.out)?;

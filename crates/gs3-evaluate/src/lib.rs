@@ -1,11 +1,12 @@
 //! How good and how fast is it? Image and video quality metrics, baselines, and a protocol that compares them.
 //!
 //! [`metrics`] are pure functions on images and sequences, each checked against its reference implementation.
-//! [`upscale`] holds the spatial baselines, [`methods`] puts them and gs3 behind one trait, [`protocol`] runs and judges them,
+//! [`upscale`] holds the spatial baselines, [`network`] published networks, [`methods`] puts them and gs3 behind one trait, [`protocol`] runs and judges them,
 //! [`report`] shows the results.
 
 pub mod methods;
 pub mod metrics;
+pub mod network;
 pub mod protocol;
 pub mod report;
 pub mod upscale;

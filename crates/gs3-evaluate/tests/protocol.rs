@@ -45,6 +45,7 @@ fn protocol(methods: &str, case: Case) -> Protocol {
         culling: Culling::AccuTile,
         background: [0.1, 0.2, 0.3],
         warm_up_frames: 1,
+        weights: None,
         command: "gs3 evaluate <ball> & more".into(),
     }
 }
@@ -159,10 +160,14 @@ fn finished_methods_are_resumed_and_failing_ones_do_not_end_the_run() {
     let (first, seen) = run(&few, folder.path());
     assert_eq!(seen, [vec!["native".to_owned(), "bicubic".into()], vec![], vec![]]);
 
-    let more = Protocol { methods: protocol("ridge,bicubic,nearest", Case::Path).methods, ..few.clone() };
+    let more =
+        Protocol { methods: protocol("ridge,bicubic,span,nearest", Case::Path).methods, ..few.clone() };
     let (second, seen) = run(&more, folder.path());
-    let expected: [Vec<String>; 3] =
-        [vec!["nearest".into()], vec!["native".into(), "bicubic".into()], vec!["ridge".into()]];
+    let expected: [Vec<String>; 3] = [
+        vec!["nearest".into()],
+        vec!["native".into(), "bicubic".into()],
+        vec!["ridge".into(), "span".into()],
+    ];
     assert_eq!(seen, expected);
     assert!(second.failures[0].error.contains("found none"), "{:?}", second.failures);
     assert_eq!(first.row("bicubic", Subset::All), second.row("bicubic", Subset::All));

@@ -5,26 +5,11 @@
 
 mod common;
 
-use common::{data, image};
+use common::{data, gbuffer, image};
 use gs3_evaluate::upscale::{Fsr1, Hermite, Lanczos, RidgeError, RidgeMap, UpscaleError, Upscaler};
 use gs3_reconstruct::Kernel;
 use gs3_scene::{GBuffer, Gradients, Image, Planes};
 use serde_json::Value;
-
-/// A G-buffer that holds an image as its colour.
-fn gbuffer(image: &Image) -> GBuffer {
-    let (width, height) = (image.width(), image.height());
-    let mut lr = GBuffer {
-        color: Planes::new(width, height),
-        alpha: Planes::new(width, height),
-        ..GBuffer::default()
-    };
-    for c in 0..3 {
-        let plane = &mut lr.color.data_mut()[c * width * height..][..width * height];
-        plane.iter_mut().zip(image.pixels()).for_each(|(to, from)| *to = from[c]);
-    }
-    lr
-}
 
 /// A smooth function of HR coordinates, its samples on the LR grid with exact gradients, and its HR image.
 fn smooth(scale: u32, jitter: [f32; 2], mixed: bool) -> (GBuffer, Image) {

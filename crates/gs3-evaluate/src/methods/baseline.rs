@@ -14,6 +14,7 @@ use super::{
     Durations, Formation, Interpolation, Method, MethodError, MethodSettings, MethodSpec, Shown, Spatial,
     pipeline,
 };
+use crate::network::{Rt4ksr, Span, Weights};
 use crate::upscale::{Fsr1, Hermite, Lanczos, RidgeMap, Upscaler};
 
 /// A method put together from parts.
@@ -58,6 +59,8 @@ impl Baseline {
             Spatial::Hermite => upscaled(Box::new(Hermite::EstimatedMixed)),
             Spatial::Spline => upscaled(Box::new(Hermite::ExactMixed)),
             Spatial::Ridge => upscaled(Box::new(fit_ridge(spec, settings)?)),
+            Spatial::Span => upscaled(Box::new(Span::new(&weights(spec, settings, "span28_x4")?)?)),
+            Spatial::Rt4ksr => upscaled(Box::new(Rt4ksr::new(&weights(spec, settings, "rt4ksr_x2")?)?)),
         };
         Ok(Self {
             spec,
@@ -190,4 +193,10 @@ fn fit_ridge(spec: MethodSpec, settings: &MethodSettings) -> Result<RidgeMap, Me
     }
     let frames: Vec<(&GBuffer, &Image)> = frames.iter().map(|(lr, hr)| (lr, hr)).collect();
     Ok(RidgeMap::fit(&frames, settings.scale)?)
+}
+
+/// Loads the weights `name` of a published network.
+fn weights(spec: MethodSpec, settings: &MethodSettings, name: &str) -> Result<Weights, MethodError> {
+    let folder = settings.weights.as_ref().ok_or(MethodError::NoWeights { method: spec })?;
+    Ok(Weights::load(&folder.join(name).with_extension("safetensors"))?)
 }

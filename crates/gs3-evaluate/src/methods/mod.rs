@@ -8,6 +8,7 @@ mod formation;
 mod interpolation;
 mod spec;
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -18,6 +19,7 @@ use gs3_raster::RasterError;
 use gs3_reconstruct::ReconstructError;
 use gs3_scene::{Camera, Image, Scene};
 
+use crate::network::WeightError;
 use crate::upscale::{RidgeError, UpscaleError};
 use baseline::Baseline;
 pub use spec::{DEFAULT_METHODS, Formation, Interpolation, MethodSpec, Spatial, SpecError};
@@ -44,6 +46,15 @@ pub enum MethodError {
     /// The ridge map could not be fitted.
     #[error(transparent)]
     Ridge(#[from] RidgeError),
+    /// A network's weights cannot be used.
+    #[error(transparent)]
+    Weights(#[from] WeightError),
+    /// A network was asked for and no folder of weights named.
+    #[error("{method}: expected a folder of weights, found none named")]
+    NoWeights {
+        /// The method.
+        method: MethodSpec,
+    },
     /// There are no frames to fit a map on.
     #[error("{method}: expected frames of the path outside the evaluated ones to fit on, found none")]
     NoTrainingFrames {
@@ -90,6 +101,8 @@ pub struct MethodSettings {
     pub background: [f32; 3],
     /// Cameras outside the evaluated frames, for methods that fit something to the scene.
     pub training: Vec<Camera>,
+    /// Folder with the weights of published networks: `span28_x4.safetensors`, `rt4ksr_x2.safetensors`.
+    pub weights: Option<PathBuf>,
 }
 
 /// Makes the method that `spec` names.

@@ -26,6 +26,10 @@ pub enum Spatial {
     Ridge,
     /// gs3's super sampling with jittered history.
     History,
+    /// The network SPAN, 28 channels, ×4.
+    Span,
+    /// The network RT4KSR ×2, twice for ×4.
+    Rt4ksr,
 }
 
 /// How LR frames come about. The choice decides how methods rank, so every result states its own.
@@ -91,7 +95,7 @@ pub enum SpecError {
     },
 }
 
-const SPATIAL: [(&str, Spatial); 10] = [
+const SPATIAL: [(&str, Spatial); 12] = [
     ("native", Spatial::Native),
     ("nearest", Spatial::Nearest),
     ("bilinear", Spatial::Bilinear),
@@ -102,6 +106,8 @@ const SPATIAL: [(&str, Spatial); 10] = [
     ("spline", Spatial::Spline),
     ("ridge", Spatial::Ridge),
     ("history", Spatial::History),
+    ("span", Spatial::Span),
+    ("rt4ksr", Spatial::Rt4ksr),
 ];
 const FORMATIONS: [(&str, Formation); 3] =
     [("matched", Formation::Matched), ("stock", Formation::Stock), ("antialiased", Formation::Antialiased)];
@@ -218,7 +224,7 @@ mod tests {
     #[test]
     fn names_read_back_as_written() {
         let names =
-            DEFAULT_METHODS.split(',').chain(["bicubic@antialiased", "analytic@stock", "hermite@stock+warp"]);
+            DEFAULT_METHODS.split(',').chain(["span@antialiased", "analytic@stock", "hermite@stock+warp"]);
         for name in names {
             assert_eq!(name.parse::<MethodSpec>().map(|m| m.to_string()).as_deref(), Ok(name));
         }

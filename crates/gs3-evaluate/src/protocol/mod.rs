@@ -56,6 +56,8 @@ pub struct Protocol {
     pub background: [f32; 3],
     /// Rendered frames that every method runs, untimed and unjudged, before it starts.
     pub warm_up_frames: usize,
+    /// Folder with the weights of published networks, for methods that are some.
+    pub weights: Option<PathBuf>,
     /// The command that was given, for the report.
     pub command: String,
 }
@@ -175,6 +177,7 @@ impl Protocol {
             scale: self.scale,
             culling: self.culling,
             background: self.background,
+            weights: self.weights.clone(),
             training: timeline.outside(&self.path, self.frames.clone(), self.size, TRAINING_FRAMES)?,
         };
         let (mut finished, mut failures) = (Vec::new(), Vec::new());

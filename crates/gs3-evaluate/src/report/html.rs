@@ -68,12 +68,21 @@ fn failures(results: &Results) -> String {
     }
 }
 
-/// A column of the table: its title, the value of a row, how it is written, and whether more is better.
+/// A column of the table: its title, the value of a row, how it is written, and which values win.
 struct Column {
     title: &'static str,
     value: fn(&MethodRows<'_>) -> Option<f64>,
     write: fn(f64) -> String,
-    more_is_better: bool,
+    wins: Wins,
+}
+
+/// Which value of a column is the best.
+#[derive(Clone, Copy, PartialEq)]
+enum Wins {
+    Most,
+    Least,
+    /// Neither: blur lowers the warping error below the ground truth's own.
+    None,
 }
 
 /// The rows of one method.
@@ -100,51 +109,41 @@ const COLUMNS: [Column; 10] = [
         title: "PSNR<br>rendered",
         value: |m| Some(m.rendered?.psnr),
         write: |v| format!("{v:.2}"),
-        more_is_better: true,
+        wins: Wins::Most,
     },
     Column {
         title: "PSNR<br>between",
         value: |m| Some(m.between?.psnr),
         write: |v| format!("{v:.2}"),
-        more_is_better: true,
+        wins: Wins::Most,
     },
     Column {
         title: "PSNR<br>all",
         value: |m| Some(m.all.psnr),
         write: |v| format!("{v:.2}"),
-        more_is_better: true,
+        wins: Wins::Most,
     },
-    Column { title: "SSIM", value: |m| Some(m.all.ssim), write: |v| format!("{v:.4}"), more_is_better: true },
-    Column {
-        title: "FLIP",
-        value: |m| Some(m.all.flip),
-        write: |v| format!("{v:.4}"),
-        more_is_better: false,
-    },
-    Column { title: "tPSNR", value: |m| m.all.tpsnr, write: |v| format!("{v:.2}"), more_is_better: true },
+    Column { title: "SSIM", value: |m| Some(m.all.ssim), write: |v| format!("{v:.4}"), wins: Wins::Most },
+    Column { title: "FLIP", value: |m| Some(m.all.flip), write: |v| format!("{v:.4}"), wins: Wins::Least },
+    Column { title: "tPSNR", value: |m| m.all.tpsnr, write: |v| format!("{v:.2}"), wins: Wins::Most },
     Column {
         title: "Warping<br>error",
         value: |m| m.all.warping_error,
         write: |v| format!("{v:.2e}"),
-        more_is_better: false,
+        wins: Wins::None,
     },
-    Column {
-        title: "Flicker",
-        value: |m| m.all.flicker,
-        write: |v| format!("{v:.4}"),
-        more_is_better: false,
-    },
+    Column { title: "Flicker", value: |m| m.all.flicker, write: |v| format!("{v:.4}"), wins: Wins::Least },
     Column {
         title: "Displayed<br>FPS",
         value: |m| m.all.displayed_fps,
         write: |v| format!("{v:.2}"),
-        more_is_better: true,
+        wins: Wins::Most,
     },
     Column {
         title: "×&nbsp;native",
         value: |m| m.all.speedup_over_native,
         write: |v| format!("{v:.2}"),
-        more_is_better: true,
+        wins: Wins::Most,
     },
 ];
 
@@ -153,7 +152,11 @@ fn quality(results: &Results) -> String {
     let best = |column: &Column| {
         // Native rendering is the reference of quality, no contender.
         let values = rows.iter().filter(|m| m.name != "native").filter_map(|m| (column.value)(m));
-        values.reduce(|a, b| if (a > b) == column.more_is_better { a } else { b })
+        match column.wins {
+            Wins::Most => values.reduce(f64::max),
+            Wins::Least => values.reduce(f64::min),
+            Wins::None => None,
+        }
     };
     let best = COLUMNS.each_ref().map(best);
     let titles: String = COLUMNS.iter().map(|c| format!("<th>{}</th>", c.title)).collect();
@@ -214,11 +217,12 @@ fn speed_plot(results: &Results) -> String {
 }
 
 fn curves(results: &Results) -> String {
-    let legend: String = (results.scores.iter().enumerate())
+    // Native rendering is perfect; its line would only press the others together.
+    let contenders = || results.scores.iter().enumerate().filter(|(_, (name, _))| name != "native");
+    let legend: String = contenders()
         .map(|(i, (name, _))| {
-            let checked = if name == "native" { "" } else { " checked" };
             format!(
-                "<label><input type=\"checkbox\" value=\"{i}\"{checked}> {}{}</label>",
+                "<label><input type=\"checkbox\" value=\"{i}\" checked> {}{}</label>",
                 dot(i),
                 escape(name)
             )
@@ -228,9 +232,7 @@ fn curves(results: &Results) -> String {
     let values: [(&str, Value); 3] = [("PSNR, dB", |f| f.psnr), ("SSIM", |f| f.ssim), ("FLIP", |f| f.flip)];
     let plots: String = (values.iter())
         .map(|(name, value)| {
-            let series: Vec<Series> = (results.scores.iter().enumerate())
-                // Native rendering is perfect; its line would only press the others together.
-                .filter(|(_, (name, _))| name != "native")
+            let series: Vec<Series> = contenders()
                 .map(|(method, (name, score))| {
                     let first = results.protocol.frames[0] as f64;
                     let points =

@@ -2,10 +2,10 @@
 
 use std::fmt::Write;
 
-/// Colours of methods, in order; told apart on white, repeated after twelve.
-const COLORS: [&str; 12] = [
-    "#1b6ca8", "#d1495b", "#2a9d4a", "#8f5bb5", "#e08e0b", "#17a2a2", "#8c564b", "#c73e9c", "#6b7a1e",
-    "#4a4a4a", "#5b8def", "#b03a2e",
+/// Colours of methods, in order; told apart on white, repeated after the last.
+const COLORS: [&str; 18] = [
+    "#4a4a4a", "#1b6ca8", "#d1495b", "#2a9d4a", "#8f5bb5", "#e08e0b", "#17a2a2", "#8c564b", "#c73e9c",
+    "#6b7a1e", "#5b8def", "#b03a2e", "#0f5c3f", "#b79f00", "#403f8f", "#e377c2", "#7f9aa8", "#96460e",
 ];
 
 /// The colour of method `index`.
@@ -107,13 +107,12 @@ pub(super) fn plot(axes: &Axes<'_>, series: &[Series]) -> String {
             for (x, y) in &s.points {
                 let (x, y) = (px(*x), py(*y));
                 let _ = write!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"5\" fill=\"{color}\"/>");
-                let _ = write!(
-                    svg,
-                    "<text class=\"name\" x=\"{:.1}\" y=\"{:.1}\">{}</text>",
-                    x + 8.0,
-                    y + 4.0,
-                    s.name
-                );
+                // Names of points at the right edge stand left of them.
+                let (at, anchor) = if x > 0.85 * WIDTH { (x - 8.0, "end") } else { (x + 8.0, "start") };
+                let name = &s.name;
+                let y = y + 4.0;
+                let _ =
+                    write!(svg, "<text x=\"{at:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{name}</text>");
             }
         } else {
             let points: Vec<String> =

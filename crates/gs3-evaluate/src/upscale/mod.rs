@@ -104,7 +104,7 @@ impl Upscaler for Hermite {
 }
 
 /// Checks that `out` is `scale` times the size of `lr`.
-fn check_size(lr: &GBuffer, scale: u32, out: &Image) -> Result<(), UpscaleError> {
+pub(crate) fn check_size(lr: &GBuffer, scale: u32, out: &Image) -> Result<(), UpscaleError> {
     let expected = (lr.width() * scale as usize, lr.height() * scale as usize);
     let actual = (out.width(), out.height());
     if expected == actual { Ok(()) } else { Err(UpscaleError::Size { expected, actual }) }

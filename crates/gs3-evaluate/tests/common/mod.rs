@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use gs3_scene::Image;
+use gs3_scene::{GBuffer, Image, Planes};
 
 /// Path of a file in `tests/data`.
 pub fn data(name: &str) -> PathBuf {
@@ -28,4 +28,20 @@ pub fn image(name: &str) -> Image {
 pub fn crop(image: &Image, left: usize, top: usize, width: usize, height: usize) -> Image {
     let pixels = (top..top + height).flat_map(|y| image.row(y)[left..left + width].to_vec()).collect();
     Image::from_pixels(width, height, pixels).unwrap()
+}
+
+/// A G-buffer that holds an image as its colour.
+#[allow(dead_code, reason = "not every test binary upscales")]
+pub fn gbuffer(image: &Image) -> GBuffer {
+    let (width, height) = (image.width(), image.height());
+    let mut lr = GBuffer {
+        color: Planes::new(width, height),
+        alpha: Planes::new(width, height),
+        ..GBuffer::default()
+    };
+    for c in 0..3 {
+        let plane = &mut lr.color.data_mut()[c * width * height..][..width * height];
+        plane.iter_mut().zip(image.pixels()).for_each(|(to, from)| *to = from[c]);
+    }
+    lr
 }
