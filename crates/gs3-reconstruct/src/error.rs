@@ -73,10 +73,8 @@ pub(crate) fn check_gbuffer(
         return Err(ReconstructError::Jitter { actual: jitter });
     }
     if let Some(gradients) = &gbuffer.gradients {
-        for plane in [Some(&gradients.color_dx), Some(&gradients.color_dy), gradients.color_dxdy.as_ref()] {
-            if let Some(plane) = plane {
-                check_size("G-buffer gradients", expected, (plane.width(), plane.height()))?;
-            }
+        for plane in [&gradients.color_dx, &gradients.color_dy].into_iter().chain(&gradients.color_dxdy) {
+            check_size("G-buffer gradients", expected, (plane.width(), plane.height()))?;
         }
     }
     if let Some(geometry) = &gbuffer.geometry {
