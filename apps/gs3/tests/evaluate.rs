@@ -1,0 +1,75 @@
+//! `gs3 evaluate` as its users run it.
+
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn evaluate(out: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_gs3"))
+        .args(["evaluate", "demo", "--size", "96x64", "--frames", "0..3", "--warm-up", "0", "--out"])
+        .arg(out)
+        .args(arguments)
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn a_report_is_written_and_a_second_run_resumes() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("deep/out");
+    let first = evaluate(&out, &["--methods", "bicubic,analytic,span"]);
+    assert!(first.status.success(), "{}", String::from_utf8_lossy(&first.stderr));
+    let results = || -> serde_json::Value {
+        serde_json::from_slice(&std::fs::read(out.join("results.json")).unwrap()).unwrap()
+    };
+    let rows = results()["results"].as_array().unwrap().clone();
+    let names: Vec<String> =
+        rows.iter().map(|r| format!("{} {}", r["method"], r["subset"]).replace('"', "")).collect();
+    let expected = [
+        "native super_sampled",
+        "native all",
+        "bicubic super_sampled",
+        "bicubic all",
+        "analytic super_sampled",
+        "analytic interpolated",
+        "analytic all",
+    ];
+    assert_eq!(names, expected);
+    assert!(rows.iter().all(|r| r["psnr"].as_f64().unwrap() > 10.0 && r["speedup_over_native"].is_number()));
+    // Weights that are missing fail their method alone.
+    assert!(results()["failures"][0]["error"].as_str().unwrap().contains("folder of weights"));
+    assert!(std::fs::read_to_string(out.join("report.html")).unwrap().contains("<svg"));
+    assert!(std::fs::read_to_string(out.join("table.md")).unwrap().contains("| analytic |"));
+
+    evaluate(&out, &["--methods", "analytic,nearest"]);
+    let again = results()["results"].as_array().unwrap().clone();
+    let of = |rows: &[serde_json::Value], name: &str| rows.iter().find(|r| r["method"] == name).cloned();
+    assert_eq!(of(&rows, "analytic"), of(&again, "analytic"), "timings and all come from the first run");
+    assert!(of(&again, "nearest").is_some() && of(&again, "bicubic").is_none());
+}
+
+#[test]
+fn bad_input_gets_one_line_and_exit_code_2() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    for (arguments, message) in [
+        (&["--methods", "bicubik"][..], "one of native"),
+        (&["--size", "98x64"], "divisible by the scale 4"),
+        (&["--frames", "0..2"], "at least 3 frames"),
+        (&["--frames", "0..1000000"], "range within"),
+        (&["--scale", "1"], "scale: expected 2"),
+        (&["--path", "nowhere.json"], "nowhere.json"),
+    ] {
+        let arguments: Vec<&str> = ["evaluate", "demo", "--out", out.to_str().unwrap()]
+            .into_iter()
+            .chain((!arguments.contains(&"--size")).then_some("--size=96x64"))
+            .chain(arguments.iter().copied())
+            .collect();
+        let output = Command::new(env!("CARGO_BIN_EXE_gs3")).args(&arguments).output().unwrap();
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {text}");
+        assert!(text.contains(message) && text.trim_end().lines().count() == 1, "{arguments:?}: {text}");
+        assert!(!out.exists(), "{arguments:?} left something behind");
+    }
+}
