@@ -1,35 +1,67 @@
 //! Samples an HR image at fractional positions.
 
-use fearless_simd::{Simd, f32x4, f32x16, prelude::*};
+use fearless_simd::{Simd, f32x4, f32x16, i32x16, prelude::*};
 use gs3_scene::Image;
 
 use crate::resample::{catmull_rom, clamped};
 
-/// The Catmull–Rom interpolated pixel at `(x, y)`, pixel centres at whole numbers; the border repeats. Positions far
-/// outside or not finite give a border pixel.
-///
-/// Four rows of four pixels are four 512-bit loads.
+/// Places to sample an image at: sixteen positions with their Catmull–Rom weights.
+#[derive(Clone, Copy)]
+pub(crate) struct Places {
+    x: [f32; 16],
+    y: [f32; 16],
+    column: [i32; 16],
+    row: [i32; 16],
+    /// Weights of the four columns (rows) around each position.
+    wx: [[f32; 16]; 4],
+    wy: [[f32; 16]; 4],
+}
+
+impl Places {
+    /// Positions with pixel centres at whole numbers.
+    #[inline(always)]
+    pub fn new<S: Simd>(x: f32x16<S>, y: f32x16<S>) -> Self {
+        let (floor_x, floor_y) = (x.floor(), y.floor());
+        let weights = |f: f32x16<S>| catmull_rom_16(f).map(|w| w.to_array());
+        Self {
+            x: x.to_array(),
+            y: y.to_array(),
+            column: floor_x.to_int::<i32x16<S>>().to_array(),
+            row: floor_y.to_int::<i32x16<S>>().to_array(),
+            wx: weights(x - floor_x),
+            wy: weights(y - floor_y),
+        }
+    }
+
+    /// The Catmull–Rom interpolated pixel at position `k`; the border repeats. Positions far outside or not finite give a
+    /// border pixel.
+    ///
+    /// Four rows of four pixels are four 512-bit loads.
+    #[inline(always)]
+    pub fn gather<S: Simd>(&self, simd: S, image: &Image, k: usize) -> f32x4<S> {
+        let (column, row) = (self.column[k] as isize - 1, self.row[k] as isize - 1);
+        let (width, height) = (image.width() as isize, image.height() as isize);
+        if column < 0 || row < 0 || column + 4 > width || row + 4 > height {
+            return f32x4::load_array(simd, gather_at_border(image, self.x[k], self.y[k]));
+        }
+        let start = (row * width + column) as usize;
+        let pixels = image.pixels();
+        let taps = |r: usize| {
+            f32x16::from_slice(simd, pixels[start + r * width as usize..][..4].as_flattened())
+                * f32x16::splat(simd, self.wy[r][k])
+        };
+        let (low, high) = ((taps(0) + taps(1)) + (taps(2) + taps(3))).split();
+        let ((a, b), (c, d)) = (low.split(), high.split());
+        let weight = |i: usize| f32x4::splat(simd, self.wx[i][k]);
+        (a * weight(0) + b * weight(1)) + (c * weight(2) + d * weight(3))
+    }
+}
+
+/// [`catmull_rom`] of sixteen positions.
 #[inline(always)]
-pub(crate) fn gather<S: Simd>(simd: S, image: &Image, x: f32, y: f32) -> [f32; 4] {
-    let (fx, fy) = (x.floor(), y.floor());
-    let (wx, wy) = (catmull_rom(x - fx), catmull_rom(y - fy));
-    let (column, row) = (fx as isize - 1, fy as isize - 1);
-    let (width, height) = (image.width(), image.height());
-    if column < 0 || row < 0 || column as usize + 4 > width || row as usize + 4 > height {
-        return gather_at_border(image, x, y);
-    }
-    let mut sum = f32x16::splat(simd, 0.0);
-    for (k, weight) in wy.into_iter().enumerate() {
-        let start = (row as usize + k) * width + column as usize;
-        let taps = f32x16::from_slice(simd, image.pixels()[start..start + 4].as_flattened());
-        sum = taps.mul_add(f32x16::splat(simd, weight), sum);
-    }
-    let pixels = sum.to_array();
-    let tap = |k: usize| f32x4::from_slice(simd, &pixels[4 * k..4 * k + 4]);
-    let splat = |k: usize| f32x4::splat(simd, wx[k]);
-    let (a, b) = (tap(0) * splat(0), tap(1) * splat(1));
-    let (a, b) = (tap(2).mul_add(splat(2), a), tap(3).mul_add(splat(3), b));
-    (a + b).to_array()
+fn catmull_rom_16<S: Simd>(f: f32x16<S>) -> [f32x16<S>; 4] {
+    let (f2, f3) = (f * f, f * f * f);
+    [f2 - (f3 + f) * 0.5, f3 * 1.5 - f2 * 2.5 + 1.0, f2 * 2.0 - f3 * 1.5 + f * 0.5, (f3 - f2) * 0.5]
 }
 
 #[cold]

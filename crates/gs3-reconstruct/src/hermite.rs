@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use crate::error::{ReconstructError, check_gbuffer, check_scale, image_size};
 use crate::lattice::{Axis, Place};
 use crate::resample::clamped;
-use crate::samples::SampleFrame;
+use crate::samples::{SampleFrame, rgb_rows};
 
 /// Samples repeated on each side of a row: jitter of one LR pixel reaches two samples out.
 const PAD: usize = 2;
@@ -31,9 +31,9 @@ pub fn hermite(gbuffer: &GBuffer, scale: u32, out: &mut Image) -> Result<(), Rec
     let width = out.width();
     let level = Level::new();
     out.pixels_mut().par_chunks_exact_mut(width).enumerate().for_each_init(
-        || surface.scratch(),
+        Cubics::default,
         |scratch, (y, row)| {
-            dispatch!(level, simd => surface.row(simd, &frame, y, scratch, row));
+            dispatch!(level, simd => surface.row(simd, &frame, y, &[1.0; crate::MAX_SCALE as usize], scratch, row));
             for pixel in row {
                 pixel[3] = 0.0;
             }
@@ -78,35 +78,38 @@ impl Surface {
         });
     }
 
-    /// Scratch memory for [`Self::row`].
-    pub fn scratch(&self) -> Cubics {
-        Cubics::default()
+    /// The places of the pixels of one period along x.
+    pub fn x_phases(&self) -> &[Place] {
+        self.x_axis.phases()
     }
 
-    /// The places of the pixels of one period along x and y.
-    pub fn phases(&self) -> (&[Place], &Axis) {
-        (self.x_axis.phases(), &self.y_axis)
+    /// The place of HR row `y`.
+    pub fn y_place(&self, y: usize) -> Place {
+        self.y_axis.place(y)
     }
 
-    /// Interpolates HR row `y` into `out`, `[HR width]`: RGB and 1.
+    /// Interpolates HR row `y` into `out`, `[HR width]`: RGB and 1, times the pixel's entry in `factors`, which holds one
+    /// for each pixel of a period.
     #[inline(always)]
     pub fn row<S: Simd>(
         &self,
         simd: S,
         frame: &SampleFrame,
         y: usize,
+        factors: &[f32; crate::MAX_SCALE as usize],
         cubics: &mut Cubics,
         out: &mut [[f32; 4]],
     ) {
         self.blend_rows(simd, frame, y, cubics);
         let scale = self.x_weights.len();
-        let first: &[Place] = self.x_axis.phases();
-        for (q, pixels) in out.chunks_mut(scale).enumerate() {
-            for ((pixel, place), weights) in pixels.iter_mut().zip(first).zip(&self.x_weights) {
-                let left = (q + PAD).wrapping_add_signed(place.index);
-                let [v0, v1] = [left, left + 1].map(|k| f32x4::load_array(simd, cubics.values[k]));
-                let [s0, s1] = [left, left + 1].map(|k| f32x4::load_array(simd, cubics.slopes[k]));
-                let [w0, w1, w2, w3] = weights.map(|w| f32x4::splat(simd, w));
+        for (phase, (place, weights)) in self.x_axis.phases().iter().zip(&self.x_weights).enumerate() {
+            let [w0, w1, w2, w3] = weights.map(|w| f32x4::splat(simd, w * factors[phase]));
+            // Cell −2 is the first that jitter of one LR pixel can reach.
+            let first = PAD.wrapping_add_signed(place.index);
+            let cells = cubics.values[first..].windows(2).zip(cubics.slopes[first..].windows(2));
+            for (pixel, (values, slopes)) in out.iter_mut().skip(phase).step_by(scale).zip(cells) {
+                let [v0, v1] = [0, 1].map(|k| f32x4::load_array(simd, values[k]));
+                let [s0, s1] = [0, 1].map(|k| f32x4::load_array(simd, slopes[k]));
                 let value = v0.mul_add(w0, s0.mul_add(w1, v1.mul_add(w2, s1 * w3)));
                 *pixel = value.to_array();
             }
@@ -158,7 +161,7 @@ fn weights(f: f32, spacing: f32) -> [f32; 4] {
 }
 
 fn interleave(planes: &Planes<3>, y: usize, factor: f32, row: &mut [[f32; 4]]) {
-    let [r, g, b]: [&[f32]; 3] = std::array::from_fn(|c| planes.row(c, y));
+    let [r, g, b] = rgb_rows(planes, y);
     for (i, pixel) in row.iter_mut().enumerate() {
         *pixel = [r[i] * factor, g[i] * factor, b[i] * factor, 0.0];
     }

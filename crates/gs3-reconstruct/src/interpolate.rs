@@ -6,13 +6,13 @@
 
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, prelude::*};
 use gs3_scene::{Camera, GBuffer, Image};
 use rayon::prelude::*;
 
 use crate::error::{ReconstructError, camera_size, check_gbuffer, check_scale, check_size, image_size};
-use crate::gather::gather;
-use crate::reprojection::{Reprojection, inverse_depth};
+use crate::gather::Places;
+use crate::reprojection::{MIN_DIVISOR, Reprojection, inverse_depth};
 
 /// A reconstructed frame beside the one to be interpolated.
 #[derive(Clone, Copy, Debug)]
@@ -24,9 +24,6 @@ pub struct Neighbor<'a> {
     /// The LR frame it was reconstructed from, with geometry.
     pub gbuffer: &'a GBuffer,
 }
-
-/// HR pixels that one task reprojects before it gathers.
-const RUN: usize = 64;
 
 /// Interpolates frames between two neighbours.
 #[derive(Debug)]
@@ -50,22 +47,51 @@ struct DepthGrid {
     height: usize,
     jitter: [f32; 2],
     inverse: Vec<f32>,
+    /// Inverse depths that belong to what is seen between four samples, from and to: `[height, width]`.
+    ranges: Vec<[f32; 2]>,
 }
 
 impl DepthGrid {
-    /// The four inverse depths around HR position `(x, y)` (pixel centres at whole numbers), and where it lies between.
+    /// Place of HR coordinate `x` (pixel centres at whole numbers) on an axis of `len` samples: the two samples around it,
+    /// and how far between.
     #[inline(always)]
-    fn around(&self, x: f32, y: f32, per_scale: f32) -> ([f32; 4], [f32; 2]) {
-        let place = |x: f32, jitter: f32, len: usize| {
-            let u = ((x + 0.5) * per_scale - 0.5 - jitter).clamp(0.0, (len - 1) as f32);
-            let i = u as usize;
-            (i, (i + 1).min(len - 1), u - i as f32)
-        };
-        let (i0, i1, fx) = place(x, self.jitter[0], self.width);
-        let (j0, j1, fy) = place(y, self.jitter[1], self.height);
-        let at = |i: usize, j: usize| self.inverse[j * self.width + i];
-        ([at(i0, j0), at(i1, j0), at(i0, j1), at(i1, j1)], [fx, fy])
+    fn place(x: f32, per_scale: f32, jitter: f32, len: usize) -> (usize, usize, f32) {
+        let u = ((x + 0.5) * per_scale - 0.5 - jitter).clamp(0.0, (len - 1) as f32);
+        let i = u as usize;
+        (i, (i + 1).min(len - 1), u - i as f32)
     }
+
+    /// The cells at sixteen HR positions; outside, the nearest. Not finite positions give any cell.
+    #[inline(always)]
+    fn cell<S: Simd>(&self, x: f32x16<S>, y: f32x16<S>, per_scale: f32) -> [i32; 16] {
+        let place = |x: f32x16<S>, axis: usize, len: usize| {
+            let u = x * per_scale + (0.5 * per_scale - 0.5 - self.jitter[axis]);
+            // In this order, NaN becomes 0.
+            u.max(0.0).min((len - 1) as f32).floor().to_int::<i32x16<S>>()
+        };
+        (place(y, 1, self.height) * self.width as i32 + place(x, 0, self.width)).to_array()
+    }
+
+    /// Sets the ranges of depth between the samples.
+    fn set_ranges(&mut self) {
+        let (width, height, inverse) = (self.width, self.height, &self.inverse);
+        self.ranges.resize(width * height, [0.0; 2]);
+        self.ranges.par_chunks_exact_mut(width).enumerate().with_min_len(16).for_each(|(j, ranges)| {
+            let rows = [j, (j + 1).min(height - 1)].map(|j| &inverse[j * width..][..width]);
+            for (i, range) in ranges.iter_mut().enumerate() {
+                let next = (i + 1).min(width - 1);
+                let w = [rows[0][i], rows[0][next], rows[1][i], rows[1][next]];
+                let (far, near) = far_and_near(w);
+                *range = [far * (1.0 - SAME_SURFACE), near * (1.0 + SAME_SURFACE)];
+            }
+        });
+    }
+}
+
+/// Smallest and largest of four inverse depths.
+#[inline(always)]
+fn far_and_near(w: [f32; 4]) -> (f32, f32) {
+    (w[0].min(w[1]).min(w[2].min(w[3])), w[0].max(w[1]).max(w[2].max(w[3])))
 }
 
 /// Relative difference of inverse depths up to which they belong to one surface.
@@ -119,6 +145,7 @@ impl Interpolator {
             grid.inverse.clear();
             grid.inverse.extend(geometry.depth_median.data().iter().map(|&z| inverse_depth(z)));
         }
+        self.neighbors.iter_mut().for_each(DepthGrid::set_ranges);
         self.splat(&before, &after, camera);
         self.fill_holes();
         out.resize(size.0, size.1);
@@ -203,78 +230,104 @@ impl Interpolator {
         t: f32,
         out: &mut [[f32; 4]],
     ) {
-        let per_scale = 1.0 / self.scale as f32;
-        for (run, pixels) in out.chunks_mut(RUN).enumerate() {
-            let first = run * RUN;
-            let mut depths = [0.0; RUN];
-            for (k, depth) in depths.iter_mut().enumerate() {
-                *depth = self.middle_depth((first + k) as f32, y as f32, per_scale);
-            }
-            let mut places = [[[0.0; RUN]; 3]; 2];
-            for (place, reprojection) in places.iter_mut().zip(reprojections) {
-                let [us, vs, ws] = place;
-                for k in 0..RUN {
-                    let (u, v, q) = reprojection.apply((first + k) as f32 + 0.5, y as f32 + 0.5, depths[k]);
-                    (us[k], vs[k]) = (u - 0.5, v - 0.5);
-                    ws[k] = if q > 1e-6 { depths[k] / q } else { -1.0 };
-                }
-            }
+        let lanes = f32x16::from_fn(simd, |i| i as f32 + 0.5);
+        for (run, pixels) in out.chunks_mut(16).enumerate() {
+            let depths = f32x16::load_array(simd, self.middle_depths(16 * run, y));
+            let x = lanes + (16 * run) as f32;
+            let [before, after] = [0, 1].map(|n| {
+                let [u, v, q] = reprojections[n].apply_16(simd, x, y as f32 + 0.5, depths);
+                Seen::new(simd, [u - 0.5, v - 0.5], depths / q, q, &self.neighbors[n], images[n], self.scale)
+            });
             for (k, pixel) in pixels.iter_mut().enumerate() {
-                let mut weights = [1.0 - t, t];
-                for n in 0..2 {
-                    let [u, v, w] = [places[n][0][k], places[n][1][k], places[n][2][k]];
-                    weights[n] *= self.visibility(&self.neighbors[n], images[n], u, v, w, per_scale);
-                }
-                let sum = weights[0] + weights[1];
-                let mut color = [0.0; 4];
-                for n in 0..2 {
-                    let weight = weights[n] / sum;
-                    if weight > 0.0 {
-                        let [u, v] = [places[n][0][k], places[n][1][k]];
-                        let value = gather(simd, images[n], u, v);
-                        for c in 0..4 {
-                            color[c] += weight * value[c];
-                        }
-                    }
-                }
-                *pixel = color;
+                let a = (1.0 - t) * before.visibility(&self.neighbors[0], k);
+                let b = t * after.visibility(&self.neighbors[1], k);
+                // At either end of the interval only one neighbour counts, hidden or not.
+                let share = if a + b > 0.0 { b / (a + b) } else { t };
+                let color = if share == 0.0 {
+                    before.places.gather(simd, images[0], k)
+                } else if share == 1.0 {
+                    after.places.gather(simd, images[1], k)
+                } else {
+                    before.places.gather(simd, images[0], k) * (1.0 - share)
+                        + after.places.gather(simd, images[1], k) * share
+                };
+                *pixel = color.to_array();
             }
         }
     }
 
-    /// Inverse depth of the middle frame at HR pixel `(x, y)`: linear within a surface, the nearest sample's at an edge.
+    /// Inverse depths of the middle frame at sixteen HR pixels from `(x, y)` on: linear within a surface, the nearest
+    /// sample's at an edge.
     #[inline(always)]
-    fn middle_depth(&self, x: f32, y: f32, per_scale: f32) -> f32 {
-        let (w, [fx, fy]) = self.middle.around(x, y, per_scale);
-        let far = w[0].min(w[1]).min(w[2]).min(w[3]);
-        let near = w[0].max(w[1]).max(w[2]).max(w[3]);
-        if near - far <= SAME_SURFACE * near {
-            let (top, bottom) = (w[0] + (w[1] - w[0]) * fx, w[2] + (w[3] - w[2]) * fx);
-            top + (bottom - top) * fy
-        } else {
-            w[usize::from(fx >= 0.5) + 2 * usize::from(fy >= 0.5)]
-        }
-    }
-
-    /// How far a neighbour sees the point at its position `(u, v)` and inverse depth `w`: 1 visible, near 0 hidden or
-    /// outside.
-    #[inline(always)]
-    fn visibility(&self, grid: &DepthGrid, image: &Image, u: f32, v: f32, w: f32, per_scale: f32) -> f32 {
-        const UNSEEN: f32 = 1e-3;
-        let inside = w >= 0.0
-            && u >= -0.5
-            && v >= -0.5
-            && u <= image.width() as f32 - 0.5
-            && v <= image.height() as f32 - 0.5;
-        if !inside {
-            return UNSEEN * UNSEEN;
-        }
-        let (d, _) = grid.around(u, v, per_scale);
-        let far = d[0].min(d[1]).min(d[2]).min(d[3]);
-        let near = d[0].max(d[1]).max(d[2]).max(d[3]);
-        if w >= far * (1.0 - SAME_SURFACE) && w <= near * (1.0 + SAME_SURFACE) { 1.0 } else { UNSEEN }
+    fn middle_depths(&self, x: usize, y: usize) -> [f32; 16] {
+        let (grid, per_scale) = (&self.middle, 1.0 / self.scale as f32);
+        let (j0, j1, fy) = DepthGrid::place(y as f32, per_scale, 0.0, grid.height);
+        let rows = [j0, j1].map(|j| &grid.inverse[j * grid.width..][..grid.width]);
+        std::array::from_fn(|k| {
+            let (i0, i1, fx) = DepthGrid::place((x + k) as f32, per_scale, 0.0, grid.width);
+            let w = [rows[0][i0], rows[0][i1], rows[1][i0], rows[1][i1]];
+            let (far, near) = far_and_near(w);
+            if near - far <= SAME_SURFACE * near {
+                let (top, bottom) = (w[0] + (w[1] - w[0]) * fx, w[2] + (w[3] - w[2]) * fx);
+                top + (bottom - top) * fy
+            } else {
+                w[usize::from(fx >= 0.5) + 2 * usize::from(fy >= 0.5)]
+            }
+        })
     }
 }
+
+/// Sixteen points of the middle frame as a neighbour sees them.
+struct Seen {
+    places: Places,
+    w: [f32; 16],
+    cell: [i32; 16],
+    /// Bit `k`: point `k` is in front of the neighbour's camera and inside its image.
+    inside: u64,
+}
+
+impl Seen {
+    #[inline(always)]
+    fn new<S: Simd>(
+        simd: S,
+        [u, v]: [f32x16<S>; 2],
+        w: f32x16<S>,
+        q: f32x16<S>,
+        grid: &DepthGrid,
+        image: &Image,
+        scale: u32,
+    ) -> Self {
+        let inside = q.simd_gt(MIN_DIVISOR)
+            & u.simd_ge(-0.5)
+            & v.simd_ge(-0.5)
+            & u.simd_le(image.width() as f32 - 0.5)
+            & v.simd_le(image.height() as f32 - 0.5);
+        // What is behind the camera has no place.
+        let behind = q.simd_le(MIN_DIVISOR);
+        let far_out = f32x16::splat(simd, -1.0);
+        let (u, v) = (behind.select(far_out, u), behind.select(far_out, v));
+        Self {
+            places: Places::new(u, v),
+            w: w.to_array(),
+            cell: grid.cell(u, v, 1.0 / scale as f32),
+            inside: inside.to_bitmask(),
+        }
+    }
+
+    /// How far the neighbour sees point `k`: 1 visible, near 0 hidden, nearer outside. The small values decide where
+    /// neither neighbour sees it.
+    #[inline(always)]
+    fn visibility(&self, grid: &DepthGrid, k: usize) -> f32 {
+        if self.inside >> k & 1 == 0 {
+            return HIDDEN * HIDDEN;
+        }
+        let [from, to] = grid.ranges[self.cell[k] as usize];
+        if (from..=to).contains(&self.w[k]) { 1.0 } else { HIDDEN }
+    }
+}
+
+/// Weight of a neighbour that does not see a point: its colour shows at most as one step of 8 bits beside one that does.
+const HIDDEN: f32 = 1e-3;
 
 /// No sample.
 const HOLE: u32 = 0;

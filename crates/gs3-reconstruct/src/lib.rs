@@ -8,6 +8,7 @@ mod gather;
 mod hermite;
 mod interpolate;
 mod lattice;
+mod plausible;
 mod reprojection;
 mod resample;
 mod samples;
@@ -18,7 +19,7 @@ pub use error::ReconstructError;
 pub use hermite::hermite;
 pub use interpolate::{Interpolator, Neighbor};
 pub use resample::{Kernel, resample};
-pub use super_sample::{ResetReason, SuperSampler, Tuning};
+pub use super_sample::{ResetReason, SuperSampler};
 
 /// Largest scale factor, HR over LR.
 pub const MAX_SCALE: u32 = 8;

@@ -1,7 +1,11 @@
 //! Where a point seen by one camera appears in another, as rows of a homography plus parallax.
 
+use fearless_simd::{Simd, f32x16, prelude::*};
 use glam::{DMat3, DVec3};
 use gs3_scene::Camera;
+
+/// Smallest divisor `q` of a point that counts as in front of the target.
+pub(crate) const MIN_DIVISOR: f32 = 1e-6;
 
 /// Maps pixel and inverse depth of a source camera to pixel and inverse depth of a target camera.
 ///
@@ -36,6 +40,19 @@ impl Reprojection {
         });
         let reciprocal = 1.0 / c;
         (a * reciprocal, b * reciprocal, c)
+    }
+}
+
+impl Reprojection {
+    /// [`Self::apply`] to sixteen pixels of one row.
+    #[inline(always)]
+    pub fn apply_16<S: Simd>(&self, simd: S, x: f32x16<S>, y: f32, w: f32x16<S>) -> [f32x16<S>; 3] {
+        let [a, b, c] = std::array::from_fn(|i| {
+            let [h0, h1, h2] = self.rows[i];
+            let constant = f32x16::splat(simd, h1 * y + h2);
+            x.mul_add(h0, w.mul_add(self.epipole[i], constant))
+        });
+        [a / c, b / c, c]
     }
 }
 

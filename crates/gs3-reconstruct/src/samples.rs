@@ -63,6 +63,6 @@ impl SampleFrame {
 }
 
 /// Row `y` of the three colour planes.
-fn rgb_rows(planes: &Planes<3>, y: usize) -> [&[f32]; 3] {
+pub(crate) fn rgb_rows(planes: &Planes<3>, y: usize) -> [&[f32]; 3] {
     std::array::from_fn(|c| planes.row(c, y))
 }

@@ -1,14 +1,15 @@
 //! Temporal super sampling without learning.
 
-use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd::{Level, Simd, dispatch, f32x4, prelude::*};
 use gs3_scene::{Camera, GBuffer, Image};
 use rayon::prelude::*;
 
 use crate::error::{ReconstructError, camera_size, check_gbuffer, check_scale};
 use crate::hermite::{Cubics, Surface};
+use crate::plausible::Plausible;
 use crate::reprojection::Reprojection;
 use crate::samples::SampleFrame;
-use crate::splat::{Band, CHUNK, Landing, Occlusion, Reach, land_row};
+use crate::splat::{Band, NOISE, Rows, Source};
 
 /// Why history is not valid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,48 +24,41 @@ pub enum ResetReason {
     SceneChange,
 }
 
-/// Rows of HR pixels that one task fills: their accumulators stay in a core's L2 cache (16 rows of 4096 pixels are
-/// 1 MiB), and the rows that two bands both visit stay few.
-const BAND_ROWS: usize = 16;
+/// HR pixels that one task fills: their accumulators (16 B each) fill a core's L2 cache of 1 MiB. Smaller bands reproject
+/// more samples twice, larger ones spill; the result does not depend on it.
+const BAND_PIXELS: usize = 1 << 16;
 
-/// Tuning (empirical).
-#[derive(Clone, Copy, Debug)]
-#[doc(hidden)]
-pub struct Tuning {
-    pub frames: usize,
-    pub noise: f32,
-    pub age_noise: f32,
-    pub hermite: f32,
-    pub hermite4: f32,
-    pub tolerance: f32,
-}
-
-impl Default for Tuning {
-    fn default() -> Self {
-        Self { frames: 16, noise: 1e-3, age_noise: 0.0, hermite: 1.0, hermite4: 0.5, tolerance: 0.02 }
-    }
-}
+/// Variance of the interpolated current frame at distance d from its nearest sample, pixel⁴: that of one sample's
+/// first-order prediction, d⁴, times [`SURFACE`] because it joins four samples, and flattening to a square, because no
+/// error exceeds the contrast of the image (both empirical).
+const SURFACE: f32 = 0.5;
 
 /// One remembered LR frame.
 #[derive(Clone, Debug)]
 struct Past {
     camera: Camera,
     frame: SampleFrame,
-    landings: Vec<Landing>,
-    reaches: Vec<Reach>,
+    /// Pixel rows that each chunk of samples touches now, `[LR height, chunks per row]`.
+    chunk_rows: Vec<Rows>,
+    /// The same for each row of samples, `[LR height]`.
+    row_rows: Vec<Rows>,
 }
 
 /// Super-samples a sequence of jittered LR frames on the HR grid.
+///
+/// The history is the last S² LR frames themselves: exact samples, splatted anew for every frame (see the module
+/// `splat`). At rest under the exact S×S grid jitter the result therefore is the native image after S² frames.
+///
+/// Memory: 52 B per LR pixel and remembered frame, that is per HR pixel.
 #[derive(Debug)]
 pub struct SuperSampler {
     scale: u32,
     /// The last frames, newest first.
     past: Vec<Past>,
     surface: Surface,
+    plausible: Plausible,
     invalid: Option<ResetReason>,
     level: Level,
-    #[doc(hidden)]
-    pub tuning: Tuning,
 }
 
 impl SuperSampler {
@@ -74,14 +68,13 @@ impl SuperSampler {
     /// [`ReconstructError::Scale`] if `scale` is not supported.
     pub fn new(scale: u32) -> Result<Self, ReconstructError> {
         check_scale(scale)?;
-        let tuning = Tuning { frames: (scale * scale) as usize, ..Tuning::default() };
         Ok(Self {
             scale,
             past: Vec::new(),
             surface: Surface::default(),
+            plausible: Plausible::default(),
             invalid: Some(ResetReason::FirstFrame),
             level: Level::new(),
-            tuning,
         })
     }
 
@@ -90,7 +83,7 @@ impl SuperSampler {
         self.invalid = Some(reason);
     }
 
-    /// Why there is no history, if there is none.
+    /// Why the next frame will have no history, if it will have none.
     #[must_use]
     pub const fn history_invalid(&self) -> Option<ResetReason> {
         self.invalid
@@ -98,13 +91,14 @@ impl SuperSampler {
 
     /// Reconstructs the image of `camera` from `gbuffer`, its LR frame, and the frames before it, into `out`, which is
     /// resized. The fourth channel becomes the confidence: the share, `[0, 1]`, that exact samples have in the pixel
-    /// (the rest is interpolated from the current frame alone).
+    /// (the rest is interpolated from the current frame alone). Another size than before resets the history.
     ///
     /// `gbuffer` is what [`Camera::low_resolution`] of `camera` sees, with gradients and geometry, point-sampled at its
     /// jitter (`dilation` matched to the scale).
     ///
     /// # Errors
-    /// [`ReconstructError`] if `gbuffer` is not the LR frame of `camera` or lacks gradients or geometry.
+    /// [`ReconstructError`] if `gbuffer` is not the LR frame of `camera` or lacks gradients or geometry; the history is
+    /// then as before.
     pub fn super_sample(
         &mut self,
         camera: &Camera,
@@ -113,11 +107,11 @@ impl SuperSampler {
     ) -> Result<(), ReconstructError> {
         let size = camera_size(camera);
         check_gbuffer(gbuffer, self.scale, size)?;
-        if gbuffer.gradients.is_none() {
-            return Err(ReconstructError::Missing { what: "image gradients" });
-        }
         if gbuffer.geometry.is_none() {
             return Err(ReconstructError::Missing { what: "depth" });
+        }
+        if gbuffer.gradients.is_none() {
+            return Err(ReconstructError::Missing { what: "image gradients" });
         }
         if self.past.first().is_some_and(|newest| camera_size(&newest.camera) != size) {
             self.reset(ResetReason::SizeOrTierChange);
@@ -126,103 +120,112 @@ impl SuperSampler {
             self.past.clear();
         }
         self.remember(camera, gbuffer)?;
-        self.land(camera, size);
+        self.find_rows(camera);
         out.resize(size.0, size.1);
-        self.accumulate(size, out);
+        self.accumulate(camera, out);
         Ok(())
     }
 
     /// Takes the current frame into the history, as its newest.
     fn remember(&mut self, camera: &Camera, gbuffer: &GBuffer) -> Result<(), ReconstructError> {
-        let mut newest = if self.past.len() >= self.tuning.frames.max(1) { self.past.pop() } else { None }
-            .unwrap_or_else(|| Past {
-                camera: *camera,
-                frame: SampleFrame::default(),
-                landings: Vec::new(),
-                reaches: Vec::new(),
-            });
+        let is_full = self.past.len() >= (self.scale * self.scale) as usize;
+        let oldest = if is_full { self.past.pop() } else { None };
+        let mut newest = oldest.unwrap_or_else(|| Past {
+            camera: *camera,
+            frame: SampleFrame::default(),
+            chunk_rows: Vec::new(),
+            row_rows: Vec::new(),
+        });
         newest.camera = *camera;
         newest.frame.fill(gbuffer, self.scale)?;
         self.surface.set(&newest.frame, gbuffer, self.scale);
-        let (width, height) = (newest.frame.width, newest.frame.height);
-        newest.landings.resize(width * height, Landing::default());
-        newest.reaches.resize(width.div_ceil(CHUNK) * height, Reach { first: 0.0, last: 0.0 });
+        self.plausible.set(&newest.frame, self.scale);
         self.past.insert(0, newest);
         Ok(())
     }
 
-    /// Reprojects all samples to the current camera.
-    fn land(&mut self, camera: &Camera, size: (usize, usize)) {
-        let (scale, tuning, level) = (self.scale as f32, self.tuning, self.level);
-        // The newest frame's samples are where they are; the occlusion test reads them.
-        let current = self.past[0].frame.clone();
-        let occlusion = Occlusion { frame: &current, scale, tolerance: tuning.tolerance };
-        self.past.par_iter_mut().enumerate().for_each(|(age, past)| {
+    /// Finds which pixel rows the samples of the past touch now.
+    fn find_rows(&mut self, camera: &Camera) {
+        let (scale, level) = (self.scale as f32, self.level);
+        for (age, past) in self.past.iter_mut().enumerate() {
             let reprojection = Reprojection::new(&past.camera, camera);
-            let frame = &past.frame;
-            let noise = tuning.noise + tuning.age_noise * age as f32;
-            let landings = past.landings.par_chunks_exact_mut(frame.width);
-            let reaches = past.reaches.par_chunks_exact_mut(frame.width.div_ceil(CHUNK));
-            landings.zip(reaches).enumerate().with_min_len(16).for_each(|(row, (landings, reaches))| {
-                dispatch!(level, simd => land_row(
-                    simd, frame, row, &reprojection, scale, noise, &occlusion, size, landings, reaches
-                ));
+            let source = Source { frame: &past.frame, reprojection, age, scale };
+            let chunks = source.chunks_per_row();
+            let height = past.frame.height;
+            past.chunk_rows.resize(chunks * height, Rows::NONE);
+            past.row_rows.resize(height, Rows::NONE);
+            let rows = past.chunk_rows.par_chunks_exact_mut(chunks).zip(&mut past.row_rows);
+            rows.enumerate().with_min_len(32).for_each(|(row, (chunk_rows, row_rows))| {
+                dispatch!(level, simd => {
+                    *row_rows = Rows::NONE;
+                    for (chunk, rows) in chunk_rows.iter_mut().enumerate() {
+                        *rows = source.rows(simd, row, chunk);
+                        *row_rows = row_rows.union(*rows);
+                    }
+                });
             });
-        });
+        }
     }
 
-    /// Combines the landed samples with the interpolated current frame.
-    fn accumulate(&self, size: (usize, usize), out: &mut Image) {
-        let width = size.0;
-        out.pixels_mut().par_chunks_mut(BAND_ROWS * width).enumerate().for_each_init(
-            || self.surface.scratch(),
+    /// Combines the samples of the past with the interpolated current frame.
+    fn accumulate(&self, camera: &Camera, out: &mut Image) {
+        let width = out.width();
+        let band_rows = (BAND_PIXELS / width).max(1);
+        out.pixels_mut().par_chunks_mut(band_rows * width).enumerate().for_each_init(
+            Cubics::default,
             |scratch, (index, pixels)| {
-                let band = Band { top: index * BAND_ROWS, width, pixels };
-                dispatch!(self.level, simd => self.fill_band(simd, scratch, band));
+                let band = Band { top: index * band_rows, width, pixels };
+                dispatch!(self.level, simd => self.fill_band(simd, camera, scratch, band));
             },
         );
     }
 
     #[inline(always)]
-    fn fill_band<S: Simd>(&self, simd: S, scratch: &mut Cubics, mut band: Band<'_>) {
-        let current = &self.past[0].frame;
-        let scale = self.scale as usize;
+    fn fill_band<S: Simd>(&self, simd: S, camera: &Camera, scratch: &mut Cubics, mut band: Band<'_>) {
         let top = band.top;
         for (r, row) in band.pixels.chunks_exact_mut(band.width).enumerate() {
-            self.surface.row(simd, current, top + r, scratch, row);
-            for (x, pixel) in row.iter_mut().enumerate() {
-                let weight = self.surface_weight(x % scale, top + r);
-                *pixel = pixel.map(|v| v * weight);
-            }
+            let weights = self.surface_weights(top + r);
+            self.surface.row(simd, &self.past[0].frame, top + r, &weights, scratch, row);
         }
-        for past in &self.past {
-            let chunks_per_row = past.frame.width.div_ceil(CHUNK);
-            for (k, reach) in past.reaches.iter().enumerate() {
-                if band.meets(reach) {
-                    let start = k / chunks_per_row * past.frame.width + k % chunks_per_row * CHUNK;
-                    let end = (start + CHUNK).min((k / chunks_per_row + 1) * past.frame.width);
-                    band.add(simd, &past.frame.samples[start..end], &past.landings[start..end]);
+        for (age, past) in self.past.iter().enumerate() {
+            let reprojection = Reprojection::new(&past.camera, camera);
+            let source = Source { frame: &past.frame, reprojection, age, scale: self.scale as f32 };
+            let chunks = source.chunks_per_row();
+            for (row, rows) in past.row_rows.iter().enumerate() {
+                if !band.meets(*rows) {
+                    continue;
+                }
+                for (chunk, rows) in past.chunk_rows[row * chunks..(row + 1) * chunks].iter().enumerate() {
+                    if band.meets(*rows) {
+                        band.add(simd, &source, &self.plausible, row, chunk);
+                    }
                 }
             }
         }
         for (r, row) in band.pixels.chunks_exact_mut(band.width).enumerate() {
-            for (x, pixel) in row.iter_mut().enumerate() {
-                let reciprocal = 1.0 / pixel[3];
-                let confidence = 1.0 - self.surface_weight(x % scale, top + r) * reciprocal;
-                *pixel = pixel.map(|v| v * reciprocal);
-                pixel[3] = confidence.max(0.0);
+            let weights = self.surface_weights(top + r);
+            for pixels in row.chunks_mut(self.scale as usize) {
+                for (pixel, weight) in pixels.iter_mut().zip(weights) {
+                    let reciprocal = 1.0 / pixel[3];
+                    *pixel = (f32x4::load_array_ref(simd, pixel) * reciprocal).to_array();
+                    pixel[3] = (1.0 - weight * reciprocal).max(0.0);
+                }
             }
         }
     }
 
-    /// Weight of the interpolated current frame at a pixel.
+    /// Weights of the interpolated current frame at the pixels of one period of row `y`.
     #[inline(always)]
-    fn surface_weight(&self, phase: usize, y: usize) -> f32 {
-        let (x_phases, y_axis) = self.surface.phases();
+    fn surface_weights(&self, y: usize) -> [f32; crate::MAX_SCALE as usize] {
+        let mut weights = [0.0; crate::MAX_SCALE as usize];
+        let (x_phases, y_place) = (self.surface.x_phases(), self.surface.y_place(y));
         let to_sample = |f: f32| f.min(1.0 - f) * self.scale as f32;
-        let (dx, dy) = (to_sample(x_phases[phase].fraction), to_sample(y_axis.place(y).fraction));
-        let d2 = dx * dx + dy * dy;
-        let t = &self.tuning;
-        1.0 / (t.noise + t.hermite * d2 * d2 / (1.0 + t.hermite4 * d2))
+        let dy = to_sample(y_place.fraction);
+        for (weight, place) in weights.iter_mut().zip(x_phases) {
+            let dx = to_sample(place.fraction);
+            let d2 = dx * dx + dy * dy;
+            *weight = 1.0 / (NOISE + SURFACE * d2 * d2 / (1.0 + SURFACE * d2));
+        }
+        weights
     }
 }
