@@ -279,6 +279,7 @@ fn facts(protocol: &Protocol, timeline: &Timeline, truth: TruthFacts) -> Protoco
             "tPSNR: PSNR of the differences of consecutive frames of the subset.".into(),
             "Warping error: mean squared RGB distance along exact motion, where visible in both frames.".into(),
             "Flicker: rms of the error's part that alternates from frame to frame.".into(),
+            "Methods with history start without one at the first frame: the first frames count as they are.".into(),
             "LR formation `matched`: rasterized at LR with dilation 0.3/S² (exact point samples of the native image); `stock`: \
              dilation 0.3; `antialiased`: the native image reduced by an antialiasing bicubic filter."
                 .into(),

@@ -100,6 +100,7 @@ pub(super) fn plot(axes: &Axes<'_>, series: &[Series]) -> String {
         HEIGHT / 2.0,
         axes.y
     );
+    let mut names = Vec::new();
     for s in series {
         let color = color(s.method);
         let _ = write!(svg, "<g data-method=\"{}\"><title>{}</title>", s.method, s.name);
@@ -107,10 +108,14 @@ pub(super) fn plot(axes: &Axes<'_>, series: &[Series]) -> String {
             for (x, y) in &s.points {
                 let (x, y) = (px(*x), py(*y));
                 let _ = write!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"5\" fill=\"{color}\"/>");
-                // Names of points at the right edge stand left of them.
+                // Names of points at the right edge stand left of them; one that would cover another moves down.
                 let (at, anchor) = if x > 0.85 * WIDTH { (x - 8.0, "end") } else { (x + 8.0, "start") };
+                let mut y = y + 4.0;
+                while names.iter().any(|(u, v): &(f64, f64)| (u - at).abs() < 110.0 && (v - y).abs() < 12.0) {
+                    y += 4.0;
+                }
+                names.push((at, y));
                 let name = &s.name;
-                let y = y + 4.0;
                 let _ =
                     write!(svg, "<text x=\"{at:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{name}</text>");
             }
