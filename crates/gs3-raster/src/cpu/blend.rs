@@ -28,6 +28,8 @@ pub mod plane {
     pub const TRANSMITTANCE: usize = 0;
     /// Transmittance at which the pixel was finished.
     pub const FINAL: usize = 1;
+    /// Alpha, once the block is resolved.
+    pub const ALPHA: usize = FINAL;
     /// Colour, three planes.
     pub const COLOR: usize = 2;
     /// ∂(1 − T)/∂x and ∂/∂y.
@@ -144,8 +146,8 @@ pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
 }
 
 /// Sample positions within the tile, by column and by row of blocks.
-static SAMPLES_X: [[f32; 16]; BLOCKS_X] = sample_positions(false);
-static SAMPLES_Y: [[f32; 16]; BLOCKS_Y] = sample_positions(true);
+pub static SAMPLES_X: [[f32; 16]; BLOCKS_X] = sample_positions(false);
+pub static SAMPLES_Y: [[f32; 16]; BLOCKS_Y] = sample_positions(true);
 
 const fn sample_positions<const N: usize>(along_y: bool) -> [[f32; 16]; N] {
     let mut positions = [[0.0; 16]; N];

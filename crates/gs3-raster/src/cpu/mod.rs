@@ -152,9 +152,10 @@ impl Rasterizer {
         bands.into_par_iter().enumerate().for_each_init(TileScratch::default, |scratch, (row, mut band)| {
             for column in 0..columns {
                 dispatch!(level, s => {
-                    blend::blend_tile::<_, OUTPUTS>(s, jobs, bins, [column, row], size, scratch);
+                    let tile = [column, row];
+                    blend::blend_tile::<_, OUTPUTS>(s, jobs, bins, tile, size, scratch);
+                    resolver.resolve::<_, OUTPUTS>(s, &mut scratch.blocks, tile, size, &mut band);
                 });
-                resolver.resolve(&scratch.blocks[..], [column, row], size, &mut band);
             }
         });
         self.times =

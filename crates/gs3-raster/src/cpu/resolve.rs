@@ -1,10 +1,11 @@
 //! Blended tiles to image planes: background, depth along z, layout.
 
+use fearless_simd::{Simd, f32x16, prelude::*};
 use gs3_scene::{Camera, GBuffer, Geometry, Gradients, Image, Planes};
 
 use super::bin::{TILE_HEIGHT, TILE_WIDTH};
-use super::blend::{Block, plane};
-use super::cover::BLOCK;
+use super::blend::{Block, COLOR, GBUFFER_MIXED, SAMPLES_X, SAMPLES_Y, plane};
+use super::cover::{BLOCK, BLOCKS, BLOCKS_X};
 use super::view::View;
 use crate::settings::{Outputs, RasterSettings};
 
@@ -12,20 +13,8 @@ use crate::settings::{Outputs, RasterSettings};
 pub enum Band<'a> {
     /// Rows of an image.
     Image(&'a mut [[f32; 4]]),
-    /// Rows of a G-buffer.
-    GBuffer(Box<GBufferBand<'a>>),
-}
-
-/// Rows of a G-buffer's planes; absent ones are empty.
-pub struct GBufferBand<'a> {
-    color: [&'a mut [f32]; 3],
-    alpha: &'a mut [f32],
-    color_dx: [&'a mut [f32]; 3],
-    color_dy: [&'a mut [f32]; 3],
-    color_dxdy: [&'a mut [f32]; 3],
-    depth_median: &'a mut [f32],
-    depth_expected: &'a mut [f32],
-    normal: [&'a mut [f32]; 3],
+    /// Rows of a G-buffer's planes, each with the plane of a finished block that goes there.
+    GBuffer(Vec<(usize, &'a mut [f32])>),
 }
 
 /// Gives `out` the camera's size and the planes that `settings` asks for.
@@ -62,58 +51,37 @@ pub fn image_bands(image: &mut Image) -> Vec<Band<'_>> {
 /// The bands of a prepared G-buffer.
 pub fn gbuffer_bands(out: &mut GBuffer) -> Vec<Band<'_>> {
     let (width, height) = (out.color.width(), out.color.height());
-    let bands = height.div_ceil(TILE_HEIGHT);
     let length = TILE_HEIGHT * width;
-    let mut color = bands_of(&mut out.color, length);
-    let mut alpha = bands_of(&mut out.alpha, length);
-    let (mut dx, mut dy, mut dxdy) = (None, None, None);
+    let mut planes = Vec::new();
+    split(&mut out.color, plane::COLOR, length, &mut planes);
+    split(&mut out.alpha, plane::ALPHA, length, &mut planes);
     if let Some(gradients) = &mut out.gradients {
-        dx = Some(bands_of(&mut gradients.color_dx, length));
-        dy = Some(bands_of(&mut gradients.color_dy, length));
-        dxdy = gradients.color_dxdy.as_mut().map(|planes| bands_of(planes, length));
+        split(&mut gradients.color_dx, plane::COLOR_DX, length, &mut planes);
+        split(&mut gradients.color_dy, plane::COLOR_DY, length, &mut planes);
+        if let Some(mixed) = &mut gradients.color_dxdy {
+            split(mixed, plane::COLOR_DXDY, length, &mut planes);
+        }
     }
-    let (mut median, mut expected, mut normal) = (None, None, None);
     if let Some(geometry) = &mut out.geometry {
-        median = Some(bands_of(&mut geometry.depth_median, length));
-        expected = Some(bands_of(&mut geometry.depth_expected, length));
-        normal = Some(bands_of(&mut geometry.normal, length));
+        split(&mut geometry.depth_median, plane::MEDIAN, length, &mut planes);
+        split(&mut geometry.depth_expected, plane::DISTANCE, length, &mut planes);
+        split(&mut geometry.normal, plane::NORMAL, length, &mut planes);
     }
-    let mut bands_out = Vec::with_capacity(bands);
-    for _ in 0..bands {
-        let [alpha] = next(Some(&mut alpha));
-        let [depth_median] = next(median.as_mut());
-        let [depth_expected] = next(expected.as_mut());
-        bands_out.push(Band::GBuffer(Box::new(GBufferBand {
-            color: next(Some(&mut color)),
-            alpha,
-            color_dx: next(dx.as_mut()),
-            color_dy: next(dy.as_mut()),
-            color_dxdy: next(dxdy.as_mut()),
-            depth_median,
-            depth_expected,
-            normal: next(normal.as_mut()),
-        })));
-    }
-    bands_out
+    let bands = (0..height.div_ceil(TILE_HEIGHT))
+        .map(|_| Band::GBuffer(planes.iter_mut().filter_map(|(p, rows)| Some((*p, rows.next()?))).collect()));
+    bands.collect()
 }
 
-type PlaneBands<'a, const C: usize> = [std::slice::ChunksMut<'a, f32>; C];
-
-fn bands_of<const C: usize>(planes: &mut Planes<C>, length: usize) -> PlaneBands<'_, C> {
-    let size = planes.width() * planes.height();
-    let mut rest = planes.data_mut();
-    std::array::from_fn(|_| {
-        let (plane, after) = std::mem::take(&mut rest).split_at_mut(size);
-        rest = after;
-        plane.chunks_mut(length)
-    })
-}
-
-fn next<'a, const C: usize>(bands: Option<&mut PlaneBands<'a, C>>) -> [&'a mut [f32]; C] {
-    match bands {
-        Some(bands) => bands.each_mut().map(|plane| plane.next().unwrap_or_default()),
-        None => std::array::from_fn(|_| <&mut [f32]>::default()),
-    }
+/// Appends the planes of `from`, cut into bands of `length` values; they take block planes `first`, `first + 1`, ….
+fn split<'a, const C: usize>(
+    from: &'a mut Planes<C>,
+    first: usize,
+    length: usize,
+    planes: &mut Vec<(usize, std::slice::ChunksMut<'a, f32>)>,
+) {
+    let size = from.width() * from.height();
+    let rows = from.data_mut().chunks_mut(size).map(|plane| plane.chunks_mut(length));
+    planes.extend((first..).zip(rows));
 }
 
 /// Constants of one frame's resolve.
@@ -129,94 +97,103 @@ impl Resolver {
     }
 
     /// Writes the blocks of tile `(column, row)` to its band.
-    pub fn resolve(
+    #[inline(always)]
+    pub fn resolve<S: Simd, const OUTPUTS: usize>(
         &self,
-        blocks: &[Block],
+        s: S,
+        blocks: &mut [Block; BLOCKS],
         [column, row]: [usize; 2],
         [width, height]: [usize; 2],
         band: &mut Band<'_>,
     ) {
-        let (x0, y0) = (column * TILE_WIDTH, row * TILE_HEIGHT);
-        for (b, block) in blocks.iter().enumerate() {
-            let x = x0 + b % (TILE_WIDTH / BLOCK) * BLOCK;
-            let block_y = b / (TILE_WIDTH / BLOCK) * BLOCK;
-            for line in 0..BLOCK {
-                let y = block_y + line;
-                if x >= width || y0 + y >= height {
-                    continue;
-                }
-                let count = BLOCK.min(width - x);
-                let pixels = Line { state: &block.0, lane: line * BLOCK, at: y * width + x, count };
-                match band {
-                    Band::Image(out) => self.resolve_image(&pixels, out),
-                    Band::GBuffer(out) => self.resolve_gbuffer(&pixels, [x, y0 + y], out),
-                }
-            }
-        }
-    }
-
-    fn resolve_image(&self, line: &Line<'_>, out: &mut [[f32; 4]]) {
-        for (i, pixel) in out[line.at..line.at + line.count].iter_mut().enumerate() {
-            let t = line.transmittance(i);
-            let color: [f32; 3] =
-                std::array::from_fn(|k| line.get(plane::COLOR + k, i) + t * self.background[k]);
-            *pixel = [color[0], color[1], color[2], 1.0 - t];
-        }
-    }
-
-    fn resolve_gbuffer(&self, line: &Line<'_>, [x, y]: [usize; 2], out: &mut GBufferBand<'_>) {
-        for i in 0..line.count {
-            let at = line.at + i;
-            let t = line.transmittance(i);
-            let alpha = 1.0 - t;
-            for k in 0..3 {
-                out.color[k][at] = line.get(plane::COLOR + k, i) + t * self.background[k];
-            }
-            out.alpha[at] = alpha;
-            if out.depth_median.is_empty() {
+        for (b, block) in blocks.iter_mut().enumerate() {
+            let x = column * TILE_WIDTH + b % BLOCKS_X * BLOCK;
+            let line = b / BLOCKS_X * BLOCK;
+            let y = row * TILE_HEIGHT + line;
+            if x >= width || y >= height {
                 continue;
             }
-            // The background shows through T: its share of the derivative is −∂(1 − T)·background.
-            let (ax, ay) = (line.get(plane::ALPHA_DX, i), line.get(plane::ALPHA_DY, i));
-            for k in 0..3 {
-                let background = self.background[k];
-                out.color_dx[k][at] = line.get(plane::COLOR_DX + k, i) - ax * background;
-                out.color_dy[k][at] = line.get(plane::COLOR_DY + k, i) - ay * background;
-                out.normal[k][at] = line.get(plane::NORMAL + k, i);
-            }
-            if !out.color_dxdy[0].is_empty() {
-                let axy = line.get(plane::ALPHA_DXDY, i);
-                for k in 0..3 {
-                    out.color_dxdy[k][at] = line.get(plane::COLOR_DXDY + k, i) - axy * self.background[k];
+            self.finish::<S, OUTPUTS>(s, block, x, y);
+            let (columns, rows) = (BLOCK.min(width - x), BLOCK.min(height - y));
+            match band {
+                Band::Image(out) => {
+                    let lines = interleaved(s, block);
+                    for (r, pixels) in lines.iter().enumerate().take(rows) {
+                        let at = (line + r) * width + x;
+                        out[at..at + columns].copy_from_slice(&pixels.as_chunks().0[..columns]);
+                    }
+                }
+                Band::GBuffer(planes) => {
+                    for (p, out) in planes {
+                        for (r, values) in block.0[*p].chunks_exact(BLOCK).enumerate().take(rows) {
+                            let at = (line + r) * width + x;
+                            out[at..at + columns].copy_from_slice(&values[..columns]);
+                        }
+                    }
                 }
             }
-            // Distances along the ray to depths along z.
-            let ray_x = ((x + i) as f32 - self.center[0]) * self.inv_focal[0];
-            let ray_y = (y as f32 - self.center[1]) * self.inv_focal[1];
-            let inv_length = 1.0 / (ray_x * ray_x + ray_y * ray_y + 1.0).sqrt();
-            out.depth_median[at] = line.get(plane::MEDIAN, i) * inv_length;
-            let distance = line.get(plane::DISTANCE, i);
-            out.depth_expected[at] = if alpha > 0.0 { distance / alpha * inv_length } else { 0.0 };
         }
     }
+
+    /// Turns a block's state into what is stored: background added, distances along the ray turned into depths along
+    /// z, alpha in [`plane::ALPHA`].
+    #[inline(always)]
+    fn finish<S: Simd, const OUTPUTS: usize>(&self, s: S, block: &mut Block, x: usize, y: usize) {
+        let (zero, one) = (f32x16::splat(s, 0.0), f32x16::splat(s, 1.0));
+        let plane = &mut block.0;
+        let open = f32x16::from_slice(s, &plane[plane::TRANSMITTANCE]);
+        let t = open.simd_gt(zero).select(open, f32x16::from_slice(s, &plane[plane::FINAL]));
+        let alpha = one - t;
+        alpha.store_slice(&mut plane[plane::ALPHA]);
+        for k in 0..3 {
+            add_product(s, &mut plane[plane::COLOR + k], t, self.background[k]);
+        }
+        if OUTPUTS == COLOR {
+            return;
+        }
+        // The background shows through T: its share of a derivative is −∂(1 − T)·background.
+        let alpha_dx = zero - f32x16::from_slice(s, &plane[plane::ALPHA_DX]);
+        let alpha_dy = zero - f32x16::from_slice(s, &plane[plane::ALPHA_DY]);
+        for k in 0..3 {
+            add_product(s, &mut plane[plane::COLOR_DX + k], alpha_dx, self.background[k]);
+            add_product(s, &mut plane[plane::COLOR_DY + k], alpha_dy, self.background[k]);
+        }
+        if OUTPUTS == GBUFFER_MIXED {
+            let alpha_dxdy = zero - f32x16::from_slice(s, &plane[plane::ALPHA_DXDY]);
+            for k in 0..3 {
+                add_product(s, &mut plane[plane::COLOR_DXDY + k], alpha_dxdy, self.background[k]);
+            }
+        }
+        let lane_x = f32x16::from_slice(s, &SAMPLES_X[0]) + f32x16::splat(s, x as f32 - self.center[0]);
+        let lane_y = f32x16::from_slice(s, &SAMPLES_Y[0]) + f32x16::splat(s, y as f32 - self.center[1]);
+        let ray_x = lane_x * f32x16::splat(s, self.inv_focal[0]);
+        let ray_y = lane_y * f32x16::splat(s, self.inv_focal[1]);
+        let inv_length = one / ray_x.mul_add(ray_x, ray_y.mul_add(ray_y, one)).sqrt();
+        let median = f32x16::from_slice(s, &plane[plane::MEDIAN]) * inv_length;
+        median.store_slice(&mut plane[plane::MEDIAN]);
+        let expected = f32x16::from_slice(s, &plane[plane::DISTANCE]) / alpha * inv_length;
+        let expected = alpha.simd_gt(zero).select(expected, zero);
+        expected.store_slice(&mut plane[plane::DISTANCE]);
+    }
 }
 
-/// Up to four neighbouring pixels of a block and their place in the band.
-struct Line<'a> {
-    state: &'a [[f32; 16]; plane::COUNT],
-    lane: usize,
-    at: usize,
-    count: usize,
+/// `plane += a · b`.
+#[inline(always)]
+fn add_product<S: Simd>(s: S, plane: &mut [f32; 16], a: f32x16<S>, b: f32) {
+    a.mul_add(f32x16::splat(s, b), f32x16::from_slice(s, plane)).store_slice(plane);
 }
 
-impl Line<'_> {
-    fn get(&self, p: usize, i: usize) -> f32 {
-        self.state[p][self.lane + i]
+/// Red, green, blue and alpha of a block's pixels, by row.
+#[inline(always)]
+fn interleaved<S: Simd>(s: S, block: &Block) -> [[f32; 16]; BLOCK] {
+    let plane = |p: usize| f32x16::from_slice(s, &block.0[p]);
+    let (red_blue_top, red_blue_bottom) = plane(plane::COLOR).interleave(plane(plane::COLOR + 2));
+    let (green_alpha_top, green_alpha_bottom) = plane(plane::COLOR + 1).interleave(plane(plane::ALPHA));
+    let (first, second) = red_blue_top.interleave(green_alpha_top);
+    let (third, fourth) = red_blue_bottom.interleave(green_alpha_bottom);
+    let mut rows = [[0.0; 16]; BLOCK];
+    for (row, pixels) in rows.iter_mut().zip([first, second, third, fourth]) {
+        pixels.store_slice(row);
     }
-
-    /// Transmittance after the last contribution.
-    fn transmittance(&self, i: usize) -> f32 {
-        let open = self.get(plane::TRANSMITTANCE, i);
-        if open > 0.0 { open } else { self.get(plane::FINAL, i) }
-    }
+    rows
 }
