@@ -40,6 +40,7 @@ fn ours(names: &BTreeSet<String>) -> Vec<&str> {
 fn crates_know_only_what_the_map_says() {
     for (package, knows) in [
         ("gs3-scene", vec![]),
+        ("gs3-neural", vec![]),
         ("gs3-raster", vec!["gs3-scene"]),
         ("gs3-reconstruct", vec!["gs3-scene"]),
         ("gs3", vec!["gs3-raster", "gs3-reconstruct", "gs3-scene"]),
@@ -63,7 +64,7 @@ fn kernels_stay_light() {
 /// A library does not draw progress bars, parse arguments or catch signals, and the CPU path needs no driver.
 #[test]
 fn libraries_know_nothing_of_terminals_and_devices() {
-    for package in ["gs3-scene", "gs3-raster", "gs3-reconstruct", "gs3"] {
+    for package in ["gs3-scene", "gs3-raster", "gs3-reconstruct", "gs3-neural", "gs3"] {
         let all = transitive(package);
         for foreign in ["clap", "indicatif", "ctrlc", "wgpu", "ash", "cudarc"] {
             assert!(!all.contains(foreign), "{package} depends on {foreign}");

@@ -1,0 +1,155 @@
+//! Shapes of tensors, and how operations change them.
+
+use std::fmt;
+
+use crate::error::GraphError;
+use crate::graph::{Layer, Op};
+
+/// The largest side of an image in pixels, and the most channels of a tensor: products of three such numbers and four
+/// bytes stay far below what 64 bits hold.
+pub(crate) const MAX_SIDE: usize = 1 << 15;
+
+/// The largest window and the largest enlargement: beyond any network of use, and far from overflow.
+const MAX_FACTOR: usize = 64;
+
+/// Size of a tensor, channels last: `hwc`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Shape {
+    /// Rows.
+    pub height: usize,
+    /// Columns.
+    pub width: usize,
+    /// Channels.
+    pub channels: usize,
+}
+
+impl Shape {
+    /// Numbers in a tensor of this shape.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.pixels() * self.channels
+    }
+
+    /// Whether a tensor of this shape holds nothing.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Rows × columns.
+    #[must_use]
+    pub fn pixels(&self) -> usize {
+        self.height * self.width
+    }
+
+    fn with_channels(self, channels: usize) -> Self {
+        Self { channels, ..self }
+    }
+
+    fn same_size(&self, other: &Self) -> bool {
+        (self.height, self.width) == (other.height, other.width)
+    }
+}
+
+impl fmt::Display for Shape {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}×{}×{}", self.height, self.width, self.channels)
+    }
+}
+
+/// The shape of `layer`'s result from those of its inputs. `lr` is `[height, width]` of the LR grid.
+pub(crate) fn infer(layer: &Layer, inputs: &[Shape], lr: [usize; 2]) -> Result<Shape, GraphError> {
+    let fail = |expected: String| {
+        let actual: Vec<String> = inputs.iter().map(Shape::to_string).collect();
+        let actual = if actual.is_empty() { "none".to_owned() } else { actual.join(", ") };
+        Err(GraphError::Shape { layer: layer.name.clone(), expected, actual })
+    };
+    let arity = layer.op.inputs();
+    if !arity.contains(&inputs.len()) {
+        return fail(format!("{} to {} inputs", arity.start(), arity.end()));
+    }
+    if let Some(factor) = layer.op.factor()
+        && !(1..=MAX_FACTOR).contains(&factor)
+    {
+        return fail(format!("a factor of 1 to {MAX_FACTOR}, found {factor}"));
+    }
+    let shape = match (&layer.op, inputs) {
+        (Op::Input { channels, scale }, _) => {
+            Shape { height: lr[0] * scale, width: lr[1] * scale, channels: *channels }
+        }
+        (Op::Conv2d(conv), [x]) => {
+            if conv.kernel % 2 == 0 || !(1..=MAX_FACTOR).contains(&conv.dilation) {
+                return fail(format!("an odd kernel, found {} with dilation {}", conv.kernel, conv.dilation));
+            }
+            x.with_channels(conv.outputs)
+        }
+        (Op::Activate(_), [x]) => *x,
+        (Op::PixelShuffle { factor }, [x, like @ ..]) => {
+            let square = factor * factor;
+            if x.channels % square != 0 {
+                return fail(format!("a multiple of {square} channels"));
+            }
+            let full =
+                Shape { height: x.height * factor, width: x.width * factor, channels: x.channels / square };
+            match cropped(full, like) {
+                Some(shape) => shape,
+                None => return fail(format!("a crop of at most {}×{}", full.height, full.width)),
+            }
+        }
+        (Op::Upsample { factor, .. }, [x, like @ ..]) => {
+            let full = Shape { height: x.height * factor, width: x.width * factor, channels: x.channels };
+            match cropped(full, like) {
+                Some(shape) => shape,
+                None => return fail(format!("a crop of at most {}×{}", full.height, full.width)),
+            }
+        }
+        (Op::PixelUnshuffle { factor }, [x]) => {
+            if x.height % factor != 0 || x.width % factor != 0 {
+                return fail(format!("sides that are multiples of {factor}"));
+            }
+            let (height, width) = (x.height / factor, x.width / factor);
+            Shape { height, width, channels: x.channels * factor * factor }
+        }
+        (Op::MaxPool2, [x]) => Shape { height: x.height.div_ceil(2), width: x.width.div_ceil(2), ..*x },
+        (Op::Concat, [first, ..]) => {
+            if inputs.iter().any(|x| !x.same_size(first)) {
+                return fail(format!("inputs of {}×{}", first.height, first.width));
+            }
+            first.with_channels(inputs.iter().map(|x| x.channels).sum())
+        }
+        (Op::Add, [a, b]) => match a == b {
+            true => *a,
+            false => return fail(format!("two inputs of {a}")),
+        },
+        (Op::Multiply, [a, factor]) => {
+            match factor.same_size(a) && [1, a.channels].contains(&factor.channels) {
+                true => *a,
+                false => return fail(format!("{a} and a factor of as many channels, or one")),
+            }
+        }
+        (Op::Mix, [a, b, t]) => match a == b && t.same_size(a) && [1, a.channels].contains(&t.channels) {
+            true => *a,
+            false => return fail(format!("two inputs of {a} and a weight of as many channels, or one")),
+        },
+        (Op::ChannelMean | Op::ChannelMax, [x]) => x.with_channels(1),
+        (Op::Warp, [image, flow]) => match flow.same_size(image) && flow.channels == 2 {
+            true => *image,
+            false => return fail(format!("{image} and a flow of two channels and that size")),
+        },
+        // Arity was checked above.
+        _ => return fail("other inputs".to_owned()),
+    };
+    if shape.is_empty() || [shape.height, shape.width, shape.channels].iter().any(|side| *side > MAX_SIDE) {
+        return fail(format!("a result of 1 to {MAX_SIDE} a side, which {shape} is not"));
+    }
+    Ok(shape)
+}
+
+/// `full` cut to the size of `like`, where there is one; none if that is larger.
+fn cropped(full: Shape, like: &[Shape]) -> Option<Shape> {
+    match like {
+        [like] if like.height > full.height || like.width > full.width => None,
+        [like] => Some(Shape { channels: full.channels, ..*like }),
+        _ => Some(full),
+    }
+}
