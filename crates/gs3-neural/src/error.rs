@@ -1,4 +1,6 @@
-//! What can be wrong with a graph.
+//! What can be wrong with a graph or its weights.
+
+use std::path::PathBuf;
 
 use thiserror::Error;
 
@@ -38,5 +40,66 @@ pub enum GraphError {
         height: usize,
         /// The largest side.
         max: usize,
+    },
+}
+
+/// Weights that cannot be read, or are not those of a graph.
+#[derive(Debug, Error)]
+pub enum WeightError {
+    /// A file cannot be read or written.
+    #[error("{}: {source}", .path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What went wrong.
+        source: std::io::Error,
+    },
+    /// Not a safetensors file.
+    #[error("expected safetensors, found {message}")]
+    Format {
+        /// What the reader says.
+        message: String,
+    },
+    /// A field of the header is missing or that of another network.
+    #[error("header, {field}: expected {expected}, found {actual}")]
+    Header {
+        /// The field.
+        field: &'static str,
+        /// What it should be.
+        expected: String,
+        /// What it is.
+        actual: String,
+    },
+    /// An array is missing.
+    #[error("{name}: expected f32 {expected:?}, found none")]
+    Missing {
+        /// The array.
+        name: String,
+        /// Its shape.
+        expected: Vec<usize>,
+    },
+    /// An array has another shape or type.
+    #[error("{name}: expected f32 {expected:?}, found {actual}")]
+    Shape {
+        /// The array.
+        name: String,
+        /// The shape it should have.
+        expected: Vec<usize>,
+        /// Shape or type found.
+        actual: String,
+    },
+    /// A weight is infinite or not a number.
+    #[error("{name}: expected finite numbers, found {value}")]
+    NotFinite {
+        /// The array.
+        name: String,
+        /// The number.
+        value: f32,
+    },
+    /// An array that no layer has.
+    #[error("{name}: expected arrays of the network's layers only")]
+    Unknown {
+        /// The array.
+        name: String,
     },
 }

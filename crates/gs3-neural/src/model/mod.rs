@@ -1,8 +1,10 @@
 //! The two networks, as graphs.
 
+mod initial;
 mod interpolate;
 mod super_sample;
 
+pub use initial::{hermite_weights, initial_weights, set_hermite};
 pub use interpolate::interpolate;
 pub use super_sample::super_sample;
 

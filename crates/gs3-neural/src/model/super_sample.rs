@@ -17,7 +17,7 @@ use crate::graph::{Border, Conv2d, Graph, GraphBuilder, Op};
 /// | `hidden` | `tier.channels()` | LR | the last state, reprojected, 0 where invalid |
 ///
 /// Outputs: `color` (HR, 3) and `hidden`.
-/// `gai` is linear: it can hold tensor cubic Hermite interpolation exactly.
+/// [`initial_weights`](super::initial_weights) starts the linear path `gai` as tensor cubic Hermite interpolation.
 ///
 /// # Errors
 /// [`GraphError::Scale`] if there is no network for `scale`.

@@ -1,0 +1,115 @@
+//! Named arrays of numbers, and the safetensors files that hold them.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
+
+use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+
+use crate::error::WeightError;
+
+/// Numbers with a shape; the last axis is contiguous.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Array {
+    shape: Vec<usize>,
+    values: Vec<f32>,
+}
+
+impl Array {
+    /// `values` in `shape`.
+    ///
+    /// # Errors
+    /// [`WeightError::Shape`] if `shape` does not hold as many numbers; `name` is told.
+    pub fn new(name: &str, shape: &[usize], values: Vec<f32>) -> Result<Self, WeightError> {
+        let count = shape.iter().try_fold(1_usize, |product, side| product.checked_mul(*side));
+        if count != Some(values.len()) {
+            let actual = format!("{} numbers", values.len());
+            return Err(WeightError::Shape { name: name.to_owned(), expected: shape.to_vec(), actual });
+        }
+        Ok(Self { shape: shape.to_vec(), values })
+    }
+
+    /// Zeros in `shape`, which is small enough to exist: that of a graph's parameter.
+    pub(crate) fn zeros(shape: &[usize]) -> Self {
+        Self { shape: shape.to_vec(), values: vec![0.0; shape.iter().product()] }
+    }
+
+    /// Length along each axis.
+    #[must_use]
+    pub fn shape(&self) -> &[usize] {
+        &self.shape
+    }
+
+    /// The numbers.
+    #[must_use]
+    pub fn values(&self) -> &[f32] {
+        &self.values
+    }
+
+    /// The numbers, to change.
+    pub fn values_mut(&mut self) -> &mut [f32] {
+        &mut self.values
+    }
+}
+
+/// Arrays by name, in the order of names.
+pub type Arrays = BTreeMap<String, Array>;
+
+/// Texts by name: the header of a file.
+pub type Texts = BTreeMap<String, String>;
+
+/// Reads safetensors of f32.
+///
+/// # Errors
+/// [`WeightError`] if `bytes` are something else.
+pub fn from_bytes(bytes: &[u8]) -> Result<(Texts, Arrays), WeightError> {
+    let format = |e: safetensors::SafeTensorError| WeightError::Format { message: e.to_string() };
+    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(format)?;
+    let texts = metadata.metadata().iter().flatten().map(|(k, v)| (k.clone(), v.clone())).collect();
+    let file = SafeTensors::deserialize(bytes).map_err(format)?;
+    let mut arrays = Arrays::new();
+    for (name, view) in file.iter() {
+        if view.dtype() != Dtype::F32 {
+            let (expected, actual) = (view.shape().to_vec(), format!("{:?}", view.dtype()));
+            return Err(WeightError::Shape { name: name.to_owned(), expected, actual });
+        }
+        let values = view.data().as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
+        arrays.insert(name.to_owned(), Array::new(name, view.shape(), values)?);
+    }
+    Ok((texts, arrays))
+}
+
+/// Writes safetensors of f32.
+///
+/// # Errors
+/// [`WeightError::Format`] if a name cannot be written.
+pub fn to_bytes(texts: &Texts, arrays: &Arrays) -> Result<Vec<u8>, WeightError> {
+    let data: Vec<Vec<u8>> =
+        arrays.values().map(|a| a.values.iter().flat_map(|v| v.to_le_bytes()).collect()).collect();
+    let format = |e: safetensors::SafeTensorError| WeightError::Format { message: e.to_string() };
+    let mut views = Vec::with_capacity(arrays.len());
+    for ((name, array), bytes) in arrays.iter().zip(&data) {
+        views.push((name, TensorView::new(Dtype::F32, array.shape.clone(), bytes).map_err(format)?));
+    }
+    let texts: HashMap<String, String> = texts.clone().into_iter().collect();
+    safetensors::serialize(views, Some(texts)).map_err(format)
+}
+
+/// Reads a file: [`from_bytes`].
+///
+/// # Errors
+/// [`WeightError`] if it cannot be read or holds something else.
+pub fn load(path: &Path) -> Result<(Texts, Arrays), WeightError> {
+    let read = |source| WeightError::File { path: path.to_owned(), source };
+    from_bytes(&std::fs::read(path).map_err(read)?)
+}
+
+/// Writes a file whole or not at all: [`to_bytes`], under another name first.
+///
+/// # Errors
+/// [`WeightError::File`] if it cannot be written.
+pub fn save(path: &Path, texts: &Texts, arrays: &Arrays) -> Result<(), WeightError> {
+    let write = |source| WeightError::File { path: path.to_owned(), source };
+    let unfinished = path.with_extension("unfinished");
+    std::fs::write(&unfinished, to_bytes(texts, arrays)?).map_err(write)?;
+    std::fs::rename(&unfinished, path).map_err(write)
+}

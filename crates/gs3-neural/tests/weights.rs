@@ -1,0 +1,65 @@
+//! Weights in files and in graphs.
+
+use gs3_neural::arrays::{self, Array};
+use gs3_neural::model::{Tier, initial_weights, interpolate, super_sample};
+use gs3_neural::{Graph, Header, WeightError, Weights};
+
+fn header(graph: &Graph) -> Header {
+    Header {
+        network: graph.name().to_owned(),
+        version: graph.version(),
+        scale: 4,
+        tier: "fast".to_owned(),
+        training_data: "nothing".to_owned(),
+        licence: "MIT OR Apache-2.0".to_owned(),
+    }
+}
+
+#[test]
+fn weights_survive_a_file_bit_for_bit() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for graph in [super_sample(4, Tier::Fast), interpolate(4, Tier::Fast)] {
+        let graph = graph.expect("a network");
+        let weights = initial_weights(&graph, header(&graph), 7);
+        weights.check(&graph).expect("its own");
+        let path = folder.path().join("weights.safetensors");
+        weights.save(&path).expect("written");
+        assert_eq!(Weights::load(&path).expect("read"), weights);
+        assert_eq!(initial_weights(&graph, header(&graph), 7), weights);
+        assert_ne!(initial_weights(&graph, header(&graph), 8), weights);
+    }
+}
+
+#[test]
+fn weights_of_another_network_are_refused_by_name() {
+    let [fast, balanced] = [Tier::Fast, Tier::Balanced].map(|t| super_sample(4, t).expect("a network"));
+    let weights = initial_weights(&fast, header(&fast), 1);
+    let error = weights.check(&balanced).expect_err("other shapes");
+    assert_eq!(error.to_string(), "history.conv.weight: expected f32 [32, 48, 1, 1], found [16, 48, 1, 1]");
+    let other = interpolate(4, Tier::Fast).expect("a network");
+    assert!(matches!(weights.check(&other), Err(WeightError::Header { field: "network", .. })));
+
+    let mut less = weights.clone();
+    less.arrays.remove("enter.bias");
+    assert!(matches!(less.check(&fast), Err(WeightError::Missing { name, .. }) if name == "enter.bias"));
+    let mut more = weights.clone();
+    more.arrays.insert("else".to_owned(), Array::default());
+    assert!(matches!(more.check(&fast), Err(WeightError::Unknown { name }) if name == "else"));
+    let mut wild = weights.clone();
+    wild.arrays.get_mut("enter.bias").expect("there").values_mut()[0] = f32::NAN;
+    assert!(matches!(wild.check(&fast), Err(WeightError::NotFinite { name, .. }) if name == "enter.bias"));
+}
+
+#[test]
+fn broken_files_are_refused() {
+    let graph = super_sample(2, Tier::Fast).expect("a network");
+    let bytes = initial_weights(&graph, header(&graph), 1).to_bytes().expect("bytes");
+    for end in [0, 7, 8, 100, bytes.len() - 1] {
+        assert!(matches!(Weights::from_bytes(&bytes[..end]), Err(WeightError::Format { .. })), "{end} bytes");
+    }
+    let array = Array::new("a", &[1], vec![1.0]).expect("one number");
+    let other = arrays::to_bytes(&Default::default(), &[("a".to_owned(), array)].into()).expect("bytes");
+    assert!(matches!(Weights::from_bytes(&other), Err(WeightError::Header { field: "network", .. })));
+    assert!(Array::new("a", &[2, 3], vec![0.0; 5]).is_err());
+    assert!(Array::new("a", &[usize::MAX, 3], vec![0.0; 5]).is_err());
+}
