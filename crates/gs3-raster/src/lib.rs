@@ -27,5 +27,5 @@
 pub mod cpu;
 mod settings;
 
-pub use cpu::{RasterTimes, Rasterizer};
+pub use cpu::{Importance, RasterTimes, Rasterizer};
 pub use settings::{Culling, Outputs, RasterError, RasterSettings, STOCK_DILATION, matched_dilation};

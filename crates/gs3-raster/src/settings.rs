@@ -95,4 +95,12 @@ pub enum RasterError {
         /// The value found.
         actual: [f32; 3],
     },
+    /// The statistics are those of another scene.
+    #[error("importance: expected values for the scene's {expected} Gaussians, found {actual}")]
+    ImportanceLength {
+        /// Number of Gaussians in the scene.
+        expected: usize,
+        /// The number found.
+        actual: usize,
+    },
 }

@@ -4,7 +4,7 @@
 //! blocks that its support touches and that are not yet opaque; only those are evaluated. Gradients follow UpscaleGS
 //! (Niedermayr et al. 2025), depth and normals RaDe-GS (Zhang et al. 2024).
 
-use fearless_simd::{Simd, f32x16, prelude::*};
+use fearless_simd::{Simd, f32x16, mask32x16, prelude::*};
 
 use super::bin::{Bins, TILE_HEIGHT, TILE_WIDTH};
 use super::cover::{BLOCK, BLOCKS, BLOCKS_X, BLOCKS_Y, Cover, RUN};
@@ -64,12 +64,14 @@ pub const GBUFFER_MIXED: usize = 2;
 /// State of a tile and its splats in order; one per thread, reused.
 pub struct TileScratch {
     pub blocks: Box<[Block; BLOCKS]>,
-    order: DepthOrder,
-    splats: Vec<Splat>,
+    /// Front to back, positions in `splats`.
+    pub order: DepthOrder,
+    /// In scene order.
+    pub splats: Vec<Splat>,
     geometry: Vec<SplatGeometry>,
-    run: Vec<Splat>,
+    pub run: Vec<Splat>,
     run_geometry: Vec<SplatGeometry>,
-    cover: Box<Cover>,
+    pub cover: Box<Cover>,
 }
 
 impl Default for TileScratch {
@@ -161,7 +163,7 @@ const fn sample_positions<const N: usize>(along_y: bool) -> [[f32; 16]; N] {
 }
 
 /// Clears the state; pixels outside the image start finished. Returns the mask of blocks with open pixels.
-fn start_tile<const OUTPUTS: usize>(
+pub fn start_tile<const OUTPUTS: usize>(
     blocks: &mut [Block; BLOCKS],
     width_left: usize,
     height_left: usize,
@@ -255,27 +257,12 @@ impl<S: Simd> State<S> {
         splats: &[Splat],
         geometry: &[SplatGeometry],
     ) -> bool {
-        let (zero, one) = (lanes(s, 0.0), lanes(s, 1.0));
+        let zero = lanes(s, 0.0);
         for &i in touching {
             let splat = &splats[i as usize];
-            let dx = lanes(s, splat.mean[0]) - sample[0];
-            let dy = lanes(s, splat.mean[1]) - sample[1];
-            let u = lanes(s, splat.l11).mul_add(dx, lanes(s, splat.l21) * dy);
-            let v = lanes(s, splat.l22) * dy;
-            let q = u.mul_add(u, v * v);
             let t = self.transmittance;
-            // The bound is at hand long before the exponential, so a mispredicted branch costs little.
-            if (q.simd_gt(lanes(s, splat.support)) | t.simd_le(zero)).all_true() {
-                continue;
-            }
-            let raw = lanes(s, splat.opacity) * exp2(s, zero - q);
-            let hit = raw.simd_ge(lanes(s, MIN_ALPHA)) & t.simd_gt(zero);
-            let alpha = raw.min(lanes(s, MAX_ALPHA));
-            let after = t * (one - alpha);
-            let ends = after.simd_lt(lanes(s, MIN_TRANSMITTANCE));
-            let finished = hit & ends;
-            let blended = hit & !ends;
-            let alpha = blended.select(alpha, zero);
+            let Some(contribution) = Contribution::of(s, splat, sample, t) else { continue };
+            let Contribution { dx, dy, u, v, raw, alpha, after, blended, finished } = contribution;
             let weight = alpha * t;
 
             let color = lanes3(s, splat.color);
@@ -333,6 +320,51 @@ impl<S: Simd> State<S> {
     }
 }
 
+/// What one splat contributes to sixteen pixels.
+pub struct Contribution<S: Simd> {
+    /// Mean − sample.
+    dx: f32x16<S>,
+    dy: f32x16<S>,
+    /// See [`Splat`].
+    u: f32x16<S>,
+    v: f32x16<S>,
+    /// α before it is capped.
+    raw: f32x16<S>,
+    /// α where it is blended, else 0.
+    pub alpha: f32x16<S>,
+    /// Transmittance behind the splat where it is blended.
+    pub after: f32x16<S>,
+    pub blended: mask32x16<S>,
+    /// Pixels that end before this splat.
+    pub finished: mask32x16<S>,
+}
+
+impl<S: Simd> Contribution<S> {
+    /// `None` if the splat reaches no pixel whose transmittance `t` is positive.
+    #[inline(always)]
+    pub fn of(s: S, splat: &Splat, sample: [f32x16<S>; 2], t: f32x16<S>) -> Option<Self> {
+        let (zero, one) = (lanes(s, 0.0), lanes(s, 1.0));
+        let dx = lanes(s, splat.mean[0]) - sample[0];
+        let dy = lanes(s, splat.mean[1]) - sample[1];
+        let u = lanes(s, splat.l11).mul_add(dx, lanes(s, splat.l21) * dy);
+        let v = lanes(s, splat.l22) * dy;
+        let q = u.mul_add(u, v * v);
+        // The bound is at hand long before the exponential, so a mispredicted branch costs little.
+        if (q.simd_gt(lanes(s, splat.support)) | t.simd_le(zero)).all_true() {
+            return None;
+        }
+        let raw = lanes(s, splat.opacity) * exp2(s, zero - q);
+        let hit = raw.simd_ge(lanes(s, MIN_ALPHA)) & t.simd_gt(zero);
+        let alpha = raw.min(lanes(s, MAX_ALPHA));
+        let after = t * (one - alpha);
+        let ends = after.simd_lt(lanes(s, MIN_TRANSMITTANCE));
+        let finished = hit & ends;
+        let blended = hit & !ends;
+        let alpha = blended.select(alpha, zero);
+        Some(Self { dx, dy, u, v, raw, alpha, after, blended, finished })
+    }
+}
+
 #[inline(always)]
 fn load3<S: Simd>(s: S, block: &Block, first: usize) -> [f32x16<S>; 3] {
     [
@@ -350,11 +382,11 @@ fn store3<S: Simd>(values: [f32x16<S>; 3], planes: &mut [[f32; 16]; plane::COUNT
 }
 
 #[inline(always)]
-fn lanes<S: Simd>(s: S, v: f32) -> f32x16<S> {
+pub fn lanes<S: Simd>(s: S, v: f32) -> f32x16<S> {
     f32x16::splat(s, v)
 }
 
 #[inline(always)]
-fn lanes3<S: Simd>(s: S, v: [f32; 3]) -> [f32x16<S>; 3] {
+pub fn lanes3<S: Simd>(s: S, v: [f32; 3]) -> [f32x16<S>; 3] {
     [lanes(s, v[0]), lanes(s, v[1]), lanes(s, v[2])]
 }

@@ -8,6 +8,7 @@ mod blend;
 mod chunk;
 mod cover;
 mod geometry;
+mod importance;
 mod math;
 mod order;
 mod project;
@@ -27,6 +28,7 @@ use crate::settings::{Culling, Outputs, RasterError, RasterSettings};
 use bin::{Bins, TILE_HEIGHT, TILE_WIDTH};
 use blend::{COLOR, GBUFFER, GBUFFER_MIXED, TileScratch};
 use chunk::{CHUNK, Chunk};
+pub use importance::Importance;
 use project::{ProjectInput, Projected};
 use resolve::{Band, Resolver};
 use view::View;
@@ -139,7 +141,7 @@ impl Rasterizer {
     ) {
         let started = Instant::now();
         let view = View::new(camera, settings);
-        self.project(&view, OUTPUTS != COLOR);
+        self.project(&view, OUTPUTS != COLOR, false);
         let projected = Instant::now();
 
         let size = [camera.width() as usize, camera.height() as usize];
@@ -162,13 +164,14 @@ impl Rasterizer {
             RasterTimes { project: projected - started, bin: binned - projected, blend: binned.elapsed() };
     }
 
-    fn project(&mut self, view: &View, with_geometry: bool) {
+    fn project(&mut self, view: &View, with_geometry: bool, with_indices: bool) {
         let input = ProjectInput {
             gaussians: self.scene.gaussians(),
             opacity_mode: self.scene.opacity_mode(),
             view,
             culling: self.culling,
             with_geometry,
+            with_indices,
         };
         let (chunks, level) = (&self.chunks, self.level);
         let frustum = chunk::Frustum::new(view);

@@ -37,6 +37,8 @@ pub struct Projected {
     pub splats: Vec<Splat>,
     /// Empty unless depth and normals are asked for.
     pub geometry: Vec<SplatGeometry>,
+    /// The splats' places in the scene; empty unless asked for.
+    pub indices: Vec<u32>,
     /// The splats' rectangles once more: all that most of binning reads.
     pub rects: Vec<PixelRect>,
 }
@@ -45,6 +47,7 @@ impl Projected {
     pub fn clear(&mut self) {
         self.splats.clear();
         self.geometry.clear();
+        self.indices.clear();
         self.rects.clear();
     }
 }
@@ -56,6 +59,7 @@ pub struct ProjectInput<'a> {
     pub view: &'a View,
     pub culling: Culling,
     pub with_geometry: bool,
+    pub with_indices: bool,
 }
 
 /// Per-lane results of one vector of Gaussians, spilled for the scalar tail of the survivors.
@@ -324,6 +328,9 @@ fn emit(input: &ProjectInput<'_>, lanes: &Lanes, lane: usize, index: usize, out:
         depth_bits: lanes.depth[lane].to_bits(),
     });
     out.rects.push(rect);
+    if input.with_indices {
+        out.indices.push(index as u32);
+    }
     if input.with_geometry {
         let [distance, plane_x, plane_y, nx, ny, nz] = [0, 1, 2, 3, 4, 5].map(|k| lanes.geometry[k][lane]);
         out.geometry.push(SplatGeometry {

@@ -5,6 +5,7 @@ mod against_oracle;
 mod compare;
 mod culling;
 mod derivatives;
+mod importance;
 mod invariances;
 mod oracle;
 mod real_scenes;

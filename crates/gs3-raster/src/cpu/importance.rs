@@ -1,0 +1,317 @@
+//! What each Gaussian gives to an image: the statistics that simplification by importance rests on.
+//!
+//! A tile is blended twice: first for its colours, then once more with these at hand, since what a splat changes depends
+//! on the colour behind it. The order, the cover and the contributions are those of blending.
+
+use fearless_simd::{Simd, dispatch, f32x16, prelude::*, u32x16};
+use gs3_scene::Camera;
+use rayon::prelude::*;
+
+use super::Rasterizer;
+use super::bin::{Bins, TILE_HEIGHT, TILE_WIDTH};
+use super::blend::{self, Contribution, SAMPLES_X, SAMPLES_Y, TileScratch, lanes, lanes3, plane};
+use super::cover::{BLOCKS, BLOCKS_X, RUN};
+use super::project::Projected;
+use super::splat::Splat;
+use super::view::View;
+use crate::settings::{RasterError, RasterSettings};
+
+/// Rows of tiles per thread between two reductions: bounds the memory of what is not yet added up.
+const ROWS_PER_THREAD: usize = 4;
+
+/// Per-Gaussian statistics of rendered views, in the scene's order; each array is `[N]`.
+///
+/// Below, α is the contribution of a Gaussian at a pixel, T the transmittance in front of it and c its colour.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Importance {
+    /// Σ over pixels of αT, the Gaussian's share of the image in pixels (Mini-Splatting, Fang and Wang 2024).
+    pub weight: Vec<f64>,
+    /// Number of pixels in which the Gaussian is blended (α ≥ 1/255, in front of where blending stops).
+    pub pixels: Vec<u64>,
+    /// Number of pixels in which no Gaussian has a larger αT; the nearest of equal ones counts.
+    pub dominant: Vec<u64>,
+    /// Σ over pixels of |∂colour/∂g|², the squares of the three channels added, where α = o·g with opacity o
+    /// (Speedy-Splat, Hanson et al. 2025): |o T (c − behind)|², `behind` being the colour of what follows, background
+    /// included, were it not covered. As in training, the derivative passes through the cap of α at 0.99; else the
+    /// middle of an opaque Gaussian would count for nothing.
+    pub sensitivity: Vec<f64>,
+}
+
+impl Importance {
+    /// Zeros for `count` Gaussians.
+    #[must_use]
+    pub fn zeroed(count: usize) -> Self {
+        Self {
+            weight: vec![0.0; count],
+            pixels: vec![0; count],
+            dominant: vec![0; count],
+            sensitivity: vec![0.0; count],
+        }
+    }
+
+    /// Sets everything to zero.
+    pub fn clear(&mut self) {
+        self.weight.fill(0.0);
+        self.pixels.fill(0);
+        self.dominant.fill(0);
+        self.sensitivity.fill(0.0);
+    }
+
+    /// Number of Gaussians.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.weight.len()
+    }
+
+    /// Whether there are no Gaussians.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.weight.is_empty()
+    }
+
+    fn check(&self, expected: usize) -> Result<(), RasterError> {
+        let lengths = [self.weight.len(), self.pixels.len(), self.dominant.len(), self.sensitivity.len()];
+        match lengths.into_iter().find(|&actual| actual != expected) {
+            Some(actual) => Err(RasterError::ImportanceLength { expected, actual }),
+            None => Ok(()),
+        }
+    }
+
+    fn add(&mut self, index: usize, share: &Share) {
+        self.weight[index] += f64::from(share.weight);
+        self.pixels[index] += u64::from(share.pixels);
+        self.dominant[index] += u64::from(share.dominant);
+        self.sensitivity[index] += f64::from(share.sensitivity);
+    }
+}
+
+impl Rasterizer {
+    /// Adds to `importance` what the Gaussians give to the image of `settings` seen by `camera`. `settings.outputs` is
+    /// not read. The sums are the same bit for bit whatever the number of threads.
+    ///
+    /// # Errors
+    /// [`RasterError`] if a setting is out of range or `importance` is not of the scene's length; it is untouched then.
+    pub fn importance(
+        &mut self,
+        camera: &Camera,
+        settings: &RasterSettings,
+        importance: &mut Importance,
+    ) -> Result<(), RasterError> {
+        settings.check()?;
+        importance.check(self.scene.gaussians().len())?;
+        let view = View::new(camera, settings);
+        self.project(&view, false, true);
+        let size = [camera.width() as usize, camera.height() as usize];
+        let (columns, rows) = (size[0].div_ceil(TILE_WIDTH), size[1].div_ceil(TILE_HEIGHT));
+        self.bins.fill(&self.jobs, columns, rows, self.culling);
+
+        let (jobs, bins, level) = (&self.jobs, &self.bins, self.level);
+        let at_once = ROWS_PER_THREAD * rayon::current_num_threads();
+        for first in (0..rows).step_by(at_once) {
+            let rows: Vec<Vec<(u32, Share)>> = (first..rows.min(first + at_once))
+                .into_par_iter()
+                .map_init(Scratch::default, |scratch, row| {
+                    let mut found = Vec::new();
+                    for column in 0..columns {
+                        let tile = [column, row];
+                        dispatch!(level, s => {
+                            scratch.measure_tile(s, jobs, bins, tile, size, settings.background);
+                        });
+                        let ids = bins.of_tile(row * columns + column);
+                        let shares = ids.zip(&scratch.shares).filter(|(_, share)| share.pixels > 0);
+                        found.extend(shares.map(|((job, local), &share)| (jobs[job].indices[local], share)));
+                    }
+                    found
+                })
+                .collect();
+            // Tile by tile: floating-point sums depend on their order, and this one never changes.
+            for (index, share) in rows.iter().flatten() {
+                importance.add(*index as usize, share);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The statistics of one splat over one tile.
+#[derive(Clone, Copy, Default)]
+struct Share {
+    weight: f32,
+    sensitivity: f32,
+    pixels: u32,
+    dominant: u32,
+}
+
+/// State of sixteen pixels in the second pass.
+#[derive(Clone, Copy, Default)]
+struct Pixels {
+    /// 0 once the pixel is finished.
+    transmittance: [f32; 16],
+    /// Colour of what follows, as it reaches the eye.
+    behind: [[f32; 16]; 3],
+    /// Largest αT so far, and the splat that has it as a position in the tile.
+    largest: [f32; 16],
+    owner: [u32; 16],
+}
+
+/// What measuring a tile needs; one per thread, reused.
+struct Scratch {
+    tile: TileScratch,
+    pixels: [Pixels; BLOCKS],
+    /// Per splat of the tile, in scene order.
+    shares: Vec<Share>,
+}
+
+impl Default for Scratch {
+    fn default() -> Self {
+        Self { tile: TileScratch::default(), pixels: [Pixels::default(); BLOCKS], shares: Vec::new() }
+    }
+}
+
+impl Scratch {
+    /// Fills `self.shares` for tile `(column, row)` of an image of `size` pixels.
+    #[inline(always)]
+    fn measure_tile<S: Simd>(
+        &mut self,
+        s: S,
+        jobs: &[Projected],
+        bins: &Bins,
+        [column, row]: [usize; 2],
+        [width, height]: [usize; 2],
+        background: [f32; 3],
+    ) {
+        let size = [width, height];
+        blend::blend_tile::<_, { blend::COLOR }>(s, jobs, bins, [column, row], size, &mut self.tile);
+        let (x0, y0) = (column * TILE_WIDTH, row * TILE_HEIGHT);
+        let Self { tile, pixels, shares } = self;
+        start_pixels(pixels, tile, background);
+        let mut open = blend::start_tile::<{ blend::COLOR }>(&mut tile.blocks, width - x0, height - y0);
+        for (pixels, block) in pixels.iter_mut().zip(&tile.blocks[..]) {
+            pixels.transmittance = block.0[plane::TRANSMITTANCE];
+        }
+        shares.clear();
+        shares.resize(tile.splats.len(), Share::default());
+
+        let TileScratch { order, splats, run, cover, .. } = tile;
+        for visited in order.sorted().chunks(RUN) {
+            run.clear();
+            for (i, &index) in visited.iter().enumerate() {
+                let splat = splats[index as usize];
+                cover.set(i, &splat, x0 as f32, y0 as f32);
+                run.push(splat);
+            }
+            cover.fill(s, visited.len(), open);
+            for b in 0..BLOCKS {
+                let touching = cover.of_block(b);
+                if touching.is_empty() {
+                    continue;
+                }
+                let sample = [
+                    f32x16::from_slice(s, &SAMPLES_X[b % BLOCKS_X]) + lanes(s, x0 as f32),
+                    f32x16::from_slice(s, &SAMPLES_Y[b / BLOCKS_X]) + lanes(s, y0 as f32),
+                ];
+                let touching = touching.iter().map(|&i| (visited[i as usize], &run[i as usize]));
+                if pixels[b].measure(s, sample, touching, shares) {
+                    open &= !(1 << b);
+                }
+            }
+            if open == 0 {
+                break;
+            }
+        }
+        for pixels in pixels.iter() {
+            for (&owner, &largest) in pixels.owner.iter().zip(&pixels.largest) {
+                if largest > 0.0 {
+                    shares[owner as usize].dominant += 1;
+                }
+            }
+        }
+    }
+}
+
+/// Before the first splat, all of a pixel's colour is behind. Blocks outside the image hold an older tile's state; they
+/// are never open.
+#[inline(always)]
+fn start_pixels(pixels: &mut [Pixels; BLOCKS], tile: &TileScratch, background: [f32; 3]) {
+    for (pixels, block) in pixels.iter_mut().zip(&tile.blocks[..]) {
+        *pixels = Pixels::default();
+        for lane in 0..16 {
+            let open = block.0[plane::TRANSMITTANCE][lane];
+            let t = if open > 0.0 { open } else { block.0[plane::FINAL][lane] };
+            for k in 0..3 {
+                pixels.behind[k][lane] = block.0[plane::COLOR + k][lane] + t * background[k];
+            }
+        }
+    }
+}
+
+impl Pixels {
+    /// Adds what the splats in `touching`, each with its position in the tile, give to these pixels; returns whether all
+    /// are finished.
+    #[inline(always)]
+    fn measure<'a, S: Simd>(
+        &mut self,
+        s: S,
+        sample: [f32x16<S>; 2],
+        touching: impl Iterator<Item = (u32, &'a Splat)>,
+        shares: &mut [Share],
+    ) -> bool {
+        let (zero, one) = (lanes(s, 0.0), lanes(s, 1.0));
+        let mut t = f32x16::from_slice(s, &self.transmittance);
+        let mut behind = self.behind.map(|plane| f32x16::from_slice(s, &plane));
+        let mut largest = f32x16::from_slice(s, &self.largest);
+        let mut owner = u32x16::from_slice(s, &self.owner);
+        let mut all_finished = false;
+        for (index, splat) in touching {
+            let Some(contribution) = Contribution::of(s, splat, sample, t) else { continue };
+            let Contribution { alpha, after, blended, finished, .. } = contribution;
+            if blended.any_true() {
+                let weight = alpha * t;
+                let color = lanes3(s, splat.color);
+                let uncover = one / (one - alpha);
+                let mut squares = zero;
+                for k in 0..3 {
+                    behind[k] -= color[k] * weight;
+                    // T (c − behind), what is behind having passed T (1 − α).
+                    let change = t.mul_add(color[k], zero - behind[k] * uncover);
+                    squares = change.mul_add(change, squares);
+                }
+                let squares = blended.select(squares, zero) * lanes(s, splat.opacity * splat.opacity);
+                let leads = weight.simd_gt(largest);
+                largest = leads.select(weight, largest);
+                owner = leads.select(u32x16::splat(s, index), owner);
+                let share = &mut shares[index as usize];
+                share.weight += sum(weight);
+                share.sensitivity += sum(squares);
+                share.pixels += blended.to_bitmask().count_ones();
+            }
+            t = finished.select(zero, blended.select(after, t));
+            if finished.any_true() && t.simd_le(zero).all_true() {
+                all_finished = true;
+                break;
+            }
+        }
+        t.store_slice(&mut self.transmittance);
+        for (vector, plane) in behind.iter().zip(&mut self.behind) {
+            vector.store_slice(plane);
+        }
+        largest.store_slice(&mut self.largest);
+        owner.store_slice(&mut self.owner);
+        all_finished
+    }
+}
+
+/// The sum of sixteen lanes, by halves.
+#[inline(always)]
+fn sum<S: Simd>(v: f32x16<S>) -> f32 {
+    let mut lanes = [0.0; 16];
+    v.store_slice(&mut lanes);
+    let mut half = 8;
+    while half > 0 {
+        for i in 0..half {
+            lanes[i] += lanes[i + half];
+        }
+        half /= 2;
+    }
+    lanes[0]
+}
