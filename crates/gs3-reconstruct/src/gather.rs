@@ -22,14 +22,15 @@ impl Places {
     #[inline(always)]
     pub fn new<S: Simd>(x: f32x16<S>, y: f32x16<S>) -> Self {
         let (floor_x, floor_y) = (x.floor(), y.floor());
-        let weights = |f: f32x16<S>| catmull_rom_16(f).map(|w| w.to_array());
+        let [a, b, c, d] = catmull_rom_16(x - floor_x);
+        let [e, f, g, h] = catmull_rom_16(y - floor_y);
         Self {
             x: x.to_array(),
             y: y.to_array(),
             column: floor_x.to_int::<i32x16<S>>().to_array(),
             row: floor_y.to_int::<i32x16<S>>().to_array(),
-            wx: weights(x - floor_x),
-            wy: weights(y - floor_y),
+            wx: [a.to_array(), b.to_array(), c.to_array(), d.to_array()],
+            wy: [e.to_array(), f.to_array(), g.to_array(), h.to_array()],
         }
     }
 

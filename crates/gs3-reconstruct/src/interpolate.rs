@@ -12,7 +12,9 @@ use rayon::prelude::*;
 
 use crate::error::{ReconstructError, camera_size, check_gbuffer, check_scale, check_size, image_size};
 use crate::gather::Places;
+use crate::lattice::{Axis, Place};
 use crate::reprojection::{MIN_DIVISOR, Reprojection, inverse_depth};
+use crate::resample::clamped;
 
 /// A reconstructed frame beside the one to be interpolated.
 #[derive(Clone, Copy, Debug)]
@@ -30,14 +32,16 @@ pub struct Neighbor<'a> {
 pub struct Interpolator {
     scale: u32,
     level: Level,
+    /// The middle frame's LR pixel centres, along x as along y.
+    axis: Axis,
     /// Nearest inverse depth at the middle pose, as [`encode`]d bits, on the LR grid.
     splatted: Vec<AtomicU32>,
     /// The same without holes.
     middle: DepthGrid,
     /// Inverse median depths of the neighbours.
     neighbors: [DepthGrid; 2],
-    /// LR pixels that no sample reached.
-    holes: Vec<u32>,
+    /// LR pixels that no sample reached: the ring being filled and the next, with the depths they get.
+    holes: [Vec<(usize, f32)>; 2],
 }
 
 /// Inverse depths of an LR grid whose samples lie `jitter` off the pixel centres.
@@ -52,15 +56,6 @@ struct DepthGrid {
 }
 
 impl DepthGrid {
-    /// Place of HR coordinate `x` (pixel centres at whole numbers) on an axis of `len` samples: the two samples around it,
-    /// and how far between.
-    #[inline(always)]
-    fn place(x: f32, per_scale: f32, jitter: f32, len: usize) -> (usize, usize, f32) {
-        let u = ((x + 0.5) * per_scale - 0.5 - jitter).clamp(0.0, (len - 1) as f32);
-        let i = u as usize;
-        (i, (i + 1).min(len - 1), u - i as f32)
-    }
-
     /// The cells at sixteen HR positions; outside, the nearest. Not finite positions give any cell.
     #[inline(always)]
     fn cell<S: Simd>(&self, x: f32x16<S>, y: f32x16<S>, per_scale: f32) -> [i32; 16] {
@@ -70,6 +65,15 @@ impl DepthGrid {
             u.max(0.0).min((len - 1) as f32).floor().to_int::<i32x16<S>>()
         };
         (place(y, 1, self.height) * self.width as i32 + place(x, 0, self.width)).to_array()
+    }
+
+    /// The up to nine samples at and beside sample `k`.
+    fn around(&self, k: usize) -> impl Iterator<Item = usize> + use<> {
+        let (width, height) = (self.width, self.height);
+        let (x, y) = (k % width, k / width);
+        let columns = x.saturating_sub(1)..(x + 2).min(width);
+        (y.saturating_sub(1)..(y + 2).min(height))
+            .flat_map(move |j| columns.clone().map(move |i| j * width + i))
     }
 
     /// Sets the ranges of depth between the samples.
@@ -107,10 +111,11 @@ impl Interpolator {
         Ok(Self {
             scale,
             level: Level::new(),
+            axis: Axis::new(scale, 0.0),
             splatted: Vec::new(),
             middle: DepthGrid::default(),
             neighbors: [DepthGrid::default(), DepthGrid::default()],
-            holes: Vec::new(),
+            holes: [Vec::new(), Vec::new()],
         })
     }
 
@@ -151,8 +156,8 @@ impl Interpolator {
         out.resize(size.0, size.1);
         let reprojections = [&before, &after].map(|n| Reprojection::new(camera, n.camera));
         let images = [before.image, after.image];
-        out.pixels_mut().par_chunks_exact_mut(size.0).enumerate().with_min_len(8).for_each(|(y, row)| {
-            dispatch!(self.level, simd => self.fill_row(simd, y, &reprojections, images, t, row));
+        out.pixels_mut().par_chunks_exact_mut(size.0).enumerate().with_min_len(8).for_each_init(Scratch::default, |scratch, (y, row)| {
+            dispatch!(self.level, simd => self.fill_row(simd, y, &reprojections, images, t, scratch, row));
         });
         Ok(())
     }
@@ -181,42 +186,47 @@ impl Interpolator {
         }
     }
 
-    /// Fills LR pixels that no sample reached with the farthest depth beside them, ring by ring.
+    /// Fills LR pixels that no sample reached with the farthest depth beside them.
     fn fill_holes(&mut self) {
         let (width, height) = (self.neighbors[0].width, self.neighbors[0].height);
         let grid = &mut self.middle;
         (grid.width, grid.height) = (width, height);
         grid.inverse.clear();
         grid.inverse.extend(self.splatted.iter().map(|v| decode(v.load(Relaxed))));
-        self.holes.clear();
-        self.holes.extend((0..grid.inverse.len() as u32).filter(|&k| grid.inverse[k as usize] < 0.0));
-        let mut filled = Vec::new();
-        while !self.holes.is_empty() {
-            filled.clear();
-            self.holes.retain(|&k| {
-                let (x, y) = (k as usize % width, k as usize / width);
-                let mut farthest = f32::INFINITY;
-                for j in y.saturating_sub(1)..(y + 2).min(height) {
-                    for i in x.saturating_sub(1)..(x + 2).min(width) {
-                        let w = grid.inverse[j * width + i];
-                        if w >= 0.0 {
-                            farthest = farthest.min(w);
-                        }
+        // Ring by ring from the rims inwards, so that every hole is visited once. A ring reads only what was filled
+        // before it: the order within it does not matter.
+        let [ring, next] = &mut self.holes;
+        ring.clear();
+        for k in 0..grid.inverse.len() {
+            if grid.inverse[k] < 0.0 && grid.around(k).any(|n| grid.inverse[n] >= 0.0) {
+                ring.push((k, 0.0));
+            }
+        }
+        for (k, _) in ring.iter() {
+            grid.inverse[*k] = QUEUED;
+        }
+        if ring.is_empty() && grid.inverse.first().is_some_and(|w| *w < 0.0) {
+            // Nothing was seen at all: everything is as far as can be.
+            grid.inverse.fill(0.0);
+        }
+        while !ring.is_empty() {
+            for (k, farthest) in ring.iter_mut() {
+                let seen = grid.around(*k).map(|n| grid.inverse[n]).filter(|w| *w >= 0.0);
+                *farthest = seen.fold(f32::INFINITY, f32::min);
+            }
+            next.clear();
+            for (k, farthest) in ring.iter() {
+                grid.inverse[*k] = *farthest;
+            }
+            for (k, _) in ring.iter() {
+                for n in grid.around(*k) {
+                    if grid.inverse[n] == UNVISITED {
+                        grid.inverse[n] = QUEUED;
+                        next.push((n, 0.0));
                     }
                 }
-                if farthest < f32::INFINITY {
-                    filled.push((k, farthest));
-                }
-                farthest == f32::INFINITY
-            });
-            if filled.is_empty() {
-                // Nothing was seen at all: everything is as far as can be.
-                grid.inverse.fill(0.0);
-                break;
             }
-            for &(k, w) in &filled {
-                grid.inverse[k as usize] = w;
-            }
+            std::mem::swap(ring, next);
         }
     }
 
@@ -228,16 +238,18 @@ impl Interpolator {
         reprojections: &[Reprojection; 2],
         images: [&Image; 2],
         t: f32,
+        scratch: &mut Scratch,
         out: &mut [[f32; 4]],
     ) {
         let lanes = f32x16::from_fn(simd, |i| i as f32 + 0.5);
+        scratch.depths.resize(out.len(), 0.0);
+        self.middle_depths(y, scratch);
+        scratch.depths.resize(out.len().next_multiple_of(16), 0.0);
         for (run, pixels) in out.chunks_mut(16).enumerate() {
-            let depths = f32x16::load_array(simd, self.middle_depths(16 * run, y));
+            let depths = f32x16::from_slice(simd, &scratch.depths[16 * run..16 * run + 16]);
             let x = lanes + (16 * run) as f32;
-            let [before, after] = [0, 1].map(|n| {
-                let [u, v, q] = reprojections[n].apply_16(simd, x, y as f32 + 0.5, depths);
-                Seen::new(simd, [u - 0.5, v - 0.5], depths / q, q, &self.neighbors[n], images[n], self.scale)
-            });
+            let before = self.see(simd, 0, &reprojections[0], images[0], x, y as f32 + 0.5, depths);
+            let after = self.see(simd, 1, &reprojections[1], images[1], x, y as f32 + 0.5, depths);
             for (k, pixel) in pixels.iter_mut().enumerate() {
                 let a = (1.0 - t) * before.visibility(&self.neighbors[0], k);
                 let b = t * after.visibility(&self.neighbors[1], k);
@@ -256,25 +268,66 @@ impl Interpolator {
         }
     }
 
-    /// Inverse depths of the middle frame at sixteen HR pixels from `(x, y)` on: linear within a surface, the nearest
-    /// sample's at an edge.
+    /// How neighbour `n` sees sixteen pixels of a row of the middle frame at inverse depths `w`.
     #[inline(always)]
-    fn middle_depths(&self, x: usize, y: usize) -> [f32; 16] {
-        let (grid, per_scale) = (&self.middle, 1.0 / self.scale as f32);
-        let (j0, j1, fy) = DepthGrid::place(y as f32, per_scale, 0.0, grid.height);
-        let rows = [j0, j1].map(|j| &grid.inverse[j * grid.width..][..grid.width]);
-        std::array::from_fn(|k| {
-            let (i0, i1, fx) = DepthGrid::place((x + k) as f32, per_scale, 0.0, grid.width);
+    fn see<S: Simd>(
+        &self,
+        simd: S,
+        n: usize,
+        reprojection: &Reprojection,
+        image: &Image,
+        x: f32x16<S>,
+        y: f32,
+        w: f32x16<S>,
+    ) -> Seen {
+        let [u, v, q] = reprojection.apply_16(simd, x, y, w);
+        Seen::new(simd, [u - 0.5, v - 0.5], w / q, q, &self.neighbors[n], image, self.scale)
+    }
+
+    /// Inverse depths of the middle frame along HR row `y`: linear within a surface, the nearest sample's at an edge.
+    #[inline(always)]
+    fn middle_depths(&self, y: usize, scratch: &mut Scratch) {
+        let grid = &self.middle;
+        let Place { index, fraction: fy } = self.axis.place(y);
+        let rows =
+            [index, index + 1].map(|j| &grid.inverse[clamped(j, grid.height) * grid.width..][..grid.width]);
+        // Cell −1 lies before the first sample.
+        scratch.edges.clear();
+        for i in 0..=grid.width {
+            let (i0, i1) = (i.saturating_sub(1), i.min(grid.width - 1));
             let w = [rows[0][i0], rows[0][i1], rows[1][i0], rows[1][i1]];
             let (far, near) = far_and_near(w);
-            if near - far <= SAME_SURFACE * near {
-                let (top, bottom) = (w[0] + (w[1] - w[0]) * fx, w[2] + (w[3] - w[2]) * fx);
-                top + (bottom - top) * fy
-            } else {
-                w[usize::from(fx >= 0.5) + 2 * usize::from(fy >= 0.5)]
+            let is_smooth = near - far <= SAME_SURFACE * near;
+            let f = if is_smooth { fy } else { fy.round() };
+            let between = |a: f32, b: f32| a + (b - a) * f;
+            scratch.edges.push(Edges { left: between(w[0], w[2]), right: between(w[1], w[3]), is_smooth });
+        }
+        let (phases, edges) = (self.axis.phases(), &scratch.edges);
+        for (q, depths) in scratch.depths.chunks_mut(phases.len()).enumerate() {
+            for (depth, place) in depths.iter_mut().zip(phases) {
+                let Edges { left, right, is_smooth } = edges[(q + 1).wrapping_add_signed(place.index)];
+                let f = if is_smooth { place.fraction } else { place.fraction.round() };
+                *depth = left + (right - left) * f;
             }
-        })
+        }
     }
+}
+
+/// Inverse depths at the left and right of a cell between four samples, at the height of an HR row.
+#[derive(Clone, Copy, Debug)]
+struct Edges {
+    left: f32,
+    right: f32,
+    /// Whether the four samples belong to one surface.
+    is_smooth: bool,
+}
+
+/// Memory of one task.
+#[derive(Debug, Default)]
+struct Scratch {
+    edges: Vec<Edges>,
+    /// Inverse depths of an HR row, to whole vectors.
+    depths: Vec<f32>,
 }
 
 /// Sixteen points of the middle frame as a neighbour sees them.
@@ -322,9 +375,19 @@ impl Seen {
             return HIDDEN * HIDDEN;
         }
         let [from, to] = grid.ranges[self.cell[k] as usize];
-        if (from..=to).contains(&self.w[k]) { 1.0 } else { HIDDEN }
+        if !(from..=to).contains(&self.w[k]) {
+            HIDDEN
+        } else if to - from <= 4.0 * SAME_SURFACE * to {
+            1.0
+        } else {
+            SILHOUETTE
+        }
     }
 }
+
+/// Weight of a neighbour whose depths change between the samples around a point, so that the point may be hidden or mixed
+/// with another surface (empirical).
+const SILHOUETTE: f32 = 0.3;
 
 /// Weight of a neighbour that does not see a point: its colour shows at most as one step of 8 bits beside one that does.
 const HIDDEN: f32 = 1e-3;
@@ -338,8 +401,14 @@ fn encode(w: f32) -> u32 {
     w.max(0.0).to_bits() + 1
 }
 
-/// −1 for [`HOLE`].
+/// Inverse depth of a hole that no ring has reached.
+const UNVISITED: f32 = -1.0;
+
+/// Inverse depth of a hole in a ring that has not been filled.
+const QUEUED: f32 = -2.0;
+
+/// [`UNVISITED`] for [`HOLE`].
 #[inline(always)]
 fn decode(bits: u32) -> f32 {
-    if bits == HOLE { -1.0 } else { f32::from_bits(bits - 1) }
+    if bits == HOLE { UNVISITED } else { f32::from_bits(bits - 1) }
 }

@@ -1,6 +1,7 @@
 //! An analytic world, point-sampled: textured, softly cut sheets facing the z axis, seen by any pinhole camera. Its
 //! G-buffers are exact, so they are the oracle of the tests.
 #![allow(dead_code, reason = "each test binary uses a part")]
+#![allow(clippy::unwrap_used, reason = "test code outside of test functions")]
 
 use glam::{DAffine3, DQuat, DVec2, DVec3, EulerRot};
 use gs3_scene::{Camera, GBuffer, Geometry, Gradients, Image, Intrinsics, Planes};

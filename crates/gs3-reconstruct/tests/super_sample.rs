@@ -1,0 +1,172 @@
+//! Temporal super sampling: convergence, gain in motion, disocclusion, reset, determinism.
+
+mod common;
+
+use common::{World, camera, grid_jitter, psnr, wall_and_post};
+use gs3_reconstruct::{ReconstructError, ResetReason, SuperSampler, hermite};
+use gs3_scene::{Camera, GBuffer, Image};
+use proptest::prelude::*;
+
+const SIZE: (u32, u32) = (240, 136);
+
+fn at(t: f64) -> Camera {
+    camera(SIZE.0, SIZE.1, [t, 0.3 * t, 0.2 * t], 0.1 * t, -0.05 * t)
+}
+
+/// Super-samples `frames` frames; the last result.
+fn run(world: &World, scale: u32, frames: usize, pose: impl Fn(usize) -> Camera) -> Image {
+    let mut sampler = SuperSampler::new(scale).unwrap();
+    let mut out = Image::default();
+    for k in 0..frames {
+        let gbuffer = world.gbuffer(&pose(k).low_resolution(scale), grid_jitter(scale, k));
+        sampler.super_sample(&pose(k), &gbuffer, &mut out).unwrap();
+    }
+    out
+}
+
+#[test]
+fn at_rest_the_image_becomes_native() {
+    let world = wall_and_post(60.0);
+    for scale in [2, 3, 4] {
+        let native = world.native(&at(0.3));
+        let n = (scale * scale) as usize;
+        let psnrs = [n - 1, n, n + 3].map(|frames| psnr(&run(&world, scale, frames, |_| at(0.3)), &native));
+        assert!(psnrs[1] > 70.0 && psnrs[2] > 70.0, "scale {scale}: {psnrs:?}");
+        assert!(psnrs[0] < psnrs[1] - 5.0, "scale {scale}: a missing sample must show: {psnrs:?}");
+    }
+}
+
+#[test]
+fn history_gains_in_motion() {
+    let world = wall_and_post(60.0);
+    let pose = |k: usize| at(0.02 * k as f64);
+    let native = world.native(&pose(19));
+    let with = psnr(&run(&world, 4, 20, pose), &native);
+    let mut single = Image::new(SIZE.0 as usize, SIZE.1 as usize);
+    hermite(&world.gbuffer(&pose(19).low_resolution(4), [0.0; 2]), 4, &mut single).unwrap();
+    let without = psnr(&single, &native);
+    assert!(with > without + 4.0, "history {with:.2} dB, Hermite {without:.2} dB");
+}
+
+#[test]
+fn what_was_hidden_is_not_smeared() {
+    // Every frame the post uncovers 2.5 columns of the wall: what it covered in the past is right in few frames only.
+    let world = wall_and_post(20.0);
+    let pose = |k: usize| camera(SIZE.0, SIZE.1, [0.12 * k as f64, 0.0, 0.0], 0.0, 0.0);
+    let native = world.native(&pose(12));
+    let out = run(&world, 4, 13, pose);
+    // Red of the post is 0.7 ± 0.2, of the wall 0.5 ± 0.2; a ghost of the post on the wall would be off by 0.2 in whole
+    // columns. Mean over columns averages the texture's own error out.
+    let (width, height) = (out.width(), out.height());
+    let silhouettes = [-0.25, 0.25].map(|x| pose(12).project([x, 0.0, 3.0].into()).0.x);
+    for x in 0..width {
+        // The silhouettes are known to one LR pixel only, and the last columns have just come into view.
+        if silhouettes.iter().any(|s| (x as f64 + 0.5 - s).abs() < 4.0) || x + 8 > width {
+            continue;
+        }
+        let mean = |image: &Image| (0..height).map(|y| image.row(y)[x][0]).sum::<f32>() / height as f32;
+        let error = (mean(&out) - mean(&native)).abs();
+        assert!(error < 0.03, "column {x}: {error}");
+    }
+}
+
+#[test]
+fn reset_forgets() {
+    let world = wall_and_post(60.0);
+    let other = wall_and_post(35.0);
+    let mut sampler = SuperSampler::new(4).unwrap();
+    assert_eq!(sampler.history_invalid(), Some(ResetReason::FirstFrame));
+    let mut out = Image::default();
+    for k in 0..5 {
+        let gbuffer = world.gbuffer(&at(0.0).low_resolution(4), grid_jitter(4, k));
+        sampler.super_sample(&at(0.0), &gbuffer, &mut out).unwrap();
+        assert_eq!(sampler.history_invalid(), None);
+    }
+    let gbuffer = other.gbuffer(&at(0.0).low_resolution(4), grid_jitter(4, 0));
+    let mut fresh = Image::default();
+    SuperSampler::new(4).unwrap().super_sample(&at(0.0), &gbuffer, &mut fresh).unwrap();
+    let mut kept = sampler;
+    kept.reset(ResetReason::SceneChange);
+    assert_eq!(kept.history_invalid(), Some(ResetReason::SceneChange));
+    kept.super_sample(&at(0.0), &gbuffer, &mut out).unwrap();
+    assert_eq!(out, fresh);
+    // Without the reset, the old scene shows.
+    let gbuffer = world.gbuffer(&at(0.0).low_resolution(4), grid_jitter(4, 1));
+    kept.super_sample(&at(0.0), &gbuffer, &mut out).unwrap();
+    assert_ne!(out, fresh);
+}
+
+#[test]
+fn another_size_resets_and_errors_do_not() {
+    let world = wall_and_post(60.0);
+    let mut sampler = SuperSampler::new(4).unwrap();
+    let mut out = Image::default();
+    let small = camera(33, 18, [0.0; 3], 0.0, 0.0);
+    for camera in [at(0.0), small] {
+        let gbuffer = world.gbuffer(&camera.low_resolution(4), grid_jitter(4, 0));
+        sampler.super_sample(&camera, &gbuffer, &mut out).unwrap();
+        assert_eq!((out.width() as u32, out.height() as u32), (camera.width(), camera.height()));
+        let mut fresh = Image::default();
+        SuperSampler::new(4).unwrap().super_sample(&camera, &gbuffer, &mut fresh).unwrap();
+        assert_eq!(out, fresh);
+    }
+    let before = out.clone();
+    let gbuffer = world.gbuffer(&at(0.0).low_resolution(4), [0.0; 2]);
+    let error = sampler.super_sample(&small, &gbuffer, &mut out).unwrap_err();
+    assert!(matches!(error, ReconstructError::Size { .. }));
+    let bare = GBuffer { geometry: None, ..world.gbuffer(&small.low_resolution(4), [0.0; 2]) };
+    let error = sampler.super_sample(&small, &bare, &mut out).unwrap_err();
+    assert_eq!(error, ReconstructError::Missing { what: "depth" });
+    assert_eq!((out, sampler.history_invalid()), (before, None));
+}
+
+#[test]
+fn confidence_tells_samples_from_interpolation() {
+    let world = wall_and_post(60.0);
+    let first = run(&world, 4, 1, |_| at(0.0));
+    let last = run(&world, 4, 16, |_| at(0.0));
+    let mean = |image: &Image| image.pixels().iter().map(|p| p[3]).sum::<f32>() / image.pixels().len() as f32;
+    assert!(first.pixels().iter().chain(last.pixels()).all(|p| (0.0..=1.0).contains(&p[3])));
+    assert!(mean(&last) > 0.9 && mean(&first) < mean(&last) - 0.2, "{} {}", mean(&first), mean(&last));
+}
+
+#[test]
+fn the_result_does_not_depend_on_the_threads() {
+    let world = wall_and_post(60.0);
+    let images = [1, 2, 3, 7].map(|threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| run(&world, 4, 5, |k| at(0.05 * k as f64)))
+    });
+    for image in &images[1..] {
+        assert!(image == &images[0]);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    /// Any size, scale, jitter and motion, and depths of any kind, zero and tiny ones included: constant colour stays,
+    /// and nothing becomes NaN.
+    #[test]
+    fn constants_stay_and_nothing_is_nan(
+        width in 1_u32..50, height in 1_u32..50, scale in 1_u32..=8, seed in any::<u64>(),
+        jitters in prop::collection::vec((-1.0_f32..1.0, -1.0_f32..1.0), 4),
+        step in prop::array::uniform3(-2.0_f64..2.0), yaw in -2.0_f64..2.0,
+    ) {
+        let mut sampler = SuperSampler::new(scale).unwrap();
+        let mut out = Image::default();
+        for (k, jitter) in jitters.iter().enumerate() {
+            let camera = camera(width, height, step.map(|s| s * k as f64), yaw * k as f64, 0.0);
+            let mut gbuffer = World { sheets: Vec::new() }.gbuffer(&camera.low_resolution(scale), (*jitter).into());
+            gbuffer.color.data_mut().fill(0.75);
+            let depths = [0.0, 1e-30, 1e-7, 0.3, 1.0, 5.0, 1e6, 1e30];
+            for (i, z) in gbuffer.geometry.as_mut().unwrap().depth_median.data_mut().iter_mut().enumerate() {
+                *z = depths[((seed >> (i % 61)) % 8) as usize];
+            }
+            sampler.super_sample(&camera, &gbuffer, &mut out).unwrap();
+            for pixel in out.pixels() {
+                prop_assert!((pixel[0] - 0.75).abs() < 1e-4 && (0.0..=1.0).contains(&pixel[3]), "{pixel:?}");
+            }
+        }
+    }
+}
