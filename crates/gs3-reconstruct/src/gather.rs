@@ -1,87 +1,125 @@
-//! Samples an HR image at fractional positions.
+//! Samples HR images at fractional positions.
 
-use fearless_simd::{Simd, f32x4, f32x16, i32x16, prelude::*};
+use fearless_simd::{Simd, f32x16, prelude::*};
 use gs3_scene::Image;
 
 use crate::resample::{catmull_rom, clamped};
 
-/// Places to sample an image at: sixteen positions with their Catmull–Rom weights.
-#[derive(Clone, Copy)]
-pub(crate) struct Places {
-    x: [f32; 16],
-    y: [f32; 16],
-    column: [i32; 16],
-    row: [i32; 16],
-    /// Weights of the four columns (rows) around each position.
-    wx: [[f32; 16]; 4],
-    wy: [[f32; 16]; 4],
+/// Binary digits of positions after the point: 1/128 px is the largest error, far below what reprojected depths are
+/// good for, and the weights of all phases fit into the first-level cache.
+const PHASE_BITS: u32 = 6;
+const PHASES: usize = 1 << PHASE_BITS;
+/// Fixed-point positions per pixel.
+pub(crate) const UNITS: f32 = PHASES as f32;
+
+/// Pixels in a run that is gathered at once: four RGBA pixels are one vector.
+pub(crate) const QUAD: usize = 4;
+
+/// Catmull–Rom weights of four taps, each repeated for four channels.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+struct Taps([f32; 16]);
+
+/// Catmull–Rom interpolation of RGBA images; pixel centres at whole numbers, the border repeats.
+///
+/// Positions are fixed-point numbers of 1/[`UNITS`] px, any value of `i32`.
+#[derive(Debug)]
+pub(crate) struct Gather {
+    phases: Box<[Taps; PHASES]>,
 }
 
-impl Places {
-    /// Positions with pixel centres at whole numbers.
-    #[inline(always)]
-    pub fn new<S: Simd>(x: f32x16<S>, y: f32x16<S>) -> Self {
-        let (floor_x, floor_y) = (x.floor(), y.floor());
-        let [a, b, c, d] = catmull_rom_16(x - floor_x);
-        let [e, f, g, h] = catmull_rom_16(y - floor_y);
-        Self {
-            x: x.to_array(),
-            y: y.to_array(),
-            column: floor_x.to_int::<i32x16<S>>().to_array(),
-            row: floor_y.to_int::<i32x16<S>>().to_array(),
-            wx: [a.to_array(), b.to_array(), c.to_array(), d.to_array()],
-            wy: [e.to_array(), f.to_array(), g.to_array(), h.to_array()],
-        }
-    }
-
-    /// The Catmull–Rom interpolated pixel at position `k`; the border repeats. Positions far outside or not finite give a
-    /// border pixel.
-    ///
-    /// Four rows of four pixels are four 512-bit loads.
-    #[inline(always)]
-    pub fn gather<S: Simd>(&self, simd: S, image: &Image, k: usize) -> f32x4<S> {
-        let (column, row) = (self.column[k] as isize - 1, self.row[k] as isize - 1);
-        let (width, height) = (image.width() as isize, image.height() as isize);
-        if column < 0 || row < 0 || column + 4 > width || row + 4 > height {
-            return f32x4::load_array(simd, gather_at_border(image, self.x[k], self.y[k]));
-        }
-        let start = (row * width + column) as usize;
-        let pixels = image.pixels();
-        let taps = |r: usize| {
-            f32x16::from_slice(simd, pixels[start + r * width as usize..][..4].as_flattened())
-                * f32x16::splat(simd, self.wy[r][k])
+impl Gather {
+    pub fn new() -> Self {
+        let taps = |phase: usize| {
+            let weights = catmull_rom(phase as f32 / PHASES as f32);
+            Taps(std::array::from_fn(|k| weights[k / 4]))
         };
-        let (low, high) = ((taps(0) + taps(1)) + (taps(2) + taps(3))).split();
-        let ((a, b), (c, d)) = (low.split(), high.split());
-        let weight = |i: usize| f32x4::splat(simd, self.wx[i][k]);
-        (a * weight(0) + b * weight(1)) + (c * weight(2) + d * weight(3))
+        Self { phases: Box::new(std::array::from_fn(taps)) }
     }
-}
 
-/// [`catmull_rom`] of sixteen positions.
-#[inline(always)]
-fn catmull_rom_16<S: Simd>(f: f32x16<S>) -> [f32x16<S>; 4] {
-    let (f2, f3) = (f * f, f * f * f);
-    [f2 - (f3 + f) * 0.5, f3 * 1.5 - f2 * 2.5 + 1.0, f2 * 2.0 - f3 * 1.5 + f * 0.5, (f3 - f2) * 0.5]
-}
+    /// The weights at a position, and the pixel of the first of them.
+    #[inline(always)]
+    fn place(&self, position: i32) -> (&[f32; 16], isize) {
+        let phase = position as usize % PHASES;
+        (&self.phases[phase].0, (position >> PHASE_BITS) as isize - 1)
+    }
 
-#[cold]
-fn gather_at_border(image: &Image, x: f32, y: f32) -> [f32; 4] {
-    let (width, height) = (image.width(), image.height());
-    // NaN falls to the border as well.
-    let x = if x >= -1.0 { x.min(width as f32) } else { -1.0 };
-    let y = if y >= -1.0 { y.min(height as f32) } else { -1.0 };
-    let (fx, fy) = (x.floor(), y.floor());
-    let (wx, wy) = (catmull_rom(x - fx), catmull_rom(y - fy));
-    let mut sum = [0.0; 4];
-    for (k, &wy) in wy.iter().enumerate() {
-        let row = image.row(clamped(fy as isize - 1 + k as isize, height));
-        for (l, &wx) in wx.iter().enumerate() {
-            let pixel = row[clamped(fx as isize - 1 + l as isize, width)];
-            for c in 0..4 {
-                sum[c] += wx * wy * pixel[c];
+    /// Sum over four rows of `N` vectors of four pixels from `(column, row)` on; `None` if they are not all inside.
+    #[inline(always)]
+    fn rows<S: Simd, const N: usize>(
+        simd: S,
+        image: &Image,
+        (column, row): (isize, isize),
+        weights: &[f32; 16],
+    ) -> Option<[f32x16<S>; N]> {
+        let (width, height) = (image.width(), image.height());
+        let inside =
+            column >= 0 && row >= 0 && column as usize + 4 * N <= width && row as usize + 4 <= height;
+        if !inside {
+            return None;
+        }
+        let mut sums = [f32x16::splat(simd, 0.0); N];
+        let start = row as usize * width + column as usize;
+        // One check for all loads.
+        let pixels = image.pixels()[start..start + 3 * width + 4 * N].as_flattened();
+        for k in 0..4 {
+            let weight = f32x16::splat(simd, weights[4 * k]);
+            for (n, sum) in sums.iter_mut().enumerate() {
+                let at = 4 * (k * width + 4 * n);
+                *sum = f32x16::from_slice(simd, &pixels[at..at + 16]).mul_add(weight, *sum);
+            }
+        }
+        Some(sums)
+    }
+
+    /// The pixel at `(x, y)`, times `weight`: four taps whose sum it is.
+    #[inline(always)]
+    pub fn pixel<S: Simd>(&self, simd: S, image: &Image, [x, y]: [i32; 2], weight: f32) -> f32x16<S> {
+        let ((x_weights, column), (y_weights, row)) = (self.place(x), self.place(y));
+        match Self::rows::<S, 1>(simd, image, (column, row), y_weights) {
+            Some([sum]) => sum * (f32x16::load_array_ref(simd, x_weights) * f32x16::splat(simd, weight)),
+            None => {
+                let pixel = self.pixel_at_border(image, [x, y]);
+                let taps = std::array::from_fn(|k| if k < 4 { weight * pixel[k] } else { 0.0 });
+                f32x16::load_array(simd, taps)
             }
         }
     }
-    sum
+
+    /// Four pixels in a row, the first at `(x, y)`; `None` near the border.
+    #[inline(always)]
+    pub fn quad<S: Simd>(&self, simd: S, image: &Image, [x, y]: [i32; 2]) -> Option<f32x16<S>> {
+        let ((x_weights, column), (y_weights, row)) = (self.place(x), self.place(y));
+        let [a, b] = Self::rows::<S, 2>(simd, image, (column, row), y_weights)?;
+        let weight = |k: usize| f32x16::splat(simd, x_weights[4 * k]);
+        let (even, odd) = (a * weight(0), a.slide::<4>(b) * weight(1));
+        let even = a.slide::<8>(b).mul_add(weight(2), even);
+        let odd = a.slide::<12>(b).mul_add(weight(3), odd);
+        Some(even + odd)
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn pixel_at_border(&self, image: &Image, [x, y]: [i32; 2]) -> [f32; 4] {
+        let ((x_weights, column), (y_weights, row)) = (self.place(x), self.place(y));
+        let mut sum = [0.0; 4];
+        for l in 0..4 {
+            let pixels = image.row(clamped(row + l as isize, image.height()));
+            for k in 0..4 {
+                let pixel = pixels[clamped(column + k as isize, image.width())];
+                for c in 0..4 {
+                    sum[c] += x_weights[4 * k] * y_weights[4 * l] * pixel[c];
+                }
+            }
+        }
+        sum
+    }
+}
+
+/// The sum of four pixels.
+#[inline(always)]
+pub(crate) fn sum_of_pixels<S: Simd>(pixels: f32x16<S>) -> [f32; 4] {
+    let (a, b) = pixels.split();
+    let (a, b) = (a + b).split();
+    (a + b).to_array()
 }

@@ -8,6 +8,8 @@ mod gather;
 mod hermite;
 mod interpolate;
 mod lattice;
+mod middle_depth;
+mod neighbor_depth;
 mod plausible;
 mod reprojection;
 mod resample;

@@ -31,20 +31,7 @@ impl Reprojection {
         Self { rows: [row(0), row(1), row(2)], epipole: e.to_array().map(|v| v as f32) }
     }
 
-    /// Target pixel x, y and the divisor `q` of source pixel `(x, y)` at inverse depth `w`.
-    #[inline(always)]
-    pub fn apply(&self, x: f32, y: f32, w: f32) -> (f32, f32, f32) {
-        let [a, b, c] = std::array::from_fn(|i| {
-            let [h0, h1, h2] = self.rows[i];
-            h0 * x + (h1 * y + (h2 + self.epipole[i] * w))
-        });
-        let reciprocal = 1.0 / c;
-        (a * reciprocal, b * reciprocal, c)
-    }
-}
-
-impl Reprojection {
-    /// [`Self::apply`] to sixteen pixels of one row.
+    /// Target pixel x, y and the divisor `q` of sixteen source pixels `(x, y)` of one row at inverse depths `w`.
     #[inline(always)]
     pub fn apply_16<S: Simd>(&self, simd: S, x: f32x16<S>, y: f32, w: f32x16<S>) -> [f32x16<S>; 3] {
         let [a, b, c] = std::array::from_fn(|i| {
@@ -75,6 +62,15 @@ mod tests {
 
     use super::*;
 
+    /// Target pixel x, y and divisor of one pixel.
+    fn apply(reprojection: &Reprojection, x: f32, y: f32, w: f32) -> [f32; 3] {
+        let level = fearless_simd::Level::new();
+        fearless_simd::dispatch!(level, simd => {
+            let splat = |v: f32| f32x16::splat(simd, v);
+            reprojection.apply_16(simd, splat(x), y, splat(w)).map(|v| v[0])
+        })
+    }
+
     #[test]
     fn agrees_with_unproject_and_project() {
         let intrinsics = Intrinsics::from_fov_y(640, 360, 1.0);
@@ -86,7 +82,7 @@ mod tests {
         let reprojection = Reprojection::new(&source, &target);
         for (x, y, z) in [(10.5, 20.5, 1.0), (320.0, 180.0, 5.0), (600.25, 300.75, 100.0)] {
             let (expected, depth) = target.project(source.unproject(DVec2::new(x, y), z));
-            let (u, v, q) = reprojection.apply(x as f32, y as f32, inverse_depth(z as f32));
+            let [u, v, q] = apply(&reprojection, x as f32, y as f32, inverse_depth(z as f32));
             assert!((f64::from(u) - expected.x).abs() < 1e-3, "{u} {expected}");
             assert!((f64::from(v) - expected.y).abs() < 1e-3, "{v} {expected}");
             assert!((z * f64::from(q) - depth).abs() < 1e-4 * depth);
@@ -100,7 +96,7 @@ mod tests {
             DVec3::new(1.0, 2.0, 3.0),
         );
         let camera = Camera::new(pose, Intrinsics::from_fov_y(1920, 1080, 1.0)).unwrap();
-        let (x, y, q) = Reprojection::new(&camera, &camera).apply(1900.5, 1000.5, 0.25);
+        let [x, y, q] = apply(&Reprojection::new(&camera, &camera), 1900.5, 1000.5, 0.25);
         assert!(
             (x - 1900.5).abs() < 1e-3 && (y - 1000.5).abs() < 1e-3 && (q - 1.0).abs() < 1e-6,
             "{x} {y} {q}"
