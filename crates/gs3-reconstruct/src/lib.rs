@@ -1,7 +1,45 @@
 //! Reconstructs high-resolution (HR) frames from low-resolution (LR) G-buffers without learning.
 //!
 //! Inputs are plain: a [`GBuffer`](gs3_scene::GBuffer) of any renderer, cameras and jitter. This crate knows nothing of
-//! Gaussians, devices or networks.
+//! Gaussians, devices or networks. Results do not depend on the number of threads.
+//!
+//! * [`resample()`]: nearest, bilinear, bicubic; the baselines.
+//! * [`hermite()`]: one frame, with its exact gradients.
+//! * [`SuperSampler`]: one frame and its past.
+//! * [`Interpolator`]: a frame between two reconstructed ones.
+//!
+//! ```
+//! use gs3_reconstruct::{Interpolator, Neighbor, SuperSampler};
+//! use gs3_scene::{Camera, GBuffer, Geometry, Gradients, Image, Intrinsics};
+//!
+//! // A renderer fills these; here everything is black and infinitely far.
+//! let render = |camera: &Camera, jitter: [f32; 2]| {
+//!     let (width, height) = (camera.width() as usize, camera.height() as usize);
+//!     let mut gbuffer = GBuffer { jitter, ..GBuffer::default() };
+//!     let (gradients, geometry) = (&mut Gradients::default(), &mut Geometry::default());
+//!     gbuffer.alpha.resize(width, height);
+//!     for planes in [&mut gbuffer.color, &mut gradients.color_dx, &mut gradients.color_dy, &mut geometry.normal] {
+//!         planes.resize(width, height);
+//!     }
+//!     geometry.depth_median.resize(width, height);
+//!     geometry.depth_expected.resize(width, height);
+//!     GBuffer { gradients: Some(gradients.clone()), geometry: Some(geometry.clone()), ..gbuffer }
+//! };
+//! let camera = Camera::new(glam::DAffine3::IDENTITY, Intrinsics::from_fov_y(64, 36, 1.0))?;
+//!
+//! let mut sampler = SuperSampler::new(4)?;
+//! let (mut before, mut after, mut between) = (Image::default(), Image::default(), Image::default());
+//! let earlier = render(&camera.low_resolution(4), [-0.125, 0.125]);
+//! sampler.super_sample(&camera, &earlier, &mut before)?;
+//! let later = render(&camera.low_resolution(4), [0.125, -0.125]);
+//! sampler.super_sample(&camera, &later, &mut after)?;
+//!
+//! let from = Neighbor { camera: &camera, image: &before, gbuffer: &earlier };
+//! let to = Neighbor { camera: &camera, image: &after, gbuffer: &later };
+//! Interpolator::new(4)?.interpolate(from, to, 0.5, &camera, &mut between)?;
+//! assert_eq!((between.width(), between.height()), (64, 36));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod error;
 mod gather;

@@ -22,6 +22,10 @@ const EXTRAPOLATION: f32 = 0.5;
 /// 30 to 300 are alike).
 const MISMATCH: f32 = 100.0;
 
+/// Variance of a sample that something hides now: beyond use as soon as it has moved a fraction of a pixel. At rest it
+/// cannot have become hidden; it lies in a gap that the current samples miss.
+const HIDDEN: f32 = 1e4;
+
 /// The range of one cell between four current samples.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C, align(16))]
@@ -96,17 +100,17 @@ impl Plausible {
         place(y, 1).to_int::<i32x16<S>>() * self.width as i32 + place(x, 0).to_int::<i32x16<S>>()
     }
 
-    /// The variance that the current frame gives a past sample of colour `color` seen now in `cell` at inverse depth `w`;
-    /// `None` if it is hidden.
+    /// The variance, pixel⁴, that the current frame gives a past sample of colour `color` seen now in `cell` at inverse
+    /// depth `w`.
     #[inline(always)]
-    pub fn doubt<S: Simd>(&self, simd: S, cell: i32, color: &[f32; 4], w: f32) -> Option<f32> {
+    pub fn doubt<S: Simd>(&self, simd: S, cell: i32, color: &[f32; 4], w: f32) -> f32 {
         let cell = &self.cells[cell as usize];
         if w < cell.farthest {
-            return None;
+            return HIDDEN;
         }
         let [color, low, high] = [color, &cell.low, &cell.high].map(|v| f32x4::load_array_ref(simd, v));
         let outside = (low - color).max(color - high).max(0.0);
-        Some((outside * outside).reduce_sum() * cell.gain)
+        (outside * outside).reduce_sum() * cell.gain
     }
 }
 

@@ -18,16 +18,20 @@ pub(crate) const CHUNK: usize = 32;
 /// A sample reaches pixels less than this far along x: four pixels are one vector.
 const REACH_X: isize = 2;
 
-/// A sample reaches pixels less than this far along y.
+/// A sample reaches the three rows nearest to it, all less than this far along y.
 const REACH_Y: isize = 2;
 
-/// Variance floor of a prediction in pixel⁴. A sample on a pixel centre then has 1000 times the weight of one a pixel
-/// away: at rest the neighbours change a pixel by less than 1e-3 of their own error.
-pub(crate) const NOISE: f32 = 1e-3;
+/// Variance floor of a prediction in pixel⁴. A sample on a pixel centre then has 10⁵ times the weight of one a pixel away:
+/// at rest all neighbours together change a pixel by less than 1e-4 of their own error.
+pub(crate) const NOISE: f32 = 1e-5;
 
 /// Variance that a moved sample gains per frame of age, pixel⁴ (empirical): depths are not exact where layers blend, and
 /// colours depend on the view.
 const AGING: f32 = 0.1;
+
+/// Samples with a larger variance, pixel⁴, are not worth their time: the interpolated current frame's is at most 7 where
+/// it is least certain.
+const MAX_NOISE: f32 = 16.0;
 
 /// Pixel rows `first..=last` that a chunk of samples touches; none if `first > last`.
 #[derive(Clone, Copy, Debug)]
@@ -218,12 +222,10 @@ impl Band<'_> {
             let i = seen.trailing_zeros() as usize;
             seen &= seen - 1;
             let Some(sample) = samples.get(i) else { break };
-            if let Some(doubt) = plausible.doubt(simd, landing.cell[i], &sample.color, landing.w[i]) {
-                // What does not move keeps its exact value: only motion makes age and doubt matter.
-                let noise = NOISE + (aging + doubt) * landing.motion[i];
-                if noise > 16.0 {
-                    continue;
-                }
+            let doubt = plausible.doubt(simd, landing.cell[i], &sample.color, landing.w[i]);
+            // What does not move keeps its exact value: only motion makes age and doubt matter.
+            let noise = NOISE + (aging + doubt) * landing.motion[i];
+            if noise <= MAX_NOISE {
                 let cell = [landing.column[i] as isize, landing.row[i] as isize];
                 self.add_sample(simd, sample, [landing.x[i], landing.y[i]], cell, noise);
             }
@@ -271,7 +273,8 @@ impl Band<'_> {
     fn add_sample_at_border(&mut self, sample: &Sample, x: f32, y: f32, noise: f32) {
         let (column, row) = (x.floor() as isize, y.floor() as isize);
         let (width, top, height) = (self.width as isize, self.top as isize, self.height() as isize);
-        for r in (row + 1 - REACH_Y).max(top)..=(row + REACH_Y).min(top + height - 1) {
+        let nearest = row + isize::from(y - row as f32 >= 0.5);
+        for r in (nearest - 1).max(top)..=(nearest + 1).min(top + height - 1) {
             for c in (column + 1 - REACH_X).max(0)..=(column + REACH_X).min(width - 1) {
                 let (dx, dy) = (c as f32 - x, r as f32 - y);
                 let d2 = dx * dx + dy * dy;

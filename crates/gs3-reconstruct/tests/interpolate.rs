@@ -1,4 +1,5 @@
 //! Frame interpolation at the true middle pose.
+#![allow(clippy::unwrap_used, reason = "test code outside of test functions")]
 
 mod common;
 
