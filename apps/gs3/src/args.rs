@@ -9,6 +9,7 @@ use gs3::scene::camera::MAX_SIDE;
 use gs3::{Culling, Dilation, Mode, PipelineSettings, Sampling};
 
 use crate::evaluate::EvaluateArgs;
+use crate::simplify::SimplifyArgs;
 
 /// Shows trained 3D Gaussian Splatting scenes sharp and fluid.
 #[derive(Debug, Parser)]
@@ -32,6 +33,8 @@ pub enum Command {
     Bench(BenchArgs),
     /// Judge quality and speed against native rendering and against other methods
     Evaluate(EvaluateArgs),
+    /// Keep the Gaussians that matter most to given cameras
+    Simplify(SimplifyArgs),
 }
 
 /// What to look at.

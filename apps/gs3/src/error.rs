@@ -11,6 +11,7 @@ use gs3::scene::format::{LoadError, SaveError};
 use gs3::scene::{CameraError, SceneError};
 use gs3_evaluate::metrics::MetricError;
 use gs3_evaluate::protocol::EvaluateError;
+use gs3_evaluate::simplify::SimplifyError;
 
 /// Why a command stopped.
 #[derive(Debug, thiserror::Error)]
@@ -35,6 +36,8 @@ pub enum CliError {
     Metric(#[from] MetricError),
     #[error("{0}")]
     Evaluate(#[from] EvaluateError),
+    #[error("{0}")]
+    Simplify(#[from] SimplifyError),
     #[error("{}: cannot be written: {source}", path.display())]
     Write { path: PathBuf, source: io::Error },
     #[error("{option}: expected {expected}, found {actual}")]

@@ -14,6 +14,7 @@ mod npz;
 mod output;
 mod render;
 mod report;
+mod simplify;
 mod video;
 
 use std::process::ExitCode;
@@ -54,6 +55,7 @@ fn main() -> ExitCode {
         Command::Convert(args) => convert::run(args),
         Command::Bench(args) => bench::run(args),
         Command::Evaluate(args) => evaluate::run(args),
+        Command::Simplify(args) => simplify::run(args),
     };
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

@@ -4,6 +4,7 @@
 mod bad_input;
 mod frames;
 mod scenes;
+mod simplify;
 mod video;
 
 use std::fs;
