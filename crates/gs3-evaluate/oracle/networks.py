@@ -53,6 +53,18 @@ def rt4ksr(w, x):
     return F.pixel_shuffle(F.conv2d(x, *get("upsample.0"), padding=1), 4)
 
 
+def safmn(w, x):
+    conv = lambda name, x, **k: F.conv2d(x, w[name + ".weight"], padding=w[name + ".weight"].shape[-1] // 2, **k)
+    x = first = conv("to_feat", x)
+    for i in range(2):
+        a, b = conv(f"feats.{i}.conv1.proj", x).chunk(2, 1)
+        pooled = F.adaptive_max_pool2d(a, (x.shape[2] // 8, x.shape[3] // 8))
+        wide = F.interpolate(conv(f"feats.{i}.conv1.dwconv", pooled, groups=16), size=x.shape[2:], mode="bilinear")
+        x = conv(f"feats.{i}.conv1.out", F.gelu(torch.cat([b, F.gelu(wide) * a], 1)))
+        x = conv(f"feats.{i}.conv2.conv.2", F.gelu(conv(f"feats.{i}.conv2.conv.0", x)))
+    return F.pixel_shuffle(conv("to_img.0", x + first), 4)
+
+
 def main():
     folder = Path(sys.argv[1])
     lr = np.asarray(Image.open(OUT / "coffee_lr.png")).astype(np.float32) / 255
@@ -61,6 +73,7 @@ def main():
         weights = load_file(folder / "rt4ksr_x2.safetensors")
         twice = rt4ksr(weights, rt4ksr(weights, x).clamp(0, 1)).clamp(0, 1)
         images = {"span": span(load_file(folder / "span28_x4.safetensors"), x), "rt4ksr": twice}
+        images["safmn"] = safmn(load_file(folder / "safmnpp_light_x4.safetensors"), x)
     rng = np.random.default_rng(2)
     points = [(int(rng.integers(200)), int(rng.integers(160))) for _ in range(40)] + [(0, 0), (199, 159)]
     result = {

@@ -7,7 +7,7 @@ mod common;
 use std::path::Path;
 
 use common::{data, gbuffer, image};
-use gs3_evaluate::network::{Rt4ksr, Span, WeightError, Weights};
+use gs3_evaluate::network::{Rt4ksr, Safmn, Span, WeightError, Weights};
 use gs3_evaluate::upscale::{UpscaleError, Upscaler};
 use gs3_scene::Image;
 use serde_json::Value;
@@ -22,8 +22,9 @@ fn networks_agree_with_pytorch() {
     let load = |name: &str| Weights::load(&folder.join(name)).unwrap();
     let oracle: Value = serde_json::from_slice(&std::fs::read(data("networks.json")).unwrap()).unwrap();
     let lr = gbuffer(&image("coffee_lr.png"));
-    let mut networks: [(&str, Box<dyn Upscaler>); 2] = [
+    let mut networks: [(&str, Box<dyn Upscaler>); 3] = [
         ("span", Box::new(Span::new(&load("span28_x4.safetensors")).unwrap())),
+        ("safmn", Box::new(Safmn::new(&load("safmnpp_light_x4.safetensors")).unwrap())),
         ("rt4ksr", Box::new(Rt4ksr::new(&load("rt4ksr_x2.safetensors")).unwrap())),
     ];
     for (name, network) in &mut networks {

@@ -14,7 +14,7 @@ use super::{
     Durations, Formation, Interpolation, Method, MethodError, MethodSettings, MethodSpec, Shown, Spatial,
     pipeline,
 };
-use crate::network::{Rt4ksr, Span, Weights};
+use crate::network::{Rt4ksr, Safmn, Span, Weights};
 use crate::upscale::{Fsr1, Hermite, Lanczos, RidgeMap, Upscaler};
 
 /// A method put together from parts.
@@ -60,6 +60,7 @@ impl Baseline {
             Spatial::Spline => upscaled(Box::new(Hermite::ExactMixed)),
             Spatial::Ridge => upscaled(Box::new(fit_ridge(spec, settings)?)),
             Spatial::Span => upscaled(Box::new(Span::new(&weights(spec, settings, "span28_x4")?)?)),
+            Spatial::Safmn => upscaled(Box::new(Safmn::new(&weights(spec, settings, "safmnpp_light_x4")?)?)),
             Spatial::Rt4ksr => upscaled(Box::new(Rt4ksr::new(&weights(spec, settings, "rt4ksr_x2")?)?)),
         };
         Ok(Self {

@@ -101,7 +101,8 @@ pub struct MethodSettings {
     pub background: [f32; 3],
     /// Cameras outside the evaluated frames, for methods that fit something to the scene.
     pub training: Vec<Camera>,
-    /// Folder with the weights of published networks: `span28_x4.safetensors`, `rt4ksr_x2.safetensors`.
+    /// Folder with the weights of published networks: `span28_x4.safetensors`, `safmnpp_light_x4.safetensors`,
+    /// `rt4ksr_x2.safetensors`.
     pub weights: Option<PathBuf>,
 }
 

@@ -28,6 +28,8 @@ pub enum Spatial {
     History,
     /// The network SPAN, 28 channels, ×4.
     Span,
+    /// The network SAFMN++ light, ×4.
+    Safmn,
     /// The network RT4KSR ×2, twice for ×4.
     Rt4ksr,
 }
@@ -95,7 +97,7 @@ pub enum SpecError {
     },
 }
 
-const SPATIAL: [(&str, Spatial); 12] = [
+const SPATIAL: [(&str, Spatial); 13] = [
     ("native", Spatial::Native),
     ("nearest", Spatial::Nearest),
     ("bilinear", Spatial::Bilinear),
@@ -107,6 +109,7 @@ const SPATIAL: [(&str, Spatial); 12] = [
     ("ridge", Spatial::Ridge),
     ("history", Spatial::History),
     ("span", Spatial::Span),
+    ("safmn", Spatial::Safmn),
     ("rt4ksr", Spatial::Rt4ksr),
 ];
 const FORMATIONS: [(&str, Formation); 3] =
@@ -139,6 +142,17 @@ impl MethodSpec {
     /// Rasterizing every pixel: what speed-ups are stated against.
     pub const NATIVE: Self =
         Self { spatial: Spatial::Native, formation: Formation::Matched, interpolation: Interpolation::None };
+
+    /// The methods, each once, native rendering first.
+    pub(crate) fn with_native(methods: &[Self]) -> Vec<Self> {
+        let mut all = vec![Self::NATIVE];
+        for method in methods {
+            if !all.contains(method) {
+                all.push(*method);
+            }
+        }
+        all
+    }
 
     /// Frames shown for each rendered one.
     #[must_use]

@@ -87,6 +87,16 @@ impl Features {
         color
     }
 
+    /// Channels `first` to `first + count − 1`.
+    pub fn part(&self, first: usize, count: usize) -> Self {
+        let mut part = Self::new(count, self.width, self.height);
+        let stride = self.stride;
+        part.rows_mut().for_each(|(y, row)| {
+            row.copy_from_slice(&self.row(y as isize)[first * stride..(first + count) * stride]);
+        });
+        part
+    }
+
     /// Pixel shuffle: channel `c S² + i S + j` becomes pixel `(i, j)` of the S×S blocks of channel `c`.
     pub fn shuffled(&self, scale: usize) -> Self {
         let mut out = Self::new(self.channels / (scale * scale), self.width * scale, self.height * scale);

@@ -97,4 +97,16 @@ impl Weights {
         let bias = self.tensor(&format!("{name}.bias"), &[outputs])?;
         Ok(Conv::new(outputs, inputs, side, &weights, Some(&bias)))
     }
+
+    /// The convolution `name` without a bias: `name.weight`.
+    pub(super) fn conv_without_bias(
+        &self,
+        name: &str,
+        outputs: usize,
+        inputs: usize,
+        side: usize,
+    ) -> Result<Conv, WeightError> {
+        let weights = self.tensor(&format!("{name}.weight"), &[outputs, inputs, side, side])?;
+        Ok(Conv::new(outputs, inputs, side, &weights, None))
+    }
 }

@@ -20,10 +20,11 @@ use gs3_scene::{CameraError, Scene};
 
 use crate::methods::{MethodError, MethodSettings, MethodSpec, build};
 use crate::metrics::MetricError;
-use cache::Cache;
+pub(crate) use cache::Cache;
 use ground_truth::GroundTruth;
+pub(crate) use judge::crop;
 use judge::judge;
-pub use judge::{Crop, FrameScore, MethodScore};
+pub use judge::{Crop, FrameScore, MethodScore, PSNR_CAP};
 pub use machine::Machine;
 pub use results::{Failure, ProtocolFacts, ResultRow, Results, StageStatistics, Subset, TruthFacts};
 pub use timeline::Case;
@@ -156,7 +157,7 @@ impl Protocol {
         let timeline = Timeline::new(&self.path, self.frames.clone(), self.case, self.size)?;
         let cache = Cache::new(folder, &self.key())?;
         let mut truth = GroundTruth::new(self, &timeline, cache.folder());
-        let methods = self.methods_with_native();
+        let methods = MethodSpec::with_native(&self.methods);
         let mut scores = Vec::new();
         for spec in &methods {
             scores.push((*spec, cache.load::<MethodScore>(&spec.to_string())?));
@@ -218,17 +219,6 @@ impl Protocol {
             return Err(EvaluateError::Size { scale: self.scale, actual: self.size });
         }
         Ok(())
-    }
-
-    /// The methods, each once, native rendering first.
-    fn methods_with_native(&self) -> Vec<MethodSpec> {
-        let mut methods = vec![MethodSpec::NATIVE];
-        for method in &self.methods {
-            if !methods.contains(method) {
-                methods.push(*method);
-            }
-        }
-        methods
     }
 
     /// Everything that results depend on but the methods: results of another key are not resumed.
