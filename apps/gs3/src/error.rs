@@ -9,7 +9,9 @@ use gs3::reconstruct::ReconstructError;
 use gs3::scene::capture::CaptureError;
 use gs3::scene::format::{LoadError, SaveError};
 use gs3::scene::{CameraError, SceneError};
+use gs3_evaluate::methods::SpecError;
 use gs3_evaluate::metrics::MetricError;
+use gs3_evaluate::photos::PhotoError;
 use gs3_evaluate::protocol::EvaluateError;
 use gs3_evaluate::simplify::SimplifyError;
 
@@ -38,6 +40,10 @@ pub enum CliError {
     Evaluate(#[from] EvaluateError),
     #[error("{0}")]
     Simplify(#[from] SimplifyError),
+    #[error("--methods: {0}")]
+    Methods(#[from] SpecError),
+    #[error("{0}")]
+    Photos(#[from] PhotoError),
     #[error("{}: cannot be written: {source}", path.display())]
     Write { path: PathBuf, source: io::Error },
     #[error("{option}: expected {expected}, found {actual}")]

@@ -1,13 +1,16 @@
 //! `gs3 evaluate`.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
+use gs3::scene::{Scene, capture};
 use gs3_evaluate::methods::{DEFAULT_METHODS, MethodSpec};
-use gs3_evaluate::protocol::{Case, EvaluateError, Event, Protocol, Results};
+use gs3_evaluate::photos::{DEFAULT_PHOTO_METHODS, PhotoProtocol};
+use gs3_evaluate::protocol::{Case, Event, Protocol};
 use gs3_evaluate::report;
 use indicatif::ProgressBar;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::args::{CullingArg, FrameRange, Rgb, View};
 use crate::error::CliError;
@@ -25,10 +28,21 @@ pub struct EvaluateArgs {
     /// High-resolution over low-resolution size
     #[arg(long, default_value_t = 4, value_name = "S")]
     pub scale: u32,
+    /// Compare with the photos of this capture instead (COLMAP model, transforms.json or cameras.json, undistorted) of which
+    /// the scene was trained; every photo at its own size and on its own
+    #[arg(long, value_name = "CAMERAS", conflicts_with_all = ["path", "size", "frames", "case", "warm_up"])]
+    pub photos: Option<PathBuf>,
+    /// Folder of the photos [default: the capture's own, or `images` beside it]
+    #[arg(long, value_name = "DIR", requires = "photos")]
+    pub images: Option<PathBuf>,
+    /// Judge every Nth photo only; 8 are the ones that training leaves out by convention
+    #[arg(long, default_value_t = 1, value_name = "N", requires = "photos", value_parser = clap::value_parser!(u32).range(1..))]
+    pub every: u32,
     /// Methods, each NAME[@FORMATION][+INTERPOLATION]; names: native, nearest, bilinear, bicubic, lanczos, fsr1, hermite,
-    /// spline, ridge, history, analytic, span, rt4ksr; formations of low-resolution frames: matched, stock, antialiased;
+    /// spline, ridge, history, analytic, span, safmn, rt4ksr; formations of low-resolution frames: matched, stock, antialiased;
     /// interpolations: repeat, blend, warp
-    #[arg(long, default_value = DEFAULT_METHODS, value_delimiter = ',', value_name = "A,B,…")]
+    /// [default: all but networks; for photos native, bicubic, hermite, spline, bicubic@stock]
+    #[arg(long, value_delimiter = ',', value_name = "A,B,…")]
     pub methods: Vec<MethodSpec>,
     /// How the camera moves over the frames
     #[arg(long, default_value = "path")]
@@ -42,7 +56,8 @@ pub struct EvaluateArgs {
     /// Rendered frames that every method runs before it is timed and judged
     #[arg(long, default_value_t = 3, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=1000))]
     pub warm_up: u16,
-    /// Folder with the weights of span (span28_x4.safetensors) and rt4ksr (rt4ksr_x2.safetensors)
+    /// Folder with the weights of span (span28_x4.safetensors), safmn (safmnpp_light_x4.safetensors) and
+    /// rt4ksr (rt4ksr_x2.safetensors)
     #[arg(long, value_name = "DIR")]
     pub weights: Option<PathBuf>,
     /// Folder for report.html, results.json, table.md and what an interrupted run resumes from
@@ -73,37 +88,74 @@ impl From<CaseArg> for Case {
 pub fn run(args: &EvaluateArgs) -> Result<Outcome, CliError> {
     start_threads(args.view.threads)?;
     let (scene, _) = inputs::scene(&args.view.scene)?;
+    if let Some(capture) = &args.photos {
+        return photos(args, scene, capture);
+    }
     let path = inputs::cameras(&args.view, &scene)?;
     let first = path.cameras()[0];
-    let stem =
-        |path: &PathBuf| path.file_stem().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
     let protocol = Protocol {
         scene,
         scene_name: stem(&args.view.scene),
         path,
-        path_name: args.view.path.as_ref().map_or_else(|| "generated path".into(), stem),
+        path_name: args.view.path.as_ref().map_or_else(|| "generated path".into(), |path| stem(path)),
         frames: args.frames.0.clone(),
         case: args.case.into(),
         size: (first.width(), first.height()),
         scale: args.scale,
-        methods: args.methods.clone(),
+        methods: methods(args, DEFAULT_METHODS)?,
         culling: args.culling.into(),
         background: args.background.0,
         warm_up_frames: args.warm_up.into(),
         weights: args.weights.clone(),
         command: std::env::args().collect::<Vec<_>>().join(" "),
     };
-    let results = evaluate(&protocol, &args.out)?;
-    let table = report::markdown(&results);
-    write_text(&args.out.join("results.json"), &format!("{:#}\n", json!(results)))?;
-    write_text(&args.out.join("table.md"), &table)?;
-    write_text(&args.out.join("report.html"), &report::html(&results))?;
-    println!("{table}\n{}", args.out.join("report.html").display());
+    let results = watched(|watch| protocol.run(&args.out, watch))?;
+    write_report(&args.out, &json!(results), &report::markdown(&results), &report::html(&results))
+}
+
+/// Compares renders with photos.
+fn photos(args: &EvaluateArgs, scene: Arc<Scene>, capture: &Path) -> Result<Outcome, CliError> {
+    let protocol = PhotoProtocol {
+        scene,
+        scene_name: stem(&args.view.scene),
+        capture: capture::load(capture)?,
+        capture_path: capture.to_owned(),
+        images: args.images.clone(),
+        every: args.every as usize,
+        scale: args.scale,
+        methods: methods(args, DEFAULT_PHOTO_METHODS)?,
+        culling: args.culling.into(),
+        background: args.background.0,
+        weights: args.weights.clone(),
+        command: std::env::args().collect::<Vec<_>>().join(" "),
+    };
+    let results = watched(|watch| protocol.run(&args.out, watch))?;
+    let (table, page) = (report::photos_markdown(&results), report::photos_html(&results));
+    write_report(&args.out, &json!(results), &table, &page)
+}
+
+/// The methods asked for, else `default`.
+fn methods(args: &EvaluateArgs, default: &str) -> Result<Vec<MethodSpec>, CliError> {
+    if !args.methods.is_empty() {
+        return Ok(args.methods.clone());
+    }
+    Ok(default.split(',').map(str::parse).collect::<Result<_, _>>()?)
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem().map_or_else(String::new, |name| name.to_string_lossy().into_owned())
+}
+
+fn write_report(out: &Path, results: &Value, table: &str, page: &str) -> Result<Outcome, CliError> {
+    write_text(&out.join("results.json"), &format!("{results:#}\n"))?;
+    write_text(&out.join("table.md"), table)?;
+    write_text(&out.join("report.html"), page)?;
+    println!("{table}\n{}", out.join("report.html").display());
     Ok(Outcome::Done)
 }
 
-/// Runs the protocol, showing progress.
-fn evaluate(protocol: &Protocol, out: &Path) -> Result<Results, EvaluateError> {
+/// Does `work`, showing its progress.
+fn watched<T>(work: impl FnOnce(&mut dyn FnMut(Event<'_>)) -> T) -> T {
     let bar = ProgressBar::new(0).with_style(inputs::style("{msg:24} {pos}/{len} {wide_bar} {eta} left"));
     let show = |what: String, done: usize, total: usize| {
         if done == 1 {
@@ -113,7 +165,7 @@ fn evaluate(protocol: &Protocol, out: &Path) -> Result<Results, EvaluateError> {
         }
         bar.set_position(done as u64);
     };
-    let results = protocol.run(out, &mut |event| match event {
+    let results = work(&mut |event| match event {
         Event::GroundTruth { done, total } => show("ground truth".into(), done, total),
         Event::Method { method, done, total } => show(method.to_string(), done, total),
         Event::Resumed { method } => bar.println(format!("{method}: finished in an earlier run")),

@@ -2,11 +2,12 @@
 //!
 //! [`metrics`] are pure functions on images and sequences, each checked against its reference implementation.
 //! [`upscale`] holds the spatial baselines, [`network`] published networks, [`methods`] puts them and gs3 behind one trait, [`protocol`] runs and judges them,
-//! [`report`] shows the results. [`simplify`] makes the smaller scenes of its acceleration columns.
+//! [`photos`] compares renders with the photos of a capture, [`report`] shows the results. [`simplify`] makes the smaller scenes of its acceleration columns.
 
 pub mod methods;
 pub mod metrics;
 pub mod network;
+pub mod photos;
 pub mod protocol;
 pub mod report;
 pub mod simplify;

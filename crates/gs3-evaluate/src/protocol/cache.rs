@@ -10,7 +10,7 @@ use serde::de::DeserializeOwned;
 use super::EvaluateError;
 
 /// The folder of finished parts of one protocol.
-pub(super) struct Cache {
+pub(crate) struct Cache {
     folder: PathBuf,
 }
 

@@ -97,7 +97,7 @@ pub(super) fn judge(
             let frame = Displayed { truth: truth.load(index)?, image };
             score.frames.push(frame_score(index, &frame)?);
             if i == crop_at {
-                score.crops.push(crop(index, &frame));
+                score.crops.push(crop(index, &frame.truth.image, &frame.image));
             }
             for subset in [Subset::All, Subset::of_displayed(index)] {
                 let recent = &mut recent[subset as usize];
@@ -153,8 +153,7 @@ fn milliseconds(durations: Durations) -> [Option<f64>; 3] {
 const CROP: (usize, usize) = (320, 180);
 
 /// The part of the frame where the ground truth has most detail.
-fn crop(displayed: usize, frame: &Displayed) -> Crop {
-    let truth = &frame.truth.image;
+pub(crate) fn crop(displayed: usize, truth: &Image, test: &Image) -> Crop {
     let size = (CROP.0.min(truth.width()), CROP.1.min(truth.height()));
     let mut best = (-1.0, (0, 0));
     for top in (0..=truth.height() - size.1).step_by(size.1.div_ceil(2)) {
@@ -166,7 +165,7 @@ fn crop(displayed: usize, frame: &Displayed) -> Crop {
         }
     }
     let png = |image: &Image| png_rgb8(image, best.1, size);
-    Crop { displayed, truth_png: png(truth), png: png(&frame.image) }
+    Crop { displayed, truth_png: png(truth), png: png(test) }
 }
 
 /// Sum of absolute differences of neighbouring green values, every other row.

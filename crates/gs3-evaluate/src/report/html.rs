@@ -6,7 +6,7 @@ use std::fmt::Write;
 use super::base64;
 use super::markdown::number;
 use super::plot::{Axes, Series, color, plot};
-use crate::protocol::{FrameScore, MethodScore, ResultRow, Results, StageStatistics, Subset};
+use crate::protocol::{Failure, FrameScore, MethodScore, ResultRow, Results, StageStatistics, Subset};
 
 /// The results as a self-contained page: tables, curves, details to compare, and how it was all measured.
 #[must_use]
@@ -15,25 +15,30 @@ pub fn html(results: &Results) -> String {
     let title = format!("{}, {}", protocol.scene, protocol.path);
     let sections = [
         header(results),
-        failures(results),
+        failed(&results.failures),
         section("Quality and speed", &(quality(results) + &speed_plot(results))),
         section("Frame by frame", &curves(results)),
         section("Look closer", &details(results)),
         section("Time of the stages", &stages(results)),
         section("How this was measured", &method_notes(results)),
     ];
+    page(&title, &sections)
+}
+
+/// A page of these sections.
+pub(super) fn page(title: &str, sections: &[String]) -> String {
     format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
          <title>gs3 evaluate: {}</title>\n<style>\n{}</style></head>\n<body><main>\n{}\n</main>\n<script>\n{}</script></body></html>\n",
-        escape(&title),
+        escape(title),
         include_str!("style.css"),
         sections.join("\n"),
         include_str!("script.js"),
     )
 }
 
-fn section(title: &str, body: &str) -> String {
+pub(super) fn section(title: &str, body: &str) -> String {
     if body.is_empty() { String::new() } else { format!("<h2>{title}</h2>{body}") }
 }
 
@@ -57,8 +62,8 @@ fn header(results: &Results) -> String {
     )
 }
 
-fn failures(results: &Results) -> String {
-    let items: String = (results.failures.iter())
+pub(super) fn failed(failures: &[Failure]) -> String {
+    let items: String = (failures.iter())
         .map(|f| format!("<p><b>{}</b> failed: {}</p>", escape(&f.method), escape(&f.error)))
         .collect();
     if items.is_empty() {
@@ -264,16 +269,26 @@ fn details(results: &Results) -> String {
         }
     }
     // Rendered frames first: they have all methods.
-    let frames: String = crops.keys().rev().map(|key| format!("<option>{key}</option>")).collect();
+    comparison(&crops, crops.keys().rev(), ["bicubic", "analytic"])
+}
+
+/// Two of the details `{frame: {method: PNG in base 64}}` side by side, for the script, `shown` at first. No name holds `<`.
+pub(super) fn comparison<'a>(
+    crops: &BTreeMap<String, BTreeMap<&str, String>>,
+    frames: impl Iterator<Item = &'a String>,
+    shown: [&str; 2],
+) -> String {
+    let frames: String = frames.map(|key| format!("<option>{}</option>", escape(key))).collect();
     // `<` cannot end the script element early in base 64 and method names.
-    let Ok(json) = serde_json::to_string(&crops) else { return String::new() };
+    let Ok(json) = serde_json::to_string(crops) else { return String::new() };
     format!(
         "<div class=\"card\"><div class=\"bar\"><label>Frame <select id=\"frame\">{frames}</select></label>\
          <label>Left <select id=\"left\"></select></label><label>Right <select id=\"right\"></select></label></div>\
-         <div class=\"compare\" data-left=\"bicubic\" data-right=\"analytic\"><img alt=\"right\"><img alt=\"left\">\
+         <div class=\"compare\" data-left=\"{}\" data-right=\"{}\"><img alt=\"right\"><img alt=\"left\">\
          <div class=\"edge\"></div><span class=\"left\"></span><span class=\"right\"></span></div>\
          <p class=\"soft\">The part of the frame with most detail, enlarged without smoothing. Move the pointer to slide.</p></div>\
-         <script type=\"application/json\" id=\"crops\">{json}</script>"
+         <script type=\"application/json\" id=\"crops\">{json}</script>",
+        shown[0], shown[1]
     )
 }
 
@@ -318,6 +333,6 @@ fn method_notes(results: &Results) -> String {
 }
 
 /// Text as HTML.
-fn escape(text: &str) -> String {
+pub(super) fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

@@ -2,10 +2,12 @@
 
 mod html;
 mod markdown;
+mod photos;
 mod plot;
 
 pub use html::html;
 pub use markdown::markdown;
+pub use photos::{photos_html, photos_markdown};
 
 use gs3_scene::Image;
 

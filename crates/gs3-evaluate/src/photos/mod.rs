@@ -1,0 +1,298 @@
+//! Renders against captured images of a scene that was trained on them.
+//!
+//! Every camera of the capture names its photo. Renders and photos are compared at 8 bits, as files of them would be, each
+//! photo on its own: nothing is carried from one to the next, so methods with history run without it. Only undistorted pinhole
+//! images make sense here, and the readers of captures refuse others; a photo whose file is an enlarged or reduced version of
+//! its camera's image is compared at its own size, the camera following.
+
+mod error;
+mod file;
+mod results;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use gs3::Culling;
+use gs3_scene::{Camera, CameraError, CameraPath, Image, Intrinsics, Scene};
+
+pub use error::PhotoError;
+pub use results::{PhotoFacts, PhotoImage, PhotoMethodScore, PhotoResults, PhotoRow, PhotoScore};
+
+use crate::methods::{Interpolation, Method, MethodSettings, MethodSpec, build};
+use crate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
+use crate::metrics::{Border, Quantisation, flip, psnr, ssim};
+use crate::protocol::{Cache, Crop, EvaluateError, Event, Failure, PSNR_CAP, crop};
+
+/// The methods compared with photos where none are named.
+pub const DEFAULT_PHOTO_METHODS: &str = "native,bicubic,hermite,spline,bicubic@stock";
+
+/// Extensions that captures leave out.
+const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
+
+/// Photos shown in reports.
+const SHOWN: usize = 4;
+
+/// Cameras that methods may fit to.
+const TRAINING_PHOTOS: usize = 4;
+
+/// What to compare with photos.
+#[derive(Clone, Debug)]
+pub struct PhotoProtocol {
+    /// The scene.
+    pub scene: Arc<Scene>,
+    /// Its name in reports.
+    pub scene_name: String,
+    /// Cameras with the names of their photos.
+    pub capture: CameraPath,
+    /// Where the cameras came from.
+    pub capture_path: PathBuf,
+    /// Where the photos are; none: where captures keep them, in the folder of the capture or in `images` beside it.
+    pub images: Option<PathBuf>,
+    /// Every how manieth photo is judged, from the first on in the order of the capture: 1 for all, 8 for the photos that are
+    /// left out of training by common convention.
+    pub every: usize,
+    /// HR over LR size.
+    pub scale: u32,
+    /// Methods to compare; native rendering is always among them.
+    pub methods: Vec<MethodSpec>,
+    /// Which tiles a splat is assigned to.
+    pub culling: Culling,
+    /// Background, display-encoded RGB, finite.
+    pub background: [f32; 3],
+    /// Folder with the weights of published networks, for methods that are some.
+    pub weights: Option<PathBuf>,
+    /// The command that was given, for the report.
+    pub command: String,
+}
+
+/// A photo to be judged against.
+struct Photo {
+    name: String,
+    file: PathBuf,
+    camera: Camera,
+}
+
+impl PhotoProtocol {
+    /// Runs the comparison; `folder` keeps what is finished.
+    ///
+    /// # Errors
+    /// [`PhotoError`] if a photo is missing, cannot be read or does not fit its camera, if the methods or the scale make no
+    /// sense, or if a file cannot be written. A method that fails is listed in the results.
+    pub fn run(&self, folder: &Path, watch: &mut dyn FnMut(Event<'_>)) -> Result<PhotoResults, PhotoError> {
+        let methods = MethodSpec::with_native(&self.methods);
+        if let Some(method) = methods.iter().find(|m| m.interpolation != Interpolation::None) {
+            return Err(PhotoError::Interpolates { method: *method });
+        }
+        if !(2..=gs3_reconstruct::MAX_SCALE).contains(&self.scale) {
+            return Err(EvaluateError::Scale { actual: self.scale }.into());
+        }
+        let every = self.every.max(1);
+        let photos = (0..self.capture.cameras().len())
+            .step_by(every)
+            .map(|index| self.photo(index, methods.len() > 1))
+            .collect::<Result<Vec<_>, _>>()?;
+        let cache = Cache::new(folder, &self.key(&photos))?;
+        let settings = MethodSettings {
+            scene: Arc::clone(&self.scene),
+            scale: self.scale,
+            culling: self.culling,
+            background: self.background,
+            training: self.training(every)?,
+            weights: self.weights.clone(),
+        };
+        let (mut scores, mut failures) = (Vec::new(), Vec::new());
+        for spec in methods {
+            let name = spec.to_string();
+            if let Some(score) = cache.load(&name)? {
+                watch(Event::Resumed { method: spec });
+                scores.push((spec, score));
+                continue;
+            }
+            let mut progress = |done| watch(Event::Method { method: spec, done, total: photos.len() });
+            let judged = build(spec, &settings)
+                .map_err(|e| EvaluateError::from(e).into())
+                .and_then(|mut method| self.judge(method.as_mut(), &photos, &mut progress));
+            match judged {
+                Ok(score) => scores.push((spec, cache.store(&name, score)?)),
+                Err(PhotoError::Evaluate(error)) => {
+                    watch(Event::Failed { method: spec, error: &error });
+                    failures.push(Failure { method: name, error: error.to_string() });
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(PhotoResults::new(self, photos.len(), scores, failures))
+    }
+
+    /// Photo `index` with its camera at the photo's size; for LR methods both end where the last whole LR pixel does.
+    fn photo(&self, index: usize, is_low_resolution: bool) -> Result<Photo, PhotoError> {
+        let name = self.capture.name(index).ok_or(PhotoError::Unnamed { camera: index })?.to_owned();
+        let file = self.find(&name)?;
+        let (width, height) = file::size(&file)?;
+        let camera = &self.capture.cameras()[index];
+        let camera = following(camera, (width, height)).ok_or_else(|| PhotoError::Shape {
+            path: file.clone(),
+            expected: (camera.width(), camera.height()),
+            actual: (width, height),
+        })??;
+        let camera = cut(&camera, if is_low_resolution { self.scale } else { 1 })?;
+        Ok(Photo { name, file, camera })
+    }
+
+    /// The file of the photo `name`.
+    fn find(&self, name: &str) -> Result<PathBuf, PhotoError> {
+        let folders = self.folders();
+        for folder in &folders {
+            let exact = folder.join(name);
+            let extended = EXTENSIONS.iter().flat_map(|e| [e.to_string(), e.to_uppercase()]);
+            let mut candidates = std::iter::once(exact.clone())
+                .chain(extended.map(|e| PathBuf::from(format!("{}.{e}", exact.display()))));
+            if let Some(file) = candidates.find(|file| file.is_file()) {
+                return Ok(file);
+            }
+        }
+        Err(PhotoError::Missing { name: name.into(), folders })
+    }
+
+    /// Folders that may hold the photos. COLMAP keeps `images` beside `sparse/0`, others name files from their own folder.
+    fn folders(&self) -> Vec<PathBuf> {
+        if let Some(images) = &self.images {
+            return vec![images.clone()];
+        }
+        let capture = &self.capture_path;
+        let own = if capture.is_dir() { Some(capture.as_path()) } else { capture.parent() };
+        let ancestors = own.into_iter().flat_map(|own| own.ancestors().take(3));
+        ancestors
+            .enumerate()
+            .flat_map(|(i, f)| [(i == 0).then(|| f.to_owned()), Some(f.join("images"))])
+            .flatten()
+            .collect()
+    }
+
+    /// Cameras of photos that are not judged.
+    fn training(&self, every: usize) -> Result<Vec<Camera>, PhotoError> {
+        let outside: Vec<usize> = (0..self.capture.cameras().len()).filter(|i| i % every != 0).collect();
+        let count = TRAINING_PHOTOS.min(outside.len());
+        (0..count)
+            .map(|i| {
+                let index = outside[(2 * i + 1) * outside.len() / (2 * count)];
+                Ok(cut(&self.capture.cameras()[index], self.scale)?)
+            })
+            .collect()
+    }
+
+    fn judge(
+        &self,
+        method: &mut dyn Method,
+        photos: &[Photo],
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<PhotoMethodScore, PhotoError> {
+        let mut score = PhotoMethodScore::default();
+        for (i, photo) in photos.iter().enumerate() {
+            let (width, height) = (photo.camera.width() as usize, photo.camera.height() as usize);
+            let truth = top_left(&file::read(&photo.file, self.background)?, width, height);
+            method.reset();
+            let shown = method.render(&photo.camera, None).map_err(EvaluateError::from)?.current;
+            let image = as_file(shown);
+            score.images.push(PhotoImage {
+                name: photo.name.clone(),
+                size: [width, height],
+                score: photo_score(&truth, &image).map_err(EvaluateError::from)?,
+            });
+            if i % photos.len().div_ceil(SHOWN) == 0 {
+                let Crop { truth_png, png, .. } = crop(i, &truth, &image);
+                score.crops.push((photo.name.clone(), Crop { displayed: i, truth_png, png }));
+            }
+            progress(i + 1);
+        }
+        Ok(score)
+    }
+
+    /// Everything that results depend on but the methods.
+    fn key(&self, photos: &[Photo]) -> String {
+        let Self { scene_name, scale, culling, background, .. } = self;
+        // Another photo under the same name is told by its length and time.
+        let state = |p: &Photo| std::fs::metadata(&p.file).map(|m| (m.len(), m.modified().ok())).ok();
+        let cameras: Vec<_> = photos.iter().map(|p| (&p.file, state(p), p.camera)).collect();
+        format!(
+            "gs3-evaluate photos {} {scene_name} {} x{scale} {culling:?} {background:?} {cameras:?}",
+            env!("CARGO_PKG_VERSION"),
+            self.scene.gaussians().len()
+        )
+    }
+}
+
+/// `camera` with the image size `(width, height)`, if that is its image's at another scale: each side may be off by the
+/// rounding of a reduction to whole pixels, up or down. Both axes keep their field of view, as in training on reduced images.
+fn following(camera: &Camera, (width, height): (u32, u32)) -> Option<Result<Camera, CameraError>> {
+    let old = camera.intrinsics();
+    let (sx, sy) = (f64::from(width) / f64::from(old.width), f64::from(height) / f64::from(old.height));
+    // The sides that the other side's scale gives, against the sides found.
+    let off = [f64::from(old.width) * sy - f64::from(width), f64::from(old.height) * sx - f64::from(height)];
+    // One rounding of a pixel for the side itself, and one of the other side carried over by the aspect.
+    let aspect = f64::from(old.width) / f64::from(old.height);
+    let allowed = [1.0 + aspect, 1.0 + 1.0 / aspect];
+    let fits = (width, height) == (old.width, old.height) || (0..2).all(|i| off[i].abs() < allowed[i]);
+    fits.then(|| {
+        let (fx, cx) = (old.fx * sx, old.cx * sx);
+        let (fy, cy) = (old.fy * sy, old.cy * sy);
+        Camera::new(camera.view_from_world(), Intrinsics { width, height, fx, fy, cx, cy })
+    })
+}
+
+/// `camera` without the last columns and rows that do not fill a block of `multiple`², if there is a whole block.
+fn cut(camera: &Camera, multiple: u32) -> Result<Camera, CameraError> {
+    let whole = |side: u32| if side < multiple { side } else { side - side % multiple };
+    let Intrinsics { width, height, .. } = camera.intrinsics();
+    let cut = Intrinsics { width: whole(width), height: whole(height), ..camera.intrinsics() };
+    Camera::new(camera.view_from_world(), cut)
+}
+
+/// The top left part of `image`, `width`×`height`, which are at most its own.
+fn top_left(image: &Image, width: usize, height: usize) -> Image {
+    let pixels = (0..height).flat_map(|y| image.row(y)[..width].iter().copied()).collect();
+    Image::from_pixels(width, height, pixels).unwrap_or_default()
+}
+
+/// `image` as an 8-bit file of it would be read.
+fn as_file(image: &Image) -> Image {
+    let bytes = image.to_rgb8();
+    let pixels = bytes.as_chunks().0.iter().map(|[r, g, b]| {
+        let [r, g, b] = [r, g, b].map(|v| f32::from(*v) / 255.0);
+        [r, g, b, 1.0]
+    });
+    Image::from_pixels(image.width(), image.height(), pixels.collect()).unwrap_or_default()
+}
+
+fn photo_score(truth: &Image, image: &Image) -> Result<PhotoScore, crate::metrics::MetricError> {
+    Ok(PhotoScore {
+        psnr: psnr(truth, image, Quantisation::None)?.min(PSNR_CAP),
+        ssim: ssim(truth, image, Border::ZeroPad)?,
+        flip: flip(truth, image, DEFAULT_PIXELS_PER_DEGREE)?,
+    })
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+    use glam::DAffine3;
+
+    #[test]
+    fn cameras_follow_reduced_photos_and_no_others() {
+        let intrinsics =
+            Intrinsics { width: 4946, height: 3286, fx: 4000.0, fy: 4010.0, cx: 2400.0, cy: 1650.0 };
+        let camera = Camera::new(DAffine3::IDENTITY, intrinsics).unwrap();
+        // A quarter, rounded either way (1236.5, 821.5), as collections of reduced photos have them.
+        for size in [(4946, 3286), (1236, 821), (1237, 822), (1237, 821), (1236, 822), (2473, 1643)] {
+            let followed = following(&camera, size).unwrap().unwrap().intrinsics();
+            assert_eq!((followed.width, followed.height), size);
+            let share = |i: Intrinsics| [i.fx / f64::from(i.width), i.cy / f64::from(i.height)];
+            assert!((share(followed)[0] - share(intrinsics)[0]).abs() < 1e-12);
+            assert!((share(followed)[1] - share(intrinsics)[1]).abs() < 1e-12);
+        }
+        for size in [(3286, 4946), (1236, 828), (1920, 1080), (1228, 822)] {
+            assert!(following(&camera, size).is_none(), "{size:?}");
+        }
+    }
+}
