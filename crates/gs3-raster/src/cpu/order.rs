@@ -85,7 +85,7 @@ mod tests {
             for mask in [u32::MAX, 0x7fff_ffff, 0x3f, 0] {
                 let depths: Vec<u32> = std::iter::repeat_with(|| {
                     random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                    (random >> 3 | random << 29) & mask
+                    random.rotate_right(3) & mask
                 })
                 .take(count)
                 .collect();
