@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
+use crate::shape::Shape;
+
 /// A graph that makes no sense, or an image size that it cannot take.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum GraphError {
@@ -101,5 +103,44 @@ pub enum WeightError {
     Unknown {
         /// The array.
         name: String,
+    },
+}
+
+/// An engine that cannot be made, or images that do not fit it.
+#[derive(Debug, Error)]
+pub enum RunError {
+    /// The network cannot take an image size.
+    #[error(transparent)]
+    Graph(#[from] GraphError),
+    /// The weights are not the network's.
+    #[error(transparent)]
+    Weights(#[from] WeightError),
+    /// An image that the network has not.
+    #[error("image {name}: expected one of {expected}")]
+    Unknown {
+        /// The image.
+        name: String,
+        /// The network's.
+        expected: String,
+    },
+    /// An image that the network needs was not given.
+    #[error("image {name}: expected {expected}, found none")]
+    Missing {
+        /// The image.
+        name: String,
+        /// Its shape.
+        expected: Shape,
+    },
+    /// An image of another size.
+    #[error("image {name}: expected {expected} numbers ({shape}), found {actual}")]
+    Length {
+        /// The image.
+        name: String,
+        /// Its shape.
+        shape: Shape,
+        /// Numbers in that shape.
+        expected: usize,
+        /// Numbers given.
+        actual: usize,
     },
 }

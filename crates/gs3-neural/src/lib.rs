@@ -4,17 +4,22 @@
 //! Images go in and out as planes of numbers; nothing here knows how they were rendered.
 
 pub mod arrays;
+mod engine;
 mod error;
 mod graph;
+mod images;
 pub mod model;
 mod random;
+pub mod reference;
 mod shape;
 mod weights;
 
-pub use error::{GraphError, WeightError};
+pub use engine::Engine;
+pub use error::{GraphError, RunError, WeightError};
 pub use graph::{
     Activation, Border, Conv2d, Filter, Graph, GraphBuilder, Layer, Op, Output, Parameter, Tensor,
 };
+pub use images::Named;
 pub use random::Random;
 pub use shape::Shape;
 pub use weights::{Header, Weights};

@@ -1,0 +1,91 @@
+//! The CPU engine: a network for one image size, planned once, run without allocation.
+
+mod block;
+mod conv;
+mod math;
+mod ops;
+mod plan;
+
+use fearless_simd::Level;
+
+use crate::error::RunError;
+use crate::graph::{Border, Graph};
+use crate::images::{Named, check_length, inputs};
+use crate::shape::Shape;
+use crate::weights::Weights;
+use block::{Block, Sources};
+use plan::{Kind, Plan};
+
+/// A network ready to run on images of one size. Results are the same on any number of threads.
+#[derive(Clone, Debug)]
+pub struct Engine {
+    graph: Graph,
+    shapes: Vec<Shape>,
+    plan: Plan,
+    arena: Vec<Block>,
+    level: Level,
+}
+
+impl Engine {
+    /// `graph` with `weights` for an LR grid of `[height, width]`.
+    ///
+    /// # Errors
+    /// [`RunError`] if the graph cannot take that size, or the weights are not its own.
+    pub fn new(graph: &Graph, weights: &Weights, lr: [usize; 2]) -> Result<Self, RunError> {
+        let shapes = graph.shapes(lr)?;
+        weights.check(graph)?;
+        let plan = Plan::new(graph, weights, &shapes);
+        let arena = vec![Block::default(); plan.arena];
+        Ok(Self { graph: graph.clone(), shapes, plan, arena, level: Level::new() })
+    }
+
+    /// Bytes of all results in flight.
+    #[must_use]
+    pub fn arena_bytes(&self) -> usize {
+        size_of_val(&self.arena[..])
+    }
+
+    /// The shape of the image that the graph calls `name`: an input or an output.
+    #[must_use]
+    pub fn shape(&self, name: &str) -> Option<Shape> {
+        let input =
+            self.graph.inputs().find(|(_, layer)| layer.name == name).map(|(t, _)| self.shapes[t.index()]);
+        input.or_else(|| self.plan.exports.iter().find(|e| e.name == name).map(|e| e.shape))
+    }
+
+    /// Runs the network on `images`, all its inputs, and writes those of its outputs that are asked for. Images are
+    /// channels last.
+    ///
+    /// # Errors
+    /// [`RunError`] if an image is missing, unknown or of another size; nothing is computed then.
+    pub fn run(&mut self, images: &[Named<'_>], outputs: &mut [(&str, &mut [f32])]) -> Result<(), RunError> {
+        let images = inputs(&self.graph, &self.shapes, images)?;
+        for (name, image) in outputs.iter() {
+            let Some(export) = self.plan.exports.iter().find(|e| e.name == *name) else {
+                let expected: Vec<&str> = self.plan.exports.iter().map(|e| e.name.as_str()).collect();
+                return Err(RunError::Unknown { name: (*name).to_owned(), expected: expected.join(", ") });
+            };
+            check_length(name, export.shape, image.len())?;
+        }
+        let border: Border = self.graph.border();
+        for step in &self.plan.steps {
+            let (out, sources) = Sources::split(&mut self.arena, &step.out);
+            match &step.kind {
+                Kind::Import { layer, factor } => {
+                    // All inputs were found above.
+                    let image = images[*layer].unwrap_or_default();
+                    ops::import(image, *factor, border, &step.out, out);
+                }
+                Kind::Convolution(convolution) => convolution.run(self.level, sources, &step.out, out),
+                Kind::Row(op) => ops::run(self.level, op, border, sources, &step.inputs, &step.out, out),
+            }
+        }
+        for (name, image) in outputs {
+            if let Some(export) = self.plan.exports.iter().find(|e| e.name == *name) {
+                let tensor = &self.arena[export.tensor.start..][..export.tensor.len()];
+                ops::export(tensor, &export.tensor, export.factor, image);
+            }
+        }
+        Ok(())
+    }
+}

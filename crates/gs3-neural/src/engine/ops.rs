@@ -1,0 +1,259 @@
+//! Operations other than convolution, a row at a time.
+
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, Simd, dispatch, f32x16};
+use rayon::prelude::*;
+
+use super::block::{Block, LANES, Layout, Sources};
+use super::conv::fill_halo;
+use super::math::activate;
+use crate::graph::{Border, Filter, Op};
+
+/// Writes `op` of `inputs` to `out`, the blocks of `layout`.
+pub fn run(
+    level: Level,
+    op: &Op,
+    border: Border,
+    sources: Sources<'_>,
+    inputs: &[Layout],
+    layout: &Layout,
+    out: &mut [Block],
+) {
+    out.par_chunks_exact_mut(layout.row_len()).enumerate().for_each(|(y, out)| {
+        let row = Row { sources, inputs, layout, y };
+        dispatch!(level, simd => row.run(simd, op, out));
+        fill_halo(border, layout, out);
+    });
+}
+
+/// Writes an image from outside, channels last and `factor` times as wide and high, to `out`: blocks of `factor`²
+/// pixels become channels.
+pub fn import(image: &[f32], factor: usize, border: Border, layout: &Layout, out: &mut [Block]) {
+    let channels = layout.shape.channels / (factor * factor);
+    let image_row = layout.shape.width * factor * channels;
+    out.par_chunks_exact_mut(layout.row_len()).enumerate().for_each(|(y, out)| {
+        let stride = layout.stride();
+        for c in 0..layout.shape.channels {
+            let (channel, i, j) = (c / (factor * factor), c / factor % factor, c % factor);
+            let line = &image[(y * factor + i) * image_row..][..image_row];
+            let out = &mut out[c / LANES * stride + layout.halo..][..layout.shape.width];
+            for (out, pixels) in out.iter_mut().zip(line.chunks_exact(factor * channels)) {
+                out.0[c % LANES] = pixels[j * channels + channel];
+            }
+        }
+        fill_halo(border, layout, out);
+    });
+}
+
+/// Writes a tensor to an image, channels last and `factor` times as wide and high: the inverse of [`import`].
+pub fn export(tensor: &[Block], layout: &Layout, factor: usize, image: &mut [f32]) {
+    let channels = layout.shape.channels / (factor * factor);
+    let image_row = layout.shape.width * factor * channels;
+    image.par_chunks_exact_mut(image_row * factor).zip(tensor.par_chunks_exact(layout.row_len())).for_each(
+        |(image, row)| {
+            for c in 0..layout.shape.channels {
+                let (channel, i, j) = (c / (factor * factor), c / factor % factor, c % factor);
+                let line = &mut image[i * image_row..][..image_row];
+                let pixels = &row[c / LANES * layout.stride() + layout.halo..][..layout.shape.width];
+                for (out, pixel) in line.chunks_exact_mut(factor * channels).zip(pixels) {
+                    out[j * channels + channel] = pixel.0[c % LANES];
+                }
+            }
+        },
+    );
+}
+
+/// A row of an operation.
+struct Row<'a> {
+    sources: Sources<'a>,
+    inputs: &'a [Layout],
+    layout: &'a Layout,
+    y: usize,
+}
+
+impl<'a> Row<'a> {
+    #[inline(always)]
+    fn run<S: Simd>(&self, simd: S, op: &Op, out: &mut [Block]) {
+        let stride = self.layout.stride();
+        if matches!(op, Op::PixelShuffle { .. } | Op::PixelUnshuffle { .. } | Op::Concat) {
+            return self.rearrange(op, out);
+        }
+        for (b, out) in out.chunks_exact_mut(stride).enumerate() {
+            let out = &mut out[self.layout.halo..][..self.layout.shape.width];
+            match op {
+                Op::Activate(activation) => {
+                    let [x] = self.lines([0], b);
+                    each(simd, out, |k| activate(simd, *activation, load(simd, &x[k])));
+                }
+                Op::Add => {
+                    let [x, y] = self.lines([0, 1], b);
+                    each(simd, out, |k| load(simd, &x[k]) + load(simd, &y[k]));
+                }
+                Op::Multiply => {
+                    let ([x], factor) = (self.lines([0], b), self.factor(1, b));
+                    each(simd, out, |k| load(simd, &x[k]) * factor.at(simd, k));
+                }
+                Op::Mix => {
+                    let ([x, y], t) = (self.lines([0, 1], b), self.factor(2, b));
+                    each(simd, out, |k| {
+                        let (x, y) = (load(simd, &x[k]), load(simd, &y[k]));
+                        t.at(simd, k).mul_add(y - x, x)
+                    });
+                }
+                Op::ChannelMean | Op::ChannelMax => self.over_channels(matches!(op, Op::ChannelMean), out),
+                Op::MaxPool2 => self.max_pool(simd, b, out),
+                Op::Upsample { factor, filter } => self.upsample(simd, *factor, *filter, b, out),
+                Op::Warp => {
+                    let flow = self.sources.pixels(&self.inputs[1], self.y, 0);
+                    each(simd, out, |k| {
+                        let [dx, dy, ..] = flow[k].0;
+                        self.bilinear(simd, b, k as f32 + dx, self.y as f32 + dy)
+                    });
+                }
+                // Rearrangements were made above; convolutions and inputs have steps of their own.
+                _ => {}
+            }
+        }
+    }
+
+    /// This row of inputs, block `b`.
+    #[inline(always)]
+    fn lines<const N: usize>(&self, inputs: [usize; N], b: usize) -> [&'a [Block]; N] {
+        inputs.map(|input| self.sources.pixels(&self.inputs[input], self.y, b))
+    }
+
+    #[inline(always)]
+    fn factor(&self, input: usize, b: usize) -> Factor<'a> {
+        let single = self.inputs[input].shape.channels == 1;
+        let [line] = self.lines([input], if single { 0 } else { b });
+        Factor { line, single }
+    }
+
+    fn over_channels(&self, mean: bool, out: &mut [Block]) {
+        let input = &self.inputs[0];
+        let channels = input.shape.channels;
+        for (x, out) in out.iter_mut().enumerate() {
+            let values = (0..channels).map(|c| self.sources.at(input, x, self.y, c));
+            out.0[0] = match mean {
+                true => values.sum::<f32>() / channels as f32,
+                false => values.fold(f32::NEG_INFINITY, f32::max),
+            };
+        }
+    }
+
+    #[inline(always)]
+    fn max_pool<S: Simd>(&self, simd: S, b: usize, out: &mut [Block]) {
+        let input = &self.inputs[0];
+        let [last_y, last_x] = [input.shape.height - 1, input.shape.width - 1];
+        let [above, below] =
+            [2 * self.y, (2 * self.y + 1).min(last_y)].map(|y| self.sources.pixels(input, y, b));
+        each(simd, out, |x| {
+            let (left, right) = (2 * x, (2 * x + 1).min(last_x));
+            let max = |line: &[Block]| load(simd, &line[left]).max(load(simd, &line[right]));
+            max(above).max(max(below))
+        });
+    }
+
+    #[inline(always)]
+    fn upsample<S: Simd>(&self, simd: S, factor: usize, filter: Filter, b: usize, out: &mut [Block]) {
+        match filter {
+            Filter::Nearest => {
+                let line = self.sources.pixels(&self.inputs[0], self.y / factor, b);
+                each(simd, out, |x| load(simd, &line[x / factor]));
+            }
+            Filter::Bilinear => {
+                let place = |x: usize| (x as f32 + 0.5) / factor as f32 - 0.5;
+                each(simd, out, |x| self.bilinear(simd, b, place(x), place(self.y)));
+            }
+        }
+    }
+
+    /// Input 0 at (x, y), whose integers are pixels' centres, moved into the image.
+    #[inline(always)]
+    fn bilinear<S: Simd>(&self, simd: S, b: usize, x: f32, y: f32) -> f32x16<S> {
+        let input = &self.inputs[0];
+        let axis = |place: f32, side: usize| {
+            let place = place.clamp(0.0, (side - 1) as f32);
+            // Not-a-number becomes 0 here.
+            let first = (place as usize).min(side.saturating_sub(2));
+            (first, (first + 1).min(side - 1), place - first as f32)
+        };
+        let (left, right, fx) = axis(x, input.shape.width);
+        let (above, below, fy) = axis(y, input.shape.height);
+        let along_x = |y: usize| {
+            let line = self.sources.pixels(input, y, b);
+            let (a, b) = (load(simd, &line[left]), load(simd, &line[right]));
+            (b - a).mul_add(fx, a)
+        };
+        let (a, b) = (along_x(above), along_x(below));
+        (b - a).mul_add(fy, a)
+    }
+
+    fn rearrange(&self, op: &Op, out: &mut [Block]) {
+        let (stride, shape, y) = (self.layout.stride(), self.layout.shape, self.y);
+        for c in 0..shape.channels {
+            let out = &mut out[c / LANES * stride + self.layout.halo..][..shape.width];
+            let lane = c % LANES;
+            // The line of an input and the lane that hold channel c.
+            let mut write = |input: usize, y: usize, channel: usize, place: &dyn Fn(usize) -> usize| {
+                let line = self.sources.pixels(&self.inputs[input], y, channel / LANES);
+                for (x, out) in out.iter_mut().enumerate() {
+                    out.0[lane] = line[place(x)].0[channel % LANES];
+                }
+            };
+            match op {
+                Op::PixelShuffle { factor: f } => {
+                    // One pass for each column of the block: a pass reads one channel.
+                    for j in 0..*f {
+                        let channel = c * f * f + y % f * f + j;
+                        let line = self.sources.pixels(&self.inputs[0], y / f, channel / LANES);
+                        for (out, pixel) in out[j.min(shape.width)..].iter_mut().step_by(*f).zip(line) {
+                            out.0[lane] = pixel.0[channel % LANES];
+                        }
+                    }
+                }
+                Op::PixelUnshuffle { factor: f } => {
+                    let (channel, i, j) = (c / (f * f), c / f % f, c % f);
+                    write(0, y * f + i, channel, &|x| x * f + j);
+                }
+                _ => {
+                    let (mut input, mut channel) = (0, c);
+                    while channel >= self.inputs[input].shape.channels {
+                        channel -= self.inputs[input].shape.channels;
+                        input += 1;
+                    }
+                    write(input, y, channel, &|x| x);
+                }
+            }
+        }
+    }
+}
+
+/// A line of factors: as many channels as what it multiplies, or one for all.
+struct Factor<'a> {
+    line: &'a [Block],
+    single: bool,
+}
+
+impl Factor<'_> {
+    #[inline(always)]
+    fn at<S: Simd>(&self, simd: S, k: usize) -> f32x16<S> {
+        match self.single {
+            true => f32x16::splat(simd, self.line[k].0[0]),
+            false => load(simd, &self.line[k]),
+        }
+    }
+}
+
+#[inline(always)]
+fn load<S: Simd>(simd: S, block: &Block) -> f32x16<S> {
+    f32x16::load_array_ref(simd, &block.0)
+}
+
+/// Writes `f` of each pixel's place.
+#[inline(always)]
+fn each<S: Simd>(_simd: S, out: &mut [Block], f: impl Fn(usize) -> f32x16<S>) {
+    for (k, out) in out.iter_mut().enumerate() {
+        out.0 = f(k).to_array();
+    }
+}

@@ -1,0 +1,175 @@
+//! The engine computes what the reference says.
+
+use gs3_neural::model::{Tier, initial_weights, interpolate, super_sample};
+use gs3_neural::{
+    Activation, Border, Conv2d, Engine, Filter, Graph, GraphBuilder, Header, Op, Random, RunError, Weights,
+    reference,
+};
+
+fn header(graph: &Graph) -> Header {
+    let [tier, training_data, licence] = ["", "", ""].map(str::to_owned);
+    Header {
+        network: graph.name().to_owned(),
+        version: graph.version(),
+        scale: 4,
+        tier,
+        training_data,
+        licence,
+    }
+}
+
+/// Images of numbers in ±1 for all inputs of `graph`.
+fn images(graph: &Graph, lr: [usize; 2], seed: u64) -> Vec<(String, Vec<f32>)> {
+    let (shapes, mut random) = (graph.shapes(lr).expect("a size it takes"), Random::new(seed));
+    let image = |len: usize, random: &mut Random| (0..len).map(|_| random.signed()).collect();
+    graph.inputs().map(|(t, l)| (l.name.clone(), image(shapes[t.index()].len(), &mut random))).collect()
+}
+
+fn named(images: &[(String, Vec<f32>)]) -> Vec<(&str, &[f32])> {
+    images.iter().map(|(name, image)| (name.as_str(), &image[..])).collect()
+}
+
+/// Runs `graph` both ways and compares every output.
+fn compare(graph: &Graph, weights: &Weights, lr: [usize; 2]) {
+    let images = images(graph, lr, 3);
+    let planes = reference::run(graph, weights, lr, &named(&images)).expect("the reference runs");
+    let mut engine = Engine::new(graph, weights, lr).expect("an engine");
+    // Twice: what the first frame leaves behind does not matter.
+    for _ in 0..2 {
+        for output in graph.outputs() {
+            let expected = &planes[output.tensor.index()];
+            let mut actual = vec![f32::NAN; expected.shape.len()];
+            engine.run(&named(&images), &mut [(&output.name, &mut actual)]).expect("it runs");
+            for (k, (a, e)) in actual.iter().zip(&expected.values).enumerate() {
+                let error = (f64::from(*a) - e).abs();
+                assert!(error <= 1e-4, "{} {lr:?} {} {k}: {a} {e}", graph.name(), output.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn networks_compute_what_the_reference_says() {
+    for tier in Tier::ALL {
+        for graph in [super_sample(4, tier), interpolate(4, tier), super_sample(2, tier)] {
+            let graph = graph.expect("a network");
+            // Random heads: initial ones are zero and would hide what is before them.
+            compare(&graph, &Weights::random(&graph, header(&graph), 5), [11, 27]);
+        }
+    }
+    let graph = interpolate(4, Tier::Fast).expect("a network");
+    compare(&graph, &initial_weights(&graph, header(&graph), 5), [1, 1]);
+}
+
+/// A graph of one operation on images `a` and `b` of `channels`, and a factor `f` of one channel and a `flow`.
+fn single(op: Op, channels: usize, inputs: &[&str], border: Border) -> Graph {
+    let mut g = GraphBuilder::new("single", 1, border);
+    let inputs: Vec<_> = inputs
+        .iter()
+        .map(|name| {
+            g.input(
+                name,
+                match *name {
+                    "f" => 1,
+                    "flow" => 2,
+                    _ => channels,
+                },
+                1,
+            )
+        })
+        .collect();
+    let result = g.layer("result", op, &inputs);
+    // Something that reads the result with a halo, and something that is not fused into the output.
+    let again = g.layer("again", Op::Activate(Activation::Identity), &[result]);
+    let next = g.conv("next", Conv2d::new(5, 3), &[result]);
+    g.output("again", again);
+    g.output("next", next);
+    g.output("result", result);
+    g.finish().expect("a graph")
+}
+
+#[test]
+fn every_operation_computes_what_the_reference_says() {
+    let bilinear = Op::Upsample { factor: 3, filter: Filter::Bilinear };
+    let nearest = Op::Upsample { factor: 2, filter: Filter::Nearest };
+    let ops: Vec<(Op, Vec<&str>)> = vec![
+        (Op::PixelShuffle { factor: 2 }, vec!["a"]),
+        (Op::PixelShuffle { factor: 2 }, vec!["a", "b"]),
+        (bilinear, vec!["a"]),
+        (nearest, vec!["a"]),
+        (nearest, vec!["a", "f"]),
+        (Op::MaxPool2, vec!["a"]),
+        (Op::Concat, vec!["a", "f", "b"]),
+        (Op::Add, vec!["a", "b"]),
+        (Op::Multiply, vec!["a", "b"]),
+        (Op::Multiply, vec!["a", "f"]),
+        (Op::Mix, vec!["a", "b", "f"]),
+        (Op::ChannelMean, vec!["a"]),
+        (Op::ChannelMax, vec!["a"]),
+        (Op::Warp, vec!["a", "flow"]),
+    ];
+    for (op, inputs) in ops {
+        for (channels, border) in [(4, Border::Zero), (36, Border::Replicate)] {
+            let graph = single(op, channels, &inputs, border);
+            compare(&graph, &Weights::random(&graph, header(&graph), 1), [5, 7]);
+        }
+    }
+    let graph = single(Op::PixelUnshuffle { factor: 2 }, 5, &["a"], Border::Zero);
+    compare(&graph, &Weights::random(&graph, header(&graph), 1), [4, 6]);
+}
+
+#[test]
+fn convolutions_of_any_size_compute_what_the_reference_says() {
+    for activation in [
+        Activation::Relu,
+        Activation::LeakyRelu { slope: 0.2 },
+        Activation::Gelu,
+        Activation::Silu,
+        Activation::Sigmoid,
+        Activation::Tanh,
+    ] {
+        for (kernel, dilation, channels, outputs) in
+            [(3, 1, 17, 33), (1, 1, 5, 48), (7, 3, 2, 1), (3, 2, 32, 80)]
+        {
+            for border in [Border::Zero, Border::Replicate] {
+                for bias in [false, true] {
+                    let conv = Conv2d {
+                        bias,
+                        ..Conv2d::new(kernel, outputs).dilation(dilation).activation(activation)
+                    };
+                    let graph = single(Op::Conv2d(conv), channels, &["a"], border);
+                    let mut weights = Weights::random(&graph, header(&graph), 1);
+                    // Biases start as zero.
+                    for array in weights.arrays.values_mut().filter(|a| a.shape().len() == 1) {
+                        array
+                            .values_mut()
+                            .iter_mut()
+                            .enumerate()
+                            .for_each(|(k, v)| *v = k as f32 * 0.01 - 0.1);
+                    }
+                    compare(&graph, &weights, [5, 29]);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn images_that_do_not_fit_are_refused() {
+    let graph = super_sample(2, Tier::Fast).expect("a network");
+    let weights = initial_weights(&graph, header(&graph), 1);
+    let lr = [3, 5];
+    let mut engine = Engine::new(&graph, &weights, lr).expect("an engine");
+    let mut images = images(&graph, lr, 1);
+    let mut color = vec![0.0; engine.shape("color").map_or(0, |s| s.len()) * 4];
+    let result = engine.run(&named(&images), &mut [("colour", &mut color)]);
+    assert!(matches!(result, Err(RunError::Unknown { name, .. }) if name == "colour"));
+    let result = engine.run(&named(&images), &mut [("color", &mut color[1..])]);
+    assert!(matches!(result, Err(RunError::Length { name, .. }) if name == "color"));
+    images[0].1.pop();
+    assert!(matches!(engine.run(&named(&images), &mut []), Err(RunError::Length { .. })));
+    images.remove(0);
+    assert!(matches!(engine.run(&named(&images), &mut []), Err(RunError::Missing { .. })));
+    images.push(("else".to_owned(), Vec::new()));
+    assert!(matches!(engine.run(&named(&images), &mut []), Err(RunError::Unknown { .. })));
+}
