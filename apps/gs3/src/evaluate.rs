@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use gs3::scene::{Scene, capture};
 use gs3_evaluate::methods::{DEFAULT_METHODS, MethodSpec};
 use gs3_evaluate::photos::{DEFAULT_PHOTO_METHODS, PhotoProtocol};
-use gs3_evaluate::protocol::{Case, Event, Protocol};
+use gs3_evaluate::protocol::{Case, Event, Paper, Protocol};
 use gs3_evaluate::report;
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
@@ -28,9 +28,16 @@ pub struct EvaluateArgs {
     /// High-resolution over low-resolution size
     #[arg(long, default_value_t = 4, value_name = "S")]
     pub scale: u32,
+    /// What to run: `methods` compares --methods; `paper` fills the tables of the 3DGS³ paper (methods, accelerations, parts
+    /// left out)
+    #[arg(long, default_value = "methods")]
+    pub protocol: ProtocolArg,
+    /// The scene after `gs3 simplify`, for `--protocol paper`
+    #[arg(long, value_name = "SCENE")]
+    pub simplified: Option<PathBuf>,
     /// Compare with the photos of this capture instead (COLMAP model, transforms.json or cameras.json, undistorted) of which
     /// the scene was trained; every photo at its own size and on its own
-    #[arg(long, value_name = "CAMERAS", conflicts_with_all = ["path", "size", "frames", "case", "warm_up"])]
+    #[arg(long, value_name = "CAMERAS", conflicts_with_all = ["path", "size", "frames", "case", "warm_up", "protocol", "simplified"])]
     pub photos: Option<PathBuf>,
     /// Folder of the photos [default: the capture's own, or `images` beside it]
     #[arg(long, value_name = "DIR", requires = "photos")]
@@ -47,7 +54,7 @@ pub struct EvaluateArgs {
     /// How the camera moves over the frames
     #[arg(long, default_value = "path")]
     pub case: CaseArg,
-    /// Which tiles a splat is assigned to
+    /// Which tiles a splat is assigned to; `--protocol paper` tries them all
     #[arg(long, default_value = "accutile")]
     pub culling: CullingArg,
     /// Background colour, each from 0 to 1
@@ -63,6 +70,12 @@ pub struct EvaluateArgs {
     /// Folder for report.html, results.json, table.md and what an interrupted run resumes from
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ProtocolArg {
+    Methods,
+    Paper,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -86,6 +99,7 @@ impl From<CaseArg> for Case {
 }
 
 pub fn run(args: &EvaluateArgs) -> Result<Outcome, CliError> {
+    check_protocol(args)?;
     start_threads(args.view.threads)?;
     let (scene, _) = inputs::scene(&args.view.scene)?;
     if let Some(capture) = &args.photos {
@@ -94,6 +108,7 @@ pub fn run(args: &EvaluateArgs) -> Result<Outcome, CliError> {
     let path = inputs::cameras(&args.view, &scene)?;
     let first = path.cameras()[0];
     let protocol = Protocol {
+        reference: Arc::clone(&scene),
         scene,
         scene_name: stem(&args.view.scene),
         path,
@@ -109,8 +124,30 @@ pub fn run(args: &EvaluateArgs) -> Result<Outcome, CliError> {
         weights: args.weights.clone(),
         command: std::env::args().collect::<Vec<_>>().join(" "),
     };
+    if args.protocol == ProtocolArg::Paper {
+        return paper(args, protocol);
+    }
     let results = watched(|watch| protocol.run(&args.out, watch))?;
     write_report(&args.out, &json!(results), &report::markdown(&results), &report::html(&results))
+}
+
+/// Refuses options that the protocol would not read.
+fn check_protocol(args: &EvaluateArgs) -> Result<(), CliError> {
+    let is_paper = args.protocol == ProtocolArg::Paper;
+    let (option, expected) = match (is_paper, args.methods.is_empty(), &args.simplified) {
+        (true, false, _) => ("--methods", "none with --protocol paper, which names its own"),
+        (false, _, Some(_)) => ("--simplified", "--protocol paper with it"),
+        _ => return Ok(()),
+    };
+    Err(CliError::Option { option, expected: expected.into(), actual: "it given".into() })
+}
+
+/// Fills the paper's tables.
+fn paper(args: &EvaluateArgs, protocol: Protocol) -> Result<Outcome, CliError> {
+    let simplified = args.simplified.as_deref().map(inputs::scene).transpose()?.map(|(scene, _)| scene);
+    let paper = Paper { protocol, simplified };
+    let results = watched(|watch| paper.run(&args.out, watch))?;
+    write_report(&args.out, &json!(results), &report::paper_markdown(&results), &report::paper_html(&results))
 }
 
 /// Compares renders with photos.

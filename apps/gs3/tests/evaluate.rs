@@ -60,6 +60,8 @@ fn bad_input_gets_one_line_and_exit_code_2() {
         (&["--frames", "0..1000000"], "range within"),
         (&["--scale", "1"], "scale: expected 2"),
         (&["--path", "nowhere.json"], "nowhere.json"),
+        (&["--protocol", "paper", "--methods", "fsr1"], "--methods: expected none"),
+        (&["--simplified", "demo"], "--simplified: expected --protocol paper"),
     ] {
         let arguments: Vec<&str> = ["evaluate", "demo", "--out", out.to_str().unwrap()]
             .into_iter()
@@ -72,4 +74,44 @@ fn bad_input_gets_one_line_and_exit_code_2() {
         assert!(text.contains(message) && text.trim_end().lines().count() == 1, "{arguments:?}: {text}");
         assert!(!out.exists(), "{arguments:?} left something behind");
     }
+}
+
+#[test]
+fn the_papers_tables_are_filled() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let output = evaluate(&out, &["--protocol", "paper", "--simplified", "demo"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let results: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(out.join("results.json")).unwrap()).unwrap();
+    assert_eq!(results["failures"], serde_json::json!([]));
+    let rows = results["results"].as_array().unwrap();
+    let find = |table: &str, variant: &str, method: &str, subset: &str| {
+        let is = |row: &&serde_json::Value, key: &str, value: &str| row[key] == value;
+        let row = rows.iter().find(|row| {
+            is(row, "table", table)
+                && is(row, "variant", variant)
+                && is(row, "method", method)
+                && is(row, "subset", subset)
+        });
+        row.unwrap_or_else(|| panic!("{table} {variant} {method} {subset}"))["psnr"].as_f64().unwrap()
+    };
+    for variant in ["plain", "AdR", "SnugBox", "AccuTile", "AccuTile, simplified"] {
+        for subset in ["super_sampled", "interpolated", "all"] {
+            assert!(find("acceleration", variant, "analytic", subset) > 10.0);
+        }
+    }
+    // Ground truth has no loss by culling, 3σ boxes do.
+    assert!(find("acceleration", "SnugBox", "native", "all") > 90.0);
+    let plain = find("acceleration", "plain", "native", "all");
+    assert!(plain < 80.0, "{plain}");
+    let without = |part: &str, method: &str| find("ablation", part, method, "super_sampled");
+    let whole = without("nothing", "analytic");
+    assert!(whole > without("history", "hermite+warp"));
+    let gradientless = without("gradients", "history_gradientless+warp");
+    assert!(whole != gradientless && gradientless > without("history and gradients", "bicubic+warp"));
+    assert!(whole != without("jitter", "history_centered+warp"));
+    let table = std::fs::read_to_string(out.join("table.md")).unwrap();
+    assert!(table.contains("Absent: gs3 fast, balanced, high (learned): no trained weights"));
+    assert!(std::fs::read_to_string(out.join("report.html")).unwrap().contains("without jitter"));
 }

@@ -2,7 +2,8 @@
 //!
 //! [`metrics`] are pure functions on images and sequences, each checked against its reference implementation.
 //! [`upscale`] holds the spatial baselines, [`network`] published networks, [`methods`] puts them and gs3 behind one trait, [`protocol`] runs and judges them,
-//! [`photos`] compares renders with the photos of a capture, [`report`] shows the results. [`simplify`] makes the smaller scenes of its acceleration columns.
+//! [`photos`] compares renders with the photos of a capture, [`report`] shows the results. [`simplify`] makes the smaller
+//! scenes of its acceleration columns.
 
 pub mod methods;
 pub mod metrics;

@@ -33,6 +33,7 @@ fn protocol(methods: &str, case: Case) -> Protocol {
     let scene = Arc::new(scene());
     let path = orbit::around(&scene, 90, 96, 64).unwrap();
     Protocol {
+        reference: Arc::clone(&scene),
         scene,
         scene_name: "ball".into(),
         path,

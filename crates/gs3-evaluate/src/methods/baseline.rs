@@ -5,8 +5,9 @@ use std::time::{Duration, Instant};
 
 use gs3::{FramePipeline, Mode, ResetReason, Stage};
 use gs3_raster::{Outputs, RasterSettings, Rasterizer, STOCK_DILATION, matched_dilation};
-use gs3_reconstruct::{Interpolator, Kernel};
-use gs3_scene::{Camera, GBuffer, Image};
+use gs3_reconstruct::{Interpolator, Kernel, SuperSampler};
+use gs3_scene::{Camera, GBuffer, Gradients, Image, Jitter};
+use rayon::prelude::*;
 
 use super::formation::reduce;
 use super::interpolation::{Frame, interpolate};
@@ -32,14 +33,15 @@ pub(super) struct Baseline {
 enum SpatialPart {
     /// gs3's pipeline, without interpolation.
     Pipeline(Box<FramePipeline>),
+    /// gs3's history on gradients of bicubic interpolation.
+    Gradientless { source: Box<LrSource>, super_sampler: Box<SuperSampler>, jitter: Jitter, age: u64 },
     /// LR frames and an upscaler.
     Upscaled { source: Box<LrSource>, upscaler: Box<dyn Upscaler> },
 }
 
 impl Baseline {
     pub fn new(spec: MethodSpec, settings: &MethodSettings) -> Result<Self, MethodError> {
-        let of_pipeline =
-            |mode| pipeline(mode, spec.formation, settings).map(|p| SpatialPart::Pipeline(Box::new(p)));
+        let of_pipeline = |mode| pipeline(mode, spec, settings).map(|p| SpatialPart::Pipeline(Box::new(p)));
         let upscaled = |upscaler: Box<dyn Upscaler>| {
             let outputs = match (upscaler.outputs(), spec.interpolation) {
                 (Outputs::Color, Interpolation::Warp) => Outputs::GBuffer,
@@ -50,7 +52,13 @@ impl Baseline {
         };
         let spatial = match spec.spatial {
             Spatial::Native => of_pipeline(Mode::Native)?,
-            Spatial::History => of_pipeline(Mode::SuperSample)?,
+            Spatial::History | Spatial::Centered => of_pipeline(Mode::SuperSample)?,
+            Spatial::Gradientless => SpatialPart::Gradientless {
+                source: Box::new(LrSource::new(spec.formation, Outputs::GBuffer, settings)),
+                super_sampler: Box::new(SuperSampler::new(settings.scale)?),
+                jitter: Jitter::grid(settings.scale),
+                age: 0,
+            },
             Spatial::Nearest => upscaled(Box::new(Kernel::Nearest)),
             Spatial::Bilinear => upscaled(Box::new(Kernel::Bilinear)),
             Spatial::Bicubic => upscaled(Box::new(Kernel::Bicubic)),
@@ -97,9 +105,23 @@ impl Method for Baseline {
                 }
                 self.durations = Stage::ALL.map(|stage| pipeline.times().get(stage));
             }
+            SpatialPart::Gradientless { source, super_sampler, jitter, age } => {
+                let Frame { gbuffer, image, .. } = &mut self.current;
+                if middle.is_none() {
+                    super_sampler.reset(ResetReason::CameraCut);
+                    *age = 0;
+                }
+                self.durations[Stage::Rasterize as usize] =
+                    source.render(camera, jitter.offset(*age), gbuffer)?;
+                let started = Instant::now();
+                difference(gbuffer);
+                super_sampler.super_sample(camera, gbuffer, image)?;
+                self.durations[Stage::SuperSample as usize] = Some(started.elapsed());
+                *age += 1;
+            }
             SpatialPart::Upscaled { source, upscaler } => {
                 let Frame { gbuffer, image, .. } = &mut self.current;
-                self.durations[Stage::Rasterize as usize] = source.render(camera, gbuffer)?;
+                self.durations[Stage::Rasterize as usize] = source.render(camera, [0.0; 2], gbuffer)?;
                 let started = Instant::now();
                 image.resize(camera.width() as usize, camera.height() as usize);
                 upscaler.upscale(gbuffer, source.scale, image)?;
@@ -133,7 +155,26 @@ impl Method for Baseline {
     }
 }
 
-/// Makes LR frames, without jitter.
+/// Replaces the gradients of `lr` by central differences of its colours, one-sided at borders as if they went on flat: cubic
+/// Hermite interpolation becomes Catmull–Rom.
+fn difference(lr: &mut GBuffer) {
+    let (width, height) = (lr.width(), lr.height());
+    let Some(Gradients { color_dx, color_dy, color_dxdy }) = &mut lr.gradients else { return };
+    *color_dxdy = None;
+    let color = &lr.color;
+    let across = color_dx.data_mut().par_chunks_exact_mut(width);
+    across.zip(color_dy.data_mut().par_chunks_exact_mut(width)).enumerate().for_each(|(i, (dx, dy))| {
+        let (c, y) = (i / height, i % height);
+        let row = color.row(c, y);
+        let (above, below) = (color.row(c, y.saturating_sub(1)), color.row(c, (y + 1).min(height - 1)));
+        for x in 0..width {
+            dx[x] = 0.5 * (row[(x + 1).min(width - 1)] - row[x.saturating_sub(1)]);
+            dy[x] = 0.5 * (below[x] - above[x]);
+        }
+    });
+}
+
+/// Makes LR frames.
 pub(super) struct LrSource {
     rasterizer: Rasterizer,
     formation: Formation,
@@ -155,8 +196,13 @@ impl LrSource {
         }
     }
 
-    /// Makes the LR frame of the HR `camera`; gives the time, where a renderer would need as long.
-    fn render(&mut self, camera: &Camera, lr: &mut GBuffer) -> Result<Option<Duration>, MethodError> {
+    /// Makes the LR frame of the HR `camera`, sampled at `jitter` where it is rasterized; gives the time, where a renderer would need as long.
+    fn render(
+        &mut self,
+        camera: &Camera,
+        jitter: [f32; 2],
+        lr: &mut GBuffer,
+    ) -> Result<Option<Duration>, MethodError> {
         let dilation = match self.formation {
             Formation::Matched => matched_dilation(self.scale),
             Formation::Stock => STOCK_DILATION,
@@ -167,7 +213,7 @@ impl LrSource {
             }
         };
         let settings =
-            RasterSettings { dilation, background: self.background, ..RasterSettings::new(self.outputs) };
+            RasterSettings { outputs: self.outputs, dilation, jitter, background: self.background };
         let started = Instant::now();
         self.rasterizer.rasterize(&camera.low_resolution(self.scale), &settings, lr)?;
         Ok(Some(started.elapsed()))
@@ -189,7 +235,7 @@ fn fit_ridge(spec: MethodSpec, settings: &MethodSettings) -> Result<RidgeMap, Me
     let mut frames = Vec::new();
     for camera in &settings.training {
         let mut lr = GBuffer::default();
-        source.render(camera, &mut lr)?;
+        source.render(camera, [0.0; 2], &mut lr)?;
         frames.push((lr, source.render_native(camera)?.clone()));
     }
     let frames: Vec<(&GBuffer, &Image)> = frames.iter().map(|(lr, hr)| (lr, hr)).collect();
@@ -200,4 +246,39 @@ fn fit_ridge(spec: MethodSpec, settings: &MethodSettings) -> Result<RidgeMap, Me
 fn weights(spec: MethodSpec, settings: &MethodSettings, name: &str) -> Result<Weights, MethodError> {
     let folder = settings.weights.as_ref().ok_or(MethodError::NoWeights { method: spec })?;
     Ok(Weights::load(&folder.join(name).with_extension("safetensors"))?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gs3_reconstruct::{hermite, resample};
+    use gs3_scene::Planes;
+
+    #[test]
+    fn hermite_on_central_differences_is_catmull_rom() {
+        let (width, height) = (9, 7);
+        let mut lr = GBuffer {
+            color: Planes::new(width, height),
+            alpha: Planes::new(width, height),
+            gradients: Some(Gradients {
+                color_dx: Planes::new(width, height),
+                color_dy: Planes::new(width, height),
+                color_dxdy: None,
+            }),
+            ..GBuffer::default()
+        };
+        for (i, value) in lr.color.data_mut().iter_mut().enumerate() {
+            *value = ((i * i * 37 % 101) as f32 / 101.0).clamp(0.0, 1.0);
+        }
+        difference(&mut lr);
+        let [mut cubic, mut bicubic] = [(); 2].map(|()| Image::new(4 * width, 4 * height));
+        assert_eq!(hermite(&lr, 4, &mut cubic), Ok(()));
+        assert_eq!(resample(&lr, 4, Kernel::Bicubic, &mut bicubic), Ok(()));
+        for (i, (a, b)) in cubic.pixels().iter().zip(bicubic.pixels()).enumerate() {
+            // Away from the border, where the two continue the frame in different ways.
+            let (x, y) = (i % (4 * width), i / (4 * width));
+            let is_inside = (8..4 * width - 8).contains(&x) && (8..4 * height - 8).contains(&y);
+            assert!(!is_inside || (0..3).all(|c| (a[c] - b[c]).abs() < 1e-5), "({x}, {y}): {a:?}, {b:?}");
+        }
+    }
 }

@@ -113,26 +113,22 @@ pub struct MethodSettings {
 pub fn build(spec: MethodSpec, settings: &MethodSettings) -> Result<Box<dyn Method>, MethodError> {
     let mode = match (spec.spatial, spec.interpolation) {
         (Spatial::Native, Interpolation::None) => Mode::Native,
-        (Spatial::History, Interpolation::None) => Mode::SuperSample,
-        (Spatial::History, Interpolation::Warp) => Mode::Full,
+        (Spatial::History | Spatial::Centered, Interpolation::None) => Mode::SuperSample,
+        (Spatial::History | Spatial::Centered, Interpolation::Warp) => Mode::Full,
         _ => return Ok(Box::new(Baseline::new(spec, settings)?)),
     };
-    Ok(Box::new(pipeline(mode, spec.formation, settings)?))
+    Ok(Box::new(pipeline(mode, spec, settings)?))
 }
 
-fn pipeline(
-    mode: Mode,
-    formation: Formation,
-    settings: &MethodSettings,
-) -> Result<FramePipeline, PipelineError> {
-    let dilation = match (mode, formation) {
+fn pipeline(mode: Mode, spec: MethodSpec, settings: &MethodSettings) -> Result<FramePipeline, PipelineError> {
+    let dilation = match (mode, spec.formation) {
         (Mode::Native, _) | (_, Formation::Stock) => Dilation::Stock,
         (_, Formation::Matched | Formation::Antialiased) => Dilation::Matched,
     };
     let settings_ = PipelineSettings {
         mode,
         scale: settings.scale,
-        sampling: Sampling::Jittered,
+        sampling: if spec.spatial.is_jittered() { Sampling::Jittered } else { Sampling::Centered },
         dilation,
         culling: settings.culling,
         background: settings.background,

@@ -26,6 +26,10 @@ pub enum Spatial {
     Ridge,
     /// gs3's super sampling with jittered history.
     History,
+    /// [`Self::History`] with all LR frames sampled at pixel centres: an ablation.
+    Centered,
+    /// [`Self::History`] without rendered gradients: those of bicubic interpolation in their place, an ablation.
+    Gradientless,
     /// The network SPAN, 28 channels, ×4.
     Span,
     /// The network SAFMN++ light, ×4.
@@ -97,7 +101,7 @@ pub enum SpecError {
     },
 }
 
-const SPATIAL: [(&str, Spatial); 13] = [
+const SPATIAL: [(&str, Spatial); 15] = [
     ("native", Spatial::Native),
     ("nearest", Spatial::Nearest),
     ("bilinear", Spatial::Bilinear),
@@ -108,6 +112,8 @@ const SPATIAL: [(&str, Spatial); 13] = [
     ("spline", Spatial::Spline),
     ("ridge", Spatial::Ridge),
     ("history", Spatial::History),
+    ("history_centered", Spatial::Centered),
+    ("history_gradientless", Spatial::Gradientless),
     ("span", Spatial::Span),
     ("safmn", Spatial::Safmn),
     ("rt4ksr", Spatial::Rt4ksr),
@@ -126,7 +132,17 @@ pub const DEFAULT_METHODS: &str = "native,nearest,bilinear,bicubic,lanczos,fsr1,
 impl Spatial {
     /// Whether it reads image gradients or depth, which only rasterized LR frames have.
     const fn reads_gbuffer(self) -> bool {
-        matches!(self, Self::Hermite | Self::Spline | Self::Ridge | Self::History)
+        matches!(self, Self::Hermite | Self::Spline | Self::Ridge) || self.has_history()
+    }
+
+    /// Whether frames depend on the ones before.
+    const fn has_history(self) -> bool {
+        matches!(self, Self::History | Self::Centered | Self::Gradientless)
+    }
+
+    /// Whether LR frames are jittered.
+    pub(crate) const fn is_jittered(self) -> bool {
+        matches!(self, Self::History | Self::Gradientless)
     }
 }
 

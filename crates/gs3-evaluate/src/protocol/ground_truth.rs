@@ -5,7 +5,7 @@ use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use gs3_raster::{Outputs, RasterSettings, Rasterizer};
+use gs3_raster::{Culling, Outputs, RasterSettings, Rasterizer};
 use gs3_scene::{Camera, GBuffer, Image, Planes};
 use rayon::prelude::*;
 
@@ -49,7 +49,7 @@ impl<'a> GroundTruth<'a> {
             RasterSettings { background: protocol.background, ..RasterSettings::new(Outputs::GBuffer) };
         Self {
             timeline,
-            rasterizer: Rasterizer::new(Arc::clone(&protocol.scene), protocol.culling),
+            rasterizer: Rasterizer::new(Arc::clone(&protocol.reference), Culling::AccuTile),
             settings,
             folder: cache.join("frames"),
             gbuffer: GBuffer::default(),

@@ -1,6 +1,6 @@
 //! The protocol: which frames are judged, against what, how they are timed.
 //!
-//! Ground truth is the scene rasterized at full size by the same rasterizer, at the poses of rendered frames and of the frames
+//! Ground truth is the scene rasterized at full size by the same rasterizer with exact tile culling, at the poses of rendered frames and of the frames
 //! between. Every method runs alone over the same cameras, after warming up; scores are taken outside the timed stages.
 //! Finished methods are kept in the output folder, so a run that was interrupted resumes.
 
@@ -8,6 +8,7 @@ mod cache;
 mod ground_truth;
 mod judge;
 mod machine;
+mod paper;
 mod results;
 mod timeline;
 
@@ -26,6 +27,7 @@ pub(crate) use judge::crop;
 use judge::judge;
 pub use judge::{Crop, FrameScore, MethodScore, PSNR_CAP};
 pub use machine::Machine;
+pub use paper::{Absent, Paper, PaperResults, PaperRow, Table};
 pub use results::{Failure, ProtocolFacts, ResultRow, Results, StageStatistics, Subset, TruthFacts};
 pub use timeline::Case;
 use timeline::Timeline;
@@ -37,6 +39,8 @@ pub struct Protocol {
     pub scene: Arc<Scene>,
     /// Its name in reports.
     pub scene_name: String,
+    /// The scene that ground truth shows: the same one, or the full one where `scene` is a simplification of it.
+    pub reference: Arc<Scene>,
     /// The cameras.
     pub path: CameraPath,
     /// Their name in reports.
@@ -235,10 +239,10 @@ impl Protocol {
             warm_up_frames,
             ..
         } = self;
-        let count = self.scene.gaussians().len();
+        let count = [&self.scene, &self.reference].map(|scene| scene.gaussians().len());
         let (first, last) = (self.path.at(frames.start as f64), self.path.at(frames.end as f64 - 1.0));
         format!(
-            "gs3-evaluate {} {scene_name} {count} {path_name} {frames:?} {case:?} {size:?} x{scale} {culling:?} {background:?} \
+            "gs3-evaluate {} {scene_name} {count:?} {path_name} {frames:?} {case:?} {size:?} x{scale} {culling:?} {background:?} \
              {warm_up_frames} {first:?} {last:?} {} threads",
             env!("CARGO_PKG_VERSION"),
             rayon::current_num_threads()

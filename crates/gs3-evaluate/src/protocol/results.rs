@@ -240,7 +240,7 @@ fn rows(spec: MethodSpec, score: &MethodScore, native_fps: Option<f64>) -> Vec<R
             displayed_fps: fps,
             speedup_over_native: fps.zip(native_fps).map(|(fps, native)| fps / native),
             lr_formation: (spec.spatial != Spatial::Native).then(|| spec.formation.name().to_owned()),
-            lr_jitter: spec.spatial == Spatial::History,
+            lr_jitter: spec.spatial.is_jittered(),
             frames: frames.len(),
             rasterize: stage(0),
             super_sample: stage(1),
@@ -267,7 +267,7 @@ fn facts(protocol: &Protocol, timeline: &Timeline, truth: TruthFacts) -> Protoco
         culling: format!("{:?}", protocol.culling),
         background: protocol.background,
         warm_up_frames: protocol.warm_up_frames,
-        ground_truth: "the scene rasterized at full size by the same rasterizer, stock dilation 0.3 px², at the poses of \
+        ground_truth: "the scene rasterized at full size by the same rasterizer, stock dilation 0.3 px², tile culling without loss (AccuTile), at the poses of \
                        rendered frames and at the true poses half-way between"
             .into(),
         truth,

@@ -2,11 +2,13 @@
 
 mod html;
 mod markdown;
+mod paper;
 mod photos;
 mod plot;
 
 pub use html::html;
 pub use markdown::markdown;
+pub use paper::{paper_html, paper_markdown};
 pub use photos::{photos_html, photos_markdown};
 
 use gs3_scene::Image;
