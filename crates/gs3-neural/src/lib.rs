@@ -3,6 +3,7 @@
 //! A network is defined once, as a [`Graph`] of named layers ([`model`]). Layer names are the names of their weights.
 //! Images go in and out as planes of numbers; nothing here knows how they were rendered.
 
+pub mod adjoint;
 pub mod arrays;
 mod engine;
 mod error;

@@ -194,21 +194,25 @@ pub(crate) struct Tap {
     pub x: usize,
     pub y: usize,
     pub weight: f64,
+    /// Derivatives of the weight by the place.
+    pub slope: [f64; 2],
 }
 
 /// The pixels around (x, y), whose integers are pixels' centres; places outside are moved to the border.
 pub(crate) fn taps(shape: Shape, x: f64, y: f64) -> [Tap; 4] {
     let axis = |place: f64, side: usize| {
         let last = (side - 1) as f64;
+        // Moving beyond the border changes nothing.
+        let inside = if (0.0..=last).contains(&place) { 1.0 } else { 0.0 };
         let place = place.clamp(0.0, last);
         let first = (place.floor() as usize).min(side.saturating_sub(2));
         let fraction = place - first as f64;
-        [(first, 1.0 - fraction), ((first + 1).min(side - 1), fraction)]
+        [(first, 1.0 - fraction, -inside), ((first + 1).min(side - 1), fraction, inside)]
     };
     let (xs, ys) = (axis(x, shape.width), axis(y, shape.height));
     std::array::from_fn(|k| {
-        let ((x, wx), (y, wy)) = (xs[k % 2], ys[k / 2]);
-        Tap { x, y, weight: wx * wy }
+        let ((x, wx, dx), (y, wy, dy)) = (xs[k % 2], ys[k / 2]);
+        Tap { x, y, weight: wx * wy, slope: [dx * wy, wx * dy] }
     })
 }
 
