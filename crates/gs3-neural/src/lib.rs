@@ -3,6 +3,7 @@
 //! A network is defined once, as a [`Graph`] of named layers ([`model`]). Layer names are the names of their weights.
 //! Images go in and out as planes of numbers; nothing here knows how they were rendered.
 
+mod adam;
 pub mod adjoint;
 pub mod arrays;
 mod engine;
@@ -15,6 +16,7 @@ pub mod reference;
 mod shape;
 mod weights;
 
+pub use adam::Adam;
 pub use engine::Engine;
 pub use error::{GraphError, RunError, WeightError};
 pub use graph::{
