@@ -7,27 +7,26 @@ use crate::shape::Shape;
 /// An image by name: channels last (`hwc`).
 pub type Named<'a> = (&'a str, &'a [f32]);
 
-/// The images for each layer of `graph` that is an input, none for the others.
-pub(crate) fn inputs<'a>(
-    graph: &Graph,
-    shapes: &[Shape],
-    images: &[Named<'a>],
-) -> Result<Vec<Option<&'a [f32]>>, RunError> {
-    let mut found = vec![None; graph.layers().len()];
+/// Whether `images` are all inputs of `graph` and nothing else.
+pub(crate) fn check(graph: &Graph, shapes: &[Shape], images: &[Named<'_>]) -> Result<(), RunError> {
     for (name, image) in images {
         let Some((tensor, _)) = graph.inputs().find(|(_, layer)| layer.name == *name) else {
             let expected: Vec<&str> = graph.inputs().map(|(_, layer)| layer.name.as_str()).collect();
             return Err(RunError::Unknown { name: (*name).to_owned(), expected: expected.join(", ") });
         };
         check_length(name, shapes[tensor.0], image.len())?;
-        found[tensor.0] = Some(*image);
     }
-    for (tensor, layer) in graph.inputs() {
-        if found[tensor.0].is_none() {
-            return Err(RunError::Missing { name: layer.name.clone(), expected: shapes[tensor.0] });
+    match graph.inputs().find(|(_, layer)| find(images, &layer.name).is_none()) {
+        Some((tensor, layer)) => {
+            Err(RunError::Missing { name: layer.name.clone(), expected: shapes[tensor.0] })
         }
+        None => Ok(()),
     }
-    Ok(found)
+}
+
+/// The image of that name.
+pub(crate) fn find<'a>(images: &[Named<'a>], name: &str) -> Option<&'a [f32]> {
+    images.iter().find(|(n, _)| *n == name).map(|(_, image)| *image)
 }
 
 /// Whether `actual` numbers are an image of `shape`.

@@ -2,7 +2,7 @@
 
 use crate::error::RunError;
 use crate::graph::{Activation, Border, Conv2d, Filter, Graph, Op, Tensor};
-use crate::images::{Named, inputs};
+use crate::images::{self, Named};
 use crate::shape::Shape;
 use crate::weights::Weights;
 
@@ -57,10 +57,10 @@ pub fn run(
 ) -> Result<Vec<Plane>, RunError> {
     let shapes = graph.shapes(lr)?;
     weights.check(graph)?;
-    let images = inputs(graph, &shapes, images)?;
+    images::check(graph, &shapes, images)?;
     let mut planes: Vec<Plane> = Vec::with_capacity(shapes.len());
     for (k, shape) in shapes.iter().enumerate() {
-        let plane = match images[k] {
+        let plane = match images::find(images, &graph.layers()[k].name) {
             Some(image) => Plane { shape: *shape, values: image.iter().map(|v| f64::from(*v)).collect() },
             None => layer(graph, weights, k, &planes, *shape),
         };

@@ -10,7 +10,7 @@ use fearless_simd::Level;
 
 use crate::error::RunError;
 use crate::graph::{Border, Graph};
-use crate::images::{Named, check_length, inputs};
+use crate::images::{self, Named};
 use crate::shape::Shape;
 use crate::weights::Weights;
 use block::{Block, Sources};
@@ -59,21 +59,27 @@ impl Engine {
     /// # Errors
     /// [`RunError`] if an image is missing, unknown or of another size; nothing is computed then.
     pub fn run(&mut self, images: &[Named<'_>], outputs: &mut [(&str, &mut [f32])]) -> Result<(), RunError> {
-        let images = inputs(&self.graph, &self.shapes, images)?;
+        images::check(&self.graph, &self.shapes, images)?;
         for (name, image) in outputs.iter() {
             let Some(export) = self.plan.exports.iter().find(|e| e.name == *name) else {
                 let expected: Vec<&str> = self.plan.exports.iter().map(|e| e.name.as_str()).collect();
                 return Err(RunError::Unknown { name: (*name).to_owned(), expected: expected.join(", ") });
             };
-            check_length(name, export.shape, image.len())?;
+            images::check_length(name, export.shape, image.len())?;
         }
+        // One entry into the pool for the whole network, not one for every step.
+        rayon::scope(|_| self.compute(images, outputs));
+        Ok(())
+    }
+
+    fn compute(&mut self, images: &[Named<'_>], outputs: &mut [(&str, &mut [f32])]) {
         let border: Border = self.graph.border();
         for step in &self.plan.steps {
             let (out, sources) = Sources::split(&mut self.arena, &step.out);
             match &step.kind {
                 Kind::Import { layer, factor } => {
-                    // All inputs were found above.
-                    let image = images[*layer].unwrap_or_default();
+                    // All inputs are there: that was checked.
+                    let image = images::find(images, &self.graph.layers()[*layer].name).unwrap_or_default();
                     ops::import(image, *factor, border, &step.out, out);
                 }
                 Kind::Convolution(convolution) => convolution.run(self.level, sources, &step.out, out),
@@ -86,6 +92,5 @@ impl Engine {
                 ops::export(tensor, &export.tensor, export.factor, image);
             }
         }
-        Ok(())
     }
 }
