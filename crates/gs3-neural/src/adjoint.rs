@@ -1,5 +1,9 @@
 //! The reverse walk: derivatives of a loss by weights and images, from those by the outputs. Naive loops in double
 //! precision, one adjoint for each operation of [`reference`](crate::reference): the oracle of a trainer's kernels.
+//!
+//! It is no trainer: it visits numbers one by one. The derivative of a convolution by its input is a convolution with
+//! the weights turned round, which the engine's kernels can do at the speed of the forward pass; the derivative by the
+//! weights is as much work again.
 
 use std::collections::BTreeMap;
 

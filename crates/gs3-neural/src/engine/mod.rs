@@ -1,4 +1,10 @@
 //! The CPU engine: a network for one image size, planned once, run without allocation.
+//!
+//! Measured (`examples/speed.rs`) with two threads of a Zen 4 machine whose multiply-adds peak at 235 GFLOP/s, 480×270:
+//! 3×3 convolutions 16→16, 32→32 and 48→48 at 92, 92 and 96 % of the peak. Whole networks at ×4, images in and out
+//! included: super sampling 57, 159, 315 ms (55, 77, 86 %), interpolation 96, 234, 432 ms (46, 67, 76 %), fast, balanced,
+//! high. What convolutions leave is bringing images in and out, which is scalar, and the first layers, whose inputs have
+//! few channels.
 
 mod block;
 mod conv;
