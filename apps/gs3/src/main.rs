@@ -1,5 +1,10 @@
 //! The command `gs3`: render, inspect, convert and measure 3D Gaussian Splatting scenes.
 
+#![allow(
+    rustdoc::broken_intra_doc_links,
+    reason = "doc comments of arguments are help texts for the terminal; their brackets are no links"
+)]
+
 mod args;
 mod bench;
 mod compare;

@@ -7,7 +7,7 @@ use super::mean_square::{Quantisation, mean_square};
 use super::psnr::psnr_from_mse;
 
 /// Temporal PSNR in dB: the PSNR of the frame difference `test[1] − test[0]` against `reference[1] − reference[0]`, peak
-/// 1 as in [`super::psnr`]. An error that stays where it is costs nothing; one that comes and goes does.
+/// 1 as in [`super::psnr()`]. An error that stays where it is costs nothing; one that comes and goes does.
 ///
 /// # Errors
 /// [`MetricError`] if sizes differ or images are empty.
