@@ -42,7 +42,7 @@ fn a_resting_camera_becomes_native() {
         resting.render(&camera, None).unwrap();
     }
     let last = psnr(resting.render(&camera, None).unwrap().current, &native);
-    assert!(last >= 40.0 && last > first + 15.0, "{first} dB, then {last} dB");
+    assert!(last >= 50.0 && last > first + 15.0, "{first} dB, then {last} dB");
 }
 
 #[test]
