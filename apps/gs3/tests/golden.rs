@@ -3,6 +3,8 @@
 //! The stored frames are what this writes, the first of `full` being the interpolated one:
 //! `gs3 render demo --size 160x90 --frames 8..9 --mode MODE --out DIR`.
 
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
