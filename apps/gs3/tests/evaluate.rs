@@ -61,6 +61,7 @@ fn bad_input_gets_one_line_and_exit_code_2() {
         (&["--scale", "1"], "scale: expected 2"),
         (&["--path", "nowhere.json"], "nowhere.json"),
         (&["--protocol", "paper", "--methods", "fsr1"], "--methods: expected none"),
+        (&["--methods", "span", "--weights", "nowhere"], "span28_x4.safetensors, found none"),
         (&["--simplified", "demo"], "--simplified: expected --protocol paper"),
     ] {
         let arguments: Vec<&str> = ["evaluate", "demo", "--out", out.to_str().unwrap()]

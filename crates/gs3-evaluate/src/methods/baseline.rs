@@ -67,9 +67,9 @@ impl Baseline {
             Spatial::Hermite => upscaled(Box::new(Hermite::EstimatedMixed)),
             Spatial::Spline => upscaled(Box::new(Hermite::ExactMixed)),
             Spatial::Ridge => upscaled(Box::new(fit_ridge(spec, settings)?)),
-            Spatial::Span => upscaled(Box::new(Span::new(&weights(spec, settings, "span28_x4")?)?)),
-            Spatial::Safmn => upscaled(Box::new(Safmn::new(&weights(spec, settings, "safmnpp_light_x4")?)?)),
-            Spatial::Rt4ksr => upscaled(Box::new(Rt4ksr::new(&weights(spec, settings, "rt4ksr_x2")?)?)),
+            Spatial::Span => upscaled(Box::new(Span::new(&weights(spec, settings)?)?)),
+            Spatial::Safmn => upscaled(Box::new(Safmn::new(&weights(spec, settings)?)?)),
+            Spatial::Rt4ksr => upscaled(Box::new(Rt4ksr::new(&weights(spec, settings)?)?)),
         };
         Ok(Self {
             spec,
@@ -242,10 +242,13 @@ fn fit_ridge(spec: MethodSpec, settings: &MethodSettings) -> Result<RidgeMap, Me
     Ok(RidgeMap::fit(&frames, settings.scale)?)
 }
 
-/// Loads the weights `name` of a published network.
-fn weights(spec: MethodSpec, settings: &MethodSettings, name: &str) -> Result<Weights, MethodError> {
-    let folder = settings.weights.as_ref().ok_or(MethodError::NoWeights { method: spec })?;
-    Ok(Weights::load(&folder.join(name).with_extension("safetensors"))?)
+/// Loads the weights of a published network.
+fn weights(spec: MethodSpec, settings: &MethodSettings) -> Result<Weights, MethodError> {
+    let missing = MethodError::NoWeights { method: spec };
+    let (Some(folder), Some(file)) = (&settings.weights, spec.spatial.weight_file()) else {
+        return Err(missing);
+    };
+    Ok(Weights::load(&folder.join(file))?)
 }
 
 #[cfg(test)]

@@ -130,6 +130,17 @@ pub const DEFAULT_METHODS: &str = "native,nearest,bilinear,bicubic,lanczos,fsr1,
      bicubic@stock,bicubic+repeat,bicubic+blend,history+repeat,history+blend,analytic";
 
 impl Spatial {
+    /// The file of a published network's weights in their folder, if the method is one.
+    #[must_use]
+    pub const fn weight_file(self) -> Option<&'static str> {
+        match self {
+            Self::Span => Some("span28_x4.safetensors"),
+            Self::Safmn => Some("safmnpp_light_x4.safetensors"),
+            Self::Rt4ksr => Some("rt4ksr_x2.safetensors"),
+            _ => None,
+        }
+    }
+
     /// Whether it reads image gradients or depth, which only rasterized LR frames have.
     const fn reads_gbuffer(self) -> bool {
         matches!(self, Self::Hermite | Self::Spline | Self::Ridge) || self.has_history()

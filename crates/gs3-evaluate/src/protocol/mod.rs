@@ -78,6 +78,14 @@ pub enum EvaluateError {
         /// The range found.
         actual: std::ops::Range<usize>,
     },
+    /// The named folder lacks a network's weights.
+    #[error("{method}: expected a file of weights at {}, found none", .file.display())]
+    WeightFile {
+        /// The network.
+        method: MethodSpec,
+        /// The file expected.
+        file: PathBuf,
+    },
     /// The size cannot be divided by the scale.
     #[error("size: expected sides divisible by the scale {scale}, found {}x{}", .actual.0, .actual.1)]
     Size {
@@ -221,6 +229,12 @@ impl Protocol {
         }
         if !self.size.0.is_multiple_of(self.scale) || !self.size.1.is_multiple_of(self.scale) {
             return Err(EvaluateError::Size { scale: self.scale, actual: self.size });
+        }
+        for (folder, method) in self.weights.iter().flat_map(|f| self.methods.iter().map(move |m| (f, m))) {
+            let file = method.spatial.weight_file().map(|file| folder.join(file));
+            if let Some(file) = file.filter(|file| !file.is_file()) {
+                return Err(EvaluateError::WeightFile { method: *method, file });
+            }
         }
         Ok(())
     }
