@@ -45,7 +45,9 @@ pub fn project<S: Simd>(
     let mut slopes = [zero; 2];
     for a in 0..2 {
         let slope = distance * (m[a] / along - ray[a] * inv_ray_length2) * lanes(s, 1.0 / view.focal[a]);
-        slopes[a] = has_plane.select(slope, zero);
+        // So steep a plane is edge-on too; times a pixel distance it would overflow.
+        let is_usable = has_plane & slope.abs().simd_lt(lanes(s, 1e20));
+        slopes[a] = is_usable.select(slope, zero);
     }
     let length2 = dot(m, m);
     let has_normal = length2.simd_gt(tiny);

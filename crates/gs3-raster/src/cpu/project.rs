@@ -19,6 +19,10 @@ const SUPPORT_MARGIN: f32 = 1e-3;
 /// Slack in pixels on the support's extents, for the rounding of positions up to 8192 px (2⁻¹¹ px).
 const EXTENT_MARGIN: f32 = 2e-3;
 
+/// Centres farther off the axis than this multiple of their depth are culled: at a focal length of a thousand pixels
+/// their position, 10⁹ px, is known to 64 px only, and its square must not overflow.
+const MAX_SLOPE: f32 = 1e6;
+
 /// Smallest factor on opacity in antialiased scenes (gsplat).
 const MIN_COMPENSATION: f32 = 0.005;
 
@@ -148,6 +152,7 @@ fn project_lanes<S: Simd>(
     let (mut slope, mut limited, mut mean) = ([zero; 2], [zero; 2], [zero; 2]);
     for a in 0..2 {
         slope[a] = view_space[a] * inv_z;
+        visible &= slope[a].abs().simd_lt(lanes(s, MAX_SLOPE));
         mean[a] = slope[a].mul_add(lanes(s, view.focal[a]), lanes(s, view.center[a]));
         let limit = lanes(s, view.jacobian_limit[a]);
         limited[a] = slope[a].min(limit).max(zero - limit);
