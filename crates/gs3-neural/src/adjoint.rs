@@ -126,6 +126,7 @@ impl<'a> Step<'a> {
                 }
                 self.add(i, [x, y, c], v);
             }
+            Op::Slice { first, .. } => self.add(0, [x, y, first + c], v),
             Op::Add => {
                 self.add(0, at, v);
                 self.add(1, at, v);

@@ -134,6 +134,13 @@ pub enum Op {
     MaxPool2,
     /// All channels of all inputs.
     Concat,
+    /// Channels `first..first + count`.
+    Slice {
+        /// The first.
+        first: usize,
+        /// How many.
+        count: usize,
+    },
     /// a + b.
     Add,
     /// a · factor, the factor having as many channels or one.

@@ -109,6 +109,7 @@ pub(crate) fn layer(graph: &Graph, weights: &Weights, k: usize, planes: &[Plane]
             });
             part.map_or(0.0, |part| part.at(x, y, c))
         }),
+        Op::Slice { first, .. } => Plane::from_fn(shape, |x, y, c| input(0).at(x, y, first + c)),
         Op::Add => Plane::from_fn(shape, |x, y, c| input(0).at(x, y, c) + input(1).at(x, y, c)),
         Op::Multiply => Plane::from_fn(shape, |x, y, c| input(0).at(x, y, c) * broadcast(input(1), x, y, c)),
         Op::Mix => Plane::from_fn(shape, |x, y, c| {

@@ -117,6 +117,10 @@ pub(crate) fn infer(layer: &Layer, inputs: &[Shape], lr: [usize; 2]) -> Result<S
             }
             first.with_channels(inputs.iter().map(|x| x.channels).sum())
         }
+        (Op::Slice { first, count }, [x]) => match first.checked_add(*count) {
+            Some(end) if end <= x.channels => x.with_channels(*count),
+            _ => return fail(format!("channels {first} and the {count} from there on")),
+        },
         (Op::Add, [a, b]) => match a == b {
             true => *a,
             false => return fail(format!("two inputs of {a}")),

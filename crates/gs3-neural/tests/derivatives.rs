@@ -105,6 +105,7 @@ fn every_adjoint_is_the_derivative() {
         (upsample(2, Filter::Nearest), vec!["a", "f"]),
         (Op::MaxPool2, vec!["a"]),
         (Op::Concat, vec!["a", "f", "b"]),
+        (Op::Slice { first: 1, count: 2 }, vec!["a"]),
         (Op::Add, vec!["a", "b"]),
         (Op::Add, vec!["a", "a"]),
         (Op::Multiply, vec!["a", "b"]),

@@ -100,6 +100,7 @@ fn every_operation_computes_what_the_reference_says() {
         (nearest, vec!["a", "f"]),
         (Op::MaxPool2, vec!["a"]),
         (Op::Concat, vec!["a", "f", "b"]),
+        (Op::Slice { first: 1, count: 2 }, vec!["a"]),
         (Op::Add, vec!["a", "b"]),
         (Op::Multiply, vec!["a", "b"]),
         (Op::Multiply, vec!["a", "f"]),
@@ -174,52 +175,31 @@ fn images_that_do_not_fit_are_refused() {
     assert!(matches!(engine.run(&named(&images), &mut []), Err(RunError::Unknown { .. })));
 }
 
-/// Training starts from gradient-aware interpolation: a polynomial comes back exactly, at its HR places.
+/// Training starts from the analytic pipeline, bit for bit, and at rest every network gives it back: what they add is
+/// weighed by the uncertainty.
 #[test]
-fn initial_weights_interpolate_with_gradients() {
-    for scale in [2, 4] {
-        let graph = super_sample(scale, Tier::Fast).expect("a network");
-        let header = Header { scale: scale as u32, ..header(&graph) };
-        let weights = initial_weights(&graph, header, 3);
-        let (height, width) = (6, 8);
-        let mut images = images(&graph, [height, width], 3);
-        // Another polynomial for each colour: value, ∂x, ∂y.
-        let value = |c: usize, x: f32, y: f32| {
-            let k = 0.1 * (c + 1) as f32;
-            [k * x - 0.02 * x * x + 0.03 * x * y + k * y, k - 0.04 * x + 0.03 * y, 0.03 * x + k]
+fn where_nothing_is_learned_or_uncertain_the_analytic_frame_stays() {
+    let lr = [5, 9];
+    for graph in [super_sample(4, Tier::Fast), super_sample(2, Tier::Balanced)] {
+        let graph = graph.expect("a network");
+        let frame = |weights: &Weights, certain: bool| {
+            let mut images = images(&graph, lr, 3);
+            let history = images.iter_mut().find(|(name, _)| name == "history").expect("a history");
+            if certain {
+                history.1.chunks_exact_mut(4).for_each(|pixel| pixel[3] = 0.0);
+            }
+            let mut color = vec![0.0; history.1.len()];
+            let expected = history.1.clone();
+            let mut engine = Engine::new(&graph, weights, lr).expect("an engine");
+            engine.run(&named(&images), &mut [("color", &mut color)]).expect("it runs");
+            (color, expected)
         };
-        for (name, image) in &mut images {
-            for (index, v) in image.iter_mut().enumerate() {
-                let place = |channels: usize| {
-                    let pixel = index / channels;
-                    ((pixel % width) as f32, (pixel / width) as f32, index % channels)
-                };
-                match name.as_str() {
-                    "color" => {
-                        let (x, y, c) = place(3);
-                        *v = value(c, x, y)[0];
-                    }
-                    "gradients" => {
-                        let (x, y, c) = place(6);
-                        *v = value(c % 3, x, y)[1 + c / 3];
-                    }
-                    _ => {}
-                }
-            }
-        }
-        let mut engine = Engine::new(&graph, &weights, [height, width]).expect("an engine");
-        let mut color = vec![0.0; height * width * scale * scale * 3];
-        engine.run(&named(&images), &mut [("color", &mut color)]).expect("it runs");
-        // Border pixels see repeated samples.
-        for y in scale..(height - 1) * scale {
-            for x in scale..(width - 1) * scale {
-                let place = |x: usize| (x as f32 + 0.5) / scale as f32 - 0.5;
-                for c in 0..3 {
-                    let (actual, expected) =
-                        (color[(y * width * scale + x) * 3 + c], value(c, place(x), place(y))[0]);
-                    assert!((actual - expected).abs() < 1e-5, "×{scale} {x} {y} {c}: {actual} {expected}");
-                }
-            }
-        }
+        let (color, expected) = frame(&initial_weights(&graph, header(&graph), 3), false);
+        assert_eq!(color, expected);
+        let learned = Weights::random(&graph, header(&graph), 3);
+        let (color, expected) = frame(&learned, true);
+        assert_eq!(color, expected);
+        let (color, expected) = frame(&learned, false);
+        assert_ne!(color, expected);
     }
 }

@@ -5,11 +5,13 @@ use gs3_neural::{Border, Conv2d, GraphBuilder, GraphError, Op, Shape};
 
 const LR: [usize; 2] = [270, 480];
 
-/// Budgets of the design, multiply-adds per LR pixel at ×4; the graphs stay within a fifth above.
+/// Multiply-adds per LR pixel at ×4, super sampling and interpolation: what two cores with a peak of 235 GFLOP/s do from
+/// 480×270 in 25 + 25 ms (fast) and 75 + 75 ms (balanced) at 85 % of it; high costs about twice as much again. The
+/// graphs stay within a fifth.
 #[test]
 fn networks_keep_their_budgets() {
     for (tier, super_sampling, interpolation) in
-        [(Tier::Fast, 25e3, 35e3), (Tier::Balanced, 110e3, 140e3), (Tier::High, 250e3, 300e3)]
+        [(Tier::Fast, 19e3, 19e3), (Tier::Balanced, 58e3, 58e3), (Tier::High, 140e3, 120e3)]
     {
         for (graph, budget) in
             [(super_sample(4, tier), super_sampling), (interpolate(4, tier), interpolation)]
@@ -35,7 +37,7 @@ fn networks_give_high_resolution_frames_of_any_size() {
                 let graph = graph.expect("a network");
                 let shapes = graph.shapes(lr).expect("a size it takes");
                 let color = graph.outputs().iter().find(|o| o.name == "color").expect("a color");
-                let expected = Shape { height: scale * lr[0], width: scale * lr[1], channels: 3 };
+                let expected = Shape { height: scale * lr[0], width: scale * lr[1], channels: 4 };
                 assert_eq!(shapes[color.tensor.index()], expected);
                 let hidden = graph.outputs().iter().find(|o| o.name == "hidden").expect("a state");
                 let (given, _) = graph.inputs().find(|(_, layer)| layer.name == "hidden").expect("a state");

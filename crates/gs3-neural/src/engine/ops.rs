@@ -20,47 +20,77 @@ pub fn run(
     out: &mut [Block],
 ) {
     out.par_chunks_exact_mut(layout.row_len()).enumerate().for_each(|(y, out)| {
-        let row = Row { sources, inputs, layout, y };
-        dispatch!(level, simd => row.run(simd, op, out));
-        fill_halo(border, layout, out);
+        run_row(level, op, border, sources, inputs, layout, y, out);
     });
+}
+
+/// Writes row `y`, with halo, of `op` of `inputs` to `out`, a row of `layout`.
+pub fn run_row(
+    level: Level,
+    op: &Op,
+    border: Border,
+    sources: Sources<'_>,
+    inputs: &[Layout],
+    layout: &Layout,
+    y: usize,
+    out: &mut [Block],
+) {
+    let row = Row { sources, inputs, layout, y };
+    dispatch!(level, simd => row.run(simd, op, out));
+    fill_halo(border, layout, out);
 }
 
 /// Writes an image from outside, channels last and `factor` times as wide and high, to `out`: blocks of `factor`²
 /// pixels become channels.
 pub fn import(image: &[f32], factor: usize, border: Border, layout: &Layout, out: &mut [Block]) {
-    let channels = layout.shape.channels / (factor * factor);
-    let image_row = layout.shape.width * factor * channels;
     out.par_chunks_exact_mut(layout.row_len()).enumerate().for_each(|(y, out)| {
-        let stride = layout.stride();
-        for c in 0..layout.shape.channels {
-            let (channel, i, j) = (c / (factor * factor), c / factor % factor, c % factor);
-            let line = &image[(y * factor + i) * image_row..][..image_row];
-            let out = &mut out[c / LANES * stride + layout.halo..][..layout.shape.width];
-            for (out, pixels) in out.iter_mut().zip(line.chunks_exact(factor * channels)) {
-                out.0[c % LANES] = pixels[j * channels + channel];
-            }
-        }
+        import_row(image, factor, layout, y, out, |out, v| *out = v);
         fill_halo(border, layout, out);
     });
 }
 
+/// Row `y` of [`import`] without halo; `write` puts each number into its place.
+pub fn import_row(
+    image: &[f32],
+    factor: usize,
+    layout: &Layout,
+    y: usize,
+    out: &mut [Block],
+    write: impl Fn(&mut f32, f32),
+) {
+    let (stride, channels) = (layout.stride(), layout.shape.channels / (factor * factor));
+    let image_row = layout.shape.width * factor * channels;
+    for c in 0..layout.shape.channels {
+        let (channel, i, j) = (c / (factor * factor), c / factor % factor, c % factor);
+        let line = &image[(y * factor + i) * image_row..][..image_row];
+        let out = &mut out[c / LANES * stride + layout.halo..][..layout.shape.width];
+        for (out, pixels) in out.iter_mut().zip(line.chunks_exact(factor * channels)) {
+            write(&mut out.0[c % LANES], pixels[j * channels + channel]);
+        }
+    }
+}
+
 /// Writes a tensor to an image, channels last and `factor` times as wide and high: the inverse of [`import`].
 pub fn export(tensor: &[Block], layout: &Layout, factor: usize, image: &mut [f32]) {
+    let image_rows = layout.shape.width * factor * factor * (layout.shape.channels / (factor * factor));
+    let rows = tensor.par_chunks_exact(layout.row_len());
+    image.par_chunks_exact_mut(image_rows).zip(rows).for_each(|(image, row)| {
+        export_row(row, layout, factor, image);
+    });
+}
+
+/// Writes a row of a tensor to the `factor` rows of an image that it makes.
+pub fn export_row(row: &[Block], layout: &Layout, factor: usize, image: &mut [f32]) {
     let channels = layout.shape.channels / (factor * factor);
     let image_row = layout.shape.width * factor * channels;
-    image.par_chunks_exact_mut(image_row * factor).zip(tensor.par_chunks_exact(layout.row_len())).for_each(
-        |(image, row)| {
-            for c in 0..layout.shape.channels {
-                let (channel, i, j) = (c / (factor * factor), c / factor % factor, c % factor);
-                let line = &mut image[i * image_row..][..image_row];
-                let pixels = &row[c / LANES * layout.stride() + layout.halo..][..layout.shape.width];
-                for (out, pixel) in line.chunks_exact_mut(factor * channels).zip(pixels) {
-                    out[j * channels + channel] = pixel.0[c % LANES];
-                }
-            }
-        },
-    );
+    for c in 0..layout.shape.channels {
+        let (channel, i, j) = (c / (factor * factor), c / factor % factor, c % factor);
+        let line = &mut image[i * image_row..][..image_row];
+        let pixels = &row[c / LANES * layout.stride() + layout.halo..][..layout.shape.width];
+        for (out, pixel) in line.chunks_exact_mut(factor * channels).zip(pixels) {
+            out[j * channels + channel] = pixel.0[c % LANES];
+        }
+    }
 }
 
 /// A row of an operation.
@@ -75,7 +105,7 @@ impl<'a> Row<'a> {
     #[inline(always)]
     fn run<S: Simd>(&self, simd: S, op: &Op, out: &mut [Block]) {
         let stride = self.layout.stride();
-        if matches!(op, Op::PixelShuffle { .. } | Op::PixelUnshuffle { .. } | Op::Concat) {
+        if matches!(op, Op::PixelShuffle { .. } | Op::PixelUnshuffle { .. } | Op::Concat | Op::Slice { .. }) {
             return self.rearrange(op, out);
         }
         for (b, out) in out.chunks_exact_mut(stride).enumerate() {
@@ -216,6 +246,7 @@ impl<'a> Row<'a> {
                     let (channel, i, j) = (c / (f * f), c / f % f, c % f);
                     write(0, y * f + i, channel, &|x| x * f + j);
                 }
+                Op::Slice { first, .. } => write(0, y, first + c, &|x| x),
                 _ => {
                     let (mut input, mut channel) = (0, c);
                     while channel >= self.inputs[input].shape.channels {
@@ -245,8 +276,9 @@ impl Factor<'_> {
     }
 }
 
+/// The 16 numbers of a block.
 #[inline(always)]
-fn load<S: Simd>(simd: S, block: &Block) -> f32x16<S> {
+pub fn load<S: Simd>(simd: S, block: &Block) -> f32x16<S> {
     f32x16::load_array_ref(simd, &block.0)
 }
 

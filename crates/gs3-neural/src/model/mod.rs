@@ -1,15 +1,20 @@
 //! The two networks, as graphs.
+//!
+//! Both refine what reconstruction without learning gives (crate `gs3-reconstruct`): exact samples of the past and of the
+//! present, joined by tensor cubic Hermite interpolation at the present frame's own jitter. Their last layers start at
+//! zero, so training starts from the analytic pipeline and can only gain; what they add is weighed by the uncertainty
+//! of each pixel, which is zero where the analytic pipeline is exact: at rest the networks change nothing.
 
 mod initial;
 mod interpolate;
 mod super_sample;
 
-pub use initial::{hermite_weights, initial_weights, set_hermite};
+pub use initial::initial_weights;
 pub use interpolate::interpolate;
 pub use super_sample::super_sample;
 
 use crate::error::GraphError;
-use crate::graph::Activation;
+use crate::graph::{Activation, GraphBuilder, Op, Tensor};
 
 /// The largest enlargement.
 const MAX_SCALE: usize = 8;
@@ -29,13 +34,23 @@ impl Tier {
     /// All tiers, cheapest first.
     pub const ALL: [Self; 3] = [Self::Fast, Self::Balanced, Self::High];
 
-    /// Channels of the features and of the hidden state.
+    /// Channels of the features.
     #[must_use]
     pub fn channels(self) -> usize {
         match self {
             Self::Fast => 16,
             Self::Balanced => 32,
             Self::High => 48,
+        }
+    }
+
+    /// Channels of the hidden state. It moves through memory twice a frame, so it is narrower than the features; 16 is
+    /// what the engine computes together.
+    #[must_use]
+    pub fn hidden_channels(self) -> usize {
+        match self {
+            Self::Fast | Self::Balanced => 16,
+            Self::High => 32,
         }
     }
 
@@ -58,4 +73,23 @@ fn check_scale(scale: usize) -> Result<(), GraphError> {
         true => Ok(()),
         false => Err(GraphError::Scale { actual: scale, max: MAX_SCALE }),
     }
+}
+
+/// The last state where it belongs now: input `hidden` moved by input `motion`, 0 where input `validity` is.
+fn carried_state(g: &mut GraphBuilder, channels: usize) -> Tensor {
+    let hidden = g.input("hidden", channels, 1);
+    let [motion, validity] = [g.input("motion", 2, 1), g.input("validity", 1, 1)];
+    let moved = g.layer("hidden.moved", Op::Warp, &[hidden, motion]);
+    g.layer("hidden.kept", Op::Multiply, &[moved, validity])
+}
+
+/// Adds `residual`, weighed by uncertainty, to `image`: blocks of RGB and uncertainty, `[4 · block]` channels. The
+/// uncertainty stays.
+fn add_residual(g: &mut GraphBuilder, image: Tensor, residual: Tensor, block: usize) -> Tensor {
+    let rgb = g.layer("image.rgb", Op::Slice { first: 0, count: 3 * block }, &[image]);
+    let uncertainty = g.layer("image.uncertainty", Op::Slice { first: 3 * block, count: block }, &[image]);
+    let weights = g.layer("residual.weights", Op::Concat, &[uncertainty; 3]);
+    let residual = g.layer("residual.weighed", Op::Multiply, &[residual, weights]);
+    let rgb = g.layer("image.refined", Op::Add, &[rgb, residual]);
+    g.layer("image.blocks", Op::Concat, &[rgb, uncertainty])
 }

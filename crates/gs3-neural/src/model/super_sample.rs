@@ -1,6 +1,6 @@
 //! Super sampling: gradient-aware interpolation and geometry-temporal recurrent refinement (the paper's GASS).
 
-use super::{FEATURES, Tier, check_scale};
+use super::{FEATURES, Tier, add_residual, carried_state, check_scale};
 use crate::error::GraphError;
 use crate::graph::{Border, Conv2d, Graph, GraphBuilder, Op};
 
@@ -8,48 +8,53 @@ use crate::graph::{Border, Conv2d, Graph, GraphBuilder, Op};
 ///
 /// | input | channels | grid | |
 /// |---|---|---|---|
+/// | `history` | 4 | HR | RGB of the frame reconstructed without learning from this LR frame and its past, and its uncertainty |
 /// | `color` | 3 | LR | display-encoded, `[0, 1]` |
 /// | `gradients` | 6 | LR | ∂x RGB, ∂y RGB per LR pixel |
 /// | `compressed` | 6 | LR | g / (1 + \|g\|) of them |
-/// | `geometry` | 4 | LR | inverse depth of the frame's scale, Nv, alpha, validity of the history |
+/// | `geometry` | 3 | LR | inverse depth of the frame's scale, Nv, alpha |
 /// | `jitter` | 2 | LR | offset of the samples in LR pixels, `[−½, ½]` |
-/// | `history` | 3 | HR | the last HR frame, reprojected |
-/// | `hidden` | `tier.channels()` | LR | the last state, reprojected, 0 where invalid |
+/// | `hidden` | `tier.hidden_channels()` | LR | the last state |
+/// | `motion` | 2 | LR | where each pixel was in the last frame, relative to itself, LR pixels |
+/// | `validity` | 1 | LR | whether it was seen there, `[0, 1]` |
 ///
-/// Outputs: `color` (HR, 3) and `hidden`.
-/// [`initial_weights`](super::initial_weights) starts the linear path `gai` as tensor cubic Hermite interpolation.
+/// Outputs: `color` (HR, 4: RGB and the uncertainty as given) and `hidden`.
+///
+/// The paper's gradient-aware interpolation is a linear map of the 3×3 block of (I, ∂x, ∂y), started at tensor Hermite.
+/// Under jitter that map differs for every offset, so the Hermite part comes exact in `history`; `gai` learns, linearly,
+/// what a best map adds to it.
 ///
 /// # Errors
 /// [`GraphError::Scale`] if there is no network for `scale`.
 pub fn super_sample(scale: usize, tier: Tier) -> Result<Graph, GraphError> {
     check_scale(scale)?;
-    let (c, block) = (tier.channels(), 3 * scale * scale);
-    let (blocks, gates) = match tier {
+    let (c, block) = (tier.channels(), scale * scale);
+    let (blocks, refine) = match tier {
         Tier::Fast => (1, 1),
-        Tier::Balanced => (2, 3),
-        Tier::High => (3, 3),
+        Tier::Balanced => (1, 3),
+        Tier::High => (2, 3),
     };
     let features = |kernel| Conv2d::new(kernel, c).activation(FEATURES);
-    let mut g = GraphBuilder::new("super_sample", 1, Border::Replicate);
+    let mut g = GraphBuilder::new("super_sample", 2, Border::Replicate);
+    let history = g.input("history", 4, scale);
     let [color, gradients] = [g.input("color", 3, 1), g.input("gradients", 6, 1)];
-    let [compressed, geometry] = [g.input("compressed", 6, 1), g.input("geometry", 4, 1)];
-    let [jitter, history] = [g.input("jitter", 2, 1), g.input("history", 3, scale)];
-    let hidden = g.input("hidden", c, 1);
-
-    let gai = g.conv("gai.conv", Conv2d::new(3, block + 16), &[color, gradients]);
-    let gai = g.conv("gai.mix", Conv2d::new(1, block), &[gai]);
+    let [compressed, geometry] = [g.input("compressed", 6, 1), g.input("geometry", 3, 1)];
+    let jitter = g.input("jitter", 2, 1);
+    let hidden = carried_state(&mut g, tier.hidden_channels());
 
     let history = g.layer("history.blocks", Op::PixelUnshuffle { factor: scale }, &[history]);
-    let history = g.conv("history.conv", features(1), &[history]);
-    let mut x = g.conv("enter", features(3), &[color, compressed, geometry, jitter, history]);
+    let past = g.conv("history.conv", features(1), &[history]);
+    let mut x = g.conv("enter", features(3), &[past, color, compressed, geometry, jitter]);
     for k in 0..blocks {
         x = g.conv(&format!("features.{k}"), features(3), &[x]);
     }
-    let hidden = g.gated_recurrent_unit("recurrent", gates, x, hidden);
-    let refinement = g.conv("refine", Conv2d::new(3, block), &[hidden]);
+    let hidden = g.gated_recurrent_unit("recurrent", 1, x, hidden);
+    let refinement = g.conv("refine", Conv2d::new(refine, 3 * block), &[x, hidden]);
+    let gai = g.conv("gai", Conv2d { bias: false, ..Conv2d::new(3, 3 * block) }, &[color, gradients]);
 
-    let sum = g.layer("sum", Op::Add, &[gai, refinement]);
-    let color = g.layer("image", Op::PixelShuffle { factor: scale }, &[sum]);
+    let residual = g.layer("residual", Op::Add, &[refinement, gai]);
+    let image = add_residual(&mut g, history, residual, block);
+    let color = g.layer("image", Op::PixelShuffle { factor: scale }, &[image]);
     g.output("color", color);
     g.output("hidden", hidden);
     g.finish()
