@@ -59,6 +59,12 @@ pub(crate) fn check_size(
     if expected == actual { Ok(()) } else { Err(ReconstructError::Size { what, expected, actual }) }
 }
 
+/// Checks that `jitter` is usable.
+pub(crate) fn check_jitter(jitter: [f32; 2]) -> Result<(), ReconstructError> {
+    let is_usable = jitter.iter().all(|j| j.abs() <= 1.0);
+    if is_usable { Ok(()) } else { Err(ReconstructError::Jitter { actual: jitter }) }
+}
+
 /// Checks that `gbuffer` is the LR frame of a `width`×`height` output and that its jitter is usable.
 pub(crate) fn check_gbuffer(
     gbuffer: &GBuffer,
@@ -68,10 +74,7 @@ pub(crate) fn check_gbuffer(
     let scale = scale as usize;
     let expected = (width.div_ceil(scale), height.div_ceil(scale));
     check_size("G-buffer", expected, (gbuffer.width(), gbuffer.height()))?;
-    let jitter = gbuffer.jitter;
-    if !jitter.iter().all(|j| j.abs() <= 1.0) {
-        return Err(ReconstructError::Jitter { actual: jitter });
-    }
+    check_jitter(gbuffer.jitter)?;
     if let Some(gradients) = &gbuffer.gradients {
         for plane in [&gradients.color_dx, &gradients.color_dy].into_iter().chain(&gradients.color_dxdy) {
             check_size("G-buffer gradients", expected, (plane.width(), plane.height()))?;

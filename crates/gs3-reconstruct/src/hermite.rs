@@ -17,7 +17,7 @@ use crate::samples::{SampleFrame, rgb_rows};
 const PAD: usize = 2;
 
 /// Enlarges `gbuffer` by `scale` into `out`, whose size says how large. Outside the LR frame the border colour goes on,
-/// flat. The fourth channel becomes 0 (no history).
+/// flat. The fourth channel becomes 0.
 ///
 /// # Errors
 /// [`ReconstructError`] if `scale` is not supported, or `gbuffer` is not the LR frame of `out` or has no gradients.

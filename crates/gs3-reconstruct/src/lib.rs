@@ -6,7 +6,8 @@
 //! * [`resample()`]: nearest, bilinear, bicubic; the baselines.
 //! * [`hermite()`]: one frame, with its exact gradients.
 //! * [`SuperSampler`]: one frame and its past.
-//! * [`Interpolator`]: a frame between two reconstructed ones.
+//! * [`Interpolator`]: a frame between two reconstructed ones, or both of them warped to its pose.
+//! * [`Motion`]: where the surfaces of an LR frame were in another one.
 //!
 //! ```
 //! use gs3_reconstruct::{Interpolator, Neighbor, SuperSampler};
@@ -47,6 +48,7 @@ mod hermite;
 mod interpolate;
 mod lattice;
 mod middle_depth;
+mod motion;
 mod neighbor_depth;
 mod plausible;
 mod reprojection;
@@ -58,6 +60,7 @@ mod super_sample;
 pub use error::ReconstructError;
 pub use hermite::hermite;
 pub use interpolate::{Interpolator, Neighbor};
+pub use motion::{Depth, Motion, View};
 pub use resample::{Kernel, resample};
 pub use super_sample::{ResetReason, SuperSampler};
 

@@ -37,7 +37,7 @@ pub(crate) fn catmull_rom(f: f32) -> [f32; 4] {
 }
 
 /// Enlarges the colour of `gbuffer` by `scale` into `out`, whose size says how large; samples outside the LR frame
-/// repeat its border. The fourth channel becomes 0 (no history).
+/// repeat its border. The fourth channel becomes 0.
 ///
 /// # Errors
 /// [`ReconstructError`] if `scale` is not supported or `gbuffer` is not the LR frame of `out`.

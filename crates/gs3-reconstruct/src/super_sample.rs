@@ -90,8 +90,11 @@ impl SuperSampler {
     }
 
     /// Reconstructs the image of `camera` from `gbuffer`, its LR frame, and the frames before it, into `out`, which is
-    /// resized. The fourth channel becomes the confidence: the share, `[0, 1]`, that exact samples have in the pixel
-    /// (the rest is interpolated from the current frame alone). Another size than before resets the history.
+    /// resized. The fourth channel becomes the uncertainty: min(1, √(1/Σw)), `[0, 1]`, with Σw the sum of the inverse
+    /// variances (pixel⁻⁴) of all that predicts the pixel. Its unit is pixel²: what the curvature of the image is to be
+    /// multiplied with to give the expected error. At rest with a full history it is at most 0.0032, the root of the
+    /// variance of one exact sample; it is larger where samples are far, old, doubtful or missing. Another size than
+    /// before resets the history.
     ///
     /// `gbuffer` is what [`Camera::low_resolution`] of `camera` sees, with gradients and geometry, point-sampled at its
     /// jitter (`dilation` matched to the scale).
@@ -202,15 +205,10 @@ impl SuperSampler {
                 }
             }
         }
-        for (r, row) in band.pixels.chunks_exact_mut(band.width).enumerate() {
-            let weights = self.surface_weights(top + r);
-            for pixels in row.chunks_mut(self.scale as usize) {
-                for (pixel, weight) in pixels.iter_mut().zip(weights) {
-                    let reciprocal = 1.0 / pixel[3];
-                    *pixel = (f32x4::load_array_ref(simd, pixel) * reciprocal).to_array();
-                    pixel[3] = (1.0 - weight * reciprocal).max(0.0);
-                }
-            }
+        for pixel in band.pixels {
+            let variance = 1.0 / pixel[3];
+            *pixel = (f32x4::load_array_ref(simd, pixel) * variance).to_array();
+            pixel[3] = variance.sqrt().min(1.0);
         }
     }
 

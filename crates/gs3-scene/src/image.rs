@@ -1,7 +1,7 @@
 //! High-resolution frames.
 
 /// An RGB frame, `[height, width, 4]` f32: display-encoded red, green, blue (nominally in `[0, 1]`, not clamped) and a
-/// fourth value whose meaning the producer states (alpha for the rasterizer, confidence for the super sampler).
+/// fourth value whose meaning the producer states (alpha for the rasterizer, uncertainty for the super sampler).
 ///
 /// Four channels, because one pixel is then one aligned 128-bit load wherever history is gathered.
 #[derive(Clone, Debug, Default, PartialEq)]
