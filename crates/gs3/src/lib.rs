@@ -24,12 +24,14 @@
 //! high-resolution frames, [`scene`] holds scenes, cameras and their files.
 
 mod frame;
+pub mod learned;
 mod settings;
 mod stages;
 
 use std::path::Path;
 
 pub use frame::{FramePipeline, PipelineError, Presented};
+pub use gs3_neural as neural;
 pub use gs3_raster as raster;
 pub use gs3_raster::Culling;
 pub use gs3_reconstruct as reconstruct;

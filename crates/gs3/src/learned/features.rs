@@ -1,0 +1,244 @@
+//! What the networks are fed besides images: planes on the LR grid, channels last, as their graphs name them.
+//!
+//! Training and rendering fill them here, so a network sees while it runs what it was trained on.
+
+use gs3_neural::Named;
+use gs3_reconstruct::{Depth, Motion, ReconstructError, View};
+use gs3_scene::{Camera, GBuffer, Gradients, Planes};
+use rayon::prelude::*;
+
+/// A frame to which a hidden state belongs.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen<'a> {
+    /// The HR camera.
+    pub camera: &'a Camera,
+    /// Depths on its LR grid.
+    pub depth: Depth<'a>,
+}
+
+impl<'a> Seen<'a> {
+    /// What `camera`, an HR camera, sees in `gbuffer`, its LR frame.
+    ///
+    /// # Errors
+    /// [`ReconstructError::Missing`] if it has no geometry.
+    pub fn of_gbuffer(camera: &'a Camera, gbuffer: &'a GBuffer) -> Result<Self, ReconstructError> {
+        match &gbuffer.geometry {
+            Some(geometry) => Ok(Self { camera, depth: Depth::Z(&geometry.depth_median) }),
+            None => Err(ReconstructError::Missing { what: "depth" }),
+        }
+    }
+
+    /// States live on the LR grid itself, wherever within its pixels the samples lie.
+    fn view(&self, scale: u32) -> View<'a> {
+        View { camera: self.camera.low_resolution(scale), jitter: [0.0; 2], depth: self.depth }
+    }
+}
+
+/// Where the hidden state of the last frame belongs now.
+#[derive(Clone, Debug, Default)]
+struct Carry {
+    motion: Motion,
+    /// `[height, width, 2]`.
+    flow: Vec<f32>,
+    /// `[height, width, 1]`.
+    validity: Vec<f32>,
+}
+
+impl Carry {
+    fn set(
+        &mut self,
+        now: Seen<'_>,
+        previous: Option<Seen<'_>>,
+        scale: u32,
+        len: usize,
+    ) -> Result<(), ReconstructError> {
+        match previous {
+            Some(previous) => {
+                self.motion.set(&now.view(scale), &previous.view(scale))?;
+                interleave(&mut self.flow, &[self.motion.flow.plane(0), self.motion.flow.plane(1)]);
+                interleave(&mut self.validity, &[self.motion.validity.plane(0)]);
+            }
+            None => {
+                for (plane, channels) in [(&mut self.flow, 2), (&mut self.validity, 1)] {
+                    plane.clear();
+                    plane.resize(channels * len, 0.0);
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// LR inputs of the super-sampling network ([`gs3_neural::model::super_sample`]).
+#[derive(Clone, Debug, Default)]
+pub struct SuperSampleFeatures {
+    color: Vec<f32>,
+    gradients: Vec<f32>,
+    compressed: Vec<f32>,
+    geometry: Vec<f32>,
+    jitter: Vec<f32>,
+    carry: Carry,
+}
+
+impl SuperSampleFeatures {
+    /// Makes these the features of `gbuffer`, the LR frame of the HR `camera`, whose hidden state comes from `previous`,
+    /// where there is one.
+    ///
+    /// # Errors
+    /// [`ReconstructError`] if `gbuffer` has no gradients or geometry, or `previous` another size.
+    pub fn set(
+        &mut self,
+        camera: &Camera,
+        gbuffer: &GBuffer,
+        previous: Option<Seen<'_>>,
+        scale: u32,
+    ) -> Result<(), ReconstructError> {
+        let Some(gradients) = &gbuffer.gradients else {
+            return Err(ReconstructError::Missing { what: "image gradients" });
+        };
+        let Some(geometry) = &gbuffer.geometry else {
+            return Err(ReconstructError::Missing { what: "depth" });
+        };
+        let now = Seen::of_gbuffer(camera, gbuffer)?;
+        let len = gbuffer.width() * gbuffer.height();
+        self.carry.set(now, previous, scale, len)?;
+        let [r, g, b] = [0, 1, 2].map(|c| gbuffer.color.plane(c));
+        interleave(&mut self.color, &[r, g, b]);
+        let Gradients { color_dx: dx, color_dy: dy, .. } = gradients;
+        let slopes = [dx.plane(0), dx.plane(1), dx.plane(2), dy.plane(0), dy.plane(1), dy.plane(2)];
+        interleave(&mut self.gradients, &slopes);
+        self.compressed.resize(6 * len, 0.0);
+        self.compressed.par_iter_mut().zip(&self.gradients).with_min_len(4096).for_each(|(to, g)| {
+            *to = g / (1.0 + g.abs());
+        });
+        self.set_geometry(camera, gbuffer, &geometry.depth_median, &geometry.normal, scale);
+        self.jitter.resize(2 * len, 0.0);
+        self.jitter.as_chunks_mut().0.fill(gbuffer.jitter);
+        Ok(())
+    }
+
+    /// Inverse depth of the frame's scale, cosine between normal and ray, alpha.
+    fn set_geometry(
+        &mut self,
+        camera: &Camera,
+        gbuffer: &GBuffer,
+        depth: &Planes<1>,
+        normal: &Planes<3>,
+        scale: u32,
+    ) {
+        let (width, height) = (gbuffer.width(), gbuffer.height());
+        let camera = camera.low_resolution(scale);
+        let intrinsics = camera.intrinsics();
+        let [fx, fy, cx, cy] =
+            [intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy].map(|v| v as f32);
+        let typical = typical(depth.plane(0), |z| if z > 0.0 { 1.0 / z } else { 0.0 });
+        self.geometry.resize(3 * width * height, 0.0);
+        self.geometry.par_chunks_exact_mut(3 * width).enumerate().for_each(|(y, row)| {
+            let [nx, ny, nz] = [0, 1, 2].map(|c| normal.row(c, y));
+            let (z, alpha) = (depth.row(0, y), gbuffer.alpha.row(0, y));
+            let ray_y = (y as f32 + 0.5 + gbuffer.jitter[1] - cy) / fy;
+            for (x, out) in row.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+                let ray_x = (x as f32 + 0.5 + gbuffer.jitter[0] - cx) / fx;
+                let toward = -(nx[x] * ray_x + ny[x] * ray_y + nz[x]);
+                let cosine = toward / (ray_x * ray_x + ray_y * ray_y + 1.0).sqrt();
+                let inverse = if z[x] > 0.0 { 1.0 / z[x] } else { 0.0 };
+                *out = [relative(inverse, typical), cosine, alpha[x]];
+            }
+        });
+    }
+
+    /// All inputs of the network but `history`, HR RGB and uncertainty, and `hidden`, which are given.
+    #[must_use]
+    pub fn named<'a>(&'a self, history: &'a [f32], hidden: &'a [f32]) -> [Named<'a>; 9] {
+        [
+            ("history", history),
+            ("color", &self.color),
+            ("gradients", &self.gradients),
+            ("compressed", &self.compressed),
+            ("geometry", &self.geometry),
+            ("jitter", &self.jitter),
+            ("hidden", hidden),
+            ("motion", &self.carry.flow),
+            ("validity", &self.carry.validity),
+        ]
+    }
+}
+
+/// LR inputs of the interpolating network ([`gs3_neural::model::interpolate`]).
+#[derive(Clone, Debug, Default)]
+pub struct InterpolateFeatures {
+    geometry: Vec<f32>,
+    carry: Carry,
+}
+
+impl InterpolateFeatures {
+    /// Makes these the features of the frame at time `t` between two others, seen by the HR `camera` with the inverse
+    /// depths `inverse_depth` on the LR grid. Its hidden state comes from `previous`, the interpolated frame before,
+    /// where there is one.
+    ///
+    /// # Errors
+    /// [`ReconstructError`] if sizes do not match.
+    pub fn set(
+        &mut self,
+        camera: &Camera,
+        inverse_depth: &Planes<1>,
+        t: f32,
+        previous: Option<Seen<'_>>,
+        scale: u32,
+    ) -> Result<(), ReconstructError> {
+        let now = Seen { camera, depth: Depth::Inverse(inverse_depth) };
+        let plane = inverse_depth.plane(0);
+        self.carry.set(now, previous, scale, plane.len())?;
+        let typical = typical(plane, |w| w);
+        self.geometry.resize(2 * plane.len(), 0.0);
+        for (out, w) in self.geometry.as_chunks_mut().0.iter_mut().zip(plane) {
+            *out = [relative(*w, typical), t];
+        }
+        Ok(())
+    }
+
+    /// All inputs of the network; the HR images `before` and `after`, RGB and uncertainty, the HR plane `share` and
+    /// `hidden` are given.
+    #[must_use]
+    pub fn named<'a>(
+        &'a self,
+        before: &'a [f32],
+        after: &'a [f32],
+        share: &'a [f32],
+        hidden: &'a [f32],
+    ) -> [Named<'a>; 7] {
+        [
+            ("before", before),
+            ("after", after),
+            ("share", share),
+            ("geometry", &self.geometry),
+            ("hidden", hidden),
+            ("motion", &self.carry.flow),
+            ("validity", &self.carry.validity),
+        ]
+    }
+}
+
+/// The mean inverse depth of what was hit; 1 where nothing was.
+fn typical(plane: &[f32], inverse: impl Fn(f32) -> f32) -> f32 {
+    let (mut sum, mut count) = (0.0_f64, 0_usize);
+    for w in plane.iter().map(|v| inverse(*v)).filter(|w| *w > 0.0) {
+        sum += f64::from(w);
+        count += 1;
+    }
+    if count > 0 { (sum / count as f64) as f32 } else { 1.0 }
+}
+
+/// An inverse depth free of the scene's unit: 0 at infinity, ½ at the frame's mean, towards 1 near the camera.
+fn relative(inverse: f32, typical: f32) -> f32 {
+    inverse / (inverse + typical)
+}
+
+/// Planes side by side, channels last.
+fn interleave(out: &mut Vec<f32>, planes: &[&[f32]]) {
+    let (channels, len) = (planes.len(), planes.first().map_or(0, |plane| plane.len()));
+    out.resize(channels * len, 0.0);
+    for (c, plane) in planes.iter().enumerate() {
+        out.iter_mut().skip(c).step_by(channels).zip(*plane).for_each(|(to, v)| *to = *v);
+    }
+}
