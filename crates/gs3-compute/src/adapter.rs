@@ -1,0 +1,191 @@
+//! Which adapters there are, and which one is taken.
+
+use std::fmt;
+
+use crate::error::GpuError;
+use crate::gpu::{Capabilities, missing};
+
+/// Which adapter to take.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum AdapterChoice {
+    /// The best by [`choose`].
+    #[default]
+    Auto,
+    /// That place in [`adapters`].
+    Number(usize),
+    /// The best of one programming interface.
+    Api(Api),
+}
+
+impl fmt::Display for AdapterChoice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Auto => write!(f, "any adapter"),
+            Self::Number(number) => write!(f, "adapter {number}"),
+            Self::Api(api) => write!(f, "a {api} adapter"),
+        }
+    }
+}
+
+/// The programming interface of a driver.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Api {
+    /// Khronos Vulkan.
+    Vulkan,
+    /// Apple Metal.
+    Metal,
+    /// Microsoft Direct3D 12.
+    Dx12,
+    /// Something else that wgpu knows.
+    Other,
+}
+
+impl fmt::Display for Api {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Vulkan => "Vulkan",
+            Self::Metal => "Metal",
+            Self::Dx12 => "DX12",
+            Self::Other => "other",
+        })
+    }
+}
+
+/// What an adapter is, fastest kind first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum AdapterKind {
+    /// A graphics card with its own memory.
+    Discrete,
+    /// A graphics unit that shares the processor's memory.
+    Integrated,
+    /// A share of a graphics card in a virtual machine.
+    Virtual,
+    /// The driver does not say.
+    Unknown,
+    /// The processor: right, and slower than gs3's own CPU path.
+    Software,
+}
+
+impl fmt::Display for AdapterKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Discrete => "discrete GPU",
+            Self::Integrated => "integrated GPU",
+            Self::Virtual => "virtual GPU",
+            Self::Unknown => "unknown kind",
+            Self::Software => "software",
+        })
+    }
+}
+
+/// What is known of an adapter before it is opened.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AdapterReport {
+    /// Its name.
+    pub name: String,
+    /// Its programming interface.
+    pub api: Api,
+    /// What it is.
+    pub kind: AdapterKind,
+    /// Name and version of the driver.
+    pub driver: String,
+    /// What it can do.
+    pub capabilities: Capabilities,
+    /// The first thing that gs3 needs and it lacks.
+    pub missing: Option<GpuError>,
+}
+
+/// All adapters of this machine, in the driver's order. Empty where there is no driver.
+#[must_use]
+pub fn adapters() -> Vec<AdapterReport> {
+    found(&instance()).iter().map(report).collect()
+}
+
+/// The place in `adapters` of the one that `choice` means, and why: of those that can run gs3 the fastest kind, the first
+/// among equals.
+///
+/// # Errors
+/// [`GpuError::NoAdapter`] if there is none, [`GpuError::Unsupported`] if the one asked for lacks something.
+pub fn choose(adapters: &[AdapterReport], choice: AdapterChoice) -> Result<(usize, String), GpuError> {
+    let none = || {
+        let actual = match adapters.len() {
+            0 => "none".to_owned(),
+            count => format!("{count} (0 to {})", count - 1),
+        };
+        GpuError::NoAdapter { expected: choice.to_string(), actual }
+    };
+    if let AdapterChoice::Number(number) = choice {
+        let adapter = adapters.get(number).ok_or_else(none)?;
+        return match &adapter.missing {
+            Some(missing) => Err(missing.clone()),
+            None => Ok((number, "asked for by number".to_owned())),
+        };
+    }
+    let asked = |a: &&(usize, &AdapterReport)| match choice {
+        AdapterChoice::Api(api) => a.1.api == api,
+        _ => true,
+    };
+    let all: Vec<(usize, &AdapterReport)> = adapters.iter().enumerate().collect();
+    let mut candidates: Vec<_> = all.iter().filter(asked).collect();
+    if let (Some(missing), true) = (
+        candidates.iter().find_map(|a| a.1.missing.clone()),
+        candidates.iter().all(|a| a.1.missing.is_some()),
+    ) {
+        return Err(missing);
+    }
+    candidates.retain(|a| a.1.missing.is_none());
+    let (number, best) = candidates.iter().min_by_key(|a| a.1.kind).ok_or_else(none)?;
+    let others: Vec<&str> = candidates.iter().filter(|a| a.0 != *number).map(|a| a.1.name.as_str()).collect();
+    let reason = match (&others[..], best.kind) {
+        ([], AdapterKind::Software) => {
+            "the only one that can run gs3; software, slower than --backend cpu".to_owned()
+        }
+        ([], _) => "the only one that can run gs3".to_owned(),
+        (_, kind) if candidates.iter().filter(|a| a.1.kind == kind).count() > 1 => {
+            format!("the first {kind}; discrete before integrated, virtual and software ones")
+        }
+        (_, kind) => format!("the only {kind}; discrete before integrated, virtual and software ones"),
+    };
+    Ok((*number, reason))
+}
+
+/// wgpu with the drivers of this machine.
+pub(crate) fn instance() -> wgpu::Instance {
+    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+    descriptor.backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
+    // Without it every indirect dispatch costs a second one that checks its counts. Ours come from kernels that bound
+    // them (`grid_of`), and none reads `num_workgroups`, which DX12 then lacks.
+    descriptor.flags.remove(wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL);
+    wgpu::Instance::new(descriptor)
+}
+
+/// The adapters of `instance`.
+pub(crate) fn found(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
+    pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()))
+}
+
+/// What is known of `adapter`.
+pub(crate) fn report(adapter: &wgpu::Adapter) -> AdapterReport {
+    let info = adapter.get_info();
+    let api = match info.backend {
+        wgpu::Backend::Vulkan => Api::Vulkan,
+        wgpu::Backend::Metal => Api::Metal,
+        wgpu::Backend::Dx12 => Api::Dx12,
+        _ => Api::Other,
+    };
+    let kind = match info.device_type {
+        wgpu::DeviceType::DiscreteGpu => AdapterKind::Discrete,
+        wgpu::DeviceType::IntegratedGpu => AdapterKind::Integrated,
+        wgpu::DeviceType::VirtualGpu => AdapterKind::Virtual,
+        wgpu::DeviceType::Cpu => AdapterKind::Software,
+        wgpu::DeviceType::Other => AdapterKind::Unknown,
+    };
+    AdapterReport {
+        api,
+        kind,
+        driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
+        capabilities: Capabilities::of(adapter),
+        missing: missing(adapter),
+        name: info.name,
+    }
+}

@@ -1,0 +1,186 @@
+//! Memory of a device.
+
+use std::sync::mpsc;
+
+use bytemuck::Pod;
+
+use crate::error::GpuError;
+use crate::gpu::Gpu;
+
+/// What a buffer is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Use {
+    /// `var<storage>` in kernels.
+    Storage,
+    /// The same, and counts of indirect dispatches.
+    Indirect,
+    /// `var<uniform>` in kernels, written once per frame.
+    Uniform,
+}
+
+/// Memory of a device. Clones are the same memory.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Buffer {
+    pub(crate) raw: wgpu::Buffer,
+    bytes: u64,
+}
+
+/// A range of a buffer.
+#[derive(Clone, Copy, Debug)]
+pub struct Slice<'a> {
+    pub(crate) buffer: &'a Buffer,
+    pub(crate) start: u64,
+    pub(crate) bytes: u64,
+}
+
+/// Memory that writes hold on the way to the device: more is sent in steps.
+const STAGING_BYTES: usize = 64 << 20;
+
+/// Sizes of copies are multiples of four.
+const WORD: u64 = wgpu::COPY_BUFFER_ALIGNMENT;
+
+impl Buffer {
+    pub(crate) fn new(gpu: &Gpu, label: &str, usage: Use, bytes: u64) -> Result<Self, GpuError> {
+        let max = gpu.capabilities().limits.buffer_bytes;
+        if bytes > max {
+            return Err(GpuError::TooLarge { what: format!("bytes of buffer {label}"), max, actual: bytes });
+        }
+        // Bindings are not empty, and uniform structs are multiples of 16.
+        let size = bytes.max(1).next_multiple_of(16).min(max);
+        let copies = wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
+        let usage = copies
+            | match usage {
+                Use::Storage => wgpu::BufferUsages::STORAGE,
+                Use::Indirect => wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::INDIRECT,
+                Use::Uniform => wgpu::BufferUsages::UNIFORM,
+            };
+        let descriptor =
+            wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false };
+        let raw = gpu.checked(&format!("buffer {label}"), size, || gpu.device.create_buffer(&descriptor))?;
+        Ok(Self { raw, bytes: size })
+    }
+
+    /// Its size, at least what was asked for.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// All of it.
+    #[must_use]
+    pub fn slice(&self) -> Slice<'_> {
+        Slice { buffer: self, start: 0, bytes: self.bytes }
+    }
+
+    /// `bytes` of it from `start`, cut to what there is. Bindings start at multiples of
+    /// [`Limits::binding_alignment`](crate::Limits::binding_alignment).
+    #[must_use]
+    pub fn part(&self, start: u64, bytes: u64) -> Slice<'_> {
+        let start = start.min(self.bytes);
+        Slice { buffer: self, start, bytes: bytes.min(self.bytes - start) }
+    }
+}
+
+impl Slice<'_> {
+    /// Its length.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    pub(crate) fn binding(&self) -> wgpu::BindingResource<'_> {
+        wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+            buffer: &self.buffer.raw,
+            offset: self.start,
+            size: wgpu::BufferSize::new(self.bytes),
+        })
+    }
+}
+
+impl<'a> From<&'a Buffer> for Slice<'a> {
+    fn from(buffer: &'a Buffer) -> Self {
+        buffer.slice()
+    }
+}
+
+/// Writes `bytes` to the start of `slice`.
+pub fn write(gpu: &Gpu, slice: &Slice<'_>, bytes: &[u8]) -> Result<(), GpuError> {
+    let actual = bytes.len() as u64;
+    if actual > slice.bytes {
+        return Err(GpuError::TooLarge {
+            what: "bytes written to a buffer".to_owned(),
+            max: slice.bytes,
+            actual,
+        });
+    }
+    let write = |offset: usize, bytes: &[u8]| {
+        gpu.checked("writing a buffer", bytes.len() as u64, || {
+            gpu.queue.write_buffer(&slice.buffer.raw, slice.start + offset as u64, bytes);
+        })
+    };
+    let (whole, rest) = bytes.split_at(bytes.len() - bytes.len() % WORD as usize);
+    for (k, step) in whole.chunks(STAGING_BYTES).enumerate() {
+        write(k * STAGING_BYTES, step)?;
+        if step.len() == STAGING_BYTES {
+            let index = gpu.queue.submit([]);
+            gpu.poll(wgpu::PollType::Wait { submission_index: Some(index), timeout: None })?;
+        }
+    }
+    if !rest.is_empty() {
+        let mut word = [0; WORD as usize];
+        word[..rest.len()].copy_from_slice(rest);
+        write(whole.len(), &word)?;
+    }
+    Ok(())
+}
+
+/// The numbers in `slice`.
+pub fn read<T: Pod>(gpu: &Gpu, slice: &Slice<'_>) -> Result<Vec<T>, GpuError> {
+    let size = slice.bytes - slice.bytes % WORD;
+    if size == 0 {
+        return gpu.check().map(|()| Vec::new());
+    }
+    let what = "reading a buffer";
+    let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
+    let descriptor = wgpu::BufferDescriptor { label: Some(what), size, usage, mapped_at_creation: false };
+    let staging = gpu.checked(what, size, || gpu.device.create_buffer(&descriptor))?;
+    let index = gpu.checked(what, size, || {
+        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        encoder.copy_buffer_to_buffer(&slice.buffer.raw, slice.start, &staging, 0, size);
+        gpu.queue.submit([encoder.finish()])
+    })?;
+    mapped(gpu, &staging, index, |bytes| {
+        let count = bytes.len() / size_of::<T>().max(1);
+        let mut values = vec![T::zeroed(); count];
+        let target: &mut [u8] = bytemuck::cast_slice_mut(&mut values);
+        let length = target.len();
+        target.copy_from_slice(&bytes[..length]);
+        values
+    })
+}
+
+/// What `f` makes of the bytes of `staging`, once submission `index` is done.
+pub fn mapped<R>(
+    gpu: &Gpu,
+    staging: &wgpu::Buffer,
+    index: wgpu::SubmissionIndex,
+    f: impl FnOnce(&[u8]) -> R,
+) -> Result<R, GpuError> {
+    let refused = |message: String| GpuError::Refused { what: "reading a buffer".to_owned(), message };
+    let (sender, receiver) = mpsc::channel();
+    staging.map_async(wgpu::MapMode::Read, .., move |result| {
+        // Nobody waits where waiting failed.
+        let _ = sender.send(result);
+    });
+    gpu.poll(wgpu::PollType::Wait { submission_index: Some(index), timeout: None })?;
+    match receiver.try_recv() {
+        Ok(Ok(())) => {}
+        Ok(Err(error)) => return Err(refused(error.to_string())),
+        Err(error) => return Err(refused(error.to_string())),
+    }
+    let view = staging.get_mapped_range(..).map_err(|e| refused(e.to_string()))?;
+    let result = f(&view);
+    drop(view);
+    staging.unmap();
+    Ok(result)
+}

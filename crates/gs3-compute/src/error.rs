@@ -1,0 +1,78 @@
+//! What can go wrong with a device.
+
+use thiserror::Error;
+
+/// Why a device cannot be had, or did not do its work.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+pub enum GpuError {
+    /// There is no adapter, or none like that.
+    #[error("GPU adapter: expected {expected}, found {actual}")]
+    NoAdapter {
+        /// Which adapter was asked for.
+        expected: String,
+        /// What there is.
+        actual: String,
+    },
+    /// The adapter cannot do something that gs3 needs.
+    #[error("GPU {adapter}: {what}: expected {expected}, found {actual}")]
+    Unsupported {
+        /// The adapter's name.
+        adapter: String,
+        /// A limit or feature.
+        what: String,
+        /// What is needed.
+        expected: String,
+        /// What the adapter has.
+        actual: String,
+    },
+    /// A buffer or dispatch is larger than the device takes.
+    #[error("GPU, {what}: expected at most {max}, found {actual}")]
+    TooLarge {
+        /// What is too large.
+        what: String,
+        /// The device's limit.
+        max: u64,
+        /// What was asked for.
+        actual: u64,
+    },
+    /// The device has no more memory.
+    #[error("GPU, {what}: expected {bytes} bytes of device memory, found less")]
+    OutOfMemory {
+        /// What needs the memory.
+        what: String,
+        /// How much.
+        bytes: u64,
+    },
+    /// The device is gone: driver reset, unplugged, or given back.
+    #[error("GPU device lost: {message}")]
+    DeviceLost {
+        /// What the driver says.
+        message: String,
+    },
+    /// A shader that the compiler refuses.
+    #[error("shader {label}: {message}")]
+    Shader {
+        /// Which shader.
+        label: String,
+        /// What the compiler says.
+        message: String,
+    },
+    /// A kernel got buffers other than those it declares.
+    #[error("kernel {kernel}: expected buffers {expected}, found {actual}")]
+    Bindings {
+        /// The kernel.
+        kernel: String,
+        /// Names in the shader.
+        expected: String,
+        /// Names given.
+        actual: String,
+    },
+    /// A call that the device refuses.
+    #[error("GPU, {what}: {message}")]
+    Refused {
+        /// During what.
+        what: String,
+        /// What the device says.
+        message: String,
+    },
+}

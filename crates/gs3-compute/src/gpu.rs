@@ -1,0 +1,351 @@
+//! An open device.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use bytemuck::Pod;
+
+use crate::adapter::{self, AdapterChoice, AdapterReport, choose};
+use crate::buffer::{Buffer, Slice, Use};
+use crate::error::GpuError;
+use crate::kernel::Module;
+use crate::recorder::{Recorder, Submission};
+use crate::timings::Timings;
+
+/// How to open a device.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct GpuSettings {
+    /// Which adapter.
+    pub adapter: AdapterChoice,
+    /// Which optional features to use.
+    pub features: OptionalFeatures,
+}
+
+/// Which of the features that not every adapter has are used.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum OptionalFeatures {
+    /// All that the adapter has.
+    #[default]
+    All,
+    /// None but timestamps, as in a browser: the fallbacks run.
+    None,
+}
+
+/// Whether something is there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Support {
+    /// It is.
+    Present,
+    /// It is not.
+    Absent,
+}
+
+impl From<bool> for Support {
+    fn from(present: bool) -> Self {
+        if present { Self::Present } else { Self::Absent }
+    }
+}
+
+/// Invocations that exchange values without memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Subgroups {
+    /// None, or not usable.
+    Absent,
+    /// Of `min` to `max` invocations, powers of two.
+    Present {
+        /// The smallest.
+        min: u32,
+        /// The largest.
+        max: u32,
+    },
+}
+
+/// What a device can do: resolved once.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Capabilities {
+    /// Subgroup operations in kernels.
+    pub subgroups: Subgroups,
+    /// `f16` in kernels and buffers (`enable f16;`).
+    pub shader_f16: Support,
+    /// Times of stages on the device.
+    pub timestamps: Support,
+    /// Sizes `m×n×k` of matrix products in hardware with f16 factors and f32 sums. gs3 does not use them yet.
+    pub cooperative_matrix: Vec<[u32; 3]>,
+    /// Sizes.
+    pub limits: Limits,
+}
+
+/// Sizes that a device takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Bytes of one buffer.
+    pub buffer_bytes: u64,
+    /// Bytes of one storage binding.
+    pub binding_bytes: u64,
+    /// Storage bindings of a kernel.
+    pub storage_bindings: u32,
+    /// Multiple at which a binding may start in its buffer, bytes.
+    pub binding_alignment: u32,
+    /// Bytes of memory that a workgroup shares.
+    pub workgroup_bytes: u32,
+    /// Invocations of a workgroup.
+    pub workgroup_invocations: u32,
+    /// Workgroups along a dimension of a dispatch.
+    pub workgroups: u32,
+}
+
+impl Capabilities {
+    /// Those of `adapter`.
+    pub(crate) fn of(adapter: &wgpu::Adapter) -> Self {
+        let (features, limits, info) = (adapter.features(), adapter.limits(), adapter.get_info());
+        let has = |feature| Support::from(features.contains(feature));
+        let subgroups = match has(wgpu::Features::SUBGROUP) {
+            Support::Present => {
+                Subgroups::Present { min: info.subgroup_min_size, max: info.subgroup_max_size }
+            }
+            Support::Absent => Subgroups::Absent,
+        };
+        let products = adapter.cooperative_matrix_properties();
+        let half_to_single = products.iter().filter(|p| {
+            p.ab_type == wgpu::CooperativeScalarType::F16 && p.cr_type == wgpu::CooperativeScalarType::F32
+        });
+        Self {
+            subgroups,
+            shader_f16: has(wgpu::Features::SHADER_F16),
+            timestamps: has(wgpu::Features::TIMESTAMP_QUERY),
+            cooperative_matrix: half_to_single.map(|p| [p.m_size, p.n_size, p.k_size]).collect(),
+            limits: Limits {
+                buffer_bytes: limits.max_buffer_size,
+                binding_bytes: limits.max_storage_buffer_binding_size,
+                storage_bindings: limits.max_storage_buffers_per_shader_stage,
+                binding_alignment: limits.min_storage_buffer_offset_alignment,
+                workgroup_bytes: limits.max_compute_workgroup_storage_size,
+                workgroup_invocations: limits.max_compute_invocations_per_workgroup,
+                workgroups: limits.max_compute_workgroups_per_dimension,
+            },
+        }
+    }
+
+    fn with(self, features: OptionalFeatures) -> Self {
+        match features {
+            OptionalFeatures::All => self,
+            OptionalFeatures::None => Self {
+                subgroups: Subgroups::Absent,
+                shader_f16: Support::Absent,
+                cooperative_matrix: Vec::new(),
+                ..self
+            },
+        }
+    }
+
+    fn required_features(&self) -> wgpu::Features {
+        let mut features = wgpu::Features::empty();
+        features.set(wgpu::Features::SUBGROUP, self.subgroups != Subgroups::Absent);
+        features.set(wgpu::Features::SHADER_F16, self.shader_f16 == Support::Present);
+        features.set(wgpu::Features::TIMESTAMP_QUERY, self.timestamps == Support::Present);
+        features
+    }
+}
+
+/// The first thing that gs3 needs and `adapter` lacks. All are what WebGPU guarantees.
+pub(crate) fn missing(adapter: &wgpu::Adapter) -> Option<GpuError> {
+    let limits = Capabilities::of(adapter).limits;
+    let lacks = |what: &str, expected: String, actual: String| {
+        let (adapter, what) = (adapter.get_info().name, what.to_owned());
+        Some(GpuError::Unsupported { adapter, what, expected, actual })
+    };
+    if !adapter.get_downlevel_capabilities().flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS) {
+        return lacks("compute shaders", "present".to_owned(), "absent".to_owned());
+    }
+    let needs: [(&str, u64, u64); 6] = [
+        ("bytes of a storage binding", 128 << 20, limits.binding_bytes),
+        ("bytes of a buffer", 256 << 20, limits.buffer_bytes),
+        ("storage bindings of a kernel", 8, limits.storage_bindings.into()),
+        ("bytes of workgroup memory", 16 << 10, limits.workgroup_bytes.into()),
+        ("invocations of a workgroup", 256, limits.workgroup_invocations.into()),
+        ("workgroups along a dimension", 65_535, limits.workgroups.into()),
+    ];
+    let (what, expected, actual) = needs.into_iter().find(|(_, expected, actual)| actual < expected)?;
+    lacks(what, format!("at least {expected}"), actual.to_string())
+}
+
+/// The first trouble that nobody has been told of, and whether the device is gone.
+#[derive(Debug, Default)]
+struct Trouble {
+    lost: Option<String>,
+    error: Option<GpuError>,
+}
+
+/// An open device. Clones are the same device.
+#[derive(Clone, Debug)]
+pub struct Gpu {
+    pub(crate) device: wgpu::Device,
+    pub(crate) queue: wgpu::Queue,
+    adapter: Arc<AdapterReport>,
+    capabilities: Arc<Capabilities>,
+    trouble: Arc<Mutex<Trouble>>,
+}
+
+impl Gpu {
+    /// Opens a device.
+    ///
+    /// # Errors
+    /// [`GpuError`] if there is no such adapter, it lacks something, or does not open.
+    pub fn new(settings: &GpuSettings) -> Result<Self, GpuError> {
+        let mut found = adapter::found(&adapter::instance());
+        let reports: Vec<AdapterReport> = found.iter().map(adapter::report).collect();
+        let (number, _) = choose(&reports, settings.adapter)?;
+        let (adapter, report) = (found.swap_remove(number), reports[number].clone());
+        let capabilities = report.capabilities.clone().with(settings.features);
+        let descriptor = wgpu::DeviceDescriptor {
+            label: Some("gs3"),
+            required_features: capabilities.required_features(),
+            required_limits: adapter.limits(),
+            ..Default::default()
+        };
+        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).map_err(|e| {
+            GpuError::Refused { what: format!("opening {}", report.name), message: e.to_string() }
+        })?;
+        let trouble: Arc<Mutex<Trouble>> = Arc::default();
+        let state = trouble.clone();
+        device.on_uncaptured_error(Arc::new(move |error| {
+            let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
+            state.error.get_or_insert_with(|| typed("a call outside any check", 0, error));
+        }));
+        let state = trouble.clone();
+        device.set_device_lost_callback(move |reason, message| {
+            let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
+            state.lost.get_or_insert_with(|| format!("{reason:?}: {message}"));
+        });
+        let (adapter, capabilities) = (Arc::new(report), Arc::new(capabilities));
+        Ok(Self { device, queue, adapter, capabilities, trouble })
+    }
+
+    /// The adapter it runs on.
+    #[must_use]
+    pub fn adapter(&self) -> &AdapterReport {
+        &self.adapter
+    }
+
+    /// What it can do, and was allowed to.
+    #[must_use]
+    pub fn capabilities(&self) -> &Capabilities {
+        &self.capabilities
+    }
+
+    /// Whether all is well since the last check.
+    ///
+    /// # Errors
+    /// [`GpuError::DeviceLost`] from then on, any other error once.
+    pub fn check(&self) -> Result<(), GpuError> {
+        let mut trouble = self.trouble.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(message) = &trouble.lost {
+            return Err(GpuError::DeviceLost { message: message.clone() });
+        }
+        trouble.error.take().map_or(Ok(()), Err)
+    }
+
+    /// A buffer of zeros.
+    ///
+    /// # Errors
+    /// [`GpuError`] if it is larger than the device takes or has room for.
+    pub fn buffer(&self, label: &str, usage: Use, bytes: u64) -> Result<Buffer, GpuError> {
+        Buffer::new(self, label, usage, bytes)
+    }
+
+    /// A buffer that holds `values`.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn buffer_with<T: Pod>(&self, label: &str, usage: Use, values: &[T]) -> Result<Buffer, GpuError> {
+        let buffer = self.buffer(label, usage, size_of_val(values) as u64)?;
+        self.write(&buffer.slice(), values)?;
+        Ok(buffer)
+    }
+
+    /// A module of WGSL: `sources` one after the other.
+    ///
+    /// # Errors
+    /// [`GpuError::Shader`] if it is not valid.
+    pub fn module(&self, label: &str, sources: &[&str]) -> Result<Module, GpuError> {
+        Module::new(self, label, sources)
+    }
+
+    /// A frame's work, to be recorded. With `timings` its stages are timed.
+    #[must_use]
+    pub fn recorder<'a>(&'a self, timings: Option<&'a mut Timings>) -> Recorder<'a> {
+        Recorder::new(self, timings)
+    }
+
+    /// Writes `values` to the start of `slice` before whatever is submitted next. Bytes are padded with zeros to a
+    /// multiple of four.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] if `slice` is shorter; device loss.
+    pub fn write<T: Pod>(&self, slice: &Slice<'_>, values: &[T]) -> Result<(), GpuError> {
+        crate::buffer::write(self, slice, bytemuck::cast_slice(values))
+    }
+
+    /// The numbers in `slice`, after all that was submitted before. It waits for the device: for tests and final results,
+    /// not for what a frame hands on.
+    ///
+    /// # Errors
+    /// [`GpuError`] if the device fails.
+    pub fn read<T: Pod>(&self, slice: &Slice<'_>) -> Result<Vec<T>, GpuError> {
+        crate::buffer::read(self, slice)
+    }
+
+    /// Waits until `submission` is done.
+    ///
+    /// # Errors
+    /// [`GpuError`] if the device failed meanwhile.
+    pub fn wait(&self, submission: &Submission) -> Result<(), GpuError> {
+        self.poll(wgpu::PollType::Wait { submission_index: Some(submission.0.clone()), timeout: None })
+    }
+
+    /// Gives the device back: every use from now on says [`GpuError::DeviceLost`].
+    pub fn destroy(&self) {
+        self.device.destroy();
+        let mut trouble = self.trouble.lock().unwrap_or_else(PoisonError::into_inner);
+        trouble.lost.get_or_insert_with(|| "given back".to_owned());
+    }
+
+    pub(crate) fn poll(&self, poll: wgpu::PollType) -> Result<(), GpuError> {
+        let polled = self.device.poll(poll);
+        self.check()?;
+        match polled {
+            Ok(_) => Ok(()),
+            Err(error) => Err(GpuError::Refused { what: "waiting".to_owned(), message: error.to_string() }),
+        }
+    }
+
+    /// What `call` gives, or the first error that it meets. `bytes` is how much memory it asks for.
+    pub(crate) fn checked<T>(&self, what: &str, bytes: u64, call: impl FnOnce() -> T) -> Result<T, GpuError> {
+        self.check()?;
+        let filters =
+            [wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::OutOfMemory, wgpu::ErrorFilter::Validation];
+        let scopes = filters.map(|filter| self.device.push_error_scope(filter));
+        let result = call();
+        let mut first = None;
+        for scope in scopes.into_iter().rev() {
+            if let Some(error) = pollster::block_on(scope.pop()) {
+                first.get_or_insert(error);
+            }
+        }
+        self.check()?;
+        match first {
+            Some(error) => Err(typed(what, bytes, error)),
+            None => Ok(result),
+        }
+    }
+}
+
+/// An error of wgpu that arose during `what`, which asked for `bytes`.
+fn typed(what: &str, bytes: u64, error: wgpu::Error) -> GpuError {
+    let what = what.to_owned();
+    match error {
+        wgpu::Error::OutOfMemory { .. } => GpuError::OutOfMemory { what, bytes },
+        wgpu::Error::Validation { description, .. } | wgpu::Error::Internal { description, .. } => {
+            GpuError::Refused { what, message: description }
+        }
+    }
+}

@@ -1,0 +1,195 @@
+//! WGSL modules, their entry points, and these with their buffers.
+
+use std::sync::Arc;
+
+use naga::valid::{Capabilities, GlobalUse, ValidationFlags, Validator};
+use naga::{AddressSpace, StorageAccess};
+
+use crate::buffer::Slice;
+use crate::error::GpuError;
+use crate::gpu::Gpu;
+
+/// A valid WGSL module. All its buffers are in group 0.
+#[derive(Clone, Debug)]
+pub struct Module {
+    label: String,
+    raw: wgpu::ShaderModule,
+    reflected: Arc<Reflected>,
+}
+
+/// What is known of a module without a device.
+#[derive(Debug)]
+struct Reflected {
+    module: naga::Module,
+    info: naga::valid::ModuleInfo,
+}
+
+/// A buffer that a kernel declares.
+#[derive(Clone, Debug)]
+struct Declared {
+    name: String,
+    binding: u32,
+    ty: wgpu::BufferBindingType,
+}
+
+/// An entry point, compiled.
+#[derive(Clone, Debug)]
+pub struct Kernel {
+    label: String,
+    pipeline: wgpu::ComputePipeline,
+    layout: wgpu::BindGroupLayout,
+    declared: Vec<Declared>,
+}
+
+/// A kernel with its buffers.
+#[derive(Clone, Debug)]
+pub struct Bound {
+    pub(crate) pipeline: wgpu::ComputePipeline,
+    pub(crate) group: wgpu::BindGroup,
+}
+
+/// Reads and validates WGSL without a device.
+fn reflect(label: &str, source: &str) -> Result<Reflected, GpuError> {
+    let shader = |message: String| GpuError::Shader { label: label.to_owned(), message };
+    // Every extension is known here; those that a device lacks, it refuses itself.
+    let module = naga::front::wgsl::parse_str(source).map_err(|e| shader(e.emit_to_string(source)))?;
+    let info = Validator::new(ValidationFlags::all(), Capabilities::all())
+        .validate(&module)
+        .map_err(|e| shader(e.emit_to_string(source)))?;
+    Ok(Reflected { module, info })
+}
+
+/// Whether `sources`, one after the other, are valid WGSL for [`Gpu::module`]: the same check, without a device.
+///
+/// # Errors
+/// [`GpuError::Shader`] with the place.
+pub fn validate(label: &str, sources: &[&str]) -> Result<(), GpuError> {
+    reflect(label, &sources.concat()).map(|_| ())
+}
+
+impl Module {
+    pub(crate) fn new(gpu: &Gpu, label: &str, sources: &[&str]) -> Result<Self, GpuError> {
+        let source = sources.concat();
+        let reflected = Arc::new(reflect(label, &source)?);
+        let descriptor = wgpu::ShaderModuleDescriptor {
+            label: Some(label),
+            source: wgpu::ShaderSource::Wgsl(source.into()),
+        };
+        let raw = gpu
+            .checked(label, 0, || gpu.device.create_shader_module(descriptor))
+            .map_err(|error| as_shader_error(label, error))?;
+        Ok(Self { label: label.to_owned(), raw, reflected })
+    }
+
+    /// Its entry point `entry`, with `override` constants. Memory of workgroups is not cleared before it runs.
+    ///
+    /// # Errors
+    /// [`GpuError::Shader`] if there is none, or the driver refuses it.
+    pub fn kernel(&self, gpu: &Gpu, entry: &str, constants: &[(&str, f64)]) -> Result<Kernel, GpuError> {
+        let label = format!("{}.{entry}", self.label);
+        let declared = self.declared(&label, entry)?;
+        let entries: Vec<wgpu::BindGroupLayoutEntry> = declared
+            .iter()
+            .map(|d| wgpu::BindGroupLayoutEntry {
+                binding: d.binding,
+                visibility: wgpu::ShaderStages::COMPUTE,
+                ty: wgpu::BindingType::Buffer { ty: d.ty, has_dynamic_offset: false, min_binding_size: None },
+                count: None,
+            })
+            .collect();
+        let created = gpu.checked(&label, 0, || {
+            let descriptor = wgpu::BindGroupLayoutDescriptor { label: Some(&label), entries: &entries };
+            let layout = gpu.device.create_bind_group_layout(&descriptor);
+            let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: Some(&label),
+                bind_group_layouts: &[Some(&layout)],
+                immediate_size: 0,
+            });
+            let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(&label),
+                layout: Some(&pipeline_layout),
+                module: &self.raw,
+                entry_point: Some(entry),
+                compilation_options: wgpu::PipelineCompilationOptions {
+                    constants,
+                    zero_initialize_workgroup_memory: false,
+                },
+                cache: None,
+            });
+            (layout, pipeline)
+        });
+        let (layout, pipeline) = created.map_err(|error| as_shader_error(&label, error))?;
+        Ok(Kernel { label, pipeline, layout, declared })
+    }
+
+    /// The buffers that `entry` uses.
+    fn declared(&self, label: &str, entry: &str) -> Result<Vec<Declared>, GpuError> {
+        let shader = |message: String| GpuError::Shader { label: label.to_owned(), message };
+        let Reflected { module, info } = &*self.reflected;
+        let Some(index) = module.entry_points.iter().position(|e| e.name == entry) else {
+            let names: Vec<&str> = module.entry_points.iter().map(|e| e.name.as_str()).collect();
+            return Err(shader(format!("expected entry point {entry}, found {}", names.join(", "))));
+        };
+        let usage = info.get_entry_point(index);
+        let mut declared = Vec::new();
+        for (handle, variable) in module.global_variables.iter() {
+            let Some(binding) = &variable.binding else { continue };
+            if usage[handle] == GlobalUse::empty() {
+                continue;
+            }
+            let name = variable.name.clone().unwrap_or_default();
+            let ty = match variable.space {
+                AddressSpace::Uniform => wgpu::BufferBindingType::Uniform,
+                AddressSpace::Storage { access } => {
+                    let read_only = !access.contains(StorageAccess::STORE);
+                    wgpu::BufferBindingType::Storage { read_only }
+                }
+                _ => return Err(shader(format!("expected buffers only, found {name}"))),
+            };
+            if binding.group != 0 {
+                return Err(shader(format!("{name}: expected group 0, found {}", binding.group)));
+            }
+            declared.push(Declared { name, binding: binding.binding, ty });
+        }
+        Ok(declared)
+    }
+}
+
+impl Kernel {
+    /// The kernel with a buffer for each name that its shader declares and uses. Names that the module declares for other
+    /// entry points may be there too.
+    ///
+    /// # Errors
+    /// [`GpuError::Bindings`] if one is missing, [`GpuError::TooLarge`] if one is longer than a binding may be.
+    pub fn bind(&self, gpu: &Gpu, buffers: &[(&str, Slice<'_>)]) -> Result<Bound, GpuError> {
+        let max = gpu.capabilities().limits.binding_bytes;
+        let mut entries = Vec::with_capacity(self.declared.len());
+        for declared in &self.declared {
+            let Some((name, slice)) = buffers.iter().find(|(name, _)| *name == declared.name) else {
+                let names = |names: Vec<&str>| names.join(", ");
+                return Err(GpuError::Bindings {
+                    kernel: self.label.clone(),
+                    expected: names(self.declared.iter().map(|d| d.name.as_str()).collect()),
+                    actual: names(buffers.iter().map(|b| b.0).collect()),
+                });
+            };
+            if slice.bytes > max {
+                let what = format!("bytes of {name} of kernel {}", self.label);
+                return Err(GpuError::TooLarge { what, max, actual: slice.bytes });
+            }
+            entries.push(wgpu::BindGroupEntry { binding: declared.binding, resource: slice.binding() });
+        }
+        let descriptor =
+            wgpu::BindGroupDescriptor { label: Some(&self.label), layout: &self.layout, entries: &entries };
+        let group = gpu.checked(&self.label, 0, || gpu.device.create_bind_group(&descriptor))?;
+        Ok(Bound { pipeline: self.pipeline.clone(), group })
+    }
+}
+
+/// A refusal of a shader or pipeline as what it is.
+fn as_shader_error(label: &str, error: GpuError) -> GpuError {
+    match error {
+        GpuError::Refused { message, .. } => GpuError::Shader { label: label.to_owned(), message },
+        other => other,
+    }
+}

@@ -1,0 +1,29 @@
+//! GPU devices, and work on them: buffers, kernels, one submission per frame with its stages timed.
+//!
+//! [`Gpu`] is an open device. A [`Module`] is a WGSL source, a [`Kernel`] one of its entry points, a [`Bound`] kernel one
+//! with its buffers: these are made once. A frame is a [`Recorder`] into which stages write dispatches, submitted once.
+//! Whatever goes wrong is a [`GpuError`]; nothing here panics because of a device.
+//!
+//! Nothing here knows what is computed.
+
+mod adapter;
+mod arena;
+mod buffer;
+mod chunks;
+mod error;
+mod gpu;
+mod grid;
+mod kernel;
+mod recorder;
+mod timings;
+
+pub use adapter::{AdapterChoice, AdapterKind, AdapterReport, Api, adapters, choose};
+pub use arena::{Arena, Fit, Need};
+pub use buffer::{Buffer, Slice, Use};
+pub use chunks::ChunkPlan;
+pub use error::GpuError;
+pub use gpu::{Capabilities, Gpu, GpuSettings, Limits, OptionalFeatures, Subgroups, Support};
+pub use grid::{GRID_ROW, GRID_WGSL, grid};
+pub use kernel::{Bound, Kernel, Module, validate};
+pub use recorder::{Recorder, Submission};
+pub use timings::{StageTime, Timings};

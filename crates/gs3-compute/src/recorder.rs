@@ -1,0 +1,97 @@
+//! One frame's work, submitted once.
+
+use crate::buffer::{Buffer, Slice};
+use crate::error::GpuError;
+use crate::gpu::Gpu;
+use crate::kernel::Bound;
+use crate::timings::Timings;
+
+/// Work that was handed to a device.
+#[derive(Clone, Debug)]
+pub struct Submission(pub(crate) wgpu::SubmissionIndex);
+
+/// Records work for one submission. What is recorded later sees what was written before.
+#[derive(Debug)]
+pub struct Recorder<'a> {
+    gpu: &'a Gpu,
+    encoder: wgpu::CommandEncoder,
+    pass: Option<wgpu::ComputePass<'static>>,
+    timings: Option<&'a mut Timings>,
+    stage: &'static str,
+}
+
+impl<'a> Recorder<'a> {
+    pub(crate) fn new(gpu: &'a Gpu, mut timings: Option<&'a mut Timings>) -> Self {
+        let encoder =
+            gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
+        if let Some(timings) = &mut timings {
+            timings.begin();
+        }
+        Self { gpu, encoder, pass: None, timings, stage: "" }
+    }
+
+    /// Names what is recorded from here on, for timing. A name may come more than once.
+    pub fn stage(&mut self, name: &'static str) {
+        if self.stage != name {
+            self.pass = None;
+            self.stage = name;
+        }
+    }
+
+    /// Runs `kernel` in `groups` workgroups ([`grid`](crate::grid) for more than 65,535 in a row).
+    pub fn dispatch(&mut self, kernel: &Bound, groups: [u32; 3]) {
+        if groups.contains(&0) {
+            return;
+        }
+        let pass = self.pass();
+        pass.set_pipeline(&kernel.pipeline);
+        pass.set_bind_group(0, &kernel.group, &[]);
+        pass.dispatch_workgroups(groups[0], groups[1], groups[2]);
+    }
+
+    /// Runs `kernel` in as many workgroups as three u32 at byte `offset` of `counts` say, each at most 65,535: kernels
+    /// that write them use `grid_of` ([`GRID_WGSL`](crate::GRID_WGSL)).
+    pub fn dispatch_indirect(&mut self, kernel: &Bound, counts: &Buffer, offset: u64) {
+        let pass = self.pass();
+        pass.set_pipeline(&kernel.pipeline);
+        pass.set_bind_group(0, &kernel.group, &[]);
+        pass.dispatch_workgroups_indirect(&counts.raw, offset);
+    }
+
+    /// Copies `from` to the start of `to`, which is not shorter. Starts and lengths are multiples of four bytes.
+    pub fn copy(&mut self, from: &Slice<'_>, to: &Slice<'_>) {
+        self.pass = None;
+        let bytes = from.bytes.min(to.bytes);
+        self.encoder.copy_buffer_to_buffer(&from.buffer.raw, from.start, &to.buffer.raw, to.start, bytes);
+    }
+
+    /// Fills `slice` with zeros.
+    pub fn clear(&mut self, slice: &Slice<'_>) {
+        self.pass = None;
+        self.encoder.clear_buffer(&slice.buffer.raw, slice.start, Some(slice.bytes - slice.bytes % 4));
+    }
+
+    /// Hands everything to the device, which works while this returns.
+    ///
+    /// # Errors
+    /// [`GpuError`] if the device refuses it or is lost.
+    pub fn submit(mut self) -> Result<Submission, GpuError> {
+        self.pass = None;
+        let Self { gpu, mut encoder, timings, .. } = self;
+        gpu.checked("a frame", 0, || {
+            if let Some(timings) = timings {
+                timings.resolve(&mut encoder);
+            }
+            Submission(gpu.queue.submit([encoder.finish()]))
+        })
+    }
+
+    fn pass(&mut self) -> &mut wgpu::ComputePass<'static> {
+        let Self { encoder, pass, timings, stage, .. } = self;
+        pass.get_or_insert_with(|| {
+            let timestamp_writes = timings.as_mut().and_then(|timings| timings.pass(stage));
+            let descriptor = wgpu::ComputePassDescriptor { label: Some(*stage), timestamp_writes };
+            encoder.begin_compute_pass(&descriptor).forget_lifetime()
+        })
+    }
+}

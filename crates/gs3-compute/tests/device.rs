@@ -1,0 +1,222 @@
+//! A device does what it is told, and says what goes wrong.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
+use gs3_compute::*;
+
+/// The devices of this machine: with all features and with none.
+fn devices() -> Vec<Gpu> {
+    let features = [OptionalFeatures::All, OptionalFeatures::None];
+    let open = |features| match Gpu::new(&GpuSettings { features, ..GpuSettings::default() }) {
+        Err(GpuError::NoAdapter { .. }) => None,
+        other => Some(other.unwrap()),
+    };
+    let devices: Vec<Gpu> = features.into_iter().filter_map(open).collect();
+    if devices.is_empty() {
+        eprintln!("skipped: no adapter");
+    }
+    devices
+}
+
+const DOUBLE: &str = "
+    override FACTOR: u32 = 1u;
+    @group(0) @binding(0) var<uniform> offset: vec4<u32>;
+    @group(0) @binding(1) var<storage> source: array<u32>;
+    @group(0) @binding(2) var<storage, read_write> result: array<u32>;
+    @group(0) @binding(3) var<storage, read_write> unused: array<u32>;
+    @compute @workgroup_size(64)
+    fn scale(@builtin(global_invocation_id) id: vec3<u32>) {
+        if id.x < arrayLength(&source) {
+            result[id.x] = FACTOR * source[id.x] + offset.x;
+        }
+    }
+    @compute @workgroup_size(1)
+    fn counts() {
+        unused[0] = 1u;
+        unused[1] = 1u;
+        unused[2] = 1u;
+    }";
+
+#[test]
+fn kernels_run_in_the_order_recorded_and_are_timed() {
+    for gpu in devices() {
+        let module = gpu.module("double", &[DOUBLE]).unwrap();
+        let scale = module.kernel(&gpu, "scale", &[("FACTOR", 3.0)]).unwrap();
+        let counts = module.kernel(&gpu, "counts", &[]).unwrap();
+        let values: Vec<u32> = (0..64).collect();
+        let a = gpu.buffer_with("a", Use::Storage, &values).unwrap();
+        let b = gpu.buffer("b", Use::Storage, 256).unwrap();
+        let indirect = gpu.buffer("indirect", Use::Indirect, 12).unwrap();
+        let offset = gpu.buffer_with("offset", Use::Uniform, &[7u32, 0, 0, 0]).unwrap();
+        let forth = [("offset", (&offset).into()), ("source", (&a).into()), ("result", (&b).into())];
+        let back = [("offset", (&offset).into()), ("source", (&b).into()), ("result", (&a).into())];
+        let (forth, back) = (scale.bind(&gpu, &forth).unwrap(), scale.bind(&gpu, &back).unwrap());
+        let counts = counts.bind(&gpu, &[("unused", (&indirect).into())]).unwrap();
+        let mut timings = Timings::new(&gpu).ok();
+        let mut recorder = gpu.recorder(timings.as_mut());
+        recorder.stage("forth");
+        recorder.dispatch(&forth, [1, 1, 1]);
+        recorder.clear(&a.part(0, 128));
+        recorder.stage("back");
+        recorder.dispatch(&counts, [1, 1, 1]);
+        recorder.dispatch_indirect(&back, &indirect, 0);
+        recorder.copy(&a.part(0, 4), &b.part(8, 4));
+        let submission = recorder.submit().unwrap();
+        gpu.wait(&submission).unwrap();
+        let expected: Vec<u32> = values.iter().map(|v| 3 * (3 * v + 7) + 7).collect();
+        assert_eq!(gpu.read::<u32>(&a.slice()).unwrap(), expected);
+        assert_eq!(gpu.read::<u32>(&b.part(8, 4)).unwrap(), expected[..1]);
+        if let Some(timings) = timings {
+            let times = timings.read(&gpu, &submission).unwrap();
+            assert_eq!(times.iter().map(|t| t.stage).collect::<Vec<_>>(), ["forth", "back"]);
+            assert!(times.iter().all(|t| t.time.as_secs() < 60), "{times:?}");
+        }
+    }
+}
+
+#[test]
+fn mistakes_are_typed_errors() {
+    for gpu in devices() {
+        let error = gpu.module("broken", &["fn f() -> u32 { return 1.0; }"]).unwrap_err();
+        assert!(matches!(error, GpuError::Shader { label, .. } if label == "broken"));
+        let module = gpu.module("double", &[DOUBLE]).unwrap();
+        assert!(matches!(module.kernel(&gpu, "scael", &[]), Err(GpuError::Shader { .. })));
+        assert!(matches!(module.kernel(&gpu, "scale", &[("NONE", 1.0)]), Err(GpuError::Shader { .. })));
+        let kernel = module.kernel(&gpu, "scale", &[]).unwrap();
+        let error = kernel.bind(&gpu, &[]).unwrap_err();
+        assert!(matches!(error, GpuError::Bindings { expected, .. } if expected == "offset, source, result"));
+        let max = gpu.capabilities().limits.buffer_bytes;
+        let error = gpu.buffer("huge", Use::Storage, max + 1).unwrap_err();
+        assert!(matches!(error, GpuError::TooLarge { actual, .. } if actual == max + 1));
+        let buffer = gpu.buffer("small", Use::Storage, 16).unwrap();
+        assert!(matches!(gpu.write(&buffer.slice(), &[0u32; 5]), Err(GpuError::TooLarge { .. })));
+        // One buffer read and written at once: the device refuses the frame, and goes on.
+        let offset = gpu.buffer("offset", Use::Uniform, 16).unwrap();
+        let slices =
+            [("offset", (&offset).into()), ("source", (&buffer).into()), ("result", (&buffer).into())];
+        let bound = kernel.bind(&gpu, &slices).unwrap();
+        let mut recorder = gpu.recorder(None);
+        recorder.dispatch(&bound, [1, 1, 1]);
+        assert!(matches!(recorder.submit(), Err(GpuError::Refused { .. })));
+        gpu.check().unwrap();
+        assert_eq!(gpu.read::<u32>(&buffer.slice()).unwrap(), [0; 4]);
+    }
+}
+
+#[test]
+fn a_lost_device_says_so() {
+    for gpu in devices() {
+        let module = gpu.module("double", &[DOUBLE]).unwrap();
+        let buffer = gpu.buffer_with("a", Use::Storage, &[1u32; 4]).unwrap();
+        let recorder = gpu.recorder(None);
+        gpu.destroy();
+        let lost = |error: GpuError| matches!(error, GpuError::DeviceLost { .. });
+        assert!(lost(recorder.submit().unwrap_err()));
+        assert!(lost(gpu.check().unwrap_err()));
+        assert!(lost(gpu.buffer("b", Use::Storage, 4).unwrap_err()));
+        assert!(lost(gpu.write(&buffer.slice(), &[1u32]).unwrap_err()));
+        assert!(lost(gpu.read::<u32>(&buffer.slice()).unwrap_err()));
+        assert!(lost(module.kernel(&gpu, "scale", &[]).unwrap_err()));
+    }
+}
+
+#[test]
+fn arenas_grow_and_say_so() {
+    for gpu in devices() {
+        let mut arena = Arena::default();
+        let need = |bytes| [Need { name: "splats", usage: Use::Storage, bytes }];
+        assert_eq!(arena.fit(&gpu, &need(100)).unwrap(), Fit::Grown);
+        assert_eq!(arena.fit(&gpu, &need(50)).unwrap(), Fit::Kept);
+        assert_eq!(arena.fit(&gpu, &need(1000)).unwrap(), Fit::Grown);
+        // What grew once has a reserve.
+        assert_eq!(arena.fit(&gpu, &need(1200)).unwrap(), Fit::Kept);
+        assert!(arena.get("splats").unwrap().bytes() >= 1200);
+        assert!(arena.get("else").is_none());
+        assert!(arena.fit(&gpu, &need(u64::MAX / 2)).is_err());
+    }
+}
+
+/// More than is sent at once arrives in order.
+#[test]
+fn long_uploads_arrive() {
+    for gpu in devices().into_iter().take(1) {
+        let values: Vec<u32> = (0..(70 << 20) / 4).collect();
+        let buffer = gpu.buffer_with("long", Use::Storage, &values).unwrap();
+        for start in [0, (64 << 20) - 8, (70 << 20) - 16] {
+            let first = start as u32 / 4;
+            assert_eq!(gpu.read::<u32>(&buffer.part(start, 16)).unwrap(), [0, 1, 2, 3].map(|k| first + k));
+        }
+        let bytes = gpu.buffer_with("bytes", Use::Storage, &[1u8, 2, 3, 4, 5]).unwrap();
+        assert_eq!(gpu.read::<u8>(&bytes.part(0, 8)).unwrap(), [1, 2, 3, 4, 5, 0, 0, 0]);
+    }
+}
+
+#[test]
+fn adapters_are_chosen_by_kind() {
+    let limits = Limits {
+        buffer_bytes: 1 << 30,
+        binding_bytes: 1 << 30,
+        storage_bindings: 8,
+        binding_alignment: 256,
+        workgroup_bytes: 1 << 15,
+        workgroup_invocations: 256,
+        workgroups: 65_535,
+    };
+    let adapter = |name: &str, kind, api, missing| AdapterReport {
+        name: name.to_owned(),
+        api,
+        kind,
+        driver: String::new(),
+        capabilities: Capabilities {
+            subgroups: Subgroups::Absent,
+            shader_f16: Support::Absent,
+            timestamps: Support::Absent,
+            cooperative_matrix: Vec::new(),
+            limits,
+        },
+        missing,
+    };
+    let lacking = GpuError::NoAdapter { expected: "x".to_owned(), actual: "y".to_owned() };
+    let all = [
+        adapter("cpu", AdapterKind::Software, Api::Vulkan, None),
+        adapter("old", AdapterKind::Discrete, Api::Dx12, Some(lacking.clone())),
+        adapter("small", AdapterKind::Integrated, Api::Vulkan, None),
+        adapter("card", AdapterKind::Discrete, Api::Vulkan, None),
+        adapter("card 2", AdapterKind::Discrete, Api::Vulkan, None),
+    ];
+    assert_eq!(choose(&all, AdapterChoice::Auto).unwrap().0, 3);
+    assert_eq!(choose(&all[..3], AdapterChoice::Auto).unwrap().0, 2);
+    assert!(choose(&all[..1], AdapterChoice::Auto).unwrap().1.contains("software"));
+    assert_eq!(choose(&all, AdapterChoice::Number(0)).unwrap().0, 0);
+    assert_eq!(choose(&all, AdapterChoice::Number(1)).unwrap_err(), lacking);
+    assert_eq!(choose(&all, AdapterChoice::Api(Api::Dx12)).unwrap_err(), lacking);
+    let none = |choice| matches!(choose(&all, choice), Err(GpuError::NoAdapter { .. }));
+    assert!(none(AdapterChoice::Number(5)) && none(AdapterChoice::Api(Api::Metal)));
+    assert!(
+        matches!(choose(&[], AdapterChoice::Auto), Err(GpuError::NoAdapter { actual, .. }) if actual == "none")
+    );
+}
+
+#[test]
+fn data_beyond_one_binding_is_divided() {
+    let limits = Limits {
+        buffer_bytes: 1 << 40,
+        binding_bytes: 128 << 20,
+        storage_bindings: 8,
+        binding_alignment: 256,
+        workgroup_bytes: 1 << 15,
+        workgroup_invocations: 256,
+        workgroups: 65_535,
+    };
+    let plan = ChunkPlan::new(&limits, 50_000_000, 96, 256).unwrap();
+    assert_eq!(plan.per_chunk % 256, 0);
+    assert!(plan.per_chunk * 96 <= 128 << 20 && (plan.per_chunk + 256) * 96 > 128 << 20);
+    let mut next = 0;
+    for range in plan.ranges() {
+        assert_eq!(range.start, next);
+        next = range.end;
+    }
+    assert_eq!(next, 50_000_000);
+    assert_eq!(ChunkPlan::new(&limits, 0, 4, 1).unwrap().ranges().collect::<Vec<_>>(), vec![0..0]);
+    assert!(matches!(ChunkPlan::new(&limits, 1, 1 << 20, 256), Err(GpuError::TooLarge { .. })));
+}
