@@ -56,10 +56,11 @@ mod resample;
 mod samples;
 mod splat;
 mod super_sample;
+mod warp;
 
 pub use error::ReconstructError;
 pub use hermite::hermite;
-pub use interpolate::{Interpolator, Neighbor};
+pub use interpolate::{Interpolator, Neighbor, Warped};
 pub use motion::{Depth, Motion, View};
 pub use resample::{Kernel, resample};
 pub use super_sample::{ResetReason, SuperSampler};

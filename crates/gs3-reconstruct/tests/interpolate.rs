@@ -4,7 +4,7 @@
 mod common;
 
 use common::{Sheet, World, camera, psnr, wall_and_post};
-use gs3_reconstruct::{Interpolator, Neighbor, ReconstructError};
+use gs3_reconstruct::{Interpolator, Neighbor, ReconstructError, Warped};
 use gs3_scene::{Camera, GBuffer, Image};
 use proptest::prelude::*;
 
@@ -30,9 +30,12 @@ fn pose(x: f64) -> Camera {
     camera(240, 136, [x, 0.0, 0.0], 0.0, 0.0)
 }
 
+fn neighbors(world: &World, x: [f64; 2]) -> [Frame; 2] {
+    [(x[0], [0.1, -0.2]), (x[1], [-0.3, 0.2])].map(|(x, jitter)| Frame::of(world, pose(x), 4, jitter))
+}
+
 fn between(world: &World, x: [f64; 2], t: f32) -> (Image, Image) {
-    let [before, after] =
-        [(x[0], [0.1, -0.2]), (x[1], [-0.3, 0.2])].map(|(x, jitter)| Frame::of(world, pose(x), 4, jitter));
+    let [before, after] = neighbors(world, x);
     let middle = pose(x[0] + (x[1] - x[0]) * f64::from(t));
     let mut out = Image::default();
     let mut interpolator = Interpolator::new(4).unwrap();
@@ -43,7 +46,7 @@ fn between(world: &World, x: [f64; 2], t: f32) -> (Image, Image) {
 #[test]
 fn a_moving_wall_is_where_it_should_be() {
     let world = World { sheets: vec![Sheet::endless(6.0, 3, 40.0)] };
-    for t in [0.25, 0.5, 0.8] {
+    for t in [0.2, 1.0 / 3.0, 0.5, 2.0 / 3.0, 0.8] {
         let (out, native) = between(&world, [0.0, 0.3], t);
         let (repeated, _) = between(&world, [0.0, 0.3], 0.0);
         let (moved, repeated) = (psnr(&out, &native), psnr(&repeated, &native));
@@ -80,6 +83,94 @@ fn occlusion_and_holes_are_filled_from_the_neighbor_that_sees() {
 }
 
 #[test]
+fn times_other_than_the_middle_see_what_is_there() {
+    let world = wall_and_post(40.0);
+    for t in [1.0 / 3.0, 2.0 / 3.0] {
+        let (out, native) = between(&world, [0.0, 0.3], t);
+        let (wrong, _) = between(&world, [0.0, 0.3], 1.0 - t);
+        let (right, wrong) = (psnr(&out, &native), psnr(&wrong, &native));
+        assert!(
+            right > 30.0 && right > wrong + 10.0,
+            "t {t}: {right:.2} dB, at the other time {wrong:.2} dB"
+        );
+    }
+}
+
+#[test]
+fn warped_neighbors_blended_by_their_share_are_the_frame() {
+    let world = wall_and_post(40.0);
+    let [before, after] = neighbors(&world, [0.0, 0.7]);
+    let mut interpolator = Interpolator::new(4).unwrap();
+    let (mut blended, mut warped) = (Image::default(), Warped::default());
+    for t in [1.0 / 3.0, 0.5, 0.9] {
+        let middle = pose(0.7 * f64::from(t));
+        let (before, after) = (before.neighbor(), after.neighbor());
+        interpolator.interpolate(before, after, t, &middle, &mut blended).unwrap();
+        interpolator.warp(before, after, t, &middle, &mut warped).unwrap();
+        let mut most_different = 0.0_f32;
+        for (k, pixel) in blended.pixels().iter().enumerate() {
+            let (a, b, share) = (warped.before.pixels()[k], warped.after.pixels()[k], warped.share.data()[k]);
+            for c in 0..4 {
+                let mix = (1.0 - share) * a[c] + share * b[c];
+                assert!((mix - pixel[c]).abs() < 1e-4, "t {t}, pixel {k}: {mix}, {}", pixel[c]);
+                most_different = most_different.max((a[c] - b[c]).abs());
+            }
+        }
+        assert!(most_different > 0.1, "the neighbours do not show the same everywhere");
+    }
+}
+
+#[test]
+fn warped_neighbors_say_what_they_see() {
+    let world = wall_and_post(40.0);
+    let frames = neighbors(&world, [0.0, 1.0]);
+    let middle = pose(0.5);
+    let mut warped = Warped::default();
+    let mut interpolator = Interpolator::new(4).unwrap();
+    let [before, after] = frames.each_ref().map(Frame::neighbor);
+    interpolator.warp(before, after, 0.5, &middle, &mut warped).unwrap();
+    let native = world.native(&middle);
+    let (width, height) = (native.width(), native.height());
+    let ([mut seen, mut hidden], [mut error_seen, mut error_hidden]) = ([0, 0], [0.0; 2]);
+    for (n, image) in [&warped.before, &warped.after].into_iter().enumerate() {
+        for (k, &visibility) in warped.visibility.plane(n).iter().enumerate() {
+            assert!((0.0..=1.0).contains(&visibility));
+            let error: f32 = (0..3).map(|c| (image.pixels()[k][c] - native.pixels()[k][c]).abs()).sum();
+            if visibility == 1.0 {
+                seen += 1;
+                error_seen += error;
+            }
+            if visibility < 1e-4 {
+                hidden += 1;
+                error_hidden += error;
+            }
+            // Even where a neighbour does not see it, there is something; the fourth channel, here alpha, is warped too.
+            assert!((image.pixels()[k][3] - 1.0).abs() < 1e-3, "neighbour {n}, pixel {k}");
+        }
+    }
+    assert!(seen > width * height && hidden > width * height / 20, "{seen}, {hidden}");
+    let (mean_seen, mean_hidden) = (error_seen / seen as f32, error_hidden / hidden as f32);
+    assert!(mean_seen < 0.02 && mean_hidden > 0.1, "{mean_seen}, {mean_hidden}");
+    // Shares follow from visibility and time.
+    for k in 0..width * height {
+        let [a, b] = [0, 1].map(|n| warped.visibility.plane(n)[k]);
+        let share = b / (a + b);
+        assert!((warped.share.data()[k] - share).abs() < 2e-4);
+    }
+    // Depths are those of the middle pose, away from silhouettes of one LR pixel.
+    let lr_camera = middle.low_resolution(4);
+    let [mut right, mut count] = [0, 0];
+    for y in 0..warped.inverse_depth.height() {
+        for (x, w) in warped.inverse_depth.row(0, y).iter().enumerate() {
+            let (_, z, _) = world.sample(&lr_camera, glam::DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
+            count += 1;
+            right += usize::from((f64::from(*w) * z - 1.0).abs() < 0.01);
+        }
+    }
+    assert!(right > count * 95 / 100, "{right} of {count}");
+}
+
+#[test]
 fn the_result_does_not_depend_on_the_threads() {
     let world = wall_and_post(40.0);
     let images = [1, 2, 5].map(|threads| {
@@ -87,6 +178,17 @@ fn the_result_does_not_depend_on_the_threads() {
         pool.install(|| between(&world, [0.0, 0.25], 0.5).0)
     });
     assert!(images[1..].iter().all(|image| image == &images[0]));
+    let [before, after] = neighbors(&world, [0.0, 0.25]);
+    let [one, three] = [1, 3].map(|threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let mut warped = Warped::default();
+        let mut interpolator = Interpolator::new(4).unwrap();
+        pool.install(|| {
+            interpolator.warp(before.neighbor(), after.neighbor(), 0.5, &pose(0.125), &mut warped).unwrap();
+        });
+        (warped.before, warped.after, warped.share, warped.visibility, warped.inverse_depth)
+    });
+    assert!(one == three);
 }
 
 #[test]
@@ -135,5 +237,16 @@ proptest! {
                 prop_assert!((value - expected).abs() < 1e-5, "{pixel:?}");
             }
         }
+        let mut warped = Warped::default();
+        interpolator.warp(frames[0].neighbor(), frames[1].neighbor(), t, &middle, &mut warped).unwrap();
+        for pixel in warped.before.pixels().iter().chain(warped.after.pixels()) {
+            for (value, expected) in pixel.iter().zip([0.25, 0.5, 0.75, 1.0]) {
+                prop_assert!((value - expected).abs() < 1e-5, "{pixel:?}");
+            }
+        }
+        for values in [warped.share.data(), warped.visibility.data()] {
+            prop_assert!(values.iter().all(|v| (0.0..=1.0).contains(v)));
+        }
+        prop_assert!(warped.inverse_depth.data().iter().all(|w| w.is_finite() && *w >= 0.0));
     }
 }
