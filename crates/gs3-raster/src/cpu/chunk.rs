@@ -62,7 +62,8 @@ impl<'a> Frustum<'a> {
             // sign·(focal·x/z + center − edge) > margin + … means outside.
             let a = sign * focal;
             let b = sign * (view.center[axis] - edge) - margin;
-            let limit = view.jacobian_limit[axis];
+            let [least, most] = view.jacobian_limits[axis];
+            let limit = least.abs().max(most.abs());
             let spread = MAX_RADIUS * focal * (1.0 + limit * limit).sqrt();
             (axis, [a, b, a.hypot(b)], spread)
         };

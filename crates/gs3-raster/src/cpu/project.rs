@@ -154,8 +154,8 @@ fn project_lanes<S: Simd>(
         slope[a] = view_space[a] * inv_z;
         visible &= slope[a].abs().simd_lt(lanes(s, MAX_SLOPE));
         mean[a] = slope[a].mul_add(lanes(s, view.focal[a]), lanes(s, view.center[a]));
-        let limit = lanes(s, view.jacobian_limit[a]);
-        limited[a] = slope[a].min(limit).max(zero - limit);
+        let [least, most] = view.jacobian_limits[a].map(|limit| lanes(s, limit));
+        limited[a] = slope[a].min(most).max(least);
         // A bound of the extent from the largest scale alone, before rotation and opacity are read.
         let per_unit = lanes(s, view.focal[a]) * inv_z * largest;
         let variance = (per_unit * per_unit)

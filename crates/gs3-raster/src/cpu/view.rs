@@ -8,9 +8,10 @@ use crate::settings::RasterSettings;
 /// Gaussians nearer than this view-space z are culled (Kerbl et al. 2023).
 pub const NEAR: f32 = 0.2;
 
-/// The projection of positions is exact, its Jacobian is evaluated with x/z and y/z within this multiple of the
-/// half field of view's tangent (Kerbl et al. 2023).
-const JACOBIAN_LIMIT: f64 = 1.3;
+/// The projection of positions is exact, its Jacobian is evaluated with x/z and y/z at most this far outside the image,
+/// as a share of half its extent: 1.3 times the half field of view's tangent in all (Kerbl et al. 2023). Measured from
+/// the image's own edges (as gsplat does), a window of a view sees the splats of the view.
+const JACOBIAN_MARGIN: f64 = 0.3;
 
 /// Constants of one frame.
 pub struct View {
@@ -25,8 +26,8 @@ pub struct View {
     /// Principal point in a frame in which the sample of pixel `(i, j)` lies at exactly `(i, j)`: half a pixel and
     /// the jitter are subtracted.
     pub center: [f32; 2],
-    /// Limits of x/z and y/z inside the Jacobian.
-    pub jacobian_limit: [f32; 2],
+    /// Least and largest x/z and y/z inside the Jacobian.
+    pub jacobian_limits: [[f32; 2]; 2],
     /// Image width and height in pixels.
     pub size: [u32; 2],
     /// ε in px².
@@ -40,7 +41,10 @@ impl View {
         let position = camera.position();
         let origin = position.as_vec3();
         let rest = (position - DVec3::from(origin)).as_vec3();
-        let limit = |side: u32, focal: f64| (JACOBIAN_LIMIT * f64::from(side) / (2.0 * focal)) as f32;
+        let limits = |side: u32, center: f64, focal: f64| {
+            let margin = 0.5 * JACOBIAN_MARGIN * f64::from(side);
+            [(-center - margin) / focal, (f64::from(side) - center + margin) / focal].map(|v| v as f32)
+        };
         Self {
             rotation: rotation.map(|row| row.map(|v| v as f32)),
             origin: origin.to_array(),
@@ -50,7 +54,7 @@ impl View {
                 (i.cx - 0.5 - f64::from(settings.jitter[0])) as f32,
                 (i.cy - 0.5 - f64::from(settings.jitter[1])) as f32,
             ],
-            jacobian_limit: [limit(i.width, i.fx), limit(i.height, i.fy)],
+            jacobian_limits: [limits(i.width, i.cx, i.fx), limits(i.height, i.cy, i.fy)],
             size: [i.width, i.height],
             dilation: settings.dilation,
         }

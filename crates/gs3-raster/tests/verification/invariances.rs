@@ -221,3 +221,37 @@ fn matched_low_resolution_samples_the_native_image() {
         }
     }
 }
+
+/// A window of a view, its principal point far outside, shows what the view shows there.
+#[test]
+fn a_window_shows_what_its_view_shows_there() {
+    let view = camera_at_origin(256, 128, DVec2::ZERO);
+    let (left, top, width, height) = (208, 4, 48, 32);
+    let mut intrinsics = view.intrinsics();
+    (intrinsics.width, intrinsics.height) = (width, height);
+    intrinsics.cx -= f64::from(left);
+    intrinsics.cy -= f64::from(top);
+    let window = Camera::new(DAffine3::IDENTITY, intrinsics).expect("valid by construction");
+    let mut random = Random(7);
+    let specs: Vec<Spec> = (0..80)
+        .map(|_| {
+            let [x, y] = [f64::from(width), f64::from(height)].map(|side| random.uniform(0.0, side));
+            let mean = window.unproject(DVec2::new(x, y), random.uniform(2.0, 6.0));
+            let color = std::array::from_fn(|_| random.uniform(0.2, 1.0));
+            let scale = DVec3::new(0.01, 0.05, 0.3);
+            Spec { scale, rotation: random.rotation(), ..Spec::ball(mean, 1.0, 0.7, color) }
+        })
+        .collect();
+    let scene = scene(&specs, 0);
+    let all = render(&scene, Culling::AccuTile, &view, &EVERYTHING);
+    let part = render(&scene, Culling::AccuTile, &window, &EVERYTHING);
+    let mut largest = 0.0_f32;
+    for (c, y) in (0..3).flat_map(|c| (0..height as usize).map(move |y| (c, y))) {
+        let expected = &all.color.row(c, y + top as usize)[left as usize..][..width as usize];
+        for (a, b) in part.color.row(c, y).iter().zip(expected) {
+            largest = largest.max((a - b).abs());
+        }
+    }
+    // Positions on the image are rounded where the window begins or where the view does.
+    assert!(largest < 1e-3, "{largest}");
+}

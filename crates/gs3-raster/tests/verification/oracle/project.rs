@@ -51,12 +51,14 @@ impl Splat {
             camera.view_from_world().matrix3 * DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
         let covariance_view = axes * DMat3::from_diagonal(scale * scale) * axes.transpose();
 
-        // The Jacobian's rows; only here the direction is clamped.
-        let limit_x = 1.3 * 0.5 * f64::from(intrinsics.width) / fx;
-        let limit_y = 1.3 * 0.5 * f64::from(intrinsics.height) / fy;
+        // The Jacobian's rows; only here the direction is clamped, to 15 % of the image's sides outside of it.
+        let clamp = |slope: f64, side: u32, center: f64, focal: f64| {
+            let side = f64::from(side);
+            slope.clamp((-center - 0.15 * side) / focal, (1.15 * side - center) / focal)
+        };
         let (u, v) = (view.x / view.z, view.y / view.z);
-        let jx = DVec3::new(fx / view.z, 0.0, -fx * u.clamp(-limit_x, limit_x) / view.z);
-        let jy = DVec3::new(0.0, fy / view.z, -fy * v.clamp(-limit_y, limit_y) / view.z);
+        let jx = DVec3::new(fx / view.z, 0.0, -fx * clamp(u, intrinsics.width, intrinsics.cx, fx) / view.z);
+        let jy = DVec3::new(0.0, fy / view.z, -fy * clamp(v, intrinsics.height, intrinsics.cy, fy) / view.z);
         let (xx, xy, yy) =
             (jx.dot(covariance_view * jx), jx.dot(covariance_view * jy), jy.dot(covariance_view * jy));
         let (dxx, dyy) = (xx + dilation, yy + dilation);
