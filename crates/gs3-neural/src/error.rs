@@ -143,4 +143,14 @@ pub enum RunError {
         /// Numbers given.
         actual: usize,
     },
+    /// Memory of another plan, or without what it should hold.
+    #[error("{name}: expected {expected}, found {actual}")]
+    Memory {
+        /// Which memory.
+        name: &'static str,
+        /// What it should be or hold.
+        expected: &'static str,
+        /// What it is or holds.
+        actual: &'static str,
+    },
 }

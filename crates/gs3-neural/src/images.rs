@@ -1,7 +1,7 @@
 //! Images that go into a network, by name.
 
 use crate::error::RunError;
-use crate::graph::Graph;
+use crate::graph::{Graph, Tensor};
 use crate::shape::Shape;
 
 /// An image by name: channels last (`hwc`).
@@ -10,11 +10,7 @@ pub type Named<'a> = (&'a str, &'a [f32]);
 /// Whether `images` are all inputs of `graph` and nothing else.
 pub(crate) fn check(graph: &Graph, shapes: &[Shape], images: &[Named<'_>]) -> Result<(), RunError> {
     for (name, image) in images {
-        let Some((tensor, _)) = graph.inputs().find(|(_, layer)| layer.name == *name) else {
-            let expected: Vec<&str> = graph.inputs().map(|(_, layer)| layer.name.as_str()).collect();
-            return Err(RunError::Unknown { name: (*name).to_owned(), expected: expected.join(", ") });
-        };
-        check_length(name, shapes[tensor.0], image.len())?;
+        check_length(name, shapes[input(graph, name)?.index()], image.len())?;
     }
     match graph.inputs().find(|(_, layer)| find(images, &layer.name).is_none()) {
         Some((tensor, layer)) => {
@@ -22,6 +18,14 @@ pub(crate) fn check(graph: &Graph, shapes: &[Shape], images: &[Named<'_>]) -> Re
         }
         None => Ok(()),
     }
+}
+
+/// The input of that name.
+pub(crate) fn input(graph: &Graph, name: &str) -> Result<Tensor, RunError> {
+    graph.inputs().find(|(_, layer)| layer.name == name).map(|(tensor, _)| tensor).ok_or_else(|| {
+        let expected: Vec<&str> = graph.inputs().map(|(_, layer)| layer.name.as_str()).collect();
+        RunError::Unknown { name: name.to_owned(), expected: expected.join(", ") }
+    })
 }
 
 /// The image of that name.

@@ -6,6 +6,7 @@
 mod adam;
 pub mod adjoint;
 pub mod arrays;
+mod differentiate;
 mod engine;
 mod error;
 mod graph;
@@ -17,6 +18,7 @@ mod shape;
 mod weights;
 
 pub use adam::Adam;
+pub use differentiate::{Differentiator, Packed, Scratch, Tape};
 pub use engine::Engine;
 pub use error::{GraphError, RunError, WeightError};
 pub use graph::{

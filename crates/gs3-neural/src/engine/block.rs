@@ -44,7 +44,7 @@ impl Layout {
     }
 }
 
-/// The arena without the tensor that is being written.
+/// The arena, or what is left of it while a tensor is being written.
 #[derive(Clone, Copy, Debug)]
 pub struct Sources<'a> {
     before: &'a [Block],
@@ -54,6 +54,11 @@ pub struct Sources<'a> {
 }
 
 impl<'a> Sources<'a> {
+    /// All of `arena`, in which nothing is being written.
+    pub fn all(arena: &'a [Block]) -> Self {
+        Self { before: arena, after: &[], resume: arena.len() }
+    }
+
     /// Splits `arena` into the blocks of `layout` and all others.
     pub fn split(arena: &'a mut [Block], layout: &Layout) -> (&'a mut [Block], Self) {
         let (before, rest) = arena.split_at_mut(layout.start);

@@ -25,6 +25,7 @@ macro_rules! unrolled {
         })*
     };
 }
+pub(crate) use unrolled;
 
 /// A convolution ready to run.
 #[derive(Clone, Debug)]
@@ -40,18 +41,33 @@ pub struct Convolution {
     bias: Vec<Block>,
 }
 
+/// A block of channels of an input.
 #[derive(Clone, Copy, Debug)]
-struct Segment {
+pub struct Segment {
     /// Of the tensor.
-    layout: Layout,
+    pub layout: Layout,
     /// Which block of its channels.
-    block: usize,
+    pub block: usize,
     /// How many of its channels.
-    channels: usize,
+    pub channels: usize,
+}
+
+impl Segment {
+    /// Those of `inputs`, in the order of the weights.
+    pub fn all(inputs: &[Layout]) -> Vec<Self> {
+        let mut segments = Vec::new();
+        for layout in inputs {
+            for block in 0..layout.blocks() {
+                let channels = (layout.shape.channels - block * LANES).min(LANES);
+                segments.push(Self { layout: *layout, block, channels });
+            }
+        }
+        segments
+    }
 }
 
 /// Output blocks computed together when `left` are left: three or two, so that each number of the input is used often.
-fn group(left: usize) -> usize {
+pub fn group(left: usize) -> usize {
     match left {
         1 => 1,
         _ if left.is_multiple_of(3) => 3,
@@ -62,13 +78,7 @@ fn group(left: usize) -> usize {
 impl Convolution {
     /// The convolution of `inputs`, concatenated, with `weights` `oihw` and `bias`, empty where there is none.
     pub fn new(conv: Conv2d, border: Border, inputs: &[Layout], weights: &[f32], bias: &[f32]) -> Self {
-        let mut segments = Vec::new();
-        for layout in inputs {
-            for block in 0..layout.blocks() {
-                let channels = (layout.shape.channels - block * LANES).min(LANES);
-                segments.push(Segment { layout: *layout, block, channels });
-            }
-        }
+        let segments = Segment::all(inputs);
         let channels: usize = segments.iter().map(|s| s.channels).sum();
         let taps = conv.kernel * conv.kernel;
         let blocks = conv.outputs.div_ceil(LANES);
@@ -100,13 +110,18 @@ impl Convolution {
     /// Writes the convolution to `out`, the blocks of `layout`.
     pub fn run(&self, level: Level, sources: Sources<'_>, layout: &Layout, out: &mut [Block]) {
         out.par_chunks_exact_mut(layout.row_len()).enumerate().for_each(|(y, out)| {
-            dispatch!(level, simd => self.row(simd, sources, layout, y, out));
+            self.run_row(level, sources, layout, y as isize, out);
             fill_halo(self.border, layout, out);
         });
     }
 
+    /// Writes row `y`, which may lie outside the image, to `out`, a row of `layout`; its halo is left.
+    pub fn run_row(&self, level: Level, sources: Sources<'_>, layout: &Layout, y: isize, out: &mut [Block]) {
+        dispatch!(level, simd => self.row(simd, sources, layout, y, out));
+    }
+
     #[inline(always)]
-    fn row<S: Simd>(&self, simd: S, sources: Sources<'_>, layout: &Layout, y: usize, out: &mut [Block]) {
+    fn row<S: Simd>(&self, simd: S, sources: Sources<'_>, layout: &Layout, y: isize, out: &mut [Block]) {
         let channels: usize = self.segments.iter().map(|s| s.channels).sum();
         let per_block = channels * self.conv.kernel * self.conv.kernel;
         let (mut first, mut weights) = (0, &self.weights[..]);
@@ -141,7 +156,7 @@ struct Job<'a> {
     conv: &'a Convolution,
     sources: Sources<'a>,
     layout: &'a Layout,
-    y: usize,
+    y: isize,
     weights: &'a [Block],
     bias: &'a [Block],
 }
@@ -193,7 +208,7 @@ impl Job<'_> {
                 let (row_weights, rest) = weights.split_at(tap_len * conv.kernel);
                 weights = rest;
                 let last = segment.layout.shape.height as isize - 1;
-                let y = (self.y + ky * conv.dilation) as isize - reach;
+                let y = self.y + (ky * conv.dilation) as isize - reach;
                 let inside = y.clamp(0, last);
                 if *border == Border::Zero && y != inside {
                     continue;

@@ -20,8 +20,9 @@ pub fn activate<S: Simd>(simd: S, activation: Activation, x: f32x16<S>) -> f32x1
     }
 }
 
+/// 1 / (1 + e⁻ˣ).
 #[inline(always)]
-fn sigmoid<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
+pub fn sigmoid<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
     let one = f32x16::splat(simd, 1.0);
     one / (one + exp(simd, -x))
 }
@@ -48,7 +49,7 @@ fn exp<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
 
 /// Φ(x), absolute error below 2e-7: erfc by Abramowitz and Stegun 7.1.26.
 #[inline(always)]
-fn normal_distribution<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
+pub fn normal_distribution<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
     let c = |v: f32| f32x16::splat(simd, v);
     let z = x.abs() * std::f32::consts::FRAC_1_SQRT_2;
     let t = c(1.0) / z.mul_add(c(0.327_591_1), c(1.0));
@@ -58,4 +59,10 @@ fn normal_distribution<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
     }
     let half_tail = y * t * exp(simd, -(z * z)) * 0.5;
     x.simd_gt(c(0.0)).select(c(1.0) - half_tail, half_tail)
+}
+
+/// φ(x) = e^(−x²/2) / √(2π).
+#[inline(always)]
+pub fn normal_density<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
+    exp(simd, x * x * -0.5) * (0.5 * std::f32::consts::FRAC_2_SQRT_PI * std::f32::consts::FRAC_1_SQRT_2)
 }

@@ -6,11 +6,11 @@
 //! high. What convolutions leave is bringing images in and out, which is scalar, and the first layers, whose inputs have
 //! few channels.
 
-mod block;
-mod conv;
-mod math;
-mod ops;
-mod plan;
+pub(crate) mod block;
+pub(crate) mod conv;
+pub(crate) mod math;
+pub(crate) mod ops;
+pub(crate) mod plan;
 
 use fearless_simd::Level;
 

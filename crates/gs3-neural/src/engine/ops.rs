@@ -261,14 +261,14 @@ impl<'a> Row<'a> {
 }
 
 /// A line of factors: as many channels as what it multiplies, or one for all.
-struct Factor<'a> {
-    line: &'a [Block],
-    single: bool,
+pub struct Factor<'a> {
+    pub line: &'a [Block],
+    pub single: bool,
 }
 
 impl Factor<'_> {
     #[inline(always)]
-    fn at<S: Simd>(&self, simd: S, k: usize) -> f32x16<S> {
+    pub fn at<S: Simd>(&self, simd: S, k: usize) -> f32x16<S> {
         match self.single {
             true => f32x16::splat(simd, self.line[k].0[0]),
             false => load(simd, &self.line[k]),

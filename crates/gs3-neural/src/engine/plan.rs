@@ -48,14 +48,14 @@ pub struct Export {
 }
 
 /// What reads each layer's result.
-struct Readers<'a> {
+pub struct Readers<'a> {
     graph: &'a Graph,
     readers: Vec<Vec<usize>>,
-    is_output: Vec<bool>,
+    pub is_output: Vec<bool>,
 }
 
 impl<'a> Readers<'a> {
-    fn new(graph: &'a Graph) -> Self {
+    pub fn new(graph: &'a Graph) -> Self {
         let count = graph.layers().len();
         let (mut readers, mut is_output) = (vec![Vec::new(); count], vec![false; count]);
         for (k, layer) in graph.layers().iter().enumerate() {
@@ -71,7 +71,7 @@ impl<'a> Readers<'a> {
 
     /// Whether the result of layer `k` need not be stored: convolutions read the parts of a concatenation, images are
     /// unshuffled while they come in and shuffled while they go out.
-    fn is_fused(&self, k: usize) -> bool {
+    pub fn is_fused(&self, k: usize) -> bool {
         let layer = &self.graph.layers()[k];
         match layer.op {
             Op::Concat => !self.is_output[k] && self.all_readers(k, |op| matches!(op, Op::Conv2d(_))),
@@ -161,15 +161,15 @@ impl Plan {
 
 /// Gives out places so that results that are needed at the same time do not overlap.
 #[derive(Debug, Default)]
-struct Arena {
+pub struct Arena {
     /// Start, length and last use of results, by start.
     taken: Vec<(usize, usize, usize)>,
-    len: usize,
+    pub len: usize,
 }
 
 impl Arena {
     /// The first gap of `len` blocks, from step `now` to `last_use`.
-    fn place(&mut self, now: usize, last_use: usize, len: usize) -> usize {
+    pub fn place(&mut self, now: usize, last_use: usize, len: usize) -> usize {
         self.taken.retain(|(_, _, last_use)| *last_use >= now);
         let mut start = 0;
         let mut position = 0;

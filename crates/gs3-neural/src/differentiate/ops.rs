@@ -1,0 +1,345 @@
+//! Adjoints of operations other than convolution.
+//!
+//! Most are written from the side of the input: what each of its numbers gets from the result's. Where results read
+//! places that only the data know, the side of the result is taken, and numbers are scattered.
+
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, Simd, dispatch, f32x16};
+
+use super::math::derivative;
+use super::plan::Step;
+use crate::engine::block::{Block, LANES, Layout, Sources};
+use crate::engine::ops::{Factor, load};
+use crate::graph::{Filter, Op};
+
+/// What is done to a derivative of which there may already be a part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Write {
+    /// This is the first part.
+    Set,
+    /// There is one.
+    Add,
+}
+
+impl Write {
+    /// Writes `f` of each place.
+    #[inline(always)]
+    pub fn each<S: Simd>(self, simd: S, out: &mut [Block], f: impl Fn(usize) -> f32x16<S>) {
+        match self {
+            Self::Set => out.iter_mut().enumerate().for_each(|(x, out)| out.0 = f(x).to_array()),
+            Self::Add => {
+                out.iter_mut().enumerate().for_each(|(x, out)| out.0 = (load(simd, out) + f(x)).to_array())
+            }
+        }
+    }
+
+    /// Writes a number.
+    #[inline(always)]
+    pub fn number(self, out: &mut f32, v: f32) {
+        match self {
+            Self::Set => *out = v,
+            Self::Add => *out += v,
+        }
+    }
+}
+
+/// The adjoint of `op` by one of its inputs.
+pub struct Adjoint<'a> {
+    pub op: &'a Op,
+    pub step: &'a Step,
+    /// Which input.
+    pub input: usize,
+    /// Results of the forward pass.
+    pub values: Sources<'a>,
+    /// Derivatives, without that which is written.
+    pub v: Sources<'a>,
+    /// The derivative by the result.
+    pub v_result: &'a Layout,
+    /// That by the input.
+    pub v_input: &'a Layout,
+}
+
+impl Adjoint<'_> {
+    /// Writes the derivative by the input to `out`, its blocks without anything before or after.
+    pub fn run(&self, level: Level, out: &mut [Block], write: Write) {
+        dispatch!(level, simd => self.run_on(simd, out, write));
+    }
+
+    #[inline(always)]
+    fn run_on<S: Simd>(&self, simd: S, out: &mut [Block], write: Write) {
+        let scatters = match self.op {
+            Op::Upsample { filter: Filter::Bilinear, .. } => true,
+            Op::Warp => self.input == 0,
+            _ => false,
+        };
+        if scatters {
+            if write == Write::Set {
+                out.fill(Block::default());
+            }
+            return self.scatter(simd, out);
+        }
+        let stride = self.v_input.stride();
+        for (y, row) in out.chunks_exact_mut(self.v_input.row_len()).enumerate() {
+            for (b, line) in row.chunks_exact_mut(stride).enumerate() {
+                let line = &mut line[self.v_input.halo..][..self.v_input.shape.width];
+                self.line(simd, y, b, line, write);
+            }
+        }
+    }
+
+    /// Block `b` of row `y` of the input.
+    #[inline(always)]
+    fn line<S: Simd>(&self, simd: S, y: usize, b: usize, out: &mut [Block], write: Write) {
+        match *self.op {
+            Op::Activate(activation) => {
+                let (v, x, result) = (self.v(y, b), self.value(0, y, b), self.result(y, b));
+                let slope =
+                    |k: usize| derivative(simd, activation, load(simd, &x[k]), load(simd, &result[k]));
+                write.each(simd, out, |k| load(simd, &v[k]) * slope(k));
+            }
+            Op::Add => {
+                let v = self.v(y, b);
+                write.each(simd, out, |k| load(simd, &v[k]));
+            }
+            Op::Multiply => match self.input {
+                0 => {
+                    let (v, factor) = (self.v(y, b), self.factor(1, y, b));
+                    write.each(simd, out, |k| load(simd, &v[k]) * factor.at(simd, k));
+                }
+                _ => {
+                    self.over_channels(simd, y, b, out, write, |x, y, b| load(simd, &self.value(0, y, b)[x]))
+                }
+            },
+            Op::Mix => {
+                let one = f32x16::splat(simd, 1.0);
+                match self.input {
+                    0 => {
+                        let (v, t) = (self.v(y, b), self.factor(2, y, b));
+                        write.each(simd, out, |k| load(simd, &v[k]) * (one - t.at(simd, k)));
+                    }
+                    1 => {
+                        let (v, t) = (self.v(y, b), self.factor(2, y, b));
+                        write.each(simd, out, |k| load(simd, &v[k]) * t.at(simd, k));
+                    }
+                    _ => self.over_channels(simd, y, b, out, write, |x, y, b| {
+                        load(simd, &self.value(1, y, b)[x]) - load(simd, &self.value(0, y, b)[x])
+                    }),
+                }
+            }
+            Op::MaxPool2 => {
+                let v = self.v(y / 2, b);
+                write.each(simd, out, |x| self.if_largest(simd, [x, y], b, load(simd, &v[x / 2])));
+            }
+            Op::Upsample { factor, .. } => write.each(simd, out, |x| {
+                let shape = self.v_result.shape;
+                let mut sum = f32x16::splat(simd, 0.0);
+                // What was cropped away has no derivative.
+                for y in y * factor..((y + 1) * factor).min(shape.height) {
+                    let v = self.v(y, b);
+                    for x in x * factor..((x + 1) * factor).min(shape.width) {
+                        sum += load(simd, &v[x]);
+                    }
+                }
+                sum
+            }),
+            Op::ChannelMean => {
+                let (v, share) = (self.v(y, 0), 1.0 / self.v_input.shape.channels as f32);
+                write.each(simd, out, |x| f32x16::splat(simd, v[x].0[0] * share));
+            }
+            Op::Warp => self.flow(y, out, write),
+            Op::PixelShuffle { .. }
+            | Op::PixelUnshuffle { .. }
+            | Op::Concat
+            | Op::Slice { .. }
+            | Op::ChannelMax => self.numbers(y, b, out, write),
+            // Neither is an operation of rows.
+            Op::Input { .. } | Op::Conv2d(_) => {}
+        }
+    }
+
+    /// Derivative by the result: block `b` of row `y`.
+    #[inline(always)]
+    fn v(&self, y: usize, b: usize) -> &[Block] {
+        self.v.pixels(self.v_result, y, b)
+    }
+
+    /// Input `i`: block `b` of row `y`.
+    #[inline(always)]
+    fn value(&self, i: usize, y: usize, b: usize) -> &[Block] {
+        self.values.pixels(&self.step.layouts[i], y, b)
+    }
+
+    /// The result: block `b` of row `y`.
+    #[inline(always)]
+    fn result(&self, y: usize, b: usize) -> &[Block] {
+        self.values.pixels(&self.step.out, y, b)
+    }
+
+    #[inline(always)]
+    fn factor(&self, i: usize, y: usize, b: usize) -> Factor<'_> {
+        match self.step.layouts[i].shape.channels {
+            1 => Factor { line: self.value(i, y, 0), single: true },
+            _ => Factor { line: self.value(i, y, b), single: false },
+        }
+    }
+
+    /// The derivative by a factor whose own is `other`, of pixel x, row y, block b: by one of one channel the sum over
+    /// all channels that it multiplies.
+    #[inline(always)]
+    fn over_channels<S: Simd>(
+        &self,
+        simd: S,
+        y: usize,
+        b: usize,
+        out: &mut [Block],
+        write: Write,
+        other: impl Fn(usize, usize, usize) -> f32x16<S>,
+    ) {
+        let part = |x: usize, b: usize| load(simd, &self.v(y, b)[x]) * other(x, y, b);
+        if self.v_input.shape.channels > 1 {
+            return write.each(simd, out, |x| part(x, b));
+        }
+        let channels = self.v_result.shape.channels;
+        for (x, out) in out.iter_mut().enumerate() {
+            let sums = (0..self.v_result.blocks()).map(|b| {
+                let lanes = (channels - b * LANES).min(LANES);
+                part(x, b).to_array()[..lanes].iter().sum::<f32>()
+            });
+            write.number(&mut out.0[0], sums.sum());
+        }
+    }
+
+    /// `v` where pixel (x, y) is the first largest of the pixels that pool into one, else 0.
+    #[inline(always)]
+    fn if_largest<S: Simd>(&self, simd: S, [x, y]: [usize; 2], b: usize, v: f32x16<S>) -> f32x16<S> {
+        let shape = self.v_input.shape;
+        let (left, above) = (x / 2 * 2, y / 2 * 2);
+        let value = load(simd, &self.value(0, y, b)[x]);
+        let zero = f32x16::splat(simd, 0.0);
+        let mut v = v;
+        for other_y in above..(above + 2).min(shape.height) {
+            let line = self.value(0, other_y, b);
+            for other_x in left..(left + 2).min(shape.width) {
+                let other = load(simd, &line[other_x]);
+                v = match (other_y, other_x).cmp(&(y, x)) {
+                    std::cmp::Ordering::Less => other.simd_lt(value).select(v, zero),
+                    std::cmp::Ordering::Equal => v,
+                    std::cmp::Ordering::Greater => value.simd_ge(other).select(v, zero),
+                };
+            }
+        }
+        v
+    }
+
+    /// Operations that go by single numbers: rearrangements, and the largest over channels.
+    #[inline(always)]
+    fn numbers(&self, y: usize, b: usize, out: &mut [Block], write: Write) {
+        let shape = self.v_result.shape;
+        // Channel `c` of the result's pixel (x, y), 0 where it was cropped away.
+        let v = |x: usize, y: usize, c: usize| match x < shape.width && y < shape.height {
+            true => self.v(y, c / LANES)[x].0[c % LANES],
+            false => 0.0,
+        };
+        let before = self.step.layouts[..self.input].iter().map(|l| l.shape.channels).sum::<usize>();
+        for c in b * LANES..self.v_input.shape.channels.min((b + 1) * LANES) {
+            for (x, out) in out.iter_mut().enumerate() {
+                let v = match self.op {
+                    Op::PixelShuffle { factor: f } => {
+                        let (channel, i, j) = (c / (f * f), c / f % f, c % f);
+                        v(x * f + j, y * f + i, channel)
+                    }
+                    Op::PixelUnshuffle { factor: f } => v(x / f, y / f, c * f * f + y % f * f + x % f),
+                    Op::Slice { first, count } => match c.checked_sub(*first) {
+                        Some(c) if c < *count => v(x, y, c),
+                        _ => 0.0,
+                    },
+                    Op::ChannelMax if self.first_largest(x, y) != c => 0.0,
+                    Op::ChannelMax => v(x, y, 0),
+                    _ => v(x, y, before + c),
+                };
+                write.number(&mut out.0[c % LANES], v);
+            }
+        }
+    }
+
+    /// The first channel of input 0 whose number is largest.
+    fn first_largest(&self, x: usize, y: usize) -> usize {
+        let layout = &self.step.layouts[0];
+        let at = |c: usize| self.values.at(layout, x, y, c);
+        (1..layout.shape.channels).fold(0, |best, c| if at(c) > at(best) { c } else { best })
+    }
+
+    /// The derivative of a warp by its flow.
+    fn flow(&self, y: usize, out: &mut [Block], write: Write) {
+        let image = &self.step.layouts[0];
+        let flow = self.value(1, y, 0);
+        for (x, out) in out.iter_mut().enumerate() {
+            let [dx, dy, ..] = flow[x].0;
+            let (column, row) =
+                (Place::new(x as f32 + dx, image.shape.width), Place::new(y as f32 + dy, image.shape.height));
+            let mut sums = [0.0; 2];
+            for c in 0..image.shape.channels {
+                let at = |x: usize, y: usize| self.values.at(image, x, y, c);
+                let [[a, b], [c_, d]] = row.pixels.map(|y| column.pixels.map(|x| at(x, y)));
+                let v = self.v.at(self.v_result, x, y, c);
+                sums[0] += v * ((b - a) * (1.0 - row.fraction) + (d - c_) * row.fraction);
+                sums[1] += v * ((c_ - a) * (1.0 - column.fraction) + (d - b) * column.fraction);
+            }
+            for (k, place) in [column, row].into_iter().enumerate() {
+                // Moving beyond the border changes nothing.
+                write.number(&mut out.0[k], if place.inside { sums[k] } else { 0.0 });
+            }
+        }
+    }
+
+    /// Adds each number of the result's derivative to the pixels that it was interpolated from.
+    #[inline(always)]
+    fn scatter<S: Simd>(&self, simd: S, out: &mut [Block]) {
+        let (result, input) = (self.v_result, self.v_input);
+        for y in 0..result.shape.height {
+            for x in 0..result.shape.width {
+                let [px, py] = match self.op {
+                    Op::Upsample { factor, .. } => [x, y].map(|x| (x as f32 + 0.5) / *factor as f32 - 0.5),
+                    _ => {
+                        let [dx, dy, ..] = self.value(1, y, 0)[x].0;
+                        [x as f32 + dx, y as f32 + dy]
+                    }
+                };
+                let (column, row) = (Place::new(px, input.shape.width), Place::new(py, input.shape.height));
+                for b in 0..result.blocks() {
+                    let v = load(simd, &self.v(y, b)[x]);
+                    for (y, wy) in row.pixels.into_iter().zip([1.0 - row.fraction, row.fraction]) {
+                        let line = &mut out[y * input.row_len() + b * input.stride() + input.halo..];
+                        for (x, wx) in column.pixels.into_iter().zip([1.0 - column.fraction, column.fraction])
+                        {
+                            line[x].0 = (load(simd, &line[x]) + v * (wx * wy)).to_array();
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Two pixels of a row or column, between which a place is.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    pixels: [usize; 2],
+    /// From the first to the second.
+    fraction: f32,
+    /// Whether it was in the image before it was moved there.
+    inside: bool,
+}
+
+impl Place {
+    /// `place`, at whose integers pixels' centres are, moved to a row of `side` pixels.
+    #[inline(always)]
+    fn new(place: f32, side: usize) -> Self {
+        let last = (side - 1) as f32;
+        let inside = (0.0..=last).contains(&place);
+        let place = place.clamp(0.0, last);
+        // Not-a-number becomes 0 here.
+        let first = (place as usize).min(side.saturating_sub(2));
+        Self { pixels: [first, (first + 1).min(side - 1)], fraction: place - first as f32, inside }
+    }
+}
