@@ -24,8 +24,10 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod chunk;
 pub mod cpu;
 mod settings;
+mod view;
 
 pub use cpu::{Importance, RasterTimes, Rasterizer};
 pub use settings::{Culling, Outputs, RasterError, RasterSettings, STOCK_DILATION, matched_dilation};

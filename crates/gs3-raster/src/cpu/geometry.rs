@@ -3,7 +3,7 @@
 use fearless_simd::{Simd, f32x16, prelude::*};
 
 use super::project::{dot, lanes, rotate};
-use super::view::View;
+use crate::view::View;
 
 /// Values per Gaussian that [`project`] returns: ray distance, its slopes along x and y, the normal.
 pub const PLANES: usize = 6;

@@ -13,8 +13,8 @@ use super::blend::{self, Contribution, SAMPLES_X, SAMPLES_Y, TileScratch, lanes,
 use super::cover::{BLOCKS, BLOCKS_X, RUN};
 use super::project::Projected;
 use super::splat::Splat;
-use super::view::View;
 use crate::settings::{RasterError, RasterSettings};
+use crate::view::View;
 
 /// Rows of tiles per thread between two reductions: bounds the memory of what is not yet added up.
 const ROWS_PER_THREAD: usize = 4;

@@ -5,7 +5,6 @@
 
 mod bin;
 mod blend;
-mod chunk;
 mod cover;
 mod geometry;
 mod importance;
@@ -15,7 +14,6 @@ mod project;
 mod resolve;
 mod sh;
 mod splat;
-mod view;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -24,14 +22,14 @@ use fearless_simd::{Level, dispatch};
 use gs3_scene::{Camera, GBuffer, Image, Scene};
 use rayon::prelude::*;
 
+use crate::chunk::{self, CHUNK, Chunk};
 use crate::settings::{Culling, Outputs, RasterError, RasterSettings};
+use crate::view::View;
 use bin::{Bins, TILE_HEIGHT, TILE_WIDTH};
 use blend::{COLOR, GBUFFER, GBUFFER_MIXED, TileScratch};
-use chunk::{CHUNK, Chunk};
 pub use importance::Importance;
 use project::{ProjectInput, Projected};
 use resolve::{Band, Resolver};
-use view::View;
 
 /// Chunks per projection job: large enough to amortise scheduling, small enough to balance; a job's splats fit the
 /// bits that keys have for them.

@@ -10,8 +10,8 @@ use super::geometry;
 use super::math::log2;
 use super::sh;
 use super::splat::{PixelRect, Splat, SplatGeometry};
-use super::view::{NEAR, View};
 use crate::settings::Culling;
+use crate::view::{NEAR, View};
 
 /// Slack on `support` for the rounding of the contribution's exponent between here and blending.
 const SUPPORT_MARGIN: f32 = 1e-3;

@@ -6,8 +6,8 @@ use gs3_scene::{Camera, GBuffer, Geometry, Gradients, Image, Planes};
 use super::bin::{TILE_HEIGHT, TILE_WIDTH};
 use super::blend::{Block, COLOR, GBUFFER_MIXED, SAMPLES_X, SAMPLES_Y, plane};
 use super::cover::{BLOCK, BLOCKS, BLOCKS_X};
-use super::view::View;
 use crate::settings::{Outputs, RasterSettings};
+use crate::view::View;
 
 /// A band of [`TILE_HEIGHT`] rows of the output, owned by one thread at a time.
 pub enum Band<'a> {

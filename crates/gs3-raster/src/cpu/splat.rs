@@ -3,7 +3,7 @@
 /// A contribution below this is not blended (Kerbl et al. 2023).
 pub const MIN_ALPHA: f32 = 1.0 / 255.0;
 
-/// A projected Gaussian. Lengths in pixels, positions in the frame of [`super::view::View`] (samples at integers).
+/// A projected Gaussian. Lengths in pixels, positions in the frame of [`crate::view::View`] (samples at integers).
 ///
 /// The quadratic form is kept as a Cholesky factor: with d = mean − sample, `u = l11·dx + l21·dy` and `v = l22·dy`,
 /// the contribution is `opacity · 2^−(u² + v²)`. Unlike the conic A·dx² + 2B·dx·dy + C·dy², the sum of squares does not

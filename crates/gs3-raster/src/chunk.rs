@@ -4,7 +4,7 @@
 use gs3_scene::Gaussians;
 use rayon::prelude::*;
 
-use super::view::{NEAR, View};
+use crate::view::{NEAR, View};
 
 /// Gaussians in a chunk.
 pub const CHUNK: usize = 256;
