@@ -90,13 +90,17 @@ impl Differentiator {
         Ok(Self { plan: Arc::new(Plan::new(graph, shapes, &wanted)), level: Level::new() })
     }
 
-    /// The shape of the image that the graph calls `name`: an input or an output.
+    /// The shape of the input `name`.
     #[must_use]
-    pub fn shape(&self, name: &str) -> Option<Shape> {
-        let plan = &self.plan;
-        let input = plan.graph.inputs().find(|(_, layer)| layer.name == name);
-        let output = || plan.exports.iter().find(|e| e.name == name).map(|e| e.shape);
-        input.map(|(tensor, _)| plan.shapes[tensor.index()]).or_else(output)
+    pub fn input_shape(&self, name: &str) -> Option<Shape> {
+        let tensor = images::input(&self.plan.graph, name).ok()?;
+        Some(self.plan.shapes[tensor.index()])
+    }
+
+    /// The shape of the output `name`.
+    #[must_use]
+    pub fn output_shape(&self, name: &str) -> Option<Shape> {
+        self.export(name).ok().map(|export| export.shape)
     }
 
     /// `weights` for the kernels: to be done again whenever they change.

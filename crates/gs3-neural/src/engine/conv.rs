@@ -134,15 +134,15 @@ impl Convolution {
             // With 32 registers of 16 lanes 24 are sums; with 32 of 4 or 16 of 8 lanes fewer fit.
             if <S::f32s as SimdBase<S>>::LEN == LANES {
                 match count {
-                    3 => job.pixels::<S, 3, 8>(simd, out),
-                    2 => job.pixels::<S, 2, 12>(simd, out),
-                    _ => job.pixels::<S, 1, 24>(simd, out),
+                    3 => job.pixels::<S, 3, 8, 4, 2>(simd, out),
+                    2 => job.pixels::<S, 2, 12, 6, 3>(simd, out),
+                    _ => job.pixels::<S, 1, 24, 12, 6>(simd, out),
                 }
             } else {
                 match count {
-                    3 => job.pixels::<S, 3, 2>(simd, out),
-                    2 => job.pixels::<S, 2, 3>(simd, out),
-                    _ => job.pixels::<S, 1, 6>(simd, out),
+                    3 => job.pixels::<S, 3, 2, 1, 1>(simd, out),
+                    2 => job.pixels::<S, 2, 3, 1, 1>(simd, out),
+                    _ => job.pixels::<S, 1, 6, 3, 1>(simd, out),
                 }
             }
             weights = others;
@@ -162,21 +162,34 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
-    /// All pixels of the row, `P` at a time.
+    /// All pixels of the row, `P` at a time, then what is left by `HALF` and `QUARTER` of that.
     #[inline(always)]
-    fn pixels<S: Simd, const V: usize, const P: usize>(&self, simd: S, out: &mut [Block]) {
+    fn pixels<S: Simd, const V: usize, const P: usize, const HALF: usize, const QUARTER: usize>(
+        &self,
+        simd: S,
+        out: &mut [Block],
+    ) {
         let width = self.layout.shape.width;
-        if width < P {
+        if width < QUARTER {
             for x in 0..width {
                 self.run::<S, V, 1>(simd, x, out);
             }
             return;
         }
-        for x in (0..width - P).step_by(P) {
+        let mut x = 0;
+        while x + P <= width {
             self.run::<S, V, P>(simd, x, out);
+            x += P;
         }
-        // The last ones overlap those before, which get the same values again.
-        self.run::<S, V, P>(simd, width - P, out);
+        while x + HALF <= width {
+            self.run::<S, V, HALF>(simd, x, out);
+            x += HALF;
+        }
+        while x < width {
+            // The last ones overlap those before, which get the same values again.
+            self.run::<S, V, QUARTER>(simd, x.min(width - QUARTER), out);
+            x += QUARTER;
+        }
     }
 
     /// `P` pixels from `x`.
