@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::{Parser, Subcommand, ValueEnum};
+use gs3::neural::model::Tier;
 use gs3::scene::camera::MAX_SIDE;
 use gs3::{Culling, Dilation, Mode, PipelineSettings, Sampling};
 
@@ -59,6 +60,15 @@ pub struct Look {
     /// High-resolution over low-resolution size
     #[arg(long, default_value_t = 4, value_name = "S")]
     pub scale: u32,
+    /// Networks that refine the frames [default: balanced where weights for the scale come with gs3, else analytic]
+    #[arg(long, value_name = "TIER", conflicts_with = "weights")]
+    pub tier: Option<TierArg>,
+    /// Weights of super sampling or of interpolation; may be given once for each
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub weights: Vec<PathBuf>,
+    /// Frames interpolated before each rendered one in mode `full`
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=3))]
+    pub generate: u32,
     /// Sub-pixel offsets of the low-resolution frames
     #[arg(long, default_value = "on", value_name = "on|off")]
     pub jitter: Switch,
@@ -168,7 +178,33 @@ impl Look {
             sampling: self.jitter.into(),
             dilation: self.dilation.0,
             culling: self.culling.into(),
+            generate: self.generate,
             background: self.background.0,
+        }
+    }
+}
+
+/// Quality tiers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum TierArg {
+    /// No network
+    Analytic,
+    /// 16 channels
+    Fast,
+    /// 32 channels
+    Balanced,
+    /// 48 channels
+    High,
+}
+
+impl TierArg {
+    /// The network's tier, if there is a network.
+    pub const fn network(self) -> Option<Tier> {
+        match self {
+            Self::Analytic => None,
+            Self::Fast => Some(Tier::Fast),
+            Self::Balanced => Some(Tier::Balanced),
+            Self::High => Some(Tier::High),
         }
     }
 }

@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 use crate::args::BenchArgs;
 use crate::error::CliError;
 use crate::output::write_text;
+use crate::render::between;
 use crate::report::{self, Times};
 use crate::{Outcome, inputs, start_threads};
 
@@ -19,12 +20,13 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     let path = inputs::cameras(&args.view, &scene)?;
     let range = args.frames.0.clone();
     inputs::check_frames("--frames", &range, &path)?;
-    let pipeline = |mode| FramePipeline::new(scene.clone(), args.look.settings(mode));
+    let (networks, tier) = inputs::networks(&args.look)?;
+    let pipeline = |mode| FramePipeline::with_networks(scene.clone(), args.look.settings(mode), &networks);
     let (mut native, mut full) = (pipeline(Mode::Native)?, pipeline(Mode::Full)?);
     // The first frame of each allocates and fills caches, and has nothing before it to interpolate from.
     let first = path.cameras()[range.start];
-    native.render(&first, None)?;
-    full.render(&first, None)?;
+    native.render(&first, &[])?;
+    full.render(&first, &[])?;
 
     let mut rounds: Vec<[Times; 2]> = Vec::new();
     let bar = ProgressBar::new((ROUNDS * range.len()) as u64)
@@ -32,10 +34,10 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     for _ in 0..ROUNDS {
         let mut times = [Times::default(), Times::default()];
         for k in range.clone() {
-            let middle = (k > 0 || path.is_cycle()).then(|| path.at(k as f64 - 0.5));
+            let between = between(full.settings(), &path, k);
             // Both in turn, so that a disturbance meets both.
             for (pipeline, times) in [&mut native, &mut full].into_iter().zip(&mut times) {
-                let displayed = pipeline.render(&path.cameras()[k], middle.as_ref())?.iter().count();
+                let displayed = pipeline.render(&path.cameras()[k], &between)?.iter().count();
                 times.add(pipeline.times(), displayed);
             }
             bar.inc(1);
@@ -44,7 +46,7 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     }
     bar.finish_and_clear();
 
-    let figures = figures(&rounds, args, load_time.as_secs_f64(), [first.width(), first.height()]);
+    let figures = figures(&rounds, args, &tier, load_time.as_secs_f64(), [first.width(), first.height()]);
     print(&figures);
     if let Some(file) = &args.json {
         write_text(file, &format!("{figures:#}\n"))?;
@@ -52,7 +54,7 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     Ok(Outcome::Done)
 }
 
-fn figures(rounds: &[[Times; 2]], args: &BenchArgs, load_s: f64, size: [u32; 2]) -> Value {
+fn figures(rounds: &[[Times; 2]], args: &BenchArgs, tier: &str, load_s: f64, size: [u32; 2]) -> Value {
     let best = |side: usize| {
         rounds.iter().map(|r| &r[side]).max_by(|a, b| a.displayed_fps().total_cmp(&b.displayed_fps()))
     };
@@ -80,6 +82,7 @@ fn figures(rounds: &[[Times; 2]], args: &BenchArgs, load_s: f64, size: [u32; 2])
         "scene": args.view.scene.display().to_string(),
         "size": size,
         "scale": args.look.scale,
+        "tier": tier,
         "frames": [args.frames.0.start, args.frames.0.end],
         "load_s": load_s,
     });

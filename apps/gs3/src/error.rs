@@ -3,12 +3,12 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use gs3::PipelineError;
 use gs3::raster::RasterError;
 use gs3::reconstruct::ReconstructError;
 use gs3::scene::capture::CaptureError;
 use gs3::scene::format::{LoadError, SaveError};
 use gs3::scene::{CameraError, SceneError};
+use gs3::{NetworkError, PipelineError};
 use gs3_evaluate::methods::SpecError;
 use gs3_evaluate::metrics::MetricError;
 use gs3_evaluate::photos::PhotoError;
@@ -28,6 +28,10 @@ pub enum CliError {
     Demo(#[from] SceneError),
     #[error("{0}")]
     Camera(#[from] CameraError),
+    #[error("{0}")]
+    Network(#[from] NetworkError),
+    #[error("{}: {source}", path.display())]
+    Weights { path: PathBuf, source: NetworkError },
     #[error("{0}")]
     Pipeline(#[from] PipelineError),
     #[error("{0}")]

@@ -5,11 +5,14 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use gs3::neural::Weights;
+use gs3::neural::model::Tier;
 use gs3::scene::format::{LoadOptions, load};
 use gs3::scene::{CameraPath, Scene, capture, demo, orbit};
+use gs3::{NetworkError, Networks};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::args::{Size, View};
+use crate::args::{Look, Size, TierArg, View};
 use crate::error::CliError;
 
 /// Size of frames along generated paths.
@@ -35,6 +38,32 @@ pub fn scene(path: &Path) -> Result<(Arc<Scene>, Duration), CliError> {
         scene
     };
     Ok((Arc::new(scene), started.elapsed()))
+}
+
+/// The networks that `look` names, and their tier's name for reports.
+pub fn networks(look: &Look) -> Result<(Networks, String), CliError> {
+    if !look.weights.is_empty() {
+        let mut networks = Networks::default();
+        let mut tiers = Vec::new();
+        for file in &look.weights {
+            let error = |source| CliError::Weights { path: file.clone(), source };
+            let weights = Weights::load(file).map_err(|e| error(e.into()))?;
+            tiers.push(weights.header.tier.clone());
+            networks.add(weights).map_err(error)?;
+        }
+        tiers.dedup();
+        return Ok((networks, tiers.join("+")));
+    }
+    let shipped = |tier: Tier| Ok((Networks::shipped(look.scale, tier)?, tier.name().to_owned()));
+    let analytic = || Ok((Networks::default(), "analytic".to_owned()));
+    match look.tier.map(TierArg::network) {
+        Some(Some(tier)) => shipped(tier),
+        Some(None) => analytic(),
+        None => match shipped(Tier::Balanced) {
+            Err(CliError::Network(NetworkError::NotShipped { .. })) => analytic(),
+            other => other,
+        },
+    }
 }
 
 /// The cameras of `view` at the size asked for.

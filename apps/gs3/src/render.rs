@@ -2,9 +2,9 @@
 
 use std::ops::Range;
 
-use gs3::scene::CameraPath;
 use gs3::scene::camera_path::Pace;
-use gs3::{FramePipeline, Mode};
+use gs3::scene::{Camera, CameraPath};
+use gs3::{FramePipeline, Mode, PipelineSettings};
 use indicatif::ProgressBar;
 use serde_json::json;
 
@@ -31,9 +31,11 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     }
     let target = Target::of(&args.out);
     let range = frames_to_render(args, &target, &path)?;
-    let mut pipeline = FramePipeline::new(scene, args.look.settings(mode))?;
+    let (networks, tier) = inputs::networks(&args.look)?;
+    let settings = args.look.settings(mode);
+    let mut pipeline = FramePipeline::with_networks(scene, settings, &networks)?;
     let first = path.cameras()[range.start];
-    let rate = path.frames_per_second() * mode.displayed_per_rendered() as f64;
+    let rate = path.frames_per_second() * settings.displayed_per_rendered() as f64;
 
     // Before any file: settings that the rasterizer refuses show in the frames that only fill the history.
     warm_up(&mut pipeline, &path, range.start)?;
@@ -44,8 +46,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         .with_style(inputs::style("{pos}/{len} rendered {wide_bar} {per_sec}, {eta} left"));
     let mut next = range.start;
     while next < range.end && !interrupt::requested() {
-        let middle = (next > 0 || path.is_cycle()).then(|| path.at(next as f64 - 0.5));
-        let shown = pipeline.render(&path.cameras()[next], middle.as_ref())?;
+        let shown = pipeline.render(&path.cameras()[next], &between(&settings, &path, next))?;
         let writer = match &mut writer {
             Some(writer) => writer,
             none => none.insert(FrameWriter::new(target.clone(), [first.width(), first.height()], rate)?),
@@ -53,7 +54,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         let is_single = matches!(target, Target::Single(_));
         let frames: Vec<_> = if is_single { vec![shown.current] } else { shown.iter().collect() };
         // Displayed frames are counted from the start of the path, so that the parts of a path fit together.
-        let last_number = next * mode.displayed_per_rendered();
+        let last_number = next * settings.displayed_per_rendered();
         for (k, image) in frames.iter().enumerate() {
             writer.write(last_number + k + 1 - frames.len(), image)?;
         }
@@ -76,6 +77,8 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         "encode_s": encode_time.as_secs_f64(),
         "gaussians": pipeline.scene().gaussians().len(),
         "mode": mode_name(mode),
+        "tier": tier,
+        "generate": settings.generate,
         "scale": args.look.scale,
         "size": [first.width(), first.height()],
         "is_complete": is_complete,
@@ -133,9 +136,17 @@ fn warm_up(pipeline: &mut FramePipeline, path: &CameraPath, start: usize) -> Res
     let period = pipeline.jitter_period();
     let from = start.saturating_sub(period) / period * period;
     for camera in &path.cameras()[from..start] {
-        pipeline.render(camera, None)?;
+        pipeline.render(camera, &[])?;
     }
     Ok(())
+}
+
+/// The true cameras of the frames before rendered frame `k`, where the path knows them.
+pub fn between(settings: &PipelineSettings, path: &CameraPath, k: usize) -> Vec<Camera> {
+    match k > 0 || path.is_cycle() {
+        true => settings.moments().map(|t| path.at(k as f64 - 1.0 + t)).collect(),
+        false => Vec::new(),
+    }
 }
 
 const fn mode_name(mode: Mode) -> &'static str {

@@ -28,6 +28,10 @@ pub enum ResetReason {
 /// more samples twice, larger ones spill; the result does not depend on it.
 const BAND_PIXELS: usize = 1 << 16;
 
+/// Deviation up to which a pixel counts as exact, pixel²: that of one sample on its centre, √[`NOISE`] = 0.00316, and room
+/// for the rounding of places and weights.
+const EXACT: f32 = 0.0033;
+
 /// Variance of the interpolated current frame at distance d from its nearest sample, pixel⁴: that of one sample's
 /// first-order prediction, d⁴, times [`SURFACE`] because it joins four samples, and flattening to a square, because no
 /// error exceeds the contrast of the image (both empirical).
@@ -90,11 +94,11 @@ impl SuperSampler {
     }
 
     /// Reconstructs the image of `camera` from `gbuffer`, its LR frame, and the frames before it, into `out`, which is
-    /// resized. The fourth channel becomes the uncertainty: min(1, √(1/Σw)), `[0, 1]`, with Σw the sum of the inverse
-    /// variances (pixel⁻⁴) of all that predicts the pixel. Its unit is pixel²: what the curvature of the image is to be
-    /// multiplied with to give the expected error. At rest with a full history it is at most 0.0032, the root of the
-    /// variance of one exact sample; it is larger where samples are far, old, doubtful or missing. Another size than
-    /// before resets the history.
+    /// resized. The fourth channel becomes the uncertainty, `[0, 1]`: √(1/Σw) less that of one exact sample, with Σw the
+    /// sum of the inverse variances (pixel⁻⁴) of all that predicts the pixel. Its unit is pixel²: what the curvature of the
+    /// image is to be multiplied with to give the expected error. It is 0 where a pixel has a sample of its own, so
+    /// everywhere at rest with a full history; it is larger where samples are far, old, doubtful or missing. Another size
+    /// than before resets the history.
     ///
     /// `gbuffer` is what [`Camera::low_resolution`] of `camera` sees, with gradients and geometry, point-sampled at its
     /// jitter (`dilation` matched to the scale).
@@ -208,7 +212,7 @@ impl SuperSampler {
         for pixel in band.pixels {
             let variance = 1.0 / pixel[3];
             *pixel = (f32x4::load_array_ref(simd, pixel) * variance).to_array();
-            pixel[3] = variance.sqrt().min(1.0);
+            pixel[3] = (variance.sqrt() - EXACT).clamp(0.0, 1.0);
         }
     }
 

@@ -10,11 +10,12 @@ use gs3_reconstruct::{
 use gs3_scene::camera_path::pose_between;
 use gs3_scene::{Camera, GBuffer, Image, Jitter, Scene};
 
-use crate::settings::{Mode, PipelineSettings};
+use crate::learned::{LearnedInterpolator, LearnedSuperSampler, NetworkError, Networks, Seen};
+use crate::settings::{MAX_GENERATE, Mode, PipelineSettings};
 use crate::stages::{Stage, StageTimes};
 
 /// Why a frame could not be made. No frame is presented then; the history is as before.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[derive(Debug, thiserror::Error)]
 pub enum PipelineError {
     /// The rasterizer refuses the settings.
     #[error(transparent)]
@@ -22,14 +23,31 @@ pub enum PipelineError {
     /// The reconstruction refuses its inputs.
     #[error(transparent)]
     Reconstruct(#[from] ReconstructError),
+    /// A network cannot be used.
+    #[error(transparent)]
+    Network(#[from] NetworkError),
+    /// Too many or too few frames are to be made between two rendered ones.
+    #[error("generate: expected 1 to {MAX_GENERATE} frames between rendered ones, found {actual}")]
+    Generate {
+        /// Frames asked for.
+        actual: u32,
+    },
+    /// Cameras between the previous frame and this one are not those of the frames between.
+    #[error("cameras between two frames: expected none or {expected}, found {actual}")]
+    Between {
+        /// Frames between.
+        expected: usize,
+        /// Cameras given.
+        actual: usize,
+    },
 }
 
 /// What a rendered frame gives to show, in order.
 #[derive(Clone, Copy, Debug)]
 pub struct Presented<'a> {
-    /// The frame half-way from the previous one ([`Mode::Full`], from the second frame on). After a camera cut or
-    /// another reset nothing lies between, and the previous frame stays on for that moment.
-    pub between: Option<&'a Image>,
+    /// The frames between the previous one and this one, in order ([`Mode::Full`], from the second frame on). After a
+    /// camera cut or another reset nothing lies between, and the previous frame stays on for these moments.
+    pub between: [Option<&'a Image>; MAX_GENERATE as usize],
     /// The frame at the camera asked for.
     pub current: &'a Image,
 }
@@ -37,7 +55,7 @@ pub struct Presented<'a> {
 impl<'a> Presented<'a> {
     /// The frames in the order in which they are shown.
     pub fn iter(&self) -> impl Iterator<Item = &'a Image> + use<'a> {
-        self.between.into_iter().chain([self.current])
+        self.between.into_iter().flatten().chain([self.current])
     }
 }
 
@@ -58,52 +76,77 @@ pub struct FramePipeline {
     rasterizer: Rasterizer,
     super_sampler: SuperSampler,
     interpolator: Interpolator,
+    learned_super_sampler: Option<LearnedSuperSampler>,
+    learned_interpolator: Option<LearnedInterpolator>,
+    /// The frame before a network refines it.
+    analytic: Image,
     /// Why the next frame starts without history, if it does.
     invalid: Option<ResetReason>,
     /// Frames since the history began; selects the jitter.
     age: u64,
     previous: Frame,
     current: Frame,
-    between: Image,
+    between: Vec<Image>,
     times: StageTimes,
 }
 
 impl FramePipeline {
-    /// A pipeline for `scene`.
+    /// A pipeline for `scene` without learning.
     ///
     /// # Errors
-    /// [`ReconstructError::Scale`] if the scale is not supported.
+    /// [`PipelineError`] if the scale or the number of frames between is not supported.
     pub fn new(scene: Arc<Scene>, settings: PipelineSettings) -> Result<Self, PipelineError> {
+        Self::with_networks(scene, settings, &Networks::default())
+    }
+
+    /// A pipeline for `scene` whose frames `networks` refine.
+    ///
+    /// # Errors
+    /// [`PipelineError`] if the scale or the number of frames between is not supported, or weights do not fit the scale.
+    pub fn with_networks(
+        scene: Arc<Scene>,
+        settings: PipelineSettings,
+        networks: &Networks,
+    ) -> Result<Self, PipelineError> {
+        if !(1..=MAX_GENERATE).contains(&settings.generate) {
+            return Err(PipelineError::Generate { actual: settings.generate });
+        }
         let scale = settings.raster_scale();
         // First, because both check the scale and everything else builds on it.
         let (super_sampler, interpolator) = (SuperSampler::new(scale)?, Interpolator::new(scale)?);
+        let Networks { super_sample, interpolate } = networks.clone();
+        let super_sample = super_sample.filter(|_| settings.mode.has_history());
+        let interpolate = interpolate.filter(|_| settings.mode == Mode::Full);
         Ok(Self {
             settings,
             jitter: settings.jitter(),
             rasterizer: Rasterizer::new(scene, settings.culling),
             super_sampler,
             interpolator,
+            learned_super_sampler: super_sample.map(|w| LearnedSuperSampler::new(w, scale)).transpose()?,
+            learned_interpolator: interpolate.map(|w| LearnedInterpolator::new(w, scale)).transpose()?,
+            analytic: Image::default(),
             invalid: Some(ResetReason::FirstFrame),
             age: 0,
             previous: Frame::default(),
             current: Frame::default(),
-            between: Image::default(),
+            between: vec![Image::default(); settings.displayed_per_rendered() - 1],
             times: StageTimes::default(),
         })
     }
 
-    /// Renders the frame of `camera`; the frame between it and the previous one at `middle`, the true pose at that
-    /// moment where the caller knows it, else half-way between the two cameras.
+    /// Renders the frame of `camera`, and the frames between it and the previous one at the cameras `between`: the true
+    /// poses at [`PipelineSettings::moments`] where the caller knows them; where it gives none, poses between the two.
     ///
     /// The fourth channel of the images is alpha in [`Mode::Native`] and not specified otherwise.
     ///
     /// # Errors
-    /// [`PipelineError`] if a setting is out of range.
-    pub fn render(
-        &mut self,
-        camera: &Camera,
-        middle: Option<&Camera>,
-    ) -> Result<Presented<'_>, PipelineError> {
+    /// [`PipelineError`] if a setting is out of range, or `between` has cameras for another number of frames.
+    pub fn render(&mut self, camera: &Camera, between: &[Camera]) -> Result<Presented<'_>, PipelineError> {
+        if self.settings.mode == Mode::Full && ![0, self.between.len()].contains(&between.len()) {
+            let (expected, actual) = (self.between.len(), between.len());
+            return Err(PipelineError::Between { expected, actual });
+        }
         self.times = StageTimes::default();
         self.invalidate_for(camera);
         std::mem::swap(&mut self.previous, &mut self.current);
@@ -121,7 +164,7 @@ impl FramePipeline {
             Mode::Full => {
                 self.rasterize(camera, Outputs::GBuffer)?;
                 self.super_sample(camera)?;
-                self.interpolate(camera, middle)?;
+                self.interpolate(camera, between)?;
             }
         }
         self.current.camera = Some(*camera);
@@ -190,6 +233,8 @@ impl FramePipeline {
         }
         if let Some(reason) = self.invalid {
             self.super_sampler.reset(reason);
+            self.learned_super_sampler.iter_mut().for_each(LearnedSuperSampler::reset);
+            self.learned_interpolator.iter_mut().for_each(LearnedInterpolator::reset);
             self.age = 0;
         }
     }
@@ -226,29 +271,50 @@ impl FramePipeline {
 
     fn super_sample(&mut self, camera: &Camera) -> Result<(), PipelineError> {
         let Frame { gbuffer, image, .. } = &mut self.current;
-        let super_sampler = &mut self.super_sampler;
-        Ok(self.times.time(Stage::SuperSample, || super_sampler.super_sample(camera, gbuffer, image))?)
+        let (super_sampler, analytic) = (&mut self.super_sampler, &mut self.analytic);
+        let (learned, previous) = (&mut self.learned_super_sampler, &self.previous);
+        self.times.time(Stage::SuperSample, || {
+            let Some(learned) = learned else {
+                return Ok(super_sampler.super_sample(camera, gbuffer, image)?);
+            };
+            super_sampler.super_sample(camera, gbuffer, analytic)?;
+            let previous = match &previous.camera {
+                Some(camera) if self.invalid.is_none() => Some(Seen::of_gbuffer(camera, &previous.gbuffer)?),
+                _ => None,
+            };
+            Ok(learned.refine(camera, gbuffer, previous, analytic, image)?)
+        })
     }
 
-    /// The frame between the previous and the current one, if something lies between them.
-    fn interpolate(&mut self, camera: &Camera, middle: Option<&Camera>) -> Result<(), PipelineError> {
+    /// The frames between the previous and the current one, if something lies between them.
+    fn interpolate(&mut self, camera: &Camera, between: &[Camera]) -> Result<(), PipelineError> {
         let (None, Some(previous)) = (self.invalid, &self.previous.camera) else { return Ok(()) };
-        let middle = middle.copied().unwrap_or_else(|| pose_between(previous, camera, 0.5));
         let before =
             Neighbor { camera: previous, image: &self.previous.image, gbuffer: &self.previous.gbuffer };
         let after = Neighbor { camera, image: &self.current.image, gbuffer: &self.current.gbuffer };
-        let (interpolator, out) = (&mut self.interpolator, &mut self.between);
-        Ok(self
-            .times
-            .time(Stage::Interpolate, || interpolator.interpolate(before, after, 0.5, &middle, out))?)
+        let (interpolator, learned) = (&mut self.interpolator, &mut self.learned_interpolator);
+        let images = &mut self.between;
+        self.times.time(Stage::Interpolate, || {
+            for ((k, t), out) in self.settings.moments().enumerate().zip(images) {
+                let at = between.get(k).copied().unwrap_or_else(|| pose_between(previous, camera, t));
+                match learned {
+                    Some(learned) => {
+                        learned.interpolate(interpolator, before, after, t as f32, &at, out)?;
+                    }
+                    None => interpolator.interpolate(before, after, t as f32, &at, out)?,
+                }
+            }
+            Ok(())
+        })
     }
 
     fn present(&self) -> Presented<'_> {
-        let between = match self.settings.mode {
-            Mode::Native | Mode::Bicubic | Mode::SuperSample => None,
-            Mode::Full if self.times.get(Stage::Interpolate).is_some() => Some(&self.between),
-            Mode::Full => self.held_frame(),
-        };
+        let mut between = [None; MAX_GENERATE as usize];
+        let is_made = self.times.get(Stage::Interpolate).is_some();
+        let held = self.held_frame();
+        for (place, made) in between.iter_mut().zip(&self.between) {
+            *place = if is_made { Some(made) } else { held };
+        }
         Presented { between, current: &self.current.image }
     }
 

@@ -13,7 +13,7 @@
 //! let settings = PipelineSettings { mode: Mode::Full, scale: 4, ..Default::default() };
 //! let mut pipeline = FramePipeline::new(scene.into(), settings)?;
 //! for camera in &path.cameras()[..2] {
-//!     let frames = pipeline.render(camera, None)?; // 80×45 pixels rasterized, 320×180 shown
+//!     let frames = pipeline.render(camera, &[])?; // 80×45 pixels rasterized, 320×180 shown
 //!     assert_eq!((frames.current.width(), frames.current.height()), (320, 180));
 //! }
 //! # Ok(())
@@ -37,7 +37,8 @@ pub use gs3_raster::Culling;
 pub use gs3_reconstruct as reconstruct;
 pub use gs3_reconstruct::ResetReason;
 pub use gs3_scene as scene;
-pub use settings::{Dilation, Mode, PipelineSettings, Sampling};
+pub use learned::{NetworkError, Networks};
+pub use settings::{Dilation, MAX_GENERATE, Mode, PipelineSettings, Sampling};
 pub use stages::{Stage, StageTimes};
 
 use gs3_scene::Scene;

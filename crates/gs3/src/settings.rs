@@ -12,21 +12,13 @@ pub enum Mode {
     Bicubic,
     /// Low-resolution G-buffers super-sampled over time.
     SuperSample,
-    /// [`Mode::SuperSample`], and an interpolated frame before each rendered one: two frames shown per frame rasterized.
+    /// [`Mode::SuperSample`], and interpolated frames before each rendered one: with one of them
+    /// ([`PipelineSettings::generate`]) two frames are shown per frame rasterized.
     #[default]
     Full,
 }
 
 impl Mode {
-    /// Frames shown for each rendered one but the first, which always is a single frame.
-    #[must_use]
-    pub const fn displayed_per_rendered(self) -> usize {
-        match self {
-            Self::Full => 2,
-            Self::Native | Self::Bicubic | Self::SuperSample => 1,
-        }
-    }
-
     /// Whether frames depend on the ones before.
     #[must_use]
     pub const fn has_history(self) -> bool {
@@ -82,6 +74,8 @@ pub struct PipelineSettings {
     pub dilation: Dilation,
     /// Which tiles a splat is assigned to.
     pub culling: Culling,
+    /// Frames interpolated before each rendered one in [`Mode::Full`], 1 to [`MAX_GENERATE`].
+    pub generate: u32,
     /// Background, display-encoded RGB, finite.
     pub background: [f32; 3],
 }
@@ -94,12 +88,31 @@ impl Default for PipelineSettings {
             sampling: Sampling::default(),
             dilation: Dilation::default(),
             culling: Culling::default(),
+            generate: 1,
             background: [0.0; 3],
         }
     }
 }
 
+/// Most frames interpolated between two rendered ones.
+pub const MAX_GENERATE: u32 = 3;
+
 impl PipelineSettings {
+    /// Frames shown for each rendered one but the first, which always is a single frame.
+    #[must_use]
+    pub const fn displayed_per_rendered(&self) -> usize {
+        match self.mode {
+            Mode::Full => self.generate as usize + 1,
+            Mode::Native | Mode::Bicubic | Mode::SuperSample => 1,
+        }
+    }
+
+    /// Moments of the frames interpolated before a rendered one, in (0, 1), in order.
+    pub fn moments(&self) -> impl Iterator<Item = f64> + use<> {
+        let count = self.displayed_per_rendered();
+        (1..count).map(move |k| k as f64 / count as f64)
+    }
+
     /// The grid that is rasterized: how many times coarser it is than the frame.
     pub(crate) const fn raster_scale(&self) -> u32 {
         match self.mode {

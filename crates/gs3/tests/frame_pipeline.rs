@@ -35,13 +35,13 @@ fn psnr(a: &Image, b: &Image) -> f64 {
 #[test]
 fn a_resting_camera_becomes_native() {
     let camera = path().cameras()[17];
-    let native = pipeline(Mode::Native).render(&camera, None).unwrap().current.clone();
+    let native = pipeline(Mode::Native).render(&camera, &[]).unwrap().current.clone();
     let mut resting = pipeline(Mode::SuperSample);
-    let first = psnr(resting.render(&camera, None).unwrap().current, &native);
+    let first = psnr(resting.render(&camera, &[]).unwrap().current, &native);
     for _ in 1..16 {
-        resting.render(&camera, None).unwrap();
+        resting.render(&camera, &[]).unwrap();
     }
-    let last = psnr(resting.render(&camera, None).unwrap().current, &native);
+    let last = psnr(resting.render(&camera, &[]).unwrap().current, &native);
     assert!(last >= 50.0 && last > first + 15.0, "{first} dB, then {last} dB");
 }
 
@@ -51,12 +51,12 @@ fn every_mode_shows_the_scene_and_the_order_of_quality_holds() {
     let frames = 12;
     let native: Vec<Image> = {
         let mut pipeline = pipeline(Mode::Native);
-        path.cameras()[..frames].iter().map(|c| pipeline.render(c, None).unwrap().current.clone()).collect()
+        path.cameras()[..frames].iter().map(|c| pipeline.render(c, &[]).unwrap().current.clone()).collect()
     };
     let quality = |mode| {
         let mut pipeline = pipeline(mode);
         path.cameras()[..frames].iter().fold(0.0, |_, camera| {
-            let shown = pipeline.render(camera, None).unwrap();
+            let shown = pipeline.render(camera, &[]).unwrap();
             psnr(shown.current, &native[frames - 1])
         })
     };
@@ -70,22 +70,22 @@ fn every_mode_shows_the_scene_and_the_order_of_quality_holds() {
 fn full_mode_shows_the_true_moment_between() {
     let path = path();
     let (a, b, middle) = (path.at(3.0), path.at(5.0), path.at(4.0));
-    let truth = pipeline(Mode::Native).render(&middle, None).unwrap().current.clone();
+    let truth = pipeline(Mode::Native).render(&middle, &[]).unwrap().current.clone();
     let mut full = pipeline(Mode::Full);
-    assert!(full.render(&a, None).unwrap().between.is_none(), "nothing lies before the first frame");
-    let held = psnr(full.render(&b, Some(&middle)).unwrap().current, &truth);
+    assert!(full.render(&a, &[]).unwrap().between == [None; 3], "nothing lies before the first frame");
+    let held = psnr(full.render(&b, &[middle]).unwrap().current, &truth);
     let mut full = pipeline(Mode::Full);
-    full.render(&a, None).unwrap();
-    let shown = full.render(&b, Some(&middle)).unwrap();
+    full.render(&a, &[]).unwrap();
+    let shown = full.render(&b, &[middle]).unwrap();
     assert_eq!(shown.iter().count(), 2);
-    let between = psnr(shown.between.unwrap(), &truth);
+    let between = psnr(shown.between[0].unwrap(), &truth);
     assert!(between > held + 2.0, "between {between} dB, a neighbour {held} dB");
     assert!(Stage::ALL.iter().all(|stage| full.times().get(*stage).is_some()));
 }
 
 /// The frame of `camera` with no past at all.
 fn fresh(mode: Mode, camera: &gs3::scene::Camera) -> Image {
-    pipeline(mode).render(camera, None).unwrap().current.clone()
+    pipeline(mode).render(camera, &[]).unwrap().current.clone()
 }
 
 #[test]
@@ -98,19 +98,19 @@ fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
         gs3::scene::Camera::new(pose, far.intrinsics()).unwrap()
     };
     let mut p = pipeline(Mode::Full);
-    p.render(&near, None).unwrap();
-    let shown = p.render(&turned, None).unwrap();
+    p.render(&near, &[]).unwrap();
+    let shown = p.render(&turned, &[]).unwrap();
     assert_eq!(shown.current, &fresh(Mode::Full, &turned));
-    assert_eq!(shown.between, Some(&fresh(Mode::Full, &near)), "the previous frame is held over a cut");
+    assert_eq!(shown.between[0], Some(&fresh(Mode::Full, &near)), "the previous frame is held over a cut");
 
     let next = path.cameras()[1];
     let with_history = |reset: Option<ResetReason>| {
         let mut p = pipeline(Mode::SuperSample);
-        p.render(&near, None).unwrap();
+        p.render(&near, &[]).unwrap();
         if let Some(reason) = reset {
             p.reset(reason);
         }
-        p.render(&next, None).unwrap().current.clone()
+        p.render(&next, &[]).unwrap().current.clone()
     };
     let anew = fresh(Mode::SuperSample, &next);
     assert!(with_history(None) != anew, "a small motion keeps the history");
@@ -118,14 +118,14 @@ fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
 
     let larger = next.resized(WIDTH + 5, HEIGHT + 3).unwrap();
     let mut p = pipeline(Mode::Full);
-    p.render(&near, None).unwrap();
-    let shown = p.render(&larger, None).unwrap();
-    assert!(shown.between.is_none() && shown.current == &fresh(Mode::Full, &larger));
+    p.render(&near, &[]).unwrap();
+    let shown = p.render(&larger, &[]).unwrap();
+    assert!(shown.between == [None; 3] && shown.current == &fresh(Mode::Full, &larger));
 
     let mut p = pipeline(Mode::SuperSample);
-    p.render(&near, None).unwrap();
+    p.render(&near, &[]).unwrap();
     p.set_scene(scene());
-    assert!(p.render(&next, None).unwrap().current == &anew);
+    assert!(p.render(&next, &[]).unwrap().current == &anew);
 }
 
 #[test]
@@ -135,7 +135,7 @@ fn frames_do_not_depend_on_the_number_of_threads() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let mut p = pipeline(Mode::Full);
-            let render = |camera| -> Vec<Image> { p.render(camera, None).unwrap().iter().cloned().collect() };
+            let render = |camera| -> Vec<Image> { p.render(camera, &[]).unwrap().iter().cloned().collect() };
             path.cameras()[..3].iter().flat_map(render).collect()
         })
     };
@@ -151,10 +151,10 @@ fn settings_out_of_range_are_errors() {
     assert!(error.to_string().contains("scale: expected 1 to"), "{error}");
     let settings = PipelineSettings { dilation: Dilation::Value(-1.0), ..Default::default() };
     let mut p = FramePipeline::new(scene(), settings).unwrap();
-    let error = p.render(&path().cameras()[0], None).unwrap_err();
+    let error = p.render(&path().cameras()[0], &[]).unwrap_err();
     assert!(error.to_string().contains("dilation: expected"), "{error}");
     let centered = PipelineSettings { sampling: Sampling::Centered, ..Default::default() };
     let mut p = FramePipeline::new(scene(), centered).unwrap();
-    p.render(&path().cameras()[0], None).unwrap();
+    p.render(&path().cameras()[0], &[]).unwrap();
     assert_eq!(p.gbuffer().jitter, [0.0, 0.0]);
 }

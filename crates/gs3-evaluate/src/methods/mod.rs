@@ -131,6 +131,7 @@ fn pipeline(mode: Mode, spec: MethodSpec, settings: &MethodSettings) -> Result<F
         sampling: if spec.spatial.is_jittered() { Sampling::Jittered } else { Sampling::Centered },
         dilation,
         culling: settings.culling,
+        generate: 1,
         background: settings.background,
     };
     FramePipeline::new(Arc::clone(&settings.scene), settings_)
@@ -142,8 +143,8 @@ impl Method for FramePipeline {
     }
 
     fn render(&mut self, camera: &Camera, middle: Option<&Camera>) -> Result<Shown<'_>, MethodError> {
-        let presented = FramePipeline::render(self, camera, middle)?;
-        Ok(Shown { between: presented.between, current: presented.current })
+        let presented = FramePipeline::render(self, camera, middle.map_or(&[], std::slice::from_ref))?;
+        Ok(Shown { between: presented.between[0], current: presented.current })
     }
 
     fn durations(&self) -> Durations {

@@ -13,8 +13,9 @@ pub use initial::initial_weights;
 pub use interpolate::interpolate;
 pub use super_sample::super_sample;
 
-use crate::error::GraphError;
-use crate::graph::{Activation, GraphBuilder, Op, Tensor};
+use crate::error::{GraphError, RunError, WeightError};
+use crate::graph::{Activation, Graph, GraphBuilder, Op, Tensor};
+use crate::weights::Header;
 
 /// The largest enlargement.
 const MAX_SCALE: usize = 8;
@@ -61,6 +62,31 @@ impl Tier {
             Self::Fast => "fast",
             Self::Balanced => "balanced",
             Self::High => "high",
+        }
+    }
+}
+
+/// The network whose weights a file with `header` holds.
+///
+/// # Errors
+/// [`RunError`] if there is none of that name, tier, scale and version.
+pub fn graph_of(header: &Header) -> Result<Graph, RunError> {
+    let unknown = |field, expected: &str, actual: &str| {
+        WeightError::Header { field, expected: expected.to_owned(), actual: actual.to_owned() }
+    };
+    let Some(tier) = Tier::ALL.into_iter().find(|tier| tier.name() == header.tier) else {
+        return Err(unknown("tier", "one of fast, balanced, high", &header.tier).into());
+    };
+    let scale = header.scale as usize;
+    let graph = match header.network.as_str() {
+        "super_sample" => super_sample(scale, tier)?,
+        "interpolate" => interpolate(scale, tier)?,
+        other => return Err(unknown("network", "one of super_sample, interpolate", other).into()),
+    };
+    match graph.version() == header.version {
+        true => Ok(graph),
+        false => {
+            Err(unknown("version", &graph.version().to_string(), &header.version.to_string()).into())
         }
     }
 }

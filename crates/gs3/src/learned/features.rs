@@ -129,8 +129,7 @@ impl SuperSampleFeatures {
         let (width, height) = (gbuffer.width(), gbuffer.height());
         let camera = camera.low_resolution(scale);
         let intrinsics = camera.intrinsics();
-        let [fx, fy, cx, cy] =
-            [intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy].map(|v| v as f32);
+        let [fx, fy, cx, cy] = [intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy].map(|v| v as f32);
         let typical = typical(depth.plane(0), |z| if z > 0.0 { 1.0 / z } else { 0.0 });
         self.geometry.resize(3 * width * height, 0.0);
         self.geometry.par_chunks_exact_mut(3 * width).enumerate().for_each(|(y, row)| {
@@ -147,9 +146,9 @@ impl SuperSampleFeatures {
         });
     }
 
-    /// All inputs of the network but `history`, HR RGB and uncertainty, and `hidden`, which are given.
+    /// All inputs of the network but its state, `hidden`. `history`, HR RGB and uncertainty, is given.
     #[must_use]
-    pub fn named<'a>(&'a self, history: &'a [f32], hidden: &'a [f32]) -> [Named<'a>; 9] {
+    pub fn named<'a>(&'a self, history: &'a [f32]) -> [Named<'a>; 8] {
         [
             ("history", history),
             ("color", &self.color),
@@ -157,7 +156,6 @@ impl SuperSampleFeatures {
             ("compressed", &self.compressed),
             ("geometry", &self.geometry),
             ("jitter", &self.jitter),
-            ("hidden", hidden),
             ("motion", &self.carry.flow),
             ("validity", &self.carry.validity),
         ]
@@ -197,22 +195,15 @@ impl InterpolateFeatures {
         Ok(())
     }
 
-    /// All inputs of the network; the HR images `before` and `after`, RGB and uncertainty, the HR plane `share` and
-    /// `hidden` are given.
+    /// All inputs of the network but its state, `hidden`. The HR images `before` and `after`, RGB and uncertainty, and
+    /// the HR plane `share` are given.
     #[must_use]
-    pub fn named<'a>(
-        &'a self,
-        before: &'a [f32],
-        after: &'a [f32],
-        share: &'a [f32],
-        hidden: &'a [f32],
-    ) -> [Named<'a>; 7] {
+    pub fn named<'a>(&'a self, before: &'a [f32], after: &'a [f32], share: &'a [f32]) -> [Named<'a>; 6] {
         [
             ("before", before),
             ("after", after),
             ("share", share),
             ("geometry", &self.geometry),
-            ("hidden", hidden),
             ("motion", &self.carry.flow),
             ("validity", &self.carry.validity),
         ]

@@ -1,5 +1,14 @@
-//! The networks within the pipeline: what they are fed, and what they remember.
+//! The networks within the pipeline: what they are fed, what they remember, which weights they have.
 
+mod error;
 mod features;
+mod interpolator;
+mod networks;
+mod recurrent;
+mod super_sampler;
 
+pub use error::NetworkError;
 pub use features::{InterpolateFeatures, Seen, SuperSampleFeatures};
+pub use interpolator::LearnedInterpolator;
+pub use networks::Networks;
+pub use super_sampler::LearnedSuperSampler;

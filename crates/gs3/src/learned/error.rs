@@ -1,0 +1,51 @@
+//! What can be wrong with networks in a pipeline.
+
+use gs3_neural::{RunError, WeightError};
+use gs3_reconstruct::ReconstructError;
+use thiserror::Error;
+
+/// A network that cannot be used, or frames that do not fit it.
+#[derive(Debug, Error)]
+pub enum NetworkError {
+    /// Weights of another network.
+    #[error("weights: expected those of {expected}, found those of {actual}")]
+    Other {
+        /// The network wanted.
+        expected: &'static str,
+        /// The network of the weights.
+        actual: String,
+    },
+    /// Weights for another scale.
+    #[error("weights: expected those for scale {expected}, found those for scale {actual}")]
+    Scale {
+        /// The pipeline's scale.
+        expected: u32,
+        /// The weights'.
+        actual: u32,
+    },
+    /// Two weights for one network.
+    #[error("weights: expected at most one file for {network}, found two")]
+    Twice {
+        /// The network.
+        network: String,
+    },
+    /// No weights of this tier and scale are part of this version.
+    #[error("tier {tier} at scale {scale}: expected one of {available}, which come with this version")]
+    NotShipped {
+        /// Tier asked for.
+        tier: &'static str,
+        /// Scale asked for.
+        scale: u32,
+        /// Tiers and scales there are.
+        available: String,
+    },
+    /// Weights that are not their network's.
+    #[error(transparent)]
+    Weights(#[from] WeightError),
+    /// The network refuses its inputs.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// The reconstruction refuses its inputs.
+    #[error(transparent)]
+    Reconstruct(#[from] ReconstructError),
+}

@@ -1,0 +1,73 @@
+//! Frame interpolation refined by a network.
+
+use std::sync::Arc;
+
+use gs3_neural::Weights;
+use gs3_reconstruct::{Depth, Interpolator, Neighbor, Warped};
+use gs3_scene::{Camera, Image};
+
+use super::error::NetworkError;
+use super::features::{InterpolateFeatures, Seen};
+use super::recurrent::Recurrent;
+
+/// Fuses both neighbours of a frame, warped to it, by a network.
+#[derive(Debug)]
+pub struct LearnedInterpolator {
+    scale: u32,
+    network: Recurrent,
+    features: InterpolateFeatures,
+    warped: Warped,
+    /// The frame interpolated last.
+    last: Warped,
+    last_camera: Option<Camera>,
+}
+
+impl LearnedInterpolator {
+    /// The interpolator of `weights`, which must be for `scale`.
+    ///
+    /// # Errors
+    /// [`NetworkError`] if they are those of another network or another scale.
+    pub fn new(weights: Arc<Weights>, scale: u32) -> Result<Self, NetworkError> {
+        let network = Recurrent::new(weights, "interpolate", scale)?;
+        let features = InterpolateFeatures::default();
+        let (warped, last) = (Warped::default(), Warped::default());
+        Ok(Self { scale, network, features, warped, last, last_camera: None })
+    }
+
+    /// Forgets the hidden state.
+    pub fn reset(&mut self) {
+        self.network.reset();
+        self.last_camera = None;
+    }
+
+    /// Interpolates what `camera` sees at time `t` ∈ (0, 1) between `before` and `after` into `out`, warping by
+    /// `interpolator`. Frames are asked for in the order of time: the state goes from each to the next.
+    ///
+    /// # Errors
+    /// [`NetworkError`] if sizes do not match, geometry is missing or `t` is outside.
+    pub fn interpolate(
+        &mut self,
+        interpolator: &mut Interpolator,
+        before: Neighbor<'_>,
+        after: Neighbor<'_>,
+        t: f32,
+        camera: &Camera,
+        out: &mut Image,
+    ) -> Result<(), NetworkError> {
+        interpolator.warp(before, after, t, camera, &mut self.warped)?;
+        let last = self.last_camera.as_ref().filter(|last| {
+            self.network.has_state() && (last.width(), last.height()) == (camera.width(), camera.height())
+        });
+        let last = last.map(|camera| Seen { camera, depth: Depth::Inverse(&self.last.inverse_depth) });
+        let Warped { before, after, share, inverse_depth, .. } = &self.warped;
+        self.features.set(camera, inverse_depth, t, last, self.scale)?;
+        out.resize(before.width(), before.height());
+        let lr = [inverse_depth.height(), inverse_depth.width()];
+        let [before, after] = [before, after].map(|image| image.pixels().as_flattened());
+        let images = self.features.named(before, after, share.plane(0));
+        self.network.run(lr, &images, out.pixels_mut().as_flattened_mut())?;
+        std::mem::swap(&mut self.warped, &mut self.last);
+        self.last_camera = Some(*camera);
+        Ok(())
+    }
+}

@@ -1,0 +1,68 @@
+//! Which networks refine the frames, and the weights that come with the library.
+
+use std::sync::Arc;
+
+use gs3_neural::Weights;
+use gs3_neural::model::Tier;
+
+use super::error::NetworkError;
+
+/// Weights of the networks that refine frames; without one, what is made without learning stays.
+#[derive(Clone, Debug, Default)]
+pub struct Networks {
+    /// Of super sampling.
+    pub super_sample: Option<Arc<Weights>>,
+    /// Of interpolation.
+    pub interpolate: Option<Arc<Weights>>,
+}
+
+/// A weights file that comes with the library.
+struct Shipped {
+    scale: u32,
+    tier: Tier,
+    bytes: &'static [u8],
+}
+
+/// All of them; each tells in its header which network it is. Their model cards lie beside them.
+const SHIPPED: &[Shipped] = &[];
+
+impl Networks {
+    /// The weights that come with the library.
+    ///
+    /// # Errors
+    /// [`NetworkError::NotShipped`] if there are none of `tier` for `scale`.
+    pub fn shipped(scale: u32, tier: Tier) -> Result<Self, NetworkError> {
+        let mut networks = Self::default();
+        for file in SHIPPED.iter().filter(|file| file.scale == scale && file.tier == tier) {
+            networks.add(Weights::from_bytes(file.bytes)?)?;
+        }
+        match networks.super_sample {
+            Some(_) => Ok(networks),
+            None => {
+                let available: Vec<String> =
+                    SHIPPED.iter().map(|file| format!("{} ×{}", file.tier.name(), file.scale)).collect();
+                let available = if available.is_empty() { "none".to_owned() } else { available.join(", ") };
+                Err(NetworkError::NotShipped { tier: tier.name(), scale, available })
+            }
+        }
+    }
+
+    /// Adds the weights of one network; which one, their header says.
+    ///
+    /// # Errors
+    /// [`NetworkError`] if it is none of the two, or there already.
+    pub fn add(&mut self, weights: Weights) -> Result<(), NetworkError> {
+        let network = weights.header.network.clone();
+        let place = match network.as_str() {
+            "super_sample" => &mut self.super_sample,
+            "interpolate" => &mut self.interpolate,
+            _ => {
+                return Err(NetworkError::Other { expected: "super_sample or interpolate", actual: network });
+            }
+        };
+        match place.replace(Arc::new(weights)) {
+            None => Ok(()),
+            Some(_) => Err(NetworkError::Twice { network }),
+        }
+    }
+}

@@ -1,0 +1,171 @@
+//! Networks in the pipeline: what they start from, what they keep, what they refuse.
+#![allow(clippy::unwrap_used, reason = "a failure to set up is a failed test")]
+
+use std::sync::Arc;
+
+use gs3::neural::model::{Tier, initial_weights, interpolate, super_sample};
+use gs3::neural::{Graph, Header, Weights};
+use gs3::scene::{Camera, CameraPath, Image, Scene, demo};
+use gs3::{FramePipeline, Mode, Networks, PipelineSettings, ResetReason};
+
+const SCALE: u32 = 4;
+
+fn path() -> CameraPath {
+    demo::path().resized(160, 96).unwrap()
+}
+
+fn scene() -> Arc<Scene> {
+    Arc::new(demo::scene().unwrap())
+}
+
+fn header(graph: &Graph) -> Header {
+    Header {
+        network: graph.name().to_owned(),
+        version: graph.version(),
+        scale: SCALE,
+        tier: "fast".to_owned(),
+        training_data: "none".to_owned(),
+        licence: "MIT OR Apache-2.0".to_owned(),
+    }
+}
+
+/// Both networks, with weights that `make` makes.
+fn networks(make: impl Fn(&Graph, Header) -> Weights) -> Networks {
+    let mut networks = Networks::default();
+    for graph in [super_sample(4, Tier::Fast).unwrap(), interpolate(4, Tier::Fast).unwrap()] {
+        networks.add(make(&graph, header(&graph))).unwrap();
+    }
+    networks
+}
+
+/// Networks that change frames, though not much.
+fn random() -> Networks {
+    networks(|graph, header| {
+        let mut weights = Weights::random(graph, header, 5);
+        weights.arrays.values_mut().flat_map(|a| a.values_mut()).for_each(|w| *w *= 0.5);
+        weights
+    })
+}
+
+fn pipeline(networks: &Networks, generate: u32) -> FramePipeline {
+    let settings = PipelineSettings { scale: SCALE, generate, ..Default::default() };
+    FramePipeline::with_networks(scene(), settings, networks).unwrap()
+}
+
+fn frames(pipeline: &mut FramePipeline, cameras: &[Camera]) -> Vec<Image> {
+    let shown = |camera| pipeline.render(camera, &[]).unwrap().iter().cloned().collect::<Vec<_>>();
+    cameras.iter().flat_map(shown).collect()
+}
+
+/// Largest difference of colours.
+fn difference(a: &Image, b: &Image) -> f32 {
+    let pairs = a.pixels().iter().zip(b.pixels());
+    pairs.flat_map(|(a, b)| (0..3).map(move |c| (a[c] - b[c]).abs())).fold(0.0, f32::max)
+}
+
+#[test]
+fn training_starts_from_the_pipeline_without_learning() {
+    let path = path();
+    let untrained = networks(|graph, header| initial_weights(graph, header, 1));
+    let expected = frames(&mut pipeline(&Networks::default(), 1), &path.cameras()[..4]);
+    let actual = frames(&mut pipeline(&untrained, 1), &path.cameras()[..4]);
+    assert_eq!(actual.len(), 7);
+    for (k, (a, b)) in expected.iter().zip(&actual).enumerate() {
+        // Interpolation blends pixels that are gathered one by one, not four at once.
+        let limit = if k % 2 == 1 { 0.02 } else { 0.0 };
+        assert!(difference(a, b) <= limit, "frame {k}: {}", difference(a, b));
+    }
+}
+
+#[test]
+fn a_resting_camera_keeps_its_exact_image_whatever_was_learned() {
+    let camera = path().cameras()[7];
+    let cameras = vec![camera; 17];
+    let (exact, refined) = (
+        frames(&mut pipeline(&Networks::default(), 1), &cameras),
+        frames(&mut pipeline(&random(), 1), &cameras),
+    );
+    assert!(difference(&exact[0], &refined[0]) > 1e-3, "the first frame is refined");
+    for k in [31, 32] {
+        assert!(difference(&exact[k], &refined[k]) < 1e-6, "{k}: {}", difference(&exact[k], &refined[k]));
+    }
+}
+
+#[test]
+fn the_state_is_carried_on_and_forgotten_with_the_history() {
+    let path = path();
+    let random = random();
+    let fresh = frames(&mut pipeline(&random, 1), &path.cameras()[3..4]);
+    let mut moving = pipeline(&random, 1);
+    let _ = frames(&mut moving, &path.cameras()[..3]);
+    moving.reset(ResetReason::SceneChange);
+    assert!(frames(&mut moving, &path.cameras()[3..4]).last() == fresh.last());
+    // Two frames on, with and without the state of the first.
+    let settings = PipelineSettings { mode: Mode::SuperSample, ..Default::default() };
+    let weights = random.super_sample.clone().unwrap();
+    let mut forgetful = (*weights).clone();
+    // z = σ(…) of the gate that takes in the new state: always 1.
+    forgetful.arrays.get_mut("recurrent.update.bias").unwrap().values_mut().fill(100.0);
+    forgetful.arrays.get_mut("recurrent.candidate.weight").unwrap().values_mut().fill(0.0);
+    let last = |weights: Arc<Weights>| {
+        let networks = Networks { super_sample: Some(weights), interpolate: None };
+        let mut pipeline = FramePipeline::with_networks(scene(), settings, &networks).unwrap();
+        frames(&mut pipeline, &path.cameras()[..2]).pop().unwrap()
+    };
+    assert!(last(weights) != last(Arc::new(forgetful)));
+}
+
+#[test]
+fn two_and_three_frames_are_made_between_rendered_ones() {
+    let path = path();
+    for networks in [Networks::default(), random()] {
+        for generate in [2, 3] {
+            let shown = frames(&mut pipeline(&networks, generate), &path.cameras()[..3]);
+            assert_eq!(shown.len(), 1 + 2 * (generate as usize + 1));
+            assert!(shown.iter().flat_map(|image| image.pixels()).flatten().all(|v| v.is_finite()));
+            assert!(
+                shown.windows(2).all(|pair| difference(&pair[0], &pair[1]) > 1e-3),
+                "each moment its own"
+            );
+        }
+    }
+    let mut three = pipeline(&Networks::default(), 3);
+    let error = three.render(&path.cameras()[0], &path.cameras()[..2]).unwrap_err().to_string();
+    assert_eq!(error, "cameras between two frames: expected none or 3, found 2");
+    let settings = PipelineSettings { generate: 4, ..Default::default() };
+    let error = FramePipeline::new(scene(), settings).err().unwrap().to_string();
+    assert_eq!(error, "generate: expected 1 to 3 frames between rendered ones, found 4");
+}
+
+#[test]
+fn weights_that_do_not_fit_are_refused() {
+    let graph = super_sample(4, Tier::Fast).unwrap();
+    let weights = initial_weights(&graph, header(&graph), 1);
+    let refusal = |weights: Weights| {
+        let networks = Networks { super_sample: Some(Arc::new(weights)), interpolate: None };
+        FramePipeline::with_networks(scene(), PipelineSettings::default(), &networks)
+            .err()
+            .unwrap()
+            .to_string()
+    };
+    let with = |change: fn(&mut Header)| {
+        let mut weights = weights.clone();
+        change(&mut weights.header);
+        refusal(weights)
+    };
+    assert_eq!(with(|h| h.scale = 2), "weights: expected those for scale 4, found those for scale 2");
+    assert_eq!(
+        with(|h| h.network = "interpolate".to_owned()),
+        "weights: expected those of super_sample, found those of interpolate"
+    );
+    assert_eq!(
+        with(|h| h.tier = "best".to_owned()),
+        "header, tier: expected one of fast, balanced, high, found best"
+    );
+    assert!(with(|h| h.version = 1).starts_with("header, version: expected"));
+    assert!(with(|h| h.tier = "high".to_owned()).contains("history.conv.weight: expected f32"));
+    let mut twice = Networks::default();
+    twice.add(weights.clone()).unwrap();
+    let error = twice.add(weights).unwrap_err().to_string();
+    assert_eq!(error, "weights: expected at most one file for super_sample, found two");
+}
