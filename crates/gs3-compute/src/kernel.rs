@@ -2,12 +2,10 @@
 
 use std::sync::Arc;
 
-use naga::valid::{Capabilities, GlobalUse, ValidationFlags, Validator};
-use naga::{AddressSpace, StorageAccess};
-
 use crate::buffer::Slice;
 use crate::error::GpuError;
 use crate::gpu::Gpu;
+use crate::wgsl::{Binding, Reflected};
 
 /// A valid WGSL module. All its buffers are in group 0.
 #[derive(Clone, Debug)]
@@ -17,28 +15,13 @@ pub struct Module {
     reflected: Arc<Reflected>,
 }
 
-/// What is known of a module without a device.
-#[derive(Debug)]
-struct Reflected {
-    module: naga::Module,
-    info: naga::valid::ModuleInfo,
-}
-
-/// A buffer that a kernel declares.
-#[derive(Clone, Debug)]
-struct Declared {
-    name: String,
-    binding: u32,
-    ty: wgpu::BufferBindingType,
-}
-
 /// An entry point, compiled.
 #[derive(Clone, Debug)]
 pub struct Kernel {
     label: String,
     pipeline: wgpu::ComputePipeline,
     layout: wgpu::BindGroupLayout,
-    declared: Vec<Declared>,
+    declared: Vec<Binding>,
 }
 
 /// A kernel with its buffers.
@@ -48,29 +31,10 @@ pub struct Bound {
     pub(crate) group: wgpu::BindGroup,
 }
 
-/// Reads and validates WGSL without a device.
-fn reflect(label: &str, source: &str) -> Result<Reflected, GpuError> {
-    let shader = |message: String| GpuError::Shader { label: label.to_owned(), message };
-    // Every extension is known here; those that a device lacks, it refuses itself.
-    let module = naga::front::wgsl::parse_str(source).map_err(|e| shader(e.emit_to_string(source)))?;
-    let info = Validator::new(ValidationFlags::all(), Capabilities::all())
-        .validate(&module)
-        .map_err(|e| shader(e.emit_to_string(source)))?;
-    Ok(Reflected { module, info })
-}
-
-/// Whether `sources`, one after the other, are valid WGSL for [`Gpu::module`]: the same check, without a device.
-///
-/// # Errors
-/// [`GpuError::Shader`] with the place.
-pub fn validate(label: &str, sources: &[&str]) -> Result<(), GpuError> {
-    reflect(label, &sources.concat()).map(|_| ())
-}
-
 impl Module {
     pub(crate) fn new(gpu: &Gpu, label: &str, sources: &[&str]) -> Result<Self, GpuError> {
         let source = sources.concat();
-        let reflected = Arc::new(reflect(label, &source)?);
+        let reflected = Arc::new(Reflected::new(label, &source)?);
         let descriptor = wgpu::ShaderModuleDescriptor {
             label: Some(label),
             source: wgpu::ShaderSource::Wgsl(source.into()),
@@ -87,11 +51,11 @@ impl Module {
     /// [`GpuError::Shader`] if there is none, or the driver refuses it.
     pub fn kernel(&self, gpu: &Gpu, entry: &str, constants: &[(&str, f64)]) -> Result<Kernel, GpuError> {
         let label = format!("{}.{entry}", self.label);
-        let declared = self.declared(&label, entry)?;
+        let declared = self.reflected.bindings(&label, entry)?;
         let entries: Vec<wgpu::BindGroupLayoutEntry> = declared
             .iter()
             .map(|d| wgpu::BindGroupLayoutEntry {
-                binding: d.binding,
+                binding: d.number,
                 visibility: wgpu::ShaderStages::COMPUTE,
                 ty: wgpu::BindingType::Buffer { ty: d.ty, has_dynamic_offset: false, min_binding_size: None },
                 count: None,
@@ -121,38 +85,6 @@ impl Module {
         let (layout, pipeline) = created.map_err(|error| as_shader_error(&label, error))?;
         Ok(Kernel { label, pipeline, layout, declared })
     }
-
-    /// The buffers that `entry` uses.
-    fn declared(&self, label: &str, entry: &str) -> Result<Vec<Declared>, GpuError> {
-        let shader = |message: String| GpuError::Shader { label: label.to_owned(), message };
-        let Reflected { module, info } = &*self.reflected;
-        let Some(index) = module.entry_points.iter().position(|e| e.name == entry) else {
-            let names: Vec<&str> = module.entry_points.iter().map(|e| e.name.as_str()).collect();
-            return Err(shader(format!("expected entry point {entry}, found {}", names.join(", "))));
-        };
-        let usage = info.get_entry_point(index);
-        let mut declared = Vec::new();
-        for (handle, variable) in module.global_variables.iter() {
-            let Some(binding) = &variable.binding else { continue };
-            if usage[handle] == GlobalUse::empty() {
-                continue;
-            }
-            let name = variable.name.clone().unwrap_or_default();
-            let ty = match variable.space {
-                AddressSpace::Uniform => wgpu::BufferBindingType::Uniform,
-                AddressSpace::Storage { access } => {
-                    let read_only = !access.contains(StorageAccess::STORE);
-                    wgpu::BufferBindingType::Storage { read_only }
-                }
-                _ => return Err(shader(format!("expected buffers only, found {name}"))),
-            };
-            if binding.group != 0 {
-                return Err(shader(format!("{name}: expected group 0, found {}", binding.group)));
-            }
-            declared.push(Declared { name, binding: binding.binding, ty });
-        }
-        Ok(declared)
-    }
 }
 
 impl Kernel {
@@ -177,7 +109,7 @@ impl Kernel {
                 let what = format!("bytes of {name} of kernel {}", self.label);
                 return Err(GpuError::TooLarge { what, max, actual: slice.bytes });
             }
-            entries.push(wgpu::BindGroupEntry { binding: declared.binding, resource: slice.binding() });
+            entries.push(wgpu::BindGroupEntry { binding: declared.number, resource: slice.binding() });
         }
         let descriptor =
             wgpu::BindGroupDescriptor { label: Some(&self.label), layout: &self.layout, entries: &entries };

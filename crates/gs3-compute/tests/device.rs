@@ -2,21 +2,10 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
-use gs3_compute::*;
+mod common;
 
-/// The devices of this machine: with all features and with none.
-fn devices() -> Vec<Gpu> {
-    let features = [OptionalFeatures::All, OptionalFeatures::None];
-    let open = |features| match Gpu::new(&GpuSettings { features, ..GpuSettings::default() }) {
-        Err(GpuError::NoAdapter { .. }) => None,
-        other => Some(other.unwrap()),
-    };
-    let devices: Vec<Gpu> = features.into_iter().filter_map(open).collect();
-    if devices.is_empty() {
-        eprintln!("skipped: no adapter");
-    }
-    devices
-}
+use common::devices;
+use gs3_compute::*;
 
 const DOUBLE: &str = "
     override FACTOR: u32 = 1u;
