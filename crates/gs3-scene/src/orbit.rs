@@ -1,25 +1,36 @@
 //! Generated camera paths for scenes that come without one.
 
-use std::f64::consts::TAU;
+mod matter;
+mod place;
 
-use glam::{DAffine3, DMat3, DVec3};
+use std::f64::consts::{PI, TAU};
+
+use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 use crate::camera::{Camera, CameraError, Intrinsics};
 use crate::camera_path::CameraPath;
 use crate::scene::Scene;
+use matter::Matter;
+use place::{Frame, Ring};
 
 /// Vertical field of view of generated paths: 50°, about that of a normal lens held upright.
-const FOV_Y: f64 = 50.0 * std::f64::consts::PI / 180.0;
+const FOV_Y: f64 = 50.0 * PI / 180.0;
 
-/// Height of the camera over the horizon of the centre: 15°, from where both tops and sides of objects show.
-const ELEVATION: f64 = 15.0 * std::f64::consts::PI / 180.0;
+/// Height of the camera over the horizon of an object's centre: 15°, from where both tops and sides of it show.
+const ELEVATION: f64 = 15.0 * PI / 180.0;
 
-/// A scene that is lower than this share of its width surrounds the camera (a room, a street, a lawn); others are
-/// objects. (Empirical: captured places are at most 0.3, standing objects 0.4 and more.)
+/// Room around an object, as a factor on the distance from which it just fills the image.
+const MARGIN: f64 = 1.05;
+
+/// A scene surrounds its middle if what lies beyond twice the radius of its bulk hides at least this share of all
+/// directions from there. (Measured: captured objects and cut-out grounds at most 0.001, rooms and gardens at least 1.)
+const SURROUNDED: f64 = 0.3;
+
+/// A scene that is lower than this share of its width is a place (a room, a street, a lawn), too.
 const PLACE_HEIGHT: f64 = 0.4;
 
-/// The camera's distance from the centre of a place as a share of its width: well within its walls.
-const PLACE_DISTANCE: f64 = 0.35;
+/// Strays are farther from the middle than this many times the median distance. (A captured guitar on its stand has 4.4.)
+const STRAY: f64 = 5.0;
 
 /// z is up where the scene is lowest along z, and lower than this share of its length along y. (Empirical: places on an
 /// xy ground have up to 0.26, objects that stand along y 0.33 and more.)
@@ -31,8 +42,8 @@ pub struct Bounds {
     /// Median of the centres, per axis.
     pub center: DVec3,
     /// Radius around `center` that holds the bulk of the scene: the 95th percentile of the distances, but at most
-    /// four times their median. The second rules in captures whose background reaches many times farther than their
-    /// subject; a captured guitar on its stand has 3.9.
+    /// five times their median. The second rules in captures whose background reaches many times farther than their
+    /// subject.
     pub radius: f64,
     /// Lengths along x, y and z between the 10th and the 90th percentile of the centres.
     pub extent: DVec3,
@@ -46,52 +57,126 @@ impl Bounds {
     /// The bounds of `scene`.
     #[must_use]
     pub fn of(scene: &Scene) -> Self {
-        let means = &scene.gaussians().means;
-        let along = |share: f64| {
-            DVec3::from_array(std::array::from_fn(|axis| {
-                percentile(means[axis].iter().copied().map(f64::from).collect(), share)
-            }))
-        };
-        let (center, extent) = (along(0.5), along(0.9) - along(0.1));
-        let distances: Vec<f64> = (0..scene.gaussians().len())
-            .map(|i| DVec3::from(scene.gaussians().mean(i).map(f64::from)).distance(center))
-            .collect();
-        let most = percentile(distances.clone(), 0.95);
-        // A scene of a single point still needs a distance to look from.
-        let radius = most.min(4.0 * percentile(distances, 0.5)).max(1e-3);
-        let is_z_up = extent.z < extent.x && extent.z < LOW_ALONG_Z * extent.y;
-        let (up, height) = if is_z_up { (DVec3::Z, extent.z) } else { (DVec3::NEG_Y, extent.y) };
-        let is_object = height >= PLACE_HEIGHT * level_width(extent, up);
-        Self { center, radius, extent, is_object, up }
+        Survey::of(scene).bounds
     }
 }
 
+/// Bounds and what they were found from.
+struct Survey {
+    bounds: Bounds,
+    /// Centres of a sample of the Gaussians that are no strays.
+    subject: Vec<DVec3>,
+}
+
+impl Survey {
+    fn of(scene: &Scene) -> Self {
+        /// Percentiles of this many Gaussians are those of all.
+        const SAMPLE: usize = 1 << 17;
+        let count = scene.gaussians().len();
+        let mean = |i: usize| DVec3::from(scene.gaussians().mean(i).map(f64::from));
+        let sample: Vec<DVec3> = (0..count).step_by(count.div_ceil(SAMPLE).max(1)).map(mean).collect();
+        let center = along(&sample, 0.5);
+        let extent = along(&sample, 0.9) - along(&sample, 0.1);
+        let distances: Vec<f64> = sample.iter().map(|p| p.distance(center)).collect();
+        let most = percentile(distances.clone(), 0.95);
+        // A scene of a single point still needs a distance to look from.
+        let limit = (STRAY * percentile(distances, 0.5)).max(1e-3);
+        let radius = most.clamp(1e-3, limit);
+        let subject: Vec<DVec3> = sample.into_iter().filter(|p| p.distance(center) <= limit).collect();
+        let is_z_up = extent.z < extent.x && extent.z < LOW_ALONG_Z * extent.y;
+        let up = if is_z_up { DVec3::Z } else { DVec3::NEG_Y };
+        let size = along(&subject, 0.99) - along(&subject, 0.01);
+        let is_low = size.dot(up).abs() < PLACE_HEIGHT * level_extent(size, up);
+        let is_object = !is_low && surroundings(scene, center, 2.0 * radius) < SURROUNDED;
+        Self { bounds: Bounds { center, radius, extent, is_object, up }, subject }
+    }
+
+    /// Centre of the box around an object, and the distance from which all of it is in the image, whatever side it shows.
+    fn around_object(&self, frame: &Frame) -> (DVec3, f64) {
+        let [low, high] = [0.005, 0.995].map(|share| along(&self.subject, share));
+        let center = 0.5 * (low + high);
+        let height = 0.5 * (high - low).dot(frame.up).abs();
+        let level = |p: &DVec3| (*p - center).reject_from_normalized(frame.up).length();
+        let width = percentile(self.subject.iter().map(level).collect(), 0.99);
+        // A cylinder, seen under an elevation ε: points at `a` towards the camera, `l` aside and `y` up have the depth
+        // D − a cos ε − y sin ε, and are l and y cos ε − a sin ε from the image's middle.
+        let (sin, cos) = ELEVATION.sin_cos();
+        let [half_width, half_height] = frame.half_size;
+        let rims = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)].map(|(a, y)| {
+            let (a, y) = (a * width, y * height);
+            a * cos + y * sin + (y * cos - a * sin).abs() / half_height
+        });
+        let sides = height * sin + width * DVec2::new(cos, 1.0 / half_width).length();
+        (center, MARGIN * rims.into_iter().fold(sides, f64::max).max(1e-3))
+    }
+
+    /// A ring within a place.
+    fn within_place(&self, scene: &Scene, frame: &Frame) -> Option<Ring> {
+        /// Centres that are tried, along each level axis and up.
+        const CENTERS: [usize; 2] = [9, 10];
+        let [low, high] = [0.05, 0.95].map(|share| along(&self.subject, share));
+        let extent = level_extent(high - low, frame.up);
+        let matter = Matter::of(scene, low - 0.5 * (high - low), high + 0.5 * (high - low));
+        // Level: where most is. Up: evenly, since heads are where little is.
+        let level = |axis: DVec3, k: usize| {
+            let share = 0.1 + 0.8 * k as f64 / (CENTERS[0] - 1) as f64;
+            axis * percentile(self.subject.iter().map(|p| p.dot(axis)).collect(), share)
+        };
+        let up = |k: usize| {
+            let share = (k + 1) as f64 / (CENTERS[1] + 1) as f64;
+            low.lerp(high, share).project_onto_normalized(frame.up)
+        };
+        let axes = frame.level.map(|axis| (0..CENTERS[0]).map(|k| level(axis, k)).collect::<Vec<_>>());
+        let mut centers = Vec::new();
+        for (x, y) in axes[0].iter().flat_map(|x| axes[1].iter().map(move |y| (x, y))) {
+            centers.extend((0..CENTERS[1]).map(|k| *x + *y + up(k)));
+        }
+        Ring::best(&matter, frame, &centers, extent)
+    }
+}
+
+/// The share of all directions from `center` that the scene beyond `distance` would hide, were it not for overlaps.
+fn surroundings(scene: &Scene, center: DVec3, distance: f64) -> f64 {
+    let gaussians = scene.gaussians();
+    let solid_angle = |i: usize| {
+        let squared = DVec3::from(gaussians.mean(i).map(f64::from)).distance_squared(center);
+        let is_far = squared > distance * distance;
+        let area = matter::area(gaussians.scale(i)) * f64::from(gaussians.opacities[i]);
+        if is_far { (area / squared).min(TAU) } else { 0.0 }
+    };
+    (0..gaussians.len()).map(solid_angle).sum::<f64>() / (2.0 * TAU)
+}
+
 /// The smaller of the two level extents.
-fn level_width(extent: DVec3, up: DVec3) -> f64 {
+fn level_extent(extent: DVec3, up: DVec3) -> f64 {
     if up.z != 0.0 { extent.x.min(extent.y) } else { extent.x.min(extent.z) }
 }
 
 /// A closed orbit of `frames` cameras (at least 1) at 30 frames per second that keeps `scene` in view: around an
-/// object, all of it in the image; in a place, from within and across its middle.
+/// object, all of it in the image; in a place, across a free part of it.
 ///
 /// # Errors
 /// [`CameraError`] if the size is zero or too large.
 pub fn around(scene: &Scene, frames: usize, width: u32, height: u32) -> Result<CameraPath, CameraError> {
-    let Bounds { center, radius, extent, is_object, up } = Bounds::of(scene);
     let intrinsics = Intrinsics::from_fov_y(width, height, FOV_Y);
-    let half_fov_x = (0.5 * f64::from(width) / intrinsics.fx).atan();
-    let distance = if is_object {
-        radius / half_fov_x.min(0.5 * FOV_Y).sin()
-    } else {
-        PLACE_DISTANCE * level_width(extent, up)
-    };
+    let survey = Survey::of(scene);
+    let up = survey.bounds.up;
     let side = up.any_orthonormal_vector();
-    let forward = up.cross(side);
-    let camera = |frame: usize| {
-        let angle = TAU * frame as f64 / frames.max(1) as f64;
-        let level = side * angle.cos() + forward * angle.sin();
-        let eye = center + distance * (level * ELEVATION.cos() + up * ELEVATION.sin());
-        look_at(eye, center, up, intrinsics)
+    let half_size = [0.5 * f64::from(width) / intrinsics.fx, 0.5 * f64::from(height) / intrinsics.fy];
+    let frame = Frame { up, level: [side, up.cross(side)], half_size };
+    // A place that is full everywhere is looked at from without, too.
+    let ring = if survey.bounds.is_object { None } else { survey.within_place(scene, &frame) };
+    let (center, distance) = survey.around_object(&frame);
+    let view = |share: f64| match &ring {
+        Some(ring) => ring.view(&frame, share),
+        None => {
+            let outward = frame.direction(share) * ELEVATION.cos() + up * ELEVATION.sin();
+            (center + distance * outward, center)
+        }
+    };
+    let camera = |k: usize| {
+        let (eye, target) = view(k as f64 / frames.max(1) as f64);
+        look_at(eye, target, up, intrinsics)
     };
     Ok(CameraPath::cycle((0..frames.max(1)).map(camera).collect::<Result<_, _>>()?))
 }
@@ -106,6 +191,11 @@ pub fn look_at(eye: DVec3, target: DVec3, up: DVec3, intrinsics: Intrinsics) -> 
     let down = forward.cross(right);
     let view_from_world = DMat3::from_cols(right, down, forward).transpose();
     Camera::new(DAffine3 { matrix3: view_from_world, translation: -(view_from_world * eye) }, intrinsics)
+}
+
+/// The point below which `share` of `points` lie along each axis; 0 for none.
+fn along(points: &[DVec3], share: f64) -> DVec3 {
+    DVec3::from_array(std::array::from_fn(|axis| percentile(points.iter().map(|p| p[axis]).collect(), share)))
 }
 
 /// The value below which `share` of `values` lie; 0 for none.
@@ -164,6 +254,57 @@ mod tests {
                     assert!(seen.count() as f64 > 0.95 * scene.gaussians().len() as f64);
                 }
             }
+        }
+    }
+
+    /// A room of 10 × 12 × 3 with walls of Gaussians, cupboards along two of them, a pillar in its middle, and a far sky.
+    fn room() -> Scene {
+        let mut points: Vec<(DVec3, f32)> = Vec::new();
+        let steps = |from: f64, to: f64| {
+            let count = ((to - from) / 0.2).round() as usize;
+            (0..=count).map(move |k| from + 0.2 * k as f64)
+        };
+        let is_wall = |v: f64, low: f64, high: f64| (v - low).abs() < 0.1 || (v - high).abs() < 0.1;
+        for (x, y) in steps(-5.0, 5.0).flat_map(|x| steps(-6.0, 6.0).map(move |y| (x, y))) {
+            for z in steps(0.0, 3.0) {
+                let wall = is_wall(x, -5.0, 5.0) || is_wall(y, -6.0, 6.0) || is_wall(z, 0.0, 3.0);
+                let cupboard = (x < -3.5 || y > 5.0) && z < 2.0;
+                let pillar = x.abs() < 0.8 && y.abs() < 0.8;
+                if wall || cupboard || pillar {
+                    points.push((DVec3::new(x, y, z), 0.12));
+                }
+            }
+        }
+        for k in 0..2_000 {
+            let height = 2.0 * (f64::from(k) + 0.5) / 2_000.0 - 1.0;
+            let (sin, cos) = (f64::from(k) * 2.399_963).sin_cos();
+            let ring = (1.0 - height * height).sqrt();
+            points.push((200.0 * DVec3::new(ring * cos, ring * sin, height), 10.0));
+        }
+        let mut g = Gaussians::zeroed(points.len(), 0);
+        for (i, (p, scale)) in points.into_iter().enumerate() {
+            for axis in 0..3 {
+                g.means[axis][i] = p[axis] as f32;
+                g.scales[axis][i] = scale;
+            }
+            g.rotations[0][i] = 1.0;
+            g.opacities[i] = 0.9;
+        }
+        Scene::new(g, OpacityMode::Default).unwrap()
+    }
+
+    #[test]
+    fn a_place_is_seen_from_free_points_within_it() {
+        let scene = room();
+        let bounds = Bounds::of(&scene);
+        assert!(!bounds.is_object && bounds.up == DVec3::Z, "{bounds:?}");
+        for camera in around(&scene, 40, 160, 90).unwrap().cameras() {
+            let eye = camera.position();
+            let is_inside = eye.abs().cmplt(DVec3::new(5.0, 6.0, 3.0)).all() && eye.z > 0.0;
+            let nearest = (0..scene.gaussians().len())
+                .map(|i| eye.distance(DVec3::from(scene.gaussians().mean(i).map(f64::from))))
+                .fold(f64::INFINITY, f64::min);
+            assert!(is_inside && nearest > 0.2, "{eye} with matter at {nearest}");
         }
     }
 
