@@ -1,7 +1,28 @@
 //! Trains the networks of gs3 on frames rendered from scenes.
 //!
-//! A [`Clip`] holds what a network is fed along a camera path, and the native frames it should give.
+//! A [`Clip`] holds what a network is fed along a camera path, and the native frames it should give. A [`Trainer`] runs
+//! the network through parts of clips, differentiates its loss through time and moves its weights; [`validate()`] says
+//! what they gain over reconstruction without learning on clips kept apart.
 
+mod batch;
+mod checkpoint;
 pub mod clip;
+mod error;
+mod log;
+pub mod losses;
+mod optimise;
+mod session;
+mod settings;
+mod trainer;
+mod unroll;
+mod validate;
 
+pub use batch::ClipFolder;
+pub use checkpoint::save_weights;
 pub use clip::{Clip, ClipError, ClipFile, Frame, Network, Plane, Window};
+pub use error::TrainError;
+pub use log::{Log, Row};
+pub use session::{Ending, Event, Places, train};
+pub use settings::{Length, MARGIN, Settings};
+pub use trainer::{Best, State, Step, Trainer};
+pub use validate::{Gain, Validation, validate};

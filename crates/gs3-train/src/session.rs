@@ -1,0 +1,232 @@
+//! A training from its beginning, or its last checkpoint, to its end.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use gs3_neural::Weights;
+
+use crate::batch::ClipFolder;
+use crate::checkpoint;
+use crate::error::TrainError;
+use crate::log::{Log, Row};
+use crate::losses::Terms;
+use crate::settings::Settings;
+use crate::trainer::{Best, State, Step, Trainer};
+use crate::validate::{Validation, validate};
+
+/// Where a training reads and writes, and how often.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Places {
+    /// Clips, `*.clip`; those whose names begin with `held` are kept for validation.
+    pub clips: PathBuf,
+    /// Checkpoints, `log.csv` and `log.png`.
+    pub checkpoint: PathBuf,
+    /// Weights: the best on held-out clips; without such clips the last average.
+    pub out: PathBuf,
+    /// Steps between two rows of the log.
+    pub log_every: u64,
+    /// Steps between two validations.
+    pub validate_every: u64,
+    /// Seconds between two checkpoints.
+    pub save_every: f64,
+}
+
+/// What happens during a training.
+#[derive(Clone, Copy, Debug)]
+pub enum Event<'a> {
+    /// It goes on from the checkpoint of a step.
+    Resumed {
+        /// The step.
+        step: u64,
+        /// Seconds of training until then.
+        seconds: f64,
+    },
+    /// A step was made.
+    Step {
+        /// What it did.
+        step: &'a Step,
+        /// Seconds of training.
+        seconds: f64,
+        /// Share of the training that is done, `[0, 1]`.
+        progress: f64,
+        /// Floating-point operations of its convolutions.
+        operations: f64,
+    },
+    /// The average was looked at on held-out clips.
+    Validated {
+        /// Steps made.
+        step: u64,
+        /// Its gains.
+        validation: &'a Validation,
+        /// Whether no average was better.
+        is_best: bool,
+    },
+}
+
+/// How a training ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// After its length.
+    Finished,
+    /// Because it was asked to; it can be taken up again.
+    Interrupted,
+}
+
+/// Trains from the last checkpoint, or from `start` where there is none, until the end or until `go_on` says no; a step is
+/// always finished, and all is saved then.
+///
+/// # Errors
+/// [`TrainError`] if settings, clips or weights do not fit, a file cannot be read or written, or the loss diverges.
+pub fn train(
+    settings: Settings,
+    places: &Places,
+    start: Weights,
+    report: &mut dyn FnMut(Event<'_>),
+    go_on: &dyn Fn() -> bool,
+) -> Result<(State, Ending), TrainError> {
+    settings.check()?;
+    let clips = ClipFolder::open(&places.clips, &settings)?;
+    let file = |source| TrainError::File { path: places.checkpoint.clone(), source };
+    std::fs::create_dir_all(&places.checkpoint).map_err(file)?;
+    let state = resume(&places.checkpoint, start)?;
+    let (first, seconds) = (state.steps(), state.seconds);
+    if first > 0 {
+        report(Event::Resumed { step: first, seconds });
+    }
+    let mut session = Session {
+        log: Log::open(&places.checkpoint.join("log.csv"), first)?,
+        operations: 0.0,
+        trainer: Trainer::new(settings, state)?,
+        clips,
+        places,
+        since: Means::default(),
+        saved: seconds,
+    };
+    session.operations = session.trainer.operations()?;
+    let ending = session.run(report, go_on)?;
+    Ok((session.trainer.state, ending))
+}
+
+/// The last checkpoint in `folder`, or the state before the first step with `start`. What weights come from is what
+/// `start` says.
+fn resume(folder: &Path, start: Weights) -> Result<State, TrainError> {
+    let Some(mut state) = checkpoint::load(folder)? else { return Ok(State::new(start)) };
+    let best = state.best.as_mut().map(|best| &mut best.weights);
+    for weights in [&mut state.weights, &mut state.average].into_iter().chain(best) {
+        weights.header.training_data.clone_from(&start.header.training_data);
+        weights.header.licence.clone_from(&start.header.licence);
+    }
+    Ok(state)
+}
+
+struct Session<'a> {
+    trainer: Trainer,
+    clips: ClipFolder,
+    places: &'a Places,
+    log: Log,
+    operations: f64,
+    /// What steps did since the last row of the log.
+    since: Means,
+    /// Seconds of training at the last checkpoint.
+    saved: f64,
+}
+
+/// Sums over steps.
+#[derive(Clone, Copy, Debug, Default)]
+struct Means {
+    count: u64,
+    terms: Terms,
+    loss: f64,
+    gradient: f64,
+}
+
+impl Session<'_> {
+    fn run(
+        &mut self,
+        report: &mut dyn FnMut(Event<'_>),
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Ending, TrainError> {
+        // Training alone counts, not time between its parts.
+        let (started, before) = (Instant::now(), self.trainer.state.seconds);
+        let ending = loop {
+            let progress = self.progress();
+            if progress >= 1.0 {
+                break Ending::Finished;
+            }
+            if !go_on() {
+                break Ending::Interrupted;
+            }
+            let step = self.trainer.step(&self.clips.train, progress)?;
+            let seconds = before + started.elapsed().as_secs_f64();
+            self.trainer.state.seconds = seconds;
+            self.since.add(&step);
+            let (progress, operations) = (self.progress(), self.operations);
+            report(Event::Step { step: &step, seconds, progress, operations });
+            let is_due = |every: u64| step.step.is_multiple_of(every.max(1)) || progress >= 1.0;
+            let gains = if is_due(self.places.validate_every) { self.validate(report)? } else { None };
+            if is_due(self.places.log_every) || gains.is_some() {
+                self.write_row(&step, gains)?;
+            }
+            if seconds - self.saved >= self.places.save_every {
+                self.save()?;
+            }
+        };
+        self.save()?;
+        Ok(ending)
+    }
+
+    fn progress(&self) -> f64 {
+        let State { seconds, .. } = self.trainer.state;
+        self.trainer.settings().length.progress(self.trainer.state.steps(), seconds)
+    }
+
+    /// Looks at the average on held-out clips, and keeps it if none was better.
+    fn validate(&mut self, report: &mut dyn FnMut(Event<'_>)) -> Result<Option<[f64; 2]>, TrainError> {
+        let validation = validate(self.trainer.graph(), &self.trainer.state.average, &self.clips.held)?;
+        let Some([gain, _]) = validation.mean else { return Ok(None) };
+        let step = self.trainer.state.steps();
+        let State { average, best, .. } = &mut self.trainer.state;
+        let is_best = best.as_ref().is_none_or(|best| gain > best.gain);
+        if is_best {
+            *best = Some(Best { weights: average.clone(), step, gain });
+        }
+        report(Event::Validated { step, validation: &validation, is_best });
+        Ok(validation.mean)
+    }
+
+    fn write_row(&mut self, step: &Step, gains: Option<[f64; 2]>) -> Result<(), TrainError> {
+        let means = std::mem::take(&mut self.since).means();
+        self.log.add(Row {
+            step: step.step,
+            seconds: self.trainer.state.seconds,
+            rate: f64::from(step.rate),
+            loss: means.loss,
+            terms: means.terms,
+            gradient: means.gradient,
+            gains,
+        })
+    }
+
+    fn save(&mut self) -> Result<(), TrainError> {
+        let State { average, best, .. } = &self.trainer.state;
+        checkpoint::save_weights(&self.places.out, best.as_ref().map_or(average, |best| &best.weights))?;
+        checkpoint::save(&self.places.checkpoint, &self.trainer.state)?;
+        self.saved = self.trainer.state.seconds;
+        Ok(())
+    }
+}
+
+impl Means {
+    fn add(&mut self, step: &Step) {
+        self.count += 1;
+        self.terms += step.terms;
+        self.loss += step.loss;
+        self.gradient += step.gradient;
+    }
+
+    fn means(mut self) -> Self {
+        let count = self.count.max(1) as f64;
+        self.terms /= count;
+        Self { loss: self.loss / count, gradient: self.gradient / count, ..self }
+    }
+}

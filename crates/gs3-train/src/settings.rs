@@ -1,0 +1,144 @@
+//! How a training goes.
+
+use gs3_neural::model::Tier;
+
+use crate::clip::Network;
+use crate::error::TrainError;
+use crate::losses::{Loss, Term, Terms};
+
+/// LR pixels at each side of a crop that losses do not see: there the network saw copies of the border.
+pub const MARGIN: usize = 2;
+
+/// The rate that the schedule ends with, a share of the highest: 1e-5 of the paper's 1e-3.
+const LAST_RATE: f64 = 1e-2;
+
+/// What is trained, on what, and how fast.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// The network.
+    pub network: Network,
+    /// Its size.
+    pub tier: Tier,
+    /// HR pixels per LR pixel along a side.
+    pub scale: u32,
+    /// Items of a step, whose derivatives are averaged.
+    pub batch: usize,
+    /// Consecutive frames of an item, through which the hidden state is differentiated.
+    pub window: usize,
+    /// Side of an item in LR pixels.
+    pub crop: usize,
+    /// Decides what every step is trained on.
+    pub seed: u64,
+    /// What is lowered.
+    pub loss: Loss,
+    /// Highest learning rate.
+    pub rate: f64,
+    /// Steps over which the rate rises from 0.
+    pub warm_up: u64,
+    /// Longest derivative by all weights; longer ones are shortened to it.
+    pub longest_gradient: f64,
+    /// How long the training is.
+    pub length: Length,
+}
+
+/// The end of a training.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Length {
+    /// After so many steps.
+    Steps(u64),
+    /// After so many seconds of training, over all its parts.
+    Seconds(f64),
+}
+
+impl Length {
+    /// The share of the training that is done after `steps` in `seconds`, `[0, 1]`.
+    #[must_use]
+    pub fn progress(&self, steps: u64, seconds: f64) -> f64 {
+        let share = match self {
+            Self::Steps(length) => steps as f64 / *length as f64,
+            Self::Seconds(length) => seconds / length,
+        };
+        share.clamp(0.0, 1.0)
+    }
+}
+
+impl Settings {
+    /// What a network is trained with unless something else is wanted.
+    #[must_use]
+    pub fn new(network: Network, tier: Tier, scale: u32, length: Length) -> Self {
+        let mut weights = Terms::default();
+        weights.set(Term::Charbonnier, 1.0);
+        match network {
+            Network::SuperSample => {
+                weights.set(Term::Laplacian, 0.1);
+                weights.set(Term::Temporal, 0.1);
+            }
+            Network::Interpolate => {}
+        }
+        Self {
+            network,
+            tier,
+            scale,
+            batch: 8,
+            window: 6,
+            crop: 64,
+            seed: 0,
+            loss: Loss { weights, epsilon: 1e-3 },
+            rate: 1e-3,
+            warm_up: 100,
+            longest_gradient: 1.0,
+            length,
+        }
+    }
+
+    /// The learning rate of the step after `steps`, of which `progress` is done: a linear rise, then half a cosine down
+    /// to a hundredth.
+    #[must_use]
+    pub fn rate_at(&self, steps: u64, progress: f64) -> f32 {
+        let rise = ((steps + 1) as f64 / (self.warm_up + 1) as f64).min(1.0);
+        let fall = 0.5 * (1.0 + (std::f64::consts::PI * progress).cos());
+        (self.rate * rise * (LAST_RATE + (1.0 - LAST_RATE) * fall)) as f32
+    }
+
+    /// Whether all numbers are in range.
+    ///
+    /// # Errors
+    /// [`TrainError::Setting`] naming the first that is not.
+    pub fn check(&self) -> Result<(), TrainError> {
+        let fail = |name, expected: &str, actual: String| {
+            Err(TrainError::Setting { name, expected: expected.to_owned(), actual })
+        };
+        let least_crop = 2 * MARGIN + 1;
+        let length = match self.length {
+            Length::Steps(steps) => steps as f64,
+            Length::Seconds(seconds) => seconds,
+        };
+        let positive = |v: f64| v.is_finite() && v > 0.0;
+        let weights = Term::ALL.map(|term| (term.name(), self.loss.weights.get(term)));
+        if !(1..=4096).contains(&self.batch) {
+            return fail("batch", "1 to 4096", self.batch.to_string());
+        }
+        if !(1..=4096).contains(&self.window) {
+            return fail("window", "1 to 4096", self.window.to_string());
+        }
+        if !(least_crop..=4096).contains(&self.crop) {
+            return fail("crop", &format!("{least_crop} to 4096"), self.crop.to_string());
+        }
+        if !positive(length) {
+            return fail("length", "more than 0", length.to_string());
+        }
+        if !positive(self.rate) {
+            return fail("rate", "more than 0", self.rate.to_string());
+        }
+        if !positive(self.longest_gradient) {
+            return fail("longest gradient", "more than 0", self.longest_gradient.to_string());
+        }
+        if !positive(f64::from(self.loss.epsilon)) {
+            return fail("epsilon", "more than 0", self.loss.epsilon.to_string());
+        }
+        match weights.into_iter().find(|(_, weight)| !(weight.is_finite() && *weight >= 0.0)) {
+            Some((name, weight)) => fail(name, "a weight of at least 0", weight.to_string()),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,200 @@
+//! Steps of a training.
+
+use std::path::Path;
+use std::sync::Mutex;
+
+use gs3_neural::model::initial_weights;
+use gs3_neural::{Adam, Graph, Header, Weights};
+use rayon::prelude::*;
+
+use crate::batch::choose;
+use crate::checkpoint;
+use crate::clip::ClipFile;
+use crate::error::TrainError;
+use crate::losses::Terms;
+use crate::optimise;
+use crate::settings::Settings;
+use crate::unroll::{ItemResult, Memory, Unroll, operations_per_pixel};
+
+/// What a training has come to: all that a checkpoint holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct State {
+    /// The weights that steps move.
+    pub weights: Weights,
+    /// Their running mean, which is what is used in the end.
+    pub average: Weights,
+    /// The optimiser's means.
+    pub adam: Adam,
+    /// The average that was best on held-out clips.
+    pub best: Option<Best>,
+    /// Seconds of training.
+    pub seconds: f64,
+}
+
+/// Weights and what they gain.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Best {
+    /// The weights.
+    pub weights: Weights,
+    /// Their step.
+    pub step: u64,
+    /// Their mean gain on held-out clips in dB.
+    pub gain: f64,
+}
+
+impl State {
+    /// Before the first step.
+    #[must_use]
+    pub fn new(weights: Weights) -> Self {
+        let adam = Adam::new(&weights.arrays);
+        Self { average: weights.clone(), weights, adam, best: None, seconds: 0.0 }
+    }
+
+    /// Steps made.
+    #[must_use]
+    pub fn steps(&self) -> u64 {
+        self.adam.steps()
+    }
+}
+
+/// Makes steps. Results depend on settings, weights and clips alone, not on the number of threads.
+#[derive(Debug)]
+pub struct Trainer {
+    settings: Settings,
+    graph: Graph,
+    unroll: Unroll,
+    /// What has been learned.
+    pub state: State,
+    /// Memory of items, as many as have been worked on at once.
+    memories: Mutex<Vec<Memory>>,
+}
+
+/// What a step did.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// Its number, from 1.
+    pub step: u64,
+    /// Mean values of the terms, without their weights.
+    pub terms: Terms,
+    /// The loss: the terms, weighted.
+    pub loss: f64,
+    /// Length of the derivative by all weights, before it was shortened.
+    pub gradient: f64,
+    /// Learning rate.
+    pub rate: f32,
+}
+
+impl Trainer {
+    /// A training that goes on from `state`.
+    ///
+    /// # Errors
+    /// [`TrainError`] if settings are out of range or weights are another network's.
+    pub fn new(settings: Settings, state: State) -> Result<Self, TrainError> {
+        let graph = settings.network.graph(settings.scale, settings.tier)?;
+        let unroll = Unroll::new(&graph, &settings)?;
+        state.weights.check(&graph)?;
+        state.average.check(&graph)?;
+        Ok(Self { settings, graph, unroll, state, memories: Mutex::default() })
+    }
+
+    /// The header of weights trained with `settings`.
+    ///
+    /// # Errors
+    /// [`TrainError::Graph`] if there is no network of that scale.
+    pub fn header(settings: &Settings, training_data: &str, licence: &str) -> Result<Header, TrainError> {
+        let graph = settings.network.graph(settings.scale, settings.tier)?;
+        Ok(Header {
+            network: graph.name().to_owned(),
+            version: graph.version(),
+            scale: settings.scale,
+            tier: settings.tier.name().to_owned(),
+            training_data: training_data.to_owned(),
+            licence: licence.to_owned(),
+        })
+    }
+
+    /// The weights that a training from nothing begins with: those of the analytic pipeline.
+    ///
+    /// # Errors
+    /// [`TrainError::Graph`] if there is no network of that scale.
+    pub fn initial(settings: &Settings, header: Header) -> Result<Weights, TrainError> {
+        let graph = settings.network.graph(settings.scale, settings.tier)?;
+        Ok(initial_weights(&graph, header, settings.seed))
+    }
+
+    /// Weights of a file that a training can begin with.
+    ///
+    /// # Errors
+    /// [`TrainError`] if they cannot be read or are not those of the network.
+    pub fn load(settings: &Settings, path: &Path) -> Result<Weights, TrainError> {
+        let graph = settings.network.graph(settings.scale, settings.tier)?;
+        let weights = Weights::load(path).and_then(|weights| weights.check(&graph).map(|()| weights));
+        weights.map_err(checkpoint::within(path))
+    }
+
+    /// The settings.
+    #[must_use]
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// The network.
+    #[must_use]
+    pub fn graph(&self) -> &Graph {
+        &self.graph
+    }
+
+    /// Floating-point operations of a step's convolutions.
+    ///
+    /// # Errors
+    /// [`TrainError::Graph`] if the graph cannot take the size.
+    pub fn operations(&self) -> Result<f64, TrainError> {
+        let Settings { batch, window, crop, .. } = self.settings;
+        Ok(operations_per_pixel(&self.graph, crop)? * (batch * window * crop * crop) as f64)
+    }
+
+    /// Makes a step on parts of `clips`, when `progress` of the training is done.
+    ///
+    /// # Errors
+    /// [`TrainError`] if a clip cannot be read, or the loss is no longer a number; the state is as before then.
+    pub fn step(&mut self, clips: &[ClipFile], progress: f64) -> Result<Step, TrainError> {
+        let (batch, done) = (self.settings.batch, self.state.steps());
+        let packed = self.unroll.pack(&self.state.weights)?;
+        let item = |k: usize| -> Result<Option<ItemResult>, TrainError> {
+            let Some((file, window)) = choose(clips, &self.settings, done, k) else { return Ok(None) };
+            let clip = file.read(&window)?;
+            let mut memory = self.take_memory();
+            let result = self.unroll.run(&packed, &clip, &mut memory)?;
+            self.memories.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push(memory);
+            Ok(Some(result))
+        };
+        let items: Vec<Result<Option<ItemResult>, TrainError>> =
+            (0..batch).into_par_iter().with_max_len(1).map(item).collect();
+
+        // In the order of items, whichever thread was first.
+        let (mut v_weights, mut terms) = (self.unroll.v_weights(), Terms::default());
+        for item in items {
+            let Some(item) = item? else { continue };
+            optimise::add(&mut v_weights, &item.v_weights);
+            terms += item.terms;
+        }
+        terms /= batch as f64;
+        let loss = terms.weighted(&self.settings.loss.weights);
+        let gradient = optimise::length(&v_weights) / batch as f64;
+        if !(loss.is_finite() && gradient.is_finite()) {
+            return Err(TrainError::Diverged { step: done + 1, loss });
+        }
+        let shortened = (self.settings.longest_gradient / gradient).min(1.0);
+        optimise::multiply(&mut v_weights, (shortened / batch as f64) as f32);
+        let rate = self.settings.rate_at(done, progress);
+        let State { weights, average, adam, .. } = &mut self.state;
+        adam.step(&mut weights.arrays, &v_weights, rate)?;
+        optimise::average(&mut average.arrays, &weights.arrays, done + 1);
+        Ok(Step { step: done + 1, terms, loss, gradient, rate })
+    }
+
+    fn take_memory(&self) -> Memory {
+        let free = self.memories.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).pop();
+        free.unwrap_or_else(|| self.unroll.memory())
+    }
+}

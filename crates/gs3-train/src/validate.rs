@@ -1,0 +1,118 @@
+//! What a network gains over reconstruction without learning, on clips it was not trained on.
+
+use gs3_neural::{Engine, Graph, Named, Weights};
+
+use crate::clip::{ClipFile, Frame, HIDDEN, Network, Window, from_unorm};
+use crate::error::TrainError;
+use crate::losses::CHANNELS;
+use crate::unroll::decode;
+
+/// A mean squared error below which frames count as equal: 100 dB. The noise of targets in 16 bits is at 107 dB.
+const LEAST_ERROR: f64 = 1e-10;
+
+/// Gains of a network in dB.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Validation {
+    /// Of each clip.
+    pub clips: Vec<Gain>,
+    /// Means over clips; none without clips.
+    pub mean: Option<[f64; 2]>,
+}
+
+/// What a network gains on a clip.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Gain {
+    /// The clip's name.
+    pub name: String,
+    /// Mean PSNR of its frames over that of frames without learning, in dB.
+    pub psnr: f64,
+    /// The same of tPSNR, of frame differences.
+    pub tpsnr: f64,
+    /// Mean PSNR without learning, in dB.
+    pub analytic: f64,
+}
+
+/// Runs `graph` with `weights` through all of `clips`. Work is spread over the current rayon thread pool; results do not
+/// depend on its size.
+///
+/// # Errors
+/// [`TrainError`] if a clip cannot be read or does not fit the network.
+pub fn validate(graph: &Graph, weights: &Weights, clips: &[ClipFile]) -> Result<Validation, TrainError> {
+    let gains: Vec<Gain> = clips.iter().map(|clip| gain(graph, weights, clip)).collect::<Result<_, _>>()?;
+    let mean = |value: fn(&Gain) -> f64| gains.iter().map(value).sum::<f64>() / gains.len() as f64;
+    let mean = (!gains.is_empty()).then(|| [mean(|gain| gain.psnr), mean(|gain| gain.tpsnr)]);
+    Ok(Validation { clips: gains, mean })
+}
+
+fn gain(graph: &Graph, weights: &Weights, file: &ClipFile) -> Result<Gain, TrainError> {
+    let mut engine = Engine::new(graph, weights, file.lr())?;
+    let mut hidden = vec![0.0; engine.shape(HIDDEN).map_or(0, |shape| shape.len())];
+    let hr = file.lr().map(|side| side * file.scale() as usize);
+    let mut color = vec![0.0; hr[0] * hr[1] * CHANNELS];
+    let mut next = hidden.clone();
+    let mut inputs = Vec::new();
+    // Errors of this frame and the last: of the network's images, and of those without learning.
+    let mut errors: [[Vec<f32>; 2]; 2] = Default::default();
+    let (mut sums, mut changes) = ([0.0; 2], [0.0; 2]);
+    for k in 0..file.frames() {
+        // Frame by frame: a clip of whole images need not fit into memory.
+        let [rows, columns] = file.lr();
+        let clip = file.read(&Window { frames: k..k + 1, rows: 0..rows, columns: 0..columns })?;
+        let Some(frame) = clip.frames.first() else { continue };
+        decode(frame, &mut inputs);
+        let named = frame.inputs.iter().zip(&inputs);
+        let mut images: Vec<Named<'_>> = named.map(|(plane, v)| (&*plane.name, &**v)).collect();
+        images.push((HIDDEN, &hidden));
+        engine.run(&images, &mut [("color", &mut color), (HIDDEN, &mut next)])?;
+        std::mem::swap(&mut hidden, &mut next);
+        let analytic = without_learning(file.network(), frame, &inputs);
+        for (which, image) in [&color, &analytic].into_iter().enumerate() {
+            let [last, now] = &mut errors[which];
+            std::mem::swap(last, now);
+            subtract(image, &frame.target, now);
+            sums[which] += psnr(now.iter().copied());
+            if k > 0 {
+                changes[which] += psnr(now.iter().zip(last.iter()).map(|(now, last)| now - last));
+            }
+        }
+    }
+    let frames = file.frames() as f64;
+    let name = file.path().file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let [psnr, tpsnr] = [(sums, frames), (changes, (frames - 1.0).max(1.0))].map(|(v, n)| (v[0] - v[1]) / n);
+    Ok(Gain { name, psnr, tpsnr, analytic: sums[1] / frames })
+}
+
+/// The image that reconstruction without learning gives, HR, `[height, width, 4]`.
+fn without_learning(network: Network, frame: &Frame, inputs: &[Vec<f32>]) -> Vec<f32> {
+    let input = |name: &str| {
+        let place = frame.inputs.iter().position(|plane| plane.name == name);
+        place.and_then(|k| inputs.get(k)).map_or(&[][..], |image| &image[..])
+    };
+    match network {
+        Network::SuperSample => input("history").to_vec(),
+        Network::Interpolate => {
+            let (before, after) = (input("before").as_chunks::<4>().0, input("after").as_chunks::<4>().0);
+            let pixels = before.iter().zip(after).zip(input("share"));
+            pixels
+                .flat_map(|((b, a), t)| std::array::from_fn::<f32, 4, _>(|c| b[c] + t * (a[c] - b[c])))
+                .collect()
+        }
+    }
+}
+
+/// Errors of an image, `[height, width, 4]`, shown in `[0, 1]`, against a target: RGB.
+fn subtract(image: &[f32], target: &[u16], errors: &mut Vec<f32>) {
+    let pixels = image.as_chunks::<4>().0.iter().zip(target.as_chunks::<3>().0);
+    errors.clear();
+    errors.extend(
+        pixels
+            .flat_map(|(image, target)| [0, 1, 2].map(|c| image[c].clamp(0.0, 1.0) - from_unorm(target[c]))),
+    );
+}
+
+/// PSNR in dB of errors, peak 1.
+fn psnr(errors: impl ExactSizeIterator<Item = f32>) -> f64 {
+    let count = errors.len() as f64;
+    let sum: f64 = errors.map(|e| f64::from(e) * f64::from(e)).sum();
+    -10.0 * (sum / count).max(LEAST_ERROR).log10()
+}
