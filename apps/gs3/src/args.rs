@@ -11,6 +11,7 @@ use gs3::{Culling, Dilation, Mode, PipelineSettings, Sampling};
 
 use crate::evaluate::EvaluateArgs;
 use crate::simplify::SimplifyArgs;
+use crate::train_clips::ClipsArgs;
 
 /// Shows trained 3D Gaussian Splatting scenes sharp and fluid.
 #[derive(Debug, Parser)]
@@ -36,6 +37,15 @@ pub enum Command {
     Evaluate(EvaluateArgs),
     /// Keep the Gaussians that matter most to given cameras
     Simplify(SimplifyArgs),
+    /// Train networks
+    #[command(subcommand)]
+    Train(Train),
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Train {
+    /// Render clips from scenes, to train and validate on
+    Clips(ClipsArgs),
 }
 
 /// What to look at.

@@ -14,6 +14,8 @@ use gs3_evaluate::metrics::MetricError;
 use gs3_evaluate::photos::PhotoError;
 use gs3_evaluate::protocol::EvaluateError;
 use gs3_evaluate::simplify::SimplifyError;
+use gs3_train::ClipError;
+use gs3_train::clips::MakeError;
 
 /// Why a command stopped.
 #[derive(Debug, thiserror::Error)]
@@ -48,6 +50,10 @@ pub enum CliError {
     Methods(#[from] SpecError),
     #[error("{0}")]
     Photos(#[from] PhotoError),
+    #[error("{0}")]
+    Clip(#[from] ClipError),
+    #[error("{0}")]
+    Clips(#[from] MakeError),
     #[error("{}: cannot be written: {source}", path.display())]
     Write { path: PathBuf, source: io::Error },
     #[error("{option}: expected {expected}, found {actual}")]

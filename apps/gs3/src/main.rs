@@ -20,6 +20,7 @@ mod output;
 mod render;
 mod report;
 mod simplify;
+mod train_clips;
 mod video;
 
 use std::process::ExitCode;
@@ -27,7 +28,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use clap::error::ErrorKind;
 
-use args::{Args, Command};
+use args::{Args, Command, Train};
 use error::CliError;
 
 /// Exit code for bad input, also clap's.
@@ -61,6 +62,7 @@ fn main() -> ExitCode {
         Command::Bench(args) => bench::run(args),
         Command::Evaluate(args) => evaluate::run(args),
         Command::Simplify(args) => simplify::run(args),
+        Command::Train(Train::Clips(args)) => train_clips::run(args),
     };
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

@@ -7,6 +7,7 @@
 mod batch;
 mod checkpoint;
 pub mod clip;
+pub mod clips;
 mod error;
 mod log;
 pub mod losses;

@@ -1,0 +1,62 @@
+//! Why clips cannot be made.
+
+use gs3::raster::RasterError;
+use gs3::reconstruct::ReconstructError;
+use gs3::scene::CameraError;
+
+use super::framing::Framing;
+use crate::clip::ClipError;
+
+/// A clip that cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum MakeError {
+    /// The size of a clip is not one that its network works on, or larger than any view.
+    #[error(
+        "size of clips: expected multiples of {scale} up to {}×{}, found {}×{}",
+        Framing::LARGEST[0], Framing::LARGEST[1], actual[0], actual[1]
+    )]
+    Size {
+        /// HR pixels per LR pixel along a side.
+        scale: u32,
+        /// Width and height found.
+        actual: [u32; 2],
+    },
+    /// There are no frames to record.
+    #[error("frames of a clip: expected at least 1, found 0")]
+    Frames,
+    /// The share of clips to hold out makes no sense.
+    #[error("held-out share: expected at least 0 and at most 0.5, found {actual}")]
+    HeldOut {
+        /// The share found.
+        actual: f64,
+    },
+    /// There is no camera to start from.
+    #[error("{scene}: expected at least one camera path, found none")]
+    NoPath {
+        /// The scene.
+        scene: String,
+    },
+    /// The scene shows nothing where cameras start.
+    #[error("{scene}: expected a window that shows something, found none in {attempts} random views")]
+    NothingInSight {
+        /// The scene.
+        scene: String,
+        /// Views that were tried.
+        attempts: usize,
+    },
+    /// A camera makes no sense.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    /// A frame cannot be rasterized.
+    #[error(transparent)]
+    Raster(#[from] RasterError),
+    /// A frame cannot be reconstructed.
+    #[error(transparent)]
+    Reconstruct(#[from] ReconstructError),
+    /// A clip does not fit its network, or cannot be written.
+    #[error(transparent)]
+    Clip(#[from] ClipError),
+    /// No thread can be started.
+    #[error("threads: {0}")]
+    Threads(#[from] rayon::ThreadPoolBuildError),
+}

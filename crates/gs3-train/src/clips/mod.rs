@@ -1,0 +1,93 @@
+//! Renders clips from scenes: random cameras near given paths that move at random, windows of their views, what a network
+//! is fed there and the native frames.
+//!
+//! A clip is a window of a large view, not a small view: splats, gradients and motion are as in whole frames. Around the
+//! window a margin is rendered too, and cut away, so that what enters it has a past.
+
+mod analytic;
+mod batch;
+mod draw;
+mod error;
+mod framing;
+mod movement;
+mod preview;
+mod recorder;
+mod shot;
+mod start;
+#[cfg(test)]
+mod tests;
+
+use std::sync::Arc;
+
+use gs3::Dilation;
+use gs3::scene::{CameraPath, Scene};
+
+pub use analytic::{analytic, analytic_psnr};
+pub use batch::{Batch, Made};
+pub use error::MakeError;
+pub use preview::preview;
+
+use crate::clip::Network;
+use framing::Framing;
+
+/// What clips are to be like.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClipSettings {
+    /// The network they are for.
+    pub network: Network,
+    /// HR pixels per LR pixel along a side.
+    pub scale: u32,
+    /// Frames of a clip, at least 1.
+    pub frames: usize,
+    /// Width and height in HR pixels, multiples of `scale`, up to 4096×2160.
+    pub size: [u32; 2],
+    /// Dilation of projected covariances in LR frames.
+    pub dilation: Dilation,
+    /// The last part of every path that is for held-out clips only, as a share, `[0, ½]`.
+    pub held_out: f64,
+    /// What all that is random depends on, together with a scene's name and a clip's number.
+    pub seed: u64,
+}
+
+/// A scene and where cameras may be in it.
+#[derive(Clone, Debug)]
+pub struct Source {
+    /// Names its clips.
+    pub name: String,
+    /// The scene.
+    pub scene: Arc<Scene>,
+    /// Cameras of clips are near these.
+    pub paths: Vec<CameraPath>,
+}
+
+impl ClipSettings {
+    /// Checks sizes and shares.
+    ///
+    /// # Errors
+    /// [`MakeError`] naming what makes no sense.
+    pub fn check(&self) -> Result<(), MakeError> {
+        // Refuses scales without a network, too.
+        self.network.graph(self.scale, gs3::neural::model::Tier::Fast).map_err(crate::ClipError::from)?;
+        let fits = |k: usize| {
+            self.size[k] > 0 && self.size[k].is_multiple_of(self.scale) && self.size[k] <= Framing::LARGEST[k]
+        };
+        if !(fits(0) && fits(1)) {
+            return Err(MakeError::Size { scale: self.scale, actual: self.size });
+        }
+        if self.frames == 0 {
+            return Err(MakeError::Frames);
+        }
+        if !(0.0..=0.5).contains(&self.held_out) {
+            return Err(MakeError::HeldOut { actual: self.held_out });
+        }
+        Ok(())
+    }
+
+    /// Rendered frames that the frames of a clip need, with `generate` frames between any two.
+    fn rendered(&self, generate: usize) -> usize {
+        match self.network {
+            Network::SuperSample => self.frames,
+            Network::Interpolate => self.frames.div_ceil(generate.max(1)) + 1,
+        }
+    }
+}

@@ -1,0 +1,162 @@
+//! Renders a shot, and keeps what a network is fed.
+
+use gs3::ResetReason;
+use gs3::learned::{InterpolateFeatures, Seen, SuperSampleFeatures};
+use gs3::neural::model::Tier;
+use gs3::neural::{Graph, Layer, Named, Op};
+use gs3::raster::{Culling, Outputs, RasterSettings, Rasterizer};
+use gs3::reconstruct::{Depth, Interpolator, Neighbor, SuperSampler, Warped};
+use gs3::scene::{Camera, GBuffer, Image, Jitter, Planes};
+use half::f16;
+
+use super::draw::Draw;
+use super::error::MakeError;
+use super::shot::Shot;
+use super::{ClipSettings, Source};
+use crate::clip::{Clip, ClipError, Frame, Network, Plane, to_unorm};
+
+/// Renders clips of one scene; keeps its memory between them.
+pub(super) struct Recorder<'a> {
+    source: &'a Source,
+    settings: &'a ClipSettings,
+    graph: Graph,
+    jitter: Jitter,
+    rasterizer: Rasterizer,
+    super_sampler: SuperSampler,
+    interpolator: Interpolator,
+    native: Image,
+}
+
+/// A frame as the pipeline makes it.
+struct Rendered {
+    camera: Camera,
+    gbuffer: GBuffer,
+    image: Image,
+}
+
+impl Rendered {
+    const fn neighbor(&self) -> Neighbor<'_> {
+        Neighbor { camera: &self.camera, image: &self.image, gbuffer: &self.gbuffer }
+    }
+}
+
+impl<'a> Recorder<'a> {
+    /// For clips of `source` with checked `settings`.
+    pub fn new(source: &'a Source, settings: &'a ClipSettings) -> Result<Self, MakeError> {
+        Ok(Self {
+            source,
+            settings,
+            // Inputs that clips hold are the same for all tiers.
+            graph: settings.network.graph(settings.scale, Tier::Fast).map_err(ClipError::from)?,
+            jitter: Jitter::grid(settings.scale),
+            rasterizer: Rasterizer::new(source.scene.clone(), Culling::default()),
+            super_sampler: SuperSampler::new(settings.scale)?,
+            interpolator: Interpolator::new(settings.scale)?,
+            native: Image::default(),
+        })
+    }
+
+    /// The clip of `seed`.
+    pub fn record(&mut self, seed: u64, is_held_out: bool) -> Result<Clip, MakeError> {
+        let mut draw = Draw::new(seed);
+        let shot = Shot::draw(&mut draw, self.source, self.settings, is_held_out, &mut self.rasterizer)?;
+        self.super_sampler.reset(ResetReason::CameraCut);
+        let frames = match self.settings.network {
+            Network::SuperSample => self.super_sampled(&shot)?,
+            Network::Interpolate => self.interpolated(&shot)?,
+        };
+        let ClipSettings { network, scale, .. } = *self.settings;
+        let camera = shot.camera(0.0)?.low_resolution(scale);
+        let lr = [camera.height() as usize, camera.width() as usize];
+        let clip = Clip { network, scene: self.source.name.clone(), scale, lr, frames };
+        Ok(clip.crop(&shot.framing.window(self.settings.frames))?)
+    }
+
+    /// Frames for super sampling: the analytic pipeline's and features.
+    fn super_sampled(&mut self, shot: &Shot) -> Result<Vec<Frame>, MakeError> {
+        let mut features = SuperSampleFeatures::default();
+        let mut frames = Vec::with_capacity(self.settings.frames);
+        let mut previous: Option<Rendered> = None;
+        for k in 0..shot.past + self.settings.frames {
+            let now = self.render(shot, k)?;
+            if k >= shot.past {
+                let seen = previous.as_ref().map(|p| Seen::of_gbuffer(&p.camera, &p.gbuffer)).transpose()?;
+                features.set(&now.camera, &now.gbuffer, seen, self.settings.scale)?;
+                let target = self.native(shot, &now.camera)?;
+                let history = now.image.pixels().as_flattened();
+                frames.push(frame(&self.graph, &features.named(history), target));
+            }
+            previous = Some(now);
+        }
+        Ok(frames)
+    }
+
+    /// Frames for interpolation: those around them, as the analytic pipeline makes them, warped; and features.
+    fn interpolated(&mut self, shot: &Shot) -> Result<Vec<Frame>, MakeError> {
+        let ClipSettings { frames: count, scale, .. } = *self.settings;
+        let mut features = InterpolateFeatures::default();
+        let mut frames = Vec::with_capacity(count);
+        let mut warped = Warped::default();
+        // Camera and inverse depths of the last frame between.
+        let mut last: Option<(Camera, Planes<1>)> = None;
+        for k in 0..shot.past {
+            self.render(shot, k)?;
+        }
+        let mut before = self.render(shot, shot.past)?;
+        for k in shot.past + 1.. {
+            let after = self.render(shot, k)?;
+            for part in 1..=shot.generate {
+                let t = part as f64 / (shot.generate + 1) as f64;
+                let camera = shot.camera((k - 1) as f64 + t)?;
+                let neighbors = (before.neighbor(), after.neighbor());
+                self.interpolator.warp(neighbors.0, neighbors.1, t as f32, &camera, &mut warped)?;
+                let seen = last.as_ref().map(|(camera, depth)| Seen { camera, depth: Depth::Inverse(depth) });
+                features.set(&camera, &warped.inverse_depth, t as f32, seen, scale)?;
+                let target = self.native(shot, &camera)?;
+                let [from, to] = [&warped.before, &warped.after].map(|image| image.pixels().as_flattened());
+                frames.push(frame(&self.graph, &features.named(from, to, warped.share.plane(0)), target));
+                if frames.len() == count {
+                    return Ok(frames);
+                }
+                last = Some((camera, warped.inverse_depth.clone()));
+            }
+            before = after;
+        }
+        Ok(frames)
+    }
+
+    /// Frame `k` after the reset.
+    fn render(&mut self, shot: &Shot, k: usize) -> Result<Rendered, MakeError> {
+        let scale = self.settings.scale;
+        let camera = shot.camera(k as f64)?;
+        let settings = RasterSettings {
+            outputs: Outputs::GBuffer,
+            dilation: self.settings.dilation.at_scale(scale),
+            jitter: self.jitter.offset(shot.phase + k as u64),
+            background: shot.background,
+        };
+        let mut gbuffer = GBuffer::default();
+        self.rasterizer.rasterize(&camera.low_resolution(scale), &settings, &mut gbuffer)?;
+        let mut image = Image::default();
+        self.super_sampler.super_sample(&camera, &gbuffer, &mut image)?;
+        Ok(Rendered { camera, gbuffer, image })
+    }
+
+    /// What `camera` sees natively, as a target.
+    fn native(&mut self, shot: &Shot, camera: &Camera) -> Result<Vec<u16>, MakeError> {
+        let settings = RasterSettings { background: shot.background, ..RasterSettings::new(Outputs::Color) };
+        self.rasterizer.rasterize_image(camera, &settings, &mut self.native)?;
+        Ok(self.native.pixels().iter().flat_map(|[r, g, b, _]| [*r, *g, *b]).map(to_unorm).collect())
+    }
+}
+
+/// A frame of a clip for the network `graph` from what it is fed and what it should give.
+fn frame(graph: &Graph, fed: &[Named<'_>], target: Vec<u16>) -> Frame {
+    let plane = |layer: &Layer| {
+        let Op::Input { channels, .. } = layer.op else { return None };
+        let (_, values) = fed.iter().find(|(name, _)| *name == layer.name)?;
+        let values = values.iter().map(|v| f16::from_f32(*v)).collect();
+        Some(Plane { name: layer.name.clone(), channels, values })
+    };
+    Frame { inputs: graph.inputs().filter_map(|(_, layer)| plane(layer)).collect(), target }
+}
