@@ -6,9 +6,10 @@ use std::collections::BTreeMap;
 use gs3_neural::adjoint::{Derivatives, walk_back};
 use gs3_neural::model::{Tier, interpolate, super_sample};
 use gs3_neural::{
-    Activation, Border, Conv2d, Differentiator, Filter, Graph, GraphBuilder, Header, Op, Random, Shape,
-    Weights, reference,
+    Activation, Border, Conv2d, Differentiator, Filter, Graph, GraphBuilder, Header, Op, Random, RunError,
+    Shape, WeightError, Weights, reference,
 };
+use rayon::prelude::*;
 
 /// An image by name.
 type Image = (String, Vec<f32>);
@@ -238,4 +239,171 @@ fn networks_have_the_oracles_derivatives() {
             compare(&graph.unwrap(), [6, 7], 5);
         }
     }
+}
+
+/// Of equal numbers the first is the largest: rectified ones are often equal.
+#[test]
+fn ties_have_the_oracles_derivatives() {
+    for op in [Op::MaxPool2, Op::ChannelMax] {
+        let mut g = GraphBuilder::new("ties", 1, Border::Zero);
+        let image = g.input("image", 20, 1);
+        let rectified = g.layer("rectified", Op::Activate(Activation::Relu), &[image]);
+        let result = g.layer("result", op, &[rectified]);
+        g.output("result", result);
+        g.output("rectified", rectified);
+        compare(&g.finish().unwrap(), [5, 7], 3);
+    }
+}
+
+/// Three frames of the super sampling network, the state of each going to the next: back through time, the derivative by
+/// the state that came in is that by the state that went out of the frame before.
+#[test]
+fn derivatives_through_time_are_the_oracles() {
+    let (graph, lr) = (super_sample(2, Tier::Fast).unwrap(), [6, 7]);
+    let mut random = Random::new(8);
+    let weights = weights(&graph, 8);
+    let frames: Vec<Vec<Image>> = (0..3).map(|_| inputs(&graph, lr, &mut random)).collect();
+    let v_colors: Vec<Vec<f32>> = (0..3)
+        .map(|_| outputs(&graph, lr, &mut random).into_iter().find(|(name, _)| name == "color").unwrap().1)
+        .collect();
+    let with_hidden = |frame: &[Image], hidden: &[f32]| {
+        let mut frame = frame.to_vec();
+        frame.iter_mut().filter(|(name, _)| name == "hidden").for_each(|(_, image)| *image = hidden.to_vec());
+        frame
+    };
+    let index = |name: &str| {
+        graph.outputs().iter().find(|output| output.name == name).map(|output| output.tensor.index()).unwrap()
+    };
+    let (hidden_in, _) = graph.inputs().find(|(_, layer)| layer.name == "hidden").unwrap();
+
+    // The oracle: states rounded to what the network is given, as between frames.
+    let mut state: Vec<f32> = frames[0].iter().find(|(name, _)| name == "hidden").unwrap().1.clone();
+    let mut passes = Vec::new();
+    for frame in &frames {
+        let images = with_hidden(frame, &state);
+        let planes = reference::run(&graph, &weights, lr, &named(&images)).unwrap();
+        state = planes[index("hidden")].values.iter().map(|v| *v as f32).collect();
+        passes.push(planes);
+    }
+    let mut expected: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+    let mut v_hidden = vec![0.0; state.len()];
+    for (planes, v_color) in passes.iter().zip(&v_colors).rev() {
+        let v_color = v_color.iter().map(|v| f64::from(*v)).collect();
+        let v_planes = BTreeMap::from([(index("color"), v_color), (index("hidden"), v_hidden)]);
+        let derivatives = walk_back(&graph, &weights, planes, &v_planes);
+        v_hidden = derivatives.v_planes[hidden_in.index()].values.clone();
+        for (name, v) in derivatives.v_weights {
+            let sums = expected.entry(name).or_insert_with(|| vec![0.0; v.len()]);
+            sums.iter_mut().zip(v).for_each(|(sum, v)| *sum += v);
+        }
+    }
+
+    let differentiator = Differentiator::new(&graph, lr, &["hidden"]).unwrap();
+    let packed = differentiator.pack(&weights).unwrap();
+    let mut state: Vec<f32> = frames[0].iter().find(|(name, _)| name == "hidden").unwrap().1.clone();
+    let mut tapes = vec![differentiator.tape(); 3];
+    for (frame, tape) in frames.iter().zip(&mut tapes) {
+        differentiator.forward(&packed, &named(&with_hidden(frame, &state)), tape).unwrap();
+        differentiator.output(tape, "hidden", &mut state).unwrap();
+    }
+    let (mut scratch, mut v_weights) = (differentiator.scratch(), differentiator.v_weights());
+    let mut v_state: Option<Vec<f32>> = None;
+    for (tape, v_color) in tapes.iter().zip(&v_colors).rev() {
+        // The last frame's state goes nowhere.
+        let v_hidden = v_state.as_ref().map(|v| ("hidden", &v[..]));
+        let v_outputs: Vec<(&str, &[f32])> = [("color", &v_color[..])].into_iter().chain(v_hidden).collect();
+        let mut v_in = vec![f32::NAN; state.len()];
+        let mut v_inputs = [("hidden", &mut v_in[..])];
+        differentiator
+            .backward(&packed, tape, &mut scratch, &v_outputs, &mut v_weights, &mut v_inputs)
+            .unwrap();
+        v_state = Some(v_in);
+    }
+    assert_close("hidden", &v_state.unwrap(), &v_hidden);
+    for (name, v) in &expected {
+        assert_close(name, v_weights[name].values(), v);
+    }
+}
+
+/// A batch has the same derivatives, bit for bit, on any number of threads.
+#[test]
+fn derivatives_are_the_same_on_any_number_of_threads() {
+    let (graph, lr) = (interpolate(2, Tier::Fast).unwrap(), [9, 11]);
+    let weights = weights(&graph, 2);
+    let differentiator = Differentiator::new(&graph, lr, &["hidden"]).unwrap();
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let packed = differentiator.pack(&weights).unwrap();
+            let mut all: Vec<_> = (0..6).map(|_| differentiator.v_weights()).collect();
+            all.par_iter_mut().enumerate().for_each(|(item, v_weights)| {
+                let mut random = Random::new(item as u64);
+                let (images, v) = (inputs(&graph, lr, &mut random), outputs(&graph, lr, &mut random));
+                let (mut tape, mut scratch) = (differentiator.tape(), differentiator.scratch());
+                differentiator.forward(&packed, &named(&images), &mut tape).unwrap();
+                differentiator
+                    .backward(&packed, &tape, &mut scratch, &named(&v), v_weights, &mut [])
+                    .unwrap();
+            });
+            all
+        })
+    };
+    let alone = run(1);
+    assert!(alone[0].values().any(|array| array.values().iter().any(|v| *v != 0.0)));
+    for threads in [2, 5] {
+        assert!(run(threads) == alone, "{threads} threads");
+    }
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let (graph, lr) = (super_sample(2, Tier::Fast).unwrap(), [3, 5]);
+    let weights = weights(&graph, 1);
+    let unknown = |result: Result<(), RunError>, what: &str| {
+        assert!(matches!(&result, Err(RunError::Unknown { name, .. }) if name == what), "{result:?}");
+    };
+    let memory = |result: Result<(), RunError>, what: &str| {
+        assert!(matches!(&result, Err(RunError::Memory { name, .. }) if *name == what), "{result:?}");
+    };
+    unknown(Differentiator::new(&graph, lr, &["colour"]).map(|_| ()), "colour");
+    assert!(matches!(Differentiator::new(&graph, [0, 5], &[]), Err(RunError::Graph(_))));
+    let differentiator = Differentiator::new(&graph, lr, &["hidden"]).unwrap();
+    let other = Differentiator::new(&graph, lr, &["hidden"]).unwrap();
+    let mut wrong = weights.clone();
+    wrong.arrays.remove("enter.weight");
+    assert!(matches!(differentiator.pack(&wrong), Err(RunError::Weights(WeightError::Missing { .. }))));
+
+    let mut random = Random::new(1);
+    let (mut images, v_outputs) = (inputs(&graph, lr, &mut random), outputs(&graph, lr, &mut random));
+    let packed = differentiator.pack(&weights).unwrap();
+    let (mut tape, mut scratch) = (differentiator.tape(), differentiator.scratch());
+    let mut color = vec![0.0; differentiator.output_shape("color").unwrap().len()];
+    memory(differentiator.output(&tape, "color", &mut color), "tape");
+    memory(differentiator.forward(&other.pack(&weights).unwrap(), &named(&images), &mut tape), "weights");
+    memory(differentiator.forward(&packed, &named(&images), &mut other.tape()), "tape");
+    let none = differentiator.forward(&packed, &[], &mut tape);
+    assert!(matches!(none, Err(RunError::Missing { .. })));
+    differentiator.forward(&packed, &named(&images), &mut tape).unwrap();
+    unknown(differentiator.output(&tape, "colour", &mut color), "colour");
+    let short = differentiator.output(&tape, "color", &mut color[1..]);
+    assert!(matches!(short, Err(RunError::Length { .. })));
+
+    let mut v_weights = differentiator.v_weights();
+    let v = named(&v_outputs);
+    let mut v_color = vec![0.0; images[0].1.len()];
+    // There is such an input, but derivatives by it were not asked for.
+    let mut v_inputs = [(images[0].0.as_str(), &mut v_color[..])];
+    let result = differentiator.backward(&packed, &tape, &mut scratch, &v, &mut v_weights, &mut v_inputs);
+    unknown(result, &images[0].0);
+    let result = differentiator.backward(&packed, &tape, &mut other.scratch(), &v, &mut v_weights, &mut []);
+    memory(result, "scratch");
+    let short = [("color", &v_color[..1])];
+    let result = differentiator.backward(&packed, &tape, &mut scratch, &short, &mut v_weights, &mut []);
+    assert!(matches!(result, Err(RunError::Length { .. })));
+    v_weights.remove("enter.bias");
+    let result = differentiator.backward(&packed, &tape, &mut scratch, &v, &mut v_weights, &mut []);
+    assert!(matches!(result, Err(RunError::Weights(WeightError::Missing { .. }))));
+    images[0].1.pop();
+    let short = differentiator.forward(&packed, &named(&images), &mut tape);
+    assert!(matches!(short, Err(RunError::Length { .. })));
 }

@@ -30,7 +30,11 @@ use crate::weights::Weights;
 use ops::{Adjoint, Write};
 use plan::{Export, Kind, Plan, Step};
 use turned::Turned;
-use weights::{WeightSums, through_activation};
+use weights::{ROWS, WeightSums, through_activation};
+
+/// Pixels of which sums over products are made in registers before these go to memory: so many that their way there and
+/// back is small beside the multiply-adds, so few that the rows stay in the first cache. Empirical.
+const PIXELS: usize = 128;
 
 /// Derivatives of one network on images of one size. Cheap to clone and to share.
 #[derive(Clone, Debug)]
@@ -287,10 +291,32 @@ impl Differentiator {
         let values = Sources::all(&tape.values);
         let sums = WeightSums { conv, border: self.plan.graph.border(), inputs: &step.layouts };
         reset(&mut scratch.v_bias, v.blocks());
-        let v_sums = &mut scratch.v[v.start..][..v.len()];
-        through_activation(self.level, conv.activation, (values, &step.out), v, v_sums, &mut scratch.v_bias);
         reset(&mut scratch.sums, sums.len());
-        sums.run(self.level, values, Sources::all(&scratch.v), v, &mut scratch.sums);
+        reset(&mut scratch.row, kernels.turned.as_ref().map_or(0, Turned::row_len));
+        let mut turned_rows = kernels.turned.as_ref().map_or(0..0, Turned::rows);
+        // All three parts of some rows before the next, so that rows are in the cache.
+        let (height, count) = (v.shape.height, PIXELS.div_ceil(v.shape.width).min(ROWS));
+        for first in (0..height).step_by(count) {
+            let rows = first..(first + count).min(height);
+            let v_rows = &mut scratch.v[v.start + first * v.row_len()..][..rows.len() * v.row_len()];
+            let result = (values, &step.out);
+            through_activation(self.level, conv.activation, result, v, first, v_rows, &mut scratch.v_bias);
+            let v_all = (Sources::all(&scratch.v), v);
+            sums.run(self.level, values, v_all, rows.clone(), &mut scratch.sums);
+            if let Some(turned) = &kernels.turned {
+                // Those that see no row beyond these.
+                let ready = (rows.end as isize).saturating_sub_unsigned(conv.reach());
+                let end = if rows.end == height { turned_rows.end } else { ready };
+                while turned_rows.start < end {
+                    let y = turned_rows.start;
+                    turned.run_row(self.level, y, &mut scratch.v, &mut scratch.row, &scratch.begun);
+                    turned_rows.start += 1;
+                }
+            }
+        }
+        if let Some(turned) = &kernels.turned {
+            turned.finish(&mut scratch.begun);
+        }
         let name = &self.plan.graph.layers()[step.layer].name;
         if let Some(v_weight) = v_weights.get_mut(&format!("{name}.weight")) {
             sums.unpack(&scratch.sums, v_weight.values_mut());
@@ -298,10 +324,6 @@ impl Differentiator {
         if let Some(v_bias) = v_weights.get_mut(&format!("{name}.bias")).filter(|_| conv.bias) {
             let lanes = scratch.v_bias.iter().flat_map(|block| block.0);
             v_bias.values_mut().iter_mut().zip(lanes).for_each(|(v, sum)| *v += sum);
-        }
-        if let Some(turned) = &kernels.turned {
-            reset(&mut scratch.row, turned.row_len());
-            turned.run(self.level, &mut scratch.v, &mut scratch.row, &mut scratch.begun);
         }
     }
 

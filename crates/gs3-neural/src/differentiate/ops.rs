@@ -147,11 +147,10 @@ impl Adjoint<'_> {
                 write.each(simd, out, |x| f32x16::splat(simd, v[x].0[0] * share));
             }
             Op::Warp => self.flow(y, out, write),
-            Op::PixelShuffle { .. }
-            | Op::PixelUnshuffle { .. }
-            | Op::Concat
-            | Op::Slice { .. }
-            | Op::ChannelMax => self.numbers(y, b, out, write),
+            Op::ChannelMax => self.largest(y, b, out, write),
+            Op::PixelShuffle { .. } | Op::PixelUnshuffle { .. } | Op::Concat | Op::Slice { .. } => {
+                self.moved(y, b, out, write);
+            }
             // Neither is an operation of rows.
             Op::Input { .. } | Op::Conv2d(_) => {}
         }
@@ -231,42 +230,57 @@ impl Adjoint<'_> {
         v
     }
 
-    /// Operations that go by single numbers: rearrangements, and the largest over channels.
+    /// The largest over channels: its derivative goes to the first channel that has it.
     #[inline(always)]
-    fn numbers(&self, y: usize, b: usize, out: &mut [Block], write: Write) {
-        let shape = self.v_result.shape;
-        // Channel `c` of the result's pixel (x, y), 0 where it was cropped away.
-        let v = |x: usize, y: usize, c: usize| match x < shape.width && y < shape.height {
-            true => self.v(y, c / LANES)[x].0[c % LANES],
-            false => 0.0,
-        };
-        let before = self.step.layouts[..self.input].iter().map(|l| l.shape.channels).sum::<usize>();
-        for c in b * LANES..self.v_input.shape.channels.min((b + 1) * LANES) {
-            for (x, out) in out.iter_mut().enumerate() {
-                let v = match self.op {
-                    Op::PixelShuffle { factor: f } => {
-                        let (channel, i, j) = (c / (f * f), c / f % f, c % f);
-                        v(x * f + j, y * f + i, channel)
-                    }
-                    Op::PixelUnshuffle { factor: f } => v(x / f, y / f, c * f * f + y % f * f + x % f),
-                    Op::Slice { first, count } => match c.checked_sub(*first) {
-                        Some(c) if c < *count => v(x, y, c),
-                        _ => 0.0,
-                    },
-                    Op::ChannelMax if self.first_largest(x, y) != c => 0.0,
-                    Op::ChannelMax => v(x, y, 0),
-                    _ => v(x, y, before + c),
-                };
-                write.number(&mut out.0[c % LANES], v);
+    fn largest(&self, y: usize, b: usize, out: &mut [Block], write: Write) {
+        let (v, result) = (self.v(y, 0), self.result(y, 0));
+        let lanes = |b: usize| (self.v_input.shape.channels - b * LANES).min(LANES);
+        for (x, out) in out.iter_mut().enumerate() {
+            let largest = result[x].0[0];
+            let place =
+                |b: usize| self.value(0, y, b)[x].0[..lanes(b)].iter().position(|value| *value == largest);
+            let place = if (0..b).any(|b| place(b).is_some()) { None } else { place(b) };
+            for (lane, out) in out.0.iter_mut().enumerate() {
+                write.number(out, if place == Some(lane) { v[x].0[0] } else { 0.0 });
             }
         }
     }
 
-    /// The first channel of input 0 whose number is largest.
-    fn first_largest(&self, x: usize, y: usize) -> usize {
-        let layout = &self.step.layouts[0];
-        let at = |c: usize| self.values.at(layout, x, y, c);
-        (1..layout.shape.channels).fold(0, |best, c| if at(c) > at(best) { c } else { best })
+    /// Operations that only move numbers: where each number of the input went.
+    #[inline(always)]
+    fn moved(&self, y: usize, b: usize, out: &mut [Block], write: Write) {
+        let result = self.v_result.shape;
+        let line = |y: usize, c: usize| &self.v(y, c / LANES)[..];
+        for c in b * LANES..self.v_input.shape.channels.min((b + 1) * LANES) {
+            let lane = c % LANES;
+            match *self.op {
+                Op::PixelShuffle { factor: f } => {
+                    let (channel, i, j) = (c / (f * f), c / f % f, c % f);
+                    // What was cropped away has no derivative.
+                    let line = match y * f + i {
+                        y if y < result.height => &line(y, channel)[j.min(result.width)..],
+                        _ => &[],
+                    };
+                    put(out.iter_mut(), lane, write, line.iter().step_by(f), channel);
+                }
+                Op::PixelUnshuffle { factor: f } => {
+                    for j in 0..f.min(out.len()) {
+                        let channel = c * f * f + y % f * f + j;
+                        let out = out[j..].iter_mut().step_by(f);
+                        put(out, lane, write, line(y / f, channel).iter(), channel);
+                    }
+                }
+                Op::Slice { first, count } => match c.checked_sub(first) {
+                    Some(c) if c < count => put(out.iter_mut(), lane, write, line(y, c).iter(), c),
+                    _ => put(out.iter_mut(), lane, write, [].iter(), 0),
+                },
+                _ => {
+                    let before = self.step.layouts[..self.input].iter().map(|l| l.shape.channels);
+                    let channel = before.sum::<usize>() + c;
+                    put(out.iter_mut(), lane, write, line(y, channel).iter(), channel);
+                }
+            }
+        }
     }
 
     /// The derivative of a warp by its flow.
@@ -319,6 +333,22 @@ impl Adjoint<'_> {
             }
         }
     }
+}
+
+/// Writes channel `channel` of `source` to lane `lane` of `out`, zeros where there is no source.
+#[inline(always)]
+fn put<'a>(
+    mut out: impl Iterator<Item = &'a mut Block>,
+    lane: usize,
+    write: Write,
+    source: impl Iterator<Item = &'a Block>,
+    channel: usize,
+) {
+    for pixel in source {
+        let Some(out) = out.next() else { return };
+        write.number(&mut out.0[lane], pixel.0[channel % LANES]);
+    }
+    out.for_each(|out| write.number(&mut out.0[lane], 0.0));
 }
 
 /// Two pixels of a row or column, between which a place is.

@@ -1,5 +1,7 @@
 //! The derivative by a convolution's inputs: the forward kernel with the weights turned round.
 
+use std::ops::Range;
+
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, dispatch};
 
@@ -57,30 +59,35 @@ impl Turned {
         self.row.row_len()
     }
 
-    /// Adds to the derivatives by inputs, which are in `v` like that by the result. Those that are not `begun` are
-    /// written. `row` is of [`Turned::row_len`].
-    pub fn run(&self, level: Level, v: &mut [Block], row: &mut [Block], begun: &mut [bool]) {
-        let Some(height) = self.targets.first().map(|target| target.v.shape.height) else { return };
-        let (first, last) = (-(self.extension as isize), (height + self.extension) as isize);
-        for y in first..last {
-            self.convolution.run_row(level, Sources::all(v), &self.row, y, row);
-            let place = y.clamp(0, height as isize - 1);
-            for (k, (target, line)) in
-                self.targets.iter().zip(row.chunks_exact(self.row.stride())).enumerate()
-            {
-                let same = |other: &Target| (other.step, other.block) == (target.step, target.block);
-                // Row 0 comes first as the uppermost copy; other copies come to rows that are there.
-                let again = y > first && (y <= 0 || y > place);
-                let write = match begun[target.step] || self.targets[..k].iter().any(same) || again {
-                    true => Write::Add,
-                    false => Write::Set,
-                };
-                let layout = &target.v;
-                let start = layout.start + place as usize * layout.row_len() + target.block * layout.stride();
-                let out = &mut v[start + layout.halo..][..layout.shape.width];
-                dispatch!(level, simd => fold(simd, line, self.extension, out, write));
-            }
+    /// The rows to be run: those of the image and of the copies above and below.
+    pub fn rows(&self) -> Range<isize> {
+        let height = self.targets.first().map_or(0, |target| target.v.shape.height);
+        -(self.extension as isize)..(height + self.extension) as isize
+    }
+
+    /// Adds row `y` to the derivatives by inputs, which are in `v` like that by the result, or writes it where they are
+    /// not `begun`. Rows come in order. `row` is of [`Turned::row_len`].
+    pub fn run_row(&self, level: Level, y: isize, v: &mut [Block], row: &mut [Block], begun: &[bool]) {
+        self.convolution.run_row(level, Sources::all(v), &self.row, y, row);
+        let first = self.rows().start;
+        for (k, (target, line)) in self.targets.iter().zip(row.chunks_exact(self.row.stride())).enumerate() {
+            let layout = &target.v;
+            let place = y.clamp(0, layout.shape.height as isize - 1);
+            let same = |other: &Target| (other.step, other.block) == (target.step, target.block);
+            // Row 0 comes first as the uppermost copy; other copies come to rows that are there.
+            let again = y > first && (y <= 0 || y > place);
+            let write = match begun[target.step] || self.targets[..k].iter().any(same) || again {
+                true => Write::Add,
+                false => Write::Set,
+            };
+            let start = layout.start + place as usize * layout.row_len() + target.block * layout.stride();
+            let out = &mut v[start + layout.halo..][..layout.shape.width];
+            dispatch!(level, simd => fold(simd, line, self.extension, out, write));
         }
+    }
+
+    /// Notes that the derivatives by inputs are `begun`.
+    pub fn finish(&self, begun: &mut [bool]) {
         self.targets.iter().for_each(|target| begun[target.step] = true);
     }
 }

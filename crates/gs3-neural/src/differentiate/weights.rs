@@ -15,21 +15,21 @@ use crate::engine::conv::{Segment, group, unrolled};
 use crate::engine::ops::load;
 use crate::graph::{Activation, Border, Conv2d};
 
-/// Pixels that pass by before sums go to memory: often enough that the rows stay in the first cache, seldom enough that
-/// the sums' way there and back is small beside that many multiply-adds.
-const PIXELS: usize = 96;
+/// The most rows of which sums are made at a time.
+pub const ROWS: usize = 8;
 
-/// The derivative by the sum before the activation from that by the result: both `v`, of `layout`, with the zeros
-/// beside each row. `result` is the activation's. Adds those by the bias to `v_bias`, `[output blocks]`.
+/// The derivative by the sum before the activation from that by the result: both `v`, rows of `layout` from `first` on,
+/// with the zeros beside each. `result` is the activation's. Adds those by the bias to `v_bias`, `[output blocks]`.
 pub fn through_activation(
     level: Level,
     activation: Activation,
     result: (Sources<'_>, &Layout),
     layout: &Layout,
+    first: usize,
     v: &mut [Block],
     v_bias: &mut [Block],
 ) {
-    dispatch!(level, simd => through_activation_on(simd, activation, result, layout, v, v_bias));
+    dispatch!(level, simd => through_activation_on(simd, activation, result, layout, first, v, v_bias));
 }
 
 #[inline(always)]
@@ -38,6 +38,7 @@ fn through_activation_on<S: Simd>(
     activation: Activation,
     (values, result): (Sources<'_>, &Layout),
     layout: &Layout,
+    first: usize,
     v: &mut [Block],
     v_bias: &mut [Block],
 ) {
@@ -48,7 +49,7 @@ fn through_activation_on<S: Simd>(
             beside.fill(Block::default());
             after.fill(Block::default());
             let mut sum = f32x16::splat(simd, 0.0);
-            for (v, y) in line.iter_mut().zip(values.pixels(result, y, b)) {
+            for (v, y) in line.iter_mut().zip(values.pixels(result, first + y, b)) {
                 let y = load(simd, y);
                 let v_sum = load(simd, v) * derivative(simd, activation, y, y);
                 v.0 = v_sum.to_array();
@@ -79,22 +80,18 @@ impl WeightSums<'_> {
     }
 
     /// Adds to `sums`, `[groups of output blocks, segments, taps, channels of the segment, blocks of the group]`, what
-    /// the inputs, in `values`, and the derivative by the sums before the activation, in `v`, give.
+    /// `rows`, at most [`ROWS`], of the inputs, in `values`, and of the derivative by the sums before the activation, in `v`, give.
     pub fn run(
         &self,
         level: Level,
         values: Sources<'_>,
-        v: Sources<'_>,
-        v_layout: &Layout,
+        v: (Sources<'_>, &Layout),
+        rows: Range<usize>,
         sums: &mut [Block],
     ) {
         let segments = Segment::all(self.inputs);
-        let rows = PIXELS.div_ceil(v_layout.shape.width);
-        for y in (0..v_layout.shape.height).step_by(rows) {
-            let rows = y..(y + rows).min(v_layout.shape.height);
-            let pass = Pass { of: self, segments: &segments, values, v, v_layout, rows };
-            dispatch!(level, simd => pass.run(simd, sums));
-        }
+        let pass = Pass { of: self, segments: &segments, values, v: v.0, v_layout: v.1, rows };
+        dispatch!(level, simd => pass.run(simd, sums));
     }
 
     /// Adds `sums` to `v_weights`, `oihw`.
@@ -220,18 +217,25 @@ impl View<'_> {
         let (ky, kx) = (self.tap / conv.kernel * conv.dilation, self.tap % conv.kernel * conv.dilation);
         // The halo is at least as wide as the window's reach.
         let start = self.segment.block * layout.stride() + layout.halo - conv.reach() + kx;
-        let mut vectors = [[f32x16::splat(simd, 0.0); V]; N];
-        for y in rows.clone() {
+        let width = v_layout.shape.width;
+        // Found before the sums, so that these need not leave their registers between rows.
+        let mut lines: [(&[Block], [&[Block]; V]); ROWS] = [(&[], [&[]; V]); ROWS];
+        let mut count = 0;
+        for y in rows.clone().take(ROWS) {
             let place = (y + ky) as isize - conv.reach() as isize;
             let inside = place.clamp(0, layout.shape.height as isize - 1);
-            if *border == Border::Zero && place != inside {
-                continue;
+            if *border == Border::Replicate || place == inside {
+                let pixels = &values.row(layout, inside as usize)[start..];
+                lines[count] = (pixels, std::array::from_fn(|b| v.pixels(v_layout, y, self.first + b)));
+                count += 1;
             }
-            let width = v_layout.shape.width;
-            let pixels = &values.row(layout, inside as usize)[start..][..width];
-            let v: [&[Block]; V] = std::array::from_fn(|b| v.pixels(v_layout, y, self.first + b));
-            for (x, pixel) in pixels.iter().enumerate() {
-                let Some(pixel) = pixel.0[i..].first_chunk::<N>() else { continue };
+        }
+        let mut vectors = [[f32x16::splat(simd, 0.0); V]; N];
+        for (pixels, v) in &lines[..count] {
+            // All of one length, so that it is compared once.
+            let (pixels, v) = (&pixels[..width], v.map(|v| &v[..width]));
+            for x in 0..width {
+                let pixel: [f32; N] = std::array::from_fn(|channel| pixels[x].0[(i + channel) % LANES]);
                 let mut v_sums = [f32x16::splat(simd, 0.0); V];
                 unrolled!(V, BLOCK => { v_sums[BLOCK] = load(simd, &v[BLOCK][x]); });
                 unrolled!(N, CHANNEL => {
