@@ -14,8 +14,10 @@ use crate::clip::Network;
 /// Views are looked at in so coarse a grid before one is chosen.
 const GLANCE: u32 = 16;
 
-/// Views that are tried.
-const ATTEMPTS: usize = 200;
+/// Views that are tried, and how many of them before the camera moves half as fast: some movements leave every view of
+/// the scene.
+const ATTEMPTS: usize = 400;
+const PATIENCE: usize = 40;
 
 /// Places of the window that are tried in a view.
 const PLACES: usize = 12;
@@ -83,12 +85,15 @@ impl Shot {
         };
         let rendered = settings.rendered(generate);
         let half = 0.5 * (rendered - 1) as f64;
-        let plan = Plan::draw(draw, half);
+        let mut plan = Plan::draw(draw, half);
         let may_be_dull = draw.chance(DULL);
         let phase = draw.bits() % 256;
         // What is drawn so far stays, so that fast clips are as many as slow ones.
         let mut scout = Scout::new(rasterizer, settings.held_out, is_held_out, may_be_dull);
-        for _ in 0..ATTEMPTS {
+        for attempt in 1..=ATTEMPTS {
+            if attempt % PATIENCE == 0 {
+                plan.speed *= 0.5;
+            }
             let framing = Framing::draw(draw, settings.size, settings.scale);
             let Some((framing, movement)) = scout.find(draw, source, framing, &plan)? else { continue };
             let middle = past as f64 + half;
