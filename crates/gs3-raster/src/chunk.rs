@@ -15,9 +15,9 @@ const MAX_RADIUS: f32 = 3.34;
 /// A sphere around the centres of a chunk, and its largest scale, world units.
 #[derive(Clone, Copy, Debug)]
 pub struct Chunk {
-    center: [f32; 3],
-    radius: f32,
-    largest_scale: f32,
+    pub center: [f32; 3],
+    pub radius: f32,
+    pub largest_scale: f32,
 }
 
 /// The chunks of a scene, in order.
@@ -50,7 +50,7 @@ pub fn of_gaussians(g: &Gaussians) -> Vec<Chunk> {
 pub struct Frustum<'a> {
     view: &'a View,
     /// Coefficients of the view-space coordinate and of z, the pair's length, and the factor of the largest scale.
-    planes: [(usize, [f32; 3], f32); 4],
+    pub planes: [(usize, [f32; 3], f32); 4],
 }
 
 impl<'a> Frustum<'a> {

@@ -26,8 +26,12 @@
 
 mod chunk;
 pub mod cpu;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod settings;
 mod view;
 
 pub use cpu::{Importance, RasterTimes, Rasterizer};
+#[cfg(feature = "gpu")]
+pub use gpu::{GpuGBuffer, GpuRasterError, GpuRasterizer, ScenePrecision, Settled};
 pub use settings::{Culling, Outputs, RasterError, RasterSettings, STOCK_DILATION, matched_dilation};

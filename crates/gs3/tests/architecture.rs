@@ -9,9 +9,10 @@ use std::process::Command;
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
 
 /// Names of the crates that `package` depends on outside its tests: directly, or over any number of steps.
-fn dependencies(package: &str, depth: &str) -> BTreeSet<String> {
+fn dependencies(package: &str, depth: &str, features: &[&str]) -> BTreeSet<String> {
     let mut command = Command::new(env!("CARGO"));
     command.args(["tree", "--offline", "--package", package, "--edges", "normal,build", "--depth", depth]);
+    command.args(features);
     command.args(["--prefix", "none", "--format", "{p}"]).current_dir(ROOT);
     let output = command.output().expect("cargo runs");
     assert!(output.status.success(), "cargo tree: {}", String::from_utf8_lossy(&output.stderr));
@@ -23,12 +24,15 @@ fn dependencies(package: &str, depth: &str) -> BTreeSet<String> {
     names
 }
 
-fn direct(package: &str) -> BTreeSet<String> {
-    dependencies(package, "1")
+/// What a user gets who wants no GPU code.
+const CPU_ONLY: &[&str] = &["--no-default-features"];
+
+fn direct(package: &str, features: &[&str]) -> BTreeSet<String> {
+    dependencies(package, "1", features)
 }
 
-fn transitive(package: &str) -> BTreeSet<String> {
-    dependencies(package, "100")
+fn transitive(package: &str, features: &[&str]) -> BTreeSet<String> {
+    dependencies(package, "100", features)
 }
 
 /// The crates of this workspace among `names`.
@@ -40,14 +44,19 @@ fn ours(names: &BTreeSet<String>) -> Vec<&str> {
 fn crates_know_only_what_the_map_says() {
     for (package, knows) in [
         ("gs3-scene", vec![]),
+        ("gs3-compute", vec![]),
         ("gs3-neural", vec![]),
         ("gs3-raster", vec!["gs3-scene"]),
         ("gs3-reconstruct", vec!["gs3-scene"]),
-        ("gs3", vec!["gs3-raster", "gs3-reconstruct", "gs3-scene"]),
+        ("gs3", vec!["gs3-neural", "gs3-raster", "gs3-reconstruct", "gs3-scene"]),
     ] {
-        assert_eq!(ours(&transitive(package)), knows, "{package}");
+        // Of the kernels' crates the GPU's half knows devices too, and nothing else.
+        let with_gpu = transitive(package, &[]);
+        let all: Vec<&str> = ours(&with_gpu).into_iter().filter(|name| *name != "gs3-compute").collect();
+        assert_eq!(all, knows, "{package}");
+        assert_eq!(ours(&transitive(package, CPU_ONLY)), knows, "{package} without GPU");
     }
-    assert!(!transitive("gs3-evaluate").contains("gs3-cli"), "evaluation knows the command");
+    assert!(!transitive("gs3-evaluate", &[]).contains("gs3-cli"), "evaluation knows the command");
 }
 
 /// The kernels need arithmetic and threads; formats, terminals and devices belong elsewhere.
@@ -56,7 +65,7 @@ fn kernels_stay_light() {
     let allowed: BTreeSet<String> =
         ["fearless_simd", "glam", "gs3-scene", "rayon", "thiserror"].map(str::to_owned).into();
     for package in ["gs3-raster", "gs3-reconstruct"] {
-        let extra: Vec<String> = direct(package).difference(&allowed).cloned().collect();
+        let extra: Vec<String> = direct(package, CPU_ONLY).difference(&allowed).cloned().collect();
         assert!(extra.is_empty(), "{package} depends on {extra:?}: say why in ARCHITECTURE.md");
     }
 }
@@ -65,7 +74,7 @@ fn kernels_stay_light() {
 #[test]
 fn libraries_know_nothing_of_terminals_and_devices() {
     for package in ["gs3-scene", "gs3-raster", "gs3-reconstruct", "gs3-neural", "gs3"] {
-        let all = transitive(package);
+        let all = transitive(package, CPU_ONLY);
         for foreign in ["clap", "indicatif", "ctrlc", "wgpu", "ash", "cudarc"] {
             assert!(!all.contains(foreign), "{package} depends on {foreign}");
         }

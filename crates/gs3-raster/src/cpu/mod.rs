@@ -162,6 +162,13 @@ impl Rasterizer {
             RasterTimes { project: projected - started, bin: binned - projected, blend: binned.elapsed() };
     }
 
+    /// The splats of a frame in scene order.
+    #[cfg(all(test, feature = "gpu"))]
+    pub(crate) fn splats(&mut self, camera: &Camera, settings: &RasterSettings) -> Vec<splat::Splat> {
+        self.project(&View::new(camera, settings), false, false);
+        self.jobs.iter().flat_map(|job| job.splats.iter().copied()).collect()
+    }
+
     fn project(&mut self, view: &View, with_geometry: bool, with_indices: bool) {
         let input = ProjectInput {
             gaussians: self.scene.gaussians(),

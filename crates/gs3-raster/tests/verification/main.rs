@@ -5,6 +5,8 @@ mod against_oracle;
 mod compare;
 mod culling;
 mod derivatives;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod importance;
 mod invariances;
 mod oracle;

@@ -1,0 +1,42 @@
+// Which staged splats touch which 4×4 block of a tile: the exact extent per row of blocks; see cover.rs.
+
+// Side of a block in pixels.
+const BLOCK: u32 = 4u;
+// Blocks along a side of a tile.
+const BLOCKS: u32 = 4u;
+
+// Splats staged at a time: with depth and normal 8 KiB, so that four or more workgroups share a multiprocessor.
+const BATCH: u32 = 128u;
+const WORDS: u32 = BATCH / 32u;
+
+// Bit i of word k of a block: whether staged splat 32·k + i touches it.
+var<workgroup> cover: array<atomic<u32>, BLOCKS * BLOCKS * WORDS>;
+
+// Notes the blocks of two rows that staged splat `slot` touches; `origin` is the tile's first pixel.
+fn cover_rows(slot: u32, s: Splat, rect: vec4<u32>, origin: vec2<f32>, first_row: u32) {
+    let mean = s.mean - origin;
+    let low = vec2<f32>(rect.xy) - origin;
+    let high = vec2<f32>(rect.zw) - 1.0 - origin;
+    let steepness = sqrt(fma(s.l21, s.l21, s.l22 * s.l22));
+    let dy_at_max_dx = -s.l21 * (sqrt(s.support) / s.l22) / steepness;
+    for (var row = first_row; row < first_row + 2u; row++) {
+        let top = f32(row * BLOCK);
+        let bottom = f32(row * BLOCK + BLOCK - 1u);
+        if low.y > bottom || high.y < top {
+            continue;
+        }
+        let nearest = mean.y - bottom;
+        let farthest = mean.y - top;
+        let right = edge(s, max(min(dy_at_max_dx, farthest), nearest), 1.0);
+        let left = edge(s, max(min(-dy_at_max_dx, farthest), nearest), -1.0);
+        // The slack covers rounding; a block too many costs time only.
+        let slack = fma(right - left, 1e-5, 0.01);
+        let begin = max(mean.x - right - slack, low.x);
+        let end = min(mean.x - left + slack, high.x);
+        for (var column = 0u; column < BLOCKS; column++) {
+            if begin <= f32(column * BLOCK + BLOCK - 1u) && end >= f32(column * BLOCK) {
+                atomicOr(&cover[(row * BLOCKS + column) * WORDS + slot / 32u], 1u << (slot % 32u));
+            }
+        }
+    }
+}

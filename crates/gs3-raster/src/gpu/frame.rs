@@ -1,0 +1,275 @@
+//! The kernels with the buffers of a picture's size: a frame records them and makes nothing.
+
+use gs3_compute::{
+    Arena, Bound, BoundScan, BoundSort, Buffer, Gpu, GpuError, Kernel, Pairs, Recorder, Slice, Use, grid,
+};
+
+use super::gbuffer::Target;
+use super::kernels::{Kernels, Sorts, blend};
+use super::plan::{Counters, FramePlan};
+use super::scene::Page;
+use crate::settings::Outputs;
+
+/// Invocations of the workgroups that `dispatches` counts, `GROUP` of `plan.wgsl`.
+const GROUP: u32 = 256;
+
+/// Where `plan.wgsl` leaves counts of workgroups over splats and over entries, bytes.
+const OVER_SPLATS: u64 = 0;
+const OVER_ENTRIES: u64 = 3 * 4;
+
+/// Where bindings of single counts start in [`Counters`], bytes.
+const SPLATS: u64 = std::mem::offset_of!(Counters, splats) as u64;
+const PLACES: u64 = std::mem::offset_of!(Counters, places) as u64;
+const ENTRIES: u64 = std::mem::offset_of!(Counters, entries) as u64;
+
+/// Buffers of fixed size.
+pub struct Fixed {
+    pub view: Buffer,
+    pub counters: Buffer,
+    chunk_count: Buffer,
+    dispatches: Buffer,
+    splat_total: Buffer,
+    entry_total: Buffer,
+}
+
+impl Fixed {
+    pub fn new(gpu: &Gpu, chunks: u32) -> Result<Self, GpuError> {
+        Ok(Self {
+            view: gpu.buffer("view", Use::Uniform, size_of::<super::view::ViewUniform>() as u64)?,
+            counters: gpu.buffer("counters", Use::Storage, size_of::<Counters>() as u64)?,
+            chunk_count: gpu.buffer_with("chunk count", Use::Storage, &[chunks])?,
+            dispatches: gpu.buffer("dispatches", Use::Indirect, 2 * 3 * 4)?,
+            splat_total: gpu.buffer("splat total", Use::Storage, 4)?,
+            entry_total: gpu.buffer("entry total", Use::Storage, 4)?,
+        })
+    }
+}
+
+/// A page's kernels.
+struct BoundPage {
+    mark: Bound,
+    project: Bound,
+    groups: [u32; 3],
+}
+
+/// A band's kernels.
+struct BoundBand {
+    count: Bound,
+    emit: Bound,
+    /// Workgroups over tiles, the one that takes what is not drawn included.
+    tiles: [u32; 3],
+    /// A workgroup a tile.
+    blend: [u32; 3],
+}
+
+/// A frame's kernels, all but the ones that write a G-buffer.
+pub struct Frame {
+    pub plan: FramePlan,
+    pages: Vec<BoundPage>,
+    scan_places: BoundScan,
+    plan_splats: Bound,
+    sort_by_depth: BoundSort,
+    bands: Vec<BoundBand>,
+    scan_tiles: BoundScan,
+    plan_entries: Bound,
+    sort_by_tile: BoundSort,
+    clear: Bound,
+    find: Bound,
+    blend: Kernel,
+    /// Uniforms of bands.
+    band_buffers: Vec<Buffer>,
+    dispatches: Buffer,
+    /// Which of a sort's two halves has its result.
+    sorted: [usize; 2],
+}
+
+/// The buffers of a frame by the names that kernels have for them. Each is cut to what the plan says, so that its length
+/// is its capacity.
+struct Buffers<'a> {
+    plan: &'a FramePlan,
+    arena: &'a Arena,
+}
+
+impl<'a> Buffers<'a> {
+    fn get(&self, name: &str) -> Result<Slice<'a>, GpuError> {
+        let buffer = self.arena.get(name).ok_or_else(|| GpuError::Bindings {
+            kernel: "a frame".to_owned(),
+            expected: name.to_owned(),
+            actual: "no such buffer".to_owned(),
+        })?;
+        Ok(buffer.part(0, self.plan.bytes_of(name)))
+    }
+
+    fn pairs(&self, keys: [&str; 2], values: [&str; 2]) -> Result<[Pairs<'a>; 2], GpuError> {
+        let pair = |k: usize| Ok(Pairs { keys: self.get(keys[k])?, values: self.get(values[k])? });
+        Ok([pair(0)?, pair(1)?])
+    }
+}
+
+/// Names of a sort's halves.
+const ORDER: [&str; 2] = ["order0", "order1"];
+const DEPTH_KEYS: [&str; 2] = ["depth_keys0", "depth_keys1"];
+const ENTRY_TILES: [&str; 2] = ["entry_tiles0", "entry_tiles1"];
+const ENTRY_SPLATS: [&str; 2] = ["entry_splats0", "entry_splats1"];
+
+impl Frame {
+    /// Makes room for `plan` and binds the kernels to it.
+    pub fn new(
+        gpu: &Gpu,
+        plan: FramePlan,
+        kernels: &Kernels,
+        pages: &[Page],
+        fixed: &Fixed,
+        arena: &mut Arena,
+    ) -> Result<Self, GpuError> {
+        // Everything is bound anew below, whether or not it grew.
+        let _ = arena.fit(gpu, &plan.needs)?;
+        let sorts = Sorts::new(gpu, &plan)?;
+        let sorted = [sorts.by_depth.plan().result(), sorts.by_tile.plan().result()];
+        let buffers = Buffers { plan: &plan, arena };
+        let counters = fixed.counters.slice();
+        let count_at = |start: u64| fixed.counters.part(start, 4);
+
+        let mut projected = vec![
+            ("view", fixed.view.slice()),
+            ("depth_keys", buffers.get(DEPTH_KEYS[0])?),
+            ("order", buffers.get(ORDER[0])?),
+        ];
+        for name in ["marks", "places", "splats_a", "splats_b", "splats_c"] {
+            projected.push((name, buffers.get(name)?));
+        }
+        if plan.outputs != Outputs::Color {
+            projected.push(("geometry_a", buffers.get("geometry_a")?));
+            projected.push(("geometry_b", buffers.get("geometry_b")?));
+        }
+        let bound_page = |page: &Page| {
+            let bindings = [&projected[..], &page.bindings()].concat();
+            Ok(BoundPage {
+                mark: kernels.mark.bind(gpu, &bindings)?,
+                project: kernels.project(plan.outputs).bind(gpu, &bindings)?,
+                groups: grid(page.chunks)?,
+            })
+        };
+        let bound_pages = pages.iter().map(bound_page).collect::<Result<Vec<_>, GpuError>>()?;
+
+        let planned = [
+            ("counters", counters),
+            ("dispatches", fixed.dispatches.slice()),
+            ("splat_total", fixed.splat_total.slice()),
+            ("entry_total", fixed.entry_total.slice()),
+            ("order", buffers.get(ORDER[0])?),
+            ("entry_tiles", buffers.get(ENTRY_TILES[0])?),
+        ];
+        let band_buffers = plan
+            .bands
+            .iter()
+            .map(|band| gpu.buffer_with("band", Use::Uniform, &[*band]))
+            .collect::<Result<Vec<_>, GpuError>>()?;
+        let mut bands = Vec::with_capacity(plan.bands.len());
+        for (band, buffer) in plan.bands.iter().zip(&band_buffers) {
+            let binned = [
+                ("splats_a", buffers.get("splats_a")?),
+                ("splats_b", buffers.get("splats_b")?),
+                ("order", buffers.get(ORDER[sorted[0]])?),
+                ("counters", counters),
+                ("band", buffer.slice()),
+                ("tile_counts", buffers.get("tile_counts")?),
+                ("entry_tiles", buffers.get(ENTRY_TILES[0])?),
+                ("entry_splats", buffers.get(ENTRY_SPLATS[0])?),
+            ];
+            bands.push(BoundBand {
+                count: kernels.count.bind(gpu, &binned)?,
+                emit: kernels.emit.bind(gpu, &binned)?,
+                tiles: grid((band.rows * band.columns + 1).div_ceil(GROUP))?,
+                blend: [band.columns, band.rows, 1],
+            });
+        }
+        let tiles = [
+            ("counters", counters),
+            ("entry_tiles", buffers.get(ENTRY_TILES[sorted[1]])?),
+            ("ranges", buffers.get("ranges")?),
+        ];
+        let (scan, chunk_count) = (&kernels.scan, fixed.chunk_count.slice());
+        Ok(Self {
+            pages: bound_pages,
+            scan_places: scan.bind(gpu, chunk_count, buffers.get("places")?, fixed.splat_total.slice())?,
+            plan_splats: kernels.plan_splats.bind(gpu, &planned)?,
+            sort_by_depth: sorts.by_depth.bind(gpu, count_at(SPLATS), buffers.pairs(DEPTH_KEYS, ORDER)?)?,
+            bands,
+            scan_tiles: scan.bind(
+                gpu,
+                count_at(PLACES),
+                buffers.get("tile_counts")?,
+                fixed.entry_total.slice(),
+            )?,
+            plan_entries: kernels.plan_entries.bind(gpu, &planned)?,
+            sort_by_tile: sorts.by_tile.bind(
+                gpu,
+                count_at(ENTRIES),
+                buffers.pairs(ENTRY_TILES, ENTRY_SPLATS)?,
+            )?,
+            clear: kernels.clear.bind(gpu, &tiles)?,
+            find: kernels.find.bind(gpu, &tiles)?,
+            blend: blend(gpu, plan.outputs)?,
+            band_buffers,
+            dispatches: fixed.dispatches.clone(),
+            sorted,
+            plan,
+        })
+    }
+
+    /// Blending with the G-buffer's planes, for each band.
+    pub fn bind_target(
+        &self,
+        gpu: &Gpu,
+        fixed: &Fixed,
+        arena: &Arena,
+        planes: &[(&'static str, Buffer)],
+    ) -> Result<Vec<Bound>, GpuError> {
+        let buffers = Buffers { plan: &self.plan, arena };
+        let mut blended =
+            vec![("view", fixed.view.slice()), ("entry_splats", buffers.get(ENTRY_SPLATS[self.sorted[1]])?)];
+        for name in ["ranges", "splats_a", "splats_b", "splats_c"] {
+            blended.push((name, buffers.get(name)?));
+        }
+        if self.plan.outputs != Outputs::Color {
+            blended.push(("geometry_a", buffers.get("geometry_a")?));
+            blended.push(("geometry_b", buffers.get("geometry_b")?));
+        }
+        let bind = |(band, uniform): (_, &Buffer)| {
+            let (start, bytes) = self.plan.band_bytes(band);
+            let outputs = planes.iter().map(|(name, plane)| (*name, plane.part(start, bytes)));
+            let all: Vec<_> =
+                blended.iter().copied().chain([("band", uniform.slice())]).chain(outputs).collect();
+            self.blend.bind(gpu, &all)
+        };
+        self.plan.bands.iter().zip(&self.band_buffers).map(bind).collect()
+    }
+
+    /// Records the frame. Stages are named after the CPU's.
+    pub fn record(&self, recorder: &mut Recorder<'_>, target: &Target) {
+        recorder.stage("project");
+        for page in &self.pages {
+            recorder.dispatch(&page.mark, page.groups);
+        }
+        self.scan_places.record(recorder);
+        recorder.dispatch(&self.plan_splats, [1, 1, 1]);
+        for page in &self.pages {
+            recorder.dispatch(&page.project, page.groups);
+        }
+        recorder.stage("order");
+        self.sort_by_depth.record(recorder);
+        for (band, blend) in self.bands.iter().zip(&target.blend) {
+            recorder.stage("bin");
+            recorder.dispatch_indirect(&band.count, &self.dispatches, OVER_SPLATS);
+            self.scan_tiles.record(recorder);
+            recorder.dispatch(&self.plan_entries, [1, 1, 1]);
+            recorder.dispatch_indirect(&band.emit, &self.dispatches, OVER_SPLATS);
+            self.sort_by_tile.record(recorder);
+            recorder.dispatch(&self.clear, band.tiles);
+            recorder.dispatch_indirect(&self.find, &self.dispatches, OVER_ENTRIES);
+            recorder.stage("blend");
+            recorder.dispatch(blend, band.blend);
+        }
+    }
+}

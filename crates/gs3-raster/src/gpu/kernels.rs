@@ -1,0 +1,87 @@
+//! The kernels of a scene, compiled once.
+
+use gs3_compute::{Gpu, GpuError, Kernel, Scan, Sort};
+use gs3_scene::OpacityMode;
+
+use super::plan::{DEPTH_BITS, FramePlan, ScenePlan};
+use super::shaders;
+use crate::settings::{Culling, Outputs};
+
+/// Kernels that do not depend on sizes.
+pub struct Kernels {
+    pub mark: Kernel,
+    pub project_color: Kernel,
+    pub project_gbuffer: Kernel,
+    pub scan: Scan,
+    pub plan_splats: Kernel,
+    pub plan_entries: Kernel,
+    pub count: Kernel,
+    pub emit: Kernel,
+    pub clear: Kernel,
+    pub find: Kernel,
+}
+
+/// Kernels that depend on sizes.
+pub struct Sorts {
+    pub by_depth: Sort,
+    pub by_tile: Sort,
+}
+
+/// `CULLING` of `project.wgsl` and `bin.wgsl`.
+const fn culling_number(culling: Culling) -> u32 {
+    match culling {
+        Culling::Aabb3Sigma => 0,
+        Culling::Adr => 1,
+        Culling::SnugBox => 2,
+        Culling::AccuTile => 3,
+        Culling::Exact => 4,
+    }
+}
+
+impl Kernels {
+    pub fn new(gpu: &Gpu, scene: &ScenePlan, mode: OpacityMode, culling: Culling) -> Result<Self, GpuError> {
+        let culling = ("CULLING", f64::from(culling_number(culling)));
+        let mode = match mode {
+            OpacityMode::Default => 0.0,
+            OpacityMode::Antialiased => 1.0,
+        };
+        let constants = [culling, ("OPACITY_MODE", mode), ("SH_DEGREE", f64::from(scene.sh_degree))];
+        let project = gpu.module("project", &shaders::project(scene.precision))?;
+        let bin = gpu.module("bin", &shaders::BIN)?;
+        let plan = gpu.module("plan", &shaders::PLAN)?;
+        let tiles = gpu.module("tiles", &shaders::TILES)?;
+        Ok(Self {
+            mark: project.kernel(gpu, "mark", &constants)?,
+            project_color: project.kernel(gpu, "project_color", &constants)?,
+            project_gbuffer: project.kernel(gpu, "project_gbuffer", &constants)?,
+            scan: Scan::new(gpu)?,
+            plan_splats: plan.kernel(gpu, "plan_splats", &[])?,
+            plan_entries: plan.kernel(gpu, "plan_entries", &[])?,
+            count: bin.kernel(gpu, "count", &[culling])?,
+            emit: bin.kernel(gpu, "emit", &[culling])?,
+            clear: tiles.kernel(gpu, "clear", &[])?,
+            find: tiles.kernel(gpu, "find", &[])?,
+        })
+    }
+
+    pub const fn project(&self, outputs: Outputs) -> &Kernel {
+        match outputs {
+            Outputs::Color => &self.project_color,
+            Outputs::GBuffer | Outputs::GBufferMixed => &self.project_gbuffer,
+        }
+    }
+}
+
+impl Sorts {
+    pub fn new(gpu: &Gpu, plan: &FramePlan) -> Result<Self, GpuError> {
+        Ok(Self {
+            by_depth: Sort::new(gpu, plan.room.splats, DEPTH_BITS)?,
+            by_tile: Sort::new(gpu, plan.room.entries, plan.tile_bits)?,
+        })
+    }
+}
+
+/// Tiles to pixels.
+pub fn blend(gpu: &Gpu, outputs: Outputs) -> Result<Kernel, GpuError> {
+    gpu.module("blend", &shaders::blend(outputs))?.kernel(gpu, "blend", &[])
+}

@@ -1,0 +1,260 @@
+//! The GPU rasterizer: the same frame as [`crate::cpu`], in device memory, through wgpu on any adapter.
+//!
+//! | stage | shaders beside the CPU's stems | what |
+//! |---|---|---|
+//! | project | `chunk`, `project`, `geometry`, `sh` | marks the Gaussians that touch a sample, counts them, and writes their splats in scene order |
+//! | order | | sorts the visible splats by depth, once for the whole picture |
+//! | bin | `bin`, `tiles` | front to back, writes an entry for each tile of a splat; a stable sort by tile keeps that order within tiles |
+//! | blend | `cover`, `blend`, `outputs_*`, `mixed*` | a workgroup a tile, an invocation a pixel |
+//!
+//! Deterministic but for what the driver does: splats of equal depth keep scene order, whatever workgroup wrote them.
+//!
+//! A frame reads nothing back, and allocates nothing but when size or outputs change. How many splats are visible and how
+//! many tiles they cover only the device knows; where there was no room for all of them, [`GpuRasterizer::settle`] says
+//! so and makes room, and the frame is to be made again.
+
+mod error;
+mod frame;
+mod gbuffer;
+mod kernels;
+#[cfg(test)]
+mod layout;
+mod plan;
+mod scene;
+mod shaders;
+#[cfg(test)]
+mod tests;
+mod view;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use gs3_compute::{Arena, Gpu, Limits, Recorder};
+use gs3_scene::{Camera, GBuffer, Image, Scene};
+
+use crate::settings::{Culling, Outputs, RasterSettings};
+use crate::view::View;
+pub use error::GpuRasterError;
+use frame::{Fixed, Frame};
+pub use gbuffer::GpuGBuffer;
+use gbuffer::Target;
+use kernels::Kernels;
+use plan::{Counters, FramePlan, Room, ScenePlan};
+use scene::Page;
+pub use scene::ScenePrecision;
+use view::ViewUniform;
+
+/// Rasterizes one scene on a GPU; keeps its memory between frames.
+pub struct GpuRasterizer {
+    gpu: Gpu,
+    scene: Arc<Scene>,
+    limits: Limits,
+    plan: ScenePlan,
+    pages: Vec<Page>,
+    kernels: Kernels,
+    fixed: Fixed,
+    arena: Arena,
+    /// Kept when the size changes, so that a window that is resized does not learn it anew.
+    room: Option<Room>,
+    frame: Option<Frame>,
+    /// Number of `frame` among all frames of all rasterizers.
+    frame_number: u64,
+    /// For [`Self::rasterize_to`].
+    gbuffer: GpuGBuffer,
+}
+
+/// What a frame turned out to need.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Settled {
+    /// All of it had room.
+    Complete {
+        /// Gaussians projected onto at least one sample.
+        splats: u32,
+        /// Tiles that they cover in all, or in the fullest band where the picture takes several.
+        entries: u32,
+    },
+    /// The frame lacks splats; there is room for them now, and it is to be made again.
+    Again,
+}
+
+/// Frames of all rasterizers, counted from 1, so that a G-buffer knows to which one it is bound.
+static FRAMES: AtomicU64 = AtomicU64::new(1);
+
+impl GpuRasterizer {
+    /// Packs `scene`, sends it to the device and compiles the kernels.
+    ///
+    /// # Errors
+    /// [`GpuRasterError::Gpu`] if the device has no room for it or fails.
+    pub fn new(
+        gpu: &Gpu,
+        scene: Arc<Scene>,
+        culling: Culling,
+        precision: ScenePrecision,
+    ) -> Result<Self, GpuRasterError> {
+        Self::with_limits(gpu, scene, culling, precision, gpu.capabilities().limits)
+    }
+
+    /// As [`Self::new`], within `limits` that the device may exceed.
+    fn with_limits(
+        gpu: &Gpu,
+        scene: Arc<Scene>,
+        culling: Culling,
+        precision: ScenePrecision,
+        limits: Limits,
+    ) -> Result<Self, GpuRasterError> {
+        let g = scene.gaussians();
+        let plan = ScenePlan::new(&limits, g.len() as u64, g.sh_degree, precision)?;
+        Ok(Self {
+            pages: scene::upload(gpu, g, &plan)?,
+            kernels: Kernels::new(gpu, &plan, scene.opacity_mode(), culling)?,
+            fixed: Fixed::new(gpu, plan.chunks)?,
+            gpu: gpu.clone(),
+            limits,
+            plan,
+            scene,
+            arena: Arena::default(),
+            room: None,
+            frame: None,
+            frame_number: 0,
+            gbuffer: GpuGBuffer::default(),
+        })
+    }
+
+    /// The scene.
+    #[must_use]
+    pub const fn scene(&self) -> &Arc<Scene> {
+        &self.scene
+    }
+
+    /// The device.
+    #[must_use]
+    pub const fn gpu(&self) -> &Gpu {
+        &self.gpu
+    }
+
+    /// Records the scene seen by `camera` into `out`, which takes the camera's size. Once in a submission at most; what
+    /// is recorded after it finds the G-buffer finished.
+    ///
+    /// # Errors
+    /// [`GpuRasterError`] if a setting is out of range, or the device has no room for the size.
+    pub fn record(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        camera: &Camera,
+        settings: &RasterSettings,
+        out: &mut GpuGBuffer,
+    ) -> Result<(), GpuRasterError> {
+        settings.check()?;
+        self.fit([camera.width(), camera.height()], settings.outputs)?;
+        let Some(frame) = &self.frame else { return Ok(()) };
+        out.fit(&self.gpu, &frame.plan)?;
+        out.set_jitter(settings.jitter);
+        if out.target.frame != self.frame_number {
+            let blend = frame.bind_target(&self.gpu, &self.fixed, &self.arena, out.planes())?;
+            out.target = Target { frame: self.frame_number, blend };
+        }
+        let view = ViewUniform::new(&View::new(camera, settings), settings);
+        self.gpu.write(&self.fixed.view.slice(), &[view])?;
+        frame.record(recorder, &out.target);
+        Ok(())
+    }
+
+    /// What the last submitted frame needed. It waits for the frame, so where frames follow each other it belongs after
+    /// the next one's recording, or to every few of them.
+    ///
+    /// # Errors
+    /// [`GpuRasterError::Gpu`] if the device cannot hold what the frame needs, or fails.
+    pub fn settle(&mut self) -> Result<Settled, GpuRasterError> {
+        let (Some(frame), Some(room)) = (&self.frame, self.room) else {
+            return Ok(Settled::Complete { splats: 0, entries: 0 });
+        };
+        let counters = self.gpu.read::<Counters>(&self.fixed.counters.slice())?;
+        let (splats, entries) = counters.first().map_or((0, 0), |c| (c.splats_found, c.most_entries));
+        let rows = frame.plan.bands.iter().map(|band| band.rows).sum();
+        match room.grown(&self.limits, rows, splats, entries)? {
+            None => Ok(Settled::Complete { splats, entries }),
+            Some(grown) => {
+                self.room = Some(grown);
+                self.frame = None;
+                Ok(Settled::Again)
+            }
+        }
+    }
+
+    /// Rasterizes the scene seen by `camera` into `out`, as often as it takes until all of it had room, and waits for it.
+    ///
+    /// # Errors
+    /// [`GpuRasterError`] if a setting is out of range, or the device has no room or fails.
+    pub fn rasterize(
+        &mut self,
+        camera: &Camera,
+        settings: &RasterSettings,
+        out: &mut GpuGBuffer,
+    ) -> Result<(), GpuRasterError> {
+        loop {
+            let gpu = self.gpu.clone();
+            let mut recorder = gpu.recorder(None);
+            self.record(&mut recorder, camera, settings, out)?;
+            recorder.submit()?;
+            if self.settle()? != Settled::Again {
+                return Ok(());
+            }
+        }
+    }
+
+    /// As [`Self::rasterize`], read back.
+    ///
+    /// # Errors
+    /// As [`Self::rasterize`].
+    pub fn rasterize_to(
+        &mut self,
+        camera: &Camera,
+        settings: &RasterSettings,
+        out: &mut GBuffer,
+    ) -> Result<(), GpuRasterError> {
+        let mut gbuffer = std::mem::take(&mut self.gbuffer);
+        let result = self.rasterize(camera, settings, &mut gbuffer);
+        self.gbuffer = gbuffer;
+        result?;
+        Ok(self.gbuffer.read(&self.gpu, out)?)
+    }
+
+    /// Rasterizes colour only, read back as an [`Image`] whose fourth channel is alpha. `settings.outputs` is not read.
+    ///
+    /// # Errors
+    /// As [`Self::rasterize`].
+    pub fn rasterize_image(
+        &mut self,
+        camera: &Camera,
+        settings: &RasterSettings,
+        out: &mut Image,
+    ) -> Result<(), GpuRasterError> {
+        let settings = RasterSettings { outputs: Outputs::Color, ..*settings };
+        let mut gbuffer = std::mem::take(&mut self.gbuffer);
+        let result = self.rasterize(camera, &settings, &mut gbuffer);
+        self.gbuffer = gbuffer;
+        result?;
+        Ok(self.gbuffer.read_image(&self.gpu, out)?)
+    }
+
+    /// Makes sure that `self.frame` is one of that size and those outputs.
+    fn fit(&mut self, size: [u32; 2], outputs: Outputs) -> Result<(), GpuRasterError> {
+        if self.frame.as_ref().is_some_and(|frame| frame.plan.size == size && frame.plan.outputs == outputs) {
+            return Ok(());
+        }
+        let guess = Room::new(&self.limits, &self.plan, size);
+        let known = self.room.get_or_insert(guess);
+        known.entries = known.entries.max(guess.entries);
+        let plan = FramePlan::new(&self.limits, &self.plan, size, outputs, *known)?;
+        self.set_frame(plan)
+    }
+
+    fn set_frame(&mut self, plan: FramePlan) -> Result<(), GpuRasterError> {
+        // Where making it fails, buffers may be gone that the old one is bound to.
+        self.frame = None;
+        let frame = Frame::new(&self.gpu, plan, &self.kernels, &self.pages, &self.fixed, &mut self.arena)?;
+        self.frame = Some(frame);
+        self.frame_number = FRAMES.fetch_add(1, Ordering::Relaxed);
+        Ok(())
+    }
+}

@@ -1,0 +1,412 @@
+//! All sizes of the GPU rasterizer, from the scene, the picture and the device: pure functions.
+
+use bytemuck::{Pod, Zeroable};
+use gs3_compute::{ChunkPlan, GpuError, Limits, MAX_PAIRS, Need, Use};
+
+use super::scene::ScenePrecision;
+use crate::chunk::CHUNK;
+use crate::settings::Outputs;
+
+/// Side of a tile in pixels, `TILE` of `splat.wgsl`.
+pub const TILE: u32 = 16;
+
+/// Bits of a depth that differ: it is positive.
+pub const DEPTH_BITS: u32 = 31;
+
+/// Bytes of a pixel in a plane of the G-buffer: four f32.
+pub const PIXEL_BYTES: u64 = 16;
+
+/// `Counters` of `frame.wgsl`: members that bindings start at lie 256 bytes apart, as any device takes them.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub struct Counters {
+    pub splats: u32,
+    _pad0: [u32; 63],
+    pub places: u32,
+    _pad1: [u32; 63],
+    pub entries: u32,
+    _pad2: [u32; 63],
+    pub splats_found: u32,
+    pub most_entries: u32,
+    pub entry_shares: u32,
+    _pad: u32,
+}
+
+/// `Band` of `frame.wgsl`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Band {
+    pub first_row: u32,
+    pub rows: u32,
+    pub columns: u32,
+    pub _pad: u32,
+}
+
+/// How a scene is divided.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ScenePlan {
+    pub gaussians: u32,
+    pub sh_degree: u8,
+    pub precision: ScenePrecision,
+    /// Gaussians in parts that fit one binding each, whole chunks.
+    pub pages: ChunkPlan,
+    pub chunks: u32,
+}
+
+impl ScenePlan {
+    /// # Errors
+    /// [`GpuError::TooLarge`] above 2³² Gaussians.
+    pub fn new(
+        limits: &Limits,
+        gaussians: u64,
+        sh_degree: u8,
+        precision: ScenePrecision,
+    ) -> Result<Self, GpuError> {
+        let too_large = |_| GpuError::TooLarge {
+            what: "Gaussians of a scene".to_owned(),
+            max: u32::MAX.into(),
+            actual: gaussians,
+        };
+        let largest = precision.sh_bytes(sh_degree).max(precision.shape_bytes());
+        Ok(Self {
+            gaussians: u32::try_from(gaussians).map_err(too_large)?,
+            sh_degree,
+            precision,
+            pages: ChunkPlan::new(limits, gaussians, largest, CHUNK as u64)?,
+            chunks: u32::try_from(gaussians.div_ceil(CHUNK as u64)).map_err(too_large)?,
+        })
+    }
+}
+
+/// What only a frame itself shows to be enough.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Room {
+    /// Visible Gaussians.
+    pub splats: u32,
+    /// (tile, splat) pairs of a band.
+    pub entries: u32,
+    /// Rows of tiles in a band, at most.
+    pub band_rows: u32,
+}
+
+/// Splats and entries that one binding each holds.
+fn most(limits: &Limits) -> Room {
+    let bytes = limits.binding_bytes.min(limits.buffer_bytes);
+    // Splats are 16 bytes in each of their arrays. A sort's digits take fewer bytes than its keys.
+    let items = |size: u64| (bytes / size).min(MAX_PAIRS.into()) as u32;
+    Room { splats: items(16), entries: items(4), band_rows: u32::MAX }
+}
+
+/// Room for `count` items. Kernels that sort are compiled for a capacity, and drivers remember what they have compiled: few
+/// different capacities, powers of two up to 2²⁰ and its multiples, meet again.
+fn rounded(count: u32, max: u32) -> u32 {
+    const STEP: u32 = 1 << 20;
+    const LEAST: u32 = 1 << 16;
+    let rounded = match count {
+        0..STEP => count.next_power_of_two().max(LEAST),
+        _ => count.checked_next_multiple_of(STEP).unwrap_or(max),
+    };
+    rounded.min(max)
+}
+
+impl Room {
+    /// A first guess.
+    pub fn new(limits: &Limits, scene: &ScenePlan, size: [u32; 2]) -> Self {
+        let most = most(limits);
+        // Of large scenes rarely more than half is in view at a time.
+        let splats = scene.gaussians.min((1 << 20).max(scene.gaussians / 2)).min(most.splats);
+        let tiles = size[0].div_ceil(TILE) * size[1].div_ceil(TILE);
+        // Low-resolution splats touch one tile or two, those of native frames three to ten.
+        let entries = u64::from(splats) * 4 + u64::from(tiles) * 16;
+        let entries = entries.min(most.entries.into()) as u32;
+        Self {
+            splats: rounded(splats, most.splats),
+            entries: rounded(entries, most.entries),
+            band_rows: most.band_rows,
+        }
+    }
+
+    /// Room for a frame that needs so much, a quarter more than that where there is any; `None` if it had enough.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] if the device cannot hold as much.
+    pub fn grown(
+        self,
+        limits: &Limits,
+        rows: u32,
+        splats: u32,
+        entries: u32,
+    ) -> Result<Option<Self>, GpuError> {
+        let most = most(limits);
+        let too_large = |what: &str, max: u32, actual: u32| GpuError::TooLarge {
+            what: what.to_owned(),
+            max: max.into(),
+            actual: actual.into(),
+        };
+        let with_reserve = |count: u32, max: u32| rounded(count.saturating_add(count / 4), max);
+        let mut grown = self;
+        if splats > self.splats {
+            if splats > most.splats {
+                return Err(too_large("visible Gaussians", most.splats, splats));
+            }
+            grown.splats = with_reserve(splats, most.splats);
+        }
+        if entries > self.entries {
+            if entries > most.entries {
+                // Smaller bands have fewer entries each.
+                let band_rows = self.band_rows.min(rows);
+                if band_rows == 1 {
+                    return Err(too_large("splats on a row of tiles", most.entries, entries));
+                }
+                let share = entries.div_ceil(most.entries).max(2);
+                grown.band_rows = (band_rows / share).max(1);
+                grown.entries = most.entries;
+            } else {
+                grown.entries = with_reserve(entries, most.entries);
+            }
+        }
+        Ok((grown != self).then_some(grown))
+    }
+}
+
+/// Sizes of a frame.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FramePlan {
+    /// Pixels.
+    pub size: [u32; 2],
+    pub outputs: Outputs,
+    pub room: Room,
+    /// Parts of the picture that are binned and blended one after the other: as many rows of tiles as have their pixels in
+    /// one binding.
+    pub bands: Vec<Band>,
+    /// Bits of a tile's number in a band, and of the number after the last.
+    pub tile_bits: u32,
+    /// Buffers, all but the G-buffer's.
+    pub needs: Vec<Need>,
+}
+
+impl FramePlan {
+    /// # Errors
+    /// [`GpuError::TooLarge`] if the device cannot bind as much.
+    pub fn new(
+        limits: &Limits,
+        scene: &ScenePlan,
+        size: [u32; 2],
+        outputs: Outputs,
+        room: Room,
+    ) -> Result<Self, GpuError> {
+        let (columns, rows) = (size[0].div_ceil(TILE), size[1].div_ceil(TILE));
+        let row_bytes = u64::from(TILE) * u64::from(size[0]) * PIXEL_BYTES;
+        let bytes = limits.binding_bytes.min(limits.buffer_bytes);
+        let band_rows = u32::try_from(bytes / row_bytes).unwrap_or(u32::MAX).min(room.band_rows).min(rows);
+        if band_rows == 0 {
+            let what = "bytes of a row of tiles".to_owned();
+            return Err(GpuError::TooLarge { what, max: bytes, actual: row_bytes });
+        }
+        let band = |first_row: u32| {
+            let rows = band_rows.min(rows - first_row);
+            Band { first_row, rows, columns, _pad: 0 }
+        };
+        let bands = (0..rows).step_by(band_rows as usize).map(band).collect();
+        let tiles = band_rows * columns;
+        let plan = Self {
+            size,
+            outputs,
+            room,
+            bands,
+            tile_bits: u32::BITS - tiles.leading_zeros(),
+            needs: needs(scene, outputs, room, tiles),
+        };
+        for need in &plan.needs {
+            if need.bytes > bytes {
+                let what = format!("bytes of buffer {}", need.name);
+                return Err(GpuError::TooLarge { what, max: bytes, actual: need.bytes });
+            }
+        }
+        Ok(plan)
+    }
+
+    /// The plane of a pixel's quantity in the G-buffer, bytes.
+    pub fn plane_bytes(&self) -> u64 {
+        u64::from(self.size[0]) * u64::from(self.size[1]) * PIXEL_BYTES
+    }
+
+    /// Where a band's pixels lie in a plane, bytes: start and length.
+    pub fn band_bytes(&self, band: &Band) -> (u64, u64) {
+        let row = u64::from(self.size[0]) * PIXEL_BYTES;
+        let first = band.first_row * TILE;
+        let last = ((band.first_row + band.rows) * TILE).min(self.size[1]);
+        (u64::from(first) * row, u64::from(last - first) * row)
+    }
+
+    /// The bytes that the named buffer needs.
+    pub fn bytes_of(&self, name: &str) -> u64 {
+        self.needs.iter().find(|need| need.name == name).map_or(0, |need| need.bytes)
+    }
+}
+
+/// Buffers of a frame. Names ending in 0 and 1 are a sort's two halves.
+fn needs(scene: &ScenePlan, outputs: Outputs, room: Room, tiles: u32) -> Vec<Need> {
+    let Room { splats, entries, .. } = room;
+    let storage =
+        |name, count: u32, size: u64| Need { name, usage: Use::Storage, bytes: u64::from(count) * size };
+    let mut needs = vec![
+        storage("marks", scene.chunks, CHUNK as u64 / 8),
+        storage("places", scene.chunks, 4),
+        storage("splats_a", splats, 16),
+        storage("splats_b", splats, 16),
+        storage("splats_c", splats, 16),
+        storage("depth_keys0", splats, 4),
+        storage("depth_keys1", splats, 4),
+        storage("order0", splats, 4),
+        storage("order1", splats, 4),
+        storage("tile_counts", splats + 1, 4),
+        storage("entry_tiles0", entries, 4),
+        storage("entry_tiles1", entries, 4),
+        storage("entry_splats0", entries, 4),
+        storage("entry_splats1", entries, 4),
+        storage("ranges", tiles + 1, 8),
+    ];
+    if outputs != Outputs::Color {
+        needs.extend([storage("geometry_a", splats, 16), storage("geometry_b", splats, 8)]);
+    }
+    needs
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::layout::assert_layout;
+
+    #[test]
+    fn layouts_are_those_of_the_shader() {
+        let source = include_str!("frame.wgsl");
+        assert_layout!(source, Band, Band { first_row, rows, columns, _pad });
+        let (members, size) = crate::gpu::layout::of_shader(source, "Counters");
+        let rust = [
+            ("splats", std::mem::offset_of!(Counters, splats)),
+            ("places", std::mem::offset_of!(Counters, places)),
+            ("entries", std::mem::offset_of!(Counters, entries)),
+            ("splats_found", std::mem::offset_of!(Counters, splats_found)),
+            ("most_entries", std::mem::offset_of!(Counters, most_entries)),
+            ("entry_shares", std::mem::offset_of!(Counters, entry_shares)),
+            ("_pad", std::mem::offset_of!(Counters, _pad)),
+        ];
+        assert_eq!(members, rust.map(|(name, offset)| (name.to_owned(), offset)));
+        assert_eq!(size, size_of::<Counters>());
+    }
+
+    fn limits(binding_bytes: u64) -> Limits {
+        Limits {
+            buffer_bytes: 4 * binding_bytes,
+            binding_bytes,
+            storage_bindings: 16,
+            binding_alignment: 256,
+            workgroup_bytes: 32 << 10,
+            workgroup_invocations: 256,
+            workgroups: 65_535,
+        }
+    }
+
+    const SIZES: [[u32; 2]; 8] =
+        [[1, 1], [15, 17], [480, 270], [1920, 1080], [4096, 2160], [7680, 4320], [8192, 8192], [8192, 1]];
+
+    /// Whatever the picture and the scene, every binding fits the smallest devices that gs3 runs on, bands cover the
+    /// picture once, and bindings of bands start where devices take them.
+    #[test]
+    fn every_size_fits_the_smallest_device() {
+        for binding_bytes in [128 << 20, 2 << 30, (4 << 30) - 4] {
+            let limits = limits(binding_bytes);
+            for gaussians in [1, 255, 257, 3_400_000, 50_000_000] {
+                for (degree, precision) in
+                    [(0, ScenePrecision::F16), (3, ScenePrecision::F16), (3, ScenePrecision::F32)]
+                {
+                    let scene = ScenePlan::new(&limits, gaussians, degree, precision).unwrap();
+                    check_pages(&scene, &limits);
+                    for size in SIZES {
+                        for outputs in [Outputs::Color, Outputs::GBufferMixed] {
+                            let room = Room::new(&limits, &scene, size);
+                            let plan = FramePlan::new(&limits, &scene, size, outputs, room).unwrap();
+                            check_frame(&plan, &limits);
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    fn check_pages(scene: &ScenePlan, limits: &Limits) {
+        let mut next = 0;
+        for range in scene.pages.ranges() {
+            assert_eq!(range.start, next);
+            assert_eq!(range.start % CHUNK as u64, 0);
+            let count = range.end - range.start;
+            let row = scene.precision.sh_bytes(scene.sh_degree).max(scene.precision.shape_bytes());
+            assert!(count * row <= limits.binding_bytes, "{scene:?}");
+            assert!(gs3_compute::grid(count.div_ceil(CHUNK as u64) as u32).is_ok());
+            next = range.end;
+        }
+        assert_eq!(next, u64::from(scene.gaussians));
+    }
+
+    fn check_frame(plan: &FramePlan, limits: &Limits) {
+        assert!(plan.needs.iter().all(|need| need.bytes <= limits.binding_bytes && need.bytes > 0));
+        let (mut row, mut end) = (0, 0);
+        for band in &plan.bands {
+            assert_eq!(band.first_row, row);
+            assert!(band.rows > 0 && band.rows <= limits.workgroups && band.columns <= limits.workgroups);
+            let (start, bytes) = plan.band_bytes(band);
+            assert_eq!((start, start % 256), (end, 0));
+            assert!(bytes > 0 && bytes <= limits.binding_bytes);
+            assert!(band.rows * band.columns < 1 << plan.tile_bits);
+            (row, end) = (row + band.rows, start + bytes);
+        }
+        assert_eq!(end, plan.plane_bytes(), "{:?}", plan.size);
+        assert_eq!(row, plan.size[1].div_ceil(TILE));
+    }
+
+    #[test]
+    fn room_grows_to_what_a_frame_needed() {
+        let limits = limits(128 << 20);
+        let room = Room { splats: 1000, entries: 2000, band_rows: u32::MAX };
+        let grown = |splats, entries| room.grown(&limits, 135, splats, entries).unwrap();
+        assert_eq!(grown(1000, 2000), None);
+        assert_eq!(grown(1001, 2000), Some(Room { splats: 1 << 16, ..room }));
+        assert_eq!(grown(1000, 400_000), Some(Room { entries: 1 << 19, ..room }));
+        assert_eq!(grown(3_000_000, 0), Some(Room { splats: 4 << 20, ..room }));
+        assert_eq!(grown(8_388_608, 0), Some(Room { splats: 8_388_608, ..room }));
+    }
+
+    /// Where no binding holds a band's entries, bands shrink, down to one row of tiles.
+    #[test]
+    fn bands_shrink_when_entries_do_not_fit() {
+        let limits = limits(128 << 20);
+        let most = (128 << 20) / 4;
+        let scene = ScenePlan::new(&limits, 3_000_000, 0, ScenePrecision::F16).unwrap();
+        let mut room = Room::new(&limits, &scene, [7680, 4320]);
+        let rows = 270;
+        let mut seen = Vec::new();
+        loop {
+            match room.grown(&limits, rows, 0, u32::MAX) {
+                Ok(Some(grown)) => {
+                    assert_eq!(grown.entries, most);
+                    assert!(grown.band_rows < room.band_rows);
+                    room = grown;
+                    seen.push(room.band_rows);
+                }
+                Ok(None) => panic!("there was never enough"),
+                Err(GpuError::TooLarge { max, .. }) => {
+                    assert_eq!(max, u64::from(most));
+                    break;
+                }
+                Err(other) => panic!("{other}"),
+            }
+        }
+        assert_eq!(seen.last(), Some(&1));
+        let over = room.grown(&limits, rows, 9_000_000, 0);
+        assert!(
+            matches!(over, Err(GpuError::TooLarge { max: 8_388_608, actual: 9_000_000, .. })),
+            "{over:?}"
+        );
+    }
+}

@@ -1,0 +1,36 @@
+// View-dependent colour from spherical harmonics; see sh.rs.
+
+const C0: f32 = 0.28209479177387814;
+const C1: f32 = 0.4886025119029199;
+
+// Display-encoded RGB of Gaussian i seen along `direction` (any length), at least 0.
+fn color_of(i: u32, direction: vec3<f32>) -> vec3<f32> {
+    var color = fma(vec3(C0), sh_of(i, 0u), vec3(0.5));
+    if SH_DEGREE > 0u {
+        let d = direction * (1.0 / sqrt(dot3(direction, direction)));
+        let x = d.x;
+        let y = d.y;
+        let z = d.z;
+        color += (-C1 * y) * sh_of(i, 1u) + (C1 * z) * sh_of(i, 2u) + (-C1 * x) * sh_of(i, 3u);
+        if SH_DEGREE > 1u {
+            let xx = x * x;
+            let yy = y * y;
+            let zz = z * z;
+            color += (1.0925484305920792 * x * y) * sh_of(i, 4u);
+            color += (-1.0925484305920792 * y * z) * sh_of(i, 5u);
+            color += (0.31539156525252005 * (2.0 * zz - xx - yy)) * sh_of(i, 6u);
+            color += (-1.0925484305920792 * x * z) * sh_of(i, 7u);
+            color += (0.5462742152960396 * (xx - yy)) * sh_of(i, 8u);
+            if SH_DEGREE > 2u {
+                color += (-0.5900435899266435 * y * (3.0 * xx - yy)) * sh_of(i, 9u);
+                color += (2.890611442640554 * x * y * z) * sh_of(i, 10u);
+                color += (-0.4570457994644658 * y * (4.0 * zz - xx - yy)) * sh_of(i, 11u);
+                color += (0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy)) * sh_of(i, 12u);
+                color += (-0.4570457994644658 * x * (4.0 * zz - xx - yy)) * sh_of(i, 13u);
+                color += (1.445305721320277 * z * (xx - yy)) * sh_of(i, 14u);
+                color += (-0.5900435899266435 * x * (xx - 3.0 * yy)) * sh_of(i, 15u);
+            }
+        }
+    }
+    return max(color, vec3(0.0));
+}

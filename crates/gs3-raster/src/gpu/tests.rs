@@ -1,0 +1,218 @@
+//! The stages one by one beside the CPU's, and devices smaller than any real one.
+
+use glam::{DAffine3, DVec3};
+use gs3_compute::{GpuError, GpuSettings, Limits};
+use gs3_scene::{Gaussians, Intrinsics, OpacityMode};
+
+use super::*;
+use crate::cpu::Rasterizer;
+use crate::settings::matched_dilation;
+
+/// The adapter of this machine, or a word that there is none.
+fn gpu() -> Option<Gpu> {
+    Gpu::new(&GpuSettings::default()).inspect_err(|error| eprintln!("skipped: no adapter: {error}")).ok()
+}
+
+/// `count` Gaussians in a box before the camera, most of them a few pixels wide or less, one in fifty all over the image;
+/// many have the same depth.
+fn scene(count: usize, size: [f32; 2]) -> Arc<Scene> {
+    let mut state = 1_u32;
+    let mut random = move || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as f32 / (1 << 24) as f32
+    };
+    let mut g = Gaussians::zeroed(count, 1);
+    for i in 0..count {
+        let depth = 2.0 + (random() * 50.0).floor() / 10.0;
+        for (k, side) in [2.4, 1.6].into_iter().enumerate() {
+            g.means[k][i] = (random() - 0.5) * side * depth * 0.5;
+        }
+        g.means[2][i] = depth;
+        let large = if i % 50 == 0 { 60.0 } else { 1.0 };
+        for k in 0..3 {
+            g.scales[k][i] = (size[0] + random() * (size[1] - size[0])) * large;
+        }
+        for k in 0..4 {
+            g.rotations[k][i] = random() - 0.5;
+        }
+        g.opacities[i] = 0.02 + 0.97 * random();
+        for value in &mut g.sh[i * 12..(i + 1) * 12] {
+            *value = random() - 0.4;
+        }
+    }
+    Arc::new(Scene::new(g, OpacityMode::Default).expect("valid"))
+}
+
+fn camera(width: u32, height: u32) -> Camera {
+    let pose = DAffine3::from_translation(DVec3::new(0.02, -0.01, 0.3));
+    Camera::new(pose, Intrinsics::from_fov_y(width, height, 0.8)).expect("valid")
+}
+
+const SETTINGS: RasterSettings = RasterSettings {
+    outputs: Outputs::GBufferMixed,
+    dilation: 0.3,
+    jitter: [0.25, -0.125],
+    background: [0.1, 0.2, 0.3],
+};
+
+fn frame(rasterizer: &mut GpuRasterizer, camera: &Camera, settings: &RasterSettings) -> GBuffer {
+    let mut gbuffer = GBuffer::default();
+    rasterizer.rasterize_to(camera, settings, &mut gbuffer).unwrap_or_else(|e| panic!("{e}"));
+    gbuffer
+}
+
+impl GpuRasterizer {
+    /// The first `count` numbers of a frame's buffer.
+    fn numbers(&self, name: &str, count: u32) -> Vec<u32> {
+        let buffer = self.arena.get(name).expect("a buffer of the frame");
+        self.gpu.read(&buffer.part(0, u64::from(count) * 4)).expect("a device")
+    }
+}
+
+#[test]
+fn stages_match_the_cpu() {
+    let Some(gpu) = gpu() else { return };
+    let (scene, camera) = (scene(5000, [0.002, 0.02]), camera(250, 170));
+    let settings = RasterSettings { dilation: matched_dilation(4), ..SETTINGS };
+    for culling in [Culling::SnugBox, Culling::AccuTile, Culling::Exact] {
+        let mut rasterizer =
+            GpuRasterizer::new(&gpu, Arc::clone(&scene), culling, ScenePrecision::F32).expect("room");
+        let rasterized = frame(&mut rasterizer, &camera, &settings);
+        let mut cpu = Rasterizer::new(Arc::clone(&scene), culling);
+        let splats = cpu.splats(&camera, &settings);
+
+        // project: the same Gaussians in scene order, the same splats.
+        let Settled::Complete { splats: count, entries } = rasterizer.settle().expect("a device") else {
+            panic!("the frame is complete");
+        };
+        assert_eq!(count as usize, splats.len(), "visible");
+        let [a, b, c] = ["splats_a", "splats_b", "splats_c"].map(|name| rasterizer.numbers(name, 4 * count));
+        for (i, splat) in splats.iter().enumerate() {
+            let row = |words: &[u32]| [0, 1, 2, 3].map(|k| f32::from_bits(words[4 * i + k]));
+            let actual = [row(&a), row(&b), row(&c)].concat();
+            let [x, y] = splat.mean;
+            let [red, green, blue] = splat.color;
+            let expected = [x, y, splat.l11, splat.l21, splat.l22, splat.support];
+            let numbers = actual[..6].iter().zip(expected);
+            let colors = actual[8..].iter().zip([red, green, blue, splat.opacity]);
+            for (actual, expected) in numbers.chain(colors) {
+                assert!(
+                    (actual - expected).abs() <= 2e-4 * expected.abs().max(0.1),
+                    "{i}: {actual} {expected}"
+                );
+            }
+            let sides =
+                [b[4 * i + 2] & 0xffff, b[4 * i + 2] >> 16, b[4 * i + 3] & 0xffff, b[4 * i + 3] >> 16];
+            let rect = [splat.rect.x0, splat.rect.x1, splat.rect.y0, splat.rect.y1].map(u32::from);
+            assert!(sides.iter().zip(rect).all(|(a, e)| a.abs_diff(e) <= 1), "{i}: {sides:?} {rect:?}");
+        }
+
+        // order: by depth, equal depths in scene order.
+        let order = rasterizer.numbers("order0", count);
+        let mut expected: Vec<u32> = (0..count).collect();
+        expected.sort_by_key(|&i| splats[i as usize].depth_bits);
+        // A rounded depth may exchange neighbours.
+        let exchanged = order.iter().zip(&expected).filter(|(a, e)| a != e).count();
+        assert!(exchanged * 100 <= expected.len(), "{exchanged} of {count} splats elsewhere");
+
+        // bin: tiles have their splats in that order, and all that contribute to a pixel.
+        let plan = &rasterizer.frame.as_ref().expect("a frame").plan;
+        let half = (plan.tile_bits.div_ceil(8) % 2) as usize;
+        let (columns, rows) = (plan.bands[0].columns, plan.bands[0].rows);
+        let ranges = rasterizer.numbers("ranges", 2 * columns * rows);
+        let entry_splats = rasterizer.numbers(["entry_splats0", "entry_splats1"][half], entries);
+        let mut place = vec![0; count as usize];
+        for (i, &splat) in order.iter().enumerate() {
+            place[splat as usize] = i;
+        }
+        let mut total = 0;
+        for tile in 0..columns * rows {
+            let [start, end] = [0, 1].map(|k| ranges[(2 * tile + k) as usize] as usize);
+            let of_tile = &entry_splats[start..end];
+            total += of_tile.len();
+            assert!(of_tile.is_sorted_by_key(|&splat| place[splat as usize]), "{culling:?}: tile {tile}");
+            let [x0, y0] = [tile % columns, tile / columns].map(|k| (k * 16) as f32);
+            for (i, splat) in splats.iter().enumerate() {
+                let is_listed = of_tile.contains(&(i as u32));
+                let is_near = splat.reaches(x0 - 0.1, y0 - 0.1, x0 + 15.1, y0 + 15.1);
+                if culling == Culling::Exact && is_listed {
+                    assert!(is_near, "tile {tile} lists splat {i} in vain");
+                }
+                let contributes = || {
+                    (0..256).any(|p| {
+                        let (dx, dy) =
+                            (splat.mean[0] - x0 - (p % 16) as f32, splat.mean[1] - y0 - (p / 16) as f32);
+                        let (u, v) = (splat.l11 * dx + splat.l21 * dy, splat.l22 * dy);
+                        let inside = x0 + ((p % 16) as f32) < 250.0 && y0 + ((p / 16) as f32) < 170.0;
+                        inside && splat.opacity * (-(u * u + v * v)).exp2() > 1.001 / 255.0
+                    })
+                };
+                assert!(is_listed || !is_near || !contributes(), "{culling:?}: tile {tile} lacks splat {i}");
+            }
+        }
+        assert!(total <= entries as usize && total > count as usize, "{total} of {entries} entries drawn");
+
+        // blend: the same picture.
+        let mut expected = GBuffer::default();
+        cpu.rasterize(&camera, &settings, &mut expected).expect("valid");
+        let pairs = rasterized.color.data().iter().zip(expected.color.data());
+        let squares: f64 = pairs.map(|(a, e)| f64::from(a - e).powi(2)).sum();
+        assert!(squares < 1e-7 * expected.color.data().len() as f64, "{squares}");
+    }
+}
+
+/// A device whose bindings hold little: the scene takes pages, the picture bands, entries shrink the bands further. What
+/// comes out is the same bit for bit.
+#[test]
+fn small_bindings_change_nothing() {
+    let Some(gpu) = gpu() else { return };
+    let (scene, camera) = (scene(20_000, [0.002, 0.01]), camera(250, 170));
+    let rasterizer = |binding_bytes: u64| {
+        let limits = Limits { binding_bytes, ..gpu.capabilities().limits };
+        let (culling, precision) = (Culling::AccuTile, ScenePrecision::F16);
+        GpuRasterizer::with_limits(&gpu, Arc::clone(&scene), culling, precision, limits)
+    };
+    let mut large = rasterizer(128 << 20).expect("room");
+    let expected = frame(&mut large, &camera, &SETTINGS);
+    // The sort's capacity is 2¹⁶ at least; the picture is 11 rows of tiles of 64,000 bytes.
+    let mut small = rasterizer(400_000).expect("room");
+    assert_eq!(frame(&mut small, &camera, &SETTINGS), expected);
+    let bands = &small.frame.as_ref().expect("a frame").plan.bands;
+    assert_eq!((small.pages.len(), large.pages.len()), (2, 1));
+    assert!(bands.len() >= 2, "{bands:?}");
+
+    // Too small for a row of pixels, for the splats of this view.
+    let mut tiny = rasterizer(60_000).expect("pages");
+    let refused = tiny.rasterize_to(&camera, &SETTINGS, &mut GBuffer::default());
+    assert!(matches!(refused, Err(GpuRasterError::Gpu(GpuError::TooLarge { .. }))), "{refused:?}");
+}
+
+/// What a frame had no room for is said, and there the next time.
+#[test]
+fn a_frame_without_room_is_made_again() {
+    let Some(gpu) = gpu() else { return };
+    let (scene, camera) = (scene(20_000, [0.002, 0.01]), camera(250, 170));
+    let new = || {
+        GpuRasterizer::new(&gpu, Arc::clone(&scene), Culling::AccuTile, ScenePrecision::F16).expect("room")
+    };
+    let mut roomy = new();
+    let expected = frame(&mut roomy, &camera, &SETTINGS);
+    for room in [
+        Room { splats: 1000, entries: 1 << 20, band_rows: u32::MAX },
+        Room { splats: 1 << 16, entries: 3000, band_rows: u32::MAX },
+        Room { splats: 7, entries: 5, band_rows: 3 },
+    ] {
+        let mut cramped = new();
+        let plan = FramePlan::new(&cramped.limits, &cramped.plan, [250, 170], SETTINGS.outputs, room)
+            .expect("sizes");
+        cramped.room = Some(room);
+        cramped.set_frame(plan).expect("room");
+        let mut gbuffer = GpuGBuffer::default();
+        let mut recorder = gpu.recorder(None);
+        cramped.record(&mut recorder, &camera, &SETTINGS, &mut gbuffer).expect("valid");
+        recorder.submit().expect("a device");
+        assert_eq!(cramped.settle().expect("a device"), Settled::Again, "{room:?}");
+        assert_eq!(frame(&mut cramped, &camera, &SETTINGS), expected, "{room:?}");
+        assert!(matches!(cramped.settle(), Ok(Settled::Complete { .. })));
+    }
+}

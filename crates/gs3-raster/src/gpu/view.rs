@@ -1,0 +1,79 @@
+//! The camera in device memory.
+
+use bytemuck::{Pod, Zeroable};
+
+use crate::chunk::Frustum;
+use crate::settings::RasterSettings;
+use crate::view::View;
+
+/// What kernels read of a [`View`]; `View` of `view.wgsl`.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub struct ViewUniform {
+    rotation: [[f32; 4]; 3],
+    frustum: [[f32; 4]; 4],
+    origin: [f32; 3],
+    dilation: f32,
+    origin_rest: [f32; 3],
+    _pad: f32,
+    background: [f32; 3],
+    _pad2: f32,
+    focal: [f32; 2],
+    center: [f32; 2],
+    jacobian_low: [f32; 2],
+    jacobian_high: [f32; 2],
+    size: [u32; 2],
+    _pad3: [u32; 2],
+}
+
+impl ViewUniform {
+    pub fn new(view: &View, settings: &RasterSettings) -> Self {
+        let frustum = Frustum::new(view);
+        Self {
+            rotation: view.rotation.map(|[x, y, z]| [x, y, z, 0.0]),
+            frustum: frustum.planes.map(|(_, [a, b, length], spread)| [a, b, length, spread]),
+            origin: view.origin,
+            dilation: view.dilation,
+            origin_rest: view.origin_rest,
+            _pad: 0.0,
+            background: settings.background,
+            _pad2: 0.0,
+            focal: view.focal,
+            center: view.center,
+            jacobian_low: view.jacobian_limits.map(|[low, _]| low),
+            jacobian_high: view.jacobian_limits.map(|[_, high]| high),
+            size: view.size,
+            _pad3: [0; 2],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::layout::assert_layout;
+
+    #[test]
+    fn layout_is_that_of_the_shader() {
+        assert_layout!(
+            include_str!("view.wgsl"),
+            View,
+            ViewUniform {
+                rotation,
+                frustum,
+                origin,
+                dilation,
+                origin_rest,
+                _pad,
+                background,
+                _pad2,
+                focal,
+                center,
+                jacobian_low,
+                jacobian_high,
+                size,
+                _pad3,
+            }
+        );
+    }
+}

@@ -1,0 +1,38 @@
+// The camera as kernels read it: beside ViewUniform in view.rs, layouts compared by a test.
+
+// Gaussians in a chunk: a workgroup of projection.
+const CHUNK: u32 = 256u;
+
+struct View {
+    // World to view rotation, rows.
+    rotation: array<vec4<f32>, 3>,
+    // Half spaces of view space, left, right, top, bottom: coefficients of the coordinate and of z, the pair's length,
+    // and the factor of the largest scale (Frustum in chunk.rs).
+    frustum: array<vec4<f32>, 4>,
+    // Camera centre in world space, and what its rounding to f32 left.
+    origin: vec3<f32>,
+    dilation: f32,
+    origin_rest: vec3<f32>,
+    _pad: f32,
+    background: vec3<f32>,
+    _pad2: f32,
+    // Pixels; samples lie at integers.
+    focal: vec2<f32>,
+    center: vec2<f32>,
+    // Least and largest x/z and y/z inside the Jacobian.
+    jacobian_low: vec2<f32>,
+    jacobian_high: vec2<f32>,
+    size: vec2<u32>,
+    _pad3: vec2<u32>,
+}
+
+@group(0) @binding(0) var<uniform> view: View;
+
+fn rotate(v: vec3<f32>) -> vec3<f32> {
+    return vec3(dot3(view.rotation[0].xyz, v), dot3(view.rotation[1].xyz, v), dot3(view.rotation[2].xyz, v));
+}
+
+// As the CPU sums: z first.
+fn dot3(a: vec3<f32>, b: vec3<f32>) -> f32 {
+    return fma(a.x, b.x, fma(a.y, b.y, a.z * b.z));
+}

@@ -1,0 +1,167 @@
+//! The GPU rasterizer beside the CPU's: the same planes within rounding, on whatever adapter is at hand.
+
+use std::sync::{Arc, OnceLock};
+
+use glam::DVec2;
+use gs3_compute::{Gpu, GpuSettings};
+use gs3_raster::{
+    Culling, GpuGBuffer, GpuRasterizer, Outputs, RasterSettings, Rasterizer, ScenePrecision, matched_dilation,
+};
+use gs3_scene::{Camera, GBuffer, Image, OpacityMode, Scene};
+
+use crate::compare::{EVERYTHING, assert_identical, pairs};
+use crate::scenes::{RandomScene, camera_at_origin, posed, tilted_pose};
+
+/// The adapter of this machine, or a word that there is none.
+pub fn gpu() -> Option<Gpu> {
+    static GPU: OnceLock<Option<Gpu>> = OnceLock::new();
+    let open = || match Gpu::new(&GpuSettings::default()) {
+        Ok(gpu) => Some(gpu),
+        Err(error) => {
+            eprintln!("skipped: no adapter: {error}");
+            None
+        }
+    };
+    GPU.get_or_init(open).clone()
+}
+
+pub fn cpu_frame(
+    scene: &Arc<Scene>,
+    culling: Culling,
+    camera: &Camera,
+    settings: &RasterSettings,
+) -> GBuffer {
+    let mut gbuffer = GBuffer::default();
+    Rasterizer::new(Arc::clone(scene), culling)
+        .rasterize(camera, settings, &mut gbuffer)
+        .expect("valid settings");
+    gbuffer
+}
+
+pub fn gpu_frame(
+    gpu: &Gpu,
+    scene: &Arc<Scene>,
+    culling: Culling,
+    precision: ScenePrecision,
+    camera: &Camera,
+    settings: &RasterSettings,
+) -> GBuffer {
+    let mut gbuffer = GBuffer::default();
+    let mut rasterizer =
+        GpuRasterizer::new(gpu, Arc::clone(scene), culling, precision).unwrap_or_else(|e| panic!("{e}"));
+    rasterizer.rasterize_to(camera, settings, &mut gbuffer).unwrap_or_else(|e| panic!("{e}"));
+    gbuffer
+}
+
+/// The signal-to-noise ratio of each plane in dB, its largest value being the signal. The share `dropped` of each plane's
+/// values that are farthest off is left out: the formulas have steps, which rounding makes a few pixels cross.
+pub fn ratios(actual: &GBuffer, expected: &GBuffer, dropped: f64) -> Vec<(&'static str, f64)> {
+    let (actual, expected) = (pairs(actual), pairs(expected));
+    assert_eq!(actual.len(), expected.len(), "planes");
+    let ratio = |a: &[f32], e: &[f32]| {
+        assert_eq!(a.len(), e.len());
+        let mut squares: Vec<f64> =
+            a.iter().zip(e).map(|(a, e)| (f64::from(*a) - f64::from(*e)).powi(2)).collect();
+        // NaN comes last: it must lose, not pass.
+        squares.sort_by(f64::total_cmp);
+        let kept = squares.len() - (squares.len() as f64 * dropped).ceil() as usize;
+        let sum: f64 =
+            if squares.last().is_some_and(|s| s.is_nan()) { f64::NAN } else { squares[..kept].iter().sum() };
+        let largest = e.iter().fold(0.0_f64, |m, v| m.max(f64::from(v.abs())));
+        if sum == 0.0 { f64::INFINITY } else { 10.0 * (largest * largest * kept as f64 / sum).log10() }
+    };
+    actual.iter().zip(&expected).map(|(a, e)| (a.name, ratio(a.actual, e.actual))).collect()
+}
+
+/// Asserts that every plane is within `floor` dB of the CPU's.
+pub fn assert_close(actual: &GBuffer, expected: &GBuffer, dropped: f64, floor: f64, what: &str) {
+    let ratios = ratios(actual, expected, dropped);
+    let text: Vec<String> = ratios.iter().map(|(name, ratio)| format!("{name} {ratio:.1}")).collect();
+    eprintln!("{what}: dB {}", text.join(", "));
+    for (name, ratio) in &ratios {
+        assert!(*ratio >= floor, "{what}: {name}: expected at least {floor} dB, found {ratio:.1}");
+    }
+    assert_eq!(actual.jitter, expected.jitter);
+}
+
+/// Asserts that the same pixels are hit but for 1 in 10,000.
+pub fn assert_same_hits(actual: &GBuffer, expected: &GBuffer, what: &str) {
+    let pairs = actual.alpha.data().iter().zip(expected.alpha.data());
+    let different = pairs.filter(|(a, e)| (**a > 0.0) != (**e > 0.0)).count();
+    assert!(
+        different * 10_000 <= actual.alpha.data().len(),
+        "{what}: {different} pixels are hit by one only"
+    );
+}
+
+/// Everything that changes a frame, each value of it at least once.
+#[test]
+fn random_scenes_match_the_cpu() {
+    let Some(gpu) = gpu() else { return };
+    let cullings = [Culling::Aabb3Sigma, Culling::Adr, Culling::SnugBox, Culling::AccuTile, Culling::Exact];
+    for seed in 0..15_usize {
+        let [width, height] = [[1, 1], [33, 47], [130, 70], [300, 9], [256, 144]][seed % 5];
+        let camera = posed(&camera_at_origin(width, height, DVec2::new(0.05, 0.1)), tilted_pose());
+        let recipe = RandomScene {
+            seed: seed as u64,
+            count: 400,
+            sh_degree: (seed % 4) as u8,
+            opacity_mode: if seed % 2 == 0 { OpacityMode::Default } else { OpacityMode::Antialiased },
+            sigma: [[0.1, 40.0], [0.05, 2.0]][seed % 2],
+            anisotropy: [2.0, 30.0, 300.0][seed % 3],
+        };
+        let scene = Arc::new(recipe.build(&camera));
+        let settings = RasterSettings {
+            outputs: [Outputs::GBufferMixed, Outputs::GBuffer, Outputs::Color][seed % 3],
+            dilation: [0.3, matched_dilation(4)][seed / 2 % 2],
+            jitter: [[0.0, 0.0], [0.21, -0.37]][seed % 2],
+            background: [[0.0; 3], [0.2, 0.7, 1.0]][seed / 3 % 2],
+        };
+        let culling = cullings[seed / 3];
+        let what = format!("seed {seed}, {width}x{height}, {culling:?}");
+        let expected = cpu_frame(&scene, culling, &camera, &settings);
+        let exact = gpu_frame(&gpu, &scene, culling, ScenePrecision::F32, &camera, &settings);
+        assert_close(&exact, &expected, 0.0, 70.0, &what);
+        assert_same_hits(&exact, &expected, &what);
+        let packed = gpu_frame(&gpu, &scene, culling, ScenePrecision::F16, &camera, &settings);
+        assert_close(&packed, &expected, 1e-3, 55.0, &format!("{what}, f16"));
+    }
+}
+
+/// Methods that lose nothing give the same bits on one device, and so does the same frame again, whatever was rendered
+/// in between.
+#[test]
+fn frames_repeat_and_exact_methods_agree_bit_for_bit() {
+    let Some(gpu) = gpu() else { return };
+    let camera = posed(&camera_at_origin(130, 70, DVec2::new(0.05, 0.1)), tilted_pose());
+    let other = camera_at_origin(33, 47, DVec2::ZERO);
+    let recipe = RandomScene { count: 400, sigma: [0.1, 40.0], anisotropy: 30.0, ..RandomScene::BASE };
+    let scene = Arc::new(recipe.build(&camera));
+    let mut first: Option<GBuffer> = None;
+    for culling in [Culling::SnugBox, Culling::AccuTile, Culling::Exact] {
+        let mut rasterizer =
+            GpuRasterizer::new(&gpu, Arc::clone(&scene), culling, ScenePrecision::F16).expect("room");
+        let mut gbuffers = [GpuGBuffer::default(), GpuGBuffer::default()];
+        let mut frame = GBuffer::default();
+        // Two G-buffers in turn, as a pipeline keeps the frame before; another size, other outputs in between.
+        for (camera, outputs, out) in [
+            (&camera, Outputs::GBufferMixed, 0),
+            (&other, Outputs::GBufferMixed, 1),
+            (&camera, Outputs::Color, 1),
+            (&camera, Outputs::GBufferMixed, 1),
+        ] {
+            let settings = RasterSettings { outputs, ..EVERYTHING };
+            rasterizer.rasterize(camera, &settings, &mut gbuffers[out]).expect("room");
+        }
+        for out in &gbuffers {
+            out.read(&gpu, &mut frame).expect("a device");
+            assert_identical(first.get_or_insert_with(|| frame.clone()), &frame, &format!("{culling:?}"));
+        }
+        let mut image = Image::default();
+        rasterizer.rasterize_image(&camera, &EVERYTHING, &mut image).expect("room");
+        for (p, pixel) in image.pixels().iter().enumerate() {
+            let color = [0, 1, 2].map(|k| frame.color.plane(k)[p]);
+            assert_eq!(*pixel, [color[0], color[1], color[2], frame.alpha.data()[p]]);
+        }
+    }
+}
