@@ -11,6 +11,7 @@ use gs3::{Culling, Dilation, Mode, PipelineSettings, Sampling};
 
 use crate::evaluate::EvaluateArgs;
 use crate::simplify::SimplifyArgs;
+use crate::train::TrainArgs;
 use crate::train_clips::ClipsArgs;
 
 /// Shows trained 3D Gaussian Splatting scenes sharp and fluid.
@@ -46,6 +47,10 @@ pub enum Command {
 pub enum Train {
     /// Render clips from scenes, to train and validate on
     Clips(ClipsArgs),
+    /// Train the network from low to high resolution on clips
+    SuperSample(TrainArgs),
+    /// Train the network for frames between frames on clips
+    Interpolate(TrainArgs),
 }
 
 /// What to look at.

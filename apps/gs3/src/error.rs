@@ -14,8 +14,8 @@ use gs3_evaluate::metrics::MetricError;
 use gs3_evaluate::photos::PhotoError;
 use gs3_evaluate::protocol::EvaluateError;
 use gs3_evaluate::simplify::SimplifyError;
-use gs3_train::ClipError;
 use gs3_train::clips::MakeError;
+use gs3_train::{ClipError, TrainError};
 
 /// Why a command stopped.
 #[derive(Debug, thiserror::Error)]
@@ -54,6 +54,8 @@ pub enum CliError {
     Clip(#[from] ClipError),
     #[error("{0}")]
     Clips(#[from] MakeError),
+    #[error("{0}")]
+    Train(#[from] TrainError),
     #[error("{}: cannot be written: {source}", path.display())]
     Write { path: PathBuf, source: io::Error },
     #[error("{option}: expected {expected}, found {actual}")]

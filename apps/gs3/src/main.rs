@@ -20,6 +20,7 @@ mod output;
 mod render;
 mod report;
 mod simplify;
+mod train;
 mod train_clips;
 mod video;
 
@@ -27,6 +28,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use clap::error::ErrorKind;
+use gs3_train::Network;
 
 use args::{Args, Command, Train};
 use error::CliError;
@@ -63,6 +65,8 @@ fn main() -> ExitCode {
         Command::Evaluate(args) => evaluate::run(args),
         Command::Simplify(args) => simplify::run(args),
         Command::Train(Train::Clips(args)) => train_clips::run(args),
+        Command::Train(Train::SuperSample(args)) => train::run(Network::SuperSample, args),
+        Command::Train(Train::Interpolate(args)) => train::run(Network::Interpolate, args),
     };
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

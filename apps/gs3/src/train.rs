@@ -1,0 +1,268 @@
+//! `gs3 train super-sample` and `gs3 train interpolate`.
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{ArgGroup, Args, ValueEnum};
+use gs3::neural::Weights;
+use gs3::neural::model::Tier;
+use gs3_train::losses::Term;
+use gs3_train::{ClipFolder, Ending, Event, Length, Network, Places, Settings, Trainer, train};
+use indicatif::{HumanDuration, ProgressBar};
+
+use crate::error::CliError;
+use crate::{Outcome, inputs, interrupt, start_threads};
+
+/// How long steps are watched for the speed that is shown.
+const WATCHED: Duration = Duration::from_secs(10);
+
+/// Arguments of `gs3 train super-sample` and `gs3 train interpolate`.
+#[derive(Debug, Args)]
+#[command(group = ArgGroup::new("length").required(true))]
+pub struct TrainArgs {
+    /// Folder of clips, as `gs3 train clips` writes them; those whose names begin with `held` are for validation
+    #[arg(long, value_name = "DIR")]
+    pub clips: PathBuf,
+    /// Folder for checkpoints and the log; if it has a checkpoint, the training goes on from there
+    #[arg(long, value_name = "DIR")]
+    pub checkpoint: PathBuf,
+    /// Weights file to write: the best on held-out clips until then
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub out: PathBuf,
+    /// Size of the network
+    #[arg(long, default_value = "balanced")]
+    pub tier: TierArg,
+    /// High-resolution over low-resolution size
+    #[arg(long, default_value_t = 4, value_name = "S")]
+    pub scale: u32,
+    /// Steps of the whole training
+    #[arg(long, group = "length", value_name = "N")]
+    pub steps: Option<u64>,
+    /// Minutes of the whole training
+    #[arg(long, group = "length", value_name = "M")]
+    pub minutes: Option<f64>,
+    /// Items of a step
+    #[arg(long, default_value_t = 8, value_name = "N")]
+    pub batch: usize,
+    /// Consecutive frames of an item
+    #[arg(long, default_value_t = 6, value_name = "T")]
+    pub window: usize,
+    /// Side of an item in low-resolution pixels
+    #[arg(long, default_value_t = 64, value_name = "PIXELS")]
+    pub crop: usize,
+    /// Highest learning rate
+    #[arg(long, default_value_t = 1e-3, value_name = "RATE")]
+    pub rate: f64,
+    /// Steps over which the rate rises to it
+    #[arg(long, default_value_t = 100, value_name = "N")]
+    pub warm_up: u64,
+    /// Decides the weights at the beginning and what every step is trained on
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    pub seed: u64,
+    /// Weights to begin with [default: random features that change nothing yet]
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub init: Option<PathBuf>,
+    /// Errors far below this count by their squares, those far above by their size
+    #[arg(long, default_value_t = 1e-3, value_name = "EPSILON")]
+    pub epsilon: f32,
+    /// Weights of terms of the loss [default: 1 for charbonnier, and for super sampling 0.1 for laplacian and temporal]
+    #[arg(long, num_args = 1.., value_name = "TERM=WEIGHT", value_parser = parse_weight)]
+    pub loss: Vec<(Term, f64)>,
+    /// Longest derivative by all weights; longer ones are shortened to it
+    #[arg(long, default_value_t = 1.0, value_name = "LENGTH")]
+    pub longest_gradient: f64,
+    /// Steps between two looks at held-out clips
+    #[arg(long, default_value_t = 250, value_name = "N")]
+    pub validate_every: u64,
+    /// Steps between two rows of the log
+    #[arg(long, default_value_t = 25, value_name = "N")]
+    pub log_every: u64,
+    /// Minutes between two checkpoints
+    #[arg(long, default_value_t = 5.0, value_name = "M")]
+    pub save_every: f64,
+    /// What the weights are trained on, for their header [default: the scenes of the clips]
+    #[arg(long, value_name = "TEXT")]
+    pub training_data: Option<String>,
+    /// Licence of the weights, for their header: an SPDX expression
+    #[arg(long, default_value = "MIT OR Apache-2.0", value_name = "SPDX")]
+    pub licence: String,
+    /// Threads [default: one per core]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum TierArg {
+    Fast,
+    Balanced,
+    High,
+}
+
+impl From<TierArg> for Tier {
+    fn from(tier: TierArg) -> Self {
+        match tier {
+            TierArg::Fast => Self::Fast,
+            TierArg::Balanced => Self::Balanced,
+            TierArg::High => Self::High,
+        }
+    }
+}
+
+fn parse_weight(text: &str) -> Result<(Term, f64), String> {
+    let found = text.split_once('=').and_then(|(name, weight)| {
+        let term = Term::ALL.into_iter().find(|term| term.name() == name)?;
+        Some((term, weight.parse().ok().filter(|w: &f64| w.is_finite() && *w >= 0.0)?))
+    });
+    let names = Term::ALL.map(Term::name).join("|");
+    found.ok_or_else(|| format!("expected {names}=WEIGHT, at least 0, found {text}"))
+}
+
+pub fn run(network: Network, args: &TrainArgs) -> Result<Outcome, CliError> {
+    start_threads(args.threads)?;
+    interrupt::watch()?;
+    let settings = settings(network, args);
+    settings.check()?;
+    let places = Places {
+        clips: args.clips.clone(),
+        checkpoint: args.checkpoint.clone(),
+        out: args.out.clone(),
+        log_every: args.log_every,
+        validate_every: args.validate_every,
+        save_every: 60.0 * args.save_every,
+    };
+    let training_data = match &args.training_data {
+        Some(text) => text.clone(),
+        None => scenes(&ClipFolder::open(&args.clips, &settings)?),
+    };
+    let header = Trainer::header(&settings, &training_data, &args.licence)?;
+    let start = match &args.init {
+        Some(file) => Weights { header, arrays: Trainer::load(&settings, file)?.arrays },
+        None => Trainer::initial(&settings, header)?,
+    };
+
+    let mut show = Show::new(&settings);
+    let (state, ending) =
+        train(settings, &places, start, &mut |event| show.event(event), &|| !interrupt::requested())?;
+    show.bar.finish_and_clear();
+    match &state.best {
+        Some(best) => {
+            println!(
+                "best {:+.2} dB on held-out clips, of step {} of {}",
+                best.gain,
+                best.step,
+                state.steps()
+            );
+        }
+        None => println!("{} steps; no held-out clips", state.steps()),
+    }
+    Ok(match ending {
+        Ending::Finished => Outcome::Done,
+        Ending::Interrupted => {
+            eprintln!("interrupted; all files are whole. To go on: the same command");
+            Outcome::Interrupted
+        }
+    })
+}
+
+fn settings(network: Network, args: &TrainArgs) -> Settings {
+    let length = match (args.steps, args.minutes) {
+        (Some(steps), _) => Length::Steps(steps),
+        (None, minutes) => Length::Seconds(60.0 * minutes.unwrap_or_default()),
+    };
+    let mut settings = Settings::new(network, args.tier.into(), args.scale, length);
+    settings.batch = args.batch;
+    settings.window = args.window;
+    settings.crop = args.crop;
+    settings.rate = args.rate;
+    settings.warm_up = args.warm_up;
+    settings.seed = args.seed;
+    settings.loss.epsilon = args.epsilon;
+    settings.longest_gradient = args.longest_gradient;
+    for (term, weight) in &args.loss {
+        settings.loss.weights.set(*term, *weight);
+    }
+    settings
+}
+
+/// The scenes that are trained on.
+fn scenes(clips: &ClipFolder) -> String {
+    let names: BTreeSet<&str> = clips.train.iter().map(|clip| clip.scene()).collect();
+    names.into_iter().collect::<Vec<_>>().join(", ")
+}
+
+/// Shows what happens on the terminal.
+struct Show {
+    bar: ProgressBar,
+    length: Length,
+    /// Where the speed is measured from: step and seconds of training.
+    since: Option<(u64, f64)>,
+    speed: Option<f64>,
+    loss: f64,
+}
+
+impl Show {
+    fn new(settings: &Settings) -> Self {
+        let bar = ProgressBar::new(1000).with_style(inputs::style("{wide_bar} {percent}% {msg}"));
+        Self { bar, length: settings.length, since: None, speed: None, loss: 0.0 }
+    }
+
+    fn event(&mut self, event: Event<'_>) {
+        match event {
+            Event::Resumed { step, seconds } => {
+                let time = HumanDuration(Duration::from_secs_f64(seconds));
+                self.line(&format!("going on from step {step}, after {time} of training"));
+            }
+            Event::Step { step, seconds, progress, operations } => {
+                // A mean over some dozen steps.
+                self.loss =
+                    if self.loss == 0.0 { step.loss } else { self.loss + (step.loss - self.loss) / 32.0 };
+                let (first, from) = *self.since.get_or_insert((step.step, seconds));
+                if step.step > first && seconds - from >= 1.0 {
+                    self.speed = Some((step.step - first) as f64 / (seconds - from));
+                }
+                if seconds - from > WATCHED.as_secs_f64() {
+                    self.since = None;
+                }
+                let speed = self.speed.unwrap_or_default();
+                let left = match self.length {
+                    Length::Steps(steps) => (steps.saturating_sub(step.step)) as f64 / speed,
+                    Length::Seconds(length) => length - seconds,
+                };
+                let left = match left.is_finite() {
+                    true => HumanDuration(Duration::from_secs_f64(left.max(0.0))).to_string(),
+                    false => "?".to_owned(),
+                };
+                self.bar.set_position((progress * 1000.0) as u64);
+                self.bar.set_message(format!(
+                    "step {} loss {:.5} {speed:.2} steps/s {:.0} GFLOP/s {left} left",
+                    step.step,
+                    self.loss,
+                    speed * operations / 1e9,
+                ));
+            }
+            Event::Validated { step, validation, is_best } => {
+                if let Some([psnr, tpsnr]) = validation.mean {
+                    let best = if is_best { ", best so far" } else { "" };
+                    let clips: Vec<String> = validation
+                        .clips
+                        .iter()
+                        .map(|clip| format!("{} {:+.2}", clip.name, clip.psnr))
+                        .collect();
+                    self.line(&format!(
+                        "step {step}: loss {:.5}, held-out PSNR {psnr:+.3} dB, tPSNR {tpsnr:+.3} dB{best} ({})",
+                        self.loss,
+                        clips.join(", "),
+                    ));
+                    // The look itself is no step.
+                    self.since = None;
+                }
+            }
+        }
+    }
+
+    /// A line that stays.
+    fn line(&self, text: &str) {
+        self.bar.suspend(|| eprintln!("{text}"));
+    }
+}
