@@ -326,12 +326,15 @@ impl FramePipeline {
     }
 }
 
-/// Whether so little of the previous frame is still in view that its history is worth nothing: of a 5×5 lattice of its
-/// pixels, placed at their depths, fewer than a third lie within the new image. (Empirical; a brisk pan of 3° a frame
-/// keeps nine tenths.)
+/// Whether so little of the previous frame still shows that its history is worth nothing: of a 5×5 lattice of its
+/// pixels, placed at their depths, fewer than a third lie within the new image and are seen from about the same side.
+/// (Empirical; a brisk pan of 3° a frame keeps nine tenths, and no orbit turns by 30° from frame to frame.)
 fn is_cut(previous: &Camera, camera: &Camera, gbuffer: &GBuffer) -> bool {
     /// Lattice points per axis.
     const LATTICE: usize = 5;
+    /// Cosine of 30°: seen from farther around, a surface shows another side, as after a jump across an orbit, where
+    /// every point stays in view.
+    const SAME_SIDE: f64 = 0.866;
     let depth_at = |fx: f64, fy: f64| {
         let depth = &gbuffer.geometry.as_ref()?.depth_median;
         let (x, y) = ((fx * depth.width() as f64) as usize, (fy * depth.height() as f64) as usize);
@@ -339,12 +342,15 @@ fn is_cut(previous: &Camera, camera: &Camera, gbuffer: &GBuffer) -> bool {
     };
     let size = DVec2::new(f64::from(camera.width()), f64::from(camera.height()));
     let fraction = |k: usize| (k as f64 + 0.5) / LATTICE as f64;
-    let in_view = |k: &usize| {
+    let still_shows = |k: &usize| {
         let (fx, fy) = (fraction(k % LATTICE), fraction(k / LATTICE));
         // Where nothing was hit, only the direction counts: a depth far beyond any motion between frames.
         let z = depth_at(fx, fy).unwrap_or(1e6 * (1.0 + previous.position().distance(camera.position())));
-        let (pixel, z) = camera.project(previous.unproject(DVec2::new(fx, fy) * size, z));
-        z > 0.0 && pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all()
+        let point = previous.unproject(DVec2::new(fx, fy) * size, z);
+        let (pixel, z) = camera.project(point);
+        let [from, to] = [previous, camera].map(|c| (point - c.position()).normalize_or_zero());
+        let in_view = z > 0.0 && pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all();
+        in_view && from.dot(to) > SAME_SIDE
     };
-    3 * (0..LATTICE * LATTICE).filter(in_view).count() < LATTICE * LATTICE
+    3 * (0..LATTICE * LATTICE).filter(still_shows).count() < LATTICE * LATTICE
 }

@@ -129,6 +129,33 @@ fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
 }
 
 #[test]
+fn a_jump_across_an_orbit_is_a_cut_and_brisk_motion_is_none() {
+    // Around the knot in the middle of the demo scene, which stays in view from everywhere.
+    let intrinsics = path().cameras()[0].intrinsics();
+    let target = glam::DVec3::new(0.0, 0.0, 1.25);
+    let orbit = |degrees: f64| {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        let eye = target + glam::DVec3::new(4.0 * cos, 4.0 * sin, 0.6);
+        gs3::scene::orbit::look_at(eye, target, glam::DVec3::Z, intrinsics).unwrap()
+    };
+    let pan = |degrees: f64| {
+        let turn = glam::DAffine3::from_rotation_y(degrees.to_radians());
+        gs3::scene::Camera::new(turn * orbit(0.0).view_from_world(), intrinsics).unwrap()
+    };
+    let is_cut = |from: gs3::scene::Camera, to: gs3::scene::Camera| {
+        let mut p = pipeline(Mode::SuperSample);
+        p.render(&from, &[]).unwrap();
+        *p.render(&to, &[]).unwrap().current == fresh(Mode::SuperSample, &to)
+    };
+    for (degrees, cut) in [(1.2, false), (6.0, false), (90.0, true), (180.0, true)] {
+        assert_eq!(is_cut(orbit(0.0), orbit(degrees)), cut, "orbit by {degrees}°");
+    }
+    for (degrees, cut) in [(3.0, false), (10.0, false), (120.0, true)] {
+        assert_eq!(is_cut(pan(0.0), pan(degrees)), cut, "pan by {degrees}°");
+    }
+}
+
+#[test]
 fn frames_do_not_depend_on_the_number_of_threads() {
     let path = path();
     let frames = |threads: usize| -> Vec<Image> {
