@@ -38,6 +38,8 @@ pub enum Command {
     Evaluate(EvaluateArgs),
     /// Keep the Gaussians that matter most to given cameras
     Simplify(SimplifyArgs),
+    /// List GPU adapters, what they can do, and which one is taken
+    Devices,
     /// Train networks
     #[command(subcommand)]
     Train(Train),

@@ -9,6 +9,7 @@ mod args;
 mod bench;
 mod compare;
 mod convert;
+mod devices;
 mod error;
 mod evaluate;
 mod gbuffer;
@@ -64,6 +65,7 @@ fn main() -> ExitCode {
         Command::Bench(args) => bench::run(args),
         Command::Evaluate(args) => evaluate::run(args),
         Command::Simplify(args) => simplify::run(args),
+        Command::Devices => devices::run(),
         Command::Train(Train::Clips(args)) => train_clips::run(args),
         Command::Train(Train::SuperSample(args)) => train::run(Network::SuperSample, args),
         Command::Train(Train::Interpolate(args)) => train::run(Network::Interpolate, args),

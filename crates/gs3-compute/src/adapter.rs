@@ -138,7 +138,7 @@ pub fn choose(adapters: &[AdapterReport], choice: AdapterChoice) -> Result<(usiz
     let others: Vec<&str> = candidates.iter().filter(|a| a.0 != *number).map(|a| a.1.name.as_str()).collect();
     let reason = match (&others[..], best.kind) {
         ([], AdapterKind::Software) => {
-            "the only one that can run gs3; software, slower than --backend cpu".to_owned()
+            "the only one that can run gs3; software, slower than the CPU path".to_owned()
         }
         ([], _) => "the only one that can run gs3".to_owned(),
         (_, kind) if candidates.iter().filter(|a| a.1.kind == kind).count() > 1 => {

@@ -9,6 +9,8 @@ pub mod arrays;
 mod differentiate;
 mod engine;
 mod error;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod graph;
 mod images;
 pub mod model;
@@ -21,6 +23,8 @@ pub use adam::Adam;
 pub use differentiate::{Differentiator, Packed, Scratch, Tape};
 pub use engine::Engine;
 pub use error::{GraphError, RunError, WeightError};
+#[cfg(feature = "gpu")]
+pub use gpu::{BoundEngine, GpuEngine, GpuEngineSettings, GpuImage, GpuRunError, ImageFormat, Precision};
 pub use graph::{
     Activation, Border, Conv2d, Filter, Graph, GraphBuilder, Layer, Op, Output, Parameter, Tensor,
 };

@@ -1,0 +1,39 @@
+//! What can go wrong with a network on a GPU.
+
+use gs3_compute::GpuError;
+use thiserror::Error;
+
+use crate::error::{GraphError, RunError, WeightError};
+
+/// A network that a GPU cannot run, or images that do not fit it.
+#[derive(Debug, Error)]
+pub enum GpuRunError {
+    /// The network, its weights or its images do not fit each other.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// The device.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    /// An image's buffer is too short.
+    #[error("image {name}: expected {expected} bytes, found {actual}")]
+    Bytes {
+        /// The image.
+        name: String,
+        /// Bytes of the image in its format.
+        expected: u64,
+        /// Bytes given.
+        actual: u64,
+    },
+}
+
+impl From<GraphError> for GpuRunError {
+    fn from(error: GraphError) -> Self {
+        Self::Run(error.into())
+    }
+}
+
+impl From<WeightError> for GpuRunError {
+    fn from(error: WeightError) -> Self {
+        Self::Run(error.into())
+    }
+}

@@ -1,0 +1,9 @@
+// One block of the result per invocation: `value` is written for the step.
+@compute @workgroup_size(256)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) index: u32) {
+    let at = group_index(group) * 256u + index;
+    if at < PIXELS * BLOCKS {
+        let pixel = at % PIXELS;
+        result[at] = Block(value(at / PIXELS, pixel % WIDTH, pixel / WIDTH));
+    }
+}

@@ -1,0 +1,95 @@
+//! Plans, without a device.
+
+use std::collections::BTreeSet;
+
+use super::*;
+use crate::graph::{Border, Conv2d, GraphBuilder};
+use crate::model::{Tier, interpolate, super_sample};
+use crate::weights::Header;
+
+fn weights(graph: &Graph) -> Weights {
+    let [tier, training_data, licence] = ["", "", ""].map(str::to_owned);
+    let (network, version) = (graph.name().to_owned(), graph.version());
+    Weights::random(graph, Header { network, version, scale: 4, tier, training_data, licence }, 1)
+}
+
+fn networks(tier: Tier) -> [Graph; 2] {
+    [super_sample(4, tier), interpolate(4, tier)].map(|graph| graph.unwrap())
+}
+
+/// What reads a buffer finds what it should, nobody reads and writes one, and every kernel is valid and small enough for
+/// the limits that every device has.
+#[test]
+fn plans_are_consistent_up_to_the_largest_frames() {
+    for (tier, precision, lr) in [
+        (Tier::Fast, Precision::Single, [1, 1]),
+        (Tier::Fast, Precision::Half, [270, 480]),
+        (Tier::Balanced, Precision::Single, [135, 240]),
+        (Tier::Balanced, Precision::Half, [540, 1024]),
+        (Tier::High, Precision::Single, [1080, 1920]),
+        (Tier::High, Precision::Half, [1080, 1920]),
+    ] {
+        for graph in networks(tier) {
+            let plan = Plan::new(&graph, &weights(&graph), lr, &GpuEngineSettings::new(precision)).unwrap();
+            let mut sources = BTreeSet::new();
+            let mut written = BTreeSet::new();
+            for step in &plan.steps {
+                let key = |stored: &Stored| format!("{stored:?}");
+                assert!(
+                    step.reads.len() <= PARTS.len() && !step.reads.contains(&step.writes),
+                    "{}",
+                    step.label
+                );
+                for read in step.reads.iter().filter(|read| !matches!(read, Stored::Input(_))) {
+                    assert!(written.contains(&key(read)), "{} reads what nobody wrote", step.label);
+                }
+                written.insert(key(&step.writes));
+                assert!(step.groups.iter().all(|count| (1..=65_535).contains(count)), "{step:?}");
+                assert!(step.weights.end <= plan.weights.len() as u64 && step.weights.start % 256 == 0);
+                if sources.insert(&step.source) {
+                    gs3_compute::validate(&step.label, &[&step.source]).unwrap();
+                }
+            }
+            for output in 0..plan.outputs.len() {
+                assert!(written.contains(&format!("{:?}", Stored::Output(output))), "{}", graph.name());
+            }
+            // Far fewer buffers than results: they are used again.
+            assert!(plan.slots.len() * 2 < plan.steps.len(), "{} {}", plan.slots.len(), plan.steps.len());
+        }
+    }
+}
+
+/// What the largest frame needs: 7680×4320 at ×4, high tier.
+#[test]
+fn the_largest_frame_fits_a_device() {
+    for graph in networks(Tier::High) {
+        let settings = GpuEngineSettings::new(Precision::Half);
+        let plan = Plan::new(&graph, &weights(&graph), [1080, 1920], &settings).unwrap();
+        let most = plan.slots.iter().max().unwrap();
+        assert!(*most <= 1 << 30, "{} bytes in one buffer", most);
+        assert!(plan.slots.iter().sum::<u64>() <= 3 << 30, "{:?}", plan.slots);
+    }
+}
+
+#[test]
+fn states_in_blocks_need_no_step() {
+    let graph = super_sample(4, Tier::Fast).unwrap();
+    let all = GpuEngineSettings::new(Precision::Single);
+    let state = [("hidden", ImageFormat::Blocks)];
+    let outputs = [("color", ImageFormat::Pixels), state[0]];
+    let blocks = GpuEngineSettings { inputs: &state, outputs: Some(&outputs), ..all };
+    let steps = |settings| Plan::new(&graph, &weights(&graph), [4, 4], settings).unwrap().steps.len();
+    assert_eq!(steps(&all) - steps(&blocks), 2);
+}
+
+#[test]
+fn more_parts_than_a_kernel_binds_are_refused() {
+    let mut g = GraphBuilder::new("wide", 1, Border::Zero);
+    let parts: Vec<_> = (0..7).map(|k| g.input(&format!("a{k}"), 1, 1)).collect();
+    let sum = g.conv("sum", Conv2d::new(1, 1), &parts);
+    g.output("sum", sum);
+    let graph = g.finish().unwrap();
+    let result = Plan::new(&graph, &weights(&graph), [1, 1], &GpuEngineSettings::new(Precision::Single));
+    let too_many = GpuError::TooLarge { what: "inputs of layer sum".to_owned(), max: 6, actual: 7 };
+    assert!(matches!(result, Err(GpuRunError::Gpu(error)) if error == too_many));
+}

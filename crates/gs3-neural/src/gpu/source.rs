@@ -1,0 +1,89 @@
+//! What the WGSL of all steps has in common.
+
+use std::fmt::Write;
+
+use gs3_compute::GRID_WGSL;
+
+use super::Precision;
+use crate::graph::Activation;
+use crate::shape::Shape;
+
+/// Names of what a kernel reads. Its weights and its result are two more storage bindings of the eight that every
+/// device has.
+pub const PARTS: [&str; 6] = ["part0", "part1", "part2", "part3", "part4", "part5"];
+
+/// Four channels of a pixel, as tensors are stored.
+pub const BLOCK: usize = 4;
+
+/// Blocks of `shape`.
+pub fn blocks(shape: Shape) -> usize {
+    shape.channels.div_ceil(BLOCK)
+}
+
+/// Types: `real` is what tensors are made of.
+pub fn header(precision: Precision) -> String {
+    let types = match precision {
+        Precision::Single => "alias real = f32;\n",
+        Precision::Half => "enable f16;\nalias real = f16;\n",
+    };
+    format!("{types}alias Block = vec4<real>;\nalias Matrix = mat4x4<real>;\n{GRID_WGSL}")
+}
+
+/// Constants of a tensor: its name's prefix, then `WIDTH`, `HEIGHT`, `PIXELS`, `BLOCKS`, `CHANNELS`.
+pub fn sizes(prefix: &str, shape: Shape) -> String {
+    let constants = [
+        ("WIDTH", shape.width),
+        ("HEIGHT", shape.height),
+        ("PIXELS", shape.pixels()),
+        ("BLOCKS", blocks(shape)),
+        ("CHANNELS", shape.channels),
+    ];
+    constants.map(|(name, value)| format!("const {prefix}{name}: u32 = {value}u;\n")).concat()
+}
+
+/// The result of a step, a tensor, and the tensors that it reads: bindings, sizes and functions that read one block or
+/// one channel.
+pub fn tensors(reads: &[Shape], result: Shape) -> String {
+    let mut text = sizes("", result);
+    text += "@group(0) @binding(0) var<storage, read_write> result: array<Block>;\n";
+    for (k, (shape, name)) in reads.iter().zip(PARTS).enumerate() {
+        let prefix = format!("{}_", name.to_uppercase());
+        text += &sizes(&prefix, *shape);
+        // Writing to a string does not fail.
+        let _ = write!(
+            text,
+            "@group(0) @binding({binding}) var<storage> {name}: array<Block>;
+fn {name}_block(block: u32, x: u32, y: u32) -> vec4<f32> {{
+    return vec4<f32>({name}[block * {prefix}PIXELS + y * {prefix}WIDTH + x]);
+}}
+fn {name}_channel(channel: u32, x: u32, y: u32) -> f32 {{
+    return f32({name}[channel / 4u * {prefix}PIXELS + y * {prefix}WIDTH + x][channel % 4u]);
+}}
+",
+            binding = k + 2,
+        );
+    }
+    text
+}
+
+/// `fn activate(x: vec4<f32>) -> vec4<f32>`.
+pub fn activate(activation: Activation) -> String {
+    // tanh of drivers may overflow beyond ±44; beyond ±10 it is ±1 to 4e-9.
+    let body = match activation {
+        Activation::Identity => "return x;".to_owned(),
+        Activation::Relu => "return max(x, vec4<f32>(0.0));".to_owned(),
+        Activation::LeakyRelu { slope } => format!("return select({slope:?}f * x, x, x > vec4<f32>(0.0));"),
+        Activation::Gelu => GELU.to_owned(),
+        Activation::Silu => "return x / (1.0 + exp(-x));".to_owned(),
+        Activation::Sigmoid => "return 1.0 / (1.0 + exp(-x));".to_owned(),
+        Activation::Tanh => "return tanh(clamp(x, vec4<f32>(-10.0), vec4<f32>(10.0)));".to_owned(),
+    };
+    format!("fn activate(x: vec4<f32>) -> vec4<f32> {{\n    {body}\n}}\n")
+}
+
+/// x Φ(x) = ½ x (1 + erf(x/√2)), erf to 1.5e-7 (Abramowitz & Stegun 1964, 7.1.26).
+const GELU: &str = "let z = abs(x) * 0.70710678;
+    let t = 1.0 / (1.0 + 0.3275911 * z);
+    let series = t * (0.254829592 + t * (-0.284496736 + t * (1.421413741 + t * (-1.453152027 + t * 1.061405429))));
+    let erf = 1.0 - series * exp(-z * z);
+    return 0.5 * x * (1.0 + sign(x) * erf);";
