@@ -182,6 +182,9 @@ pub struct BenchArgs {
     pub frames: FrameRange,
     #[command(flatten)]
     pub look: Look,
+    /// Also measure the stages of the CPU rasterizer
+    #[arg(long)]
+    pub stages: bool,
     /// Write the figures
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

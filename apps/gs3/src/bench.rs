@@ -1,5 +1,10 @@
 //! `gs3 bench`: displayed frames per second against native rendering, in the same run.
 
+use std::sync::Arc;
+use std::time::Duration;
+
+use gs3::raster::{Outputs, RasterSettings, RasterTimes, Rasterizer};
+use gs3::scene::{Camera, GBuffer, Scene};
 use gs3::{FramePipeline, Mode, Stage};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
@@ -8,7 +13,7 @@ use crate::args::BenchArgs;
 use crate::error::CliError;
 use crate::output::write_text;
 use crate::render::between;
-use crate::report::{self, Times};
+use crate::report::{self, Times, median_ms};
 use crate::{Outcome, inputs, start_threads};
 
 /// Rounds over the frames. The best of each side counts: other work on the machine only ever slows a round down.
@@ -46,7 +51,12 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     }
     bar.finish_and_clear();
 
-    let figures = figures(&rounds, args, &tier, load_time.as_secs_f64(), [first.width(), first.height()]);
+    let size = [first.width(), first.height()];
+    let mut figures = figures(&rounds, args, &tier, load_time.as_secs_f64(), size);
+    if args.stages {
+        let stages = raster_stages(&scene, &path.cameras()[range], args)?;
+        figures = report::join(figures, json!({ "raster_ms": stages }));
+    }
     print(&figures);
     if let Some(file) = &args.json {
         write_text(file, &format!("{figures:#}\n"))?;
@@ -89,6 +99,31 @@ fn figures(rounds: &[[Times; 2]], args: &BenchArgs, tier: &str, load_s: f64, siz
     report::join(figures, report::machine())
 }
 
+/// Median times of the CPU rasterizer's stages in ms: native frames and low-resolution G-buffers of these cameras.
+fn raster_stages(scene: &Arc<Scene>, cameras: &[Camera], args: &BenchArgs) -> Result<Value, CliError> {
+    let look = args.look.settings(Mode::Full);
+    let mut rasterizer = Rasterizer::new(Arc::clone(scene), look.culling);
+    let mut measure = |outputs: Outputs, scale: u32| {
+        let dilation = look.dilation.at_scale(scale);
+        let settings =
+            RasterSettings { dilation, background: look.background, ..RasterSettings::new(outputs) };
+        let mut gbuffer = GBuffer::default();
+        let mut times: Vec<RasterTimes> = Vec::new();
+        // Once over all frames to warm up.
+        for camera in cameras.iter().chain(cameras) {
+            rasterizer.rasterize(&camera.low_resolution(scale), &settings, &mut gbuffer)?;
+            times.push(rasterizer.times());
+        }
+        let median = |stage: fn(&RasterTimes) -> Duration| {
+            median_ms(times[cameras.len()..].iter().map(stage).collect())
+        };
+        Ok::<_, CliError>(json!({
+            "project": median(|t| t.project), "bin": median(|t| t.bin), "blend": median(|t| t.blend),
+        }))
+    };
+    Ok(json!({ "native": measure(Outputs::Color, 1)?, "lr_gbuffer": measure(Outputs::GBuffer, look.scale)? }))
+}
+
 fn print(figures: &Value) {
     let number = |value: &Value| value.as_f64().unwrap_or(f64::NAN);
     println!("displayed fps, full / native    {:.2}", number(&figures["displayed_fps_full_over_native"]));
@@ -98,6 +133,13 @@ fn print(figures: &Value) {
         print!("{side:<8} {:8.2} fps", number(&figures["displayed_fps"]));
         for (stage, ms) in figures["stage_ms"].as_object().into_iter().flatten() {
             print!("  {stage} {:.1} ms", number(ms));
+        }
+        println!();
+    }
+    for (what, stages) in figures["raster_ms"].as_object().into_iter().flatten() {
+        print!("{what:<10} rasterizer:");
+        for stage in ["project", "bin", "blend"] {
+            print!("  {stage} {:.1} ms", number(&stages[stage]));
         }
         println!();
     }

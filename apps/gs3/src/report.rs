@@ -48,7 +48,8 @@ impl Times {
     }
 }
 
-fn median_ms(mut times: Vec<Duration>) -> Option<f64> {
+/// The median in milliseconds; none of no times.
+pub fn median_ms(mut times: Vec<Duration>) -> Option<f64> {
     times.sort_unstable();
     let middle = times.len() / 2;
     let upper = times.get(middle)?.as_secs_f64() * 1e3;

@@ -132,7 +132,7 @@ fn an_interrupted_run_leaves_whole_files_and_says_how_to_go_on() {
 #[test]
 fn bench_prints_ratios_first() {
     let folder = tempfile::tempdir().unwrap();
-    let output = succeed(folder.path(), "bench demo --size 160x90 --frames 0..2 --json b.json");
+    let output = succeed(folder.path(), "bench demo --size 160x90 --frames 0..2 --stages --json b.json");
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(said.starts_with("displayed fps, full / native"), "{said}");
     let report = json(&folder.path().join("b.json"));
@@ -141,4 +141,9 @@ fn bench_prints_ratios_first() {
         / report["native"]["displayed_fps"].as_f64().unwrap();
     assert!((ratio - by_hand).abs() < 1e-9 && ratio > 0.0);
     assert!(report["gbuffer_over_native"].as_f64().unwrap() > 0.0);
+    for what in ["native", "lr_gbuffer"] {
+        let stage = |name: &str| report["raster_ms"][what][name].as_f64().unwrap();
+        assert!(["project", "bin", "blend"].map(stage).iter().all(|ms| *ms > 0.0 && *ms < 60_000.0));
+        assert!(said.lines().any(|line| line.starts_with(what) && line.contains("rasterizer:  project")));
+    }
 }
