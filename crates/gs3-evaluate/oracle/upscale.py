@@ -4,7 +4,9 @@
     python crates/gs3-evaluate/oracle/upscale.py
 
 Nearest, bilinear, bicubic and Lanczos come from Pillow in f32; FSR 1 from the transcription below of AMD's description
-(names as there), pixel by pixel in f64. Values are kept at a seeded choice of pixels.
+(names as there), pixel by pixel in f64. The Python Package Index has no implementation of FSR 1 (looked for in 2026; its
+package `fsr` is something else), so this oracle is not an independent one: it finds slips of code, not of reading.
+Values are kept at a seeded choice of pixels.
 """
 
 import json

@@ -1,6 +1,8 @@
 //! AMD FidelityFX Super Resolution 1.0, from its public description: edge-adaptive spatial upsampling (EASU: a Lanczos-like
 //! kernel of twelve taps, rotated and stretched along the local edge, clamped to its four nearest samples), then robust
 //! contrast-adaptive sharpening (RCAS). Full-precision divisions and roots stand where shaders approximate.
+//!
+//! Held against a second transcription (`oracle/upscale.py`), for want of an independent implementation outside shaders.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16};
