@@ -37,7 +37,7 @@ pub struct EvaluateArgs {
     pub simplified: Option<PathBuf>,
     /// Compare with the photos of this capture instead (COLMAP model, transforms.json or cameras.json, undistorted) of which
     /// the scene was trained; every photo at its own size and on its own
-    #[arg(long, value_name = "CAMERAS", conflicts_with_all = ["path", "size", "frames", "case", "warm_up", "protocol", "simplified"])]
+    #[arg(long, value_name = "CAMERAS", conflicts_with_all = ["path", "size", "frames", "case", "warm_up", "protocol", "simplified", "jod"])]
     pub photos: Option<PathBuf>,
     /// Folder of the photos [default: the capture's own, or `images` beside it]
     #[arg(long, value_name = "DIR", requires = "photos")]
@@ -46,8 +46,9 @@ pub struct EvaluateArgs {
     #[arg(long, default_value_t = 1, value_name = "N", requires = "photos", value_parser = clap::value_parser!(u32).range(1..))]
     pub every: u32,
     /// Methods, each NAME[@FORMATION][+INTERPOLATION]; names: native, nearest, bilinear, bicubic, lanczos, fsr1, hermite,
-    /// spline, ridge, history, analytic, span, safmn, rt4ksr; formations of low-resolution frames: matched, stock, antialiased;
-    /// interpolations: repeat, blend, warp
+    /// spline, ridge, history, analytic, span, safmn, rt4ksr, and learned fast, balanced, high, without their frames between
+    /// fast_ss, balanced_ss, high_ss; formations of low-resolution frames: matched, stock, antialiased;
+    /// interpolations: repeat, blend, warp, fast, balanced, high
     /// [default: all but networks; for photos native, bicubic, hermite, spline, bicubic@stock]
     #[arg(long, value_delimiter = ',', value_name = "A,B,…")]
     pub methods: Vec<MethodSpec>,
@@ -64,9 +65,13 @@ pub struct EvaluateArgs {
     #[arg(long, default_value_t = 3, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=1000))]
     pub warm_up: u16,
     /// Folder with the weights of span (span28_x4.safetensors), safmn (safmnpp_light_x4.safetensors) and
-    /// rt4ksr (rt4ksr_x2.safetensors)
+    /// rt4ksr (rt4ksr_x2.safetensors), and of learned tiers in place of those that come with gs3
+    /// (super_sample_balanced_x4.safetensors, interpolate_balanced_x4.safetensors, …)
     #[arg(long, value_name = "DIR")]
     pub weights: Option<PathBuf>,
+    /// Also judge by ColorVideoVDP (JOD), which takes about as long as everything else
+    #[arg(long)]
+    pub jod: bool,
     /// Folder for report.html, results.json, table.md and what an interrupted run resumes from
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
@@ -122,6 +127,7 @@ pub fn run(args: &EvaluateArgs) -> Result<Outcome, CliError> {
         background: args.background.0,
         warm_up_frames: args.warm_up.into(),
         weights: args.weights.clone(),
+        jod: args.jod,
         command: std::env::args().collect::<Vec<_>>().join(" "),
     };
     if args.protocol == ProtocolArg::Paper {
@@ -136,6 +142,7 @@ fn check_protocol(args: &EvaluateArgs) -> Result<(), CliError> {
     let is_paper = args.protocol == ProtocolArg::Paper;
     let (option, expected) = match (is_paper, args.methods.is_empty(), &args.simplified) {
         (true, false, _) => ("--methods", "none with --protocol paper, which names its own"),
+        (true, ..) if args.jod => ("--jod", "none with --protocol paper, whose tables have no such column"),
         (false, _, Some(_)) => ("--simplified", "--protocol paper with it"),
         _ => return Ok(()),
     };

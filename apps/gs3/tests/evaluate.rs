@@ -18,7 +18,11 @@ fn evaluate(out: &Path, arguments: &[&str]) -> Output {
 fn a_report_is_written_and_a_second_run_resumes() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("deep/out");
-    let first = evaluate(&out, &["--methods", "bicubic,analytic,span"]);
+    let weights = folder.path().join("weights");
+    std::fs::create_dir(&weights).unwrap();
+    std::fs::write(weights.join("span28_x4.safetensors"), "no weights").unwrap();
+    let first =
+        evaluate(&out, &["--methods", "bicubic,analytic,span", "--weights", weights.to_str().unwrap()]);
     assert!(first.status.success(), "{}", String::from_utf8_lossy(&first.stderr));
     let results = || -> serde_json::Value {
         serde_json::from_slice(&std::fs::read(out.join("results.json")).unwrap()).unwrap()
@@ -37,8 +41,10 @@ fn a_report_is_written_and_a_second_run_resumes() {
     ];
     assert_eq!(names, expected);
     assert!(rows.iter().all(|r| r["psnr"].as_f64().unwrap() > 10.0 && r["speedup_over_native"].is_number()));
-    // Weights that are missing fail their method alone.
-    assert!(results()["failures"][0]["error"].as_str().unwrap().contains("folder of weights"));
+    // Weights that are damaged fail their method alone.
+    let failure = &results()["failures"][0];
+    assert!(failure["method"] == "span", "{failure}");
+    assert!(failure["error"].as_str().unwrap().contains("expected safetensors"), "{failure}");
     assert!(std::fs::read_to_string(out.join("report.html")).unwrap().contains("<svg"));
     assert!(std::fs::read_to_string(out.join("table.md")).unwrap().contains("| analytic |"));
 
@@ -62,11 +68,17 @@ fn bad_input_gets_one_line_and_exit_code_2() {
         (&["--path", "nowhere.json"], "nowhere.json"),
         (&["--protocol", "paper", "--methods", "fsr1"], "--methods: expected none"),
         (&["--methods", "span", "--weights", "nowhere"], "span28_x4.safetensors, found none"),
+        (&["--methods", "bicubic,span"], "span: expected a folder of weights, found none"),
+        (
+            &["--methods", "high", "--scale", "3", "--size=96x63"],
+            "high: tier high at scale 3: expected one of",
+        ),
+        (&["--jod", "--protocol", "paper"], "--jod: expected none"),
         (&["--simplified", "demo"], "--simplified: expected --protocol paper"),
     ] {
         let arguments: Vec<&str> = ["evaluate", "demo", "--out", out.to_str().unwrap()]
             .into_iter()
-            .chain((!arguments.contains(&"--size")).then_some("--size=96x64"))
+            .chain((!arguments.iter().any(|a| a.starts_with("--size"))).then_some("--size=96x64"))
             .chain(arguments.iter().copied())
             .collect();
         let output = Command::new(env!("CARGO_BIN_EXE_gs3")).args(&arguments).output().unwrap();
@@ -113,6 +125,9 @@ fn the_papers_tables_are_filled() {
     assert!(whole != gradientless && gradientless > without("history and gradients", "bicubic+warp"));
     assert!(whole != without("jitter", "history_centered+warp"));
     let table = std::fs::read_to_string(out.join("table.md")).unwrap();
-    assert!(table.contains("Absent: gs3 fast, balanced, high (learned): no trained weights"));
+    for tier in ["fast", "balanced", "high"] {
+        let is_there = rows.iter().any(|row| row["table"] == "comparison" && row["method"] == tier);
+        assert!(is_there != table.contains(&format!("Absent: {tier}: ")), "{tier}");
+    }
     assert!(std::fs::read_to_string(out.join("report.html")).unwrap().contains("without jitter"));
 }

@@ -1,5 +1,5 @@
-//! Writes `docs/results.md`: gs3 without learning against native rendering, its baselines and published networks, on captured
-//! scenes.
+//! Writes `docs/results.md`: gs3, without learning and with every tier whose weights come with it, against native rendering,
+//! baselines and published networks, on captured scenes.
 //!
 //!     cargo run --release -p gs3-evaluate --example results -- ../shared [FRAMES [FILE]]
 //!
@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use gs3::{Culling, Stage};
-use gs3_evaluate::methods::{Method, MethodSettings, build};
+use gs3_evaluate::methods::{Method, MethodSettings, MethodSpec, build};
 use gs3_evaluate::metrics::{Border, Quantisation, psnr, ssim, tpsnr};
 use gs3_evaluate::protocol::{Machine, PSNR_CAP};
 use gs3_scene::{Camera, CameraPath, Image, Scene, capture};
@@ -33,9 +33,21 @@ const PATHS: [(&str, &str); 8] = [
     ("lacadiere", "lacadiere_drift"),
     ("lacadiere", "lacadiere_pan"),
 ];
-/// The path whose frames networks get, and how many of them.
-const NETWORK_PATH: &str = "flowers_drift";
-const NETWORK_FRAMES: usize = 2;
+/// gs3: the names of super sampling alone and with the frames between. Learned ones are left out, aloud, where their weights
+/// are not there.
+const OURS: [[&str; 2]; 4] =
+    [["history", "analytic"], ["fast_ss", "fast"], ["balanced_ss", "balanced"], ["high_ss", "high"]];
+/// Baselines, without frames between.
+const BASELINES: [&str; 2] = ["bicubic", "hermite"];
+/// Rows of a table: native rendering, [`BASELINES`], [`OURS`].
+const NATIVE: usize = 0;
+const BICUBIC: usize = 1;
+const HISTORY: usize = 1 + BASELINES.len();
+const ANALYTIC: usize = HISTORY + 1;
+
+/// The paths whose frames networks get, and how many of them.
+const NETWORK_PATHS: [&str; 3] = ["flowers_drift", "fungi_drift", "hqgarden_drift"];
+const NETWORK_FRAMES: usize = 4;
 const NETWORK_METHODS: [&str; 13] = [
     "bicubic",
     "hermite",
@@ -109,7 +121,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         .next()
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/results.md"), PathBuf::from);
     let mut tables = Vec::new();
-    let (mut networks, mut ahead) = (String::new(), Vec::new());
+    let (mut networks, mut ahead, mut absent) = (String::new(), Vec::new(), Vec::new());
     let mut loaded: Option<(&str, Arc<Scene>)> = None;
     for (scene_name, path_name) in PATHS {
         eprintln!("{path_name}");
@@ -132,28 +144,48 @@ fn main() -> Result<(), Box<dyn Error>> {
             training: Vec::new(),
             weights: Some(shared.join("weights")),
         };
-        let rows = along(&path, frames, &settings)?;
-        if path_name == NETWORK_PATH {
-            (networks, ahead) = network_table(&path, frames, &settings, &rows)?;
+        let rows;
+        (rows, absent) = along(&path, frames, &settings)?;
+        if NETWORK_PATHS.contains(&path_name) {
+            let (table, lines) = network_table(path_name, &path, frames, &settings, &rows)?;
+            write!(networks, "### {path_name}\n\n{table}\n")?;
+            ahead.extend(lines);
         }
         tables.push((path_name, settings.scene.gaussians().len(), rows));
     }
-    std::fs::write(&file, page(&tables, &networks, ahead, frames))?;
+    std::fs::write(&file, page(&tables, &networks, ahead, &absent, frames))?;
     eprintln!("{}", file.display());
     Ok(())
 }
 
-/// Native rendering, bicubic, hermite, history and analytic along the path; history is analytic without what it makes between.
-fn along(path: &CameraPath, frames: usize, settings: &MethodSettings) -> Result<Vec<Row>, Box<dyn Error>> {
-    let method =
-        |name: &str| -> Result<Box<dyn Method>, Box<dyn Error>> { Ok(build(name.parse()?, settings)?) };
-    let mut native = method("native")?;
-    let mut spatial = [method("bicubic")?, method("hermite")?];
-    let mut analytic = method("analytic")?;
-    let mut rows: Vec<Row> =
-        ["native", "bicubic", "hermite", "history"].map(|name| Row::new(name, 1.0)).to_vec();
-    rows.push(Row::new("analytic", 2.0));
-    // Truth and image of the frame before, by row; of analytic, the last one displayed.
+/// Native rendering, [`BASELINES`] and [`OURS`] along the path, the latter in two rows each: without what they make between,
+/// and with it. And why some of ours are absent.
+fn along(
+    path: &CameraPath,
+    frames: usize,
+    settings: &MethodSettings,
+) -> Result<(Vec<Row>, Vec<String>), Box<dyn Error>> {
+    let mut native = build(MethodSpec::NATIVE, settings)?;
+    let mut rows = vec![Row::new("native", 1.0)];
+    let mut baselines = Vec::new();
+    for name in BASELINES {
+        baselines.push(build(name.parse()?, settings)?);
+        rows.push(Row::new(name, 1.0));
+    }
+    let (mut ours, mut absent) = (Vec::new(), Vec::new());
+    for [alone, whole] in OURS {
+        match build(whole.parse()?, settings) {
+            Ok(method) => {
+                ours.push(method);
+                rows.extend([Row::new(alone, 1.0), Row::new(whole, 2.0)]);
+            }
+            Err(error) => {
+                eprintln!("{whole} is left out: {error}");
+                absent.push(error.to_string());
+            }
+        }
+    }
+    // Truth and image of the frame before, by row; of those with frames between, the last one displayed.
     let mut before: Vec<Option<(Image, Image)>> = vec![None; rows.len()];
     let cameras = path.cameras();
     for k in 0..frames {
@@ -163,35 +195,36 @@ fn along(path: &CameraPath, frames: usize, settings: &MethodSettings) -> Result<
             None => None,
         };
         let truth = native.render(&cameras[k], None)?.current.clone();
-        let native_ms = milliseconds(native.as_ref(), &Stage::ALL);
         if k > 0 {
-            rows[0].milliseconds.push(native_ms);
+            rows[NATIVE].milliseconds.push(milliseconds(native.as_ref(), &Stage::ALL));
         }
-        for (i, method) in spatial.iter_mut().enumerate() {
+        for (i, method) in baselines.iter_mut().enumerate() {
             let image = method.render(&cameras[k], None)?.current.clone();
             let ms = milliseconds(method.as_ref(), &Stage::ALL);
-            let row = &mut rows[1 + i];
+            let row = &mut rows[BICUBIC + i];
             row.rendered.add(&truth, &image)?;
             if k > 0 {
                 row.milliseconds.push(ms);
             }
-            follow(row, &mut before[1 + i], &truth, image)?;
+            follow(row, &mut before[BICUBIC + i], &truth, image)?;
         }
-        let shown = analytic.render(&cameras[k], middle.as_ref())?;
-        let (between, current) = (shown.between.cloned(), shown.current.clone());
-        let [history, whole] = [&Stage::ALL[..2], &Stage::ALL].map(|s| milliseconds(analytic.as_ref(), s));
-        rows[3].rendered.add(&truth, &current)?;
-        if let (Some(truth), Some(image)) = (truth_between, between) {
-            rows[4].between.add(&truth, &image)?;
-            follow(&mut rows[4], &mut before[4], &truth, image)?;
-            rows[3].milliseconds.push(history);
-            rows[4].milliseconds.push(whole);
+        for (i, method) in ours.iter_mut().enumerate() {
+            let [alone, whole] = [HISTORY + 2 * i, HISTORY + 2 * i + 1];
+            let shown = method.render(&cameras[k], middle.as_ref())?;
+            let (between, current) = (shown.between.cloned(), shown.current.clone());
+            rows[alone].rendered.add(&truth, &current)?;
+            rows[whole].rendered = rows[alone].rendered.clone();
+            if let (Some(truth), Some(image)) = (&truth_between, between) {
+                rows[whole].between.add(truth, &image)?;
+                follow(&mut rows[whole], &mut before[whole], truth, image)?;
+                rows[alone].milliseconds.push(milliseconds(method.as_ref(), &Stage::ALL[..2]));
+                rows[whole].milliseconds.push(milliseconds(method.as_ref(), &Stage::ALL));
+            }
+            follow(&mut rows[alone], &mut before[alone], &truth, current.clone())?;
+            follow(&mut rows[whole], &mut before[whole], &truth, current)?;
         }
-        follow(&mut rows[3], &mut before[3], &truth, current.clone())?;
-        follow(&mut rows[4], &mut before[4], &truth, current)?;
     }
-    rows[4].rendered = rows[3].rendered.clone();
-    Ok(rows)
+    Ok((rows, absent))
 }
 
 /// Adds the tPSNR of `image` and the frame before it, and remembers it.
@@ -215,9 +248,10 @@ fn milliseconds(method: &dyn Method, stages: &[Stage]) -> f64 {
     total.as_secs_f64() * 1e3
 }
 
-/// Networks on the last frame and frames evenly before it, with gs3's history at the same frames from `rows`; and who is ahead
-/// of it.
+/// Networks on the last frame and frames evenly before it, with gs3 without frames between at the same frames from `rows`; and
+/// who is ahead of its best.
 fn network_table(
+    path_name: &str,
     path: &CameraPath,
     frames: usize,
     settings: &MethodSettings,
@@ -232,15 +266,19 @@ fn network_table(
         .collect::<Result<Vec<Image>, Box<dyn Error>>>()?;
     let mut text =
         String::from("| LR frames | method | PSNR | SSIM | ms per frame |\n|---|---|--:|--:|--:|\n");
-    let history = &rows[3].rendered;
     let of = |values: &[f64]| at.iter().map(|k| values[*k]).sum::<f64>() / at.len() as f64;
-    writeln!(
-        text,
-        "| matched, jittered | history | {:.2} | {:.4} | {:.0} |",
-        of(&history.psnr),
-        of(&history.ssim),
-        rows[3].fps().map_or(f64::NAN, |fps| 1e3 / fps)
-    )?;
+    let ours = || rows[HISTORY..].iter().step_by(2);
+    for row in ours() {
+        writeln!(
+            text,
+            "| matched, jittered | {} | {:.2} | {:.4} | {} |",
+            row.name,
+            of(&row.rendered.psnr),
+            of(&row.rendered.ssim),
+            shown(row.fps().map(|fps| 1e3 / fps), 0),
+        )?;
+    }
+    let best = ours().map(|row| of(&row.rendered.psnr)).fold(f64::NEG_INFINITY, f64::max);
     let mut ahead = Vec::new();
     for name in NETWORK_METHODS {
         let mut method = build(name.parse()?, settings)?;
@@ -257,10 +295,10 @@ fn network_table(
             (_, Some(fps)) => format!("{:.0}", 1e3 / fps),
         };
         let (psnr, ssim) = (mean(&row.rendered.psnr), mean(&row.rendered.ssim));
-        let lead = psnr.unwrap_or_default() - of(&history.psnr);
+        let lead = psnr.unwrap_or_default() - best;
         if lead > 0.0 {
             ahead.push(format!(
-                "{NETWORK_PATH}, {} frames: {method} on {formation} LR frames has {lead:.2} dB more PSNR than history.",
+                "{path_name}, {} frames: {method} on {formation} LR frames has {lead:.2} dB more PSNR than the best of gs3.",
                 at.len()
             ));
         }
@@ -277,18 +315,24 @@ fn shown(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "–".into(), |v| format!("{v:.digits$}"))
 }
 
-fn page(tables: &[(&str, usize, Vec<Row>)], networks: &str, ahead: Vec<String>, frames: usize) -> String {
+fn page(
+    tables: &[(&str, usize, Vec<Row>)],
+    networks: &str,
+    ahead: Vec<String>,
+    absent: &[String],
+    frames: usize,
+) -> String {
     let machine = Machine::this();
     let mut text = format!(
         "# Results\n\nWritten by `cargo run --release -p gs3-evaluate --example results -- ../shared {frames}`; gs3 {}, {}, \
          {} threads, {}.\n\n\
          {}×{} from {}×{} (×{SCALE}), frames 0..{frames} of each path, against the scene's own native rendering. `history` is \
          gs3's super sampling without learning, `analytic` adds a frame before each rendered one: its PSNR between is against \
-         native rendering at the true pose. PSNR: one mean squared error per frame over RGB in [0, 1], mean over frames; SSIM as \
+         native rendering at the true pose. `fast`, `balanced` and `high` are the same with learning, `fast_ss` and so on without \
+         the frames between. PSNR: one mean squared error per frame over RGB in [0, 1], mean over frames; SSIM as \
          in scikit-image, over rendered frames; tPSNR: PSNR of the differences of consecutive displayed frames, which are half as \
-         far apart for `analytic` as for the others. History starts empty at frame 0, and these first frames count. Displayed FPS: \
-         frames shown per rendered one over its median time; native rendering is gs3's own rasterizer with AccuTile culling. \
-         Learned tiers are absent: no trained weights come with this version.\n\n",
+         far apart where there are frames between. History starts empty at frame 0, and these first frames count. Displayed FPS: \
+         frames shown per rendered one over its median time; native rendering is gs3's own rasterizer with AccuTile culling.{}\n\n",
         env!("CARGO_PKG_VERSION"),
         machine.processor,
         machine.threads,
@@ -297,6 +341,7 @@ fn page(tables: &[(&str, usize, Vec<Row>)], networks: &str, ahead: Vec<String>, 
         SIZE.1,
         SIZE.0 / SCALE,
         SIZE.1 / SCALE,
+        absent.iter().map(|reason| format!(" Absent: {reason}.")).collect::<String>(),
     );
     text += &behind(tables, ahead);
     for (path, gaussians, rows) in tables {
@@ -306,7 +351,7 @@ fn page(tables: &[(&str, usize, Vec<Row>)], networks: &str, ahead: Vec<String>, 
             "## {path} ({gaussians} Gaussians)\n\n| method | PSNR rendered | PSNR between | SSIM | tPSNR | displayed FPS | \
              × native |\n|---|--:|--:|--:|--:|--:|--:|"
         );
-        let native = rows[0].fps();
+        let native = rows[NATIVE].fps();
         for row in rows {
             let _ = writeln!(
                 text,
@@ -324,10 +369,10 @@ fn page(tables: &[(&str, usize, Vec<Row>)], networks: &str, ahead: Vec<String>, 
     }
     let _ = writeln!(
         text,
-        "## Published networks ({NETWORK_PATH}, {NETWORK_FRAMES} frames)\n\nAs published, trained on photographs, not on splats. How \
+        "## Published networks ({NETWORK_FRAMES} frames of each path)\n\nAs published, trained on photographs, not on splats. How \
          LR frames come about decides how they rank: `matched` are point samples of the native image (dilation 0.3/S²), `stock` \
          has the dilation 0.3 of 3D Gaussian Splatting at LR, `antialiased` is the native image reduced by a bicubic filter, as \
-         networks are trained, which no renderer has without rendering natively. `history` stands for comparison, at the same \
+         networks are trained, which no renderer has without rendering natively. gs3 stands for comparison, at the same \
          frames of its run.\n\n{networks}"
     );
     text.trim_end().to_owned() + "\n"
@@ -340,23 +385,34 @@ fn behind(tables: &[(&str, usize, Vec<Row>)], ahead: Vec<String>) -> String {
     for (path, _, rows) in tables {
         let psnr = |i: usize| mean(&rows[i].rendered.psnr).unwrap_or_default();
         let ssim = |i: usize| mean(&rows[i].rendered.ssim).unwrap_or_default();
-        for baseline in [1, 2] {
-            let name = &rows[baseline].name;
-            if psnr(baseline) > psnr(3) {
-                add(format!("{path}: {name} has {:.2} dB more PSNR than history.", psnr(baseline) - psnr(3)));
+        let between = |i: usize| mean(&rows[i].between.psnr).unwrap_or_default();
+        let name = |i: usize| &rows[i].name;
+        // Ours against baselines, and learned ours against ours without learning.
+        for ours in (HISTORY..rows.len()).step_by(2) {
+            let simpler = (BICUBIC..HISTORY).chain((ours != HISTORY).then_some(HISTORY));
+            for other in simpler {
+                if psnr(other) > psnr(ours) {
+                    let lead = psnr(other) - psnr(ours);
+                    add(format!("{path}: {} has {lead:.2} dB more PSNR than {}.", name(other), name(ours)));
+                }
+                if ssim(other) > ssim(ours) {
+                    let lead = ssim(other) - ssim(ours);
+                    add(format!("{path}: {} has {lead:.4} more SSIM than {}.", name(other), name(ours)));
+                }
             }
-            if ssim(baseline) > ssim(3) {
-                add(format!("{path}: {name} has {:.4} more SSIM than history.", ssim(baseline) - ssim(3)));
+            let whole = ours + 1;
+            if between(ANALYTIC) > between(whole) {
+                let lead = between(ANALYTIC) - between(whole);
+                add(format!("{path}: between, analytic has {lead:.2} dB more PSNR than {}.", name(whole)));
+            }
+            if let (Some(native), Some(fps)) = (rows[NATIVE].fps(), rows[whole].fps())
+                && fps < native
+            {
+                let shows = format!("shows {fps:.2} frames a second, native rendering {native:.2}");
+                add(format!("{path}: {} {shows}.", name(whole)));
             }
         }
-        if let (Some(native), Some(analytic)) = (rows[0].fps(), rows[4].fps())
-            && analytic < native
-        {
-            add(format!(
-                "{path}: analytic shows {analytic:.2} frames a second, native rendering {native:.2}."
-            ));
-        }
-        if let (Some(bicubic), Some(history)) = (rows[1].fps(), rows[3].fps())
+        if let (Some(bicubic), Some(history)) = (rows[BICUBIC].fps(), rows[HISTORY].fps())
             && bicubic > NOTABLE * history
         {
             add(format!("{path}: history takes {:.1} times the time of bicubic.", bicubic / history));

@@ -6,6 +6,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use gs3::Culling;
+use gs3::neural::Header;
+use gs3::neural::model::{self, Tier, initial_weights};
+use gs3_evaluate::methods::MethodError;
 use gs3_evaluate::protocol::{Case, EvaluateError, Event, Protocol, Results, Subset};
 use gs3_evaluate::report;
 use gs3_scene::{Gaussians, OpacityMode, Scene, orbit};
@@ -47,6 +50,7 @@ fn protocol(methods: &str, case: Case) -> Protocol {
         background: [0.1, 0.2, 0.3],
         warm_up_frames: 1,
         weights: None,
+        jod: false,
         command: "gs3 evaluate <ball> & more".into(),
     }
 }
@@ -161,8 +165,11 @@ fn finished_methods_are_resumed_and_failing_ones_do_not_end_the_run() {
     let (first, seen) = run(&few, folder.path());
     assert_eq!(seen, [vec!["native".to_owned(), "bicubic".into()], vec![], vec![]]);
 
-    let more =
-        Protocol { methods: protocol("ridge,bicubic,span,nearest", Case::Path).methods, ..few.clone() };
+    let weights = folder.path().join("weights");
+    std::fs::create_dir(&weights).unwrap();
+    std::fs::write(weights.join("span28_x4.safetensors"), "no weights").unwrap();
+    let methods = protocol("ridge,bicubic,span,nearest", Case::Path).methods;
+    let more = Protocol { methods, weights: Some(weights), ..few.clone() };
     let (second, seen) = run(&more, folder.path());
     let expected: [Vec<String>; 3] = [
         vec!["nearest".into()],
@@ -171,11 +178,70 @@ fn finished_methods_are_resumed_and_failing_ones_do_not_end_the_run() {
     ];
     assert_eq!(seen, expected);
     assert!(second.failures[0].error.contains("found none"), "{:?}", second.failures);
+    assert!(second.failures[1].error.contains("expected safetensors"), "{:?}", second.failures);
     assert_eq!(first.row("bicubic", Subset::All), second.row("bicubic", Subset::All));
     assert!(report::html(&second).contains("ridge</b> failed"));
 
     let other = Protocol { background: [0.0; 3], ..few };
     assert_eq!(run(&other, folder.path()).1[1], Vec::<String>::new(), "another protocol resumes nothing");
+}
+
+#[test]
+fn learned_tiers_start_from_the_analytic_pipeline() {
+    let folder = tempfile::tempdir().unwrap();
+    for (network, graph) in [
+        ("super_sample", model::super_sample(4, Tier::Fast).unwrap()),
+        ("interpolate", model::interpolate(4, Tier::Fast).unwrap()),
+    ] {
+        let header = Header {
+            network: network.into(),
+            version: graph.version(),
+            scale: 4,
+            tier: "fast".into(),
+            training_data: String::new(),
+            licence: "MIT".into(),
+        };
+        let file = folder.path().join(format!("{network}_fast_x4.safetensors"));
+        initial_weights(&graph, header, 1).save(&file).unwrap();
+    }
+    let protocol = Protocol {
+        weights: Some(folder.path().to_owned()),
+        ..protocol("analytic,fast,fast_ss,fast_ss+warp,history+fast,fast_ss+repeat", Case::Path)
+    };
+    let (results, _) = run(&protocol, &folder.path().join("out"));
+    assert_eq!(results.failures, []);
+    let psnr = |method: &str, subset| results.row(method, subset).unwrap().psnr;
+    for method in ["fast", "fast_ss", "fast_ss+warp", "history+fast", "fast_ss+repeat"] {
+        let (learned, analytic) =
+            (psnr(method, Subset::SuperSampled), psnr("analytic", Subset::SuperSampled));
+        assert!((learned - analytic).abs() < 0.01, "{method}: {learned} dB, analytic {analytic} dB");
+    }
+    for method in ["fast", "fast_ss+warp", "history+fast"] {
+        let (learned, analytic) =
+            (psnr(method, Subset::Interpolated), psnr("analytic", Subset::Interpolated));
+        assert!((learned - analytic).abs() < 0.01, "{method}: {learned} dB, analytic {analytic} dB");
+    }
+    let ms = |method: &str| results.row(method, Subset::All).unwrap().total.unwrap().median_ms;
+    assert!(ms("fast") > ms("analytic"), "the networks ran: {} ms, {} ms", ms("fast"), ms("analytic"));
+}
+
+#[test]
+fn color_video_vdp_judges_where_it_is_asked_to() {
+    let folder = tempfile::tempdir().unwrap();
+    let with = Protocol { jod: true, ..protocol("nearest,analytic", Case::Path) };
+    let (results, _) = run(&with, folder.path());
+    let jod = |method: &str, subset| results.row(method, subset).unwrap().jod;
+    let [native, nearest, analytic] =
+        ["native", "nearest", "analytic"].map(|method| jod(method, Subset::All).unwrap());
+    assert!(native > 9.9 && native > analytic && analytic > nearest, "{native} {analytic} {nearest}");
+    assert_eq!(jod("analytic", Subset::Interpolated), None);
+    assert!(report::html(&results).contains("<th>JOD</th>") && report::markdown(&results).contains(" JOD |"));
+    let without = Protocol { jod: false, ..with };
+    let (results, _) = run(&without, folder.path());
+    assert_eq!(results.row("native", Subset::All).unwrap().jod, None);
+    assert!(
+        !report::html(&results).contains("<th>JOD</th>") && !report::markdown(&results).contains(" JOD |")
+    );
 }
 
 #[test]
@@ -194,6 +260,17 @@ fn protocols_that_make_no_sense_are_refused() {
     ));
     assert!(matches!(error(Protocol { scale: 1, ..base.clone() }), EvaluateError::Scale { actual: 1 }));
     assert!(matches!(error(Protocol { size: (0, 64), ..base.clone() }), EvaluateError::Camera(_)));
+    let without = |methods: &str, weights: Option<&Path>| Protocol {
+        weights: weights.map(Path::to_owned),
+        ..protocol(methods, Case::Path)
+    };
+    assert!(matches!(error(without("span", None)), EvaluateError::Method(MethodError::NoWeights { .. })));
+    assert!(matches!(
+        error(without("bicubic,span@stock", Some(folder.path()))),
+        EvaluateError::Method(MethodError::WeightFile { .. })
+    ));
+    let high = Protocol { scale: 8, ..without("high", Some(folder.path())) };
+    assert!(matches!(error(high), EvaluateError::Method(MethodError::Network { .. })));
     let file = folder.path().join("file");
     std::fs::write(&file, "").unwrap();
     assert!(matches!(base.run(&file, &mut |_| {}), Err(EvaluateError::File { .. })));

@@ -11,6 +11,7 @@ use rayon::prelude::*;
 
 use super::formation::reduce;
 use super::interpolation::{Frame, interpolate};
+use super::learned::published;
 use super::{
     Durations, Formation, Interpolation, Method, MethodError, MethodSettings, MethodSpec, Shown, Spatial,
     pipeline,
@@ -52,7 +53,7 @@ impl Baseline {
         };
         let spatial = match spec.spatial {
             Spatial::Native => of_pipeline(Mode::Native)?,
-            Spatial::History | Spatial::Centered => of_pipeline(Mode::SuperSample)?,
+            Spatial::History | Spatial::Centered | Spatial::Learned(_) => of_pipeline(Mode::SuperSample)?,
             Spatial::Gradientless => SpatialPart::Gradientless {
                 source: Box::new(LrSource::new(spec.formation, Outputs::GBuffer, settings)),
                 super_sampler: Box::new(SuperSampler::new(settings.scale)?),
@@ -244,11 +245,8 @@ fn fit_ridge(spec: MethodSpec, settings: &MethodSettings) -> Result<RidgeMap, Me
 
 /// Loads the weights of a published network.
 fn weights(spec: MethodSpec, settings: &MethodSettings) -> Result<Weights, MethodError> {
-    let missing = MethodError::NoWeights { method: spec };
-    let (Some(folder), Some(file)) = (&settings.weights, spec.spatial.weight_file()) else {
-        return Err(missing);
-    };
-    Ok(Weights::load(&folder.join(file))?)
+    let file = spec.spatial.weight_file().ok_or(MethodError::NoWeights { method: spec })?;
+    Ok(Weights::load(&published(spec, file, settings.weights.as_deref())?)?)
 }
 
 #[cfg(test)]

@@ -33,7 +33,8 @@ pub(super) fn interpolate(
             });
             Ok(true)
         }
-        Interpolation::Warp => {
+        // Learned interpolation is part of the pipeline, and `build` takes no other.
+        Interpolation::Warp | Interpolation::Learned(_) => {
             let (Some(from), Some(to)) = (&before.camera, &after.camera) else { return Ok(false) };
             let before = Neighbor { camera: from, image: &before.image, gbuffer: &before.gbuffer };
             let after = Neighbor { camera: to, image: &after.image, gbuffer: &after.gbuffer };

@@ -6,6 +6,7 @@
 mod baseline;
 mod formation;
 mod interpolation;
+mod learned;
 mod spec;
 
 use std::path::PathBuf;
@@ -13,7 +14,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use gs3::{
-    Culling, Dilation, FramePipeline, Mode, PipelineError, PipelineSettings, ResetReason, Sampling, Stage,
+    Culling, Dilation, FramePipeline, Mode, NetworkError, PipelineError, PipelineSettings, ResetReason,
+    Sampling, Stage,
 };
 use gs3_raster::RasterError;
 use gs3_reconstruct::ReconstructError;
@@ -22,6 +24,7 @@ use gs3_scene::{Camera, Image, Scene};
 use crate::network::WeightError;
 use crate::upscale::{RidgeError, UpscaleError};
 use baseline::Baseline;
+pub(crate) use learned::check_weights;
 pub use spec::{DEFAULT_METHODS, Formation, Interpolation, MethodSpec, Spatial, SpecError};
 
 /// Durations of the stages of a rendered frame, in the order of [`Stage::ALL`]; none for stages that did not run or whose
@@ -54,6 +57,25 @@ pub enum MethodError {
     NoWeights {
         /// The method.
         method: MethodSpec,
+    },
+    /// The folder of weights lacks a network's.
+    #[error("{method}: expected a file of weights at {}, found none", .file.display())]
+    WeightFile {
+        /// The method.
+        method: MethodSpec,
+        /// The file expected.
+        file: PathBuf,
+    },
+    /// Parts of the method do not go together.
+    #[error(transparent)]
+    Spec(#[from] SpecError),
+    /// A network of gs3 cannot be used.
+    #[error("{method}: {source}")]
+    Network {
+        /// The method.
+        method: MethodSpec,
+        /// Why.
+        source: NetworkError,
     },
     /// There are no frames to fit a map on.
     #[error("{method}: expected frames of the path outside the evaluated ones to fit on, found none")]
@@ -102,7 +124,8 @@ pub struct MethodSettings {
     /// Cameras outside the evaluated frames, for methods that fit something to the scene.
     pub training: Vec<Camera>,
     /// Folder with the weights of published networks: `span28_x4.safetensors`, `safmnpp_light_x4.safetensors`,
-    /// `rt4ksr_x2.safetensors`.
+    /// `rt4ksr_x2.safetensors`; and of gs3's own, in place of those that come with it: `super_sample_balanced_x4.safetensors`,
+    /// `interpolate_balanced_x4.safetensors` and so on.
     pub weights: Option<PathBuf>,
 }
 
@@ -111,16 +134,17 @@ pub struct MethodSettings {
 /// # Errors
 /// [`MethodError`] if the scale is not supported or a map cannot be fitted.
 pub fn build(spec: MethodSpec, settings: &MethodSettings) -> Result<Box<dyn Method>, MethodError> {
-    let mode = match (spec.spatial, spec.interpolation) {
-        (Spatial::Native, Interpolation::None) => Mode::Native,
-        (Spatial::History | Spatial::Centered, Interpolation::None) => Mode::SuperSample,
-        (Spatial::History | Spatial::Centered, Interpolation::Warp) => Mode::Full,
+    spec.check(&spec.to_string())?;
+    let mode = match spec.interpolation {
+        Interpolation::None if spec.spatial == Spatial::Native => Mode::Native,
+        Interpolation::None if spec.spatial.is_pipeline() => Mode::SuperSample,
+        Interpolation::Warp | Interpolation::Learned(_) if spec.spatial.is_pipeline() => Mode::Full,
         _ => return Ok(Box::new(Baseline::new(spec, settings)?)),
     };
     Ok(Box::new(pipeline(mode, spec, settings)?))
 }
 
-fn pipeline(mode: Mode, spec: MethodSpec, settings: &MethodSettings) -> Result<FramePipeline, PipelineError> {
+fn pipeline(mode: Mode, spec: MethodSpec, settings: &MethodSettings) -> Result<FramePipeline, MethodError> {
     let dilation = match (mode, spec.formation) {
         (Mode::Native, _) | (_, Formation::Stock) => Dilation::Stock,
         (_, Formation::Matched | Formation::Antialiased) => Dilation::Matched,
@@ -134,7 +158,8 @@ fn pipeline(mode: Mode, spec: MethodSpec, settings: &MethodSettings) -> Result<F
         generate: 1,
         background: settings.background,
     };
-    FramePipeline::new(Arc::clone(&settings.scene), settings_)
+    let networks = learned::networks(spec, settings.scale, settings.weights.as_deref())?;
+    Ok(FramePipeline::with_networks(Arc::clone(&settings.scene), settings_, &networks)?)
 }
 
 impl Method for FramePipeline {

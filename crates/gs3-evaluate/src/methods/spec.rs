@@ -3,6 +3,8 @@
 use std::fmt;
 use std::str::FromStr;
 
+use gs3::neural::model::Tier;
+
 /// How a method makes a frame from a rendered one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Spatial {
@@ -30,6 +32,8 @@ pub enum Spatial {
     Centered,
     /// [`Self::History`] without rendered gradients: those of bicubic interpolation in their place, an ablation.
     Gradientless,
+    /// gs3's learned super sampling on top of [`Self::History`].
+    Learned(Tier),
     /// The network SPAN, 28 channels, ×4.
     Span,
     /// The network SAFMN++ light, ×4.
@@ -63,6 +67,8 @@ pub enum Interpolation {
     Blend,
     /// gs3's analytic warp of both neighbours to the middle pose.
     Warp,
+    /// gs3's learned interpolation on top of [`Self::Warp`].
+    Learned(Tier),
 }
 
 /// A method: how frames are super-sampled, from what, and how the ones between are made.
@@ -101,7 +107,7 @@ pub enum SpecError {
     },
 }
 
-const SPATIAL: [(&str, Spatial); 15] = [
+const SPATIAL: [(&str, Spatial); 18] = [
     ("native", Spatial::Native),
     ("nearest", Spatial::Nearest),
     ("bilinear", Spatial::Bilinear),
@@ -114,16 +120,30 @@ const SPATIAL: [(&str, Spatial); 15] = [
     ("history", Spatial::History),
     ("history_centered", Spatial::Centered),
     ("history_gradientless", Spatial::Gradientless),
+    ("fast_ss", Spatial::Learned(Tier::Fast)),
+    ("balanced_ss", Spatial::Learned(Tier::Balanced)),
+    ("high_ss", Spatial::Learned(Tier::High)),
     ("span", Spatial::Span),
     ("safmn", Spatial::Safmn),
     ("rt4ksr", Spatial::Rt4ksr),
 ];
 const FORMATIONS: [(&str, Formation); 3] =
     [("matched", Formation::Matched), ("stock", Formation::Stock), ("antialiased", Formation::Antialiased)];
-const INTERPOLATIONS: [(&str, Interpolation); 3] =
-    [("repeat", Interpolation::Repeat), ("blend", Interpolation::Blend), ("warp", Interpolation::Warp)];
-/// The name of `history+warp`: gs3 without learning, both parts.
-const ANALYTIC: &str = "analytic";
+const INTERPOLATIONS: [(&str, Interpolation); 6] = [
+    ("repeat", Interpolation::Repeat),
+    ("blend", Interpolation::Blend),
+    ("warp", Interpolation::Warp),
+    ("fast", Interpolation::Learned(Tier::Fast)),
+    ("balanced", Interpolation::Learned(Tier::Balanced)),
+    ("high", Interpolation::Learned(Tier::High)),
+];
+/// Names of both parts of gs3 together: without learning that is `history+warp`, with it `fast_ss+fast`, and so on.
+const WHOLE: [(&str, (Spatial, Interpolation)); 4] = [
+    ("analytic", (Spatial::History, Interpolation::Warp)),
+    ("fast", (Spatial::Learned(Tier::Fast), Interpolation::Learned(Tier::Fast))),
+    ("balanced", (Spatial::Learned(Tier::Balanced), Interpolation::Learned(Tier::Balanced))),
+    ("high", (Spatial::Learned(Tier::High), Interpolation::Learned(Tier::High))),
+];
 
 /// The methods compared where none are named.
 pub const DEFAULT_METHODS: &str = "native,nearest,bilinear,bicubic,lanczos,fsr1,hermite,spline,ridge,history,\
@@ -148,12 +168,17 @@ impl Spatial {
 
     /// Whether frames depend on the ones before.
     const fn has_history(self) -> bool {
-        matches!(self, Self::History | Self::Centered | Self::Gradientless)
+        matches!(self, Self::History | Self::Centered | Self::Gradientless | Self::Learned(_))
+    }
+
+    /// Whether [`gs3::FramePipeline`] makes it, and so frames between, too.
+    pub(super) const fn is_pipeline(self) -> bool {
+        matches!(self, Self::History | Self::Centered | Self::Learned(_))
     }
 
     /// Whether LR frames are jittered.
     pub(crate) const fn is_jittered(self) -> bool {
-        matches!(self, Self::History | Self::Gradientless)
+        matches!(self, Self::History | Self::Gradientless | Self::Learned(_))
     }
 }
 
@@ -186,16 +211,22 @@ impl MethodSpec {
     pub const fn displayed_per_rendered(self) -> usize {
         match self.interpolation {
             Interpolation::None => 1,
-            Interpolation::Repeat | Interpolation::Blend | Interpolation::Warp => 2,
+            Interpolation::Repeat
+            | Interpolation::Blend
+            | Interpolation::Warp
+            | Interpolation::Learned(_) => 2,
         }
     }
 
-    fn check(self, method: &str) -> Result<Self, SpecError> {
-        let warps = self.interpolation == Interpolation::Warp;
+    pub(super) fn check(self, method: &str) -> Result<Self, SpecError> {
+        let learned = matches!(self.interpolation, Interpolation::Learned(_));
+        let warps = self.interpolation == Interpolation::Warp || learned;
         let expected = if self.spatial == Spatial::Native && (self.formation != Formation::Matched || warps) {
             "no LR formation and no warp with native rendering"
         } else if self.formation == Formation::Antialiased && (self.spatial.reads_gbuffer() || warps) {
             "a rasterized LR formation (matched or stock) where gradients or depth are read"
+        } else if learned && !self.spatial.is_pipeline() {
+            "learned interpolation of frames that gs3 super-samples (history, fast_ss, balanced_ss, high_ss)"
         } else {
             return Ok(self);
         };
@@ -215,9 +246,9 @@ impl FromStr for MethodSpec {
             Some((name, formation)) => (name, lookup(method, "LR formation", &FORMATIONS, formation)?),
             None => (rest, Formation::Matched),
         };
-        if name == ANALYTIC && interpolation == Interpolation::None {
-            let (spatial, interpolation) = (Spatial::History, Interpolation::Warp);
-            return Self { spatial, formation, interpolation }.check(method);
+        let whole = WHOLE.iter().find(|(whole, _)| *whole == name);
+        if let (Some((_, (spatial, interpolation))), Interpolation::None) = (whole, interpolation) {
+            return Self { spatial: *spatial, formation, interpolation: *interpolation }.check(method);
         }
         let spatial = lookup(method, "name", &SPATIAL, name)?;
         Self { spatial, formation, interpolation }.check(method)
@@ -226,12 +257,12 @@ impl FromStr for MethodSpec {
 
 impl fmt::Display for MethodSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let is_analytic = (self.spatial, self.interpolation) == (Spatial::History, Interpolation::Warp);
-        f.write_str(if is_analytic { ANALYTIC } else { name_of(&SPATIAL, self.spatial) })?;
+        let whole = WHOLE.iter().find(|(_, parts)| *parts == (self.spatial, self.interpolation));
+        f.write_str(whole.map_or_else(|| name_of(&SPATIAL, self.spatial), |(name, _)| name))?;
         if self.formation != Formation::Matched {
             write!(f, "@{}", self.formation.name())?;
         }
-        if self.interpolation != Interpolation::None && !is_analytic {
+        if self.interpolation != Interpolation::None && whole.is_none() {
             write!(f, "+{}", name_of(&INTERPOLATIONS, self.interpolation))?;
         }
         Ok(())
@@ -264,13 +295,24 @@ mod tests {
 
     #[test]
     fn names_read_back_as_written() {
-        let names =
-            DEFAULT_METHODS.split(',').chain(["span@antialiased", "analytic@stock", "hermite@stock+warp"]);
+        let names = DEFAULT_METHODS
+            .split(',')
+            .chain(["span@antialiased", "analytic@stock", "hermite@stock+warp"])
+            .chain([
+                "fast",
+                "balanced_ss",
+                "high@stock",
+                "balanced_ss+warp",
+                "history+balanced",
+                "fast_ss+high",
+                "high_ss+blend",
+            ]);
         for name in names {
             assert_eq!(name.parse::<MethodSpec>().map(|m| m.to_string()).as_deref(), Ok(name));
         }
-        let both = ["history+warp", "analytic"].map(|name| name.parse::<MethodSpec>());
-        assert_eq!(both[0], both[1]);
+        for (parts, whole) in [("history+warp", "analytic"), ("balanced_ss+balanced", "balanced")] {
+            assert_eq!(parts.parse::<MethodSpec>(), whole.parse());
+        }
     }
 
     #[test]
@@ -279,7 +321,16 @@ mod tests {
         assert!(message("bicubik").contains("one of native, nearest"), "{}", message("bicubik"));
         assert!(message("bicubic@blurry").contains("found 'blurry'"));
         assert!(message("bicubic+flow").contains("repeat, blend, warp"));
-        for name in ["native@stock", "native+warp", "hermite@antialiased", "bicubic@antialiased+warp", ""] {
+        for name in [
+            "native@stock",
+            "native+warp",
+            "hermite@antialiased",
+            "bicubic@antialiased+warp",
+            "bicubic+balanced",
+            "balanced@antialiased",
+            "balanced+warp",
+            "",
+        ] {
             assert!(name.parse::<MethodSpec>().is_err(), "{name}");
         }
     }

@@ -18,7 +18,7 @@ use gs3_scene::{Camera, CameraError, CameraPath, Image, Intrinsics, Scene};
 pub use error::PhotoError;
 pub use results::{PhotoFacts, PhotoImage, PhotoMethodScore, PhotoResults, PhotoRow, PhotoScore};
 
-use crate::methods::{Interpolation, Method, MethodSettings, MethodSpec, build};
+use crate::methods::{Interpolation, Method, MethodSettings, MethodSpec, build, check_weights};
 use crate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
 use crate::metrics::{Border, Quantisation, flip, psnr, ssim};
 use crate::protocol::{Cache, Crop, EvaluateError, Event, Failure, PSNR_CAP, crop};
@@ -59,7 +59,7 @@ pub struct PhotoProtocol {
     pub culling: Culling,
     /// Background, display-encoded RGB, finite.
     pub background: [f32; 3],
-    /// Folder with the weights of published networks, for methods that are some.
+    /// Folder with weights, as [`MethodSettings::weights`].
     pub weights: Option<PathBuf>,
     /// The command that was given, for the report.
     pub command: String,
@@ -86,6 +86,7 @@ impl PhotoProtocol {
         if !(2..=gs3_reconstruct::MAX_SCALE).contains(&self.scale) {
             return Err(EvaluateError::Scale { actual: self.scale }.into());
         }
+        check_weights(&methods, self.scale, self.weights.as_deref()).map_err(EvaluateError::from)?;
         let every = self.every.max(1);
         let photos = (0..self.capture.cameras().len())
             .step_by(every)

@@ -12,7 +12,9 @@ use super::results::Subset;
 use super::timeline::Timeline;
 use crate::methods::{Durations, Method};
 use crate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
-use crate::metrics::{Border, Quantisation, flicker, flip, psnr, ssim, tpsnr, warping_error};
+use crate::metrics::{
+    Border, Quantisation, Viewing, color_video_vdp, flicker, flip, psnr, ssim, tpsnr, warping_error,
+};
 use crate::report::png_rgb8;
 
 /// PSNR of frames that agree better, or exactly, counts as this many dB, so that means exist.
@@ -55,6 +57,8 @@ pub struct MethodScore {
     pub flicker: [Vec<f64>; 3],
     /// Milliseconds of the stages of every rendered frame but the first, in the order of [`gs3::Stage::ALL`].
     pub stage_ms: Vec<[Option<f64>; 3]>,
+    /// ColorVideoVDP of all frames in JOD, where it was asked for.
+    pub jod: Option<f64>,
     /// A detail of one rendered frame and of the frame before it.
     pub crops: Vec<Crop>,
 }
@@ -66,12 +70,18 @@ struct Displayed {
     image: Arc<Image>,
 }
 
-/// Runs `method` and judges it.
+/// Largest width and height that ColorVideoVDP sees, the middle of frames: its memory grows with pixels × frames, up to
+/// 3 GB for this size and 60 frames.
+const JOD_SIZE: (usize, usize) = (1280, 720);
+const JOD_MEMORY: usize = 4 << 30;
+
+/// Runs `method` and judges it, with ColorVideoVDP if frames are displayed at a `rate`.
 pub(super) fn judge(
     method: &mut dyn Method,
     timeline: &Timeline,
     truth: &mut GroundTruth<'_>,
     warm_up_frames: usize,
+    rate: Option<f64>,
     progress: &mut dyn FnMut(usize),
 ) -> Result<MethodScore, EvaluateError> {
     for step in timeline.steps().iter().cycle().take(warm_up_frames) {
@@ -81,6 +91,7 @@ pub(super) fn judge(
     let mut score = MethodScore::default();
     let mut recent: [VecDeque<Displayed>; 3] = Default::default();
     let crop_at = timeline.steps().len() / 2;
+    let mut video: [Vec<Image>; 2] = Default::default();
     for (i, step) in timeline.steps().iter().enumerate() {
         // Whatever a method still shows from before, the first frame has nothing before it.
         let shown = method.render(&step.camera, step.middle.as_ref())?;
@@ -96,6 +107,10 @@ pub(super) fn judge(
         for (index, image) in displayed {
             let frame = Displayed { truth: truth.load(index)?, image };
             score.frames.push(frame_score(index, &frame)?);
+            if rate.is_some() {
+                video[0].push(middle(&frame.truth.image, JOD_SIZE));
+                video[1].push(middle(&frame.image, JOD_SIZE));
+            }
             if i == crop_at {
                 score.crops.push(crop(index, &frame.truth.image, &frame.image));
             }
@@ -109,6 +124,11 @@ pub(super) fn judge(
             }
         }
         progress(i + 1);
+    }
+    if let Some(rate) = rate {
+        let display = "standard_4k".to_owned();
+        let viewing = Viewing { display, frames_per_second: rate as f32, memory_limit_bytes: JOD_MEMORY };
+        score.jod = Some(color_video_vdp(&video[0], &video[1], &viewing)?);
     }
     Ok(score)
 }
@@ -143,6 +163,15 @@ fn score_motion(
         score.flicker[subset as usize].push(value);
     }
     Ok(())
+}
+
+/// The middle of `image`, at most of this size.
+fn middle(image: &Image, (width, height): (usize, usize)) -> Image {
+    let (width, height) = (width.min(image.width()), height.min(image.height()));
+    let (left, top) = ((image.width() - width) / 2, (image.height() - height) / 2);
+    let pixels = (top..top + height).flat_map(|y| image.row(y)[left..left + width].iter().copied());
+    // As many pixels as it says.
+    Image::from_pixels(width, height, pixels.collect()).unwrap_or_default()
 }
 
 fn milliseconds(durations: Durations) -> [Option<f64>; 3] {

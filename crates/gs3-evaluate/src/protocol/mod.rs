@@ -19,7 +19,7 @@ use gs3::Culling;
 use gs3_scene::camera_path::CameraPath;
 use gs3_scene::{CameraError, Scene};
 
-use crate::methods::{MethodError, MethodSettings, MethodSpec, build};
+use crate::methods::{MethodError, MethodSettings, MethodSpec, build, check_weights};
 use crate::metrics::MetricError;
 pub(crate) use cache::Cache;
 use ground_truth::GroundTruth;
@@ -61,8 +61,10 @@ pub struct Protocol {
     pub background: [f32; 3],
     /// Rendered frames that every method runs, untimed and unjudged, before it starts.
     pub warm_up_frames: usize,
-    /// Folder with the weights of published networks, for methods that are some.
+    /// Folder with weights, as [`MethodSettings::weights`].
     pub weights: Option<PathBuf>,
+    /// Whether ColorVideoVDP judges, too: it takes longer than everything else together.
+    pub jod: bool,
     /// The command that was given, for the report.
     pub command: String,
 }
@@ -77,14 +79,6 @@ pub enum EvaluateError {
         available: usize,
         /// The range found.
         actual: std::ops::Range<usize>,
-    },
-    /// The named folder lacks a network's weights.
-    #[error("{method}: expected a file of weights at {}, found none", .file.display())]
-    WeightFile {
-        /// The network.
-        method: MethodSpec,
-        /// The file expected.
-        file: PathBuf,
     },
     /// The size cannot be divided by the scale.
     #[error("size: expected sides divisible by the scale {scale}, found {}x{}", .actual.0, .actual.1)]
@@ -162,8 +156,8 @@ impl Protocol {
     /// Runs the evaluation; `folder` keeps what is finished.
     ///
     /// # Errors
-    /// [`EvaluateError`] if the protocol makes no sense, the ground truth cannot be made, or a file cannot be written. A
-    /// method that fails is listed in the results.
+    /// [`EvaluateError`] if the protocol makes no sense, weights are missing, the ground truth cannot be made, or a file
+    /// cannot be written. A method that fails is listed in the results.
     pub fn run(&self, folder: &Path, watch: &mut dyn FnMut(Event<'_>)) -> Result<Results, EvaluateError> {
         self.check()?;
         let timeline = Timeline::new(&self.path, self.frames.clone(), self.case, self.size)?;
@@ -204,7 +198,9 @@ impl Protocol {
             let mut progress =
                 |done| watch(Event::Method { method: spec, done, total: timeline.steps().len() });
             let judged = build(spec, &settings).map_err(EvaluateError::from).and_then(|mut method| {
-                judge(method.as_mut(), &timeline, &mut truth, self.warm_up_frames, &mut progress)
+                let rate =
+                    self.jod.then(|| self.path.frames_per_second() * spec.displayed_per_rendered() as f64);
+                judge(method.as_mut(), &timeline, &mut truth, self.warm_up_frames, rate, &mut progress)
             });
             match judged {
                 Ok(score) => finished.push((spec, cache.store(&name, score)?)),
@@ -230,13 +226,7 @@ impl Protocol {
         if !self.size.0.is_multiple_of(self.scale) || !self.size.1.is_multiple_of(self.scale) {
             return Err(EvaluateError::Size { scale: self.scale, actual: self.size });
         }
-        for (folder, method) in self.weights.iter().flat_map(|f| self.methods.iter().map(move |m| (f, m))) {
-            let file = method.spatial.weight_file().map(|file| folder.join(file));
-            if let Some(file) = file.filter(|file| !file.is_file()) {
-                return Err(EvaluateError::WeightFile { method: *method, file });
-            }
-        }
-        Ok(())
+        Ok(check_weights(&self.methods, self.scale, self.weights.as_deref())?)
     }
 
     /// Everything that results depend on but the methods: results of another key are not resumed.
@@ -251,13 +241,14 @@ impl Protocol {
             culling,
             background,
             warm_up_frames,
+            jod,
             ..
         } = self;
         let count = [&self.scene, &self.reference].map(|scene| scene.gaussians().len());
         let (first, last) = (self.path.at(frames.start as f64), self.path.at(frames.end as f64 - 1.0));
         format!(
             "gs3-evaluate {} {scene_name} {count:?} {path_name} {frames:?} {case:?} {size:?} x{scale} {culling:?} {background:?} \
-             {warm_up_frames} {first:?} {last:?} {} threads",
+             {warm_up_frames} {first:?} {last:?} jod {jod} {} threads",
             env!("CARGO_PKG_VERSION"),
             rayon::current_num_threads()
         )

@@ -9,7 +9,7 @@ use gs3_scene::Scene;
 use serde::{Deserialize, Serialize};
 
 use super::{EvaluateError, Event, Failure, Protocol, ProtocolFacts, ResultRow, Results};
-use crate::methods::MethodSpec;
+use crate::methods::{MethodSpec, check_weights};
 
 /// The protocol of the paper on one scene and path; its `methods` and `culling` are not read.
 #[derive(Clone, Debug)]
@@ -89,6 +89,9 @@ const COMPARED: [&str; 12] = [
 /// Published networks, compared where their weights are given.
 const NETWORKS: [&str; 3] = ["span+blend", "safmn+blend", "rt4ksr+blend"];
 
+/// gs3 with learning, compared where its weights are there.
+const LEARNED: [&str; 3] = ["fast", "balanced", "high"];
+
 /// The method whose parts are left out and which is accelerated.
 const WHOLE: &str = "analytic";
 
@@ -101,6 +104,14 @@ const ABLATIONS: [(&str, &str); 7] = [
     ("history and gradients", "bicubic+warp"),
     ("interpolation", "history+repeat"),
     ("matched dilation (stock 0.3 instead)", "analytic@stock"),
+];
+
+/// What is left out of [`LEARNED`] in the middle tier.
+const LEARNED_ABLATIONS: [(&str, &str); 4] = [
+    ("nothing", "balanced"),
+    ("learned interpolation", "balanced_ss+warp"),
+    ("learned super sampling", "history+balanced"),
+    ("matched dilation (stock 0.3 instead)", "balanced@stock"),
 ];
 
 /// Accelerations by tile culling, `plain` being 3DGS as published.
@@ -125,7 +136,10 @@ impl Paper {
         watch: &mut dyn FnMut(Event<'_>),
     ) -> Result<PaperResults, EvaluateError> {
         let networks = if self.protocol.weights.is_some() { &NETWORKS[..] } else { &[] };
-        let names = COMPARED.iter().chain(networks).copied().chain(ABLATIONS.map(|(_, name)| name));
+        let learned = LEARNED.into_iter().filter(|name| self.lack(name).is_none());
+        let parts = LEARNED_ABLATIONS.into_iter().filter(|(_, name)| self.lack(name).is_none());
+        let ablations = ABLATIONS.into_iter().chain(parts).map(|(_, name)| name);
+        let names = COMPARED.iter().chain(networks).copied().chain(learned).chain(ablations);
         let compared = self.run_one(folder, EXACT, Culling::AccuTile, &self.protocol.scene, names, watch)?;
         let mut accelerated = Vec::new();
         for (name, culling) in CULLINGS {
@@ -177,14 +191,14 @@ impl Paper {
                 speedup_over_plain: row.displayed_fps.zip(plain).map(|(fps, plain)| fps / plain),
             }));
         };
-        for method in COMPARED.iter().chain(&NETWORKS) {
+        for method in COMPARED.iter().chain(&NETWORKS).chain(&LEARNED) {
             add(Table::Comparison, "", compared, method);
         }
         for (name, results) in accelerated {
             add(Table::Acceleration, name, results, "native");
             add(Table::Acceleration, name, results, WHOLE);
         }
-        for (part, method) in ABLATIONS {
+        for (part, method) in ABLATIONS.into_iter().chain(LEARNED_ABLATIONS) {
             add(Table::Ablation, part, compared, method);
         }
         let runs = accelerated.iter().filter(|(name, _)| *name != EXACT).map(|(_, results)| results);
@@ -192,17 +206,32 @@ impl Paper {
         PaperResults { protocol: compared.protocol.clone(), results, absent: self.absent(), failures }
     }
 
+    /// Which weights a method lacks, if it lacks some.
+    fn lack(&self, method: &str) -> Option<String> {
+        let Protocol { scale, weights, .. } = &self.protocol;
+        // The names are constants of this module, and a test parses them.
+        let method = method.parse::<MethodSpec>().ok()?;
+        check_weights(&[method], *scale, weights.as_deref()).err().map(|error| error.to_string())
+    }
+
     fn absent(&self) -> Vec<Absent> {
         let absent =
             |table, row: &str, reason: &str| Absent { table, row: row.into(), reason: reason.into() };
-        let untrained = "no trained weights come with this version of gs3";
         let unpublished = "no usable weights are published";
         let mut rows = vec![
-            absent(Table::Comparison, "gs3 fast, balanced, high (learned)", untrained),
             absent(Table::Comparison, "NinaSR-B1, ECBSR", unpublished),
             absent(Table::Comparison, "FLAVR, RIFE, IFRNet, InterpAny, GIMM-VFI", unpublished),
-            absent(Table::Ablation, "parts of the learned networks", untrained),
+            absent(
+                Table::Ablation,
+                "networks trained without gradients, recurrence or jitter",
+                "each needs weights of its own",
+            ),
         ];
+        let learned = LEARNED.into_iter().map(|name| (Table::Comparison, name));
+        let parts = LEARNED_ABLATIONS.into_iter().map(|(_, name)| (Table::Ablation, name));
+        for (table, name) in learned.chain(parts) {
+            rows.extend(self.lack(name).map(|reason| absent(table, name, &reason)));
+        }
         if self.protocol.weights.is_none() {
             rows.push(absent(Table::Comparison, "SPAN, SAFMN++, RT4KSR", "no folder of weights was named"));
         }
@@ -223,8 +252,8 @@ mod tests {
 
     #[test]
     fn all_names_are_methods() {
-        let names = COMPARED.iter().chain(&NETWORKS).copied().chain(ABLATIONS.map(|(_, name)| name));
-        for name in names {
+        let ablations = ABLATIONS.into_iter().chain(LEARNED_ABLATIONS).map(|(_, name)| name);
+        for name in COMPARED.into_iter().chain(NETWORKS).chain(LEARNED).chain(ablations) {
             assert_eq!(name.parse::<MethodSpec>().map(|m| m.to_string()).as_deref(), Ok(name));
         }
     }

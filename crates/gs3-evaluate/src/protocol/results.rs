@@ -94,6 +94,8 @@ pub struct ResultRow {
     pub warping_error: Option<f64>,
     /// Mean flicker.
     pub flicker: Option<f64>,
+    /// ColorVideoVDP in JOD, of all frames together, where it was asked for.
+    pub jod: Option<f64>,
     /// Frames displayed per second: what the median rendered frame takes. None for methods whose LR frames need the native
     /// image.
     pub displayed_fps: Option<f64>,
@@ -237,6 +239,7 @@ fn rows(spec: MethodSpec, score: &MethodScore, native_fps: Option<f64>) -> Vec<R
             tpsnr: mean(&score.tpsnr[index]),
             warping_error: mean(&score.warping_error[index]),
             flicker: mean(&score.flicker[index]),
+            jod: score.jod.filter(|_| subset == Subset::All),
             displayed_fps: fps,
             speedup_over_native: fps.zip(native_fps).map(|(fps, native)| fps / native),
             lr_formation: (spec.spatial != Spatial::Native).then(|| spec.formation.name().to_owned()),
@@ -279,6 +282,8 @@ fn facts(protocol: &Protocol, timeline: &Timeline, truth: TruthFacts) -> Protoco
             "tPSNR: PSNR of the differences of consecutive frames of the subset.".into(),
             "Warping error: mean squared RGB distance along exact motion, where visible in both frames.".into(),
             "Flicker: rms of the error's part that alternates from frame to frame.".into(),
+            "JOD: ColorVideoVDP of the middle 1280×720 pixels of all displayed frames, watched on a 30-inch 4K display from \
+             0.75 m at the method's own displayed rate; 10 is no visible difference.".into(),
             "Methods with history start without one at the first frame: the first frames count as they are.".into(),
             "LR formation `matched`: rasterized at LR with dilation 0.3/S² (exact point samples of the native image); `stock`: \
              dilation 0.3; `antialiased`: the native image reduced by an antialiasing bicubic filter."

@@ -109,7 +109,7 @@ fn rows(results: &Results) -> Vec<MethodRows<'_>> {
     results.scores.iter().enumerate().filter_map(rows).collect()
 }
 
-const COLUMNS: [Column; 10] = [
+const COLUMNS: [Column; 11] = [
     Column {
         title: "PSNR<br>rendered",
         value: |m| Some(m.rendered?.psnr),
@@ -138,6 +138,7 @@ const COLUMNS: [Column; 10] = [
         wins: Wins::None,
     },
     Column { title: "Flicker", value: |m| m.all.flicker, write: |v| format!("{v:.4}"), wins: Wins::Least },
+    Column { title: "JOD", value: |m| m.all.jod, write: |v| format!("{v:.2}"), wins: Wins::Most },
     Column {
         title: "Displayed<br>FPS",
         value: |m| m.all.displayed_fps,
@@ -163,14 +164,17 @@ fn quality(results: &Results) -> String {
             Wins::None => None,
         }
     };
-    let best = COLUMNS.each_ref().map(best);
-    let titles: String = COLUMNS.iter().map(|c| format!("<th>{}</th>", c.title)).collect();
+    // Columns that some method has a value in.
+    let columns: Vec<&Column> =
+        COLUMNS.iter().filter(|column| rows.iter().any(|m| (column.value)(m).is_some())).collect();
+    let best: Vec<Option<f64>> = columns.iter().map(|column| best(column)).collect();
+    let titles: String = columns.iter().map(|c| format!("<th>{}</th>", c.title)).collect();
     let mut body = String::new();
     for m in &rows {
-        let cells: String = (COLUMNS.iter().zip(best))
+        let cells: String = (columns.iter().zip(&best))
             .map(|(column, best)| match (column.value)(m) {
                 None => "<td>–</td>".into(),
-                Some(v) if Some(v) == best && m.name != "native" => {
+                Some(v) if Some(v) == *best && m.name != "native" => {
                     format!("<td class=\"best\">{}</td>", (column.write)(v))
                 }
                 Some(v) => format!("<td>{}</td>", (column.write)(v)),

@@ -22,21 +22,29 @@ pub fn markdown(results: &Results) -> String {
         protocol.machine.processor,
         protocol.machine.threads,
     );
-    text += "| method | PSNR rendered | PSNR between | SSIM | FLIP | tPSNR | warping error | displayed FPS | × native |\n";
-    text += "|---|--:|--:|--:|--:|--:|--:|--:|--:|\n";
+    let has_jod = results.results.iter().any(|row| row.jod.is_some());
+    let jod = |value: String| if has_jod { format!(" {value} |") } else { String::new() };
+    let _ = writeln!(
+        text,
+        "| method | PSNR rendered | PSNR between | SSIM | FLIP | tPSNR | warping error |{} displayed FPS | × native |\n\
+         |---|--:|--:|--:|--:|--:|--:|{}--:|--:|",
+        jod("JOD".into()),
+        if has_jod { "--:|" } else { "" },
+    );
     for (method, _) in &results.scores {
         let Some(all) = results.row(method, Subset::All) else { continue };
         let psnr = |subset| number(results.row(method, subset).map(|row| row.psnr), 2);
         // Writing to a string does not fail.
         let _ = writeln!(
             text,
-            "| {method} | {} | {} | {} | {} | {} | {} | {} | {} |",
+            "| {method} | {} | {} | {} | {} | {} | {} |{} {} | {} |",
             psnr(Subset::SuperSampled),
             psnr(Subset::Interpolated),
             number(Some(all.ssim), 4),
             number(Some(all.flip), 4),
             number(all.tpsnr, 2),
             all.warping_error.map_or_else(|| "–".into(), |v| format!("{v:.2e}")),
+            jod(number(all.jod, 2)),
             number(all.displayed_fps, 2),
             number(all.speedup_over_native, 2),
         );
