@@ -14,6 +14,7 @@ mod gpu;
 mod graph;
 mod images;
 pub mod model;
+pub mod onnx;
 mod random;
 pub mod reference;
 mod shape;

@@ -128,7 +128,7 @@ impl Weights {
 }
 
 impl Header {
-    fn to_texts(&self) -> Texts {
+    pub(crate) fn to_texts(&self) -> Texts {
         let fields = [
             ("network", self.network.clone()),
             ("version", self.version.to_string()),
