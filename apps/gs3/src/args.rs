@@ -71,6 +71,17 @@ pub struct View {
     pub threads: Option<u16>,
 }
 
+/// Where splats are rasterized.
+#[derive(Debug, clap::Args)]
+pub struct Device {
+    /// What rasterizes: auto is a GPU where there is one, the CPU where there is none or it is emulated
+    #[arg(long, default_value = "auto", value_name = "auto|cpu|gpu")]
+    pub backend: BackendArg,
+    /// A GPU by its number [default: the fastest]
+    #[arg(long, value_name = "N")]
+    pub adapter: Option<usize>,
+}
+
 /// How the frames are made.
 #[derive(Debug, clap::Args)]
 pub struct Look {
@@ -115,6 +126,8 @@ pub struct RenderArgs {
     pub mode: ModeArg,
     #[command(flatten)]
     pub look: Look,
+    #[command(flatten)]
+    pub device: Device,
     /// Folder for PNG frames, FILE.png for a single frame, or FILE.mp4 for a video with its frames in folder FILE
     #[arg(long, value_name = "DIR|FILE.png|FILE.mp4")]
     pub out: PathBuf,
@@ -148,6 +161,8 @@ pub struct GbufferArgs {
     /// Background colour, each from 0 to 1
     #[arg(long, default_value = "0,0,0", value_name = "R,G,B")]
     pub background: Rgb,
+    #[command(flatten)]
+    pub device: Device,
     /// Also write the mixed derivative color_dxy
     #[arg(long)]
     pub mixed: bool,
@@ -250,6 +265,13 @@ impl From<ModeArg> for Mode {
             ModeArg::Full => Self::Full,
         }
     }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum BackendArg {
+    Auto,
+    Cpu,
+    Gpu,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]

@@ -3,7 +3,8 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use gs3::raster::RasterError;
+use gs3::compute::GpuError;
+use gs3::raster::{GpuRasterError, RasterError};
 use gs3::reconstruct::ReconstructError;
 use gs3::scene::capture::CaptureError;
 use gs3::scene::format::{LoadError, SaveError};
@@ -38,6 +39,10 @@ pub enum CliError {
     Pipeline(#[from] PipelineError),
     #[error("{0}")]
     Raster(#[from] RasterError),
+    #[error("{0}")]
+    Gpu(#[from] GpuError),
+    #[error("{0}")]
+    GpuRaster(#[from] GpuRasterError),
     #[error("{0}")]
     Reconstruct(#[from] ReconstructError),
     #[error("{0}")]

@@ -2,13 +2,14 @@
 
 use std::io;
 
-use gs3::raster::{Outputs, RasterSettings, Rasterizer};
+use gs3::raster::{GpuRasterError, GpuRasterizer, Outputs, RasterSettings, Rasterizer, ScenePrecision};
 use gs3::reconstruct::{MAX_SCALE, ReconstructError};
 use gs3::scene::format::write_atomically;
 use gs3::scene::{GBuffer, Planes};
 use zip::ZipWriter;
 
 use crate::args::GbufferArgs;
+use crate::backend::Machine;
 use crate::error::CliError;
 use crate::{Outcome, inputs, npz, start_threads};
 
@@ -17,6 +18,7 @@ pub fn run(args: &GbufferArgs) -> Result<Outcome, CliError> {
     if !(1..=MAX_SCALE).contains(&args.scale) {
         return Err(ReconstructError::Scale { actual: args.scale }.into());
     }
+    let machine = Machine::new(&args.device)?;
     let (scene, _) = inputs::scene(&args.view.scene)?;
     let path = inputs::cameras(&args.view, &scene)?;
     inputs::check_frames("--frame", &(args.frame..args.frame + 1), &path)?;
@@ -27,11 +29,15 @@ pub fn run(args: &GbufferArgs) -> Result<Outcome, CliError> {
         background: args.background.0,
     };
     let mut gbuffer = GBuffer::default();
-    Rasterizer::new(scene, args.culling.into()).rasterize(
-        &path.cameras()[args.frame],
-        &settings,
-        &mut gbuffer,
-    )?;
+    let camera = &path.cameras()[args.frame];
+    let machine =
+        machine.start(|gpu| -> Result<(), GpuRasterError> {
+            GpuRasterizer::new(gpu, scene.clone(), args.culling.into(), ScenePrecision::default())?
+                .rasterize_to(camera, &settings, &mut gbuffer)
+        })?;
+    if matches!(machine, Machine::Cpu) {
+        Rasterizer::new(scene, args.culling.into()).rasterize(camera, &settings, &mut gbuffer)?;
+    }
     write_atomically(&args.out, |writer| {
         let mut zip = ZipWriter::new(writer);
         write_planes(&mut zip, &gbuffer)?;

@@ -9,6 +9,7 @@ use indicatif::ProgressBar;
 use serde_json::json;
 
 use crate::args::RenderArgs;
+use crate::backend::Machine;
 use crate::error::CliError;
 use crate::output::{FrameWriter, Target, write_text};
 use crate::report::{self, Times};
@@ -24,6 +25,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
             actual: "--mode native".into(),
         });
     }
+    let machine = Machine::new(&args.device)?;
     let (scene, load_time) = inputs::scene(&args.view.scene)?;
     let mut path = inputs::cameras(&args.view, &scene)?;
     if let Some(frames) = args.smooth {
@@ -34,6 +36,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     let (networks, tier) = inputs::networks(&args.look)?;
     let settings = args.look.settings(mode);
     let mut pipeline = FramePipeline::with_networks(scene, settings, &networks)?;
+    let machine = machine.start(|gpu| pipeline.rasterize_on(gpu))?;
     let first = path.cameras()[range.start];
     let rate = path.frames_per_second() * settings.displayed_per_rendered() as f64;
 
@@ -77,6 +80,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         "encode_s": encode_time.as_secs_f64(),
         "gaussians": pipeline.scene().gaussians().len(),
         "mode": mode_name(mode),
+        "rasterizer": machine.name(),
         "tier": tier,
         "generate": settings.generate,
         "scale": args.look.scale,

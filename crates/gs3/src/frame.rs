@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::DVec2;
-use gs3_raster::{Outputs, RasterError, RasterSettings, Rasterizer};
+use gs3_raster::{Outputs, RasterError, RasterSettings};
 use gs3_reconstruct::{
     Interpolator, Kernel, Neighbor, ReconstructError, ResetReason, SuperSampler, resample,
 };
@@ -11,6 +11,7 @@ use gs3_scene::camera_path::pose_between;
 use gs3_scene::{Camera, GBuffer, Image, Jitter, Scene};
 
 use crate::learned::{LearnedInterpolator, LearnedSuperSampler, NetworkError, Networks, Seen};
+use crate::rasterizer::AnyRasterizer;
 use crate::settings::{MAX_GENERATE, Mode, PipelineSettings};
 use crate::stages::{Stage, StageTimes};
 
@@ -20,6 +21,10 @@ pub enum PipelineError {
     /// The rasterizer refuses the settings.
     #[error(transparent)]
     Raster(#[from] RasterError),
+    /// The GPU rasterizer refuses the settings, or its device has no room or fails.
+    #[cfg(feature = "gpu")]
+    #[error(transparent)]
+    Gpu(#[from] gs3_raster::GpuRasterError),
     /// The reconstruction refuses its inputs.
     #[error(transparent)]
     Reconstruct(#[from] ReconstructError),
@@ -73,7 +78,7 @@ struct Frame {
 pub struct FramePipeline {
     settings: PipelineSettings,
     jitter: Jitter,
-    rasterizer: Rasterizer,
+    rasterizer: AnyRasterizer,
     super_sampler: SuperSampler,
     interpolator: Interpolator,
     learned_super_sampler: Option<LearnedSuperSampler>,
@@ -120,7 +125,7 @@ impl FramePipeline {
         Ok(Self {
             settings,
             jitter: settings.jitter(),
-            rasterizer: Rasterizer::new(scene, settings.culling),
+            rasterizer: AnyRasterizer::cpu(scene, settings.culling),
             super_sampler,
             interpolator,
             learned_super_sampler: super_sample.map(|w| LearnedSuperSampler::new(w, scale)).transpose()?,
@@ -179,9 +184,24 @@ impl FramePipeline {
     }
 
     /// Shows another scene from the next frame on.
-    pub fn set_scene(&mut self, scene: Arc<Scene>) {
-        self.rasterizer = Rasterizer::new(scene, self.settings.culling);
+    ///
+    /// # Errors
+    /// [`PipelineError`] if the scene does not fit the GPU that rasterizes; the old one stays.
+    pub fn set_scene(&mut self, scene: Arc<Scene>) -> Result<(), PipelineError> {
+        self.rasterizer = self.rasterizer.with_scene(scene, self.settings.culling)?;
         self.reset(ResetReason::SceneChange);
+        Ok(())
+    }
+
+    /// Rasterizes on `gpu` from the next frame on. What follows reads the frame back and stays on the CPU.
+    ///
+    /// # Errors
+    /// [`PipelineError`] if the scene does not fit the device; the CPU goes on rasterizing.
+    #[cfg(feature = "gpu")]
+    pub fn rasterize_on(&mut self, gpu: &gs3_compute::Gpu) -> Result<(), PipelineError> {
+        let scene = Arc::clone(self.rasterizer.scene());
+        self.rasterizer = AnyRasterizer::gpu(gpu, scene, self.settings.culling)?;
+        Ok(())
     }
 
     /// The scene shown.
@@ -252,14 +272,14 @@ impl FramePipeline {
     fn rasterize_native(&mut self, camera: &Camera) -> Result<(), PipelineError> {
         let settings = self.raster_settings(Outputs::Color);
         let (rasterizer, image) = (&mut self.rasterizer, &mut self.current.image);
-        Ok(self.times.time(Stage::Rasterize, || rasterizer.rasterize_image(camera, &settings, image))?)
+        self.times.time(Stage::Rasterize, || rasterizer.rasterize_image(camera, &settings, image))
     }
 
     fn rasterize(&mut self, camera: &Camera, outputs: Outputs) -> Result<(), PipelineError> {
         let settings = self.raster_settings(outputs);
         let lr_camera = camera.low_resolution(self.settings.scale);
         let (rasterizer, gbuffer) = (&mut self.rasterizer, &mut self.current.gbuffer);
-        Ok(self.times.time(Stage::Rasterize, || rasterizer.rasterize(&lr_camera, &settings, gbuffer))?)
+        self.times.time(Stage::Rasterize, || rasterizer.rasterize(&lr_camera, &settings, gbuffer))
     }
 
     fn enlarge(&mut self, camera: &Camera) -> Result<(), PipelineError> {

@@ -25,12 +25,15 @@
 
 mod frame;
 pub mod learned;
+mod rasterizer;
 mod settings;
 mod stages;
 
 use std::path::Path;
 
 pub use frame::{FramePipeline, PipelineError, Presented};
+#[cfg(feature = "gpu")]
+pub use gs3_compute as compute;
 pub use gs3_neural as neural;
 pub use gs3_raster as raster;
 pub use gs3_raster::Culling;

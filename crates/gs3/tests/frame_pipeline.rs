@@ -124,7 +124,7 @@ fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
 
     let mut p = pipeline(Mode::SuperSample);
     p.render(&near, &[]).unwrap();
-    p.set_scene(scene());
+    p.set_scene(scene()).expect("the CPU takes any scene");
     assert!(p.render(&next, &[]).unwrap().current == &anew);
 }
 

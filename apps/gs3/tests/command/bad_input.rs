@@ -56,6 +56,8 @@ fn one_line_that_names_field_expected_and_actual() {
         ("gbuffer demo --size 64x36 --out file/g.npz", &["file/g.npz: cannot be written"]),
         ("gbuffer demo --jitter 3,0 --out g.npz", &["expected X,Y from -1 to 1", "3,0"]),
         ("gbuffer demo --scale 0 --out g.npz", &["scale: expected 1 to"]),
+        ("gbuffer demo --backend cpu --adapter 0 --out g.npz", &["--adapter: expected", "--backend cpu"]),
+        ("render demo --backend gpu --adapter 99 --out a.png", &["GPU adapter: expected adapter 99"]),
         ("info missing.spz", &["missing.spz"]),
         ("convert demo scene.xyz", &["scene.xyz", "expected .ply, .spz or .sog", "xyz"]),
         ("bench demo --frames 0..9999", &["--frames: expected", "0..9999"]),

@@ -2,15 +2,17 @@
 
 use std::sync::{Arc, OnceLock};
 
-use glam::DVec2;
-use gs3_compute::{Gpu, GpuSettings};
+use glam::{DVec2, DVec3};
+use gs3_compute::{Gpu, GpuError, GpuSettings};
 use gs3_raster::{
-    Culling, GpuGBuffer, GpuRasterizer, Outputs, RasterSettings, Rasterizer, ScenePrecision, matched_dilation,
+    Culling, GpuGBuffer, GpuRasterError, GpuRasterizer, Outputs, RasterError, RasterSettings, Rasterizer,
+    ScenePrecision, matched_dilation,
 };
 use gs3_scene::{Camera, GBuffer, Image, OpacityMode, Scene};
 
 use crate::compare::{EVERYTHING, assert_identical, pairs};
-use crate::scenes::{RandomScene, camera_at_origin, posed, tilted_pose};
+use crate::real_scenes;
+use crate::scenes::{Random, RandomScene, Spec, camera_at_origin, gaussians, posed, tilted_pose};
 
 /// The adapter of this machine, or a word that there is none.
 pub fn gpu() -> Option<Gpu> {
@@ -164,4 +166,91 @@ fn frames_repeat_and_exact_methods_agree_bit_for_bit() {
             assert_eq!(*pixel, [color[0], color[1], color[2], frame.alpha.data()[p]]);
         }
     }
+}
+
+/// Low-resolution frames of the demo and of captures: nothing left out at full precision; in 16 bits as many pixels as may
+/// be hit by one only (a single one of 480×270 whose depth is there or not makes 51 dB).
+#[test]
+fn real_scenes_match_the_cpu() {
+    let Some(gpu) = gpu() else { return };
+    for (name, scene, camera) in real_scenes::scenes() {
+        let camera = camera.resized(480, 270).expect("a size");
+        let settings = RasterSettings {
+            outputs: Outputs::GBuffer,
+            dilation: matched_dilation(4),
+            jitter: [0.125, -0.375],
+            ..EVERYTHING
+        };
+        let expected = cpu_frame(&scene, Culling::AccuTile, &camera, &settings);
+        for (precision, dropped, floor) in
+            [(ScenePrecision::F32, 0.0, 70.0), (ScenePrecision::F16, 1e-4, 55.0)]
+        {
+            let actual = gpu_frame(&gpu, &scene, Culling::AccuTile, precision, &camera, &settings);
+            let what = format!("{name} {precision:?}");
+            assert_close(&actual, &expected, dropped, floor, &what);
+            assert_same_hits(&actual, &expected, &what);
+        }
+    }
+}
+
+/// No value that a scene can hold makes any output NaN or infinite.
+#[test]
+fn poisoned_scenes_give_finite_output() {
+    let Some(gpu) = gpu() else { return };
+    let mut random = Random(7);
+    let mut pick = |values: &[f64]| values[random.bits() as usize % values.len()];
+    const COORDINATES: &[f64] = &[-0.7, -0.1, 0.0, 0.3, 1.1, 1e-12, 1e6, -1e6, 1e30];
+    const DEPTHS: &[f64] = &[0.199_99, 0.2, 0.200_01, 0.7, 3.0, 9.0, 0.0, -1.0, 1e6, 1e30];
+    const SCALES: &[f64] = &[1e-3, 0.02, 0.5, 0.0, 1e-12, 1e-30, 1e3, 1e6, 1e18, 1e30];
+    let specs: Vec<Spec> = (0..3000)
+        .map(|i| Spec {
+            mean: DVec3::new(pick(COORDINATES), pick(COORDINATES), pick(DEPTHS)),
+            scale: DVec3::from_array(std::array::from_fn(|_| pick(SCALES))),
+            rotation: Random(i).rotation(),
+            opacity: pick(&[0.0, 1.0 / 255.0, 0.004, 0.1, 0.7, 1.0]),
+            sh: (0..3).map(|_| pick(&[-1.0, 0.0, 0.4, 2.0, 1e6, -1e6])).collect(),
+        })
+        .collect();
+    let camera = camera_at_origin(61, 47, DVec2::ZERO);
+    for (mode, precision) in
+        [(OpacityMode::Default, ScenePrecision::F16), (OpacityMode::Antialiased, ScenePrecision::F32)]
+    {
+        let scene = Arc::new(Scene::new(gaussians(&specs, 0), mode).expect("finite"));
+        let mut rasterizer = GpuRasterizer::new(&gpu, scene, Culling::AccuTile, precision).expect("room");
+        for dilation in [0.3, 0.0] {
+            let mut frame = GBuffer::default();
+            let settings = RasterSettings { dilation, ..EVERYTHING };
+            rasterizer.rasterize_to(&camera, &settings, &mut frame).expect("room");
+            assert!(frame.alpha.data().iter().any(|a| *a > 0.5), "nothing in view");
+            for pair in pairs(&frame) {
+                let bad = pair.actual.iter().position(|v| !v.is_finite());
+                assert_eq!(bad, None, "{precision:?}, dilation {dilation}: {} is not finite", pair.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn bad_settings_and_lost_devices_are_typed_errors() {
+    // A device of its own, which it gives back.
+    let Ok(gpu) = Gpu::new(&GpuSettings::default()) else {
+        eprintln!("skipped: no adapter");
+        return;
+    };
+    let camera = camera_at_origin(16, 16, DVec2::ZERO);
+    let scene = Arc::new(RandomScene::BASE.build(&camera));
+    let mut rasterizer =
+        GpuRasterizer::new(&gpu, Arc::clone(&scene), Culling::AccuTile, ScenePrecision::F16).expect("room");
+    let mut frame = GBuffer::default();
+    let refused =
+        rasterizer.rasterize_to(&camera, &RasterSettings { dilation: -1.0, ..EVERYTHING }, &mut frame);
+    let expected = GpuRasterError::Settings(RasterError::Dilation { actual: -1.0 });
+    assert_eq!(refused, Err(expected));
+    assert_eq!(frame, GBuffer::default());
+    gpu.destroy();
+    let lost = |result: Result<(), GpuRasterError>| {
+        assert!(matches!(result, Err(GpuRasterError::Gpu(GpuError::DeviceLost { .. }))), "{result:?}");
+    };
+    lost(rasterizer.rasterize_to(&camera, &EVERYTHING, &mut frame));
+    lost(GpuRasterizer::new(&gpu, scene, Culling::AccuTile, ScenePrecision::F16).map(|_| ()));
 }

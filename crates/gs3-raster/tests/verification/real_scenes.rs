@@ -13,7 +13,7 @@ use crate::scenes::Random;
 const SHARED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared");
 
 /// Scenes with a camera each: the demo, and those of `../shared` that exist.
-fn scenes() -> Vec<(&'static str, Arc<Scene>, Camera)> {
+pub fn scenes() -> Vec<(&'static str, Arc<Scene>, Camera)> {
     let mut all = Vec::new();
     let demo_scene = Arc::new(demo::scene().expect("valid"));
     let demo_camera = demo::path().cameras()[0];

@@ -1,0 +1,71 @@
+//! Which machine rasterizes.
+
+use gs3::compute::{AdapterChoice, AdapterKind, Gpu, GpuSettings, adapters, choose};
+
+use crate::args::{BackendArg, Device};
+use crate::error::CliError;
+
+/// The machine that rasterizes.
+pub enum Machine {
+    Cpu,
+    /// Asked for: where it fails, the command does.
+    Gpu(Gpu),
+    /// Found and not asked for: where it fails, the CPU takes over.
+    FoundGpu(Gpu),
+}
+
+impl Machine {
+    /// The machine that `device` means.
+    pub fn new(device: &Device) -> Result<Self, CliError> {
+        let open = |adapter| Gpu::new(&GpuSettings { adapter, ..GpuSettings::default() });
+        match (device.backend, device.adapter) {
+            (BackendArg::Cpu, None) => Ok(Self::Cpu),
+            (BackendArg::Cpu, Some(number)) => Err(CliError::Option {
+                option: "--adapter",
+                expected: "a GPU backend, of which it names the adapter".to_owned(),
+                actual: format!("--backend cpu --adapter {number}"),
+            }),
+            (BackendArg::Auto | BackendArg::Gpu, Some(number)) => {
+                Ok(Self::Gpu(open(AdapterChoice::Number(number))?))
+            }
+            (BackendArg::Gpu, None) => Ok(Self::Gpu(open(AdapterChoice::Auto)?)),
+            (BackendArg::Auto, None) => {
+                let found = adapters();
+                let best = choose(&found, AdapterChoice::Auto).ok().map(|(number, _)| number);
+                // Software adapters are slower than the CPU's own path.
+                match best.filter(|number| found[*number].kind != AdapterKind::Software) {
+                    None => Ok(Self::Cpu),
+                    Some(number) => match open(AdapterChoice::Number(number)) {
+                        Ok(gpu) => Ok(Self::FoundGpu(gpu)),
+                        Err(error) => Ok(Self::fallen_back(&error)),
+                    },
+                }
+            }
+        }
+    }
+
+    /// Calls `start` with the GPU, if it is one. Where it fails and was not asked for, the CPU takes over, aloud.
+    pub fn start<E: std::fmt::Display>(self, start: impl FnOnce(&Gpu) -> Result<(), E>) -> Result<Self, E> {
+        match &self {
+            Self::Cpu => Ok(self),
+            Self::Gpu(gpu) => start(gpu).map(|()| self),
+            Self::FoundGpu(gpu) => match start(gpu) {
+                Ok(()) => Ok(self),
+                Err(error) => Ok(Self::fallen_back(&error)),
+            },
+        }
+    }
+
+    /// Its name in figures of a run.
+    pub fn name(&self) -> String {
+        match self {
+            Self::Cpu => "cpu".to_owned(),
+            Self::Gpu(gpu) | Self::FoundGpu(gpu) => format!("{} ({})", gpu.adapter().name, gpu.adapter().api),
+        }
+    }
+
+    fn fallen_back(error: &impl std::fmt::Display) -> Self {
+        eprintln!("the CPU takes over: {error}");
+        Self::Cpu
+    }
+}

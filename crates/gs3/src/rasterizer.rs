@@ -1,0 +1,73 @@
+//! The machine that rasterizes.
+
+use std::sync::Arc;
+
+#[cfg(feature = "gpu")]
+use gs3_raster::GpuRasterizer;
+use gs3_raster::{Culling, RasterSettings, Rasterizer};
+use gs3_scene::{Camera, GBuffer, Image, Scene};
+
+use crate::frame::PipelineError;
+
+pub enum AnyRasterizer {
+    Cpu(Rasterizer),
+    #[cfg(feature = "gpu")]
+    Gpu(Box<GpuRasterizer>),
+}
+
+impl AnyRasterizer {
+    pub fn cpu(scene: Arc<Scene>, culling: Culling) -> Self {
+        Self::Cpu(Rasterizer::new(scene, culling))
+    }
+
+    #[cfg(feature = "gpu")]
+    pub fn gpu(gpu: &gs3_compute::Gpu, scene: Arc<Scene>, culling: Culling) -> Result<Self, PipelineError> {
+        let precision = gs3_raster::ScenePrecision::default();
+        Ok(Self::Gpu(Box::new(GpuRasterizer::new(gpu, scene, culling, precision)?)))
+    }
+
+    /// The same machine with another scene.
+    pub fn with_scene(&self, scene: Arc<Scene>, culling: Culling) -> Result<Self, PipelineError> {
+        match self {
+            Self::Cpu(_) => Ok(Self::cpu(scene, culling)),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(rasterizer) => Self::gpu(rasterizer.gpu(), scene, culling),
+        }
+    }
+
+    pub const fn scene(&self) -> &Arc<Scene> {
+        match self {
+            Self::Cpu(rasterizer) => rasterizer.scene(),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(rasterizer) => rasterizer.scene(),
+        }
+    }
+
+    /// Into planes in the processor's memory.
+    pub fn rasterize(
+        &mut self,
+        camera: &Camera,
+        settings: &RasterSettings,
+        out: &mut GBuffer,
+    ) -> Result<(), PipelineError> {
+        match self {
+            Self::Cpu(rasterizer) => Ok(rasterizer.rasterize(camera, settings, out)?),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(rasterizer) => Ok(rasterizer.rasterize_to(camera, settings, out)?),
+        }
+    }
+
+    /// Into an image in the processor's memory.
+    pub fn rasterize_image(
+        &mut self,
+        camera: &Camera,
+        settings: &RasterSettings,
+        out: &mut Image,
+    ) -> Result<(), PipelineError> {
+        match self {
+            Self::Cpu(rasterizer) => Ok(rasterizer.rasterize_image(camera, settings, out)?),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(rasterizer) => Ok(rasterizer.rasterize_image(camera, settings, out)?),
+        }
+    }
+}
