@@ -10,7 +10,7 @@ use gs3_reconstruct::{
 use gs3_scene::camera_path::pose_between;
 use gs3_scene::{Camera, GBuffer, Image, Jitter, Scene};
 
-use crate::learned::{LearnedInterpolator, LearnedSuperSampler, NetworkError, Networks, Seen};
+use crate::learned::{LearnedInterpolator, LearnedSuperSampler, NetworkError, Networks};
 use crate::rasterizer::AnyRasterizer;
 use crate::settings::{MAX_GENERATE, Mode, PipelineSettings};
 use crate::stages::{Stage, StageTimes};
@@ -70,6 +70,8 @@ struct Frame {
     camera: Option<Camera>,
     gbuffer: GBuffer,
     image: Image,
+    /// The image before a network refined it; empty where none does.
+    analytic: Image,
 }
 
 /// Renders one scene along a sequence of cameras. All memory is kept between frames.
@@ -83,8 +85,6 @@ pub struct FramePipeline {
     interpolator: Interpolator,
     learned_super_sampler: Option<LearnedSuperSampler>,
     learned_interpolator: Option<LearnedInterpolator>,
-    /// The frame before a network refines it.
-    analytic: Image,
     /// Why the next frame starts without history, if it does.
     invalid: Option<ResetReason>,
     /// Frames since the history began; selects the jitter.
@@ -130,7 +130,6 @@ impl FramePipeline {
             interpolator,
             learned_super_sampler: super_sample.map(|w| LearnedSuperSampler::new(w, scale)).transpose()?,
             learned_interpolator: interpolate.map(|w| LearnedInterpolator::new(w, scale)).transpose()?,
-            analytic: Image::default(),
             invalid: Some(ResetReason::FirstFrame),
             age: 0,
             previous: Frame::default(),
@@ -290,19 +289,21 @@ impl FramePipeline {
     }
 
     fn super_sample(&mut self, camera: &Camera) -> Result<(), PipelineError> {
-        let Frame { gbuffer, image, .. } = &mut self.current;
-        let (super_sampler, analytic) = (&mut self.super_sampler, &mut self.analytic);
-        let (learned, previous) = (&mut self.learned_super_sampler, &self.previous);
+        let Frame { gbuffer, image, analytic, .. } = &mut self.current;
+        let (super_sampler, previous) = (&mut self.super_sampler, &self.previous);
+        let learned = &mut self.learned_super_sampler;
         self.times.time(Stage::SuperSample, || {
             let Some(learned) = learned else {
                 return Ok(super_sampler.super_sample(camera, gbuffer, image)?);
             };
             super_sampler.super_sample(camera, gbuffer, analytic)?;
             let previous = match &previous.camera {
-                Some(camera) if self.invalid.is_none() => Some(Seen::of_gbuffer(camera, &previous.gbuffer)?),
+                Some(camera) if self.invalid.is_none() => {
+                    Some(Neighbor { camera, image: &previous.analytic, gbuffer: &previous.gbuffer })
+                }
                 _ => None,
             };
-            Ok(learned.refine(camera, gbuffer, previous, analytic, image)?)
+            Ok(learned.refine(Neighbor { camera, image: analytic, gbuffer }, previous, image)?)
         })
     }
 

@@ -235,11 +235,11 @@ impl View<'_> {
             // All of one length, so that it is compared once.
             let (pixels, v) = (&pixels[..width], v.map(|v| &v[..width]));
             for x in 0..width {
-                let pixel: [f32; N] = std::array::from_fn(|channel| pixels[x].0[(i + channel) % LANES]);
+                let pixel = &pixels[x].0;
                 let mut v_sums = [f32x16::splat(simd, 0.0); V];
                 unrolled!(V, BLOCK => { v_sums[BLOCK] = load(simd, &v[BLOCK][x]); });
                 unrolled!(N, CHANNEL => {
-                    let value = f32x16::splat(simd, pixel[CHANNEL]);
+                    let value = f32x16::splat(simd, pixel[(i + CHANNEL) % LANES]);
                     unrolled!(V, BLOCK => {
                         vectors[CHANNEL][BLOCK] = value.mul_add(v_sums[BLOCK], vectors[CHANNEL][BLOCK]);
                     });

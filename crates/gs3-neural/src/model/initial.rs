@@ -1,4 +1,5 @@
-//! Where training starts: random features and last layers that are zero, which is the pipeline without learning.
+//! Where training starts: random features and last layers that are zero. Interpolation is then that of the pipeline without
+//! learning; super sampling is the mean of the present and the previous frame where both may count.
 
 use crate::graph::Graph;
 use crate::weights::{Header, Weights};
@@ -6,7 +7,7 @@ use crate::weights::{Header, Weights};
 /// The layers that give what is added to the analytic result.
 const LAST: [&str; 4] = ["refine", "gai", "head.color", "head.alpha"];
 
-/// Weights from which training starts, the same for the same seed: the networks give the analytic result.
+/// Weights from which training starts, the same for the same seed: last layers are zero.
 #[must_use]
 pub fn initial_weights(graph: &Graph, header: Header, seed: u64) -> Weights {
     let mut weights = Weights::random(graph, header, seed);

@@ -2,8 +2,8 @@
 //!
 //! Both refine what reconstruction without learning gives (crate `gs3-reconstruct`): exact samples of the past and of the
 //! present, joined by tensor cubic Hermite interpolation at the present frame's own jitter. Their last layers start at
-//! zero, so training starts from the analytic pipeline and can only gain; what they add is weighed by the uncertainty
-//! of each pixel, which is zero where the analytic pipeline is exact: at rest the networks change nothing.
+//! zero; what they add is weighed by the uncertainty of each pixel, which is zero where the analytic pipeline is exact: at
+//! rest the networks change nothing.
 
 mod initial;
 mod interpolate;
@@ -71,8 +71,10 @@ impl Tier {
 /// # Errors
 /// [`RunError`] if there is none of that name, tier, scale and version.
 pub fn graph_of(header: &Header) -> Result<Graph, RunError> {
-    let unknown = |field, expected: &str, actual: &str| {
-        WeightError::Header { field, expected: expected.to_owned(), actual: actual.to_owned() }
+    let unknown = |field, expected: &str, actual: &str| WeightError::Header {
+        field,
+        expected: expected.to_owned(),
+        actual: actual.to_owned(),
     };
     let Some(tier) = Tier::ALL.into_iter().find(|tier| tier.name() == header.tier) else {
         return Err(unknown("tier", "one of fast, balanced, high", &header.tier).into());
@@ -85,9 +87,7 @@ pub fn graph_of(header: &Header) -> Result<Graph, RunError> {
     };
     match graph.version() == header.version {
         true => Ok(graph),
-        false => {
-            Err(unknown("version", &graph.version().to_string(), &header.version.to_string()).into())
-        }
+        false => Err(unknown("version", &graph.version().to_string(), &header.version.to_string()).into()),
     }
 }
 

@@ -2,13 +2,15 @@
 
 use super::{FEATURES, Tier, add_residual, carried_state, check_scale};
 use crate::error::GraphError;
-use crate::graph::{Border, Conv2d, Graph, GraphBuilder, Op};
+use crate::graph::{Activation, Border, Conv2d, Graph, GraphBuilder, Op};
 
 /// The network that enlarges an LR frame by `scale` (2 or 4), given the frames before it.
 ///
 /// | input | channels | grid | |
 /// |---|---|---|---|
 /// | `history` | 4 | HR | RGB of the frame reconstructed without learning from this LR frame and its past, and its uncertainty |
+/// | `previous` | 4 | HR | the same of the frame before, warped to this one |
+/// | `share` | 1 | HR | how far `previous` may count, `[0, 1]`: 0 where it is hidden or `history` is exact |
 /// | `color` | 3 | LR | display-encoded, `[0, 1]` |
 /// | `gradients` | 6 | LR | ∂x RGB, ∂y RGB per LR pixel |
 /// | `compressed` | 6 | LR | g / (1 + \|g\|) of them |
@@ -18,7 +20,8 @@ use crate::graph::{Border, Conv2d, Graph, GraphBuilder, Op};
 /// | `motion` | 2 | LR | where each pixel was in the last frame, relative to itself, LR pixels |
 /// | `validity` | 1 | LR | whether it was seen there, `[0, 1]` |
 ///
-/// Outputs: `color` (HR, 4: RGB and the uncertainty as given) and `hidden`.
+/// Outputs: `color` (HR, 4) = (1 − α) `history` + α `previous` + a residual weighed by the uncertainty, with α at most
+/// `share`; and `hidden`.
 ///
 /// The paper's gradient-aware interpolation is a linear map of the 3×3 block of (I, ∂x, ∂y), started at tensor Hermite.
 /// Under jitter that map differs for every offset, so the Hermite part comes exact in `history`; `gai` learns, linearly,
@@ -35,15 +38,19 @@ pub fn super_sample(scale: usize, tier: Tier) -> Result<Graph, GraphError> {
         Tier::High => (2, 3),
     };
     let features = |kernel| Conv2d::new(kernel, c).activation(FEATURES);
-    let mut g = GraphBuilder::new("super_sample", 2, Border::Replicate);
-    let history = g.input("history", 4, scale);
+    let mut g = GraphBuilder::new("super_sample", 3, Border::Replicate);
+    let [history, previous] = [g.input("history", 4, scale), g.input("previous", 4, scale)];
+    let share = g.input("share", 1, scale);
     let [color, gradients] = [g.input("color", 3, 1), g.input("gradients", 6, 1)];
     let [compressed, geometry] = [g.input("compressed", 6, 1), g.input("geometry", 3, 1)];
     let jitter = g.input("jitter", 2, 1);
     let hidden = carried_state(&mut g, tier.hidden_channels());
 
-    let history = g.layer("history.blocks", Op::PixelUnshuffle { factor: scale }, &[history]);
-    let past = g.conv("history.conv", features(1), &[history]);
+    let unshuffle = Op::PixelUnshuffle { factor: scale };
+    let history = g.layer("history.blocks", unshuffle, &[history]);
+    let previous = g.layer("previous.blocks", unshuffle, &[previous]);
+    let share = g.layer("share.blocks", unshuffle, &[share]);
+    let past = g.conv("history.conv", features(1), &[history, previous, share]);
     let mut x = g.conv("enter", features(3), &[past, color, compressed, geometry, jitter]);
     for k in 0..blocks {
         x = g.conv(&format!("features.{k}"), features(3), &[x]);
@@ -53,7 +60,12 @@ pub fn super_sample(scale: usize, tier: Tier) -> Result<Graph, GraphError> {
     let gai = g.conv("gai", Conv2d { bias: false, ..Conv2d::new(3, 3 * block) }, &[color, gradients]);
 
     let residual = g.layer("residual", Op::Add, &[refinement, gai]);
-    let image = add_residual(&mut g, history, residual, block);
+    let alpha = Conv2d::new(1, block).activation(Activation::Sigmoid);
+    let alpha = g.conv("head.alpha", alpha, &[x, hidden]);
+    let alpha = g.layer("alpha.blocks", Op::Multiply, &[alpha, share]);
+    let every_alpha = g.layer("alpha.channels", Op::Concat, &[alpha; 4]);
+    let blend = g.layer("blend", Op::Mix, &[history, previous, every_alpha]);
+    let image = add_residual(&mut g, blend, residual, block);
     let color = g.layer("image", Op::PixelShuffle { factor: scale }, &[image]);
     g.output("color", color);
     g.output("hidden", hidden);

@@ -1,7 +1,7 @@
 //! Renders a shot, and keeps what a network is fed.
 
 use gs3::ResetReason;
-use gs3::learned::{InterpolateFeatures, Seen, SuperSampleFeatures};
+use gs3::learned::{InterpolateFeatures, LearnedSuperSampler, Seen, SuperSampleFeatures};
 use gs3::neural::model::Tier;
 use gs3::neural::{Graph, Layer, Named, Op};
 use gs3::raster::{Culling, Outputs, RasterSettings, Rasterizer};
@@ -23,6 +23,7 @@ pub(super) struct Recorder<'a> {
     jitter: Jitter,
     rasterizer: Rasterizer,
     super_sampler: SuperSampler,
+    learned: Option<LearnedSuperSampler>,
     interpolator: Interpolator,
     native: Image,
 }
@@ -31,18 +32,29 @@ pub(super) struct Recorder<'a> {
 struct Rendered {
     camera: Camera,
     gbuffer: GBuffer,
+    /// Made without learning.
     image: Image,
+    /// Refined by the super-sampling network, where one is given.
+    refined: Option<Image>,
 }
 
 impl Rendered {
-    const fn neighbor(&self) -> Neighbor<'_> {
+    /// The frame as it was made without learning.
+    const fn analytic(&self) -> Neighbor<'_> {
         Neighbor { camera: &self.camera, image: &self.image, gbuffer: &self.gbuffer }
+    }
+
+    /// The frame as it is shown.
+    fn neighbor(&self) -> Neighbor<'_> {
+        Neighbor { image: self.refined.as_ref().unwrap_or(&self.image), ..self.analytic() }
     }
 }
 
 impl<'a> Recorder<'a> {
     /// For clips of `source` with checked `settings`.
     pub fn new(source: &'a Source, settings: &'a ClipSettings) -> Result<Self, MakeError> {
+        let weights = settings.super_sample.clone();
+        let learned = weights.map(|weights| LearnedSuperSampler::new(weights, settings.scale));
         Ok(Self {
             source,
             settings,
@@ -51,6 +63,7 @@ impl<'a> Recorder<'a> {
             jitter: Jitter::grid(settings.scale),
             rasterizer: Rasterizer::new(source.scene.clone(), Culling::default()),
             super_sampler: SuperSampler::new(settings.scale)?,
+            learned: learned.transpose()?,
             interpolator: Interpolator::new(settings.scale)?,
             native: Image::default(),
         })
@@ -61,6 +74,7 @@ impl<'a> Recorder<'a> {
         let mut draw = Draw::new(seed);
         let shot = Shot::draw(&mut draw, self.source, self.settings, is_held_out, &mut self.rasterizer)?;
         self.super_sampler.reset(ResetReason::CameraCut);
+        self.learned.iter_mut().for_each(LearnedSuperSampler::reset);
         let frames = match self.settings.network {
             Network::SuperSample => self.super_sampled(&shot)?,
             Network::Interpolate => self.interpolated(&shot)?,
@@ -74,17 +88,15 @@ impl<'a> Recorder<'a> {
 
     /// Frames for super sampling: the analytic pipeline's and features.
     fn super_sampled(&mut self, shot: &Shot) -> Result<Vec<Frame>, MakeError> {
-        let mut features = SuperSampleFeatures::default();
+        let mut features = SuperSampleFeatures::new(self.settings.scale)?;
         let mut frames = Vec::with_capacity(self.settings.frames);
         let mut previous: Option<Rendered> = None;
         for k in 0..shot.past + self.settings.frames {
-            let now = self.render(shot, k)?;
+            let now = self.render(shot, k, previous.as_ref())?;
             if k >= shot.past {
-                let seen = previous.as_ref().map(|p| Seen::of_gbuffer(&p.camera, &p.gbuffer)).transpose()?;
-                features.set(&now.camera, &now.gbuffer, seen, self.settings.scale)?;
+                features.set(now.analytic(), previous.as_ref().map(Rendered::analytic))?;
                 let target = self.native(shot, &now.camera)?;
-                let history = now.image.pixels().as_flattened();
-                frames.push(frame(&self.graph, &features.named(history), target));
+                frames.push(frame(&self.graph, &features.named(&now.image), target));
             }
             previous = Some(now);
         }
@@ -99,13 +111,11 @@ impl<'a> Recorder<'a> {
         let mut warped = Warped::default();
         // Camera and inverse depths of the last frame between.
         let mut last: Option<(Camera, Planes<1>)> = None;
-        for k in 0..shot.past {
-            self.render(shot, k)?;
-        }
-        let mut before = self.render(shot, shot.past)?;
-        for k in shot.past + 1.. {
-            let after = self.render(shot, k)?;
-            for part in 1..=shot.generate {
+        let mut before = self.render(shot, 0, None)?;
+        for k in 1.. {
+            let after = self.render(shot, k, Some(&before))?;
+            let parts = if k > shot.past { shot.generate } else { 0 };
+            for part in 1..=parts {
                 let t = part as f64 / (shot.generate + 1) as f64;
                 let camera = shot.camera((k - 1) as f64 + t)?;
                 let neighbors = (before.neighbor(), after.neighbor());
@@ -125,8 +135,8 @@ impl<'a> Recorder<'a> {
         Ok(frames)
     }
 
-    /// Frame `k` after the reset.
-    fn render(&mut self, shot: &Shot, k: usize) -> Result<Rendered, MakeError> {
+    /// Frame `k` after the reset, which follows `previous`.
+    fn render(&mut self, shot: &Shot, k: usize, previous: Option<&Rendered>) -> Result<Rendered, MakeError> {
         let scale = self.settings.scale;
         let camera = shot.camera(k as f64)?;
         let settings = RasterSettings {
@@ -139,7 +149,14 @@ impl<'a> Recorder<'a> {
         self.rasterizer.rasterize(&camera.low_resolution(scale), &settings, &mut gbuffer)?;
         let mut image = Image::default();
         self.super_sampler.super_sample(&camera, &gbuffer, &mut image)?;
-        Ok(Rendered { camera, gbuffer, image })
+        let mut refined = None;
+        if let Some(learned) = &mut self.learned {
+            let now = Neighbor { camera: &camera, image: &image, gbuffer: &gbuffer };
+            let mut out = Image::default();
+            learned.refine(now, previous.map(Rendered::analytic), &mut out)?;
+            refined = Some(out);
+        }
+        Ok(Rendered { camera, gbuffer, image, refined })
     }
 
     /// What `camera` sees natively, as a target.

@@ -3,8 +3,8 @@
 //! Training and rendering fill them here, so a network sees while it runs what it was trained on.
 
 use gs3_neural::Named;
-use gs3_reconstruct::{Depth, Motion, ReconstructError, View};
-use gs3_scene::{Camera, GBuffer, Gradients, Planes};
+use gs3_reconstruct::{Depth, Interpolator, Motion, Neighbor, ReconstructError, View, Warped};
+use gs3_scene::{Camera, GBuffer, Gradients, Image, Planes};
 use rayon::prelude::*;
 
 /// A frame to which a hidden state belongs.
@@ -69,9 +69,20 @@ impl Carry {
     }
 }
 
-/// LR inputs of the super-sampling network ([`gs3_neural::model::super_sample`]).
-#[derive(Clone, Debug, Default)]
+/// Uncertainty above which the previous frame may count fully (pixel²): in motion most pixels' lie above, pixels beside a
+/// sample below.
+const UNCERTAIN: f32 = 0.2;
+
+/// Inputs of the super-sampling network ([`gs3_neural::model::super_sample`]).
+#[derive(Debug)]
 pub struct SuperSampleFeatures {
+    scale: u32,
+    interpolator: Interpolator,
+    /// The previous frame at the present camera.
+    warped: Warped,
+    /// `[HR height, HR width]`.
+    share: Vec<f32>,
+    has_previous: bool,
     color: Vec<f32>,
     gradients: Vec<f32>,
     compressed: Vec<f32>,
@@ -81,27 +92,49 @@ pub struct SuperSampleFeatures {
 }
 
 impl SuperSampleFeatures {
-    /// Makes these the features of `gbuffer`, the LR frame of the HR `camera`, whose hidden state comes from `previous`,
-    /// where there is one.
+    /// Features for frames `scale` times the size of their G-buffers.
     ///
     /// # Errors
-    /// [`ReconstructError`] if `gbuffer` has no gradients or geometry, or `previous` another size.
-    pub fn set(
-        &mut self,
-        camera: &Camera,
-        gbuffer: &GBuffer,
-        previous: Option<Seen<'_>>,
-        scale: u32,
-    ) -> Result<(), ReconstructError> {
+    /// [`ReconstructError::Scale`] if `scale` is not supported.
+    pub fn new(scale: u32) -> Result<Self, ReconstructError> {
+        Ok(Self {
+            scale,
+            interpolator: Interpolator::new(scale)?,
+            warped: Warped::default(),
+            share: Vec::new(),
+            has_previous: false,
+            color: Vec::new(),
+            gradients: Vec::new(),
+            compressed: Vec::new(),
+            geometry: Vec::new(),
+            jitter: Vec::new(),
+            carry: Carry::default(),
+        })
+    }
+
+    /// Makes these the features of the frame `now`, made without learning. Its hidden state and what it is blended with
+    /// come from `previous`, the frame before, likewise made without learning, where there is one.
+    ///
+    /// # Errors
+    /// [`ReconstructError`] if `now` has no gradients or geometry, or `previous` another size.
+    pub fn set(&mut self, now: Neighbor<'_>, previous: Option<Neighbor<'_>>) -> Result<(), ReconstructError> {
+        let Neighbor { camera, gbuffer, image } = now;
+        let scale = self.scale;
         let Some(gradients) = &gbuffer.gradients else {
             return Err(ReconstructError::Missing { what: "image gradients" });
         };
         let Some(geometry) = &gbuffer.geometry else {
             return Err(ReconstructError::Missing { what: "depth" });
         };
-        let now = Seen::of_gbuffer(camera, gbuffer)?;
         let len = gbuffer.width() * gbuffer.height();
-        self.carry.set(now, previous, scale, len)?;
+        let before = previous.map(|p| Seen::of_gbuffer(p.camera, p.gbuffer)).transpose()?;
+        self.carry.set(Seen::of_gbuffer(camera, gbuffer)?, before, scale, len)?;
+        self.share.resize(image.pixels().len(), 0.0);
+        self.has_previous = previous.is_some();
+        match previous {
+            Some(previous) => self.set_previous(now, previous)?,
+            None => self.share.fill(0.0),
+        }
         let [r, g, b] = [0, 1, 2].map(|c| gbuffer.color.plane(c));
         interleave(&mut self.color, &[r, g, b]);
         let Gradients { color_dx: dx, color_dy: dy, .. } = gradients;
@@ -114,6 +147,16 @@ impl SuperSampleFeatures {
         self.set_geometry(camera, gbuffer, &geometry.depth_median, &geometry.normal, scale);
         self.jitter.resize(2 * len, 0.0);
         self.jitter.as_chunks_mut().0.fill(gbuffer.jitter);
+        Ok(())
+    }
+
+    /// The previous frame at the present camera, and how far it may count.
+    fn set_previous(&mut self, now: Neighbor<'_>, previous: Neighbor<'_>) -> Result<(), ReconstructError> {
+        // Any moment will do: what is wanted is the previous frame, not a blend.
+        self.interpolator.warp(previous, now, 0.5, now.camera, &mut self.warped)?;
+        let visibility = self.warped.visibility.plane(0);
+        let pixels = self.share.par_iter_mut().zip(now.image.pixels()).zip(visibility).with_min_len(4096);
+        pixels.for_each(|((share, pixel), seen)| *share = seen * (pixel[3] / UNCERTAIN).min(1.0));
         Ok(())
     }
 
@@ -146,11 +189,15 @@ impl SuperSampleFeatures {
         });
     }
 
-    /// All inputs of the network but its state, `hidden`. `history`, HR RGB and uncertainty, is given.
+    /// All inputs of the network but its state, `hidden`. `history` is the image that [`Self::set`] was given.
     #[must_use]
-    pub fn named<'a>(&'a self, history: &'a [f32]) -> [Named<'a>; 8] {
+    pub fn named<'a>(&'a self, history: &'a Image) -> [Named<'a>; 10] {
+        // Without a previous frame its share is 0, and any image will do.
+        let previous = if self.has_previous { &self.warped.before } else { history };
         [
-            ("history", history),
+            ("history", history.pixels().as_flattened()),
+            ("previous", previous.pixels().as_flattened()),
+            ("share", &self.share),
             ("color", &self.color),
             ("gradients", &self.gradients),
             ("compressed", &self.compressed),

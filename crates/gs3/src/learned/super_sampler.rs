@@ -3,16 +3,16 @@
 use std::sync::Arc;
 
 use gs3_neural::Weights;
-use gs3_scene::{Camera, GBuffer, Image};
+use gs3_reconstruct::Neighbor;
+use gs3_scene::Image;
 
 use super::error::NetworkError;
-use super::features::{Seen, SuperSampleFeatures};
+use super::features::SuperSampleFeatures;
 use super::recurrent::Recurrent;
 
 /// Refines analytic frames: adds what a network has learned to add to them.
 #[derive(Debug)]
 pub struct LearnedSuperSampler {
-    scale: u32,
     network: Recurrent,
     features: SuperSampleFeatures,
 }
@@ -24,7 +24,7 @@ impl LearnedSuperSampler {
     /// [`NetworkError`] if they are those of another network or another scale.
     pub fn new(weights: Arc<Weights>, scale: u32) -> Result<Self, NetworkError> {
         let network = Recurrent::new(weights, "super_sample", scale)?;
-        Ok(Self { scale, network, features: SuperSampleFeatures::default() })
+        Ok(Self { network, features: SuperSampleFeatures::new(scale)? })
     }
 
     /// Forgets the hidden state.
@@ -32,24 +32,25 @@ impl LearnedSuperSampler {
         self.network.reset();
     }
 
-    /// Refines `history`, the analytic frame of `camera` with its uncertainty in the fourth channel, into `out`, whose
-    /// fourth channel stays the uncertainty. `gbuffer` is the LR frame and `previous` the frame refined last, whose
-    /// hidden state is carried on; without it the state begins anew.
+    /// Refines `now`, a frame made without learning with its uncertainty in the fourth channel, into `out`, likewise.
+    /// `previous` is the frame refined last, as it was made without learning; without it the state begins anew.
     ///
     /// # Errors
-    /// [`NetworkError`] if sizes do not match or `gbuffer` lacks gradients or geometry.
+    /// [`NetworkError`] if sizes do not match or gradients or geometry are missing.
     pub fn refine(
         &mut self,
-        camera: &Camera,
-        gbuffer: &GBuffer,
-        previous: Option<Seen<'_>>,
-        history: &Image,
+        now: Neighbor<'_>,
+        previous: Option<Neighbor<'_>>,
         out: &mut Image,
     ) -> Result<(), NetworkError> {
         let previous = previous.filter(|_| self.network.has_state());
-        self.features.set(camera, gbuffer, previous, self.scale)?;
-        out.resize(history.width(), history.height());
-        let images = self.features.named(history.pixels().as_flattened());
-        self.network.run([gbuffer.height(), gbuffer.width()], &images, out.pixels_mut().as_flattened_mut())
+        self.features.set(now, previous)?;
+        out.resize(now.image.width(), now.image.height());
+        let images = self.features.named(now.image);
+        self.network.run(
+            [now.gbuffer.height(), now.gbuffer.width()],
+            &images,
+            out.pixels_mut().as_flattened_mut(),
+        )
     }
 }
