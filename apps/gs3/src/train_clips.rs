@@ -2,8 +2,11 @@
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
+use gs3::NetworkError;
+use gs3::neural::Weights;
 use gs3::scene::{CameraPath, Scene, capture, demo, orbit};
 use gs3_train::clips::{Batch, ClipSettings, Source, preview};
 use gs3_train::{ClipFile, Network, Window};
@@ -48,6 +51,10 @@ pub struct ClipsArgs {
     /// Share of the clips, and of every path, that is kept for validation
     #[arg(long, default_value_t = 0.08, value_name = "FRACTION", allow_hyphen_values = true)]
     pub held_out: f64,
+    /// For `interpolate`: weights of super sampling, whose frames it is to interpolate between [default: frames without
+    /// networks]
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub weights: Option<PathBuf>,
     /// What all that is random depends on
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub seed: u64,
@@ -90,6 +97,7 @@ pub fn run(args: &ClipsArgs) -> Result<Outcome, CliError> {
         dilation: args.dilation.0,
         held_out: args.held_out,
         seed: args.seed,
+        super_sample: args.weights.as_deref().map(weights).transpose()?,
     };
     settings.check()?;
     let names = names(args)?;
@@ -151,6 +159,11 @@ fn make(batch: &Batch<'_>) -> Result<(), CliError> {
         );
     }
     Ok(())
+}
+
+fn weights(file: &Path) -> Result<Arc<Weights>, CliError> {
+    let error = |source| CliError::Weights { path: file.to_owned(), source };
+    Ok(Arc::new(Weights::load(file).map_err(|e| error(NetworkError::from(e)))?))
 }
 
 /// What the clips of each scene are called.

@@ -6,6 +6,7 @@ mod bad_input;
 mod frames;
 mod scenes;
 mod simplify;
+mod train_clips;
 mod video;
 
 use std::fs;

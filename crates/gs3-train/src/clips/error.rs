@@ -1,5 +1,6 @@
 //! Why clips cannot be made.
 
+use gs3::NetworkError;
 use gs3::raster::RasterError;
 use gs3::reconstruct::ReconstructError;
 use gs3::scene::CameraError;
@@ -21,6 +22,9 @@ pub enum MakeError {
         /// Width and height found.
         actual: [u32; 2],
     },
+    /// Clips for super sampling, whose frames something has refined already.
+    #[error("weights of super sampling: expected none for clips for super sampling, found some")]
+    Refined,
     /// There are no frames to record.
     #[error("frames of a clip: expected at least 1, found 0")]
     Frames,
@@ -53,6 +57,9 @@ pub enum MakeError {
     /// A frame cannot be reconstructed.
     #[error(transparent)]
     Reconstruct(#[from] ReconstructError),
+    /// Weights do not fit, or their network refuses a frame.
+    #[error(transparent)]
+    Network(#[from] NetworkError),
     /// A clip does not fit its network, or cannot be written.
     #[error(transparent)]
     Clip(#[from] ClipError),

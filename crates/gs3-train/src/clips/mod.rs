@@ -20,6 +20,7 @@ mod tests;
 use std::sync::Arc;
 
 use gs3::Dilation;
+use gs3::neural::Weights;
 use gs3::scene::{CameraPath, Scene};
 
 pub use analytic::{analytic, analytic_psnr};
@@ -31,7 +32,7 @@ use crate::clip::Network;
 use framing::Framing;
 
 /// What clips are to be like.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ClipSettings {
     /// The network they are for.
     pub network: Network,
@@ -47,6 +48,9 @@ pub struct ClipSettings {
     pub held_out: f64,
     /// What all that is random depends on, together with a scene's name and a clip's number.
     pub seed: u64,
+    /// For [`Network::Interpolate`]: what refines the frames between which is interpolated; without it they are those of
+    /// the pipeline without networks.
+    pub super_sample: Option<Arc<Weights>>,
 }
 
 /// A scene and where cameras may be in it.
@@ -73,6 +77,9 @@ impl ClipSettings {
         };
         if !(fits(0) && fits(1)) {
             return Err(MakeError::Size { scale: self.scale, actual: self.size });
+        }
+        if self.network == Network::SuperSample && self.super_sample.is_some() {
+            return Err(MakeError::Refined);
         }
         if self.frames == 0 {
             return Err(MakeError::Frames);

@@ -233,3 +233,62 @@ impl Movement {
         self.rate * a.turn.distance(b.turn).max(a.way.distance(b.way))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec2;
+
+    fn movement(kind: Kind, speed: f64, moving: [f64; 2], acceleration: f64) -> Movement {
+        let way = if kind == Kind::Dolly { DVec3::X } else { DVec3::ZERO };
+        let turn = if kind == Kind::Dolly { DVec3::ZERO } else { DVec3::Y };
+        let steady = Offset { turn, way };
+        let plan = Plan { kind, speed, steady, sways: Vec::new(), acceleration, moving };
+        let pose =
+            DAffine3::from_rotation_translation(DQuat::from_rotation_x(0.3), DVec3::new(1.0, 2.0, 3.0));
+        let target = DVec3::new(0.5, 0.2, 4.0);
+        let points = [pose.transform_point3(target)];
+        Movement::new(plan, pose, target, speed, &points, pixel)
+    }
+
+    /// A camera of 1,000 pixels at distance 1.
+    fn pixel(view_from_world: DAffine3, point: DVec3) -> Option<DVec2> {
+        let p = view_from_world.transform_point3(point);
+        (p.z > 0.0).then(|| 1000.0 * p.truncate() / p.z)
+    }
+
+    fn place(movement: &Movement, time: f64) -> DVec2 {
+        let target = movement.world_from_view.transform_point3(DVec3::new(0.5, 0.2, 4.0));
+        pixel(movement.pose(time), target).unwrap()
+    }
+
+    #[test]
+    fn speeds_are_those_of_the_image() {
+        const ALWAYS: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
+        for kind in [Kind::Dolly, Kind::Pan] {
+            let steady = movement(kind, 10.0, ALWAYS, 0.0);
+            assert!(steady.pose(0.0).abs_diff_eq(steady.world_from_view.inverse(), 1e-12));
+            for time in [-5.0, 0.0, 5.0] {
+                let way = place(&steady, time).distance(place(&steady, time + 1.0));
+                assert!((9.0..11.0).contains(&way), "{kind:?} {time}: {way}");
+            }
+            let faster = movement(kind, 10.0, ALWAYS, 0.05);
+            let way = |time: f64| place(&faster, time).distance(place(&faster, time + 1.0));
+            assert!((1.3..2.0).contains(&(way(4.0) / way(-4.0))), "{} {}", way(4.0), way(-4.0));
+        }
+        // What it circles stays; more would be needed than it turns in a frame at most.
+        let orbit = movement(Kind::Orbit, 10.0, ALWAYS, 0.0);
+        assert!(place(&orbit, 0.0).distance(place(&orbit, 1.0)) < 1e-6);
+        assert!((orbit.rate - LARGEST_STEP).abs() < 1e-6, "{}", orbit.rate);
+    }
+
+    #[test]
+    fn cameras_start_and_stop() {
+        let start = movement(Kind::Pan, 3.0, [2.0, f64::INFINITY], 0.01);
+        assert_eq!(start.pose(-9.0), start.pose(2.0));
+        assert!(place(&start, 2.0).distance(place(&start, 3.0)) > 2.0);
+        let stop = movement(Kind::Pan, 3.0, [f64::NEG_INFINITY, -1.0], 0.01);
+        assert_eq!(stop.pose(-1.0), stop.pose(30.0));
+        assert!(place(&stop, -2.0).distance(place(&stop, -1.0)) > 2.0);
+    }
+}

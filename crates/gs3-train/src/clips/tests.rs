@@ -6,6 +6,8 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use gs3::Dilation;
+use gs3::neural::model::{Tier, initial_weights};
+use gs3::neural::{Header, Weights};
 use gs3::scene::gaussians::sh_coefficient_count;
 use gs3::scene::{Gaussians, OpacityMode, Scene, orbit};
 use half::f16;
@@ -45,6 +47,7 @@ pub(super) fn settings(network: Network) -> ClipSettings {
         dilation: Dilation::Matched,
         held_out: 0.2,
         seed: 7,
+        super_sample: None,
     }
 }
 
@@ -99,7 +102,7 @@ fn batches_are_taken_up_again_and_deterministic() {
         assert!(a == b || is_kept, "{name}");
     }
     assert_eq!(files(twice.path()).len(), 6);
-    let [a, b] = [7, 8].map(|seed| source.clip(&ClipSettings { seed, ..settings }, 0).unwrap());
+    let [a, b] = [7, 8].map(|seed| source.clip(&ClipSettings { seed, ..settings.clone() }, 0).unwrap());
     assert_ne!(a, b);
 }
 
@@ -196,6 +199,37 @@ fn frames_between_are_between() {
     assert!(2 * halves > times.len() && halves < times.len(), "{times:?}");
 }
 
+/// Frames that a network refines: the same with one that changes nothing yet, others with one that does.
+#[test]
+fn frames_around_may_be_refined() {
+    let source = source();
+    let settings = settings(Network::Interpolate);
+    let graph = Network::SuperSample.graph(4, Tier::Fast).unwrap();
+    let header = Header {
+        network: graph.name().to_owned(),
+        version: graph.version(),
+        scale: 4,
+        tier: Tier::Fast.name().to_owned(),
+        training_data: String::new(),
+        licence: String::new(),
+    };
+    let initial = initial_weights(&graph, header.clone(), 1);
+    let changing = Weights::random(&graph, header, 1);
+    let clip = |weights: Option<Weights>| {
+        let super_sample = weights.map(Arc::new);
+        source.clip(&ClipSettings { super_sample, ..settings.clone() }, 0).unwrap()
+    };
+    let plain = clip(None);
+    let [same, other] = [initial.clone(), changing].map(|weights| analytic_psnr(&clip(Some(weights))));
+    assert!((same - analytic_psnr(&plain)).abs() < 1e-3, "{same}");
+    assert!(other < same - 1.0, "{other} {same}");
+    let refined = ClipSettings { super_sample: Some(Arc::new(initial)), ..settings };
+    let super_sampling = ClipSettings { network: Network::SuperSample, ..refined.clone() };
+    assert!(super_sampling.check().unwrap_err().to_string().contains("expected none"));
+    let other_scale = source.clip(&ClipSettings { scale: 2, ..refined }, 0).unwrap_err();
+    assert!(other_scale.to_string().contains("scale"), "{other_scale}");
+}
+
 /// A clip that begins with a reset has no past in its first frame; others have one.
 #[test]
 fn resets_show() {
@@ -214,13 +248,13 @@ fn nonsense_is_refused() {
     let base = settings(Network::SuperSample);
     let error = |settings: ClipSettings| source.clip(&settings, 0).unwrap_err().to_string();
     let size = "size of clips: expected multiples of 4 up to 4096×2160, found";
-    assert_eq!(error(ClipSettings { size: [96, 62], ..base }), format!("{size} 96×62"));
-    assert_eq!(error(ClipSettings { size: [0, 64], ..base }), format!("{size} 0×64"));
-    assert_eq!(error(ClipSettings { size: [64, 4096], ..base }), format!("{size} 64×4096"));
-    assert!(error(ClipSettings { frames: 0, ..base }).contains("expected at least 1, found 0"));
-    assert!(error(ClipSettings { held_out: 0.7, ..base }).contains("found 0.7"));
-    assert!(error(ClipSettings { held_out: f64::NAN, ..base }).contains("found NaN"));
-    assert!(error(ClipSettings { scale: 99, ..base }).contains("99"));
+    assert_eq!(error(ClipSettings { size: [96, 62], ..base.clone() }), format!("{size} 96×62"));
+    assert_eq!(error(ClipSettings { size: [0, 64], ..base.clone() }), format!("{size} 0×64"));
+    assert_eq!(error(ClipSettings { size: [64, 4096], ..base.clone() }), format!("{size} 64×4096"));
+    assert!(error(ClipSettings { frames: 0, ..base.clone() }).contains("expected at least 1, found 0"));
+    assert!(error(ClipSettings { held_out: 0.7, ..base.clone() }).contains("found 0.7"));
+    assert!(error(ClipSettings { held_out: f64::NAN, ..base.clone() }).contains("found NaN"));
+    assert!(error(ClipSettings { scale: 99, ..base.clone() }).contains("99"));
     let lost = Source { paths: vec![], ..source.clone() };
     assert!(lost.clip(&base, 0).unwrap_err().to_string().contains("camera path"));
     let away = source.paths[0].cameras()[0];
