@@ -9,7 +9,7 @@ use fearless_simd::{Level, Simd, dispatch, f32x16};
 use super::math::derivative;
 use super::plan::Step;
 use crate::engine::block::{Block, LANES, Layout, Sources};
-use crate::engine::ops::{Factor, load};
+use crate::engine::ops::{Factor, load, run_len};
 use crate::graph::{Filter, Op};
 
 /// What is done to a derivative of which there may already be a part.
@@ -148,9 +148,12 @@ impl Adjoint<'_> {
             }
             Op::Warp => self.flow(y, out, write),
             Op::ChannelMax => self.largest(y, b, out, write),
-            Op::PixelShuffle { .. } | Op::PixelUnshuffle { .. } | Op::Concat | Op::Slice { .. } => {
-                self.moved(y, b, out, write);
+            Op::PixelShuffle { .. } | Op::PixelUnshuffle { .. } => self.shuffled(y, b, out, write),
+            Op::Concat => {
+                let before = self.step.layouts[..self.input].iter().map(|l| l.shape.channels).sum();
+                self.copied(y, b, out, write, [before, 0]);
             }
+            Op::Slice { first, .. } => self.copied(y, b, out, write, [0, first]),
             // Neither is an operation of rows.
             Op::Input { .. } | Op::Conv2d(_) => {}
         }
@@ -246,9 +249,9 @@ impl Adjoint<'_> {
         }
     }
 
-    /// Operations that only move numbers: where each number of the input went.
+    /// Blocks of pixels that became channels, or channels that became blocks: where each number of the input went.
     #[inline(always)]
-    fn moved(&self, y: usize, b: usize, out: &mut [Block], write: Write) {
+    fn shuffled(&self, y: usize, b: usize, out: &mut [Block], write: Write) {
         let result = self.v_result.shape;
         let line = |y: usize, c: usize| &self.v(y, c / LANES)[..];
         for c in b * LANES..self.v_input.shape.channels.min((b + 1) * LANES) {
@@ -270,16 +273,35 @@ impl Adjoint<'_> {
                         put(out, lane, write, line(y / f, channel).iter(), channel);
                     }
                 }
-                Op::Slice { first, count } => match c.checked_sub(first) {
-                    Some(c) if c < count => put(out.iter_mut(), lane, write, line(y, c).iter(), c),
-                    _ => put(out.iter_mut(), lane, write, [].iter(), 0),
-                },
-                _ => {
-                    let before = self.step.layouts[..self.input].iter().map(|l| l.shape.channels);
-                    let channel = before.sum::<usize>() + c;
-                    put(out.iter_mut(), lane, write, line(y, channel).iter(), channel);
+                // Nothing else is a shuffle.
+                _ => {}
+            }
+        }
+    }
+
+    /// Copied channels: those of the result from `target`, of which the input's first is `source`. The input's others
+    /// have no derivative.
+    #[inline(always)]
+    fn copied(&self, y: usize, b: usize, out: &mut [Block], write: Write, [target, source]: [usize; 2]) {
+        let (result, input) = (self.v_result.shape.channels, self.v_input.shape.channels);
+        if write == Write::Set {
+            out.fill(Block::default());
+        }
+        let mut c = (b * LANES).max(source);
+        while c < input.min((b + 1) * LANES) && target + c - source < result {
+            let from = target + c - source;
+            let count = run_len(c, input, from, result);
+            let (to, lane) = (c % LANES, from % LANES);
+            for (out, pixel) in out.iter_mut().zip(self.v(y, from / LANES)) {
+                match count {
+                    LANES => out.0.iter_mut().zip(&pixel.0).for_each(|(out, v)| *out += v),
+                    _ => {
+                        let pixel = &pixel.0[lane..lane + count];
+                        out.0[to..to + count].iter_mut().zip(pixel).for_each(|(out, v)| *out += v);
+                    }
                 }
             }
+            c += count;
         }
     }
 

@@ -60,12 +60,23 @@ pub fn import_row(
 ) {
     let (stride, channels) = (layout.stride(), layout.shape.channels / (factor * factor));
     let image_row = layout.shape.width * factor * channels;
+    if factor == 1 {
+        let line = &image[y * image_row..][..image_row];
+        for (b, out) in out.chunks_exact_mut(stride).enumerate() {
+            let lanes = b * LANES..channels.min((b + 1) * LANES);
+            for (out, pixel) in out[layout.halo..].iter_mut().zip(line.chunks_exact(channels)) {
+                out.0.iter_mut().zip(&pixel[lanes.clone()]).for_each(|(out, v)| write(out, *v));
+            }
+        }
+        return;
+    }
     for c in 0..layout.shape.channels {
         let (channel, i, j) = (c / (factor * factor), c / factor % factor, c % factor);
         let line = &image[(y * factor + i) * image_row..][..image_row];
         let out = &mut out[c / LANES * stride + layout.halo..][..layout.shape.width];
-        for (out, pixels) in out.iter_mut().zip(line.chunks_exact(factor * channels)) {
-            write(&mut out.0[c % LANES], pixels[j * channels + channel]);
+        let numbers = line[j * channels + channel..].iter().step_by(factor * channels);
+        for (out, v) in out.iter_mut().zip(numbers) {
+            write(&mut out.0[c % LANES], *v);
         }
     }
 }
@@ -83,12 +94,22 @@ pub fn export(tensor: &[Block], layout: &Layout, factor: usize, image: &mut [f32
 pub fn export_row(row: &[Block], layout: &Layout, factor: usize, image: &mut [f32]) {
     let channels = layout.shape.channels / (factor * factor);
     let image_row = layout.shape.width * factor * channels;
+    if factor == 1 {
+        for (b, line) in row.chunks_exact(layout.stride()).enumerate() {
+            let lanes = b * LANES..channels.min((b + 1) * LANES);
+            for (pixel, block) in image.chunks_exact_mut(channels).zip(&line[layout.halo..]) {
+                pixel[lanes.clone()].iter_mut().zip(&block.0).for_each(|(out, v)| *out = *v);
+            }
+        }
+        return;
+    }
     for c in 0..layout.shape.channels {
         let (channel, i, j) = (c / (factor * factor), c / factor % factor, c % factor);
         let line = &mut image[i * image_row..][..image_row];
         let pixels = &row[c / LANES * layout.stride() + layout.halo..][..layout.shape.width];
-        for (out, pixel) in line.chunks_exact_mut(factor * channels).zip(pixels) {
-            out[j * channels + channel] = pixel.0[c % LANES];
+        let numbers = line[j * channels + channel..].iter_mut().step_by(factor * channels);
+        for (out, pixel) in numbers.zip(pixels) {
+            *out = pixel.0[c % LANES];
         }
     }
 }
@@ -220,17 +241,49 @@ impl<'a> Row<'a> {
     }
 
     fn rearrange(&self, op: &Op, out: &mut [Block]) {
+        match op {
+            Op::Slice { first, .. } => self.copy(|c| (0, first + c), out),
+            Op::Concat => self.copy(
+                |c| {
+                    let (mut input, mut channel) = (0, c);
+                    while channel >= self.inputs[input].shape.channels {
+                        channel -= self.inputs[input].shape.channels;
+                        input += 1;
+                    }
+                    (input, channel)
+                },
+                out,
+            ),
+            _ => self.shuffle(op, out),
+        }
+    }
+
+    /// Copies every channel from the input and its channel that `source` names, as many at a time as lie side by side.
+    fn copy(&self, source: impl Fn(usize) -> (usize, usize), out: &mut [Block]) {
+        let (shape, mut c) = (self.layout.shape, 0);
+        while c < shape.channels {
+            let (input, channel) = source(c);
+            let count = run_len(c, shape.channels, channel, self.inputs[input].shape.channels);
+            let line = self.sources.pixels(&self.inputs[input], self.y, channel / LANES);
+            let out = &mut out[c / LANES * self.layout.stride() + self.layout.halo..][..shape.width];
+            match count {
+                LANES => out.copy_from_slice(line),
+                _ => {
+                    let (to, from) = (c % LANES, channel % LANES);
+                    for (out, pixel) in out.iter_mut().zip(line) {
+                        out.0[to..to + count].copy_from_slice(&pixel.0[from..from + count]);
+                    }
+                }
+            }
+            c += count;
+        }
+    }
+
+    fn shuffle(&self, op: &Op, out: &mut [Block]) {
         let (stride, shape, y) = (self.layout.stride(), self.layout.shape, self.y);
         for c in 0..shape.channels {
             let out = &mut out[c / LANES * stride + self.layout.halo..][..shape.width];
             let lane = c % LANES;
-            // The line of an input and the lane that hold channel c.
-            let mut write = |input: usize, y: usize, channel: usize, place: &dyn Fn(usize) -> usize| {
-                let line = self.sources.pixels(&self.inputs[input], y, channel / LANES);
-                for (x, out) in out.iter_mut().enumerate() {
-                    out.0[lane] = line[place(x)].0[channel % LANES];
-                }
-            };
             match op {
                 Op::PixelShuffle { factor: f } => {
                     // One pass for each column of the block: a pass reads one channel.
@@ -244,20 +297,22 @@ impl<'a> Row<'a> {
                 }
                 Op::PixelUnshuffle { factor: f } => {
                     let (channel, i, j) = (c / (f * f), c / f % f, c % f);
-                    write(0, y * f + i, channel, &|x| x * f + j);
-                }
-                Op::Slice { first, .. } => write(0, y, first + c, &|x| x),
-                _ => {
-                    let (mut input, mut channel) = (0, c);
-                    while channel >= self.inputs[input].shape.channels {
-                        channel -= self.inputs[input].shape.channels;
-                        input += 1;
+                    let line = self.sources.pixels(&self.inputs[0], y * f + i, channel / LANES);
+                    for (out, pixel) in out.iter_mut().zip(line[j..].iter().step_by(*f)) {
+                        out.0[lane] = pixel.0[channel % LANES];
                     }
-                    write(input, y, channel, &|x| x);
                 }
+                // Nothing else is a shuffle.
+                _ => {}
             }
         }
     }
+}
+
+/// How many channels from `to` of `to_channels` and from `from` of `from_channels` on lie side by side in one block
+/// each.
+pub fn run_len(to: usize, to_channels: usize, from: usize, from_channels: usize) -> usize {
+    (LANES - to % LANES).min(LANES - from % LANES).min(to_channels - to).min(from_channels - from)
 }
 
 /// A line of factors: as many channels as what it multiplies, or one for all.
