@@ -1,7 +1,7 @@
 //! Frames of the demo scene as they were when somebody last looked at them: changes that shift the picture are seen here.
 //!
 //! The stored frames are what this writes, the first of `full` being the interpolated one:
-//! `gs3 render demo --size 160x90 --frames 8..9 --mode MODE --out DIR`.
+//! `gs3 render demo --size 160x90 --frames 8..9 --mode MODE --tier analytic --out DIR`.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -36,7 +36,8 @@ fn psnr(a: &[u8], b: &[u8]) -> f64 {
 fn check(mode: &str, frame: &str) {
     let folder = tempfile::tempdir().unwrap();
     let output = Command::new(env!("CARGO_BIN_EXE_gs3"))
-        .args(["render", "demo", "--size", "160x90", "--frames", "8..9", "--mode", mode, "--out"])
+        .args(["render", "demo", "--size", "160x90", "--frames", "8..9", "--mode", mode])
+        .args(["--tier", "analytic", "--out"])
         .arg(folder.path())
         .output()
         .unwrap();

@@ -183,3 +183,31 @@ fn weights_that_do_not_fit_are_refused() {
     let error = twice.add(weights).unwrap_err().to_string();
     assert_eq!(error, "weights: expected at most one file for super_sample, found two");
 }
+
+/// The weights that come with the library belong to a network of this version, and gain on the pipeline without learning,
+/// on a scene that is generated and frames that are not among their training clips.
+#[test]
+fn shipped_weights_gain() {
+    let shipped = Networks::shipped(SCALE, Tier::Balanced).unwrap();
+    let header = &shipped.super_sample.as_ref().unwrap().header;
+    assert_eq!((header.scale, header.tier.as_str()), (SCALE, "balanced"));
+    let path = demo::path().resized(640, 360).unwrap();
+    let (cameras, scene) = (&path.cameras()[40..52], scene());
+    let pipeline = |mode, networks: &Networks| {
+        let settings = PipelineSettings { mode, ..Default::default() };
+        let mut pipeline = FramePipeline::with_networks(scene.clone(), settings, networks).unwrap();
+        frames(&mut pipeline, if mode == Mode::Native { &cameras[11..] } else { cameras }).pop().unwrap()
+    };
+    let truth = pipeline(Mode::Native, &Networks::default());
+    let psnr = |image: &Image| -> f64 {
+        let pairs = image.pixels().iter().zip(truth.pixels());
+        let squares = pairs.map(|(a, b)| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>());
+        -10.0 * (squares.sum::<f64>() / (3 * truth.pixels().len()) as f64).log10()
+    };
+    let analytic = psnr(&pipeline(Mode::SuperSample, &Networks::default()));
+    let learned = psnr(&pipeline(Mode::SuperSample, &shipped));
+    println!("analytic {analytic:.2} dB, learned {learned:.2} dB");
+    assert!(learned > analytic + 0.5, "analytic {analytic:.2} dB, learned {learned:.2} dB");
+    let error = Networks::shipped(3, Tier::High).err().unwrap().to_string();
+    assert_eq!(error, "tier high at scale 3: expected one of balanced ×4, which come with this version");
+}
