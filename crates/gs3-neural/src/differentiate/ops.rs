@@ -253,7 +253,7 @@ impl Adjoint<'_> {
     #[inline(always)]
     fn shuffled(&self, y: usize, b: usize, out: &mut [Block], write: Write) {
         let result = self.v_result.shape;
-        let line = |y: usize, c: usize| &self.v(y, c / LANES)[..];
+        let line = |y: usize, c: usize| self.v(y, c / LANES);
         for c in b * LANES..self.v_input.shape.channels.min((b + 1) * LANES) {
             let lane = c % LANES;
             match *self.op {
