@@ -187,7 +187,7 @@ fn finished_methods_are_resumed_and_failing_ones_do_not_end_the_run() {
 }
 
 #[test]
-fn learned_tiers_start_from_the_analytic_pipeline() {
+fn learned_tiers_start_above_the_analytic_pipeline() {
     let folder = tempfile::tempdir().unwrap();
     for (network, graph) in [
         ("super_sample", model::super_sample(4, Tier::Fast).unwrap()),
@@ -211,15 +211,18 @@ fn learned_tiers_start_from_the_analytic_pipeline() {
     let (results, _) = run(&protocol, &folder.path().join("out"));
     assert_eq!(results.failures, []);
     let psnr = |method: &str, subset| results.row(method, subset).unwrap().psnr;
-    for method in ["fast", "fast_ss", "fast_ss+warp", "history+fast", "fast_ss+repeat"] {
-        let (learned, analytic) =
-            (psnr(method, Subset::SuperSampled), psnr("analytic", Subset::SuperSampled));
-        assert!((learned - analytic).abs() < 0.01, "{method}: {learned} dB, analytic {analytic} dB");
+    // Interpolation starts as it is without learning; super sampling as the mean of the present and the previous frame,
+    // where both may count, which is better than the present one alone.
+    let gain = |method: &str, subset| psnr(method, subset) - psnr("analytic", subset);
+    for subset in [Subset::SuperSampled, Subset::Interpolated] {
+        assert!(gain("history+fast", subset).abs() < 0.01, "{} dB", gain("history+fast", subset));
+        for method in ["fast", "fast_ss+warp"] {
+            assert!((0.02..2.0).contains(&gain(method, subset)), "{method}: {} dB", gain(method, subset));
+        }
     }
-    for method in ["fast", "fast_ss+warp", "history+fast"] {
-        let (learned, analytic) =
-            (psnr(method, Subset::Interpolated), psnr("analytic", Subset::Interpolated));
-        assert!((learned - analytic).abs() < 0.01, "{method}: {learned} dB, analytic {analytic} dB");
+    for method in ["fast_ss", "fast_ss+repeat"] {
+        let same = psnr(method, Subset::SuperSampled) - psnr("fast", Subset::SuperSampled);
+        assert!(same.abs() < 0.01, "{method}: {same} dB");
     }
     let ms = |method: &str| results.row(method, Subset::All).unwrap().total.unwrap().median_ms;
     assert!(ms("fast") > ms("analytic"), "the networks ran: {} ms, {} ms", ms("fast"), ms("analytic"));

@@ -129,6 +129,20 @@ fn the_state_is_carried_on_and_forgotten_with_the_history() {
     assert!(last(weights) != last(Arc::new(forgetful)));
 }
 
+/// Sizes that are no whole number of blocks: the last row and column are repeated while the network runs.
+#[test]
+fn any_size_is_refined() {
+    for (width, height) in [(97, 55), (3, 2), (160, 90)] {
+        let path = demo::path().resized(width, height).unwrap();
+        let shown = frames(&mut pipeline(&random(), 1), &path.cameras()[..3]);
+        assert_eq!(shown.len(), 5);
+        for image in &shown {
+            assert_eq!((image.width(), image.height()), (width as usize, height as usize));
+            assert!(image.pixels().iter().flatten().all(|v| v.is_finite()));
+        }
+    }
+}
+
 #[test]
 fn two_and_three_frames_are_made_between_rendered_ones() {
     let path = path();

@@ -63,9 +63,10 @@ impl LearnedInterpolator {
         self.features.set(camera, inverse_depth, t, last, self.scale)?;
         out.resize(before.width(), before.height());
         let lr = [inverse_depth.height(), inverse_depth.width()];
+        let hr = [before.height(), before.width()];
         let [before, after] = [before, after].map(|image| image.pixels().as_flattened());
         let images = self.features.named(before, after, share.plane(0));
-        self.network.run(lr, &images, out.pixels_mut().as_flattened_mut())?;
+        self.network.run(lr, hr, &images, out.pixels_mut().as_flattened_mut())?;
         std::mem::swap(&mut self.warped, &mut self.last);
         self.last_camera = Some(*camera);
         Ok(())

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use gs3_neural::model::graph_of;
-use gs3_neural::{Engine, Graph, Named, Weights};
+use gs3_neural::{Engine, Graph, Named, Op, Weights};
 
 use super::error::NetworkError;
 
@@ -21,6 +21,8 @@ pub(super) struct Recurrent {
     hidden: Vec<f32>,
     next: Vec<f32>,
     has_state: bool,
+    /// HR inputs and the output, for images that are no whole number of blocks.
+    padded: [Vec<f32>; MAX_INPUTS],
 }
 
 impl Recurrent {
@@ -34,7 +36,15 @@ impl Recurrent {
         }
         let graph = graph_of(header)?;
         weights.check(&graph)?;
-        Ok(Self { graph, weights, engine: None, hidden: Vec::new(), next: Vec::new(), has_state: false })
+        Ok(Self {
+            graph,
+            weights,
+            engine: None,
+            hidden: Vec::new(),
+            next: Vec::new(),
+            has_state: false,
+            padded: Default::default(),
+        })
     }
 
     /// Forgets the state.
@@ -46,11 +56,12 @@ impl Recurrent {
         self.has_state
     }
 
-    /// Runs the network for an LR grid of `[height, width]` on `images` and the state, writes its output `color` and keeps
-    /// its state.
+    /// Runs the network for an LR grid of `[height, width]` and HR images of that size or up to a block less on `images` and
+    /// the state, writes its output `color` and keeps its state.
     pub fn run(
         &mut self,
         lr: [usize; 2],
+        hr: [usize; 2],
         images: &[Named<'_>],
         color: &mut [f32],
     ) -> Result<(), NetworkError> {
@@ -67,13 +78,49 @@ impl Recurrent {
         }
         self.hidden.resize(len, 0.0);
         self.next.resize(len, 0.0);
+        let scale = self.weights.header.scale as usize;
+        let full = lr.map(|side| side * scale);
+        let [padded @ .., padded_color] = &mut self.padded;
         let mut all: [Named<'_>; MAX_INPUTS] = [("", &[]); MAX_INPUTS];
         let count = images.len().min(MAX_INPUTS - 1);
-        all[..count].copy_from_slice(&images[..count]);
+        for ((place, (name, image)), padded) in all.iter_mut().zip(&images[..count]).zip(padded) {
+            let is_hr = |op: &Op| matches!(op, Op::Input { scale, .. } if *scale > 1);
+            let is_hr = self.graph.inputs().any(|(_, layer)| layer.name == *name && is_hr(&layer.op));
+            *place = match is_hr && hr != full {
+                true => {
+                    pad(image, hr, full, padded);
+                    (*name, &padded[..])
+                }
+                false => (*name, *image),
+            };
+        }
         all[count] = ("hidden", &self.hidden);
-        engine.run(&all[..=count], &mut [("color", color), ("hidden", &mut self.next)])?;
+        if hr == full {
+            engine.run(&all[..=count], &mut [("color", color), ("hidden", &mut self.next)])?;
+        } else {
+            let channels = color.len() / (hr[0] * hr[1]);
+            padded_color.resize(full[0] * full[1] * channels, 0.0);
+            engine.run(&all[..=count], &mut [("color", padded_color), ("hidden", &mut self.next)])?;
+            let rows = padded_color.chunks_exact(full[1] * channels);
+            for (to, from) in color.chunks_exact_mut(hr[1] * channels).zip(rows) {
+                to.copy_from_slice(&from[..to.len()]);
+            }
+        }
         std::mem::swap(&mut self.hidden, &mut self.next);
         self.has_state = true;
         Ok(())
+    }
+}
+
+/// Repeats the last row and column of an image of `[height, width]` up to the size `full`.
+fn pad(image: &[f32], [height, width]: [usize; 2], full: [usize; 2], out: &mut Vec<f32>) {
+    let channels = image.len() / (height * width).max(1);
+    out.clear();
+    for y in 0..full[0] {
+        let row = &image[y.min(height - 1) * width * channels..][..width * channels];
+        out.extend_from_slice(row);
+        for _ in width..full[1] {
+            out.extend_from_slice(&row[row.len() - channels..]);
+        }
     }
 }

@@ -47,8 +47,10 @@ impl LearnedSuperSampler {
         self.features.set(now, previous)?;
         out.resize(now.image.width(), now.image.height());
         let images = self.features.named(now.image);
+        let hr = [now.image.height(), now.image.width()];
         self.network.run(
             [now.gbuffer.height(), now.gbuffer.width()],
+            hr,
             &images,
             out.pixels_mut().as_flattened_mut(),
         )
