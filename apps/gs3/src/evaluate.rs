@@ -69,7 +69,7 @@ pub struct EvaluateArgs {
     /// (super_sample_balanced_x4.safetensors, interpolate_balanced_x4.safetensors, …)
     #[arg(long, value_name = "DIR")]
     pub weights: Option<PathBuf>,
-    /// Also judge by ColorVideoVDP (JOD), which takes about as long as everything else
+    /// Also judge by ColorVideoVDP (JOD), the middle 1280x720 pixels of all frames, which takes longer
     #[arg(long)]
     pub jod: bool,
     /// Folder for report.html, results.json, table.md and what an interrupted run resumes from

@@ -63,7 +63,7 @@ pub struct Protocol {
     pub warm_up_frames: usize,
     /// Folder with weights, as [`MethodSettings::weights`].
     pub weights: Option<PathBuf>,
-    /// Whether ColorVideoVDP judges, too: it takes longer than everything else together.
+    /// Whether ColorVideoVDP judges, too. It looks at all frames of a method at once, in memory.
     pub jod: bool,
     /// The command that was given, for the report.
     pub command: String,
