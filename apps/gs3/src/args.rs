@@ -10,6 +10,7 @@ use gs3::scene::camera::MAX_SIDE;
 use gs3::{Culling, Dilation, Mode, PipelineSettings, Sampling};
 
 use crate::evaluate::EvaluateArgs;
+use crate::export::ExportArgs;
 use crate::simplify::SimplifyArgs;
 use crate::train::TrainArgs;
 use crate::train_clips::ClipsArgs;
@@ -43,6 +44,8 @@ pub enum Command {
     /// Train networks
     #[command(subcommand)]
     Train(Train),
+    /// Write a network with its weights as an ONNX file
+    Export(ExportArgs),
 }
 
 #[derive(Debug, Subcommand)]

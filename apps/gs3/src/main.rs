@@ -13,6 +13,7 @@ mod convert;
 mod devices;
 mod error;
 mod evaluate;
+mod export;
 mod gbuffer;
 mod info;
 mod inputs;
@@ -70,6 +71,7 @@ fn main() -> ExitCode {
         Command::Train(Train::Clips(args)) => train_clips::run(args),
         Command::Train(Train::SuperSample(args)) => train::run(Network::SuperSample, args),
         Command::Train(Train::Interpolate(args)) => train::run(Network::Interpolate, args),
+        Command::Export(args) => export::run(args),
     };
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

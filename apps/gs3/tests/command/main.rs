@@ -3,6 +3,7 @@
 
 mod backend;
 mod bad_input;
+mod export;
 mod frames;
 mod scenes;
 mod simplify;
