@@ -17,6 +17,8 @@ use std::process::{Command, Output};
 /// The command, in `folder`, with whatever `gs3 {arguments}` is split into at blanks.
 fn gs3(folder: &Path, arguments: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_gs3"));
+    // Mesa's layer of device selection writes a line of its own where there is none.
+    command.env("XDG_RUNTIME_DIR", std::env::temp_dir());
     command.current_dir(folder).args(arguments.split_ascii_whitespace());
     command
 }
