@@ -98,6 +98,44 @@ impl Gather {
         Some(even + odd)
     }
 
+    /// Four rows of four pixels, the first at `(x, y)`; `None` near the border.
+    #[inline(always)]
+    pub fn patch<S: Simd>(&self, simd: S, image: &Image, [x, y]: [i32; 2]) -> Option<[f32x16<S>; QUAD]> {
+        let ((x_weights, column), (y_weights, row)) = (self.place(x), self.place(y));
+        let (width, height) = (image.width(), image.height());
+        let inside = column >= 0
+            && row >= 0
+            && column as usize + 2 * QUAD <= width
+            && row as usize + 2 * QUAD <= height + 1;
+        if !inside {
+            return None;
+        }
+        let start = row as usize * width + column as usize;
+        // One check for all loads.
+        let pixels = image.pixels()[start..start + (2 * QUAD - 2) * width + 2 * QUAD].as_flattened();
+        let (mut left, mut right) = ([f32x16::splat(simd, 0.0); QUAD], [f32x16::splat(simd, 0.0); QUAD]);
+        for k in 0..2 * QUAD - 1 {
+            let at = 4 * k * width;
+            let a = f32x16::from_slice(simd, &pixels[at..at + 16]);
+            let b = f32x16::from_slice(simd, &pixels[at + 16..at + 32]);
+            for r in 0..QUAD {
+                if k >= r && k < r + QUAD {
+                    let weight = y_weights[4 * (k - r)];
+                    left[r] = a.mul_add(weight, left[r]);
+                    right[r] = b.mul_add(weight, right[r]);
+                }
+            }
+        }
+        let mut quads = left;
+        for r in 0..QUAD {
+            let (a, b) = (left[r], right[r]);
+            let odd = (a.slide::<4>(b)).mul_add(x_weights[4], a * x_weights[0]);
+            let even = (a.slide::<12>(b)).mul_add(x_weights[12], a.slide::<8>(b) * x_weights[8]);
+            quads[r] = odd + even;
+        }
+        Some(quads)
+    }
+
     #[cold]
     #[inline(never)]
     fn pixel_at_border(&self, image: &Image, [x, y]: [i32; 2]) -> [f32; 4] {

@@ -4,17 +4,18 @@
 //! needs the mixed derivative as well, which is estimated from the gradients of the neighbours where it was not
 //! rendered: ½ (Δx I_y + Δy I_x), as in UpscaleGS.
 
-use fearless_simd::{Level, Simd, dispatch, f32x4, prelude::*};
+use std::ops::Range;
+
+use fearless_simd::{Level, Simd, dispatch, f32x4, f32x16, prelude::*};
 use gs3_scene::{GBuffer, Image, Planes};
 use rayon::prelude::*;
 
 use crate::error::{ReconstructError, check_gbuffer, check_scale, image_size};
+use crate::lanes::repeat;
 use crate::lattice::{Axis, Place};
 use crate::resample::clamped;
 use crate::samples::{SampleFrame, rgb_rows};
-
-/// Samples repeated on each side of a row: jitter of one LR pixel reaches two samples out.
-const PAD: usize = 2;
+use crate::tile::{PAD_X, STRIDE, TILE_WIDTH};
 
 /// Enlarges `gbuffer` by `scale` into `out`, whose size says how large. Outside the LR frame the border colour goes on,
 /// flat. The fourth channel becomes 0.
@@ -30,15 +31,17 @@ pub fn hermite(gbuffer: &GBuffer, scale: u32, out: &mut Image) -> Result<(), Rec
     surface.set(&frame, gbuffer, scale);
     let width = out.width();
     let level = Level::new();
-    out.pixels_mut().par_chunks_exact_mut(width).enumerate().for_each_init(
-        Cubics::default,
-        |scratch, (y, row)| {
-            dispatch!(level, simd => surface.row(simd, &frame, y, &[1.0; crate::MAX_SCALE as usize], scratch, row));
-            for pixel in row {
-                pixel[3] = 0.0;
+    out.pixels_mut().par_chunks_exact_mut(width).enumerate().with_min_len(8).for_each(|(y, row)| {
+        let (mut columns, mut part) = (Columns::new(), [[0.0; 4]; STRIDE]);
+        for (left, out) in (0..).step_by(TILE_WIDTH).zip(row.chunks_mut(TILE_WIDTH)) {
+            let pixels = left..left + out.len();
+            let factors = [1.0; crate::MAX_SCALE as usize];
+            dispatch!(level, simd => surface.row(simd, &frame, y, pixels, &factors, &mut columns, &mut part));
+            for (to, [r, g, b, _]) in out.iter_mut().zip(&part[PAD_X..]) {
+                *to = [*r, *g, *b, 0.0];
             }
-        },
-    );
+        }
+    });
     Ok(())
 }
 
@@ -50,15 +53,23 @@ pub(crate) struct Surface {
     scale: f32,
     x_axis: Axis,
     y_axis: Axis,
-    /// Weights of `[value₀, slope₀, value₁, slope₁]` for each phase along x.
+    /// The first pixel of cell 0, between samples 0 and 1; the others follow, `scale` pixels each.
+    x_first: isize,
+    /// Weights of `[value₀, slope₀, value₁, slope₁]` for the pixels of a cell, from its first on.
     x_weights: Vec<[f32; 4]>,
 }
 
-/// One row of cubics along x: value and slope at each LR column, `PAD` columns repeated at each side.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Cubics {
-    values: Vec<[f32; 4]>,
-    slopes: Vec<[f32; 4]>,
+/// Cubics along x: value and slope at each LR column that a row of a tile needs.
+#[derive(Clone, Debug)]
+pub(crate) struct Columns {
+    values: [[f32; 4]; TILE_WIDTH + 1],
+    slopes: [[f32; 4]; TILE_WIDTH + 1],
+}
+
+impl Columns {
+    pub const fn new() -> Self {
+        Self { values: [[0.0; 4]; TILE_WIDTH + 1], slopes: [[0.0; 4]; TILE_WIDTH + 1] }
+    }
 }
 
 impl Surface {
@@ -67,20 +78,31 @@ impl Surface {
         self.scale = scale as f32;
         self.x_axis.set(scale, frame.jitter[0]);
         self.y_axis.set(scale, frame.jitter[1]);
+        // Fractions grow along a cell.
+        let phases = self.x_axis.phases().iter().enumerate();
+        let first = phases.min_by(|(_, a), (_, b)| a.fraction.total_cmp(&b.fraction));
+        let (phase, place) =
+            first.map_or((0, Place { index: 0, fraction: 0.0 }), |(phase, place)| (phase, *place));
+        self.x_first = phase as isize - place.index * scale as isize;
         self.x_weights.clear();
-        self.x_weights.extend(self.x_axis.phases().iter().map(|place| weights(place.fraction, self.scale)));
+        for k in 0..scale as usize {
+            let place = self.x_axis.place(phase + k);
+            self.x_weights.push(weights(place.fraction, self.scale));
+        }
         let (width, height) = (frame.width, frame.height);
         self.mixed.resize(width * height, [0.0; 4]);
         let given = gbuffer.gradients.as_ref().and_then(|g| g.color_dxdy.as_ref());
-        self.mixed.par_chunks_exact_mut(width).enumerate().for_each(|(y, row)| match given {
+        self.mixed.par_chunks_exact_mut(width).enumerate().with_min_len(8).for_each(|(y, row)| match given {
             Some(planes) => interleave(planes, y, 1.0 / (self.scale * self.scale), row),
             None => estimate_mixed(frame, self.scale, y, row),
         });
     }
 
-    /// The places of the pixels of one period along x.
-    pub fn x_phases(&self) -> &[Place] {
-        self.x_axis.phases()
+    /// The places of the pixels of a cell along x, from its first on.
+    pub fn x_fractions(&self) -> impl Iterator<Item = f32> {
+        (0..self.x_weights.len()).map(|k| {
+            self.x_axis.place(self.x_first.rem_euclid(self.x_weights.len() as isize) as usize + k).fraction
+        })
     }
 
     /// The place of HR row `y`.
@@ -88,37 +110,62 @@ impl Surface {
         self.y_axis.place(y)
     }
 
-    /// Interpolates HR row `y` into `out`, `[HR width]`: RGB and 1, times the pixel's entry in `factors`, which holds one
-    /// for each pixel of a period.
+    /// Interpolates `pixels`, at most [`TILE_WIDTH`], of HR row `y` into `out` from [`PAD_X`] on: RGB and 1, times the
+    /// pixel's entry in `factors`, which holds one for each pixel of a cell. What `out` holds around them afterwards is
+    /// not specified.
     #[inline(always)]
     pub fn row<S: Simd>(
         &self,
         simd: S,
         frame: &SampleFrame,
         y: usize,
+        pixels: Range<usize>,
         factors: &[f32; crate::MAX_SCALE as usize],
-        cubics: &mut Cubics,
+        columns: &mut Columns,
         out: &mut [[f32; 4]],
     ) {
-        self.blend_rows(simd, frame, y, cubics);
+        /// Pixels of a vector.
+        const QUAD: usize = 4;
         let scale = self.x_weights.len();
-        for (phase, (place, weights)) in self.x_axis.phases().iter().zip(&self.x_weights).enumerate() {
-            let [w0, w1, w2, w3] = weights.map(|w| f32x4::splat(simd, w * factors[phase]));
-            // Cell −2 is the first that jitter of one LR pixel can reach.
-            let first = PAD.wrapping_add_signed(place.index);
-            let cells = cubics.values[first..].windows(2).zip(cubics.slopes[first..].windows(2));
-            for (pixel, (values, slopes)) in out.iter_mut().skip(phase).step_by(scale).zip(cells) {
-                let [v0, v1] = [0, 1].map(|k| f32x4::load_array(simd, values[k]));
-                let [s0, s1] = [0, 1].map(|k| f32x4::load_array(simd, slopes[k]));
-                let value = v0.mul_add(w0, s0.mul_add(w1, v1.mul_add(w2, s1 * w3)));
-                *pixel = value.to_array();
+        let [first, last] = [pixels.start, pixels.end - 1].map(|x| self.x_axis.place(x).index);
+        let count = (last - first) as usize + 1;
+        self.blend_rows(simd, frame, y, first, &mut columns.values[..=count], &mut columns.slopes[..=count]);
+        let mut weights = [[[0.0; 4 * QUAD]; 4]; crate::MAX_SCALE as usize / QUAD];
+        for (k, (taps, factor)) in self.x_weights.iter().zip(factors).enumerate() {
+            for (weights, tap) in weights[k / QUAD].iter_mut().zip(taps) {
+                weights[4 * (k % QUAD)..][..4].fill(tap * factor);
+            }
+        }
+        // Place in `out` of the first pixel of a cell; those of the first cell may lie before the first pixel wanted.
+        let start = self.x_first + first * scale as isize - pixels.start as isize + PAD_X as isize;
+        for cell in 0..count {
+            let [v0, v1] = [&columns.values[cell], &columns.values[cell + 1]];
+            let [s0, s1] = [&columns.slopes[cell], &columns.slopes[cell + 1]];
+            let (v0, v1) = (repeat(simd, v0), repeat(simd, v1));
+            let (s0, s1) = (repeat(simd, s0), repeat(simd, s1));
+            for (group, weights) in weights[..scale.div_ceil(QUAD)].iter().enumerate() {
+                let weight = |k: usize| f32x16::load_array_ref(simd, &weights[k]);
+                let value =
+                    v0.mul_add(weight(0), s0.mul_add(weight(1), v1.mul_add(weight(2), s1 * weight(3))));
+                // What a cell has less than whole vectors, the next one writes over.
+                let at = start as usize + cell * scale + group * QUAD;
+                value.store_slice(out[at..at + QUAD].as_flattened_mut());
             }
         }
     }
 
-    /// The cubics along x at the height of HR row `y`.
+    /// The cubics along x at the height of HR row `y`, from LR column `first` on; beyond the border, the nearest column
+    /// is repeated, flat along.
     #[inline(always)]
-    fn blend_rows<S: Simd>(&self, simd: S, frame: &SampleFrame, y: usize, cubics: &mut Cubics) {
+    fn blend_rows<S: Simd>(
+        &self,
+        simd: S,
+        frame: &SampleFrame,
+        y: usize,
+        first: isize,
+        values: &mut [[f32; 4]],
+        slopes: &mut [[f32; 4]],
+    ) {
         let Place { index, fraction } = self.y_axis.place(y);
         let mut weights = weights(fraction, self.scale);
         let [j0, j1] = [index, index + 1].map(|j| clamped(j, frame.height));
@@ -128,29 +175,28 @@ impl Surface {
                 weights[k] = 0.0;
             }
         }
-        let [w0, w1, w2, w3] = weights.map(|w| f32x4::splat(simd, w));
+        let weight = |k: usize| f32x4::splat(simd, weights[k]);
+        let (w0, w1, w2, w3) = (weight(0), weight(1), weight(2), weight(3));
         let width = frame.width;
-        cubics.values.resize(width + 2 * PAD, [0.0; 4]);
-        cubics.slopes.resize(width + 2 * PAD, [0.0; 4]);
         let [row0, row1] = [j0, j1].map(|j| &frame.samples[j * width..][..width]);
         let [mixed0, mixed1] = [j0, j1].map(|j| &self.mixed[j * width..][..width]);
-        let values = &mut cubics.values[PAD..][..width];
-        let slopes = &mut cubics.slopes[PAD..][..width];
-        for i in 0..width {
+        for (i, (value, slope)) in (first..).zip(values.iter_mut().zip(slopes)) {
+            let inside = clamped(i, width);
             let load = |v: &[f32; 4]| f32x4::load_array_ref(simd, v);
-            let (a, b) = (&row0[i], &row1[i]);
-            let value = load(&a.color)
-                .mul_add(w0, load(&a.dy).mul_add(w1, load(&b.color).mul_add(w2, load(&b.dy) * w3)));
-            let slope = load(&a.dx)
-                .mul_add(w0, load(&mixed0[i]).mul_add(w1, load(&b.dx).mul_add(w2, load(&mixed1[i]) * w3)));
-            values[i] = value.to_array();
-            slopes[i] = slope.to_array();
+            let (a, b) = (&row0[inside], &row1[inside]);
+            *value = load(&a.color)
+                .mul_add(w0, load(&a.dy).mul_add(w1, load(&b.color).mul_add(w2, load(&b.dy) * w3)))
+                .to_array();
+            *slope = load(&a.dx)
+                .mul_add(
+                    w0,
+                    load(&mixed0[inside]).mul_add(w1, load(&b.dx).mul_add(w2, load(&mixed1[inside]) * w3)),
+                )
+                .to_array();
+            if i != inside as isize {
+                *slope = [0.0; 4];
+            }
         }
-        let (first, last) = (cubics.values[PAD], cubics.values[PAD + width - 1]);
-        cubics.values[..PAD].fill(first);
-        cubics.values[PAD + width..].fill(last);
-        cubics.slopes[..PAD].fill([0.0; 4]);
-        cubics.slopes[PAD + width..].fill([0.0; 4]);
     }
 }
 

@@ -13,7 +13,7 @@ use crate::gather::Gather;
 use crate::middle_depth::MiddleDepth;
 use crate::neighbor_depth::NeighborDepth;
 use crate::reprojection::Reprojection;
-use crate::warp::{BAND, Parts, Warp};
+use crate::warp::{Parts, Warp, band_top, bands};
 
 /// A reconstructed frame beside the one to be interpolated.
 #[derive(Clone, Copy, Debug)]
@@ -88,8 +88,9 @@ impl Interpolator {
         let warp = self.prepare(before, after, t, camera)?;
         let (width, height) = camera_size(camera);
         out.resize(width, height);
-        out.pixels_mut().par_chunks_mut(width * BAND).enumerate().for_each(|(band, rows)| {
-            dispatch!(level, simd => warp.blend(simd, band * BAND, rows));
+        let scale = warp.scale;
+        bands(scale, width, out.pixels_mut()).enumerate().for_each(|(band, rows)| {
+            dispatch!(level, simd => warp.blend(simd, band_top(scale, band), rows));
         });
         Ok(())
     }
@@ -118,14 +119,14 @@ impl Interpolator {
         out.share.resize(width, height);
         out.visibility.resize(width, height);
         let (visibility_before, visibility_after) = out.visibility.data_mut().split_at_mut(width * height);
-        let band = width * BAND;
+        let scale = warp.scale;
         let images =
-            out.before.pixels_mut().par_chunks_mut(band).zip(out.after.pixels_mut().par_chunks_mut(band));
-        let visibility = visibility_before.par_chunks_mut(band).zip(visibility_after.par_chunks_mut(band));
-        let bands = images.zip(visibility).zip(out.share.data_mut().par_chunks_mut(band)).enumerate();
-        bands.for_each(|(band, ((images, visibility), share))| {
+            bands(scale, width, out.before.pixels_mut()).zip(bands(scale, width, out.after.pixels_mut()));
+        let visibility = bands(scale, width, visibility_before).zip(bands(scale, width, visibility_after));
+        let all = images.zip(visibility).zip(bands(scale, width, out.share.data_mut())).enumerate();
+        all.for_each(|(band, ((images, visibility), share))| {
             let parts = Parts { images: images.into(), visibility: visibility.into(), share };
-            dispatch!(level, simd => warp.separate(simd, band * BAND, parts));
+            dispatch!(level, simd => warp.separate(simd, band_top(scale, band), parts));
         });
         Ok(())
     }

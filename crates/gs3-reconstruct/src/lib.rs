@@ -42,20 +42,24 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod boxes;
 mod error;
 mod gather;
 mod hermite;
 mod interpolate;
+mod lanes;
 mod lattice;
 mod middle_depth;
 mod motion;
 mod neighbor_depth;
 mod plausible;
+mod prefetch;
 mod reprojection;
 mod resample;
 mod samples;
 mod splat;
 mod super_sample;
+mod tile;
 mod warp;
 
 pub use error::ReconstructError;

@@ -6,7 +6,8 @@ use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, prelude::*};
 use gs3_scene::Camera;
 use rayon::prelude::*;
 
-use crate::neighbor_depth::NeighborDepth;
+use crate::lanes::{repeat, spread};
+use crate::neighbor_depth::{NeighborDepth, SAME_SURFACE};
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
 
 /// Inverse depths at the pixel centres of the LR grid of the middle frame.
@@ -14,14 +15,30 @@ use crate::reprojection::{MIN_DIVISOR, Reprojection};
 pub(crate) struct MiddleDepth {
     pub width: usize,
     pub height: usize,
+    scale: usize,
     /// `[height, width]`, ≥ 0.
     pub inverse: Vec<f32>,
+    /// Where HR columns are among the samples, from column −[`MARGIN`] on.
+    columns: Vec<Place>,
+    /// The same for rows.
+    rows: Vec<Place>,
     /// The nearest inverse depth splatted, as [`encode`]d bits.
     splatted: Vec<AtomicU32>,
     /// Holes being filled, and the depths they get.
     ring: Vec<(usize, f32)>,
     /// The holes beside those.
     next: Vec<(usize, f32)>,
+}
+
+/// HR columns and rows outside the image whose depths may be asked for, on either side. They are those at the border.
+const MARGIN: usize = 64;
+
+/// Where an HR column or row is: between two samples, which are one outside of the first and the last.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    samples: [u32; 2],
+    /// `[0, 1)` of the way.
+    fraction: f32,
 }
 
 impl MiddleDepth {
@@ -35,6 +52,9 @@ impl MiddleDepth {
         scale: u32,
     ) {
         (self.width, self.height) = (neighbors[0].width, neighbors[0].height);
+        self.scale = scale as usize;
+        set_places(&mut self.columns, self.width, scale as usize);
+        set_places(&mut self.rows, self.height, scale as usize);
         self.splatted.resize_with(self.width * self.height, || AtomicU32::new(HOLE));
         self.splatted.par_iter_mut().with_min_len(1 << 14).for_each(|v| *v.get_mut() = HOLE);
         for (neighbor, from) in neighbors.iter().zip(cameras) {
@@ -49,6 +69,66 @@ impl MiddleDepth {
         let inverse = self.inverse.par_iter_mut().zip(&self.splatted).with_min_len(1 << 14);
         inverse.for_each(|(inverse, bits)| *inverse = decode(bits.load(Relaxed)));
         self.fill_holes();
+    }
+
+    /// Inverse depths at the sixteen HR pixels in row `y` from column `x` on, `step` apart.
+    #[inline(always)]
+    pub fn along_row<S: Simd>(&self, simd: S, x: isize, step: usize, y: isize) -> f32x16<S> {
+        let Place { samples: rows, fraction } = self.rows[(y + MARGIN as isize) as usize];
+        let row = |j: u32| &self.inverse[j as usize * self.width..][..self.width];
+        let (above, below) = (row(rows[0]), row(rows[1]));
+        let places = &self.columns[(x + MARGIN as isize) as usize..];
+        // Sixteen cells in a row, as at scale 4, all but at the borders.
+        let ([left, right], [last, _]) = (places[0].samples, places[15 * step].samples);
+        let (left, right) = (left as usize, right as usize);
+        if step == self.scale && last as usize == left + 15 && right == left + 1 && right + 16 <= self.width {
+            let load = |values: &[f32]| f32x16::from_slice(simd, &values[..16]);
+            let samples =
+                [load(&above[left..]), load(&above[right..]), load(&below[left..]), load(&below[right..])];
+            let fractions = [f32x16::splat(simd, places[0].fraction), f32x16::splat(simd, fraction)];
+            return between(samples, fractions);
+        }
+        let (mut found, mut fractions) = ([[0.0; 16]; 4], [0.0; 16]);
+        let places = places.iter().step_by(step);
+        for (k, place) in places.take(16).enumerate() {
+            let [left, right] = place.samples.map(|i| i as usize);
+            fractions[k] = place.fraction;
+            (found[0][k], found[1][k]) = (above[left], above[right]);
+            (found[2][k], found[3][k]) = (below[left], below[right]);
+        }
+        let load = |values: &[f32; 16]| f32x16::load_array_ref(simd, values);
+        let samples = [load(&found[0]), load(&found[1]), load(&found[2]), load(&found[3])];
+        between(samples, [load(&fractions), f32x16::splat(simd, fraction)])
+    }
+
+    /// Inverse depths at the 4×4 HR pixels from `(x, y)` on, row by row.
+    #[inline(always)]
+    pub fn in_patch<S: Simd>(&self, simd: S, x: isize, y: isize) -> f32x16<S> {
+        let columns = &self.columns[(x + MARGIN as isize) as usize..][..4];
+        let rows = &self.rows[(y + MARGIN as isize) as usize..][..4];
+        if columns[0].samples == columns[3].samples && rows[0].samples == rows[3].samples {
+            let [left, right] = columns[0].samples.map(|i| i as usize);
+            let [above, below] =
+                rows[0].samples.map(|j| &self.inverse[j as usize * self.width..][..self.width]);
+            let splat = |v: f32| f32x16::splat(simd, v);
+            let samples = [splat(above[left]), splat(above[right]), splat(below[left]), splat(below[right])];
+            let of_columns = [0, 1, 2, 3].map(|k| columns[k].fraction);
+            let of_rows = [0, 1, 2, 3].map(|k| rows[k].fraction);
+            return between(samples, [repeat(simd, &of_columns), spread(simd, &of_rows)]);
+        }
+        let (mut found, mut fractions) = ([[0.0; 16]; 4], [[0.0; 16]; 2]);
+        for (r, row) in rows.iter().enumerate() {
+            let [above, below] = row.samples.map(|j| &self.inverse[j as usize * self.width..][..self.width]);
+            for (c, column) in columns.iter().enumerate() {
+                let ([left, right], k) = (column.samples.map(|i| i as usize), 4 * r + c);
+                (fractions[0][k], fractions[1][k]) = (column.fraction, row.fraction);
+                (found[0][k], found[1][k]) = (above[left], above[right]);
+                (found[2][k], found[3][k]) = (below[left], below[right]);
+            }
+        }
+        let load = |values: &[f32; 16]| f32x16::load_array_ref(simd, values);
+        let samples = [load(&found[0]), load(&found[1]), load(&found[2]), load(&found[3])];
+        between(samples, [load(&fractions[0]), load(&fractions[1])])
     }
 
     /// Splats a row of samples at HR height `y`.
@@ -70,7 +150,7 @@ impl MiddleDepth {
             padded[..depths.len()].copy_from_slice(depths);
             let w = f32x16::load_array(simd, padded);
             let x = (lanes + splat((16 * run) as f32)) * splat(scale);
-            let [u, v, q] = reprojection.apply_16(simd, x, y, w);
+            let [u, v, q] = reprojection.apply_16(simd, x, splat(y), w);
             let (u, v) = (u * splat(1.0 / scale), v * splat(1.0 / scale));
             let is_inside = q.simd_gt(splat(MIN_DIVISOR))
                 & u.simd_ge(splat(0.0))
@@ -130,6 +210,32 @@ impl MiddleDepth {
             std::mem::swap(ring, next);
         }
     }
+}
+
+/// Finds the places of all HR columns (or rows) of `len` samples `scale` apart, and of [`MARGIN`] more on either side.
+fn set_places(places: &mut Vec<Place>, len: usize, scale: usize) {
+    places.clear();
+    places.extend((0..len * scale + 2 * MARGIN).map(|k| {
+        let x = k.saturating_sub(MARGIN).min(len * scale - 1);
+        // Cell c lies between samples c − 1 and c.
+        let (cell, phase) = ((x + scale - scale / 2) / scale, (x + scale - scale / 2) % scale);
+        let samples = [cell.saturating_sub(1), cell].map(|i| i.min(len - 1) as u32);
+        let fraction = (phase as f32 + 0.5 + (scale / 2) as f32) / scale as f32 - 0.5;
+        Place { samples, fraction }
+    }));
+}
+
+/// Inverse depths between the samples `a b` above and `c d` below, `(x, y)` of the way: linear within a surface, the nearest
+/// sample's at an edge.
+#[inline(always)]
+fn between<S: Simd>([a, b, c, d]: [f32x16<S>; 4], [x, y]: [f32x16<S>; 2]) -> f32x16<S> {
+    let (far, near) = (a.min(b).min(c.min(d)), a.max(b).max(c.max(d)));
+    let (left, right) = ((c - a).mul_add(y, a), (d - b).mul_add(y, b));
+    let linear = (right - left).mul_add(x, left);
+    let is_above = y.simd_lt(0.5);
+    let (left, right) = (is_above.select(a, c), is_above.select(b, d));
+    let nearest = x.simd_lt(0.5).select(left, right);
+    (near - far).simd_le(near * SAME_SURFACE).select(linear, nearest)
 }
 
 /// No sample.

@@ -190,7 +190,7 @@ impl Target<'_> {
     ) -> [f32x16<S>; 3] {
         let splat = |v: f32| f32x16::splat(simd, v);
         let index = f32x16::from_fn(simd, |k| k as f32) + splat(column as f32);
-        let (x, y) = (index + splat(0.5 + jitter[0]), row as f32 + 0.5 + jitter[1]);
+        let (x, y) = (index + splat(0.5 + jitter[0]), splat(row as f32 + 0.5 + jitter[1]));
         let [u, v, q] = reprojection.apply_16(simd, x, y, w);
         let (width, height) = (splat(self.width as f32), splat(self.height as f32));
         let is_inside = q.simd_gt(splat(MIN_DIVISOR))
@@ -200,7 +200,7 @@ impl Target<'_> {
             & v.simd_le(height);
         // Differences first, so that what rests has no flow, whatever the rounding of its position.
         let flow_x = u - x + splat(jitter[0] - self.jitter[0]);
-        let flow_y = v - splat(y) + splat(jitter[1] - self.jitter[1]);
+        let flow_y = v - y + splat(jitter[1] - self.jitter[1]);
         let place = |place: f32x16<S>, len: usize| {
             // In this order, NaN becomes 0.
             let place = place.max(splat(0.0)).min(splat((len - 1) as f32));

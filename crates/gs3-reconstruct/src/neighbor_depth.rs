@@ -1,9 +1,10 @@
 //! What a neighbour of an interpolated frame sees at which depth.
 
-use fearless_simd::{Simd, f32x16, i32x16, prelude::*, u8x64};
+use fearless_simd::{Simd, f32x16, prelude::*};
 use gs3_scene::{GBuffer, Geometry};
 use rayon::prelude::*;
 
+use crate::lanes::{WINDOW, look_up, window_bytes};
 use crate::reprojection::inverse_depth;
 
 /// Relative difference of inverse depths up to which they belong to one surface.
@@ -19,8 +20,8 @@ pub(crate) const HIDDEN: f32 = 1e-5;
 
 const LANES: usize = 16;
 
-/// Cells before that of the first lane which [`NeighborDepth::visibility`] loads along: positions need not increase along a row.
-const BACK: f32 = 4.0;
+/// Cells of a row looked up before that of the first point: positions need not increase along a row.
+const BACK: f32 = 8.0;
 
 /// Inverse median depths of an LR grid whose samples lie `jitter` off the pixel centres.
 #[derive(Debug, Default)]
@@ -31,7 +32,7 @@ pub(crate) struct NeighborDepth {
     /// `[height, width]`, ≥ 0.
     pub inverse: Vec<f32>,
     /// Smallest inverse depth visible in cell `(i, j)`, between samples `(i, j)` and `(i + 1, j + 1)`: `[height, width]`,
-    /// and a vector more, so that one can be loaded from any place.
+    /// and a window more, so that one can be loaded from any place.
     far: Vec<f32>,
     /// The largest, likewise.
     near: Vec<f32>,
@@ -47,8 +48,8 @@ impl NeighborDepth {
         let depths = geometry.depth_median.data();
         let inverse = self.inverse.par_iter_mut().zip(depths).with_min_len(1 << 14);
         inverse.for_each(|(w, &z)| *w = inverse_depth(z));
-        self.far.resize(size + LANES, 0.0);
-        self.near.resize(size + LANES, 0.0);
+        self.far.resize(size + WINDOW, 0.0);
+        self.near.resize(size + WINDOW, 0.0);
         let inverse = &self.inverse;
         let far = self.far[..size].par_chunks_exact_mut(width);
         let near = self.near[..size].par_chunks_exact_mut(width);
@@ -64,42 +65,78 @@ impl NeighborDepth {
     }
 
     /// How well points at HR positions `(u, v)`, pixel centres at whole numbers, and inverse depths `w` are seen: 1,
-    /// [`SILHOUETTE`] or [`HIDDEN`]. Outside, the depths at the border decide.
+    /// [`SILHOUETTE`] or [`HIDDEN`]. Outside, the depths at the border decide. The points are about in a row.
     #[inline(always)]
-    pub fn visibility<S: Simd>(&self, simd: S, [u, v, w]: [f32x16<S>; 3], scale: f32) -> f32x16<S> {
-        let splat = |v: f32| f32x16::splat(simd, v);
-        let cell = |x: f32x16<S>, jitter: f32, len: usize| {
-            let place = x.mul_add(splat(1.0 / scale), splat(0.5 / scale - 0.5 - jitter));
-            // In this order, NaN becomes 0.
-            place.max(splat(0.0)).min(splat((len - 1) as f32)).floor()
-        };
-        let (i, j) = (cell(u, self.jitter[0], self.width), cell(v, self.jitter[1], self.height));
+    pub fn visibility_along<S: Simd>(&self, simd: S, [u, v, w]: [f32x16<S>; 3], scale: f32) -> f32x16<S> {
+        let [i, j] = self.cells(simd, [u, v], scale);
         let (row, column) = (j[0], (i[0] - BACK).max(0.0));
-        let ahead = i - splat(column);
-        let is_near = ahead.simd_ge(splat(0.0)) & ahead.simd_lt(splat(LANES as f32)) & j.simd_eq(splat(row));
+        let ahead = i - column;
+        let is_near = ahead.simd_ge(0.0) & ahead.simd_lt(WINDOW as f32) & j.simd_eq(row);
+        if !is_near.all_true() {
+            return self.visibility_anywhere(simd, [i, j, w]);
+        }
         let start = row as usize * self.width + column as usize;
-        let (far, near) = match (self.far.get(start..start + LANES), self.near.get(start..start + LANES)) {
-            (Some(far), Some(near)) if is_near.all_true() => {
-                // Sixteen pixels of a row mostly lie in a few cells of one row: a load, and bytes put in place.
-                let lanes: i32x16<S> = ahead.to_int();
-                let bytes = lanes * i32x16::splat(simd, 0x0404_0404) + i32x16::splat(simd, 0x0302_0100);
-                let bytes: u8x64<S> = bytes.bitcast();
-                (
-                    f32x16::from_slice(simd, far).swizzle_dyn(bytes),
-                    f32x16::from_slice(simd, near).swizzle_dyn(bytes),
-                )
-            }
-            _ => {
-                let (i, j) = (i.to_array(), j.to_array());
-                let cells: [usize; LANES] =
-                    std::array::from_fn(|k| j[k] as usize * self.width + i[k] as usize);
-                (
-                    f32x16::load_array(simd, cells.map(|cell| self.far[cell])),
-                    f32x16::load_array(simd, cells.map(|cell| self.near[cell])),
-                )
-            }
+        let bytes = window_bytes(ahead);
+        let (far, near) =
+            (look_up(simd, &self.far[start..], bytes), look_up(simd, &self.near[start..], bytes));
+        Self::judge(simd, w, far, near)
+    }
+
+    /// As [`Self::visibility_along`], of points that are close to each other.
+    #[inline(always)]
+    pub fn visibility_within<S: Simd>(&self, simd: S, [u, v, w]: [f32x16<S>; 3], scale: f32) -> f32x16<S> {
+        let [i, j] = self.cells(simd, [u, v], scale);
+        let splat = |v: f32| f32x16::splat(simd, v);
+        let (left, top) = (i.reduce_min(), j.reduce_min());
+        let (is_left, is_top) = (i.simd_eq(left), j.simd_eq(top));
+        let is_near = (is_left | i.simd_eq(left + 1.0)) & (is_top | j.simd_eq(top + 1.0));
+        if !is_near.all_true() {
+            return self.visibility_anywhere(simd, [i, j, w]);
+        }
+        // Four cells; those beyond the grid are not asked for, whatever stands in their place.
+        let start = top as usize * self.width + left as usize;
+        let below = start + self.width;
+        let [far, near] = [&self.far, &self.near].map(|values| {
+            let cell = |at: usize| values[at.min(values.len() - 1)];
+            [cell(start), cell(start + 1), cell(below), cell(below + 1)]
+        });
+        let far = is_left
+            .select(is_top.select(splat(far[0]), splat(far[2])), is_top.select(splat(far[1]), splat(far[3])));
+        let near = is_left.select(
+            is_top.select(splat(near[0]), splat(near[2])),
+            is_top.select(splat(near[1]), splat(near[3])),
+        );
+        Self::judge(simd, w, far, near)
+    }
+
+    /// The visibility of points of inverse depth `w` in cells `(i, j)`, anywhere.
+    #[inline(always)]
+    fn visibility_anywhere<S: Simd>(&self, simd: S, [i, j, w]: [f32x16<S>; 3]) -> f32x16<S> {
+        let (i, j) = (i.to_array(), j.to_array());
+        let (mut far, mut near) = ([0.0; LANES], [0.0; LANES]);
+        for k in 0..LANES {
+            let cell = j[k] as usize * self.width + i[k] as usize;
+            (far[k], near[k]) = (self.far[cell], self.near[cell]);
+        }
+        Self::judge(simd, w, f32x16::load_array(simd, far), f32x16::load_array(simd, near))
+    }
+
+    /// The cells, column and row, at HR positions; the nearest ones outside.
+    #[inline(always)]
+    fn cells<S: Simd>(&self, simd: S, [u, v]: [f32x16<S>; 2], scale: f32) -> [f32x16<S>; 2] {
+        let cell = |x: f32x16<S>, jitter: f32, len: usize| {
+            let place = x.mul_add(1.0 / scale, f32x16::splat(simd, 0.5 / scale - 0.5 - jitter));
+            // In this order, NaN becomes 0.
+            place.max(0.0).min((len - 1) as f32).floor()
         };
-        let one_surface = (near - far).simd_le(near * splat(4.0 * SAME_SURFACE));
+        [cell(u, self.jitter[0], self.width), cell(v, self.jitter[1], self.height)]
+    }
+
+    /// The visibility of points of inverse depth `w` where inverse depths from `far` to `near` are seen.
+    #[inline(always)]
+    fn judge<S: Simd>(simd: S, w: f32x16<S>, far: f32x16<S>, near: f32x16<S>) -> f32x16<S> {
+        let splat = |v: f32| f32x16::splat(simd, v);
+        let one_surface = (near - far).simd_le(near * (4.0 * SAME_SURFACE));
         let seen = one_surface.select(splat(1.0), splat(SILHOUETTE));
         (w.simd_ge(far) & w.simd_le(near)).select(seen, splat(HIDDEN))
     }

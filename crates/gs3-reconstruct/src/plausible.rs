@@ -6,10 +6,12 @@
 //! extrapolations span are unlikely. The range is the idea of the neighbourhood clamp of temporal anti-aliasing (Karis
 //! 2014, FSR 2), with exact gradients instead of neighbours, and a weight instead of a clamp.
 
-use fearless_simd::{Simd, f32x4, f32x16, i32x16, prelude::*};
+use fearless_simd::{Level, Simd, dispatch, f32x16, prelude::*};
+use gs3_scene::{GBuffer, Gradients};
 use rayon::prelude::*;
 
-use crate::samples::{Sample, SampleFrame};
+use crate::lanes::{WINDOW, look_up, window_bytes};
+use crate::samples::SampleFrame;
 
 /// Depths may exceed the farthest current one by this share: 2 % is the usual tolerance of reprojection.
 const DEPTH_TOLERANCE: f32 = 0.02;
@@ -18,7 +20,7 @@ const DEPTH_TOLERANCE: f32 = 0.02;
 /// is where the extrapolations of two neighbours meet.
 const EXTRAPOLATION: f32 = 0.5;
 
-/// Variance (in units of `Splatter`'s weights, pixel⁴) of a sample whose colour is off by the whole range (empirical:
+/// Variance (pixel⁴) of a sample whose colour is off by the whole range (empirical:
 /// 30 to 300 are alike).
 const MISMATCH: f32 = 100.0;
 
@@ -26,21 +28,23 @@ const MISMATCH: f32 = 100.0;
 /// cannot have become hidden; it lies in a gap that the current samples miss.
 const HIDDEN: f32 = 1e4;
 
-/// The range of one cell between four current samples.
-#[derive(Clone, Copy, Debug, Default)]
-#[repr(C, align(16))]
-struct Cell {
-    /// Lowest plausible RGB, −∞.
-    low: [f32; 4],
-    /// Highest plausible RGB, ∞.
-    high: [f32; 4],
-    /// Smallest inverse depth that is not hidden.
-    farthest: f32,
-    /// [`MISMATCH`] over the squared extent of the range.
-    gain: f32,
-}
+const LANES: usize = 16;
 
-/// Ranges of all cells, `[LR height, LR width]`: cell `(i, j)` lies between samples `i`, `i + 1` and `j`, `j + 1`.
+/// Cells of a row looked up before that of the first sample: positions need not increase along a row.
+const BACK: f32 = 8.0;
+
+/// What is known of a cell.
+const VALUES: usize = 8;
+/// Middles of the ranges of plausible red, green, blue: these and the next two.
+const MIDDLE: usize = 0;
+/// Half the extents of the ranges.
+const HALF: usize = 3;
+/// Smallest inverse depth that is not hidden.
+const FARTHEST: usize = 6;
+/// [`MISMATCH`] over the squared extent of the range.
+const GAIN: usize = 7;
+
+/// Ranges of all cells: cell `(i, j)` lies between samples `i`, `i + 1` and `j`, `j + 1`.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Plausible {
     width: usize,
@@ -48,95 +52,170 @@ pub(crate) struct Plausible {
     per_hr_pixel: f32,
     offset: [f32; 2],
     last: [f32; 2],
-    cells: Vec<Cell>,
+    /// `[LR height, VALUES, LR width]`, and a window more, so that one can be loaded from any place.
+    cells: Vec<f32>,
 }
 
 impl Plausible {
-    /// Makes this the ranges of `frame`, whose samples are `scale` HR pixels apart, reusing memory.
-    pub fn set(&mut self, frame: &SampleFrame, scale: u32) {
+    /// Makes this the ranges of `gbuffer`, whose samples are `frame`, `scale` HR pixels apart, reusing memory.
+    pub fn set(
+        &mut self,
+        level: Level,
+        gbuffer: &GBuffer,
+        gradients: &Gradients,
+        frame: &SampleFrame,
+        scale: u32,
+    ) {
         let (width, height) = (frame.width, frame.height);
         self.width = width;
         self.per_hr_pixel = 1.0 / scale as f32;
         // A position is given with pixel centres at whole numbers.
         self.offset = frame.jitter.map(|j| 0.5 * self.per_hr_pixel - 0.5 - j);
         self.last = [(width - 1) as f32, (height - 1) as f32];
-        self.cells.resize(width * height, Cell::default());
-        let reach = EXTRAPOLATION * scale as f32;
-        self.cells.par_chunks_exact_mut(width).enumerate().for_each(|(j, row)| {
+        let size = VALUES * width * height;
+        self.cells.resize(size + WINDOW, 0.0);
+        let rows = self.cells[..size].par_chunks_exact_mut(VALUES * width).enumerate().with_min_len(4);
+        rows.for_each(|(j, cells)| {
             let rows = [j, (j + 1).min(height - 1)];
-            let column = |i: usize| rows.map(|j| Range::of(&frame.samples[j * width + i], reach));
-            let depth = |i: usize| {
-                let [a, b] = rows.map(|j| frame.inverse_depth[j * width + i]);
-                a.min(b)
-            };
-            let mut left = (Range::join(column(0)), depth(0));
-            for (i, cell) in row.iter_mut().enumerate() {
-                let next = (i + 1).min(width - 1);
-                let right = (Range::join(column(next)), depth(next));
-                let Range { low, high } = Range::join([left.0, right.0]);
-                let extent: f32 = (0..3).map(|c| (high[c] - low[c]) * (high[c] - low[c])).sum();
-                let farthest = left.1.min(right.1) * (1.0 - DEPTH_TOLERANCE);
-                // Where nothing varies, rounding alone must not make a sample implausible.
-                let gain = MISMATCH / (extent + 1e-6);
-                *cell = Cell {
-                    low: [low[0], low[1], low[2], f32::NEG_INFINITY],
-                    high: [high[0], high[1], high[2], f32::INFINITY],
-                    farthest,
-                    gain,
-                };
-                left = right;
-            }
+            dispatch!(level, simd => {
+                join_rows(simd, gbuffer, gradients, frame, rows, cells);
+                join_columns(simd, width, cells);
+            });
         });
     }
 
-    /// The cells at sixteen HR positions, pixel centres at whole numbers; outside, the nearest cell.
+    /// The variances, pixel⁴, that the current frame gives sixteen past samples of colours `colors` seen now at HR
+    /// positions `(x, y)`, pixel centres at whole numbers, and inverse depths `w`. Outside, the nearest cells decide.
     #[inline(always)]
-    pub fn cell<S: Simd>(&self, x: f32x16<S>, y: f32x16<S>) -> i32x16<S> {
+    pub fn doubt<S: Simd>(&self, simd: S, [x, y, w]: [f32x16<S>; 3], colors: [&[f32]; 3]) -> f32x16<S> {
         let place = |x: f32x16<S>, axis: usize| {
-            let place = x * self.per_hr_pixel + self.offset[axis];
+            let place = x.mul_add(self.per_hr_pixel, f32x16::splat(simd, self.offset[axis]));
             // In this order, NaN becomes 0.
             place.max(0.0).min(self.last[axis]).floor()
         };
-        place(y, 1).to_int::<i32x16<S>>() * self.width as i32 + place(x, 0).to_int::<i32x16<S>>()
-    }
-
-    /// The variance, pixel⁴, that the current frame gives a past sample of colour `color` seen now in `cell` at inverse
-    /// depth `w`.
-    #[inline(always)]
-    pub fn doubt<S: Simd>(&self, simd: S, cell: i32, color: &[f32; 4], w: f32) -> f32 {
-        let cell = &self.cells[cell as usize];
-        if w < cell.farthest {
-            return HIDDEN;
+        let (i, j) = (place(x, 0), place(y, 1));
+        // Sixteen samples of a row mostly lie in sixteen cells of one row or two: loads, and bytes put in place.
+        let (row, column) = (j.reduce_min(), (i[0] - BACK).max(0.0));
+        let ahead = i - column;
+        let is_below = j.simd_gt(row);
+        let is_near = ahead.simd_ge(0.0) & ahead.simd_lt(WINDOW as f32) & j.simd_le(row + 1.0);
+        let mut values = [f32x16::splat(simd, 0.0); VALUES];
+        if is_near.all_true() {
+            let start = row as usize * VALUES * self.width + column as usize;
+            let bytes = window_bytes(ahead);
+            for (k, value) in values.iter_mut().enumerate() {
+                *value = look_up(simd, &self.cells[start + k * self.width..], bytes);
+            }
+            if is_below.any_true() {
+                let start = start + VALUES * self.width;
+                for (k, value) in values.iter_mut().enumerate() {
+                    let below = look_up(simd, &self.cells[start + k * self.width..], bytes);
+                    *value = is_below.select(below, *value);
+                }
+            }
+        } else {
+            let (i, j) = (i.to_array(), j.to_array());
+            for (k, value) in values.iter_mut().enumerate() {
+                let mut lanes = [0.0; LANES];
+                for (lane, value) in lanes.iter_mut().enumerate() {
+                    let row = j[lane] as usize * VALUES + k;
+                    *value = self.cells[row * self.width + i[lane] as usize];
+                }
+                *value = f32x16::load_array(simd, lanes);
+            }
         }
-        let [color, low, high] = [color, &cell.low, &cell.high].map(|v| f32x4::load_array_ref(simd, v));
-        let outside = (low - color).max(color - high).max(0.0);
-        (outside * outside).reduce_sum() * cell.gain
+        let mut sum = f32x16::splat(simd, 0.0);
+        for c in 0..3 {
+            let away = (f32x16::from_slice(simd, colors[c]) - values[MIDDLE + c]).abs();
+            let outside = (away - values[HALF + c]).max(0.0);
+            sum = outside.mul_add(outside, sum);
+        }
+        w.simd_lt(values[FARTHEST]).select(f32x16::splat(simd, HIDDEN), sum * values[GAIN])
     }
 }
 
-/// A range of RGB.
-#[derive(Clone, Copy)]
-struct Range {
-    low: [f32; 3],
-    high: [f32; 3],
+/// In the values of a row of cells, where the lows and highs of the ranges are until columns are joined.
+const LOW: usize = MIDDLE;
+const HIGH: usize = HALF;
+
+/// Finds what the first-order extrapolations of the samples of two rows span together, and the farthest depths, column by
+/// column. `cells` is `[VALUES, width]`.
+#[inline(always)]
+fn join_rows<S: Simd>(
+    simd: S,
+    gbuffer: &GBuffer,
+    gradients: &Gradients,
+    frame: &SampleFrame,
+    rows: [usize; 2],
+    cells: &mut [f32],
+) {
+    let width = frame.width;
+    for first in (0..width).step_by(LANES) {
+        let count = LANES.min(width - first);
+        for c in 0..3 {
+            let (mut low, mut high) =
+                (f32x16::splat(simd, f32::INFINITY), f32x16::splat(simd, f32::NEG_INFINITY));
+            for row in rows {
+                let color = load(simd, &gbuffer.color.row(c, row)[first..]);
+                let dx = load(simd, &gradients.color_dx.row(c, row)[first..]);
+                let dy = load(simd, &gradients.color_dy.row(c, row)[first..]);
+                let spread = (dx.abs() + dy.abs()) * EXTRAPOLATION;
+                (low, high) = (low.min(color - spread), high.max(color + spread));
+            }
+            store(low, &mut cells[(LOW + c) * width + first..], count);
+            store(high, &mut cells[(HIGH + c) * width + first..], count);
+        }
+        let [a, b] = rows.map(|row| row * width + first);
+        let (a, b) = (load(simd, &frame.inverse_depth[a..]), load(simd, &frame.inverse_depth[b..]));
+        store(a.min(b), &mut cells[FARTHEST * width + first..], count);
+    }
 }
 
-impl Range {
-    /// What the first-order extrapolation of `sample` spans within `reach` HR pixels along both axes.
-    #[inline(always)]
-    fn of(sample: &Sample, reach: f32) -> Self {
-        let spread: [f32; 3] = std::array::from_fn(|c| reach * (sample.dx[c].abs() + sample.dy[c].abs()));
-        Self {
-            low: std::array::from_fn(|c| sample.color[c] - spread[c]),
-            high: std::array::from_fn(|c| sample.color[c] + spread[c]),
+/// Joins each column of a row of cells with the next one, and finds the values of the cells.
+#[inline(always)]
+fn join_columns<S: Simd>(simd: S, width: usize, cells: &mut [f32]) {
+    for first in (0..width).step_by(LANES) {
+        let count = LANES.min(width - first);
+        let column = f32x16::from_fn(simd, |k| (first + k) as f32);
+        let is_inner = column.simd_lt((width - 1) as f32);
+        let mut extent = f32x16::splat(simd, 0.0);
+        for c in 0..3 {
+            let (low_at, high_at) = ((LOW + c) * width + first, (HIGH + c) * width + first);
+            let (low, high) = (load(simd, &cells[low_at..]), load(simd, &cells[high_at..]));
+            let (next_low, next_high) = (load(simd, &cells[low_at + 1..]), load(simd, &cells[high_at + 1..]));
+            let (low, high) =
+                (is_inner.select(low.min(next_low), low), is_inner.select(high.max(next_high), high));
+            extent = (high - low).mul_add(high - low, extent);
+            store((low + high) * 0.5, &mut cells[(MIDDLE + c) * width + first..], count);
+            store((high - low) * 0.5, &mut cells[(HALF + c) * width + first..], count);
         }
+        let at = FARTHEST * width + first;
+        let (far, next) = (load(simd, &cells[at..]), load(simd, &cells[at + 1..]));
+        let far = is_inner.select(far.min(next), far);
+        store(far * (1.0 - DEPTH_TOLERANCE), &mut cells[at..], count);
+        // Where nothing varies, rounding alone must not make a sample implausible.
+        store(MISMATCH / (extent + 1e-6), &mut cells[GAIN * width + first..], count);
     }
+}
 
-    #[inline(always)]
-    fn join([a, b]: [Self; 2]) -> Self {
-        Self {
-            low: std::array::from_fn(|c| a.low[c].min(b.low[c])),
-            high: std::array::from_fn(|c| a.high[c].max(b.high[c])),
-        }
+/// The first values of `values`, 0 beyond them.
+#[inline(always)]
+fn load<S: Simd>(simd: S, values: &[f32]) -> f32x16<S> {
+    if let Some(values) = values.first_chunk() {
+        return f32x16::load_array_ref(simd, values);
     }
+    let mut padded = [0.0; LANES];
+    padded[..values.len()].copy_from_slice(values);
+    f32x16::load_array(simd, padded)
+}
+
+/// Writes the first `count` lanes.
+#[inline(always)]
+fn store<S: Simd>(vector: f32x16<S>, values: &mut [f32], count: usize) {
+    if count == LANES
+        && let Some(values) = values.first_chunk_mut()
+    {
+        return vector.store_array(values);
+    }
+    values[..count].copy_from_slice(&vector.to_array()[..count]);
 }

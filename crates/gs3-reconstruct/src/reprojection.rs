@@ -31,15 +31,16 @@ impl Reprojection {
         Self { rows: [row(0), row(1), row(2)], epipole: e.to_array().map(|v| v as f32) }
     }
 
-    /// Target pixel x, y and the divisor `q` of sixteen source pixels `(x, y)` of one row at inverse depths `w`.
+    /// Target pixel x, y and the divisor `q` of sixteen source pixels `(x, y)` at inverse depths `w`.
     #[inline(always)]
-    pub fn apply_16<S: Simd>(&self, simd: S, x: f32x16<S>, y: f32, w: f32x16<S>) -> [f32x16<S>; 3] {
-        let [a, b, c] = std::array::from_fn(|i| {
+    pub fn apply_16<S: Simd>(&self, simd: S, x: f32x16<S>, y: f32x16<S>, w: f32x16<S>) -> [f32x16<S>; 3] {
+        let row = |i: usize| {
             let [h0, h1, h2] = self.rows[i];
-            let constant = f32x16::splat(simd, h1 * y + h2);
-            x.mul_add(h0, w.mul_add(self.epipole[i], constant))
-        });
-        [a / c, b / c, c]
+            x.mul_add(h0, y.mul_add(h1, w.mul_add(self.epipole[i], f32x16::splat(simd, h2))))
+        };
+        let (a, b, c) = (row(0), row(1), row(2));
+        let per = 1.0 / c;
+        [a * per, b * per, c]
     }
 }
 
@@ -67,7 +68,7 @@ mod tests {
         let level = fearless_simd::Level::new();
         fearless_simd::dispatch!(level, simd => {
             let splat = |v: f32| f32x16::splat(simd, v);
-            reprojection.apply_16(simd, splat(x), y, splat(w)).map(|v| v[0])
+            reprojection.apply_16(simd, splat(x), splat(y), splat(w)).map(|v| v[0])
         })
     }
 

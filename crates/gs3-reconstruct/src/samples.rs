@@ -4,7 +4,11 @@ use gs3_scene::{GBuffer, Planes};
 use rayon::prelude::*;
 
 use crate::error::ReconstructError;
+use crate::prefetch::prefetch;
 use crate::reprojection::inverse_depth;
+
+/// Samples of a row that are worked on together: one vector.
+pub(crate) const CHUNK: usize = 16;
 
 /// What is known at one sample position. Four lanes per entry, so that each is one 128-bit load; the fourth lanes (1 for
 /// the colour, 0 for its derivatives) make the weight accumulate beside the weighted colour.
@@ -27,8 +31,24 @@ pub(crate) struct SampleFrame {
     /// Offset of the sample positions from the LR pixel centres, in LR pixels.
     pub jitter: [f32; 2],
     pub samples: Vec<Sample>,
-    /// `1 / z` of the median depth; 0 where nothing was hit. Empty if the frame came without geometry.
+    /// Red, green, blue once more, `[3, height, width]`, and a vector of anything.
+    colors: Vec<f32>,
+    /// `1 / z` of the median depth; 0 where nothing was hit; and a vector of anything. Empty if the frame came without
+    /// geometry.
     pub inverse_depth: Vec<f32>,
+    /// Per chunk, `[height, chunks per row]`; empty if the frame came without geometry.
+    pub chunks: Vec<Chunk>,
+}
+
+/// What [`CHUNK`] samples in a row have in common.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Chunk {
+    /// Smallest inverse depth.
+    pub far: f32,
+    /// Largest inverse depth.
+    pub near: f32,
+    /// The colour of all samples if nothing was hit and nothing varies.
+    pub bare: Option<[f32; 3]>,
 }
 
 impl SampleFrame {
@@ -44,7 +64,7 @@ impl SampleFrame {
         (self.width, self.height, self.jitter) = (width, height, gbuffer.jitter);
         self.samples.resize(width * height, Sample::default());
         let per_hr_pixel = 1.0 / scale as f32;
-        self.samples.par_chunks_exact_mut(width).enumerate().for_each(|(y, row)| {
+        self.samples.par_chunks_exact_mut(width).enumerate().with_min_len(8).for_each(|(y, row)| {
             let [r, g, b] = rgb_rows(&gbuffer.color, y);
             let [rx, gx, bx] = rgb_rows(&gradients.color_dx, y);
             let [ry, gy, by] = rgb_rows(&gradients.color_dy, y);
@@ -54,11 +74,72 @@ impl SampleFrame {
                 sample.dy = [ry[i] * per_hr_pixel, gy[i] * per_hr_pixel, by[i] * per_hr_pixel, 0.0];
             }
         });
-        self.inverse_depth.clear();
-        if let Some(geometry) = &gbuffer.geometry {
-            self.inverse_depth.extend(geometry.depth_median.data().iter().map(|&z| inverse_depth(z)));
+        match &gbuffer.geometry {
+            Some(geometry) => self.fill_geometry(gbuffer, &geometry.depth_median),
+            None => {
+                self.inverse_depth.clear();
+                self.chunks.clear();
+            }
         }
         Ok(())
+    }
+
+    /// Takes over what only reprojection needs.
+    fn fill_geometry(&mut self, gbuffer: &GBuffer, depth: &Planes<1>) {
+        let (width, size) = (self.width, self.width * self.height);
+        self.colors.resize(3 * size + CHUNK, 0.0);
+        let colors = self.colors[..3 * size].par_chunks_mut(1 << 14);
+        colors.zip(gbuffer.color.data().par_chunks(1 << 14)).for_each(|(to, from)| to.copy_from_slice(from));
+        self.inverse_depth.resize(size + CHUNK, 0.0);
+        self.chunks.resize(self.chunks_per_row() * self.height, Chunk::default());
+        let depths = self.inverse_depth[..size].par_chunks_exact_mut(width);
+        let chunks = self.chunks.par_chunks_exact_mut(width.div_ceil(CHUNK));
+        let samples = self.samples.par_chunks_exact(width);
+        let rows = depths.zip(chunks).zip(samples).enumerate().with_min_len(8);
+        rows.for_each(|(y, ((row, chunks), samples))| {
+            row.iter_mut().zip(depth.row(0, y)).for_each(|(w, &z)| *w = inverse_depth(z));
+            for (chunk, (depths, samples)) in
+                chunks.iter_mut().zip(row.chunks(CHUNK).zip(samples.chunks(CHUNK)))
+            {
+                *chunk = Chunk::of(depths, samples);
+            }
+        });
+    }
+
+    /// Chunks per row of samples, the last of which may be a part.
+    pub const fn chunks_per_row(&self) -> usize {
+        self.width.div_ceil(CHUNK)
+    }
+
+    /// Asks for all there is about chunk `chunk` of row `row` to be brought into the caches.
+    #[inline(always)]
+    pub fn prefetch(&self, row: usize, chunk: usize) {
+        let start = row * self.width + chunk * CHUNK;
+        prefetch(&self.inverse_depth[start..start + CHUNK]);
+        let [r, g, b] = self.colors(start);
+        prefetch(r);
+        prefetch(g);
+        prefetch(b);
+        prefetch(&self.samples[start..(start + CHUNK).min(self.samples.len())]);
+    }
+
+    /// The colours of the [`CHUNK`] samples from `first` on; anything beyond the end of the row.
+    #[inline(always)]
+    pub fn colors(&self, first: usize) -> [&[f32]; 3] {
+        let size = self.width * self.height;
+        let of = |c: usize| &self.colors[c * size + first..c * size + first + CHUNK];
+        [of(0), of(1), of(2)]
+    }
+}
+
+impl Chunk {
+    fn of(depths: &[f32], samples: &[Sample]) -> Self {
+        let far = depths.iter().fold(f32::INFINITY, |a, b| a.min(*b));
+        let near = depths.iter().fold(0.0_f32, |a, b| a.max(*b));
+        let first = Sample { color: samples[0].color, ..Sample::default() };
+        let is_bare = near == 0.0 && samples.iter().all(|sample| *sample == first);
+        let [r, g, b, _] = first.color;
+        Self { far, near, bare: is_bare.then_some([r, g, b]) }
     }
 }
 

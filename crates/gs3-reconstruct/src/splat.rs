@@ -5,21 +5,27 @@
 //! the square of the distance δ, its variance with δ⁴. A pixel is the mean of these first-order predictions with the
 //! inverse variances as weights (Shepard's method with exact gradients, Renka 1988). Nothing is ever resampled twice, so
 //! nothing blurs with time, and a sample that falls on a pixel centre is that pixel.
+//!
+//! What is the same for all channels of a pixel is made with samples or pixels as lanes: sixteen samples land at once, four
+//! samples' weights of a row of pixels are one vector. What differs between channels, a sample's prediction of four
+//! pixels in a row, is one vector again: two multiply-adds, one load and one store.
 
-use fearless_simd::{Simd, f32x4, f32x16, i32x16, prelude::*};
+use fearless_simd::{Simd, f32x16, i32x16, prelude::*};
 
+use crate::lanes::{repeat, spread};
 use crate::plausible::Plausible;
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
-use crate::samples::{Sample, SampleFrame};
+use crate::samples::{CHUNK, Sample, SampleFrame};
+use crate::tile::{PAD_X, PAD_Y, STRIDE, Tile};
 
-/// Samples of a row that are reprojected together.
-pub(crate) const CHUNK: usize = 32;
+/// A sample reaches this many pixels in a row, those less than two away along x: they are one vector.
+const COLUMNS: usize = 4;
 
-/// A sample reaches pixels less than this far along x: four pixels are one vector.
-const REACH_X: isize = 2;
+/// A sample reaches the rows nearest to it, all less than two away along y.
+const ROWS: usize = 3;
 
-/// A sample reaches the three rows nearest to it, all less than this far along y.
-const REACH_Y: isize = 2;
+/// Pixels that a sample may be away from the last it reaches, rounded up.
+pub(crate) const REACH: f32 = 2.0;
 
 /// Variance floor of a prediction in pixel⁴. A sample on a pixel centre then has 10⁵ times the weight of one a pixel away:
 /// at rest all neighbours together change a pixel by less than 1e-4 of their own error.
@@ -33,175 +39,83 @@ const AGING: f32 = 0.1;
 /// it is least certain.
 const MAX_NOISE: f32 = 16.0;
 
-/// Pixel rows `first..=last` that a chunk of samples touches; none if `first > last`.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Rows {
-    first: f32,
-    last: f32,
-}
-
-impl Rows {
-    /// No rows.
-    pub const NONE: Self = Self { first: f32::INFINITY, last: f32::NEG_INFINITY };
-
-    /// The rows from the first to the last of both.
-    #[inline(always)]
-    pub fn union(self, other: Self) -> Self {
-        Self { first: self.first.min(other.first), last: self.last.max(other.last) }
-    }
-}
-
 /// A past frame seen by the current camera.
 pub(crate) struct Source<'a> {
     pub frame: &'a SampleFrame,
-    pub reprojection: Reprojection,
+    pub reprojection: &'a Reprojection,
     /// In frames.
     pub age: usize,
     /// HR pixels between samples.
     pub scale: f32,
 }
 
-/// Where the samples of a chunk are now.
+/// Where the samples of a chunk are in a tile.
 struct Landing {
-    /// Position on the current HR grid, pixel centres at whole numbers.
+    /// Place in the tile of the first pixel reached.
+    first: [i32; CHUNK],
+    /// Position, relative to that pixel.
     x: [f32; CHUNK],
     y: [f32; CHUNK],
-    /// The same rounded down.
-    column: [i32; CHUNK],
-    row: [i32; CHUNK],
-    /// Inverse depth.
-    w: [f32; CHUNK],
-    /// 0 for a sample that stayed where it was, towards 1 for one that moved a pixel or more.
-    motion: [f32; CHUNK],
-    /// Cell of the current frame's lattice.
-    cell: [i32; CHUNK],
-    /// Bit `i`: sample `i` is in front of the camera and within the limits.
-    seen: u32,
+    /// Variance of the prediction where the sample is, pixel⁴.
+    noise: [f32; CHUNK],
+    /// Bit `i`: sample `i` is in front of the camera, reaches the tile and is worth it.
+    seen: u64,
 }
 
 impl Source<'_> {
-    /// Chunks per row of samples.
-    pub fn chunks_per_row(&self) -> usize {
-        self.frame.width.div_ceil(CHUNK)
-    }
-
-    /// Samples of chunk `chunk` of row `row`: their places in the frame.
-    #[inline(always)]
-    fn samples(&self, row: usize, chunk: usize) -> std::ops::Range<usize> {
-        let width = self.frame.width;
-        row * width + chunk * CHUNK..row * width + (chunk * CHUNK + CHUNK).min(width)
-    }
-
-    /// Position of the first sample of a chunk on its own HR grid (pixel centres at halves).
-    #[inline(always)]
-    fn origin(&self, row: usize, chunk: usize) -> [f32; 2] {
-        let [jx, jy] = self.frame.jitter;
-        [((chunk * CHUNK) as f32 + 0.5 + jx) * self.scale, (row as f32 + 0.5 + jy) * self.scale]
-    }
-
-    /// Inverse depths of a chunk; negative beyond the end of the row.
-    #[inline(always)]
-    fn inverse_depths(&self, row: usize, chunk: usize) -> [f32; CHUNK] {
-        let depths = &self.frame.inverse_depth[self.samples(row, chunk)];
-        let mut padded = [-1.0; CHUNK];
-        padded[..depths.len()].copy_from_slice(depths);
-        padded
-    }
-
-    /// Reprojects a chunk. `x_limits` and `y_limits`, exclusive, bound the positions that count as seen.
+    /// Reprojects chunk `chunk` of row `row` into `tile`.
     #[inline(always)]
     fn land<S: Simd>(
         &self,
         simd: S,
         row: usize,
         chunk: usize,
-        x_limits: [f32; 2],
-        y_limits: [f32; 2],
+        tile: &Tile,
         plausible: &Plausible,
     ) -> Landing {
-        let mut landing = Landing {
-            x: [0.0; CHUNK],
-            y: [0.0; CHUNK],
-            column: [0; CHUNK],
-            row: [0; CHUNK],
-            w: [0.0; CHUNK],
-            motion: [0.0; CHUNK],
-            cell: [0; CHUNK],
-            seen: 0,
-        };
-        let depths = self.inverse_depths(row, chunk);
-        let [x0, y0] = self.origin(row, chunk);
+        let splat = |v: f32| f32x16::splat(simd, v);
+        let column = chunk * CHUNK;
+        let start = row * self.frame.width + column;
         let lanes = f32x16::from_fn(simd, |i| i as f32);
-        for half in 0..CHUNK / 16 {
-            let at = 16 * half..16 * half + 16;
-            let w = f32x16::from_slice(simd, &depths[at.clone()]);
-            let from_x = lanes.mul_add(self.scale, f32x16::splat(simd, x0 + (16 * half) as f32 * self.scale));
-            let [u, v, q] = self.reprojection.apply_16(simd, from_x, y0, w);
-            let (x, y) = (u - 0.5, v - 0.5);
-            let seen = w.simd_ge(0.0)
-                & q.simd_gt(MIN_DIVISOR)
-                & x.simd_gt(x_limits[0])
-                & x.simd_lt(x_limits[1])
-                & y.simd_gt(y_limits[0])
-                & y.simd_lt(y_limits[1]);
-            landing.seen |= (seen.to_bitmask() as u32 & 0xffff) << (16 * half);
-            let (moved_x, moved_y) = (u - from_x, v - y0);
-            let moved = moved_x.mul_add(moved_x, moved_y * moved_y);
-            let (floor_x, floor_y) = (x.floor(), y.floor());
-            x.store_slice(&mut landing.x[at.clone()]);
-            y.store_slice(&mut landing.y[at.clone()]);
-            floor_x.to_int::<i32x16<S>>().store_slice(&mut landing.column[at.clone()]);
-            floor_y.to_int::<i32x16<S>>().store_slice(&mut landing.row[at.clone()]);
-            (w / q).store_slice(&mut landing.w[at.clone()]);
-            (moved / (moved + 1.0)).store_slice(&mut landing.motion[at.clone()]);
-            plausible.cell(x, y).store_slice(&mut landing.cell[at]);
+        let is_sample = lanes.simd_lt((self.frame.width - column) as f32);
+        // Position on its own HR grid (pixel centres at halves).
+        let [jx, jy] = self.frame.jitter;
+        let from_x = lanes.mul_add(self.scale, splat((column as f32 + 0.5 + jx) * self.scale));
+        let from_y = splat((row as f32 + 0.5 + jy) * self.scale);
+        let w = f32x16::from_slice(simd, &self.frame.inverse_depth[start..start + CHUNK]);
+        let [u, v, q] = self.reprojection.apply_16(simd, from_x, from_y, w);
+        let per = 1.0 / q;
+        let (moved_x, moved_y) = (u - from_x, v - from_y);
+        let moved = moved_x.mul_add(moved_x, moved_y * moved_y);
+        let (x, y) = (u - 0.5, v - 0.5);
+        let doubt = plausible.doubt(simd, [x, y, w * per], self.frame.colors(start));
+        // What does not move keeps its exact value: only motion, 0 at rest and towards 1 for a pixel or more, makes age
+        // and doubt matter.
+        let motion = moved / (moved + 1.0);
+        let noise = (doubt + AGING * self.age as f32).mul_add(motion, splat(NOISE));
+        // Relative to the tile, whose first pixel is (PAD_X, PAD_Y).
+        let (x, y) = (x - (tile.left as f32 - PAD_X as f32), y - (tile.top as f32 - PAD_Y as f32));
+        let (first_x, first_y) = (x.floor() - 1.0, (y + 0.5).floor() - 1.0);
+        let seen = is_sample
+            & q.simd_gt(MIN_DIVISOR)
+            & noise.simd_le(MAX_NOISE)
+            & first_x.simd_gt(PAD_X as f32 - COLUMNS as f32)
+            & first_x.simd_lt((PAD_X + tile.width) as f32)
+            & first_y.simd_gt(PAD_Y as f32 - ROWS as f32)
+            & first_y.simd_lt((PAD_Y + tile.height) as f32);
+        let first = first_y.mul_add(STRIDE as f32, first_x).to_int::<i32x16<S>>();
+        Landing {
+            first: first.to_array(),
+            x: (x - first_x).to_array(),
+            y: (y - first_y).to_array(),
+            noise: noise.to_array(),
+            seen: seen.to_bitmask() & 0xffff,
         }
-        landing
-    }
-
-    /// The pixel rows that a chunk touches.
-    #[inline(always)]
-    pub fn rows<S: Simd>(&self, simd: S, row: usize, chunk: usize) -> Rows {
-        let depths = self.inverse_depths(row, chunk);
-        let [x0, y0] = self.origin(row, chunk);
-        let lanes = f32x16::from_fn(simd, |i| i as f32);
-        let mut first = f32x16::splat(simd, f32::INFINITY);
-        let mut last = f32x16::splat(simd, f32::NEG_INFINITY);
-        for half in 0..CHUNK / 16 {
-            let w = f32x16::from_slice(simd, &depths[16 * half..16 * half + 16]);
-            let from_x = lanes.mul_add(self.scale, f32x16::splat(simd, x0 + (16 * half) as f32 * self.scale));
-            let [_, v, q] = self.reprojection.apply_16(simd, from_x, y0, w);
-            let seen = w.simd_ge(0.0) & q.simd_gt(MIN_DIVISOR);
-            first = seen.select(first.min(v), first);
-            last = seen.select(last.max(v), last);
-        }
-        let reach = REACH_Y as f32 + 1.0;
-        Rows { first: first.reduce_min() - reach, last: last.reduce_max() + reach }
     }
 }
 
-/// A band of accumulating rows: per pixel Σ weight·RGB and Σ weight.
-pub(crate) struct Band<'a> {
-    /// First row of the band in the image.
-    pub top: usize,
-    pub width: usize,
-    /// `[rows, width]`.
-    pub pixels: &'a mut [[f32; 4]],
-}
-
-impl Band<'_> {
-    /// Number of rows.
-    pub fn height(&self) -> usize {
-        self.pixels.len() / self.width
-    }
-
-    /// Whether a chunk that touches `rows` may touch the band.
-    #[inline(always)]
-    pub fn meets(&self, rows: Rows) -> bool {
-        rows.last >= self.top as f32 && rows.first < (self.top + self.height()) as f32
-    }
-
-    /// Adds what the samples of a chunk predict for the pixels around them.
+impl Tile {
+    /// Adds what the samples of chunk `chunk` of row `row` predict for the pixels around them.
     #[inline(always)]
     pub fn add<S: Simd>(
         &mut self,
@@ -211,77 +125,47 @@ impl Band<'_> {
         row: usize,
         chunk: usize,
     ) {
-        let (width, height, top) = (self.width as f32, self.height() as f32, self.top as f32);
-        let x_limits = [-(REACH_X as f32), width - 1.0 + REACH_X as f32];
-        let y_limits = [top - REACH_Y as f32, top + height - 1.0 + REACH_Y as f32];
-        let landing = source.land(simd, row, chunk, x_limits, y_limits, plausible);
-        let samples = &source.frame.samples[source.samples(row, chunk)];
-        let aging = AGING * source.age as f32;
-        let mut seen = landing.seen;
-        while seen != 0 {
-            let i = seen.trailing_zeros() as usize;
-            seen &= seen - 1;
-            let Some(sample) = samples.get(i) else { break };
-            let doubt = plausible.doubt(simd, landing.cell[i], &sample.color, landing.w[i]);
-            // What does not move keeps its exact value: only motion makes age and doubt matter.
-            let noise = NOISE + (aging + doubt) * landing.motion[i];
-            if noise <= MAX_NOISE {
-                let cell = [landing.column[i] as isize, landing.row[i] as isize];
-                self.add_sample(simd, sample, [landing.x[i], landing.y[i]], cell, noise);
+        let landing = source.land(simd, row, chunk, self, plausible);
+        if landing.seen == 0 {
+            return;
+        }
+        let start = row * source.frame.width + chunk * CHUNK;
+        let samples = &source.frame.samples[start..];
+        let columns = f32x16::from_fn(simd, |k| (k % COLUMNS) as f32);
+        let pixels = f32x16::from_fn(simd, |k| (k / 4) as f32);
+        let mut weights = [[0.0; 16]; ROWS];
+        for group in 0..CHUNK / 4 {
+            let at = 4 * group..4 * group + 4;
+            // Lanes: four samples, four columns each.
+            let dx = columns - spread(simd, &landing.x[at.clone()]);
+            let dx2 = dx * dx;
+            let y = spread(simd, &landing.y[at.clone()]);
+            let noise = spread(simd, &landing.noise[at.clone()]);
+            for (r, weights) in weights.iter_mut().enumerate() {
+                let dy = y - r as f32;
+                let d2 = dy.mul_add(dy, dx2);
+                d2.mul_add(d2, noise).approximate_recip().store_array(weights);
             }
-        }
-    }
-
-    #[inline(always)]
-    fn add_sample<S: Simd>(
-        &mut self,
-        simd: S,
-        sample: &Sample,
-        [x, y]: [f32; 2],
-        [column, row]: [isize; 2],
-        noise: f32,
-    ) {
-        let (top, height) = (self.top as isize, self.height() as isize);
-        let nearest = row + isize::from(y - row as f32 >= 0.5);
-        let first = (nearest - 1 - top).max(0);
-        let last = (nearest + 1 - top).min(height - 1);
-        let start = column + 1 - REACH_X;
-        if start < 0 || start + 2 * REACH_X > self.width as isize {
-            return self.add_sample_at_border(sample, x, y, noise);
-        }
-        let start = start as usize;
-        let lanes = f32x16::from_fn(simd, |i| (i / 4) as f32);
-        let splat = |v: [f32; 4]| f32x16::block_splat(f32x4::load_array(simd, v));
-        let dx = lanes - (x - start as f32);
-        let along_x = splat(sample.dx).mul_add(dx, splat(sample.color));
-        let along_y = splat(sample.dy);
-        let dx2 = dx * dx;
-        let noise = f32x16::splat(simd, noise);
-        for r in first..=last {
-            let dy = f32x16::splat(simd, (r + top) as f32 - y);
-            let prediction = along_y.mul_add(dy, along_x);
-            let d2 = dy.mul_add(dy, dx2);
-            let weight = d2.mul_add(d2, noise).approximate_recip();
-            let at = r as usize * self.width + start;
-            let target = self.pixels[at..at + 4].as_flattened_mut();
-            prediction.mul_add(weight, f32x16::from_slice(simd, target)).store_slice(target);
-        }
-    }
-
-    /// [`Self::add_sample`] where the four pixels of a row leave the image.
-    #[cold]
-    fn add_sample_at_border(&mut self, sample: &Sample, x: f32, y: f32, noise: f32) {
-        let (column, row) = (x.floor() as isize, y.floor() as isize);
-        let (width, top, height) = (self.width as isize, self.top as isize, self.height() as isize);
-        let nearest = row + isize::from(y - row as f32 >= 0.5);
-        for r in (nearest - 1).max(top)..=(nearest + 1).min(top + height - 1) {
-            for c in (column + 1 - REACH_X).max(0)..=(column + REACH_X).min(width - 1) {
-                let (dx, dy) = (c as f32 - x, r as f32 - y);
-                let d2 = dx * dx + dy * dy;
-                let weight = 1.0 / (d2 * d2 + noise);
-                let pixel = &mut self.pixels[((r - top) * width + c) as usize];
-                for k in 0..4 {
-                    pixel[k] += weight * (sample.color[k] + sample.dx[k] * dx + sample.dy[k] * dy);
+            for (s, i) in at.enumerate() {
+                if landing.seen >> i & 1 == 0 {
+                    continue;
+                }
+                let (Some(sample), Ok(first)) = (samples.get(i), usize::try_from(landing.first[i])) else {
+                    break;
+                };
+                let Sample { color, dx, dy } = sample;
+                // Lanes: four pixels in a row, four channels each.
+                let along_y = repeat(simd, dy);
+                let along_x = repeat(simd, dx).mul_add(pixels - landing.x[i], repeat(simd, color));
+                let mut prediction = along_y.mul_add(-landing.y[i], along_x);
+                let Some(target) = self.pixels.get_mut(first..first + (ROWS - 1) * STRIDE + COLUMNS) else {
+                    break;
+                };
+                for (r, weights) in weights.iter().enumerate() {
+                    let weight = spread(simd, &weights[4 * s..4 * s + 4]);
+                    let target = target[r * STRIDE..r * STRIDE + COLUMNS].as_flattened_mut();
+                    prediction.mul_add(weight, f32x16::from_slice(simd, target)).store_slice(target);
+                    prediction += along_y;
                 }
             }
         }

@@ -1,15 +1,19 @@
 //! Temporal super sampling without learning.
 
-use fearless_simd::{Level, Simd, dispatch, f32x4, prelude::*};
-use gs3_scene::{Camera, GBuffer, Image};
+use std::ops::Range;
+
+use fearless_simd::{Level, Simd, dispatch};
+use gs3_scene::{Camera, GBuffer, Gradients, Image};
 use rayon::prelude::*;
 
+use crate::boxes::{Boxes, Limits, WORD};
 use crate::error::{ReconstructError, camera_size, check_gbuffer, check_scale};
-use crate::hermite::{Cubics, Surface};
+use crate::hermite::Surface;
 use crate::plausible::Plausible;
 use crate::reprojection::Reprojection;
 use crate::samples::SampleFrame;
-use crate::splat::{Band, NOISE, Rows, Source};
+use crate::splat::{REACH, Source};
+use crate::tile::{TILE_HEIGHT, TILE_WIDTH, Tile};
 
 /// Why history is not valid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,28 +28,37 @@ pub enum ResetReason {
     SceneChange,
 }
 
-/// HR pixels that one task fills: their accumulators (16 B each) fill a core's L2 cache of 1 MiB. Smaller bands reproject
-/// more samples twice, larger ones spill; the result does not depend on it.
-const BAND_PIXELS: usize = 1 << 16;
+/// Rows of pixels within which all frames' samples are added to a tile before the next rows' are: the pixels of a strip
+/// stay in the first-level cache.
+const STRIP: f32 = 8.0;
 
-/// Deviation up to which a pixel counts as exact, pixel²: that of one sample on its centre, √[`NOISE`] = 0.00316, and room
-/// for the rounding of places and weights.
-const EXACT: f32 = 0.0033;
+/// Chunks of samples that are found before they are added.
+const QUEUE: usize = 256;
 
-/// Variance of the interpolated current frame at distance d from its nearest sample, pixel⁴: that of one sample's
-/// first-order prediction, d⁴, times [`SURFACE`] because it joins four samples, and flattening to a square, because no
-/// error exceeds the contrast of the image (both empirical).
-const SURFACE: f32 = 0.5;
+/// How many chunks ahead of its use the memory of one is asked for: sixteen samples take about a hundred nanoseconds, and
+/// memory a few hundred.
+const AHEAD: usize = 3;
+
+/// Most frames in the history.
+const MAX_PAST: usize = (crate::MAX_SCALE * crate::MAX_SCALE) as usize;
 
 /// One remembered LR frame.
 #[derive(Clone, Debug)]
 struct Past {
     camera: Camera,
     frame: SampleFrame,
-    /// Pixel rows that each chunk of samples touches now, `[LR height, chunks per row]`.
-    chunk_rows: Vec<Rows>,
-    /// The same for each row of samples, `[LR height]`.
-    row_rows: Vec<Rows>,
+    /// From its camera to the current one.
+    reprojection: Reprojection,
+    /// Where its chunks are in the current frame.
+    boxes: Boxes,
+}
+
+/// A chunk of samples of a past frame.
+#[derive(Clone, Copy, Debug, Default)]
+struct Task {
+    age: u16,
+    row: u16,
+    chunk: u16,
 }
 
 /// Super-samples a sequence of jittered LR frames on the HR grid.
@@ -53,7 +66,7 @@ struct Past {
 /// The history is the last S² LR frames themselves: exact samples, splatted anew for every frame (see the module
 /// `splat`). At rest under the exact S×S grid jitter the result therefore is the native image after S² frames.
 ///
-/// Memory: 52 B per LR pixel and remembered frame, that is per HR pixel.
+/// Memory: 66 B per LR pixel and remembered frame, that is per HR pixel.
 #[derive(Debug)]
 pub struct SuperSampler {
     scale: u32,
@@ -97,8 +110,8 @@ impl SuperSampler {
     /// resized. The fourth channel becomes the uncertainty, `[0, 1]`: √(1/Σw) less that of one exact sample, with Σw the
     /// sum of the inverse variances (pixel⁻⁴) of all that predicts the pixel. Its unit is pixel²: what the curvature of the
     /// image is to be multiplied with to give the expected error. It is 0 where a pixel has a sample of its own, so
-    /// everywhere at rest with a full history; it is larger where samples are far, old, doubtful or missing. Another size
-    /// than before resets the history.
+    /// everywhere at rest with a full history, and where all there is to see, now and in the past, is background of one
+    /// colour; it is larger where samples are far, old, doubtful or missing. Another size than before resets the history.
     ///
     /// `gbuffer` is what [`Camera::low_resolution`] of `camera` sees, with gradients and geometry, point-sampled at its
     /// jitter (`dilation` matched to the scale).
@@ -117,117 +130,167 @@ impl SuperSampler {
         if gbuffer.geometry.is_none() {
             return Err(ReconstructError::Missing { what: "depth" });
         }
-        if gbuffer.gradients.is_none() {
+        let Some(gradients) = &gbuffer.gradients else {
             return Err(ReconstructError::Missing { what: "image gradients" });
-        }
+        };
         if self.past.first().is_some_and(|newest| camera_size(&newest.camera) != size) {
             self.reset(ResetReason::SizeOrTierChange);
         }
         if self.invalid.take().is_some() {
             self.past.clear();
         }
-        self.remember(camera, gbuffer)?;
-        self.find_rows(camera);
+        self.remember(camera, gbuffer, gradients)?;
+        self.find_boxes(camera);
         out.resize(size.0, size.1);
-        self.accumulate(camera, out);
+        self.accumulate(out);
         Ok(())
     }
 
     /// Takes the current frame into the history, as its newest.
-    fn remember(&mut self, camera: &Camera, gbuffer: &GBuffer) -> Result<(), ReconstructError> {
+    fn remember(
+        &mut self,
+        camera: &Camera,
+        gbuffer: &GBuffer,
+        gradients: &Gradients,
+    ) -> Result<(), ReconstructError> {
         let is_full = self.past.len() >= (self.scale * self.scale) as usize;
         let oldest = if is_full { self.past.pop() } else { None };
         let mut newest = oldest.unwrap_or_else(|| Past {
             camera: *camera,
             frame: SampleFrame::default(),
-            chunk_rows: Vec::new(),
-            row_rows: Vec::new(),
+            reprojection: Reprojection::new(camera, camera),
+            boxes: Boxes::default(),
         });
         newest.camera = *camera;
         newest.frame.fill(gbuffer, self.scale)?;
         self.surface.set(&newest.frame, gbuffer, self.scale);
-        self.plausible.set(&newest.frame, self.scale);
+        self.plausible.set(self.level, gbuffer, gradients, &newest.frame, self.scale);
         self.past.insert(0, newest);
         Ok(())
     }
 
-    /// Finds which pixel rows the samples of the past touch now.
-    fn find_rows(&mut self, camera: &Camera) {
+    /// Finds where the samples of the past are now.
+    fn find_boxes(&mut self, camera: &Camera) {
         let (scale, level) = (self.scale as f32, self.level);
-        for (age, past) in self.past.iter_mut().enumerate() {
-            let reprojection = Reprojection::new(&past.camera, camera);
-            let source = Source { frame: &past.frame, reprojection, age, scale };
-            let chunks = source.chunks_per_row();
-            let height = past.frame.height;
-            past.chunk_rows.resize(chunks * height, Rows::NONE);
-            past.row_rows.resize(height, Rows::NONE);
-            let rows = past.chunk_rows.par_chunks_exact_mut(chunks).zip(&mut past.row_rows);
-            rows.enumerate().with_min_len(32).for_each(|(row, (chunk_rows, row_rows))| {
-                dispatch!(level, simd => {
-                    *row_rows = Rows::NONE;
-                    for (chunk, rows) in chunk_rows.iter_mut().enumerate() {
-                        *rows = source.rows(simd, row, chunk);
-                        *row_rows = row_rows.union(*rows);
-                    }
-                });
-            });
-        }
+        self.past.par_iter_mut().for_each(|past| {
+            past.reprojection = Reprojection::new(&past.camera, camera);
+            dispatch!(level, simd => past.boxes.set(simd, &past.frame, &past.reprojection, scale));
+        });
     }
 
     /// Combines the samples of the past with the interpolated current frame.
-    fn accumulate(&self, camera: &Camera, out: &mut Image) {
+    fn accumulate(&self, out: &mut Image) {
         let width = out.width();
-        let band_rows = (BAND_PIXELS / width).max(1);
-        out.pixels_mut().par_chunks_mut(band_rows * width).enumerate().for_each_init(
-            Cubics::default,
-            |scratch, (index, pixels)| {
-                let band = Band { top: index * band_rows, width, pixels };
-                dispatch!(self.level, simd => self.fill_band(simd, camera, scratch, band));
-            },
-        );
+        let bands = out.pixels_mut().par_chunks_mut(TILE_HEIGHT * width).enumerate();
+        bands.for_each(|(band, rows)| {
+            dispatch!(self.level, simd => self.fill_band(simd, band * TILE_HEIGHT, width, rows));
+        });
     }
 
+    /// Fills whole rows of pixels from row `top` on.
     #[inline(always)]
-    fn fill_band<S: Simd>(&self, simd: S, camera: &Camera, scratch: &mut Cubics, mut band: Band<'_>) {
-        let top = band.top;
-        for (r, row) in band.pixels.chunks_exact_mut(band.width).enumerate() {
-            let weights = self.surface_weights(top + r);
-            self.surface.row(simd, &self.past[0].frame, top + r, &weights, scratch, row);
+    fn fill_band<S: Simd>(&self, simd: S, top: usize, width: usize, rows: &mut [[f32; 4]]) {
+        let mut tile = Tile::new();
+        (tile.top, tile.height) = (top, rows.len() / width);
+        let mut of_past: [Range<usize>; MAX_PAST] = [const { 0..0 }; MAX_PAST];
+        for (age, (past, of_past)) in self.past.iter().zip(&mut of_past).enumerate() {
+            *of_past = past.boxes.rows_meeting(self.limits(&tile, age));
         }
-        for (age, past) in self.past.iter().enumerate() {
-            let reprojection = Reprojection::new(&past.camera, camera);
-            let source = Source { frame: &past.frame, reprojection, age, scale: self.scale as f32 };
-            let chunks = source.chunks_per_row();
-            for (row, rows) in past.row_rows.iter().enumerate() {
-                if !band.meets(*rows) {
-                    continue;
+        for left in (0..width).step_by(TILE_WIDTH) {
+            (tile.left, tile.width) = (left, TILE_WIDTH.min(width - left));
+            let bare = self.bare_color(simd, &tile, &of_past);
+            if bare.is_none() {
+                tile.begin(simd, &self.surface, &self.past[0].frame, self.scale as f32);
+                self.add_past(simd, &mut tile, &of_past);
+            }
+            for (r, row) in rows.chunks_exact_mut(width).enumerate() {
+                let out = &mut row[left..left + tile.width];
+                match bare {
+                    Some([r, g, b]) => out.fill([r, g, b, 0.0]),
+                    None => tile.resolve(simd, r, out),
                 }
-                for (chunk, rows) in past.chunk_rows[row * chunks..(row + 1) * chunks].iter().enumerate() {
-                    if band.meets(*rows) {
-                        band.add(simd, &source, &self.plausible, row, chunk);
+            }
+        }
+    }
+
+    /// The pixels on which what the frame of age `age` holds may bear on `tile`: samples reach out, and the current frame,
+    /// which is interpolated, has its next samples within a cell.
+    fn limits(&self, tile: &Tile, age: usize) -> Limits {
+        let reach = if age == 0 { REACH.max(self.scale as f32 + 1.0) } else { REACH };
+        let ends = |first: usize, count: usize| [first as f32 - reach, (first + count) as f32 + reach];
+        let ([left, right], [top, bottom]) = (ends(tile.left, tile.width), ends(tile.top, tile.height));
+        Limits { left, right, top, bottom }
+    }
+
+    /// The colour of the tile if there is nothing in it, now and in the past, but background of one colour. Row ranges
+    /// `of_past` are those to look at.
+    #[inline(always)]
+    fn bare_color<S: Simd>(&self, simd: S, tile: &Tile, of_past: &[Range<usize>]) -> Option<[f32; 3]> {
+        let mut color = None;
+        for (age, (past, rows)) in self.past.iter().zip(of_past).enumerate() {
+            let limits = self.limits(tile, age);
+            for row in rows.clone() {
+                for word in 0..past.boxes.words() {
+                    let mut chunks = past.boxes.meeting(simd, row, word, limits);
+                    while chunks != 0 {
+                        let chunk = word * WORD + chunks.trailing_zeros() as usize;
+                        chunks &= chunks - 1;
+                        let bare = past.frame.chunks[row * past.frame.chunks_per_row() + chunk].bare?;
+                        if *color.get_or_insert(bare) != bare {
+                            return None;
+                        }
                     }
                 }
             }
         }
-        for pixel in band.pixels {
-            let variance = 1.0 / pixel[3];
-            *pixel = (f32x4::load_array_ref(simd, pixel) * variance).to_array();
-            pixel[3] = (variance.sqrt() - EXACT).clamp(0.0, 1.0);
-        }
+        color
     }
 
-    /// Weights of the interpolated current frame at the pixels of one period of row `y`.
+    /// Adds the samples of all frames to `tile`, strip by strip. Row ranges `of_past` are those to look at.
     #[inline(always)]
-    fn surface_weights(&self, y: usize) -> [f32; crate::MAX_SCALE as usize] {
-        let mut weights = [0.0; crate::MAX_SCALE as usize];
-        let (x_phases, y_place) = (self.surface.x_phases(), self.surface.y_place(y));
-        let to_sample = |f: f32| f.min(1.0 - f) * self.scale as f32;
-        let dy = to_sample(y_place.fraction);
-        for (weight, place) in weights.iter_mut().zip(x_phases) {
-            let dx = to_sample(place.fraction);
-            let d2 = dx * dx + dy * dy;
-            *weight = 1.0 / (NOISE + SURFACE * d2 * d2 / (1.0 + SURFACE * d2));
+    fn add_past<S: Simd>(&self, simd: S, tile: &mut Tile, of_past: &[Range<usize>]) {
+        let limits = self.limits(tile, 1);
+        let (mut from, end) = (limits.top, limits.bottom);
+        let (mut queue, mut count) = ([Task::default(); QUEUE], 0);
+        while from <= end {
+            // A chunk belongs to the strip in which it begins; one that begins above the tile, to the first.
+            let first = if from == limits.top { f32::NEG_INFINITY } else { from };
+            let strip = Limits { top: first, bottom: from + STRIP, ..limits };
+            for (age, (past, rows)) in self.past.iter().zip(of_past).enumerate() {
+                for row in rows.clone() {
+                    for word in 0..past.boxes.words() {
+                        let mut chunks = past.boxes.meeting(simd, row, word, strip);
+                        while chunks != 0 {
+                            let chunk = word * WORD + chunks.trailing_zeros() as usize;
+                            chunks &= chunks - 1;
+                            if !past.boxes.begins_within(row, chunk, strip, limits) {
+                                continue;
+                            }
+                            // Sides and ages are far below 2¹⁶.
+                            queue[count] = Task { age: age as u16, row: row as u16, chunk: chunk as u16 };
+                            count += 1;
+                            if count == QUEUE {
+                                self.add_all(tile, &queue);
+                                count = 0;
+                            }
+                        }
+                    }
+                }
+            }
+            from += STRIP;
         }
-        weights
+        self.add_all(tile, &queue[..count]);
+    }
+
+    /// Adds chunks of samples to `tile`, in their order.
+    fn add_all(&self, tile: &mut Tile, tasks: &[Task]) {
+        dispatch!(self.level, simd => for (k, task) in tasks.iter().enumerate() {
+            if let Some(next) = tasks.get(k + AHEAD) {
+                self.past[next.age as usize].frame.prefetch(next.row as usize, next.chunk as usize);
+            }
+            let Past { frame, reprojection, .. } = &self.past[task.age as usize];
+            let source = Source { frame, reprojection, age: task.age as usize, scale: self.scale as f32 };
+            tile.add(simd, &source, &self.plausible, task.row as usize, task.chunk as usize);
+        });
     }
 }

@@ -1,26 +1,37 @@
-//! Gathers the frame between two neighbours from them, block by block.
+//! Gathers the frame between two neighbours from them, patch by patch.
 //!
-//! Depths, positions and weights are made for a block of pixels at a time, sixteen lanes wide. Four pixels in a row that
-//! move alike are gathered at once; the others one by one.
+//! A patch is 4×4 pixels. Sixteen patches in a row are looked at together, by their corners: where a patch moves alike and
+//! is seen alike, all of it is gathered with one displacement. The others are looked at pixel by pixel, sixteen lanes,
+//! and gathered four pixels or one at a time. Patches lie on the cells between LR samples where they can (at scales 2, 4
+//! and 8), so that a patch seldom holds two surfaces.
+//!
+//! A patch costs 14 loads, 48 multiply-adds and 12 shifts per neighbour; the floor is memory, 16 B read from each
+//! neighbour and 16 B written a pixel.
 
-use fearless_simd::{Simd, f32x16, i32x16, prelude::*};
+use fearless_simd::{Simd, f32x16, i32x16, mask32x16, prelude::*};
 use gs3_scene::Image;
+use rayon::prelude::*;
 
 use crate::gather::{Gather, QUAD, UNITS, sum_of_pixels};
+use crate::lanes::spread;
 use crate::middle_depth::MiddleDepth;
-use crate::neighbor_depth::{HIDDEN, NeighborDepth, SAME_SURFACE};
+use crate::neighbor_depth::{HIDDEN, NeighborDepth};
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
 
-/// Pixels of a block: few enough that what is made for them stays in the first-level cache.
-const BLOCK: usize = 64;
+/// Pixels along a side of a patch.
+const SIDE: usize = QUAD;
 
+/// Patches looked at together, and pixels of a patch.
 const LANES: usize = 16;
 
-/// Rows of pixels that a task makes block by block, so that the rows they gather from are still in the first-level cache.
-pub(crate) const BAND: usize = 8;
+/// Pixels along the patches looked at together.
+const RUN: usize = LANES * SIDE;
 
-/// Four pixels whose displacements lie within this many pixels, along x and along y, are gathered at once, moved by the
-/// middle of the displacements. The largest error, half of it, is 1/32 px; on real scenes it costs no more than 0.001 dB.
+/// Rows of pixels of a task.
+const BAND: usize = 32;
+
+/// Pixels whose displacements lie within this many pixels, along x and along y, are gathered at once, moved by the middle
+/// of the displacements. The largest error, half of it, is 1/32 px; on real scenes it costs no more than 0.001 dB.
 const RIGID: f32 = 1.0 / 16.0;
 
 /// Weights that do not show in the finest of displays.
@@ -47,170 +58,348 @@ pub(crate) struct Parts<'a> {
     pub share: &'a mut [f32],
 }
 
-/// Where the pixels of a block are found in the neighbours, and how they are blended.
-struct Block {
-    /// Fixed-point x and y per neighbour; those of a rigid quad differ by whole pixels.
-    places: [[[i32; BLOCK]; 2]; 2],
-    /// Per neighbour, a bit per pixel: whether the four pixels of its quad move alike.
+/// Sixteen patches in a row.
+struct Run {
+    /// Bit `k`: patch `k` moves alike in both neighbours; places are specified for such patches only.
+    rigid: u64,
+    /// Bit `k`: patch `k` is seen alike; visibility and share are specified for such patches only.
+    even: u64,
+    /// Fixed-point x and y of the first pixels in each neighbour.
+    places: [[[i32; LANES]; 2]; 2],
+    /// Visibility per neighbour.
+    visibility: [[f32; LANES]; 2],
+    /// Share of the second neighbour.
+    share: [f32; LANES],
+}
+
+/// The pixels of a patch, row by row.
+struct Patch {
+    /// Fixed-point x and y in each neighbour; those of a rigid row differ by whole pixels.
+    places: [[[i32; LANES]; 2]; 2],
+    /// Per neighbour, a bit per pixel: whether the four pixels of its row move alike.
     rigid: [u64; 2],
     /// Visibility per neighbour.
-    visibility: [[f32; BLOCK]; 2],
+    visibility: [[f32; LANES]; 2],
     /// Share of the second neighbour.
-    share: [f32; BLOCK],
-    /// A bit per pixel: whether the four pixels of its quad are blended alike.
+    share: [f32; LANES],
+    /// A bit per pixel: whether the four pixels of its row are blended alike.
     even: u64,
 }
 
+/// The pixels of a patch that are in the image and in the rows being made.
+struct Clip {
+    /// Of the patch.
+    rows: std::ops::Range<usize>,
+    /// Of the patch.
+    columns: std::ops::Range<usize>,
+    /// Place of the patch's first pixel among the rows being made; may be before them.
+    origin: isize,
+    width: usize,
+}
+
+/// Splits rows of `width` values into the bands that tasks make: the first ends where patches begin.
+pub(crate) fn bands<T: Send>(
+    scale: usize,
+    width: usize,
+    rows: &mut [T],
+) -> impl IndexedParallelIterator<Item = &mut [T]> {
+    let (first, others) = rows.split_at_mut((offset(scale) * width).min(rows.len()));
+    rayon::iter::once(first).chain(others.par_chunks_mut(width * BAND))
+}
+
+/// The first row of a band.
+pub(crate) const fn band_top(scale: usize, band: usize) -> usize {
+    if band == 0 { 0 } else { offset(scale) + (band - 1) * BAND }
+}
+
+/// Where the first whole patch begins: a cell between samples begins half an LR pixel after the image.
+const fn offset(scale: usize) -> usize {
+    scale / 2 % SIDE
+}
+
 impl Warp<'_> {
-    /// Blends whole rows of pixels from row `top` on.
+    /// Blends the rows of pixels `rows` from row `top` on, a band.
     #[inline(always)]
     pub fn blend<S: Simd>(&self, simd: S, top: usize, rows: &mut [[f32; 4]]) {
         let width = self.images[0].width();
-        let mut block = Block::new();
-        for x in (0..width).step_by(BLOCK) {
-            for (y, row) in (top..).zip(rows.chunks_exact_mut(width)) {
-                self.place(simd, x, y, &mut block);
-                let end = (x + BLOCK).min(width);
-                self.gather_blended(simd, &block, &mut row[x..end]);
+        let (count, mut first) = (rows.len(), [[[0.0; 4 * SIDE]; SIDE]; LANES]);
+        for [x, y] in self.runs(count / width, top) {
+            let run = self.look_at_run(simd, x, y);
+            let clip = |k: usize| Clip::new(x + (k * SIDE) as isize, y, top, width, count);
+            // One neighbour after the other, so that the rows gathered from stay in the cache.
+            let mut rigid = 0;
+            for k in 0..LANES {
+                if run.rigid >> k & 1 == 1 && clip(k).is_whole() {
+                    rigid |= u64::from(self.gather_first(simd, &run, k, &mut first[k])) << k;
+                }
+            }
+            for k in 0..LANES {
+                let (clip, x) = (clip(k), x + (k * SIDE) as isize);
+                if clip.is_empty() {
+                    continue;
+                }
+                let is_rigid = rigid >> k & 1 == 1;
+                let is_even = run.even >> k & 1 == 1;
+                if is_rigid && is_even && self.gather_second(simd, &run, k, &first[k], &clip, rows) {
+                    continue;
+                }
+                let patch = self.look_at_patch(simd, x, y);
+                if !(is_rigid && self.mix_second(simd, &run, k, &first[k], &patch.share, &clip, rows)) {
+                    self.blend_patch(simd, &patch, &clip, rows);
+                }
             }
         }
     }
 
-    /// Makes whole rows of pixels from row `top` on, both neighbours apart.
+    /// Makes the rows of pixels of `parts` from row `top` on, a band, both neighbours apart.
     #[inline(always)]
     pub fn separate<S: Simd>(&self, simd: S, top: usize, parts: Parts<'_>) {
         let width = self.images[0].width();
-        let mut block = Block::new();
         let Parts { images, visibility, share } = parts;
-        for x in (0..width).step_by(BLOCK) {
-            for row in 0..share.len() / width {
-                self.place(simd, x, top + row, &mut block);
-                let at = row * width + x..row * width + (x + BLOCK).min(width);
-                let count = at.len();
-                share[at.clone()].copy_from_slice(&block.share[..count]);
-                for n in 0..2 {
-                    visibility[n][at.clone()].copy_from_slice(&block.visibility[n][..count]);
-                    self.gather_single(simd, n, &block, &mut images[n][at.clone()]);
+        let count = share.len();
+        for [x, y] in self.runs(count / width, top) {
+            let run = self.look_at_run(simd, x, y);
+            for k in 0..LANES {
+                let clip = Clip::new(x + (k * SIDE) as isize, y, top, width, count);
+                if clip.is_empty() {
+                    continue;
+                }
+                if (run.rigid & run.even) >> k & 1 == 1 && clip.is_whole() {
+                    let quads = [self.quads(simd, 0, &run, k), self.quads(simd, 1, &run, k)];
+                    if let [Some(before), Some(after)] = quads {
+                        for r in 0..SIDE {
+                            let at = clip.row(r);
+                            before[r].store_slice(images[0][at.clone()].as_flattened_mut());
+                            after[r].store_slice(images[1][at.clone()].as_flattened_mut());
+                            visibility[0][at.clone()].fill(run.visibility[0][k]);
+                            visibility[1][at.clone()].fill(run.visibility[1][k]);
+                            share[at].fill(run.share[k]);
+                        }
+                        continue;
+                    }
+                }
+                let patch = self.look_at_patch(simd, x + (k * SIDE) as isize, y);
+                for r in clip.rows.clone() {
+                    let (at, of_patch) =
+                        (clip.row(r), r * SIDE + clip.columns.start..r * SIDE + clip.columns.end);
+                    share[at.clone()].copy_from_slice(&patch.share[of_patch.clone()]);
+                    for n in 0..2 {
+                        visibility[n][at.clone()].copy_from_slice(&patch.visibility[n][of_patch.clone()]);
+                        self.gather_row(simd, n, &patch, of_patch.start, &mut images[n][at.clone()]);
+                    }
                 }
             }
         }
     }
 
-    /// Inverse depths of a block of the middle frame: linear within a surface, the nearest sample's at an edge.
-    #[inline(always)]
-    fn middle_depths(&self, x: usize, y: usize, depths: &mut [f32; BLOCK]) {
-        let (scale, width) = (self.scale, self.middle.width);
-        // Cell c lies between samples c − 1 and c.
-        let (cell_y, phase_y) = ((y + scale - scale / 2) / scale, (y + scale - scale / 2) % scale);
-        let fraction = |phase: usize| (phase as f32 + 0.5 + (scale / 2) as f32) / scale as f32 - 0.5;
-        let row = |j: usize| &self.middle.inverse[j.min(self.middle.height - 1) * width..][..width];
-        let (top, bottom, fy) = (row(cell_y.saturating_sub(1)), row(cell_y), fraction(phase_y));
-        let fractions: [f32; crate::MAX_SCALE as usize] = std::array::from_fn(fraction);
-        let (mut cell, mut phase) = ((x + scale - scale / 2) / scale, (x + scale - scale / 2) % scale);
-        let mut k = 0;
-        while k < BLOCK {
-            let [i0, i1] = [cell.saturating_sub(1), cell].map(|i| i.min(width - 1));
-            let [a, b, c, d] = [top[i0], top[i1], bottom[i0], bottom[i1]];
-            let (far, near) = (a.min(b).min(c.min(d)), a.max(b).max(c.max(d)));
-            let count = (scale - phase).min(BLOCK - k);
-            if near - far <= SAME_SURFACE * near {
-                let (left, right) = (a + (c - a) * fy, b + (d - b) * fy);
-                for (depth, f) in depths[k..k + count].iter_mut().zip(&fractions[phase..]) {
-                    *depth = left + (right - left) * f;
-                }
-            } else {
-                let [left, right] = if fy < 0.5 { [a, b] } else { [c, d] };
-                for (depth, f) in depths[k..k + count].iter_mut().zip(&fractions[phase..]) {
-                    *depth = if *f < 0.5 { left } else { right };
-                }
-            }
-            k += count;
-            (cell, phase) = (cell + 1, 0);
-        }
+    /// The first pixels of every sixteen patches of a band, row by row: what is gathered from is read in long streams.
+    fn runs(&self, rows: usize, top: usize) -> impl Iterator<Item = [isize; 2]> + use<> {
+        let (width, offset) = (self.images[0].width() as isize, offset(self.scale) as isize);
+        // The first patches may begin before the image.
+        let start = |first: isize| if first == 0 && offset > 0 { offset - SIDE as isize } else { first };
+        let (left, top, bottom) = (start(0), start(top as isize), (top + rows) as isize);
+        (top..bottom).step_by(SIDE).flat_map(move |y| (left..width).step_by(RUN).map(move |x| [x, y]))
     }
 
-    /// Where the pixels of the block from `(x, y)` on are found in the neighbours, and how they are blended.
+    /// Looks at the corners of the sixteen patches from `(x, y)` on.
     #[inline(always)]
-    fn place<S: Simd>(&self, simd: S, x: usize, y: usize, block: &mut Block) {
-        let mut depths = [0.0; BLOCK];
-        self.middle_depths(x, y, &mut depths);
-        (block.rigid, block.even) = ([0; 2], 0);
+    fn look_at_run<S: Simd>(&self, simd: S, x: isize, y: isize) -> Run {
         let splat = |v: f32| f32x16::splat(simd, v);
-        let lanes = f32x16::load_array(simd, std::array::from_fn(|k| k as f32));
-        for from in (0..BLOCK).step_by(LANES) {
-            let at = from..from + LANES;
-            let depth = f32x16::from_slice(simd, &depths[at.clone()]);
-            let x = lanes + splat((x + from) as f32);
-            let mut weights = [splat(1.0 - self.t), splat(self.t)];
+        let firsts = f32x16::from_fn(simd, |k| (k * SIDE) as f32) + x as f32;
+        let mut least = [[splat(f32::INFINITY); 3]; 2];
+        let mut most = [[splat(f32::NEG_INFINITY); 3]; 2];
+        let end = SIDE - 1;
+        for [dx, dy] in [[0, 0], [end, 0], [0, end], [end, end]] {
+            let depth = self.middle.along_row(simd, x + dx as isize, SIDE, y + dy as isize);
+            let (x, y) = (firsts + dx as f32, splat((y + dy as isize) as f32));
             for n in 0..2 {
-                let [u, v, w] = self.reproject(simd, n, x, y as f32, depth);
-                let visibility = self.visibility(simd, n, [u, v, w]);
-                visibility.store_slice(&mut block.visibility[n][at.clone()]);
-                weights[n] *= visibility;
-                // Displacements within the quad.
-                let moved = [u - x, v - splat(y as f32)];
-                let [(least_x, most_x), (least_y, most_y)] = moved.map(extremes);
-                let is_rigid =
-                    (most_x - least_x).simd_le(splat(RIGID)) & (most_y - least_y).simd_le(splat(RIGID));
-                block.rigid[n] |= is_rigid.to_bitmask() << from;
-                let common = [(least_x + most_x) * 0.5, (least_y + most_y) * 0.5];
-                for c in 0..2 {
-                    let moved = is_rigid.select(common[c], moved[c]);
-                    let units: i32x16<S> = moved.mul_add(splat(UNITS), splat(0.5)).floor().to_int();
-                    let pixel: i32x16<S> = if c == 0 { x.to_int() } else { i32x16::splat(simd, y as i32) };
-                    let place = units + pixel * UNITS as i32;
-                    place.store_slice(&mut block.places[n][c][at.clone()]);
+                let [u, v, w] = self.reproject(simd, n, x, y, depth);
+                let seen = self.depths[n].visibility_along(simd, [u, v, w], self.scale as f32);
+                let found = [u - x, v - y, self.inside(simd, n, [u, v, w], seen)];
+                for ((least, most), found) in least[n].iter_mut().zip(&mut most[n]).zip(found) {
+                    (*least, *most) = (least.min(found), most.max(found));
                 }
             }
-            let share = weights[1] / (weights[0] + weights[1]);
-            let share = share.simd_lt(splat(NEGLIGIBLE)).select(splat(0.0), share);
-            let share = share.simd_gt(splat(1.0 - NEGLIGIBLE)).select(splat(1.0), share);
-            share.store_slice(&mut block.share[at]);
-            let (least, most) = extremes(share);
-            block.even |= least.simd_eq(most).to_bitmask() << from;
         }
+        // At scale 1, pixels between the corners have samples of their own.
+        let every = if self.scale > 1 { 0xffff } else { 0 };
+        let rigid = is_rigid(&least[0], &most[0]) & is_rigid(&least[1], &most[1]);
+        let even = most[0][2].simd_eq(least[0][2]) & most[1][2].simd_eq(least[1][2]);
+        let y = splat(y as f32);
+        Run {
+            rigid: rigid.to_bitmask() & every,
+            even: even.to_bitmask() & every,
+            places: [
+                [middle(&least[0], &most[0], 0, firsts), middle(&least[0], &most[0], 1, y)],
+                [middle(&least[1], &most[1], 0, firsts), middle(&least[1], &most[1], 1, y)],
+            ],
+            visibility: [most[0][2].to_array(), most[1][2].to_array()],
+            share: self.share(simd, [most[0][2], most[1][2]]).to_array(),
+        }
+    }
+
+    /// Looks at every pixel of the patch from `(x, y)` on.
+    #[inline(always)]
+    fn look_at_patch<S: Simd>(&self, simd: S, x: isize, y: isize) -> Patch {
+        let depth = self.middle.in_patch(simd, x, y);
+        let x = f32x16::from_fn(simd, |k| (k % SIDE) as f32) + x as f32;
+        let y = f32x16::from_fn(simd, |k| (k / SIDE) as f32) + y as f32;
+        let mut patch = Patch {
+            places: [[[0; LANES]; 2]; 2],
+            rigid: [0; 2],
+            visibility: [[0.0; LANES]; 2],
+            share: [0.0; LANES],
+            even: 0,
+        };
+        let mut visibility = [f32x16::splat(simd, 0.0); 2];
+        for n in 0..2 {
+            let [u, v, w] = self.reproject(simd, n, x, y, depth);
+            let seen = self.depths[n].visibility_within(simd, [u, v, w], self.scale as f32);
+            visibility[n] = self.inside(simd, n, [u, v, w], seen);
+            patch.visibility[n] = visibility[n].to_array();
+            let (moved_x, moved_y) = (u - x, v - y);
+            let (least_x, most_x) = extremes(moved_x);
+            let (least_y, most_y) = extremes(moved_y);
+            let is_rigid = (most_x - least_x).simd_le(RIGID) & (most_y - least_y).simd_le(RIGID);
+            patch.rigid[n] = is_rigid.to_bitmask();
+            let common_x = is_rigid.select((least_x + most_x) * 0.5, moved_x);
+            let common_y = is_rigid.select((least_y + most_y) * 0.5, moved_y);
+            patch.places[n] = [units(common_x, x).to_array(), units(common_y, y).to_array()];
+        }
+        let share = self.share(simd, visibility);
+        let (least, most) = extremes(share);
+        (patch.share, patch.even) = (share.to_array(), least.simd_eq(most).to_bitmask());
+        patch
+    }
+
+    /// The share of the second neighbour.
+    #[inline(always)]
+    fn share<S: Simd>(&self, simd: S, visibility: [f32x16<S>; 2]) -> f32x16<S> {
+        let splat = |v: f32| f32x16::splat(simd, v);
+        let [before, after] = [visibility[0] * (1.0 - self.t), visibility[1] * self.t];
+        let share = after / (before + after);
+        let share = share.simd_lt(NEGLIGIBLE).select(splat(0.0), share);
+        share.simd_gt(1.0 - NEGLIGIBLE).select(splat(1.0), share)
     }
 
     /// Pixel positions in neighbour `n` and inverse depths there, −1 behind it.
     #[inline(always)]
-    fn reproject<S: Simd>(&self, simd: S, n: usize, x: f32x16<S>, y: f32, w: f32x16<S>) -> [f32x16<S>; 3] {
-        let splat = |v: f32| f32x16::splat(simd, v);
+    fn reproject<S: Simd>(
+        &self,
+        simd: S,
+        n: usize,
+        x: f32x16<S>,
+        y: f32x16<S>,
+        w: f32x16<S>,
+    ) -> [f32x16<S>; 3] {
         // Pixel centres of cameras are at halves.
-        let [u, v, q] = self.reprojections[n].apply_16(simd, x + splat(0.5), y + 0.5, w);
-        let w = q.simd_gt(splat(MIN_DIVISOR)).select(w / q, splat(-1.0));
-        [u - splat(0.5), v - splat(0.5), w]
+        let [u, v, q] = self.reprojections[n].apply_16(simd, x + 0.5, y + 0.5, w);
+        let w = q.simd_gt(MIN_DIVISOR).select(w / q, f32x16::splat(simd, -1.0));
+        [u - 0.5, v - 0.5, w]
     }
 
-    /// How well neighbour `n` sees points at its positions `(u, v)` and inverse depths `w`: 1, less at
-    /// silhouettes, near 0 hidden, nearer outside.
+    /// The visibility `seen` within neighbour `n`, next to nothing outside.
     #[inline(always)]
-    fn visibility<S: Simd>(&self, simd: S, n: usize, [u, v, w]: [f32x16<S>; 3]) -> f32x16<S> {
-        let splat = |v: f32| f32x16::splat(simd, v);
+    fn inside<S: Simd>(&self, simd: S, n: usize, [u, v, w]: [f32x16<S>; 3], seen: f32x16<S>) -> f32x16<S> {
         let (width, height) = (self.images[n].width() as f32, self.images[n].height() as f32);
-        let inside = u.simd_ge(splat(-0.5))
-            & v.simd_ge(splat(-0.5))
-            & u.simd_le(splat(width - 0.5))
-            & v.simd_le(splat(height - 0.5))
-            & w.simd_ge(splat(0.0));
-        let seen = self.depths[n].visibility(simd, [u, v, w], self.scale as f32);
-        inside.select(seen, splat(HIDDEN * HIDDEN))
+        let inside = u.simd_ge(-0.5)
+            & v.simd_ge(-0.5)
+            & u.simd_le(width - 0.5)
+            & v.simd_le(height - 0.5)
+            & w.simd_ge(0.0);
+        inside.select(seen, f32x16::splat(simd, HIDDEN * HIDDEN))
     }
 
-    /// Gathers the pixels of a block, both neighbours blended.
+    /// Patch `k` of a run in neighbour `n`, row by row, if all it needs is inside.
     #[inline(always)]
-    fn gather_blended<S: Simd>(&self, simd: S, block: &Block, out: &mut [[f32; 4]]) {
-        for (first, pixels) in (0..).step_by(QUAD).zip(out.chunks_mut(QUAD)) {
-            let is_even = block.even >> first & 1 == 1;
-            if !(is_even && pixels.len() == QUAD && self.blend_quad(simd, block, first, pixels)) {
-                for (k, pixel) in (first..).zip(pixels) {
-                    let mut sum = f32x16::splat(simd, 0.0);
-                    for (n, weight) in [1.0 - block.share[k], block.share[k]].into_iter().enumerate() {
-                        if weight > 0.0 {
-                            sum += self.gather.pixel(simd, self.images[n], block.place(n, k), weight);
-                        }
+    fn quads<S: Simd>(&self, simd: S, n: usize, run: &Run, k: usize) -> Option<[f32x16<S>; SIDE]> {
+        let [x, y] = &run.places[n];
+        self.gather.patch(simd, self.images[n], [x[k], y[k]])
+    }
+
+    /// Gathers what the first neighbour gives to a rigid patch: by its weight where it is even, else all; `false` if that
+    /// is not all inside.
+    #[inline(always)]
+    fn gather_first<S: Simd>(&self, simd: S, run: &Run, k: usize, out: &mut [[f32; 4 * SIDE]; SIDE]) -> bool {
+        let is_even = run.even >> k & 1 == 1;
+        let weight = if is_even { 1.0 - run.share[k] } else { 1.0 };
+        if weight == 0.0 {
+            *out = [[0.0; 4 * SIDE]; SIDE];
+            return true;
+        }
+        let Some(quads) = self.quads(simd, 0, run, k) else { return false };
+        for (quad, out) in quads.into_iter().zip(out) {
+            (quad * weight).store_array(out);
+        }
+        true
+    }
+
+    /// Adds what the second neighbour gives to an even patch, and writes it; `false`, and nothing written, if that is not
+    /// all inside.
+    #[inline(always)]
+    fn gather_second<S: Simd>(
+        &self,
+        simd: S,
+        run: &Run,
+        k: usize,
+        first: &[[f32; 4 * SIDE]; SIDE],
+        clip: &Clip,
+        rows: &mut [[f32; 4]],
+    ) -> bool {
+        let weight = run.share[k];
+        let mut quads = [f32x16::splat(simd, 0.0); SIDE];
+        if weight > 0.0 {
+            let Some(second) = self.quads(simd, 1, run, k) else { return false };
+            quads = second;
+        }
+        for (r, (quad, first)) in quads.into_iter().zip(first).enumerate() {
+            let sum = quad.mul_add(weight, f32x16::load_array_ref(simd, first));
+            sum.store_slice(rows[clip.row(r)].as_flattened_mut());
+        }
+        true
+    }
+
+    /// Mixes what the first neighbour gives to a patch with what the second does, pixel by pixel, and writes it; `false`,
+    /// and nothing written, if that is not all inside.
+    #[inline(always)]
+    fn mix_second<S: Simd>(
+        &self,
+        simd: S,
+        run: &Run,
+        k: usize,
+        first: &[[f32; 4 * SIDE]; SIDE],
+        share: &[f32; LANES],
+        clip: &Clip,
+        rows: &mut [[f32; 4]],
+    ) -> bool {
+        let Some(second) = self.quads(simd, 1, run, k) else { return false };
+        for r in 0..SIDE {
+            let share = spread(simd, &share[r * SIDE..(r + 1) * SIDE]);
+            let first = f32x16::load_array_ref(simd, &first[r]);
+            let mixed = (second[r] - first).mul_add(share, first);
+            mixed.store_slice(rows[clip.row(r)].as_flattened_mut());
+        }
+        true
+    }
+
+    /// Blends the pixels of a patch.
+    #[inline(always)]
+    fn blend_patch<S: Simd>(&self, simd: S, patch: &Patch, clip: &Clip, rows: &mut [[f32; 4]]) {
+        for r in clip.rows.clone() {
+            let first = r * SIDE + clip.columns.start;
+            let pixels = &mut rows[clip.row(r)];
+            let is_even = patch.even >> first & 1 == 1;
+            if is_even && pixels.len() == QUAD && self.blend_quad(simd, patch, first, pixels) {
+                continue;
+            }
+            for (k, pixel) in (first..).zip(pixels) {
+                let mut sum = f32x16::splat(simd, 0.0);
+                for (n, weight) in [1.0 - patch.share[k], patch.share[k]].into_iter().enumerate() {
+                    if weight > 0.0 {
+                        sum += self.gather.pixel(simd, self.images[n], patch.place(n, k), weight);
                     }
-                    *pixel = sum_of_pixels(sum);
                 }
+                *pixel = sum_of_pixels(sum);
             }
         }
     }
@@ -218,59 +407,102 @@ impl Warp<'_> {
     /// Whether all that an evenly blended quad needs moves alike and is inside the neighbours; if not, nothing has been
     /// written.
     #[inline(always)]
-    fn blend_quad<S: Simd>(&self, simd: S, block: &Block, first: usize, pixels: &mut [[f32; 4]]) -> bool {
-        let share = block.share[first];
+    fn blend_quad<S: Simd>(&self, simd: S, patch: &Patch, first: usize, pixels: &mut [[f32; 4]]) -> bool {
+        let share = patch.share[first];
         let mut sum = f32x16::splat(simd, 0.0);
         for (n, weight) in [1.0 - share, share].into_iter().enumerate() {
             if weight > 0.0 {
-                let Some(quad) = self.quad(simd, n, block, first) else { return false };
-                sum = quad.mul_add(f32x16::splat(simd, weight), sum);
+                let Some(quad) = self.quad(simd, n, patch, first) else { return false };
+                sum = quad.mul_add(weight, sum);
             }
         }
         sum.store_slice(pixels.as_flattened_mut());
         true
     }
 
-    /// Gathers the pixels of a block from neighbour `n` alone.
+    /// Gathers pixels of a row of a patch, from its pixel `first` on, from neighbour `n` alone.
     #[inline(always)]
-    fn gather_single<S: Simd>(&self, simd: S, n: usize, block: &Block, out: &mut [[f32; 4]]) {
-        for (first, pixels) in (0..).step_by(QUAD).zip(out.chunks_mut(QUAD)) {
-            match self.quad(simd, n, block, first) {
-                Some(quad) if pixels.len() == QUAD => quad.store_slice(pixels.as_flattened_mut()),
-                _ => {
-                    for (k, pixel) in (first..).zip(pixels) {
-                        let taps = self.gather.pixel(simd, self.images[n], block.place(n, k), 1.0);
-                        *pixel = sum_of_pixels(taps);
-                    }
-                }
-            }
+    fn gather_row<S: Simd>(&self, simd: S, n: usize, patch: &Patch, first: usize, pixels: &mut [[f32; 4]]) {
+        if pixels.len() == QUAD
+            && let Some(quad) = self.quad(simd, n, patch, first)
+        {
+            return quad.store_slice(pixels.as_flattened_mut());
+        }
+        for (k, pixel) in (first..).zip(pixels) {
+            *pixel = sum_of_pixels(self.gather.pixel(simd, self.images[n], patch.place(n, k), 1.0));
         }
     }
 
-    /// The quad from `first` on in neighbour `n`, if it moves alike and is inside.
+    /// The row of a patch from pixel `first` on in neighbour `n`, if it moves alike and is inside.
     #[inline(always)]
-    fn quad<S: Simd>(&self, simd: S, n: usize, block: &Block, first: usize) -> Option<f32x16<S>> {
-        let is_rigid = block.rigid[n] >> first & 1 == 1;
-        if is_rigid { self.gather.quad(simd, self.images[n], block.place(n, first)) } else { None }
+    fn quad<S: Simd>(&self, simd: S, n: usize, patch: &Patch, first: usize) -> Option<f32x16<S>> {
+        let is_rigid = patch.rigid[n] >> first & 1 == 1;
+        if is_rigid { self.gather.quad(simd, self.images[n], patch.place(n, first)) } else { None }
     }
 }
 
-impl Block {
-    const fn new() -> Self {
-        Self {
-            places: [[[0; BLOCK]; 2]; 2],
-            rigid: [0; 2],
-            visibility: [[0.0; BLOCK]; 2],
-            share: [0.0; BLOCK],
-            even: 0,
-        }
-    }
-
+impl Patch {
     /// Fixed-point position of pixel `k` in neighbour `n`.
     #[inline(always)]
     const fn place(&self, n: usize, k: usize) -> [i32; 2] {
         [self.places[n][0][k], self.places[n][1][k]]
     }
+}
+
+impl Clip {
+    /// The patch from `(x, y)` on within the image, `width` wide, and its `count` pixels from row `top` on.
+    #[inline(always)]
+    fn new(x: isize, y: isize, top: usize, width: usize, count: usize) -> Self {
+        let y = y - top as isize;
+        let inside = |first: isize, len: usize| {
+            let end = (len as isize - first).clamp(0, SIDE as isize);
+            ((-first).clamp(0, end)) as usize..end as usize
+        };
+        let (rows, columns) = (inside(y, count / width), inside(x, width));
+        Self { rows, columns, origin: y * width as isize + x, width }
+    }
+
+    #[inline(always)]
+    fn is_empty(&self) -> bool {
+        self.rows.is_empty() || self.columns.is_empty()
+    }
+
+    #[inline(always)]
+    fn is_whole(&self) -> bool {
+        self.rows.len() == SIDE && self.columns.len() == SIDE
+    }
+
+    /// The pixels of row `r` of the patch among the rows being made.
+    #[inline(always)]
+    fn row(&self, r: usize) -> std::ops::Range<usize> {
+        let at = |column: usize| (self.origin + (r * self.width + column) as isize) as usize;
+        at(self.columns.start)..at(self.columns.end)
+    }
+}
+
+/// Whether displacements, x and y, are rigid between their least and most.
+#[inline(always)]
+fn is_rigid<S: Simd>(least: &[f32x16<S>; 3], most: &[f32x16<S>; 3]) -> mask32x16<S> {
+    (most[0] - least[0]).simd_le(RIGID) & (most[1] - least[1]).simd_le(RIGID)
+}
+
+/// Fixed-point positions, along axis `c`, of pixels moved by the middle of the displacements.
+#[inline(always)]
+fn middle<S: Simd>(
+    least: &[f32x16<S>; 3],
+    most: &[f32x16<S>; 3],
+    c: usize,
+    pixel: f32x16<S>,
+) -> [i32; LANES] {
+    units((least[c] + most[c]) * 0.5, pixel).to_array()
+}
+
+/// Fixed-point positions of pixels moved by `moved`. Whole pixels are added in whole numbers, so that pixels that move
+/// alike stay whole pixels apart.
+#[inline(always)]
+fn units<S: Simd>(moved: f32x16<S>, pixel: f32x16<S>) -> i32x16<S> {
+    let units: i32x16<S> = (moved * UNITS + 0.5).floor().to_int();
+    units + (pixel * UNITS).to_int::<i32x16<S>>()
 }
 
 /// The least and the largest of every four lanes, in all of them.

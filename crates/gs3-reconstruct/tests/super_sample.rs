@@ -38,6 +38,22 @@ fn at_rest_the_image_becomes_native() {
 }
 
 #[test]
+fn beside_empty_background_nothing_is_lost() {
+    // The post alone, several tiles wide: most tiles hold nothing, some a rim, and none may differ at its seams.
+    // Its rim is hard: the tails of a soft one are not background.
+    let mut world = wall_and_post(60.0);
+    world.sheets.pop();
+    world.sheets[0].softness = 5e-4;
+    let pose = camera(840, 136, [0.3, 0.0, 0.0], 0.05, 0.0);
+    let (native, out) = (world.native(&pose), run(&world, 4, 16, |_| pose));
+    assert!(psnr(&out, &native) > 80.0, "{:.2} dB", psnr(&out, &native));
+    assert!(out.pixels().iter().all(|p| p[3] == 0.0));
+    let alone = run(&world, 4, 1, |_| pose);
+    let empty = alone.pixels().iter().filter(|p| **p == [0.0; 4]).count();
+    assert!(empty > 840 * 136 / 4, "only {empty} pixels are certain to be empty");
+}
+
+#[test]
 fn history_gains_in_motion() {
     let world = wall_and_post(60.0);
     let pose = |k: usize| at(0.02 * k as f64);

@@ -74,7 +74,8 @@ impl World {
             for k in 0..3 {
                 color[k] += transmittance * alpha * c[k];
             }
-            if transmittance > 0.5 {
+            // As the rasterizer: what is too faint is not there.
+            if transmittance > 0.5 && alpha >= 1.0 / 255.0 {
                 depth = z;
             }
             transmittance *= 1.0 - alpha;

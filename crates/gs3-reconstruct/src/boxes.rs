@@ -1,0 +1,142 @@
+//! Where chunks of samples are in the current frame: boxes that contain them.
+
+use fearless_simd::{Simd, f32x16, mask32x16, prelude::*};
+
+use crate::reprojection::{MIN_DIVISOR, Reprojection};
+use crate::samples::{CHUNK, SampleFrame};
+
+/// HR pixels, pixel centres at whole numbers, that a box exceeds what it contains by: far more than positions are off
+/// because a corner was rounded in another way than a sample.
+const SLACK: f32 = 0.5;
+
+const LANES: usize = 16;
+
+/// Chunks that one mask tells of.
+pub(crate) const WORD: usize = 64;
+
+/// A range of HR pixels along x and y, ends included.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Limits {
+    pub left: f32,
+    pub right: f32,
+    pub top: f32,
+    pub bottom: f32,
+}
+
+/// The boxes of the chunks of one frame, `[height, stride]` each, and of its rows, `[height]`. A box of nothing has a left
+/// end of ∞.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Boxes {
+    /// Chunks per row, made a multiple of [`WORD`] by boxes of nothing.
+    stride: usize,
+    left: Vec<f32>,
+    right: Vec<f32>,
+    top: Vec<f32>,
+    bottom: Vec<f32>,
+    rows: Vec<[f32; 2]>,
+}
+
+impl Boxes {
+    /// Finds the boxes of `frame`, whose samples are `scale` HR pixels apart, under `reprojection`, reusing memory.
+    ///
+    /// Along a row at one inverse depth, and along inverse depths at one place, positions are monotonic as long as
+    /// everything is in front of the camera. So the extremes of a chunk are at its ends, nearest and farthest.
+    #[inline(always)]
+    pub fn set<S: Simd>(&mut self, simd: S, frame: &SampleFrame, reprojection: &Reprojection, scale: f32) {
+        let chunks = frame.chunks_per_row();
+        self.stride = chunks.next_multiple_of(WORD);
+        for ends in [&mut self.left, &mut self.right, &mut self.top, &mut self.bottom] {
+            ends.resize(self.stride * frame.height, f32::INFINITY);
+        }
+        self.rows.resize(frame.height, [0.0; 2]);
+        let splat = |v: f32| f32x16::splat(simd, v);
+        let lanes = f32x16::from_fn(simd, |i| (i * CHUNK) as f32);
+        let [jx, jy] = frame.jitter;
+        for row in 0..frame.height {
+            let y = splat((row as f32 + 0.5 + jy) * scale);
+            let of_row = &frame.chunks[row * chunks..(row + 1) * chunks];
+            let (mut row_top, mut row_bottom) = (splat(f32::INFINITY), splat(f32::NEG_INFINITY));
+            for (run, of_run) in of_row.chunks(LANES).enumerate() {
+                let (mut far, mut near) = ([0.0; LANES], [0.0; LANES]);
+                for (k, chunk) in of_run.iter().enumerate() {
+                    (far[k], near[k]) = (chunk.far, chunk.near);
+                }
+                let first = lanes + (run * LANES * CHUNK) as f32;
+                let last = (first + (CHUNK - 1) as f32).min((frame.width - 1) as f32);
+                let (mut left, mut right) = (splat(f32::INFINITY), splat(f32::NEG_INFINITY));
+                let (mut top, mut bottom) = (left, right);
+                let mut is_behind = mask32x16::splat(simd, true);
+                let mut is_ahead = is_behind;
+                for (x, depths) in [(first, &far), (first, &near), (last, &far), (last, &near)] {
+                    let x = (x + (0.5 + jx)) * scale;
+                    let [u, v, q] = reprojection.apply_16(simd, x, y, f32x16::from_slice(simd, depths));
+                    let ahead = q.simd_gt(MIN_DIVISOR);
+                    is_ahead &= ahead;
+                    is_behind &= !ahead;
+                    (left, right) = (left.min(u), right.max(u));
+                    (top, bottom) = (top.min(v), bottom.max(v));
+                }
+                // Partly behind the camera: anywhere. All behind it, or no chunk at all: nowhere.
+                let is_none = is_behind | !first.simd_lt(frame.width as f32);
+                let low = |v: f32x16<S>| {
+                    let v = is_ahead.select(v - (0.5 + SLACK), splat(f32::NEG_INFINITY));
+                    is_none.select(splat(f32::INFINITY), v)
+                };
+                let high = |v: f32x16<S>| {
+                    let v = is_ahead.select(v - (0.5 - SLACK), splat(f32::INFINITY));
+                    is_none.select(splat(f32::NEG_INFINITY), v)
+                };
+                let at = row * self.stride + run * LANES..row * self.stride + (run + 1) * LANES;
+                let (top, bottom) = (low(top), high(bottom));
+                low(left).store_slice(&mut self.left[at.clone()]);
+                high(right).store_slice(&mut self.right[at.clone()]);
+                top.store_slice(&mut self.top[at.clone()]);
+                bottom.store_slice(&mut self.bottom[at]);
+                (row_top, row_bottom) = (row_top.min(top), row_bottom.max(bottom));
+            }
+            let end = row * self.stride + chunks.next_multiple_of(LANES);
+            self.left[end..(row + 1) * self.stride].fill(f32::INFINITY);
+            self.rows[row] = [row_top.reduce_min(), row_bottom.reduce_max()];
+        }
+    }
+
+    /// From the first to the last row of samples that meets `limits`.
+    pub fn rows_meeting(&self, limits: Limits) -> std::ops::Range<usize> {
+        let meets = |[top, bottom]: &[f32; 2]| *top <= limits.bottom && *bottom >= limits.top;
+        let first = self.rows.iter().position(meets);
+        let last = self.rows.iter().rposition(meets);
+        first.zip(last).map_or(0..0, |(first, last)| first..last + 1)
+    }
+
+    /// Masks per row.
+    pub const fn words(&self) -> usize {
+        self.stride / WORD
+    }
+
+    /// Which chunks of word `word` of row `row` meet `limits`.
+    #[inline(always)]
+    pub fn meeting<S: Simd>(&self, simd: S, row: usize, word: usize, limits: Limits) -> u64 {
+        let [row_top, row_bottom] = self.rows[row];
+        if row_top > limits.bottom || row_bottom < limits.top {
+            return 0;
+        }
+        let start = row * self.stride + word * WORD;
+        let load = |ends: &[f32], k: usize| f32x16::from_slice(simd, &ends[start + k..start + k + LANES]);
+        let mut mask = 0;
+        for k in (0..WORD).step_by(LANES) {
+            let meets = load(&self.left, k).simd_le(limits.right)
+                & load(&self.right, k).simd_ge(limits.left)
+                & load(&self.top, k).simd_le(limits.bottom)
+                & load(&self.bottom, k).simd_ge(limits.top);
+            mask |= (meets.to_bitmask() & 0xffff) << k;
+        }
+        mask
+    }
+
+    /// Whether chunk `chunk` of row `row` begins within the rows of `strip`, and does not end above `limits`.
+    pub fn begins_within(&self, row: usize, chunk: usize, strip: Limits, limits: Limits) -> bool {
+        let at = row * self.stride + chunk;
+        let top = self.top[at];
+        top >= strip.top && top < strip.bottom && top <= limits.bottom && self.bottom[at] >= limits.top
+    }
+}
