@@ -8,7 +8,7 @@ use clap::{ArgGroup, Args, ValueEnum};
 use gs3::neural::Weights;
 use gs3::neural::model::Tier;
 use gs3_train::losses::Term;
-use gs3_train::{ClipFolder, Ending, Event, Length, Network, Places, Settings, Trainer, train};
+use gs3_train::{ClipFolder, Ending, Event, Length, Network, Places, Settings, Symmetries, Trainer, train};
 use indicatif::{HumanDuration, ProgressBar};
 
 use crate::error::CliError;
@@ -51,6 +51,9 @@ pub struct TrainArgs {
     /// Side of an item in low-resolution pixels
     #[arg(long, default_value_t = 64, value_name = "PIXELS")]
     pub crop: usize,
+    /// Ways in which items are laid down
+    #[arg(long, default_value = "all")]
+    pub symmetries: SymmetriesArg,
     /// Highest learning rate
     #[arg(long, default_value_t = 1e-3, value_name = "RATE")]
     pub rate: f64,
@@ -66,9 +69,13 @@ pub struct TrainArgs {
     /// Errors far below this count by their squares, those far above by their size
     #[arg(long, default_value_t = 1e-3, value_name = "EPSILON")]
     pub epsilon: f32,
-    /// Weights of terms of the loss [default: 1 for charbonnier, and for super sampling 0.1 for laplacian and temporal]
+    /// Weights of terms of the loss: charbonnier, laplacian, temporal, perceptual, warp, alpha [default: charbonnier=1;
+    /// for super sampling laplacian=0.1 temporal=0.1; for interpolation perceptual=0.2 warp=0.05 alpha=0.2]
     #[arg(long, num_args = 1.., value_name = "TERM=WEIGHT", value_parser = parse_weight)]
     pub loss: Vec<(Term, f64)>,
+    /// Weights of SqueezeNet v1.0, conv1 to fire5, for the perceptual term of the loss [default: no such term]
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub perceptual: Option<PathBuf>,
     /// Longest derivative by all weights; longer ones are shortened to it
     #[arg(long, default_value_t = 1.0, value_name = "LENGTH")]
     pub longest_gradient: f64,
@@ -97,6 +104,23 @@ pub enum TierArg {
     Fast,
     Balanced,
     High,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum SymmetriesArg {
+    /// Mirrored and turned at random
+    All,
+    /// As they were rendered
+    None,
+}
+
+impl From<SymmetriesArg> for Symmetries {
+    fn from(symmetries: SymmetriesArg) -> Self {
+        match symmetries {
+            SymmetriesArg::All => Self::All,
+            SymmetriesArg::None => Self::None,
+        }
+    }
 }
 
 impl From<TierArg> for Tier {
@@ -174,10 +198,12 @@ fn settings(network: Network, args: &TrainArgs) -> Settings {
     settings.batch = args.batch;
     settings.window = args.window;
     settings.crop = args.crop;
+    settings.symmetries = args.symmetries.into();
     settings.rate = args.rate;
     settings.warm_up = args.warm_up;
     settings.seed = args.seed;
     settings.loss.epsilon = args.epsilon;
+    settings.perceptual.clone_from(&args.perceptual);
     settings.longest_gradient = args.longest_gradient;
     for (term, weight) in &args.loss {
         settings.loss.weights.set(*term, *weight);

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use gs3_neural::Random;
 
-use crate::clip::{ClipFile, Window};
+use crate::clip::{Clip, ClipError, ClipFile, Symmetry, Window};
 use crate::error::TrainError;
-use crate::settings::Settings;
+use crate::settings::{Settings, Symmetries};
 
 /// What files of clips are called.
 const EXTENSION: &str = "clip";
@@ -76,26 +76,43 @@ fn check(clip: &ClipFile, settings: &Settings, held: bool) -> Result<(), TrainEr
     Ok(())
 }
 
-/// Item `item` of step `step`: one of `clips` and the part of it. It depends on nothing but the seed, so a training that
-/// is taken up again goes on as if it had never stopped.
-#[must_use]
-pub fn choose<'a>(
-    clips: &'a [ClipFile],
-    settings: &Settings,
-    step: u64,
-    item: usize,
-) -> Option<(&'a ClipFile, Window)> {
-    let place = step.wrapping_mul(settings.batch as u64).wrapping_add(item as u64);
-    // One output of the generator scatters neighbouring seeds over all states.
-    let mut random = Random::new(Random::new(settings.seed).next_bits().wrapping_add(place));
-    let mut random = Random::new(random.next_bits());
-    let mut below = |n: usize| (random.next_bits() % (n.max(1) as u64)) as usize;
-    let clip = clips.get(below(clips.len()))?;
-    let mut part = |whole: usize, part: usize| {
-        let start = below((whole + 1).saturating_sub(part));
-        start..start + part
-    };
-    let frames = part(clip.frames(), settings.window);
-    let [rows, columns] = clip.lr().map(|side| part(side, settings.crop));
-    Some((clip, Window { frames, rows, columns }))
+/// What an item of a step is trained on.
+#[derive(Clone, Debug)]
+pub struct Choice<'a> {
+    clip: &'a ClipFile,
+    window: Window,
+    symmetry: Symmetry,
+}
+
+impl<'a> Choice<'a> {
+    /// Item `item` of step `step`: one of `clips`, the part of it and how that is laid down; none without clips. It
+    /// depends on nothing but the seed, so a training that is taken up again goes on as if it had never stopped.
+    #[must_use]
+    pub fn new(clips: &'a [ClipFile], settings: &Settings, step: u64, item: usize) -> Option<Self> {
+        let place = step.wrapping_mul(settings.batch as u64).wrapping_add(item as u64);
+        // One output of the generator scatters neighbouring seeds over all states.
+        let mut random = Random::new(Random::new(settings.seed).next_bits().wrapping_add(place));
+        let mut random = Random::new(random.next_bits());
+        let mut below = |n: usize| (random.next_bits() % (n.max(1) as u64)) as usize;
+        let clip = clips.get(below(clips.len()))?;
+        let mut part = |whole: usize, part: usize| {
+            let start = below((whole + 1).saturating_sub(part));
+            start..start + part
+        };
+        let frames = part(clip.frames(), settings.window);
+        let [rows, columns] = clip.lr().map(|side| part(side, settings.crop));
+        let symmetry = match settings.symmetries {
+            Symmetries::All => Symmetry::ALL[below(Symmetry::ALL.len())],
+            Symmetries::None => Symmetry::default(),
+        };
+        Some(Self { clip, window: Window { frames, rows, columns }, symmetry })
+    }
+
+    /// Reads it.
+    ///
+    /// # Errors
+    /// [`ClipError`] if the file has changed.
+    pub fn read(&self) -> Result<Clip, ClipError> {
+        Ok(self.symmetry.apply(self.clip.read(&self.window)?))
+    }
 }

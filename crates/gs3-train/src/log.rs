@@ -41,7 +41,7 @@ impl Log {
     pub fn open(path: &Path, step: u64) -> Result<Self, TrainError> {
         let file = |source| TrainError::File { path: path.to_owned(), source };
         let text = if path.exists() { fs::read_to_string(path).map_err(file)? } else { String::new() };
-        let rows: Vec<Row> = text.lines().filter_map(read).filter(|row| row.step <= step).collect();
+        let rows: Vec<Row> = read(&text).into_iter().filter(|row| row.step <= step).collect();
         let text: String = std::iter::once(header()).chain(rows.iter().map(write)).collect();
         fs::write(path, text).map_err(file)?;
         Ok(Self { path: path.to_owned(), rows })
@@ -78,17 +78,30 @@ fn write(row: &Row) -> String {
     format!("{step},{seconds:.1},{rate:.4e},{loss:.6e},{},{gradient:.4e},{gains}\n", terms.join(","))
 }
 
-/// The row of a line; none of the header, or of a line that was cut off.
-fn read(line: &str) -> Option<Row> {
-    let mut fields = line.split(',');
-    let step = fields.next()?.parse().ok()?;
-    let mut number = || fields.next()?.parse::<f64>().ok();
-    let (seconds, rate, loss) = (number()?, number()?, number()?);
-    let mut terms = Terms::default();
-    for term in Term::ALL {
-        terms.set(term, number()?);
-    }
-    let gradient = number()?;
-    let gains = number().zip(number()).map(|(psnr, tpsnr)| [psnr, tpsnr]);
-    Some(Row { step, seconds, rate, loss, terms, gradient, gains })
+/// The rows of a log, whatever its columns' order; what it has no column for is 0. Lines that were cut off are no rows.
+fn read(text: &str) -> Vec<Row> {
+    let mut lines = text.lines();
+    let columns: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
+    let row = |line: &str| {
+        let fields: Vec<&str> = line.split(',').collect();
+        if fields.len() != columns.len() {
+            return None;
+        }
+        let field = |name: &str| columns.iter().position(|column| *column == name).map(|k| fields[k]);
+        let number = |name: &str| field(name).and_then(|field| field.parse::<f64>().ok());
+        let mut terms = Terms::default();
+        for term in Term::ALL {
+            terms.set(term, number(term.name()).unwrap_or(0.0));
+        }
+        Some(Row {
+            step: field("step")?.parse().ok()?,
+            seconds: number("seconds")?,
+            rate: number("rate")?,
+            loss: number("loss")?,
+            terms,
+            gradient: number("gradient")?,
+            gains: number("psnr_gain").zip(number("tpsnr_gain")).map(|(psnr, tpsnr)| [psnr, tpsnr]),
+        })
+    };
+    lines.filter_map(row).collect()
 }

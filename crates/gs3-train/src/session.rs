@@ -10,6 +10,7 @@ use crate::checkpoint;
 use crate::error::TrainError;
 use crate::log::{Log, Row};
 use crate::losses::Terms;
+use crate::plot;
 use crate::settings::Settings;
 use crate::trainer::{Best, State, Step, Trainer};
 use crate::validate::{Validation, validate};
@@ -211,6 +212,7 @@ impl Session<'_> {
         let State { average, best, .. } = &self.trainer.state;
         checkpoint::save_weights(&self.places.out, best.as_ref().map_or(average, |best| &best.weights))?;
         checkpoint::save(&self.places.checkpoint, &self.trainer.state)?;
+        plot::draw(&self.places.checkpoint.join("log.png"), self.log.rows())?;
         self.saved = self.trainer.state.seconds;
         Ok(())
     }

@@ -1,5 +1,7 @@
 //! How a training goes.
 
+use std::path::PathBuf;
+
 use gs3_neural::model::Tier;
 
 use crate::clip::Network;
@@ -29,8 +31,12 @@ pub struct Settings {
     pub crop: usize,
     /// Decides what every step is trained on.
     pub seed: u64,
+    /// Ways in which items are laid down.
+    pub symmetries: Symmetries,
     /// What is lowered.
     pub loss: Loss,
+    /// Weights of SqueezeNet v1.0 for the perceptual term, which is nothing without.
+    pub perceptual: Option<PathBuf>,
     /// Highest learning rate.
     pub rate: f64,
     /// Steps over which the rate rises from 0.
@@ -39,6 +45,15 @@ pub struct Settings {
     pub longest_gradient: f64,
     /// How long the training is.
     pub length: Length,
+}
+
+/// How items are laid down: networks see no difference between left and right, and eight times as many items.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Symmetries {
+    /// As they were rendered.
+    None,
+    /// In any of the eight ways to lay a square down, at random.
+    All,
 }
 
 /// The end of a training.
@@ -73,7 +88,11 @@ impl Settings {
                 weights.set(Term::Laplacian, 0.1);
                 weights.set(Term::Temporal, 0.1);
             }
-            Network::Interpolate => {}
+            Network::Interpolate => {
+                weights.set(Term::Perceptual, 0.2);
+                weights.set(Term::Warp, 0.05);
+                weights.set(Term::Alpha, 0.2);
+            }
         }
         Self {
             network,
@@ -83,7 +102,9 @@ impl Settings {
             window: 6,
             crop: 64,
             seed: 0,
+            symmetries: Symmetries::All,
             loss: Loss { weights, epsilon: 1e-3 },
+            perceptual: None,
             rate: 1e-3,
             warm_up: 100,
             longest_gradient: 1.0,

@@ -7,7 +7,7 @@ use gs3_neural::model::initial_weights;
 use gs3_neural::{Adam, Graph, Header, Weights};
 use rayon::prelude::*;
 
-use crate::batch::choose;
+use crate::batch::Choice;
 use crate::checkpoint;
 use crate::clip::ClipFile;
 use crate::error::TrainError;
@@ -161,10 +161,10 @@ impl Trainer {
         let (batch, done) = (self.settings.batch, self.state.steps());
         let packed = self.unroll.pack(&self.state.weights)?;
         let item = |k: usize| -> Result<Option<ItemResult>, TrainError> {
-            let Some((file, window)) = choose(clips, &self.settings, done, k) else { return Ok(None) };
-            let clip = file.read(&window)?;
+            let Some(choice) = Choice::new(clips, &self.settings, done, k) else { return Ok(None) };
+            let clip = choice.read()?;
             let mut memory = self.take_memory();
-            let result = self.unroll.run(&packed, &clip, &mut memory)?;
+            let result = self.unroll.run(&packed, &clip, done as usize * batch + k, &mut memory)?;
             self.memories.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push(memory);
             Ok(Some(result))
         };

@@ -1,13 +1,22 @@
 //! One item: a network run forward through consecutive frames, its loss, and the way back through time.
 
 use gs3_neural::arrays::Arrays;
-use gs3_neural::{Differentiator, Graph, Named, Op, Packed, Scratch, Tape};
+use gs3_neural::{Differentiator, Graph, Named, Op, Packed, Scratch, Tape, Weights};
 use half::slice::HalfFloatSliceExt;
 
 use crate::clip::{Clip, Frame, HIDDEN, from_unorm};
 use crate::error::TrainError;
-use crate::losses::{CHANNELS, Interior, Laplacian, Loss, Term, Terms, change, charbonnier};
+use crate::losses::{
+    CHANNELS, Interior, Laplacian, Loss, Moved, Perceptual, PerceptualMemory, Term, Terms, change,
+    charbonnier, square, warp,
+};
 use crate::settings::{MARGIN, Settings};
+
+/// The image that networks give.
+const COLOR: &str = "color";
+
+/// The learned part of the blend of frames.
+const ALPHA: &str = "alpha_correction";
 
 /// Differentiates a network through the frames of an item.
 #[derive(Clone, Debug)]
@@ -15,6 +24,8 @@ pub struct Unroll {
     differentiator: Differentiator,
     interior: Interior,
     loss: Loss,
+    perceptual: Option<Perceptual>,
+    scale: usize,
     window: usize,
 }
 
@@ -30,41 +41,65 @@ pub struct ItemResult {
 /// Memory of an item, used again for the next one.
 #[derive(Clone, Debug)]
 pub struct Memory {
-    tapes: Vec<Tape>,
+    frames: Vec<FrameMemory>,
     scratch: Scratch,
     laplacian: Laplacian,
+    perceptual: Option<PerceptualMemory>,
+    /// The image that the perceptual term looks at.
+    seen: Vec<f32>,
     /// Inputs of a frame, in the clip's order.
     inputs: Vec<Vec<f32>>,
-    hidden: Vec<f32>,
-    v_hidden: Vec<f32>,
     /// The network's image, RGB and uncertainty.
     color: Vec<f32>,
-    /// Error images of all frames, and the derivatives by them.
-    errors: Vec<Vec<f32>>,
-    v_errors: Vec<Vec<f32>>,
+    hidden: Vec<f32>,
+    v_hidden: Vec<f32>,
+}
+
+/// What the way back needs of a frame.
+#[derive(Clone, Debug)]
+struct FrameMemory {
+    tape: Tape,
+    /// The error image, and the derivative by it.
+    error: Vec<f32>,
+    v_error: Vec<f32>,
+    /// The learned part of the blend and the derivative by it, where it costs.
+    alpha: Vec<f32>,
+    v_alpha: Vec<f32>,
+    /// Inputs of those names, where losses along the motion read them.
+    motion: Vec<f32>,
+    validity: Vec<f32>,
 }
 
 impl Unroll {
     /// Items of `graph` as `settings` say.
     ///
     /// # Errors
-    /// [`TrainError`] if the graph cannot take them.
+    /// [`TrainError`] if the graph cannot take them, or has not what a term of the loss reads.
     pub fn new(graph: &Graph, settings: &Settings) -> Result<Self, TrainError> {
         settings.check()?;
         let (crop, scale) = (settings.crop, settings.scale as usize);
         let differentiator = Differentiator::new(graph, [crop; 2], &[HIDDEN])?;
+        let alpha = settings.loss.weights.get(Term::Alpha);
+        if alpha > 0.0 && differentiator.output_shape(ALPHA).is_none() {
+            let (expected, actual) = (format!("0 for {}", graph.name()), alpha.to_string());
+            return Err(TrainError::Setting { name: Term::Alpha.name(), expected, actual });
+        }
         let Some(interior) = Interior::new(crop * scale, crop * scale, MARGIN * scale) else {
             let (expected, actual) = (format!("more than {}", 2 * MARGIN), crop.to_string());
             return Err(TrainError::Setting { name: "crop", expected, actual });
         };
-        Ok(Self { differentiator, interior, loss: settings.loss, window: settings.window })
+        let weight = settings.loss.weights.get(Term::Perceptual);
+        let file = settings.perceptual.as_ref().filter(|_| weight > 0.0);
+        let perceptual = file.map(|file| Perceptual::load(file, interior)).transpose()?;
+        let (loss, window) = (settings.loss, settings.window);
+        Ok(Self { differentiator, interior, loss, perceptual, scale, window })
     }
 
     /// Weights for [`Unroll::run`].
     ///
     /// # Errors
     /// [`TrainError::Run`] if they are not the graph's.
-    pub fn pack(&self, weights: &gs3_neural::Weights) -> Result<Packed, TrainError> {
+    pub fn pack(&self, weights: &Weights) -> Result<Packed, TrainError> {
         Ok(self.differentiator.pack(weights)?)
     }
 
@@ -79,92 +114,177 @@ impl Unroll {
     pub fn memory(&self) -> Memory {
         let image = vec![0.0; self.interior.len()];
         let state = vec![0.0; self.differentiator.input_shape(HIDDEN).map_or(0, |shape| shape.len())];
+        let alpha = if self.has(Term::Alpha) { vec![0.0; image.len() / CHANNELS] } else { Vec::new() };
+        let frame = FrameMemory {
+            tape: self.differentiator.tape(),
+            error: image.clone(),
+            v_error: image.clone(),
+            v_alpha: alpha.clone(),
+            alpha,
+            motion: Vec::new(),
+            validity: Vec::new(),
+        };
         Memory {
-            tapes: vec![self.differentiator.tape(); self.window],
+            frames: vec![frame; self.window],
             scratch: self.differentiator.scratch(),
             laplacian: Laplacian::default(),
+            perceptual: self.perceptual.as_ref().map(Perceptual::memory),
+            seen: Vec::new(),
             inputs: Vec::new(),
+            color: image,
             hidden: state.clone(),
             v_hidden: state,
-            errors: vec![image.clone(); self.window],
-            v_errors: vec![image.clone(); self.window],
-            color: image,
         }
     }
 
-    /// Runs through `clip`, whose hidden state begins at zero.
+    /// Runs through `clip`, whose hidden state begins at zero. The perceptual term, which costs more than the network,
+    /// looks at one frame: items whose `turn`s follow each other at different ones.
     ///
     /// # Errors
     /// [`TrainError::Run`] if the clip is of another size.
-    pub fn run(&self, packed: &Packed, clip: &Clip, memory: &mut Memory) -> Result<ItemResult, TrainError> {
-        self.forward(packed, clip, memory)?;
-        let terms = self.terms(memory);
+    pub fn run(
+        &self,
+        packed: &Packed,
+        clip: &Clip,
+        turn: usize,
+        memory: &mut Memory,
+    ) -> Result<ItemResult, TrainError> {
+        let seen = turn % self.window;
+        self.forward(packed, clip, seen, memory)?;
+        let mut terms = self.terms(memory);
+        if let (Some(perceptual), Some(features)) = (&self.perceptual, &mut memory.perceptual) {
+            let weight = self.loss.weights.get(Term::Perceptual) as f32;
+            let FrameMemory { error, v_error, .. } = &mut memory.frames[seen];
+            terms.set(Term::Perceptual, perceptual.add(&memory.seen, error, weight, features, v_error)?);
+        }
         let v_weights = self.backward(packed, memory)?;
         Ok(ItemResult { terms, v_weights })
     }
 
-    fn forward(&self, packed: &Packed, clip: &Clip, memory: &mut Memory) -> Result<(), TrainError> {
-        memory.hidden.fill(0.0);
-        let steps = clip.frames.iter().zip(&mut memory.tapes).zip(&mut memory.errors);
-        for ((frame, tape), error) in steps {
-            decode(frame, &mut memory.inputs);
-            let named = frame.inputs.iter().zip(&memory.inputs);
+    /// Whether a term counts.
+    fn has(&self, term: Term) -> bool {
+        self.loss.weights.get(term) > 0.0
+    }
+
+    fn forward(
+        &self,
+        packed: &Packed,
+        clip: &Clip,
+        seen: usize,
+        memory: &mut Memory,
+    ) -> Result<(), TrainError> {
+        let Memory { frames, inputs, color, hidden, .. } = memory;
+        hidden.fill(0.0);
+        for (k, (frame, made)) in clip.frames.iter().zip(frames).enumerate() {
+            decode(frame, inputs);
+            let named = frame.inputs.iter().zip(inputs.iter());
             let mut images: Vec<Named<'_>> = named.map(|(plane, v)| (&*plane.name, &**v)).collect();
-            images.push((HIDDEN, &memory.hidden));
-            self.differentiator.forward(packed, &images, tape)?;
-            self.differentiator.output(tape, "color", &mut memory.color)?;
-            self.differentiator.output(tape, HIDDEN, &mut memory.hidden)?;
-            subtract(&memory.color, &frame.target, error);
+            images.push((HIDDEN, hidden));
+            self.differentiator.forward(packed, &images, &mut made.tape)?;
+            self.differentiator.output(&made.tape, COLOR, color)?;
+            self.differentiator.output(&made.tape, HIDDEN, hidden)?;
+            subtract(color, &frame.target, &mut made.error);
+            if self.perceptual.is_some() && k == seen {
+                memory.seen.clone_from(color);
+            }
+            if self.has(Term::Alpha) {
+                self.differentiator.output(&made.tape, ALPHA, &mut made.alpha)?;
+            }
+            if self.has(Term::Warp) {
+                for (plane, input) in frame.inputs.iter().zip(inputs.iter()) {
+                    match plane.name.as_str() {
+                        "motion" => made.motion.clone_from(input),
+                        "validity" => made.validity.clone_from(input),
+                        _ => {}
+                    }
+                }
+            }
         }
         Ok(())
     }
 
-    /// The values of all terms; their derivatives go to `memory.v_errors`.
-    fn terms(&self, memory: &mut Memory) -> Terms {
+    /// The values of all terms; their derivatives go to the frames.
+    fn terms(&self, Memory { frames, laplacian, .. }: &mut Memory) -> Terms {
         let (Loss { weights, epsilon }, interior) = (self.loss, &self.interior);
-        let Memory { laplacian, errors, v_errors, .. } = memory;
-        v_errors.iter_mut().for_each(|v| v.fill(0.0));
+        for frame in frames.iter_mut() {
+            frame.v_error.fill(0.0);
+            frame.v_alpha.fill(0.0);
+        }
+        // Means over all RGB values of the frames, or of the pairs of frames.
         let mut terms = Terms::default();
-        let mut add = |term: Term, frames: usize, sum_of: &mut dyn FnMut(f32) -> f64| {
-            let (weight, count) = (weights.get(term), (frames * interior.count()) as f64);
-            if weight > 0.0 && frames > 0 {
-                terms.set(term, sum_of((weight / count) as f32) / count);
+        let mut add = |term: Term, frames: usize, sum: &mut dyn FnMut(f32) -> f64| {
+            let count = (frames * interior.count()) as f64;
+            if self.has(term) && frames > 0 {
+                terms.set(term, sum((weights.get(term) / count) as f32) / count);
             }
         };
-        add(Term::Charbonnier, self.window, &mut |factor| {
-            let frames = errors.iter().zip(v_errors.iter_mut());
-            frames.map(|(e, v)| charbonnier(interior, e, epsilon, factor, v)).sum()
+        let pairs = frames.len().saturating_sub(1);
+        add(Term::Charbonnier, frames.len(), &mut |factor| {
+            let one = |f: &mut FrameMemory| charbonnier(interior, &f.error, epsilon, factor, &mut f.v_error);
+            frames.iter_mut().map(one).sum()
         });
-        add(Term::Laplacian, self.window, &mut |factor| {
-            let frames = errors.iter().zip(v_errors.iter_mut());
-            frames.map(|(e, v)| laplacian.add(interior, e, factor, v)).sum()
+        add(Term::Laplacian, frames.len(), &mut |factor| {
+            frames.iter_mut().map(|f| laplacian.add(interior, &f.error, factor, &mut f.v_error)).sum()
         });
-        add(Term::Temporal, self.window - 1, &mut |factor| {
-            let mut sum = 0.0;
-            for k in 1..self.window {
-                let (before, after) = v_errors.split_at_mut(k);
-                let v = [&mut before[k - 1][..], &mut after[0][..]];
-                sum += change(interior, [&errors[k - 1], &errors[k]], epsilon, factor, v);
-            }
-            sum
+        add(Term::Temporal, pairs, &mut |factor| {
+            let pair = |a: &mut FrameMemory, b: &mut FrameMemory| {
+                let v = [&mut a.v_error[..], &mut b.v_error[..]];
+                change(interior, [&a.error, &b.error], epsilon, factor, v)
+            };
+            sum_of_pairs(frames, pair)
+        });
+        add(Term::Warp, pairs, &mut |factor| {
+            let pair = |a: &mut FrameMemory, b: &mut FrameMemory| {
+                let moved = Moved { scale: self.scale, motion: &b.motion, validity: &b.validity };
+                let v = [&mut a.v_error[..], &mut b.v_error[..]];
+                warp(interior, moved, [&a.error, &b.error], epsilon, factor, v)
+            };
+            sum_of_pairs(frames, pair)
+        });
+        add(Term::Alpha, frames.len(), &mut |factor| {
+            // One number a pixel where others have three.
+            let one = |f: &mut FrameMemory| 3.0 * square(interior, &f.alpha, 3.0 * factor, &mut f.v_alpha);
+            frames.iter_mut().map(one).sum()
         });
         terms
     }
 
     fn backward(&self, packed: &Packed, memory: &mut Memory) -> Result<Arrays, TrainError> {
         let mut v_weights = self.differentiator.v_weights();
-        let Memory { tapes, scratch, hidden, v_hidden, v_errors, .. } = memory;
+        let Memory { frames, scratch, hidden, v_hidden, .. } = memory;
         // Nothing reads the state after the last frame.
         v_hidden.fill(0.0);
-        for (tape, v_error) in tapes.iter().zip(v_errors.iter()).rev() {
+        for frame in frames.iter().rev() {
+            let v_outputs =
+                [(COLOR, &frame.v_error[..]), (HIDDEN, &v_hidden[..]), (ALPHA, &frame.v_alpha[..])];
+            let v_outputs = if self.has(Term::Alpha) { &v_outputs[..] } else { &v_outputs[..2] };
             // The last state itself is not needed any more: its memory takes the derivative by the state before.
-            let v_outputs = [("color", &v_error[..]), (HIDDEN, &v_hidden[..])];
             let mut v_inputs = [(HIDDEN, &mut hidden[..])];
-            self.differentiator.backward(packed, tape, scratch, &v_outputs, &mut v_weights, &mut v_inputs)?;
+            self.differentiator.backward(
+                packed,
+                &frame.tape,
+                scratch,
+                v_outputs,
+                &mut v_weights,
+                &mut v_inputs,
+            )?;
             std::mem::swap(hidden, v_hidden);
         }
         Ok(v_weights)
     }
+}
+
+/// The sum of `value` over all frames with the frame before them.
+fn sum_of_pairs(
+    frames: &mut [FrameMemory],
+    value: impl Fn(&mut FrameMemory, &mut FrameMemory) -> f64,
+) -> f64 {
+    let mut sum = 0.0;
+    for k in 1..frames.len() {
+        let (before, after) = frames.split_at_mut(k);
+        sum += value(&mut before[k - 1], &mut after[0]);
+    }
+    sum
 }
 
 /// The inputs of a frame in single precision.

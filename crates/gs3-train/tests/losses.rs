@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "sizes are fixed")]
 
 use gs3_neural::Random;
-use gs3_train::losses::{Interior, Laplacian, change, charbonnier};
+use gs3_train::losses::{Interior, Laplacian, Moved, change, charbonnier, square, warp};
 
 const SIZE: [usize; 2] = [9, 12];
 const EPSILON: f32 = 0.1;
@@ -89,4 +89,57 @@ fn values_are_those_of_the_formulas() {
     close(Laplacian::default().add(&interior(), &e, 1.0, &mut v), 8.0 * f64::from(0.6_f32) + 100.0);
     assert_eq!(interior().count(), 3 * 5 * 8);
     assert!(Interior::new(4, 12, 2).is_none(), "no pixel is left");
+}
+
+/// LR pixels of 2×2 that come from anywhere near, some from outside, one in four not seen.
+fn moved<'a>(motion: &'a mut Vec<f32>, validity: &'a mut Vec<f32>) -> Moved<'a> {
+    let mut random = Random::new(5);
+    let pixels = SIZE[0].div_ceil(2) * SIZE[1] / 2;
+    motion.extend((0..2 * pixels).map(|_| 1.5 * random.signed()));
+    validity.extend((0..pixels).map(|k| if k % 4 == 0 { 0.0 } else { 0.5 + 0.5 * random.unit() }));
+    Moved { scale: 2, motion, validity }
+}
+
+#[test]
+fn warp_has_its_derivatives() {
+    let (before, now) = (image(6), image(7));
+    let (mut motion, mut validity) = (Vec::new(), Vec::new());
+    let moved = moved(&mut motion, &mut validity);
+    let (mut v_before, mut v_now) = (vec![0.0; now.len()], vec![0.0; now.len()]);
+    warp(&interior(), moved, [&before, &now], EPSILON, 1.0, [&mut v_before, &mut v_now]);
+    let value = |before: &[f32], now: &[f32]| {
+        let [mut a, mut b] = [vec![0.0; now.len()], vec![0.0; now.len()]];
+        warp(&interior(), moved, [before, now], EPSILON, 0.0, [&mut a, &mut b])
+    };
+    check(&before, &v_before, |e| value(e, &now));
+    check(&now, &v_now, |e| value(&before, e));
+}
+
+/// An error that moves with what it is on costs nothing; where nothing was seen, nothing costs.
+#[test]
+fn errors_along_the_motion_cost_nothing() {
+    let error = |frame: usize| -> Vec<f32> {
+        let at = |k: usize| (k % 4 < 3).then(|| ((k / 4 % SIZE[1]) as f32 - 3.0 * frame as f32) * 0.1);
+        (0..SIZE[0] * SIZE[1] * 4).map(|k| at(k).unwrap_or(0.0)).collect()
+    };
+    let pixels = SIZE[0].div_ceil(2) * SIZE[1] / 2;
+    // 3 HR pixels to the right a frame.
+    let motion: Vec<f32> = [-1.5, 0.0].repeat(pixels);
+    let loss = |motion: &[f32], validity: f32| {
+        let validity = vec![validity; pixels];
+        let moved = Moved { scale: 2, motion, validity: &validity };
+        let [mut a, mut b] = [vec![0.0; error(0).len()], vec![0.0; error(0).len()]];
+        warp(&interior(), moved, [&error(0), &error(1)], EPSILON, 1.0, [&mut a, &mut b])
+    };
+    assert!(loss(&motion, 1.0).abs() < 1e-5, "{}", loss(&motion, 1.0));
+    assert!(loss(&vec![0.0; 2 * pixels], 1.0) > 1.0);
+    assert_eq!(loss(&vec![0.0; 2 * pixels], 0.0), 0.0);
+}
+
+#[test]
+fn square_has_its_derivative() {
+    let alpha: Vec<f32> = image(8).into_iter().step_by(4).collect();
+    let mut v = vec![0.0; alpha.len()];
+    square(&interior(), &alpha, 1.0, &mut v);
+    check(&alpha, &v, |alpha| square(&interior(), alpha, 0.0, &mut vec![0.0; alpha.len()]));
 }

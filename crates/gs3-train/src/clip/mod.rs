@@ -2,6 +2,7 @@
 
 mod error;
 mod file;
+mod symmetry;
 
 use std::ops::Range;
 
@@ -11,6 +12,7 @@ use half::f16;
 
 pub use error::ClipError;
 pub use file::ClipFile;
+pub use symmetry::Symmetry;
 
 /// Which network a clip is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

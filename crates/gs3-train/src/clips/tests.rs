@@ -213,7 +213,9 @@ fn frames_around_may_be_refined() {
         training_data: String::new(),
         licence: String::new(),
     };
-    let initial = initial_weights(&graph, header.clone(), 1);
+    let mut initial = initial_weights(&graph, header.clone(), 1);
+    // Nothing of the frame before.
+    initial.arrays.get_mut("head.alpha.bias").unwrap().values_mut().fill(-30.0);
     let changing = Weights::random(&graph, header, 1);
     let clip = |weights: Option<Weights>| {
         let super_sample = weights.map(Arc::new);

@@ -54,6 +54,12 @@ impl Interior {
         self.margin..self.width - self.margin
     }
 
+    /// Where the pixels of each row are in an image of one number a pixel.
+    pub(super) fn pixel_spans(&self) -> impl Iterator<Item = Range<usize>> {
+        let (Range { start, end }, width) = (self.columns(), self.width);
+        self.rows().map(move |y| y * width + start..y * width + end)
+    }
+
     /// Where the numbers of each row are, `beyond` pixels more on each side.
     pub(super) fn spans(&self, beyond: usize) -> impl Iterator<Item = Range<usize>> {
         let (Range { start, end }, stride) = (self.columns(), self.stride());

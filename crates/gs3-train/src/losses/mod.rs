@@ -1,15 +1,21 @@
-//! What training lowers. Every term is a function of errors, output − truth, so all of them vanish at the truth; each
-//! adds its derivative to that of the others.
+//! What training lowers. All terms but that of α are functions of errors, output − truth, so they vanish at the truth;
+//! each adds its derivative to that of the others.
 //!
 //! Error images are HR, `[height, width, 4]`; the fourth number of a pixel is 0, as is what it adds to any loss.
 
+mod alpha;
 mod charbonnier;
 mod interior;
 mod laplacian;
+mod perceptual;
+mod warp;
 
+pub use alpha::square;
 pub use charbonnier::{change, charbonnier};
 pub use interior::Interior;
 pub use laplacian::Laplacian;
+pub use perceptual::{Perceptual, PerceptualMemory};
+pub use warp::{Moved, warp};
 
 use std::ops::{AddAssign, DivAssign};
 
@@ -25,11 +31,18 @@ pub enum Term {
     Laplacian,
     /// Charbonnier of eₜ − eₜ₋₁: [`change`].
     Temporal,
+    /// Differences of features, of one frame of an item: [`Perceptual`].
+    Perceptual,
+    /// Charbonnier of eₜ − eₜ₋₁ moved along: [`warp()`].
+    Warp,
+    /// The square of what a learned blend departs from the blend by visibility: [`square`].
+    Alpha,
 }
 
 impl Term {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Charbonnier, Self::Laplacian, Self::Temporal];
+    pub const ALL: [Self; 6] =
+        [Self::Charbonnier, Self::Laplacian, Self::Temporal, Self::Perceptual, Self::Warp, Self::Alpha];
 
     /// As in logs.
     #[must_use]
@@ -38,6 +51,9 @@ impl Term {
             Self::Charbonnier => "charbonnier",
             Self::Laplacian => "laplacian",
             Self::Temporal => "temporal",
+            Self::Perceptual => "perceptual",
+            Self::Warp => "warp",
+            Self::Alpha => "alpha",
         }
     }
 }

@@ -52,7 +52,7 @@ pub fn clip(network: Network, frames: usize, lr: [usize; 2], seed: u64) -> Clip 
         for (tensor, layer) in graph.inputs().filter(|(_, layer)| layer.name != HIDDEN) {
             let shape = shapes[tensor.index()];
             let values = match layer.name.as_str() {
-                "history" | "before" | "after" => image(shape, 4, frame, 0.5),
+                "history" | "previous" | "before" | "after" => image(shape, 4, frame, 0.5),
                 "color" => image(shape, 3, frame, 1.0),
                 "validity" => vec![1.0; shape.len()],
                 "share" => vec![0.5; shape.len()],
@@ -61,7 +61,6 @@ pub fn clip(network: Network, frames: usize, lr: [usize; 2], seed: u64) -> Clip 
             let values = values.into_iter().map(f16::from_f32).collect();
             inputs.push(Plane { name: layer.name.clone(), channels: shape.channels, values });
         }
-        inputs.sort_by(|a, b| a.name.cmp(&b.name));
         let [height, width] = lr.map(|side| side * SCALE as usize);
         let target = image(Shape { height, width, channels: 3 }, 3, frame, 1.0);
         all.push(Frame { inputs, target: target.into_iter().map(to_unorm).collect() });

@@ -1,5 +1,5 @@
-//! Times of both networks on a GPU, by kernel: `cargo run --release -p gs3-neural --example gpu_speed [WIDTH HEIGHT]` (LR
-//! pixels).
+//! Times of both networks on a GPU:
+//! `cargo run --release -p gs3-neural --example network_gpu_speed [WIDTH HEIGHT]` (LR pixels).
 
 use std::time::Instant;
 

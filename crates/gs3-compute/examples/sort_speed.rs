@@ -1,4 +1,4 @@
-//! Keys per second of sort and scan: `cargo run --release -p gs3-compute --example speed [COUNT]`.
+//! Keys per second of sort and scan: `cargo run --release -p gs3-compute --example sort_speed [COUNT]`.
 
 use std::time::Instant;
 

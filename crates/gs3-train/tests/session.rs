@@ -1,0 +1,160 @@
+//! Trainings that are interrupted and taken up again, what they write, and what they refuse.
+
+#![allow(clippy::unwrap_used, reason = "folders are there")]
+
+mod common;
+
+use std::cell::Cell;
+use std::fs;
+use std::path::Path;
+
+use gs3_neural::Weights;
+use gs3_train::{Ending, Event, Network, Places, Settings, State, TrainError, Trainer, train};
+
+const NETWORK: Network = Network::SuperSample;
+
+fn places(folder: &Path) -> Places {
+    Places {
+        clips: folder.join("clips"),
+        checkpoint: folder.join("checkpoint"),
+        out: folder.join("out").join("weights.safetensors"),
+        log_every: 2,
+        validate_every: 5,
+        save_every: 1e9,
+    }
+}
+
+fn start(settings: &Settings) -> Weights {
+    Trainer::initial(settings, Trainer::header(settings, "waves", "CC0-1.0").unwrap()).unwrap()
+}
+
+/// Trains in `folder`, until the end or until `stop` steps are made.
+fn run(folder: &Path, settings: &Settings, stop: u64) -> Result<(State, Ending, Vec<String>), TrainError> {
+    let mut events = Vec::new();
+    let last = Cell::new(0);
+    let mut report = |event: Event<'_>| match event {
+        Event::Resumed { step, .. } => events.push(format!("resumed {step}")),
+        Event::Step { step, .. } => last.set(step.step),
+        Event::Validated { step, validation, .. } => {
+            events.push(format!("validated {step} {:?}", validation.mean));
+        }
+    };
+    let go_on = || last.get() < stop;
+    let (state, ending) = train(settings.clone(), &places(folder), start(settings), &mut report, &go_on)?;
+    Ok((state, ending, events))
+}
+
+/// All but the time, which is another each time.
+fn timeless(state: State) -> State {
+    State { seconds: 0.0, ..state }
+}
+
+#[test]
+fn a_training_taken_up_again_goes_on_bit_for_bit() {
+    let [straight, parts] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    let settings = common::settings(NETWORK, 20);
+    for folder in [&straight, &parts] {
+        fs::create_dir(folder.path().join("clips")).unwrap();
+        common::write_clips(&folder.path().join("clips"), NETWORK);
+    }
+    let (expected, ending, events) = run(straight.path(), &settings, u64::MAX).unwrap();
+    assert_eq!((ending, events.len()), (Ending::Finished, 4));
+
+    let (_, ending, first) = run(parts.path(), &settings, 10).unwrap();
+    assert_eq!(ending, Ending::Interrupted);
+    // What a training that was killed leaves does no harm.
+    fs::create_dir(places(parts.path()).checkpoint.join("step-99.unfinished")).unwrap();
+    let (state, ending, then) = run(parts.path(), &settings, u64::MAX).unwrap();
+    assert_eq!(ending, Ending::Finished);
+    assert_eq!(then[0], "resumed 10");
+    assert_eq!([&first[..], &then[1..]].concat(), events);
+    assert!(timeless(state.clone()) == timeless(expected), "another state");
+    // After the end nothing changes.
+    let (again, ending, _) = run(parts.path(), &settings, u64::MAX).unwrap();
+    assert!(again == state && ending == Ending::Finished);
+}
+
+#[test]
+fn the_log_holds_every_step_once_and_the_best_weights_are_written() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::create_dir(folder.path().join("clips")).unwrap();
+    common::write_clips(&folder.path().join("clips"), NETWORK);
+    let settings = common::settings(NETWORK, 12);
+    run(folder.path(), &settings, 7).unwrap();
+    let (state, ..) = run(folder.path(), &settings, u64::MAX).unwrap();
+    let places = places(folder.path());
+    let log = fs::read_to_string(places.checkpoint.join("log.csv")).unwrap();
+    let steps: Vec<&str> = log.lines().map(|line| line.split(',').next().unwrap()).collect();
+    assert_eq!(steps, ["step", "2", "4", "5", "6", "8", "10", "12"]);
+    let columns = log.lines().next().unwrap().split(',').count();
+    assert!(log.lines().all(|line| line.split(',').count() == columns), "{log}");
+    let gains = log.lines().filter(|line| !line.ends_with(',')).count();
+    assert_eq!(gains, 1 + 3, "the header, and steps 5, 10 and 12: {log}");
+    assert!(Weights::load(&places.out).unwrap() == state.best.unwrap().weights);
+    let checkpoints: Vec<_> =
+        fs::read_dir(&places.checkpoint).unwrap().map(|e| e.unwrap().file_name()).collect();
+    assert!(checkpoints.iter().any(|name| name == "step-12") && checkpoints.len() <= 3, "{checkpoints:?}");
+}
+
+#[test]
+fn what_does_not_fit_is_refused_before_anything_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let settings = common::settings(NETWORK, 3);
+    let refused = |settings: &Settings| run(at, settings, u64::MAX).unwrap_err().to_string();
+    let contains = |text: String, part: &str| assert!(text.contains(part), "{text} does not say {part}");
+    contains(refused(&settings), "clips");
+    fs::create_dir(at.join("clips")).unwrap();
+    contains(refused(&settings), "expected clips (*.clip) to train on, found none");
+    common::clip(NETWORK, 4, [14, 20], 9).save(&at.join("clips/held-only.clip")).unwrap();
+    contains(refused(&settings), "found none");
+    common::write_clips(&at.join("clips"), NETWORK);
+    contains(
+        refused(&Settings { scale: 4, ..settings.clone() }),
+        "expected a clip for super_sample at scale 4",
+    );
+    contains(
+        refused(&Settings { network: Network::Interpolate, ..settings.clone() }),
+        "for interpolate at scale 2",
+    );
+    contains(
+        refused(&Settings { crop: 17, ..settings.clone() }),
+        "at least 3 frames of 17×17 LR pixels, found 5 frames of 16×18",
+    );
+    contains(refused(&Settings { window: 6, ..settings.clone() }), "at least 6 frames");
+    contains(refused(&Settings { crop: 4, ..settings.clone() }), "crop: expected 5 to 4096, found 4");
+    contains(
+        refused(&Settings { rate: f64::NAN, ..settings.clone() }),
+        "rate: expected more than 0, found NaN",
+    );
+    contains(refused(&Settings { batch: 0, ..settings.clone() }), "batch: expected 1 to 4096, found 0");
+    fs::write(at.join("clips/damaged.clip"), [7; 40]).unwrap();
+    contains(refused(&settings), "damaged.clip: expected a clip in safetensors");
+    assert!(!places(at).checkpoint.exists() && !places(at).out.exists());
+}
+
+#[test]
+fn damaged_checkpoints_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::create_dir(folder.path().join("clips")).unwrap();
+    common::write_clips(&folder.path().join("clips"), NETWORK);
+    let settings = common::settings(NETWORK, 2);
+    run(folder.path(), &settings, 1).unwrap();
+    let checkpoint = places(folder.path()).checkpoint.join("step-1");
+    for (file, part) in [
+        ("weights.safetensors", "weights.safetensors: expected safetensors"),
+        ("adam.safetensors", "adam.safetensors: expected safetensors"),
+        ("state.json", "state.json, content: expected the state of a training"),
+    ] {
+        let whole = fs::read(checkpoint.join(file)).unwrap();
+        fs::write(checkpoint.join(file), "damaged").unwrap();
+        let refused = run(folder.path(), &settings, 2).unwrap_err().to_string();
+        assert!(refused.contains(part), "{refused}");
+        fs::write(checkpoint.join(file), whole).unwrap();
+    }
+    // A checkpoint of another size of the network.
+    let other = Settings { tier: gs3_neural::model::Tier::Balanced, ..settings.clone() };
+    let refused = run(folder.path(), &other, 2).unwrap_err().to_string();
+    assert!(refused.contains("expected f32"), "{refused}");
+    run(folder.path(), &settings, 2).unwrap();
+}
