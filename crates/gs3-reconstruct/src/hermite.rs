@@ -15,7 +15,7 @@ use crate::lanes::repeat;
 use crate::lattice::{Axis, Place};
 use crate::resample::clamped;
 use crate::samples::{SampleFrame, rgb_rows};
-use crate::tile::{PAD_X, STRIDE, TILE_WIDTH};
+use crate::tile::{PAD_X, SPAN, STRIDE};
 
 /// Enlarges `gbuffer` by `scale` into `out`, whose size says how large. Outside the LR frame the border colour goes on,
 /// flat. The fourth channel becomes 0.
@@ -33,7 +33,7 @@ pub fn hermite(gbuffer: &GBuffer, scale: u32, out: &mut Image) -> Result<(), Rec
     let level = Level::new();
     out.pixels_mut().par_chunks_exact_mut(width).enumerate().with_min_len(8).for_each(|(y, row)| {
         let (mut columns, mut part) = (Columns::new(), [[0.0; 4]; STRIDE]);
-        for (left, out) in (0..).step_by(TILE_WIDTH).zip(row.chunks_mut(TILE_WIDTH)) {
+        for (left, out) in (0..).step_by(SPAN).zip(row.chunks_mut(SPAN)) {
             let pixels = left..left + out.len();
             let factors = [1.0; crate::MAX_SCALE as usize];
             dispatch!(level, simd => surface.row(simd, &frame, y, pixels, &factors, &mut columns, &mut part));
@@ -62,13 +62,13 @@ pub(crate) struct Surface {
 /// Cubics along x: value and slope at each LR column that a row of a tile needs.
 #[derive(Clone, Debug)]
 pub(crate) struct Columns {
-    values: [[f32; 4]; TILE_WIDTH + 1],
-    slopes: [[f32; 4]; TILE_WIDTH + 1],
+    values: [[f32; 4]; SPAN + 1],
+    slopes: [[f32; 4]; SPAN + 1],
 }
 
 impl Columns {
     pub const fn new() -> Self {
-        Self { values: [[0.0; 4]; TILE_WIDTH + 1], slopes: [[0.0; 4]; TILE_WIDTH + 1] }
+        Self { values: [[0.0; 4]; SPAN + 1], slopes: [[0.0; 4]; SPAN + 1] }
     }
 }
 
@@ -110,7 +110,7 @@ impl Surface {
         self.y_axis.place(y)
     }
 
-    /// Interpolates `pixels`, at most [`TILE_WIDTH`], of HR row `y` into `out` from [`PAD_X`] on: RGB and 1, times the
+    /// Interpolates `pixels`, at most [`SPAN`], of HR row `y` into `out` from [`PAD_X`] on: RGB and 1, times the
     /// pixel's entry in `factors`, which holds one for each pixel of a cell. What `out` holds around them afterwards is
     /// not specified.
     #[inline(always)]

@@ -4,7 +4,9 @@
 //! colour (reflections, translucent layers), or where its colour depends on the view. The first shows in its depth, the
 //! others in its colour: within a cell of four current samples, colours outside the range that their first-order
 //! extrapolations span are unlikely. The range is the idea of the neighbourhood clamp of temporal anti-aliasing (Karis
-//! 2014, FSR 2), with exact gradients instead of neighbours, and a weight instead of a clamp.
+//! 2014, FSR 2), with exact gradients instead of neighbours, and a weight instead of a clamp. Where the current samples
+//! predict each other well, a slow drift of colour would stay within that range; there, the past is worth less than the
+//! current frame alone, and the less the older it is.
 
 use fearless_simd::{Level, Simd, dispatch, f32x16, prelude::*};
 use gs3_scene::{GBuffer, Gradients};
@@ -24,6 +26,10 @@ const EXTRAPOLATION: f32 = 0.5;
 /// 30 to 300 are alike).
 const MISMATCH: f32 = 100.0;
 
+/// How far colours may drift with the view, per frame of age, where nothing in the current frame contradicts: on glossy
+/// and translucent surfaces (empirical: 0.008 to 0.016 are alike).
+const DRIFT: f32 = 0.01;
+
 /// Variance of a sample that something hides now: beyond use as soon as it has moved a fraction of a pixel. At rest it
 /// cannot have become hidden; it lies in a gap that the current samples miss.
 const HIDDEN: f32 = 1e4;
@@ -34,7 +40,7 @@ const LANES: usize = 16;
 const BACK: f32 = 8.0;
 
 /// What is known of a cell.
-const VALUES: usize = 8;
+const VALUES: usize = 9;
 /// Middles of the ranges of plausible red, green, blue: these and the next two.
 const MIDDLE: usize = 0;
 /// Half the extents of the ranges.
@@ -43,6 +49,8 @@ const HALF: usize = 3;
 const FARTHEST: usize = 6;
 /// [`MISMATCH`] over the squared extent of the range.
 const GAIN: usize = 7;
+/// Squared [`DRIFT`] over the squared error with which the current samples predict each other.
+const RESTLESS: usize = 8;
 
 /// Ranges of all cells: cell `(i, j)` lies between samples `i`, `i + 1` and `j`, `j + 1`.
 #[derive(Clone, Debug, Default)]
@@ -54,6 +62,9 @@ pub(crate) struct Plausible {
     last: [f32; 2],
     /// `[LR height, VALUES, LR width]`, and a window more, so that one can be loaded from any place.
     cells: Vec<f32>,
+    /// Squared errors, over the channels, with which its neighbours in the row or the column predict a sample: the larger
+    /// of both. `[LR height, LR width]`.
+    errors: Vec<f32>,
 }
 
 impl Plausible {
@@ -72,22 +83,33 @@ impl Plausible {
         // A position is given with pixel centres at whole numbers.
         self.offset = frame.jitter.map(|j| 0.5 * self.per_hr_pixel - 0.5 - j);
         self.last = [(width - 1) as f32, (height - 1) as f32];
+        self.errors.resize(width * height, 0.0);
+        let errors = self.errors.par_chunks_exact_mut(width).enumerate().with_min_len(4);
+        errors.for_each(|(j, errors)| dispatch!(level, simd => predict(simd, gbuffer, gradients, j, errors)));
+        let errors = &self.errors;
         let size = VALUES * width * height;
         self.cells.resize(size + WINDOW, 0.0);
         let rows = self.cells[..size].par_chunks_exact_mut(VALUES * width).enumerate().with_min_len(4);
         rows.for_each(|(j, cells)| {
             let rows = [j, (j + 1).min(height - 1)];
             dispatch!(level, simd => {
-                join_rows(simd, gbuffer, gradients, frame, rows, cells);
+                join_rows(simd, gbuffer, gradients, frame, errors, rows, cells);
                 join_columns(simd, width, cells);
             });
         });
     }
 
     /// The variances, pixel⁴, that the current frame gives sixteen past samples of colours `colors` seen now at HR
-    /// positions `(x, y)`, pixel centres at whole numbers, and inverse depths `w`. Outside, the nearest cells decide.
+    /// positions `(x, y)`, pixel centres at whole numbers, and inverse depths `w`, `age` frames later. Outside, the nearest
+    /// cells decide.
     #[inline(always)]
-    pub fn doubt<S: Simd>(&self, simd: S, [x, y, w]: [f32x16<S>; 3], colors: [&[f32]; 3]) -> f32x16<S> {
+    pub fn doubt<S: Simd>(
+        &self,
+        simd: S,
+        [x, y, w]: [f32x16<S>; 3],
+        colors: [&[f32]; 3],
+        age: f32,
+    ) -> f32x16<S> {
         let place = |x: f32x16<S>, axis: usize| {
             let place = x.mul_add(self.per_hr_pixel, f32x16::splat(simd, self.offset[axis]));
             // In this order, NaN becomes 0.
@@ -130,13 +152,58 @@ impl Plausible {
             let outside = (away - values[HALF + c]).max(0.0);
             sum = outside.mul_add(outside, sum);
         }
-        w.simd_lt(values[FARTHEST]).select(f32x16::splat(simd, HIDDEN), sum * values[GAIN])
+        let doubt = sum.mul_add(values[GAIN], values[RESTLESS] * (age * age));
+        w.simd_lt(values[FARTHEST]).select(f32x16::splat(simd, HIDDEN), doubt)
     }
 }
 
 /// In the values of a row of cells, where the lows and highs of the ranges are until columns are joined.
 const LOW: usize = MIDDLE;
 const HIGH: usize = HALF;
+
+/// Finds how well the samples of row `j` are predicted by the cubic Hermite curves between their neighbours.
+#[inline(always)]
+fn predict<S: Simd>(simd: S, gbuffer: &GBuffer, gradients: &Gradients, j: usize, errors: &mut [f32]) {
+    let (width, height) = (errors.len(), gbuffer.height());
+    // The column's three samples around this one, or the next to its end; where there are fewer, the row must do.
+    let above = j.saturating_sub(1).min(height.saturating_sub(3));
+    let below = (above + 2).min(height - 1);
+    for first in (0..width).step_by(LANES) {
+        let count = LANES.min(width - first);
+        let (mut across, mut down) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 0.0));
+        for c in 0..3 {
+            // The curve half-way between two samples two spacings apart.
+            let middle = |a: f32x16<S>, b: f32x16<S>, da: f32x16<S>, db: f32x16<S>| {
+                (a + b).mul_add(0.5, (da - db) * 0.25)
+            };
+            let (color, dx) = (gbuffer.color.row(c, j), gradients.color_dx.row(c, j));
+            let here = load(simd, &color[first..]);
+            let error = if first == 0 || first + LANES + 1 > width {
+                let mut error = [0.0; LANES];
+                for (k, error) in error.iter_mut().enumerate().take(count) {
+                    let i = first + k;
+                    if i > 0 && i + 1 < width {
+                        let mean = 0.5 * (color[i - 1] + color[i + 1]);
+                        *error = mean + 0.25 * (dx[i - 1] - dx[i + 1]) - color[i];
+                    }
+                }
+                f32x16::load_array(simd, error)
+            } else {
+                let at = |values: &[f32], i: usize| load(simd, &values[i..]);
+                let (l, r) = (first - 1, first + 1);
+                middle(at(color, l), at(color, r), at(dx, l), at(dx, r)) - here
+            };
+            across = error.mul_add(error, across);
+            let at = |planes: &[f32]| load(simd, &planes[first..]);
+            let (a, b) = (at(gbuffer.color.row(c, above)), at(gbuffer.color.row(c, below)));
+            let dy = &gradients.color_dy;
+            let error = middle(a, b, at(dy.row(c, above)), at(dy.row(c, below)));
+            let error = error - load(simd, &gbuffer.color.row(c, above + (below - above) / 2)[first..]);
+            down = error.mul_add(error, down);
+        }
+        store(across.max(down), &mut errors[first..], count);
+    }
+}
 
 /// Finds what the first-order extrapolations of the samples of two rows span together, and the farthest depths, column by
 /// column. `cells` is `[VALUES, width]`.
@@ -146,6 +213,7 @@ fn join_rows<S: Simd>(
     gbuffer: &GBuffer,
     gradients: &Gradients,
     frame: &SampleFrame,
+    errors: &[f32],
     rows: [usize; 2],
     cells: &mut [f32],
 ) {
@@ -168,6 +236,8 @@ fn join_rows<S: Simd>(
         let [a, b] = rows.map(|row| row * width + first);
         let (a, b) = (load(simd, &frame.inverse_depth[a..]), load(simd, &frame.inverse_depth[b..]));
         store(a.min(b), &mut cells[FARTHEST * width + first..], count);
+        let [a, b] = rows.map(|row| load(simd, &errors[row * width + first..(row + 1) * width]));
+        store(a.max(b), &mut cells[RESTLESS * width + first..], count);
     }
 }
 
@@ -193,6 +263,11 @@ fn join_columns<S: Simd>(simd: S, width: usize, cells: &mut [f32]) {
         let (far, next) = (load(simd, &cells[at..]), load(simd, &cells[at + 1..]));
         let far = is_inner.select(far.min(next), far);
         store(far * (1.0 - DEPTH_TOLERANCE), &mut cells[at..], count);
+        let at = RESTLESS * width + first;
+        let (error, next) = (load(simd, &cells[at..]), load(simd, &cells[at + 1..]));
+        let error = is_inner.select(error.max(next), error);
+        // Errors below 1/4096 are none.
+        store(DRIFT * DRIFT / (error + 6e-8), &mut cells[at..], count);
         // Where nothing varies, rounding alone must not make a sample implausible.
         store(MISMATCH / (extent + 1e-6), &mut cells[GAIN * width + first..], count);
     }

@@ -33,7 +33,7 @@ pub(crate) const NOISE: f32 = 1e-5;
 
 /// Variance that a moved sample gains per frame of age, pixel⁴ (empirical): depths are not exact where layers blend, and
 /// colours depend on the view.
-const AGING: f32 = 0.1;
+const AGING: f32 = 0.03;
 
 /// Samples with a larger variance, pixel⁴, are not worth their time: the interpolated current frame's is at most 7 where
 /// it is least certain.
@@ -88,7 +88,7 @@ impl Source<'_> {
         let (moved_x, moved_y) = (u - from_x, v - from_y);
         let moved = moved_x.mul_add(moved_x, moved_y * moved_y);
         let (x, y) = (u - 0.5, v - 0.5);
-        let doubt = plausible.doubt(simd, [x, y, w * per], self.frame.colors(start));
+        let doubt = plausible.doubt(simd, [x, y, w * per], self.frame.colors(start), self.age as f32);
         // What does not move keeps its exact value: only motion, 0 at rest and towards 1 for a pixel or more, makes age
         // and doubt matter.
         let motion = moved / (moved + 1.0);

@@ -13,7 +13,7 @@ use crate::plausible::Plausible;
 use crate::reprojection::Reprojection;
 use crate::samples::SampleFrame;
 use crate::splat::{REACH, Source};
-use crate::tile::{TILE_HEIGHT, TILE_WIDTH, Tile};
+use crate::tile::{RING, TILE_HEIGHT, TILE_WIDTH, Tile, Wanted};
 
 /// Why history is not valid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -180,36 +180,41 @@ impl SuperSampler {
 
     /// Combines the samples of the past with the interpolated current frame.
     fn accumulate(&self, out: &mut Image) {
-        let width = out.width();
-        let bands = out.pixels_mut().par_chunks_mut(TILE_HEIGHT * width).enumerate();
+        let size = [out.width(), out.height()];
+        let bands = out.pixels_mut().par_chunks_mut(TILE_HEIGHT * size[0]).enumerate();
         bands.for_each(|(band, rows)| {
-            dispatch!(self.level, simd => self.fill_band(simd, band * TILE_HEIGHT, width, rows));
+            dispatch!(self.level, simd => self.fill_band(simd, band * TILE_HEIGHT, size, rows));
         });
     }
 
-    /// Fills whole rows of pixels from row `top` on.
+    /// Fills whole rows of pixels of an image of `[width, height]` from row `top` on.
     #[inline(always)]
-    fn fill_band<S: Simd>(&self, simd: S, top: usize, width: usize, rows: &mut [[f32; 4]]) {
+    fn fill_band<S: Simd>(&self, simd: S, top: usize, [width, height]: [usize; 2], rows: &mut [[f32; 4]]) {
+        let with_ring = |start: usize, count: usize, all: usize| {
+            let first = start.saturating_sub(RING);
+            (first, (start + count + RING).min(all) - first)
+        };
         let mut tile = Tile::new();
-        (tile.top, tile.height) = (top, rows.len() / width);
+        let rows_wanted = rows.len() / width;
+        (tile.top, tile.height) = with_ring(top, rows_wanted, height);
         let mut of_past: [Range<usize>; MAX_PAST] = [const { 0..0 }; MAX_PAST];
         for (age, (past, of_past)) in self.past.iter().zip(&mut of_past).enumerate() {
             *of_past = past.boxes.rows_meeting(self.limits(&tile, age));
         }
         for left in (0..width).step_by(TILE_WIDTH) {
-            (tile.left, tile.width) = (left, TILE_WIDTH.min(width - left));
+            let wanted =
+                Wanted { left, top, width: TILE_WIDTH.min(width - left), height: rows_wanted, stride: width };
+            (tile.left, tile.width) = with_ring(left, wanted.width, width);
             let bare = self.bare_color(simd, &tile, &of_past);
-            if bare.is_none() {
-                tile.begin(simd, &self.surface, &self.past[0].frame, self.scale as f32);
-                self.add_past(simd, &mut tile, &of_past);
-            }
-            for (r, row) in rows.chunks_exact_mut(width).enumerate() {
-                let out = &mut row[left..left + tile.width];
-                match bare {
-                    Some([r, g, b]) => out.fill([r, g, b, 0.0]),
-                    None => tile.resolve(simd, r, out),
+            if let Some([r, g, b]) = bare {
+                for row in rows.chunks_exact_mut(width) {
+                    row[left..left + wanted.width].fill([r, g, b, 0.0]);
                 }
+                continue;
             }
+            tile.begin(simd, &self.surface, &self.past[0].frame, self.scale as f32);
+            self.add_past(simd, &mut tile, &of_past);
+            tile.resolve(simd, &wanted, rows);
         }
     }
 

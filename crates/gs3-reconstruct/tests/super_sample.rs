@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{World, camera, grid_jitter, psnr, wall_and_post};
+use common::{Sheet, World, camera, grid_jitter, psnr, wall_and_post};
 use gs3_reconstruct::{ReconstructError, ResetReason, SuperSampler, hermite};
 use gs3_scene::{Camera, GBuffer, Image};
 use proptest::prelude::*;
@@ -63,6 +63,34 @@ fn history_gains_in_motion() {
     hermite(&world.gbuffer(&pose(19).low_resolution(4), [0.0; 2]), 4, &mut single).unwrap();
     let without = psnr(&single, &native);
     assert!(with > without + 4.0, "history {with:.2} dB, Hermite {without:.2} dB");
+}
+
+#[test]
+fn colors_that_drift_on_a_smooth_wall_are_those_of_now() {
+    // What the eye would see on a glossy wall: every frame everything is brighter by 0.004, well within the range of the
+    // colours around.
+    let wall = World { sheets: vec![Sheet::endless(6.0, 3, 4.0)] };
+    let pose = |k: usize| at(0.02 * k as f64);
+    let mut sampler = SuperSampler::new(4).unwrap();
+    let mut out = Image::default();
+    for k in 0..20 {
+        let mut gbuffer = wall.gbuffer(&pose(k).low_resolution(4), grid_jitter(4, k));
+        for value in gbuffer.color.data_mut() {
+            *value += 0.004 * (k as f32 - 19.0);
+        }
+        sampler.super_sample(&pose(k), &gbuffer, &mut out).unwrap();
+    }
+    let psnr = psnr(&out, &wall.native(&pose(19)));
+    assert!(psnr > 50.0, "{psnr:.2} dB");
+}
+
+#[test]
+fn curvature_leaves_no_overshoot() {
+    // A turn of the camera: all samples land where they belong, between pixels.
+    let world = wall_and_post(60.0);
+    let pose = |k: usize| camera(SIZE.0, SIZE.1, [0.0; 3], 0.0037 * k as f64, 0.0019 * k as f64);
+    let psnr = psnr(&run(&world, 4, 20, pose), &world.native(&pose(19)));
+    assert!(psnr > 34.1, "{psnr:.2} dB");
 }
 
 #[test]
