@@ -186,42 +186,49 @@ impl Packed {
     }
 }
 
-/// Scales, opacity and rotation in 128 bits, each to within 2⁻¹⁷ or better. With 16 bits each, as colours have, an ellipse's
-/// edge would move by 5e-4 of its radius, and one sample in 10⁵ be hit by one machine only; its depth is then there or
-/// not.
+/// Scales, opacity and rotation in 128 bits, of which an ellipse's edge moves by about 1e-5 of its radius. With 16 bits for
+/// each value, as colours have, it would move by 5e-4, and one sample in 10⁵ be hit by one machine only: its depth is then
+/// there or not.
 ///
 /// The axes are taken in turn so that the first is the longest, whose scale lies beside the mean. `scene_f16.wgsl` unpacks:
 ///
-/// | word | bits 31 to 8 | bits 7 to 0 |
+/// | word | bits 31 to 10 | bits 9 to 0 |
 /// |---|---|---|
-/// | 0, 1 | second and third scale over the first, see [`ratio_bits`] | opacity, bits 0 to 7 and 8 to 15 |
-/// | 2, 3 | bits 63 to 56: opacity, bits 16 to 23; 55 and 54: which part of the quaternion is largest, of w, x, y, z | 18 bits for each of the others, from the lowest |
+/// | 0, 1 | second and third scale over the first, [`ratio_bits`] | opacity in steps of 1 / [`OPACITY_STEPS`], bits 0 to 9 and 10 to 19 |
+///
+/// | words 2, 3 | |
+/// |---|---|
+/// | 63, 62 | opacity, bits 21 and 20 |
+/// | 61, 60 | which part of the quaternion is largest, of w, x, y, z |
+/// | 59 to 0 | its other parts, 20 bits each from the lowest |
 fn packed_shape(scales: [f32; 3], opacity: f32, rotation: [f32; 4]) -> [u32; 4] {
     let first = (1..3).fold(0, |best, k| if scales[k] > scales[best] { k } else { best });
     let ratio = |k: usize| ratio_bits(scales[(first + k) % 3], scales[first]);
-    let opacity = (f64::from(opacity) * MAX_OPACITY).round() as u32;
+    let opacity = (f64::from(opacity) * OPACITY_STEPS).round() as u32;
     let (part, others) = smallest_three(turned(rotation, first));
-    let [a, b, c] = others.map(|v| (f64::from(v) * QUATERNION_STEPS).round() as i32 as u64 & 0x3_ffff);
-    let quaternion = a | b << 18 | c << 36 | (part as u64) << 54 | u64::from(opacity >> 16) << 56;
+    let [a, b, c] = others.map(|v| (f64::from(v) * QUATERNION_STEPS).round() as i64 as u64 & 0xf_ffff);
+    let rest = a | b << 20 | c << 40 | (part as u64) << 60 | u64::from(opacity >> 20) << 62;
     [
-        ratio(1) << 8 | opacity & 0xff,
-        ratio(2) << 8 | opacity >> 8 & 0xff,
-        quaternion as u32,
-        (quaternion >> 32) as u32,
+        ratio(1) << 10 | opacity & 0x3ff,
+        ratio(2) << 10 | opacity >> 10 & 0x3ff,
+        rest as u32,
+        (rest >> 32) as u32,
     ]
 }
 
-/// 24 bits.
-const MAX_OPACITY: f64 = 16_777_215.0;
+/// Parts of a unit quaternion other than its largest are at most √½: 2¹⁹ − 1 steps and a sign.
+const QUATERNION_STEPS: f64 = 524_287.0 * std::f64::consts::SQRT_2;
 
-/// Parts of a unit quaternion other than its largest are at most √½: 2¹⁷ − 1 steps and a sign.
-const QUATERNION_STEPS: f64 = 131_071.0 * std::f64::consts::SQRT_2;
+/// Steps of the opacity up to 1, in 22 bits: the 8 bits that most formats of scenes have for it stay exact.
+const OPACITY_STEPS: f64 = 255.0 * 16_384.0;
 
-/// `scale / largest` as an f32 without the bits that are 0 up to 1.0 (the sign and the exponent's highest) and its last 6,
-/// rounded.
+/// Codes of ratios start here: at 2⁻³¹, as an f32 without its lowest six bits.
+const FIRST_RATIO: u32 = 96 << 17;
+
+/// `scale / largest` in 22 bits, 17 of them mantissa; 0 below 2⁻³¹.
 fn ratio_bits(scale: f32, largest: f32) -> u32 {
     let ratio = if largest > 0.0 { scale / largest } else { 0.0 };
-    (ratio.to_bits() + (1 << 5)) >> 6
+    ((ratio.to_bits() + (1 << 5)) >> 6).saturating_sub(FIRST_RATIO)
 }
 
 /// The rotation `q` with its axes in turn: axis `first` becomes the first one. It turns by a third about (1, 1, 1) before
@@ -270,18 +277,21 @@ mod tests {
     }
 
     /// What `scene_f16.wgsl` makes of packed words: scales, opacity, quaternion.
-    fn unpacked(words: [u32; 4], largest: f32) -> ([f32; 3], f32, [f32; 4]) {
-        let ratio = |word: u32| f32::from_bits(word >> 8 << 6);
-        let opacity = words[0] & 0xff | (words[1] & 0xff) << 8 | words[3] >> 24 << 16;
+    fn unpacked(words: [u32; 4], largest: f32) -> ([f32; 3], f64, [f32; 4]) {
+        let ratio = |word: u32| match word >> 10 {
+            0 => 0.0,
+            code => f32::from_bits((code + FIRST_RATIO) << 6),
+        };
+        let opacity = words[0] & 0x3ff | (words[1] & 0x3ff) << 10 | words[3] >> 30 << 20;
         let bits = u64::from(words[2]) | u64::from(words[3]) << 32;
-        let other = |k: usize| ((bits << (46 - 18 * k)) as i64 >> 46) as f64 / QUATERNION_STEPS;
-        let part = (bits >> 54) as usize & 3;
+        let other = |k: usize| ((bits << (44 - 20 * k)) as i64 >> 44) as f64 / QUATERNION_STEPS;
         let mut quaternion: Vec<f64> = (0..3).map(other).collect();
-        quaternion.insert(part, (1.0 - quaternion.iter().map(|v| v * v).sum::<f64>()).max(0.0).sqrt());
+        let largest_part = (1.0 - quaternion.iter().map(|v| v * v).sum::<f64>()).max(0.0).sqrt();
+        quaternion.insert((bits >> 60) as usize & 3, largest_part);
         let quaternion = [0, 1, 2, 3].map(|k| quaternion[k] as f32);
         (
             [1.0, ratio(words[0]), ratio(words[1])].map(|r| r * largest),
-            opacity as f32 / MAX_OPACITY as f32,
+            f64::from(opacity) / OPACITY_STEPS,
             quaternion,
         )
     }
@@ -313,18 +323,22 @@ mod tests {
             let rotation = q.map(|v| v / norm);
             let largest = scales.into_iter().fold(0.0, f32::max);
             let (actual, actual_opacity, turned) = unpacked(packed_shape(scales, opacity, rotation), largest);
-            assert!((actual_opacity - opacity).abs() <= 1.2e-7, "{actual_opacity} {opacity}");
+            let expected = f64::from(opacity);
+            assert!((actual_opacity - expected).abs() <= 1.2e-7, "{actual_opacity} {expected}");
             let first = scales.iter().position(|s| *s == largest).unwrap();
             for k in 0..3 {
                 let expected = scales[(first + k) % 3];
                 assert!((actual[k] - expected).abs() <= expected * 4e-6, "{actual:?} {scales:?}");
                 let (actual, expected) = (axes(turned)[k], axes(rotation)[(first + k) % 3]);
                 let off = [0, 1, 2].map(|c| (actual[c] - expected[c]).abs()).into_iter().fold(0.0, f32::max);
-                assert!(off < 3e-5, "axis {k}: {actual:?} {expected:?}");
+                assert!(off < 8e-6, "axis {k}: {actual:?} {expected:?}");
             }
         }
-        let (scales, ..) = unpacked(packed_shape([0.0; 3], 0.5, [1.0, 0.0, 0.0, 0.0]), 0.0);
-        assert_eq!(scales, [0.0; 3]);
+        for flat in [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 1e-30]] {
+            let largest = flat.into_iter().fold(0.0, f32::max);
+            let (scales, ..) = unpacked(packed_shape(flat, 0.5, [1.0, 0.0, 0.0, 0.0]), largest);
+            assert_eq!(scales, [largest, 0.0, 0.0]);
+        }
     }
 
     #[test]
