@@ -24,7 +24,7 @@ cd "$(dirname "$0")"
 # Mesa's layer of device selection complains without it.
 export XDG_RUNTIME_DIR="${XDG_RUNTIME_DIR:-/tmp}"
 # The system's own Vulkan loader comes first.
-export LD_LIBRARY_PATH="${LD_LIBRARY_PATH:-}:/usr/lib/x86_64-linux-gnu:/usr/lib/aarch64-linux-gnu:/usr/lib64:$PWD/lib"
+export LD_LIBRARY_PATH="${LD_LIBRARY_PATH:+$LD_LIBRARY_PATH:}/usr/lib/x86_64-linux-gnu:/usr/lib/aarch64-linux-gnu:/usr/lib64:$PWD/lib"
 exec ./xtask measure "$@"
 "#;
 
