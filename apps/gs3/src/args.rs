@@ -200,6 +200,15 @@ pub struct BenchArgs {
     pub frames: FrameRange,
     #[command(flatten)]
     pub look: Look,
+    /// What is measured: `cpu` all that a displayed frame takes, `gpu` the rasterizer's stages by the device's clock
+    #[arg(long, default_value = "cpu", value_name = "cpu|gpu")]
+    pub backend: BenchBackendArg,
+    /// A GPU by its number [default: the fastest]
+    #[arg(long, value_name = "N")]
+    pub adapter: Option<usize>,
+    /// Frames before the measured ones with `--backend gpu`
+    #[arg(long, default_value_t = 30, value_name = "N")]
+    pub warm_up: usize,
     /// Also measure the stages of the CPU rasterizer
     #[arg(long)]
     pub stages: bool,
@@ -275,6 +284,21 @@ pub enum BackendArg {
     Auto,
     Cpu,
     Gpu,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum BenchBackendArg {
+    Cpu,
+    Gpu,
+}
+
+impl From<BenchBackendArg> for BackendArg {
+    fn from(backend: BenchBackendArg) -> Self {
+        match backend {
+            BenchBackendArg::Cpu => Self::Cpu,
+            BenchBackendArg::Gpu => Self::Gpu,
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]

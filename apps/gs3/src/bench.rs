@@ -9,12 +9,13 @@ use gs3::{FramePipeline, Mode, Stage};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
-use crate::args::BenchArgs;
+use crate::args::{BenchArgs, Device};
+use crate::backend::Machine;
 use crate::error::CliError;
 use crate::output::write_text;
 use crate::render::between;
 use crate::report::{self, Times, median_ms};
-use crate::{Outcome, inputs, start_threads};
+use crate::{Outcome, bench_gpu, inputs, start_threads};
 
 /// Rounds over the frames. The best of each side counts: other work on the machine only ever slows a round down.
 const ROUNDS: usize = 3;
@@ -25,6 +26,10 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     let path = inputs::cameras(&args.view, &scene)?;
     let range = args.frames.0.clone();
     inputs::check_frames("--frames", &range, &path)?;
+    let device = Device { backend: args.backend.into(), adapter: args.adapter };
+    if let Machine::Gpu(gpu) = Machine::new(&device)? {
+        return bench_gpu::run(args, &gpu, scene, &path.cameras()[range]);
+    }
     let (networks, tier) = inputs::networks(&args.look)?;
     let pipeline = |mode| FramePipeline::with_networks(scene.clone(), args.look.settings(mode), &networks);
     let (mut native, mut full) = (pipeline(Mode::Native)?, pipeline(Mode::Full)?);

@@ -18,7 +18,6 @@ pub fn run(args: &GbufferArgs) -> Result<Outcome, CliError> {
     if !(1..=MAX_SCALE).contains(&args.scale) {
         return Err(ReconstructError::Scale { actual: args.scale }.into());
     }
-    let machine = Machine::new(&args.device)?;
     let (scene, _) = inputs::scene(&args.view.scene)?;
     let path = inputs::cameras(&args.view, &scene)?;
     inputs::check_frames("--frame", &(args.frame..args.frame + 1), &path)?;
@@ -31,7 +30,7 @@ pub fn run(args: &GbufferArgs) -> Result<Outcome, CliError> {
     let mut gbuffer = GBuffer::default();
     let camera = &path.cameras()[args.frame];
     let machine =
-        machine.start(|gpu| -> Result<(), GpuRasterError> {
+        Machine::new(&args.device)?.start(|gpu| -> Result<(), GpuRasterError> {
             GpuRasterizer::new(gpu, scene.clone(), args.culling.into(), ScenePrecision::default())?
                 .rasterize_to(camera, &settings, &mut gbuffer)
         })?;

@@ -8,6 +8,7 @@
 mod args;
 mod backend;
 mod bench;
+mod bench_gpu;
 mod compare;
 mod convert;
 mod devices;

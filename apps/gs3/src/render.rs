@@ -25,7 +25,6 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
             actual: "--mode native".into(),
         });
     }
-    let machine = Machine::new(&args.device)?;
     let (scene, load_time) = inputs::scene(&args.view.scene)?;
     let mut path = inputs::cameras(&args.view, &scene)?;
     if let Some(frames) = args.smooth {
@@ -36,7 +35,8 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     let (networks, tier) = inputs::networks(&args.look)?;
     let settings = args.look.settings(mode);
     let mut pipeline = FramePipeline::with_networks(scene, settings, &networks)?;
-    let machine = machine.start(|gpu| pipeline.rasterize_on(gpu))?;
+    // Not before the rest is right: a driver may take long to wake, and talk.
+    let machine = Machine::new(&args.device)?.start(|gpu| pipeline.rasterize_on(gpu))?;
     let first = path.cameras()[range.start];
     let rate = path.frames_per_second() * settings.displayed_per_rendered() as f64;
 

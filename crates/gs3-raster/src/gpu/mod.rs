@@ -29,7 +29,7 @@ mod view;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use gs3_compute::{Arena, Gpu, Limits, Recorder};
+use gs3_compute::{Arena, Gpu, GpuError, Limits, Recorder};
 use gs3_scene::{Camera, GBuffer, Image, Scene};
 
 use crate::settings::{Culling, Outputs, RasterSettings};
@@ -42,6 +42,7 @@ use kernels::Kernels;
 use plan::{Counters, FramePlan, Room, ScenePlan};
 use scene::Page;
 pub use scene::ScenePrecision;
+use shaders::STORAGE_BINDINGS;
 use view::ViewUniform;
 
 /// Rasterizes one scene on a GPU; keeps its memory between frames.
@@ -102,6 +103,14 @@ impl GpuRasterizer {
         precision: ScenePrecision,
         limits: Limits,
     ) -> Result<Self, GpuRasterError> {
+        if limits.storage_bindings < STORAGE_BINDINGS {
+            return Err(GpuRasterError::Gpu(GpuError::Unsupported {
+                adapter: gpu.adapter().name.clone(),
+                what: "storage bindings of a kernel".to_owned(),
+                expected: format!("at least {STORAGE_BINDINGS}"),
+                actual: limits.storage_bindings.to_string(),
+            }));
+        }
         let g = scene.gaussians();
         let plan = ScenePlan::new(&limits, g.len() as u64, g.sh_degree, precision)?;
         Ok(Self {
@@ -170,7 +179,7 @@ impl GpuRasterizer {
         };
         let counters = self.gpu.read::<Counters>(&self.fixed.counters.slice())?;
         let (splats, entries) = counters.first().map_or((0, 0), |c| (c.splats_found, c.most_entries));
-        let rows = frame.plan.bands.iter().map(|band| band.rows).sum();
+        let rows = frame.plan.bands.first().map_or(1, |band| band.rows);
         match room.grown(&self.limits, rows, splats, entries)? {
             None => Ok(Settled::Complete { splats, entries }),
             Some(grown) => {

@@ -14,7 +14,8 @@ use crate::chunk::CHUNK;
 /// How the scene lies in device memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ScenePrecision {
-    /// Means in f32, the rest in 16 bits: 40 bytes a Gaussian of degree 0, 128 of degree 3.
+    /// Colours in f16; means and largest scales in f32, the rest of the shape packed to 128 bits so closely that the same
+    /// samples are hit: 40 bytes a Gaussian of degree 0, 128 of degree 3.
     #[default]
     F16,
     /// All in f32, as the CPU has it: 60 bytes a Gaussian of degree 0, 240 of degree 3.
@@ -22,7 +23,7 @@ pub enum ScenePrecision {
 }
 
 impl ScenePrecision {
-    /// Bytes of a Gaussian's scales, opacity and rotation.
+    /// Bytes of a Gaussian's shape but for its mean and largest scale.
     pub(super) const fn shape_bytes(self) -> u64 {
         match self {
             Self::F16 => 16,
@@ -65,7 +66,7 @@ struct PageUniform {
     first_chunk: u32,
     chunks: u32,
     gaussians: u32,
-    scale_unit: f32,
+    _pad: u32,
 }
 
 /// A part of the scene.
@@ -96,10 +97,6 @@ impl Page {
 /// # Errors
 /// [`GpuError`] if the device has no room for them.
 pub fn upload(gpu: &Gpu, gaussians: &Gaussians, plan: &ScenePlan) -> Result<Vec<Page>, GpuError> {
-    let unit = match plan.precision {
-        ScenePrecision::F16 => scale_unit(gaussians),
-        ScenePrecision::F32 => 1.0,
-    };
     let mut chunks = crate::chunk::of_gaussians(gaussians);
     let mut pages = Vec::new();
     let mut sent = 0;
@@ -110,7 +107,7 @@ pub fn upload(gpu: &Gpu, gaussians: &Gaussians, plan: &ScenePlan) -> Result<Vec<
             first_chunk: (start / CHUNK) as u32,
             chunks: (end - start).div_ceil(CHUNK) as u32,
             gaussians: count as u32,
-            scale_unit: unit,
+            _pad: 0,
         };
         let sh_bytes = plan.precision.sh_bytes(plan.sh_degree);
         let shape_bytes = plan.precision.shape_bytes();
@@ -119,7 +116,7 @@ pub fn upload(gpu: &Gpu, gaussians: &Gaussians, plan: &ScenePlan) -> Result<Vec<
         let sh = gpu.buffer("sh", Use::Storage, count * sh_bytes)?;
         for first in (start..end).step_by(STEP) {
             let last = (first + STEP).min(end);
-            let packed = Packed::new(gaussians, first, last, plan.precision, unit);
+            let packed = Packed::new(gaussians, first, last, plan.precision);
             for (chunk, centers) in chunks[first / CHUNK..].iter_mut().zip(packed.centers.chunks(CHUNK)) {
                 chunk.largest_scale = centers.iter().fold(0.0, |a, c| a.max(c[3]));
             }
@@ -154,20 +151,6 @@ pub fn upload(gpu: &Gpu, gaussians: &Gaussians, plan: &ScenePlan) -> Result<Vec<
     Ok(pages)
 }
 
-/// The power of two nearest to the geometric mean of the Gaussians' largest scales: divided by it they lie in the middle
-/// of what f16 can hold, 2⁻¹⁴ to 2¹⁶ at full precision, whatever the scene's unit of length.
-fn scale_unit(g: &Gaussians) -> f32 {
-    let exponents = (0..g.len()).into_par_iter().filter_map(|i| {
-        let largest = g.scale(i).into_iter().fold(0.0, f32::max);
-        (largest > 0.0).then(|| f64::from(largest).log2())
-    });
-    let (sum, count) = exponents
-        .fold(|| (0.0, 0_u64), |(s, n), e| (s + e, n + 1))
-        .reduce(|| (0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
-    // Within what f32 can hold along with its inverse.
-    (sum / count.max(1) as f64).round().clamp(-100.0, 100.0).exp2() as f32
-}
-
 /// Gaussians as words of the device's buffers.
 struct Packed {
     /// Mean and largest scale.
@@ -177,51 +160,90 @@ struct Packed {
 }
 
 impl Packed {
-    fn new(g: &Gaussians, first: usize, last: usize, precision: ScenePrecision, unit: f32) -> Self {
-        let range = first..last;
-        match precision {
+    fn new(g: &Gaussians, first: usize, last: usize, precision: ScenePrecision) -> Self {
+        let sh = &g.sh[first * g.sh_stride()..last * g.sh_stride()];
+        let range = (first..last).into_par_iter();
+        let centers = range.clone().map(|i| {
+            let [x, y, z] = g.mean(i);
+            [x, y, z, g.scale(i).into_iter().fold(0.0, f32::max)]
+        });
+        let (shapes, sh) = match precision {
             ScenePrecision::F16 => {
-                let shapes: Vec<_> = range.clone().into_par_iter().map(|i| shape_f16(g, i, unit)).collect();
-                let centers = range.into_par_iter().zip(&shapes).map(|(i, shape)| {
-                    let [x, y, z] = g.mean(i);
-                    let scales = [shape[0] as u16, (shape[0] >> 16) as u16, shape[1] as u16];
-                    let scales = scales.map(|bits| f16::from_bits(bits).to_f32() * unit);
-                    [x, y, z, scales.into_iter().fold(0.0, f32::max)]
-                });
-                Self {
-                    centers: centers.collect(),
-                    sh: sh_f16(&g.sh[first * g.sh_stride()..last * g.sh_stride()], g.sh_stride()),
-                    shapes: shapes.as_flattened().to_vec(),
-                }
+                let shapes: Vec<_> =
+                    range.map(|i| packed_shape(g.scale(i), g.opacities[i], g.rotation(i))).collect();
+                (shapes.as_flattened().to_vec(), sh_f16(sh, g.sh_stride()))
             }
             ScenePrecision::F32 => {
                 let shape = |i: usize| {
                     let ([sx, sy, sz], [w, x, y, z]) = (g.scale(i), g.rotation(i));
                     [sx, sy, sz, g.opacities[i], w, x, y, z].map(f32::to_bits)
                 };
-                let center = |i: usize| {
-                    let [x, y, z] = g.mean(i);
-                    [x, y, z, g.scale(i).into_iter().fold(0.0, f32::max)]
-                };
-                let shapes: Vec<_> = range.clone().into_par_iter().map(shape).collect();
-                Self {
-                    centers: range.into_par_iter().map(center).collect(),
-                    shapes: shapes.as_flattened().to_vec(),
-                    sh: bytemuck::cast_slice(&g.sh[first * g.sh_stride()..last * g.sh_stride()]).to_vec(),
-                }
+                let shapes: Vec<_> = range.map(shape).collect();
+                (shapes.as_flattened().to_vec(), bytemuck::cast_slice(sh).to_vec())
             }
-        }
+        };
+        Self { centers: centers.collect(), shapes, sh }
     }
 }
 
-/// Scales as f16 in units of `unit`, opacity as 16-bit fixed point of [0, 1], the quaternion of [-1, 1]; see
-/// `scene_f16.wgsl`.
-fn shape_f16(g: &Gaussians, i: usize, unit: f32) -> [u32; 4] {
-    let pair = |low: u16, high: u16| u32::from(low) | u32::from(high) << 16;
-    let [sx, sy, sz] = g.scale(i).map(|s| f16::from_f32((s / unit).min(f16::MAX.to_f32())).to_bits());
-    let opacity = (g.opacities[i] * 65535.0).round() as u16;
-    let [w, x, y, z] = g.rotation(i).map(|v| (v * 32767.0).round() as i16 as u16);
-    [pair(sx, sy), pair(sz, opacity), pair(w, x), pair(y, z)]
+/// Scales, opacity and rotation in 128 bits, of which an ellipse's edge moves by about 1e-5 of its radius. With 16 bits for
+/// each value, as colours have, it would move by 5e-4, and one sample in 10⁵ be hit by one machine only: its depth is then
+/// there or not.
+///
+/// The axes are taken in turn so that the first is the longest, whose scale lies beside the mean. `scene_f16.wgsl` unpacks:
+///
+/// | word | bits 31 to 10 | bits 9 to 0 |
+/// |---|---|---|
+/// | 0, 1 | second and third scale over the first, [`ratio_bits`] | opacity in steps of 1 / [`OPACITY_STEPS`], bits 0 to 9 and 10 to 19 |
+///
+/// | words 2, 3 | |
+/// |---|---|
+/// | 63, 62 | opacity, bits 21 and 20 |
+/// | 61, 60 | which part of the quaternion is largest, of w, x, y, z |
+/// | 59 to 0 | its other parts, 20 bits each from the lowest |
+fn packed_shape(scales: [f32; 3], opacity: f32, rotation: [f32; 4]) -> [u32; 4] {
+    let first = (1..3).fold(0, |best, k| if scales[k] > scales[best] { k } else { best });
+    let ratio = |k: usize| ratio_bits(scales[(first + k) % 3], scales[first]);
+    let opacity = (f64::from(opacity) * OPACITY_STEPS).round() as u32;
+    let (part, others) = smallest_three(turned(rotation, first));
+    let [a, b, c] = others.map(|v| (f64::from(v) * QUATERNION_STEPS).round() as i64 as u64 & 0xf_ffff);
+    let rest = a | b << 20 | c << 40 | (part as u64) << 60 | u64::from(opacity >> 20) << 62;
+    [
+        ratio(1) << 10 | opacity & 0x3ff,
+        ratio(2) << 10 | opacity >> 10 & 0x3ff,
+        rest as u32,
+        (rest >> 32) as u32,
+    ]
+}
+
+/// Parts of a unit quaternion other than its largest are at most √½: 2¹⁹ − 1 steps and a sign.
+const QUATERNION_STEPS: f64 = 524_287.0 * std::f64::consts::SQRT_2;
+
+/// Steps of the opacity up to 1, in 22 bits: the 8 bits that most formats of scenes have for it stay exact.
+const OPACITY_STEPS: f64 = 255.0 * 16_384.0;
+
+/// Codes of ratios start here: at 2⁻³¹, as an f32 without its lowest six bits.
+const FIRST_RATIO: u32 = 96 << 17;
+
+/// `scale / largest` in 22 bits, 17 of them mantissa; 0 below 2⁻³¹.
+fn ratio_bits(scale: f32, largest: f32) -> u32 {
+    let ratio = if largest > 0.0 { scale / largest } else { 0.0 };
+    ((ratio.to_bits() + (1 << 5)) >> 6).saturating_sub(FIRST_RATIO)
+}
+
+/// The rotation `q` with its axes in turn: axis `first` becomes the first one. It turns by a third about (1, 1, 1) before
+/// `q` as often as needed.
+fn turned(q: [f32; 4], first: usize) -> [f32; 4] {
+    (0..first).fold(q, |[w, x, y, z], _| {
+        [w - x - y - z, w + x + y - z, w - x + y + z, w + x - y + z].map(|v| 0.5 * v)
+    })
+}
+
+/// Which part of `q` is largest, and the others of the same rotation where that part is positive.
+fn smallest_three(q: [f32; 4]) -> (usize, [f32; 3]) {
+    let part = (1..4).fold(0, |best, k| if q[k].abs() > q[best].abs() { k } else { best });
+    let sign = if q[part] < 0.0 { -1.0 } else { 1.0 };
+    (part, [0, 1, 2].map(|k| sign * q[k + usize::from(k >= part)]))
 }
 
 /// Rows of `stride` coefficients as f16, each row padded to whole words.
@@ -250,56 +272,87 @@ mod tests {
     #[test]
     fn layouts_are_those_of_the_shader() {
         let source = include_str!("scene.wgsl");
-        assert_layout!(source, Page, PageUniform { first_chunk, chunks, gaussians, scale_unit });
+        assert_layout!(source, Page, PageUniform { first_chunk, chunks, gaussians, _pad });
         assert_layout!(source, Chunk, ChunkBounds { center, radius, largest_scale, _pad, _pad2, _pad3 });
     }
 
-    fn gaussians(scale: f32) -> Gaussians {
-        let mut g = Gaussians::zeroed(3, 1);
-        g.scales = [vec![scale; 3], vec![scale * 0.25, scale, 0.0], vec![scale * 1e-3; 3]];
-        g.rotations = [vec![0.5; 3], vec![-0.5; 3], vec![0.5; 3], vec![-0.5; 3]];
-        g.opacities = vec![1.0 / 255.0, 0.5, 1.0];
-        g.sh = (0..36).map(|k| k as f32 * 0.125 - 1.0).collect();
-        g
+    /// What `scene_f16.wgsl` makes of packed words: scales, opacity, quaternion.
+    fn unpacked(words: [u32; 4], largest: f32) -> ([f32; 3], f64, [f32; 4]) {
+        let ratio = |word: u32| match word >> 10 {
+            0 => 0.0,
+            code => f32::from_bits((code + FIRST_RATIO) << 6),
+        };
+        let opacity = words[0] & 0x3ff | (words[1] & 0x3ff) << 10 | words[3] >> 30 << 20;
+        let bits = u64::from(words[2]) | u64::from(words[3]) << 32;
+        let other = |k: usize| ((bits << (44 - 20 * k)) as i64 >> 44) as f64 / QUATERNION_STEPS;
+        let mut quaternion: Vec<f64> = (0..3).map(other).collect();
+        let largest_part = (1.0 - quaternion.iter().map(|v| v * v).sum::<f64>()).max(0.0).sqrt();
+        quaternion.insert((bits >> 60) as usize & 3, largest_part);
+        let quaternion = [0, 1, 2, 3].map(|k| quaternion[k] as f32);
+        (
+            [1.0, ratio(words[0]), ratio(words[1])].map(|r| r * largest),
+            f64::from(opacity) / OPACITY_STEPS,
+            quaternion,
+        )
     }
 
-    /// The scale's unit does not matter, and what 16 bits can hold exactly stays exact.
+    /// Columns of the rotation matrix.
+    fn axes([w, x, y, z]: [f32; 4]) -> [[f32; 3]; 3] {
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)],
+            [2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)],
+            [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    }
+
+    /// Whatever the scene's unit of length, axis and part of the quaternion is largest.
     #[test]
-    fn packed_values_are_within_the_precision_of_their_formats() {
-        for scale in [1e-6, 0.01, 1.0, 3e4, 1e9_f32] {
-            let g = gaussians(scale);
-            let unit = scale_unit(&g);
-            assert_eq!(unit.log2().fract(), 0.0, "{unit} is a power of two");
-            let packed = Packed::new(&g, 0, 3, ScenePrecision::F16, unit);
-            for i in 0..3 {
-                let words = &packed.shapes[4 * i..4 * i + 4];
-                let halves = [words[0] as u16, (words[0] >> 16) as u16, words[1] as u16];
-                for (bits, expected) in halves.into_iter().zip(g.scale(i)) {
-                    let actual = f16::from_bits(bits).to_f32() * unit;
-                    assert!((actual - expected).abs() <= expected * 5e-4, "{actual} {expected} {unit}");
-                }
-                let opacity = (words[1] >> 16) as f32 / 65535.0;
-                assert!((opacity - g.opacities[i]).abs() < 8e-6, "{opacity}");
-                assert_eq!(words[2] as u16 as i16, 16384);
-                assert_eq!((words[3] >> 16) as u16 as i16, -16384);
-                assert!(packed.centers[i][3] >= g.scale(i)[0] * 0.999);
+    fn shapes_keep_axes_scales_and_opacity() {
+        let mut state = 1_u32;
+        let mut random = move || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / (1 << 24) as f32
+        };
+        for i in 0..2000 {
+            let unit = [1e-30, 1e-6, 0.01, 1.0, 3e4, 1e30][i % 6];
+            let scales = [random(), random() * 1e-3, random() * 0.5].map(|s| s * unit);
+            let scales = [0, 1, 2].map(|k| scales[(k + i) % 3]);
+            let opacity = [0.0, 1.0, 1.0 / 255.0, random()][i / 3 % 4];
+            let q = [0; 4].map(|_| random() - 0.5);
+            let norm = q.iter().map(|v| v * v).sum::<f32>().sqrt();
+            let rotation = q.map(|v| v / norm);
+            let largest = scales.into_iter().fold(0.0, f32::max);
+            let (actual, actual_opacity, turned) = unpacked(packed_shape(scales, opacity, rotation), largest);
+            let expected = f64::from(opacity);
+            assert!((actual_opacity - expected).abs() <= 1.2e-7, "{actual_opacity} {expected}");
+            let first = scales.iter().position(|s| *s == largest).unwrap();
+            for k in 0..3 {
+                let expected = scales[(first + k) % 3];
+                assert!((actual[k] - expected).abs() <= expected * 4e-6, "{actual:?} {scales:?}");
+                let (actual, expected) = (axes(turned)[k], axes(rotation)[(first + k) % 3]);
+                let off = [0, 1, 2].map(|c| (actual[c] - expected[c]).abs()).into_iter().fold(0.0, f32::max);
+                assert!(off < 8e-6, "axis {k}: {actual:?} {expected:?}");
             }
-            let sh: &[f16] = bytemuck::cast_slice(&packed.sh);
-            assert!(sh.iter().zip(&g.sh).all(|(a, b)| a.to_f32() == *b));
+        }
+        for flat in [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 1e-30]] {
+            let largest = flat.into_iter().fold(0.0, f32::max);
+            let (scales, ..) = unpacked(packed_shape(flat, 0.5, [1.0, 0.0, 0.0, 0.0]), largest);
+            assert_eq!(scales, [largest, 0.0, 0.0]);
         }
     }
 
     #[test]
-    fn outliers_are_clamped() {
-        let mut g = gaussians(1.0);
-        g.scales[0][1] = 1e30;
-        g.sh[0] = 1e6;
-        g.sh[1] = -1e6;
-        let packed = Packed::new(&g, 0, 3, ScenePrecision::F16, 1.0);
-        assert!(packed.centers.iter().flatten().all(|v| v.is_finite()));
-        assert_eq!(packed.centers[1][3], 65504.0);
+    fn colors_are_halves_and_outliers_are_clamped() {
+        let mut g = Gaussians::zeroed(3, 1);
+        g.rotations[0] = vec![1.0; 3];
+        g.scales[1][1] = 1e30;
+        g.sh = (0..36).map(|k| k as f32 * 0.125 - 1.0).collect();
+        (g.sh[0], g.sh[1]) = (1e6, -1e6);
+        let packed = Packed::new(&g, 0, 3, ScenePrecision::F16);
+        assert_eq!(packed.centers[1], [0.0, 0.0, 0.0, 1e30]);
         let sh: &[f16] = bytemuck::cast_slice(&packed.sh);
         assert_eq!((sh[0].to_f32(), sh[1].to_f32()), (65504.0, -65504.0));
+        assert!(sh[2..].iter().zip(&g.sh[2..]).all(|(a, b)| a.to_f32() == *b));
     }
 
     #[test]

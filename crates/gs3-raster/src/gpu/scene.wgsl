@@ -4,8 +4,7 @@ struct Page {
     first_chunk: u32,
     chunks: u32,
     gaussians: u32,
-    // Power of two that stored scales are multiplied by.
-    scale_unit: f32,
+    _pad: u32,
 }
 
 struct Chunk {

@@ -1,15 +1,32 @@
-// Scales and colours as f16, opacity as 16-bit fixed point of [0, 1], quaternions of [-1, 1]. Means stay f32.
+// Colours as f16, shapes in 128 bits: see `packed_shape` of scene.rs. Means and largest scales are f32.
 
 @group(0) @binding(4) var<storage, read> shapes: array<vec4<u32>>;
 @group(0) @binding(5) var<storage, read> sh: array<u32>;
 
+const OPACITY_STEPS: f32 = 255.0 * 16384.0;
+const QUATERNION_STEP: f32 = 0.70710678 / 524287.0;
+const FIRST_RATIO: u32 = 96u << 17u;
+
+fn ratio_of(word: u32) -> f32 {
+    let code = word >> 10u;
+    return select(0.0, bitcast<f32>((code + FIRST_RATIO) << 6u), code > 0u);
+}
+
 fn shape_of(i: u32) -> Shape {
     let words = shapes[i];
-    let xy = unpack2x16float(words.x);
-    let z = unpack2x16float(words.y).x;
-    let opacity = unpack2x16unorm(words.y).y;
-    let rotation = vec4(unpack2x16snorm(words.z), unpack2x16snorm(words.w));
-    return Shape(vec3(xy, z) * page.scale_unit, opacity, rotation);
+    let opacity = (words.x & 0x3ffu) | ((words.y & 0x3ffu) << 10u) | ((words.w >> 30u) << 20u);
+    let signed = vec3(words.z << 12u, ((words.z >> 8u) & 0xfff000u) | (words.w << 24u), words.w << 4u);
+    let v = vec3<f32>(bitcast<vec3<i32>>(signed) >> vec3(12u)) * QUATERNION_STEP;
+    let largest = sqrt(max(1.0 - dot3(v, v), 0.0));
+    var rotation = vec4(largest, v);
+    switch (words.w >> 28u) & 3u {
+        case 1u: { rotation = vec4(v.x, largest, v.yz); }
+        case 2u: { rotation = vec4(v.xy, largest, v.z); }
+        case 3u: { rotation = vec4(v, largest); }
+        default: {}
+    }
+    let scales = centers[i].w * vec3(1.0, ratio_of(words.x), ratio_of(words.y));
+    return Shape(scales, f32(opacity) / OPACITY_STEPS, rotation);
 }
 
 // Coefficient k of Gaussian i, RGB: three halves, at an odd half where k is odd.

@@ -5,6 +5,9 @@ use gs3_compute::GRID_WGSL;
 use super::scene::ScenePrecision;
 use crate::settings::Outputs;
 
+/// Storage bindings of the kernel that has most, `project_gbuffer`. Desktop drivers have 16 or more.
+pub const STORAGE_BINDINGS: u32 = 13;
+
 const VIEW: &str = include_str!("view.wgsl");
 const SPLAT: &str = include_str!("splat.wgsl");
 const FRAME: &str = include_str!("frame.wgsl");
@@ -52,6 +55,14 @@ pub fn blend(outputs: Outputs) -> Vec<&'static str> {
 mod tests {
     use super::*;
     use gs3_compute::validate;
+
+    #[test]
+    fn no_kernel_has_more_bindings_than_said() {
+        let bindings = |sources: &[&str]| sources.concat().matches("var<storage").count() as u32;
+        assert_eq!(bindings(&project(ScenePrecision::F16)), STORAGE_BINDINGS);
+        assert_eq!(bindings(&project(ScenePrecision::F32)), STORAGE_BINDINGS);
+        assert!(bindings(&blend(Outputs::GBufferMixed)) <= STORAGE_BINDINGS);
+    }
 
     #[test]
     fn every_shader_is_valid() {

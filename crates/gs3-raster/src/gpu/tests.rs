@@ -1,7 +1,7 @@
 //! The stages one by one beside the CPU's, and devices smaller than any real one.
 
 use glam::{DAffine3, DVec3};
-use gs3_compute::{GpuError, GpuSettings, Limits};
+use gs3_compute::GpuSettings;
 use gs3_scene::{Gaussians, Intrinsics, OpacityMode};
 
 use super::*;
@@ -181,10 +181,15 @@ fn small_bindings_change_nothing() {
     assert_eq!((small.pages.len(), large.pages.len()), (2, 1));
     assert!(bands.len() >= 2, "{bands:?}");
 
-    // Too small for a row of pixels, for the splats of this view.
+    // Too small for a row of tiles.
     let mut tiny = rasterizer(60_000).expect("pages");
     let refused = tiny.rasterize_to(&camera, &SETTINGS, &mut GBuffer::default());
     assert!(matches!(refused, Err(GpuRasterError::Gpu(GpuError::TooLarge { .. }))), "{refused:?}");
+
+    let limits = Limits { storage_bindings: STORAGE_BINDINGS - 1, ..gpu.capabilities().limits };
+    let (culling, precision) = (Culling::AccuTile, ScenePrecision::F16);
+    let refused = GpuRasterizer::with_limits(&gpu, scene, culling, precision, limits).map(|_| ());
+    assert!(matches!(refused, Err(GpuRasterError::Gpu(GpuError::Unsupported { .. }))), "{refused:?}");
 }
 
 /// What a frame had no room for is said, and there the next time.

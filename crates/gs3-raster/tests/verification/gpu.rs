@@ -126,7 +126,7 @@ fn random_scenes_match_the_cpu() {
         assert_close(&exact, &expected, 0.0, 70.0, &what);
         assert_same_hits(&exact, &expected, &what);
         let packed = gpu_frame(&gpu, &scene, culling, ScenePrecision::F16, &camera, &settings);
-        assert_close(&packed, &expected, 1e-3, 55.0, &format!("{what}, f16"));
+        assert_close(&packed, &expected, 0.0, 55.0, &format!("{what}, f16"));
     }
 }
 
@@ -168,27 +168,32 @@ fn frames_repeat_and_exact_methods_agree_bit_for_bit() {
     }
 }
 
-/// Low-resolution frames of the demo and of captures: nothing left out at full precision; in 16 bits as many pixels as may
-/// be hit by one only (a single one of 480×270 whose depth is there or not makes 51 dB).
+/// Low-resolution frames of the demo and of captures. From a path's first camera nothing is left out: a single pixel of
+/// 480×270 that only one machine hits, whose depth is there or not, makes 51 dB. Elsewhere two values of a plane are: in one
+/// frame of ten, at either precision, a pixel's transmittance is ½ within rounding, where the median depth has a step.
 #[test]
 fn real_scenes_match_the_cpu() {
     let Some(gpu) = gpu() else { return };
-    for (name, scene, camera) in real_scenes::scenes() {
-        let camera = camera.resized(480, 270).expect("a size");
-        let settings = RasterSettings {
-            outputs: Outputs::GBuffer,
-            dilation: matched_dilation(4),
-            jitter: [0.125, -0.375],
-            ..EVERYTHING
-        };
-        let expected = cpu_frame(&scene, Culling::AccuTile, &camera, &settings);
-        for (precision, dropped, floor) in
-            [(ScenePrecision::F32, 0.0, 70.0), (ScenePrecision::F16, 1e-4, 55.0)]
-        {
-            let actual = gpu_frame(&gpu, &scene, Culling::AccuTile, precision, &camera, &settings);
-            let what = format!("{name} {precision:?}");
-            assert_close(&actual, &expected, dropped, floor, &what);
-            assert_same_hits(&actual, &expected, &what);
+    let settings = RasterSettings {
+        outputs: Outputs::GBuffer,
+        dilation: matched_dilation(4),
+        jitter: [0.125, -0.375],
+        ..EVERYTHING
+    };
+    for (name, scene, cameras) in real_scenes::paths() {
+        let cameras = cameras.iter().map(|c| c.resized(480, 270).expect("a size")).collect::<Vec<_>>();
+        let expected = cameras.iter().map(|c| cpu_frame(&scene, Culling::AccuTile, c, &settings));
+        let expected: Vec<GBuffer> = expected.collect();
+        for (precision, floor) in [(ScenePrecision::F32, 70.0), (ScenePrecision::F16, 55.0)] {
+            let mut rasterizer =
+                GpuRasterizer::new(&gpu, Arc::clone(&scene), Culling::AccuTile, precision).expect("room");
+            for (k, (camera, expected)) in cameras.iter().zip(&expected).enumerate() {
+                let mut actual = GBuffer::default();
+                rasterizer.rasterize_to(camera, &settings, &mut actual).expect("room");
+                let what = format!("{name}, camera {k}, {precision:?}");
+                assert_close(&actual, expected, if k == 0 { 0.0 } else { 1e-5 }, floor, &what);
+                assert_same_hits(&actual, expected, &what);
+            }
         }
     }
 }

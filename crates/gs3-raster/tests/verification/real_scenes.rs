@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use gs3_raster::{Culling, Outputs, RasterSettings, Rasterizer, matched_dilation};
 use gs3_scene::format::LoadOptions;
-use gs3_scene::{Camera, GBuffer, Scene, capture, demo, format};
+use gs3_scene::{Camera, CameraPath, GBuffer, Scene, capture, demo, format};
 
 use crate::compare::{EVERYTHING, EXACT_CULLING, assert_identical, oracle, pairs};
 use crate::scenes::Random;
@@ -14,10 +14,16 @@ const SHARED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared");
 
 /// Scenes with a camera each: the demo, and those of `../shared` that exist.
 pub fn scenes() -> Vec<(&'static str, Arc<Scene>, Camera)> {
-    let mut all = Vec::new();
-    let demo_scene = Arc::new(demo::scene().expect("valid"));
-    let demo_camera = demo::path().cameras()[0];
-    all.push(("demo", demo_scene, demo_camera));
+    paths().into_iter().map(|(name, scene, cameras)| (name, scene, cameras[0])).collect()
+}
+
+/// The same scenes with cameras from all over their paths.
+pub fn paths() -> Vec<(&'static str, Arc<Scene>, Vec<Camera>)> {
+    let spread = |path: CameraPath| {
+        let cameras = path.cameras();
+        cameras.iter().step_by(cameras.len().div_ceil(3)).copied().collect::<Vec<_>>()
+    };
+    let mut all = vec![("demo", Arc::new(demo::scene().expect("valid")), spread(demo::path()))];
     for (name, file, path) in [
         ("flowers", "flowers", "flowers_orbit.json"),
         ("guitar", "guitar.compressed.ply", "guitar_orbit.json"),
@@ -30,7 +36,7 @@ pub fn scenes() -> Vec<(&'static str, Arc<Scene>, Camera)> {
             continue;
         }
         let scene = format::load(&file, &LoadOptions::default(), &|_| ()).expect("a scene");
-        all.push((name, Arc::new(scene), capture::load(&path).expect("a path").cameras()[0]));
+        all.push((name, Arc::new(scene), spread(capture::load(&path).expect("a path"))));
     }
     all
 }

@@ -1,0 +1,202 @@
+//! `gs3 bench --backend gpu`: the stages of the GPU rasterizer by the device's clock, native frames per second, and the
+//! sort alone.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use gs3::Mode;
+use gs3::compute::{AdapterKind, Gpu, Pairs, Sort, StageTime, Timings, Use};
+use gs3::raster::{
+    GpuGBuffer, GpuRasterizer, Outputs, RasterSettings, STOCK_DILATION, ScenePrecision, Settled,
+};
+use gs3::scene::{Camera, Scene};
+use serde_json::{Value, json};
+
+use crate::Outcome;
+use crate::args::BenchArgs;
+use crate::error::CliError;
+use crate::output::write_text;
+use crate::report::{self, median_ms};
+
+/// Pairs sorted at a time: enough to fill any GPU. An emulated one shows only that it works.
+const SORTED: u32 = 1 << 24;
+const SORTED_IN_SOFTWARE: u32 = 1 << 16;
+
+/// Runs of the sort after as many to warm up.
+const SORT_RUNS: usize = 20;
+
+pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -> Result<Outcome, CliError> {
+    let look = args.look.settings(Mode::Full);
+    let gaussians = scene.gaussians().len();
+    let mut bench = Bench {
+        timings: Timings::new(gpu)?,
+        rasterizer: GpuRasterizer::new(gpu, scene, look.culling, ScenePrecision::default())?,
+        gbuffer: GpuGBuffer::default(),
+        warm_up: args.warm_up,
+    };
+    let with = |outputs, dilation| RasterSettings {
+        dilation,
+        background: look.background,
+        ..RasterSettings::new(outputs)
+    };
+    let native = bench.measure(cameras, &with(Outputs::Color, STOCK_DILATION))?;
+    let low: Vec<Camera> = cameras.iter().map(|camera| camera.low_resolution(look.scale)).collect();
+    let lr_gbuffer = bench.measure(&low, &with(Outputs::GBuffer, look.dilation.at_scale(look.scale)))?;
+    let figures = json!({
+        "adapter": gpu.adapter().name,
+        "driver": gpu.adapter().driver,
+        "scene": args.view.scene.display().to_string(),
+        "gaussians": gaussians,
+        "size": [cameras[0].width(), cameras[0].height()],
+        "scale": look.scale,
+        "warm_up_frames": args.warm_up,
+        "frames": [args.frames.0.start, args.frames.0.end],
+        "native": native,
+        "lr_gbuffer": lr_gbuffer,
+        "sort": sort(gpu)?,
+    });
+    let figures = report::join(report::machine(), report::join(figures, json!({ "backend": "gpu" })));
+    print(&figures);
+    if let Some(file) = &args.json {
+        write_text(file, &format!("{figures:#}\n"))?;
+    }
+    Ok(Outcome::Done)
+}
+
+struct Bench {
+    timings: Timings,
+    rasterizer: GpuRasterizer,
+    gbuffer: GpuGBuffer,
+    warm_up: usize,
+}
+
+impl Bench {
+    /// Times of the frames seen by `cameras`, each on its own, and frames per second where each follows the other.
+    fn measure(&mut self, cameras: &[Camera], settings: &RasterSettings) -> Result<Value, CliError> {
+        for camera in cameras.iter().cycle().take(self.warm_up) {
+            self.rasterizer.rasterize(camera, settings, &mut self.gbuffer)?;
+        }
+        let gpu = self.rasterizer.gpu().clone();
+        let mut frames = Vec::with_capacity(cameras.len());
+        let (mut most_splats, mut most_entries) = (0, 0);
+        for camera in cameras {
+            loop {
+                let mut recorder = gpu.recorder(Some(&mut self.timings));
+                self.rasterizer.record(&mut recorder, camera, settings, &mut self.gbuffer)?;
+                let submission = recorder.submit()?;
+                let times = self.timings.read(&gpu, &submission)?;
+                // A frame that lacked room is no measurement.
+                if let Settled::Complete { splats, entries } = self.rasterizer.settle()? {
+                    (most_splats, most_entries) = (most_splats.max(splats), most_entries.max(entries));
+                    frames.push(times);
+                    break;
+                }
+            }
+        }
+        let started = Instant::now();
+        let mut last = None;
+        for camera in cameras {
+            let mut recorder = gpu.recorder(None);
+            self.rasterizer.record(&mut recorder, camera, settings, &mut self.gbuffer)?;
+            last = Some(recorder.submit()?);
+        }
+        if let Some(last) = last {
+            gpu.wait(&last)?;
+        }
+        let fps = cameras.len() as f64 / started.elapsed().as_secs_f64();
+        Ok(json!({
+            "fps": fps, "most_splats": most_splats, "most_entries": most_entries, "stages": stages(&frames),
+        }))
+    }
+}
+
+/// Of each stage, in the order in which they run, and of all together.
+fn stages(frames: &[Vec<StageTime>]) -> Value {
+    let names = frames.first().into_iter().flatten().map(|time| time.stage);
+    let of = |stage: &str, times| report::join(json!({ "stage": stage }), distribution(times));
+    let each = names.map(|name| {
+        let times = frames.iter().flatten().filter(|time| time.stage == name);
+        of(name, times.map(|time| time.time).collect())
+    });
+    let all = frames.iter().map(|frame| frame.iter().map(|time| time.time).sum()).collect();
+    each.chain([of("all", all)]).collect()
+}
+
+/// Median and 99th percentile (nearest rank) in milliseconds.
+fn distribution(mut times: Vec<Duration>) -> Value {
+    times.sort_unstable();
+    let rank = (times.len() * 99).div_ceil(100).max(1) - 1;
+    let p99 = times.get(rank).map(|time| time.as_secs_f64() * 1e3);
+    json!({ "median_ms": median_ms(times), "p99_ms": p99 })
+}
+
+/// Pairs of a 32-bit key and a 32-bit value.
+fn sort(gpu: &Gpu) -> Result<Value, CliError> {
+    let count = match gpu.adapter().kind {
+        AdapterKind::Software => SORTED_IN_SOFTWARE,
+        _ => SORTED,
+    };
+    let keys: Vec<u32> = (0..count).map(|k| k.wrapping_mul(2_654_435_769).rotate_left(7)).collect();
+    let length = gpu.buffer_with("count", Use::Storage, &[count])?;
+    let unsorted = gpu.buffer_with("unsorted", Use::Storage, &keys)?;
+    let empty = |_| gpu.buffer("pairs", Use::Storage, u64::from(count) * 4);
+    let halves = [0; 4].map(empty).into_iter().collect::<Result<Vec<_>, _>>()?;
+    let half = |k: usize| Pairs { keys: halves[k].slice(), values: halves[k + 1].slice() };
+    let pairs = [half(0), half(2)];
+    let bound = Sort::new(gpu, count, u32::BITS)?.bind(gpu, length.slice(), pairs)?;
+    let mut timings = Timings::new(gpu)?;
+    let mut times = Vec::with_capacity(SORT_RUNS);
+    for run in 0..2 * SORT_RUNS {
+        let mut recorder = gpu.recorder(Some(&mut timings));
+        // What is sorted already would be sorted sooner.
+        recorder.copy(&unsorted.slice(), &halves[0].slice());
+        recorder.stage("sort");
+        bound.record(&mut recorder);
+        let submission = recorder.submit()?;
+        let time = timings.read(gpu, &submission)?.iter().map(|time| time.time).sum::<Duration>();
+        if run >= SORT_RUNS {
+            times.push(time);
+        }
+    }
+    let keys_per_s = median_ms(times.clone()).map(|ms| f64::from(count) / ms * 1e3);
+    let figures = json!({ "pairs": count, "key_bits": u32::BITS, "keys_per_s": keys_per_s });
+    Ok(report::join(figures, distribution(times)))
+}
+
+fn print(figures: &Value) {
+    let number = |value: &Value| value.as_f64().unwrap_or(f64::NAN);
+    for side in ["native", "lr_gbuffer"] {
+        println!("{side:<10} {:8.2} fps, median and 99th percentile:", number(&figures[side]["fps"]));
+        for times in figures[side]["stages"].as_array().into_iter().flatten() {
+            let stage = times["stage"].as_str().unwrap_or_default();
+            println!("  {stage:<8} {:9.3} {:9.3} ms", number(&times["median_ms"]), number(&times["p99_ms"]));
+        }
+    }
+    let sort = &figures["sort"];
+    let rate = number(&sort["keys_per_s"]) / 1e6;
+    println!("sort of {} 32-bit keys with values: {rate:.1} million keys/s", sort["pairs"]);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stages_are_told_in_their_order_and_summed_frame_by_frame() {
+        let frame = |project: u64, blend: u64| {
+            let stage = |stage, ms| StageTime { stage, time: Duration::from_millis(ms) };
+            vec![stage("project", project), stage("blend", blend)]
+        };
+        let stage =
+            |name: &str, median: f64, p99: f64| json!({ "stage": name, "median_ms": median, "p99_ms": p99 });
+        assert_eq!(
+            stages(&[frame(1, 9), frame(2, 3), frame(3, 6)]),
+            json!([stage("project", 2.0, 3.0), stage("blend", 6.0, 9.0), stage("all", 9.0, 10.0)])
+        );
+        // Of 200 frames two may be slower.
+        let with_slow =
+            |slow: usize| -> Vec<_> { (0..200).map(|k| frame(if k < slow { 50 } else { 1 }, 1)).collect() };
+        assert_eq!(stages(&with_slow(2))[0], stage("project", 1.0, 1.0));
+        assert_eq!(stages(&with_slow(3))[0], stage("project", 1.0, 50.0));
+    }
+}

@@ -1,0 +1,161 @@
+//! `cargo xtask gpu-report`: one folder that holds all that a measurement needs.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+use crate::XtaskError;
+
+/// What is measured, in the folder.
+pub const SUBJECTS: &str = "subjects.json";
+
+/// Vulkan's loader under the name by which it is opened, and where Linux systems keep it: machines that only compute may
+/// have the driver and no loader.
+const LOADER: &str = "libvulkan.so.1";
+const LIBRARIES: [&str; 3] = ["/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/lib64"];
+
+const RUN: &str = r#"#!/bin/sh
+# Measures gs3 on this machine's GPU: report.json, report.md. Arguments: ./xtask measure --help.
+set -eu
+cd "$(dirname "$0")"
+# Mesa's layer of device selection complains without it.
+export XDG_RUNTIME_DIR="${XDG_RUNTIME_DIR:-/tmp}"
+# The system's own Vulkan loader comes first.
+export LD_LIBRARY_PATH="${LD_LIBRARY_PATH:+$LD_LIBRARY_PATH:}/usr/lib/x86_64-linux-gnu:/usr/lib/aarch64-linux-gnu:/usr/lib64:$PWD/lib"
+exec ./xtask measure "$@"
+"#;
+
+/// Arguments of `gpu-report`.
+#[derive(Debug, clap::Args)]
+pub struct FolderArgs {
+    /// Scenes, files or folders, each with its cameras where there are any; `demo` is the built-in one
+    #[arg(required = true, value_name = "SCENE[=CAMERAS]")]
+    pub subjects: Vec<Subject>,
+    /// The folder; it must not exist
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+}
+
+/// A scene to measure.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Subject {
+    /// A path, or `demo`.
+    pub scene: PathBuf,
+    /// A path.
+    pub cameras: Option<PathBuf>,
+}
+
+impl FromStr for Subject {
+    type Err = std::convert::Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Ok(match text.split_once('=') {
+            Some((scene, cameras)) => Self { scene: scene.into(), cameras: Some(cameras.into()) },
+            None => Self { scene: text.into(), cameras: None },
+        })
+    }
+}
+
+/// Makes the folder.
+pub fn make(args: &FolderArgs) -> Result<(), XtaskError> {
+    let own = std::env::current_exe().map_err(XtaskError::io(Path::new("xtask")))?;
+    // Beside this program, as both are built in release.
+    let gs3 = own.with_file_name("gs3");
+    cargo(&["build", "--release", "--locked", "--package", "gs3-cli"])?;
+    let out = &args.out;
+    fs::create_dir(out).map_err(XtaskError::io(out))?;
+    for program in [&gs3, &own] {
+        let to = out.join(program.file_name().unwrap_or_default());
+        copy(program, &to)?;
+        // Half of their size are line tables; without `strip` they travel along.
+        let _ = Command::new("strip").arg(&to).status();
+    }
+    if let Some(loader) = LIBRARIES.iter().map(|folder| Path::new(folder).join(LOADER)).find(|f| f.exists()) {
+        copy(&loader, &out.join("lib").join(LOADER))?;
+    }
+    let subjects = args.subjects.iter().map(|s| carried(s, out)).collect::<Result<Vec<_>, _>>()?;
+    let list = out.join(SUBJECTS);
+    let text = serde_json::to_string_pretty(&subjects).map_err(XtaskError::json(&list))?;
+    fs::write(&list, text).map_err(XtaskError::io(&list))?;
+    let script = out.join("run.sh");
+    fs::write(&script, RUN).map_err(XtaskError::io(&script))?;
+    // Programs are executable; so shall be what starts them.
+    let permissions = fs::metadata(&own).map_err(XtaskError::io(&own))?.permissions();
+    fs::set_permissions(&script, permissions).map_err(XtaskError::io(&script))?;
+    eprintln!("{}: carry it to the GPU machine and call run.sh there", out.display());
+    Ok(())
+}
+
+/// Copies `subject` into the folder `out`; paths of the result are relative to it.
+fn carried(subject: &Subject, out: &Path) -> Result<Subject, XtaskError> {
+    let carry = |from: &Path, kind: &str| {
+        let to = Path::new(kind).join(from.file_name().unwrap_or_default());
+        match out.join(&to).exists() {
+            true => Err(XtaskError::Twice { name: to.display().to_string() }),
+            false => copy(from, &out.join(&to)).map(|()| to),
+        }
+    };
+    let scene = match subject.scene.as_os_str() == "demo" {
+        true => subject.scene.clone(),
+        false => carry(&subject.scene, "scenes")?,
+    };
+    let cameras = subject.cameras.as_ref().map(|cameras| carry(cameras, "paths")).transpose()?;
+    Ok(Subject { scene, cameras })
+}
+
+/// Copies a file, or a folder with all that is in it.
+fn copy(from: &Path, to: &Path) -> Result<(), XtaskError> {
+    if from.is_dir() {
+        for entry in fs::read_dir(from).map_err(XtaskError::io(from))? {
+            let entry = entry.map_err(XtaskError::io(from))?;
+            copy(&entry.path(), &to.join(entry.file_name()))?;
+        }
+        return Ok(());
+    }
+    if let Some(folder) = to.parent() {
+        fs::create_dir_all(folder).map_err(XtaskError::io(folder))?;
+    }
+    fs::copy(from, to).map(|_| ()).map_err(XtaskError::io(from))
+}
+
+fn cargo(arguments: &[&str]) -> Result<(), XtaskError> {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let status = Command::new(cargo).args(arguments).status().map_err(XtaskError::io(Path::new("cargo")))?;
+    match status.success() {
+        true => Ok(()),
+        false => Err(XtaskError::Failed {
+            command: format!("cargo {}", arguments.join(" ")),
+            status: status.to_string(),
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scenes_and_cameras_are_carried_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = folder.path();
+        fs::create_dir_all(at.join("from/garden/1_0")).unwrap();
+        fs::write(at.join("from/garden/1_0/means.webp"), "means").unwrap();
+        fs::write(at.join("from/orbit.json"), "orbit").unwrap();
+        let out = at.join("out");
+        let text = format!("{0}/from/garden={0}/from/orbit.json", at.display());
+        let carried_subject = carried(&text.parse().unwrap(), &out).unwrap();
+        let expected = Subject { scene: "scenes/garden".into(), cameras: Some("paths/orbit.json".into()) };
+        assert_eq!(carried_subject, expected);
+        assert_eq!(fs::read_to_string(out.join("scenes/garden/1_0/means.webp")).unwrap(), "means");
+        assert_eq!(fs::read_to_string(out.join("paths/orbit.json")).unwrap(), "orbit");
+        let again = carried(&text.parse().unwrap(), &out);
+        assert!(matches!(again, Err(XtaskError::Twice { .. })), "{again:?}");
+        let demo: Subject = "demo".parse().unwrap();
+        assert_eq!(carried(&demo, &out).unwrap(), demo);
+        let missing = carried(&"nowhere.ply".parse().unwrap(), &out);
+        assert!(matches!(missing, Err(XtaskError::Io { .. })), "{missing:?}");
+    }
+}

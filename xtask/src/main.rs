@@ -1,0 +1,94 @@
+//! Errands of gs3's developers: `cargo xtask`.
+
+mod folder;
+mod measure;
+mod table;
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Errands of gs3's developers.
+#[derive(Debug, Parser)]
+#[command(name = "cargo xtask")]
+struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Make a folder to carry to a GPU machine: gs3, scenes, and run.sh, which measures all of it there
+    GpuReport(folder::FolderArgs),
+    /// What run.sh calls in such a folder: write report.json and report.md
+    Measure(measure::MeasureArgs),
+}
+
+/// Why an errand was not done.
+#[derive(Debug, thiserror::Error)]
+pub enum XtaskError {
+    /// A file or program cannot be used.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A file is not JSON of the form expected.
+    #[error("{}: {source}", path.display())]
+    Json {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: serde_json::Error,
+    },
+    /// A program says no.
+    #[error("{command}: expected success, found {status}")]
+    Failed {
+        /// The program with its arguments.
+        command: String,
+        /// How it ended.
+        status: String,
+    },
+    /// Two things would have one name in the folder.
+    #[error("{name}: expected one scene or camera file of this name, found several")]
+    Twice {
+        /// The name.
+        name: String,
+    },
+    /// Measurements failed; the report says which.
+    #[error("{failed} of {all} measurements failed; see report.md")]
+    Incomplete {
+        /// How many.
+        failed: usize,
+        /// Of how many.
+        all: usize,
+    },
+}
+
+impl XtaskError {
+    fn io(path: &Path) -> impl Fn(io::Error) -> Self + '_ {
+        move |source| Self::Io { path: path.to_path_buf(), source }
+    }
+
+    fn json(path: &Path) -> impl Fn(serde_json::Error) -> Self + '_ {
+        move |source| Self::Json { path: path.to_path_buf(), source }
+    }
+}
+
+fn main() -> ExitCode {
+    let done = match Args::parse().command {
+        Command::GpuReport(args) => folder::make(&args),
+        Command::Measure(args) => measure::run(&args),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,101 @@
+//! A report as Markdown.
+
+use std::fmt::Write;
+
+use serde_json::Value;
+
+/// Stages of the GPU rasterizer in their order, then all together; see `gs3 bench --backend gpu`.
+const STAGES: [&str; 5] = ["project", "order", "bin", "blend", "all"];
+
+/// The report that `measure` makes.
+pub fn markdown(report: &Value) -> String {
+    let runs = || report["runs"].as_array().into_iter().flatten();
+    let mut text = format!(
+        "# gs3 on a GPU\n\nMeasured in {} s. Times by the device's clock, median / 99th percentile in ms; fps of frames \
+         that follow each other.\n\n```text\n{}```\n",
+        report["seconds"],
+        report["devices"].as_str().unwrap_or_default(),
+    );
+    // Writing to a string does not fail.
+    let _ = write!(text, "\n| scene | Gaussians | size | frame | {} | fps |\n|", STAGES.join(" | "));
+    text.push_str(&"---|".repeat(5 + STAGES.len()));
+    text.push('\n');
+    for run in runs().filter(|run| run["error"].is_null()) {
+        for frame in ["native", "lr_gbuffer"] {
+            let [scene, gaussians] = [&run["scene"], &run["gaussians"]].map(plain);
+            let cells = STAGES.map(|stage| cell(&run[frame]["stages"], stage)).join(" | ");
+            let fps = run[frame]["fps"].as_f64().unwrap_or(f64::NAN);
+            let size = format!("{}×{}", run["size"][0], run["size"][1]);
+            let _ = writeln!(text, "| {scene} | {gaussians} | {size} | {frame} | {cells} | {fps:.1} |");
+        }
+    }
+    // It has nothing to do with scenes; every run measured it once more.
+    if let Some(sort) = runs().map(|run| &run["sort"]).find(|sort| sort.is_object()) {
+        let rate = sort["keys_per_s"].as_f64().unwrap_or(f64::NAN) / 1e6;
+        let [pairs, bits] = [&sort["pairs"], &sort["key_bits"]];
+        let _ = writeln!(
+            text,
+            "\nSort of {pairs} pairs by {bits} bits: {rate:.1} million keys/s, {} ms",
+            times(sort)
+        );
+    }
+    for run in runs().filter(|run| run["error"].is_string()) {
+        let [scene, size, error] = [&run["scene"], &run["size"], &run["error"]].map(plain);
+        let _ = writeln!(text, "\n{scene} at {size} failed: {error}");
+    }
+    text
+}
+
+fn cell(stages: &Value, stage: &str) -> String {
+    let found = stages.as_array().into_iter().flatten().find(|times| times["stage"] == stage);
+    found.map_or_else(|| "–".to_owned(), times)
+}
+
+fn times(times: &Value) -> String {
+    let number = |value: &Value| value.as_f64().unwrap_or(f64::NAN);
+    format!("{:.3} / {:.3}", number(&times["median_ms"]), number(&times["p99_ms"]))
+}
+
+fn plain(value: &Value) -> String {
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn runs_sorts_and_failures_are_told() {
+        let stage = |name: &str, ms: f64| json!({ "stage": name, "median_ms": ms, "p99_ms": 2.0 * ms });
+        let side = |fps: f64| json!({ "fps": fps, "stages": [stage("project", 0.5), stage("blend", 1.25), stage("all", 1.75)] });
+        let report = json!({
+            "devices": "0  fast\n",
+            "seconds": 12,
+            "runs": [
+                {
+                    "scene": "scenes/garden", "gaussians": 3000, "size": [640, 360],
+                    "native": side(10.0), "lr_gbuffer": side(99.96),
+                    "sort": { "pairs": 1024, "key_bits": 32, "keys_per_s": 2.5e9, "median_ms": 1.0, "p99_ms": 3.0 },
+                },
+                { "scene": "demo", "size": "9x9", "error": "error: lost" },
+            ],
+        });
+        let text = markdown(&report);
+        let native = "| scenes/garden | 3000 | 640×360 | native | 0.500 / 1.000 | – | – | 1.250 / 2.500 | \
+                      1.750 / 3.500 | 10.0 |\n";
+        for expected in [
+            "Measured in 12 s.",
+            "```text\n0  fast\n```\n",
+            "| scene | Gaussians | size | frame | project | order | bin | blend | all | fps |\n|---|---|---|---|---|",
+            native,
+            "| lr_gbuffer | 0.500",
+            "| 100.0 |\n",
+            "\nSort of 1024 pairs by 32 bits: 2500.0 million keys/s, 1.000 / 3.000 ms\n",
+            "\ndemo at 9x9 failed: error: lost\n",
+        ] {
+            assert!(text.contains(expected), "{expected}\n---\n{text}");
+        }
+    }
+}
