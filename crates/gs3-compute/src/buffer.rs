@@ -1,6 +1,7 @@
 //! Memory of a device.
 
 use std::sync::mpsc;
+use std::time::Duration;
 
 use bytemuck::Pod;
 
@@ -159,6 +160,9 @@ pub fn read<T: Pod>(gpu: &Gpu, slice: &Slice<'_>) -> Result<Vec<T>, GpuError> {
     })
 }
 
+/// How long the answer to a finished submission may take: far longer than a thread that has it ever sleeps.
+const ANSWER: Duration = Duration::from_secs(30);
+
 /// What `f` makes of the bytes of `staging`, once submission `index` is done.
 pub fn mapped<R>(
     gpu: &Gpu,
@@ -173,7 +177,8 @@ pub fn mapped<R>(
         let _ = sender.send(result);
     });
     gpu.poll(wgpu::PollType::Wait { submission_index: Some(index), timeout: None })?;
-    match receiver.try_recv() {
+    // Another thread that polled meanwhile may have taken the answer and be about to send it.
+    match receiver.recv_timeout(ANSWER) {
         Ok(Ok(())) => {}
         Ok(Err(error)) => return Err(refused(error.to_string())),
         Err(error) => return Err(refused(error.to_string())),
