@@ -216,8 +216,10 @@ fn learned_tiers_start_at_the_analytic_pipeline() {
     let gain = |method: &str, subset| psnr(method, subset) - psnr("analytic", subset);
     for subset in [Subset::SuperSampled, Subset::Interpolated] {
         assert!(gain("history+fast", subset).abs() < 0.01, "{} dB", gain("history+fast", subset));
+        // Between frames, what is averaged already loses a little from being averaged again.
+        let least = if subset == Subset::SuperSampled { -0.1 } else { -0.5 };
         for method in ["fast", "fast_ss+warp"] {
-            assert!((-0.5..2.0).contains(&gain(method, subset)), "{method}: {} dB", gain(method, subset));
+            assert!((least..2.0).contains(&gain(method, subset)), "{method}: {} dB", gain(method, subset));
         }
     }
     let other = gain("fast", Subset::SuperSampled).abs();
