@@ -124,6 +124,7 @@ pub fn run(args: &EvaluateArgs) -> Result<Outcome, CliError> {
         scale: args.scale,
         methods: methods(args, DEFAULT_METHODS)?,
         culling: args.culling.into(),
+        beside: args.culling.into(),
         background: args.background.0,
         warm_up_frames: args.warm_up.into(),
         weights: args.weights.clone(),

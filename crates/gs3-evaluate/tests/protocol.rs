@@ -47,6 +47,7 @@ fn protocol(methods: &str, case: Case) -> Protocol {
         scale: 4,
         methods: methods.split(',').map(|m| m.parse().unwrap()).collect(),
         culling: Culling::AccuTile,
+        beside: Culling::AccuTile,
         background: [0.1, 0.2, 0.3],
         warm_up_frames: 1,
         weights: None,
@@ -230,6 +231,36 @@ fn learned_tiers_start_at_the_analytic_pipeline() {
     }
     let ms = |method: &str| results.row(method, Subset::All).unwrap().total.unwrap().median_ms;
     assert!(ms("fast") > ms("analytic"), "the networks ran: {} ms, {} ms", ms("fast"), ms("analytic"));
+}
+
+#[test]
+fn a_tier_without_interpolation_weights_warps_and_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let graph = model::super_sample(4, Tier::High).unwrap();
+    let header = Header {
+        network: "super_sample".into(),
+        version: graph.version(),
+        scale: 4,
+        tier: "high".into(),
+        training_data: String::new(),
+        licence: "MIT".into(),
+    };
+    initial_weights(&graph, header, 1).save(&folder.path().join("super_sample_high_x4.safetensors")).unwrap();
+    let with = |methods| Protocol { weights: Some(folder.path().into()), ..protocol(methods, Case::Path) };
+    let (results, _) = run(&with("high,high_ss+warp"), &folder.path().join("out"));
+    assert_eq!(results.failures, []);
+    for subset in Subset::EACH {
+        let psnr = |method| results.row(method, subset).unwrap().psnr;
+        assert_eq!(psnr("high"), psnr("high_ss+warp"));
+    }
+    let [note] = &results.notes[..] else { panic!("one note: {:?}", results.notes) };
+    assert!(note.starts_with("high: no weights"), "{note}");
+    assert!(
+        report::html(&results).contains(note.as_str()) && report::markdown(&results).contains(note.as_str())
+    );
+    // Interpolation asked for by name is not replaced.
+    let error = with("history+high").run(&folder.path().join("no"), &mut |_| {}).unwrap_err();
+    assert!(matches!(error, EvaluateError::Method(MethodError::Network { .. })), "{error}");
 }
 
 #[test]

@@ -27,7 +27,7 @@ pub(crate) fn check_weights(
         if let Some(file) = method.spatial.weight_file() {
             published(*method, file, folder)?;
         }
-        for (network, tier) in parts(*method) {
+        for (network, tier) in parts(*method, scale, folder) {
             if own_file(network, tier, scale, folder).is_none() {
                 shipped(*method, network, tier, scale)?;
             }
@@ -54,7 +54,7 @@ pub(super) fn networks(
 ) -> Result<Networks, MethodError> {
     let fail = |source| MethodError::Network { method, source };
     let mut networks = Networks::default();
-    for (network, tier) in parts(method) {
+    for (network, tier) in parts(method, scale, folder) {
         match own_file(network, tier, scale, folder) {
             Some(file) => {
                 let weights = Weights::load(&file).map_err(|e| fail(e.into()))?;
@@ -70,14 +70,30 @@ pub(super) fn networks(
     Ok(networks)
 }
 
-/// The networks of `method`, and their tiers.
-fn parts(method: MethodSpec) -> impl Iterator<Item = (&'static str, Tier)> {
+/// Whether `method` is a whole tier, as `gs3 render` knows it, whose interpolation network has no weights: frames between
+/// are then warped without learning. A method that names its interpolation by itself must have its weights.
+pub(crate) fn warps_instead(method: MethodSpec, scale: u32, folder: Option<&Path>) -> bool {
+    let (Spatial::Learned(tier), Interpolation::Learned(same)) = (method.spatial, method.interpolation)
+    else {
+        return false;
+    };
+    tier == same
+        && own_file(INTERPOLATE, tier, scale, folder).is_none()
+        && Networks::shipped(scale, tier).map_or(true, |networks| networks.interpolate.is_none())
+}
+
+/// The networks that `method` runs, and their tiers.
+fn parts(
+    method: MethodSpec,
+    scale: u32,
+    folder: Option<&Path>,
+) -> impl Iterator<Item = (&'static str, Tier)> {
     let super_sample = match method.spatial {
         Spatial::Learned(tier) => Some((SUPER_SAMPLE, tier)),
         _ => None,
     };
     let interpolate = match method.interpolation {
-        Interpolation::Learned(tier) => Some((INTERPOLATE, tier)),
+        Interpolation::Learned(tier) if !warps_instead(method, scale, folder) => Some((INTERPOLATE, tier)),
         _ => None,
     };
     super_sample.into_iter().chain(interpolate)

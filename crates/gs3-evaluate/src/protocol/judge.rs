@@ -57,6 +57,8 @@ pub struct MethodScore {
     pub flicker: [Vec<f64>; 3],
     /// Milliseconds of the stages of every rendered frame but the first, in the order of [`gs3::Stage::ALL`].
     pub stage_ms: Vec<[Option<f64>; 3]>,
+    /// Milliseconds of native rendering beside them, frame by frame.
+    pub native_ms: Vec<f64>,
     /// ColorVideoVDP of all frames in JOD, where it was asked for.
     pub jod: Option<f64>,
     /// A detail of one rendered frame and of the frame before it.
@@ -75,9 +77,16 @@ struct Displayed {
 const JOD_SIZE: (usize, usize) = (1280, 720);
 const JOD_MEMORY: usize = 4 << 30;
 
-/// Runs `method` and judges it, with ColorVideoVDP if frames are displayed at a `rate`.
+/// A method under judgement.
+pub(super) struct Judged<'a> {
+    pub method: &'a mut dyn Method,
+    /// Native rendering, timed at the same time.
+    pub beside: &'a mut dyn Method,
+}
+
+/// Runs a method and judges it, with ColorVideoVDP if frames are displayed at a `rate`.
 pub(super) fn judge(
-    method: &mut dyn Method,
+    Judged { method, beside }: Judged<'_>,
     timeline: &Timeline,
     truth: &mut GroundTruth<'_>,
     warm_up_frames: usize,
@@ -86,6 +95,7 @@ pub(super) fn judge(
 ) -> Result<MethodScore, EvaluateError> {
     for step in timeline.steps().iter().cycle().take(warm_up_frames) {
         method.render(&step.camera, step.middle.as_ref())?;
+        beside.render(&step.camera, None)?;
     }
     method.reset();
     let mut score = MethodScore::default();
@@ -102,6 +112,8 @@ pub(super) fn judge(
         // The first frame has nothing before it, so a method that interpolates does less there.
         if i > 0 {
             score.stage_ms.push(milliseconds(method.durations()));
+            beside.render(&step.camera, None)?;
+            score.native_ms.push(milliseconds(beside.durations()).into_iter().flatten().sum());
         }
         let displayed = between.map(|image| (2 * i - 1, image)).into_iter().chain([(2 * i, current)]);
         for (index, image) in displayed {

@@ -1,7 +1,8 @@
 //! The protocol: which frames are judged, against what, how they are timed.
 //!
 //! Ground truth is the scene rasterized at full size by the same rasterizer with exact tile culling, at the poses of rendered frames and of the frames
-//! between. Every method runs alone over the same cameras, after warming up; scores are taken outside the timed stages.
+//! between. Every method runs over the same cameras, after warming up; scores are taken outside the timed stages. Native
+//! rendering runs beside it, frame by frame, so that speed-ups compare what was measured at the same time.
 //! Finished methods are kept in the output folder, so a run that was interrupted resumes.
 
 mod cache;
@@ -24,8 +25,8 @@ use crate::metrics::MetricError;
 pub(crate) use cache::Cache;
 use ground_truth::GroundTruth;
 pub(crate) use judge::crop;
-use judge::judge;
 pub use judge::{Crop, FrameScore, MethodScore, PSNR_CAP};
+use judge::{Judged, judge};
 pub use machine::Machine;
 pub use paper::{Absent, Paper, PaperResults, PaperRow, Table};
 pub use results::{Failure, ProtocolFacts, ResultRow, Results, StageStatistics, Subset, TruthFacts};
@@ -57,6 +58,8 @@ pub struct Protocol {
     pub methods: Vec<MethodSpec>,
     /// Which tiles a splat is assigned to.
     pub culling: Culling,
+    /// The same of native rendering of [`Self::reference`], which runs beside every method.
+    pub beside: Culling,
     /// Background, display-encoded RGB, finite.
     pub background: [f32; 3],
     /// Rendered frames that every method runs, untimed and unjudged, before it starts.
@@ -187,6 +190,8 @@ impl Protocol {
             weights: self.weights.clone(),
             training: timeline.outside(&self.path, self.frames.clone(), self.size, TRAINING_FRAMES)?,
         };
+        let (scene, culling) = (Arc::clone(&self.reference), self.beside);
+        let mut beside = build(MethodSpec::NATIVE, &MethodSettings { scene, culling, ..settings.clone() })?;
         let (mut finished, mut failures) = (Vec::new(), Vec::new());
         for (spec, score) in scores {
             let name = spec.to_string();
@@ -200,7 +205,8 @@ impl Protocol {
             let judged = build(spec, &settings).map_err(EvaluateError::from).and_then(|mut method| {
                 let rate =
                     self.jod.then(|| self.path.frames_per_second() * spec.displayed_per_rendered() as f64);
-                judge(method.as_mut(), &timeline, &mut truth, self.warm_up_frames, rate, &mut progress)
+                let methods = Judged { method: method.as_mut(), beside: beside.as_mut() };
+                judge(methods, &timeline, &mut truth, self.warm_up_frames, rate, &mut progress)
             });
             match judged {
                 Ok(score) => finished.push((spec, cache.store(&name, score)?)),
@@ -239,6 +245,7 @@ impl Protocol {
             size,
             scale,
             culling,
+            beside,
             background,
             warm_up_frames,
             jod,
@@ -247,7 +254,7 @@ impl Protocol {
         let count = [&self.scene, &self.reference].map(|scene| scene.gaussians().len());
         let (first, last) = (self.path.at(frames.start as f64), self.path.at(frames.end as f64 - 1.0));
         format!(
-            "gs3-evaluate {} {scene_name} {count:?} {path_name} {frames:?} {case:?} {size:?} x{scale} {culling:?} {background:?} \
+            "gs3-evaluate {} {scene_name} {count:?} {path_name} {frames:?} {case:?} {size:?} x{scale} {culling:?} {beside:?} {background:?} \
              {warm_up_frames} {first:?} {last:?} jod {jod} {} threads",
             env!("CARGO_PKG_VERSION"),
             rayon::current_num_threads()

@@ -5,11 +5,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use gs3::Culling;
+use gs3::neural::model::Tier;
 use gs3_scene::Scene;
 use serde::{Deserialize, Serialize};
 
 use super::{EvaluateError, Event, Failure, Protocol, ProtocolFacts, ResultRow, Results};
-use crate::methods::{MethodSpec, check_weights};
+use crate::methods::{Interpolation, MethodSpec, check_weights, warps_instead};
 
 /// The protocol of the paper on one scene and path; its `methods` and `culling` are not read.
 #[derive(Clone, Debug)]
@@ -42,7 +43,8 @@ pub struct PaperRow {
     /// The figures; speed-ups are over native rendering with the same acceleration.
     #[serde(flatten)]
     pub row: ResultRow,
-    /// [`ResultRow::displayed_fps`] over that of native rendering as 3DGS publishes it, the `plain` row.
+    /// [`ResultRow::displayed_fps`] over that of native rendering as 3DGS publishes it (`plain`, of the whole scene), which ran
+    /// beside it.
     pub speedup_over_plain: Option<f64>,
 }
 
@@ -68,6 +70,8 @@ pub struct PaperResults {
     pub absent: Vec<Absent>,
     /// Methods that failed.
     pub failures: Vec<Failure>,
+    /// What to know of methods besides.
+    pub notes: Vec<String>,
 }
 
 /// What the paper compares, as far as it can be had; interpolation by repetition and blending for all that have none.
@@ -109,10 +113,13 @@ const ABLATIONS: [(&str, &str); 7] = [
 /// What is left out of [`LEARNED`] in the middle tier.
 const LEARNED_ABLATIONS: [(&str, &str); 4] = [
     ("nothing", "balanced"),
-    ("learned interpolation", "balanced_ss+warp"),
+    ("learned interpolation", WARPED),
     ("learned super sampling", "history+balanced"),
     ("matched dilation (stock 0.3 instead)", "balanced@stock"),
 ];
+
+/// The middle tier without its interpolation.
+const WARPED: &str = "balanced_ss+warp";
 
 /// Accelerations by tile culling, `plain` being 3DGS as published.
 const CULLINGS: [(&str, Culling); 4] = [
@@ -172,6 +179,7 @@ impl Paper {
         let protocol = Protocol {
             scene: Arc::clone(scene),
             culling,
+            beside: Culling::Aabb3Sigma,
             // The names are constants of this module, and a test parses them.
             methods: methods.unwrap_or_default(),
             ..self.protocol.clone()
@@ -181,14 +189,14 @@ impl Paper {
 
     fn tables(&self, compared: &Results, accelerated: &[(&str, Results)]) -> PaperResults {
         let plain = (accelerated.iter().find(|(name, _)| *name == PLAIN))
-            .and_then(|(_, results)| fps(results, "native"));
+            .and_then(|(_, results)| speed(results, "native"));
         let mut results = Vec::new();
         let mut add = |table, variant: &str, from: &Results, method: &str| {
             results.extend(from.results.iter().filter(|row| row.method == method).map(|row| PaperRow {
                 table,
                 variant: variant.into(),
                 row: row.clone(),
-                speedup_over_plain: row.displayed_fps.zip(plain).map(|(fps, plain)| fps / plain),
+                speedup_over_plain: speed(from, method).zip(plain).map(|(speed, plain)| speed / plain),
             }));
         };
         for method in COMPARED.iter().chain(&NETWORKS).chain(&LEARNED) {
@@ -203,15 +211,20 @@ impl Paper {
         }
         let runs = accelerated.iter().filter(|(name, _)| *name != EXACT).map(|(_, results)| results);
         let failures = std::iter::once(compared).chain(runs).flat_map(|r| r.failures.clone()).collect();
-        PaperResults { protocol: compared.protocol.clone(), results, absent: self.absent(), failures }
+        let (protocol, notes) = (compared.protocol.clone(), compared.notes.clone());
+        PaperResults { protocol, results, absent: self.absent(), failures, notes }
     }
 
     /// Which weights a method lacks, if it lacks some.
     fn lack(&self, method: &str) -> Option<String> {
         let Protocol { scale, weights, .. } = &self.protocol;
         // The names are constants of this module, and a test parses them.
-        let method = method.parse::<MethodSpec>().ok()?;
-        check_weights(&[method], *scale, weights.as_deref()).err().map(|error| error.to_string())
+        let spec = method.parse::<MethodSpec>().ok()?;
+        let whole = MethodSpec { interpolation: Interpolation::Learned(Tier::Balanced), ..spec };
+        if method == WARPED && warps_instead(whole, *scale, weights.as_deref()) {
+            return Some("balanced itself, which has no weights of an interpolation network".into());
+        }
+        check_weights(&[spec], *scale, weights.as_deref()).err().map(|error| error.to_string())
     }
 
     fn absent(&self) -> Vec<Absent> {
@@ -242,8 +255,9 @@ impl Paper {
     }
 }
 
-fn fps(results: &Results, method: &str) -> Option<f64> {
-    results.results.iter().find(|row| row.method == method)?.displayed_fps
+/// Frames that `method` displays while plain native rendering beside it shows one.
+fn speed(results: &Results, method: &str) -> Option<f64> {
+    results.speeds.iter().find(|(name, _)| name == method)?.1
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use super::Protocol;
 use super::judge::{MethodScore, PSNR_CAP};
 use super::machine::Machine;
 use super::timeline::Timeline;
-use crate::methods::{Formation, MethodSpec, Spatial};
+use crate::methods::{Formation, MethodSpec, Spatial, warps_instead};
 use crate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
 
 /// Which of the displayed frames a figure is about.
@@ -99,7 +99,7 @@ pub struct ResultRow {
     /// Frames displayed per second: what the median rendered frame takes. None for methods whose LR frames need the native
     /// image.
     pub displayed_fps: Option<f64>,
-    /// [`Self::displayed_fps`] over that of native rendering in the same run.
+    /// [`Self::displayed_fps`] over that of native rendering, both against native rendering beside them.
     pub speedup_over_native: Option<f64>,
     /// How the LR frames came about; none for native rendering.
     pub lr_formation: Option<String>,
@@ -179,6 +179,11 @@ pub struct Results {
     pub results: Vec<ResultRow>,
     /// Methods that failed.
     pub failures: Vec<Failure>,
+    /// What to know of methods besides.
+    pub notes: Vec<String>,
+    /// Frames that each method displays while native rendering beside it shows one.
+    #[serde(skip)]
+    pub(super) speeds: Vec<(String, Option<f64>)>,
     /// All scores by method, for plots.
     #[serde(skip)]
     pub scores: Vec<(String, MethodScore)>,
@@ -192,13 +197,23 @@ impl Results {
         scores: Vec<(MethodSpec, MethodScore)>,
         failures: Vec<Failure>,
     ) -> Self {
-        let native_fps = (scores.iter().find(|(spec, _)| *spec == MethodSpec::NATIVE))
-            .and_then(|(spec, score)| displayed_fps(*spec, score));
-        let results = scores.iter().flat_map(|(spec, score)| rows(*spec, score, native_fps)).collect();
+        let speeds = scores.iter().map(|(spec, score)| (spec.to_string(), speed(*spec, score))).collect();
+        let native = (scores.iter().find(|(spec, _)| *spec == MethodSpec::NATIVE))
+            .and_then(|(spec, score)| speed(*spec, score));
+        let results = scores.iter().flat_map(|(spec, score)| rows(*spec, score, native)).collect();
+        let warped = scores
+            .iter()
+            .filter(|(spec, _)| warps_instead(*spec, protocol.scale, protocol.weights.as_deref()));
+        let notes = warped.map(|(spec, _)| {
+            format!("{spec}: no weights of its interpolation network are there; frames between are warped without learning.")
+        });
+        let notes = notes.collect();
         Self {
             protocol: facts(protocol, timeline, truth),
             results,
             failures,
+            notes,
+            speeds,
             scores: scores.into_iter().map(|(spec, score)| (spec.to_string(), score)).collect(),
         }
     }
@@ -220,12 +235,18 @@ fn displayed_fps(spec: MethodSpec, score: &MethodScore) -> Option<f64> {
     Some(spec.displayed_per_rendered() as f64 * 1e3 / totals(spec, score)?.median_ms)
 }
 
-fn rows(spec: MethodSpec, score: &MethodScore, native_fps: Option<f64>) -> Vec<ResultRow> {
+/// Frames that the method displays while native rendering beside it shows one.
+fn speed(spec: MethodSpec, score: &MethodScore) -> Option<f64> {
+    let beside = StageStatistics::of(score.native_ms.clone())?;
+    Some(displayed_fps(spec, score)? * beside.median_ms / 1e3)
+}
+
+fn rows(spec: MethodSpec, score: &MethodScore, native: Option<f64>) -> Vec<ResultRow> {
     let mean =
         |values: &[f64]| (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
     let stage =
         |i: usize| StageStatistics::of(score.stage_ms.iter().filter_map(|stages| stages[i]).collect());
-    let fps = displayed_fps(spec, score);
+    let (fps, speed) = (displayed_fps(spec, score), speed(spec, score));
     let row = |subset: Subset| {
         let frames: Vec<_> = score.frames.iter().filter(|f| subset.holds(f.displayed)).collect();
         let mean_of = |value: &dyn Fn(usize) -> f64| mean(&(0..frames.len()).map(value).collect::<Vec<_>>());
@@ -241,7 +262,7 @@ fn rows(spec: MethodSpec, score: &MethodScore, native_fps: Option<f64>) -> Vec<R
             flicker: mean(&score.flicker[index]),
             jod: score.jod.filter(|_| subset == Subset::All),
             displayed_fps: fps,
-            speedup_over_native: fps.zip(native_fps).map(|(fps, native)| fps / native),
+            speedup_over_native: speed.zip(native).map(|(speed, native)| speed / native),
             lr_formation: (spec.spatial != Spatial::Native).then(|| spec.formation.name().to_owned()),
             lr_jitter: spec.spatial.is_jittered(),
             frames: frames.len(),
@@ -289,11 +310,39 @@ fn facts(protocol: &Protocol, timeline: &Timeline, truth: TruthFacts) -> Protoco
              dilation 0.3; `antialiased`: the native image reduced by an antialiasing bicubic filter."
                 .into(),
             "Displayed FPS: frames shown per rendered frame over its median time, all stages in sequence, the first frame \
-             excluded; loading, metrics and encoding excluded. Frames are of one run; native rendering is its first method."
+             excluded; loading, metrics and encoding excluded."
+                .into(),
+            "Speed-ups: native rendering runs beside every method, frame by frame; its median time, and the method's, give the \
+             ratio, so that what else the machine does slows both."
                 .into(),
         ],
         machine: Machine::this(),
         version: env!("CARGO_PKG_VERSION").into(),
         command: protocol.command.clone(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "tests")]
+
+    use super::*;
+    use crate::protocol::FrameScore;
+
+    #[test]
+    fn speed_ups_compare_what_ran_at_the_same_time() {
+        let score = |ms: f64, native_ms: f64| MethodScore {
+            frames: vec![FrameScore { displayed: 0, psnr: 30.0, ssim: 0.9, flip: 0.1 }],
+            stage_ms: vec![[Some(ms), None, None]; 3],
+            native_ms: vec![native_ms; 3],
+            ..MethodScore::default()
+        };
+        let native = speed(MethodSpec::NATIVE, &score(100.0, 100.0));
+        // Twice as slow a machine while the method ran: it takes a quarter of native rendering's time, not half.
+        let method: MethodSpec = "history+repeat".parse().unwrap();
+        let row = |score| rows(method, score, native).pop().unwrap();
+        let slow = row(&score(50.0, 200.0));
+        assert_eq!(slow.speedup_over_native, Some(8.0), "two frames shown for a rendered one");
+        assert_eq!(slow.displayed_fps, Some(40.0));
     }
 }

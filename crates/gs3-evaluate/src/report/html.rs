@@ -15,7 +15,7 @@ pub fn html(results: &Results) -> String {
     let title = format!("{}, {}", protocol.scene, protocol.path);
     let sections = [
         header(results),
-        failed(&results.failures),
+        remarks(&results.failures, &results.notes),
         section("Quality and speed", &(quality(results) + &speed_plot(results))),
         section("Frame by frame", &curves(results)),
         section("Look closer", &details(results)),
@@ -62,10 +62,12 @@ fn header(results: &Results) -> String {
     )
 }
 
-pub(super) fn failed(failures: &[Failure]) -> String {
-    let items: String = (failures.iter())
-        .map(|f| format!("<p><b>{}</b> failed: {}</p>", escape(&f.method), escape(&f.error)))
-        .collect();
+/// Methods that failed, and what to know of others.
+pub(super) fn remarks(failures: &[Failure], notes: &[String]) -> String {
+    let failed =
+        failures.iter().map(|f| format!("<b>{}</b> failed: {}", escape(&f.method), escape(&f.error)));
+    let items: String =
+        failed.chain(notes.iter().map(|note| escape(note))).map(|item| format!("<p>{item}</p>")).collect();
     if items.is_empty() {
         items
     } else {
