@@ -175,8 +175,8 @@ fn images_that_do_not_fit_are_refused() {
     assert!(matches!(engine.run(&named(&images), &mut []), Err(RunError::Unknown { .. })));
 }
 
-/// Without anything learned or a previous frame the analytic one stays, bit for bit; and so it does where it is certain:
-/// what networks add is weighed by the uncertainty, and the previous frame has no share there.
+/// Without anything learned, a previous frame or drift the analytic one stays, bit for bit; and so it does where it is certain:
+/// what networks add is weighed by the uncertainty; the previous frame has no share there, and there is no drift.
 #[test]
 fn where_nothing_is_learned_or_uncertain_the_analytic_frame_stays() {
     let lr = [5, 9];
@@ -184,7 +184,11 @@ fn where_nothing_is_learned_or_uncertain_the_analytic_frame_stays() {
         let graph = graph.expect("a network");
         let frame = |weights: &Weights, certain: bool| {
             let mut images = images(&graph, lr, 3);
-            images.iter_mut().filter(|(name, _)| name == "share").for_each(|(_, share)| share.fill(0.0));
+            for (_, values) in
+                images.iter_mut().filter(|(name, _)| ["share", "drift"].contains(&name.as_str()))
+            {
+                values.fill(0.0);
+            }
             let history = images.iter_mut().find(|(name, _)| name == "history").expect("a history");
             if certain {
                 history.1.chunks_exact_mut(4).for_each(|pixel| pixel[3] = 0.0);

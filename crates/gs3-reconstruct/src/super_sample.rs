@@ -13,7 +13,7 @@ use crate::plausible::Plausible;
 use crate::reprojection::Reprojection;
 use crate::samples::SampleFrame;
 use crate::splat::{REACH, Source};
-use crate::tile::{RING, TILE_HEIGHT, TILE_WIDTH, Tile, Wanted};
+use crate::tile::{Lattice, RING, TILE_HEIGHT, TILE_WIDTH, Tile, Wanted};
 
 /// Why history is not valid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,6 +61,15 @@ struct Task {
     chunk: u16,
 }
 
+/// Whole rows of pixels, and the rows of current samples that lie on them.
+struct Band<'a> {
+    top: usize,
+    pixels: &'a mut [[f32; 4]],
+    innovation: &'a mut [[f32; 4]],
+    /// The first row of `innovation` among all.
+    first_row: usize,
+}
+
 /// Super-samples a sequence of jittered LR frames on the HR grid.
 ///
 /// The history is the last S² LR frames themselves: exact samples, splatted anew for every frame (see the module
@@ -74,6 +83,8 @@ pub struct SuperSampler {
     past: Vec<Past>,
     surface: Surface,
     plausible: Plausible,
+    /// `[LR height, LR width]`.
+    innovation: Vec<[f32; 4]>,
     invalid: Option<ResetReason>,
     level: Level,
 }
@@ -90,6 +101,7 @@ impl SuperSampler {
             past: Vec::new(),
             surface: Surface::default(),
             plausible: Plausible::default(),
+            innovation: Vec::new(),
             invalid: Some(ResetReason::FirstFrame),
             level: Level::new(),
         })
@@ -104,6 +116,15 @@ impl SuperSampler {
     #[must_use]
     pub const fn history_invalid(&self) -> Option<ResetReason> {
         self.invalid
+    }
+
+    /// What the last frame's samples say that the frames before did not, `[LR height, LR width]`: RGB less the RGB that those
+    /// predict there, and how much they know, `[0, 1]`: Σw / (1 + Σw) with Σw the sum of the inverse variances (pixel⁻⁴) of
+    /// their predictions. Where the past knows next to nothing RGB is 0; all is 0 if samples do not lie on pixel
+    /// centres.
+    #[must_use]
+    pub fn innovation(&self) -> &[[f32; 4]] {
+        &self.innovation
     }
 
     /// Reconstructs the image of `camera` from `gbuffer`, its LR frame, and the frames before it, into `out`, which is
@@ -179,17 +200,39 @@ impl SuperSampler {
     }
 
     /// Combines the samples of the past with the interpolated current frame.
-    fn accumulate(&self, out: &mut Image) {
+    fn accumulate(&mut self, out: &mut Image) {
         let size = [out.width(), out.height()];
-        let bands = out.pixels_mut().par_chunks_mut(TILE_HEIGHT * size[0]).enumerate();
-        bands.for_each(|(band, rows)| {
-            dispatch!(self.level, simd => self.fill_band(simd, band * TILE_HEIGHT, size, rows));
+        let mut innovation = std::mem::take(&mut self.innovation);
+        let frame = &self.past[0].frame;
+        innovation.clear();
+        innovation.resize(frame.width * frame.height, [0.0; 4]);
+        let lattice = Lattice::new(frame.jitter, self.scale);
+        let mut rest = &mut innovation[..];
+        let bands: Vec<Band<'_>> = (out.pixels_mut().chunks_mut(TILE_HEIGHT * size[0]).enumerate())
+            .map(|(band, pixels)| {
+                let top = band * TILE_HEIGHT;
+                let rows = lattice.map_or(0..0, |lattice| lattice.rows(top, pixels.len() / size[0]));
+                let rows = rows.start.min(frame.height)..rows.end.min(frame.height);
+                let part = rest.split_off_mut(..rows.len() * frame.width).unwrap_or_default();
+                Band { top, pixels, innovation: part, first_row: rows.start }
+            })
+            .collect();
+        bands.into_par_iter().for_each(|band| {
+            dispatch!(self.level, simd => self.fill_band(simd, band, size, lattice));
         });
+        self.innovation = innovation;
     }
 
-    /// Fills whole rows of pixels of an image of `[width, height]` from row `top` on.
+    /// Fills a band of an image of `[width, height]`, whose current samples lie on the pixels of `lattice`.
     #[inline(always)]
-    fn fill_band<S: Simd>(&self, simd: S, top: usize, [width, height]: [usize; 2], rows: &mut [[f32; 4]]) {
+    fn fill_band<S: Simd>(
+        &self,
+        simd: S,
+        band: Band<'_>,
+        [width, height]: [usize; 2],
+        lattice: Option<Lattice>,
+    ) {
+        let Band { top, pixels: rows, innovation, first_row } = band;
         let with_ring = |start: usize, count: usize, all: usize| {
             let first = start.saturating_sub(RING);
             (first, (start + count + RING).min(all) - first)
@@ -212,8 +255,16 @@ impl SuperSampler {
                 }
                 continue;
             }
-            tile.begin(simd, &self.surface, &self.past[0].frame, self.scale as f32);
-            self.add_past(simd, &mut tile, &of_past);
+            let current = &self.past[0].frame;
+            tile.begin(simd, &self.surface, current, self.scale as f32);
+            if let Some(lattice) = &lattice {
+                tile.vacate(lattice);
+            }
+            self.add_frames(simd, &mut tile, 1, &of_past);
+            if let Some(lattice) = &lattice {
+                tile.confront(lattice, current, &wanted, innovation, first_row);
+            }
+            self.add_frames(simd, &mut tile, 0, &of_past[..1]);
             tile.resolve(simd, &wanted, rows);
         }
     }
@@ -251,9 +302,10 @@ impl SuperSampler {
         color
     }
 
-    /// Adds the samples of all frames to `tile`, strip by strip. Row ranges `of_past` are those to look at.
+    /// Adds the samples of frames to `tile`, strip by strip: those of ages from `youngest` to the end of `of_past`, the row
+    /// ranges to look at.
     #[inline(always)]
-    fn add_past<S: Simd>(&self, simd: S, tile: &mut Tile, of_past: &[Range<usize>]) {
+    fn add_frames<S: Simd>(&self, simd: S, tile: &mut Tile, youngest: usize, of_past: &[Range<usize>]) {
         let limits = self.limits(tile, 1);
         let (mut from, end) = (limits.top, limits.bottom);
         let (mut queue, mut count) = ([Task::default(); QUEUE], 0);
@@ -261,7 +313,7 @@ impl SuperSampler {
             // A chunk belongs to the strip in which it begins; one that begins above the tile, to the first.
             let first = if from == limits.top { f32::NEG_INFINITY } else { from };
             let strip = Limits { top: first, bottom: from + STRIP, ..limits };
-            for (age, (past, rows)) in self.past.iter().zip(of_past).enumerate() {
+            for (age, (past, rows)) in self.past.iter().zip(of_past).enumerate().skip(youngest) {
                 for row in rows.clone() {
                     for word in 0..past.boxes.words() {
                         let mut chunks = past.boxes.meeting(simd, row, word, strip);

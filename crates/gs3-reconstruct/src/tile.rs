@@ -48,6 +48,12 @@ const EXACT: f32 = 0.0033;
 /// root of the number of samples (empirical: 0.15 to 0.25 are alike). Uncertainties end at 1.
 const CURVATURE: f32 = 0.2;
 
+/// How far from a pixel's centre a sample may be to count as on it, pixels: a hundred times what rounding moves it.
+const BESIDE: f32 = 1e-3;
+
+/// Inverse variances, pixel⁻⁴, below this say nothing: samples of the past more than 2.6 pixels away, or of more doubt.
+const FAINT: f32 = 0.02;
+
 /// Accumulating pixels: per pixel Σ weight·RGB and Σ weight. 16 B each; the memory of the tile is in no image, because there
 /// rows may lie a multiple of the caches' period apart (of 4096 pixels: 64 KiB) and drive each other out.
 pub(crate) struct Tile {
@@ -94,6 +100,50 @@ impl Tile {
         }
     }
 
+    /// Empties the pixels of `lattice`, so that they become what the past alone says of them.
+    pub fn vacate(&mut self, lattice: &Lattice) {
+        for (_, y) in lattice.along(1, self.top, self.height) {
+            for (_, x) in lattice.along(0, self.left, self.width) {
+                self.pixels[(PAD_Y + y) * STRIDE + PAD_X + x] = [0.0; 4];
+            }
+        }
+    }
+
+    /// Takes the samples of `frame`, the current one, into the pixels of `lattice` that [`Self::vacate`] emptied, and writes
+    /// how they differ from what the past alone says into `rows`, whose first row of samples is `first_row`: for those in
+    /// `wanted` pixels.
+    pub fn confront(
+        &mut self,
+        lattice: &Lattice,
+        frame: &SampleFrame,
+        wanted: &Wanted,
+        rows: &mut [[f32; 4]],
+        first_row: usize,
+    ) {
+        let is_wanted = |at: usize, first: usize, count: usize| (first..first + count).contains(&at);
+        for (j, y) in lattice.along(1, self.top, self.height) {
+            for (i, x) in lattice.along(0, self.left, self.width) {
+                let Some(sample) = frame.samples.get(j * frame.width + i) else { continue };
+                let pixel = &mut self.pixels[(PAD_Y + y) * STRIDE + PAD_X + x];
+                let [.., weight] = *pixel;
+                if is_wanted(self.left + x, wanted.left, wanted.width)
+                    && is_wanted(self.top + y, wanted.top, wanted.height)
+                    && let Some(out) = rows.get_mut((j - first_row) * frame.width + i)
+                {
+                    *out = [0.0, 0.0, 0.0, weight / (1.0 + weight)];
+                    if weight > FAINT {
+                        for c in 0..3 {
+                            out[c] = sample.color[c] - pixel[c] / weight;
+                        }
+                    }
+                }
+                for (sum, value) in pixel.iter_mut().zip(sample.color) {
+                    *sum += value / NOISE;
+                }
+            }
+        }
+    }
+
     /// Writes `wanted` pixels of rows of an image, whose first is in `rows`, with their colours and uncertainties.
     #[inline(always)]
     pub fn resolve<S: Simd>(&self, simd: S, wanted: &Wanted, rows: &mut [[f32; 4]]) {
@@ -111,6 +161,38 @@ impl Tile {
             correct(simd, [above, here, below], out);
             resolved.rotate_left(1);
         }
+    }
+}
+
+/// The pixels on whose centres the samples of a frame lie: every S-th, where its jitter is of the S×S grid.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Lattice {
+    first: [usize; 2],
+    scale: usize,
+}
+
+impl Lattice {
+    /// Of samples `scale` pixels apart and jittered so; none if they lie beside the centres.
+    pub fn new(jitter: [f32; 2], scale: u32) -> Option<Self> {
+        let offset = jitter.map(|j| (0.5 + j) * scale as f32 - 0.5);
+        let is_exact = |o: &f32| *o >= -BESIDE && (o - o.round()).abs() < BESIDE && o.round() < scale as f32;
+        // Not negative, and below the scale.
+        let first = offset.map(|o| o.round() as usize);
+        offset.iter().all(is_exact).then_some(Self { first, scale: scale as usize })
+    }
+
+    /// Samples along an axis whose pixels are among the `count` from `from` on: their indices, and their pixels relative to
+    /// `from`.
+    fn along(&self, axis: usize, from: usize, count: usize) -> impl Iterator<Item = (usize, usize)> + use<> {
+        let (first, scale) = (self.first[axis], self.scale);
+        let begin = from.saturating_sub(first).div_ceil(scale);
+        (begin..).map(move |i| (i, first + i * scale - from)).take_while(move |(_, at)| *at < count)
+    }
+
+    /// The rows of samples whose pixels are in rows `top..top + count`.
+    pub fn rows(&self, top: usize, count: usize) -> std::ops::Range<usize> {
+        let before = |row: usize| row.saturating_sub(self.first[1]).div_ceil(self.scale);
+        before(top)..before(top + count)
     }
 }
 

@@ -84,6 +84,53 @@ fn colors_that_drift_on_a_smooth_wall_are_those_of_now() {
     assert!(psnr > 50.0, "{psnr:.2} dB");
 }
 
+/// The innovation of the last of `frames` frames, in which everything is brighter by `brighter`, on an LR grid of 96×40.
+fn innovation(
+    world: &World,
+    scale: u32,
+    frames: usize,
+    step: f64,
+    brighter: f32,
+    shift: f32,
+) -> Vec<[f32; 4]> {
+    let mut sampler = SuperSampler::new(scale).unwrap();
+    for k in 0..frames {
+        let t = step * k as f64;
+        let camera = camera(96 * scale, 40 * scale, [t, 0.3 * t, 0.0], 0.0, 0.0);
+        let jitter = grid_jitter(scale, k).map(|j| j + shift);
+        let mut gbuffer = world.gbuffer(&camera.low_resolution(scale), jitter);
+        let brighter = if k + 1 == frames { brighter } else { 0.0 };
+        gbuffer.color.data_mut().iter_mut().for_each(|value| *value += brighter);
+        sampler.super_sample(&camera, &gbuffer, &mut Image::default()).unwrap();
+    }
+    sampler.innovation().to_vec()
+}
+
+#[test]
+fn innovation_is_what_the_past_did_not_know() {
+    // Colours are linear between samples, so that first-order predictions are exact.
+    let linear = World { sheets: vec![Sheet::endless(6.0, 3, 0.01)] };
+    for scale in [2, 3, 4] {
+        let n = (scale * scale) as usize;
+        let at_rest = innovation(&linear, scale, n, 0.0, 0.1, 0.0);
+        assert_eq!(at_rest.len(), 96 * 40);
+        for (k, pixel) in at_rest.iter().enumerate() {
+            let [r, g, b, known] = *pixel;
+            let is_right = [r, g, b].iter().all(|c| (c - 0.1).abs() < 1e-3) && known > 0.3;
+            assert!(is_right, "×{scale} sample {k}: {pixel:?}");
+        }
+        // Without a past, and between pixel centres, nothing is said.
+        assert!(innovation(&linear, scale, 1, 0.0, 0.1, 0.0).iter().all(|pixel| *pixel == [0.0; 4]));
+        assert!(innovation(&linear, scale, n, 0.0, 0.1, 0.01).iter().all(|pixel| *pixel == [0.0; 4]));
+    }
+    // In motion, and within the range of colours around.
+    let moving = innovation(&wall_and_post(20.0), 4, 16, 0.02, 0.01, 0.0);
+    let known: Vec<f32> = moving.iter().filter(|p| p[3] > 0.3).map(|p| p[0] + p[1] + p[2]).collect();
+    let mean = known.iter().sum::<f32>() / (3 * known.len()) as f32;
+    assert!((0.008..0.012).contains(&mean), "{mean} of {} samples", known.len());
+    assert!(known.len() > 96 * 40 / 2, "{}", known.len());
+}
+
 #[test]
 fn curvature_leaves_no_overshoot() {
     // A turn of the camera: all samples land where they belong, between pixels.

@@ -303,7 +303,8 @@ impl FramePipeline {
                 }
                 _ => None,
             };
-            Ok(learned.refine(Neighbor { camera, image: analytic, gbuffer }, previous, image)?)
+            let now = Neighbor { camera, image: analytic, gbuffer };
+            Ok(learned.refine(now, super_sampler.innovation(), previous, image)?)
         })
     }
 

@@ -67,7 +67,7 @@ pub fn interpolate(scale: usize, tier: Tier) -> Result<Graph, GraphError> {
     let alpha = g.layer("alpha.blocks", Op::Add, &[share, correction]);
     let every_alpha = g.layer("alpha.channels", Op::Concat, &[alpha; 4]);
     let blend = g.layer("blend", Op::Mix, &[before, after, every_alpha]);
-    let image = add_residual(&mut g, blend, residual, block);
+    let image = add_residual(&mut g, blend, residual, None, block);
     let color = g.layer("image", Op::PixelShuffle { factor: scale }, &[image]);
     let correction = g.layer("alpha_correction", Op::PixelShuffle { factor: scale }, &[correction]);
     for (name, tensor) in [("color", color), ("alpha_correction", correction), ("hidden", hidden)] {

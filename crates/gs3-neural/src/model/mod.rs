@@ -109,13 +109,20 @@ fn carried_state(g: &mut GraphBuilder, channels: usize) -> Tensor {
     g.layer("hidden.kept", Op::Multiply, &[moved, validity])
 }
 
-/// Adds `residual`, weighed by uncertainty, to `image`: blocks of RGB and uncertainty, `[4 · block]` channels. The
-/// uncertainty stays.
-fn add_residual(g: &mut GraphBuilder, image: Tensor, residual: Tensor, block: usize) -> Tensor {
+/// Adds `residual`, weighed by uncertainty, and `known`, as it is, to `image`: blocks of RGB and uncertainty, `[4 · block]`
+/// channels. The uncertainty stays.
+fn add_residual(
+    g: &mut GraphBuilder,
+    image: Tensor,
+    residual: Tensor,
+    known: Option<Tensor>,
+    block: usize,
+) -> Tensor {
     let rgb = g.layer("image.rgb", Op::Slice { first: 0, count: 3 * block }, &[image]);
     let uncertainty = g.layer("image.uncertainty", Op::Slice { first: 3 * block, count: block }, &[image]);
     let weights = g.layer("residual.weights", Op::Concat, &[uncertainty; 3]);
     let residual = g.layer("residual.weighed", Op::Multiply, &[residual, weights]);
+    let rgb = known.map_or(rgb, |known| g.layer("image.corrected", Op::Add, &[rgb, known]));
     let rgb = g.layer("image.refined", Op::Add, &[rgb, residual]);
     g.layer("image.blocks", Op::Concat, &[rgb, uncertainty])
 }

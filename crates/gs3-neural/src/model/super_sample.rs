@@ -11,6 +11,8 @@ use crate::graph::{Activation, Border, Conv2d, Graph, GraphBuilder, Op};
 /// | `history` | 4 | HR | RGB of the frame reconstructed without learning from this LR frame and its past, and its uncertainty |
 /// | `previous` | 4 | HR | the same of the frame before, warped to this one |
 /// | `share` | 1 | HR | how far `previous` may count, `[0, 1]`: 0 where it is hidden or `history` is exact |
+/// | `drift` | 3 | HR | RGB of `innovation`, interpolated between samples; 0 where `history` is exact |
+/// | `innovation` | 4 | LR | RGB that the LR samples differ by from what the past alone predicts there, and how much it knows |
 /// | `color` | 3 | LR | display-encoded, `[0, 1]` |
 /// | `gradients` | 6 | LR | ∂x RGB, ∂y RGB per LR pixel |
 /// | `compressed` | 6 | LR | g / (1 + \|g\|) of them |
@@ -20,8 +22,11 @@ use crate::graph::{Activation, Border, Conv2d, Graph, GraphBuilder, Op};
 /// | `motion` | 2 | LR | where each pixel was in the last frame, relative to itself, LR pixels |
 /// | `validity` | 1 | LR | whether it was seen there, `[0, 1]` |
 ///
-/// Outputs: `color` (HR, 4) = (1 − α) `history` + α `previous` + a residual weighed by the uncertainty, with α at most
-/// `share`; and `hidden`.
+/// Outputs: `color` (HR, 4) = (1 − α) `history` + α `previous` + β `drift` + a residual weighed by the uncertainty, with α at
+/// most `share` and β in `[0, 1]`; and `hidden`.
+///
+/// `innovation` shows how far the past is wrong, where it can be known: reprojection errs, colours depend on the view.
+/// `history` cannot show it, since it agrees with the samples at their places.
 ///
 /// The paper's gradient-aware interpolation is a linear map of the 3×3 block of (I, ∂x, ∂y), started at tensor Hermite.
 /// Under jitter that map differs for every offset, so the Hermite part comes exact in `history`; `gai` learns, linearly,
@@ -38,9 +43,10 @@ pub fn super_sample(scale: usize, tier: Tier) -> Result<Graph, GraphError> {
         Tier::High => (2, 3),
     };
     let features = |kernel| Conv2d::new(kernel, c).activation(FEATURES);
-    let mut g = GraphBuilder::new("super_sample", 3, Border::Replicate);
+    let mut g = GraphBuilder::new("super_sample", 4, Border::Replicate);
     let [history, previous] = [g.input("history", 4, scale), g.input("previous", 4, scale)];
-    let share = g.input("share", 1, scale);
+    let [share, drift] = [g.input("share", 1, scale), g.input("drift", 3, scale)];
+    let innovation = g.input("innovation", 4, 1);
     let [color, gradients] = [g.input("color", 3, 1), g.input("gradients", 6, 1)];
     let [compressed, geometry] = [g.input("compressed", 6, 1), g.input("geometry", 3, 1)];
     let jitter = g.input("jitter", 2, 1);
@@ -50,8 +56,9 @@ pub fn super_sample(scale: usize, tier: Tier) -> Result<Graph, GraphError> {
     let history = g.layer("history.blocks", unshuffle, &[history]);
     let previous = g.layer("previous.blocks", unshuffle, &[previous]);
     let share = g.layer("share.blocks", unshuffle, &[share]);
+    let drift = g.layer("drift.blocks", unshuffle, &[drift]);
     let past = g.conv("history.conv", features(1), &[history, previous, share]);
-    let mut x = g.conv("enter", features(3), &[past, color, compressed, geometry, jitter]);
+    let mut x = g.conv("enter", features(3), &[past, color, compressed, geometry, jitter, innovation]);
     for k in 0..blocks {
         x = g.conv(&format!("features.{k}"), features(3), &[x]);
     }
@@ -60,12 +67,17 @@ pub fn super_sample(scale: usize, tier: Tier) -> Result<Graph, GraphError> {
     let gai = g.conv("gai", Conv2d { bias: false, ..Conv2d::new(3, 3 * block) }, &[color, gradients]);
 
     let residual = g.layer("residual", Op::Add, &[refinement, gai]);
-    let alpha = Conv2d::new(1, block).activation(Activation::Sigmoid);
-    let alpha = g.conv("head.alpha", alpha, &[x, hidden]);
+    // What decides between pixels of a block must not pass through the few channels of the features.
+    let uncertainty = g.layer("uncertainty.blocks", Op::Slice { first: 3 * block, count: block }, &[history]);
+    let share_of = Conv2d::new(1, block).activation(Activation::Sigmoid);
+    let alpha = g.conv("head.alpha", share_of, &[x, hidden, uncertainty, share]);
     let alpha = g.layer("alpha.blocks", Op::Multiply, &[alpha, share]);
     let every_alpha = g.layer("alpha.channels", Op::Concat, &[alpha; 4]);
     let blend = g.layer("blend", Op::Mix, &[history, previous, every_alpha]);
-    let image = add_residual(&mut g, blend, residual, block);
+    let beta = g.conv("head.beta", share_of, &[x, hidden, uncertainty, share]);
+    let every_beta = g.layer("beta.channels", Op::Concat, &[beta; 3]);
+    let drift = g.layer("drift.weighed", Op::Multiply, &[drift, every_beta]);
+    let image = add_residual(&mut g, blend, residual, Some(drift), block);
     let color = g.layer("image", Op::PixelShuffle { factor: scale }, &[image]);
     g.output("color", color);
     g.output("hidden", hidden);

@@ -94,7 +94,11 @@ impl<'a> Recorder<'a> {
         for k in 0..shot.past + self.settings.frames {
             let now = self.render(shot, k, previous.as_ref())?;
             if k >= shot.past {
-                features.set(now.analytic(), previous.as_ref().map(Rendered::analytic))?;
+                features.set(
+                    now.analytic(),
+                    self.super_sampler.innovation(),
+                    previous.as_ref().map(Rendered::analytic),
+                )?;
                 let target = self.native(shot, &now.camera)?;
                 frames.push(frame(&self.graph, &features.named(&now.image), target));
             }
@@ -153,7 +157,12 @@ impl<'a> Recorder<'a> {
         if let Some(learned) = &mut self.learned {
             let now = Neighbor { camera: &camera, image: &image, gbuffer: &gbuffer };
             let mut out = Image::default();
-            learned.refine(now, previous.map(Rendered::analytic), &mut out)?;
+            learned.refine(
+                now,
+                self.super_sampler.innovation(),
+                previous.map(Rendered::analytic),
+                &mut out,
+            )?;
             refined = Some(out);
         }
         Ok(Rendered { camera, gbuffer, image, refined })

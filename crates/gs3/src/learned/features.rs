@@ -69,7 +69,7 @@ impl Carry {
     }
 }
 
-/// Uncertainty above which the previous frame may count fully (pixel²): in motion most pixels' lie above, pixels beside a
+/// Uncertainty above which the previous frame and the drift may count fully (pixel²): in motion most pixels' lie above, pixels beside a
 /// sample below.
 const UNCERTAIN: f32 = 0.2;
 
@@ -82,6 +82,10 @@ pub struct SuperSampleFeatures {
     warped: Warped,
     /// `[HR height, HR width]`.
     share: Vec<f32>,
+    /// `[HR height, HR width, 3]`.
+    drift: Vec<f32>,
+    /// `[height, width, 4]`.
+    innovation: Vec<f32>,
     has_previous: bool,
     color: Vec<f32>,
     gradients: Vec<f32>,
@@ -102,6 +106,8 @@ impl SuperSampleFeatures {
             interpolator: Interpolator::new(scale)?,
             warped: Warped::default(),
             share: Vec::new(),
+            drift: Vec::new(),
+            innovation: Vec::new(),
             has_previous: false,
             color: Vec::new(),
             gradients: Vec::new(),
@@ -112,12 +118,18 @@ impl SuperSampleFeatures {
         })
     }
 
-    /// Makes these the features of the frame `now`, made without learning. Its hidden state and what it is blended with
+    /// Makes these the features of the frame `now`, made without learning, whose samples differ by `innovation`
+    /// ([`gs3_reconstruct::SuperSampler::innovation`]) from what the past says. Its hidden state and what it is blended with
     /// come from `previous`, the frame before, likewise made without learning, where there is one.
     ///
     /// # Errors
-    /// [`ReconstructError`] if `now` has no gradients or geometry, or `previous` another size.
-    pub fn set(&mut self, now: Neighbor<'_>, previous: Option<Neighbor<'_>>) -> Result<(), ReconstructError> {
+    /// [`ReconstructError`] if `now` has no gradients or geometry, or `innovation` or `previous` another size.
+    pub fn set(
+        &mut self,
+        now: Neighbor<'_>,
+        innovation: &[[f32; 4]],
+        previous: Option<Neighbor<'_>>,
+    ) -> Result<(), ReconstructError> {
         let Neighbor { camera, gbuffer, image } = now;
         let scale = self.scale;
         let Some(gradients) = &gbuffer.gradients else {
@@ -129,6 +141,17 @@ impl SuperSampleFeatures {
         let len = gbuffer.width() * gbuffer.height();
         let before = previous.map(|p| Seen::of_gbuffer(p.camera, p.gbuffer)).transpose()?;
         self.carry.set(Seen::of_gbuffer(camera, gbuffer)?, before, scale, len)?;
+        if innovation.len() != len {
+            let size = (gbuffer.width(), gbuffer.height());
+            return Err(ReconstructError::Size {
+                what: "innovation",
+                expected: size,
+                actual: (innovation.len(), 1),
+            });
+        }
+        self.innovation.clear();
+        self.innovation.extend_from_slice(innovation.as_flattened());
+        self.set_drift(image, innovation, gbuffer.width(), gbuffer.jitter);
         self.share.resize(image.pixels().len(), 0.0);
         self.has_previous = previous.is_some();
         match previous {
@@ -158,6 +181,34 @@ impl SuperSampleFeatures {
         let pixels = self.share.par_iter_mut().zip(now.image.pixels()).zip(visibility).with_min_len(4096);
         pixels.for_each(|((share, pixel), seen)| *share = seen * (pixel[3] / UNCERTAIN).min(1.0));
         Ok(())
+    }
+
+    /// The innovation of the LR samples, jittered so, between them: bilinear, and flat beyond the outermost.
+    fn set_drift(&mut self, image: &Image, innovation: &[[f32; 4]], lr_width: usize, jitter: [f32; 2]) {
+        let scale = self.scale as f32;
+        let last = [lr_width - 1, innovation.len() / lr_width - 1];
+        // Where between which samples a pixel lies.
+        let place = |pixel: usize, axis: usize| {
+            let at = (pixel as f32 + 0.5) / scale - 0.5 - jitter[axis];
+            let at = at.clamp(0.0, last[axis] as f32);
+            (at as usize, (at as usize + 1).min(last[axis]), at.fract())
+        };
+        let width = image.width();
+        self.drift.resize(3 * image.pixels().len(), 0.0);
+        let rows = self.drift.par_chunks_exact_mut(3 * width).zip(image.pixels().par_chunks_exact(width));
+        rows.enumerate().with_min_len(8).for_each(|(y, (out, pixels))| {
+            let (above, below, down) = place(y, 1);
+            let [above, below] = [above, below].map(|j| &innovation[j * lr_width..][..lr_width]);
+            for (x, (out, pixel)) in out.as_chunks_mut::<3>().0.iter_mut().zip(pixels).enumerate() {
+                let (left, right, across) = place(x, 0);
+                let uncertain = (pixel[3] / UNCERTAIN).min(1.0);
+                for (c, out) in out.iter_mut().enumerate() {
+                    let mix = |a: f32, b: f32, t: f32| (b - a).mul_add(t, a);
+                    let [a, b] = [left, right].map(|i| mix(above[i][c], below[i][c], down));
+                    *out = mix(a, b, across) * uncertain;
+                }
+            }
+        });
     }
 
     /// Inverse depth of the frame's scale, cosine between normal and ray, alpha.
@@ -191,13 +242,15 @@ impl SuperSampleFeatures {
 
     /// All inputs of the network but its state, `hidden`. `history` is the image that [`Self::set`] was given.
     #[must_use]
-    pub fn named<'a>(&'a self, history: &'a Image) -> [Named<'a>; 10] {
+    pub fn named<'a>(&'a self, history: &'a Image) -> [Named<'a>; 12] {
         // Without a previous frame its share is 0, and any image will do.
         let previous = if self.has_previous { &self.warped.before } else { history };
         [
             ("history", history.pixels().as_flattened()),
             ("previous", previous.pixels().as_flattened()),
             ("share", &self.share),
+            ("drift", &self.drift),
+            ("innovation", &self.innovation),
             ("color", &self.color),
             ("gradients", &self.gradients),
             ("compressed", &self.compressed),

@@ -33,6 +33,7 @@ impl LearnedSuperSampler {
     }
 
     /// Refines `now`, a frame made without learning with its uncertainty in the fourth channel, into `out`, likewise.
+    /// `innovation` is what its samples say that the past did not ([`gs3_reconstruct::SuperSampler::innovation`]).
     /// `previous` is the frame refined last, as it was made without learning; without it the state begins anew.
     ///
     /// # Errors
@@ -40,11 +41,12 @@ impl LearnedSuperSampler {
     pub fn refine(
         &mut self,
         now: Neighbor<'_>,
+        innovation: &[[f32; 4]],
         previous: Option<Neighbor<'_>>,
         out: &mut Image,
     ) -> Result<(), NetworkError> {
         let previous = previous.filter(|_| self.network.has_state());
-        self.features.set(now, previous)?;
+        self.features.set(now, innovation, previous)?;
         out.resize(now.image.width(), now.image.height());
         let images = self.features.named(now.image);
         let hr = [now.image.height(), now.image.width()];
