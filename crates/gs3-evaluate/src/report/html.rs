@@ -66,12 +66,17 @@ fn header(results: &Results) -> String {
 pub(super) fn remarks(failures: &[Failure], notes: &[String]) -> String {
     let failed =
         failures.iter().map(|f| format!("<b>{}</b> failed: {}", escape(&f.method), escape(&f.error)));
-    let items: String =
-        failed.chain(notes.iter().map(|note| escape(note))).map(|item| format!("<p>{item}</p>")).collect();
+    let noted = notes.iter().map(|note| escape(note));
+    card("card failed", failed) + &card("card", noted)
+}
+
+/// A card of paragraphs; nothing without any.
+fn card(class: &str, paragraphs: impl Iterator<Item = String>) -> String {
+    let items: String = paragraphs.map(|text| format!("<p>{text}</p>")).collect();
     if items.is_empty() {
         items
     } else {
-        format!("<div class=\"card failed\" style=\"margin-top:16px\">{items}</div>")
+        format!("<div class=\"{class}\" style=\"margin-top:16px\">{items}</div>")
     }
 }
 
