@@ -102,7 +102,10 @@ fn motions(size: [u32; 2]) -> Vec<(&'static str, Box<dyn Fn(usize) -> Camera>)> 
             Box::new(move |k| at([0.0, 0.007 * k as f64, 2.0 - 0.5 * k as f64], 0.003 * k as f64, 0.0)),
         ),
         // Samples thin out, the post passes the camera and falls behind it.
-        ("flight forward", Box::new(move |k| at([0.05, 0.0, 0.3 * k as f64], 0.0, 0.0))),
+        (
+            "flight forward",
+            Box::new(move |k| at([0.05, 0.007 * k as f64, 0.3 * k as f64], 0.003 * k as f64, 0.0)),
+        ),
     ]
 }
 

@@ -225,6 +225,15 @@ impl FramePipeline {
         Ok(())
     }
 
+    /// Whether whole frames are made on a GPU.
+    #[must_use]
+    pub const fn is_on_device(&self) -> bool {
+        #[cfg(feature = "gpu")]
+        return self.device.is_some();
+        #[cfg(not(feature = "gpu"))]
+        false
+    }
+
     /// The scene shown.
     #[must_use]
     pub const fn scene(&self) -> &Arc<Scene> {
