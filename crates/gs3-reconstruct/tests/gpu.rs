@@ -88,8 +88,11 @@ fn uncertainty_errors(actual: &Image, expected: &Image) -> (f64, f64) {
     (sum / count, pairs().filter(|(a, e)| (a[3] == 0.0) != (e[3] == 0.0)).count() as f64 / count)
 }
 
+/// A camera for each frame, and a name.
+type Motion = (&'static str, Box<dyn Fn(usize) -> Camera>);
+
 /// Camera motions, each of which meets something else.
-fn motions(size: [u32; 2]) -> Vec<(&'static str, Box<dyn Fn(usize) -> Camera>)> {
+fn motions(size: [u32; 2]) -> Vec<Motion> {
     let at = move |position: [f64; 3], yaw: f64, pitch: f64| camera(size[0], size[1], position, yaw, pitch);
     vec![
         ("rest", Box::new(move |_| at([0.1, 0.0, 0.0], 0.05, 0.0))),
