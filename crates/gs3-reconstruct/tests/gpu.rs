@@ -97,17 +97,22 @@ fn motions(size: [u32; 2]) -> Vec<Motion> {
     vec![
         ("rest", Box::new(move |_| at([0.1, 0.0, 0.0], 0.05, 0.0))),
         ("drift", Box::new(move |k| at([0.02 * k as f64, 0.006 * k as f64, 0.004 * k as f64], 0.0, 0.0))),
-        ("turn", Box::new(move |k| at([0.0; 3], 0.03 * k as f64, -0.01 * k as f64))),
+        (
+            "turn",
+            Box::new(move |k| at([0.0; 3], 0.5 * (0.06 * k as f64).sin(), -0.15 * (0.06 * k as f64).sin())),
+        ),
         // Samples crowd, up to dozens in a pixel. Straight back, whole rows would land half-way between pixels, where rounding
         // decides which they reach.
         (
             "flight back",
             Box::new(move |k| at([0.0, 0.007 * k as f64, 2.0 - 0.5 * k as f64], 0.003 * k as f64, 0.0)),
         ),
-        // Samples thin out, the post passes the camera and falls behind it.
+        // Samples thin out, the post passes the camera and falls behind it; the wall does not.
         (
             "flight forward",
-            Box::new(move |k| at([0.05, 0.007 * k as f64, 0.3 * k as f64], 0.003 * k as f64, 0.0)),
+            Box::new(move |k| {
+                at([0.05, 0.007 * k as f64, 5.0 - 5.0 * (-0.06 * k as f64).exp()], 0.003 * k as f64, 0.0)
+            }),
         ),
     ]
 }
