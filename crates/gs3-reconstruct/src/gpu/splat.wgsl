@@ -30,11 +30,15 @@ fn doubt(at: vec2<f32>, w: f32, color: vec3<f32>, age: f32) -> f32 {
     return fma(dot(outside, outside), middle.w, extent.w * (age * age));
 }
 
+// The last samples come first: for tests that this does not show.
+override BACKWARD: bool = false;
+
 @compute @workgroup_size(64, 4)
-fn land(@builtin(global_invocation_id) at: vec3<u32>) {
-    if any(at.xy >= frame.lr) {
+fn land(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
+    if any(id_in_order.xy >= frame.lr) {
         return;
     }
+    let at = select(id_in_order, vec3(frame.lr - 1u, frame.frames - 1u) - id_in_order, BACKWARD);
     let past = frame.past[at.z];
     let id = past.slot * frame.lr.x * frame.lr.y + at.y * frame.lr.x + at.x;
     let from_own = (vec2<f32>(at.xy) + (0.5 + past.jitter)) * f32(frame.scale);

@@ -93,6 +93,24 @@ impl GpuSuperSampler {
     /// # Errors
     /// [`GpuReconstructError`] if `scale` is not supported, or the device has no room for the size.
     pub fn new(gpu: &Gpu, scale: u32, size: [u32; 2]) -> Result<Self, GpuReconstructError> {
+        Self::with_constants(gpu, scale, size, &[])
+    }
+
+    /// The same, to whose pixels the last samples come first. For tests.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    #[doc(hidden)]
+    pub fn backward(gpu: &Gpu, scale: u32, size: [u32; 2]) -> Result<Self, GpuReconstructError> {
+        Self::with_constants(gpu, scale, size, &[("BACKWARD", 1.0)])
+    }
+
+    fn with_constants(
+        gpu: &Gpu,
+        scale: u32,
+        size: [u32; 2],
+        landing: &[(&str, f64)],
+    ) -> Result<Self, GpuReconstructError> {
         check_scale(scale)?;
         let plan = SuperSamplePlan::new(&gpu.capabilities().limits, size, scale)?;
         let make = |(name, bytes): (&'static str, u64)| Ok((name, gpu.buffer(name, Use::Storage, bytes)?));
@@ -100,7 +118,7 @@ impl GpuSuperSampler {
         let uniform = gpu.buffer("frame", Use::Uniform, size_of::<FrameUniform>() as u64)?;
         let kernel =
             |label: &str, source: String, entry: &str| gpu.module(label, &[&source])?.kernel(gpu, entry, &[]);
-        let land = kernel("splat", shaders::splat(), "land")?;
+        let land = gpu.module("splat", &[&shaders::splat()])?.kernel(gpu, "land", landing)?;
         let land = land.bind(gpu, &own_slices(&uniform, &buffers))?;
         Ok(Self {
             gpu: gpu.clone(),
