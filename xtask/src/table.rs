@@ -4,15 +4,16 @@ use std::fmt::Write;
 
 use serde_json::Value;
 
-/// Stages of the GPU rasterizer in their order, then all together; see `gs3 bench --backend gpu`.
-const STAGES: [&str; 5] = ["project", "order", "bin", "blend", "all"];
+/// Stages of a frame in their order, then all together; see `gs3 bench --backend gpu`. Those of super sampling and
+/// interpolation have parts, named after a dot, which the report in JSON tells one by one.
+const STAGES: [&str; 7] = ["project", "order", "bin", "blend", "super_sample", "interpolate", "all"];
 
 /// The report that `measure` makes.
 pub fn markdown(report: &Value) -> String {
     let runs = || report["runs"].as_array().into_iter().flatten();
     let mut text = format!(
-        "# gs3 on a GPU\n\nMeasured in {} s. Times by the device's clock, median / 99th percentile in ms; fps of frames \
-         that follow each other.\n\n```text\n{}```\n",
+        "# gs3 on a GPU\n\nMeasured in {} s. Times by the device's clock, median / 99th percentile in ms; fps of displayed \
+         frames that follow each other.\n\n```text\n{}```\n",
         report["seconds"],
         report["devices"].as_str().unwrap_or_default(),
     );
@@ -21,7 +22,9 @@ pub fn markdown(report: &Value) -> String {
     text.push_str(&"---|".repeat(5 + STAGES.len()));
     text.push('\n');
     for run in runs().filter(|run| run["error"].is_null()) {
-        for frame in ["native", "lr_gbuffer"] {
+        for frame in
+            ["native", "lr_gbuffer", "super_sample", "full"].into_iter().filter(|f| run[f].is_object())
+        {
             let [scene, gaussians] = [&run["scene"], &run["gaussians"]].map(plain);
             let cells = STAGES.map(|stage| cell(&run[frame]["stages"], stage)).join(" | ");
             let fps = run[frame]["fps"].as_f64().unwrap_or(f64::NAN);
@@ -46,14 +49,27 @@ pub fn markdown(report: &Value) -> String {
     text
 }
 
+/// The parts of `stage` added up: of percentiles, at least their whole.
 fn cell(stages: &Value, stage: &str) -> String {
-    let found = stages.as_array().into_iter().flatten().find(|times| times["stage"] == stage);
-    found.map_or_else(|| "–".to_owned(), times)
+    let is_part = |times: &&Value| plain(&times["stage"]).split('.').next() == Some(stage);
+    let parts: Vec<&Value> = stages.as_array().into_iter().flatten().filter(is_part).collect();
+    if parts.is_empty() {
+        return "–".to_owned();
+    }
+    let sum = |key: &str| parts.iter().map(|times| number(&times[key])).sum();
+    milliseconds(sum("median_ms"), sum("p99_ms"))
 }
 
 fn times(times: &Value) -> String {
-    let number = |value: &Value| value.as_f64().unwrap_or(f64::NAN);
-    format!("{:.3} / {:.3}", number(&times["median_ms"]), number(&times["p99_ms"]))
+    milliseconds(number(&times["median_ms"]), number(&times["p99_ms"]))
+}
+
+fn milliseconds(median: f64, p99: f64) -> String {
+    format!("{median:.3} / {p99:.3}")
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or(f64::NAN)
 }
 
 fn plain(value: &Value) -> String {
@@ -77,19 +93,23 @@ mod tests {
                 {
                     "scene": "scenes/garden", "gaussians": 3000, "size": [640, 360],
                     "native": side(10.0), "lr_gbuffer": side(99.96),
+                    "full": { "fps": 500.0, "stages": [
+                        stage("super_sample.splat", 0.5), stage("super_sample.tile", 0.25), stage("interpolate.warp", 1.0),
+                    ] },
                     "sort": { "pairs": 1024, "key_bits": 32, "keys_per_s": 2.5e9, "median_ms": 1.0, "p99_ms": 3.0 },
                 },
                 { "scene": "demo", "size": "9x9", "error": "error: lost" },
             ],
         });
         let text = markdown(&report);
-        let native = "| scenes/garden | 3000 | 640×360 | native | 0.500 / 1.000 | – | – | 1.250 / 2.500 | \
+        let native = "| scenes/garden | 3000 | 640×360 | native | 0.500 / 1.000 | – | – | 1.250 / 2.500 | – | – | \
                       1.750 / 3.500 | 10.0 |\n";
         for expected in [
             "Measured in 12 s.",
             "```text\n0  fast\n```\n",
-            "| scene | Gaussians | size | frame | project | order | bin | blend | all | fps |\n|---|---|---|---|---|",
+            "| project | order | bin | blend | super_sample | interpolate | all | fps |\n|---|---|---|---|---|",
             native,
+            "| full | – | – | – | – | 0.750 / 1.500 | 1.000 / 2.000 | – | 500.0 |\n",
             "| lr_gbuffer | 0.500",
             "| 100.0 |\n",
             "\nSort of 1024 pairs by 32 bits: 2500.0 million keys/s, 1.000 / 3.000 ms\n",

@@ -200,7 +200,7 @@ pub struct BenchArgs {
     pub frames: FrameRange,
     #[command(flatten)]
     pub look: Look,
-    /// What is measured: `cpu` all that a displayed frame takes, `gpu` the rasterizer's stages by the device's clock
+    /// What is measured: `cpu` all that a displayed frame takes, `gpu` the stages of frames by the device's clock
     #[arg(long, default_value = "cpu", value_name = "cpu|gpu")]
     pub backend: BenchBackendArg,
     /// A GPU by its number [default: the fastest]

@@ -1,11 +1,11 @@
-//! Which machine rasterizes.
+//! Which machine renders.
 
 use gs3::compute::{AdapterChoice, AdapterKind, Gpu, GpuSettings, adapters, choose};
 
 use crate::args::{BackendArg, Device};
 use crate::error::CliError;
 
-/// The machine that rasterizes.
+/// The machine that renders.
 pub enum Machine {
     Cpu,
     /// Asked for: where it fails, the command does.

@@ -1,15 +1,17 @@
-//! `gs3 bench --backend gpu`: the stages of the GPU rasterizer by the device's clock, native frames per second, and the
-//! sort alone.
+//! `gs3 bench --backend gpu`: the stages of native frames, low-resolution G-buffers and whole frames by the device's clock,
+//! frames per second where each follows the other and nothing is read back, and the sort alone.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use gs3::Mode;
 use gs3::compute::{AdapterKind, Gpu, Pairs, Sort, StageTime, Timings, Use};
+use gs3::gpu::{GpuFrames, GpuRequest, Take};
 use gs3::raster::{
     GpuGBuffer, GpuRasterizer, Outputs, RasterSettings, STOCK_DILATION, ScenePrecision, Settled,
 };
-use gs3::scene::{Camera, Scene};
+use gs3::scene::camera_path::pose_between;
+use gs3::scene::{Camera, Jitter, Scene};
+use gs3::{Mode, PipelineSettings};
 use serde_json::{Value, json};
 
 use crate::Outcome;
@@ -42,6 +44,9 @@ pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -
     let native = bench.measure(cameras, &with(Outputs::Color, STOCK_DILATION))?;
     let low: Vec<Camera> = cameras.iter().map(|camera| camera.low_resolution(look.scale)).collect();
     let lr_gbuffer = bench.measure(&low, &with(Outputs::GBuffer, look.dilation.at_scale(look.scale)))?;
+    let [super_sample, full] = [Mode::SuperSample, Mode::Full].map(|mode| args.look.settings(mode));
+    let super_sample = bench.measure_frames(cameras, &super_sample)?;
+    let full = bench.measure_frames(cameras, &full)?;
     let figures = json!({
         "adapter": gpu.adapter().name,
         "driver": gpu.adapter().driver,
@@ -53,6 +58,11 @@ pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -
         "frames": [args.frames.0.start, args.frames.0.end],
         "native": native,
         "lr_gbuffer": lr_gbuffer,
+        "displayed_fps": {
+            "native": native["fps"], "super_sample": super_sample["fps"], "full": full["fps"],
+        },
+        "super_sample": super_sample,
+        "full": full,
         "sort": sort(gpu)?,
     });
     let figures = report::join(report::machine(), report::join(figures, json!({ "backend": "gpu" })));
@@ -107,6 +117,80 @@ impl Bench {
         Ok(json!({
             "fps": fps, "most_splats": most_splats, "most_entries": most_entries, "stages": stages(&frames),
         }))
+    }
+
+    /// The same of whole frames without networks, those between them counted as displayed. The cameras before the measured
+    /// ones lead up to the first, and the frames that follow each other go back: no camera is a cut.
+    fn measure_frames(&mut self, cameras: &[Camera], settings: &PipelineSettings) -> Result<Value, CliError> {
+        let gpu = self.rasterizer.gpu().clone();
+        let mut frames = GpuFrames::new(&gpu, settings);
+        let mut sequence = Sequence { settings, jitter: Jitter::grid(settings.scale), number: 0, last: None };
+        let ahead = (1..=self.warm_up).rev().map(|k| &cameras[reflected(k, cameras.len())]);
+        let mut measured = Vec::with_capacity(cameras.len());
+        for (k, camera) in ahead.chain(cameras).enumerate() {
+            let (raster, between) = sequence.next(camera);
+            let request = GpuRequest { camera, raster: &raster, between: &between };
+            loop {
+                let timings = Some(&mut self.timings);
+                let submission = frames.submit(&mut self.rasterizer, &request, Take::Nothing, timings)?;
+                let times = self.timings.read(&gpu, &submission)?;
+                if let Settled::Complete { .. } = self.rasterizer.settle()? {
+                    frames.keep();
+                    if k >= self.warm_up {
+                        measured.push(times);
+                    }
+                    break;
+                }
+            }
+        }
+        let started = Instant::now();
+        let mut last = None;
+        for camera in cameras.iter().rev() {
+            let (raster, between) = sequence.next(camera);
+            let request = GpuRequest { camera, raster: &raster, between: &between };
+            last = Some(frames.submit(&mut self.rasterizer, &request, Take::Nothing, None)?);
+            frames.keep();
+        }
+        if let Some(last) = last {
+            gpu.wait(&last)?;
+        }
+        let displayed = cameras.len() * settings.displayed_per_rendered();
+        let fps = displayed as f64 / started.elapsed().as_secs_f64();
+        Ok(json!({ "fps": fps, "stages": stages(&measured) }))
+    }
+}
+
+/// Frames one after the other, as a pipeline asks for them.
+struct Sequence<'a> {
+    settings: &'a PipelineSettings,
+    jitter: Jitter,
+    number: u64,
+    last: Option<Camera>,
+}
+
+impl Sequence<'_> {
+    /// How the frame of `camera` is rasterized, and what lies between the last one and it.
+    fn next(&mut self, camera: &Camera) -> (RasterSettings, Vec<(f64, Camera)>) {
+        let raster = RasterSettings {
+            dilation: self.settings.dilation.at_scale(self.settings.scale),
+            background: self.settings.background,
+            jitter: self.jitter.offset(self.number),
+            ..RasterSettings::new(Outputs::GBuffer)
+        };
+        self.number += 1;
+        let last = self.last.replace(*camera);
+        let moments = self.settings.moments();
+        let between = last.map(|last| moments.map(|t| (t, pose_between(&last, camera, t))).collect());
+        (raster, between.unwrap_or_default())
+    }
+}
+
+/// Place `k` of a walk to and fro over `count` places.
+fn reflected(k: usize, count: usize) -> usize {
+    let turn = count.saturating_sub(1);
+    match k % (2 * turn).max(1) {
+        k if k <= turn => k,
+        k => 2 * turn - k,
     }
 }
 
@@ -165,11 +249,11 @@ fn sort(gpu: &Gpu) -> Result<Value, CliError> {
 
 fn print(figures: &Value) {
     let number = |value: &Value| value.as_f64().unwrap_or(f64::NAN);
-    for side in ["native", "lr_gbuffer"] {
-        println!("{side:<10} {:8.2} fps, median and 99th percentile:", number(&figures[side]["fps"]));
+    for side in ["native", "lr_gbuffer", "super_sample", "full"] {
+        println!("{side:<12} {:8.2} fps, median and 99th percentile:", number(&figures[side]["fps"]));
         for times in figures[side]["stages"].as_array().into_iter().flatten() {
             let stage = times["stage"].as_str().unwrap_or_default();
-            println!("  {stage:<8} {:9.3} {:9.3} ms", number(&times["median_ms"]), number(&times["p99_ms"]));
+            println!("  {stage:<20} {:9.3} {:9.3} ms", number(&times["median_ms"]), number(&times["p99_ms"]));
         }
     }
     let sort = &figures["sort"];
@@ -180,6 +264,15 @@ fn print(figures: &Value) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_walk_to_and_fro_never_jumps() {
+        for count in [1, 2, 5] {
+            let walk: Vec<usize> = (0..20).map(|k| reflected(k, count)).collect();
+            assert!(walk[0] == 0 && walk.iter().all(|k| *k < count), "{walk:?}");
+            assert!(walk.windows(2).all(|w| w[0].abs_diff(w[1]) == usize::from(count > 1)), "{walk:?}");
+        }
+    }
 
     #[test]
     fn stages_are_told_in_their_order_and_summed_frame_by_frame() {

@@ -22,6 +22,7 @@ pub fn write(pipeline: &mut FramePipeline, camera: &Camera, file: &Path) -> Resu
     let mut native = FramePipeline::new(pipeline.scene().clone(), native_settings)?;
     let native = native.render(camera, &[])?.current;
     let mut bicubic = Image::new(native.width(), native.height());
+    pipeline.fetch_gbuffer()?;
     resample(pipeline.gbuffer(), settings.scale, Kernel::Bicubic, &mut bicubic)?;
     let own = pipeline.last_image();
     write_png(file, &side_by_side([native, &bicubic, own]))?;

@@ -36,7 +36,12 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     let settings = args.look.settings(mode);
     let mut pipeline = FramePipeline::with_networks(scene, settings, &networks)?;
     // Not before the rest is right: a driver may take long to wake, and talk.
-    let machine = Machine::new(&args.device)?.start(|gpu| pipeline.rasterize_on(gpu))?;
+    let machine = Machine::new(&args.device)?.start(|gpu| pipeline.render_on(gpu))?;
+    if mode.has_history() && !pipeline.is_on_device() && !matches!(machine, Machine::Cpu) {
+        eprintln!(
+            "the GPU rasterizes, the CPU does the rest: networks refine these frames (--tier analytic: all on the GPU)"
+        );
+    }
     let first = path.cameras()[range.start];
     let rate = path.frames_per_second() * settings.displayed_per_rendered() as f64;
 
@@ -81,6 +86,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         "gaussians": pipeline.scene().gaussians().len(),
         "mode": mode_name(mode),
         "rasterizer": machine.name(),
+        "is_all_on_device": pipeline.is_on_device(),
         "tier": tier,
         "generate": settings.generate,
         "scale": args.look.scale,

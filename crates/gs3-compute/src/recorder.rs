@@ -4,6 +4,7 @@ use crate::buffer::{Buffer, Slice};
 use crate::error::GpuError;
 use crate::gpu::Gpu;
 use crate::kernel::Bound;
+use crate::readback::Readback;
 use crate::timings::Timings;
 
 /// Work that was handed to a device.
@@ -63,6 +64,13 @@ impl<'a> Recorder<'a> {
         self.pass = None;
         let bytes = from.bytes.min(to.bytes);
         self.encoder.copy_buffer_to_buffer(&from.buffer.raw, from.start, &to.buffer.raw, to.start, bytes);
+    }
+
+    /// Brings `from` to byte `at` of `to`, cut to what there is room for. Starts and lengths are multiples of four bytes.
+    pub fn read_back(&mut self, from: &Slice<'_>, to: &Readback, at: u64) {
+        self.pass = None;
+        let bytes = from.bytes.min(to.bytes().saturating_sub(at));
+        self.encoder.copy_buffer_to_buffer(&from.buffer.raw, from.start, &to.staging, at, bytes);
     }
 
     /// Fills `slice` with zeros.

@@ -7,7 +7,7 @@ use crate::resample::{catmull_rom, clamped};
 
 /// Binary digits of positions after the point: 1/128 px is the largest error, far below what reprojected depths are
 /// good for, and the weights of all phases fit into the first-level cache.
-const PHASE_BITS: u32 = 6;
+pub(crate) const PHASE_BITS: u32 = 6;
 const PHASES: usize = 1 << PHASE_BITS;
 /// Fixed-point positions per pixel.
 pub(crate) const UNITS: f32 = PHASES as f32;

@@ -45,6 +45,8 @@
 mod boxes;
 mod error;
 mod gather;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod hermite;
 mod interpolate;
 mod lanes;

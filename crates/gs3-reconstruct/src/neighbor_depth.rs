@@ -12,7 +12,7 @@ pub(crate) const SAME_SURFACE: f32 = 0.02;
 
 /// Weight of a neighbour whose depths change between the samples around a point, so that the point may be hidden or mixed
 /// with another surface (empirical).
-const SILHOUETTE: f32 = 0.3;
+pub(crate) const SILHOUETTE: f32 = 0.3;
 
 /// Weight of a neighbour that sees something else: it decides between two that do not show the point, and is nothing
 /// beside one that does.

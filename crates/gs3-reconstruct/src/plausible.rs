@@ -16,23 +16,23 @@ use crate::lanes::{WINDOW, look_up, window_bytes};
 use crate::samples::SampleFrame;
 
 /// Depths may exceed the farthest current one by this share: 2 % is the usual tolerance of reprojection.
-const DEPTH_TOLERANCE: f32 = 0.02;
+pub(crate) const DEPTH_TOLERANCE: f32 = 0.02;
 
 /// How far a cell's samples are extrapolated to find the range of plausible colours, in spacings of samples: half a cell
 /// is where the extrapolations of two neighbours meet.
-const EXTRAPOLATION: f32 = 0.5;
+pub(crate) const EXTRAPOLATION: f32 = 0.5;
 
 /// Variance (pixel⁴) of a sample whose colour is off by the whole range (empirical:
 /// 30 to 300 are alike).
-const MISMATCH: f32 = 100.0;
+pub(crate) const MISMATCH: f32 = 100.0;
 
 /// How far colours may drift with the view, per frame of age, where nothing in the current frame contradicts: on glossy
 /// and translucent surfaces (empirical: 0.008 to 0.016 are alike).
-const DRIFT: f32 = 0.01;
+pub(crate) const DRIFT: f32 = 0.01;
 
 /// Variance of a sample that something hides now: beyond use as soon as it has moved a fraction of a pixel. At rest it
 /// cannot have become hidden; it lies in a gap that the current samples miss.
-const HIDDEN: f32 = 1e4;
+pub(crate) const HIDDEN: f32 = 1e4;
 
 const LANES: usize = 16;
 

@@ -19,10 +19,10 @@ use crate::samples::{CHUNK, Sample, SampleFrame};
 use crate::tile::{PAD_X, PAD_Y, STRIDE, Tile};
 
 /// A sample reaches this many pixels in a row, those less than two away along x: they are one vector.
-const COLUMNS: usize = 4;
+pub(crate) const COLUMNS: usize = 4;
 
 /// A sample reaches the rows nearest to it, all less than two away along y.
-const ROWS: usize = 3;
+pub(crate) const ROWS: usize = 3;
 
 /// Pixels that a sample may be away from the last it reaches, rounded up.
 pub(crate) const REACH: f32 = 2.0;
@@ -33,11 +33,11 @@ pub(crate) const NOISE: f32 = 1e-5;
 
 /// Variance that a moved sample gains per frame of age, pixel⁴ (empirical): depths are not exact where layers blend, and
 /// colours depend on the view.
-const AGING: f32 = 0.03;
+pub(crate) const AGING: f32 = 0.03;
 
 /// Samples with a larger variance, pixel⁴, are not worth their time: the interpolated current frame's is at most 7 where
 /// it is least certain.
-const MAX_NOISE: f32 = 16.0;
+pub(crate) const MAX_NOISE: f32 = 16.0;
 
 /// A past frame seen by the current camera.
 pub(crate) struct Source<'a> {

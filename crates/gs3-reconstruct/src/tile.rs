@@ -37,16 +37,16 @@ const ROWS: usize = TILE_HEIGHT + 2 * RING + 2 * PAD_Y;
 /// Variance of the interpolated current frame at distance d from its nearest sample, pixel⁴: that of one sample's
 /// first-order prediction, d⁴, times [`SURFACE`] because it joins four samples, and flattening to a square, because no
 /// error exceeds the contrast of the image (both empirical).
-const SURFACE: f32 = 0.5;
+pub(crate) const SURFACE: f32 = 0.5;
 
 /// Deviation up to which a pixel counts as exact, pixel²: that of one sample on its centre, √[`NOISE`] = 0.00316, and room
 /// for the rounding of places and weights.
-const EXACT: f32 = 0.0033;
+pub(crate) const EXACT: f32 = 0.0033;
 
 /// What a pixel's Laplacian times its uncertainty, pixel², adds to it. First-order predictions at a distance d err by
 /// −½ dᵀH d; from one sample on each side that is a quarter of d² times the Laplacian, and the uncertainty is d² over the
 /// root of the number of samples (empirical: 0.15 to 0.25 are alike). Uncertainties end at 1.
-const CURVATURE: f32 = 0.2;
+pub(crate) const CURVATURE: f32 = 0.2;
 
 /// How far from a pixel's centre a sample may be to count as on it, pixels: a hundred times what rounding moves it.
 const BESIDE: f32 = 1e-3;

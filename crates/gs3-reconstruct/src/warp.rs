@@ -32,10 +32,10 @@ const BAND: usize = 32;
 
 /// Pixels whose displacements lie within this many pixels, along x and along y, are gathered at once, moved by the middle
 /// of the displacements. The largest error, half of it, is 1/32 px; on real scenes it costs no more than 0.001 dB.
-const RIGID: f32 = 1.0 / 16.0;
+pub(crate) const RIGID: f32 = 1.0 / 16.0;
 
 /// Weights that do not show in the finest of displays.
-const NEGLIGIBLE: f32 = 1e-4;
+pub(crate) const NEGLIGIBLE: f32 = 1e-4;
 
 /// All that rows are made from.
 pub(crate) struct Warp<'a> {
@@ -113,7 +113,7 @@ pub(crate) const fn band_top(scale: usize, band: usize) -> usize {
 }
 
 /// Where the first whole patch begins: a cell between samples begins half an LR pixel after the image.
-const fn offset(scale: usize) -> usize {
+pub(crate) const fn offset(scale: usize) -> usize {
     scale / 2 % SIDE
 }
 

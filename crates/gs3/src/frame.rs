@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use glam::DVec2;
 use gs3_raster::{Outputs, RasterError, RasterSettings};
 use gs3_reconstruct::{
     Interpolator, Kernel, Neighbor, ReconstructError, ResetReason, SuperSampler, resample,
@@ -10,6 +9,9 @@ use gs3_reconstruct::{
 use gs3_scene::camera_path::pose_between;
 use gs3_scene::{Camera, GBuffer, Image, Jitter, Scene};
 
+use crate::cut::{Lattice, is_cut};
+#[cfg(feature = "gpu")]
+use crate::gpu::{Device, GpuRequest};
 use crate::learned::{LearnedInterpolator, LearnedSuperSampler, NetworkError, Networks};
 use crate::rasterizer::AnyRasterizer;
 use crate::settings::{MAX_GENERATE, Mode, PipelineSettings};
@@ -72,6 +74,8 @@ struct Frame {
     image: Image,
     /// The image before a network refined it; empty where none does.
     analytic: Image,
+    /// Depths that tell whether the next camera is a cut.
+    lattice: Lattice,
 }
 
 /// Renders one scene along a sequence of cameras. All memory is kept between frames.
@@ -85,6 +89,9 @@ pub struct FramePipeline {
     interpolator: Interpolator,
     learned_super_sampler: Option<LearnedSuperSampler>,
     learned_interpolator: Option<LearnedInterpolator>,
+    /// Makes whole frames where they are made on a GPU.
+    #[cfg(feature = "gpu")]
+    device: Option<Device>,
     /// Why the next frame starts without history, if it does.
     invalid: Option<ResetReason>,
     /// Frames since the history began; selects the jitter.
@@ -92,6 +99,8 @@ pub struct FramePipeline {
     previous: Frame,
     current: Frame,
     between: Vec<Image>,
+    /// How many of them lie before the last frame.
+    between_made: usize,
     times: StageTimes,
 }
 
@@ -130,11 +139,14 @@ impl FramePipeline {
             interpolator,
             learned_super_sampler: super_sample.map(|w| LearnedSuperSampler::new(w, scale)).transpose()?,
             learned_interpolator: interpolate.map(|w| LearnedInterpolator::new(w, scale)).transpose()?,
+            #[cfg(feature = "gpu")]
+            device: None,
             invalid: Some(ResetReason::FirstFrame),
             age: 0,
             previous: Frame::default(),
             current: Frame::default(),
             between: vec![Image::default(); settings.displayed_per_rendered() - 1],
+            between_made: 0,
             times: StageTimes::default(),
         })
     }
@@ -152,6 +164,7 @@ impl FramePipeline {
             return Err(PipelineError::Between { expected, actual });
         }
         self.times = StageTimes::default();
+        self.between_made = 0;
         self.invalidate_for(camera);
         std::mem::swap(&mut self.previous, &mut self.current);
         self.current.camera = None;
@@ -160,6 +173,10 @@ impl FramePipeline {
             Mode::Bicubic => {
                 self.rasterize(camera, Outputs::Color)?;
                 self.enlarge(camera)?;
+            }
+            #[cfg(feature = "gpu")]
+            Mode::SuperSample | Mode::Full if self.device.is_some() => {
+                self.render_on_device(camera, between)?
             }
             Mode::SuperSample => {
                 self.rasterize(camera, Outputs::GBuffer)?;
@@ -192,15 +209,29 @@ impl FramePipeline {
         Ok(())
     }
 
-    /// Rasterizes on `gpu` from the next frame on. What follows reads the frame back and stays on the CPU.
+    /// Renders on `gpu` from the next frame on, without history. In modes with history whole frames are made there and only
+    /// images come back; where networks refine frames, and in the other modes, it rasterizes, and the rest stays on the CPU.
     ///
     /// # Errors
-    /// [`PipelineError`] if the scene does not fit the device; the CPU goes on rasterizing.
+    /// [`PipelineError`] if the scene does not fit the device; everything stays as it was.
     #[cfg(feature = "gpu")]
-    pub fn rasterize_on(&mut self, gpu: &gs3_compute::Gpu) -> Result<(), PipelineError> {
+    pub fn render_on(&mut self, gpu: &gs3_compute::Gpu) -> Result<(), PipelineError> {
         let scene = Arc::clone(self.rasterizer.scene());
         self.rasterizer = AnyRasterizer::gpu(gpu, scene, self.settings.culling)?;
+        let is_learned = self.learned_super_sampler.is_some() || self.learned_interpolator.is_some();
+        let is_whole = self.settings.mode.has_history() && !is_learned;
+        self.device = is_whole.then(|| Device::new(gpu, &self.settings)).transpose()?;
+        self.reset(ResetReason::SizeOrTierChange);
         Ok(())
+    }
+
+    /// Whether whole frames are made on a GPU.
+    #[must_use]
+    pub const fn is_on_device(&self) -> bool {
+        #[cfg(feature = "gpu")]
+        return self.device.is_some();
+        #[cfg(not(feature = "gpu"))]
+        false
     }
 
     /// The scene shown.
@@ -233,10 +264,23 @@ impl FramePipeline {
         self.times
     }
 
-    /// The low-resolution G-buffer of the last frame; empty in [`Mode::Native`], colour only in [`Mode::Bicubic`].
+    /// The low-resolution G-buffer of the last frame; empty in [`Mode::Native`], colour only in [`Mode::Bicubic`]. Where whole
+    /// frames are made on a GPU it is that of the last [`Self::fetch_gbuffer`].
     #[must_use]
     pub const fn gbuffer(&self) -> &GBuffer {
         &self.current.gbuffer
+    }
+
+    /// Brings the low-resolution G-buffer of the last frame here, if it is on a GPU.
+    ///
+    /// # Errors
+    /// [`PipelineError`] if the device fails.
+    pub fn fetch_gbuffer(&mut self) -> Result<(), PipelineError> {
+        #[cfg(feature = "gpu")]
+        if let Some(device) = &self.device {
+            device.frames.read_gbuffer(&mut self.current.gbuffer)?;
+        }
+        Ok(())
     }
 
     /// Decides whether the history holds for `camera`, and passes a reason why not on to who keeps history.
@@ -246,7 +290,7 @@ impl FramePipeline {
             self.invalid = match &self.current.camera {
                 None => Some(ResetReason::FirstFrame),
                 Some(last) if size(last) != size(camera) => Some(ResetReason::SizeOrTierChange),
-                Some(last) if is_cut(last, camera, &self.current.gbuffer) => Some(ResetReason::CameraCut),
+                Some(last) if is_cut(last, camera, &self.current.lattice) => Some(ResetReason::CameraCut),
                 Some(_) => None,
             };
         }
@@ -254,8 +298,28 @@ impl FramePipeline {
             self.super_sampler.reset(reason);
             self.learned_super_sampler.iter_mut().for_each(LearnedSuperSampler::reset);
             self.learned_interpolator.iter_mut().for_each(LearnedInterpolator::reset);
+            #[cfg(feature = "gpu")]
+            self.device.iter_mut().for_each(|device| device.reset(reason));
             self.age = 0;
         }
+    }
+
+    /// All of the frame at once, on the device.
+    #[cfg(feature = "gpu")]
+    fn render_on_device(&mut self, camera: &Camera, between: &[Camera]) -> Result<(), PipelineError> {
+        let raster = self.raster_settings(Outputs::GBuffer);
+        let (Some(device), Some(rasterizer)) = (&mut self.device, self.rasterizer.gpu_mut()) else {
+            return Ok(());
+        };
+        let moments: Vec<(f64, Camera)> = match (self.invalid, &self.previous.camera) {
+            (None, Some(previous)) => cameras_between(&self.settings, previous, camera, between).collect(),
+            _ => Vec::new(),
+        };
+        let request = GpuRequest { camera, raster: &raster, between: &moments };
+        let Frame { image, lattice, .. } = &mut self.current;
+        let rendered = device.render(rasterizer, &request, image, &mut self.between)?;
+        (*lattice, self.times, self.between_made) = (rendered.lattice, rendered.times, rendered.between);
+        Ok(())
     }
 
     fn raster_settings(&self, outputs: Outputs) -> RasterSettings {
@@ -278,7 +342,9 @@ impl FramePipeline {
         let settings = self.raster_settings(outputs);
         let lr_camera = camera.low_resolution(self.settings.scale);
         let (rasterizer, gbuffer) = (&mut self.rasterizer, &mut self.current.gbuffer);
-        self.times.time(Stage::Rasterize, || rasterizer.rasterize(&lr_camera, &settings, gbuffer))
+        self.times.time(Stage::Rasterize, || rasterizer.rasterize(&lr_camera, &settings, gbuffer))?;
+        self.current.lattice = Lattice::of(&self.current.gbuffer);
+        Ok(())
     }
 
     fn enlarge(&mut self, camera: &Camera) -> Result<(), PipelineError> {
@@ -317,14 +383,15 @@ impl FramePipeline {
         let (interpolator, learned) = (&mut self.interpolator, &mut self.learned_interpolator);
         let images = &mut self.between;
         self.times.time(Stage::Interpolate, || {
-            for ((k, t), out) in self.settings.moments().enumerate().zip(images) {
-                let at = between.get(k).copied().unwrap_or_else(|| pose_between(previous, camera, t));
+            let moments = cameras_between(&self.settings, previous, camera, between);
+            for ((t, at), out) in moments.zip(images) {
                 match learned {
                     Some(learned) => {
                         learned.interpolate(interpolator, before, after, t as f32, &at, out)?;
                     }
                     None => interpolator.interpolate(before, after, t as f32, &at, out)?,
                 }
+                self.between_made += 1;
             }
             Ok(())
         })
@@ -332,10 +399,9 @@ impl FramePipeline {
 
     fn present(&self) -> Presented<'_> {
         let mut between = [None; MAX_GENERATE as usize];
-        let is_made = self.times.get(Stage::Interpolate).is_some();
         let held = self.held_frame();
-        for (place, made) in between.iter_mut().zip(&self.between) {
-            *place = if is_made { Some(made) } else { held };
+        for (k, (place, made)) in between.iter_mut().zip(&self.between).enumerate() {
+            *place = if k < self.between_made { Some(made) } else { held };
         }
         Presented { between, current: &self.current.image }
     }
@@ -348,31 +414,16 @@ impl FramePipeline {
     }
 }
 
-/// Whether so little of the previous frame still shows that its history is worth nothing: of a 5×5 lattice of its
-/// pixels, placed at their depths, fewer than a third lie within the new image and are seen from about the same side.
-/// (Empirical; a brisk pan of 3° a frame keeps nine tenths, and no orbit turns by 30° from frame to frame.)
-fn is_cut(previous: &Camera, camera: &Camera, gbuffer: &GBuffer) -> bool {
-    /// Lattice points per axis.
-    const LATTICE: usize = 5;
-    /// Cosine of 30°: seen from farther around, a surface shows another side, as after a jump across an orbit, where
-    /// every point stays in view.
-    const SAME_SIDE: f64 = 0.866;
-    let depth_at = |fx: f64, fy: f64| {
-        let depth = &gbuffer.geometry.as_ref()?.depth_median;
-        let (x, y) = ((fx * depth.width() as f64) as usize, (fy * depth.height() as f64) as usize);
-        Some(f64::from(*depth.row(0, y).get(x)?)).filter(|z| *z > 0.0)
-    };
-    let size = DVec2::new(f64::from(camera.width()), f64::from(camera.height()));
-    let fraction = |k: usize| (k as f64 + 0.5) / LATTICE as f64;
-    let still_shows = |k: &usize| {
-        let (fx, fy) = (fraction(k % LATTICE), fraction(k / LATTICE));
-        // Where nothing was hit, only the direction counts: a depth far beyond any motion between frames.
-        let z = depth_at(fx, fy).unwrap_or(1e6 * (1.0 + previous.position().distance(camera.position())));
-        let point = previous.unproject(DVec2::new(fx, fy) * size, z);
-        let (pixel, z) = camera.project(point);
-        let [from, to] = [previous, camera].map(|c| (point - c.position()).normalize_or_zero());
-        let in_view = z > 0.0 && pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all();
-        in_view && from.dot(to) > SAME_SIDE
-    };
-    3 * (0..LATTICE * LATTICE).filter(still_shows).count() < LATTICE * LATTICE
+/// Moments of the frames between two rendered ones, and their cameras: those of `between` where it has any, else poses between
+/// the two.
+fn cameras_between<'a>(
+    settings: &PipelineSettings,
+    previous: &'a Camera,
+    camera: &'a Camera,
+    between: &'a [Camera],
+) -> impl Iterator<Item = (f64, Camera)> + use<'a> {
+    settings
+        .moments()
+        .enumerate()
+        .map(move |(k, t)| (t, between.get(k).copied().unwrap_or_else(|| pose_between(previous, camera, t))))
 }

@@ -23,7 +23,10 @@
 //! The parts are usable alone: [`raster`] makes G-buffers, [`reconstruct`] turns those of any renderer into
 //! high-resolution frames, [`scene`] holds scenes, cameras and their files.
 
+mod cut;
 mod frame;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 pub mod learned;
 mod rasterizer;
 mod settings;

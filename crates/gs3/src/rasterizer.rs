@@ -35,6 +35,15 @@ impl AnyRasterizer {
         }
     }
 
+    /// The GPU's rasterizer, if it is one.
+    #[cfg(feature = "gpu")]
+    pub fn gpu_mut(&mut self) -> Option<&mut GpuRasterizer> {
+        match self {
+            Self::Cpu(_) => None,
+            Self::Gpu(rasterizer) => Some(rasterizer),
+        }
+    }
+
     pub const fn scene(&self) -> &Arc<Scene> {
         match self {
             Self::Cpu(rasterizer) => rasterizer.scene(),

@@ -45,6 +45,12 @@ impl StageTimes {
         self.0.iter().flatten().sum()
     }
 
+    /// Adds `time` to that of `stage`.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn add(&mut self, stage: Stage, time: Duration) {
+        *self.0[stage as usize].get_or_insert_default() += time;
+    }
+
     /// Runs `work` as `stage`.
     pub(crate) fn time<T>(&mut self, stage: Stage, work: impl FnOnce() -> T) -> T {
         let started = Instant::now();

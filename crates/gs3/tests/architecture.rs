@@ -85,7 +85,8 @@ fn libraries_know_nothing_of_terminals_and_devices() {
 #[test]
 fn reconstruction_never_names_a_gaussian() {
     let mut checked = 0;
-    for file in rust_files(&Path::new(ROOT).join("crates/gs3-reconstruct/src")) {
+    let sources = Path::new(ROOT).join("crates/gs3-reconstruct/src");
+    for file in files_with(&sources, &["rs", "wgsl"]) {
         for (number, line) in fs::read_to_string(&file).expect("readable").lines().enumerate() {
             let code = line.split("//").next().unwrap_or_default();
             let mut names = code.split(|c: char| !(c.is_alphanumeric() || c == '_'));
@@ -97,13 +98,13 @@ fn reconstruction_never_names_a_gaussian() {
     assert!(checked > 500, "only {checked} lines found");
 }
 
-fn rust_files(folder: &Path) -> Vec<PathBuf> {
+fn files_with(folder: &Path, extensions: &[&str]) -> Vec<PathBuf> {
     let mut files = Vec::new();
     for entry in fs::read_dir(folder).expect("a folder") {
         let path = entry.expect("an entry").path();
         if path.is_dir() {
-            files.extend(rust_files(&path));
-        } else if path.extension().is_some_and(|e| e == "rs") {
+            files.extend(files_with(&path, extensions));
+        } else if path.extension().is_some_and(|e| extensions.iter().any(|extension| e == *extension)) {
             files.push(path);
         }
     }

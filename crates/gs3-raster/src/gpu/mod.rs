@@ -29,7 +29,7 @@ mod view;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use gs3_compute::{Arena, Gpu, GpuError, Limits, Recorder};
+use gs3_compute::{Arena, Gpu, GpuError, Limits, Recorder, Slice};
 use gs3_scene::{Camera, GBuffer, Image, Scene};
 
 use crate::settings::{Culling, Outputs, RasterSettings};
@@ -174,11 +174,26 @@ impl GpuRasterizer {
     /// # Errors
     /// [`GpuRasterError::Gpu`] if the device cannot hold what the frame needs, or fails.
     pub fn settle(&mut self) -> Result<Settled, GpuRasterError> {
+        let counters = self.gpu.read::<u8>(&self.counters())?;
+        self.settle_with(&counters)
+    }
+
+    /// Where the device counts what a frame needs. Read back after a frame, they settle it.
+    #[must_use]
+    pub fn counters(&self) -> Slice<'_> {
+        self.fixed.counters.slice()
+    }
+
+    /// As [`Self::settle`], by the bytes of [`Self::counters`] after the last submitted frame.
+    ///
+    /// # Errors
+    /// [`GpuRasterError::Gpu`] if the device cannot hold what the frame needs.
+    pub fn settle_with(&mut self, counters: &[u8]) -> Result<Settled, GpuRasterError> {
         let (Some(frame), Some(room)) = (&self.frame, self.room) else {
             return Ok(Settled::Complete { splats: 0, entries: 0 });
         };
-        let counters = self.gpu.read::<Counters>(&self.fixed.counters.slice())?;
-        let (splats, entries) = counters.first().map_or((0, 0), |c| (c.splats_found, c.most_entries));
+        let found = counters.get(..size_of::<Counters>()).map(bytemuck::pod_read_unaligned::<Counters>);
+        let (splats, entries) = found.map_or((0, 0), |c| (c.splats_found, c.most_entries));
         let rows = frame.plan.bands.first().map_or(1, |band| band.rows);
         match room.grown(&self.limits, rows, splats, entries)? {
             None => Ok(Settled::Complete { splats, entries }),

@@ -1,0 +1,57 @@
+//! Results on their way to the processor, in memory that stays.
+
+use crate::buffer::mapped;
+use crate::error::GpuError;
+use crate::gpu::Gpu;
+use crate::recorder::Submission;
+
+/// Memory that the processor reads, for results of one frame after the other: [`Recorder::read_back`] brings them there in
+/// the frame's own submission.
+///
+/// [`Recorder::read_back`]: crate::Recorder::read_back
+#[derive(Debug)]
+pub struct Readback {
+    pub(crate) staging: wgpu::Buffer,
+    bytes: u64,
+}
+
+impl Readback {
+    /// Memory of `bytes`, rounded up to a multiple of four.
+    ///
+    /// # Errors
+    /// [`GpuError`] if it is larger than the device takes or has room for.
+    pub fn new(gpu: &Gpu, bytes: u64) -> Result<Self, GpuError> {
+        let max = gpu.capabilities().limits.buffer_bytes;
+        if bytes > max {
+            return Err(GpuError::TooLarge { what: "bytes read back".to_owned(), max, actual: bytes });
+        }
+        let bytes = bytes.max(1).next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT);
+        let descriptor = wgpu::BufferDescriptor {
+            label: Some("readback"),
+            size: bytes,
+            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        };
+        let staging = gpu.checked("memory read back", bytes, || gpu.device.create_buffer(&descriptor))?;
+        Ok(Self { staging, bytes })
+    }
+
+    /// Its size.
+    #[must_use]
+    pub const fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// What `f` makes of all that `submission` brought here. It waits for it.
+    ///
+    /// # Errors
+    /// [`GpuError`] if the device fails.
+    pub fn read<R>(
+        &self,
+        gpu: &Gpu,
+        submission: &Submission,
+        f: impl FnOnce(&[u8]) -> R,
+    ) -> Result<R, GpuError> {
+        mapped(gpu, &self.staging, submission.0.clone(), f)
+    }
+}

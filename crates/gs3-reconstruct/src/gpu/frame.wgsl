@@ -1,0 +1,37 @@
+// What all kernels of super sampling know of a frame: beside FrameUniform in super_sample.rs, layouts compared by a test.
+
+// A remembered frame.
+struct Past {
+    // Rows of the homography from its HR pixels to the current ones, and the epipole (Reprojection).
+    rows: array<vec4<f32>, 3>,
+    // Of its samples, LR pixels.
+    jitter: vec2<f32>,
+    // Which part of the history holds it.
+    slot: u32,
+    _pad: u32,
+}
+
+struct Frame {
+    // HR pixels.
+    size: vec2<u32>,
+    // LR samples.
+    lr: vec2<u32>,
+    scale: u32,
+    // Remembered frames, the current one included.
+    frames: u32,
+    // HR position, pixel centres at whole numbers, to cell of four samples: times 1/scale, plus this.
+    cell_offset: vec2<f32>,
+    // Per phase of a pixel within an LR pixel: the sample at or before it, relative to the LR pixel, and the way to the next
+    // (Axis). Columns, then rows.
+    x_places: array<vec4<f32>, 8>,
+    y_places: array<vec4<f32>, 8>,
+    // By age; the first is the current frame.
+    past: array<Past, 64>,
+}
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+
+// The part of the history that the current frame is in.
+fn newest() -> u32 {
+    return frame.past[0].slot * frame.lr.x * frame.lr.y;
+}

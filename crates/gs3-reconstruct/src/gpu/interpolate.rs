@@ -1,0 +1,193 @@
+//! A frame between two reconstructed frames, without learning, on a GPU.
+
+use bytemuck::{Pod, Zeroable};
+use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Recorder, Use};
+use gs3_scene::Camera;
+
+use super::error::GpuReconstructError;
+use super::image::{GpuImage, GpuPlanes};
+use super::plan::InterpolatePlan;
+use super::shaders;
+use super::super_sample::rows;
+use crate::error::{ReconstructError, camera_size, check_jitter, check_scale, check_size};
+use crate::reprojection::Reprojection;
+use crate::warp::offset;
+
+/// `Neighbor` of `between.wgsl`.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct NeighborUniform {
+    to_middle: [[f32; 4]; 3],
+    from_middle: [[f32; 4]; 3],
+    jitter: [f32; 2],
+    _pad: [f32; 2],
+}
+
+/// `Between` of `between.wgsl`.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct BetweenUniform {
+    size: [u32; 2],
+    lr: [u32; 2],
+    scale: u32,
+    offset: u32,
+    t: f32,
+    _pad: u32,
+    neighbors: [NeighborUniform; 2],
+}
+
+/// A reconstructed frame in device memory beside the one to be interpolated.
+#[derive(Clone, Copy, Debug)]
+pub struct GpuNeighbor<'a> {
+    /// The HR frame.
+    pub image: &'a GpuImage,
+    /// The LR frame it was reconstructed from.
+    pub planes: GpuPlanes<'a>,
+}
+
+/// What a neighbour was seen by.
+#[derive(Clone, Copy, Debug)]
+pub struct NeighborView {
+    /// The HR camera.
+    pub camera: Camera,
+    /// Offset of the LR samples from the pixel centres, LR pixels.
+    pub jitter: [f32; 2],
+}
+
+/// Interpolates frames of one size between two neighbours in device memory: [`crate::Interpolator`]'s rules. Nothing is
+/// allocated after its making and binding.
+///
+/// Holes of the middle depth farther than 64 LR pixels from anything that is seen are infinitely far, where the CPU goes on
+/// to the end of the picture.
+pub struct GpuInterpolator {
+    gpu: Gpu,
+    scale: u32,
+    plan: InterpolatePlan,
+    buffers: Vec<(&'static str, Buffer)>,
+    look: Kernel,
+    fill: Kernel,
+    blend: Kernel,
+}
+
+/// Interpolation between two images into a third.
+#[derive(Clone, Debug)]
+pub struct BoundInterpolator {
+    uniform: Buffer,
+    look: Bound,
+    fill: Bound,
+    blend: Bound,
+}
+
+impl GpuInterpolator {
+    /// An interpolator for frames of `size`, width and height, `scale` (1 to [`crate::MAX_SCALE`]) times the size of their
+    /// G-buffers.
+    ///
+    /// # Errors
+    /// [`GpuReconstructError`] if `scale` is not supported, or the device has no room for the size.
+    pub fn new(gpu: &Gpu, scale: u32, size: [u32; 2]) -> Result<Self, GpuReconstructError> {
+        check_scale(scale)?;
+        let plan = InterpolatePlan::new(&gpu.capabilities().limits, size, scale)?;
+        let make = |(name, bytes): (&'static str, u64)| Ok((name, gpu.buffer(name, Use::Storage, bytes)?));
+        let buffers = plan.buffers().into_iter().map(make).collect::<Result<Vec<_>, GpuError>>()?;
+        let kernel =
+            |label: &str, source: String, entry: &str| gpu.module(label, &[&source])?.kernel(gpu, entry, &[]);
+        Ok(Self {
+            gpu: gpu.clone(),
+            scale,
+            plan,
+            buffers,
+            look: kernel("neighbor_depth", shaders::neighbor_depth(), "look")?,
+            fill: kernel("middle_depth", shaders::middle_depth(), "fill")?,
+            blend: kernel("warp", shaders::warp(), "blend")?,
+        })
+    }
+
+    /// Will interpolate between `before` and `after` into `out`.
+    ///
+    /// # Errors
+    /// [`GpuReconstructError`] if an image has another size, or the device refuses.
+    pub fn bind(
+        &self,
+        before: &GpuNeighbor<'_>,
+        after: &GpuNeighbor<'_>,
+        out: &GpuImage,
+    ) -> Result<BoundInterpolator, GpuReconstructError> {
+        let size = |[w, h]: [u32; 2]| (w as usize, h as usize);
+        for image in [before.image, after.image, out] {
+            check_size("neighbour image", size(self.plan.size), size(image.size()))?;
+        }
+        let uniform = self.gpu.buffer("between", Use::Uniform, size_of::<BetweenUniform>() as u64)?;
+        let mut all: Vec<_> = self.buffers.iter().map(|(name, buffer)| (*name, buffer.slice())).collect();
+        all.push(("between", uniform.slice()));
+        all.push(("before_median", before.planes.dx_median.slice()));
+        all.push(("after_median", after.planes.dx_median.slice()));
+        all.push(("before", before.image.pixels().slice()));
+        all.push(("after", after.image.pixels().slice()));
+        all.push(("result", out.pixels().slice()));
+        let (look, fill) = (self.look.bind(&self.gpu, &all)?, self.fill.bind(&self.gpu, &all)?);
+        let blend = self.blend.bind(&self.gpu, &all)?;
+        Ok(BoundInterpolator { uniform, look, fill, blend })
+    }
+
+    /// Records the interpolation of what `camera` sees at time `t` ∈ `[0, 1]` between `before` (0) and `after` (1), the
+    /// views of the images bound. What is bound together is recorded once in a submission at most.
+    ///
+    /// # Errors
+    /// [`GpuReconstructError`] if a size or jitter does not fit, `t` is outside, or the device is lost.
+    pub fn record(
+        &self,
+        recorder: &mut Recorder<'_>,
+        bound: &BoundInterpolator,
+        [before, after]: [&NeighborView; 2],
+        t: f32,
+        camera: &Camera,
+    ) -> Result<(), GpuReconstructError> {
+        if !(0.0..=1.0).contains(&t) {
+            return Err(ReconstructError::Time { actual: t }.into());
+        }
+        let size = (self.plan.size[0] as usize, self.plan.size[1] as usize);
+        for view in [before, after] {
+            check_size("neighbour camera", size, camera_size(&view.camera))?;
+            check_jitter(view.jitter)?;
+        }
+        check_size("camera", size, camera_size(camera))?;
+        let neighbor = |view: &NeighborView| NeighborUniform {
+            to_middle: rows(&Reprojection::new(&view.camera, camera)),
+            from_middle: rows(&Reprojection::new(camera, &view.camera)),
+            jitter: view.jitter,
+            _pad: [0.0; 2],
+        };
+        let uniform = BetweenUniform {
+            size: self.plan.size,
+            lr: self.plan.lr,
+            scale: self.scale,
+            offset: offset(self.scale as usize) as u32,
+            t,
+            _pad: 0,
+            neighbors: [neighbor(before), neighbor(after)],
+        };
+        self.gpu.write(&bound.uniform.slice(), &[uniform])?;
+        if let Some((_, splatted)) = self.buffers.iter().find(|(name, _)| *name == "splatted") {
+            recorder.clear(&splatted.slice());
+        }
+        recorder.stage("interpolate.depth");
+        recorder.dispatch(&bound.look, self.plan.over_neighbors());
+        recorder.dispatch(&bound.fill, self.plan.over_samples);
+        recorder.stage("interpolate.warp");
+        recorder.dispatch(&bound.blend, self.plan.over_pixels);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::assert_layout;
+
+    #[test]
+    fn layouts_are_those_of_the_shader() {
+        let source = include_str!("between.wgsl");
+        assert_layout!(source, Neighbor, NeighborUniform { to_middle, from_middle, jitter, _pad });
+        assert_layout!(source, Between, BetweenUniform { size, lr, scale, offset, t, _pad, neighbors });
+    }
+}

@@ -1,0 +1,45 @@
+// The depths of the frame between without holes; see middle_depth.rs. An invocation an LR pixel.
+//
+// The CPU fills holes ring by ring from their rims inwards, with the farthest depth beside. So a pixel that is k pixels
+// (along the longer axis) from the nearest that has a depth gets the farthest of those exactly k away: an invocation looks
+// at ever wider rings around its pixel until one has a depth.
+
+@group(0) @binding(1) var<storage, read> splatted: array<u32>;
+@group(0) @binding(2) var<storage, read_write> middle: array<f32>;
+
+// Where nothing is seen within so many LR pixels, everything is as far as can be. It bounds the work where next to nothing is
+// in view.
+const MOST_RINGS: i32 = 64;
+
+const NONE: f32 = 3.4e38;
+
+// The inverse depth at (x, y), NONE where there is none.
+fn splatted_at(x: i32, y: i32) -> f32 {
+    if x < 0 || x >= i32(between.lr.x) {
+        return NONE;
+    }
+    let bits = splatted[u32(y) * between.lr.x + u32(x)];
+    return select(NONE, bitcast<f32>(bits - 1u), bits > 0u);
+}
+
+@compute @workgroup_size(64, 4)
+fn fill(@builtin(global_invocation_id) id: vec3<u32>) {
+    if any(id.xy >= between.lr) {
+        return;
+    }
+    let at = vec2<i32>(id.xy);
+    let size = vec2<i32>(between.lr);
+    var far = splatted_at(at.x, at.y);
+    for (var ring = 1; far == NONE && ring <= MOST_RINGS; ring++) {
+        for (var y = max(at.y - ring, 0); y <= min(at.y + ring, size.y - 1); y++) {
+            if abs(y - at.y) < ring {
+                far = min(far, min(splatted_at(at.x - ring, y), splatted_at(at.x + ring, y)));
+                continue;
+            }
+            for (var x = max(at.x - ring, 0); x <= min(at.x + ring, size.x - 1); x++) {
+                far = min(far, splatted_at(x, y));
+            }
+        }
+    }
+    middle[id.y * between.lr.x + id.x] = select(far, 0.0, far == NONE);
+}

@@ -1,0 +1,37 @@
+//! Reconstruction on GPUs: the same frames as the CPU's, in device memory, through wgpu on any adapter.
+//!
+//! | stage | shaders beside the CPU's stems | what |
+//! |---|---|---|
+//! | samples | `samples`, `plausible` | the current LR frame into the history, and what it says about the past |
+//! | splat | `splat` | every remembered sample to where it is now, into the list of its pixel |
+//! | tile | `hermite`, `tile` | a workgroup a tile: lists in order, then samples over the surface, from workgroup memory |
+//! | depth | `neighbor_depth`, `middle_depth` | depths of both neighbours at the pose between, nearest wins, holes filled |
+//! | warp | `gather`, `warp` | an invocation four pixels: both neighbours, blended |
+//!
+//! No floats are added atomically and what comes in any order is put in order, so the same frames give the same bits on a
+//! device. Sizes follow from the picture alone (`plan`): whatever the motion, there is room. Images and colours of the
+//! history are halves, sums and positions are f32.
+
+mod error;
+mod image;
+mod interpolate;
+mod plan;
+mod shaders;
+mod super_sample;
+
+pub use error::GpuReconstructError;
+pub use image::{GpuImage, GpuPlanes};
+pub use interpolate::{BoundInterpolator, GpuInterpolator, GpuNeighbor, NeighborView};
+pub use super_sample::{BoundSuperSampler, GpuSuperSampler};
+
+/// Asserts that a struct of WGSL and one of Rust have the same members at the same offsets, and the same size.
+#[cfg(test)]
+macro_rules! assert_layout {
+    ($source:expr, $shader:ident, $rust:ident { $($member:ident),* $(,)? }) => {
+        let layout = gs3_compute::struct_layout("layout", &[$source], stringify!($shader)).unwrap();
+        let rust = vec![$((stringify!($member).to_owned(), std::mem::offset_of!($rust, $member) as u32)),*];
+        assert_eq!((rust, size_of::<$rust>() as u32), (layout.fields, layout.bytes));
+    };
+}
+#[cfg(test)]
+use assert_layout;

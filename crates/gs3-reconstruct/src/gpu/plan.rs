@@ -1,0 +1,238 @@
+//! All sizes of reconstruction on a GPU, from the picture and the device: pure functions.
+
+use gs3_compute::{GpuError, Limits};
+
+use crate::splat::{COLUMNS, ROWS};
+
+/// Bytes of a pixel of an image: four halves.
+pub const IMAGE_PIXEL_BYTES: u64 = 8;
+
+/// Sides of the workgroups whose invocations are LR samples.
+const SAMPLES: [u32; 2] = [64, 4];
+
+/// Pixels in a row that a workgroup of `warp.wgsl` makes, `PATCHES` patches, and its rows, `LINES`.
+const WARPED: [u32; 2] = [64, 16];
+
+/// Width of the pixels that a workgroup of `tile.wgsl` makes, those beside the tile included.
+pub const MADE_WIDTH: u32 = 32;
+
+/// Bytes that a sample takes in workgroup memory: its number, position, variance, colour and gradient.
+const STAGED_BYTES: u32 = 36;
+
+/// Bytes of a pixel in workgroup memory.
+const PIXEL_BYTES: u32 = 16;
+
+/// Sizes of super sampling.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SuperSamplePlan {
+    /// HR pixels.
+    pub size: [u32; 2],
+    /// LR samples.
+    pub lr: [u32; 2],
+    /// Frames remembered, the current one included.
+    pub frames: u32,
+    /// Rows of the pixels that a workgroup of `tile.wgsl` makes, those above and below the tile included.
+    pub made_height: u32,
+    /// Samples in its memory at a time.
+    pub capacity: u32,
+    /// Workgroups over LR samples; of one frame.
+    pub over_samples: [u32; 3],
+    /// Workgroups over tiles.
+    pub over_tiles: [u32; 3],
+}
+
+/// A buffer and its bytes.
+pub type NamedBytes = (&'static str, u64);
+
+fn low_resolution(size: [u32; 2], scale: u32) -> [u32; 2] {
+    size.map(|side| side.div_ceil(scale))
+}
+
+fn over(size: [u32; 2], groups: [u32; 2]) -> [u32; 3] {
+    [size[0].div_ceil(groups[0]), size[1].div_ceil(groups[1]), 1]
+}
+
+fn area(size: [u32; 2]) -> u64 {
+    u64::from(size[0]) * u64::from(size[1])
+}
+
+/// Whether everything fits bindings and dispatches.
+fn check(limits: &Limits, buffers: &[NamedBytes], dispatches: &[[u32; 3]]) -> Result<(), GpuError> {
+    let max = limits.binding_bytes.min(limits.buffer_bytes);
+    if let Some((name, actual)) = buffers.iter().find(|(_, bytes)| *bytes > max) {
+        return Err(GpuError::TooLarge { what: format!("bytes of buffer {name}"), max, actual: *actual });
+    }
+    let groups = dispatches.iter().flatten().copied().max().unwrap_or(0);
+    if groups > limits.workgroups {
+        let (max, actual) = (limits.workgroups.into(), groups.into());
+        return Err(GpuError::TooLarge { what: "workgroups of a frame".to_owned(), max, actual });
+    }
+    Ok(())
+}
+
+impl SuperSamplePlan {
+    /// The plan for frames of `size`, `scale` (1 to [`crate::MAX_SCALE`]) times their G-buffers.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] if the device cannot bind as much.
+    pub fn new(limits: &Limits, size: [u32; 2], scale: u32) -> Result<Self, GpuError> {
+        // Half as many rows where workgroups share little memory; every device has enough for them.
+        let room = |made_height: u32| {
+            let cells = (MADE_WIDTH + COLUMNS as u32 - 1) * (made_height + ROWS as u32 - 1);
+            let threads = MADE_WIDTH / 4 * made_height;
+            // Starts of cells, sums of invocations, and the two words of flags.
+            let bytes = limits.workgroup_bytes.saturating_sub((cells + 1 + threads + 2) * 4 + 64);
+            bytes / STAGED_BYTES
+        };
+        // At the end, the memory of the samples takes the pixels.
+        let fits = |made_height: u32| {
+            room(made_height) * (STAGED_BYTES - 4) >= MADE_WIDTH * made_height * PIXEL_BYTES
+                && MADE_WIDTH / 4 * made_height <= limits.workgroup_invocations
+        };
+        let made_height = if fits(32) { 32 } else { 16 };
+        let lr = low_resolution(size, scale);
+        let plan = Self {
+            size,
+            lr,
+            frames: scale * scale,
+            made_height,
+            // More than a tile's cells would not be needed often enough.
+            capacity: room(made_height).min(1024),
+            over_samples: over(lr, SAMPLES),
+            over_tiles: over(size, [MADE_WIDTH - 2, made_height - 2]),
+        };
+        check(limits, &plan.buffers(), &[plan.over_samples, plan.over_tiles, [plan.frames, 1, 1]])?;
+        Ok(plan)
+    }
+
+    /// Workgroups over the samples of `frames` frames.
+    pub fn over_history(&self, frames: u32) -> [u32; 3] {
+        let [x, y, _] = self.over_samples;
+        [x, y, frames]
+    }
+
+    /// The buffers that stay from frame to frame, and those between its kernels.
+    pub fn buffers(&self) -> [NamedBytes; 10] {
+        let (samples, remembered) = (area(self.lr), area(self.lr) * u64::from(self.frames));
+        let cells = [self.size[0] + COLUMNS as u32 - 1, self.size[1] + ROWS as u32 - 1];
+        [
+            ("samples_a", remembered * 8),
+            ("samples_b", remembered * 8),
+            ("samples_c", remembered * 8),
+            ("places", remembered * 8),
+            ("links", remembered * 8),
+            ("heads", area(cells) * 4),
+            ("mixed", samples * 8),
+            ("errors", samples * 4),
+            ("cells", samples * 32),
+            ("farthest", samples * 4),
+        ]
+    }
+}
+
+/// Sizes of interpolation.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct InterpolatePlan {
+    /// HR pixels.
+    pub size: [u32; 2],
+    /// LR samples.
+    pub lr: [u32; 2],
+    /// Workgroups over LR samples; of one neighbour.
+    pub over_samples: [u32; 3],
+    /// Workgroups over HR pixels.
+    pub over_pixels: [u32; 3],
+}
+
+impl InterpolatePlan {
+    /// The plan for frames of `size`, `scale` (1 to [`crate::MAX_SCALE`]) times their G-buffers.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] if the device cannot bind as much.
+    pub fn new(limits: &Limits, size: [u32; 2], scale: u32) -> Result<Self, GpuError> {
+        let lr = low_resolution(size, scale);
+        let plan = Self {
+            size,
+            lr,
+            over_samples: over(lr, SAMPLES),
+            // The first patches may begin up to three pixels before the image.
+            over_pixels: over(size.map(|side| side.saturating_add(3)), WARPED),
+        };
+        let image = ("image", area(size) * IMAGE_PIXEL_BYTES);
+        let all: Vec<_> = plan.buffers().into_iter().chain([image]).collect();
+        check(limits, &all, &[plan.over_samples, plan.over_pixels])?;
+        Ok(plan)
+    }
+
+    /// Workgroups over the samples of both neighbours.
+    pub fn over_neighbors(&self) -> [u32; 3] {
+        let [x, y, _] = self.over_samples;
+        [x, y, 2]
+    }
+
+    /// The buffers between its kernels.
+    pub fn buffers(&self) -> [NamedBytes; 3] {
+        let samples = area(self.lr);
+        [("ranges", samples * 16), ("splatted", samples * 4), ("middle", samples * 4)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn limits(binding_bytes: u64, workgroup_bytes: u32) -> Limits {
+        Limits {
+            buffer_bytes: 4 * binding_bytes,
+            binding_bytes,
+            storage_bindings: 8,
+            binding_alignment: 256,
+            workgroup_bytes,
+            workgroup_invocations: 256,
+            workgroups: 65_535,
+        }
+    }
+
+    const SIZES: [[u32; 2]; 6] = [[1, 1], [31, 29], [1920, 1080], [4096, 2160], [7680, 4320], [8192, 1]];
+
+    #[test]
+    fn every_size_fits_and_is_covered() {
+        for workgroup_bytes in [16 << 10, 32 << 10, 48 << 10] {
+            let limits = limits(1 << 30, workgroup_bytes);
+            for size in SIZES {
+                for scale in 1..=crate::MAX_SCALE {
+                    let plan = SuperSamplePlan::new(&limits, size, scale).unwrap();
+                    let tile = [MADE_WIDTH - 2, plan.made_height - 2];
+                    for k in 0..2 {
+                        assert!(plan.over_tiles[k] * tile[k] >= size[k]);
+                        assert!((plan.over_tiles[k] - 1) * tile[k] < size[k]);
+                        assert!(plan.over_samples[k] * SAMPLES[k] >= size[k].div_ceil(scale));
+                    }
+                    let cells = (MADE_WIDTH + 3) * (plan.made_height + 2) + 1;
+                    let threads = MADE_WIDTH / 4 * plan.made_height;
+                    let bytes = 4 * (cells + threads + 2) + STAGED_BYTES * plan.capacity;
+                    assert!(bytes <= workgroup_bytes, "{bytes} of {workgroup_bytes}");
+                    assert!(2 * plan.capacity >= MADE_WIDTH * plan.made_height, "room for the pixels");
+                    let plan = InterpolatePlan::new(&limits, size, scale).unwrap();
+                    // Patches begin at most three pixels before the image.
+                    assert!(plan.over_pixels[0] * WARPED[0] >= size[0] + 3);
+                    assert!(plan.over_pixels[1] * WARPED[1] >= size[1] + 3);
+                }
+            }
+        }
+        assert_eq!(SuperSamplePlan::new(&limits(1 << 30, 16 << 10), [64, 64], 4).unwrap().made_height, 16);
+    }
+
+    /// The smallest devices take 4096×2160; larger pictures they refuse with a word.
+    #[test]
+    fn the_smallest_devices_take_4k() {
+        let small = limits(128 << 20, 32 << 10);
+        assert!(SuperSamplePlan::new(&small, [4096, 2160], 4).is_ok());
+        assert!(InterpolatePlan::new(&small, [4096, 2160], 4).is_ok());
+        for refused in [
+            SuperSamplePlan::new(&small, [7680, 4320], 4).map(|_| ()),
+            InterpolatePlan::new(&small, [7680, 4320], 4).map(|_| ()),
+        ] {
+            assert!(matches!(refused, Err(GpuError::TooLarge { max: 134_217_728, .. })), "{refused:?}");
+        }
+    }
+}

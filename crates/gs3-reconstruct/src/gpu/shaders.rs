@@ -1,0 +1,146 @@
+//! The kernels' sources, put together: what kernels share is written once, and constants are those of the CPU's code.
+
+use super::plan::{MADE_WIDTH, SuperSamplePlan};
+use crate::{gather, neighbor_depth, plausible, reprojection, splat, tile, warp};
+
+const FRAME: &str = include_str!("frame.wgsl");
+const HISTORY: &str = include_str!("history.wgsl");
+const REPROJECTION: &str = include_str!("reprojection.wgsl");
+const BETWEEN: &str = include_str!("between.wgsl");
+
+fn constants(values: &[(&str, f32)]) -> String {
+    values.iter().map(|(name, value)| format!("const {name}: f32 = {value:e};\n")).collect()
+}
+
+fn counts(values: &[(&str, u32)]) -> String {
+    values.iter().map(|(name, value)| format!("const {name}: u32 = {value}u;\n")).collect()
+}
+
+fn reach() -> String {
+    counts(&[("COLUMNS", splat::COLUMNS as u32), ("ROWS", splat::ROWS as u32)])
+}
+
+fn joined(parts: &[&str]) -> String {
+    parts.concat()
+}
+
+/// The current frame into the history: entry `remember`.
+pub fn samples() -> String {
+    joined(&[FRAME, REPROJECTION, include_str!("samples.wgsl")])
+}
+
+/// Ranges of plausible colours: entry `find_ranges`.
+pub fn plausible() -> String {
+    let constants = constants(&[
+        ("DEPTH_TOLERANCE", plausible::DEPTH_TOLERANCE),
+        ("EXTRAPOLATION", plausible::EXTRAPOLATION),
+        ("MISMATCH", plausible::MISMATCH),
+        ("DRIFT", plausible::DRIFT),
+    ]);
+    joined(&[&constants, FRAME, REPROJECTION, include_str!("plausible.wgsl")])
+}
+
+/// Samples to where they are now: entry `land`.
+pub fn splat() -> String {
+    let constants = constants(&[
+        ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
+        ("HIDDEN", plausible::HIDDEN),
+        ("NOISE", splat::NOISE),
+        ("AGING", splat::AGING),
+        ("MAX_NOISE", splat::MAX_NOISE),
+    ]);
+    joined(&[&constants, &reach(), FRAME, REPROJECTION, include_str!("splat.wgsl")])
+}
+
+/// Samples to pixels: entry `accumulate`.
+pub fn tile(plan: &SuperSamplePlan) -> String {
+    let constants = constants(&[
+        ("NOISE", splat::NOISE),
+        ("SURFACE", tile::SURFACE),
+        ("EXACT", tile::EXACT),
+        ("CURVATURE", tile::CURVATURE),
+    ]);
+    let sizes =
+        counts(&[("MADE_WIDTH", MADE_WIDTH), ("MADE_HEIGHT", plan.made_height), ("CAPACITY", plan.capacity)]);
+    let own = [include_str!("hermite.wgsl"), include_str!("tile.wgsl")];
+    joined(&[&constants, &sizes, &reach(), FRAME, HISTORY, own[0], own[1]])
+}
+
+/// Neighbours' depths at the pose between: entry `look`.
+pub fn neighbor_depth() -> String {
+    let constants = constants(&[
+        ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
+        ("SAME_SURFACE", neighbor_depth::SAME_SURFACE),
+    ]);
+    joined(&[&constants, BETWEEN, REPROJECTION, include_str!("neighbor_depth.wgsl")])
+}
+
+/// Depths without holes: entry `fill`.
+pub fn middle_depth() -> String {
+    joined(&[BETWEEN, include_str!("middle_depth.wgsl")])
+}
+
+/// Neighbours to the frame between: entry `blend`.
+pub fn warp() -> String {
+    let constants = constants(&[
+        ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
+        ("SAME_SURFACE", neighbor_depth::SAME_SURFACE),
+        ("SILHOUETTE", neighbor_depth::SILHOUETTE),
+        ("UNSEEN", neighbor_depth::HIDDEN),
+        ("RIGID", warp::RIGID),
+        ("NEGLIGIBLE", warp::NEGLIGIBLE),
+    ]);
+    let bits = gather::PHASE_BITS;
+    let phases = format!("const PHASE_BITS: u32 = {bits}u;\nconst UNITS: i32 = {};\n", 1 << bits);
+    let own = [include_str!("gather.wgsl"), include_str!("warp.wgsl")];
+    joined(&[&constants, &phases, BETWEEN, REPROJECTION, own[0], own[1]])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gs3_compute::{Limits, validate};
+
+    /// What WebGPU guarantees.
+    const STORAGE_BINDINGS: usize = 8;
+
+    #[test]
+    fn every_shader_is_valid_and_runs_everywhere() {
+        let limits = |workgroup_bytes| Limits {
+            buffer_bytes: 1 << 30,
+            binding_bytes: 1 << 30,
+            storage_bindings: 8,
+            binding_alignment: 256,
+            workgroup_bytes,
+            workgroup_invocations: 256,
+            workgroups: 65_535,
+        };
+        let plan = |bytes| SuperSamplePlan::new(&limits(bytes), [64, 64], 4).unwrap();
+        let shaders = [
+            ("samples", samples()),
+            ("plausible", plausible()),
+            ("splat", splat()),
+            ("tile", tile(&plan(32 << 10))),
+            ("tile", tile(&plan(16 << 10))),
+            ("neighbor_depth", neighbor_depth()),
+            ("middle_depth", middle_depth()),
+            ("warp", warp()),
+        ];
+        for (label, source) in &shaders {
+            validate(label, &[source]).unwrap_or_else(|e| panic!("{label}: {e}"));
+            let bindings = source.matches("var<storage").count();
+            assert!(bindings <= STORAGE_BINDINGS, "{label}: {bindings} storage bindings");
+        }
+        // No file is forgotten.
+        let mut files = 0;
+        for entry in std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/src/gpu")).unwrap() {
+            let path = entry.unwrap().path();
+            if path.extension().is_some_and(|e| e == "wgsl") {
+                let text = std::fs::read_to_string(&path).unwrap();
+                assert!(shaders.iter().any(|(_, source)| source.contains(&text)), "{}", path.display());
+                files += 1;
+            }
+        }
+        assert_eq!(files, 13);
+    }
+}

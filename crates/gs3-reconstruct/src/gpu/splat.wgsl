@@ -1,0 +1,70 @@
+// Every remembered sample to where it is now; see splat.rs. An invocation a sample, all frames at once.
+//
+// A sample reaches four columns and three rows of pixels; the first of them is its cell, of which there are as many as HR
+// pixels and a rim. Samples of a cell form a list, in whatever order they come: tile.wgsl puts them in order. Nothing is
+// sorted, and whatever the motion, there is room for all.
+
+@group(0) @binding(1) var<storage, read> samples_a: array<vec2<u32>>;
+@group(0) @binding(2) var<storage, read> samples_b: array<vec2<u32>>;
+@group(0) @binding(3) var<storage, read> cells: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> farthest: array<f32>;
+// Numbers, from 1 on, of the last samples that came to each cell; 0 where none has.
+@group(0) @binding(5) var<storage, read_write> heads: array<atomic<u32>>;
+// HR positions, pixel centres at whole numbers.
+@group(0) @binding(6) var<storage, read_write> places: array<vec2<f32>>;
+// Variance of the prediction where the sample is, pixel⁴; number of the next sample of the cell.
+@group(0) @binding(7) var<storage, read_write> links: array<vec2<u32>>;
+
+// The variance, pixel⁴, that the current frame gives a sample of that colour seen now at `at` and inverse depth `w`. Outside,
+// the nearest cells decide.
+fn doubt(at: vec2<f32>, w: f32, color: vec3<f32>, age: f32) -> f32 {
+    let last = vec2<f32>(frame.lr - 1u);
+    let place = vec2<u32>(clamp(fma(at, vec2(1.0 / f32(frame.scale)), frame.cell_offset), vec2(0.0), last));
+    let i = place.y * frame.lr.x + place.x;
+    if w < farthest[i] {
+        return HIDDEN;
+    }
+    let middle = cells[2u * i];
+    let extent = cells[2u * i + 1u];
+    let outside = max(abs(color - middle.xyz) - extent.xyz, vec3(0.0));
+    return fma(dot(outside, outside), middle.w, extent.w * (age * age));
+}
+
+// The last samples come first: for tests that this does not show.
+override BACKWARD: bool = false;
+
+@compute @workgroup_size(64, 4)
+fn land(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
+    if any(id_in_order.xy >= frame.lr) {
+        return;
+    }
+    let at = select(id_in_order, vec3(frame.lr - 1u, frame.frames - 1u) - id_in_order, BACKWARD);
+    let past = frame.past[at.z];
+    let id = past.slot * frame.lr.x * frame.lr.y + at.y * frame.lr.x + at.x;
+    let from_own = (vec2<f32>(at.xy) + (0.5 + past.jitter)) * f32(frame.scale);
+    let a = samples_a[id];
+    let w = bitcast<f32>(a.x);
+    let seen = reproject(past.rows, from_own, w);
+    if !(seen.z > MIN_DIVISOR) {
+        return;
+    }
+    let moved = seen.xy - from_own;
+    let moved2 = dot(moved, moved);
+    let to = seen.xy - 0.5;
+    let color = vec3(unpack2x16float(a.y), unpack2x16float(samples_b[id].x).x);
+    let age = f32(at.z);
+    // What does not move keeps its exact value: only motion, 0 at rest and towards 1 for a pixel or more, makes age and
+    // doubt matter.
+    let motion = moved2 / (moved2 + 1.0);
+    let noise = fma(doubt(to, w / seen.z, color, age) + AGING * age, motion, NOISE);
+    let first = floor(vec2(to.x, to.y + 0.5)) - 1.0;
+    let size = vec2<f32>(frame.size);
+    let is_seen = noise <= MAX_NOISE && first.x > -f32(COLUMNS) && first.y > -f32(ROWS) && all(first < size);
+    if !is_seen {
+        return;
+    }
+    let cell = vec2<u32>(vec2<i32>(first) + vec2<i32>(i32(COLUMNS) - 1, i32(ROWS) - 1));
+    places[id] = to;
+    let head = cell.y * (frame.size.x + COLUMNS - 1u) + cell.x;
+    links[id] = vec2(bitcast<u32>(noise), atomicExchange(&heads[head], id + 1u));
+}

@@ -1,0 +1,283 @@
+//! Temporal super sampling without learning, on a GPU.
+
+use bytemuck::{Pod, Zeroable};
+use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Recorder, Slice, Use};
+use gs3_scene::Camera;
+
+use super::error::GpuReconstructError;
+use super::image::{GpuImage, GpuPlanes};
+use super::plan::SuperSamplePlan;
+use super::shaders;
+use crate::error::{camera_size, check_jitter, check_scale, check_size};
+use crate::lattice::Axis;
+use crate::reprojection::Reprojection;
+use crate::super_sample::ResetReason;
+
+/// Most frames in the history.
+const MAX_PAST: usize = (crate::MAX_SCALE * crate::MAX_SCALE) as usize;
+
+/// Phases of pixels within an LR pixel.
+const PHASES: usize = crate::MAX_SCALE as usize;
+
+/// `Past` of `frame.wgsl`.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct PastUniform {
+    rows: [[f32; 4]; 3],
+    jitter: [f32; 2],
+    slot: u32,
+    _pad: u32,
+}
+
+/// `Frame` of `frame.wgsl`.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct FrameUniform {
+    size: [u32; 2],
+    lr: [u32; 2],
+    scale: u32,
+    frames: u32,
+    cell_offset: [f32; 2],
+    x_places: [[f32; 4]; PHASES],
+    y_places: [[f32; 4]; PHASES],
+    past: [PastUniform; MAX_PAST],
+}
+
+/// A frame in the history.
+#[derive(Clone, Copy, Debug)]
+struct Past {
+    camera: Camera,
+    jitter: [f32; 2],
+    /// Which part of the history's buffers holds it.
+    slot: u32,
+}
+
+/// Rows of the homography, and the epipole, as kernels read them.
+pub(super) fn rows(reprojection: &Reprojection) -> [[f32; 4]; 3] {
+    let Reprojection { rows, epipole } = reprojection;
+    std::array::from_fn(|k| [rows[k][0], rows[k][1], rows[k][2], epipole[k]])
+}
+
+/// Super-samples a sequence of jittered LR frames of one size in device memory: [`crate::SuperSampler`]'s rules.
+///
+/// Memory: 44 B per LR pixel and remembered frame, that is per HR pixel; nothing is allocated after its making. Two
+/// submissions of the same frames give the same bits on a device.
+pub struct GpuSuperSampler {
+    gpu: Gpu,
+    scale: u32,
+    plan: SuperSamplePlan,
+    uniform: Buffer,
+    buffers: Vec<(&'static str, Buffer)>,
+    remember: Kernel,
+    find_ranges: Kernel,
+    land: Bound,
+    accumulate: Kernel,
+    /// The last frames, newest first.
+    past: Vec<Past>,
+    /// The one recorded last, until it is kept.
+    pending: Option<Past>,
+    invalid: Option<ResetReason>,
+}
+
+/// Super sampling from one G-buffer to one image.
+#[derive(Clone, Debug)]
+pub struct BoundSuperSampler {
+    remember: Bound,
+    find_ranges: Bound,
+    accumulate: Bound,
+}
+
+impl GpuSuperSampler {
+    /// A super sampler of `scale` (1 to [`crate::MAX_SCALE`]) for frames of `size`, width and height, without history.
+    ///
+    /// # Errors
+    /// [`GpuReconstructError`] if `scale` is not supported, or the device has no room for the size.
+    pub fn new(gpu: &Gpu, scale: u32, size: [u32; 2]) -> Result<Self, GpuReconstructError> {
+        Self::with_constants(gpu, scale, size, &[])
+    }
+
+    /// The same, to whose pixels the last samples come first. For tests.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    #[doc(hidden)]
+    pub fn backward(gpu: &Gpu, scale: u32, size: [u32; 2]) -> Result<Self, GpuReconstructError> {
+        Self::with_constants(gpu, scale, size, &[("BACKWARD", 1.0)])
+    }
+
+    fn with_constants(
+        gpu: &Gpu,
+        scale: u32,
+        size: [u32; 2],
+        landing: &[(&str, f64)],
+    ) -> Result<Self, GpuReconstructError> {
+        check_scale(scale)?;
+        let plan = SuperSamplePlan::new(&gpu.capabilities().limits, size, scale)?;
+        let make = |(name, bytes): (&'static str, u64)| Ok((name, gpu.buffer(name, Use::Storage, bytes)?));
+        let buffers = plan.buffers().into_iter().map(make).collect::<Result<Vec<_>, GpuError>>()?;
+        let uniform = gpu.buffer("frame", Use::Uniform, size_of::<FrameUniform>() as u64)?;
+        let kernel =
+            |label: &str, source: String, entry: &str| gpu.module(label, &[&source])?.kernel(gpu, entry, &[]);
+        let land = gpu.module("splat", &[&shaders::splat()])?.kernel(gpu, "land", landing)?;
+        let land = land.bind(gpu, &own_slices(&uniform, &buffers))?;
+        Ok(Self {
+            gpu: gpu.clone(),
+            scale,
+            uniform,
+            buffers,
+            remember: kernel("samples", shaders::samples(), "remember")?,
+            find_ranges: kernel("plausible", shaders::plausible(), "find_ranges")?,
+            land,
+            accumulate: kernel("tile", shaders::tile(&plan), "accumulate")?,
+            plan,
+            past: Vec::new(),
+            pending: None,
+            invalid: Some(ResetReason::FirstFrame),
+        })
+    }
+
+    /// Forgets the history. The next frame is reconstructed from itself alone.
+    pub fn reset(&mut self, reason: ResetReason) {
+        self.invalid = Some(reason);
+    }
+
+    /// Why the next frame will have no history, if it will have none.
+    #[must_use]
+    pub const fn history_invalid(&self) -> Option<ResetReason> {
+        self.invalid
+    }
+
+    /// Will read frames from `planes` and write them to `out`.
+    ///
+    /// # Errors
+    /// [`GpuReconstructError`] if `out` has another size, or the device refuses.
+    pub fn bind(
+        &self,
+        planes: &GpuPlanes<'_>,
+        out: &GpuImage,
+    ) -> Result<BoundSuperSampler, GpuReconstructError> {
+        let size = |[w, h]: [u32; 2]| (w as usize, h as usize);
+        check_size("image", size(self.plan.size), size(out.size()))?;
+        let mut all = own_slices(&self.uniform, &self.buffers);
+        all.push(("color_alpha", planes.color_alpha.slice()));
+        all.push(("dx_median", planes.dx_median.slice()));
+        all.push(("dy_expected", planes.dy_expected.slice()));
+        all.push(("image", out.pixels().slice()));
+        Ok(BoundSuperSampler {
+            remember: self.remember.bind(&self.gpu, &all)?,
+            find_ranges: self.find_ranges.bind(&self.gpu, &all)?,
+            accumulate: self.accumulate.bind(&self.gpu, &all)?,
+        })
+    }
+
+    /// Records the reconstruction of what `camera` sees from the G-buffer that `bound` reads, its LR frame sampled at
+    /// `jitter`, and the frames before. Once in a submission at most. The frame joins the history with [`Self::keep`];
+    /// recorded again before, it is made anew.
+    ///
+    /// # Errors
+    /// [`GpuReconstructError`] if the size of `camera` or the jitter does not fit, or the device is lost; the history is then
+    /// as before.
+    pub fn record(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        bound: &BoundSuperSampler,
+        camera: &Camera,
+        jitter: [f32; 2],
+    ) -> Result<(), GpuReconstructError> {
+        let size = (self.plan.size[0] as usize, self.plan.size[1] as usize);
+        check_size("camera", size, camera_size(camera))?;
+        check_jitter(jitter)?;
+        let history: &[Past] = if self.invalid.is_some() { &[] } else { &self.past };
+        let slots = self.plan.frames;
+        // The oldest makes room once all are taken.
+        let is_full = history.len() == slots as usize;
+        let (kept, free) = match history.split_last() {
+            Some((oldest, kept)) if is_full => (kept, oldest.slot),
+            _ => (history, first_free(history, slots)),
+        };
+        let current = Past { camera: *camera, jitter, slot: free };
+        let frames = kept.len() as u32 + 1;
+        let uniform = self.uniform_of(&current, kept);
+        self.gpu.write(&self.uniform.slice(), &[uniform])?;
+        recorder.stage("super_sample.samples");
+        recorder.dispatch(&bound.remember, self.plan.over_samples);
+        recorder.dispatch(&bound.find_ranges, self.plan.over_samples);
+        if let Some((_, heads)) = self.buffers.iter().find(|(name, _)| *name == "heads") {
+            recorder.clear(&heads.slice());
+        }
+        recorder.stage("super_sample.splat");
+        recorder.dispatch(&self.land, self.plan.over_history(frames));
+        recorder.stage("super_sample.tile");
+        recorder.dispatch(&bound.accumulate, self.plan.over_tiles);
+        self.pending = Some(current);
+        Ok(())
+    }
+
+    /// Takes the frame recorded last into the history.
+    pub fn keep(&mut self) {
+        let Some(newest) = self.pending.take() else { return };
+        if self.invalid.take().is_some() {
+            self.past.clear();
+        }
+        self.past.truncate(self.plan.frames as usize - 1);
+        self.past.insert(0, newest);
+    }
+
+    fn uniform_of(&self, current: &Past, kept: &[Past]) -> FrameUniform {
+        let places = |jitter: f32| {
+            let axis = Axis::new(self.scale, jitter);
+            let mut places = [[0.0; 4]; PHASES];
+            for (to, place) in places.iter_mut().zip(axis.phases()) {
+                *to = [place.index as f32, place.fraction, 0.0, 0.0];
+            }
+            places
+        };
+        let mut past = [PastUniform::zeroed(); MAX_PAST];
+        for (to, frame) in past.iter_mut().zip([current].into_iter().chain(kept)) {
+            let reprojection = Reprojection::new(&frame.camera, &current.camera);
+            *to = PastUniform { rows: rows(&reprojection), jitter: frame.jitter, slot: frame.slot, _pad: 0 };
+        }
+        FrameUniform {
+            size: self.plan.size,
+            lr: self.plan.lr,
+            scale: self.scale,
+            frames: kept.len() as u32 + 1,
+            // A position is given with pixel centres at whole numbers.
+            cell_offset: current.jitter.map(|j| 0.5 / self.scale as f32 - 0.5 - j),
+            x_places: places(current.jitter[0]),
+            y_places: places(current.jitter[1]),
+            past,
+        }
+    }
+}
+
+/// The sampler's buffers by the names that kernels have for them.
+fn own_slices<'a>(
+    uniform: &'a Buffer,
+    buffers: &'a [(&'static str, Buffer)],
+) -> Vec<(&'static str, Slice<'a>)> {
+    let storage = buffers.iter().map(|(name, buffer)| (*name, buffer.slice()));
+    storage.chain([("frame", uniform.slice())]).collect()
+}
+
+/// The first slot that no frame of `history` has.
+fn first_free(history: &[Past], slots: u32) -> u32 {
+    (0..slots).find(|slot| history.iter().all(|past| past.slot != *slot)).unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::assert_layout;
+
+    #[test]
+    fn layouts_are_those_of_the_shader() {
+        let source = include_str!("frame.wgsl");
+        assert_layout!(source, Past, PastUniform { rows, jitter, slot, _pad });
+        assert_layout!(
+            source,
+            Frame,
+            FrameUniform { size, lr, scale, frames, cell_offset, x_places, y_places, past }
+        );
+    }
+}

@@ -1,0 +1,292 @@
+//! Reconstruction on a GPU beside the CPU's: the same images within rounding, on whatever adapter is at hand.
+#![cfg(feature = "gpu")]
+#![allow(clippy::unwrap_used, reason = "test code outside of test functions")]
+
+mod common;
+
+use std::sync::OnceLock;
+
+use common::{Sheet, World, camera, grid_jitter, psnr, wall_and_post};
+use gs3_compute::{Buffer, Gpu, GpuError, GpuSettings, Use};
+use gs3_reconstruct::gpu::{
+    GpuImage, GpuInterpolator, GpuNeighbor, GpuPlanes, GpuReconstructError, GpuSuperSampler, NeighborView,
+};
+use gs3_reconstruct::{Interpolator, Neighbor, ReconstructError, ResetReason, SuperSampler};
+use gs3_scene::{Camera, GBuffer, Image, Planes};
+
+/// What halves leave of an image of values up to 1: an error of 2⁻¹² makes 72 dB.
+const FLOOR: f64 = 68.0;
+
+/// The adapter of this machine, or a word that there is none.
+fn gpu() -> Option<Gpu> {
+    static GPU: OnceLock<Option<Gpu>> = OnceLock::new();
+    let open = || match Gpu::new(&GpuSettings::default()) {
+        Ok(gpu) => Some(gpu),
+        Err(error) => {
+            eprintln!("skipped: no adapter: {error}");
+            None
+        }
+    };
+    GPU.get_or_init(open).clone()
+}
+
+/// An LR G-buffer in device memory.
+struct Uploaded([Buffer; 3]);
+
+impl Uploaded {
+    fn new(gpu: &Gpu, gbuffer: &GBuffer) -> Self {
+        let (gradients, geometry) = (gbuffer.gradients.as_ref().unwrap(), gbuffer.geometry.as_ref().unwrap());
+        let plane = |rgb: &Planes<3>, fourth: &Planes<1>| {
+            let [r, g, b] = [0, 1, 2].map(|c| rgb.plane(c));
+            let pixels: Vec<[f32; 4]> = (0..r.len()).map(|i| [r[i], g[i], b[i], fourth.data()[i]]).collect();
+            gpu.buffer_with("plane", Use::Storage, &pixels).unwrap()
+        };
+        Self([
+            plane(&gbuffer.color, &gbuffer.alpha),
+            plane(&gradients.color_dx, &geometry.depth_median),
+            plane(&gradients.color_dy, &geometry.depth_expected),
+        ])
+    }
+
+    fn planes(&self) -> GpuPlanes<'_> {
+        let [color_alpha, dx_median, dy_expected] = &self.0;
+        GpuPlanes { color_alpha, dx_median, dy_expected }
+    }
+}
+
+/// A super sampler that reads and writes as the CPU's does.
+struct Sampler {
+    gpu: Gpu,
+    size: [u32; 2],
+    sampler: GpuSuperSampler,
+}
+
+impl Sampler {
+    fn new(gpu: &Gpu, scale: u32, size: [u32; 2]) -> Self {
+        Self { gpu: gpu.clone(), size, sampler: GpuSuperSampler::new(gpu, scale, size).unwrap() }
+    }
+
+    fn super_sample(&mut self, camera: &Camera, gbuffer: &GBuffer) -> (Image, GpuImage) {
+        let (uploaded, to) =
+            (Uploaded::new(&self.gpu, gbuffer), GpuImage::new(&self.gpu, self.size).unwrap());
+        let bound = self.sampler.bind(&uploaded.planes(), &to).unwrap();
+        let mut recorder = self.gpu.recorder(None);
+        self.sampler.record(&mut recorder, &bound, camera, gbuffer.jitter).unwrap();
+        recorder.submit().unwrap();
+        self.sampler.keep();
+        let mut out = Image::default();
+        to.read(&self.gpu, &mut out).unwrap();
+        (out, to)
+    }
+}
+
+/// The mean error of the uncertainties, and the share of pixels that one of both calls exact and the other does not.
+fn uncertainty_errors(actual: &Image, expected: &Image) -> (f64, f64) {
+    let count = actual.pixels().len() as f64;
+    let pairs = || actual.pixels().iter().zip(expected.pixels());
+    let sum: f64 = pairs().map(|(a, e)| f64::from((a[3] - e[3]).abs())).sum();
+    (sum / count, pairs().filter(|(a, e)| (a[3] == 0.0) != (e[3] == 0.0)).count() as f64 / count)
+}
+
+/// A camera for each frame, and a name.
+type Motion = (&'static str, Box<dyn Fn(usize) -> Camera>);
+
+/// Camera motions, each of which meets something else.
+fn motions(size: [u32; 2]) -> Vec<Motion> {
+    let at = move |position: [f64; 3], yaw: f64, pitch: f64| camera(size[0], size[1], position, yaw, pitch);
+    vec![
+        ("rest", Box::new(move |_| at([0.1, 0.0, 0.0], 0.05, 0.0))),
+        ("drift", Box::new(move |k| at([0.02 * k as f64, 0.006 * k as f64, 0.004 * k as f64], 0.0, 0.0))),
+        (
+            "turn",
+            Box::new(move |k| at([0.0; 3], 0.5 * (0.06 * k as f64).sin(), -0.15 * (0.06 * k as f64).sin())),
+        ),
+        // Samples crowd, up to dozens in a pixel. Straight back, whole rows would land half-way between pixels, where rounding
+        // decides which they reach.
+        (
+            "flight back",
+            Box::new(move |k| at([0.0, 0.007 * k as f64, 2.0 - 0.5 * k as f64], 0.003 * k as f64, 0.0)),
+        ),
+        // Samples thin out, the post passes the camera and falls behind it; the wall does not.
+        (
+            "flight forward",
+            Box::new(move |k| {
+                at([0.05, 0.007 * k as f64, 5.0 - 5.0 * (-0.06 * k as f64).exp()], 0.003 * k as f64, 0.0)
+            }),
+        ),
+    ]
+}
+
+#[test]
+fn super_sampling_matches_the_cpu() {
+    let Some(gpu) = gpu() else { return };
+    let world = wall_and_post(60.0);
+    for (scale, size) in [(4, [230, 133]), (1, [67, 40]), (2, [101, 66]), (3, [64, 95]), (8, [90, 70])] {
+        for (name, pose) in motions(size) {
+            let mut cpu = SuperSampler::new(scale).unwrap();
+            let mut sampler = Sampler::new(&gpu, scale, size);
+            let (mut worst, mut expected) = (f64::INFINITY, Image::default());
+            let mut certain = (0.0, 0.0);
+            // Once around the history, and two more.
+            for k in 0..(scale * scale) as usize + 2 {
+                let gbuffer = world.gbuffer(&pose(k).low_resolution(scale), grid_jitter(scale, k));
+                cpu.super_sample(&pose(k), &gbuffer, &mut expected).unwrap();
+                let (actual, _) = sampler.super_sample(&pose(k), &gbuffer);
+                worst = worst.min(psnr(&actual, &expected));
+                certain = uncertainty_errors(&actual, &expected);
+            }
+            let what = format!("x{scale}, {name}: {worst:.1} dB at worst, uncertainty {certain:?}");
+            eprintln!("{what}");
+            assert!(worst >= FLOOR && certain.0 < 1e-3 && certain.1 < 0.01, "{what}");
+        }
+    }
+}
+
+/// Which sample came first to its pixel differs from run to run; the image must not.
+#[test]
+fn frames_repeat_bit_for_bit() {
+    let Some(gpu) = gpu() else { return };
+    let world = wall_and_post(60.0);
+    let size = [230, 133];
+    let pose = |k: usize| camera(size[0], size[1], [0.0, 0.0, 2.0 - 0.9 * k as f64], 0.0, 0.0);
+    let run = |sampler: GpuSuperSampler| {
+        let mut sampler = Sampler { gpu: gpu.clone(), size, sampler };
+        let frame =
+            |k| sampler.super_sample(&pose(k), &world.gbuffer(&pose(k).low_resolution(4), grid_jitter(4, k)));
+        (0..16).map(frame).map(|(image, _)| image).collect::<Vec<_>>()
+    };
+    let first = run(GpuSuperSampler::new(&gpu, 4, size).unwrap());
+    assert!(run(GpuSuperSampler::new(&gpu, 4, size).unwrap()) == first);
+    // Software adapters may run everything in order.
+    assert!(run(GpuSuperSampler::backward(&gpu, 4, size).unwrap()) == first);
+}
+
+/// Bare background is certain, and a resting camera's image becomes exact.
+#[test]
+fn background_is_certain() {
+    let Some(gpu) = gpu() else { return };
+    let mut world = wall_and_post(60.0);
+    world.sheets.pop();
+    world.sheets[0].softness = 5e-4;
+    let pose = camera(840, 136, [0.3, 0.0, 0.0], 0.05, 0.0);
+    let mut sampler = Sampler::new(&gpu, 4, [840, 136]);
+    let mut images: Vec<Image> = Vec::new();
+    for k in 0..16 {
+        let gbuffer = world.gbuffer(&pose.low_resolution(4), grid_jitter(4, k));
+        images.push(sampler.super_sample(&pose, &gbuffer).0);
+    }
+    let empty = images[0].pixels().iter().filter(|p| **p == [0.0; 4]).count();
+    assert!(empty > 840 * 136 / 4, "only {empty} pixels are certain to be empty");
+    assert!(images[15].pixels().iter().all(|p| p[3] == 0.0));
+    assert!(psnr(&images[15], &world.native(&pose)) > FLOOR);
+}
+
+/// History ends at a reset, and a frame that is not kept is no history.
+#[test]
+fn history_is_what_was_kept() {
+    let Some(gpu) = gpu() else { return };
+    let (world, other) = (wall_and_post(60.0), wall_and_post(35.0));
+    let size = [96, 64];
+    let pose = |k: usize| camera(size[0], size[1], [0.05 * k as f64, 0.0, 0.0], 0.0, 0.0);
+    let gbuffer = |world: &World, k: usize| world.gbuffer(&pose(k).low_resolution(4), grid_jitter(4, k));
+    let mut sampler = Sampler::new(&gpu, 4, size);
+    assert_eq!(sampler.sampler.history_invalid(), Some(ResetReason::FirstFrame));
+    for k in 0..3 {
+        sampler.super_sample(&pose(k), &gbuffer(&world, k));
+    }
+    assert_eq!(sampler.sampler.history_invalid(), None);
+
+    // A frame that lacked something, recorded and not kept, then made again.
+    let bad = Uploaded::new(&gpu, &gbuffer(&other, 3));
+    let image = GpuImage::new(&gpu, size).unwrap();
+    let bound = sampler.sampler.bind(&bad.planes(), &image).unwrap();
+    let mut recorder = gpu.recorder(None);
+    sampler.sampler.record(&mut recorder, &bound, &pose(3), grid_jitter(4, 3)).unwrap();
+    recorder.submit().unwrap();
+    let after = sampler.super_sample(&pose(3), &gbuffer(&world, 3)).0;
+    let mut straight = Sampler::new(&gpu, 4, size);
+    let expected = (0..4).map(|k| straight.super_sample(&pose(k), &gbuffer(&world, k)).0).last().unwrap();
+    assert!(after == expected);
+
+    sampler.sampler.reset(ResetReason::SceneChange);
+    assert_eq!(sampler.sampler.history_invalid(), Some(ResetReason::SceneChange));
+    let anew = sampler.super_sample(&pose(4), &gbuffer(&other, 4)).0;
+    let fresh = Sampler::new(&gpu, 4, size).super_sample(&pose(4), &gbuffer(&other, 4)).0;
+    assert!(anew == fresh);
+    let later = sampler.super_sample(&pose(5), &gbuffer(&other, 5)).0;
+    assert!(later != Sampler::new(&gpu, 4, size).super_sample(&pose(5), &gbuffer(&other, 5)).0);
+}
+
+#[test]
+fn interpolation_matches_the_cpu() {
+    let Some(gpu) = gpu() else { return };
+    // A post whose rim is soft, a wall that ends: holes within and at the border, and nothing beyond.
+    let mut world = wall_and_post(60.0);
+    world.sheets[1].half_width = 3.0;
+    world.sheets.push(Sheet { half_width: 9.0, softness: 0.1, ..Sheet::endless(14.0, 5, 20.0) });
+    for (scale, size) in [(4, [230, 133]), (1, [67, 40]), (2, [101, 66]), (3, [64, 95]), (8, [90, 70])] {
+        for (name, pose) in motions(size) {
+            let cameras = [pose(2), pose(3)];
+            let gbuffers =
+                [0, 1].map(|k| world.gbuffer(&cameras[k].low_resolution(scale), grid_jitter(scale, k)));
+            let mut images = [0, 1].map(|_| Image::default());
+            let on_device = [0, 1].map(|k| {
+                let (image, on_device) =
+                    Sampler::new(&gpu, scale, size).super_sample(&cameras[k], &gbuffers[k]);
+                images[k] = image;
+                on_device
+            });
+            let uploaded = [0, 1].map(|k| Uploaded::new(&gpu, &gbuffers[k]));
+            let mut cpu = Interpolator::new(scale).unwrap();
+            let interpolator = GpuInterpolator::new(&gpu, scale, size).unwrap();
+            let neighbor =
+                |k: usize| Neighbor { camera: &cameras[k], image: &images[k], gbuffer: &gbuffers[k] };
+            let on_gpu = |k: usize| GpuNeighbor { image: &on_device[k], planes: uploaded[k].planes() };
+            let view = |k: usize| NeighborView { camera: cameras[k], jitter: gbuffers[k].jitter };
+            for t in [0.25, 0.5] {
+                let at = gs3_scene::camera_path::pose_between(&cameras[0], &cameras[1], f64::from(t));
+                let (mut expected, mut actual) = (Image::default(), Image::default());
+                cpu.interpolate(neighbor(0), neighbor(1), t, &at, &mut expected).unwrap();
+                let out = GpuImage::new(&gpu, size).unwrap();
+                let bound = interpolator.bind(&on_gpu(0), &on_gpu(1), &out).unwrap();
+                let mut recorder = gpu.recorder(None);
+                interpolator.record(&mut recorder, &bound, [&view(0), &view(1)], t, &at).unwrap();
+                recorder.submit().unwrap();
+                out.read(&gpu, &mut actual).unwrap();
+                let what = format!("x{scale}, {name} at {t}: {:.1} dB", psnr(&actual, &expected));
+                eprintln!("{what}");
+                assert!(psnr(&actual, &expected) >= FLOOR, "{what}");
+            }
+        }
+    }
+}
+
+#[test]
+fn what_does_not_fit_is_a_typed_error() {
+    let Some(gpu) = gpu() else { return };
+    let scale = GpuSuperSampler::new(&gpu, 9, [64, 64]).map(|_| ());
+    assert_eq!(scale, Err(ReconstructError::Scale { actual: 9 }.into()));
+    let large = GpuSuperSampler::new(&gpu, 1, [1 << 16, 1 << 16]).map(|_| ());
+    assert!(matches!(large, Err(GpuReconstructError::Gpu(GpuError::TooLarge { .. }))), "{large:?}");
+    let mut sampler = GpuSuperSampler::new(&gpu, 4, [64, 64]).unwrap();
+    let pose = camera(64, 64, [0.0; 3], 0.0, 0.0);
+    let uploaded = Uploaded::new(&gpu, &wall_and_post(60.0).gbuffer(&pose.low_resolution(4), [0.0; 2]));
+    let small = GpuImage::new(&gpu, [60, 64]).unwrap();
+    let size = ReconstructError::Size { what: "image", expected: (64, 64), actual: (60, 64) };
+    assert_eq!(sampler.bind(&uploaded.planes(), &small).map(|_| ()), Err(size.into()));
+    let bound = sampler.bind(&uploaded.planes(), &GpuImage::new(&gpu, [64, 64]).unwrap()).unwrap();
+    let mut recorder = gpu.recorder(None);
+    let other = camera(60, 64, [0.0; 3], 0.0, 0.0);
+    let size = ReconstructError::Size { what: "camera", expected: (64, 64), actual: (60, 64) };
+    assert_eq!(sampler.record(&mut recorder, &bound, &other, [0.0; 2]), Err(size.into()));
+    let jitter = sampler.record(&mut recorder, &bound, &pose, [f32::NAN, 0.0]);
+    assert!(matches!(jitter, Err(GpuReconstructError::Reconstruct(ReconstructError::Jitter { .. }))));
+    let interpolator = GpuInterpolator::new(&gpu, 4, [64, 64]).unwrap();
+    let image = GpuImage::new(&gpu, [64, 64]).unwrap();
+    let neighbor = GpuNeighbor { image: &image, planes: uploaded.planes() };
+    let out = GpuImage::new(&gpu, [64, 64]).unwrap();
+    let bound = interpolator.bind(&neighbor, &neighbor, &out).unwrap();
+    let view = NeighborView { camera: pose, jitter: [0.0; 2] };
+    let late = interpolator.record(&mut recorder, &bound, [&view, &view], 1.5, &pose);
+    assert_eq!(late, Err(ReconstructError::Time { actual: 1.5 }.into()));
+}

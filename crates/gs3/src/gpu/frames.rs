@@ -1,0 +1,187 @@
+//! The frame on a device, read top to bottom.
+
+use gs3_compute::{Gpu, GpuError, Submission, Timings};
+use gs3_raster::{GpuRasterizer, RasterSettings, Settled};
+use gs3_reconstruct::ResetReason;
+use gs3_reconstruct::gpu::{GpuReconstructError, NeighborView};
+use gs3_scene::{Camera, GBuffer, Image};
+
+use super::sized::Sized;
+use crate::cut::Lattice;
+use crate::frame::PipelineError;
+use crate::settings::PipelineSettings;
+
+/// A frame to be made.
+#[derive(Clone, Copy, Debug)]
+pub struct GpuRequest<'a> {
+    /// What sees it.
+    pub camera: &'a Camera,
+    /// How its low-resolution frame is rasterized.
+    pub raster: &'a RasterSettings,
+    /// Moments and cameras of the frames between the last one and this one; none where nothing is wanted between.
+    pub between: &'a [(f64, Camera)],
+}
+
+/// What comes back to the processor with a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Take {
+    /// Nothing: what is shown is shown by the device.
+    Nothing,
+    /// The frame and those between.
+    Shown,
+}
+
+/// Makes the frames of one pipeline on a device: all memory stays from frame to frame, and a frame is one submission.
+pub struct GpuFrames {
+    gpu: Gpu,
+    settings: PipelineSettings,
+    sized: Option<Sized>,
+    /// Why the next frame starts without history, if it does.
+    invalid: Option<ResetReason>,
+    /// The view of the frame submitted last, until it is kept.
+    pending: Option<NeighborView>,
+}
+
+/// What [`GpuFrames::render`] tells of a frame.
+pub(crate) struct Rendered {
+    /// Images between it and the last one.
+    pub between: usize,
+    pub lattice: Lattice,
+    pub submission: Submission,
+}
+
+impl GpuFrames {
+    /// Frames on `gpu` as `settings` want them, without networks. Memory comes with the first frames.
+    #[must_use]
+    pub fn new(gpu: &Gpu, settings: &PipelineSettings) -> Self {
+        let (gpu, settings) = (gpu.clone(), *settings);
+        Self { gpu, settings, sized: None, invalid: Some(ResetReason::FirstFrame), pending: None }
+    }
+
+    /// Forgets the frames before: the next one starts anew.
+    pub fn reset(&mut self, reason: ResetReason) {
+        self.invalid = Some(reason);
+    }
+
+    /// Submits the frame that `request` asks for; `rasterizer` is that of its scene on the same device. It becomes the last
+    /// frame with [`Self::keep`]; submitted again before, it is made anew, as [`GpuRasterizer::settle`] may want it.
+    ///
+    /// # Errors
+    /// [`PipelineError`] if a setting is out of range, or the device has no room or fails. The history is then as before.
+    pub fn submit(
+        &mut self,
+        rasterizer: &mut GpuRasterizer,
+        request: &GpuRequest<'_>,
+        take: Take,
+        timings: Option<&mut Timings>,
+    ) -> Result<Submission, PipelineError> {
+        let GpuRequest { camera, raster, between } = *request;
+        let Self { gpu, settings, sized, invalid, pending } = self;
+        let size = [camera.width(), camera.height()];
+        if sized.as_ref().is_some_and(|sized| sized.size != size) {
+            *sized = None;
+            *invalid = Some(ResetReason::SizeOrTierChange);
+        }
+        let sized = match sized {
+            Some(sized) => sized,
+            none => none.insert(Sized::new(gpu, settings, size, rasterizer.counters().bytes())?),
+        };
+        let (last, current) = (sized.newest, 1 - sized.newest);
+        let view = NeighborView { camera: *camera, jitter: raster.jitter };
+        let mut recorder = gpu.recorder(timings);
+
+        // Gaussians to the low-resolution G-buffer.
+        let lr_camera = camera.low_resolution(settings.scale);
+        rasterizer.record(&mut recorder, &lr_camera, raster, &mut sized.sides[current].gbuffer)?;
+
+        // G-buffer and history to the frame.
+        if let Some(reason) = *invalid {
+            sized.super_sampler.reset(reason);
+        }
+        sized.record_super_sampling(&mut recorder, current, &view)?;
+
+        // The last frame and this one to those between.
+        let last_view = sized.sides[last].view.filter(|_| invalid.is_none());
+        let between = if last_view.is_some() { between } else { &[] };
+        if let Some(last_view) = last_view {
+            sized.record_between(&mut recorder, current, [&last_view, &view], between)?;
+        }
+
+        if take == Take::Shown {
+            sized.record_readback(&mut recorder, &rasterizer.counters(), current, between.len());
+        }
+        *pending = Some(view);
+        Ok(recorder.submit()?)
+    }
+
+    /// Makes the frame submitted last the last frame.
+    pub fn keep(&mut self) {
+        let (Some(sized), Some(view)) = (&mut self.sized, self.pending.take()) else { return };
+        sized.super_sampler.keep();
+        sized.newest = 1 - sized.newest;
+        sized.sides[sized.newest].view = Some(view);
+        self.invalid = None;
+    }
+
+    /// Makes the frame that `request` asks for, as often as it takes until all of it had room, and reads it back into `out`
+    /// and the frames between into `between`.
+    pub(crate) fn render(
+        &mut self,
+        rasterizer: &mut GpuRasterizer,
+        request: &GpuRequest<'_>,
+        mut timings: Option<&mut Timings>,
+        out: &mut Image,
+        between: &mut [Image],
+    ) -> Result<Rendered, PipelineError> {
+        loop {
+            let submission = self.submit(rasterizer, request, Take::Shown, timings.as_deref_mut())?;
+            let has_last = self.invalid.is_none();
+            let Some(sized) = &self.sized else { return Err(no_memory().into()) };
+            let current = 1 - sized.newest;
+            let count = if has_last { request.between.len().min(between.len()) } else { 0 };
+            let read = sized.readback.read(&self.gpu, &submission, |bytes| {
+                let settled = rasterizer.settle_with(sized.places.counters_of(bytes));
+                if let Ok(Settled::Complete { .. }) = settled {
+                    sized.sides[current].image.decode(sized.places.image_of(bytes), out);
+                    for (k, image) in between.iter_mut().take(count).enumerate() {
+                        sized.sides[current].image.decode(sized.places.between_of(bytes, k), image);
+                    }
+                }
+                (settled, sized.places.lattice_of(bytes))
+            });
+            let (settled, lattice) = read?;
+            if let Settled::Complete { .. } = settled? {
+                self.keep();
+                return Ok(Rendered { between: count, lattice, submission });
+            }
+        }
+    }
+
+    /// Reads the low-resolution G-buffer of the last frame back into `out`; nothing before the first frame.
+    pub(crate) fn read_gbuffer(&self, out: &mut GBuffer) -> Result<(), PipelineError> {
+        match &self.sized {
+            Some(sized) => Ok(sized.sides[sized.newest].gbuffer.read(&self.gpu, out)?),
+            None => Ok(()),
+        }
+    }
+}
+
+/// There is always memory for a frame that was submitted.
+fn no_memory() -> GpuError {
+    GpuError::Refused { what: "a frame".to_owned(), message: "expected its memory, found none".to_owned() }
+}
+
+impl From<GpuReconstructError> for PipelineError {
+    fn from(error: GpuReconstructError) -> Self {
+        match error {
+            GpuReconstructError::Reconstruct(error) => error.into(),
+            GpuReconstructError::Gpu(error) => error.into(),
+        }
+    }
+}
+
+impl From<GpuError> for PipelineError {
+    fn from(error: GpuError) -> Self {
+        Self::Gpu(error.into())
+    }
+}

@@ -1,0 +1,8 @@
+//! The frame on a GPU: rasterized, super-sampled and interpolated in one submission; only what is shown comes back.
+
+mod device;
+mod frames;
+mod sized;
+
+pub(crate) use device::Device;
+pub use frames::{GpuFrames, GpuRequest, Take};

@@ -1,0 +1,191 @@
+//! Whole frames on a GPU beside those of the CPU, on whatever adapter is at hand.
+#![cfg(feature = "gpu")]
+#![allow(clippy::unwrap_used, reason = "a failed helper is a failed test")]
+
+use std::path::Path;
+use std::sync::{Arc, OnceLock};
+
+use gs3::compute::{Gpu, GpuSettings};
+use gs3::reconstruct::{Interpolator, Neighbor, SuperSampler};
+use gs3::scene::camera_path::{CameraPath, pose_between};
+use gs3::scene::{Camera, GBuffer, Image, Scene, capture, demo};
+use gs3::{FramePipeline, Mode, PipelineSettings, ResetReason, Stage};
+
+const SHARED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared");
+
+/// The adapter of this machine, or a word that there is none.
+fn gpu() -> Option<Gpu> {
+    static GPU: OnceLock<Option<Gpu>> = OnceLock::new();
+    let open = || match Gpu::new(&GpuSettings::default()) {
+        Ok(gpu) => Some(gpu),
+        Err(error) => {
+            eprintln!("skipped: no adapter: {error}");
+            None
+        }
+    };
+    GPU.get_or_init(open).clone()
+}
+
+/// The demo, and a trained scene where it is at hand.
+fn scenes(width: u32, height: u32) -> Vec<(&'static str, Arc<Scene>, CameraPath)> {
+    let demo = ("demo", Arc::new(demo::scene().unwrap()), demo::path().resized(width, height).unwrap());
+    let file = Path::new(SHARED).join("scenes/playbot");
+    let path = Path::new(SHARED).join("paths/playbot_orbit.json");
+    if !(file.exists() && path.exists()) {
+        eprintln!("skipped: {} is absent", file.display());
+        return vec![demo];
+    }
+    let path = capture::load(&path).unwrap().resized(width, height).unwrap();
+    vec![demo, ("playbot", Arc::new(gs3::open(&file).unwrap()), path)]
+}
+
+fn pipeline(gpu: Option<&Gpu>, scene: &Arc<Scene>, mode: Mode, generate: u32) -> FramePipeline {
+    let settings = PipelineSettings { mode, generate, ..Default::default() };
+    let mut pipeline = FramePipeline::new(Arc::clone(scene), settings).unwrap();
+    if let Some(gpu) = gpu {
+        pipeline.render_on(gpu).unwrap();
+    }
+    pipeline
+}
+
+fn psnr(a: &Image, b: &Image) -> f64 {
+    assert_eq!((a.width(), a.height()), (b.width(), b.height()));
+    let pairs = a.pixels().iter().zip(b.pixels());
+    let squares = pairs.flat_map(|(a, b)| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)));
+    let mse = squares.sum::<f64>() / (3 * a.pixels().len()) as f64;
+    -10.0 * mse.max(1e-12).log10()
+}
+
+/// The same frames, reconstructed by the processor from the device's G-buffers.
+struct Reference {
+    sampler: SuperSampler,
+    interpolator: Interpolator,
+    last: Option<(Camera, GBuffer, Image)>,
+}
+
+impl Reference {
+    fn render(&mut self, camera: &Camera, gbuffer: &GBuffer, times: &[f64]) -> Vec<Image> {
+        let mut image = Image::default();
+        self.sampler.super_sample(camera, gbuffer, &mut image).unwrap();
+        let mut shown = Vec::new();
+        if let Some((last, last_gbuffer, last_image)) = &self.last {
+            for t in times {
+                let before = Neighbor { camera: last, image: last_image, gbuffer: last_gbuffer };
+                let after = Neighbor { camera, image: &image, gbuffer };
+                let at = pose_between(last, camera, *t);
+                let mut between = Image::default();
+                self.interpolator.interpolate(before, after, *t as f32, &at, &mut between).unwrap();
+                shown.push(between);
+            }
+        }
+        shown.push(image.clone());
+        self.last = Some((*camera, gbuffer.clone(), image));
+        shown
+    }
+}
+
+/// Of the same G-buffers, every frame shown is the CPU's but for rounding, over more frames than the history holds.
+#[test]
+fn frames_of_a_moving_camera_match_the_cpu() {
+    let Some(gpu) = gpu() else { return };
+    for (name, scene, path) in scenes(298, 170) {
+        let mut frames = pipeline(Some(&gpu), &scene, Mode::Full, 2);
+        let mut reference = Reference {
+            sampler: SuperSampler::new(4).unwrap(),
+            interpolator: Interpolator::new(4).unwrap(),
+            last: None,
+        };
+        let (mut rendered, mut between) = (f64::INFINITY, f64::INFINITY);
+        for camera in &path.cameras()[..18] {
+            let shown: Vec<Image> = frames.render(camera, &[]).unwrap().iter().cloned().collect();
+            frames.fetch_gbuffer().unwrap();
+            let expected = reference.render(camera, frames.gbuffer(), &[1.0 / 3.0, 2.0 / 3.0]);
+            assert_eq!(shown.len(), expected.len());
+            let last = expected.len() - 1;
+            rendered = rendered.min(psnr(&shown[last], &expected[last]));
+            let others = shown.iter().zip(&expected).take(last);
+            between = others.fold(between, |least, (a, e)| least.min(psnr(a, e)));
+        }
+        let what = format!("{name}: rendered {rendered:.1} dB at worst, between {between:.1} dB");
+        eprintln!("{what}");
+        assert!(rendered >= 60.0 && between >= 60.0, "{what}");
+        let times = frames.times();
+        assert!(Stage::ALL.iter().all(|stage| times.get(*stage).is_some()), "{times:?}");
+    }
+}
+
+/// All of it, rasterization included: what the packed scene's rounding leaves.
+#[test]
+fn whole_frames_match_the_cpu_pipeline() {
+    let Some(gpu) = gpu() else { return };
+    for (name, scene, path) in scenes(256, 144) {
+        let [mut on_gpu, mut on_cpu] = [Some(&gpu), None].map(|gpu| pipeline(gpu, &scene, Mode::Full, 1));
+        let mut worst = f64::INFINITY;
+        for camera in &path.cameras()[..5] {
+            let expected: Vec<Image> = on_cpu.render(camera, &[]).unwrap().iter().cloned().collect();
+            let shown = on_gpu.render(camera, &[]).unwrap();
+            assert_eq!(shown.iter().count(), expected.len());
+            worst = shown.iter().zip(&expected).fold(worst, |least, (a, e)| least.min(psnr(a, e)));
+        }
+        eprintln!("{name}: {worst:.1} dB at worst");
+        assert!(worst >= 50.0, "{name}: {worst:.1} dB");
+    }
+}
+
+#[test]
+fn a_resting_camera_becomes_native() {
+    let Some(gpu) = gpu() else { return };
+    let (_, scene, path) = scenes(256, 144).remove(0);
+    let camera = path.cameras()[17];
+    let native = pipeline(None, &scene, Mode::Native, 1).render(&camera, &[]).unwrap().current.clone();
+    let mut resting = pipeline(Some(&gpu), &scene, Mode::SuperSample, 1);
+    let first = psnr(resting.render(&camera, &[]).unwrap().current, &native);
+    for _ in 1..16 {
+        resting.render(&camera, &[]).unwrap();
+    }
+    let last = psnr(resting.render(&camera, &[]).unwrap().current, &native);
+    assert!(last >= 50.0 && last > first + 15.0, "{first} dB, then {last} dB");
+}
+
+#[test]
+fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
+    let Some(gpu) = gpu() else { return };
+    let (_, scene, path) = scenes(256, 144).remove(0);
+    let on_gpu = |mode| pipeline(Some(&gpu), &scene, mode, 1);
+    let fresh = |camera: &Camera| on_gpu(Mode::SuperSample).render(camera, &[]).unwrap().current.clone();
+    let (near, next) = (path.cameras()[0], path.cameras()[1]);
+    let turned = {
+        let pose = glam::DAffine3::from_rotation_y(std::f64::consts::PI) * near.view_from_world();
+        Camera::new(pose, near.intrinsics()).unwrap()
+    };
+    let mut p = on_gpu(Mode::Full);
+    p.render(&near, &[]).unwrap();
+    let shown = p.render(&turned, &[]).unwrap();
+    assert!(shown.current == &fresh(&turned));
+    assert!(shown.between[0] == Some(&fresh(&near)), "the previous frame is held over a cut");
+
+    let with_history = |reset: Option<ResetReason>| {
+        let mut p = on_gpu(Mode::SuperSample);
+        p.render(&near, &[]).unwrap();
+        if let Some(reason) = reset {
+            p.reset(reason);
+        }
+        p.render(&next, &[]).unwrap().current.clone()
+    };
+    let anew = fresh(&next);
+    assert!(with_history(None) != anew, "a small motion keeps the history");
+    assert!(with_history(Some(ResetReason::SceneChange)) == anew);
+
+    let larger = next.resized(261, 147).unwrap();
+    let mut p = on_gpu(Mode::Full);
+    p.render(&near, &[]).unwrap();
+    let shown = p.render(&larger, &[]).unwrap();
+    assert!(shown.between == [None; 3] && shown.current == &fresh(&larger));
+    // And back: what was there before the larger frame is no history either.
+    let shown = p.render(&next, &[]).unwrap();
+    assert!(shown.between == [None; 3] && shown.current == &anew);
+
+    p.render(&near, &[]).unwrap();
+    p.set_scene(Arc::clone(&scene)).unwrap();
+    assert!(p.render(&next, &[]).unwrap().current == &anew);
+}
