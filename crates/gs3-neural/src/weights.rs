@@ -41,12 +41,27 @@ impl Weights {
         let mut random = Random::new(seed);
         let mut arrays = Arrays::new();
         for layer in graph.layers() {
-            let (Op::Conv2d(conv), [input]) = (&layer.op, &layer.inputs[..]) else { continue };
+            let [input] = layer.inputs[..] else { continue };
+            let channels = graph.channels(input);
+            let Op::Conv2d(conv) = &layer.op else {
+                // Where their publications start: a quarter for slopes, nothing changed by normalisation.
+                for (kind, shape) in layer.op.parameters(channels) {
+                    let start = match (&layer.op, kind) {
+                        (Op::Prelu, _) => 0.25,
+                        (_, "weight") => 1.0,
+                        _ => 0.0,
+                    };
+                    let mut array = Array::zeros(&shape);
+                    array.values_mut().fill(start);
+                    arrays.insert(format!("{}.{kind}", layer.name), array);
+                }
+                continue;
+            };
             let gain = match conv.activation {
                 Activation::Identity | Activation::Sigmoid | Activation::Tanh => 1.0,
                 _ => 2.0,
             };
-            let shape = [conv.outputs, graph.channels(*input), conv.kernel, conv.kernel];
+            let shape = [conv.outputs, channels, conv.kernel, conv.kernel];
             let fan_in = (shape[1] * shape[2] * shape[3]) as f32;
             // A uniform number in ±b has variance b² / 3.
             let bound = (3.0 * gain / fan_in).sqrt();

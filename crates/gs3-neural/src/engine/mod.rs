@@ -8,6 +8,7 @@
 
 pub(crate) mod block;
 pub(crate) mod conv;
+pub(crate) mod learned;
 pub(crate) mod math;
 pub(crate) mod ops;
 pub(crate) mod plan;
@@ -89,6 +90,9 @@ impl Engine {
                     ops::import(image, *factor, border, &step.out, out);
                 }
                 Kind::Convolution(convolution) => convolution.run(self.level, sources, &step.out, out),
+                Kind::Learned(learned) => {
+                    learned.run(self.level, border, sources, &step.inputs[0], &step.out, out);
+                }
                 Kind::Row(op) => ops::run(self.level, op, border, sources, &step.inputs, &step.out, out),
             }
         }

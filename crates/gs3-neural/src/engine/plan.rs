@@ -2,6 +2,7 @@
 
 use super::block::Layout;
 use super::conv::Convolution;
+use super::learned::Learned;
 use crate::graph::{Graph, Op, Tensor};
 use crate::reference::parameter;
 use crate::shape::Shape;
@@ -33,6 +34,7 @@ pub enum Kind {
         factor: usize,
     },
     Convolution(Convolution),
+    Learned(Learned),
     Row(Op),
 }
 
@@ -143,7 +145,10 @@ impl Plan {
                     let [weight, bias] = ["weight", "bias"].map(|kind| parameter(weights, &layer.name, kind));
                     Kind::Convolution(Convolution::new(*conv, graph.border(), &inputs, weight, bias))
                 }
-                op => Kind::Row(*op),
+                op => match Learned::new(op, &layer.name, weights) {
+                    Some(learned) => Kind::Learned(learned),
+                    None => Kind::Row(*op),
+                },
             };
             steps.push(Step { kind, inputs, out: layouts[k] });
         }
