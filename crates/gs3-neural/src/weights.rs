@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::arrays::{self, Array, Arrays, Texts};
 use crate::error::WeightError;
-use crate::graph::{Activation, Graph, Op};
+use crate::graph::{Activation, Graph, Op, Parameter};
 use crate::random::Random;
 
 /// Where weights come from.
@@ -81,14 +81,21 @@ impl Weights {
     /// [`WeightError`] naming the first array that is missing, too much, of another shape or not finite, or the field of
     /// the header that differs.
     pub fn check(&self, graph: &Graph) -> Result<(), WeightError> {
+        self.check_parameters(graph, &graph.parameters())
+    }
+
+    /// Whether they are of `graph`, but have `parameters` in the place of its own: what gives these while they are trained.
+    ///
+    /// # Errors
+    /// As [`Weights::check`].
+    pub fn check_parameters(&self, graph: &Graph, parameters: &[Parameter]) -> Result<(), WeightError> {
         let header = |field: &'static str, expected: String, actual: String| match expected == actual {
             true => Ok(()),
             false => Err(WeightError::Header { field, expected, actual }),
         };
         header("network", graph.name().to_owned(), self.header.network.clone())?;
         header("version", graph.version().to_string(), self.header.version.to_string())?;
-        let parameters = graph.parameters();
-        for parameter in &parameters {
+        for parameter in parameters {
             let name = parameter.name.clone();
             let Some(array) = self.arrays.get(&name) else {
                 return Err(WeightError::Missing { name, expected: parameter.shape.clone() });

@@ -41,9 +41,12 @@ impl ClipFolder {
         paths.sort();
         let mut clips = Self::default();
         for path in paths {
-            let clip = ClipFile::open(&path)?;
+            let mut clip = ClipFile::open(&path)?;
             let held = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(HELD));
             check(&clip, settings, held)?;
+            if let Some(planes) = settings.subject.planes() {
+                clip.keep(planes);
+            }
             if held { clips.held.push(clip) } else { clips.train.push(clip) }
         }
         match clips.train.is_empty() {
@@ -59,7 +62,7 @@ fn check(clip: &ClipFile, settings: &Settings, held: bool) -> Result<(), TrainEr
     let fail = |expected: String, actual: String| {
         Err(TrainError::OtherClip { path: path.clone(), expected, actual })
     };
-    let (network, scale) = (settings.network, settings.scale);
+    let (network, scale) = (settings.subject.clips(), settings.scale);
     if (clip.network(), clip.scale()) != (network, scale) {
         return fail(
             format!("a clip for {} at scale {scale}", network.name()),

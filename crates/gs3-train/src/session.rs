@@ -183,13 +183,15 @@ impl Session<'_> {
 
     /// Looks at the average on held-out clips, and keeps it if none was better.
     fn validate(&mut self, report: &mut dyn FnMut(Event<'_>)) -> Result<Option<[f64; 2]>, TrainError> {
-        let validation = validate(self.trainer.graph(), &self.trainer.state.average, &self.clips.held)?;
+        let average = self.trainer.average();
+        let subject = self.trainer.settings().subject;
+        let validation = validate(subject, self.trainer.graph(), &average, &self.clips.held)?;
         let Some([gain, _]) = validation.mean else { return Ok(None) };
         let step = self.trainer.state.steps();
-        let State { average, best, .. } = &mut self.trainer.state;
+        let best = &mut self.trainer.state.best;
         let is_best = best.as_ref().is_none_or(|best| gain > best.gain);
         if is_best {
-            *best = Some(Best { weights: average.clone(), step, gain });
+            *best = Some(Best { weights: average, step, gain });
         }
         report(Event::Validated { step, validation: &validation, is_best });
         Ok(validation.mean)
@@ -209,8 +211,8 @@ impl Session<'_> {
     }
 
     fn save(&mut self) -> Result<(), TrainError> {
-        let State { average, best, .. } = &self.trainer.state;
-        checkpoint::save_weights(&self.places.out, best.as_ref().map_or(average, |best| &best.weights))?;
+        let best = self.trainer.state.best.as_ref().map(|best| best.weights.clone());
+        checkpoint::save_weights(&self.places.out, &best.unwrap_or_else(|| self.trainer.average()))?;
         checkpoint::save(&self.places.checkpoint, &self.trainer.state)?;
         plot::draw(&self.places.checkpoint.join("log.png"), self.log.rows())?;
         self.saved = self.trainer.state.seconds;

@@ -9,9 +9,14 @@ use std::fs;
 use std::path::Path;
 
 use gs3_neural::Weights;
-use gs3_train::{Ending, Event, Network, Places, Settings, State, TrainError, Trainer, train};
+use gs3_neural::model::Tier;
+use gs3_train::{Ending, Event, Network, Places, Settings, State, Subject, TrainError, Trainer, train};
 
 const NETWORK: Network = Network::SuperSample;
+
+fn own(network: Network, tier: Tier) -> Subject {
+    Subject::Own { network, tier }
+}
 
 fn places(folder: &Path) -> Places {
     Places {
@@ -114,7 +119,7 @@ fn what_does_not_fit_is_refused_before_anything_is_written() {
         "expected a clip for super_sample at scale 4",
     );
     contains(
-        refused(&Settings { network: Network::Interpolate, ..settings.clone() }),
+        refused(&Settings { subject: own(Network::Interpolate, Tier::Fast), ..settings.clone() }),
         "for interpolate at scale 2",
     );
     contains(
@@ -153,7 +158,7 @@ fn damaged_checkpoints_are_refused() {
         fs::write(checkpoint.join(file), whole).unwrap();
     }
     // A checkpoint of another size of the network.
-    let other = Settings { tier: gs3_neural::model::Tier::Balanced, ..settings.clone() };
+    let other = Settings { subject: own(NETWORK, Tier::Balanced), ..settings.clone() };
     let refused = run(folder.path(), &other, 2).unwrap_err().to_string();
     assert!(refused.contains("expected f32"), "{refused}");
     run(folder.path(), &settings, 2).unwrap();

@@ -42,6 +42,20 @@ impl Peer {
         }
     }
 
+    /// The pixel of a block of `scale`×`scale` HR pixels, in both directions, at which networks trained here expect the
+    /// sample of an LR pixel: the one before the middle. It is the middle itself that publications mean, which no pixel of
+    /// even blocks is at.
+    #[must_use]
+    pub const fn sample(self, scale: usize) -> usize {
+        scale.saturating_sub(1) / 2
+    }
+
+    /// The jitter of LR frames that are sampled there, in LR pixels.
+    #[must_use]
+    pub fn jitter(self, scale: usize) -> [f32; 2] {
+        [((self.sample(scale) as f32 + 0.5) / scale.max(1) as f32) - 0.5; 2]
+    }
+
     /// The network of that name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {

@@ -134,6 +134,11 @@ impl ClipFile {
         self.head.window(&mut &file, window).map_err(within)
     }
 
+    /// Reads no inputs but `names` from now on.
+    pub(crate) fn keep(&mut self, names: &[&str]) {
+        self.head.inputs.retain(|stored| names.contains(&&*stored.name));
+    }
+
     /// Where it is.
     #[must_use]
     pub fn path(&self) -> &Path {
