@@ -285,6 +285,12 @@ impl Show {
                 let time = HumanDuration(Duration::from_secs_f64(seconds));
                 self.line(&format!("going on from step {step}, after {time} of training"));
             }
+            Event::Remeasured { step, before, gain } => self.line(&match gain {
+                Some(gain) => {
+                    format!("other held-out clips: the best of step {step} gains {gain:+.2} dB on these, {before:+.2} on those before")
+                }
+                None => format!("no held-out clips any more: the best of step {step} is forgotten"),
+            }),
             Event::Step { step, seconds, progress, operations } => {
                 // A mean over some dozen steps.
                 self.loss =

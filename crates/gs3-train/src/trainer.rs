@@ -41,6 +41,8 @@ pub struct Best {
     pub step: u64,
     /// Their mean gain on held-out clips in dB.
     pub gain: f64,
+    /// [`ClipFolder::digest`](crate::ClipFolder::digest) of these clips: on others gains are others.
+    pub held: u64,
 }
 
 impl State {

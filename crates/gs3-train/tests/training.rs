@@ -73,7 +73,8 @@ fn peer_settings(peer: Peer, steps: u64) -> Settings {
 /// A network that is a pixel off could not gain anything over interpolation that honours the jitter.
 #[test]
 fn single_image_networks_learn_from_jittered_frames() {
-    for (peer, steps, least) in [(Peer::Ecbsr, 400, 3.0), (Peer::Rt4ksr, 100, -20.0), (Peer::Ninasr, 12, -20.0)]
+    for (peer, steps, least) in
+        [(Peer::Ecbsr, 400, 3.0), (Peer::Rt4ksr, 100, -20.0), (Peer::Ninasr, 12, -20.0)]
     {
         let folder = tempfile::tempdir().unwrap();
         let (trainer, clips, steps) = train_as(folder.path(), peer_settings(peer, steps), steps);
