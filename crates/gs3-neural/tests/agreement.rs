@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "graphs and their own weights fit")]
 
 use gs3_neural::model::{Peer, Tier, interpolate, super_sample};
-use gs3_neural::{Differentiator, Engine, Graph, Header, Random, Weights, reference};
+use gs3_neural::{Arithmetic, Differentiator, Engine, Graph, Header, Random, Weights, reference};
 
 /// The largest difference that single precision explains, of numbers of about 1: some thirty layers, each a sum of some
 /// hundred products.
@@ -72,6 +72,35 @@ fn reference_engine_and_trainer_agree_on_all_networks() {
             println!("{name}: engine {of_engine:.1e}, trainer {of_trainer:.1e}");
             assert!(of_engine <= TOLERANCE, "{name}: engine {of_engine}");
             assert!(of_trainer <= TOLERANCE, "{name}: trainer {of_trainer}");
+        }
+    }
+}
+
+/// Products of numbers that are rounded to 8 bits: half a unit in the last place is 2⁻⁹ of each, errors of many products
+/// partly cancel, and layers add them up.
+const BF16_TOLERANCE: f64 = 2e-2;
+
+#[test]
+fn the_engine_in_bf16_agrees_with_the_reference() {
+    for (graph, scale) in graphs() {
+        // As wide as a run of the kernel and more, so that it is used where the machine has it.
+        let (lr, weights) = ([6, 62], weights(&graph, scale));
+        let (shapes, mut random) = (graph.shapes(lr).unwrap(), Random::new(3));
+        let mut image = |len: usize| (0..len).map(|_| random.signed()).collect::<Vec<f32>>();
+        let images: Vec<(&str, Vec<f32>)> =
+            graph.inputs().map(|(t, l)| (l.name.as_str(), image(shapes[t.index()].len()))).collect();
+        let images: Vec<(&str, &[f32])> = images.iter().map(|(name, image)| (*name, &image[..])).collect();
+        let planes = reference::run(&graph, &weights, lr, &images).unwrap();
+        let mut engine = Engine::with_arithmetic(&graph, &weights, lr, Arithmetic::Bf16).unwrap();
+        for output in graph.outputs() {
+            let expected = &planes[output.tensor.index()].values;
+            // Relative to what the output holds: random networks give numbers of any size.
+            let largest = expected.iter().fold(1.0_f64, |most, v| most.max(v.abs()));
+            let mut actual = vec![f32::NAN; expected.len()];
+            engine.run(&images, &mut [(&output.name, &mut actual)]).unwrap();
+            let error = difference(&actual, expected) / largest;
+            println!("{} x{scale} {}: {error:.1e}", graph.name(), output.name);
+            assert!(error <= BF16_TOLERANCE, "{} x{scale} {}: {error}", graph.name(), output.name);
         }
     }
 }
