@@ -31,7 +31,7 @@ fn samples_are_where_networks_expect_them() {
     let mut nothing = weights(Peer::Ecbsr);
     nothing.arrays.values_mut().for_each(|array| array.values_mut().fill(0.0));
     nothing.save(&folder.path().join("ecbsr_x4.safetensors")).unwrap();
-    let scene = Arc::new(demo::scene());
+    let scene = Arc::new(demo::scene().unwrap());
     let camera = orbit::around(&scene, 8, 96, 64).unwrap().cameras()[3];
     let settings = MethodSettings {
         scene,
@@ -41,7 +41,7 @@ fn samples_are_where_networks_expect_them() {
         training: Vec::new(),
         weights: Some(folder.path().to_owned()),
     };
-    let mut frame = |method: &str| {
+    let frame = |method: &str| {
         let mut method = build(method.parse().unwrap(), &settings).unwrap();
         method.render(&camera, None).unwrap().current.clone()
     };
@@ -99,7 +99,7 @@ fn weights_of_another_network_are_refused() {
     let refused = Trained::new(Peer::Ninasr, other).unwrap_err().to_string();
     assert_eq!(refused, "header, tier: expected b1, found b0");
     // NinaSR comes with nobody.
-    let scene = Arc::new(demo::scene());
+    let scene = Arc::new(demo::scene().unwrap());
     let settings = MethodSettings {
         scene,
         scale: 4,
