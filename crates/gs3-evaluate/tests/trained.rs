@@ -90,6 +90,29 @@ fn images_of_any_size_are_enlarged() {
     }
 }
 
+/// What comes with the crate is whole, of its network and better than nothing learned: a flat image stays flat.
+#[test]
+fn shipped_weights_keep_flat_images() {
+    let mut count = 0;
+    for peer in Peer::ALL {
+        let Some(bytes) = Trained::shipped(peer, 4) else { continue };
+        let mut network = Trained::new(peer, Weights::from_bytes(bytes).unwrap()).unwrap();
+        for value in [0.2, 0.7] {
+            let flat = Image::from_pixels(20, 16, vec![[value, 0.5 * value, 1.0 - value, 1.0]; 320]).unwrap();
+            let mut out = Image::new(80, 64);
+            network.upscale(&gbuffer(&flat), 4, &mut out).unwrap();
+            // Where the window of all layers sees no border.
+            let worst = (32..48)
+                .flat_map(|x| (0..3).map(move |c| (x, c)))
+                .fold(0.0_f32, |most, (x, c)| most.max((out.row(32)[x][c] - flat.row(8)[x / 4][c]).abs()));
+            eprintln!("{peer:?} {value}: {worst}");
+            assert!(worst < 0.02, "{peer:?}: {worst}");
+        }
+        count += 1;
+    }
+    assert!(count > 0, "no weights");
+}
+
 #[test]
 fn weights_of_another_network_are_refused() {
     let refused = Trained::new(Peer::Rt4ksr, weights(Peer::Ecbsr)).unwrap_err().to_string();

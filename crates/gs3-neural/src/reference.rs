@@ -296,3 +296,16 @@ pub(crate) fn normal_distribution(x: f64) -> f64 {
     }
     0.5 + sum * (-0.5 * x * x).exp() / (2.0 * std::f64::consts::PI).sqrt()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn windows_of_an_average_lie_around_their_pixels_and_within_the_image() {
+        let shape = Shape { height: 7, width: 8, channels: 1 };
+        for (at, rows, columns) in [([0, 0], 0..3, 0..3), ([1, 1], 1..6, 1..6), ([2, 2], 4..7, 4..8)] {
+            assert_eq!(pooled(shape, at, 5, 3), [rows, columns]);
+        }
+    }
+}

@@ -127,3 +127,16 @@ fn derivatives_go_back_through_the_fold() {
         }
     }
 }
+
+/// The published windows, from what they are made of: smoothing across differences, and second differences of both axes.
+#[test]
+fn edges_are_sobel_and_laplace() {
+    let (smooth, slope) = ([1.0, 2.0, 1.0], [1.0, 0.0, -1.0]);
+    let [(_, sobel_x), (_, sobel_y), (_, laplacian)] = EDGES;
+    for t in 0..TAPS {
+        let (y, x) = (t / 3, t % 3);
+        assert_eq!((sobel_x[t], sobel_y[t]), (smooth[y] * slope[x], smooth[x] * slope[y]));
+        let second = [1.0, -2.0, 1.0];
+        assert_eq!(laplacian[t], if y == 1 { second[x] } else { 0.0 } + if x == 1 { second[y] } else { 0.0 });
+    }
+}
