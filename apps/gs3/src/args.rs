@@ -12,7 +12,7 @@ use gs3::{Culling, Dilation, Mode, PipelineSettings, Sampling};
 use crate::evaluate::EvaluateArgs;
 use crate::export::ExportArgs;
 use crate::simplify::SimplifyArgs;
-use crate::train::TrainArgs;
+use crate::train::{BaselineArgs, TrainArgs};
 use crate::train_clips::ClipsArgs;
 
 /// Shows trained 3D Gaussian Splatting scenes sharp and fluid.
@@ -56,6 +56,8 @@ pub enum Train {
     SuperSample(TrainArgs),
     /// Train the network for frames between frames on clips
     Interpolate(TrainArgs),
+    /// Train a published single-image network on the clips of super sampling, to compare with
+    Baseline(BaselineArgs),
 }
 
 /// What to look at.

@@ -46,7 +46,8 @@ pub struct EvaluateArgs {
     #[arg(long, default_value_t = 1, value_name = "N", requires = "photos", value_parser = clap::value_parser!(u32).range(1..))]
     pub every: u32,
     /// Methods, each NAME[@FORMATION][+INTERPOLATION]; names: native, nearest, bilinear, bicubic, lanczos, fsr1, hermite,
-    /// spline, ridge, history, analytic, span, safmn, rt4ksr, and learned fast, balanced, high, without their frames between
+    /// spline, ridge, history, analytic, span, safmn, rt4ksr, the same frames' ecbsr_trained, rt4ksr_trained, ninasr_trained,
+    /// and learned fast, balanced, high, without their frames between
     /// fast_ss, balanced_ss, high_ss; formations of low-resolution frames: matched, stock, antialiased;
     /// interpolations: repeat, blend, warp, fast, balanced, high
     /// [default: all but networks; for photos native, bicubic, hermite, spline, bicubic@stock]
@@ -65,8 +66,8 @@ pub struct EvaluateArgs {
     #[arg(long, default_value_t = 3, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=1000))]
     pub warm_up: u16,
     /// Folder with the weights of span (span28_x4.safetensors), safmn (safmnpp_light_x4.safetensors) and
-    /// rt4ksr (rt4ksr_x2.safetensors), and of learned tiers in place of those that come with gs3
-    /// (super_sample_balanced_x4.safetensors, interpolate_balanced_x4.safetensors, …)
+    /// rt4ksr (rt4ksr_x2.safetensors), and of learned tiers and of *_trained in place of those that come with gs3
+    /// (ecbsr_x4.safetensors, super_sample_balanced_x4.safetensors, interpolate_balanced_x4.safetensors, …)
     #[arg(long, value_name = "DIR")]
     pub weights: Option<PathBuf>,
     /// Also judge by ColorVideoVDP (JOD), the middle 1280x720 pixels of all frames, which takes longer

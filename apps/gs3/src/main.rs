@@ -72,6 +72,7 @@ fn main() -> ExitCode {
         Command::Train(Train::Clips(args)) => train_clips::run(args),
         Command::Train(Train::SuperSample(args)) => train::run(Network::SuperSample, args),
         Command::Train(Train::Interpolate(args)) => train::run(Network::Interpolate, args),
+        Command::Train(Train::Baseline(args)) => train::run_baseline(args),
         Command::Export(args) => export::run(args),
     };
     match outcome {

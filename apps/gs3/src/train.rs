@@ -1,4 +1,4 @@
-//! `gs3 train super-sample` and `gs3 train interpolate`.
+//! `gs3 train super-sample`, `gs3 train interpolate` and `gs3 train baseline`.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -6,9 +6,11 @@ use std::time::Duration;
 
 use clap::{ArgGroup, Args, ValueEnum};
 use gs3::neural::Weights;
-use gs3::neural::model::Tier;
+use gs3::neural::model::{Peer, Tier};
 use gs3_train::losses::Term;
-use gs3_train::{ClipFolder, Ending, Event, Length, Network, Places, Settings, Symmetries, Trainer, train};
+use gs3_train::{
+    ClipFolder, Ending, Event, Length, Network, Places, Settings, Subject, Symmetries, Trainer, train,
+};
 use indicatif::{HumanDuration, ProgressBar};
 
 use crate::error::CliError;
@@ -19,8 +21,28 @@ const WATCHED: Duration = Duration::from_secs(10);
 
 /// Arguments of `gs3 train super-sample` and `gs3 train interpolate`.
 #[derive(Debug, Args)]
-#[command(group = ArgGroup::new("length").required(true))]
 pub struct TrainArgs {
+    /// Size of the network
+    #[arg(long, default_value = "balanced")]
+    pub tier: TierArg,
+    #[command(flatten)]
+    pub session: SessionArgs,
+}
+
+/// Arguments of `gs3 train baseline`.
+#[derive(Debug, Args)]
+pub struct BaselineArgs {
+    /// The published network: ECBSR-M4C16, RT4KSR or NinaSR-B1
+    #[arg(long)]
+    pub network: PeerArg,
+    #[command(flatten)]
+    pub session: SessionArgs,
+}
+
+/// What all trainings take.
+#[derive(Debug, Args)]
+#[command(group = ArgGroup::new("length").required(true))]
+pub struct SessionArgs {
     /// Folder of clips, as `gs3 train clips` writes them; those whose names begin with `held` are for validation
     #[arg(long, value_name = "DIR")]
     pub clips: PathBuf,
@@ -30,9 +52,6 @@ pub struct TrainArgs {
     /// Weights file to write: the best on held-out clips until then
     #[arg(long, value_name = "FILE.safetensors")]
     pub out: PathBuf,
-    /// Size of the network
-    #[arg(long, default_value = "balanced")]
-    pub tier: TierArg,
     /// High-resolution over low-resolution size
     #[arg(long, default_value_t = 4, value_name = "S")]
     pub scale: u32,
@@ -42,12 +61,12 @@ pub struct TrainArgs {
     /// Minutes of the whole training
     #[arg(long, group = "length", value_name = "M")]
     pub minutes: Option<f64>,
-    /// Items of a step
-    #[arg(long, default_value_t = 8, value_name = "N")]
-    pub batch: usize,
-    /// Consecutive frames of an item
-    #[arg(long, default_value_t = 6, value_name = "T")]
-    pub window: usize,
+    /// Items of a step [default: 8; for baselines 32]
+    #[arg(long, value_name = "N")]
+    pub batch: Option<usize>,
+    /// Consecutive frames of an item [default: 6; for baselines 1]
+    #[arg(long, value_name = "T")]
+    pub window: Option<usize>,
     /// Side of an item in low-resolution pixels
     #[arg(long, default_value_t = 64, value_name = "PIXELS")]
     pub crop: usize,
@@ -107,6 +126,23 @@ pub enum TierArg {
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum PeerArg {
+    Ecbsr,
+    Rt4ksr,
+    Ninasr,
+}
+
+impl From<PeerArg> for Peer {
+    fn from(peer: PeerArg) -> Self {
+        match peer {
+            PeerArg::Ecbsr => Self::Ecbsr,
+            PeerArg::Rt4ksr => Self::Rt4ksr,
+            PeerArg::Ninasr => Self::Ninasr,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum SymmetriesArg {
     /// Mirrored and turned at random
     All,
@@ -142,10 +178,20 @@ fn parse_weight(text: &str) -> Result<(Term, f64), String> {
     found.ok_or_else(|| format!("expected {names}=WEIGHT, at least 0, found {text}"))
 }
 
+/// Trains one of our networks.
 pub fn run(network: Network, args: &TrainArgs) -> Result<Outcome, CliError> {
+    train_subject(Subject::Own { network, tier: args.tier.into() }, &args.session)
+}
+
+/// Trains a published network.
+pub fn run_baseline(args: &BaselineArgs) -> Result<Outcome, CliError> {
+    train_subject(Subject::Peer(args.network.into()), &args.session)
+}
+
+fn train_subject(subject: Subject, args: &SessionArgs) -> Result<Outcome, CliError> {
     start_threads(args.threads)?;
     interrupt::watch()?;
-    let settings = settings(network, args);
+    let settings = settings(subject, args);
     settings.check()?;
     let places = Places {
         clips: args.clips.clone(),
@@ -189,14 +235,14 @@ pub fn run(network: Network, args: &TrainArgs) -> Result<Outcome, CliError> {
     })
 }
 
-fn settings(network: Network, args: &TrainArgs) -> Settings {
+fn settings(subject: Subject, args: &SessionArgs) -> Settings {
     let length = match (args.steps, args.minutes) {
         (Some(steps), _) => Length::Steps(steps),
         (None, minutes) => Length::Seconds(60.0 * minutes.unwrap_or_default()),
     };
-    let mut settings = Settings::new(network, args.tier.into(), args.scale, length);
-    settings.batch = args.batch;
-    settings.window = args.window;
+    let mut settings = Settings::new(subject, args.scale, length);
+    settings.batch = args.batch.unwrap_or(settings.batch);
+    settings.window = args.window.unwrap_or(settings.window);
     settings.crop = args.crop;
     settings.symmetries = args.symmetries.into();
     settings.rate = args.rate;
@@ -239,6 +285,12 @@ impl Show {
                 let time = HumanDuration(Duration::from_secs_f64(seconds));
                 self.line(&format!("going on from step {step}, after {time} of training"));
             }
+            Event::Remeasured { step, before, gain } => self.line(&match gain {
+                Some(gain) => {
+                    format!("other held-out clips: the best of step {step} gains {gain:+.2} dB on these, {before:+.2} on those before")
+                }
+                None => format!("no held-out clips any more: the best of step {step} is forgotten"),
+            }),
             Event::Step { step, seconds, progress, operations } => {
                 // A mean over some dozen steps.
                 self.loss =

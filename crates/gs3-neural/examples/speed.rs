@@ -1,6 +1,7 @@
 //! How fast the engine is: multiply-adds per second of convolutions and networks against the machine's peak.
 //!
-//! `cargo run --release -p gs3-neural --example speed [width height]`
+//! `cargo run --release -p gs3-neural --example speed [width height] [bf16]`: in bf16 where the machine has it, shares of
+//! the peak remaining those of f32.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -8,7 +9,7 @@ use std::time::{Duration, Instant};
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, dispatch, f32x16};
 use gs3_neural::model::{Tier, initial_weights, interpolate, super_sample};
-use gs3_neural::{Activation, Border, Conv2d, Engine, Graph, GraphBuilder, Header, Random};
+use gs3_neural::{Activation, Arithmetic, Border, Conv2d, Engine, Graph, GraphBuilder, Header, Random};
 
 /// Independent sums: more than the latency of two multiply-add units times their number, within 32 registers.
 const CHAINS: usize = 24;
@@ -16,6 +17,10 @@ const CHAINS: usize = 24;
 fn main() {
     let mut sides = std::env::args().skip(1).filter_map(|side| side.parse().ok());
     let (width, height): (usize, usize) = (sides.next().unwrap_or(480), sides.next().unwrap_or(270));
+    let arithmetic = match std::env::args().any(|arg| arg == "bf16") {
+        true => Arithmetic::Bf16,
+        false => Arithmetic::F32,
+    };
     let peak = peak();
     println!("{} threads, peak {:.0} GFLOP/s", rayon::current_num_threads(), peak / 1e9);
     for (kernel, inputs, outputs) in
@@ -39,8 +44,8 @@ fn main() {
         let wide = only.conv("wide", Conv2d::new(1, inputs), &[x]);
         let y = only.layer("mean", gs3_neural::Op::ChannelMean, &[wide]);
         only.output("y", y);
-        let rest = time(&only.finish().expect("a graph"), [height, width]);
-        let seconds = (time(&graph, [height, width]) - rest).as_secs_f64();
+        let rest = time(&only.finish().expect("a graph"), [height, width], arithmetic);
+        let seconds = (time(&graph, [height, width], arithmetic) - rest).as_secs_f64();
         let rate = work / seconds;
         println!(
             "conv {kernel}×{kernel} {inputs}→{outputs}: {:.2} ms, {:.0} GFLOP/s, {:.0} % of the peak",
@@ -54,7 +59,7 @@ fn main() {
             let graph = graph.expect("a network");
             let lr = [height, width];
             let work = 2.0 * graph.multiply_adds_per_pixel(lr).expect("a size") * (width * height) as f64;
-            let time = time(&graph, lr);
+            let time = time(&graph, lr, arithmetic);
             println!(
                 "{} {}: {:.1} ms, {:.0} % of the peak",
                 graph.name(),
@@ -70,7 +75,7 @@ fn main() {
 const LAYERS: usize = 8;
 
 /// The shortest of several runs of `graph` with all its outputs.
-fn time(graph: &Graph, lr: [usize; 2]) -> Duration {
+fn time(graph: &Graph, lr: [usize; 2], arithmetic: Arithmetic) -> Duration {
     let [tier, training_data, licence] = ["", "", ""].map(str::to_owned);
     let header = Header {
         network: graph.name().to_owned(),
@@ -81,7 +86,7 @@ fn time(graph: &Graph, lr: [usize; 2]) -> Duration {
         licence,
     };
     let weights = initial_weights(graph, header, 1);
-    let mut engine = Engine::new(graph, &weights, lr).expect("an engine");
+    let mut engine = Engine::with_arithmetic(graph, &weights, lr, arithmetic).expect("an engine");
     let mut random = Random::new(1);
     let names: Vec<&str> = graph.inputs().map(|(_, layer)| layer.name.as_str()).collect();
     let len = |name: &str| engine.shape(name).map_or(0, |shape| shape.len());

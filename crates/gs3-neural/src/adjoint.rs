@@ -8,7 +8,9 @@
 use std::collections::BTreeMap;
 
 use crate::graph::{Activation, Conv2d, Filter, Graph, Op};
-use crate::reference::{Plane, Tap, activate, normal_distribution, parameter, tap_at, taps, window};
+use crate::reference::{
+    Plane, Tap, activate, moments, normal_distribution, parameter, pooled, tap_at, taps, window,
+};
 use crate::weights::Weights;
 
 /// Derivatives of a loss.
@@ -75,8 +77,11 @@ impl<'a> Step<'a> {
 
     fn run(&mut self, v_weights: &mut BTreeMap<String, Vec<f64>>) {
         let layer = &self.graph.layers()[self.k];
-        if let Op::Conv2d(conv) = &layer.op {
-            return self.convolution(conv, &layer.name, v_weights);
+        match &layer.op {
+            Op::Conv2d(conv) => return self.convolution(conv, &layer.name, v_weights),
+            Op::Prelu => return self.prelu(&layer.name, v_weights),
+            Op::LayerNorm { epsilon } => return self.layer_norm(*epsilon, &layer.name, v_weights),
+            _ => {}
         }
         let shape = self.v.shape;
         for y in 0..shape.height {
@@ -92,7 +97,8 @@ impl<'a> Step<'a> {
     fn number(&mut self, op: &Op, at: [usize; 3], v: f64) {
         let [x, y, c] = at;
         match op {
-            Op::Input { .. } | Op::Conv2d(_) => {}
+            // What learns goes its own way.
+            Op::Input { .. } | Op::Conv2d(_) | Op::Prelu | Op::LayerNorm { .. } => {}
             Op::Activate(activation) => {
                 let slope = derivative(*activation, self.at(0, at));
                 self.add(0, at, v * slope);
@@ -116,6 +122,15 @@ impl<'a> Step<'a> {
                     first_largest(window(self.input(0).shape, x, y), |(x, y)| self.at(0, [x, y, c]));
                 if let Some((x, y)) = largest {
                     self.add(0, [x, y, c], v);
+                }
+            }
+            Op::Scale { factor } => self.add(0, at, v * f64::from(*factor)),
+            Op::Shift { .. } => self.add(0, at, v),
+            Op::AveragePool { side, stride } => {
+                let [rows, columns] = pooled(self.input(0).shape, [x, y], *side, *stride);
+                let share = v / (rows.len() * columns.len()) as f64;
+                for y in rows {
+                    columns.clone().for_each(|x| self.add(0, [x, y, c], share));
                 }
             }
             Op::Concat => {
@@ -162,6 +177,48 @@ impl<'a> Step<'a> {
                 }
             }
         }
+    }
+
+    fn prelu(&mut self, name: &str, v_weights: &mut BTreeMap<String, Vec<f64>>) {
+        let slopes = parameter(self.weights, name, "weight");
+        let mut v_slopes = vec![0.0; slopes.len()];
+        let channels = self.v.shape.channels;
+        for (k, v) in self.v.values.iter().enumerate() {
+            let (pixel, c) = (k / channels, k % channels);
+            let at = [pixel % self.v.shape.width, pixel / self.v.shape.width, c];
+            let x = self.at(0, at);
+            if x > 0.0 {
+                self.add(0, at, *v);
+            } else {
+                self.add(0, at, v * f64::from(slopes[c]));
+                v_slopes[c] += v * x;
+            }
+        }
+        v_weights.insert(format!("{name}.weight"), v_slopes);
+    }
+
+    /// With x̂ = (x − mean) / deviation and w = v · weight: (w − mean(w) − x̂ mean(w x̂)) / deviation.
+    fn layer_norm(&mut self, epsilon: f32, name: &str, v_weights: &mut BTreeMap<String, Vec<f64>>) {
+        let weight = parameter(self.weights, name, "weight");
+        let [mut v_weight, mut v_bias] = [0, 1].map(|_| vec![0.0; weight.len()]);
+        let n = weight.len() as f64;
+        let shape = self.v.shape;
+        for (x, y) in (0..shape.height).flat_map(|y| (0..shape.width).map(move |x| (x, y))) {
+            let [mean, deviation] = moments(self.input(0), x, y, epsilon);
+            let normal: Vec<f64> =
+                (0..weight.len()).map(|c| (self.at(0, [x, y, c]) - mean) / deviation).collect();
+            let v: Vec<f64> = (0..weight.len()).map(|c| self.v.at(x, y, c)).collect();
+            let weighed: Vec<f64> = v.iter().zip(weight).map(|(v, w)| v * f64::from(*w)).collect();
+            let mean = weighed.iter().sum::<f64>() / n;
+            let along = weighed.iter().zip(&normal).map(|(w, x)| w * x).sum::<f64>() / n;
+            for c in 0..weight.len() {
+                v_weight[c] += v[c] * normal[c];
+                v_bias[c] += v[c];
+                self.add(0, [x, y, c], (weighed[c] - mean - normal[c] * along) / deviation);
+            }
+        }
+        v_weights.insert(format!("{name}.weight"), v_weight);
+        v_weights.insert(format!("{name}.bias"), v_bias);
     }
 
     fn convolution(&mut self, conv: &Conv2d, name: &str, v_weights: &mut BTreeMap<String, Vec<f64>>) {

@@ -91,7 +91,46 @@ pub fn to_bytes(texts: &Texts, arrays: &Arrays) -> Result<Vec<u8>, WeightError> 
         views.push((name, TensorView::new(Dtype::F32, array.shape.clone(), bytes).map_err(format)?));
     }
     let texts: HashMap<String, String> = texts.clone().into_iter().collect();
-    safetensors::serialize(views, Some(texts)).map_err(format)
+    let mut bytes = safetensors::serialize(views, Some(texts)).map_err(format)?;
+    sort_header(&mut bytes);
+    Ok(bytes)
+}
+
+/// Brings the fields of the header of a safetensors file into the order of their names. The writer takes texts from a hash
+/// map, in whose order they would be another one each time; so the same content always has the same bytes. Bytes that
+/// are not safetensors stay as they are.
+pub fn sort_header(bytes: &mut [u8]) {
+    let Some((size, rest)) = bytes.split_first_chunk_mut() else { return };
+    let size = usize::try_from(u64::from_le_bytes(*size)).ok();
+    let Some(header) = size.and_then(|size| rest.get_mut(..size)) else { return };
+    // Shorter by no byte: what is left at the end is the padding that the format allows.
+    if let Some(sorted) = sorted(header).ok().filter(|sorted| sorted.len() <= header.len()) {
+        header.fill(b' ');
+        header[..sorted.len()].copy_from_slice(&sorted);
+    }
+}
+
+/// The fields of a header by name, and its texts by name.
+fn sorted(header: &[u8]) -> Result<Vec<u8>, serde_json::Error> {
+    const TEXTS: &str = "__metadata__";
+    let mut fields: BTreeMap<String, serde_json::Value> = serde_json::from_slice(header)?;
+    let texts = fields.remove(TEXTS).map(serde_json::from_value::<Texts>).transpose()?;
+    let mut out = b"{".to_vec();
+    if let Some(texts) = texts {
+        out.extend(serde_json::to_vec(TEXTS)?);
+        out.push(b':');
+        out.extend(serde_json::to_vec(&texts)?);
+    }
+    for (name, value) in fields {
+        if out.len() > 1 {
+            out.push(b',');
+        }
+        out.extend(serde_json::to_vec(&name)?);
+        out.push(b':');
+        out.extend(serde_json::to_vec(&value)?);
+    }
+    out.push(b'}');
+    Ok(out)
 }
 
 /// Reads a file: [`from_bytes`].

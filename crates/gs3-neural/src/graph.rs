@@ -130,8 +130,34 @@ pub enum Op {
         /// How numbers between samples are found.
         filter: Filter,
     },
+    /// x where positive, else the learned `weight` of the channel times x (He et al. 2015).
+    Prelu,
+    /// The channels of a pixel brought to mean 0 and variance 1, times the learned `weight` plus `bias` of the channel (Ba
+    /// et al. 2016, over channels only).
+    LayerNorm {
+        /// Added to the variance.
+        epsilon: f32,
+    },
+    /// x · factor.
+    Scale {
+        /// The factor.
+        factor: f32,
+    },
+    /// A constant colour added: red to the first third of the channels, green to the second, blue to the last.
+    Shift {
+        /// The colour.
+        color: [f32; 3],
+    },
     /// The largest number of each 2×2 pixels; an odd last row or column stands alone.
     MaxPool2,
+    /// The mean of the `side`×`side` pixels around every `stride`-th pixel of every `stride`-th row, of those within the
+    /// image.
+    AveragePool {
+        /// Side of the window, odd.
+        side: usize,
+        /// Distance of windows, at most `side`.
+        stride: usize,
+    },
     /// All channels of all inputs.
     Concat,
     /// Channels `first..first + count`.
@@ -168,6 +194,20 @@ impl Op {
         }
     }
 
+    /// What it learns where its input has `channels`: kinds and shapes.
+    pub(crate) fn parameters(&self, channels: usize) -> Vec<(&'static str, Vec<usize>)> {
+        match self {
+            Self::Conv2d(conv) => {
+                let weight = ("weight", vec![conv.outputs, channels, conv.kernel, conv.kernel]);
+                let bias = conv.bias.then(|| ("bias", vec![conv.outputs]));
+                std::iter::once(weight).chain(bias).collect()
+            }
+            Self::Prelu => vec![("weight", vec![channels])],
+            Self::LayerNorm { .. } => vec![("weight", vec![channels]), ("bias", vec![channels])],
+            _ => Vec::new(),
+        }
+    }
+
     /// By how much it changes sizes, or the side of its window.
     pub(crate) fn factor(&self) -> Option<usize> {
         match self {
@@ -175,6 +215,7 @@ impl Op {
             | Self::PixelShuffle { factor }
             | Self::PixelUnshuffle { factor }
             | Self::Upsample { factor, .. }
+            | Self::AveragePool { side: factor, .. }
             | Self::Conv2d(Conv2d { kernel: factor, .. }) => Some(*factor),
             _ => None,
         }
@@ -206,7 +247,7 @@ pub struct Output {
 pub struct Parameter {
     /// `layer.weight` or `layer.bias`.
     pub name: String,
-    /// Weights `[outputs, inputs, kernel, kernel]` (`oihw`), biases `[outputs]`.
+    /// Of convolutions weights `[outputs, inputs, kernel, kernel]` (`oihw`) and biases `[outputs]`, else `[channels]`.
     pub shape: Vec<usize>,
 }
 
@@ -286,13 +327,11 @@ impl Graph {
     pub fn parameters(&self) -> Vec<Parameter> {
         let mut parameters = Vec::new();
         for layer in &self.layers {
-            let (Op::Conv2d(conv), [input]) = (&layer.op, &layer.inputs[..]) else { continue };
-            let shape = vec![conv.outputs, self.channels[input.0], conv.kernel, conv.kernel];
-            parameters.push(Parameter { name: format!("{}.weight", layer.name), shape });
-            if conv.bias {
-                parameters
-                    .push(Parameter { name: format!("{}.bias", layer.name), shape: vec![conv.outputs] });
-            }
+            let [input] = layer.inputs[..] else { continue };
+            let learned = layer.op.parameters(self.channels[input.0]).into_iter();
+            parameters.extend(
+                learned.map(|(kind, shape)| Parameter { name: format!("{}.{kind}", layer.name), shape }),
+            );
         }
         parameters
     }

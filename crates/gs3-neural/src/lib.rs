@@ -22,7 +22,7 @@ mod weights;
 
 pub use adam::Adam;
 pub use differentiate::{Differentiator, Packed, Scratch, Tape};
-pub use engine::Engine;
+pub use engine::{Arithmetic, Engine};
 pub use error::{GraphError, RunError, WeightError};
 #[cfg(feature = "gpu")]
 pub use gpu::{BoundEngine, GpuEngine, GpuEngineSettings, GpuImage, GpuRunError, ImageFormat, Precision};

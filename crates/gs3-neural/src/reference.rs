@@ -1,5 +1,7 @@
 //! What every operation means: naive loops in double precision, the oracle of the engines and of derivatives.
 
+use std::ops::Range;
+
 use crate::error::RunError;
 use crate::graph::{Activation, Border, Conv2d, Filter, Graph, Op, Tensor};
 use crate::images::{self, Named};
@@ -100,6 +102,32 @@ pub(crate) fn layer(graph: &Graph, weights: &Weights, k: usize, planes: &[Plane]
         Op::MaxPool2 => Plane::from_fn(shape, |x, y, c| {
             window(input(0).shape, x, y).map(|(x, y)| input(0).at(x, y, c)).fold(f64::NEG_INFINITY, f64::max)
         }),
+        Op::Prelu => {
+            let slopes = parameter(weights, &layer.name, "weight");
+            Plane::from_fn(shape, |x, y, c| {
+                let value = input(0).at(x, y, c);
+                if value > 0.0 { value } else { f64::from(slopes[c]) * value }
+            })
+        }
+        Op::LayerNorm { epsilon } => {
+            let [weight, bias] = ["weight", "bias"].map(|kind| parameter(weights, &layer.name, kind));
+            Plane::from_fn(shape, |x, y, c| {
+                let [mean, deviation] = moments(input(0), x, y, *epsilon);
+                (input(0).at(x, y, c) - mean) / deviation * f64::from(weight[c]) + f64::from(bias[c])
+            })
+        }
+        Op::Scale { factor } => Plane::from_fn(shape, |x, y, c| f64::from(*factor) * input(0).at(x, y, c)),
+        Op::Shift { color } => {
+            Plane::from_fn(shape, |x, y, c| input(0).at(x, y, c) + f64::from(color[3 * c / shape.channels]))
+        }
+        Op::AveragePool { side, stride } => Plane::from_fn(shape, |x, y, c| {
+            let [rows, columns] = pooled(input(0).shape, [x, y], *side, *stride);
+            let count = (rows.len() * columns.len()) as f64;
+            rows.flat_map(|y| columns.clone().map(move |x| (x, y)))
+                .map(|(x, y)| input(0).at(x, y, c))
+                .sum::<f64>()
+                / count
+        }),
         Op::Concat => Plane::from_fn(shape, |x, y, mut c| {
             let mut parts = layer.inputs.iter().map(|t: &Tensor| &planes[t.index()]);
             let part = parts.find(|part| {
@@ -189,6 +217,23 @@ pub(crate) fn window(shape: Shape, x: usize, y: usize) -> impl Iterator<Item = (
     (2 * y..=below).flat_map(move |y| (2 * x..=right).map(move |x| (x, y)))
 }
 
+/// Mean of the channels of pixel (x, y), and the root of their variance plus `epsilon`.
+pub(crate) fn moments(plane: &Plane, x: usize, y: usize, epsilon: f32) -> [f64; 2] {
+    let n = plane.shape.channels;
+    let mean = (0..n).map(|c| plane.at(x, y, c)).sum::<f64>() / n as f64;
+    let variance = (0..n).map(|c| (plane.at(x, y, c) - mean).powi(2)).sum::<f64>() / n as f64;
+    [mean, (variance + f64::from(epsilon)).sqrt()]
+}
+
+/// The rows and columns of an image that [`Op::AveragePool`] sees at (x, y) of its result.
+pub(crate) fn pooled(shape: Shape, at: [usize; 2], side: usize, stride: usize) -> [Range<usize>; 2] {
+    let range = |at: usize, length: usize| {
+        let (centre, reach) = (at * stride, side / 2);
+        centre.saturating_sub(reach)..(centre + reach + 1).min(length)
+    };
+    [range(at[1], shape.height), range(at[0], shape.width)]
+}
+
 /// A pixel of bilinear interpolation.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Tap {
@@ -250,4 +295,17 @@ pub(crate) fn normal_distribution(x: f64) -> f64 {
         sum += term;
     }
     0.5 + sum * (-0.5 * x * x).exp() / (2.0 * std::f64::consts::PI).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn windows_of_an_average_lie_around_their_pixels_and_within_the_image() {
+        let shape = Shape { height: 7, width: 8, channels: 1 };
+        for (at, rows, columns) in [([0, 0], 0..3, 0..3), ([1, 1], 1..6, 1..6), ([2, 2], 4..7, 4..8)] {
+            assert_eq!(pooled(shape, at, 5, 3), [rows, columns]);
+        }
+    }
 }

@@ -83,7 +83,11 @@ pub(crate) fn infer(layer: &Layer, inputs: &[Shape], lr: [usize; 2]) -> Result<S
             }
             x.with_channels(conv.outputs)
         }
-        (Op::Activate(_), [x]) => *x,
+        (Op::Activate(_) | Op::Prelu | Op::LayerNorm { .. } | Op::Scale { .. }, [x]) => *x,
+        (Op::Shift { .. }, [x]) => match x.channels % 3 {
+            0 => *x,
+            _ => return fail("a multiple of three channels".to_owned()),
+        },
         (Op::PixelShuffle { factor }, [x, like @ ..]) => {
             let square = factor * factor;
             if x.channels % square != 0 {
@@ -111,6 +115,12 @@ pub(crate) fn infer(layer: &Layer, inputs: &[Shape], lr: [usize; 2]) -> Result<S
             Shape { height, width, channels: x.channels * factor * factor }
         }
         (Op::MaxPool2, [x]) => Shape { height: x.height.div_ceil(2), width: x.width.div_ceil(2), ..*x },
+        (Op::AveragePool { side, stride }, [x]) => {
+            if side % 2 == 0 || !(1..=*side).contains(stride) {
+                return fail(format!("an odd side and a stride of at most that, found {side} and {stride}"));
+            }
+            Shape { height: x.height.div_ceil(*stride), width: x.width.div_ceil(*stride), ..*x }
+        }
         (Op::Concat, [first, ..]) => {
             if inputs.iter().any(|x| !x.same_size(first)) {
                 return fail(format!("inputs of {}×{}", first.height, first.width));

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::arrays::{self, Array, Arrays, Texts};
 use crate::error::WeightError;
-use crate::graph::{Activation, Graph, Op};
+use crate::graph::{Activation, Graph, Op, Parameter};
 use crate::random::Random;
 
 /// Where weights come from.
@@ -41,12 +41,27 @@ impl Weights {
         let mut random = Random::new(seed);
         let mut arrays = Arrays::new();
         for layer in graph.layers() {
-            let (Op::Conv2d(conv), [input]) = (&layer.op, &layer.inputs[..]) else { continue };
+            let [input] = layer.inputs[..] else { continue };
+            let channels = graph.channels(input);
+            let Op::Conv2d(conv) = &layer.op else {
+                // Where their publications start: a quarter for slopes, nothing changed by normalisation.
+                for (kind, shape) in layer.op.parameters(channels) {
+                    let start = match (&layer.op, kind) {
+                        (Op::Prelu, _) => 0.25,
+                        (_, "weight") => 1.0,
+                        _ => 0.0,
+                    };
+                    let mut array = Array::zeros(&shape);
+                    array.values_mut().fill(start);
+                    arrays.insert(format!("{}.{kind}", layer.name), array);
+                }
+                continue;
+            };
             let gain = match conv.activation {
                 Activation::Identity | Activation::Sigmoid | Activation::Tanh => 1.0,
                 _ => 2.0,
             };
-            let shape = [conv.outputs, graph.channels(*input), conv.kernel, conv.kernel];
+            let shape = [conv.outputs, channels, conv.kernel, conv.kernel];
             let fan_in = (shape[1] * shape[2] * shape[3]) as f32;
             // A uniform number in ±b has variance b² / 3.
             let bound = (3.0 * gain / fan_in).sqrt();
@@ -66,14 +81,21 @@ impl Weights {
     /// [`WeightError`] naming the first array that is missing, too much, of another shape or not finite, or the field of
     /// the header that differs.
     pub fn check(&self, graph: &Graph) -> Result<(), WeightError> {
+        self.check_parameters(graph, &graph.parameters())
+    }
+
+    /// Whether they are of `graph`, but have `parameters` in the place of its own: what gives these while they are trained.
+    ///
+    /// # Errors
+    /// As [`Weights::check`].
+    pub fn check_parameters(&self, graph: &Graph, parameters: &[Parameter]) -> Result<(), WeightError> {
         let header = |field: &'static str, expected: String, actual: String| match expected == actual {
             true => Ok(()),
             false => Err(WeightError::Header { field, expected, actual }),
         };
         header("network", graph.name().to_owned(), self.header.network.clone())?;
         header("version", graph.version().to_string(), self.header.version.to_string())?;
-        let parameters = graph.parameters();
-        for parameter in &parameters {
+        for parameter in parameters {
             let name = parameter.name.clone();
             let Some(array) = self.arrays.get(&name) else {
                 return Err(WeightError::Missing { name, expected: parameter.shape.clone() });

@@ -114,6 +114,11 @@ fn every_adjoint_is_the_derivative() {
         (Op::ChannelMean, vec!["a"]),
         (Op::ChannelMax, vec!["a"]),
         (Op::Warp, vec!["a", "flow"]),
+        (Op::Prelu, vec!["a"]),
+        (Op::LayerNorm { epsilon: 1e-2 }, vec!["a"]),
+        (Op::Scale { factor: -0.7 }, vec!["a"]),
+        (Op::AveragePool { side: 5, stride: 3 }, vec!["a"]),
+        (Op::AveragePool { side: 3, stride: 1 }, vec!["a"]),
     ];
     let leaky = Activation::LeakyRelu { slope: 0.1 };
     for activation in [

@@ -169,6 +169,11 @@ fn every_operation_has_the_oracles_derivatives() {
         (Op::ChannelMean, vec!["a"]),
         (Op::ChannelMax, vec!["a"]),
         (Op::Warp, vec!["a", "flow"]),
+        (Op::Prelu, vec!["a"]),
+        (Op::LayerNorm { epsilon: 1e-2 }, vec!["a"]),
+        (Op::Scale { factor: -0.7 }, vec!["a"]),
+        (Op::AveragePool { side: 5, stride: 3 }, vec!["a"]),
+        (Op::AveragePool { side: 3, stride: 1 }, vec!["a"]),
     ];
     for (op, inputs) in ops {
         for (channels, border) in [(4, Border::Zero), (36, Border::Replicate)] {
@@ -176,6 +181,7 @@ fn every_operation_has_the_oracles_derivatives() {
         }
     }
     compare(&single(Op::PixelUnshuffle { factor: 2 }, 5, &["a"], Border::Zero), [4, 6], 3);
+    compare(&single(Op::Shift { color: [0.5, -0.2, 0.1] }, 48, &["a"], Border::Zero), [5, 7], 3);
 }
 
 const ACTIVATIONS: [Activation; 8] = [

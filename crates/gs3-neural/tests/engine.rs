@@ -18,6 +18,15 @@ fn header(graph: &Graph) -> Header {
     }
 }
 
+/// Weights whose biases, slopes and the like differ from channel to channel.
+fn weights(graph: &Graph) -> Weights {
+    let mut weights = Weights::random(graph, header(graph), 1);
+    for array in weights.arrays.values_mut().filter(|a| a.shape().len() == 1) {
+        array.values_mut().iter_mut().enumerate().for_each(|(k, v)| *v = k as f32 * 0.01 - 0.1);
+    }
+    weights
+}
+
 /// Images of numbers in ±1 for all inputs of `graph`.
 fn images(graph: &Graph, lr: [usize; 2], seed: u64) -> Vec<(String, Vec<f32>)> {
     let (shapes, mut random) = (graph.shapes(lr).expect("a size it takes"), Random::new(seed));
@@ -108,15 +117,24 @@ fn every_operation_computes_what_the_reference_says() {
         (Op::ChannelMean, vec!["a"]),
         (Op::ChannelMax, vec!["a"]),
         (Op::Warp, vec!["a", "flow"]),
+        (Op::Prelu, vec!["a"]),
+        (Op::LayerNorm { epsilon: 1e-2 }, vec!["a"]),
+        (Op::Scale { factor: -0.7 }, vec!["a"]),
+        (Op::AveragePool { side: 5, stride: 3 }, vec!["a"]),
+        (Op::AveragePool { side: 3, stride: 1 }, vec!["a"]),
     ];
     for (op, inputs) in ops {
         for (channels, border) in [(4, Border::Zero), (36, Border::Replicate)] {
             let graph = single(op, channels, &inputs, border);
-            compare(&graph, &Weights::random(&graph, header(&graph), 1), [5, 7]);
+            compare(&graph, &weights(&graph), [5, 7]);
         }
     }
     let graph = single(Op::PixelUnshuffle { factor: 2 }, 5, &["a"], Border::Zero);
-    compare(&graph, &Weights::random(&graph, header(&graph), 1), [4, 6]);
+    compare(&graph, &weights(&graph), [4, 6]);
+    for channels in [3, 48] {
+        let graph = single(Op::Shift { color: [0.5, -0.2, 0.1] }, channels, &["a"], Border::Zero);
+        compare(&graph, &weights(&graph), [5, 7]);
+    }
 }
 
 #[test]
@@ -139,16 +157,7 @@ fn convolutions_of_any_size_compute_what_the_reference_says() {
                         ..Conv2d::new(kernel, outputs).dilation(dilation).activation(activation)
                     };
                     let graph = single(Op::Conv2d(conv), channels, &["a"], border);
-                    let mut weights = Weights::random(&graph, header(&graph), 1);
-                    // Biases start as zero.
-                    for array in weights.arrays.values_mut().filter(|a| a.shape().len() == 1) {
-                        array
-                            .values_mut()
-                            .iter_mut()
-                            .enumerate()
-                            .for_each(|(k, v)| *v = k as f32 * 0.01 - 0.1);
-                    }
-                    compare(&graph, &weights, [5, 29]);
+                    compare(&graph, &weights(&graph), [5, 29]);
                 }
             }
         }

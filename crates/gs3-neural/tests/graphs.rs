@@ -1,6 +1,6 @@
 //! The networks as data: shapes, budgets, errors.
 
-use gs3_neural::model::{Tier, interpolate, super_sample};
+use gs3_neural::model::{Peer, Tier, interpolate, super_sample};
 use gs3_neural::{Border, Conv2d, GraphBuilder, GraphError, Op, Shape};
 
 const LR: [usize; 2] = [270, 480];
@@ -27,6 +27,25 @@ fn networks_keep_their_budgets() {
             assert!(work > 0.8 * budget && work < 1.2 * budget, "{} {tier:?}: {work}", graph.name());
         }
     }
+}
+
+/// Parameters, and multiply-adds per HR pixel at ×4, as published for RGB; of NinaSR those of its attention, 13, come on top.
+#[test]
+fn published_networks_have_their_published_sizes() {
+    for (peer, parameters, work) in
+        [(Peer::Ecbsr, 16_768, 1_035), (Peer::Rt4ksr, 70_560, 1_093), (Peer::Ninasr, 1_030_192, 60_835)]
+    {
+        let graph = peer.graph(4).expect("a network");
+        let learned: usize = graph.parameters().iter().map(|p| p.shape.iter().product::<usize>()).sum();
+        assert_eq!(learned, parameters, "{peer:?}");
+        let actual = graph.multiply_adds_per_pixel([256, 480]).expect("a size it takes") / 16.0;
+        assert!((actual - f64::from(work)).abs() < 1.0, "{peer:?}: {actual}");
+    }
+    // Blocks of 2×2 pixels need even sides.
+    assert!(matches!(
+        Peer::Rt4ksr.graph(4).expect("a network").shapes([5, 8]),
+        Err(GraphError::Shape { layer, .. }) if layer == "blocks"
+    ));
 }
 
 #[test]

@@ -31,6 +31,27 @@ fn weights_survive_a_file_bit_for_bit() {
 }
 
 #[test]
+fn the_same_weights_always_have_the_same_bytes() {
+    let graph = super_sample(4, Tier::Fast).expect("a network");
+    let weights = initial_weights(&graph, header(&graph), 7);
+    let bytes = weights.to_bytes().expect("bytes");
+    // Six texts in the order of a hash map would come in another one at least once in twenty times, all but for 1 in 10⁵⁷.
+    for _ in 0..20 {
+        assert!(weights.to_bytes().expect("bytes") == bytes, "other bytes");
+    }
+    let end = 8 + u64::from_le_bytes(bytes[..8].try_into().expect("eight")) as usize;
+    let text = String::from_utf8(bytes[8..end].to_vec()).expect("a text");
+    let place = |field: &str| text.find(&format!("\"{field}\":")).expect("there");
+    let fields =
+        ["__metadata__", "licence", "network", "scale", "tier", "training_data", "version", "enter.bias"];
+    assert!(fields.windows(2).all(|pair| place(pair[0]) < place(pair[1])), "{text}");
+    // Texts with quotes and the like survive.
+    let mut odd = weights;
+    odd.header.training_data = "\"quoted\", \\ and\n… ü".to_owned();
+    assert_eq!(Weights::from_bytes(&odd.to_bytes().expect("bytes")).expect("read"), odd);
+}
+
+#[test]
 fn weights_of_another_network_are_refused_by_name() {
     let [fast, balanced] = [Tier::Fast, Tier::Balanced].map(|t| super_sample(4, t).expect("a network"));
     let weights = initial_weights(&fast, header(&fast), 1);

@@ -41,15 +41,41 @@ impl ClipFolder {
         paths.sort();
         let mut clips = Self::default();
         for path in paths {
-            let clip = ClipFile::open(&path)?;
+            let mut clip = ClipFile::open(&path)?;
             let held = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(HELD));
             check(&clip, settings, held)?;
+            if let Some(planes) = settings.subject.planes() {
+                clip.keep(planes);
+            }
             if held { clips.held.push(clip) } else { clips.train.push(clip) }
         }
         match clips.train.is_empty() {
             true => Err(TrainError::NoClips { folder: folder.to_owned() }),
             false => Ok(clips),
         }
+    }
+
+    /// A number that stands for names and content of the held-out clips, never 0: other clips have another one, but for 1
+    /// in 2⁶⁴. Clips that were rendered again have the names and sizes of the old ones, so all of them is read.
+    ///
+    /// # Errors
+    /// [`TrainError`] if a clip cannot be read.
+    pub fn digest(&self) -> Result<u64, TrainError> {
+        let mut state = self.held.len() as u64;
+        let mut add = |number: u64| state = Random::new(state ^ number).next_bits();
+        for clip in &self.held {
+            let path = clip.path();
+            let file = |source| TrainError::File { path: path.to_owned(), source };
+            let bytes = std::fs::read(path).map_err(file)?;
+            let name = path.file_name().unwrap_or_default().as_encoded_bytes();
+            for part in [name, &bytes] {
+                let (numbers, rest) = part.as_chunks();
+                numbers.iter().for_each(|bytes| add(u64::from_le_bytes(*bytes)));
+                rest.iter().for_each(|byte| add(u64::from(*byte)));
+                add(part.len() as u64);
+            }
+        }
+        Ok(state.max(1))
     }
 }
 
@@ -59,7 +85,7 @@ fn check(clip: &ClipFile, settings: &Settings, held: bool) -> Result<(), TrainEr
     let fail = |expected: String, actual: String| {
         Err(TrainError::OtherClip { path: path.clone(), expected, actual })
     };
-    let (network, scale) = (settings.network, settings.scale);
+    let (network, scale) = (settings.subject.clips(), settings.scale);
     if (clip.network(), clip.scale()) != (network, scale) {
         return fail(
             format!("a clip for {} at scale {scale}", network.name()),

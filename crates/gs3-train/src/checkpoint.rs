@@ -29,6 +29,9 @@ struct Rest {
 struct BestOf {
     step: u64,
     gain: f64,
+    /// In hexadecimal. Earlier checkpoints have none: their record is none of any clips.
+    #[serde(default)]
+    held: String,
 }
 
 /// Writes `state` to a folder in `folder`, whole or not at all.
@@ -51,7 +54,11 @@ pub fn save(folder: &Path, state: &State) -> Result<(), TrainError> {
     if let Some(best) = &state.best {
         save_weights(&file("best.safetensors"), &best.weights)?;
     }
-    let best = state.best.as_ref().map(|best| BestOf { step: best.step, gain: best.gain });
+    let best = state.best.as_ref().map(|best| BestOf {
+        step: best.step,
+        gain: best.gain,
+        held: format!("{:016x}", best.held),
+    });
     let rest = serde_json::to_string_pretty(&Rest { seconds: state.seconds, best });
     let rest = rest.map_err(|e| at(&file("state.json"))(e.into()))?;
     fs::write(file("state.json"), rest).map_err(at(&file("state.json")))?;
@@ -93,7 +100,10 @@ pub fn load(folder: &Path) -> Result<Option<State>, TrainError> {
         return Err(TrainError::Checkpoint { path, field: "seconds", expected, actual });
     }
     let best = match rest.best {
-        Some(best) => Some(Best { weights: weights("best.safetensors")?, step: best.step, gain: best.gain }),
+        Some(BestOf { step, gain, held }) => {
+            let held = u64::from_str_radix(&held, 16).unwrap_or_default();
+            Some(Best { weights: weights("best.safetensors")?, step, gain, held })
+        }
         None => None,
     };
     let (weights, average) = (weights("weights.safetensors")?, weights("average.safetensors")?);

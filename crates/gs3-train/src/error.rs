@@ -18,6 +18,9 @@ pub enum TrainError {
     /// The network refuses its inputs.
     #[error(transparent)]
     Run(#[from] RunError),
+    /// A frame cannot be interpolated.
+    #[error(transparent)]
+    Reconstruct(#[from] gs3::reconstruct::ReconstructError),
     /// Weights cannot be read or written, or are another network's.
     #[error(transparent)]
     Weights(#[from] WeightError),

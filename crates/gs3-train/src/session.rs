@@ -42,6 +42,16 @@ pub enum Event<'a> {
         /// Seconds of training until then.
         seconds: f64,
     },
+    /// The record of the best average was of other held-out clips, and was measured again on these; without held-out clips
+    /// there is no record any more.
+    Remeasured {
+        /// The record's step.
+        step: u64,
+        /// Its gain on the other clips in dB.
+        before: f64,
+        /// That on these.
+        gain: Option<f64>,
+    },
     /// A step was made.
     Step {
         /// What it did.
@@ -100,9 +110,12 @@ pub fn train(
         trainer: Trainer::new(settings, state)?,
         clips,
         places,
+        held: 0,
         since: Means::default(),
         saved: seconds,
     };
+    session.held = session.clips.digest()?;
+    session.check_record(report)?;
     session.operations = session.trainer.operations()?;
     let ending = session.run(report, go_on)?;
     Ok((session.trainer.state, ending))
@@ -126,6 +139,8 @@ struct Session<'a> {
     places: &'a Places,
     log: Log,
     operations: f64,
+    /// Digest of the held-out clips.
+    held: u64,
     /// What steps did since the last row of the log.
     since: Means,
     /// Seconds of training at the last checkpoint.
@@ -176,6 +191,18 @@ impl Session<'_> {
         Ok(ending)
     }
 
+    /// Measures the record again if it is one of other clips.
+    fn check_record(&mut self, report: &mut dyn FnMut(Event<'_>)) -> Result<(), TrainError> {
+        let Some(record) = self.trainer.state.best.take_if(|best| best.held != self.held) else {
+            return Ok(());
+        };
+        let (subject, graph) = (self.trainer.settings().subject, self.trainer.graph());
+        let gain = validate(subject, graph, &record.weights, &self.clips.held)?.mean.map(|[gain, _]| gain);
+        report(Event::Remeasured { step: record.step, before: record.gain, gain });
+        self.trainer.state.best = gain.map(|gain| Best { gain, held: self.held, ..record });
+        Ok(())
+    }
+
     fn progress(&self) -> f64 {
         let State { seconds, .. } = self.trainer.state;
         self.trainer.settings().length.progress(self.trainer.state.steps(), seconds)
@@ -183,13 +210,15 @@ impl Session<'_> {
 
     /// Looks at the average on held-out clips, and keeps it if none was better.
     fn validate(&mut self, report: &mut dyn FnMut(Event<'_>)) -> Result<Option<[f64; 2]>, TrainError> {
-        let validation = validate(self.trainer.graph(), &self.trainer.state.average, &self.clips.held)?;
+        let average = self.trainer.average();
+        let subject = self.trainer.settings().subject;
+        let validation = validate(subject, self.trainer.graph(), &average, &self.clips.held)?;
         let Some([gain, _]) = validation.mean else { return Ok(None) };
         let step = self.trainer.state.steps();
-        let State { average, best, .. } = &mut self.trainer.state;
+        let best = &mut self.trainer.state.best;
         let is_best = best.as_ref().is_none_or(|best| gain > best.gain);
         if is_best {
-            *best = Some(Best { weights: average.clone(), step, gain });
+            *best = Some(Best { weights: average, step, gain, held: self.held });
         }
         report(Event::Validated { step, validation: &validation, is_best });
         Ok(validation.mean)
@@ -209,8 +238,8 @@ impl Session<'_> {
     }
 
     fn save(&mut self) -> Result<(), TrainError> {
-        let State { average, best, .. } = &self.trainer.state;
-        checkpoint::save_weights(&self.places.out, best.as_ref().map_or(average, |best| &best.weights))?;
+        let best = self.trainer.state.best.as_ref().map(|best| best.weights.clone());
+        checkpoint::save_weights(&self.places.out, &best.unwrap_or_else(|| self.trainer.average()))?;
         checkpoint::save(&self.places.checkpoint, &self.trainer.state)?;
         plot::draw(&self.places.checkpoint.join("log.png"), self.log.rows())?;
         self.saved = self.trainer.state.seconds;

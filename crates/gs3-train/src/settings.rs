@@ -2,11 +2,10 @@
 
 use std::path::PathBuf;
 
-use gs3_neural::model::Tier;
-
 use crate::clip::Network;
 use crate::error::TrainError;
 use crate::losses::{Loss, Term, Terms};
+use crate::subject::Subject;
 
 /// LR pixels at each side of a crop that losses do not see: there the network saw copies of the border.
 pub const MARGIN: usize = 2;
@@ -18,9 +17,7 @@ const LAST_RATE: f64 = 1e-2;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     /// The network.
-    pub network: Network,
-    /// Its size.
-    pub tier: Tier,
+    pub subject: Subject,
     /// HR pixels per LR pixel along a side.
     pub scale: u32,
     /// Items of a step, whose derivatives are averaged.
@@ -80,26 +77,32 @@ impl Length {
 impl Settings {
     /// What a network is trained with unless something else is wanted.
     #[must_use]
-    pub fn new(network: Network, tier: Tier, scale: u32, length: Length) -> Self {
+    pub fn new(subject: Subject, scale: u32, length: Length) -> Self {
         let mut weights = Terms::default();
         weights.set(Term::Charbonnier, 1.0);
-        match network {
-            Network::SuperSample => {
+        match subject {
+            Subject::Own { network: Network::SuperSample, .. } => {
                 weights.set(Term::Laplacian, 0.1);
                 weights.set(Term::Temporal, 0.1);
             }
-            Network::Interpolate => {
+            Subject::Own { network: Network::Interpolate, .. } => {
                 weights.set(Term::Perceptual, 0.2);
                 weights.set(Term::Warp, 0.05);
                 weights.set(Term::Alpha, 0.2);
             }
+            // As they were published: the error's size alone.
+            Subject::Peer(_) => {}
         }
+        // Networks without memory see no more in frames that follow each other than in any others.
+        let (batch, window) = match subject {
+            Subject::Own { .. } => (8, 6),
+            Subject::Peer(_) => (32, 1),
+        };
         Self {
-            network,
-            tier,
+            subject,
             scale,
-            batch: 8,
-            window: 6,
+            batch,
+            window,
             crop: 64,
             seed: 0,
             symmetries: Symmetries::All,

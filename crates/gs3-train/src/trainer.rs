@@ -11,6 +11,7 @@ use crate::batch::Choice;
 use crate::checkpoint;
 use crate::clip::ClipFile;
 use crate::error::TrainError;
+use crate::form::Form;
 use crate::losses::Terms;
 use crate::optimise;
 use crate::settings::Settings;
@@ -19,9 +20,9 @@ use crate::unroll::{ItemResult, Memory, Unroll, operations_per_pixel};
 /// What a training has come to: all that a checkpoint holds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct State {
-    /// The weights that steps move.
+    /// The weights that steps move: in the form in which they are trained.
     pub weights: Weights,
-    /// Their running mean, which is what is used in the end.
+    /// Their running mean, which is what is used in the end, in the same form.
     pub average: Weights,
     /// The optimiser's means.
     pub adam: Adam,
@@ -34,12 +35,14 @@ pub struct State {
 /// Weights and what they gain.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Best {
-    /// The weights.
+    /// The weights, as they are run.
     pub weights: Weights,
     /// Their step.
     pub step: u64,
     /// Their mean gain on held-out clips in dB.
     pub gain: f64,
+    /// [`ClipFolder::digest`](crate::ClipFolder::digest) of these clips: on others gains are others.
+    pub held: u64,
 }
 
 impl State {
@@ -62,6 +65,7 @@ impl State {
 pub struct Trainer {
     settings: Settings,
     graph: Graph,
+    form: Form,
     unroll: Unroll,
     /// What has been learned.
     pub state: State,
@@ -90,11 +94,12 @@ impl Trainer {
     /// # Errors
     /// [`TrainError`] if settings are out of range or weights are another network's.
     pub fn new(settings: Settings, state: State) -> Result<Self, TrainError> {
-        let graph = settings.network.graph(settings.scale, settings.tier)?;
+        let graph = settings.subject.graph(settings.scale)?;
+        let form = Form::new(settings.subject, &graph);
         let unroll = Unroll::new(&graph, &settings)?;
-        state.weights.check(&graph)?;
-        state.average.check(&graph)?;
-        Ok(Self { settings, graph, unroll, state, memories: Mutex::default() })
+        form.check(&graph, &state.weights)?;
+        form.check(&graph, &state.average)?;
+        Ok(Self { settings, graph, form, unroll, state, memories: Mutex::default() })
     }
 
     /// The header of weights trained with `settings`.
@@ -102,33 +107,36 @@ impl Trainer {
     /// # Errors
     /// [`TrainError::Graph`] if there is no network of that scale.
     pub fn header(settings: &Settings, training_data: &str, licence: &str) -> Result<Header, TrainError> {
-        let graph = settings.network.graph(settings.scale, settings.tier)?;
+        let graph = settings.subject.graph(settings.scale)?;
         Ok(Header {
             network: graph.name().to_owned(),
             version: graph.version(),
             scale: settings.scale,
-            tier: settings.tier.name().to_owned(),
+            tier: settings.subject.size().to_owned(),
             training_data: training_data.to_owned(),
             licence: licence.to_owned(),
         })
     }
 
-    /// The weights that a training from nothing begins with: those of the analytic pipeline.
+    /// The weights that a training from nothing begins with: ours are those of the analytic pipeline.
     ///
     /// # Errors
     /// [`TrainError::Graph`] if there is no network of that scale.
     pub fn initial(settings: &Settings, header: Header) -> Result<Weights, TrainError> {
-        let graph = settings.network.graph(settings.scale, settings.tier)?;
-        Ok(initial_weights(&graph, header, settings.seed))
+        let graph = settings.subject.graph(settings.scale)?;
+        let start = initial_weights(&graph, header, settings.seed);
+        Ok(Form::new(settings.subject, &graph).initial(&graph, start, settings.seed))
     }
 
-    /// Weights of a file that a training can begin with.
+    /// Weights of a file that a training can begin with. Of networks that are trained in another form than they are run in,
+    /// only checkpoints hold such.
     ///
     /// # Errors
     /// [`TrainError`] if they cannot be read or are not those of the network.
     pub fn load(settings: &Settings, path: &Path) -> Result<Weights, TrainError> {
-        let graph = settings.network.graph(settings.scale, settings.tier)?;
-        let weights = Weights::load(path).and_then(|weights| weights.check(&graph).map(|()| weights));
+        let graph = settings.subject.graph(settings.scale)?;
+        let form = Form::new(settings.subject, &graph);
+        let weights = Weights::load(path).and_then(|w| form.check(&graph, &w).map(|()| w));
         weights.map_err(checkpoint::within(path))
     }
 
@@ -142,6 +150,12 @@ impl Trainer {
     #[must_use]
     pub fn graph(&self) -> &Graph {
         &self.graph
+    }
+
+    /// The average of the weights, as they are run.
+    #[must_use]
+    pub fn average(&self) -> Weights {
+        self.form.fold(&self.state.average)
     }
 
     /// Floating-point operations of a step's convolutions.
@@ -159,7 +173,7 @@ impl Trainer {
     /// [`TrainError`] if a clip cannot be read, or the loss is no longer a number; the state is as before then.
     pub fn step(&mut self, clips: &[ClipFile], progress: f64) -> Result<Step, TrainError> {
         let (batch, done) = (self.settings.batch, self.state.steps());
-        let packed = self.unroll.pack(&self.state.weights)?;
+        let packed = self.unroll.pack(&self.form.fold(&self.state.weights))?;
         let item = |k: usize| -> Result<Option<ItemResult>, TrainError> {
             let Some(choice) = Choice::new(clips, &self.settings, done, k) else { return Ok(None) };
             let clip = choice.read()?;
@@ -178,6 +192,7 @@ impl Trainer {
             optimise::add(&mut v_weights, &item.v_weights);
             terms += item.terms;
         }
+        let mut v_weights = self.form.pull_back(&self.state.weights, v_weights);
         terms /= batch as f64;
         let loss = terms.weighted(&self.settings.loss.weights);
         let gradient = optimise::length(&v_weights) / batch as f64;

@@ -11,6 +11,7 @@ use crate::losses::{
     charbonnier, square, warp,
 };
 use crate::settings::{MARGIN, Settings};
+use crate::subject::Subject;
 
 /// The image that networks give.
 const COLOR: &str = "color";
@@ -25,6 +26,11 @@ pub struct Unroll {
     interior: Interior,
     loss: Loss,
     perceptual: Option<Perceptual>,
+    subject: Subject,
+    /// Whether the network hands a state on.
+    is_recurrent: bool,
+    /// Numbers of a pixel of the network's image: RGB, and the uncertainty that ours hand on.
+    channels: usize,
     scale: usize,
     window: usize,
 }
@@ -49,7 +55,7 @@ pub struct Memory {
     seen: Vec<f32>,
     /// Inputs of a frame, in the clip's order.
     inputs: Vec<Vec<f32>>,
-    /// The network's image, RGB and uncertainty.
+    /// The network's image, or the derivative by it: RGB, and uncertainty where it has one.
     color: Vec<f32>,
     hidden: Vec<f32>,
     v_hidden: Vec<f32>,
@@ -78,12 +84,24 @@ impl Unroll {
     pub fn new(graph: &Graph, settings: &Settings) -> Result<Self, TrainError> {
         settings.check()?;
         let (crop, scale) = (settings.crop, settings.scale as usize);
-        let differentiator = Differentiator::new(graph, [crop; 2], &[HIDDEN])?;
-        let alpha = settings.loss.weights.get(Term::Alpha);
-        if alpha > 0.0 && differentiator.output_shape(ALPHA).is_none() {
-            let (expected, actual) = (format!("0 for {}", graph.name()), alpha.to_string());
-            return Err(TrainError::Setting { name: Term::Alpha.name(), expected, actual });
+        let is_recurrent = graph.inputs().any(|(_, layer)| layer.name == HIDDEN);
+        let differentiator =
+            Differentiator::new(graph, [crop; 2], if is_recurrent { &[HIDDEN] } else { &[] })?;
+        let subject = settings.subject;
+        let has = |term: Term| match term {
+            Term::Alpha => differentiator.output_shape(ALPHA).is_some(),
+            // Frames of single-image networks lie beside each other: see `Subject::displacement`.
+            Term::Temporal | Term::Warp => matches!(subject, Subject::Own { .. }),
+            Term::Charbonnier | Term::Laplacian | Term::Perceptual => true,
+        };
+        for term in Term::ALL {
+            let weight = settings.loss.weights.get(term);
+            if weight > 0.0 && !has(term) {
+                let (expected, actual) = (format!("0 for {}", graph.name()), weight.to_string());
+                return Err(TrainError::Setting { name: term.name(), expected, actual });
+            }
         }
+        let channels = differentiator.output_shape(COLOR).map_or(CHANNELS, |shape| shape.channels);
         let Some(interior) = Interior::new(crop * scale, crop * scale, MARGIN * scale) else {
             let (expected, actual) = (format!("more than {}", 2 * MARGIN), crop.to_string());
             return Err(TrainError::Setting { name: "crop", expected, actual });
@@ -92,7 +110,17 @@ impl Unroll {
         let file = settings.perceptual.as_ref().filter(|_| weight > 0.0);
         let perceptual = file.map(|file| Perceptual::load(file, interior)).transpose()?;
         let (loss, window) = (settings.loss, settings.window);
-        Ok(Self { differentiator, interior, loss, perceptual, scale, window })
+        Ok(Self {
+            differentiator,
+            interior,
+            loss,
+            perceptual,
+            subject,
+            is_recurrent,
+            channels,
+            scale,
+            window,
+        })
     }
 
     /// Weights for [`Unroll::run`].
@@ -131,7 +159,7 @@ impl Unroll {
             perceptual: self.perceptual.as_ref().map(Perceptual::memory),
             seen: Vec::new(),
             inputs: Vec::new(),
-            color: image,
+            color: vec![0.0; image.len() / CHANNELS * self.channels],
             hidden: state.clone(),
             v_hidden: state,
         }
@@ -178,14 +206,25 @@ impl Unroll {
         for (k, (frame, made)) in clip.frames.iter().zip(frames).enumerate() {
             decode(frame, inputs);
             let named = frame.inputs.iter().zip(inputs.iter());
+            // Clips hold more than single-image networks read.
+            let named = named.filter(|(plane, _)| self.differentiator.input_shape(&plane.name).is_some());
             let mut images: Vec<Named<'_>> = named.map(|(plane, v)| (&*plane.name, &**v)).collect();
-            images.push((HIDDEN, hidden));
+            if self.is_recurrent {
+                images.push((HIDDEN, hidden));
+            }
             self.differentiator.forward(packed, &images, &mut made.tape)?;
             self.differentiator.output(&made.tape, COLOR, color)?;
-            self.differentiator.output(&made.tape, HIDDEN, hidden)?;
-            subtract(color, &frame.target, &mut made.error);
+            if self.is_recurrent {
+                self.differentiator.output(&made.tape, HIDDEN, hidden)?;
+            }
+            let by = self.subject.displacement(frame, self.scale);
+            let width = clip.lr[1] * self.scale;
+            let moved = (by != [0; 2]).then(|| displaced(&frame.target, width, by.map(|by| -by)));
+            subtract(color, self.channels, moved.as_ref().unwrap_or(&frame.target), &mut made.error);
             if self.perceptual.is_some() && k == seen {
-                memory.seen.clone_from(color);
+                let pixels = color.chunks_exact(self.channels);
+                memory.seen.clear();
+                memory.seen.extend(pixels.flat_map(|p| [p[0], p[1], p[2], p.get(3).copied().unwrap_or(0.0)]));
             }
             if self.has(Term::Alpha) {
                 self.differentiator.output(&made.tape, ALPHA, &mut made.alpha)?;
@@ -251,22 +290,31 @@ impl Unroll {
 
     fn backward(&self, packed: &Packed, memory: &mut Memory) -> Result<Arrays, TrainError> {
         let mut v_weights = self.differentiator.v_weights();
-        let Memory { frames, scratch, hidden, v_hidden, .. } = memory;
+        let Memory { frames, scratch, color, hidden, v_hidden, .. } = memory;
         // Nothing reads the state after the last frame.
         v_hidden.fill(0.0);
         for frame in frames.iter().rev() {
-            let v_outputs =
-                [(COLOR, &frame.v_error[..]), (HIDDEN, &v_hidden[..]), (ALPHA, &frame.v_alpha[..])];
-            let v_outputs = if self.has(Term::Alpha) { &v_outputs[..] } else { &v_outputs[..2] };
+            for (v, v_error) in
+                color.chunks_exact_mut(self.channels).zip(frame.v_error.chunks_exact(CHANNELS))
+            {
+                v.copy_from_slice(&v_error[..self.channels]);
+            }
+            let v_outputs = [(COLOR, &color[..]), (HIDDEN, &v_hidden[..]), (ALPHA, &frame.v_alpha[..])];
+            let v_outputs = match (self.is_recurrent, self.has(Term::Alpha)) {
+                (false, _) => &v_outputs[..1],
+                (true, false) => &v_outputs[..2],
+                (true, true) => &v_outputs[..],
+            };
             // The last state itself is not needed any more: its memory takes the derivative by the state before.
             let mut v_inputs = [(HIDDEN, &mut hidden[..])];
+            let v_inputs = if self.is_recurrent { &mut v_inputs[..] } else { &mut [] };
             self.differentiator.backward(
                 packed,
                 &frame.tape,
                 scratch,
                 v_outputs,
                 &mut v_weights,
-                &mut v_inputs,
+                v_inputs,
             )?;
             std::mem::swap(hidden, v_hidden);
         }
@@ -296,9 +344,22 @@ pub fn decode(frame: &Frame, inputs: &mut Vec<Vec<f32>>) {
     }
 }
 
-/// The error image of `color`, RGB and uncertainty, against a target.
-fn subtract(color: &[f32], target: &[u16], error: &mut [f32]) {
-    let (color, target) = (color.as_chunks::<CHANNELS>().0, target.as_chunks::<3>().0);
+/// An RGB image of rows of `width` pixels moved right by x and down by y pixels; its border is repeated.
+pub fn displaced<T: Copy>(image: &[T], width: usize, [x, y]: [isize; 2]) -> Vec<T> {
+    let pixels = image.as_chunks::<3>().0;
+    let height = pixels.len() / width.max(1);
+    let place = |at: usize, by: isize, side: usize| (at as isize - by).clamp(0, side as isize - 1) as usize;
+    let mut out = Vec::with_capacity(image.len());
+    for row in 0..height {
+        let line = &pixels[place(row, y, height) * width..][..width];
+        out.extend((0..width).flat_map(|column| line[place(column, x, width)]));
+    }
+    out
+}
+
+/// The error image of `color`, of `channels` of which the first are RGB, against a target.
+fn subtract(color: &[f32], channels: usize, target: &[u16], error: &mut [f32]) {
+    let (color, target) = (color.chunks_exact(channels), target.as_chunks::<3>().0);
     for ((error, color), target) in error.as_chunks_mut::<CHANNELS>().0.iter_mut().zip(color).zip(target) {
         let [r, g, b] = [0, 1, 2].map(|c| color[c] - from_unorm(target[c]));
         *error = [r, g, b, 0.0];

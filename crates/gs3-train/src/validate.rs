@@ -1,11 +1,16 @@
-//! What a network gains over reconstruction without learning, on clips it was not trained on.
+//! What a network gains over reconstruction without learning, on clips it was not trained on; a single-image network over
+//! bicubic interpolation.
 
+use gs3::reconstruct::{Kernel, resample};
+use gs3::scene::{GBuffer, Image, Planes};
 use gs3_neural::{Engine, Graph, Named, Weights};
 
 use crate::clip::{ClipFile, Frame, HIDDEN, Network, Window, from_unorm};
 use crate::error::TrainError;
 use crate::losses::CHANNELS;
-use crate::unroll::decode;
+use crate::settings::MARGIN;
+use crate::subject::Subject;
+use crate::unroll::{decode, displaced};
 
 /// A mean squared error below which frames count as equal: 100 dB. The noise of targets in 16 bits is at 107 dB.
 const LEAST_ERROR: f64 = 1e-10;
@@ -24,7 +29,7 @@ pub struct Validation {
 pub struct Gain {
     /// The clip's name.
     pub name: String,
-    /// Mean PSNR of its frames over that of frames without learning, in dB.
+    /// Mean PSNR of its frames over that of frames without learning, or of bicubic interpolation, in dB.
     pub psnr: f64,
     /// The same of tPSNR, of frame differences.
     pub tpsnr: f64,
@@ -32,23 +37,38 @@ pub struct Gain {
     pub analytic: f64,
 }
 
-/// Runs `graph` with `weights` through all of `clips`. Work is spread over the current rayon thread pool; results do not
+/// Runs `graph`, that of `subject`, with `weights` through all of `clips`. Work is spread over the current rayon thread pool; results do not
 /// depend on its size.
 ///
 /// # Errors
 /// [`TrainError`] if a clip cannot be read or does not fit the network.
-pub fn validate(graph: &Graph, weights: &Weights, clips: &[ClipFile]) -> Result<Validation, TrainError> {
-    let gains: Vec<Gain> = clips.iter().map(|clip| gain(graph, weights, clip)).collect::<Result<_, _>>()?;
+pub fn validate(
+    subject: Subject,
+    graph: &Graph,
+    weights: &Weights,
+    clips: &[ClipFile],
+) -> Result<Validation, TrainError> {
+    let gains = clips.iter().map(|clip| gain(subject, graph, weights, clip));
+    let gains: Vec<Gain> = gains.collect::<Result<_, _>>()?;
     let mean = |value: fn(&Gain) -> f64| gains.iter().map(value).sum::<f64>() / gains.len() as f64;
     let mean = (!gains.is_empty()).then(|| [mean(|gain| gain.psnr), mean(|gain| gain.tpsnr)]);
     Ok(Validation { clips: gains, mean })
 }
 
-fn gain(graph: &Graph, weights: &Weights, file: &ClipFile) -> Result<Gain, TrainError> {
+fn gain(subject: Subject, graph: &Graph, weights: &Weights, file: &ClipFile) -> Result<Gain, TrainError> {
     let mut engine = Engine::new(graph, weights, file.lr())?;
     let mut hidden = vec![0.0; engine.shape(HIDDEN).map_or(0, |shape| shape.len())];
     let hr = file.lr().map(|side| side * file.scale() as usize);
-    let mut color = vec![0.0; hr[0] * hr[1] * CHANNELS];
+    // An input is called so, too.
+    let output = graph.outputs().iter().find(|output| output.name == "color");
+    let channels = output.map_or(CHANNELS, |output| graph.channels(output.tensor));
+    let mut color = vec![0.0; hr[0] * hr[1] * channels];
+    // Images that lie beside the native one are moved to it, and lack what comes in there.
+    let margin = match subject {
+        Subject::Own { .. } => 0,
+        Subject::Peer(_) => MARGIN * file.scale() as usize,
+    };
+    let is_input = |name: &str| graph.inputs().any(|(_, layer)| layer.name == name);
     let mut next = hidden.clone();
     let mut inputs = Vec::new();
     // Errors of this frame and the last: of the network's images, and of those without learning.
@@ -61,15 +81,32 @@ fn gain(graph: &Graph, weights: &Weights, file: &ClipFile) -> Result<Gain, Train
         let Some(frame) = clip.frames.first() else { continue };
         decode(frame, &mut inputs);
         let named = frame.inputs.iter().zip(&inputs);
+        // Clips hold more than single-image networks read.
+        let named = named.filter(|(plane, _)| is_input(&plane.name));
         let mut images: Vec<Named<'_>> = named.map(|(plane, v)| (&*plane.name, &**v)).collect();
-        images.push((HIDDEN, &hidden));
-        engine.run(&images, &mut [("color", &mut color), (HIDDEN, &mut next)])?;
+        if is_input(HIDDEN) {
+            images.push((HIDDEN, &hidden));
+            engine.run(&images, &mut [("color", &mut color), (HIDDEN, &mut next)])?;
+        } else {
+            engine.run(&images, &mut [("color", &mut color)])?;
+        }
         std::mem::swap(&mut hidden, &mut next);
-        let analytic = without_learning(file.network(), frame, &inputs);
-        for (which, image) in [&color, &analytic].into_iter().enumerate() {
+        let shown = match subject {
+            Subject::Own { .. } => None,
+            Subject::Peer(_) => {
+                let by = subject.displacement(frame, file.scale() as usize);
+                Some(displaced(&color, hr[1], by))
+            }
+        };
+        let (start, start_channels) = match subject {
+            Subject::Own { network, .. } => (without_learning(network, frame, &inputs), CHANNELS),
+            Subject::Peer(_) => (bicubic(frame, &inputs, file)?, CHANNELS),
+        };
+        let images = [(shown.as_ref().unwrap_or(&color), channels), (&start, start_channels)];
+        for (which, (image, channels)) in images.into_iter().enumerate() {
             let [last, now] = &mut errors[which];
             std::mem::swap(last, now);
-            subtract(image, &frame.target, now);
+            subtract(image, [hr[1], channels, margin], &frame.target, now);
             sums[which] += psnr(now.iter().copied());
             if k > 0 {
                 changes[which] += psnr(now.iter().zip(last.iter()).map(|(now, last)| now - last));
@@ -100,14 +137,45 @@ fn without_learning(network: Network, frame: &Frame, inputs: &[Vec<f32>]) -> Vec
     }
 }
 
-/// Errors of an image, `[height, width, 4]`, shown in `[0, 1]`, against a target: RGB.
-fn subtract(image: &[f32], target: &[u16], errors: &mut Vec<f32>) {
-    let pixels = image.as_chunks::<4>().0.iter().zip(target.as_chunks::<3>().0);
+/// What single-image networks are compared with: bicubic interpolation of the LR frame where it was sampled, HR,
+/// `[height, width, 4]`.
+fn bicubic(frame: &Frame, inputs: &[Vec<f32>], file: &ClipFile) -> Result<Vec<f32>, TrainError> {
+    let ([height, width], scale) = (file.lr(), file.scale());
+    let input = |name: &str| {
+        let place = frame.inputs.iter().position(|plane| plane.name == name);
+        place.and_then(|k| inputs.get(k)).map_or(&[][..], |image| &image[..])
+    };
+    let mut lr = GBuffer {
+        color: Planes::new(width, height),
+        alpha: Planes::new(width, height),
+        ..GBuffer::default()
+    };
+    if let [x, y, ..] = input("jitter") {
+        lr.jitter = [*x, *y];
+    }
+    for (k, value) in lr.color.data_mut().iter_mut().enumerate() {
+        *value = input("color").get(k % (width * height) * 3 + k / (width * height)).copied().unwrap_or(0.0);
+    }
+    let mut image = Image::new(width * scale as usize, height * scale as usize);
+    resample(&lr, scale, Kernel::Bicubic, &mut image)?;
+    Ok(image.pixels().as_flattened().to_vec())
+}
+
+/// Errors of an image, `[height, width, channels]` of which the first are RGB, shown in `[0, 1]`, against a target: RGB, at
+/// least `margin` pixels from the border.
+fn subtract(image: &[f32], [width, channels, margin]: [usize; 3], target: &[u16], errors: &mut Vec<f32>) {
     errors.clear();
-    errors.extend(
-        pixels
-            .flat_map(|(image, target)| [0, 1, 2].map(|c| image[c].clamp(0.0, 1.0) - from_unorm(target[c]))),
-    );
+    let (rows, targets) = (image.chunks_exact(width * channels), target.chunks_exact(width * 3));
+    let inside = rows.len().saturating_sub(2 * margin);
+    for (row, target) in rows.zip(targets).skip(margin).take(inside) {
+        let pixels = row.chunks_exact(channels).zip(target.as_chunks::<3>().0);
+        let pixels = pixels.skip(margin).take(width.saturating_sub(2 * margin));
+        errors.extend(
+            pixels.flat_map(|(image, target)| {
+                [0, 1, 2].map(|c| image[c].clamp(0.0, 1.0) - from_unorm(target[c]))
+            }),
+        );
+    }
 }
 
 /// PSNR in dB of errors, peak 1.

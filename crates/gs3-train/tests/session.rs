@@ -9,9 +9,17 @@ use std::fs;
 use std::path::Path;
 
 use gs3_neural::Weights;
-use gs3_train::{Ending, Event, Network, Places, Settings, State, TrainError, Trainer, train};
+use gs3_neural::model::Tier;
+use gs3_train::{
+    ClipFolder, Ending, Event, Network, Places, Settings, State, Subject, TrainError, Trainer, train,
+    validate,
+};
 
 const NETWORK: Network = Network::SuperSample;
+
+fn own(network: Network, tier: Tier) -> Subject {
+    Subject::Own { network, tier }
+}
 
 fn places(folder: &Path) -> Places {
     Places {
@@ -31,13 +39,14 @@ fn start(settings: &Settings) -> Weights {
 /// Trains in `folder`, until the end or until `stop` steps are made.
 fn run(folder: &Path, settings: &Settings, stop: u64) -> Result<(State, Ending, Vec<String>), TrainError> {
     let mut events = Vec::new();
-    let last = Cell::new(0);
+    let last = Cell::new(0_u64);
     let mut report = |event: Event<'_>| match event {
         Event::Resumed { step, .. } => events.push(format!("resumed {step}")),
         Event::Step { step, .. } => last.set(step.step),
         Event::Validated { step, validation, .. } => {
             events.push(format!("validated {step} {:?}", validation.mean));
         }
+        Event::Remeasured { step, gain, .. } => events.push(format!("remeasured {step} {gain:?}")),
     };
     let go_on = || last.get() < stop;
     let (state, ending) = train(settings.clone(), &places(folder), start(settings), &mut report, &go_on)?;
@@ -114,7 +123,7 @@ fn what_does_not_fit_is_refused_before_anything_is_written() {
         "expected a clip for super_sample at scale 4",
     );
     contains(
-        refused(&Settings { network: Network::Interpolate, ..settings.clone() }),
+        refused(&Settings { subject: own(Network::Interpolate, Tier::Fast), ..settings.clone() }),
         "for interpolate at scale 2",
     );
     contains(
@@ -153,8 +162,40 @@ fn damaged_checkpoints_are_refused() {
         fs::write(checkpoint.join(file), whole).unwrap();
     }
     // A checkpoint of another size of the network.
-    let other = Settings { tier: gs3_neural::model::Tier::Balanced, ..settings.clone() };
+    let other = Settings { subject: own(NETWORK, Tier::Balanced), ..settings.clone() };
     let refused = run(folder.path(), &other, 2).unwrap_err().to_string();
     assert!(refused.contains("expected f32"), "{refused}");
     run(folder.path(), &settings, 2).unwrap();
+}
+
+/// Gains are of the clips they were measured on. On others the old record would stand for ever, or fall to anything.
+#[test]
+fn a_record_of_other_clips_is_measured_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let clips = folder.path().join("clips");
+    fs::create_dir(&clips).unwrap();
+    common::write_clips(&clips, NETWORK);
+    let settings = common::settings(NETWORK, 12);
+    let (state, ..) = run(folder.path(), &settings, 5).unwrap();
+    let best = state.best.unwrap();
+    // The same name, size and header.
+    common::clip(NETWORK, 4, [14, 20], 10).save(&clips.join("held-waves.clip")).unwrap();
+    let (state, _, events) = run(folder.path(), &settings, 0).unwrap();
+    let record = state.best.unwrap();
+    let opened = ClipFolder::open(&clips, &settings).unwrap();
+    let graph = settings.subject.graph(settings.scale).unwrap();
+    let [gain, _] = validate(settings.subject, &graph, &best.weights, &opened.held).unwrap().mean.unwrap();
+    assert_eq!(events, ["resumed 5".to_owned(), format!("remeasured 5 {:?}", Some(gain))]);
+    assert_ne!(gain, best.gain);
+    assert_eq!((record.gain, record.step, record.held), (gain, 5, opened.digest().unwrap()));
+    assert!(record.weights == best.weights);
+    // Clips that are the same are not measured again.
+    let (_, _, events) = run(folder.path(), &settings, 0).unwrap();
+    assert_eq!(events, ["resumed 5"]);
+    // Neither is a record kept that nothing can be compared with.
+    fs::remove_file(clips.join("held-waves.clip")).unwrap();
+    let (state, _, events) = run(folder.path(), &settings, 0).unwrap();
+    assert_eq!(events, ["resumed 5", "remeasured 5 None"]);
+    assert!(state.best.is_none());
+    assert!(Weights::load(&places(folder.path()).out).unwrap() == state.average);
 }

@@ -6,11 +6,16 @@ mod common;
 
 use std::path::Path;
 
-use gs3_train::{ClipFolder, Network, State, Step, Trainer, validate};
+use gs3_neural::model::Peer;
+use gs3_train::losses::Term;
+use gs3_train::{ClipFolder, Network, Settings, State, Step, Subject, TrainError, Trainer, validate};
 
 fn train(folder: &Path, network: Network, steps: u64) -> (Trainer, ClipFolder, Vec<Step>) {
-    common::write_clips(folder, network);
-    let settings = common::settings(network, steps);
+    train_as(folder, common::settings(network, steps), steps)
+}
+
+fn train_as(folder: &Path, settings: Settings, steps: u64) -> (Trainer, ClipFolder, Vec<Step>) {
+    common::write_clips(folder, settings.subject.clips());
     let clips = ClipFolder::open(folder, &settings).unwrap();
     let header = Trainer::header(&settings, "waves", "CC0-1.0").unwrap();
     let weights = Trainer::initial(&settings, header).unwrap();
@@ -29,7 +34,7 @@ fn loss_falls_and_held_out_clips_gain() {
         eprintln!("{network:?}: loss {first:.5} to {last:.5}");
         assert!(last < 0.5 * first, "{network:?}: {first} to {last}");
         let graph = trainer.graph();
-        let gain = |weights| validate(graph, weights, &clips.held).unwrap();
+        let gain = |weights| validate(trainer.settings().subject, graph, weights, &clips.held).unwrap();
         let gained = gain(&trainer.state.average);
         eprintln!("{gained:?}");
         assert!(gained.mean.unwrap()[0] > 2.0, "{network:?}: {gained:?}");
@@ -54,5 +59,49 @@ fn threads_change_nothing() {
     assert_eq!(one.steps(), 4);
     for threads in [2, 5] {
         assert!(state_after(folder.path(), 4, threads) == one, "{threads} threads");
+    }
+}
+
+/// Settings for `peer` on the small clips.
+fn peer_settings(peer: Peer, steps: u64) -> Settings {
+    let subject = Subject::Peer(peer);
+    let common = common::settings(Network::SuperSample, steps);
+    Settings { batch: 8, crop: 12, warm_up: 5, ..Settings::new(subject, common.scale, common.length) }
+}
+
+/// Frames are sampled elsewhere in each block of pixels; what a network gives is brought to the native image by whole pixels.
+/// A network that is a pixel off could not gain anything over interpolation that honours the jitter.
+#[test]
+fn single_image_networks_learn_from_jittered_frames() {
+    for (peer, steps, least) in
+        [(Peer::Ecbsr, 400, 3.0), (Peer::Rt4ksr, 100, -20.0), (Peer::Ninasr, 12, -20.0)]
+    {
+        let folder = tempfile::tempdir().unwrap();
+        let (trainer, clips, steps) = train_as(folder.path(), peer_settings(peer, steps), steps);
+        let mean = |steps: &[Step]| steps.iter().map(|step| step.loss).sum::<f64>() / steps.len() as f64;
+        let (first, last) = (mean(&steps[..5]), mean(&steps[steps.len() - 5..]));
+        let weights = trainer.average();
+        weights.check(trainer.graph()).unwrap();
+        let gained = validate(trainer.settings().subject, trainer.graph(), &weights, &clips.held).unwrap();
+        eprintln!("{peer:?}: loss {first:.5} to {last:.5}, {gained:?}");
+        assert!(last < 0.5 * first, "{peer:?}: {first} to {last}");
+        assert!(gained.mean.unwrap()[0] > least, "{peer:?}: {gained:?}");
+    }
+}
+
+#[test]
+fn terms_that_a_network_has_no_part_in_are_refused() {
+    for (subject, term) in [
+        (Subject::Peer(Peer::Ecbsr), Term::Temporal),
+        (Subject::Peer(Peer::Ecbsr), Term::Warp),
+        (common::settings(Network::SuperSample, 1).subject, Term::Alpha),
+    ] {
+        let mut settings = Settings { subject, ..common::settings(Network::SuperSample, 1) };
+        settings.loss.weights = Default::default();
+        settings.loss.weights.set(term, 0.5);
+        let header = Trainer::header(&settings, "waves", "CC0-1.0").unwrap();
+        let weights = Trainer::initial(&settings, header).unwrap();
+        let refused = Trainer::new(settings, State::new(weights)).unwrap_err();
+        assert!(matches!(refused, TrainError::Setting { name, .. } if name == term.name()), "{refused}");
     }
 }

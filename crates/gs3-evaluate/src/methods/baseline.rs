@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::formation::reduce;
 use super::interpolation::{Frame, interpolate};
-use super::learned::published;
+use super::learned::{published, trained};
 use super::{
     Durations, Formation, Interpolation, Method, MethodError, MethodSettings, MethodSpec, Shown, Spatial,
     pipeline,
@@ -71,6 +71,9 @@ impl Baseline {
             Spatial::Span => upscaled(Box::new(Span::new(&weights(spec, settings)?)?)),
             Spatial::Safmn => upscaled(Box::new(Safmn::new(&weights(spec, settings)?)?)),
             Spatial::Rt4ksr => upscaled(Box::new(Rt4ksr::new(&weights(spec, settings)?)?)),
+            Spatial::Trained(peer) => {
+                upscaled(Box::new(trained(spec, peer, settings.scale, settings.weights.as_deref())?))
+            }
         };
         Ok(Self {
             spec,
@@ -122,7 +125,8 @@ impl Method for Baseline {
             }
             SpatialPart::Upscaled { source, upscaler } => {
                 let Frame { gbuffer, image, .. } = &mut self.current;
-                self.durations[Stage::Rasterize as usize] = source.render(camera, [0.0; 2], gbuffer)?;
+                self.durations[Stage::Rasterize as usize] =
+                    source.render(camera, upscaler.jitter(), gbuffer)?;
                 let started = Instant::now();
                 image.resize(camera.width() as usize, camera.height() as usize);
                 upscaler.upscale(gbuffer, source.scale, image)?;

@@ -3,11 +3,12 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use gs3::neural::Weights;
-use gs3::neural::model::Tier;
+use gs3::neural::model::{Peer, Tier};
+use gs3::neural::{RunError, Weights};
 use gs3::{NetworkError, Networks};
 
 use super::{Interpolation, MethodError, MethodSpec, Spatial};
+use crate::network::Trained;
 
 /// The two networks of gs3, as the headers of their weights name them.
 const SUPER_SAMPLE: &str = "super_sample";
@@ -27,6 +28,11 @@ pub(crate) fn check_weights(
         if let Some(file) = method.spatial.weight_file() {
             published(*method, file, folder)?;
         }
+        if let Spatial::Trained(peer) = method.spatial
+            && Trained::shipped(peer, scale).is_none()
+        {
+            published(*method, &trained_file(peer, scale), folder)?;
+        }
         for (network, tier) in parts(*method, scale, folder) {
             if own_file(network, tier, scale, folder).is_none() {
                 shipped(*method, network, tier, scale)?;
@@ -44,6 +50,29 @@ pub(super) fn published(
 ) -> Result<PathBuf, MethodError> {
     let file = folder.ok_or(MethodError::NoWeights { method })?.join(file);
     if file.is_file() { Ok(file) } else { Err(MethodError::WeightFile { method, file }) }
+}
+
+/// The published network `peer` with weights of gs3's trainer: those in `folder`, else those that come with gs3.
+pub(super) fn trained(
+    method: MethodSpec,
+    peer: Peer,
+    scale: u32,
+    folder: Option<&Path>,
+) -> Result<Trained, MethodError> {
+    let name = trained_file(peer, scale);
+    let own = folder.map(|folder| folder.join(&name)).filter(|file| file.is_file());
+    let weights = match (own, Trained::shipped(peer, scale)) {
+        (Some(file), _) => Weights::load(&file),
+        (None, Some(bytes)) => Weights::from_bytes(bytes),
+        (None, None) => Weights::load(&published(method, &name, folder)?),
+    };
+    let network = weights.map_err(RunError::from).and_then(|weights| Trained::new(peer, weights));
+    network.map_err(|source| MethodError::Network { method, source: source.into() })
+}
+
+/// As `gs3 train baseline` is told to call it.
+fn trained_file(peer: Peer, scale: u32) -> String {
+    format!("{}_x{scale}.safetensors", peer.name())
 }
 
 /// The networks of gs3 that `method` runs.

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use gs3::neural::model::Tier;
+use gs3::neural::model::{Peer, Tier};
 
 /// How a method makes a frame from a rendered one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -40,6 +40,8 @@ pub enum Spatial {
     Safmn,
     /// The network RT4KSR ×2, twice for ×4.
     Rt4ksr,
+    /// A published network with weights of gs3's trainer.
+    Trained(Peer),
 }
 
 /// How LR frames come about. The choice decides how methods rank, so every result states its own.
@@ -107,7 +109,7 @@ pub enum SpecError {
     },
 }
 
-const SPATIAL: [(&str, Spatial); 18] = [
+const SPATIAL: [(&str, Spatial); 21] = [
     ("native", Spatial::Native),
     ("nearest", Spatial::Nearest),
     ("bilinear", Spatial::Bilinear),
@@ -126,6 +128,9 @@ const SPATIAL: [(&str, Spatial); 18] = [
     ("span", Spatial::Span),
     ("safmn", Spatial::Safmn),
     ("rt4ksr", Spatial::Rt4ksr),
+    ("ecbsr_trained", Spatial::Trained(Peer::Ecbsr)),
+    ("rt4ksr_trained", Spatial::Trained(Peer::Rt4ksr)),
+    ("ninasr_trained", Spatial::Trained(Peer::Ninasr)),
 ];
 const FORMATIONS: [(&str, Formation); 3] =
     [("matched", Formation::Matched), ("stock", Formation::Stock), ("antialiased", Formation::Antialiased)];
@@ -225,6 +230,8 @@ impl MethodSpec {
             "no LR formation and no warp with native rendering"
         } else if self.formation == Formation::Antialiased && (self.spatial.reads_gbuffer() || warps) {
             "a rasterized LR formation (matched or stock) where gradients or depth are read"
+        } else if self.formation == Formation::Antialiased && matches!(self.spatial, Spatial::Trained(_)) {
+            "a rasterized LR formation (matched or stock), sampled as the network was trained"
         } else if learned && !self.spatial.is_pipeline() {
             "learned interpolation of frames that gs3 super-samples (history, fast_ss, balanced_ss, high_ss)"
         } else {
@@ -297,7 +304,7 @@ mod tests {
     fn names_read_back_as_written() {
         let names = DEFAULT_METHODS
             .split(',')
-            .chain(["span@antialiased", "analytic@stock", "hermite@stock+warp"])
+            .chain(["span@antialiased", "analytic@stock", "hermite@stock+warp", "ecbsr_trained+warp"])
             .chain([
                 "fast",
                 "balanced_ss",
@@ -327,6 +334,7 @@ mod tests {
             "hermite@antialiased",
             "bicubic@antialiased+warp",
             "bicubic+balanced",
+            "rt4ksr_trained@antialiased",
             "balanced@antialiased",
             "balanced+warp",
             "",

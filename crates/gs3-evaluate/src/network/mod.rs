@@ -1,5 +1,5 @@
-//! Published single-image super-resolution networks, run from their own weights, for comparison. Small planar CPU kernels; the
-//! networks of gs3 itself live elsewhere.
+//! Published single-image super-resolution networks, for comparison: run from their own weights by small planar CPU kernels, or
+//! with weights of gs3's trainer by its engine ([`Trained`]). The networks of gs3 itself live elsewhere.
 
 mod activation;
 mod conv;
@@ -7,9 +7,11 @@ mod features;
 mod rt4ksr;
 mod safmn;
 mod span;
+mod trained;
 mod weights;
 
 pub use rt4ksr::Rt4ksr;
 pub use safmn::Safmn;
 pub use span::Span;
+pub use trained::Trained;
 pub use weights::{WeightError, Weights};

@@ -48,6 +48,14 @@ pub enum UpscaleError {
         /// The jitter found.
         actual: [f32; 2],
     },
+    /// A network cannot be run.
+    #[error("{method}: {message}")]
+    Network {
+        /// The method.
+        method: &'static str,
+        /// Why.
+        message: String,
+    },
     /// The method reads image gradients and the frame has none.
     #[error("{method}: expected a G-buffer with gradients, found one without")]
     NoGradients {
@@ -66,6 +74,11 @@ pub trait Upscaler: Send {
     /// Whether it honours the jitter of the LR frame. Others get frames without.
     fn honours_jitter(&self) -> bool {
         true
+    }
+
+    /// The jitter of the LR frames that it is made for, in LR pixels, where it does not honour any.
+    fn jitter(&self) -> [f32; 2] {
+        [0.0; 2]
     }
 
     /// Enlarges `lr` by `scale` into `out`, whose size is `scale` times that of `lr`. The fourth channel becomes 0.

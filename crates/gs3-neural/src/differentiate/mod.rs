@@ -7,6 +7,7 @@
 //!
 //! The same operations in double precision are [`adjoint`](crate::adjoint).
 
+mod learned;
 mod math;
 mod ops;
 mod plan;
@@ -20,6 +21,7 @@ use fearless_simd::Level;
 use crate::arrays::{Array, Arrays};
 use crate::engine::block::{Block, Layout, Sources};
 use crate::engine::conv::{Convolution, fill_halo};
+use crate::engine::learned::Learned;
 use crate::engine::ops::{export_row, import_row, run_row};
 use crate::error::{RunError, WeightError};
 use crate::graph::{Conv2d, Graph, Op};
@@ -47,12 +49,19 @@ pub struct Differentiator {
 #[derive(Clone, Debug)]
 pub struct Packed {
     plan: Arc<Plan>,
-    /// Of each step that is a convolution.
-    convolutions: Vec<Option<Kernels>>,
+    /// Of each step that learns.
+    kernels: Vec<Option<Kernels>>,
 }
 
 #[derive(Clone, Debug)]
-struct Kernels {
+enum Kernels {
+    Convolution(Box<Turnable>),
+    Learned(Learned),
+}
+
+/// A convolution and the way back to its inputs, if anything learns there.
+#[derive(Clone, Debug)]
+struct Turnable {
     forward: Convolution,
     turned: Option<Turned>,
 }
@@ -120,12 +129,16 @@ impl Differentiator {
                 let name = &plan.graph.layers()[step.layer].name;
                 let [weight, bias] = ["weight", "bias"].map(|kind| parameter(weights, name, kind));
                 let forward = Convolution::new(*conv, border, &step.layouts, weight, bias);
-                Some(Kernels { forward, turned: Turned::new(border, conv, step, &plan.steps, weight) })
+                let turned = Turned::new(border, conv, step, &plan.steps, weight);
+                Some(Kernels::Convolution(Box::new(Turnable { forward, turned })))
+            }
+            Kind::Learned(op) => {
+                Learned::new(op, &plan.graph.layers()[step.layer].name, weights).map(Kernels::Learned)
             }
             Kind::Import { .. } | Kind::Row(_) => None,
         };
-        let convolutions = plan.steps.iter().map(kernels).collect();
-        Ok(Packed { plan: Arc::clone(plan), convolutions })
+        let kernels = plan.steps.iter().map(kernels).collect();
+        Ok(Packed { plan: Arc::clone(plan), kernels })
     }
 
     /// Memory for a forward pass.
@@ -160,7 +173,7 @@ impl Differentiator {
         self.check_memory("tape", &tape.plan)?;
         images::check(&plan.graph, &plan.shapes, images)?;
         tape.is_run = true;
-        for (step, kernels) in plan.steps.iter().zip(&packed.convolutions) {
+        for (step, kernels) in plan.steps.iter().zip(&packed.kernels) {
             let (out, sources) = Sources::split(&mut tape.values, &step.out);
             // All inputs are there: that was checked.
             let image = images::find(images, &plan.graph.layers()[step.layer].name).unwrap_or_default();
@@ -190,12 +203,15 @@ impl Differentiator {
             (Kind::Row(op), _) => {
                 run_row(self.level, op, border, sources, &step.layouts, &step.out, y, out);
             }
-            (Kind::Convolution(_), Some(kernels)) => {
-                kernels.forward.run_row(self.level, sources, &step.out, y as isize, out);
+            (_, Some(Kernels::Convolution(kernel))) => {
+                kernel.forward.run_row(self.level, sources, &step.out, y as isize, out);
                 fill_halo(border, &step.out, out);
             }
-            // Each convolution was packed.
-            (Kind::Convolution(_), None) => {}
+            (_, Some(Kernels::Learned(learned))) => {
+                learned.run_row(self.level, border, sources, &step.layouts[0], &step.out, y, out);
+            }
+            // Each step that learns was packed.
+            (Kind::Convolution(_) | Kind::Learned(_), None) => {}
         }
     }
 
@@ -253,9 +269,12 @@ impl Differentiator {
         }
         for (k, step) in plan.steps.iter().enumerate().rev() {
             let Some(v) = step.v.as_ref().filter(|_| scratch.begun[k]) else { continue };
-            match (&step.kind, &packed.convolutions[k]) {
-                (Kind::Convolution(conv), Some(kernels)) => {
-                    self.convolution(step, conv, kernels, tape, v, scratch, v_weights);
+            match (&step.kind, &packed.kernels[k]) {
+                (Kind::Convolution(conv), Some(Kernels::Convolution(kernel))) => {
+                    self.convolution(step, conv, kernel.turned.as_ref(), tape, v, scratch, v_weights);
+                }
+                (_, Some(Kernels::Learned(learned))) => {
+                    self.learned(step, learned, tape, v, scratch, v_weights);
                 }
                 (Kind::Row(op), _) => self.operation(step, op, tape, v, scratch),
                 (Kind::Import { .. }, _) => {
@@ -266,7 +285,8 @@ impl Differentiator {
                         write_image(&scratch.v, v, &export, image);
                     }
                 }
-                (Kind::Convolution(_), None) => {}
+                // Each step that learns was packed.
+                (Kind::Convolution(_) | Kind::Learned(_), _) => {}
             }
         }
         for (name, image) in v_inputs {
@@ -282,7 +302,7 @@ impl Differentiator {
         &self,
         step: &Step,
         conv: &Conv2d,
-        kernels: &Kernels,
+        turned: Option<&Turned>,
         tape: &Tape,
         v: &Layout,
         scratch: &mut Scratch,
@@ -292,8 +312,8 @@ impl Differentiator {
         let sums = WeightSums { conv, border: self.plan.graph.border(), inputs: &step.layouts };
         reset(&mut scratch.v_bias, v.blocks());
         reset(&mut scratch.sums, sums.len());
-        reset(&mut scratch.row, kernels.turned.as_ref().map_or(0, Turned::row_len));
-        let mut turned_rows = kernels.turned.as_ref().map_or(0..0, Turned::rows);
+        reset(&mut scratch.row, turned.map_or(0, Turned::row_len));
+        let mut turned_rows = turned.map_or(0..0, Turned::rows);
         // All three parts of some rows before the next, so that rows are in the cache.
         let (height, count) = (v.shape.height, PIXELS.div_ceil(v.shape.width).min(ROWS));
         for first in (0..height).step_by(count) {
@@ -303,7 +323,7 @@ impl Differentiator {
             through_activation(self.level, conv.activation, result, v, first, v_rows, &mut scratch.v_bias);
             let v_all = (Sources::all(&scratch.v), v);
             sums.run(self.level, values, v_all, rows.clone(), &mut scratch.sums);
-            if let Some(turned) = &kernels.turned {
+            if let Some(turned) = turned {
                 // Those that see no row beyond these.
                 let ready = (rows.end as isize).saturating_sub_unsigned(conv.reach());
                 let end = if rows.end == height { turned_rows.end } else { ready };
@@ -314,7 +334,7 @@ impl Differentiator {
                 }
             }
         }
-        if let Some(turned) = &kernels.turned {
+        if let Some(turned) = turned {
             turned.finish(&mut scratch.begun);
         }
         let name = &self.plan.graph.layers()[step.layer].name;
@@ -324,6 +344,37 @@ impl Differentiator {
         if let Some(v_bias) = v_weights.get_mut(&format!("{name}.bias")).filter(|_| conv.bias) {
             let lanes = scratch.v_bias.iter().flat_map(|block| block.0);
             v_bias.values_mut().iter_mut().zip(lanes).for_each(|(v, sum)| *v += sum);
+        }
+    }
+
+    /// The way back through an operation with learned numbers for each channel.
+    fn learned(
+        &self,
+        step: &Step,
+        learned: &Learned,
+        tape: &Tape,
+        v: &Layout,
+        scratch: &mut Scratch,
+        v_weights: &mut Arrays,
+    ) {
+        let input = step.inputs[0];
+        let adjoint = learned::Adjoint { learned, values: &tape.values, input: &step.layouts[0], v };
+        reset(&mut scratch.sums, learned.weight.len());
+        reset(&mut scratch.v_bias, learned.weight.len());
+        // The derivative by the input goes over that by the result, and from there to its place.
+        adjoint.run(self.level, &mut scratch.v, &mut scratch.sums, &mut scratch.v_bias);
+        if let Some(v_input) = &self.plan.steps[input].v {
+            let write = scratch.write(input);
+            let (out, derivatives) = Sources::split(&mut scratch.v, v_input);
+            adjoint.hand_on(self.level, derivatives, v_input, out, write);
+            scratch.begun[input] = true;
+        }
+        let name = &self.plan.graph.layers()[step.layer].name;
+        for (kind, sums) in [("weight", &scratch.sums), ("bias", &scratch.v_bias)] {
+            if let Some(v) = v_weights.get_mut(&format!("{name}.{kind}")) {
+                let lanes = sums.iter().flat_map(|block| block.0);
+                v.values_mut().iter_mut().zip(lanes).for_each(|(v, sum)| *v += sum);
+            }
         }
     }
 

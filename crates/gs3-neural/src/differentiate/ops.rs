@@ -11,6 +11,7 @@ use super::plan::Step;
 use crate::engine::block::{Block, LANES, Layout, Sources};
 use crate::engine::ops::{Factor, load, run_len};
 use crate::graph::{Filter, Op};
+use crate::reference::pooled;
 
 /// What is done to a derivative of which there may already be a part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -97,7 +98,7 @@ impl Adjoint<'_> {
                     |k: usize| derivative(simd, activation, load(simd, &x[k]), load(simd, &result[k]));
                 write.each(simd, out, |k| load(simd, &v[k]) * slope(k));
             }
-            Op::Add => {
+            Op::Add | Op::Shift { .. } => {
                 let v = self.v(y, b);
                 write.each(simd, out, |k| load(simd, &v[k]));
             }
@@ -142,6 +143,26 @@ impl Adjoint<'_> {
                 }
                 sum
             }),
+            Op::Scale { factor } => {
+                let v = self.v(y, b);
+                write.each(simd, out, |k| load(simd, &v[k]) * factor);
+            }
+            Op::AveragePool { side, stride } => write.each(simd, out, |x| {
+                let result = self.v_result.shape;
+                let mut sum = f32x16::splat(simd, 0.0);
+                // The windows that see the pixel: those whose centres are within half a side.
+                let windows = |at: usize, length: usize| {
+                    at.saturating_sub(side / 2).div_ceil(stride)..((at + side / 2) / stride + 1).min(length)
+                };
+                for wy in windows(y, result.height) {
+                    let v = self.v(wy, b);
+                    for wx in windows(x, result.width) {
+                        let [rows, columns] = pooled(self.v_input.shape, [wx, wy], side, stride);
+                        sum += load(simd, &v[wx]) * (1.0 / (rows.len() * columns.len()) as f32);
+                    }
+                }
+                sum
+            }),
             Op::ChannelMean => {
                 let (v, share) = (self.v(y, 0), 1.0 / self.v_input.shape.channels as f32);
                 write.each(simd, out, |x| f32x16::splat(simd, v[x].0[0] * share));
@@ -154,8 +175,8 @@ impl Adjoint<'_> {
                 self.copied(y, b, out, write, [before, 0]);
             }
             Op::Slice { first, .. } => self.copied(y, b, out, write, [0, first]),
-            // Neither is an operation of rows.
-            Op::Input { .. } | Op::Conv2d(_) => {}
+            // None is an operation of rows.
+            Op::Input { .. } | Op::Conv2d(_) | Op::Prelu | Op::LayerNorm { .. } => {}
         }
     }
 

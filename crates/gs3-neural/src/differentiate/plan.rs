@@ -46,6 +46,8 @@ pub enum Kind {
         factor: usize,
     },
     Convolution(Conv2d),
+    /// An operation with learned numbers for each channel.
+    Learned(Op),
     Row(Op),
 }
 
@@ -84,7 +86,7 @@ impl Plan {
             let mut push = |layer, kind, inputs: Vec<usize>| {
                 let needed = match &kind {
                     Kind::Import { .. } => wanted.contains(&k),
-                    Kind::Convolution(_) => true,
+                    Kind::Convolution(_) | Kind::Learned(_) => true,
                     Kind::Row(op) => read_inputs(op, &inputs).iter().any(|i| steps[*i].v.is_some()),
                 };
                 let out = Layout { shape: shapes[k], halo: 0, start: 0 };
@@ -101,6 +103,7 @@ impl Plan {
                     push(k, Kind::Row(Op::Activate(conv.activation)), vec![sum])
                 }
                 Op::Conv2d(conv) => push(k, Kind::Convolution(*conv), inputs),
+                op @ (Op::Prelu | Op::LayerNorm { .. }) => push(k, Kind::Learned(*op), inputs),
                 op => push(k, Kind::Row(*op), inputs),
             };
         }

@@ -8,6 +8,7 @@ use super::block::{Block, LANES, Layout, Sources};
 use super::conv::fill_halo;
 use super::math::activate;
 use crate::graph::{Border, Filter, Op};
+use crate::reference::pooled;
 
 /// Writes `op` of `inputs` to `out`, the blocks of `layout`.
 pub fn run(
@@ -152,6 +153,17 @@ impl<'a> Row<'a> {
                     });
                 }
                 Op::ChannelMean | Op::ChannelMax => self.over_channels(matches!(op, Op::ChannelMean), out),
+                Op::Scale { factor } => {
+                    let [x] = self.lines([0], b);
+                    each(simd, out, |k| load(simd, &x[k]) * *factor);
+                }
+                Op::Shift { color } => {
+                    let ([x], channels) = (self.lines([0], b), self.layout.shape.channels);
+                    let lane = |l: usize| color.get(3 * (b * LANES + l) / channels).copied();
+                    let color = Block(std::array::from_fn(|l| lane(l).unwrap_or_default()));
+                    each(simd, out, |k| load(simd, &x[k]) + load(simd, &color));
+                }
+                Op::AveragePool { side, stride } => self.average_pool(simd, *side, *stride, b, out),
                 Op::MaxPool2 => self.max_pool(simd, b, out),
                 Op::Upsample { factor, filter } => self.upsample(simd, *factor, *filter, b, out),
                 Op::Warp => {
@@ -202,6 +214,22 @@ impl<'a> Row<'a> {
             let (left, right) = (2 * x, (2 * x + 1).min(last_x));
             let max = |line: &[Block]| load(simd, &line[left]).max(load(simd, &line[right]));
             max(above).max(max(below))
+        });
+    }
+
+    #[inline(always)]
+    fn average_pool<S: Simd>(&self, simd: S, side: usize, stride: usize, b: usize, out: &mut [Block]) {
+        let input = &self.inputs[0];
+        each(simd, out, |x| {
+            let [rows, columns] = pooled(input.shape, [x, self.y], side, stride);
+            let count = (rows.len() * columns.len()) as f32;
+            let mut sum = f32x16::splat(simd, 0.0);
+            for y in rows {
+                for block in &self.sources.pixels(input, y, b)[columns.clone()] {
+                    sum += load(simd, block);
+                }
+            }
+            sum * (1.0 / count)
         });
     }
 

@@ -1,7 +1,10 @@
 //! What is computed in which order, and where in the arena.
 
+use super::Arithmetic;
+use super::bf16::Bf16Convolution;
 use super::block::Layout;
 use super::conv::Convolution;
+use super::learned::Learned;
 use crate::graph::{Graph, Op, Tensor};
 use crate::reference::parameter;
 use crate::shape::Shape;
@@ -33,6 +36,8 @@ pub enum Kind {
         factor: usize,
     },
     Convolution(Convolution),
+    Bf16(Bf16Convolution),
+    Learned(Learned),
     Row(Op),
 }
 
@@ -103,7 +108,7 @@ impl<'a> Readers<'a> {
 
 impl Plan {
     /// The plan of `graph` with `weights`, which fit, for results of `shapes`.
-    pub fn new(graph: &Graph, weights: &Weights, shapes: &[Shape]) -> Self {
+    pub fn new(graph: &Graph, weights: &Weights, shapes: &[Shape], arithmetic: Arithmetic) -> Self {
         let readers = Readers::new(graph);
         let count = shapes.len();
         let (mut halos, mut last_use) = (vec![0; count], vec![0; count]);
@@ -141,9 +146,20 @@ impl Plan {
                 }
                 Op::Conv2d(conv) => {
                     let [weight, bias] = ["weight", "bias"].map(|kind| parameter(weights, &layer.name, kind));
-                    Kind::Convolution(Convolution::new(*conv, graph.border(), &inputs, weight, bias))
+                    let (border, inputs) = (graph.border(), &inputs[..]);
+                    let bf16 = match arithmetic {
+                        Arithmetic::F32 => None,
+                        Arithmetic::Bf16 => Bf16Convolution::new(*conv, border, inputs, weight, bias),
+                    };
+                    match bf16 {
+                        Some(convolution) => Kind::Bf16(convolution),
+                        None => Kind::Convolution(Convolution::new(*conv, border, inputs, weight, bias)),
+                    }
                 }
-                op => Kind::Row(*op),
+                op => match Learned::new(op, &layer.name, weights) {
+                    Some(learned) => Kind::Learned(learned),
+                    None => Kind::Row(*op),
+                },
             };
             steps.push(Step { kind, inputs, out: layouts[k] });
         }

@@ -14,6 +14,14 @@ pub enum GpuRunError {
     /// The device.
     #[error(transparent)]
     Gpu(#[from] GpuError),
+    /// An operation that only other engines have.
+    #[error("layer {layer}: expected an operation that GPUs have here, found {actual}")]
+    Operation {
+        /// The layer's name.
+        layer: String,
+        /// Its operation.
+        actual: String,
+    },
     /// An image's buffer is too short.
     #[error("image {name}: expected {expected} bytes, found {actual}")]
     Bytes {

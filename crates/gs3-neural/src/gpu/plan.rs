@@ -108,6 +108,10 @@ impl Plan {
     ) -> Result<Self, GpuRunError> {
         let shapes = graph.shapes(lr)?;
         weights.check(graph)?;
+        if let Some(layer) = graph.layers().iter().find(|layer| !is_known(&layer.op)) {
+            let (layer, actual) = (layer.name.clone(), format!("{:?}", layer.op));
+            return Err(GpuRunError::Operation { layer, actual });
+        }
         let precision = settings.precision;
         let input_names: Vec<&str> = graph.inputs().map(|(_, layer)| layer.name.as_str()).collect();
         let output_names: Vec<&str> = graph.outputs().iter().map(|o| o.name.as_str()).collect();
@@ -403,6 +407,14 @@ fn groups(label: &str, count: usize) -> Result<[u32; 3], GpuError> {
         actual: u64::MAX,
     })?;
     grid(count.div_ceil(THREADS as u32))
+}
+
+/// Whether there is a kernel for `op`. What only published single-image networks use runs on the CPU.
+const fn is_known(op: &Op) -> bool {
+    !matches!(
+        op,
+        Op::Prelu | Op::LayerNorm { .. } | Op::Scale { .. } | Op::Shift { .. } | Op::AveragePool { .. }
+    )
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! The two networks, as graphs.
+//! The two networks, as graphs, and published ones to compare with ([`Peer`]).
 //!
 //! Both refine what reconstruction without learning gives (crate `gs3-reconstruct`): exact samples of the past and of the
 //! present, joined by tensor cubic Hermite interpolation at the present frame's own jitter. Their last layers start at
@@ -7,10 +7,12 @@
 
 mod initial;
 mod interpolate;
+mod peer;
 mod super_sample;
 
 pub use initial::initial_weights;
 pub use interpolate::interpolate;
+pub use peer::Peer;
 pub use super_sample::super_sample;
 
 use crate::error::{GraphError, RunError, WeightError};
@@ -76,14 +78,28 @@ pub fn graph_of(header: &Header) -> Result<Graph, RunError> {
         expected: expected.to_owned(),
         actual: actual.to_owned(),
     };
+    let scale = header.scale as usize;
+    if let Some(peer) = Peer::from_name(&header.network) {
+        let graph = peer.graph(scale)?;
+        return match (header.tier == peer.size(), header.version == graph.version()) {
+            (true, true) => Ok(graph),
+            (false, _) => Err(unknown("tier", peer.size(), &header.tier).into()),
+            (_, false) => {
+                Err(unknown("version", &graph.version().to_string(), &header.version.to_string()).into())
+            }
+        };
+    }
     let Some(tier) = Tier::ALL.into_iter().find(|tier| tier.name() == header.tier) else {
         return Err(unknown("tier", "one of fast, balanced, high", &header.tier).into());
     };
-    let scale = header.scale as usize;
     let graph = match header.network.as_str() {
         "super_sample" => super_sample(scale, tier)?,
         "interpolate" => interpolate(scale, tier)?,
-        other => return Err(unknown("network", "one of super_sample, interpolate", other).into()),
+        other => {
+            return Err(
+                unknown("network", "one of super_sample, interpolate, ecbsr, rt4ksr, ninasr", other).into()
+            );
+        }
     };
     match graph.version() == header.version {
         true => Ok(graph),

@@ -112,7 +112,7 @@ fn scale(op: &Op, mut inputs: impl Iterator<Item = Scale>) -> Scale {
         },
         Op::PixelUnshuffle { factor } => first.filter(|s| s % factor == 0).map(|s| s / factor),
         // Half of an odd size, rounded up, is no multiple.
-        Op::MaxPool2 => None,
+        Op::MaxPool2 | Op::AveragePool { .. } => None,
         _ => first,
     }
 }

@@ -62,6 +62,44 @@ pub fn write(
                 Attribute::int("ceil_mode", 1),
             ],
         ),
+        Op::Prelu => {
+            // One number a channel, for all rows and columns.
+            let slopes = parameters.get(&format!("{}.weight", layer.name)[..]).map_or("", |name| name);
+            let axes = nodes.ints("axes", &[1, 2]);
+            let slopes = nodes.inner("slopes", "Unsqueeze", &[slopes, &axes], vec![]);
+            nodes.result("PRelu", &[x[0], &slopes], vec![]);
+        }
+        Op::LayerNorm { epsilon } => {
+            // ONNX normalises the last axes: channels go there and back.
+            let learned = ["weight", "bias"]
+                .map(|kind| parameters.get(&format!("{}.{kind}", layer.name)[..]).map_or("", |name| name));
+            let last =
+                nodes.inner("last", "Transpose", &[x[0]], vec![Attribute::ints("perm", &[0, 2, 3, 1])]);
+            let attributes = vec![Attribute::int("axis", -1), Attribute::float("epsilon", *epsilon)];
+            let normal =
+                nodes.inner("normal", "LayerNormalization", &[&last, learned[0], learned[1]], attributes);
+            nodes.result("Transpose", &[&normal], vec![Attribute::ints("perm", &[0, 3, 1, 2])]);
+        }
+        Op::Scale { factor } => {
+            let factor = nodes.constant("factor", *factor);
+            nodes.result("Mul", &[x[0], &factor], vec![]);
+        }
+        Op::Shift { color } => {
+            let channels = inputs[0].1;
+            let each: Vec<f32> = (0..channels).map(|c| color[3 * c / channels]).collect();
+            let color = nodes.writer.floats(&nodes.name("color"), &[1, channels as i64, 1, 1], &each);
+            nodes.result("Add", &[x[0], &color], vec![]);
+        }
+        Op::AveragePool { side, stride } => {
+            let (reach, side, stride) = ((side / 2) as i64, *side as i64, *stride as i64);
+            let attributes = vec![
+                Attribute::ints("kernel_shape", &[side; 2]),
+                Attribute::ints("strides", &[stride; 2]),
+                Attribute::ints("pads", &[reach; 4]),
+                Attribute::int("count_include_pad", 0),
+            ];
+            nodes.result("AveragePool", &x, attributes);
+        }
         Op::Concat => nodes.result("Concat", &x, vec![Attribute::int("axis", 1)]),
         Op::Slice { first, count } => {
             let starts = nodes.ints("first", &[*first as i64]);

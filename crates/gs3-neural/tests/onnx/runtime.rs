@@ -1,13 +1,13 @@
-//! ONNX Runtime against the reference and the CPU engine, on the same inputs.
+//! ONNX Runtime against the reference, the CPU engine and the trainer's forward pass, on the same inputs.
 
 use std::path::Path;
 use std::process::Command;
 
 use gs3_neural::arrays::{self, Array, Arrays};
-use gs3_neural::model::{Tier, interpolate, super_sample};
+use gs3_neural::model::{Peer, Tier, interpolate, super_sample};
 use gs3_neural::{
-    Activation, Border, Conv2d, Engine, Filter, Graph, GraphBuilder, Op, Random, Shape, Weights, onnx,
-    reference,
+    Activation, Border, Conv2d, Differentiator, Engine, Filter, Graph, GraphBuilder, Op, Random, Shape,
+    Weights, onnx, reference,
 };
 
 use super::header;
@@ -49,6 +49,9 @@ fn example(graph: &Graph, weights: &Weights, lr: [usize; 2]) -> Arrays {
     let images: Vec<(&str, &[f32])> = images.iter().map(|(name, image)| (*name, &image[..])).collect();
     let planes = reference::run(graph, weights, lr, &images).expect("the reference runs");
     let mut engine = Engine::new(graph, weights, lr).expect("an engine");
+    let trainer = Differentiator::new(graph, lr, &[]).expect("a differentiator");
+    let mut tape = trainer.tape();
+    trainer.forward(&trainer.pack(weights).expect("its weights"), &images, &mut tape).expect("it runs");
     for output in graph.outputs() {
         let name = match graph.inputs().any(|(_, layer)| layer.name == output.name) {
             true => format!("{}_out", output.name),
@@ -60,6 +63,8 @@ fn example(graph: &Graph, weights: &Weights, lr: [usize; 2]) -> Arrays {
         let mut values = vec![0.0; shape.len()];
         engine.run(&images, &mut [(&output.name, &mut values)]).expect("the engine runs");
         arrays.insert(format!("engine/{name}"), channels_first(shape, &values));
+        trainer.output(&tape, &output.name, &mut values).expect("the trainer ran");
+        arrays.insert(format!("trainer/{name}"), channels_first(shape, &values));
     }
     arrays
 }
@@ -91,7 +96,7 @@ fn compare(mut python: Command, folder: &Path) {
 }
 
 #[test]
-fn onnx_runtime_computes_both_networks() {
+fn onnx_runtime_computes_all_networks() {
     let Some(python) = python() else { return };
     let folder = tempfile::tempdir().expect("a folder");
     for tier in Tier::ALL {
@@ -102,6 +107,9 @@ fn onnx_runtime_computes_both_networks() {
                 write(folder.path(), &name, &graph, &[[11, 27], [16, 10]]);
             }
         }
+    }
+    for peer in Peer::ALL {
+        write(folder.path(), peer.name(), &peer.graph(4).expect("a network"), &[[10, 26], [34, 18]]);
     }
     compare(python, folder.path());
 }
@@ -162,6 +170,11 @@ fn onnx_runtime_computes_every_operation() {
         (Op::ChannelMean, vec!["a"]),
         (Op::ChannelMax, vec!["a"]),
         (Op::Warp, vec!["a", "flow"]),
+        (Op::Prelu, vec!["a"]),
+        (Op::LayerNorm { epsilon: 1e-2 }, vec!["a"]),
+        (Op::Scale { factor: -0.7 }, vec!["a"]),
+        (Op::AveragePool { side: 5, stride: 3 }, vec!["a"]),
+        (Op::AveragePool { side: 3, stride: 1 }, vec!["a"]),
     ];
     cases.extend(ACTIVATIONS.map(|activation| (Op::Activate(activation), vec!["a"])));
     let convolutions = [(3, 1), (1, 1), (7, 3), (5, 2)].into_iter().zip(ACTIVATIONS.into_iter().cycle());
@@ -179,6 +192,8 @@ fn onnx_runtime_computes_every_operation() {
             write(folder.path(), &format!("{k:02}-{border:?}"), &graph, &[[5, 7], [1, 1]]);
         }
     }
+    let shift = single(Op::Shift { color: [0.5, -0.2, 0.1] }, 48, &["a"], Border::Zero);
+    write(folder.path(), "shift", &shift, &[[5, 7]]);
     for (k, channels) in [1, 4].into_iter().enumerate() {
         let graph = single(Op::PixelUnshuffle { factor: 2 }, channels, &["a"], Border::Zero);
         write(folder.path(), &format!("unshuffle-{k}"), &graph, &[[4, 6], [2, 2]]);

@@ -8,6 +8,7 @@ use std::fs::File;
 use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
+use gs3_neural::arrays::sort_header;
 use gs3_neural::model::Tier;
 use half::f16;
 use safetensors::tensor::{Dtype, Metadata, TensorView};
@@ -132,6 +133,11 @@ impl ClipFile {
         let within = |source| ClipError::Within { path: self.path.clone(), source: Box::new(source) };
         let file = File::open(&self.path).map_err(|source| within(source.into()))?;
         self.head.window(&mut &file, window).map_err(within)
+    }
+
+    /// Reads no inputs but `names` from now on.
+    pub(crate) fn keep(&mut self, names: &[&str]) {
+        self.head.inputs.retain(|stored| names.contains(&&*stored.name));
     }
 
     /// Where it is.
@@ -310,18 +316,6 @@ fn frames_and_lr(metadata: &Metadata, scale: usize) -> Result<(usize, [usize; 2]
 
 fn header_error(field: &'static str, expected: &str, actual: &str) -> ClipError {
     ClipError::Header { field, expected: expected.to_owned(), actual: actual.to_owned() }
-}
-
-/// Brings the fields of a header, which come in the order of a hash map, into that of their names, so that a clip always
-/// has the same bytes. Bytes that are not safetensors stay as they are.
-fn sort_header(bytes: &mut [u8]) {
-    let Some((size, rest)) = bytes.split_first_chunk_mut() else { return };
-    let Some(header) = rest.get_mut(..u64::from_le_bytes(*size) as usize) else { return };
-    let sorted = serde_json::from_slice(header).map(|fields: serde_json::Value| fields.to_string());
-    if let Some(sorted) = sorted.ok().filter(|sorted| sorted.len() <= header.len()) {
-        header.fill(b' ');
-        header[..sorted.len()].copy_from_slice(sorted.as_bytes());
-    }
 }
 
 fn format_error(error: impl ToString) -> ClipError {
