@@ -93,6 +93,9 @@ const COMPARED: [&str; 12] = [
 /// Published networks, compared where their weights are given.
 const NETWORKS: [&str; 3] = ["span+blend", "safmn+blend", "rt4ksr+blend"];
 
+/// Published networks trained by gs3's trainer on its own LR frames, compared where their weights are there.
+const TRAINED: [&str; 3] = ["ecbsr_trained+blend", "rt4ksr_trained+blend", "ninasr_trained+blend"];
+
 /// gs3 with learning, compared where its weights are there.
 const LEARNED: [&str; 3] = ["fast", "balanced", "high"];
 
@@ -143,7 +146,7 @@ impl Paper {
         watch: &mut dyn FnMut(Event<'_>),
     ) -> Result<PaperResults, EvaluateError> {
         let networks = if self.protocol.weights.is_some() { &NETWORKS[..] } else { &[] };
-        let learned = LEARNED.into_iter().filter(|name| self.lack(name).is_none());
+        let learned = TRAINED.into_iter().chain(LEARNED).filter(|name| self.lack(name).is_none());
         let parts = LEARNED_ABLATIONS.into_iter().filter(|(_, name)| self.lack(name).is_none());
         let ablations = ABLATIONS.into_iter().chain(parts).map(|(_, name)| name);
         let names = COMPARED.iter().chain(networks).copied().chain(learned).chain(ablations);
@@ -199,7 +202,7 @@ impl Paper {
                 speedup_over_plain: speed(from, method).zip(plain).map(|(speed, plain)| speed / plain),
             }));
         };
-        for method in COMPARED.iter().chain(&NETWORKS).chain(&LEARNED) {
+        for method in COMPARED.iter().chain(&NETWORKS).chain(&TRAINED).chain(&LEARNED) {
             add(Table::Comparison, "", compared, method);
         }
         for (name, results) in accelerated {
@@ -232,7 +235,7 @@ impl Paper {
             |table, row: &str, reason: &str| Absent { table, row: row.into(), reason: reason.into() };
         let unpublished = "no usable weights are published";
         let mut rows = vec![
-            absent(Table::Comparison, "NinaSR-B1, ECBSR", unpublished),
+            absent(Table::Comparison, "NinaSR-B1, ECBSR as published", unpublished),
             absent(Table::Comparison, "FLAVR, RIFE, IFRNet, InterpAny, GIMM-VFI", unpublished),
             absent(
                 Table::Ablation,
@@ -240,7 +243,7 @@ impl Paper {
                 "each needs weights of its own",
             ),
         ];
-        let learned = LEARNED.into_iter().map(|name| (Table::Comparison, name));
+        let learned = TRAINED.into_iter().chain(LEARNED).map(|name| (Table::Comparison, name));
         let parts = LEARNED_ABLATIONS.into_iter().map(|(_, name)| (Table::Ablation, name));
         for (table, name) in learned.chain(parts) {
             rows.extend(self.lack(name).map(|reason| absent(table, name, &reason)));
@@ -267,7 +270,7 @@ mod tests {
     #[test]
     fn all_names_are_methods() {
         let ablations = ABLATIONS.into_iter().chain(LEARNED_ABLATIONS).map(|(_, name)| name);
-        for name in COMPARED.into_iter().chain(NETWORKS).chain(LEARNED).chain(ablations) {
+        for name in COMPARED.into_iter().chain(NETWORKS).chain(TRAINED).chain(LEARNED).chain(ablations) {
             assert_eq!(name.parse::<MethodSpec>().map(|m| m.to_string()).as_deref(), Ok(name));
         }
     }
