@@ -1,7 +1,7 @@
 //! The kernels' sources, put together: what kernels share is written once, and constants are those of the CPU's code.
 
 use super::plan::{MADE_WIDTH, SuperSamplePlan};
-use crate::{gather, neighbor_depth, plausible, reprojection, splat, tile, warp};
+use crate::{gather, motion, neighbor_depth, plausible, reprojection, splat, tile, warp};
 
 const FRAME: &str = include_str!("frame.wgsl");
 const HISTORY: &str = include_str!("history.wgsl");
@@ -80,7 +80,14 @@ pub fn middle_depth() -> String {
     joined(&[BETWEEN, include_str!("middle_depth.wgsl")])
 }
 
-/// Neighbours to the frame between: entry `blend`.
+/// Surfaces to where they were: entry `find_motion`.
+pub fn motion() -> String {
+    let constants =
+        constants(&[("MIN_DIVISOR", reprojection::MIN_DIVISOR), ("SAME_SURFACE", motion::SAME_SURFACE)]);
+    joined(&[&constants, REPROJECTION, include_str!("motion.wgsl")])
+}
+
+/// Neighbours to the frame between: entries `blend` and `separate`.
 pub fn warp() -> String {
     let constants = constants(&[
         ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
@@ -92,8 +99,8 @@ pub fn warp() -> String {
     ]);
     let bits = gather::PHASE_BITS;
     let phases = format!("const PHASE_BITS: u32 = {bits}u;\nconst UNITS: i32 = {};\n", 1 << bits);
-    let own = [include_str!("gather.wgsl"), include_str!("warp.wgsl")];
-    joined(&[&constants, &phases, BETWEEN, REPROJECTION, own[0], own[1]])
+    let [gather, warp] = [include_str!("gather.wgsl"), include_str!("warp.wgsl")];
+    joined(&[&constants, &phases, BETWEEN, REPROJECTION, gather, warp, include_str!("separate.wgsl")])
 }
 
 #[cfg(test)]
@@ -125,6 +132,7 @@ mod tests {
             ("neighbor_depth", neighbor_depth()),
             ("middle_depth", middle_depth()),
             ("warp", warp()),
+            ("motion", motion()),
         ];
         for (label, source) in &shaders {
             validate(label, &[source]).unwrap_or_else(|e| panic!("{label}: {e}"));
@@ -141,6 +149,6 @@ mod tests {
                 files += 1;
             }
         }
-        assert_eq!(files, 13);
+        assert_eq!(files, 15);
     }
 }
