@@ -25,7 +25,7 @@ pub use error::GpuReconstructError;
 pub use image::{GpuImage, GpuPlanes};
 pub use interpolate::{BoundInterpolator, GpuInterpolator, GpuNeighbor, NeighborView};
 pub use motion::{BoundMotion, GpuMotion};
-pub use super_sample::{BoundSuperSampler, GpuSuperSampler};
+pub use super_sample::{BoundSuperSampler, GpuSuperSampler, Innovation};
 
 /// Asserts that a struct of WGSL and one of Rust have the same members at the same offsets, and the same size.
 #[cfg(test)]

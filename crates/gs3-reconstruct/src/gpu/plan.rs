@@ -116,6 +116,11 @@ impl SuperSamplePlan {
         [x, y, frames]
     }
 
+    /// Bytes of the innovation.
+    pub fn innovation_bytes(&self) -> u64 {
+        area(self.lr) * 16
+    }
+
     /// The buffers that stay from frame to frame, and those between its kernels.
     pub fn buffers(&self) -> [NamedBytes; 10] {
         let (samples, remembered) = (area(self.lr), area(self.lr) * u64::from(self.frames));

@@ -28,6 +28,9 @@ struct Features {
 // The analytic frame, halves; how well the one before is seen, and then how far it may count.
 @group(0) @binding(11) var<storage, read> history: array<vec2<u32>>;
 @group(0) @binding(12) var<storage, read_write> share: array<f32>;
+// What the samples say that the past did not, and that between them.
+@group(0) @binding(13) var<storage, read> innovation: array<vec4<f32>>;
+@group(0) @binding(14) var<storage, read_write> drift: array<f32>;
 
 // Workgroups that sum.
 const PARTS: u32 = 64u;
@@ -112,4 +115,27 @@ fn shares(@builtin(global_invocation_id) at: vec3<u32>) {
     let i = at.y * features.size.x + at.x;
     let uncertainty = unpack2x16float(history[i].y).y;
     share[i] *= min(uncertainty / UNCERTAIN, 1.0);
+}
+
+// The innovation between the samples: bilinear, and flat beyond the outermost.
+@compute @workgroup_size(64, 4)
+fn drifts(@builtin(global_invocation_id) at: vec3<u32>) {
+    if any(at.xy >= features.size) {
+        return;
+    }
+    let i = at.y * features.size.x + at.x;
+    let scale = f32(features.size.x / features.lr.x);
+    let last = features.lr - 1u;
+    let place = clamp((vec2<f32>(at.xy) + 0.5) / scale - 0.5 - features.jitter, vec2(0.0), vec2<f32>(last));
+    let first = vec2<u32>(place);
+    let next = min(first + 1u, last);
+    let along = place - floor(place);
+    let rows = vec2(first.y, next.y) * features.lr.x;
+    let left = mix(innovation[rows.x + first.x], innovation[rows.y + first.x], along.y);
+    let right = mix(innovation[rows.x + next.x], innovation[rows.y + next.x], along.y);
+    let uncertain = min(unpack2x16float(history[i].y).y / UNCERTAIN, 1.0);
+    let between = mix(left, right, along.x) * uncertain;
+    drift[3u * i] = between.x;
+    drift[3u * i + 1u] = between.y;
+    drift[3u * i + 2u] = between.z;
 }

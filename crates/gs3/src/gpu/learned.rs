@@ -8,7 +8,8 @@ use gs3_neural::model::graph_of;
 use gs3_neural::{BoundEngine, GpuEngine, GpuEngineSettings, ImageFormat, Precision, Weights};
 use gs3_raster::GpuGBuffer;
 use gs3_reconstruct::gpu::{
-    BoundInterpolator, BoundMotion, GpuImage, GpuInterpolator, GpuMotion, GpuNeighbor, NeighborView,
+    BoundInterpolator, BoundMotion, GpuImage, GpuInterpolator, GpuMotion, GpuNeighbor, GpuSuperSampler,
+    NeighborView,
 };
 use gs3_scene::Camera;
 
@@ -56,6 +57,7 @@ struct BoundLearned {
     sum_depths: Bound,
     geometry: Bound,
     shares: Bound,
+    drifts: Bound,
     engine: BoundEngine,
     /// What needs the frame before, bound when there is one.
     before: Option<(BoundInterpolator, BoundMotion)>,
@@ -89,7 +91,17 @@ impl Learned {
         let engine = GpuEngine::new(gpu, &graph, weights, [lr[1] as usize, lr[0] as usize], &settings)
             .map_err(network)?;
         let bytes = |name: &str| engine.inputs().iter().find(|i| i.name == name).map_or(4, |i| i.bytes);
-        let made = ["share", "color", "gradients", "compressed", "geometry", "jitter", "motion", "validity"];
+        let made = [
+            "drift",
+            "share",
+            "color",
+            "gradients",
+            "compressed",
+            "geometry",
+            "jitter",
+            "motion",
+            "validity",
+        ];
         let make = |name| Ok((name, gpu.buffer(name, Use::Storage, bytes(name))?));
         let inputs = made.into_iter().map(make).collect::<Result<Vec<_>, GpuError>>()?;
         let hidden = || gpu.buffer("hidden", Use::Storage, bytes("hidden"));
@@ -113,11 +125,7 @@ impl Learned {
 
     fn input(&self, name: &str) -> Result<&Buffer, GpuError> {
         let found = self.inputs.iter().find(|(n, _)| *n == name).map(|(_, buffer)| buffer);
-        found.ok_or_else(|| GpuError::Bindings {
-            kernel: "the network".to_owned(),
-            expected: name.to_owned(),
-            actual: "no such input".to_owned(),
-        })
+        found.ok_or_else(|| missing(name))
     }
 
     /// Records the refinement of place `current`, made without learning for `view`. `last` is the view of the other place,
@@ -125,7 +133,7 @@ impl Learned {
     pub fn record(
         &mut self,
         recorder: &mut Recorder<'_>,
-        interpolator: &GpuInterpolator,
+        (sampler, interpolator): (&GpuSuperSampler, &GpuInterpolator),
         places: [Place<'_>; 2],
         current: usize,
         view: &NeighborView,
@@ -133,7 +141,7 @@ impl Learned {
     ) -> Result<(), PipelineError> {
         let [now, other] = [&places[current], &places[1 - current]];
         if self.bound[current].is_none() {
-            self.bound[current] = Some(self.bind(current, now)?);
+            self.bound[current] = Some(self.bind(sampler, current, now)?);
         }
         if last.is_some() && self.bound[current].as_ref().is_some_and(|bound| bound.before.is_none()) {
             let before = self.bind_before(interpolator, now, other)?;
@@ -161,6 +169,7 @@ impl Learned {
         }
         recorder.stage("super_sample.features");
         recorder.dispatch(&bound.planes, over(self.lr));
+        recorder.dispatch(&bound.drifts, over(self.size));
         recorder.dispatch(&bound.sum_depths, [PARTS, 1, 1]);
         recorder.dispatch(&bound.geometry, [self.lr[0].div_ceil(256), self.lr[1], 1]);
         recorder.stage("super_sample.network");
@@ -175,9 +184,15 @@ impl Learned {
         FeaturesUniform { size, lr, jitter, focal: [fx, fy], center: [cx, cy], _pad: [0.0; 2] }
     }
 
-    fn bind(&self, current: usize, now: &Place<'_>) -> Result<BoundLearned, PipelineError> {
+    fn bind(
+        &self,
+        sampler: &GpuSuperSampler,
+        current: usize,
+        now: &Place<'_>,
+    ) -> Result<BoundLearned, PipelineError> {
         let gpu = &self.gpu;
         let gbuffer = planes(now.gbuffer)?;
+        let innovation = sampler.innovation().ok_or_else(|| missing("innovation"))?;
         let mut all: Vec<(&str, Slice<'_>)> =
             self.inputs.iter().map(|(name, buffer)| (*name, buffer.slice())).collect();
         all.extend([
@@ -187,6 +202,7 @@ impl Learned {
             ("dy_expected", gbuffer.dy_expected.slice()),
             ("normal", now.gbuffer.normal().unwrap_or(gbuffer.color_alpha).slice()),
             ("sums", self.sums.slice()),
+            ("innovation", innovation.slice()),
             ("history", now.analytic.pixels().slice()),
         ]);
         let kernel = |entry: &str| -> Result<Bound, GpuError> {
@@ -196,6 +212,7 @@ impl Learned {
         let mut inputs: Vec<(&str, Slice<'_>)> =
             self.inputs.iter().map(|(name, buffer)| (*name, buffer.slice())).collect();
         inputs.push(("history", now.analytic.pixels().slice()));
+        inputs.push(("innovation", innovation.slice()));
         inputs.push(("previous", self.previous.pixels().slice()));
         inputs.push(("hidden", self.hidden[1 - current].slice()));
         let outputs = [("color", now.refined.pixels().slice()), ("hidden", self.hidden[current].slice())];
@@ -204,6 +221,7 @@ impl Learned {
             sum_depths: kernel("sum_depths")?,
             geometry: kernel("geometry_of")?,
             shares: kernel("shares")?,
+            drifts: kernel("drifts")?,
             engine: self.engine.bind(gpu, &inputs, &outputs).map_err(network)?,
             before: None,
         })
@@ -222,6 +240,15 @@ impl Learned {
         let (flow, validity) = (self.input("motion")?, self.input("validity")?);
         let motion = self.motion.bind(now_planes.dx_median, other_planes.dx_median, flow, validity)?;
         Ok((warp, motion))
+    }
+}
+
+/// The network wants an input that is not there.
+fn missing(name: &str) -> GpuError {
+    GpuError::Bindings {
+        kernel: "the network".to_owned(),
+        expected: name.to_owned(),
+        actual: "no such input".to_owned(),
     }
 }
 

@@ -7,7 +7,7 @@ use gs3_neural::Weights;
 use gs3_raster::GpuGBuffer;
 use gs3_reconstruct::gpu::{
     BoundInterpolator, BoundSuperSampler, GpuImage, GpuInterpolator, GpuNeighbor, GpuPlanes,
-    GpuReconstructError, GpuSuperSampler, NeighborView,
+    GpuReconstructError, GpuSuperSampler, Innovation, NeighborView,
 };
 use gs3_scene::Camera;
 
@@ -131,8 +131,9 @@ impl Sized {
         counters: u64,
     ) -> Result<Self, PipelineError> {
         let scale = settings.scale;
+        let innovation = if weights.is_some() { Innovation::Wanted } else { Innovation::NotWanted };
         // First, because it checks scale and size, on which everything else builds.
-        let super_sampler = GpuSuperSampler::new(gpu, scale, size)?;
+        let super_sampler = GpuSuperSampler::new(gpu, scale, size, innovation)?;
         let side = || {
             let image = GpuImage::new(gpu, size)?;
             let analytic = weights.map(|_| GpuImage::new(gpu, size)).transpose()?;
@@ -205,7 +206,7 @@ impl Sized {
             let analytic = side.analytic.as_ref().unwrap_or(&side.image);
             Place { gbuffer: &side.gbuffer, analytic, refined: &side.image }
         });
-        learned.record(recorder, &self.interpolator, places, current, view, last)
+        learned.record(recorder, (&self.super_sampler, &self.interpolator), places, current, view, last)
     }
 
     /// Records the frames at `moments` between the last one and side `current`, which `views` saw.
