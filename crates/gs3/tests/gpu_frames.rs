@@ -191,15 +191,6 @@ fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
     assert!(p.render(&next, &[]).unwrap().current == &anew);
 }
 
-/// As [`psnr`], over the pixels that both are equally uncertain of: background is certain in tiles that hold nothing else, and
-/// tiles on a device are smaller.
-fn psnr_alike(a: &Image, b: &Image) -> f64 {
-    let pairs = a.pixels().iter().zip(b.pixels()).filter(|(a, b)| (a[3] - b[3]).abs() < 0.02);
-    let squares: Vec<f64> = pairs.flat_map(|(a, b)| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2))).collect();
-    assert!(squares.len() > a.pixels().len(), "few pixels are alike");
-    -10.0 * (squares.iter().sum::<f64>() / squares.len() as f64).max(1e-12).log10()
-}
-
 /// With the network that comes with the library, in half precision, over more frames than its first: its hidden state and the
 /// frame before reach it as on the CPU. Other sizes than whole blocks go by the CPU.
 #[test]
@@ -220,16 +211,11 @@ fn the_network_refines_as_on_the_cpu() {
         for camera in &path.cameras()[..6] {
             let expected = on_cpu.render(camera, &[]).unwrap().current.clone();
             let shown = on_gpu.render(camera, &[]).unwrap().current;
-            worst = worst.min(psnr_alike(shown, &expected));
-            eprintln!(
-                "{name}: {:.1} dB of all, {:.1} dB alike",
-                psnr(shown, &expected),
-                psnr_alike(shown, &expected)
-            );
-            effect = psnr_alike(analytic.render(camera, &[]).unwrap().current, &expected);
+            worst = worst.min(psnr(shown, &expected));
+            effect = psnr(analytic.render(camera, &[]).unwrap().current, &expected);
         }
         eprintln!("{name}: {worst:.1} dB at worst, without the network {effect:.1} dB");
-        assert!(worst >= 50.0 && effect < worst - 3.0, "{name}: {worst:.1} dB, without {effect:.1} dB");
+        assert!(worst >= 55.0 && effect < worst - 6.0, "{name}: {worst:.1} dB, without {effect:.1} dB");
         let odd = path.cameras()[6].resized(255, 144).unwrap();
         assert!(!on_gpu.is_on_device(&odd));
         let expected = on_cpu.render(&odd, &[]).unwrap().current.clone();

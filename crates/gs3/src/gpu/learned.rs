@@ -165,6 +165,8 @@ impl Learned {
                     recorder.clear(&self.input(name)?.slice());
                 }
                 recorder.clear(&self.hidden[1 - current].slice());
+                // Its share is 0, but the network looks at it.
+                recorder.copy(&now.analytic.pixels().slice(), &self.previous.pixels().slice());
             }
         }
         recorder.stage("super_sample.features");
