@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use gs3::compute::{AdapterKind, Gpu, Pairs, Sort, StageTime, Timings, Use};
 use gs3::gpu::{GpuFrames, GpuRequest, Take};
+use gs3::neural::Weights;
 use gs3::raster::{
     GpuGBuffer, GpuRasterizer, Outputs, RasterSettings, STOCK_DILATION, ScenePrecision, Settled,
 };
@@ -17,6 +18,7 @@ use serde_json::{Value, json};
 use crate::Outcome;
 use crate::args::BenchArgs;
 use crate::error::CliError;
+use crate::inputs;
 use crate::output::write_text;
 use crate::report::{self, median_ms};
 
@@ -28,6 +30,7 @@ const SORTED_IN_SOFTWARE: u32 = 1 << 16;
 const SORT_RUNS: usize = 20;
 
 pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -> Result<Outcome, CliError> {
+    let (networks, _) = inputs::networks(&args.look)?;
     let look = args.look.settings(Mode::Full);
     let gaussians = scene.gaussians().len();
     let mut bench = Bench {
@@ -35,6 +38,7 @@ pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -
         rasterizer: GpuRasterizer::new(gpu, scene, look.culling, ScenePrecision::default())?,
         gbuffer: GpuGBuffer::default(),
         warm_up: args.warm_up,
+        weights: networks.super_sample,
     };
     let with = |outputs, dilation| RasterSettings {
         dilation,
@@ -61,6 +65,7 @@ pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -
         "displayed_fps": {
             "native": native["fps"], "super_sample": super_sample["fps"], "full": full["fps"],
         },
+        "super_sample_network": bench.weights.as_ref().map(|weights| weights.header.tier.clone()),
         "super_sample": super_sample,
         "full": full,
         "sort": sort(gpu)?,
@@ -78,6 +83,8 @@ struct Bench {
     rasterizer: GpuRasterizer,
     gbuffer: GpuGBuffer,
     warm_up: usize,
+    /// Of the network that refines super sampling. Interpolation is measured without.
+    weights: Option<Arc<Weights>>,
 }
 
 impl Bench {
@@ -119,11 +126,19 @@ impl Bench {
         }))
     }
 
-    /// The same of whole frames without networks, those between them counted as displayed. The cameras before the measured
+    /// The same of whole frames, those between them counted as displayed. The cameras before the measured
     /// ones lead up to the first, and the frames that follow each other go back: no camera is a cut.
     fn measure_frames(&mut self, cameras: &[Camera], settings: &PipelineSettings) -> Result<Value, CliError> {
         let gpu = self.rasterizer.gpu().clone();
-        let mut frames = GpuFrames::new(&gpu, settings);
+        let size = [cameras[0].width(), cameras[0].height()];
+        let mut frames = GpuFrames::new(&gpu, settings, self.weights.clone());
+        if !frames.takes(size) {
+            return Err(CliError::Option {
+                option: "--size",
+                expected: "a multiple of the scale and a GPU with half precision, as networks need, or --tier analytic".into(),
+                actual: format!("{}x{}", size[0], size[1]),
+            });
+        }
         let mut sequence = Sequence { settings, jitter: Jitter::grid(settings.scale), number: 0, last: None };
         let ahead = (1..=self.warm_up).rev().map(|k| &cameras[reflected(k, cameras.len())]);
         let mut measured = Vec::with_capacity(cameras.len());

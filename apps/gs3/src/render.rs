@@ -37,12 +37,12 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     let mut pipeline = FramePipeline::with_networks(scene, settings, &networks)?;
     // Not before the rest is right: a driver may take long to wake, and talk.
     let machine = Machine::new(&args.device)?.start(|gpu| pipeline.render_on(gpu))?;
-    if mode.has_history() && !pipeline.is_on_device() && !matches!(machine, Machine::Cpu) {
+    let first = path.cameras()[range.start];
+    if mode.has_history() && !pipeline.is_on_device(&first) && !matches!(machine, Machine::Cpu) {
         eprintln!(
-            "the GPU rasterizes, the CPU does the rest: networks refine these frames (--tier analytic: all on the GPU)"
+            "the GPU rasterizes, networks run on the CPU (--tier analytic makes all of the frame on the GPU)"
         );
     }
-    let first = path.cameras()[range.start];
     let rate = path.frames_per_second() * settings.displayed_per_rendered() as f64;
 
     // Before any file: settings that the rasterizer refuses show in the frames that only fill the history.
@@ -86,7 +86,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         "gaussians": pipeline.scene().gaussians().len(),
         "mode": mode_name(mode),
         "rasterizer": machine.name(),
-        "is_all_on_device": pipeline.is_on_device(),
+        "is_all_on_device": pipeline.is_on_device(&first),
         "tier": tier,
         "generate": settings.generate,
         "scale": args.look.scale,

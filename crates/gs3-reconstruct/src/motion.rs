@@ -11,7 +11,7 @@ use crate::error::{ReconstructError, camera_size, check_gbuffer, check_jitter, c
 use crate::reprojection::{MIN_DIVISOR, Reprojection, inverse_depth};
 
 /// Relative difference of inverse depths up to which they belong to one surface, whatever its slope.
-const SAME_SURFACE: f32 = 0.02;
+pub(crate) const SAME_SURFACE: f32 = 0.02;
 
 const LANES: usize = 16;
 

@@ -52,7 +52,7 @@ pub(crate) const CURVATURE: f32 = 0.2;
 const BESIDE: f32 = 1e-3;
 
 /// Inverse variances, pixel⁻⁴, below this say nothing: samples of the past more than 2.6 pixels away, or of more doubt.
-const FAINT: f32 = 0.02;
+pub(crate) const FAINT: f32 = 0.02;
 
 /// Accumulating pixels: per pixel Σ weight·RGB and Σ weight. 16 B each; the memory of the tile is in no image, because there
 /// rows may lie a multiple of the caches' period apart (of 4096 pixels: 64 KiB) and drive each other out.
@@ -167,7 +167,7 @@ impl Tile {
 /// The pixels on whose centres the samples of a frame lie: every S-th, where its jitter is of the S×S grid.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Lattice {
-    first: [usize; 2],
+    pub first: [usize; 2],
     scale: usize,
 }
 

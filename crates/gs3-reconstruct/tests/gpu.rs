@@ -9,7 +9,8 @@ use std::sync::OnceLock;
 use common::{Sheet, World, camera, grid_jitter, psnr, wall_and_post};
 use gs3_compute::{Buffer, Gpu, GpuError, GpuSettings, Use};
 use gs3_reconstruct::gpu::{
-    GpuImage, GpuInterpolator, GpuNeighbor, GpuPlanes, GpuReconstructError, GpuSuperSampler, NeighborView,
+    GpuImage, GpuInterpolator, GpuNeighbor, GpuPlanes, GpuReconstructError, GpuSuperSampler, Innovation,
+    NeighborView,
 };
 use gs3_reconstruct::{Interpolator, Neighbor, ReconstructError, ResetReason, SuperSampler};
 use gs3_scene::{Camera, GBuffer, Image, Planes};
@@ -63,7 +64,11 @@ struct Sampler {
 
 impl Sampler {
     fn new(gpu: &Gpu, scale: u32, size: [u32; 2]) -> Self {
-        Self { gpu: gpu.clone(), size, sampler: GpuSuperSampler::new(gpu, scale, size).unwrap() }
+        Self {
+            gpu: gpu.clone(),
+            size,
+            sampler: GpuSuperSampler::new(gpu, scale, size, Innovation::Wanted).unwrap(),
+        }
     }
 
     fn super_sample(&mut self, camera: &Camera, gbuffer: &GBuffer) -> (Image, GpuImage) {
@@ -135,9 +140,16 @@ fn super_sampling_matches_the_cpu() {
                 worst = worst.min(psnr(&actual, &expected));
                 certain = uncertainty_errors(&actual, &expected);
             }
-            let what = format!("x{scale}, {name}: {worst:.1} dB at worst, uncertainty {certain:?}");
+            let innovation = sampler.sampler.innovation().unwrap();
+            let found: Vec<[f32; 4]> = gpu.read(&innovation.slice()).unwrap();
+            let pairs = found.iter().flatten().zip(cpu.innovation().iter().flatten());
+            let sum: f64 = pairs.map(|(a, e)| f64::from(a - e).powi(2)).sum();
+            let news = (sum / (4 * cpu.innovation().len()) as f64).sqrt();
+            let what = format!(
+                "x{scale}, {name}: {worst:.1} dB at worst, uncertainty {certain:?}, innovation {news:.1e}"
+            );
             eprintln!("{what}");
-            assert!(worst >= FLOOR && certain.0 < 1e-3 && certain.1 < 0.01, "{what}");
+            assert!(worst >= FLOOR && certain.0 < 1e-3 && certain.1 < 0.01 && news < 1e-3, "{what}");
         }
     }
 }
@@ -155,8 +167,8 @@ fn frames_repeat_bit_for_bit() {
             |k| sampler.super_sample(&pose(k), &world.gbuffer(&pose(k).low_resolution(4), grid_jitter(4, k)));
         (0..16).map(frame).map(|(image, _)| image).collect::<Vec<_>>()
     };
-    let first = run(GpuSuperSampler::new(&gpu, 4, size).unwrap());
-    assert!(run(GpuSuperSampler::new(&gpu, 4, size).unwrap()) == first);
+    let first = run(GpuSuperSampler::new(&gpu, 4, size, Innovation::NotWanted).unwrap());
+    assert!(run(GpuSuperSampler::new(&gpu, 4, size, Innovation::NotWanted).unwrap()) == first);
     // Software adapters may run everything in order.
     assert!(run(GpuSuperSampler::backward(&gpu, 4, size).unwrap()) == first);
 }
@@ -264,11 +276,11 @@ fn interpolation_matches_the_cpu() {
 #[test]
 fn what_does_not_fit_is_a_typed_error() {
     let Some(gpu) = gpu() else { return };
-    let scale = GpuSuperSampler::new(&gpu, 9, [64, 64]).map(|_| ());
+    let scale = GpuSuperSampler::new(&gpu, 9, [64, 64], Innovation::NotWanted).map(|_| ());
     assert_eq!(scale, Err(ReconstructError::Scale { actual: 9 }.into()));
-    let large = GpuSuperSampler::new(&gpu, 1, [1 << 16, 1 << 16]).map(|_| ());
+    let large = GpuSuperSampler::new(&gpu, 1, [1 << 16, 1 << 16], Innovation::NotWanted).map(|_| ());
     assert!(matches!(large, Err(GpuReconstructError::Gpu(GpuError::TooLarge { .. }))), "{large:?}");
-    let mut sampler = GpuSuperSampler::new(&gpu, 4, [64, 64]).unwrap();
+    let mut sampler = GpuSuperSampler::new(&gpu, 4, [64, 64], Innovation::NotWanted).unwrap();
     let pose = camera(64, 64, [0.0; 3], 0.0, 0.0);
     let uploaded = Uploaded::new(&gpu, &wall_and_post(60.0).gbuffer(&pose.low_resolution(4), [0.0; 2]));
     let small = GpuImage::new(&gpu, [60, 64]).unwrap();

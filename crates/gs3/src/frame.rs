@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+#[cfg(feature = "gpu")]
+use gs3_neural::Weights;
 use gs3_raster::{Outputs, RasterError, RasterSettings};
 use gs3_reconstruct::{
     Interpolator, Kernel, Neighbor, ReconstructError, ResetReason, SuperSampler, resample,
@@ -92,6 +94,9 @@ pub struct FramePipeline {
     /// Makes whole frames where they are made on a GPU.
     #[cfg(feature = "gpu")]
     device: Option<Device>,
+    /// Of the network that refines super sampling.
+    #[cfg(feature = "gpu")]
+    weights: Option<Arc<Weights>>,
     /// Why the next frame starts without history, if it does.
     invalid: Option<ResetReason>,
     /// Frames since the history began; selects the jitter.
@@ -131,6 +136,8 @@ impl FramePipeline {
         let Networks { super_sample, interpolate } = networks.clone();
         let super_sample = super_sample.filter(|_| settings.mode.has_history());
         let interpolate = interpolate.filter(|_| settings.mode == Mode::Full);
+        #[cfg(feature = "gpu")]
+        let weights = super_sample.clone();
         Ok(Self {
             settings,
             jitter: settings.jitter(),
@@ -141,6 +148,8 @@ impl FramePipeline {
             learned_interpolator: interpolate.map(|w| LearnedInterpolator::new(w, scale)).transpose()?,
             #[cfg(feature = "gpu")]
             device: None,
+            #[cfg(feature = "gpu")]
+            weights,
             invalid: Some(ResetReason::FirstFrame),
             age: 0,
             previous: Frame::default(),
@@ -175,7 +184,7 @@ impl FramePipeline {
                 self.enlarge(camera)?;
             }
             #[cfg(feature = "gpu")]
-            Mode::SuperSample | Mode::Full if self.device.is_some() => {
+            Mode::SuperSample | Mode::Full if self.is_on_device(camera) => {
                 self.render_on_device(camera, between)?
             }
             Mode::SuperSample => {
@@ -210,7 +219,7 @@ impl FramePipeline {
     }
 
     /// Renders on `gpu` from the next frame on, without history. In modes with history whole frames are made there and only
-    /// images come back; where networks refine frames, and in the other modes, it rasterizes, and the rest stays on the CPU.
+    /// images come back ([`Self::is_on_device`]); in the other modes it rasterizes, and the rest stays on the CPU.
     ///
     /// # Errors
     /// [`PipelineError`] if the scene does not fit the device; everything stays as it was.
@@ -218,20 +227,26 @@ impl FramePipeline {
     pub fn render_on(&mut self, gpu: &gs3_compute::Gpu) -> Result<(), PipelineError> {
         let scene = Arc::clone(self.rasterizer.scene());
         self.rasterizer = AnyRasterizer::gpu(gpu, scene, self.settings.culling)?;
-        let is_learned = self.learned_super_sampler.is_some() || self.learned_interpolator.is_some();
-        let is_whole = self.settings.mode.has_history() && !is_learned;
-        self.device = is_whole.then(|| Device::new(gpu, &self.settings)).transpose()?;
+        let is_whole = self.settings.mode.has_history() && self.learned_interpolator.is_none();
+        let device = || Device::new(gpu, &self.settings, self.weights.clone());
+        self.device = is_whole.then(device).transpose()?;
         self.reset(ResetReason::SizeOrTierChange);
         Ok(())
     }
 
-    /// Whether whole frames are made on a GPU.
+    /// Whether all of the frame of `camera` is made on a GPU. Where a network interpolates, or one super-samples and the device
+    /// has no half precision or the size is no multiple of the scale, a GPU rasterizes and the rest stays on the CPU.
     #[must_use]
-    pub const fn is_on_device(&self) -> bool {
+    pub fn is_on_device(&self, camera: &Camera) -> bool {
         #[cfg(feature = "gpu")]
-        return self.device.is_some();
+        let is_on_device =
+            self.device.as_ref().is_some_and(|device| device.frames.takes([camera.width(), camera.height()]));
         #[cfg(not(feature = "gpu"))]
-        false
+        let is_on_device = {
+            _ = camera;
+            false
+        };
+        is_on_device
     }
 
     /// The scene shown.
@@ -277,7 +292,9 @@ impl FramePipeline {
     /// [`PipelineError`] if the device fails.
     pub fn fetch_gbuffer(&mut self) -> Result<(), PipelineError> {
         #[cfg(feature = "gpu")]
-        if let Some(device) = &self.device {
+        if let (Some(device), Some(camera)) = (&self.device, &self.current.camera)
+            && self.is_on_device(camera)
+        {
             device.frames.read_gbuffer(&mut self.current.gbuffer)?;
         }
         Ok(())

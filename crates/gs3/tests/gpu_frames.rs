@@ -6,10 +6,11 @@ use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use gs3::compute::{Gpu, GpuSettings};
+use gs3::neural::model::Tier;
 use gs3::reconstruct::{Interpolator, Neighbor, SuperSampler};
 use gs3::scene::camera_path::{CameraPath, pose_between};
 use gs3::scene::{Camera, GBuffer, Image, Scene, capture, demo};
-use gs3::{FramePipeline, Mode, PipelineSettings, ResetReason, Stage};
+use gs3::{FramePipeline, Mode, Networks, PipelineSettings, ResetReason, Stage};
 
 const SHARED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared");
 
@@ -188,4 +189,36 @@ fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
     p.render(&near, &[]).unwrap();
     p.set_scene(Arc::clone(&scene)).unwrap();
     assert!(p.render(&next, &[]).unwrap().current == &anew);
+}
+
+/// With the network that comes with the library, in half precision, over more frames than its first: its hidden state and the
+/// frame before reach it as on the CPU. Other sizes than whole blocks go by the CPU.
+#[test]
+fn the_network_refines_as_on_the_cpu() {
+    let Some(gpu) = gpu() else { return };
+    let networks = Networks::shipped(4, Tier::Balanced).unwrap();
+    for (name, scene, path) in scenes(256, 144) {
+        let settings = PipelineSettings { mode: Mode::SuperSample, ..Default::default() };
+        let make = || FramePipeline::with_networks(Arc::clone(&scene), settings, &networks).unwrap();
+        let (mut on_cpu, mut on_gpu) = (make(), make());
+        on_gpu.render_on(&gpu).unwrap();
+        if !on_gpu.is_on_device(&path.cameras()[0]) {
+            eprintln!("skipped: no half precision");
+            return;
+        }
+        let mut analytic = pipeline(Some(&gpu), &scene, Mode::SuperSample, 1);
+        let (mut worst, mut effect) = (f64::INFINITY, 0.0_f64);
+        for camera in &path.cameras()[..6] {
+            let expected = on_cpu.render(camera, &[]).unwrap().current.clone();
+            let shown = on_gpu.render(camera, &[]).unwrap().current;
+            worst = worst.min(psnr(shown, &expected));
+            effect = psnr(analytic.render(camera, &[]).unwrap().current, &expected);
+        }
+        eprintln!("{name}: {worst:.1} dB at worst, without the network {effect:.1} dB");
+        assert!(worst >= 55.0 && effect < worst - 6.0, "{name}: {worst:.1} dB, without {effect:.1} dB");
+        let odd = path.cameras()[6].resized(255, 144).unwrap();
+        assert!(!on_gpu.is_on_device(&odd));
+        let expected = on_cpu.render(&odd, &[]).unwrap().current.clone();
+        assert!(psnr(on_gpu.render(&odd, &[]).unwrap().current, &expected) > 50.0);
+    }
 }

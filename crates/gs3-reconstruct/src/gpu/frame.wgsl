@@ -21,6 +21,9 @@ struct Frame {
     frames: u32,
     // HR position, pixel centres at whole numbers, to cell of four samples: times 1/scale, plus this.
     cell_offset: vec2<f32>,
+    // The first pixel that a sample lies on, every scale-th; beyond all pixels if samples lie beside the centres.
+    lattice: vec2<u32>,
+    _pad: vec2<u32>,
     // Per phase of a pixel within an LR pixel: the sample at or before it, relative to the LR pixel, and the way to the next
     // (Axis). Columns, then rows.
     x_places: array<vec4<f32>, 8>,

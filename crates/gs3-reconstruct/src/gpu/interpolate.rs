@@ -67,15 +67,18 @@ pub struct GpuInterpolator {
     look: Kernel,
     fill: Kernel,
     blend: Kernel,
+    separate: Kernel,
 }
 
-/// Interpolation between two images into a third.
+/// Interpolation between two images into a third, or the first of them warped.
 #[derive(Clone, Debug)]
 pub struct BoundInterpolator {
     uniform: Buffer,
     look: Bound,
     fill: Bound,
-    blend: Bound,
+    make: Bound,
+    /// Names of its stages.
+    stages: [&'static str; 2],
 }
 
 impl GpuInterpolator {
@@ -91,6 +94,7 @@ impl GpuInterpolator {
         let buffers = plan.buffers().into_iter().map(make).collect::<Result<Vec<_>, GpuError>>()?;
         let kernel =
             |label: &str, source: String, entry: &str| gpu.module(label, &[&source])?.kernel(gpu, entry, &[]);
+        let warp = gpu.module("warp", &[&shaders::warp()])?;
         Ok(Self {
             gpu: gpu.clone(),
             scale,
@@ -98,7 +102,8 @@ impl GpuInterpolator {
             buffers,
             look: kernel("neighbor_depth", shaders::neighbor_depth(), "look")?,
             fill: kernel("middle_depth", shaders::middle_depth(), "fill")?,
-            blend: kernel("warp", shaders::warp(), "blend")?,
+            blend: warp.kernel(gpu, "blend", &[])?,
+            separate: warp.kernel(gpu, "separate", &[])?,
         })
     }
 
@@ -112,6 +117,31 @@ impl GpuInterpolator {
         after: &GpuNeighbor<'_>,
         out: &GpuImage,
     ) -> Result<BoundInterpolator, GpuReconstructError> {
+        self.bind_to(before, after, out, None)
+    }
+
+    /// Will warp `before` alone to what is seen between it and `after`, into `out`, and write how well it is seen there to
+    /// `visibility`, an f32 a pixel, `[0, 1]` ([`crate::Warped::visibility`]).
+    ///
+    /// # Errors
+    /// [`GpuReconstructError`] if an image has another size, or the device refuses.
+    pub fn bind_before(
+        &self,
+        before: &GpuNeighbor<'_>,
+        after: &GpuNeighbor<'_>,
+        out: &GpuImage,
+        visibility: &Buffer,
+    ) -> Result<BoundInterpolator, GpuReconstructError> {
+        self.bind_to(before, after, out, Some(visibility))
+    }
+
+    fn bind_to(
+        &self,
+        before: &GpuNeighbor<'_>,
+        after: &GpuNeighbor<'_>,
+        out: &GpuImage,
+        visibility: Option<&Buffer>,
+    ) -> Result<BoundInterpolator, GpuReconstructError> {
         let size = |[w, h]: [u32; 2]| (w as usize, h as usize);
         for image in [before.image, after.image, out] {
             check_size("neighbour image", size(self.plan.size), size(image.size()))?;
@@ -124,9 +154,16 @@ impl GpuInterpolator {
         all.push(("before", before.image.pixels().slice()));
         all.push(("after", after.image.pixels().slice()));
         all.push(("result", out.pixels().slice()));
+        let (make, stages) = match visibility {
+            None => (&self.blend, ["interpolate.depth", "interpolate.warp"]),
+            Some(visibility) => {
+                all.push(("visibility", visibility.slice()));
+                (&self.separate, ["super_sample.depth", "super_sample.warp"])
+            }
+        };
         let (look, fill) = (self.look.bind(&self.gpu, &all)?, self.fill.bind(&self.gpu, &all)?);
-        let blend = self.blend.bind(&self.gpu, &all)?;
-        Ok(BoundInterpolator { uniform, look, fill, blend })
+        let make = make.bind(&self.gpu, &all)?;
+        Ok(BoundInterpolator { uniform, look, fill, make, stages })
     }
 
     /// Records the interpolation of what `camera` sees at time `t` ∈ `[0, 1]` between `before` (0) and `after` (1), the
@@ -170,11 +207,11 @@ impl GpuInterpolator {
         if let Some((_, splatted)) = self.buffers.iter().find(|(name, _)| *name == "splatted") {
             recorder.clear(&splatted.slice());
         }
-        recorder.stage("interpolate.depth");
+        recorder.stage(bound.stages[0]);
         recorder.dispatch(&bound.look, self.plan.over_neighbors());
         recorder.dispatch(&bound.fill, self.plan.over_samples);
-        recorder.stage("interpolate.warp");
-        recorder.dispatch(&bound.blend, self.plan.over_pixels);
+        recorder.stage(bound.stages[1]);
+        recorder.dispatch(&bound.make, self.plan.over_pixels);
         Ok(())
     }
 }

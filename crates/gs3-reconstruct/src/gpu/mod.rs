@@ -6,7 +6,8 @@
 //! | splat | `splat` | every remembered sample to where it is now, into the list of its pixel |
 //! | tile | `hermite`, `tile` | a workgroup a tile: lists in order, then samples over the surface, from workgroup memory |
 //! | depth | `neighbor_depth`, `middle_depth` | depths of both neighbours at the pose between, nearest wins, holes filled |
-//! | warp | `gather`, `warp` | an invocation four pixels: both neighbours, blended |
+//! | warp | `gather`, `warp`, `separate` | an invocation four pixels: both neighbours, blended, or the first alone |
+//! | | `motion` | where the surfaces of an LR frame were, for what networks remember |
 //!
 //! No floats are added atomically and what comes in any order is put in order, so the same frames give the same bits on a
 //! device. Sizes follow from the picture alone (`plan`): whatever the motion, there is room. Images and colours of the
@@ -15,6 +16,7 @@
 mod error;
 mod image;
 mod interpolate;
+mod motion;
 mod plan;
 mod shaders;
 mod super_sample;
@@ -22,7 +24,8 @@ mod super_sample;
 pub use error::GpuReconstructError;
 pub use image::{GpuImage, GpuPlanes};
 pub use interpolate::{BoundInterpolator, GpuInterpolator, GpuNeighbor, NeighborView};
-pub use super_sample::{BoundSuperSampler, GpuSuperSampler};
+pub use motion::{BoundMotion, GpuMotion};
+pub use super_sample::{BoundSuperSampler, GpuSuperSampler, Innovation};
 
 /// Asserts that a struct of WGSL and one of Rust have the same members at the same offsets, and the same size.
 #[cfg(test)]

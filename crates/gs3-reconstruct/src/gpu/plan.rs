@@ -52,6 +52,11 @@ fn over(size: [u32; 2], groups: [u32; 2]) -> [u32; 3] {
     [size[0].div_ceil(groups[0]), size[1].div_ceil(groups[1]), 1]
 }
 
+/// Workgroups over LR samples.
+pub fn over_samples(lr: [u32; 2]) -> [u32; 3] {
+    over(lr, SAMPLES)
+}
+
 fn area(size: [u32; 2]) -> u64 {
     u64::from(size[0]) * u64::from(size[1])
 }
@@ -98,7 +103,7 @@ impl SuperSamplePlan {
             made_height,
             // More than a tile's cells would not be needed often enough.
             capacity: room(made_height).min(1024),
-            over_samples: over(lr, SAMPLES),
+            over_samples: over_samples(lr),
             over_tiles: over(size, [MADE_WIDTH - 2, made_height - 2]),
         };
         check(limits, &plan.buffers(), &[plan.over_samples, plan.over_tiles, [plan.frames, 1, 1]])?;
@@ -109,6 +114,11 @@ impl SuperSamplePlan {
     pub fn over_history(&self, frames: u32) -> [u32; 3] {
         let [x, y, _] = self.over_samples;
         [x, y, frames]
+    }
+
+    /// Bytes of the innovation.
+    pub fn innovation_bytes(&self) -> u64 {
+        area(self.lr) * 16
     }
 
     /// The buffers that stay from frame to frame, and those between its kernels.
@@ -153,7 +163,7 @@ impl InterpolatePlan {
         let plan = Self {
             size,
             lr,
-            over_samples: over(lr, SAMPLES),
+            over_samples: over_samples(lr),
             // The first patches may begin up to three pixels before the image.
             over_pixels: over(size.map(|side| side.saturating_add(3)), WARPED),
         };

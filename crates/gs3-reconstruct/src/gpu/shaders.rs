@@ -1,7 +1,8 @@
 //! The kernels' sources, put together: what kernels share is written once, and constants are those of the CPU's code.
 
 use super::plan::{MADE_WIDTH, SuperSamplePlan};
-use crate::{gather, neighbor_depth, plausible, reprojection, splat, tile, warp};
+use super::super_sample::Innovation;
+use crate::{gather, motion, neighbor_depth, plausible, reprojection, splat, tile, warp};
 
 const FRAME: &str = include_str!("frame.wgsl");
 const HISTORY: &str = include_str!("history.wgsl");
@@ -52,18 +53,23 @@ pub fn splat() -> String {
     joined(&[&constants, &reach(), FRAME, REPROJECTION, include_str!("splat.wgsl")])
 }
 
-/// Samples to pixels: entry `accumulate`.
-pub fn tile(plan: &SuperSamplePlan) -> String {
+/// Samples to pixels, with what the innovation takes: entry `accumulate`.
+pub fn tile(plan: &SuperSamplePlan, innovation: Innovation) -> String {
     let constants = constants(&[
         ("NOISE", splat::NOISE),
         ("SURFACE", tile::SURFACE),
         ("EXACT", tile::EXACT),
         ("CURVATURE", tile::CURVATURE),
+        ("FAINT", tile::FAINT),
     ]);
     let sizes =
         counts(&[("MADE_WIDTH", MADE_WIDTH), ("MADE_HEIGHT", plan.made_height), ("CAPACITY", plan.capacity)]);
     let own = [include_str!("hermite.wgsl"), include_str!("tile.wgsl")];
-    joined(&[&constants, &sizes, &reach(), FRAME, HISTORY, own[0], own[1]])
+    let innovation = match innovation {
+        Innovation::Wanted => include_str!("innovation.wgsl"),
+        Innovation::NotWanted => include_str!("innovation_none.wgsl"),
+    };
+    joined(&[&constants, &sizes, &reach(), FRAME, HISTORY, own[0], own[1], innovation])
 }
 
 /// Neighbours' depths at the pose between: entry `look`.
@@ -80,7 +86,14 @@ pub fn middle_depth() -> String {
     joined(&[BETWEEN, include_str!("middle_depth.wgsl")])
 }
 
-/// Neighbours to the frame between: entry `blend`.
+/// Surfaces to where they were: entry `find_motion`.
+pub fn motion() -> String {
+    let constants =
+        constants(&[("MIN_DIVISOR", reprojection::MIN_DIVISOR), ("SAME_SURFACE", motion::SAME_SURFACE)]);
+    joined(&[&constants, REPROJECTION, include_str!("motion.wgsl")])
+}
+
+/// Neighbours to the frame between: entries `blend` and `separate`.
 pub fn warp() -> String {
     let constants = constants(&[
         ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
@@ -92,8 +105,8 @@ pub fn warp() -> String {
     ]);
     let bits = gather::PHASE_BITS;
     let phases = format!("const PHASE_BITS: u32 = {bits}u;\nconst UNITS: i32 = {};\n", 1 << bits);
-    let own = [include_str!("gather.wgsl"), include_str!("warp.wgsl")];
-    joined(&[&constants, &phases, BETWEEN, REPROJECTION, own[0], own[1]])
+    let [gather, warp] = [include_str!("gather.wgsl"), include_str!("warp.wgsl")];
+    joined(&[&constants, &phases, BETWEEN, REPROJECTION, gather, warp, include_str!("separate.wgsl")])
 }
 
 #[cfg(test)]
@@ -120,16 +133,20 @@ mod tests {
             ("samples", samples()),
             ("plausible", plausible()),
             ("splat", splat()),
-            ("tile", tile(&plan(32 << 10))),
-            ("tile", tile(&plan(16 << 10))),
+            ("tile", tile(&plan(32 << 10), Innovation::NotWanted)),
+            ("tile", tile(&plan(16 << 10), Innovation::NotWanted)),
+            ("tile with innovation", tile(&plan(32 << 10), Innovation::Wanted)),
             ("neighbor_depth", neighbor_depth()),
             ("middle_depth", middle_depth()),
             ("warp", warp()),
+            ("motion", motion()),
         ];
         for (label, source) in &shaders {
             validate(label, &[source]).unwrap_or_else(|e| panic!("{label}: {e}"));
             let bindings = source.matches("var<storage").count();
-            assert!(bindings <= STORAGE_BINDINGS, "{label}: {bindings} storage bindings");
+            // Networks want drivers of their own kind.
+            let most = STORAGE_BINDINGS + usize::from(label.ends_with("innovation"));
+            assert!(bindings <= most, "{label}: {bindings} storage bindings");
         }
         // No file is forgotten.
         let mut files = 0;
@@ -141,6 +158,6 @@ mod tests {
                 files += 1;
             }
         }
-        assert_eq!(files, 13);
+        assert_eq!(files, 17);
     }
 }

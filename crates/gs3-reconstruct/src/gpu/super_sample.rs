@@ -12,6 +12,7 @@ use crate::error::{camera_size, check_jitter, check_scale, check_size};
 use crate::lattice::Axis;
 use crate::reprojection::Reprojection;
 use crate::super_sample::ResetReason;
+use crate::tile::Lattice;
 
 /// Most frames in the history.
 const MAX_PAST: usize = (crate::MAX_SCALE * crate::MAX_SCALE) as usize;
@@ -38,6 +39,8 @@ struct FrameUniform {
     scale: u32,
     frames: u32,
     cell_offset: [f32; 2],
+    lattice: [u32; 2],
+    _pad: [u32; 2],
     x_places: [[f32; 4]; PHASES],
     y_places: [[f32; 4]; PHASES],
     past: [PastUniform; MAX_PAST],
@@ -50,6 +53,15 @@ struct Past {
     jitter: [f32; 2],
     /// Which part of the history's buffers holds it.
     slot: u32,
+}
+
+/// Whether a super sampler tells what its samples say that the past did not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Innovation {
+    /// It does, for a network.
+    Wanted,
+    /// It does not.
+    NotWanted,
 }
 
 /// Rows of the homography, and the epipole, as kernels read them.
@@ -72,6 +84,8 @@ pub struct GpuSuperSampler {
     find_ranges: Kernel,
     land: Bound,
     accumulate: Kernel,
+    /// `[LR height, LR width, 4]` of f32.
+    innovation: Option<Buffer>,
     /// The last frames, newest first.
     past: Vec<Past>,
     /// The one recorded last, until it is kept.
@@ -92,23 +106,29 @@ impl GpuSuperSampler {
     ///
     /// # Errors
     /// [`GpuReconstructError`] if `scale` is not supported, or the device has no room for the size.
-    pub fn new(gpu: &Gpu, scale: u32, size: [u32; 2]) -> Result<Self, GpuReconstructError> {
-        Self::with_constants(gpu, scale, size, &[])
+    pub fn new(
+        gpu: &Gpu,
+        scale: u32,
+        size: [u32; 2],
+        innovation: Innovation,
+    ) -> Result<Self, GpuReconstructError> {
+        Self::with_constants(gpu, scale, size, innovation, &[])
     }
 
-    /// The same, to whose pixels the last samples come first. For tests.
+    /// The same without innovation, to whose pixels the last samples come first. For tests.
     ///
     /// # Errors
     /// As [`Self::new`].
     #[doc(hidden)]
     pub fn backward(gpu: &Gpu, scale: u32, size: [u32; 2]) -> Result<Self, GpuReconstructError> {
-        Self::with_constants(gpu, scale, size, &[("BACKWARD", 1.0)])
+        Self::with_constants(gpu, scale, size, Innovation::NotWanted, &[("BACKWARD", 1.0)])
     }
 
     fn with_constants(
         gpu: &Gpu,
         scale: u32,
         size: [u32; 2],
+        innovation: Innovation,
         landing: &[(&str, f64)],
     ) -> Result<Self, GpuReconstructError> {
         check_scale(scale)?;
@@ -120,15 +140,21 @@ impl GpuSuperSampler {
             |label: &str, source: String, entry: &str| gpu.module(label, &[&source])?.kernel(gpu, entry, &[]);
         let land = gpu.module("splat", &[&shaders::splat()])?.kernel(gpu, "land", landing)?;
         let land = land.bind(gpu, &own_slices(&uniform, &buffers))?;
+        let buffer = |bytes| gpu.buffer("innovation", Use::Storage, bytes);
+        let innovation_buffer = match innovation {
+            Innovation::Wanted => Some(buffer(plan.innovation_bytes())?),
+            Innovation::NotWanted => None,
+        };
         Ok(Self {
             gpu: gpu.clone(),
+            innovation: innovation_buffer,
             scale,
             uniform,
             buffers,
             remember: kernel("samples", shaders::samples(), "remember")?,
             find_ranges: kernel("plausible", shaders::plausible(), "find_ranges")?,
             land,
-            accumulate: kernel("tile", shaders::tile(&plan), "accumulate")?,
+            accumulate: kernel("tile", shaders::tile(&plan, innovation), "accumulate")?,
             plan,
             past: Vec::new(),
             pending: None,
@@ -139,6 +165,13 @@ impl GpuSuperSampler {
     /// Forgets the history. The next frame is reconstructed from itself alone.
     pub fn reset(&mut self, reason: ResetReason) {
         self.invalid = Some(reason);
+    }
+
+    /// What the samples of the last frame recorded say that the frames before did not ([`crate::SuperSampler::innovation`]),
+    /// `[LR height, LR width, 4]` of f32, if it is wanted.
+    #[must_use]
+    pub const fn innovation(&self) -> Option<&Buffer> {
+        self.innovation.as_ref()
     }
 
     /// Why the next frame will have no history, if it will have none.
@@ -163,6 +196,7 @@ impl GpuSuperSampler {
         all.push(("dx_median", planes.dx_median.slice()));
         all.push(("dy_expected", planes.dy_expected.slice()));
         all.push(("image", out.pixels().slice()));
+        all.extend(self.innovation.iter().map(|buffer| ("innovation", buffer.slice())));
         Ok(BoundSuperSampler {
             remember: self.remember.bind(&self.gpu, &all)?,
             find_ranges: self.find_ranges.bind(&self.gpu, &all)?,
@@ -205,6 +239,9 @@ impl GpuSuperSampler {
         if let Some((_, heads)) = self.buffers.iter().find(|(name, _)| *name == "heads") {
             recorder.clear(&heads.slice());
         }
+        if let Some(innovation) = &self.innovation {
+            recorder.clear(&innovation.slice());
+        }
         recorder.stage("super_sample.splat");
         recorder.dispatch(&self.land, self.plan.over_history(frames));
         recorder.stage("super_sample.tile");
@@ -232,6 +269,8 @@ impl GpuSuperSampler {
             }
             places
         };
+        let lattice = Lattice::new(current.jitter, self.scale);
+        let lattice = lattice.map_or([u32::MAX; 2], |lattice| lattice.first.map(|first| first as u32));
         let mut past = [PastUniform::zeroed(); MAX_PAST];
         for (to, frame) in past.iter_mut().zip([current].into_iter().chain(kept)) {
             let reprojection = Reprojection::new(&frame.camera, &current.camera);
@@ -243,6 +282,8 @@ impl GpuSuperSampler {
             scale: self.scale,
             frames: kept.len() as u32 + 1,
             // A position is given with pixel centres at whole numbers.
+            lattice,
+            _pad: [0; 2],
             cell_offset: current.jitter.map(|j| 0.5 / self.scale as f32 - 0.5 - j),
             x_places: places(current.jitter[0]),
             y_places: places(current.jitter[1]),
@@ -277,7 +318,7 @@ mod tests {
         assert_layout!(
             source,
             Frame,
-            FrameUniform { size, lr, scale, frames, cell_offset, x_places, y_places, past }
+            FrameUniform { size, lr, scale, frames, cell_offset, lattice, _pad, x_places, y_places, past }
         );
     }
 }

@@ -76,6 +76,9 @@ fn put_in_order(c: u32, corner: vec2<i32>, base: u32, room: u32) {
     }
 }
 
+// In the variance's sign: the sample is one of the current frame.
+const CURRENT: u32 = 0x80000000u;
+
 // Four pixels in a row: Σ weight·RGB, Σ weight.
 var<private> sum: array<vec4<f32>, 4>;
 
@@ -85,7 +88,8 @@ fn add_run(first: u32, end: u32, pixel: vec2<f32>) {
         let a = staged[2u * slot];
         let b = staged[2u * slot + 1u];
         let at = bitcast<vec2<f32>>(a.xy);
-        let noise = bitcast<f32>(a.z);
+        let noise = bitcast<f32>(a.z & 0x7fffffffu);
+        let is_past = (a.z & CURRENT) == 0u;
         let s = unpack_sample(a.w, b.xy, b.zw);
         let d = pixel - at;
         let reaches = pixel.x - (floor(at.x) - 1.0);
@@ -95,7 +99,9 @@ fn add_run(first: u32, end: u32, pixel: vec2<f32>) {
             let d2 = fma(d.y, d.y, dx * dx);
             let column = reaches + f32(k);
             let weight = select(0.0, 1.0 / fma(d2, d2, noise), column >= 0.0 && column < f32(COLUMNS));
-            sum[k] = fma(vec4(prediction, 1.0), vec4(weight), sum[k]);
+            let weighed = vec4(prediction, 1.0) * weight;
+            sum[k] += weighed;
+            add_past(k, is_past, weighed);
             prediction += s.dx;
         }
     }
@@ -196,7 +202,9 @@ fn accumulate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
             let b = samples_b[id];
             let c = samples_c[id];
             let to = places[id] - vec2<f32>(corner);
-            staged[2u * slot] = vec4(bitcast<vec2<u32>>(to), links[id].x, red_green);
+            let is_current = id - newest() < frame.lr.x * frame.lr.y;
+            let noise = links[id].x | select(0u, CURRENT, is_current);
+            staged[2u * slot] = vec4(bitcast<vec2<u32>>(to), noise, red_green);
             staged[2u * slot + 1u] = vec4(b, c);
             let s = unpack_sample(red_green, b, c);
             is_varied = is_varied || !s.is_bare || any(s.color != reference.color);
@@ -241,6 +249,7 @@ fn accumulate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
             color = clamp(color, vec3(-65504.0), vec3(65504.0));
             let packed = vec2(pack2x16float(color.xy), pack2x16float(vec2(color.z, uncertainty)));
             image[u32(to.y) * frame.size.x + u32(to.x)] = packed;
+            write_innovation(k, vec2<u32>(to), tile_varies);
         }
     }
 }

@@ -1,6 +1,9 @@
 //! The frame on a device, read top to bottom.
 
-use gs3_compute::{Gpu, GpuError, Submission, Timings};
+use std::sync::Arc;
+
+use gs3_compute::{Gpu, GpuError, Submission, Support, Timings};
+use gs3_neural::Weights;
 use gs3_raster::{GpuRasterizer, RasterSettings, Settled};
 use gs3_reconstruct::ResetReason;
 use gs3_reconstruct::gpu::{GpuReconstructError, NeighborView};
@@ -35,6 +38,7 @@ pub enum Take {
 pub struct GpuFrames {
     gpu: Gpu,
     settings: PipelineSettings,
+    weights: Option<Arc<Weights>>,
     sized: Option<Sized>,
     /// Why the next frame starts without history, if it does.
     invalid: Option<ResetReason>,
@@ -51,11 +55,20 @@ pub(crate) struct Rendered {
 }
 
 impl GpuFrames {
-    /// Frames on `gpu` as `settings` want them, without networks. Memory comes with the first frames.
+    /// Frames on `gpu` as `settings` want them, whose super sampling the network of `weights` refines where there are any.
+    /// Memory comes with the first frames.
     #[must_use]
-    pub fn new(gpu: &Gpu, settings: &PipelineSettings) -> Self {
+    pub fn new(gpu: &Gpu, settings: &PipelineSettings, weights: Option<Arc<Weights>>) -> Self {
         let (gpu, settings) = (gpu.clone(), *settings);
-        Self { gpu, settings, sized: None, invalid: Some(ResetReason::FirstFrame), pending: None }
+        Self { gpu, settings, weights, sized: None, invalid: Some(ResetReason::FirstFrame), pending: None }
+    }
+
+    /// Whether it can make frames of `size`: networks on devices want half precision and whole blocks of pixels.
+    #[must_use]
+    pub fn takes(&self, size: [u32; 2]) -> bool {
+        let has_f16 = self.gpu.capabilities().shader_f16 == Support::Present;
+        let is_whole = size.iter().all(|side| side.is_multiple_of(self.settings.scale));
+        self.weights.is_none() || (has_f16 && is_whole)
     }
 
     /// Forgets the frames before: the next one starts anew.
@@ -76,7 +89,7 @@ impl GpuFrames {
         timings: Option<&mut Timings>,
     ) -> Result<Submission, PipelineError> {
         let GpuRequest { camera, raster, between } = *request;
-        let Self { gpu, settings, sized, invalid, pending } = self;
+        let Self { gpu, settings, weights, sized, invalid, pending } = self;
         let size = [camera.width(), camera.height()];
         if sized.as_ref().is_some_and(|sized| sized.size != size) {
             *sized = None;
@@ -84,7 +97,10 @@ impl GpuFrames {
         }
         let sized = match sized {
             Some(sized) => sized,
-            none => none.insert(Sized::new(gpu, settings, size, rasterizer.counters().bytes())?),
+            none => {
+                let counters = rasterizer.counters().bytes();
+                none.insert(Sized::new(gpu, settings, weights.as_ref(), size, counters)?)
+            }
         };
         let (last, current) = (sized.newest, 1 - sized.newest);
         let view = NeighborView { camera: *camera, jitter: raster.jitter };
@@ -94,14 +110,14 @@ impl GpuFrames {
         let lr_camera = camera.low_resolution(settings.scale);
         rasterizer.record(&mut recorder, &lr_camera, raster, &mut sized.sides[current].gbuffer)?;
 
-        // G-buffer and history to the frame.
+        // G-buffer and history to the frame, which a network may refine.
+        let last_view = sized.sides[last].view.filter(|_| invalid.is_none());
         if let Some(reason) = *invalid {
             sized.super_sampler.reset(reason);
         }
-        sized.record_super_sampling(&mut recorder, current, &view)?;
+        sized.record_super_sampling(&mut recorder, current, &view, last_view.as_ref())?;
 
         // The last frame and this one to those between.
-        let last_view = sized.sides[last].view.filter(|_| invalid.is_none());
         let between = if last_view.is_some() { between } else { &[] };
         if let Some(last_view) = last_view {
             sized.record_between(&mut recorder, current, [&last_view, &view], between)?;

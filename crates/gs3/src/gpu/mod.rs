@@ -2,6 +2,7 @@
 
 mod device;
 mod frames;
+mod learned;
 mod sized;
 
 pub(crate) use device::Device;

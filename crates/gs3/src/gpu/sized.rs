@@ -1,14 +1,19 @@
 //! What the frames of one size are made in.
 
+use std::sync::Arc;
+
 use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Readback, Recorder, Slice, Use};
+use gs3_neural::Weights;
 use gs3_raster::GpuGBuffer;
 use gs3_reconstruct::gpu::{
     BoundInterpolator, BoundSuperSampler, GpuImage, GpuInterpolator, GpuNeighbor, GpuPlanes,
-    GpuReconstructError, GpuSuperSampler, NeighborView,
+    GpuReconstructError, GpuSuperSampler, Innovation, NeighborView,
 };
 use gs3_scene::Camera;
 
+use super::learned::{Learned, Place};
 use crate::cut::{LATTICE, Lattice};
+use crate::frame::PipelineError;
 use crate::settings::{Mode, PipelineSettings};
 
 /// Bytes of the depths that tell camera cuts.
@@ -20,6 +25,8 @@ const LATTICE_WGSL: &str = include_str!("lattice.wgsl");
 pub struct Side {
     pub gbuffer: GpuGBuffer,
     pub image: GpuImage,
+    /// The frame before a network refined it, where one does.
+    analytic: Option<GpuImage>,
     /// What it was seen by, once it is whole.
     pub view: Option<NeighborView>,
     /// The kernels that read and write it. They are bound when its G-buffer has its memory.
@@ -36,6 +43,7 @@ pub struct Sized {
     gpu: Gpu,
     pub size: [u32; 2],
     pub super_sampler: GpuSuperSampler,
+    learned: Option<Learned>,
     interpolator: GpuInterpolator,
     pub sides: [Side; 2],
     /// Which of them was made last.
@@ -100,7 +108,7 @@ fn part(bytes: &[u8], start: u64, end: u64) -> &[u8] {
 }
 
 /// The planes that reconstruction reads of a G-buffer that has them.
-fn planes(gbuffer: &GpuGBuffer) -> Result<GpuPlanes<'_>, GpuError> {
+pub fn planes(gbuffer: &GpuGBuffer) -> Result<GpuPlanes<'_>, GpuError> {
     let missing = || GpuError::Bindings {
         kernel: "reconstruction".to_owned(),
         expected: "a G-buffer with gradients and geometry".to_owned(),
@@ -114,19 +122,28 @@ fn planes(gbuffer: &GpuGBuffer) -> Result<GpuPlanes<'_>, GpuError> {
 }
 
 impl Sized {
-    /// Frames of `size`; `counters` bytes of the rasterizer's are read back with each.
+    /// Frames of `size`, refined by the network of `weights`; `counters` bytes of the rasterizer's are read back with each.
     pub fn new(
         gpu: &Gpu,
         settings: &PipelineSettings,
+        weights: Option<&Arc<Weights>>,
         size: [u32; 2],
         counters: u64,
-    ) -> Result<Self, GpuReconstructError> {
+    ) -> Result<Self, PipelineError> {
         let scale = settings.scale;
+        let innovation = if weights.is_some() { Innovation::Wanted } else { Innovation::NotWanted };
         // First, because it checks scale and size, on which everything else builds.
-        let super_sampler = GpuSuperSampler::new(gpu, scale, size)?;
+        let super_sampler = GpuSuperSampler::new(gpu, scale, size, innovation)?;
         let side = || {
             let image = GpuImage::new(gpu, size)?;
-            Ok::<_, GpuError>(Side { gbuffer: GpuGBuffer::default(), image, view: None, bound: None })
+            let analytic = weights.map(|_| GpuImage::new(gpu, size)).transpose()?;
+            Ok::<_, GpuError>(Side {
+                gbuffer: GpuGBuffer::default(),
+                image,
+                analytic,
+                view: None,
+                bound: None,
+            })
         };
         let sides = [side()?, side()?];
         let count = match settings.mode {
@@ -139,6 +156,7 @@ impl Sized {
             gpu: gpu.clone(),
             size,
             super_sampler,
+            learned: weights.map(|weights| Learned::new(gpu, weights, size, scale)).transpose()?,
             interpolator: GpuInterpolator::new(gpu, scale, size)?,
             sides,
             newest: 0,
@@ -156,13 +174,15 @@ impl Sized {
         })
     }
 
-    /// Records super sampling of side `current`, whose G-buffer has been rasterized for `view`.
+    /// Records super sampling of side `current`, whose G-buffer has been rasterized for `view`, and its refinement; `last` is
+    /// the view of the other side, where it is the frame before.
     pub fn record_super_sampling(
         &mut self,
         recorder: &mut Recorder<'_>,
         current: usize,
         view: &NeighborView,
-    ) -> Result<(), GpuReconstructError> {
+        last: Option<&NeighborView>,
+    ) -> Result<(), PipelineError> {
         let side = &mut self.sides[current];
         let bound = match &mut side.bound {
             Some(bound) => bound,
@@ -174,13 +194,19 @@ impl Sized {
                     ("depths", self.lattice.slice()),
                 ];
                 let lattice = self.look.bind(&self.gpu, &buffers)?;
-                let super_sampler = self.super_sampler.bind(&planes, &side.image)?;
+                let super_sampler =
+                    self.super_sampler.bind(&planes, side.analytic.as_ref().unwrap_or(&side.image))?;
                 none.insert(BoundSide { super_sampler, lattice })
             }
         };
         self.super_sampler.record(recorder, &bound.super_sampler, &view.camera, view.jitter)?;
         recorder.dispatch(&bound.lattice, [1, 1, 1]);
-        Ok(())
+        let Some(learned) = &mut self.learned else { return Ok(()) };
+        let places = self.sides.each_ref().map(|side| {
+            let analytic = side.analytic.as_ref().unwrap_or(&side.image);
+            Place { gbuffer: &side.gbuffer, analytic, refined: &side.image }
+        });
+        learned.record(recorder, (&self.super_sampler, &self.interpolator), places, current, view, last)
     }
 
     /// Records the frames at `moments` between the last one and side `current`, which `views` saw.

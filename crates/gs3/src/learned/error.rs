@@ -45,6 +45,10 @@ pub enum NetworkError {
     /// The network refuses its inputs.
     #[error(transparent)]
     Run(#[from] RunError),
+    /// The GPU does not take the network.
+    #[cfg(feature = "gpu")]
+    #[error(transparent)]
+    Gpu(#[from] gs3_neural::GpuRunError),
     /// The reconstruction refuses its inputs.
     #[error(transparent)]
     Reconstruct(#[from] ReconstructError),

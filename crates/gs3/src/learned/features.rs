@@ -71,7 +71,7 @@ impl Carry {
 
 /// Uncertainty above which the previous frame and the drift may count fully (pixel²): in motion most pixels' lie above, pixels beside a
 /// sample below.
-const UNCERTAIN: f32 = 0.2;
+pub(crate) const UNCERTAIN: f32 = 0.2;
 
 /// Inputs of the super-sampling network ([`gs3_neural::model::super_sample`]).
 #[derive(Debug)]

@@ -8,6 +8,8 @@ mod recurrent;
 mod super_sampler;
 
 pub use error::NetworkError;
+#[cfg(feature = "gpu")]
+pub(crate) use features::UNCERTAIN;
 pub use features::{InterpolateFeatures, Seen, SuperSampleFeatures};
 pub use interpolator::LearnedInterpolator;
 pub use networks::Networks;

@@ -1,0 +1,25 @@
+// What the current samples say that the past did not; see Tile::confront in tile.rs.
+
+// RGB that the samples differ by from what the past predicts there, and how much it knows.
+@group(0) @binding(9) var<storage, read_write> innovation: array<vec4<f32>>;
+
+// What the past alone says of the four pixels: Σ weight·RGB, Σ weight.
+var<private> past_sum: array<vec4<f32>, 4>;
+
+fn add_past(k: u32, is_past: bool, weighed: vec4<f32>) {
+    past_sum[k] += select(vec4(0.0), weighed, is_past);
+}
+
+fn write_innovation(k: u32, at: vec2<u32>, tile_varies: bool) {
+    let scale = frame.scale;
+    let is_sample = all(at >= frame.lattice) && all((at - frame.lattice) % scale == vec2(0u));
+    let sample = (at - frame.lattice) / scale;
+    if !is_sample || !tile_varies || any(sample >= frame.lr) {
+        return;
+    }
+    let i = sample.y * frame.lr.x + sample.x;
+    let past = past_sum[k];
+    let knows = past.w / (1.0 + past.w);
+    let differs = select(vec3(0.0), sample_at(i).color - past.xyz / past.w, past.w > FAINT);
+    innovation[i] = vec4(differs, knows);
+}
