@@ -214,8 +214,10 @@ fn frames_around_may_be_refined() {
         licence: String::new(),
     };
     let mut initial = initial_weights(&graph, header.clone(), 1);
-    // Nothing of the frame before.
-    initial.arrays.get_mut("head.alpha.bias").unwrap().values_mut().fill(-30.0);
+    // Nothing of the frame before, nor of the drift.
+    for bias in ["head.alpha.bias", "head.beta.bias"] {
+        initial.arrays.get_mut(bias).unwrap().values_mut().fill(-30.0);
+    }
     let changing = Weights::random(&graph, header, 1);
     let clip = |weights: Option<Weights>| {
         let super_sample = weights.map(Arc::new);

@@ -61,6 +61,7 @@ pub fn clip(network: Network, frames: usize, lr: [usize; 2], seed: u64) -> Clip 
                 "jitter" => offset.repeat(shape.pixels()),
                 "validity" => vec![1.0; shape.len()],
                 "share" => vec![0.5; shape.len()],
+                "drift" => vec![0.0; shape.len()],
                 _ => (0..shape.len()).map(|_| 0.3 * random.signed()).collect(),
             };
             let values = values.into_iter().map(f16::from_f32).collect();
