@@ -56,11 +56,21 @@ impl Machine {
         }
     }
 
-    /// Its name in figures of a run.
-    pub fn name(&self) -> String {
+    /// `cpu` or `gpu`, as `--backend` has it.
+    pub const fn backend(&self) -> &'static str {
         match self {
-            Self::Cpu => "cpu".to_owned(),
-            Self::Gpu(gpu) | Self::FoundGpu(gpu) => format!("{} ({})", gpu.adapter().name, gpu.adapter().api),
+            Self::Cpu => "cpu",
+            Self::Gpu(_) | Self::FoundGpu(_) => "gpu",
+        }
+    }
+
+    /// The GPU's name and interface, if it is one.
+    pub fn adapter(&self) -> Option<String> {
+        match self {
+            Self::Cpu => None,
+            Self::Gpu(gpu) | Self::FoundGpu(gpu) => {
+                Some(format!("{} ({})", gpu.adapter().name, gpu.adapter().api))
+            }
         }
     }
 

@@ -27,8 +27,10 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     let range = args.frames.0.clone();
     inputs::check_frames("--frames", &range, &path)?;
     let device = Device { backend: args.backend.into(), adapter: args.adapter };
-    if let Machine::Gpu(gpu) = Machine::new(&device)? {
-        return bench_gpu::run(args, &gpu, scene, &path.cameras()[range]);
+    let machine = Machine::new(&device)?;
+    if let Machine::Gpu(gpu) = &machine {
+        let figures = bench_gpu::run(args, gpu, scene, &path.cameras()[range])?;
+        return write(args, &report::join(figures, report::machine(&machine)), bench_gpu::print);
     }
     let (networks, tier) = inputs::networks(&args.look)?;
     let pipeline = |mode| FramePipeline::with_networks(scene.clone(), args.look.settings(mode), &networks);
@@ -62,7 +64,12 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
         let stages = raster_stages(&scene, &path.cameras()[range], args)?;
         figures = report::join(figures, json!({ "raster_ms": stages }));
     }
-    print(&figures);
+    write(args, &report::join(figures, report::machine(&machine)), print)
+}
+
+/// Shows the figures on the terminal and writes them where they were asked for.
+fn write(args: &BenchArgs, figures: &Value, print: impl FnOnce(&Value)) -> Result<Outcome, CliError> {
+    print(figures);
     if let Some(file) = &args.json {
         write_text(file, &format!("{figures:#}\n"))?;
     }
@@ -85,7 +92,7 @@ fn figures(rounds: &[[Times; 2]], args: &BenchArgs, tier: &str, load_s: f64, siz
             "stage_ms": times.stage_ms(),
         })
     };
-    let figures = json!({
+    json!({
         "displayed_fps_full_over_native": full.displayed_fps() / native.displayed_fps(),
         "gbuffer_over_native": gbuffer_over_native,
         "native": side(&native),
@@ -100,8 +107,7 @@ fn figures(rounds: &[[Times; 2]], args: &BenchArgs, tier: &str, load_s: f64, siz
         "tier": tier,
         "frames": [args.frames.0.start, args.frames.0.end],
         "load_s": load_s,
-    });
-    report::join(figures, report::machine())
+    })
 }
 
 /// Median times of the CPU rasterizer's stages in ms: native frames and low-resolution G-buffers of these cameras.

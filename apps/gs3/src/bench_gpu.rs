@@ -15,11 +15,9 @@ use gs3::scene::{Camera, Jitter, Scene};
 use gs3::{Mode, PipelineSettings};
 use serde_json::{Value, json};
 
-use crate::Outcome;
 use crate::args::BenchArgs;
 use crate::error::CliError;
 use crate::inputs;
-use crate::output::write_text;
 use crate::report::{self, median_ms};
 
 /// Pairs sorted at a time: enough to fill any GPU. An emulated one shows only that it works.
@@ -29,7 +27,8 @@ const SORTED_IN_SOFTWARE: u32 = 1 << 16;
 /// Runs of the sort after as many to warm up.
 const SORT_RUNS: usize = 20;
 
-pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -> Result<Outcome, CliError> {
+/// Its figures.
+pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -> Result<Value, CliError> {
     let (networks, _) = inputs::networks(&args.look)?;
     let look = args.look.settings(Mode::Full);
     let gaussians = scene.gaussians().len();
@@ -51,8 +50,7 @@ pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -
     let [super_sample, full] = [Mode::SuperSample, Mode::Full].map(|mode| args.look.settings(mode));
     let super_sample = bench.measure_frames(cameras, &super_sample)?;
     let full = bench.measure_frames(cameras, &full)?;
-    let figures = json!({
-        "adapter": gpu.adapter().name,
+    Ok(json!({
         "driver": gpu.adapter().driver,
         "scene": args.view.scene.display().to_string(),
         "gaussians": gaussians,
@@ -69,13 +67,7 @@ pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -
         "super_sample": super_sample,
         "full": full,
         "sort": sort(gpu)?,
-    });
-    let figures = report::join(report::machine(), report::join(figures, json!({ "backend": "gpu" })));
-    print(&figures);
-    if let Some(file) = &args.json {
-        write_text(file, &format!("{figures:#}\n"))?;
-    }
-    Ok(Outcome::Done)
+    }))
 }
 
 struct Bench {
@@ -262,7 +254,8 @@ fn sort(gpu: &Gpu) -> Result<Value, CliError> {
     Ok(report::join(figures, distribution(times)))
 }
 
-fn print(figures: &Value) {
+/// Shows what [`run`] gave.
+pub fn print(figures: &Value) {
     let number = |value: &Value| value.as_f64().unwrap_or(f64::NAN);
     for side in ["native", "lr_gbuffer", "super_sample", "full"] {
         println!("{side:<12} {:8.2} fps, median and 99th percentile:", number(&figures[side]["fps"]));

@@ -85,7 +85,6 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         "encode_s": encode_time.as_secs_f64(),
         "gaussians": pipeline.scene().gaussians().len(),
         "mode": mode_name(mode),
-        "rasterizer": machine.name(),
         "is_all_on_device": pipeline.is_on_device(&first),
         "tier": tier,
         "generate": settings.generate,
@@ -97,7 +96,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         let compared = compare::write(&mut pipeline, &path.cameras()[range.end - 1], file)?;
         figures = report::join(figures, json!({ "compare": compared }));
     }
-    figures = report::join(figures, report::machine());
+    figures = report::join(figures, report::machine(&machine));
     if let Some(file) = &args.json {
         write_text(file, &format!("{figures:#}\n"))?;
     }

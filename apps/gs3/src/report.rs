@@ -5,6 +5,8 @@ use std::time::Duration;
 use gs3::{Stage, StageTimes};
 use serde_json::{Map, Value, json};
 
+use crate::backend::Machine;
+
 /// Times of the frames of one pipeline.
 #[derive(Clone, Debug, Default)]
 pub struct Times {
@@ -65,9 +67,17 @@ pub fn peak_rss_mb() -> Option<f64> {
     Some(kib * 1024.0 / 1e6)
 }
 
-/// What every report says about the machine's side.
-pub fn machine() -> Value {
-    json!({ "backend": "cpu", "threads": rayon::current_num_threads(), "peak_rss_mb": peak_rss_mb() })
+/// What every report says about the machine's side: `machine` rasterized.
+pub fn machine(machine: &Machine) -> Value {
+    let figures = json!({
+        "backend": machine.backend(),
+        "threads": rayon::current_num_threads(),
+        "peak_rss_mb": peak_rss_mb(),
+    });
+    match machine.adapter() {
+        Some(adapter) => join(figures, json!({ "adapter": adapter })),
+        None => figures,
+    }
 }
 
 /// `report` with the fields of `more`.

@@ -15,8 +15,10 @@ fn the_gpu_draws_what_the_cpu_draws() {
         return;
     }
     assert!(output.status.success(), "{}", stderr(&output));
-    assert_eq!(json(&at.join("cpu.json"))["rasterizer"], "cpu");
-    assert_ne!(json(&at.join("gpu.json"))["rasterizer"], "cpu");
+    let [on_cpu, on_gpu] = ["cpu.json", "gpu.json"].map(|name| json(&at.join(name)));
+    assert_eq!((&on_cpu["backend"], on_cpu.get("adapter")), (&"cpu".into(), None));
+    assert_eq!(on_gpu["backend"], "gpu");
+    assert!(on_gpu["adapter"].as_str().is_some_and(|name| !name.is_empty()), "{on_gpu}");
     let (cpu, gpu) = (png(&at.join("cpu.png")), png(&at.join("gpu.png")));
     assert_eq!((gpu.0, gpu.1), (96, 54));
     let far = cpu.2.iter().zip(&gpu.2).filter(|(a, b)| a.abs_diff(**b) > 2).count();

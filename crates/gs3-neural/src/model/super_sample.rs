@@ -38,12 +38,11 @@ pub fn super_sample(scale: usize, tier: Tier) -> Result<Graph, GraphError> {
     check_scale(scale)?;
     let (c, block) = (tier.channels(), scale * scale);
     let (blocks, refine) = match tier {
-        Tier::Fast => (1, 1),
-        Tier::Balanced => (1, 3),
+        Tier::Fast | Tier::Balanced => (1, 1),
         Tier::High => (2, 3),
     };
     let features = |kernel| Conv2d::new(kernel, c).activation(FEATURES);
-    let mut g = GraphBuilder::new("super_sample", 4, Border::Replicate);
+    let mut g = GraphBuilder::new("super_sample", 5, Border::Replicate);
     let [history, previous] = [g.input("history", 4, scale), g.input("previous", 4, scale)];
     let [share, drift] = [g.input("share", 1, scale), g.input("drift", 3, scale)];
     let innovation = g.input("innovation", 4, 1);
