@@ -56,7 +56,7 @@ fn weights_of_another_network_are_refused_by_name() {
     let [fast, balanced] = [Tier::Fast, Tier::Balanced].map(|t| super_sample(4, t).expect("a network"));
     let weights = initial_weights(&fast, header(&fast), 1);
     let error = weights.check(&balanced).expect_err("other shapes");
-    assert_eq!(error.to_string(), "history.conv.weight: expected f32 [32, 144, 1, 1], found [16, 144, 1, 1]");
+    assert_eq!(error.to_string(), "history.conv.weight: expected f32 [32, 147, 1, 1], found [16, 147, 1, 1]");
     let other = interpolate(4, Tier::Fast).expect("a network");
     assert!(matches!(weights.check(&other), Err(WeightError::Header { field: "network", .. })));
 

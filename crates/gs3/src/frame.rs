@@ -74,8 +74,6 @@ struct Frame {
     camera: Option<Camera>,
     gbuffer: GBuffer,
     image: Image,
-    /// The image before a network refined it; empty where none does.
-    analytic: Image,
     /// Depths that tell whether the next camera is a cut.
     lattice: Lattice,
 }
@@ -103,6 +101,8 @@ pub struct FramePipeline {
     age: u64,
     previous: Frame,
     current: Frame,
+    /// The current image before a network refined it; empty where none does.
+    analytic: Image,
     between: Vec<Image>,
     /// How many of them lie before the last frame.
     between_made: usize,
@@ -153,6 +153,7 @@ impl FramePipeline {
             invalid: Some(ResetReason::FirstFrame),
             age: 0,
             previous: Frame::default(),
+            analytic: Image::default(),
             current: Frame::default(),
             between: vec![Image::default(); settings.displayed_per_rendered() - 1],
             between_made: 0,
@@ -372,9 +373,9 @@ impl FramePipeline {
     }
 
     fn super_sample(&mut self, camera: &Camera) -> Result<(), PipelineError> {
-        let Frame { gbuffer, image, analytic, .. } = &mut self.current;
+        let Frame { gbuffer, image, .. } = &mut self.current;
         let (super_sampler, previous) = (&mut self.super_sampler, &self.previous);
-        let learned = &mut self.learned_super_sampler;
+        let (learned, analytic) = (&mut self.learned_super_sampler, &mut self.analytic);
         self.times.time(Stage::SuperSample, || {
             let Some(learned) = learned else {
                 return Ok(super_sampler.super_sample(camera, gbuffer, image)?);
@@ -382,7 +383,7 @@ impl FramePipeline {
             super_sampler.super_sample(camera, gbuffer, analytic)?;
             let previous = match &previous.camera {
                 Some(camera) if self.invalid.is_none() => {
-                    Some(Neighbor { camera, image: &previous.analytic, gbuffer: &previous.gbuffer })
+                    Some(Neighbor { camera, image: &previous.image, gbuffer: &previous.gbuffer })
                 }
                 _ => None,
             };

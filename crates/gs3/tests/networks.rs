@@ -3,9 +3,12 @@
 
 use std::sync::Arc;
 
+use gs3::learned::SuperSampleFeatures;
 use gs3::neural::model::{Tier, initial_weights, interpolate, super_sample};
 use gs3::neural::{Graph, Header, Weights};
-use gs3::scene::{Camera, CameraPath, Image, Scene, demo};
+use gs3::raster::{Culling, Outputs, RasterSettings, Rasterizer};
+use gs3::reconstruct::Neighbor;
+use gs3::scene::{Camera, CameraPath, GBuffer, Image, Scene, demo};
 use gs3::{FramePipeline, Mode, Networks, PipelineSettings, ResetReason};
 
 const SCALE: u32 = 4;
@@ -103,6 +106,51 @@ fn a_resting_camera_keeps_its_exact_image_whatever_was_learned() {
     for k in [31, 32] {
         assert!(difference(&exact[k], &refined[k]) < 1e-6, "{k}: {}", difference(&exact[k], &refined[k]));
     }
+}
+
+/// Of a previous frame seen from the same place, the samples say how they differ from it at their pixels, as far as it is
+/// visible there; of none, nothing.
+#[test]
+fn samples_tell_how_the_previous_frame_errs() {
+    let camera = path().cameras()[0];
+    let (width, height) = (camera.width() as usize, camera.height() as usize);
+    let settings =
+        RasterSettings { jitter: [0.375, -0.125], dilation: 0.02, ..RasterSettings::new(Outputs::GBuffer) };
+    let mut gbuffer = GBuffer::default();
+    let mut rasterizer = Rasterizer::new(scene(), Culling::default());
+    rasterizer.rasterize(&camera.low_resolution(SCALE), &settings, &mut gbuffer).unwrap();
+    let mut image = Image::default();
+    image.resize(width, height);
+    let ramp = |x: usize, y: usize| [x as f32 / width as f32, y as f32 / height as f32, 0.5];
+    for (k, pixel) in image.pixels_mut().iter_mut().enumerate() {
+        let [r, g, b] = ramp(k % width, k / width);
+        *pixel = [r, g, b, 0.1];
+    }
+    let now = Neighbor { camera: &camera, image: &image, gbuffer: &gbuffer };
+    let innovation = vec![[0.0; 4]; gbuffer.width() * gbuffer.height()];
+    let mut features = SuperSampleFeatures::new(SCALE).unwrap();
+    let mut of = |previous| {
+        features.set(now, &innovation, previous).unwrap();
+        let named = features.named(&image);
+        let (_, values) = named.iter().find(|(name, _)| *name == "previous_innovation").unwrap();
+        values.as_chunks::<3>().0.to_vec()
+    };
+    assert!(of(None).iter().all(|values| *values == [0.0; 3]));
+    let mut visible = 0;
+    for (k, actual) in of(Some(now)).iter().enumerate() {
+        let (i, j) = (k % gbuffer.width(), k / gbuffer.width());
+        // The sample lies on the centre of the last of its block's pixels along x, of the second along y.
+        let [r, g, b] = ramp(4 * i + 3, 4 * j + 1);
+        let [dr, dg, db] = [(0, r), (1, g), (2, b)].map(|(c, v)| gbuffer.color.plane(c)[k] - v);
+        let length = |[a, b, c]: [f32; 3]| (a * a + b * b + c * c).sqrt();
+        let visibility = length(*actual) / length([dr, dg, db]);
+        for (actual, expected) in actual.iter().zip([dr, dg, db]) {
+            assert!((actual - visibility * expected).abs() < 1e-4, "({i}, {j}): {actual}, {expected}");
+        }
+        assert!(visibility < 1.001, "({i}, {j}): {visibility}");
+        visible += usize::from(visibility > 0.9);
+    }
+    assert!(visible * 4 > gbuffer.width() * gbuffer.height(), "{visible} samples");
 }
 
 #[test]

@@ -9,10 +9,11 @@ use crate::graph::{Activation, Border, Conv2d, Graph, GraphBuilder, Op};
 /// | input | channels | grid | |
 /// |---|---|---|---|
 /// | `history` | 4 | HR | RGB of the frame reconstructed without learning from this LR frame and its past, and its uncertainty |
-/// | `previous` | 4 | HR | the same of the frame before, warped to this one |
+/// | `previous` | 4 | HR | the network's own image of the frame before, warped to this one |
 /// | `share` | 1 | HR | how far `previous` may count, `[0, 1]`: 0 where it is hidden or `history` is exact |
 /// | `drift` | 3 | HR | RGB of `innovation`, interpolated between samples; 0 where `history` is exact |
 /// | `innovation` | 4 | LR | RGB that the LR samples differ by from what the past alone predicts there, and how much it knows |
+/// | `previous_innovation` | 3 | LR | RGB that the LR samples differ by from `previous` at their pixels; 0 where it was hidden |
 /// | `color` | 3 | LR | display-encoded, `[0, 1]` |
 /// | `gradients` | 6 | LR | ∂x RGB, ∂y RGB per LR pixel |
 /// | `compressed` | 6 | LR | g / (1 + \|g\|) of them |
@@ -26,7 +27,8 @@ use crate::graph::{Activation, Border, Conv2d, Graph, GraphBuilder, Op};
 /// most `share` and β in `[0, 1]`; and `hidden`.
 ///
 /// `innovation` shows how far the past is wrong, where it can be known: reprojection errs, colours depend on the view.
-/// `history` cannot show it, since it agrees with the samples at their places.
+/// `history` cannot show it, since it agrees with the samples at their places. `previous_innovation` shows how far the
+/// network's own past is.
 ///
 /// The paper's gradient-aware interpolation is a linear map of the 3×3 block of (I, ∂x, ∂y), started at tensor Hermite.
 /// Under jitter that map differs for every offset, so the Hermite part comes exact in `history`; `gai` learns, linearly,
@@ -45,7 +47,7 @@ pub fn super_sample(scale: usize, tier: Tier) -> Result<Graph, GraphError> {
     let mut g = GraphBuilder::new("super_sample", 5, Border::Replicate);
     let [history, previous] = [g.input("history", 4, scale), g.input("previous", 4, scale)];
     let [share, drift] = [g.input("share", 1, scale), g.input("drift", 3, scale)];
-    let innovation = g.input("innovation", 4, 1);
+    let [innovation, of_previous] = [g.input("innovation", 4, 1), g.input("previous_innovation", 3, 1)];
     let [color, gradients] = [g.input("color", 3, 1), g.input("gradients", 6, 1)];
     let [compressed, geometry] = [g.input("compressed", 6, 1), g.input("geometry", 3, 1)];
     let jitter = g.input("jitter", 2, 1);
@@ -56,7 +58,7 @@ pub fn super_sample(scale: usize, tier: Tier) -> Result<Graph, GraphError> {
     let previous = g.layer("previous.blocks", unshuffle, &[previous]);
     let share = g.layer("share.blocks", unshuffle, &[share]);
     let drift = g.layer("drift.blocks", unshuffle, &[drift]);
-    let past = g.conv("history.conv", features(1), &[history, previous, share]);
+    let past = g.conv("history.conv", features(1), &[history, previous, share, of_previous]);
     let mut x = g.conv("enter", features(3), &[past, color, compressed, geometry, jitter, innovation]);
     for k in 0..blocks {
         x = g.conv(&format!("features.{k}"), features(3), &[x]);

@@ -22,9 +22,6 @@ pub enum MakeError {
         /// Width and height found.
         actual: [u32; 2],
     },
-    /// Clips for super sampling, whose frames something has refined already.
-    #[error("weights of super sampling: expected none for clips for super sampling, found some")]
-    Refined,
     /// There are no frames to record.
     #[error("frames of a clip: expected at least 1, found 0")]
     Frames,

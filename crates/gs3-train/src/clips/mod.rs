@@ -48,8 +48,9 @@ pub struct ClipSettings {
     pub held_out: f64,
     /// What all that is random depends on, together with a scene's name and a clip's number.
     pub seed: u64,
-    /// For [`Network::Interpolate`]: what refines the frames between which is interpolated; without it they are those of
-    /// the pipeline without networks.
+    /// What refines the frames that others are made from: those between which is interpolated, and the previous one of
+    /// super sampling. Without it they are those of the pipeline without networks. Super sampling is trained in rounds: the
+    /// first without, the next ones on clips of the weights of the round before.
     pub super_sample: Option<Arc<Weights>>,
 }
 
@@ -77,9 +78,6 @@ impl ClipSettings {
         };
         if !(fits(0) && fits(1)) {
             return Err(MakeError::Size { scale: self.scale, actual: self.size });
-        }
-        if self.network == Network::SuperSample && self.super_sample.is_some() {
-            return Err(MakeError::Refined);
         }
         if self.frames == 0 {
             return Err(MakeError::Frames);

@@ -97,7 +97,7 @@ impl<'a> Recorder<'a> {
                 features.set(
                     now.analytic(),
                     self.super_sampler.innovation(),
-                    previous.as_ref().map(Rendered::analytic),
+                    previous.as_ref().map(Rendered::neighbor),
                 )?;
                 let target = self.native(shot, &now.camera)?;
                 frames.push(frame(&self.graph, &features.named(&now.image), target));
@@ -160,7 +160,7 @@ impl<'a> Recorder<'a> {
             learned.refine(
                 now,
                 self.super_sampler.innovation(),
-                previous.map(Rendered::analytic),
+                previous.map(Rendered::neighbor),
                 &mut out,
             )?;
             refined = Some(out);

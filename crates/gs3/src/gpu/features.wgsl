@@ -31,6 +31,9 @@ struct Features {
 // What the samples say that the past did not, and that between them.
 @group(0) @binding(13) var<storage, read> innovation: array<vec4<f32>>;
 @group(0) @binding(14) var<storage, read_write> drift: array<f32>;
+// The refined frame before, as it is seen now, halves, and what the samples say that it does not.
+@group(0) @binding(15) var<storage, read> previous: array<vec2<u32>>;
+@group(0) @binding(16) var<storage, read_write> previous_innovation: array<f32>;
 
 // Workgroups that sum.
 const PARTS: u32 = 64u;
@@ -105,6 +108,22 @@ fn geometry_of(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocatio
     geometry[3u * i] = w / (w + typical);
     geometry[3u * i + 1u] = -dot(normal[i].xyz, ray) / length(ray);
     geometry[3u * i + 2u] = color_alpha[i].w;
+}
+
+// Before `shares`: `share` is still how well the frame before is seen.
+@compute @workgroup_size(64, 4)
+fn previous_innovations(@builtin(global_invocation_id) at: vec3<u32>) {
+    if any(at.xy >= features.lr) {
+        return;
+    }
+    let i = at.y * features.lr.x + at.x;
+    let scale = f32(features.size.x / features.lr.x);
+    let pixel = min(vec2<u32>((vec2<f32>(at.xy) + 0.5 + features.jitter) * scale), features.size - 1u);
+    let k = pixel.y * features.size.x + pixel.x;
+    let differs = share[k] * (color_alpha[i].xyz - vec3(unpack2x16float(previous[k].x), unpack2x16float(previous[k].y).x));
+    previous_innovation[3u * i] = differs.x;
+    previous_innovation[3u * i + 1u] = differs.y;
+    previous_innovation[3u * i + 2u] = differs.z;
 }
 
 @compute @workgroup_size(64, 4)

@@ -45,7 +45,7 @@ pub struct Learned {
     /// Inputs but images, by the names that the network has for them.
     inputs: Vec<(&'static str, Buffer)>,
     sums: Buffer,
-    /// The last analytic frame at the present camera.
+    /// The last refined frame at the present camera.
     previous: GpuImage,
     /// Hidden states of both places.
     hidden: [Buffer; 2],
@@ -56,6 +56,7 @@ struct BoundLearned {
     planes: Bound,
     sum_depths: Bound,
     geometry: Bound,
+    previous_innovations: Bound,
     shares: Bound,
     drifts: Bound,
     engine: BoundEngine,
@@ -63,10 +64,9 @@ struct BoundLearned {
     before: Option<(BoundInterpolator, BoundMotion)>,
 }
 
-/// A place of frames: its G-buffer, the analytic frame and the refined one.
+/// A place of frames: its G-buffer and the refined frame.
 pub struct Place<'a> {
     pub gbuffer: &'a GpuGBuffer,
-    pub analytic: &'a GpuImage,
     pub refined: &'a GpuImage,
 }
 
@@ -93,6 +93,7 @@ impl Learned {
         let bytes = |name: &str| engine.inputs().iter().find(|i| i.name == name).map_or(4, |i| i.bytes);
         let made = [
             "drift",
+            "previous_innovation",
             "share",
             "color",
             "gradients",
@@ -128,12 +129,13 @@ impl Learned {
         found.ok_or_else(|| missing(name))
     }
 
-    /// Records the refinement of place `current`, made without learning for `view`. `last` is the view of the other place,
-    /// the frame before, where there is one.
+    /// Records the refinement of `analytic`, made without learning for `view`, into place `current`. `last` is the view of the
+    /// other place, the frame before, where there is one.
     pub fn record(
         &mut self,
         recorder: &mut Recorder<'_>,
         (sampler, interpolator): (&GpuSuperSampler, &GpuInterpolator),
+        analytic: &GpuImage,
         places: [Place<'_>; 2],
         current: usize,
         view: &NeighborView,
@@ -141,10 +143,10 @@ impl Learned {
     ) -> Result<(), PipelineError> {
         let [now, other] = [&places[current], &places[1 - current]];
         if self.bound[current].is_none() {
-            self.bound[current] = Some(self.bind(sampler, current, now)?);
+            self.bound[current] = Some(self.bind(sampler, analytic, current, now)?);
         }
         if last.is_some() && self.bound[current].as_ref().is_some_and(|bound| bound.before.is_none()) {
-            let before = self.bind_before(interpolator, now, other)?;
+            let before = self.bind_before(interpolator, analytic, now, other)?;
             self.bound[current].iter_mut().for_each(|bound| bound.before = Some(before.clone()));
         }
         let Some(bound) = &self.bound[current] else { return Ok(()) };
@@ -158,15 +160,16 @@ impl Learned {
                 let before = last.camera.low_resolution(self.scale);
                 // States live on the LR grid itself, wherever within its pixels the samples lie.
                 self.motion.record(recorder, motion, [(&lr_camera, [0.0; 2]), (&before, [0.0; 2])])?;
+                recorder.dispatch(&bound.previous_innovations, over(self.lr));
                 recorder.dispatch(&bound.shares, over(self.size));
             }
             _ => {
-                for name in ["share", "motion", "validity"] {
+                for name in ["share", "previous_innovation", "motion", "validity"] {
                     recorder.clear(&self.input(name)?.slice());
                 }
                 recorder.clear(&self.hidden[1 - current].slice());
                 // Its share is 0, but the network looks at it.
-                recorder.copy(&now.analytic.pixels().slice(), &self.previous.pixels().slice());
+                recorder.copy(&analytic.pixels().slice(), &self.previous.pixels().slice());
             }
         }
         recorder.stage("super_sample.features");
@@ -189,6 +192,7 @@ impl Learned {
     fn bind(
         &self,
         sampler: &GpuSuperSampler,
+        analytic: &GpuImage,
         current: usize,
         now: &Place<'_>,
     ) -> Result<BoundLearned, PipelineError> {
@@ -205,7 +209,8 @@ impl Learned {
             ("normal", now.gbuffer.normal().unwrap_or(gbuffer.color_alpha).slice()),
             ("sums", self.sums.slice()),
             ("innovation", innovation.slice()),
-            ("history", now.analytic.pixels().slice()),
+            ("history", analytic.pixels().slice()),
+            ("previous", self.previous.pixels().slice()),
         ]);
         let kernel = |entry: &str| -> Result<Bound, GpuError> {
             let kernel: Kernel = self.module.kernel(gpu, entry, &[])?;
@@ -213,7 +218,7 @@ impl Learned {
         };
         let mut inputs: Vec<(&str, Slice<'_>)> =
             self.inputs.iter().map(|(name, buffer)| (*name, buffer.slice())).collect();
-        inputs.push(("history", now.analytic.pixels().slice()));
+        inputs.push(("history", analytic.pixels().slice()));
         inputs.push(("innovation", innovation.slice()));
         inputs.push(("previous", self.previous.pixels().slice()));
         inputs.push(("hidden", self.hidden[1 - current].slice()));
@@ -222,6 +227,7 @@ impl Learned {
             planes: kernel("planes")?,
             sum_depths: kernel("sum_depths")?,
             geometry: kernel("geometry_of")?,
+            previous_innovations: kernel("previous_innovations")?,
             shares: kernel("shares")?,
             drifts: kernel("drifts")?,
             engine: self.engine.bind(gpu, &inputs, &outputs).map_err(network)?,
@@ -232,12 +238,13 @@ impl Learned {
     fn bind_before(
         &self,
         interpolator: &GpuInterpolator,
+        analytic: &GpuImage,
         now: &Place<'_>,
         other: &Place<'_>,
     ) -> Result<(BoundInterpolator, BoundMotion), PipelineError> {
         let [now_planes, other_planes] = [planes(now.gbuffer)?, planes(other.gbuffer)?];
-        let before = GpuNeighbor { image: other.analytic, planes: other_planes };
-        let after = GpuNeighbor { image: now.analytic, planes: now_planes };
+        let before = GpuNeighbor { image: other.refined, planes: other_planes };
+        let after = GpuNeighbor { image: analytic, planes: now_planes };
         let warp = interpolator.bind_before(&before, &after, &self.previous, self.input("share")?)?;
         let (flow, validity) = (self.input("motion")?, self.input("validity")?);
         let motion = self.motion.bind(now_planes.dx_median, other_planes.dx_median, flow, validity)?;

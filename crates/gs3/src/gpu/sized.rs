@@ -25,8 +25,6 @@ const LATTICE_WGSL: &str = include_str!("lattice.wgsl");
 pub struct Side {
     pub gbuffer: GpuGBuffer,
     pub image: GpuImage,
-    /// The frame before a network refined it, where one does.
-    analytic: Option<GpuImage>,
     /// What it was seen by, once it is whole.
     pub view: Option<NeighborView>,
     /// The kernels that read and write it. They are bound when its G-buffer has its memory.
@@ -46,6 +44,8 @@ pub struct Sized {
     learned: Option<Learned>,
     interpolator: GpuInterpolator,
     pub sides: [Side; 2],
+    /// The frame being made before a network refines it, where one does.
+    analytic: Option<GpuImage>,
     /// Which of them was made last.
     pub newest: usize,
     /// The frames between both.
@@ -136,14 +136,7 @@ impl Sized {
         let super_sampler = GpuSuperSampler::new(gpu, scale, size, innovation)?;
         let side = || {
             let image = GpuImage::new(gpu, size)?;
-            let analytic = weights.map(|_| GpuImage::new(gpu, size)).transpose()?;
-            Ok::<_, GpuError>(Side {
-                gbuffer: GpuGBuffer::default(),
-                image,
-                analytic,
-                view: None,
-                bound: None,
-            })
+            Ok::<_, GpuError>(Side { gbuffer: GpuGBuffer::default(), image, view: None, bound: None })
         };
         let sides = [side()?, side()?];
         let count = match settings.mode {
@@ -159,6 +152,7 @@ impl Sized {
             learned: weights.map(|weights| Learned::new(gpu, weights, size, scale)).transpose()?,
             interpolator: GpuInterpolator::new(gpu, scale, size)?,
             sides,
+            analytic: weights.map(|_| GpuImage::new(gpu, size)).transpose()?,
             newest: 0,
             between,
             bound_between: [Vec::new(), Vec::new()],
@@ -194,19 +188,17 @@ impl Sized {
                     ("depths", self.lattice.slice()),
                 ];
                 let lattice = self.look.bind(&self.gpu, &buffers)?;
-                let super_sampler =
-                    self.super_sampler.bind(&planes, side.analytic.as_ref().unwrap_or(&side.image))?;
+                let made = self.analytic.as_ref().unwrap_or(&side.image);
+                let super_sampler = self.super_sampler.bind(&planes, made)?;
                 none.insert(BoundSide { super_sampler, lattice })
             }
         };
         self.super_sampler.record(recorder, &bound.super_sampler, &view.camera, view.jitter)?;
         recorder.dispatch(&bound.lattice, [1, 1, 1]);
-        let Some(learned) = &mut self.learned else { return Ok(()) };
-        let places = self.sides.each_ref().map(|side| {
-            let analytic = side.analytic.as_ref().unwrap_or(&side.image);
-            Place { gbuffer: &side.gbuffer, analytic, refined: &side.image }
-        });
-        learned.record(recorder, (&self.super_sampler, &self.interpolator), places, current, view, last)
+        let (Some(learned), Some(analytic)) = (&mut self.learned, &self.analytic) else { return Ok(()) };
+        let places = self.sides.each_ref().map(|side| Place { gbuffer: &side.gbuffer, refined: &side.image });
+        let stages = (&self.super_sampler, &self.interpolator);
+        learned.record(recorder, stages, analytic, places, current, view, last)
     }
 
     /// Records the frames at `moments` between the last one and side `current`, which `views` saw.

@@ -86,6 +86,8 @@ pub struct SuperSampleFeatures {
     drift: Vec<f32>,
     /// `[height, width, 4]`.
     innovation: Vec<f32>,
+    /// `[height, width, 3]`.
+    previous_innovation: Vec<f32>,
     has_previous: bool,
     color: Vec<f32>,
     gradients: Vec<f32>,
@@ -108,6 +110,7 @@ impl SuperSampleFeatures {
             share: Vec::new(),
             drift: Vec::new(),
             innovation: Vec::new(),
+            previous_innovation: Vec::new(),
             has_previous: false,
             color: Vec::new(),
             gradients: Vec::new(),
@@ -120,7 +123,7 @@ impl SuperSampleFeatures {
 
     /// Makes these the features of the frame `now`, made without learning, whose samples differ by `innovation`
     /// ([`gs3_reconstruct::SuperSampler::innovation`]) from what the past says. Its hidden state and what it is blended with
-    /// come from `previous`, the frame before, likewise made without learning, where there is one.
+    /// come from `previous`, the frame before, as the network refined it, where there is one.
     ///
     /// # Errors
     /// [`ReconstructError`] if `now` has no gradients or geometry, or `innovation` or `previous` another size.
@@ -153,10 +156,14 @@ impl SuperSampleFeatures {
         self.innovation.extend_from_slice(innovation.as_flattened());
         self.set_drift(image, innovation, gbuffer.width(), gbuffer.jitter);
         self.share.resize(image.pixels().len(), 0.0);
+        self.previous_innovation.resize(3 * len, 0.0);
         self.has_previous = previous.is_some();
         match previous {
             Some(previous) => self.set_previous(now, previous)?,
-            None => self.share.fill(0.0),
+            None => {
+                self.share.fill(0.0);
+                self.previous_innovation.fill(0.0);
+            }
         }
         let [r, g, b] = [0, 1, 2].map(|c| gbuffer.color.plane(c));
         interleave(&mut self.color, &[r, g, b]);
@@ -173,13 +180,30 @@ impl SuperSampleFeatures {
         Ok(())
     }
 
-    /// The previous frame at the present camera, and how far it may count.
+    /// The previous frame at the present camera, how far it may count, and how the samples differ from it.
     fn set_previous(&mut self, now: Neighbor<'_>, previous: Neighbor<'_>) -> Result<(), ReconstructError> {
         // Any moment will do: what is wanted is the previous frame, not a blend.
         self.interpolator.warp(previous, now, 0.5, now.camera, &mut self.warped)?;
         let visibility = self.warped.visibility.plane(0);
         let pixels = self.share.par_iter_mut().zip(now.image.pixels()).zip(visibility).with_min_len(4096);
         pixels.for_each(|((share, pixel), seen)| *share = seen * (pixel[3] / UNCERTAIN).min(1.0));
+        let GBuffer { color, jitter, .. } = now.gbuffer;
+        let [width, lr_width] = [now.image.width(), color.width()];
+        let scale = self.scale as f32;
+        let last = [width - 1, now.image.height() - 1];
+        // The pixel in which a sample lies.
+        let pixel = |sample: usize, axis: usize| {
+            (((sample as f32 + 0.5 + jitter[axis]) * scale) as usize).min(last[axis])
+        };
+        let (before, rows) =
+            (self.warped.before.pixels(), self.previous_innovation.par_chunks_exact_mut(3 * lr_width));
+        rows.enumerate().with_min_len(8).for_each(|(j, out)| {
+            let row = pixel(j, 1) * width;
+            for (i, out) in out.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+                let at = row + pixel(i, 0);
+                *out = std::array::from_fn(|c| visibility[at] * (color.row(c, j)[i] - before[at][c]));
+            }
+        });
         Ok(())
     }
 
@@ -242,7 +266,7 @@ impl SuperSampleFeatures {
 
     /// All inputs of the network but its state, `hidden`. `history` is the image that [`Self::set`] was given.
     #[must_use]
-    pub fn named<'a>(&'a self, history: &'a Image) -> [Named<'a>; 12] {
+    pub fn named<'a>(&'a self, history: &'a Image) -> [Named<'a>; 13] {
         // Without a previous frame its share is 0, and any image will do.
         let previous = if self.has_previous { &self.warped.before } else { history };
         [
@@ -251,6 +275,7 @@ impl SuperSampleFeatures {
             ("share", &self.share),
             ("drift", &self.drift),
             ("innovation", &self.innovation),
+            ("previous_innovation", &self.previous_innovation),
             ("color", &self.color),
             ("gradients", &self.gradients),
             ("compressed", &self.compressed),

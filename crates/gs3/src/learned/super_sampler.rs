@@ -34,7 +34,7 @@ impl LearnedSuperSampler {
 
     /// Refines `now`, a frame made without learning with its uncertainty in the fourth channel, into `out`, likewise.
     /// `innovation` is what its samples say that the past did not ([`gs3_reconstruct::SuperSampler::innovation`]).
-    /// `previous` is the frame refined last, as it was made without learning; without it the state begins anew.
+    /// `previous` is the frame refined last, as it became then; without it the state begins anew.
     ///
     /// # Errors
     /// [`NetworkError`] if sizes do not match or gradients or geometry are missing.
