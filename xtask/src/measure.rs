@@ -17,6 +17,9 @@ pub struct MeasureArgs {
     /// Sizes of native frames; low-resolution G-buffers have a quarter of their width and height
     #[arg(long = "size", value_name = "WxH", default_values = ["1920x1080", "4096x2160"])]
     pub sizes: Vec<String>,
+    /// Copies of each scene, side by side
+    #[arg(long = "copies", value_name = "N", default_values = ["1", "3"])]
+    pub copies: Vec<String>,
     /// Frames of each scene's cameras
     #[arg(long, value_name = "A..B", default_value = "0..200")]
     pub frames: String,
@@ -38,9 +41,9 @@ pub fn run(args: &MeasureArgs) -> Result<(), XtaskError> {
     let mut report = json!({ "devices": String::from_utf8_lossy(&devices.stdout), "runs": [] });
     let mut runs = Vec::new();
     for subject in &subjects {
-        for size in &args.sizes {
-            eprintln!("{} at {size}", subject.scene.display());
-            runs.push(measured(subject, size, args)?);
+        for (size, copies) in args.sizes.iter().flat_map(|size| args.copies.iter().map(move |n| (size, n))) {
+            eprintln!("{copies} × {} at {size}", subject.scene.display());
+            runs.push(measured(subject, size, copies, args)?);
             report["runs"] = json!(runs);
             report["seconds"] = json!(started.elapsed().as_secs());
             write("report.json", &format!("{report:#}\n"))?;
@@ -55,11 +58,12 @@ pub fn run(args: &MeasureArgs) -> Result<(), XtaskError> {
 }
 
 /// The figures of `gs3 bench`, or what it said when it failed.
-fn measured(subject: &Subject, size: &str, args: &MeasureArgs) -> Result<Value, XtaskError> {
+fn measured(subject: &Subject, size: &str, copies: &str, args: &MeasureArgs) -> Result<Value, XtaskError> {
     const FIGURES: &str = "figures.json";
     let scene = subject.scene.to_string_lossy();
     let cameras = subject.cameras.as_ref().map(|cameras| cameras.to_string_lossy());
     let mut arguments = vec!["bench", &scene, "--backend", "gpu", "--size", size, "--json", FIGURES];
+    arguments.extend(["--copies", copies]);
     arguments.extend(["--frames", &args.frames, "--warm-up", &args.warm_up]);
     arguments.extend(cameras.iter().flat_map(|cameras| ["--path", cameras]));
     arguments.extend(args.adapter.iter().flat_map(|adapter| ["--adapter", adapter]));
@@ -67,7 +71,7 @@ fn measured(subject: &Subject, size: &str, args: &MeasureArgs) -> Result<Value, 
     if !output.status.success() {
         let said = String::from_utf8_lossy(&output.stderr);
         let error = said.lines().next_back().unwrap_or("no message").to_owned();
-        return Ok(json!({ "scene": scene, "size": size, "error": error }));
+        return Ok(json!({ "scene": scene, "size": size, "copies": copies, "error": error }));
     }
     let file = Path::new(FIGURES);
     let text = fs::read_to_string(file).map_err(XtaskError::io(file))?;

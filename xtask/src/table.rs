@@ -43,8 +43,8 @@ pub fn markdown(report: &Value) -> String {
         );
     }
     for run in runs().filter(|run| run["error"].is_string()) {
-        let [scene, size, error] = [&run["scene"], &run["size"], &run["error"]].map(plain);
-        let _ = writeln!(text, "\n{scene} at {size} failed: {error}");
+        let [copies, scene, size, error] = ["copies", "scene", "size", "error"].map(|key| plain(&run[key]));
+        let _ = writeln!(text, "\n{copies} × {scene} at {size} failed: {error}");
     }
     text
 }
@@ -98,7 +98,7 @@ mod tests {
                     ] },
                     "sort": { "pairs": 1024, "key_bits": 32, "keys_per_s": 2.5e9, "median_ms": 1.0, "p99_ms": 3.0 },
                 },
-                { "scene": "demo", "size": "9x9", "error": "error: lost" },
+                { "scene": "demo", "size": "9x9", "copies": "3", "error": "error: lost" },
             ],
         });
         let text = markdown(&report);
@@ -113,7 +113,7 @@ mod tests {
             "| lr_gbuffer | 0.500",
             "| 100.0 |\n",
             "\nSort of 1024 pairs by 32 bits: 2500.0 million keys/s, 1.000 / 3.000 ms\n",
-            "\ndemo at 9x9 failed: error: lost\n",
+            "\n3 × demo at 9x9 failed: error: lost\n",
         ] {
             assert!(text.contains(expected), "{expected}\n---\n{text}");
         }

@@ -208,6 +208,9 @@ pub struct BenchArgs {
     /// A GPU by its number [default: the fastest]
     #[arg(long, value_name = "N")]
     pub adapter: Option<usize>,
+    /// Copies of the scene, side by side: what a larger scene would take
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub copies: u32,
     /// Frames before the measured ones with `--backend gpu`
     #[arg(long, default_value_t = 30, value_name = "N")]
     pub warm_up: usize,

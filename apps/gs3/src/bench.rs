@@ -15,7 +15,7 @@ use crate::error::CliError;
 use crate::output::write_text;
 use crate::render::between;
 use crate::report::{self, Times, median_ms};
-use crate::{Outcome, bench_gpu, inputs, start_threads};
+use crate::{Outcome, bench_gpu, copies, inputs, start_threads};
 
 /// Rounds over the frames. The best of each side counts: other work on the machine only ever slows a round down.
 const ROUNDS: usize = 3;
@@ -26,6 +26,7 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     let path = inputs::cameras(&args.view, &scene)?;
     let range = args.frames.0.clone();
     inputs::check_frames("--frames", &range, &path)?;
+    let scene = copies::beside(scene, args.copies, &path.cameras()[range.start])?;
     let device = Device { backend: args.backend.into(), adapter: args.adapter };
     let machine = Machine::new(&device)?;
     if let Machine::Gpu(gpu) = &machine {
@@ -106,6 +107,7 @@ fn figures(rounds: &[[Times; 2]], args: &BenchArgs, tier: &str, load_s: f64, siz
         "scale": args.look.scale,
         "tier": tier,
         "frames": [args.frames.0.start, args.frames.0.end],
+        "copies": args.copies,
         "load_s": load_s,
     })
 }

@@ -54,6 +54,7 @@ pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -
         "driver": gpu.adapter().driver,
         "scene": args.view.scene.display().to_string(),
         "gaussians": gaussians,
+        "copies": args.copies,
         "size": [cameras[0].width(), cameras[0].height()],
         "scale": look.scale,
         "warm_up_frames": args.warm_up,

@@ -11,6 +11,7 @@ mod bench;
 mod bench_gpu;
 mod compare;
 mod convert;
+mod copies;
 mod devices;
 mod error;
 mod evaluate;
