@@ -70,6 +70,41 @@ fn networks_compute_what_the_reference_says() {
     compare(&graph, &initial_weights(&graph, header(&graph), 5), [1, 1]);
 }
 
+/// Rows of several strips, which overlap.
+#[test]
+fn wide_images_compute_what_the_reference_says() {
+    for graph in [super_sample(4, Tier::Fast), super_sample(2, Tier::Balanced), interpolate(2, Tier::Fast)] {
+        let graph = graph.expect("a network");
+        compare(&graph, &Weights::random(&graph, header(&graph), 5), [4, 131]);
+    }
+}
+
+/// Two that are the same, and more than a pass writes.
+#[test]
+fn any_number_of_outputs_is_written() {
+    let mut g = GraphBuilder::new("outputs", 1, Border::Zero);
+    let x = g.input("x", 18, 1);
+    let mut y = x;
+    for k in 0..9 {
+        y = g.layer(&format!("y.{k}"), Op::Scale { factor: 0.9 }, &[y]);
+        g.output(&format!("y.{k}"), y);
+    }
+    let part = g.layer("part", Op::Slice { first: 16, count: 2 }, &[y]);
+    let again = g.layer("again", Op::Activate(Activation::Tanh), &[part]);
+    for (name, tensor) in [("x", x), ("part", part), ("again", again)] {
+        g.output(name, tensor);
+    }
+    let graph = g.finish().expect("a graph");
+    let (weights, lr) = (weights(&graph), [3, 50]);
+    compare(&graph, &weights, lr);
+    let images = images(&graph, lr, 3);
+    let mut engine = Engine::new(&graph, &weights, lr).expect("an engine");
+    let (mut a, mut b) = (vec![0.0; 3 * 50 * 2], vec![1.0; 3 * 50 * 2]);
+    engine.run(&named(&images), &mut [("again", &mut a), ("again", &mut b)]).expect("it runs");
+    assert_eq!(a, b);
+    assert!(a.iter().any(|v| *v != 0.0));
+}
+
 /// A graph of one operation on images `a` and `b` of `channels`, and a factor `f` of one channel and a `flow`.
 fn single(op: Op, channels: usize, inputs: &[&str], border: Border) -> Graph {
     let mut g = GraphBuilder::new("single", 1, border);

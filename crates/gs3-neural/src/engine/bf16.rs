@@ -8,10 +8,9 @@
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch};
-use rayon::prelude::*;
 
 use super::block::{Block, LANES, Layout, Sources};
-use super::conv::{Segment, fill_halo, group};
+use super::conv::{Segment, group};
 use super::math::activate;
 use super::ops::load;
 use crate::graph::{Activation, Border, Conv2d};
@@ -48,20 +47,20 @@ pub struct Bf16Convolution {
 }
 
 impl Bf16Convolution {
-    /// The convolution of `inputs`, concatenated, with `weights` `oihw` and `bias`, empty where there is none; none where the
-    /// machine lacks the instructions or f32 is better: on images of few columns, or with more inputs than the first
-    /// cache holds.
+    /// The convolution of `inputs`, concatenated, in strips of `width` pixels, with `weights` `oihw` and `bias`, empty where
+    /// there is none; none where the machine lacks the instructions or f32 is better: on images of few columns, or with more
+    /// inputs than the first cache holds.
     pub fn new(
         conv: Conv2d,
         border: Border,
         inputs: &[Layout],
+        width: usize,
         weights: &[f32],
         bias: &[f32],
     ) -> Option<Self> {
         let segments = Segment::all(inputs);
         let blocks_seen = segments.len() * conv.kernel * (RUN + 2 * conv.reach());
-        let is_wide = inputs.iter().all(|layout| layout.shape.width >= RUN);
-        if !(is_available() && is_wide && blocks_seen <= BUFFER) {
+        if !(is_available() && width >= RUN && blocks_seen <= BUFFER) {
             return None;
         }
         let channels: usize = segments.iter().map(|s| s.channels).sum();
@@ -95,17 +94,14 @@ impl Bf16Convolution {
         Some(Self { conv, border, segments, weights: packed, bias })
     }
 
-    /// Writes the convolution to `out`, the blocks of `layout`.
-    pub fn run(&self, level: Level, sources: Sources<'_>, layout: &Layout, out: &mut [Block]) {
-        out.par_chunks_exact_mut(layout.row_len()).enumerate().for_each(|(y, out)| {
-            kernel::row(self, sources, layout, y as isize, out);
-            if self.conv.activation != Activation::Identity {
-                dispatch!(level, simd => for block in &mut *out {
-                    block.0 = activate(simd, self.conv.activation, load(simd, block)).to_array();
-                });
-            }
-            fill_halo(self.border, layout, out);
-        });
+    /// Writes row `y` to `out`, a row of `layout` or a strip of one; its halo is left.
+    pub fn run_row(&self, level: Level, sources: Sources<'_>, layout: &Layout, y: usize, out: &mut [Block]) {
+        kernel::row(self, sources, layout, y as isize, out);
+        if self.conv.activation != Activation::Identity {
+            dispatch!(level, simd => for block in &mut *out {
+                block.0 = activate(simd, self.conv.activation, load(simd, block)).to_array();
+            });
+        }
     }
 }
 
@@ -207,7 +203,7 @@ mod kernel {
             // The halo is at least as wide as the window's reach. Lanes beyond the channels hold anything: they become 0.
             let row = &sources.row(layout, inside as usize)[block * layout.stride()..][..layout.stride()];
             let mask = (u32::MAX >> (32 - channels)) as u16;
-            for (to, from) in line.iter_mut().zip(&row[x + layout.halo - conv.reach()..]) {
+            for (to, from) in line.iter_mut().zip(&row[x + sources.first(layout) - conv.reach()..]) {
                 // SAFETY: both are as large as the vectors that are loaded and stored, and aligned to their size.
                 unsafe {
                     let pixel = _mm512_maskz_cvtneps_pbh(mask, _mm512_load_ps(from.0.as_ptr()));

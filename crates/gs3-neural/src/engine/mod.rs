@@ -9,20 +9,26 @@
 mod bf16;
 pub(crate) mod block;
 pub(crate) mod conv;
+pub(crate) mod exchange;
 pub(crate) mod learned;
 pub(crate) mod math;
+pub(crate) mod nodes;
 pub(crate) mod ops;
+mod passes;
 pub(crate) mod plan;
+mod run;
 
 use fearless_simd::Level;
 
 use crate::error::RunError;
-use crate::graph::{Border, Graph};
+use crate::graph::Graph;
 use crate::images::{self, Named};
 use crate::shape::Shape;
 use crate::weights::Weights;
-use block::{Block, Sources};
-use plan::{Kind, Plan};
+use block::{Block, Rest};
+use passes::EXPORTS;
+use plan::Plan;
+use run::Job;
 
 /// What convolutions compute with.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -42,6 +48,8 @@ pub struct Engine {
     shapes: Vec<Shape>,
     plan: Plan,
     arena: Vec<Block>,
+    /// Which of the images of a run each layer is.
+    image_of: Vec<usize>,
     level: Level,
 }
 
@@ -68,7 +76,8 @@ impl Engine {
         weights.check(graph)?;
         let plan = Plan::new(graph, weights, &shapes, arithmetic);
         let arena = vec![Block::default(); plan.arena];
-        Ok(Self { graph: graph.clone(), shapes, plan, arena, level: Level::new() })
+        let image_of = vec![0; shapes.len()];
+        Ok(Self { graph: graph.clone(), shapes, plan, arena, image_of, level: Level::new() })
     }
 
     /// Bytes of all results in flight.
@@ -82,7 +91,7 @@ impl Engine {
     pub fn shape(&self, name: &str) -> Option<Shape> {
         let input =
             self.graph.inputs().find(|(_, layer)| layer.name == name).map(|(t, _)| self.shapes[t.index()]);
-        input.or_else(|| self.plan.exports.iter().find(|e| e.name == name).map(|e| e.shape))
+        input.or_else(|| self.output(name).map(|output| self.plan.outputs[output]))
     }
 
     /// Runs the network on `images`, all its inputs, and writes those of its outputs that are asked for. Images are
@@ -93,39 +102,45 @@ impl Engine {
     pub fn run(&mut self, images: &[Named<'_>], outputs: &mut [(&str, &mut [f32])]) -> Result<(), RunError> {
         images::check(&self.graph, &self.shapes, images)?;
         for (name, image) in outputs.iter() {
-            let Some(export) = self.plan.exports.iter().find(|e| e.name == *name) else {
-                let expected: Vec<&str> = self.plan.exports.iter().map(|e| e.name.as_str()).collect();
+            let Some(output) = self.output(name) else {
+                let expected: Vec<&str> = self.graph.outputs().iter().map(|o| o.name.as_str()).collect();
                 return Err(RunError::Unknown { name: (*name).to_owned(), expected: expected.join(", ") });
             };
-            images::check_length(name, export.shape, image.len())?;
+            images::check_length(name, self.plan.outputs[output], image.len())?;
         }
-        // One entry into the pool for the whole network, not one for every step.
+        for (tensor, layer) in self.graph.inputs() {
+            // All inputs are there: that was checked.
+            let image = images.iter().position(|(name, _)| *name == layer.name);
+            self.image_of[tensor.index()] = image.unwrap_or_default();
+        }
+        // One entry into the pool for the whole network, not one for every pass.
         rayon::scope(|_| self.compute(images, outputs));
         Ok(())
     }
 
+    fn output(&self, name: &str) -> Option<usize> {
+        self.graph.outputs().iter().position(|output| output.name == name)
+    }
+
     fn compute(&mut self, images: &[Named<'_>], outputs: &mut [(&str, &mut [f32])]) {
-        let border: Border = self.graph.border();
-        for step in &self.plan.steps {
-            let (out, sources) = Sources::split(&mut self.arena, &step.out);
-            match &step.kind {
-                Kind::Import { layer, factor } => {
-                    // All inputs are there: that was checked.
-                    let image = images::find(images, &self.graph.layers()[*layer].name).unwrap_or_default();
-                    ops::import(image, *factor, border, &step.out, out);
+        for pass in &self.plan.passes {
+            let (stored, arena) = Rest::split(&mut self.arena, pass.start, pass.height * pass.row_len);
+            let mut exports: [&mut [f32]; EXPORTS] = Default::default();
+            for (name, image) in outputs.iter_mut().rev() {
+                let is_it = |(output, _): &(usize, usize)| self.graph.outputs()[*output].name == *name;
+                if let Some(export) = pass.exports.iter().position(is_it) {
+                    exports[export] = image;
                 }
-                Kind::Convolution(convolution) => convolution.run(self.level, sources, &step.out, out),
-                Kind::Bf16(convolution) => convolution.run(self.level, sources, &step.out, out),
-                Kind::Learned(learned) => {
-                    learned.run(self.level, border, sources, &step.inputs[0], &step.out, out);
-                }
-                Kind::Row(op) => ops::run(self.level, op, border, sources, &step.inputs, &step.out, out),
             }
+            let (image_of, scratch) = (&self.image_of[..], self.plan.scratch);
+            let (level, border) = (self.level, self.graph.border());
+            Job { pass, level, border, images, image_of, scratch, arena }.run(stored, exports);
         }
-        for (name, image) in outputs {
-            if let Some(export) = self.plan.exports.iter().find(|e| e.name == *name) {
-                let tensor = &self.arena[export.tensor.start..][..export.tensor.len()];
-                ops::export(tensor, &export.tensor, export.factor, image);
+        // Outputs that are asked for twice.
+        for k in 1..outputs.len() {
+            let (before, [(name, image), ..]) = outputs.split_at_mut(k) else { break };
+            if let Some((_, same)) = before.iter().find(|(n, _)| n == name) {
+                image.copy_from_slice(same);
             }
         }
     }
