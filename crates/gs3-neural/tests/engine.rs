@@ -1,6 +1,6 @@
 //! The engine computes what the reference says.
 
-use gs3_neural::model::{Tier, initial_weights, interpolate, super_sample};
+use gs3_neural::model::{Peer, Tier, initial_weights, interpolate, super_sample};
 use gs3_neural::{
     Activation, Border, Conv2d, Engine, Filter, Graph, GraphBuilder, Header, Op, Random, RunError, Weights,
     reference,
@@ -76,6 +76,29 @@ fn wide_images_compute_what_the_reference_says() {
     for graph in [super_sample(4, Tier::Fast), super_sample(2, Tier::Balanced), interpolate(2, Tier::Fast)] {
         let graph = graph.expect("a network");
         compare(&graph, &Weights::random(&graph, header(&graph), 5), [4, 131]);
+    }
+}
+
+/// Images of more rows than are kept of what passes of a group store for each other, on one thread and on several: the same
+/// numbers, and those of the reference.
+#[test]
+fn high_images_compute_what_the_reference_says_on_any_number_of_threads() {
+    for graph in [super_sample(2, Tier::Fast), interpolate(2, Tier::Fast), Peer::Ecbsr.graph(2)] {
+        let graph = graph.expect("a network");
+        let (weights, lr) = (Weights::random(&graph, header(&graph), 5), [90, 14]);
+        let images = images(&graph, lr, 3);
+        let shapes = graph.shapes(lr).expect("a size it takes");
+        let pool =
+            |threads: usize| rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        let run = || {
+            let mut engine = Engine::new(&graph, &weights, lr).expect("an engine");
+            let output = &graph.outputs()[0];
+            let mut image = vec![f32::NAN; shapes[output.tensor.index()].len()];
+            engine.run(&named(&images), &mut [(&output.name, &mut image)]).expect("it runs");
+            image
+        };
+        assert_eq!(pool(1).install(run), pool(3).install(run), "{}", graph.name());
+        pool(1).install(|| compare(&graph, &weights, lr));
     }
 }
 

@@ -27,10 +27,12 @@ pub struct Layout {
 /// How much of a tensor is kept, and where.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Room {
-    /// All of it, in the arena.
+    /// All of its rows, or the last ones that were written, in the arena.
     Whole {
         /// Blocks of other tensors between its rows.
         beside: usize,
+        /// Bits of a row's number that tell its place.
+        mask: usize,
     },
     /// Of one row the pixels that are being computed, in scratch memory.
     Strip,
@@ -39,7 +41,7 @@ pub enum Room {
 impl Layout {
     /// A whole tensor at `start`, alone.
     pub fn whole(shape: Shape, halo: usize, start: usize) -> Self {
-        Self { shape, halo, start, room: Room::Whole { beside: 0 } }
+        Self { shape, halo, start, room: Room::Whole { beside: 0, mask: usize::MAX } }
     }
 
     /// Blocks of channels.
@@ -130,7 +132,7 @@ impl<'a> Sources<'a> {
     pub fn row(&self, layout: &Layout, y: usize) -> &'a [Block] {
         let len = layout.row_len();
         match layout.room {
-            Room::Whole { beside } => self.arena.get(layout.start + y * (len + beside), len),
+            Room::Whole { beside, mask } => self.arena.get(layout.start + (y & mask) * (len + beside), len),
             Room::Strip => self.strips.get(layout.start, len),
         }
     }

@@ -57,11 +57,7 @@ impl Exchange {
             (1, channels) if channels.is_multiple_of(LANES) && self.first == 0 => {
                 self.import_blocks(image, x, layout, out);
             }
-            (1, 1) => self.import_lanes::<1>(image, x, layout, out),
-            (1, 2) => self.import_lanes::<2>(image, x, layout, out),
-            (1, 3) => self.import_lanes::<3>(image, x, layout, out),
-            (1, 4) => self.import_lanes::<4>(image, x, layout, out),
-            (1, 6) => self.import_lanes::<6>(image, x, layout, out),
+            (1, channels) if channels < LANES => self.import_lanes(simd, image, x, layout, out),
             _ => self.import_any(image, x, layout, out, |out, v| *out = v),
         }
     }
@@ -77,17 +73,23 @@ impl Exchange {
         }
     }
 
-    /// [`Exchange::import_row`] of pixels of `C` channels.
+    /// [`Exchange::import_row`] of pixels of few channels, four numbers at a time: those beyond the channels go to lanes that
+    /// hold anything, or that are written next. (Loops over single lanes become scatters, which are slower.)
     #[inline(always)]
-    fn import_lanes<const C: usize>(&self, image: &[f32], x: usize, layout: &Layout, out: &mut [Block]) {
-        let (pixels, _) = image.as_chunks::<C>();
-        let (block, lane) = (self.first / LANES, self.first % LANES);
-        if lane + C > LANES {
+    fn import_lanes<S: Simd>(&self, simd: S, image: &[f32], x: usize, layout: &Layout, out: &mut [Block]) {
+        let (channels, lane) = (self.channels, self.first % LANES);
+        let len = channels.next_multiple_of(4);
+        if lane + len > LANES {
             return self.import_any(image, x, layout, out, |out, v| *out = v);
         }
-        let out = &mut out[block * layout.stride() + layout.halo..][..layout.shape.width];
-        for (out, pixel) in out.iter_mut().zip(&pixels[x..]) {
-            out.0[lane..lane + C].copy_from_slice(pixel);
+        let out = &mut out[self.first / LANES * layout.stride() + layout.halo..][..layout.shape.width];
+        for (k, out) in out.iter_mut().enumerate() {
+            let numbers = &image[(x + k) * channels..];
+            let out = &mut out.0[lane..lane + len];
+            match numbers.get(..len) {
+                Some(numbers) => copy_fours(simd, numbers, out),
+                None => out[..channels].copy_from_slice(&numbers[..channels]),
+            }
         }
     }
 
@@ -269,4 +271,12 @@ impl Exchange {
 #[inline(always)]
 pub fn joined<S: Simd>(simd: S, [a, b, c, d]: [f32x4<S>; 4]) -> [f32; LANES] {
     simd.combine_f32x8(simd.combine_f32x4(a, b), simd.combine_f32x4(c, d)).to_array()
+}
+
+/// Copies numbers of which there are multiples of four.
+#[inline(always)]
+pub fn copy_fours<S: Simd>(simd: S, from: &[f32], to: &mut [f32]) {
+    for (from, to) in from.chunks_exact(4).zip(to.chunks_exact_mut(4)) {
+        f32x4::from_slice(simd, from).store_slice(to);
+    }
 }

@@ -26,9 +26,8 @@ use crate::images::{self, Named};
 use crate::shape::Shape;
 use crate::weights::Weights;
 use block::{Block, Rest};
-use passes::EXPORTS;
 use plan::Plan;
-use run::Job;
+use run::{Exports, Job};
 
 /// What convolutions compute with.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -74,7 +73,7 @@ impl Engine {
     ) -> Result<Self, RunError> {
         let shapes = graph.shapes(lr)?;
         weights.check(graph)?;
-        let plan = Plan::new(graph, weights, &shapes, arithmetic);
+        let plan = Plan::new(graph, weights, &shapes, arithmetic, rayon::current_num_threads());
         let arena = vec![Block::default(); plan.arena];
         let image_of = vec![0; shapes.len()];
         Ok(Self { graph: graph.clone(), shapes, plan, arena, image_of, level: Level::new() })
@@ -123,18 +122,35 @@ impl Engine {
     }
 
     fn compute(&mut self, images: &[Named<'_>], outputs: &mut [(&str, &mut [f32])]) {
-        for pass in &self.plan.passes {
-            let (stored, arena) = Rest::split(&mut self.arena, pass.start, pass.height * pass.row_len);
-            let mut exports: [&mut [f32]; EXPORTS] = Default::default();
-            for (name, image) in outputs.iter_mut().rev() {
-                let is_it = |(output, _): &(usize, usize)| self.graph.outputs()[*output].name == *name;
-                if let Some(export) = pass.exports.iter().position(is_it) {
-                    exports[export] = image;
+        let Plan { passes, groups, scratch, .. } = &self.plan;
+        for group in groups {
+            let passes = &passes[group.clone()];
+            let height = passes.first().map_or(0, |pass| pass.height);
+            let band = if passes.len() == 1 { height } else { self.plan.band };
+            let bands = height.div_ceil(band);
+            // The passes of a group, one band behind the other.
+            for (time, (k, pass)) in (0..bands + passes.len() - 1)
+                .flat_map(|time| passes.iter().enumerate().map(move |p| (time, p)))
+            {
+                let Some(first) = time.checked_sub(k).filter(|wave| *wave < bands).map(|wave| wave * band)
+                else {
+                    continue;
+                };
+                let count = band.min(height - first);
+                let start = pass.start + (first & pass.mask) * pass.row_len;
+                let (stored, arena) = Rest::split(&mut self.arena, start, count * pass.row_len);
+                let mut exports = Exports::default();
+                for (name, image) in outputs.iter_mut().rev() {
+                    let is_it = |(output, _): &(usize, usize)| self.graph.outputs()[*output].name == *name;
+                    if let Some(export) = pass.exports.iter().position(is_it) {
+                        let (_, row_len) = pass.exports[export];
+                        exports[export] = &mut image[first * row_len..][..count * row_len];
+                    }
                 }
+                let (level, border, image_of) = (self.level, self.graph.border(), &self.image_of[..]);
+                let job = Job { pass, level, border, images, image_of, scratch: *scratch, arena };
+                job.rows(first, count, stored, exports);
             }
-            let (image_of, scratch) = (&self.image_of[..], self.plan.scratch);
-            let (level, border) = (self.level, self.graph.border());
-            Job { pass, level, border, images, image_of, scratch, arena }.run(stored, exports);
         }
         // Outputs that are asked for twice.
         for k in 1..outputs.len() {

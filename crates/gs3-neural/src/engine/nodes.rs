@@ -33,18 +33,33 @@ impl Node {
         self.shape.channels.div_ceil(LANES)
     }
 
-    /// Whether it reads other pixels of its input `i` than the one that it makes.
-    pub fn is_far(&self, graph: &Graph, i: usize) -> bool {
+    /// Whether it reads other pixels of its input `i` than the one that it makes, an image from outside not counting if it is
+    /// read where it lies.
+    pub fn is_far(&self, graph: &Graph, nodes: &[Self], i: usize) -> bool {
         let Made::Layer(layer) = self.made else { return false };
         match &graph.layers()[layer].op {
             Op::Conv2d(conv) => conv.reach() > 0,
-            Op::Warp => i == 0,
+            Op::Warp => i == 0 && !nodes[self.inputs[0]].is_whole_image(),
             Op::PixelShuffle { .. }
             | Op::PixelUnshuffle { .. }
             | Op::Upsample { .. }
             | Op::MaxPool2
             | Op::AveragePool { .. } => true,
             _ => false,
+        }
+    }
+
+    /// Whether it is an image of whole blocks of channels.
+    pub fn is_whole_image(&self) -> bool {
+        matches!(self.made, Made::Import { factor: 1, .. }) && self.shape.channels.is_multiple_of(LANES)
+    }
+
+    /// Whether it warps an image where that lies: the image's layer.
+    pub fn warped_image(&self, graph: &Graph, nodes: &[Self]) -> Option<usize> {
+        let (Made::Layer(layer), [image, _]) = (self.made, &self.inputs[..]) else { return None };
+        match (graph.layers()[layer].op, nodes[*image].made) {
+            (Op::Warp, Made::Import { layer, .. }) if nodes[*image].is_whole_image() => Some(layer),
+            _ => None,
         }
     }
 

@@ -5,7 +5,7 @@ use fearless_simd::{Level, Simd, dispatch, f32x4, f32x16, i32x4};
 
 use super::block::{Block, LANES, Layout, Sources};
 use super::conv::fill_halo;
-use super::exchange::joined;
+use super::exchange::{copy_fours, joined};
 use super::math::activate;
 use crate::graph::{Border, Filter, Op};
 use crate::reference::pooled;
@@ -181,30 +181,18 @@ impl<'a> Row<'a> {
     #[inline(always)]
     fn bilinear<S: Simd>(&self, simd: S, b: usize, x: f32, y: f32) -> f32x16<S> {
         let input = &self.inputs[0];
-        let [width, height] = [input.shape.width, input.shape.height];
-        // Both axes at once.
-        let axes = |x: f32, y: f32| f32x4::simd_from(simd, [x, y, 0.0, 0.0]);
-        let last = axes((width - 1) as f32, (height - 1) as f32);
-        let before_last = axes(width.saturating_sub(2) as f32, height.saturating_sub(2) as f32);
-        // Not-a-number becomes 0 here.
-        let place = axes(x, y).max_precise(0.0).min(last);
-        let first = place.floor().min(before_last);
-        let [fx, fy, ..] = (place - first).to_array();
-        let [left, above, ..] = first.to_int::<i32x4<S>>().to_array().map(|first| first as usize);
-        let (right, below) = ((left + 1).min(width - 1), (above + 1).min(height - 1));
-        let [upper, lower] = [above, below].map(|y| self.sources.line(input, y, b));
-        // No closure: one of vectors would be a function compiled for narrow ones.
-        let (a, b) = (load(simd, &upper[left]), load(simd, &lower[left]));
-        let a = (load(simd, &upper[right]) - a).mul_add(fx, a);
-        let b = (load(simd, &lower[right]) - b).mul_add(fx, b);
-        (b - a).mul_add(fy, a)
+        let Corners { columns: [left, right], rows, fraction } =
+            Corners::new(simd, [input.shape.width, input.shape.height], [x, y]);
+        let [above, below] = rows.map(|y| self.sources.line(input, y, b));
+        Corners::between(simd, [&above[left].0, &above[right].0, &below[left].0, &below[right].0], fraction)
     }
 
     #[inline(always)]
     fn rearrange<S: Simd>(&self, simd: S, op: &Op, out: &mut [Block]) {
         match op {
-            Op::Slice { first, .. } => self.copy(|c| (0, first + c), out),
+            Op::Slice { first, .. } => self.copy(simd, |c| (0, first + c), out),
             Op::Concat => self.copy(
+                simd,
                 |c| {
                     let (mut input, mut channel) = (0, c);
                     while channel >= self.inputs[input].shape.channels {
@@ -238,21 +226,26 @@ impl<'a> Row<'a> {
     }
 
     /// Copies every channel from the input and its channel that `source` names, as many at a time as lie side by side.
-    fn copy(&self, source: impl Fn(usize) -> (usize, usize), out: &mut [Block]) {
+    #[inline(always)]
+    fn copy<S: Simd>(&self, simd: S, source: impl Fn(usize) -> (usize, usize), out: &mut [Block]) {
         let (shape, mut c) = (self.layout.shape, 0);
         while c < shape.channels {
             let (input, channel) = source(c);
-            // As a power of two, so that copies are of constant size.
-            let count = 1 << run_len(c, shape.channels, channel, self.inputs[input].shape.channels).ilog2();
+            let count = run_len(c, shape.channels, channel, self.inputs[input].shape.channels);
             let line = &self.sources.pixels(&self.inputs[input], self.y, channel / LANES)[..shape.width];
             let out = &mut out[c / LANES * self.layout.stride() + self.layout.halo..][..shape.width];
-            let (to, from) = (c % LANES, channel % LANES);
-            match count {
-                LANES => out.copy_from_slice(line),
-                8 => copy_lanes::<8>(out, line, to, from),
-                4 => copy_lanes::<4>(out, line, to, from),
-                2 => copy_lanes::<2>(out, line, to, from),
-                _ => copy_lanes::<1>(out, line, to, from),
+            let (to, from, fours) = (c % LANES, channel % LANES, count.next_multiple_of(4));
+            if count == LANES {
+                out.copy_from_slice(line);
+            } else if to.max(from) + fours <= LANES {
+                // Lanes beyond the channels hold anything, or are written next.
+                for (out, pixel) in out.iter_mut().zip(line) {
+                    copy_fours(simd, &pixel.0[from..from + fours], &mut out.0[to..to + fours]);
+                }
+            } else {
+                for (out, pixel) in out.iter_mut().zip(line) {
+                    out.0[to..to + count].copy_from_slice(&pixel.0[from..from + count]);
+                }
             }
             c += count;
         }
@@ -291,15 +284,83 @@ impl<'a> Row<'a> {
     }
 }
 
-/// Copies `N` lanes of each pixel from `from` on to those from `to` on.
+/// Writes the pixels of row `y` of an image of whole blocks, of `[width, height]`, moved by the tensor of `flow`, to `out`, a
+/// strip of `layout`.
+pub fn warp_image_row(
+    level: Level,
+    image: &[f32],
+    size: [usize; 2],
+    sources: Sources<'_>,
+    flow: &Layout,
+    layout: &Layout,
+    y: usize,
+    out: &mut [Block],
+) {
+    let flow = &sources.pixels(flow, y, 0)[..layout.shape.width];
+    dispatch!(level, simd => warp_image(simd, image, size, flow, [sources.x(), y], layout, out));
+}
+
 #[inline(always)]
-fn copy_lanes<const N: usize>(out: &mut [Block], line: &[Block], to: usize, from: usize) {
-    for (out, pixel) in out.iter_mut().zip(line) {
-        if let (Some(out), Some(pixel)) =
-            (out.0[to..].first_chunk_mut::<N>(), pixel.0[from..].first_chunk::<N>())
-        {
-            *out = *pixel;
+fn warp_image<S: Simd>(
+    simd: S,
+    image: &[f32],
+    size: [usize; 2],
+    flow: &[Block],
+    [x, y]: [usize; 2],
+    layout: &Layout,
+    out: &mut [Block],
+) {
+    let (blocks, _) = image.as_chunks::<LANES>();
+    for (k, flow) in flow.iter().enumerate() {
+        let [dx, dy, ..] = flow.0;
+        let place = [(x + k) as f32 + dx, y as f32 + dy];
+        let Corners { columns: [left, right], rows: [above, below], fraction } =
+            Corners::new(simd, size, place);
+        for b in 0..layout.blocks() {
+            let pixel = |x: usize, y: usize| &blocks[(y * size[0] + x) * layout.blocks() + b];
+            let corners = [pixel(left, above), pixel(right, above), pixel(left, below), pixel(right, below)];
+            out[b * layout.stride() + k].0 = Corners::between(simd, corners, fraction).to_array();
         }
+    }
+}
+
+/// The four pixels around a place.
+struct Corners {
+    columns: [usize; 2],
+    rows: [usize; 2],
+    /// Of the way from the first column and row to the second.
+    fraction: [f32; 2],
+}
+
+impl Corners {
+    /// Those around `place` (x, y), whose integers are pixels' centres, moved into an image of `[width, height]`.
+    #[inline(always)]
+    fn new<S: Simd>(simd: S, [width, height]: [usize; 2], [x, y]: [f32; 2]) -> Self {
+        // Both axes at once.
+        let axes = |x: f32, y: f32| f32x4::simd_from(simd, [x, y, 0.0, 0.0]);
+        let last = axes((width - 1) as f32, (height - 1) as f32);
+        let before_last = axes(width.saturating_sub(2) as f32, height.saturating_sub(2) as f32);
+        // Not-a-number becomes 0 here.
+        let place = axes(x, y).max_precise(0.0).min(last);
+        let first = place.floor().min(before_last);
+        let [fx, fy, ..] = (place - first).to_array();
+        let [left, above, ..] = first.to_int::<i32x4<S>>().to_array().map(|first| first as usize);
+        Self {
+            columns: [left, (left + 1).min(width - 1)],
+            rows: [above, (above + 1).min(height - 1)],
+            fraction: [fx, fy],
+        }
+    }
+
+    /// Bilinear between the four pixels, row by row.
+    #[inline(always)]
+    fn between<S: Simd>(simd: S, corners: [&[f32; LANES]; 4], [fx, fy]: [f32; 2]) -> f32x16<S> {
+        // No closure: one of vectors would be a function compiled for narrow ones.
+        let a = f32x16::load_array_ref(simd, corners[0]);
+        let b = f32x16::load_array_ref(simd, corners[2]);
+        let a = (f32x16::load_array_ref(simd, corners[1]) - a).mul_add(fx, a);
+        let b = (f32x16::load_array_ref(simd, corners[3]) - b).mul_add(fx, b);
+        (b - a).mul_add(fy, a)
     }
 }
 

@@ -5,6 +5,8 @@
 //! first pass after those that make what it sees of other pixels, or to a later one where it saves memory. Images are
 //! read in each pass anew, unless other pixels of them are seen.
 
+use std::ops::Range;
+
 use super::nodes::{Made, Node};
 use crate::graph::Graph;
 
@@ -26,12 +28,14 @@ pub struct Passes {
     pub readers: Vec<Vec<Reader>>,
     /// In which pass each is computed; none if nothing needs it or it is imported wherever it is read.
     pub pass_of: Vec<Option<usize>>,
-    pub count: usize,
+    /// Passes that go over the rows of images of one size together, in order: each a band of rows behind the one before, so
+    /// that what they store for each other is still in a cache when it is read, and only its last rows are kept.
+    pub groups: Vec<Range<usize>>,
 }
 
 impl Passes {
-    /// Those of `nodes` of `graph`.
-    pub fn new(graph: &Graph, nodes: &[Node]) -> Self {
+    /// Those of `nodes` of `graph`, for bands of `band` rows.
+    pub fn new(graph: &Graph, nodes: &[Node], band: usize) -> Self {
         let readers = readers(graph, nodes);
         let is_placed = |n: usize| match nodes[n].made {
             Made::Export { .. } => true,
@@ -45,8 +49,25 @@ impl Passes {
         keys.sort_unstable();
         keys.dedup();
         let pass_of = |n: usize| keys.binary_search(&key(n)).ok().filter(|_| is_placed(n));
-        let pass_of = (0..nodes.len()).map(pass_of).collect();
-        Self { pass_of, count: keys.len(), readers }
+        let pass_of: Vec<_> = (0..nodes.len()).map(pass_of).collect();
+        let mut groups: Vec<Range<usize>> = Vec::new();
+        for (pass, (_, height, width)) in keys.iter().enumerate() {
+            match groups.last_mut() {
+                Some(group)
+                    if (keys[group.start].1, keys[group.start].2) == (*height, *width)
+                        && follows(graph, nodes, &pass_of, pass, group, band) =>
+                {
+                    group.end = pass + 1;
+                }
+                _ => groups.push(pass..pass + 1),
+            }
+        }
+        Self { pass_of, groups, readers }
+    }
+
+    /// The group of a pass.
+    pub fn group_of(&self, pass: usize) -> usize {
+        self.groups.partition_point(|group| group.end <= pass)
     }
 
     /// Whether the result of node `n` is stored whole.
@@ -56,13 +77,30 @@ impl Passes {
     }
 }
 
+/// Whether `pass` sees so few rows of what passes of `group` make that it can follow them band by band.
+fn follows(
+    graph: &Graph,
+    nodes: &[Node],
+    pass_of: &[Option<usize>],
+    pass: usize,
+    group: &Range<usize>,
+    band: usize,
+) -> bool {
+    (0..nodes.len()).filter(|n| pass_of[*n] == Some(pass)).all(|n| {
+        let node = &nodes[n];
+        let is_near = |i: usize| !node.is_far(graph, nodes, i) || (1..=band).contains(&node.reach(graph));
+        let is_before = |input: usize| pass_of[input].is_some_and(|pass| group.contains(&pass));
+        node.inputs.iter().enumerate().all(|(i, input)| !is_before(*input) || is_near(i))
+    })
+}
+
 /// The readers of each node that something needs: that lead to an export.
 fn readers(graph: &Graph, nodes: &[Node]) -> Vec<Vec<Reader>> {
     let mut readers: Vec<Vec<Reader>> = vec![Vec::new(); nodes.len()];
     for (n, node) in nodes.iter().enumerate().rev() {
         if matches!(node.made, Made::Export { .. }) || !readers[n].is_empty() {
             for (i, input) in node.inputs.iter().enumerate() {
-                readers[*input].push(Reader { node: n, is_far: node.is_far(graph, i) });
+                readers[*input].push(Reader { node: n, is_far: node.is_far(graph, nodes, i) });
             }
         }
     }
@@ -74,8 +112,10 @@ fn earliest(graph: &Graph, nodes: &[Node], is_placed: &impl Fn(usize) -> bool) -
     let mut levels: Vec<usize> = Vec::with_capacity(nodes.len());
     for (n, node) in nodes.iter().enumerate() {
         let inputs = node.inputs.iter().enumerate().filter(|(_, input)| is_placed(**input));
-        let mut level =
-            inputs.map(|(i, input)| levels[*input] + usize::from(node.is_far(graph, i))).max().unwrap_or(0);
+        let mut level = inputs
+            .map(|(i, input)| levels[*input] + usize::from(node.is_far(graph, nodes, i)))
+            .max()
+            .unwrap_or(0);
         if matches!(node.made, Made::Export { .. }) {
             let is_beside = |level: usize, other: usize| {
                 let (a, b) = (&nodes[other], node);

@@ -1,5 +1,7 @@
 //! What is computed in which order, and where in memory.
 
+use std::ops::Range;
+
 use super::Arithmetic;
 use super::bf16::Bf16Convolution;
 use super::block::{LANES, Layout, Room};
@@ -17,6 +19,10 @@ use crate::weights::Weights;
 /// is made of them stays in the first cache, where 64 channels take 12 KiB. Empirical.
 const STRIP: usize = 48;
 
+/// Rows of a band for each thread: so few that what passes of a group store for each other stays in a cache, so many that
+/// threads seldom wait for each other. Empirical.
+const ROWS: usize = 8;
+
 /// Strips are multiples of this, if images are wide enough: of all numbers of pixels whose sums convolutions keep in
 /// registers, but one.
 const MULTIPLE: usize = 12;
@@ -25,6 +31,10 @@ const MULTIPLE: usize = 12;
 #[derive(Clone, Debug)]
 pub struct Plan {
     pub passes: Vec<Pass>,
+    /// Passes that go over their rows together.
+    pub groups: Vec<Range<usize>>,
+    /// Rows that passes of a group are apart: a power of two.
+    pub band: usize,
     /// Shapes of the outputs, in the order of the graph.
     pub outputs: Vec<Shape>,
     /// Blocks of the arena.
@@ -45,6 +55,8 @@ pub struct Pass {
     pub start: usize,
     /// Blocks of a row of all that it stores: rows of its tensors are side by side, so that threads can share them out.
     pub row_len: usize,
+    /// Bits of a row's number that tell its place.
+    pub mask: usize,
     /// The outputs that it writes, and numbers of their images for each row.
     pub exports: Vec<(usize, usize)>,
 }
@@ -69,6 +81,10 @@ pub enum Kind {
     Bf16(Bf16Convolution),
     Learned(Learned),
     Row(Op),
+    /// A warp of the image of a layer, where that lies.
+    WarpImage {
+        image: usize,
+    },
     /// To one of the images of [`Pass::exports`].
     Export {
         export: usize,
@@ -88,20 +104,28 @@ struct Planner<'a> {
 }
 
 impl Plan {
-    /// The plan of `graph` with `weights`, which fit, for results of `shapes`.
-    pub fn new(graph: &Graph, weights: &Weights, shapes: &[Shape], arithmetic: Arithmetic) -> Self {
+    /// The plan of `graph` with `weights`, which fit, for results of `shapes`. It is made for a number of threads, but runs
+    /// on any.
+    pub fn new(
+        graph: &Graph,
+        weights: &Weights,
+        shapes: &[Shape],
+        arithmetic: Arithmetic,
+        threads: usize,
+    ) -> Self {
         let nodes = nodes(graph, shapes);
-        let passes = Passes::new(graph, &nodes);
+        let band = (ROWS * threads).next_power_of_two();
+        let passes = Passes::new(graph, &nodes, band);
         let stored = vec![None; nodes.len()];
         let mut planner = Planner { graph, weights, arithmetic, nodes, passes, stored };
         let (mut arena, mut scratch) = (Arena::default(), 0);
         let mut planned = Vec::new();
-        for pass in 0..planner.passes.count {
-            let (start, row_len) = planner.store(pass, &mut arena);
-            planned.push(planner.pass(pass, start, row_len, &mut scratch));
+        for pass in planner.passes.groups.clone().into_iter().flatten() {
+            let place = planner.store(pass, band, &mut arena);
+            planned.push(planner.pass(pass, place, &mut scratch));
         }
         let outputs = graph.outputs().iter().map(|output| shapes[output.tensor.index()]).collect();
-        Self { passes: planned, outputs, arena: arena.len, scratch }
+        Self { passes: planned, groups: planner.passes.groups, band, outputs, arena: arena.len, scratch }
     }
 }
 
@@ -110,10 +134,10 @@ impl Planner<'_> {
         (0..self.nodes.len()).filter(move |n| self.passes.pass_of[*n] == Some(pass))
     }
 
-    /// Gives what `pass` stores a place: its start, and the blocks of a row.
-    fn store(&mut self, pass: usize, arena: &mut Arena) -> (usize, usize) {
+    /// Gives what `pass` stores a place: its start, the blocks of a row, and the bits of a row's number that tell its place.
+    fn store(&mut self, pass: usize, band: usize, arena: &mut Arena) -> [usize; 3] {
         let members: Vec<usize> = self.members(pass).filter(|n| self.passes.is_stored(*n)).collect();
-        let (mut len, mut row_len, mut last_use) = (0, 0, pass);
+        let (mut height, mut row_len, mut last_use) = (0, 0, pass);
         for n in &members {
             let mut halo = 0;
             for reader in &self.passes.readers[*n] {
@@ -122,17 +146,34 @@ impl Planner<'_> {
             }
             let layout = Layout::whole(self.nodes[*n].shape, halo, row_len);
             row_len += layout.row_len();
-            len += layout.len();
+            height = layout.shape.height;
             self.stored[*n] = Some(layout);
         }
-        let start = arena.place(pass, last_use, len);
+        let [group, last_group] = [pass, last_use].map(|pass| self.passes.group_of(pass));
+        // A reader of the group is `last_use` − `pass` bands behind; it sees rows of the band before its own.
+        let kept = match group == last_group {
+            true => ((last_use - pass + 2) * band).next_power_of_two(),
+            false => height,
+        };
+        let mask = if kept < height { kept - 1 } else { usize::MAX };
+        let start = arena.place(group, last_group, kept.min(height) * row_len);
         for n in members {
             if let Some(layout) = &mut self.stored[n] {
                 layout.start += start;
-                layout.room = Room::Whole { beside: row_len - layout.row_len() };
+                layout.room = Room::Whole { beside: row_len - layout.row_len(), mask };
             }
         }
-        (start, row_len)
+        [start, row_len, mask]
+    }
+
+    /// The inputs of node `n` that it does not read from images where these lie.
+    fn strips(&self, n: usize) -> &[usize] {
+        let inputs = &self.nodes[n].inputs[..];
+        match self.joined(n).is_some() {
+            true => &[],
+            false if self.nodes[n].warped_image(self.graph, &self.nodes).is_some() => &inputs[1..],
+            false => inputs,
+        }
     }
 
     /// The images that node `n` only puts side by side, if that is what it does.
@@ -166,7 +207,7 @@ impl Planner<'_> {
 
     /// The last of `order` that reads the strip of node `n` or a view of it.
     fn last_use(&self, order: &[usize], n: usize) -> usize {
-        let readers = order.iter().enumerate().filter(|(_, other)| self.nodes[**other].inputs.contains(&n));
+        let readers = order.iter().enumerate().filter(|(_, other)| self.strips(**other).contains(&n));
         let last = readers.map(|(k, other)| match self.view(*other).is_some() {
             true => self.last_use(order, *other).max(k),
             false => k,
@@ -175,14 +216,14 @@ impl Planner<'_> {
     }
 
     /// The steps of `pass`, whose strips lie in `scratch` blocks or more.
-    fn pass(&self, pass: usize, start: usize, row_len: usize, scratch: &mut usize) -> Pass {
+    fn pass(&self, pass: usize, [start, row_len, mask]: [usize; 3], scratch: &mut usize) -> Pass {
         let mut order = Vec::new();
         for n in self.members(pass) {
-            if self.joined(n).is_none() {
-                // Images that are imported wherever they are read.
-                let is_new = |input: &usize| self.passes.pass_of[*input].is_none() && !order.contains(input);
-                let images: Vec<usize> = self.nodes[n].inputs.iter().copied().filter(is_new).collect();
-                order.extend(images);
+            // Images that are imported wherever they are read.
+            for input in self.strips(n) {
+                if self.passes.pass_of[*input].is_none() && !order.contains(input) {
+                    order.push(*input);
+                }
             }
             order.push(n);
         }
@@ -196,6 +237,7 @@ impl Planner<'_> {
             strip,
             start,
             row_len,
+            mask,
             exports: Vec::new(),
         };
         let mut arena = Arena::default();
@@ -214,15 +256,13 @@ impl Planner<'_> {
             let place = arena.place(now, last_use, len);
             let out = Layout { shape, halo: 0, start: place, room: Room::Strip };
             strips[*n] = Some(out);
-            let inputs: Vec<Layout> = node
-                .inputs
-                .iter()
-                .enumerate()
-                .filter_map(|(i, input)| match node.is_far(self.graph, i) {
-                    true => self.stored[*input],
-                    false => strips[*input].or(self.stored[*input]),
-                })
-                .collect();
+            let is_far = |i: usize| node.is_far(self.graph, &self.nodes, i);
+            let layout = |(i, input): (usize, &usize)| match is_far(i) {
+                true => self.stored[*input],
+                false => strips[*input].or(self.stored[*input]),
+            };
+            let first = node.inputs.len() - self.strips(*n).len();
+            let inputs: Vec<Layout> = node.inputs.iter().enumerate().skip(first).filter_map(layout).collect();
             let kind = self.kind(*n, &inputs, strip, &mut planned.exports);
             planned.steps.push(Step { kind, inputs, out, stored: self.stored[*n] });
         }
@@ -246,6 +286,9 @@ impl Planner<'_> {
             Made::Layer(layer) => &self.graph.layers()[layer],
         };
         let Op::Conv2d(conv) = &layer.op else {
+            if let Some(image) = node.warped_image(self.graph, &self.nodes) {
+                return Kind::WarpImage { image };
+            }
             return match Learned::new(&layer.op, &layer.name, self.weights) {
                 Some(learned) => Kind::Learned(learned),
                 None => Kind::Row(layer.op),

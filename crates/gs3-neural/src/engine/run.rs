@@ -13,7 +13,7 @@ use crate::graph::Border;
 use crate::images::Named;
 
 /// Images that a pass writes, those of the rows that a thread computes; empty where one is not asked for.
-type Exports<'a> = [&'a mut [f32]; EXPORTS];
+pub type Exports<'a> = [&'a mut [f32]; EXPORTS];
 
 thread_local! {
     /// Strips of the thread: grown once, kept for all networks.
@@ -36,13 +36,8 @@ pub struct Job<'a> {
 }
 
 impl Job<'_> {
-    /// Computes all rows, storing in `stored` what is stored.
-    pub fn run(&self, stored: &mut [Block], exports: Exports<'_>) {
-        self.rows(0, self.pass.height, stored, exports);
-    }
-
     /// Computes `count` rows from `first` on, to `stored` and `exports`, which begin with that row.
-    fn rows(&self, first: usize, count: usize, stored: &mut [Block], exports: Exports<'_>) {
+    pub fn rows(&self, first: usize, count: usize, stored: &mut [Block], exports: Exports<'_>) {
         if count <= 1 {
             return SCRATCH.with_borrow_mut(|scratch| {
                 if scratch.len() < self.scratch {
@@ -104,6 +99,11 @@ impl Job<'_> {
                 learned.run_row(self.level, self.border, sources, &inputs[0], layout, y, out);
             }
             Kind::Row(op) => ops::run_row(self.level, op, self.border, sources, inputs, layout, y, out),
+            Kind::WarpImage { image } => {
+                let (_, image) = self.images[self.image_of[*image]];
+                let size = [self.pass.width, self.pass.height];
+                ops::warp_image_row(self.level, image, size, sources, &inputs[0], layout, y, out);
+            }
             Kind::Export { export, exchange } => {
                 let image = &mut exports[*export];
                 if !image.is_empty() {
