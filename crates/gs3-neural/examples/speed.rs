@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, dispatch, f32x16};
 use gs3_neural::model::{Tier, initial_weights, interpolate, super_sample};
-use gs3_neural::{Activation, Arithmetic, Border, Conv2d, Engine, Graph, GraphBuilder, Header, Random};
+use gs3_neural::{Activation, Arithmetic, Border, Conv2d, Engine, Graph, GraphBuilder, Header, Op, Random};
 
 /// Independent sums: more than the latency of two multiply-add units times their number, within 32 registers.
 const CHAINS: usize = 24;
@@ -26,26 +26,25 @@ fn main() {
     for (kernel, inputs, outputs) in
         [(3, 32, 32), (3, 16, 16), (3, 48, 48), (3, 64, 32), (3, 9, 64), (1, 64, 48)]
     {
-        let mut g = GraphBuilder::new("conv", 1, Border::Replicate);
-        let x = g.input("x", 16, 1);
-        // A cheap way to many channels.
-        let wide = g.conv("wide", Conv2d::new(1, inputs), &[x]);
-        let mut y = wide;
-        for k in 0..LAYERS {
-            let conv = Conv2d::new(kernel, outputs).activation(Activation::Relu);
-            y = g.conv(&format!("conv.{k}"), conv, &[wide]);
-        }
-        let y = g.layer("mean", gs3_neural::Op::ChannelMean, &[y]);
-        g.output("y", y);
-        let graph = g.finish().expect("a graph");
+        // What is measured is the difference of a network with the convolutions and one without: their results are added up,
+        // since what nothing reads is not computed.
+        let chain = |layers: usize| {
+            let mut g = GraphBuilder::new("conv", 1, Border::Replicate);
+            let x = g.input("x", 16, 1);
+            // A cheap way to many channels.
+            let wide = g.conv("wide", Conv2d::new(1, inputs), &[x]);
+            let mut y = g.conv("first", Conv2d::new(1, outputs), &[wide]);
+            for k in 0..layers {
+                let conv = Conv2d::new(kernel, outputs).activation(Activation::Relu);
+                let result = g.conv(&format!("conv.{k}"), conv, &[wide]);
+                y = g.layer(&format!("sum.{k}"), Op::Add, &[y, result]);
+            }
+            let y = g.layer("mean", Op::ChannelMean, &[y]);
+            g.output("y", y);
+            time(&g.finish().expect("a graph"), [height, width], arithmetic)
+        };
         let work = 2.0 * (kernel * kernel * inputs * outputs * LAYERS * width * height) as f64;
-        let mut only = GraphBuilder::new("conv", 1, Border::Replicate);
-        let x = only.input("x", 16, 1);
-        let wide = only.conv("wide", Conv2d::new(1, inputs), &[x]);
-        let y = only.layer("mean", gs3_neural::Op::ChannelMean, &[wide]);
-        only.output("y", y);
-        let rest = time(&only.finish().expect("a graph"), [height, width], arithmetic);
-        let seconds = (time(&graph, [height, width], arithmetic) - rest).as_secs_f64();
+        let seconds = (chain(LAYERS + 1) - chain(1)).as_secs_f64();
         let rate = work / seconds;
         println!(
             "conv {kernel}×{kernel} {inputs}→{outputs}: {:.2} ms, {:.0} GFLOP/s, {:.0} % of the peak",

@@ -1,6 +1,6 @@
 //! The engine computes what the reference says.
 
-use gs3_neural::model::{Tier, initial_weights, interpolate, super_sample};
+use gs3_neural::model::{Peer, Tier, initial_weights, interpolate, super_sample};
 use gs3_neural::{
     Activation, Border, Conv2d, Engine, Filter, Graph, GraphBuilder, Header, Op, Random, RunError, Weights,
     reference,
@@ -68,6 +68,64 @@ fn networks_compute_what_the_reference_says() {
     }
     let graph = interpolate(4, Tier::Fast).expect("a network");
     compare(&graph, &initial_weights(&graph, header(&graph), 5), [1, 1]);
+}
+
+/// Rows of several strips, which overlap.
+#[test]
+fn wide_images_compute_what_the_reference_says() {
+    for graph in [super_sample(4, Tier::Fast), super_sample(2, Tier::Balanced), interpolate(2, Tier::Fast)] {
+        let graph = graph.expect("a network");
+        compare(&graph, &Weights::random(&graph, header(&graph), 5), [4, 131]);
+    }
+}
+
+/// Images of more rows than are kept of what passes of a group store for each other, on one thread and on several: the same
+/// numbers, and those of the reference.
+#[test]
+fn high_images_compute_what_the_reference_says_on_any_number_of_threads() {
+    for graph in [super_sample(2, Tier::Fast), interpolate(2, Tier::Fast), Peer::Ecbsr.graph(2)] {
+        let graph = graph.expect("a network");
+        let (weights, lr) = (Weights::random(&graph, header(&graph), 5), [90, 14]);
+        let images = images(&graph, lr, 3);
+        let shapes = graph.shapes(lr).expect("a size it takes");
+        let pool =
+            |threads: usize| rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        let run = || {
+            let mut engine = Engine::new(&graph, &weights, lr).expect("an engine");
+            let output = &graph.outputs()[0];
+            let mut image = vec![f32::NAN; shapes[output.tensor.index()].len()];
+            engine.run(&named(&images), &mut [(&output.name, &mut image)]).expect("it runs");
+            image
+        };
+        assert_eq!(pool(1).install(run), pool(3).install(run), "{}", graph.name());
+        pool(1).install(|| compare(&graph, &weights, lr));
+    }
+}
+
+/// Two that are the same, and more than a pass writes.
+#[test]
+fn any_number_of_outputs_is_written() {
+    let mut g = GraphBuilder::new("outputs", 1, Border::Zero);
+    let x = g.input("x", 18, 1);
+    let mut y = x;
+    for k in 0..9 {
+        y = g.layer(&format!("y.{k}"), Op::Scale { factor: 0.9 }, &[y]);
+        g.output(&format!("y.{k}"), y);
+    }
+    let part = g.layer("part", Op::Slice { first: 16, count: 2 }, &[y]);
+    let again = g.layer("again", Op::Activate(Activation::Tanh), &[part]);
+    for (name, tensor) in [("x", x), ("part", part), ("again", again)] {
+        g.output(name, tensor);
+    }
+    let graph = g.finish().expect("a graph");
+    let (weights, lr) = (weights(&graph), [3, 50]);
+    compare(&graph, &weights, lr);
+    let images = images(&graph, lr, 3);
+    let mut engine = Engine::new(&graph, &weights, lr).expect("an engine");
+    let (mut a, mut b) = (vec![0.0; 3 * 50 * 2], vec![1.0; 3 * 50 * 2]);
+    engine.run(&named(&images), &mut [("again", &mut a), ("again", &mut b)]).expect("it runs");
+    assert_eq!(a, b);
+    assert!(a.iter().any(|v| *v != 0.0));
 }
 
 /// A graph of one operation on images `a` and `b` of `channels`, and a factor `f` of one channel and a `flow`.

@@ -21,8 +21,9 @@ use fearless_simd::Level;
 use crate::arrays::{Array, Arrays};
 use crate::engine::block::{Block, Layout, Sources};
 use crate::engine::conv::{Convolution, fill_halo};
+use crate::engine::exchange::Exchange;
 use crate::engine::learned::Learned;
-use crate::engine::ops::{export_row, import_row, run_row};
+use crate::engine::ops::run_row;
 use crate::error::{RunError, WeightError};
 use crate::graph::{Conv2d, Graph, Op};
 use crate::images::{self, Named};
@@ -197,7 +198,8 @@ impl Differentiator {
         let border = self.plan.graph.border();
         match (&step.kind, kernels) {
             (Kind::Import { factor }, _) => {
-                import_row(image, *factor, &step.out, y, out, |out, v| *out = v);
+                let exchange = Exchange::new(&step.out, *factor);
+                exchange.import_row(self.level, image, [0, y], &step.out, out);
                 fill_halo(border, &step.out, out);
             }
             (Kind::Row(op), _) => {
@@ -224,7 +226,7 @@ impl Differentiator {
         let export = self.export(name)?;
         images::check_length(name, export.shape, image.len())?;
         let layout = &self.plan.steps[export.step].out;
-        write_image(&tape.values, layout, export, image);
+        write_image(self.level, &tape.values, layout, export, image);
         Ok(())
     }
 
@@ -282,7 +284,7 @@ impl Differentiator {
                     for (_, image) in v_inputs.iter_mut().filter(|(n, _)| n == name) {
                         let export =
                             Export { name: name.clone(), step: k, factor: 1, shape: plan.shapes[step.layer] };
-                        write_image(&scratch.v, v, &export, image);
+                        write_image(self.level, &scratch.v, v, &export, image);
                     }
                 }
                 // Each step that learns was packed.
@@ -459,22 +461,18 @@ fn check_array(name: &str, expected: &[usize], arrays: &Arrays) -> Result<(), We
 }
 
 /// Writes the tensor at `layout` in `blocks` to an image.
-fn write_image(blocks: &[Block], layout: &Layout, export: &Export, image: &mut [f32]) {
-    let rows = blocks[layout.start..][..layout.len()].chunks_exact(layout.row_len());
-    for (row, image) in rows.zip(image.chunks_exact_mut(image_row(layout, export.factor))) {
-        export_row(row, layout, export.factor, image);
+fn write_image(level: Level, blocks: &[Block], layout: &Layout, export: &Export, image: &mut [f32]) {
+    let exchange = Exchange::new(layout, export.factor);
+    for (y, image) in image.chunks_exact_mut(exchange.row_len()).enumerate() {
+        exchange.export_row(level, Sources::all(blocks), layout, y, layout.shape.width, image);
     }
 }
 
 /// Reads an image to the tensor at `layout` in `blocks`.
 fn read_image(image: &[f32], layout: &Layout, factor: usize, blocks: &mut [Block], write: Write) {
+    let exchange = Exchange::new(layout, factor);
     let rows = blocks[layout.start..][..layout.len()].chunks_exact_mut(layout.row_len());
-    for (y, row) in rows.enumerate() {
-        import_row(image, factor, layout, y, row, |out, v| write.number(out, v));
+    for (row, image) in rows.zip(image.chunks_exact(exchange.row_len())) {
+        exchange.import_any(image, 0, layout, row, |out, v| write.number(out, v));
     }
-}
-
-/// Numbers of an image of which a row of the tensor at `layout` makes `factor` rows.
-fn image_row(layout: &Layout, factor: usize) -> usize {
-    layout.shape.width * factor * factor * (layout.shape.channels / (factor * factor))
 }

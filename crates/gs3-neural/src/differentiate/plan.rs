@@ -3,7 +3,8 @@
 
 use crate::engine::block::Layout;
 use crate::engine::conv::Segment;
-use crate::engine::plan::{Arena, Readers};
+use crate::engine::nodes::Readers;
+use crate::engine::plan::Arena;
 use crate::graph::{Activation, Border, Conv2d, Graph, Op};
 use crate::shape::Shape;
 
@@ -89,7 +90,7 @@ impl Plan {
                     Kind::Convolution(_) | Kind::Learned(_) => true,
                     Kind::Row(op) => read_inputs(op, &inputs).iter().any(|i| steps[*i].v.is_some()),
                 };
-                let out = Layout { shape: shapes[k], halo: 0, start: 0 };
+                let out = Layout::whole(shapes[k], 0, 0);
                 steps.push(Step { layer, kind, inputs, layouts: Vec::new(), out, v: needed.then_some(out) });
                 steps.len() - 1
             };

@@ -48,9 +48,9 @@ impl Turned {
         let conv = Conv2d { outputs, bias: false, activation: Activation::Identity, ..*conv };
         // The derivative with the zeros beside it: where copies are, zeros are the image.
         let width = v.shape.width + 2 * extension;
-        let wide = Layout { shape: Shape { width, ..v.shape }, halo: v.halo - extension, start: v.start };
+        let wide = Layout::whole(Shape { width, ..v.shape }, v.halo - extension, v.start);
         let convolution = Convolution::new(conv, Border::Zero, &[wide], &turned, &[]);
-        let row = Layout { shape: Shape { height: 1, width, channels: outputs }, halo: 0, start: 0 };
+        let row = Layout::whole(Shape { height: 1, width, channels: outputs }, 0, 0);
         Some(Self { convolution, targets, extension, row })
     }
 

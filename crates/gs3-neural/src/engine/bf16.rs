@@ -1,17 +1,16 @@
 //! Convolutions in bf16 with sums in f32, on machines with AVX-512 BF16: twice the multiply-adds of f32.
 //!
 //! Tensors stay f32. Of each row the inputs that a run of pixels sees are rounded to bf16, two channels a 32-bit number, in a
-//! buffer on the stack; that costs as much as a few per cent of the multiply-adds. From there it is the f32 kernel with
+//! buffer of the thread; that costs as much as a few per cent of the multiply-adds. From there it is the f32 kernel with
 //! pairs of channels: sums of pixels × 16 output channels stay in registers.
 //!
 //! All `unsafe` code of the engine is here: vector instructions that the compiler cannot know the machine has.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch};
-use rayon::prelude::*;
 
 use super::block::{Block, LANES, Layout, Sources};
-use super::conv::{Segment, fill_halo, group};
+use super::conv::{Segment, group};
 use super::math::activate;
 use super::ops::load;
 use crate::graph::{Activation, Border, Conv2d};
@@ -30,11 +29,6 @@ const PAIRS: usize = LANES / 2;
 #[repr(C, align(64))]
 struct Weights([u16; 2 * LANES]);
 
-/// 16 channels of a pixel, a pair in each number.
-#[derive(Clone, Copy, Debug, Default)]
-#[repr(C, align(32))]
-struct Pixel([u32; PAIRS]);
-
 /// A convolution ready to run in bf16.
 #[derive(Clone, Debug)]
 pub struct Bf16Convolution {
@@ -43,25 +37,28 @@ pub struct Bf16Convolution {
     segments: Vec<Segment>,
     /// `[groups of output blocks, segments, taps, pairs of channels, blocks of the group]`.
     weights: Vec<Weights>,
+    /// Where the buffer of a run has what each segment, tap and pair of its first pixel sees: one loop goes over them all, as
+    /// those over the pairs of a tap would be too short.
+    places: Vec<usize>,
     /// `[output blocks]`.
     bias: Vec<Block>,
 }
 
 impl Bf16Convolution {
-    /// The convolution of `inputs`, concatenated, with `weights` `oihw` and `bias`, empty where there is none; none where the
-    /// machine lacks the instructions or f32 is better: on images of few columns, or with more inputs than the first
-    /// cache holds.
+    /// The convolution of `inputs`, concatenated, in strips of `width` pixels, with `weights` `oihw` and `bias`, empty where
+    /// there is none; none where the machine lacks the instructions or f32 is better: on images of few columns, or with more
+    /// inputs than the first cache holds.
     pub fn new(
         conv: Conv2d,
         border: Border,
         inputs: &[Layout],
+        width: usize,
         weights: &[f32],
         bias: &[f32],
     ) -> Option<Self> {
         let segments = Segment::all(inputs);
         let blocks_seen = segments.len() * conv.kernel * (RUN + 2 * conv.reach());
-        let is_wide = inputs.iter().all(|layout| layout.shape.width >= RUN);
-        if !(is_available() && is_wide && blocks_seen <= BUFFER) {
+        if !(is_available() && width >= RUN && blocks_seen <= BUFFER) {
             return None;
         }
         let channels: usize = segments.iter().map(|s| s.channels).sum();
@@ -92,20 +89,26 @@ impl Bf16Convolution {
         }
         let lane = |o: usize| bias.get(o).copied().unwrap_or(0.0);
         let bias = (0..blocks).map(|b| Block(std::array::from_fn(|l| lane(b * LANES + l)))).collect();
-        Some(Self { conv, border, segments, weights: packed, bias })
+        let columns = RUN + 2 * conv.reach();
+        let mut places = Vec::new();
+        for (k, segment) in segments.iter().enumerate() {
+            for tap in 0..taps {
+                let line = k * conv.kernel + tap / conv.kernel;
+                let pixel = line * columns + tap % conv.kernel * conv.dilation;
+                places.extend((0..segment.channels.div_ceil(2)).map(|pair| pixel * PAIRS + pair));
+            }
+        }
+        Some(Self { conv, border, segments, weights: packed, places, bias })
     }
 
-    /// Writes the convolution to `out`, the blocks of `layout`.
-    pub fn run(&self, level: Level, sources: Sources<'_>, layout: &Layout, out: &mut [Block]) {
-        out.par_chunks_exact_mut(layout.row_len()).enumerate().for_each(|(y, out)| {
-            kernel::row(self, sources, layout, y as isize, out);
-            if self.conv.activation != Activation::Identity {
-                dispatch!(level, simd => for block in &mut *out {
-                    block.0 = activate(simd, self.conv.activation, load(simd, block)).to_array();
-                });
-            }
-            fill_halo(self.border, layout, out);
-        });
+    /// Writes row `y` to `out`, a row of `layout` or a strip of one; its halo is left.
+    pub fn run_row(&self, level: Level, sources: Sources<'_>, layout: &Layout, y: usize, out: &mut [Block]) {
+        kernel::row(self, sources, layout, y as isize, out);
+        if self.conv.activation != Activation::Identity {
+            dispatch!(level, simd => for block in &mut *out {
+                block.0 = activate(simd, self.conv.activation, load(simd, block)).to_array();
+            });
+        }
     }
 }
 
@@ -139,37 +142,52 @@ mod kernel {
 #[cfg(target_arch = "x86_64")]
 #[allow(unsafe_code, reason = "vector instructions that not every machine has")]
 mod kernel {
+    use std::cell::RefCell;
+
     use std::arch::x86_64::{
         __m256bh, __m256i, __m512, __m512bh, __m512i, _mm256_store_si256, _mm512_dpbf16_ps, _mm512_load_ps,
         _mm512_load_si512, _mm512_maskz_cvtneps_pbh, _mm512_set1_epi32, _mm512_setzero_ps, _mm512_store_ps,
     };
 
     use super::{
-        BUFFER, Bf16Convolution, Block, Border, LANES, Layout, PAIRS, Pixel, RUN, Segment, Sources, Weights,
-        group,
+        BUFFER, Bf16Convolution, Block, Border, Layout, PAIRS, RUN, Segment, Sources, Weights, group,
     };
     use crate::engine::conv::unrolled;
 
+    /// What a run sees: for each pixel 16 channels, a pair in each number.
+    #[repr(C, align(32))]
+    struct Buffer([u32; BUFFER * PAIRS]);
+
+    thread_local! {
+        static BUFFER_OF_THREAD: RefCell<Box<Buffer>> = RefCell::new(Box::new(Buffer([0; BUFFER * PAIRS])));
+    }
+
     /// Writes row `y` to `out`, a row of `layout`, before the activation; its halo is left.
     pub fn row(conv: &Bf16Convolution, sources: Sources<'_>, layout: &Layout, y: isize, out: &mut [Block]) {
-        // SAFETY: a `Bf16Convolution` is only made where `is_available` found the instructions of `run_row`.
-        unsafe { run_row(conv, sources, layout, y, out) }
+        BUFFER_OF_THREAD.with_borrow_mut(|buffer| {
+            // SAFETY: a `Bf16Convolution` is only made where `is_available` found the instructions of `run_row`.
+            unsafe { run_row(conv, sources, layout, y, out, buffer) }
+        });
     }
 
     #[target_feature(enable = "avx512f,avx512bf16")]
-    fn run_row(conv: &Bf16Convolution, sources: Sources<'_>, layout: &Layout, y: isize, out: &mut [Block]) {
-        let mut buffer = [Pixel::default(); BUFFER];
-        let mut start = 0;
-        while start < layout.shape.width {
+    fn run_row(
+        conv: &Bf16Convolution,
+        sources: Sources<'_>,
+        layout: &Layout,
+        y: isize,
+        out: &mut [Block],
+        buffer: &mut Buffer,
+    ) {
+        for start in (0..layout.shape.width).step_by(RUN) {
             // The last run overlaps that before, whose pixels get the same values again.
             let x = start.min(layout.shape.width - RUN);
-            let rows = round(conv, sources, y, x, &mut buffer);
+            round(conv, sources, y, x, buffer);
             let (mut first, mut weights) = (0, &conv.weights[..]);
-            let per_block = conv.weights.len() / conv.bias.len();
             while first < conv.bias.len() {
                 let count = group(conv.bias.len() - first);
-                let (these, others) = weights.split_at(count * per_block);
-                let job = Job { conv, rows, buffer: &buffer, weights: these, bias: &conv.bias[first..] };
+                let (these, others) = weights.split_at(count * conv.places.len());
+                let job = Job { places: &conv.places, buffer, weights: these, bias: &conv.bias[first..] };
                 let out = &mut out[first * layout.stride() + layout.halo + x..];
                 match count {
                     3 => job.run::<3, 8>(layout.stride(), out),
@@ -179,114 +197,75 @@ mod kernel {
                 weights = others;
                 first += count;
             }
-            start += RUN;
         }
     }
 
     /// Rounds what pixels `x..x + RUN` of row `y` see to `buffer`, `[segments, rows, RUN and what the window reaches beside]`.
-    /// Which rows of the window are in the image, or not zero, it tells as bits.
     #[target_feature(enable = "avx512f,avx512bf16")]
-    fn round(
-        conv: &Bf16Convolution,
-        sources: Sources<'_>,
-        y: isize,
-        x: usize,
-        buffer: &mut [Pixel; BUFFER],
-    ) -> u64 {
+    fn round(conv: &Bf16Convolution, sources: Sources<'_>, y: isize, x: usize, buffer: &mut Buffer) {
         let Bf16Convolution { conv, border, segments, .. } = conv;
         let columns = RUN + 2 * conv.reach();
-        let mut rows = 0;
-        for (k, line) in buffer.chunks_exact_mut(columns).take(segments.len() * conv.kernel).enumerate() {
+        let lines = buffer.0.as_chunks_mut::<PAIRS>().0.chunks_exact_mut(columns);
+        for (k, line) in lines.take(segments.len() * conv.kernel).enumerate() {
             let (Segment { layout, block, channels }, ky) = (&segments[k / conv.kernel], k % conv.kernel);
             let place = y + (ky * conv.dilation) as isize - conv.reach() as isize;
             let inside = place.clamp(0, layout.shape.height as isize - 1);
             if *border == Border::Zero && place != inside {
+                line.fill([0; PAIRS]);
                 continue;
             }
-            rows |= 1 << ky;
             // The halo is at least as wide as the window's reach. Lanes beyond the channels hold anything: they become 0.
             let row = &sources.row(layout, inside as usize)[block * layout.stride()..][..layout.stride()];
             let mask = (u32::MAX >> (32 - channels)) as u16;
-            for (to, from) in line.iter_mut().zip(&row[x + layout.halo - conv.reach()..]) {
-                // SAFETY: both are as large as the vectors that are loaded and stored, and aligned to their size.
+            for (to, from) in line.iter_mut().zip(&row[x + sources.first(layout) - conv.reach()..]) {
+                // SAFETY: both are as large as the vectors that are loaded and stored, and aligned to their size: the buffer
+                // and blocks by their types.
                 unsafe {
                     let pixel = _mm512_maskz_cvtneps_pbh(mask, _mm512_load_ps(from.0.as_ptr()));
                     _mm256_store_si256(
-                        to.0.as_mut_ptr().cast(),
+                        to.as_mut_ptr().cast(),
                         std::mem::transmute::<__m256bh, __m256i>(pixel),
                     );
                 }
             }
         }
-        rows
     }
 
     /// A group of output blocks of a run.
     struct Job<'a> {
-        conv: &'a Bf16Convolution,
-        /// Of [`round`].
-        rows: u64,
-        buffer: &'a [Pixel; BUFFER],
+        places: &'a [usize],
+        buffer: &'a Buffer,
         weights: &'a [Weights],
         bias: &'a [Block],
     }
 
     impl Job<'_> {
-        /// `V` blocks of all pixels, `P` at a time, to `out`, in which blocks are `stride` apart.
+        /// `V` blocks of all pixels, `P` at a time, to `out`, in which blocks are `stride` apart. As in f32, all indices into
+        /// sums are constants.
         #[target_feature(enable = "avx512f,avx512bf16")]
         fn run<const V: usize, const P: usize>(&self, stride: usize, out: &mut [Block]) {
             for x in (0..RUN).step_by(P) {
-                let sums = self.sums::<V, P>(x);
-                for (v, sums) in sums.iter().enumerate() {
-                    out[v * stride + x..][..P].copy_from_slice(sums);
+                let mut sums: [[__m512; P]; V] = [[_mm512_setzero_ps(); P]; V];
+                unrolled!(V, BLOCK => { sums[BLOCK] = [load_bias(&self.bias[BLOCK]); P]; });
+                let seen = &self.buffer.0[x * PAIRS..];
+                for (place, w) in self.places.iter().zip(self.weights.as_chunks::<V>().0) {
+                    let Some(pairs) = seen.get(*place..*place + (P - 1) * PAIRS + 1) else { continue };
+                    let mut vectors = [zero_pairs(); V];
+                    unrolled!(V, BLOCK => { vectors[BLOCK] = load(&w[BLOCK]); });
+                    unrolled!(P, PIXEL => {
+                        let value = pairs_of(_mm512_set1_epi32(pairs[PIXEL * PAIRS] as i32));
+                        unrolled!(V, BLOCK => {
+                            sums[BLOCK][PIXEL] =
+                                _mm512_dpbf16_ps(sums[BLOCK][PIXEL], vectors[BLOCK], value);
+                        });
+                    });
                 }
-            }
-        }
-
-        /// The sums of `P` pixels from `x`. As in f32, all indices into them are constants.
-        #[target_feature(enable = "avx512f,avx512bf16")]
-        fn sums<const V: usize, const P: usize>(&self, x: usize) -> [[Block; P]; V] {
-            let Bf16Convolution { conv, segments, .. } = self.conv;
-            let columns = RUN + 2 * conv.reach();
-            let mut sums: [[__m512; P]; V] = [[_mm512_setzero_ps(); P]; V];
-            let (mut weights, mut lines) = (self.weights, self.buffer.chunks_exact(columns));
-            for segment in segments {
-                let pairs = segment.channels.div_ceil(2);
-                for ky in 0..conv.kernel {
-                    let (row_weights, rest) = weights.split_at(conv.kernel * pairs * V);
-                    weights = rest;
-                    let Some(line) = lines.next() else { break };
-                    if self.rows & 1 << ky == 0 {
-                        continue;
+                unrolled!(V, BLOCK => {
+                    if let Some(out) = out[BLOCK * stride + x..].first_chunk_mut::<P>() {
+                        unrolled!(P, PIXEL => { store(&mut out[PIXEL], sums[BLOCK][PIXEL]); });
                     }
-                    for (kx, tap_weights) in row_weights.chunks_exact(pairs * V).enumerate() {
-                        let Some(pixels) = line[x + kx * conv.dilation..].first_chunk::<P>() else {
-                            continue;
-                        };
-                        for (pair, w) in tap_weights.as_chunks::<V>().0.iter().take(PAIRS).enumerate() {
-                            let mut vectors = [zero_pairs(); V];
-                            unrolled!(V, BLOCK => { vectors[BLOCK] = load(&w[BLOCK]); });
-                            unrolled!(P, PIXEL => {
-                                let value = pairs_of(_mm512_set1_epi32(pixels[PIXEL].0[pair] as i32));
-                                unrolled!(V, BLOCK => {
-                                    sums[BLOCK][PIXEL] =
-                                        _mm512_dpbf16_ps(sums[BLOCK][PIXEL], vectors[BLOCK], value);
-                                });
-                            });
-                        }
-                    }
-                }
+                });
             }
-            let mut blocks = [[Block::default(); P]; V];
-            unrolled!(V, BLOCK => {
-                unrolled!(P, PIXEL => { store(&mut blocks[BLOCK][PIXEL], sums[BLOCK][PIXEL]); });
-            });
-            for (blocks, bias) in blocks.iter_mut().zip(self.bias) {
-                for block in blocks {
-                    (0..LANES).for_each(|lane| block.0[lane] += bias.0[lane]);
-                }
-            }
-            blocks
         }
     }
 
@@ -305,6 +284,12 @@ mod kernel {
     fn load(weights: &Weights) -> __m512bh {
         // SAFETY: 64 bytes, aligned to as many.
         pairs_of(unsafe { _mm512_load_si512(weights.0.as_ptr().cast()) })
+    }
+
+    #[target_feature(enable = "avx512f")]
+    fn load_bias(bias: &Block) -> __m512 {
+        // SAFETY: 64 bytes, aligned to as many.
+        unsafe { _mm512_load_ps(bias.0.as_ptr()) }
     }
 
     #[target_feature(enable = "avx512f")]

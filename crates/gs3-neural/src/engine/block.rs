@@ -10,19 +10,40 @@ pub const LANES: usize = 16;
 #[repr(align(64))]
 pub struct Block(pub [f32; LANES]);
 
-/// A tensor in the arena, `hCw16c`: rows, in them blocks of channels, in them pixels, in them 16 channels. Lanes beyond
-/// the channels hold anything.
+/// A tensor, `hCw16c`: rows, in them blocks of channels, in them pixels, in them 16 channels. Lanes beyond the channels
+/// hold anything.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
-    /// Size without borders.
+    /// Size without borders; of a strip, width is the strip's.
     pub shape: Shape,
     /// Pixels before and after each row that repeat its border or are zero.
     pub halo: usize,
-    /// Place in the arena, in blocks.
+    /// Place in the arena, or in the thread's scratch memory, in blocks.
     pub start: usize,
+    /// Where and how much of it there is.
+    pub room: Room,
+}
+
+/// How much of a tensor is kept, and where.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Room {
+    /// All of its rows, or the last ones that were written, in the arena.
+    Whole {
+        /// Blocks of other tensors between its rows.
+        beside: usize,
+        /// Bits of a row's number that tell its place.
+        mask: usize,
+    },
+    /// Of one row the pixels that are being computed, in scratch memory.
+    Strip,
 }
 
 impl Layout {
+    /// A whole tensor at `start`, alone.
+    pub fn whole(shape: Shape, halo: usize, start: usize) -> Self {
+        Self { shape, halo, start, room: Room::Whole { beside: 0, mask: usize::MAX } }
+    }
+
     /// Blocks of channels.
     pub fn blocks(&self) -> usize {
         self.shape.channels.div_ceil(LANES)
@@ -44,47 +65,103 @@ impl Layout {
     }
 }
 
-/// The arena, or what is left of it while a tensor is being written.
+/// Memory of which a part is being written: what is left of it.
 #[derive(Clone, Copy, Debug)]
-pub struct Sources<'a> {
+pub struct Rest<'a> {
     before: &'a [Block],
     after: &'a [Block],
-    /// Where `after` begins in the arena.
+    /// Where `after` begins.
     resume: usize,
 }
 
-impl<'a> Sources<'a> {
-    /// All of `arena`, in which nothing is being written.
-    pub fn all(arena: &'a [Block]) -> Self {
-        Self { before: arena, after: &[], resume: arena.len() }
+impl<'a> Rest<'a> {
+    /// Splits `memory` into the `len` blocks from `start` and all others.
+    pub fn split(memory: &'a mut [Block], start: usize, len: usize) -> (&'a mut [Block], Self) {
+        let (before, rest) = memory.split_at_mut(start);
+        let (out, after) = rest.split_at_mut(len);
+        (out, Self { before, after, resume: start + len })
     }
 
-    /// Splits `arena` into the blocks of `layout` and all others.
-    pub fn split(arena: &'a mut [Block], layout: &Layout) -> (&'a mut [Block], Self) {
-        let (before, rest) = arena.split_at_mut(layout.start);
-        let (out, after) = rest.split_at_mut(layout.len());
-        (out, Sources { before, after, resume: layout.start + layout.len() })
-    }
-
-    /// Row `y` of a tensor, with halo.
     #[inline(always)]
-    pub fn row(&self, layout: &Layout, y: usize) -> &'a [Block] {
-        let (start, len) = (layout.start + y * layout.row_len(), layout.row_len());
+    fn get(&self, start: usize, len: usize) -> &'a [Block] {
         match start.checked_sub(self.resume) {
             Some(start) => &self.after[start..][..len],
             None => &self.before[start..][..len],
         }
     }
+}
 
-    /// Block `b` of channels of row `y`, without halo: `[width]`.
+/// What can be read while a tensor is being written: whole rows, or those pixels of a row that a strip has.
+#[derive(Clone, Copy, Debug)]
+pub struct Sources<'a> {
+    arena: Rest<'a>,
+    strips: Rest<'a>,
+    /// The pixel of a row with which the strip begins.
+    x: usize,
+}
+
+impl<'a> Sources<'a> {
+    /// All of `arena`, in which nothing is being written, for whole rows.
+    pub fn all(arena: &'a [Block]) -> Self {
+        Self::rows(Rest { before: arena, after: &[], resume: arena.len() })
+    }
+
+    /// Splits `arena` into the blocks of `layout` and all others, for whole rows.
+    pub fn split(arena: &'a mut [Block], layout: &Layout) -> (&'a mut [Block], Self) {
+        let (out, rest) = Rest::split(arena, layout.start, layout.len());
+        (out, Self::rows(rest))
+    }
+
+    fn rows(arena: Rest<'a>) -> Self {
+        Self { arena, strips: Rest { before: &[], after: &[], resume: 0 }, x: 0 }
+    }
+
+    /// For the strip from pixel `x` on.
+    pub fn strip(arena: Rest<'a>, strips: Rest<'a>, x: usize) -> Self {
+        Self { arena, strips, x }
+    }
+
+    /// The first pixel of what is computed.
+    #[inline(always)]
+    pub fn x(&self) -> usize {
+        self.x
+    }
+
+    /// Row `y` of a tensor, with halo, or what there is of it.
+    #[inline(always)]
+    pub fn row(&self, layout: &Layout, y: usize) -> &'a [Block] {
+        let len = layout.row_len();
+        match layout.room {
+            Room::Whole { beside, mask } => self.arena.get(layout.start + (y & mask) * (len + beside), len),
+            Room::Strip => self.strips.get(layout.start, len),
+        }
+    }
+
+    /// Where in a block's part of [`Sources::row`] the first pixel of what is computed is.
+    #[inline(always)]
+    pub fn first(&self, layout: &Layout) -> usize {
+        match layout.room {
+            Room::Whole { .. } => layout.halo + self.x,
+            Room::Strip => 0,
+        }
+    }
+
+    /// Block `b` of channels of row `y`, from the first pixel of what is computed to the end of the image or strip.
     #[inline(always)]
     pub fn pixels(&self, layout: &Layout, y: usize, b: usize) -> &'a [Block] {
+        let line = &self.row(layout, y)[b * layout.stride()..][..layout.stride()];
+        &line[self.first(layout)..line.len() - layout.halo]
+    }
+
+    /// Block `b` of channels of row `y` of a whole tensor, without halo: `[width]`.
+    #[inline(always)]
+    pub fn line(&self, layout: &Layout, y: usize, b: usize) -> &'a [Block] {
         &self.row(layout, y)[b * layout.stride() + layout.halo..][..layout.shape.width]
     }
 
-    /// Channel `c` of pixel (x, y).
+    /// Channel `c` of pixel (x, y) of a whole tensor.
     #[inline(always)]
     pub fn at(&self, layout: &Layout, x: usize, y: usize, c: usize) -> f32 {
-        self.pixels(layout, y, c / LANES)[x].0[c % LANES]
+        self.line(layout, y, c / LANES)[x].0[c % LANES]
     }
 }

@@ -1,16 +1,16 @@
 //! Convolution with bias and activation.
 //!
-//! A thread computes a row; of it, up to 24 vectors at a time stay in registers: pixels × 16 output channels. Each weight
+//! A thread computes a strip of a row; of it, up to 24 vectors at a time stay in registers: pixels × 16 output channels. Each weight
 //! vector is loaded once for all of them and each number of the input once for all output channels, so the multiply-add
 //! units are the limit. Inputs of several tensors are read where they lie: concatenation costs nothing.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, dispatch, f32x16};
-use rayon::prelude::*;
 
 use super::block::{Block, LANES, Layout, Sources};
 use super::math::activate;
-use crate::graph::{Border, Conv2d};
+use super::ops::load;
+use crate::graph::{Activation, Border, Conv2d};
 
 /// `body` for each constant `index` below `count`, at most 24. Loops are unrolled too late by the compiler: sums that a
 /// loop indexes stay in memory, which costs more than half of the speed.
@@ -34,8 +34,7 @@ pub struct Convolution {
     border: Border,
     /// 16 or fewer channels of an input each, in the order of the weights.
     segments: Vec<Segment>,
-    /// `[groups of output blocks, segments, taps, channels of the segment, blocks of the group]`: `OIhw16i16o` with the
-    /// group's blocks side by side.
+    /// `[groups of output blocks, segments, rows of the window, channels of the segment, columns, blocks of the group]`.
     weights: Vec<Block>,
     /// `[output blocks]`.
     bias: Vec<Block>,
@@ -88,14 +87,15 @@ impl Convolution {
             let count = group(blocks - first);
             let mut channel = 0;
             for segment in &segments {
-                for tap in 0..taps {
-                    for i in channel..channel + segment.channels {
-                        for block in first..first + count {
-                            packed.push(Block(std::array::from_fn(|lane| {
-                                let o = block * LANES + lane;
-                                if o < conv.outputs { weights[(o * channels + i) * taps + tap] } else { 0.0 }
-                            })));
-                        }
+                for step in 0..conv.kernel * segment.channels * conv.kernel {
+                    let (row, column) = (step / (segment.channels * conv.kernel), step % conv.kernel);
+                    let i = channel + step / conv.kernel % segment.channels;
+                    let tap = row * conv.kernel + column;
+                    for block in first..first + count {
+                        packed.push(Block(std::array::from_fn(|lane| {
+                            let o = block * LANES + lane;
+                            if o < conv.outputs { weights[(o * channels + i) * taps + tap] } else { 0.0 }
+                        })));
                     }
                 }
                 channel += segment.channels;
@@ -107,15 +107,7 @@ impl Convolution {
         Self { conv, border, segments, weights: packed, bias }
     }
 
-    /// Writes the convolution to `out`, the blocks of `layout`.
-    pub fn run(&self, level: Level, sources: Sources<'_>, layout: &Layout, out: &mut [Block]) {
-        out.par_chunks_exact_mut(layout.row_len()).enumerate().for_each(|(y, out)| {
-            self.run_row(level, sources, layout, y as isize, out);
-            fill_halo(self.border, layout, out);
-        });
-    }
-
-    /// Writes row `y`, which may lie outside the image, to `out`, a row of `layout`; its halo is left.
+    /// Writes row `y`, which may lie outside the image, to `out`, a row of `layout` or a strip of one; its halo is left.
     pub fn run_row(&self, level: Level, sources: Sources<'_>, layout: &Layout, y: isize, out: &mut [Block]) {
         dispatch!(level, simd => self.row(simd, sources, layout, y, out));
     }
@@ -147,6 +139,14 @@ impl Convolution {
             }
             weights = others;
             first += count;
+        }
+        let activation = self.conv.activation;
+        if activation != Activation::Identity {
+            for line in out.chunks_exact_mut(layout.stride()) {
+                for block in &mut line[layout.halo..][..layout.shape.width] {
+                    block.0 = activate(simd, activation, load(simd, block)).to_array();
+                }
+            }
         }
     }
 }
@@ -192,33 +192,19 @@ impl Job<'_> {
         }
     }
 
-    /// `P` pixels from `x`.
+    /// `P` pixels from `x`, before the activation. All indices into their sums are constants, so that they stay in registers
+    /// until the end.
     #[inline(always)]
     fn run<S: Simd, const V: usize, const P: usize>(&self, simd: S, x: usize, out: &mut [Block]) {
-        let sums = self.sums::<S, V, P>(simd, x);
-        let stride = self.layout.stride();
-        for (v, sums) in sums.iter().enumerate() {
-            let bias = f32x16::load_array_ref(simd, &self.bias[v].0);
-            let out = &mut out[v * stride + self.layout.halo + x..][..P];
-            for (out, sum) in out.iter_mut().zip(sums) {
-                let sum = f32x16::load_array_ref(simd, &sum.0) + bias;
-                out.0 = activate(simd, self.conv.conv.activation, sum).to_array();
-            }
-        }
-    }
-
-    /// The sums of `P` pixels from `x`. All indices into them are constants, so that they stay in registers until
-    /// the end; they leave as blocks, because a loop over vectors would keep those in memory.
-    #[inline(always)]
-    fn sums<S: Simd, const V: usize, const P: usize>(&self, simd: S, x: usize) -> [[Block; P]; V] {
         let Convolution { conv, border, segments, .. } = self.conv;
         let mut sums = [[f32x16::splat(simd, 0.0); P]; V];
+        unrolled!(V, BLOCK => { sums[BLOCK] = [load(simd, &self.bias[BLOCK]); P]; });
         let mut weights = self.weights;
         let reach = conv.reach() as isize;
         for segment in segments {
-            let tap_len = segment.channels * V;
+            let steps = segment.channels * conv.kernel;
             for ky in 0..conv.kernel {
-                let (row_weights, rest) = weights.split_at(tap_len * conv.kernel);
+                let (row_weights, rest) = weights.split_at(steps * V);
                 weights = rest;
                 let last = segment.layout.shape.height as isize - 1;
                 let y = self.y + (ky * conv.dilation) as isize - reach;
@@ -230,27 +216,30 @@ impl Job<'_> {
                 let row =
                     &self.sources.row(&segment.layout, inside as usize)[segment.block * stride..][..stride];
                 // The halo is at least as wide as the window's reach.
-                let first = x + segment.layout.halo - conv.reach();
-                for (kx, tap_weights) in row_weights.chunks_exact(tap_len).enumerate() {
-                    let Some(pixels) = row[first + kx * conv.dilation..].first_chunk::<P>() else { continue };
-                    let (tap_weights, _) = tap_weights.as_chunks::<V>();
-                    for (i, w) in tap_weights.iter().take(LANES).enumerate() {
-                        unrolled!(P, PIXEL => {
-                            let value = f32x16::splat(simd, pixels[PIXEL].0[i]);
-                            unrolled!(V, BLOCK => {
-                                let w = f32x16::load_array_ref(simd, &w[BLOCK].0);
-                                sums[BLOCK][PIXEL] = value.mul_add(w, sums[BLOCK][PIXEL]);
-                            });
+                let row = &row[x + self.sources.first(&segment.layout) - conv.reach()..];
+                // One loop over the taps of all channels, not one for each channel.
+                let (mut tap, mut channel, end) = (0, 0, conv.kernel * conv.dilation);
+                for w in row_weights.as_chunks::<V>().0 {
+                    let Some(pixels) = row[tap..].first_chunk::<P>() else { continue };
+                    unrolled!(P, PIXEL => {
+                        let value = f32x16::splat(simd, pixels[PIXEL].0[channel % LANES]);
+                        unrolled!(V, BLOCK => {
+                            sums[BLOCK][PIXEL] = value.mul_add(load(simd, &w[BLOCK]), sums[BLOCK][PIXEL]);
                         });
-                    }
+                    });
+                    tap += conv.dilation;
+                    channel = if tap == end { channel + 1 } else { channel };
+                    tap = if tap == end { 0 } else { tap };
                 }
             }
         }
-        let mut blocks = [[Block::default(); P]; V];
-        unrolled!(P, PIXEL => {
-            unrolled!(V, BLOCK => { blocks[BLOCK][PIXEL].0 = sums[BLOCK][PIXEL].to_array(); });
+        let stride = self.layout.stride();
+        unrolled!(V, BLOCK => {
+            let out = &mut out[BLOCK * stride + self.layout.halo + x..];
+            if let Some(out) = out.first_chunk_mut::<P>() {
+                unrolled!(P, PIXEL => { out[PIXEL].0 = sums[BLOCK][PIXEL].to_array(); });
+            }
         });
-        blocks
     }
 }
 

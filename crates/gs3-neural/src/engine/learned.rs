@@ -2,7 +2,6 @@
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, dispatch, f32x16};
-use rayon::prelude::*;
 
 use super::block::{Block, LANES, Layout, Sources};
 use super::conv::fill_halo;
@@ -38,22 +37,7 @@ impl Learned {
         })
     }
 
-    /// Writes it to `out`, the blocks of `layout`.
-    pub fn run(
-        &self,
-        level: Level,
-        border: Border,
-        sources: Sources<'_>,
-        input: &Layout,
-        layout: &Layout,
-        out: &mut [Block],
-    ) {
-        out.par_chunks_exact_mut(layout.row_len()).enumerate().for_each(|(y, out)| {
-            self.run_row(level, border, sources, input, layout, y, out);
-        });
-    }
-
-    /// Writes row `y`, with halo, to `out`, a row of `layout`.
+    /// Writes row `y`, with halo, to `out`, a row of `layout` or a strip of one.
     pub fn run_row(
         &self,
         level: Level,

@@ -1,28 +1,48 @@
 //! The CPU engine: a network for one image size, planned once, run without allocation.
 //!
-//! Measured (`examples/speed.rs`) with two threads of a Zen 4 machine whose multiply-adds peak at 235 GFLOP/s, 480×270:
-//! 3×3 convolutions 16→16, 32→32 and 48→48 at 92, 92 and 96 % of the peak. Whole networks at ×4, images in and out
-//! included: super sampling 57, 159, 315 ms (55, 77, 86 %), interpolation 96, 234, 432 ms (46, 67, 76 %), fast, balanced,
-//! high. What convolutions leave is bringing images in and out, which is scalar, and the first layers, whose inputs have
-//! few channels.
+//! `nodes` are the graph's layers without those that only rearrange what convolutions and images bring. `passes` groups
+//! them: a pass goes over the rows once, strip by strip, and what its nodes make of a pixel stays in scratch memory of the
+//! thread; only what a later pass reads, or a neighbouring pixel, is stored whole. Passes of a group follow each other band
+//! by band, so that of that, too, only the last rows are kept. Images are read where they are needed, as often as that is,
+//! and written where they are made. `plan` places everything, `run` shares the rows out among threads.
+//!
+//! Measured (`examples/speed.rs`) with two threads of a Zen 4 machine whose f32 multiply-adds peak at 234 GFLOP/s, 480×270,
+//! shares of that peak: 3×3 convolutions 16→16, 32→32 and 48→48 at 92, 95 and 96 % (bf16: 147, 169, 175 %). Whole networks
+//! at ×4 in ms, images in and out included (balanced super sampling with `refine` of 1×1):
+//!
+//! | | fast | balanced | high |
+//! |---|---|---|---|
+//! | super sampling | 51 | 78 | 205 |
+//! | … bf16 | 40 | 57 | 135 |
+//! | interpolation | 49 | 98 | 192 |
+//! | … bf16 | 39 | 69 | 127 |
+//!
+//! Of the 51 ms of the first, multiply-adds at the peak are 25 and convolutions in all 32: in the network they read tensors
+//! from the second cache and have sigmoids and the like to compute. Images in and out are 10 ms, 240 MB of which each byte
+//! is moved once or twice, at 45 GB/s 5 ms; layers of single pixels are 5 ms, the warp 1.
 
 mod bf16;
 pub(crate) mod block;
 pub(crate) mod conv;
+pub(crate) mod exchange;
 pub(crate) mod learned;
 pub(crate) mod math;
+pub(crate) mod nodes;
 pub(crate) mod ops;
+mod passes;
 pub(crate) mod plan;
+mod run;
 
 use fearless_simd::Level;
 
 use crate::error::RunError;
-use crate::graph::{Border, Graph};
+use crate::graph::Graph;
 use crate::images::{self, Named};
 use crate::shape::Shape;
 use crate::weights::Weights;
-use block::{Block, Sources};
-use plan::{Kind, Plan};
+use block::{Block, Rest};
+use plan::Plan;
+use run::{Exports, Job};
 
 /// What convolutions compute with.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -42,6 +62,8 @@ pub struct Engine {
     shapes: Vec<Shape>,
     plan: Plan,
     arena: Vec<Block>,
+    /// Which of the images of a run each layer is.
+    image_of: Vec<usize>,
     level: Level,
 }
 
@@ -66,9 +88,10 @@ impl Engine {
     ) -> Result<Self, RunError> {
         let shapes = graph.shapes(lr)?;
         weights.check(graph)?;
-        let plan = Plan::new(graph, weights, &shapes, arithmetic);
+        let plan = Plan::new(graph, weights, &shapes, arithmetic, rayon::current_num_threads());
         let arena = vec![Block::default(); plan.arena];
-        Ok(Self { graph: graph.clone(), shapes, plan, arena, level: Level::new() })
+        let image_of = vec![0; shapes.len()];
+        Ok(Self { graph: graph.clone(), shapes, plan, arena, image_of, level: Level::new() })
     }
 
     /// Bytes of all results in flight.
@@ -82,7 +105,7 @@ impl Engine {
     pub fn shape(&self, name: &str) -> Option<Shape> {
         let input =
             self.graph.inputs().find(|(_, layer)| layer.name == name).map(|(t, _)| self.shapes[t.index()]);
-        input.or_else(|| self.plan.exports.iter().find(|e| e.name == name).map(|e| e.shape))
+        input.or_else(|| self.output(name).map(|output| self.plan.outputs[output]))
     }
 
     /// Runs the network on `images`, all its inputs, and writes those of its outputs that are asked for. Images are
@@ -93,39 +116,62 @@ impl Engine {
     pub fn run(&mut self, images: &[Named<'_>], outputs: &mut [(&str, &mut [f32])]) -> Result<(), RunError> {
         images::check(&self.graph, &self.shapes, images)?;
         for (name, image) in outputs.iter() {
-            let Some(export) = self.plan.exports.iter().find(|e| e.name == *name) else {
-                let expected: Vec<&str> = self.plan.exports.iter().map(|e| e.name.as_str()).collect();
+            let Some(output) = self.output(name) else {
+                let expected: Vec<&str> = self.graph.outputs().iter().map(|o| o.name.as_str()).collect();
                 return Err(RunError::Unknown { name: (*name).to_owned(), expected: expected.join(", ") });
             };
-            images::check_length(name, export.shape, image.len())?;
+            images::check_length(name, self.plan.outputs[output], image.len())?;
         }
-        // One entry into the pool for the whole network, not one for every step.
+        for (tensor, layer) in self.graph.inputs() {
+            // All inputs are there: that was checked.
+            let image = images.iter().position(|(name, _)| *name == layer.name);
+            self.image_of[tensor.index()] = image.unwrap_or_default();
+        }
+        // One entry into the pool for the whole network, not one for every pass.
         rayon::scope(|_| self.compute(images, outputs));
         Ok(())
     }
 
+    fn output(&self, name: &str) -> Option<usize> {
+        self.graph.outputs().iter().position(|output| output.name == name)
+    }
+
     fn compute(&mut self, images: &[Named<'_>], outputs: &mut [(&str, &mut [f32])]) {
-        let border: Border = self.graph.border();
-        for step in &self.plan.steps {
-            let (out, sources) = Sources::split(&mut self.arena, &step.out);
-            match &step.kind {
-                Kind::Import { layer, factor } => {
-                    // All inputs are there: that was checked.
-                    let image = images::find(images, &self.graph.layers()[*layer].name).unwrap_or_default();
-                    ops::import(image, *factor, border, &step.out, out);
+        let Plan { passes, groups, scratch, .. } = &self.plan;
+        for group in groups {
+            let passes = &passes[group.clone()];
+            let height = passes.first().map_or(0, |pass| pass.height);
+            let band = if passes.len() == 1 { height } else { self.plan.band };
+            let bands = height.div_ceil(band);
+            // The passes of a group, one band behind the other.
+            for (time, (k, pass)) in (0..bands + passes.len() - 1)
+                .flat_map(|time| passes.iter().enumerate().map(move |p| (time, p)))
+            {
+                let Some(first) = time.checked_sub(k).filter(|wave| *wave < bands).map(|wave| wave * band)
+                else {
+                    continue;
+                };
+                let count = band.min(height - first);
+                let start = pass.start + (first & pass.mask) * pass.row_len;
+                let (stored, arena) = Rest::split(&mut self.arena, start, count * pass.row_len);
+                let mut exports = Exports::default();
+                for (name, image) in outputs.iter_mut().rev() {
+                    let is_it = |(output, _): &(usize, usize)| self.graph.outputs()[*output].name == *name;
+                    if let Some(export) = pass.exports.iter().position(is_it) {
+                        let (_, row_len) = pass.exports[export];
+                        exports[export] = &mut image[first * row_len..][..count * row_len];
+                    }
                 }
-                Kind::Convolution(convolution) => convolution.run(self.level, sources, &step.out, out),
-                Kind::Bf16(convolution) => convolution.run(self.level, sources, &step.out, out),
-                Kind::Learned(learned) => {
-                    learned.run(self.level, border, sources, &step.inputs[0], &step.out, out);
-                }
-                Kind::Row(op) => ops::run(self.level, op, border, sources, &step.inputs, &step.out, out),
+                let (level, border, image_of) = (self.level, self.graph.border(), &self.image_of[..]);
+                let job = Job { pass, level, border, images, image_of, scratch: *scratch, arena };
+                job.rows(first, count, stored, exports);
             }
         }
-        for (name, image) in outputs {
-            if let Some(export) = self.plan.exports.iter().find(|e| e.name == *name) {
-                let tensor = &self.arena[export.tensor.start..][..export.tensor.len()];
-                ops::export(tensor, &export.tensor, export.factor, image);
+        // Outputs that are asked for twice.
+        for k in 1..outputs.len() {
+            let (before, [(name, image), ..]) = outputs.split_at_mut(k) else { break };
+            if let Some((_, same)) = before.iter().find(|(n, _)| n == name) {
+                image.copy_from_slice(same);
             }
         }
     }

@@ -1,31 +1,16 @@
-//! Operations other than convolution, a row at a time.
+//! Operations other than convolution, a row or a strip of one at a time.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, Simd, dispatch, f32x16};
-use rayon::prelude::*;
+use fearless_simd::{Level, Simd, dispatch, f32x4, f32x16, i32x4};
 
 use super::block::{Block, LANES, Layout, Sources};
 use super::conv::fill_halo;
+use super::exchange::{copy_fours, joined};
 use super::math::activate;
 use crate::graph::{Border, Filter, Op};
 use crate::reference::pooled;
 
-/// Writes `op` of `inputs` to `out`, the blocks of `layout`.
-pub fn run(
-    level: Level,
-    op: &Op,
-    border: Border,
-    sources: Sources<'_>,
-    inputs: &[Layout],
-    layout: &Layout,
-    out: &mut [Block],
-) {
-    out.par_chunks_exact_mut(layout.row_len()).enumerate().for_each(|(y, out)| {
-        run_row(level, op, border, sources, inputs, layout, y, out);
-    });
-}
-
-/// Writes row `y`, with halo, of `op` of `inputs` to `out`, a row of `layout`.
+/// Writes row `y`, with halo, of `op` of `inputs` to `out`, a row of `layout`: a strip of it where that is one.
 pub fn run_row(
     level: Level,
     op: &Op,
@@ -41,80 +26,6 @@ pub fn run_row(
     fill_halo(border, layout, out);
 }
 
-/// Writes an image from outside, channels last and `factor` times as wide and high, to `out`: blocks of `factor`²
-/// pixels become channels.
-pub fn import(image: &[f32], factor: usize, border: Border, layout: &Layout, out: &mut [Block]) {
-    out.par_chunks_exact_mut(layout.row_len()).enumerate().for_each(|(y, out)| {
-        import_row(image, factor, layout, y, out, |out, v| *out = v);
-        fill_halo(border, layout, out);
-    });
-}
-
-/// Row `y` of [`import`] without halo; `write` puts each number into its place.
-pub fn import_row(
-    image: &[f32],
-    factor: usize,
-    layout: &Layout,
-    y: usize,
-    out: &mut [Block],
-    write: impl Fn(&mut f32, f32),
-) {
-    let (stride, channels) = (layout.stride(), layout.shape.channels / (factor * factor));
-    let image_row = layout.shape.width * factor * channels;
-    if factor == 1 {
-        let line = &image[y * image_row..][..image_row];
-        for (b, out) in out.chunks_exact_mut(stride).enumerate() {
-            let lanes = b * LANES..channels.min((b + 1) * LANES);
-            for (out, pixel) in out[layout.halo..].iter_mut().zip(line.chunks_exact(channels)) {
-                out.0.iter_mut().zip(&pixel[lanes.clone()]).for_each(|(out, v)| write(out, *v));
-            }
-        }
-        return;
-    }
-    for c in 0..layout.shape.channels {
-        let (channel, i, j) = (c / (factor * factor), c / factor % factor, c % factor);
-        let line = &image[(y * factor + i) * image_row..][..image_row];
-        let out = &mut out[c / LANES * stride + layout.halo..][..layout.shape.width];
-        let numbers = line[j * channels + channel..].iter().step_by(factor * channels);
-        for (out, v) in out.iter_mut().zip(numbers) {
-            write(&mut out.0[c % LANES], *v);
-        }
-    }
-}
-
-/// Writes a tensor to an image, channels last and `factor` times as wide and high: the inverse of [`import`].
-pub fn export(tensor: &[Block], layout: &Layout, factor: usize, image: &mut [f32]) {
-    let image_rows = layout.shape.width * factor * factor * (layout.shape.channels / (factor * factor));
-    let rows = tensor.par_chunks_exact(layout.row_len());
-    image.par_chunks_exact_mut(image_rows).zip(rows).for_each(|(image, row)| {
-        export_row(row, layout, factor, image);
-    });
-}
-
-/// Writes a row of a tensor to the `factor` rows of an image that it makes.
-pub fn export_row(row: &[Block], layout: &Layout, factor: usize, image: &mut [f32]) {
-    let channels = layout.shape.channels / (factor * factor);
-    let image_row = layout.shape.width * factor * channels;
-    if factor == 1 {
-        for (b, line) in row.chunks_exact(layout.stride()).enumerate() {
-            let lanes = b * LANES..channels.min((b + 1) * LANES);
-            for (pixel, block) in image.chunks_exact_mut(channels).zip(&line[layout.halo..]) {
-                pixel[lanes.clone()].iter_mut().zip(&block.0).for_each(|(out, v)| *out = *v);
-            }
-        }
-        return;
-    }
-    for c in 0..layout.shape.channels {
-        let (channel, i, j) = (c / (factor * factor), c / factor % factor, c % factor);
-        let line = &mut image[i * image_row..][..image_row];
-        let pixels = &row[c / LANES * layout.stride() + layout.halo..][..layout.shape.width];
-        let numbers = line[j * channels + channel..].iter_mut().step_by(factor * channels);
-        for (out, pixel) in numbers.zip(pixels) {
-            *out = pixel.0[c % LANES];
-        }
-    }
-}
-
 /// A row of an operation.
 struct Row<'a> {
     sources: Sources<'a>,
@@ -128,7 +39,7 @@ impl<'a> Row<'a> {
     fn run<S: Simd>(&self, simd: S, op: &Op, out: &mut [Block]) {
         let stride = self.layout.stride();
         if matches!(op, Op::PixelShuffle { .. } | Op::PixelUnshuffle { .. } | Op::Concat | Op::Slice { .. }) {
-            return self.rearrange(op, out);
+            return self.rearrange(simd, op, out);
         }
         for (b, out) in out.chunks_exact_mut(stride).enumerate() {
             let out = &mut out[self.layout.halo..][..self.layout.shape.width];
@@ -152,7 +63,9 @@ impl<'a> Row<'a> {
                         t.at(simd, k).mul_add(y - x, x)
                     });
                 }
-                Op::ChannelMean | Op::ChannelMax => self.over_channels(matches!(op, Op::ChannelMean), out),
+                Op::ChannelMean | Op::ChannelMax => {
+                    self.over_channels(simd, matches!(op, Op::ChannelMean), out)
+                }
                 Op::Scale { factor } => {
                     let [x] = self.lines([0], b);
                     each(simd, out, |k| load(simd, &x[k]) * *factor);
@@ -167,10 +80,10 @@ impl<'a> Row<'a> {
                 Op::MaxPool2 => self.max_pool(simd, b, out),
                 Op::Upsample { factor, filter } => self.upsample(simd, *factor, *filter, b, out),
                 Op::Warp => {
-                    let flow = self.sources.pixels(&self.inputs[1], self.y, 0);
+                    let ([flow], first) = (self.lines([1], 0), self.sources.x());
                     each(simd, out, |k| {
                         let [dx, dy, ..] = flow[k].0;
-                        self.bilinear(simd, b, k as f32 + dx, self.y as f32 + dy)
+                        self.bilinear(simd, b, (first + k) as f32 + dx, self.y as f32 + dy)
                     });
                 }
                 // Rearrangements were made above; convolutions and inputs have steps of their own.
@@ -182,7 +95,7 @@ impl<'a> Row<'a> {
     /// This row of inputs, block `b`.
     #[inline(always)]
     fn lines<const N: usize>(&self, inputs: [usize; N], b: usize) -> [&'a [Block]; N] {
-        inputs.map(|input| self.sources.pixels(&self.inputs[input], self.y, b))
+        inputs.map(|input| &self.sources.pixels(&self.inputs[input], self.y, b)[..self.layout.shape.width])
     }
 
     #[inline(always)]
@@ -192,25 +105,41 @@ impl<'a> Row<'a> {
         Factor { line, single }
     }
 
-    fn over_channels(&self, mean: bool, out: &mut [Block]) {
-        let input = &self.inputs[0];
-        let channels = input.shape.channels;
-        for (x, out) in out.iter_mut().enumerate() {
-            let values = (0..channels).map(|c| self.sources.at(input, x, self.y, c));
+    /// The mean over all channels, or the largest. Lanes beyond the channels count nothing.
+    #[inline(always)]
+    fn over_channels<S: Simd>(&self, simd: S, mean: bool, out: &mut [Block]) {
+        let channels = self.inputs[0].shape.channels;
+        let last = channels.div_ceil(LANES) - 1;
+        let lane = |lane: usize| if last * LANES + lane < channels { 1.0 } else { 0.0 };
+        let is_there = load(simd, &Block(std::array::from_fn(lane))).simd_gt(0.0);
+        let nothing = f32x16::splat(simd, if mean { 0.0 } else { f32::NEG_INFINITY });
+        let ([line], first) = (self.lines([0], last), self.sources.first(&self.inputs[0]));
+        let (row, stride) = (self.sources.row(&self.inputs[0], self.y), self.inputs[0].stride());
+        for (x, (out, block)) in out.iter_mut().zip(line).enumerate() {
+            let mut all = is_there.select(load(simd, block), nothing);
+            for b in 0..last {
+                let block = load(simd, &row[b * stride + first + x]);
+                all = if mean { all + block } else { all.max(block) };
+            }
+            let (a, b) = all.split();
+            let half = if mean { a + b } else { a.max(b) };
+            let (a, b) = half.split();
+            let [a, b, c, d] = (if mean { a + b } else { a.max(b) }).to_array();
             out.0[0] = match mean {
-                true => values.sum::<f32>() / channels as f32,
-                false => values.fold(f32::NEG_INFINITY, f32::max),
+                true => (a + b + (c + d)) / channels as f32,
+                false => a.max(b).max(c.max(d)),
             };
         }
     }
 
     #[inline(always)]
     fn max_pool<S: Simd>(&self, simd: S, b: usize, out: &mut [Block]) {
-        let input = &self.inputs[0];
+        let (input, first) = (&self.inputs[0], self.sources.x());
         let [last_y, last_x] = [input.shape.height - 1, input.shape.width - 1];
         let [above, below] =
-            [2 * self.y, (2 * self.y + 1).min(last_y)].map(|y| self.sources.pixels(input, y, b));
-        each(simd, out, |x| {
+            [2 * self.y, (2 * self.y + 1).min(last_y)].map(|y| self.sources.line(input, y, b));
+        each(simd, out, |k| {
+            let x = first + k;
             let (left, right) = (2 * x, (2 * x + 1).min(last_x));
             let max = |line: &[Block]| load(simd, &line[left]).max(load(simd, &line[right]));
             max(above).max(max(below))
@@ -219,13 +148,13 @@ impl<'a> Row<'a> {
 
     #[inline(always)]
     fn average_pool<S: Simd>(&self, simd: S, side: usize, stride: usize, b: usize, out: &mut [Block]) {
-        let input = &self.inputs[0];
-        each(simd, out, |x| {
-            let [rows, columns] = pooled(input.shape, [x, self.y], side, stride);
+        let (input, first) = (&self.inputs[0], self.sources.x());
+        each(simd, out, |k| {
+            let [rows, columns] = pooled(input.shape, [first + k, self.y], side, stride);
             let count = (rows.len() * columns.len()) as f32;
             let mut sum = f32x16::splat(simd, 0.0);
             for y in rows {
-                for block in &self.sources.pixels(input, y, b)[columns.clone()] {
+                for block in &self.sources.line(input, y, b)[columns.clone()] {
                     sum += load(simd, block);
                 }
             }
@@ -235,14 +164,15 @@ impl<'a> Row<'a> {
 
     #[inline(always)]
     fn upsample<S: Simd>(&self, simd: S, factor: usize, filter: Filter, b: usize, out: &mut [Block]) {
+        let first = self.sources.x();
         match filter {
             Filter::Nearest => {
-                let line = self.sources.pixels(&self.inputs[0], self.y / factor, b);
-                each(simd, out, |x| load(simd, &line[x / factor]));
+                let line = self.sources.line(&self.inputs[0], self.y / factor, b);
+                each(simd, out, |k| load(simd, &line[(first + k) / factor]));
             }
             Filter::Bilinear => {
                 let place = |x: usize| (x as f32 + 0.5) / factor as f32 - 0.5;
-                each(simd, out, |x| self.bilinear(simd, b, place(x), place(self.y)));
+                each(simd, out, |k| self.bilinear(simd, b, place(first + k), place(self.y)));
             }
         }
     }
@@ -251,27 +181,18 @@ impl<'a> Row<'a> {
     #[inline(always)]
     fn bilinear<S: Simd>(&self, simd: S, b: usize, x: f32, y: f32) -> f32x16<S> {
         let input = &self.inputs[0];
-        let axis = |place: f32, side: usize| {
-            let place = place.clamp(0.0, (side - 1) as f32);
-            // Not-a-number becomes 0 here.
-            let first = (place as usize).min(side.saturating_sub(2));
-            (first, (first + 1).min(side - 1), place - first as f32)
-        };
-        let (left, right, fx) = axis(x, input.shape.width);
-        let (above, below, fy) = axis(y, input.shape.height);
-        let along_x = |y: usize| {
-            let line = self.sources.pixels(input, y, b);
-            let (a, b) = (load(simd, &line[left]), load(simd, &line[right]));
-            (b - a).mul_add(fx, a)
-        };
-        let (a, b) = (along_x(above), along_x(below));
-        (b - a).mul_add(fy, a)
+        let Corners { columns: [left, right], rows, fraction } =
+            Corners::new(simd, [input.shape.width, input.shape.height], [x, y]);
+        let [above, below] = rows.map(|y| self.sources.line(input, y, b));
+        Corners::between(simd, [&above[left].0, &above[right].0, &below[left].0, &below[right].0], fraction)
     }
 
-    fn rearrange(&self, op: &Op, out: &mut [Block]) {
+    #[inline(always)]
+    fn rearrange<S: Simd>(&self, simd: S, op: &Op, out: &mut [Block]) {
         match op {
-            Op::Slice { first, .. } => self.copy(|c| (0, first + c), out),
+            Op::Slice { first, .. } => self.copy(simd, |c| (0, first + c), out),
             Op::Concat => self.copy(
+                simd,
                 |c| {
                     let (mut input, mut channel) = (0, c);
                     while channel >= self.inputs[input].shape.channels {
@@ -282,25 +203,48 @@ impl<'a> Row<'a> {
                 },
                 out,
             ),
+            Op::PixelShuffle { factor: 2 } if self.layout.shape.channels.is_multiple_of(LANES) => {
+                self.shuffle_twos(simd, out);
+            }
             _ => self.shuffle(op, out),
         }
     }
 
+    /// [`Op::PixelShuffle`] by 2 to whole blocks, each of four blocks, of which a pixel has two of each four channels.
+    #[inline(always)]
+    fn shuffle_twos<S: Simd>(&self, simd: S, out: &mut [Block]) {
+        for (b, out) in out.chunks_exact_mut(self.layout.stride()).enumerate() {
+            let lines = [0, 1, 2, 3].map(|k| self.sources.line(&self.inputs[0], self.y / 2, 4 * b + k));
+            let out = &mut out[self.layout.halo..][..self.layout.shape.width];
+            for (k, out) in out.iter_mut().enumerate() {
+                let x = self.sources.x() + k;
+                let place = 2 * (self.y % 2) + x % 2;
+                let fours = lines.map(|line| simd.load_four_interleaved_f32x4(&line[x / 2].0)[place]);
+                out.0 = joined(simd, fours);
+            }
+        }
+    }
+
     /// Copies every channel from the input and its channel that `source` names, as many at a time as lie side by side.
-    fn copy(&self, source: impl Fn(usize) -> (usize, usize), out: &mut [Block]) {
+    #[inline(always)]
+    fn copy<S: Simd>(&self, simd: S, source: impl Fn(usize) -> (usize, usize), out: &mut [Block]) {
         let (shape, mut c) = (self.layout.shape, 0);
         while c < shape.channels {
             let (input, channel) = source(c);
             let count = run_len(c, shape.channels, channel, self.inputs[input].shape.channels);
-            let line = self.sources.pixels(&self.inputs[input], self.y, channel / LANES);
+            let line = &self.sources.pixels(&self.inputs[input], self.y, channel / LANES)[..shape.width];
             let out = &mut out[c / LANES * self.layout.stride() + self.layout.halo..][..shape.width];
-            match count {
-                LANES => out.copy_from_slice(line),
-                _ => {
-                    let (to, from) = (c % LANES, channel % LANES);
-                    for (out, pixel) in out.iter_mut().zip(line) {
-                        out.0[to..to + count].copy_from_slice(&pixel.0[from..from + count]);
-                    }
+            let (to, from, fours) = (c % LANES, channel % LANES, count.next_multiple_of(4));
+            if count == LANES {
+                out.copy_from_slice(line);
+            } else if to.max(from) + fours <= LANES {
+                // Lanes beyond the channels hold anything, or are written next.
+                for (out, pixel) in out.iter_mut().zip(line) {
+                    copy_fours(simd, &pixel.0[from..from + fours], &mut out.0[to..to + fours]);
+                }
+            } else {
+                for (out, pixel) in out.iter_mut().zip(line) {
+                    out.0[to..to + count].copy_from_slice(&pixel.0[from..from + count]);
                 }
             }
             c += count;
@@ -309,24 +253,27 @@ impl<'a> Row<'a> {
 
     fn shuffle(&self, op: &Op, out: &mut [Block]) {
         let (stride, shape, y) = (self.layout.stride(), self.layout.shape, self.y);
+        let first = self.sources.x();
         for c in 0..shape.channels {
             let out = &mut out[c / LANES * stride + self.layout.halo..][..shape.width];
             let lane = c % LANES;
             match op {
                 Op::PixelShuffle { factor: f } => {
                     // One pass for each column of the block: a pass reads one channel.
-                    for j in 0..*f {
+                    for k in 0..shape.width.min(*f) {
+                        let (x, j) = ((first + k) / f, (first + k) % f);
                         let channel = c * f * f + y % f * f + j;
-                        let line = self.sources.pixels(&self.inputs[0], y / f, channel / LANES);
-                        for (out, pixel) in out[j.min(shape.width)..].iter_mut().step_by(*f).zip(line) {
+                        let line = &self.sources.line(&self.inputs[0], y / f, channel / LANES)[x..];
+                        for (out, pixel) in out[k..].iter_mut().step_by(*f).zip(line) {
                             out.0[lane] = pixel.0[channel % LANES];
                         }
                     }
                 }
                 Op::PixelUnshuffle { factor: f } => {
                     let (channel, i, j) = (c / (f * f), c / f % f, c % f);
-                    let line = self.sources.pixels(&self.inputs[0], y * f + i, channel / LANES);
-                    for (out, pixel) in out.iter_mut().zip(line[j..].iter().step_by(*f)) {
+                    let line =
+                        &self.sources.line(&self.inputs[0], y * f + i, channel / LANES)[first * f + j..];
+                    for (out, pixel) in out.iter_mut().zip(line.iter().step_by(*f)) {
                         out.0[lane] = pixel.0[channel % LANES];
                     }
                 }
@@ -334,6 +281,86 @@ impl<'a> Row<'a> {
                 _ => {}
             }
         }
+    }
+}
+
+/// Writes the pixels of row `y` of an image of whole blocks, of `[width, height]`, moved by the tensor of `flow`, to `out`, a
+/// strip of `layout`.
+pub fn warp_image_row(
+    level: Level,
+    image: &[f32],
+    size: [usize; 2],
+    sources: Sources<'_>,
+    flow: &Layout,
+    layout: &Layout,
+    y: usize,
+    out: &mut [Block],
+) {
+    let flow = &sources.pixels(flow, y, 0)[..layout.shape.width];
+    dispatch!(level, simd => warp_image(simd, image, size, flow, [sources.x(), y], layout, out));
+}
+
+#[inline(always)]
+fn warp_image<S: Simd>(
+    simd: S,
+    image: &[f32],
+    size: [usize; 2],
+    flow: &[Block],
+    [x, y]: [usize; 2],
+    layout: &Layout,
+    out: &mut [Block],
+) {
+    let (blocks, _) = image.as_chunks::<LANES>();
+    for (k, flow) in flow.iter().enumerate() {
+        let [dx, dy, ..] = flow.0;
+        let place = [(x + k) as f32 + dx, y as f32 + dy];
+        let Corners { columns: [left, right], rows: [above, below], fraction } =
+            Corners::new(simd, size, place);
+        for b in 0..layout.blocks() {
+            let pixel = |x: usize, y: usize| &blocks[(y * size[0] + x) * layout.blocks() + b];
+            let corners = [pixel(left, above), pixel(right, above), pixel(left, below), pixel(right, below)];
+            out[b * layout.stride() + k].0 = Corners::between(simd, corners, fraction).to_array();
+        }
+    }
+}
+
+/// The four pixels around a place.
+struct Corners {
+    columns: [usize; 2],
+    rows: [usize; 2],
+    /// Of the way from the first column and row to the second.
+    fraction: [f32; 2],
+}
+
+impl Corners {
+    /// Those around `place` (x, y), whose integers are pixels' centres, moved into an image of `[width, height]`.
+    #[inline(always)]
+    fn new<S: Simd>(simd: S, [width, height]: [usize; 2], [x, y]: [f32; 2]) -> Self {
+        // Both axes at once.
+        let axes = |x: f32, y: f32| f32x4::simd_from(simd, [x, y, 0.0, 0.0]);
+        let last = axes((width - 1) as f32, (height - 1) as f32);
+        let before_last = axes(width.saturating_sub(2) as f32, height.saturating_sub(2) as f32);
+        // Not-a-number becomes 0 here.
+        let place = axes(x, y).max_precise(0.0).min(last);
+        let first = place.floor().min(before_last);
+        let [fx, fy, ..] = (place - first).to_array();
+        let [left, above, ..] = first.to_int::<i32x4<S>>().to_array().map(|first| first as usize);
+        Self {
+            columns: [left, (left + 1).min(width - 1)],
+            rows: [above, (above + 1).min(height - 1)],
+            fraction: [fx, fy],
+        }
+    }
+
+    /// Bilinear between the four pixels, row by row.
+    #[inline(always)]
+    fn between<S: Simd>(simd: S, corners: [&[f32; LANES]; 4], [fx, fy]: [f32; 2]) -> f32x16<S> {
+        // No closure: one of vectors would be a function compiled for narrow ones.
+        let a = f32x16::load_array_ref(simd, corners[0]);
+        let b = f32x16::load_array_ref(simd, corners[2]);
+        let a = (f32x16::load_array_ref(simd, corners[1]) - a).mul_add(fx, a);
+        let b = (f32x16::load_array_ref(simd, corners[3]) - b).mul_add(fx, b);
+        (b - a).mul_add(fy, a)
     }
 }
 

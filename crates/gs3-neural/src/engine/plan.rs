@@ -1,177 +1,309 @@
-//! What is computed in which order, and where in the arena.
+//! What is computed in which order, and where in memory.
+
+use std::ops::Range;
 
 use super::Arithmetic;
 use super::bf16::Bf16Convolution;
-use super::block::Layout;
+use super::block::{LANES, Layout, Room};
 use super::conv::Convolution;
+use super::exchange::Exchange;
 use super::learned::Learned;
-use crate::graph::{Graph, Op, Tensor};
+use super::nodes::{Made, Node, nodes};
+use super::passes::Passes;
+use crate::graph::{Graph, Op};
 use crate::reference::parameter;
 use crate::shape::Shape;
 use crate::weights::Weights;
 
-/// All steps of a network for one image size.
+/// Pixels of a row that a thread computes together: so many that weights are loaded for enough of them, so few that what
+/// is made of them stays in the first cache, where 64 channels take 12 KiB. Empirical.
+const STRIP: usize = 48;
+
+/// Rows of a band for each thread: so few that what passes of a group store for each other stays in a cache, so many that
+/// threads seldom wait for each other. Empirical.
+const ROWS: usize = 8;
+
+/// Strips are multiples of this, if images are wide enough: of all numbers of pixels whose sums convolutions keep in
+/// registers, but one.
+const MULTIPLE: usize = 12;
+
+/// All that is computed for one image size.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    pub steps: Vec<Step>,
-    pub exports: Vec<Export>,
+    pub passes: Vec<Pass>,
+    /// Passes that go over their rows together.
+    pub groups: Vec<Range<usize>>,
+    /// Rows that passes of a group are apart: a power of two.
+    pub band: usize,
+    /// Shapes of the outputs, in the order of the graph.
+    pub outputs: Vec<Shape>,
     /// Blocks of the arena.
     pub arena: usize,
+    /// Blocks of a thread's scratch memory.
+    pub scratch: usize,
 }
 
-/// One result that is stored.
+/// What is computed in one go over the rows of images of one size.
+#[derive(Clone, Debug)]
+pub struct Pass {
+    pub steps: Vec<Step>,
+    pub height: usize,
+    pub width: usize,
+    /// Pixels of a strip.
+    pub strip: usize,
+    /// Where what it stores is in the arena.
+    pub start: usize,
+    /// Blocks of a row of all that it stores: rows of its tensors are side by side, so that threads can share them out.
+    pub row_len: usize,
+    /// Bits of a row's number that tell its place.
+    pub mask: usize,
+    /// The outputs that it writes, and numbers of their images for each row.
+    pub exports: Vec<(usize, usize)>,
+}
+
+/// One result.
 #[derive(Clone, Debug)]
 pub struct Step {
     pub kind: Kind,
     pub inputs: Vec<Layout>,
+    /// Its strip; of an export, of what it reads.
     pub out: Layout,
+    /// Where it is stored whole, if it is.
+    pub stored: Option<Layout>,
 }
 
 /// How a result is made.
 #[derive(Clone, Debug)]
 pub enum Kind {
-    /// From the image of a layer, blocks of `factor`² pixels becoming channels.
-    Import {
-        layer: usize,
-        factor: usize,
-    },
+    /// From images of layers.
+    Import(Vec<(usize, Exchange)>),
     Convolution(Convolution),
     Bf16(Bf16Convolution),
     Learned(Learned),
     Row(Op),
+    /// A warp of the image of a layer, where that lies.
+    WarpImage {
+        image: usize,
+    },
+    /// To one of the images of [`Pass::exports`].
+    Export {
+        export: usize,
+        exchange: Exchange,
+    },
 }
 
-/// A named result.
-#[derive(Clone, Debug)]
-pub struct Export {
-    pub name: String,
-    pub tensor: Layout,
-    /// Blocks of `factor`² channels become pixels.
-    pub factor: usize,
-    /// Shape of the image.
-    pub shape: Shape,
-}
-
-/// What reads each layer's result.
-pub struct Readers<'a> {
+/// Everything that steps are planned from.
+struct Planner<'a> {
     graph: &'a Graph,
-    readers: Vec<Vec<usize>>,
-    pub is_output: Vec<bool>,
-}
-
-impl<'a> Readers<'a> {
-    pub fn new(graph: &'a Graph) -> Self {
-        let count = graph.layers().len();
-        let (mut readers, mut is_output) = (vec![Vec::new(); count], vec![false; count]);
-        for (k, layer) in graph.layers().iter().enumerate() {
-            layer.inputs.iter().for_each(|t| readers[t.index()].push(k));
-        }
-        graph.outputs().iter().for_each(|o| is_output[o.tensor.index()] = true);
-        Self { graph, readers, is_output }
-    }
-
-    fn all_readers(&self, k: usize, f: impl Fn(&Op) -> bool) -> bool {
-        self.readers[k].iter().all(|reader| f(&self.graph.layers()[*reader].op))
-    }
-
-    /// Whether the result of layer `k` need not be stored: convolutions read the parts of a concatenation, images are
-    /// unshuffled while they come in and shuffled while they go out.
-    pub fn is_fused(&self, k: usize) -> bool {
-        let layer = &self.graph.layers()[k];
-        match layer.op {
-            Op::Concat => !self.is_output[k] && self.all_readers(k, |op| matches!(op, Op::Conv2d(_))),
-            Op::Input { .. } => {
-                let unshuffled = self.all_readers(k, |op| matches!(op, Op::PixelUnshuffle { .. }));
-                !self.is_output[k] && unshuffled
-            }
-            Op::PixelShuffle { .. } => {
-                self.is_output[k] && self.readers[k].is_empty() && layer.inputs.len() == 1
-            }
-            _ => false,
-        }
-    }
-
-    /// The stored results that layer `k` reads.
-    fn stored_inputs(&self, k: usize) -> Vec<Tensor> {
-        let mut stored = Vec::new();
-        for tensor in &self.graph.layers()[k].inputs {
-            let layer = &self.graph.layers()[tensor.index()];
-            match layer.op {
-                Op::Concat if self.is_fused(tensor.index()) => stored.extend(&layer.inputs),
-                Op::Input { .. } if self.is_fused(tensor.index()) => {}
-                _ => stored.push(*tensor),
-            }
-        }
-        stored
-    }
+    weights: &'a Weights,
+    arithmetic: Arithmetic,
+    nodes: Vec<Node>,
+    passes: Passes,
+    /// Where nodes are stored that are.
+    stored: Vec<Option<Layout>>,
 }
 
 impl Plan {
-    /// The plan of `graph` with `weights`, which fit, for results of `shapes`.
-    pub fn new(graph: &Graph, weights: &Weights, shapes: &[Shape], arithmetic: Arithmetic) -> Self {
-        let readers = Readers::new(graph);
-        let count = shapes.len();
-        let (mut halos, mut last_use) = (vec![0; count], vec![0; count]);
-        for (k, layer) in graph.layers().iter().enumerate() {
-            for tensor in readers.stored_inputs(k) {
-                let t = tensor.index();
-                // What leaves the network stays to the end.
-                last_use[t] =
-                    last_use[t].max(if readers.is_fused(k) && readers.is_output[k] { count } else { k });
-                if let Op::Conv2d(conv) = &layer.op {
-                    halos[t] = conv.reach().max(halos[t]);
-                }
+    /// The plan of `graph` with `weights`, which fit, for results of `shapes`. It is made for a number of threads, but runs
+    /// on any.
+    pub fn new(
+        graph: &Graph,
+        weights: &Weights,
+        shapes: &[Shape],
+        arithmetic: Arithmetic,
+        threads: usize,
+    ) -> Self {
+        let nodes = nodes(graph, shapes);
+        let band = (ROWS * threads).next_power_of_two();
+        let passes = Passes::new(graph, &nodes, band);
+        let stored = vec![None; nodes.len()];
+        let mut planner = Planner { graph, weights, arithmetic, nodes, passes, stored };
+        let (mut arena, mut scratch) = (Arena::default(), 0);
+        let mut planned = Vec::new();
+        for pass in planner.passes.groups.clone().into_iter().flatten() {
+            let place = planner.store(pass, band, &mut arena);
+            planned.push(planner.pass(pass, place, &mut scratch));
+        }
+        let outputs = graph.outputs().iter().map(|output| shapes[output.tensor.index()]).collect();
+        Self { passes: planned, groups: planner.passes.groups, band, outputs, arena: arena.len, scratch }
+    }
+}
+
+impl Planner<'_> {
+    fn members(&self, pass: usize) -> impl Iterator<Item = usize> {
+        (0..self.nodes.len()).filter(move |n| self.passes.pass_of[*n] == Some(pass))
+    }
+
+    /// Gives what `pass` stores a place: its start, the blocks of a row, and the bits of a row's number that tell its place.
+    fn store(&mut self, pass: usize, band: usize, arena: &mut Arena) -> [usize; 3] {
+        let members: Vec<usize> = self.members(pass).filter(|n| self.passes.is_stored(*n)).collect();
+        let (mut height, mut row_len, mut last_use) = (0, 0, pass);
+        for n in &members {
+            let mut halo = 0;
+            for reader in &self.passes.readers[*n] {
+                halo = halo.max(self.nodes[reader.node].reach(self.graph));
+                last_use = last_use.max(self.passes.pass_of[reader.node].unwrap_or(pass));
             }
-            if readers.is_output[k] {
-                last_use[k] = count;
+            let layout = Layout::whole(self.nodes[*n].shape, halo, row_len);
+            row_len += layout.row_len();
+            height = layout.shape.height;
+            self.stored[*n] = Some(layout);
+        }
+        let [group, last_group] = [pass, last_use].map(|pass| self.passes.group_of(pass));
+        // A reader of the group is `last_use` − `pass` bands behind; it sees rows of the band before its own.
+        let kept = match group == last_group {
+            true => ((last_use - pass + 2) * band).next_power_of_two(),
+            false => height,
+        };
+        let mask = if kept < height { kept - 1 } else { usize::MAX };
+        let start = arena.place(group, last_group, kept.min(height) * row_len);
+        for n in members {
+            if let Some(layout) = &mut self.stored[n] {
+                layout.start += start;
+                layout.room = Room::Whole { beside: row_len - layout.row_len(), mask };
             }
         }
+        [start, row_len, mask]
+    }
+
+    /// The inputs of node `n` that it does not read from images where these lie.
+    fn strips(&self, n: usize) -> &[usize] {
+        let inputs = &self.nodes[n].inputs[..];
+        match self.joined(n).is_some() {
+            true => &[],
+            false if self.nodes[n].warped_image(self.graph, &self.nodes).is_some() => &inputs[1..],
+            false => inputs,
+        }
+    }
+
+    /// The images that node `n` only puts side by side, if that is what it does.
+    fn joined(&self, n: usize) -> Option<Vec<(usize, Exchange)>> {
+        let node = &self.nodes[n];
+        let mut first = 0;
+        let image = |input: &usize| {
+            let Node { made, shape, .. } = &self.nodes[*input];
+            match made {
+                Made::Import { layer, factor: 1 } if self.passes.pass_of[*input].is_none() => {
+                    let exchange = Exchange { first, ..Exchange::new(&Layout::whole(*shape, 0, 0), 1) };
+                    first += shape.channels;
+                    Some((*layer, exchange))
+                }
+                _ => None,
+            }
+        };
+        (node.made == Made::Concat).then(|| node.inputs.iter().map(image).collect()).flatten()
+    }
+
+    /// The first block of the strip of node `n`'s input that `n` is a view of: a slice that needs no place of its own.
+    fn view(&self, n: usize) -> Option<usize> {
+        let (Made::Layer(layer), [input]) = (self.nodes[n].made, &self.nodes[n].inputs[..]) else {
+            return None;
+        };
+        let Op::Slice { first, .. } = self.graph.layers()[layer].op else { return None };
+        let is_strip = [self.passes.pass_of[n], None].contains(&self.passes.pass_of[*input]);
+        let is_view = first.is_multiple_of(LANES) && is_strip && !self.passes.is_stored(n);
+        is_view.then_some(first / LANES)
+    }
+
+    /// The last of `order` that reads the strip of node `n` or a view of it.
+    fn last_use(&self, order: &[usize], n: usize) -> usize {
+        let readers = order.iter().enumerate().filter(|(_, other)| self.strips(**other).contains(&n));
+        let last = readers.map(|(k, other)| match self.view(*other).is_some() {
+            true => self.last_use(order, *other).max(k),
+            false => k,
+        });
+        last.max().unwrap_or(0)
+    }
+
+    /// The steps of `pass`, whose strips lie in `scratch` blocks or more.
+    fn pass(&self, pass: usize, [start, row_len, mask]: [usize; 3], scratch: &mut usize) -> Pass {
+        let mut order = Vec::new();
+        for n in self.members(pass) {
+            // Images that are imported wherever they are read.
+            for input in self.strips(n) {
+                if self.passes.pass_of[*input].is_none() && !order.contains(input) {
+                    order.push(*input);
+                }
+            }
+            order.push(n);
+        }
+        let size = order.first().map_or(Shape { height: 0, width: 0, channels: 0 }, |n| self.nodes[*n].shape);
+        let count = size.width.div_ceil(STRIP).max(1);
+        let strip = size.width.div_ceil(count).next_multiple_of(MULTIPLE).min(size.width);
+        let mut planned = Pass {
+            steps: Vec::new(),
+            height: size.height,
+            width: size.width,
+            strip,
+            start,
+            row_len,
+            mask,
+            exports: Vec::new(),
+        };
         let mut arena = Arena::default();
-        let mut layouts: Vec<Layout> = shapes
-            .iter()
-            .zip(&halos)
-            .map(|(shape, halo)| Layout { shape: *shape, halo: *halo, start: 0 })
-            .collect();
-        let mut steps = Vec::new();
-        for (k, layer) in graph.layers().iter().enumerate() {
-            if readers.is_fused(k) {
+        let mut strips: Vec<Option<Layout>> = vec![None; self.nodes.len()];
+        for (now, n) in order.iter().enumerate() {
+            let node = &self.nodes[*n];
+            let last_use = self.last_use(&order, *n).max(now);
+            let shape = Shape { width: strip, ..node.shape };
+            let of = node.inputs.first().and_then(|input| strips[*input]);
+            if let (Some(block), Some(of)) = (self.view(*n), of) {
+                strips[*n] = Some(Layout { shape, start: of.start + block * strip, ..of });
                 continue;
             }
-            layouts[k].start = arena.place(k, last_use[k], layouts[k].len());
-            let inputs: Vec<Layout> = readers.stored_inputs(k).iter().map(|t| layouts[t.index()]).collect();
-            let kind = match &layer.op {
-                Op::Input { .. } => Kind::Import { layer: k, factor: 1 },
-                Op::PixelUnshuffle { factor } if inputs.is_empty() => {
-                    Kind::Import { layer: layer.inputs[0].index(), factor: *factor }
-                }
-                Op::Conv2d(conv) => {
-                    let [weight, bias] = ["weight", "bias"].map(|kind| parameter(weights, &layer.name, kind));
-                    let (border, inputs) = (graph.border(), &inputs[..]);
-                    let bf16 = match arithmetic {
-                        Arithmetic::F32 => None,
-                        Arithmetic::Bf16 => Bf16Convolution::new(*conv, border, inputs, weight, bias),
-                    };
-                    match bf16 {
-                        Some(convolution) => Kind::Bf16(convolution),
-                        None => Kind::Convolution(Convolution::new(*conv, border, inputs, weight, bias)),
-                    }
-                }
-                op => match Learned::new(op, &layer.name, weights) {
-                    Some(learned) => Kind::Learned(learned),
-                    None => Kind::Row(*op),
-                },
+            let is_export = matches!(node.made, Made::Export { .. });
+            let len = if is_export { 0 } else { node.blocks() * strip };
+            let place = arena.place(now, last_use, len);
+            let out = Layout { shape, halo: 0, start: place, room: Room::Strip };
+            strips[*n] = Some(out);
+            let is_far = |i: usize| node.is_far(self.graph, &self.nodes, i);
+            let layout = |(i, input): (usize, &usize)| match is_far(i) {
+                true => self.stored[*input],
+                false => strips[*input].or(self.stored[*input]),
             };
-            steps.push(Step { kind, inputs, out: layouts[k] });
+            let first = node.inputs.len() - self.strips(*n).len();
+            let inputs: Vec<Layout> = node.inputs.iter().enumerate().skip(first).filter_map(layout).collect();
+            let kind = self.kind(*n, &inputs, strip, &mut planned.exports);
+            planned.steps.push(Step { kind, inputs, out, stored: self.stored[*n] });
         }
-        let exports = graph.outputs().iter().map(|output| {
-            let k = output.tensor.index();
-            let (stored, factor) = match &graph.layers()[k] {
-                layer if readers.is_fused(k) => (layer.inputs[0].index(), layer.op.factor().unwrap_or(1)),
-                _ => (k, 1),
+        *scratch = arena.len.max(*scratch);
+        planned
+    }
+
+    fn kind(&self, n: usize, inputs: &[Layout], strip: usize, exports: &mut Vec<(usize, usize)>) -> Kind {
+        let node = &self.nodes[n];
+        let whole = Layout::whole(node.shape, 0, 0);
+        let layer = match node.made {
+            Made::Import { layer, factor } => {
+                return Kind::Import(vec![(layer, Exchange::new(&whole, factor))]);
+            }
+            Made::Export { output, factor } => {
+                let exchange = Exchange::new(&whole, factor);
+                exports.push((output, exchange.row_len()));
+                return Kind::Export { export: exports.len() - 1, exchange };
+            }
+            Made::Concat => return self.joined(n).map_or(Kind::Row(Op::Concat), Kind::Import),
+            Made::Layer(layer) => &self.graph.layers()[layer],
+        };
+        let Op::Conv2d(conv) = &layer.op else {
+            if let Some(image) = node.warped_image(self.graph, &self.nodes) {
+                return Kind::WarpImage { image };
+            }
+            return match Learned::new(&layer.op, &layer.name, self.weights) {
+                Some(learned) => Kind::Learned(learned),
+                None => Kind::Row(layer.op),
             };
-            Export { name: output.name.clone(), tensor: layouts[stored], factor, shape: shapes[k] }
-        });
-        Self { steps, exports: exports.collect(), arena: arena.len }
+        };
+        let [weight, bias] = ["weight", "bias"].map(|kind| parameter(self.weights, &layer.name, kind));
+        let border = self.graph.border();
+        let bf16 = match self.arithmetic {
+            Arithmetic::F32 => None,
+            Arithmetic::Bf16 => Bf16Convolution::new(*conv, border, inputs, strip, weight, bias),
+        };
+        match bf16 {
+            Some(convolution) => Kind::Bf16(convolution),
+            None => Kind::Convolution(Convolution::new(*conv, border, inputs, weight, bias)),
+        }
     }
 }
 
