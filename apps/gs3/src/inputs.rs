@@ -42,6 +42,12 @@ pub fn scene(path: &Path) -> Result<(Arc<Scene>, Duration), CliError> {
 
 /// The networks that `look` names, and their tier's name for reports.
 pub fn networks(look: &Look) -> Result<(Networks, String), CliError> {
+    let (networks, tier) = weights(look)?;
+    Ok((Networks { arithmetic: look.arithmetic.into(), ..networks }, tier))
+}
+
+/// The weights that `look` names, and their tier's name.
+fn weights(look: &Look) -> Result<(Networks, String), CliError> {
     if !look.weights.is_empty() {
         let mut networks = Networks::default();
         let mut tiers = Vec::new();

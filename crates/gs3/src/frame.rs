@@ -133,7 +133,7 @@ impl FramePipeline {
         let scale = settings.raster_scale();
         // First, because both check the scale and everything else builds on it.
         let (super_sampler, interpolator) = (SuperSampler::new(scale)?, Interpolator::new(scale)?);
-        let Networks { super_sample, interpolate } = networks.clone();
+        let Networks { super_sample, interpolate, arithmetic } = networks.clone();
         let super_sample = super_sample.filter(|_| settings.mode.has_history());
         let interpolate = interpolate.filter(|_| settings.mode == Mode::Full);
         #[cfg(feature = "gpu")]
@@ -144,8 +144,12 @@ impl FramePipeline {
             rasterizer: AnyRasterizer::cpu(scene, settings.culling),
             super_sampler,
             interpolator,
-            learned_super_sampler: super_sample.map(|w| LearnedSuperSampler::new(w, scale)).transpose()?,
-            learned_interpolator: interpolate.map(|w| LearnedInterpolator::new(w, scale)).transpose()?,
+            learned_super_sampler: super_sample
+                .map(|w| LearnedSuperSampler::new(w, scale, arithmetic))
+                .transpose()?,
+            learned_interpolator: interpolate
+                .map(|w| LearnedInterpolator::new(w, scale, arithmetic))
+                .transpose()?,
             #[cfg(feature = "gpu")]
             device: None,
             #[cfg(feature = "gpu")]

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use gs3::learned::SuperSampleFeatures;
 use gs3::neural::model::{Tier, initial_weights, interpolate, super_sample};
-use gs3::neural::{Graph, Header, Weights};
+use gs3::neural::{Arithmetic, Graph, Header, Weights};
 use gs3::raster::{Culling, Outputs, RasterSettings, Rasterizer};
 use gs3::reconstruct::Neighbor;
 use gs3::scene::{Camera, CameraPath, GBuffer, Image, Scene, demo};
@@ -153,6 +153,20 @@ fn samples_tell_how_the_previous_frame_errs() {
     assert!(visible * 4 > gbuffer.width() * gbuffer.height(), "{visible} samples");
 }
 
+/// In bf16, where the machine has it, frames are nearly the same. (Rows of less than 48 LR pixels stay in f32.)
+#[test]
+fn arithmetic_is_a_choice() {
+    let path = demo::path().resized(320, 64).unwrap();
+    let exact = random();
+    let rounded = Networks { arithmetic: Arithmetic::Bf16, ..exact.clone() };
+    let [exact, rounded] =
+        [exact, rounded].map(|networks| frames(&mut pipeline(&networks, 1), &path.cameras()[..4]));
+    let most = exact.iter().zip(&rounded).map(|(a, b)| difference(a, b)).fold(0.0, f32::max);
+    assert!(most < 2e-2, "{most}");
+    #[cfg(target_arch = "x86_64")]
+    assert_eq!(most > 0.0, std::is_x86_feature_detected!("avx512bf16"), "{most}");
+}
+
 #[test]
 fn the_state_is_carried_on_and_forgotten_with_the_history() {
     let path = path();
@@ -170,7 +184,7 @@ fn the_state_is_carried_on_and_forgotten_with_the_history() {
     forgetful.arrays.get_mut("recurrent.update.bias").unwrap().values_mut().fill(100.0);
     forgetful.arrays.get_mut("recurrent.candidate.weight").unwrap().values_mut().fill(0.0);
     let last = |weights: Arc<Weights>| {
-        let networks = Networks { super_sample: Some(weights), interpolate: None };
+        let networks = Networks { super_sample: Some(weights), ..Default::default() };
         let mut pipeline = FramePipeline::with_networks(scene(), settings, &networks).unwrap();
         frames(&mut pipeline, &path.cameras()[..2]).pop().unwrap()
     };
@@ -218,7 +232,7 @@ fn weights_that_do_not_fit_are_refused() {
     let graph = super_sample(4, Tier::Fast).unwrap();
     let weights = initial_weights(&graph, header(&graph), 1);
     let refusal = |weights: Weights| {
-        let networks = Networks { super_sample: Some(Arc::new(weights)), interpolate: None };
+        let networks = Networks { super_sample: Some(Arc::new(weights)), ..Default::default() };
         FramePipeline::with_networks(scene(), PipelineSettings::default(), &networks)
             .err()
             .unwrap()

@@ -3,7 +3,7 @@
 use gs3::ResetReason;
 use gs3::learned::{InterpolateFeatures, LearnedSuperSampler, Seen, SuperSampleFeatures};
 use gs3::neural::model::Tier;
-use gs3::neural::{Graph, Layer, Named, Op};
+use gs3::neural::{Arithmetic, Graph, Layer, Named, Op};
 use gs3::raster::{Culling, Outputs, RasterSettings, Rasterizer};
 use gs3::reconstruct::{Depth, Interpolator, Neighbor, SuperSampler, Warped};
 use gs3::scene::{Camera, GBuffer, Image, Jitter, Planes};
@@ -54,7 +54,8 @@ impl<'a> Recorder<'a> {
     /// For clips of `source` with checked `settings`.
     pub fn new(source: &'a Source, settings: &'a ClipSettings) -> Result<Self, MakeError> {
         let weights = settings.super_sample.clone();
-        let learned = weights.map(|weights| LearnedSuperSampler::new(weights, settings.scale));
+        let learned =
+            weights.map(|weights| LearnedSuperSampler::new(weights, settings.scale, Arithmetic::F32));
         Ok(Self {
             source,
             settings,

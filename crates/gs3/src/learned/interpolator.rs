@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use gs3_neural::Weights;
+use gs3_neural::{Arithmetic, Weights};
 use gs3_reconstruct::{Depth, Interpolator, Neighbor, Warped};
 use gs3_scene::{Camera, Image};
 
@@ -27,8 +27,8 @@ impl LearnedInterpolator {
     ///
     /// # Errors
     /// [`NetworkError`] if they are those of another network or another scale.
-    pub fn new(weights: Arc<Weights>, scale: u32) -> Result<Self, NetworkError> {
-        let network = Recurrent::new(weights, "interpolate", scale)?;
+    pub fn new(weights: Arc<Weights>, scale: u32, arithmetic: Arithmetic) -> Result<Self, NetworkError> {
+        let network = Recurrent::new(weights, "interpolate", scale, arithmetic)?;
         let features = InterpolateFeatures::default();
         let (warped, last) = (Warped::default(), Warped::default());
         Ok(Self { scale, network, features, warped, last, last_camera: None })

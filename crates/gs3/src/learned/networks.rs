@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use gs3_neural::Weights;
 use gs3_neural::model::Tier;
+use gs3_neural::{Arithmetic, Weights};
 
 use super::error::NetworkError;
 
@@ -14,6 +14,8 @@ pub struct Networks {
     pub super_sample: Option<Arc<Weights>>,
     /// Of interpolation.
     pub interpolate: Option<Arc<Weights>>,
+    /// What they compute with on the CPU.
+    pub arithmetic: Arithmetic,
 }
 
 /// A weights file that comes with the library.

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use gs3_neural::model::graph_of;
-use gs3_neural::{Engine, Graph, Named, Op, Weights};
+use gs3_neural::{Arithmetic, Engine, Graph, Named, Op, Weights};
 
 use super::error::NetworkError;
 
@@ -15,6 +15,7 @@ const MAX_INPUTS: usize = 16;
 pub(super) struct Recurrent {
     graph: Graph,
     weights: Arc<Weights>,
+    arithmetic: Arithmetic,
     /// LR `[height, width]` and the engine planned for it.
     engine: Option<([usize; 2], Engine)>,
     /// The state of the last frame, LR, channels last.
@@ -26,7 +27,12 @@ pub(super) struct Recurrent {
 }
 
 impl Recurrent {
-    pub fn new(weights: Arc<Weights>, network: &'static str, scale: u32) -> Result<Self, NetworkError> {
+    pub fn new(
+        weights: Arc<Weights>,
+        network: &'static str,
+        scale: u32,
+        arithmetic: Arithmetic,
+    ) -> Result<Self, NetworkError> {
         let header = &weights.header;
         if header.network != network {
             return Err(NetworkError::Other { expected: network, actual: header.network.clone() });
@@ -39,6 +45,7 @@ impl Recurrent {
         Ok(Self {
             graph,
             weights,
+            arithmetic,
             engine: None,
             hidden: Vec::new(),
             next: Vec::new(),
@@ -69,7 +76,8 @@ impl Recurrent {
             Some((size, engine)) if *size == lr => engine,
             other => {
                 self.has_state = false;
-                &mut other.insert((lr, Engine::new(&self.graph, &self.weights, lr)?)).1
+                let engine = Engine::with_arithmetic(&self.graph, &self.weights, lr, self.arithmetic)?;
+                &mut other.insert((lr, engine)).1
             }
         };
         let len = engine.shape("hidden").map_or(0, |shape| shape.len());

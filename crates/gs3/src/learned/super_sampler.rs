@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use gs3_neural::Weights;
+use gs3_neural::{Arithmetic, Weights};
 use gs3_reconstruct::Neighbor;
 use gs3_scene::Image;
 
@@ -22,8 +22,8 @@ impl LearnedSuperSampler {
     ///
     /// # Errors
     /// [`NetworkError`] if they are those of another network or another scale.
-    pub fn new(weights: Arc<Weights>, scale: u32) -> Result<Self, NetworkError> {
-        let network = Recurrent::new(weights, "super_sample", scale)?;
+    pub fn new(weights: Arc<Weights>, scale: u32, arithmetic: Arithmetic) -> Result<Self, NetworkError> {
+        let network = Recurrent::new(weights, "super_sample", scale, arithmetic)?;
         Ok(Self { network, features: SuperSampleFeatures::new(scale)? })
     }
 
