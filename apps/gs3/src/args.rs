@@ -101,7 +101,7 @@ pub struct Look {
     #[arg(long, value_name = "FILE.safetensors")]
     pub weights: Vec<PathBuf>,
     /// What networks on the CPU compute with: `bf16` is faster on machines with AVX-512 BF16 and the same as `f32` elsewhere
-    #[arg(long, default_value = "f32", value_name = "f32|bf16")]
+    #[arg(long, default_value = "bf16", value_name = "bf16|f32")]
     pub arithmetic: ArithmeticArg,
     /// Frames interpolated before each rendered one in mode `full`
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=3))]

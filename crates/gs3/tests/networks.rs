@@ -157,8 +157,8 @@ fn samples_tell_how_the_previous_frame_errs() {
 #[test]
 fn arithmetic_is_a_choice() {
     let path = demo::path().resized(320, 64).unwrap();
-    let exact = random();
-    let rounded = Networks { arithmetic: Arithmetic::Bf16, ..exact.clone() };
+    let rounded = random();
+    let exact = Networks { arithmetic: Arithmetic::F32, ..rounded.clone() };
     let [exact, rounded] =
         [exact, rounded].map(|networks| frames(&mut pipeline(&networks, 1), &path.cameras()[..4]));
     let most = exact.iter().zip(&rounded).map(|(a, b)| difference(a, b)).fold(0.0, f32::max);
@@ -264,9 +264,6 @@ fn weights_that_do_not_fit_are_refused() {
 /// on a scene that is generated and frames that are not among their training clips.
 #[test]
 fn shipped_weights_gain() {
-    let shipped = Networks::shipped(SCALE, Tier::Balanced).unwrap();
-    let header = &shipped.super_sample.as_ref().unwrap().header;
-    assert_eq!((header.scale, header.tier.as_str()), (SCALE, "balanced"));
     let path = demo::path().resized(640, 360).unwrap();
     let (cameras, scene) = (&path.cameras()[40..52], scene());
     let pipeline = |mode, networks: &Networks| {
@@ -281,9 +278,17 @@ fn shipped_weights_gain() {
         -10.0 * (squares.sum::<f64>() / (3 * truth.pixels().len()) as f64).log10()
     };
     let analytic = psnr(&pipeline(Mode::SuperSample, &Networks::default()));
-    let learned = psnr(&pipeline(Mode::SuperSample, &shipped));
-    println!("analytic {analytic:.2} dB, learned {learned:.2} dB");
-    assert!(learned > analytic + 0.1, "analytic {analytic:.2} dB, learned {learned:.2} dB");
+    for tier in [Tier::Fast, Tier::Balanced] {
+        let shipped = Networks::shipped(SCALE, tier).unwrap();
+        let header = &shipped.super_sample.as_ref().unwrap().header;
+        assert_eq!((header.scale, header.tier.as_str()), (SCALE, tier.name()));
+        let learned = psnr(&pipeline(Mode::SuperSample, &shipped));
+        println!("analytic {analytic:.2} dB, {} {learned:.2} dB", tier.name());
+        assert!(learned > analytic + 0.2, "analytic {analytic:.2} dB, {} {learned:.2} dB", tier.name());
+    }
     let error = Networks::shipped(3, Tier::High).err().unwrap().to_string();
-    assert_eq!(error, "tier high at scale 3: expected one of balanced ×4, which come with this version");
+    assert_eq!(
+        error,
+        "tier high at scale 3: expected one of fast ×4, balanced ×4, which come with this version"
+    );
 }

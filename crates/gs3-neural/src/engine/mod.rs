@@ -48,10 +48,10 @@ use run::{Exports, Job};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Arithmetic {
     /// f32: results within 1e-4 of exact ones.
-    #[default]
     F32,
     /// Products of bf16, sums of f32, where the machine has AVX-512 BF16 and a convolution gains; f32 elsewhere. Results
-    /// within 2e-2.
+    /// within 2e-2. Refined frames are 72 dB from those of f32 and as far from native ones to 1e-4 dB (`hqgarden`, 20 frames).
+    #[default]
     Bf16,
 }
 
