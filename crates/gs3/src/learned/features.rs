@@ -227,7 +227,8 @@ impl SuperSampleFeatures {
                 let (left, right, across) = place(x, 0);
                 let uncertain = (pixel[3] / UNCERTAIN).min(1.0);
                 for (c, out) in out.iter_mut().enumerate() {
-                    let mix = |a: f32, b: f32, t: f32| (b - a).mul_add(t, a);
+                    // Not fused: outside of kernels compiled for wide vectors that would be a call.
+                    let mix = |a: f32, b: f32, t: f32| a + (b - a) * t;
                     let [a, b] = [left, right].map(|i| mix(above[i][c], below[i][c], down));
                     *out = mix(a, b, across) * uncertain;
                 }
