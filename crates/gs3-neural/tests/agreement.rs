@@ -36,6 +36,13 @@ fn weights(graph: &Graph, scale: u32) -> Weights {
     weights
 }
 
+/// Random inputs of `graph`, in `[-1, 1]`, by name.
+fn images(graph: &Graph, lr: [usize; 2]) -> Vec<(&str, Vec<f32>)> {
+    let (shapes, mut random) = (graph.shapes(lr).unwrap(), Random::new(3));
+    let mut image = |len: usize| (0..len).map(|_| random.signed()).collect();
+    graph.inputs().map(|(t, layer)| (layer.name.as_str(), image(shapes[t.index()].len()))).collect()
+}
+
 /// The largest difference of an output from `expected`.
 fn difference(actual: &[f32], expected: &[f64]) -> f64 {
     assert_eq!(actual.len(), expected.len());
@@ -49,10 +56,7 @@ fn reference_engine_and_trainer_agree_on_all_networks() {
     for (graph, scale) in graphs() {
         // Even sides, which all networks take, and no multiple of what kernels compute together.
         let (lr, weights) = ([10, 26], weights(&graph, scale));
-        let (shapes, mut random) = (graph.shapes(lr).unwrap(), Random::new(3));
-        let mut image = |len: usize| (0..len).map(|_| random.signed()).collect::<Vec<f32>>();
-        let images: Vec<(&str, Vec<f32>)> =
-            graph.inputs().map(|(t, l)| (l.name.as_str(), image(shapes[t.index()].len()))).collect();
+        let images = images(&graph, lr);
         let images: Vec<(&str, &[f32])> = images.iter().map(|(name, image)| (*name, &image[..])).collect();
 
         let planes = reference::run(&graph, &weights, lr, &images).unwrap();
@@ -85,10 +89,7 @@ fn the_engine_in_bf16_agrees_with_the_reference() {
     for (graph, scale) in graphs() {
         // As wide as a run of the kernel and more, so that it is used where the machine has it.
         let (lr, weights) = ([6, 62], weights(&graph, scale));
-        let (shapes, mut random) = (graph.shapes(lr).unwrap(), Random::new(3));
-        let mut image = |len: usize| (0..len).map(|_| random.signed()).collect::<Vec<f32>>();
-        let images: Vec<(&str, Vec<f32>)> =
-            graph.inputs().map(|(t, l)| (l.name.as_str(), image(shapes[t.index()].len()))).collect();
+        let images = images(&graph, lr);
         let images: Vec<(&str, &[f32])> = images.iter().map(|(name, image)| (*name, &image[..])).collect();
         let planes = reference::run(&graph, &weights, lr, &images).unwrap();
         let mut engine = Engine::with_arithmetic(&graph, &weights, lr, Arithmetic::Bf16).unwrap();

@@ -2,7 +2,7 @@
 //! gs3's networks were trained on.
 
 use gs3::neural::model::{Peer, graph_of};
-use gs3::neural::{self, Engine, Graph, RunError};
+use gs3::neural::{self, Arithmetic, Engine, Graph, RunError};
 use gs3_scene::{GBuffer, Image};
 
 use crate::upscale::{UpscaleError, Upscaler, check_size};
@@ -70,7 +70,12 @@ impl Upscaler for Trained {
         let failed = |e: RunError| UpscaleError::Network { method: self.peer.name(), message: e.to_string() };
         let engine = match self.engine.take().filter(|(of, _)| *of == size) {
             Some(engine) => engine,
-            None => (size, Engine::new(&self.graph, &self.weights, size).map_err(failed)?),
+            None => {
+                // What gs3's own networks compute with, so that times compare.
+                let arithmetic = Arithmetic::default();
+                let engine = Engine::with_arithmetic(&self.graph, &self.weights, size, arithmetic);
+                (size, engine.map_err(failed)?)
+            }
         };
         let (_, engine) = self.engine.insert(engine);
         // The last row and column are repeated where sides are odd.

@@ -50,7 +50,8 @@ pub enum Arithmetic {
     /// f32: results within 1e-4 of exact ones.
     F32,
     /// Products of bf16, sums of f32, where the machine has AVX-512 BF16 and a convolution gains; f32 elsewhere. Results
-    /// within 2e-2. Refined frames are 72 dB from those of f32 and as far from native ones to 1e-4 dB (`hqgarden`, 20 frames).
+    /// within 2e-2. A refined frame (the 20th of `gs3 render --arithmetic` on a capture) is 72 dB from that of f32, and as far
+    /// from the native one to 1e-4 dB.
     #[default]
     Bf16,
 }
@@ -68,7 +69,7 @@ pub struct Engine {
 }
 
 impl Engine {
-    /// `graph` with `weights` for an LR grid of `[height, width]`.
+    /// `graph` with `weights` for an LR grid of `[height, width]`, in f32.
     ///
     /// # Errors
     /// [`RunError`] if the graph cannot take that size, or the weights are not its own.

@@ -23,7 +23,7 @@ pub struct LearnedInterpolator {
 }
 
 impl LearnedInterpolator {
-    /// The interpolator of `weights`, which must be for `scale`.
+    /// The interpolator of `weights`, which must be for `scale`, computing with `arithmetic`.
     ///
     /// # Errors
     /// [`NetworkError`] if they are those of another network or another scale.

@@ -18,7 +18,7 @@ pub struct LearnedSuperSampler {
 }
 
 impl LearnedSuperSampler {
-    /// The super sampler of `weights`, which must be for `scale`.
+    /// The super sampler of `weights`, which must be for `scale`, computing with `arithmetic`.
     ///
     /// # Errors
     /// [`NetworkError`] if they are those of another network or another scale.
