@@ -2,18 +2,21 @@
 //!
 //! Depth forward, colour backward: the depths of both neighbours are splatted to the middle pose on the LR grid (nearest
 //! wins), holes take the farthest depth beside them, and every HR pixel then gathers its colour from both HR neighbours,
-//! blended by visibility and time. [`Interpolator::warp`] leaves the blend to the caller.
+//! blended by visibility and time. [`Interpolator::warp`] leaves the blend to the caller, and [`Interpolator::reproject`] asks
+//! for one neighbour only.
 
 use fearless_simd::{Level, dispatch};
 use gs3_scene::{Camera, GBuffer, Image, Planes};
 use rayon::prelude::*;
 
+use crate::blend::{Blend, shares};
 use crate::error::{ReconstructError, camera_size, check_gbuffer, check_scale, check_size, image_size};
 use crate::gather::Gather;
 use crate::middle_depth::MiddleDepth;
 use crate::neighbor_depth::NeighborDepth;
 use crate::reprojection::Reprojection;
-use crate::warp::{Parts, Warp, band_top, bands};
+use crate::separate::Part;
+use crate::warp::{Warp, band_top, bands};
 
 /// A reconstructed frame beside the one to be interpolated.
 #[derive(Clone, Copy, Debug)]
@@ -43,6 +46,15 @@ pub struct Warped {
     pub visibility: Planes<2>,
     /// Inverse depths of the frame between at its pixel centres, holes filled; 0 where nothing was hit; LR.
     pub inverse_depth: Planes<1>,
+}
+
+/// A frame as another camera sees it; see [`Warped`].
+#[derive(Clone, Debug, Default)]
+pub struct Reprojected {
+    /// The frame; all four channels are interpolated alike (bicubic, with its overshoot).
+    pub image: Image,
+    /// How well each pixel's surface is seen, `[0, 1]`; HR.
+    pub visibility: Planes<1>,
 }
 
 /// Interpolates frames between two neighbours.
@@ -85,12 +97,12 @@ impl Interpolator {
         out: &mut Image,
     ) -> Result<(), ReconstructError> {
         let level = self.level;
-        let warp = self.prepare(before, after, t, camera)?;
+        let blend = Blend { warp: self.prepare([before, after], t, camera)?, t };
         let (width, height) = camera_size(camera);
         out.resize(width, height);
-        let scale = warp.scale;
+        let scale = blend.warp.scale;
         bands(scale, width, out.pixels_mut()).enumerate().for_each(|(band, rows)| {
-            dispatch!(level, simd => warp.blend(simd, band_top(scale, band), rows));
+            dispatch!(level, simd => blend.blend(simd, band_top(scale, band), rows));
         });
         Ok(())
     }
@@ -109,7 +121,7 @@ impl Interpolator {
         out: &mut Warped,
     ) -> Result<(), ReconstructError> {
         let level = self.level;
-        let warp = self.prepare(before, after, t, camera)?;
+        let warp = self.prepare([before, after], t, camera)?;
         let (width, height) = camera_size(camera);
         out.inverse_depth.resize(warp.middle.width, warp.middle.height);
         out.inverse_depth.data_mut().copy_from_slice(&warp.middle.inverse);
@@ -124,9 +136,40 @@ impl Interpolator {
             bands(scale, width, out.before.pixels_mut()).zip(bands(scale, width, out.after.pixels_mut()));
         let visibility = bands(scale, width, visibility_before).zip(bands(scale, width, visibility_after));
         let all = images.zip(visibility).zip(bands(scale, width, out.share.data_mut())).enumerate();
-        all.for_each(|(band, ((images, visibility), share))| {
-            let parts = Parts { images: images.into(), visibility: visibility.into(), share };
+        all.for_each(|(band, ((images, seen), share))| {
+            let parts = [
+                Part { image: images.0, visibility: &mut *seen.0 },
+                Part { image: images.1, visibility: &mut *seen.1 },
+            ];
             dispatch!(level, simd => warp.separate(simd, band_top(scale, band), parts));
+            dispatch!(level, simd => shares(simd, [seen.0, seen.1], t, share));
+        });
+        Ok(())
+    }
+
+    /// Shows the frame `before` as the camera of `now` sees it, with what both know of the depths there, in `out`, whose
+    /// memory is reused. The image of `now` is not read.
+    ///
+    /// # Errors
+    /// As of [`Self::interpolate`].
+    pub fn reproject(
+        &mut self,
+        before: Neighbor<'_>,
+        now: Neighbor<'_>,
+        out: &mut Reprojected,
+    ) -> Result<(), ReconstructError> {
+        let level = self.level;
+        // Nothing here depends on the moment.
+        let warp = self.prepare([before, now], 0.5, now.camera)?.of_first();
+        let (width, height) = camera_size(now.camera);
+        out.image.resize(width, height);
+        out.visibility.resize(width, height);
+        let scale = warp.scale;
+        let visibility = bands(scale, width, out.visibility.data_mut());
+        let rows = bands(scale, width, out.image.pixels_mut()).zip(visibility).enumerate();
+        rows.for_each(|(band, (image, visibility))| {
+            let part = [Part { image, visibility }];
+            dispatch!(level, simd => warp.separate(simd, band_top(scale, band), part));
         });
         Ok(())
     }
@@ -134,35 +177,33 @@ impl Interpolator {
     /// Checks the inputs and finds the depths of the frame between.
     fn prepare<'a>(
         &'a mut self,
-        before: Neighbor<'a>,
-        after: Neighbor<'a>,
+        neighbors: [Neighbor<'a>; 2],
         t: f32,
         camera: &Camera,
-    ) -> Result<Warp<'a>, ReconstructError> {
+    ) -> Result<Warp<'a, 2>, ReconstructError> {
         let size = camera_size(camera);
         if !(0.0..=1.0).contains(&t) {
             return Err(ReconstructError::Time { actual: t });
         }
-        for neighbor in [&before, &after] {
+        for neighbor in &neighbors {
             check_size("neighbour camera", size, camera_size(neighbor.camera))?;
             check_size("neighbour image", size, image_size(neighbor.image))?;
             check_gbuffer(neighbor.gbuffer, self.scale, size)?;
         }
-        for (depth, neighbor) in self.neighbors.iter_mut().zip([&before, &after]) {
+        for (depth, neighbor) in self.neighbors.iter_mut().zip(&neighbors) {
             let Some(geometry) = &neighbor.gbuffer.geometry else {
                 return Err(ReconstructError::Missing { what: "depth" });
             };
             depth.set(neighbor.gbuffer, geometry);
         }
-        self.middle.set(self.level, &self.neighbors, [before.camera, after.camera], camera, self.scale);
+        self.middle.set(self.level, &self.neighbors, neighbors.map(|n| n.camera), camera, self.scale);
         Ok(Warp {
             scale: self.scale as usize,
-            t,
             gather: &self.gather,
             middle: &self.middle,
-            depths: &self.neighbors,
-            images: [before.image, after.image],
-            reprojections: [&before, &after].map(|n| Reprojection::new(camera, n.camera)),
+            depths: self.neighbors.each_ref(),
+            images: neighbors.map(|n| n.image),
+            reprojections: neighbors.map(|n| Reprojection::new(camera, n.camera)),
         })
     }
 }

@@ -42,6 +42,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod blend;
 mod boxes;
 mod error;
 mod gather;
@@ -59,6 +60,7 @@ mod prefetch;
 mod reprojection;
 mod resample;
 mod samples;
+mod separate;
 mod splat;
 mod super_sample;
 mod tile;
@@ -66,7 +68,7 @@ mod warp;
 
 pub use error::ReconstructError;
 pub use hermite::hermite;
-pub use interpolate::{Interpolator, Neighbor, Warped};
+pub use interpolate::{Interpolator, Neighbor, Reprojected, Warped};
 pub use motion::{Depth, Motion, View};
 pub use resample::{Kernel, resample};
 pub use super_sample::{ResetReason, SuperSampler};

@@ -1,4 +1,4 @@
-// The first neighbour at the pose between, unblended, and how well it is seen there; see Warp::separate in warp.rs. An
+// The first neighbour at the pose between, unblended, and how well it is seen there; see Warp::separate in separate.rs. An
 // invocation four pixels in a row.
 
 // HR, row by row.

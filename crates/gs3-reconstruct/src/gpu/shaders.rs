@@ -2,7 +2,7 @@
 
 use super::plan::{MADE_WIDTH, SuperSamplePlan};
 use super::super_sample::Innovation;
-use crate::{gather, motion, neighbor_depth, plausible, reprojection, splat, tile, warp};
+use crate::{blend, gather, motion, neighbor_depth, plausible, reprojection, splat, tile, warp};
 
 const FRAME: &str = include_str!("frame.wgsl");
 const HISTORY: &str = include_str!("history.wgsl");
@@ -101,7 +101,7 @@ pub fn warp() -> String {
         ("SILHOUETTE", neighbor_depth::SILHOUETTE),
         ("UNSEEN", neighbor_depth::HIDDEN),
         ("RIGID", warp::RIGID),
-        ("NEGLIGIBLE", warp::NEGLIGIBLE),
+        ("NEGLIGIBLE", blend::NEGLIGIBLE),
     ]);
     let bits = gather::PHASE_BITS;
     let phases = format!("const PHASE_BITS: u32 = {bits}u;\nconst UNITS: i32 = {};\n", 1 << bits);

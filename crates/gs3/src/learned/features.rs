@@ -3,7 +3,7 @@
 //! Training and rendering fill them here, so a network sees while it runs what it was trained on.
 
 use gs3_neural::Named;
-use gs3_reconstruct::{Depth, Interpolator, Motion, Neighbor, ReconstructError, View, Warped};
+use gs3_reconstruct::{Depth, Interpolator, Motion, Neighbor, ReconstructError, Reprojected, View};
 use gs3_scene::{Camera, GBuffer, Gradients, Image, Planes};
 use rayon::prelude::*;
 
@@ -79,11 +79,13 @@ pub struct SuperSampleFeatures {
     scale: u32,
     interpolator: Interpolator,
     /// The previous frame at the present camera.
-    warped: Warped,
+    reprojected: Reprojected,
     /// `[HR height, HR width]`.
     share: Vec<f32>,
     /// `[HR height, HR width, 3]`.
     drift: Vec<f32>,
+    /// Per HR column, the LR sample before it and how far it lies towards the next.
+    columns: Vec<(usize, f32)>,
     /// `[height, width, 4]`.
     innovation: Vec<f32>,
     /// `[height, width, 3]`.
@@ -106,9 +108,10 @@ impl SuperSampleFeatures {
         Ok(Self {
             scale,
             interpolator: Interpolator::new(scale)?,
-            warped: Warped::default(),
+            reprojected: Reprojected::default(),
             share: Vec::new(),
             drift: Vec::new(),
+            columns: Vec::new(),
             innovation: Vec::new(),
             previous_innovation: Vec::new(),
             has_previous: false,
@@ -182,9 +185,8 @@ impl SuperSampleFeatures {
 
     /// The previous frame at the present camera, how far it may count, and how the samples differ from it.
     fn set_previous(&mut self, now: Neighbor<'_>, previous: Neighbor<'_>) -> Result<(), ReconstructError> {
-        // Any moment will do: what is wanted is the previous frame, not a blend.
-        self.interpolator.warp(previous, now, 0.5, now.camera, &mut self.warped)?;
-        let visibility = self.warped.visibility.plane(0);
+        self.interpolator.reproject(previous, now, &mut self.reprojected)?;
+        let visibility = self.reprojected.visibility.plane(0);
         let pixels = self.share.par_iter_mut().zip(now.image.pixels()).zip(visibility).with_min_len(4096);
         pixels.for_each(|((share, pixel), seen)| *share = seen * (pixel[3] / UNCERTAIN).min(1.0));
         let GBuffer { color, jitter, .. } = now.gbuffer;
@@ -195,8 +197,8 @@ impl SuperSampleFeatures {
         let pixel = |sample: usize, axis: usize| {
             (((sample as f32 + 0.5 + jitter[axis]) * scale) as usize).min(last[axis])
         };
-        let (before, rows) =
-            (self.warped.before.pixels(), self.previous_innovation.par_chunks_exact_mut(3 * lr_width));
+        let before = self.reprojected.image.pixels();
+        let rows = self.previous_innovation.par_chunks_exact_mut(3 * lr_width);
         rows.enumerate().with_min_len(8).for_each(|(j, out)| {
             let row = pixel(j, 1) * width;
             for (i, out) in out.as_chunks_mut::<3>().0.iter_mut().enumerate() {
@@ -210,28 +212,39 @@ impl SuperSampleFeatures {
     /// The innovation of the LR samples, jittered so, between them: bilinear, and flat beyond the outermost.
     fn set_drift(&mut self, image: &Image, innovation: &[[f32; 4]], lr_width: usize, jitter: [f32; 2]) {
         let scale = self.scale as f32;
-        let last = [lr_width - 1, innovation.len() / lr_width - 1];
-        // Where between which samples a pixel lies.
-        let place = |pixel: usize, axis: usize| {
+        let lr_height = innovation.len() / lr_width;
+        // Where a pixel lies: in LR samples from the first.
+        let place = |pixel: usize, axis: usize, samples: usize| {
             let at = (pixel as f32 + 0.5) / scale - 0.5 - jitter[axis];
-            let at = at.clamp(0.0, last[axis] as f32);
-            (at as usize, (at as usize + 1).min(last[axis]), at.fract())
+            at.clamp(0.0, (samples - 1) as f32)
         };
         let width = image.width();
+        self.columns.clear();
+        self.columns.extend((0..width).map(|x| {
+            let at = place(x, 0, lr_width);
+            (at as usize, at.fract())
+        }));
+        let columns = &self.columns;
         self.drift.resize(3 * image.pixels().len(), 0.0);
         let rows = self.drift.par_chunks_exact_mut(3 * width).zip(image.pixels().par_chunks_exact(width));
-        rows.enumerate().with_min_len(8).for_each(|(y, (out, pixels))| {
-            let (above, below, down) = place(y, 1);
+        let line = || vec![[0.0; 4]; lr_width + 1];
+        rows.enumerate().with_min_len(16).for_each_init(line, |line, (y, (out, pixels))| {
+            // Not fused, here and below: outside of kernels compiled for wide vectors that would be a call.
+            let mix = |a: [f32; 4], b: [f32; 4], t: f32| -> [f32; 4] {
+                std::array::from_fn(|c| a[c] + (b[c] - a[c]) * t)
+            };
+            let at = place(y, 1, lr_height);
+            let [above, below] = [at as usize, (at as usize + 1).min(lr_height - 1)];
             let [above, below] = [above, below].map(|j| &innovation[j * lr_width..][..lr_width]);
-            for (x, (out, pixel)) in out.as_chunks_mut::<3>().0.iter_mut().zip(pixels).enumerate() {
-                let (left, right, across) = place(x, 0);
+            for ((line, above), below) in line.iter_mut().zip(above).zip(below) {
+                *line = mix(*above, *below, at.fract());
+            }
+            // One sample more, of which nothing counts: no pixel lies beyond the last.
+            let pixels = pixels.iter().zip(columns);
+            for (out, (pixel, &(left, across))) in out.as_chunks_mut::<3>().0.iter_mut().zip(pixels) {
+                let mixed = mix(line[left], line[left + 1], across);
                 let uncertain = (pixel[3] / UNCERTAIN).min(1.0);
-                for (c, out) in out.iter_mut().enumerate() {
-                    // Not fused: outside of kernels compiled for wide vectors that would be a call.
-                    let mix = |a: f32, b: f32, t: f32| a + (b - a) * t;
-                    let [a, b] = [left, right].map(|i| mix(above[i][c], below[i][c], down));
-                    *out = mix(a, b, across) * uncertain;
-                }
+                *out = std::array::from_fn(|c| mixed[c] * uncertain);
             }
         });
     }
@@ -269,7 +282,7 @@ impl SuperSampleFeatures {
     #[must_use]
     pub fn named<'a>(&'a self, history: &'a Image) -> [Named<'a>; 13] {
         // Without a previous frame its share is 0, and any image will do.
-        let previous = if self.has_previous { &self.warped.before } else { history };
+        let previous = if self.has_previous { &self.reprojected.image } else { history };
         [
             ("history", history.pixels().as_flattened()),
             ("previous", previous.pixels().as_flattened()),

@@ -1,0 +1,219 @@
+//! The frame between two neighbours, gathered from both and blended by visibility and time.
+
+use fearless_simd::{Simd, f32x16, prelude::*};
+
+use crate::gather::{QUAD, sum_of_pixels};
+use crate::lanes::spread;
+use crate::warp::{Clip, LANES, Patch, Run, SIDE, Warp, extremes};
+
+/// Weights that do not show in the finest of displays.
+pub(crate) const NEGLIGIBLE: f32 = 1e-4;
+
+/// All that rows are made from.
+pub(crate) struct Blend<'a> {
+    pub warp: Warp<'a, 2>,
+    /// Time, `[0, 1]` from the first neighbour to the second.
+    pub t: f32,
+}
+
+/// How the pixels of a patch are blended.
+struct Shares {
+    /// Share of the second neighbour.
+    share: [f32; LANES],
+    /// A bit per pixel: whether the four pixels of its row are blended alike.
+    even: u64,
+}
+
+impl Blend<'_> {
+    /// Blends the rows of pixels `rows` from row `top` on, a band.
+    #[inline(always)]
+    pub fn blend<S: Simd>(&self, simd: S, top: usize, rows: &mut [[f32; 4]]) {
+        let warp = &self.warp;
+        let width = warp.images[0].width();
+        let (count, mut first) = (rows.len(), [[[0.0; 4 * SIDE]; SIDE]; LANES]);
+        for [x, y] in warp.runs(count / width, top) {
+            let run = warp.look_at_run(simd, x, y);
+            let clip = |k: usize| Clip::new(x + (k * SIDE) as isize, y, top, width, count);
+            let share = share(simd, &run.visibility, self.t).to_array();
+            // One neighbour after the other, so that the rows gathered from stay in the cache.
+            let mut rigid = 0;
+            for k in 0..LANES {
+                if run.rigid >> k & 1 == 1 && clip(k).is_whole() {
+                    let weight = if run.even >> k & 1 == 1 { 1.0 - share[k] } else { 1.0 };
+                    rigid |= u64::from(self.gather_first(simd, &run, k, weight, &mut first[k])) << k;
+                }
+            }
+            for k in 0..LANES {
+                let (clip, x) = (clip(k), x + (k * SIDE) as isize);
+                if clip.is_empty() {
+                    continue;
+                }
+                let is_rigid = rigid >> k & 1 == 1;
+                let is_even = run.even >> k & 1 == 1;
+                if is_rigid && is_even && self.gather_second(simd, &run, k, share[k], &first[k], &clip, rows)
+                {
+                    continue;
+                }
+                let patch = warp.look_at_patch(simd, x, y);
+                let shares = self.shares(simd, &patch);
+                if !(is_rigid && self.mix_second(simd, &run, k, &first[k], &shares.share, &clip, rows)) {
+                    self.blend_patch(simd, &patch, &shares, &clip, rows);
+                }
+            }
+        }
+    }
+
+    /// How the pixels of `patch` are blended.
+    #[inline(always)]
+    fn shares<S: Simd>(&self, simd: S, patch: &Patch<2>) -> Shares {
+        let share = share(simd, &patch.visibility, self.t);
+        let (least, most) = extremes(share);
+        Shares { share: share.to_array(), even: least.simd_eq(most).to_bitmask() }
+    }
+
+    /// Gathers what the first neighbour gives to a rigid patch, times `weight`; `false` if that is not all inside.
+    #[inline(always)]
+    fn gather_first<S: Simd>(
+        &self,
+        simd: S,
+        run: &Run<2>,
+        k: usize,
+        weight: f32,
+        out: &mut [[f32; 4 * SIDE]; SIDE],
+    ) -> bool {
+        if weight == 0.0 {
+            *out = [[0.0; 4 * SIDE]; SIDE];
+            return true;
+        }
+        let Some(quads) = self.warp.quads(simd, 0, run, k) else { return false };
+        for (quad, out) in quads.into_iter().zip(out) {
+            (quad * weight).store_array(out);
+        }
+        true
+    }
+
+    /// Adds what the second neighbour gives to an even patch, times `weight`, and writes it; `false`, and nothing written, if that is not
+    /// all inside.
+    #[inline(always)]
+    fn gather_second<S: Simd>(
+        &self,
+        simd: S,
+        run: &Run<2>,
+        k: usize,
+        weight: f32,
+        first: &[[f32; 4 * SIDE]; SIDE],
+        clip: &Clip,
+        rows: &mut [[f32; 4]],
+    ) -> bool {
+        let mut quads = [f32x16::splat(simd, 0.0); SIDE];
+        if weight > 0.0 {
+            let Some(second) = self.warp.quads(simd, 1, run, k) else { return false };
+            quads = second;
+        }
+        for (r, (quad, first)) in quads.into_iter().zip(first).enumerate() {
+            let sum = quad.mul_add(weight, f32x16::load_array_ref(simd, first));
+            sum.store_slice(rows[clip.row(r)].as_flattened_mut());
+        }
+        true
+    }
+
+    /// Mixes what the first neighbour gives to a patch with what the second does, pixel by pixel, and writes it; `false`,
+    /// and nothing written, if that is not all inside.
+    #[inline(always)]
+    fn mix_second<S: Simd>(
+        &self,
+        simd: S,
+        run: &Run<2>,
+        k: usize,
+        first: &[[f32; 4 * SIDE]; SIDE],
+        share: &[f32; LANES],
+        clip: &Clip,
+        rows: &mut [[f32; 4]],
+    ) -> bool {
+        let Some(second) = self.warp.quads(simd, 1, run, k) else { return false };
+        for r in 0..SIDE {
+            let share = spread(simd, &share[r * SIDE..(r + 1) * SIDE]);
+            let first = f32x16::load_array_ref(simd, &first[r]);
+            let mixed = (second[r] - first).mul_add(share, first);
+            mixed.store_slice(rows[clip.row(r)].as_flattened_mut());
+        }
+        true
+    }
+
+    /// Blends the pixels of a patch.
+    #[inline(always)]
+    fn blend_patch<S: Simd>(
+        &self,
+        simd: S,
+        patch: &Patch<2>,
+        shares: &Shares,
+        clip: &Clip,
+        rows: &mut [[f32; 4]],
+    ) {
+        for r in clip.rows.clone() {
+            let first = r * SIDE + clip.columns.start;
+            let pixels = &mut rows[clip.row(r)];
+            let is_even = shares.even >> first & 1 == 1;
+            if is_even
+                && pixels.len() == QUAD
+                && self.blend_quad(simd, patch, shares.share[first], first, pixels)
+            {
+                continue;
+            }
+            for (k, pixel) in (first..).zip(pixels) {
+                let mut sum = f32x16::splat(simd, 0.0);
+                for (n, weight) in [1.0 - shares.share[k], shares.share[k]].into_iter().enumerate() {
+                    if weight > 0.0 {
+                        sum += self.warp.gather.pixel(simd, self.warp.images[n], patch.place(n, k), weight);
+                    }
+                }
+                *pixel = sum_of_pixels(sum);
+            }
+        }
+    }
+
+    /// Whether all that an evenly blended quad needs moves alike and is inside the neighbours; if not, nothing has been
+    /// written.
+    #[inline(always)]
+    fn blend_quad<S: Simd>(
+        &self,
+        simd: S,
+        patch: &Patch<2>,
+        share: f32,
+        first: usize,
+        pixels: &mut [[f32; 4]],
+    ) -> bool {
+        let mut sum = f32x16::splat(simd, 0.0);
+        for (n, weight) in [1.0 - share, share].into_iter().enumerate() {
+            if weight > 0.0 {
+                let Some(quad) = self.warp.quad(simd, n, patch, first) else { return false };
+                sum = quad.mul_add(weight, sum);
+            }
+        }
+        sum.store_slice(pixels.as_flattened_mut());
+        true
+    }
+}
+
+/// The share of the second neighbour at time `t`, of pixels seen so well.
+#[inline(always)]
+fn share<S: Simd>(simd: S, visibility: &[[f32; LANES]; 2], t: f32) -> f32x16<S> {
+    let splat = |v: f32| f32x16::splat(simd, v);
+    let [before, after] = [0, 1].map(|n| f32x16::load_array_ref(simd, &visibility[n]));
+    let [before, after] = [before * (1.0 - t), after * t];
+    let share = after / (before + after);
+    let share = share.simd_lt(NEGLIGIBLE).select(splat(0.0), share);
+    share.simd_gt(1.0 - NEGLIGIBLE).select(splat(1.0), share)
+}
+
+/// The shares of the second neighbour at time `t`, of pixels seen so well by each.
+#[inline(always)]
+pub(crate) fn shares<S: Simd>(simd: S, visibility: [&[f32]; 2], t: f32, out: &mut [f32]) {
+    let [before, after] = visibility.map(|v| v.chunks(LANES));
+    for ((before, after), out) in before.zip(after).zip(out.chunks_mut(LANES)) {
+        let mut both = [[1.0; LANES]; 2];
+        both[0][..out.len()].copy_from_slice(before);
+        both[1][..out.len()].copy_from_slice(after);
+        out.copy_from_slice(&share(simd, &both, t).to_array()[..out.len()]);
+    }
+}
