@@ -82,7 +82,7 @@ pub struct SessionArgs {
     /// Decides the weights at the beginning and what every step is trained on
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub seed: u64,
-    /// Weights to begin with [default: random features that change nothing yet]
+    /// Weights to begin with, of this tier or a smaller one, which is grown [default: random features that change nothing yet]
     #[arg(long, value_name = "FILE.safetensors")]
     pub init: Option<PathBuf>,
     /// Errors far below this count by their squares, those far above by their size

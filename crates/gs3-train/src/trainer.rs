@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Mutex;
 
-use gs3_neural::model::initial_weights;
+use gs3_neural::model::{Tier, grown, initial_weights};
 use gs3_neural::{Adam, Graph, Header, Weights};
 use rayon::prelude::*;
 
@@ -15,6 +15,7 @@ use crate::form::Form;
 use crate::losses::Terms;
 use crate::optimise;
 use crate::settings::Settings;
+use crate::subject::Subject;
 use crate::unroll::{ItemResult, Memory, Unroll, operations_per_pixel};
 
 /// What a training has come to: all that a checkpoint holds.
@@ -128,16 +129,30 @@ impl Trainer {
         Ok(Form::new(settings.subject, &graph).initial(&graph, start, settings.seed))
     }
 
-    /// Weights of a file that a training can begin with. Of networks that are trained in another form than they are run in,
-    /// only checkpoints hold such.
+    /// Weights of a file that a training can begin with: the network's, or those of a smaller tier, grown ([`grown`]). Of
+    /// networks that are trained in another form than they are run in, only checkpoints hold such.
     ///
     /// # Errors
-    /// [`TrainError`] if they cannot be read or are not those of the network.
+    /// [`TrainError`] if they cannot be read, are not those of the network or cannot grow into such.
     pub fn load(settings: &Settings, path: &Path) -> Result<Weights, TrainError> {
         let graph = settings.subject.graph(settings.scale)?;
         let form = Form::new(settings.subject, &graph);
-        let weights = Weights::load(path).and_then(|w| form.check(&graph, &w).map(|()| w));
-        weights.map_err(checkpoint::within(path))
+        let weights = Weights::load(path).map_err(checkpoint::within(path))?;
+        let small = match settings.subject {
+            Subject::Own { network, tier } => {
+                let mut smaller = Tier::ALL.into_iter().take_while(|small| *small != tier);
+                let small = smaller.find(|small| small.name() == weights.header.tier);
+                small.map(|small| network.graph(settings.scale, small)).transpose()?
+            }
+            Subject::Peer(_) => None,
+        };
+        if let Some(small) = small {
+            weights.check(&small).map_err(checkpoint::within(path))?;
+            let header = weights.header.clone();
+            return Ok(grown(&small, &weights, &graph, header, settings.seed)?);
+        }
+        form.check(&graph, &weights).map_err(checkpoint::within(path))?;
+        Ok(weights)
     }
 
     /// The settings.

@@ -6,7 +6,8 @@ mod common;
 
 use std::path::Path;
 
-use gs3_neural::model::Peer;
+use gs3_neural::Weights;
+use gs3_neural::model::{Peer, Tier};
 use gs3_train::losses::Term;
 use gs3_train::{ClipFolder, Network, Settings, State, Step, Subject, TrainError, Trainer, validate};
 
@@ -44,6 +45,34 @@ fn loss_falls_and_held_out_clips_gain() {
         assert!(none.mean.unwrap().iter().all(|gain| gain.abs() < 1e-4), "{none:?}");
         assert!((20.0..30.0).contains(&none.clips[0].analytic), "{none:?}");
     }
+}
+
+#[test]
+fn a_larger_tier_begins_where_a_smaller_one_ended() {
+    let folder = tempfile::tempdir().unwrap();
+    let (trainer, clips, _) = train(folder.path(), Network::SuperSample, 20);
+    let file = folder.path().join("weights.safetensors");
+    let small = trainer.average();
+    small.save(&file).unwrap();
+    let settings = trainer.settings();
+    let of = |tier: Tier| {
+        let subject = Subject::Own { network: Network::SuperSample, tier };
+        Settings { subject, ..settings.clone() }
+    };
+    let large = of(Tier::High);
+    let arrays = Trainer::load(&large, &file).unwrap().arrays;
+    let header = Trainer::header(&large, "waves", "CC0-1.0").unwrap();
+    let grown = Trainer::new(large, State::new(Weights { header, arrays })).unwrap();
+    let gain = |trainer: &Trainer, weights| {
+        let validation = validate(trainer.settings().subject, trainer.graph(), weights, &clips.held);
+        validation.unwrap().mean.unwrap()[0]
+    };
+    let [before, after] = [gain(&trainer, &small), gain(&grown, &grown.state.weights)];
+    assert!(before.abs() > 0.01 && (before - after).abs() < 1e-3, "{before} and {after}");
+    // A smaller tier than the file's is another network.
+    grown.average().save(&file).unwrap();
+    let refused = Trainer::load(&of(Tier::Fast), &file).unwrap_err();
+    assert!(matches!(refused, TrainError::WeightsFile { .. }), "{refused}");
 }
 
 /// Bits of all that a training has come to.

@@ -5,11 +5,13 @@
 //! zero; what they add is weighed by the uncertainty of each pixel, which is zero where the analytic pipeline is exact: at
 //! rest the networks change nothing.
 
+mod grow;
 mod initial;
 mod interpolate;
 mod peer;
 mod super_sample;
 
+pub use grow::grown;
 pub use initial::initial_weights;
 pub use interpolate::interpolate;
 pub use peer::Peer;

@@ -59,9 +59,12 @@ pub fn super_sample(scale: usize, tier: Tier) -> Result<Graph, GraphError> {
     let share = g.layer("share.blocks", unshuffle, &[share]);
     let drift = g.layer("drift.blocks", unshuffle, &[drift]);
     let past = g.conv("history.conv", features(1), &[history, previous, share, of_previous]);
-    let mut x = g.conv("enter", features(3), &[past, color, compressed, geometry, jitter, innovation]);
-    for k in 0..blocks {
-        x = g.conv(&format!("features.{k}"), features(3), &[x]);
+    let x = g.conv("enter", features(3), &[past, color, compressed, geometry, jitter, innovation]);
+    let mut x = g.conv("features.0", features(3), &[x]);
+    // Residual, so that a network can grow into one of more blocks ([`super::grown`]).
+    for k in 1..blocks {
+        let more = g.conv(&format!("features.{k}"), features(3), &[x]);
+        x = g.layer(&format!("features.{k}.sum"), Op::Add, &[x, more]);
     }
     let hidden = g.gated_recurrent_unit("recurrent", 1, x, hidden);
     let refinement = g.conv("refine", Conv2d::new(refine, 3 * block), &[x, hidden]);
