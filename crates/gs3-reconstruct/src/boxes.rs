@@ -23,6 +23,14 @@ pub(crate) struct Limits {
     pub bottom: f32,
 }
 
+impl Limits {
+    /// The same with `by` pixels more on each side.
+    pub fn wider(self, by: f32) -> Self {
+        let Self { left, right, top, bottom } = self;
+        Self { left: left - by, right: right + by, top: top - by, bottom: bottom + by }
+    }
+}
+
 /// The boxes of the chunks of one frame, `[height, stride]` each, and of its rows, `[height]`. A box of nothing has a left
 /// end of ∞.
 #[derive(Clone, Debug, Default)]

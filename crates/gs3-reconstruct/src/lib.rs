@@ -54,6 +54,7 @@ mod lanes;
 mod lattice;
 mod middle_depth;
 mod motion;
+mod nearest;
 mod neighbor_depth;
 mod plausible;
 mod prefetch;

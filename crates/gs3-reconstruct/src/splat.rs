@@ -10,9 +10,10 @@
 //! samples' weights of a row of pixels are one vector. What differs between channels, a sample's prediction of four
 //! pixels in a row, is one vector again: two multiply-adds, one load and one store.
 
-use fearless_simd::{Simd, f32x16, i32x16, prelude::*};
+use fearless_simd::{Simd, f32x16, i32x16, mask32x16, prelude::*};
 
 use crate::lanes::{repeat, spread};
+use crate::nearest::{BEHIND, OCCLUDED};
 use crate::plausible::Plausible;
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
 use crate::samples::{CHUNK, Sample, SampleFrame};
@@ -62,7 +63,45 @@ struct Landing {
     seen: u64,
 }
 
+/// Where sixteen samples are now.
+pub(crate) struct Seen<S: Simd> {
+    /// HR positions, pixel centres at halves; only where `q` exceeds [`MIN_DIVISOR`].
+    pub x: f32x16<S>,
+    pub y: f32x16<S>,
+    pub inverse_depth: f32x16<S>,
+    /// The divisor of the reprojection.
+    pub q: f32x16<S>,
+    /// Squared distance moved, pixel².
+    pub moved: f32x16<S>,
+    /// False for what is beyond the end of the row.
+    pub is_sample: mask32x16<S>,
+}
+
 impl Source<'_> {
+    /// Reprojects chunk `chunk` of row `row`.
+    #[inline(always)]
+    pub fn see<S: Simd>(&self, simd: S, row: usize, chunk: usize) -> Seen<S> {
+        let splat = |v: f32| f32x16::splat(simd, v);
+        let column = chunk * CHUNK;
+        let start = row * self.frame.width + column;
+        let lanes = f32x16::from_fn(simd, |i| i as f32);
+        // Position on its own HR grid.
+        let [jx, jy] = self.frame.jitter;
+        let from_x = lanes.mul_add(self.scale, splat((column as f32 + 0.5 + jx) * self.scale));
+        let from_y = splat((row as f32 + 0.5 + jy) * self.scale);
+        let w = f32x16::from_slice(simd, &self.frame.inverse_depth[start..start + CHUNK]);
+        let [x, y, q] = self.reprojection.apply_16(simd, from_x, from_y, w);
+        let (moved_x, moved_y) = (x - from_x, y - from_y);
+        Seen {
+            x,
+            y,
+            inverse_depth: w * (1.0 / q),
+            q,
+            moved: moved_x.mul_add(moved_x, moved_y * moved_y),
+            is_sample: lanes.simd_lt((self.frame.width - column) as f32),
+        }
+    }
+
     /// Reprojects chunk `chunk` of row `row` into `tile`.
     #[inline(always)]
     fn land<S: Simd>(
@@ -74,35 +113,27 @@ impl Source<'_> {
         plausible: &Plausible,
     ) -> Landing {
         let splat = |v: f32| f32x16::splat(simd, v);
-        let column = chunk * CHUNK;
-        let start = row * self.frame.width + column;
-        let lanes = f32x16::from_fn(simd, |i| i as f32);
-        let is_sample = lanes.simd_lt((self.frame.width - column) as f32);
-        // Position on its own HR grid (pixel centres at halves).
-        let [jx, jy] = self.frame.jitter;
-        let from_x = lanes.mul_add(self.scale, splat((column as f32 + 0.5 + jx) * self.scale));
-        let from_y = splat((row as f32 + 0.5 + jy) * self.scale);
-        let w = f32x16::from_slice(simd, &self.frame.inverse_depth[start..start + CHUNK]);
-        let [u, v, q] = self.reprojection.apply_16(simd, from_x, from_y, w);
-        let per = 1.0 / q;
-        let (moved_x, moved_y) = (u - from_x, v - from_y);
-        let moved = moved_x.mul_add(moved_x, moved_y * moved_y);
-        let (x, y) = (u - 0.5, v - 0.5);
-        let doubt = plausible.doubt(simd, [x, y, w * per], self.frame.colors(start), self.age as f32);
-        // What does not move keeps its exact value: only motion, 0 at rest and towards 1 for a pixel or more, makes age
-        // and doubt matter.
-        let motion = moved / (moved + 1.0);
-        let noise = (doubt + AGING * self.age as f32).mul_add(motion, splat(NOISE));
+        let seen = self.see(simd, row, chunk);
+        let start = row * self.frame.width + chunk * CHUNK;
+        let (x, y, w) = (seen.x - 0.5, seen.y - 0.5, seen.inverse_depth);
+        let doubt = plausible.doubt(simd, [x, y, w], self.frame.colors(start), self.age as f32);
         // Relative to the tile, whose first pixel is (PAD_X, PAD_Y).
         let (x, y) = (x - (tile.left as f32 - PAD_X as f32), y - (tile.top as f32 - PAD_Y as f32));
         let (first_x, first_y) = (x.floor() - 1.0, (y + 0.5).floor() - 1.0);
-        let seen = is_sample
-            & q.simd_gt(MIN_DIVISOR)
-            & noise.simd_le(MAX_NOISE)
+        let reached = seen.is_sample
+            & seen.q.simd_gt(MIN_DIVISOR)
             & first_x.simd_gt(PAD_X as f32 - COLUMNS as f32)
             & first_x.simd_lt((PAD_X + tile.width) as f32)
             & first_y.simd_gt(PAD_Y as f32 - ROWS as f32)
             & first_y.simd_lt((PAD_Y + tile.height) as f32);
+        let pixel = [(x + 0.5).floor() - PAD_X as f32, first_y + (1.0 - PAD_Y as f32)];
+        let nearest = tile.nearest.around(simd, pixel);
+        let doubt = w.simd_lt(nearest * BEHIND).select(doubt + OCCLUDED, doubt);
+        // What does not move keeps its exact value: only motion, 0 at rest and towards 1 for a pixel or more, makes age
+        // and doubt matter.
+        let motion = seen.moved / (seen.moved + 1.0);
+        let noise = (doubt + AGING * self.age as f32).mul_add(motion, splat(NOISE));
+        let seen = reached & noise.simd_le(MAX_NOISE);
         let first = first_y.mul_add(STRIDE as f32, first_x).to_int::<i32x16<S>>();
         Landing {
             first: first.to_array(),

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use crate::boxes::{Boxes, Limits, WORD};
 use crate::error::{ReconstructError, camera_size, check_gbuffer, check_scale};
 use crate::hermite::Surface;
+use crate::nearest::{EVERY, RIM};
 use crate::plausible::Plausible;
 use crate::reprojection::Reprojection;
 use crate::samples::SampleFrame;
@@ -242,7 +243,7 @@ impl SuperSampler {
         (tile.top, tile.height) = with_ring(top, rows_wanted, height);
         let mut of_past: [Range<usize>; MAX_PAST] = [const { 0..0 }; MAX_PAST];
         for (age, (past, of_past)) in self.past.iter().zip(&mut of_past).enumerate() {
-            *of_past = past.boxes.rows_meeting(self.limits(&tile, age));
+            *of_past = past.boxes.rows_meeting(self.limits(&tile, age).wider(RIM as f32 - REACH));
         }
         for left in (0..width).step_by(TILE_WIDTH) {
             let wanted =
@@ -260,6 +261,7 @@ impl SuperSampler {
             if let Some(lattice) = &lattice {
                 tile.vacate(lattice);
             }
+            self.survey_frames(simd, &mut tile, &of_past);
             self.add_frames(simd, &mut tile, 1, &of_past);
             if let Some(lattice) = &lattice {
                 tile.confront(lattice, current, &wanted, innovation, first_row);
@@ -300,6 +302,34 @@ impl SuperSampler {
             }
         }
         color
+    }
+
+    /// Finds what is nearest in `tile` and around it; row ranges `of_past` are those to look at.
+    #[inline(always)]
+    fn survey_frames<S: Simd>(&self, simd: S, tile: &mut Tile, of_past: &[Range<usize>]) {
+        let rim = RIM as f32;
+        let limits = self.limits(tile, 1).wider(rim - REACH);
+        tile.nearest.clear();
+        for (past, rows) in self.past.iter().zip(of_past).step_by(EVERY) {
+            let source = Source {
+                frame: &past.frame,
+                reprojection: &past.reprojection,
+                // No matter here.
+                age: 0,
+                scale: self.scale as f32,
+            };
+            for row in rows.clone() {
+                for word in 0..past.boxes.words() {
+                    let mut chunks = past.boxes.meeting(simd, row, word, limits);
+                    while chunks != 0 {
+                        let chunk = word * WORD + chunks.trailing_zeros() as usize;
+                        chunks &= chunks - 1;
+                        tile.survey(simd, &source, row, chunk);
+                    }
+                }
+            }
+        }
+        tile.nearest.spread(simd);
     }
 
     /// Adds the samples of frames to `tile`, strip by strip: those of ages from `youngest` to the end of `of_past`, the row

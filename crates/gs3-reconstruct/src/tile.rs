@@ -3,6 +3,7 @@
 use fearless_simd::{Simd, f32x16, prelude::*, u8x64};
 
 use crate::hermite::{Columns, Surface};
+use crate::nearest::Nearest;
 use crate::samples::SampleFrame;
 use crate::splat::NOISE;
 
@@ -67,6 +68,7 @@ pub(crate) struct Tile {
     pub height: usize,
     /// The first pixel of the tile is `(PAD_X, PAD_Y)`; what lies around is not specified.
     pub pixels: [[f32; 4]; STRIDE * ROWS],
+    pub nearest: Nearest,
     columns: Columns,
 }
 
@@ -78,6 +80,7 @@ impl Tile {
             width: 0,
             height: 0,
             pixels: [[0.0; 4]; STRIDE * ROWS],
+            nearest: Nearest::new(),
             columns: Columns::new(),
         }
     }

@@ -2,6 +2,7 @@
 
 use gs3_compute::{GpuError, Limits};
 
+use crate::nearest::RIM;
 use crate::splat::{COLUMNS, ROWS};
 
 /// Bytes of a pixel of an image: four halves.
@@ -122,9 +123,10 @@ impl SuperSamplePlan {
     }
 
     /// The buffers that stay from frame to frame, and those between its kernels.
-    pub fn buffers(&self) -> [NamedBytes; 10] {
+    pub fn buffers(&self) -> [NamedBytes; 11] {
         let (samples, remembered) = (area(self.lr), area(self.lr) * u64::from(self.frames));
         let cells = [self.size[0] + COLUMNS as u32 - 1, self.size[1] + ROWS as u32 - 1];
+        let with_rim = self.size.map(|side| side + 2 * RIM as u32);
         [
             ("samples_a", remembered * 8),
             ("samples_b", remembered * 8),
@@ -132,6 +134,7 @@ impl SuperSamplePlan {
             ("places", remembered * 8),
             ("links", remembered * 8),
             ("heads", area(cells) * 4),
+            ("nearest", area(with_rim) * 4),
             ("mixed", samples * 8),
             ("errors", samples * 4),
             ("cells", samples * 32),

@@ -2,7 +2,7 @@
 
 use super::plan::{MADE_WIDTH, SuperSamplePlan};
 use super::super_sample::Innovation;
-use crate::{blend, gather, motion, neighbor_depth, plausible, reprojection, splat, tile, warp};
+use crate::{blend, gather, motion, nearest, neighbor_depth, plausible, reprojection, splat, tile, warp};
 
 const FRAME: &str = include_str!("frame.wgsl");
 const HISTORY: &str = include_str!("history.wgsl");
@@ -41,7 +41,7 @@ pub fn plausible() -> String {
     joined(&[&constants, FRAME, REPROJECTION, include_str!("plausible.wgsl")])
 }
 
-/// Samples to where they are now: entry `land`.
+/// What is nearest, and samples to where they are now: entries `survey` and `land`.
 pub fn splat() -> String {
     let constants = constants(&[
         ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
@@ -49,8 +49,11 @@ pub fn splat() -> String {
         ("NOISE", splat::NOISE),
         ("AGING", splat::AGING),
         ("MAX_NOISE", splat::MAX_NOISE),
+        ("BEHIND", nearest::BEHIND),
+        ("OCCLUDED", nearest::OCCLUDED),
     ]);
-    joined(&[&constants, &reach(), FRAME, REPROJECTION, include_str!("splat.wgsl")])
+    let rim = counts(&[("RIM", nearest::RIM as u32), ("EVERY", nearest::EVERY as u32)]);
+    joined(&[&constants, &rim, &reach(), FRAME, REPROJECTION, include_str!("splat.wgsl")])
 }
 
 /// Samples to pixels, with what the innovation takes: entry `accumulate`.

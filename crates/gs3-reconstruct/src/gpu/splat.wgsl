@@ -2,7 +2,7 @@
 //
 // A sample reaches four columns and three rows of pixels; the first of them is its cell, of which there are as many as HR
 // pixels and a rim. Samples of a cell form a list, in whatever order they come: tile.wgsl puts them in order. Nothing is
-// sorted, and whatever the motion, there is room for all.
+// sorted, and whatever the motion, there is room for all. Before that, `survey` finds what is nearest; see nearest.rs.
 
 @group(0) @binding(1) var<storage, read> samples_a: array<vec2<u32>>;
 @group(0) @binding(2) var<storage, read> samples_b: array<vec2<u32>>;
@@ -14,6 +14,63 @@
 @group(0) @binding(6) var<storage, read_write> places: array<vec2<f32>>;
 // Variance of the prediction where the sample is, pixel⁴; number of the next sample of the cell.
 @group(0) @binding(7) var<storage, read_write> links: array<vec2<u32>>;
+
+// Bits of the largest inverse depths of the samples nearest to each pixel, 0 where there is none: in order, as these are not
+// negative. As many as HR pixels and RIM more on each side.
+@group(0) @binding(8) var<storage, read_write> nearest: array<atomic<u32>>;
+
+struct Seen {
+    // HR position on its own grid and on the current one, pixel centres at halves.
+    own: vec2<f32>,
+    to: vec2<f32>,
+    inverse_depth: f32,
+    is_ahead: bool,
+}
+
+// Where sample `at`, column, row and age, is now.
+fn see(at: vec3<u32>) -> Seen {
+    let past = frame.past[at.z];
+    let own = (vec2<f32>(at.xy) + (0.5 + past.jitter)) * f32(frame.scale);
+    let w = bitcast<f32>(samples_a[id_of(at)].x);
+    let seen = reproject(past.rows, own, w);
+    return Seen(own, seen.xy, w / seen.z, seen.z > MIN_DIVISOR);
+}
+
+fn id_of(at: vec3<u32>) -> u32 {
+    return frame.past[at.z].slot * frame.lr.x * frame.lr.y + at.y * frame.lr.x + at.x;
+}
+
+// The place of a pixel in `nearest`.
+fn place_of(pixel: vec2<f32>) -> u32 {
+    let place = vec2<u32>(vec2<i32>(pixel) + i32(RIM));
+    return place.y * (frame.size.x + 2u * RIM) + place.x;
+}
+
+@compute @workgroup_size(64, 4)
+fn survey(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
+    if any(id_in_order.xy >= frame.lr) {
+        return;
+    }
+    let at = id_in_order * vec3(1u, 1u, EVERY);
+    let seen = see(at);
+    let pixel = floor(seen.to);
+    let rim = f32(RIM);
+    if seen.is_ahead && all(pixel >= vec2(-rim)) && all(pixel < vec2<f32>(frame.size) + rim) {
+        atomicMax(&nearest[place_of(pixel)], bitcast<u32>(seen.inverse_depth));
+    }
+}
+
+// The largest inverse depth around a pixel that is at most two outside the image.
+fn nearest_around(pixel: vec2<f32>) -> f32 {
+    let place = place_of(pixel) - (frame.size.x + 2u * RIM) - 1u;
+    var most = 0u;
+    for (var y = 0u; y < 3u; y++) {
+        for (var x = 0u; x < 3u; x++) {
+            most = max(most, atomicLoad(&nearest[place + y * (frame.size.x + 2u * RIM) + x]));
+        }
+    }
+    return bitcast<f32>(most);
+}
 
 // The variance, pixel⁴, that the current frame gives a sample of that colour seen now at `at` and inverse depth `w`. Outside,
 // the nearest cells decide.
@@ -39,28 +96,27 @@ fn land(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
         return;
     }
     let at = select(id_in_order, vec3(frame.lr - 1u, frame.frames - 1u) - id_in_order, BACKWARD);
-    let past = frame.past[at.z];
-    let id = past.slot * frame.lr.x * frame.lr.y + at.y * frame.lr.x + at.x;
-    let from_own = (vec2<f32>(at.xy) + (0.5 + past.jitter)) * f32(frame.scale);
-    let a = samples_a[id];
-    let w = bitcast<f32>(a.x);
-    let seen = reproject(past.rows, from_own, w);
-    if !(seen.z > MIN_DIVISOR) {
+    let seen = see(at);
+    let to = seen.to - 0.5;
+    let first = floor(vec2(to.x, to.y + 0.5)) - 1.0;
+    let reaches = first.x > -f32(COLUMNS) && first.y > -f32(ROWS) && all(first < vec2<f32>(frame.size));
+    if !(seen.is_ahead && reaches) {
         return;
     }
-    let moved = seen.xy - from_own;
+    let moved = seen.to - seen.own;
     let moved2 = dot(moved, moved);
-    let to = seen.xy - 0.5;
-    let color = vec3(unpack2x16float(a.y), unpack2x16float(samples_b[id].x).x);
+    let id = id_of(at);
+    let color = vec3(unpack2x16float(samples_a[id].y), unpack2x16float(samples_b[id].x).x);
     let age = f32(at.z);
+    var doubts = doubt(to, seen.inverse_depth, color, age);
+    if seen.inverse_depth < nearest_around(floor(seen.to)) * BEHIND {
+        doubts += OCCLUDED;
+    }
     // What does not move keeps its exact value: only motion, 0 at rest and towards 1 for a pixel or more, makes age and
     // doubt matter.
     let motion = moved2 / (moved2 + 1.0);
-    let noise = fma(doubt(to, w / seen.z, color, age) + AGING * age, motion, NOISE);
-    let first = floor(vec2(to.x, to.y + 0.5)) - 1.0;
-    let size = vec2<f32>(frame.size);
-    let is_seen = noise <= MAX_NOISE && first.x > -f32(COLUMNS) && first.y > -f32(ROWS) && all(first < size);
-    if !is_seen {
+    let noise = fma(doubts + AGING * age, motion, NOISE);
+    if !(noise <= MAX_NOISE) {
         return;
     }
     let cell = vec2<u32>(vec2<i32>(first) + vec2<i32>(i32(COLUMNS) - 1, i32(ROWS) - 1));

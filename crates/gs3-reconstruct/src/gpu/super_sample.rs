@@ -10,6 +10,7 @@ use super::plan::SuperSamplePlan;
 use super::shaders;
 use crate::error::{camera_size, check_jitter, check_scale, check_size};
 use crate::lattice::Axis;
+use crate::nearest::EVERY;
 use crate::reprojection::Reprojection;
 use crate::super_sample::ResetReason;
 use crate::tile::Lattice;
@@ -72,7 +73,7 @@ pub(super) fn rows(reprojection: &Reprojection) -> [[f32; 4]; 3] {
 
 /// Super-samples a sequence of jittered LR frames of one size in device memory: [`crate::SuperSampler`]'s rules.
 ///
-/// Memory: 44 B per LR pixel and remembered frame, that is per HR pixel; nothing is allocated after its making. Two
+/// Memory: 48 B per LR pixel and remembered frame, that is per HR pixel; nothing is allocated after its making. Two
 /// submissions of the same frames give the same bits on a device.
 pub struct GpuSuperSampler {
     gpu: Gpu,
@@ -82,6 +83,7 @@ pub struct GpuSuperSampler {
     buffers: Vec<(&'static str, Buffer)>,
     remember: Kernel,
     find_ranges: Kernel,
+    survey: Bound,
     land: Bound,
     accumulate: Kernel,
     /// `[LR height, LR width, 4]` of f32.
@@ -138,8 +140,9 @@ impl GpuSuperSampler {
         let uniform = gpu.buffer("frame", Use::Uniform, size_of::<FrameUniform>() as u64)?;
         let kernel =
             |label: &str, source: String, entry: &str| gpu.module(label, &[&source])?.kernel(gpu, entry, &[]);
-        let land = gpu.module("splat", &[&shaders::splat()])?.kernel(gpu, "land", landing)?;
-        let land = land.bind(gpu, &own_slices(&uniform, &buffers))?;
+        let splat = gpu.module("splat", &[&shaders::splat()])?;
+        let survey = splat.kernel(gpu, "survey", &[])?.bind(gpu, &own_slices(&uniform, &buffers))?;
+        let land = splat.kernel(gpu, "land", landing)?.bind(gpu, &own_slices(&uniform, &buffers))?;
         let buffer = |bytes| gpu.buffer("innovation", Use::Storage, bytes);
         let innovation_buffer = match innovation {
             Innovation::Wanted => Some(buffer(plan.innovation_bytes())?),
@@ -153,6 +156,7 @@ impl GpuSuperSampler {
             buffers,
             remember: kernel("samples", shaders::samples(), "remember")?,
             find_ranges: kernel("plausible", shaders::plausible(), "find_ranges")?,
+            survey,
             land,
             accumulate: kernel("tile", shaders::tile(&plan, innovation), "accumulate")?,
             plan,
@@ -236,13 +240,14 @@ impl GpuSuperSampler {
         recorder.stage("super_sample.samples");
         recorder.dispatch(&bound.remember, self.plan.over_samples);
         recorder.dispatch(&bound.find_ranges, self.plan.over_samples);
-        if let Some((_, heads)) = self.buffers.iter().find(|(name, _)| *name == "heads") {
-            recorder.clear(&heads.slice());
+        for (_, buffer) in self.buffers.iter().filter(|(name, _)| ["heads", "nearest"].contains(name)) {
+            recorder.clear(&buffer.slice());
         }
         if let Some(innovation) = &self.innovation {
             recorder.clear(&innovation.slice());
         }
         recorder.stage("super_sample.splat");
+        recorder.dispatch(&self.survey, self.plan.over_history(frames.div_ceil(EVERY as u32)));
         recorder.dispatch(&self.land, self.plan.over_history(frames));
         recorder.stage("super_sample.tile");
         recorder.dispatch(&bound.accumulate, self.plan.over_tiles);

@@ -28,6 +28,11 @@ struct Shipped {
 /// All of them; each tells in its header which network it is. Their model cards lie beside them.
 const SHIPPED: &[Shipped] = &[
     Shipped {
+        scale: 2,
+        tier: Tier::Balanced,
+        bytes: include_bytes!("../../weights/super_sample_balanced_x2.safetensors"),
+    },
+    Shipped {
         scale: 4,
         tier: Tier::Fast,
         bytes: include_bytes!("../../weights/super_sample_fast_x4.safetensors"),

@@ -1,0 +1,85 @@
+//! Scores of frames, and what is made of them.
+
+use std::error::Error;
+use std::time::Duration;
+
+use gs3::Stage;
+use gs3_evaluate::methods::Method;
+use gs3_evaluate::metrics::{Border, Quantisation, psnr, ssim, tpsnr};
+use gs3_evaluate::protocol::PSNR_CAP;
+use gs3_scene::Image;
+
+/// A row of a table.
+#[derive(Clone)]
+pub struct Row {
+    pub name: String,
+    pub rendered: Scores,
+    pub between: Scores,
+    pub tpsnr: Vec<f64>,
+    pub milliseconds: Vec<f64>,
+    pub displayed_per_rendered: f64,
+}
+
+/// Scores of frames.
+#[derive(Clone, Default)]
+pub struct Scores {
+    pub psnr: Vec<f64>,
+    pub ssim: Vec<f64>,
+}
+
+impl Row {
+    pub fn new(name: &str, displayed_per_rendered: f64) -> Self {
+        Self {
+            name: name.into(),
+            rendered: Scores::default(),
+            between: Scores::default(),
+            tpsnr: Vec::new(),
+            milliseconds: Vec::new(),
+            displayed_per_rendered,
+        }
+    }
+
+    /// Displayed frames per second by the median time; none for methods whose frames need the native image.
+    pub fn fps(&self) -> Option<f64> {
+        let mut times = self.milliseconds.clone();
+        times.sort_by(f64::total_cmp);
+        Some(self.displayed_per_rendered * 1e3 / times.get(times.len() / 2)?)
+    }
+}
+
+impl Scores {
+    pub fn add(&mut self, truth: &Image, image: &Image) -> Result<(), Box<dyn Error>> {
+        self.psnr.push(psnr(truth, image, Quantisation::None)?.min(PSNR_CAP));
+        self.ssim.push(ssim(truth, image, Border::Crop)?);
+        Ok(())
+    }
+}
+
+/// Adds the tPSNR of `image` and the frame before it, and remembers it.
+pub fn follow(
+    row: &mut Row,
+    before: &mut Option<(Image, Image)>,
+    truth: &Image,
+    image: Image,
+) -> Result<(), Box<dyn Error>> {
+    if let Some((truth_before, image_before)) = before {
+        let value = tpsnr([truth_before, truth], [image_before, &image], Quantisation::None)?;
+        row.tpsnr.push(value.min(PSNR_CAP));
+    }
+    *before = Some((truth.clone(), image));
+    Ok(())
+}
+
+pub fn milliseconds(method: &dyn Method, stages: &[Stage]) -> f64 {
+    let durations = method.durations();
+    let total: Duration = stages.iter().filter_map(|stage| durations[*stage as usize]).sum();
+    total.as_secs_f64() * 1e3
+}
+
+pub fn mean(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+pub fn shown(value: Option<f64>, digits: usize) -> String {
+    value.map_or_else(|| "–".into(), |v| format!("{v:.digits$}"))
+}
