@@ -68,6 +68,7 @@ pub(crate) struct Tile {
     pub height: usize,
     /// The first pixel of the tile is `(PAD_X, PAD_Y)`; what lies around is not specified.
     pub pixels: [[f32; 4]; STRIDE * ROWS],
+    /// What is nearest around these pixels, and beyond them as far as samples that reach them may lie.
     pub nearest: Nearest,
     columns: Columns,
 }

@@ -69,25 +69,20 @@ pub fn grown(
             let text = |inputs: usize| format!("{inputs} inputs of both networks");
             return Err(fail(text(old.inputs.len()), text(read.len())));
         }
-        if let (Op::Conv2d(_), [read]) = (&old.op, &read[..]) {
-            for (kind, array) in of_layer {
-                let name = format!("{}.{kind}", layer.name);
-                if let Some(old) = weights.arrays.get(&name) {
-                    embed(old, read, array);
-                }
-            }
-        } else {
-            for (kind, array) in of_layer {
-                let name = format!("{}.{kind}", layer.name);
-                if let Some(old) = weights.arrays.get(&name).filter(|old| old.shape() == array.shape()) {
+        for (kind, array) in of_layer {
+            let name = format!("{}.{kind}", layer.name);
+            match (weights.arrays.get(&name), &old.op, &read[..]) {
+                (Some(old), Op::Conv2d(_), [read]) => embed(old, read, array),
+                (Some(old), ..) if old.shape() == array.shape() => {
                     array.values_mut().copy_from_slice(old.values());
                 }
+                _ => {}
             }
         }
-        places
-            .push(Place::Old(result(&old.op, &layer.op, &read, large, &layer.inputs).ok_or_else(|| {
-                fail(format!("{:?}", old.op), format!("{:?} of other channels", layer.op))
-            })?));
+        let Some(result) = result(&old.op, &layer.op, &read, large, &layer.inputs) else {
+            return Err(fail(format!("{:?}", old.op), format!("{:?} of other channels", layer.op)));
+        };
+        places.push(Place::Old(result));
     }
     Ok(start)
 }
