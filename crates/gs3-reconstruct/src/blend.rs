@@ -2,9 +2,8 @@
 
 use fearless_simd::{Simd, f32x16, prelude::*};
 
-use crate::gather::{QUAD, sum_of_pixels};
 use crate::lanes::spread;
-use crate::warp::{Clip, LANES, Patch, Run, SIDE, Warp, extremes};
+use crate::warp::{Clip, LANES, Patch, Run, SIDE, Warp};
 
 /// Weights that do not show in the finest of displays.
 pub(crate) const NEGLIGIBLE: f32 = 1e-4;
@@ -14,14 +13,6 @@ pub(crate) struct Blend<'a> {
     pub warp: Warp<'a, 2>,
     /// Time, `[0, 1]` from the first neighbour to the second.
     pub t: f32,
-}
-
-/// How the pixels of a patch are blended.
-struct Shares {
-    /// Share of the second neighbour.
-    share: [f32; LANES],
-    /// A bit per pixel: whether the four pixels of its row are blended alike.
-    even: u64,
 }
 
 impl Blend<'_> {
@@ -34,41 +25,42 @@ impl Blend<'_> {
         for [x, y] in warp.runs(count / width, top) {
             let run = warp.look_at_run(simd, x, y);
             let clip = |k: usize| Clip::new(x + (k * SIDE) as isize, y, top, width, count);
-            let share = share(simd, &run.visibility, self.t).to_array();
+            let even_share = share(simd, &run.visibility, self.t).to_array();
+            let moves_alike = |k: usize| run.rigid >> k & 1 == 1 && clip(k).is_whole();
             // One neighbour after the other, so that the rows gathered from stay in the cache.
             let mut rigid = 0;
             for k in 0..LANES {
-                if run.rigid >> k & 1 == 1 && clip(k).is_whole() {
-                    let weight = if run.even >> k & 1 == 1 { 1.0 - share[k] } else { 1.0 };
+                if moves_alike(k) {
+                    let weight = if run.even >> k & 1 == 1 { 1.0 - even_share[k] } else { 1.0 };
                     rigid |= u64::from(self.gather_first(simd, &run, k, weight, &mut first[k])) << k;
                 }
             }
             for k in 0..LANES {
+                let moves_alike = moves_alike(k);
                 let (clip, x) = (clip(k), x + (k * SIDE) as isize);
                 if clip.is_empty() {
                     continue;
                 }
                 let is_rigid = rigid >> k & 1 == 1;
-                let is_even = run.even >> k & 1 == 1;
-                if is_rigid && is_even && self.gather_second(simd, &run, k, share[k], &first[k], &clip, rows)
+                let is_even = moves_alike && run.even >> k & 1 == 1;
+                if is_rigid
+                    && is_even
+                    && self.gather_second(simd, &run, k, even_share[k], &first[k], &clip, rows)
                 {
                     continue;
                 }
                 let patch = warp.look_at_patch(simd, x, y);
-                let shares = self.shares(simd, &patch);
-                if !(is_rigid && self.mix_second(simd, &run, k, &first[k], &shares.share, &clip, rows)) {
-                    self.blend_patch(simd, &patch, &shares, &clip, rows);
+                let share = match is_even {
+                    true => [even_share[k]; LANES],
+                    false => share(simd, &patch.visibility, self.t).to_array(),
+                };
+                if !(is_rigid && self.mix_second(simd, &run, k, &first[k], &share, &clip, rows)) {
+                    // One of both may be inside even so.
+                    let alike = [0, 1].map(|n| moves_alike.then(|| warp.quads(simd, n, &run, k)).flatten());
+                    self.blend_patch(simd, &patch, alike, &share, &clip, rows);
                 }
             }
         }
-    }
-
-    /// How the pixels of `patch` are blended.
-    #[inline(always)]
-    fn shares<S: Simd>(&self, simd: S, patch: &Patch<2>) -> Shares {
-        let share = share(simd, &patch.visibility, self.t);
-        let (least, most) = extremes(share);
-        Shares { share: share.to_array(), even: least.simd_eq(most).to_bitmask() }
     }
 
     /// Gathers what the first neighbour gives to a rigid patch, times `weight`; `false` if that is not all inside.
@@ -140,58 +132,42 @@ impl Blend<'_> {
         true
     }
 
-    /// Blends the pixels of a patch.
+    /// Blends the pixels of a patch row by row, of which those of neighbours in `alike` are there already.
     #[inline(always)]
     fn blend_patch<S: Simd>(
         &self,
         simd: S,
         patch: &Patch<2>,
-        shares: &Shares,
+        alike: [Option<[f32x16<S>; SIDE]>; 2],
+        share: &[f32; LANES],
         clip: &Clip,
         rows: &mut [[f32; 4]],
     ) {
         for r in clip.rows.clone() {
             let first = r * SIDE + clip.columns.start;
             let pixels = &mut rows[clip.row(r)];
-            let is_even = shares.even >> first & 1 == 1;
-            if is_even
-                && pixels.len() == QUAD
-                && self.blend_quad(simd, patch, shares.share[first], first, pixels)
-            {
-                continue;
+            let share = &share[first..first + pixels.len()];
+            let mut second = [[0.0; 4]; SIDE];
+            let second = &mut second[..pixels.len()];
+            let gather = |n: usize, pixels: &mut [[f32; 4]]| match alike[n] {
+                Some(quads) => quads[r].store_slice(pixels.as_flattened_mut()),
+                None => self.warp.gather_row(simd, n, patch, first, pixels),
+            };
+            if share.iter().any(|share| *share < 1.0) {
+                gather(0, pixels);
             }
-            for (k, pixel) in (first..).zip(pixels) {
-                let mut sum = f32x16::splat(simd, 0.0);
-                for (n, weight) in [1.0 - shares.share[k], shares.share[k]].into_iter().enumerate() {
-                    if weight > 0.0 {
-                        sum += self.warp.gather.pixel(simd, self.warp.images[n], patch.place(n, k), weight);
-                    }
+            if share.iter().any(|share| *share > 0.0) {
+                gather(1, second);
+            }
+            for ((pixel, second), share) in pixels.iter_mut().zip(second).zip(share) {
+                // What is not seen is not read, so that nothing not finite spreads.
+                match *share {
+                    0.0 => {}
+                    1.0 => *pixel = *second,
+                    share => (0..4).for_each(|c| pixel[c] += share * (second[c] - pixel[c])),
                 }
-                *pixel = sum_of_pixels(sum);
             }
         }
-    }
-
-    /// Whether all that an evenly blended quad needs moves alike and is inside the neighbours; if not, nothing has been
-    /// written.
-    #[inline(always)]
-    fn blend_quad<S: Simd>(
-        &self,
-        simd: S,
-        patch: &Patch<2>,
-        share: f32,
-        first: usize,
-        pixels: &mut [[f32; 4]],
-    ) -> bool {
-        let mut sum = f32x16::splat(simd, 0.0);
-        for (n, weight) in [1.0 - share, share].into_iter().enumerate() {
-            if weight > 0.0 {
-                let Some(quad) = self.warp.quad(simd, n, patch, first) else { return false };
-                sum = quad.mul_add(weight, sum);
-            }
-        }
-        sum.store_slice(pixels.as_flattened_mut());
-        true
     }
 }
 

@@ -28,24 +28,26 @@ impl<const N: usize> Warp<'_, N> {
                     continue;
                 }
                 let is_rigid = run.rigid >> k & 1 == 1 && clip.is_whole();
-                let is_even = run.even >> k & 1 == 1;
+                let is_even = is_rigid && run.even >> k & 1 == 1;
                 let mut patch = None;
                 for (n, part) in parts.iter_mut().enumerate() {
                     let quads = if is_rigid { self.quads(simd, n, &run, k) } else { None };
-                    if let Some(quads) = quads {
-                        for (r, quad) in quads.into_iter().enumerate() {
-                            quad.store_slice(part.image[clip.row(r)].as_flattened_mut());
-                        }
-                        if is_even {
-                            (0..SIDE).for_each(|r| part.visibility[clip.row(r)].fill(run.visibility[n][k]));
-                            continue;
-                        }
+                    for (r, quad) in quads.into_iter().flatten().enumerate() {
+                        quad.store_slice(part.image[clip.row(r)].as_flattened_mut());
+                    }
+                    if is_even {
+                        (0..SIDE).for_each(|r| part.visibility[clip.row(r)].fill(run.visibility[n][k]));
+                    }
+                    if is_even && quads.is_some() {
+                        continue;
                     }
                     let patch = patch.get_or_insert_with(|| self.look_at_patch(simd, x, y));
                     for r in clip.rows.clone() {
                         let (at, first) = (clip.row(r), r * SIDE + clip.columns.start);
-                        part.visibility[at.clone()]
-                            .copy_from_slice(&patch.visibility[n][first..first + at.len()]);
+                        if !is_even {
+                            let visibility = &patch.visibility[n][first..first + at.len()];
+                            part.visibility[at.clone()].copy_from_slice(visibility);
+                        }
                         if quads.is_none() {
                             self.gather_row(simd, n, patch, first, &mut part.image[at]);
                         }
@@ -57,7 +59,7 @@ impl<const N: usize> Warp<'_, N> {
 
     /// Gathers pixels of a row of a patch, from its pixel `first` on, from neighbour `n` alone.
     #[inline(always)]
-    fn gather_row<S: Simd>(
+    pub fn gather_row<S: Simd>(
         &self,
         simd: S,
         n: usize,

@@ -9,14 +9,16 @@ use gs3_reconstruct::{
     Interpolator, Kernel, Neighbor, ReconstructError, ResetReason, SuperSampler, resample,
 };
 use gs3_scene::camera_path::pose_between;
-use gs3_scene::{Camera, GBuffer, Image, Jitter, Scene};
+use gs3_scene::{Camera, GBuffer, Image, Scene};
 
-use crate::cut::{Lattice, is_cut};
+use crate::cut::is_cut;
 #[cfg(feature = "gpu")]
 use crate::gpu::{Device, GpuRequest};
+use crate::jitter::AdaptiveJitter;
+use crate::lattice::DepthLattice;
 use crate::learned::{LearnedInterpolator, LearnedSuperSampler, NetworkError, Networks};
 use crate::rasterizer::AnyRasterizer;
-use crate::settings::{MAX_GENERATE, Mode, PipelineSettings};
+use crate::settings::{MAX_GENERATE, Mode, PipelineSettings, Sampling};
 use crate::stages::{Stage, StageTimes};
 
 /// Why a frame could not be made. No frame is presented then; the history is as before.
@@ -74,8 +76,8 @@ struct Frame {
     camera: Option<Camera>,
     gbuffer: GBuffer,
     image: Image,
-    /// Depths that tell whether the next camera is a cut.
-    lattice: Lattice,
+    /// Depths that tell whether the next camera is a cut, and where its frame is to be sampled.
+    lattice: DepthLattice,
 }
 
 /// Renders one scene along a sequence of cameras. All memory is kept between frames.
@@ -83,7 +85,9 @@ struct Frame {
 /// Work is spread over the current rayon thread pool; frames do not depend on its size.
 pub struct FramePipeline {
     settings: PipelineSettings,
-    jitter: Jitter,
+    jitter: AdaptiveJitter,
+    /// Of the frame being made, in LR pixels.
+    offset: [f32; 2],
     rasterizer: AnyRasterizer,
     super_sampler: SuperSampler,
     interpolator: Interpolator,
@@ -97,8 +101,6 @@ pub struct FramePipeline {
     weights: Option<Arc<Weights>>,
     /// Why the next frame starts without history, if it does.
     invalid: Option<ResetReason>,
-    /// Frames since the history began; selects the jitter.
-    age: u64,
     previous: Frame,
     current: Frame,
     /// The current image before a network refined it; empty where none does.
@@ -131,6 +133,7 @@ impl FramePipeline {
             return Err(PipelineError::Generate { actual: settings.generate });
         }
         let scale = settings.raster_scale();
+        let sampling = if settings.mode == Mode::Native { Sampling::Centered } else { settings.sampling };
         // First, because both check the scale and everything else builds on it.
         let (super_sampler, interpolator) = (SuperSampler::new(scale)?, Interpolator::new(scale)?);
         let Networks { super_sample, interpolate, arithmetic } = networks.clone();
@@ -140,7 +143,8 @@ impl FramePipeline {
         let weights = super_sample.clone();
         Ok(Self {
             settings,
-            jitter: settings.jitter(),
+            jitter: AdaptiveJitter::new(scale, sampling),
+            offset: [0.0; 2],
             rasterizer: AnyRasterizer::cpu(scene, settings.culling),
             super_sampler,
             interpolator,
@@ -155,7 +159,6 @@ impl FramePipeline {
             #[cfg(feature = "gpu")]
             weights,
             invalid: Some(ResetReason::FirstFrame),
-            age: 0,
             previous: Frame::default(),
             analytic: Image::default(),
             current: Frame::default(),
@@ -180,6 +183,7 @@ impl FramePipeline {
         self.times = StageTimes::default();
         self.between_made = 0;
         self.invalidate_for(camera);
+        self.offset = self.jitter.next(camera, &self.current.lattice);
         std::mem::swap(&mut self.previous, &mut self.current);
         self.current.camera = None;
         match self.settings.mode {
@@ -204,7 +208,6 @@ impl FramePipeline {
         }
         self.current.camera = Some(*camera);
         self.invalid = None;
-        self.age += 1;
         Ok(self.present())
     }
 
@@ -260,7 +263,8 @@ impl FramePipeline {
         self.rasterizer.scene()
     }
 
-    /// Number of frames after which the sampling offsets repeat, which is also how many frames the history holds.
+    /// Number of frames after which a resting camera repeats its sampling offsets, which is also how many frames the history
+    /// holds.
     #[must_use]
     pub fn jitter_period(&self) -> usize {
         self.jitter.period()
@@ -322,7 +326,7 @@ impl FramePipeline {
             self.learned_interpolator.iter_mut().for_each(LearnedInterpolator::reset);
             #[cfg(feature = "gpu")]
             self.device.iter_mut().for_each(|device| device.reset(reason));
-            self.age = 0;
+            self.jitter.reset();
         }
     }
 
@@ -349,7 +353,7 @@ impl FramePipeline {
         RasterSettings {
             outputs,
             dilation: dilation.at_scale(self.settings.raster_scale()),
-            jitter: self.jitter.offset(self.age),
+            jitter: self.offset,
             background,
         }
     }
@@ -365,7 +369,7 @@ impl FramePipeline {
         let lr_camera = camera.low_resolution(self.settings.scale);
         let (rasterizer, gbuffer) = (&mut self.rasterizer, &mut self.current.gbuffer);
         self.times.time(Stage::Rasterize, || rasterizer.rasterize(&lr_camera, &settings, gbuffer))?;
-        self.current.lattice = Lattice::of(&self.current.gbuffer);
+        self.current.lattice = DepthLattice::of(&self.current.gbuffer);
         Ok(())
     }
 

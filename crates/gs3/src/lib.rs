@@ -27,6 +27,8 @@ mod cut;
 mod frame;
 #[cfg(feature = "gpu")]
 pub mod gpu;
+mod jitter;
+mod lattice;
 pub mod learned;
 mod rasterizer;
 mod settings;
@@ -43,6 +45,8 @@ pub use gs3_raster::Culling;
 pub use gs3_reconstruct as reconstruct;
 pub use gs3_reconstruct::ResetReason;
 pub use gs3_scene as scene;
+pub use jitter::AdaptiveJitter;
+pub use lattice::DepthLattice;
 pub use learned::{NetworkError, Networks};
 pub use settings::{Dilation, MAX_GENERATE, Mode, PipelineSettings, Sampling};
 pub use stages::{Stage, StageTimes};

@@ -1,7 +1,6 @@
 //! What a pipeline makes of a scene.
 
 use gs3_raster::{Culling, STOCK_DILATION, matched_dilation};
-use gs3_scene::Jitter;
 
 /// How frames come about.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -29,8 +28,8 @@ impl Mode {
 /// Where within their pixels low-resolution frames are sampled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Sampling {
-    /// At the offsets of the exact S×S grid in turn ([`Jitter::grid`]): after S² frames a resting camera has seen every
-    /// high-resolution pixel.
+    /// At offsets of the exact S×S grid, in each frame where the ones before did not sample ([`crate::AdaptiveJitter`]):
+    /// after S² frames a resting camera has seen every high-resolution pixel.
     #[default]
     Jittered,
     /// Always at pixel centres.
@@ -118,13 +117,6 @@ impl PipelineSettings {
         match self.mode {
             Mode::Native => 1,
             Mode::Bicubic | Mode::SuperSample | Mode::Full => self.scale,
-        }
-    }
-
-    pub(crate) fn jitter(&self) -> Jitter {
-        match (self.mode, self.sampling) {
-            (Mode::Native, _) | (_, Sampling::Centered) => Jitter::none(),
-            (_, Sampling::Jittered) => Jitter::grid(self.scale),
         }
     }
 }

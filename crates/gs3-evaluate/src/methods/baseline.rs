@@ -3,10 +3,10 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use gs3::{FramePipeline, Mode, ResetReason, Stage};
+use gs3::{AdaptiveJitter, DepthLattice, FramePipeline, Mode, ResetReason, Sampling, Stage};
 use gs3_raster::{Outputs, RasterSettings, Rasterizer, STOCK_DILATION, matched_dilation};
 use gs3_reconstruct::{Interpolator, Kernel, SuperSampler};
-use gs3_scene::{Camera, GBuffer, Gradients, Image, Jitter};
+use gs3_scene::{Camera, GBuffer, Gradients, Image};
 use rayon::prelude::*;
 
 use super::formation::reduce;
@@ -35,7 +35,7 @@ enum SpatialPart {
     /// gs3's pipeline, without interpolation.
     Pipeline(Box<FramePipeline>),
     /// gs3's history on gradients of bicubic interpolation.
-    Gradientless { source: Box<LrSource>, super_sampler: Box<SuperSampler>, jitter: Jitter, age: u64 },
+    Gradientless { source: Box<LrSource>, super_sampler: Box<SuperSampler>, jitter: AdaptiveJitter },
     /// LR frames and an upscaler.
     Upscaled { source: Box<LrSource>, upscaler: Box<dyn Upscaler> },
 }
@@ -57,8 +57,7 @@ impl Baseline {
             Spatial::Gradientless => SpatialPart::Gradientless {
                 source: Box::new(LrSource::new(spec.formation, Outputs::GBuffer, settings)),
                 super_sampler: Box::new(SuperSampler::new(settings.scale)?),
-                jitter: Jitter::grid(settings.scale),
-                age: 0,
+                jitter: AdaptiveJitter::new(settings.scale, Sampling::Jittered),
             },
             Spatial::Nearest => upscaled(Box::new(Kernel::Nearest)),
             Spatial::Bilinear => upscaled(Box::new(Kernel::Bilinear)),
@@ -109,19 +108,18 @@ impl Method for Baseline {
                 }
                 self.durations = Stage::ALL.map(|stage| pipeline.times().get(stage));
             }
-            SpatialPart::Gradientless { source, super_sampler, jitter, age } => {
+            SpatialPart::Gradientless { source, super_sampler, jitter } => {
                 let Frame { gbuffer, image, .. } = &mut self.current;
                 if middle.is_none() {
                     super_sampler.reset(ResetReason::CameraCut);
-                    *age = 0;
+                    jitter.reset();
                 }
-                self.durations[Stage::Rasterize as usize] =
-                    source.render(camera, jitter.offset(*age), gbuffer)?;
+                let offset = jitter.next(camera, &DepthLattice::of(&self.previous.gbuffer));
+                self.durations[Stage::Rasterize as usize] = source.render(camera, offset, gbuffer)?;
                 let started = Instant::now();
                 difference(gbuffer);
                 super_sampler.super_sample(camera, gbuffer, image)?;
                 self.durations[Stage::SuperSample as usize] = Some(started.elapsed());
-                *age += 1;
             }
             SpatialPart::Upscaled { source, upscaler } => {
                 let Frame { gbuffer, image, .. } = &mut self.current;

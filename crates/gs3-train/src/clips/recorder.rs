@@ -1,12 +1,12 @@
 //! Renders a shot, and keeps what a network is fed.
 
-use gs3::ResetReason;
 use gs3::learned::{InterpolateFeatures, LearnedSuperSampler, Seen, SuperSampleFeatures};
 use gs3::neural::model::Tier;
 use gs3::neural::{Arithmetic, Graph, Layer, Named, Op};
 use gs3::raster::{Culling, Outputs, RasterSettings, Rasterizer};
 use gs3::reconstruct::{Depth, Interpolator, Neighbor, SuperSampler, Warped};
-use gs3::scene::{Camera, GBuffer, Image, Jitter, Planes};
+use gs3::scene::{Camera, GBuffer, Image, Planes};
+use gs3::{AdaptiveJitter, DepthLattice, ResetReason, Sampling};
 use half::f16;
 
 use super::draw::Draw;
@@ -20,7 +20,7 @@ pub(super) struct Recorder<'a> {
     source: &'a Source,
     settings: &'a ClipSettings,
     graph: Graph,
-    jitter: Jitter,
+    jitter: AdaptiveJitter,
     rasterizer: Rasterizer,
     super_sampler: SuperSampler,
     learned: Option<LearnedSuperSampler>,
@@ -61,7 +61,7 @@ impl<'a> Recorder<'a> {
             settings,
             // Inputs that clips hold are the same for all tiers.
             graph: settings.network.graph(settings.scale, Tier::Fast).map_err(ClipError::from)?,
-            jitter: Jitter::grid(settings.scale),
+            jitter: AdaptiveJitter::new(settings.scale, Sampling::Jittered),
             rasterizer: Rasterizer::new(source.scene.clone(), Culling::default()),
             super_sampler: SuperSampler::new(settings.scale)?,
             learned: learned.transpose()?,
@@ -75,6 +75,7 @@ impl<'a> Recorder<'a> {
         let mut draw = Draw::new(seed);
         let shot = Shot::draw(&mut draw, self.source, self.settings, is_held_out, &mut self.rasterizer)?;
         self.super_sampler.reset(ResetReason::CameraCut);
+        self.jitter.reset();
         self.learned.iter_mut().for_each(LearnedSuperSampler::reset);
         let frames = match self.settings.network {
             Network::SuperSample => self.super_sampled(&shot)?,
@@ -144,10 +145,11 @@ impl<'a> Recorder<'a> {
     fn render(&mut self, shot: &Shot, k: usize, previous: Option<&Rendered>) -> Result<Rendered, MakeError> {
         let scale = self.settings.scale;
         let camera = shot.camera(k as f64)?;
+        let depths = previous.map(|previous| DepthLattice::of(&previous.gbuffer)).unwrap_or_default();
         let settings = RasterSettings {
             outputs: Outputs::GBuffer,
             dilation: self.settings.dilation.at_scale(scale),
-            jitter: self.jitter.offset(shot.phase + k as u64),
+            jitter: self.jitter.next(&camera, &depths),
             background: shot.background,
         };
         let mut gbuffer = GBuffer::default();

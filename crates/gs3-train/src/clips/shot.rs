@@ -56,8 +56,6 @@ pub(super) struct Shot {
     pub background: [f32; 3],
     /// Frames between the reset and the first one recorded.
     pub past: usize,
-    /// Frame of the jitter's order at which it starts.
-    pub phase: u64,
     /// Frames generated between rendered ones; for interpolation.
     pub generate: usize,
 }
@@ -87,7 +85,6 @@ impl Shot {
         let half = 0.5 * (rendered - 1) as f64;
         let mut plan = Plan::draw(draw, half);
         let may_be_dull = draw.chance(DULL);
-        let phase = draw.bits() % 256;
         // What is drawn so far stays, so that fast clips are as many as slow ones.
         let mut scout = Scout::new(rasterizer, settings.held_out, is_held_out, may_be_dull);
         for attempt in 1..=ATTEMPTS {
@@ -97,7 +94,7 @@ impl Shot {
             let framing = Framing::draw(draw, settings.size, settings.scale);
             let Some((framing, movement)) = scout.find(draw, source, framing, &plan)? else { continue };
             let middle = past as f64 + half;
-            let shot = Self { framing, movement, middle, background, past, phase, generate };
+            let shot = Self { framing, movement, middle, background, past, generate };
             let times = [0.0, past as f64, (past + rendered - 1) as f64];
             if scout.likes(&shot, &times)? && scout.is_sharp(&shot, middle, settings.scale)? {
                 return Ok(shot);

@@ -10,8 +10,8 @@ use gs3_reconstruct::ResetReason;
 use gs3_scene::Image;
 
 use super::frames::{GpuFrames, GpuRequest};
-use crate::cut::Lattice;
 use crate::frame::PipelineError;
+use crate::lattice::DepthLattice;
 use crate::settings::PipelineSettings;
 use crate::stages::{Stage, StageTimes};
 
@@ -26,7 +26,7 @@ pub(crate) struct Device {
 pub(crate) struct DeviceFrame {
     /// Images between it and the last one.
     pub between: usize,
-    pub lattice: Lattice,
+    pub lattice: DepthLattice,
     pub times: StageTimes,
 }
 

@@ -10,8 +10,8 @@ use gs3_reconstruct::gpu::{GpuReconstructError, NeighborView};
 use gs3_scene::{Camera, GBuffer, Image};
 
 use super::sized::Sized;
-use crate::cut::Lattice;
 use crate::frame::PipelineError;
+use crate::lattice::DepthLattice;
 use crate::settings::PipelineSettings;
 
 /// A frame to be made.
@@ -50,7 +50,7 @@ pub struct GpuFrames {
 pub(crate) struct Rendered {
     /// Images between it and the last one.
     pub between: usize,
-    pub lattice: Lattice,
+    pub lattice: DepthLattice,
     pub submission: Submission,
 }
 

@@ -12,8 +12,8 @@ use gs3_reconstruct::gpu::{
 use gs3_scene::Camera;
 
 use super::learned::{Learned, Place};
-use crate::cut::{LATTICE, Lattice};
 use crate::frame::PipelineError;
+use crate::lattice::{DepthLattice, LATTICE};
 use crate::settings::{Mode, PipelineSettings};
 
 /// Bytes of the depths that tell camera cuts.
@@ -81,8 +81,8 @@ impl Places {
     }
 
     /// Of all bytes the depths that tell camera cuts.
-    pub fn lattice_of(&self, bytes: &[u8]) -> Lattice {
-        let mut lattice = Lattice::default();
+    pub fn lattice_of(&self, bytes: &[u8]) -> DepthLattice {
+        let mut lattice = DepthLattice::default();
         let depths = part(bytes, self.lattice, self.image).as_chunks().0;
         lattice.0.iter_mut().zip(depths).for_each(|(to, depth)| *to = f32::from_le_bytes(*depth));
         lattice
