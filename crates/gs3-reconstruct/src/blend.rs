@@ -26,21 +26,20 @@ impl Blend<'_> {
             let run = warp.look_at_run(simd, x, y);
             let clip = |k: usize| Clip::new(x + (k * SIDE) as isize, y, top, width, count);
             let even_share = share(simd, &run.visibility, self.t).to_array();
-            let moves_alike = |k: usize| run.rigid >> k & 1 == 1 && clip(k).is_whole();
             // One neighbour after the other, so that the rows gathered from stay in the cache.
             let mut rigid = 0;
             for k in 0..LANES {
-                if moves_alike(k) {
+                if run.rigid >> k & 1 == 1 && clip(k).is_whole() {
                     let weight = if run.even >> k & 1 == 1 { 1.0 - even_share[k] } else { 1.0 };
                     rigid |= u64::from(self.gather_first(simd, &run, k, weight, &mut first[k])) << k;
                 }
             }
             for k in 0..LANES {
-                let moves_alike = moves_alike(k);
                 let (clip, x) = (clip(k), x + (k * SIDE) as isize);
                 if clip.is_empty() {
                     continue;
                 }
+                let moves_alike = run.rigid >> k & 1 == 1 && clip.is_whole();
                 let is_rigid = rigid >> k & 1 == 1;
                 let is_even = moves_alike && run.even >> k & 1 == 1;
                 if is_rigid
@@ -56,8 +55,13 @@ impl Blend<'_> {
                 };
                 if !(is_rigid && self.mix_second(simd, &run, k, &first[k], &share, &clip, rows)) {
                     // One of both may be inside even so.
-                    let alike = [0, 1].map(|n| moves_alike.then(|| warp.quads(simd, n, &run, k)).flatten());
-                    self.blend_patch(simd, &patch, alike, &share, &clip, rows);
+                    let mut alike = [None; 2];
+                    if moves_alike {
+                        for (n, alike) in alike.iter_mut().enumerate() {
+                            *alike = warp.quads(simd, n, &run, k);
+                        }
+                    }
+                    self.blend_patch(simd, &patch, &alike, &share, &clip, rows);
                 }
             }
         }
@@ -138,7 +142,7 @@ impl Blend<'_> {
         &self,
         simd: S,
         patch: &Patch<2>,
-        alike: [Option<[f32x16<S>; SIDE]>; 2],
+        alike: &[Option<[f32x16<S>; SIDE]>; 2],
         share: &[f32; LANES],
         clip: &Clip,
         rows: &mut [[f32; 4]],
@@ -149,24 +153,39 @@ impl Blend<'_> {
             let share = &share[first..first + pixels.len()];
             let mut second = [[0.0; 4]; SIDE];
             let second = &mut second[..pixels.len()];
-            let gather = |n: usize, pixels: &mut [[f32; 4]]| match alike[n] {
-                Some(quads) => quads[r].store_slice(pixels.as_flattened_mut()),
-                None => self.warp.gather_row(simd, n, patch, first, pixels),
-            };
             if share.iter().any(|share| *share < 1.0) {
-                gather(0, pixels);
+                self.gather_side(simd, 0, patch, alike, [r, first], pixels);
             }
             if share.iter().any(|share| *share > 0.0) {
-                gather(1, second);
+                self.gather_side(simd, 1, patch, alike, [r, first], second);
             }
             for ((pixel, second), share) in pixels.iter_mut().zip(second).zip(share) {
-                // What is not seen is not read, so that nothing not finite spreads.
-                match *share {
-                    0.0 => {}
-                    1.0 => *pixel = *second,
-                    share => (0..4).for_each(|c| pixel[c] += share * (second[c] - pixel[c])),
+                // What does not count is not read, so that nothing not finite spreads.
+                if *share == 1.0 {
+                    *pixel = *second;
+                } else if *share > 0.0 {
+                    for c in 0..4 {
+                        pixel[c] += share * (second[c] - pixel[c]);
+                    }
                 }
             }
+        }
+    }
+
+    /// Gathers row `r` of a patch, whose first pixel wanted is pixel `first` of the patch, from neighbour `n`.
+    #[inline(always)]
+    fn gather_side<S: Simd>(
+        &self,
+        simd: S,
+        n: usize,
+        patch: &Patch<2>,
+        alike: &[Option<[f32x16<S>; SIDE]>; 2],
+        [r, first]: [usize; 2],
+        pixels: &mut [[f32; 4]],
+    ) {
+        match &alike[n] {
+            Some(quads) => quads[r].store_slice(pixels.as_flattened_mut()),
+            None => self.warp.gather_row(simd, n, patch, first, pixels),
         }
     }
 }

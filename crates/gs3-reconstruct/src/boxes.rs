@@ -1,5 +1,7 @@
 //! Where chunks of samples are in the current frame: boxes that contain them.
 
+use std::ops::Range;
+
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*};
 
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
@@ -12,7 +14,7 @@ const SLACK: f32 = 0.5;
 const LANES: usize = 16;
 
 /// Chunks that one mask tells of.
-pub(crate) const WORD: usize = 64;
+const WORD: usize = 64;
 
 /// A range of HR pixels along x and y, ends included.
 #[derive(Clone, Copy, Debug)]
@@ -109,21 +111,27 @@ impl Boxes {
     }
 
     /// From the first to the last row of samples that meets `limits`.
-    pub fn rows_meeting(&self, limits: Limits) -> std::ops::Range<usize> {
+    pub fn rows_meeting(&self, limits: Limits) -> Range<usize> {
         let meets = |[top, bottom]: &[f32; 2]| *top <= limits.bottom && *bottom >= limits.top;
         let first = self.rows.iter().position(meets);
         let last = self.rows.iter().rposition(meets);
         first.zip(last).map_or(0..0, |(first, last)| first..last + 1)
     }
 
+    /// The row and the place in it of each chunk of `rows` that meets `limits`, in order.
+    #[inline(always)]
+    pub fn chunks_meeting<S: Simd>(&self, simd: S, rows: Range<usize>, limits: Limits) -> Meeting<'_, S> {
+        Meeting { boxes: self, simd, rows, limits, row: 0, word: self.words(), mask: 0 }
+    }
+
     /// Masks per row.
-    pub const fn words(&self) -> usize {
+    const fn words(&self) -> usize {
         self.stride / WORD
     }
 
     /// Which chunks of word `word` of row `row` meet `limits`.
     #[inline(always)]
-    pub fn meeting<S: Simd>(&self, simd: S, row: usize, word: usize, limits: Limits) -> u64 {
+    fn meeting<S: Simd>(&self, simd: S, row: usize, word: usize, limits: Limits) -> u64 {
         let [row_top, row_bottom] = self.rows[row];
         if row_top > limits.bottom || row_bottom < limits.top {
             return 0;
@@ -146,5 +154,37 @@ impl Boxes {
         let at = row * self.stride + chunk;
         let top = self.top[at];
         top >= strip.top && top < strip.bottom && top <= limits.bottom && self.bottom[at] >= limits.top
+    }
+}
+
+/// Goes over chunks that meet limits. An iterator and no closure, which would be a call outside of the kernel.
+pub(crate) struct Meeting<'a, S> {
+    boxes: &'a Boxes,
+    simd: S,
+    /// Rows to come.
+    rows: Range<usize>,
+    limits: Limits,
+    row: usize,
+    /// The word of `row` to come.
+    word: usize,
+    /// Chunks to come of the word before.
+    mask: u64,
+}
+
+impl<S: Simd> Iterator for Meeting<'_, S> {
+    type Item = (usize, usize);
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<(usize, usize)> {
+        while self.mask == 0 {
+            if self.word == self.boxes.words() {
+                (self.row, self.word) = (self.rows.next()?, 0);
+            }
+            self.mask = self.boxes.meeting(self.simd, self.row, self.word, self.limits);
+            self.word += 1;
+        }
+        let chunk = (self.word - 1) * WORD + self.mask.trailing_zeros() as usize;
+        self.mask &= self.mask - 1;
+        Some((self.row, chunk))
     }
 }

@@ -6,7 +6,7 @@ use fearless_simd::{Level, Simd, dispatch};
 use gs3_scene::{Camera, GBuffer, Gradients, Image};
 use rayon::prelude::*;
 
-use crate::boxes::{Boxes, Limits, WORD};
+use crate::boxes::{Boxes, Limits};
 use crate::error::{ReconstructError, camera_size, check_gbuffer, check_scale};
 use crate::hermite::Surface;
 use crate::nearest::{EVERY, RIM};
@@ -287,17 +287,10 @@ impl SuperSampler {
         let mut color = None;
         for (age, (past, rows)) in self.past.iter().zip(of_past).enumerate() {
             let limits = self.limits(tile, age);
-            for row in rows.clone() {
-                for word in 0..past.boxes.words() {
-                    let mut chunks = past.boxes.meeting(simd, row, word, limits);
-                    while chunks != 0 {
-                        let chunk = word * WORD + chunks.trailing_zeros() as usize;
-                        chunks &= chunks - 1;
-                        let bare = past.frame.chunks[row * past.frame.chunks_per_row() + chunk].bare?;
-                        if *color.get_or_insert(bare) != bare {
-                            return None;
-                        }
-                    }
+            for (row, chunk) in past.boxes.chunks_meeting(simd, rows.clone(), limits) {
+                let bare = past.frame.chunks[row * past.frame.chunks_per_row() + chunk].bare?;
+                if *color.get_or_insert(bare) != bare {
+                    return None;
                 }
             }
         }
@@ -318,15 +311,8 @@ impl SuperSampler {
                 age: 0,
                 scale: self.scale as f32,
             };
-            for row in rows.clone() {
-                for word in 0..past.boxes.words() {
-                    let mut chunks = past.boxes.meeting(simd, row, word, limits);
-                    while chunks != 0 {
-                        let chunk = word * WORD + chunks.trailing_zeros() as usize;
-                        chunks &= chunks - 1;
-                        tile.survey(simd, &source, row, chunk);
-                    }
-                }
+            for (row, chunk) in past.boxes.chunks_meeting(simd, rows.clone(), limits) {
+                tile.survey(simd, &source, row, chunk);
             }
         }
         tile.nearest.spread(simd);
@@ -344,23 +330,16 @@ impl SuperSampler {
             let first = if from == limits.top { f32::NEG_INFINITY } else { from };
             let strip = Limits { top: first, bottom: from + STRIP, ..limits };
             for (age, (past, rows)) in self.past.iter().zip(of_past).enumerate().skip(youngest) {
-                for row in rows.clone() {
-                    for word in 0..past.boxes.words() {
-                        let mut chunks = past.boxes.meeting(simd, row, word, strip);
-                        while chunks != 0 {
-                            let chunk = word * WORD + chunks.trailing_zeros() as usize;
-                            chunks &= chunks - 1;
-                            if !past.boxes.begins_within(row, chunk, strip, limits) {
-                                continue;
-                            }
-                            // Sides and ages are far below 2¹⁶.
-                            queue[count] = Task { age: age as u16, row: row as u16, chunk: chunk as u16 };
-                            count += 1;
-                            if count == QUEUE {
-                                self.add_all(tile, &queue);
-                                count = 0;
-                            }
-                        }
+                for (row, chunk) in past.boxes.chunks_meeting(simd, rows.clone(), strip) {
+                    if !past.boxes.begins_within(row, chunk, strip, limits) {
+                        continue;
+                    }
+                    // Sides and ages are far below 2¹⁶.
+                    queue[count] = Task { age: age as u16, row: row as u16, chunk: chunk as u16 };
+                    count += 1;
+                    if count == QUEUE {
+                        self.add_all(tile, &queue);
+                        count = 0;
                     }
                 }
             }
