@@ -44,6 +44,11 @@ impl Reprojection {
     }
 }
 
+/// Pixels that what is a unit of the scene away moves from `source` to `target` where the one moved across the view of the other.
+pub(crate) fn parallax(source: &Camera, target: &Camera) -> f32 {
+    (source.position().distance(target.position()) * target.intrinsics().fx) as f32
+}
+
 fn intrinsic_matrix(camera: &Camera) -> DMat3 {
     let i = camera.intrinsics();
     DMat3::from_cols(DVec3::new(i.fx, 0.0, 0.0), DVec3::new(0.0, i.fy, 0.0), DVec3::new(i.cx, i.cy, 1.0))

@@ -11,7 +11,7 @@ use crate::error::{ReconstructError, camera_size, check_gbuffer, check_scale};
 use crate::hermite::Surface;
 use crate::nearest::{EVERY, RIM};
 use crate::plausible::Plausible;
-use crate::reprojection::Reprojection;
+use crate::reprojection::{Reprojection, parallax};
 use crate::samples::SampleFrame;
 use crate::splat::{REACH, Source};
 use crate::tile::{Lattice, RING, TILE_HEIGHT, TILE_WIDTH, Tile, Wanted};
@@ -50,8 +50,19 @@ struct Past {
     frame: SampleFrame,
     /// From its camera to the current one.
     reprojection: Reprojection,
+    /// HR pixels that what is a unit of the scene away moves between both, at most.
+    parallax: f32,
     /// Where its chunks are in the current frame.
     boxes: Boxes,
+}
+
+impl Past {
+    /// As it is seen now, `age` frames later.
+    #[inline(always)]
+    fn source(&self, age: usize, scale: u32) -> Source<'_> {
+        let Self { frame, reprojection, parallax, .. } = self;
+        Source { frame, reprojection, age, parallax: *parallax, scale: scale as f32 }
+    }
 }
 
 /// A chunk of samples of a past frame.
@@ -181,6 +192,7 @@ impl SuperSampler {
             camera: *camera,
             frame: SampleFrame::default(),
             reprojection: Reprojection::new(camera, camera),
+            parallax: 0.0,
             boxes: Boxes::default(),
         });
         newest.camera = *camera;
@@ -196,6 +208,7 @@ impl SuperSampler {
         let (scale, level) = (self.scale as f32, self.level);
         self.past.par_iter_mut().for_each(|past| {
             past.reprojection = Reprojection::new(&past.camera, camera);
+            past.parallax = parallax(&past.camera, camera);
             dispatch!(level, simd => past.boxes.set(simd, &past.frame, &past.reprojection, scale));
         });
     }
@@ -304,13 +317,8 @@ impl SuperSampler {
         let limits = self.limits(tile, 1).wider(rim - REACH);
         tile.nearest.clear();
         for (past, rows) in self.past.iter().zip(of_past).step_by(EVERY) {
-            let source = Source {
-                frame: &past.frame,
-                reprojection: &past.reprojection,
-                // No matter here.
-                age: 0,
-                scale: self.scale as f32,
-            };
+            // Age is no matter here.
+            let source = past.source(0, self.scale);
             for (row, chunk) in past.boxes.chunks_meeting(simd, rows.clone(), limits) {
                 tile.survey(simd, &source, row, chunk);
             }
@@ -354,8 +362,7 @@ impl SuperSampler {
             if let Some(next) = tasks.get(k + AHEAD) {
                 self.past[next.age as usize].frame.prefetch(next.row as usize, next.chunk as usize);
             }
-            let Past { frame, reprojection, .. } = &self.past[task.age as usize];
-            let source = Source { frame, reprojection, age: task.age as usize, scale: self.scale as f32 };
+            let source = self.past[task.age as usize].source(task.age as usize, self.scale);
             tile.add(simd, &source, &self.plausible, task.row as usize, task.chunk as usize);
         });
     }

@@ -8,7 +8,8 @@ struct Past {
     jitter: vec2<f32>,
     // Which part of the history holds it.
     slot: u32,
-    _pad: u32,
+    // HR pixels that what is a unit of the scene away moves from its camera to the current one, if that moved across.
+    parallax: f32,
 }
 
 struct Frame {

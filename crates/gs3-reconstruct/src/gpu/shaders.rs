@@ -48,6 +48,7 @@ pub fn splat() -> String {
         ("HIDDEN", plausible::HIDDEN),
         ("NOISE", splat::NOISE),
         ("AGING", splat::AGING),
+        ("PER_FRAME", splat::PER_FRAME),
         ("MAX_NOISE", splat::MAX_NOISE),
         ("BEHIND", nearest::BEHIND),
         ("OCCLUDED", nearest::OCCLUDED),

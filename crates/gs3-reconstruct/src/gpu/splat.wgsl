@@ -72,9 +72,9 @@ fn nearest_around(pixel: vec2<f32>) -> f32 {
     return bitcast<f32>(most);
 }
 
-// The variance, pixel⁴, that the current frame gives a sample of that colour seen now at `at` and inverse depth `w`. Outside,
-// the nearest cells decide.
-fn doubt(at: vec2<f32>, w: f32, color: vec3<f32>, age: f32) -> f32 {
+// The variance, pixel⁴, that the current frame gives a sample of that colour seen now at `at` and inverse depth `w`, so stale
+// (pixels). Outside, the nearest cells decide.
+fn doubt(at: vec2<f32>, w: f32, color: vec3<f32>, staleness: f32) -> f32 {
     let last = vec2<f32>(frame.lr - 1u);
     let place = vec2<u32>(clamp(fma(at, vec2(1.0 / f32(frame.scale)), frame.cell_offset), vec2(0.0), last));
     let i = place.y * frame.lr.x + place.x;
@@ -84,7 +84,7 @@ fn doubt(at: vec2<f32>, w: f32, color: vec3<f32>, age: f32) -> f32 {
     let middle = cells[2u * i];
     let extent = cells[2u * i + 1u];
     let outside = max(abs(color - middle.xyz) - extent.xyz, vec3(0.0));
-    return fma(dot(outside, outside), middle.w, extent.w * (age * age));
+    return fma(dot(outside, outside), middle.w, extent.w * (staleness * staleness));
 }
 
 // The last samples come first: for tests that this does not show.
@@ -107,15 +107,16 @@ fn land(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
     let moved2 = dot(moved, moved);
     let id = id_of(at);
     let color = vec3(unpack2x16float(samples_a[id].y), unpack2x16float(samples_b[id].x).x);
-    let age = f32(at.z);
-    var doubts = doubt(to, seen.inverse_depth, color, age);
+    // Pixels; see Seen::staleness in splat.rs.
+    let staleness = fma(bitcast<f32>(samples_a[id].x), frame.past[at.z].parallax, PER_FRAME * f32(at.z));
+    var doubts = doubt(to, seen.inverse_depth, color, staleness);
     if seen.inverse_depth < nearest_around(floor(seen.to)) * BEHIND {
         doubts += OCCLUDED;
     }
-    // What does not move keeps its exact value: only motion, 0 at rest and towards 1 for a pixel or more, makes age and
-    // doubt matter.
+    // What does not move keeps its exact value: only motion, 0 at rest and towards 1 for a pixel or more, makes
+    // staleness and doubt matter.
     let motion = moved2 / (moved2 + 1.0);
-    let noise = fma(doubts + AGING * age, motion, NOISE);
+    let noise = fma(fma(staleness, AGING, doubts), motion, NOISE);
     if !(noise <= MAX_NOISE) {
         return;
     }

@@ -11,7 +11,7 @@ use super::shaders;
 use crate::error::{camera_size, check_jitter, check_scale, check_size};
 use crate::lattice::Axis;
 use crate::nearest::EVERY;
-use crate::reprojection::Reprojection;
+use crate::reprojection::{Reprojection, parallax};
 use crate::super_sample::ResetReason;
 use crate::tile::Lattice;
 
@@ -28,7 +28,7 @@ struct PastUniform {
     rows: [[f32; 4]; 3],
     jitter: [f32; 2],
     slot: u32,
-    _pad: u32,
+    parallax: f32,
 }
 
 /// `Frame` of `frame.wgsl`.
@@ -279,7 +279,8 @@ impl GpuSuperSampler {
         let mut past = [PastUniform::zeroed(); MAX_PAST];
         for (to, frame) in past.iter_mut().zip([current].into_iter().chain(kept)) {
             let reprojection = Reprojection::new(&frame.camera, &current.camera);
-            *to = PastUniform { rows: rows(&reprojection), jitter: frame.jitter, slot: frame.slot, _pad: 0 };
+            let parallax = parallax(&frame.camera, &current.camera);
+            *to = PastUniform { rows: rows(&reprojection), jitter: frame.jitter, slot: frame.slot, parallax };
         }
         FrameUniform {
             size: self.plan.size,
@@ -319,7 +320,7 @@ mod tests {
     #[test]
     fn layouts_are_those_of_the_shader() {
         let source = include_str!("frame.wgsl");
-        assert_layout!(source, Past, PastUniform { rows, jitter, slot, _pad });
+        assert_layout!(source, Past, PastUniform { rows, jitter, slot, parallax });
         assert_layout!(
             source,
             Frame,
