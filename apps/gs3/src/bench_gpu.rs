@@ -168,7 +168,8 @@ impl Bench {
     }
 }
 
-/// Frames one after the other, as a pipeline asks for them.
+/// Frames one after the other, as a pipeline asks for them, but for their jitter: nothing is read back here, so where a frame
+/// would best be sampled is not known, and offsets come in their fixed order. It is as much work.
 struct Sequence<'a> {
     settings: &'a PipelineSettings,
     jitter: Jitter,

@@ -19,7 +19,7 @@ use crate::samples::SampleFrame;
 pub(crate) const DEPTH_TOLERANCE: f32 = 0.02;
 
 /// How far a cell's samples are extrapolated to find the range of plausible colours, in spacings of samples: half a cell
-/// is where the extrapolations of two neighbours meet, and as much again of that for curvature. (Empirical: 0.5 loses up to
+/// is where the extrapolations of two neighbours meet, and half as much again is for curvature. (Empirical: 0.5 loses up to
 /// 0.19 dB, 1 gains up to 0.08.)
 pub(crate) const EXTRAPOLATION: f32 = 0.75;
 

@@ -44,7 +44,8 @@ impl Reprojection {
     }
 }
 
-/// Pixels that what is a unit of the scene away moves from `source` to `target` where the one moved across the view of the other.
+/// Parallax of a point at depth 1 between the cameras, in pixels of `target`, as if the baseline were perpendicular to the view:
+/// baseline times focal length. At depth z it is 1/z of that.
 pub(crate) fn parallax(source: &Camera, target: &Camera) -> f32 {
     (source.position().distance(target.position()) * target.intrinsics().fx) as f32
 }

@@ -51,7 +51,7 @@ pub(crate) struct Source<'a> {
     pub reprojection: &'a Reprojection,
     /// In frames.
     pub age: usize,
-    /// HR pixels that what is a unit of the scene away moves from its camera to the current one, if that moved across.
+    /// Parallax at depth 1 between its camera and the current one, HR pixels ([`crate::reprojection::parallax`]).
     pub parallax: f32,
     /// HR pixels between samples.
     pub scale: f32,

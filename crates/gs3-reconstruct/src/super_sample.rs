@@ -50,7 +50,7 @@ struct Past {
     frame: SampleFrame,
     /// From its camera to the current one.
     reprojection: Reprojection,
-    /// HR pixels that what is a unit of the scene away moves between both, at most.
+    /// Parallax at depth 1 between both, HR pixels.
     parallax: f32,
     /// Where its chunks are in the current frame.
     boxes: Boxes,

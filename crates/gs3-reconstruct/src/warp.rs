@@ -282,7 +282,7 @@ fn units<S: Simd>(moved: f32x16<S>, pixel: f32x16<S>) -> i32x16<S> {
 
 /// The least and the largest of every four lanes, in all of them.
 #[inline(always)]
-pub(crate) fn extremes<S: Simd>(v: f32x16<S>) -> (f32x16<S>, f32x16<S>) {
+fn extremes<S: Simd>(v: f32x16<S>) -> (f32x16<S>, f32x16<S>) {
     let turned = v.slide_within_blocks::<1>(v);
     let (least, most) = (v.min(turned), v.max(turned));
     (least.min(least.slide_within_blocks::<2>(least)), most.max(most.slide_within_blocks::<2>(most)))

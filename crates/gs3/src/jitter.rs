@@ -23,7 +23,7 @@ const AGING: f64 = 0.15;
 /// Depth of what nothing is known of: beyond any motion.
 const FAR: f64 = 1e9;
 
-/// Energies that differ by less, relative to the number of points, count as equal: rounding does not decide.
+/// Energies, means over the points, that differ by less count as equal: rounding does not decide.
 const EQUAL: f64 = 1e-6;
 
 /// Chooses the sampling offset of each frame among those of the exact S×S grid ([`Jitter::grid`]), in LR pixels, so that the
@@ -110,7 +110,7 @@ impl AdaptiveJitter {
                 if depth <= 0.0 {
                     continue;
                 }
-                // As in super sampling, what does not move does not age.
+                // What does not move stays exact, whatever its age.
                 let moved = then.distance_squared(now);
                 let worth = 1.0 / (1.0 + AGING * f64::from(age) * moved / (moved + 1.0));
                 let sample = self.sample(*offset) - then;

@@ -8,7 +8,7 @@ struct Past {
     jitter: vec2<f32>,
     // Which part of the history holds it.
     slot: u32,
-    // HR pixels that what is a unit of the scene away moves from its camera to the current one, if that moved across.
+    // Parallax at depth 1 between its camera and the current one, HR pixels.
     parallax: f32,
 }
 

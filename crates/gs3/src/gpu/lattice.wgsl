@@ -1,4 +1,4 @@
-// Depths on a lattice of 5×5 pixels, by which camera cuts are told; see cut.rs.
+// Depths on a lattice of 5×5 pixels, by which camera cuts are told and frames are jittered; see lattice.rs.
 
 const LATTICE: u32 = 5u;
 

@@ -16,7 +16,7 @@ use crate::frame::PipelineError;
 use crate::lattice::{DepthLattice, LATTICE};
 use crate::settings::{Mode, PipelineSettings};
 
-/// Bytes of the depths that tell camera cuts.
+/// Bytes of [`DepthLattice`].
 const LATTICE_BYTES: u64 = (LATTICE * LATTICE * 4) as u64;
 
 const LATTICE_WGSL: &str = include_str!("lattice.wgsl");
@@ -53,7 +53,7 @@ pub struct Sized {
     /// Interpolation into each of them, by which side is the newer one.
     bound_between: [Vec<BoundInterpolator>; 2],
     look: Kernel,
-    /// The depths that tell camera cuts, and the size of what they are taken from.
+    /// Those of [`DepthLattice`], and the size of what they are taken from.
     lattice: Buffer,
     lattice_size: Buffer,
     pub readback: Readback,
@@ -80,7 +80,7 @@ impl Places {
         part(bytes, 0, self.lattice)
     }
 
-    /// Of all bytes the depths that tell camera cuts.
+    /// Of all bytes the depths that the processor knows.
     pub fn lattice_of(&self, bytes: &[u8]) -> DepthLattice {
         let mut lattice = DepthLattice::default();
         let depths = part(bytes, self.lattice, self.image).as_chunks().0;
