@@ -2,7 +2,7 @@
 //!
 //! Depth forward, colour backward: the depths of both neighbours are splatted to the middle pose on the LR grid (nearest
 //! wins), holes take the farthest depth beside them, and every HR pixel then gathers its colour from both HR neighbours,
-//! blended by visibility and time. [`Interpolator::warp`] leaves the blend to the caller, and [`Interpolator::reproject`] asks
+//! blended by visibility, time and uncertainty. [`Interpolator::warp`] leaves the blend to the caller, and [`Interpolator::reproject`] asks
 //! for one neighbour only.
 
 use fearless_simd::{Level, dispatch};
@@ -23,7 +23,8 @@ use crate::warp::{Warp, band_top, bands};
 pub struct Neighbor<'a> {
     /// The camera of `image`.
     pub camera: &'a Camera,
-    /// The HR frame.
+    /// The HR frame: RGB and uncertainty, as [`crate::SuperSampler::super_sample`] gives it; the neighbour that is less
+    /// uncertain counts more. Where uncertainties are unknown they should be alike.
     pub image: &'a Image,
     /// The LR frame it was reconstructed from, with geometry.
     pub gbuffer: &'a GBuffer,
@@ -138,11 +139,11 @@ impl Interpolator {
         let all = images.zip(visibility).zip(bands(scale, width, out.share.data_mut())).enumerate();
         all.for_each(|(band, ((images, seen), share))| {
             let parts = [
-                Part { image: images.0, visibility: &mut *seen.0 },
-                Part { image: images.1, visibility: &mut *seen.1 },
+                Part { image: &mut *images.0, visibility: &mut *seen.0 },
+                Part { image: &mut *images.1, visibility: &mut *seen.1 },
             ];
             dispatch!(level, simd => warp.separate(simd, band_top(scale, band), parts));
-            dispatch!(level, simd => shares(simd, [seen.0, seen.1], t, share));
+            dispatch!(level, simd => shares(simd, [seen.0, seen.1], [images.0, images.1], t, share));
         });
         Ok(())
     }

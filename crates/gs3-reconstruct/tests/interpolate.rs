@@ -97,9 +97,37 @@ fn times_other_than_the_middle_see_what_is_there() {
 }
 
 #[test]
+fn the_less_uncertain_neighbor_counts_more() {
+    let world = wall_and_post(40.0);
+    let of = |color: f32, uncertainty: f32| {
+        let mut frame = Frame::of(&world, pose(0.0), 4, [0.1, -0.2]);
+        frame.image.pixels_mut().fill([color, color, color, uncertainty]);
+        frame
+    };
+    let mut interpolator = Interpolator::new(4).unwrap();
+    let mut out = Image::default();
+    // With the 0.05 px² that warping leaves, the first is 5 times less sure, then as sure, then neither can be.
+    for (uncertainty, t, expected) in
+        [([0.45, 0.05], 0.5, 5.0 / 6.0), ([0.3, 0.3], 0.25, 0.25), ([0.0, 0.0], 0.75, 0.75)]
+    {
+        let [before, after] = [of(0.0, uncertainty[0]), of(1.0, uncertainty[1])];
+        interpolator.interpolate(before.neighbor(), after.neighbor(), t, &pose(0.0), &mut out).unwrap();
+        // Beside the post both are seen alike, too: the camera rests.
+        for (k, [r, ..]) in out.pixels().iter().enumerate() {
+            assert!((r - expected).abs() < 1e-4, "pixel {k}: {r} instead of {expected}");
+        }
+    }
+}
+
+#[test]
 fn warped_neighbors_blended_by_their_share_are_the_frame() {
     let world = wall_and_post(40.0);
-    let [before, after] = neighbors(&world, [0.0, 0.7]);
+    let [mut before, mut after] = neighbors(&world, [0.0, 0.7]);
+    for (frame, every) in [(&mut before, 7), (&mut after, 11)] {
+        for (k, pixel) in frame.image.pixels_mut().iter_mut().enumerate() {
+            pixel[3] = (k % every) as f32 / every as f32;
+        }
+    }
     let mut interpolator = Interpolator::new(4).unwrap();
     let (mut blended, mut warped) = (Image::default(), Warped::default());
     for t in [1.0 / 3.0, 0.5, 0.9] {

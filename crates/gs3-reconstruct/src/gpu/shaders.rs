@@ -106,6 +106,7 @@ pub fn warp() -> String {
         ("UNSEEN", neighbor_depth::HIDDEN),
         ("RIGID", warp::RIGID),
         ("NEGLIGIBLE", blend::NEGLIGIBLE),
+        ("UNSURE", blend::UNSURE),
     ]);
     let bits = gather::PHASE_BITS;
     let phases = format!("const PHASE_BITS: u32 = {bits}u;\nconst UNITS: i32 = {};\n", 1 << bits);

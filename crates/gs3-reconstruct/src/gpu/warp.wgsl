@@ -83,7 +83,7 @@ fn look(at: vec2<i32>) -> Look {
     return Look(vec4(first.xy, second.xy), vec2(first.z, second.z));
 }
 
-// The second neighbour's share.
+// What time and visibility say of the second neighbour's share.
 fn share_of(visibility: vec2<f32>) -> f32 {
     let before = visibility.x * (1.0 - between.t);
     let after = visibility.y * between.t;
@@ -172,6 +172,14 @@ fn gather_quad(n: u32, positions: array<vec4<i32>, 4>, alike: bool) -> array<vec
     return row;
 }
 
+// A pixel of the first neighbour and one of the second, of which time and visibility say `share`, blended: the less uncertain one
+// counts more.
+fn mix_pixel(first: vec4<f32>, second: vec4<f32>, share: f32) -> vec4<f32> {
+    let weight = share * (max(first.w, 0.0) + UNSURE);
+    let whole = weight + (1.0 - share) * (max(second.w, 0.0) + UNSURE);
+    return fma(second - first, vec4(weight / whole), first);
+}
+
 fn pack(color: vec4<f32>) -> vec2<u32> {
     let c = clamp(color, vec4(-65504.0), vec4(65504.0));
     return vec2(pack2x16float(c.xy), pack2x16float(c.zw));
@@ -193,23 +201,20 @@ fn blend(
     var share = quad.share;
     let most = max(max(share[0], share[1]), max(share[2], share[3]));
     let least = min(min(share[0], share[1]), min(share[2], share[3]));
-    var sum: array<vec4<f32>, 4>;
+    var colors: array<vec4<f32>, 4>;
     if least < 1.0 {
-        let row = gather_quad(0u, quad.positions, quad.alike.x);
-        for (var k = 0u; k < 4u; k++) {
-            sum[k] = row[k] * (1.0 - share[k]);
-        }
+        colors = gather_quad(0u, quad.positions, quad.alike.x);
     }
     if most > 0.0 {
         let row = gather_quad(1u, quad.positions, quad.alike.y);
         for (var k = 0u; k < 4u; k++) {
-            sum[k] = fma(row[k], vec4(share[k]), sum[k]);
+            colors[k] = mix_pixel(colors[k], row[k], share[k]);
         }
     }
     for (var k = 0; k < 4; k++) {
         let x = first.x + k;
         if x >= 0 && x < i32(between.size.x) {
-            result[u32(first.y) * between.size.x + u32(x)] = pack(sum[k]);
+            result[u32(first.y) * between.size.x + u32(x)] = pack(colors[k]);
         }
     }
 }
