@@ -89,7 +89,7 @@ pub struct SessionArgs {
     #[arg(long, default_value_t = 1e-3, value_name = "EPSILON")]
     pub epsilon: f32,
     /// Weights of terms of the loss: charbonnier, laplacian, temporal, perceptual, warp, alpha [default: charbonnier=1;
-    /// for super sampling laplacian=0.1 temporal=0.1; for interpolation perceptual=0.2 warp=0.05 alpha=0.2]
+    /// for super sampling laplacian=0.1 temporal=0.1; for interpolation perceptual=0.2 warp=0.05 alpha=0.001]
     #[arg(long, num_args = 1.., value_name = "TERM=WEIGHT", value_parser = parse_weight)]
     pub loss: Vec<(Term, f64)>,
     /// Weights of SqueezeNet v1.0, conv1 to fire5, for the perceptual term of the loss [default: no such term]

@@ -5,7 +5,7 @@ use crate::graph::Graph;
 use crate::weights::{Header, Weights};
 
 /// The layers that give what is added to the analytic result.
-const LAST: [&str; 5] = ["refine", "gai", "head.color", "head.alpha", "head.beta"];
+const LAST: [&str; 6] = ["refine", "gai", "detail", "head.color", "head.alpha", "head.beta"];
 
 /// What the share of the drift starts from: σ(−2) = 0.12. More gains on large frames and loses on small ones.
 const DRIFT: (&str, f32) = ("head.beta.bias", -2.0);

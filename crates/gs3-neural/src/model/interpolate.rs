@@ -10,14 +10,15 @@ use crate::graph::{Activation, Border, Conv2d, Graph, GraphBuilder, Op, Tensor};
 /// |---|---|---|---|
 /// | `before` | 4 | HR | frame 0 warped to t: RGB, uncertainty |
 /// | `after` | 4 | HR | frame 1 warped to t |
-/// | `share` | 1 | HR | weight of frame 1 by time and visibility, `[0, 1]` |
+/// | `share` | 1 | HR | weight of frame 1 by time, visibility and uncertainty, `[0, 1]` |
 /// | `geometry` | 2 | LR | inverse depth of the frame's scale; t everywhere |
 /// | `hidden` | `tier.hidden_channels()` | LR | the state of the last interpolated frame |
 /// | `motion` | 2 | LR | where each pixel was in that frame, relative to itself, LR pixels |
 /// | `validity` | 1 | LR | whether it was seen there, `[0, 1]` |
 ///
 /// Outputs: `color` (HR, 4: RGB and uncertainty) = (1 − α) `before` + α `after` + residual, α = `share` + a learned
-/// correction in (−1, 1); `alpha_correction` (HR, 1) for the losses; and `hidden`.
+/// correction in (−1, 1); `alpha_correction` (HR, 1) for the losses; and `hidden`. The residual, weighed by the uncertainty, is
+/// what the features say and a linear map of both neighbours' blocks, `detail`: what warping blurs passes no few channels.
 ///
 /// The paper fuses HR frame 0 with LR frame 1, so that super sampling of frame 1 runs beside it; here frame 1 comes
 /// super-sampled, which costs that overlap and gains its detail.
@@ -27,8 +28,12 @@ use crate::graph::{Activation, Border, Conv2d, Graph, GraphBuilder, Op, Tensor};
 pub fn interpolate(scale: usize, tier: Tier) -> Result<Graph, GraphError> {
     check_scale(scale)?;
     let (c, block) = (tier.channels(), scale * scale);
+    let merge = match tier {
+        Tier::Fast => 1,
+        Tier::Balanced | Tier::High => 3,
+    };
     let features = |kernel| Conv2d::new(kernel, c).activation(FEATURES);
-    let mut g = GraphBuilder::new("interpolate", 2, Border::Replicate);
+    let mut g = GraphBuilder::new("interpolate", 3, Border::Replicate);
     let [before, after] = [g.input("before", 4, scale), g.input("after", 4, scale)];
     let [share, geometry] = [g.input("share", 1, scale), g.input("geometry", 2, 1)];
     let hidden = carried_state(&mut g, tier.hidden_channels());
@@ -58,12 +63,22 @@ pub fn interpolate(scale: usize, tier: Tier) -> Result<Graph, GraphError> {
     let x = g.conv("merge.middle", features(3), &[x, middle]);
     let x = g.conv("up.fine", Conv2d::new(1, 4 * c), &[x]);
     let x = g.layer("up.fine.shuffle", Op::PixelShuffle { factor: 2 }, &[x, fine]);
-    let x = g.conv("merge.fine", features(3), &[x, fine]);
+    let x = g.conv("merge.fine", features(merge), &[x, fine]);
     let hidden = g.gated_recurrent_unit("recurrent", 1, x, hidden);
 
-    let residual = g.conv("head.color", Conv2d::new(1, 3 * block), &[x, hidden]);
+    let refinement = g.conv("head.color", Conv2d::new(1, 3 * block), &[x, hidden]);
+    let [colors, uncertainties] =
+        [("rgb", 0, 3 * block), ("uncertainty", 3 * block, block)].map(|(part, first, count)| {
+            [("before", before), ("after", after)].map(|(name, blocks)| {
+                g.layer(&format!("{name}.{part}"), Op::Slice { first, count }, &[blocks])
+            })
+        });
+    let detail = g.conv("detail", Conv2d { bias: false, ..Conv2d::new(1, 3 * block) }, &colors);
+    let residual = g.layer("residual", Op::Add, &[refinement, detail]);
+    // What decides between pixels of a block must not pass through the few channels of the features.
     let correction = Conv2d::new(1, block).activation(Activation::Tanh);
-    let correction = g.conv("head.alpha", correction, &[x, hidden]);
+    let [of_before, of_after] = uncertainties;
+    let correction = g.conv("head.alpha", correction, &[x, hidden, share, of_before, of_after]);
     let alpha = g.layer("alpha.blocks", Op::Add, &[share, correction]);
     let every_alpha = g.layer("alpha.channels", Op::Concat, &[alpha; 4]);
     let blend = g.layer("blend", Op::Mix, &[before, after, every_alpha]);
