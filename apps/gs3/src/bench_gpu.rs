@@ -6,13 +6,12 @@ use std::time::{Duration, Instant};
 
 use gs3::compute::{AdapterKind, Gpu, Pairs, Sort, StageTime, Timings, Use};
 use gs3::gpu::{GpuFrames, GpuRequest, Take};
-use gs3::neural::Weights;
 use gs3::raster::{
     GpuGBuffer, GpuRasterizer, Outputs, RasterSettings, STOCK_DILATION, ScenePrecision, Settled,
 };
 use gs3::scene::camera_path::pose_between;
 use gs3::scene::{Camera, Jitter, Scene};
-use gs3::{Mode, PipelineSettings};
+use gs3::{Mode, Networks, PipelineSettings};
 use serde_json::{Value, json};
 
 use crate::args::BenchArgs;
@@ -37,7 +36,7 @@ pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -
         rasterizer: GpuRasterizer::new(gpu, scene, look.culling, ScenePrecision::default())?,
         gbuffer: GpuGBuffer::default(),
         warm_up: args.warm_up,
-        weights: networks.super_sample,
+        networks,
     };
     let with = |outputs, dilation| RasterSettings {
         dilation,
@@ -64,7 +63,8 @@ pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -
         "displayed_fps": {
             "native": native["fps"], "super_sample": super_sample["fps"], "full": full["fps"],
         },
-        "super_sample_network": bench.weights.as_ref().map(|weights| weights.header.tier.clone()),
+        "super_sample_network": bench.networks.super_sample.as_ref().map(|weights| weights.header.tier.clone()),
+        "interpolation_network": bench.networks.interpolate.as_ref().map(|weights| weights.header.tier.clone()),
         "super_sample": super_sample,
         "full": full,
         "sort": sort(gpu)?,
@@ -76,8 +76,8 @@ struct Bench {
     rasterizer: GpuRasterizer,
     gbuffer: GpuGBuffer,
     warm_up: usize,
-    /// Of the network that refines super sampling. Interpolation is measured without.
-    weights: Option<Arc<Weights>>,
+    /// What refines whole frames.
+    networks: Networks,
 }
 
 impl Bench {
@@ -124,7 +124,7 @@ impl Bench {
     fn measure_frames(&mut self, cameras: &[Camera], settings: &PipelineSettings) -> Result<Value, CliError> {
         let gpu = self.rasterizer.gpu().clone();
         let size = [cameras[0].width(), cameras[0].height()];
-        let mut frames = GpuFrames::new(&gpu, settings, self.weights.clone());
+        let mut frames = GpuFrames::new(&gpu, settings, &self.networks);
         if !frames.takes(size) {
             return Err(CliError::Option {
                 option: "--size",

@@ -12,7 +12,7 @@ use gs3_reconstruct::gpu::{
     GpuImage, GpuInterpolator, GpuNeighbor, GpuPlanes, GpuReconstructError, GpuSuperSampler, Innovation,
     NeighborView,
 };
-use gs3_reconstruct::{Interpolator, Neighbor, ReconstructError, ResetReason, SuperSampler};
+use gs3_reconstruct::{Interpolator, Neighbor, ReconstructError, ResetReason, SuperSampler, Warped};
 use gs3_scene::{Camera, GBuffer, Image, Planes};
 
 /// What halves leave of an image of values up to 1: an error of 2⁻¹² makes 72 dB.
@@ -268,6 +268,26 @@ fn interpolation_matches_the_cpu() {
                 let what = format!("x{scale}, {name} at {t}: {:.1} dB", psnr(&actual, &expected));
                 eprintln!("{what}");
                 assert!(psnr(&actual, &expected) >= FLOOR, "{what}");
+
+                // The same, left to the caller to blend.
+                let mut warped = Warped::default();
+                cpu.warp(neighbor(0), neighbor(1), t, &at, &mut warped).unwrap();
+                let outs = [0, 1].map(|_| GpuImage::new(&gpu, size).unwrap());
+                let pixels = size[0] as usize * size[1] as usize;
+                let share = gpu.buffer("share", Use::Storage, 4 * pixels as u64).unwrap();
+                let bound = interpolator.bind_both(&on_gpu(0), &on_gpu(1), outs.each_ref(), &share).unwrap();
+                let mut recorder = gpu.recorder(None);
+                interpolator.record(&mut recorder, &bound, [&view(0), &view(1)], t, &at).unwrap();
+                recorder.submit().unwrap();
+                for (out, expected) in outs.iter().zip([&warped.before, &warped.after]) {
+                    out.read(&gpu, &mut actual).unwrap();
+                    let what = format!("{what}, separate {:.1} dB", psnr(&actual, expected));
+                    assert!(psnr(&actual, expected) >= FLOOR, "{what}");
+                }
+                let shares: Vec<f32> = gpu.read(&share.part(0, 4 * pixels as u64)).unwrap();
+                let differ =
+                    shares.iter().zip(warped.share.data()).filter(|(a, e)| (*a - *e).abs() > 0.01).count();
+                assert!(shares.len() == pixels && differ < pixels / 100, "{what}: {differ} shares");
             }
         }
     }

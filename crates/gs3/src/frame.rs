@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 #[cfg(feature = "gpu")]
-use gs3_neural::Weights;
 use gs3_raster::{Outputs, RasterError, RasterSettings};
 use gs3_reconstruct::{
     Interpolator, Kernel, Neighbor, ReconstructError, ResetReason, SuperSampler, resample,
@@ -96,9 +95,9 @@ pub struct FramePipeline {
     /// Makes whole frames where they are made on a GPU.
     #[cfg(feature = "gpu")]
     device: Option<Device>,
-    /// Of the network that refines super sampling.
+    /// Those that run on a GPU.
     #[cfg(feature = "gpu")]
-    weights: Option<Arc<Weights>>,
+    networks: Networks,
     /// Why the next frame starts without history, if it does.
     invalid: Option<ResetReason>,
     previous: Frame,
@@ -140,7 +139,8 @@ impl FramePipeline {
         let super_sample = super_sample.filter(|_| settings.mode.has_history());
         let interpolate = interpolate.filter(|_| settings.mode == Mode::Full);
         #[cfg(feature = "gpu")]
-        let weights = super_sample.clone();
+        let networks =
+            Networks { super_sample: super_sample.clone(), interpolate: interpolate.clone(), arithmetic };
         Ok(Self {
             settings,
             jitter: AdaptiveJitter::new(scale, sampling),
@@ -157,7 +157,7 @@ impl FramePipeline {
             #[cfg(feature = "gpu")]
             device: None,
             #[cfg(feature = "gpu")]
-            weights,
+            networks,
             invalid: Some(ResetReason::FirstFrame),
             previous: Frame::default(),
             analytic: Image::default(),
@@ -235,15 +235,14 @@ impl FramePipeline {
     pub fn render_on(&mut self, gpu: &gs3_compute::Gpu) -> Result<(), PipelineError> {
         let scene = Arc::clone(self.rasterizer.scene());
         self.rasterizer = AnyRasterizer::gpu(gpu, scene, self.settings.culling)?;
-        let is_whole = self.settings.mode.has_history() && self.learned_interpolator.is_none();
-        let device = || Device::new(gpu, &self.settings, self.weights.clone());
-        self.device = is_whole.then(device).transpose()?;
+        let device = || Device::new(gpu, &self.settings, &self.networks);
+        self.device = self.settings.mode.has_history().then(device).transpose()?;
         self.reset(ResetReason::SizeOrTierChange);
         Ok(())
     }
 
-    /// Whether all of the frame of `camera` is made on a GPU. Where a network interpolates, or one super-samples and the device
-    /// has no half precision or the size is no multiple of the scale, a GPU rasterizes and the rest stays on the CPU.
+    /// Whether all of the frame of `camera` is made on a GPU. Where there are networks and the device has no half precision or the
+    /// size is no multiple of the scale, a GPU rasterizes and the rest stays on the CPU.
     #[must_use]
     pub fn is_on_device(&self, camera: &Camera) -> bool {
         #[cfg(feature = "gpu")]

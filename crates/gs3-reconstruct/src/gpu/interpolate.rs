@@ -68,9 +68,20 @@ pub struct GpuInterpolator {
     fill: Kernel,
     blend: Kernel,
     separate: Kernel,
+    separate_both: Kernel,
 }
 
-/// Interpolation between two images into a third, or the first of them warped.
+/// What is made of two neighbours.
+#[derive(Clone, Copy)]
+enum Make<'a> {
+    Blend,
+    /// The first, with its visibility.
+    First(&'a Buffer),
+    /// Both, and the share of the second.
+    Both(&'a GpuImage, &'a Buffer),
+}
+
+/// Interpolation between two images into a third, or the first of them or both warped.
 #[derive(Clone, Debug)]
 pub struct BoundInterpolator {
     uniform: Buffer,
@@ -104,6 +115,7 @@ impl GpuInterpolator {
             fill: kernel("middle_depth", shaders::middle_depth(), "fill")?,
             blend: warp.kernel(gpu, "blend", &[])?,
             separate: warp.kernel(gpu, "separate", &[])?,
+            separate_both: warp.kernel(gpu, "separate_both", &[])?,
         })
     }
 
@@ -117,7 +129,7 @@ impl GpuInterpolator {
         after: &GpuNeighbor<'_>,
         out: &GpuImage,
     ) -> Result<BoundInterpolator, GpuReconstructError> {
-        self.bind_to(before, after, out, None)
+        self.bind_to(before, after, out, Make::Blend)
     }
 
     /// Will warp `before` alone to what is seen between it and `after`, into `out`, and write how well it is seen there to
@@ -132,7 +144,29 @@ impl GpuInterpolator {
         out: &GpuImage,
         visibility: &Buffer,
     ) -> Result<BoundInterpolator, GpuReconstructError> {
-        self.bind_to(before, after, out, Some(visibility))
+        self.bind_to(before, after, out, Make::First(visibility))
+    }
+
+    /// Will warp `before` and `after` to what is seen between them, without blending them, into `out`, and write the share
+    /// that the second has in the blend to `share`, an f32 a pixel, `[0, 1]` ([`crate::Warped`]).
+    ///
+    /// # Errors
+    /// [`GpuReconstructError`] if an image has another size, or the device refuses.
+    pub fn bind_both(
+        &self,
+        before: &GpuNeighbor<'_>,
+        after: &GpuNeighbor<'_>,
+        out: [&GpuImage; 2],
+        share: &Buffer,
+    ) -> Result<BoundInterpolator, GpuReconstructError> {
+        self.bind_to(before, after, out[0], Make::Both(out[1], share))
+    }
+
+    /// The inverse depths of the frame between that was recorded last, an f32 an LR sample, where it looked at its pixel centres;
+    /// holes are filled, and 0 is where nothing was hit.
+    #[must_use]
+    pub fn inverse_depth(&self) -> Option<&Buffer> {
+        self.buffers.iter().find(|(name, _)| *name == "middle").map(|(_, buffer)| buffer)
     }
 
     fn bind_to(
@@ -140,10 +174,11 @@ impl GpuInterpolator {
         before: &GpuNeighbor<'_>,
         after: &GpuNeighbor<'_>,
         out: &GpuImage,
-        visibility: Option<&Buffer>,
+        make: Make<'_>,
     ) -> Result<BoundInterpolator, GpuReconstructError> {
         let size = |[w, h]: [u32; 2]| (w as usize, h as usize);
-        for image in [before.image, after.image, out] {
+        let second = if let Make::Both(second, _) = make { second } else { out };
+        for image in [before.image, after.image, out, second] {
             check_size("neighbour image", size(self.plan.size), size(image.size()))?;
         }
         let uniform = self.gpu.buffer("between", Use::Uniform, size_of::<BetweenUniform>() as u64)?;
@@ -154,11 +189,17 @@ impl GpuInterpolator {
         all.push(("before", before.image.pixels().slice()));
         all.push(("after", after.image.pixels().slice()));
         all.push(("result", out.pixels().slice()));
-        let (make, stages) = match visibility {
-            None => (&self.blend, ["interpolate.depth", "interpolate.warp"]),
-            Some(visibility) => {
+        let between = ["interpolate.depth", "interpolate.warp"];
+        let (make, stages) = match make {
+            Make::Blend => (&self.blend, between),
+            Make::First(visibility) => {
                 all.push(("visibility", visibility.slice()));
                 (&self.separate, ["super_sample.depth", "super_sample.warp"])
+            }
+            Make::Both(second, share) => {
+                all.push(("second_result", second.pixels().slice()));
+                all.push(("share", share.slice()));
+                (&self.separate_both, between)
             }
         };
         let (look, fill) = (self.look.bind(&self.gpu, &all)?, self.fill.bind(&self.gpu, &all)?);

@@ -1,9 +1,11 @@
-// The first neighbour at the pose between, unblended, and how well it is seen there; see Warp::separate in separate.rs. An
-// invocation four pixels in a row.
+// Neighbours at the pose between, unblended; see Warp::separate in separate.rs. An invocation four pixels in a row.
 
 // HR, row by row.
 @group(0) @binding(6) var<storage, read_write> visibility: array<f32>;
+@group(0) @binding(7) var<storage, read_write> second_result: array<vec2<u32>>;
+@group(0) @binding(8) var<storage, read_write> share: array<f32>;
 
+// The first neighbour, and how well it is seen there.
 @compute @workgroup_size(PATCHES, LINES)
 fn separate(
     @builtin(global_invocation_id) at: vec3<u32>,
@@ -26,6 +28,34 @@ fn separate(
             let i = u32(first.y) * between.size.x + u32(x);
             result[i] = pack(colors[k]);
             visibility[i] = seen[k].x;
+        }
+    }
+}
+
+// Both, and the share of the second in their blend.
+@compute @workgroup_size(PATCHES, LINES)
+fn separate_both(
+    @builtin(global_invocation_id) at: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let start = select(0, i32(between.offset) - 4, between.offset > 0u);
+    let line = at.y % 4u;
+    let patch_corner = vec2<i32>(vec2(at.x * 4u, at.y - line)) + start;
+    let quad = quad_at(patch_corner, line, lane);
+    let first = patch_corner + vec2(0, i32(line));
+    if any(first >= vec2<i32>(between.size)) || first.y < 0 {
+        return;
+    }
+    var colors = gather_quad(0u, quad.positions, quad.alike.x);
+    var second_colors = gather_quad(1u, quad.positions, quad.alike.y);
+    var shares = quad.share;
+    for (var k = 0; k < 4; k++) {
+        let x = first.x + k;
+        if x >= 0 && x < i32(between.size.x) {
+            let i = u32(first.y) * between.size.x + u32(x);
+            result[i] = pack(colors[k]);
+            second_result[i] = pack(second_colors[k]);
+            share[i] = surer(shares[k], colors[k].w, second_colors[k].w);
         }
     }
 }

@@ -172,12 +172,10 @@ fn gather_quad(n: u32, positions: array<vec4<i32>, 4>, alike: bool) -> array<vec
     return row;
 }
 
-// A pixel of the first neighbour and one of the second, of which time and visibility say `share`, blended: the less uncertain one
-// counts more.
-fn mix_pixel(first: vec4<f32>, second: vec4<f32>, share: f32) -> vec4<f32> {
-    let weight = share * (max(first.w, 0.0) + UNSURE);
-    let whole = weight + (1.0 - share) * (max(second.w, 0.0) + UNSURE);
-    return fma(second - first, vec4(weight / whole), first);
+// The second neighbour's share where the uncertainties are these: the less uncertain one counts more.
+fn surer(share: f32, first: f32, second: f32) -> f32 {
+    let weight = share * (max(first, 0.0) + UNSURE);
+    return weight / (weight + (1.0 - share) * (max(second, 0.0) + UNSURE));
 }
 
 fn pack(color: vec4<f32>) -> vec2<u32> {
@@ -208,7 +206,8 @@ fn blend(
     if most > 0.0 {
         let row = gather_quad(1u, quad.positions, quad.alike.y);
         for (var k = 0u; k < 4u; k++) {
-            colors[k] = mix_pixel(colors[k], row[k], share[k]);
+            let by = surer(share[k], colors[k].w, row[k].w);
+            colors[k] = fma(row[k] - colors[k], vec4(by), colors[k]);
         }
     }
     for (var k = 0; k < 4; k++) {

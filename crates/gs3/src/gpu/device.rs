@@ -1,10 +1,8 @@
 //! A pipeline's frames on a device, with their times.
 
-use std::sync::Arc;
 use std::time::Instant;
 
 use gs3_compute::{Gpu, StageTime, Support, Timings};
-use gs3_neural::Weights;
 use gs3_raster::GpuRasterizer;
 use gs3_reconstruct::ResetReason;
 use gs3_scene::Image;
@@ -12,6 +10,7 @@ use gs3_scene::Image;
 use super::frames::{GpuFrames, GpuRequest};
 use crate::frame::PipelineError;
 use crate::lattice::DepthLattice;
+use crate::learned::Networks;
 use crate::settings::PipelineSettings;
 use crate::stages::{Stage, StageTimes};
 
@@ -31,14 +30,10 @@ pub(crate) struct DeviceFrame {
 }
 
 impl Device {
-    pub fn new(
-        gpu: &Gpu,
-        settings: &PipelineSettings,
-        weights: Option<Arc<Weights>>,
-    ) -> Result<Self, PipelineError> {
+    pub fn new(gpu: &Gpu, settings: &PipelineSettings, networks: &Networks) -> Result<Self, PipelineError> {
         let has_clock = gpu.capabilities().timestamps == Support::Present;
         let timings = if has_clock { Some(Timings::new(gpu)?) } else { None };
-        Ok(Self { gpu: gpu.clone(), frames: GpuFrames::new(gpu, settings, weights), timings })
+        Ok(Self { gpu: gpu.clone(), frames: GpuFrames::new(gpu, settings, networks), timings })
     }
 
     pub fn reset(&mut self, reason: ResetReason) {

@@ -35,9 +35,6 @@ struct Features {
 @group(0) @binding(15) var<storage, read> previous: array<vec2<u32>>;
 @group(0) @binding(16) var<storage, read_write> previous_innovation: array<f32>;
 
-// Workgroups that sum.
-const PARTS: u32 = 64u;
-
 @compute @workgroup_size(64, 4)
 fn planes(@builtin(global_invocation_id) at: vec3<u32>) {
     if any(at.xy >= features.lr) {
@@ -57,23 +54,8 @@ fn planes(@builtin(global_invocation_id) at: vec3<u32>) {
     jitter[i] = features.jitter;
 }
 
-var<workgroup> partial: array<vec2<f32>, 256>;
-
 fn inverse(z: f32) -> f32 {
     return select(0.0, 1.0 / z, z > 0.0);
-}
-
-// Always the same numbers in the same order: the sum does not depend on who comes first.
-fn summed(lane: u32, own: vec2<f32>) -> vec2<f32> {
-    partial[lane] = own;
-    workgroupBarrier();
-    for (var half_count = 128u; half_count > 0u; half_count /= 2u) {
-        if lane < half_count {
-            partial[lane] += partial[lane + half_count];
-        }
-        workgroupBarrier();
-    }
-    return partial[0];
 }
 
 @compute @workgroup_size(256)
@@ -96,8 +78,7 @@ fn geometry_of(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocatio
     if lane < PARTS {
         part = sums[lane];
     }
-    let all = summed(lane, part);
-    let typical = select(1.0, all.x / all.y, all.y > 0.0);
+    let typical = mean_of(summed(lane, part));
     let at = vec2(group.x * 256u + lane, group.y);
     if at.x >= features.lr.x {
         return;

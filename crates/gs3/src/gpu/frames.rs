@@ -1,9 +1,6 @@
 //! The frame on a device, read top to bottom.
 
-use std::sync::Arc;
-
 use gs3_compute::{Gpu, GpuError, Submission, Support, Timings};
-use gs3_neural::Weights;
 use gs3_raster::{GpuRasterizer, RasterSettings, Settled};
 use gs3_reconstruct::ResetReason;
 use gs3_reconstruct::gpu::{GpuReconstructError, NeighborView};
@@ -12,6 +9,7 @@ use gs3_scene::{Camera, GBuffer, Image};
 use super::sized::Sized;
 use crate::frame::PipelineError;
 use crate::lattice::DepthLattice;
+use crate::learned::Networks;
 use crate::settings::PipelineSettings;
 
 /// A frame to be made.
@@ -38,7 +36,7 @@ pub enum Take {
 pub struct GpuFrames {
     gpu: Gpu,
     settings: PipelineSettings,
-    weights: Option<Arc<Weights>>,
+    networks: Networks,
     sized: Option<Sized>,
     /// Why the next frame starts without history, if it does.
     invalid: Option<ResetReason>,
@@ -55,12 +53,12 @@ pub(crate) struct Rendered {
 }
 
 impl GpuFrames {
-    /// Frames on `gpu` as `settings` want them, whose super sampling the network of `weights` refines where there are any.
-    /// Memory comes with the first frames.
+    /// Frames on `gpu` as `settings` want them, refined by `networks` in half precision where there are any. Memory comes with
+    /// the first frames.
     #[must_use]
-    pub fn new(gpu: &Gpu, settings: &PipelineSettings, weights: Option<Arc<Weights>>) -> Self {
-        let (gpu, settings) = (gpu.clone(), *settings);
-        Self { gpu, settings, weights, sized: None, invalid: Some(ResetReason::FirstFrame), pending: None }
+    pub fn new(gpu: &Gpu, settings: &PipelineSettings, networks: &Networks) -> Self {
+        let (gpu, settings, networks) = (gpu.clone(), *settings, networks.clone());
+        Self { gpu, settings, networks, sized: None, invalid: Some(ResetReason::FirstFrame), pending: None }
     }
 
     /// Whether it can make frames of `size`: networks on devices want half precision and whole blocks of pixels.
@@ -68,7 +66,8 @@ impl GpuFrames {
     pub fn takes(&self, size: [u32; 2]) -> bool {
         let has_f16 = self.gpu.capabilities().shader_f16 == Support::Present;
         let is_whole = size.iter().all(|side| side.is_multiple_of(self.settings.scale));
-        self.weights.is_none() || (has_f16 && is_whole)
+        let Networks { super_sample, interpolate, .. } = &self.networks;
+        (super_sample.is_none() && interpolate.is_none()) || (has_f16 && is_whole)
     }
 
     /// Forgets the frames before: the next one starts anew.
@@ -89,7 +88,7 @@ impl GpuFrames {
         timings: Option<&mut Timings>,
     ) -> Result<Submission, PipelineError> {
         let GpuRequest { camera, raster, between } = *request;
-        let Self { gpu, settings, weights, sized, invalid, pending } = self;
+        let Self { gpu, settings, networks, sized, invalid, pending } = self;
         let size = [camera.width(), camera.height()];
         if sized.as_ref().is_some_and(|sized| sized.size != size) {
             *sized = None;
@@ -99,7 +98,7 @@ impl GpuFrames {
             Some(sized) => sized,
             none => {
                 let counters = rasterizer.counters().bytes();
-                none.insert(Sized::new(gpu, settings, weights.as_ref(), size, counters)?)
+                none.insert(Sized::new(gpu, settings, networks, size, counters)?)
             }
         };
         let (last, current) = (sized.newest, 1 - sized.newest);
@@ -119,9 +118,7 @@ impl GpuFrames {
 
         // The last frame and this one to those between.
         let between = if last_view.is_some() { between } else { &[] };
-        if let Some(last_view) = last_view {
-            sized.record_between(&mut recorder, current, [&last_view, &view], between)?;
-        }
+        sized.record_between(&mut recorder, current, [last_view.as_ref(), Some(&view)], between)?;
 
         if take == Take::Shown {
             sized.record_readback(&mut recorder, &rasterizer.counters(), current, between.len());

@@ -17,8 +17,8 @@ use super::sized::planes;
 use crate::frame::PipelineError;
 use crate::learned::{NetworkError, UNCERTAIN};
 
-/// `PARTS` of `features.wgsl`.
-const PARTS: u32 = 64;
+/// `PARTS` of `mean.wgsl`.
+pub const PARTS: u32 = 64;
 
 /// `Features` of `features.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -70,7 +70,7 @@ pub struct Place<'a> {
     pub refined: &'a GpuImage,
 }
 
-fn network(error: impl Into<NetworkError>) -> PipelineError {
+pub fn network(error: impl Into<NetworkError>) -> PipelineError {
     PipelineError::Network(error.into())
 }
 
@@ -114,7 +114,7 @@ impl Learned {
             lr,
             scale,
             engine,
-            module: gpu.module("features", &[&constant, FEATURES_WGSL])?,
+            module: gpu.module("features", &[&constant, MEAN_WGSL, FEATURES_WGSL])?,
             motion: GpuMotion::new(gpu, lr)?,
             uniform: gpu.buffer("features", Use::Uniform, size_of::<FeaturesUniform>() as u64)?,
             inputs,
@@ -253,7 +253,7 @@ impl Learned {
 }
 
 /// The network wants an input that is not there.
-fn missing(name: &str) -> GpuError {
+pub fn missing(name: &str) -> GpuError {
     GpuError::Bindings {
         kernel: "the network".to_owned(),
         expected: name.to_owned(),
@@ -266,6 +266,9 @@ fn over(size: [u32; 2]) -> [u32; 3] {
     [size[0].div_ceil(64), size[1].div_ceil(4), 1]
 }
 
+/// The mean depth, which both networks are told depths by.
+pub const MEAN_WGSL: &str = include_str!("mean.wgsl");
+
 const FEATURES_WGSL: &str = include_str!("features.wgsl");
 
 #[cfg(test)]
@@ -274,7 +277,7 @@ mod tests {
 
     #[test]
     fn the_shader_is_valid_and_its_struct_lies_as_here() {
-        let source = ["const UNCERTAIN: f32 = 0.2;\n", FEATURES_WGSL];
+        let source = ["const UNCERTAIN: f32 = 0.2;\n", MEAN_WGSL, FEATURES_WGSL];
         let layout = gs3_compute::struct_layout("features", &source, "Features").unwrap();
         let rust = [
             ("size", std::mem::offset_of!(FeaturesUniform, size)),

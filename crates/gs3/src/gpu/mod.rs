@@ -1,5 +1,6 @@
 //! The frame on a GPU: rasterized, super-sampled and interpolated in one submission; only what is shown comes back.
 
+mod between;
 mod device;
 mod frames;
 mod learned;

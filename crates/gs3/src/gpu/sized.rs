@@ -1,19 +1,18 @@
 //! What the frames of one size are made in.
 
-use std::sync::Arc;
-
 use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Readback, Recorder, Slice, Use};
-use gs3_neural::Weights;
 use gs3_raster::GpuGBuffer;
 use gs3_reconstruct::gpu::{
-    BoundInterpolator, BoundSuperSampler, GpuImage, GpuInterpolator, GpuNeighbor, GpuPlanes,
-    GpuReconstructError, GpuSuperSampler, Innovation, NeighborView,
+    BoundInterpolator, BoundSuperSampler, GpuImage, GpuInterpolator, GpuNeighbor, GpuPlanes, GpuSuperSampler,
+    Innovation, NeighborView,
 };
 use gs3_scene::Camera;
 
+use super::between::{Between, LearnedBetween};
 use super::learned::{Learned, Place};
 use crate::frame::PipelineError;
 use crate::lattice::{DepthLattice, LATTICE};
+use crate::learned::Networks;
 use crate::settings::{Mode, PipelineSettings};
 
 /// Bytes of [`DepthLattice`].
@@ -42,6 +41,7 @@ pub struct Sized {
     pub size: [u32; 2],
     pub super_sampler: GpuSuperSampler,
     learned: Option<Learned>,
+    learned_between: Option<LearnedBetween>,
     interpolator: GpuInterpolator,
     pub sides: [Side; 2],
     /// The frame being made before a network refines it, where one does.
@@ -122,15 +122,16 @@ pub fn planes(gbuffer: &GpuGBuffer) -> Result<GpuPlanes<'_>, GpuError> {
 }
 
 impl Sized {
-    /// Frames of `size`, refined by the network of `weights`; `counters` bytes of the rasterizer's are read back with each.
+    /// Frames of `size`, refined by `networks`; `counters` bytes of the rasterizer's are read back with each.
     pub fn new(
         gpu: &Gpu,
         settings: &PipelineSettings,
-        weights: Option<&Arc<Weights>>,
+        networks: &Networks,
         size: [u32; 2],
         counters: u64,
     ) -> Result<Self, PipelineError> {
         let scale = settings.scale;
+        let Networks { super_sample: weights, interpolate, .. } = networks;
         let innovation = if weights.is_some() { Innovation::Wanted } else { Innovation::NotWanted };
         // First, because it checks scale and size, on which everything else builds.
         let super_sampler = GpuSuperSampler::new(gpu, scale, size, innovation)?;
@@ -149,10 +150,15 @@ impl Sized {
             gpu: gpu.clone(),
             size,
             super_sampler,
-            learned: weights.map(|weights| Learned::new(gpu, weights, size, scale)).transpose()?,
+            learned: weights.as_ref().map(|weights| Learned::new(gpu, weights, size, scale)).transpose()?,
+            learned_between: interpolate
+                .as_ref()
+                .filter(|_| count > 0)
+                .map(|weights| LearnedBetween::new(gpu, weights, size, scale, count))
+                .transpose()?,
             interpolator: GpuInterpolator::new(gpu, scale, size)?,
             sides,
-            analytic: weights.map(|_| GpuImage::new(gpu, size)).transpose()?,
+            analytic: weights.as_ref().map(|_| GpuImage::new(gpu, size)).transpose()?,
             newest: 0,
             between,
             bound_between: [Vec::new(), Vec::new()],
@@ -201,23 +207,35 @@ impl Sized {
         learned.record(recorder, stages, analytic, places, current, view, last)
     }
 
-    /// Records the frames at `moments` between the last one and side `current`, which `views` saw.
+    /// Records the frames at `moments` between the last one and side `current`, which `views` saw; none where there is no last one.
     pub fn record_between(
         &mut self,
         recorder: &mut Recorder<'_>,
         current: usize,
-        views: [&NeighborView; 2],
+        views: [Option<&NeighborView>; 2],
         moments: &[(f64, Camera)],
-    ) -> Result<(), GpuReconstructError> {
+    ) -> Result<(), PipelineError> {
+        self.learned_between.iter_mut().for_each(|learned| learned.begin(current));
+        let [Some(before), Some(after)] = views else { return Ok(()) };
+        let views = [before, after];
+        let [before, after] = [&self.sides[1 - current], &self.sides[current]];
+        let before = GpuNeighbor { image: &before.image, planes: planes(&before.gbuffer)? };
+        let after = GpuNeighbor { image: &after.image, planes: planes(&after.gbuffer)? };
+        let interpolator = &self.interpolator;
+        if let Some(learned) = &mut self.learned_between {
+            for (k, ((t, camera), out)) in moments.iter().zip(&self.between).enumerate() {
+                let t = *t as f32;
+                let between = Between { interpolator, neighbors: [before, after], views, t, camera, out };
+                learned.record(recorder, current, k, &between)?;
+            }
+            return Ok(());
+        }
         if self.bound_between[current].is_empty() && !moments.is_empty() {
-            let [before, after] = [&self.sides[1 - current], &self.sides[current]];
-            let before = GpuNeighbor { image: &before.image, planes: planes(&before.gbuffer)? };
-            let after = GpuNeighbor { image: &after.image, planes: planes(&after.gbuffer)? };
-            let bind = |out| self.interpolator.bind(&before, &after, out);
+            let bind = |out| interpolator.bind(&before, &after, out);
             self.bound_between[current] = self.between.iter().map(bind).collect::<Result<_, _>>()?;
         }
         for ((t, camera), bound) in moments.iter().zip(&self.bound_between[current]) {
-            self.interpolator.record(recorder, bound, views, *t as f32, camera)?;
+            interpolator.record(recorder, bound, views, *t as f32, camera)?;
         }
         Ok(())
     }

@@ -1,0 +1,48 @@
+// What the interpolating network is fed, channels last; see InterpolateFeatures in learned/features.rs.
+
+struct Features {
+    // LR samples.
+    lr: vec2<u32>,
+    // Time, 0 at the first neighbour and 1 at the second.
+    t: f32,
+    _pad: u32,
+}
+
+@group(0) @binding(0) var<uniform> features: Features;
+// Inverse depths of the frame between.
+@group(0) @binding(1) var<storage, read> middle: array<f32>;
+@group(0) @binding(2) var<storage, read_write> geometry: array<vec2<f32>>;
+// Its depths in the fourth place, as a G-buffer has them: where its hidden state belongs in the next frame between.
+@group(0) @binding(3) var<storage, read_write> median: array<vec4<f32>>;
+// Sums and counts of the inverse depths of what was hit, of each workgroup.
+@group(0) @binding(4) var<storage, read_write> sums: array<vec2<f32>>;
+
+@compute @workgroup_size(256)
+fn sum_depths(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    var own = vec2(0.0);
+    let count = features.lr.x * features.lr.y;
+    for (var i = group.x * 256u + lane; i < count; i += PARTS * 256u) {
+        let w = middle[i];
+        own += select(vec2(0.0), vec2(w, 1.0), w > 0.0);
+        median[i] = vec4(0.0, 0.0, 0.0, select(0.0, 1.0 / w, w > 0.0));
+    }
+    let all = summed(lane, own);
+    if lane == 0u {
+        sums[group.x] = all;
+    }
+}
+
+@compute @workgroup_size(256)
+fn geometry_of(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    var part = vec2(0.0);
+    if lane < PARTS {
+        part = sums[lane];
+    }
+    let typical = mean_of(summed(lane, part));
+    let at = vec2(group.x * 256u + lane, group.y);
+    if at.x >= features.lr.x {
+        return;
+    }
+    let i = at.y * features.lr.x + at.x;
+    geometry[i] = vec2(middle[i] / (middle[i] + typical), features.t);
+}
