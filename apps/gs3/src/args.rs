@@ -97,6 +97,10 @@ pub struct Look {
     /// Networks that refine the frames [default: balanced where weights for the scale come with gs3, else analytic]
     #[arg(long, value_name = "TIER", conflicts_with = "weights")]
     pub tier: Option<TierArg>,
+    /// How frames between are made: warped without learning, or refined by the tier's network as well, which takes a few times as
+    /// long
+    #[arg(long, default_value = "analytic", value_name = "analytic|learned", conflicts_with = "weights")]
+    pub interpolation: InterpolationArg,
     /// Weights of super sampling or of interpolation; may be given once for each
     #[arg(long, value_name = "FILE.safetensors")]
     pub weights: Vec<PathBuf>,
@@ -263,6 +267,13 @@ impl TierArg {
             Self::High => Some(Tier::High),
         }
     }
+}
+
+/// What makes frames between.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum InterpolationArg {
+    Analytic,
+    Learned,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

@@ -12,7 +12,7 @@ use gs3::scene::{CameraPath, Scene, capture, demo, orbit};
 use gs3::{NetworkError, Networks};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::args::{Look, Size, TierArg, View};
+use crate::args::{InterpolationArg, Look, Size, TierArg, View};
 use crate::error::CliError;
 
 /// Size of frames along generated paths.
@@ -60,8 +60,19 @@ fn weights(look: &Look) -> Result<(Networks, String), CliError> {
         tiers.dedup();
         return Ok((networks, tiers.join("+")));
     }
-    let shipped = |tier: Tier| Ok((Networks::shipped(look.scale, tier)?, tier.name().to_owned()));
-    let analytic = || Ok((Networks::default(), "analytic".to_owned()));
+    let is_learned = look.interpolation == InterpolationArg::Learned;
+    let shipped = |tier: Tier| {
+        let networks = Networks::shipped(look.scale, tier)?;
+        if is_learned && networks.interpolate.is_none() {
+            return Err(no_interpolation(&format!("{} at scale {}", tier.name(), look.scale)));
+        }
+        let interpolate = networks.interpolate.filter(|_| is_learned);
+        Ok((Networks { interpolate, ..networks }, tier.name().to_owned()))
+    };
+    let analytic = || match is_learned {
+        false => Ok((Networks::default(), "analytic".to_owned())),
+        true => Err(no_interpolation("analytic")),
+    };
     match look.tier.map(TierArg::network) {
         Some(Some(tier)) => shipped(tier),
         Some(None) => analytic(),
@@ -69,6 +80,15 @@ fn weights(look: &Look) -> Result<(Networks, String), CliError> {
             Err(CliError::Network(NetworkError::NotShipped { .. })) => analytic(),
             other => other,
         },
+    }
+}
+
+/// That no interpolation network comes with a tier.
+fn no_interpolation(tier: &str) -> CliError {
+    CliError::Option {
+        option: "--interpolation",
+        expected: format!("analytic, as no interpolation network comes for tier {tier}"),
+        actual: "learned".to_owned(),
     }
 }
 

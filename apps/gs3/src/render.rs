@@ -87,6 +87,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         "mode": mode_name(mode),
         "is_all_on_device": pipeline.is_on_device(&first),
         "tier": tier,
+        "interpolation": if networks.interpolate.is_some() { "learned" } else { "analytic" },
         "generate": settings.generate,
         "scale": args.look.scale,
         "size": [first.width(), first.height()],

@@ -52,6 +52,14 @@ fn one_line_that_names_field_expected_and_actual() {
             "render demo --mode native --compare c.png --out o",
             &["--compare: expected a mode other than native"],
         ),
+        (
+            "render demo --size 64x36 --tier analytic --interpolation learned --out o",
+            &["--interpolation: expected analytic", "tier analytic", "found learned"],
+        ),
+        (
+            "render demo --size 64x36 --scale 2 --interpolation learned --out o",
+            &["--interpolation: expected analytic", "balanced at scale 2", "found learned"],
+        ),
         ("gbuffer demo --frame 900 --out g.npz", &["--frame: expected", "900"]),
         ("gbuffer demo --size 64x36 --out file/g.npz", &["file/g.npz: cannot be written"]),
         ("gbuffer demo --jitter 3,0 --out g.npz", &["expected X,Y from -1 to 1", "3,0"]),

@@ -49,6 +49,27 @@ fn every_mode_writes_single_frames() {
 }
 
 #[test]
+fn interpolation_is_learned_where_it_is_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let render = |name: &str, options: &str| {
+        let size = "--size 128x72 --frames 8..9 --tier fast";
+        succeed(at, &format!("render demo {size} {options} --out {name} --json {name}.json"));
+        let made = if name == "learned" { "learned" } else { "analytic" };
+        assert_eq!(json(&at.join(format!("{name}.json")))["interpolation"], made);
+        [15, 16].map(|k| png(&at.join(name).join(format!("frame_{k:06}.png"))).2)
+    };
+    let [plain, analytic, learned] = [
+        render("plain", ""),
+        render("analytic", "--interpolation analytic"),
+        render("learned", "--interpolation learned"),
+    ];
+    assert!(plain == analytic, "frames between are warped unless something else is wanted");
+    assert!(learned[0] != plain[0], "the network changes the frame between");
+    assert!(learned[1] == plain[1], "it leaves rendered frames as they are");
+}
+
+#[test]
 fn options_reach_the_picture() {
     let folder = tempfile::tempdir().unwrap();
     let render = |name: &str, options: &str| {

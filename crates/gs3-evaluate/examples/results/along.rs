@@ -36,18 +36,15 @@ pub fn along(
     }
     let (mut ours, mut absent) = (Vec::new(), Vec::new());
     for [alone, whole] in OURS {
-        let mut name = whole.to_owned();
-        let mut method = build(whole.parse()?, settings);
-        if let Err(error) = &method {
-            eprintln!("{whole} is left out: {error}");
-            absent.push(error.to_string());
-            // There may be weights for super sampling alone; warping needs none.
-            name = format!("{alone}+warp");
-            method = build(name.parse()?, settings);
-        }
-        if let Ok(method) = method {
-            ours.push(method);
-            rows.extend([Row::new(alone, 1.0), Row::new(&name, 2.0)]);
+        match build(whole.parse()?, settings) {
+            Ok(method) => {
+                ours.push(method);
+                rows.extend([Row::new(alone, 1.0), Row::new(whole, 2.0)]);
+            }
+            Err(error) => {
+                eprintln!("{whole} is left out: {error}");
+                absent.push(error.to_string());
+            }
         }
     }
     // Truth and image of the frame before, by row; of those with frames between, the last one displayed.

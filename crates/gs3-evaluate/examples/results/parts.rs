@@ -14,8 +14,9 @@ pub const FRAMES: usize = 24;
 
 /// What is left out, and the method without it. Networks are those of the whole, not trained anew. Those from [`UNLEARNED`] on
 /// leave out more than it does.
-const PARTS: [(&str, &str); 8] = [
-    ("nothing, learned", "balanced"),
+const PARTS: [(&str, &str); 9] = [
+    ("nothing, learned", "balanced_ss+balanced"),
+    ("learned interpolation", "balanced"),
     ("matched dilation (stock 0.3 instead), learned", "balanced@stock"),
     ("learning", "analytic"),
     ("learning and frames between (the frame before again)", "history+repeat"),
@@ -26,7 +27,7 @@ const PARTS: [(&str, &str); 8] = [
 ];
 
 /// The row that lacks nothing but learning.
-const UNLEARNED: usize = 2;
+const UNLEARNED: usize = 3;
 
 /// A table of them along `path`, and which parts do harm.
 pub fn table(

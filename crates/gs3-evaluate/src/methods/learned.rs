@@ -33,7 +33,7 @@ pub(crate) fn check_weights(
         {
             published(*method, &trained_file(peer, scale), folder)?;
         }
-        for (network, tier) in parts(*method, scale, folder) {
+        for (network, tier) in parts(*method) {
             if own_file(network, tier, scale, folder).is_none() {
                 shipped(*method, network, tier, scale)?;
             }
@@ -83,7 +83,7 @@ pub(super) fn networks(
 ) -> Result<Networks, MethodError> {
     let fail = |source| MethodError::Network { method, source };
     let mut networks = Networks::default();
-    for (network, tier) in parts(method, scale, folder) {
+    for (network, tier) in parts(method) {
         match own_file(network, tier, scale, folder) {
             Some(file) => {
                 let weights = Weights::load(&file).map_err(|e| fail(e.into()))?;
@@ -99,30 +99,14 @@ pub(super) fn networks(
     Ok(networks)
 }
 
-/// Whether `method` is a whole tier, as `gs3 render` knows it, whose interpolation network has no weights: frames between
-/// are then warped without learning. A method that names its interpolation by itself must have its weights.
-pub(crate) fn warps_instead(method: MethodSpec, scale: u32, folder: Option<&Path>) -> bool {
-    let (Spatial::Learned(tier), Interpolation::Learned(same)) = (method.spatial, method.interpolation)
-    else {
-        return false;
-    };
-    tier == same
-        && own_file(INTERPOLATE, tier, scale, folder).is_none()
-        && Networks::shipped(scale, tier).map_or(true, |networks| networks.interpolate.is_none())
-}
-
 /// The networks that `method` runs, and their tiers.
-fn parts(
-    method: MethodSpec,
-    scale: u32,
-    folder: Option<&Path>,
-) -> impl Iterator<Item = (&'static str, Tier)> {
+fn parts(method: MethodSpec) -> impl Iterator<Item = (&'static str, Tier)> {
     let super_sample = match method.spatial {
         Spatial::Learned(tier) => Some((SUPER_SAMPLE, tier)),
         _ => None,
     };
     let interpolate = match method.interpolation {
-        Interpolation::Learned(tier) if !warps_instead(method, scale, folder) => Some((INTERPOLATE, tier)),
+        Interpolation::Learned(tier) => Some((INTERPOLATE, tier)),
         _ => None,
     };
     super_sample.into_iter().chain(interpolate)

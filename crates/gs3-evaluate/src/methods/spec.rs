@@ -142,12 +142,13 @@ const INTERPOLATIONS: [(&str, Interpolation); 6] = [
     ("balanced", Interpolation::Learned(Tier::Balanced)),
     ("high", Interpolation::Learned(Tier::High)),
 ];
-/// Names of both parts of gs3 together: without learning that is `history+warp`, with it `fast_ss+fast`, and so on.
+/// Names of both parts of gs3 together, as `gs3 render` has them unless it is told to interpolate by networks: `history+warp`
+/// without learning, `fast_ss+warp` with it, and so on.
 const WHOLE: [(&str, (Spatial, Interpolation)); 4] = [
     ("analytic", (Spatial::History, Interpolation::Warp)),
-    ("fast", (Spatial::Learned(Tier::Fast), Interpolation::Learned(Tier::Fast))),
-    ("balanced", (Spatial::Learned(Tier::Balanced), Interpolation::Learned(Tier::Balanced))),
-    ("high", (Spatial::Learned(Tier::High), Interpolation::Learned(Tier::High))),
+    ("fast", (Spatial::Learned(Tier::Fast), Interpolation::Warp)),
+    ("balanced", (Spatial::Learned(Tier::Balanced), Interpolation::Warp)),
+    ("high", (Spatial::Learned(Tier::High), Interpolation::Warp)),
 ];
 
 /// The methods compared where none are named.
@@ -309,7 +310,7 @@ mod tests {
                 "fast",
                 "balanced_ss",
                 "high@stock",
-                "balanced_ss+warp",
+                "balanced_ss+balanced",
                 "history+balanced",
                 "fast_ss+high",
                 "high_ss+blend",
@@ -317,7 +318,7 @@ mod tests {
         for name in names {
             assert_eq!(name.parse::<MethodSpec>().map(|m| m.to_string()).as_deref(), Ok(name));
         }
-        for (parts, whole) in [("history+warp", "analytic"), ("balanced_ss+balanced", "balanced")] {
+        for (parts, whole) in [("history+warp", "analytic"), ("balanced_ss+warp", "balanced")] {
             assert_eq!(parts.parse::<MethodSpec>(), whole.parse());
         }
     }

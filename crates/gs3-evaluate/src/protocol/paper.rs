@@ -5,12 +5,11 @@ use std::path::Path;
 use std::sync::Arc;
 
 use gs3::Culling;
-use gs3::neural::model::Tier;
 use gs3_scene::Scene;
 use serde::{Deserialize, Serialize};
 
 use super::{EvaluateError, Event, Failure, Protocol, ProtocolFacts, ResultRow, Results};
-use crate::methods::{Interpolation, MethodSpec, check_weights, warps_instead};
+use crate::methods::{MethodSpec, check_weights};
 
 /// The protocol of the paper on one scene and path; its `methods` and `culling` are not read.
 #[derive(Clone, Debug)]
@@ -70,8 +69,6 @@ pub struct PaperResults {
     pub absent: Vec<Absent>,
     /// Methods that failed.
     pub failures: Vec<Failure>,
-    /// What to know of methods besides.
-    pub notes: Vec<String>,
 }
 
 /// What the paper compares, as far as it can be had; interpolation by repetition and blending for all that have none.
@@ -115,14 +112,11 @@ const ABLATIONS: [(&str, &str); 7] = [
 
 /// What is left out of [`LEARNED`] in the middle tier.
 const LEARNED_ABLATIONS: [(&str, &str); 4] = [
-    ("nothing", "balanced"),
-    ("learned interpolation", WARPED),
+    ("nothing", "balanced_ss+balanced"),
+    ("learned interpolation", "balanced"),
     ("learned super sampling", "history+balanced"),
     ("matched dilation (stock 0.3 instead)", "balanced@stock"),
 ];
-
-/// The middle tier without its interpolation.
-const WARPED: &str = "balanced_ss+warp";
 
 /// Accelerations by tile culling, `plain` being 3DGS as published.
 const CULLINGS: [(&str, Culling); 4] = [
@@ -214,8 +208,8 @@ impl Paper {
         }
         let runs = accelerated.iter().filter(|(name, _)| *name != EXACT).map(|(_, results)| results);
         let failures = std::iter::once(compared).chain(runs).flat_map(|r| r.failures.clone()).collect();
-        let (protocol, notes) = (compared.protocol.clone(), compared.notes.clone());
-        PaperResults { protocol, results, absent: self.absent(), failures, notes }
+        let protocol = compared.protocol.clone();
+        PaperResults { protocol, results, absent: self.absent(), failures }
     }
 
     /// Which weights a method lacks, if it lacks some.
@@ -223,10 +217,6 @@ impl Paper {
         let Protocol { scale, weights, .. } = &self.protocol;
         // The names are constants of this module, and a test parses them.
         let spec = method.parse::<MethodSpec>().ok()?;
-        let whole = MethodSpec { interpolation: Interpolation::Learned(Tier::Balanced), ..spec };
-        if method == WARPED && warps_instead(whole, *scale, weights.as_deref()) {
-            return Some("balanced itself, which has no weights of an interpolation network".into());
-        }
         check_weights(&[spec], *scale, weights.as_deref()).err().map(|error| error.to_string())
     }
 

@@ -6,7 +6,7 @@ use super::Protocol;
 use super::judge::{MethodScore, PSNR_CAP};
 use super::machine::Machine;
 use super::timeline::Timeline;
-use crate::methods::{Formation, MethodSpec, Spatial, warps_instead};
+use crate::methods::{Formation, MethodSpec, Spatial};
 use crate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
 
 /// Which of the displayed frames a figure is about.
@@ -179,8 +179,6 @@ pub struct Results {
     pub results: Vec<ResultRow>,
     /// Methods that failed.
     pub failures: Vec<Failure>,
-    /// What to know of methods besides.
-    pub notes: Vec<String>,
     /// Frames that each method displays while native rendering beside it shows one.
     #[serde(skip)]
     pub(super) speeds: Vec<(String, Option<f64>)>,
@@ -201,18 +199,10 @@ impl Results {
         let native = (scores.iter().find(|(spec, _)| *spec == MethodSpec::NATIVE))
             .and_then(|(spec, score)| speed(*spec, score));
         let results = scores.iter().flat_map(|(spec, score)| rows(*spec, score, native)).collect();
-        let warped = scores
-            .iter()
-            .filter(|(spec, _)| warps_instead(*spec, protocol.scale, protocol.weights.as_deref()));
-        let notes = warped.map(|(spec, _)| {
-            format!("{spec}: no weights of its interpolation network are there; frames between are warped without learning.")
-        });
-        let notes = notes.collect();
         Self {
             protocol: facts(protocol, timeline, truth),
             results,
             failures,
-            notes,
             speeds,
             scores: scores.into_iter().map(|(spec, score)| (spec.to_string(), score)).collect(),
         }

@@ -15,7 +15,7 @@ pub fn html(results: &Results) -> String {
     let title = format!("{}, {}", protocol.scene, protocol.path);
     let sections = [
         header(results),
-        remarks(&results.failures, &results.notes),
+        failed(&results.failures),
         section("Quality and speed", &(quality(results) + &speed_plot(results))),
         section("Frame by frame", &curves(results)),
         section("Look closer", &details(results)),
@@ -62,21 +62,13 @@ fn header(results: &Results) -> String {
     )
 }
 
-/// Methods that failed, and what to know of others.
-pub(super) fn remarks(failures: &[Failure], notes: &[String]) -> String {
-    let failed =
-        failures.iter().map(|f| format!("<b>{}</b> failed: {}", escape(&f.method), escape(&f.error)));
-    let noted = notes.iter().map(|note| escape(note));
-    card("card failed", failed) + &card("card", noted)
-}
-
-/// A card of paragraphs; nothing without any.
-fn card(class: &str, paragraphs: impl Iterator<Item = String>) -> String {
-    let items: String = paragraphs.map(|text| format!("<p>{text}</p>")).collect();
-    if items.is_empty() {
-        items
-    } else {
-        format!("<div class=\"{class}\" style=\"margin-top:16px\">{items}</div>")
+/// A card of the methods that failed; nothing without any.
+pub(super) fn failed(failures: &[Failure]) -> String {
+    let of = |f: &Failure| format!("<p><b>{}</b> failed: {}</p>", escape(&f.method), escape(&f.error));
+    let items: String = failures.iter().map(of).collect();
+    match items.is_empty() {
+        true => items,
+        false => format!("<div class=\"card failed\" style=\"margin-top:16px\">{items}</div>"),
     }
 }
 

@@ -52,9 +52,6 @@ pub fn markdown(results: &Results) -> String {
     for failure in &results.failures {
         let _ = writeln!(text, "\n{} failed: {}", failure.method, failure.error);
     }
-    for note in &results.notes {
-        let _ = writeln!(text, "\n{note}");
-    }
     text
 }
 

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::html::{escape, page, remarks, section};
+use super::html::{escape, failed, page, section};
 use super::markdown::number;
 use crate::protocol::{PaperResults, PaperRow, Subset, Table};
 
@@ -57,9 +57,6 @@ pub fn paper_markdown(results: &PaperResults) -> String {
     for failure in &results.failures {
         let _ = writeln!(text, "\n{} failed: {}", failure.method, failure.error);
     }
-    for note in &results.notes {
-        let _ = writeln!(text, "\n{note}");
-    }
     text
 }
 
@@ -82,7 +79,7 @@ pub fn paper_html(results: &PaperResults) -> String {
         p.machine.threads,
         p.version,
     );
-    let mut sections = vec![header, remarks(&results.failures, &results.notes)];
+    let mut sections = vec![header, failed(&results.failures)];
     for (table, title) in TABLES {
         let titles: String = TITLES.iter().map(|t| format!("<th>{t}</th>")).collect();
         let body: String = (rows(results, table).iter())

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use super::base64;
-use super::html::{comparison, escape, page, remarks, section};
+use super::html::{comparison, escape, failed, page, section};
 use crate::photos::PhotoResults;
 
 /// The comparison as a Markdown table, one row per method.
@@ -48,7 +48,7 @@ pub fn photos_html(results: &PhotoResults) -> String {
         &format!("{}, photos", facts.scene),
         &[
             header,
-            remarks(&results.failures, &[]),
+            failed(&results.failures),
             section("Quality", &means(results)),
             section("Look closer", &details(results)),
             section("Every photo", &images(results)),

@@ -39,13 +39,23 @@ const SHIPPED: &[Shipped] = &[
     },
     Shipped {
         scale: 4,
+        tier: Tier::Fast,
+        bytes: include_bytes!("../../weights/interpolate_fast_x4.safetensors"),
+    },
+    Shipped {
+        scale: 4,
         tier: Tier::Balanced,
         bytes: include_bytes!("../../weights/super_sample_balanced_x4.safetensors"),
+    },
+    Shipped {
+        scale: 4,
+        tier: Tier::Balanced,
+        bytes: include_bytes!("../../weights/interpolate_balanced_x4.safetensors"),
     },
 ];
 
 impl Networks {
-    /// The weights that come with the library.
+    /// The weights that come with the library: of super sampling, and of interpolation where there are any.
     ///
     /// # Errors
     /// [`NetworkError::NotShipped`] if there are none of `tier` for `scale`.
@@ -57,8 +67,10 @@ impl Networks {
         match networks.super_sample {
             Some(_) => Ok(networks),
             None => {
-                let available: Vec<String> =
+                let mut available: Vec<String> =
                     SHIPPED.iter().map(|file| format!("{} ×{}", file.tier.name(), file.scale)).collect();
+                // Some have two networks.
+                available.dedup();
                 let available = if available.is_empty() { "none".to_owned() } else { available.join(", ") };
                 Err(NetworkError::NotShipped { tier: tier.name(), scale, available })
             }
