@@ -14,8 +14,8 @@
 //! |---|---|---|---|
 //! | super sampling | 51 | 78 | 205 |
 //! | … bf16 | 40 | 57 | 135 |
-//! | interpolation | 49 | 98 | 192 |
-//! | … bf16 | 39 | 69 | 127 |
+//! | interpolation (a noisier hour) | 58 | 112 | 221 |
+//! | … bf16 | 44 | 79 | 141 |
 //!
 //! Of the 51 ms of the first, multiply-adds at the peak are 25 and convolutions in all 32: in the network they read tensors
 //! from the second cache and have sigmoids and the like to compute. Images in and out are 10 ms, 240 MB of which each byte
