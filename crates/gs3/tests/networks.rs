@@ -104,11 +104,17 @@ fn a_resting_camera_keeps_its_exact_image_whatever_was_learned() {
         frames(&mut pipeline(&random(), 1), &cameras),
     );
     assert!(difference(&exact[0], &refined[0]) > 1e-3, "the first frame is refined");
-    // The frame between is a blend whose share is off by less than 1, of two frames that rounding lets differ.
-    let (rounding, between) = (difference(&exact[30], &exact[32]), difference(&exact[31], &refined[31]));
     let rendered = difference(&exact[32], &refined[32]);
-    assert!(rendered < 1e-6 && rounding < 1e-4, "rendered: {rendered}, one frame to the next: {rounding}");
-    assert!(between < 1e-6 + rounding, "between: {between}, one frame to the next: {rounding}");
+    assert!(rendered < 1e-6, "rendered: {rendered}");
+    // The frame between is a blend of the frames around it, which differ a little even at rest: each leans on its own samples.
+    // A network may shift the share by less than 1, so no pixel departs by more than its neighbours do from each other.
+    for (k, pixel) in refined[31].pixels().iter().enumerate() {
+        let [before, between, after] = [30, 31, 32].map(|n: usize| exact[n].pixels()[k]);
+        for c in 0..3 {
+            let (departs, apart) = ((pixel[c] - between[c]).abs(), (after[c] - before[c]).abs());
+            assert!(departs < 1e-6 + apart, "pixel {k}: {departs}, one frame to the next: {apart}");
+        }
+    }
 }
 
 /// Of a previous frame seen from the same place, the samples say how they differ from it at their pixels, as far as it is

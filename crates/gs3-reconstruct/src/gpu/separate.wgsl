@@ -11,12 +11,10 @@ fn separate(
     @builtin(global_invocation_id) at: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let start = select(0, i32(between.offset) - 4, between.offset > 0u);
-    let line = at.y % 4u;
-    let patch_corner = vec2<i32>(vec2(at.x * 4u, at.y - line)) + start;
-    let quad = quad_at(patch_corner, line, lane);
-    let first = patch_corner + vec2(0, i32(line));
-    if any(first >= vec2<i32>(between.size)) || first.y < 0 {
+    let corner = patch_corner(at);
+    let quad = quad_at(corner, at.y % 4u, lane);
+    let first = corner + vec2(0, i32(at.y % 4u));
+    if is_outside(first) {
         return;
     }
     let row = gather_quad(0u, quad.positions, quad.alike.x);
@@ -38,12 +36,10 @@ fn separate_both(
     @builtin(global_invocation_id) at: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let start = select(0, i32(between.offset) - 4, between.offset > 0u);
-    let line = at.y % 4u;
-    let patch_corner = vec2<i32>(vec2(at.x * 4u, at.y - line)) + start;
-    let quad = quad_at(patch_corner, line, lane);
-    let first = patch_corner + vec2(0, i32(line));
-    if any(first >= vec2<i32>(between.size)) || first.y < 0 {
+    let corner = patch_corner(at);
+    let quad = quad_at(corner, at.y % 4u, lane);
+    let first = corner + vec2(0, i32(at.y % 4u));
+    if is_outside(first) {
         return;
     }
     var colors = gather_quad(0u, quad.positions, quad.alike.x);

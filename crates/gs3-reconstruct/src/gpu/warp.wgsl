@@ -183,17 +183,26 @@ fn pack(color: vec4<f32>) -> vec2<u32> {
     return vec2(pack2x16float(c.xy), pack2x16float(c.zw));
 }
 
+// The first pixel of the patch that invocation `at` makes a row of.
+fn patch_corner(at: vec3<u32>) -> vec2<i32> {
+    let start = select(0, i32(between.offset) - 4, between.offset > 0u);
+    return vec2<i32>(vec2(at.x * 4u, at.y - at.y % 4u)) + start;
+}
+
+// Whether four pixels in a row from `first` on are all beyond the image.
+fn is_outside(first: vec2<i32>) -> bool {
+    return any(first >= vec2<i32>(between.size)) || first.y < 0;
+}
+
 @compute @workgroup_size(PATCHES, LINES)
 fn blend(
     @builtin(global_invocation_id) at: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let start = select(0, i32(between.offset) - 4, between.offset > 0u);
-    let line = at.y % 4u;
-    let patch_corner = vec2<i32>(vec2(at.x * 4u, at.y - line)) + start;
-    let quad = quad_at(patch_corner, line, lane);
-    let first = patch_corner + vec2(0, i32(line));
-    if any(first >= vec2<i32>(between.size)) || first.y < 0 {
+    let corner = patch_corner(at);
+    let quad = quad_at(corner, at.y % 4u, lane);
+    let first = corner + vec2(0, i32(at.y % 4u));
+    if is_outside(first) {
         return;
     }
     var share = quad.share;
