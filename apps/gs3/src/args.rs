@@ -104,9 +104,10 @@ pub struct Look {
     /// Weights of super sampling or of interpolation; may be given once for each
     #[arg(long, value_name = "FILE.safetensors")]
     pub weights: Vec<PathBuf>,
-    /// What networks on the CPU compute with: `bf16` is faster on machines with AVX-512 BF16 and the same as `f32` elsewhere
-    #[arg(long, default_value = "bf16", value_name = "bf16|f32")]
-    pub arithmetic: ArithmeticArg,
+    /// What networks on the CPU compute with; `bf16` needs AVX-512 BF16 and is the same as `f32` elsewhere [default: the faster
+    /// on this machine]
+    #[arg(long, value_name = "bf16|f32")]
+    pub arithmetic: Option<ArithmeticArg>,
     /// Frames interpolated before each rendered one in mode `full`
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=3))]
     pub generate: u32,

@@ -5,8 +5,8 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use gs3::neural::Weights;
 use gs3::neural::model::Tier;
+use gs3::neural::{Arithmetic, Weights};
 use gs3::scene::format::{LoadOptions, load};
 use gs3::scene::{CameraPath, Scene, capture, demo, orbit};
 use gs3::{NetworkError, Networks};
@@ -43,7 +43,8 @@ pub fn scene(path: &Path) -> Result<(Arc<Scene>, Duration), CliError> {
 /// The networks that `look` names, and their tier's name for reports.
 pub fn networks(look: &Look) -> Result<(Networks, String), CliError> {
     let (networks, tier) = weights(look)?;
-    Ok((Networks { arithmetic: look.arithmetic.into(), ..networks }, tier))
+    let arithmetic = look.arithmetic.map(Arithmetic::from).unwrap_or_default();
+    Ok((Networks { arithmetic, ..networks }, tier))
 }
 
 /// The weights that `look` names, and their tier's name.

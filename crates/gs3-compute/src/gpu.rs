@@ -68,7 +68,8 @@ pub struct Capabilities {
     pub shader_f16: Support,
     /// Times of stages on the device.
     pub timestamps: Support,
-    /// Sizes `m×n×k` of matrix products in hardware with f16 factors and f32 sums. gs3 does not use them yet.
+    /// Sizes `m×n×k` of matrix products in hardware with f16 factors and f32 sums (`enable
+    /// wgpu_cooperative_matrix;`).
     pub cooperative_matrix: Vec<[u32; 3]>,
     /// Sizes.
     pub limits: Limits,
@@ -104,7 +105,10 @@ impl Capabilities {
             }
             Support::Absent => Subgroups::Absent,
         };
-        let products = adapter.cooperative_matrix_properties();
+        let products = match has(wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX) {
+            Support::Present => adapter.cooperative_matrix_properties(),
+            Support::Absent => Vec::new(),
+        };
         let half_to_single = products.iter().filter(|p| {
             p.ab_type == wgpu::CooperativeScalarType::F16 && p.cr_type == wgpu::CooperativeScalarType::F32
         });
@@ -142,7 +146,19 @@ impl Capabilities {
         features.set(wgpu::Features::SUBGROUP, self.subgroups != Subgroups::Absent);
         features.set(wgpu::Features::SHADER_F16, self.shader_f16 == Support::Present);
         features.set(wgpu::Features::TIMESTAMP_QUERY, self.timestamps == Support::Present);
+        features.set(wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX, !self.cooperative_matrix.is_empty());
         features
+    }
+}
+
+/// Leave to use what wgpu calls experimental, if something of it is used.
+#[allow(unsafe_code, reason = "wgpu asks for it: its experimental features are less tested than others")]
+fn experimental(capabilities: &Capabilities) -> wgpu::ExperimentalFeatures {
+    match capabilities.cooperative_matrix.is_empty() {
+        true => wgpu::ExperimentalFeatures::disabled(),
+        // SAFETY: only products of matrices are used, with pointers that naga checks, in control flow that is the same for all
+        // invocations; what they give is compared with a plain kernel before they are used.
+        false => unsafe { wgpu::ExperimentalFeatures::enabled() },
     }
 }
 
@@ -199,6 +215,7 @@ impl Gpu {
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("gs3"),
             required_features: capabilities.required_features(),
+            experimental_features: experimental(&capabilities),
             required_limits: adapter.limits(),
             ..Default::default()
         };

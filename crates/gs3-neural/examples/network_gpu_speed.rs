@@ -3,10 +3,11 @@
 
 use std::time::Instant;
 
-use gs3_compute::{Buffer, Gpu, GpuSettings, Slice, Timings, Use};
+use gs3_compute::{Buffer, Gpu, GpuSettings, Slice, Support, Timings, Use};
 use gs3_neural::model::{Tier, interpolate, super_sample};
 use gs3_neural::{
-    GpuEngine, GpuEngineSettings, GpuImage, GpuRunError, Graph, Header, ImageFormat, Precision, Weights,
+    GpuEngine, GpuEngineSettings, GpuImage, GpuRunError, Graph, Header, ImageFormat, MatrixUnit, Precision,
+    Weights,
 };
 
 /// Frames before the measured ones, and those.
@@ -17,8 +18,10 @@ fn main() -> Result<(), GpuRunError> {
     let (width, height) = (sides.next().unwrap_or(480), sides.next().unwrap_or(270));
     let gpu = Gpu::new(&GpuSettings::default())?;
     println!("{}, LR {width}×{height}", gpu.adapter().name);
-    let best = Precision::of(&gpu);
-    let precisions = if best == Precision::Single { vec![best] } else { vec![Precision::Single, best] };
+    let half = (gpu.capabilities().shader_f16 == Support::Present).then_some(Precision::Half);
+    let matrix = MatrixUnit::of(gpu.capabilities()).map(Precision::Matrix);
+    let precisions: Vec<_> = [Precision::Single].into_iter().chain(half).chain(matrix).collect();
+    println!("the fastest should be {:?}", Precision::of(&gpu));
     for tier in Tier::ALL {
         for graph in [super_sample(4, tier)?, interpolate(4, tier)?] {
             for precision in &precisions {

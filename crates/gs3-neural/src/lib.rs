@@ -25,7 +25,9 @@ pub use differentiate::{Differentiator, Packed, Scratch, Tape};
 pub use engine::{Arithmetic, Engine};
 pub use error::{GraphError, RunError, WeightError};
 #[cfg(feature = "gpu")]
-pub use gpu::{BoundEngine, GpuEngine, GpuEngineSettings, GpuImage, GpuRunError, ImageFormat, Precision};
+pub use gpu::{
+    BoundEngine, GpuEngine, GpuEngineSettings, GpuImage, GpuRunError, ImageFormat, MatrixUnit, Precision,
+};
 pub use graph::{
     Activation, Border, Conv2d, Filter, Graph, GraphBuilder, Layer, Op, Output, Parameter, Tensor,
 };

@@ -7,7 +7,7 @@ use gs3_compute::{Buffer, Gpu, GpuError, GpuSettings, OptionalFeatures, Slice, S
 use gs3_neural::model::{Tier, interpolate, super_sample};
 use gs3_neural::{
     Activation, Border, Conv2d, Filter, GpuEngine, GpuEngineSettings, GpuImage, GpuRunError, Graph,
-    GraphBuilder, Header, ImageFormat, Op, Precision, Random, RunError, Weights, reference,
+    GraphBuilder, Header, ImageFormat, MatrixUnit, Op, Precision, Random, RunError, Weights, reference,
 };
 
 /// The device of this machine, if it has one.
@@ -23,8 +23,13 @@ fn device(features: OptionalFeatures) -> Option<Gpu> {
 
 /// The precisions of a device, and how far from the reference they may be, of numbers about 1.
 fn precisions(gpu: &Gpu) -> Vec<(Precision, f64)> {
-    let half = (gpu.capabilities().shader_f16 == Support::Present).then_some((Precision::Half, 2e-2));
-    [(Precision::Single, 1e-4)].into_iter().chain(half).collect()
+    let half = (gpu.capabilities().shader_f16 == Support::Present).then_some(Precision::Half);
+    let matrix = MatrixUnit::of(gpu.capabilities()).map(Precision::Matrix);
+    if matrix.is_none() {
+        eprintln!("skipped: no products of matrices");
+    }
+    let rounded = half.into_iter().chain(matrix).map(|precision| (precision, 2e-2));
+    [(Precision::Single, 1e-4)].into_iter().chain(rounded).collect()
 }
 
 fn header(graph: &Graph) -> Header {
@@ -277,7 +282,9 @@ fn images_may_be_of_half_precision() {
     let graph = g.finish().unwrap();
     let weights = Weights::random(&graph, header(&graph), 1);
     let values: Vec<half::f16> = (0..8 * 6 * 3).map(|k| half::f16::from_f32(k as f32 * 0.25)).collect();
-    for (precision, _) in precisions(&gpu).into_iter().filter(|_| precisions(&gpu).len() == 2) {
+    for (precision, _) in
+        precisions(&gpu).into_iter().filter(|(precision, _)| *precision != Precision::Single)
+    {
         let settings = GpuEngineSettings {
             precision,
             inputs: &[("a", ImageFormat::HalfPixels)],

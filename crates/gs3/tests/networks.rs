@@ -104,16 +104,10 @@ fn a_resting_camera_keeps_its_exact_image_whatever_was_learned() {
         frames(&mut pipeline(&random(), 1), &cameras),
     );
     assert!(difference(&exact[0], &refined[0]) > 1e-3, "the first frame is refined");
-    let rendered = difference(&exact[32], &refined[32]);
-    assert!(rendered < 1e-6, "rendered: {rendered}");
-    // The frame between is a blend of the frames around it, which differ a little even at rest: each leans on its own samples.
-    // A network may shift the share by less than 1, so no pixel departs by more than its neighbours do from each other.
-    for (k, pixel) in refined[31].pixels().iter().enumerate() {
-        let [before, between, after] = [30, 31, 32].map(|n: usize| exact[n].pixels()[k]);
-        for c in 0..3 {
-            let (departs, apart) = ((pixel[c] - between[c]).abs(), (after[c] - before[c]).abs());
-            assert!(departs < 1e-6 + apart, "pixel {k}: {departs}, one frame to the next: {apart}");
-        }
+    // The last frame, and the one between it and the one before.
+    for k in [31, 32] {
+        let departs = difference(&exact[k], &refined[k]);
+        assert!(departs < 1e-6, "frame {k}: {departs}");
     }
 }
 
@@ -166,7 +160,7 @@ fn samples_tell_how_the_previous_frame_errs() {
 #[test]
 fn arithmetic_is_a_choice() {
     let path = demo::path().resized(320, 64).unwrap();
-    let rounded = random();
+    let rounded = Networks { arithmetic: Arithmetic::Bf16, ..random() };
     let exact = Networks { arithmetic: Arithmetic::F32, ..rounded.clone() };
     let [exact, rounded] =
         [exact, rounded].map(|networks| frames(&mut pipeline(&networks, 1), &path.cameras()[..4]));

@@ -41,7 +41,7 @@ pub fn page(sections: &Sections, frames: usize) -> String {
          in scikit-image, over rendered frames; tPSNR: PSNR of the differences of consecutive displayed frames, which are half as \
          far apart where there are frames between. History starts empty at frame 0, and these first frames count. Displayed FPS: \
          frames shown per rendered one over its median time; native rendering is gs3's own rasterizer with AccuTile culling. gs3's \
-         networks compute in bf16 where the machine has it.{}\n\n",
+         networks compute in bf16 where that is faster.{}\n\n",
         env!("CARGO_PKG_VERSION"),
         machine.processor,
         machine.threads,

@@ -44,16 +44,34 @@ use block::{Block, Rest};
 use plan::Plan;
 use run::{Exports, Job};
 
-/// What convolutions compute with.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// What convolutions compute with; by default the faster on this machine ([`Arithmetic::fastest`]).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Arithmetic {
     /// f32: results within 1e-4 of exact ones.
     F32,
     /// Products of bf16, sums of f32, where the machine has AVX-512 BF16 and a convolution gains; f32 elsewhere. Results
     /// within 2e-2. A refined frame (the 20th of `gs3 render --arithmetic` on a capture) is 72 dB from that of f32, and as far
     /// from the native one to 1e-4 dB.
-    #[default]
     Bf16,
+}
+
+impl Arithmetic {
+    /// [`Self::Bf16`] on processors of AMD that have it, whose instruction for pairs of bf16 starts as often as that for f32 and
+    /// does twice as much (Zen 4: 57 instead of 78 ms for balanced super sampling to 1920×1080). Those of Intel start it half
+    /// as often, so that rounding makes it slower (Granite Rapids: 90 instead of 70 ms): [`Self::F32`] there and elsewhere.
+    #[must_use]
+    pub fn fastest() -> Self {
+        match bf16::gains() {
+            true => Self::Bf16,
+            false => Self::F32,
+        }
+    }
+}
+
+impl Default for Arithmetic {
+    fn default() -> Self {
+        Self::fastest()
+    }
 }
 
 /// A network ready to run on images of one size. Results are the same on any number of threads.

@@ -8,7 +8,7 @@ use crate::graph::{Border, Conv2d};
 use crate::shape::Shape;
 
 /// Pixels of a tile along a side.
-const TILE: usize = 16;
+pub const TILE: usize = 16;
 
 /// Pixels of an invocation.
 const PIXELS: usize = 4;
@@ -20,7 +20,7 @@ const MAX_BLOCKS: usize = 4;
 const PIXEL_THREADS: usize = TILE * TILE / PIXELS;
 
 /// Workgroup memory that every device has, bytes.
-const WORKGROUP_BYTES: usize = 16 << 10;
+pub const WORKGROUP_BYTES: usize = 16 << 10;
 
 /// How a convolution is divided among workgroups and invocations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,9 +80,9 @@ impl Convolution {
         self.division.groups * self.division.blocks
     }
 
-    /// Matrices of four output rows and four input columns, `[chunk][input block][tap][output block of the chunk]`, then
+    /// Matrices of four output rows and four input columns, columns one after the other, `[chunk][input block][tap][output block of the chunk]`, then
     /// one for each output block with its biases as first column. `weight` is `[outputs, inputs, kernel, kernel]`.
-    pub fn matrices(&self, weight: &[f32], bias: &[f32]) -> Vec<[[f32; BLOCK]; BLOCK]> {
+    pub fn weights(&self, weight: &[f32], bias: &[f32]) -> Vec<f32> {
         let taps = self.conv.kernel * self.conv.kernel;
         let channels: usize = self.inputs.iter().map(|shape| shape.channels).sum();
         // The first channel of each input block, and how many it has.
@@ -119,7 +119,7 @@ impl Convolution {
             }
             matrices.push(matrix);
         }
-        matrices
+        matrices.into_flattened().into_flattened()
     }
 
     /// Workgroups.
@@ -170,7 +170,7 @@ impl Convolution {
         };
         let partial = match precision {
             Precision::Single => "sum",
-            Precision::Half => "partial",
+            Precision::Half | Precision::Matrix(_) => "partial",
         };
         let sums = |line: &dyn Fn(usize, usize) -> String| -> String {
             (0..PIXELS).flat_map(|p| (0..division.blocks).map(move |b| line(p, b))).collect()
@@ -178,7 +178,7 @@ impl Convolution {
         let declare = |name: &str, ty: &str| sums(&|p, b| format!("var {name}{p}_{b} = {ty}(0.0);\n"));
         let (partial_sums, add_partial_sums) = match precision {
             Precision::Single => (String::new(), String::new()),
-            Precision::Half => (
+            Precision::Half | Precision::Matrix(_) => (
                 declare("partial", "Block"),
                 sums(&|p, b| format!("sum{p}_{b} += vec4<f32>(partial{p}_{b});\n")),
             ),
@@ -283,7 +283,7 @@ fn places() -> String {
 }
 
 /// `fn load(block, pixel)`: a block of the concatenated parts.
-fn load(inputs: &[Shape]) -> String {
+pub fn load(inputs: &[Shape]) -> String {
     let mut text = "fn load(block: u32, pixel: u32) -> Block {\n".to_owned();
     let mut first = 0;
     for (k, shape) in inputs.iter().enumerate() {
@@ -299,7 +299,7 @@ fn load(inputs: &[Shape]) -> String {
 }
 
 /// `fn seen(block, at)`: what a window sees there, possibly outside the image.
-fn seen(border: Border) -> String {
+pub fn seen(border: Border) -> String {
     let value = match border {
         Border::Replicate => "return value;",
         Border::Zero => "return select(Block(0.0), value, all(inside == at));",

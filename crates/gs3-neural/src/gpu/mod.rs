@@ -3,21 +3,24 @@
 //! Tensors are planes of four channels (`[ceil(C / 4)][height][width]`, each a vec4): neighbouring invocations read and
 //! write neighbouring vectors. Every step is a kernel whose WGSL is written for its sizes; the plan ([`plan`]) is a pure
 //! function. Convolutions stage a tile of their input and the weights of four channels in workgroup memory, and keep four
-//! pixels × 16 channels in registers; the parts of a concatenation are read where they are; blocks of pixels become
-//! channels while images come in and pixels again while they go out.
+//! pixels × 16 channels in registers, or products of matrices where hardware makes them ([`MatrixUnit`]); the parts of a
+//! concatenation are read where they are; blocks of pixels become channels while images come in and pixels again while they
+//! go out.
 
 mod conv;
+mod conv_matrix;
 mod error;
 mod ops;
 mod plan;
 mod slots;
 mod source;
 
+pub use conv_matrix::MatrixUnit;
 pub use error::GpuRunError;
 
 use std::collections::HashMap;
 
-use gs3_compute::{Bound, Buffer, Gpu, Kernel, Recorder, Slice, Support, Use};
+use gs3_compute::{AdapterKind, Bound, Buffer, Gpu, Kernel, Recorder, Slice, Support, Use};
 
 use crate::error::RunError;
 use crate::graph::Graph;
@@ -32,15 +35,22 @@ pub enum Precision {
     Single,
     /// Tensors, weights and products in half precision; sums over more than four input channels in single.
     Half,
+    /// The same; where convolutions are wide enough, their products are made by hardware for matrices, with all sums in
+    /// single precision.
+    Matrix(MatrixUnit),
 }
 
 impl Precision {
-    /// The fastest that `gpu` can do.
+    /// The fastest that `gpu` can do. Hardware for matrices is tried on a small convolution, and not used if its result is
+    /// wrong; software that plays it is slower than plain kernels.
     #[must_use]
     pub fn of(gpu: &Gpu) -> Self {
-        match gpu.capabilities().shader_f16 {
-            Support::Present => Self::Half,
-            Support::Absent => Self::Single,
+        let is_hardware = gpu.adapter().kind != AdapterKind::Software;
+        let unit = MatrixUnit::of(gpu.capabilities()).filter(|_| is_hardware);
+        match (gpu.capabilities().shader_f16, unit) {
+            (Support::Present, Some(unit)) if conv_matrix::is_right(gpu, unit) => Self::Matrix(unit),
+            (Support::Present, _) => Self::Half,
+            (Support::Absent, _) => Self::Single,
         }
     }
 
@@ -48,7 +58,7 @@ impl Precision {
     fn bytes(self) -> u64 {
         match self {
             Self::Single => 4,
-            Self::Half => 2,
+            Self::Half | Self::Matrix(_) => 2,
         }
     }
 }

@@ -5,6 +5,7 @@ use std::ops::Range;
 use gs3_compute::{GpuError, grid};
 
 use super::conv::Convolution;
+use super::conv_matrix::MatrixConvolution;
 use super::slots::Slots;
 use super::source::{BLOCK, PARTS, blocks};
 use super::{GpuEngineSettings, GpuImage, GpuRunError, ImageFormat, Precision, ops};
@@ -256,15 +257,26 @@ impl Planner<'_> {
                 .collect();
             self.check_parts(&layer.name, parts.len())?;
             let shapes: Vec<Shape> = parts.iter().map(|part| self.shapes[*part]).collect();
-            let convolution = Convolution::new(*conv, &shapes, shape, precision);
             let [weight, bias] = ["weight", "bias"].map(|kind| parameter(weights, &layer.name, kind));
+            let border = self.graph.border();
+            let in_matrices = match precision {
+                Precision::Matrix(unit) => MatrixConvolution::new(*conv, &shapes, shape, unit),
+                Precision::Single | Precision::Half => None,
+            };
+            let (source, values, groups) = match in_matrices {
+                Some(conv) => (conv.source(border), conv.weights(weight, bias), conv.groups()),
+                None => {
+                    let conv = Convolution::new(*conv, &shapes, shape, precision);
+                    (conv.source(precision, border), conv.weights(weight, bias), conv.groups()?)
+                }
+            };
             let draft = Draft {
                 label: layer.name.clone(),
-                source: convolution.source(precision, self.graph.border()),
+                source,
                 reads: parts.iter().map(|part| self.places[*part]).collect(),
                 writes: self.places[k],
-                weights: self.add_weights(&convolution.matrices(weight, bias)),
-                groups: convolution.groups()?,
+                weights: self.add_weights(&values),
+                groups,
             };
             self.drafts.push(draft);
             return Ok(());
@@ -338,14 +350,15 @@ impl Planner<'_> {
         Ok(())
     }
 
-    /// Appends matrices, columns one after the other.
-    fn add_weights(&mut self, matrices: &[[[f32; BLOCK]; BLOCK]]) -> Range<u64> {
+    fn add_weights(&mut self, values: &[f32]) -> Range<u64> {
         self.weights.resize(self.weights.len().next_multiple_of(WEIGHT_ALIGNMENT), 0);
         let start = self.weights.len();
-        for value in matrices.iter().flatten().flatten() {
+        for value in values {
             match self.precision {
                 Precision::Single => self.weights.extend(value.to_le_bytes()),
-                Precision::Half => self.weights.extend(half::f16::from_f32(*value).to_le_bytes()),
+                Precision::Half | Precision::Matrix(_) => {
+                    self.weights.extend(half::f16::from_f32(*value).to_le_bytes())
+                }
             }
         }
         start as u64..self.weights.len() as u64

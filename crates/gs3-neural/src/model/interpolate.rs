@@ -17,8 +17,9 @@ use crate::graph::{Activation, Border, Conv2d, Graph, GraphBuilder, Op, Tensor};
 /// | `validity` | 1 | LR | whether it was seen there, `[0, 1]` |
 ///
 /// Outputs: `color` (HR, 4: RGB and uncertainty) = (1 − α) `before` + α `after` + residual, α = `share` + a learned
-/// correction in (−1, 1); `alpha_correction` (HR, 1) for the losses; and `hidden`. The residual, weighed by the uncertainty, is
-/// what the features say and a linear map of both neighbours' blocks, `detail`: what warping blurs passes no few channels.
+/// correction; `alpha_correction` (HR, 1) for the losses; and `hidden`. The residual is what the features say and a linear map
+/// of both neighbours' blocks, `detail`: what warping blurs passes no few channels. Both are weighed by uncertainty, that of
+/// the blend and the sum of the neighbours': where these are exact, nothing is learned.
 ///
 /// The paper fuses HR frame 0 with LR frame 1, so that super sampling of frame 1 runs beside it; here frame 1 comes
 /// super-sampled, which costs that overlap and gains its detail.
@@ -33,7 +34,7 @@ pub fn interpolate(scale: usize, tier: Tier) -> Result<Graph, GraphError> {
         Tier::Balanced | Tier::High => 3,
     };
     let features = |kernel| Conv2d::new(kernel, c).activation(FEATURES);
-    let mut g = GraphBuilder::new("interpolate", 3, Border::Replicate);
+    let mut g = GraphBuilder::new("interpolate", 4, Border::Replicate);
     let [before, after] = [g.input("before", 4, scale), g.input("after", 4, scale)];
     let [share, geometry] = [g.input("share", 1, scale), g.input("geometry", 2, 1)];
     let hidden = carried_state(&mut g, tier.hidden_channels());
@@ -79,6 +80,8 @@ pub fn interpolate(scale: usize, tier: Tier) -> Result<Graph, GraphError> {
     let correction = Conv2d::new(1, block).activation(Activation::Tanh);
     let [of_before, of_after] = uncertainties;
     let correction = g.conv("head.alpha", correction, &[x, hidden, share, of_before, of_after]);
+    let unsure = g.layer("uncertainties", Op::Add, &uncertainties);
+    let correction = g.layer("correction", Op::Multiply, &[correction, unsure]);
     let alpha = g.layer("alpha.blocks", Op::Add, &[share, correction]);
     let every_alpha = g.layer("alpha.channels", Op::Concat, &[alpha; 4]);
     let blend = g.layer("blend", Op::Mix, &[before, after, every_alpha]);

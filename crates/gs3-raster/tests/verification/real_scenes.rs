@@ -1,6 +1,5 @@
 //! The procedural demo scene, and trained captures where they are at hand.
 
-use std::path::Path;
 use std::sync::Arc;
 
 use gs3_raster::{Culling, Outputs, RasterSettings, Rasterizer, matched_dilation};
@@ -17,26 +16,38 @@ pub fn scenes() -> Vec<(&'static str, Arc<Scene>, Camera)> {
     paths().into_iter().map(|(name, scene, cameras)| (name, scene, cameras[0])).collect()
 }
 
+/// A scene with cameras.
+type Path = (&'static str, Arc<Scene>, Vec<Camera>);
+
 /// The same scenes with cameras from all over their paths.
-pub fn paths() -> Vec<(&'static str, Arc<Scene>, Vec<Camera>)> {
-    let spread = |path: CameraPath| {
-        let cameras = path.cameras();
-        cameras.iter().step_by(cameras.len().div_ceil(3)).copied().collect::<Vec<_>>()
-    };
-    let mut all = vec![("demo", Arc::new(demo::scene().expect("valid")), spread(demo::path()))];
-    for (name, file, path) in [
+pub fn paths() -> Vec<Path> {
+    let mut all = vec![("demo", Arc::new(demo::scene().expect("valid")), spread(&demo::path()))];
+    all.extend(captures(&[
         ("flowers", "flowers", "flowers_orbit.json"),
         ("guitar", "guitar.compressed.ply", "guitar_orbit.json"),
         ("playbot", "playbot", "playbot_orbit.json"),
-    ] {
-        let file = Path::new(SHARED).join("scenes").join(file);
-        let path = Path::new(SHARED).join("paths").join(path);
+    ]));
+    all
+}
+
+/// A few cameras of `path`, evenly spread.
+fn spread(path: &CameraPath) -> Vec<Camera> {
+    let cameras = path.cameras();
+    cameras.iter().step_by(cameras.len().div_ceil(3)).copied().collect()
+}
+
+/// Those captures of `../shared` that exist: of each its name, file and path of cameras.
+pub fn captures(files: &[(&'static str, &str, &str)]) -> Vec<Path> {
+    let mut all = Vec::new();
+    for (name, file, path) in files {
+        let file = std::path::Path::new(SHARED).join("scenes").join(file);
+        let path = std::path::Path::new(SHARED).join("paths").join(path);
         if !(file.exists() && path.exists()) {
             eprintln!("skipped: {name}: {} is absent", file.display());
             continue;
         }
         let scene = format::load(&file, &LoadOptions::default(), &|_| ()).expect("a scene");
-        all.push((name, Arc::new(scene), spread(capture::load(&path).expect("a path"))));
+        all.push((*name, Arc::new(scene), spread(&capture::load(&path).expect("a path"))));
     }
     all
 }

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::*;
+use crate::gpu::MatrixUnit;
 use crate::graph::{Border, Conv2d, GraphBuilder};
 use crate::model::{Tier, interpolate, super_sample};
 use crate::weights::Header;
@@ -21,6 +22,8 @@ fn networks(tier: Tier) -> [Graph; 2] {
 /// the limits that every device has.
 #[test]
 fn plans_are_consistent_up_to_the_largest_frames() {
+    let [small, large] =
+        [(8, 8), (16, 32)].map(|(side, subgroup)| Precision::Matrix(MatrixUnit { side, subgroup }));
     for (tier, precision, lr) in [
         (Tier::Fast, Precision::Single, [1, 1]),
         (Tier::Fast, Precision::Half, [270, 480]),
@@ -28,6 +31,9 @@ fn plans_are_consistent_up_to_the_largest_frames() {
         (Tier::Balanced, Precision::Half, [540, 1024]),
         (Tier::High, Precision::Single, [1080, 1920]),
         (Tier::High, Precision::Half, [1080, 1920]),
+        (Tier::Fast, small, [270, 480]),
+        (Tier::Balanced, large, [540, 1024]),
+        (Tier::High, large, [1080, 1920]),
     ] {
         for graph in networks(tier) {
             let plan = Plan::new(&graph, &weights(&graph), lr, &GpuEngineSettings::new(precision)).unwrap();

@@ -13,7 +13,7 @@ const TRANSMITTANCE_BAND: f64 = 1e-3;
 const DEPTH_BAND: f64 = 4e-6;
 
 /// Which steps are near at a sample.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CutOffs {
     /// Some α is near 1/255.
     pub alpha_min: bool,
@@ -27,6 +27,22 @@ pub struct CutOffs {
     pub near_plane: bool,
     /// Transmittance before some splat is near 0.5. Matters to the median depth only.
     pub median: bool,
+    /// How near it is at most to 0.5, relative: the smallest of all splats.
+    pub to_median: f64,
+}
+
+impl Default for CutOffs {
+    fn default() -> Self {
+        Self {
+            alpha_min: false,
+            alpha_max: false,
+            stop: false,
+            order: false,
+            near_plane: false,
+            median: false,
+            to_median: f64::INFINITY,
+        }
+    }
 }
 
 impl CutOffs {
@@ -46,6 +62,7 @@ impl CutOffs {
     }
 
     pub(super) fn note_transmittance(&mut self, before: f64, after: f64) {
+        self.to_median = self.to_median.min((before / 0.5 - 1.0).abs());
         self.median |= is_near(before, 0.5, TRANSMITTANCE_BAND);
         self.stop |= is_near(after, TRANSMITTANCE_MIN, TRANSMITTANCE_BAND * 10.0);
     }

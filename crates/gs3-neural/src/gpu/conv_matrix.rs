@@ -1,0 +1,290 @@
+//! Convolutions as products of matrices in hardware (cooperative matrices, "tensor cores").
+//!
+//! Not tuned: no such hardware was at hand. A run of pixels is loaded once for [`MatrixConvolution::columns`] products, a matrix
+//! of weights once for [`RUNS`].
+
+use gs3_compute::{Capabilities, Gpu, Subgroups, Support, Use};
+
+use super::conv::{TILE, WORKGROUP_BYTES, load, seen};
+use super::source::{self, BLOCK, blocks};
+use super::{GpuEngine, GpuEngineSettings, GpuRunError, Precision};
+use crate::error::RunError;
+use crate::graph::{Border, Conv2d, GraphBuilder};
+use crate::random::Random;
+use crate::shape::Shape;
+use crate::weights::{Header, Weights};
+
+/// Runs of pixels of a subgroup.
+const RUNS: usize = 4;
+
+/// The most matrices of output channels of a subgroup: 4 runs × 3 of 16×16 are 96 sums a lane of 32.
+const MAX_COLUMNS: usize = 3;
+
+/// What multiplies matrices: subgroups, factors of f16, sums of f32.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct MatrixUnit {
+    /// Rows and columns of all three matrices: 8 or 16.
+    pub side: u32,
+    /// Invocations of a subgroup.
+    pub subgroup: u32,
+}
+
+impl MatrixUnit {
+    /// The one to use of what a device can do: its subgroups must be of one size, for the work is divided among them before
+    /// it is known which they will be.
+    #[must_use]
+    pub fn of(capabilities: &Capabilities) -> Option<Self> {
+        let Subgroups::Present { min, max } = capabilities.subgroups else { return None };
+        let has = |side: u32| capabilities.cooperative_matrix.contains(&[side; 3]);
+        let side = [16, 8].into_iter().find(|side| has(*side))?;
+        let unit = Self { side, subgroup: min };
+        let fits = unit.threads() as u32 <= capabilities.limits.workgroup_invocations;
+        (min == max && capabilities.shader_f16 == Support::Present && fits).then_some(unit)
+    }
+
+    /// Subgroups that share a tile.
+    fn subgroups(self) -> usize {
+        TILE * TILE / self.side as usize / RUNS
+    }
+
+    /// Invocations of a workgroup.
+    fn threads(self) -> usize {
+        self.subgroups() * self.subgroup as usize
+    }
+}
+
+/// A convolution as a kernel.
+#[derive(Clone, Debug)]
+pub struct MatrixConvolution {
+    conv: Conv2d,
+    /// Parts of a concatenation.
+    inputs: Vec<Shape>,
+    out: Shape,
+    unit: MatrixUnit,
+    /// Matrices of output channels of a workgroup.
+    columns: usize,
+    /// Workgroups that share pixels.
+    chunks: usize,
+}
+
+impl MatrixConvolution {
+    /// None where it would be mostly padding or its tile is too large.
+    pub fn new(conv: Conv2d, inputs: &[Shape], out: Shape, unit: MatrixUnit) -> Option<Self> {
+        let side = unit.side as usize;
+        let total = out.channels.div_ceil(side);
+        // The least idle work, then the most matrices of a subgroup.
+        let waste = |columns: &usize| (total.next_multiple_of(*columns), MAX_COLUMNS - columns);
+        let columns = (1..=MAX_COLUMNS).min_by_key(waste).unwrap_or(1);
+        let edge = TILE + 2 * conv.reach();
+        let bytes = edge * edge * side * 2 + unit.subgroups() * side * side * 4;
+        let is_full = 2 * out.channels > side;
+        let chunks = total.div_ceil(columns);
+        let convolution = Self { conv, inputs: inputs.to_vec(), out, unit, columns, chunks };
+        (is_full && bytes <= WORKGROUP_BYTES).then_some(convolution)
+    }
+
+    fn in_blocks(&self) -> usize {
+        self.inputs.iter().map(|shape| blocks(*shape)).sum()
+    }
+
+    /// Matrices of input channels.
+    fn in_matrices(&self) -> usize {
+        (self.in_blocks() * BLOCK).div_ceil(self.unit.side as usize)
+    }
+
+    /// Matrices of weights, `[chunk][input matrix][tap][column][input channel][output channel]`, then all biases. `weight` is
+    /// `[outputs, inputs, kernel, kernel]`.
+    pub fn weights(&self, weight: &[f32], bias: &[f32]) -> Vec<f32> {
+        let (side, taps) = (self.unit.side as usize, self.conv.kernel * self.conv.kernel);
+        let channels: usize = self.inputs.iter().map(|shape| shape.channels).sum();
+        // Which channel each of the blocks' is, if any: parts end with blocks that are not full.
+        let mut channel_of = vec![None; self.in_matrices() * side];
+        let (mut at, mut first) = (0, 0);
+        for shape in &self.inputs {
+            (0..shape.channels).for_each(|k| channel_of[at + k] = Some(first + k));
+            (at, first) = (at + blocks(*shape) * BLOCK, first + shape.channels);
+        }
+        let mut weights = Vec::new();
+        for chunk in 0..self.chunks {
+            for inputs in channel_of.chunks(side) {
+                for tap in 0..taps {
+                    for column in 0..self.columns {
+                        let first = (chunk * self.columns + column) * side;
+                        for channel in inputs {
+                            weights.extend((first..first + side).map(|o| match channel {
+                                Some(i) if o < self.out.channels => weight[(o * channels + i) * taps + tap],
+                                _ => 0.0,
+                            }));
+                        }
+                    }
+                }
+            }
+        }
+        let outputs = self.chunks * self.columns * side;
+        weights.extend((0..outputs).map(|o| bias.get(o).copied().unwrap_or(0.0)));
+        weights
+    }
+
+    /// Workgroups.
+    pub fn groups(&self) -> [u32; 3] {
+        // At most 2¹⁵ / 16 along a side.
+        let count = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+        [self.out.width.div_ceil(TILE), self.out.height.div_ceil(TILE), self.chunks].map(count)
+    }
+
+    /// The kernel.
+    pub fn source(&self, border: Border) -> String {
+        let Self { conv, inputs, out, unit, columns, .. } = self;
+        let (side, taps) = (unit.side as usize, conv.kernel * conv.kernel);
+        let precision = Precision::Matrix(*unit);
+        let mut text = source::header(precision) + &source::tensors(inputs, *out);
+        let constants = [
+            ("TILE", TILE),
+            ("SIDE", side),
+            ("KERNEL", conv.kernel),
+            ("TAPS", taps),
+            ("DILATION", conv.dilation),
+            ("REACH", conv.reach()),
+            ("IN_BLOCKS", self.in_blocks()),
+            ("IN_MATRICES", self.in_matrices()),
+            ("RUNS", RUNS),
+            ("COLUMNS", *columns),
+            ("SUBGROUP", unit.subgroup as usize),
+            ("SUBGROUPS", unit.subgroups()),
+            ("THREADS", unit.threads()),
+            ("FIRST_BIAS", self.chunks * self.in_matrices() * taps * columns * side * side),
+        ];
+        text += &constants.map(|(name, value)| format!("const {name}: u32 = {value}u;\n")).concat();
+        text +=
+            &format!("@group(0) @binding({}) var<storage> weights: array<f16>;\n", source::PARTS.len() + 2);
+        text += &load(inputs);
+        text += &seen(border);
+        text += &source::activate(conv.activation);
+        let matrix = |numbers: &str, role: char| format!("coop_mat{side}x{side}<{numbers}, {role}>");
+        let sums: Vec<(usize, usize)> = (0..RUNS).flat_map(|r| (0..*columns).map(move |c| (r, c))).collect();
+        let declared = |(r, c): &(usize, usize)| format!("var sum{r}_{c} = {}();\n", matrix("f32", 'C'));
+        let mut products = String::new();
+        for c in 0..*columns {
+            products += &format!(
+                "let weights{c} = coopLoadT<{}>(&weights[matrix_at + {c}u * MATRIX], SIDE);\n",
+                matrix("f16", 'B')
+            );
+        }
+        for r in 0..RUNS {
+            products += &format!(
+                "let at{r} = run_at(first_run + {r}u) + step;
+let pixels{r} = coopLoadT<{}>(&pixels[(at{r}.y * EDGE + at{r}.x) * SIDE], SIDE);\n",
+                matrix("f16", 'A')
+            );
+            for c in 0..*columns {
+                products += &format!("sum{r}_{c} = coopMultiplyAdd(pixels{r}, weights{c}, sum{r}_{c});\n");
+            }
+        }
+        let stored = |(r, c): &(usize, usize)| {
+            format!(
+                "workgroupBarrier();
+coopStoreT(sum{r}_{c}, &sums[subgroup * MATRIX], SIDE);
+workgroupBarrier();
+store(subgroup, lane, tile.xy, first_run + {r}u, (tile.z * COLUMNS + {c}u) * QUADS);\n"
+            )
+        };
+        let template = include_str!("conv_matrix.wgsl")
+            .replace("    SUMS\n", &sums.iter().map(declared).collect::<String>())
+            .replace("            PRODUCTS\n", &products)
+            .replace("    STORE\n", &sums.iter().map(stored).collect::<String>());
+        text + &template
+    }
+}
+
+/// How far products of half precision and sums in another order may be apart, of sums of about 180 products of numbers
+/// within ±1 and weights that keep them there: rounding makes 1e-3, a wrong product 0.1 and more.
+const TOLERANCE: f32 = 2e-2;
+
+/// Whether `unit` gives on `gpu` what invocations give by themselves, of a small convolution with parts and padding: the
+/// feature is young in drivers and in wgpu, and a wrong picture is worse than a slow one.
+pub fn is_right(gpu: &Gpu, unit: MatrixUnit) -> bool {
+    let runs = [Precision::Half, Precision::Matrix(unit)].map(|precision| tried(gpu, precision));
+    let [Ok(expected), Ok(actual)] = runs else { return false };
+    expected.iter().zip(&actual).all(|(e, a)| (e - a).abs() <= TOLERANCE)
+}
+
+/// What `gpu` makes of that convolution.
+fn tried(gpu: &Gpu, precision: Precision) -> Result<Vec<f32>, GpuRunError> {
+    let (lr, parts, outputs) = ([TILE + 1, TILE + 3], [17, 3], 40);
+    let mut g = GraphBuilder::new("trial", 1, Border::Replicate);
+    let [a, b] = [("a", parts[0]), ("b", parts[1])].map(|(name, channels)| g.input(name, channels, 1));
+    let result = g.conv("result", Conv2d::new(3, outputs), &[a, b]);
+    g.output("result", result);
+    let graph = g.finish().map_err(RunError::from)?;
+    let [tier, training_data, licence] = ["", "", ""].map(str::to_owned);
+    let header = Header { network: "trial".to_owned(), version: 1, scale: 1, tier, training_data, licence };
+    let weights = Weights::random(&graph, header, 1);
+    let engine = GpuEngine::new(gpu, &graph, &weights, lr, &GpuEngineSettings::new(precision))?;
+    let mut random = Random::new(1);
+    let mut image = |channels: usize| {
+        let values: Vec<f32> = (0..lr[0] * lr[1] * channels).map(|_| random.signed()).collect();
+        gpu.buffer_with("trial", Use::Storage, &values)
+    };
+    let (from, to) = ([image(parts[0])?, image(parts[1])?], image(outputs)?);
+    let bound =
+        engine.bind(gpu, &[("a", from[0].slice()), ("b", from[1].slice())], &[("result", to.slice())])?;
+    let mut recorder = gpu.recorder(None);
+    bound.record(&mut recorder);
+    recorder.submit()?;
+    Ok(gpu.read(&to.slice())?)
+}
+
+#[cfg(test)]
+mod tests {
+    use gs3_compute::GpuSettings;
+
+    use super::*;
+
+    /// Of subgroups that are in truth half as large, each does what two should, at places of another's.
+    #[test]
+    fn a_unit_that_errs_is_found_out() {
+        let gpu = Gpu::new(&GpuSettings::default());
+        let Some((gpu, unit)) =
+            gpu.ok().and_then(|gpu| Some((gpu.clone(), MatrixUnit::of(gpu.capabilities())?)))
+        else {
+            eprintln!("skipped: no products of matrices");
+            return;
+        };
+        assert!(is_right(&gpu, unit));
+        assert!(!is_right(&gpu, MatrixUnit { subgroup: 2 * unit.subgroup, ..unit }));
+    }
+
+    #[test]
+    fn units_need_subgroups_of_one_size_and_half_precision() {
+        let limits = gs3_compute::Limits {
+            buffer_bytes: 1 << 30,
+            binding_bytes: 1 << 30,
+            storage_bindings: 8,
+            binding_alignment: 256,
+            workgroup_bytes: 16 << 10,
+            workgroup_invocations: 256,
+            workgroups: 65_535,
+        };
+        let card = Capabilities {
+            subgroups: Subgroups::Present { min: 32, max: 32 },
+            shader_f16: Support::Present,
+            timestamps: Support::Present,
+            cooperative_matrix: vec![[8; 3], [16; 3], [16, 8, 16]],
+            limits,
+        };
+        assert_eq!(MatrixUnit::of(&card), Some(MatrixUnit { side: 16, subgroup: 32 }));
+        let lacking = [
+            Capabilities { subgroups: Subgroups::Present { min: 32, max: 64 }, ..card.clone() },
+            Capabilities { subgroups: Subgroups::Absent, ..card.clone() },
+            Capabilities { shader_f16: Support::Absent, ..card.clone() },
+            Capabilities { cooperative_matrix: vec![[16, 8, 16]], ..card.clone() },
+            // Eight subgroups of 64 are more than a workgroup takes.
+            Capabilities {
+                subgroups: Subgroups::Present { min: 64, max: 64 },
+                cooperative_matrix: vec![[8; 3]],
+                ..card
+            },
+        ];
+        assert!(lacking.iter().all(|capabilities| MatrixUnit::of(capabilities).is_none()));
+    }
+}
