@@ -29,6 +29,9 @@ pub struct MeasureArgs {
     /// A GPU by its number [default: the fastest]
     #[arg(long, value_name = "N")]
     pub adapter: Option<String>,
+    /// Networks by products of matrices in hardware
+    #[arg(long)]
+    pub matrix_products: bool,
 }
 
 /// Measures all subjects at all sizes. The report is written after each, so that whatever happens the figures so far stay.
@@ -67,6 +70,7 @@ fn measured(subject: &Subject, size: &str, copies: &str, args: &MeasureArgs) -> 
     arguments.extend(["--frames", &args.frames, "--warm-up", &args.warm_up]);
     arguments.extend(cameras.iter().flat_map(|cameras| ["--path", cameras]));
     arguments.extend(args.adapter.iter().flat_map(|adapter| ["--adapter", adapter]));
+    arguments.extend(args.matrix_products.then_some("--matrix-products"));
     let output = gs3(&arguments)?;
     if !output.status.success() {
         let said = String::from_utf8_lossy(&output.stderr);

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::{Parser, Subcommand, ValueEnum};
+use gs3::compute::OptionalFeatures;
 use gs3::neural::Arithmetic;
 use gs3::neural::model::Tier;
 use gs3::scene::camera::MAX_SIDE;
@@ -108,6 +109,9 @@ pub struct Look {
     /// on this machine]
     #[arg(long, value_name = "bf16|f32")]
     pub arithmetic: Option<ArithmeticArg>,
+    /// Networks on a GPU multiply matrices in its hardware for them. Experimental: tried on a small convolution first
+    #[arg(long)]
+    pub matrix_products: bool,
     /// Frames interpolated before each rendered one in mode `full`
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=3))]
     pub generate: u32,
@@ -232,6 +236,14 @@ pub struct BenchArgs {
 }
 
 impl Look {
+    /// What a GPU is opened with.
+    pub const fn features(&self) -> OptionalFeatures {
+        match self.matrix_products {
+            true => OptionalFeatures::Experimental,
+            false => OptionalFeatures::All,
+        }
+    }
+
     pub fn settings(&self, mode: Mode) -> PipelineSettings {
         PipelineSettings {
             mode,

@@ -1,6 +1,8 @@
 //! Which machine renders.
 
-use gs3::compute::{AdapterChoice, AdapterKind, Gpu, GpuSettings, adapters, choose};
+use gs3::NetworkError;
+use gs3::compute::{AdapterChoice, AdapterKind, Gpu, GpuSettings, OptionalFeatures, adapters, choose};
+use gs3::neural::MatrixUnit;
 
 use crate::args::{BackendArg, Device};
 use crate::error::CliError;
@@ -15,9 +17,26 @@ pub enum Machine {
 }
 
 impl Machine {
-    /// The machine that `device` means.
-    pub fn new(device: &Device) -> Result<Self, CliError> {
-        let open = |adapter| Gpu::new(&GpuSettings { adapter, ..GpuSettings::default() });
+    /// The machine that `device` means, a GPU opened with `features`; its products of matrices are tried if they are among them.
+    pub fn new(device: &Device, features: OptionalFeatures) -> Result<Self, CliError> {
+        let machine = Self::open(device, features)?;
+        if features == OptionalFeatures::Experimental {
+            let gpu = machine.gpu();
+            let unit = gpu.and_then(|gpu| Some((gpu, MatrixUnit::of(gpu.capabilities())?)));
+            let Some((gpu, unit)) = unit else {
+                return Err(CliError::Option {
+                    option: "--matrix-products",
+                    expected: "a GPU that has them, with subgroups of one size (gs3 devices)".to_owned(),
+                    actual: machine.adapter().unwrap_or_else(|| "the CPU".to_owned()),
+                });
+            };
+            unit.check(gpu).map_err(NetworkError::from)?;
+        }
+        Ok(machine)
+    }
+
+    fn open(device: &Device, features: OptionalFeatures) -> Result<Self, CliError> {
+        let open = |adapter| Gpu::new(&GpuSettings { adapter, features });
         match (device.backend, device.adapter) {
             (BackendArg::Cpu, None) => Ok(Self::Cpu),
             (BackendArg::Cpu, Some(number)) => Err(CliError::Option {
@@ -66,11 +85,13 @@ impl Machine {
 
     /// The GPU's name and interface, if it is one.
     pub fn adapter(&self) -> Option<String> {
+        self.gpu().map(|gpu| format!("{} ({})", gpu.adapter().name, gpu.adapter().api))
+    }
+
+    const fn gpu(&self) -> Option<&Gpu> {
         match self {
             Self::Cpu => None,
-            Self::Gpu(gpu) | Self::FoundGpu(gpu) => {
-                Some(format!("{} ({})", gpu.adapter().name, gpu.adapter().api))
-            }
+            Self::Gpu(gpu) | Self::FoundGpu(gpu) => Some(gpu),
         }
     }
 

@@ -28,7 +28,7 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     inputs::check_frames("--frames", &range, &path)?;
     let scene = copies::beside(scene, args.copies, &path.cameras()[range.start])?;
     let device = Device { backend: args.backend.into(), adapter: args.adapter };
-    let machine = Machine::new(&device)?;
+    let machine = Machine::new(&device, args.look.features())?;
     if let Machine::Gpu(gpu) = &machine {
         let figures = bench_gpu::run(args, gpu, scene, &path.cameras()[range])?;
         return write(args, &report::join(figures, report::machine(&machine)), bench_gpu::print);

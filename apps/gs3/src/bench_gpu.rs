@@ -51,6 +51,7 @@ pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -
     let full = bench.measure_frames(cameras, &full)?;
     Ok(json!({
         "driver": gpu.adapter().driver,
+        "matrix_products": args.look.matrix_products,
         "scene": args.view.scene.display().to_string(),
         "gaussians": gaussians,
         "copies": args.copies,

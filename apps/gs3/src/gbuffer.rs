@@ -2,6 +2,7 @@
 
 use std::io;
 
+use gs3::compute::OptionalFeatures;
 use gs3::raster::{GpuRasterError, GpuRasterizer, Outputs, RasterSettings, Rasterizer, ScenePrecision};
 use gs3::reconstruct::{MAX_SCALE, ReconstructError};
 use gs3::scene::format::write_atomically;
@@ -30,7 +31,7 @@ pub fn run(args: &GbufferArgs) -> Result<Outcome, CliError> {
     let mut gbuffer = GBuffer::default();
     let camera = &path.cameras()[args.frame];
     let machine =
-        Machine::new(&args.device)?.start(|gpu| -> Result<(), GpuRasterError> {
+        Machine::new(&args.device, OptionalFeatures::All)?.start(|gpu| -> Result<(), GpuRasterError> {
             GpuRasterizer::new(gpu, scene.clone(), args.culling.into(), ScenePrecision::default())?
                 .rasterize_to(camera, &settings, &mut gbuffer)
         })?;

@@ -36,7 +36,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     let settings = args.look.settings(mode);
     let mut pipeline = FramePipeline::with_networks(scene, settings, &networks)?;
     // Not before the rest is right: a driver may take long to wake, and talk.
-    let machine = Machine::new(&args.device)?.start(|gpu| pipeline.render_on(gpu))?;
+    let machine = Machine::new(&args.device, args.look.features())?.start(|gpu| pipeline.render_on(gpu))?;
     let first = path.cameras()[range.start];
     if mode.has_history() && !pipeline.is_on_device(&first) && !matches!(machine, Machine::Cpu) {
         eprintln!(

@@ -23,9 +23,11 @@ pub struct GpuSettings {
 /// Which of the features that not every adapter has are used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum OptionalFeatures {
-    /// All that the adapter has.
+    /// All that the adapter has and wgpu does not call experimental.
     #[default]
     All,
+    /// Products of matrices, too.
+    Experimental,
     /// None but timestamps, as in a browser: the fallbacks run.
     None,
 }
@@ -68,8 +70,8 @@ pub struct Capabilities {
     pub shader_f16: Support,
     /// Times of stages on the device.
     pub timestamps: Support,
-    /// Sizes `m×n×k` of matrix products in hardware with f16 factors and f32 sums (`enable
-    /// wgpu_cooperative_matrix;`).
+    /// Sizes `m×n×k` of matrix products in hardware with f16 factors and f32 sums (`enable wgpu_cooperative_matrix;`); of a
+    /// device that was not opened with [`OptionalFeatures::Experimental`] none.
     pub cooperative_matrix: Vec<[u32; 3]>,
     /// Sizes.
     pub limits: Limits,
@@ -131,7 +133,8 @@ impl Capabilities {
 
     fn with(self, features: OptionalFeatures) -> Self {
         match features {
-            OptionalFeatures::All => self,
+            OptionalFeatures::Experimental => self,
+            OptionalFeatures::All => Self { cooperative_matrix: Vec::new(), ..self },
             OptionalFeatures::None => Self {
                 subgroups: Subgroups::Absent,
                 shader_f16: Support::Absent,
@@ -156,8 +159,8 @@ impl Capabilities {
 fn experimental(capabilities: &Capabilities) -> wgpu::ExperimentalFeatures {
     match capabilities.cooperative_matrix.is_empty() {
         true => wgpu::ExperimentalFeatures::disabled(),
-        // SAFETY: only products of matrices are used, with pointers that naga checks, in control flow that is the same for all
-        // invocations; what they give is compared with a plain kernel before they are used.
+        // SAFETY: whoever opens the device asks for it, in wgpu's terms. Of a matrix that a kernel loads or stores naga checks
+        // where it begins; that it ends inside is for the kernel to hold.
         false => unsafe { wgpu::ExperimentalFeatures::enabled() },
     }
 }

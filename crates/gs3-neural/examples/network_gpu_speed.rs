@@ -3,7 +3,7 @@
 
 use std::time::Instant;
 
-use gs3_compute::{Buffer, Gpu, GpuSettings, Slice, Support, Timings, Use};
+use gs3_compute::{Buffer, Gpu, GpuSettings, OptionalFeatures, Slice, Timings, Use};
 use gs3_neural::model::{Tier, interpolate, super_sample};
 use gs3_neural::{
     GpuEngine, GpuEngineSettings, GpuImage, GpuRunError, Graph, Header, ImageFormat, MatrixUnit, Precision,
@@ -16,16 +16,23 @@ const FRAMES: [usize; 2] = [3, 7];
 fn main() -> Result<(), GpuRunError> {
     let mut sides = std::env::args().skip(1).filter_map(|side| side.parse().ok());
     let (width, height) = (sides.next().unwrap_or(480), sides.next().unwrap_or(270));
-    let gpu = Gpu::new(&GpuSettings::default())?;
+    let gpu = Gpu::new(&GpuSettings { features: OptionalFeatures::Experimental, ..GpuSettings::default() })?;
     println!("{}, LR {width}×{height}", gpu.adapter().name);
-    let half = (gpu.capabilities().shader_f16 == Support::Present).then_some(Precision::Half);
-    let matrix = MatrixUnit::of(gpu.capabilities()).map(Precision::Matrix);
-    let precisions: Vec<_> = [Precision::Single].into_iter().chain(half).chain(matrix).collect();
-    println!("the fastest should be {:?}", Precision::of(&gpu));
+    let mut ways = vec![GpuEngineSettings::new(Precision::Single)];
+    if Precision::of(&gpu) == Precision::Half {
+        let half = GpuEngineSettings::new(Precision::Half);
+        ways.push(half);
+        if let Some(unit) = MatrixUnit::of(gpu.capabilities()) {
+            match unit.check(&gpu) {
+                Ok(()) => ways.push(GpuEngineSettings { matrices: Some(unit), ..half }),
+                Err(error) => println!("without products of matrices: {error}"),
+            }
+        }
+    }
     for tier in Tier::ALL {
         for graph in [super_sample(4, tier)?, interpolate(4, tier)?] {
-            for precision in &precisions {
-                measure(&gpu, &graph, tier, [height, width], *precision)?;
+            for way in &ways {
+                measure(&gpu, &graph, tier, [height, width], way)?;
             }
         }
     }
@@ -37,7 +44,7 @@ fn measure(
     graph: &Graph,
     tier: Tier,
     lr: [usize; 2],
-    precision: Precision,
+    way: &GpuEngineSettings<'_>,
 ) -> Result<(), GpuRunError> {
     let [training_data, licence] = ["", ""].map(str::to_owned);
     let (network, version, tier) = (graph.name().to_owned(), graph.version(), tier.name().to_owned());
@@ -45,7 +52,7 @@ fn measure(
     let weights = Weights::random(graph, header, 1);
     let state = ("hidden", ImageFormat::Blocks);
     let outputs = [("color", ImageFormat::Pixels), state];
-    let settings = GpuEngineSettings { precision, inputs: &[state], outputs: Some(&outputs) };
+    let settings = GpuEngineSettings { inputs: &[state], outputs: Some(&outputs), ..*way };
     let start = Instant::now();
     let engine = GpuEngine::new(gpu, graph, &weights, lr, &settings)?;
     let compiled = start.elapsed();
@@ -73,9 +80,11 @@ fn measure(
     let median = milliseconds[milliseconds.len() / 2];
     let work = 2.0 * graph.multiply_adds_per_pixel(lr)? * (lr[0] * lr[1]) as f64;
     println!(
-        "{} {} {precision:?}: {median:.3} ms, {:.1} GFLOP/s; {} MB of tensors; compiled in {:.1} s",
+        "{} {} {:?}{}: {median:.3} ms, {:.1} GFLOP/s; {} MB of tensors; compiled in {:.1} s",
         graph.name(),
         weights.header.tier,
+        way.precision,
+        if way.matrices.is_some() { ", products of matrices" } else { "" },
         work / median / 1e6,
         engine.arena_bytes() / 1_000_000,
         compiled.as_secs_f64(),

@@ -21,15 +21,20 @@ fn device(features: OptionalFeatures) -> Option<Gpu> {
     }
 }
 
-/// The precisions of a device, and how far from the reference they may be, of numbers about 1.
-fn precisions(gpu: &Gpu) -> Vec<(Precision, f64)> {
-    let half = (gpu.capabilities().shader_f16 == Support::Present).then_some(Precision::Half);
-    let matrix = MatrixUnit::of(gpu.capabilities()).map(Precision::Matrix);
-    if matrix.is_none() {
+/// In which ways a device computes, and how far from the reference it may be, of numbers about 1.
+fn ways(gpu: &Gpu) -> Vec<(GpuEngineSettings<'static>, f64)> {
+    let half = gpu.capabilities().shader_f16 == Support::Present;
+    let unit = MatrixUnit::of(gpu.capabilities());
+    if unit.is_none() {
         eprintln!("skipped: no products of matrices");
     }
-    let rounded = half.into_iter().chain(matrix).map(|precision| (precision, 2e-2));
-    [(Precision::Single, 1e-4)].into_iter().chain(rounded).collect()
+    let single = (GpuEngineSettings::new(Precision::Single), 1e-4);
+    let half = half.then(|| (GpuEngineSettings::new(Precision::Half), 2e-2));
+    let matrices = half.filter(|_| unit.is_some()).map(|(half, tolerance)| {
+        let settings = GpuEngineSettings { matrices: unit, ..half };
+        (settings, tolerance)
+    });
+    [single].into_iter().chain(half).chain(matrices).collect()
 }
 
 fn header(graph: &Graph) -> Header {
@@ -85,8 +90,8 @@ fn find<'a>(images: &'a [GpuImage], name: &str) -> &'a GpuImage {
 fn compare(gpu: &Gpu, graph: &Graph, weights: &Weights, lr: [usize; 2]) {
     let images = images(graph, lr, 3);
     let planes = reference::run(graph, weights, lr, &named(&images)).unwrap();
-    for (precision, tolerance) in precisions(gpu) {
-        let engine = GpuEngine::new(gpu, graph, weights, lr, &GpuEngineSettings::new(precision)).unwrap();
+    for (way, tolerance) in ways(gpu) {
+        let engine = GpuEngine::new(gpu, graph, weights, lr, &way).unwrap();
         let (from, to) = (uploaded(gpu, &images), outputs(gpu, &engine));
         let bound = engine.bind(gpu, &slices(&from), &slices(&to)).unwrap();
         let mut recorder = gpu.recorder(None);
@@ -104,7 +109,7 @@ fn compare(gpu: &Gpu, graph: &Graph, weights: &Weights, lr: [usize; 2]) {
                 let error = (f64::from(*a) - e).abs();
                 // Large numbers have large roundings.
                 let allowed = tolerance * e.abs().max(1.0);
-                assert!(error <= allowed, "{} {precision:?} {lr:?} {name} {k}: {a} {e}", graph.name());
+                assert!(error <= allowed, "{} {way:?} {lr:?} {name} {k}: {a} {e}", graph.name());
             }
         }
     }
@@ -112,10 +117,10 @@ fn compare(gpu: &Gpu, graph: &Graph, weights: &Weights, lr: [usize; 2]) {
 
 #[test]
 fn networks_compute_what_the_reference_says() {
-    for features in [OptionalFeatures::All, OptionalFeatures::None] {
+    for features in [OptionalFeatures::Experimental, OptionalFeatures::None] {
         let Some(gpu) = device(features) else { continue };
         // The tiers differ in nothing but numbers of channels and blocks.
-        let tier = if features == OptionalFeatures::All { Tier::Balanced } else { Tier::Fast };
+        let tier = if features == OptionalFeatures::Experimental { Tier::Balanced } else { Tier::Fast };
         for graph in [super_sample(4, tier), interpolate(4, tier)] {
             let graph = graph.unwrap();
             // Random heads: initial ones are zero and would hide what is before them.
@@ -150,7 +155,7 @@ fn single(op: Op, channels: usize, inputs: &[&str], border: Border) -> Graph {
 
 #[test]
 fn every_operation_computes_what_the_reference_says() {
-    let Some(gpu) = device(OptionalFeatures::All) else { return };
+    let Some(gpu) = device(OptionalFeatures::Experimental) else { return };
     let bilinear = Op::Upsample { factor: 3, filter: Filter::Bilinear };
     let nearest = Op::Upsample { factor: 2, filter: Filter::Nearest };
     let ops: Vec<(Op, Vec<&str>)> = vec![
@@ -184,7 +189,7 @@ fn every_operation_computes_what_the_reference_says() {
 
 #[test]
 fn convolutions_of_any_size_compute_what_the_reference_says() {
-    let Some(gpu) = device(OptionalFeatures::All) else { return };
+    let Some(gpu) = device(OptionalFeatures::Experimental) else { return };
     let sizes = [(3, 1, 17, 33), (1, 1, 5, 48), (7, 3, 2, 1), (3, 2, 9, 80), (5, 1, 3, 20), (1, 1, 70, 6)];
     let activations = [
         Activation::Relu,
@@ -219,15 +224,15 @@ fn convolutions_of_any_size_compute_what_the_reference_says() {
 /// A state goes from one run to the next without being copied, and outputs that nobody wants are not computed.
 #[test]
 fn states_stay_on_the_device() {
-    let Some(gpu) = device(OptionalFeatures::All) else { return };
+    let Some(gpu) = device(OptionalFeatures::Experimental) else { return };
     let graph = super_sample(2, Tier::Fast).unwrap();
     let weights = Weights::random(&graph, header(&graph), 5);
     let lr = [6, 9];
     let mut images = images(&graph, lr, 3);
-    for (precision, tolerance) in precisions(&gpu) {
+    for (way, tolerance) in ways(&gpu) {
         let state = ("hidden", ImageFormat::Blocks);
         let wanted = [state, ("color", ImageFormat::Pixels)];
-        let settings = GpuEngineSettings { precision, inputs: &[state], outputs: Some(&wanted) };
+        let settings = GpuEngineSettings { inputs: &[state], outputs: Some(&wanted), ..way };
         let engine = GpuEngine::new(&gpu, &graph, &weights, lr, &settings).unwrap();
         let buffer = |image: &GpuImage| gpu.buffer(&image.name, Use::Storage, image.bytes).unwrap();
         let states = [engine.inputs(), engine.outputs()].map(|images| buffer(find(images, "hidden")));
@@ -259,10 +264,10 @@ fn states_stay_on_the_device() {
             expected = planes[tensor("color")].values.clone();
         }
         for (a, e) in actual.iter().zip(&expected) {
-            assert!((f64::from(*a) - e).abs() <= tolerance, "{precision:?}: {a} {e}");
+            assert!((f64::from(*a) - e).abs() <= tolerance, "{way:?}: {a} {e}");
         }
 
-        let all = GpuEngineSettings::new(precision);
+        let all = way;
         let some = GpuEngineSettings { outputs: Some(&[state]), ..all };
         let engines = [all, some].map(|s| GpuEngine::new(&gpu, &graph, &weights, lr, &s).unwrap());
         assert_eq!(engines.each_ref().map(|engine| engine.outputs().len()), [2, 1]);
@@ -273,7 +278,7 @@ fn states_stay_on_the_device() {
 /// Images of half precision, where the device has it.
 #[test]
 fn images_may_be_of_half_precision() {
-    let Some(gpu) = device(OptionalFeatures::All) else { return };
+    let Some(gpu) = device(OptionalFeatures::Experimental) else { return };
     let mut g = GraphBuilder::new("half", 1, Border::Zero);
     let a = g.input("a", 3, 2);
     let blocks = g.layer("blocks", Op::PixelUnshuffle { factor: 2 }, &[a]);
@@ -282,13 +287,11 @@ fn images_may_be_of_half_precision() {
     let graph = g.finish().unwrap();
     let weights = Weights::random(&graph, header(&graph), 1);
     let values: Vec<half::f16> = (0..8 * 6 * 3).map(|k| half::f16::from_f32(k as f32 * 0.25)).collect();
-    for (precision, _) in
-        precisions(&gpu).into_iter().filter(|(precision, _)| *precision != Precision::Single)
-    {
+    for (way, _) in ways(&gpu).into_iter().filter(|(way, _)| way.precision == Precision::Half) {
         let settings = GpuEngineSettings {
-            precision,
             inputs: &[("a", ImageFormat::HalfPixels)],
             outputs: Some(&[("image", ImageFormat::HalfPixels)]),
+            ..way
         };
         let engine = GpuEngine::new(&gpu, &graph, &weights, [4, 3], &settings).unwrap();
         let from = gpu.buffer_with("a", Use::Storage, &values).unwrap();

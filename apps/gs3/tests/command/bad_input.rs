@@ -60,6 +60,10 @@ fn one_line_that_names_field_expected_and_actual() {
             "render demo --size 64x36 --scale 2 --interpolation learned --out o",
             &["--interpolation: expected analytic", "balanced at scale 2", "found learned"],
         ),
+        (
+            "render demo --size 64x36 --backend cpu --matrix-products --out o",
+            &["--matrix-products: expected a GPU", "found the CPU"],
+        ),
         ("gbuffer demo --frame 900 --out g.npz", &["--frame: expected", "900"]),
         ("gbuffer demo --size 64x36 --out file/g.npz", &["file/g.npz: cannot be written"]),
         ("gbuffer demo --jitter 3,0 --out g.npz", &["expected X,Y from -1 to 1", "3,0"]),

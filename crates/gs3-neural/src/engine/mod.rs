@@ -44,7 +44,8 @@ use block::{Block, Rest};
 use plan::Plan;
 use run::{Exports, Job};
 
-/// What convolutions compute with; by default the faster on this machine ([`Arithmetic::fastest`]).
+/// What convolutions compute with; by default what should be faster on this machine ([`Arithmetic::fastest`]), so that frames of
+/// different machines may differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Arithmetic {
     /// f32: results within 1e-4 of exact ones.
@@ -56,9 +57,10 @@ pub enum Arithmetic {
 }
 
 impl Arithmetic {
-    /// [`Self::Bf16`] on processors of AMD that have it, whose instruction for pairs of bf16 starts as often as that for f32 and
-    /// does twice as much (Zen 4: 57 instead of 78 ms for balanced super sampling to 1920×1080). Those of Intel start it half
-    /// as often, so that rounding makes it slower (Granite Rapids: 90 instead of 70 ms): [`Self::F32`] there and elsewhere.
+    /// [`Self::Bf16`] on processors of AMD that have it, else [`Self::F32`]. Zen 4 starts its instruction for pairs of bf16 as often
+    /// as that for f32, which does half as much: balanced super sampling to 1920×1080 takes 57 instead of 78 ms
+    /// (`examples/speed.rs`). Granite Rapids, the one processor of Intel that was measured, starts it half as often, and
+    /// rounding costs on top: 90 instead of 70 ms.
     #[must_use]
     pub fn fastest() -> Self {
         match bf16::gains() {

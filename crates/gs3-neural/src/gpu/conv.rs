@@ -170,7 +170,7 @@ impl Convolution {
         };
         let partial = match precision {
             Precision::Single => "sum",
-            Precision::Half | Precision::Matrix(_) => "partial",
+            Precision::Half => "partial",
         };
         let sums = |line: &dyn Fn(usize, usize) -> String| -> String {
             (0..PIXELS).flat_map(|p| (0..division.blocks).map(move |b| line(p, b))).collect()
@@ -178,7 +178,7 @@ impl Convolution {
         let declare = |name: &str, ty: &str| sums(&|p, b| format!("var {name}{p}_{b} = {ty}(0.0);\n"));
         let (partial_sums, add_partial_sums) = match precision {
             Precision::Single => (String::new(), String::new()),
-            Precision::Half | Precision::Matrix(_) => (
+            Precision::Half => (
                 declare("partial", "Block"),
                 sums(&|p, b| format!("sum{p}_{b} += vec4<f32>(partial{p}_{b});\n")),
             ),

@@ -32,6 +32,14 @@ pub enum GpuRunError {
         /// Bytes given.
         actual: u64,
     },
+    /// Products of matrices that are not what invocations give by themselves.
+    #[error("products of matrices: expected results within {max} of plain ones, found {actual}")]
+    Matrices {
+        /// How far they may be apart.
+        max: f32,
+        /// How far they are at most.
+        actual: f32,
+    },
 }
 
 impl From<GraphError> for GpuRunError {

@@ -20,7 +20,7 @@ pub use error::GpuRunError;
 
 use std::collections::HashMap;
 
-use gs3_compute::{AdapterKind, Bound, Buffer, Gpu, Kernel, Recorder, Slice, Support, Use};
+use gs3_compute::{Bound, Buffer, Gpu, Kernel, Recorder, Slice, Support, Use};
 
 use crate::error::RunError;
 use crate::graph::Graph;
@@ -35,22 +35,15 @@ pub enum Precision {
     Single,
     /// Tensors, weights and products in half precision; sums over more than four input channels in single.
     Half,
-    /// The same; where convolutions are wide enough, their products are made by hardware for matrices, with all sums in
-    /// single precision.
-    Matrix(MatrixUnit),
 }
 
 impl Precision {
-    /// The fastest that `gpu` can do. Hardware for matrices is tried on a small convolution, and not used if its result is
-    /// wrong; software that plays it is slower than plain kernels.
+    /// The fastest that `gpu` can do.
     #[must_use]
     pub fn of(gpu: &Gpu) -> Self {
-        let is_hardware = gpu.adapter().kind != AdapterKind::Software;
-        let unit = MatrixUnit::of(gpu.capabilities()).filter(|_| is_hardware);
-        match (gpu.capabilities().shader_f16, unit) {
-            (Support::Present, Some(unit)) if conv_matrix::is_right(gpu, unit) => Self::Matrix(unit),
-            (Support::Present, _) => Self::Half,
-            (Support::Absent, _) => Self::Single,
+        match gpu.capabilities().shader_f16 {
+            Support::Present => Self::Half,
+            Support::Absent => Self::Single,
         }
     }
 
@@ -58,7 +51,7 @@ impl Precision {
     fn bytes(self) -> u64 {
         match self {
             Self::Single => 4,
-            Self::Half | Self::Matrix(_) => 2,
+            Self::Half => 2,
         }
     }
 }
@@ -81,6 +74,8 @@ pub enum ImageFormat {
 pub struct GpuEngineSettings<'a> {
     /// In which numbers.
     pub precision: Precision,
+    /// What makes the products of convolutions, where they are wide enough and in half precision; invocations if nothing.
+    pub matrices: Option<MatrixUnit>,
     /// Formats of inputs by name, [`ImageFormat::Pixels`] where none is given.
     pub inputs: &'a [(&'a str, ImageFormat)],
     /// The outputs that are wanted, in their formats; all as [`ImageFormat::Pixels`] if none. What only other outputs need
@@ -89,10 +84,10 @@ pub struct GpuEngineSettings<'a> {
 }
 
 impl GpuEngineSettings<'_> {
-    /// All outputs, all images as f32 pixels.
+    /// All outputs, all images as f32 pixels, plain products.
     #[must_use]
     pub fn new(precision: Precision) -> Self {
-        Self { precision, inputs: &[], outputs: None }
+        Self { precision, matrices: None, inputs: &[], outputs: None }
     }
 }
 
@@ -129,7 +124,7 @@ impl GpuEngine {
     ///
     /// # Errors
     /// [`GpuRunError`] if the graph cannot take that size or has no such images, the weights are not its own, or the device
-    /// has no room or no half precision.
+    /// has no room, no half precision or no such products of matrices.
     pub fn new(
         gpu: &Gpu,
         graph: &Graph,

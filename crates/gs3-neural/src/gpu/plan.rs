@@ -8,7 +8,7 @@ use super::conv::Convolution;
 use super::conv_matrix::MatrixConvolution;
 use super::slots::Slots;
 use super::source::{BLOCK, PARTS, blocks};
-use super::{GpuEngineSettings, GpuImage, GpuRunError, ImageFormat, Precision, ops};
+use super::{GpuEngineSettings, GpuImage, GpuRunError, ImageFormat, MatrixUnit, Precision, ops};
 use crate::error::RunError;
 use crate::graph::{Activation, Graph, Op, Tensor};
 use crate::reference::parameter;
@@ -89,6 +89,7 @@ struct Planner<'a> {
     graph: &'a Graph,
     shapes: Vec<Shape>,
     precision: Precision,
+    matrices: Option<MatrixUnit>,
     /// Of each layer's result.
     places: Vec<Place>,
     inputs: Vec<GpuImage>,
@@ -138,6 +139,7 @@ impl Plan {
             places: vec![Place::Fused; shapes.len()],
             input_of: vec![None; shapes.len()],
             precision,
+            matrices: settings.matrices,
             inputs: Vec::new(),
             outputs: Vec::new(),
             drafts: Vec::new(),
@@ -259,10 +261,8 @@ impl Planner<'_> {
             let shapes: Vec<Shape> = parts.iter().map(|part| self.shapes[*part]).collect();
             let [weight, bias] = ["weight", "bias"].map(|kind| parameter(weights, &layer.name, kind));
             let border = self.graph.border();
-            let in_matrices = match precision {
-                Precision::Matrix(unit) => MatrixConvolution::new(*conv, &shapes, shape, unit),
-                Precision::Single | Precision::Half => None,
-            };
+            let unit = self.matrices.filter(|_| precision == Precision::Half);
+            let in_matrices = unit.and_then(|unit| MatrixConvolution::new(*conv, &shapes, shape, unit));
             let (source, values, groups) = match in_matrices {
                 Some(conv) => (conv.source(border), conv.weights(weight, bias), conv.groups()),
                 None => {
@@ -356,9 +356,7 @@ impl Planner<'_> {
         for value in values {
             match self.precision {
                 Precision::Single => self.weights.extend(value.to_le_bytes()),
-                Precision::Half | Precision::Matrix(_) => {
-                    self.weights.extend(half::f16::from_f32(*value).to_le_bytes())
-                }
+                Precision::Half => self.weights.extend(half::f16::from_f32(*value).to_le_bytes()),
             }
         }
         start as u64..self.weights.len() as u64

@@ -25,7 +25,6 @@ pub fn header(precision: Precision) -> String {
     let types = match precision {
         Precision::Single => "alias real = f32;\n",
         Precision::Half => "enable f16;\nalias real = f16;\n",
-        Precision::Matrix(_) => "enable f16;\nenable wgpu_cooperative_matrix;\nalias real = f16;\n",
     };
     format!("{types}alias Block = vec4<real>;\nalias Matrix = mat4x4<real>;\n{GRID_WGSL}")
 }

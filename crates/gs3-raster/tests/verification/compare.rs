@@ -112,7 +112,7 @@ pub fn assert_matches(gbuffer: &GBuffer, samples: &[Sample], tolerance: f64, wha
         let mut worst = (0.0, 0, 0);
         for k in 0..channels {
             for (p, sample) in samples.iter().enumerate() {
-                let is_median = pair.name == "depth_median" && sample.cut_offs.median;
+                let is_median = pair.name == "depth_median" && sample.cut_offs.median();
                 if sample.cut_offs.any() || is_median {
                     continue;
                 }

@@ -204,7 +204,7 @@ fn matched_low_resolution_samples_the_native_image() {
                 for (i, v) in l.actual.iter().enumerate() {
                     let (k, y, x) = (i / (lw * lh), i / lw % lh * S + b, i % lw * S + a);
                     let cut_offs = samples[y * 128 + x].cut_offs;
-                    if cut_offs.any() || (cut_offs.median && l.name == "depth_median") {
+                    if cut_offs.any() || (cut_offs.median() && l.name == "depth_median") {
                         continue;
                     }
                     let expected = factor * f64::from(n.actual[(k * 96 + y) * 128 + x]);

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use bytemuck::{Pod, Zeroable};
 use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Module, Recorder, Slice, Use};
 use gs3_neural::model::graph_of;
-use gs3_neural::{BoundEngine, GpuEngine, GpuEngineSettings, ImageFormat, Precision, Weights};
+use gs3_neural::{BoundEngine, GpuEngine, GpuEngineSettings, ImageFormat, MatrixUnit, Precision, Weights};
 use gs3_raster::GpuGBuffer;
 use gs3_reconstruct::gpu::{
     BoundInterpolator, BoundMotion, GpuImage, GpuInterpolator, GpuMotion, GpuNeighbor, GpuSuperSampler,
@@ -80,7 +80,8 @@ impl Learned {
         let lr = size.map(|side| side / scale);
         let graph = graph_of(&weights.header).map_err(network)?;
         let settings = GpuEngineSettings {
-            precision: Precision::of(gpu),
+            precision: Precision::Half,
+            matrices: MatrixUnit::of(gpu.capabilities()),
             inputs: &[
                 ("history", ImageFormat::HalfPixels),
                 ("previous", ImageFormat::HalfPixels),

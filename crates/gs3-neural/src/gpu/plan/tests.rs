@@ -22,21 +22,24 @@ fn networks(tier: Tier) -> [Graph; 2] {
 /// the limits that every device has.
 #[test]
 fn plans_are_consistent_up_to_the_largest_frames() {
-    let [small, large] =
-        [(8, 8), (16, 32)].map(|(side, subgroup)| Precision::Matrix(MatrixUnit { side, subgroup }));
-    for (tier, precision, lr) in [
-        (Tier::Fast, Precision::Single, [1, 1]),
-        (Tier::Fast, Precision::Half, [270, 480]),
-        (Tier::Balanced, Precision::Single, [135, 240]),
-        (Tier::Balanced, Precision::Half, [540, 1024]),
-        (Tier::High, Precision::Single, [1080, 1920]),
-        (Tier::High, Precision::Half, [1080, 1920]),
+    let [single, half] = [Precision::Single, Precision::Half].map(GpuEngineSettings::new);
+    let [small, large] = [(8, 8), (16, 32)].map(|(side, subgroup)| {
+        let matrices = Some(MatrixUnit { side, subgroup });
+        GpuEngineSettings { matrices, ..half }
+    });
+    for (tier, settings, lr) in [
+        (Tier::Fast, single, [1, 1]),
+        (Tier::Fast, half, [270, 480]),
+        (Tier::Balanced, single, [135, 240]),
+        (Tier::Balanced, half, [540, 1024]),
+        (Tier::High, single, [1080, 1920]),
+        (Tier::High, half, [1080, 1920]),
         (Tier::Fast, small, [270, 480]),
         (Tier::Balanced, large, [540, 1024]),
         (Tier::High, large, [1080, 1920]),
     ] {
         for graph in networks(tier) {
-            let plan = Plan::new(&graph, &weights(&graph), lr, &GpuEngineSettings::new(precision)).unwrap();
+            let plan = Plan::new(&graph, &weights(&graph), lr, &settings).unwrap();
             let mut sources = BTreeSet::new();
             let mut written = BTreeSet::new();
             for step in &plan.steps {

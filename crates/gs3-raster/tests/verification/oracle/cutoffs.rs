@@ -8,7 +8,7 @@ use super::{ALPHA_MAX, ALPHA_MIN, NEAR, Splat, TRANSMITTANCE_MIN};
 const ALPHA_BAND: f64 = 1e-3;
 /// Half-width of the band around the transmittance steps, relative: a product of some 100 factors of relative error
 /// up to 1e-5 each.
-const TRANSMITTANCE_BAND: f64 = 1e-3;
+pub const TRANSMITTANCE_BAND: f64 = 1e-3;
 /// View depths closer than this, relative, may sort either way: a few roundings of sums of larger terms.
 const DEPTH_BAND: f64 = 4e-6;
 
@@ -25,9 +25,7 @@ pub struct CutOffs {
     pub order: bool,
     /// A splat is nearly at the near plane.
     pub near_plane: bool,
-    /// Transmittance before some splat is near 0.5. Matters to the median depth only.
-    pub median: bool,
-    /// How near it is at most to 0.5, relative: the smallest of all splats.
+    /// How far the transmittance before any splat is from 0.5 at least, relative. Matters to the median depth only.
     pub to_median: f64,
 }
 
@@ -39,7 +37,6 @@ impl Default for CutOffs {
             stop: false,
             order: false,
             near_plane: false,
-            median: false,
             to_median: f64::INFINITY,
         }
     }
@@ -49,6 +46,11 @@ impl CutOffs {
     /// Whether colour, gradients, alpha, expected depth and normal may differ by a step.
     pub fn any(&self) -> bool {
         self.alpha_min || self.alpha_max || self.stop || self.order || self.near_plane
+    }
+
+    /// Whether the median depth may be another splat's.
+    pub fn median(&self) -> bool {
+        self.to_median < TRANSMITTANCE_BAND
     }
 
     pub(super) fn note_alpha(&mut self, unclamped: f64) {
@@ -63,7 +65,6 @@ impl CutOffs {
 
     pub(super) fn note_transmittance(&mut self, before: f64, after: f64) {
         self.to_median = self.to_median.min((before / 0.5 - 1.0).abs());
-        self.median |= is_near(before, 0.5, TRANSMITTANCE_BAND);
         self.stop |= is_near(after, TRANSMITTANCE_MIN, TRANSMITTANCE_BAND * 10.0);
     }
 }

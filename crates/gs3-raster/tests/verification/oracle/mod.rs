@@ -9,7 +9,7 @@ mod spherical_harmonics;
 #[cfg(test)]
 mod tests;
 
-pub use cutoffs::CutOffs;
+pub use cutoffs::{CutOffs, TRANSMITTANCE_BAND};
 pub use project::Splat;
 
 use gs3_scene::{Camera, Intrinsics, Scene};
