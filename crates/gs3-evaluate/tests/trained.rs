@@ -121,7 +121,7 @@ fn weights_of_another_network_are_refused() {
     other.header.tier = "b0".to_owned();
     let refused = Trained::new(Peer::Ninasr, other).unwrap_err().to_string();
     assert_eq!(refused, "header, tier: expected b1, found b0");
-    // NinaSR comes with nobody.
+    // No weights of RT4KSR come with gs3.
     let scene = Arc::new(demo::scene().unwrap());
     let settings = MethodSettings {
         scene,
@@ -131,6 +131,6 @@ fn weights_of_another_network_are_refused() {
         training: Vec::new(),
         weights: None,
     };
-    let refused = build("ninasr_trained".parse().unwrap(), &settings).err().unwrap();
+    let refused = build("rt4ksr_trained".parse().unwrap(), &settings).err().unwrap();
     assert!(matches!(refused, MethodError::NoWeights { .. }), "{refused}");
 }

@@ -1,4 +1,4 @@
-//! Published single-image networks on a few frames.
+//! Published single-image networks on a few frames, as published and trained by gs3's trainer.
 
 use std::error::Error;
 use std::fmt::Write;
@@ -13,12 +13,14 @@ use crate::score::{Row, mean, milliseconds, shown};
 /// The paths whose frames networks get, and how many of them.
 pub const PATHS: [&str; 3] = ["flowers_drift", "fungi_drift", "hqgarden_drift"];
 pub const FRAMES: usize = 4;
-const METHODS: [&str; 13] = [
+const METHODS: [&str; 15] = [
     "bicubic",
     "hermite",
     "span",
     "safmn",
     "rt4ksr",
+    "ecbsr_trained",
+    "ninasr_trained",
     "bicubic@stock",
     "span@stock",
     "safmn@stock",

@@ -48,8 +48,10 @@ impl Trained {
 }
 
 /// Networks, their scales and their weights. Model cards lie beside them.
-const SHIPPED: &[(Peer, u32, &[u8])] =
-    &[(Peer::Ecbsr, 4, include_bytes!("../../weights/ecbsr_x4.safetensors"))];
+const SHIPPED: &[(Peer, u32, &[u8])] = &[
+    (Peer::Ecbsr, 4, include_bytes!("../../weights/ecbsr_x4.safetensors")),
+    (Peer::Ninasr, 4, include_bytes!("../../weights/ninasr_x4.safetensors")),
+];
 
 impl Upscaler for Trained {
     fn honours_jitter(&self) -> bool {
