@@ -140,6 +140,31 @@ fn long_uploads_arrive() {
     }
 }
 
+/// What wgpu calls experimental is there for who asks for it.
+#[test]
+fn experimental_features_are_asked_for() {
+    let open = |features| Gpu::new(&GpuSettings { features, ..GpuSettings::default() });
+    let (Ok(plain), Ok(asked)) = (open(OptionalFeatures::All), open(OptionalFeatures::Experimental)) else {
+        eprintln!("skipped: no adapter");
+        return;
+    };
+    assert_eq!(plain.capabilities().cooperative_matrix, Vec::<[u32; 3]>::new());
+    let has = &asked.adapter().capabilities.cooperative_matrix;
+    assert_eq!(&asked.capabilities().cooperative_matrix, has);
+    let module = "enable f16; enable wgpu_cooperative_matrix;
+        @group(0) @binding(0) var<storage, read_write> sums: array<f32>;
+        @compute @workgroup_size(64)
+        fn zeros() { coopStoreT(coop_mat8x8<f32, C>(), &sums[0], 8u); }";
+    let compiled = |gpu: &Gpu| {
+        let kernel = gpu.module("zeros", &[module]).and_then(|module| module.kernel(gpu, "zeros", &[]));
+        kernel.map(|_| ())
+    };
+    assert!(compiled(&plain).is_err(), "a device without them compiles them");
+    if has.contains(&[8; 3]) {
+        compiled(&asked).unwrap();
+    }
+}
+
 #[test]
 fn adapters_are_chosen_by_kind() {
     let limits = Limits {
