@@ -179,9 +179,9 @@ fn frames_repeat_and_exact_methods_agree_bit_for_bit() {
     }
 }
 
-/// Low-resolution frames of the demo and of captures. From a path's first camera nothing is left out. Elsewhere a single pixel of
-/// 480×270 whose depth jumps makes 51 dB: it is left out if the oracle says that it is on a step; of the median depth, that its
-/// transmittance is ½ within a tenth of the oracle's own band, or ten times that where splats are f16.
+/// Low-resolution frames of the demo and of captures. A single pixel of 480×270 whose depth jumps makes 51 dB, so one that the
+/// oracle says is on a step may be left out, but of a path's first camera. On the step of the median depth is a pixel whose
+/// transmittance is ½ within a tenth of the oracle's own band, or within all of it where splats are f16.
 #[test]
 fn real_scenes_match_the_cpu() {
     let Some(gpu) = gpu() else { return };
