@@ -32,6 +32,7 @@ pub(crate) mod ops;
 mod passes;
 pub(crate) mod plan;
 mod run;
+mod thin;
 
 use fearless_simd::Level;
 
@@ -40,6 +41,7 @@ use crate::graph::Graph;
 use crate::images::{self, Named};
 use crate::shape::Shape;
 use crate::weights::Weights;
+use bf16::Unit;
 use block::{Block, Rest};
 use plan::Plan;
 use run::{Exports, Job};
@@ -63,9 +65,9 @@ impl Arithmetic {
     /// rounding costs on top: 90 instead of 70 ms.
     #[must_use]
     pub fn fastest() -> Self {
-        match bf16::gains() {
-            true => Self::Bf16,
-            false => Self::F32,
+        match Unit::best() {
+            Some(unit) if unit.gains() => Self::Bf16,
+            _ => Self::F32,
         }
     }
 }

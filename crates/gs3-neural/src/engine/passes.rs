@@ -5,6 +5,7 @@
 //! first pass after those that make what it sees of other pixels, or to a later one where it saves memory. Images are
 //! read in each pass anew, unless other pixels of them are seen.
 
+use std::cmp::Reverse;
 use std::ops::Range;
 
 use super::nodes::{Made, Node};
@@ -44,7 +45,8 @@ impl Passes {
         };
         let mut levels = earliest(graph, nodes, &is_placed);
         move_late(nodes, &readers, &is_placed, &mut levels);
-        let key = |n: usize| (levels[n], nodes[n].shape.height, nodes[n].shape.width);
+        // Large images first: they follow those of the level before, band by band, if nothing smaller comes between.
+        let key = |n: usize| (levels[n], Reverse(nodes[n].shape.height), nodes[n].shape.width);
         let mut keys: Vec<_> = (0..nodes.len()).filter(|n| is_placed(*n)).map(key).collect();
         keys.sort_unstable();
         keys.dedup();
@@ -132,7 +134,7 @@ fn earliest(graph: &Graph, nodes: &[Node], is_placed: &impl Fn(usize) -> bool) -
 }
 
 /// Moves nodes to the pass before which nothing needs them, if storing what they read until then takes no more than
-/// storing what they make.
+/// storing what they make. What is made of images only and read by nothing before moves along: it is not stored.
 fn move_late(
     nodes: &[Node],
     readers: &[Vec<Reader>],
@@ -143,13 +145,17 @@ fn move_late(
     let mut until = vec![0; nodes.len()];
     for (n, node) in nodes.iter().enumerate().rev().filter(|(n, _)| is_placed(*n)) {
         let late = readers[n].iter().map(|r| levels[r.node] - usize::from(r.is_far)).min();
-        let inputs = || node.inputs.iter().filter(|input| is_placed(**input));
+        let inputs = |n: usize| nodes[n].inputs.iter().copied().filter(|input| is_placed(*input));
         if let Some(late) = late.filter(|_| !matches!(node.made, Made::Export { .. })) {
-            let longer = inputs().filter(|input| until[**input] < late);
-            if longer.map(|input| nodes[*input].blocks()).sum::<usize>() <= node.blocks() {
+            let moves_along = |input: usize| {
+                let is_late = |r: &Reader| r.node == n || levels[r.node] >= late;
+                inputs(input).next().is_none() && readers[input].iter().all(is_late)
+            };
+            let longer = inputs(n).filter(|input| until[*input] < late && !moves_along(*input));
+            if longer.map(|input| nodes[input].blocks()).sum::<usize>() <= node.blocks() {
                 levels[n] = late;
             }
         }
-        inputs().for_each(|input| until[*input] = until[*input].max(levels[n]));
+        inputs(n).for_each(|input| until[input] = until[input].max(levels[n]));
     }
 }

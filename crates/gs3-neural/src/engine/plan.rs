@@ -3,13 +3,14 @@
 use std::ops::Range;
 
 use super::Arithmetic;
-use super::bf16::Bf16Convolution;
+use super::bf16::{Bf16Convolution, Source, Unit};
 use super::block::{LANES, Layout, Room};
 use super::conv::Convolution;
 use super::exchange::Exchange;
 use super::learned::Learned;
 use super::nodes::{Made, Node, nodes};
 use super::passes::Passes;
+use super::thin::ThinConvolution;
 use crate::graph::{Graph, Op};
 use crate::reference::parameter;
 use crate::shape::Shape;
@@ -79,6 +80,7 @@ pub enum Kind {
     Import(Vec<(usize, Exchange)>),
     Convolution(Convolution),
     Bf16(Bf16Convolution),
+    Thin(ThinConvolution),
     Learned(Learned),
     Row(Op),
     /// A warp of the image of a layer, where that lies.
@@ -296,9 +298,13 @@ impl Planner<'_> {
         };
         let [weight, bias] = ["weight", "bias"].map(|kind| parameter(self.weights, &layer.name, kind));
         let border = self.graph.border();
+        if let Some(thin) = ThinConvolution::new(*conv, border, inputs, strip, weight, bias) {
+            return Kind::Thin(thin);
+        }
+        let source = Source { conv: *conv, border, inputs, width: strip, weights: weight, bias };
         let bf16 = match self.arithmetic {
             Arithmetic::F32 => None,
-            Arithmetic::Bf16 => Bf16Convolution::new(*conv, border, inputs, strip, weight, bias),
+            Arithmetic::Bf16 => Unit::best().and_then(|unit| Bf16Convolution::new(unit, &source)),
         };
         match bf16 {
             Some(convolution) => Kind::Bf16(convolution),

@@ -95,6 +95,7 @@ impl Job<'_> {
                 convolution.run_row(self.level, sources, layout, y as isize, out);
             }
             Kind::Bf16(convolution) => convolution.run_row(self.level, sources, layout, y, out),
+            Kind::Thin(convolution) => convolution.run_row(self.level, sources, layout, y, out),
             Kind::Learned(learned) => {
                 learned.run_row(self.level, self.border, sources, &inputs[0], layout, y, out);
             }

@@ -1,0 +1,96 @@
+//! Convolutions of one output channel, whose vectors are pixels, not channels: of 16 channels 15 would be for nothing.
+
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, Simd, dispatch, f32x16};
+
+use super::block::{Block, LANES, Layout, Sources};
+use super::conv::Segment;
+use super::math::activate;
+use crate::graph::{Border, Conv2d};
+
+/// Vectors of pixels computed together: those of a strip.
+const VECTORS: usize = 3;
+
+/// Pixels that a window may reach beside them.
+const MARGIN: usize = 32;
+
+/// Kernels from which on it is faster: each channel of a row of the window costs a copy of its pixels, each column of it a
+/// multiply-add for 16 pixels.
+const KERNEL: usize = 5;
+
+/// A convolution ready to run.
+#[derive(Clone, Debug)]
+pub struct ThinConvolution {
+    conv: Conv2d,
+    border: Border,
+    segments: Vec<Segment>,
+    /// `[rows of the window, channels, columns]`.
+    weights: Vec<f32>,
+    bias: f32,
+}
+
+impl ThinConvolution {
+    /// The convolution of `inputs`, concatenated, in strips of `width` pixels, with `weights` `oihw` and `bias`, empty where
+    /// there is none; none if other kernels are better or `width` is more than vectors hold.
+    pub fn new(
+        conv: Conv2d,
+        border: Border,
+        inputs: &[Layout],
+        width: usize,
+        weights: &[f32],
+        bias: &[f32],
+    ) -> Option<Self> {
+        let fits = width <= VECTORS * LANES && 2 * conv.reach() <= MARGIN;
+        if !(conv.outputs == 1 && conv.kernel >= KERNEL && fits) {
+            return None;
+        }
+        let segments = Segment::all(inputs);
+        let channels: usize = segments.iter().map(|s| s.channels).sum();
+        let row = |ky: usize| (0..channels).map(move |c| (c * conv.kernel + ky) * conv.kernel);
+        let weights = (0..conv.kernel).flat_map(row).flat_map(|first| &weights[first..][..conv.kernel]);
+        let (weights, bias) = (weights.copied().collect(), bias.first().copied().unwrap_or(0.0));
+        Some(Self { conv, border, segments, weights, bias })
+    }
+
+    /// Writes row `y` to `out`, a strip of `layout`.
+    pub fn run_row(&self, level: Level, sources: Sources<'_>, layout: &Layout, y: usize, out: &mut [Block]) {
+        dispatch!(level, simd => self.row(simd, sources, layout, y as isize, out));
+    }
+
+    #[inline(always)]
+    fn row<S: Simd>(&self, simd: S, sources: Sources<'_>, layout: &Layout, y: isize, out: &mut [Block]) {
+        let Conv2d { kernel, dilation, activation, .. } = self.conv;
+        let (width, reach) = (layout.shape.width, self.conv.reach());
+        // Beyond the width and what the window reaches, numbers that make sums which nobody reads.
+        let mut pixels = [0.0; VECTORS * LANES + MARGIN];
+        let mut sums = [f32x16::splat(simd, self.bias); VECTORS];
+        let mut weights = self.weights.chunks_exact(kernel);
+        for ky in 0..kernel {
+            let place = y + (ky * dilation) as isize - reach as isize;
+            for Segment { layout, block, channels } in &self.segments {
+                let inside = place.clamp(0, layout.shape.height as isize - 1);
+                let is_zero = self.border == Border::Zero && place != inside;
+                let row = &sources.row(layout, inside as usize)[block * layout.stride()..][..layout.stride()];
+                // The halo is at least as wide as the window's reach.
+                let row = &row[sources.first(layout) - reach..][..width + 2 * reach];
+                for (c, weights) in (0..*channels).zip(&mut weights) {
+                    if is_zero {
+                        continue;
+                    }
+                    pixels.iter_mut().zip(row).for_each(|(to, from)| *to = from.0[c]);
+                    for (kx, weight) in weights.iter().enumerate() {
+                        let seen = &pixels[kx * dilation..];
+                        for (k, sum) in sums.iter_mut().enumerate() {
+                            let seen = f32x16::from_slice(simd, &seen[k * LANES..][..LANES]);
+                            *sum = seen.mul_add(*weight, *sum);
+                        }
+                    }
+                }
+            }
+        }
+        for (sum, out) in sums.into_iter().zip(out[layout.halo..][..width].chunks_mut(LANES)) {
+            let values = activate(simd, activation, sum).to_array();
+            out.iter_mut().zip(values).for_each(|(out, value)| out.0[0] = value);
+        }
+    }
+}
