@@ -223,6 +223,20 @@ fn convolutions_of_any_size_compute_what_the_reference_says() {
 }
 
 #[test]
+fn a_single_output_of_several_inputs_is_what_the_reference_says() {
+    // Inputs of odd numbers of channels, one of more than a block.
+    for border in [Border::Zero, Border::Replicate] {
+        let mut g = GraphBuilder::new("single", 1, border);
+        let inputs = [g.input("a", 3, 1), g.input("b", 17, 1), g.input("c", 1, 1)];
+        let all = g.layer("all", Op::Concat, &inputs);
+        let y = g.conv("y", Conv2d::new(5, 1).activation(Activation::Sigmoid), &[all]);
+        g.output("y", y);
+        let graph = g.finish().expect("a graph");
+        compare(&graph, &weights(&graph), [6, 51]);
+    }
+}
+
+#[test]
 fn images_that_do_not_fit_are_refused() {
     let graph = super_sample(2, Tier::Fast).expect("a network");
     let weights = initial_weights(&graph, header(&graph), 1);

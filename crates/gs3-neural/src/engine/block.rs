@@ -1,17 +1,29 @@
 //! How the engine stores tensors: 16 channels of a pixel together.
 
+use bytemuck::{Pod, Zeroable};
+
 use crate::shape::Shape;
 
 /// Channels that are computed together.
 pub const LANES: usize = 16;
 
 /// 16 channels of a pixel: a cache line, so that no load of one touches two.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[repr(align(64))]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C, align(64))]
 pub struct Block(pub [f32; LANES]);
 
-/// A tensor, `hCw16c`: rows, in them blocks of channels, in them pixels, in them 16 channels. Lanes beyond the channels
-/// hold anything.
+/// What a tensor's numbers are, and in what order.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Numbers {
+    /// `hCw16c`: rows, in them blocks of channels, in them pixels, in them 16 channels. Lanes beyond the channels hold anything.
+    #[default]
+    F32,
+    /// `hwC16c`, rounded, for convolutions on tiles: rows, in them pixels, in them all channels, zeros beyond them. A row ends
+    /// with a block of zeros, as tiles see more than pixels.
+    Bf16,
+}
+
+/// A tensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
     /// Size without borders; of a strip, width is the strip's.
@@ -22,6 +34,7 @@ pub struct Layout {
     pub start: usize,
     /// Where and how much of it there is.
     pub room: Room,
+    pub numbers: Numbers,
 }
 
 /// How much of a tensor is kept, and where.
@@ -41,7 +54,7 @@ pub enum Room {
 impl Layout {
     /// A whole tensor at `start`, alone.
     pub fn whole(shape: Shape, halo: usize, start: usize) -> Self {
-        Self { shape, halo, start, room: Room::Whole { beside: 0, mask: usize::MAX } }
+        Self { shape, halo, start, room: Room::Whole { beside: 0, mask: usize::MAX }, numbers: Numbers::F32 }
     }
 
     /// Blocks of channels.
@@ -54,9 +67,13 @@ impl Layout {
         self.shape.width + 2 * self.halo
     }
 
-    /// Blocks of a row.
+    /// Blocks of memory of a row.
     pub fn row_len(&self) -> usize {
-        self.blocks() * self.stride()
+        let len = self.blocks() * self.stride();
+        match self.numbers {
+            Numbers::F32 => len,
+            Numbers::Bf16 => len.div_ceil(2) + 1,
+        }
     }
 
     /// Blocks of the tensor.

@@ -115,6 +115,7 @@ impl<'a> Row<'a> {
         let nothing = f32x16::splat(simd, if mean { 0.0 } else { f32::NEG_INFINITY });
         let ([line], first) = (self.lines([0], last), self.sources.first(&self.inputs[0]));
         let (row, stride) = (self.sources.row(&self.inputs[0], self.y), self.inputs[0].stride());
+        let share = 1.0 / channels as f32;
         for (x, (out, block)) in out.iter_mut().zip(line).enumerate() {
             let mut all = is_there.select(load(simd, block), nothing);
             for b in 0..last {
@@ -126,7 +127,7 @@ impl<'a> Row<'a> {
             let (a, b) = half.split();
             let [a, b, c, d] = (if mean { a + b } else { a.max(b) }).to_array();
             out.0[0] = match mean {
-                true => (a + b + (c + d)) / channels as f32,
+                true => (a + b + (c + d)) * share,
                 false => a.max(b).max(c.max(d)),
             };
         }

@@ -3,8 +3,8 @@
 use std::ops::Range;
 
 use super::Arithmetic;
-use super::bf16::{Bf16Convolution, Source, Unit};
-use super::block::{LANES, Layout, Room};
+use super::bf16::{Bf16Convolution, Source, Tiles, Unit};
+use super::block::{LANES, Layout, Numbers, Room};
 use super::conv::Convolution;
 use super::exchange::Exchange;
 use super::learned::Learned;
@@ -98,7 +98,8 @@ pub enum Kind {
 struct Planner<'a> {
     graph: &'a Graph,
     weights: &'a Weights,
-    arithmetic: Arithmetic,
+    /// What multiplies bf16, if anything is to.
+    unit: Option<Unit>,
     nodes: Vec<Node>,
     passes: Passes,
     /// Where nodes are stored that are.
@@ -119,7 +120,11 @@ impl Plan {
         let band = (ROWS * threads).next_power_of_two();
         let passes = Passes::new(graph, &nodes, band);
         let stored = vec![None; nodes.len()];
-        let mut planner = Planner { graph, weights, arithmetic, nodes, passes, stored };
+        let unit = match arithmetic {
+            Arithmetic::F32 => None,
+            Arithmetic::Bf16 => Unit::best(),
+        };
+        let mut planner = Planner { graph, weights, unit, nodes, passes, stored };
         let (mut arena, mut scratch) = (Arena::default(), 0);
         let mut planned = Vec::new();
         for pass in planner.passes.groups.clone().into_iter().flatten() {
@@ -146,7 +151,8 @@ impl Planner<'_> {
                 halo = halo.max(self.nodes[reader.node].reach(self.graph));
                 last_use = last_use.max(self.passes.pass_of[reader.node].unwrap_or(pass));
             }
-            let layout = Layout::whole(self.nodes[*n].shape, halo, row_len);
+            let numbers = self.numbers(*n);
+            let layout = Layout { numbers, ..Layout::whole(self.nodes[*n].shape, halo, row_len) };
             row_len += layout.row_len();
             height = layout.shape.height;
             self.stored[*n] = Some(layout);
@@ -166,6 +172,27 @@ impl Planner<'_> {
             }
         }
         [start, row_len, mask]
+    }
+
+    /// How node `n` is stored: rounded, if all that read it from where it is stored would round it.
+    fn numbers(&self, n: usize) -> Numbers {
+        let mut readers = self.passes.readers[n]
+            .iter()
+            .filter(|reader| reader.is_far || self.passes.pass_of[reader.node] != self.passes.pass_of[n]);
+        match readers.all(|reader| self.is_on_tiles(reader.node)) {
+            true => Numbers::Bf16,
+            false => Numbers::F32,
+        }
+    }
+
+    /// Whether node `n` is a convolution that runs on tiles.
+    fn is_on_tiles(&self, n: usize) -> bool {
+        let node = &self.nodes[n];
+        let Made::Layer(layer) = node.made else { return false };
+        let Op::Conv2d(conv) = &self.graph.layers()[layer].op else { return false };
+        let (strip, unit) = (strip(node.shape.width), self.unit.filter(|unit| *unit == Unit::Tiles));
+        let channels = node.inputs.iter().map(|input| self.nodes[*input].shape.channels);
+        unit.is_some() && !ThinConvolution::takes(conv, strip) && Tiles::takes(conv, channels, strip)
     }
 
     /// The inputs of node `n` that it does not read from images where these lie.
@@ -230,8 +257,7 @@ impl Planner<'_> {
             order.push(n);
         }
         let size = order.first().map_or(Shape { height: 0, width: 0, channels: 0 }, |n| self.nodes[*n].shape);
-        let count = size.width.div_ceil(STRIP).max(1);
-        let strip = size.width.div_ceil(count).next_multiple_of(MULTIPLE).min(size.width);
+        let strip = strip(size.width);
         let mut planned = Pass {
             steps: Vec::new(),
             height: size.height,
@@ -256,7 +282,7 @@ impl Planner<'_> {
             let is_export = matches!(node.made, Made::Export { .. });
             let len = if is_export { 0 } else { node.blocks() * strip };
             let place = arena.place(now, last_use, len);
-            let out = Layout { shape, halo: 0, start: place, room: Room::Strip };
+            let out = Layout { shape, halo: 0, start: place, room: Room::Strip, numbers: Numbers::F32 };
             strips[*n] = Some(out);
             let is_far = |i: usize| node.is_far(self.graph, &self.nodes, i);
             let layout = |(i, input): (usize, &usize)| match is_far(i) {
@@ -302,15 +328,17 @@ impl Planner<'_> {
             return Kind::Thin(thin);
         }
         let source = Source { conv: *conv, border, inputs, width: strip, weights: weight, bias };
-        let bf16 = match self.arithmetic {
-            Arithmetic::F32 => None,
-            Arithmetic::Bf16 => Unit::best().and_then(|unit| Bf16Convolution::new(unit, &source)),
-        };
-        match bf16 {
+        match self.unit.and_then(|unit| Bf16Convolution::new(unit, &source)) {
             Some(convolution) => Kind::Bf16(convolution),
             None => Kind::Convolution(Convolution::new(*conv, border, inputs, weight, bias)),
         }
     }
+}
+
+/// Pixels of a strip of rows of `width`.
+fn strip(width: usize) -> usize {
+    let count = width.div_ceil(STRIP).max(1);
+    width.div_ceil(count).next_multiple_of(MULTIPLE).min(width)
 }
 
 /// Gives out places so that results that are needed at the same time do not overlap.

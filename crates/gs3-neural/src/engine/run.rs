@@ -4,8 +4,9 @@ use std::cell::RefCell;
 
 use fearless_simd::Level;
 
-use super::block::{Block, Layout, Rest, Sources};
-use super::conv::fill_halo;
+use super::bf16::{self, Shaped};
+use super::block::{Block, Layout, Numbers, Rest, Sources};
+use super::conv;
 use super::ops;
 use super::passes::EXPORTS;
 use super::plan::{Kind, Pass, Step};
@@ -63,11 +64,13 @@ impl Job<'_> {
 
     fn row(&self, y: usize, scratch: &mut [Block], stored: &mut [Block], mut exports: Exports<'_>) {
         let Pass { steps, width, strip, start, .. } = self.pass;
+        let is_on_tiles = |step: &Step| matches!(&step.kind, Kind::Bf16(c) if c.is_on_tiles());
+        let shaped = steps.iter().any(is_on_tiles).then(Shaped::new);
         for x in (0..*width).step_by(*strip) {
             // The last strip overlaps that before, whose pixels get the same values again.
             let x = x.min(width - strip);
             for step in steps {
-                self.step(step, [x, y], scratch, &mut exports);
+                self.step(step, [x, y], shaped.as_ref(), scratch, &mut exports);
                 if let Some(whole) = &step.stored {
                     let row = &mut stored[whole.start - start..][..whole.row_len()];
                     store(&scratch[step.out.start..][..step.out.row_len()], *strip, row, whole, x);
@@ -79,7 +82,14 @@ impl Job<'_> {
         }
     }
 
-    fn step(&self, step: &Step, [x, y]: [usize; 2], scratch: &mut [Block], exports: &mut Exports<'_>) {
+    fn step(
+        &self,
+        step: &Step,
+        [x, y]: [usize; 2],
+        shaped: Option<&Shaped>,
+        scratch: &mut [Block],
+        exports: &mut Exports<'_>,
+    ) {
         let Step { kind, inputs, out: layout, .. } = step;
         let len = if matches!(kind, Kind::Export { .. }) { 0 } else { layout.row_len() };
         let (out, strips) = Rest::split(scratch, layout.start, len);
@@ -94,7 +104,7 @@ impl Job<'_> {
             Kind::Convolution(convolution) => {
                 convolution.run_row(self.level, sources, layout, y as isize, out);
             }
-            Kind::Bf16(convolution) => convolution.run_row(self.level, sources, layout, y, out),
+            Kind::Bf16(convolution) => convolution.run_row(self.level, shaped, sources, layout, y, out),
             Kind::Thin(convolution) => convolution.run_row(self.level, sources, layout, y, out),
             Kind::Learned(learned) => {
                 learned.run_row(self.level, self.border, sources, &inputs[0], layout, y, out);
@@ -117,7 +127,20 @@ impl Job<'_> {
 
 /// Copies a strip that begins at pixel `x` to its place in a row of `whole`.
 fn store(strip: &[Block], width: usize, row: &mut [Block], whole: &Layout, x: usize) {
-    for (from, to) in strip.chunks_exact(width).zip(row.chunks_exact_mut(whole.stride())) {
-        to[whole.halo + x..][..width].copy_from_slice(from);
+    match whole.numbers {
+        Numbers::F32 => {
+            for (from, to) in strip.chunks_exact(width).zip(row.chunks_exact_mut(whole.stride())) {
+                to[whole.halo + x..][..width].copy_from_slice(from);
+            }
+        }
+        Numbers::Bf16 => bf16::store(strip, width, row, whole, x),
+    }
+}
+
+/// Fills the pixels beside a row of a whole tensor.
+fn fill_halo(border: Border, whole: &Layout, row: &mut [Block]) {
+    match whole.numbers {
+        Numbers::F32 => conv::fill_halo(border, whole, row),
+        Numbers::Bf16 => bf16::fill_halo(border, whole, row),
     }
 }

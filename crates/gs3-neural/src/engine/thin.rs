@@ -30,8 +30,14 @@ pub struct ThinConvolution {
 }
 
 impl ThinConvolution {
+    /// Whether it is for `conv` in strips of `width` pixels: if other kernels are slower and vectors hold as many.
+    pub fn takes(conv: &Conv2d, width: usize) -> bool {
+        let fits = width <= VECTORS * LANES && 2 * conv.reach() <= MARGIN;
+        conv.outputs == 1 && conv.kernel >= KERNEL && fits
+    }
+
     /// The convolution of `inputs`, concatenated, in strips of `width` pixels, with `weights` `oihw` and `bias`, empty where
-    /// there is none; none if other kernels are better or `width` is more than vectors hold.
+    /// there is none; none if it is not for it.
     pub fn new(
         conv: Conv2d,
         border: Border,
@@ -40,8 +46,7 @@ impl ThinConvolution {
         weights: &[f32],
         bias: &[f32],
     ) -> Option<Self> {
-        let fits = width <= VECTORS * LANES && 2 * conv.reach() <= MARGIN;
-        if !(conv.outputs == 1 && conv.kernel >= KERNEL && fits) {
+        if !Self::takes(&conv, width) {
             return None;
         }
         let segments = Segment::all(inputs);
@@ -62,7 +67,7 @@ impl ThinConvolution {
         let Conv2d { kernel, dilation, activation, .. } = self.conv;
         let (width, reach) = (layout.shape.width, self.conv.reach());
         // Beyond the width and what the window reaches, numbers that make sums which nobody reads.
-        let mut pixels = [0.0; VECTORS * LANES + MARGIN];
+        let mut pixels = [[0.0; VECTORS * LANES + MARGIN]; 2];
         let mut sums = [f32x16::splat(simd, self.bias); VECTORS];
         let mut weights = self.weights.chunks_exact(kernel);
         for ky in 0..kernel {
@@ -73,16 +78,23 @@ impl ThinConvolution {
                 let row = &sources.row(layout, inside as usize)[block * layout.stride()..][..layout.stride()];
                 // The halo is at least as wide as the window's reach.
                 let row = &row[sources.first(layout) - reach..][..width + 2 * reach];
-                for (c, weights) in (0..*channels).zip(&mut weights) {
+                // A pixel is a cache line, of which two channels are taken at once.
+                for c in (0..*channels).step_by(2) {
+                    let is_pair = c + 1 < *channels;
+                    let pair = [weights.next(), if is_pair { weights.next() } else { None }];
                     if is_zero {
                         continue;
                     }
-                    pixels.iter_mut().zip(row).for_each(|(to, from)| *to = from.0[c]);
-                    for (kx, weight) in weights.iter().enumerate() {
-                        let seen = &pixels[kx * dilation..];
-                        for (k, sum) in sums.iter_mut().enumerate() {
-                            let seen = f32x16::from_slice(simd, &seen[k * LANES..][..LANES]);
-                            *sum = seen.mul_add(*weight, *sum);
+                    for (k, from) in row.iter().enumerate() {
+                        (pixels[0][k], pixels[1][k]) = (from.0[c], from.0[(c + 1) % LANES]);
+                    }
+                    for (pixels, weights) in pixels.iter().zip(pair.into_iter().flatten()) {
+                        for (kx, weight) in weights.iter().enumerate() {
+                            let seen = &pixels[kx * dilation..];
+                            for (k, sum) in sums.iter_mut().enumerate() {
+                                let seen = f32x16::from_slice(simd, &seen[k * LANES..][..LANES]);
+                                *sum = seen.mul_add(*weight, *sum);
+                            }
                         }
                     }
                 }

@@ -9,6 +9,7 @@ mod pairs;
 mod tiles;
 mod unit;
 
+pub use tiles::{Shaped, Tiles, fill_halo, store};
 pub use unit::Unit;
 
 use fearless_simd::prelude::*;
@@ -20,7 +21,6 @@ use super::math::activate;
 use super::ops::load;
 use crate::graph::{Activation, Border, Conv2d};
 use pairs::Pairs;
-use tiles::Tiles;
 
 /// A convolution ready to run in bf16.
 #[derive(Clone, Debug)]
@@ -59,11 +59,27 @@ impl Bf16Convolution {
         Some(Self { activation: source.conv.activation, kernel: kernel? })
     }
 
+    /// Whether it runs faster with [`Shaped`] tiles.
+    pub fn is_on_tiles(&self) -> bool {
+        matches!(self.kernel, Kernel::Tiles(_))
+    }
+
     /// Writes row `y` to `out`, a row of `layout` or a strip of one; its halo is left.
-    pub fn run_row(&self, level: Level, sources: Sources<'_>, layout: &Layout, y: usize, out: &mut [Block]) {
+    pub fn run_row(
+        &self,
+        level: Level,
+        shaped: Option<&Shaped>,
+        sources: Sources<'_>,
+        layout: &Layout,
+        y: usize,
+        out: &mut [Block],
+    ) {
         match &self.kernel {
             Kernel::Pairs(pairs) => pairs.run_row(sources, layout, y as isize, out),
-            Kernel::Tiles(tiles) => tiles.run_row(sources, layout, y as isize, out),
+            Kernel::Tiles(tiles) => match shaped {
+                Some(shaped) => tiles.run_row(shaped, sources, layout, y as isize, out),
+                None => tiles.run_row(&Shaped::new(), sources, layout, y as isize, out),
+            },
         }
         if self.activation != Activation::Identity {
             dispatch!(level, simd => for block in &mut *out {

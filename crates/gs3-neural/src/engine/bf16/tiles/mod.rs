@@ -1,0 +1,187 @@
+//! The kernel for tiles (AMX): one instruction multiplies 16 pixels × 32 channels by 32 channels × 16 outputs, in the time of 16
+//! instructions of vectors, which do a thirty-second each.
+//!
+//! It reads pixels whose channels are side by side in bf16, pixel after pixel. So what a row of a window sees of a pixel is one
+//! run of numbers, those of the next pixel after those of one; it is multiplied 32 at a time, the last ones with zeros. Tiles
+//! overlap in memory: rows of one begin a pixel apart. Tensors that only such convolutions read are stored like that
+//! ([`Numbers::Bf16`]); others are rounded to a buffer of the thread, for each row of the window anew.
+
+#[cfg_attr(not(target_arch = "x86_64"), path = "absent.rs")]
+mod kernel;
+
+pub use kernel::{Shaped, fill_halo, store};
+
+use super::{PairWeights, Segment, Source};
+use crate::engine::block::{Block, LANES, Layout, Numbers, Sources};
+use crate::graph::{Border, Conv2d};
+
+/// Rows of a tile: pixels, or pairs of channels.
+const ROWS: usize = 16;
+
+/// Numbers of a row of a tile of bf16.
+const DEPTH: usize = 32;
+
+/// Numbers that a strip sees at most, 64 KiB of bf16: more would leave no room for weights in the second cache of small
+/// processors. Wider convolutions stay f32.
+const BUFFER: usize = 32 * 1024;
+
+/// Products of a pixel at most, a few more than those of what fits the buffer in strips of 48 pixels.
+const STEPS: usize = 128;
+
+/// A convolution ready to run on tiles.
+#[derive(Clone, Debug)]
+pub struct Tiles {
+    conv: Conv2d,
+    border: Border,
+    /// What is rounded to the buffer, and where in a pixel of that each begins.
+    segments: Vec<Segment>,
+    starts: Vec<usize>,
+    inputs: Vec<Input>,
+    steps: Vec<Step>,
+    /// Pixels that a strip sees in a row.
+    columns: usize,
+    /// `[groups of output blocks, bias and steps, blocks of the group]`: bias as a tile whose rows are equal.
+    weights: Vec<Tile>,
+    output_blocks: usize,
+}
+
+/// What pixels are read from.
+#[derive(Clone, Debug)]
+struct Input {
+    /// That of a tensor stored in bf16; none for the buffer.
+    stored: Option<Layout>,
+    /// Of each number of a pixel the channel among those of all inputs, if it has one.
+    channels: Vec<Option<usize>>,
+}
+
+/// A product of all pixels.
+#[derive(Clone, Copy, Debug)]
+struct Step {
+    input: usize,
+    /// Row of the window.
+    line: usize,
+    /// Where its 32 numbers begin, from the first that the row of the window sees.
+    start: usize,
+}
+
+/// A tile of weights or, bit for bit, of f32.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[repr(C, align(64))]
+struct Tile([PairWeights; ROWS]);
+
+/// Blocks of outputs computed together when `left` are left.
+fn group(left: usize) -> usize {
+    left.min(2)
+}
+
+impl Tiles {
+    /// Whether a convolution of tensors of these numbers of `channels` is for tiles, in strips of `width` pixels: not if they are
+    /// narrower than a tile or see more than the buffer holds.
+    pub fn takes(conv: &Conv2d, channels: impl Iterator<Item = usize>, width: usize) -> bool {
+        let pixel: usize = channels.map(|channels| channels.next_multiple_of(LANES)).sum();
+        let (columns, taps) = (width + 2 * conv.reach(), conv.kernel * conv.kernel);
+        let fits = conv.kernel * columns * pixel + DEPTH <= BUFFER && taps * pixel.div_ceil(LANES) <= STEPS;
+        width >= ROWS && fits
+    }
+
+    /// That of `source`; none if it is not for tiles.
+    pub fn new(source: &Source<'_>) -> Option<Self> {
+        let Source { conv, border, .. } = *source;
+        let all = source.inputs.iter().map(|layout| layout.shape.channels);
+        if !Self::takes(&conv, all, source.width) {
+            return None;
+        }
+        let (mut segments, mut starts, mut joined) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut inputs, mut channel) = (Vec::new(), 0);
+        for layout in source.inputs {
+            let channels = layout.shape.channels;
+            match layout.numbers {
+                Numbers::F32 => {
+                    for segment in Segment::all(std::slice::from_ref(layout)) {
+                        starts.push(joined.len());
+                        let first = channel + segment.block * LANES;
+                        joined.extend((0..segment.channels).map(|c| Some(first + c)));
+                        // Pairs are multiplied at once.
+                        joined.resize(joined.len().next_multiple_of(2), None);
+                        segments.push(segment);
+                    }
+                }
+                Numbers::Bf16 => {
+                    let mut of_pixel: Vec<_> = (0..channels).map(|c| Some(channel + c)).collect();
+                    of_pixel.resize(layout.blocks() * LANES, None);
+                    inputs.push(Input { stored: Some(*layout), channels: of_pixel });
+                }
+            }
+            channel += channels;
+        }
+        if !segments.is_empty() {
+            // So that of a tile's rows only every second lies across two cache lines: loading it takes 20 cycles then, 8 where none
+            // does, 50 where all do; a product takes 16.
+            joined.resize(joined.len().next_multiple_of(LANES), None);
+            inputs.push(Input { stored: None, channels: joined });
+        }
+        // Neighbouring columns of a window are one run; others are one each.
+        let (runs, columns_of_run) = if conv.dilation == 1 { (1, conv.kernel) } else { (conv.kernel, 1) };
+        // Of each number of a step its tap and channel, if it has a weight.
+        let (mut steps, mut numbers) = (Vec::new(), Vec::new());
+        for (k, Input { channels, .. }) in inputs.iter().enumerate() {
+            let pixel = channels.len();
+            for (line, run) in (0..conv.kernel).flat_map(|line| (0..runs).map(move |run| (line, run))) {
+                for first in (0..columns_of_run * pixel).step_by(DEPTH) {
+                    steps.push(Step { input: k, line, start: run * conv.dilation * pixel + first });
+                    numbers.push(std::array::from_fn::<_, DEPTH, _>(|k| {
+                        let (column, number) = ((first + k) / pixel, (first + k) % pixel);
+                        let tap = line * conv.kernel + run * columns_of_run + column;
+                        channels[number].filter(|_| column < columns_of_run).map(|channel| (tap, channel))
+                    }));
+                }
+            }
+        }
+        let (bias, output_blocks) = (source.bias(), source.output_blocks());
+        let mut weights = Vec::new();
+        let mut first = 0;
+        while first < output_blocks {
+            let blocks = first..first + group(output_blocks - first);
+            weights.extend(blocks.clone().map(|block| Tile::of_sums(&bias[block])));
+            for numbers in &numbers {
+                weights.extend(blocks.clone().map(|block| {
+                    Tile::of_weights(|k, lane| match (numbers[k], block * LANES + lane) {
+                        (Some((tap, channel)), output) if output < conv.outputs => {
+                            source.weight(output, channel, tap)
+                        }
+                        _ => 0,
+                    })
+                }));
+            }
+            first = blocks.end;
+        }
+        let columns = source.width + 2 * conv.reach();
+        Some(Self { conv, border, segments, starts, inputs, steps, columns, weights, output_blocks })
+    }
+
+    /// Writes row `y` to `out`, a strip of `layout`, before the activation.
+    pub fn run_row(
+        &self,
+        shaped: &Shaped,
+        sources: Sources<'_>,
+        layout: &Layout,
+        y: isize,
+        out: &mut [Block],
+    ) {
+        kernel::row(self, shaped, sources, layout, y, out);
+    }
+}
+
+impl Tile {
+    /// Of weights of number `k` of a step for a lane of outputs.
+    fn of_weights(weight: impl Fn(usize, usize) -> u16) -> Self {
+        let row = |row: usize| PairWeights(std::array::from_fn(|k| weight(2 * row + k % 2, k / 2)));
+        Self(std::array::from_fn(row))
+    }
+
+    /// Of sums that are those of `block` for all pixels.
+    fn of_sums(block: &Block) -> Self {
+        let halves = |k: usize| (block.0[k / 2].to_bits() >> (16 * (k % 2))) as u16;
+        Self([PairWeights(std::array::from_fn(halves)); ROWS])
+    }
+}
