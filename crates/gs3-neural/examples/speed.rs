@@ -104,7 +104,7 @@ fn time(graph: &Graph, lr: [usize; 2], arithmetic: Arithmetic) -> Duration {
         })
         .collect();
     let mut best = Duration::MAX;
-    for _ in 0..8 {
+    for _ in 0..24 {
         let mut outputs: Vec<(&str, &mut [f32])> =
             results.iter_mut().map(|(n, r)| (*n, &mut r[..])).collect();
         let start = Instant::now();

@@ -464,7 +464,14 @@ fn check_array(name: &str, expected: &[usize], arrays: &Arrays) -> Result<(), We
 fn write_image(level: Level, blocks: &[Block], layout: &Layout, export: &Export, image: &mut [f32]) {
     let exchange = Exchange::new(layout, export.factor);
     for (y, image) in image.chunks_exact_mut(exchange.row_len()).enumerate() {
-        exchange.export_row(level, Sources::all(blocks), layout, y, layout.shape.width, image);
+        exchange.export_row(
+            level,
+            Sources::all(blocks),
+            std::slice::from_ref(layout),
+            y,
+            layout.shape.width,
+            image,
+        );
     }
 }
 

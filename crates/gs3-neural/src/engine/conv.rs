@@ -12,11 +12,11 @@ use super::math::activate;
 use super::ops::load;
 use crate::graph::{Activation, Border, Conv2d};
 
-/// `body` for each constant `index` below `count`, at most 24. Loops are unrolled too late by the compiler: sums that a
+/// `body` for each constant `index` below `count`, at most 26. Loops are unrolled too late by the compiler: sums that a
 /// loop indexes stay in memory, which costs more than half of the speed.
 macro_rules! unrolled {
     ($count:expr, $index:ident => $body:block) => {
-        unrolled!(@ $count, $index, $body, 0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23)
+        unrolled!(@ $count, $index, $body, 0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25)
     };
     (@ $count:expr, $index:ident, $body:block, $($k:literal)*) => {
         $({
@@ -107,6 +107,11 @@ impl Convolution {
         Self { conv, border, segments, weights: packed, bias }
     }
 
+    /// Columns of the window side by side, or 0 if they are apart.
+    fn columns(&self) -> usize {
+        if self.conv.dilation == 1 { self.conv.kernel } else { 0 }
+    }
+
     /// Writes row `y`, which may lie outside the image, to `out`, a row of `layout` or a strip of one; its halo is left.
     pub fn run_row(&self, level: Level, sources: Sources<'_>, layout: &Layout, y: isize, out: &mut [Block]) {
         dispatch!(level, simd => self.row(simd, sources, layout, y, out));
@@ -123,19 +128,21 @@ impl Convolution {
             let bias = &self.bias[first..first + count];
             let out = &mut out[first * layout.stride()..][..count * layout.stride()];
             let job = Job { conv: self, sources, layout, y, weights: these, bias };
-            // With 32 registers of 16 lanes 24 are sums; with 32 of 4 or 16 of 8 lanes fewer fit.
-            if <S::f32s as SimdBase<S>>::LEN == LANES {
-                match count {
-                    3 => job.pixels::<S, 3, 8, 4, 2>(simd, out),
-                    2 => job.pixels::<S, 2, 12, 6, 3>(simd, out),
-                    _ => job.pixels::<S, 1, 24, 12, 6>(simd, out),
-                }
-            } else {
-                match count {
-                    3 => job.pixels::<S, 3, 2, 1, 1>(simd, out),
-                    2 => job.pixels::<S, 2, 3, 1, 1>(simd, out),
-                    _ => job.pixels::<S, 1, 6, 3, 1>(simd, out),
-                }
+            // With 32 registers of 16 lanes 24 are sums, or 18 if 9 hold weights; with 32 of 4 or 16 of 8 lanes fewer fit.
+            let is_wide = <S::f32s as SimdBase<S>>::LEN == LANES;
+            match (is_wide, self.columns(), count) {
+                (true, 1, 3) => job.pixels::<S, 1, 3, 8, 4, 2>(simd, out),
+                (true, 1, 2) => job.pixels::<S, 1, 2, 12, 6, 3>(simd, out),
+                (true, 1, _) => job.pixels::<S, 1, 1, 24, 12, 6>(simd, out),
+                (true, 3, 3) => job.pixels::<S, 3, 3, 6, 3, 2>(simd, out),
+                (true, 3, 2) => job.pixels::<S, 3, 2, 12, 6, 3>(simd, out),
+                (true, 3, _) => job.pixels::<S, 3, 1, 24, 12, 6>(simd, out),
+                (true, _, 3) => job.pixels::<S, 0, 3, 8, 4, 2>(simd, out),
+                (true, _, 2) => job.pixels::<S, 0, 2, 12, 6, 3>(simd, out),
+                (true, _, _) => job.pixels::<S, 0, 1, 24, 12, 6>(simd, out),
+                (false, _, 3) => job.pixels::<S, 0, 3, 2, 1, 1>(simd, out),
+                (false, _, 2) => job.pixels::<S, 0, 2, 3, 1, 1>(simd, out),
+                (false, _, _) => job.pixels::<S, 0, 1, 6, 3, 1>(simd, out),
             }
             weights = others;
             first += count;
@@ -164,7 +171,14 @@ struct Job<'a> {
 impl Job<'_> {
     /// All pixels of the row, `P` at a time, then what is left by `HALF` and `QUARTER` of that.
     #[inline(always)]
-    fn pixels<S: Simd, const V: usize, const P: usize, const HALF: usize, const QUARTER: usize>(
+    fn pixels<
+        S: Simd,
+        const COLUMNS: usize,
+        const V: usize,
+        const P: usize,
+        const HALF: usize,
+        const QUARTER: usize,
+    >(
         &self,
         simd: S,
         out: &mut [Block],
@@ -172,22 +186,22 @@ impl Job<'_> {
         let width = self.layout.shape.width;
         if width < QUARTER {
             for x in 0..width {
-                self.run::<S, V, 1>(simd, x, out);
+                self.run::<S, COLUMNS, V, 1>(simd, x, out);
             }
             return;
         }
         let mut x = 0;
         while x + P <= width {
-            self.run::<S, V, P>(simd, x, out);
+            self.run::<S, COLUMNS, V, P>(simd, x, out);
             x += P;
         }
         while x + HALF <= width {
-            self.run::<S, V, HALF>(simd, x, out);
+            self.run::<S, COLUMNS, V, HALF>(simd, x, out);
             x += HALF;
         }
         while x < width {
             // The last ones overlap those before, which get the same values again.
-            self.run::<S, V, QUARTER>(simd, x.min(width - QUARTER), out);
+            self.run::<S, COLUMNS, V, QUARTER>(simd, x.min(width - QUARTER), out);
             x += QUARTER;
         }
     }
@@ -195,7 +209,12 @@ impl Job<'_> {
     /// `P` pixels from `x`, before the activation. All indices into their sums are constants, so that they stay in registers
     /// until the end.
     #[inline(always)]
-    fn run<S: Simd, const V: usize, const P: usize>(&self, simd: S, x: usize, out: &mut [Block]) {
+    fn run<S: Simd, const COLUMNS: usize, const V: usize, const P: usize>(
+        &self,
+        simd: S,
+        x: usize,
+        out: &mut [Block],
+    ) {
         let Convolution { conv, border, segments, .. } = self.conv;
         let mut sums = [[f32x16::splat(simd, 0.0); P]; V];
         unrolled!(V, BLOCK => { sums[BLOCK] = [load(simd, &self.bias[BLOCK]); P]; });
@@ -217,6 +236,37 @@ impl Job<'_> {
                     &self.sources.row(&segment.layout, inside as usize)[segment.block * stride..][..stride];
                 // The halo is at least as wide as the window's reach.
                 let row = &row[x + self.sources.first(&segment.layout) - conv.reach()..];
+                if COLUMNS > 0 {
+                    // Each number is loaded once and multiplied with the weights of all columns through which a pixel sees it.
+                    let (Some(first), rest) = (row.first_chunk::<P>(), &row[P..P + COLUMNS - 1]) else {
+                        continue;
+                    };
+                    let (taps, _) = row_weights.as_chunks::<V>().0.as_chunks::<COLUMNS>();
+                    for (channel, taps) in taps.iter().enumerate() {
+                        let mut vectors = [[f32x16::splat(simd, 0.0); V]; COLUMNS];
+                        for (vectors, tap) in vectors.iter_mut().zip(taps) {
+                            unrolled!(V, BLOCK => { vectors[BLOCK] = load(simd, &tap[BLOCK]); });
+                        }
+                        unrolled!(P + COLUMNS - 1, SEEN => {
+                            let pixel = if SEEN < P { &first[SEEN % P] } else { &rest[SEEN.saturating_sub(P)] };
+                            let value = f32x16::splat(simd, pixel.0[channel % LANES]);
+                            unrolled!(V, BLOCK => {
+                                // The first column sees it for the pixel one to its right, the last for that to its left.
+                                let sums = &mut sums[BLOCK];
+                                if let (Some(sum), Some(w)) = (sums.get_mut(SEEN), vectors.first()) {
+                                    *sum = value.mul_add(w[BLOCK], *sum);
+                                }
+                                if let (Some(sum), Some(w)) = (sums.get_mut(SEEN.wrapping_sub(1)), vectors.get(1)) {
+                                    *sum = value.mul_add(w[BLOCK], *sum);
+                                }
+                                if let (Some(sum), Some(w)) = (sums.get_mut(SEEN.wrapping_sub(2)), vectors.get(2)) {
+                                    *sum = value.mul_add(w[BLOCK], *sum);
+                                }
+                            });
+                        });
+                    }
+                    continue;
+                }
                 // One loop over the taps of all channels, not one for each channel.
                 let (mut tap, mut channel, end) = (0, 0, conv.kernel * conv.dilation);
                 for w in row_weights.as_chunks::<V>().0 {

@@ -174,17 +174,27 @@ impl Exchange {
         }
     }
 
-    /// Writes `count` pixels of row `y` of a tensor, from where `sources` begin, to the rows of the image that they make.
+    /// Writes `count` pixels of row `y` of a tensor, or of several side by side, all but the last of whole blocks, from where
+    /// `sources` begin, to the rows of the image that they make.
     pub fn export_row(
         &self,
         level: Level,
         sources: Sources<'_>,
-        layout: &Layout,
+        layouts: &[Layout],
         y: usize,
         count: usize,
         image: &mut [f32],
     ) {
-        let pixels = |b: usize| &sources.pixels(layout, y, b)[..count];
+        let pixels = |b: usize| {
+            let (mut layouts, mut b) = (layouts, b);
+            while let [layout, rest @ ..] = layouts
+                && b >= layout.blocks()
+                && !rest.is_empty()
+            {
+                (layouts, b) = (rest, b - layout.blocks());
+            }
+            &sources.pixels(&layouts[0], y, b)[..count]
+        };
         dispatch!(level, simd => self.export(simd, pixels, sources.x(), image));
     }
 

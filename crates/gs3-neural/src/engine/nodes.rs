@@ -87,11 +87,15 @@ pub fn nodes(graph: &Graph, shapes: &[Shape]) -> Vec<Node> {
                 let parts = &graph.layers()[input.index()].inputs;
                 with_narrow_parts_joined(&mut nodes, parts.iter().map(|t| node_of[t.index()]).collect())
             }
-            _ => read(layer)
-                .iter()
-                .filter(|t| !readers.is_fused(t.index()))
-                .map(|t| node_of[t.index()])
-                .collect(),
+            (op, all) => {
+                let factor = factor(op).and_then(|input| Some((input, repeated(graph, shapes, all[input])?)));
+                let input = |(k, t): (usize, &Tensor)| match factor {
+                    Some((input, tensor)) if input == k => tensor,
+                    _ => *t,
+                };
+                let inputs = read(layer).iter().enumerate().map(input);
+                inputs.filter(|t| !readers.is_fused(t.index())).map(|t| node_of[t.index()]).collect()
+            }
         };
         let made = match &layer.op {
             Op::Input { .. } => Made::Import { layer: k, factor: 1 },
@@ -109,9 +113,37 @@ pub fn nodes(graph: &Graph, shapes: &[Shape]) -> Vec<Node> {
             _ => (tensor, 1),
         };
         let made = Made::Export { output, factor };
-        nodes.push(Node { made, inputs: vec![node_of[read]], shape: shapes[read] });
+        // Whole blocks side by side are read where they lie.
+        let inputs = match &graph.layers()[read] {
+            Layer { op: Op::Concat, inputs, .. } if inputs.iter().all(|t| is_whole(&shapes[t.index()])) => {
+                inputs.iter().map(|t| node_of[t.index()]).collect()
+            }
+            _ => vec![node_of[read]],
+        };
+        nodes.push(Node { made, inputs, shape: shapes[read] });
     }
     nodes
+}
+
+/// Whether an image is whole blocks of channels.
+fn is_whole(shape: &Shape) -> bool {
+    shape.channels.is_multiple_of(LANES)
+}
+
+/// Which input of an operation may have fewer blocks of channels than its result, that then count for the others too.
+fn factor(op: &Op) -> Option<usize> {
+    match op {
+        Op::Multiply => Some(1),
+        Op::Mix => Some(2),
+        _ => None,
+    }
+}
+
+/// The tensor of whole blocks that `tensor` is, again and again, if it is.
+fn repeated(graph: &Graph, shapes: &[Shape], tensor: Tensor) -> Option<Tensor> {
+    let Layer { op: Op::Concat, inputs, .. } = &graph.layers()[tensor.index()] else { return None };
+    let first = *inputs.first()?;
+    (is_whole(&shapes[first.index()]) && inputs.iter().all(|t| *t == first)).then_some(first)
 }
 
 /// The inputs of which a layer reads more than the size.

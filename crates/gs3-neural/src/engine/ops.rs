@@ -98,10 +98,11 @@ impl<'a> Row<'a> {
         inputs.map(|input| &self.sources.pixels(&self.inputs[input], self.y, b)[..self.layout.shape.width])
     }
 
+    /// Of an input that has as many blocks as the result, or fewer, which then count for the others too.
     #[inline(always)]
     fn factor(&self, input: usize, b: usize) -> Factor<'a> {
         let single = self.inputs[input].shape.channels == 1;
-        let [line] = self.lines([input], if single { 0 } else { b });
+        let [line] = self.lines([input], b % self.inputs[input].blocks());
         Factor { line, single }
     }
 

@@ -118,7 +118,7 @@ impl Job<'_> {
             Kind::Export { export, exchange } => {
                 let image = &mut exports[*export];
                 if !image.is_empty() {
-                    exchange.export_row(self.level, sources, &inputs[0], y, self.pass.strip, image);
+                    exchange.export_row(self.level, sources, inputs, y, self.pass.strip, image);
                 }
             }
         }
