@@ -105,8 +105,8 @@ pub struct Look {
     /// Weights of super sampling or of interpolation; may be given once for each
     #[arg(long, value_name = "FILE.safetensors")]
     pub weights: Vec<PathBuf>,
-    /// What networks on the CPU compute with; `bf16` needs AVX-512 BF16 and is the same as `f32` elsewhere [default: the faster
-    /// on this machine]
+    /// What networks on the CPU compute with; `bf16` needs AMX (Linux) or AVX-512 BF16 and is the same as `f32` elsewhere
+    /// [default: the faster on this machine]
     #[arg(long, value_name = "bf16|f32")]
     pub arithmetic: Option<ArithmeticArg>,
     /// Networks on a GPU multiply matrices in its hardware for them. Experimental: tried on a small convolution first

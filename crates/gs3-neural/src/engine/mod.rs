@@ -52,17 +52,17 @@ use run::{Exports, Job};
 pub enum Arithmetic {
     /// f32: results within 1e-4 of exact ones.
     F32,
-    /// Products of bf16, sums of f32, where the machine has AVX-512 BF16 and a convolution gains; f32 elsewhere. Results
+    /// Products of bf16, sums of f32, where the machine has AMX or AVX-512 BF16 and a convolution gains; f32 elsewhere. Results
     /// within 2e-2. A refined frame (the 20th of `gs3 render --arithmetic` on a capture) is 72 dB from that of f32, and as far
     /// from the native one to 1e-4 dB.
     Bf16,
 }
 
 impl Arithmetic {
-    /// [`Self::Bf16`] on processors of AMD that have it, else [`Self::F32`]. Zen 4 starts its instruction for pairs of bf16 as often
-    /// as that for f32, which does half as much: balanced super sampling to 1920×1080 takes 57 instead of 78 ms
-    /// (`examples/speed.rs`). Granite Rapids, the one processor of Intel that was measured, starts it half as often, and
-    /// rounding costs on top: 90 instead of 70 ms.
+    /// [`Self::Bf16`] on processors with AMX, if the operating system lets the process use it, and on those of AMD with AVX-512
+    /// BF16; else [`Self::F32`]. Zen 4 starts its instruction for pairs of bf16 as often as that for f32, which does half as
+    /// much; Granite Rapids, the one processor of Intel that was measured, half as often, and rounding costs on top: balanced
+    /// super sampling to 1920×1080 took 91 ms so, 70 in f32. Its tiles take half as long as f32 (`examples/speed.rs`).
     #[must_use]
     pub fn fastest() -> Self {
         match Unit::best() {

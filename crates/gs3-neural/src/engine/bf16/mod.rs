@@ -5,6 +5,11 @@
 //!
 //! All `unsafe` code of the engine is in this folder: instructions that the compiler cannot know the machine has.
 
+#![cfg_attr(
+    not(target_arch = "x86_64"),
+    allow(dead_code, reason = "no unit is available, so nothing is made or run")
+)]
+
 mod pairs;
 mod tiles;
 mod unit;

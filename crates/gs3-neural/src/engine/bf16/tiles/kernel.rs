@@ -66,7 +66,7 @@ static SHAPES: Shapes = {
 };
 
 /// The thread's tiles with the shapes that [`row`] needs: setting them takes as long as a dozen products, so it is done once for
-/// many rows. Compiled code does not use tiles, so they stay as they are set until this is dropped.
+/// many rows. Compiled code does not use tiles, so they stay as they are set until this is dropped. A thread has one at a time.
 #[derive(Debug)]
 pub struct Shaped {
     /// Other threads have tiles of their own.
@@ -324,6 +324,8 @@ macro_rules! product {
                     row = in(reg) ROW,
                     first = in(reg) first,
                     second = in(reg) second,
+                    out("tmm0") _, out("tmm1") _, out("tmm2") _, out("tmm3") _,
+                    out("tmm4") _, out("tmm5") _, out("tmm6") _, out("tmm7") _,
                     options(nostack),
                 );
             }
