@@ -121,11 +121,11 @@ fn weights_of_another_network_are_refused() {
     other.header.tier = "b0".to_owned();
     let refused = Trained::new(Peer::Ninasr, other).unwrap_err().to_string();
     assert_eq!(refused, "header, tier: expected b1, found b0");
-    // No weights of RT4KSR come with gs3.
+    // No weights for ×2 come with gs3.
     let scene = Arc::new(demo::scene().unwrap());
     let settings = MethodSettings {
         scene,
-        scale: 4,
+        scale: 2,
         culling: Culling::AccuTile,
         background: [0.0; 3],
         training: Vec::new(),

@@ -13,13 +13,14 @@ use crate::score::{Row, mean, milliseconds, shown};
 /// The paths whose frames networks get, and how many of them.
 pub const PATHS: [&str; 3] = ["flowers_drift", "fungi_drift", "hqgarden_drift"];
 pub const FRAMES: usize = 4;
-const METHODS: [&str; 15] = [
+const METHODS: [&str; 16] = [
     "bicubic",
     "hermite",
     "span",
     "safmn",
     "rt4ksr",
     "ecbsr_trained",
+    "rt4ksr_trained",
     "ninasr_trained",
     "bicubic@stock",
     "span@stock",

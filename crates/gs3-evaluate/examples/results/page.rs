@@ -94,8 +94,8 @@ pub fn page(sections: &Sections, frames: usize) -> String {
     let _ = writeln!(
         text,
         "## Published networks ({of_networks} frames of each path)\n\nAs published, trained on photographs, not on splats; \
-         `ecbsr_trained` and `ninasr_trained` (B1) by gs3's trainer, on matched LR frames of other scenes. How LR frames come about \
-         decides how they rank: `matched` are point samples of the native image (dilation 0.3/S²), `stock` \
+         `ecbsr_trained`, `rt4ksr_trained` and `ninasr_trained` (B1) by gs3's trainer, on matched LR frames of other scenes; all in f32, gs3 in what `gs3 render` \
+         uses on the machine. How LR frames come about decides how they rank: `matched` are point samples of the native image (dilation 0.3/S²), `stock` \
          has the dilation 0.3 of 3D Gaussian Splatting at LR, `antialiased` is the native image reduced by a bicubic filter, as \
          networks are trained, which no renderer has without rendering natively. gs3 stands for comparison, at the same \
          frames of its run.\n\n{}",

@@ -6,20 +6,19 @@
 //! by band, so that of that, too, only the last rows are kept. Images are read where they are needed, as often as that is,
 //! and written where they are made. `plan` places everything, `run` shares the rows out among threads.
 //!
-//! Measured (`examples/speed.rs`) with two threads of a Zen 4 machine whose f32 multiply-adds peak at 234 GFLOP/s, 480×270,
-//! shares of that peak: 3×3 convolutions 16→16, 32→32 and 48→48 at 92, 95 and 96 % (bf16: 147, 169, 175 %). Whole networks
-//! at ×4 in ms, images in and out included (balanced super sampling with `refine` of 1×1):
+//! Measured (`examples/speed.rs`) with two threads of Granite Rapids, whose f32 multiply-adds peak at 450 GFLOP/s, 480×270, shares
+//! of that peak: 3×3 convolutions 16→16, 32→32 and 48→48 at 79, 82 and 82 % (bf16: 307, 456, 460 %). Whole networks at ×4 in
+//! ms, images in and out included:
 //!
 //! | | fast | balanced | high |
 //! |---|---|---|---|
-//! | super sampling | 51 | 78 | 205 |
-//! | … bf16 | 40 | 57 | 135 |
-//! | interpolation (a noisier hour) | 58 | 112 | 221 |
-//! | … bf16 | 44 | 79 | 141 |
+//! | super sampling | 41 | 61 | 153 |
+//! | … bf16 | 28 | 32 | 59 |
+//! | interpolation | 45 | 80 | 146 |
+//! | … bf16 | 32 | 41 | 63 |
 //!
-//! Of the 51 ms of the first, multiply-adds at the peak are 25 and convolutions in all 32: in the network they read tensors
-//! from the second cache and have sigmoids and the like to compute. Images in and out are 10 ms, 240 MB of which each byte
-//! is moved once or twice, at 45 GB/s 5 ms; layers of single pixels are 5 ms, the warp 1.
+//! Of the 28 ms of the first in bf16 products of tiles are 1. The floor is memory: 250 MB of images in and out, at 21 GB/s 12 ms;
+//! the rest is single pixels' work on what lies in the second cache, which strips of so many tensors do not leave.
 
 mod bf16;
 pub(crate) mod block;
