@@ -366,9 +366,14 @@ fn relative(inverse: f32, typical: f32) -> f32 {
 
 /// Planes side by side, channels last.
 fn interleave(out: &mut Vec<f32>, planes: &[&[f32]]) {
+    /// Pixels of a task: as many as stay in a first cache with six channels, 24 KiB of each side.
+    const PIXELS: usize = 1024;
     let (channels, len) = (planes.len(), planes.first().map_or(0, |plane| plane.len()));
     out.resize(channels * len, 0.0);
-    for (c, plane) in planes.iter().enumerate() {
-        out.iter_mut().skip(c).step_by(channels).zip(*plane).for_each(|(to, v)| *to = *v);
-    }
+    out.par_chunks_mut(channels * PIXELS).enumerate().with_min_len(8).for_each(|(k, out)| {
+        for (c, plane) in planes.iter().enumerate() {
+            let plane = &plane[k * PIXELS..];
+            out.iter_mut().skip(c).step_by(channels).zip(plane).for_each(|(to, v)| *to = *v);
+        }
+    });
 }
