@@ -1,5 +1,5 @@
-//! The kernel for tiles (AMX): one instruction multiplies 16 pixels × 32 channels by 32 channels × 16 outputs, in the time of 16
-//! instructions of vectors, which do a thirty-second each.
+//! The kernel for tiles (AMX): one instruction multiplies 16 pixels × 32 channels by 32 channels × 16 outputs, in the time in which
+//! vectors do a sixteenth of that in f32.
 //!
 //! It reads pixels whose channels are side by side in bf16, pixel after pixel. So what a row of a window sees of a pixel is one
 //! run of numbers, those of the next pixel after those of one; it is multiplied 32 at a time, the last ones with zeros. Tiles
