@@ -66,6 +66,44 @@ impl Segment {
     }
 }
 
+/// What a convolution is made from: that of `inputs`, concatenated, in strips of `width` pixels, with `weights` `oihw` and
+/// `bias`, empty where there is none.
+#[derive(Clone, Copy, Debug)]
+pub struct Source<'a> {
+    pub conv: Conv2d,
+    pub border: Border,
+    pub inputs: &'a [Layout],
+    pub width: usize,
+    pub weights: &'a [f32],
+    pub bias: &'a [f32],
+}
+
+/// What of an input a row of a window sees.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen<'a> {
+    pub conv: &'a Conv2d,
+    pub border: Border,
+    pub sources: Sources<'a>,
+}
+
+impl<'a> Seen<'a> {
+    /// The pixels of `segment` from the first that row `line` of the window around pixel `x` of row `y` sees on; none where
+    /// these are zero.
+    #[inline(always)]
+    pub fn pixels(&self, segment: &Segment, line: usize, y: isize, x: usize) -> Option<&'a [Block]> {
+        let Segment { layout, block, .. } = segment;
+        let reach = self.conv.reach();
+        let place = y + (line * self.conv.dilation) as isize - reach as isize;
+        let inside = place.clamp(0, layout.shape.height as isize - 1);
+        if self.border == Border::Zero && place != inside {
+            return None;
+        }
+        let row = &self.sources.row(layout, inside as usize)[block * layout.stride()..][..layout.stride()];
+        // The halo is at least as wide as the window's reach.
+        Some(&row[x + self.sources.first(layout) - reach..])
+    }
+}
+
 /// Output blocks computed together when `left` are left: three or two, so that each number of the input is used often.
 pub fn group(left: usize) -> usize {
     match left {
@@ -217,26 +255,16 @@ impl Job<'_> {
         out: &mut [Block],
     ) {
         let Convolution { conv, border, segments, .. } = self.conv;
+        let seen = Seen { conv, border: *border, sources: self.sources };
         let mut sums = [[f32x16::splat(simd, 0.0); P]; V];
         unrolled!(V, BLOCK => { sums[BLOCK] = [load(simd, &self.bias[BLOCK]); P]; });
         let mut weights = self.weights;
-        let reach = conv.reach() as isize;
         for segment in segments {
             let steps = segment.channels * conv.kernel;
             for ky in 0..conv.kernel {
                 let (row_weights, rest) = weights.split_at(steps * V);
                 weights = rest;
-                let last = segment.layout.shape.height as isize - 1;
-                let y = self.y + (ky * conv.dilation) as isize - reach;
-                let inside = y.clamp(0, last);
-                if *border == Border::Zero && y != inside {
-                    continue;
-                }
-                let stride = segment.layout.stride();
-                let row =
-                    &self.sources.row(&segment.layout, inside as usize)[segment.block * stride..][..stride];
-                // The halo is at least as wide as the window's reach.
-                let row = &row[x + self.sources.first(&segment.layout) - conv.reach()..];
+                let Some(row) = seen.pixels(segment, ky, self.y, x) else { continue };
                 if COLUMNS > 0 {
                     // Each number is loaded once and multiplied with the weights of all columns through which a pixel sees it.
                     let (Some(first), rest) = (row.first_chunk::<P>(), &row[P..P + COLUMNS - 1]) else {

@@ -6,18 +6,18 @@
 //! by band, so that of that, too, only the last rows are kept. Images are read where they are needed, as often as that is,
 //! and written where they are made. `plan` places everything, `run` shares the rows out among threads.
 //!
-//! Measured (`examples/speed.rs`) with two threads of Granite Rapids, whose f32 multiply-adds peak at 450 GFLOP/s, 480×270, shares
-//! of that peak: 3×3 convolutions 16→16, 32→32 and 48→48 at 79, 82 and 82 % (bf16: 307, 456, 460 %). Whole networks at ×4 in
-//! ms, images in and out included:
+//! Measured (`examples/speed.rs`, two runs an hour apart in `docs/performance.md`) with two threads of Granite Rapids, whose f32
+//! multiply-adds peaked at 427 GFLOP/s, 480×270, shares of that peak: 3×3 convolutions 16→16, 32→32 and 48→48 at 74, 78 and 75 %
+//! (bf16: 303, 458, 462 %). Whole networks at ×4 in ms, images in and out included:
 //!
 //! | | fast | balanced | high |
 //! |---|---|---|---|
-//! | super sampling | 41 | 61 | 153 |
-//! | … bf16 | 28 | 32 | 59 |
-//! | interpolation | 45 | 80 | 146 |
-//! | … bf16 | 32 | 41 | 63 |
+//! | super sampling | 47 | 67 | 169 |
+//! | … bf16 | 31 | 35 | 66 |
+//! | interpolation | 49 | 88 | 161 |
+//! | … bf16 | 36 | 45 | 69 |
 //!
-//! Of the 28 ms of the first in bf16 products of tiles are 1. The floor is memory: 250 MB of images in and out, at 21 GB/s 12 ms;
+//! Of the 31 ms of the first in bf16 products of tiles are 1. The floor is memory: 250 MB of images in and out, at 21 GB/s 12 ms;
 //! the rest is single pixels' work on what lies in the second cache, which strips of so many tensors do not leave.
 
 mod bf16;

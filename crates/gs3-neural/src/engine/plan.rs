@@ -3,9 +3,9 @@
 use std::ops::Range;
 
 use super::Arithmetic;
-use super::bf16::{Bf16Convolution, Source, Tiles, Unit};
+use super::bf16::{Bf16Convolution, Tiles, Unit};
 use super::block::{LANES, Layout, Numbers, Room};
-use super::conv::Convolution;
+use super::conv::{Convolution, Source};
 use super::exchange::Exchange;
 use super::learned::Learned;
 use super::nodes::{Made, Node, nodes};
@@ -190,7 +190,7 @@ impl Planner<'_> {
         let node = &self.nodes[n];
         let Made::Layer(layer) = node.made else { return false };
         let Op::Conv2d(conv) = &self.graph.layers()[layer].op else { return false };
-        let (strip, unit) = (strip(node.shape.width), self.unit.filter(|unit| *unit == Unit::Tiles));
+        let (strip, unit) = (strip(node.shape.width), self.unit.filter(|unit| *unit == Unit::Amx));
         let channels = node.inputs.iter().map(|input| self.nodes[*input].shape.channels);
         unit.is_some() && !ThinConvolution::takes(conv, strip) && Tiles::takes(conv, channels, strip)
     }
@@ -324,13 +324,17 @@ impl Planner<'_> {
         };
         let [weight, bias] = ["weight", "bias"].map(|kind| parameter(self.weights, &layer.name, kind));
         let border = self.graph.border();
-        if let Some(thin) = ThinConvolution::new(*conv, border, inputs, strip, weight, bias) {
+        let source = Source { conv: *conv, border, inputs, width: strip, weights: weight, bias };
+        if let Some(thin) = ThinConvolution::new(&source) {
             return Kind::Thin(thin);
         }
-        let source = Source { conv: *conv, border, inputs, width: strip, weights: weight, bias };
         match self.unit.and_then(|unit| Bf16Convolution::new(unit, &source)) {
             Some(convolution) => Kind::Bf16(convolution),
-            None => Kind::Convolution(Convolution::new(*conv, border, inputs, weight, bias)),
+            None => {
+                // Nothing else reads what is stored in bf16: `numbers` stores so only what `is_on_tiles` says is read by tiles.
+                debug_assert!(inputs.iter().all(|input| input.numbers == Numbers::F32), "{}", layer.name);
+                Kind::Convolution(Convolution::new(*conv, border, inputs, weight, bias))
+            }
         }
     }
 }

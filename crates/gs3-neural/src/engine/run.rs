@@ -4,7 +4,7 @@ use std::cell::RefCell;
 
 use fearless_simd::Level;
 
-use super::bf16::{self, Shaped};
+use super::bf16::{self, TileConfig};
 use super::block::{Block, Layout, Numbers, Rest, Sources};
 use super::conv;
 use super::ops;
@@ -65,12 +65,12 @@ impl Job<'_> {
     fn row(&self, y: usize, scratch: &mut [Block], stored: &mut [Block], mut exports: Exports<'_>) {
         let Pass { steps, width, strip, start, .. } = self.pass;
         let is_on_tiles = |step: &Step| matches!(&step.kind, Kind::Bf16(c) if c.is_on_tiles());
-        let shaped = steps.iter().any(is_on_tiles).then(Shaped::new);
+        let tile_config = steps.iter().any(is_on_tiles).then(TileConfig::new);
         for x in (0..*width).step_by(*strip) {
             // The last strip overlaps that before, whose pixels get the same values again.
             let x = x.min(width - strip);
             for step in steps {
-                self.step(step, [x, y], shaped.as_ref(), scratch, &mut exports);
+                self.step(step, [x, y], tile_config.as_ref(), scratch, &mut exports);
                 if let Some(whole) = &step.stored {
                     let row = &mut stored[whole.start - start..][..whole.row_len()];
                     store(&scratch[step.out.start..][..step.out.row_len()], *strip, row, whole, x);
@@ -86,7 +86,7 @@ impl Job<'_> {
         &self,
         step: &Step,
         [x, y]: [usize; 2],
-        shaped: Option<&Shaped>,
+        tile_config: Option<&TileConfig>,
         scratch: &mut [Block],
         exports: &mut Exports<'_>,
     ) {
@@ -104,7 +104,7 @@ impl Job<'_> {
             Kind::Convolution(convolution) => {
                 convolution.run_row(self.level, sources, layout, y as isize, out);
             }
-            Kind::Bf16(convolution) => convolution.run_row(self.level, shaped, sources, layout, y, out),
+            Kind::Bf16(convolution) => convolution.run_row(self.level, tile_config, sources, layout, y, out),
             Kind::Thin(convolution) => convolution.run_row(self.level, sources, layout, y, out),
             Kind::Learned(learned) => {
                 learned.run_row(self.level, self.border, sources, &inputs[0], layout, y, out);

@@ -4,7 +4,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, dispatch, f32x16};
 
 use super::block::{Block, LANES, Layout, Sources};
-use super::conv::Segment;
+use super::conv::{Seen, Segment, Source};
 use super::math::activate;
 use crate::graph::{Border, Conv2d};
 
@@ -36,17 +36,10 @@ impl ThinConvolution {
         conv.outputs == 1 && conv.kernel >= KERNEL && fits
     }
 
-    /// The convolution of `inputs`, concatenated, in strips of `width` pixels, with `weights` `oihw` and `bias`, empty where
-    /// there is none; none if it is not for it.
-    pub fn new(
-        conv: Conv2d,
-        border: Border,
-        inputs: &[Layout],
-        width: usize,
-        weights: &[f32],
-        bias: &[f32],
-    ) -> Option<Self> {
-        if !Self::takes(&conv, width) {
+    /// That of `source`; none if it is not for it.
+    pub fn new(source: &Source<'_>) -> Option<Self> {
+        let Source { conv, border, inputs, weights, bias, .. } = *source;
+        if !Self::takes(&conv, source.width) {
             return None;
         }
         let segments = Segment::all(inputs);
@@ -70,21 +63,15 @@ impl ThinConvolution {
         let mut pixels = [[0.0; VECTORS * LANES + MARGIN]; 2];
         let mut sums = [f32x16::splat(simd, self.bias); VECTORS];
         let mut weights = self.weights.chunks_exact(kernel);
+        let seen = Seen { conv: &self.conv, border: self.border, sources };
         for ky in 0..kernel {
-            let place = y + (ky * dilation) as isize - reach as isize;
-            for Segment { layout, block, channels } in &self.segments {
-                let inside = place.clamp(0, layout.shape.height as isize - 1);
-                let is_zero = self.border == Border::Zero && place != inside;
-                let row = &sources.row(layout, inside as usize)[block * layout.stride()..][..layout.stride()];
-                // The halo is at least as wide as the window's reach.
-                let row = &row[sources.first(layout) - reach..][..width + 2 * reach];
+            for segment in &self.segments {
+                let row = seen.pixels(segment, ky, y, 0).map(|row| &row[..width + 2 * reach]);
                 // A pixel is a cache line, of which two channels are taken at once.
-                for c in (0..*channels).step_by(2) {
-                    let is_pair = c + 1 < *channels;
+                for c in (0..segment.channels).step_by(2) {
+                    let is_pair = c + 1 < segment.channels;
                     let pair = [weights.next(), if is_pair { weights.next() } else { None }];
-                    if is_zero {
-                        continue;
-                    }
+                    let Some(row) = row else { continue };
                     for (k, from) in row.iter().enumerate() {
                         (pixels[0][k], pixels[1][k]) = (from.0[c], from.0[(c + 1) % LANES]);
                     }

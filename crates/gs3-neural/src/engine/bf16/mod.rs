@@ -1,7 +1,7 @@
 //! Convolutions in bf16 with sums in f32, on x86 machines whose processors multiply bf16.
 //!
-//! Tensors stay f32: a row of a convolution rounds what it sees of its inputs to bf16, in a buffer of the thread. Two kernels
-//! go on from there, for the two instructions that processors have for it ([`Unit`]).
+//! There is a kernel for each of the two instructions that processors have for it ([`Unit`]). A row of a convolution rounds what
+//! it sees of tensors in f32 to a buffer of the thread; tensors that only AMX reads are stored in bf16.
 //!
 //! All `unsafe` code of the engine is in this folder: instructions that the compiler cannot know the machine has.
 
@@ -14,17 +14,17 @@ mod pairs;
 mod tiles;
 mod unit;
 
-pub use tiles::{Shaped, Tiles, fill_halo, store};
+pub use tiles::{TileConfig, Tiles, fill_halo, store};
 pub use unit::Unit;
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch};
 
 use super::block::{Block, LANES, Layout, Sources};
-use super::conv::Segment;
+use super::conv::{Seen, Segment, Source};
 use super::math::activate;
 use super::ops::load;
-use crate::graph::{Activation, Border, Conv2d};
+use crate::graph::Activation;
 use pairs::Pairs;
 
 /// A convolution ready to run in bf16.
@@ -40,31 +40,19 @@ enum Kernel {
     Tiles(Tiles),
 }
 
-/// What a convolution is made from: that of `inputs`, concatenated, in strips of `width` pixels, with `weights` `oihw` and
-/// `bias`, empty where there is none.
-#[derive(Clone, Copy, Debug)]
-pub struct Source<'a> {
-    pub conv: Conv2d,
-    pub border: Border,
-    pub inputs: &'a [Layout],
-    pub width: usize,
-    pub weights: &'a [f32],
-    pub bias: &'a [f32],
-}
-
 impl Bf16Convolution {
     /// That of `source` on `unit`, if the machine has it; none where f32 is better: on images of few columns, or with more
     /// inputs than caches hold.
     pub fn new(unit: Unit, source: &Source<'_>) -> Option<Self> {
         let kernel = match unit {
             _ if !unit.is_available() => None,
-            Unit::Pairs => Pairs::new(source).map(Kernel::Pairs),
-            Unit::Tiles => Tiles::new(source).map(Kernel::Tiles),
+            Unit::Avx512Bf16 => Pairs::new(source).map(Kernel::Pairs),
+            Unit::Amx => Tiles::new(source).map(Kernel::Tiles),
         };
         Some(Self { activation: source.conv.activation, kernel: kernel? })
     }
 
-    /// Whether it runs faster with [`Shaped`] tiles.
+    /// Whether it runs on tiles: faster with a [`TileConfig`] that is there already.
     pub fn is_on_tiles(&self) -> bool {
         matches!(self.kernel, Kernel::Tiles(_))
     }
@@ -73,7 +61,7 @@ impl Bf16Convolution {
     pub fn run_row(
         &self,
         level: Level,
-        shaped: Option<&Shaped>,
+        tile_config: Option<&TileConfig>,
         sources: Sources<'_>,
         layout: &Layout,
         y: usize,
@@ -81,9 +69,9 @@ impl Bf16Convolution {
     ) {
         match &self.kernel {
             Kernel::Pairs(pairs) => pairs.run_row(sources, layout, y as isize, out),
-            Kernel::Tiles(tiles) => match shaped {
-                Some(shaped) => tiles.run_row(shaped, sources, layout, y as isize, out),
-                None => tiles.run_row(&Shaped::new(), sources, layout, y as isize, out),
+            Kernel::Tiles(tiles) => match tile_config {
+                Some(tile_config) => tiles.run_row(tile_config, sources, layout, y as isize, out),
+                None => tiles.run_row(&TileConfig::new(), sources, layout, y as isize, out),
             },
         }
         if self.activation != Activation::Identity {
@@ -113,31 +101,6 @@ impl Source<'_> {
     fn bias(&self) -> Vec<Block> {
         let lane = |o: usize| self.bias.get(o).copied().unwrap_or(0.0);
         (0..self.output_blocks()).map(|b| Block(std::array::from_fn(|l| lane(b * LANES + l)))).collect()
-    }
-}
-
-/// What of an input a row of a window sees.
-#[derive(Clone, Copy, Debug)]
-struct Seen<'a> {
-    conv: &'a Conv2d,
-    border: Border,
-    sources: Sources<'a>,
-}
-
-impl<'a> Seen<'a> {
-    /// The pixels of `segment` from the first that row `line` of the window around pixel `x` of row `y` sees on; none where
-    /// these are zero.
-    fn pixels(&self, segment: &Segment, line: usize, y: isize, x: usize) -> Option<&'a [Block]> {
-        let Segment { layout, block, .. } = segment;
-        let reach = self.conv.reach();
-        let place = y + (line * self.conv.dilation) as isize - reach as isize;
-        let inside = place.clamp(0, layout.shape.height as isize - 1);
-        if self.border == Border::Zero && place != inside {
-            return None;
-        }
-        let row = &self.sources.row(layout, inside as usize)[block * layout.stride()..][..layout.stride()];
-        // The halo is at least as wide as the window's reach.
-        Some(&row[x + self.sources.first(layout) - reach..])
     }
 }
 

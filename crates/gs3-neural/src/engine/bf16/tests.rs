@@ -127,7 +127,7 @@ impl Case {
             bias: &self.bias,
         };
         let Some(convolution) = Bf16Convolution::new(unit, &source) else {
-            return assert!(unit == Unit::Pairs && width < 48, "{name}: none was made");
+            return assert!(unit == Unit::Avx512Bf16 && width < 48, "{name}: none was made");
         };
         let Shape { height, width: columns, .. } = layouts[0].shape;
         let shape = Shape { height, width, channels: self.conv.outputs };
@@ -156,7 +156,7 @@ fn spoil_memory_of_tiles() {
     let (conv, border) = (Conv2d::new(3, 1), Border::Replicate);
     let weights = vec![0.0; 160 * 9];
     let source = Source { conv, border, inputs: &[layout], width: 48, weights: &weights, bias: &[] };
-    if let Some(convolution) = Bf16Convolution::new(Unit::Tiles, &source) {
+    if let Some(convolution) = Bf16Convolution::new(Unit::Amx, &source) {
         let out = Layout { room: Room::Strip, ..Layout::whole(Shape { channels: 1, ..layout.shape }, 0, 0) };
         let (_, rest) = Rest::split(&mut arena, 0, 0);
         let (_, strips) = Rest::split(&mut [], 0, 0);
@@ -185,18 +185,18 @@ fn every_unit_sums_products_of_rounded_numbers() {
         for border in [Border::Zero, Border::Replicate] {
             let conv = Conv2d { dilation, ..Conv2d::new(kernel, outputs) };
             let case = Case::new(conv, border, channels, width, &mut random);
-            for unit in [Unit::Pairs, Unit::Tiles].into_iter().filter(|unit| unit.is_available()) {
+            for unit in [Unit::Avx512Bf16, Unit::Amx].into_iter().filter(|unit| unit.is_available()) {
                 case.check(unit, &vec![Numbers::F32; channels.len()], strip);
             }
-            if Unit::Tiles.is_available() {
+            if Unit::Amx.is_available() {
                 let first = |k: usize| if k == 0 { Numbers::Bf16 } else { Numbers::F32 };
                 let numbers: Vec<Numbers> = (0..channels.len()).map(first).collect();
-                case.check(Unit::Tiles, &numbers, strip);
-                case.check(Unit::Tiles, &vec![Numbers::Bf16; channels.len()], strip);
+                case.check(Unit::Amx, &numbers, strip);
+                case.check(Unit::Amx, &vec![Numbers::Bf16; channels.len()], strip);
             }
         }
     }
-    for unit in [Unit::Pairs, Unit::Tiles].into_iter().filter(|unit| !unit.is_available()) {
+    for unit in [Unit::Avx512Bf16, Unit::Amx].into_iter().filter(|unit| !unit.is_available()) {
         println!("skipped: this machine has no {unit:?}");
     }
 }

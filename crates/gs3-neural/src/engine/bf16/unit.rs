@@ -5,25 +5,25 @@ use std::sync::OnceLock;
 /// Instructions of x86 processors that multiply bf16 numbers and add f32.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unit {
-    /// AVX-512 BF16: a vector of 16 pairs of numbers (`VDPBF16PS`).
-    Pairs,
-    /// AMX: a tile of 16 × 32 numbers by one of 32 × 16 (`TDPBF16PS`).
-    Tiles,
+    /// A vector of 16 pairs of numbers (`VDPBF16PS`).
+    Avx512Bf16,
+    /// A tile of 16 × 32 numbers by one of 32 × 16 (`TDPBF16PS`).
+    Amx,
 }
 
 impl Unit {
     /// The faster of those that this machine has.
     pub fn best() -> Option<Self> {
-        [Self::Tiles, Self::Pairs].into_iter().find(|unit| unit.is_available())
+        [Self::Amx, Self::Avx512Bf16].into_iter().find(|unit| unit.is_available())
     }
 
     /// Whether this machine has it, and its operating system lets the process use it.
     pub fn is_available(self) -> bool {
         static TILES: OnceLock<bool> = OnceLock::new();
         match self {
-            Self::Pairs => machine::has_pairs(),
+            Self::Avx512Bf16 => machine::has_pairs(),
             // Once, as it asks the operating system.
-            Self::Tiles => *TILES.get_or_init(|| machine::has_pairs() && machine::has_tiles()),
+            Self::Amx => *TILES.get_or_init(|| machine::has_pairs() && machine::has_tiles()),
         }
     }
 
@@ -31,8 +31,8 @@ impl Unit {
     /// multiply-adds of half as many numbers, on AMD's.
     pub fn gains(self) -> bool {
         match self {
-            Self::Tiles => true,
-            Self::Pairs => machine::vendor() == *b"AuthenticAMD",
+            Self::Amx => true,
+            Self::Avx512Bf16 => machine::vendor() == *b"AuthenticAMD",
         }
     }
 }

@@ -4,9 +4,9 @@ use super::{Block, Border, Layout, Sources, Tiles};
 
 /// Nothing.
 #[derive(Debug)]
-pub struct Shaped;
+pub struct TileConfig;
 
-impl Shaped {
+impl TileConfig {
     /// Nothing.
     pub fn new() -> Self {
         Self
@@ -14,7 +14,7 @@ impl Shaped {
 }
 
 /// Nothing.
-pub fn row(_: &Tiles, _: &Shaped, _: Sources<'_>, _: &Layout, _: isize, _: &mut [Block]) {}
+pub fn row(_: &Tiles, _: &TileConfig, _: Sources<'_>, _: &Layout, _: isize, _: &mut [Block]) {}
 
 /// Nothing.
 pub fn store(_: &[Block], _: usize, _: &mut [Block], _: &Layout, _: usize) {}

@@ -65,18 +65,18 @@ static SHAPES: Shapes = {
     Shapes(bytes)
 };
 
-/// The thread's tiles with the shapes that [`row`] needs: setting them takes as long as a dozen products, so it is done once for
+/// The configuration of the thread's tiles, the shapes that [`row`] needs: setting them takes as long as a dozen products, so it is done once for
 /// many rows. Compiled code does not use tiles, so they stay as they are set until this is dropped. A thread has one at a time.
 #[derive(Debug)]
-pub struct Shaped {
+pub struct TileConfig {
     /// Other threads have tiles of their own.
     thread: PhantomData<*const ()>,
 }
 
-impl Shaped {
+impl TileConfig {
     /// Sets the shapes, if the machine has tiles.
     pub fn new() -> Self {
-        if Unit::Tiles.is_available() {
+        if Unit::Amx.is_available() {
             // SAFETY: the machine has them and the process may use them; it reads 64 bytes.
             unsafe { asm!("ldtilecfg [{}]", in(reg) SHAPES.0.as_ptr(), options(nostack, readonly)) };
         }
@@ -84,10 +84,10 @@ impl Shaped {
     }
 }
 
-impl Drop for Shaped {
+impl Drop for TileConfig {
     /// Gives the tiles back: otherwise the system would save them at each change of threads.
     fn drop(&mut self) {
-        if Unit::Tiles.is_available() {
+        if Unit::Amx.is_available() {
             // SAFETY: as above.
             unsafe { asm!("tilerelease", options(nostack, nomem)) };
         }
@@ -139,10 +139,17 @@ fn round_blocks<'a>(blocks: &[Block], channels: usize, to: impl Iterator<Item = 
 }
 
 /// Writes row `y` to `out`, a strip of `layout`, before the activation.
-pub fn row(tiles: &Tiles, _: &Shaped, sources: Sources<'_>, layout: &Layout, y: isize, out: &mut [Block]) {
+pub fn row(
+    tiles: &Tiles,
+    _: &TileConfig,
+    sources: Sources<'_>,
+    layout: &Layout,
+    y: isize,
+    out: &mut [Block],
+) {
     BUFFER_OF_THREAD.with_borrow_mut(|buffer| {
         let Buffer { seen, zeros, places } = &mut **buffer;
-        // SAFETY: `Tiles` are only made where `Unit::is_available` found the instructions of both. Tiles are shaped; places are
+        // SAFETY: `Tiles` are only made where `Unit::is_available` found the instructions of both. Tiles are configured; places are
         // those of numbers that `find` has found.
         unsafe {
             if !tiles.segments.is_empty() {
@@ -233,7 +240,7 @@ fn find<'a>(
 /// All sums of the strip, to `out`.
 ///
 /// # Safety
-/// The thread's tiles are [`Shaped`]. `places` are those of the steps of `tiles` for a strip of `layout`.
+/// The thread has a [`TileConfig`]. `places` are those of the steps of `tiles` for a strip of `layout`.
 unsafe fn multiply(tiles: &Tiles, places: &[Place], layout: &Layout, out: &mut [Block]) {
     let (width, stride) = (layout.shape.width, layout.stride());
     let (mut first, mut weights) = (0, &tiles.weights[..]);
@@ -283,7 +290,7 @@ macro_rules! product {
         $($pixels:literal [$($sum:literal by $factor:literal from $bias:literal to $out:literal),+])+
     ) => {
         /// # Safety
-        /// The machine has tiles, their shapes are set, and behind all places are the numbers that the steps see.
+        /// The thread has a [`TileConfig`], and behind all places are the numbers that the steps see.
         unsafe fn $name(&self, out: &mut [Block]) {
             let [first, second] = [0, ($blocks - 1) * self.stride].map(|start| out[start..].as_mut_ptr());
             // SAFETY: `weights` has `$blocks` tiles for the bias and for each of the places. Rows of a tile of pixels are a

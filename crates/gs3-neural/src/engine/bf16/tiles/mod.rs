@@ -9,7 +9,7 @@
 #[cfg_attr(not(target_arch = "x86_64"), path = "absent.rs")]
 mod kernel;
 
-pub use kernel::{Shaped, fill_halo, store};
+pub use kernel::{TileConfig, fill_halo, store};
 
 use super::{PairWeights, Segment, Source};
 use crate::engine::block::{Block, LANES, Layout, Numbers, Sources};
@@ -162,13 +162,13 @@ impl Tiles {
     /// Writes row `y` to `out`, a strip of `layout`, before the activation.
     pub fn run_row(
         &self,
-        shaped: &Shaped,
+        tile_config: &TileConfig,
         sources: Sources<'_>,
         layout: &Layout,
         y: isize,
         out: &mut [Block],
     ) {
-        kernel::row(self, shaped, sources, layout, y, out);
+        kernel::row(self, tile_config, sources, layout, y, out);
     }
 }
 
