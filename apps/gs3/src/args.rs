@@ -9,7 +9,7 @@ use gs3::compute::OptionalFeatures;
 use gs3::neural::Arithmetic;
 use gs3::neural::model::Tier;
 use gs3::scene::camera::MAX_SIDE;
-use gs3::{Culling, Dilation, Mode, PipelineSettings, Sampling};
+use gs3::{Culling, Dilation, Kriging, Mode, PipelineSettings, Sampling};
 
 use crate::evaluate::EvaluateArgs;
 use crate::export::ExportArgs;
@@ -118,6 +118,10 @@ pub struct Look {
     /// Sub-pixel offsets of the low-resolution frames
     #[arg(long, default_value = "on", value_name = "on|off")]
     pub jitter: Switch,
+    /// Krige pixels that first-order predictions leave uncertain, without networks too; with them it is always done. Sharper in
+    /// motion, and takes longer
+    #[arg(long)]
+    pub kriging: bool,
     /// Dilation of splats in px² of the rendered grid: matched (0.3/S²), stock (0.3) or a number
     #[arg(long, default_value = "matched", value_name = "matched|stock|VALUE")]
     pub dilation: DilationArg,
@@ -249,6 +253,7 @@ impl Look {
             mode,
             scale: self.scale,
             sampling: self.jitter.into(),
+            kriging: if self.kriging { Kriging::On } else { Kriging::Off },
             dilation: self.dilation.0,
             culling: self.culling.into(),
             generate: self.generate,

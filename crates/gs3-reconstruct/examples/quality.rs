@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use gs3_raster::{Culling, Outputs, RasterSettings, Rasterizer, matched_dilation};
-use gs3_reconstruct::{Interpolator, Kernel, Neighbor, SuperSampler, hermite, resample};
+use gs3_reconstruct::{Interpolator, Kernel, Kriging, Neighbor, SuperSampler, hermite, resample};
 use gs3_scene::{Camera, CameraPath, GBuffer, Image, capture, format, jitter::Jitter};
 
 const SCALE: u32 = 4;
@@ -47,7 +47,7 @@ impl Measurement {
     /// Prints mean PSNR and best times of the first `frames` frames.
     fn in_motion(&mut self, frames: u64) -> Outcome<()> {
         let jitter = Jitter::grid(SCALE);
-        let mut sampler = SuperSampler::new(SCALE)?;
+        let mut sampler = SuperSampler::new(SCALE, Kriging::Off)?;
         let mut interpolator = Interpolator::new(SCALE)?;
         let size = (self.path.at(0.0).width() as usize, self.path.at(0.0).height() as usize);
         let [mut single, mut current, mut middle] = [(); 3].map(|()| Image::new(size.0, size.1));
@@ -94,7 +94,7 @@ impl Measurement {
     fn at_rest(&mut self) -> Outcome<()> {
         let jitter = Jitter::grid(SCALE);
         let camera = self.path.at(0.0);
-        let mut sampler = SuperSampler::new(SCALE)?;
+        let mut sampler = SuperSampler::new(SCALE, Kriging::Off)?;
         let mut image = Image::default();
         for k in 0..jitter.period() as u64 {
             sampler.super_sample(&camera, &self.gbuffer(&camera, jitter.offset(k))?, &mut image)?;

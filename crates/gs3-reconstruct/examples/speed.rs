@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use gs3_raster::{Culling, Outputs, RasterSettings, Rasterizer, matched_dilation};
-use gs3_reconstruct::{Interpolator, Motion, Neighbor, SuperSampler, View, Warped};
+use gs3_reconstruct::{Interpolator, Kriging, Motion, Neighbor, SuperSampler, View, Warped};
 use gs3_scene::{Camera, GBuffer, Image, capture, format, jitter::Jitter};
 
 const SCALE: u32 = 4;
@@ -44,7 +44,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         rendered.push((camera, gbuffer));
     }
 
-    let (mut sampler, mut interpolator) = (SuperSampler::new(SCALE)?, Interpolator::new(SCALE)?);
+    let (mut sampler, mut interpolator) =
+        (SuperSampler::new(SCALE, Kriging::Off)?, Interpolator::new(SCALE)?);
     let (mut motion, mut warped) = (Motion::default(), Warped::default());
     let [mut previous, mut current, mut between] = [(); 3].map(|()| Image::default());
     let mut times = [(); 4].map(|()| Vec::new());

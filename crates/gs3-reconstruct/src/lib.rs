@@ -10,7 +10,7 @@
 //! * [`Motion`]: where the surfaces of an LR frame were in another one.
 //!
 //! ```
-//! use gs3_reconstruct::{Interpolator, Neighbor, SuperSampler};
+//! use gs3_reconstruct::{Interpolator, Kriging, Neighbor, SuperSampler};
 //! use gs3_scene::{Camera, GBuffer, Geometry, Gradients, Image, Intrinsics};
 //!
 //! // A renderer fills these; here everything is black and infinitely far.
@@ -28,7 +28,7 @@
 //! };
 //! let camera = Camera::new(glam::DAffine3::IDENTITY, Intrinsics::from_fov_y(64, 36, 1.0))?;
 //!
-//! let mut sampler = SuperSampler::new(4)?;
+//! let mut sampler = SuperSampler::new(4, Kriging::On)?;
 //! let (mut before, mut after, mut between) = (Image::default(), Image::default(), Image::default());
 //! let earlier = render(&camera.low_resolution(4), [-0.125, 0.125]);
 //! sampler.super_sample(&camera, &earlier, &mut before)?;
@@ -50,6 +50,7 @@ mod gather;
 pub mod gpu;
 mod hermite;
 mod interpolate;
+mod kriging;
 mod lanes;
 mod lattice;
 mod middle_depth;
@@ -72,7 +73,7 @@ pub use hermite::hermite;
 pub use interpolate::{Interpolator, Neighbor, Reprojected, Warped};
 pub use motion::{Depth, Motion, View};
 pub use resample::{Kernel, resample};
-pub use super_sample::{ResetReason, SuperSampler};
+pub use super_sample::{Kriging, ResetReason, SuperSampler};
 
 /// Largest scale factor, HR over LR.
 pub const MAX_SCALE: u32 = 8;

@@ -94,7 +94,7 @@ fn place<S: Simd>(simd: S, [x, y]: [f32x16<S>; 2]) -> i32x16<S> {
     y.mul_add(STRIDE as f32, x + rim).to_int()
 }
 
-impl Tile {
+impl Tile<'_> {
     /// Takes the depths of the samples of chunk `chunk` of row `row` into what is nearest.
     #[inline(always)]
     pub fn survey<S: Simd>(&mut self, simd: S, source: &Source<'_>, row: usize, chunk: usize) {

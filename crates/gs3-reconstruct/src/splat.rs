@@ -120,7 +120,7 @@ impl Source<'_> {
         simd: S,
         row: usize,
         chunk: usize,
-        tile: &Tile,
+        tile: &Tile<'_>,
         plausible: &Plausible,
     ) -> Landing {
         let splat = |v: f32| f32x16::splat(simd, v);
@@ -156,13 +156,13 @@ impl Source<'_> {
     }
 }
 
-impl Tile {
+impl<'a> Tile<'a> {
     /// Adds what the samples of chunk `chunk` of row `row` predict for the pixels around them.
     #[inline(always)]
     pub fn add<S: Simd>(
         &mut self,
         simd: S,
-        source: &Source<'_>,
+        source: &Source<'a>,
         plausible: &Plausible,
         row: usize,
         chunk: usize,
@@ -195,6 +195,10 @@ impl Tile {
                 let (Some(sample), Ok(first)) = (samples.get(i), usize::try_from(landing.first[i])) else {
                     break;
                 };
+                if let Some(neighborhoods) = &mut self.neighborhoods {
+                    let at = [(first % STRIDE) as f32 + landing.x[i], (first / STRIDE) as f32 + landing.y[i]];
+                    neighborhoods.take(at, landing.noise[i], sample);
+                }
                 let Sample { color, dx, dy } = sample;
                 // Lanes: four pixels in a row, four channels each.
                 let along_y = repeat(simd, dy);

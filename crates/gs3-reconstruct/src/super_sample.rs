@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use crate::boxes::{Boxes, Limits};
 use crate::error::{ReconstructError, camera_size, check_gbuffer, check_scale};
 use crate::hermite::Surface;
+use crate::kriging::Neighborhoods;
 use crate::nearest::{EVERY, RIM};
 use crate::plausible::Plausible;
 use crate::reprojection::{Reprojection, parallax};
@@ -27,6 +28,17 @@ pub enum ResetReason {
     SizeOrTierChange,
     /// The scene, or what is shown of it, changed.
     SceneChange,
+}
+
+/// Whether pixels are kriged.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Kriging {
+    /// A pixel is the mean of what the samples around it predict to first order, by inverse variances.
+    #[default]
+    Off,
+    /// Where that mean errs visibly, a pixel is the best linear prediction from the values and the gradients of the samples
+    /// around it: gradient-enhanced kriging. Sharper in motion; takes longer, the more detail there is.
+    On,
 }
 
 /// Rows of pixels within which all frames' samples are added to a tile before the next rows' are: the pixels of a strip
@@ -91,6 +103,7 @@ struct Band<'a> {
 #[derive(Debug)]
 pub struct SuperSampler {
     scale: u32,
+    kriging: Kriging,
     /// The last frames, newest first.
     past: Vec<Past>,
     surface: Surface,
@@ -106,10 +119,11 @@ impl SuperSampler {
     ///
     /// # Errors
     /// [`ReconstructError::Scale`] if `scale` is not supported.
-    pub fn new(scale: u32) -> Result<Self, ReconstructError> {
+    pub fn new(scale: u32, kriging: Kriging) -> Result<Self, ReconstructError> {
         check_scale(scale)?;
         Ok(Self {
             scale,
+            kriging,
             past: Vec::new(),
             surface: Surface::default(),
             plausible: Plausible::default(),
@@ -231,27 +245,33 @@ impl SuperSampler {
                 Band { top, pixels, innovation: part, first_row: rows.start }
             })
             .collect();
-        bands.into_par_iter().for_each(|band| {
-            dispatch!(self.level, simd => self.fill_band(simd, band, size, lattice));
+        let neighborhoods = || match self.kriging {
+            Kriging::Off => None,
+            Kriging::On => Some(Neighborhoods::default()),
+        };
+        bands.into_par_iter().for_each_init(neighborhoods, |neighborhoods, band| {
+            dispatch!(self.level, simd => self.fill_band(simd, band, size, lattice, neighborhoods));
         });
         self.innovation = innovation;
     }
 
-    /// Fills a band of an image of `[width, height]`, whose current samples lie on the pixels of `lattice`.
+    /// Fills a band of an image of `[width, height]`, whose current samples lie on the pixels of `lattice`. It kriges with the
+    /// memory of `neighborhoods`, if there are any.
     #[inline(always)]
-    fn fill_band<S: Simd>(
-        &self,
+    fn fill_band<'a, S: Simd>(
+        &'a self,
         simd: S,
         band: Band<'_>,
         [width, height]: [usize; 2],
         lattice: Option<Lattice>,
+        neighborhoods: &mut Option<Neighborhoods<'a>>,
     ) {
         let Band { top, pixels: rows, innovation, first_row } = band;
         let with_ring = |start: usize, count: usize, all: usize| {
             let first = start.saturating_sub(RING);
             (first, (start + count + RING).min(all) - first)
         };
-        let mut tile = Tile::new();
+        let mut tile = Tile::new(neighborhoods.take());
         let rows_wanted = rows.len() / width;
         (tile.top, tile.height) = with_ring(top, rows_wanted, height);
         let mut of_past: [Range<usize>; MAX_PAST] = [const { 0..0 }; MAX_PAST];
@@ -282,11 +302,12 @@ impl SuperSampler {
             self.add_frames(simd, &mut tile, 0, &of_past[..1]);
             tile.resolve(simd, &wanted, rows);
         }
+        *neighborhoods = tile.neighborhoods;
     }
 
     /// The pixels on which what the frame of age `age` holds may bear on `tile`: samples reach out, and the current frame,
     /// which is interpolated, has its next samples within a cell.
-    fn limits(&self, tile: &Tile, age: usize) -> Limits {
+    fn limits(&self, tile: &Tile<'_>, age: usize) -> Limits {
         let reach = if age == 0 { REACH.max(self.scale as f32 + 1.0) } else { REACH };
         let ends = |first: usize, count: usize| [first as f32 - reach, (first + count) as f32 + reach];
         let ([left, right], [top, bottom]) = (ends(tile.left, tile.width), ends(tile.top, tile.height));
@@ -296,7 +317,7 @@ impl SuperSampler {
     /// The colour of the tile if there is nothing in it, now and in the past, but background of one colour. Row ranges
     /// `of_past` are those to look at.
     #[inline(always)]
-    fn bare_color<S: Simd>(&self, simd: S, tile: &Tile, of_past: &[Range<usize>]) -> Option<[f32; 3]> {
+    fn bare_color<S: Simd>(&self, simd: S, tile: &Tile<'_>, of_past: &[Range<usize>]) -> Option<[f32; 3]> {
         let mut color = None;
         for (age, (past, rows)) in self.past.iter().zip(of_past).enumerate() {
             let limits = self.limits(tile, age);
@@ -312,7 +333,7 @@ impl SuperSampler {
 
     /// Finds what is nearest in `tile` and around it; row ranges `of_past` are those to look at.
     #[inline(always)]
-    fn survey_frames<S: Simd>(&self, simd: S, tile: &mut Tile, of_past: &[Range<usize>]) {
+    fn survey_frames<S: Simd>(&self, simd: S, tile: &mut Tile<'_>, of_past: &[Range<usize>]) {
         let rim = RIM as f32;
         let limits = self.limits(tile, 1).wider(rim - REACH);
         tile.nearest.clear();
@@ -329,7 +350,13 @@ impl SuperSampler {
     /// Adds the samples of frames to `tile`, strip by strip: those of ages from `youngest` to the end of `of_past`, the row
     /// ranges to look at.
     #[inline(always)]
-    fn add_frames<S: Simd>(&self, simd: S, tile: &mut Tile, youngest: usize, of_past: &[Range<usize>]) {
+    fn add_frames<'a, S: Simd>(
+        &'a self,
+        simd: S,
+        tile: &mut Tile<'a>,
+        youngest: usize,
+        of_past: &[Range<usize>],
+    ) {
         let limits = self.limits(tile, 1);
         let (mut from, end) = (limits.top, limits.bottom);
         let (mut queue, mut count) = ([Task::default(); QUEUE], 0);
@@ -357,7 +384,7 @@ impl SuperSampler {
     }
 
     /// Adds chunks of samples to `tile`, in their order.
-    fn add_all(&self, tile: &mut Tile, tasks: &[Task]) {
+    fn add_all<'a>(&'a self, tile: &mut Tile<'a>, tasks: &[Task]) {
         dispatch!(self.level, simd => for (k, task) in tasks.iter().enumerate() {
             if let Some(next) = tasks.get(k + AHEAD) {
                 self.past[next.age as usize].frame.prefetch(next.row as usize, next.chunk as usize);

@@ -3,6 +3,7 @@
 use fearless_simd::{Simd, f32x16, prelude::*, u8x64};
 
 use crate::hermite::{Columns, Surface};
+use crate::kriging::{Neighborhoods, WORTH};
 use crate::nearest::Nearest;
 use crate::samples::SampleFrame;
 use crate::splat::NOISE;
@@ -57,7 +58,7 @@ pub(crate) const FAINT: f32 = 0.02;
 
 /// Accumulating pixels: per pixel Σ weight·RGB and Σ weight. 16 B each; the memory of the tile is in no image, because there
 /// rows may lie a multiple of the caches' period apart (of 4096 pixels: 64 KiB) and drive each other out.
-pub(crate) struct Tile {
+pub(crate) struct Tile<'a> {
     /// First column in the image of the pixels that are made.
     pub left: usize,
     /// First row in the image of the pixels that are made.
@@ -71,10 +72,12 @@ pub(crate) struct Tile {
     /// What is nearest around these pixels, and beyond them as far as samples that reach them may lie.
     pub nearest: Nearest,
     columns: Columns,
+    /// If pixels are to be kriged.
+    pub neighborhoods: Option<Neighborhoods<'a>>,
 }
 
-impl Tile {
-    pub const fn new() -> Self {
+impl<'a> Tile<'a> {
+    pub const fn new(neighborhoods: Option<Neighborhoods<'a>>) -> Self {
         Self {
             left: 0,
             top: 0,
@@ -83,12 +86,16 @@ impl Tile {
             pixels: [[0.0; 4]; STRIDE * ROWS],
             nearest: Nearest::new(),
             columns: Columns::new(),
+            neighborhoods,
         }
     }
 
     /// Begins the tile with the interpolated current frame.
     #[inline(always)]
     pub fn begin<S: Simd>(&mut self, simd: S, surface: &Surface, frame: &SampleFrame, scale: f32) {
+        if let Some(neighborhoods) = &mut self.neighborhoods {
+            neighborhoods.begin(STRIDE, ROWS);
+        }
         for r in 0..self.height {
             let y = self.top + r;
             let to_sample = |f: f32| f.min(1.0 - f) * scale;
@@ -150,21 +157,35 @@ impl Tile {
 
     /// Writes `wanted` pixels of rows of an image, whose first is in `rows`, with their colours and uncertainties.
     #[inline(always)]
-    pub fn resolve<S: Simd>(&self, simd: S, wanted: &Wanted, rows: &mut [[f32; 4]]) {
+    pub fn resolve<S: Simd>(&mut self, simd: S, wanted: &Wanted, rows: &mut [[f32; 4]]) {
+        let mut neighborhoods = self.neighborhoods.take();
         let mut resolved = [const { Resolved::new() }; 3];
-        let (before, within) = (wanted.top - self.top, wanted.left - self.left);
+        let (before_row, within) = (wanted.top - self.top, wanted.left - self.left);
         // Neighbours beyond the image are the pixels at its border.
         let row_at = |r: isize| (r.max(0) as usize).min(self.height - 1);
         for k in 0..2 {
-            resolved[k].fill(simd, self, row_at((before + k) as isize - 1), within);
+            resolved[k].fill(simd, self, row_at((before_row + k) as isize - 1), within);
         }
         for r in 0..wanted.height {
             let [above, here, below] = &mut resolved;
-            below.fill(simd, self, row_at((before + r + 1) as isize), within);
-            let out = &mut rows[r * wanted.stride + wanted.left..][..wanted.width];
+            below.fill(simd, self, row_at((before_row + r + 1) as isize), within);
+            let place = r * wanted.stride + wanted.left;
+            let out = &mut rows[place..][..wanted.width];
             correct(simd, [above, here, below], out);
+            if let Some(neighborhoods) = &mut neighborhoods {
+                for (i, (before, after)) in here.pixels[RING..].iter().zip(&*out).enumerate() {
+                    let change = |c: usize| (after[c] - before[c]).abs();
+                    if change(0).max(change(1)).max(change(2)) > WORTH {
+                        neighborhoods.want([PAD_X + within + i, PAD_Y + before_row + r], place + i);
+                    }
+                }
+            }
             resolved.rotate_left(1);
         }
+        if let Some(neighborhoods) = &mut neighborhoods {
+            neighborhoods.krige(simd, rows);
+        }
+        self.neighborhoods = neighborhoods;
     }
 }
 
@@ -223,7 +244,7 @@ impl Resolved {
 
     /// Becomes row `r` of `tile`, of whose pixels the first wanted is pixel `within`: 0 or [`RING`].
     #[inline(always)]
-    fn fill<S: Simd>(&mut self, simd: S, tile: &Tile, r: usize, within: usize) {
+    fn fill<S: Simd>(&mut self, simd: S, tile: &Tile<'_>, r: usize, within: usize) {
         let row = &tile.pixels[(PAD_Y + r) * STRIDE + PAD_X..];
         let start = RING - within;
         // All lanes of a block become its lane k.

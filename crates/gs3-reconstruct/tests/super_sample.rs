@@ -4,7 +4,7 @@
 mod common;
 
 use common::{Sheet, World, camera, grid_jitter, psnr, wall_and_post};
-use gs3_reconstruct::{ReconstructError, ResetReason, SuperSampler, hermite};
+use gs3_reconstruct::{Kriging, ReconstructError, ResetReason, SuperSampler, hermite};
 use gs3_scene::{Camera, GBuffer, Image};
 use proptest::prelude::*;
 
@@ -16,7 +16,17 @@ fn at(t: f64) -> Camera {
 
 /// Super-samples `frames` frames; the last result.
 fn run(world: &World, scale: u32, frames: usize, pose: impl Fn(usize) -> Camera) -> Image {
-    let mut sampler = SuperSampler::new(scale).unwrap();
+    run_with(Kriging::Off, world, scale, frames, pose)
+}
+
+fn run_with(
+    kriging: Kriging,
+    world: &World,
+    scale: u32,
+    frames: usize,
+    pose: impl Fn(usize) -> Camera,
+) -> Image {
+    let mut sampler = SuperSampler::new(scale, kriging).unwrap();
     let mut out = Image::default();
     for k in 0..frames {
         let gbuffer = world.gbuffer(&pose(k).low_resolution(scale), grid_jitter(scale, k));
@@ -34,6 +44,8 @@ fn at_rest_the_image_becomes_native() {
         let psnrs = [n - 1, n, n + 3].map(|frames| psnr(&run(&world, scale, frames, |_| at(0.3)), &native));
         assert!(psnrs[1] > 80.0 && psnrs[2] > 80.0, "scale {scale}: {psnrs:?}");
         assert!(psnrs[0] < psnrs[1] - 5.0, "scale {scale}: a missing sample must show: {psnrs:?}");
+        let kriged = run_with(Kriging::On, &world, scale, n, |_| at(0.3));
+        assert!(kriged == run(&world, scale, n, |_| at(0.3)), "scale {scale}: what is exact stays");
     }
 }
 
@@ -66,12 +78,25 @@ fn history_gains_in_motion() {
 }
 
 #[test]
+fn kriging_gains_in_motion() {
+    // As fine as pixels can show, and half as fine.
+    for (frequency, least) in [(60.0, 0.5), (30.0, 0.5)] {
+        let world = wall_and_post(frequency);
+        let pose = |k: usize| at(0.02 * k as f64);
+        let native = world.native(&pose(19));
+        let [off, on] =
+            [Kriging::Off, Kriging::On].map(|kriging| psnr(&run_with(kriging, &world, 4, 20, pose), &native));
+        assert!(on > off + least, "{frequency}: kriged {on:.2} dB, first order {off:.2} dB");
+    }
+}
+
+#[test]
 fn colors_that_drift_on_a_smooth_wall_are_those_of_now() {
     // What the eye would see on a glossy wall: every frame everything is brighter by 0.004, well within the range of the
     // colours around.
     let wall = World { sheets: vec![Sheet::endless(6.0, 3, 4.0)] };
     let pose = |k: usize| at(0.02 * k as f64);
-    let mut sampler = SuperSampler::new(4).unwrap();
+    let mut sampler = SuperSampler::new(4, Kriging::Off).unwrap();
     let mut out = Image::default();
     for k in 0..20 {
         let mut gbuffer = wall.gbuffer(&pose(k).low_resolution(4), grid_jitter(4, k));
@@ -93,7 +118,7 @@ fn innovation(
     brighter: f32,
     shift: f32,
 ) -> Vec<[f32; 4]> {
-    let mut sampler = SuperSampler::new(scale).unwrap();
+    let mut sampler = SuperSampler::new(scale, Kriging::Off).unwrap();
     for k in 0..frames {
         let t = step * k as f64;
         let camera = camera(96 * scale, 40 * scale, [t, 0.3 * t, 0.0], 0.0, 0.0);
@@ -189,7 +214,7 @@ fn what_is_behind_thin_things_does_not_show_through() {
 fn reset_forgets() {
     let world = wall_and_post(60.0);
     let other = wall_and_post(35.0);
-    let mut sampler = SuperSampler::new(4).unwrap();
+    let mut sampler = SuperSampler::new(4, Kriging::Off).unwrap();
     assert_eq!(sampler.history_invalid(), Some(ResetReason::FirstFrame));
     let mut out = Image::default();
     for k in 0..5 {
@@ -199,7 +224,7 @@ fn reset_forgets() {
     }
     let gbuffer = other.gbuffer(&at(0.0).low_resolution(4), grid_jitter(4, 0));
     let mut fresh = Image::default();
-    SuperSampler::new(4).unwrap().super_sample(&at(0.0), &gbuffer, &mut fresh).unwrap();
+    SuperSampler::new(4, Kriging::Off).unwrap().super_sample(&at(0.0), &gbuffer, &mut fresh).unwrap();
     let mut kept = sampler;
     kept.reset(ResetReason::SceneChange);
     assert_eq!(kept.history_invalid(), Some(ResetReason::SceneChange));
@@ -214,7 +239,7 @@ fn reset_forgets() {
 #[test]
 fn another_size_resets_and_errors_do_not() {
     let world = wall_and_post(60.0);
-    let mut sampler = SuperSampler::new(4).unwrap();
+    let mut sampler = SuperSampler::new(4, Kriging::Off).unwrap();
     let mut out = Image::default();
     let small = camera(33, 18, [0.0; 3], 0.0, 0.0);
     for camera in [at(0.0), small] {
@@ -222,7 +247,7 @@ fn another_size_resets_and_errors_do_not() {
         sampler.super_sample(&camera, &gbuffer, &mut out).unwrap();
         assert_eq!((out.width() as u32, out.height() as u32), (camera.width(), camera.height()));
         let mut fresh = Image::default();
-        SuperSampler::new(4).unwrap().super_sample(&camera, &gbuffer, &mut fresh).unwrap();
+        SuperSampler::new(4, Kriging::Off).unwrap().super_sample(&camera, &gbuffer, &mut fresh).unwrap();
         assert_eq!(out, fresh);
     }
     let before = out.clone();
@@ -260,7 +285,7 @@ fn the_result_does_not_depend_on_the_threads() {
     let world = wall_and_post(60.0);
     let images = [1, 2, 3, 7].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| run(&world, 4, 5, |k| at(0.05 * k as f64)))
+        pool.install(|| run_with(Kriging::On, &world, 4, 5, |k| at(0.05 * k as f64)))
     });
     for image in &images[1..] {
         assert!(image == &images[0]);
@@ -278,7 +303,7 @@ proptest! {
         jitters in prop::collection::vec((-1.0_f32..1.0, -1.0_f32..1.0), 4),
         step in prop::array::uniform3(-2.0_f64..2.0), yaw in -2.0_f64..2.0,
     ) {
-        let mut sampler = SuperSampler::new(scale).unwrap();
+        let mut sampler = SuperSampler::new(scale, Kriging::On).unwrap();
         let mut out = Image::default();
         for (k, jitter) in jitters.iter().enumerate() {
             let camera = camera(width, height, step.map(|s| s * k as f64), yaw * k as f64, 0.0);

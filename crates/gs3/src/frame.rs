@@ -134,9 +134,10 @@ impl FramePipeline {
         let scale = settings.raster_scale();
         let sampling = if settings.mode == Mode::Native { Sampling::Centered } else { settings.sampling };
         // First, because both check the scale and everything else builds on it.
-        let (super_sampler, interpolator) = (SuperSampler::new(scale)?, Interpolator::new(scale)?);
+        let interpolator = Interpolator::new(scale)?;
         let Networks { super_sample, interpolate, arithmetic } = networks.clone();
         let super_sample = super_sample.filter(|_| settings.mode.has_history());
+        let super_sampler = SuperSampler::new(scale, settings.kriging_below(super_sample.is_some()))?;
         let interpolate = interpolate.filter(|_| settings.mode == Mode::Full);
         #[cfg(feature = "gpu")]
         let networks =

@@ -43,7 +43,7 @@ pub use gs3_neural as neural;
 pub use gs3_raster as raster;
 pub use gs3_raster::Culling;
 pub use gs3_reconstruct as reconstruct;
-pub use gs3_reconstruct::ResetReason;
+pub use gs3_reconstruct::{Kriging, ResetReason};
 pub use gs3_scene as scene;
 pub use jitter::AdaptiveJitter;
 pub use lattice::DepthLattice;

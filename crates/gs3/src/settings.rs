@@ -1,6 +1,7 @@
 //! What a pipeline makes of a scene.
 
 use gs3_raster::{Culling, STOCK_DILATION, matched_dilation};
+use gs3_reconstruct::Kriging;
 
 /// How frames come about.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -69,6 +70,9 @@ pub struct PipelineSettings {
     pub scale: u32,
     /// Where low-resolution frames are sampled. Not read by [`Mode::Native`].
     pub sampling: Sampling,
+    /// Whether pixels that first-order predictions leave uncertain are kriged. Networks are trained on kriged frames: where one
+    /// refines frames, they are kriged whatever this says. Read by [`Mode::SuperSample`] and [`Mode::Full`].
+    pub kriging: Kriging,
     /// Dilation of the projected covariances.
     pub dilation: Dilation,
     /// Which tiles a splat is assigned to.
@@ -85,6 +89,7 @@ impl Default for PipelineSettings {
             mode: Mode::default(),
             scale: 4,
             sampling: Sampling::default(),
+            kriging: Kriging::default(),
             dilation: Dilation::default(),
             culling: Culling::default(),
             generate: 1,
@@ -104,6 +109,11 @@ impl PipelineSettings {
             Mode::Full => self.generate as usize + 1,
             Mode::Native | Mode::Bicubic | Mode::SuperSample => 1,
         }
+    }
+
+    /// Whether pixels are kriged, below a network or not.
+    pub(crate) const fn kriging_below(&self, is_network: bool) -> Kriging {
+        if is_network { Kriging::On } else { self.kriging }
     }
 
     /// Moments of the frames interpolated before a rendered one, in (0, 1), in order.

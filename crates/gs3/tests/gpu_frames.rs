@@ -8,7 +8,7 @@ use std::sync::{Arc, OnceLock};
 use gs3::compute::{Gpu, GpuSettings};
 use gs3::neural::model::{Tier, interpolate};
 use gs3::neural::{Header, Weights};
-use gs3::reconstruct::{Interpolator, Neighbor, SuperSampler};
+use gs3::reconstruct::{Interpolator, Kriging, Neighbor, SuperSampler};
 use gs3::scene::camera_path::{CameraPath, pose_between};
 use gs3::scene::{Camera, GBuffer, Image, Scene, capture, demo};
 use gs3::{FramePipeline, Mode, Networks, PipelineSettings, ResetReason, Stage};
@@ -93,7 +93,7 @@ fn frames_of_a_moving_camera_match_the_cpu() {
     for (name, scene, path) in scenes(298, 170) {
         let mut frames = pipeline(Some(&gpu), &scene, Mode::Full, 2);
         let mut reference = Reference {
-            sampler: SuperSampler::new(4).unwrap(),
+            sampler: SuperSampler::new(4, Kriging::Off).unwrap(),
             interpolator: Interpolator::new(4).unwrap(),
             last: None,
         };

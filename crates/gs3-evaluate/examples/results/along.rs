@@ -10,8 +10,13 @@ use crate::score::{Row, follow, milliseconds};
 
 /// gs3: the names of super sampling alone and with the frames between. Learned ones are left out, aloud, where their weights
 /// are not there.
-pub const OURS: [[&str; 2]; 4] =
-    [["history", "analytic"], ["fast_ss", "fast"], ["balanced_ss", "balanced"], ["high_ss", "high"]];
+pub const OURS: [[&str; 2]; 5] = [
+    ["history", "analytic"],
+    ["kriging", "kriged"],
+    ["fast_ss", "fast"],
+    ["balanced_ss", "balanced"],
+    ["high_ss", "high"],
+];
 /// Baselines, without frames between.
 const BASELINES: [&str; 2] = ["bicubic", "hermite"];
 /// Rows of a table: native rendering, [`BASELINES`], [`OURS`].
@@ -19,6 +24,7 @@ pub const NATIVE: usize = 0;
 pub const BICUBIC: usize = 1;
 pub const HISTORY: usize = 1 + BASELINES.len();
 pub const ANALYTIC: usize = HISTORY + 1;
+pub const KRIGING: usize = HISTORY + 2;
 
 /// Native rendering, [`BASELINES`] and [`OURS`] along the path, the latter in two rows each: without what they make between,
 /// and with it. And why some of ours are absent.

@@ -14,20 +14,21 @@ pub const FRAMES: usize = 24;
 
 /// What is left out, and the method without it. Networks are those of the whole, not trained anew. Those from [`UNLEARNED`] on
 /// leave out more than it does.
-const PARTS: [(&str, &str); 9] = [
+const PARTS: [(&str, &str); 10] = [
     ("nothing, learned", "balanced_ss+balanced"),
     ("learned interpolation", "balanced"),
     ("matched dilation (stock 0.3 instead), learned", "balanced@stock"),
-    ("learning", "analytic"),
-    ("learning and frames between (the frame before again)", "history+repeat"),
-    ("learning and gradients (those of bicubic interpolation)", "history_gradientless+warp"),
-    ("learning and jitter", "history_centered+warp"),
-    ("learning and history (recurrence)", "hermite+warp"),
-    ("learning and matched dilation (stock 0.3 instead)", "analytic@stock"),
+    ("learning", "kriged"),
+    ("learning and kriging", "analytic"),
+    ("both and frames between (the frame before again)", "history+repeat"),
+    ("both and gradients (those of bicubic interpolation)", "history_gradientless+warp"),
+    ("both and jitter", "history_centered+warp"),
+    ("both and history (recurrence)", "hermite+warp"),
+    ("both and matched dilation (stock 0.3 instead)", "analytic@stock"),
 ];
 
-/// The row that lacks nothing but learning.
-const UNLEARNED: usize = 3;
+/// The row that lacks nothing but learning and kriging.
+const UNLEARNED: usize = 4;
 
 /// A table of them along `path`, and which parts do harm.
 pub fn table(

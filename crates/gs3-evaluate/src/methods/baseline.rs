@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use gs3::{AdaptiveJitter, DepthLattice, FramePipeline, Mode, ResetReason, Sampling, Stage};
 use gs3_raster::{Outputs, RasterSettings, Rasterizer, STOCK_DILATION, matched_dilation};
-use gs3_reconstruct::{Interpolator, Kernel, SuperSampler};
+use gs3_reconstruct::{Interpolator, Kernel, Kriging, SuperSampler};
 use gs3_scene::{Camera, GBuffer, Gradients, Image};
 use rayon::prelude::*;
 
@@ -53,10 +53,12 @@ impl Baseline {
         };
         let spatial = match spec.spatial {
             Spatial::Native => of_pipeline(Mode::Native)?,
-            Spatial::History | Spatial::Centered | Spatial::Learned(_) => of_pipeline(Mode::SuperSample)?,
+            Spatial::History | Spatial::Kriging | Spatial::Centered | Spatial::Learned(_) => {
+                of_pipeline(Mode::SuperSample)?
+            }
             Spatial::Gradientless => SpatialPart::Gradientless {
                 source: Box::new(LrSource::new(spec.formation, Outputs::GBuffer, settings)),
-                super_sampler: Box::new(SuperSampler::new(settings.scale)?),
+                super_sampler: Box::new(SuperSampler::new(settings.scale, Kriging::Off)?),
                 jitter: AdaptiveJitter::new(settings.scale, Sampling::Jittered),
             },
             Spatial::Nearest => upscaled(Box::new(Kernel::Nearest)),

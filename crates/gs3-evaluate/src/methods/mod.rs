@@ -18,7 +18,7 @@ use gs3::{
     Sampling, Stage,
 };
 use gs3_raster::RasterError;
-use gs3_reconstruct::ReconstructError;
+use gs3_reconstruct::{Kriging, ReconstructError};
 use gs3_scene::{Camera, Image, Scene};
 
 use crate::network::WeightError;
@@ -153,6 +153,7 @@ fn pipeline(mode: Mode, spec: MethodSpec, settings: &MethodSettings) -> Result<F
         mode,
         scale: settings.scale,
         sampling: if spec.spatial.is_jittered() { Sampling::Jittered } else { Sampling::Centered },
+        kriging: if spec.spatial == Spatial::Kriging { Kriging::On } else { Kriging::Off },
         dilation,
         culling: settings.culling,
         generate: 1,

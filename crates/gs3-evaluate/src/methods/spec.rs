@@ -28,11 +28,13 @@ pub enum Spatial {
     Ridge,
     /// gs3's super sampling with jittered history.
     History,
+    /// [`Self::History`], kriged where first-order predictions err visibly.
+    Kriging,
     /// [`Self::History`] with all LR frames sampled at pixel centres: an ablation.
     Centered,
     /// [`Self::History`] without rendered gradients: those of bicubic interpolation in their place, an ablation.
     Gradientless,
-    /// gs3's learned super sampling on top of [`Self::History`].
+    /// gs3's learned super sampling on top of [`Self::Kriging`].
     Learned(Tier),
     /// The network SPAN, 28 channels, ×4.
     Span,
@@ -109,7 +111,7 @@ pub enum SpecError {
     },
 }
 
-const SPATIAL: [(&str, Spatial); 21] = [
+const SPATIAL: [(&str, Spatial); 22] = [
     ("native", Spatial::Native),
     ("nearest", Spatial::Nearest),
     ("bilinear", Spatial::Bilinear),
@@ -120,6 +122,7 @@ const SPATIAL: [(&str, Spatial); 21] = [
     ("spline", Spatial::Spline),
     ("ridge", Spatial::Ridge),
     ("history", Spatial::History),
+    ("kriging", Spatial::Kriging),
     ("history_centered", Spatial::Centered),
     ("history_gradientless", Spatial::Gradientless),
     ("fast_ss", Spatial::Learned(Tier::Fast)),
@@ -143,16 +146,17 @@ const INTERPOLATIONS: [(&str, Interpolation); 6] = [
     ("high", Interpolation::Learned(Tier::High)),
 ];
 /// Names of both parts of gs3 together, as `gs3 render` has them unless it is told to interpolate by networks: `history+warp`
-/// without learning, `fast_ss+warp` with it, and so on.
-const WHOLE: [(&str, (Spatial, Interpolation)); 4] = [
+/// without learning, `kriging+warp` with `--kriging`, `fast_ss+warp` with learning, and so on.
+const WHOLE: [(&str, (Spatial, Interpolation)); 5] = [
     ("analytic", (Spatial::History, Interpolation::Warp)),
+    ("kriged", (Spatial::Kriging, Interpolation::Warp)),
     ("fast", (Spatial::Learned(Tier::Fast), Interpolation::Warp)),
     ("balanced", (Spatial::Learned(Tier::Balanced), Interpolation::Warp)),
     ("high", (Spatial::Learned(Tier::High), Interpolation::Warp)),
 ];
 
 /// The methods compared where none are named.
-pub const DEFAULT_METHODS: &str = "native,nearest,bilinear,bicubic,lanczos,fsr1,hermite,spline,ridge,history,\
+pub const DEFAULT_METHODS: &str = "native,nearest,bilinear,bicubic,lanczos,fsr1,hermite,spline,ridge,history,kriging,\
      bicubic@stock,bicubic+repeat,bicubic+blend,history+repeat,history+blend,analytic";
 
 impl Spatial {
@@ -174,17 +178,17 @@ impl Spatial {
 
     /// Whether frames depend on the ones before.
     const fn has_history(self) -> bool {
-        matches!(self, Self::History | Self::Centered | Self::Gradientless | Self::Learned(_))
+        matches!(self, Self::History | Self::Kriging | Self::Centered | Self::Gradientless | Self::Learned(_))
     }
 
     /// Whether [`gs3::FramePipeline`] makes it, and so frames between, too.
     pub(super) const fn is_pipeline(self) -> bool {
-        matches!(self, Self::History | Self::Centered | Self::Learned(_))
+        matches!(self, Self::History | Self::Kriging | Self::Centered | Self::Learned(_))
     }
 
     /// Whether LR frames are jittered.
     pub(crate) const fn is_jittered(self) -> bool {
-        matches!(self, Self::History | Self::Gradientless | Self::Learned(_))
+        matches!(self, Self::History | Self::Kriging | Self::Gradientless | Self::Learned(_))
     }
 }
 
@@ -313,6 +317,8 @@ mod tests {
                 "balanced_ss+balanced",
                 "history+balanced",
                 "fast_ss+high",
+                "kriging",
+                "kriged",
                 "high_ss+blend",
             ]);
         for name in names {

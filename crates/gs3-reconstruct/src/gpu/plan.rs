@@ -14,6 +14,9 @@ const SAMPLES: [u32; 2] = [64, 4];
 /// Pixels in a row that a workgroup of `warp.wgsl` makes, `PATCHES` patches, and its rows, `LINES`.
 const WARPED: [u32; 2] = [64, 16];
 
+/// Sides of the pixels among which a workgroup of `krige.wgsl` looks for marked ones.
+pub const KRIGED: [u32; 2] = [32, 16];
+
 /// Width of the pixels that a workgroup of `tile.wgsl` makes, those beside the tile included.
 pub const MADE_WIDTH: u32 = 32;
 
@@ -40,6 +43,8 @@ pub struct SuperSamplePlan {
     pub over_samples: [u32; 3],
     /// Workgroups over tiles.
     pub over_tiles: [u32; 3],
+    /// Workgroups over pixels, to krige marked ones.
+    pub over_kriged: [u32; 3],
 }
 
 /// A buffer and its bytes.
@@ -106,6 +111,7 @@ impl SuperSamplePlan {
             capacity: room(made_height).min(1024),
             over_samples: over_samples(lr),
             over_tiles: over(size, [MADE_WIDTH - 2, made_height - 2]),
+            over_kriged: over(size, KRIGED),
         };
         check(limits, &plan.buffers(), &[plan.over_samples, plan.over_tiles, [plan.frames, 1, 1]])?;
         Ok(plan)

@@ -1,8 +1,11 @@
 //! The kernels' sources, put together: what kernels share is written once, and constants are those of the CPU's code.
 
-use super::plan::{MADE_WIDTH, SuperSamplePlan};
+use super::plan::{KRIGED, MADE_WIDTH, SuperSamplePlan};
 use super::super_sample::Innovation;
-use crate::{blend, gather, motion, nearest, neighbor_depth, plausible, reprojection, splat, tile, warp};
+use crate::super_sample::Kriging;
+use crate::{
+    blend, gather, kriging, motion, nearest, neighbor_depth, plausible, reprojection, splat, tile, warp,
+};
 
 const FRAME: &str = include_str!("frame.wgsl");
 const HISTORY: &str = include_str!("history.wgsl");
@@ -58,14 +61,16 @@ pub fn splat() -> String {
 }
 
 /// Samples to pixels, with what the innovation takes: entry `accumulate`.
-pub fn tile(plan: &SuperSamplePlan, innovation: Innovation) -> String {
+pub fn tile(plan: &SuperSamplePlan, innovation: Innovation, kriging: Kriging) -> String {
     let constants = constants(&[
         ("NOISE", splat::NOISE),
         ("SURFACE", tile::SURFACE),
         ("EXACT", tile::EXACT),
         ("CURVATURE", tile::CURVATURE),
         ("FAINT", tile::FAINT),
+        ("WORTH", kriging::WORTH),
     ]);
+    let kriging = format!("const KRIGING: bool = {};\n", kriging == Kriging::On);
     let sizes =
         counts(&[("MADE_WIDTH", MADE_WIDTH), ("MADE_HEIGHT", plan.made_height), ("CAPACITY", plan.capacity)]);
     let own = [include_str!("hermite.wgsl"), include_str!("tile.wgsl")];
@@ -73,7 +78,26 @@ pub fn tile(plan: &SuperSamplePlan, innovation: Innovation) -> String {
         Innovation::Wanted => include_str!("innovation.wgsl"),
         Innovation::NotWanted => include_str!("innovation_none.wgsl"),
     };
-    joined(&[&constants, &sizes, &reach(), FRAME, HISTORY, own[0], own[1], innovation])
+    joined(&[&constants, &kriging, &sizes, &reach(), FRAME, HISTORY, own[0], own[1], innovation])
+}
+
+/// Marked pixels from the samples around them: entry `krige_marked`.
+pub fn krige() -> String {
+    let constants = constants(&[
+        ("LENGTH", kriging::LENGTH),
+        ("NUGGET", kriging::NUGGET),
+        ("PER_NOISE", kriging::PER_NOISE),
+        ("FARTHEST", kriging::FARTHEST),
+        ("FADE", kriging::FADE),
+        ("DOUBTFUL", kriging::DOUBTFUL),
+        ("CERTAIN", kriging::CERTAIN),
+    ]);
+    let sizes = counts(&[
+        ("SAMPLES", kriging::SAMPLES as u32),
+        ("KRIGED_WIDTH", KRIGED[0]),
+        ("KRIGED_HEIGHT", KRIGED[1]),
+    ]);
+    joined(&[&constants, &sizes, &reach(), FRAME, HISTORY, include_str!("krige.wgsl")])
 }
 
 /// Neighbours' depths at the pose between: entry `look`.
@@ -138,9 +162,10 @@ mod tests {
             ("samples", samples()),
             ("plausible", plausible()),
             ("splat", splat()),
-            ("tile", tile(&plan(32 << 10), Innovation::NotWanted)),
-            ("tile", tile(&plan(16 << 10), Innovation::NotWanted)),
-            ("tile with innovation", tile(&plan(32 << 10), Innovation::Wanted)),
+            ("tile", tile(&plan(32 << 10), Innovation::NotWanted, Kriging::Off)),
+            ("tile", tile(&plan(16 << 10), Innovation::NotWanted, Kriging::On)),
+            ("tile with innovation", tile(&plan(32 << 10), Innovation::Wanted, Kriging::On)),
+            ("krige", krige()),
             ("neighbor_depth", neighbor_depth()),
             ("middle_depth", middle_depth()),
             ("warp", warp()),
@@ -163,6 +188,6 @@ mod tests {
                 files += 1;
             }
         }
-        assert_eq!(files, 17);
+        assert_eq!(files, 18);
     }
 }

@@ -12,7 +12,7 @@ use crate::error::{camera_size, check_jitter, check_scale, check_size};
 use crate::lattice::Axis;
 use crate::nearest::EVERY;
 use crate::reprojection::{Reprojection, parallax};
-use crate::super_sample::ResetReason;
+use crate::super_sample::{Kriging, ResetReason};
 use crate::tile::Lattice;
 
 /// Most frames in the history.
@@ -86,6 +86,8 @@ pub struct GpuSuperSampler {
     survey: Bound,
     land: Bound,
     accumulate: Kernel,
+    /// If pixels are to be kriged.
+    krige: Option<Kernel>,
     /// `[LR height, LR width, 4]` of f32.
     innovation: Option<Buffer>,
     /// The last frames, newest first.
@@ -101,6 +103,7 @@ pub struct BoundSuperSampler {
     remember: Bound,
     find_ranges: Bound,
     accumulate: Bound,
+    krige: Option<Bound>,
 }
 
 impl GpuSuperSampler {
@@ -113,17 +116,18 @@ impl GpuSuperSampler {
         scale: u32,
         size: [u32; 2],
         innovation: Innovation,
+        kriging: Kriging,
     ) -> Result<Self, GpuReconstructError> {
-        Self::with_constants(gpu, scale, size, innovation, &[])
+        Self::with_constants(gpu, scale, size, innovation, kriging, &[])
     }
 
-    /// The same without innovation, to whose pixels the last samples come first. For tests.
+    /// The same with kriging and without innovation, to whose pixels the last samples come first. For tests.
     ///
     /// # Errors
     /// As [`Self::new`].
     #[doc(hidden)]
     pub fn backward(gpu: &Gpu, scale: u32, size: [u32; 2]) -> Result<Self, GpuReconstructError> {
-        Self::with_constants(gpu, scale, size, Innovation::NotWanted, &[("BACKWARD", 1.0)])
+        Self::with_constants(gpu, scale, size, Innovation::NotWanted, Kriging::On, &[("BACKWARD", 1.0)])
     }
 
     fn with_constants(
@@ -131,6 +135,7 @@ impl GpuSuperSampler {
         scale: u32,
         size: [u32; 2],
         innovation: Innovation,
+        kriging: Kriging,
         landing: &[(&str, f64)],
     ) -> Result<Self, GpuReconstructError> {
         check_scale(scale)?;
@@ -158,7 +163,11 @@ impl GpuSuperSampler {
             find_ranges: kernel("plausible", shaders::plausible(), "find_ranges")?,
             survey,
             land,
-            accumulate: kernel("tile", shaders::tile(&plan, innovation), "accumulate")?,
+            accumulate: kernel("tile", shaders::tile(&plan, innovation, kriging), "accumulate")?,
+            krige: match kriging {
+                Kriging::On => Some(kernel("krige", shaders::krige(), "krige_marked")?),
+                Kriging::Off => None,
+            },
             plan,
             past: Vec::new(),
             pending: None,
@@ -205,6 +214,7 @@ impl GpuSuperSampler {
             remember: self.remember.bind(&self.gpu, &all)?,
             find_ranges: self.find_ranges.bind(&self.gpu, &all)?,
             accumulate: self.accumulate.bind(&self.gpu, &all)?,
+            krige: self.krige.as_ref().map(|krige| krige.bind(&self.gpu, &all)).transpose()?,
         })
     }
 
@@ -251,6 +261,10 @@ impl GpuSuperSampler {
         recorder.dispatch(&self.land, self.plan.over_history(frames));
         recorder.stage("super_sample.tile");
         recorder.dispatch(&bound.accumulate, self.plan.over_tiles);
+        if let Some(krige) = &bound.krige {
+            recorder.stage("super_sample.krige");
+            recorder.dispatch(krige, self.plan.over_kriged);
+        }
         self.pending = Some(current);
         Ok(())
     }

@@ -242,6 +242,10 @@ fn accumulate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
             let laplacian = fma(here.xyz, vec3(-4.0), around);
             var color = fma(laplacian, vec3(here.w * CURVATURE), here.xyz);
             var uncertainty = here.w;
+            if KRIGING && any(abs(color - here.xyz) > vec3(WORTH)) {
+                // For krige.wgsl.
+                uncertainty = -uncertainty;
+            }
             if !tile_varies {
                 color = reference.color;
                 uncertainty = 0.0;
