@@ -1,5 +1,5 @@
 //! Times the learning-free reconstruction on a trained scene and a camera path, ×4: median milliseconds of super sampling
-//! with a full history and of interpolation, over frames that were rasterized before.
+//! with a full history, without and with kriging, and of interpolation, over frames that were rasterized before.
 //!
 //! `cargo run --release -p gs3-reconstruct --example speed -- SCENE PATH [WIDTHxHEIGHT] [FRAMES]`
 
@@ -44,15 +44,18 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         rendered.push((camera, gbuffer));
     }
 
-    let (mut sampler, mut interpolator) =
-        (SuperSampler::new(SCALE, Kriging::Off)?, Interpolator::new(SCALE)?);
+    let (mut sampler, mut kriging) =
+        (SuperSampler::new(SCALE, Kriging::Off)?, SuperSampler::new(SCALE, Kriging::On)?);
+    let mut interpolator = Interpolator::new(SCALE)?;
     let (mut motion, mut warped) = (Motion::default(), Warped::default());
-    let [mut previous, mut current, mut between] = [(); 3].map(|()| Image::default());
-    let mut times = [(); 4].map(|()| Vec::new());
+    let [mut previous, mut current, mut kriged, mut between] = [(); 4].map(|()| Image::default());
+    let mut times = [(); 5].map(|()| Vec::new());
     for k in 0..rendered.len() {
         let (camera, gbuffer) = &rendered[k];
         std::mem::swap(&mut previous, &mut current);
         let (result, super_sampling) = time(|| sampler.super_sample(camera, gbuffer, &mut current));
+        result?;
+        let (result, with_kriging) = time(|| kriging.super_sample(camera, gbuffer, &mut kriged));
         result?;
         if k < history {
             continue;
@@ -69,7 +72,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let before = View::of_gbuffer(gbuffer_before, camera_before, SCALE)?;
         let (result, moving) = time(|| motion.set(&now, &before));
         result?;
-        for (times, time) in times.iter_mut().zip([super_sampling, interpolation, warping, moving]) {
+        let all = [super_sampling, with_kriging, interpolation, warping, moving];
+        for (times, time) in times.iter_mut().zip(all) {
             times.push(time);
         }
     }
@@ -79,9 +83,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         times.sort_by(f64::total_cmp);
         times.get(times.len() / 2).copied().unwrap_or(f64::NAN)
     });
-    let [super_sampling, interpolation, warping, moving] = medians;
+    let [super_sampling, with_kriging, interpolation, warping, moving] = medians;
     println!(
-        "super sampling {super_sampling:.1} ms, interpolation {interpolation:.1} ms, warp {warping:.1} ms, motion {moving:.2} ms"
+        "super sampling {super_sampling:.1} ms, with kriging {with_kriging:.1} ms, interpolation {interpolation:.1} ms, warp {warping:.1} ms, motion {moving:.2} ms"
     );
     Ok(())
 }

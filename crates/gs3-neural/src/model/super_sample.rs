@@ -8,7 +8,7 @@ use crate::graph::{Activation, Border, Conv2d, Graph, GraphBuilder, Op};
 ///
 /// | input | channels | grid | |
 /// |---|---|---|---|
-/// | `history` | 4 | HR | RGB of the frame reconstructed without learning from this LR frame and its past, and its uncertainty |
+/// | `history` | 4 | HR | RGB of the frame reconstructed without learning, but kriged, from this LR frame and its past, and its uncertainty |
 /// | `previous` | 4 | HR | the network's own image of the frame before, warped to this one |
 /// | `share` | 1 | HR | how far `previous` may count, `[0, 1]`: 0 where it is hidden or `history` is exact |
 /// | `drift` | 3 | HR | RGB of `innovation`, interpolated between samples; 0 where `history` is exact |
