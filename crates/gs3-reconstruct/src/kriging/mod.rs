@@ -83,7 +83,7 @@ pub(crate) struct Neighborhoods<'a> {
     stride: usize,
     /// The samples as they came.
     arrived: Vec<Landed<'a>>,
-    /// Of each cell, once they are in order, its first sample's place; before, the next cell's number of samples.
+    /// Of each cell, once they are in order, its first sample's place; until then the number of samples of the cell before it.
     starts: Vec<u32>,
     /// The samples in the order of their cells.
     landed: Vec<Landed<'a>>,
@@ -124,10 +124,11 @@ impl<'a> Neighborhoods<'a> {
     fn put_in_order(&mut self) {
         let mut before = 0;
         for start in &mut self.starts {
-            // The place of the first sample of the cell before, which becomes that of its end as they take their places.
+            // Where the cell before begins: as its samples take their places below, that moves to its end, where this one begins.
             before += std::mem::replace(start, before);
         }
         self.landed.clear();
+        // In any order, to have room: each place is taken below.
         self.landed.extend_from_slice(&self.arrived);
         for landed in &self.arrived {
             let end = &mut self.starts[landed.cell as usize + 1];

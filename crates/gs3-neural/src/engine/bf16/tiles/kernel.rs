@@ -65,8 +65,9 @@ static SHAPES: Shapes = {
     Shapes(bytes)
 };
 
-/// The configuration of the thread's tiles, the shapes that [`row`] needs: setting them takes as long as a dozen products, so it is done once for
-/// many rows. Compiled code does not use tiles, so they stay as they are set until this is dropped. A thread has one at a time.
+/// The configuration of the thread's tiles, the shapes that [`row`] needs: setting them takes as long as a dozen products, so it
+/// is done once for many rows. Compiled code does not use tiles, so they stay as they are set until this is dropped. A thread
+/// has one at a time.
 #[derive(Debug)]
 pub struct TileConfig {
     /// Other threads have tiles of their own.
