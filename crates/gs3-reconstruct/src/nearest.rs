@@ -27,14 +27,6 @@ const PLACES: usize = (STRIDE * ROWS).next_power_of_two();
 /// Samples of every so many frames are looked at: each tells of nine pixels, so half of S² frames miss next to nothing.
 pub(crate) const EVERY: usize = 2;
 
-/// A sample is behind what is nearest if its inverse depth is below this share of the nearest's (empirical: 0.7 to 0.9 are alike
-/// at 1920×1080; at smaller sizes a pixel holds more depths, and 0.95 loses).
-pub(crate) const BEHIND: f32 = 0.8;
-
-/// Variance, pixel⁴, of a moved sample behind what is nearest within a pixel of it (empirical: 3 and 10 are alike, 100 loses). It
-/// is not beyond use: depths at silhouettes are off, and there may be nothing better.
-pub(crate) const OCCLUDED: f32 = 3.0;
-
 /// Largest inverse depths, 0 where there is no sample; the first pixel made is `(RIM, RIM)`.
 pub(crate) struct Nearest {
     /// Of the samples nearest to each pixel.

@@ -101,8 +101,8 @@ impl Plausible {
     }
 
     /// The variances, pixel⁴, that the current frame gives sixteen past samples of colours `colors` seen now at HR
-    /// positions `(x, y)`, pixel centres at whole numbers, and inverse depths `w`, so stale (pixels). Outside, the nearest cells
-    /// decide.
+    /// positions `(x, y)`, pixel centres at whole numbers, and inverse depths `w`, so stale (pixels), which may have changed their
+    /// colour by `change`. Outside, the nearest cells decide.
     #[inline(always)]
     pub fn doubt<S: Simd>(
         &self,
@@ -110,6 +110,7 @@ impl Plausible {
         [x, y, w]: [f32x16<S>; 3],
         colors: [&[f32]; 3],
         staleness: f32x16<S>,
+        change: f32x16<S>,
     ) -> f32x16<S> {
         let place = |x: f32x16<S>, axis: usize| {
             let place = x.mul_add(self.per_hr_pixel, f32x16::splat(simd, self.offset[axis]));
@@ -147,7 +148,7 @@ impl Plausible {
                 *value = f32x16::load_array(simd, lanes);
             }
         }
-        let mut sum = f32x16::splat(simd, 0.0);
+        let mut sum = change * change;
         for c in 0..3 {
             let away = (f32x16::from_slice(simd, colors[c]) - values[MIDDLE + c]).abs();
             let outside = (away - values[HALF + c]).max(0.0);

@@ -10,6 +10,15 @@ use crate::reprojection::inverse_depth;
 /// Samples of a row that are worked on together: one vector.
 pub(crate) const CHUNK: usize = 16;
 
+/// A sample is beside something nearer if its inverse depth is below this share of that of a sample around it: what is more may
+/// be the slant of a surface. (Empirical: 0.8 to 0.95 are alike within 0.15 dB.)
+pub(crate) const BESIDE: f32 = 0.9;
+
+/// How much of the way that something nearer moves counts: edges lie along it as well as across, and not every sample beside one
+/// shows it. (Empirical, at 1920×1080: 0 loses 0.2 to 0.5 dB where the camera moves, 0.3 to 1 are alike; at 160×90, where a texture
+/// is often taken for an edge, 1 loses 0.5 dB.)
+pub(crate) const CROSSING: f32 = 0.5;
+
 /// What is known at one sample position. Four lanes per entry, so that each is one 128-bit load; the fourth lanes (1 for
 /// the colour, 0 for its derivatives) make the weight accumulate beside the weighted colour.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -21,6 +30,14 @@ pub(crate) struct Sample {
     pub dx: [f32; 4],
     /// ∂RGB/∂y per HR pixel, 0.
     pub dy: [f32; 4],
+}
+
+impl Sample {
+    /// How much the colour changes per HR pixel: the norm of all its derivatives.
+    fn slope(&self) -> f32 {
+        let squares = |v: &[f32; 4]| v.iter().map(|v| v * v).sum::<f32>();
+        (squares(&self.dx) + squares(&self.dy)).sqrt()
+    }
 }
 
 /// The samples of one LR frame, `[height, width]`.
@@ -36,6 +53,10 @@ pub(crate) struct SampleFrame {
     /// `1 / z` of the median depth; 0 where nothing was hit; and a vector of anything. Empty if the frame came without
     /// geometry.
     pub inverse_depth: Vec<f32>,
+    /// What the colour of a sample beside something nearer changes by, per HR pixel of parallax at depth 1, as the two move apart:
+    /// it may show some of the other's edge. The inverse depth of the nearest of the eight samples around it, less its own,
+    /// times its slope and [`CROSSING`]; 0 where none is nearer; and a vector of anything. Empty if the frame came without geometry.
+    pub seams: Vec<f32>,
     /// Per chunk, `[height, chunks per row]`; empty if the frame came without geometry.
     pub chunks: Vec<Chunk>,
 }
@@ -78,6 +99,7 @@ impl SampleFrame {
             Some(geometry) => self.fill_geometry(gbuffer, &geometry.depth_median),
             None => {
                 self.inverse_depth.clear();
+                self.seams.clear();
                 self.chunks.clear();
             }
         }
@@ -102,6 +124,31 @@ impl SampleFrame {
                 chunks.iter_mut().zip(row.chunks(CHUNK).zip(samples.chunks(CHUNK)))
             {
                 *chunk = Chunk::of(depths, samples);
+            }
+        });
+        self.find_seams();
+    }
+
+    /// Finds the samples of surfaces beside nearer ones.
+    fn find_seams(&mut self) {
+        let (width, size) = (self.width, self.width * self.height);
+        self.seams.resize(size + CHUNK, 0.0);
+        let (depths, samples, last) = (&self.inverse_depth, &self.samples, self.height - 1);
+        let rows = self.seams[..size].par_chunks_exact_mut(width).enumerate().with_min_len(8);
+        rows.for_each_init(Vec::new, |nearest, (y, seams)| {
+            let row = |y: usize| &depths[y * width..][..width];
+            // Of the column; beyond the frame there is nothing.
+            nearest.clear();
+            nearest.resize(width + 2, 0.0_f32);
+            let columns = nearest[1..].iter_mut().zip(row(y.saturating_sub(1)));
+            for (((most, above), here), below) in columns.zip(row(y)).zip(row((y + 1).min(last))) {
+                *most = above.max(*here).max(*below);
+            }
+            for (x, seam) in seams.iter_mut().enumerate() {
+                let near = nearest[x].max(nearest[x + 1]).max(nearest[x + 2]);
+                let sample = y * width + x;
+                let behind = CROSSING * (near - depths[sample]);
+                *seam = if depths[sample] < near * BESIDE { behind * samples[sample].slope() } else { 0.0 };
             }
         });
     }

@@ -144,7 +144,7 @@ impl SuperSamplePlan {
             ("mixed", samples * 8),
             ("errors", samples * 4),
             ("cells", samples * 32),
-            ("farthest", samples * 4),
+            ("seams", remembered * 4),
         ]
     }
 }

@@ -33,13 +33,15 @@ pub fn samples() -> String {
     joined(&[FRAME, REPROJECTION, include_str!("samples.wgsl")])
 }
 
-/// Ranges of plausible colours: entry `find_ranges`.
+/// Ranges of plausible colours, and what lies beside nearer surfaces: entry `find_ranges`.
 pub fn plausible() -> String {
     let constants = constants(&[
         ("DEPTH_TOLERANCE", plausible::DEPTH_TOLERANCE),
         ("EXTRAPOLATION", plausible::EXTRAPOLATION),
         ("MISMATCH", plausible::MISMATCH),
         ("DRIFT", plausible::DRIFT),
+        ("BESIDE", crate::samples::BESIDE),
+        ("CROSSING", crate::samples::CROSSING),
     ]);
     joined(&[&constants, FRAME, REPROJECTION, include_str!("plausible.wgsl")])
 }
@@ -53,8 +55,8 @@ pub fn splat() -> String {
         ("AGING", splat::AGING),
         ("PER_FRAME", splat::PER_FRAME),
         ("MAX_NOISE", splat::MAX_NOISE),
-        ("BEHIND", nearest::BEHIND),
-        ("OCCLUDED", nearest::OCCLUDED),
+        ("DEPTH_TOLERANCE", plausible::DEPTH_TOLERANCE),
+        ("OCCLUDED", splat::OCCLUDED),
     ]);
     let rim = counts(&[("RIM", nearest::RIM as u32), ("EVERY", nearest::EVERY as u32)]);
     joined(&[&constants, &rim, &reach(), FRAME, REPROJECTION, include_str!("splat.wgsl")])

@@ -6,8 +6,8 @@
 
 @group(0) @binding(1) var<storage, read> samples_a: array<vec2<u32>>;
 @group(0) @binding(2) var<storage, read> samples_b: array<vec2<u32>>;
-@group(0) @binding(3) var<storage, read> cells: array<vec4<f32>>;
-@group(0) @binding(4) var<storage, read> farthest: array<f32>;
+@group(0) @binding(3) var<storage, read> cells: array<vec4<u32>>;
+@group(0) @binding(4) var<storage, read> seams: array<f32>;
 // Numbers, from 1 on, of the last samples that came to each cell; 0 where none has.
 @group(0) @binding(5) var<storage, read_write> heads: array<atomic<u32>>;
 // HR positions, pixel centres at whole numbers.
@@ -73,18 +73,19 @@ fn nearest_around(pixel: vec2<f32>) -> f32 {
 }
 
 // The variance, pixel⁴, that the current frame gives a sample of that colour seen now at `at` and inverse depth `w`, so stale
-// (pixels). Outside, the nearest cells decide.
-fn doubt(at: vec2<f32>, w: f32, color: vec3<f32>, staleness: f32) -> f32 {
+// (pixels), which may have changed its colour by `change`. Outside, the nearest cells decide.
+fn doubt(at: vec2<f32>, w: f32, color: vec3<f32>, staleness: f32, change: f32) -> f32 {
     let last = vec2<f32>(frame.lr - 1u);
     let place = vec2<u32>(clamp(fma(at, vec2(1.0 / f32(frame.scale)), frame.cell_offset), vec2(0.0), last));
     let i = place.y * frame.lr.x + place.x;
-    if w < farthest[i] {
+    let rest = cells[2u * i + 1u];
+    if w < bitcast<f32>(rest.w) {
         return HIDDEN;
     }
-    let middle = cells[2u * i];
-    let extent = cells[2u * i + 1u];
-    let outside = max(abs(color - middle.xyz) - extent.xyz, vec3(0.0));
-    return fma(dot(outside, outside), middle.w, extent.w * (staleness * staleness));
+    let middle = bitcast<vec4<f32>>(cells[2u * i]);
+    let extent = vec3(unpack2x16float(rest.x), unpack2x16float(rest.y).x);
+    let outside = max(abs(color - middle.xyz) - extent, vec3(0.0));
+    return fma(fma(change, change, dot(outside, outside)), middle.w, bitcast<f32>(rest.z) * (staleness * staleness));
 }
 
 // The last samples come first: for tests that this does not show.
@@ -108,10 +109,14 @@ fn land(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
     let id = id_of(at);
     let color = vec3(unpack2x16float(samples_a[id].y), unpack2x16float(samples_b[id].x).x);
     // Pixels; see Seen::staleness in splat.rs.
-    let staleness = fma(bitcast<f32>(samples_a[id].x), frame.past[at.z].parallax, PER_FRAME * f32(at.z));
-    var doubts = doubt(to, seen.inverse_depth, color, staleness);
-    if seen.inverse_depth < nearest_around(floor(seen.to)) * BEHIND {
-        doubts += OCCLUDED;
+    let parallax = frame.past[at.z].parallax;
+    let staleness = fma(bitcast<f32>(samples_a[id].x), parallax, PER_FRAME * f32(at.z));
+    var doubts = doubt(to, seen.inverse_depth, color, staleness, seams[id] * parallax);
+    // What is nearer may hide it now, the rather the farther the two have moved apart.
+    let near = nearest_around(floor(seen.to));
+    if seen.inverse_depth < near * (1.0 - DEPTH_TOLERANCE) {
+        let apart = (near - seen.inverse_depth) * parallax;
+        doubts = fma(apart, apart * OCCLUDED, doubts);
     }
     // What does not move keeps its exact value: only motion, 0 at rest and towards 1 for a pixel or more, makes
     // staleness and doubt matter.

@@ -73,7 +73,7 @@ pub(super) fn rows(reprojection: &Reprojection) -> [[f32; 4]; 3] {
 
 /// Super-samples a sequence of jittered LR frames of one size in device memory: [`crate::SuperSampler`]'s rules.
 ///
-/// Memory: 48 B per LR pixel and remembered frame, that is per HR pixel; nothing is allocated after its making. Two
+/// Memory: 52 B per LR pixel and remembered frame, that is per HR pixel; nothing is allocated after its making. Two
 /// submissions of the same frames give the same bits on a device.
 pub struct GpuSuperSampler {
     gpu: Gpu,

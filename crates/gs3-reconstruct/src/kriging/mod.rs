@@ -14,7 +14,7 @@ mod system;
 #[cfg(test)]
 mod tests;
 
-use fearless_simd::Simd;
+use fearless_simd::{Simd, f32x16, prelude::*, u32x16};
 
 use crate::samples::{CHUNK, Sample};
 use candidates::{Candidates, SEEN};
@@ -61,8 +61,8 @@ pub(crate) const CERTAIN: f32 = 0.9;
 const CELLS: [([isize; 2], isize); 5] =
     [([-1, 1], -2), ([-2, 2], -1), ([-2, 2], 0), ([-2, 2], 1), ([-1, 1], 2)];
 
-/// No sample.
-const NONE: u32 = u32::MAX;
+/// The numbers of lanes.
+const LANES: [u32; CHUNK] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
 /// A sample in a tile.
 #[derive(Clone, Copy, Debug)]
@@ -85,8 +85,11 @@ pub(crate) struct Neighborhoods<'a> {
     arrived: Vec<Landed<'a>>,
     /// Of each cell, once they are in order, its first sample's place; until then the number of samples of the cell before it.
     starts: Vec<u32>,
-    /// The samples in the order of their cells.
-    landed: Vec<Landed<'a>>,
+    /// The samples in the order of their cells; of what vectors read, a vector more.
+    x: Vec<f32>,
+    y: Vec<f32>,
+    noise: Vec<f32>,
+    samples: Vec<&'a Sample>,
     /// Pixels of the tile's memory, and the places that their colours have in the image.
     pixels: Vec<([u16; 2], usize)>,
 }
@@ -106,7 +109,9 @@ impl<'a> Neighborhoods<'a> {
     pub fn take(&mut self, at: [f32; 2], noise: f32, sample: &'a Sample) {
         let (x, y) = ((at[0] + 0.5) as usize, (at[1] + 0.5) as usize);
         let cell = y * self.stride + x;
-        if let Some(count) = self.starts.get_mut(cell + 1) {
+        if let Some(count) = self.starts.get_mut(cell + 1)
+            && noise < FARTHEST
+        {
             *count += 1;
             // Tiles are small.
             self.arrived.push(Landed { at, noise, cell: cell as u32, sample });
@@ -127,12 +132,17 @@ impl<'a> Neighborhoods<'a> {
             // Where the cell before begins: as its samples take their places below, that moves to its end, where this one begins.
             before += std::mem::replace(start, before);
         }
-        self.landed.clear();
+        for values in [&mut self.x, &mut self.y, &mut self.noise] {
+            values.resize(self.arrived.len() + CHUNK, 0.0);
+        }
+        self.samples.clear();
         // In any order, to have room: each place is taken below.
-        self.landed.extend_from_slice(&self.arrived);
+        self.samples.extend(self.arrived.iter().map(|landed| landed.sample));
         for landed in &self.arrived {
             let end = &mut self.starts[landed.cell as usize + 1];
-            self.landed[*end as usize] = *landed;
+            let place = *end as usize;
+            [self.x[place], self.y[place]] = landed.at;
+            (self.noise[place], self.samples[place]) = (landed.noise, landed.sample);
             *end += 1;
         }
     }
@@ -150,7 +160,7 @@ impl<'a> Neighborhoods<'a> {
         for pixels in self.pixels.chunks(CHUNK) {
             let mut most = 0;
             for (lane, (pixel, _)) in pixels.iter().enumerate() {
-                most = most.max(self.look_around(*pixel, lane, &mut candidates));
+                most = most.max(self.look_around(simd, *pixel, lane, &mut candidates));
             }
             candidates.least(simd, most, &mut around.keys);
             for (lane, (pixel, _)) in pixels.iter().enumerate() {
@@ -168,25 +178,38 @@ impl<'a> Neighborhoods<'a> {
 
     /// Lists the samples around `pixel` in a lane of `candidates`; how many.
     #[inline(always)]
-    fn look_around(&self, pixel: [u16; 2], lane: usize, candidates: &mut Candidates) -> usize {
-        let center = [f32::from(pixel[0]), f32::from(pixel[1])];
+    fn look_around<S: Simd>(
+        &self,
+        simd: S,
+        pixel: [u16; 2],
+        lane: usize,
+        candidates: &mut Candidates,
+    ) -> usize {
         let middle = usize::from(pixel[1]) * self.stride + usize::from(pixel[0]);
-        let mut count = 0;
-        for (columns, row) in CELLS {
+        let x = f32x16::splat(simd, f32::from(pixel[0]));
+        let y = f32x16::splat(simd, f32::from(pixel[1]));
+        let lanes = u32x16::load_array(simd, LANES);
+        candidates.begin();
+        for (columns, row) in &CELLS {
             // Beyond the tile's memory there are no samples.
             let first = (middle as isize + row * self.stride as isize + columns[0]) as usize;
             let end = first.wrapping_add((columns[1] - columns[0] + 1) as usize);
             let (Some(first), Some(end)) = (self.starts.get(first), self.starts.get(end)) else { continue };
-            for (at, landed) in (*first..).zip(&self.landed[*first as usize..*end as usize]) {
-                let (dx, dy) = (landed.at[0] - center[0], landed.at[1] - center[1]);
-                let d2 = dx * dx + dy * dy;
-                let variance = d2 * d2 + landed.noise;
-                if variance < FARTHEST {
-                    count = candidates.add(lane, count, variance, at);
+            // Mostly one vector has them all, and a loop that always runs once is not mispredicted.
+            let (mut first, end) = (*first, *end);
+            loop {
+                let at = first as usize;
+                let (dx, dy) = (vector(simd, &self.x, at) - x, vector(simd, &self.y, at) - y);
+                let d2 = dx.mul_add(dx, dy * dy);
+                let variances = d2.mul_add(d2, vector(simd, &self.noise, at));
+                candidates.see(variances, lanes + first, (end - first) as usize);
+                first += CHUNK as u32;
+                if first >= end {
+                    break;
                 }
             }
         }
-        count
+        candidates.list(simd, lane)
     }
 
     /// Takes the best of the candidates.
@@ -195,17 +218,23 @@ impl<'a> Neighborhoods<'a> {
         let center = [f32::from(pixel[0]), f32::from(pixel[1])];
         for k in 0..SAMPLES {
             let key = around.keys[k][lane];
-            let sample = candidates.samples[lane][key.to_bits() as usize % SEEN];
-            let landed = self.landed.get(sample as usize).filter(|_| key < FARTHEST);
-            let [dx, dy, noise] = match landed {
-                Some(Landed { at: [x, y], noise, .. }) => {
-                    [x - center[0], y - center[1], NUGGET + PER_NOISE * noise]
+            let sample = candidates.samples[lane][key.to_bits() as usize % SEEN] as usize;
+            let sample = (key < FARTHEST).then_some(sample);
+            let [dx, dy, noise] = match sample {
+                Some(at) => {
+                    [self.x[at] - center[0], self.y[at] - center[1], NUGGET + PER_NOISE * self.noise[at]]
                 }
                 None => [0.0, 0.0, NOTHING],
             };
             (around.x[k][lane], around.y[k][lane]) = (dx / LENGTH, dy / LENGTH);
             around.noise[k][lane] = noise;
-            around.samples[lane][k] = landed.map(|landed| landed.sample);
+            around.samples[lane][k] = sample.map(|at| self.samples[at]);
         }
     }
+}
+
+/// Vector from `at` on. (A closure would not be inlined where vectors are enabled.)
+#[inline(always)]
+fn vector<S: Simd>(simd: S, values: &[f32], at: usize) -> f32x16<S> {
+    f32x16::from_slice(simd, &values[at..at + CHUNK])
 }
