@@ -45,7 +45,7 @@ pub(crate) const PER_FRAME: f32 = 0.75;
 pub(crate) const MAX_NOISE: f32 = 16.0;
 
 /// Variance, pixel⁴, of a sample behind what is nearest within a pixel of it, per squared pixel by which the two have moved apart
-/// since (empirical: 0.3 loses 0.1 dB, 3 is alike, 10 loses 0.1). Where the camera only turns nothing is hidden that was not.
+/// since (empirical: 0.3 loses up to 0.1 dB, 3 is alike, 10 loses up to 0.2). Where the camera only turns nothing is hidden that was not.
 pub(crate) const OCCLUDED: f32 = 1.0;
 
 /// A past frame seen by the current camera.
