@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use crate::lanes::{WINDOW, look_up, window_bytes};
 use crate::samples::SampleFrame;
 
-/// Depths may exceed the farthest current one by this share: 2 % is the usual tolerance of reprojection.
+/// Depths may exceed the farthest current one, and the nearest of all samples, by this share: 2 % is the usual tolerance of reprojection.
 pub(crate) const DEPTH_TOLERANCE: f32 = 0.02;
 
 /// How far a cell's samples are extrapolated to find the range of plausible colours, in spacings of samples: half a cell
