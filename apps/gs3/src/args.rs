@@ -119,9 +119,9 @@ pub struct Look {
     #[arg(long, default_value = "on", value_name = "on|off")]
     pub jitter: Switch,
     /// Krige pixels that first-order predictions leave uncertain, without networks too; with them it is always done. Sharper in
-    /// motion, and takes longer
-    #[arg(long)]
-    pub kriging: bool,
+    /// motion, and takes longer; `fine`: the more so. Below tier high it is fine in any case
+    #[arg(long, value_name = "on|fine", num_args = 0..=1, require_equals = true, default_missing_value = "on")]
+    pub kriging: Option<KrigingArg>,
     /// Dilation of splats in px² of the rendered grid: matched (0.3/S²), stock (0.3) or a number
     #[arg(long, default_value = "matched", value_name = "matched|stock|VALUE")]
     pub dilation: DilationArg,
@@ -253,7 +253,7 @@ impl Look {
             mode,
             scale: self.scale,
             sampling: self.jitter.into(),
-            kriging: if self.kriging { Kriging::On } else { Kriging::Off },
+            kriging: self.kriging.map_or(Kriging::Off, Into::into),
             dilation: self.dilation.0,
             culling: self.culling.into(),
             generate: self.generate,
@@ -365,6 +365,21 @@ impl From<Switch> for Sampling {
         match switch {
             Switch::On => Self::Jittered,
             Switch::Off => Self::Centered,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum KrigingArg {
+    On,
+    Fine,
+}
+
+impl From<KrigingArg> for Kriging {
+    fn from(kriging: KrigingArg) -> Self {
+        match kriging {
+            KrigingArg::On => Self::On,
+            KrigingArg::Fine => Self::Fine,
         }
     }
 }

@@ -98,6 +98,10 @@ pub struct SessionArgs {
     /// Longest derivative by all weights; longer ones are shortened to it
     #[arg(long, default_value_t = 1.0, value_name = "LENGTH")]
     pub longest_gradient: f64,
+    /// Share of the weights to begin with in those that are validated and written, 0 to less than 1: trained on few scenes,
+    /// they err less on others
+    #[arg(long, default_value_t = 0.0, value_name = "SHARE")]
+    pub keep: f64,
     /// Steps between two looks at held-out clips
     #[arg(long, default_value_t = 250, value_name = "N")]
     pub validate_every: u64,
@@ -251,6 +255,7 @@ fn settings(subject: Subject, args: &SessionArgs) -> Settings {
     settings.loss.epsilon = args.epsilon;
     settings.perceptual.clone_from(&args.perceptual);
     settings.longest_gradient = args.longest_gradient;
+    settings.kept = args.keep;
     for (term, weight) in &args.loss {
         settings.loss.weights.set(*term, *weight);
     }

@@ -12,7 +12,7 @@ use gs3_train::clips::{Batch, ClipSettings, Source, preview};
 use gs3_train::{ClipFile, Network, Window};
 use indicatif::ProgressBar;
 
-use crate::args::{DilationArg, Size};
+use crate::args::{DilationArg, KrigingArg, Size};
 use crate::error::CliError;
 use crate::output::write_png;
 use crate::{Outcome, inputs, interrupt, start_threads};
@@ -48,6 +48,9 @@ pub struct ClipsArgs {
     /// Dilation of splats in px² of the low-resolution grid: matched (0.3/S²), stock (0.3) or a number
     #[arg(long, default_value = "matched", value_name = "matched|stock|VALUE")]
     pub dilation: DilationArg,
+    /// Which pixels are kriged: `fine` for tier high, as `gs3 render` does below it
+    #[arg(long, default_value = "on", value_name = "on|fine")]
+    pub kriging: KrigingArg,
     /// Share of the clips, and of every path, that is kept for validation
     #[arg(long, default_value_t = 0.08, value_name = "FRACTION", allow_hyphen_values = true)]
     pub held_out: f64,
@@ -97,6 +100,7 @@ pub fn run(args: &ClipsArgs) -> Result<Outcome, CliError> {
         dilation: args.dilation.0,
         held_out: args.held_out,
         seed: args.seed,
+        kriging: args.kriging.into(),
         super_sample: args.weights.as_deref().map(weights).transpose()?,
     };
     settings.check()?;

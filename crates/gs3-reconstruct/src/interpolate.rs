@@ -36,7 +36,7 @@ pub struct Neighbor<'a> {
 /// edges). Its visibility says so.
 #[derive(Clone, Debug, Default)]
 pub struct Warped {
-    /// The frame before; all four channels are interpolated alike (bicubic, with its overshoot).
+    /// The frame before; all four channels are interpolated alike (from 6×6 pixels, with overshoot).
     pub before: Image,
     /// The frame after, likewise.
     pub after: Image,
@@ -52,7 +52,7 @@ pub struct Warped {
 /// A frame as another camera sees it; see [`Warped`].
 #[derive(Clone, Debug, Default)]
 pub struct Reprojected {
-    /// The frame; all four channels are interpolated alike (bicubic, with its overshoot).
+    /// The frame; all four channels are interpolated alike (from 6×6 pixels, with overshoot).
     pub image: Image,
     /// How well each pixel's surface is seen, `[0, 1]`; HR.
     pub visibility: Planes<1>,

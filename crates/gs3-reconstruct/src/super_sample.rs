@@ -30,8 +30,8 @@ pub enum ResetReason {
     SceneChange,
 }
 
-/// Whether pixels are kriged.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// Which pixels are kriged.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kriging {
     /// A pixel is the mean of what the samples around it predict to first order, by inverse variances.
     #[default]
@@ -39,6 +39,8 @@ pub enum Kriging {
     /// Where that mean errs visibly, a pixel is the best linear prediction from the values and the gradients of the samples
     /// around it: gradient-enhanced kriging. Sharper in motion; takes longer, the more detail there is.
     On,
+    /// The same wherever it makes a difference at all: sharper yet, and slower.
+    Fine,
 }
 
 /// Rows of pixels within which all frames' samples are added to a tile before the next rows' are: the pixels of a strip
@@ -245,10 +247,7 @@ impl SuperSampler {
                 Band { top, pixels, innovation: part, first_row: rows.start }
             })
             .collect();
-        let neighborhoods = || match self.kriging {
-            Kriging::Off => None,
-            Kriging::On => Some(Neighborhoods::default()),
-        };
+        let neighborhoods = || self.kriging.worth().map(Neighborhoods::new);
         bands.into_par_iter().for_each_init(neighborhoods, |neighborhoods, band| {
             dispatch!(self.level, simd => self.fill_band(simd, band, size, lattice, neighborhoods));
         });

@@ -3,7 +3,7 @@
 use fearless_simd::{Simd, f32x16, prelude::*, u8x64};
 
 use crate::hermite::{Columns, Surface};
-use crate::kriging::{Neighborhoods, WORTH};
+use crate::kriging::Neighborhoods;
 use crate::nearest::Nearest;
 use crate::samples::SampleFrame;
 use crate::splat::NOISE;
@@ -175,7 +175,7 @@ impl<'a> Tile<'a> {
             if let Some(neighborhoods) = &mut neighborhoods {
                 for (i, (before, after)) in here.pixels[RING..].iter().zip(&*out).enumerate() {
                     let change = |c: usize| (after[c] - before[c]).abs();
-                    if change(0).max(change(1)).max(change(2)) > WORTH {
+                    if change(0).max(change(1)).max(change(2)) > neighborhoods.worth {
                         neighborhoods.want([PAD_X + within + i, PAD_Y + before_row + r], place + i);
                     }
                 }

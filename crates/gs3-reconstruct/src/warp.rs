@@ -5,7 +5,7 @@
 //! and gathered four pixels or one at a time. Patches lie on the cells between LR samples where they can (at scales 2, 4
 //! and 8), so that a patch seldom holds two surfaces.
 //!
-//! A patch costs 14 loads, 48 multiply-adds and 12 shifts per neighbour; the floor is memory, 16 B read from each
+//! A patch costs 27 loads, 96 multiply-adds and 16 shifts per neighbour; the floor is memory, 16 B read from each
 //! neighbour and 16 B written a pixel.
 
 use fearless_simd::{Simd, f32x16, i32x16, mask32x16, prelude::*};

@@ -90,9 +90,10 @@ fn kriging_gains_in_motion() {
     for (name, world, least) in cases {
         let pose = |k: usize| at(0.02 * k as f64);
         let native = world.native(&pose(19));
-        let [off, on] =
-            [Kriging::Off, Kriging::On].map(|kriging| psnr(&run_with(kriging, &world, 4, 20, pose), &native));
+        let [off, on, fine] = [Kriging::Off, Kriging::On, Kriging::Fine]
+            .map(|kriging| psnr(&run_with(kriging, &world, 4, 20, pose), &native));
         assert!(on > off + least, "{name}: kriged {on:.2} dB, first order {off:.2} dB");
+        assert!(fine > on, "{name}: finely kriged {fine:.2} dB, kriged {on:.2} dB");
     }
 }
 

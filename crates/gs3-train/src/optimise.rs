@@ -31,10 +31,14 @@ pub fn length(arrays: &Arrays) -> f64 {
 pub fn average(average: &mut Arrays, weights: &Arrays, step: u64) {
     // The rule of TensorFlow's ExponentialMovingAverage: the start is forgotten soon.
     let kept = KEPT.min((1 + step) as f64 / (10 + step) as f64);
-    let share = (1.0 - kept) as f32;
-    for (name, average) in average {
-        if let Some(weights) = weights.get(name) {
-            average.values_mut().iter_mut().zip(weights.values()).for_each(|(a, w)| *a += share * (w - *a));
+    mix(average, weights, (1.0 - kept) as f32);
+}
+
+/// Moves `arrays` towards `others` by `share` of the way.
+pub fn mix(arrays: &mut Arrays, others: &Arrays, share: f32) {
+    for (name, array) in arrays {
+        if let Some(other) = others.get(name) {
+            array.values_mut().iter_mut().zip(other.values()).for_each(|(a, b)| *a += share * (b - *a));
         }
     }
 }

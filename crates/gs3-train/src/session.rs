@@ -22,7 +22,7 @@ pub struct Places {
     pub clips: PathBuf,
     /// Checkpoints, `log.csv` and `log.png`.
     pub checkpoint: PathBuf,
-    /// Weights: the best on held-out clips; without such clips the last average.
+    /// Weights: the best on held-out clips; without such clips the last average. See [`Settings::kept`].
     pub out: PathBuf,
     /// Steps between two rows of the log.
     pub log_every: u64,
@@ -99,7 +99,7 @@ pub fn train(
     let clips = ClipFolder::open(&places.clips, &settings)?;
     let file = |source| TrainError::File { path: places.checkpoint.clone(), source };
     std::fs::create_dir_all(&places.checkpoint).map_err(file)?;
-    let state = resume(&places.checkpoint, start)?;
+    let state = resume(&places.checkpoint, &start)?;
     let (first, seconds) = (state.steps(), state.seconds);
     if first > 0 {
         report(Event::Resumed { step: first, seconds });
@@ -108,6 +108,7 @@ pub fn train(
         log: Log::open(&places.checkpoint.join("log.csv"), first)?,
         operations: 0.0,
         trainer: Trainer::new(settings, state)?,
+        start,
         clips,
         places,
         held: 0,
@@ -123,8 +124,8 @@ pub fn train(
 
 /// The last checkpoint in `folder`, or the state before the first step with `start`. What weights come from is what
 /// `start` says.
-fn resume(folder: &Path, start: Weights) -> Result<State, TrainError> {
-    let Some(mut state) = checkpoint::load(folder)? else { return Ok(State::new(start)) };
+fn resume(folder: &Path, start: &Weights) -> Result<State, TrainError> {
+    let Some(mut state) = checkpoint::load(folder)? else { return Ok(State::new(start.clone())) };
     let best = state.best.as_mut().map(|best| &mut best.weights);
     for weights in [&mut state.weights, &mut state.average].into_iter().chain(best) {
         weights.header.training_data.clone_from(&start.header.training_data);
@@ -135,6 +136,8 @@ fn resume(folder: &Path, start: Weights) -> Result<State, TrainError> {
 
 struct Session<'a> {
     trainer: Trainer,
+    /// The weights that the training began with.
+    start: Weights,
     clips: ClipFolder,
     places: &'a Places,
     log: Log,
@@ -210,7 +213,7 @@ impl Session<'_> {
 
     /// Looks at the average on held-out clips, and keeps it if none was better.
     fn validate(&mut self, report: &mut dyn FnMut(Event<'_>)) -> Result<Option<[f64; 2]>, TrainError> {
-        let average = self.trainer.average();
+        let average = self.trainer.result(&self.start);
         let subject = self.trainer.settings().subject;
         let validation = validate(subject, self.trainer.graph(), &average, &self.clips.held)?;
         let Some([gain, _]) = validation.mean else { return Ok(None) };
@@ -239,7 +242,10 @@ impl Session<'_> {
 
     fn save(&mut self) -> Result<(), TrainError> {
         let best = self.trainer.state.best.as_ref().map(|best| best.weights.clone());
-        checkpoint::save_weights(&self.places.out, &best.unwrap_or_else(|| self.trainer.average()))?;
+        checkpoint::save_weights(
+            &self.places.out,
+            &best.unwrap_or_else(|| self.trainer.result(&self.start)),
+        )?;
         checkpoint::save(&self.places.checkpoint, &self.trainer.state)?;
         plot::draw(&self.places.checkpoint.join("log.png"), self.log.rows())?;
         self.saved = self.trainer.state.seconds;

@@ -173,6 +173,17 @@ impl Trainer {
         self.form.fold(&self.state.average)
     }
 
+    /// What is validated and written: that average with its share of `start`, the weights of the beginning
+    /// ([`Settings::kept`]).
+    #[must_use]
+    pub fn result(&self, start: &Weights) -> Weights {
+        let mut average = self.average();
+        if self.settings.kept > 0.0 {
+            optimise::mix(&mut average.arrays, &self.form.fold(start).arrays, self.settings.kept as f32);
+        }
+        average
+    }
+
     /// Floating-point operations of a step's convolutions.
     ///
     /// # Errors

@@ -106,6 +106,29 @@ fn the_log_holds_every_step_once_and_the_best_weights_are_written() {
 }
 
 #[test]
+fn of_what_is_kept_the_beginning_has_its_share() {
+    let folders = [0.0, 0.75].map(|kept| {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir(folder.path().join("clips")).unwrap();
+        common::write_clips(&folder.path().join("clips"), NETWORK);
+        let settings = Settings { kept, ..common::settings(NETWORK, 1) };
+        run(folder.path(), &settings, u64::MAX).unwrap();
+        (Weights::load(&places(folder.path()).out).unwrap(), start(&settings))
+    });
+    let [(trained, start), (mixed, _)] = folders;
+    let mut moved = 0.0_f32;
+    for (name, mixed) in &mixed.arrays {
+        let [trained, start] = [&trained, &start].map(|weights| weights.arrays[name].values());
+        for ((mixed, trained), start) in mixed.values().iter().zip(trained).zip(start) {
+            let expected = 0.25 * trained + 0.75 * start;
+            assert!((mixed - expected).abs() < 1e-6, "{name}: {mixed}, not {expected}");
+            moved = moved.max((trained - start).abs());
+        }
+    }
+    assert!(moved > 1e-4, "training moved weights by {moved} at most");
+}
+
+#[test]
 fn what_does_not_fit_is_refused_before_anything_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
@@ -135,6 +158,10 @@ fn what_does_not_fit_is_refused_before_anything_is_written() {
     contains(
         refused(&Settings { rate: f64::NAN, ..settings.clone() }),
         "rate: expected more than 0, found NaN",
+    );
+    contains(
+        refused(&Settings { kept: 1.0, ..settings.clone() }),
+        "kept: expected 0 to less than 1, found 1",
     );
     contains(refused(&Settings { batch: 0, ..settings.clone() }), "batch: expected 1 to 4096, found 0");
     fs::write(at.join("clips/damaged.clip"), [7; 40]).unwrap();

@@ -137,7 +137,7 @@ impl FramePipeline {
         let interpolator = Interpolator::new(scale)?;
         let Networks { super_sample, interpolate, arithmetic } = networks.clone();
         let super_sample = super_sample.filter(|_| settings.mode.has_history());
-        let super_sampler = SuperSampler::new(scale, settings.kriging_below(super_sample.is_some()))?;
+        let super_sampler = SuperSampler::new(scale, settings.kriging_below(super_sample.as_deref()))?;
         let interpolate = interpolate.filter(|_| settings.mode == Mode::Full);
         #[cfg(feature = "gpu")]
         let networks =

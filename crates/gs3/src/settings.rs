@@ -1,5 +1,7 @@
 //! What a pipeline makes of a scene.
 
+use gs3_neural::Weights;
+use gs3_neural::model::Tier;
 use gs3_raster::{Culling, STOCK_DILATION, matched_dilation};
 use gs3_reconstruct::Kriging;
 
@@ -70,8 +72,8 @@ pub struct PipelineSettings {
     pub scale: u32,
     /// Where low-resolution frames are sampled. Not read by [`Mode::Native`].
     pub sampling: Sampling,
-    /// Whether pixels that first-order predictions leave uncertain are kriged. Networks are trained on kriged frames: where one
-    /// refines frames, they are kriged whatever this says. Read by [`Mode::SuperSample`] and [`Mode::Full`].
+    /// Which pixels that first-order predictions leave uncertain are kriged. Where a network refines frames they are kriged whatever this
+    /// says, finely below one of tier high. Read by [`Mode::SuperSample`] and [`Mode::Full`].
     pub kriging: Kriging,
     /// Dilation of the projected covariances.
     pub dilation: Dilation,
@@ -111,9 +113,14 @@ impl PipelineSettings {
         }
     }
 
-    /// Whether pixels are kriged, below a network or not.
-    pub(crate) const fn kriging_below(&self, is_network: bool) -> Kriging {
-        if is_network { Kriging::On } else { self.kriging }
+    /// Which pixels are kriged below the network of `weights`, if there is one.
+    pub(crate) fn kriging_below(&self, weights: Option<&Weights>) -> Kriging {
+        let least = match weights {
+            None => Kriging::Off,
+            Some(weights) if weights.header.tier == Tier::High.name() => Kriging::Fine,
+            Some(_) => Kriging::On,
+        };
+        self.kriging.max(least)
     }
 
     /// Moments of the frames interpolated before a rendered one, in (0, 1), in order.

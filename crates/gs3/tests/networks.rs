@@ -102,6 +102,23 @@ fn training_starts_above_the_pipeline_without_learning() {
 }
 
 #[test]
+fn below_tier_high_frames_are_kriged_finely() {
+    let path = path();
+    let cameras = &path.cameras()[..1];
+    let graph = super_sample(4, Tier::High).unwrap();
+    let header = Header { tier: Tier::High.name().to_owned(), ..header(&graph) };
+    let mut high = Networks::default();
+    high.add(initial_weights(&graph, header, 1)).unwrap();
+    // Without a frame before, the network is not heard yet.
+    let first = |kriging, networks: &Networks| frames(&mut pipeline_with(kriging, networks, 1), cameras);
+    let [on, fine] = [Kriging::On, Kriging::Fine].map(|kriging| first(kriging, &Networks::default()));
+    assert!(fine[0] != on[0]);
+    assert!(first(Kriging::Off, &high)[0] == fine[0]);
+    let fast = networks(|graph, header| initial_weights(graph, header, 1));
+    assert!(first(Kriging::Fine, &fast)[0] == fine[0], "who asks for more gets it");
+}
+
+#[test]
 fn a_resting_camera_keeps_its_exact_image_whatever_was_learned() {
     let camera = path().cameras()[7];
     let cameras = vec![camera; 17];
@@ -288,7 +305,7 @@ fn shipped_weights_gain() {
     };
     let truth = pipeline(Mode::Native, SCALE, &Networks::default());
     let psnr = |image: &Image| psnr_of(image, &truth);
-    for (scale, tier) in [(4, Tier::Fast), (4, Tier::Balanced), (2, Tier::Balanced)] {
+    for (scale, tier) in [(4, Tier::Fast), (4, Tier::Balanced), (4, Tier::High), (2, Tier::Balanced)] {
         let analytic = psnr(&pipeline(Mode::SuperSample, scale, &Networks::default()));
         let shipped = Networks::shipped(scale, tier).unwrap();
         let header = &shipped.super_sample.as_ref().unwrap().header;
@@ -325,6 +342,6 @@ fn shipped_weights_gain() {
     let error = Networks::shipped(3, Tier::High).err().unwrap().to_string();
     assert_eq!(
         error,
-        "tier high at scale 3: expected one of balanced ×2, fast ×4, balanced ×4, which come with this version"
+        "tier high at scale 3: expected one of balanced ×2, fast ×4, balanced ×4, high ×4, which come with this version"
     );
 }

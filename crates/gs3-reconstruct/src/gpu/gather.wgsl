@@ -1,4 +1,4 @@
-// HR images at fractional positions, Catmull–Rom; see gather.rs. Positions are fixed-point numbers of 1/UNITS pixel, pixel
+// HR images at fractional positions, from 6×6 pixels; see gather.rs. Positions are fixed-point numbers of 1/UNITS pixel, pixel
 // centres at whole numbers; the border repeats.
 
 @group(0) @binding(1) var<storage, read> before: array<vec2<u32>>;
@@ -17,30 +17,37 @@ fn pixel_of(n: u32, x: i32, y: i32) -> vec4<f32> {
     return vec4(unpack2x16float(packed.x), unpack2x16float(packed.y));
 }
 
-fn catmull_rom(position: i32) -> vec4<f32> {
+// Weights of the taps −2, −1 and 0 at `f` without the linear part; with 1 − `f`, those of 3, 2 and 1.
+fn half_weights(f: f32) -> vec3<f32> {
+    return f * (1.0 - f) * fma(vec3(f), FIT_SECOND, FIT_FIRST);
+}
+
+fn weights(position: i32) -> array<f32, TAPS> {
     let f = f32(position & (UNITS - 1)) / f32(UNITS);
-    let f2 = f * f;
-    let f3 = f2 * f;
-    return vec4(
-        -0.5 * f3 + f2 - 0.5 * f, 1.5 * f3 - 2.5 * f2 + 1.0, -1.5 * f3 + 2.0 * f2 + 0.5 * f, 0.5 * f3 - 0.5 * f2,
-    );
+    let before = half_weights(f);
+    let after = half_weights(1.0 - f);
+    return array(before.x, before.y, 1.0 - f + before.z, f + after.z, after.y, after.x);
 }
 
 // Of `count` pixels in a row of neighbour `n` from `position` on, whole pixels apart.
 fn gather_row(n: u32, position: vec2<i32>, count: u32) -> array<vec4<f32>, 4> {
-    let wx = catmull_rom(position.x);
-    let wy = catmull_rom(position.y);
+    var wx = weights(position.x);
+    let wy = weights(position.y);
     // The pixel of the first weight.
-    let first = vec2(position.x >> PHASE_BITS, position.y >> PHASE_BITS) - 1;
+    let first = vec2(position.x >> PHASE_BITS, position.y >> PHASE_BITS) - BEFORE;
     var row: array<vec4<f32>, 4>;
-    for (var c = 0u; c < count + 3u; c++) {
+    for (var c = 0u; c < count + TAPS - 1u; c++) {
         let x = first.x + i32(c);
-        let column = pixel_of(n, x, first.y) * wy.x + pixel_of(n, x, first.y + 1) * wy.y
-            + pixel_of(n, x, first.y + 2) * wy.z + pixel_of(n, x, first.y + 3) * wy.w;
+        var column = pixel_of(n, x, first.y) * wy[0];
+        column = fma(pixel_of(n, x, first.y + 1), vec4(wy[1]), column);
+        column = fma(pixel_of(n, x, first.y + 2), vec4(wy[2]), column);
+        column = fma(pixel_of(n, x, first.y + 3), vec4(wy[3]), column);
+        column = fma(pixel_of(n, x, first.y + 4), vec4(wy[4]), column);
+        column = fma(pixel_of(n, x, first.y + 5), vec4(wy[5]), column);
         for (var k = 0u; k < count; k++) {
-            // Which of the pixel's four columns it is; others wrap to large numbers.
+            // Which of the pixel's columns it is; others wrap to large numbers.
             let tap = c - k;
-            if tap < 4u {
+            if tap < TAPS {
                 row[k] = fma(column, vec4(wx[tap]), row[k]);
             }
         }

@@ -70,9 +70,9 @@ pub fn tile(plan: &SuperSamplePlan, innovation: Innovation, kriging: Kriging) ->
         ("EXACT", tile::EXACT),
         ("CURVATURE", tile::CURVATURE),
         ("FAINT", tile::FAINT),
-        ("WORTH", kriging::WORTH),
+        ("WORTH", kriging.worth().unwrap_or_default()),
     ]);
-    let kriging = format!("const KRIGING: bool = {};\n", kriging == Kriging::On);
+    let kriging = format!("const KRIGING: bool = {};\n", kriging.worth().is_some());
     let sizes =
         counts(&[("MADE_WIDTH", MADE_WIDTH), ("MADE_HEIGHT", plan.made_height), ("CAPACITY", plan.capacity)]);
     let own = [include_str!("hermite.wgsl"), include_str!("tile.wgsl")];
@@ -136,8 +136,16 @@ pub fn warp() -> String {
     ]);
     let bits = gather::PHASE_BITS;
     let phases = format!("const PHASE_BITS: u32 = {bits}u;\nconst UNITS: i32 = {};\n", 1 << bits);
+    let factors = |k: usize| gather::FIT.map(|factors| format!("{:?}", factors[k])).join(", ");
+    let taps = format!(
+        "const TAPS: u32 = {}u;\nconst BEFORE: i32 = {};\nconst FIT_FIRST = vec3<f32>({});\nconst FIT_SECOND = vec3<f32>({});\n",
+        gather::TAPS,
+        gather::BEFORE,
+        factors(0),
+        factors(1),
+    );
     let [gather, warp] = [include_str!("gather.wgsl"), include_str!("warp.wgsl")];
-    joined(&[&constants, &phases, BETWEEN, REPROJECTION, gather, warp, include_str!("separate.wgsl")])
+    joined(&[&constants, &phases, &taps, BETWEEN, REPROJECTION, gather, warp, include_str!("separate.wgsl")])
 }
 
 #[cfg(test)]

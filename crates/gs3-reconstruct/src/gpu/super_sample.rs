@@ -164,9 +164,9 @@ impl GpuSuperSampler {
             survey,
             land,
             accumulate: kernel("tile", shaders::tile(&plan, innovation, kriging), "accumulate")?,
-            krige: match kriging {
-                Kriging::On => Some(kernel("krige", shaders::krige(), "krige_marked")?),
-                Kriging::Off => None,
+            krige: match kriging.worth() {
+                Some(_) => Some(kernel("krige", shaders::krige(), "krige_marked")?),
+                None => None,
             },
             plan,
             past: Vec::new(),

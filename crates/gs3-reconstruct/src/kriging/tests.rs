@@ -29,7 +29,7 @@ fn wave(x: f32, y: f32) -> Sample {
 fn kriged(samples: &[([f32; 2], f32, Sample)], wanted: &[[usize; 2]], mean: [f32; 4]) -> Vec<[f32; 4]> {
     let mut image = vec![mean; SIDE * SIDE];
     dispatch!(Level::new(), simd => {
-        let mut neighborhoods = Neighborhoods::default();
+        let mut neighborhoods = Neighborhoods::new(0.0);
         neighborhoods.begin(SIDE, SIDE);
         for (at, noise, sample) in samples {
             neighborhoods.take(*at, *noise, sample);

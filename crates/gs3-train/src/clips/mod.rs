@@ -19,9 +19,9 @@ mod tests;
 
 use std::sync::Arc;
 
-use gs3::Dilation;
 use gs3::neural::Weights;
 use gs3::scene::{CameraPath, Scene};
+use gs3::{Dilation, Kriging};
 
 pub use analytic::{analytic, analytic_psnr};
 pub use batch::{Batch, Made};
@@ -52,6 +52,8 @@ pub struct ClipSettings {
     /// super sampling. Without it they are those of the pipeline without networks. Super sampling is trained in rounds: the
     /// first without, the next ones on clips of the weights of the round before.
     pub super_sample: Option<Arc<Weights>>,
+    /// Which pixels are kriged, as they are below the network to be trained: finely for tier high.
+    pub kriging: Kriging,
 }
 
 /// A scene and where cameras may be in it.

@@ -4,7 +4,7 @@ use gs3::learned::{InterpolateFeatures, LearnedSuperSampler, Seen, SuperSampleFe
 use gs3::neural::model::Tier;
 use gs3::neural::{Arithmetic, Graph, Layer, Named, Op};
 use gs3::raster::{Culling, Outputs, RasterSettings, Rasterizer};
-use gs3::reconstruct::{Depth, Interpolator, Kriging, Neighbor, SuperSampler, Warped};
+use gs3::reconstruct::{Depth, Interpolator, Neighbor, SuperSampler, Warped};
 use gs3::scene::{Camera, GBuffer, Image, Planes};
 use gs3::{AdaptiveJitter, DepthLattice, ResetReason, Sampling};
 use half::f16;
@@ -63,7 +63,7 @@ impl<'a> Recorder<'a> {
             graph: settings.network.graph(settings.scale, Tier::Fast).map_err(ClipError::from)?,
             jitter: AdaptiveJitter::new(settings.scale, Sampling::Jittered),
             rasterizer: Rasterizer::new(source.scene.clone(), Culling::default()),
-            super_sampler: SuperSampler::new(settings.scale, Kriging::On)?,
+            super_sampler: SuperSampler::new(settings.scale, settings.kriging)?,
             learned: learned.transpose()?,
             interpolator: Interpolator::new(settings.scale)?,
             native: Image::default(),

@@ -5,11 +5,11 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glam::DVec3;
-use gs3::Dilation;
 use gs3::neural::model::{Tier, initial_weights};
 use gs3::neural::{Header, Weights};
 use gs3::scene::gaussians::sh_coefficient_count;
 use gs3::scene::{Gaussians, OpacityMode, Scene, orbit};
+use gs3::{Dilation, Kriging};
 use half::f16;
 
 use super::analytic::plane;
@@ -48,6 +48,7 @@ pub(super) fn settings(network: Network) -> ClipSettings {
         held_out: 0.2,
         seed: 7,
         super_sample: None,
+        kriging: Kriging::On,
     }
 }
 

@@ -134,7 +134,7 @@ impl Sized {
         let Networks { super_sample: weights, interpolate, .. } = networks;
         let innovation = if weights.is_some() { Innovation::Wanted } else { Innovation::NotWanted };
         // First, because it checks scale and size, on which everything else builds.
-        let kriging = settings.kriging_below(weights.is_some());
+        let kriging = settings.kriging_below(weights.as_deref());
         let super_sampler = GpuSuperSampler::new(gpu, scale, size, innovation, kriging)?;
         let side = || {
             let image = GpuImage::new(gpu, size)?;
