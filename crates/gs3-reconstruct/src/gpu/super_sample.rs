@@ -164,10 +164,7 @@ impl GpuSuperSampler {
             survey,
             land,
             accumulate: kernel("tile", shaders::tile(&plan, innovation, kriging), "accumulate")?,
-            krige: match kriging.worth() {
-                Some(_) => Some(kernel("krige", shaders::krige(), "krige_marked")?),
-                None => None,
-            },
+            krige: kriging.worth().map(|_| kernel("krige", shaders::krige(), "krige_marked")).transpose()?,
             plan,
             past: Vec::new(),
             pending: None,

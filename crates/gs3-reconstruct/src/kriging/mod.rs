@@ -93,7 +93,7 @@ struct Landed<'a> {
 }
 
 /// The samples of a tile, by the pixels that they lie in, and the pixels that are worth kriging.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Neighborhoods<'a> {
     /// What makes a pixel worth kriging; see [`Kriging::worth`].
     pub worth: f32,
@@ -115,17 +115,7 @@ pub(crate) struct Neighborhoods<'a> {
 impl<'a> Neighborhoods<'a> {
     /// Of no tile yet; `worth` of [`Kriging::worth`].
     pub fn new(worth: f32) -> Self {
-        Self {
-            worth,
-            stride: 0,
-            arrived: Vec::new(),
-            starts: Vec::new(),
-            x: Vec::new(),
-            y: Vec::new(),
-            noise: Vec::new(),
-            samples: Vec::new(),
-            pixels: Vec::new(),
-        }
+        Self { worth, ..Self::default() }
     }
 
     /// Begins a tile of `rows` rows of memory `stride` pixels apart.
