@@ -64,12 +64,11 @@ impl Boxes {
         let [jx, jy] = frame.jitter;
         for row in 0..frame.height {
             let y = splat((row as f32 + 0.5 + jy) * scale);
-            let of_row = &frame.chunks[row * chunks..(row + 1) * chunks];
             let (mut row_top, mut row_bottom) = (splat(f32::INFINITY), splat(f32::NEG_INFINITY));
-            for (run, of_run) in of_row.chunks(LANES).enumerate() {
+            for (run, of_run) in frame.extents(row).chunks(LANES).enumerate() {
                 let (mut far, mut near) = ([0.0; LANES], [0.0; LANES]);
-                for (k, chunk) in of_run.iter().enumerate() {
-                    (far[k], near[k]) = (chunk.far, chunk.near);
+                for (k, extent) in of_run.iter().enumerate() {
+                    (far[k], near[k]) = (extent.far, extent.near);
                 }
                 let first = lanes + (run * LANES * CHUNK) as f32;
                 let last = (first + (CHUNK - 1) as f32).min((frame.width - 1) as f32);

@@ -7,14 +7,14 @@
 use std::ops::Range;
 
 use fearless_simd::{Level, Simd, dispatch, f32x4, f32x16, prelude::*};
-use gs3_scene::{GBuffer, Image, Planes};
+use gs3_scene::{GBuffer, Gradients, Image};
 use rayon::prelude::*;
 
 use crate::error::{ReconstructError, check_gbuffer, check_scale, image_size};
 use crate::lanes::repeat;
 use crate::lattice::{Axis, Place};
 use crate::resample::clamped;
-use crate::samples::{SampleFrame, rgb_rows};
+use crate::samples::rgb_rows;
 use crate::tile::{PAD_X, SPAN, STRIDE};
 
 /// Enlarges `gbuffer` by `scale` into `out`, whose size says how large. Outside the LR frame the border colour goes on,
@@ -25,18 +25,19 @@ use crate::tile::{PAD_X, SPAN, STRIDE};
 pub fn hermite(gbuffer: &GBuffer, scale: u32, out: &mut Image) -> Result<(), ReconstructError> {
     check_scale(scale)?;
     check_gbuffer(gbuffer, scale, image_size(out))?;
-    let mut frame = SampleFrame::default();
-    frame.fill(gbuffer, scale)?;
+    let Some(gradients) = &gbuffer.gradients else {
+        return Err(ReconstructError::Missing { what: "image gradients" });
+    };
     let mut surface = Surface::default();
-    surface.set(&frame, gbuffer, scale);
-    let width = out.width();
+    surface.set(gbuffer, gradients, scale);
     let level = Level::new();
+    let width = out.width();
     out.pixels_mut().par_chunks_exact_mut(width).enumerate().with_min_len(8).for_each(|(y, row)| {
         let (mut columns, mut part) = (Columns::new(), [[0.0; 4]; STRIDE]);
         for (left, out) in (0..).step_by(SPAN).zip(row.chunks_mut(SPAN)) {
             let pixels = left..left + out.len();
             let factors = [1.0; crate::MAX_SCALE as usize];
-            dispatch!(level, simd => surface.row(simd, &frame, y, pixels, &factors, &mut columns, &mut part));
+            dispatch!(level, simd => surface.row(simd, y, pixels, &factors, &mut columns, &mut part));
             for (to, [r, g, b, _]) in out.iter_mut().zip(&part[PAD_X..]) {
                 *to = [*r, *g, *b, 0.0];
             }
@@ -45,10 +46,18 @@ pub fn hermite(gbuffer: &GBuffer, scale: u32, out: &mut Image) -> Result<(), Rec
     Ok(())
 }
 
-/// What interpolation needs beyond the samples: the mixed derivative and where HR pixels lie.
+/// The surface through the samples of a frame. Derivatives are those by HR pixels.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Surface {
-    /// ∂²RGB/∂x∂y per HR pixel², 0: `[height, width]`.
+    width: usize,
+    height: usize,
+    /// RGB, 1: `[height, width]`.
+    color: Vec<[f32; 4]>,
+    /// ∂RGB/∂x, 0: `[height, width]`.
+    dx: Vec<[f32; 4]>,
+    /// ∂RGB/∂y, 0: `[height, width]`.
+    dy: Vec<[f32; 4]>,
+    /// ∂²RGB/∂x∂y, 0: `[height, width]`.
     mixed: Vec<[f32; 4]>,
     scale: f32,
     x_axis: Axis,
@@ -73,11 +82,12 @@ impl Columns {
 }
 
 impl Surface {
-    /// Makes this the surface through `frame`, the samples of `gbuffer`, reusing memory.
-    pub fn set(&mut self, frame: &SampleFrame, gbuffer: &GBuffer, scale: u32) {
+    /// Makes this the surface through the samples of `gbuffer`, whose gradients these are, reusing memory.
+    pub fn set(&mut self, gbuffer: &GBuffer, gradients: &Gradients, scale: u32) {
         self.scale = scale as f32;
-        self.x_axis.set(scale, frame.jitter[0]);
-        self.y_axis.set(scale, frame.jitter[1]);
+        (self.width, self.height) = (gbuffer.width(), gbuffer.height());
+        self.x_axis.set(scale, gbuffer.jitter[0]);
+        self.y_axis.set(scale, gbuffer.jitter[1]);
         // Fractions grow along a cell.
         let phases = self.x_axis.phases().iter().enumerate();
         let first = phases.min_by(|(_, a), (_, b)| a.fraction.total_cmp(&b.fraction));
@@ -89,12 +99,19 @@ impl Surface {
             let place = self.x_axis.place(phase + k);
             self.x_weights.push(weights(place.fraction, self.scale));
         }
-        let (width, height) = (frame.width, frame.height);
-        self.mixed.resize(width * height, [0.0; 4]);
-        let given = gbuffer.gradients.as_ref().and_then(|g| g.color_dxdy.as_ref());
-        self.mixed.par_chunks_exact_mut(width).enumerate().with_min_len(8).for_each(|(y, row)| match given {
-            Some(planes) => interleave(planes, y, 1.0 / (self.scale * self.scale), row),
-            None => estimate_mixed(frame, self.scale, y, row),
+        let (width, per_pixel) = (self.width, 1.0 / self.scale);
+        let of_size = |entries: &mut Vec<[f32; 4]>| entries.resize(width * gbuffer.height(), [0.0; 4]);
+        [&mut self.color, &mut self.dx, &mut self.dy, &mut self.mixed].into_iter().for_each(of_size);
+        let rows = self.color.par_chunks_exact_mut(width).zip(self.dx.par_chunks_exact_mut(width));
+        let rows = rows.zip(self.dy.par_chunks_exact_mut(width)).zip(self.mixed.par_chunks_exact_mut(width));
+        rows.enumerate().with_min_len(8).for_each(|(y, (((color, dx), dy), mixed))| {
+            interleave(rgb_rows(&gbuffer.color, y), 1.0, 1.0, color);
+            interleave(rgb_rows(&gradients.color_dx, y), per_pixel, 0.0, dx);
+            interleave(rgb_rows(&gradients.color_dy, y), per_pixel, 0.0, dy);
+            match &gradients.color_dxdy {
+                Some(planes) => interleave(rgb_rows(planes, y), per_pixel * per_pixel, 0.0, mixed),
+                None => estimate_mixed(gradients, per_pixel * per_pixel, y, mixed),
+            }
         });
     }
 
@@ -117,7 +134,6 @@ impl Surface {
     pub fn row<S: Simd>(
         &self,
         simd: S,
-        frame: &SampleFrame,
         y: usize,
         pixels: Range<usize>,
         factors: &[f32; crate::MAX_SCALE as usize],
@@ -129,7 +145,7 @@ impl Surface {
         let scale = self.x_weights.len();
         let [first, last] = [pixels.start, pixels.end - 1].map(|x| self.x_axis.place(x).index);
         let count = (last - first) as usize + 1;
-        self.blend_rows(simd, frame, y, first, &mut columns.values[..=count], &mut columns.slopes[..=count]);
+        self.blend_rows(simd, y, first, &mut columns.values[..=count], &mut columns.slopes[..=count]);
         let mut weights = [[[0.0; 4 * QUAD]; 4]; crate::MAX_SCALE as usize / QUAD];
         for (k, (taps, factor)) in self.x_weights.iter().zip(factors).enumerate() {
             for (weights, tap) in weights[k / QUAD].iter_mut().zip(taps) {
@@ -160,7 +176,6 @@ impl Surface {
     fn blend_rows<S: Simd>(
         &self,
         simd: S,
-        frame: &SampleFrame,
         y: usize,
         first: isize,
         values: &mut [[f32; 4]],
@@ -168,35 +183,58 @@ impl Surface {
     ) {
         let Place { index, fraction } = self.y_axis.place(y);
         let mut weights = weights(fraction, self.scale);
-        let [j0, j1] = [index, index + 1].map(|j| clamped(j, frame.height));
+        let [j0, j1] = [index, index + 1].map(|j| clamped(j, self.height));
         // Beyond the border the nearest row is repeated, flat across.
         for (k, (j, inside)) in [(1, (index, j0)), (3, (index + 1, j1))] {
             if j != inside as isize {
                 weights[k] = 0.0;
             }
         }
-        let weight = |k: usize| f32x4::splat(simd, weights[k]);
-        let (w0, w1, w2, w3) = (weight(0), weight(1), weight(2), weight(3));
-        let width = frame.width;
-        let [row0, row1] = [j0, j1].map(|j| &frame.samples[j * width..][..width]);
-        let [mixed0, mixed1] = [j0, j1].map(|j| &self.mixed[j * width..][..width]);
-        for (i, (value, slope)) in (first..).zip(values.iter_mut().zip(slopes)) {
-            let inside = clamped(i, width);
-            let load = |v: &[f32; 4]| f32x4::load_array_ref(simd, v);
-            let (a, b) = (&row0[inside], &row1[inside]);
-            *value = load(&a.color)
-                .mul_add(w0, load(&a.dy).mul_add(w1, load(&b.color).mul_add(w2, load(&b.dy) * w3)))
-                .to_array();
-            *slope = load(&a.dx)
-                .mul_add(
-                    w0,
-                    load(&mixed0[inside]).mul_add(w1, load(&b.dx).mul_add(w2, load(&mixed1[inside]) * w3)),
-                )
-                .to_array();
-            if i != inside as isize {
-                *slope = [0.0; 4];
-            }
+        // The columns within the frame, and how many are before and after it.
+        let [start, end] = [first, first + values.len() as isize].map(|i| i.clamp(0, self.width as isize));
+        let before = (start - first) as usize;
+        let inside = before..before + (end - start) as usize;
+        // Of one LR row each, within the frame.
+        let part = |row: usize| row * self.width + start as usize..row * self.width + end as usize;
+        let (upper, lower) = (part(j0), part(j1));
+        for (out, value, slope) in
+            [(&mut *values, &self.color, &self.dy), (&mut *slopes, &self.dx, &self.mixed)]
+        {
+            let terms =
+                [&value[upper.clone()], &slope[upper.clone()], &value[lower.clone()], &slope[lower.clone()]];
+            weighted_sum(simd, terms, &weights, &mut out[inside.clone()]);
         }
+        let (Some(left), Some(right)) = (values[inside.clone()].first(), values[inside.clone()].last())
+        else {
+            return;
+        };
+        let (left, right) = (*left, *right);
+        values[..before].fill(left);
+        values[inside.end..].fill(right);
+        slopes[..before].fill([0.0; 4]);
+        slopes[inside.end..].fill([0.0; 4]);
+    }
+}
+
+/// Σ weight · term, of terms as long as `out`.
+#[inline(always)]
+fn weighted_sum<S: Simd>(simd: S, terms: [&[[f32; 4]]; 4], weights: &[f32; 4], out: &mut [[f32; 4]]) {
+    /// Entries of a vector.
+    const QUAD: usize = 4;
+    let [a, b, c, d] = terms;
+    let weight = |k: usize| f32x16::splat(simd, weights[k]);
+    let (w0, w1, w2, w3) = (weight(0), weight(1), weight(2), weight(3));
+    let at = |term: &[[f32; 4]], k: usize| f32x16::from_slice(simd, term[k..k + QUAD].as_flattened());
+    let whole = out.len() - out.len() % QUAD;
+    for k in (0..whole).step_by(QUAD) {
+        let sum = at(a, k).mul_add(w0, at(b, k).mul_add(w1, at(c, k).mul_add(w2, at(d, k) * w3)));
+        sum.store_slice(out[k..k + QUAD].as_flattened_mut());
+    }
+    for k in whole..out.len() {
+        let at = |term: &[[f32; 4]]| f32x4::load_array_ref(simd, &term[k]);
+        let weight = |k: usize| f32x4::splat(simd, weights[k]);
+        let sum = at(c).mul_add(weight(2), at(d) * weight(3));
+        out[k] = at(a).mul_add(weight(0), at(b).mul_add(weight(1), sum)).to_array();
     }
 }
 
@@ -206,25 +244,26 @@ fn weights(f: f32, spacing: f32) -> [f32; 4] {
     [2.0 * f3 - 3.0 * f2 + 1.0, spacing * (f3 - 2.0 * f2 + f), 3.0 * f2 - 2.0 * f3, spacing * (f3 - f2)]
 }
 
-fn interleave(planes: &Planes<3>, y: usize, factor: f32, row: &mut [[f32; 4]]) {
-    let [r, g, b] = rgb_rows(planes, y);
+/// RGB times `factor`, and `last`.
+fn interleave([r, g, b]: [&[f32]; 3], factor: f32, last: f32, row: &mut [[f32; 4]]) {
     for (i, pixel) in row.iter_mut().enumerate() {
-        *pixel = [r[i] * factor, g[i] * factor, b[i] * factor, 0.0];
+        *pixel = [r[i] * factor, g[i] * factor, b[i] * factor, last];
     }
 }
 
-/// ½ (Δx I_y + Δy I_x) of LR row `y` by central differences, one-sided at the border.
-fn estimate_mixed(frame: &SampleFrame, scale: f32, y: usize, row: &mut [[f32; 4]]) {
-    let (width, height) = (frame.width, frame.height);
+/// ½ (Δx I_y + Δy I_x) of LR row `y` by central differences, one-sided at the border, times `factor`.
+fn estimate_mixed(gradients: &Gradients, factor: f32, y: usize, row: &mut [[f32; 4]]) {
+    let Gradients { color_dx, color_dy, .. } = gradients;
+    let (width, height) = (color_dx.width(), color_dx.height());
     let (above, below) = (y.saturating_sub(1), (y + 1).min(height - 1));
-    // Samples are `scale` HR pixels apart, and derivatives are per HR pixel.
-    let per = |from: usize, to: usize| if to > from { 0.5 / ((to - from) as f32 * scale) } else { 0.0 };
+    let per = |from: usize, to: usize| if to > from { 0.5 * factor / (to - from) as f32 } else { 0.0 };
     let y_factor = per(above, below);
+    let (a, b, dy) = (rgb_rows(color_dx, above), rgb_rows(color_dx, below), rgb_rows(color_dy, y));
     for (i, pixel) in row.iter_mut().enumerate() {
         let (left, right) = (i.saturating_sub(1), (i + 1).min(width - 1));
         let x_factor = per(left, right);
-        let (a, b) = (&frame.samples[above * width + i].dx, &frame.samples[below * width + i].dx);
-        let (c, d) = (&frame.samples[y * width + left].dy, &frame.samples[y * width + right].dy);
-        *pixel = std::array::from_fn(|k| y_factor * (b[k] - a[k]) + x_factor * (d[k] - c[k]));
+        for c in 0..3 {
+            pixel[c] = y_factor * (b[c][i] - a[c][i]) + x_factor * (dy[c][right] - dy[c][left]);
+        }
     }
 }

@@ -26,6 +26,17 @@ pub(crate) fn repeat<S: Simd>(simd: S, values: &[f32]) -> f32x16<S> {
     f32x16::block_splat(f32x4::from_slice(simd, values))
 }
 
+/// The first sixteen values of `values`, 0 beyond them.
+#[inline(always)]
+pub(crate) fn load<S: Simd>(simd: S, values: &[f32]) -> f32x16<S> {
+    if let Some(values) = values.first_chunk() {
+        return f32x16::load_array_ref(simd, values);
+    }
+    let mut padded = [0.0; 16];
+    padded[..values.len()].copy_from_slice(values);
+    f32x16::load_array(simd, padded)
+}
+
 /// Values of a row that [`look_up`] can look up at once.
 pub(crate) const WINDOW: usize = 32;
 

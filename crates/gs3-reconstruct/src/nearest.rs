@@ -30,14 +30,14 @@ pub(crate) const EVERY: usize = 2;
 /// Largest inverse depths, 0 where there is no sample; the first pixel made is `(RIM, RIM)`.
 pub(crate) struct Nearest {
     /// Of the samples nearest to each pixel.
-    at: [f32; PLACES],
+    at: Vec<f32>,
     /// Of those and the samples nearest to the eight pixels around it.
-    around: [f32; PLACES],
+    around: Vec<f32>,
 }
 
 impl Nearest {
-    pub const fn new() -> Self {
-        Self { at: [0.0; PLACES], around: [0.0; PLACES] }
+    pub fn new() -> Self {
+        Self { at: vec![0.0; PLACES], around: vec![0.0; PLACES] }
     }
 
     /// Forgets all samples.
@@ -75,7 +75,9 @@ impl Nearest {
     #[inline(always)]
     pub fn around<S: Simd>(&self, simd: S, pixels: [f32x16<S>; 2]) -> f32x16<S> {
         let places = place(simd, pixels).to_array();
-        f32x16::load_array(simd, places.map(|place| self.around[place as usize % PLACES]))
+        // Of known length, no place needs to be checked.
+        let Some(around) = self.around.first_chunk::<PLACES>() else { return f32x16::splat(simd, 0.0) };
+        f32x16::load_array(simd, places.map(|place| around[place as usize % PLACES]))
     }
 }
 
@@ -104,8 +106,10 @@ impl Tile<'_> {
         let [x, y] = [x, y].map(|v| is_in.select(v, nothing - rim));
         let (places, depths) =
             (place(simd, [x, y]).to_array(), is_in.select(seen.inverse_depth, nothing).to_array());
+        // Of known length, no place needs to be checked.
+        let Some(at) = self.nearest.at.first_chunk_mut::<PLACES>() else { return };
         for (place, depth) in places.into_iter().zip(depths) {
-            let nearest = &mut self.nearest.at[place as usize % PLACES];
+            let nearest = &mut at[place as usize % PLACES];
             *nearest = if depth > *nearest { depth } else { *nearest };
         }
     }

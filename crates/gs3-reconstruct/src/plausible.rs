@@ -8,12 +8,12 @@
 //! predict each other well, a slow drift of colour would stay within that range; there, the past is worth less than the
 //! current frame alone, and the less the farther the view has turned since.
 
-use fearless_simd::{Level, Simd, dispatch, f32x16, prelude::*};
+use fearless_simd::{Level, Simd, dispatch, f32x16, mask32x16, prelude::*};
 use gs3_scene::{GBuffer, Gradients};
 use rayon::prelude::*;
 
-use crate::lanes::{WINDOW, look_up, window_bytes};
-use crate::samples::SampleFrame;
+use crate::lanes::{WINDOW, load, look_up, window_bytes};
+use crate::samples::{CHUNK, SampleFrame};
 
 /// Depths may exceed the farthest current one, and the nearest of all samples, by this share: 2 % is the usual tolerance of reprojection.
 pub(crate) const DEPTH_TOLERANCE: f32 = 0.02;
@@ -35,7 +35,7 @@ pub(crate) const DRIFT: f32 = 0.004;
 /// cannot have become hidden; it lies in a gap that the current samples miss.
 pub(crate) const HIDDEN: f32 = 1e4;
 
-const LANES: usize = 16;
+const LANES: usize = CHUNK;
 
 /// Cells of a row looked up before that of the first sample: positions need not increase along a row.
 const BACK: f32 = 8.0;
@@ -102,15 +102,16 @@ impl Plausible {
 
     /// The variances, pixel⁴, that the current frame gives sixteen past samples of colours `colors` seen now at HR
     /// positions `(x, y)`, pixel centres at whole numbers, and inverse depths `w`, so stale (pixels), which may have changed their
-    /// colour by `change`. Outside, the nearest cells decide.
+    /// colour by `change`. Outside, the nearest cells decide. Those that are not `wanted` have any.
     #[inline(always)]
     pub fn doubt<S: Simd>(
         &self,
         simd: S,
         [x, y, w]: [f32x16<S>; 3],
-        colors: [&[f32]; 3],
+        colors: [&[f32; LANES]; 3],
         staleness: f32x16<S>,
         change: f32x16<S>,
+        wanted: mask32x16<S>,
     ) -> f32x16<S> {
         let place = |x: f32x16<S>, axis: usize| {
             let place = x.mul_add(self.per_hr_pixel, f32x16::splat(simd, self.offset[axis]));
@@ -118,39 +119,26 @@ impl Plausible {
             place.max(0.0).min(self.last[axis]).floor()
         };
         let (i, j) = (place(x, 0), place(y, 1));
-        // Sixteen samples of a row mostly lie in sixteen cells of one row or two: loads, and bytes put in place.
-        let (row, column) = (j.reduce_min(), (i[0] - BACK).max(0.0));
-        let ahead = i - column;
-        let is_below = j.simd_gt(row);
-        let is_near = ahead.simd_ge(0.0) & ahead.simd_lt(WINDOW as f32) & j.simd_le(row + 1.0);
+        let (columns, rows) = (i.to_array(), j.to_array());
         let mut values = [f32x16::splat(simd, 0.0); VALUES];
-        if is_near.all_true() {
+        // Sixteen samples of a row mostly lie in sixteen cells of one row or two: loads, and bytes put in place, once or twice.
+        let mut left = wanted.to_bitmask() & 0xffff;
+        while left != 0 {
+            let lane = left.trailing_zeros() as usize;
+            let (row, column) = (rows[lane], (columns[lane] - BACK).max(0.0));
+            let ahead = i - column;
+            let is_near = j.simd_eq(row) & ahead.simd_ge(0.0) & ahead.simd_lt(WINDOW as f32);
             let start = row as usize * VALUES * self.width + column as usize;
             let bytes = window_bytes(ahead);
             for (k, value) in values.iter_mut().enumerate() {
-                *value = look_up(simd, &self.cells[start + k * self.width..], bytes);
+                let near = look_up(simd, &self.cells[start + k * self.width..], bytes);
+                *value = is_near.select(near, *value);
             }
-            if is_below.any_true() {
-                let start = start + VALUES * self.width;
-                for (k, value) in values.iter_mut().enumerate() {
-                    let below = look_up(simd, &self.cells[start + k * self.width..], bytes);
-                    *value = is_below.select(below, *value);
-                }
-            }
-        } else {
-            let (i, j) = (i.to_array(), j.to_array());
-            for (k, value) in values.iter_mut().enumerate() {
-                let mut lanes = [0.0; LANES];
-                for (lane, value) in lanes.iter_mut().enumerate() {
-                    let row = j[lane] as usize * VALUES + k;
-                    *value = self.cells[row * self.width + i[lane] as usize];
-                }
-                *value = f32x16::load_array(simd, lanes);
-            }
+            left &= !is_near.to_bitmask();
         }
         let mut sum = change * change;
         for c in 0..3 {
-            let away = (f32x16::from_slice(simd, colors[c]) - values[MIDDLE + c]).abs();
+            let away = (f32x16::load_array_ref(simd, colors[c]) - values[MIDDLE + c]).abs();
             let outside = (away - values[HALF + c]).max(0.0);
             sum = outside.mul_add(outside, sum);
         }
@@ -235,8 +223,8 @@ fn join_rows<S: Simd>(
             store(low, &mut cells[(LOW + c) * width + first..], count);
             store(high, &mut cells[(HIGH + c) * width + first..], count);
         }
-        let [a, b] = rows.map(|row| row * width + first);
-        let (a, b) = (load(simd, &frame.inverse_depth[a..]), load(simd, &frame.inverse_depth[b..]));
+        let [a, b] = rows.map(|row| frame.chunk(row, first / CHUNK).inverse_depth());
+        let (a, b) = (f32x16::load_array_ref(simd, a), f32x16::load_array_ref(simd, b));
         store(a.min(b), &mut cells[FARTHEST * width + first..], count);
         let [a, b] = rows.map(|row| load(simd, &errors[row * width + first..(row + 1) * width]));
         store(a.max(b), &mut cells[RESTLESS * width + first..], count);
@@ -273,17 +261,6 @@ fn join_columns<S: Simd>(simd: S, width: usize, cells: &mut [f32]) {
         // Where nothing varies, rounding alone must not make a sample implausible.
         store(MISMATCH / (extent + 1e-6), &mut cells[GAIN * width + first..], count);
     }
-}
-
-/// The first values of `values`, 0 beyond them.
-#[inline(always)]
-fn load<S: Simd>(simd: S, values: &[f32]) -> f32x16<S> {
-    if let Some(values) = values.first_chunk() {
-        return f32x16::load_array_ref(simd, values);
-    }
-    let mut padded = [0.0; LANES];
-    padded[..values.len()].copy_from_slice(values);
-    f32x16::load_array(simd, padded)
 }
 
 /// Writes the first `count` lanes.

@@ -55,11 +55,19 @@ fn intrinsic_matrix(camera: &Camera) -> DMat3 {
     DMat3::from_cols(DVec3::new(i.fx, 0.0, 0.0), DVec3::new(0.0, i.fy, 0.0), DVec3::new(i.cx, i.cy, 1.0))
 }
 
-/// Inverse view-space depth; 0 (infinity) where nothing was hit, which depth 0 means. Depths below a micro-unit count as
-/// such too, so that no inverse overflows.
+/// Depths up to a micro-unit count as nothing hit, so that no inverse overflows.
+const NEAREST: f32 = 1e-6;
+
+/// Inverse view-space depth; 0 (infinity) where nothing was hit, which depth 0 means.
 #[inline(always)]
 pub(crate) fn inverse_depth(z: f32) -> f32 {
-    if z > 1e-6 { 1.0 / z } else { 0.0 }
+    if z > NEAREST { 1.0 / z } else { 0.0 }
+}
+
+/// [`inverse_depth`] of sixteen.
+#[inline(always)]
+pub(crate) fn inverse_depth_16<S: Simd>(simd: S, z: f32x16<S>) -> f32x16<S> {
+    z.simd_gt(NEAREST).select(1.0 / z, f32x16::splat(simd, 0.0))
 }
 
 #[cfg(test)]

@@ -1,11 +1,12 @@
 //! One LR frame as exact point samples of the HR image: colour, gradient, inverse depth.
 
-use gs3_scene::{GBuffer, Planes};
+use fearless_simd::{Level, Simd, dispatch, f32x16, mask32x16, prelude::*};
+use gs3_scene::{GBuffer, Gradients, Planes};
 use rayon::prelude::*;
 
 use crate::error::ReconstructError;
-use crate::prefetch::prefetch;
-use crate::reprojection::inverse_depth;
+use crate::lanes::load;
+use crate::reprojection::inverse_depth_16;
 
 /// Samples of a row that are worked on together: one vector.
 pub(crate) const CHUNK: usize = 16;
@@ -19,25 +20,95 @@ pub(crate) const BESIDE: f32 = 0.9;
 /// a texture is often taken for an edge, 1 loses 0.5 dB.)
 pub(crate) const CROSSING: f32 = 0.5;
 
-/// What is known at one sample position. Four lanes per entry, so that each is one 128-bit load; the fourth lanes (1 for
-/// the colour, 0 for its derivatives) make the weight accumulate beside the weighted colour.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[repr(C, align(16))]
-pub(crate) struct Sample {
-    /// RGB, 1.
-    pub color: [f32; 4],
-    /// ∂RGB/∂x per HR pixel, 0.
-    pub dx: [f32; 4],
-    /// ∂RGB/∂y per HR pixel, 0.
-    pub dy: [f32; 4],
+/// What is known at one sample position: RGB, ∂RGB/∂x and ∂RGB/∂y per HR pixel.
+pub(crate) type Sample = [f32; 9];
+
+/// Where in a sample its derivatives begin.
+pub(crate) const DX: usize = 3;
+pub(crate) const DY: usize = 6;
+
+/// Numbers of all samples of a chunk.
+const SAMPLES: usize = CHUNK * size_of::<Sample>() / size_of::<f32>();
+
+/// [`CHUNK`] samples in a row: all that is read of them, in cache lines of its own, one after the other. (Apart, in planes, what a tile
+/// needs of one chunk lies on six pages, and super sampling waits for their addresses.) What lies beyond the end of the row is black
+/// and infinitely far.
+///
+/// First the samples, then planes of what all of them are asked for at once; in one array, so that four numbers can be loaded
+/// where a sample has the last three.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct Chunk([f32; SAMPLES + 5 * CHUNK]);
+
+impl Chunk {
+    const EMPTY: Self = Self([0.0; SAMPLES + 5 * CHUNK]);
+
+    /// `1 / z` of the median depth; 0 where nothing was hit, and if the frame came without geometry.
+    #[inline(always)]
+    pub fn inverse_depth(&self) -> &[f32; CHUNK] {
+        self.plane(0)
+    }
+
+    /// What the colour of a sample beside something nearer changes by, per HR pixel of parallax at depth 1, as the two move apart:
+    /// it may show some of the other's edge. The inverse depth of the nearest of the eight samples around it, less its own,
+    /// times [`CROSSING`] and its slope, the norm of all its derivatives; 0 where none is nearer.
+    #[inline(always)]
+    pub fn seams(&self) -> &[f32; CHUNK] {
+        self.plane(1)
+    }
+
+    /// Red, green, blue once more.
+    #[inline(always)]
+    pub fn colors(&self) -> [&[f32; CHUNK]; 3] {
+        [self.plane(2), self.plane(3), self.plane(4)]
+    }
+
+    /// Sample `i`.
+    #[inline(always)]
+    pub fn sample(&self, i: usize) -> &Sample {
+        &self.samples()[i]
+    }
+
+    /// RGB, ∂RGB/∂x and ∂RGB/∂y of sample `i`, and anything beside each.
+    #[inline(always)]
+    pub fn quads(&self, i: usize) -> [&[f32]; 3] {
+        let first = i * (SAMPLES / CHUNK);
+        let numbers = &self.0[first..first + DY + 4];
+        [&numbers[..4], &numbers[DX..DX + 4], &numbers[DY..]]
+    }
+
+    fn samples(&self) -> &[Sample] {
+        self.0[..SAMPLES].as_chunks().0
+    }
+
+    #[inline(always)]
+    fn plane(&self, k: usize) -> &[f32; CHUNK] {
+        &self.0[SAMPLES..].as_chunks().0[k]
+    }
+
+    /// Writes plane `k`: that of [`Self::inverse_depth`], [`Self::seams`] or one of [`Self::colors`].
+    #[inline(always)]
+    fn set_plane<S: Simd>(&mut self, k: usize, values: f32x16<S>) {
+        values.store_array(&mut self.0[SAMPLES..].as_chunks_mut().0[k]);
+    }
+
+    /// Writes number `k` of all samples.
+    #[inline(always)]
+    fn set_samples<S: Simd>(&mut self, k: usize, values: f32x16<S>) {
+        let samples: &mut [Sample] = self.0[..SAMPLES].as_chunks_mut().0;
+        samples.iter_mut().zip(values.to_array()).for_each(|(sample, value)| sample[k] = value);
+    }
 }
 
-impl Sample {
-    /// How much the colour changes per HR pixel: the norm of all its derivatives.
-    fn slope(&self) -> f32 {
-        let squares = |v: &[f32; 4]| v.iter().map(|v| v * v).sum::<f32>();
-        (squares(&self.dx) + squares(&self.dy)).sqrt()
-    }
+/// What the samples of a chunk have in common.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Extent {
+    /// Smallest inverse depth.
+    pub far: f32,
+    /// Largest inverse depth.
+    pub near: f32,
+    /// The colour of all samples if nothing was hit and nothing varies.
+    pub bare: Option<[f32; 3]>,
 }
 
 /// The samples of one LR frame, `[height, width]`.
@@ -47,29 +118,10 @@ pub(crate) struct SampleFrame {
     pub height: usize,
     /// Offset of the sample positions from the LR pixel centres, in LR pixels.
     pub jitter: [f32; 2],
-    pub samples: Vec<Sample>,
-    /// Red, green, blue once more, `[3, height, width]`, and a vector of anything.
-    colors: Vec<f32>,
-    /// `1 / z` of the median depth; 0 where nothing was hit; and a vector of anything. Empty if the frame came without
-    /// geometry.
-    pub inverse_depth: Vec<f32>,
-    /// What the colour of a sample beside something nearer changes by, per HR pixel of parallax at depth 1, as the two move apart:
-    /// it may show some of the other's edge. The inverse depth of the nearest of the eight samples around it, less its own,
-    /// times its slope and [`CROSSING`]; 0 where none is nearer; and a vector of anything. Empty if the frame came without geometry.
-    pub seams: Vec<f32>,
-    /// Per chunk, `[height, chunks per row]`; empty if the frame came without geometry.
-    pub chunks: Vec<Chunk>,
-}
-
-/// What [`CHUNK`] samples in a row have in common.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Chunk {
-    /// Smallest inverse depth.
-    pub far: f32,
-    /// Largest inverse depth.
-    pub near: f32,
-    /// The colour of all samples if nothing was hit and nothing varies.
-    pub bare: Option<[f32; 3]>,
+    /// `[height, chunks per row]`, the last of a row may be a part.
+    chunks: Vec<Chunk>,
+    /// Of each chunk.
+    extents: Vec<Extent>,
 }
 
 impl SampleFrame {
@@ -77,80 +129,27 @@ impl SampleFrame {
     ///
     /// # Errors
     /// [`ReconstructError::Missing`] if there are no gradients.
-    pub fn fill(&mut self, gbuffer: &GBuffer, scale: u32) -> Result<(), ReconstructError> {
+    pub fn fill(&mut self, level: Level, gbuffer: &GBuffer, scale: u32) -> Result<(), ReconstructError> {
         let Some(gradients) = &gbuffer.gradients else {
             return Err(ReconstructError::Missing { what: "image gradients" });
         };
-        let (width, height) = (gbuffer.width(), gbuffer.height());
-        (self.width, self.height, self.jitter) = (width, height, gbuffer.jitter);
-        self.samples.resize(width * height, Sample::default());
-        let per_hr_pixel = 1.0 / scale as f32;
-        self.samples.par_chunks_exact_mut(width).enumerate().with_min_len(8).for_each(|(y, row)| {
-            let [r, g, b] = rgb_rows(&gbuffer.color, y);
-            let [rx, gx, bx] = rgb_rows(&gradients.color_dx, y);
-            let [ry, gy, by] = rgb_rows(&gradients.color_dy, y);
-            for (i, sample) in row.iter_mut().enumerate() {
-                sample.color = [r[i], g[i], b[i], 1.0];
-                sample.dx = [rx[i] * per_hr_pixel, gx[i] * per_hr_pixel, bx[i] * per_hr_pixel, 0.0];
-                sample.dy = [ry[i] * per_hr_pixel, gy[i] * per_hr_pixel, by[i] * per_hr_pixel, 0.0];
-            }
+        (self.width, self.height, self.jitter) = (gbuffer.width(), gbuffer.height(), gbuffer.jitter);
+        let per_row = self.chunks_per_row();
+        self.chunks.resize(per_row * self.height, Chunk::EMPTY);
+        self.extents.resize(per_row * self.height, Extent::default());
+        let depth = gbuffer.geometry.as_ref().map(|geometry| &geometry.depth_median);
+        let planes =
+            SamplePlanes { color: &gbuffer.color, gradients, depth, per_hr_pixel: 1.0 / scale as f32 };
+        let rows = self.chunks.par_chunks_exact_mut(per_row).zip(self.extents.par_chunks_exact_mut(per_row));
+        rows.enumerate().with_min_len(8).for_each_init(Vec::new, |nearest, (y, (chunks, extents))| {
+            dispatch!(level, simd => {
+                planes.find_nearest(simd, y, nearest);
+                for (k, (chunk, extent)) in chunks.iter_mut().zip(extents).enumerate() {
+                    *extent = planes.fill_chunk(simd, [k * CHUNK, y], nearest, chunk);
+                }
+            });
         });
-        match &gbuffer.geometry {
-            Some(geometry) => self.fill_geometry(gbuffer, &geometry.depth_median),
-            None => {
-                self.inverse_depth.clear();
-                self.seams.clear();
-                self.chunks.clear();
-            }
-        }
         Ok(())
-    }
-
-    /// Takes over what only reprojection needs.
-    fn fill_geometry(&mut self, gbuffer: &GBuffer, depth: &Planes<1>) {
-        let (width, size) = (self.width, self.width * self.height);
-        self.colors.resize(3 * size + CHUNK, 0.0);
-        let colors = self.colors[..3 * size].par_chunks_mut(1 << 14);
-        colors.zip(gbuffer.color.data().par_chunks(1 << 14)).for_each(|(to, from)| to.copy_from_slice(from));
-        self.inverse_depth.resize(size + CHUNK, 0.0);
-        self.chunks.resize(self.chunks_per_row() * self.height, Chunk::default());
-        let depths = self.inverse_depth[..size].par_chunks_exact_mut(width);
-        let chunks = self.chunks.par_chunks_exact_mut(width.div_ceil(CHUNK));
-        let samples = self.samples.par_chunks_exact(width);
-        let rows = depths.zip(chunks).zip(samples).enumerate().with_min_len(8);
-        rows.for_each(|(y, ((row, chunks), samples))| {
-            row.iter_mut().zip(depth.row(0, y)).for_each(|(w, &z)| *w = inverse_depth(z));
-            for (chunk, (depths, samples)) in
-                chunks.iter_mut().zip(row.chunks(CHUNK).zip(samples.chunks(CHUNK)))
-            {
-                *chunk = Chunk::of(depths, samples);
-            }
-        });
-        self.find_seams();
-    }
-
-    /// Finds the samples of surfaces beside nearer ones.
-    fn find_seams(&mut self) {
-        let (width, size) = (self.width, self.width * self.height);
-        self.seams.resize(size + CHUNK, 0.0);
-        let (depths, samples, last) = (&self.inverse_depth, &self.samples, self.height - 1);
-        let rows = self.seams[..size].par_chunks_exact_mut(width).enumerate().with_min_len(8);
-        rows.for_each_init(Vec::new, |nearest, (y, seams)| {
-            let row = |y: usize| &depths[y * width..][..width];
-            // Of the three samples of a column; beyond the first and the last column there is nothing.
-            nearest.clear();
-            nearest.resize(width + 2, 0.0_f32);
-            let columns = nearest[1..].iter_mut().zip(row(y.saturating_sub(1)));
-            for (((most, above), here), below) in columns.zip(row(y)).zip(row((y + 1).min(last))) {
-                *most = above.max(*here).max(*below);
-            }
-            for (x, seam) in seams.iter_mut().enumerate() {
-                let near = nearest[x].max(nearest[x + 1]).max(nearest[x + 2]);
-                let sample = y * width + x;
-                let behind = CROSSING * (near - depths[sample]);
-                *seam = if depths[sample] < near * BESIDE { behind * samples[sample].slope() } else { 0.0 };
-            }
-        });
     }
 
     /// Chunks per row of samples, the last of which may be a part.
@@ -158,35 +157,88 @@ impl SampleFrame {
         self.width.div_ceil(CHUNK)
     }
 
-    /// Asks for all there is about chunk `chunk` of row `row` to be brought into the caches.
+    /// Chunk `chunk` of row `row`.
     #[inline(always)]
-    pub fn prefetch(&self, row: usize, chunk: usize) {
-        let start = row * self.width + chunk * CHUNK;
-        prefetch(&self.inverse_depth[start..start + CHUNK]);
-        let [r, g, b] = self.colors(start);
-        prefetch(r);
-        prefetch(g);
-        prefetch(b);
-        prefetch(&self.samples[start..(start + CHUNK).min(self.samples.len())]);
+    pub fn chunk(&self, row: usize, chunk: usize) -> &Chunk {
+        &self.chunks[row * self.chunks_per_row() + chunk]
     }
 
-    /// The colours of the [`CHUNK`] samples from `first` on; anything beyond the end of the row.
+    /// What the samples of the chunks of row `row` have in common.
+    pub fn extents(&self, row: usize) -> &[Extent] {
+        &self.extents[row * self.chunks_per_row()..][..self.chunks_per_row()]
+    }
+
+    /// The sample in column `x` of row `y`.
     #[inline(always)]
-    pub fn colors(&self, first: usize) -> [&[f32]; 3] {
-        let size = self.width * self.height;
-        let of = |c: usize| &self.colors[c * size + first..c * size + first + CHUNK];
-        [of(0), of(1), of(2)]
+    pub fn sample(&self, x: usize, y: usize) -> &Sample {
+        self.chunk(y, x / CHUNK).sample(x % CHUNK)
     }
 }
 
-impl Chunk {
-    fn of(depths: &[f32], samples: &[Sample]) -> Self {
-        let far = depths.iter().fold(f32::INFINITY, |a, b| a.min(*b));
-        let near = depths.iter().fold(0.0_f32, |a, b| a.max(*b));
-        let first = Sample { color: samples[0].color, ..Sample::default() };
-        let is_bare = near == 0.0 && samples.iter().all(|sample| *sample == first);
-        let [r, g, b, _] = first.color;
-        Self { far, near, bare: is_bare.then_some([r, g, b]) }
+/// What samples are made from.
+struct SamplePlanes<'a> {
+    color: &'a Planes<3>,
+    gradients: &'a Gradients,
+    depth: Option<&'a Planes<1>>,
+    /// LR pixels per HR pixel.
+    per_hr_pixel: f32,
+}
+
+impl SamplePlanes<'_> {
+    /// The largest inverse depths of the three samples of each column of row `y` and the rows beside it, from entry 1 on; beyond the
+    /// first and the last column there is nothing.
+    #[inline(always)]
+    fn find_nearest<S: Simd>(&self, simd: S, y: usize, nearest: &mut Vec<f32>) {
+        let (width, height) = (self.color.width(), self.color.height());
+        nearest.clear();
+        nearest.resize(width.next_multiple_of(CHUNK) + 2, 0.0);
+        let Some(depth) = self.depth else { return };
+        let (above, below) = (y.saturating_sub(1), (y + 1).min(height - 1));
+        for first in (0..width).step_by(CHUNK) {
+            let at = |y: usize| inverse_depth_16(simd, load(simd, &depth.row(0, y)[first..]));
+            at(above).max(at(y)).max(at(below)).store_slice(&mut nearest[1 + first..][..CHUNK]);
+        }
+    }
+
+    /// Fills the chunk whose first sample is in column `first` of row `y`.
+    #[inline(always)]
+    fn fill_chunk<S: Simd>(
+        &self,
+        simd: S,
+        [first, y]: [usize; 2],
+        nearest: &[f32],
+        chunk: &mut Chunk,
+    ) -> Extent {
+        let zero = f32x16::splat(simd, 0.0);
+        let count = CHUNK.min(self.color.width() - first);
+        let is_sample = f32x16::from_fn(simd, |i| i as f32).simd_lt(count as f32);
+        let Gradients { color_dx, color_dy, .. } = self.gradients;
+        let (mut squares, mut is_bare) = (zero, mask32x16::splat(simd, true));
+        for c in 0..3 {
+            let color = load(simd, &self.color.row(c, y)[first..]);
+            let dx = load(simd, &color_dx.row(c, y)[first..]) * self.per_hr_pixel;
+            let dy = load(simd, &color_dy.row(c, y)[first..]) * self.per_hr_pixel;
+            squares = dx.mul_add(dx, dy.mul_add(dy, squares));
+            is_bare &= color.simd_eq(color[0]) & dx.simd_eq(0.0) & dy.simd_eq(0.0);
+            chunk.set_plane(2 + c, color);
+            chunk.set_samples(c, color);
+            chunk.set_samples(DX + c, dx);
+            chunk.set_samples(DY + c, dy);
+        }
+        let here = match self.depth {
+            Some(depth) => inverse_depth_16(simd, load(simd, &depth.row(0, y)[first..])),
+            None => zero,
+        };
+        chunk.set_plane(0, here);
+        let column = |k: usize| f32x16::from_slice(simd, &nearest[first + k..][..CHUNK]);
+        let near = column(0).max(column(1)).max(column(2));
+        let change = (near - here) * CROSSING * squares.sqrt();
+        chunk.set_plane(1, here.simd_lt(near * BESIDE).select(change, zero));
+        let far = is_sample.select(here, f32x16::splat(simd, f32::INFINITY)).reduce_min();
+        let near = here.reduce_max();
+        let [r, g, b] = chunk.colors().map(|plane| plane[0]);
+        let is_bare = near == 0.0 && (is_bare | !is_sample).all_true();
+        Extent { far, near, bare: is_bare.then_some([r, g, b]) }
     }
 }
 

@@ -15,7 +15,7 @@ use fearless_simd::{Simd, f32x16, i32x16, mask32x16, prelude::*};
 use crate::lanes::{repeat, spread};
 use crate::plausible::{DEPTH_TOLERANCE, Plausible};
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
-use crate::samples::{CHUNK, Sample, SampleFrame};
+use crate::samples::{CHUNK, SampleFrame};
 use crate::tile::{PAD_X, PAD_Y, STRIDE, Tile};
 
 /// A sample reaches this many pixels in a row, those less than two away along x: they are one vector.
@@ -95,13 +95,12 @@ impl Source<'_> {
     pub fn see<S: Simd>(&self, simd: S, row: usize, chunk: usize) -> Seen<S> {
         let splat = |v: f32| f32x16::splat(simd, v);
         let column = chunk * CHUNK;
-        let start = row * self.frame.width + column;
         let lanes = f32x16::from_fn(simd, |i| i as f32);
         // Position on its own HR grid.
         let [jx, jy] = self.frame.jitter;
         let from_x = lanes.mul_add(self.scale, splat((column as f32 + 0.5 + jx) * self.scale));
         let from_y = splat((row as f32 + 0.5 + jy) * self.scale);
-        let w = f32x16::from_slice(simd, &self.frame.inverse_depth[start..start + CHUNK]);
+        let w = f32x16::load_array_ref(simd, self.frame.chunk(row, chunk).inverse_depth());
         let [x, y, q] = self.reprojection.apply_16(simd, from_x, from_y, w);
         let (moved_x, moved_y) = (x - from_x, y - from_y);
         Seen {
@@ -128,10 +127,10 @@ impl Source<'_> {
     ) -> Landing {
         let splat = |v: f32| f32x16::splat(simd, v);
         let seen = self.see(simd, row, chunk);
-        let start = row * self.frame.width + chunk * CHUNK;
+        let chunk = self.frame.chunk(row, chunk);
         let (x, y, w) = (seen.x - 0.5, seen.y - 0.5, seen.inverse_depth);
-        let change = f32x16::from_slice(simd, &self.frame.seams[start..start + CHUNK]) * self.parallax;
-        let doubt = plausible.doubt(simd, [x, y, w], self.frame.colors(start), seen.staleness, change);
+        let change = f32x16::load_array_ref(simd, chunk.seams()) * self.parallax;
+        let position = [x, y, w];
         // Relative to the tile, whose first pixel is (PAD_X, PAD_Y).
         let (x, y) = (x - (tile.left as f32 - PAD_X as f32), y - (tile.top as f32 - PAD_Y as f32));
         let (first_x, first_y) = (x.floor() - 1.0, (y + 0.5).floor() - 1.0);
@@ -141,6 +140,7 @@ impl Source<'_> {
             & first_x.simd_lt((PAD_X + tile.width) as f32)
             & first_y.simd_gt(PAD_Y as f32 - ROWS as f32)
             & first_y.simd_lt((PAD_Y + tile.height) as f32);
+        let doubt = plausible.doubt(simd, position, chunk.colors(), seen.staleness, change, reached);
         let pixel = [(x + 0.5).floor() - PAD_X as f32, first_y + (1.0 - PAD_Y as f32)];
         let nearest = tile.nearest.around(simd, pixel);
         // What is nearer may hide it now, the rather the farther the two have moved apart. It is not beyond use: depths at
@@ -179,10 +179,11 @@ impl<'a> Tile<'a> {
         if landing.seen == 0 {
             return;
         }
-        let start = row * source.frame.width + chunk * CHUNK;
-        let samples = &source.frame.samples[start..];
+        let chunk = source.frame.chunk(row, chunk);
         let columns = f32x16::from_fn(simd, |k| (k % COLUMNS) as f32);
         let pixels = f32x16::from_fn(simd, |k| (k / 4) as f32);
+        let is_color = f32x16::from_fn(simd, |k| (k % 4) as f32).simd_lt(3.0);
+        let (zero, one) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 1.0));
         let mut weights = [[0.0; 16]; ROWS];
         for group in 0..CHUNK / 4 {
             let at = 4 * group..4 * group + 4;
@@ -200,18 +201,19 @@ impl<'a> Tile<'a> {
                 if landing.seen >> i & 1 == 0 {
                     continue;
                 }
-                let (Some(sample), Ok(first)) = (samples.get(i), usize::try_from(landing.first[i])) else {
+                let Ok(first) = usize::try_from(landing.first[i]) else {
                     break;
                 };
                 if let Some(neighborhoods) = &mut self.neighborhoods {
                     let at = [(first % STRIDE) as f32 + landing.x[i], (first / STRIDE) as f32 + landing.y[i]];
-                    neighborhoods.take(at, landing.noise[i], sample);
+                    neighborhoods.take(at, landing.noise[i], chunk.sample(i));
                 }
-                let Sample { color, dx, dy } = sample;
                 // Lanes: four pixels in a row, four channels each.
-                let along_y = repeat(simd, dy);
+                let [color, dx, dy] = chunk.quads(i);
+                let along_y = is_color.select(repeat(simd, dy), zero);
                 let along_x = repeat(simd, dx).mul_add(pixels - landing.x[i], repeat(simd, color));
-                let mut prediction = along_y.mul_add(-landing.y[i], along_x);
+                // Beside the weighted colour the weight itself.
+                let mut prediction = is_color.select(along_y.mul_add(-landing.y[i], along_x), one);
                 let Some(target) = self.pixels.get_mut(first..first + (ROWS - 1) * STRIDE + COLUMNS) else {
                     break;
                 };

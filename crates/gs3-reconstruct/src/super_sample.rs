@@ -1,6 +1,7 @@
 //! Temporal super sampling without learning.
 
 use std::ops::Range;
+use std::slice;
 
 use fearless_simd::{Level, Simd, dispatch};
 use gs3_scene::{Camera, GBuffer, Gradients, Image};
@@ -12,6 +13,7 @@ use crate::hermite::Surface;
 use crate::kriging::Neighborhoods;
 use crate::nearest::{EVERY, RIM};
 use crate::plausible::Plausible;
+use crate::prefetch::prefetch;
 use crate::reprojection::{Reprojection, parallax};
 use crate::samples::SampleFrame;
 use crate::splat::{REACH, Source};
@@ -53,6 +55,9 @@ const QUEUE: usize = 256;
 /// How many chunks ahead of its use the memory of one is asked for: sixteen samples take about a hundred nanoseconds, and
 /// memory a few hundred.
 const AHEAD: usize = 3;
+
+/// The same where only depths are read.
+const SURVEYED_AHEAD: usize = 8;
 
 /// Most frames in the history.
 const MAX_PAST: usize = (crate::MAX_SCALE * crate::MAX_SCALE) as usize;
@@ -101,7 +106,7 @@ struct Band<'a> {
 /// The history is the last S² LR frames themselves: exact samples, splatted anew for every frame (see the module
 /// `splat`). At rest under the exact S×S grid jitter the result therefore is the native image after S² frames.
 ///
-/// Memory: 70 B per LR pixel and remembered frame, that is per HR pixel.
+/// Memory: 58 B per LR pixel and remembered frame, that is per HR pixel.
 #[derive(Debug)]
 pub struct SuperSampler {
     scale: u32,
@@ -212,8 +217,8 @@ impl SuperSampler {
             boxes: Boxes::default(),
         });
         newest.camera = *camera;
-        newest.frame.fill(gbuffer, self.scale)?;
-        self.surface.set(&newest.frame, gbuffer, self.scale);
+        newest.frame.fill(self.level, gbuffer, self.scale)?;
+        self.surface.set(gbuffer, gradients, self.scale);
         self.plausible.set(self.level, gbuffer, gradients, &newest.frame, self.scale);
         self.past.insert(0, newest);
         Ok(())
@@ -247,15 +252,14 @@ impl SuperSampler {
                 Band { top, pixels, innovation: part, first_row: rows.start }
             })
             .collect();
-        let neighborhoods = || self.kriging.worth().map(Neighborhoods::new);
-        bands.into_par_iter().for_each_init(neighborhoods, |neighborhoods, band| {
-            dispatch!(self.level, simd => self.fill_band(simd, band, size, lattice, neighborhoods));
+        let tile = || Tile::new(self.kriging.worth().map(Neighborhoods::new));
+        bands.into_par_iter().for_each_init(tile, |tile, band| {
+            dispatch!(self.level, simd => self.fill_band(simd, band, size, lattice, tile));
         });
         self.innovation = innovation;
     }
 
-    /// Fills a band of an image of `[width, height]`, whose current samples lie on the pixels of `lattice`. It kriges with the
-    /// memory of `neighborhoods`, if there are any.
+    /// Fills a band of an image of `[width, height]`, whose current samples lie on the pixels of `lattice`, in the memory of `tile`.
     #[inline(always)]
     fn fill_band<'a, S: Simd>(
         &'a self,
@@ -263,25 +267,24 @@ impl SuperSampler {
         band: Band<'_>,
         [width, height]: [usize; 2],
         lattice: Option<Lattice>,
-        neighborhoods: &mut Option<Neighborhoods<'a>>,
+        tile: &mut Tile<'a>,
     ) {
         let Band { top, pixels: rows, innovation, first_row } = band;
         let with_ring = |start: usize, count: usize, all: usize| {
             let first = start.saturating_sub(RING);
             (first, (start + count + RING).min(all) - first)
         };
-        let mut tile = Tile::new(neighborhoods.take());
         let rows_wanted = rows.len() / width;
         (tile.top, tile.height) = with_ring(top, rows_wanted, height);
         let mut of_past: [Range<usize>; MAX_PAST] = [const { 0..0 }; MAX_PAST];
         for (age, (past, of_past)) in self.past.iter().zip(&mut of_past).enumerate() {
-            *of_past = past.boxes.rows_meeting(self.limits(&tile, age).wider(RIM as f32 - REACH));
+            *of_past = past.boxes.rows_meeting(self.limits(tile, age).wider(RIM as f32 - REACH));
         }
         for left in (0..width).step_by(TILE_WIDTH) {
             let wanted =
                 Wanted { left, top, width: TILE_WIDTH.min(width - left), height: rows_wanted, stride: width };
             (tile.left, tile.width) = with_ring(left, wanted.width, width);
-            let bare = self.bare_color(simd, &tile, &of_past);
+            let bare = self.bare_color(simd, tile, &of_past);
             if let Some([r, g, b]) = bare {
                 for row in rows.chunks_exact_mut(width) {
                     row[left..left + wanted.width].fill([r, g, b, 0.0]);
@@ -289,19 +292,18 @@ impl SuperSampler {
                 continue;
             }
             let current = &self.past[0].frame;
-            tile.begin(simd, &self.surface, current, self.scale as f32);
+            tile.begin(simd, &self.surface, self.scale as f32);
             if let Some(lattice) = &lattice {
                 tile.vacate(lattice);
             }
-            self.survey_frames(simd, &mut tile, &of_past);
-            self.add_frames(simd, &mut tile, 1, &of_past);
+            self.survey_frames(simd, tile, &of_past);
+            self.add_frames(simd, tile, 1, &of_past);
             if let Some(lattice) = &lattice {
                 tile.confront(lattice, current, &wanted, innovation, first_row);
             }
-            self.add_frames(simd, &mut tile, 0, &of_past[..1]);
+            self.add_frames(simd, tile, 0, &of_past[..1]);
             tile.resolve(simd, &wanted, rows);
         }
-        *neighborhoods = tile.neighborhoods;
     }
 
     /// The pixels on which what the frame of age `age` holds may bear on `tile`: samples reach out, and the current frame,
@@ -321,7 +323,7 @@ impl SuperSampler {
         for (age, (past, rows)) in self.past.iter().zip(of_past).enumerate() {
             let limits = self.limits(tile, age);
             for (row, chunk) in past.boxes.chunks_meeting(simd, rows.clone(), limits) {
-                let bare = past.frame.chunks[row * past.frame.chunks_per_row() + chunk].bare?;
+                let bare = past.frame.extents(row)[chunk].bare?;
                 if *color.get_or_insert(bare) != bare {
                     return None;
                 }
@@ -339,8 +341,17 @@ impl SuperSampler {
         for (past, rows) in self.past.iter().zip(of_past).step_by(EVERY) {
             // Age is no matter here.
             let source = past.source(0, self.scale);
+            let (mut waiting, mut count) = ([(0, 0); SURVEYED_AHEAD], 0);
             for (row, chunk) in past.boxes.chunks_meeting(simd, rows.clone(), limits) {
-                tile.survey(simd, &source, row, chunk);
+                prefetch(past.frame.chunk(row, chunk).inverse_depth());
+                let (row, chunk) = std::mem::replace(&mut waiting[count % SURVEYED_AHEAD], (row, chunk));
+                count += 1;
+                if count > SURVEYED_AHEAD {
+                    tile.survey(simd, &source, row, chunk);
+                }
+            }
+            for (row, chunk) in &waiting[..count.min(SURVEYED_AHEAD)] {
+                tile.survey(simd, &source, *row, *chunk);
             }
         }
         tile.nearest.spread(simd);
@@ -386,7 +397,8 @@ impl SuperSampler {
     fn add_all<'a>(&'a self, tile: &mut Tile<'a>, tasks: &[Task]) {
         dispatch!(self.level, simd => for (k, task) in tasks.iter().enumerate() {
             if let Some(next) = tasks.get(k + AHEAD) {
-                self.past[next.age as usize].frame.prefetch(next.row as usize, next.chunk as usize);
+                let frame = &self.past[next.age as usize].frame;
+                prefetch(slice::from_ref(frame.chunk(next.row as usize, next.chunk as usize)));
             }
             let source = self.past[task.age as usize].source(task.age as usize, self.scale);
             tile.add(simd, &source, &self.plausible, task.row as usize, task.chunk as usize);

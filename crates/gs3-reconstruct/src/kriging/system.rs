@@ -3,7 +3,7 @@
 use fearless_simd::{Simd, f32x16, prelude::*};
 
 use super::{CERTAIN, DATA, DOUBTFUL, FADE, FARTHEST, LENGTH, NUGGET, SAMPLES};
-use crate::samples::{CHUNK, Sample};
+use crate::samples::{CHUNK, DX, DY, Sample};
 
 /// The samples around sixteen pixels. Where there are too few, others in the pixel's place count for nothing by their noise.
 pub(super) struct Around<'a> {
@@ -83,10 +83,11 @@ impl Around<'_> {
     pub fn predict(&self, lane: usize, weights: &[[f32; CHUNK]; DATA], pixel: &mut [f32; 4]) {
         let mut sum = [0.0_f32; 3];
         for (sample, weights) in self.samples[lane].iter().zip(weights.as_chunks::<3>().0) {
-            let Some(Sample { color, dx, dy }) = sample else { continue };
+            let Some(sample) = sample else { continue };
             let [value, along_x, along_y] = [weights[0][lane], weights[1][lane], weights[2][lane]];
             for (c, sum) in sum.iter_mut().enumerate() {
-                *sum += value * (color[c] - pixel[c]) + LENGTH * (along_x * dx[c] + along_y * dy[c]);
+                let slopes = along_x * sample[DX + c] + along_y * sample[DY + c];
+                *sum += value * (sample[c] - pixel[c]) + LENGTH * slopes;
             }
         }
         pixel.iter_mut().zip(sum).for_each(|(pixel, sum)| *pixel += sum);
