@@ -190,38 +190,40 @@ impl Surface {
                 weights[k] = 0.0;
             }
         }
-        // The columns within the frame, and how many are before and after it.
-        let [start, end] = [first, first + values.len() as isize].map(|i| i.clamp(0, self.width as isize));
-        let before = (start - first) as usize;
-        let inside = before..before + (end - start) as usize;
-        // Of one LR row each, within the frame.
-        let part = |row: usize| row * self.width + start as usize..row * self.width + end as usize;
-        let (upper, lower) = (part(j0), part(j1));
-        for (out, value, slope) in
-            [(&mut *values, &self.color, &self.dy), (&mut *slopes, &self.dx, &self.mixed)]
-        {
-            let terms =
-                [&value[upper.clone()], &slope[upper.clone()], &value[lower.clone()], &slope[lower.clone()]];
-            weighted_sum(simd, terms, &weights, &mut out[inside.clone()]);
+        // The columns within the frame, and where they are among those wanted: nowhere, if samples lie far beyond their pixels.
+        let [start, end] =
+            [first, first + values.len() as isize].map(|i| i.clamp(0, self.width as isize) as usize);
+        let before = (-first).clamp(0, values.len() as isize) as usize;
+        let inside = before..before + (end - start);
+        let rows = [j0, j1].map(|j| j * self.width);
+        weighted_sum(simd, [&self.color, &self.dy], rows, start, &weights, &mut values[inside.clone()]);
+        weighted_sum(simd, [&self.dx, &self.mixed], rows, start, &weights, &mut slopes[inside.clone()]);
+        for (column, beyond) in [(0, 0..inside.start), (self.width - 1, inside.end..values.len())] {
+            if !beyond.is_empty() {
+                let mut border = [[0.0; 4]];
+                weighted_sum(simd, [&self.color, &self.dy], rows, column, &weights, &mut border);
+                values[beyond.clone()].fill(border[0]);
+                slopes[beyond].fill([0.0; 4]);
+            }
         }
-        let (Some(left), Some(right)) = (values[inside.clone()].first(), values[inside.clone()].last())
-        else {
-            return;
-        };
-        let (left, right) = (*left, *right);
-        values[..before].fill(left);
-        values[inside.end..].fill(right);
-        slopes[..before].fill([0.0; 4]);
-        slopes[inside.end..].fill([0.0; 4]);
     }
 }
 
-/// Σ weight · term, of terms as long as `out`.
+/// Σ weight · entry, of values and slopes in two rows, which begin at `rows`, from column `start` on.
 #[inline(always)]
-fn weighted_sum<S: Simd>(simd: S, terms: [&[[f32; 4]]; 4], weights: &[f32; 4], out: &mut [[f32; 4]]) {
+fn weighted_sum<S: Simd>(
+    simd: S,
+    [values, slopes]: [&[[f32; 4]]; 2],
+    rows: [usize; 2],
+    start: usize,
+    weights: &[f32; 4],
+    out: &mut [[f32; 4]],
+) {
     /// Entries of a vector.
     const QUAD: usize = 4;
-    let [a, b, c, d] = terms;
+    let [upper, lower] = rows.map(|row| row + start..row + start + out.len());
+    let (a, b) = (&values[upper.clone()], &slopes[upper]);
+    let (c, d) = (&values[lower.clone()], &slopes[lower]);
     let weight = |k: usize| f32x16::splat(simd, weights[k]);
     let (w0, w1, w2, w3) = (weight(0), weight(1), weight(2), weight(3));
     let at = |term: &[[f32; 4]], k: usize| f32x16::from_slice(simd, term[k..k + QUAD].as_flattened());

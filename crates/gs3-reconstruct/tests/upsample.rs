@@ -165,3 +165,19 @@ proptest! {
         prop_assert!(out.pixels().iter().all(|p| (f64::from(p[0]) - level).abs() < 1e-5 && p[3] == 0.0));
     }
 }
+
+#[test]
+fn samples_beyond_their_pixels_are_repeated() -> Result<(), ReconstructError> {
+    let mut constant = [[0.0; 4]; 4];
+    constant[0][0] = 0.25;
+    for (width, jitter) in [(1, [0.9, -0.9]), (2, [0.9, 0.9]), (1, [-0.9, -0.9])] {
+        let gbuffer = polynomial(1, 3, jitter, &constant, false);
+        let mut out = Image::new(width, 6);
+        hermite(&gbuffer, 2, &mut out)?;
+        for pixel in out.pixels() {
+            let error = pixel.iter().zip([0.25, 0.5, 0.75, 0.0]).map(|(a, b): (&f32, f32)| (a - b).abs());
+            assert!(error.fold(0.0, f32::max) <= 1e-6, "{width} wide, {jitter:?}: {pixel:?}");
+        }
+    }
+    Ok(())
+}
