@@ -8,8 +8,8 @@ use crate::nearest::Nearest;
 use crate::samples::SampleFrame;
 use crate::splat::NOISE;
 
-/// Pixels of a tile along x, a multiple of 16. (At 1920×1080 256 takes 2 ms more, as samples are reprojected for each tile; 640×48 is
-/// alike, but kriging, whose samples then leave the second cache, takes 10 ms more on foliage.)
+/// Pixels of a tile along x, a multiple of 16. (At 1920×1080 256 takes half a millisecond more, as samples are reprojected for each tile;
+/// 640×48 is alike, but kriging, whose samples then leave the second cache, takes 9 ms more on foliage.)
 pub(crate) const TILE_WIDTH: usize = 480;
 
 /// Pixels of a tile along y. Width and height are large against a sample's reach, because samples that reach two tiles are
