@@ -26,6 +26,30 @@ pub fn run_row(
     fill_halo(border, layout, out);
 }
 
+/// Turns `out`, a strip of `layout` that holds what the first of `inputs` is, into `op` of them; `op` is of each pixel on its own
+/// ([`updates`]).
+pub fn update_row(
+    level: Level,
+    op: &Op,
+    sources: Sources<'_>,
+    inputs: &[Layout],
+    layout: &Layout,
+    y: usize,
+    out: &mut [Block],
+) {
+    let row = Row { sources, inputs, layout, y };
+    dispatch!(level, simd => row.update(simd, op, out));
+}
+
+/// Of which inputs of `op` any may be the first for [`update_row`].
+pub fn updates(op: &Op) -> usize {
+    match op {
+        Op::Add => 2,
+        Op::Activate(_) | Op::Multiply | Op::Mix | Op::Scale { .. } => 1,
+        _ => 0,
+    }
+}
+
 /// A row of an operation.
 struct Row<'a> {
     sources: Sources<'a>,
@@ -87,6 +111,30 @@ impl<'a> Row<'a> {
                     });
                 }
                 // Rearrangements were made above; convolutions and inputs have steps of their own.
+                _ => {}
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn update<S: Simd>(&self, simd: S, op: &Op, out: &mut [Block]) {
+        for (b, out) in out.chunks_exact_mut(self.layout.shape.width).enumerate() {
+            match op {
+                Op::Activate(activation) => each_of(simd, out, |x, _| activate(simd, *activation, x)),
+                Op::Add => {
+                    let [y] = self.lines([1], b);
+                    each_of(simd, out, |x, k| x + load(simd, &y[k]));
+                }
+                Op::Multiply => {
+                    let factor = self.factor(1, b);
+                    each_of(simd, out, |x, k| x * factor.at(simd, k));
+                }
+                Op::Mix => {
+                    let ([y], t) = (self.lines([1], b), self.factor(2, b));
+                    each_of(simd, out, |x, k| t.at(simd, k).mul_add(load(simd, &y[k]) - x, x));
+                }
+                Op::Scale { factor } => each_of(simd, out, |x, _| x * *factor),
+                // Nothing else is planned so.
                 _ => {}
             }
         }
@@ -399,5 +447,13 @@ pub fn load<S: Simd>(simd: S, block: &Block) -> f32x16<S> {
 fn each<S: Simd>(_simd: S, out: &mut [Block], f: impl Fn(usize) -> f32x16<S>) {
     for (k, out) in out.iter_mut().enumerate() {
         out.0 = f(k).to_array();
+    }
+}
+
+/// Turns each pixel into `f` of it and its place.
+#[inline(always)]
+fn each_of<S: Simd>(simd: S, out: &mut [Block], f: impl Fn(f32x16<S>, usize) -> f32x16<S>) {
+    for (k, out) in out.iter_mut().enumerate() {
+        out.0 = f(load(simd, out), k).to_array();
     }
 }

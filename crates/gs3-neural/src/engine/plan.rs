@@ -9,6 +9,7 @@ use super::conv::{Convolution, Source};
 use super::exchange::Exchange;
 use super::learned::Learned;
 use super::nodes::{Made, Node, nodes};
+use super::ops::updates;
 use super::passes::Passes;
 use super::thin::ThinConvolution;
 use crate::graph::{Graph, Op};
@@ -83,6 +84,8 @@ pub enum Kind {
     Thin(ThinConvolution),
     Learned(Learned),
     Row(Op),
+    /// In the place of its first input.
+    Update(Op),
     /// A warp of the image of a layer, where that lies.
     WarpImage {
         image: usize,
@@ -234,6 +237,14 @@ impl Planner<'_> {
         is_view.then_some(first / LANES)
     }
 
+    /// The node whose strip that of node `n` is, or is part of.
+    fn owner(&self, n: usize) -> usize {
+        match self.view(n) {
+            Some(_) => self.owner(self.nodes[n].inputs[0]),
+            None => n,
+        }
+    }
+
     /// The last of `order` that reads the strip of node `n` or a view of it.
     fn last_use(&self, order: &[usize], n: usize) -> usize {
         let readers = order.iter().enumerate().filter(|(_, other)| self.strips(**other).contains(&n));
@@ -242,6 +253,21 @@ impl Planner<'_> {
             false => k,
         });
         last.max().unwrap_or(0)
+    }
+
+    /// The input of node `order[now]` whose strip can become the result's: as large, and read by nothing else from then on.
+    fn updated(&self, order: &[usize], now: usize) -> Option<usize> {
+        let n = order[now];
+        let node = &self.nodes[n];
+        let Made::Layer(layer) = node.made else { return None };
+        (0..updates(&self.graph.layers()[layer].op)).find(|i| {
+            let input = node.inputs[*i];
+            order.contains(&input)
+                && self.view(input).is_none()
+                && self.nodes[input].blocks() == node.blocks()
+                && node.inputs.iter().filter(|other| self.owner(**other) == input).count() == 1
+                && self.last_use(order, input) == now
+        })
     }
 
     /// The steps of `pass`, whose strips lie in `scratch` blocks or more.
@@ -279,9 +305,13 @@ impl Planner<'_> {
                 strips[*n] = Some(Layout { shape, start: of.start + block * strip, ..of });
                 continue;
             }
+            let updated = self.updated(&order, now);
             let is_export = matches!(node.made, Made::Export { .. });
             let len = if is_export { 0 } else { node.blocks() * strip };
-            let place = arena.place(now, last_use, len);
+            let place = match updated.and_then(|input| strips[node.inputs[input]]) {
+                Some(strip) => arena.keep(strip.start, last_use),
+                None => arena.place(now, last_use, len),
+            };
             let out = Layout { shape, halo: 0, start: place, room: Room::Strip, numbers: Numbers::F32 };
             strips[*n] = Some(out);
             let is_far = |i: usize| node.is_far(self.graph, &self.nodes, i);
@@ -290,8 +320,13 @@ impl Planner<'_> {
                 false => strips[*input].or(self.stored[*input]),
             };
             let first = node.inputs.len() - self.strips(*n).len();
-            let inputs: Vec<Layout> = node.inputs.iter().enumerate().skip(first).filter_map(layout).collect();
-            let kind = self.kind(*n, &inputs, strip, &mut planned.exports);
+            let mut inputs: Vec<Layout> =
+                node.inputs.iter().enumerate().skip(first).filter_map(layout).collect();
+            let mut kind = self.kind(*n, &inputs, strip, &mut planned.exports);
+            if let (Some(input), Kind::Row(op)) = (updated, &kind) {
+                inputs.swap(0, input);
+                kind = Kind::Update(*op);
+            }
             planned.steps.push(Step { kind, inputs, out, stored: self.stored[*n] });
         }
         *scratch = arena.len.max(*scratch);
@@ -368,6 +403,13 @@ impl Arena {
         }
         self.taken.insert(position, (start, len, last_use));
         self.len = self.len.max(start + len);
+        start
+    }
+
+    /// The place `start`, which stays taken until `last_use`.
+    pub fn keep(&mut self, start: usize, last_use: usize) -> usize {
+        let of_place = self.taken.iter_mut().filter(|(taken, ..)| *taken == start);
+        of_place.for_each(|(_, _, until)| *until = last_use);
         start
     }
 }
