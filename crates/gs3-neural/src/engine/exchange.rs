@@ -3,7 +3,7 @@
 //! [`Op::PixelUnshuffle`]: crate::graph::Op::PixelUnshuffle
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, Simd, dispatch, f32x4};
+use fearless_simd::{Level, Simd, dispatch, f32x4, f32x16};
 
 use super::block::{Block, LANES, Layout, Sources};
 
@@ -41,12 +41,22 @@ impl Exchange {
         layout: &Layout,
         out: &mut [Block],
     ) {
-        let image = &image[y * self.row_len()..][..self.row_len()];
-        dispatch!(level, simd => self.import(simd, image, x, layout, out));
+        dispatch!(level, simd => self.import(simd, image, [x, y], layout, out));
     }
 
     #[inline(always)]
-    fn import<S: Simd>(&self, simd: S, image: &[f32], x: usize, layout: &Layout, out: &mut [Block]) {
+    fn import<S: Simd>(
+        &self,
+        simd: S,
+        image: &[f32],
+        [x, y]: [usize; 2],
+        layout: &Layout,
+        out: &mut [Block],
+    ) {
+        if self.factor == 1 && self.channels < LANES {
+            return self.import_lanes(simd, image, [x, y], layout, out);
+        }
+        let image = &image[y * self.row_len()..][..self.row_len()];
         match (self.factor, self.channels) {
             (4, 4) => self.import_fours::<S, 4, 16>(simd, image, x, layout, out),
             (4, 3) => self.import_fours::<S, 3, 12>(simd, image, x, layout, out),
@@ -57,7 +67,6 @@ impl Exchange {
             (1, channels) if channels.is_multiple_of(LANES) && self.first == 0 => {
                 self.import_blocks(image, x, layout, out);
             }
-            (1, channels) if channels < LANES => self.import_lanes(simd, image, x, layout, out),
             _ => self.import_any(image, x, layout, out, |out, v| *out = v),
         }
     }
@@ -73,22 +82,34 @@ impl Exchange {
         }
     }
 
-    /// [`Exchange::import_row`] of pixels of few channels, four numbers at a time: those beyond the channels go to lanes that
-    /// hold anything, or that are written next. (Loops over single lanes become scatters, which are slower.)
+    /// [`Exchange::import_row`] of pixels of few channels: sixteen numbers around them are read, and put where they belong among
+    /// those that are there. (Loops over single lanes become scatters, which are slower.)
     #[inline(always)]
-    fn import_lanes<S: Simd>(&self, simd: S, image: &[f32], x: usize, layout: &Layout, out: &mut [Block]) {
-        let (channels, lane) = (self.channels, self.first % LANES);
-        let len = channels.next_multiple_of(4);
-        if lane + len > LANES {
-            return self.import_any(image, x, layout, out, |out, v| *out = v);
-        }
-        let out = &mut out[self.first / LANES * layout.stride() + layout.halo..][..layout.shape.width];
-        for (k, out) in out.iter_mut().enumerate() {
-            let numbers = &image[(x + k) * channels..];
-            let out = &mut out.0[lane..lane + len];
-            match numbers.get(..len) {
-                Some(numbers) => copy_fours(simd, numbers, out),
-                None => out[..channels].copy_from_slice(&numbers[..channels]),
+    fn import_lanes<S: Simd>(
+        &self,
+        simd: S,
+        image: &[f32],
+        [x, y]: [usize; 2],
+        layout: &Layout,
+        out: &mut [Block],
+    ) {
+        let (channels, pixel) = (self.channels, y * self.width + x);
+        for b in self.first / LANES..(self.first + channels).div_ceil(LANES) {
+            // Number l of what is read is the channel of lane l.
+            let lanes = |l: usize| (self.first..self.first + channels).contains(&(b * LANES + l));
+            let first = (pixel * channels + b * LANES).checked_sub(self.first);
+            let len = (layout.shape.width - 1) * channels + LANES;
+            let Some(numbers) = first.and_then(|first| image.get(first..first + len)) else {
+                // At the beginning or the end of the image.
+                let image = &image[y * self.row_len()..][..self.row_len()];
+                return self.import_any(image, x, layout, out, |out, v| *out = v);
+            };
+            let is_there: [f32; LANES] = std::array::from_fn(|l| if lanes(l) { 1.0 } else { 0.0 });
+            let is_there = f32x16::load_array_ref(simd, &is_there).simd_gt(0.0);
+            let out = &mut out[b * layout.stride() + layout.halo..][..layout.shape.width];
+            for (k, out) in out.iter_mut().enumerate() {
+                let numbers = f32x16::from_slice(simd, &numbers[k * channels..][..LANES]);
+                out.0 = is_there.select(numbers, f32x16::load_array_ref(simd, &out.0)).to_array();
             }
         }
     }
