@@ -102,7 +102,7 @@ fn high_images_compute_what_the_reference_says_on_any_number_of_threads() {
     }
 }
 
-/// Two that are the same, and more than a pass writes.
+/// Two that are the same, and more than a group writes.
 #[test]
 fn any_number_of_outputs_is_written() {
     let mut g = GraphBuilder::new("outputs", 1, Border::Zero);

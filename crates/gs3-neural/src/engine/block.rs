@@ -40,8 +40,13 @@ pub struct Layout {
 /// How much of a tensor is kept, and where.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Room {
-    /// All of its rows, or the last ones that were written, in the arena.
+    /// All of its rows, in the arena.
     Whole {
+        /// Blocks of other tensors between its rows.
+        beside: usize,
+    },
+    /// The last of its rows that were computed, in the memory of a thread.
+    Ring {
         /// Blocks of other tensors between its rows.
         beside: usize,
         /// Bits of a row's number that tell its place.
@@ -54,7 +59,7 @@ pub enum Room {
 impl Layout {
     /// A whole tensor at `start`, alone.
     pub fn whole(shape: Shape, halo: usize, start: usize) -> Self {
-        Self { shape, halo, start, room: Room::Whole { beside: 0, mask: usize::MAX }, numbers: Numbers::F32 }
+        Self { shape, halo, start, room: Room::Whole { beside: 0 }, numbers: Numbers::F32 }
     }
 
     /// Blocks of channels.
@@ -83,7 +88,7 @@ impl Layout {
 }
 
 /// Memory of which a part is being written: what is left of it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Rest<'a> {
     before: &'a [Block],
     after: &'a [Block],
@@ -112,6 +117,7 @@ impl<'a> Rest<'a> {
 #[derive(Clone, Copy, Debug)]
 pub struct Sources<'a> {
     arena: Rest<'a>,
+    ring: Rest<'a>,
     strips: Rest<'a>,
     /// The pixel of a row with which the strip begins.
     x: usize,
@@ -130,12 +136,12 @@ impl<'a> Sources<'a> {
     }
 
     fn rows(arena: Rest<'a>) -> Self {
-        Self { arena, strips: Rest { before: &[], after: &[], resume: 0 }, x: 0 }
+        Self { arena, ring: Rest::default(), strips: Rest::default(), x: 0 }
     }
 
     /// For the strip from pixel `x` on.
-    pub fn strip(arena: Rest<'a>, strips: Rest<'a>, x: usize) -> Self {
-        Self { arena, strips, x }
+    pub fn strip(arena: Rest<'a>, ring: Rest<'a>, strips: Rest<'a>, x: usize) -> Self {
+        Self { arena, ring, strips, x }
     }
 
     /// The first pixel of what is computed.
@@ -149,7 +155,8 @@ impl<'a> Sources<'a> {
     pub fn row(&self, layout: &Layout, y: usize) -> &'a [Block] {
         let len = layout.row_len();
         match layout.room {
-            Room::Whole { beside, mask } => self.arena.get(layout.start + (y & mask) * (len + beside), len),
+            Room::Whole { beside } => self.arena.get(layout.start + y * (len + beside), len),
+            Room::Ring { beside, mask } => self.ring.get(layout.start + (y & mask) * (len + beside), len),
             Room::Strip => self.strips.get(layout.start, len),
         }
     }
@@ -158,7 +165,7 @@ impl<'a> Sources<'a> {
     #[inline(always)]
     pub fn first(&self, layout: &Layout) -> usize {
         match layout.room {
-            Room::Whole { .. } => layout.halo + self.x,
+            Room::Whole { .. } | Room::Ring { .. } => layout.halo + self.x,
             Room::Strip => 0,
         }
     }

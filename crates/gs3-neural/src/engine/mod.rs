@@ -2,9 +2,10 @@
 //!
 //! `nodes` are the graph's layers without those that only rearrange what convolutions and images bring. `passes` groups
 //! them: a pass goes over the rows once, strip by strip, and what its nodes make of a pixel stays in scratch memory of the
-//! thread; only what a later pass reads, or a neighbouring pixel, is stored whole. Passes of a group follow each other band
-//! by band, so that of that, too, only the last rows are kept. Images are read where they are needed, as often as that is,
-//! and written where they are made. `plan` places everything, `run` shares the rows out among threads.
+//! thread; only what a later pass reads, or a neighbouring pixel, is kept. Passes of a group follow each other row by row, so
+//! that of that, too, only the last rows are kept, and what is read again is still in a cache. `plan` places everything. `run`
+//! gives each thread a slab of rows, in which it waits for nobody: the few rows of neighbouring slabs that it sees it computes
+//! itself. Images are read where they are needed, as often as that is, and written where they are made.
 //!
 //! Measured (`examples/speed.rs`, two runs an hour apart in `docs/performance.md`) with two threads of Granite Rapids, whose f32
 //! multiply-adds peaked at 427 GFLOP/s, 480×270, shares of that peak: 3×3 convolutions 16→16, 32→32 and 48→48 at 74, 78 and 75 %
@@ -43,7 +44,7 @@ use crate::weights::Weights;
 use bf16::Unit;
 use block::{Block, Rest};
 use plan::Plan;
-use run::{Exports, Job};
+use run::{Exports, Job, Slab};
 
 /// What convolutions compute with; by default what should be faster on this machine ([`Arithmetic::fastest`]), so that frames of
 /// different machines may differ.
@@ -84,6 +85,8 @@ pub struct Engine {
     shapes: Vec<Shape>,
     plan: Plan,
     arena: Vec<Block>,
+    /// For each slab the rows that its passes keep for each other.
+    rings: Vec<Vec<Block>>,
     /// Which of the images of a run each layer is.
     image_of: Vec<usize>,
     level: Level,
@@ -112,14 +115,15 @@ impl Engine {
         weights.check(graph)?;
         let plan = Plan::new(graph, weights, &shapes, arithmetic, rayon::current_num_threads());
         let arena = vec![Block::default(); plan.arena];
+        let rings = vec![vec![Block::default(); plan.ring]; plan.slabs];
         let image_of = vec![0; shapes.len()];
-        Ok(Self { graph: graph.clone(), shapes, plan, arena, image_of, level: Level::new() })
+        Ok(Self { graph: graph.clone(), shapes, plan, arena, rings, image_of, level: Level::new() })
     }
 
     /// Bytes of all results in flight.
     #[must_use]
     pub fn arena_bytes(&self) -> usize {
-        size_of_val(&self.arena[..])
+        size_of_val(&self.arena[..]) + self.rings.iter().map(|ring| size_of_val(&ring[..])).sum::<usize>()
     }
 
     /// The shape of the image that the graph calls `name`: an input or an output.
@@ -159,35 +163,19 @@ impl Engine {
     }
 
     fn compute(&mut self, images: &[Named<'_>], outputs: &mut [(&str, &mut [f32])]) {
-        let Plan { passes, groups, scratch, .. } = &self.plan;
-        for group in groups {
-            let passes = &passes[group.clone()];
-            let height = passes.first().map_or(0, |pass| pass.height);
-            let band = if passes.len() == 1 { height } else { self.plan.band };
-            let bands = height.div_ceil(band);
-            // The passes of a group, one band behind the other.
-            for (time, (k, pass)) in (0..bands + passes.len() - 1)
-                .flat_map(|time| passes.iter().enumerate().map(move |p| (time, p)))
-            {
-                let Some(first) = time.checked_sub(k).filter(|wave| *wave < bands).map(|wave| wave * band)
-                else {
-                    continue;
-                };
-                let count = band.min(height - first);
-                let start = pass.start + (first & pass.mask) * pass.row_len;
-                let (stored, arena) = Rest::split(&mut self.arena, start, count * pass.row_len);
-                let mut exports = Exports::default();
-                for (name, image) in outputs.iter_mut().rev() {
-                    let is_it = |(output, _): &(usize, usize)| self.graph.outputs()[*output].name == *name;
-                    if let Some(export) = pass.exports.iter().position(is_it) {
-                        let (_, row_len) = pass.exports[export];
-                        exports[export] = &mut image[first * row_len..][..count * row_len];
-                    }
+        let scratch = self.plan.scratch;
+        for group in &self.plan.groups {
+            let (stored, arena) = Rest::split(&mut self.arena, group.start, group.height * group.row_len);
+            let mut exports = Exports::default();
+            for (name, image) in outputs.iter_mut().rev() {
+                let is_it = |(output, _): &(usize, usize)| self.graph.outputs()[*output].name == *name;
+                if let Some(export) = group.exports.iter().position(is_it) {
+                    exports[export] = &mut image[..];
                 }
-                let (level, border, image_of) = (self.level, self.graph.border(), &self.image_of[..]);
-                let job = Job { pass, level, border, images, image_of, scratch: *scratch, arena };
-                job.rows(first, count, stored, exports);
             }
+            let (level, border, image_of) = (self.level, self.graph.border(), &self.image_of[..]);
+            let job = Job { group, level, border, images, image_of, scratch, arena };
+            job.slabs(Slab { rows: 0..group.height, stored, exports }, &mut self.rings);
         }
         // Outputs that are asked for twice.
         for k in 1..outputs.len() {

@@ -10,7 +10,7 @@ use super::exchange::Exchange;
 use super::learned::Learned;
 use super::nodes::{Made, Node, nodes};
 use super::ops::updates;
-use super::passes::Passes;
+use super::passes::{Passes, Reader, Wave};
 use super::thin::ThinConvolution;
 use crate::graph::{Graph, Op};
 use crate::reference::parameter;
@@ -21,10 +21,6 @@ use crate::weights::Weights;
 /// is made of them stays in the first cache, where 64 channels take 12 KiB. Empirical.
 const STRIP: usize = 48;
 
-/// Rows of a band for each thread: so few that what passes of a group store for each other stays in a cache, so many that
-/// threads seldom wait for each other. Empirical.
-const ROWS: usize = 8;
-
 /// Strips are multiples of this, if images are wide enough: of all numbers of pixels whose sums convolutions keep in
 /// registers, but one.
 const MULTIPLE: usize = 12;
@@ -32,35 +28,46 @@ const MULTIPLE: usize = 12;
 /// All that is computed for one image size.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    pub passes: Vec<Pass>,
-    /// Passes that go over their rows together.
-    pub groups: Vec<Range<usize>>,
-    /// Rows that passes of a group are apart: a power of two.
-    pub band: usize,
+    pub groups: Vec<Group>,
+    /// Parts into which rows are divided, for threads to compute side by side.
+    pub slabs: usize,
     /// Shapes of the outputs, in the order of the graph.
     pub outputs: Vec<Shape>,
     /// Blocks of the arena.
     pub arena: usize,
+    /// Blocks of the rows that a slab keeps.
+    pub ring: usize,
     /// Blocks of a thread's scratch memory.
     pub scratch: usize,
+}
+
+/// Passes that go over the rows of images of one size together.
+#[derive(Clone, Debug)]
+pub struct Group {
+    pub passes: Vec<Pass>,
+    pub height: usize,
+    pub width: usize,
+    /// Where what it stores for other groups is in the arena.
+    pub start: usize,
+    /// Blocks of a row of all of that: rows of its tensors are side by side, so that threads can share them out.
+    pub row_len: usize,
+    /// The outputs that it writes, and numbers of their images for each row.
+    pub exports: Vec<(usize, usize)>,
 }
 
 /// What is computed in one go over the rows of images of one size.
 #[derive(Clone, Debug)]
 pub struct Pass {
     pub steps: Vec<Step>,
-    pub height: usize,
-    pub width: usize,
     /// Pixels of a strip.
     pub strip: usize,
-    /// Where what it stores is in the arena.
+    pub wave: Wave,
+    /// Where the rows that it keeps for passes of the group are among those of a slab.
     pub start: usize,
-    /// Blocks of a row of all that it stores: rows of its tensors are side by side, so that threads can share them out.
+    /// Blocks of such a row, of all of its tensors.
     pub row_len: usize,
     /// Bits of a row's number that tell its place.
     pub mask: usize,
-    /// The outputs that it writes, and numbers of their images for each row.
-    pub exports: Vec<(usize, usize)>,
 }
 
 /// One result.
@@ -70,8 +77,17 @@ pub struct Step {
     pub inputs: Vec<Layout>,
     /// Its strip; of an export, of what it reads.
     pub out: Layout,
+    /// Where it is kept for passes of the group, if it is.
+    pub kept: Option<Layout>,
     /// Where it is stored whole, if it is.
     pub stored: Option<Layout>,
+}
+
+impl Step {
+    /// Blocks of its strip.
+    pub fn len(&self) -> usize {
+        if matches!(self.kind, Kind::Export { .. }) { 0 } else { self.out.row_len() }
+    }
 }
 
 /// How a result is made.
@@ -90,7 +106,7 @@ pub enum Kind {
     WarpImage {
         image: usize,
     },
-    /// To one of the images of [`Pass::exports`].
+    /// To one of the images of [`Group::exports`].
     Export {
         export: usize,
         exchange: Exchange,
@@ -105,6 +121,8 @@ struct Planner<'a> {
     unit: Option<Unit>,
     nodes: Vec<Node>,
     passes: Passes,
+    /// Where nodes are kept that are.
+    kept: Vec<Option<Layout>>,
     /// Where nodes are stored that are.
     stored: Vec<Option<Layout>>,
 }
@@ -120,22 +138,29 @@ impl Plan {
         threads: usize,
     ) -> Self {
         let nodes = nodes(graph, shapes);
-        let band = (ROWS * threads).next_power_of_two();
-        let passes = Passes::new(graph, &nodes, band);
-        let stored = vec![None; nodes.len()];
+        let slabs = threads.max(1);
+        let passes = Passes::new(graph, &nodes, slabs);
+        let [kept, stored] = [0, 1].map(|_| vec![None; nodes.len()]);
         let unit = match arithmetic {
             Arithmetic::F32 => None,
             Arithmetic::Bf16 => Unit::best(),
         };
-        let mut planner = Planner { graph, weights, unit, nodes, passes, stored };
-        let (mut arena, mut scratch) = (Arena::default(), 0);
-        let mut planned = Vec::new();
-        for pass in planner.passes.groups.clone().into_iter().flatten() {
-            let place = planner.store(pass, band, &mut arena);
-            planned.push(planner.pass(pass, place, &mut scratch));
+        let mut planner = Planner { graph, weights, unit, nodes, passes, kept, stored };
+        let (mut arena, mut ring, mut scratch) = (Arena::default(), 0, 0);
+        let mut groups = Vec::new();
+        for (k, passes) in planner.passes.groups.clone().into_iter().enumerate() {
+            let mut group = planner.store(k, &passes, &mut arena);
+            let mut start = 0;
+            for pass in passes {
+                let place = planner.keep(pass, &mut start);
+                let planned = planner.pass(pass, place, &mut group.exports, &mut scratch);
+                group.passes.push(planned);
+            }
+            ring = start.max(ring);
+            groups.push(group);
         }
         let outputs = graph.outputs().iter().map(|output| shapes[output.tensor.index()]).collect();
-        Self { passes: planned, groups: planner.passes.groups, band, outputs, arena: arena.len, scratch }
+        Self { groups, slabs, outputs, arena: arena.len, ring, scratch }
     }
 }
 
@@ -144,37 +169,57 @@ impl Planner<'_> {
         (0..self.nodes.len()).filter(move |n| self.passes.pass_of[*n] == Some(pass))
     }
 
-    /// Gives what `pass` stores a place: its start, the blocks of a row, and the bits of a row's number that tell its place.
-    fn store(&mut self, pass: usize, band: usize, arena: &mut Arena) -> [usize; 3] {
-        let members: Vec<usize> = self.members(pass).filter(|n| self.passes.is_stored(*n)).collect();
-        let (mut height, mut row_len, mut last_use) = (0, 0, pass);
-        for n in &members {
-            let mut halo = 0;
-            for reader in &self.passes.readers[*n] {
-                halo = halo.max(self.nodes[reader.node].reach(self.graph));
-                last_use = last_use.max(self.passes.pass_of[reader.node].unwrap_or(pass));
-            }
-            let numbers = self.numbers(*n);
-            let layout = Layout { numbers, ..Layout::whole(self.nodes[*n].shape, halo, row_len) };
+    /// Gives what passes of group `k` store for others a place.
+    fn store(&mut self, k: usize, passes: &Range<usize>, arena: &mut Arena) -> Group {
+        let members: Vec<usize> = passes.clone().flat_map(|pass| self.members(pass)).collect();
+        let size = members.first().map_or(Shape { height: 0, width: 0, channels: 0 }, |n| self.nodes[*n].shape);
+        let stored: Vec<usize> = members.into_iter().filter(|n| self.passes.is_stored(*n)).collect();
+        let (mut row_len, mut last_group) = (0, k);
+        for n in &stored {
+            let of_reader = |reader: &Reader| self.passes.pass_of[reader.node];
+            let readers = self.passes.readers[*n].iter().filter_map(of_reader);
+            last_group = readers.map(|pass| self.passes.group_of(pass)).fold(last_group, usize::max);
+            let layout = self.layout(*n, row_len);
             row_len += layout.row_len();
-            height = layout.shape.height;
             self.stored[*n] = Some(layout);
         }
-        let [group, last_group] = [pass, last_use].map(|pass| self.passes.group_of(pass));
-        // A reader of the group is `last_use` − `pass` bands behind; it sees rows of the band before its own.
-        let kept = match group == last_group {
-            true => ((last_use - pass + 2) * band).next_power_of_two(),
-            false => height,
-        };
-        let mask = if kept < height { kept - 1 } else { usize::MAX };
-        let start = arena.place(group, last_group, kept.min(height) * row_len);
-        for n in members {
+        let start = arena.place(k, last_group, size.height * row_len);
+        for n in stored {
             if let Some(layout) = &mut self.stored[n] {
                 layout.start += start;
-                layout.room = Room::Whole { beside: row_len - layout.row_len(), mask };
+                layout.room = Room::Whole { beside: row_len - layout.row_len() };
             }
         }
-        [start, row_len, mask]
+        let Shape { height, width, .. } = size;
+        Group { passes: Vec::new(), height, width, start, row_len, exports: Vec::new() }
+    }
+
+    /// Gives what `pass` keeps for those of its group a place from `start` on, which moves behind it: its start, the blocks of a
+    /// row, and the bits of a row's number that tell its place.
+    fn keep(&mut self, pass: usize, start: &mut usize) -> [usize; 3] {
+        let members: Vec<usize> = self.members(pass).filter(|n| self.passes.is_kept(*n)).collect();
+        let rows = self.passes.waves[pass].kept.next_power_of_two();
+        let mut row_len = 0;
+        for n in &members {
+            let layout = self.layout(*n, *start + row_len);
+            row_len += layout.row_len();
+            self.kept[*n] = Some(layout);
+        }
+        for n in members {
+            if let Some(layout) = &mut self.kept[n] {
+                layout.room = Room::Ring { beside: row_len - layout.row_len(), mask: rows - 1 };
+            }
+        }
+        let place = [*start, row_len, rows - 1];
+        *start += rows * row_len;
+        place
+    }
+
+    /// Rows of node `n` with as much beside them as its readers see.
+    fn layout(&self, n: usize, start: usize) -> Layout {
+        let readers = self.passes.readers[n].iter();
+        let halo = readers.map(|reader| self.nodes[reader.node].reach(self.graph)).max().unwrap_or(0);
+        Layout { numbers: self.numbers(n), ..Layout::whole(self.nodes[n].shape, halo, start) }
     }
 
     /// How node `n` is stored: rounded, if all that read it from where it is stored would round it.
@@ -233,8 +278,18 @@ impl Planner<'_> {
         };
         let Op::Slice { first, .. } = self.graph.layers()[layer].op else { return None };
         let is_strip = [self.passes.pass_of[n], None].contains(&self.passes.pass_of[*input]);
-        let is_view = first.is_multiple_of(LANES) && is_strip && !self.passes.is_stored(n);
+        let is_whole = self.passes.is_kept(n) || self.passes.is_stored(n);
+        let is_view = first.is_multiple_of(LANES) && is_strip && !is_whole;
         is_view.then_some(first / LANES)
+    }
+
+    /// Where a node of `pass` reads the result of node `input`, if not from a strip.
+    fn elsewhere(&self, pass: usize, input: usize) -> Option<Layout> {
+        let group = |pass: usize| self.passes.group_of(pass);
+        match self.passes.pass_of[input].is_some_and(|of_input| group(of_input) == group(pass)) {
+            true => self.kept[input],
+            false => self.stored[input],
+        }
     }
 
     /// The node whose strip that of node `n` is, or is part of.
@@ -271,7 +326,13 @@ impl Planner<'_> {
     }
 
     /// The steps of `pass`, whose strips lie in `scratch` blocks or more.
-    fn pass(&self, pass: usize, [start, row_len, mask]: [usize; 3], scratch: &mut usize) -> Pass {
+    fn pass(
+        &self,
+        pass: usize,
+        [start, row_len, mask]: [usize; 3],
+        exports: &mut Vec<(usize, usize)>,
+        scratch: &mut usize,
+    ) -> Pass {
         let mut order = Vec::new();
         for n in self.members(pass) {
             // Images that are imported wherever they are read.
@@ -284,16 +345,8 @@ impl Planner<'_> {
         }
         let size = order.first().map_or(Shape { height: 0, width: 0, channels: 0 }, |n| self.nodes[*n].shape);
         let strip = strip(size.width);
-        let mut planned = Pass {
-            steps: Vec::new(),
-            height: size.height,
-            width: size.width,
-            strip,
-            start,
-            row_len,
-            mask,
-            exports: Vec::new(),
-        };
+        let wave = self.passes.waves[pass];
+        let mut planned = Pass { steps: Vec::new(), strip, wave, start, row_len, mask };
         let mut arena = Arena::default();
         let mut strips: Vec<Option<Layout>> = vec![None; self.nodes.len()];
         for (now, n) in order.iter().enumerate() {
@@ -316,18 +369,18 @@ impl Planner<'_> {
             strips[*n] = Some(out);
             let is_far = |i: usize| node.is_far(self.graph, &self.nodes, i);
             let layout = |(i, input): (usize, &usize)| match is_far(i) {
-                true => self.stored[*input],
-                false => strips[*input].or(self.stored[*input]),
+                true => self.elsewhere(pass, *input),
+                false => strips[*input].or(self.elsewhere(pass, *input)),
             };
             let first = node.inputs.len() - self.strips(*n).len();
             let mut inputs: Vec<Layout> =
                 node.inputs.iter().enumerate().skip(first).filter_map(layout).collect();
-            let mut kind = self.kind(*n, &inputs, strip, &mut planned.exports);
+            let mut kind = self.kind(*n, &inputs, strip, exports);
             if let (Some(input), Kind::Row(op)) = (updated, &kind) {
                 inputs.swap(0, input);
                 kind = Kind::Update(*op);
             }
-            planned.steps.push(Step { kind, inputs, out, stored: self.stored[*n] });
+            planned.steps.push(Step { kind, inputs, out, kept: self.kept[*n], stored: self.stored[*n] });
         }
         *scratch = arena.len.max(*scratch);
         planned

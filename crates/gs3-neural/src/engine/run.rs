@@ -1,6 +1,7 @@
-//! Runs a pass: threads share its rows out, and compute each strip by strip.
+//! Runs a group of passes: threads share its rows out, and compute each strip by strip.
 
 use std::cell::RefCell;
+use std::ops::Range;
 
 use fearless_simd::Level;
 
@@ -8,12 +9,12 @@ use super::bf16::{self, TileConfig};
 use super::block::{Block, Layout, Numbers, Rest, Sources};
 use super::conv;
 use super::ops;
-use super::passes::EXPORTS;
-use super::plan::{Kind, Pass, Step};
+use super::passes::{EXPORTS, Wave};
+use super::plan::{Group, Kind, Pass, Step};
 use crate::graph::Border;
 use crate::images::Named;
 
-/// Images that a pass writes, those of the rows that a thread computes; empty where one is not asked for.
+/// Images that a group writes, those of the rows that a thread computes; empty where one is not asked for.
 pub type Exports<'a> = [&'a mut [f32]; EXPORTS];
 
 thread_local! {
@@ -21,10 +22,10 @@ thread_local! {
     static SCRATCH: RefCell<Vec<Block>> = const { RefCell::new(Vec::new()) };
 }
 
-/// A pass with what it reads from outside.
+/// A group with what it reads from outside.
 #[derive(Clone, Copy, Debug)]
 pub struct Job<'a> {
-    pub pass: &'a Pass,
+    pub group: &'a Group,
     pub level: Level,
     pub border: Border,
     pub images: &'a [Named<'a>],
@@ -32,68 +33,147 @@ pub struct Job<'a> {
     pub image_of: &'a [usize],
     /// Blocks of scratch memory.
     pub scratch: usize,
-    /// All of the arena but what the pass stores.
+    /// All of the arena but what the group stores.
     pub arena: Rest<'a>,
 }
 
-impl Job<'_> {
-    /// Computes `count` rows from `first` on, to `stored` and `exports`, which begin with that row.
-    pub fn rows(&self, first: usize, count: usize, stored: &mut [Block], exports: Exports<'_>) {
-        if count <= 1 {
-            return SCRATCH.with_borrow_mut(|scratch| {
-                if scratch.len() < self.scratch {
-                    scratch.resize(self.scratch, Block::default());
-                }
-                self.row(first, scratch, stored, exports);
-            });
-        }
-        let half = count / 2;
-        let (above, below) = stored.split_at_mut(half * self.pass.row_len);
+/// Rows that a thread computes, and where they go.
+#[derive(Debug)]
+pub struct Slab<'a> {
+    pub rows: Range<usize>,
+    /// Of what the group stores.
+    pub stored: &'a mut [Block],
+    pub exports: Exports<'a>,
+}
+
+impl<'a> Slab<'a> {
+    /// The rows above row `middle` and the others.
+    fn split(self, group: &Group, middle: usize) -> [Self; 2] {
+        let count = middle - self.rows.start;
+        let (above, below) = self.stored.split_at_mut(count * group.row_len);
         let (mut above_exports, mut below_exports) = (Exports::default(), Exports::default());
-        for (k, image) in exports.into_iter().enumerate() {
-            let row_len = self.pass.exports.get(k).map_or(0, |(_, row_len)| *row_len);
+        for (k, image) in self.exports.into_iter().enumerate() {
+            let row_len = group.exports.get(k).map_or(0, |(_, row_len)| *row_len);
             // Images that are not asked for are empty.
-            let middle = (half * row_len).min(image.len());
+            let middle = (count * row_len).min(image.len());
             (above_exports[k], below_exports[k]) = image.split_at_mut(middle);
         }
-        rayon::join(
-            || self.rows(first, half, above, above_exports),
-            || self.rows(first + half, count - half, below, below_exports),
-        );
+        [
+            Slab { rows: self.rows.start..middle, stored: above, exports: above_exports },
+            Slab { rows: middle..self.rows.end, stored: below, exports: below_exports },
+        ]
+    }
+}
+
+impl Job<'_> {
+    /// Computes `slab` in as many parts as there are `rings`, for each of which that is the memory of rows that passes keep for
+    /// each other.
+    pub fn slabs(&self, slab: Slab<'_>, rings: &mut [Vec<Block>]) {
+        match rings {
+            [] => {}
+            [ring] => self.slab(slab, ring),
+            _ => {
+                let half = rings.len() / 2;
+                let middle = slab.rows.start + slab.rows.len() * half / rings.len();
+                let [above, below] = slab.split(self.group, middle);
+                let (rings_above, rings_below) = rings.split_at_mut(half);
+                rayon::join(|| self.slabs(above, rings_above), || self.slabs(below, rings_below));
+            }
+        }
     }
 
-    fn row(&self, y: usize, scratch: &mut [Block], stored: &mut [Block], mut exports: Exports<'_>) {
-        let Pass { steps, width, strip, start, .. } = self.pass;
+    /// Computes a slab row by row, each pass its rows behind the others: those of the slab, and those above and below that later
+    /// passes see of them.
+    fn slab(&self, mut slab: Slab<'_>, ring: &mut [Block]) {
+        let Range { start, end } = slab.rows;
+        if slab.rows.is_empty() {
+            return;
+        }
+        let Group { passes, height, .. } = self.group;
         let is_on_tiles = |step: &Step| matches!(&step.kind, Kind::Bf16(c) if c.is_on_tiles());
-        let tile_config = steps.iter().any(is_on_tiles).then(TileConfig::new);
-        for x in (0..*width).step_by(*strip) {
+        let uses_tiles = passes.iter().flat_map(|pass| &pass.steps).any(is_on_tiles);
+        let tile_config = uses_tiles.then(TileConfig::new);
+        let rows_of = |wave: &Wave| start.saturating_sub(wave.extra)..(end + wave.extra).min(*height);
+        let first = passes.iter().map(|pass| rows_of(&pass.wave).start + pass.wave.lag).min();
+        let last = passes.iter().map(|pass| rows_of(&pass.wave).end + pass.wave.lag).max();
+        SCRATCH.with_borrow_mut(|scratch| {
+            if scratch.len() < self.scratch {
+                scratch.resize(self.scratch, Block::default());
+            }
+            for time in first.unwrap_or(start)..last.unwrap_or(end) {
+                for pass in passes {
+                    let row = time.checked_sub(pass.wave.lag);
+                    if let Some(y) = row.filter(|y| rows_of(&pass.wave).contains(y)) {
+                        self.row(pass, y, tile_config.as_ref(), scratch, ring, &mut slab);
+                    }
+                }
+            }
+        });
+    }
+
+    /// Computes row `y`; what other threads have to write it does not.
+    fn row(
+        &self,
+        pass: &Pass,
+        y: usize,
+        tile_config: Option<&TileConfig>,
+        scratch: &mut [Block],
+        ring: &mut [Block],
+        slab: &mut Slab<'_>,
+    ) {
+        let Group { width, start, row_len, .. } = self.group;
+        let (kept, ring) = Rest::split(ring, pass.start + (y & pass.mask) * pass.row_len, pass.row_len);
+        let own = slab.rows.contains(&y).then(|| y - slab.rows.start);
+        let mut stored = own.map(|row| &mut slab.stored[row * row_len..][..*row_len]);
+        for x in (0..*width).step_by(pass.strip) {
             // The last strip overlaps that before, whose pixels get the same values again.
-            let x = x.min(width - strip);
-            for step in steps {
-                self.step(step, [x, y], tile_config.as_ref(), scratch, &mut exports);
-                if let Some(whole) = &step.stored {
+            let x = x.min(width - pass.strip);
+            for step in &pass.steps {
+                let out = step.out.start..step.out.start + step.len();
+                let (made, strips) = Rest::split(scratch, out.start, out.len());
+                let sources = Sources::strip(self.arena, ring, strips, x);
+                match &step.kind {
+                    Kind::Export { export, exchange } => {
+                        if let Some(row) = own
+                            && !slab.exports[*export].is_empty()
+                        {
+                            let image = &mut slab.exports[*export][row * exchange.row_len()..];
+                            let image = &mut image[..exchange.row_len()];
+                            exchange.export_row(self.level, sources, &step.inputs, y, pass.strip, image);
+                        }
+                    }
+                    _ => self.step(step, [x, y], tile_config, sources, made),
+                }
+                if let Some(whole) = &step.kept {
+                    let row = &mut kept[whole.start - pass.start..][..whole.row_len()];
+                    store(&scratch[out.clone()], pass.strip, row, whole, x);
+                }
+                if let (Some(whole), Some(stored)) = (&step.stored, &mut stored) {
                     let row = &mut stored[whole.start - start..][..whole.row_len()];
-                    store(&scratch[step.out.start..][..step.out.row_len()], *strip, row, whole, x);
+                    store(&scratch[out], pass.strip, row, whole, x);
                 }
             }
         }
-        for whole in steps.iter().filter_map(|step| step.stored.as_ref()) {
-            fill_halo(self.border, whole, &mut stored[whole.start - start..][..whole.row_len()]);
+        for step in &pass.steps {
+            if let Some(whole) = &step.kept {
+                fill_halo(self.border, whole, &mut kept[whole.start - pass.start..][..whole.row_len()]);
+            }
+            if let (Some(whole), Some(stored)) = (&step.stored, &mut stored) {
+                fill_halo(self.border, whole, &mut stored[whole.start - start..][..whole.row_len()]);
+            }
         }
     }
 
+    /// Computes a strip of what is not an export to `out`.
     fn step(
         &self,
         step: &Step,
         [x, y]: [usize; 2],
         tile_config: Option<&TileConfig>,
-        scratch: &mut [Block],
-        exports: &mut Exports<'_>,
+        sources: Sources<'_>,
+        out: &mut [Block],
     ) {
         let Step { kind, inputs, out: layout, .. } = step;
-        let len = if matches!(kind, Kind::Export { .. }) { 0 } else { layout.row_len() };
-        let (out, strips) = Rest::split(scratch, layout.start, len);
-        let sources = Sources::strip(self.arena, strips, x);
         match kind {
             Kind::Import(imports) => {
                 for (layer, exchange) in imports {
@@ -113,15 +193,11 @@ impl Job<'_> {
             Kind::Row(op) => ops::run_row(self.level, op, self.border, sources, inputs, layout, y, out),
             Kind::WarpImage { image } => {
                 let (_, image) = self.images[self.image_of[*image]];
-                let size = [self.pass.width, self.pass.height];
+                let size = [self.group.width, self.group.height];
                 ops::warp_image_row(self.level, image, size, sources, &inputs[0], layout, y, out);
             }
-            Kind::Export { export, exchange } => {
-                let image = &mut exports[*export];
-                if !image.is_empty() {
-                    exchange.export_row(self.level, sources, inputs, y, self.pass.strip, image);
-                }
-            }
+            // What the caller writes.
+            Kind::Export { .. } => {}
         }
     }
 }
