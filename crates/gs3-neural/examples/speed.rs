@@ -26,17 +26,20 @@ fn main() {
     for (kernel, inputs, outputs) in
         [(3, 32, 32), (3, 16, 16), (3, 48, 48), (3, 64, 32), (3, 9, 64), (1, 64, 48)]
     {
-        // What is measured is the difference of a network with the convolutions and one without: their results are added up,
-        // since what nothing reads is not computed.
-        let chain = |layers: usize| {
+        // What is measured is the difference between a network of many such convolutions and one of a single: both add up as many
+        // results, since what nothing reads is not computed.
+        let chain = |convolutions: usize| {
             let mut g = GraphBuilder::new("conv", 1, Border::Replicate);
             let x = g.input("x", 16, 1);
             // A cheap way to many channels.
             let wide = g.conv("wide", Conv2d::new(1, inputs), &[x]);
             let mut y = g.conv("first", Conv2d::new(1, outputs), &[wide]);
-            for k in 0..layers {
-                let conv = Conv2d::new(kernel, outputs).activation(Activation::Relu);
-                let result = g.conv(&format!("conv.{k}"), conv, &[wide]);
+            let mut result = y;
+            for k in 0..=LAYERS {
+                if k < convolutions {
+                    let conv = Conv2d::new(kernel, outputs).activation(Activation::Relu);
+                    result = g.conv(&format!("conv.{k}"), conv, &[wide]);
+                }
                 y = g.layer(&format!("sum.{k}"), Op::Add, &[y, result]);
             }
             let y = g.layer("mean", Op::ChannelMean, &[y]);
