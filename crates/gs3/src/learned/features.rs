@@ -157,17 +157,13 @@ impl SuperSampleFeatures {
         }
         self.innovation.clear();
         self.innovation.extend_from_slice(innovation.as_flattened());
-        self.set_drift(image, innovation, gbuffer.width(), gbuffer.jitter);
-        self.share.resize(image.pixels().len(), 0.0);
         self.previous_innovation.resize(3 * len, 0.0);
         self.has_previous = previous.is_some();
         match previous {
             Some(previous) => self.set_previous(now, previous)?,
-            None => {
-                self.share.fill(0.0);
-                self.previous_innovation.fill(0.0);
-            }
+            None => self.previous_innovation.fill(0.0),
         }
+        self.set_share_and_drift(image, innovation, gbuffer.width(), gbuffer.jitter);
         let [r, g, b] = [0, 1, 2].map(|c| gbuffer.color.plane(c));
         interleave(&mut self.color, &[r, g, b]);
         let Gradients { color_dx: dx, color_dy: dy, .. } = gradients;
@@ -183,12 +179,10 @@ impl SuperSampleFeatures {
         Ok(())
     }
 
-    /// The previous frame at the present camera, how far it may count, and how the samples differ from it.
+    /// The previous frame at the present camera, and how the samples differ from it.
     fn set_previous(&mut self, now: Neighbor<'_>, previous: Neighbor<'_>) -> Result<(), ReconstructError> {
         self.interpolator.reproject(previous, now, &mut self.reprojected)?;
         let visibility = self.reprojected.visibility.plane(0);
-        let pixels = self.share.par_iter_mut().zip(now.image.pixels()).zip(visibility).with_min_len(4096);
-        pixels.for_each(|((share, pixel), seen)| *share = seen * (pixel[3] / UNCERTAIN).min(1.0));
         let GBuffer { color, jitter, .. } = now.gbuffer;
         let [width, lr_width] = [now.image.width(), color.width()];
         let scale = self.scale as f32;
@@ -209,8 +203,15 @@ impl SuperSampleFeatures {
         Ok(())
     }
 
-    /// The innovation of the LR samples, jittered so, between them: bilinear, and flat beyond the outermost.
-    fn set_drift(&mut self, image: &Image, innovation: &[[f32; 4]], lr_width: usize, jitter: [f32; 2]) {
+    /// How far the previous frame may count, and the innovation of the LR samples, jittered so, between them: bilinear, and flat
+    /// beyond the outermost. Both once `image`, whose uncertainty they follow, is in a cache.
+    fn set_share_and_drift(
+        &mut self,
+        image: &Image,
+        innovation: &[[f32; 4]],
+        lr_width: usize,
+        jitter: [f32; 2],
+    ) {
         let scale = self.scale as f32;
         let lr_height = innovation.len() / lr_width;
         // Where a pixel lies: in LR samples from the first.
@@ -225,10 +226,23 @@ impl SuperSampleFeatures {
             (at as usize, at.fract())
         }));
         let columns = &self.columns;
+        self.share.resize(image.pixels().len(), 0.0);
         self.drift.resize(3 * image.pixels().len(), 0.0);
-        let rows = self.drift.par_chunks_exact_mut(3 * width).zip(image.pixels().par_chunks_exact(width));
+        let visibility = self.has_previous.then(|| self.reprojected.visibility.plane(0));
+        let rows = self.drift.par_chunks_exact_mut(3 * width).zip(self.share.par_chunks_exact_mut(width));
+        let rows = rows.zip(image.pixels().par_chunks_exact(width)).enumerate();
         let line = || vec![[0.0; 4]; lr_width + 1];
-        rows.enumerate().with_min_len(16).for_each_init(line, |line, (y, (out, pixels))| {
+        rows.with_min_len(16).for_each_init(line, |line, (y, ((drift, share), pixels))| {
+            let uncertain = |pixel: &[f32; 4]| (pixel[3] / UNCERTAIN).min(1.0);
+            match visibility {
+                Some(visibility) => {
+                    let seen = &visibility[y * width..][..width];
+                    for ((share, pixel), seen) in share.iter_mut().zip(pixels).zip(seen) {
+                        *share = seen * uncertain(pixel);
+                    }
+                }
+                None => share.fill(0.0),
+            }
             // Not fused, here and below: outside of kernels compiled for wide vectors that would be a call.
             let mix = |a: [f32; 4], b: [f32; 4], t: f32| -> [f32; 4] {
                 std::array::from_fn(|c| a[c] + (b[c] - a[c]) * t)
@@ -241,10 +255,10 @@ impl SuperSampleFeatures {
             }
             // One sample more, of which nothing counts: no pixel lies beyond the last.
             let pixels = pixels.iter().zip(columns);
-            for (out, (pixel, &(left, across))) in out.as_chunks_mut::<3>().0.iter_mut().zip(pixels) {
+            for (drift, (pixel, &(left, across))) in drift.as_chunks_mut::<3>().0.iter_mut().zip(pixels) {
                 let mixed = mix(line[left], line[left + 1], across);
-                let uncertain = (pixel[3] / UNCERTAIN).min(1.0);
-                *out = std::array::from_fn(|c| mixed[c] * uncertain);
+                let uncertain = uncertain(pixel);
+                *drift = std::array::from_fn(|c| mixed[c] * uncertain);
             }
         });
     }
