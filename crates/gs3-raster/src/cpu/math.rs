@@ -72,6 +72,17 @@ mod tests {
     }
 
     #[test]
+    fn exp2_far_from_a_splat_is_nothing_and_its_products_are_normal() {
+        for x in [-101.0, -126.0, -1e4, f32::NEG_INFINITY] {
+            for (actual, _) in apply(f64::exp2, [x; 16], true) {
+                assert!(actual < 1e-20, "{x}: {actual}");
+                // The least opacity that a splat may have.
+                assert!((actual as f32 * super::super::splat::MIN_ALPHA).is_normal(), "{x}: {actual}");
+            }
+        }
+    }
+
+    #[test]
     fn log2_is_accurate_over_many_octaves() {
         for k in 1..1000 {
             let x = std::array::from_fn(|i| (k * 16 + i) as f32 * 0.0137);
