@@ -8,18 +8,18 @@
 //! itself. Images are read where they are needed, as often as that is, and written where they are made.
 //!
 //! Measured (`examples/speed.rs`, two runs an hour apart in `docs/performance.md`) with two threads of Granite Rapids, whose f32
-//! multiply-adds peaked at 427 GFLOP/s, 480×270, shares of that peak: 3×3 convolutions 16→16, 32→32 and 48→48 at 74, 78 and 75 %
-//! (bf16: 303, 458, 462 %). Whole networks at ×4 in ms, images in and out included:
+//! multiply-adds peaked at 461 GFLOP/s, 480×270, shares of that peak: 3×3 convolutions 16→16, 32→32 and 48→48 at 86, 83 and 81 %
+//! (bf16: 425, 634, 544 %). Whole networks at ×4 in ms, images in and out included:
 //!
 //! | | fast | balanced | high |
 //! |---|---|---|---|
-//! | super sampling | 47 | 67 | 169 |
-//! | … bf16 | 31 | 35 | 66 |
-//! | interpolation | 49 | 88 | 161 |
-//! | … bf16 | 36 | 45 | 69 |
+//! | super sampling | 35 | 53 | 131 |
+//! | … bf16 | 24 | 27 | 48 |
+//! | interpolation | 41 | 74 | 134 |
+//! | … bf16 | 28 | 38 | 58 |
 //!
-//! Of the 31 ms of the first in bf16 products of tiles are 1. The floor is memory: 250 MB of images in and out, at 21 GB/s 12 ms;
-//! the rest is single pixels' work on what lies in the second cache, which strips of so many tensors do not leave.
+//! Of the 24 ms of the first in bf16 products of tiles are 1. The floor is memory: 180 MB of images in and out, at 24 GB/s 7 ms;
+//! the rest is single pixels' work on what lies in the first and second cache.
 
 mod bf16;
 pub(crate) mod block;
