@@ -172,7 +172,8 @@ impl Planner<'_> {
     /// Gives what passes of group `k` store for others a place.
     fn store(&mut self, k: usize, passes: &Range<usize>, arena: &mut Arena) -> Group {
         let members: Vec<usize> = passes.clone().flat_map(|pass| self.members(pass)).collect();
-        let size = members.first().map_or(Shape { height: 0, width: 0, channels: 0 }, |n| self.nodes[*n].shape);
+        let size =
+            members.first().map_or(Shape { height: 0, width: 0, channels: 0 }, |n| self.nodes[*n].shape);
         let stored: Vec<usize> = members.into_iter().filter(|n| self.passes.is_stored(*n)).collect();
         let (mut row_len, mut last_group) = (0, k);
         for n in &stored {

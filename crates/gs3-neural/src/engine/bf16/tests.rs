@@ -137,7 +137,14 @@ impl Case {
             let mut actual = vec![Block([f32::NAN; LANES]); out.row_len()];
             let (_, rest) = Rest::split(&mut arena, 0, 0);
             let (_, strips) = Rest::split(&mut [], 0, 0);
-            convolution.run_row(Level::new(), None, Sources::strip(rest, Rest::default(), strips, x), &out, y, &mut actual);
+            convolution.run_row(
+                Level::new(),
+                None,
+                Sources::strip(rest, Rest::default(), strips, x),
+                &out,
+                y,
+                &mut actual,
+            );
             for (o, k) in (0..self.conv.outputs).flat_map(|o| (0..width).map(move |k| (o, k))) {
                 let value = f64::from(actual[o / LANES * width + k].0[o % LANES]);
                 let [sum, size] = self.sum(o, x + k, y);
@@ -161,7 +168,14 @@ fn spoil_memory_of_tiles() {
         let (_, rest) = Rest::split(&mut arena, 0, 0);
         let (_, strips) = Rest::split(&mut [], 0, 0);
         let mut sums = vec![Block::default(); out.row_len()];
-        convolution.run_row(Level::new(), None, Sources::strip(rest, Rest::default(), strips, 0), &out, 0, &mut sums);
+        convolution.run_row(
+            Level::new(),
+            None,
+            Sources::strip(rest, Rest::default(), strips, 0),
+            &out,
+            0,
+            &mut sums,
+        );
     }
 }
 
