@@ -10,7 +10,8 @@ use super::math::activate;
 use crate::graph::{Border, Filter, Op};
 use crate::reference::pooled;
 
-/// Writes row `y`, with halo, of `op` of `inputs` to `out`, a row of `layout`: a strip of it where that is one.
+/// Writes row `y`, with halo, of `op` of `inputs` to `out`, a row of `layout`: a strip of it where that is one. Where the first of
+/// `inputs` is `layout` itself, `out` holds it and becomes the result in its place ([`updates`]).
 pub fn run_row(
     level: Level,
     op: &Op,
@@ -21,27 +22,13 @@ pub fn run_row(
     y: usize,
     out: &mut [Block],
 ) {
-    let row = Row { sources, inputs, layout, y };
+    let is_update = inputs.first() == Some(layout);
+    let row = Row { sources, inputs, layout, is_update, y };
     dispatch!(level, simd => row.run(simd, op, out));
     fill_halo(border, layout, out);
 }
 
-/// Turns `out`, a strip of `layout` that holds what the first of `inputs` is, into `op` of them; `op` is of each pixel on its own
-/// ([`updates`]).
-pub fn update_row(
-    level: Level,
-    op: &Op,
-    sources: Sources<'_>,
-    inputs: &[Layout],
-    layout: &Layout,
-    y: usize,
-    out: &mut [Block],
-) {
-    let row = Row { sources, inputs, layout, y };
-    dispatch!(level, simd => row.update(simd, op, out));
-}
-
-/// Of which inputs of `op` any may be the first for [`update_row`].
+/// How many of the first inputs of `op`, one of each pixel on its own, may become its result: any of them as its first.
 pub fn updates(op: &Op) -> usize {
     match op {
         Op::Add => 2,
@@ -55,6 +42,8 @@ struct Row<'a> {
     sources: Sources<'a>,
     inputs: &'a [Layout],
     layout: &'a Layout,
+    /// Whether the first input is what the result's place holds.
+    is_update: bool,
     y: usize,
 }
 
@@ -69,31 +58,24 @@ impl<'a> Row<'a> {
             let out = &mut out[self.layout.halo..][..self.layout.shape.width];
             match op {
                 Op::Activate(activation) => {
-                    let [x] = self.lines([0], b);
-                    each(simd, out, |k| activate(simd, *activation, load(simd, &x[k])));
+                    self.each_of_first(simd, b, out, |x, _| activate(simd, *activation, x));
                 }
                 Op::Add => {
-                    let [x, y] = self.lines([0, 1], b);
-                    each(simd, out, |k| load(simd, &x[k]) + load(simd, &y[k]));
+                    let [y] = self.lines([1], b);
+                    self.each_of_first(simd, b, out, |x, k| x + load(simd, &y[k]));
                 }
                 Op::Multiply => {
-                    let ([x], factor) = (self.lines([0], b), self.factor(1, b));
-                    each(simd, out, |k| load(simd, &x[k]) * factor.at(simd, k));
+                    let factor = self.factor(1, b);
+                    self.each_of_first(simd, b, out, |x, k| x * factor.at(simd, k));
                 }
                 Op::Mix => {
-                    let ([x, y], t) = (self.lines([0, 1], b), self.factor(2, b));
-                    each(simd, out, |k| {
-                        let (x, y) = (load(simd, &x[k]), load(simd, &y[k]));
-                        t.at(simd, k).mul_add(y - x, x)
-                    });
+                    let ([y], t) = (self.lines([1], b), self.factor(2, b));
+                    self.each_of_first(simd, b, out, |x, k| t.at(simd, k).mul_add(load(simd, &y[k]) - x, x));
                 }
                 Op::ChannelMean | Op::ChannelMax => {
                     self.over_channels(simd, matches!(op, Op::ChannelMean), out)
                 }
-                Op::Scale { factor } => {
-                    let [x] = self.lines([0], b);
-                    each(simd, out, |k| load(simd, &x[k]) * *factor);
-                }
+                Op::Scale { factor } => self.each_of_first(simd, b, out, |x, _| x * *factor),
                 Op::Shift { color } => {
                     let ([x], channels) = (self.lines([0], b), self.layout.shape.channels);
                     let lane = |l: usize| color.get(3 * (b * LANES + l) / channels).copied();
@@ -116,27 +98,22 @@ impl<'a> Row<'a> {
         }
     }
 
+    /// Writes `f` of each pixel of the first input and its place.
     #[inline(always)]
-    fn update<S: Simd>(&self, simd: S, op: &Op, out: &mut [Block]) {
-        for (b, out) in out.chunks_exact_mut(self.layout.shape.width).enumerate() {
-            match op {
-                Op::Activate(activation) => each_of(simd, out, |x, _| activate(simd, *activation, x)),
-                Op::Add => {
-                    let [y] = self.lines([1], b);
-                    each_of(simd, out, |x, k| x + load(simd, &y[k]));
-                }
-                Op::Multiply => {
-                    let factor = self.factor(1, b);
-                    each_of(simd, out, |x, k| x * factor.at(simd, k));
-                }
-                Op::Mix => {
-                    let ([y], t) = (self.lines([1], b), self.factor(2, b));
-                    each_of(simd, out, |x, k| t.at(simd, k).mul_add(load(simd, &y[k]) - x, x));
-                }
-                Op::Scale { factor } => each_of(simd, out, |x, _| x * *factor),
-                // Nothing else is planned so.
-                _ => {}
+    fn each_of_first<S: Simd>(
+        &self,
+        simd: S,
+        b: usize,
+        out: &mut [Block],
+        f: impl Fn(f32x16<S>, usize) -> f32x16<S>,
+    ) {
+        if self.is_update {
+            for (k, out) in out.iter_mut().enumerate() {
+                out.0 = f(load(simd, out), k).to_array();
             }
+        } else {
+            let [line] = self.lines([0], b);
+            each(simd, out, |k| f(load(simd, &line[k]), k));
         }
     }
 
@@ -447,13 +424,5 @@ pub fn load<S: Simd>(simd: S, block: &Block) -> f32x16<S> {
 fn each<S: Simd>(_simd: S, out: &mut [Block], f: impl Fn(usize) -> f32x16<S>) {
     for (k, out) in out.iter_mut().enumerate() {
         out.0 = f(k).to_array();
-    }
-}
-
-/// Turns each pixel into `f` of it and its place.
-#[inline(always)]
-fn each_of<S: Simd>(simd: S, out: &mut [Block], f: impl Fn(f32x16<S>, usize) -> f32x16<S>) {
-    for (k, out) in out.iter_mut().enumerate() {
-        out.0 = f(load(simd, out), k).to_array();
     }
 }

@@ -100,8 +100,6 @@ pub enum Kind {
     Thin(ThinConvolution),
     Learned(Learned),
     Row(Op),
-    /// In the place of its first input.
-    Update(Op),
     /// A warp of the image of a layer, where that lies.
     WarpImage {
         image: usize,
@@ -376,11 +374,10 @@ impl Planner<'_> {
             let first = node.inputs.len() - self.strips(*n).len();
             let mut inputs: Vec<Layout> =
                 node.inputs.iter().enumerate().skip(first).filter_map(layout).collect();
-            let mut kind = self.kind(*n, &inputs, strip, exports);
-            if let (Some(input), Kind::Row(op)) = (updated, &kind) {
+            if let Some(input) = updated {
                 inputs.swap(0, input);
-                kind = Kind::Update(*op);
             }
+            let kind = self.kind(*n, &inputs, strip, exports);
             planned.steps.push(Step { kind, inputs, out, kept: self.kept[*n], stored: self.stored[*n] });
         }
         *scratch = arena.len.max(*scratch);

@@ -189,7 +189,6 @@ impl Job<'_> {
             Kind::Learned(learned) => {
                 learned.run_row(self.level, self.border, sources, &inputs[0], layout, y, out);
             }
-            Kind::Update(op) => ops::update_row(self.level, op, sources, inputs, layout, y, out),
             Kind::Row(op) => ops::run_row(self.level, op, self.border, sources, inputs, layout, y, out),
             Kind::WarpImage { image } => {
                 let (_, image) = self.images[self.image_of[*image]];
