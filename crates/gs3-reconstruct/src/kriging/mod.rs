@@ -181,16 +181,15 @@ impl<'a> Neighborhoods<'a> {
         let mut systems = [[[0.0; CHUNK]; 3]; ROWS];
         let mut weights = [[0.0; CHUNK]; DATA];
         for pixels in self.pixels.chunks(CHUNK) {
-            let mut most = 0;
+            candidates.begin();
             for (lane, (pixel, _)) in pixels.iter().enumerate() {
-                most = most.max(self.look_around(simd, *pixel, lane, &mut candidates));
+                self.look_around(simd, *pixel, lane, &mut candidates);
             }
-            candidates.least(simd, most, &mut around.keys);
+            candidates.least(simd, &mut around.keys);
             for (lane, (pixel, _)) in pixels.iter().enumerate() {
                 self.choose(lane, *pixel, &candidates, &mut around);
             }
-            around.fill_systems(simd, &mut systems);
-            solve(simd, &mut systems, &mut weights);
+            solve(simd, &around, &mut systems, &mut weights);
             for (lane, (_, place)) in pixels.iter().enumerate() {
                 if let Some(pixel) = image.get_mut(*place) {
                     around.predict(lane, &weights, pixel);
@@ -199,20 +198,13 @@ impl<'a> Neighborhoods<'a> {
         }
     }
 
-    /// Lists the samples around `pixel` in a lane of `candidates`; how many.
+    /// Lists the samples around `pixel` in a lane of `candidates`.
     #[inline(always)]
-    fn look_around<S: Simd>(
-        &self,
-        simd: S,
-        pixel: [u16; 2],
-        lane: usize,
-        candidates: &mut Candidates,
-    ) -> usize {
+    fn look_around<S: Simd>(&self, simd: S, pixel: [u16; 2], lane: usize, candidates: &mut Candidates) {
         let middle = usize::from(pixel[1]) * self.stride + usize::from(pixel[0]);
         let x = f32x16::splat(simd, f32::from(pixel[0]));
         let y = f32x16::splat(simd, f32::from(pixel[1]));
         let lanes = u32x16::load_array(simd, LANES);
-        candidates.begin();
         for (columns, row) in &CELLS {
             // Beyond the tile's memory there are no samples.
             let first = (middle as isize + row * self.stride as isize + columns[0]) as usize;
@@ -225,14 +217,14 @@ impl<'a> Neighborhoods<'a> {
                 let (dx, dy) = (vector(simd, &self.x, at) - x, vector(simd, &self.y, at) - y);
                 let d2 = dx.mul_add(dx, dy * dy);
                 let variances = d2.mul_add(d2, vector(simd, &self.noise, at));
-                candidates.see(variances, lanes + first, (end - first) as usize);
+                let near = variances.simd_lt(FARTHEST) & lanes.simd_lt(end - first);
+                candidates.see(lane, near, variances, lanes + first);
                 first += CHUNK as u32;
                 if first >= end {
                     break;
                 }
             }
         }
-        candidates.list(simd, lane)
     }
 
     /// Takes the best of the candidates.
@@ -241,7 +233,7 @@ impl<'a> Neighborhoods<'a> {
         let center = [f32::from(pixel[0]), f32::from(pixel[1])];
         for k in 0..SAMPLES {
             let key = around.keys[k][lane];
-            let sample = candidates.samples[lane][key.to_bits() as usize % SEEN] as usize;
+            let sample = candidates.places[lane][key.to_bits() as usize % SEEN] as usize;
             let sample = (key < FARTHEST).then_some(sample);
             let [dx, dy, noise] = match sample {
                 Some(at) => {

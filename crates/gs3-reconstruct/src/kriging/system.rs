@@ -20,10 +20,13 @@ pub(super) struct Around<'a> {
 /// Three vectors: a row of the three columns of a sample.
 pub(super) type Row = [[f32; CHUNK]; 3];
 
+/// Three rows of it in registers.
+pub(super) type Rows<S> = [[f32x16<S>; 3]; 3];
+
 /// Rows of all columns.
 pub(super) const ROWS: usize = start(SAMPLES);
 
-/// Sixteen systems: lower triangles, sample by sample the rows from its own on, and as one row more the pixel's covariances.
+/// Sixteen systems: lower triangles, sample by sample the rows from its own on, and as one row more the pixel's.
 pub(super) type Systems = [Row; ROWS];
 
 /// Variance of what is not there.
@@ -40,42 +43,37 @@ impl Around<'_> {
         }
     }
 
-    /// The covariances of the data with each other and with the pixels. Derivatives are per length of the covariance.
+    /// The covariances of the data of samples `i` and `j`: rows are value and derivatives of `i`, columns of `j`. Derivatives are per
+    /// length of the covariance.
     #[inline(always)]
-    pub fn fill_systems<S: Simd>(&self, simd: S, systems: &mut Systems) {
-        let one_left_out = 1.0 / load(simd, &self.keys[SAMPLES]);
-        for j in 0..SAMPLES {
-            let (xj, yj) = (load(simd, &self.x[j]), load(simd, &self.y[j]));
-            let rows = &mut systems[start(j)..start(j + 1)];
-            for (i, rows) in (j..SAMPLES).zip(rows.as_chunks_mut::<3>().0) {
-                let (ux, uy) = (load(simd, &self.x[i]) - xj, load(simd, &self.y[i]) - yj);
-                let q = covariance(simd, ux, uy);
-                let q2 = q * q;
-                let (qx, qy) = (q2 * ux, q2 * uy);
-                let (bend_x, bend_y) = (q * qx * -2.0, q * qy * -2.0);
-                let mut noise = f32x16::splat(simd, 0.0);
-                if i == j {
-                    let share = load(simd, &self.keys[i]) * one_left_out;
-                    noise = share * share * FADE / (1.0 + 1e-4 - share) + load(simd, &self.noise[i]);
-                }
-                // Rows: value and derivatives of i; columns: of j.
-                let block = [
-                    [q + noise, qx, qy],
-                    [-qx, bend_x.mul_add(ux, q2) + noise, bend_x * uy],
-                    [-qy, bend_x * uy, bend_y.mul_add(uy, q2) + noise],
-                ];
-                for (value, to) in block.as_flattened().iter().zip(rows.as_flattened_mut()) {
-                    value.store_array(to);
-                }
-            }
-            let q = covariance(simd, xj, yj);
-            let q2 = q * q;
-            if let Some(row) = rows.last_mut() {
-                for (value, to) in [q, -q2 * xj, -q2 * yj].iter().zip(row) {
-                    value.store_array(to);
-                }
-            }
+    pub fn covariances<S: Simd>(&self, simd: S, i: usize, j: usize) -> Rows<S> {
+        let (ux, uy) = (
+            load(simd, &self.x[i]) - load(simd, &self.x[j]),
+            load(simd, &self.y[i]) - load(simd, &self.y[j]),
+        );
+        let q = covariance(simd, ux, uy);
+        let q2 = q * q;
+        let (qx, qy) = (q2 * ux, q2 * uy);
+        let (bend_x, bend_y) = (q * qx * -2.0, q * qy * -2.0);
+        let mut noise = f32x16::splat(simd, 0.0);
+        if i == j {
+            let share = load(simd, &self.keys[i]) * (1.0 / load(simd, &self.keys[SAMPLES]));
+            noise = share * share * FADE / (1.0 + 1e-4 - share) + load(simd, &self.noise[i]);
         }
+        [
+            [q + noise, qx, qy],
+            [-qx, bend_x.mul_add(ux, q2) + noise, bend_x * uy],
+            [-qy, bend_x * uy, bend_y.mul_add(uy, q2) + noise],
+        ]
+    }
+
+    /// The covariances of the pixels with the data of sample `j`.
+    #[inline(always)]
+    pub fn covariances_with_pixel<S: Simd>(&self, simd: S, j: usize) -> [f32x16<S>; 3] {
+        let (x, y) = (load(simd, &self.x[j]), load(simd, &self.y[j]));
+        let q = covariance(simd, x, y);
+        let q2 = q * q;
+        [q, -q2 * x, -q2 * y]
     }
 
     /// Changes `pixel`, whose RGB is the mean, into what the samples of a lane say.
@@ -117,8 +115,10 @@ fn row<S: Simd>(simd: S, row: &Row) -> [f32x16<S>; 3] {
 }
 
 #[inline(always)]
-fn scaled<S: Simd>(values: [f32x16<S>; 3], by: [f32x16<S>; 3]) -> [f32x16<S>; 3] {
-    [values[0] * by[0], values[1] * by[1], values[2] * by[2]]
+fn store<S: Simd>(values: [f32x16<S>; 3], to: &mut Row) {
+    for (value, to) in values.iter().zip(to) {
+        value.store_array(to);
+    }
 }
 
 /// Where the rows of sample `sample` begin: samples before have DATA + 1, DATA − 2, … rows.
@@ -126,16 +126,16 @@ pub(super) const fn start(sample: usize) -> usize {
     sample * (DATA + 1) - 3 * sample * sample.saturating_sub(1) / 2
 }
 
-/// Solves sixteen symmetric positive definite systems by their factors LDLᵀ, of which LD takes the place of `systems`.
-#[inline(always)]
-pub(super) fn solve<S: Simd>(simd: S, systems: &mut Systems, weights: &mut [[f32; CHUNK]; DATA]) {
-    // Of each sample, what its own three rows come to: below the diagonal of L, and the inverse of D.
-    let zero = f32x16::splat(simd, 0.0);
-    let mut factors = [([zero; 3], [zero; 3]); SAMPLES];
-    for (sample, factor) in factors.iter_mut().enumerate() {
-        let (done, mut rest) = systems.split_at_mut(start(sample + 1));
-        let rows = &mut done[start(sample)..];
-        let (a, b, c) = (row(simd, &rows[0]), row(simd, &rows[1]), row(simd, &rows[2]));
+/// What the three columns of a sample come to in their own rows: below the diagonal of L, and the inverse of D.
+#[derive(Clone, Copy)]
+struct Factor<S: Simd> {
+    below: [f32x16<S>; 3],
+    inverses: [f32x16<S>; 3],
+}
+
+impl<S: Simd> Factor<S> {
+    #[inline(always)]
+    fn of([a, b, c]: Rows<S>) -> Self {
         // Only rounding brings a pivot below the nugget.
         let d0 = reciprocal(a[0].max(0.5 * NUGGET));
         let (l10, l20) = (b[0] * d0, c[0] * d0);
@@ -143,44 +143,87 @@ pub(super) fn solve<S: Simd>(simd: S, systems: &mut Systems, weights: &mut [[f32
         let u21 = c[0].mul_add(-l10, c[1]);
         let l21 = u21 * d1;
         let d2 = reciprocal(u21.mul_add(-l21, c[0].mul_add(-l20, c[2])).max(0.5 * NUGGET));
-        *factor = ([l10, l20, l21], [d0, d1, d2]);
-        for values in &mut rows[3..] {
-            let [u0, v1, v2] = row(simd, values);
-            let u1 = u0.mul_add(-l10, v1);
-            let u2 = u1.mul_add(-l21, u0.mul_add(-l20, v2));
-            u1.store_array(&mut values[1]);
-            u2.store_array(&mut values[2]);
+        Self { below: [l10, l20, l21], inverses: [d0, d1, d2] }
+    }
+
+    /// A row of LD below the sample's own.
+    #[inline(always)]
+    fn eliminate(&self, [u0, v1, v2]: [f32x16<S>; 3]) -> [f32x16<S>; 3] {
+        let [l10, l20, l21] = self.below;
+        let u1 = u0.mul_add(-l10, v1);
+        [u0, u1, u1.mul_add(-l21, u0.mul_add(-l20, v2))]
+    }
+}
+
+/// What is left of a row without what columns before explain: `of_row` are the row's numbers in those of a sample, `by` the rows of
+/// the columns' sample there, times −D⁻¹.
+#[inline(always)]
+fn reduced<S: Simd>(simd: S, left: [f32x16<S>; 3], of_row: &Row, by: &Rows<S>) -> [f32x16<S>; 3] {
+    let u = row(simd, of_row);
+    let mut sums = left;
+    for (sum, by) in sums.iter_mut().zip(by) {
+        *sum = u[2].mul_add(by[2], u[1].mul_add(by[1], u[0].mul_add(by[0], *sum)));
+    }
+    sums
+}
+
+/// Solves the systems of `around` by their factors LDLᵀ, of which LD goes to `systems`: column by column, each number from its
+/// covariance to what is final in registers, as memory takes a vector only every other cycle on some processors.
+#[inline(always)]
+pub(super) fn solve<S: Simd>(
+    simd: S,
+    around: &Around<'_>,
+    systems: &mut Systems,
+    weights: &mut [[f32; CHUNK]; DATA],
+) {
+    let zero = f32x16::splat(simd, 0.0);
+    let mut factors = [Factor { below: [zero; 3], inverses: [zero; 3] }; SAMPLES];
+    // The rows of the sample whose columns are made, in the columns before, times −D⁻¹.
+    let mut by = [[[zero; 3]; 3]; SAMPLES];
+    for j in 0..SAMPLES {
+        let (done, rows) = systems.split_at_mut(start(j));
+        for (k, by) in by[..j].iter_mut().enumerate() {
+            let [d0, d1, d2] = factors[k].inverses;
+            let of_sample = &done[start(k) + 3 * (j - k)..][..3];
+            for (by, of_sample) in by.iter_mut().zip(of_sample) {
+                let [u0, u1, u2] = row(simd, of_sample);
+                *by = [u0 * -d0, u1 * -d1, u2 * -d2];
+            }
         }
-        // What is left of the samples after it.
-        let mut from = &rows[3..];
-        while let [first, second, third, ..] = from {
-            let inverses = [-d0, -d1, -d2];
-            let by = [
-                scaled(row(simd, first), inverses),
-                scaled(row(simd, second), inverses),
-                scaled(row(simd, third), inverses),
-            ];
-            let (to, after) = rest.split_at_mut(from.len());
-            for (to, from) in to.iter_mut().zip(from) {
-                let from = row(simd, from);
-                for (to, by) in to.iter_mut().zip(&by) {
-                    let sum = from[0].mul_add(by[0], load(simd, to));
-                    from[2].mul_add(by[2], from[1].mul_add(by[1], sum)).store_array(to);
+        for i in j..SAMPLES {
+            let mut block = around.covariances(simd, i, j);
+            for (k, by) in by[..j].iter().enumerate() {
+                let of_sample = &done[start(k) + 3 * (i - k)..][..3];
+                for (left, of_row) in block.iter_mut().zip(of_sample) {
+                    *left = reduced(simd, *left, of_row, by);
                 }
             }
-            (rest, from) = (after, &from[3..]);
+            if i == j {
+                factors[j] = Factor::of(block);
+                continue;
+            }
+            for (left, to) in block.into_iter().zip(&mut rows[3 * (i - j)..]) {
+                store(factors[j].eliminate(left), to);
+            }
         }
+        let mut last = around.covariances_with_pixel(simd, j);
+        for (k, by) in by[..j].iter().enumerate() {
+            last = reduced(simd, last, &done[start(k + 1) - 1], by);
+        }
+        store(factors[j].eliminate(last), &mut rows[start(j + 1) - start(j) - 1]);
     }
     // The last rows now are L⁻¹k: what the data explain is their sum of squares by D⁻¹, and from them come L⁻ᵀD⁻¹L⁻¹k.
     let mut explained = zero;
-    for (sample, (_, [d0, d1, d2])) in factors.iter().enumerate() {
+    for (sample, factor) in factors.iter().enumerate() {
+        let [d0, d1, d2] = factor.inverses;
         let [u0, u1, u2] = row(simd, &systems[start(sample + 1) - 1]);
-        explained = (u0 * u0).mul_add(*d0, explained);
-        explained = (u1 * u1).mul_add(*d1, explained);
-        explained = (u2 * u2).mul_add(*d2, explained);
+        explained = (u0 * u0).mul_add(d0, explained);
+        explained = (u1 * u1).mul_add(d1, explained);
+        explained = (u2 * u2).mul_add(d2, explained);
     }
     let trust = ((explained - DOUBTFUL) * (1.0 / (CERTAIN - DOUBTFUL))).max(0.0).min(1.0);
-    for (sample, ([l10, l20, l21], [d0, d1, d2])) in factors.into_iter().enumerate().rev() {
+    for (sample, factor) in factors.into_iter().enumerate().rev() {
+        let Factor { below: [l10, l20, l21], inverses: [d0, d1, d2] } = factor;
         let rows = &systems[start(sample)..start(sample + 1)];
         let Some((last, rows)) = rows.split_last() else { continue };
         let [mut sum_0, mut sum_1, mut sum_2] = row(simd, last);

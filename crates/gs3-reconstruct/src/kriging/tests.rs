@@ -2,7 +2,7 @@
 
 use fearless_simd::{Level, dispatch};
 
-use super::system::{Around, ROWS, solve, start};
+use super::system::{Around, ROWS, Systems, solve, start};
 use super::*;
 
 /// Deterministic values in [0, 1).
@@ -54,6 +54,21 @@ fn scattered() -> Vec<([f32; 2], f32, Sample)> {
         .collect()
 }
 
+/// The systems before they are solved.
+fn filled(around: &Around<'_>) -> Systems {
+    let mut systems = [[[0.0; CHUNK]; 3]; ROWS];
+    dispatch!(Level::new(), simd => {
+        for j in 0..SAMPLES {
+            let of_samples = (j..SAMPLES).flat_map(|i| around.covariances(simd, i, j));
+            let all = of_samples.chain([around.covariances_with_pixel(simd, j)]);
+            for (values, to) in all.zip(&mut systems[start(j)..start(j + 1)]) {
+                *to = values.map(|value| value.to_array());
+            }
+        }
+    });
+    systems
+}
+
 #[test]
 fn sixteen_systems_are_solved_at_once() {
     let mut around = Around::new();
@@ -67,12 +82,8 @@ fn sixteen_systems_are_solved_at_once() {
         }
     }
     let (mut systems, mut weights) = ([[[0.0; CHUNK]; 3]; ROWS], [[0.0; CHUNK]; DATA]);
-    let mut filled = systems;
-    dispatch!(Level::new(), simd => {
-        around.fill_systems(simd, &mut systems);
-        filled = systems;
-        solve(simd, &mut systems, &mut weights);
-    });
+    dispatch!(Level::new(), simd => solve(simd, &around, &mut systems, &mut weights));
+    let filled = filled(&around);
     let mut trusted = 0;
     for lane in 0..CHUNK {
         let entry = |r: usize, c: usize| {
@@ -106,8 +117,7 @@ fn covariances_of_gradients_are_exact() {
         (around.x[k], around.y[k]) = ([a[0]; CHUNK], [a[1]; CHUNK]);
     }
     (around.x[1], around.y[1]) = ([b[0]; CHUNK], [b[1]; CHUNK]);
-    let mut systems = [[[0.0; CHUNK]; 3]; ROWS];
-    dispatch!(Level::new(), simd => around.fill_systems(simd, &mut systems));
+    let systems = filled(&around);
     let k = |p: [f32; 2], q: [f32; 2]| {
         let d2 = (p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2);
         1.0 / (1.0 + 0.5 * d2)
@@ -158,6 +168,18 @@ fn few_or_noisy_samples_leave_the_mean() {
 }
 
 /// However many samples there are, those nearest count, and the order in which they came does not.
+#[test]
+fn each_sample_counts_once() {
+    // Where there are few, a vector of those of one row has some of the next.
+    let middle = SIDE as f32 / 2.0;
+    let far = |at: &[f32; 2]| (at[0] - middle).hypot(at[1] - middle) > 4.0;
+    let all = scattered();
+    let near: Vec<_> = all.iter().copied().filter(|(at, ..)| !far(at)).collect();
+    let wanted = [[SIDE / 2; 2]];
+    let [of_all, of_near] = [&all, &near].map(|samples| kriged(samples, &wanted, [0.3; 4]));
+    assert_eq!(of_all, of_near);
+}
+
 #[test]
 fn crowds_are_no_matter() {
     let mean = [0.5, 0.25, 0.5, 0.5];
