@@ -57,6 +57,11 @@ const SHIPPED: &[Shipped] = &[
         tier: Tier::High,
         bytes: include_bytes!("../../weights/super_sample_high_x4.safetensors"),
     },
+    Shipped {
+        scale: 4,
+        tier: Tier::High,
+        bytes: include_bytes!("../../weights/interpolate_high_x4.safetensors"),
+    },
 ];
 
 impl Networks {
