@@ -70,6 +70,23 @@ fn interpolation_is_learned_where_it_is_asked_for() {
 }
 
 #[test]
+fn kriging_and_tiers_reach_the_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let render = |name: &str, options: &str| {
+        let size = "--size 128x72 --frames 0..3 --mode super-sample";
+        succeed(folder.path(), &format!("render demo {size} {options} --out {name}"));
+        png(&folder.path().join(name).join("frame_000002.png")).2
+    };
+    let [off, on, fine] = ["", "--kriging", "--kriging=fine"]
+        .map(|kriging| render(&format!("made{kriging}"), &format!("--tier analytic {kriging}")));
+    assert!(on != off && fine != on && fine != off, "each kriges other pixels");
+    let [balanced, high] =
+        ["balanced", "high"].map(|tier| render(tier, &format!("--tier {tier} --arithmetic f32")));
+    assert!(balanced != on, "networks refine what is kriged");
+    assert!(high != balanced, "and so does that of tier high");
+}
+
+#[test]
 fn options_reach_the_picture() {
     let folder = tempfile::tempdir().unwrap();
     let render = |name: &str, options: &str| {
