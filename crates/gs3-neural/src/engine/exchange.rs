@@ -32,6 +32,19 @@ impl Exchange {
         self.width * self.factor * self.factor * self.channels
     }
 
+    /// The lines of `image` that `count` pixels of row `y` from `x` on are made of; none beyond its end.
+    pub fn strip<'a>(
+        &self,
+        image: &'a [f32],
+        [x, y]: [usize; 2],
+        count: usize,
+    ) -> impl Iterator<Item = &'a [f32]> {
+        let per_pixel = self.factor * self.channels;
+        let lines = image.chunks_exact(self.width * per_pixel).skip(y * self.factor).take(self.factor);
+        let end = (x + count).min(self.width);
+        lines.map(move |line| &line[x * per_pixel..end * per_pixel])
+    }
+
     /// Writes the pixels of row `y` from `x` on to `out`, a row of `layout` or a strip of one; its halo is left.
     pub fn import_row(
         &self,

@@ -128,6 +128,9 @@ impl Job<'_> {
         for x in (0..*width).step_by(pass.strip) {
             // The last strip overlaps that before, whose pixels get the same values again.
             let x = x.min(width - pass.strip);
+            if pass.asks_ahead {
+                self.ask_ahead(pass, [x + pass.strip, y]);
+            }
             for step in &pass.steps {
                 let out = step.out.start..step.out.start + step.len();
                 let (made, strips) = Rest::split(scratch, out.start, out.len());
@@ -160,6 +163,18 @@ impl Job<'_> {
             }
             if let (Some(whole), Some(stored)) = (&step.stored, &mut stored) {
                 fill_halo(self.border, whole, &mut stored[whole.start - start..][..whole.row_len()]);
+            }
+        }
+    }
+
+    /// Asks for what the strip from pixel `x` of row `y` on, or the first of the next row, reads of images.
+    fn ask_ahead(&self, pass: &Pass, [x, y]: [usize; 2]) {
+        let [x, y] = if x < self.group.width { [x, y] } else { [0, y + 1] };
+        for step in &pass.steps {
+            let Kind::Import(imports) = &step.kind else { continue };
+            for (layer, exchange) in imports {
+                let (_, image) = self.images[self.image_of[*layer]];
+                exchange.strip(image, [x, y], pass.strip).for_each(bf16::ask_for);
             }
         }
     }

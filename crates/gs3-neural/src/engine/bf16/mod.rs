@@ -14,6 +14,7 @@ mod pairs;
 mod tiles;
 mod unit;
 
+pub use pairs::ask_for;
 pub use tiles::{TileConfig, Tiles, fill_halo, store};
 pub use unit::Unit;
 

@@ -82,9 +82,17 @@ impl Pairs {
     }
 }
 
+/// Asks for `numbers` to be brought into the second cache.
+pub fn ask_for(numbers: &[f32]) {
+    kernel::ask_for(numbers);
+}
+
 #[cfg(not(target_arch = "x86_64"))]
 mod kernel {
     use super::{Block, Layout, Pairs, Sources};
+
+    /// Nothing is: this serves [`Pairs`].
+    pub fn ask_for(_: &[f32]) {}
 
     /// There is none: no [`Pairs`] are made.
     pub fn row(_: &Pairs, _: Sources<'_>, _: &Layout, _: isize, _: &mut [Block]) {}
@@ -96,12 +104,13 @@ mod kernel {
     use std::cell::RefCell;
 
     use std::arch::x86_64::{
-        __m256bh, __m256i, __m512, __m512bh, __m512i, _mm256_store_si256, _mm512_dpbf16_ps, _mm512_load_ps,
-        _mm512_load_si512, _mm512_maskz_cvtneps_pbh, _mm512_set1_epi32, _mm512_setzero_ps, _mm512_store_ps,
+        __m256bh, __m256i, __m512, __m512bh, __m512i, _MM_HINT_T1, _mm_prefetch, _mm256_store_si256,
+        _mm512_dpbf16_ps, _mm512_load_ps, _mm512_load_si512, _mm512_maskz_cvtneps_pbh, _mm512_set1_epi32,
+        _mm512_setzero_ps, _mm512_store_ps,
     };
 
     use super::super::Seen;
-    use super::{BUFFER, Block, Layout, PAIRS, PairWeights, Pairs, RUN, Sources, group};
+    use super::{BUFFER, Block, LANES, Layout, PAIRS, PairWeights, Pairs, RUN, Sources, group};
     use crate::engine::conv::unrolled;
 
     /// What a run sees: for each pixel 16 channels, a pair in each number.
@@ -110,6 +119,15 @@ mod kernel {
 
     thread_local! {
         static BUFFER_OF_THREAD: RefCell<Box<Buffer>> = RefCell::new(Box::new(Buffer([0; BUFFER * PAIRS])));
+    }
+
+    /// As [`super::ask_for`].
+    #[inline(always)]
+    pub fn ask_for(numbers: &[f32]) {
+        for line in numbers.chunks(LANES) {
+            // SAFETY: a hint, which neither reads nor faults, whatever the address; the instruction (SSE) is part of x86-64.
+            unsafe { _mm_prefetch::<_MM_HINT_T1>(line.as_ptr().cast()) };
+        }
     }
 
     /// As [`Pairs::run_row`].
