@@ -62,8 +62,8 @@ pub struct Pass {
     /// Pixels of a strip.
     pub strip: usize,
     pub wave: Wave,
-    /// Whether to ask for the images of the next strip while one is computed.
-    pub asks_ahead: bool,
+    /// Whether to prefetch the images of the next strip while one is computed.
+    pub prefetches: bool,
     /// Where the rows that it keeps for passes of the group are among those of a slab.
     pub start: usize,
     /// Blocks of such a row, of all of its tensors.
@@ -348,8 +348,8 @@ impl Planner<'_> {
         let strip = strip(size.width);
         let wave = self.passes.waves[pass];
         // Gains 3 to 6 % of a network on Zen 4 (`docs/performance.md`). On Granite Rapids, which runs tiles, it cost up to a tenth.
-        let asks_ahead = self.unit == Some(Unit::Avx512Bf16);
-        let mut planned = Pass { steps: Vec::new(), strip, wave, asks_ahead, start, row_len, mask };
+        let prefetches = self.unit == Some(Unit::Avx512Bf16);
+        let mut planned = Pass { steps: Vec::new(), strip, wave, prefetches, start, row_len, mask };
         let mut arena = Arena::default();
         let mut strips: Vec<Option<Layout>> = vec![None; self.nodes.len()];
         for (now, n) in order.iter().enumerate() {

@@ -128,8 +128,8 @@ impl Job<'_> {
         for x in (0..*width).step_by(pass.strip) {
             // The last strip overlaps that before, whose pixels get the same values again.
             let x = x.min(width - pass.strip);
-            if pass.asks_ahead {
-                self.ask_ahead(pass, [x + pass.strip, y]);
+            if pass.prefetches {
+                self.prefetch_next(pass, [x + pass.strip, y]);
             }
             for step in &pass.steps {
                 let out = step.out.start..step.out.start + step.len();
@@ -168,13 +168,13 @@ impl Job<'_> {
     }
 
     /// Asks for what the strip from pixel `x` of row `y` on, or the first of the next row, reads of images.
-    fn ask_ahead(&self, pass: &Pass, [x, y]: [usize; 2]) {
+    fn prefetch_next(&self, pass: &Pass, [x, y]: [usize; 2]) {
         let [x, y] = if x < self.group.width { [x, y] } else { [0, y + 1] };
         for step in &pass.steps {
             let Kind::Import(imports) = &step.kind else { continue };
             for (layer, exchange) in imports {
                 let (_, image) = self.images[self.image_of[*layer]];
-                exchange.strip(image, [x, y], pass.strip).for_each(bf16::ask_for);
+                exchange.strip(image, [x, y], pass.strip).for_each(bf16::prefetch);
             }
         }
     }

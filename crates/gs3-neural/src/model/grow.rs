@@ -92,8 +92,10 @@ pub fn grown(
                 _ => {}
             }
         }
-        let is_quiet = inputs.iter().all(|place| matches!(place, Place::Old { others_are_zero: true, .. }));
-        let Some(channels) = result(&old.op, &layer.op, &read, is_quiet, large, &layer.inputs) else {
+        let other_inputs_are_zero =
+            inputs.iter().all(|place| matches!(place, Place::Old { others_are_zero: true, .. }));
+        let Some(channels) = result(&old.op, &layer.op, &read, other_inputs_are_zero, large, &layer.inputs)
+        else {
             return Err(fail(format!("{:?}", old.op), format!("{:?} of other channels", layer.op)));
         };
         places.push(Place::Old { channels, others_are_zero });
@@ -115,13 +117,13 @@ fn keeps_zero(op: &Op) -> bool {
     matches!(op, Op::Conv2d(conv) if conv.activation != Activation::Sigmoid)
 }
 
-/// Where channels of what `old` gives are in what `new` gives; none if operations differ in kind or mix channels. `is_quiet`: the
+/// Where channels of what `old` gives are in what `new` gives; none if operations differ in kind or mix channels. `other_inputs_are_zero`: the
 /// inputs' channels that the smaller network lacks are zero.
 fn result(
     old: &Op,
     new: &Op,
     read: &[&[Channel]],
-    is_quiet: bool,
+    other_inputs_are_zero: bool,
     large: &Graph,
     inputs: &[Tensor],
 ) -> Option<Vec<Channel>> {
@@ -140,11 +142,11 @@ fn result(
         (Op::Input { channels, scale }, Op::Input { channels: now, scale: same }) => {
             (channels <= now && scale == same).then(|| (0..*channels).map(at).collect())
         }
-        (Op::ChannelMean, Op::ChannelMean) if is_quiet => {
+        (Op::ChannelMean, Op::ChannelMean) if other_inputs_are_zero => {
             let channels = large.channels(*inputs.first()?);
             Some(vec![Channel { index: 0, factor: first.len() as f32 / channels as f32 }])
         }
-        (Op::ChannelMax, Op::ChannelMax) if is_quiet => Some(vec![at(0)]),
+        (Op::ChannelMax, Op::ChannelMax) if other_inputs_are_zero => Some(vec![at(0)]),
         (Op::Conv2d(old), Op::Conv2d(new)) => {
             let is_within = old.outputs <= new.outputs && old.kernel <= new.kernel;
             let is_alike =

@@ -3,7 +3,7 @@
 //! There is a kernel for each of the two instructions that processors have for it ([`Unit`]). A row of a convolution rounds what
 //! it sees of tensors in f32 to a buffer of the thread; tensors that only AMX reads are stored in bf16.
 //!
-//! All `unsafe` code of the engine is in this folder: instructions that the compiler cannot know the machine has.
+//! All `unsafe` code of the engine is in this folder: instructions that the compiler cannot know the machine has, and prefetching.
 
 #![cfg_attr(
     not(target_arch = "x86_64"),
@@ -14,7 +14,7 @@ mod pairs;
 mod tiles;
 mod unit;
 
-pub use pairs::ask_for;
+pub use pairs::prefetch;
 pub use tiles::{TileConfig, Tiles, fill_halo, store};
 pub use unit::Unit;
 

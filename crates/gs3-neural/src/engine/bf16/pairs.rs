@@ -83,16 +83,16 @@ impl Pairs {
 }
 
 /// Asks for `numbers` to be brought into the second cache.
-pub fn ask_for(numbers: &[f32]) {
-    kernel::ask_for(numbers);
+pub fn prefetch(numbers: &[f32]) {
+    kernel::prefetch(numbers);
 }
 
 #[cfg(not(target_arch = "x86_64"))]
 mod kernel {
     use super::{Block, Layout, Pairs, Sources};
 
-    /// Nothing is: this serves [`Pairs`].
-    pub fn ask_for(_: &[f32]) {}
+    /// No [`Pairs`] are made that it would serve.
+    pub fn prefetch(_: &[f32]) {}
 
     /// There is none: no [`Pairs`] are made.
     pub fn row(_: &Pairs, _: Sources<'_>, _: &Layout, _: isize, _: &mut [Block]) {}
@@ -121,9 +121,9 @@ mod kernel {
         static BUFFER_OF_THREAD: RefCell<Box<Buffer>> = RefCell::new(Box::new(Buffer([0; BUFFER * PAIRS])));
     }
 
-    /// As [`super::ask_for`].
+    /// As [`super::prefetch`].
     #[inline(always)]
-    pub fn ask_for(numbers: &[f32]) {
+    pub fn prefetch(numbers: &[f32]) {
         for line in numbers.chunks(LANES) {
             // SAFETY: a hint, which neither reads nor faults, whatever the address; the instruction (SSE) is part of x86-64.
             unsafe { _mm_prefetch::<_MM_HINT_T1>(line.as_ptr().cast()) };
