@@ -27,8 +27,16 @@ pub struct Bins {
     /// Start of each tile's ids, `[tiles + 1]`.
     offsets: Vec<usize>,
     ids: Vec<AtomicU32>,
-    /// Per group of jobs, `[tiles]`: counts, then write positions.
-    cursors: Vec<Vec<usize>>,
+    groups: Vec<Group>,
+}
+
+/// What a thread finds of its jobs.
+#[derive(Default)]
+struct Group {
+    /// Tile and id of every splat that touches the tile, in scene order.
+    hits: Vec<[u32; 2]>,
+    /// `[tiles]`: how many they are, then where the next goes.
+    cursors: Vec<usize>,
 }
 
 impl Bins {
@@ -43,15 +51,19 @@ impl Bins {
     /// Fills the bins of a `columns`×`rows` grid of tiles.
     pub fn fill(&mut self, jobs: &[Projected], columns: usize, rows: usize, culling: Culling) {
         let tiles = columns * rows;
-        let groups = balanced_groups(jobs, rayon::current_num_threads());
-        self.cursors.resize_with(groups.len(), Vec::new);
-
-        self.cursors.par_iter_mut().zip(&groups).for_each(|(counts, group)| {
-            counts.clear();
-            counts.resize(tiles, 0);
-            for job in &jobs[group.clone()] {
-                for local in 0..job.splats.len() {
-                    for_each_tile(job, local, culling, columns, |tile| counts[tile] += 1);
+        let runs = balanced_groups(jobs, rayon::current_num_threads());
+        self.groups.resize_with(runs.len(), Group::default);
+        self.groups.par_iter_mut().zip(runs).for_each(|(Group { hits, cursors }, run)| {
+            hits.clear();
+            cursors.clear();
+            cursors.resize(tiles, 0);
+            for (job, projected) in run.clone().zip(&jobs[run]) {
+                for local in 0..projected.splats.len() {
+                    let id = (job << LOCAL_BITS | local) as u32;
+                    for_each_tile(projected, local, culling, columns, |tile| {
+                        hits.push([tile as u32, id]);
+                        cursors[tile] += 1;
+                    });
                 }
             }
         });
@@ -61,10 +73,8 @@ impl Bins {
         let mut total = 0;
         for tile in 0..tiles {
             self.offsets.push(total);
-            for cursor in &mut self.cursors {
-                let count = cursor[tile];
-                cursor[tile] = total;
-                total += count;
+            for Group { cursors, .. } in &mut self.groups {
+                total += std::mem::replace(&mut cursors[tile], total);
             }
         }
         self.offsets.push(total);
@@ -73,16 +83,11 @@ impl Bins {
         }
 
         let ids = &self.ids;
-        self.cursors.par_iter_mut().zip(&groups).for_each(|(cursor, group)| {
-            for job_index in group.clone() {
-                let job = &jobs[job_index];
-                for local in 0..job.splats.len() {
-                    let id = (job_index << LOCAL_BITS | local) as u32;
-                    for_each_tile(job, local, culling, columns, |tile| {
-                        ids[cursor[tile]].store(id, Ordering::Relaxed);
-                        cursor[tile] += 1;
-                    });
-                }
+        self.groups.par_iter_mut().for_each(|Group { hits, cursors }| {
+            for &[tile, id] in &*hits {
+                let cursor = &mut cursors[tile as usize];
+                ids[*cursor].store(id, Ordering::Relaxed);
+                *cursor += 1;
             }
         });
     }
@@ -107,8 +112,7 @@ fn balanced_groups(jobs: &[Projected], count: usize) -> Vec<Range<usize>> {
     groups
 }
 
-/// Calls `visit` with each tile that `culling` assigns the splat to. Counting and writing both go through here, so they
-/// agree to the last bit.
+/// Calls `visit` with each tile that `culling` assigns the splat to.
 #[inline(always)]
 fn for_each_tile(
     job: &Projected,

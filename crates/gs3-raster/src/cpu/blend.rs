@@ -69,8 +69,6 @@ pub struct TileScratch {
     /// In scene order.
     pub splats: Vec<Splat>,
     geometry: Vec<SplatGeometry>,
-    pub run: Vec<Splat>,
-    run_geometry: Vec<SplatGeometry>,
     pub cover: Box<Cover>,
 }
 
@@ -81,8 +79,6 @@ impl Default for TileScratch {
             order: DepthOrder::default(),
             splats: Vec::new(),
             geometry: Vec::new(),
-            run: Vec::new(),
-            run_geometry: Vec::new(),
             cover: Box::default(),
         }
     }
@@ -101,7 +97,7 @@ pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
     let (x0, y0) = (column * TILE_WIDTH, row * TILE_HEIGHT);
     let mut open = start_tile::<OUTPUTS>(&mut scratch.blocks, width - x0, height - y0);
     let columns = width.div_ceil(TILE_WIDTH);
-    let TileScratch { blocks, order, splats, geometry, run, run_geometry, cover } = scratch;
+    let TileScratch { blocks, order, splats, geometry, cover } = scratch;
     // All of the tile's splats are copied in scene order, near the order of memory, and only then visited by depth:
     // the random accesses stay within the second-level cache.
     splats.clear();
@@ -115,17 +111,7 @@ pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
     order.sort_front_to_back(splats.iter().map(|splat| splat.depth_bits));
 
     for visited in order.sorted().chunks(RUN) {
-        run.clear();
-        run_geometry.clear();
-        for (i, &index) in visited.iter().enumerate() {
-            let splat = splats[index as usize];
-            cover.set(i, &splat, x0 as f32, y0 as f32);
-            run.push(splat);
-            if OUTPUTS != COLOR {
-                run_geometry.push(geometry[index as usize]);
-            }
-        }
-        cover.fill(s, visited.len(), open);
+        cover.fill(s, splats, visited, [x0, y0], open);
         // Block by block, so that the state stays in registers over the run.
         for b in 0..BLOCKS {
             let touching = cover.of_block(b);
@@ -135,7 +121,7 @@ pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
             let sample_x = f32x16::from_slice(s, &SAMPLES_X[b % BLOCKS_X]) + lanes(s, x0 as f32);
             let sample_y = f32x16::from_slice(s, &SAMPLES_Y[b / BLOCKS_X]) + lanes(s, y0 as f32);
             let mut state = State::load(s, &blocks[b]);
-            let finished = state.blend_run::<OUTPUTS>(s, [sample_x, sample_y], touching, run, run_geometry);
+            let finished = state.blend_run::<OUTPUTS>(s, [sample_x, sample_y], touching, splats, geometry);
             state.store::<OUTPUTS>(&mut blocks[b]);
             if finished {
                 open &= !(1 << b);

@@ -11,8 +11,8 @@ pub const BLOCKS_X: usize = TILE_WIDTH / BLOCK;
 pub const BLOCKS_Y: usize = TILE_HEIGHT / BLOCK;
 pub const BLOCKS: usize = BLOCKS_X * BLOCKS_Y;
 
-/// Splats handled at a time. Their 88 B each and the lists stay in the second-level cache, and a block's state is
-/// loaded and stored once for the dozens of splats of a run that touch it.
+/// Splats handled at a time. The lists stay in the second-level cache, and a block's state is loaded and stored once for the
+/// dozens of splats of a run that touch it.
 pub const RUN: usize = 256;
 
 /// What the extents depend on, one array per value.
@@ -32,6 +32,8 @@ struct Extents {
 /// For each block, the splats of a run that touch it, in order.
 #[derive(Clone)]
 pub struct Cover {
+    /// The splats.
+    run: [u32; RUN],
     extents: Extents,
     /// Sixteen spare places let whole vectors be stored at the end of a list.
     lists: [[u32; RUN + 16]; BLOCKS],
@@ -42,6 +44,7 @@ impl Default for Cover {
     fn default() -> Self {
         let zeros = [0.0; RUN];
         Self {
+            run: [0; RUN],
             extents: Extents {
                 mean_x: zeros,
                 mean_y: zeros,
@@ -59,41 +62,34 @@ impl Default for Cover {
 }
 
 impl Cover {
-    /// The splats that touch `block`, as indices into the run, front to back.
+    /// The splats of the run that touch `block`, front to back.
     #[inline(always)]
     pub fn of_block(&self, block: usize) -> &[u32] {
         &self.lists[block][..self.counts[block]]
     }
 
-    /// Notes splat `i` of the run for a tile at `(x0, y0)`.
-    #[inline(always)]
-    pub fn set(&mut self, i: usize, splat: &Splat, x0: f32, y0: f32) {
-        let e = &mut self.extents;
-        e.mean_x[i] = splat.mean[0] - x0;
-        e.mean_y[i] = splat.mean[1] - y0;
-        e.l21[i] = splat.l21;
-        e.l22[i] = splat.l22;
-        e.inv_l11[i] = splat.inv_l11;
-        e.support[i] = splat.support;
-        e.dy_at_max_dx[i] = splat.dy_at_max_dx;
-        e.rect[0][i] = f32::from(splat.rect.x0) - x0;
-        e.rect[1][i] = f32::from(splat.rect.y0) - y0;
-        e.rect[2][i] = f32::from(splat.rect.x1) - 1.0 - x0;
-        e.rect[3][i] = f32::from(splat.rect.y1) - 1.0 - y0;
-    }
-
-    /// Makes the lists of the first `count` splats for the blocks in the bit mask `open`.
+    /// Makes the lists of a run, the splats that `visited` names in order, for the blocks in the bit mask `open` of a tile at
+    /// `(x0, y0)`.
     ///
     /// Over a row of blocks a support's right edge is highest at `dy_at_max_dx` or at the sample row nearest to it, the
     /// left edge by symmetry at its negative (Speedy-Splat's AccuTile, Hanson et al. 2025; see [`Splat::x_span`]).
     #[inline(always)]
-    pub fn fill<S: Simd>(&mut self, s: S, count: usize, open: u32) {
+    pub fn fill<S: Simd>(
+        &mut self,
+        s: S,
+        splats: &[Splat],
+        visited: &[u32],
+        [x0, y0]: [usize; 2],
+        open: u32,
+    ) {
         let zero = f32x16::splat(s, 0.0);
-        let iota: [u32; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
-        let iota = u32x16::from_slice(s, &iota);
         self.counts = [0; BLOCKS];
-        let e = &mut self.extents;
+        let (e, count) = (&mut self.extents, visited.len());
+        for (i, &index) in visited.iter().enumerate() {
+            e.set(i, &splats[index as usize], x0 as f32, y0 as f32);
+        }
         let padded = count.next_multiple_of(16);
+        self.run[..count].copy_from_slice(visited);
         // An empty rectangle keeps the padding off every list.
         e.rect[0][count..padded].fill(f32::INFINITY);
         e.rect[1][count..padded].fill(f32::INFINITY);
@@ -108,7 +104,7 @@ impl Cover {
             let dy_left = zero - dy_right;
             let (left, top) = (load(s, &e.rect[0], start), load(s, &e.rect[1], start));
             let (right, bottom) = (load(s, &e.rect[2], start), load(s, &e.rect[3], start));
-            let index = iota + u32x16::splat(s, start as u32);
+            let index = u32x16::from_slice(s, &self.run[start..start + 16]);
             for by in 0..BLOCKS_Y {
                 let row_open = open >> (by * BLOCKS_X) & ((1 << BLOCKS_X) - 1);
                 let first_row = f32x16::splat(s, (by * BLOCK) as f32);
@@ -145,6 +141,24 @@ impl Cover {
                 }
             }
         }
+    }
+}
+
+impl Extents {
+    /// Notes splat `i` of the run for a tile at `(x0, y0)`.
+    #[inline(always)]
+    fn set(&mut self, i: usize, splat: &Splat, x0: f32, y0: f32) {
+        self.mean_x[i] = splat.mean[0] - x0;
+        self.mean_y[i] = splat.mean[1] - y0;
+        self.l21[i] = splat.l21;
+        self.l22[i] = splat.l22;
+        self.inv_l11[i] = splat.inv_l11;
+        self.support[i] = splat.support;
+        self.dy_at_max_dx[i] = splat.dy_at_max_dx;
+        self.rect[0][i] = f32::from(splat.rect.x0) - x0;
+        self.rect[1][i] = f32::from(splat.rect.y0) - y0;
+        self.rect[2][i] = f32::from(splat.rect.x1) - 1.0 - x0;
+        self.rect[3][i] = f32::from(splat.rect.y1) - 1.0 - y0;
     }
 }
 

@@ -192,15 +192,9 @@ impl Scratch {
         shares.clear();
         shares.resize(tile.splats.len(), Share::default());
 
-        let TileScratch { order, splats, run, cover, .. } = tile;
+        let TileScratch { order, splats, cover, .. } = tile;
         for visited in order.sorted().chunks(RUN) {
-            run.clear();
-            for (i, &index) in visited.iter().enumerate() {
-                let splat = splats[index as usize];
-                cover.set(i, &splat, x0 as f32, y0 as f32);
-                run.push(splat);
-            }
-            cover.fill(s, visited.len(), open);
+            cover.fill(s, splats, visited, [x0, y0], open);
             for b in 0..BLOCKS {
                 let touching = cover.of_block(b);
                 if touching.is_empty() {
@@ -210,8 +204,7 @@ impl Scratch {
                     f32x16::from_slice(s, &SAMPLES_X[b % BLOCKS_X]) + lanes(s, x0 as f32),
                     f32x16::from_slice(s, &SAMPLES_Y[b / BLOCKS_X]) + lanes(s, y0 as f32),
                 ];
-                let touching = touching.iter().map(|&i| (visited[i as usize], &run[i as usize]));
-                if pixels[b].measure(s, sample, touching, shares) {
+                if pixels[b].measure(s, sample, touching, splats, shares) {
                     open &= !(1 << b);
                 }
             }
@@ -246,14 +239,14 @@ fn start_pixels(pixels: &mut [Pixels; BLOCKS], tile: &TileScratch, background: [
 }
 
 impl Pixels {
-    /// Adds what the splats in `touching`, each with its position in the tile, give to these pixels; returns whether all
-    /// are finished.
+    /// Adds what the splats named by `touching` give to these pixels; returns whether all are finished.
     #[inline(always)]
-    fn measure<'a, S: Simd>(
+    fn measure<S: Simd>(
         &mut self,
         s: S,
         sample: [f32x16<S>; 2],
-        touching: impl Iterator<Item = (u32, &'a Splat)>,
+        touching: &[u32],
+        splats: &[Splat],
         shares: &mut [Share],
     ) -> bool {
         let (zero, one) = (lanes(s, 0.0), lanes(s, 1.0));
@@ -262,7 +255,8 @@ impl Pixels {
         let mut largest = f32x16::from_slice(s, &self.largest);
         let mut owner = u32x16::from_slice(s, &self.owner);
         let mut all_finished = false;
-        for (index, splat) in touching {
+        for &index in touching {
+            let splat = &splats[index as usize];
             let Some(contribution) = Contribution::of(s, splat, sample, t) else { continue };
             let Contribution { alpha, after, blended, finished, .. } = contribution;
             if blended.any_true() {
