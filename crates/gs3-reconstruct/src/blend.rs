@@ -247,11 +247,23 @@ pub(crate) fn shares<S: Simd>(
         for (both, visibility) in both.iter_mut().zip(visibility) {
             both[..out.len()].copy_from_slice(&visibility[pixels.clone()]);
         }
-        let by_time = share(simd, &both, t).to_array();
-        let [before, after] = images.map(|image| &image[pixels.clone()]);
-        for (((out, share), before), after) in out.iter_mut().zip(by_time).zip(before).zip(after) {
-            // What does not count is not read.
-            *out = if share > 0.0 && share < 1.0 { surer(share, [before[3], after[3]]) } else { share };
-        }
+        let share = share(simd, &both, t);
+        let counts = share.simd_gt(0.0) & share.simd_lt(1.0);
+        let [first, second] =
+            images.map(|image| uncertainties(simd, &image[pixels.clone()]).max(0.0) + UNSURE);
+        let weight = share * first;
+        // What does not count may be anything.
+        let share = counts.select(weight / (weight + (1.0 - share) * second), share);
+        out.copy_from_slice(&share.to_array()[..out.len()]);
     }
+}
+
+/// The uncertainties of up to sixteen pixels, and 0 for others.
+#[inline(always)]
+fn uncertainties<S: Simd>(simd: S, pixels: &[[f32; 4]]) -> f32x16<S> {
+    let mut all = [0.0; LANES];
+    for (uncertainty, pixel) in all.iter_mut().zip(pixels) {
+        *uncertainty = pixel[3];
+    }
+    f32x16::load_array(simd, all)
 }

@@ -21,19 +21,23 @@ impl<const N: usize> Warp<'_, N> {
         let count = parts.first().map_or(0, |part| part.visibility.len());
         for [x, y] in self.runs(count / width.max(1), top) {
             let run = self.look_at_run(simd, x, y);
-            for k in 0..LANES {
-                let (clip, x) =
-                    (Clip::new(x + (k * SIDE) as isize, y, top, width, count), x + (k * SIDE) as isize);
-                if clip.is_empty() {
-                    continue;
-                }
-                let is_rigid = run.rigid >> k & 1 == 1 && clip.is_whole();
-                let is_even = is_rigid && run.even >> k & 1 == 1;
-                let mut patch = None;
-                for (n, part) in parts.iter_mut().enumerate() {
+            let mut patches = [const { None }; LANES];
+            // One neighbour after the other, so that the rows gathered from stay in the cache.
+            for (n, part) in parts.iter_mut().enumerate() {
+                for (k, patch) in patches.iter_mut().enumerate() {
+                    let x = x + (k * SIDE) as isize;
+                    let clip = Clip::new(x, y, top, width, count);
+                    if clip.is_empty() {
+                        continue;
+                    }
+                    let is_rigid = run.rigid >> k & 1 == 1 && clip.is_whole();
+                    let is_even = is_rigid && run.even >> k & 1 == 1;
                     let quads = if is_rigid { self.quads(simd, n, &run, k) } else { None };
-                    for (r, quad) in quads.into_iter().flatten().enumerate() {
-                        quad.store_slice(part.image[clip.row(r)].as_flattened_mut());
+                    // Not by the array's iterator: it would hand the vectors on through memory.
+                    if let Some(quads) = &quads {
+                        for r in 0..SIDE {
+                            quads[r].store_slice(part.image[clip.row(r)].as_flattened_mut());
+                        }
                     }
                     if is_even {
                         (0..SIDE).for_each(|r| part.visibility[clip.row(r)].fill(run.visibility[n][k]));

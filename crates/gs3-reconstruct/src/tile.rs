@@ -2,8 +2,10 @@
 
 use fearless_simd::{Simd, f32x16, prelude::*, u8x64};
 
+use crate::gather::QUAD;
 use crate::hermite::{Columns, Surface};
 use crate::kriging::Neighborhoods;
+use crate::lanes::load;
 use crate::nearest::Nearest;
 use crate::samples::SampleFrame;
 use crate::splat::NOISE;
@@ -178,10 +180,16 @@ impl<'a> Tile<'a> {
             let out = &mut rows[place..][..wanted.width];
             correct(simd, [&*above, &*here, &*below], out);
             if let Some(neighborhoods) = &mut neighborhoods {
-                for (i, (before, after)) in here.pixels[RING..].iter().zip(&*out).enumerate() {
-                    let change = |c: usize| (after[c] - before[c]).abs();
-                    if change(0).max(change(1)).max(change(2)) > neighborhoods.worth {
-                        neighborhoods.want([PAD_X + within + i, PAD_Y + before_row + r], place + i);
+                let pixels = here.pixels[RING..].chunks(QUAD).zip(out.chunks(QUAD));
+                for (i, (before, after)) in (0..).step_by(QUAD).zip(pixels) {
+                    let before = load(simd, before[..after.len()].as_flattened());
+                    let after = load(simd, after.as_flattened());
+                    // Uncertainties do not change.
+                    let mut changed = (after - before).abs().simd_gt(neighborhoods.worth).to_bitmask();
+                    while changed != 0 {
+                        let k = changed.trailing_zeros() as usize / 4;
+                        changed &= !(0xf << (4 * k));
+                        neighborhoods.want([PAD_X + within + i + k, PAD_Y + before_row + r], place + i + k);
                     }
                 }
             }
@@ -289,7 +297,6 @@ impl Resolved {
 /// Corrects the row between two others for the curvature that first-order predictions leave out.
 #[inline(always)]
 fn correct<S: Simd>(simd: S, rows: [&Resolved; 3], out: &mut [[f32; 4]]) {
-    const QUAD: usize = 4;
     let uncertainty_lane = u8x64::from_fn(simd, |i| (12 + i % 4) as u8);
     // Uncertainties are not corrected.
     let factor = f32x16::from_fn(simd, |i| if i % 4 == 3 { 0.0 } else { CURVATURE });

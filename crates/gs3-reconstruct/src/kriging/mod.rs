@@ -189,6 +189,7 @@ impl<'a> Neighborhoods<'a> {
             for (lane, (pixel, _)) in pixels.iter().enumerate() {
                 self.choose(lane, *pixel, &candidates, &mut around);
             }
+            around.scale(simd);
             solve(simd, &around, &mut systems, &mut weights);
             for (lane, (_, place)) in pixels.iter().enumerate() {
                 if let Some(pixel) = image.get_mut(*place) {
@@ -227,7 +228,7 @@ impl<'a> Neighborhoods<'a> {
         }
     }
 
-    /// Takes the best of the candidates.
+    /// Takes the best of the candidates; positions are still in pixels.
     #[inline(always)]
     fn choose(&self, lane: usize, pixel: [u16; 2], candidates: &Candidates, around: &mut Around<'a>) {
         let center = [f32::from(pixel[0]), f32::from(pixel[1])];
@@ -241,7 +242,7 @@ impl<'a> Neighborhoods<'a> {
                 }
                 None => [0.0, 0.0, NOTHING],
             };
-            (around.x[k][lane], around.y[k][lane]) = (dx / LENGTH, dy / LENGTH);
+            (around.x[k][lane], around.y[k][lane]) = (dx, dy);
             around.noise[k][lane] = noise;
             around.samples[lane][k] = sample.map(|at| self.samples[at]);
         }

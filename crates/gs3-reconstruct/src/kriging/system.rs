@@ -43,6 +43,14 @@ impl Around<'_> {
         }
     }
 
+    /// Turns positions in pixels into lengths of the covariance.
+    #[inline(always)]
+    pub fn scale<S: Simd>(&mut self, simd: S) {
+        for position in self.x.iter_mut().chain(&mut self.y) {
+            (load(simd, position) / LENGTH).store_array(position);
+        }
+    }
+
     /// The covariances of the data of samples `i` and `j`: rows are value and derivatives of `i`, columns of `j`. Derivatives are per
     /// length of the covariance.
     #[inline(always)]
