@@ -37,7 +37,7 @@ impl Limits {
 /// end of ∞.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Boxes {
-    /// Chunks per row, made a multiple of [`WORD`] by boxes of nothing.
+    /// Chunks per row, made a multiple of [`LANES`] by boxes of nothing.
     stride: usize,
     left: Vec<f32>,
     right: Vec<f32>,
@@ -54,7 +54,7 @@ impl Boxes {
     #[inline(always)]
     pub fn set<S: Simd>(&mut self, simd: S, frame: &SampleFrame, reprojection: &Reprojection, scale: f32) {
         let chunks = frame.chunks_per_row();
-        self.stride = chunks.next_multiple_of(WORD);
+        self.stride = chunks.next_multiple_of(LANES);
         for ends in [&mut self.left, &mut self.right, &mut self.top, &mut self.bottom] {
             ends.resize(self.stride * frame.height, f32::INFINITY);
         }
@@ -103,8 +103,6 @@ impl Boxes {
                 bottom.store_slice(&mut self.bottom[at]);
                 (row_top, row_bottom) = (row_top.min(top), row_bottom.max(bottom));
             }
-            let end = row * self.stride + chunks.next_multiple_of(LANES);
-            self.left[end..(row + 1) * self.stride].fill(f32::INFINITY);
             self.rows[row] = [row_top.reduce_min(), row_bottom.reduce_max()];
         }
     }
@@ -120,39 +118,50 @@ impl Boxes {
     /// The row and the place in it of each chunk of `rows` that meets `limits`, in order.
     #[inline(always)]
     pub fn chunks_meeting<S: Simd>(&self, simd: S, rows: Range<usize>, limits: Limits) -> Meeting<'_, S> {
-        Meeting { boxes: self, simd, rows, limits, row: 0, word: self.words(), mask: 0 }
+        self.chunks_beginning(simd, rows, limits, f32::NEG_INFINITY..f32::INFINITY)
+    }
+
+    /// Of these, those whose boxes begin within `tops`.
+    #[inline(always)]
+    pub fn chunks_beginning<S: Simd>(
+        &self,
+        simd: S,
+        rows: Range<usize>,
+        limits: Limits,
+        tops: Range<f32>,
+    ) -> Meeting<'_, S> {
+        Meeting { boxes: self, simd, rows, limits, tops, row: 0, word: self.words(), mask: 0 }
     }
 
     /// Masks per row.
     const fn words(&self) -> usize {
-        self.stride / WORD
+        self.stride.div_ceil(WORD)
     }
 
-    /// Which chunks of word `word` of row `row` meet `limits`.
+    /// Which chunks of word `word` of row `row` meet `limits` and begin within `tops`.
     #[inline(always)]
-    fn meeting<S: Simd>(&self, simd: S, row: usize, word: usize, limits: Limits) -> u64 {
+    fn meeting<S: Simd>(&self, simd: S, row: usize, word: usize, limits: Limits, tops: &Range<f32>) -> u64 {
         let [row_top, row_bottom] = self.rows[row];
-        if row_top > limits.bottom || row_bottom < limits.top {
+        if row_top > limits.bottom.min(tops.end) || row_bottom < limits.top.max(tops.start) {
             return 0;
         }
-        let start = row * self.stride + word * WORD;
-        let load = |ends: &[f32], k: usize| f32x16::from_slice(simd, &ends[start + k..start + k + LANES]);
+        let first = word * WORD;
+        let load = |ends: &[f32], k: usize| {
+            let start = row * self.stride + first + k;
+            f32x16::from_slice(simd, &ends[start..start + LANES])
+        };
         let mut mask = 0;
-        for k in (0..WORD).step_by(LANES) {
+        for k in (0..WORD.min(self.stride - first)).step_by(LANES) {
+            let top = load(&self.top, k);
             let meets = load(&self.left, k).simd_le(limits.right)
                 & load(&self.right, k).simd_ge(limits.left)
-                & load(&self.top, k).simd_le(limits.bottom)
-                & load(&self.bottom, k).simd_ge(limits.top);
+                & top.simd_le(limits.bottom)
+                & load(&self.bottom, k).simd_ge(limits.top)
+                & top.simd_ge(tops.start)
+                & top.simd_lt(tops.end);
             mask |= (meets.to_bitmask() & 0xffff) << k;
         }
         mask
-    }
-
-    /// Whether chunk `chunk` of row `row` begins within the rows of `strip`, and does not end above `limits`.
-    pub fn begins_within(&self, row: usize, chunk: usize, strip: Limits, limits: Limits) -> bool {
-        let at = row * self.stride + chunk;
-        let top = self.top[at];
-        top >= strip.top && top < strip.bottom && top <= limits.bottom && self.bottom[at] >= limits.top
     }
 }
 
@@ -163,6 +172,7 @@ pub(crate) struct Meeting<'a, S> {
     /// Rows to come.
     rows: Range<usize>,
     limits: Limits,
+    tops: Range<f32>,
     row: usize,
     /// The word of `row` to come.
     word: usize,
@@ -179,7 +189,7 @@ impl<S: Simd> Iterator for Meeting<'_, S> {
             if self.word == self.boxes.words() {
                 (self.row, self.word) = (self.rows.next()?, 0);
             }
-            self.mask = self.boxes.meeting(self.simd, self.row, self.word, self.limits);
+            self.mask = self.boxes.meeting(self.simd, self.row, self.word, self.limits, &self.tops);
             self.word += 1;
         }
         let chunk = (self.word - 1) * WORD + self.mask.trailing_zeros() as usize;

@@ -373,12 +373,9 @@ impl SuperSampler {
         while from <= end {
             // A chunk belongs to the strip in which it begins; one that begins above the tile, to the first.
             let first = if from == limits.top { f32::NEG_INFINITY } else { from };
-            let strip = Limits { top: first, bottom: from + STRIP, ..limits };
+            let strip = first..from + STRIP;
             for (age, (past, rows)) in self.past.iter().zip(of_past).enumerate().skip(youngest) {
-                for (row, chunk) in past.boxes.chunks_meeting(simd, rows.clone(), strip) {
-                    if !past.boxes.begins_within(row, chunk, strip, limits) {
-                        continue;
-                    }
+                for (row, chunk) in past.boxes.chunks_beginning(simd, rows.clone(), limits, strip.clone()) {
                     // Sides and ages are far below 2¹⁶.
                     queue[count] = Task { age: age as u16, row: row as u16, chunk: chunk as u16 };
                     count += 1;
