@@ -1,7 +1,6 @@
-//! Splats to tiles: a counting sort by tile.
+//! Splats to tiles.
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicU32, Ordering};
 
 use rayon::prelude::*;
 
@@ -20,96 +19,71 @@ const LOCAL_BITS: u32 = 16;
 /// Largest number of Gaussians in a projection job.
 pub const MAX_JOB_SIZE: usize = 1 << LOCAL_BITS;
 
-/// Splats by tile, in scene order whatever thread wrote them. An id holds the projection job in its upper half and the
-/// index within in its lower.
-#[derive(Default)]
-pub struct Bins {
-    /// Start of each tile's ids, `[tiles + 1]`.
-    offsets: Vec<usize>,
-    ids: Vec<AtomicU32>,
-    groups: Vec<Group>,
+/// A splat: its projection job in the upper half, the index within in the lower.
+#[derive(Clone, Copy)]
+pub struct Id(u32);
+
+impl Id {
+    const fn new(job: usize, local: usize) -> Self {
+        Self((job << LOCAL_BITS | local) as u32)
+    }
+
+    /// Job and index within.
+    #[inline(always)]
+    pub const fn place(self) -> (usize, usize) {
+        ((self.0 >> LOCAL_BITS) as usize, self.0 as usize % MAX_JOB_SIZE)
+    }
 }
 
-/// What a thread finds of its jobs.
+/// Splats by tile, in scene order whatever thread finds them.
 #[derive(Default)]
-struct Group {
-    /// Tile and id of every splat that touches the tile, in scene order.
-    hits: Vec<[u32; 2]>,
-    /// `[tiles]`: how many they are, then where the next goes.
-    cursors: Vec<usize>,
+pub struct Bins {
+    /// What each thread finds, `[tiles or more]`: of jobs that follow those of the thread before.
+    runs: Vec<Vec<Vec<Id>>>,
 }
 
 impl Bins {
-    /// Job and index of the splats of `tile`, in scene order.
-    pub fn of_tile(&self, tile: usize) -> impl Iterator<Item = (usize, usize)> + '_ {
-        self.ids[self.offsets[tile]..self.offsets[tile + 1]].iter().map(|id| {
-            let id = id.load(Ordering::Relaxed);
-            ((id >> LOCAL_BITS) as usize, (id & (MAX_JOB_SIZE as u32 - 1)) as usize)
-        })
+    /// The splats of `tile`, in scene order, in a slice for each thread that found some.
+    #[inline(always)]
+    pub fn of_tile(&self, tile: usize) -> impl Iterator<Item = &[Id]> {
+        self.runs.iter().map(move |tiles| &tiles[tile][..])
     }
 
     /// Fills the bins of a `columns`×`rows` grid of tiles.
     pub fn fill(&mut self, jobs: &[Projected], columns: usize, rows: usize, culling: Culling) {
-        let tiles = columns * rows;
-        let runs = balanced_groups(jobs, rayon::current_num_threads());
-        self.groups.resize_with(runs.len(), Group::default);
-        self.groups.par_iter_mut().zip(runs).for_each(|(Group { hits, cursors }, run)| {
-            hits.clear();
-            cursors.clear();
-            cursors.resize(tiles, 0);
+        let runs = balanced_runs(jobs, rayon::current_num_threads());
+        self.runs.resize_with(runs.len(), Vec::new);
+        self.runs.par_iter_mut().zip(runs).for_each(|(tiles, run)| {
+            // Tiles keep their memory, those beyond a smaller frame, too.
+            tiles.resize_with(tiles.len().max(columns * rows), Vec::new);
+            tiles.iter_mut().for_each(Vec::clear);
             for (job, projected) in run.clone().zip(&jobs[run]) {
                 for local in 0..projected.splats.len() {
-                    let id = (job << LOCAL_BITS | local) as u32;
-                    for_each_tile(projected, local, culling, columns, |tile| {
-                        hits.push([tile as u32, id]);
-                        cursors[tile] += 1;
-                    });
+                    let id = Id::new(job, local);
+                    for_each_tile(projected, local, culling, columns, |tile| tiles[tile].push(id));
                 }
-            }
-        });
-
-        self.offsets.clear();
-        self.offsets.reserve(tiles + 1);
-        let mut total = 0;
-        for tile in 0..tiles {
-            self.offsets.push(total);
-            for Group { cursors, .. } in &mut self.groups {
-                total += std::mem::replace(&mut cursors[tile], total);
-            }
-        }
-        self.offsets.push(total);
-        if self.ids.len() < total {
-            self.ids.resize_with(total, AtomicU32::default);
-        }
-
-        let ids = &self.ids;
-        self.groups.par_iter_mut().for_each(|Group { hits, cursors }| {
-            for &[tile, id] in &*hits {
-                let cursor = &mut cursors[tile as usize];
-                ids[*cursor].store(id, Ordering::Relaxed);
-                *cursor += 1;
             }
         });
     }
 }
 
 /// Splits the jobs into `count` runs of about equally many splats.
-fn balanced_groups(jobs: &[Projected], count: usize) -> Vec<Range<usize>> {
+fn balanced_runs(jobs: &[Projected], count: usize) -> Vec<Range<usize>> {
     let total: usize = jobs.iter().map(|job| job.splats.len()).sum();
     let share = total.div_ceil(count).max(1);
-    let mut groups = Vec::with_capacity(count);
-    let (mut start, mut in_group) = (0, 0);
+    let mut runs = Vec::with_capacity(count);
+    let (mut start, mut in_run) = (0, 0);
     for (i, job) in jobs.iter().enumerate() {
-        in_group += job.splats.len();
-        if in_group >= share {
-            groups.push(start..i + 1);
-            (start, in_group) = (i + 1, 0);
+        in_run += job.splats.len();
+        if in_run >= share {
+            runs.push(start..i + 1);
+            (start, in_run) = (i + 1, 0);
         }
     }
     if start < jobs.len() {
-        groups.push(start..jobs.len());
+        runs.push(start..jobs.len());
     }
-    groups
+    runs
 }
 
 /// Calls `visit` with each tile that `culling` assigns the splat to.

@@ -102,10 +102,12 @@ pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
     // the random accesses stay within the second-level cache.
     splats.clear();
     geometry.clear();
-    for (job, local) in bins.of_tile(row * columns + column) {
-        splats.push(jobs[job].splats[local]);
-        if OUTPUTS != COLOR {
-            geometry.push(jobs[job].geometry[local]);
+    for ids in bins.of_tile(row * columns + column) {
+        for (job, local) in ids.iter().map(|id| id.place()) {
+            splats.push(jobs[job].splats[local]);
+            if OUTPUTS != COLOR {
+                geometry.push(jobs[job].geometry[local]);
+            }
         }
     }
     order.sort_front_to_back(splats.iter().map(|splat| splat.depth_bits));

@@ -117,8 +117,8 @@ impl Rasterizer {
                         dispatch!(level, s => {
                             scratch.measure_tile(s, jobs, bins, tile, size, settings.background);
                         });
-                        let ids = bins.of_tile(row * columns + column);
-                        let shares = ids.zip(&scratch.shares).filter(|(_, share)| share.pixels > 0);
+                        let places = bins.of_tile(row * columns + column).flatten().map(|id| id.place());
+                        let shares = places.zip(&scratch.shares).filter(|(_, share)| share.pixels > 0);
                         found.extend(shares.map(|((job, local), &share)| (jobs[job].indices[local], share)));
                     }
                     found
