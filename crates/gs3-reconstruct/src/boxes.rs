@@ -172,6 +172,7 @@ pub(crate) struct Meeting<'a, S> {
     /// Rows to come.
     rows: Range<usize>,
     limits: Limits,
+    /// Where their boxes may begin.
     tops: Range<f32>,
     row: usize,
     /// The word of `row` to come.

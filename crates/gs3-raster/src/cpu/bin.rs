@@ -1,4 +1,4 @@
-//! Splats to tiles.
+//! Splats to tiles, in one pass: lists that keep their memory from frame to frame need no count of what will be in them.
 
 use std::ops::Range;
 
@@ -38,12 +38,12 @@ impl Id {
 /// Splats by tile, in scene order whatever thread finds them.
 #[derive(Default)]
 pub struct Bins {
-    /// What each thread finds, `[tiles or more]`: of jobs that follow those of the thread before.
+    /// For each run of jobs what is found of it, `[tiles or more]`: more after a larger frame.
     runs: Vec<Vec<Vec<Id>>>,
 }
 
 impl Bins {
-    /// The splats of `tile`, in scene order, in a slice for each thread that found some.
+    /// The splats of `tile`, in scene order: a slice for each run of jobs, empty where none of them touches it.
     #[inline(always)]
     pub fn of_tile(&self, tile: usize) -> impl Iterator<Item = &[Id]> {
         self.runs.iter().map(move |tiles| &tiles[tile][..])
