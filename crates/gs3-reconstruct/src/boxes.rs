@@ -198,3 +198,55 @@ impl<S: Simd> Iterator for Meeting<'_, S> {
         Some((self.row, chunk))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fearless_simd::{Level, dispatch};
+
+    /// Boxes of pixels of two words of chunks, the second not full, in three rows.
+    fn boxes() -> Boxes {
+        let (stride, height) = (WORD + LANES, 3);
+        let from = |k: usize| ((k * 37 % 101) as f32, (k * 53 % 97) as f32);
+        let all = |f: fn((f32, f32)) -> f32| (0..stride * height).map(|k| f(from(k))).collect::<Vec<f32>>();
+        let [top, bottom] = [all(|(_, y)| y), all(|(_, y)| y + 9.0)];
+        let ends = |row: usize| {
+            let row = row * stride..(row + 1) * stride;
+            let top = top[row.clone()].iter().copied().fold(f32::INFINITY, f32::min);
+            [top, bottom[row].iter().copied().fold(f32::NEG_INFINITY, f32::max)]
+        };
+        let rows = (0..height).map(ends).collect();
+        Boxes { stride, left: all(|(x, _)| x), right: all(|(x, _)| x + 7.0), top, bottom, rows }
+    }
+
+    #[test]
+    fn each_chunk_that_meets_limits_begins_in_one_strip() {
+        let boxes = boxes();
+        let limits = Limits { left: 20.0, right: 60.0, top: 30.0, bottom: 70.0 };
+        let meets = |k: &usize| {
+            boxes.left[*k] <= limits.right
+                && boxes.right[*k] >= limits.left
+                && boxes.top[*k] <= limits.bottom
+                && boxes.bottom[*k] >= limits.top
+        };
+        let expected: Vec<usize> = (0..boxes.left.len()).filter(meets).collect();
+        assert!(expected.len() > 20 && expected.iter().any(|k| k % boxes.stride >= WORD), "{expected:?}");
+        // A box begins at 50 exactly: it belongs to the strip below.
+        assert!(expected.iter().any(|k| boxes.top[*k] == 50.0), "{expected:?}");
+        let strips = [f32::NEG_INFINITY..40.0, 40.0..50.0, 50.0..f32::INFINITY];
+        dispatch!(Level::new(), simd => {
+            let place = |(row, chunk): (usize, usize)| row * boxes.stride + chunk;
+            let met: Vec<usize> = boxes.chunks_meeting(simd, 0..3, limits).map(place).collect();
+            assert_eq!(met, expected);
+            let mut begun = Vec::new();
+            for strip in strips {
+                let places: Vec<usize> =
+                    boxes.chunks_beginning(simd, 0..3, limits, strip.clone()).map(place).collect();
+                assert!(places.iter().all(|k| strip.contains(&boxes.top[*k])), "{strip:?}: {places:?}");
+                begun.extend(places);
+            }
+            begun.sort_unstable();
+            assert_eq!(begun, expected);
+        });
+    }
+}
