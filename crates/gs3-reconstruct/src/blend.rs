@@ -207,10 +207,16 @@ impl Blend<'_> {
 #[inline(always)]
 fn mix<S: Simd>(simd: S, first: f32x16<S>, second: f32x16<S>, share: f32x16<S>) -> f32x16<S> {
     let uncertainty = u8x64::from_fn(simd, |i| (12 + i % 4) as u8);
-    let of = |pixels: f32x16<S>| pixels.swizzle_dyn_within_blocks(uncertainty).max(0.0) + UNSURE;
-    let weight = share * of(first);
-    let share = weight / (weight + (1.0 - share) * of(second));
-    (second - first).mul_add(share, first)
+    let of_first = first.swizzle_dyn_within_blocks(uncertainty);
+    let of_second = second.swizzle_dyn_within_blocks(uncertainty);
+    (second - first).mul_add(surer_of_all(share, of_first, of_second), first)
+}
+
+/// [`surer`], lane by lane.
+#[inline(always)]
+fn surer_of_all<S: Simd>(share: f32x16<S>, first: f32x16<S>, second: f32x16<S>) -> f32x16<S> {
+    let weight = share * (first.max(0.0) + UNSURE);
+    weight / (weight + (1.0 - share) * (second.max(0.0) + UNSURE))
 }
 
 /// The share of the second neighbour, of which time and visibility say `share`, where the neighbours' uncertainties are
@@ -249,11 +255,10 @@ pub(crate) fn shares<S: Simd>(
         }
         let share = share(simd, &both, t);
         let counts = share.simd_gt(0.0) & share.simd_lt(1.0);
-        let [first, second] =
-            images.map(|image| uncertainties(simd, &image[pixels.clone()]).max(0.0) + UNSURE);
-        let weight = share * first;
+        let first = uncertainties(simd, &images[0][pixels.clone()]);
+        let second = uncertainties(simd, &images[1][pixels]);
         // What does not count may be anything.
-        let share = counts.select(weight / (weight + (1.0 - share) * second), share);
+        let share = counts.select(surer_of_all(share, first, second), share);
         out.copy_from_slice(&share.to_array()[..out.len()]);
     }
 }
