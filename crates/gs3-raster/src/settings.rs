@@ -7,7 +7,7 @@ pub const STOCK_DILATION: f32 = 0.3;
 /// high-resolution image rendered with [`STOCK_DILATION`]: lengths shrink by `scale`, areas by its square.
 #[must_use]
 pub fn matched_dilation(scale: u32) -> f32 {
-    STOCK_DILATION / (scale * scale) as f32
+    STOCK_DILATION / (scale as f32 * scale as f32)
 }
 
 /// Which tiles a splat is assigned to.
@@ -60,7 +60,11 @@ impl RasterSettings {
         Self { outputs, dilation: STOCK_DILATION, jitter: [0.0; 2], background: [0.0; 3] }
     }
 
-    pub(crate) fn check(&self) -> Result<(), RasterError> {
+    /// Checks what its fields say of themselves.
+    ///
+    /// # Errors
+    /// [`RasterError`] naming the field, expected and actual.
+    pub fn check(&self) -> Result<(), RasterError> {
         if !(self.dilation.is_finite() && self.dilation >= 0.0) {
             return Err(RasterError::Dilation { actual: self.dilation });
         }
@@ -76,6 +80,7 @@ impl RasterSettings {
 
 /// Why settings cannot be rasterized with.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum RasterError {
     /// The dilation is negative or not finite.
     #[error("dilation: expected a finite number of at least 0 (px²), found {actual}")]

@@ -5,7 +5,7 @@ use gs3_scene::Camera;
 
 use crate::settings::RasterSettings;
 
-/// Gaussians nearer than this view-space z are culled (Kerbl et al. 2023).
+/// Gaussians nearer than this view-space z, world units, are culled (Kerbl et al. 2023).
 pub const NEAR: f32 = 0.2;
 
 /// The projection of positions is exact, its Jacobian is evaluated with x/z and y/z at most this far outside the image,

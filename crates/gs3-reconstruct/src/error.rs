@@ -1,9 +1,10 @@
 //! Why inputs cannot be reconstructed.
 
-use gs3_scene::{Camera, GBuffer, Image};
+use gs3_scene::{Camera, GBuffer, Image, Planes};
 
 /// Why a reconstruction did not run. Nothing has been written and no history has changed when one is returned.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ReconstructError {
     /// The scale factor is outside what is supported.
     #[error("scale: expected 1 to {max}, found {actual}", max = crate::MAX_SCALE)]
@@ -25,6 +26,12 @@ pub enum ReconstructError {
     #[error("G-buffer: expected {what}, found none")]
     Missing {
         /// The planes missing.
+        what: &'static str,
+    },
+    /// A plane has numbers that would spread from frame to frame.
+    #[error("{what}: expected finite numbers, found NaN or infinity")]
+    NotFinite {
+        /// Which plane.
         what: &'static str,
     },
     /// The jitter is not finite or moves samples by more than a pixel.
@@ -59,6 +66,14 @@ pub(crate) fn check_size(
     if expected == actual { Ok(()) } else { Err(ReconstructError::Size { what, expected, actual }) }
 }
 
+/// Checks that all numbers of the plane `what` are finite.
+pub(crate) fn check_finite<const C: usize>(
+    what: &'static str,
+    planes: &Planes<C>,
+) -> Result<(), ReconstructError> {
+    if planes.is_finite() { Ok(()) } else { Err(ReconstructError::NotFinite { what }) }
+}
+
 /// Checks that `jitter` is usable.
 pub(crate) fn check_jitter(jitter: [f32; 2]) -> Result<(), ReconstructError> {
     let is_usable = jitter.iter().all(|j| j.abs() <= 1.0);
@@ -85,6 +100,20 @@ pub(crate) fn check_gbuffer(
         check_size("G-buffer depth", expected, (depth.width(), depth.height()))?;
     }
     Ok(())
+}
+
+/// Checks that `gbuffer` is the LR frame of `out`, whose size says how large that is to become.
+pub(crate) fn check_frame_of(out: &Image, gbuffer: &GBuffer, scale: u32) -> Result<(), ReconstructError> {
+    check_scale(scale)?;
+    let (lr, size) = ([gbuffer.width(), gbuffer.height()], image_size(out));
+    if lr.contains(&0) {
+        return Err(ReconstructError::Missing { what: "colour" });
+    }
+    if [size.0, size.1].contains(&0) {
+        let expected = lr.map(|side| side * scale as usize).into();
+        return Err(ReconstructError::Size { what: "image", expected, actual: size });
+    }
+    check_gbuffer(gbuffer, scale, size)
 }
 
 /// The size of a camera's image.

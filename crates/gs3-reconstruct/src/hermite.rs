@@ -10,7 +10,7 @@ use fearless_simd::{Level, Simd, dispatch, f32x4, f32x16, prelude::*};
 use gs3_scene::{GBuffer, Gradients, Image};
 use rayon::prelude::*;
 
-use crate::error::{ReconstructError, check_gbuffer, check_scale, image_size};
+use crate::error::{ReconstructError, check_frame_of};
 use crate::lanes::repeat;
 use crate::lattice::{Axis, Place};
 use crate::resample::clamped;
@@ -21,10 +21,9 @@ use crate::tile::{PAD_X, SPAN, STRIDE};
 /// flat. The fourth channel becomes 0.
 ///
 /// # Errors
-/// [`ReconstructError`] if `scale` is not supported, or `gbuffer` is not the LR frame of `out` or has no gradients.
+/// [`ReconstructError`] if `scale` is not supported, `out` is empty, or `gbuffer` is not its LR frame or has no gradients.
 pub fn hermite(gbuffer: &GBuffer, scale: u32, out: &mut Image) -> Result<(), ReconstructError> {
-    check_scale(scale)?;
-    check_gbuffer(gbuffer, scale, image_size(out))?;
+    check_frame_of(out, gbuffer, scale)?;
     let Some(gradients) = &gbuffer.gradients else {
         return Err(ReconstructError::Missing { what: "image gradients" });
     };

@@ -1,7 +1,7 @@
 //! Reconstructs high-resolution (HR) frames from low-resolution (LR) G-buffers without learning.
 //!
 //! Inputs are plain: a [`GBuffer`](gs3_scene::GBuffer) of any renderer, cameras and jitter. This crate knows nothing of
-//! Gaussians, devices or networks. Results do not depend on the number of threads.
+//! Gaussians or networks, and only below feature `gpu` of devices. Results do not depend on the number of threads.
 //!
 //! * [`resample()`]: nearest, bilinear, bicubic; the baselines.
 //! * [`hermite()`]: one frame, with its exact gradients.

@@ -7,7 +7,7 @@ use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, prelude::*};
 use gs3_scene::{Camera, GBuffer, Planes};
 use rayon::prelude::*;
 
-use crate::error::{ReconstructError, camera_size, check_gbuffer, check_jitter, check_size};
+use crate::error::{ReconstructError, camera_size, check_gbuffer, check_jitter, check_scale, check_size};
 use crate::reprojection::{MIN_DIVISOR, Reprojection, inverse_depth};
 
 /// Relative difference of inverse depths up to which they belong to one surface, whatever its slope.
@@ -58,8 +58,9 @@ impl<'a> View<'a> {
     /// The LR frame of the HR `camera`, `scale` times larger, with its median depth.
     ///
     /// # Errors
-    /// [`ReconstructError`] if `gbuffer` is not the LR frame of `camera` or lacks geometry.
+    /// [`ReconstructError`] if `scale` is not supported, or `gbuffer` is not the LR frame of `camera` or lacks geometry.
     pub fn of_gbuffer(gbuffer: &'a GBuffer, camera: &Camera, scale: u32) -> Result<Self, ReconstructError> {
+        check_scale(scale)?;
         check_gbuffer(gbuffer, scale, camera_size(camera))?;
         let Some(geometry) = &gbuffer.geometry else {
             return Err(ReconstructError::Missing { what: "depth" });

@@ -3,7 +3,7 @@
 use gs3_scene::{GBuffer, Image};
 use rayon::prelude::*;
 
-use crate::error::{ReconstructError, check_gbuffer, check_scale, image_size};
+use crate::error::{ReconstructError, check_frame_of};
 use crate::lattice::{Axis, Place};
 
 /// A separable interpolation kernel.
@@ -40,15 +40,14 @@ pub(crate) fn catmull_rom(f: f32) -> [f32; 4] {
 /// repeat its border. The fourth channel becomes 0.
 ///
 /// # Errors
-/// [`ReconstructError`] if `scale` is not supported or `gbuffer` is not the LR frame of `out`.
+/// [`ReconstructError`] if `scale` is not supported, `out` is empty or `gbuffer` is not its LR frame.
 pub fn resample(
     gbuffer: &GBuffer,
     scale: u32,
     kernel: Kernel,
     out: &mut Image,
 ) -> Result<(), ReconstructError> {
-    check_scale(scale)?;
-    check_gbuffer(gbuffer, scale, image_size(out))?;
+    check_frame_of(out, gbuffer, scale)?;
     let (x_axis, y_axis) = (Axis::new(scale, gbuffer.jitter[0]), Axis::new(scale, gbuffer.jitter[1]));
     let width = out.width();
     out.pixels_mut().par_chunks_exact_mut(width).enumerate().for_each_init(

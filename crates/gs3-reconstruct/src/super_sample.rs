@@ -8,7 +8,7 @@ use gs3_scene::{Camera, GBuffer, Gradients, Image};
 use rayon::prelude::*;
 
 use crate::boxes::{Boxes, Limits};
-use crate::error::{ReconstructError, camera_size, check_gbuffer, check_scale};
+use crate::error::{ReconstructError, camera_size, check_finite, check_gbuffer, check_scale};
 use crate::hermite::Surface;
 use crate::kriging::Neighborhoods;
 use crate::nearest::{EVERY, RIM};
@@ -19,7 +19,7 @@ use crate::samples::SampleFrame;
 use crate::splat::{REACH, Source};
 use crate::tile::{Lattice, RING, TILE_HEIGHT, TILE_WIDTH, Tile, Wanted};
 
-/// Why history is not valid.
+/// Why history is not valid. Who keeps it tells; a [`SuperSampler`] does not look for cuts itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ResetReason {
     /// There has been no frame yet.
@@ -171,7 +171,7 @@ impl SuperSampler {
     /// jitter (`dilation` matched to the scale).
     ///
     /// # Errors
-    /// [`ReconstructError`] if `gbuffer` is not the LR frame of `camera` or lacks gradients or geometry; the history is
+    /// [`ReconstructError`] if `gbuffer` is not the LR frame of `camera`, lacks gradients or geometry, or has colours or gradients that are not finite; the history is
     /// then as before.
     pub fn super_sample(
         &mut self,
@@ -187,6 +187,13 @@ impl SuperSampler {
         let Some(gradients) = &gbuffer.gradients else {
             return Err(ReconstructError::Missing { what: "image gradients" });
         };
+        // Once here, as what is not a number would stay as long as its frame is remembered.
+        check_finite("G-buffer colour", &gbuffer.color)?;
+        check_finite("G-buffer gradients", &gradients.color_dx)?;
+        check_finite("G-buffer gradients", &gradients.color_dy)?;
+        if let Some(mixed) = &gradients.color_dxdy {
+            check_finite("G-buffer gradients", mixed)?;
+        }
         if self.past.first().is_some_and(|newest| camera_size(&newest.camera) != size) {
             self.reset(ResetReason::SizeOrTierChange);
         }

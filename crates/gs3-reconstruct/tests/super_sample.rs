@@ -281,6 +281,14 @@ fn another_size_resets_and_errors_do_not() {
     let bare = GBuffer { geometry: None, ..world.gbuffer(&small.low_resolution(4), [0.0; 2]) };
     let error = sampler.super_sample(&small, &bare, &mut out).unwrap_err();
     assert_eq!(error, ReconstructError::Missing { what: "depth" });
+    // One number in the last plane, which vectors look at last, and one in the middle of colours.
+    let mut broken = world.gbuffer(&small.low_resolution(4), [0.0; 2]);
+    *broken.gradients.as_mut().unwrap().color_dy.data_mut().last_mut().unwrap() = f32::NEG_INFINITY;
+    let error = sampler.super_sample(&small, &broken, &mut out).unwrap_err();
+    assert_eq!(error, ReconstructError::NotFinite { what: "G-buffer gradients" });
+    broken.color.plane_mut(1)[7] = f32::NAN;
+    let error = sampler.super_sample(&small, &broken, &mut out).unwrap_err();
+    assert_eq!(error, ReconstructError::NotFinite { what: "G-buffer colour" });
     assert_eq!((out, sampler.history_invalid()), (before, None));
 }
 

@@ -140,6 +140,14 @@ fn wrong_inputs_are_typed_errors() {
     assert_eq!(resample(&gbuffer, 4, Kernel::Bicubic, &mut other), Err(expected));
     let bare = GBuffer { gradients: None, ..gbuffer.clone() };
     assert!(matches!(hermite(&bare, 4, &mut out), Err(ReconstructError::Missing { .. })));
+    let expected = ReconstructError::Size { what: "image", expected: (16, 12), actual: (0, 0) };
+    assert_eq!(resample(&gbuffer, 4, Kernel::Bicubic, &mut Image::default()), Err(expected.clone()));
+    assert_eq!(hermite(&gbuffer, 4, &mut Image::default()), Err(expected));
+    let empty = GBuffer::default();
+    for result in [hermite(&empty, 4, &mut out), resample(&empty, 4, Kernel::Nearest, &mut Image::default())]
+    {
+        assert!(matches!(result, Err(ReconstructError::Missing { .. })), "{result:?}");
+    }
     let shaken = GBuffer { jitter: [f32::NAN, 0.0], ..gbuffer };
     assert!(matches!(hermite(&shaken, 4, &mut out), Err(ReconstructError::Jitter { .. })));
 }

@@ -82,6 +82,9 @@ pub struct Camera {
 impl Camera {
     /// Checks the pose and the intrinsics. A rotation that is orthonormal within 1e-3 is re-orthonormalised.
     ///
+    /// Axes are COLMAP's: x right, y down, z forward. A view matrix of OpenGL (y up, z backward) passes the checks too, but looks the
+    /// other way: [`Self::from_opengl`] takes those. [`crate::orbit::look_at`] makes a camera from where it is and looks.
+    ///
     /// # Errors
     /// [`CameraError`] if the size, an intrinsic or the pose is not usable.
     pub fn new(view_from_world: DAffine3, intrinsics: Intrinsics) -> Result<Self, CameraError> {
@@ -113,6 +116,15 @@ impl Camera {
         // The nearest rotation keeps projection and unprojection exact inverses of each other.
         let matrix3 = DMat3::from_quat(glam::DQuat::from_mat3(&rotation).normalize());
         Ok(Self { view_from_world: DAffine3 { matrix3, ..view_from_world }, intrinsics })
+    }
+
+    /// As [`Self::new`] for a view matrix in the axes of OpenGL, WebGPU's samples and most engines: x right, y up, z backward.
+    ///
+    /// # Errors
+    /// [`CameraError`] if the size, an intrinsic or the pose is not usable.
+    pub fn from_opengl(view_from_world: DAffine3, intrinsics: Intrinsics) -> Result<Self, CameraError> {
+        let turned = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
+        Self::new(DAffine3::from_mat3(turned) * view_from_world, intrinsics)
     }
 
     /// The rigid transform from world to view space.
@@ -172,9 +184,10 @@ impl Camera {
 
     /// The low-resolution (LR) camera of this one: every LR pixel covers `scale`×`scale` pixels of this camera, LR
     /// pixel `(0, 0)` starting at pixel `(0, 0)`. Sizes that `scale` does not divide are rounded up, so the LR image
-    /// covers at least this one.
+    /// covers at least this one. A `scale` of 0 counts as 1.
     #[must_use]
     pub fn low_resolution(&self, scale: u32) -> Self {
+        let scale = scale.max(1);
         let s = f64::from(scale);
         let i = self.intrinsics;
         let intrinsics = Intrinsics {

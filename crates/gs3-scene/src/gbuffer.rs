@@ -15,6 +15,15 @@ impl<const C: usize> Planes<C> {
         Self { width, height, data: vec![0.0; C * width * height] }
     }
 
+    /// Planes of given numbers, `[C, height, width]`.
+    ///
+    /// Returns `None` if `data` does not hold `C × height × width` of them.
+    #[must_use]
+    pub fn from_data(width: usize, height: usize, data: Vec<f32>) -> Option<Self> {
+        let len = width.checked_mul(height)?.checked_mul(C)?;
+        (data.len() == len).then_some(Self { width, height, data })
+    }
+
     /// Width in pixels.
     #[must_use]
     pub const fn width(&self) -> usize {
@@ -40,13 +49,40 @@ impl<const C: usize> Planes<C> {
     }
 
     /// Plane `c`, `[height, width]`.
+    ///
+    /// # Panics
+    /// If there is no plane `c`.
     #[must_use]
     pub fn plane(&self, c: usize) -> &[f32] {
         let size = self.width * self.height;
         &self.data[c * size..(c + 1) * size]
     }
 
+    /// Plane `c`, `[height, width]`.
+    ///
+    /// # Panics
+    /// If there is no plane `c`.
+    #[must_use]
+    pub fn plane_mut(&mut self, c: usize) -> &mut [f32] {
+        let size = self.width * self.height;
+        &mut self.data[c * size..(c + 1) * size]
+    }
+
+    /// Whether no number is infinite or NaN.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        /// The bits of the exponent: all are set in what is not finite.
+        const EXPONENT: u32 = 0x7F80_0000;
+        /// Numbers that are looked at without a branch, so by vectors.
+        const RUN: usize = 4096;
+        let largest = |run: &[f32]| run.iter().fold(0, |most, v| (v.to_bits() & EXPONENT).max(most));
+        self.data.chunks(RUN).all(|run| largest(run) < EXPONENT)
+    }
+
     /// Row `y` of plane `c`, `[width]`.
+    ///
+    /// # Panics
+    /// If there is no such row or plane.
     #[must_use]
     pub fn row(&self, c: usize, y: usize) -> &[f32] {
         let start = (c * self.height + y) * self.width;
@@ -75,8 +111,8 @@ pub struct Gradients {
 /// Depth and normals.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Geometry {
-    /// View-space depth z of the surface at which transmittance falls to one half, world units; 0 where nothing was
-    /// hit.
+    /// View-space depth z of the surface at which transmittance falls to one half, world units, forward positive; 0, as
+    /// anything that is not positive and finite, where nothing was hit.
     pub depth_median: Planes<1>,
     /// Mean view-space depth z of what was blended, weighted by contribution, world units; 0 where nothing was hit.
     pub depth_expected: Planes<1>,
@@ -87,7 +123,12 @@ pub struct Geometry {
 
 /// One rasterized frame with what only Gaussians give: exact gradients, depth, normals.
 ///
-/// Pixel `(i, j)` is the point sample of the image at `(i + 0.5 + jitter.x, j + 0.5 + jitter.y)` of this grid.
+/// Pixel `(i, j)` is the point sample of the image at `(i + 0.5 + jitter.x, j + 0.5 + jitter.y)` of this grid. All planes
+/// have the same size, and all but depths are finite.
+///
+/// What reads which, for who fills it with another renderer: enlarging reads colour, Hermite interpolation gradients too,
+/// super sampling and interpolation over time median depths too, networks alpha and normals too. Nothing reconstructs from
+/// expected depths.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct GBuffer {
     /// Offset of the sample positions from the pixel centres, in pixels of this grid.
@@ -103,6 +144,23 @@ pub struct GBuffer {
 }
 
 impl GBuffer {
+    /// A black, transparent frame with gradients, depth and normals, all zero, for a renderer to fill.
+    #[must_use]
+    pub fn zeroed(width: usize, height: usize) -> Self {
+        let (rgb, single) = (Planes::new(width, height), Planes::new(width, height));
+        Self {
+            jitter: [0.0; 2],
+            gradients: Some(Gradients { color_dx: rgb.clone(), color_dy: rgb.clone(), color_dxdy: None }),
+            geometry: Some(Geometry {
+                depth_median: single.clone(),
+                depth_expected: single.clone(),
+                normal: rgb.clone(),
+            }),
+            color: rgb,
+            alpha: single,
+        }
+    }
+
     /// Width in pixels.
     #[must_use]
     pub const fn width(&self) -> usize {

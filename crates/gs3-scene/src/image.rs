@@ -23,7 +23,7 @@ impl Image {
     /// Returns `None` if `pixels` does not hold `width × height` of them.
     #[must_use]
     pub fn from_pixels(width: usize, height: usize, pixels: Vec<[f32; 4]>) -> Option<Self> {
-        (pixels.len() == width * height).then_some(Self { width, height, pixels })
+        (Some(pixels.len()) == width.checked_mul(height)).then_some(Self { width, height, pixels })
     }
 
     /// Width in pixels.

@@ -16,6 +16,8 @@ pub mod jitter;
 pub mod orbit;
 pub mod scene;
 
+pub use glam;
+
 pub use camera::{Camera, CameraError, Intrinsics};
 pub use camera_path::CameraPath;
 pub use gaussians::Gaussians;

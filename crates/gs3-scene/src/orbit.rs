@@ -329,4 +329,15 @@ mod tests {
         assert_eq!(around(&scene, 3, 64, 64).unwrap().cameras().len(), 3);
         assert!(around(&scene, 3, 0, 64).is_err());
     }
+
+    #[test]
+    fn opengl_looks_along_minus_z_with_y_up() {
+        let pose = DAffine3::from_translation(DVec3::new(0.0, 0.0, -5.0));
+        let intrinsics = Intrinsics::from_fov_y(64, 48, 1.0);
+        let camera = Camera::from_opengl(pose, intrinsics).unwrap();
+        let above = camera.project(DVec3::new(1.0, 1.0, 0.0));
+        assert!(above.1 == 5.0 && above.0.x > 32.0 && above.0.y < 24.0, "{above:?}");
+        let looked = look_at(DVec3::new(0.0, 0.0, 5.0), DVec3::ZERO, DVec3::Y, intrinsics).unwrap();
+        assert!(camera.view_from_world().abs_diff_eq(looked.view_from_world(), 1e-12));
+    }
 }

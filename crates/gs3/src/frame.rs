@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-#[cfg(feature = "gpu")]
 use gs3_raster::{Outputs, RasterError, RasterSettings};
 use gs3_reconstruct::{
     Interpolator, Kernel, Neighbor, ReconstructError, ResetReason, SuperSampler, resample,
@@ -20,8 +19,10 @@ use crate::rasterizer::AnyRasterizer;
 use crate::settings::{MAX_GENERATE, Mode, PipelineSettings, Sampling};
 use crate::stages::{Stage, StageTimes};
 
-/// Why a frame could not be made. No frame is presented then; the history is as before.
+/// Why a frame could not be made. None is presented then, and the last one stays. What is asked for is refused before anything
+/// changes; where something fails later, on a device, the next frame begins without history.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum PipelineError {
     /// The rasterizer refuses the settings.
     #[error(transparent)]
@@ -49,6 +50,14 @@ pub enum PipelineError {
         expected: usize,
         /// Cameras given.
         actual: usize,
+    },
+    /// A camera between the previous frame and this one has another size.
+    #[error("camera between two frames: expected {}x{} pixels, found {}x{}", expected.0, expected.1, actual.0, actual.1)]
+    BetweenSize {
+        /// Width and height of the frame.
+        expected: (u32, u32),
+        /// Width and height of the camera between.
+        actual: (u32, u32),
     },
 }
 
@@ -114,7 +123,7 @@ impl FramePipeline {
     /// A pipeline for `scene` without learning.
     ///
     /// # Errors
-    /// [`PipelineError`] if the scale or the number of frames between is not supported.
+    /// [`PipelineError`] if a setting is not supported.
     pub fn new(scene: Arc<Scene>, settings: PipelineSettings) -> Result<Self, PipelineError> {
         Self::with_networks(scene, settings, &Networks::default())
     }
@@ -122,13 +131,13 @@ impl FramePipeline {
     /// A pipeline for `scene` whose frames `networks` refine.
     ///
     /// # Errors
-    /// [`PipelineError`] if the scale or the number of frames between is not supported, or weights do not fit the scale.
+    /// [`PipelineError`] if a setting is not supported, or weights do not fit the scale.
     pub fn with_networks(
         scene: Arc<Scene>,
         settings: PipelineSettings,
         networks: &Networks,
     ) -> Result<Self, PipelineError> {
-        if !(1..=MAX_GENERATE).contains(&settings.generate) {
+        if settings.mode == Mode::Full && !(1..=MAX_GENERATE).contains(&settings.generate) {
             return Err(PipelineError::Generate { actual: settings.generate });
         }
         let scale = settings.raster_scale();
@@ -142,7 +151,7 @@ impl FramePipeline {
         #[cfg(feature = "gpu")]
         let networks =
             Networks { super_sample: super_sample.clone(), interpolate: interpolate.clone(), arithmetic };
-        Ok(Self {
+        let pipeline = Self {
             settings,
             jitter: AdaptiveJitter::new(scale, sampling),
             offset: [0.0; 2],
@@ -166,50 +175,73 @@ impl FramePipeline {
             between: vec![Image::default(); settings.displayed_per_rendered() - 1],
             between_made: 0,
             times: StageTimes::default(),
-        })
+        };
+        pipeline.raster_settings(Outputs::GBuffer).check()?;
+        Ok(pipeline)
     }
 
     /// Renders the frame of `camera`, and the frames between it and the previous one at the cameras `between`: the true
-    /// poses at [`PipelineSettings::moments`] where the caller knows them; where it gives none, poses between the two.
+    /// poses at [`PipelineSettings::moments`] where the caller knows them; where it gives none, poses between the two. Modes without
+    /// frames between do not read them.
     ///
     /// The fourth channel of the images is alpha in [`Mode::Native`] and not specified otherwise.
     ///
     /// # Errors
-    /// [`PipelineError`] if a setting is out of range, or `between` has cameras for another number of frames.
+    /// [`PipelineError`] if `between` has cameras for another number of frames or of another size, or a device fails.
     pub fn render(&mut self, camera: &Camera, between: &[Camera]) -> Result<Presented<'_>, PipelineError> {
-        if self.settings.mode == Mode::Full && ![0, self.between.len()].contains(&between.len()) {
-            let (expected, actual) = (self.between.len(), between.len());
-            return Err(PipelineError::Between { expected, actual });
-        }
+        self.check_between(camera, between)?;
         self.times = StageTimes::default();
         self.between_made = 0;
         self.invalidate_for(camera);
         self.offset = self.jitter.next(camera, &self.current.lattice);
         std::mem::swap(&mut self.previous, &mut self.current);
         self.current.camera = None;
-        match self.settings.mode {
-            Mode::Native => self.rasterize_native(camera)?,
-            Mode::Bicubic => {
-                self.rasterize(camera, Outputs::Color)?;
-                self.enlarge(camera)?;
-            }
-            #[cfg(feature = "gpu")]
-            Mode::SuperSample | Mode::Full if self.is_on_device(camera) => {
-                self.render_on_device(camera, between)?
-            }
-            Mode::SuperSample => {
-                self.rasterize(camera, Outputs::GBuffer)?;
-                self.super_sample(camera)?;
-            }
-            Mode::Full => {
-                self.rasterize(camera, Outputs::GBuffer)?;
-                self.super_sample(camera)?;
-                self.interpolate(camera, between)?;
-            }
+        if let Err(error) = self.make(camera, between) {
+            // What was made of this frame is no frame to go on from.
+            std::mem::swap(&mut self.previous, &mut self.current);
+            self.current.camera = None;
+            return Err(error);
         }
         self.current.camera = Some(*camera);
         self.invalid = None;
         Ok(self.present())
+    }
+
+    fn check_between(&self, camera: &Camera, between: &[Camera]) -> Result<(), PipelineError> {
+        if self.settings.mode != Mode::Full {
+            return Ok(());
+        }
+        if ![0, self.between.len()].contains(&between.len()) {
+            let (expected, actual) = (self.between.len(), between.len());
+            return Err(PipelineError::Between { expected, actual });
+        }
+        let expected = (camera.width(), camera.height());
+        let other = between.iter().map(|c| (c.width(), c.height())).find(|size| *size != expected);
+        other.map_or(Ok(()), |actual| Err(PipelineError::BetweenSize { expected, actual }))
+    }
+
+    /// Makes the current frame and those before it.
+    fn make(&mut self, camera: &Camera, between: &[Camera]) -> Result<(), PipelineError> {
+        match self.settings.mode {
+            Mode::Native => self.rasterize_native(camera),
+            Mode::Bicubic => {
+                self.rasterize(camera, Outputs::Color)?;
+                self.enlarge(camera)
+            }
+            #[cfg(feature = "gpu")]
+            Mode::SuperSample | Mode::Full if self.is_on_device(camera) => {
+                self.render_on_device(camera, between)
+            }
+            Mode::SuperSample => {
+                self.rasterize(camera, Outputs::GBuffer)?;
+                self.super_sample(camera)
+            }
+            Mode::Full => {
+                self.rasterize(camera, Outputs::GBuffer)?;
+                self.super_sample(camera)?;
+                self.interpolate(camera, between)
+            }
+        }
     }
 
     /// Forgets the frames before: the next one starts anew.

@@ -20,6 +20,23 @@
 //! # }
 //! ```
 //!
+//! [`FramePipeline::new`] does without learning. With networks, of which [`Networks::shipped`] are those that come with gs3, it is as
+//! `gs3 render` does it by default; theirs for frames between is left out, since warping is nearly as good and faster:
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! # use gs3::{FramePipeline, PipelineSettings, scene::demo};
+//! use gs3::{Networks, Tier};
+//!
+//! let networks = Networks { interpolate: None, ..Networks::shipped(4, Tier::Balanced)? };
+//! let pipeline = FramePipeline::with_networks(demo::scene()?.into(), PipelineSettings::default(), &networks)?;
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! Kernels are closures that must end up in functions compiled for wide vectors: a program that embeds gs3 without link-time
+//! optimisation (`lto = "thin"` in its release profile) renders at two thirds to three quarters of the speed.
+//!
 //! The parts are usable alone: [`raster`] makes G-buffers, [`reconstruct`] turns those of any renderer into
 //! high-resolution frames, [`scene`] holds scenes, cameras and their files.
 
@@ -36,15 +53,18 @@ mod stages;
 
 use std::path::Path;
 
+pub use cut::is_cut;
 pub use frame::{FramePipeline, PipelineError, Presented};
 #[cfg(feature = "gpu")]
 pub use gs3_compute as compute;
 pub use gs3_neural as neural;
+pub use gs3_neural::model::Tier;
 pub use gs3_raster as raster;
 pub use gs3_raster::Culling;
 pub use gs3_reconstruct as reconstruct;
 pub use gs3_reconstruct::{Kriging, ResetReason};
 pub use gs3_scene as scene;
+pub use gs3_scene::glam;
 pub use jitter::AdaptiveJitter;
 pub use lattice::DepthLattice;
 pub use learned::{NetworkError, Networks};

@@ -171,15 +171,41 @@ fn frames_do_not_depend_on_the_number_of_threads() {
     assert!(one == frames(3));
 }
 
+/// What is refused leaves no trace: the frames after it are those that would have come without.
+#[test]
+fn refused_cameras_change_nothing() {
+    let (path, small) = (path(), demo::path().resized(WIDTH / 2, HEIGHT / 2).unwrap());
+    let shown = |refused: bool| {
+        let mut pipeline = pipeline(Mode::Full);
+        let mut shown = Vec::new();
+        for (k, camera) in path.cameras()[..4].iter().enumerate() {
+            if refused {
+                let last = pipeline.last_image().clone();
+                let error = pipeline.render(camera, &small.cameras()[..1]).unwrap_err().to_string();
+                assert_eq!(error, "camera between two frames: expected 256x144 pixels, found 128x72");
+                assert!(*pipeline.last_image() == last, "frame {k}");
+            }
+            shown.extend(pipeline.render(camera, &[]).unwrap().iter().cloned());
+        }
+        shown
+    };
+    assert_eq!(shown(false).len(), 7);
+    assert!(shown(true) == shown(false));
+}
+
 #[test]
 fn settings_out_of_range_are_errors() {
     let settings = |scale| PipelineSettings { scale, ..Default::default() };
     let error = FramePipeline::new(scene(), settings(0)).err().unwrap();
     assert!(error.to_string().contains("scale: expected 1 to"), "{error}");
     let settings = PipelineSettings { dilation: Dilation::Value(-1.0), ..Default::default() };
-    let mut p = FramePipeline::new(scene(), settings).unwrap();
-    let error = p.render(&path().cameras()[0], &[]).unwrap_err();
+    let error = FramePipeline::new(scene(), settings).err().unwrap();
     assert!(error.to_string().contains("dilation: expected"), "{error}");
+    let settings = PipelineSettings { background: [f32::NAN; 3], ..Default::default() };
+    let error = FramePipeline::new(scene(), settings).err().unwrap();
+    assert!(error.to_string().contains("background: expected"), "{error}");
+    let settings = PipelineSettings { mode: Mode::Native, generate: 0, ..Default::default() };
+    assert!(FramePipeline::new(scene(), settings).is_ok(), "native frames have none between");
     let centered = PipelineSettings { sampling: Sampling::Centered, ..Default::default() };
     let mut p = FramePipeline::new(scene(), centered).unwrap();
     p.render(&path().cameras()[0], &[]).unwrap();

@@ -3,12 +3,12 @@
 
 use std::sync::Arc;
 
-use gs3::learned::SuperSampleFeatures;
+use gs3::learned::{LearnedSuperSampler, SuperSampleFeatures};
 use gs3::neural::model::{Tier, initial_weights, interpolate, super_sample};
 use gs3::neural::{Arithmetic, Graph, Header, Weights};
 use gs3::raster::{Culling, Outputs, RasterSettings, Rasterizer};
 use gs3::reconstruct::Neighbor;
-use gs3::scene::{Camera, CameraPath, GBuffer, Image, Scene, demo};
+use gs3::scene::{Camera, CameraPath, GBuffer, Image, Planes, Scene, demo};
 use gs3::{FramePipeline, Kriging, Mode, Networks, PipelineSettings, ResetReason};
 
 const SCALE: u32 = 4;
@@ -229,6 +229,32 @@ fn any_size_is_refined() {
             assert!(image.pixels().iter().flatten().all(|v| v.is_finite()));
         }
     }
+}
+
+/// G-buffers of other renderers: what networks read besides is checked before anything is fed to them.
+#[test]
+fn frames_that_networks_cannot_read_are_typed_errors() {
+    let camera = path().cameras()[0];
+    let good = GBuffer::zeroed(40, 24);
+    let mut image = Image::new(160, 96);
+    let weights = random().super_sample.unwrap();
+    let mut learned = LearnedSuperSampler::new(weights, SCALE, Arithmetic::F32).unwrap();
+    let innovation = vec![[0.0; 4]; 40 * 24];
+    let mut refine = |gbuffer: &GBuffer, image: &Image| {
+        let now = Neighbor { camera: &camera, image, gbuffer };
+        learned.refine(now, &innovation, None, &mut Image::default()).err().map(|error| error.to_string())
+    };
+    assert_eq!(refine(&good, &image), None);
+    let mut wrong = good.clone();
+    wrong.alpha = Planes::default();
+    let expected = "G-buffer alpha: expected 40x24 pixels, found 0x0";
+    assert_eq!(refine(&wrong, &image).as_deref(), Some(expected));
+    let mut wrong = good.clone();
+    wrong.geometry.as_mut().unwrap().normal.plane_mut(2)[100] = f32::NAN;
+    let expected = "G-buffer normals: expected finite numbers, found NaN or infinity";
+    assert_eq!(refine(&wrong, &image).as_deref(), Some(expected));
+    image = Image::new(0, 0);
+    assert_eq!(refine(&good, &image).as_deref(), Some("image: expected 160x96 pixels, found 0x0"));
 }
 
 #[test]

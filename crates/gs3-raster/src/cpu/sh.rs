@@ -1,6 +1,7 @@
 //! View-dependent colour from spherical harmonics.
 
-const C0: f32 = 0.282_094_791_773_878_14;
+use gs3_scene::gaussians::SH_C0;
+
 const C1: f32 = 0.488_602_511_902_919_9;
 const C2: [f32; 5] = [
     1.092_548_430_592_079_2,
@@ -24,12 +25,12 @@ const C3: [f32; 7] = [
 #[inline(always)]
 pub fn color(coefficients: &[f32], direction: [f32; 3]) -> [f32; 3] {
     if coefficients.len() == 3 {
-        return [0, 1, 2].map(|c| (C0 * coefficients[c] + 0.5).max(0.0));
+        return [0, 1, 2].map(|c| (SH_C0 * coefficients[c] + 0.5).max(0.0));
     }
     let inv_length = 1.0 / direction.iter().map(|v| v * v).sum::<f32>().sqrt();
     let [x, y, z] = direction.map(|v| v * inv_length);
     let mut basis = [0.0; 16];
-    basis[0] = C0;
+    basis[0] = SH_C0;
     basis[1] = -C1 * y;
     basis[2] = C1 * z;
     basis[3] = -C1 * x;

@@ -6,6 +6,7 @@ use glam::Vec3;
 
 use super::noise::fractal_noise;
 use super::splats::{Patch, Splat, circle};
+use crate::gaussians::SH_C0;
 
 /// How a surface looks.
 #[derive(Clone, Copy)]
@@ -39,7 +40,6 @@ const SHADOW_CASTERS: [(Vec3, f32); 7] = [
     (Vec3::new(2.3, -0.6, 0.24), 0.24),
 ];
 
-const C0: f32 = 0.282_094_8;
 const C1: f32 = 0.488_602_5;
 const C2: [f32; 5] = [1.092_548_4, -1.092_548_4, 0.315_391_57, -1.092_548_4, 0.546_274_2];
 
@@ -78,7 +78,7 @@ pub fn shade(position: Vec3, normal: Vec3, material: &Material) -> [[f32; 3]; 9]
     let quadratic = degree_2(peak).map(|y| b2 * 4.0 * PI / 5.0 * y);
 
     let mut sh = [[0.0; 3]; 9];
-    sh[0] = ((constant - Vec3::splat(0.5)) / C0).to_array();
+    sh[0] = ((constant - Vec3::splat(0.5)) / SH_C0).to_array();
     sh[1] = (material.reflection * (-linear.y / C1)).to_array();
     sh[2] = (material.reflection * (linear.z / C1)).to_array();
     sh[3] = (material.reflection * (-linear.x / C1)).to_array();

@@ -1,6 +1,6 @@
 //! A procedural scene that needs no download: a stone court with a gilded knot, marble, columns, trees, grass and sky.
 //!
-//! It asks of a renderer what a capture does: 400,000 Gaussians of all sizes, thin foliage, fine texture, glossy
+//! It asks of a renderer what a capture does: 530,000 Gaussians of all sizes, thin foliage, fine texture, glossy
 //! view-dependent colour, and a sky dome around it. World units are metres, z points up. The same Gaussians come out
 //! on every machine with the same floating-point functions, whatever the number of threads.
 

@@ -36,10 +36,6 @@ use crate::scene::{OpacityMode, Scene};
 /// Gaussians decoded by one task: enough work that scheduling costs nothing, small enough to stay in cache.
 const BLOCK: usize = 4096;
 
-/// The constant spherical-harmonics basis function, 1 / (2 √π): what turns a colour's distance from ½ into a
-/// coefficient.
-const SH_C0: f32 = 0.28209479177387814;
-
 /// What to load of a scene that holds several representations of itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LoadOptions {

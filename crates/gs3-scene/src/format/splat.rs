@@ -5,8 +5,8 @@ use rayon::prelude::*;
 use super::error::LoadError;
 use super::progress::{Progress, Work};
 use super::source::Source;
-use super::{BLOCK, Decoded, SH_C0};
-use crate::gaussians::{Gaussians, Slots};
+use super::{BLOCK, Decoded};
+use crate::gaussians::{Gaussians, SH_C0, Slots};
 use crate::scene::OpacityMode;
 
 /// Position and linear scale as 3 × f32 each, RGB and opacity as 4 × u8, quaternion (w first) as 4 × u8.

@@ -6,6 +6,7 @@ use thiserror::Error;
 
 /// A network that cannot be used, or frames that do not fit it.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum NetworkError {
     /// Weights of another network.
     #[error("weights: expected those of {expected}, found those of {actual}")]

@@ -129,7 +129,9 @@ impl SuperSampleFeatures {
     /// come from `previous`, the frame before, as the network refined it, where there is one.
     ///
     /// # Errors
-    /// [`ReconstructError`] if `now` has no gradients or geometry, or `innovation` or `previous` another size.
+    /// [`ReconstructError`] if the image or a plane of `now` has another size than its camera says, it has no gradients or geometry, its
+    /// alpha or normals are not finite, or `innovation` or `previous` has another size. Colours and gradients are what super sampling
+    /// without learning has checked before.
     pub fn set(
         &mut self,
         now: Neighbor<'_>,
@@ -144,6 +146,20 @@ impl SuperSampleFeatures {
         let Some(geometry) = &gbuffer.geometry else {
             return Err(ReconstructError::Missing { what: "depth" });
         };
+        check_size("image", camera, (image.width(), image.height()))?;
+        let lr = camera.low_resolution(scale);
+        check_size("G-buffer", &lr, (gbuffer.width(), gbuffer.height()))?;
+        for planes in [&gradients.color_dx, &gradients.color_dy] {
+            check_size("G-buffer gradients", &lr, (planes.width(), planes.height()))?;
+        }
+        check_size("G-buffer normals", &lr, (geometry.normal.width(), geometry.normal.height()))?;
+        check_size("G-buffer alpha", &lr, (gbuffer.alpha.width(), gbuffer.alpha.height()))?;
+        if !geometry.normal.is_finite() {
+            return Err(ReconstructError::NotFinite { what: "G-buffer normals" });
+        }
+        if !gbuffer.alpha.is_finite() {
+            return Err(ReconstructError::NotFinite { what: "G-buffer alpha" });
+        }
         let len = gbuffer.width() * gbuffer.height();
         let before = previous.map(|p| Seen::of_gbuffer(p.camera, p.gbuffer)).transpose()?;
         self.carry.set(Seen::of_gbuffer(camera, gbuffer)?, before, scale, len)?;
@@ -361,6 +377,12 @@ impl InterpolateFeatures {
             ("validity", &self.carry.validity),
         ]
     }
+}
+
+/// Checks that `actual` is the size of `camera`'s image.
+fn check_size(what: &'static str, camera: &Camera, actual: (usize, usize)) -> Result<(), ReconstructError> {
+    let expected = (camera.width() as usize, camera.height() as usize);
+    if expected == actual { Ok(()) } else { Err(ReconstructError::Size { what, expected, actual }) }
 }
 
 /// The mean inverse depth of what was hit; 1 where nothing was.

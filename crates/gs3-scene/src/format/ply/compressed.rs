@@ -6,10 +6,11 @@ use super::super::error::LoadError;
 use super::super::progress::{Progress, Work};
 use super::super::quaternion::with_largest;
 use super::super::source::Source;
-use super::super::{BLOCK, Decoded, SH_C0};
+use super::super::{BLOCK, Decoded};
 use super::column::{Column, Endian, Scalar};
 use super::header::{Element, Encoding, Header};
 use super::text::end_of;
+use crate::gaussians::SH_C0;
 use crate::gaussians::{Gaussians, Slots, sh_coefficient_count};
 
 /// Gaussians that share bounds.
