@@ -176,16 +176,19 @@ pub fn mapped<R>(
         // Nobody waits where waiting failed.
         let _ = sender.send(result);
     });
-    gpu.poll(wgpu::PollType::Wait { submission_index: Some(index), timeout: None })?;
-    // Another thread that polled meanwhile may have taken the answer and be about to send it.
-    match receiver.recv_timeout(ANSWER) {
-        Ok(Ok(())) => {}
-        Ok(Err(error)) => return Err(refused(error.to_string())),
-        Err(error) => return Err(refused(error.to_string())),
-    }
-    let view = staging.get_mapped_range(..).map_err(|e| refused(e.to_string()))?;
-    let result = f(&view);
-    drop(view);
+    let answer = || {
+        gpu.poll(wgpu::PollType::Wait { submission_index: Some(index), timeout: None })?;
+        // Another thread that polled meanwhile may have taken the answer and be about to send it.
+        match receiver.recv_timeout(ANSWER) {
+            Ok(Ok(())) => {}
+            Ok(Err(error)) => return Err(refused(error.to_string())),
+            Err(error) => return Err(refused(error.to_string())),
+        }
+        let view = staging.get_mapped_range(..).map_err(|e| refused(e.to_string()))?;
+        Ok(f(&view))
+    };
+    let result = answer();
+    // Whatever happened: nothing can be copied to a buffer that is mapped, or still about to be.
     staging.unmap();
-    Ok(result)
+    result
 }

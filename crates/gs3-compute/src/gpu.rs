@@ -96,15 +96,26 @@ pub struct Limits {
     pub workgroups: u32,
 }
 
+/// Invocations of the smallest workgroup whose subgroups work together.
+const SMALLEST_WORKGROUP: u32 = 64;
+
+impl Subgroups {
+    /// Those of sizes from `min` to `max`, if every workgroup is a whole number of them: kernels count those that are full.
+    fn of_sizes(min: u32, max: u32) -> Self {
+        match min.is_power_of_two() && max.is_power_of_two() && max <= SMALLEST_WORKGROUP {
+            true => Self::Present { min, max },
+            false => Self::Absent,
+        }
+    }
+}
+
 impl Capabilities {
     /// Those of `adapter`.
     pub(crate) fn of(adapter: &wgpu::Adapter) -> Self {
         let (features, limits, info) = (adapter.features(), adapter.limits(), adapter.get_info());
         let has = |feature| Support::from(features.contains(feature));
         let subgroups = match has(wgpu::Features::SUBGROUP) {
-            Support::Present => {
-                Subgroups::Present { min: info.subgroup_min_size, max: info.subgroup_max_size }
-            }
+            Support::Present => Subgroups::of_sizes(info.subgroup_min_size, info.subgroup_max_size),
             Support::Absent => Subgroups::Absent,
         };
         let products = match has(wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX) {
@@ -282,7 +293,7 @@ impl Gpu {
         Ok(buffer)
     }
 
-    /// A module of WGSL: `sources` one after the other.
+    /// A module of WGSL: `sources` one after the other. Its loops must end: they are not counted.
     ///
     /// # Errors
     /// [`GpuError::Shader`] if it is not valid.

@@ -34,7 +34,10 @@ impl<'a> Recorder<'a> {
     /// Names what is recorded from here on, for timing. A name may come more than once.
     pub fn stage(&mut self, name: &'static str) {
         if self.stage != name {
-            self.pass = None;
+            // Only clocks need passes of their own.
+            if self.timings.is_some() {
+                self.pass = None;
+            }
             self.stage = name;
         }
     }

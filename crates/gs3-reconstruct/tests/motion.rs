@@ -196,7 +196,7 @@ fn wrong_inputs_are_typed_errors() {
     assert!(matches!(error, ReconstructError::Size { what: "previous view", .. }));
     let error = motion.set(&view, &View { jitter: [f32::NAN, 0.0], ..view }).unwrap_err();
     assert!(matches!(error, ReconstructError::Jitter { .. }));
-    let error = View::of_gbuffer(&gs3_scene::GBuffer::zeroed(64, 36), &camera, 0).unwrap_err();
+    let error = View::of_gbuffer(&GBuffer::zeroed(64, 36), &camera, 0).unwrap_err();
     assert_eq!(error, ReconstructError::Scale { actual: 0 });
     assert_eq!(motion.flow.data().len(), 0);
 }

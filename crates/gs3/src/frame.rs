@@ -263,7 +263,8 @@ impl FramePipeline {
     /// images come back ([`Self::is_on_device`]); in the other modes it rasterizes, and the rest stays on the CPU.
     ///
     /// # Errors
-    /// [`PipelineError`] if the scene does not fit the device; everything stays as it was.
+    /// [`PipelineError`] if the scene does not fit the device, or it was opened for products of matrices and gets them wrong;
+    /// everything stays as it was.
     #[cfg(feature = "gpu")]
     pub fn render_on(&mut self, gpu: &gs3_compute::Gpu) -> Result<(), PipelineError> {
         let scene = Arc::clone(self.rasterizer.scene());

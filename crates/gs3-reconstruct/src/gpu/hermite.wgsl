@@ -17,7 +17,7 @@ struct Column {
 fn hermite_weights(f: f32) -> vec4<f32> {
     let f2 = f * f;
     let f3 = f2 * f;
-    let spacing = f32(frame.scale);
+    let spacing = f32(SCALE);
     return vec4(
         2.0 * f3 - 3.0 * f2 + 1.0, spacing * (f3 - 2.0 * f2 + f), 3.0 * f2 - 2.0 * f3, spacing * (f3 - f2),
     );
@@ -32,8 +32,8 @@ struct Rows {
 
 // The samples' rows above and below row `y` of pixels. Beyond the border the nearest row is repeated, flat across.
 fn rows_around(y: u32) -> Rows {
-    let place = frame.y_places[y % frame.scale];
-    let index = i32(place.x) + i32(y / frame.scale);
+    let place = frame.y_places[y % SCALE];
+    let index = i32(place.x) + i32(y / SCALE);
     let last = i32(frame.lr.y) - 1;
     let inside = clamp(vec2(index, index + 1), vec2(0), vec2(last));
     var weights = hermite_weights(place.y);

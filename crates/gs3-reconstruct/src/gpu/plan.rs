@@ -20,11 +20,14 @@ pub const KRIGED: [u32; 2] = [32, 16];
 /// Width of the pixels that a workgroup of `tile.wgsl` makes, those beside the tile included.
 pub const MADE_WIDTH: u32 = 32;
 
-/// Bytes that a sample takes in workgroup memory: its number, position, variance, colour and gradient.
-const STAGED_BYTES: u32 = 36;
+/// Bytes that a sample takes in workgroup memory: its number, position, variance, colour and gradient, 36; and one place of 16
+/// bytes in nine stays empty (`tile.wgsl`).
+const STAGED_BYTES: u32 = 40;
 
-/// Bytes of a pixel in workgroup memory.
-const PIXEL_BYTES: u32 = 16;
+/// Places of 16 bytes for the halves of so many samples (`tile.wgsl`).
+fn staged_places(capacity: u32) -> u32 {
+    2 * (capacity + capacity / 8)
+}
 
 /// Sizes of super sampling.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -33,6 +36,8 @@ pub struct SuperSamplePlan {
     pub size: [u32; 2],
     /// LR samples.
     pub lr: [u32; 2],
+    /// HR pixels between samples.
+    pub scale: u32,
     /// Frames remembered, the current one included.
     pub frames: u32,
     /// Rows of the pixels that a workgroup of `tile.wgsl` makes, those above and below the tile included.
@@ -97,7 +102,7 @@ impl SuperSamplePlan {
         };
         // At the end, the memory of the samples takes the pixels.
         let fits = |made_height: u32| {
-            room(made_height) * (STAGED_BYTES - 4) >= MADE_WIDTH * made_height * PIXEL_BYTES
+            staged_places(room(made_height)) >= MADE_WIDTH * made_height
                 && MADE_WIDTH / 4 * made_height <= limits.workgroup_invocations
         };
         let made_height = if fits(32) { 32 } else { 16 };
@@ -105,6 +110,7 @@ impl SuperSamplePlan {
         let plan = Self {
             size,
             lr,
+            scale,
             frames: scale * scale,
             made_height,
             // More than a tile's cells would not be needed often enough.
@@ -228,9 +234,10 @@ mod tests {
                     }
                     let cells = (MADE_WIDTH + 3) * (plan.made_height + 2) + 1;
                     let threads = MADE_WIDTH / 4 * plan.made_height;
-                    let bytes = 4 * (cells + threads + 2) + STAGED_BYTES * plan.capacity;
+                    let places = staged_places(plan.capacity);
+                    let bytes = 4 * (cells + threads + 2 + plan.capacity) + 16 * places;
                     assert!(bytes <= workgroup_bytes, "{bytes} of {workgroup_bytes}");
-                    assert!(2 * plan.capacity >= MADE_WIDTH * plan.made_height, "room for the pixels");
+                    assert!(places >= MADE_WIDTH * plan.made_height, "room for the pixels");
                     let plan = InterpolatePlan::new(&limits, size, scale).unwrap();
                     // Patches begin at most three pixels before the image.
                     assert!(plan.over_pixels[0] * WARPED[0] >= size[0] + 3);

@@ -18,6 +18,8 @@
 // Bits of the largest inverse depths of the samples nearest to each pixel, 0 where there is none: in order, as these are not
 // negative. As many as HR pixels and RIM more on each side.
 @group(0) @binding(8) var<storage, read_write> nearest: array<atomic<u32>>;
+// The same for `land`, which only reads: atomic loads would pass the first cache by.
+@group(0) @binding(9) var<storage, read> nearest_found: array<u32>;
 
 struct Seen {
     // HR position on its own grid and on the current one, pixel centres at halves.
@@ -66,7 +68,7 @@ fn nearest_around(pixel: vec2<f32>) -> f32 {
     var most = 0u;
     for (var y = 0u; y < 3u; y++) {
         for (var x = 0u; x < 3u; x++) {
-            most = max(most, atomicLoad(&nearest[place + y * (frame.size.x + 2u * RIM) + x]));
+            most = max(most, nearest_found[place + y * (frame.size.x + 2u * RIM) + x]);
         }
     }
     return bitcast<f32>(most);

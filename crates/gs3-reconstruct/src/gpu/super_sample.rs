@@ -315,7 +315,10 @@ fn own_slices<'a>(
     buffers: &'a [(&'static str, Buffer)],
 ) -> Vec<(&'static str, Slice<'a>)> {
     let storage = buffers.iter().map(|(name, buffer)| (*name, buffer.slice()));
-    storage.chain([("frame", uniform.slice())]).collect()
+    // What only reads `nearest` has it by another name.
+    let nearest = buffers.iter().filter(|(name, _)| *name == "nearest");
+    let found = nearest.map(|(_, buffer)| ("nearest_found", buffer.slice()));
+    storage.chain(found).chain([("frame", uniform.slice())]).collect()
 }
 
 /// The first slot that no frame of `history` has.

@@ -24,8 +24,16 @@ var<workgroup> starts: array<u32, CELLS + 1u>;
 var<workgroup> sums: array<u32, THREADS>;
 // Numbers of the samples in memory.
 var<workgroup> order: array<u32, CAPACITY>;
-// The samples: position in the tile, variance, five words of colour and gradient. At the end, the pixels.
-var<workgroup> staged: array<vec4<u32>, 2u * CAPACITY>;
+// The samples: position in the tile, variance, five words of colour and gradient, the first halves of all before the second.
+// After each eight a place stays empty: neighbouring invocations read samples four cells apart, which at rest are four
+// places apart, and would wait for the same banks. At the end, the pixels.
+const HALF: u32 = CAPACITY + CAPACITY / 8u;
+var<workgroup> staged: array<vec4<u32>, 2u * HALF>;
+
+// The place of the first half of a sample.
+fn place_of(slot: u32) -> u32 {
+    return slot + slot / 8u;
+}
 var<workgroup> window_end: u32;
 // Not 0 if there is anything but bare background of one colour. All who write it at a time write the same.
 var<workgroup> varied: u32;
@@ -85,8 +93,8 @@ var<private> sum: array<vec4<f32>, 4>;
 // Adds the samples in places `first..end`. The first pixel is `pixel` in the tile.
 fn add_run(first: u32, end: u32, pixel: vec2<f32>) {
     for (var slot = first; slot < end; slot++) {
-        let a = staged[2u * slot];
-        let b = staged[2u * slot + 1u];
+        let a = staged[place_of(slot)];
+        let b = staged[HALF + place_of(slot)];
         let at = bitcast<vec2<f32>>(a.xy);
         let noise = bitcast<f32>(a.z & 0x7fffffffu);
         let is_past = (a.z & CURRENT) == 0u;
@@ -156,24 +164,24 @@ fn accumulate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
     }
 
     // The surface.
-    let middle = vec2<u32>(clamp(corner + vec2(i32(MADE_WIDTH), i32(MADE_HEIGHT)) / 2, vec2(0), last)) / frame.scale;
+    let middle = vec2<u32>(clamp(corner + vec2(i32(MADE_WIDTH), i32(MADE_HEIGHT)) / 2, vec2(0), last)) / SCALE;
     let reference = sample_at(middle.y * frame.lr.x + middle.x);
     var is_varied = !reference.is_bare;
     let rows = rows_around(u32(clamp(corner.y + i32(pixel.y), 0, last.y)));
-    let to_row = min(rows.fraction, 1.0 - rows.fraction) * f32(frame.scale);
+    let to_row = min(rows.fraction, 1.0 - rows.fraction) * f32(SCALE);
     var index = -0x7fffffff;
     var left: Column;
     var right: Column;
     for (var k = 0u; k < 4u; k++) {
         let x = u32(clamp(corner.x + i32(pixel.x + k), 0, last.x));
-        let place = frame.x_places[x % frame.scale];
-        let next = i32(place.x) + i32(x / frame.scale);
+        let place = frame.x_places[x % SCALE];
+        let next = i32(place.x) + i32(x / SCALE);
         if next != index {
             index = next;
             left = column_at(index, rows, reference.color);
             right = column_at(index + 1, rows, reference.color);
         }
-        let to_column = min(place.y, 1.0 - place.y) * f32(frame.scale);
+        let to_column = min(place.y, 1.0 - place.y) * f32(SCALE);
         let d2 = fma(to_column, to_column, to_row * to_row);
         let weight = 1.0 / (NOISE + SURFACE * d2 * d2 / (1.0 + SURFACE * d2));
         let w = hermite_weights(place.y);
@@ -204,8 +212,8 @@ fn accumulate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
             let to = places[id] - vec2<f32>(corner);
             let is_current = id - newest() < frame.lr.x * frame.lr.y;
             let noise = links[id].x | select(0u, CURRENT, is_current);
-            staged[2u * slot] = vec4(bitcast<vec2<u32>>(to), noise, red_green);
-            staged[2u * slot + 1u] = vec4(b, c);
+            staged[place_of(slot)] = vec4(bitcast<vec2<u32>>(to), noise, red_green);
+            staged[HALF + place_of(slot)] = vec4(b, c);
             let s = unpack_sample(red_green, b, c);
             is_varied = is_varied || !s.is_bare || any(s.color != reference.color);
         }

@@ -3,11 +3,13 @@
 use std::time::Instant;
 
 use gs3_compute::{Gpu, StageTime, Support, Timings};
+use gs3_neural::MatrixUnit;
 use gs3_raster::GpuRasterizer;
 use gs3_reconstruct::ResetReason;
 use gs3_scene::Image;
 
 use super::frames::{GpuFrames, GpuRequest};
+use super::learned::network;
 use crate::frame::PipelineError;
 use crate::lattice::DepthLattice;
 use crate::learned::Networks;
@@ -31,6 +33,12 @@ pub(crate) struct DeviceFrame {
 
 impl Device {
     pub fn new(gpu: &Gpu, settings: &PipelineSettings, networks: &Networks) -> Result<Self, PipelineError> {
+        // Where they err a wrong picture would follow, without a word.
+        if (networks.super_sample.is_some() || networks.interpolate.is_some())
+            && let Some(unit) = MatrixUnit::of(gpu.capabilities())
+        {
+            unit.check(gpu).map_err(network)?;
+        }
         let has_clock = gpu.capabilities().timestamps == Support::Present;
         let timings = if has_clock { Some(Timings::new(gpu)?) } else { None };
         Ok(Self { gpu: gpu.clone(), frames: GpuFrames::new(gpu, settings, networks), timings })
