@@ -34,8 +34,8 @@
 //! # }
 //! ```
 //!
-//! Kernels are closures that must end up in functions compiled for wide vectors: a program that embeds gs3 without link-time
-//! optimisation (`lto = "thin"` in its release profile) renders at two thirds to three quarters of the speed.
+//! Kernels are closures that must end up in functions compiled for wide vectors: a program that embeds gs3 does well to set
+//! `lto = "thin"` in its release profile (`docs/performance.md` has what it loses without).
 //!
 //! The parts are usable alone: [`raster`] makes G-buffers, [`reconstruct`] turns those of any renderer into
 //! high-resolution frames, [`scene`] holds scenes, cameras and their files.
