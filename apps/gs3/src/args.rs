@@ -1,7 +1,7 @@
 //! The command line.
 
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::{Parser, Subcommand, ValueEnum};
@@ -76,6 +76,13 @@ pub struct View {
     /// Threads [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
+}
+
+impl View {
+    /// What is read.
+    pub fn inputs(&self) -> impl Iterator<Item = &Path> {
+        [self.scene.as_path()].into_iter().chain(self.path.as_deref())
+    }
 }
 
 /// Where splats are rasterized.

@@ -6,6 +6,7 @@ use gs3::neural::MatrixUnit;
 
 use crate::args::{BackendArg, Device};
 use crate::error::CliError;
+use crate::terminal::note;
 
 /// The machine that renders.
 pub enum Machine {
@@ -96,7 +97,7 @@ impl Machine {
     }
 
     fn fallen_back(error: &impl std::fmt::Display) -> Self {
-        eprintln!("the CPU takes over: {error}");
+        note(format_args!("the CPU takes over: {error}"));
         Self::Cpu
     }
 }

@@ -1,5 +1,6 @@
 //! `gs3 bench`: displayed frames per second against native rendering, in the same run.
 
+use std::fmt::Write;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -11,17 +12,21 @@ use serde_json::{Value, json};
 
 use crate::args::{BenchArgs, Device};
 use crate::backend::Machine;
+use crate::destination::Destination;
 use crate::error::CliError;
 use crate::output::write_text;
 use crate::render::between;
 use crate::report::{self, Times, median_ms};
-use crate::{Outcome, bench_gpu, copies, inputs, start_threads};
+use crate::terminal::print;
+use crate::{Outcome, bench_gpu, copies, destination, inputs, start_threads};
 
 /// Rounds over the frames. The best of each side counts: other work on the machine only ever slows a round down.
 const ROUNDS: usize = 3;
 
 pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     start_threads(args.view.threads)?;
+    let json = args.json.as_deref().map(|file| Destination::file("--json", file, "json"));
+    destination::check(json.as_slice(), args.view.inputs())?;
     let (scene, load_time) = inputs::scene(&args.view.scene)?;
     let path = inputs::cameras(&args.view, &scene)?;
     let range = args.frames.0.clone();
@@ -31,7 +36,7 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     let machine = Machine::new(&device, args.look.features())?;
     if let Machine::Gpu(gpu) = &machine {
         let figures = bench_gpu::run(args, gpu, scene, &path.cameras()[range])?;
-        return write(args, &report::join(figures, report::machine(&machine)), bench_gpu::print);
+        return write(args, &report::join(figures, report::machine(&machine)), &bench_gpu::text);
     }
     let (networks, tier) = inputs::networks(&args.look)?;
     let pipeline = |mode| FramePipeline::with_networks(scene.clone(), args.look.settings(mode), &networks);
@@ -65,15 +70,15 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
         let stages = raster_stages(&scene, &path.cameras()[range], args)?;
         figures = report::join(figures, json!({ "raster_ms": stages }));
     }
-    write(args, &report::join(figures, report::machine(&machine)), print)
+    write(args, &report::join(figures, report::machine(&machine)), &text)
 }
 
-/// Shows the figures on the terminal and writes them where they were asked for.
-fn write(args: &BenchArgs, figures: &Value, print: impl FnOnce(&Value)) -> Result<Outcome, CliError> {
-    print(figures);
+/// Writes the figures where they were asked for and shows them on the terminal.
+fn write(args: &BenchArgs, figures: &Value, text: &dyn Fn(&Value) -> String) -> Result<Outcome, CliError> {
     if let Some(file) = &args.json {
         write_text(file, &format!("{figures:#}\n"))?;
     }
+    print(text(figures))?;
     Ok(Outcome::Done)
 }
 
@@ -137,24 +142,29 @@ fn raster_stages(scene: &Arc<Scene>, cameras: &[Camera], args: &BenchArgs) -> Re
     Ok(json!({ "native": measure(Outputs::Color, 1)?, "lr_gbuffer": measure(Outputs::GBuffer, look.scale)? }))
 }
 
-fn print(figures: &Value) {
+/// The same for people.
+fn text(figures: &Value) -> String {
     let number = |value: &Value| value.as_f64().unwrap_or(f64::NAN);
-    println!("displayed fps, full / native    {:.2}", number(&figures["displayed_fps_full_over_native"]));
-    println!("LR G-buffer / native, time      {:.3}", number(&figures["gbuffer_over_native"]));
+    let mut text = format!(
+        "displayed fps, full / native    {:.2}\nLR G-buffer / native, time      {:.3}\n",
+        number(&figures["displayed_fps_full_over_native"]),
+        number(&figures["gbuffer_over_native"]),
+    );
+    // Writing to a string does not fail.
     for side in ["native", "full"] {
         let figures = &figures[side];
-        print!("{side:<8} {:8.2} fps", number(&figures["displayed_fps"]));
+        let _ = write!(text, "{side:<8} {:8.2} fps", number(&figures["displayed_fps"]));
         for (stage, ms) in figures["stage_ms"].as_object().into_iter().flatten() {
-            print!("  {stage} {:.1} ms", number(ms));
+            let _ = write!(text, "  {stage} {:.1} ms", number(ms));
         }
-        println!();
+        text.push('\n');
     }
     for (what, stages) in figures["raster_ms"].as_object().into_iter().flatten() {
-        print!("{what:<10} rasterizer:");
+        let _ = write!(text, "{what:<10} rasterizer:");
         for stage in ["project", "bin", "blend"] {
-            print!("  {stage} {:.1} ms", number(&stages[stage]));
+            let _ = write!(text, "  {stage} {:.1} ms", number(&stages[stage]));
         }
-        println!();
+        text.push('\n');
     }
     let rounds: Vec<String> = figures["rounds_displayed_fps"]
         .as_array()
@@ -162,10 +172,8 @@ fn print(figures: &Value) {
         .flatten()
         .map(|round| format!("{:.2} / {:.2}", number(&round[1]), number(&round[0])))
         .collect();
-    println!("rounds, full / native fps: {}", rounds.join(", "));
-    println!(
-        "{} threads, {:.0} MB at most",
-        figures["threads"],
-        figures["peak_rss_mb"].as_f64().unwrap_or(f64::NAN)
-    );
+    let _ = writeln!(text, "rounds, full / native fps: {}", rounds.join(", "));
+    let _ =
+        writeln!(text, "{} threads, {:.0} MB at most", figures["threads"], number(&figures["peak_rss_mb"]));
+    text
 }

@@ -1,6 +1,7 @@
 //! `gs3 bench --backend gpu`: the stages of native frames, low-resolution G-buffers and whole frames by the device's clock,
 //! frames per second where each follows the other and nothing is read back, and the sort alone.
 
+use std::fmt::Write;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -257,19 +258,27 @@ fn sort(gpu: &Gpu) -> Result<Value, CliError> {
     Ok(report::join(figures, distribution(times)))
 }
 
-/// Shows what [`run`] gave.
-pub fn print(figures: &Value) {
+/// What [`run`] gave, for people.
+pub fn text(figures: &Value) -> String {
+    let mut text = String::new();
     let number = |value: &Value| value.as_f64().unwrap_or(f64::NAN);
     for side in ["native", "lr_gbuffer", "super_sample", "full"] {
-        println!("{side:<12} {:8.2} fps, median and 99th percentile:", number(&figures[side]["fps"]));
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            text,
+            "{side:<12} {:8.2} fps, median and 99th percentile:",
+            number(&figures[side]["fps"])
+        );
         for times in figures[side]["stages"].as_array().into_iter().flatten() {
             let stage = times["stage"].as_str().unwrap_or_default();
-            println!("  {stage:<20} {:9.3} {:9.3} ms", number(&times["median_ms"]), number(&times["p99_ms"]));
+            let [median, p99] = ["median_ms", "p99_ms"].map(|field| number(&times[field]));
+            let _ = writeln!(text, "  {stage:<20} {median:9.3} {p99:9.3} ms");
         }
     }
     let sort = &figures["sort"];
     let rate = number(&sort["keys_per_s"]) / 1e6;
-    println!("sort of {} 32-bit keys with values: {rate:.1} million keys/s", sort["pairs"]);
+    let _ = writeln!(text, "sort of {} 32-bit keys with values: {rate:.1} million keys/s", sort["pairs"]);
+    text
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 
 use crate::error::CliError;
 use crate::output::write_png;
+use crate::terminal::note;
 
 /// Width of the white line between crops, in pixels.
 const GAP: usize = 4;
@@ -28,10 +29,10 @@ pub fn write(pipeline: &mut FramePipeline, camera: &Camera, file: &Path) -> Resu
     write_png(file, &side_by_side([native, &bicubic, own]))?;
     let quality = |image| psnr(native, image, Quantisation::EightBit);
     let (bicubic, own) = (quality(&bicubic)?, quality(own)?);
-    eprintln!(
+    note(format_args!(
         "{}: native | bicubic ({bicubic:.2} dB) | gs3 ({own:.2} dB), PSNR of the last frame against native",
         file.display()
-    );
+    ));
     Ok(json!({ "bicubic_psnr": finite(bicubic), "psnr": finite(own) }))
 }
 

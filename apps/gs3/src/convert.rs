@@ -1,17 +1,19 @@
 //! `gs3 convert`.
 
-use gs3::scene::format::save;
-
 use crate::args::ConvertArgs;
+use crate::destination::Destination;
 use crate::error::CliError;
-use crate::{Outcome, inputs};
+use crate::output::save_scene;
+use crate::terminal::note;
+use crate::{Outcome, destination, inputs};
 
 pub fn run(args: &ConvertArgs) -> Result<Outcome, CliError> {
+    destination::check(&[Destination::scene("OUTPUT", &args.output)], [args.input.as_path()])?;
     let (scene, _) = inputs::scene(&args.input)?;
-    save(&scene, &args.output)?;
+    save_scene(&scene, &args.output)?;
     let dropped = scene.dropped().total();
     if dropped > 0 {
-        eprintln!("{dropped} invalid Gaussians dropped (gs3 info says why)");
+        note(format_args!("{dropped} invalid Gaussians dropped (gs3 info says why)"));
     }
     Ok(Outcome::Done)
 }

@@ -6,9 +6,10 @@ use gs3_compute::{AdapterChoice, AdapterReport, Capabilities, Limits, Subgroups,
 
 use crate::Outcome;
 use crate::error::CliError;
+use crate::terminal::print;
 
 pub fn run() -> Result<Outcome, CliError> {
-    print!("{}", text(&adapters()));
+    print(text(&adapters()))?;
     Ok(Outcome::Done)
 }
 

@@ -63,6 +63,8 @@ pub enum CliError {
     Train(#[from] TrainError),
     #[error("{}: cannot be written: {source}", path.display())]
     Write { path: PathBuf, source: io::Error },
+    #[error("standard output: cannot be written: {0}")]
+    Print(io::Error),
     #[error("{option}: expected {expected}, found {actual}")]
     Option { option: &'static str, expected: String, actual: String },
     #[error("--threads: the thread pool did not start: {message}")]

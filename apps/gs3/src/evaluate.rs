@@ -13,9 +13,11 @@ use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
 use crate::args::{CullingArg, FrameRange, Rgb, View};
+use crate::destination::Destination;
 use crate::error::CliError;
 use crate::output::write_text;
-use crate::{Outcome, inputs, start_threads};
+use crate::terminal::print;
+use crate::{Outcome, destination, inputs, start_threads};
 
 /// Arguments of `gs3 evaluate`.
 #[derive(Debug, Args)]
@@ -106,6 +108,10 @@ impl From<CaseArg> for Case {
 
 pub fn run(args: &EvaluateArgs) -> Result<Outcome, CliError> {
     check_protocol(args)?;
+    destination::check(
+        &[Destination::folder("--out", &args.out)],
+        args.view.inputs().chain(args.simplified.as_deref()),
+    )?;
     start_threads(args.view.threads)?;
     let (scene, _) = inputs::scene(&args.view.scene)?;
     if let Some(capture) = &args.photos {
@@ -196,7 +202,7 @@ fn write_report(out: &Path, results: &Value, table: &str, page: &str) -> Result<
     write_text(&out.join("results.json"), &format!("{results:#}\n"))?;
     write_text(&out.join("table.md"), table)?;
     write_text(&out.join("report.html"), page)?;
-    println!("{table}\n{}", out.join("report.html").display());
+    print(format_args!("{table}\n{}\n", out.join("report.html").display()))?;
     Ok(Outcome::Done)
 }
 

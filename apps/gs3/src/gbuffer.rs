@@ -1,24 +1,27 @@
 //! `gs3 gbuffer`.
 
-use std::io;
+use std::io::{self, Seek, Write};
+use std::mem;
 
 use gs3::compute::OptionalFeatures;
 use gs3::raster::{GpuRasterError, GpuRasterizer, Outputs, RasterSettings, Rasterizer, ScenePrecision};
 use gs3::reconstruct::{MAX_SCALE, ReconstructError};
-use gs3::scene::format::write_atomically;
 use gs3::scene::{GBuffer, Planes};
 use zip::ZipWriter;
 
 use crate::args::GbufferArgs;
 use crate::backend::Machine;
+use crate::destination::Destination;
 use crate::error::CliError;
-use crate::{Outcome, inputs, npz, start_threads};
+use crate::output::write_file;
+use crate::{Outcome, destination, inputs, npz, start_threads};
 
 pub fn run(args: &GbufferArgs) -> Result<Outcome, CliError> {
     start_threads(args.view.threads)?;
     if !(1..=MAX_SCALE).contains(&args.scale) {
         return Err(ReconstructError::Scale { actual: args.scale }.into());
     }
+    destination::check(&[Destination::file("--out", &args.out, "npz")], args.view.inputs())?;
     let (scene, _) = inputs::scene(&args.view.scene)?;
     let path = inputs::cameras(&args.view, &scene)?;
     inputs::check_frames("--frame", &(args.frame..args.frame + 1), &path)?;
@@ -38,17 +41,20 @@ pub fn run(args: &GbufferArgs) -> Result<Outcome, CliError> {
     if matches!(machine, Machine::Cpu) {
         Rasterizer::new(scene, args.culling.into()).rasterize(camera, &settings, &mut gbuffer)?;
     }
-    write_atomically(&args.out, |writer| {
+    write_file(&args.out, |writer| {
         let mut zip = ZipWriter::new(writer);
-        write_planes(&mut zip, &gbuffer)?;
+        if let Err(error) = write_planes(&mut zip, &gbuffer).and_then(|()| zip.flush()) {
+            // Dropped, it would try to end the archive and say on its own that it cannot.
+            mem::forget(zip);
+            return Err(error);
+        }
         zip.finish()?;
         Ok(())
-    })
-    .map_err(CliError::write(&args.out))?;
+    })?;
     Ok(Outcome::Done)
 }
 
-fn write_planes(zip: &mut ZipWriter<impl io::Write + io::Seek>, gbuffer: &GBuffer) -> io::Result<()> {
+fn write_planes(zip: &mut ZipWriter<impl Write + Seek>, gbuffer: &GBuffer) -> io::Result<()> {
     rgb(zip, "color", &gbuffer.color)?;
     scalar(zip, "alpha", &gbuffer.alpha)?;
     if let Some(gradients) = &gbuffer.gradients {
@@ -67,12 +73,12 @@ fn write_planes(zip: &mut ZipWriter<impl io::Write + io::Seek>, gbuffer: &GBuffe
 }
 
 /// `[H, W]`.
-fn scalar(zip: &mut ZipWriter<impl io::Write + io::Seek>, name: &str, planes: &Planes<1>) -> io::Result<()> {
+fn scalar(zip: &mut ZipWriter<impl Write + Seek>, name: &str, planes: &Planes<1>) -> io::Result<()> {
     npz::add(zip, name, &[planes.height(), planes.width()], planes.data().iter().copied())
 }
 
 /// `[H, W, 3]`.
-fn rgb(zip: &mut ZipWriter<impl io::Write + io::Seek>, name: &str, planes: &Planes<3>) -> io::Result<()> {
+fn rgb(zip: &mut ZipWriter<impl Write + Seek>, name: &str, planes: &Planes<3>) -> io::Result<()> {
     let size = planes.height() * planes.width();
     let values = (0..size).flat_map(|i| (0..3).map(move |c| planes.data()[c * size + i]));
     npz::add(zip, name, &[planes.height(), planes.width(), 3], values)

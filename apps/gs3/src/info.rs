@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 
 use crate::args::InfoArgs;
 use crate::error::CliError;
+use crate::terminal::print;
 use crate::{Outcome, inputs};
 
 /// Percentiles of opacity and scale that are reported.
@@ -15,9 +16,9 @@ pub fn run(args: &InfoArgs) -> Result<Outcome, CliError> {
     let (scene, load_time) = inputs::scene(&args.scene)?;
     let facts = facts(&scene, load_time.as_secs_f64());
     if args.json {
-        println!("{facts:#}");
+        print(format_args!("{facts:#}\n"))?;
     } else {
-        print!("{}", text(&args.scene.display().to_string(), &facts));
+        print(text(&args.scene.display().to_string(), &facts))?;
     }
     Ok(Outcome::Done)
 }

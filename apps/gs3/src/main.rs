@@ -4,6 +4,8 @@
     rustdoc::broken_intra_doc_links,
     reason = "doc comments of arguments are help texts for the terminal; their brackets are no links"
 )]
+// They panic where the text cannot be written; module `terminal` does not.
+#![warn(clippy::print_stdout, clippy::print_stderr)]
 
 mod args;
 mod backend;
@@ -12,6 +14,7 @@ mod bench_gpu;
 mod compare;
 mod convert;
 mod copies;
+mod destination;
 mod devices;
 mod error;
 mod evaluate;
@@ -25,6 +28,7 @@ mod output;
 mod render;
 mod report;
 mod simplify;
+mod terminal;
 mod train;
 mod train_clips;
 mod video;
@@ -37,6 +41,7 @@ use gs3_train::Network;
 
 use args::{Args, Command, Train};
 use error::CliError;
+use terminal::note;
 
 /// Exit code for bad input, also clap's.
 const BAD_INPUT: u8 = 2;
@@ -56,11 +61,12 @@ fn main() -> ExitCode {
         Ok(args) => args,
         Err(error) if error.kind() == ErrorKind::ValueValidation => {
             // The first line says it all; the rest points to the help text.
-            eprintln!("{}", error.to_string().lines().next().unwrap_or_default());
+            note(error.to_string().lines().next().unwrap_or_default());
             return BAD_INPUT.into();
         }
         Err(error) => error.exit(),
     };
+    interrupt::end_whole();
     let outcome = match &args.command {
         Command::Render(args) => render::run(args),
         Command::Gbuffer(args) => gbuffer::run(args),
@@ -80,7 +86,7 @@ fn main() -> ExitCode {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Interrupted) => INTERRUPTED.into(),
         Err(error) => {
-            eprintln!("error: {}", error.one_line());
+            note(format_args!("error: {}", error.one_line()));
             BAD_INPUT.into()
         }
     }

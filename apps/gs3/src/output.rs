@@ -1,14 +1,15 @@
 //! Where frames go: PNG files that are always whole, and a video.
 
-use std::fs;
-use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf, is_separator};
 use std::time::{Duration, Instant};
 
-use gs3::scene::Image;
-use gs3::scene::format::write_atomically;
+use gs3::scene::format::{save, write_atomically};
+use gs3::scene::{Image, Scene};
 use rayon::prelude::*;
 
+use crate::destination::{Destination, has_extension};
 use crate::error::CliError;
 use crate::video::Video;
 
@@ -24,25 +25,45 @@ pub enum Target {
 }
 
 impl Target {
-    pub fn of(out: &Path) -> Self {
-        let extension = out.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
-        match extension.as_deref() {
-            Some("png") => Self::Single(out.into()),
-            Some("mp4") => Self::Video { file: out.into(), frames: out.with_extension("") },
-            _ => Self::Folder(out.into()),
+    /// By the extension of `out`. A folder whose name has one is meant where it is there, or ends in a separator.
+    pub fn of(out: &Path) -> Result<Self, CliError> {
+        if out.to_string_lossy().ends_with(is_separator) {
+            return Ok(Self::Folder(out.into()));
+        }
+        match out.extension() {
+            Some(_) if has_extension(out, "png") => Ok(Self::Single(out.into())),
+            Some(_) if has_extension(out, "mp4") => {
+                Ok(Self::Video { file: out.into(), frames: out.with_extension("") })
+            }
+            Some(_) if !out.is_dir() => Err(CliError::Option {
+                option: "--out",
+                expected: "DIR, FILE.png or FILE.mp4 (DIR/ if its name has a dot)".to_owned(),
+                actual: out.display().to_string(),
+            }),
+            _ => Ok(Self::Folder(out.into())),
+        }
+    }
+
+    /// What is written.
+    pub fn destinations(&self) -> Vec<Destination<'_>> {
+        match self {
+            Self::Single(file) => vec![Destination::file("--out", file, "png")],
+            Self::Folder(folder) => vec![Destination::folder("--out", folder)],
+            Self::Video { file, frames } => vec![
+                Destination::file("--out", file, "mp4"),
+                Destination::folder("--out, its frames", frames),
+            ],
         }
     }
 
     /// The folder of the frames, made if it is not there; so that an unwritable output is known before the work.
-    fn prepare(&self) -> Result<&Path, CliError> {
-        let folder = match self {
-            Self::Single(file) => file.parent().unwrap_or(Path::new("")),
-            Self::Folder(frames) | Self::Video { frames, .. } => frames,
-        };
-        if !folder.as_os_str().is_empty() {
-            fs::create_dir_all(folder).map_err(CliError::write(folder))?;
+    fn prepare(&self) -> Result<(), CliError> {
+        match self {
+            Self::Single(file) => make_folder_of(file),
+            Self::Folder(frames) | Self::Video { frames, .. } => {
+                fs::create_dir_all(frames).map_err(CliError::write(frames))
+            }
         }
-        Ok(folder)
     }
 }
 
@@ -119,14 +140,36 @@ impl FrameWriter {
 
 /// Writes one image as a PNG file.
 pub fn write_png(file: &Path, image: &Image) -> Result<(), CliError> {
-    Target::Single(file.into()).prepare()?;
-    write_atomically(file, |writer| encode_png(&rgb8(image), writer)).map_err(CliError::write(file))
+    write_file(file, |writer| encode_png(&rgb8(image), writer))
 }
 
 /// Writes text as a file, whole or not at all.
 pub fn write_text(file: &Path, text: &str) -> Result<(), CliError> {
-    Target::Single(file.into()).prepare()?;
-    write_atomically(file, |writer| writer.write_all(text.as_bytes())).map_err(CliError::write(file))
+    write_file(file, |writer| writer.write_all(text.as_bytes()))
+}
+
+/// Writes a scene in the format that the extension names.
+pub fn save_scene(scene: &Scene, file: &Path) -> Result<(), CliError> {
+    make_folder_of(file)?;
+    Ok(save(scene, file)?)
+}
+
+/// Writes a file through `write`, whole or not at all, in a folder that is made if it is not there.
+pub fn write_file(
+    file: &Path,
+    write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+) -> Result<(), CliError> {
+    make_folder_of(file)?;
+    write_atomically(file, write).map_err(CliError::write(file))
+}
+
+fn make_folder_of(file: &Path) -> Result<(), CliError> {
+    match file.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => {
+            fs::create_dir_all(folder).map_err(CliError::write(folder))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn rgb8(image: &Image) -> Rgb8 {

@@ -10,10 +10,13 @@ use serde_json::json;
 
 use crate::args::RenderArgs;
 use crate::backend::Machine;
+use crate::destination::Destination;
 use crate::error::CliError;
 use crate::output::{FrameWriter, Target, write_text};
 use crate::report::{self, Times};
-use crate::{Outcome, compare, inputs, interrupt, start_threads};
+use crate::terminal::note;
+use crate::video::{by_hand, no_option, quoted};
+use crate::{Outcome, compare, destination, inputs, interrupt, start_threads};
 
 pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     start_threads(args.view.threads)?;
@@ -25,12 +28,16 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
             actual: "--mode native".into(),
         });
     }
+    let target = Target::of(&args.out)?;
+    let mut destinations = target.destinations();
+    destinations.extend(args.compare.iter().map(|file| Destination::file("--compare", file, "png")));
+    destinations.extend(args.json.iter().map(|file| Destination::file("--json", file, "json")));
+    destination::check(&destinations, args.view.inputs())?;
     let (scene, load_time) = inputs::scene(&args.view.scene)?;
     let mut path = inputs::cameras(&args.view, &scene)?;
     if let Some(frames) = args.smooth {
         path = path.smoothed(frames as usize, Pace::Speed);
     }
-    let target = Target::of(&args.out);
     let range = frames_to_render(args, &target, &path)?;
     let (networks, tier) = inputs::networks(&args.look)?;
     let settings = args.look.settings(mode);
@@ -39,8 +46,8 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     let machine = Machine::new(&args.device, args.look.features())?.start(|gpu| pipeline.render_on(gpu))?;
     let first = path.cameras()[range.start];
     if mode.has_history() && !pipeline.is_on_device(&first) && !matches!(machine, Machine::Cpu) {
-        eprintln!(
-            "the GPU rasterizes, networks run on the CPU (--tier analytic makes all of the frame on the GPU)"
+        note(
+            "the GPU rasterizes, networks run on the CPU (--tier analytic makes all of the frame on the GPU)",
         );
     }
     let rate = path.frames_per_second() * settings.displayed_per_rendered() as f64;
@@ -53,6 +60,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     let bar = ProgressBar::new(range.len() as u64)
         .with_style(inputs::style("{pos}/{len} rendered {wide_bar} {per_sec}, {eta} left"));
     let mut next = range.start;
+    let mut first_number = None;
     while next < range.end && !interrupt::requested() {
         let shown = pipeline.render(&path.cameras()[next], &between(&settings, &path, next))?;
         let writer = match &mut writer {
@@ -63,6 +71,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         let frames: Vec<_> = if is_single { vec![shown.current] } else { shown.iter().collect() };
         // Displayed frames are counted from the start of the path, so that the parts of a path fit together.
         let last_number = next * settings.displayed_per_rendered();
+        first_number.get_or_insert(last_number + 1 - frames.len());
         for (k, image) in frames.iter().enumerate() {
             writer.write(last_number + k + 1 - frames.len(), image)?;
         }
@@ -101,7 +110,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     if let Some(file) = &args.json {
         write_text(file, &format!("{figures:#}\n"))?;
     }
-    eprintln!(
+    note(format_args!(
         "{} frames shown, {:.2} per second of rendering ({} in {}); loading {:.2} s, encoding {:.2} s, not included",
         times.displayed(),
         times.displayed_fps(),
@@ -109,14 +118,15 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         args.out.display(),
         load_time.as_secs_f64(),
         encode_time.as_secs_f64(),
-    );
+    ));
     if is_complete {
         return Ok(Outcome::Done);
     }
-    eprintln!(
-        "interrupted; all files are whole. To go on: the same command with --frames {next}..{}",
-        range.end
-    );
+    let numbers = first_number.unwrap_or_default()..(range.end - 1) * settings.displayed_per_rendered() + 1;
+    note(format_args!(
+        "interrupted; all files are whole. To go on: {}",
+        remainder(&target, range.start, &(next..range.end), &numbers, rate)
+    ));
     Ok(Outcome::Interrupted)
 }
 
@@ -133,7 +143,45 @@ fn frames_to_render(args: &RenderArgs, target: &Target, path: &CameraPath) -> Re
             actual: args.out.display().to_string(),
         });
     }
+    if matches!(target, Target::Video { .. }) {
+        check_one_size(path, &range)?;
+    }
     Ok(range)
+}
+
+/// A video has one size.
+fn check_one_size(path: &CameraPath, range: &Range<usize>) -> Result<(), CliError> {
+    let size = |k: usize| format!("{}x{}", path.cameras()[k].width(), path.cameras()[k].height());
+    let first = size(range.start);
+    match range.clone().find(|k| size(*k) != first) {
+        None => Ok(()),
+        Some(other) => Err(CliError::Option {
+            option: "--out",
+            expected: "frames of one size for a video, which --size WxH makes them".to_owned(),
+            actual: format!("{first} in frame {} and {} in frame {other}", range.start, size(other)),
+        }),
+    }
+}
+
+/// What to run after an interruption for the frames `left` of those from `first` on. A video begins anew with the frames that
+/// it is given, so that of all of them, with these `numbers`, is made once they are there.
+fn remainder(
+    target: &Target,
+    first: usize,
+    left: &Range<usize>,
+    numbers: &Range<usize>,
+    rate: f64,
+) -> String {
+    let same = format!("the same command with --frames {}..{}", left.start, left.end);
+    match target {
+        Target::Video { file, frames } if left.start > first => format!(
+            "{same} --out {}, and then, for the video of all frames, {}",
+            // A separator at its end: a folder whatever its name.
+            quoted(&no_option(frames).join("").display().to_string()),
+            by_hand(file, frames, numbers, rate)
+        ),
+        Target::Video { .. } | Target::Single(_) | Target::Folder(_) => same,
+    }
 }
 
 /// Renders the frames before `start` on which its history rests, so that a part of a path looks as it does in the whole.

@@ -6,15 +6,17 @@ use std::sync::Arc;
 use clap::{Args, ValueEnum};
 use gs3::Culling;
 use gs3::raster::{Outputs, RasterSettings, Rasterizer};
-use gs3::scene::format::save;
 use gs3::scene::{Camera, Image, Scene};
 use gs3_evaluate::metrics::{Quantisation, psnr};
 use gs3_evaluate::simplify::{Criterion, Setting, simplify};
 use indicatif::ProgressBar;
 
 use crate::args::{FrameRange, Rgb, Size, View};
+use crate::destination::Destination;
 use crate::error::CliError;
-use crate::{Outcome, inputs, start_threads};
+use crate::output::save_scene;
+use crate::terminal::print;
+use crate::{Outcome, destination, inputs, start_threads};
 
 /// Views that the two scenes are compared in: enough for a mean, few beside the views of the choice.
 const COMPARED_VIEWS: usize = 16;
@@ -74,13 +76,14 @@ pub enum ByArg {
 
 pub fn run(args: &SimplifyArgs) -> Result<Outcome, CliError> {
     start_threads(args.threads)?;
-    let (scene, _) = inputs::scene(&args.scene)?;
     let view = View {
         scene: args.scene.clone(),
         path: args.cameras.clone(),
         size: args.size,
         threads: args.threads,
     };
+    destination::check(&[Destination::scene("--out", &args.out)], view.inputs())?;
+    let (scene, _) = inputs::scene(&args.scene)?;
     let path = inputs::cameras(&view, &scene)?;
     let mut cameras = path.cameras();
     if let Some(FrameRange(frames)) = &args.frames {
@@ -102,13 +105,13 @@ pub fn run(args: &SimplifyArgs) -> Result<Outcome, CliError> {
     let mut show = |done: usize| bar.set_position(done as u64);
     let left = Arc::new(simplify(&scene, cameras, &settings, criterion, args.keep, &mut show)?);
     bar.finish_and_clear();
-    save(&left, &args.out)?;
+    save_scene(&left, &args.out)?;
     let (mean, lowest) = compare(&scene, &left, cameras, &settings)?;
     let (kept, all) = (left.gaussians().len(), scene.gaussians().len());
-    println!(
-        "{kept} of {all} Gaussians kept ({:.1} %), PSNR against all {mean:.2} dB on average, {lowest:.2} dB at least",
+    print(format_args!(
+        "{kept} of {all} Gaussians kept ({:.1} %), PSNR against all {mean:.2} dB on average, {lowest:.2} dB at least\n",
         100.0 * kept as f64 / all as f64,
-    );
+    ))?;
     Ok(Outcome::Done)
 }
 

@@ -13,8 +13,10 @@ use gs3_train::{
 };
 use indicatif::{HumanDuration, ProgressBar};
 
+use crate::destination::Destination;
 use crate::error::CliError;
-use crate::{Outcome, inputs, interrupt, start_threads};
+use crate::terminal::{note, print};
+use crate::{Outcome, destination, inputs, interrupt, start_threads};
 
 /// How long steps are watched for the speed that is shown.
 const WATCHED: Duration = Duration::from_secs(10);
@@ -197,6 +199,13 @@ fn train_subject(subject: Subject, args: &SessionArgs) -> Result<Outcome, CliErr
     interrupt::watch()?;
     let settings = settings(subject, args);
     settings.check()?;
+    destination::check(
+        &[
+            Destination::folder("--checkpoint", &args.checkpoint),
+            Destination::file("--out", &args.out, "safetensors"),
+        ],
+        args.init.as_deref().into_iter().chain(args.perceptual.as_deref()),
+    )?;
     let places = Places {
         clips: args.clips.clone(),
         checkpoint: args.checkpoint.clone(),
@@ -220,20 +229,18 @@ fn train_subject(subject: Subject, args: &SessionArgs) -> Result<Outcome, CliErr
         train(settings, &places, start, &mut |event| show.event(event), &|| !interrupt::requested())?;
     show.bar.finish_and_clear();
     match &state.best {
-        Some(best) => {
-            println!(
-                "best {:+.2} dB on held-out clips, of step {} of {}",
-                best.gain,
-                best.step,
-                state.steps()
-            );
-        }
-        None => println!("{} steps; no held-out clips", state.steps()),
+        Some(best) => print(format_args!(
+            "best {:+.2} dB on held-out clips, of step {} of {}\n",
+            best.gain,
+            best.step,
+            state.steps()
+        ))?,
+        None => print(format_args!("{} steps; no held-out clips\n", state.steps()))?,
     }
     Ok(match ending {
         Ending::Finished => Outcome::Done,
         Ending::Interrupted => {
-            eprintln!("interrupted; all files are whole. To go on: the same command");
+            note("interrupted; all files are whole. To go on: the same command");
             Outcome::Interrupted
         }
     })
@@ -346,6 +353,6 @@ impl Show {
 
     /// A line that stays.
     fn line(&self, text: &str) {
-        self.bar.suspend(|| eprintln!("{text}"));
+        self.bar.suspend(|| note(text));
     }
 }

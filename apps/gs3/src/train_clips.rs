@@ -13,9 +13,11 @@ use gs3_train::{ClipFile, Network, Window};
 use indicatif::ProgressBar;
 
 use crate::args::{DilationArg, KrigingArg, Size};
+use crate::destination::Destination;
 use crate::error::CliError;
 use crate::output::write_png;
-use crate::{Outcome, inputs, interrupt, start_threads};
+use crate::terminal::print;
+use crate::{Outcome, destination, inputs, interrupt, start_threads};
 
 /// Cameras of an orbit that clips start from; poses between them are used as well.
 const ORBIT_CAMERAS: usize = 120;
@@ -105,6 +107,10 @@ pub fn run(args: &ClipsArgs) -> Result<Outcome, CliError> {
     };
     settings.check()?;
     let names = names(args)?;
+    let mut destinations = vec![Destination::folder("--out", &args.out)];
+    destinations.extend(args.preview.iter().map(|file| Destination::file("--preview", file, "png")));
+    let inputs = args.scenes.iter().chain(&args.paths).chain(&args.weights);
+    destination::check(&destinations, inputs.map(PathBuf::as_path))?;
     std::fs::create_dir_all(&args.out).map_err(CliError::write(&args.out))?;
     interrupt::watch()?;
     // Rounded, so that a few clips of many scenes still give some to validate on.
@@ -153,14 +159,14 @@ fn make(batch: &Batch<'_>) -> Result<(), CliError> {
     if !decibels.is_empty() {
         decibels.sort_by(f64::total_cmp);
         let at = |share: f64| decibels[(share * (decibels.len() - 1) as f64) as usize];
-        println!(
-            "{name}: {} clips, {:.2} clips/s, without networks {:.1} dB at the median, {:.1} to {:.1} dB",
+        print(format_args!(
+            "{name}: {} clips, {:.2} clips/s, without networks {:.1} dB at the median, {:.1} to {:.1} dB\n",
             decibels.len(),
             decibels.len() as f64 / started.elapsed().as_secs_f64(),
             at(0.5),
             at(0.0),
             at(1.0),
-        );
+        ))?;
     }
     Ok(())
 }

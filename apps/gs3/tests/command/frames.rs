@@ -3,7 +3,6 @@
 use std::fs;
 use std::path::Path;
 use std::process::Stdio;
-use std::time::{Duration, Instant};
 
 use super::{gs3, json, names, png, stderr, succeed};
 
@@ -147,14 +146,7 @@ fn an_interrupted_run_leaves_whole_files_and_says_how_to_go_on() {
     let out = folder.path().join("out");
     let mut command = gs3(folder.path(), "render demo --size 320x180 --out out --json r.json");
     let child = command.stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
-    let deadline = Instant::now() + Duration::from_secs(60);
-    while !out.is_dir() || names(&out).len() < 4 {
-        assert!(Instant::now() < deadline, "no frames came");
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    let pid = child.id().to_string();
-    assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
-    let output = child.wait_with_output().unwrap();
+    let output = super::interrupt(child, || out.is_dir() && names(&out).len() >= 4);
     assert_eq!(output.status.code(), Some(130), "{}", stderr(&output));
     let names = names(&out);
     assert!(names.len() >= 4 && names.len() < 479, "{}", names.len());

@@ -5,6 +5,7 @@ mod backend;
 mod bad_input;
 mod export;
 mod frames;
+mod outputs;
 mod scenes;
 mod simplify;
 mod train_clips;
@@ -12,7 +13,8 @@ mod video;
 
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output};
+use std::time::{Duration, Instant};
 
 /// The command, in `folder`, with whatever `gs3 {arguments}` is split into at blanks.
 fn gs3(folder: &Path, arguments: &str) -> Command {
@@ -32,6 +34,19 @@ fn succeed(folder: &Path, arguments: &str) -> Output {
 
 fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Sends it Ctrl-C once it is `ready`, and waits for its end.
+#[cfg(unix)]
+fn interrupt(child: Child, ready: impl Fn() -> bool) -> Output {
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while !ready() {
+        assert!(Instant::now() < deadline, "nothing came");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let pid = child.id().to_string();
+    assert!(Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
+    child.wait_with_output().unwrap()
 }
 
 /// The names in `folder`, sorted.

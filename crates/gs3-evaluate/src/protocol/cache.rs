@@ -4,6 +4,7 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use gs3_scene::format::write_atomically;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -62,14 +63,7 @@ pub(super) fn write_whole(
     path: &Path,
     write: impl FnOnce(&mut std::io::BufWriter<fs::File>) -> std::io::Result<()>,
 ) -> Result<(), EvaluateError> {
-    let partial = path.with_extension("partial");
-    let written = fs::File::create(&partial).and_then(|file| {
-        let mut file = std::io::BufWriter::new(file);
-        write(&mut file)?;
-        file.flush()?;
-        fs::rename(&partial, path)
-    });
-    written.map_err(at_path(path))
+    write_atomically(path, write).map_err(at_path(path))
 }
 
 /// Names the file in an I/O error.

@@ -1,13 +1,16 @@
 //! Files that appear whole or not at all.
 
+use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Writes the file at `path` through `write`. The bytes go to a temporary file beside it, which takes the
 /// place of `path` once all of them are on disk; after an error or a panic it is gone and `path` is as it
-/// was.
+/// was. Of a symbolic link it is the file that is replaced. What is there and no file, such as a device or a
+/// pipe, is written to as the bytes come.
 ///
 /// # Errors
 /// What `write` or the system reports.
@@ -15,11 +18,73 @@ pub fn write_atomically(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> io::Result<()> {
-    let (temporary, file) = Temporary::beside(path)?;
+    match Place::of(path)? {
+        Place::File(path) => {
+            let (temporary, file) = Temporary::beside(&path)?;
+            write_into(file, write)?.sync_all()?;
+            temporary.rename(&path)
+        }
+        Place::Stream => write_into(OpenOptions::new().write(true).open(path)?, write).map(drop),
+    }
+}
+
+/// Whether [`write_atomically`] can put a file at `path`, so that this is known before the work of which the
+/// file tells. Folders that are missing count as there.
+///
+/// # Errors
+/// What the system would report.
+pub fn check_writable(path: &Path) -> io::Result<()> {
+    let Place::File(path) = Place::of(path)? else { return Ok(()) };
+    let is_there = |folder: &&Path| folder.as_os_str().is_empty() || folder.exists();
+    let folder = path.ancestors().skip(1).find(is_there).unwrap_or(Path::new(""));
+    Temporary::beside(&folder.join(path.file_name().unwrap_or_default())).map(drop)
+}
+
+/// Removes the temporary files of all writes under way, for a process that is about to end: whoever writes waits from
+/// then on, so that nothing is left behind.
+pub fn discard_temporaries() {
+    let temporaries = temporaries();
+    for temporary in temporaries.iter() {
+        // The process ends whether or not this one can be removed.
+        let _ = fs::remove_file(temporary);
+    }
+    std::mem::forget(temporaries);
+}
+
+/// What a path leads to.
+enum Place {
+    /// A file, there or not yet, under the name at the end of all symbolic links.
+    File(PathBuf),
+    /// Something else, which a file must not replace.
+    Stream,
+}
+
+impl Place {
+    fn of(path: &Path) -> io::Result<Self> {
+        match fs::metadata(path) {
+            Ok(found) if !found.is_file() => Ok(Self::Stream),
+            Ok(_) if path.is_symlink() => fs::canonicalize(path).map(Self::File),
+            Ok(_) => Ok(Self::File(path.to_owned())),
+            Err(error) if error.kind() == ErrorKind::NotFound => match fs::read_link(path) {
+                // A link to what is not there yet. Links in a circle are another error.
+                Ok(target) => Self::of(&path.parent().unwrap_or(Path::new("")).join(target)),
+                Err(_) => Ok(Self::File(path.to_owned())),
+            },
+            Err(error) => Err(error),
+        }
+    }
+}
+
+fn write_into(file: File, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<File> {
     let mut writer = BufWriter::with_capacity(1 << 20, file);
     write(&mut writer)?;
-    writer.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
-    temporary.rename(path)
+    writer.into_inner().map_err(io::IntoInnerError::into_error)
+}
+
+/// The temporary files there are.
+fn temporaries() -> MutexGuard<'static, BTreeSet<PathBuf>> {
+    static ALL: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+    ALL.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// A file that is removed when dropped.
@@ -35,12 +100,16 @@ impl Temporary {
         hidden.push(name);
         hidden.push(format!(".{}.{number}.partial", std::process::id()));
         let temporary = path.with_file_name(hidden);
+        let mut all = temporaries();
         let file = OpenOptions::new().write(true).create_new(true).open(&temporary)?;
+        all.insert(temporary.clone());
         Ok((Self(temporary), file))
     }
 
     fn rename(mut self, to: &Path) -> io::Result<()> {
+        let mut all = temporaries();
         fs::rename(&self.0, to)?;
+        all.remove(&self.0);
         self.0 = PathBuf::new();
         Ok(())
     }
@@ -51,6 +120,7 @@ impl Drop for Temporary {
         if !self.0.as_os_str().is_empty() {
             // Nothing can be done where even this fails; the error that led here is already on its way.
             let _ = fs::remove_file(&self.0);
+            temporaries().remove(&self.0);
         }
     }
 }
@@ -94,5 +164,56 @@ mod tests {
         write_atomically(&path, |writer| writer.write_all(b"after")).unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"after");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn links_stay_and_their_files_are_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::create_dir(at("far")).unwrap();
+        fs::write(at("far/file"), b"before").unwrap();
+        for (link, target) in [("link", "far/file"), ("chain", "link"), ("dangling", "far/new")] {
+            std::os::unix::fs::symlink(target, at(link)).unwrap();
+            check_writable(&at(link)).unwrap();
+            write_atomically(&at(link), |writer| writer.write_all(link.as_bytes())).unwrap();
+            assert_eq!(fs::read_link(at(link)).unwrap(), Path::new(target));
+            assert_eq!(fs::read(at(link)).unwrap(), link.as_bytes());
+        }
+        assert_eq!(fs::read(at("far/file")).unwrap(), b"chain");
+        assert_eq!(fs::read_dir(at("far")).unwrap().count(), 2);
+        std::os::unix::fs::symlink("circle", at("circle")).unwrap();
+        assert!(write_atomically(&at("circle"), |_| Ok(())).is_err());
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn devices_and_pipes_are_written_to() {
+        use std::os::unix::fs::FileTypeExt;
+        let full = Path::new("/dev/full");
+        let error = write_atomically(full, |writer| writer.write_all(b"text")).unwrap_err();
+        assert_eq!(error.kind(), ErrorKind::StorageFull);
+        assert!(fs::metadata(full).unwrap().file_type().is_char_device());
+
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("pipe");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let reader = std::thread::spawn({
+            let pipe = pipe.clone();
+            move || fs::read(pipe).unwrap()
+        });
+        write_atomically(&pipe, |writer| writer.write_all(b"text")).unwrap();
+        assert_eq!(reader.join().unwrap(), b"text");
+        assert!(fs::metadata(&pipe).unwrap().file_type().is_fifo());
+    }
+
+    #[test]
+    fn what_cannot_be_written_is_known_before() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        check_writable(&at("missing/folders/file")).unwrap();
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "it leaves nothing");
+        fs::write(at("file"), b"no folder").unwrap();
+        assert!(check_writable(&at("file/file")).is_err() && check_writable(&at("file/deep/file")).is_err());
     }
 }

@@ -23,9 +23,10 @@ mod source;
 mod splat;
 mod spz;
 
+use std::ffi::OsStr;
 use std::path::Path;
 
-pub use atomic::write_atomically;
+pub use atomic::{check_writable, discard_temporaries, write_atomically};
 pub use error::{LoadError, SaveError};
 pub use progress::Progress;
 pub use source::{Files, Source};
@@ -115,9 +116,9 @@ pub fn save(scene: &Scene, path: &Path) -> Result<(), SaveError> {
         expected,
         actual,
     };
-    let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let extension = format_of(path)?;
     let count = scene.gaussians().len();
-    match extension.as_str() {
+    match extension {
         "ply" => write_atomically(path, |writer| ply::write(scene, writer)).map_err(io_error),
         "spz" => {
             let bits = spz::fractional_bits(scene).map_err(|largest| {
@@ -128,8 +129,25 @@ pub fn save(scene: &Scene, path: &Path) -> Result<(), SaveError> {
         "sog" if count > sog::MOST_GAUSSIANS => {
             Err(unrepresentable("count", format!("at most {}", sog::MOST_GAUSSIANS), count.to_string()))
         }
-        "sog" => write_atomically(path, |writer| sog::write(scene, writer)).map_err(io_error),
-        _ => Err(SaveError::UnknownFormat { file: path.to_owned(), actual: extension }),
+        _ => write_atomically(path, |writer| sog::write(scene, writer)).map_err(io_error),
+    }
+}
+
+/// The format that [`save`] writes at `path`, by its extension: `ply`, `spz` or `sog`. Compressed PLY is only read, so its
+/// usual extension `.compressed.ply` is none of them.
+///
+/// # Errors
+/// [`SaveError::UnknownFormat`] if the extension is another.
+pub fn format_of(path: &Path) -> Result<&'static str, SaveError> {
+    let lower = |part: Option<&OsStr>| part.unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let extension = lower(path.extension());
+    let unknown = |actual| Err(SaveError::UnknownFormat { file: path.to_owned(), actual });
+    match ["ply", "spz", "sog"].into_iter().find(|format| *format == extension) {
+        Some("ply") if lower(path.file_name()).ends_with(".compressed.ply") => {
+            unknown("compressed.ply".to_owned())
+        }
+        Some(format) => Ok(format),
+        None => unknown(extension),
     }
 }
 

@@ -1,0 +1,154 @@
+//! What is written where, and what is refused to be; what is said where nobody listens.
+
+use std::fs;
+use std::process::Stdio;
+
+use super::{gs3, names, stderr, succeed};
+
+const ONE_CAMERA: &str = r#"{"fl_x": 50, "w": 64, "h": 36, "frames": [
+    {"transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}"#;
+
+#[test]
+fn outputs_are_checked_before_anything_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    // No scene: reading it would be another error.
+    fs::write(at.join("s.ply"), "noise").unwrap();
+    fs::write(at.join("w.safetensors"), "noise").unwrap();
+    fs::write(at.join("one.json"), ONE_CAMERA).unwrap();
+    fs::create_dir(at.join("there.json")).unwrap();
+    fs::create_dir(at.join("there.mp4")).unwrap();
+    let before = names(at);
+    for (arguments, expected) in [
+        (
+            "simplify s.ply --keep 0.5 --out z.xyz",
+            "z.xyz: extension: expected .ply, .spz or .sog, found \"xyz\"",
+        ),
+        (
+            "convert s.ply o.compressed.ply",
+            "extension: expected .ply, .spz or .sog, found \"compressed.ply\"",
+        ),
+        ("convert s.ply ./s.ply", "OUTPUT: expected another place than that of an input, found ./s.ply"),
+        ("convert s.ply one.json/o.ply", "one.json/o.ply: cannot be written: Not a directory"),
+        ("gbuffer s.ply --out mine.ply", "--out: expected FILE.npz, found mine.ply"),
+        ("render s.ply --out o --json s.ply", "--json: expected FILE.json, found s.ply"),
+        ("render s.ply --out o --json there.json", "--json: expected a file, found there.json, a folder"),
+        (
+            "render s.ply --path one.json --out o --json one.json",
+            "--json: expected another place than that of an",
+        ),
+        ("render s.ply --out o --compare c.jpg", "--compare: expected FILE.png, found c.jpg"),
+        (
+            "render s.ply --out a.png --compare ./a.png",
+            "--compare: expected another place than that of --out",
+        ),
+        ("render s.ply --out vid.mov", "--out: expected DIR, FILE.png or FILE.mp4"),
+        ("render s.ply --out there.mp4", "--out: expected a file, found there.mp4, a folder"),
+        ("render s.ply --out one.mp4 --path one --json one", "--json: expected FILE.json, found one"),
+        ("render s.ply --out s.ply/", "--out: expected a folder, found s.ply/"),
+        ("bench s.ply --json b.txt", "--json: expected FILE.json, found b.txt"),
+        ("evaluate s.ply --path one.json --out one.json", "--out: expected a folder, found one.json, a file"),
+        (
+            "train super-sample --steps 1 --clips c --checkpoint k --out w5.txt",
+            "--out: expected FILE.safetensors, found w5.txt",
+        ),
+        (
+            "train super-sample --steps 1 --clips c --checkpoint k --init w.safetensors --out w.safetensors",
+            "--out: expected another place than that of an input, found w.safetensors",
+        ),
+        ("train clips s.ply --network interpolate --out c --preview p.jpg", "--preview: expected FILE.png"),
+    ] {
+        let output = gs3(at, arguments).output().unwrap();
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "gs3 {arguments}: {said}");
+        assert!(said.starts_with("error: ") && said.contains(expected), "gs3 {arguments}: {said}");
+        assert_eq!(said.trim_end().lines().count(), 1, "gs3 {arguments}: {said}");
+        assert_eq!(names(at), before, "gs3 {arguments} leaves nothing");
+    }
+}
+
+#[test]
+fn folders_that_are_missing_are_made() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    succeed(at, "gbuffer demo --size 16x9 --out planes/of/g.npz");
+    succeed(at, "simplify demo --size 16x9 --frames 0..1 --keep 0.01 --out few/of/s.ply");
+    succeed(at, "convert few/of/s.ply packed/s.spz");
+    succeed(at, "render few/of/s.ply --size 16x9 --frames 0..1 --tier analytic --out with.dot/");
+    assert_eq!(names(&at.join("with.dot")), ["frame_000000.png"]);
+    assert_eq!(names(at), ["few", "packed", "planes", "with.dot"]);
+    assert!(at.join("planes/of/g.npz").is_file() && at.join("packed/s.spz").is_file());
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn links_stay_and_full_devices_are_told_in_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    fs::write(at.join("figures"), "before").unwrap();
+    std::os::unix::fs::symlink("figures", at.join("r.json")).unwrap();
+    let render = "render demo --size 16x9 --frames 0..1 --tier analytic --out o --json";
+    succeed(at, &format!("{render} r.json"));
+    assert!(at.join("r.json").is_symlink());
+    assert!(fs::read_to_string(at.join("figures")).unwrap().starts_with('{'));
+    // Planes of more than a megabyte, which reach the device before the archive ends.
+    for arguments in [format!("{render} /dev/full"), "gbuffer demo --size 200x112 --out /dev/full".to_owned()]
+    {
+        let output = gs3(at, &arguments).output().unwrap();
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains("error: /dev/full: cannot be written: No space left"), "{said}");
+        assert_eq!(said.trim_end().lines().count(), 1, "{said}");
+    }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn nobody_needs_to_listen() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let full = || fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+
+    // A pipe whose reader has left.
+    let mut child = gs3(at, "info demo").stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success() && output.stderr.is_empty(), "{}", stderr(&output));
+
+    let bench = "bench demo --size 16x9 --frames 0..1 --tier analytic --json b.json";
+    for arguments in ["info demo", "info demo --json", "devices", bench] {
+        let output = gs3(at, arguments).stdout(full()).output().unwrap();
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{arguments}: {said}");
+        assert!(
+            said.starts_with("error: standard output: cannot be written: No space"),
+            "{arguments}: {said}"
+        );
+        assert_eq!(said.trim_end().lines().count(), 1, "{arguments}: {said}");
+    }
+    assert!(at.join("b.json").is_file(), "the figures are written whether or not they can be shown");
+
+    let render = "render demo --size 16x9 --frames 0..1 --tier analytic --out o";
+    assert!(gs3(at, render).stderr(full()).status().unwrap().success());
+    assert_eq!(gs3(at, "info missing.ply").stderr(full()).status().unwrap().code(), Some(2));
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_command_that_is_ended_leaves_no_part_of_a_file() {
+    // Whoever starts a command under `nohup` wants it to go on.
+    let status = fs::read_to_string("/proc/self/status").unwrap();
+    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:")).unwrap();
+    let ended_by = [1, 2, 15].map(|signal| 1_u64 << (signal - 1)).iter().sum::<u64>();
+    if u64::from_str_radix(ignored.trim(), 16).unwrap() & ended_by != 0 {
+        eprintln!("skipped: requests to end are ignored here");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let child = gs3(at, "convert demo s.sog").stderr(Stdio::piped()).spawn().unwrap();
+    // The first one only tries whether there can be one.
+    let output = super::interrupt(child, || names(at).iter().any(|name| name.ends_with(".1.partial")));
+    assert_eq!(output.status.code(), Some(130), "{}", stderr(&output));
+    assert_eq!(names(at), [""; 0]);
+}
