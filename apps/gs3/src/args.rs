@@ -4,10 +4,12 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use clap::builder::RangedI64ValueParser;
 use clap::{Parser, Subcommand, ValueEnum};
 use gs3::compute::OptionalFeatures;
 use gs3::neural::Arithmetic;
 use gs3::neural::model::Tier;
+use gs3::reconstruct::MAX_SCALE;
 use gs3::scene::camera::MAX_SIDE;
 use gs3::{Culling, Dilation, Kriging, Mode, PipelineSettings, Sampling};
 
@@ -71,7 +73,7 @@ pub struct View {
     #[arg(long, value_name = "CAMERAS")]
     pub path: Option<PathBuf>,
     /// Image size [default: that of the cameras, 1920x1080 without --path]
-    #[arg(long, value_name = "WxH")]
+    #[arg(long, value_name = "WxH", allow_hyphen_values = true)]
     pub size: Option<Size>,
     /// Threads [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
@@ -100,7 +102,7 @@ pub struct Device {
 #[derive(Debug, clap::Args)]
 pub struct Look {
     /// High-resolution over low-resolution size
-    #[arg(long, default_value_t = 4, value_name = "S")]
+    #[arg(long, default_value_t = 4, value_name = "S", value_parser = scale(1))]
     pub scale: u32,
     /// Networks that refine the frames [default: balanced where weights for the scale come with gs3, else analytic]
     #[arg(long, value_name = "TIER", conflicts_with = "weights")]
@@ -130,13 +132,13 @@ pub struct Look {
     #[arg(long, value_name = "on|fine", num_args = 0..=1, require_equals = true, default_missing_value = "on")]
     pub kriging: Option<KrigingArg>,
     /// Dilation of splats in px² of the rendered grid: matched (0.3/S²), stock (0.3) or a number
-    #[arg(long, default_value = "matched", value_name = "matched|stock|VALUE")]
+    #[arg(long, default_value = "matched", value_name = "matched|stock|VALUE", allow_hyphen_values = true)]
     pub dilation: DilationArg,
     /// Which tiles a splat is assigned to
     #[arg(long, default_value = "accutile")]
     pub culling: CullingArg,
     /// Background colour, each from 0 to 1
-    #[arg(long, default_value = "0,0,0", value_name = "R,G,B")]
+    #[arg(long, default_value = "0,0,0", value_name = "R,G,B", allow_hyphen_values = true)]
     pub background: Rgb,
 }
 
@@ -145,7 +147,7 @@ pub struct RenderArgs {
     #[command(flatten)]
     pub view: View,
     /// Frames of the path, the last one excluded [default: all; the first one for FILE.png]
-    #[arg(long, value_name = "A..B")]
+    #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     pub frames: Option<FrameRange>,
     /// Render this many frames along the smooth curve through the cameras, at constant speed
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
@@ -176,19 +178,19 @@ pub struct GbufferArgs {
     #[arg(long, default_value_t = 0, value_name = "K")]
     pub frame: usize,
     /// High-resolution over this resolution, for `--dilation matched`
-    #[arg(long, default_value_t = 4, value_name = "S")]
+    #[arg(long, default_value_t = 4, value_name = "S", value_parser = scale(1))]
     pub scale: u32,
     /// Offset of the samples from the pixel centres
     #[arg(long, default_value = "0,0", value_name = "X,Y", allow_hyphen_values = true)]
     pub jitter: Pair,
     /// Dilation of splats in px² of the rendered grid: matched (0.3/S²), stock (0.3) or a number
-    #[arg(long, default_value = "matched", value_name = "matched|stock|VALUE")]
+    #[arg(long, default_value = "matched", value_name = "matched|stock|VALUE", allow_hyphen_values = true)]
     pub dilation: DilationArg,
     /// Which tiles a splat is assigned to
     #[arg(long, default_value = "accutile")]
     pub culling: CullingArg,
     /// Background colour, each from 0 to 1
-    #[arg(long, default_value = "0,0,0", value_name = "R,G,B")]
+    #[arg(long, default_value = "0,0,0", value_name = "R,G,B", allow_hyphen_values = true)]
     pub background: Rgb,
     #[command(flatten)]
     pub device: Device,
@@ -221,9 +223,9 @@ pub struct ConvertArgs {
 pub struct BenchArgs {
     #[command(flatten)]
     pub view: View,
-    /// Frames of the path, the last one excluded
-    #[arg(long, default_value = "0..20", value_name = "A..B")]
-    pub frames: FrameRange,
+    /// Frames of the path, the last one excluded [default: the first 20]
+    #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
+    pub frames: Option<FrameRange>,
     #[command(flatten)]
     pub look: Look,
     /// What is measured: `cpu` all that a displayed frame takes, `gpu` the stages of frames by the device's clock
@@ -244,6 +246,11 @@ pub struct BenchArgs {
     /// Write the figures
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+}
+
+/// Reads a scale of at least `least`.
+pub fn scale(least: i64) -> RangedI64ValueParser<u32> {
+    clap::value_parser!(u32).range(least..=i64::from(MAX_SCALE))
 }
 
 impl Look {

@@ -1,6 +1,7 @@
 //! `gs3 bench`: displayed frames per second against native rendering, in the same run.
 
 use std::fmt::Write;
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -23,19 +24,23 @@ use crate::{Outcome, bench_gpu, copies, destination, inputs, start_threads};
 /// Rounds over the frames. The best of each side counts: other work on the machine only ever slows a round down.
 const ROUNDS: usize = 3;
 
+/// Frames that are measured unless others are asked for, as far as the path has them.
+const DEFAULT_FRAMES: usize = 20;
+
 pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     start_threads(args.view.threads)?;
     let json = args.json.as_deref().map(|file| Destination::file("--json", file, "json"));
     destination::check(json.as_slice(), args.view.inputs())?;
     let (scene, load_time) = inputs::scene(&args.view.scene)?;
     let path = inputs::cameras(&args.view, &scene)?;
-    let range = args.frames.0.clone();
+    let range = inputs::first_frames(args.frames.as_ref(), DEFAULT_FRAMES, &path);
     inputs::check_frames("--frames", &range, &path)?;
     let scene = copies::beside(scene, args.copies, &path.cameras()[range.start])?;
     let device = Device { backend: args.backend.into(), adapter: args.adapter };
     let machine = Machine::new(&device, args.look.features())?;
     if let Machine::Gpu(gpu) = &machine {
-        let figures = bench_gpu::run(args, gpu, scene, &path.cameras()[range])?;
+        let figures = bench_gpu::run(args, gpu, scene, &path.cameras()[range.clone()])?;
+        let figures = report::join(figures, frames(&range));
         return write(args, &report::join(figures, report::machine(&machine)), &bench_gpu::text);
     }
     let (networks, tier) = inputs::networks(&args.look)?;
@@ -65,7 +70,8 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     bar.finish_and_clear();
 
     let size = [first.width(), first.height()];
-    let mut figures = figures(&rounds, args, &tier, load_time.as_secs_f64(), size);
+    let figures = figures(&rounds, args, &tier, load_time.as_secs_f64(), size);
+    let mut figures = report::join(figures, frames(&range));
     if args.stages {
         let stages = raster_stages(&scene, &path.cameras()[range], args)?;
         figures = report::join(figures, json!({ "raster_ms": stages }));
@@ -80,6 +86,11 @@ fn write(args: &BenchArgs, figures: &Value, text: &dyn Fn(&Value) -> String) -> 
     }
     print(text(figures))?;
     Ok(Outcome::Done)
+}
+
+/// Which frames were measured.
+fn frames(range: &Range<usize>) -> Value {
+    json!({ "frames": [range.start, range.end] })
 }
 
 fn figures(rounds: &[[Times; 2]], args: &BenchArgs, tier: &str, load_s: f64, size: [u32; 2]) -> Value {
@@ -111,7 +122,6 @@ fn figures(rounds: &[[Times; 2]], args: &BenchArgs, tier: &str, load_s: f64, siz
         "size": size,
         "scale": args.look.scale,
         "tier": tier,
-        "frames": [args.frames.0.start, args.frames.0.end],
         "copies": args.copies,
         "load_s": load_s,
     })

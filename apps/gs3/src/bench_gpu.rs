@@ -59,7 +59,6 @@ pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -
         "size": [cameras[0].width(), cameras[0].height()],
         "scale": look.scale,
         "warm_up_frames": args.warm_up,
-        "frames": [args.frames.0.start, args.frames.0.end],
         "native": native,
         "lr_gbuffer": lr_gbuffer,
         "displayed_fps": {

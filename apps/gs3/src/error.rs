@@ -52,7 +52,9 @@ pub enum CliError {
     #[error("{0}")]
     Simplify(#[from] SimplifyError),
     #[error("--methods: {0}")]
-    Methods(#[from] SpecError),
+    Spec(#[from] SpecError),
+    #[error("{}; the others are in {}", failures.join("; "), report.display())]
+    Methods { failures: Vec<String>, report: PathBuf },
     #[error("{0}")]
     Photos(#[from] PhotoError),
     #[error("{0}")]
@@ -82,6 +84,11 @@ impl CliError {
 
     /// The message on a single line, whatever file names or libraries put into it.
     pub fn one_line(&self) -> String {
-        self.to_string().split(['\n', '\r']).map(str::trim).collect::<Vec<_>>().join(" ")
+        single_line(&self.to_string())
     }
+}
+
+/// `text` without its line breaks.
+pub fn single_line(text: &str) -> String {
+    text.split(['\n', '\r']).map(str::trim).collect::<Vec<_>>().join(" ")
 }

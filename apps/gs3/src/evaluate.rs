@@ -7,28 +7,31 @@ use clap::{Args, ValueEnum};
 use gs3::scene::{Scene, capture};
 use gs3_evaluate::methods::{DEFAULT_METHODS, MethodSpec};
 use gs3_evaluate::photos::{DEFAULT_PHOTO_METHODS, PhotoProtocol};
-use gs3_evaluate::protocol::{Case, Event, Paper, Protocol};
+use gs3_evaluate::protocol::{Case, Event, Failure, Paper, Protocol};
 use gs3_evaluate::report;
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
-use crate::args::{CullingArg, FrameRange, Rgb, View};
+use crate::args::{self, CullingArg, FrameRange, Rgb, View};
 use crate::destination::Destination;
 use crate::error::CliError;
 use crate::output::write_text;
 use crate::terminal::print;
 use crate::{Outcome, destination, inputs, start_threads};
 
+/// Frames that are evaluated unless others are asked for, as far as the path has them.
+const DEFAULT_FRAMES: usize = 30;
+
 /// Arguments of `gs3 evaluate`.
 #[derive(Debug, Args)]
 pub struct EvaluateArgs {
     #[command(flatten)]
     pub view: View,
-    /// Rendered frames of the path, the last one excluded
-    #[arg(long, default_value = "0..30", value_name = "A..B")]
-    pub frames: FrameRange,
+    /// Rendered frames of the path, the last one excluded [default: the first 30]
+    #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
+    pub frames: Option<FrameRange>,
     /// High-resolution over low-resolution size
-    #[arg(long, default_value_t = 4, value_name = "S")]
+    #[arg(long, default_value_t = 4, value_name = "S", value_parser = args::scale(2))]
     pub scale: u32,
     /// What to run: `methods` compares --methods; `paper` fills the tables of the 3DGS³ paper (methods, accelerations, parts
     /// left out)
@@ -47,13 +50,7 @@ pub struct EvaluateArgs {
     /// Judge every Nth photo only; 8 are the ones that training leaves out by convention
     #[arg(long, default_value_t = 1, value_name = "N", requires = "photos", value_parser = clap::value_parser!(u32).range(1..))]
     pub every: u32,
-    /// Methods, each NAME[@FORMATION][+INTERPOLATION]; names: native, nearest, bilinear, bicubic, lanczos, fsr1, hermite,
-    /// spline, ridge, history, analytic, span, safmn, rt4ksr, the same frames' ecbsr_trained, rt4ksr_trained, ninasr_trained,
-    /// and learned fast, balanced, high, without their frames between
-    /// fast_ss, balanced_ss, high_ss; formations of low-resolution frames: matched, stock, antialiased;
-    /// interpolations: repeat, blend, warp, fast, balanced, high
-    /// [default: all but networks; for photos native, bicubic, hermite, spline, bicubic@stock]
-    #[arg(long, value_delimiter = ',', value_name = "A,B,…")]
+    #[arg(long, value_delimiter = ',', value_name = "A,B,…", help = methods_help())]
     pub methods: Vec<MethodSpec>,
     /// How the camera moves over the frames
     #[arg(long, default_value = "path")]
@@ -62,7 +59,7 @@ pub struct EvaluateArgs {
     #[arg(long, default_value = "accutile")]
     pub culling: CullingArg,
     /// Background colour, each from 0 to 1
-    #[arg(long, default_value = "0,0,0", value_name = "R,G,B")]
+    #[arg(long, default_value = "0,0,0", value_name = "R,G,B", allow_hyphen_values = true)]
     pub background: Rgb,
     /// Rendered frames that every method runs before it is timed and judged
     #[arg(long, default_value_t = 3, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=1000))]
@@ -78,6 +75,17 @@ pub struct EvaluateArgs {
     /// Folder for report.html, results.json, table.md and what an interrupted run resumes from
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+}
+
+/// From the lists that names are looked up in.
+fn methods_help() -> String {
+    format!(
+        "Methods, each NAME[@FORMATION][+INTERPOLATION]; names: {}; formations of low-resolution frames: {}; \
+         interpolations: {} [default: all but networks; for photos {DEFAULT_PHOTO_METHODS}]",
+        MethodSpec::names(),
+        MethodSpec::formations(),
+        MethodSpec::interpolations(),
+    )
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -123,9 +131,9 @@ pub fn run(args: &EvaluateArgs) -> Result<Outcome, CliError> {
         reference: Arc::clone(&scene),
         scene,
         scene_name: stem(&args.view.scene),
+        frames: inputs::first_frames(args.frames.as_ref(), DEFAULT_FRAMES, &path),
         path,
         path_name: args.view.path.as_ref().map_or_else(|| "generated path".into(), |path| stem(path)),
-        frames: args.frames.0.clone(),
         case: args.case.into(),
         size: (first.width(), first.height()),
         scale: args.scale,
@@ -142,7 +150,8 @@ pub fn run(args: &EvaluateArgs) -> Result<Outcome, CliError> {
         return paper(args, protocol);
     }
     let results = watched(|watch| protocol.run(&args.out, watch))?;
-    write_report(&args.out, &json!(results), &report::markdown(&results), &report::html(&results))
+    write_report(&args.out, &json!(results), &report::markdown(&results), &report::html(&results))?;
+    check_failures(&results.failures, &args.out)
 }
 
 /// Refuses options that the protocol would not read.
@@ -162,7 +171,13 @@ fn paper(args: &EvaluateArgs, protocol: Protocol) -> Result<Outcome, CliError> {
     let simplified = args.simplified.as_deref().map(inputs::scene).transpose()?.map(|(scene, _)| scene);
     let paper = Paper { protocol, simplified };
     let results = watched(|watch| paper.run(&args.out, watch))?;
-    write_report(&args.out, &json!(results), &report::paper_markdown(&results), &report::paper_html(&results))
+    write_report(
+        &args.out,
+        &json!(results),
+        &report::paper_markdown(&results),
+        &report::paper_html(&results),
+    )?;
+    check_failures(&results.failures, &args.out)
 }
 
 /// Compares renders with photos.
@@ -183,7 +198,8 @@ fn photos(args: &EvaluateArgs, scene: Arc<Scene>, capture: &Path) -> Result<Outc
     };
     let results = watched(|watch| protocol.run(&args.out, watch))?;
     let (table, page) = (report::photos_markdown(&results), report::photos_html(&results));
-    write_report(&args.out, &json!(results), &table, &page)
+    write_report(&args.out, &json!(results), &table, &page)?;
+    check_failures(&results.failures, &args.out)
 }
 
 /// The methods asked for, else `default`.
@@ -198,12 +214,21 @@ fn stem(path: &Path) -> String {
     path.file_stem().map_or_else(String::new, |name| name.to_string_lossy().into_owned())
 }
 
-fn write_report(out: &Path, results: &Value, table: &str, page: &str) -> Result<Outcome, CliError> {
+fn write_report(out: &Path, results: &Value, table: &str, page: &str) -> Result<(), CliError> {
     write_text(&out.join("results.json"), &format!("{results:#}\n"))?;
     write_text(&out.join("table.md"), table)?;
     write_text(&out.join("report.html"), page)?;
     print(format_args!("{table}\n{}\n", out.join("report.html").display()))?;
-    Ok(Outcome::Done)
+    Ok(())
+}
+
+/// Whoever asked for a method and gets none shall not have to read the report to know.
+fn check_failures(failures: &[Failure], out: &Path) -> Result<Outcome, CliError> {
+    if failures.is_empty() {
+        return Ok(Outcome::Done);
+    }
+    let failures = failures.iter().map(Failure::to_string).collect();
+    Err(CliError::Methods { failures, report: out.join("report.html") })
 }
 
 /// Does `work`, showing its progress.
@@ -221,7 +246,7 @@ fn watched<T>(work: impl FnOnce(&mut dyn FnMut(Event<'_>)) -> T) -> T {
         Event::GroundTruth { done, total } => show("ground truth".into(), done, total),
         Event::Method { method, done, total } => show(method.to_string(), done, total),
         Event::Resumed { method } => bar.println(format!("{method}: finished in an earlier run")),
-        Event::Failed { method, error } => bar.println(format!("{method}: {error}")),
+        Event::Failed { failure } => bar.println(failure.to_string()),
     });
     bar.finish_and_clear();
     results

@@ -12,7 +12,7 @@ use gs3::scene::{CameraPath, Scene, capture, demo, orbit};
 use gs3::{NetworkError, Networks};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::args::{InterpolationArg, Look, Size, TierArg, View};
+use crate::args::{FrameRange, InterpolationArg, Look, Size, TierArg, View};
 use crate::error::CliError;
 
 /// Size of frames along generated paths.
@@ -43,6 +43,16 @@ pub fn scene(path: &Path) -> Result<(Arc<Scene>, Duration), CliError> {
 /// The networks that `look` names, and their tier's name for reports.
 pub fn networks(look: &Look) -> Result<(Networks, String), CliError> {
     let (networks, tier) = weights(look)?;
+    let has_none = networks.super_sample.is_none() && networks.interpolate.is_none();
+    let option = match look {
+        Look { arithmetic: Some(_), .. } => Some("--arithmetic"),
+        Look { matrix_products: true, .. } => Some("--matrix-products"),
+        _ => None,
+    };
+    if let Some(option) = option.filter(|_| has_none) {
+        let expected = "a tier with a network, which it is for".to_owned();
+        return Err(CliError::Option { option, expected, actual: tier });
+    }
     let arithmetic = look.arithmetic.map(Arithmetic::from).unwrap_or_default();
     Ok((Networks { arithmetic, ..networks }, tier))
 }
@@ -102,6 +112,11 @@ pub fn cameras(view: &View, scene: &Scene) -> Result<CameraPath, CliError> {
     };
     let size = view.size.or(view.path.is_none().then_some(DEFAULT_SIZE));
     Ok(size.map_or(Ok(path.clone()), |size| path.resized(size.width, size.height))?)
+}
+
+/// The frames asked for, else the first `count`, or as many as the path has.
+pub fn first_frames(asked: Option<&FrameRange>, count: usize, path: &CameraPath) -> Range<usize> {
+    asked.map_or_else(|| 0..count.min(path.cameras().len()), |frames| frames.0.clone())
 }
 
 /// Checks that the path has these frames.

@@ -31,15 +31,15 @@ mod simplify;
 mod terminal;
 mod train;
 mod train_clips;
+mod unused;
+mod usage;
 mod video;
 
 use std::process::ExitCode;
 
-use clap::Parser;
-use clap::error::ErrorKind;
 use gs3_train::Network;
 
-use args::{Args, Command, Train};
+use args::{Command, Train};
 use error::CliError;
 use terminal::note;
 
@@ -57,17 +57,30 @@ enum Outcome {
 }
 
 fn main() -> ExitCode {
-    let args = match Args::try_parse() {
-        Ok(args) => args,
-        Err(error) if error.kind() == ErrorKind::ValueValidation => {
-            // The first line says it all; the rest points to the help text.
-            note(error.to_string().lines().next().unwrap_or_default());
-            return BAD_INPUT.into();
-        }
-        Err(error) => error.exit(),
+    let (args, given) = match usage::parse() {
+        Ok(parsed) => parsed,
+        Err(error) => match usage::complaint(&error) {
+            Some(line) => {
+                note(line);
+                return BAD_INPUT.into();
+            }
+            None => error.exit(),
+        },
     };
     interrupt::end_whole();
-    let outcome = match &args.command {
+    let outcome = unused::check(&args.command, &given).and_then(|()| run(&args.command));
+    match outcome {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::Interrupted) => INTERRUPTED.into(),
+        Err(error) => {
+            note(format_args!("error: {}", error.one_line()));
+            BAD_INPUT.into()
+        }
+    }
+}
+
+fn run(command: &Command) -> Result<Outcome, CliError> {
+    match command {
         Command::Render(args) => render::run(args),
         Command::Gbuffer(args) => gbuffer::run(args),
         Command::Info(args) => info::run(args),
@@ -81,14 +94,6 @@ fn main() -> ExitCode {
         Command::Train(Train::Interpolate(args)) => train::run(Network::Interpolate, args),
         Command::Train(Train::Baseline(args)) => train::run_baseline(args),
         Command::Export(args) => export::run(args),
-    };
-    match outcome {
-        Ok(Outcome::Done) => ExitCode::SUCCESS,
-        Ok(Outcome::Interrupted) => INTERRUPTED.into(),
-        Err(error) => {
-            note(format_args!("error: {}", error.one_line()));
-            BAD_INPUT.into()
-        }
     }
 }
 

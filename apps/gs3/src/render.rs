@@ -2,11 +2,12 @@
 
 use std::ops::Range;
 
+use gs3::raster::NEAR;
 use gs3::scene::camera_path::Pace;
 use gs3::scene::{Camera, CameraPath};
-use gs3::{FramePipeline, Mode, PipelineSettings};
+use gs3::{FramePipeline, Mode, Networks, PipelineSettings};
 use indicatif::ProgressBar;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::args::RenderArgs;
 use crate::backend::Machine;
@@ -40,6 +41,13 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     }
     let range = frames_to_render(args, &target, &path)?;
     let (networks, tier) = inputs::networks(&args.look)?;
+    if mode == Mode::SuperSample && networks.interpolate.is_some() {
+        return Err(CliError::Option {
+            option: "--weights",
+            expected: "--mode full, which has frames to interpolate".into(),
+            actual: "--mode super-sample".into(),
+        });
+    }
     let settings = args.look.settings(mode);
     let mut pipeline = FramePipeline::with_networks(scene, settings, &networks)?;
     // Not before the rest is right: a driver may take long to wake, and talk.
@@ -61,6 +69,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         .with_style(inputs::style("{pos}/{len} rendered {wide_bar} {per_sec}, {eta} left"));
     let mut next = range.start;
     let mut first_number = None;
+    let mut is_blank = true;
     while next < range.end && !interrupt::requested() {
         let shown = pipeline.render(&path.cameras()[next], &between(&settings, &path, next))?;
         let writer = match &mut writer {
@@ -77,11 +86,17 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         }
         let displayed = frames.len();
         times.add(pipeline.times(), displayed);
+        is_blank &= pipeline.visible_count() == Some(0);
         next += 1;
         bar.inc(1);
     }
     bar.finish_and_clear();
     let is_complete = next == range.end;
+    if is_blank && next > range.start {
+        note(format_args!(
+            "warning: no Gaussian is visible in any frame: cameras look elsewhere, or from nearer than {NEAR}"
+        ));
+    }
     let (written, encode_time) = writer.map_or(Ok(Default::default()), |w| w.finish(is_complete))?;
 
     let mut figures = json!({
@@ -93,15 +108,11 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         "load_s": load_time.as_secs_f64(),
         "encode_s": encode_time.as_secs_f64(),
         "gaussians": pipeline.scene().gaussians().len(),
-        "mode": mode_name(mode),
         "is_all_on_device": pipeline.is_on_device(&first),
-        "tier": tier,
-        "interpolation": if networks.interpolate.is_some() { "learned" } else { "analytic" },
-        "generate": settings.generate,
-        "scale": args.look.scale,
         "size": [first.width(), first.height()],
         "is_complete": is_complete,
     });
+    figures = report::join(figures, what_ran(&settings, &networks, &tier));
     if let Some(file) = args.compare.as_ref().filter(|_| is_complete) {
         let compared = compare::write(&mut pipeline, &path.cameras()[range.end - 1], file)?;
         figures = report::join(figures, json!({ "compare": compared }));
@@ -128,6 +139,23 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         remainder(&target, range.start, &(next..range.end), &numbers, rate)
     ));
     Ok(Outcome::Interrupted)
+}
+
+/// The mode with those settings that it reads.
+fn what_ran(settings: &PipelineSettings, networks: &Networks, tier: &str) -> Value {
+    let mode = settings.mode;
+    let mut ran = json!({ "mode": mode_name(mode) });
+    if mode != Mode::Native {
+        ran["scale"] = json!(settings.scale);
+    }
+    if mode.has_history() {
+        ran["tier"] = json!(tier);
+    }
+    if mode == Mode::Full {
+        ran["interpolation"] = json!(if networks.interpolate.is_some() { "learned" } else { "analytic" });
+        ran["generate"] = json!(settings.generate);
+    }
+    ran
 }
 
 /// The frames asked for, checked against the path and the output.
@@ -207,7 +235,8 @@ pub fn between(settings: &PipelineSettings, path: &CameraPath, k: usize) -> Vec<
     }
 }
 
-const fn mode_name(mode: Mode) -> &'static str {
+/// The mode's name, as `--mode` has it.
+pub const fn mode_name(mode: Mode) -> &'static str {
     match mode {
         Mode::Native => "native",
         Mode::Bicubic => "bicubic",

@@ -31,10 +31,10 @@ pub struct SimplifyArgs {
     #[arg(long, value_name = "CAMERAS")]
     pub cameras: Option<PathBuf>,
     /// Cameras to use, the last one excluded [default: all]
-    #[arg(long, value_name = "A..B")]
+    #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     pub frames: Option<FrameRange>,
     /// Image size [default: that of the cameras, 1920x1080 without --cameras]
-    #[arg(long, value_name = "WxH")]
+    #[arg(long, value_name = "WxH", allow_hyphen_values = true)]
     pub size: Option<Size>,
     /// Fraction of the Gaussians to keep, above 0 and at most 1
     #[arg(long, value_name = "FRACTION", allow_hyphen_values = true)]
@@ -56,7 +56,7 @@ pub struct SimplifyArgs {
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub seed: u64,
     /// Background colour, each from 0 to 1
-    #[arg(long, default_value = "0,0,0", value_name = "R,G,B")]
+    #[arg(long, default_value = "0,0,0", value_name = "R,G,B", allow_hyphen_values = true)]
     pub background: Rgb,
     /// Threads [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]

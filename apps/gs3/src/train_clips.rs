@@ -45,10 +45,10 @@ pub struct ClipsArgs {
     #[arg(long, default_value_t = 8, value_name = "T")]
     pub frames: usize,
     /// High-resolution size of a clip, a window of a view of 1280x720 to 4096x2160
-    #[arg(long, default_value = "256x256", value_name = "WxH")]
+    #[arg(long, default_value = "256x256", value_name = "WxH", allow_hyphen_values = true)]
     pub size: Size,
     /// Dilation of splats in px² of the low-resolution grid: matched (0.3/S²), stock (0.3) or a number
-    #[arg(long, default_value = "matched", value_name = "matched|stock|VALUE")]
+    #[arg(long, default_value = "matched", value_name = "matched|stock|VALUE", allow_hyphen_values = true)]
     pub dilation: DilationArg,
     /// Which pixels are kriged: `fine` for tier high, as `gs3 render` does below it
     #[arg(long, default_value = "on", value_name = "on|fine")]
@@ -132,7 +132,10 @@ pub fn run(args: &ClipsArgs) -> Result<Outcome, CliError> {
         if interrupt::requested() {
             return Ok(Outcome::Interrupted);
         }
-        first.get_or_insert_with(|| args.out.join(format!("{name}_0000.clip")));
+        // With few clips a scene may have none.
+        let kind =
+            [(batch.training, ""), (batch.held_out, "held_")].into_iter().find(|(count, _)| *count > 0);
+        first = first.or_else(|| Some(args.out.join(format!("{}{name}_0000.clip", kind?.1))));
     }
     if let (Some(picture), Some(clip)) = (&args.preview, first) {
         let clip = ClipFile::open(&clip)?;

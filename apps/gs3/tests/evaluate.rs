@@ -23,7 +23,12 @@ fn a_report_is_written_and_a_second_run_resumes() {
     std::fs::write(weights.join("span28_x4.safetensors"), "no weights").unwrap();
     let first =
         evaluate(&out, &["--methods", "bicubic,analytic,span", "--weights", weights.to_str().unwrap()]);
-    assert!(first.status.success(), "{}", String::from_utf8_lossy(&first.stderr));
+    // Weights that are damaged fail their method alone, but not in silence.
+    let said = String::from_utf8_lossy(&first.stderr);
+    assert_eq!(first.status.code(), Some(2), "{said}");
+    let file = weights.join("span28_x4.safetensors");
+    let expected = format!("error: span: {}: expected safetensors", file.display());
+    assert!(said.starts_with(&expected) && said.matches("span:").count() == 1, "{said}");
     let results = || -> serde_json::Value {
         serde_json::from_slice(&std::fs::read(out.join("results.json")).unwrap()).unwrap()
     };
@@ -41,14 +46,13 @@ fn a_report_is_written_and_a_second_run_resumes() {
     ];
     assert_eq!(names, expected);
     assert!(rows.iter().all(|r| r["psnr"].as_f64().unwrap() > 10.0 && r["speedup_over_native"].is_number()));
-    // Weights that are damaged fail their method alone.
     let failure = &results()["failures"][0];
     assert!(failure["method"] == "span", "{failure}");
     assert!(failure["error"].as_str().unwrap().contains("expected safetensors"), "{failure}");
     assert!(std::fs::read_to_string(out.join("report.html")).unwrap().contains("<svg"));
     assert!(std::fs::read_to_string(out.join("table.md")).unwrap().contains("| analytic |"));
 
-    evaluate(&out, &["--methods", "analytic,nearest"]);
+    assert!(evaluate(&out, &["--methods", "analytic,nearest"]).status.success());
     let again = results()["results"].as_array().unwrap().clone();
     let of = |rows: &[serde_json::Value], name: &str| rows.iter().find(|r| r["method"] == name).cloned();
     assert_eq!(of(&rows, "analytic"), of(&again, "analytic"), "timings and all come from the first run");
@@ -59,6 +63,8 @@ fn a_report_is_written_and_a_second_run_resumes() {
 fn bad_input_gets_one_line_and_exit_code_2() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
+    let empty = folder.path().join("empty");
+    std::fs::create_dir(&empty).unwrap();
     for (arguments, message) in [
         (&["--methods", "bicubik"][..], "one of native"),
         (&["--size", "98x64"], "divisible by the scale 4"),
@@ -67,7 +73,11 @@ fn bad_input_gets_one_line_and_exit_code_2() {
         (&["--scale", "1"], "scale: expected 2"),
         (&["--path", "nowhere.json"], "nowhere.json"),
         (&["--protocol", "paper", "--methods", "fsr1"], "--methods: expected none"),
-        (&["--methods", "span", "--weights", "nowhere"], "span28_x4.safetensors, found none"),
+        (&["--methods", "span", "--weights", empty.to_str().unwrap()], "span28_x4.safetensors, found none"),
+        (
+            &["--methods", "balanced", "--weights", "nowhere"],
+            "weights: expected a folder, found none at nowhere",
+        ),
         (&["--methods", "bicubic,span"], "span: expected a folder of weights, found none"),
         (
             &["--methods", "high", "--scale", "3", "--size=96x63"],

@@ -62,7 +62,7 @@ fn run(protocol: &Protocol, folder: &Path) -> (Results, [Vec<String>; 3]) {
     let results = protocol.run(folder, &mut |event| match event {
         Event::Method { method, done: 1, .. } => seen[0].push(method.to_string()),
         Event::Resumed { method } => seen[1].push(method.to_string()),
-        Event::Failed { method, .. } => seen[2].push(method.to_string()),
+        Event::Failed { failure } => seen[2].push(failure.method.clone()),
         Event::Method { .. } | Event::GroundTruth { .. } => {}
     });
     (results.unwrap(), seen)

@@ -32,6 +32,12 @@ const PLACE_HEIGHT: f64 = 0.4;
 /// Strays are farther from the middle than this many times the median distance. (A captured guitar on its stand has 4.4.)
 const STRAY: f64 = 5.0;
 
+/// Rasterizers show nothing that is nearer than this, in world units: gs3_raster::NEAR.
+const NEAR_PLANE: f64 = 0.2;
+
+/// A place is looked at from within if it has at least this radius; most of a smaller one would be before the near plane.
+const PLACE_RADIUS: f64 = 4.0 * NEAR_PLANE;
+
 /// z is up where the scene is lowest along z, and lower than this share of its length along y. (Empirical: places on an
 /// xy ground have up to 0.26, objects that stand along y 0.33 and more.)
 const LOW_ALONG_Z: f64 = 0.3;
@@ -91,7 +97,8 @@ impl Survey {
         Self { bounds: Bounds { center, radius, extent, is_object, up }, subject }
     }
 
-    /// Centre of the box around an object, and the distance from which all of it is in the image, whatever side it shows.
+    /// Centre of the box around an object, and the distance from which all of it is in the image, whatever side it shows,
+    /// and none of it before the near plane.
     fn around_object(&self, frame: &Frame) -> (DVec3, f64) {
         let [low, high] = [0.005, 0.995].map(|share| along(&self.subject, share));
         let center = 0.5 * (low + high);
@@ -107,7 +114,8 @@ impl Survey {
             a * cos + y * sin + (y * cos - a * sin).abs() / half_height
         });
         let sides = height * sin + width * DVec2::new(cos, 1.0 / half_width).length();
-        (center, MARGIN * rims.into_iter().fold(sides, f64::max).max(1e-3))
+        let fitting = MARGIN * rims.into_iter().fold(sides, f64::max);
+        (center, fitting.max(NEAR_PLANE + DVec2::new(width, height).length()).max(1e-3))
     }
 
     /// A ring within a place.
@@ -165,7 +173,8 @@ pub fn around(scene: &Scene, frames: usize, width: u32, height: u32) -> Result<C
     let half_size = [0.5 * f64::from(width) / intrinsics.fx, 0.5 * f64::from(height) / intrinsics.fy];
     let frame = Frame { up, level: [side, up.cross(side)], half_size };
     // A place that is full everywhere is looked at from without, too.
-    let ring = if survey.bounds.is_object { None } else { survey.within_place(scene, &frame) };
+    let is_seen_from_within = !survey.bounds.is_object && survey.bounds.radius >= PLACE_RADIUS;
+    let ring = if is_seen_from_within { survey.within_place(scene, &frame) } else { None };
     let (center, distance) = survey.around_object(&frame);
     let view = |share: f64| match &ring {
         Some(ring) => ring.view(&frame, share),
@@ -253,6 +262,23 @@ mod tests {
                     });
                     assert!(seen.count() as f64 > 0.95 * scene.gaussians().len() as f64);
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn the_bulk_of_small_scenes_is_beyond_the_near_plane() {
+        for (size, flatness) in [(0.01_f32, 1.0_f32), (0.1, 1.0), (0.1, 0.05)] {
+            let mut g = ball(DVec3::ZERO, false).into_gaussians();
+            for (axis, flat) in [1.0, 1.0, flatness].into_iter().enumerate() {
+                g.means[axis].iter_mut().for_each(|v| *v *= size * flat);
+                g.scales[axis].iter_mut().for_each(|v| *v *= size);
+            }
+            let scene = Scene::new(g, OpacityMode::Default).unwrap();
+            for camera in around(&scene, 6, 160, 90).unwrap().cameras() {
+                let depth = |i| camera.project(DVec3::from(scene.gaussians().mean(i).map(f64::from))).1;
+                let seen = (0..scene.gaussians().len()).filter(|i| depth(*i) > NEAR_PLANE).count();
+                assert!(seen * 100 >= scene.gaussians().len() * 99, "{size}, {flatness}: {seen}");
             }
         }
     }

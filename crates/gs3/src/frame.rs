@@ -321,6 +321,12 @@ impl FramePipeline {
         self.times
     }
 
+    /// Number of Gaussians that the last frame shows; none where a GPU keeps the count.
+    #[must_use]
+    pub fn visible_count(&self) -> Option<usize> {
+        self.rasterizer.visible_count()
+    }
+
     /// The low-resolution G-buffer of the last frame; empty in [`Mode::Native`], colour only in [`Mode::Bicubic`]. Where whole
     /// frames are made on a GPU it is that of the last [`Self::fetch_gbuffer`].
     #[must_use]

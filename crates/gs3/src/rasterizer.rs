@@ -52,6 +52,15 @@ impl AnyRasterizer {
         }
     }
 
+    /// Splats of the last frame, where they are counted here.
+    pub fn visible_count(&self) -> Option<usize> {
+        match self {
+            Self::Cpu(rasterizer) => Some(rasterizer.visible_count()),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(_) => None,
+        }
+    }
+
     /// Into planes in the processor's memory.
     pub fn rasterize(
         &mut self,

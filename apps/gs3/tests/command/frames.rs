@@ -177,3 +177,46 @@ fn bench_prints_ratios_first() {
         assert!(said.lines().any(|line| line.starts_with(what) && line.contains("rasterizer:  project")));
     }
 }
+
+#[test]
+fn reports_state_what_ran_and_short_captures_need_no_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let report = |mode: &str| {
+        let options = format!("--size 64x36 --frames 0..2 --mode {mode} --tier analytic --out {mode}");
+        succeed(at, &format!("render demo {options} --json r.json"));
+        json(&at.join("r.json"))
+    };
+    for (mode, fields) in [
+        ("native", [false; 4]),
+        ("bicubic", [true, false, false, false]),
+        ("super-sample", [true, true, false, false]),
+        ("full", [true; 4]),
+    ] {
+        let report = report(mode);
+        let told = ["scale", "tier", "interpolation", "generate"].map(|field| report.get(field).is_some());
+        assert_eq!(told, fields, "{report}");
+    }
+    let camera = "{\"transform_matrix\": [[1,0,0,0],[0,0,-1,-9],[0,1,0,2],[0,0,0,1]]}";
+    let cameras = format!("{{\"fl_x\": 50, \"w\": 64, \"h\": 36, \"frames\": [{camera}, {camera}]}}");
+    fs::write(at.join("two.json"), cameras).unwrap();
+    succeed(at, "bench demo --path two.json --tier analytic --json b.json");
+    assert_eq!(json(&at.join("b.json"))["frames"], serde_json::json!([0, 2]));
+}
+
+#[test]
+fn nothing_in_sight_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    // Far above the demo, looking up.
+    let cameras = "{\"fl_x\": 50, \"w\": 64, \"h\": 36, \"frames\": [{\"transform_matrix\":
+        [[1,0,0,0],[0,-1,0,0],[0,0,-1,9999],[0,0,0,1]]}]}";
+    fs::write(at.join("away.json"), cameras).unwrap();
+    for mode in ["native", "full"] {
+        let options = format!("--path away.json --mode {mode} --tier analytic --backend cpu --out {mode}");
+        let said = stderr(&succeed(at, &format!("render demo {options}")));
+        assert_eq!(said.lines().filter(|line| line.starts_with("warning: no Gaussian")).count(), 1, "{said}");
+    }
+    let said = stderr(&succeed(at, "render demo --size 64x36 --frames 0..1 --mode native --out o"));
+    assert!(!said.contains("warning"), "{said}");
+}

@@ -17,12 +17,44 @@ fn clips_are_written_once_and_shown() {
     let (width, height, _) = png(&at.join("first.png"));
     assert_eq!((width, height), (5 * 64, 2 * 32));
 
-    fs::write(at.join("clips/demo_0000.clip"), b"kept").unwrap();
+    let kept = fs::read(at.join("clips/held_demo_0000.clip")).unwrap();
+    fs::write(at.join("clips/demo_0000.clip"), &kept).unwrap();
     fs::remove_file(at.join("clips/demo_0001.clip")).unwrap();
     let output = succeed(at, &format!("{options} --out clips"));
     assert!(String::from_utf8_lossy(&output.stdout).starts_with("demo: 1 clips, "));
-    assert_eq!(fs::read(at.join("clips/demo_0000.clip")).unwrap(), b"kept");
+    assert_eq!(fs::read(at.join("clips/demo_0000.clip")).unwrap(), kept);
     assert_eq!(names(&at.join("clips")), files);
+
+    for (other, message) in [
+        ("--frames 3", "frames: expected 3, found 2"),
+        ("--size 32x32", "size: expected 32×32, found 64×32"),
+        ("--scale 2", "scale: expected 2, found 4"),
+        ("--network interpolate", "network: expected interpolate, found super_sample"),
+    ] {
+        let option = other.split(' ').next().unwrap();
+        let words: Vec<&str> = options.split(' ').collect();
+        let at_option = words.iter().position(|word| *word == option);
+        let same: Vec<&str> = (words.iter().enumerate())
+            .filter(|(k, _)| at_option.is_none_or(|at| *k != at && *k != at + 1))
+            .map(|(_, word)| *word)
+            .collect();
+        let output = gs3(at, &format!("{} {other} --out clips", same.join(" "))).output().unwrap();
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains("demo_0000.clip: ") && said.contains(message), "{said}");
+        assert_eq!(names(&at.join("clips")), files);
+    }
+}
+
+#[test]
+fn a_scene_without_clips_is_not_previewed() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    succeed(at, "convert demo other.spz");
+    let options = "--network super-sample --count 1 --held-out 0 --frames 1 --size 32x32";
+    succeed(at, &format!("train clips demo other.spz {options} --out clips --preview first.png"));
+    assert_eq!(names(&at.join("clips")), ["other_0000.clip"]);
+    assert_eq!(png(&at.join("first.png")).1, 32);
 }
 
 #[test]

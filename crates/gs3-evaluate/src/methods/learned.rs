@@ -14,16 +14,19 @@ use crate::network::Trained;
 const SUPER_SAMPLE: &str = "super_sample";
 const INTERPOLATE: &str = "interpolate";
 
-/// Checks that the weights of all `methods` are there, in `folder` or with gs3. Whether they can be used shows when the
+/// Checks that `folder` is one and the weights of all `methods` are there, in it or with gs3. Whether they can be used shows when the
 /// method is built.
 ///
 /// # Errors
-/// [`MethodError`] of the first method that lacks some.
+/// [`MethodError`] of the folder, or of the first method that lacks some.
 pub(crate) fn check_weights(
     methods: &[MethodSpec],
     scale: u32,
     folder: Option<&Path>,
 ) -> Result<(), MethodError> {
+    if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+        return Err(MethodError::WeightFolder { folder: folder.to_owned() });
+    }
     for method in methods {
         if let Some(file) = method.spatial.weight_file() {
             published(*method, file, folder)?;
@@ -61,13 +64,17 @@ pub(super) fn trained(
 ) -> Result<Trained, MethodError> {
     let name = trained_file(peer, scale);
     let own = folder.map(|folder| folder.join(&name)).filter(|file| file.is_file());
-    let weights = match (own, Trained::shipped(peer, scale)) {
-        (Some(file), _) => Weights::load(&file),
-        (None, Some(bytes)) => Weights::from_bytes(bytes),
-        (None, None) => Weights::load(&published(method, &name, folder)?),
+    let file = match (own, Trained::shipped(peer, scale)) {
+        (Some(file), _) => file,
+        (None, Some(bytes)) => {
+            let network =
+                Weights::from_bytes(bytes).map_err(RunError::from).and_then(|w| Trained::new(peer, w));
+            return network.map_err(|source| MethodError::Network { method, source: source.into() });
+        }
+        (None, None) => published(method, &name, folder)?,
     };
-    let network = weights.map_err(RunError::from).and_then(|weights| Trained::new(peer, weights));
-    network.map_err(|source| MethodError::Network { method, source: source.into() })
+    let network = Weights::load(&file).map_err(RunError::from).and_then(|w| Trained::new(peer, w));
+    network.map_err(|source| MethodError::NetworkFile { method, file, source: source.into() })
 }
 
 /// As `gs3 train baseline` is told to call it.
@@ -81,11 +88,11 @@ pub(super) fn networks(
     scale: u32,
     folder: Option<&Path>,
 ) -> Result<Networks, MethodError> {
-    let fail = |source| MethodError::Network { method, source };
     let mut networks = Networks::default();
     for (network, tier) in parts(method) {
         match own_file(network, tier, scale, folder) {
             Some(file) => {
+                let fail = |source| MethodError::NetworkFile { method, file: file.clone(), source };
                 let weights = Weights::load(&file).map_err(|e| fail(e.into()))?;
                 let actual = weights.header.network.clone();
                 if actual != network {

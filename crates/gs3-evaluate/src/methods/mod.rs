@@ -58,6 +58,12 @@ pub enum MethodError {
         /// The method.
         method: MethodSpec,
     },
+    /// The folder of weights is none.
+    #[error("weights: expected a folder, found none at {}", .folder.display())]
+    WeightFolder {
+        /// What was named.
+        folder: PathBuf,
+    },
     /// The folder of weights lacks a network's.
     #[error("{method}: expected a file of weights at {}, found none", .file.display())]
     WeightFile {
@@ -74,6 +80,16 @@ pub enum MethodError {
     Network {
         /// The method.
         method: MethodSpec,
+        /// Why.
+        source: NetworkError,
+    },
+    /// A file of weights cannot be used.
+    #[error("{method}: {}: {source}", .file.display())]
+    NetworkFile {
+        /// The method.
+        method: MethodSpec,
+        /// The file.
+        file: PathBuf,
         /// Why.
         source: NetworkError,
     },

@@ -228,6 +228,25 @@ impl MethodSpec {
         }
     }
 
+    /// All names, of which each may be followed by one of [`Self::formations`] and of [`Self::interpolations`].
+    #[must_use]
+    pub fn names() -> String {
+        let whole = WHOLE.iter().map(|(name, _)| *name);
+        SPATIAL.iter().map(|(name, _)| *name).chain(whole).collect::<Vec<_>>().join(", ")
+    }
+
+    /// All names of LR formations.
+    #[must_use]
+    pub fn formations() -> String {
+        listed(&FORMATIONS)
+    }
+
+    /// All names of interpolations.
+    #[must_use]
+    pub fn interpolations() -> String {
+        listed(&INTERPOLATIONS)
+    }
+
     pub(super) fn check(self, method: &str) -> Result<Self, SpecError> {
         let learned = matches!(self.interpolation, Interpolation::Learned(_));
         let warps = self.interpolation == Interpolation::Warp || learned;
@@ -262,7 +281,7 @@ impl FromStr for MethodSpec {
         if let (Some((_, (spatial, interpolation))), Interpolation::None) = (whole, interpolation) {
             return Self { spatial: *spatial, formation, interpolation: *interpolation }.check(method);
         }
-        let spatial = lookup(method, "name", &SPATIAL, name)?;
+        let spatial = find(&SPATIAL, name).ok_or_else(|| unknown(method, "name", Self::names(), name))?;
         Self { spatial, formation, interpolation }.check(method)
     }
 }
@@ -291,14 +310,19 @@ fn lookup<T: Copy>(
     table: &[(&'static str, T)],
     actual: &str,
 ) -> Result<T, SpecError> {
-    table.iter().find(|(name, _)| *name == actual).map(|(_, value)| *value).ok_or_else(|| {
-        SpecError::Unknown {
-            method: method.into(),
-            part,
-            known: table.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", "),
-            actual: actual.into(),
-        }
-    })
+    find(table, actual).ok_or_else(|| unknown(method, part, listed(table), actual))
+}
+
+fn find<T: Copy>(table: &[(&str, T)], name: &str) -> Option<T> {
+    table.iter().find(|(known, _)| *known == name).map(|(_, value)| *value)
+}
+
+fn listed<T>(table: &[(&str, T)]) -> String {
+    table.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ")
+}
+
+fn unknown(method: &str, part: &'static str, known: String, actual: &str) -> SpecError {
+    SpecError::Unknown { method: method.into(), part, known, actual: actual.into() }
 }
 
 #[cfg(test)]
@@ -333,6 +357,7 @@ mod tests {
     fn what_makes_no_method_is_refused_with_what_would() {
         let message = |name: &str| name.parse::<MethodSpec>().map_err(|e| e.to_string()).unwrap_err();
         assert!(message("bicubik").contains("one of native, nearest"), "{}", message("bicubik"));
+        assert!(message("bicubik").contains("ninasr_trained, analytic, kriged, fast, balanced, high, found"));
         assert!(message("bicubic@blurry").contains("found 'blurry'"));
         assert!(message("bicubic+flow").contains("repeat, blend, warp"));
         for name in [

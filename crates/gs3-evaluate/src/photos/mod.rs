@@ -116,8 +116,9 @@ impl PhotoProtocol {
             match judged {
                 Ok(score) => scores.push((spec, cache.store(&name, score)?)),
                 Err(PhotoError::Evaluate(error)) => {
-                    watch(Event::Failed { method: spec, error: &error });
-                    failures.push(Failure { method: name, error: error.to_string() });
+                    let failure = Failure::of(spec, &error);
+                    watch(Event::Failed { failure: &failure });
+                    failures.push(failure);
                 }
                 Err(error) => return Err(error),
             }

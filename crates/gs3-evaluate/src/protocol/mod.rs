@@ -145,10 +145,8 @@ pub enum Event<'a> {
     },
     /// A method failed; the others go on.
     Failed {
-        /// The method.
-        method: MethodSpec,
-        /// Why.
-        error: &'a EvaluateError,
+        /// The method, and why.
+        failure: &'a Failure,
     },
 }
 
@@ -211,8 +209,9 @@ impl Protocol {
             match judged {
                 Ok(score) => finished.push((spec, cache.store(&name, score)?)),
                 Err(error) => {
-                    watch(Event::Failed { method: spec, error: &error });
-                    failures.push(Failure { method: name, error: error.to_string() });
+                    let failure = Failure::of(spec, &error);
+                    watch(Event::Failed { failure: &failure });
+                    failures.push(failure);
                 }
             }
         }

@@ -2,10 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Protocol;
 use super::judge::{MethodScore, PSNR_CAP};
 use super::machine::Machine;
 use super::timeline::Timeline;
+use super::{EvaluateError, Protocol};
 use crate::methods::{Formation, MethodSpec, Spatial};
 use crate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
 
@@ -122,8 +122,24 @@ pub struct ResultRow {
 pub struct Failure {
     /// The method.
     pub method: String,
-    /// Why.
+    /// Why, without the method's name.
     pub error: String,
+}
+
+impl Failure {
+    /// That `method` failed with `error`.
+    pub(crate) fn of(method: MethodSpec, error: &EvaluateError) -> Self {
+        let (method, error) = (method.to_string(), error.to_string());
+        // Errors of weights say whose they are, since they are also told where no method runs yet.
+        let error = error.strip_prefix(&format!("{method}: ")).map(str::to_owned).unwrap_or(error);
+        Self { method, error }
+    }
+}
+
+impl std::fmt::Display for Failure {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}: {}", self.method, self.error)
+    }
 }
 
 /// The protocol's own facts.

@@ -2,6 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
+use super::order::in_order;
 use super::{CaptureFault, Field, Photo, camera_from_world_pose, path_through};
 use crate::camera::Intrinsics;
 use crate::camera_path::CameraPath;
@@ -28,6 +29,6 @@ pub(super) fn parse(root: &Field) -> Result<CameraPath, CaptureFault> {
         });
     }
     // The file lists test views first; names follow the walk of the capture.
-    photos.sort_by(|a, b| a.name.cmp(&b.name));
+    photos.sort_by(|a, b| in_order(&a.name, &b.name));
     path_through(photos)
 }

@@ -10,6 +10,7 @@ use std::path::Path;
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
+use super::order::in_order;
 use super::{CaptureError, CaptureFault, Photo, path_through, read};
 use crate::camera::{Camera, Intrinsics};
 use crate::camera_path::CameraPath;
@@ -91,7 +92,7 @@ fn photos(images: Vec<PosedImage>, cameras: &CamerasById) -> Result<Vec<Photo>, 
         Ok(Photo { name: image.name, camera })
     };
     let mut photos = images.into_iter().map(photo).collect::<Result<Vec<_>, _>>()?;
-    photos.sort_by(|a, b| a.name.cmp(&b.name));
+    photos.sort_by(|a, b| in_order(&a.name, &b.name));
     Ok(photos)
 }
 

@@ -9,6 +9,7 @@ mod colmap;
 mod error;
 mod fields;
 mod nerfstudio;
+mod order;
 mod transforms;
 
 use std::path::Path;
@@ -28,7 +29,7 @@ pub const DEFAULT_FRAMES_PER_SECOND: f64 = 30.0;
 /// holds one of these (COLMAP also in `sparse/0` and `sparse`).
 ///
 /// Cameras come in the order of the file, those of photo collections without an order of their own (COLMAP, Inria) by
-/// image name.
+/// image name, in which digits count as numbers.
 ///
 /// # Errors
 /// [`CaptureError`], naming file, field, expected and actual.
@@ -73,6 +74,8 @@ fn load_json(path: &Path) -> Result<CameraPath, CaptureError> {
 /// # Errors
 /// [`CaptureFault`], naming field, expected and actual.
 pub fn parse_json(bytes: &[u8]) -> Result<CameraPath, CaptureFault> {
+    // Editors on Windows write a byte order mark, which JSON has none of.
+    let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
     let json: serde_json::Value = serde_json::from_slice(bytes)?;
     let root = Field::root(&json);
     if root.get("camera_path").is_some() {

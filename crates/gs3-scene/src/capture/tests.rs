@@ -47,6 +47,22 @@ fn transforms_with_an_angle() {
 }
 
 #[test]
+fn synthetic_scenes_state_an_angle_alone() {
+    let json = format!(r#"{{"camera_angle_x": 0.7, "frames": [{{"transform_matrix": {OPENGL}}}]}}"#);
+    let camera = parse_json(json.as_bytes()).unwrap().cameras()[0];
+    assert_eq!((camera.width(), camera.height()), (800, 800));
+}
+
+#[test]
+fn a_byte_order_mark_and_a_model_without_distortion_make_no_difference() {
+    let json = format!(
+        "\u{feff}{{\"camera_model\": \"OPENCV\", \"k1\": 0, \"fl_x\": 500, \"w\": 640, \"h\": 480, \"frames\": \
+         [{{\"transform_matrix\": {OPENGL}}}]}}"
+    );
+    assert_is_the_camera(&parse_json(json.as_bytes()).unwrap(), 0);
+}
+
+#[test]
 fn inria_cameras_in_the_order_of_names() {
     let camera = |name: &str, fx: f64| {
         format!(
@@ -54,10 +70,10 @@ fn inria_cameras_in_the_order_of_names() {
                 "rotation": [[0, 0, 1], [-1, 0, 0], [0, -1, 0]], "fx": {fx}, "fy": 500}}"#
         )
     };
-    let json = format!("[{}, {}]", camera("b", 600.0), camera("a", 500.0));
+    let json = format!("[{}, {}]", camera("frame_10", 600.0), camera("frame_2", 500.0));
     let path = parse_json(json.as_bytes()).unwrap();
     assert_is_the_camera(&path, 0);
-    assert_eq!((path.name(0), path.name(1)), (Some("a"), Some("b")));
+    assert_eq!((path.name(0), path.name(1)), (Some("frame_2"), Some("frame_10")));
 }
 
 #[test]
@@ -86,7 +102,7 @@ fn colmap(model: u32, binary: bool) -> tempfile::TempDir {
         cameras.extend([500.0_f64, 500.0, 320.0, 240.0].iter().flat_map(|v| v.to_le_bytes()));
         std::fs::write(folder.path().join("cameras.bin"), cameras).unwrap();
         let mut images = 2_u64.to_le_bytes().to_vec();
-        for name in ["b.jpg", "a.jpg"] {
+        for name in ["f10.jpg", "f9.jpg"] {
             images.extend(3_u32.to_le_bytes());
             images.extend([q.w, q.x, q.y, q.z, t.x, t.y, t.z].iter().flat_map(|v| v.to_le_bytes()));
             images.extend(7_u32.to_le_bytes());
@@ -100,7 +116,7 @@ fn colmap(model: u32, binary: bool) -> tempfile::TempDir {
         let cameras = format!("# a comment\n7 {model} 640 480 500 500 320 240\n");
         std::fs::write(folder.path().join("cameras.txt"), cameras).unwrap();
         let pose = format!("{} {} {} {} {} {} {}", q.w, q.x, q.y, q.z, t.x, t.y, t.z);
-        let images = format!("# a comment\n1 {pose} 7 b.jpg\n\n2 {pose} 7 a.jpg\n1.0 2.0 -1 3.0 4.0 5\n");
+        let images = format!("# a comment\n1 {pose} 7 f10.jpg\n\n2 {pose} 7 f9.jpg\n1.0 2.0 -1 3.0 4.0 5\n");
         std::fs::write(folder.path().join("images.txt"), images).unwrap();
     }
     folder
@@ -115,7 +131,7 @@ fn colmap_models() {
         let path = load(folder.path()).unwrap();
         assert_is_the_camera(&path, 0);
         assert_is_the_camera(&path, 1);
-        assert_eq!((path.name(0), path.name(1)), (Some("a.jpg"), Some("b.jpg")));
+        assert_eq!((path.name(0), path.name(1)), (Some("f9.jpg"), Some("f10.jpg")));
     }
 }
 
@@ -158,7 +174,7 @@ fn an_untrusted_count_allocates_nothing() {
 fn errors_name_the_field() {
     let cases = [
         (
-            r#"{"frames": [{"transform_matrix": 3}], "fl_x": 1}"#,
+            r#"{"frames": [{"transform_matrix": 3}], "fl_x": 1, "w": 4, "h": 4}"#,
             "frames[0].transform_matrix: expected an array",
         ),
         (r#"{"frames": [], "fl_x": 1}"#, "cameras: expected at least 1, found 0"),
@@ -166,6 +182,15 @@ fn errors_name_the_field() {
         (r#"{"frames": [{"k2": 0.1}]}"#, "frames[0].k2: expected PINHOLE"),
         (r#"{"frames": [{"w": -3}]}"#, "frames[0].w: expected a positive whole number of pixels, found -3"),
         (r#"{"frames": [{"w": 1e300}]}"#, "frames[0].w: expected a positive whole number of pixels"),
+        (r#"{"frames": [{"fl_x": 5}]}"#, "w: expected the image size in pixels, found nothing"),
+        (
+            r#"{"camera_angle_x": 1, "w": 5, "frames": [{}]}"#,
+            "h: expected the image size in pixels, found nothing",
+        ),
+        (
+            r#"{"camera_model": "OPENCV_FISHEYE", "frames": [{}]}"#,
+            "camera_model: expected PINHOLE or SIMPLE_PINHOLE, found OPENCV_FISHEYE",
+        ),
         (r#"[{"width": 4}]"#, "[0].height: expected the image size in pixels, found nothing"),
         (
             r#"{"camera_path": 3, "render_height": 3, "render_width": 4}"#,
@@ -180,7 +205,7 @@ fn errors_name_the_field() {
         assert!(message.contains(expected), "{message:?} should contain {expected:?}");
     }
     let singular = OPENGL.replace('1', "0");
-    let json = format!(r#"{{"fl_x": 5, "frames": [{{"transform_matrix": {singular}}}]}}"#);
+    let json = format!(r#"{{"fl_x": 5, "w": 4, "h": 4, "frames": [{{"transform_matrix": {singular}}}]}}"#);
     let message = parse_json(json.as_bytes()).unwrap_err().to_string();
     assert!(message.contains("frames[0]: camera pose"), "{message}");
 }

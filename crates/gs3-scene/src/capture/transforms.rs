@@ -11,6 +11,9 @@ const NERF_SYNTHETIC_SIDE: u32 = 800;
 /// Lens distortion coefficients that the format may carry; a pinhole camera has none of them, or zeros.
 const DISTORTION: [&str; 6] = ["k1", "k2", "k3", "k4", "p1", "p2"];
 
+/// Camera models without distortion, or with one by [`DISTORTION`], all of which is zero where it gets as far.
+const PINHOLES: [&str; 5] = ["PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "SIMPLE_RADIAL", "RADIAL"];
+
 pub(super) fn parse(root: &Field) -> Result<CameraPath, CaptureFault> {
     let mut photos = Vec::new();
     for frame in root.require("frames", "an array of frames")?.elements()? {
@@ -35,7 +38,20 @@ fn intrinsics(root: &Field, frame: &Field) -> Result<Intrinsics, CaptureFault> {
             });
         }
     }
-    let side = |key| stated(key).map_or(Ok(NERF_SYNTHETIC_SIDE), |f| f.pixels());
+    if let Some(field) = stated("camera_model")
+        && let model = field.text()?
+        && !PINHOLES.contains(&model)
+    {
+        return Err(CaptureFault::Distorted { field: field.place().into(), model: model.into() });
+    }
+    // A focal length in pixels says nothing about an image of unknown size.
+    let in_pixels = ["w", "h", "fl_x", "fl_y", "cx", "cy"].into_iter().any(|key| stated(key).is_some());
+    let is_synthetic = !in_pixels && stated("camera_angle_y").is_none();
+    let side = |key| match stated(key) {
+        Some(field) => field.pixels(),
+        None if is_synthetic => Ok(NERF_SYNTHETIC_SIDE),
+        None => Err(CaptureFault::field(key, "the image size in pixels", "nothing")),
+    };
     let (width, height) = (side("w")?, side("h")?);
     let number = |key| stated(key).map(|f| f.number()).transpose();
     let focal_from_angle = |key, pixels: u32| -> Result<Option<f64>, CaptureFault> {

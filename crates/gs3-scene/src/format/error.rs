@@ -16,6 +16,15 @@ pub enum LoadError {
         /// What the system says.
         source: io::Error,
     },
+    /// A folder is no scene.
+    #[error(
+        "{}: expected a scene file, or a folder with lod-meta.json or meta.json, found a folder without them",
+        folder.display()
+    )]
+    NoScene {
+        /// The folder.
+        folder: PathBuf,
+    },
     /// The content is of no format that is read.
     #[error(
         "{file}: format: expected PLY, SPZ, SOG (bundle, meta.json or lod-meta.json) or a name ending in .splat, \

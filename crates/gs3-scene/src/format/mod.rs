@@ -62,8 +62,9 @@ impl Default for LoadOptions {
 /// [`LoadError`], one line that names file, field, expected and actual.
 pub fn load(path: &Path, options: &LoadOptions, progress: Progress<'_>) -> Result<Scene, LoadError> {
     let index = if path.is_dir() {
-        let streamed = path.join("lod-meta.json");
-        if streamed.exists() { streamed } else { path.join("meta.json") }
+        let entry =
+            ["lod-meta.json", "meta.json"].map(|name| path.join(name)).into_iter().find(|file| file.exists());
+        entry.ok_or_else(|| LoadError::NoScene { folder: path.to_owned() })?
     } else {
         path.to_owned()
     };

@@ -9,7 +9,7 @@ use super::draw::Draw;
 use super::error::MakeError;
 use super::recorder::Recorder;
 use super::{ClipSettings, Source};
-use crate::clip::Clip;
+use crate::clip::{Clip, ClipFile};
 
 /// Clips of a scene that are to be in a folder.
 #[derive(Clone, Debug)]
@@ -44,8 +44,8 @@ struct Task {
 }
 
 impl Batch<'_> {
-    /// The clips that are still to be made.
-    fn tasks(&self) -> Vec<Task> {
+    /// All clips, those that are there included.
+    fn all(&self) -> Vec<Task> {
         let kinds = [(false, self.training, ""), (true, self.held_out, "held_")];
         let mut tasks = Vec::new();
         for (is_held_out, count, prefix) in kinds {
@@ -55,8 +55,33 @@ impl Batch<'_> {
                 tasks.push(Task { file: self.folder.join(name + ".clip"), seed, is_held_out });
             }
         }
+        tasks
+    }
+
+    /// The clips that are still to be made.
+    fn tasks(&self) -> Vec<Task> {
+        let mut tasks = self.all();
         tasks.retain(|task| !task.file.exists());
         tasks
+    }
+
+    /// Checks that the clips that are there are like those to be made, as far as their headers tell.
+    fn check_kept(&self) -> Result<(), MakeError> {
+        let ClipSettings { network, scale, size: [width, height], frames, .. } = self.settings;
+        for Task { file, .. } in self.all().into_iter().filter(|task| task.file.exists()) {
+            let kept = ClipFile::open(&file)?;
+            let [rows, columns] = kept.lr().map(|side| side * kept.scale() as usize);
+            let fields = [
+                ("network", network.name().to_owned(), kept.network().name().to_owned()),
+                ("scale", scale.to_string(), kept.scale().to_string()),
+                ("size", format!("{width}×{height}"), format!("{columns}×{rows}")),
+                ("frames", frames.to_string(), kept.frames().to_string()),
+            ];
+            if let Some((field, expected, actual)) = fields.into_iter().find(|(_, a, b)| a != b) {
+                return Err(MakeError::Mixed { file, field, expected, actual });
+            }
+        }
+        Ok(())
     }
 
     /// How many clips are still to be made.
@@ -69,9 +94,10 @@ impl Batch<'_> {
     /// each, in the order in which they are finished, and says whether to go on; those begun are finished all the same.
     ///
     /// # Errors
-    /// [`MakeError`] of the first clip that cannot be made.
+    /// [`MakeError`] of the first clip that cannot be made, or that is there with other settings.
     pub fn make(&self, mut done: impl FnMut(Made) -> bool) -> Result<(), MakeError> {
         self.settings.check()?;
+        self.check_kept()?;
         let tasks = self.tasks();
         let (next, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
         let (sender, receiver) = mpsc::channel();

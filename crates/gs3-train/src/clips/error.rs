@@ -1,5 +1,7 @@
 //! Why clips cannot be made.
 
+use std::path::PathBuf;
+
 use gs3::NetworkError;
 use gs3::raster::RasterError;
 use gs3::reconstruct::ReconstructError;
@@ -60,6 +62,18 @@ pub enum MakeError {
     /// A clip does not fit its network, or cannot be written.
     #[error(transparent)]
     Clip(#[from] ClipError),
+    /// A clip that is there already is not like those to be made.
+    #[error("{}: {field}: expected {expected}, found {actual}; clips of other settings go to another folder", file.display())]
+    Mixed {
+        /// The clip.
+        file: PathBuf,
+        /// In what it differs.
+        field: &'static str,
+        /// What is to be made.
+        expected: String,
+        /// What is there.
+        actual: String,
+    },
     /// No thread can be started.
     #[error("threads: {0}")]
     Threads(#[from] rayon::ThreadPoolBuildError),

@@ -1,0 +1,76 @@
+//! Refuses options that were given and would not be read: whoever gives them expects them to count.
+
+use gs3::Mode;
+
+use crate::args::{BenchArgs, BenchBackendArg, Command, RenderArgs, TierArg};
+use crate::error::CliError;
+use crate::render::mode_name;
+use crate::simplify::{ByArg, SimplifyArgs};
+use crate::usage::{Given, alternatives};
+
+/// Modes with a low-resolution frame.
+const LOW: &[Mode] = &[Mode::Bicubic, Mode::SuperSample, Mode::Full];
+
+/// Modes that super-sample.
+const SUPER_SAMPLED: &[Mode] = &[Mode::SuperSample, Mode::Full];
+
+/// Which modes read an option of `gs3 render`, of those that not all do.
+const READ_BY: [(&str, &[Mode]); 9] = [
+    ("--scale", LOW),
+    ("--jitter", LOW),
+    ("--tier", SUPER_SAMPLED),
+    ("--weights", SUPER_SAMPLED),
+    ("--arithmetic", SUPER_SAMPLED),
+    ("--matrix-products", SUPER_SAMPLED),
+    ("--kriging", SUPER_SAMPLED),
+    ("--interpolation", &[Mode::Full]),
+    ("--generate", &[Mode::Full]),
+];
+
+/// Checks the options of `command` that were given.
+pub fn check(command: &Command, given: &Given) -> Result<(), CliError> {
+    match command {
+        Command::Render(args) => render(args, given),
+        Command::Bench(args) => bench(args, given),
+        Command::Simplify(args) => simplify(args, given),
+        _ => Ok(()),
+    }
+}
+
+fn render(args: &RenderArgs, given: &Given) -> Result<(), CliError> {
+    let mode = Mode::from(args.mode);
+    // That no network runs is true of every mode.
+    let is_true = |option| option == "--tier" && args.look.tier == Some(TierArg::Analytic);
+    for (option, modes) in READ_BY {
+        if !modes.contains(&mode) && !is_true(option) {
+            let names: Vec<_> = modes.iter().map(|mode| mode_name(*mode)).collect();
+            let expected = format!("--mode {}", alternatives(&names));
+            refuse(given, option, &expected, &format!("--mode {}", mode_name(mode)))?;
+        }
+    }
+    Ok(())
+}
+
+fn bench(args: &BenchArgs, given: &Given) -> Result<(), CliError> {
+    match args.backend {
+        BenchBackendArg::Cpu => refuse(given, "--warm-up", "--backend gpu", "--backend cpu"),
+        BenchBackendArg::Gpu => refuse(given, "--stages", "--backend cpu", "--backend gpu"),
+    }
+}
+
+fn simplify(args: &SimplifyArgs, given: &Given) -> Result<(), CliError> {
+    match args.by {
+        ByArg::MiniSplatting => Ok(()),
+        ByArg::SpeedySplat => ["--indoor", "--outdoor", "--mass", "--seed"]
+            .into_iter()
+            .try_for_each(|option| refuse(given, option, "--by mini-splatting", "--by speedy-splat")),
+    }
+}
+
+/// Says that `option` was expected with something else than what it came with, if it was given.
+fn refuse(given: &Given, option: &'static str, expected: &str, actual: &str) -> Result<(), CliError> {
+    match given.has(option) {
+        true => Err(CliError::Option { option, expected: expected.to_owned(), actual: actual.to_owned() }),
+        false => Ok(()),
+    }
+}
