@@ -92,7 +92,7 @@ fn frames_of_different_sizes_are_no_video() {
 #[test]
 fn a_name_is_no_option_of_ffmpeg() {
     let folder = tempfile::tempdir().unwrap();
-    let script = r#"for last; do :; done; echo "$last" > last; : > "$last""#;
+    let script = r#"for last; do :; done; echo "$last" > last; /bin/cat > "$last""#;
     let path = path_with_ffmpeg(folder.path(), script);
     let render = "render demo --size 16x9 --frames 0..1 --tier analytic --out=-y.mp4";
     let output = gs3(folder.path(), render).env("PATH", path).output().unwrap();
