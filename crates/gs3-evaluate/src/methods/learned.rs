@@ -74,7 +74,7 @@ pub(super) fn trained(
         (None, None) => published(method, &name, folder)?,
     };
     let network = Weights::load(&file).map_err(RunError::from).and_then(|w| Trained::new(peer, w));
-    network.map_err(|source| MethodError::NetworkFile { method, file, source: source.into() })
+    network.map_err(|source| MethodError::NetworkFile { method, file, source: Box::new(source.into()) })
 }
 
 /// As `gs3 train baseline` is told to call it.
@@ -92,7 +92,10 @@ pub(super) fn networks(
     for (network, tier) in parts(method) {
         match own_file(network, tier, scale, folder) {
             Some(file) => {
-                let fail = |source| MethodError::NetworkFile { method, file: file.clone(), source };
+                let fail = |source| {
+                    let source = Box::new(source);
+                    MethodError::NetworkFile { method, file: file.clone(), source }
+                };
                 let weights = Weights::load(&file).map_err(|e| fail(e.into()))?;
                 let actual = weights.header.network.clone();
                 if actual != network {

@@ -91,7 +91,7 @@ pub enum MethodError {
         /// The file.
         file: PathBuf,
         /// Why.
-        source: NetworkError,
+        source: Box<NetworkError>,
     },
     /// There are no frames to fit a map on.
     #[error("{method}: expected frames of the path outside the evaluated ones to fit on, found none")]
