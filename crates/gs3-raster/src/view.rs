@@ -2,11 +2,9 @@
 
 use glam::DVec3;
 use gs3_scene::Camera;
+pub use gs3_scene::camera::NEAR;
 
 use crate::settings::RasterSettings;
-
-/// Gaussians nearer than this view-space z, world units, are culled (Kerbl et al. 2023).
-pub const NEAR: f32 = 0.2;
 
 /// The projection of positions is exact, its Jacobian is evaluated with x/z and y/z at most this far outside the image,
 /// as a share of half its extent: 1.3 times the half field of view's tangent in all (Kerbl et al. 2023). Measured from

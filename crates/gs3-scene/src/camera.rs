@@ -8,6 +8,9 @@ use glam::{DAffine3, DMat3, DVec2, DVec3};
 /// Largest image side: 7680×4320 with room for portrait and square formats.
 pub const MAX_SIDE: u32 = 8192;
 
+/// Gaussians nearer than this view-space z, world units, are culled (Kerbl et al. 2023): rasterizers show nothing of them.
+pub const NEAR: f32 = 0.2;
+
 /// Size, focal lengths and principal point of a pinhole camera, in pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Intrinsics {

@@ -7,7 +7,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
-use crate::camera::{Camera, CameraError, Intrinsics};
+use crate::camera::{Camera, CameraError, Intrinsics, NEAR};
 use crate::camera_path::CameraPath;
 use crate::scene::Scene;
 use matter::Matter;
@@ -32,8 +32,8 @@ const PLACE_HEIGHT: f64 = 0.4;
 /// Strays are farther from the middle than this many times the median distance. (A captured guitar on its stand has 4.4.)
 const STRAY: f64 = 5.0;
 
-/// Rasterizers show nothing that is nearer than this, in world units: gs3_raster::NEAR.
-const NEAR_PLANE: f64 = 0.2;
+/// [`NEAR`], with which lengths are compared in f64.
+const NEAR_PLANE: f64 = NEAR as f64;
 
 /// A place is looked at from within if it has at least this radius; most of a smaller one would be before the near plane.
 const PLACE_RADIUS: f64 = 4.0 * NEAR_PLANE;
