@@ -23,6 +23,8 @@ var<workgroup> list: array<u32, KRIGED_WIDTH * KRIGED_HEIGHT>;
 var<private> ids: array<u32, SAMPLES + 1u>;
 var<private> variances: array<f32, SAMPLES + 1u>;
 var<private> at: array<vec2<f32>, SAMPLES + 1u>;
+// Variances of the samples' first-order predictions where they are.
+var<private> noises: array<f32, SAMPLES>;
 // Variance from which on samples are left out.
 var<private> left_out: f32;
 // The lower triangle, row by row; the last row has the covariances with the pixel.
@@ -86,16 +88,18 @@ fn fill_system(n: u32) {
     for (var i = 0u; i < n; i++) {
         let share = variances[i] / left_out;
         let fade = FADE * share * share / (1.0 + 1e-4 - share);
-        let noise = fma(PER_NOISE, bitcast<f32>(links[ids[i] - 1u].x), NUGGET) + fade;
+        noises[i] = bitcast<f32>(links[ids[i] - 1u].x);
         for (var j = 0u; j <= i; j++) {
             let u = at[i] - at[j];
             let q = covariance(u);
-            let q2 = q * q;
+            // The image's covariance, and that of what both samples err by alike.
+            let grown = fma(PER_NOISE, min(noises[i], noises[j]), 1.0);
+            let q2 = q * q * grown;
             let slope = q2 * u;
             let bend = -2.0 * q * slope;
-            let own = select(0.0, noise, i == j);
+            let own = select(0.0, NUGGET + fade, i == j);
             let to = vec3(row(3u * i), row(3u * i + 1u), row(3u * i + 2u)) + 3u * j;
-            system[to.x] = q + own;
+            system[to.x] = fma(q, grown, own);
             system[to.y] = -slope.x;
             system[to.y + 1u] = fma(bend.x, u.x, q2) + own;
             system[to.z] = -slope.y;

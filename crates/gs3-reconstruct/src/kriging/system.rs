@@ -2,18 +2,20 @@
 
 use fearless_simd::{Simd, f32x16, prelude::*};
 
-use super::{CERTAIN, DATA, DOUBTFUL, FADE, FARTHEST, LENGTH, NUGGET, SAMPLES};
+use super::{CERTAIN, DATA, DOUBTFUL, FADE, FARTHEST, LENGTH, NUGGET, PER_NOISE, SAMPLES};
 use crate::samples::{CHUNK, DX, DY, Sample};
 
-/// The samples around sixteen pixels. Where there are too few, others in the pixel's place count for nothing by their noise.
+/// The samples around sixteen pixels. Where there are too few, others in the pixel's place count for nothing by their nugget.
 pub(super) struct Around<'a> {
     /// Variances of their first-order predictions, and of the best one left out.
     pub keys: [[f32; CHUNK]; SAMPLES + 1],
     /// Positions relative to the pixel, in lengths of the covariance.
     pub x: [[f32; CHUNK]; SAMPLES],
     pub y: [[f32; CHUNK]; SAMPLES],
-    /// Variances of the data.
+    /// Variances of their first-order predictions where they are, pixel⁴.
     pub noise: [[f32; CHUNK]; SAMPLES],
+    /// Variances of what the data alone err by.
+    pub nugget: [[f32; CHUNK]; SAMPLES],
     pub samples: [[Option<&'a Sample>; SAMPLES]; CHUNK],
 }
 
@@ -29,7 +31,7 @@ pub(super) const ROWS: usize = start(SAMPLES);
 /// Sixteen systems: lower triangles, sample by sample the rows from its own on, and as one row more the pixel's.
 pub(super) type Systems = [Row; ROWS];
 
-/// Variance of what is not there.
+/// Nugget of what is not there.
 pub(super) const NOTHING: f32 = 1e6;
 
 impl Around<'_> {
@@ -38,7 +40,8 @@ impl Around<'_> {
             keys: [[FARTHEST; CHUNK]; SAMPLES + 1],
             x: [[0.0; CHUNK]; SAMPLES],
             y: [[0.0; CHUNK]; SAMPLES],
-            noise: [[NOTHING; CHUNK]; SAMPLES],
+            noise: [[0.0; CHUNK]; SAMPLES],
+            nugget: [[NOTHING; CHUNK]; SAMPLES],
             samples: [[None; SAMPLES]; CHUNK],
         }
     }
@@ -59,19 +62,21 @@ impl Around<'_> {
             load(simd, &self.x[i]) - load(simd, &self.x[j]),
             load(simd, &self.y[i]) - load(simd, &self.y[j]),
         );
-        let q = covariance(simd, ux, uy);
-        let q2 = q * q;
+        let (q, one) = (covariance(simd, ux, uy), f32x16::splat(simd, 1.0));
+        // The image's, and that of what both samples err by alike.
+        let grown = load(simd, &self.noise[i]).min(load(simd, &self.noise[j])).mul_add(PER_NOISE, one);
+        let q2 = q * q * grown;
         let (qx, qy) = (q2 * ux, q2 * uy);
         let (bend_x, bend_y) = (q * qx * -2.0, q * qy * -2.0);
-        let mut noise = f32x16::splat(simd, 0.0);
+        let mut own = f32x16::splat(simd, 0.0);
         if i == j {
             let share = load(simd, &self.keys[i]) * (1.0 / load(simd, &self.keys[SAMPLES]));
-            noise = share * share * FADE / (1.0 + 1e-4 - share) + load(simd, &self.noise[i]);
+            own = share * share * FADE / (1.0 + 1e-4 - share) + load(simd, &self.nugget[i]);
         }
         [
-            [q + noise, qx, qy],
-            [-qx, bend_x.mul_add(ux, q2) + noise, bend_x * uy],
-            [-qy, bend_x * uy, bend_y.mul_add(uy, q2) + noise],
+            [q.mul_add(grown, own), qx, qy],
+            [-qx, bend_x.mul_add(ux, q2) + own, bend_x * uy],
+            [-qy, bend_x * uy, bend_y.mul_add(uy, q2) + own],
         ]
     }
 

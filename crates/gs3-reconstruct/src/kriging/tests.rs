@@ -77,7 +77,8 @@ fn sixteen_systems_are_solved_at_once() {
         for lane in 0..CHUNK {
             around.x[k][lane] = 2.0 * random.next().unwrap() - 1.0;
             around.y[k][lane] = 2.0 * random.next().unwrap() - 1.0;
-            around.noise[k][lane] = NUGGET + 0.1 * random.next().unwrap();
+            around.noise[k][lane] = random.next().unwrap();
+            around.nugget[k][lane] = NUGGET;
             around.keys[k][lane] = 4.0 * random.next().unwrap();
         }
     }
@@ -117,10 +118,12 @@ fn covariances_of_gradients_are_exact() {
         (around.x[k], around.y[k]) = ([a[0]; CHUNK], [a[1]; CHUNK]);
     }
     (around.x[1], around.y[1]) = ([b[0]; CHUNK], [b[1]; CHUNK]);
+    // They share what the less noisy one errs by.
+    (around.noise[0], around.noise[1]) = ([2.0; CHUNK], [0.5; CHUNK]);
     let systems = filled(&around);
     let k = |p: [f32; 2], q: [f32; 2]| {
         let d2 = (p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2);
-        1.0 / (1.0 + 0.5 * d2)
+        (1.0 + 0.5 * PER_NOISE) / (1.0 + 0.5 * d2)
     };
     let along = |p: [f32; 2], axis: usize, by: f32| {
         let mut p = p;
@@ -165,6 +168,25 @@ fn few_or_noisy_samples_leave_the_mean() {
     assert_eq!(kriged(&[], &[[8, 8], [0, 0], [23, 23]], mean), [mean; 3]);
     let noisy: Vec<_> = scattered().into_iter().map(|(at, _, sample)| (at, 15.0, sample)).collect();
     assert_eq!(kriged(&noisy, &[[8, 8]], mean), [mean]);
+}
+
+/// What samples of the past differ by counts, even where all of them are wrong by about the same: a single fresh sample tells by
+/// how much.
+#[test]
+fn the_past_may_be_wrong_alike() {
+    const WRONG: f32 = 0.1;
+    let mut samples = scattered();
+    let fresh = 8 * SIDE + 10;
+    for (k, (_, noise, sample)) in samples.iter_mut().enumerate() {
+        if k != fresh {
+            *noise = 0.1;
+            sample[..3].iter_mut().for_each(|color| *color += WRONG);
+        }
+    }
+    let (expected, found) = (wave(9.0, 8.0), kriged(&samples, &[[9, 8]], [0.5; 4])[0]);
+    // Were errors each sample's own, the mean of the many would be off by nearly all of it.
+    let error = (0..3).fold(0.0_f32, |error, c| error.max((found[c] - expected[c]).abs()));
+    assert!(error < 0.25 * WRONG, "{error}");
 }
 
 /// However many samples there are, those nearest count, and the order in which they came does not.
