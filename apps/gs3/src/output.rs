@@ -5,12 +5,14 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf, is_separator};
 use std::time::{Duration, Instant};
 
-use gs3::scene::format::{save, write_atomically};
+use gs3::scene::format::{position_step, save, write_atomically};
+use gs3::scene::info::SceneInfo;
 use gs3::scene::{Image, Scene};
 use rayon::prelude::*;
 
 use crate::destination::{Destination, has_extension};
 use crate::error::CliError;
+use crate::terminal::note;
 use crate::video::Video;
 
 /// What `--out` asks for.
@@ -148,10 +150,24 @@ pub fn write_text(file: &Path, text: &str) -> Result<(), CliError> {
     write_file(file, |writer| writer.write_all(text.as_bytes()))
 }
 
-/// Writes a scene in the format that the extension names.
+/// Writes a scene in the format that the extension names, and says so if its Gaussians are moved visibly by that.
 pub fn save_scene(scene: &Scene, file: &Path) -> Result<(), CliError> {
     make_folder_of(file)?;
-    Ok(save(scene, file)?)
+    save(scene, file)?;
+    if let Some(step) = position_step(scene, file) {
+        let info = SceneInfo::of(scene);
+        // Rounded, positions are off by up to half a step.
+        let usual = info.largest_scale.p50;
+        if step > usual {
+            let far = info.bounds.min.iter().chain(&info.bounds.max).fold(0.0_f32, |far, v| far.max(v.abs()));
+            note(format_args!(
+                "{}: positions are rounded to steps of {step:.2e}, as one Gaussian is {far:.2e} from the origin; half of all \
+                 Gaussians are smaller than {usual:.2e} (a PLY keeps them exactly)",
+                file.display()
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Writes a file through `write`, whole or not at all, in a folder that is made if it is not there.

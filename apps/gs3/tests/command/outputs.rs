@@ -83,6 +83,36 @@ fn folders_that_are_missing_are_made() {
     assert!(at.join("planes/of/g.npz").is_file() && at.join("packed/s.spz").is_file());
 }
 
+/// One Gaussian far away costs an SPZ file the precision of all others.
+#[test]
+fn coarse_positions_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let scene = |far: f32| {
+        let fields = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"];
+        let fields =
+            fields.into_iter().chain(["scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]);
+        let fields: String = fields.map(|field| format!("property float {field}\n")).collect();
+        // Standard deviations of e⁻⁵ = 0.0067.
+        let gaussian = |x: f32| format!("{x} 0 1 0 0 0 2 -5 -5 -5 1 0 0 0\n");
+        let gaussians = [0.0, 0.1, far].map(gaussian).concat();
+        format!("ply\nformat ascii 1.0\nelement vertex 3\n{fields}end_header\n{gaussians}")
+    };
+    for (far, is_coarse) in [(0.2, false), (1e6, true)] {
+        fs::write(at.join("s.ply"), scene(far)).unwrap();
+        let output = gs3(at, "convert s.ply s.spz").output().unwrap();
+        let said = stderr(&output);
+        assert!(output.status.success(), "{said}");
+        // 2⁻³ is the finest step with which 24 bits reach a million.
+        let expected =
+            "s.spz: positions are rounded to steps of 1.25e-1, as one Gaussian is 1.00e6 from the origin";
+        assert_eq!(said.contains(expected), is_coarse, "{said}");
+        assert!(is_coarse || !said.contains("rounded"), "{said}");
+        let output = gs3(at, "convert s.ply other.ply").output().unwrap();
+        assert!(!stderr(&output).contains("rounded"), "nothing is rounded in a PLY");
+    }
+}
+
 #[test]
 #[cfg(target_os = "linux")]
 fn links_stay_and_full_devices_are_told_in_one_line() {

@@ -134,6 +134,15 @@ pub fn save(scene: &Scene, path: &Path) -> Result<(), SaveError> {
     }
 }
 
+/// The step that all positions are rounded to by what [`save`] writes of `scene` at `path`, world units: that of SPZ, whose
+/// coordinates are 24-bit numbers of one step, fine enough for the farthest Gaussian. `None` of other formats, whose precision
+/// is relative, and of scenes that do not fit.
+#[must_use]
+pub fn position_step(scene: &Scene, path: &Path) -> Option<f32> {
+    let is_fixed = format_of(path).is_ok_and(|format| format == "spz");
+    is_fixed.then(|| spz::fractional_bits(scene).ok().map(spz::step)).flatten()
+}
+
 /// The format that [`save`] writes at `path`, by its extension: `ply`, `spz` or `sog`. Compressed PLY is only read, so its
 /// usual extension `.compressed.ply` is none of them.
 ///

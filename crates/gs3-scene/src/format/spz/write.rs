@@ -31,6 +31,11 @@ pub(in super::super) fn fractional_bits(scene: &Scene) -> Result<u8, f32> {
     }
 }
 
+/// The step that positions with so many bits after the binary point are rounded to, world units.
+pub(in super::super) fn step(fractional_bits: u8) -> f32 {
+    f32::from(fractional_bits).exp2().recip()
+}
+
 /// Writes `scene` with positions of the given [`fractional_bits`]. Higher harmonics keep all 8 bits, where
 /// Niantic's encoder rounds them to 5 and 4 for a smaller file; they are cut at ±1.
 pub(in super::super) fn write(scene: &Scene, fractional_bits: u8, writer: &mut impl Write) -> io::Result<()> {
