@@ -1,23 +1,19 @@
 //! The command line.
 
-use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
-use clap::builder::RangedI64ValueParser;
 use clap::{Parser, Subcommand, ValueEnum};
 use gs3::compute::OptionalFeatures;
 use gs3::neural::Arithmetic;
 use gs3::neural::model::Tier;
-use gs3::reconstruct::MAX_SCALE;
-use gs3::scene::camera::MAX_SIDE;
-use gs3::{Culling, Dilation, Kriging, Mode, PipelineSettings, Sampling};
+use gs3::{Culling, Kriging, Mode, PipelineSettings, Sampling};
 
 use crate::evaluate::EvaluateArgs;
 use crate::export::ExportArgs;
 use crate::simplify::SimplifyArgs;
 use crate::train::{BaselineArgs, TrainArgs};
 use crate::train_clips::ClipsArgs;
+use crate::values::{DilationArg, FrameRange, Pair, Rgb, Size, scale};
 
 /// Shows trained 3D Gaussian Splatting scenes sharp and fluid.
 #[derive(Debug, Parser)]
@@ -248,11 +244,6 @@ pub struct BenchArgs {
     pub json: Option<PathBuf>,
 }
 
-/// Reads a scale of at least `least`.
-pub fn scale(least: i64) -> RangedI64ValueParser<u32> {
-    clap::value_parser!(u32).range(least..=i64::from(MAX_SCALE))
-}
-
 impl Look {
     /// What a GPU is opened with.
     pub const fn features(&self) -> OptionalFeatures {
@@ -420,91 +411,4 @@ impl From<CullingArg> for Culling {
             CullingArg::Exact => Self::Exact,
         }
     }
-}
-
-/// An image size, `WxH`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Size {
-    pub width: u32,
-    pub height: u32,
-}
-
-impl FromStr for Size {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let valid = |side: &str| side.parse().ok().filter(|v| (1..=MAX_SIDE).contains(v));
-        text.split_once('x')
-            .and_then(|(w, h)| Some(Self { width: valid(w)?, height: valid(h)? }))
-            .ok_or_else(|| format!("expected WIDTHxHEIGHT from 1x1 to {MAX_SIDE}x{MAX_SIDE}, found {text}"))
-    }
-}
-
-/// Frames `A..B`, B excluded.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct FrameRange(pub Range<usize>);
-
-impl FromStr for FrameRange {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let bounds = text.split_once("..").and_then(|(a, b)| Some(a.parse().ok()?..b.parse().ok()?));
-        bounds
-            .filter(|range: &Range<usize>| !range.is_empty())
-            .map(Self)
-            .ok_or_else(|| format!("expected A..B with A < B, found {text}"))
-    }
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DilationArg(pub Dilation);
-
-impl FromStr for DilationArg {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let value = || text.parse().ok().filter(|v: &f32| v.is_finite() && *v >= 0.0).map(Dilation::Value);
-        match text {
-            "matched" => Some(Dilation::Matched),
-            "stock" => Some(Dilation::Stock),
-            _ => value(),
-        }
-        .map(Self)
-        .ok_or_else(|| format!("expected matched, stock or a number of at least 0, found {text}"))
-    }
-}
-
-/// A colour, each channel in `[0, 1]`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rgb(pub [f32; 3]);
-
-impl FromStr for Rgb {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        numbers(text)
-            .filter(|rgb| rgb.iter().all(|v| (0.0..=1.0).contains(v)))
-            .map(Self)
-            .ok_or_else(|| format!("expected R,G,B from 0 to 1, found {text}"))
-    }
-}
-
-/// Two numbers within ±1.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pair(pub [f32; 2]);
-
-impl FromStr for Pair {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        numbers(text)
-            .filter(|pair| pair.iter().all(|v| v.abs() <= 1.0))
-            .map(Self)
-            .ok_or_else(|| format!("expected X,Y from -1 to 1, found {text}"))
-    }
-}
-
-fn numbers<const N: usize>(text: &str) -> Option<[f32; N]> {
-    let numbers: Vec<f32> = text.split(',').map(|v| v.trim().parse().ok()).collect::<Option<_>>()?;
-    numbers.try_into().ok()
 }

@@ -12,11 +12,12 @@ use gs3_evaluate::report;
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
-use crate::args::{self, CullingArg, FrameRange, Rgb, View};
+use crate::args::{CullingArg, View};
 use crate::destination::Destination;
 use crate::error::CliError;
 use crate::output::write_text;
 use crate::terminal::print;
+use crate::values::{FrameRange, Rgb, scale};
 use crate::{Outcome, destination, inputs, start_threads};
 
 /// Frames that are evaluated unless others are asked for, as far as the path has them.
@@ -31,7 +32,7 @@ pub struct EvaluateArgs {
     #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     pub frames: Option<FrameRange>,
     /// High-resolution over low-resolution size
-    #[arg(long, default_value_t = 4, value_name = "S", value_parser = args::scale(2))]
+    #[arg(long, default_value_t = 4, value_name = "S", value_parser = scale(2))]
     pub scale: u32,
     /// What to run: `methods` compares --methods; `paper` fills the tables of the 3DGS³ paper (methods, accelerations, parts
     /// left out)

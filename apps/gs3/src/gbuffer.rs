@@ -5,7 +5,6 @@ use std::mem;
 
 use gs3::compute::OptionalFeatures;
 use gs3::raster::{GpuRasterError, GpuRasterizer, Outputs, RasterSettings, Rasterizer, ScenePrecision};
-use gs3::reconstruct::{MAX_SCALE, ReconstructError};
 use gs3::scene::{GBuffer, Planes};
 use zip::ZipWriter;
 
@@ -18,9 +17,6 @@ use crate::{Outcome, destination, inputs, npz, start_threads};
 
 pub fn run(args: &GbufferArgs) -> Result<Outcome, CliError> {
     start_threads(args.view.threads)?;
-    if !(1..=MAX_SCALE).contains(&args.scale) {
-        return Err(ReconstructError::Scale { actual: args.scale }.into());
-    }
     destination::check(&[Destination::file("--out", &args.out, "npz")], args.view.inputs())?;
     let (scene, _) = inputs::scene(&args.view.scene)?;
     let path = inputs::cameras(&args.view, &scene)?;

@@ -12,8 +12,9 @@ use gs3::scene::{CameraPath, Scene, capture, demo, orbit};
 use gs3::{NetworkError, Networks};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::args::{FrameRange, InterpolationArg, Look, Size, TierArg, View};
+use crate::args::{InterpolationArg, Look, TierArg, View};
 use crate::error::CliError;
+use crate::values::{FrameRange, Size};
 
 /// Size of frames along generated paths.
 const DEFAULT_SIZE: Size = Size { width: 1920, height: 1080 };

@@ -33,6 +33,7 @@ mod train;
 mod train_clips;
 mod unused;
 mod usage;
+mod values;
 mod video;
 
 use std::process::ExitCode;

@@ -11,11 +11,12 @@ use gs3_evaluate::metrics::{Quantisation, psnr};
 use gs3_evaluate::simplify::{Criterion, Setting, simplify};
 use indicatif::ProgressBar;
 
-use crate::args::{FrameRange, Rgb, Size, View};
+use crate::args::View;
 use crate::destination::Destination;
 use crate::error::CliError;
 use crate::output::save_scene;
 use crate::terminal::print;
+use crate::values::{FrameRange, Rgb, Size};
 use crate::{Outcome, destination, inputs, start_threads};
 
 /// Views that the two scenes are compared in: enough for a mean, few beside the views of the choice.

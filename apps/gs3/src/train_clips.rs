@@ -12,11 +12,12 @@ use gs3_train::clips::{Batch, ClipSettings, Source, preview};
 use gs3_train::{ClipFile, Network, Window};
 use indicatif::ProgressBar;
 
-use crate::args::{DilationArg, KrigingArg, Size};
+use crate::args::KrigingArg;
 use crate::destination::Destination;
 use crate::error::CliError;
 use crate::output::write_png;
 use crate::terminal::print;
+use crate::values::{DilationArg, Size};
 use crate::{Outcome, destination, inputs, interrupt, start_threads};
 
 /// Cameras of an orbit that clips start from; poses between them are used as well.

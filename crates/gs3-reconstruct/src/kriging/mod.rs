@@ -54,7 +54,7 @@ pub(crate) const PER_NOISE: f32 = 0.15;
 const WORTH: f32 = 0.006;
 
 /// The same where quality counts more than time: half a step. (Gains 0.2 to 0.6 dB for 12 to 47 ms on two cores at
-/// 1920×1080; 0.001 gains 0.1 to 0.3 more for 15 to 52.)
+/// 1920×1080; 0.001 gains 0.1 to 0.3 more for about 30.)
 const WORTH_FINE: f32 = 0.002;
 
 impl Kriging {
