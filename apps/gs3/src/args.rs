@@ -127,6 +127,10 @@ pub struct Look {
     /// motion, and takes longer; `fine`: the more so. Below tier high it is fine in any case
     #[arg(long, value_name = "on|fine", num_args = 0..=1, require_equals = true, default_missing_value = "on")]
     pub kriging: Option<KrigingArg>,
+    /// Rasterize beyond the edges that the camera turns to, without networks too; with them it is always done. Sharper there, and
+    /// takes a little longer
+    #[arg(long)]
+    pub overscan: bool,
     /// Dilation of splats in px² of the rendered grid: matched (0.3/S²), stock (0.3) or a number
     #[arg(long, default_value = "matched", value_name = "matched|stock|VALUE", allow_hyphen_values = true)]
     pub dilation: DilationArg,
@@ -259,6 +263,7 @@ impl Look {
             scale: self.scale,
             sampling: self.jitter.into(),
             kriging: self.kriging.map_or(Kriging::Off, Into::into),
+            overscan: self.overscan,
             dilation: self.dilation.0,
             culling: self.culling.into(),
             generate: self.generate,

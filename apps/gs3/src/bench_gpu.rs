@@ -11,8 +11,8 @@ use gs3::raster::{
     GpuGBuffer, GpuRasterizer, Outputs, RasterSettings, STOCK_DILATION, ScenePrecision, Settled,
 };
 use gs3::scene::camera_path::pose_between;
-use gs3::scene::{Camera, Jitter, Scene};
-use gs3::{Mode, Networks, PipelineSettings};
+use gs3::scene::{Camera, Jitter, Margin, Scene};
+use gs3::{DepthLattice, Mode, Networks, PipelineSettings, margin_ahead};
 use serde_json::{Value, json};
 
 use crate::args::BenchArgs;
@@ -170,7 +170,8 @@ impl Bench {
 }
 
 /// Frames one after the other, as a pipeline asks for them, but for their jitter: nothing is read back here, so where a frame
-/// would best be sampled is not known, and offsets come in their fixed order. It is as much work.
+/// would best be sampled is not known, and offsets come in their fixed order; and margins are those of a scene far away. It is as much
+/// work.
 struct Sequence<'a> {
     settings: &'a PipelineSettings,
     jitter: Jitter,
@@ -181,14 +182,17 @@ struct Sequence<'a> {
 impl Sequence<'_> {
     /// How the frame of `camera` is rasterized, and what lies between the last one and it.
     fn next(&mut self, camera: &Camera) -> (RasterSettings, Vec<(f64, Camera)>) {
+        let last = self.last.replace(*camera);
+        let ahead = |last| margin_ahead(last, camera, &DepthLattice::default(), self.settings.scale);
+        let margin = last.as_ref().map_or(Margin::NONE, ahead);
         let raster = RasterSettings {
             dilation: self.settings.dilation.at_scale(self.settings.scale),
             background: self.settings.background,
             jitter: self.jitter.offset(self.number),
+            margin,
             ..RasterSettings::new(Outputs::GBuffer)
         };
         self.number += 1;
-        let last = self.last.replace(*camera);
         let moments = self.settings.moments();
         let between = last.map(|last| moments.map(|t| (t, pose_between(&last, camera, t))).collect());
         (raster, between.unwrap_or_default())

@@ -22,10 +22,10 @@ pub fn run(args: &GbufferArgs) -> Result<Outcome, CliError> {
     let path = inputs::cameras(&args.view, &scene)?;
     inputs::check_frames("--frame", &(args.frame..args.frame + 1), &path)?;
     let settings = RasterSettings {
-        outputs: if args.mixed { Outputs::GBufferMixed } else { Outputs::GBuffer },
         dilation: args.dilation.0.at_scale(args.scale),
         jitter: args.jitter.0,
         background: args.background.0,
+        ..RasterSettings::new(if args.mixed { Outputs::GBufferMixed } else { Outputs::GBuffer })
     };
     let mut gbuffer = GBuffer::default();
     let camera = &path.cameras()[args.frame];

@@ -15,7 +15,7 @@ const LOW: &[Mode] = &[Mode::Bicubic, Mode::SuperSample, Mode::Full];
 const SUPER_SAMPLED: &[Mode] = &[Mode::SuperSample, Mode::Full];
 
 /// Which modes read an option of `gs3 render`, of those that not all do.
-const READ_BY: [(&str, &[Mode]); 9] = [
+const READ_BY: [(&str, &[Mode]); 10] = [
     ("--scale", LOW),
     ("--jitter", LOW),
     ("--tier", SUPER_SAMPLED),
@@ -23,6 +23,7 @@ const READ_BY: [(&str, &[Mode]); 9] = [
     ("--arithmetic", SUPER_SAMPLED),
     ("--matrix-products", SUPER_SAMPLED),
     ("--kriging", SUPER_SAMPLED),
+    ("--overscan", SUPER_SAMPLED),
     ("--interpolation", &[Mode::Full]),
     ("--generate", &[Mode::Full]),
 ];

@@ -36,5 +36,7 @@ pub use cpu::{Importance, RasterTimes, Rasterizer};
 pub use fearless_simd::Level;
 #[cfg(feature = "gpu")]
 pub use gpu::{GpuGBuffer, GpuRasterError, GpuRasterizer, ScenePrecision, Settled};
-pub use settings::{Culling, Outputs, RasterError, RasterSettings, STOCK_DILATION, matched_dilation};
+pub use settings::{
+    Culling, MAX_MARGIN, Outputs, RasterError, RasterSettings, STOCK_DILATION, matched_dilation,
+};
 pub use view::NEAR;

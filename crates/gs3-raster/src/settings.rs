@@ -1,5 +1,7 @@
 //! What to rasterize and how.
 
+use gs3_scene::Margin;
+
 /// Dilation of the projected covariance in px² that 3D Gaussian Splatting trains with (Kerbl et al. 2023).
 pub const STOCK_DILATION: f32 = 0.3;
 
@@ -9,6 +11,10 @@ pub const STOCK_DILATION: f32 = 0.3;
 pub fn matched_dilation(scale: u32) -> f32 {
     STOCK_DILATION / (scale as f32 * scale as f32)
 }
+
+/// Most pixels beyond an edge of the picture: a turn of 32 of 480 pixels in a few frames is a fast one, and wider margins gained
+/// 0.006 dB more (`docs/performance.md`). Whoever sets memory aside for margins sets aside as much.
+pub const MAX_MARGIN: u32 = 32;
 
 /// Which tiles a splat is assigned to.
 ///
@@ -49,6 +55,9 @@ pub struct RasterSettings {
     pub dilation: f32,
     /// Offset of the sample positions from the pixel centres, in pixels of the grid being rendered, within ±1.
     pub jitter: [f32; 2],
+    /// What of the surroundings of the picture is rasterized with it, each side within [`MAX_MARGIN`]. The picture is the same,
+    /// whatever lies around it, but for the rounding of positions. Images have none.
+    pub margin: Margin,
     /// Background colour, display-encoded RGB, finite.
     pub background: [f32; 3],
 }
@@ -57,7 +66,13 @@ impl RasterSettings {
     /// Stock dilation, no jitter, black background.
     #[must_use]
     pub const fn new(outputs: Outputs) -> Self {
-        Self { outputs, dilation: STOCK_DILATION, jitter: [0.0; 2], background: [0.0; 3] }
+        Self {
+            outputs,
+            dilation: STOCK_DILATION,
+            jitter: [0.0; 2],
+            margin: Margin::NONE,
+            background: [0.0; 3],
+        }
     }
 
     /// Checks what its fields say of themselves.
@@ -70,6 +85,9 @@ impl RasterSettings {
         }
         if !self.jitter.iter().all(|v| v.abs() <= 1.0) {
             return Err(RasterError::Jitter { actual: self.jitter });
+        }
+        if self.margin.widest() > MAX_MARGIN {
+            return Err(RasterError::Margin { actual: self.margin.widest() });
         }
         if !self.background.iter().all(|v| v.is_finite()) {
             return Err(RasterError::Background { actual: self.background });
@@ -93,6 +111,12 @@ pub enum RasterError {
     Jitter {
         /// The value found.
         actual: [f32; 2],
+    },
+    /// The margin is too wide.
+    #[error("margin: expected at most {MAX_MARGIN} pixels beyond each edge, found {actual}")]
+    Margin {
+        /// The widest side.
+        actual: u32,
     },
     /// The background is not finite.
     #[error("background: expected three finite numbers, found {}, {}, {}", actual[0], actual[1], actual[2])]

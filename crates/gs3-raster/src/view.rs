@@ -22,11 +22,11 @@ pub struct View {
     /// Focal lengths in pixels.
     pub focal: [f32; 2],
     /// Principal point in a frame in which the sample of pixel `(i, j)` lies at exactly `(i, j)`: half a pixel and
-    /// the jitter are subtracted.
+    /// the jitter are subtracted, the margin is added.
     pub center: [f32; 2],
     /// Least and largest x/z and y/z inside the Jacobian.
     pub jacobian_limits: [[f32; 2]; 2],
-    /// Image width and height in pixels.
+    /// Width and height in pixels, the margin included.
     pub size: [u32; 2],
     /// ε in px².
     pub dilation: f32,
@@ -39,6 +39,8 @@ impl View {
         let position = camera.position();
         let origin = position.as_vec3();
         let rest = (position - DVec3::from(origin)).as_vec3();
+        let margin = settings.margin;
+        let shift = |before: u32, jitter: f32| f64::from(before) - 0.5 - f64::from(jitter);
         let limits = |side: u32, center: f64, focal: f64| {
             let margin = 0.5 * JACOBIAN_MARGIN * f64::from(side);
             [(-center - margin) / focal, (f64::from(side) - center + margin) / focal].map(|v| v as f32)
@@ -49,11 +51,12 @@ impl View {
             origin_rest: rest.to_array(),
             focal: [i.fx as f32, i.fy as f32],
             center: [
-                (i.cx - 0.5 - f64::from(settings.jitter[0])) as f32,
-                (i.cy - 0.5 - f64::from(settings.jitter[1])) as f32,
+                (i.cx + shift(margin.left, settings.jitter[0])) as f32,
+                (i.cy + shift(margin.top, settings.jitter[1])) as f32,
             ],
+            // Those of the picture: what is rasterized around it changes nothing in it.
             jacobian_limits: [limits(i.width, i.cx, i.fx), limits(i.height, i.cy, i.fy)],
-            size: [i.width, i.height],
+            size: margin.around([i.width, i.height]),
             dilation: settings.dilation,
         }
     }

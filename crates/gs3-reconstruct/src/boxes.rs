@@ -61,7 +61,7 @@ impl Boxes {
         self.rows.resize(frame.height, [0.0; 2]);
         let splat = |v: f32| f32x16::splat(simd, v);
         let lanes = f32x16::from_fn(simd, |i| (i * CHUNK) as f32);
-        let [jx, jy] = frame.jitter;
+        let [jx, jy] = frame.offset();
         for row in 0..frame.height {
             let y = splat((row as f32 + 0.5 + jy) * scale);
             let (mut row_top, mut row_bottom) = (splat(f32::INFINITY), splat(f32::NEG_INFINITY));

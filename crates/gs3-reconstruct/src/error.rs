@@ -1,6 +1,6 @@
 //! Why inputs cannot be reconstructed.
 
-use gs3_scene::{Camera, GBuffer, Image, Planes};
+use gs3_scene::{Camera, GBuffer, Image, Margin, Planes};
 
 /// Why a reconstruction did not run. Nothing has been written and no history has changed when one is returned.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -37,6 +37,20 @@ pub enum ReconstructError {
     /// The jitter is not finite or moves samples by more than a pixel.
     #[error("jitter: expected finite offsets within one low-resolution pixel, found [{}, {}]", actual[0], actual[1])]
     Jitter {
+        /// The jitter found.
+        actual: [f32; 2],
+    },
+    /// The G-buffer of a picture has a margin.
+    #[error("G-buffer: expected the picture alone, found a margin of {actual} pixels beyond an edge")]
+    Margin {
+        /// The widest side.
+        actual: u32,
+    },
+    /// The G-buffer with a margin is not that of the same frame.
+    #[error("G-buffer with margin: expected the jitter of the one without, [{}, {}], found [{}, {}]", expected[0], expected[1], actual[0], actual[1])]
+    JitterAround {
+        /// Jitter of the picture.
+        expected: [f32; 2],
         /// The jitter found.
         actual: [f32; 2],
     },
@@ -80,7 +94,7 @@ pub(crate) fn check_jitter(jitter: [f32; 2]) -> Result<(), ReconstructError> {
     if is_usable { Ok(()) } else { Err(ReconstructError::Jitter { actual: jitter }) }
 }
 
-/// Checks that `gbuffer` is the LR frame of a `width`×`height` output and that its jitter is usable.
+/// Checks that `gbuffer` is the LR frame of a `width`×`height` output, without margin, and that its jitter is usable.
 pub(crate) fn check_gbuffer(
     gbuffer: &GBuffer,
     scale: u32,
@@ -88,6 +102,27 @@ pub(crate) fn check_gbuffer(
 ) -> Result<(), ReconstructError> {
     let scale = scale as usize;
     let expected = (width.div_ceil(scale), height.div_ceil(scale));
+    if gbuffer.margin != Margin::NONE {
+        return Err(ReconstructError::Margin { actual: gbuffer.margin.widest() });
+    }
+    check_planes(gbuffer, expected)
+}
+
+/// Checks that `around` is the frame of `gbuffer`, which has been checked, with a margin.
+pub(crate) fn check_around(around: &GBuffer, gbuffer: &GBuffer) -> Result<(), ReconstructError> {
+    let (expected, actual) = (gbuffer.jitter, around.jitter);
+    if expected != actual {
+        return Err(ReconstructError::JitterAround { expected, actual });
+    }
+    let Margin { left, top, right, bottom } = around.margin;
+    let sum = |a: u32, b: u32| (a as usize).saturating_add(b as usize);
+    let size =
+        (gbuffer.width().saturating_add(sum(left, right)), gbuffer.height().saturating_add(sum(top, bottom)));
+    check_planes(around, size)
+}
+
+/// Checks that what there is of `gbuffer` has the size `expected`, and that its jitter is usable.
+fn check_planes(gbuffer: &GBuffer, expected: (usize, usize)) -> Result<(), ReconstructError> {
     check_size("G-buffer", expected, (gbuffer.width(), gbuffer.height()))?;
     check_jitter(gbuffer.jitter)?;
     if let Some(gradients) = &gbuffer.gradients {

@@ -9,11 +9,12 @@
 //! current frame alone, and the less the farther the view has turned since.
 
 use fearless_simd::{Level, Simd, dispatch, f32x16, mask32x16, prelude::*};
-use gs3_scene::{GBuffer, Gradients};
+use gs3_scene::{GBuffer, Gradients, Planes};
 use rayon::prelude::*;
 
 use crate::lanes::{WINDOW, load, look_up, window_bytes};
-use crate::samples::{CHUNK, SampleFrame};
+use crate::reprojection::inverse_depth_16;
+use crate::samples::CHUNK;
 
 /// Depths may exceed the farthest current one, and the nearest of all samples, by this share: 2 % is the usual tolerance of reprojection.
 pub(crate) const DEPTH_TOLERANCE: f32 = 0.02;
@@ -69,20 +70,20 @@ pub(crate) struct Plausible {
 }
 
 impl Plausible {
-    /// Makes this the ranges of `gbuffer`, whose samples are `frame`, `scale` HR pixels apart, reusing memory.
+    /// Makes this the ranges of `gbuffer`, whose samples are `scale` HR pixels apart, reusing memory.
     pub fn set(
         &mut self,
         level: Level,
         gbuffer: &GBuffer,
         gradients: &Gradients,
-        frame: &SampleFrame,
+        depth: &Planes<1>,
         scale: u32,
     ) {
-        let (width, height) = (frame.width, frame.height);
+        let (width, height) = (gbuffer.width(), gbuffer.height());
         self.width = width;
         self.per_hr_pixel = 1.0 / scale as f32;
         // A position is given with pixel centres at whole numbers.
-        self.offset = frame.jitter.map(|j| 0.5 * self.per_hr_pixel - 0.5 - j);
+        self.offset = gbuffer.jitter.map(|j| 0.5 * self.per_hr_pixel - 0.5 - j);
         self.last = [(width - 1) as f32, (height - 1) as f32];
         self.errors.resize(width * height, 0.0);
         let errors = self.errors.par_chunks_exact_mut(width).enumerate().with_min_len(4);
@@ -94,7 +95,7 @@ impl Plausible {
         rows.for_each(|(j, cells)| {
             let rows = [j, (j + 1).min(height - 1)];
             dispatch!(level, simd => {
-                join_rows(simd, gbuffer, gradients, frame, errors, rows, cells);
+                join_rows(simd, &gbuffer.color, gradients, depth, errors, rows, cells);
                 join_columns(simd, width, cells);
             });
         });
@@ -200,21 +201,21 @@ fn predict<S: Simd>(simd: S, gbuffer: &GBuffer, gradients: &Gradients, j: usize,
 #[inline(always)]
 fn join_rows<S: Simd>(
     simd: S,
-    gbuffer: &GBuffer,
+    color: &Planes<3>,
     gradients: &Gradients,
-    frame: &SampleFrame,
+    depth: &Planes<1>,
     errors: &[f32],
     rows: [usize; 2],
     cells: &mut [f32],
 ) {
-    let width = frame.width;
+    let width = color.width();
     for first in (0..width).step_by(LANES) {
         let count = LANES.min(width - first);
         for c in 0..3 {
             let (mut low, mut high) =
                 (f32x16::splat(simd, f32::INFINITY), f32x16::splat(simd, f32::NEG_INFINITY));
             for row in rows {
-                let color = load(simd, &gbuffer.color.row(c, row)[first..]);
+                let color = load(simd, &color.row(c, row)[first..]);
                 let dx = load(simd, &gradients.color_dx.row(c, row)[first..]);
                 let dy = load(simd, &gradients.color_dy.row(c, row)[first..]);
                 let spread = (dx.abs() + dy.abs()) * EXTRAPOLATION;
@@ -223,8 +224,8 @@ fn join_rows<S: Simd>(
             store(low, &mut cells[(LOW + c) * width + first..], count);
             store(high, &mut cells[(HIGH + c) * width + first..], count);
         }
-        let [a, b] = rows.map(|row| frame.chunk(row, first / CHUNK).inverse_depth());
-        let (a, b) = (f32x16::load_array_ref(simd, a), f32x16::load_array_ref(simd, b));
+        let [a, b] = rows.map(|row| load(simd, &depth.row(0, row)[first..]));
+        let (a, b) = (inverse_depth_16(simd, a), inverse_depth_16(simd, b));
         store(a.min(b), &mut cells[FARTHEST * width + first..], count);
         let [a, b] = rows.map(|row| load(simd, &errors[row * width + first..(row + 1) * width]));
         store(a.max(b), &mut cells[RESTLESS * width + first..], count);

@@ -1,7 +1,7 @@
 //! One LR frame as exact point samples of the HR image: colour, gradient, inverse depth.
 
 use fearless_simd::{Level, Simd, dispatch, f32x16, mask32x16, prelude::*};
-use gs3_scene::{GBuffer, Gradients, Planes};
+use gs3_scene::{GBuffer, Gradients, Margin, Planes};
 use rayon::prelude::*;
 
 use crate::error::ReconstructError;
@@ -111,13 +111,14 @@ pub(crate) struct Extent {
     pub bare: Option<[f32; 3]>,
 }
 
-/// The samples of one LR frame, `[height, width]`.
+/// The samples of one LR frame, `[height, width]`, those in the margin around its picture included.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SampleFrame {
     pub width: usize,
     pub height: usize,
     /// Offset of the sample positions from the LR pixel centres, in LR pixels.
     pub jitter: [f32; 2],
+    margin: Margin,
     /// `[height, chunks per row]`, the last of a row may be a part.
     chunks: Vec<Chunk>,
     /// Of each chunk.
@@ -133,7 +134,8 @@ impl SampleFrame {
         let Some(gradients) = &gbuffer.gradients else {
             return Err(ReconstructError::Missing { what: "image gradients" });
         };
-        (self.width, self.height, self.jitter) = (gbuffer.width(), gbuffer.height(), gbuffer.jitter);
+        (self.width, self.height) = (gbuffer.width(), gbuffer.height());
+        (self.jitter, self.margin) = (gbuffer.jitter, gbuffer.margin);
         let per_row = self.chunks_per_row();
         self.chunks.resize(per_row * self.height, Chunk::EMPTY);
         self.extents.resize(per_row * self.height, Extent::default());
@@ -150,6 +152,25 @@ impl SampleFrame {
             });
         });
         Ok(())
+    }
+
+    /// Offset of the positions of samples `(i, j)` from `(i + 0.5, j + 0.5)` of the picture's LR pixels: the jitter less the margin.
+    #[inline(always)]
+    pub fn offset(&self) -> [f32; 2] {
+        let Margin { left, top, .. } = self.margin;
+        [self.jitter[0] - left as f32, self.jitter[1] - top as f32]
+    }
+
+    /// Samples in a row and in a column of the picture.
+    pub fn picture_size(&self) -> [usize; 2] {
+        let Margin { left, top, right, bottom } = self.margin;
+        [self.width - (left + right) as usize, self.height - (top + bottom) as usize]
+    }
+
+    /// The sample in column `x` of row `y` of the picture.
+    #[inline(always)]
+    pub fn picture_sample(&self, x: usize, y: usize) -> &Sample {
+        self.sample(x + self.margin.left as usize, y + self.margin.top as usize)
     }
 
     /// Chunks per row of samples, the last of which may be a part.

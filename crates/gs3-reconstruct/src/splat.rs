@@ -97,7 +97,7 @@ impl Source<'_> {
         let column = chunk * CHUNK;
         let lanes = f32x16::from_fn(simd, |i| i as f32);
         // Position on its own HR grid.
-        let [jx, jy] = self.frame.jitter;
+        let [jx, jy] = self.frame.offset();
         let from_x = lanes.mul_add(self.scale, splat((column as f32 + 0.5 + jx) * self.scale));
         let from_y = splat((row as f32 + 0.5 + jy) * self.scale);
         let w = f32x16::load_array_ref(simd, self.frame.chunk(row, chunk).inverse_depth());

@@ -4,11 +4,11 @@ use std::ops::Range;
 use std::slice;
 
 use fearless_simd::{Level, Simd, dispatch};
-use gs3_scene::{Camera, GBuffer, Gradients, Image};
+use gs3_scene::{Camera, GBuffer, Geometry, Gradients, Image};
 use rayon::prelude::*;
 
 use crate::boxes::{Boxes, Limits};
-use crate::error::{ReconstructError, camera_size, check_finite, check_gbuffer, check_scale};
+use crate::error::{ReconstructError, camera_size, check_around, check_finite, check_gbuffer, check_scale};
 use crate::hermite::Surface;
 use crate::kriging::Neighborhoods;
 use crate::nearest::{EVERY, RIM};
@@ -121,6 +121,21 @@ pub struct SuperSampler {
     level: Level,
 }
 
+/// The planes of `gbuffer` besides colour that super sampling reads, if all of its numbers are finite.
+fn usable_planes(gbuffer: &GBuffer) -> Result<(&Gradients, &Geometry), ReconstructError> {
+    let GBuffer { color, gradients, geometry, .. } = gbuffer;
+    let geometry = geometry.as_ref().ok_or(ReconstructError::Missing { what: "depth" })?;
+    let gradients = gradients.as_ref().ok_or(ReconstructError::Missing { what: "image gradients" })?;
+    // Once here, as what is not a number would stay as long as its frame is remembered.
+    check_finite("G-buffer colour", color)?;
+    check_finite("G-buffer gradients", &gradients.color_dx)?;
+    check_finite("G-buffer gradients", &gradients.color_dy)?;
+    if let Some(mixed) = &gradients.color_dxdy {
+        check_finite("G-buffer gradients", mixed)?;
+    }
+    Ok((gradients, geometry))
+}
+
 impl SuperSampler {
     /// A super sampler of `scale` (1 to [`crate::MAX_SCALE`]) without history.
     ///
@@ -179,20 +194,27 @@ impl SuperSampler {
         gbuffer: &GBuffer,
         out: &mut Image,
     ) -> Result<(), ReconstructError> {
+        self.super_sample_within(camera, gbuffer, gbuffer, out)
+    }
+
+    /// As [`Self::super_sample`] from `gbuffer`, the LR frame of `camera`, and remembers with it what lies beyond its edges: `around`
+    /// is the same frame with a margin ([`GBuffer::crop`] makes the one of the other). What a turning camera reveals then has a past.
+    ///
+    /// # Errors
+    /// As [`Self::super_sample`], also if `around` less its margin is not of the size and jitter of `gbuffer`.
+    pub fn super_sample_within(
+        &mut self,
+        camera: &Camera,
+        gbuffer: &GBuffer,
+        around: &GBuffer,
+        out: &mut Image,
+    ) -> Result<(), ReconstructError> {
         let size = camera_size(camera);
         check_gbuffer(gbuffer, self.scale, size)?;
-        if gbuffer.geometry.is_none() {
-            return Err(ReconstructError::Missing { what: "depth" });
-        }
-        let Some(gradients) = &gbuffer.gradients else {
-            return Err(ReconstructError::Missing { what: "image gradients" });
-        };
-        // Once here, as what is not a number would stay as long as its frame is remembered.
-        check_finite("G-buffer colour", &gbuffer.color)?;
-        check_finite("G-buffer gradients", &gradients.color_dx)?;
-        check_finite("G-buffer gradients", &gradients.color_dy)?;
-        if let Some(mixed) = &gradients.color_dxdy {
-            check_finite("G-buffer gradients", mixed)?;
+        check_around(around, gbuffer)?;
+        let (gradients, geometry) = usable_planes(gbuffer)?;
+        if !std::ptr::eq(around, gbuffer) {
+            usable_planes(around)?;
         }
         if self.past.first().is_some_and(|newest| camera_size(&newest.camera) != size) {
             self.reset(ResetReason::SizeOrTierChange);
@@ -200,7 +222,9 @@ impl SuperSampler {
         if self.invalid.take().is_some() {
             self.past.clear();
         }
-        self.remember(camera, gbuffer, gradients)?;
+        self.surface.set(gbuffer, gradients, self.scale);
+        self.plausible.set(self.level, gbuffer, gradients, &geometry.depth_median, self.scale);
+        self.remember(camera, around)?;
         self.find_boxes(camera);
         out.resize(size.0, size.1);
         self.accumulate(out);
@@ -208,12 +232,7 @@ impl SuperSampler {
     }
 
     /// Takes the current frame into the history, as its newest.
-    fn remember(
-        &mut self,
-        camera: &Camera,
-        gbuffer: &GBuffer,
-        gradients: &Gradients,
-    ) -> Result<(), ReconstructError> {
+    fn remember(&mut self, camera: &Camera, around: &GBuffer) -> Result<(), ReconstructError> {
         let is_full = self.past.len() >= (self.scale * self.scale) as usize;
         let oldest = if is_full { self.past.pop() } else { None };
         let mut newest = oldest.unwrap_or_else(|| Past {
@@ -224,9 +243,7 @@ impl SuperSampler {
             boxes: Boxes::default(),
         });
         newest.camera = *camera;
-        newest.frame.fill(self.level, gbuffer, self.scale)?;
-        self.surface.set(gbuffer, gradients, self.scale);
-        self.plausible.set(self.level, gbuffer, gradients, &newest.frame, self.scale);
+        newest.frame.fill(self.level, around, self.scale)?;
         self.past.insert(0, newest);
         Ok(())
     }
@@ -246,16 +263,17 @@ impl SuperSampler {
         let size = [out.width(), out.height()];
         let mut innovation = std::mem::take(&mut self.innovation);
         let frame = &self.past[0].frame;
+        let [columns, lines] = frame.picture_size();
         innovation.clear();
-        innovation.resize(frame.width * frame.height, [0.0; 4]);
+        innovation.resize(columns * lines, [0.0; 4]);
         let lattice = Lattice::new(frame.jitter, self.scale);
         let mut rest = &mut innovation[..];
         let bands: Vec<Band<'_>> = (out.pixels_mut().chunks_mut(TILE_HEIGHT * size[0]).enumerate())
             .map(|(band, pixels)| {
                 let top = band * TILE_HEIGHT;
                 let rows = lattice.map_or(0..0, |lattice| lattice.rows(top, pixels.len() / size[0]));
-                let rows = rows.start.min(frame.height)..rows.end.min(frame.height);
-                let part = rest.split_off_mut(..rows.len() * frame.width).unwrap_or_default();
+                let rows = rows.start.min(lines)..rows.end.min(lines);
+                let part = rest.split_off_mut(..rows.len() * columns).unwrap_or_default();
                 Band { top, pixels, innovation: part, first_row: rows.start }
             })
             .collect();

@@ -135,18 +135,19 @@ impl<'a> Tile<'a> {
         first_row: usize,
     ) {
         let is_wanted = |at: usize, first: usize, count: usize| (first..first + count).contains(&at);
+        let [columns, lines] = frame.picture_size();
         for (j, y) in lattice.along(1, self.top, self.height) {
             for (i, x) in lattice.along(0, self.left, self.width) {
-                if i >= frame.width || j >= frame.height {
+                if i >= columns || j >= lines {
                     continue;
                 }
-                let [r, g, b, ..] = *frame.sample(i, j);
+                let [r, g, b, ..] = *frame.picture_sample(i, j);
                 let color = [r, g, b, 1.0];
                 let pixel = &mut self.pixels[(PAD_Y + y) * STRIDE + PAD_X + x];
                 let [.., weight] = *pixel;
                 if is_wanted(self.left + x, wanted.left, wanted.width)
                     && is_wanted(self.top + y, wanted.top, wanted.height)
-                    && let Some(out) = rows.get_mut((j - first_row) * frame.width + i)
+                    && let Some(out) = rows.get_mut((j - first_row) * columns + i)
                 {
                     *out = [0.0, 0.0, 0.0, weight / (1.0 + weight)];
                     if weight > FAINT {

@@ -13,7 +13,7 @@ use gs3_reconstruct::gpu::{
     NeighborView,
 };
 use gs3_reconstruct::{Interpolator, Kriging, Neighbor, ReconstructError, ResetReason, SuperSampler, Warped};
-use gs3_scene::{Camera, GBuffer, Image, Planes};
+use gs3_scene::{Camera, GBuffer, Image, Margin, Planes};
 
 /// What halves leave of an image of values up to 1: an error of 2⁻¹² makes 72 dB.
 const FLOOR: f64 = 68.0;
@@ -40,10 +40,20 @@ struct Uploaded([Buffer; 3]);
 
 impl Uploaded {
     fn new(gpu: &Gpu, gbuffer: &GBuffer) -> Self {
+        Self::with_rows(gpu, gbuffer, gbuffer.width(), gbuffer.height())
+    }
+
+    /// With rows `stride` pixels apart, and room for `rows` of them.
+    fn with_rows(gpu: &Gpu, gbuffer: &GBuffer, stride: usize, rows: usize) -> Self {
+        let width = gbuffer.width();
         let (gradients, geometry) = (gbuffer.gradients.as_ref().unwrap(), gbuffer.geometry.as_ref().unwrap());
         let plane = |rgb: &Planes<3>, fourth: &Planes<1>| {
             let [r, g, b] = [0, 1, 2].map(|c| rgb.plane(c));
-            let pixels: Vec<[f32; 4]> = (0..r.len()).map(|i| [r[i], g[i], b[i], fourth.data()[i]]).collect();
+            // What lies beyond is not to be read.
+            let mut pixels = vec![[f32::NAN; 4]; stride * rows];
+            for i in 0..r.len() {
+                pixels[i / width * stride + i % width] = [r[i], g[i], b[i], fourth.data()[i]];
+            }
             gpu.buffer_with("plane", Use::Storage, &pixels).unwrap()
         };
         Self([
@@ -59,6 +69,9 @@ impl Uploaded {
     }
 }
 
+/// Most pixels beyond an edge in these tests.
+const MARGIN: u32 = 8;
+
 /// A super sampler that reads and writes as the CPU's does.
 struct Sampler {
     gpu: Gpu,
@@ -71,16 +84,28 @@ impl Sampler {
         Self {
             gpu: gpu.clone(),
             size,
-            sampler: GpuSuperSampler::new(gpu, scale, size, Innovation::Wanted, kriging).unwrap(),
+            sampler: GpuSuperSampler::new(gpu, scale, size, Innovation::Wanted, kriging, MARGIN).unwrap(),
         }
     }
 
     fn super_sample(&mut self, camera: &Camera, gbuffer: &GBuffer) -> (Image, GpuImage) {
+        self.super_sample_within(camera, gbuffer, gbuffer)
+    }
+
+    fn super_sample_within(
+        &mut self,
+        camera: &Camera,
+        gbuffer: &GBuffer,
+        around: &GBuffer,
+    ) -> (Image, GpuImage) {
         let (uploaded, to) =
             (Uploaded::new(&self.gpu, gbuffer), GpuImage::new(&self.gpu, self.size).unwrap());
-        let bound = self.sampler.bind(&uploaded.planes(), &to).unwrap();
+        let room = 2 * MARGIN as usize;
+        let around_uploaded =
+            Uploaded::with_rows(&self.gpu, around, gbuffer.width() + room, gbuffer.height() + room);
+        let bound = self.sampler.bind(&uploaded.planes(), &around_uploaded.planes(), &to).unwrap();
         let mut recorder = self.gpu.recorder(None);
-        self.sampler.record(&mut recorder, &bound, camera, gbuffer.jitter).unwrap();
+        self.sampler.record(&mut recorder, &bound, camera, gbuffer.jitter, around.margin).unwrap();
         recorder.submit().unwrap();
         self.sampler.keep();
         let mut out = Image::default();
@@ -139,9 +164,16 @@ fn super_sampling_matches_the_cpu() {
             let mut certain = (0.0, 0.0);
             // Once around the history, and two more.
             for k in 0..(scale * scale) as usize + 2 {
-                let gbuffer = world.gbuffer(&pose(k).low_resolution(scale), grid_jitter(scale, k));
-                cpu.super_sample(&pose(k), &gbuffer, &mut expected).unwrap();
-                let (actual, _) = sampler.super_sample(&pose(k), &gbuffer);
+                // Another one in each frame, and none in some; narrower where LR frames are a dozen samples wide.
+                let widest = (4 * MARGIN / scale.max(4)).min(MARGIN) - 1;
+                let [left, top, right, bottom] = [0, 3, 5, 7].map(|by| (k as u32 * by) % (widest + 1));
+                let margin = Margin { left, top, right, bottom };
+                let lr = pose(k).low_resolution(scale);
+                let around = world.gbuffer_around(&lr, grid_jitter(scale, k), margin);
+                let mut gbuffer = GBuffer::default();
+                around.crop(&mut gbuffer);
+                cpu.super_sample_within(&pose(k), &gbuffer, &around, &mut expected).unwrap();
+                let (actual, _) = sampler.super_sample_within(&pose(k), &gbuffer, &around);
                 worst = worst.min(psnr(&actual, &expected));
                 certain = uncertainty_errors(&actual, &expected);
             }
@@ -169,14 +201,19 @@ fn frames_repeat_bit_for_bit() {
     let pose = |k: usize| camera(size[0], size[1], [0.0, 0.0, 2.0 - 0.9 * k as f64], 0.0, 0.0);
     let run = |sampler: GpuSuperSampler| {
         let mut sampler = Sampler { gpu: gpu.clone(), size, sampler };
-        let frame =
-            |k| sampler.super_sample(&pose(k), &world.gbuffer(&pose(k).low_resolution(4), grid_jitter(4, k)));
+        let frame = |k| {
+            let gbuffer = world.gbuffer(&pose(k).low_resolution(4), grid_jitter(4, k));
+            sampler.super_sample(&pose(k), &gbuffer)
+        };
         (0..16).map(frame).map(|(image, _)| image).collect::<Vec<_>>()
     };
-    let first = run(GpuSuperSampler::new(&gpu, 4, size, Innovation::NotWanted, Kriging::On).unwrap());
-    assert!(run(GpuSuperSampler::new(&gpu, 4, size, Innovation::NotWanted, Kriging::On).unwrap()) == first);
+    let first = run(GpuSuperSampler::new(&gpu, 4, size, Innovation::NotWanted, Kriging::On, MARGIN).unwrap());
+    assert!(
+        run(GpuSuperSampler::new(&gpu, 4, size, Innovation::NotWanted, Kriging::On, MARGIN).unwrap())
+            == first
+    );
     // Software adapters may run everything in order.
-    assert!(run(GpuSuperSampler::backward(&gpu, 4, size).unwrap()) == first);
+    assert!(run(GpuSuperSampler::backward(&gpu, 4, size, MARGIN).unwrap()) == first);
 }
 
 /// Bare background is certain, and a resting camera's image becomes exact.
@@ -216,10 +253,12 @@ fn history_is_what_was_kept() {
 
     // A frame that lacked something, recorded and not kept, then made again.
     let bad = Uploaded::new(&gpu, &gbuffer(&other, 3));
+    let (width, height) = (size[0].div_ceil(4) + 2 * MARGIN, size[1].div_ceil(4) + 2 * MARGIN);
+    let bad_around = Uploaded::with_rows(&gpu, &gbuffer(&other, 3), width as usize, height as usize);
     let image = GpuImage::new(&gpu, size).unwrap();
-    let bound = sampler.sampler.bind(&bad.planes(), &image).unwrap();
+    let bound = sampler.sampler.bind(&bad.planes(), &bad_around.planes(), &image).unwrap();
     let mut recorder = gpu.recorder(None);
-    sampler.sampler.record(&mut recorder, &bound, &pose(3), grid_jitter(4, 3)).unwrap();
+    sampler.sampler.record(&mut recorder, &bound, &pose(3), grid_jitter(4, 3), Margin::NONE).unwrap();
     recorder.submit().unwrap();
     let after = sampler.super_sample(&pose(3), &gbuffer(&world, 3)).0;
     let mut straight = Sampler::new(&gpu, 4, size, Kriging::Off);
@@ -302,23 +341,28 @@ fn interpolation_matches_the_cpu() {
 #[test]
 fn what_does_not_fit_is_a_typed_error() {
     let Some(gpu) = gpu() else { return };
-    let scale = GpuSuperSampler::new(&gpu, 9, [64, 64], Innovation::NotWanted, Kriging::On).map(|_| ());
+    let scale = GpuSuperSampler::new(&gpu, 9, [64, 64], Innovation::NotWanted, Kriging::On, 0).map(|_| ());
     assert_eq!(scale, Err(ReconstructError::Scale { actual: 9 }.into()));
     let large =
-        GpuSuperSampler::new(&gpu, 1, [1 << 16, 1 << 16], Innovation::NotWanted, Kriging::On).map(|_| ());
+        GpuSuperSampler::new(&gpu, 1, [1 << 16, 1 << 16], Innovation::NotWanted, Kriging::On, 0).map(|_| ());
     assert!(matches!(large, Err(GpuReconstructError::Gpu(GpuError::TooLarge { .. }))), "{large:?}");
-    let mut sampler = GpuSuperSampler::new(&gpu, 4, [64, 64], Innovation::NotWanted, Kriging::On).unwrap();
+    let mut sampler = GpuSuperSampler::new(&gpu, 4, [64, 64], Innovation::NotWanted, Kriging::On, 0).unwrap();
     let pose = camera(64, 64, [0.0; 3], 0.0, 0.0);
     let uploaded = Uploaded::new(&gpu, &wall_and_post(60.0).gbuffer(&pose.low_resolution(4), [0.0; 2]));
     let small = GpuImage::new(&gpu, [60, 64]).unwrap();
     let size = ReconstructError::Size { what: "image", expected: (64, 64), actual: (60, 64) };
-    assert_eq!(sampler.bind(&uploaded.planes(), &small).map(|_| ()), Err(size.into()));
-    let bound = sampler.bind(&uploaded.planes(), &GpuImage::new(&gpu, [64, 64]).unwrap()).unwrap();
+    assert_eq!(sampler.bind(&uploaded.planes(), &uploaded.planes(), &small).map(|_| ()), Err(size.into()));
+    let bound = sampler
+        .bind(&uploaded.planes(), &uploaded.planes(), &GpuImage::new(&gpu, [64, 64]).unwrap())
+        .unwrap();
     let mut recorder = gpu.recorder(None);
     let other = camera(60, 64, [0.0; 3], 0.0, 0.0);
     let size = ReconstructError::Size { what: "camera", expected: (64, 64), actual: (60, 64) };
-    assert_eq!(sampler.record(&mut recorder, &bound, &other, [0.0; 2]), Err(size.into()));
-    let jitter = sampler.record(&mut recorder, &bound, &pose, [f32::NAN, 0.0]);
+    assert_eq!(sampler.record(&mut recorder, &bound, &other, [0.0; 2], Margin::NONE), Err(size.into()));
+    let jitter = sampler.record(&mut recorder, &bound, &pose, [f32::NAN, 0.0], Margin::NONE);
+    let wide = Margin { right: 1, ..Margin::NONE };
+    let margin = sampler.record(&mut recorder, &bound, &pose, [0.0; 2], wide);
+    assert_eq!(margin, Err(ReconstructError::Margin { actual: 1 }.into()));
     assert!(matches!(jitter, Err(GpuReconstructError::Reconstruct(ReconstructError::Jitter { .. }))));
     let interpolator = GpuInterpolator::new(&gpu, 4, [64, 64]).unwrap();
     let image = GpuImage::new(&gpu, [64, 64]).unwrap();

@@ -5,7 +5,7 @@ mod common;
 
 use common::{Sheet, World, camera, grid_jitter, psnr, wall_and_post};
 use gs3_reconstruct::{Kriging, ReconstructError, ResetReason, SuperSampler, hermite};
-use gs3_scene::{Camera, GBuffer, Image};
+use gs3_scene::{Camera, GBuffer, Image, Margin};
 use proptest::prelude::*;
 
 const SIZE: (u32, u32) = (240, 136);
@@ -290,6 +290,68 @@ fn another_size_resets_and_errors_do_not() {
     let error = sampler.super_sample(&small, &broken, &mut out).unwrap_err();
     assert_eq!(error, ReconstructError::NotFinite { what: "G-buffer colour" });
     assert_eq!((out, sampler.history_invalid()), (before, None));
+}
+
+/// Of a camera that turns left, what it shows at its left edge has been sampled before, and is sharper for it; the right is as it was.
+#[test]
+fn what_a_turn_reveals_has_a_past_in_the_margin() {
+    let world = wall_and_post(60.0);
+    let pose = |k: usize| camera(SIZE.0, SIZE.1, [0.0; 3], -0.02 * k as f64, 0.0);
+    let margin = Margin { left: 16, top: 2, right: 0, bottom: 1 };
+    let super_sampled = |margin: Margin| {
+        let mut sampler = SuperSampler::new(4, Kriging::Off).unwrap();
+        let (mut picture, mut out) = (GBuffer::default(), Image::default());
+        for k in 0..10 {
+            let around = world.gbuffer_around(&pose(k).low_resolution(4), grid_jitter(4, k), margin);
+            around.crop(&mut picture);
+            sampler.super_sample_within(&pose(k), &picture, &around, &mut out).unwrap();
+        }
+        (out, sampler.innovation().to_vec())
+    };
+    let native = world.native(&pose(9));
+    let ((with, news), (without, old_news)) = (super_sampled(margin), super_sampled(Margin::NONE));
+    let error = |image: &Image, columns: std::ops::Range<usize>| {
+        let width = image.width();
+        let pairs = image.pixels().iter().zip(native.pixels()).enumerate();
+        let inside = pairs.filter(|(k, _)| columns.contains(&(k % width)));
+        inside.flat_map(|(_, (a, b))| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2))).sum::<f64>()
+    };
+    let (left, right) = (0..16, 120..240);
+    assert!(error(&with, left.clone()) < 0.5 * error(&without, left), "the revealed side");
+    let (a, b) = (error(&with, right.clone()), error(&without, right));
+    assert!((a / b - 1.0).abs() < 0.02, "the other side: {a} and {b}");
+    // Samples at the revealed edge meet a past.
+    let known = |news: &[[f32; 4]]| news.iter().step_by(60).map(|n| n[3]).sum::<f32>();
+    assert_eq!((news.len(), old_news.len()), (60 * 34, 60 * 34));
+    assert!(known(&news) > 2.0 * known(&old_news), "{} and {}", known(&news), known(&old_news));
+}
+
+#[test]
+fn another_frames_margin_is_refused() {
+    let world = wall_and_post(60.0);
+    let lr = at(0.0).low_resolution(4);
+    let margin = Margin { left: 2, ..Margin::NONE };
+    let around = world.gbuffer_around(&lr, [0.125; 2], margin);
+    let mut picture = GBuffer::default();
+    around.crop(&mut picture);
+    let refused = |picture: &GBuffer, around: &GBuffer| {
+        let mut sampler = SuperSampler::new(4, Kriging::Off).unwrap();
+        sampler.super_sample_within(&at(0.0), picture, around, &mut Image::default()).unwrap_err()
+    };
+    let other = GBuffer { margin: Margin::all(1), ..around.clone() };
+    let size = ReconstructError::Size { what: "G-buffer", expected: (62, 36), actual: (62, 34) };
+    assert_eq!(refused(&picture, &other), size);
+    assert!(matches!(
+        refused(&picture, &GBuffer { margin: Margin::all(u32::MAX), ..around.clone() }),
+        ReconstructError::Size { .. }
+    ));
+    let other = GBuffer { jitter: [0.0; 2], ..around.clone() };
+    let jitter = ReconstructError::JitterAround { expected: [0.125; 2], actual: [0.0; 2] };
+    assert_eq!(refused(&picture, &other), jitter);
+    let other = GBuffer { gradients: None, ..around.clone() };
+    assert_eq!(refused(&picture, &other), ReconstructError::Missing { what: "image gradients" });
+    let said = GBuffer { margin, ..picture.clone() };
+    assert_eq!(refused(&said, &around), ReconstructError::Margin { actual: 2 });
 }
 
 #[test]

@@ -23,7 +23,13 @@ fn polynomial(width: usize, height: usize, jitter: [f32; 2], c: &[[f64; 4]; 4], 
     }
     let [color, color_dx, color_dy, color_dxdy] = planes;
     let gradients = Gradients { color_dx, color_dy, color_dxdy: mixed.then_some(color_dxdy) };
-    GBuffer { jitter, color, alpha: Planes::new(width, height), gradients: Some(gradients), geometry: None }
+    GBuffer {
+        jitter,
+        color,
+        alpha: Planes::new(width, height),
+        gradients: Some(gradients),
+        ..GBuffer::default()
+    }
 }
 
 /// ∂ᵖ⁺ᑫ/∂xᵖ∂yᑫ of the polynomial for p, q ≤ 1.

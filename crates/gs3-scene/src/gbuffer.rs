@@ -2,6 +2,9 @@
 
 use rayon::prelude::*;
 
+/// Rows that a thread copies at a time: shorter tasks cost more than they copy.
+const ROWS_AT_ONCE: usize = 64;
+
 /// `C` planes of f32, `[C, height, width]`, in one allocation.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Planes<const C: usize> {
@@ -97,6 +100,21 @@ impl<const C: usize> Planes<C> {
         self.width = width;
         self.height = height;
     }
+
+    /// Makes `out` these planes without `margin`, as far as they are larger.
+    fn crop(&self, margin: Margin, out: &mut Self) {
+        let [left, top, right, bottom] =
+            [margin.left, margin.top, margin.right, margin.bottom].map(|side| side as usize);
+        let width = self.width.saturating_sub(left + right);
+        let height = self.height.saturating_sub(top + bottom);
+        out.resize(width, height);
+        if width == 0 || height == 0 {
+            return;
+        }
+        out.data.par_chunks_exact_mut(width).with_min_len(ROWS_AT_ONCE).enumerate().for_each(|(k, row)| {
+            row.copy_from_slice(&self.row(k / height, top + k % height)[left..left + width]);
+        });
+    }
 }
 
 /// Exact derivatives of the blended colour with respect to the pixel position, per pixel of the G-buffer's own grid.
@@ -123,10 +141,46 @@ pub struct Geometry {
     pub normal: Planes<3>,
 }
 
+/// Pixels rasterized beyond the edges of the picture (overscan, or a guard band): what a turning camera will show next.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Margin {
+    /// Columns before the first.
+    pub left: u32,
+    /// Rows above the first.
+    pub top: u32,
+    /// Columns after the last.
+    pub right: u32,
+    /// Rows below the last.
+    pub bottom: u32,
+}
+
+impl Margin {
+    /// Nothing beyond the edges.
+    pub const NONE: Self = Self { left: 0, top: 0, right: 0, bottom: 0 };
+
+    /// The same beyond each edge.
+    #[must_use]
+    pub const fn all(pixels: u32) -> Self {
+        Self { left: pixels, top: pixels, right: pixels, bottom: pixels }
+    }
+
+    /// The width and height of a picture of `size` with its margin.
+    #[must_use]
+    pub const fn around(self, size: [u32; 2]) -> [u32; 2] {
+        [size[0] + self.left + self.right, size[1] + self.top + self.bottom]
+    }
+
+    /// The widest of the four.
+    #[must_use]
+    pub fn widest(self) -> u32 {
+        self.left.max(self.top).max(self.right).max(self.bottom)
+    }
+}
+
 /// One rasterized frame with what only Gaussians give: exact gradients, depth, normals.
 ///
-/// Pixel `(i, j)` is the point sample of the image at `(i + 0.5 + jitter.x, j + 0.5 + jitter.y)` of this grid. All planes
-/// have the same size, and all but depths are finite.
+/// Pixel `(i, j)` is the point sample of the image at `(i + 0.5 + jitter.x, j + 0.5 + jitter.y)` of this grid, whose origin
+/// lies [`Self::margin`] left of and above the picture's. All planes have the same size, and all but depths are finite.
 ///
 /// What reads which, for who fills it with another renderer: enlarging reads colour, Hermite interpolation gradients too,
 /// super sampling and interpolation over time median depths too, networks alpha and normals too. Nothing reconstructs from
@@ -135,6 +189,8 @@ pub struct Geometry {
 pub struct GBuffer {
     /// Offset of the sample positions from the pixel centres, in pixels of this grid.
     pub jitter: [f32; 2],
+    /// How much of the planes lies beyond the edges of the picture.
+    pub margin: Margin,
     /// Colour over the background, display-encoded RGB, not clamped above.
     pub color: Planes<3>,
     /// Opacity 1 − T, `[0, 1]`.
@@ -152,6 +208,7 @@ impl GBuffer {
         let (rgb, single) = (Planes::new(width, height), Planes::new(width, height));
         Self {
             jitter: [0.0; 2],
+            margin: Margin::NONE,
             gradients: Some(Gradients { color_dx: rgb.clone(), color_dy: rgb.clone(), color_dxdy: None }),
             geometry: Some(Geometry {
                 depth_median: single.clone(),
@@ -163,15 +220,41 @@ impl GBuffer {
         }
     }
 
-    /// Width in pixels.
+    /// Width in pixels, the margin included.
     #[must_use]
     pub const fn width(&self) -> usize {
         self.color.width()
     }
 
-    /// Height in pixels.
+    /// Height in pixels, the margin included.
     #[must_use]
     pub const fn height(&self) -> usize {
         self.color.height()
+    }
+
+    /// Makes `out` the picture alone, without the margin around it, reusing memory.
+    pub fn crop(&self, out: &mut Self) {
+        let Self { jitter, margin, color, alpha, gradients, geometry } = self;
+        (out.jitter, out.margin) = (*jitter, Margin::NONE);
+        color.crop(*margin, &mut out.color);
+        alpha.crop(*margin, &mut out.alpha);
+        crop_some(gradients, &mut out.gradients, |from, to| {
+            from.color_dx.crop(*margin, &mut to.color_dx);
+            from.color_dy.crop(*margin, &mut to.color_dy);
+            crop_some(&from.color_dxdy, &mut to.color_dxdy, |from, to| from.crop(*margin, to));
+        });
+        crop_some(geometry, &mut out.geometry, |from, to| {
+            from.depth_median.crop(*margin, &mut to.depth_median);
+            from.depth_expected.crop(*margin, &mut to.depth_expected);
+            from.normal.crop(*margin, &mut to.normal);
+        });
+    }
+}
+
+/// Crops what is there into what was there, or takes it away.
+fn crop_some<T: Default>(from: &Option<T>, to: &mut Option<T>, crop: impl Fn(&T, &mut T)) {
+    match from {
+        Some(from) => crop(from, to.get_or_insert_default()),
+        None => *to = None,
     }
 }

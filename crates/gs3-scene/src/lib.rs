@@ -21,7 +21,7 @@ pub use glam;
 pub use camera::{Camera, CameraError, Intrinsics};
 pub use camera_path::CameraPath;
 pub use gaussians::Gaussians;
-pub use gbuffer::{GBuffer, Geometry, Gradients, Planes};
+pub use gbuffer::{GBuffer, Geometry, Gradients, Margin, Planes};
 pub use image::Image;
 pub use jitter::Jitter;
 pub use scene::{Dropped, OpacityMode, Scene, SceneError};

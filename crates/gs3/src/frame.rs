@@ -7,7 +7,7 @@ use gs3_reconstruct::{
     Interpolator, Kernel, Neighbor, ReconstructError, ResetReason, SuperSampler, resample,
 };
 use gs3_scene::camera_path::pose_between;
-use gs3_scene::{Camera, GBuffer, Image, Scene};
+use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
 
 use crate::cut::is_cut;
 #[cfg(feature = "gpu")]
@@ -15,6 +15,7 @@ use crate::gpu::{Device, GpuRequest};
 use crate::jitter::AdaptiveJitter;
 use crate::lattice::DepthLattice;
 use crate::learned::{LearnedInterpolator, LearnedSuperSampler, NetworkError, Networks};
+use crate::overscan::margin_ahead;
 use crate::rasterizer::AnyRasterizer;
 use crate::settings::{MAX_GENERATE, Mode, PipelineSettings, Sampling};
 use crate::stages::{Stage, StageTimes};
@@ -96,6 +97,11 @@ pub struct FramePipeline {
     jitter: AdaptiveJitter,
     /// Of the frame being made, in LR pixels.
     offset: [f32; 2],
+    /// Whether frames have margins, and that of the frame being made.
+    overscan: bool,
+    margin: Margin,
+    /// The LR frame with its margin, where it has one.
+    around: GBuffer,
     rasterizer: AnyRasterizer,
     super_sampler: SuperSampler,
     interpolator: Interpolator,
@@ -155,6 +161,9 @@ impl FramePipeline {
             settings,
             jitter: AdaptiveJitter::new(scale, sampling),
             offset: [0.0; 2],
+            overscan: settings.overscan_below(super_sample.as_deref()),
+            margin: Margin::NONE,
+            around: GBuffer::default(),
             rasterizer: AnyRasterizer::cpu(scene, settings.culling),
             super_sampler,
             interpolator,
@@ -194,6 +203,7 @@ impl FramePipeline {
         self.between_made = 0;
         self.invalidate_for(camera);
         self.offset = self.jitter.next(camera, &self.current.lattice);
+        self.margin = self.next_margin(camera);
         std::mem::swap(&mut self.previous, &mut self.current);
         self.current.camera = None;
         if let Err(error) = self.make(camera, between) {
@@ -369,6 +379,16 @@ impl FramePipeline {
         }
     }
 
+    /// What the frame of `camera` is rasterized with beyond its edges. After a cut nothing tells where the camera goes.
+    fn next_margin(&self, camera: &Camera) -> Margin {
+        match &self.current.camera {
+            Some(last) if self.overscan && self.invalid.is_none() => {
+                margin_ahead(last, camera, &self.current.lattice, self.settings.scale)
+            }
+            _ => Margin::NONE,
+        }
+    }
+
     /// All of the frame at once, on the device.
     #[cfg(feature = "gpu")]
     fn render_on_device(&mut self, camera: &Camera, between: &[Camera]) -> Result<(), PipelineError> {
@@ -393,6 +413,7 @@ impl FramePipeline {
             outputs,
             dilation: dilation.at_scale(self.settings.raster_scale()),
             jitter: self.offset,
+            margin: self.margin,
             background,
         }
     }
@@ -407,7 +428,15 @@ impl FramePipeline {
         let settings = self.raster_settings(outputs);
         let lr_camera = camera.low_resolution(self.settings.scale);
         let (rasterizer, gbuffer) = (&mut self.rasterizer, &mut self.current.gbuffer);
-        self.times.time(Stage::Rasterize, || rasterizer.rasterize(&lr_camera, &settings, gbuffer))?;
+        let around = &mut self.around;
+        self.times.time(Stage::Rasterize, || {
+            if settings.margin == Margin::NONE {
+                return rasterizer.rasterize(&lr_camera, &settings, gbuffer);
+            }
+            rasterizer.rasterize(&lr_camera, &settings, around)?;
+            around.crop(gbuffer);
+            Ok(())
+        })?;
         self.current.lattice = DepthLattice::of(&self.current.gbuffer);
         Ok(())
     }
@@ -423,11 +452,12 @@ impl FramePipeline {
         let Frame { gbuffer, image, .. } = &mut self.current;
         let (super_sampler, previous) = (&mut self.super_sampler, &self.previous);
         let (learned, analytic) = (&mut self.learned_super_sampler, &mut self.analytic);
+        let around = if self.margin == Margin::NONE { &*gbuffer } else { &self.around };
         self.times.time(Stage::SuperSample, || {
             let Some(learned) = learned else {
-                return Ok(super_sampler.super_sample(camera, gbuffer, image)?);
+                return Ok(super_sampler.super_sample_within(camera, gbuffer, around, image)?);
             };
-            super_sampler.super_sample(camera, gbuffer, analytic)?;
+            super_sampler.super_sample_within(camera, gbuffer, around, analytic)?;
             let previous = match &previous.camera {
                 Some(camera) if self.invalid.is_none() => {
                     Some(Neighbor { camera, image: &previous.image, gbuffer: &previous.gbuffer })

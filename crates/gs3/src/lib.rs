@@ -47,6 +47,7 @@ pub mod gpu;
 mod jitter;
 mod lattice;
 pub mod learned;
+mod overscan;
 mod rasterizer;
 mod settings;
 mod stages;
@@ -68,6 +69,7 @@ pub use gs3_scene::glam;
 pub use jitter::AdaptiveJitter;
 pub use lattice::DepthLattice;
 pub use learned::{NetworkError, Networks};
+pub use overscan::margin_ahead;
 pub use settings::{Dilation, MAX_GENERATE, Mode, PipelineSettings, Sampling};
 pub use stages::{Stage, StageTimes};
 

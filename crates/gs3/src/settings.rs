@@ -75,6 +75,9 @@ pub struct PipelineSettings {
     /// Which pixels that first-order predictions leave uncertain are kriged. Where a network refines frames they are kriged whatever this
     /// says, finely below one of tier high. Read by [`Mode::SuperSample`] and [`Mode::Full`].
     pub kriging: Kriging,
+    /// Whether LR frames are rasterized beyond the edges that the camera turns to, so that what the next frames reveal has a past. Where
+    /// a network refines frames they are, whatever this says. Read by [`Mode::SuperSample`] and [`Mode::Full`].
+    pub overscan: bool,
     /// Dilation of the projected covariances.
     pub dilation: Dilation,
     /// Which tiles a splat is assigned to.
@@ -92,6 +95,7 @@ impl Default for PipelineSettings {
             scale: 4,
             sampling: Sampling::default(),
             kriging: Kriging::default(),
+            overscan: false,
             dilation: Dilation::default(),
             culling: Culling::default(),
             generate: 1,
@@ -121,6 +125,11 @@ impl PipelineSettings {
             Some(_) => Kriging::On,
         };
         self.kriging.max(least)
+    }
+
+    /// Whether frames have margins, with a network that refines them or without one.
+    pub(crate) fn overscan_below(&self, weights: Option<&Weights>) -> bool {
+        self.mode.has_history() && (self.overscan || weights.is_some())
     }
 
     /// Moments of the frames interpolated before a rendered one, in (0, 1), in order.

@@ -66,6 +66,10 @@ fn one_line_that_names_field_expected_and_actual() {
             "render demo --mode native --generate 2 --out o",
             &["--generate: expected --mode full, found --mode native"],
         ),
+        (
+            "render demo --mode bicubic --overscan --out o",
+            &["--overscan: expected --mode super-sample or full"],
+        ),
         ("render demo --mode native --kriging --out o", &["--kriging: expected --mode super-sample or full"]),
         ("render demo --mode native --jitter off --out o", &["--jitter: expected --mode"]),
         ("render demo --mode native --weights w --out o", &["--weights: expected --mode"]),

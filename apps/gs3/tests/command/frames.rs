@@ -79,6 +79,7 @@ fn kriging_and_tiers_reach_the_picture() {
     let [off, on, fine] = ["", "--kriging", "--kriging=fine"]
         .map(|kriging| render(&format!("made{kriging}"), &format!("--tier analytic {kriging}")));
     assert!(on != off && fine != on && fine != off, "each kriges other pixels");
+    assert!(render("overscan", "--tier analytic --overscan") != off, "the camera moves");
     let [balanced, high] =
         ["balanced", "high"].map(|tier| render(tier, &format!("--tier {tier} --arithmetic f32")));
     assert!(balanced != on, "networks refine what is kriged");

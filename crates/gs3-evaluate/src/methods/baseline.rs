@@ -53,9 +53,11 @@ impl Baseline {
         };
         let spatial = match spec.spatial {
             Spatial::Native => of_pipeline(Mode::Native)?,
-            Spatial::History | Spatial::Kriging | Spatial::Centered | Spatial::Learned(_) => {
-                of_pipeline(Mode::SuperSample)?
-            }
+            Spatial::History
+            | Spatial::Kriging
+            | Spatial::Overscan
+            | Spatial::Centered
+            | Spatial::Learned(_) => of_pipeline(Mode::SuperSample)?,
             Spatial::Gradientless => SpatialPart::Gradientless {
                 source: Box::new(LrSource::new(spec.formation, Outputs::GBuffer, settings)),
                 super_sampler: Box::new(SuperSampler::new(settings.scale, Kriging::Off)?),
@@ -217,8 +219,12 @@ impl LrSource {
                 return Ok(None);
             }
         };
-        let settings =
-            RasterSettings { outputs: self.outputs, dilation, jitter, background: self.background };
+        let settings = RasterSettings {
+            dilation,
+            jitter,
+            background: self.background,
+            ..RasterSettings::new(self.outputs)
+        };
         let started = Instant::now();
         self.rasterizer.rasterize(&camera.low_resolution(self.scale), &settings, lr)?;
         Ok(Some(started.elapsed()))

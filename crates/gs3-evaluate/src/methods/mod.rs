@@ -170,6 +170,7 @@ fn pipeline(mode: Mode, spec: MethodSpec, settings: &MethodSettings) -> Result<F
         scale: settings.scale,
         sampling: if spec.spatial.is_jittered() { Sampling::Jittered } else { Sampling::Centered },
         kriging: if spec.spatial == Spatial::Kriging { Kriging::On } else { Kriging::Off },
+        overscan: spec.spatial == Spatial::Overscan,
         dilation,
         culling: settings.culling,
         generate: 1,

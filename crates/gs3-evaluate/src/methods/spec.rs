@@ -30,11 +30,13 @@ pub enum Spatial {
     History,
     /// [`Self::History`], kriged where first-order predictions err visibly.
     Kriging,
+    /// [`Self::History`], rasterized beyond the edges that the camera turns to.
+    Overscan,
     /// [`Self::History`] with all LR frames sampled at pixel centres: an ablation.
     Centered,
     /// [`Self::History`] without rendered gradients: those of bicubic interpolation in their place, an ablation.
     Gradientless,
-    /// gs3's learned super sampling on top of [`Self::Kriging`].
+    /// gs3's learned super sampling on top of [`Self::Kriging`] and [`Self::Overscan`].
     Learned(Tier),
     /// The network SPAN, 28 channels, ×4.
     Span,
@@ -111,7 +113,7 @@ pub enum SpecError {
     },
 }
 
-const SPATIAL: [(&str, Spatial); 22] = [
+const SPATIAL: [(&str, Spatial); 23] = [
     ("native", Spatial::Native),
     ("nearest", Spatial::Nearest),
     ("bilinear", Spatial::Bilinear),
@@ -123,6 +125,7 @@ const SPATIAL: [(&str, Spatial); 22] = [
     ("ridge", Spatial::Ridge),
     ("history", Spatial::History),
     ("kriging", Spatial::Kriging),
+    ("overscan", Spatial::Overscan),
     ("history_centered", Spatial::Centered),
     ("history_gradientless", Spatial::Gradientless),
     ("fast_ss", Spatial::Learned(Tier::Fast)),
@@ -146,17 +149,18 @@ const INTERPOLATIONS: [(&str, Interpolation); 6] = [
     ("high", Interpolation::Learned(Tier::High)),
 ];
 /// Names of both parts of gs3 together, as `gs3 render` has them unless it is told to interpolate by networks: `history+warp`
-/// without learning, `kriging+warp` with `--kriging`, `fast_ss+warp` with learning, and so on.
-const WHOLE: [(&str, (Spatial, Interpolation)); 5] = [
+/// without learning, `kriging+warp` with `--kriging`, `overscan+warp` with `--overscan`, `fast_ss+warp` with learning, and so on.
+const WHOLE: [(&str, (Spatial, Interpolation)); 6] = [
     ("analytic", (Spatial::History, Interpolation::Warp)),
     ("kriged", (Spatial::Kriging, Interpolation::Warp)),
+    ("overscanned", (Spatial::Overscan, Interpolation::Warp)),
     ("fast", (Spatial::Learned(Tier::Fast), Interpolation::Warp)),
     ("balanced", (Spatial::Learned(Tier::Balanced), Interpolation::Warp)),
     ("high", (Spatial::Learned(Tier::High), Interpolation::Warp)),
 ];
 
 /// The methods compared where none are named.
-pub const DEFAULT_METHODS: &str = "native,nearest,bilinear,bicubic,lanczos,fsr1,hermite,spline,ridge,history,kriging,\
+pub const DEFAULT_METHODS: &str = "native,nearest,bilinear,bicubic,lanczos,fsr1,hermite,spline,ridge,history,kriging,overscan,\
      bicubic@stock,bicubic+repeat,bicubic+blend,history+repeat,history+blend,analytic";
 
 impl Spatial {
@@ -178,17 +182,25 @@ impl Spatial {
 
     /// Whether frames depend on the ones before.
     const fn has_history(self) -> bool {
-        matches!(self, Self::History | Self::Kriging | Self::Centered | Self::Gradientless | Self::Learned(_))
+        matches!(
+            self,
+            Self::History
+                | Self::Kriging
+                | Self::Overscan
+                | Self::Centered
+                | Self::Gradientless
+                | Self::Learned(_)
+        )
     }
 
     /// Whether [`gs3::FramePipeline`] makes it, and so frames between, too.
     pub(super) const fn is_pipeline(self) -> bool {
-        matches!(self, Self::History | Self::Kriging | Self::Centered | Self::Learned(_))
+        matches!(self, Self::History | Self::Kriging | Self::Overscan | Self::Centered | Self::Learned(_))
     }
 
     /// Whether LR frames are jittered.
     pub(crate) const fn is_jittered(self) -> bool {
-        matches!(self, Self::History | Self::Kriging | Self::Gradientless | Self::Learned(_))
+        matches!(self, Self::History | Self::Kriging | Self::Overscan | Self::Gradientless | Self::Learned(_))
     }
 }
 
@@ -343,6 +355,8 @@ mod tests {
                 "fast_ss+high",
                 "kriging",
                 "kriged",
+                "overscan",
+                "overscanned",
                 "high_ss+blend",
             ]);
         for name in names {
@@ -357,7 +371,10 @@ mod tests {
     fn what_makes_no_method_is_refused_with_what_would() {
         let message = |name: &str| name.parse::<MethodSpec>().map_err(|e| e.to_string()).unwrap_err();
         assert!(message("bicubik").contains("one of native, nearest"), "{}", message("bicubik"));
-        assert!(message("bicubik").contains("ninasr_trained, analytic, kriged, fast, balanced, high, found"));
+        assert!(
+            message("bicubik")
+                .contains("ninasr_trained, analytic, kriged, overscanned, fast, balanced, high, found")
+        );
         assert!(message("bicubic@blurry").contains("found 'blurry'"));
         assert!(message("bicubic+flow").contains("repeat, blend, warp"));
         for name in [

@@ -19,7 +19,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use fearless_simd::{Level, dispatch};
-use gs3_scene::{Camera, GBuffer, Image, Scene};
+use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
 use rayon::prelude::*;
 
 use crate::chunk::{self, CHUNK, Chunk};
@@ -94,7 +94,7 @@ impl Rasterizer {
         self.jobs.iter().map(|job| job.splats.len()).sum()
     }
 
-    /// Rasterizes the scene seen by `camera` into `out`, which takes the camera's size; its memory is reused.
+    /// Rasterizes the scene seen by `camera` into `out`, which takes the camera's size and the margin around it; its memory is reused.
     ///
     /// # Errors
     /// [`RasterError`] if a setting is out of range; `out` is untouched then.
@@ -115,7 +115,8 @@ impl Rasterizer {
         Ok(())
     }
 
-    /// Rasterizes colour only, as an [`Image`] whose fourth channel is alpha. `settings.outputs` is not read.
+    /// Rasterizes colour only, as an [`Image`] whose fourth channel is alpha. `settings.outputs` and
+    /// `settings.margin` are not read.
     ///
     /// # Errors
     /// [`RasterError`] if a setting is out of range; `out` is untouched then.
@@ -126,8 +127,9 @@ impl Rasterizer {
         out: &mut Image,
     ) -> Result<(), RasterError> {
         settings.check()?;
+        let settings = RasterSettings { margin: Margin::NONE, ..*settings };
         out.resize(camera.width() as usize, camera.height() as usize);
-        self.run::<COLOR>(camera, settings, resolve::image_bands(out));
+        self.run::<COLOR>(camera, &settings, resolve::image_bands(out));
         Ok(())
     }
 
@@ -142,7 +144,7 @@ impl Rasterizer {
         self.project(&view, OUTPUTS != COLOR, false);
         let projected = Instant::now();
 
-        let size = [camera.width() as usize, camera.height() as usize];
+        let size = view.size.map(|side| side as usize);
         let (columns, rows) = (size[0].div_ceil(TILE_WIDTH), size[1].div_ceil(TILE_HEIGHT));
         self.bins.fill(&self.jobs, columns, rows, self.culling);
         let binned = Instant::now();

@@ -17,10 +17,11 @@ pub enum Band<'a> {
     GBuffer(Vec<(usize, &'a mut [f32])>),
 }
 
-/// Gives `out` the camera's size and the planes that `settings` asks for.
+/// Gives `out` the camera's size, the margin around it, and the planes that `settings` asks for.
 pub fn prepare(out: &mut GBuffer, camera: &Camera, settings: &RasterSettings) {
-    let (w, h) = (camera.width() as usize, camera.height() as usize);
-    out.jitter = settings.jitter;
+    let size = settings.margin.around([camera.width(), camera.height()]);
+    let [w, h] = size.map(|side| side as usize);
+    (out.jitter, out.margin) = (settings.jitter, settings.margin);
     out.color.resize(w, h);
     out.alpha.resize(w, h);
     if settings.outputs == Outputs::Color {

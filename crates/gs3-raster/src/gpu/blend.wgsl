@@ -131,7 +131,7 @@ fn blend(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_
     if is_inside {
         let through = select(last, t, t > 0.0);
         let alpha = 1.0 - through;
-        let index = (pixel.y - band.first_row * TILE) * view.size.x + pixel.x;
+        let index = (pixel.y - band.first_row * TILE) * view.stride + pixel.x;
         color_alpha[index] = vec4(fma(view.background, vec3(through), color), alpha);
         write_outputs(Pixel(index, sample, through, alpha));
     }

@@ -1,26 +1,39 @@
 //! The G-buffer in device memory.
 
-use gs3_compute::{Bound, Buffer, Gpu, GpuError, Use};
-use gs3_scene::{GBuffer, Geometry, Gradients, Image, Planes};
+use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::plan::{FramePlan, PIXEL_BYTES};
+use gs3_compute::{Bound, Buffer, Gpu, GpuError, Use};
+use gs3_scene::{GBuffer, Geometry, Gradients, Image, Margin, Planes};
+
+use super::crop::BoundCrop;
+use super::plan::PIXEL_BYTES;
 use crate::settings::Outputs;
 
 /// Bytes read back at a time.
 const STEP_BYTES: u64 = 32 << 20;
 
-/// What a frame was rasterized into, in device memory: planes of four f32 a pixel, row by row, `[height, width, 4]`.
+/// What a frame was rasterized into, in device memory: planes of four f32 a pixel, row by row, `[height, width, 4]`; where there
+/// is room for margins, rows lie [`Self::stride`] pixels apart.
 /// Later stages read the buffers in the same submission or in a later one.
 ///
 /// Two of them keep the frame before while the next one is made.
 #[derive(Default)]
 pub struct GpuGBuffer {
     size: [u32; 2],
+    /// Pixels that there is memory for, in a row and in a column.
+    room: [u32; 2],
     jitter: [f32; 2],
+    margin: Margin,
+    /// Which of all planes ever made these are, 0 for none.
+    made: u64,
     /// By the names that the shaders have for them.
     planes: Vec<(&'static str, Buffer)>,
     pub(super) target: Target,
+    pub(super) crop: BoundCrop,
 }
+
+/// Planes of all G-buffers, counted from 1, so that a picture knows from which ones it is copied.
+static MADE: AtomicU64 = AtomicU64::new(1);
 
 /// Blending into a G-buffer.
 #[derive(Default)]
@@ -41,10 +54,22 @@ const fn plane_names(outputs: Outputs) -> &'static [&'static str] {
 }
 
 impl GpuGBuffer {
-    /// Width and height in pixels; zeros before the first frame.
+    /// Width and height in pixels, the margin included; zeros before the first frame.
     #[must_use]
     pub const fn size(&self) -> [u32; 2] {
         self.size
+    }
+
+    /// Pixels from a row of the planes to the next.
+    #[must_use]
+    pub const fn stride(&self) -> u32 {
+        self.room[0]
+    }
+
+    /// How much lies beyond the edges of the picture.
+    #[must_use]
+    pub const fn margin(&self) -> Margin {
+        self.margin
     }
 
     /// Offset of the samples from the pixel centres, pixels.
@@ -87,21 +112,28 @@ impl GpuGBuffer {
         &self.planes
     }
 
-    pub(super) fn set_jitter(&mut self, jitter: [f32; 2]) {
-        self.jitter = jitter;
+    pub(super) const fn made(&self) -> u64 {
+        self.made
     }
 
-    /// Gives it the planes and the size of `plan`.
-    pub(super) fn fit(&mut self, gpu: &Gpu, plan: &FramePlan) -> Result<(), GpuError> {
-        let names = plane_names(plan.outputs);
-        if self.size == plan.size && self.planes.iter().map(|(name, _)| *name).eq(names.iter().copied()) {
+    /// Takes note of how it is going to be sampled.
+    pub(super) fn set(&mut self, size: [u32; 2], margin: Margin, jitter: [f32; 2]) {
+        (self.size, self.margin, self.jitter) = (size, margin, jitter);
+    }
+
+    /// Gives it the planes of `outputs` with `room` for so many pixels.
+    pub(super) fn fit(&mut self, gpu: &Gpu, outputs: Outputs, room: [u32; 2]) -> Result<(), GpuError> {
+        let names = plane_names(outputs);
+        if self.room == room && self.planes.iter().map(|(name, _)| *name).eq(names.iter().copied()) {
             return Ok(());
         }
         *self = Self::default();
+        let bytes = u64::from(room[0]) * u64::from(room[1]) * PIXEL_BYTES;
         for name in names {
-            self.planes.push((*name, gpu.buffer(name, Use::Storage, plan.plane_bytes())?));
+            self.planes.push((*name, gpu.buffer(name, Use::Storage, bytes)?));
         }
-        self.size = plan.size;
+        self.room = room;
+        self.made = MADE.fetch_add(1, Ordering::Relaxed);
         Ok(())
     }
 
@@ -110,7 +142,7 @@ impl GpuGBuffer {
     /// # Errors
     /// [`GpuError`] if the device fails.
     pub fn read(&self, gpu: &Gpu, out: &mut GBuffer) -> Result<(), GpuError> {
-        out.jitter = self.jitter;
+        (out.jitter, out.margin) = (self.jitter, self.margin);
         self.read_into(gpu, self.color_alpha(), &mut out.color, Some(&mut out.alpha))?;
         if self.dx_median().is_none() {
             out.gradients = None;
@@ -138,7 +170,7 @@ impl GpuGBuffer {
     /// [`GpuError`] if the device fails.
     pub fn read_image(&self, gpu: &Gpu, out: &mut Image) -> Result<(), GpuError> {
         out.resize(self.size[0] as usize, self.size[1] as usize);
-        read_steps(gpu, self.color_alpha(), |first, pixels| {
+        self.read_runs(gpu, self.color_alpha(), |first, pixels| {
             out.pixels_mut()[first..first + pixels.len()].copy_from_slice(pixels);
         })
     }
@@ -161,7 +193,7 @@ impl GpuGBuffer {
         if let Some(fourth) = &mut fourth {
             fourth.resize(width, height);
         }
-        read_steps(gpu, from, |first, pixels| {
+        self.read_runs(gpu, from, |first, pixels| {
             for (i, [r, g, b, a]) in (first..).zip(pixels) {
                 let data = rgb.data_mut();
                 (data[i], data[count + i], data[2 * count + i]) = (*r, *g, *b);
@@ -171,18 +203,27 @@ impl GpuGBuffer {
             }
         })
     }
-}
 
-/// Calls `take` with runs of a plane's pixels, each with the place of its first.
-fn read_steps(
-    gpu: &Gpu,
-    plane: Option<&Buffer>,
-    mut take: impl FnMut(usize, &[[f32; 4]]),
-) -> Result<(), GpuError> {
-    let Some(plane) = plane else { return Ok(()) };
-    for start in (0..plane.bytes()).step_by(STEP_BYTES as usize) {
-        let pixels = gpu.read::<[f32; 4]>(&plane.part(start, STEP_BYTES))?;
-        take((start / PIXEL_BYTES) as usize, &pixels);
+    /// Calls `take` with runs of the pixels of `plane`, each with the place of its first among all.
+    fn read_runs(
+        &self,
+        gpu: &Gpu,
+        plane: Option<&Buffer>,
+        mut take: impl FnMut(usize, &[[f32; 4]]),
+    ) -> Result<(), GpuError> {
+        let Some(plane) = plane else { return Ok(()) };
+        let [width, height] = self.size.map(|side| side as usize);
+        // Whole rows, of which the picture may be a part.
+        let row_bytes = u64::from(self.stride()) * PIXEL_BYTES;
+        let rows = (STEP_BYTES / row_bytes).max(1) as usize;
+        for first in (0..height).step_by(rows) {
+            let count = rows.min(height - first);
+            let part = plane.part(first as u64 * row_bytes, count as u64 * row_bytes);
+            let pixels = gpu.read::<[f32; 4]>(&part)?;
+            for (y, row) in (first..).zip(pixels.chunks(self.stride() as usize)) {
+                take(y * width, &row[..width]);
+            }
+        }
+        Ok(())
     }
-    Ok(())
 }

@@ -13,6 +13,7 @@
 //! many tiles they cover only the device knows; where there was no room for all of them, [`GpuRasterizer::settle`] says
 //! so and makes room, and the frame is to be made again.
 
+mod crop;
 mod error;
 mod frame;
 mod gbuffer;
@@ -30,10 +31,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use gs3_compute::{Arena, Gpu, GpuError, Limits, Recorder, Slice};
-use gs3_scene::{Camera, GBuffer, Image, Scene};
+use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
 
-use crate::settings::{Culling, Outputs, RasterSettings};
+use crate::settings::{Culling, MAX_MARGIN, Outputs, RasterSettings};
 use crate::view::View;
+use crop::Crop;
 pub use error::GpuRasterError;
 use frame::{Fixed, Frame};
 pub use gbuffer::GpuGBuffer;
@@ -53,8 +55,11 @@ pub struct GpuRasterizer {
     plan: ScenePlan,
     pages: Vec<Page>,
     kernels: Kernels,
+    crop: Crop,
     fixed: Fixed,
     arena: Arena,
+    /// Whether frames have room for margins.
+    has_margins: bool,
     /// Kept when the size changes, so that a window that is resized does not learn it anew.
     room: Option<Room>,
     frame: Option<Frame>,
@@ -116,12 +121,14 @@ impl GpuRasterizer {
         Ok(Self {
             pages: scene::upload(gpu, g, &plan)?,
             kernels: Kernels::new(gpu, &plan, scene.opacity_mode(), culling)?,
+            crop: Crop::new(gpu)?,
             fixed: Fixed::new(gpu, plan.chunks)?,
             gpu: gpu.clone(),
             limits,
             plan,
             scene,
             arena: Arena::default(),
+            has_margins: false,
             room: None,
             frame: None,
             frame_number: 0,
@@ -141,8 +148,9 @@ impl GpuRasterizer {
         &self.gpu
     }
 
-    /// Records the scene seen by `camera` into `out`, which takes the camera's size. Once in a submission at most; what
-    /// is recorded after it finds the G-buffer finished.
+    /// Records the scene seen by `camera` into `out`, which takes the camera's size and the margin around it. Once in a submission at
+    /// most; what is recorded after it finds the G-buffer finished. From the first frame with a margin on there is room for any, so
+    /// that others allocate nothing.
     ///
     /// # Errors
     /// [`GpuRasterError`] if a setting is out of range, or the device has no room for the size.
@@ -154,18 +162,42 @@ impl GpuRasterizer {
         out: &mut GpuGBuffer,
     ) -> Result<(), GpuRasterError> {
         settings.check()?;
-        self.fit([camera.width(), camera.height()], settings.outputs)?;
+        self.has_margins |= settings.margin != Margin::NONE;
+        let picture = [camera.width(), camera.height()];
+        let room = if self.has_margins { Margin::all(MAX_MARGIN).around(picture) } else { picture };
+        self.fit(room, settings.outputs)?;
         let Some(frame) = &self.frame else { return Ok(()) };
-        out.fit(&self.gpu, &frame.plan)?;
-        out.set_jitter(settings.jitter);
+        out.fit(&self.gpu, settings.outputs, room)?;
+        out.set(settings.margin.around(picture), settings.margin, settings.jitter);
         if out.target.frame != self.frame_number {
             let blend = frame.bind_target(&self.gpu, &self.fixed, &self.arena, out.planes())?;
             out.target = Target { frame: self.frame_number, blend };
         }
-        let view = ViewUniform::new(&View::new(camera, settings), settings);
+        let view = ViewUniform::new(&View::new(camera, settings), settings, out.stride());
         self.gpu.write(&self.fixed.view.slice(), &[view])?;
         frame.record(recorder, &out.target);
         Ok(())
+    }
+
+    /// As [`Self::record`] into `around`, always with room for margins, and what of it is the picture into `picture`, whose rows lie
+    /// one after the other.
+    ///
+    /// # Errors
+    /// As [`Self::record`].
+    pub fn record_within(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        camera: &Camera,
+        settings: &RasterSettings,
+        around: &mut GpuGBuffer,
+        picture: &mut GpuGBuffer,
+    ) -> Result<(), GpuRasterError> {
+        self.has_margins = true;
+        self.record(recorder, camera, settings, around)?;
+        let size = [camera.width(), camera.height()];
+        picture.fit(&self.gpu, settings.outputs, size)?;
+        picture.set(size, Margin::NONE, settings.jitter);
+        Ok(self.crop.record(&self.gpu, recorder, around, picture)?)
     }
 
     /// What the last submitted frame needed. It waits for the frame, so where frames follow each other it belongs after
@@ -243,7 +275,8 @@ impl GpuRasterizer {
         Ok(self.gbuffer.read(&self.gpu, out)?)
     }
 
-    /// Rasterizes colour only, read back as an [`Image`] whose fourth channel is alpha. `settings.outputs` is not read.
+    /// Rasterizes colour only, read back as an [`Image`] whose fourth channel is alpha. `settings.outputs` and
+    /// `settings.margin` are not read.
     ///
     /// # Errors
     /// As [`Self::rasterize`].
@@ -253,7 +286,7 @@ impl GpuRasterizer {
         settings: &RasterSettings,
         out: &mut Image,
     ) -> Result<(), GpuRasterError> {
-        let settings = RasterSettings { outputs: Outputs::Color, ..*settings };
+        let settings = RasterSettings { outputs: Outputs::Color, margin: Margin::NONE, ..*settings };
         let mut gbuffer = std::mem::take(&mut self.gbuffer);
         let result = self.rasterize(camera, &settings, &mut gbuffer);
         self.gbuffer = gbuffer;

@@ -172,7 +172,7 @@ impl Room {
 /// Sizes of a frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FramePlan {
-    /// Pixels.
+    /// Pixels that there is room for.
     pub size: [u32; 2],
     pub outputs: Outputs,
     pub room: Room,
@@ -224,11 +224,6 @@ impl FramePlan {
             }
         }
         Ok(plan)
-    }
-
-    /// The plane of a pixel's quantity in the G-buffer, bytes.
-    pub fn plane_bytes(&self) -> u64 {
-        u64::from(self.size[0]) * u64::from(self.size[1]) * PIXEL_BYTES
     }
 
     /// Where a band's pixels lie in a plane, bytes: start and length.
@@ -361,7 +356,8 @@ mod tests {
             assert!(band.rows * band.columns < 1 << plan.tile_bits);
             (row, end) = (row + band.rows, start + bytes);
         }
-        assert_eq!(end, plan.plane_bytes(), "{:?}", plan.size);
+        let [width, height] = plan.size.map(u64::from);
+        assert_eq!(end, width * height * PIXEL_BYTES, "{:?}", plan.size);
         assert_eq!(row, plan.size[1].div_ceil(TILE));
     }
 

@@ -39,6 +39,9 @@ pub const PLAN: [&str; 3] = [GRID_WGSL, FRAME, include_str!("plan.wgsl")];
 /// Entries of tiles: entries `clear` and `find`.
 pub const TILES: [&str; 3] = [GRID_WGSL, FRAME, include_str!("tiles.wgsl")];
 
+/// The picture without its margin: entry `copy_picture`.
+pub const CROP: [&str; 1] = [include_str!("crop.wgsl")];
+
 /// Tiles to pixels: entry `blend`.
 pub fn blend(outputs: Outputs) -> Vec<&'static str> {
     let mut sources = vec![VIEW, FRAME, SPLAT, include_str!("cover.wgsl"), include_str!("blend.wgsl")];
@@ -69,7 +72,7 @@ mod tests {
         for precision in [ScenePrecision::F16, ScenePrecision::F32] {
             validate("project", &project(precision)).unwrap_or_else(|e| panic!("{precision:?}: {e}"));
         }
-        for (label, sources) in [("bin", &BIN[..]), ("plan", &PLAN), ("tiles", &TILES)] {
+        for (label, sources) in [("bin", &BIN[..]), ("plan", &PLAN), ("tiles", &TILES), ("crop", &CROP)] {
             validate(label, sources).unwrap_or_else(|e| panic!("{e}"));
         }
         for outputs in [Outputs::Color, Outputs::GBuffer, Outputs::GBufferMixed] {

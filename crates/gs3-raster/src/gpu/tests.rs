@@ -2,7 +2,7 @@
 
 use glam::{DAffine3, DVec3};
 use gs3_compute::GpuSettings;
-use gs3_scene::{Gaussians, Intrinsics, OpacityMode};
+use gs3_scene::{Gaussians, Intrinsics, Margin, OpacityMode};
 
 use super::*;
 use crate::cpu::Rasterizer;
@@ -52,6 +52,7 @@ const SETTINGS: RasterSettings = RasterSettings {
     outputs: Outputs::GBufferMixed,
     dilation: 0.3,
     jitter: [0.25, -0.125],
+    margin: Margin::NONE,
     background: [0.1, 0.2, 0.3],
 };
 

@@ -23,11 +23,13 @@ pub struct ViewUniform {
     jacobian_low: [f32; 2],
     jacobian_high: [f32; 2],
     size: [u32; 2],
-    _pad3: [u32; 2],
+    stride: u32,
+    _pad3: u32,
 }
 
 impl ViewUniform {
-    pub fn new(view: &View, settings: &RasterSettings) -> Self {
+    /// Of a frame in planes whose rows are `stride` pixels apart.
+    pub fn new(view: &View, settings: &RasterSettings, stride: u32) -> Self {
         let frustum = Frustum::new(view);
         Self {
             rotation: view.rotation.map(|[x, y, z]| [x, y, z, 0.0]),
@@ -43,7 +45,8 @@ impl ViewUniform {
             jacobian_low: view.jacobian_limits.map(|[low, _]| low),
             jacobian_high: view.jacobian_limits.map(|[_, high]| high),
             size: view.size,
-            _pad3: [0; 2],
+            stride,
+            _pad3: 0,
         }
     }
 }
@@ -72,6 +75,7 @@ mod tests {
                 jacobian_low,
                 jacobian_high,
                 size,
+                stride,
                 _pad3,
             }
         );

@@ -23,7 +23,9 @@ struct View {
     jacobian_low: vec2<f32>,
     jacobian_high: vec2<f32>,
     size: vec2<u32>,
-    _pad3: vec2<u32>,
+    // From a row of the planes to the next.
+    stride: u32,
+    _pad3: u32,
 }
 
 @group(0) @binding(0) var<uniform> view: View;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use gs3_raster::{Culling, Outputs, RasterSettings, Rasterizer, STOCK_DILATION};
-use gs3_scene::{Camera, GBuffer, Image, Planes, Scene};
+use gs3_scene::{Camera, GBuffer, Image, Margin, Planes, Scene};
 
 use crate::oracle::{Oracle, Sample};
 
@@ -15,6 +15,7 @@ pub const EVERYTHING: RasterSettings = RasterSettings {
     outputs: Outputs::GBufferMixed,
     dilation: STOCK_DILATION,
     jitter: [0.0; 2],
+    margin: Margin::NONE,
     background: [0.0; 3],
 };
 

@@ -8,7 +8,7 @@ use gs3_raster::{
     Culling, GpuGBuffer, GpuRasterError, GpuRasterizer, Outputs, RasterError, RasterSettings, Rasterizer,
     ScenePrecision, matched_dilation,
 };
-use gs3_scene::{Camera, GBuffer, Image, OpacityMode, Scene};
+use gs3_scene::{Camera, GBuffer, Image, Margin, OpacityMode, Scene};
 
 use crate::compare::{EVERYTHING, assert_identical, oracle, pairs};
 use crate::oracle::TRANSMITTANCE_BAND;
@@ -127,6 +127,7 @@ fn random_scenes_match_the_cpu() {
             outputs: [Outputs::GBufferMixed, Outputs::GBuffer, Outputs::Color][seed % 3],
             dilation: [0.3, matched_dilation(4)][seed / 2 % 2],
             jitter: [[0.0, 0.0], [0.21, -0.37]][seed % 2],
+            margin: [Margin::NONE, Margin { left: 5, top: 0, right: 32, bottom: 1 }][seed / 2 % 2],
             background: [[0.0; 3], [0.2, 0.7, 1.0]][seed / 3 % 2],
         };
         let culling = cullings[seed / 3];

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use gs3_raster::{Culling, Outputs, RasterSettings, Rasterizer, matched_dilation};
-use gs3_scene::{Camera, GBuffer, OpacityMode, Scene};
+use gs3_scene::{Camera, GBuffer, Margin, OpacityMode, Scene};
 use proptest::prelude::*;
 
 use crate::compare::{
@@ -254,4 +254,44 @@ fn a_window_shows_what_its_view_shows_there() {
     }
     // Positions on the image are rounded where the window begins or where the view does.
     assert!(largest < 1e-3, "{largest}");
+}
+
+/// What is rasterized around a picture changes nothing in it, and shows what a wider camera sees.
+#[test]
+fn a_margin_changes_nothing_in_the_picture() {
+    let camera = camera_at_origin(120, 70, DVec2::new(0.05, 0.1));
+    let recipe = RandomScene { count: 400, sigma: [0.1, 20.0], anisotropy: 30.0, ..RandomScene::BASE };
+    let margin = Margin { left: 17, top: 3, right: 0, bottom: 32 };
+    let mut intrinsics = camera.intrinsics();
+    (intrinsics.width, intrinsics.height) = (120 + 17, 70 + 3 + 32);
+    intrinsics.cx += 17.0;
+    intrinsics.cy += 3.0;
+    let wider = Camera::new(DAffine3::IDENTITY, intrinsics).expect("valid by construction");
+    // There is something beside the picture.
+    let scene = Arc::new(recipe.build(&wider));
+    let settings = RasterSettings { jitter: [0.25, -0.375], outputs: Outputs::GBuffer, ..EVERYTHING };
+    let alone = render(&scene, Culling::AccuTile, &camera, &settings);
+    let around = render(&scene, Culling::AccuTile, &camera, &RasterSettings { margin, ..settings });
+    assert_eq!((around.width(), around.height(), around.margin), (137, 105, margin));
+    let mut picture = GBuffer::default();
+    around.crop(&mut picture);
+    assert_eq!((picture.jitter, picture.margin), (alone.jitter, Margin::NONE));
+    let largest = |a: &[f32], b: &[f32]| {
+        assert_eq!(a.len(), b.len());
+        a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+    };
+    assert!(largest(picture.color.data(), alone.color.data()) < 1e-4);
+    assert!(largest(picture.alpha.data(), alone.alpha.data()) < 1e-4);
+    let dx = |g: &GBuffer| g.gradients.as_ref().expect("asked for").color_dx.data().to_vec();
+    assert!(largest(&dx(&picture), &dx(&alone)) < 1e-3);
+    let expected = |g: &GBuffer| g.geometry.as_ref().expect("asked for").depth_expected.data().to_vec();
+    assert!(largest(&expected(&picture), &expected(&alone)) < 1e-2);
+    // A wider camera's own limits of the Jacobian lie farther out: of large splats near its edges it makes others.
+    let all = render(&scene, Culling::AccuTile, &wider, &settings);
+    let mean = |a: &[f32], b: &[f32]| {
+        a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).sum::<f64>() / a.len() as f64
+    };
+    let (near, far) =
+        (mean(around.color.data(), all.color.data()), mean(around.color.data(), &[0.0; 3 * 137 * 105]));
+    assert!(near < 0.05 * far, "{near} of {far}");
 }

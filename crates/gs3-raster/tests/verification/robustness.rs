@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{DQuat, DVec2, DVec3};
 use gs3_raster::{Culling, Outputs, RasterSettings, Rasterizer};
-use gs3_scene::{GBuffer, Image, OpacityMode, Scene};
+use gs3_scene::{GBuffer, Image, Margin, OpacityMode, Scene};
 use proptest::prelude::*;
 
 use crate::compare::{EVERYTHING, assert_identical, oracle, pairs, render, render_image};
@@ -152,6 +152,8 @@ fn settings_that_make_no_sense_are_refused() {
         RasterSettings { dilation: f32::INFINITY, ..EVERYTHING },
         RasterSettings { jitter: [f32::NAN, 0.0], ..EVERYTHING },
         RasterSettings { jitter: [0.0, f32::INFINITY], ..EVERYTHING },
+        RasterSettings { margin: Margin { top: 33, ..Margin::NONE }, ..EVERYTHING },
+        RasterSettings { margin: Margin::all(u32::MAX), ..EVERYTHING },
         RasterSettings { background: [0.0, f32::NAN, 0.0], ..EVERYTHING },
         RasterSettings { background: [0.0, 0.0, f32::NEG_INFINITY], ..EVERYTHING },
     ];

@@ -42,8 +42,8 @@ fn rows_around(y: u32) -> Rows {
     return Rows(vec2<u32>(inside), weights, place.y);
 }
 
-fn sample_at(i: u32) -> Sample {
-    let id = newest() + i;
+fn sample_at(at: vec2<u32>) -> Sample {
+    let id = id_in_picture(at);
     return unpack_sample(samples_a[id].y, samples_b[id], samples_c[id]);
 }
 
@@ -56,8 +56,8 @@ fn mixed_at(i: u32) -> vec3<f32> {
 fn column_at(index: i32, rows: Rows, bare: vec3<f32>) -> Column {
     let inside = clamp(index, 0, i32(frame.lr.x) - 1);
     let i = rows.inside * frame.lr.x + u32(inside);
-    let a = sample_at(i.x);
-    let b = sample_at(i.y);
+    let a = sample_at(vec2(u32(inside), rows.inside.x));
+    let b = sample_at(vec2(u32(inside), rows.inside.y));
     let w = rows.weights;
     let value = a.color * w.x + a.dy * w.y + b.color * w.z + b.dy * w.w;
     var slope = vec3(0.0);

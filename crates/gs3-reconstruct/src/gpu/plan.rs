@@ -36,6 +36,8 @@ pub struct SuperSamplePlan {
     pub size: [u32; 2],
     /// LR samples.
     pub lr: [u32; 2],
+    /// LR samples with the widest margin.
+    pub around: [u32; 2],
     /// HR pixels between samples.
     pub scale: u32,
     /// Frames remembered, the current one included.
@@ -46,6 +48,8 @@ pub struct SuperSamplePlan {
     pub capacity: u32,
     /// Workgroups over LR samples; of one frame.
     pub over_samples: [u32; 3],
+    /// The same with the widest margin.
+    pub over_around: [u32; 3],
     /// Workgroups over tiles.
     pub over_tiles: [u32; 3],
     /// Workgroups over pixels, to krige marked ones.
@@ -87,11 +91,12 @@ fn check(limits: &Limits, buffers: &[NamedBytes], dispatches: &[[u32; 3]]) -> Re
 }
 
 impl SuperSamplePlan {
-    /// The plan for frames of `size`, `scale` (1 to [`crate::MAX_SCALE`]) times their G-buffers.
+    /// The plan for frames of `size`, `scale` (1 to [`crate::MAX_SCALE`]) times their G-buffers, with at most `margin` LR pixels
+    /// beyond each edge.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] if the device cannot bind as much.
-    pub fn new(limits: &Limits, size: [u32; 2], scale: u32) -> Result<Self, GpuError> {
+    pub fn new(limits: &Limits, size: [u32; 2], scale: u32, margin: u32) -> Result<Self, GpuError> {
         // Half as many rows where workgroups share little memory; every device has enough for them.
         let room = |made_height: u32| {
             let cells = (MADE_WIDTH + COLUMNS as u32 - 1) * (made_height + ROWS as u32 - 1);
@@ -107,25 +112,28 @@ impl SuperSamplePlan {
         };
         let made_height = if fits(32) { 32 } else { 16 };
         let lr = low_resolution(size, scale);
+        let around = lr.map(|side| side.saturating_add(margin.saturating_mul(2)));
         let plan = Self {
             size,
             lr,
+            around,
             scale,
             frames: scale * scale,
             made_height,
             // More than a tile's cells would not be needed often enough.
             capacity: room(made_height).min(1024),
             over_samples: over_samples(lr),
+            over_around: over_samples(around),
             over_tiles: over(size, [MADE_WIDTH - 2, made_height - 2]),
             over_kriged: over(size, KRIGED),
         };
-        check(limits, &plan.buffers(), &[plan.over_samples, plan.over_tiles, [plan.frames, 1, 1]])?;
+        check(limits, &plan.buffers(), &[plan.over_around, plan.over_tiles, [plan.frames, 1, 1]])?;
         Ok(plan)
     }
 
     /// Workgroups over the samples of `frames` frames.
     pub fn over_history(&self, frames: u32) -> [u32; 3] {
-        let [x, y, _] = self.over_samples;
+        let [x, y, _] = self.over_around;
         [x, y, frames]
     }
 
@@ -136,7 +144,7 @@ impl SuperSamplePlan {
 
     /// The buffers that stay from frame to frame, and those between its kernels.
     pub fn buffers(&self) -> [NamedBytes; 11] {
-        let (samples, remembered) = (area(self.lr), area(self.lr) * u64::from(self.frames));
+        let (samples, remembered) = (area(self.lr), area(self.around) * u64::from(self.frames));
         let cells = [self.size[0] + COLUMNS as u32 - 1, self.size[1] + ROWS as u32 - 1];
         let with_rim = self.size.map(|side| side + 2 * RIM as u32);
         [
@@ -225,12 +233,13 @@ mod tests {
             let limits = limits(1 << 30, workgroup_bytes);
             for size in SIZES {
                 for scale in 1..=crate::MAX_SCALE {
-                    let plan = SuperSamplePlan::new(&limits, size, scale).unwrap();
+                    let plan = SuperSamplePlan::new(&limits, size, scale, 32).unwrap();
                     let tile = [MADE_WIDTH - 2, plan.made_height - 2];
                     for k in 0..2 {
                         assert!(plan.over_tiles[k] * tile[k] >= size[k]);
                         assert!((plan.over_tiles[k] - 1) * tile[k] < size[k]);
                         assert!(plan.over_samples[k] * SAMPLES[k] >= size[k].div_ceil(scale));
+                        assert!(plan.over_around[k] * SAMPLES[k] >= size[k].div_ceil(scale) + 64);
                     }
                     let cells = (MADE_WIDTH + 3) * (plan.made_height + 2) + 1;
                     let threads = MADE_WIDTH / 4 * plan.made_height;
@@ -245,17 +254,17 @@ mod tests {
                 }
             }
         }
-        assert_eq!(SuperSamplePlan::new(&limits(1 << 30, 16 << 10), [64, 64], 4).unwrap().made_height, 16);
+        assert_eq!(SuperSamplePlan::new(&limits(1 << 30, 16 << 10), [64, 64], 4, 0).unwrap().made_height, 16);
     }
 
     /// The smallest devices take 4096×2160; larger pictures they refuse with a word.
     #[test]
     fn the_smallest_devices_take_4k() {
         let small = limits(128 << 20, 32 << 10);
-        assert!(SuperSamplePlan::new(&small, [4096, 2160], 4).is_ok());
+        assert!(SuperSamplePlan::new(&small, [4096, 2160], 4, 32).is_ok());
         assert!(InterpolatePlan::new(&small, [4096, 2160], 4).is_ok());
         for refused in [
-            SuperSamplePlan::new(&small, [7680, 4320], 4).map(|_| ()),
+            SuperSamplePlan::new(&small, [7680, 4320], 4, 32).map(|_| ()),
             InterpolatePlan::new(&small, [7680, 4320], 4).map(|_| ()),
         ] {
             assert!(matches!(refused, Err(GpuError::TooLarge { max: 134_217_728, .. })), "{refused:?}");

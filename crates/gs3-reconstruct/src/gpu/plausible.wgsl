@@ -1,5 +1,5 @@
 // What the current frame says about samples of the past; see plausible.rs. An invocation a cell: cell (i, j) lies between
-// samples i, i + 1 and j, j + 1. And which of its own samples lie beside something nearer; see find_seams in samples.rs.
+// samples i, i + 1 and j, j + 1.
 
 @group(0) @binding(1) var<storage, read> color_alpha: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> dx_median: array<vec4<f32>>;
@@ -8,29 +8,9 @@
 // Two for each cell: middles of the ranges of plausible RGB and what a mismatch counts; half their extents, three halves, what
 // drift counts, and the smallest inverse depth that is not hidden.
 @group(0) @binding(5) var<storage, read_write> cells: array<vec4<u32>>;
-// Of the history: what colours change by per HR pixel of parallax at depth 1.
-@group(0) @binding(6) var<storage, read_write> seams: array<f32>;
 
 // The largest half.
 const MOST: f32 = 65504.0;
-
-// The seam of sample `at`.
-fn seam(at: vec2<u32>) -> f32 {
-    let i = at.y * frame.lr.x + at.x;
-    let first = max(at, vec2(1u)) - 1u;
-    let last = min(at + 1u, frame.lr - 1u);
-    var near = 0.0;
-    for (var y = first.y; y <= last.y; y++) {
-        for (var x = first.x; x <= last.x; x++) {
-            near = max(near, inverse_depth(dx_median[y * frame.lr.x + x].w));
-        }
-    }
-    let w = inverse_depth(dx_median[i].w);
-    let dx = dx_median[i].xyz;
-    let dy = dy_expected[i].xyz;
-    let slope = sqrt(dot(dx, dx) + dot(dy, dy)) / f32(frame.scale);
-    return select(0.0, CROSSING * (near - w) * slope, w < near * BESIDE);
-}
 
 @compute @workgroup_size(64, 4)
 fn find_ranges(@builtin(global_invocation_id) at: vec3<u32>) {
@@ -61,5 +41,4 @@ fn find_ranges(@builtin(global_invocation_id) at: vec3<u32>) {
     let packed = vec2(pack2x16float(extents.xy), pack2x16float(vec2(extents.z, 0.0)));
     cells[2u * i] = bitcast<vec4<u32>>(vec4((low + high) * 0.5, gain));
     cells[2u * i + 1u] = vec4(packed, bitcast<vec2<u32>>(vec2(restless, far * (1.0 - DEPTH_TOLERANCE))));
-    seams[newest() + i] = seam(at.xy);
 }

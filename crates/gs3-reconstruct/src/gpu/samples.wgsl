@@ -1,6 +1,5 @@
-// The current LR frame into the history: exact samples in half precision (a colour is off by at most 2^-12, inverse depths
-// not at all), the mixed derivative of the surface through them, and how well they predict each other. An invocation a
-// sample. See samples.rs, estimate_mixed in hermite.rs, predict in plausible.rs.
+// The current LR frame into the history, its margin included: exact samples in half precision (a colour is off by at most 2^-12,
+// inverse depths not at all), and which of them lie beside something nearer. An invocation a sample. See samples.rs.
 
 @group(0) @binding(1) var<storage, read> color_alpha: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> dx_median: array<vec4<f32>>;
@@ -9,10 +8,8 @@
 @group(0) @binding(4) var<storage, read_write> samples_a: array<vec2<u32>>;
 @group(0) @binding(5) var<storage, read_write> samples_b: array<vec2<u32>>;
 @group(0) @binding(6) var<storage, read_write> samples_c: array<vec2<u32>>;
-// ∂²RGB/∂x∂y per HR pixel², halves, of the current frame.
-@group(0) @binding(7) var<storage, read_write> mixed: array<vec2<u32>>;
-// Squared errors with which its neighbours predict a sample.
-@group(0) @binding(8) var<storage, read_write> errors: array<f32>;
+// Of the history: what colours change by per HR pixel of parallax at depth 1.
+@group(0) @binding(7) var<storage, read_write> seams: array<f32>;
 
 // The largest half.
 const MOST: f32 = 65504.0;
@@ -21,19 +18,30 @@ fn halves(a: f32, b: f32) -> u32 {
     return pack2x16float(clamp(vec2(a, b), vec2(-MOST), vec2(MOST)));
 }
 
-// Half-way between two samples two spacings apart, the cubic through their values and slopes.
-fn middle(a: vec3<f32>, b: vec3<f32>, da: vec3<f32>, db: vec3<f32>) -> vec3<f32> {
-    return fma(a + b, vec3(0.5), (da - db) * 0.25);
+// The seam of sample `at`.
+fn seam(at: vec2<u32>) -> f32 {
+    let i = at.y * frame.around.x + at.x;
+    let first = max(at, vec2(1u)) - 1u;
+    let last = min(at + 1u, frame.past[0].extent - 1u);
+    var near = 0.0;
+    for (var y = first.y; y <= last.y; y++) {
+        for (var x = first.x; x <= last.x; x++) {
+            near = max(near, inverse_depth(dx_median[y * frame.around.x + x].w));
+        }
+    }
+    let w = inverse_depth(dx_median[i].w);
+    let dx = dx_median[i].xyz;
+    let dy = dy_expected[i].xyz;
+    let slope = sqrt(dot(dx, dx) + dot(dy, dy)) / f32(frame.scale);
+    return select(0.0, CROSSING * (near - w) * slope, w < near * BESIDE);
 }
 
 @compute @workgroup_size(64, 4)
 fn remember(@builtin(global_invocation_id) at: vec3<u32>) {
-    if any(at.xy >= frame.lr) {
+    if any(at.xy >= frame.past[0].extent) {
         return;
     }
-    let width = frame.lr.x;
-    let last = frame.lr - 1u;
-    let i = at.y * width + at.x;
+    let i = at.y * frame.around.x + at.x;
     let scale = f32(frame.scale);
     let color = color_alpha[i].xyz;
     let dx_and_depth = dx_median[i];
@@ -47,32 +55,5 @@ fn remember(@builtin(global_invocation_id) at: vec3<u32>) {
     samples_a[to] = vec2(bitcast<u32>(w), halves(color.x, color.y));
     samples_b[to] = vec2(halves(color.z, hx.x), halves(hx.y, hx.z));
     samples_c[to] = vec2(halves(hy.x, hy.y), halves(hy.z, select(0.0, 1.0, is_bare)));
-
-    // Neighbours, the sample itself at the border.
-    let left = at.y * width + max(at.x, 1u) - 1u;
-    let right = at.y * width + min(at.x + 1u, last.x);
-    let above = (max(at.y, 1u) - 1u) * width + at.x;
-    let below = min(at.y + 1u, last.y) * width + at.x;
-    // Two spacings apart, one at the border, and derivatives per HR pixel².
-    let per_x = select(0.0, 0.5 / (f32(right - left) * scale * scale), right > left);
-    let per_y = select(0.0, 0.5 / (f32((below - above) / width) * scale * scale), below > above);
-    let cross = per_y * (dx_median[below].xyz - dx_median[above].xyz)
-        + per_x * (dy_expected[right].xyz - dy_expected[left].xyz);
-    mixed[i] = vec2(halves(cross.x, cross.y), halves(cross.z, 0.0));
-
-    var across = vec3(0.0);
-    if at.x > 0u && at.x < last.x {
-        let predicted = middle(
-            color_alpha[left].xyz, color_alpha[right].xyz, dx_median[left].xyz, dx_median[right].xyz,
-        );
-        across = predicted - color;
-    }
-    // The column's three samples around this one, or the next to its end; where there are fewer, the row must do.
-    let top = min(max(at.y, 1u) - 1u, max(frame.lr.y, 3u) - 3u);
-    let bottom = min(top + 2u, last.y);
-    let a = top * width + at.x;
-    let b = bottom * width + at.x;
-    let predicted = middle(color_alpha[a].xyz, color_alpha[b].xyz, dy_expected[a].xyz, dy_expected[b].xyz);
-    let down = predicted - color_alpha[(top + (bottom - top) / 2u) * width + at.x].xyz;
-    errors[i] = max(dot(across, across), dot(down, down));
+    seams[to] = seam(at.xy);
 }

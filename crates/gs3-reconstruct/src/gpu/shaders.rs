@@ -28,20 +28,24 @@ fn joined(parts: &[&str]) -> String {
     parts.concat()
 }
 
-/// The current frame into the history: entry `remember`.
+/// The current frame into the history, and what lies beside nearer surfaces: entry `remember`.
 pub fn samples() -> String {
-    joined(&[FRAME, REPROJECTION, include_str!("samples.wgsl")])
+    let constants = constants(&[("BESIDE", crate::samples::BESIDE), ("CROSSING", crate::samples::CROSSING)]);
+    joined(&[&constants, FRAME, REPROJECTION, include_str!("samples.wgsl")])
 }
 
-/// Ranges of plausible colours, and what lies beside nearer surfaces: entry `find_ranges`.
+/// What the current picture's samples say of each other: entry `predict`.
+pub fn predict() -> String {
+    joined(&[FRAME, include_str!("predict.wgsl")])
+}
+
+/// Ranges of plausible colours: entry `find_ranges`.
 pub fn plausible() -> String {
     let constants = constants(&[
         ("DEPTH_TOLERANCE", plausible::DEPTH_TOLERANCE),
         ("EXTRAPOLATION", plausible::EXTRAPOLATION),
         ("MISMATCH", plausible::MISMATCH),
         ("DRIFT", plausible::DRIFT),
-        ("BESIDE", crate::samples::BESIDE),
-        ("CROSSING", crate::samples::CROSSING),
     ]);
     joined(&[&constants, FRAME, REPROJECTION, include_str!("plausible.wgsl")])
 }
@@ -172,9 +176,10 @@ mod tests {
             workgroup_invocations: 256,
             workgroups: 65_535,
         };
-        let plan = |bytes| SuperSamplePlan::new(&limits(bytes), [64, 64], 4).unwrap();
+        let plan = |bytes| SuperSamplePlan::new(&limits(bytes), [64, 64], 4, 0).unwrap();
         let shaders = [
             ("samples", samples()),
+            ("predict", predict()),
             ("plausible", plausible()),
             ("splat", splat()),
             ("tile", tile(&plan(32 << 10), Innovation::NotWanted, Kriging::Off)),
@@ -204,6 +209,6 @@ mod tests {
                 files += 1;
             }
         }
-        assert_eq!(files, 18);
+        assert_eq!(files, 19);
     }
 }

@@ -32,14 +32,14 @@ struct Seen {
 // Where sample `at`, column, row and age, is now.
 fn see(at: vec3<u32>) -> Seen {
     let past = frame.past[at.z];
-    let own = (vec2<f32>(at.xy) + (0.5 + past.jitter)) * f32(frame.scale);
+    let own = (vec2<f32>(at.xy) + (0.5 + past.offset)) * f32(frame.scale);
     let w = bitcast<f32>(samples_a[id_of(at)].x);
     let seen = reproject(past.rows, own, w);
     return Seen(own, seen.xy, w / seen.z, seen.z > MIN_DIVISOR);
 }
 
 fn id_of(at: vec3<u32>) -> u32 {
-    return frame.past[at.z].slot * frame.lr.x * frame.lr.y + at.y * frame.lr.x + at.x;
+    return (frame.past[at.z].slot * frame.around.y + at.y) * frame.around.x + at.x;
 }
 
 // The place of a pixel in `nearest`.
@@ -50,10 +50,10 @@ fn place_of(pixel: vec2<f32>) -> u32 {
 
 @compute @workgroup_size(64, 4)
 fn survey(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
-    if any(id_in_order.xy >= frame.lr) {
+    let at = id_in_order * vec3(1u, 1u, EVERY);
+    if any(at.xy >= frame.past[at.z].extent) {
         return;
     }
-    let at = id_in_order * vec3(1u, 1u, EVERY);
     let seen = see(at);
     let pixel = floor(seen.to);
     let rim = f32(RIM);
@@ -95,10 +95,13 @@ override BACKWARD: bool = false;
 
 @compute @workgroup_size(64, 4)
 fn land(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
-    if any(id_in_order.xy >= frame.lr) {
+    if any(id_in_order.xy >= frame.around) {
         return;
     }
-    let at = select(id_in_order, vec3(frame.lr - 1u, frame.frames - 1u) - id_in_order, BACKWARD);
+    let at = select(id_in_order, vec3(frame.around - 1u, frame.frames - 1u) - id_in_order, BACKWARD);
+    if any(at.xy >= frame.past[at.z].extent) {
+        return;
+    }
     let seen = see(at);
     let to = seen.to - 0.5;
     let first = floor(vec2(to.x, to.y + 0.5)) - 1.0;

@@ -2,13 +2,13 @@
 
 use bytemuck::{Pod, Zeroable};
 use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Recorder, Slice, Use};
-use gs3_scene::Camera;
+use gs3_scene::{Camera, Margin};
 
 use super::error::GpuReconstructError;
 use super::image::{GpuImage, GpuPlanes};
 use super::plan::SuperSamplePlan;
 use super::shaders;
-use crate::error::{camera_size, check_jitter, check_scale, check_size};
+use crate::error::{ReconstructError, camera_size, check_jitter, check_scale, check_size};
 use crate::lattice::Axis;
 use crate::nearest::EVERY;
 use crate::reprojection::{Reprojection, parallax};
@@ -26,9 +26,11 @@ const PHASES: usize = crate::MAX_SCALE as usize;
 #[repr(C)]
 struct PastUniform {
     rows: [[f32; 4]; 3],
-    jitter: [f32; 2],
+    offset: [f32; 2],
     slot: u32,
     parallax: f32,
+    extent: [u32; 2],
+    margin: [u32; 2],
 }
 
 /// `Frame` of `frame.wgsl`.
@@ -41,7 +43,7 @@ struct FrameUniform {
     frames: u32,
     cell_offset: [f32; 2],
     lattice: [u32; 2],
-    _pad: [u32; 2],
+    around: [u32; 2],
     x_places: [[f32; 4]; PHASES],
     y_places: [[f32; 4]; PHASES],
     past: [PastUniform; MAX_PAST],
@@ -52,6 +54,7 @@ struct FrameUniform {
 struct Past {
     camera: Camera,
     jitter: [f32; 2],
+    margin: Margin,
     /// Which part of the history's buffers holds it.
     slot: u32,
 }
@@ -82,6 +85,7 @@ pub struct GpuSuperSampler {
     uniform: Buffer,
     buffers: Vec<(&'static str, Buffer)>,
     remember: Kernel,
+    predict: Kernel,
     find_ranges: Kernel,
     survey: Bound,
     land: Bound,
@@ -101,13 +105,15 @@ pub struct GpuSuperSampler {
 #[derive(Clone, Debug)]
 pub struct BoundSuperSampler {
     remember: Bound,
+    predict: Bound,
     find_ranges: Bound,
     accumulate: Bound,
     krige: Option<Bound>,
 }
 
 impl GpuSuperSampler {
-    /// A super sampler of `scale` (1 to [`crate::MAX_SCALE`]) for frames of `size`, width and height, without history.
+    /// A super sampler of `scale` (1 to [`crate::MAX_SCALE`]) for frames of `size`, width and height, without history. Its LR frames
+    /// may have `margin` pixels beyond each edge, 0 if they have none.
     ///
     /// # Errors
     /// [`GpuReconstructError`] if `scale` is not supported, or the device has no room for the size.
@@ -117,8 +123,9 @@ impl GpuSuperSampler {
         size: [u32; 2],
         innovation: Innovation,
         kriging: Kriging,
+        margin: u32,
     ) -> Result<Self, GpuReconstructError> {
-        Self::with_constants(gpu, scale, size, innovation, kriging, &[])
+        Self::with_constants(gpu, [scale, margin], size, innovation, kriging, &[])
     }
 
     /// The same with kriging and without innovation, to whose pixels the last samples come first. For tests.
@@ -126,20 +133,27 @@ impl GpuSuperSampler {
     /// # Errors
     /// As [`Self::new`].
     #[doc(hidden)]
-    pub fn backward(gpu: &Gpu, scale: u32, size: [u32; 2]) -> Result<Self, GpuReconstructError> {
-        Self::with_constants(gpu, scale, size, Innovation::NotWanted, Kriging::On, &[("BACKWARD", 1.0)])
+    pub fn backward(gpu: &Gpu, scale: u32, size: [u32; 2], margin: u32) -> Result<Self, GpuReconstructError> {
+        Self::with_constants(
+            gpu,
+            [scale, margin],
+            size,
+            Innovation::NotWanted,
+            Kriging::On,
+            &[("BACKWARD", 1.0)],
+        )
     }
 
     fn with_constants(
         gpu: &Gpu,
-        scale: u32,
+        [scale, margin]: [u32; 2],
         size: [u32; 2],
         innovation: Innovation,
         kriging: Kriging,
         landing: &[(&str, f64)],
     ) -> Result<Self, GpuReconstructError> {
         check_scale(scale)?;
-        let plan = SuperSamplePlan::new(&gpu.capabilities().limits, size, scale)?;
+        let plan = SuperSamplePlan::new(&gpu.capabilities().limits, size, scale, margin)?;
         let make = |(name, bytes): (&'static str, u64)| Ok((name, gpu.buffer(name, Use::Storage, bytes)?));
         let buffers = plan.buffers().into_iter().map(make).collect::<Result<Vec<_>, GpuError>>()?;
         let uniform = gpu.buffer("frame", Use::Uniform, size_of::<FrameUniform>() as u64)?;
@@ -160,6 +174,7 @@ impl GpuSuperSampler {
             uniform,
             buffers,
             remember: kernel("samples", shaders::samples(), "remember")?,
+            predict: kernel("predict", shaders::predict(), "predict")?,
             find_ranges: kernel("plausible", shaders::plausible(), "find_ranges")?,
             survey,
             land,
@@ -190,25 +205,25 @@ impl GpuSuperSampler {
         self.invalid
     }
 
-    /// Will read frames from `planes` and write them to `out`.
+    /// Will read frames from `planes` and write them to `out`. `around` is the same frames with their margins, in planes whose rows lie
+    /// as far apart as a frame with the widest margin is wide; `planes` again if there are none.
     ///
     /// # Errors
     /// [`GpuReconstructError`] if `out` has another size, or the device refuses.
     pub fn bind(
         &self,
         planes: &GpuPlanes<'_>,
+        around: &GpuPlanes<'_>,
         out: &GpuImage,
     ) -> Result<BoundSuperSampler, GpuReconstructError> {
         let size = |[w, h]: [u32; 2]| (w as usize, h as usize);
         check_size("image", size(self.plan.size), size(out.size()))?;
-        let mut all = own_slices(&self.uniform, &self.buffers);
-        all.push(("color_alpha", planes.color_alpha.slice()));
-        all.push(("dx_median", planes.dx_median.slice()));
-        all.push(("dy_expected", planes.dy_expected.slice()));
+        let mut all = self.slices_with(planes);
         all.push(("image", out.pixels().slice()));
         all.extend(self.innovation.iter().map(|buffer| ("innovation", buffer.slice())));
         Ok(BoundSuperSampler {
-            remember: self.remember.bind(&self.gpu, &all)?,
+            remember: self.remember.bind(&self.gpu, &self.slices_with(around))?,
+            predict: self.predict.bind(&self.gpu, &all)?,
             find_ranges: self.find_ranges.bind(&self.gpu, &all)?,
             accumulate: self.accumulate.bind(&self.gpu, &all)?,
             krige: self.krige.as_ref().map(|krige| krige.bind(&self.gpu, &all)).transpose()?,
@@ -216,22 +231,27 @@ impl GpuSuperSampler {
     }
 
     /// Records the reconstruction of what `camera` sees from the G-buffer that `bound` reads, its LR frame sampled at
-    /// `jitter`, and the frames before. Once in a submission at most. The frame joins the history with [`Self::keep`];
+    /// `jitter` with `margin` around it, and the frames before. Once in a submission at most. The frame joins the history with [`Self::keep`];
     /// recorded again before, it is made anew.
     ///
     /// # Errors
-    /// [`GpuReconstructError`] if the size of `camera` or the jitter does not fit, or the device is lost; the history is then
-    /// as before.
+    /// [`GpuReconstructError`] if the size of `camera`, the jitter or the margin does not fit, or the device is lost; the history is
+    /// then as before.
     pub fn record(
         &mut self,
         recorder: &mut Recorder<'_>,
         bound: &BoundSuperSampler,
         camera: &Camera,
         jitter: [f32; 2],
+        margin: Margin,
     ) -> Result<(), GpuReconstructError> {
         let size = (self.plan.size[0] as usize, self.plan.size[1] as usize);
         check_size("camera", size, camera_size(camera))?;
         check_jitter(jitter)?;
+        let room = self.plan.around;
+        if (0..2).any(|k| margin.around(self.plan.lr)[k] > room[k]) {
+            return Err(ReconstructError::Margin { actual: margin.widest() }.into());
+        }
         let history: &[Past] = if self.invalid.is_some() { &[] } else { &self.past };
         let slots = self.plan.frames;
         // The oldest makes room once all are taken.
@@ -240,12 +260,13 @@ impl GpuSuperSampler {
             Some((oldest, kept)) if is_full => (kept, oldest.slot),
             _ => (history, first_free(history, slots)),
         };
-        let current = Past { camera: *camera, jitter, slot: free };
+        let current = Past { camera: *camera, jitter, margin, slot: free };
         let frames = kept.len() as u32 + 1;
         let uniform = self.uniform_of(&current, kept);
         self.gpu.write(&self.uniform.slice(), &[uniform])?;
         recorder.stage("super_sample.samples");
-        recorder.dispatch(&bound.remember, self.plan.over_samples);
+        recorder.dispatch(&bound.remember, self.plan.over_around);
+        recorder.dispatch(&bound.predict, self.plan.over_samples);
         recorder.dispatch(&bound.find_ranges, self.plan.over_samples);
         for (_, buffer) in self.buffers.iter().filter(|(name, _)| ["heads", "nearest"].contains(name)) {
             recorder.clear(&buffer.slice());
@@ -276,6 +297,15 @@ impl GpuSuperSampler {
         self.past.insert(0, newest);
     }
 
+    /// The sampler's buffers and those of `planes` by the names that kernels have for them.
+    fn slices_with<'a>(&'a self, planes: &GpuPlanes<'a>) -> Vec<(&'static str, Slice<'a>)> {
+        let mut all = own_slices(&self.uniform, &self.buffers);
+        all.push(("color_alpha", planes.color_alpha.slice()));
+        all.push(("dx_median", planes.dx_median.slice()));
+        all.push(("dy_expected", planes.dy_expected.slice()));
+        all
+    }
+
     fn uniform_of(&self, current: &Past, kept: &[Past]) -> FrameUniform {
         let places = |jitter: f32| {
             let axis = Axis::new(self.scale, jitter);
@@ -291,7 +321,15 @@ impl GpuSuperSampler {
         for (to, frame) in past.iter_mut().zip([current].into_iter().chain(kept)) {
             let reprojection = Reprojection::new(&frame.camera, &current.camera);
             let parallax = parallax(&frame.camera, &current.camera);
-            *to = PastUniform { rows: rows(&reprojection), jitter: frame.jitter, slot: frame.slot, parallax };
+            let Margin { left, top, .. } = frame.margin;
+            *to = PastUniform {
+                rows: rows(&reprojection),
+                offset: [frame.jitter[0] - left as f32, frame.jitter[1] - top as f32],
+                slot: frame.slot,
+                parallax,
+                extent: frame.margin.around(self.plan.lr),
+                margin: [left, top],
+            };
         }
         FrameUniform {
             size: self.plan.size,
@@ -300,7 +338,7 @@ impl GpuSuperSampler {
             frames: kept.len() as u32 + 1,
             // A position is given with pixel centres at whole numbers.
             lattice,
-            _pad: [0; 2],
+            around: self.plan.around,
             cell_offset: current.jitter.map(|j| 0.5 / self.scale as f32 - 0.5 - j),
             x_places: places(current.jitter[0]),
             y_places: places(current.jitter[1]),
@@ -334,11 +372,11 @@ mod tests {
     #[test]
     fn layouts_are_those_of_the_shader() {
         let source = include_str!("frame.wgsl");
-        assert_layout!(source, Past, PastUniform { rows, jitter, slot, parallax });
+        assert_layout!(source, Past, PastUniform { rows, offset, slot, parallax, extent, margin });
         assert_layout!(
             source,
             Frame,
-            FrameUniform { size, lr, scale, frames, cell_offset, lattice, _pad, x_places, y_places, past }
+            FrameUniform { size, lr, scale, frames, cell_offset, lattice, around, x_places, y_places, past }
         );
     }
 }

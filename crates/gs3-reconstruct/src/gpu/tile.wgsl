@@ -165,7 +165,7 @@ fn accumulate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
 
     // The surface.
     let middle = vec2<u32>(clamp(corner + vec2(i32(MADE_WIDTH), i32(MADE_HEIGHT)) / 2, vec2(0), last)) / SCALE;
-    let reference = sample_at(middle.y * frame.lr.x + middle.x);
+    let reference = sample_at(middle);
     var is_varied = !reference.is_bare;
     let rows = rows_around(u32(clamp(corner.y + i32(pixel.y), 0, last.y)));
     let to_row = min(rows.fraction, 1.0 - rows.fraction) * f32(SCALE);
@@ -210,7 +210,7 @@ fn accumulate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
             let b = samples_b[id];
             let c = samples_c[id];
             let to = places[id] - vec2<f32>(corner);
-            let is_current = id - newest() < frame.lr.x * frame.lr.y;
+            let is_current = id - newest() < frame.around.x * frame.around.y;
             let noise = links[id].x | select(0u, CURRENT, is_current);
             staged[place_of(slot)] = vec4(bitcast<vec2<u32>>(to), noise, red_green);
             staged[HALF + place_of(slot)] = vec4(b, c);

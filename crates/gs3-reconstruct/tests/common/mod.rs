@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "test code outside of test functions")]
 
 use glam::{DAffine3, DQuat, DVec2, DVec3, EulerRot};
-use gs3_scene::{Camera, GBuffer, Geometry, Gradients, Image, Intrinsics, Planes};
+use gs3_scene::{Camera, GBuffer, Geometry, Gradients, Image, Intrinsics, Margin, Planes};
 use rayon::prelude::*;
 
 /// A sheet in the plane `z`: opaque within `half_width` of x = `center`, with an edge `softness` wide; texture of waves.
@@ -95,11 +95,22 @@ impl World {
         image
     }
 
+    /// The G-buffer of `camera` (the LR camera itself) and what lies around its picture.
+    pub fn gbuffer_around(&self, camera: &Camera, jitter: [f32; 2], margin: Margin) -> GBuffer {
+        let mut intrinsics = camera.intrinsics();
+        [intrinsics.width, intrinsics.height] = margin.around([intrinsics.width, intrinsics.height]);
+        intrinsics.cx += f64::from(margin.left);
+        intrinsics.cy += f64::from(margin.top);
+        let wider = Camera::new(camera.view_from_world(), intrinsics).unwrap();
+        GBuffer { margin, ..self.gbuffer(&wider, jitter) }
+    }
+
     /// The G-buffer of `camera` (the LR camera itself).
     pub fn gbuffer(&self, camera: &Camera, jitter: [f32; 2]) -> GBuffer {
         let (width, height) = (camera.width() as usize, camera.height() as usize);
         let mut out = GBuffer {
             jitter,
+            margin: Margin::NONE,
             color: Planes::new(width, height),
             alpha: Planes::new(width, height),
             gradients: Some(Gradients {

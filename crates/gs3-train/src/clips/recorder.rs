@@ -5,7 +5,7 @@ use gs3::neural::model::Tier;
 use gs3::neural::{Arithmetic, Graph, Layer, Named, Op};
 use gs3::raster::{Culling, Outputs, RasterSettings, Rasterizer};
 use gs3::reconstruct::{Depth, Interpolator, Neighbor, SuperSampler, Warped};
-use gs3::scene::{Camera, GBuffer, Image, Planes};
+use gs3::scene::{Camera, GBuffer, Image, Margin, Planes};
 use gs3::{AdaptiveJitter, DepthLattice, ResetReason, Sampling};
 use half::f16;
 
@@ -150,6 +150,7 @@ impl<'a> Recorder<'a> {
             outputs: Outputs::GBuffer,
             dilation: self.settings.dilation.at_scale(scale),
             jitter: self.jitter.next(&camera, &depths),
+            margin: Margin::NONE,
             background: shot.background,
         };
         let mut gbuffer = GBuffer::default();

@@ -107,14 +107,14 @@ impl GpuFrames {
 
         // Gaussians to the low-resolution G-buffer.
         let lr_camera = camera.low_resolution(settings.scale);
-        rasterizer.record(&mut recorder, &lr_camera, raster, &mut sized.sides[current].gbuffer)?;
+        sized.record_rasterizing(&mut recorder, rasterizer, &lr_camera, raster, current)?;
 
         // G-buffer and history to the frame, which a network may refine.
         let last_view = sized.sides[last].view.filter(|_| invalid.is_none());
         if let Some(reason) = *invalid {
             sized.super_sampler.reset(reason);
         }
-        sized.record_super_sampling(&mut recorder, current, &view, last_view.as_ref())?;
+        sized.record_super_sampling(&mut recorder, current, &view, raster.margin, last_view.as_ref())?;
 
         // The last frame and this one to those between.
         let between = if last_view.is_some() { between } else { &[] };

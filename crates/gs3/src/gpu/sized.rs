@@ -1,12 +1,12 @@
 //! What the frames of one size are made in.
 
 use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Readback, Recorder, Slice, Use};
-use gs3_raster::GpuGBuffer;
+use gs3_raster::{GpuGBuffer, GpuRasterizer, MAX_MARGIN, RasterSettings};
 use gs3_reconstruct::gpu::{
     BoundInterpolator, BoundSuperSampler, GpuImage, GpuInterpolator, GpuNeighbor, GpuPlanes, GpuSuperSampler,
     Innovation, NeighborView,
 };
-use gs3_scene::Camera;
+use gs3_scene::{Camera, Margin};
 
 use super::between::{Between, LearnedBetween};
 use super::learned::{Learned, Place};
@@ -44,6 +44,8 @@ pub struct Sized {
     learned_between: Option<LearnedBetween>,
     interpolator: GpuInterpolator,
     pub sides: [Side; 2],
+    /// The LR frame being made with its margin, where frames have margins.
+    around: Option<GpuGBuffer>,
     /// The frame being made before a network refines it, where one does.
     analytic: Option<GpuImage>,
     /// Which of them was made last.
@@ -133,9 +135,11 @@ impl Sized {
         let scale = settings.scale;
         let Networks { super_sample: weights, interpolate, .. } = networks;
         let innovation = if weights.is_some() { Innovation::Wanted } else { Innovation::NotWanted };
+        let has_margins = settings.overscan_below(weights.as_deref());
+        let margin = if has_margins { MAX_MARGIN } else { 0 };
         // First, because it checks scale and size, on which everything else builds.
         let kriging = settings.kriging_below(weights.as_deref());
-        let super_sampler = GpuSuperSampler::new(gpu, scale, size, innovation, kriging)?;
+        let super_sampler = GpuSuperSampler::new(gpu, scale, size, innovation, kriging, margin)?;
         let side = || {
             let image = GpuImage::new(gpu, size)?;
             Ok::<_, GpuError>(Side { gbuffer: GpuGBuffer::default(), image, view: None, bound: None })
@@ -159,6 +163,7 @@ impl Sized {
                 .transpose()?,
             interpolator: GpuInterpolator::new(gpu, scale, size)?,
             sides,
+            around: has_margins.then(GpuGBuffer::default),
             analytic: weights.as_ref().map(|_| GpuImage::new(gpu, size)).transpose()?,
             newest: 0,
             between,
@@ -175,6 +180,25 @@ impl Sized {
         })
     }
 
+    /// Records the G-buffer of side `current`, which `camera` sees; where frames have no margins, without that of `settings`.
+    pub fn record_rasterizing(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        rasterizer: &mut GpuRasterizer,
+        camera: &Camera,
+        settings: &RasterSettings,
+        current: usize,
+    ) -> Result<(), PipelineError> {
+        let gbuffer = &mut self.sides[current].gbuffer;
+        Ok(match &mut self.around {
+            Some(around) => rasterizer.record_within(recorder, camera, settings, around, gbuffer)?,
+            None => {
+                let settings = RasterSettings { margin: Margin::NONE, ..*settings };
+                rasterizer.record(recorder, camera, &settings, gbuffer)?;
+            }
+        })
+    }
+
     /// Records super sampling of side `current`, whose G-buffer has been rasterized for `view`, and its refinement; `last` is
     /// the view of the other side, where it is the frame before.
     pub fn record_super_sampling(
@@ -182,6 +206,7 @@ impl Sized {
         recorder: &mut Recorder<'_>,
         current: usize,
         view: &NeighborView,
+        margin: Margin,
         last: Option<&NeighborView>,
     ) -> Result<(), PipelineError> {
         let side = &mut self.sides[current];
@@ -196,11 +221,13 @@ impl Sized {
                 ];
                 let lattice = self.look.bind(&self.gpu, &buffers)?;
                 let made = self.analytic.as_ref().unwrap_or(&side.image);
-                let super_sampler = self.super_sampler.bind(&planes, made)?;
+                let around = self.around.as_ref().map_or(Ok(planes), |around| self::planes(around))?;
+                let super_sampler = self.super_sampler.bind(&planes, &around, made)?;
                 none.insert(BoundSide { super_sampler, lattice })
             }
         };
-        self.super_sampler.record(recorder, &bound.super_sampler, &view.camera, view.jitter)?;
+        let margin = if self.around.is_some() { margin } else { Margin::NONE };
+        self.super_sampler.record(recorder, &bound.super_sampler, &view.camera, view.jitter, margin)?;
         recorder.dispatch(&bound.lattice, [1, 1, 1]);
         let (Some(learned), Some(analytic)) = (&mut self.learned, &self.analytic) else { return Ok(()) };
         let places = self.sides.each_ref().map(|side| Place { gbuffer: &side.gbuffer, refined: &side.image });

@@ -1,0 +1,76 @@
+//! Which of its surroundings a frame is rasterized with.
+
+use glam::DVec2;
+use gs3_raster::MAX_MARGIN;
+use gs3_scene::{Camera, Margin, glam};
+
+use crate::lattice::DepthLattice;
+
+/// Frames ahead of the one being made whose new parts are rasterized already. A history of S² frames would use more; measured at
+/// scale 4, frames between gain 2.09, 2.16 and 2.18 dB with 4, 8 and 15 frames ahead (`docs/performance.md`).
+const FRAMES_AHEAD: f64 = 8.0;
+
+/// Points of the lattice so near an edge, in parts of the picture, tell how what lies there moves.
+const NEAR_EDGE: f64 = 0.25;
+
+/// How far away what no Gaussian hits is taken to be, world units: turning moves it, going does not.
+const SKY: f64 = 1e9;
+
+/// LR pixels beyond the edges that the next frames show if the camera goes on as it moved from `previous`, whose depths are
+/// `depths`, to `camera`, `scale` times larger than LR frames: at most [`MAX_MARGIN`] on a side, none where it rests.
+#[must_use]
+pub fn margin_ahead(previous: &Camera, camera: &Camera, depths: &DepthLattice, scale: u32) -> Margin {
+    let size = DVec2::new(f64::from(camera.width()), f64::from(camera.height()));
+    // Of what lies near the left, top, right, bottom edge, the fastest that moves inwards, HR pixels per frame.
+    let mut inwards = [0.0_f64; 4];
+    for (at, depth) in depths.points() {
+        let then = at * size;
+        let (now, z) = camera.project(previous.unproject(then, if depth > 0.0 { depth } else { SKY }));
+        let moved = now - then;
+        if z <= 0.0 || !moved.is_finite() {
+            continue;
+        }
+        let sides = [(at.x, moved.x), (at.y, moved.y), (1.0 - at.x, -moved.x), (1.0 - at.y, -moved.y)];
+        for (most, (to_edge, moved)) in inwards.iter_mut().zip(sides) {
+            if to_edge < NEAR_EDGE {
+                *most = most.max(moved);
+            }
+        }
+    }
+    let pixels = |moved: f64| ((moved * FRAMES_AHEAD / f64::from(scale)).ceil() as u32).min(MAX_MARGIN);
+    let [left, top, right, bottom] = inwards.map(pixels);
+    Margin { left, top, right, bottom }
+}
+
+#[cfg(test)]
+mod tests {
+    use gs3_scene::Intrinsics;
+    use gs3_scene::glam::{DAffine3, DMat3, DVec3};
+
+    use super::*;
+
+    /// At `x`, turned right by `angle`, before a wall at depth 4.
+    fn camera(x: f64, angle: f64) -> Camera {
+        let intrinsics = Intrinsics { width: 320, height: 160, fx: 200.0, fy: 200.0, cx: 160.0, cy: 80.0 };
+        let world_from_view =
+            DAffine3::from_mat3_translation(DMat3::from_rotation_y(angle), DVec3::new(x, 0.0, 0.0));
+        Camera::new(intrinsics, world_from_view.inverse()).unwrap()
+    }
+
+    const WALL: DepthLattice = DepthLattice([4.0; 25]);
+    const SKY_ALONE: DepthLattice = DepthLattice([0.0; 25]);
+
+    #[test]
+    fn the_margin_lies_where_the_camera_turns_to() {
+        let rest = camera(0.0, 0.0);
+        assert_eq!(margin_ahead(&rest, &rest, &WALL, 4), Margin::NONE);
+        // 200 px · 0.01 at depth 1 is 0.5 px at depth 4: a pixel of four in eight frames.
+        let right = margin_ahead(&rest, &camera(0.01, 0.0), &WALL, 4);
+        assert_eq!(right, Margin { right: 1, ..Margin::NONE });
+        assert_eq!(margin_ahead(&rest, &camera(0.01, 0.0), &SKY_ALONE, 4), Margin::NONE);
+        let turned = margin_ahead(&rest, &camera(0.0, 0.01), &SKY_ALONE, 4);
+        assert_eq!((turned.left, turned.right), (0, 5), "2 px in the middle and a little more at the edge");
+        assert_eq!(margin_ahead(&rest, &camera(0.0, -0.01), &SKY_ALONE, 4).left, 5);
+        assert_eq!(margin_ahead(&rest, &camera(0.0, -0.5), &SKY_ALONE, 4).left, MAX_MARGIN);
+    }
+}
