@@ -54,7 +54,7 @@ mod tests {
         let intrinsics = Intrinsics { width: 320, height: 160, fx: 200.0, fy: 200.0, cx: 160.0, cy: 80.0 };
         let world_from_view =
             DAffine3::from_mat3_translation(DMat3::from_rotation_y(angle), DVec3::new(x, 0.0, 0.0));
-        Camera::new(intrinsics, world_from_view.inverse()).unwrap()
+        Camera::new(world_from_view.inverse(), intrinsics).unwrap()
     }
 
     const WALL: DepthLattice = DepthLattice([4.0; 25]);

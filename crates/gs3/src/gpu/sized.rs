@@ -190,13 +190,14 @@ impl Sized {
         current: usize,
     ) -> Result<(), PipelineError> {
         let gbuffer = &mut self.sides[current].gbuffer;
-        Ok(match &mut self.around {
+        match &mut self.around {
             Some(around) => rasterizer.record_within(recorder, camera, settings, around, gbuffer)?,
             None => {
                 let settings = RasterSettings { margin: Margin::NONE, ..*settings };
                 rasterizer.record(recorder, camera, &settings, gbuffer)?;
             }
-        })
+        }
+        Ok(())
     }
 
     /// Records super sampling of side `current`, whose G-buffer has been rasterized for `view`, and its refinement; `last` is
@@ -221,7 +222,7 @@ impl Sized {
                 ];
                 let lattice = self.look.bind(&self.gpu, &buffers)?;
                 let made = self.analytic.as_ref().unwrap_or(&side.image);
-                let around = self.around.as_ref().map_or(Ok(planes), |around| self::planes(around))?;
+                let around = self.around.as_ref().map_or(Ok(planes), self::planes)?;
                 let super_sampler = self.super_sampler.bind(&planes, &around, made)?;
                 none.insert(BoundSide { super_sampler, lattice })
             }
