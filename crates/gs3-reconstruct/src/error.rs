@@ -40,9 +40,11 @@ pub enum ReconstructError {
         /// The jitter found.
         actual: [f32; 2],
     },
-    /// The G-buffer of a picture has a margin.
-    #[error("G-buffer: expected the picture alone, found a margin of {actual} pixels beyond an edge")]
+    /// The margin is wider than there is room for: none around the G-buffer of a picture.
+    #[error("margin: expected at most {max} pixels beyond each edge, found {actual}")]
     Margin {
+        /// The widest side there is room for.
+        max: u32,
         /// The widest side.
         actual: u32,
     },
@@ -103,7 +105,7 @@ pub(crate) fn check_gbuffer(
     let scale = scale as usize;
     let expected = (width.div_ceil(scale), height.div_ceil(scale));
     if gbuffer.margin != Margin::NONE {
-        return Err(ReconstructError::Margin { actual: gbuffer.margin.widest() });
+        return Err(ReconstructError::Margin { max: 0, actual: gbuffer.margin.widest() });
     }
     check_planes(gbuffer, expected)
 }

@@ -106,7 +106,7 @@ struct Band<'a> {
 /// The history is the last S² LR frames themselves: exact samples, splatted anew for every frame (see the module
 /// `splat`). At rest under the exact S×S grid jitter the result therefore is the native image after S² frames.
 ///
-/// Memory: 58 B per LR pixel and remembered frame, that is per HR pixel.
+/// Memory: 58 B per LR pixel, margins included, and remembered frame, that is per HR pixel.
 #[derive(Debug)]
 pub struct SuperSampler {
     scale: u32,

@@ -351,7 +351,7 @@ fn another_frames_margin_is_refused() {
     let other = GBuffer { gradients: None, ..around.clone() };
     assert_eq!(refused(&picture, &other), ReconstructError::Missing { what: "image gradients" });
     let said = GBuffer { margin, ..picture.clone() };
-    assert_eq!(refused(&said, &around), ReconstructError::Margin { actual: 2 });
+    assert_eq!(refused(&said, &around), ReconstructError::Margin { max: 0, actual: 2 });
 }
 
 #[test]

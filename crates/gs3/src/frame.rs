@@ -2,65 +2,22 @@
 
 use std::sync::Arc;
 
-use gs3_raster::{Outputs, RasterError, RasterSettings};
-use gs3_reconstruct::{
-    Interpolator, Kernel, Neighbor, ReconstructError, ResetReason, SuperSampler, resample,
-};
+use gs3_raster::{Outputs, RasterSettings};
+use gs3_reconstruct::{Interpolator, Kernel, Neighbor, ResetReason, SuperSampler, resample};
 use gs3_scene::camera_path::pose_between;
 use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
 
 use crate::cut::is_cut;
+use crate::error::PipelineError;
 #[cfg(feature = "gpu")]
 use crate::gpu::{Device, GpuRequest};
 use crate::jitter::AdaptiveJitter;
 use crate::lattice::DepthLattice;
-use crate::learned::{LearnedInterpolator, LearnedSuperSampler, NetworkError, Networks};
+use crate::learned::{LearnedInterpolator, LearnedSuperSampler, Networks};
 use crate::overscan::margin_ahead;
 use crate::rasterizer::AnyRasterizer;
 use crate::settings::{MAX_GENERATE, Mode, PipelineSettings, Sampling};
 use crate::stages::{Stage, StageTimes};
-
-/// Why a frame could not be made. None is presented then, and the last one stays. What is asked for is refused before anything
-/// changes; where something fails later, on a device, the next frame begins without history.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum PipelineError {
-    /// The rasterizer refuses the settings.
-    #[error(transparent)]
-    Raster(#[from] RasterError),
-    /// The GPU rasterizer refuses the settings, or its device has no room or fails.
-    #[cfg(feature = "gpu")]
-    #[error(transparent)]
-    Gpu(#[from] gs3_raster::GpuRasterError),
-    /// The reconstruction refuses its inputs.
-    #[error(transparent)]
-    Reconstruct(#[from] ReconstructError),
-    /// A network cannot be used.
-    #[error(transparent)]
-    Network(#[from] NetworkError),
-    /// Too many or too few frames are to be made between two rendered ones.
-    #[error("generate: expected 1 to {MAX_GENERATE} frames between rendered ones, found {actual}")]
-    Generate {
-        /// Frames asked for.
-        actual: u32,
-    },
-    /// Cameras between the previous frame and this one are not those of the frames between.
-    #[error("cameras between two frames: expected none or {expected}, found {actual}")]
-    Between {
-        /// Frames between.
-        expected: usize,
-        /// Cameras given.
-        actual: usize,
-    },
-    /// A camera between the previous frame and this one has another size.
-    #[error("camera between two frames: expected {}x{} pixels, found {}x{}", expected.0, expected.1, actual.0, actual.1)]
-    BetweenSize {
-        /// Width and height of the frame.
-        expected: (u32, u32),
-        /// Width and height of the camera between.
-        actual: (u32, u32),
-    },
-}
 
 /// What a rendered frame gives to show, in order.
 #[derive(Clone, Copy, Debug)]

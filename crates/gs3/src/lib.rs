@@ -41,6 +41,7 @@
 //! high-resolution frames, [`scene`] holds scenes, cameras and their files.
 
 mod cut;
+mod error;
 mod frame;
 #[cfg(feature = "gpu")]
 pub mod gpu;
@@ -55,7 +56,8 @@ mod stages;
 use std::path::Path;
 
 pub use cut::is_cut;
-pub use frame::{FramePipeline, PipelineError, Presented};
+pub use error::PipelineError;
+pub use frame::{FramePipeline, Presented};
 #[cfg(feature = "gpu")]
 pub use gs3_compute as compute;
 pub use gs3_neural as neural;

@@ -7,7 +7,7 @@ use gs3_scene::{Camera, Margin, glam};
 use crate::lattice::DepthLattice;
 
 /// Frames ahead of the one being made whose new parts are rasterized already. A history of S² frames would use more; measured at
-/// scale 4, frames between gain 2.09, 2.16 and 2.18 dB with 4, 8 and 15 frames ahead (`docs/performance.md`).
+/// scale 4, frames between gain 2.09 and 2.16 dB with 4 and 8 frames ahead, 2.18 with 15 and margins twice as wide (`docs/performance.md`).
 const FRAMES_AHEAD: f64 = 8.0;
 
 /// Points of the lattice so near an edge, in parts of the picture, tell how what lies there moves.

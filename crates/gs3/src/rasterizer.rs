@@ -7,7 +7,7 @@ use gs3_raster::GpuRasterizer;
 use gs3_raster::{Culling, RasterSettings, Rasterizer};
 use gs3_scene::{Camera, GBuffer, Image, Scene};
 
-use crate::frame::PipelineError;
+use crate::error::PipelineError;
 
 pub enum AnyRasterizer {
     Cpu(Rasterizer),

@@ -10,9 +10,10 @@ use crate::score::{Row, follow, milliseconds};
 
 /// gs3: the names of super sampling alone and with the frames between. Learned ones are left out, aloud, where their weights
 /// are not there.
-pub const OURS: [[&str; 2]; 5] = [
+pub const OURS: [[&str; 2]; 6] = [
     ["history", "analytic"],
     ["kriging", "kriged"],
+    ["overscan", "overscanned"],
     ["fast_ss", "fast"],
     ["balanced_ss", "balanced"],
     ["high_ss", "high"],
@@ -25,6 +26,7 @@ pub const BICUBIC: usize = 1;
 pub const HISTORY: usize = 1 + BASELINES.len();
 pub const ANALYTIC: usize = HISTORY + 1;
 pub const KRIGING: usize = HISTORY + 2;
+pub const OVERSCAN: usize = HISTORY + 4;
 
 /// Native rendering, [`BASELINES`] and [`OURS`] along the path, the latter in two rows each: without what they make between,
 /// and with it. And why some of ours are absent.

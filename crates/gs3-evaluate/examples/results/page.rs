@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use gs3_evaluate::protocol::Machine;
 
-use crate::along::{ANALYTIC, BICUBIC, HISTORY, KRIGING, NATIVE};
+use crate::along::{ANALYTIC, BICUBIC, HISTORY, KRIGING, NATIVE, OVERSCAN};
 use crate::score::{Row, mean, shown};
 use crate::{SCALE, SIZE, networks, parts, rest};
 
@@ -36,8 +36,8 @@ pub fn page(sections: &Sections, frames: usize) -> String {
          {} threads, {}.\n\n\
          {}×{} from {}×{} (×{SCALE}), frames 0..{frames} of each path, against the scene's own native rendering. `history` is \
          gs3's super sampling without learning, `analytic` adds a frame before each rendered one: its PSNR between is against \
-         native rendering at the true pose. `kriging` and `kriged` krige the pixels where first-order predictions err visibly; `fast`, \
-         `balanced` and `high` are that with learned super sampling, `fast_ss` and so on without the frames between. PSNR: one mean squared error per frame over RGB in [0, 1], mean over frames; SSIM as \
+         native rendering at the true pose. `kriging` and `kriged` krige the pixels where first-order predictions err visibly; `overscan` and `overscanned` are that \
+         with LR frames rasterized beyond the edges that the camera turns to; `fast`, `balanced` and `high` are that with learned super sampling, `fast_ss` and so on without the frames between. PSNR: one mean squared error per frame over RGB in [0, 1], mean over frames; SSIM as \
          in scikit-image, over rendered frames; tPSNR: PSNR of the differences of consecutive displayed frames, which are half as \
          far apart where there are frames between. History starts empty at frame 0, and these first frames count. Displayed FPS: \
          frames shown per rendered one over its median time; native rendering is gs3's own rasterizer with AccuTile culling. gs3's \
@@ -88,7 +88,7 @@ pub fn page(sections: &Sections, frames: usize) -> String {
     let _ = writeln!(
         text,
         "## Parts left out ({of_parts} frames of each path)\n\nThe paper's ablations. Weights are those of the whole: no network \
-         was trained anew without a part, so gradients, jitter and recurrence are left out of the pipeline without learning and kriging.\n\n{}",
+         was trained anew without a part, so gradients, jitter and recurrence are left out of the pipeline without learning, overscan and kriging.\n\n{}",
         sections.parts
     );
     let _ = writeln!(
@@ -115,8 +115,8 @@ fn behind(sections: &Sections) -> String {
         let name = |i: usize| &rows[i].name;
         // Ours against baselines, and against what of ours they build on.
         for ours in (HISTORY..rows.len()).step_by(2) {
-            let simpler =
-                (BICUBIC..HISTORY).chain([HISTORY, KRIGING].into_iter().filter(|part| *part < ours));
+            let simpler = (BICUBIC..HISTORY)
+                .chain([HISTORY, KRIGING, OVERSCAN].into_iter().filter(|part| *part < ours));
             for other in simpler {
                 if psnr(other) > psnr(ours) {
                     let lead = psnr(other) - psnr(ours);

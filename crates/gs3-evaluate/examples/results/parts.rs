@@ -14,21 +14,22 @@ pub const FRAMES: usize = 24;
 
 /// What is left out, and the method without it. Networks are those of the whole, not trained anew. Those from [`UNLEARNED`] on
 /// leave out more than it does.
-const PARTS: [(&str, &str); 10] = [
+const PARTS: [(&str, &str); 11] = [
     ("nothing, learned", "balanced_ss+balanced"),
     ("learned interpolation", "balanced"),
     ("matched dilation (stock 0.3 instead), learned", "balanced@stock"),
-    ("learning", "kriged"),
-    ("learning and kriging", "analytic"),
-    ("both and frames between (the frame before again)", "history+repeat"),
-    ("both and gradients (those of bicubic interpolation)", "history_gradientless+warp"),
-    ("both and jitter", "history_centered+warp"),
-    ("both and history (recurrence)", "hermite+warp"),
-    ("both and matched dilation (stock 0.3 instead)", "analytic@stock"),
+    ("learning", "overscanned"),
+    ("learning and overscan", "kriged"),
+    ("learning, overscan and kriging", "analytic"),
+    ("all three and frames between (the frame before again)", "history+repeat"),
+    ("all three and gradients (those of bicubic interpolation)", "history_gradientless+warp"),
+    ("all three and jitter", "history_centered+warp"),
+    ("all three and history (recurrence)", "hermite+warp"),
+    ("all three and matched dilation (stock 0.3 instead)", "analytic@stock"),
 ];
 
-/// The row that lacks nothing but learning and kriging.
-const UNLEARNED: usize = 4;
+/// The row that lacks nothing but learning, overscan and kriging.
+const UNLEARNED: usize = 5;
 
 /// A table of them along `path`, and which parts do harm.
 pub fn table(

@@ -169,7 +169,10 @@ fn pipeline(mode: Mode, spec: MethodSpec, settings: &MethodSettings) -> Result<F
         mode,
         scale: settings.scale,
         sampling: if spec.spatial.is_jittered() { Sampling::Jittered } else { Sampling::Centered },
-        kriging: if spec.spatial == Spatial::Kriging { Kriging::On } else { Kriging::Off },
+        kriging: match spec.spatial {
+            Spatial::Kriging | Spatial::Overscan => Kriging::On,
+            _ => Kriging::Off,
+        },
         overscan: spec.spatial == Spatial::Overscan,
         dilation,
         culling: settings.culling,

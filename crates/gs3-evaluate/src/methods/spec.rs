@@ -30,13 +30,13 @@ pub enum Spatial {
     History,
     /// [`Self::History`], kriged where first-order predictions err visibly.
     Kriging,
-    /// [`Self::History`], rasterized beyond the edges that the camera turns to.
+    /// [`Self::Kriging`], rasterized beyond the edges that the camera turns to: all that networks refine, without them.
     Overscan,
     /// [`Self::History`] with all LR frames sampled at pixel centres: an ablation.
     Centered,
     /// [`Self::History`] without rendered gradients: those of bicubic interpolation in their place, an ablation.
     Gradientless,
-    /// gs3's learned super sampling on top of [`Self::Kriging`] and [`Self::Overscan`].
+    /// gs3's learned super sampling on top of [`Self::Overscan`].
     Learned(Tier),
     /// The network SPAN, 28 channels, ×4.
     Span,
@@ -149,7 +149,7 @@ const INTERPOLATIONS: [(&str, Interpolation); 6] = [
     ("high", Interpolation::Learned(Tier::High)),
 ];
 /// Names of both parts of gs3 together, as `gs3 render` has them unless it is told to interpolate by networks: `history+warp`
-/// without learning, `kriging+warp` with `--kriging`, `overscan+warp` with `--overscan`, `fast_ss+warp` with learning, and so on.
+/// without learning, `kriging+warp` with `--kriging`, `overscan+warp` with `--overscan` too, `fast_ss+warp` with learning, and so on.
 const WHOLE: [(&str, (Spatial, Interpolation)); 6] = [
     ("analytic", (Spatial::History, Interpolation::Warp)),
     ("kriged", (Spatial::Kriging, Interpolation::Warp)),
@@ -160,8 +160,8 @@ const WHOLE: [(&str, (Spatial, Interpolation)); 6] = [
 ];
 
 /// The methods compared where none are named.
-pub const DEFAULT_METHODS: &str = "native,nearest,bilinear,bicubic,lanczos,fsr1,hermite,spline,ridge,history,kriging,overscan,\
-     bicubic@stock,bicubic+repeat,bicubic+blend,history+repeat,history+blend,analytic";
+pub const DEFAULT_METHODS: &str = "native,nearest,bilinear,bicubic,lanczos,fsr1,hermite,spline,ridge,history,kriging,\
+     overscan,bicubic@stock,bicubic+repeat,bicubic+blend,history+repeat,history+blend,analytic";
 
 impl Spatial {
     /// The file of a published network's weights in their folder, if the method is one.

@@ -114,7 +114,7 @@ const ABLATIONS: [(&str, &str); 7] = [
 const LEARNED_ABLATIONS: [(&str, &str); 4] = [
     ("nothing", "balanced_ss+balanced"),
     ("learned interpolation", "balanced"),
-    ("learned super sampling", "kriging+balanced"),
+    ("learned super sampling", "overscan+balanced"),
     ("matched dilation (stock 0.3 instead)", "balanced@stock"),
 ];
 

@@ -4,7 +4,6 @@ use bytemuck::{Pod, Zeroable};
 use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Recorder, Use};
 
 use super::gbuffer::GpuGBuffer;
-use super::shaders;
 
 /// Sides of the workgroups of `crop.wgsl`.
 const GROUP: [u32; 2] = [64, 4];
@@ -19,51 +18,43 @@ struct CropUniform {
     _pad: u32,
 }
 
-/// Copies pictures.
-pub struct Crop {
-    kernel: Kernel,
-    uniform: Buffer,
-}
-
-/// A kernel for each plane of a picture, and which planes it is copied from.
+/// What a picture is copied by: a kernel for each plane, and where it lies. The picture's own, as other rasterizers may make frames into
+/// it.
 #[derive(Default)]
 pub struct BoundCrop {
+    /// Which planes it is copied from.
     around: u64,
     planes: Vec<Bound>,
+    uniform: Option<Buffer>,
 }
 
-impl Crop {
-    pub fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        let kernel = gpu.module("crop", &shaders::CROP)?.kernel(gpu, "copy_picture", &[])?;
-        Ok(Self { kernel, uniform: gpu.buffer("crop", Use::Uniform, size_of::<CropUniform>() as u64)? })
+/// Records the picture of `around`, without its margin, into `picture`, which has been made for its size.
+pub fn record(
+    kernel: &Kernel,
+    gpu: &Gpu,
+    recorder: &mut Recorder<'_>,
+    around: &GpuGBuffer,
+    picture: &mut GpuGBuffer,
+) -> Result<(), GpuError> {
+    if picture.crop.around != around.made() {
+        let uniform = gpu.buffer("crop", Use::Uniform, size_of::<CropUniform>() as u64)?;
+        let bind = |((_, from), (_, to)): (&(_, Buffer), &(_, Buffer))| {
+            let buffers = [("crop", uniform.slice()), ("around", from.slice()), ("picture", to.slice())];
+            kernel.bind(gpu, &buffers)
+        };
+        let planes = around.planes().iter().zip(picture.planes()).map(bind).collect::<Result<_, _>>()?;
+        picture.crop = BoundCrop { around: around.made(), planes, uniform: Some(uniform) };
     }
-
-    /// Records the picture of `around`, without its margin, into `picture`, which has been made for its size.
-    pub fn record(
-        &self,
-        gpu: &Gpu,
-        recorder: &mut Recorder<'_>,
-        around: &GpuGBuffer,
-        picture: &mut GpuGBuffer,
-    ) -> Result<(), GpuError> {
-        if picture.crop.around != around.made() {
-            let bind = |((_, from), (_, to)): (&(_, Buffer), &(_, Buffer))| {
-                let buffers =
-                    [("crop", self.uniform.slice()), ("around", from.slice()), ("picture", to.slice())];
-                self.kernel.bind(gpu, &buffers)
-            };
-            let planes = around.planes().iter().zip(picture.planes()).map(bind).collect::<Result<_, _>>()?;
-            picture.crop = BoundCrop { around: around.made(), planes };
-        }
-        let (size, margin) = (picture.size(), around.margin());
-        let first = [margin.left, margin.top];
-        gpu.write(&self.uniform.slice(), &[CropUniform { size, first, stride: around.stride(), _pad: 0 }])?;
-        let groups = [size[0].div_ceil(GROUP[0]), size[1].div_ceil(GROUP[1]), 1];
-        for plane in &picture.crop.planes {
-            recorder.dispatch(plane, groups);
-        }
-        Ok(())
+    let (size, margin) = (picture.size(), around.margin());
+    let place = CropUniform { size, first: [margin.left, margin.top], stride: around.stride(), _pad: 0 };
+    if let Some(uniform) = &picture.crop.uniform {
+        gpu.write(&uniform.slice(), &[place])?;
     }
+    let groups = [size[0].div_ceil(GROUP[0]), size[1].div_ceil(GROUP[1]), 1];
+    for plane in &picture.crop.planes {
+        recorder.dispatch(plane, groups);
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -19,6 +19,7 @@ pub struct Kernels {
     pub emit: Kernel,
     pub clear: Kernel,
     pub find: Kernel,
+    pub copy_picture: Kernel,
 }
 
 /// Kernels that depend on sizes.
@@ -61,6 +62,7 @@ impl Kernels {
             emit: bin.kernel(gpu, "emit", &[culling])?,
             clear: tiles.kernel(gpu, "clear", &[])?,
             find: tiles.kernel(gpu, "find", &[])?,
+            copy_picture: gpu.module("crop", &shaders::CROP)?.kernel(gpu, "copy_picture", &[])?,
         })
     }
 

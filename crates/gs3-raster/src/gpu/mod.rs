@@ -35,7 +35,6 @@ use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
 
 use crate::settings::{Culling, MAX_MARGIN, Outputs, RasterSettings};
 use crate::view::View;
-use crop::Crop;
 pub use error::GpuRasterError;
 use frame::{Fixed, Frame};
 pub use gbuffer::GpuGBuffer;
@@ -55,7 +54,6 @@ pub struct GpuRasterizer {
     plan: ScenePlan,
     pages: Vec<Page>,
     kernels: Kernels,
-    crop: Crop,
     fixed: Fixed,
     arena: Arena,
     /// Whether frames have room for margins.
@@ -121,7 +119,6 @@ impl GpuRasterizer {
         Ok(Self {
             pages: scene::upload(gpu, g, &plan)?,
             kernels: Kernels::new(gpu, &plan, scene.opacity_mode(), culling)?,
-            crop: Crop::new(gpu)?,
             fixed: Fixed::new(gpu, plan.chunks)?,
             gpu: gpu.clone(),
             limits,
@@ -197,7 +194,7 @@ impl GpuRasterizer {
         let size = [camera.width(), camera.height()];
         picture.fit(&self.gpu, settings.outputs, size)?;
         picture.set(size, Margin::NONE, settings.jitter);
-        Ok(self.crop.record(&self.gpu, recorder, around, picture)?)
+        Ok(crop::record(&self.kernels.copy_picture, &self.gpu, recorder, around, picture)?)
     }
 
     /// What the last submitted frame needed. It waits for the frame, so where frames follow each other it belongs after

@@ -142,6 +142,41 @@ fn random_scenes_match_the_cpu() {
     }
 }
 
+/// A picture copied out of its margin is the CPU's, whichever rasterizer made it and whatever was in the planes before.
+#[test]
+fn pictures_are_copied_out_of_any_margin() {
+    let Some(gpu) = gpu() else { return };
+    let camera = camera_at_origin(130, 70, DVec2::new(0.05, 0.1));
+    let scenes = [1, 2].map(|seed| {
+        Arc::new(RandomScene { seed, count: 400, sigma: [0.1, 20.0], ..RandomScene::BASE }.build(&camera))
+    });
+    let [mut first, mut second] = scenes.each_ref().map(|scene| {
+        GpuRasterizer::new(&gpu, Arc::clone(scene), Culling::AccuTile, ScenePrecision::F32).expect("room")
+    });
+    let settings = RasterSettings { outputs: Outputs::GBuffer, ..EVERYTHING };
+    let (mut around, mut picture) = (GpuGBuffer::default(), GpuGBuffer::default());
+    let margins = [
+        Margin { left: 32, top: 1, ..Margin::NONE },
+        Margin { left: 3, top: 9, right: 2, bottom: 30 },
+        Margin::NONE,
+    ];
+    for margin in margins {
+        for (rasterizer, scene) in [(&mut first, &scenes[0]), (&mut second, &scenes[1])] {
+            let settings = RasterSettings { margin, ..settings };
+            let mut recorder = gpu.recorder(None);
+            rasterizer
+                .record_within(&mut recorder, &camera, &settings, &mut around, &mut picture)
+                .expect("room");
+            recorder.submit().expect("a device");
+            let mut frame = GBuffer::default();
+            picture.read(&gpu, &mut frame).expect("a device");
+            let mut expected = GBuffer::default();
+            cpu_frame(scene, Culling::AccuTile, &camera, &settings).crop(&mut expected);
+            assert_close(&frame, &expected, |_, _| false, 70.0, &format!("{margin:?}"));
+        }
+    }
+}
+
 /// Methods that lose nothing give the same bits on one device, and so does the same frame again, whatever was rendered
 /// in between.
 #[test]

@@ -36,6 +36,8 @@ pub struct SuperSamplePlan {
     pub size: [u32; 2],
     /// LR samples.
     pub lr: [u32; 2],
+    /// LR pixels beyond each edge that there is room for.
+    pub margin: u32,
     /// LR samples with the widest margin.
     pub around: [u32; 2],
     /// HR pixels between samples.
@@ -116,6 +118,7 @@ impl SuperSamplePlan {
         let plan = Self {
             size,
             lr,
+            margin,
             around,
             scale,
             frames: scale * scale,

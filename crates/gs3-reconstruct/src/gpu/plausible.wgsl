@@ -9,9 +9,6 @@
 // drift counts, and the smallest inverse depth that is not hidden.
 @group(0) @binding(5) var<storage, read_write> cells: array<vec4<u32>>;
 
-// The largest half.
-const MOST: f32 = 65504.0;
-
 @compute @workgroup_size(64, 4)
 fn find_ranges(@builtin(global_invocation_id) at: vec3<u32>) {
     if any(at.xy >= frame.lr) {

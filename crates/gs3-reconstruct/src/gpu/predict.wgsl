@@ -9,13 +9,6 @@
 // Squared errors with which its neighbours predict a sample.
 @group(0) @binding(5) var<storage, read_write> errors: array<f32>;
 
-// The largest half.
-const MOST: f32 = 65504.0;
-
-fn halves(a: f32, b: f32) -> u32 {
-    return pack2x16float(clamp(vec2(a, b), vec2(-MOST), vec2(MOST)));
-}
-
 // Half-way between two samples two spacings apart, the cubic through their values and slopes.
 fn middle(a: vec3<f32>, b: vec3<f32>, da: vec3<f32>, db: vec3<f32>) -> vec3<f32> {
     return fma(a + b, vec3(0.5), (da - db) * 0.25);

@@ -11,13 +11,6 @@
 // Of the history: what colours change by per HR pixel of parallax at depth 1.
 @group(0) @binding(7) var<storage, read_write> seams: array<f32>;
 
-// The largest half.
-const MOST: f32 = 65504.0;
-
-fn halves(a: f32, b: f32) -> u32 {
-    return pack2x16float(clamp(vec2(a, b), vec2(-MOST), vec2(MOST)));
-}
-
 // The seam of sample `at`.
 fn seam(at: vec2<u32>) -> f32 {
     let i = at.y * frame.around.x + at.x;

@@ -8,6 +8,7 @@ use crate::{
 };
 
 const FRAME: &str = include_str!("frame.wgsl");
+const HALVES: &str = include_str!("halves.wgsl");
 const HISTORY: &str = include_str!("history.wgsl");
 const REPROJECTION: &str = include_str!("reprojection.wgsl");
 const BETWEEN: &str = include_str!("between.wgsl");
@@ -31,12 +32,12 @@ fn joined(parts: &[&str]) -> String {
 /// The current frame into the history, and what lies beside nearer surfaces: entry `remember`.
 pub fn samples() -> String {
     let constants = constants(&[("BESIDE", crate::samples::BESIDE), ("CROSSING", crate::samples::CROSSING)]);
-    joined(&[&constants, FRAME, REPROJECTION, include_str!("samples.wgsl")])
+    joined(&[&constants, FRAME, REPROJECTION, HALVES, include_str!("samples.wgsl")])
 }
 
 /// What the current picture's samples say of each other: entry `predict`.
 pub fn predict() -> String {
-    joined(&[FRAME, include_str!("predict.wgsl")])
+    joined(&[FRAME, HALVES, include_str!("predict.wgsl")])
 }
 
 /// Ranges of plausible colours: entry `find_ranges`.
@@ -47,7 +48,7 @@ pub fn plausible() -> String {
         ("MISMATCH", plausible::MISMATCH),
         ("DRIFT", plausible::DRIFT),
     ]);
-    joined(&[&constants, FRAME, REPROJECTION, include_str!("plausible.wgsl")])
+    joined(&[&constants, FRAME, REPROJECTION, HALVES, include_str!("plausible.wgsl")])
 }
 
 /// What is nearest, and samples to where they are now: entries `survey` and `land`.
@@ -209,6 +210,6 @@ mod tests {
                 files += 1;
             }
         }
-        assert_eq!(files, 19);
+        assert_eq!(files, 20);
     }
 }

@@ -13,7 +13,7 @@ use gs3_reconstruct::gpu::{
 use gs3_scene::Camera;
 
 use super::learned::{MEAN_WGSL, PARTS, missing, network};
-use crate::frame::PipelineError;
+use crate::error::PipelineError;
 
 const BETWEEN_WGSL: &str = include_str!("between.wgsl");
 

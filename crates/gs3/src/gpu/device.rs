@@ -10,7 +10,7 @@ use gs3_scene::Image;
 
 use super::frames::{GpuFrames, GpuRequest};
 use super::learned::network;
-use crate::frame::PipelineError;
+use crate::error::PipelineError;
 use crate::lattice::DepthLattice;
 use crate::learned::Networks;
 use crate::settings::PipelineSettings;

@@ -7,7 +7,7 @@ use gs3_reconstruct::gpu::{GpuReconstructError, NeighborView};
 use gs3_scene::{Camera, GBuffer, Image};
 
 use super::sized::Sized;
-use crate::frame::PipelineError;
+use crate::error::PipelineError;
 use crate::lattice::DepthLattice;
 use crate::learned::Networks;
 use crate::settings::PipelineSettings;

@@ -14,7 +14,7 @@ use gs3_reconstruct::gpu::{
 use gs3_scene::Camera;
 
 use super::sized::planes;
-use crate::frame::PipelineError;
+use crate::error::PipelineError;
 use crate::learned::{NetworkError, UNCERTAIN};
 
 /// `PARTS` of `mean.wgsl`.

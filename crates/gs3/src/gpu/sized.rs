@@ -10,7 +10,7 @@ use gs3_scene::{Camera, Margin};
 
 use super::between::{Between, LearnedBetween};
 use super::learned::{Learned, Place};
-use crate::frame::PipelineError;
+use crate::error::PipelineError;
 use crate::lattice::{DepthLattice, LATTICE};
 use crate::learned::Networks;
 use crate::settings::{Mode, PipelineSettings};

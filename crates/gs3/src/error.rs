@@ -1,0 +1,49 @@
+//! Why frames cannot be made.
+
+use gs3_raster::RasterError;
+use gs3_reconstruct::ReconstructError;
+
+use crate::learned::NetworkError;
+use crate::settings::MAX_GENERATE;
+
+/// Why a frame could not be made. None is presented then, and the last one stays. What is asked for is refused before anything
+/// changes; where something fails later, on a device, the next frame begins without history.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum PipelineError {
+    /// The rasterizer refuses the settings.
+    #[error(transparent)]
+    Raster(#[from] RasterError),
+    /// The GPU rasterizer refuses the settings, or its device has no room or fails.
+    #[cfg(feature = "gpu")]
+    #[error(transparent)]
+    Gpu(#[from] gs3_raster::GpuRasterError),
+    /// The reconstruction refuses its inputs.
+    #[error(transparent)]
+    Reconstruct(#[from] ReconstructError),
+    /// A network cannot be used.
+    #[error(transparent)]
+    Network(#[from] NetworkError),
+    /// Too many or too few frames are to be made between two rendered ones.
+    #[error("generate: expected 1 to {MAX_GENERATE} frames between rendered ones, found {actual}")]
+    Generate {
+        /// Frames asked for.
+        actual: u32,
+    },
+    /// Cameras between the previous frame and this one are not those of the frames between.
+    #[error("cameras between two frames: expected none or {expected}, found {actual}")]
+    Between {
+        /// Frames between.
+        expected: usize,
+        /// Cameras given.
+        actual: usize,
+    },
+    /// A camera between the previous frame and this one has another size.
+    #[error("camera between two frames: expected {}x{} pixels, found {}x{}", expected.0, expected.1, actual.0, actual.1)]
+    BetweenSize {
+        /// Width and height of the frame.
+        expected: (u32, u32),
+        /// Width and height of the camera between.
+        actual: (u32, u32),
+    },
+}
