@@ -124,8 +124,8 @@ pub struct Look {
     #[arg(long, default_value = "on", value_name = "on|off")]
     pub jitter: Switch,
     /// Krige pixels that first-order predictions leave uncertain, without networks too; with them it is always done. Sharper in
-    /// motion, and takes longer; `fine`: the more so. Below tier high it is fine in any case
-    #[arg(long, value_name = "on|fine", num_args = 0..=1, require_equals = true, default_missing_value = "on")]
+    /// motion, and takes longer; `coarse` less so, as below tier fast, `fine` more so, as below tier high
+    #[arg(long, value_name = "coarse|on|fine", num_args = 0..=1, require_equals = true, default_missing_value = "on")]
     pub kriging: Option<KrigingArg>,
     /// Rasterize beyond the edges that the camera turns to, without networks too; with them it is always done. Sharper there, and
     /// takes a little longer
@@ -381,6 +381,7 @@ impl From<Switch> for Sampling {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum KrigingArg {
+    Coarse,
     On,
     Fine,
 }
@@ -388,6 +389,7 @@ pub enum KrigingArg {
 impl From<KrigingArg> for Kriging {
     fn from(kriging: KrigingArg) -> Self {
         match kriging {
+            KrigingArg::Coarse => Self::Coarse,
             KrigingArg::On => Self::On,
             KrigingArg::Fine => Self::Fine,
         }

@@ -51,8 +51,8 @@ pub struct ClipsArgs {
     /// Dilation of splats in px² of the low-resolution grid: matched (0.3/S²), stock (0.3) or a number
     #[arg(long, default_value = "matched", value_name = "matched|stock|VALUE", allow_hyphen_values = true)]
     pub dilation: DilationArg,
-    /// Which pixels are kriged: `fine` for tier high, as `gs3 render` does below it
-    #[arg(long, default_value = "on", value_name = "on|fine")]
+    /// Which pixels are kriged: `coarse` for tier fast, `fine` for tier high, as `gs3 render` does below them
+    #[arg(long, default_value = "on", value_name = "coarse|on|fine")]
     pub kriging: KrigingArg,
     /// Share of the clips, and of every path, that is kept for validation
     #[arg(long, default_value_t = 0.08, value_name = "FRACTION", allow_hyphen_values = true)]

@@ -39,7 +39,10 @@ pub enum Kriging {
     #[default]
     Off,
     /// Where that mean errs visibly, a pixel is the best linear prediction from the values and the gradients of the samples
-    /// around it: gradient-enhanced kriging. Sharper in motion; takes longer, the more detail there is.
+    /// around it: gradient-enhanced kriging. Sharper in motion; takes longer, the more detail there is. Here only where the mean
+    /// errs most.
+    Coarse,
+    /// The same where it errs by about a step of 8 bits: sharper, and slower.
     On,
     /// The same wherever it makes a difference at all: sharper yet, and slower.
     Fine,

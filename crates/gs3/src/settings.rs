@@ -73,7 +73,7 @@ pub struct PipelineSettings {
     /// Where low-resolution frames are sampled. Not read by [`Mode::Native`].
     pub sampling: Sampling,
     /// Which pixels that first-order predictions leave uncertain are kriged. Where a network refines frames they are kriged whatever this
-    /// says, finely below one of tier high. Read by [`Mode::SuperSample`] and [`Mode::Full`].
+    /// says: coarsely below one of tier fast, finely below one of tier high. Read by [`Mode::SuperSample`] and [`Mode::Full`].
     pub kriging: Kriging,
     /// Whether LR frames are rasterized beyond the edges that the camera turns to, so that what the next frames reveal has a past. Where
     /// a network refines frames they are, whatever this says. Read by [`Mode::SuperSample`] and [`Mode::Full`].
@@ -121,6 +121,7 @@ impl PipelineSettings {
     pub(crate) fn kriging_below(&self, weights: Option<&Weights>) -> Kriging {
         let least = match weights {
             None => Kriging::Off,
+            Some(weights) if weights.header.tier == Tier::Fast.name() => Kriging::Coarse,
             Some(weights) if weights.header.tier == Tier::High.name() => Kriging::Fine,
             Some(_) => Kriging::On,
         };

@@ -86,7 +86,7 @@ fn training_starts_above_the_pipeline_without_learning() {
         assert!(difference(a, b) <= limit, "frame {k}: {}", difference(a, b));
     }
     // Below networks frames are kriged whatever the settings say.
-    let kriged = frames(&mut pipeline_with(Kriging::On, &Networks::default(), 1), cameras);
+    let kriged = frames(&mut pipeline_with(Kriging::Coarse, &Networks::default(), 1), cameras);
     let actual = frames(&mut pipeline(&untrained, 1), cameras);
     assert!(actual[0] == kriged[0] && actual[0] != expected[0], "there is no previous frame yet");
     let settings = PipelineSettings { mode: Mode::Native, ..Default::default() };
@@ -102,20 +102,22 @@ fn training_starts_above_the_pipeline_without_learning() {
 }
 
 #[test]
-fn below_tier_high_frames_are_kriged_finely() {
+fn how_finely_frames_are_kriged_follows_from_the_tier() {
     let path = path();
     let cameras = &path.cameras()[..1];
-    let graph = super_sample(4, Tier::High).unwrap();
-    let header = Header { tier: Tier::High.name().to_owned(), ..header(&graph) };
-    let mut high = Networks::default();
-    high.add(initial_weights(&graph, header, 1)).unwrap();
     // Without a frame before, the network is not heard yet.
-    let first = |kriging, networks: &Networks| frames(&mut pipeline_with(kriging, networks, 1), cameras);
-    let [on, fine] = [Kriging::On, Kriging::Fine].map(|kriging| first(kriging, &Networks::default()));
-    assert!(fine[0] != on[0]);
-    assert!(first(Kriging::Off, &high)[0] == fine[0]);
-    let fast = networks(|graph, header| initial_weights(graph, header, 1));
-    assert!(first(Kriging::Fine, &fast)[0] == fine[0], "who asks for more gets it");
+    let first =
+        |kriging, networks: &Networks| frames(&mut pipeline_with(kriging, networks, 1), cameras).remove(0);
+    let kriged = [Kriging::Coarse, Kriging::On, Kriging::Fine].map(|way| first(way, &Networks::default()));
+    assert!(kriged[0] != kriged[1] && kriged[1] != kriged[2]);
+    for (tier, expected) in [Tier::Fast, Tier::Balanced, Tier::High].into_iter().zip(&kriged) {
+        let graph = super_sample(4, tier).unwrap();
+        let header = Header { tier: tier.name().to_owned(), ..header(&graph) };
+        let mut networks = Networks::default();
+        networks.add(initial_weights(&graph, header, 1)).unwrap();
+        assert!(first(Kriging::Off, &networks) == *expected, "below tier {}", tier.name());
+        assert!(first(Kriging::Fine, &networks) == kriged[2], "who asks for more gets it");
+    }
 }
 
 #[test]

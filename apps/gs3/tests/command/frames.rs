@@ -76,9 +76,9 @@ fn kriging_and_tiers_reach_the_picture() {
         succeed(folder.path(), &format!("render demo {size} {options} --out {name}"));
         png(&folder.path().join(name).join("frame_000002.png")).2
     };
-    let [off, on, fine] = ["", "--kriging", "--kriging=fine"]
+    let [off, coarse, on, fine] = ["", "--kriging=coarse", "--kriging", "--kriging=fine"]
         .map(|kriging| render(&format!("made{kriging}"), &format!("--tier analytic {kriging}")));
-    assert!(on != off && fine != on && fine != off, "each kriges other pixels");
+    assert!(coarse != off && on != coarse && fine != on && fine != off, "each kriges other pixels");
     assert!(render("overscan", "--tier analytic --overscan") != off, "the camera moves");
     let [balanced, high] =
         ["balanced", "high"].map(|tier| render(tier, &format!("--tier {tier} --arithmetic f32")));

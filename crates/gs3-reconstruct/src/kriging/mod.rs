@@ -49,19 +49,23 @@ pub(crate) const NUGGET: f32 = 1e-3;
 /// and 0.2 per pixel⁴ are alike.)
 pub(crate) const PER_NOISE: f32 = 0.15;
 
-/// A pixel is worth it if the correction for curvature changes it by more than this: one and a half steps of 8 bits. (On
-/// foliage 0.01 takes half the pixels that 0.004 does and loses 0.3 dB, 0.001 twice as many and gains 0.2.)
-const WORTH: f32 = 0.006;
+/// A pixel is worth it if the correction for curvature changes it by more than this: three quarters of a step of 8 bits. (Empirical:
+/// `docs/performance.md`.)
+const WORTH: f32 = 0.003;
 
-/// The same where quality counts more than time: half a step. (Gains 0.2 to 0.6 dB for 12 to 47 ms on two cores at
-/// 1920×1080; 0.001 gains 0.1 to 0.3 more for about 30.)
-const WORTH_FINE: f32 = 0.002;
+/// The same where time counts more than quality: one and a half steps. (Loses 0.15 to 0.42 dB and saves 6 to 26 ms on two cores at
+/// 1920×1080; on foliage, 0.01 takes half the pixels that 0.004 does and loses 0.3 dB.)
+const WORTH_COARSE: f32 = 0.006;
+
+/// The same where quality counts more than time: a quarter of a step. (Gains 0.1 dB over half a step, for 10 to 30 ms.)
+const WORTH_FINE: f32 = 0.001;
 
 impl Kriging {
     /// By how much the correction for curvature must change a pixel, if any is kriged at all.
     pub(crate) const fn worth(self) -> Option<f32> {
         match self {
             Self::Off => None,
+            Self::Coarse => Some(WORTH_COARSE),
             Self::On => Some(WORTH),
             Self::Fine => Some(WORTH_FINE),
         }

@@ -52,7 +52,7 @@ pub struct ClipSettings {
     /// super sampling. Without it they are those of the pipeline without networks. Super sampling is trained in rounds: the
     /// first without, the next ones on clips of the weights of the round before.
     pub super_sample: Option<Arc<Weights>>,
-    /// Which pixels are kriged, as they are below the network to be trained: finely for tier high.
+    /// Which pixels are kriged, as they are below the network to be trained: coarsely for tier fast, finely for tier high.
     pub kriging: Kriging,
 }
 
