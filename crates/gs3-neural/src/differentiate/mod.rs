@@ -265,7 +265,7 @@ impl Differentiator {
             let export = self.export(name)?;
             if let Some(v) = &plan.steps[export.step].v {
                 let write = scratch.write(export.step);
-                read_image(image, v, export.factor, &mut scratch.v, write);
+                read_image(self.level, image, v, export.factor, &mut scratch.v, write);
                 scratch.begun[export.step] = true;
             }
         }
@@ -476,10 +476,20 @@ fn write_image(level: Level, blocks: &[Block], layout: &Layout, export: &Export,
 }
 
 /// Reads an image to the tensor at `layout` in `blocks`.
-fn read_image(image: &[f32], layout: &Layout, factor: usize, blocks: &mut [Block], write: Write) {
+fn read_image(
+    level: Level,
+    image: &[f32],
+    layout: &Layout,
+    factor: usize,
+    blocks: &mut [Block],
+    write: Write,
+) {
     let exchange = Exchange::new(layout, factor);
     let rows = blocks[layout.start..][..layout.len()].chunks_exact_mut(layout.row_len());
-    for (row, image) in rows.zip(image.chunks_exact(exchange.row_len())) {
-        exchange.import_any(image, 0, layout, row, |out, v| write.number(out, v));
+    for (y, (row, line)) in rows.zip(image.chunks_exact(exchange.row_len())).enumerate() {
+        match write {
+            Write::Set => exchange.import_row(level, image, [0, y], layout, row),
+            Write::Add => exchange.import_any(line, 0, layout, row, |out, v| *out += v),
+        }
     }
 }

@@ -23,14 +23,16 @@ pub enum Write {
 }
 
 impl Write {
-    /// Writes `f` of each place.
+    /// Writes `f` of each place. It is called at one place here, or it would not be inlined where vectors are enabled.
     #[inline(always)]
     pub fn each<S: Simd>(self, simd: S, out: &mut [Block], f: impl Fn(usize) -> f32x16<S>) {
-        match self {
-            Self::Set => out.iter_mut().enumerate().for_each(|(x, out)| out.0 = f(x).to_array()),
-            Self::Add => {
-                out.iter_mut().enumerate().for_each(|(x, out)| out.0 = (load(simd, out) + f(x)).to_array())
-            }
+        for (x, out) in out.iter_mut().enumerate() {
+            let v = f(x);
+            let before = match self {
+                Self::Set => f32x16::splat(simd, 0.0),
+                Self::Add => load(simd, out),
+            };
+            out.0 = (before + v).to_array();
         }
     }
 
@@ -102,29 +104,17 @@ impl Adjoint<'_> {
                 let v = self.v(y, b);
                 write.each(simd, out, |k| load(simd, &v[k]));
             }
-            Op::Multiply => match self.input {
-                0 => {
-                    let (v, factor) = (self.v(y, b), self.factor(1, y, b));
-                    write.each(simd, out, |k| load(simd, &v[k]) * factor.at(simd, k));
-                }
-                _ => {
-                    self.over_channels(simd, y, b, out, write, |x, y, b| load(simd, &self.value(0, y, b)[x]))
-                }
-            },
+            // At one place, as `each` says of what it is given.
+            Op::Multiply | Op::Mix if self.is_factor() => self.over_channels(simd, y, b, out, write),
+            Op::Multiply => {
+                let (v, factor) = (self.v(y, b), self.factor(1, y, b));
+                write.each(simd, out, |k| load(simd, &v[k]) * factor.at(simd, k));
+            }
             Op::Mix => {
-                let one = f32x16::splat(simd, 1.0);
+                let (v, t, one) = (self.v(y, b), self.factor(2, y, b), f32x16::splat(simd, 1.0));
                 match self.input {
-                    0 => {
-                        let (v, t) = (self.v(y, b), self.factor(2, y, b));
-                        write.each(simd, out, |k| load(simd, &v[k]) * (one - t.at(simd, k)));
-                    }
-                    1 => {
-                        let (v, t) = (self.v(y, b), self.factor(2, y, b));
-                        write.each(simd, out, |k| load(simd, &v[k]) * t.at(simd, k));
-                    }
-                    _ => self.over_channels(simd, y, b, out, write, |x, y, b| {
-                        load(simd, &self.value(1, y, b)[x]) - load(simd, &self.value(0, y, b)[x])
-                    }),
+                    0 => write.each(simd, out, |k| load(simd, &v[k]) * (one - t.at(simd, k))),
+                    _ => write.each(simd, out, |k| load(simd, &v[k]) * t.at(simd, k)),
                 }
             }
             Op::MaxPool2 => {
@@ -206,30 +196,38 @@ impl Adjoint<'_> {
         }
     }
 
-    /// The derivative by a factor whose own is `other`, of pixel x, row y, block b: by one of one channel the sum over
-    /// all channels that it multiplies.
+    /// Whether the input multiplies others.
     #[inline(always)]
-    fn over_channels<S: Simd>(
-        &self,
-        simd: S,
-        y: usize,
-        b: usize,
-        out: &mut [Block],
-        write: Write,
-        other: impl Fn(usize, usize, usize) -> f32x16<S>,
-    ) {
-        let part = |x: usize, b: usize| load(simd, &self.v(y, b)[x]) * other(x, y, b);
+    fn is_factor(&self) -> bool {
+        matches!((self.op, self.input), (Op::Multiply, 1) | (Op::Mix, 2))
+    }
+
+    /// The derivative by a factor of pixel x, row y, block b: by one of one channel the sum over all channels that it multiplies.
+    #[inline(always)]
+    fn over_channels<S: Simd>(&self, simd: S, y: usize, b: usize, out: &mut [Block], write: Write) {
         if self.v_input.shape.channels > 1 {
-            return write.each(simd, out, |x| part(x, b));
+            return write.each(simd, out, |x| self.by_factor(simd, [x, y], b));
         }
         let channels = self.v_result.shape.channels;
         for (x, out) in out.iter_mut().enumerate() {
-            let sums = (0..self.v_result.blocks()).map(|b| {
+            let mut sum = 0.0;
+            for b in 0..self.v_result.blocks() {
                 let lanes = (channels - b * LANES).min(LANES);
-                part(x, b).to_array()[..lanes].iter().sum::<f32>()
-            });
-            write.number(&mut out.0[0], sums.sum());
+                sum += self.by_factor(simd, [x, y], b).to_array()[..lanes].iter().sum::<f32>();
+            }
+            write.number(&mut out.0[0], sum);
         }
+    }
+
+    /// What block `b` of pixel (x, y) adds to the derivative by its factor.
+    #[inline(always)]
+    fn by_factor<S: Simd>(&self, simd: S, [x, y]: [usize; 2], b: usize) -> f32x16<S> {
+        let first = load(simd, &self.value(0, y, b)[x]);
+        let multiplied = match self.op {
+            Op::Mix => load(simd, &self.value(1, y, b)[x]) - first,
+            _ => first,
+        };
+        load(simd, &self.v(y, b)[x]) * multiplied
     }
 
     /// `v` where pixel (x, y) is the first largest of the pixels that pool into one, else 0.
@@ -258,14 +256,19 @@ impl Adjoint<'_> {
     #[inline(always)]
     fn largest(&self, y: usize, b: usize, out: &mut [Block], write: Write) {
         let (v, result) = (self.v(y, 0), self.result(y, 0));
-        let lanes = |b: usize| (self.v_input.shape.channels - b * LANES).min(LANES);
         for (x, out) in out.iter_mut().enumerate() {
-            let largest = result[x].0[0];
-            let place =
-                |b: usize| self.value(0, y, b)[x].0[..lanes(b)].iter().position(|value| *value == largest);
-            let place = if (0..b).any(|b| place(b).is_some()) { None } else { place(b) };
+            let mut place = None;
+            for b in 0..=b {
+                // An earlier block's comes first.
+                if place.is_none() {
+                    let lanes = (self.v_input.shape.channels - b * LANES).min(LANES);
+                    let values = &self.value(0, y, b)[x].0[..lanes];
+                    let lane = values.iter().position(|value| *value == result[x].0[0]);
+                    place = lane.map(|lane| (b, lane));
+                }
+            }
             for (lane, out) in out.0.iter_mut().enumerate() {
-                write.number(out, if place == Some(lane) { v[x].0[0] } else { 0.0 });
+                write.number(out, if place == Some((b, lane)) { v[x].0[0] } else { 0.0 });
             }
         }
     }
