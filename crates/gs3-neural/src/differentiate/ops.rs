@@ -158,7 +158,7 @@ impl Adjoint<'_> {
                 write.each(simd, out, |x| f32x16::splat(simd, v[x].0[0] * share));
             }
             Op::Warp => self.flow(y, out, write),
-            Op::ChannelMax => self.largest(y, b, out, write),
+            Op::ChannelMax => self.largest(simd, y, b, out, write),
             Op::PixelShuffle { .. } | Op::PixelUnshuffle { .. } => self.shuffled(y, b, out, write),
             Op::Concat => {
                 let before = self.step.layouts[..self.input].iter().map(|l| l.shape.channels).sum();
@@ -208,14 +208,15 @@ impl Adjoint<'_> {
         if self.v_input.shape.channels > 1 {
             return write.each(simd, out, |x| self.by_factor(simd, [x, y], b));
         }
-        let channels = self.v_result.shape.channels;
+        let (channels, lanes) = (self.v_result.shape.channels, f32x16::from_fn(simd, |lane| lane as f32));
         for (x, out) in out.iter_mut().enumerate() {
-            let mut sum = 0.0;
+            let mut sums = f32x16::splat(simd, 0.0);
             for b in 0..self.v_result.blocks() {
-                let lanes = (channels - b * LANES).min(LANES);
-                sum += self.by_factor(simd, [x, y], b).to_array()[..lanes].iter().sum::<f32>();
+                // Lanes without a channel may be anything.
+                let is_channel = lanes.simd_lt((channels - b * LANES) as f32);
+                sums += is_channel.select(self.by_factor(simd, [x, y], b), f32x16::splat(simd, 0.0));
             }
-            write.number(&mut out.0[0], sum);
+            write.number(&mut out.0[0], sum(sums.to_array()));
         }
     }
 
@@ -254,21 +255,24 @@ impl Adjoint<'_> {
 
     /// The largest over channels: its derivative goes to the first channel that has it.
     #[inline(always)]
-    fn largest(&self, y: usize, b: usize, out: &mut [Block], write: Write) {
+    fn largest<S: Simd>(&self, simd: S, y: usize, b: usize, out: &mut [Block], write: Write) {
         let (v, result) = (self.v(y, 0), self.result(y, 0));
         for (x, out) in out.iter_mut().enumerate() {
-            let mut place = None;
+            let largest = f32x16::splat(simd, result[x].0[0]);
+            let (mut found, mut lane) = (false, LANES);
             for b in 0..=b {
                 // An earlier block's comes first.
-                if place.is_none() {
-                    let lanes = (self.v_input.shape.channels - b * LANES).min(LANES);
-                    let values = &self.value(0, y, b)[x].0[..lanes];
-                    let lane = values.iter().position(|value| *value == result[x].0[0]);
-                    place = lane.map(|lane| (b, lane));
-                }
+                let lanes = (self.v_input.shape.channels - b * LANES).min(LANES);
+                let equal =
+                    load(simd, &self.value(0, y, b)[x]).simd_eq(largest).to_bitmask() & ((1 << lanes) - 1);
+                lane = if found { LANES } else { equal.trailing_zeros() as usize };
+                found |= equal != 0;
             }
-            for (lane, out) in out.0.iter_mut().enumerate() {
-                write.number(out, if place == Some((b, lane)) { v[x].0[0] } else { 0.0 });
+            if write == Write::Set {
+                *out = Block::default();
+            }
+            if let Some(out) = out.0.get_mut(lane) {
+                *out += v[x].0[0];
             }
         }
     }
@@ -395,6 +399,20 @@ fn put<'a>(
         write.number(&mut out.0[lane], pixel.0[channel % LANES]);
     }
     out.for_each(|out| write.number(&mut out.0[lane], 0.0));
+}
+
+/// Pairs first, so that sums do not wait for each other.
+#[inline(always)]
+fn sum(numbers: [f32; LANES]) -> f32 {
+    let mut sums = numbers;
+    let mut count = LANES;
+    while count > 1 {
+        count /= 2;
+        for k in 0..count {
+            sums[k] += sums[k + count];
+        }
+    }
+    sums[0]
 }
 
 /// Two pixels of a row or column, between which a place is.
