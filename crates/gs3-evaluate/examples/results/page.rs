@@ -37,7 +37,7 @@ pub fn page(sections: &Sections, frames: usize) -> String {
          {}×{} from {}×{} (×{SCALE}), frames 0..{frames} of each path, against the scene's own native rendering. `history` is \
          gs3's super sampling without learning, `analytic` adds a frame before each rendered one: its PSNR between is against \
          native rendering at the true pose. `kriging` and `kriged` krige the pixels where first-order predictions err visibly; `overscan` and `overscanned` are that \
-         with LR frames rasterized beyond the edges that the camera turns to; `fast`, `balanced` and `high` are that with learned super sampling, `fast_ss` and so on without the frames between. PSNR: one mean squared error per frame over RGB in [0, 1], mean over frames; SSIM as \
+         with LR frames rasterized beyond the edges that the camera turns to; `fast`, `balanced` and `high` are that with learned super sampling, kriged coarsely below `fast` and finely below `high`, `fast_ss` and so on without the frames between. PSNR: one mean squared error per frame over RGB in [0, 1], mean over frames; SSIM as \
          in scikit-image, over rendered frames; tPSNR: PSNR of the differences of consecutive displayed frames, which are half as \
          far apart where there are frames between. History starts empty at frame 0, and these first frames count. Displayed FPS: \
          frames shown per rendered one over its median time; native rendering is gs3's own rasterizer with AccuTile culling. gs3's \

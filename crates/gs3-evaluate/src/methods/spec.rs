@@ -30,7 +30,8 @@ pub enum Spatial {
     History,
     /// [`Self::History`], kriged where first-order predictions err visibly.
     Kriging,
-    /// [`Self::Kriging`], rasterized beyond the edges that the camera turns to: all that networks refine, without them.
+    /// [`Self::Kriging`], rasterized beyond the edges that the camera turns to: all that networks refine, without them (below tiers fast
+    /// and high, pixels are kriged coarsely and finely).
     Overscan,
     /// [`Self::History`] with all LR frames sampled at pixel centres: an ablation.
     Centered,

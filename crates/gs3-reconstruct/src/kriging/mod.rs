@@ -53,7 +53,7 @@ pub(crate) const PER_NOISE: f32 = 0.15;
 /// `docs/performance.md`.)
 const WORTH: f32 = 0.003;
 
-/// The same where time counts more than quality: one and a half steps. (Loses 0.15 to 0.42 dB and saves 6 to 26 ms on two cores at
+/// The same where time counts more than quality: one and a half steps. (Loses 0.15 to 0.42 dB and saves 6 to 25 ms a pair of frames on two cores at
 /// 1920×1080; on foliage, 0.01 takes half the pixels that 0.004 does and loses 0.3 dB.)
 const WORTH_COARSE: f32 = 0.006;
 
