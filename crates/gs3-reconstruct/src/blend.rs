@@ -110,18 +110,14 @@ impl Blend<'_> {
     ) -> bool {
         if share == 0.0 {
             for (r, first) in first.iter().enumerate() {
-                rows[clip.row(r)].as_flattened_mut().copy_from_slice(first);
+                clip.store(f32x16::load_array_ref(simd, first), r, rows);
             }
             return true;
         }
         let Some(second) = self.warp.quads(simd, 1, run, k) else { return false };
         let share_of_all = f32x16::splat(simd, share);
         for (r, (second, first)) in second.into_iter().zip(first).enumerate() {
-            let mixed = match share < 1.0 {
-                true => mix(simd, f32x16::load_array_ref(simd, first), second, share_of_all),
-                false => second,
-            };
-            mixed.store_slice(rows[clip.row(r)].as_flattened_mut());
+            clip.store(mix(simd, f32x16::load_array_ref(simd, first), second, share_of_all), r, rows);
         }
         true
     }
@@ -142,8 +138,7 @@ impl Blend<'_> {
         let Some(second) = self.warp.quads(simd, 1, run, k) else { return false };
         for r in 0..SIDE {
             let share = spread(simd, &share[r * SIDE..(r + 1) * SIDE]);
-            let first = f32x16::load_array_ref(simd, &first[r]);
-            mix(simd, first, second[r], share).store_slice(rows[clip.row(r)].as_flattened_mut());
+            clip.store(mix(simd, f32x16::load_array_ref(simd, &first[r]), second[r], share), r, rows);
         }
         true
     }
@@ -160,32 +155,21 @@ impl Blend<'_> {
         rows: &mut [[f32; 4]],
     ) {
         for r in clip.rows.clone() {
-            let first = r * SIDE + clip.columns.start;
-            let pixels = &mut rows[clip.row(r)];
-            let share = &share[first..first + pixels.len()];
-            let mut second = [[0.0; 4]; SIDE];
-            let second = &mut second[..pixels.len()];
-            if share.iter().any(|share| *share < 1.0) {
-                self.gather_side(simd, 0, patch, alike, [r, first], pixels);
+            let share = &share[r * SIDE..(r + 1) * SIDE];
+            let shown = &share[clip.columns.clone()];
+            // What no pixel is made of is not gathered.
+            let (mut first, mut second) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 0.0));
+            if shown.iter().any(|share| *share < 1.0) {
+                first = self.gather_side(simd, 0, patch, alike, r, clip);
             }
-            if share.iter().any(|share| *share > 0.0) {
-                self.gather_side(simd, 1, patch, alike, [r, first], second);
+            if shown.iter().any(|share| *share > 0.0) {
+                second = self.gather_side(simd, 1, patch, alike, r, clip);
             }
-            for ((pixel, second), share) in pixels.iter_mut().zip(second).zip(share) {
-                // What does not count is not read, so that nothing not finite spreads.
-                if *share == 1.0 {
-                    *pixel = *second;
-                } else if *share > 0.0 {
-                    let share = surer(*share, [pixel[3], second[3]]);
-                    for c in 0..4 {
-                        pixel[c] += share * (second[c] - pixel[c]);
-                    }
-                }
-            }
+            clip.store(mix(simd, first, second, spread(simd, share)), r, rows);
         }
     }
 
-    /// Gathers row `r` of a patch, whose first pixel wanted is pixel `first` of the patch, from neighbour `n`.
+    /// Row `r` of a patch in neighbour `n`.
     #[inline(always)]
     fn gather_side<S: Simd>(
         &self,
@@ -193,12 +177,12 @@ impl Blend<'_> {
         n: usize,
         patch: &Patch<2>,
         alike: &[Option<[f32x16<S>; SIDE]>; 2],
-        [r, first]: [usize; 2],
-        pixels: &mut [[f32; 4]],
-    ) {
+        r: usize,
+        clip: &Clip,
+    ) -> f32x16<S> {
         match &alike[n] {
-            Some(quads) => quads[r].store_slice(pixels.as_flattened_mut()),
-            None => self.warp.gather_row(simd, n, patch, first, pixels),
+            Some(quads) => quads[r],
+            None => self.warp.gather_row(simd, n, patch, r, clip.columns.clone()),
         }
     }
 }
@@ -209,20 +193,16 @@ fn mix<S: Simd>(simd: S, first: f32x16<S>, second: f32x16<S>, share: f32x16<S>) 
     let uncertainty = u8x64::from_fn(simd, |i| (12 + i % 4) as u8);
     let of_first = first.swizzle_dyn_within_blocks(uncertainty);
     let of_second = second.swizzle_dyn_within_blocks(uncertainty);
-    (second - first).mul_add(surer_of_all(share, of_first, of_second), first)
-}
-
-/// [`surer`], lane by lane.
-#[inline(always)]
-fn surer_of_all<S: Simd>(share: f32x16<S>, first: f32x16<S>, second: f32x16<S>) -> f32x16<S> {
-    let weight = share * (first.max(0.0) + UNSURE);
-    weight / (weight + (1.0 - share) * (second.max(0.0) + UNSURE))
+    let mixed = (second - first).mul_add(surer(share, of_first, of_second), first);
+    // What does not count is not read, so that nothing not finite spreads.
+    let mixed = share.simd_eq(0.0).select(first, mixed);
+    share.simd_eq(1.0).select(second, mixed)
 }
 
 /// The share of the second neighbour, of which time and visibility say `share`, where the neighbours' uncertainties are
 /// these. Interpolation can make them negative.
 #[inline(always)]
-fn surer(share: f32, [first, second]: [f32; 2]) -> f32 {
+fn surer<S: Simd>(share: f32x16<S>, first: f32x16<S>, second: f32x16<S>) -> f32x16<S> {
     let weight = share * (first.max(0.0) + UNSURE);
     weight / (weight + (1.0 - share) * (second.max(0.0) + UNSURE))
 }
@@ -258,7 +238,7 @@ pub(crate) fn shares<S: Simd>(
         let first = uncertainties(simd, &images[0][pixels.clone()]);
         let second = uncertainties(simd, &images[1][pixels]);
         // What does not count may be anything.
-        let share = counts.select(surer_of_all(share, first, second), share);
+        let share = counts.select(surer(share, first, second), share);
         out.copy_from_slice(&share.to_array()[..out.len()]);
     }
 }

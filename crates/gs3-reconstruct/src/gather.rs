@@ -1,6 +1,6 @@
 //! Samples HR images at fractional positions.
 
-use fearless_simd::{Simd, f32x16, prelude::*};
+use fearless_simd::{Simd, f32x4, f32x16, prelude::*};
 use gs3_scene::Image;
 
 use crate::resample::clamped;
@@ -117,23 +117,18 @@ impl Gather {
         b.mul_add(weights.weight(4), odd) + b.slide::<4>(c).mul_add(weights.weight(5), even)
     }
 
-    /// The pixel at `(x, y)`, times `weight`: four pixels whose sum it is.
+    /// The pixel at `(x, y)`.
     #[inline(always)]
-    pub fn pixel<S: Simd>(&self, simd: S, image: &Image, [x, y]: [i32; 2], weight: f32) -> f32x16<S> {
+    pub fn pixel<S: Simd>(&self, simd: S, image: &Image, [x, y]: [i32; 2]) -> f32x4<S> {
         let ((x_weights, column), (y_weights, row)) = (self.place(x), self.place(y));
-        match Self::rows::<S, 2>(simd, image, (column, row), y_weights) {
-            Some([a, b]) => {
-                let [first, second] = x_weights.0.each_ref();
-                let [first, second] =
-                    [f32x16::load_array_ref(simd, first), f32x16::load_array_ref(simd, second)];
-                a.mul_add(first, b * second) * weight
-            }
-            None => {
-                let pixel = self.pixel_at_border(image, [x, y]);
-                let taps = std::array::from_fn(|k| if k < 4 { weight * pixel[k] } else { 0.0 });
-                f32x16::load_array(simd, taps)
-            }
-        }
+        let Some([a, b]) = Self::rows::<S, 2>(simd, image, (column, row), y_weights) else {
+            return f32x4::load_array(simd, self.pixel_at_border(image, [x, y]));
+        };
+        let [first, second] = x_weights.0.each_ref();
+        let [first, second] = [f32x16::load_array_ref(simd, first), f32x16::load_array_ref(simd, second)];
+        let (a, b) = a.mul_add(first, b * second).split();
+        let (a, b) = (a + b).split();
+        a + b
     }
 
     /// Four pixels in a row, the first at `(x, y)`; `None` near the border.
@@ -185,14 +180,6 @@ impl Gather {
         }
         sum
     }
-}
-
-/// The sum of four pixels.
-#[inline(always)]
-pub(crate) fn sum_of_pixels<S: Simd>(pixels: f32x16<S>) -> [f32; 4] {
-    let (a, b) = pixels.split();
-    let (a, b) = (a + b).split();
-    (a + b).to_array()
 }
 
 #[cfg(test)]
@@ -266,7 +253,7 @@ mod tests {
                 gather.pixel_at_border(&image, [x + (k * PHASES) as i32, y + (l * PHASES) as i32])
             };
             fearless_simd::dispatch!(level, simd => {
-                near(&sum_of_pixels(gather.pixel(simd, &image, [x, y], 1.0)), &pixel(0, 0), "pixel");
+                near(&gather.pixel(simd, &image, [x, y]).to_array(), &pixel(0, 0), "pixel");
                 let quad = gather.quad(simd, &image, [x, y]).unwrap().to_array();
                 let patch = gather.patch(simd, &image, [x, y]).unwrap().map(|row| row.to_array());
                 for k in 0..QUAD {

@@ -1,9 +1,8 @@
 //! Neighbours at the pose between, unblended, and how well they are seen there.
 
-use fearless_simd::{Simd, prelude::*};
+use fearless_simd::Simd;
 
-use crate::gather::{QUAD, sum_of_pixels};
-use crate::warp::{Clip, LANES, Patch, SIDE, Warp};
+use crate::warp::{Clip, LANES, SIDE, Warp};
 
 /// Rows of pixels of one neighbour.
 pub(crate) struct Part<'a> {
@@ -36,7 +35,7 @@ impl<const N: usize> Warp<'_, N> {
                     // Not by the array's iterator: it would hand the vectors on through memory.
                     if let Some(quads) = &quads {
                         for r in 0..SIDE {
-                            quads[r].store_slice(part.image[clip.row(r)].as_flattened_mut());
+                            clip.store(quads[r], r, part.image);
                         }
                     }
                     if is_even {
@@ -47,37 +46,18 @@ impl<const N: usize> Warp<'_, N> {
                     }
                     let patch = patch.get_or_insert_with(|| self.look_at_patch(simd, x, y));
                     for r in clip.rows.clone() {
-                        let (at, first) = (clip.row(r), r * SIDE + clip.columns.start);
                         if !is_even {
+                            let (at, first) = (clip.row(r), r * SIDE + clip.columns.start);
                             let visibility = &patch.visibility[n][first..first + at.len()];
-                            part.visibility[at.clone()].copy_from_slice(visibility);
+                            part.visibility[at].copy_from_slice(visibility);
                         }
                         if quads.is_none() {
-                            self.gather_row(simd, n, patch, first, &mut part.image[at]);
+                            let row = self.gather_row(simd, n, patch, r, clip.columns.clone());
+                            clip.store(row, r, part.image);
                         }
                     }
                 }
             }
-        }
-    }
-
-    /// Gathers pixels of a row of a patch, from its pixel `first` on, from neighbour `n` alone.
-    #[inline(always)]
-    pub fn gather_row<S: Simd>(
-        &self,
-        simd: S,
-        n: usize,
-        patch: &Patch<N>,
-        first: usize,
-        pixels: &mut [[f32; 4]],
-    ) {
-        if pixels.len() == QUAD
-            && let Some(quad) = self.quad(simd, n, patch, first)
-        {
-            return quad.store_slice(pixels.as_flattened_mut());
-        }
-        for (k, pixel) in (first..).zip(pixels) {
-            *pixel = sum_of_pixels(self.gather.pixel(simd, self.images[n], patch.place(n, k), 1.0));
         }
     }
 }

@@ -8,7 +8,9 @@
 //! A patch costs 27 loads, 96 multiply-adds and 16 shifts per neighbour; the floor is memory, 16 B read from each
 //! neighbour and 16 B written a pixel.
 
-use fearless_simd::{Simd, f32x16, i32x16, mask32x16, prelude::*};
+use std::ops::Range;
+
+use fearless_simd::{Simd, f32x4, f32x16, i32x16, mask32x16, prelude::*};
 use gs3_scene::Image;
 use rayon::prelude::*;
 
@@ -68,9 +70,9 @@ pub(crate) struct Patch<const N: usize> {
 /// The pixels of a patch that are in the image and in the rows being made.
 pub(crate) struct Clip {
     /// Of the patch.
-    pub rows: std::ops::Range<usize>,
+    pub rows: Range<usize>,
     /// Of the patch.
-    pub columns: std::ops::Range<usize>,
+    pub columns: Range<usize>,
     /// Place of the patch's first pixel among the rows being made; may be before them.
     origin: isize,
     width: usize,
@@ -208,11 +210,27 @@ impl<const N: usize> Warp<'_, N> {
         self.gather.patch(simd, self.images[n], [x[k], y[k]])
     }
 
-    /// The row of a patch from pixel `first` on in neighbour `n`, if it moves alike and is inside.
+    /// The pixels `columns` of row `r` of a patch in neighbour `n`; the other lanes are not specified.
     #[inline(always)]
-    pub fn quad<S: Simd>(&self, simd: S, n: usize, patch: &Patch<N>, first: usize) -> Option<f32x16<S>> {
-        let is_rigid = patch.rigid[n] >> first & 1 == 1;
-        if is_rigid { self.gather.quad(simd, self.images[n], patch.place(n, first)) } else { None }
+    pub fn gather_row<S: Simd>(
+        &self,
+        simd: S,
+        n: usize,
+        patch: &Patch<N>,
+        r: usize,
+        columns: Range<usize>,
+    ) -> f32x16<S> {
+        let (image, first) = (self.images[n], r * SIDE);
+        let is_rigid = patch.rigid[n] >> first & 1 == 1 && columns.len() == SIDE;
+        if is_rigid && let Some(quad) = self.gather.quad(simd, image, patch.place(n, first)) {
+            return quad;
+        }
+        let mut pixels = [f32x4::splat(simd, 0.0); SIDE];
+        for k in columns {
+            pixels[k] = self.gather.pixel(simd, image, patch.place(n, first + k));
+        }
+        let [a, b, c, d] = pixels;
+        a.combine(b).combine(c.combine(d))
     }
 }
 
@@ -249,9 +267,19 @@ impl Clip {
 
     /// The pixels of row `r` of the patch among the rows being made.
     #[inline(always)]
-    pub fn row(&self, r: usize) -> std::ops::Range<usize> {
+    pub fn row(&self, r: usize) -> Range<usize> {
         let at = |column: usize| (self.origin + (r * self.width + column) as isize) as usize;
         at(self.columns.start)..at(self.columns.end)
+    }
+
+    /// Writes row `r` of the patch to its place among the rows being made.
+    #[inline(always)]
+    pub fn store<S: Simd>(&self, row: f32x16<S>, r: usize, rows: &mut [[f32; 4]]) {
+        let out = rows[self.row(r)].as_flattened_mut();
+        match out.first_chunk_mut() {
+            Some(out) => row.store_array(out),
+            None => out.copy_from_slice(&row.to_array()[4 * self.columns.start..4 * self.columns.end]),
+        }
     }
 }
 
