@@ -1,8 +1,8 @@
 //! Which machine renders.
 
-use gs3::NetworkError;
 use gs3::compute::{AdapterChoice, AdapterKind, Gpu, GpuSettings, OptionalFeatures, adapters, choose};
 use gs3::neural::MatrixUnit;
+use gs3::{FramePipeline, NetworkError, PipelineError};
 
 use crate::args::{BackendArg, Device};
 use crate::error::CliError;
@@ -76,6 +76,25 @@ impl Machine {
         }
     }
 
+    /// After `error`, lets `pipeline` go on with the CPU if its GPU was not asked for, aloud; without history.
+    ///
+    /// # Errors
+    /// `error`, if there is nobody to take over.
+    pub fn take_over(
+        &mut self,
+        pipeline: &mut FramePipeline,
+        error: PipelineError,
+    ) -> Result<(), PipelineError> {
+        match self {
+            Self::Cpu | Self::Gpu(_) => Err(error),
+            Self::FoundGpu(_) => {
+                *self = Self::fallen_back(&error);
+                pipeline.render_on_cpu();
+                Ok(())
+            }
+        }
+    }
+
     /// `cpu` or `gpu`, as `--backend` has it.
     pub const fn backend(&self) -> &'static str {
         match self {
@@ -99,5 +118,49 @@ impl Machine {
     fn fallen_back(error: &impl std::fmt::Display) -> Self {
         note(format_args!("the CPU takes over: {error}"));
         Self::Cpu
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use gs3::scene::demo;
+    use gs3::{Mode, PipelineSettings};
+
+    use super::*;
+
+    #[test]
+    fn the_cpu_takes_over_from_a_gpu_that_nobody_asked_for_only() {
+        let open = || Gpu::new(&GpuSettings::default());
+        let Ok(gpu) = open() else {
+            eprintln!("skipped: no GPU adapter");
+            return;
+        };
+        let scene = Arc::new(demo::scene().unwrap());
+        let path = demo::path().resized(64, 36).unwrap();
+        let settings = PipelineSettings { mode: Mode::Full, ..Default::default() };
+        let new = || FramePipeline::new(Arc::clone(&scene), settings).unwrap();
+        for (gpu, is_found) in [(gpu, true), (open().unwrap(), false)] {
+            let mut pipeline = new();
+            pipeline.render_on(&gpu).unwrap();
+            pipeline.render(&path.cameras()[0], &[]).unwrap();
+            // As a driver that resets.
+            gpu.destroy();
+            let mut machine = if is_found { Machine::FoundGpu(gpu) } else { Machine::Gpu(gpu) };
+            let error = pipeline.render(&path.cameras()[1], &[]).map(|_| ()).unwrap_err();
+            assert!(matches!(error, PipelineError::Gpu(_)), "{error}");
+            assert_eq!(machine.take_over(&mut pipeline, error).is_ok(), is_found);
+            assert_eq!(machine.backend(), if is_found { "cpu" } else { "gpu" });
+            if is_found {
+                let mut expected = new();
+                for camera in &path.cameras()[1..3] {
+                    assert!(!pipeline.is_on_device(camera));
+                    pipeline.render(camera, &[]).unwrap();
+                    expected.render(camera, &[]).unwrap();
+                    assert_eq!(pipeline.last_image().pixels(), expected.last_image().pixels());
+                }
+            }
+        }
     }
 }

@@ -5,7 +5,7 @@ use std::ops::Range;
 use gs3::raster::NEAR;
 use gs3::scene::camera_path::Pace;
 use gs3::scene::{Camera, CameraPath};
-use gs3::{FramePipeline, Mode, Networks, PipelineSettings};
+use gs3::{FramePipeline, Mode, Networks, PipelineError, PipelineSettings};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
@@ -51,7 +51,8 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     let settings = args.look.settings(mode);
     let mut pipeline = FramePipeline::with_networks(scene, settings, &networks)?;
     // Not before the rest is right: a driver may take long to wake, and talk.
-    let machine = Machine::new(&args.device, args.look.features())?.start(|gpu| pipeline.render_on(gpu))?;
+    let mut machine =
+        Machine::new(&args.device, args.look.features())?.start(|gpu| pipeline.render_on(gpu))?;
     let first = path.cameras()[range.start];
     if mode.has_history() && !pipeline.is_on_device(&first) && !matches!(machine, Machine::Cpu) {
         note(
@@ -61,7 +62,10 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     let rate = path.frames_per_second() * settings.displayed_per_rendered() as f64;
 
     // Before any file: settings that the rasterizer refuses show in the frames that only fill the history.
-    warm_up(&mut pipeline, &path, range.start)?;
+    if let Err(error) = warm_up(&mut pipeline, &path, range.start) {
+        machine.take_over(&mut pipeline, error)?;
+        warm_up(&mut pipeline, &path, range.start)?;
+    }
     let mut writer = None;
     let mut times = Times::default();
     interrupt::watch()?;
@@ -71,7 +75,12 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     let mut first_number = None;
     let mut is_blank = true;
     while next < range.end && !interrupt::requested() {
-        let shown = pipeline.render(&path.cameras()[next], &between(&settings, &path, next))?;
+        if let Err(error) = pipeline.render(&path.cameras()[next], &between(&settings, &path, next)) {
+            machine.take_over(&mut pipeline, error)?;
+            warm_up(&mut pipeline, &path, next)?;
+            continue;
+        }
+        let shown = pipeline.presented();
         let writer = match &mut writer {
             Some(writer) => writer,
             none => none.insert(FrameWriter::new(target.clone(), [first.width(), first.height()], rate)?),
@@ -213,7 +222,7 @@ fn remainder(
 }
 
 /// Renders the frames before `start` on which its history rests, so that a part of a path looks as it does in the whole.
-fn warm_up(pipeline: &mut FramePipeline, path: &CameraPath, start: usize) -> Result<(), CliError> {
+fn warm_up(pipeline: &mut FramePipeline, path: &CameraPath, start: usize) -> Result<(), PipelineError> {
     if !pipeline.settings().mode.has_history() {
         return Ok(());
     }

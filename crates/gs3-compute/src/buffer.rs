@@ -89,6 +89,12 @@ impl Slice<'_> {
         self.bytes
     }
 
+    /// The first `bytes` of it, cut to what there is.
+    #[must_use]
+    pub fn first(self, bytes: u64) -> Self {
+        Self { bytes: self.bytes.min(bytes), ..self }
+    }
+
     pub(crate) fn binding(&self) -> wgpu::BindingResource<'_> {
         wgpu::BindingResource::Buffer(wgpu::BufferBinding {
             buffer: &self.buffer.raw,

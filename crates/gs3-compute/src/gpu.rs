@@ -1,5 +1,6 @@
 //! An open device.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use bytemuck::Pod;
@@ -341,12 +342,24 @@ impl Gpu {
     }
 
     pub(crate) fn poll(&self, poll: wgpu::PollType) -> Result<(), GpuError> {
-        let polled = self.device.poll(poll);
+        let polled = self.survived(|| self.device.poll(poll));
         self.check()?;
-        match polled {
+        match polled? {
             Ok(_) => Ok(()),
             Err(error) => Err(GpuError::Refused { what: "waiting".to_owned(), message: error.to_string() }),
         }
+    }
+
+    /// What `call` gives. wgpu panics where a device is lost while something waits for it (30.0: `Device::poll`); that is a device
+    /// lost like any other.
+    fn survived<T>(&self, call: impl FnOnce() -> T) -> Result<T, GpuError> {
+        catch_unwind(AssertUnwindSafe(call)).map_err(|panic| {
+            let said = panic.downcast_ref::<String>().map(String::as_str);
+            let message =
+                said.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("while waiting").to_owned();
+            let mut trouble = self.trouble.lock().unwrap_or_else(PoisonError::into_inner);
+            GpuError::DeviceLost { message: trouble.lost.get_or_insert(message).clone() }
+        })
     }
 
     /// What `call` gives, or the first error that it meets. `bytes` is how much memory it asks for.
@@ -378,5 +391,22 @@ fn typed(what: &str, bytes: u64, error: wgpu::Error) -> GpuError {
         wgpu::Error::Validation { description, .. } | wgpu::Error::Internal { description, .. } => {
             GpuError::Refused { what, message: description }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_panics_while_it_waits_is_a_lost_device() {
+        let Ok(gpu) = Gpu::new(&GpuSettings::default()) else {
+            eprintln!("skipped: no GPU adapter");
+            return;
+        };
+        assert_eq!(gpu.survived(|| 7), Ok(7));
+        let lost = GpuError::DeviceLost { message: "Parent device is lost".to_owned() };
+        assert_eq!(gpu.survived(|| panic!("Parent device is lost")), Err::<(), _>(lost.clone()));
+        assert_eq!(gpu.check(), Err(lost));
     }
 }

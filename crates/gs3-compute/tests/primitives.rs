@@ -93,6 +93,20 @@ fn sorts_are_stable_and_right() {
     }
 }
 
+/// Of more pairs and of fewer, by as many bits and by others.
+#[test]
+fn sorts_of_other_sizes_are_right() {
+    for gpu in devices() {
+        let first = Sort::new(&gpu, 5_000, 13).unwrap();
+        let mut random = Random::new(3);
+        for (capacity, bits) in [(70_001, 13), (700, 13), (9_000, 20)] {
+            let sort = first.resized(&gpu, capacity, bits).unwrap();
+            let keys: Vec<u32> = (0..capacity).map(|_| random.next()).collect();
+            assert!(sorted(&gpu, &sort, &keys) == expected(&keys, bits), "{capacity} pairs, {bits} bits");
+        }
+    }
+}
+
 /// No tile depends on another one being fast.
 #[test]
 fn sorts_without_waiting_are_right() {

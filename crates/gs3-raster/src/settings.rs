@@ -36,7 +36,7 @@ pub enum Culling {
 }
 
 /// Which planes to produce.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Outputs {
     /// Colour and alpha.
     Color,

@@ -171,7 +171,7 @@ impl FramePipeline {
         }
         self.current.camera = Some(*camera);
         self.invalid = None;
-        Ok(self.present())
+        Ok(self.presented())
     }
 
     fn check_between(&self, camera: &Camera, between: &[Camera]) -> Result<(), PipelineError> {
@@ -235,11 +235,20 @@ impl FramePipeline {
     #[cfg(feature = "gpu")]
     pub fn render_on(&mut self, gpu: &gs3_compute::Gpu) -> Result<(), PipelineError> {
         let scene = Arc::clone(self.rasterizer.scene());
-        self.rasterizer = AnyRasterizer::gpu(gpu, scene, self.settings.culling)?;
+        let rasterizer = AnyRasterizer::gpu(gpu, scene, self.settings.culling)?;
         let device = || Device::new(gpu, &self.settings, &self.networks);
-        self.device = self.settings.mode.has_history().then(device).transpose()?;
+        let device = self.settings.mode.has_history().then(device).transpose()?;
+        (self.rasterizer, self.device) = (rasterizer, device);
         self.reset(ResetReason::SizeOrTierChange);
         Ok(())
+    }
+
+    /// Renders on the CPU from the next frame on, without history: after [`Self::render_on`], where its device fails.
+    #[cfg(feature = "gpu")]
+    pub fn render_on_cpu(&mut self) {
+        self.rasterizer = AnyRasterizer::cpu(Arc::clone(self.rasterizer.scene()), self.settings.culling);
+        self.device = None;
+        self.reset(ResetReason::SizeOrTierChange);
     }
 
     /// Whether all of the frame of `camera` is made on a GPU. Where there are networks and the device has no half precision or the
@@ -268,6 +277,17 @@ impl FramePipeline {
     #[must_use]
     pub fn jitter_period(&self) -> usize {
         self.jitter.period()
+    }
+
+    /// What the last frame gave to show; an empty image before the first one.
+    #[must_use]
+    pub fn presented(&self) -> Presented<'_> {
+        let mut between = [None; MAX_GENERATE as usize];
+        let held = self.held_frame();
+        for (k, (place, made)) in between.iter_mut().zip(&self.between).enumerate() {
+            *place = if k < self.between_made { Some(made) } else { held };
+        }
+        Presented { between, current: &self.current.image }
     }
 
     /// The last frame rendered; empty before the first one.
@@ -447,15 +467,6 @@ impl FramePipeline {
             }
             Ok(())
         })
-    }
-
-    fn present(&self) -> Presented<'_> {
-        let mut between = [None; MAX_GENERATE as usize];
-        let held = self.held_frame();
-        for (k, (place, made)) in between.iter_mut().zip(&self.between).enumerate() {
-            *place = if k < self.between_made { Some(made) } else { held };
-        }
-        Presented { between, current: &self.current.image }
     }
 
     /// The previous frame, if there is one of the same size.

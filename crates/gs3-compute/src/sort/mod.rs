@@ -15,13 +15,18 @@ use crate::recorder::Recorder;
 #[derive(Clone, Debug)]
 pub struct Sort {
     plan: SortPlan,
+    kernels: Kernels,
+    dispatches: Buffer,
+    control: Buffer,
+    status: Buffer,
+}
+
+#[derive(Clone, Debug)]
+struct Kernels {
     prepare: Kernel,
     histogram: Kernel,
     /// One for each pass.
     sweeps: Vec<Kernel>,
-    dispatches: Buffer,
-    control: Buffer,
-    status: Buffer,
 }
 
 /// Keys with their values. Their length is at least the sort's capacity.
@@ -63,7 +68,19 @@ impl Sort {
     /// # Errors
     /// [`GpuError`] if it does not fit the device.
     pub fn new(gpu: &Gpu, capacity: u32, key_bits: u32) -> Result<Self, GpuError> {
-        Self::polling(gpu, capacity, key_bits, &[])
+        Self::of_plan(gpu, Self::plan_for(gpu, capacity, key_bits)?, &[])
+    }
+
+    /// The same for another number of pairs, with these kernels where as many bits count: nothing is compiled then.
+    ///
+    /// # Errors
+    /// As [`Sort::new`].
+    pub fn resized(&self, gpu: &Gpu, capacity: u32, key_bits: u32) -> Result<Self, GpuError> {
+        let plan = Self::plan_for(gpu, capacity, key_bits)?;
+        match plan.constants() == self.plan.constants() {
+            true => Self::with_kernels(gpu, plan, self.kernels.clone()),
+            false => Self::of_plan(gpu, plan, &[]),
+        }
     }
 
     /// The same without patience: every tile that is not done at the first look is counted again. For tests.
@@ -72,23 +89,33 @@ impl Sort {
     /// As [`Sort::new`].
     #[doc(hidden)]
     pub fn impatient(gpu: &Gpu, capacity: u32, key_bits: u32) -> Result<Self, GpuError> {
-        Self::polling(gpu, capacity, key_bits, &[("POLLS", 0.0)])
+        Self::of_plan(gpu, Self::plan_for(gpu, capacity, key_bits)?, &[("POLLS", 0.0)])
     }
 
-    fn polling(gpu: &Gpu, capacity: u32, key_bits: u32, polls: &[(&str, f64)]) -> Result<Self, GpuError> {
+    fn plan_for(gpu: &Gpu, capacity: u32, key_bits: u32) -> Result<SortPlan, GpuError> {
         let capabilities = gpu.capabilities();
-        let plan = SortPlan::new(&capabilities.limits, capabilities.subgroups, capacity, key_bits)?;
+        SortPlan::new(&capabilities.limits, capabilities.subgroups, capacity, key_bits)
+    }
+
+    fn of_plan(gpu: &Gpu, plan: SortPlan, polls: &[(&str, f64)]) -> Result<Self, GpuError> {
         let source = source(&plan);
         let module: Module = gpu.module("sort", &source.iter().map(String::as_str).collect::<Vec<_>>())?;
         let sweeps = (0..plan.passes).map(|pass| {
             let constants = [&[("PASS", f64::from(pass))], polls].concat();
             module.kernel(gpu, "sweep", &constants)
         });
-        Ok(Self {
-            plan,
+        let kernels = Kernels {
             prepare: module.kernel(gpu, "prepare", &[])?,
             histogram: module.kernel(gpu, "histogram", &[])?,
             sweeps: sweeps.collect::<Result<_, _>>()?,
+        };
+        Self::with_kernels(gpu, plan, kernels)
+    }
+
+    fn with_kernels(gpu: &Gpu, plan: SortPlan, kernels: Kernels) -> Result<Self, GpuError> {
+        Ok(Self {
+            plan,
+            kernels,
             dispatches: gpu.buffer("sort dispatches", Use::Indirect, plan.dispatch_bytes)?,
             control: gpu.buffer("sort control", Use::Storage, plan.control_bytes)?,
             status: gpu.buffer("sort status", Use::Storage, plan.status_bytes)?,
@@ -107,23 +134,26 @@ impl Sort {
     /// # Errors
     /// [`GpuError`] if the device refuses.
     pub fn bind(&self, gpu: &Gpu, count: Slice<'_>, pairs: [Pairs<'_>; 2]) -> Result<BoundSort, GpuError> {
+        // What is bound tells the kernels how much there is room for.
+        let room = u64::from(self.plan.capacity) * 4;
         let buffers = |pass: usize| {
             let (from, to) = (pairs[pass % 2], pairs[(pass + 1) % 2]);
             [
                 ("count", count),
-                ("keys_in", from.keys),
-                ("values_in", from.values),
-                ("keys_out", to.keys),
-                ("values_out", to.values),
+                ("keys_in", from.keys.first(room)),
+                ("values_in", from.values.first(room)),
+                ("keys_out", to.keys.first(room)),
+                ("values_out", to.values.first(room)),
                 ("dispatches", self.dispatches.slice()),
                 ("control", self.control.slice()),
                 ("status", self.status.slice()),
             ]
         };
-        let sweeps = self.sweeps.iter().enumerate().map(|(pass, kernel)| kernel.bind(gpu, &buffers(pass)));
+        let Kernels { prepare, histogram, sweeps } = &self.kernels;
+        let sweeps = sweeps.iter().enumerate().map(|(pass, kernel)| kernel.bind(gpu, &buffers(pass)));
         Ok(BoundSort {
-            prepare: self.prepare.bind(gpu, &buffers(0))?,
-            histogram: self.histogram.bind(gpu, &buffers(0))?,
+            prepare: prepare.bind(gpu, &buffers(0))?,
+            histogram: histogram.bind(gpu, &buffers(0))?,
             sweeps: sweeps.collect::<Result<_, _>>()?,
             dispatches: self.dispatches.clone(),
         })

@@ -102,13 +102,12 @@ impl SortPlan {
         self.passes as usize % 2
     }
 
-    /// Constants of the WGSL.
+    /// Constants of the WGSL: none tells how many pairs there are, so that sorts of any capacity have the same kernels.
     pub(crate) fn constants(&self) -> String {
-        let Self { threads, items, passes, digit_bits, tiles, capacity, key_bits, .. } = self;
+        let Self { threads, items, passes, digit_bits, key_bits, .. } = self;
         let mut text = format!(
             "const THREADS: u32 = {threads}u;\nconst ITEMS: u32 = {items}u;\nconst PASSES: u32 = {passes}u;\n\
-             const DIGIT_BITS: u32 = {digit_bits}u;\nconst BINS: u32 = {}u;\nconst TILES: u32 = {tiles}u;\n\
-             const CAPACITY: u32 = {capacity}u;\nconst KEY_MASK: u32 = {}u;\n",
+             const DIGIT_BITS: u32 = {digit_bits}u;\nconst BINS: u32 = {}u;\nconst KEY_MASK: u32 = {}u;\n",
             1u32 << digit_bits,
             u32::MAX >> (32 - key_bits),
         );

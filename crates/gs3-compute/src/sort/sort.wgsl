@@ -16,7 +16,7 @@
 @group(0) @binding(5) var<storage, read_write> dispatches: array<u32>;
 // Tiles handed out, for each pass, then counts of digits of all keys, for each pass.
 @group(0) @binding(6) var<storage, read_write> control: array<atomic<u32>>;
-// What a tile has of each digit: two halves, for even and odd passes, each of TILES × BINS words.
+// What a tile has of each digit: two halves, for even and odd passes, each of BINS words a tile.
 @group(0) @binding(7) var<storage, read_write> status: array<atomic<u32>>;
 
 // Which digit.
@@ -43,8 +43,13 @@ var<workgroup> recount: array<atomic<u32>, BINS>;
 var<workgroup> shared_waiting: atomic<u32>;
 var<workgroup> shared_uniform: u32;
 
+// Tiles that there is room for.
+fn tile_room() -> u32 {
+    return arrayLength(&status) / (2u * BINS);
+}
+
 fn length() -> u32 {
-    return min(count[0], min(arrayLength(&keys_in), CAPACITY));
+    return min(count[0], min(arrayLength(&keys_in), tile_room() * TILE));
 }
 
 fn digit_of(key: u32, pass_index: u32) -> u32 {
@@ -122,8 +127,9 @@ fn sweep_tile(thread: Thread) {
         return;
     }
     let valid = min(n - tile * TILE, TILE);
-    let half = (PASS & 1u) * TILES * BINS;
-    let other_half = TILES * BINS - half;
+    let room = tile_room() * BINS;
+    let half = (PASS & 1u) * room;
+    let other_half = room - half;
     for (var d = thread.index; d < BINS; d += THREADS) {
         atomicStore(&status[other_half + tile * BINS + d], 0u);
     }

@@ -408,16 +408,17 @@ impl Planner<'_> {
     }
 }
 
-/// Workgroups for `count` invocations, which kernels count in u32.
+/// Workgroups for `count` invocations, which kernels count in u32 with a row of workgroups to spare.
 fn groups(label: &str, count: usize) -> Result<[u32; 3], GpuError> {
-    let count =
-        u32::try_from(count).ok().filter(|count| *count <= u32::MAX - THREADS as u32 * gs3_compute::GRID_ROW);
-    let count = count.ok_or_else(|| GpuError::TooLarge {
-        what: format!("numbers of layer {label}"),
-        max: u64::from(u32::MAX),
-        actual: u64::MAX,
-    })?;
-    grid(count.div_ceil(THREADS as u32))
+    const MAX: u32 = u32::MAX - THREADS as u32 * gs3_compute::GRID_ROW;
+    match u32::try_from(count) {
+        Ok(count @ ..=MAX) => grid(count.div_ceil(THREADS as u32)),
+        _ => Err(GpuError::TooLarge {
+            what: format!("numbers of layer {label}"),
+            max: MAX.into(),
+            actual: count as u64,
+        }),
+    }
 }
 
 /// Whether there is a kernel for `op`. What only published single-image networks use runs on the CPU.

@@ -5,7 +5,7 @@ use gs3_compute::{
 };
 
 use super::gbuffer::Target;
-use super::kernels::{Kernels, Sorts, blend};
+use super::kernels::{Kernels, Sorts};
 use super::plan::{Counters, FramePlan};
 use super::scene::Page;
 use crate::settings::Outputs;
@@ -117,14 +117,16 @@ impl Frame {
     pub fn new(
         gpu: &Gpu,
         plan: FramePlan,
-        kernels: &Kernels,
+        kernels: &mut Kernels,
+        sorts: &mut Option<Sorts>,
         pages: &[Page],
         fixed: &Fixed,
         arena: &mut Arena,
     ) -> Result<Self, GpuError> {
         // Everything is bound anew below, whether or not it grew.
         let _ = arena.fit(gpu, &plan.needs)?;
-        let sorts = Sorts::new(gpu, &plan)?;
+        let blend = kernels.blend(gpu, plan.outputs)?;
+        let sorts = &*sorts.insert(Sorts::new(gpu, &plan, sorts.as_ref())?);
         let sorted = [sorts.by_depth.plan().result(), sorts.by_tile.plan().result()];
         let buffers = Buffers { plan: &plan, arena };
         let counters = fixed.counters.slice();
@@ -210,7 +212,7 @@ impl Frame {
             )?,
             clear: kernels.clear.bind(gpu, &tiles)?,
             find: kernels.find.bind(gpu, &tiles)?,
-            blend: blend(gpu, plan.outputs)?,
+            blend,
             band_buffers,
             dispatches: fixed.dispatches.clone(),
             sorted,

@@ -1,5 +1,8 @@
 //! The kernels of a scene, compiled once.
 
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+
 use gs3_compute::{Gpu, GpuError, Kernel, Scan, Sort};
 use gs3_scene::OpacityMode;
 
@@ -20,9 +23,11 @@ pub struct Kernels {
     pub clear: Kernel,
     pub find: Kernel,
     pub copy_picture: Kernel,
+    /// Tiles to pixels, for each of the outputs: compiled when they are first asked for.
+    blend: HashMap<Outputs, Kernel>,
 }
 
-/// Kernels that depend on sizes.
+/// What depends on sizes, of kernels that do not.
 pub struct Sorts {
     pub by_depth: Sort,
     pub by_tile: Sort,
@@ -63,7 +68,19 @@ impl Kernels {
             clear: tiles.kernel(gpu, "clear", &[])?,
             find: tiles.kernel(gpu, "find", &[])?,
             copy_picture: gpu.module("crop", &shaders::CROP)?.kernel(gpu, "copy_picture", &[])?,
+            blend: HashMap::new(),
         })
+    }
+
+    /// Tiles to pixels.
+    pub fn blend(&mut self, gpu: &Gpu, outputs: Outputs) -> Result<Kernel, GpuError> {
+        match self.blend.entry(outputs) {
+            Entry::Occupied(compiled) => Ok(compiled.get().clone()),
+            Entry::Vacant(place) => {
+                let module = gpu.module("blend", &shaders::blend(outputs))?;
+                Ok(place.insert(module.kernel(gpu, "blend", &[])?).clone())
+            }
+        }
     }
 
     pub const fn project(&self, outputs: Outputs) -> &Kernel {
@@ -75,15 +92,15 @@ impl Kernels {
 }
 
 impl Sorts {
-    pub fn new(gpu: &Gpu, plan: &FramePlan) -> Result<Self, GpuError> {
+    /// Those for `plan`, with the kernels of `before` where they serve.
+    pub fn new(gpu: &Gpu, plan: &FramePlan, before: Option<&Self>) -> Result<Self, GpuError> {
+        let sort = |before: Option<&Sort>, capacity, bits| match before {
+            Some(before) => before.resized(gpu, capacity, bits),
+            None => Sort::new(gpu, capacity, bits),
+        };
         Ok(Self {
-            by_depth: Sort::new(gpu, plan.room.splats, DEPTH_BITS)?,
-            by_tile: Sort::new(gpu, plan.room.entries, plan.tile_bits)?,
+            by_depth: sort(before.map(|sorts| &sorts.by_depth), plan.room.splats, DEPTH_BITS)?,
+            by_tile: sort(before.map(|sorts| &sorts.by_tile), plan.room.entries, plan.tile_bits)?,
         })
     }
-}
-
-/// Tiles to pixels.
-pub fn blend(gpu: &Gpu, outputs: Outputs) -> Result<Kernel, GpuError> {
-    gpu.module("blend", &shaders::blend(outputs))?.kernel(gpu, "blend", &[])
 }

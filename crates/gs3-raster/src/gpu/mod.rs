@@ -39,7 +39,7 @@ pub use error::GpuRasterError;
 use frame::{Fixed, Frame};
 pub use gbuffer::GpuGBuffer;
 use gbuffer::Target;
-use kernels::Kernels;
+use kernels::{Kernels, Sorts};
 use plan::{Counters, FramePlan, Room, ScenePlan};
 use scene::Page;
 pub use scene::ScenePrecision;
@@ -58,6 +58,8 @@ pub struct GpuRasterizer {
     arena: Arena,
     /// Whether frames have room for margins.
     has_margins: bool,
+    /// Those of the last size, whose kernels serve others too.
+    sorts: Option<Sorts>,
     /// Kept when the size changes, so that a window that is resized does not learn it anew.
     room: Option<Room>,
     frame: Option<Frame>,
@@ -126,6 +128,7 @@ impl GpuRasterizer {
             scene,
             arena: Arena::default(),
             has_margins: false,
+            sorts: None,
             room: None,
             frame: None,
             frame_number: 0,
@@ -306,8 +309,8 @@ impl GpuRasterizer {
     fn set_frame(&mut self, plan: FramePlan) -> Result<(), GpuRasterError> {
         // Where making it fails, buffers may be gone that the old one is bound to.
         self.frame = None;
-        let frame = Frame::new(&self.gpu, plan, &self.kernels, &self.pages, &self.fixed, &mut self.arena)?;
-        self.frame = Some(frame);
+        let Self { gpu, kernels, sorts, pages, fixed, arena, .. } = self;
+        self.frame = Some(Frame::new(gpu, plan, kernels, sorts, pages, fixed, arena)?);
         self.frame_number = FRAMES.fetch_add(1, Ordering::Relaxed);
         Ok(())
     }

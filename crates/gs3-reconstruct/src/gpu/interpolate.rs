@@ -178,8 +178,10 @@ impl GpuInterpolator {
     ) -> Result<BoundInterpolator, GpuReconstructError> {
         let size = |[w, h]: [u32; 2]| (w as usize, h as usize);
         let second = if let Make::Both(second, _) = make { second } else { out };
-        for image in [before.image, after.image, out, second] {
-            check_size("neighbour image", size(self.plan.size), size(image.size()))?;
+        let (neighbor, made) = ("neighbour image", "image of the frame between");
+        for (what, image) in [(neighbor, before.image), (neighbor, after.image), (made, out), (made, second)]
+        {
+            check_size(what, size(self.plan.size), size(image.size()))?;
         }
         let uniform = self.gpu.buffer("between", Use::Uniform, size_of::<BetweenUniform>() as u64)?;
         let mut all: Vec<_> = self.buffers.iter().map(|(name, buffer)| (*name, buffer.slice())).collect();

@@ -79,7 +79,8 @@ impl GpuFrames {
     /// frame with [`Self::keep`]; submitted again before, it is made anew, as [`GpuRasterizer::settle`] may want it.
     ///
     /// # Errors
-    /// [`PipelineError`] if a setting is out of range, or the device has no room or fails. The history is then as before.
+    /// [`PipelineError`] if a setting is out of range, or the device has no room or fails. The history is then as before, or gone if
+    /// the frame has another size than the last one.
     pub fn submit(
         &mut self,
         rasterizer: &mut GpuRasterizer,
