@@ -8,25 +8,24 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use crate::XtaskError;
+use crate::environment::{CARRIED, EGL_DRIVER, EGL_DRIVER_TEXT, SYSTEM};
+use crate::script;
 
 /// What is measured, in the folder.
 pub const SUBJECTS: &str = "subjects.json";
 
-/// Vulkan's loader under the name by which it is opened, and where Linux systems keep it: machines that only compute may
-/// have the driver and no loader.
-const LOADER: &str = "libvulkan.so.1";
-const LIBRARIES: [&str; 3] = ["/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/lib64"];
-
-const RUN: &str = r#"#!/bin/sh
-# Measures gs3 on this machine's GPU: report.json, report.md. Arguments: ./xtask measure --help.
-set -eu
-cd "$(dirname "$0")"
-# Mesa's layer of device selection complains without it.
-export XDG_RUNTIME_DIR="${XDG_RUNTIME_DIR:-/tmp}"
-# The system's own Vulkan loader comes first.
-export LD_LIBRARY_PATH="${LD_LIBRARY_PATH:+$LD_LIBRARY_PATH:}/usr/lib/x86_64-linux-gnu:/usr/lib/aarch64-linux-gnu:/usr/lib64:$PWD/lib"
-exec ./xtask measure "$@"
-"#;
+/// Libraries that machines which only compute may lack, under the names by which they are opened: Vulkan's loader, what
+/// NVIDIA's usual driver needs of X11, though nothing is shown, and what libXdmcp needs on some distributions.
+const LIBRARIES: [&str; 8] = [
+    "libvulkan.so.1",
+    "libX11.so.6",
+    "libXext.so.6",
+    "libxcb.so.1",
+    "libXau.so.6",
+    "libXdmcp.so.6",
+    "libbsd.so.0",
+    "libmd.so.0",
+];
 
 /// Arguments of `gpu-report`.
 #[derive(Debug, clap::Args)]
@@ -67,26 +66,57 @@ pub fn make(args: &FolderArgs) -> Result<(), XtaskError> {
     cargo(&["build", "--release", "--locked", "--package", "gs3-cli"])?;
     let out = &args.out;
     fs::create_dir(out).map_err(XtaskError::io(out))?;
+    let mut glibc = None;
     for program in [&gs3, &own] {
         let to = out.join(program.file_name().unwrap_or_default());
         copy(program, &to)?;
-        // Half of their size are line tables; without `strip` they travel along.
-        let _ = Command::new("strip").arg(&to).status();
+        strip("strip", &to)?;
+        let bytes = fs::read(&to).map_err(XtaskError::io(&to))?;
+        glibc = glibc.max(script::newest_glibc(&bytes));
     }
-    if let Some(loader) = LIBRARIES.iter().map(|folder| Path::new(folder).join(LOADER)).find(|f| f.exists()) {
-        copy(&loader, &out.join("lib").join(LOADER))?;
-    }
+    carry_libraries(out)?;
     let subjects = args.subjects.iter().map(|s| carried(s, out)).collect::<Result<Vec<_>, _>>()?;
     let list = out.join(SUBJECTS);
     let text = serde_json::to_string_pretty(&subjects).map_err(XtaskError::json(&list))?;
     fs::write(&list, text).map_err(XtaskError::io(&list))?;
     let script = out.join("run.sh");
-    fs::write(&script, RUN).map_err(XtaskError::io(&script))?;
+    fs::write(&script, script::text(glibc)).map_err(XtaskError::io(&script))?;
     // Programs are executable; so shall be what starts them.
     let permissions = fs::metadata(&own).map_err(XtaskError::io(&own))?.permissions();
     fs::set_permissions(&script, permissions).map_err(XtaskError::io(&script))?;
+    let egl = out.join(EGL_DRIVER);
+    fs::write(&egl, EGL_DRIVER_TEXT).map_err(XtaskError::io(&egl))?;
     eprintln!("{}: carry it to the GPU machine and call run.sh there", out.display());
     Ok(())
+}
+
+/// Copies the libraries that this machine has.
+fn carry_libraries(out: &Path) -> Result<(), XtaskError> {
+    let mut missing = Vec::new();
+    for name in LIBRARIES {
+        match SYSTEM.iter().map(|folder| Path::new(folder).join(name)).find(|file| file.exists()) {
+            Some(file) => copy(&file, &out.join(CARRIED).join(name))?,
+            None => missing.push(name),
+        }
+    }
+    if !missing.is_empty() {
+        eprintln!("not carried, since not here: {}; the GPU machine may have its own", missing.join(", "));
+    }
+    Ok(())
+}
+
+/// Takes the symbols out of `program`: half of its size are line tables. Binutils do it, which have the linker, too; cargo
+/// would optimise and link all of gs3 once more for it, and leave a program without line tables where others expect theirs.
+fn strip(tool: &'static str, program: &Path) -> Result<(), XtaskError> {
+    let status = Command::new(tool).arg(program).status();
+    let status = status.map_err(|source| XtaskError::NoProgram { program: tool, source })?;
+    match status.success() {
+        true => Ok(()),
+        false => Err(XtaskError::Failed {
+            command: format!("{tool} {}", program.display()),
+            status: status.to_string(),
+        }),
+    }
 }
 
 /// Copies `subject` into the folder `out`; paths of the result are relative to it.
@@ -157,5 +187,15 @@ mod tests {
         assert_eq!(carried(&demo, &out).unwrap(), demo);
         let missing = carried(&"nowhere.ply".parse().unwrap(), &out);
         assert!(matches!(missing, Err(XtaskError::Io { .. })), "{missing:?}");
+    }
+
+    #[test]
+    fn programs_that_cannot_be_stripped_are_not_carried_in_silence() {
+        let folder = tempfile::tempdir().unwrap();
+        let absent = strip("no-such-strip", folder.path());
+        assert!(matches!(absent, Err(XtaskError::NoProgram { program: "no-such-strip", .. })), "{absent:?}");
+        // It fails whatever it is given.
+        let failed = strip("false", folder.path());
+        assert!(matches!(failed, Err(XtaskError::Failed { .. })), "{failed:?}");
     }
 }

@@ -1,7 +1,13 @@
 //! Errands of gs3's developers: `cargo xtask`.
 
+mod child;
+mod devices;
+mod environment;
 mod folder;
+mod machine;
 mod measure;
+mod run;
+mod script;
 mod table;
 
 use std::io;
@@ -52,6 +58,22 @@ pub enum XtaskError {
         command: String,
         /// How it ended.
         status: String,
+    },
+    /// A program that the folder needs is not on this machine.
+    #[error("{program}: expected on PATH (binutils have it), found {source}")]
+    NoProgram {
+        /// Its name.
+        program: &'static str,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// There is no adapter that would be worth measuring.
+    #[error("expected {expected}, found {actual}")]
+    NoAdapter {
+        /// What is wanted.
+        expected: String,
+        /// All adapters.
+        actual: String,
     },
     /// Two things would have one name in the folder.
     #[error("{name}: expected one scene or camera file of this name, found several")]

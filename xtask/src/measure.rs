@@ -1,15 +1,23 @@
 //! `xtask measure`: what run.sh does on the machine that is measured.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use serde_json::{Value, json};
+use serde_json::json;
 
 use crate::XtaskError;
 use crate::folder::{SUBJECTS, Subject};
+use crate::machine::Machine;
+use crate::run::Run;
 use crate::table;
+
+/// All together by default: what somebody waits for, and less than most machines are lent for.
+const ALL: Duration = Duration::from_secs(600);
+
+/// One by default: a run takes seconds on a GPU, so that one of a fifth of [`ALL`] hangs, and the others still have their time.
+const ONE: Duration = Duration::from_secs(120);
 
 /// Arguments of `measure`. The defaults take a few minutes on a GPU.
 #[derive(Debug, clap::Args)]
@@ -26,68 +34,74 @@ pub struct MeasureArgs {
     /// Frames before the measured ones
     #[arg(long, value_name = "N", default_value = "30")]
     pub warm_up: String,
-    /// A GPU by its number [default: the fastest]
+    /// An adapter by its number, software too [default: the fastest in hardware]
     #[arg(long, value_name = "N")]
-    pub adapter: Option<String>,
-    /// Networks by products of matrices in hardware
-    #[arg(long)]
-    pub matrix_products: bool,
+    pub adapter: Option<usize>,
+    /// Time for each run, after which it is killed [default: 120, and ten minutes for all]
+    #[arg(long, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..))]
+    pub limit: Option<u64>,
 }
 
-/// Measures all subjects at all sizes. The report is written after each, so that whatever happens the figures so far stay.
+/// Measures all subjects in this folder.
 pub fn run(args: &MeasureArgs) -> Result<(), XtaskError> {
-    let list = Path::new(SUBJECTS);
-    let text = fs::read_to_string(list).map_err(XtaskError::io(list))?;
-    let subjects: Vec<Subject> = serde_json::from_str(&text).map_err(XtaskError::json(list))?;
+    let here = std::path::absolute(".").map_err(XtaskError::io(Path::new(".")))?;
+    measure(&here, args)
+}
+
+/// Measures all subjects in `folder` at all sizes. The report is written after each, so that whatever happens the figures so far
+/// stay.
+fn measure(folder: &Path, args: &MeasureArgs) -> Result<(), XtaskError> {
     let started = Instant::now();
-    let devices = gs3(&["devices"])?;
-    let mut report = json!({ "devices": String::from_utf8_lossy(&devices.stdout), "runs": [] });
-    let mut runs = Vec::new();
-    for subject in &subjects {
-        for (size, copies) in args.sizes.iter().flat_map(|size| args.copies.iter().map(move |n| (size, n))) {
-            eprintln!("{copies} × {} at {size}", subject.scene.display());
-            runs.push(measured(subject, size, copies, args)?);
-            report["runs"] = json!(runs);
-            report["seconds"] = json!(started.elapsed().as_secs());
-            write("report.json", &format!("{report:#}\n"))?;
-            write("report.md", &table::markdown(&report))?;
-        }
+    let list = folder.join(SUBJECTS);
+    let text = fs::read_to_string(&list).map_err(XtaskError::io(&list))?;
+    let subjects: Vec<Subject> = serde_json::from_str(&text).map_err(XtaskError::json(&list))?;
+    let machine = Machine::find(folder, args.adapter, limit(args.limit, started.elapsed()))?;
+    eprintln!("adapter {} of\n{}", machine.adapter.number, machine.devices.text.trim_end());
+    let environment = machine.gs3.environment.iter().map(|(name, value)| (*name, value.to_string_lossy()));
+    let environment: BTreeMap<_, _> = environment.collect();
+    let mut report = json!({
+        "devices": machine.devices.text,
+        "adapter": machine.adapter,
+        "environment": environment,
+        "runs": [],
+    });
+    let mut figures = Vec::new();
+    for run in runs(&subjects, args, machine.adapter.matrix_products) {
+        eprintln!("{}", run.title());
+        figures.push(run.figures(&machine, args, limit(args.limit, started.elapsed()))?);
+        report["runs"] = json!(figures);
+        report["seconds"] = json!(started.elapsed().as_secs());
+        write(&folder.join("report.json"), &format!("{report:#}\n"))?;
+        write(&folder.join("report.md"), &table::markdown(&report))?;
     }
-    let failed = runs.iter().filter(|run| run["error"].is_string()).count();
+    let failed = figures.iter().filter(|run| run["error"].is_string()).count();
     match failed {
         0 => Ok(()),
-        _ => Err(XtaskError::Incomplete { failed, all: runs.len() }),
+        _ => Err(XtaskError::Incomplete { failed, all: figures.len() }),
     }
 }
 
-/// The figures of `gs3 bench`, or what it said when it failed.
-fn measured(subject: &Subject, size: &str, copies: &str, args: &MeasureArgs) -> Result<Value, XtaskError> {
-    const FIGURES: &str = "figures.json";
-    let scene = subject.scene.to_string_lossy();
-    let cameras = subject.cameras.as_ref().map(|cameras| cameras.to_string_lossy());
-    let mut arguments = vec!["bench", &scene, "--backend", "gpu", "--size", size, "--json", FIGURES];
-    arguments.extend(["--copies", copies]);
-    arguments.extend(["--frames", &args.frames, "--warm-up", &args.warm_up]);
-    arguments.extend(cameras.iter().flat_map(|cameras| ["--path", cameras]));
-    arguments.extend(args.adapter.iter().flat_map(|adapter| ["--adapter", adapter]));
-    arguments.extend(args.matrix_products.then_some("--matrix-products"));
-    let output = gs3(&arguments)?;
-    if !output.status.success() {
-        let said = String::from_utf8_lossy(&output.stderr);
-        let error = said.lines().next_back().unwrap_or("no message").to_owned();
-        return Ok(json!({ "scene": scene, "size": size, "copies": copies, "error": error }));
+/// All that is measured, in the order of the report: with products of matrices right after the same without.
+fn runs<'a>(subjects: &'a [Subject], args: &'a MeasureArgs, matrix_products: bool) -> Vec<Run<'a>> {
+    let mut runs = Vec::new();
+    for subject in subjects {
+        for (size, copies) in args.sizes.iter().flat_map(|size| args.copies.iter().map(move |n| (size, n))) {
+            let run = Run { subject, size, copies, matrix_products: false };
+            runs.push(run);
+            runs.extend(matrix_products.then_some(Run { matrix_products, ..run }));
+        }
     }
-    let file = Path::new(FIGURES);
-    let text = fs::read_to_string(file).map_err(XtaskError::io(file))?;
-    fs::remove_file(file).map_err(XtaskError::io(file))?;
-    serde_json::from_str(&text).map_err(XtaskError::json(file))
+    runs
 }
 
-fn gs3(arguments: &[&str]) -> Result<Output, XtaskError> {
-    let program = Path::new("./gs3");
-    Command::new(program).args(arguments).output().map_err(XtaskError::io(program))
+/// The time of a run that begins after all before it have `spent` theirs; none, if there is no time left.
+fn limit(asked: Option<u64>, spent: Duration) -> Duration {
+    asked.map_or_else(|| ONE.min(ALL.saturating_sub(spent)), Duration::from_secs)
 }
 
-fn write(file: &str, text: &str) -> Result<(), XtaskError> {
-    fs::write(file, text).map_err(XtaskError::io(Path::new(file)))
+fn write(file: &Path, text: &str) -> Result<(), XtaskError> {
+    fs::write(file, text).map_err(XtaskError::io(file))
 }
+
+#[cfg(test)]
+mod tests;

@@ -12,9 +12,10 @@ const STAGES: [&str; 7] = ["project", "order", "bin", "blend", "super_sample", "
 pub fn markdown(report: &Value) -> String {
     let runs = || report["runs"].as_array().into_iter().flatten();
     let mut text = format!(
-        "# gs3 on a GPU\n\nMeasured in {} s. Times by the device's clock, median / 99th percentile in ms; fps of displayed \
+        "# gs3 on a GPU\n\nMeasured in {} s on adapter {}. Times by the device's clock, median / 99th percentile in ms; fps of displayed \
          frames that follow each other.\n\n```text\n{}```\n",
         report["seconds"],
+        report["adapter"]["number"],
         report["devices"].as_str().unwrap_or_default(),
     );
     // Writing to a string does not fail.
@@ -29,10 +30,20 @@ pub fn markdown(report: &Value) -> String {
             let cells = STAGES.map(|stage| cell(&run[frame]["stages"], stage)).join(" | ");
             let fps = run[frame]["fps"].as_f64().unwrap_or(f64::NAN);
             let size = format!("{}×{}", run["size"][0], run["size"][1]);
-            let _ = writeln!(text, "| {scene} | {gaussians} | {size} | {frame} | {cells} | {fps:.1} |");
+            let products = products(run);
+            let _ =
+                writeln!(text, "| {scene} | {gaussians} | {size} | {frame}{products} | {cells} | {fps:.1} |");
         }
     }
-    // It has nothing to do with scenes; every run measured it once more.
+    // Neither has to do with scenes; every run measured both once more.
+    if let Some(ceilings) = runs().map(|run| &run["ceilings"]).find(|ceilings| ceilings.is_object()) {
+        let [copy, f32, f16] =
+            ["copy_gb_per_s", "f32_tflop_per_s", "f16_tflop_per_s"].map(|key| &ceilings[key]);
+        // Not every adapter has it.
+        let f16 = f16.as_f64().map_or_else(|| "none".to_owned(), |rate| format!("{rate:.2} TFLOP/s"));
+        let [copy, f32] = [copy, f32].map(number);
+        let _ = writeln!(text, "\nCeilings: copies {copy:.1} GB/s, f32 {f32:.2} TFLOP/s, f16 {f16}");
+    }
     if let Some(sort) = runs().map(|run| &run["sort"]).find(|sort| sort.is_object()) {
         let rate = sort["keys_per_s"].as_f64().unwrap_or(f64::NAN) / 1e6;
         let [pairs, bits] = [&sort["pairs"], &sort["key_bits"]];
@@ -44,9 +55,14 @@ pub fn markdown(report: &Value) -> String {
     }
     for run in runs().filter(|run| run["error"].is_string()) {
         let [copies, scene, size, error] = ["copies", "scene", "size", "error"].map(|key| plain(&run[key]));
-        let _ = writeln!(text, "\n{copies} × {scene} at {size} failed: {error}");
+        let _ = writeln!(text, "\n{copies} × {scene} at {size}{} failed: {error}", products(run));
     }
     text
+}
+
+/// Tells runs whose networks multiply matrices in hardware from those that do not.
+fn products(run: &Value) -> &'static str {
+    if run["matrix_products"] == true { " with matrix products" } else { "" }
 }
 
 /// The parts of `stage` added up: of percentiles, at least their whole.
@@ -88,6 +104,7 @@ mod tests {
         let side = |fps: f64| json!({ "fps": fps, "stages": [stage("project", 0.5), stage("blend", 1.25), stage("all", 1.75)] });
         let report = json!({
             "devices": "0  fast\n",
+            "adapter": { "number": 0 },
             "seconds": 12,
             "runs": [
                 {
@@ -98,14 +115,19 @@ mod tests {
                     ] },
                     "sort": { "pairs": 1024, "key_bits": 32, "keys_per_s": 2.5e9, "median_ms": 1.0, "p99_ms": 3.0 },
                 },
-                { "scene": "demo", "size": "9x9", "copies": "3", "error": "error: lost" },
+                {
+                    "scene": "demo", "gaussians": 5, "size": [64, 36], "matrix_products": true, "full": side(20.0),
+                    "ceilings": { "copy_gb_per_s": 2345.67, "f32_tflop_per_s": 51.234, "f16_tflop_per_s": 102.5 },
+                },
+                { "scene": "demo", "size": "9x9", "copies": "3", "matrix_products": false, "error": "error: lost" },
+                { "scene": "demo", "size": "9x9", "copies": "1", "matrix_products": true, "error": "killed" },
             ],
         });
         let text = markdown(&report);
         let native = "| scenes/garden | 3000 | 640×360 | native | 0.500 / 1.000 | – | – | 1.250 / 2.500 | – | – | \
                       1.750 / 3.500 | 10.0 |\n";
         for expected in [
-            "Measured in 12 s.",
+            "Measured in 12 s on adapter 0.",
             "```text\n0  fast\n```\n",
             "| project | order | bin | blend | super_sample | interpolate | all | fps |\n|---|---|---|---|---|",
             native,
@@ -113,9 +135,20 @@ mod tests {
             "| lr_gbuffer | 0.500",
             "| 100.0 |\n",
             "\nSort of 1024 pairs by 32 bits: 2500.0 million keys/s, 1.000 / 3.000 ms\n",
+            "| demo | 5 | 64×36 | full with matrix products | 0.500",
+            "\nCeilings: copies 2345.7 GB/s, f32 51.23 TFLOP/s, f16 102.50 TFLOP/s\n",
             "\n3 × demo at 9x9 failed: error: lost\n",
+            "\n1 × demo at 9x9 with matrix products failed: killed\n",
         ] {
             assert!(text.contains(expected), "{expected}\n---\n{text}");
         }
+    }
+    #[test]
+    fn ceilings_are_told_where_they_were_measured_with_or_without_half_precision() {
+        let text = |run: Value| markdown(&json!({ "runs": [{ "scene": "demo" }, run] }));
+        let ceilings = json!({ "copy_gb_per_s": 10.0, "f32_tflop_per_s": 0.25, "f16_tflop_per_s": null });
+        let told = text(json!({ "ceilings": ceilings }));
+        assert!(told.contains("\nCeilings: copies 10.0 GB/s, f32 0.25 TFLOP/s, f16 none\n"), "{told}");
+        assert!(!text(json!({})).contains("Ceilings"));
     }
 }

@@ -1,0 +1,96 @@
+//! One run of `gs3 bench --backend gpu`, or why there are no figures of it.
+
+use std::fs;
+use std::time::Duration;
+
+use serde_json::{Value, json};
+
+use crate::XtaskError;
+use crate::child;
+use crate::folder::Subject;
+use crate::machine::{Machine, told};
+use crate::measure::MeasureArgs;
+
+/// Where `gs3 bench` leaves its figures, in the carried folder.
+const FIGURES: &str = "figures.json";
+
+/// What is measured at once.
+#[derive(Clone, Copy, Debug)]
+pub struct Run<'a> {
+    /// The scene with its cameras.
+    pub subject: &'a Subject,
+    /// Of native frames, as `WxH`.
+    pub size: &'a str,
+    /// Of the scene, side by side.
+    pub copies: &'a str,
+    /// Whether networks multiply matrices in hardware for them.
+    pub matrix_products: bool,
+}
+
+impl Run<'_> {
+    /// What is measured, for people.
+    pub fn title(&self) -> String {
+        let Self { subject, size, copies, matrix_products } = self;
+        let products = if *matrix_products { " with matrix products" } else { "" };
+        format!("{copies} × {} at {size}{products}", subject.scene.display())
+    }
+
+    /// The figures that `gs3 bench` gives within `limit`, or how it ended and what it said.
+    pub fn figures(
+        &self,
+        machine: &Machine,
+        args: &MeasureArgs,
+        limit: Duration,
+    ) -> Result<Value, XtaskError> {
+        if limit.is_zero() {
+            let error = "not begun: no time is left (--limit SECONDS gives each run its own)";
+            return Ok(self.failure(error, "not begun", ""));
+        }
+        let said = machine.gs3.run(&self.arguments(&machine.adapter.number.to_string(), args), limit)?;
+        let status = told(said.status, limit);
+        match said.status {
+            Some(it) if it.success() => {
+                let file = machine.gs3.folder.join(FIGURES);
+                let text = fs::read_to_string(&file).map_err(XtaskError::io(&file))?;
+                fs::remove_file(&file).map_err(XtaskError::io(&file))?;
+                serde_json::from_str(&text).map_err(XtaskError::json(&file))
+            }
+            Some(it) => {
+                let reason = child::reason(&said.stderr);
+                // A program that a signal ends had no chance to say why.
+                let error = if it.code().is_none() { format!("{status}: {reason}") } else { reason };
+                Ok(self.failure(&error, &status, &said.stderr))
+            }
+            None => Ok(self.failure(&format!("{status} (--limit SECONDS)"), &status, &said.stderr)),
+        }
+    }
+
+    fn arguments(&self, adapter: &str, args: &MeasureArgs) -> Vec<String> {
+        let Self { subject, size, copies, matrix_products } = *self;
+        let scene = subject.scene.to_string_lossy();
+        let mut arguments =
+            vec!["bench", &scene, "--backend", "gpu", "--adapter", adapter, "--json", FIGURES];
+        arguments.extend([
+            "--size",
+            size,
+            "--copies",
+            copies,
+            "--frames",
+            &args.frames,
+            "--warm-up",
+            &args.warm_up,
+        ]);
+        let cameras = subject.cameras.as_ref().map(|cameras| cameras.to_string_lossy());
+        arguments.extend(cameras.iter().flat_map(|cameras| ["--path", cameras]));
+        arguments.extend(matrix_products.then_some("--matrix-products"));
+        arguments.into_iter().map(str::to_owned).collect()
+    }
+
+    fn failure(&self, error: &str, status: &str, stderr: &str) -> Value {
+        let Self { subject, size, copies, matrix_products } = self;
+        json!({
+            "scene": subject.scene.to_string_lossy(), "size": size, "copies": copies, "matrix_products": matrix_products,
+            "error": error, "status": status, "stderr": stderr,
+        })
+    }
+}
