@@ -11,6 +11,7 @@ use crate::error::GpuError;
 use crate::kernel::Module;
 use crate::recorder::{Recorder, Submission};
 use crate::timings::Timings;
+use crate::uploads::UploadPool;
 
 /// How to open a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -214,6 +215,7 @@ pub struct Gpu {
     adapter: Arc<AdapterReport>,
     capabilities: Arc<Capabilities>,
     trouble: Arc<Mutex<Trouble>>,
+    pub(crate) uploads: Arc<UploadPool>,
 }
 
 impl Gpu {
@@ -249,7 +251,7 @@ impl Gpu {
             state.lost.get_or_insert_with(|| format!("{reason:?}: {message}"));
         });
         let (adapter, capabilities) = (Arc::new(report), Arc::new(capabilities));
-        Ok(Self { device, queue, adapter, capabilities, trouble })
+        Ok(Self { device, queue, adapter, capabilities, trouble, uploads: Arc::default() })
     }
 
     /// The adapter it runs on.

@@ -19,6 +19,7 @@ mod recorder;
 mod scan;
 mod sort;
 mod timings;
+mod uploads;
 mod wgsl;
 
 pub use adapter::{AdapterChoice, AdapterKind, AdapterReport, Api, adapters, choose};

@@ -1,11 +1,14 @@
 //! One frame's work, submitted once.
 
+use bytemuck::Pod;
+
 use crate::buffer::{Buffer, Slice};
 use crate::error::GpuError;
 use crate::gpu::Gpu;
 use crate::kernel::Bound;
 use crate::readback::Readback;
 use crate::timings::Timings;
+use crate::uploads::Uploads;
 
 /// Work that was handed to a device.
 #[derive(Clone, Debug)]
@@ -15,6 +18,7 @@ pub struct Submission(pub(crate) wgpu::SubmissionIndex);
 #[derive(Debug)]
 pub struct Recorder<'a> {
     gpu: &'a Gpu,
+    uploads: Uploads,
     encoder: wgpu::CommandEncoder,
     pass: Option<wgpu::ComputePass<'static>>,
     timings: Option<&'a mut Timings>,
@@ -28,7 +32,17 @@ impl<'a> Recorder<'a> {
         if let Some(timings) = &mut timings {
             timings.begin();
         }
-        Self { gpu, encoder, pass: None, timings, stage: "" }
+        Self { gpu, uploads: Uploads::new(gpu), encoder, pass: None, timings, stage: "" }
+    }
+
+    /// Writes `values` to the start of `to` before all that is recorded here runs, whenever it is recorded: for what
+    /// changes from frame to frame. On the way there nothing is allocated on the device once frames write alike.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] if `to` is shorter; device loss.
+    pub fn write<T: Pod>(&mut self, to: &Slice<'_>, values: &[T]) -> Result<(), GpuError> {
+        const { assert!(size_of::<T>().is_multiple_of(4), "copies are of whole words") };
+        self.uploads.write(self.gpu, to, bytemuck::cast_slice(values))
     }
 
     /// Names what is recorded from here on, for timing. A name may come more than once.
@@ -88,12 +102,12 @@ impl<'a> Recorder<'a> {
     /// [`GpuError`] if the device refuses it or is lost.
     pub fn submit(mut self) -> Result<Submission, GpuError> {
         self.pass = None;
-        let Self { gpu, mut encoder, timings, .. } = self;
+        let Self { gpu, uploads, mut encoder, timings, .. } = self;
         gpu.checked("a frame", 0, || {
             if let Some(timings) = timings {
                 timings.resolve(&mut encoder);
             }
-            Submission(gpu.queue.submit([encoder.finish()]))
+            Submission(uploads.submit(gpu, encoder.finish()))
         })
     }
 

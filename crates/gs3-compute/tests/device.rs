@@ -63,6 +63,38 @@ fn kernels_run_in_the_order_recorded_and_are_timed() {
     }
 }
 
+/// Whenever it is recorded, and in each frame anew.
+#[test]
+fn what_a_frame_writes_is_there_before_its_kernels_run() {
+    for gpu in devices() {
+        let kernel = gpu.module("double", &[DOUBLE]).unwrap().kernel(&gpu, "scale", &[]).unwrap();
+        let source = gpu.buffer_with("source", Use::Storage, &[10u32; 4]).unwrap();
+        let result = gpu.buffer("result", Use::Storage, 16).unwrap();
+        let offset = gpu.buffer("offset", Use::Uniform, 16).unwrap();
+        let buffers =
+            [("offset", (&offset).into()), ("source", (&source).into()), ("result", (&result).into())];
+        let bound = kernel.bind(&gpu, &buffers).unwrap();
+        for frame in 1..20u32 {
+            let mut recorder = gpu.recorder(None);
+            recorder.dispatch(&bound, [1, 1, 1]);
+            recorder.write(&offset.slice(), &[frame, 0, 0, 0]).unwrap();
+            recorder.write(&source.part(12, 4), &[frame]).unwrap();
+            // What is recorded and dropped leaves no trace.
+            gpu.recorder(None).write(&offset.slice(), &[1000u32]).unwrap();
+            let submission = recorder.submit().unwrap();
+            if frame % 3 == 0 {
+                gpu.wait(&submission).unwrap();
+            }
+            assert_eq!(
+                gpu.read::<u32>(&result.slice()).unwrap(),
+                [10 + frame, 10 + frame, 10 + frame, 2 * frame]
+            );
+        }
+        let error = gpu.recorder(None).write(&offset.slice(), &[0u32; 5]).unwrap_err();
+        assert!(matches!(error, GpuError::TooLarge { max: 16, actual: 20, .. }), "{error}");
+    }
+}
+
 #[test]
 fn mistakes_are_typed_errors() {
     for gpu in devices() {
@@ -97,9 +129,10 @@ fn a_lost_device_says_so() {
     for gpu in devices() {
         let module = gpu.module("double", &[DOUBLE]).unwrap();
         let buffer = gpu.buffer_with("a", Use::Storage, &[1u32; 4]).unwrap();
-        let recorder = gpu.recorder(None);
+        let (recorder, mut writer) = (gpu.recorder(None), gpu.recorder(None));
         gpu.destroy();
         let lost = |error: GpuError| matches!(error, GpuError::DeviceLost { .. });
+        assert!(lost(writer.write(&buffer.slice(), &[1u32]).unwrap_err()));
         assert!(lost(recorder.submit().unwrap_err()));
         assert!(lost(gpu.check().unwrap_err()));
         assert!(lost(gpu.buffer("b", Use::Storage, 4).unwrap_err()));

@@ -48,7 +48,7 @@ pub fn record(
     let (size, margin) = (picture.size(), around.margin());
     let place = CropUniform { size, first: [margin.left, margin.top], stride: around.stride(), _pad: 0 };
     if let Some(uniform) = &picture.crop.uniform {
-        gpu.write(&uniform.slice(), &[place])?;
+        recorder.write(&uniform.slice(), &[place])?;
     }
     let groups = [size[0].div_ceil(GROUP[0]), size[1].div_ceil(GROUP[1]), 1];
     for plane in &picture.crop.planes {

@@ -174,7 +174,7 @@ impl GpuRasterizer {
             out.target = Target { frame: self.frame_number, blend };
         }
         let view = ViewUniform::new(&View::new(camera, settings), settings, out.stride());
-        self.gpu.write(&self.fixed.view.slice(), &[view])?;
+        recorder.write(&self.fixed.view.slice(), &[view])?;
         frame.record(recorder, &out.target);
         Ok(())
     }

@@ -246,7 +246,7 @@ impl GpuInterpolator {
             _pad: 0,
             neighbors: [neighbor(before), neighbor(after)],
         };
-        self.gpu.write(&bound.uniform.slice(), &[uniform])?;
+        recorder.write(&bound.uniform.slice(), &[uniform])?;
         if let Some((_, splatted)) = self.buffers.iter().find(|(name, _)| *name == "splatted") {
             recorder.clear(&splatted.slice());
         }

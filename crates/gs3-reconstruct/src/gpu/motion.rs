@@ -89,7 +89,7 @@ impl GpuMotion {
             before_jitter: before.1,
             _pad: [0.0; 2],
         };
-        self.gpu.write(&self.uniform.slice(), &[uniform])?;
+        recorder.write(&self.uniform.slice(), &[uniform])?;
         recorder.dispatch(&bound.0, over_samples(self.lr));
         Ok(())
     }

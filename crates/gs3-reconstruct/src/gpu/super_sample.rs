@@ -263,7 +263,7 @@ impl GpuSuperSampler {
         let current = Past { camera: *camera, jitter, margin, slot: free };
         let frames = kept.len() as u32 + 1;
         let uniform = self.uniform_of(&current, kept);
-        self.gpu.write(&self.uniform.slice(), &[uniform])?;
+        recorder.write(&self.uniform.slice(), &[uniform])?;
         recorder.stage("super_sample.samples");
         recorder.dispatch(&bound.remember, self.plan.over_around);
         recorder.dispatch(&bound.predict, self.plan.over_samples);

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
-use gs3_compute::{Bound, Buffer, Gpu, GpuError, Module, Recorder, Slice, Use};
+use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Recorder, Slice, Use};
 use gs3_neural::model::graph_of;
 use gs3_neural::{BoundEngine, GpuEngine, GpuEngineSettings, ImageFormat, MatrixUnit, Precision, Weights};
 use gs3_reconstruct::gpu::{
@@ -36,7 +36,8 @@ pub struct LearnedBetween {
     lr: [u32; 2],
     scale: u32,
     engine: GpuEngine,
-    module: Module,
+    sum_depths: Kernel,
+    geometry: Kernel,
     /// Both neighbours at the pose between.
     warped: [GpuImage; 2],
     /// Inputs but images and state, by the names that the network has for them.
@@ -115,6 +116,7 @@ impl LearnedBetween {
                 camera: None,
             })
         };
+        let module = gpu.module("between", &[MEAN_WGSL, BETWEEN_WGSL])?;
         let slots = || (0..count).map(slot).collect::<Result<Vec<_>, PipelineError>>();
         Ok(Self {
             slots: [slots()?, slots()?],
@@ -122,7 +124,8 @@ impl LearnedBetween {
             lr,
             scale,
             engine,
-            module: gpu.module("between", &[MEAN_WGSL, BETWEEN_WGSL])?,
+            sum_depths: module.kernel(gpu, "sum_depths", &[])?,
+            geometry: module.kernel(gpu, "geometry_of", &[])?,
             warped: [GpuImage::new(gpu, size)?, GpuImage::new(gpu, size)?],
             inputs,
             sums: gpu.buffer("sums", Use::Storage, u64::from(PARTS) * 8)?,
@@ -155,7 +158,7 @@ impl LearnedBetween {
         let Some(bound) = self.bound.get(&(at, before)) else { return Ok(()) };
         let Between { interpolator, views, t, camera, .. } = *between;
         let (slot, previous) = (&self.slots[at.0][at.1], &self.slots[before.0][before.1]);
-        self.gpu.write(&slot.uniform.slice(), &[FeaturesUniform { lr: self.lr, t, _pad: 0 }])?;
+        recorder.write(&slot.uniform.slice(), &[FeaturesUniform { lr: self.lr, t, _pad: 0 }])?;
         interpolator.record(recorder, &bound.warp, views, t, camera)?;
         recorder.stage("interpolate.features");
         recorder.dispatch(&bound.sum_depths, [PARTS, 1, 1]);
@@ -196,7 +199,6 @@ impl LearnedBetween {
             ("median", slot.median.slice()),
             ("sums", self.sums.slice()),
         ];
-        let kernel = |entry: &str| self.module.kernel(gpu, entry, &[])?.bind(gpu, &features);
         let mut inputs: Vec<(&str, Slice<'_>)> =
             self.inputs.iter().map(|(name, buffer)| (*name, buffer.slice())).collect();
         inputs.push(("before", self.warped[0].pixels().slice()));
@@ -206,8 +208,8 @@ impl LearnedBetween {
         let [first, second] = &between.neighbors;
         Ok(BoundBetween {
             warp: between.interpolator.bind_both(first, second, self.warped.each_ref(), share)?,
-            sum_depths: kernel("sum_depths")?,
-            geometry: kernel("geometry_of")?,
+            sum_depths: self.sum_depths.bind(gpu, &features)?,
+            geometry: self.geometry.bind(gpu, &features)?,
             motion: slot.motion.bind(&slot.median, &previous.median, flow, validity)?,
             engine: self.engine.bind(gpu, &inputs, &outputs).map_err(network)?,
         })

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
-use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Module, Recorder, Slice, Use};
+use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Recorder, Slice, Use};
 use gs3_neural::model::graph_of;
 use gs3_neural::{BoundEngine, GpuEngine, GpuEngineSettings, ImageFormat, MatrixUnit, Precision, Weights};
 use gs3_raster::GpuGBuffer;
@@ -39,7 +39,7 @@ pub struct Learned {
     lr: [u32; 2],
     scale: u32,
     engine: GpuEngine,
-    module: Module,
+    kernels: Kernels,
     motion: GpuMotion,
     uniform: Buffer,
     /// Inputs but images, by the names that the network has for them.
@@ -50,6 +50,32 @@ pub struct Learned {
     /// Hidden states of both places.
     hidden: [Buffer; 2],
     bound: [Option<BoundLearned>; 2],
+}
+
+/// Entry points of `features.wgsl`.
+struct Kernels {
+    planes: Kernel,
+    sum_depths: Kernel,
+    geometry: Kernel,
+    previous_innovations: Kernel,
+    shares: Kernel,
+    drifts: Kernel,
+}
+
+impl Kernels {
+    fn new(gpu: &Gpu) -> Result<Self, GpuError> {
+        let constant = format!("const UNCERTAIN: f32 = {UNCERTAIN:e};\n");
+        let module = gpu.module("features", &[&constant, MEAN_WGSL, FEATURES_WGSL])?;
+        let kernel = |entry: &str| module.kernel(gpu, entry, &[]);
+        Ok(Self {
+            planes: kernel("planes")?,
+            sum_depths: kernel("sum_depths")?,
+            geometry: kernel("geometry_of")?,
+            previous_innovations: kernel("previous_innovations")?,
+            shares: kernel("shares")?,
+            drifts: kernel("drifts")?,
+        })
+    }
 }
 
 struct BoundLearned {
@@ -107,7 +133,6 @@ impl Learned {
         let make = |name| Ok((name, gpu.buffer(name, Use::Storage, bytes(name))?));
         let inputs = made.into_iter().map(make).collect::<Result<Vec<_>, GpuError>>()?;
         let hidden = || gpu.buffer("hidden", Use::Storage, bytes("hidden"));
-        let constant = format!("const UNCERTAIN: f32 = {UNCERTAIN:e};\n");
         Ok(Self {
             hidden: [hidden()?, hidden()?],
             gpu: gpu.clone(),
@@ -115,7 +140,7 @@ impl Learned {
             lr,
             scale,
             engine,
-            module: gpu.module("features", &[&constant, MEAN_WGSL, FEATURES_WGSL])?,
+            kernels: Kernels::new(gpu)?,
             motion: GpuMotion::new(gpu, lr)?,
             uniform: gpu.buffer("features", Use::Uniform, size_of::<FeaturesUniform>() as u64)?,
             inputs,
@@ -152,7 +177,7 @@ impl Learned {
         }
         let Some(bound) = &self.bound[current] else { return Ok(()) };
         let lr_camera = view.camera.low_resolution(self.scale);
-        self.gpu.write(&self.uniform.slice(), &[self.uniform_of(&lr_camera, view.jitter)])?;
+        recorder.write(&self.uniform.slice(), &[self.uniform_of(&lr_camera, view.jitter)])?;
         match (last, &bound.before) {
             (Some(last), Some((warp, motion))) => {
                 // Any moment will do: what is wanted is the frame before, not a blend.
@@ -213,10 +238,7 @@ impl Learned {
             ("history", analytic.pixels().slice()),
             ("previous", self.previous.pixels().slice()),
         ]);
-        let kernel = |entry: &str| -> Result<Bound, GpuError> {
-            let kernel: Kernel = self.module.kernel(gpu, entry, &[])?;
-            kernel.bind(gpu, &all)
-        };
+        let Kernels { planes, sum_depths, geometry, previous_innovations, shares, drifts } = &self.kernels;
         let mut inputs: Vec<(&str, Slice<'_>)> =
             self.inputs.iter().map(|(name, buffer)| (*name, buffer.slice())).collect();
         inputs.push(("history", analytic.pixels().slice()));
@@ -225,12 +247,12 @@ impl Learned {
         inputs.push(("hidden", self.hidden[1 - current].slice()));
         let outputs = [("color", now.refined.pixels().slice()), ("hidden", self.hidden[current].slice())];
         Ok(BoundLearned {
-            planes: kernel("planes")?,
-            sum_depths: kernel("sum_depths")?,
-            geometry: kernel("geometry_of")?,
-            previous_innovations: kernel("previous_innovations")?,
-            shares: kernel("shares")?,
-            drifts: kernel("drifts")?,
+            planes: planes.bind(gpu, &all)?,
+            sum_depths: sum_depths.bind(gpu, &all)?,
+            geometry: geometry.bind(gpu, &all)?,
+            previous_innovations: previous_innovations.bind(gpu, &all)?,
+            shares: shares.bind(gpu, &all)?,
+            drifts: drifts.bind(gpu, &all)?,
             engine: self.engine.bind(gpu, &inputs, &outputs).map_err(network)?,
             before: None,
         })
