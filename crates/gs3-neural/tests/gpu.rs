@@ -275,32 +275,43 @@ fn states_stay_on_the_device() {
     }
 }
 
-/// Images of half precision, where the device has it.
+/// Images of half precision, whatever the device computes in; of an odd number of numbers, too.
 #[test]
 fn images_may_be_of_half_precision() {
     let Some(gpu) = device(OptionalFeatures::Experimental) else { return };
-    let mut g = GraphBuilder::new("half", 1, Border::Zero);
-    let a = g.input("a", 3, 2);
-    let blocks = g.layer("blocks", Op::PixelUnshuffle { factor: 2 }, &[a]);
-    let image = g.layer("image", Op::PixelShuffle { factor: 2 }, &[blocks]);
-    g.output("image", image);
-    let graph = g.finish().unwrap();
-    let weights = Weights::random(&graph, header(&graph), 1);
-    let values: Vec<half::f16> = (0..8 * 6 * 3).map(|k| half::f16::from_f32(k as f32 * 0.25)).collect();
-    for (way, _) in ways(&gpu).into_iter().filter(|(way, _)| way.precision == Precision::Half) {
-        let settings = GpuEngineSettings {
-            inputs: &[("a", ImageFormat::HalfPixels)],
-            outputs: Some(&[("image", ImageFormat::HalfPixels)]),
-            ..way
+    for (is_shuffled, [height, width]) in [(true, [8_usize, 6]), (false, [5, 3])] {
+        let mut g = GraphBuilder::new("half", 1, Border::Zero);
+        let image = if is_shuffled {
+            let a = g.input("a", 3, 2);
+            let blocks = g.layer("blocks", Op::PixelUnshuffle { factor: 2 }, &[a]);
+            g.layer("image", Op::PixelShuffle { factor: 2 }, &[blocks])
+        } else {
+            let a = g.input("a", 3, 1);
+            g.layer("image", Op::Activate(Activation::Relu), &[a])
         };
-        let engine = GpuEngine::new(&gpu, &graph, &weights, [4, 3], &settings).unwrap();
-        let from = gpu.buffer_with("a", Use::Storage, &values).unwrap();
-        let to = gpu.buffer("image", Use::Storage, engine.outputs()[0].bytes).unwrap();
-        let bound = engine.bind(&gpu, &[("a", from.slice())], &[("image", to.slice())]).unwrap();
-        let mut recorder = gpu.recorder(None);
-        bound.record(&mut recorder);
-        recorder.submit().unwrap();
-        assert_eq!(gpu.read::<half::f16>(&to.slice()).unwrap()[..values.len()], values);
+        g.output("image", image);
+        let graph = g.finish().unwrap();
+        let weights = Weights::random(&graph, header(&graph), 1);
+        let lr = if is_shuffled { [height / 2, width / 2] } else { [height, width] };
+        let count = height * width * 3;
+        // One more than there are where they are odd, as buffers are of whole words.
+        let values: Vec<half::f16> =
+            (0..count.next_multiple_of(2)).map(|k| half::f16::from_f32(k as f32 * 0.25)).collect();
+        for (way, _) in ways(&gpu) {
+            let settings = GpuEngineSettings {
+                inputs: &[("a", ImageFormat::HalfPixels)],
+                outputs: Some(&[("image", ImageFormat::HalfPixels)]),
+                ..way
+            };
+            let engine = GpuEngine::new(&gpu, &graph, &weights, lr, &settings).unwrap();
+            let from = gpu.buffer_with("a", Use::Storage, &values).unwrap();
+            let to = gpu.buffer("image", Use::Storage, engine.outputs()[0].bytes).unwrap();
+            let bound = engine.bind(&gpu, &[("a", from.slice())], &[("image", to.slice())]).unwrap();
+            let mut recorder = gpu.recorder(None);
+            bound.record(&mut recorder);
+            recorder.submit().unwrap();
+            assert_eq!(gpu.read::<half::f16>(&to.slice()).unwrap()[..count], values[..count]);
+        }
     }
 }
 

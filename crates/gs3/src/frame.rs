@@ -251,8 +251,8 @@ impl FramePipeline {
         self.reset(ResetReason::SizeOrTierChange);
     }
 
-    /// Whether all of the frame of `camera` is made on a GPU. Where there are networks and the device has no half precision or the
-    /// size is no multiple of the scale, a GPU rasterizes and the rest stays on the CPU.
+    /// Whether all of the frame of `camera` is made on a GPU. Where there are networks and the size is no multiple of the scale,
+    /// a GPU rasterizes and the rest stays on the CPU.
     #[must_use]
     pub fn is_on_device(&self, camera: &Camera) -> bool {
         #[cfg(feature = "gpu")]

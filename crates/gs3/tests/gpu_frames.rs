@@ -5,7 +5,7 @@
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-use gs3::compute::{Gpu, GpuSettings};
+use gs3::compute::{Gpu, GpuSettings, OptionalFeatures};
 use gs3::neural::model::{Tier, interpolate};
 use gs3::neural::{Header, Weights};
 use gs3::reconstruct::{Interpolator, Kriging, Neighbor, SuperSampler};
@@ -18,14 +18,22 @@ const SHARED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared");
 /// The adapter of this machine, or a word that there is none.
 fn gpu() -> Option<Gpu> {
     static GPU: OnceLock<Option<Gpu>> = OnceLock::new();
-    let open = || match Gpu::new(&GpuSettings::default()) {
+    GPU.get_or_init(|| opened(OptionalFeatures::All)).clone()
+}
+
+fn opened(features: OptionalFeatures) -> Option<Gpu> {
+    match Gpu::new(&GpuSettings { features, ..GpuSettings::default() }) {
         Ok(gpu) => Some(gpu),
         Err(error) => {
             eprintln!("skipped: no adapter: {error}");
             None
         }
-    };
-    GPU.get_or_init(open).clone()
+    }
+}
+
+/// The same, and it without subgroups and half precision.
+fn gpu_and_its_least() -> Option<[Gpu; 2]> {
+    Some([gpu()?, opened(OptionalFeatures::None)?])
 }
 
 /// The demo, and a trained scene where it is at hand.
@@ -206,35 +214,39 @@ fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
     assert!(p.render(&next, &[]).unwrap().current == &anew);
 }
 
-/// With the network that comes with the library, in half precision, over more frames than its first: its hidden state and the
-/// frame before reach it as on the CPU. Other sizes than whole blocks go by the CPU.
+/// With the network that comes with the library, over more frames than its first: its hidden state and the frame before reach
+/// it as on the CPU, in half precision and in single. Other sizes than whole blocks go by the CPU.
 #[test]
 fn the_network_refines_as_on_the_cpu() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpus) = gpu_and_its_least() else { return };
     let networks = Networks::shipped(4, Tier::Balanced).unwrap();
     for (name, scene, path) in scenes(256, 144) {
         let settings = PipelineSettings { mode: Mode::SuperSample, ..Default::default() };
         let make = || FramePipeline::with_networks(Arc::clone(&scene), settings, &networks).unwrap();
-        let (mut on_cpu, mut on_gpu) = (make(), make());
-        on_gpu.render_on(&gpu).unwrap();
-        if !on_gpu.is_on_device(&path.cameras()[0]) {
-            eprintln!("skipped: no half precision");
-            return;
+        let mut on_cpu = make();
+        let mut analytic = pipeline(Some(&gpus[0]), &scene, Mode::SuperSample, 1);
+        let mut effect = 0.0;
+        let cameras = &path.cameras()[..6];
+        let expected: Vec<Image> =
+            cameras.iter().map(|camera| on_cpu.render(camera, &[]).unwrap().current.clone()).collect();
+        for (camera, expected) in cameras.iter().zip(&expected) {
+            effect = psnr(analytic.render(camera, &[]).unwrap().current, expected);
         }
-        let mut analytic = pipeline(Some(&gpu), &scene, Mode::SuperSample, 1);
-        let (mut worst, mut effect) = (f64::INFINITY, 0.0_f64);
-        for camera in &path.cameras()[..6] {
-            let expected = on_cpu.render(camera, &[]).unwrap().current.clone();
-            let shown = on_gpu.render(camera, &[]).unwrap().current;
-            worst = worst.min(psnr(shown, &expected));
-            effect = psnr(analytic.render(camera, &[]).unwrap().current, &expected);
-        }
-        eprintln!("{name}: {worst:.1} dB at worst, without the network {effect:.1} dB");
-        assert!(worst >= 55.0 && effect < worst - 6.0, "{name}: {worst:.1} dB, without {effect:.1} dB");
         let odd = path.cameras()[6].resized(255, 144).unwrap();
-        assert!(!on_gpu.is_on_device(&odd));
-        let expected = on_cpu.render(&odd, &[]).unwrap().current.clone();
-        assert!(psnr(on_gpu.render(&odd, &[]).unwrap().current, &expected) > 50.0);
+        let expected_odd = on_cpu.render(&odd, &[]).unwrap().current.clone();
+        for gpu in &gpus {
+            let mut on_gpu = make();
+            on_gpu.render_on(gpu).unwrap();
+            assert!(on_gpu.is_on_device(&cameras[0]) && !on_gpu.is_on_device(&odd));
+            let mut worst = f64::INFINITY;
+            for (camera, expected) in cameras.iter().zip(&expected) {
+                worst = worst.min(psnr(on_gpu.render(camera, &[]).unwrap().current, expected));
+            }
+            let f16 = gpu.capabilities().shader_f16;
+            eprintln!("{name}, f16 {f16:?}: {worst:.1} dB at worst, without the network {effect:.1} dB");
+            assert!(worst >= 55.0 && effect < worst - 6.0, "{name}: {worst:.1} dB, without {effect:.1} dB");
+            assert!(psnr(on_gpu.render(&odd, &[]).unwrap().current, &expected_odd) > 50.0);
+        }
     }
 }
 
@@ -242,7 +254,7 @@ fn the_network_refines_as_on_the_cpu() {
 /// over frames between that follow each other within a frame and across frames, and after a reset.
 #[test]
 fn frames_between_are_refined_as_on_the_cpu() {
-    let Some(gpu) = gpu() else { return };
+    let Some([gpu, least]) = gpu_and_its_least() else { return };
     let graph = interpolate(4, Tier::Fast).unwrap();
     let header = Header {
         network: graph.name().to_owned(),
@@ -270,11 +282,9 @@ fn frames_between_are_refined_as_on_the_cpu() {
             let settings = PipelineSettings { mode: Mode::Full, generate, ..Default::default() };
             let make = || FramePipeline::with_networks(Arc::clone(&scene), settings, &networks).unwrap();
             let (mut on_cpu, mut on_gpu) = (make(), make());
-            on_gpu.render_on(&gpu).unwrap();
-            if !on_gpu.is_on_device(&path.cameras()[0]) {
-                eprintln!("skipped: no half precision");
-                return;
-            }
+            // Half precision of one frame between, single of two.
+            on_gpu.render_on(if generate == 1 { &gpu } else { &least }).unwrap();
+            assert!(on_gpu.is_on_device(&path.cameras()[0]));
             let mut warped = pipeline(None, &scene, Mode::Full, generate);
             let (mut worst, mut effect) = (f64::INFINITY, 0.0_f64);
             for (k, camera) in path.cameras()[..7].iter().enumerate() {

@@ -62,7 +62,7 @@ pub enum ImageFormat {
     /// `[height, width, channels]` of f32, as the CPU engine's.
     #[default]
     Pixels,
-    /// The same of f16, for devices that have it.
+    /// The same of f16, two to a word: any device reads and writes them.
     HalfPixels,
     /// As the engine's own tensors, `[ceil(channels / 4), height, width, 4]` of the engine's precision; numbers beyond the
     /// channels are finite. Nothing is copied: for states that a network hands to its next run.

@@ -118,26 +118,14 @@ const CHANNEL_MAX: &str = "var largest = vec4<f32>(part0_channel(0u, x, y));
     }
     return vec4<f32>(max(max(largest.x, largest.y), max(largest.z, largest.w)), 0.0, 0.0, 0.0);";
 
-/// The type of an image's numbers; none if it is a tensor.
-fn number(format: ImageFormat) -> &'static str {
+/// What a word of an image's buffer is, and how its number `at` is read: `f32` and two halves of a word alike.
+fn numbers(format: ImageFormat, at: &str) -> (&'static str, String) {
+    let name = PARTS[0];
     match format {
-        ImageFormat::HalfPixels => "f16",
-        ImageFormat::Pixels | ImageFormat::Blocks => "f32",
+        // Not as f16, which not every device has.
+        ImageFormat::HalfPixels => ("u32", format!("unpack2x16float({name}[({at}) / 2u])[({at}) % 2u]")),
+        ImageFormat::Pixels | ImageFormat::Blocks => ("f32", format!("{name}[{at}]")),
     }
-}
-
-fn with_f16(text: String) -> String {
-    match text.starts_with("enable f16;") {
-        true => text,
-        false => "enable f16;\n".to_owned() + &text,
-    }
-}
-
-/// The header, with f16 where tensors or the image need it.
-fn image_header(precision: Precision, format: ImageFormat) -> String {
-    let header = source::header(precision);
-    let header = if format == ImageFormat::HalfPixels { with_f16(header) } else { header };
-    header + &format!("alias Number = {};\n", number(format))
 }
 
 /// The kernel that makes a tensor of shape `result` from an image of shape `image`, blocks of `factor`² pixels becoming
@@ -149,25 +137,40 @@ pub fn import(
     result: Shape,
     precision: Precision,
 ) -> String {
+    let (word, number) = numbers(format, "at");
     let channel = format!(
         "let at_x = x * {factor}u + c % {factor}u;
     let at_y = y * {factor}u + c / {factor}u % {factor}u;
-    return f32({name}[(at_y * IMAGE_WIDTH + at_x) * IMAGE_CHANNELS + c / {square}u]);",
-        name = PARTS[0],
+    let at = (at_y * IMAGE_WIDTH + at_x) * IMAGE_CHANNELS + c / {square}u;
+    return {number};",
         square = factor * factor,
     );
     let mut text =
-        image_header(precision, format) + &source::tensors(&[], result) + &source::sizes("IMAGE_", image);
-    text += &format!("@group(0) @binding(2) var<storage> {}: array<Number>;\n", PARTS[0]);
+        source::header(precision) + &source::tensors(&[], result) + &source::sizes("IMAGE_", image);
+    text += &format!("@group(0) @binding(2) var<storage> {}: array<{word}>;\n", PARTS[0]);
     text += &by_channel(&channel);
     text + &format!("fn value(block: u32, x: u32, y: u32) -> vec4<f32> {{\n    {BY_CHANNEL}\n}}\n")
         + include_str!("map.wgsl")
 }
 
+/// Words of 4 B of an image in its buffer.
+pub fn words(image: Shape, format: ImageFormat) -> usize {
+    match format {
+        ImageFormat::HalfPixels => image.len().div_ceil(2),
+        ImageFormat::Pixels | ImageFormat::Blocks => image.len(),
+    }
+}
+
 /// The kernel that makes an image of shape `image` from a tensor of shape `read`, blocks of `factor`² channels becoming
 /// pixels.
 pub fn export(read: Shape, factor: usize, image: Shape, format: ImageFormat, precision: Precision) -> String {
-    let mut text = image_header(precision, format) + &source::tensors(&[read], image);
-    text = text.replace("result: array<Block>", "result: array<Number>");
-    text + &format!("const FACTOR: u32 = {factor}u;\n") + include_str!("export.wgsl")
+    let (word, packed) = match format {
+        ImageFormat::HalfPixels => ("u32", "pack2x16float(vec2<f32>(number(at * 2u), number(at * 2u + 1u)))"),
+        ImageFormat::Pixels | ImageFormat::Blocks => ("f32", "number(at)"),
+    };
+    let mut text = source::header(precision) + &source::tensors(&[read], image);
+    text = text.replace("result: array<Block>", &format!("result: array<{word}>"));
+    text += &format!("const FACTOR: u32 = {factor}u;\nconst WORDS: u32 = {}u;\n", words(image, format));
+    text += &format!("fn word(at: u32) -> {word} {{\n    return {packed};\n}}\n");
+    text + include_str!("export.wgsl")
 }

@@ -187,8 +187,7 @@ impl Planner<'_> {
     fn image(&self, name: &str, layer: usize, format: ImageFormat) -> GpuImage {
         let shape = self.shapes[layer];
         let bytes = match format {
-            ImageFormat::Pixels => shape.len() as u64 * 4,
-            ImageFormat::HalfPixels => shape.len() as u64 * 2,
+            ImageFormat::Pixels | ImageFormat::HalfPixels => ops::words(shape, format) as u64 * 4,
             ImageFormat::Blocks => tensor_bytes(shape, self.precision),
         };
         GpuImage { name: name.to_owned(), shape, format, bytes }
@@ -341,7 +340,7 @@ impl Planner<'_> {
             }
             ImageFormat::Pixels | ImageFormat::HalfPixels => {
                 let read = self.shapes[stored];
-                (ops::export(read, factor, to.shape, to.format, precision), to.shape.len())
+                (ops::export(read, factor, to.shape, to.format, precision), ops::words(to.shape, to.format))
             }
         };
         let groups = groups(&label, count)?;

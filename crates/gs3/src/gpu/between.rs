@@ -90,7 +90,7 @@ impl LearnedBetween {
         let lr = size.map(|side| side / scale);
         let graph = graph_of(&weights.header).map_err(network)?;
         let settings = GpuEngineSettings {
-            precision: Precision::Half,
+            precision: Precision::of(gpu),
             matrices: MatrixUnit::of(gpu.capabilities()),
             inputs: &[
                 ("before", ImageFormat::HalfPixels),

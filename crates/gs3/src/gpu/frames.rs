@@ -1,6 +1,6 @@
 //! The frame on a device, read top to bottom.
 
-use gs3_compute::{Gpu, GpuError, Submission, Support, Timings};
+use gs3_compute::{Gpu, GpuError, Submission, Timings};
 use gs3_raster::{GpuRasterizer, RasterSettings, Settled};
 use gs3_reconstruct::ResetReason;
 use gs3_reconstruct::gpu::{GpuReconstructError, NeighborView};
@@ -53,21 +53,20 @@ pub(crate) struct Rendered {
 }
 
 impl GpuFrames {
-    /// Frames on `gpu` as `settings` want them, refined by `networks` in half precision where there are any. Memory comes with
-    /// the first frames.
+    /// Frames on `gpu` as `settings` want them, refined by `networks` where there are any, in half precision if the device has
+    /// it. Memory comes with the first frames.
     #[must_use]
     pub fn new(gpu: &Gpu, settings: &PipelineSettings, networks: &Networks) -> Self {
         let (gpu, settings, networks) = (gpu.clone(), *settings, networks.clone());
         Self { gpu, settings, networks, sized: None, invalid: Some(ResetReason::FirstFrame), pending: None }
     }
 
-    /// Whether it can make frames of `size`: networks on devices want half precision and whole blocks of pixels.
+    /// Whether it can make frames of `size`: networks on devices want whole blocks of pixels.
     #[must_use]
     pub fn takes(&self, size: [u32; 2]) -> bool {
-        let has_f16 = self.gpu.capabilities().shader_f16 == Support::Present;
         let is_whole = size.iter().all(|side| side.is_multiple_of(self.settings.scale));
         let Networks { super_sample, interpolate, .. } = &self.networks;
-        (super_sample.is_none() && interpolate.is_none()) || (has_f16 && is_whole)
+        (super_sample.is_none() && interpolate.is_none()) || is_whole
     }
 
     /// Forgets the frames before: the next one starts anew.
