@@ -134,7 +134,7 @@ mod tests {
     fn the_cpu_takes_over_from_a_gpu_that_nobody_asked_for_only() {
         let open = || Gpu::new(&GpuSettings::default());
         let Ok(gpu) = open() else {
-            eprintln!("skipped: no GPU adapter");
+            note("skipped: no GPU adapter");
             return;
         };
         let scene = Arc::new(demo::scene().unwrap());

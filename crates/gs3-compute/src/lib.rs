@@ -9,6 +9,7 @@
 mod adapter;
 mod arena;
 mod buffer;
+mod ceilings;
 mod chunks;
 mod error;
 mod gpu;
@@ -25,6 +26,7 @@ mod wgsl;
 pub use adapter::{AdapterChoice, AdapterKind, AdapterReport, Api, adapters, choose};
 pub use arena::{Arena, Fit, Need};
 pub use buffer::{Buffer, Slice, Use};
+pub use ceilings::Ceilings;
 pub use chunks::ChunkPlan;
 pub use error::GpuError;
 pub use gpu::{Capabilities, Gpu, GpuSettings, Limits, OptionalFeatures, Subgroups, Support};

@@ -23,6 +23,8 @@ pub struct Recorder<'a> {
     pass: Option<wgpu::ComputePass<'static>>,
     timings: Option<&'a mut Timings>,
     stage: &'static str,
+    /// The stage that first copied or filled something since the last pass.
+    moved: Option<&'static str>,
 }
 
 impl<'a> Recorder<'a> {
@@ -32,7 +34,7 @@ impl<'a> Recorder<'a> {
         if let Some(timings) = &mut timings {
             timings.begin();
         }
-        Self { gpu, uploads: Uploads::new(gpu), encoder, pass: None, timings, stage: "" }
+        Self { gpu, uploads: Uploads::new(gpu), encoder, pass: None, timings, stage: "", moved: None }
     }
 
     /// Writes `values` to the start of `to` before all that is recorded here runs, whenever it is recorded: for what
@@ -78,21 +80,21 @@ impl<'a> Recorder<'a> {
 
     /// Copies `from` to the start of `to`, which is not shorter. Starts and lengths are multiples of four bytes.
     pub fn copy(&mut self, from: &Slice<'_>, to: &Slice<'_>) {
-        self.pass = None;
+        self.end_pass();
         let bytes = from.bytes.min(to.bytes);
         self.encoder.copy_buffer_to_buffer(&from.buffer.raw, from.start, &to.buffer.raw, to.start, bytes);
     }
 
     /// Brings `from` to byte `at` of `to`, cut to what there is room for. Starts and lengths are multiples of four bytes.
     pub fn read_back(&mut self, from: &Slice<'_>, to: &Readback, at: u64) {
-        self.pass = None;
+        self.end_pass();
         let bytes = from.bytes.min(to.bytes().saturating_sub(at));
         self.encoder.copy_buffer_to_buffer(&from.buffer.raw, from.start, &to.staging, at, bytes);
     }
 
     /// Fills `slice` with zeros.
     pub fn clear(&mut self, slice: &Slice<'_>) {
-        self.pass = None;
+        self.end_pass();
         self.encoder.clear_buffer(&slice.buffer.raw, slice.start, Some(slice.bytes - slice.bytes % 4));
     }
 
@@ -111,10 +113,17 @@ impl<'a> Recorder<'a> {
         })
     }
 
+    /// Ends the pass, for a copy or fill of the stage.
+    fn end_pass(&mut self) {
+        self.pass = None;
+        self.moved.get_or_insert(self.stage);
+    }
+
     fn pass(&mut self) -> &mut wgpu::ComputePass<'static> {
-        let Self { encoder, pass, timings, stage, .. } = self;
+        let Self { encoder, pass, timings, stage, moved, .. } = self;
         pass.get_or_insert_with(|| {
-            let timestamp_writes = timings.as_mut().and_then(|timings| timings.pass(stage));
+            let gap = moved.take().unwrap_or(stage);
+            let timestamp_writes = timings.as_mut().and_then(|timings| timings.pass(stage, gap));
             let descriptor = wgpu::ComputePassDescriptor { label: Some(*stage), timestamp_writes };
             encoder.begin_compute_pass(&descriptor).forget_lifetime()
         })

@@ -18,8 +18,17 @@ const TIME_BYTES: u64 = 8;
 pub struct StageTime {
     /// Its name, from [`Recorder::stage`](crate::Recorder::stage).
     pub stage: &'static str,
-    /// From the start to the end of its kernels, copies between them left out.
+    /// Its kernels, and what passes between them and those before: copies and fills that it recorded, waiting. So the times
+    /// of all stages add up to that from the start of the first kernel to the end of the last.
     pub time: Duration,
+}
+
+/// Kernels between which the clock is not asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Pass {
+    stage: &'static str,
+    /// The stage that the time since the pass before belongs to.
+    gap: &'static str,
 }
 
 /// Times the stages of one frame after the other.
@@ -28,8 +37,8 @@ pub struct Timings {
     queries: wgpu::QuerySet,
     resolved: wgpu::Buffer,
     staging: wgpu::Buffer,
-    /// Stages of the passes recorded.
-    stages: Vec<&'static str>,
+    /// The passes recorded.
+    passes: Vec<Pass>,
     /// Nanoseconds of a tick.
     period: f64,
 }
@@ -61,7 +70,7 @@ impl Timings {
             }),
             resolved: buffer(wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC),
             staging: buffer(wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ),
-            stages: Vec::with_capacity(MAX_PASSES as usize),
+            passes: Vec::with_capacity(MAX_PASSES as usize),
             period: gpu.queue.get_timestamp_period().into(),
         })
     }
@@ -76,27 +85,22 @@ impl Timings {
             let times = bytes.chunks_exact(TIME_BYTES as usize);
             times.map(bytemuck::pod_read_unaligned::<u64>).collect::<Vec<u64>>()
         })?;
-        let mut times: Vec<StageTime> = Vec::new();
-        for (stage, pair) in self.stages.iter().zip(ticks.chunks_exact(2)) {
-            let nanoseconds = pair[1].saturating_sub(pair[0]) as f64 * self.period;
-            let time = Duration::from_nanos(nanoseconds as u64);
-            match times.iter_mut().find(|t| t.stage == *stage) {
-                Some(found) => found.time += time,
-                None => times.push(StageTime { stage, time }),
-            }
-        }
-        Ok(times)
+        Ok(stage_times(&self.passes, &ticks, self.period))
     }
 
     /// Forgets the last frame.
     pub(crate) fn begin(&mut self) {
-        self.stages.clear();
+        self.passes.clear();
     }
 
-    /// Where the next pass, which belongs to `stage`, writes its times.
-    pub(crate) fn pass(&mut self, stage: &'static str) -> Option<wgpu::ComputePassTimestampWrites<'_>> {
-        let pass = u32::try_from(self.stages.len()).ok().filter(|pass| *pass < MAX_PASSES)?;
-        self.stages.push(stage);
+    /// Where the next pass, which belongs to `stage`, writes its times. What passes before it belongs to stage `gap`.
+    pub(crate) fn pass(
+        &mut self,
+        stage: &'static str,
+        gap: &'static str,
+    ) -> Option<wgpu::ComputePassTimestampWrites<'_>> {
+        let pass = u32::try_from(self.passes.len()).ok().filter(|pass| *pass < MAX_PASSES)?;
+        self.passes.push(Pass { stage, gap });
         Some(wgpu::ComputePassTimestampWrites {
             query_set: &self.queries,
             beginning_of_pass_write_index: Some(2 * pass),
@@ -106,10 +110,64 @@ impl Timings {
 
     /// Brings the times to where they can be read.
     pub(crate) fn resolve(&self, encoder: &mut wgpu::CommandEncoder) {
-        let count = 2 * u32::try_from(self.stages.len()).unwrap_or(MAX_PASSES);
+        let count = 2 * u32::try_from(self.passes.len()).unwrap_or(MAX_PASSES);
         if count > 0 {
             encoder.resolve_query_set(&self.queries, 0..count, &self.resolved, 0);
             encoder.copy_buffer_to_buffer(&self.resolved, 0, &self.staging, 0, u64::from(count) * TIME_BYTES);
         }
+    }
+}
+
+/// What the stages of `passes` took, whose beginnings and ends are `ticks` of `period` nanoseconds, in the order in which stages
+/// began.
+fn stage_times(passes: &[Pass], ticks: &[u64], period: f64) -> Vec<StageTime> {
+    let mut sums: Vec<(&'static str, u64)> = Vec::new();
+    let mut add = |stage, ticks| match sums.iter_mut().find(|(name, _)| *name == stage) {
+        Some((_, sum)) => *sum += ticks,
+        None => sums.push((stage, ticks)),
+    };
+    let mut now = ticks.first().copied().unwrap_or(0);
+    for (pass, times) in passes.iter().zip(ticks.chunks_exact(2)) {
+        // A pass may begin before the one before has ended, and clocks may step back: no moment counts twice, none is negative.
+        let begin = times[0].max(now);
+        let end = times[1].max(begin);
+        if begin > now {
+            add(pass.gap, begin - now);
+        }
+        add(pass.stage, end - begin);
+        now = end;
+    }
+    let time = |ticks: u64| Duration::from_nanos((ticks as f64 * period) as u64);
+    sums.into_iter().map(|(stage, ticks)| StageTime { stage, time: time(ticks) }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Stages and nanoseconds, by a clock of two nanoseconds.
+    fn times(passes: &[[&'static str; 2]], ticks: &[u64]) -> Vec<(&'static str, u128)> {
+        let passes: Vec<Pass> = passes.iter().map(|[gap, stage]| Pass { stage, gap }).collect();
+        let found = stage_times(&passes, ticks, 2.0);
+        found.iter().map(|found| (found.stage, found.time.as_nanos())).collect()
+    }
+
+    #[test]
+    fn what_passes_between_kernels_is_counted_once() {
+        // `a` fills something after its kernel, `b` copies something before its second one.
+        let passes = [["a", "a"], ["a", "b"], ["b", "b"], ["a", "a"]];
+        let ticks = [100, 110, 113, 120, 170, 175, 175, 176];
+        let found = times(&passes, &ticks);
+        assert_eq!(found, [("a", 2 * (10 + 3 + 1)), ("b", 2 * (7 + 50 + 5))]);
+        assert_eq!(found.iter().map(|(_, time)| time).sum::<u128>(), 2 * (176 - 100));
+    }
+
+    #[test]
+    fn clocks_that_step_back_make_no_negative_times() {
+        let passes = [["a", "a"], ["b", "b"], ["c", "c"]];
+        // The second begins before the first ends; the third ends before it begins.
+        assert_eq!(times(&passes, &[100, 110, 105, 120, 130, 90]), [("a", 20), ("b", 20), ("c", 20)]);
+        assert_eq!(times(&passes, &[100, 110, 50, 60, 60, 115]), [("a", 20), ("b", 0), ("c", 10)]);
+        assert_eq!(times(&[], &[]), []);
     }
 }

@@ -105,7 +105,7 @@ mod tests {
     use super::*;
     use crate::gpu::{Limits, Subgroups};
     use crate::sort::SortPlan;
-    use crate::{scan, sort};
+    use crate::{ceilings, scan, sort};
 
     fn check(label: &str, sources: &[String]) {
         validate(label, &sources.iter().map(String::as_str).collect::<Vec<_>>()).unwrap();
@@ -134,9 +134,13 @@ mod tests {
             check("scan", &source);
             used += &source.concat();
         }
+        for source in ceilings::sources() {
+            validate("ceilings", &source).unwrap();
+            used += &source.concat();
+        }
         // No file is forgotten.
         let mut files = 0;
-        for folder in ["src", "src/scan", "src/sort"] {
+        for folder in ["src", "src/ceilings", "src/scan", "src/sort"] {
             for entry in std::fs::read_dir(format!("{}/{folder}", env!("CARGO_MANIFEST_DIR"))).unwrap() {
                 let path = entry.unwrap().path();
                 if path.extension().is_some_and(|e| e == "wgsl") {
@@ -146,7 +150,7 @@ mod tests {
                 }
             }
         }
-        assert_eq!(files, 9);
+        assert_eq!(files, 11);
     }
 
     #[test]

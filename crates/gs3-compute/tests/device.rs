@@ -95,6 +95,37 @@ fn what_a_frame_writes_is_there_before_its_kernels_run() {
     }
 }
 
+/// A fill between kernels counts to the stage that wanted it, not to none.
+#[test]
+fn fills_between_kernels_are_timed() {
+    for gpu in devices() {
+        let Ok(mut timings) = Timings::new(&gpu) else { continue };
+        let counts = gpu.module("double", &[DOUBLE]).unwrap().kernel(&gpu, "counts", &[]).unwrap();
+        let small = gpu.buffer("small", Use::Storage, 12).unwrap();
+        let large = gpu.buffer("large", Use::Storage, 128 << 20).unwrap();
+        let kernel = counts.bind(&gpu, &[("unused", (&small).into())]).unwrap();
+        // The least of some runs of both stages.
+        let mut least = |filled: u64| {
+            let times = (0..5).map(|_| {
+                let mut recorder = gpu.recorder(Some(&mut timings));
+                recorder.stage("first");
+                recorder.dispatch(&kernel, [1, 1, 1]);
+                recorder.clear(&large.part(0, filled));
+                recorder.stage("second");
+                recorder.dispatch(&kernel, [1, 1, 1]);
+                let submission = recorder.submit().unwrap();
+                let times = timings.read(&gpu, &submission).unwrap();
+                assert_eq!(times.iter().map(|t| t.stage).collect::<Vec<_>>(), ["first", "second"]);
+                [times[0].time, times[1].time]
+            });
+            times.reduce(|a, b| [a[0].min(b[0]), a[1].min(b[1])]).unwrap()
+        };
+        let (without, with) = (least(4), least(128 << 20));
+        assert!(with[0] > 2 * without[0], "{without:?} {with:?}");
+        assert!(with[1] < with[0], "{without:?} {with:?}");
+    }
+}
+
 #[test]
 fn mistakes_are_typed_errors() {
     for gpu in devices() {

@@ -57,6 +57,10 @@ fn bench_tells_the_stages_of_the_gpu() {
         assert!(figures[side]["most_splats"].as_u64().unwrap() > 1000);
     }
     assert!(figures["sort"]["keys_per_s"].as_f64().unwrap() > 0.0);
+    let ceilings = figures["ceilings"].as_object().unwrap();
+    assert!(["copy_gb_per_s", "f32_tflop_per_s"].iter().all(|name| ceilings[*name].as_f64().unwrap() > 0.0));
+    let half = &ceilings["f16_tflop_per_s"];
+    assert!(half.is_null() || half.as_f64().unwrap() > 0.0, "{ceilings:?}");
 }
 
 /// Wrong inputs are told before any driver wakes: there is no such adapter, and nobody asks.

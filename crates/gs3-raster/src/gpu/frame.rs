@@ -22,6 +22,10 @@ const SPLATS: u64 = std::mem::offset_of!(Counters, splats) as u64;
 const PLACES: u64 = std::mem::offset_of!(Counters, places) as u64;
 const ENTRIES: u64 = std::mem::offset_of!(Counters, entries) as u64;
 
+/// Where [`Counters`] has the most that frames needed, two counts.
+const MOST: u64 = std::mem::offset_of!(Counters, most_splats) as u64;
+const MOST_BYTES: u64 = 2 * 4;
+
 /// Buffers of fixed size.
 pub struct Fixed {
     pub view: Buffer,
@@ -246,6 +250,12 @@ impl Frame {
             self.blend.bind(gpu, &all)
         };
         self.plan.bands.iter().zip(&self.band_buffers).map(bind).collect()
+    }
+
+    /// Records that the most that frames needed is counted anew.
+    pub fn record_clearing(recorder: &mut Recorder<'_>, fixed: &Fixed) {
+        recorder.stage("project");
+        recorder.clear(&fixed.counters.part(MOST, MOST_BYTES));
     }
 
     /// Records the frame. Stages are named after the CPU's.

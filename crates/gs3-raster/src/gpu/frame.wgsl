@@ -7,9 +7,9 @@ struct Counters {
     @size(256) places: u32,
     // (tile, splat) entries of the band that there was room for.
     @size(256) entries: u32,
-    // Visible Gaussians.
-    splats_found: u32,
-    // The most entries of a band.
+    // The most visible Gaussians of a frame.
+    most_splats: u32,
+    // The most entries of a band of a frame.
     most_entries: u32,
     // Groups' sums of entries in shares of ENTRY_SHARE, rounded down.
     entry_shares: atomic<u32>,

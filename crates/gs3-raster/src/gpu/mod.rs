@@ -65,21 +65,23 @@ pub struct GpuRasterizer {
     frame: Option<Frame>,
     /// Number of `frame` among all frames of all rasterizers.
     frame_number: u64,
+    /// Whether the next frame counts anew what frames need.
+    counts_anew: bool,
     /// For [`Self::rasterize_to`].
     gbuffer: GpuGBuffer,
 }
 
-/// What a frame turned out to need.
+/// What the frames since the last answer turned out to need.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Settled {
-    /// All of it had room.
+    /// All of each had room.
     Complete {
-        /// Gaussians projected onto at least one sample.
+        /// The most Gaussians projected onto at least one sample.
         splats: u32,
-        /// Tiles that they cover in all, or in the fullest band where the picture takes several.
+        /// The most tiles that they cover in all, or in the fullest band where the picture takes several.
         entries: u32,
     },
-    /// The frame lacks splats; there is room for them now, and it is to be made again.
+    /// A frame lacks splats; there is room for them now, and it is to be made again.
     Again,
 }
 
@@ -132,6 +134,7 @@ impl GpuRasterizer {
             room: None,
             frame: None,
             frame_number: 0,
+            counts_anew: true,
             gbuffer: GpuGBuffer::default(),
         })
     }
@@ -175,6 +178,9 @@ impl GpuRasterizer {
         }
         let view = ViewUniform::new(&View::new(camera, settings), settings, out.stride());
         recorder.write(&self.fixed.view.slice(), &[view])?;
+        if std::mem::take(&mut self.counts_anew) {
+            Frame::record_clearing(recorder, &self.fixed);
+        }
         frame.record(recorder, &out.target);
         Ok(())
     }
@@ -200,8 +206,8 @@ impl GpuRasterizer {
         Ok(crop::record(&self.kernels.copy_picture, &self.gpu, recorder, around, picture)?)
     }
 
-    /// What the last submitted frame needed. It waits for the frame, so where frames follow each other it belongs after
-    /// the next one's recording, or to every few of them.
+    /// What the frames needed that were submitted since it was asked last. It waits for them, so where frames follow each other
+    /// it belongs after the next one's recording, or to every few of them.
     ///
     /// # Errors
     /// [`GpuRasterError::Gpu`] if the device cannot hold what the frame needs, or fails.
@@ -210,7 +216,7 @@ impl GpuRasterizer {
         self.settle_with(&counters)
     }
 
-    /// Where the device counts what a frame needs. Read back after a frame, they settle it.
+    /// Where the device counts what frames need. Read back after a frame, they settle it and those since they were read back last.
     #[must_use]
     pub fn counters(&self) -> Slice<'_> {
         self.fixed.counters.slice()
@@ -221,11 +227,12 @@ impl GpuRasterizer {
     /// # Errors
     /// [`GpuRasterError::Gpu`] if the device cannot hold what the frame needs.
     pub fn settle_with(&mut self, counters: &[u8]) -> Result<Settled, GpuRasterError> {
+        self.counts_anew = true;
         let (Some(frame), Some(room)) = (&self.frame, self.room) else {
             return Ok(Settled::Complete { splats: 0, entries: 0 });
         };
         let found = counters.get(..size_of::<Counters>()).map(bytemuck::pod_read_unaligned::<Counters>);
-        let (splats, entries) = found.map_or((0, 0), |c| (c.splats_found, c.most_entries));
+        let (splats, entries) = found.map_or((0, 0), |c| (c.most_splats, c.most_entries));
         let rows = frame.plan.bands.first().map_or(1, |band| band.rows);
         match room.grown(&self.limits, rows, splats, entries)? {
             None => Ok(Settled::Complete { splats, entries }),
@@ -312,6 +319,8 @@ impl GpuRasterizer {
         let Self { gpu, kernels, sorts, pages, fixed, arena, .. } = self;
         self.frame = Some(Frame::new(gpu, plan, kernels, sorts, pages, fixed, arena)?);
         self.frame_number = FRAMES.fetch_add(1, Ordering::Relaxed);
+        // What frames of another size needed says nothing of these.
+        self.counts_anew = true;
         Ok(())
     }
 }

@@ -1,5 +1,6 @@
 // Between the stages: how much there is, how much of it there is room for, and how many workgroups that takes. What there
-// was no room for shows in the counters, and the frame is made again with more.
+// was no room for shows in the counters, and the frame is made again with more. Whoever records the first frame after they were
+// read clears the most that frames needed, so that none of several frames lacks room unseen.
 
 // Both counts are of items, for kernels of workgroups of this size.
 const GROUP: u32 = 256u;
@@ -22,10 +23,9 @@ fn dispatch_over(items: u32) -> array<u32, 3> {
 @compute @workgroup_size(1)
 fn plan_splats() {
     let found = splat_total[0];
-    counters.splats_found = found;
+    counters.most_splats = max(counters.most_splats, found);
     counters.splats = min(found, arrayLength(&order));
     counters.places = counters.splats + 1u;
-    counters.most_entries = 0u;
     atomicStore(&counters.entry_shares, 0u);
     dispatches[0] = dispatch_over(counters.places);
 }

@@ -247,10 +247,10 @@ impl GpuInterpolator {
             neighbors: [neighbor(before), neighbor(after)],
         };
         recorder.write(&bound.uniform.slice(), &[uniform])?;
+        recorder.stage(bound.stages[0]);
         if let Some((_, splatted)) = self.buffers.iter().find(|(name, _)| *name == "splatted") {
             recorder.clear(&splatted.slice());
         }
-        recorder.stage(bound.stages[0]);
         recorder.dispatch(&bound.look, self.plan.over_neighbors());
         recorder.dispatch(&bound.fill, self.plan.over_samples);
         recorder.stage(bound.stages[1]);

@@ -268,13 +268,13 @@ impl GpuSuperSampler {
         recorder.dispatch(&bound.remember, self.plan.over_around);
         recorder.dispatch(&bound.predict, self.plan.over_samples);
         recorder.dispatch(&bound.find_ranges, self.plan.over_samples);
+        recorder.stage("super_sample.splat");
         for (_, buffer) in self.buffers.iter().filter(|(name, _)| ["heads", "nearest"].contains(name)) {
             recorder.clear(&buffer.slice());
         }
         if let Some(innovation) = &self.innovation {
             recorder.clear(&innovation.slice());
         }
-        recorder.stage("super_sample.splat");
         recorder.dispatch(&self.survey, self.plan.over_history(frames.div_ceil(EVERY as u32)));
         recorder.dispatch(&self.land, self.plan.over_history(frames));
         recorder.stage("super_sample.tile");

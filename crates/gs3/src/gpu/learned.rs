@@ -190,6 +190,7 @@ impl Learned {
                 recorder.dispatch(&bound.shares, over(self.size));
             }
             _ => {
+                recorder.stage("super_sample.features");
                 for name in ["share", "previous_innovation", "motion", "validity"] {
                     recorder.clear(&self.input(name)?.slice());
                 }
