@@ -195,6 +195,38 @@ fn damaged_checkpoints_are_refused() {
     run(folder.path(), &settings, 2).unwrap();
 }
 
+/// A state is saved twice at one step where a training ends, or is begun again after its end. Whatever happens then, one of
+/// the two is left.
+#[test]
+fn saving_a_step_again_never_loses_it() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::create_dir(folder.path().join("clips")).unwrap();
+    common::write_clips(&folder.path().join("clips"), NETWORK);
+    let settings = common::settings(NETWORK, 2);
+    let (state, ..) = run(folder.path(), &settings, u64::MAX).unwrap();
+    let at = |name: &str| places(folder.path()).checkpoint.join(name);
+    // What cannot be written.
+    #[cfg(unix)]
+    {
+        std::os::unix::fs::symlink("nowhere/deep", at("step-2.unfinished")).unwrap();
+        run(folder.path(), &settings, u64::MAX).unwrap_err();
+        fs::remove_file(at("step-2.unfinished")).unwrap();
+        let (again, _, events) = run(folder.path(), &settings, u64::MAX).unwrap();
+        assert!(again == state && events == ["resumed 2"], "{events:?}");
+    }
+    // What was killed between taking the old one away and putting the new one there.
+    fs::rename(at("step-2"), at("step-2.replaced")).unwrap();
+    fs::create_dir(at("step-2.unfinished")).unwrap();
+    let (again, _, events) = run(folder.path(), &settings, u64::MAX).unwrap();
+    assert!(again == state && events == ["resumed 2"], "{events:?}");
+    let left = ["step-2", "step-2.replaced", "step-2.unfinished"].map(|name| at(name).exists());
+    assert_eq!(left, [true, false, false]);
+    // What was killed before it took the old one away: the new one counts.
+    fs::create_dir(at("step-2.replaced")).unwrap();
+    let (again, ..) = run(folder.path(), &settings, u64::MAX).unwrap();
+    assert!(again == state && !at("step-2.replaced").exists());
+}
+
 /// Gains are of the clips they were measured on. On others the old record would stand for ever, or fall to anything.
 #[test]
 fn a_record_of_other_clips_is_measured_again() {
