@@ -11,8 +11,8 @@ use std::path::Path;
 use gs3_neural::Weights;
 use gs3_neural::model::Tier;
 use gs3_train::{
-    ClipFolder, Ending, Event, Network, Places, Settings, State, Subject, TrainError, Trainer, train,
-    validate,
+    ClipFolder, Ending, Event, Log, Network, Places, Row, Settings, State, Subject, TrainError, Trainer,
+    draw_log, train, validate,
 };
 
 const NETWORK: Network = Network::SuperSample;
@@ -103,6 +103,33 @@ fn the_log_holds_every_step_once_and_the_best_weights_are_written() {
     let checkpoints: Vec<_> =
         fs::read_dir(&places.checkpoint).unwrap().map(|e| e.unwrap().file_name()).collect();
     assert!(checkpoints.iter().any(|name| name == "step-12") && checkpoints.len() <= 3, "{checkpoints:?}");
+}
+
+/// A log that is taken up again is replaced, not written over: whoever is killed while it is written leaves the old one.
+#[test]
+fn logs_and_their_plots_are_whole_or_as_they_were() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let row = |step| Row {
+        step,
+        seconds: 1.0,
+        rate: 1e-3,
+        loss: 0.5,
+        terms: Default::default(),
+        gradient: 1.0,
+        gains: None,
+    };
+    let mut log = Log::open(&at("log.csv"), 0).unwrap();
+    (1..=3).for_each(|step| log.add(row(step)).unwrap());
+    // Another name of the same file.
+    fs::hard_link(at("log.csv"), at("old.csv")).unwrap();
+    let log = Log::open(&at("log.csv"), 2).unwrap();
+    let lines = |name: &str| fs::read_to_string(at(name)).unwrap().lines().count();
+    assert_eq!((log.rows().len(), lines("log.csv"), lines("old.csv")), (2, 3, 4));
+    // What cannot be written leaves nothing behind.
+    fs::create_dir(at("log.png")).unwrap();
+    draw_log(&at("log.png"), log.rows()).unwrap_err();
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
 }
 
 #[test]
