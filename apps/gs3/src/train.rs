@@ -199,6 +199,7 @@ fn train_subject(subject: Subject, args: &SessionArgs) -> Result<Outcome, CliErr
     interrupt::watch()?;
     let settings = settings(subject, args);
     settings.check()?;
+    check_perceptual(&settings)?;
     destination::check(
         &[
             Destination::folder("--checkpoint", &args.checkpoint),
@@ -267,6 +268,18 @@ fn settings(subject: Subject, args: &SessionArgs) -> Settings {
         settings.loss.weights.set(*term, *weight);
     }
     settings
+}
+
+/// Refuses the weights of a term that does not count.
+fn check_perceptual(settings: &Settings) -> Result<(), CliError> {
+    if settings.perceptual.is_none() || settings.loss.weights.get(Term::Perceptual) > 0.0 {
+        return Ok(());
+    }
+    Err(CliError::Option {
+        option: "--perceptual",
+        expected: "--loss perceptual=WEIGHT above 0 with it".to_owned(),
+        actual: "perceptual=0".to_owned(),
+    })
 }
 
 /// The scenes that are trained on.
