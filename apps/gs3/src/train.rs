@@ -198,15 +198,6 @@ fn train_subject(subject: Subject, args: &SessionArgs) -> Result<Outcome, CliErr
     start_threads(args.threads)?;
     interrupt::watch()?;
     let settings = settings(subject, args);
-    settings.check()?;
-    check_perceptual(&settings)?;
-    destination::check(
-        &[
-            Destination::folder("--checkpoint", &args.checkpoint),
-            Destination::file("--out", &args.out, "safetensors"),
-        ],
-        args.init.as_deref().into_iter().chain(args.perceptual.as_deref()),
-    )?;
     let places = Places {
         clips: args.clips.clone(),
         checkpoint: args.checkpoint.clone(),
@@ -215,6 +206,16 @@ fn train_subject(subject: Subject, args: &SessionArgs) -> Result<Outcome, CliErr
         validate_every: args.validate_every,
         save_every: 60.0 * args.save_every,
     };
+    settings.check()?;
+    places.check()?;
+    check_perceptual(&settings)?;
+    destination::check(
+        &[
+            Destination::folder("--checkpoint", &args.checkpoint),
+            Destination::file("--out", &args.out, "safetensors"),
+        ],
+        args.init.as_deref().into_iter().chain(args.perceptual.as_deref()),
+    )?;
     let training_data = match &args.training_data {
         Some(text) => text.clone(),
         None => scenes(&ClipFolder::open(&args.clips, &settings)?),
@@ -288,6 +289,11 @@ fn scenes(clips: &ClipFolder) -> String {
     names.into_iter().collect::<Vec<_>>().join(", ")
 }
 
+/// Seconds in words; `?` for those that are no time, such as what is left while the speed is not known.
+fn duration(seconds: f64) -> String {
+    Duration::try_from_secs_f64(seconds).map_or("?".to_owned(), |time| HumanDuration(time).to_string())
+}
+
 /// Shows what happens on the terminal.
 struct Show {
     bar: ProgressBar,
@@ -307,8 +313,7 @@ impl Show {
     fn event(&mut self, event: Event<'_>) {
         match event {
             Event::Resumed { step, seconds } => {
-                let time = HumanDuration(Duration::from_secs_f64(seconds));
-                self.line(&format!("going on from step {step}, after {time} of training"));
+                self.line(&format!("going on from step {step}, after {} of training", duration(seconds)));
             }
             Event::Remeasured { step, before, gain } => self.line(&match gain {
                 Some(gain) => {
@@ -332,10 +337,7 @@ impl Show {
                     Length::Steps(steps) => (steps.saturating_sub(step.step)) as f64 / speed,
                     Length::Seconds(length) => length - seconds,
                 };
-                let left = match left.is_finite() {
-                    true => HumanDuration(Duration::from_secs_f64(left.max(0.0))).to_string(),
-                    false => "?".to_owned(),
-                };
+                let left = duration(left.max(0.0));
                 self.bar.set_position((progress * 1000.0) as u64);
                 self.bar.set_message(format!(
                     "step {} loss {:.5} {speed:.2} steps/s {:.0} GFLOP/s {left} left",

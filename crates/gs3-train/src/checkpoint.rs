@@ -13,6 +13,7 @@ use gs3_neural::{Adam, WeightError, Weights};
 use serde::{Deserialize, Serialize};
 
 use crate::error::TrainError;
+use crate::settings::MAX_SECONDS;
 use crate::trainer::{Best, State};
 
 /// What folders of checkpoints are called, before their step.
@@ -108,8 +109,8 @@ pub fn load(folder: &Path) -> Result<Option<State>, TrainError> {
             actual,
         });
     }
-    if !(rest.seconds.is_finite() && rest.seconds >= 0.0) {
-        let (expected, actual) = ("at least 0".to_owned(), rest.seconds.to_string());
+    if !(0.0..=MAX_SECONDS).contains(&rest.seconds) {
+        let (expected, actual) = (format!("0 to {MAX_SECONDS}"), rest.seconds.to_string());
         return Err(TrainError::Checkpoint { path, field: "seconds", expected, actual });
     }
     let best = match rest.best {

@@ -11,7 +11,7 @@ use crate::error::TrainError;
 use crate::log::{Log, Row};
 use crate::losses::Terms;
 use crate::plot;
-use crate::settings::Settings;
+use crate::settings::{MAX_SECONDS, Settings};
 use crate::trainer::{Best, State, Step, Trainer};
 use crate::validate::{Validation, validate};
 
@@ -30,6 +30,20 @@ pub struct Places {
     pub validate_every: u64,
     /// Seconds between two checkpoints.
     pub save_every: f64,
+}
+
+impl Places {
+    /// Whether all numbers are in range.
+    ///
+    /// # Errors
+    /// [`TrainError::Setting`] naming the first that is not.
+    pub fn check(&self) -> Result<(), TrainError> {
+        if (0.0..=MAX_SECONDS).contains(&self.save_every) {
+            return Ok(());
+        }
+        let (expected, actual) = (format!("0 to {MAX_SECONDS} seconds"), self.save_every.to_string());
+        Err(TrainError::Setting { name: "time between checkpoints", expected, actual })
+    }
 }
 
 /// What happens during a training.
@@ -96,6 +110,7 @@ pub fn train(
     go_on: &dyn Fn() -> bool,
 ) -> Result<(State, Ending), TrainError> {
     settings.check()?;
+    places.check()?;
     let clips = ClipFolder::open(&places.clips, &settings)?;
     let file = |source| TrainError::File { path: places.checkpoint.clone(), source };
     std::fs::create_dir_all(&places.checkpoint).map_err(file)?;

@@ -10,9 +10,10 @@ use std::path::Path;
 
 use gs3_neural::Weights;
 use gs3_neural::model::Tier;
+use gs3_train::losses::Loss;
 use gs3_train::{
-    ClipFolder, Ending, Event, Log, Network, Places, Row, Settings, State, Subject, TrainError, Trainer,
-    draw_log, train, validate,
+    ClipFolder, Ending, Event, Length, Log, Network, Places, Row, Settings, State, Subject, TrainError,
+    Trainer, draw_log, train, validate,
 };
 
 const NETWORK: Network = Network::SuperSample;
@@ -191,6 +192,28 @@ fn what_does_not_fit_is_refused_before_anything_is_written() {
         "kept: expected 0 to less than 1, found 1",
     );
     contains(refused(&Settings { batch: 0, ..settings.clone() }), "batch: expected 1 to 4096, found 0");
+    for (length, part) in [
+        (Length::Seconds(1e18), "length: expected at most 1000000000 seconds, found 1000000000000000000"),
+        (Length::Seconds(f64::INFINITY), "length: expected more than 0, found inf"),
+        (Length::Steps(0), "length: expected more than 0, found 0"),
+    ] {
+        contains(refused(&Settings { length, ..settings.clone() }), part);
+    }
+    contains(
+        refused(&Settings { warm_up: u64::MAX, ..settings.clone() }),
+        "warm-up: expected at most 1000000000 steps, found 18446744073709551615",
+    );
+    for (epsilon, actual) in [(1e-30, "1e-30"), (0.0, "0e0"), (11.0, "1.1e1"), (f32::NAN, "NaN")] {
+        let loss = Loss { epsilon, ..settings.loss };
+        let expected = format!("epsilon: expected 1e-18 to 10, found {actual}");
+        contains(refused(&Settings { loss, ..settings.clone() }), &expected);
+    }
+    for save_every in [f64::NAN, f64::INFINITY, -1.0] {
+        let places = Places { save_every, ..places(at) };
+        let refused = train(settings.clone(), &places, start(&settings), &mut |_| {}, &|| true).unwrap_err();
+        let expected = "time between checkpoints: expected 0 to 1000000000 seconds, found";
+        contains(refused.to_string(), &format!("{expected} {save_every}"));
+    }
     fs::write(at.join("clips/damaged.clip"), [7; 40]).unwrap();
     contains(refused(&settings), "damaged.clip: expected a clip in safetensors");
     assert!(!places(at).checkpoint.exists() && !places(at).out.exists());
@@ -215,6 +238,14 @@ fn damaged_checkpoints_are_refused() {
         assert!(refused.contains(part), "{refused}");
         fs::write(checkpoint.join(file), whole).unwrap();
     }
+    // Of a time that no clock counts to.
+    let whole = fs::read_to_string(checkpoint.join("state.json")).unwrap();
+    let (before, after) = whole.split_once("\"seconds\": ").unwrap();
+    let rest = &after[after.find(',').unwrap()..];
+    fs::write(checkpoint.join("state.json"), format!("{before}\"seconds\": 1e300{rest}")).unwrap();
+    let refused = run(folder.path(), &settings, 2).unwrap_err().to_string();
+    assert!(refused.contains("state.json, seconds: expected 0 to 1000000000, found 1"), "{refused}");
+    fs::write(checkpoint.join("state.json"), whole).unwrap();
     // A checkpoint of another size of the network.
     let other = Settings { subject: own(NETWORK, Tier::Balanced), ..settings.clone() };
     let refused = run(folder.path(), &other, 2).unwrap_err().to_string();

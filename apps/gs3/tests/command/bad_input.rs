@@ -147,6 +147,16 @@ fn one_line_that_names_field_expected_and_actual() {
             &["--perceptual: expected --loss perceptual=WEIGHT above 0 with it, found perceptual=0"],
         ),
         ("interpolate --steps 1 --perceptual p --loss perceptual=0", &["--perceptual: expected --loss"]),
+        ("super-sample --minutes 1e18", &["length: expected at most 1000000000 seconds, found 6"]),
+        ("super-sample --steps 1 --epsilon 1e-30", &["epsilon: expected 1e-18 to 10, found 1e-30"]),
+        (
+            "super-sample --steps 1 --warm-up 18446744073709551615",
+            &["warm-up: expected at most 1000000000 steps, found 18446744073709551615"],
+        ),
+        (
+            "super-sample --steps 1 --save-every nan",
+            &["time between checkpoints: expected 0 to 1000000000 seconds, found NaN"],
+        ),
     ];
     let trainings = trainings.iter().map(|(arguments, expected)| {
         let (network, rest) = arguments.split_once(' ').unwrap();
