@@ -5,6 +5,7 @@
 //! [`photos`] compares renders with the photos of a capture, [`report`] shows the results. [`simplify`] makes the smaller
 //! scenes of its acceleration columns.
 
+mod digest;
 pub mod methods;
 pub mod metrics;
 pub mod network;

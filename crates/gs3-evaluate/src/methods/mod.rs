@@ -24,7 +24,7 @@ use gs3_scene::{Camera, Image, Scene};
 use crate::network::WeightError;
 use crate::upscale::{RidgeError, UpscaleError};
 use baseline::Baseline;
-pub(crate) use learned::check_weights;
+pub(crate) use learned::{check_weights, weights_digest};
 pub use spec::{DEFAULT_METHODS, Formation, Interpolation, MethodSpec, Spatial, SpecError};
 
 /// Durations of the stages of a rendered frame, in the order of [`Stage::ALL`]; none for stages that did not run or whose

@@ -18,10 +18,11 @@ use gs3_scene::{Camera, CameraError, CameraPath, Image, Intrinsics, Scene};
 pub use error::PhotoError;
 pub use results::{PhotoFacts, PhotoImage, PhotoMethodScore, PhotoResults, PhotoRow, PhotoScore};
 
+use crate::digest;
 use crate::methods::{Interpolation, Method, MethodSettings, MethodSpec, build, check_weights};
 use crate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
 use crate::metrics::{Border, Quantisation, flip, psnr, ssim};
-use crate::protocol::{Cache, Crop, EvaluateError, Event, Failure, PSNR_CAP, crop};
+use crate::protocol::{Cache, Crop, EvaluateError, Event, Failure, PSNR_CAP, crop, part_of};
 
 /// The methods compared with photos where none are named.
 pub const DEFAULT_PHOTO_METHODS: &str = "native,bicubic,hermite,spline,bicubic@stock";
@@ -103,8 +104,8 @@ impl PhotoProtocol {
         };
         let (mut scores, mut failures) = (Vec::new(), Vec::new());
         for spec in methods {
-            let name = spec.to_string();
-            if let Some(score) = cache.load(&name)? {
+            let part = part_of(spec, self.scale, self.weights.as_deref())?;
+            if let Some(score) = cache.load(&part)? {
                 watch(Event::Resumed { method: spec });
                 scores.push((spec, score));
                 continue;
@@ -114,7 +115,7 @@ impl PhotoProtocol {
                 .map_err(|e| EvaluateError::from(e).into())
                 .and_then(|mut method| self.judge(method.as_mut(), &photos, &mut progress));
             match judged {
-                Ok(score) => scores.push((spec, cache.store(&name, score)?)),
+                Ok(score) => scores.push((spec, cache.store(&part, score)?)),
                 Err(PhotoError::Evaluate(error)) => {
                     let failure = Failure::of(spec, &error);
                     watch(Event::Failed { failure: &failure });
@@ -210,16 +211,18 @@ impl PhotoProtocol {
         Ok(score)
     }
 
-    /// Everything that results depend on but the methods.
+    /// Everything that results depend on but the methods and what they read, which [`part_of`] tells apart.
     fn key(&self, photos: &[Photo]) -> String {
         let Self { scene_name, scale, culling, background, .. } = self;
         // Another photo under the same name is told by its length and time.
         let state = |p: &Photo| std::fs::metadata(&p.file).map(|m| (m.len(), m.modified().ok())).ok();
         let cameras: Vec<_> = photos.iter().map(|p| (&p.file, state(p), p.camera)).collect();
+        let scene = digest::of_scene(&self.scene);
+        // Those that are not judged are what methods fit to.
+        let capture = digest::of(&format!("{:?}", self.capture));
         format!(
-            "gs3-evaluate photos {} {scene_name} {} x{scale} {culling:?} {background:?} {cameras:?}",
+            "gs3-evaluate photos {} {scene_name} {scene:016x} {capture:016x} x{scale} {culling:?} {background:?} {cameras:?}",
             env!("CARGO_PKG_VERSION"),
-            self.scene.gaussians().len()
         )
     }
 }
