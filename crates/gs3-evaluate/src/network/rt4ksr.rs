@@ -61,10 +61,6 @@ impl Rt4ksr {
 }
 
 impl Upscaler for Rt4ksr {
-    fn honours_jitter(&self) -> bool {
-        false
-    }
-
     fn upscale(&mut self, lr: &GBuffer, scale: u32, out: &mut Image) -> Result<(), UpscaleError> {
         if !(scale == 2 || scale == 4) {
             return Err(UpscaleError::Scale { method: NAME, expected: 4, actual: scale });

@@ -55,10 +55,6 @@ const SHIPPED: &[(Peer, u32, &[u8])] = &[
 ];
 
 impl Upscaler for Trained {
-    fn honours_jitter(&self) -> bool {
-        false
-    }
-
     fn jitter(&self) -> [f32; 2] {
         self.peer.jitter(self.scale as usize)
     }

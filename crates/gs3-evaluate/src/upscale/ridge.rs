@@ -85,10 +85,6 @@ impl Upscaler for RidgeMap {
         Outputs::GBuffer
     }
 
-    fn honours_jitter(&self) -> bool {
-        false
-    }
-
     fn upscale(&mut self, lr: &GBuffer, scale: u32, out: &mut Image) -> Result<(), UpscaleError> {
         if scale != self.scale {
             return Err(UpscaleError::Scale { method: NAME, expected: self.scale, actual: scale });

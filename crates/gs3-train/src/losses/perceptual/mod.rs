@@ -11,7 +11,7 @@ use gs3_neural::{Differentiator, Packed, RunError, Scratch, Shape, Tape};
 use super::{CHANNELS, Interior};
 use crate::error::TrainError;
 use pool::Pool;
-use squeezenet::{AFTER_CONV1, CONV1_BEFORE, CONV1_MORE, FEATURES, INPUT, PartError, parts};
+use squeezenet::{AFTER_CONV1, CONV1_BEFORE, CONV1_MORE, FEATURES, INPUT, parts};
 
 /// Mean and standard deviation of RGB in the images that the network has learned from (ImageNet).
 const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
@@ -83,7 +83,7 @@ impl Perceptual {
         // Windows of 2×2 pixels are not cut.
         let size = [interior.rows().len(), interior.columns().len()].map(|side| side & !1);
         let mut made: Vec<Part> = Vec::new();
-        for (k, (graph, weights)) in parts(arrays).map_err(part_error)?.into_iter().enumerate() {
+        for (k, (graph, weights)) in parts(arrays)?.into_iter().enumerate() {
             let (pool, lr) = match made.last() {
                 None => (None, size.map(|side| side / 2)),
                 Some(before) => {
@@ -223,12 +223,5 @@ impl Perceptual {
         let (stride, [height, width]) = (self.interior.stride(), self.size);
         let (top, left) = (self.interior.rows().start, self.interior.columns().start);
         (0..height).flat_map(move |y| (0..width).map(move |x| (top + y) * stride + (left + x) * CHANNELS))
-    }
-}
-
-fn part_error(error: PartError) -> TrainError {
-    match error {
-        PartError::Weights(source) => source.into(),
-        PartError::Graph(source) => source.into(),
     }
 }
