@@ -84,7 +84,8 @@ pub struct SessionArgs {
     /// Decides the weights at the beginning and what every step is trained on
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub seed: u64,
-    /// Weights to begin with, of this tier or a smaller one, which is grown [default: random features that change nothing yet]
+    /// Weights to begin with, of this tier or a smaller one, which is grown [default: random features that change
+    /// nothing yet]
     #[arg(long, value_name = "FILE.safetensors")]
     pub init: Option<PathBuf>,
     /// Errors far below this count by their squares, those far above by their size
@@ -100,8 +101,8 @@ pub struct SessionArgs {
     /// Longest derivative by all weights; longer ones are shortened to it
     #[arg(long, default_value_t = 1.0, value_name = "LENGTH")]
     pub longest_gradient: f64,
-    /// Share of the weights to begin with in those that are validated and written, 0 to less than 1: trained on few scenes,
-    /// they err less on others
+    /// Share of the weights to begin with in those that are validated and written, 0 to less than 1: trained on few
+    /// scenes, they err less on others
     #[arg(long, default_value_t = 0.0, value_name = "SHARE")]
     pub keep: f64,
     /// Steps between two looks at held-out clips

@@ -66,8 +66,8 @@ pub enum SimplifyError {
     Scene(#[from] SceneError),
 }
 
-/// Keeps the fraction `keep` of the Gaussians of `scene`, chosen by `criterion` on what `cameras` see with `settings`, in
-/// their order. By [`Criterion::MiniSplatting`] it can be fewer: what is never dominant in a pixel is never kept.
+/// Keeps the fraction `keep` of the Gaussians of `scene`, chosen by `criterion` on what `cameras` see with `settings`,
+/// in their order. By [`Criterion::MiniSplatting`] it can be fewer: what is never dominant in a pixel is never kept.
 ///
 /// `on_view` is called with the number of views done.
 ///

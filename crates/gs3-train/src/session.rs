@@ -56,8 +56,8 @@ pub enum Event<'a> {
         /// Seconds of training until then.
         seconds: f64,
     },
-    /// The record of the best average was of other held-out clips, and was measured again on these; without held-out clips
-    /// there is no record any more.
+    /// The record of the best average was of other held-out clips, and was measured again on these; without held-out
+    /// clips there is no record any more.
     Remeasured {
         /// The record's step.
         step: u64,
@@ -97,8 +97,8 @@ pub enum Ending {
     Interrupted,
 }
 
-/// Trains from the last checkpoint, or from `start` where there is none, until the end or until `go_on` says no; a step is
-/// always finished, and all is saved then.
+/// Trains from the last checkpoint, or from `start` where there is none, until the end or until `go_on` says no; a step
+/// is always finished, and all is saved then.
 ///
 /// # Errors
 /// [`TrainError`] if settings, clips or weights do not fit, a file cannot be read or written, or the loss diverges.

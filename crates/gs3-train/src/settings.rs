@@ -19,8 +19,8 @@ pub(crate) const MAX_SECONDS: f64 = 1e9;
 /// The most steps of a warm-up, thirty years of one a second.
 const MAX_WARM_UP: u64 = 1_000_000_000;
 
-/// ε of Charbonnier's loss. Below, ε² is no normal f32, and a derivative without error becomes 0 / 0. Above, the loss of an
-/// error of 1 / 255, e² / 2ε, is less than ε · 2⁻²⁴, and so lost in √(e² + ε²) − ε.
+/// ε of Charbonnier's loss. Below, ε² is no normal f32, and a derivative without error becomes 0 / 0. Above, the loss
+/// of an error of 1 / 255, e² / 2ε, is less than ε · 2⁻²⁴, and so lost in √(e² + ε²) − ε.
 const EPSILONS: std::ops::RangeInclusive<f32> = 1e-18..=10.0;
 
 /// What is trained, on what, and how fast.
@@ -50,8 +50,8 @@ pub struct Settings {
     pub warm_up: u64,
     /// Longest derivative by all weights; longer ones are shortened to it.
     pub longest_gradient: f64,
-    /// Share of the weights that training began with in those that are validated and written, `[0, 1)`: what was trained on few
-    /// scenes then errs less on others (Wortsman et al. 2022, "Robust fine-tuning of zero-shot models").
+    /// Share of the weights that training began with in those that are validated and written, `[0, 1)`: what was
+    /// trained on few scenes then errs less on others (Wortsman et al. 2022, "Robust fine-tuning of zero-shot models").
     pub kept: f64,
     /// How long the training is.
     pub length: Length,
@@ -101,8 +101,8 @@ impl Settings {
             Subject::Own { network: Network::Interpolate, .. } => {
                 weights.set(Term::Perceptual, 0.2);
                 weights.set(Term::Warp, 0.05);
-                // The paper's 0.2 is of another norm. Of the mean square a departure of 0.1 would cost 2e-3, more than a
-                // third of all the loss that warped frames begin with, and networks learned nothing.
+                // The paper's 0.2 is of another norm. Of the mean square a departure of 0.1 would cost 2e-3, more than
+                // a third of all the loss that warped frames begin with, and networks learned nothing.
                 weights.set(Term::Alpha, 0.001);
             }
             // As they were published: the error's size alone.

@@ -1,5 +1,5 @@
-//! What a network gains over reconstruction without learning, on clips it was not trained on; a single-image network over
-//! bicubic interpolation.
+//! What a network gains over reconstruction without learning, on clips it was not trained on; a single-image network
+//! over bicubic interpolation.
 
 use gs3::reconstruct::{Kernel, resample};
 use gs3::scene::{GBuffer, Image, Planes};
@@ -38,8 +38,8 @@ pub struct Gain {
     pub analytic: f64,
 }
 
-/// Runs `graph`, that of `subject`, with `weights` through all of `clips`. Work is spread over the current rayon thread pool; results do not
-/// depend on its size.
+/// Runs `graph`, that of `subject`, with `weights` through all of `clips`. Work is spread over the current rayon thread
+/// pool; results do not depend on its size.
 ///
 /// # Errors
 /// [`TrainError`] if a clip cannot be read or does not fit the network.
@@ -145,8 +145,8 @@ fn bicubic(frame: &Frame, inputs: &[Vec<f32>], file: &ClipFile) -> Result<Vec<[f
     Ok(image.pixels().to_vec())
 }
 
-/// Errors of an image, `[height, width, channels]` of which the first are RGB, shown in `[0, 1]`, against a target: RGB, at
-/// least `margin` pixels from the border.
+/// Errors of an image, `[height, width, channels]` of which the first are RGB, shown in `[0, 1]`, against a target:
+/// RGB, at least `margin` pixels from the border.
 pub(crate) fn subtract(
     image: &[f32],
     [width, channels, margin]: [usize; 3],

@@ -106,7 +106,8 @@ fn the_log_holds_every_step_once_and_the_best_weights_are_written() {
     assert!(checkpoints.iter().any(|name| name == "step-12") && checkpoints.len() <= 3, "{checkpoints:?}");
 }
 
-/// A log that is taken up again is replaced, not written over: whoever is killed while it is written leaves the old one.
+/// A log that is taken up again is replaced, not written over: whoever is killed while it is written leaves the old
+/// one.
 #[test]
 fn logs_and_their_plots_are_whole_or_as_they_were() {
     let folder = tempfile::tempdir().unwrap();
@@ -253,8 +254,8 @@ fn damaged_checkpoints_are_refused() {
     run(folder.path(), &settings, 2).unwrap();
 }
 
-/// A state is saved twice at one step where a training ends, or is begun again after its end. Whatever happens then, one of
-/// the two is left.
+/// A state is saved twice at one step where a training ends, or is begun again after its end. Whatever happens then,
+/// one of the two is left.
 #[test]
 fn saving_a_step_again_never_loses_it() {
     let folder = tempfile::tempdir().unwrap();

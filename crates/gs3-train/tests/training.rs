@@ -98,8 +98,8 @@ fn peer_settings(peer: Peer, steps: u64) -> Settings {
     Settings { batch: 8, crop: 12, warm_up: 5, ..Settings::new(subject, common.scale, common.length) }
 }
 
-/// Frames are sampled elsewhere in each block of pixels; what a network gives is brought to the native image by whole pixels.
-/// A network that is a pixel off could not gain anything over interpolation that honours the jitter.
+/// Frames are sampled elsewhere in each block of pixels; what a network gives is brought to the native image by whole
+/// pixels. A network that is a pixel off could not gain anything over interpolation that honours the jitter.
 #[test]
 fn single_image_networks_learn_from_jittered_frames() {
     // Found are 15.7, -3.4 and 3.5 dB after so few steps, and -4.3, -7.6 and -5.5 dB where images stay where they are.

@@ -16,8 +16,8 @@ use crate::network::Trained;
 const SUPER_SAMPLE: &str = "super_sample";
 const INTERPOLATE: &str = "interpolate";
 
-/// Checks that `folder` is one and the weights of all `methods` are there, in it or with gs3. Whether they can be used shows when the
-/// method is built.
+/// Checks that `folder` is one and the weights of all `methods` are there, in it or with gs3. Whether they can be used
+/// shows when the method is built.
 ///
 /// # Errors
 /// [`MethodError`] of the folder, or of the first method that lacks some.

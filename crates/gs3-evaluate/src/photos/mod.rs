@@ -1,9 +1,9 @@
 //! Renders against captured images of a scene that was trained on them.
 //!
-//! Every camera of the capture names its photo. Renders and photos are compared at 8 bits, as files of them would be, each
-//! photo on its own: nothing is carried from one to the next, so methods with history run without it. Only undistorted pinhole
-//! images make sense here, and the readers of captures refuse others; a photo whose file is an enlarged or reduced version of
-//! its camera's image is compared at its own size, the camera following.
+//! Every camera of the capture names its photo. Renders and photos are compared at 8 bits, as files of them would be,
+//! each photo on its own: nothing is carried from one to the next, so methods with history run without it. Only
+//! undistorted pinhole images make sense here, and the readers of captures refuse others; a photo whose file is an
+//! enlarged or reduced version of its camera's image is compared at its own size, the camera following.
 
 mod error;
 mod file;
@@ -49,8 +49,8 @@ pub struct PhotoProtocol {
     pub capture_path: PathBuf,
     /// Where the photos are; none: where captures keep them, in the folder of the capture or in `images` beside it.
     pub images: Option<PathBuf>,
-    /// Every how manieth photo is judged, from the first on in the order of the capture: 1 for all, 8 for the photos that are
-    /// left out of training by common convention.
+    /// Every how manieth photo is judged, from the first on in the order of the capture: 1 for all, 8 for the photos
+    /// that are left out of training by common convention.
     pub every: usize,
     /// HR over LR size.
     pub scale: u32,
@@ -77,8 +77,8 @@ impl PhotoProtocol {
     /// Runs the comparison; `folder` keeps what is finished.
     ///
     /// # Errors
-    /// [`PhotoError`] if a photo is missing, cannot be read or does not fit its camera, if the methods or the scale make no
-    /// sense, or if a file cannot be written. A method that fails is listed in the results.
+    /// [`PhotoError`] if a photo is missing, cannot be read or does not fit its camera, if the methods or the scale
+    /// make no sense, or if a file cannot be written. A method that fails is listed in the results.
     pub fn run(&self, folder: &Path, watch: &mut dyn FnMut(Event<'_>)) -> Result<PhotoResults, PhotoError> {
         let methods = MethodSpec::with_native(&self.methods);
         if let Some(method) = methods.iter().find(|m| m.interpolation != Interpolation::None) {
@@ -157,7 +157,8 @@ impl PhotoProtocol {
         Err(PhotoError::Missing { name: name.into(), folders })
     }
 
-    /// Folders that may hold the photos. COLMAP keeps `images` beside `sparse/0`, others name files from their own folder.
+    /// Folders that may hold the photos. COLMAP keeps `images` beside `sparse/0`, others name files from their own
+    /// folder.
     fn folders(&self) -> Vec<PathBuf> {
         if let Some(images) = &self.images {
             return vec![images.clone()];
@@ -228,7 +229,8 @@ impl PhotoProtocol {
 }
 
 /// `camera` with the image size `(width, height)`, if that is its image's at another scale: each side may be off by the
-/// rounding of a reduction to whole pixels, up or down. Both axes keep their field of view, as in training on reduced images.
+/// rounding of a reduction to whole pixels, up or down. Both axes keep their field of view, as in training on reduced
+/// images.
 fn following(camera: &Camera, (width, height): (u32, u32)) -> Option<Result<Camera, CameraError>> {
     let old = camera.intrinsics();
     let (sx, sy) = (f64::from(width) / f64::from(old.width), f64::from(height) / f64::from(old.height));

@@ -59,8 +59,8 @@ impl Cache {
     }
 }
 
-/// The name of the part of `method`. Of one that reads weights it tells them: with others it is another part, so that their
-/// scores are not taken for those of these.
+/// The name of the part of `method`. Of one that reads weights it tells them: with others it is another part, so that
+/// their scores are not taken for those of these.
 pub(crate) fn part_of(
     method: MethodSpec,
     scale: u32,

@@ -1,9 +1,9 @@
 //! The protocol: which frames are judged, against what, how they are timed.
 //!
-//! Ground truth is the scene rasterized at full size by the same rasterizer with exact tile culling, at the poses of rendered frames and of the frames
-//! between. Every method runs over the same cameras, after warming up; scores are taken outside the timed stages. Native
-//! rendering runs beside it, frame by frame, so that speed-ups compare what was measured at the same time.
-//! Finished methods are kept in the output folder, so a run that was interrupted resumes.
+//! Ground truth is the scene rasterized at full size by the same rasterizer with exact tile culling, at the poses of
+//! rendered frames and of the frames between. Every method runs over the same cameras, after warming up; scores are
+//! taken outside the timed stages. Native rendering runs beside it, frame by frame, so that speed-ups compare what was
+//! measured at the same time. Finished methods are kept in the output folder, so a run that was interrupted resumes.
 
 mod cache;
 mod ground_truth;
@@ -158,8 +158,8 @@ impl Protocol {
     /// Runs the evaluation; `folder` keeps what is finished.
     ///
     /// # Errors
-    /// [`EvaluateError`] if the protocol makes no sense, weights are missing, the ground truth cannot be made, or a file
-    /// cannot be written. A method that fails is listed in the results.
+    /// [`EvaluateError`] if the protocol makes no sense, weights are missing, the ground truth cannot be made, or a
+    /// file cannot be written. A method that fails is listed in the results.
     pub fn run(&self, folder: &Path, watch: &mut dyn FnMut(Event<'_>)) -> Result<Results, EvaluateError> {
         self.check()?;
         let timeline = Timeline::new(&self.path, self.frames.clone(), self.case, self.size)?;

@@ -1,7 +1,7 @@
 //! Clips as files: safetensors with a header, of which parts can be read.
 //!
-//! Header texts: `clip` (version of this format), `network`, `scene`, `scale`. Arrays: `inputs/NAME`, f16, and `target`,
-//! u16; both `[frames, height, width, channels]`.
+//! Header texts: `clip` (version of this format), `network`, `scene`, `scale`. Arrays: `inputs/NAME`, f16, and
+//! `target`, u16; both `[frames, height, width, channels]`.
 
 use std::collections::HashMap;
 use std::fs::File;

@@ -21,8 +21,8 @@ const DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];
 const LEAST_SQUARE: f64 = 1e-6;
 
 /// Differences of features of SqueezeNet v1.0 (Iandola et al. 2016) after conv1, fire4 and fire5: the mean squared
-/// difference relative to the mean square of the truth's features (Johnson et al. 2016, made free of the features' size),
-/// and the mean of the three.
+/// difference relative to the mean square of the truth's features (Johnson et al. 2016, made free of the features'
+/// size), and the mean of the three.
 #[derive(Clone, Debug)]
 pub struct Perceptual {
     interior: Interior,
@@ -126,8 +126,8 @@ impl Perceptual {
         PerceptualMemory { parts: self.parts.iter().map(part).collect() }
     }
 
-    /// The loss of `color`, an HR image `[height, width, 4]`, whose errors are `error`. Adds `factor` times its derivative
-    /// to `v`.
+    /// The loss of `color`, an HR image `[height, width, 4]`, whose errors are `error`. Adds `factor` times its
+    /// derivative to `v`.
     ///
     /// # Errors
     /// [`RunError`] if `memory` is another's.

@@ -11,8 +11,8 @@ use crate::error::TrainError;
 pub const INPUT: &str = "input";
 pub const FEATURES: &str = "features";
 
-/// Pixels of conv1's result, on the grid of half the image's size, that its graph gives before those that the network has:
-/// the window of 7×7 lies between −4 and 2 instead of 0 and 6.
+/// Pixels of conv1's result, on the grid of half the image's size, that its graph gives before those that the network
+/// has: the window of 7×7 lies between −4 and 2 instead of 0 and 6.
 pub const CONV1_BEFORE: usize = 2;
 
 /// And in all.
