@@ -240,8 +240,9 @@ fn what_results_depend_on_is_measured_anew() {
     for other in [
         Protocol { reference: Arc::clone(&scene), ..base.clone() },
         Protocol { scene, ..base.clone() },
-        Protocol { path, ..base },
+        Protocol { path, ..base.clone() },
     ] {
+        run(&base, &out);
         let (_, [ran, resumed, _]) = run(&other, &out);
         assert_eq!((ran, resumed), (all.clone(), vec![]));
     }
