@@ -34,15 +34,15 @@ pub struct EvaluateArgs {
     /// High-resolution over low-resolution size
     #[arg(long, default_value_t = 4, value_name = "S", value_parser = scale(2))]
     pub scale: u32,
-    /// What to run: `methods` compares --methods; `paper` fills the tables of the 3DGS³ paper (methods, accelerations, parts
-    /// left out)
+    /// What to run: `methods` compares --methods; `paper` fills the tables of the 3DGS³ paper (methods, accelerations,
+    /// parts left out)
     #[arg(long, default_value = "methods")]
     pub protocol: ProtocolArg,
     /// The scene after `gs3 simplify`, for `--protocol paper`
     #[arg(long, value_name = "SCENE")]
     pub simplified: Option<PathBuf>,
-    /// Compare with the photos of this capture instead (COLMAP model, transforms.json or cameras.json, undistorted) of which
-    /// the scene was trained; every photo at its own size and on its own
+    /// Compare with the photos of this capture instead (COLMAP model, transforms.json or cameras.json, undistorted) of
+    /// which the scene was trained; every photo at its own size and on its own
     #[arg(long, value_name = "CAMERAS", conflicts_with_all = ["path", "size", "frames", "case", "warm_up", "protocol", "simplified", "jod"])]
     pub photos: Option<PathBuf>,
     /// Folder of the photos [default: the capture's own, or `images` beside it]

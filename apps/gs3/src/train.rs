@@ -84,7 +84,8 @@ pub struct SessionArgs {
     /// Decides the weights at the beginning and what every step is trained on
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub seed: u64,
-    /// Weights to begin with, of this tier or a smaller one, which is grown [default: random features that change nothing yet]
+    /// Weights to begin with, of this tier or a smaller one, which is grown [default: random features that change
+    /// nothing yet]
     #[arg(long, value_name = "FILE.safetensors")]
     pub init: Option<PathBuf>,
     /// Errors far below this count by their squares, those far above by their size
@@ -100,8 +101,8 @@ pub struct SessionArgs {
     /// Longest derivative by all weights; longer ones are shortened to it
     #[arg(long, default_value_t = 1.0, value_name = "LENGTH")]
     pub longest_gradient: f64,
-    /// Share of the weights to begin with in those that are validated and written, 0 to less than 1: trained on few scenes,
-    /// they err less on others
+    /// Share of the weights to begin with in those that are validated and written, 0 to less than 1: trained on few
+    /// scenes, they err less on others
     #[arg(long, default_value_t = 0.0, value_name = "SHARE")]
     pub keep: f64,
     /// Steps between two looks at held-out clips
@@ -198,14 +199,6 @@ fn train_subject(subject: Subject, args: &SessionArgs) -> Result<Outcome, CliErr
     start_threads(args.threads)?;
     interrupt::watch()?;
     let settings = settings(subject, args);
-    settings.check()?;
-    destination::check(
-        &[
-            Destination::folder("--checkpoint", &args.checkpoint),
-            Destination::file("--out", &args.out, "safetensors"),
-        ],
-        args.init.as_deref().into_iter().chain(args.perceptual.as_deref()),
-    )?;
     let places = Places {
         clips: args.clips.clone(),
         checkpoint: args.checkpoint.clone(),
@@ -214,6 +207,16 @@ fn train_subject(subject: Subject, args: &SessionArgs) -> Result<Outcome, CliErr
         validate_every: args.validate_every,
         save_every: 60.0 * args.save_every,
     };
+    settings.check()?;
+    places.check()?;
+    check_perceptual(&settings)?;
+    destination::check(
+        &[
+            Destination::folder("--checkpoint", &args.checkpoint),
+            Destination::file("--out", &args.out, "safetensors"),
+        ],
+        args.init.as_deref().into_iter().chain(args.perceptual.as_deref()),
+    )?;
     let training_data = match &args.training_data {
         Some(text) => text.clone(),
         None => scenes(&ClipFolder::open(&args.clips, &settings)?),
@@ -269,10 +272,27 @@ fn settings(subject: Subject, args: &SessionArgs) -> Settings {
     settings
 }
 
+/// Refuses the weights of a term that does not count.
+fn check_perceptual(settings: &Settings) -> Result<(), CliError> {
+    if settings.perceptual.is_none() || settings.loss.weights.get(Term::Perceptual) > 0.0 {
+        return Ok(());
+    }
+    Err(CliError::Option {
+        option: "--perceptual",
+        expected: "--loss perceptual=WEIGHT above 0 with it".to_owned(),
+        actual: "perceptual=0".to_owned(),
+    })
+}
+
 /// The scenes that are trained on.
 fn scenes(clips: &ClipFolder) -> String {
     let names: BTreeSet<&str> = clips.train.iter().map(|clip| clip.scene()).collect();
     names.into_iter().collect::<Vec<_>>().join(", ")
+}
+
+/// Seconds in words; `?` for those that are no time, such as what is left while the speed is not known.
+fn duration(seconds: f64) -> String {
+    Duration::try_from_secs_f64(seconds).map_or("?".to_owned(), |time| HumanDuration(time).to_string())
 }
 
 /// Shows what happens on the terminal.
@@ -294,8 +314,7 @@ impl Show {
     fn event(&mut self, event: Event<'_>) {
         match event {
             Event::Resumed { step, seconds } => {
-                let time = HumanDuration(Duration::from_secs_f64(seconds));
-                self.line(&format!("going on from step {step}, after {time} of training"));
+                self.line(&format!("going on from step {step}, after {} of training", duration(seconds)));
             }
             Event::Remeasured { step, before, gain } => self.line(&match gain {
                 Some(gain) => {
@@ -319,10 +338,7 @@ impl Show {
                     Length::Steps(steps) => (steps.saturating_sub(step.step)) as f64 / speed,
                     Length::Seconds(length) => length - seconds,
                 };
-                let left = match left.is_finite() {
-                    true => HumanDuration(Duration::from_secs_f64(left.max(0.0))).to_string(),
-                    false => "?".to_owned(),
-                };
+                let left = duration(left.max(0.0));
                 self.bar.set_position((progress * 1000.0) as u64);
                 self.bar.set_message(format!(
                     "step {} loss {:.5} {speed:.2} steps/s {:.0} GFLOP/s {left} left",

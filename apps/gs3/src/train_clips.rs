@@ -57,8 +57,8 @@ pub struct ClipsArgs {
     /// Share of the clips, and of every path, that is kept for validation
     #[arg(long, default_value_t = 0.08, value_name = "FRACTION", allow_hyphen_values = true)]
     pub held_out: f64,
-    /// Weights of super sampling, for the frames to interpolate between and for the previous frame of super sampling: those
-    /// of the round of training before [default: frames without networks]
+    /// Weights of super sampling, for the frames to interpolate between and for the previous frame of super sampling:
+    /// those of the round of training before [default: frames without networks]
     #[arg(long, value_name = "FILE.safetensors")]
     pub weights: Option<PathBuf>,
     /// What all that is random depends on

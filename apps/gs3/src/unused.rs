@@ -1,9 +1,10 @@
 //! Refuses options that were given and would not be read: whoever gives them expects them to count.
 
-use gs3::Mode;
+use gs3::{Dilation, Mode};
 
-use crate::args::{BenchArgs, BenchBackendArg, Command, RenderArgs, TierArg};
+use crate::args::{BenchArgs, BenchBackendArg, Command, GbufferArgs, RenderArgs, TierArg};
 use crate::error::CliError;
+use crate::evaluate::{EvaluateArgs, ProtocolArg};
 use crate::render::mode_name;
 use crate::simplify::{ByArg, SimplifyArgs};
 use crate::usage::{Given, alternatives};
@@ -34,6 +35,8 @@ pub fn check(command: &Command, given: &Given) -> Result<(), CliError> {
         Command::Render(args) => render(args, given),
         Command::Bench(args) => bench(args, given),
         Command::Simplify(args) => simplify(args, given),
+        Command::Gbuffer(args) => gbuffer(args, given),
+        Command::Evaluate(args) => evaluate(args, given),
         _ => Ok(()),
     }
 }
@@ -65,6 +68,23 @@ fn simplify(args: &SimplifyArgs, given: &Given) -> Result<(), CliError> {
         ByArg::SpeedySplat => ["--indoor", "--outdoor", "--mass", "--seed"]
             .into_iter()
             .try_for_each(|option| refuse(given, option, "--by mini-splatting", "--by speedy-splat")),
+    }
+}
+
+fn gbuffer(args: &GbufferArgs, given: &Given) -> Result<(), CliError> {
+    let dilation = match args.dilation.0 {
+        Dilation::Matched => return Ok(()),
+        Dilation::Stock => "stock".to_owned(),
+        Dilation::Value(value) => value.to_string(),
+    };
+    refuse(given, "--scale", "--dilation matched", &format!("--dilation {dilation}"))
+}
+
+fn evaluate(args: &EvaluateArgs, given: &Given) -> Result<(), CliError> {
+    match args.protocol {
+        ProtocolArg::Methods => Ok(()),
+        // It tries them all.
+        ProtocolArg::Paper => refuse(given, "--culling", "--protocol methods", "--protocol paper"),
     }
 }
 

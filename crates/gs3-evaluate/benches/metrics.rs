@@ -1,5 +1,5 @@
-//! Milliseconds per 1920×1080 frame of each metric: `cargo bench -p gs3-evaluate --bench metrics`. Must: PSNR + SSIM ≤ 60 ms
-//! on 2 cores.
+//! Milliseconds per 1920×1080 frame of each metric: `cargo bench -p gs3-evaluate --bench metrics`. Must: PSNR + SSIM ≤
+//! 60 ms on 2 cores.
 
 use std::time::Instant;
 

@@ -5,6 +5,7 @@
 
 use std::sync::Arc;
 
+use gs3::neural::Random;
 use gs3_raster::{Culling, Importance, RasterError, RasterSettings, Rasterizer};
 use gs3_scene::{Camera, Scene, SceneError};
 
@@ -65,8 +66,8 @@ pub enum SimplifyError {
     Scene(#[from] SceneError),
 }
 
-/// Keeps the fraction `keep` of the Gaussians of `scene`, chosen by `criterion` on what `cameras` see with `settings`, in
-/// their order. By [`Criterion::MiniSplatting`] it can be fewer: what is never dominant in a pixel is never kept.
+/// Keeps the fraction `keep` of the Gaussians of `scene`, chosen by `criterion` on what `cameras` see with `settings`,
+/// in their order. By [`Criterion::MiniSplatting`] it can be fewer: what is never dominant in a pixel is never kept.
 ///
 /// `on_view` is called with the number of views done.
 ///
@@ -163,9 +164,10 @@ impl Scores {
 /// The `count` smallest of exponential variables with rates `scores` are such a draw (Efraimidis and Spirakis 2006).
 #[must_use]
 pub fn sample(scores: &[f64], count: usize, seed: u64) -> Vec<usize> {
-    let positive = scores.iter().enumerate().filter(|(_, score)| **score > 0.0);
-    let arrivals = positive.map(|(i, score)| (-uniform(seed, i as u64).ln() / score, i));
-    first(arrivals.collect(), count)
+    // One output of the generator scatters neighbouring seeds over all states.
+    let mut random = Random::new(Random::new(seed).next_bits());
+    let arrivals = scores.iter().enumerate().map(|(i, score)| (-uniform(&mut random).ln() / score, i));
+    first(arrivals.filter(|(_, i)| scores[*i] > 0.0).collect(), count)
 }
 
 /// Indices of the `count` highest `scores`, ascending. Of equal scores the first are taken.
@@ -203,16 +205,9 @@ fn first(mut keyed: Vec<(f64, usize)>, count: usize) -> Vec<usize> {
     indices
 }
 
-/// The `i`-th number of stream `seed`, uniform in `(0, 1)`: SplitMix64 (Steele et al. 2014), whose state is a counter.
-fn uniform(seed: u64, i: u64) -> f64 {
-    let mix = |state: u64| {
-        let z = (state ^ (state >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    };
-    const STEP: u64 = 0x9E37_79B9_7F4A_7C15;
-    let bits = mix(mix(seed.wrapping_add(STEP)).wrapping_add(i.wrapping_mul(STEP)));
-    ((bits >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
+/// Uniform in `(0, 1)`, never 0, whose logarithm is infinite: of the upper 53 bits, what an f64 holds exactly.
+fn uniform(random: &mut Random) -> f64 {
+    ((random.next_bits() >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
 }
 
 #[cfg(test)]

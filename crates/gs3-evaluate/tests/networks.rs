@@ -1,4 +1,5 @@
-//! Published networks against PyTorch; `oracle/networks.py` made the values. The weights are not part of the repository.
+//! Published networks against PyTorch; `oracle/networks.py` made the values. The weights are not part of the
+//! repository.
 
 #![allow(clippy::unwrap_used, reason = "tests")]
 

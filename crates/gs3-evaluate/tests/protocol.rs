@@ -11,7 +11,7 @@ use gs3::neural::{Graph, Header, Weights};
 use gs3_evaluate::methods::MethodError;
 use gs3_evaluate::protocol::{Case, EvaluateError, Event, Protocol, Results, Subset};
 use gs3_evaluate::report;
-use gs3_scene::{Gaussians, OpacityMode, Scene, orbit};
+use gs3_scene::{CameraPath, Gaussians, OpacityMode, Scene, orbit};
 
 /// Some hundred overlapping Gaussians in a ball.
 fn scene() -> Scene {
@@ -187,17 +187,70 @@ fn finished_methods_are_resumed_and_failing_ones_do_not_end_the_run() {
     assert_eq!(run(&other, folder.path()).1[1], Vec::<String>::new(), "another protocol resumes nothing");
 }
 
-#[test]
-fn learned_tiers_start_at_the_analytic_pipeline() {
-    let folder = tempfile::tempdir().unwrap();
-    let header = |network: &str, graph: &Graph| Header {
+fn header(network: &str, graph: &Graph) -> Header {
+    Header {
         network: network.into(),
         version: graph.version(),
         scale: 4,
         tier: "fast".into(),
         training_data: String::new(),
         licence: "MIT".into(),
+    }
+}
+
+/// Scores of other weights, of another scene of as many Gaussians, of another camera in between are no scores of these.
+#[test]
+fn what_results_depend_on_is_measured_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let graph = model::super_sample(4, Tier::Fast).unwrap();
+    let [a, b] = ["a", "b"].map(|name| folder.path().join(name));
+    for (seed, weights) in [(1, &a), (2, &b)] {
+        std::fs::create_dir(weights).unwrap();
+        let file = weights.join("super_sample_fast_x4.safetensors");
+        Weights::random(&graph, header("super_sample", &graph), seed).save(&file).unwrap();
+    }
+    let with = |weights: Option<&Path>| Protocol {
+        weights: weights.map(Path::to_owned),
+        ..protocol("bicubic,fast_ss", Case::Path)
     };
+    let [both, learned] = [["native", "bicubic"], ["fast_ss", ""]].map(|names| {
+        names.into_iter().filter(|name| !name.is_empty()).map(str::to_owned).collect::<Vec<_>>()
+    });
+    let all = [&both[..], &learned].concat();
+    let psnr = |results: &Results| results.row("fast_ss", Subset::SuperSampled).unwrap().psnr;
+    let (of_a, seen) = run(&with(Some(&a)), &out);
+    assert_eq!(seen, [all.clone(), vec![], vec![]]);
+    for weights in [Some(&*b), None] {
+        let (other, seen) = run(&with(weights), &out);
+        assert_eq!(seen, [learned.clone(), both.clone(), vec![]], "{weights:?}");
+        assert_ne!(psnr(&other), psnr(&of_a), "{weights:?}");
+    }
+    let (again, seen) = run(&with(Some(&a)), &out);
+    assert_eq!(seen, [vec![], all.clone(), vec![]]);
+    assert_eq!(psnr(&again), psnr(&of_a));
+
+    let base = with(None);
+    let mut gaussians = base.scene.gaussians().clone();
+    gaussians.sh[0] += 0.5;
+    let scene = Arc::new(Scene::new(gaussians, OpacityMode::Default).unwrap());
+    let mut cameras = base.path.cameras().to_vec();
+    cameras[12] = cameras[11];
+    let path = CameraPath::new(cameras, base.path.frames_per_second(), true).unwrap();
+    for other in [
+        Protocol { reference: Arc::clone(&scene), ..base.clone() },
+        Protocol { scene, ..base.clone() },
+        Protocol { path, ..base.clone() },
+    ] {
+        run(&base, &out);
+        let (_, [ran, resumed, _]) = run(&other, &out);
+        assert_eq!((ran, resumed), (all.clone(), vec![]));
+    }
+}
+
+#[test]
+fn learned_tiers_start_at_the_analytic_pipeline() {
+    let folder = tempfile::tempdir().unwrap();
     for (network, graph) in [
         ("super_sample", model::super_sample(4, Tier::Fast).unwrap()),
         ("interpolate", model::interpolate(4, Tier::Fast).unwrap()),

@@ -23,8 +23,8 @@ fn weights(peer: Peer) -> Weights {
     Weights::random(&graph, Header { network, version, scale: 4, tier, training_data, licence }, 3)
 }
 
-/// An ECBSR that has learned nothing repeats each LR pixel. Frames are sampled where it was trained to see them: the pixel of
-/// each 4×4 block that the sample is at is that of the native frame.
+/// An ECBSR that has learned nothing repeats each LR pixel. Frames are sampled where it was trained to see them: the
+/// pixel of each 4×4 block that the sample is at is that of the native frame.
 #[test]
 fn samples_are_where_networks_expect_them() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,5 +1,5 @@
-//! The spatial baselines against reference implementations, and their half-pixel alignment; `oracle/upscale.py` made the
-//! values.
+//! The spatial baselines against reference implementations, and their half-pixel alignment; `oracle/upscale.py` made
+//! the values.
 
 #![allow(clippy::unwrap_used, reason = "tests")]
 
@@ -99,8 +99,8 @@ fn baselines_agree_with_reference_implementations() {
 
 #[test]
 fn every_method_places_samples_where_they_were_taken() {
-    // A smooth image is reproduced within the method's own error. Half an LR pixel of shift would cost up to 0.14: nearest
-    // and FSR 1, which sharpens, cannot tell, the others can.
+    // A smooth image is reproduced within the method's own error. Half an LR pixel of shift would cost up to 0.14:
+    // nearest and FSR 1, which sharpens, cannot tell, the others can.
     for scale in [2, 3, 4] {
         for jitter in [[0.0, 0.0], [0.375, -0.125], [-0.46, 0.29]] {
             let methods: [(&str, Box<dyn Upscaler>, f32); 7] = [

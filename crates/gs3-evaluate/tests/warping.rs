@@ -51,7 +51,8 @@ impl Frame {
 fn exact_motion_of_a_plane_leaves_only_the_sampling_error() {
     let (first, mut second) = (Frame::new(camera(0.0, 0.0)), Frame::new(camera(0.21, 0.03)));
     let exact = warping_error([first.view(), second.view()]).unwrap().unwrap();
-    // Bilinear error of the texture: h²/8 · |f''| = (0.058 world units per pixel)²/8 · 2.7, squared, two curved channels.
+    // Bilinear error of the texture: h²/8 · |f''| = (0.058 world units per pixel)²/8 · 2.7, squared, two curved
+    // channels.
     assert!(exact < 1e-5, "{exact}");
 
     for pixel in second.image.pixels_mut() {

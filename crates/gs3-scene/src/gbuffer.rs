@@ -20,7 +20,20 @@ impl<const C: usize> Planes<C> {
         Self { width, height, data: vec![0.0; C * width * height] }
     }
 
-    /// Planes of given numbers, `[C, height, width]`.
+    /// Planes of given numbers, `[C, height, width]`: of another renderer, say, which gives pixel after pixel.
+    ///
+    /// ```
+    /// use gs3_scene::{GBuffer, Planes};
+    ///
+    /// let (width, height) = (4, 2);
+    /// let pixels = vec![[0.1, 0.2, 0.3]; width * height];
+    /// let planar = (0..3).flat_map(|c| pixels.iter().map(move |pixel| pixel[c])).collect();
+    ///
+    /// let mut frame = GBuffer::zeroed(width, height);
+    /// frame.color = Planes::from_data(width, height, planar).ok_or("another size")?;
+    /// assert_eq!(frame.color.row(2, 1), [0.3; 4]);
+    /// # Ok::<(), &str>(())
+    /// ```
     ///
     /// Returns `None` if `data` does not hold `C × height × width` of them.
     #[must_use]

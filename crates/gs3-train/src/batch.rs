@@ -55,8 +55,8 @@ impl ClipFolder {
         }
     }
 
-    /// A number that stands for names and content of the held-out clips, never 0: other clips have another one, but for 1
-    /// in 2⁶⁴. Clips that were rendered again have the names and sizes of the old ones, so all of them is read.
+    /// A number that stands for names and content of the held-out clips, never 0: other clips have another one, but for
+    /// 1 in 2⁶⁴. Clips that were rendered again have the names and sizes of the old ones, so all of them is read.
     ///
     /// # Errors
     /// [`TrainError`] if a clip cannot be read.

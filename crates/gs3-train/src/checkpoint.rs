@@ -1,15 +1,19 @@
 //! Checkpoints: folders from which a training goes on as if it had never stopped, bit for bit.
 //!
 //! A folder `step-N` holds `weights`, `average` and, once there is one, `best` as weights files, `adam.safetensors` and
-//! `state.json`. It is written under another name and renamed when it is whole; older ones are removed then.
+//! `state.json`. It is written under another name and renamed when it is whole; older ones are removed then, so that at
+//! every moment one is there.
 
 use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use gs3::scene::format::write_atomically;
 use gs3_neural::{Adam, WeightError, Weights};
 use serde::{Deserialize, Serialize};
 
 use crate::error::TrainError;
+use crate::settings::MAX_SECONDS;
 use crate::trainer::{Best, State};
 
 /// What folders of checkpoints are called, before their step.
@@ -17,6 +21,9 @@ const PREFIX: &str = "step-";
 
 /// The end of the name of a folder that is not whole.
 const UNFINISHED: &str = ".unfinished";
+
+/// The end of the name of a whole folder that another one of its step takes the place of.
+const REPLACED: &str = ".replaced";
 
 /// What no other file of a checkpoint says.
 #[derive(Debug, Serialize, Deserialize)]
@@ -39,13 +46,9 @@ struct BestOf {
 /// # Errors
 /// [`TrainError`] if it cannot be written.
 pub fn save(folder: &Path, state: &State) -> Result<(), TrainError> {
-    let whole = folder.join(format!("{PREFIX}{}", state.steps()));
-    let unfinished = folder.join(format!("{PREFIX}{}{UNFINISHED}", state.steps()));
-    for old in [&unfinished, &whole] {
-        if old.exists() {
-            fs::remove_dir_all(old).map_err(at(old))?;
-        }
-    }
+    let place = |end: &str| folder.join(format!("{PREFIX}{}{end}", state.steps()));
+    let [whole, unfinished, replaced] = ["", UNFINISHED, REPLACED].map(place);
+    remove(&unfinished)?;
     fs::create_dir_all(&unfinished).map_err(at(&unfinished))?;
     let file = |name: &str| unfinished.join(name);
     save_weights(&file("weights.safetensors"), &state.weights)?;
@@ -61,12 +64,23 @@ pub fn save(folder: &Path, state: &State) -> Result<(), TrainError> {
     });
     let rest = serde_json::to_string_pretty(&Rest { seconds: state.seconds, best });
     let rest = rest.map_err(|e| at(&file("state.json"))(e.into()))?;
-    fs::write(file("state.json"), rest).map_err(at(&file("state.json")))?;
+    write_atomically(&file("state.json"), |writer| writer.write_all(rest.as_bytes()))
+        .map_err(at(&file("state.json")))?;
+    // A folder cannot take the place of another at once; in between the old one is found by its other name.
+    if whole.exists() {
+        remove(&replaced)?;
+        fs::rename(&whole, &replaced).map_err(at(&replaced))?;
+    }
     fs::rename(&unfinished, &whole).map_err(at(&whole))?;
-    for (_, old) in all(folder)?.into_iter().filter(|(step, _)| *step != state.steps()) {
-        fs::remove_dir_all(&old).map_err(at(&old))?;
+    for Found { place, .. } in all(folder)?.into_iter().filter(|found| found.place != whole) {
+        remove(&place)?;
     }
     Ok(())
+}
+
+/// Removes a folder that may be there.
+fn remove(folder: &Path) -> Result<(), TrainError> {
+    if folder.exists() { fs::remove_dir_all(folder).map_err(at(folder)) } else { Ok(()) }
 }
 
 /// The last state saved in `folder`, if there is one.
@@ -74,7 +88,7 @@ pub fn save(folder: &Path, state: &State) -> Result<(), TrainError> {
 /// # Errors
 /// [`TrainError`] if it cannot be read or is damaged.
 pub fn load(folder: &Path) -> Result<Option<State>, TrainError> {
-    let Some((step, place)) = all(folder)?.into_iter().max() else { return Ok(None) };
+    let Some(Found { step, place, .. }) = all(folder)?.into_iter().max() else { return Ok(None) };
     let file = |name: &str| place.join(name);
     let weights = |name: &str| Weights::load(&file(name)).map_err(within(&file(name)));
     let path = file("state.json");
@@ -95,8 +109,8 @@ pub fn load(folder: &Path) -> Result<Option<State>, TrainError> {
             actual,
         });
     }
-    if !(rest.seconds.is_finite() && rest.seconds >= 0.0) {
-        let (expected, actual) = ("at least 0".to_owned(), rest.seconds.to_string());
+    if !(0.0..=MAX_SECONDS).contains(&rest.seconds) {
+        let (expected, actual) = (format!("0 to {MAX_SECONDS}"), rest.seconds.to_string());
         return Err(TrainError::Checkpoint { path, field: "seconds", expected, actual });
     }
     let best = match rest.best {
@@ -121,17 +135,28 @@ pub fn save_weights(path: &Path, weights: &Weights) -> Result<(), TrainError> {
     weights.save(path).map_err(within(path))
 }
 
-/// Whole checkpoints in a folder: their steps and places. None where there is no folder.
-fn all(folder: &Path) -> Result<Vec<(u64, PathBuf)>, TrainError> {
+/// A whole checkpoint; the one to go on from is the greatest.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Found {
+    step: u64,
+    /// Whether none of its step was to take its place.
+    is_newest: bool,
+    place: PathBuf,
+}
+
+/// Whole checkpoints in a folder. None where there is no folder.
+fn all(folder: &Path) -> Result<Vec<Found>, TrainError> {
     let mut found = Vec::new();
     if !folder.exists() {
         return Ok(found);
     }
     for entry in fs::read_dir(folder).map_err(at(folder))? {
-        let path = entry.map_err(at(folder))?.path();
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        if let Some(step) = name.strip_prefix(PREFIX).and_then(|step| step.parse().ok()) {
-            found.push((step, path));
+        let place = entry.map_err(at(folder))?.path();
+        let name = place.file_name().unwrap_or_default().to_string_lossy();
+        let Some(step) = name.strip_prefix(PREFIX) else { continue };
+        let (step, is_newest) = step.strip_suffix(REPLACED).map_or((step, true), |step| (step, false));
+        if let Ok(step) = step.parse() {
+            found.push(Found { step, is_newest, place });
         }
     }
     Ok(found)

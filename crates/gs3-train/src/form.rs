@@ -1,9 +1,9 @@
 //! Re-parameterised training: the weights that are trained are not those that are run, but give them.
 //!
-//! ECBSR and RT4KSR are trained with blocks of several convolutions without anything between them, and run with the single
-//! 3×3 convolutions that these are equal to. As published, the blocks' inner borders are such that they are equal at the
-//! image's border too. So nothing but the equal convolution ever needs to run: its weights are polynomials of the trained
-//! ones, and the derivative goes back through these.
+//! ECBSR and RT4KSR are trained with blocks of several convolutions without anything between them, and run with the
+//! single 3×3 convolutions that these are equal to. As published, the blocks' inner borders are such that they are
+//! equal at the image's border too. So nothing but the equal convolution ever needs to run: its weights are polynomials
+//! of the trained ones, and the derivative goes back through these.
 
 use gs3_neural::arrays::{Array, Arrays};
 use gs3_neural::model::Peer;
@@ -87,8 +87,8 @@ impl Form {
         weights.check_parameters(graph, &self.parameters(graph))
     }
 
-    /// Weights to begin with: those of the graph where nothing else is trained, else uniform, of a variance of a third of
-    /// 1 / fan-in, as the publications' framework has it; factors of edges start a thousandth as large.
+    /// Weights to begin with: those of the graph where nothing else is trained, else uniform, of a variance of a third
+    /// of 1 / fan-in, as the publications' framework has it; factors of edges start a thousandth as large.
     pub fn initial(&self, graph: &Graph, start: Weights, seed: u64) -> Weights {
         let (Weights { header, mut arrays }, mut random) = (start, Random::new(!seed));
         arrays.retain(|name, _| self.blocks.iter().all(|block| !block.gives(name)));

@@ -4,6 +4,8 @@ use std::fs::{self, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use gs3::scene::format::write_atomically;
+
 use crate::error::TrainError;
 use crate::losses::{Term, Terms};
 
@@ -43,7 +45,7 @@ impl Log {
         let text = if path.exists() { fs::read_to_string(path).map_err(file)? } else { String::new() };
         let rows: Vec<Row> = read(&text).into_iter().filter(|row| row.step <= step).collect();
         let text: String = std::iter::once(header()).chain(rows.iter().map(write)).collect();
-        fs::write(path, text).map_err(file)?;
+        write_atomically(path, |writer| writer.write_all(text.as_bytes())).map_err(file)?;
         Ok(Self { path: path.to_owned(), rows })
     }
 

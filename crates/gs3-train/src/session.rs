@@ -11,7 +11,7 @@ use crate::error::TrainError;
 use crate::log::{Log, Row};
 use crate::losses::Terms;
 use crate::plot;
-use crate::settings::Settings;
+use crate::settings::{MAX_SECONDS, Settings};
 use crate::trainer::{Best, State, Step, Trainer};
 use crate::validate::{Validation, validate};
 
@@ -32,6 +32,20 @@ pub struct Places {
     pub save_every: f64,
 }
 
+impl Places {
+    /// Whether all numbers are in range.
+    ///
+    /// # Errors
+    /// [`TrainError::Setting`] naming the first that is not.
+    pub fn check(&self) -> Result<(), TrainError> {
+        if (0.0..=MAX_SECONDS).contains(&self.save_every) {
+            return Ok(());
+        }
+        let (expected, actual) = (format!("0 to {MAX_SECONDS} seconds"), self.save_every.to_string());
+        Err(TrainError::Setting { name: "time between checkpoints", expected, actual })
+    }
+}
+
 /// What happens during a training.
 #[derive(Clone, Copy, Debug)]
 pub enum Event<'a> {
@@ -42,8 +56,8 @@ pub enum Event<'a> {
         /// Seconds of training until then.
         seconds: f64,
     },
-    /// The record of the best average was of other held-out clips, and was measured again on these; without held-out clips
-    /// there is no record any more.
+    /// The record of the best average was of other held-out clips, and was measured again on these; without held-out
+    /// clips there is no record any more.
     Remeasured {
         /// The record's step.
         step: u64,
@@ -83,8 +97,8 @@ pub enum Ending {
     Interrupted,
 }
 
-/// Trains from the last checkpoint, or from `start` where there is none, until the end or until `go_on` says no; a step is
-/// always finished, and all is saved then.
+/// Trains from the last checkpoint, or from `start` where there is none, until the end or until `go_on` says no; a step
+/// is always finished, and all is saved then.
 ///
 /// # Errors
 /// [`TrainError`] if settings, clips or weights do not fit, a file cannot be read or written, or the loss diverges.
@@ -96,6 +110,7 @@ pub fn train(
     go_on: &dyn Fn() -> bool,
 ) -> Result<(State, Ending), TrainError> {
     settings.check()?;
+    places.check()?;
     let clips = ClipFolder::open(&places.clips, &settings)?;
     let file = |source| TrainError::File { path: places.checkpoint.clone(), source };
     std::fs::create_dir_all(&places.checkpoint).map_err(file)?;

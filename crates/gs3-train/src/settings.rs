@@ -13,6 +13,16 @@ pub const MARGIN: usize = 2;
 /// The rate that the schedule ends with, a share of the highest: 1e-5 of the paper's 1e-3.
 const LAST_RATE: f64 = 1e-2;
 
+/// The longest time, in seconds: thirty years, more than any training takes, and few enough for what counts time.
+pub(crate) const MAX_SECONDS: f64 = 1e9;
+
+/// The most steps of a warm-up, thirty years of one a second.
+const MAX_WARM_UP: u64 = 1_000_000_000;
+
+/// ε of Charbonnier's loss. Below, ε² is no normal f32, and a derivative without error becomes 0 / 0. Above, the loss
+/// of an error of 1 / 255, e² / 2ε, is less than ε · 2⁻²⁴, and so lost in √(e² + ε²) − ε.
+const EPSILONS: std::ops::RangeInclusive<f32> = 1e-18..=10.0;
+
 /// What is trained, on what, and how fast.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
@@ -40,8 +50,8 @@ pub struct Settings {
     pub warm_up: u64,
     /// Longest derivative by all weights; longer ones are shortened to it.
     pub longest_gradient: f64,
-    /// Share of the weights that training began with in those that are validated and written, `[0, 1)`: what was trained on few
-    /// scenes then errs less on others (Wortsman et al. 2022, "Robust fine-tuning of zero-shot models").
+    /// Share of the weights that training began with in those that are validated and written, `[0, 1)`: what was
+    /// trained on few scenes then errs less on others (Wortsman et al. 2022, "Robust fine-tuning of zero-shot models").
     pub kept: f64,
     /// How long the training is.
     pub length: Length,
@@ -91,8 +101,8 @@ impl Settings {
             Subject::Own { network: Network::Interpolate, .. } => {
                 weights.set(Term::Perceptual, 0.2);
                 weights.set(Term::Warp, 0.05);
-                // The paper's 0.2 is of another norm. Of the mean square a departure of 0.1 would cost 2e-3, more than a
-                // third of all the loss that warped frames begin with, and networks learned nothing.
+                // The paper's 0.2 is of another norm. Of the mean square a departure of 0.1 would cost 2e-3, more than
+                // a third of all the loss that warped frames begin with, and networks learned nothing.
                 weights.set(Term::Alpha, 0.001);
             }
             // As they were published: the error's size alone.
@@ -125,7 +135,7 @@ impl Settings {
     /// to a hundredth.
     #[must_use]
     pub fn rate_at(&self, steps: u64, progress: f64) -> f32 {
-        let rise = ((steps + 1) as f64 / (self.warm_up + 1) as f64).min(1.0);
+        let rise = ((steps as f64 + 1.0) / (self.warm_up as f64 + 1.0)).min(1.0);
         let fall = 0.5 * (1.0 + (std::f64::consts::PI * progress).cos());
         (self.rate * rise * (LAST_RATE + (1.0 - LAST_RATE) * fall)) as f32
     }
@@ -157,6 +167,14 @@ impl Settings {
         if !positive(length) {
             return fail("length", "more than 0", length.to_string());
         }
+        if let Length::Seconds(seconds) = self.length
+            && seconds > MAX_SECONDS
+        {
+            return fail("length", &format!("at most {MAX_SECONDS} seconds"), seconds.to_string());
+        }
+        if self.warm_up > MAX_WARM_UP {
+            return fail("warm-up", &format!("at most {MAX_WARM_UP} steps"), self.warm_up.to_string());
+        }
         if !positive(self.rate) {
             return fail("rate", "more than 0", self.rate.to_string());
         }
@@ -166,8 +184,9 @@ impl Settings {
         if !(0.0..1.0).contains(&self.kept) {
             return fail("kept", "0 to less than 1", self.kept.to_string());
         }
-        if !positive(f64::from(self.loss.epsilon)) {
-            return fail("epsilon", "more than 0", self.loss.epsilon.to_string());
+        if !EPSILONS.contains(&self.loss.epsilon) {
+            let expected = format!("{:e} to {}", EPSILONS.start(), EPSILONS.end());
+            return fail("epsilon", &expected, format!("{:e}", self.loss.epsilon));
         }
         match weights.into_iter().find(|(_, weight)| !(weight.is_finite() && *weight >= 0.0)) {
             Some((name, weight)) => fail(name, "a weight of at least 0", weight.to_string()),

@@ -57,11 +57,12 @@ impl Subject {
         }
     }
 
-    /// How far the image that the network gives for `frame` lies to the left of and above where it should be, in HR pixels.
+    /// How far the image that the network gives for `frame` lies to the left of and above where it should be, in HR
+    /// pixels.
     ///
-    /// Single-image networks are not told where in its block of HR pixels a frame was sampled, and could only blur what they
-    /// learn of all places. They are trained to place samples at pixel [`Peer::sample`] of the block, so that what they give
-    /// lies beside the native image by whole pixels.
+    /// Single-image networks are not told where in its block of HR pixels a frame was sampled, and could only blur what
+    /// they learn of all places. They are trained to place samples at pixel [`Peer::sample`] of the block, so that what
+    /// they give lies beside the native image by whole pixels.
     pub(crate) fn displacement(self, frame: &Frame, scale: usize) -> [isize; 2] {
         let Self::Peer(peer) = self else { return [0; 2] };
         let jitter = frame.inputs.iter().find(|plane| plane.name == JITTER);

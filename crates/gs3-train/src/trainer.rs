@@ -129,8 +129,8 @@ impl Trainer {
         Ok(Form::new(settings.subject, &graph).initial(&graph, start, settings.seed))
     }
 
-    /// Weights of a file that a training can begin with: the network's, or those of a smaller tier, grown ([`grown`]). Of
-    /// networks that are trained in another form than they are run in, only checkpoints hold such.
+    /// Weights of a file that a training can begin with: the network's, or those of a smaller tier, grown ([`grown`]).
+    /// Of networks that are trained in another form than they are run in, only checkpoints hold such.
     ///
     /// # Errors
     /// [`TrainError`] if they cannot be read, are not those of the network or cannot grow into such.

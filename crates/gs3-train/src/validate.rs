@@ -1,11 +1,12 @@
-//! What a network gains over reconstruction without learning, on clips it was not trained on; a single-image network over
-//! bicubic interpolation.
+//! What a network gains over reconstruction without learning, on clips it was not trained on; a single-image network
+//! over bicubic interpolation.
 
 use gs3::reconstruct::{Kernel, resample};
 use gs3::scene::{GBuffer, Image, Planes};
 use gs3_neural::{Engine, Graph, Named, Weights};
 
-use crate::clip::{ClipFile, Frame, HIDDEN, Network, Window, from_unorm};
+use crate::clip::{ClipFile, Frame, HIDDEN, Window, from_unorm};
+use crate::clips::analytic;
 use crate::error::TrainError;
 use crate::losses::CHANNELS;
 use crate::settings::MARGIN;
@@ -37,8 +38,8 @@ pub struct Gain {
     pub analytic: f64,
 }
 
-/// Runs `graph`, that of `subject`, with `weights` through all of `clips`. Work is spread over the current rayon thread pool; results do not
-/// depend on its size.
+/// Runs `graph`, that of `subject`, with `weights` through all of `clips`. Work is spread over the current rayon thread
+/// pool; results do not depend on its size.
 ///
 /// # Errors
 /// [`TrainError`] if a clip cannot be read or does not fit the network.
@@ -98,11 +99,12 @@ fn gain(subject: Subject, graph: &Graph, weights: &Weights, file: &ClipFile) -> 
                 Some(displaced(&color, hr[1], by))
             }
         };
-        let (start, start_channels) = match subject {
-            Subject::Own { network, .. } => (without_learning(network, frame, &inputs), CHANNELS),
-            Subject::Peer(_) => (bicubic(frame, &inputs, file)?, CHANNELS),
+        let start = match subject {
+            Subject::Own { network, .. } => analytic(network, frame),
+            Subject::Peer(_) => bicubic(frame, &inputs, file)?,
         };
-        let images = [(shown.as_ref().unwrap_or(&color), channels), (&start, start_channels)];
+        let start = start.as_flattened();
+        let images = [(&shown.as_ref().unwrap_or(&color)[..], channels), (start, CHANNELS)];
         for (which, (image, channels)) in images.into_iter().enumerate() {
             let [last, now] = &mut errors[which];
             std::mem::swap(last, now);
@@ -119,27 +121,9 @@ fn gain(subject: Subject, graph: &Graph, weights: &Weights, file: &ClipFile) -> 
     Ok(Gain { name, psnr, tpsnr, analytic: sums[1] / frames })
 }
 
-/// The image that reconstruction without learning gives, HR, `[height, width, 4]`.
-fn without_learning(network: Network, frame: &Frame, inputs: &[Vec<f32>]) -> Vec<f32> {
-    let input = |name: &str| {
-        let place = frame.inputs.iter().position(|plane| plane.name == name);
-        place.and_then(|k| inputs.get(k)).map_or(&[][..], |image| &image[..])
-    };
-    match network {
-        Network::SuperSample => input("history").to_vec(),
-        Network::Interpolate => {
-            let (before, after) = (input("before").as_chunks::<4>().0, input("after").as_chunks::<4>().0);
-            let pixels = before.iter().zip(after).zip(input("share"));
-            pixels
-                .flat_map(|((b, a), t)| std::array::from_fn::<f32, 4, _>(|c| b[c] + t * (a[c] - b[c])))
-                .collect()
-        }
-    }
-}
-
-/// What single-image networks are compared with: bicubic interpolation of the LR frame where it was sampled, HR,
-/// `[height, width, 4]`.
-fn bicubic(frame: &Frame, inputs: &[Vec<f32>], file: &ClipFile) -> Result<Vec<f32>, TrainError> {
+/// What single-image networks are compared with: bicubic interpolation of the LR frame where it was sampled, HR, row by
+/// row.
+fn bicubic(frame: &Frame, inputs: &[Vec<f32>], file: &ClipFile) -> Result<Vec<[f32; 4]>, TrainError> {
     let ([height, width], scale) = (file.lr(), file.scale());
     let input = |name: &str| {
         let place = frame.inputs.iter().position(|plane| plane.name == name);
@@ -158,12 +142,17 @@ fn bicubic(frame: &Frame, inputs: &[Vec<f32>], file: &ClipFile) -> Result<Vec<f3
     }
     let mut image = Image::new(width * scale as usize, height * scale as usize);
     resample(&lr, scale, Kernel::Bicubic, &mut image)?;
-    Ok(image.pixels().as_flattened().to_vec())
+    Ok(image.pixels().to_vec())
 }
 
-/// Errors of an image, `[height, width, channels]` of which the first are RGB, shown in `[0, 1]`, against a target: RGB, at
-/// least `margin` pixels from the border.
-fn subtract(image: &[f32], [width, channels, margin]: [usize; 3], target: &[u16], errors: &mut Vec<f32>) {
+/// Errors of an image, `[height, width, channels]` of which the first are RGB, shown in `[0, 1]`, against a target:
+/// RGB, at least `margin` pixels from the border.
+pub(crate) fn subtract(
+    image: &[f32],
+    [width, channels, margin]: [usize; 3],
+    target: &[u16],
+    errors: &mut Vec<f32>,
+) {
     errors.clear();
     let (rows, targets) = (image.chunks_exact(width * channels), target.chunks_exact(width * 3));
     let inside = rows.len().saturating_sub(2 * margin);
@@ -178,8 +167,8 @@ fn subtract(image: &[f32], [width, channels, margin]: [usize; 3], target: &[u16]
     }
 }
 
-/// PSNR in dB of errors, peak 1.
-fn psnr(errors: impl ExactSizeIterator<Item = f32>) -> f64 {
+/// PSNR in dB of errors, peak 1; without any that of equal frames.
+pub(crate) fn psnr(errors: impl ExactSizeIterator<Item = f32>) -> f64 {
     let count = errors.len() as f64;
     let sum: f64 = errors.map(|e| f64::from(e) * f64::from(e)).sum();
     -10.0 * (sum / count).max(LEAST_ERROR).log10()

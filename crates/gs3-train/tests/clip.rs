@@ -35,6 +35,22 @@ fn a_file_gives_what_was_written_whole_and_in_parts() {
 }
 
 #[test]
+fn files_are_written_whole_or_not_at_all_and_links_stay() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let clip = clip(Network::SuperSample, 1, LR, 1);
+    fs::create_dir(at("folder.clip")).unwrap();
+    assert!(matches!(clip.save(&at("folder.clip")), Err(ClipError::File { .. })));
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "something unfinished was left");
+    #[cfg(unix)]
+    {
+        std::os::unix::fs::symlink("file.clip", at("link.clip")).unwrap();
+        clip.save(&at("link.clip")).unwrap();
+        assert!(at("link.clip").is_symlink() && ClipFile::open(&at("file.clip")).is_ok());
+    }
+}
+
+#[test]
 fn a_part_holds_the_pixels_of_its_place() {
     let whole = clip(Network::SuperSample, 4, LR, 2);
     let part = whole.crop(&window()).unwrap();

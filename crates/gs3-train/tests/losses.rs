@@ -60,8 +60,8 @@ fn change_has_its_derivatives() {
 
 #[test]
 fn laplacian_has_its_derivative() {
-    // ∇² is a multiple of ½ plus 4 · 0.1 or minus it: a tenth from 0, where |∇²e| has no derivative, is farther than any
-    // step takes it.
+    // ∇² is a multiple of ½ plus 4 · 0.1 or minus it: a tenth from 0, where |∇²e| has no derivative, is farther than
+    // any step takes it.
     let at = |k: usize, v: f32| match (k % 4, k / 4 % SIZE[1] + k / 4 / SIZE[1]) {
         (3, _) => 0.0,
         (_, place) => (4.0 * v).round() / 2.0 + 0.1 * (place % 2) as f32,

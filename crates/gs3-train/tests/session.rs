@@ -10,9 +10,10 @@ use std::path::Path;
 
 use gs3_neural::Weights;
 use gs3_neural::model::Tier;
+use gs3_train::losses::Loss;
 use gs3_train::{
-    ClipFolder, Ending, Event, Network, Places, Settings, State, Subject, TrainError, Trainer, train,
-    validate,
+    ClipFolder, Ending, Event, Length, Log, Network, Places, Row, Settings, State, Subject, TrainError,
+    Trainer, draw_log, train, validate,
 };
 
 const NETWORK: Network = Network::SuperSample;
@@ -105,6 +106,34 @@ fn the_log_holds_every_step_once_and_the_best_weights_are_written() {
     assert!(checkpoints.iter().any(|name| name == "step-12") && checkpoints.len() <= 3, "{checkpoints:?}");
 }
 
+/// A log that is taken up again is replaced, not written over: whoever is killed while it is written leaves the old
+/// one.
+#[test]
+fn logs_and_their_plots_are_whole_or_as_they_were() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let row = |step| Row {
+        step,
+        seconds: 1.0,
+        rate: 1e-3,
+        loss: 0.5,
+        terms: Default::default(),
+        gradient: 1.0,
+        gains: None,
+    };
+    let mut log = Log::open(&at("log.csv"), 0).unwrap();
+    (1..=3).for_each(|step| log.add(row(step)).unwrap());
+    // Another name of the same file.
+    fs::hard_link(at("log.csv"), at("old.csv")).unwrap();
+    let log = Log::open(&at("log.csv"), 2).unwrap();
+    let lines = |name: &str| fs::read_to_string(at(name)).unwrap().lines().count();
+    assert_eq!((log.rows().len(), lines("log.csv"), lines("old.csv")), (2, 3, 4));
+    // What cannot be written leaves nothing behind.
+    fs::create_dir(at("log.png")).unwrap();
+    draw_log(&at("log.png"), log.rows()).unwrap_err();
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
+}
+
 #[test]
 fn of_what_is_kept_the_beginning_has_its_share() {
     let folders = [0.0, 0.75].map(|kept| {
@@ -164,6 +193,28 @@ fn what_does_not_fit_is_refused_before_anything_is_written() {
         "kept: expected 0 to less than 1, found 1",
     );
     contains(refused(&Settings { batch: 0, ..settings.clone() }), "batch: expected 1 to 4096, found 0");
+    for (length, part) in [
+        (Length::Seconds(1e18), "length: expected at most 1000000000 seconds, found 1000000000000000000"),
+        (Length::Seconds(f64::INFINITY), "length: expected more than 0, found inf"),
+        (Length::Steps(0), "length: expected more than 0, found 0"),
+    ] {
+        contains(refused(&Settings { length, ..settings.clone() }), part);
+    }
+    contains(
+        refused(&Settings { warm_up: u64::MAX, ..settings.clone() }),
+        "warm-up: expected at most 1000000000 steps, found 18446744073709551615",
+    );
+    for (epsilon, actual) in [(1e-30, "1e-30"), (0.0, "0e0"), (11.0, "1.1e1"), (f32::NAN, "NaN")] {
+        let loss = Loss { epsilon, ..settings.loss };
+        let expected = format!("epsilon: expected 1e-18 to 10, found {actual}");
+        contains(refused(&Settings { loss, ..settings.clone() }), &expected);
+    }
+    for save_every in [f64::NAN, f64::INFINITY, -1.0] {
+        let places = Places { save_every, ..places(at) };
+        let refused = train(settings.clone(), &places, start(&settings), &mut |_| {}, &|| true).unwrap_err();
+        let expected = "time between checkpoints: expected 0 to 1000000000 seconds, found";
+        contains(refused.to_string(), &format!("{expected} {save_every}"));
+    }
     fs::write(at.join("clips/damaged.clip"), [7; 40]).unwrap();
     contains(refused(&settings), "damaged.clip: expected a clip in safetensors");
     assert!(!places(at).checkpoint.exists() && !places(at).out.exists());
@@ -188,11 +239,51 @@ fn damaged_checkpoints_are_refused() {
         assert!(refused.contains(part), "{refused}");
         fs::write(checkpoint.join(file), whole).unwrap();
     }
+    // Of a time that no clock counts to.
+    let whole = fs::read_to_string(checkpoint.join("state.json")).unwrap();
+    let (before, after) = whole.split_once("\"seconds\": ").unwrap();
+    let rest = &after[after.find(',').unwrap()..];
+    fs::write(checkpoint.join("state.json"), format!("{before}\"seconds\": 1e300{rest}")).unwrap();
+    let refused = run(folder.path(), &settings, 2).unwrap_err().to_string();
+    assert!(refused.contains("state.json, seconds: expected 0 to 1000000000, found 1"), "{refused}");
+    fs::write(checkpoint.join("state.json"), whole).unwrap();
     // A checkpoint of another size of the network.
     let other = Settings { subject: own(NETWORK, Tier::Balanced), ..settings.clone() };
     let refused = run(folder.path(), &other, 2).unwrap_err().to_string();
     assert!(refused.contains("expected f32"), "{refused}");
     run(folder.path(), &settings, 2).unwrap();
+}
+
+/// A state is saved twice at one step where a training ends, or is begun again after its end. Whatever happens then,
+/// one of the two is left.
+#[test]
+fn saving_a_step_again_never_loses_it() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::create_dir(folder.path().join("clips")).unwrap();
+    common::write_clips(&folder.path().join("clips"), NETWORK);
+    let settings = common::settings(NETWORK, 2);
+    let (state, ..) = run(folder.path(), &settings, u64::MAX).unwrap();
+    let at = |name: &str| places(folder.path()).checkpoint.join(name);
+    // What cannot be written.
+    #[cfg(unix)]
+    {
+        std::os::unix::fs::symlink("nowhere/deep", at("step-2.unfinished")).unwrap();
+        run(folder.path(), &settings, u64::MAX).unwrap_err();
+        fs::remove_file(at("step-2.unfinished")).unwrap();
+        let (again, _, events) = run(folder.path(), &settings, u64::MAX).unwrap();
+        assert!(again == state && events == ["resumed 2"], "{events:?}");
+    }
+    // What was killed between taking the old one away and putting the new one there.
+    fs::rename(at("step-2"), at("step-2.replaced")).unwrap();
+    fs::create_dir(at("step-2.unfinished")).unwrap();
+    let (again, _, events) = run(folder.path(), &settings, u64::MAX).unwrap();
+    assert!(again == state && events == ["resumed 2"], "{events:?}");
+    let left = ["step-2", "step-2.replaced", "step-2.unfinished"].map(|name| at(name).exists());
+    assert_eq!(left, [true, false, false]);
+    // What was killed before it took the old one away: the new one counts.
+    fs::create_dir(at("step-2.replaced")).unwrap();
+    let (again, ..) = run(folder.path(), &settings, u64::MAX).unwrap();
+    assert!(again == state && !at("step-2.replaced").exists());
 }
 
 /// Gains are of the clips they were measured on. On others the old record would stand for ever, or fall to anything.

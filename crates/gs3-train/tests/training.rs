@@ -98,12 +98,12 @@ fn peer_settings(peer: Peer, steps: u64) -> Settings {
     Settings { batch: 8, crop: 12, warm_up: 5, ..Settings::new(subject, common.scale, common.length) }
 }
 
-/// Frames are sampled elsewhere in each block of pixels; what a network gives is brought to the native image by whole pixels.
-/// A network that is a pixel off could not gain anything over interpolation that honours the jitter.
+/// Frames are sampled elsewhere in each block of pixels; what a network gives is brought to the native image by whole
+/// pixels. A network that is a pixel off could not gain anything over interpolation that honours the jitter.
 #[test]
 fn single_image_networks_learn_from_jittered_frames() {
-    for (peer, steps, least) in
-        [(Peer::Ecbsr, 400, 3.0), (Peer::Rt4ksr, 100, -20.0), (Peer::Ninasr, 12, -20.0)]
+    // Found are 15.7, -3.4 and 3.5 dB after so few steps, and -4.3, -7.6 and -5.5 dB where images stay where they are.
+    for (peer, steps, least) in [(Peer::Ecbsr, 400, 13.0), (Peer::Rt4ksr, 400, -5.0), (Peer::Ninasr, 48, 1.5)]
     {
         let folder = tempfile::tempdir().unwrap();
         let (trainer, clips, steps) = train_as(folder.path(), peer_settings(peer, steps), steps);

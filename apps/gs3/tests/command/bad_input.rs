@@ -122,17 +122,52 @@ fn one_line_that_names_field_expected_and_actual() {
         ("gbuffer demo --size 64x36 --out file/g.npz", &["file/g.npz: cannot be written"]),
         ("gbuffer demo --jitter 3,0 --out g.npz", &["expected X,Y from -1 to 1", "3,0"]),
         ("gbuffer demo --scale 0 --out g.npz", &["scale: expected 1 to"]),
+        (
+            "gbuffer demo --scale 2 --dilation stock --out g.npz",
+            &["--scale: expected --dilation matched, found --dilation stock"],
+        ),
+        (
+            "gbuffer demo --dilation 0.1 --scale 4 --out g.npz",
+            &["--scale: expected --dilation matched, found --dilation 0.1"],
+        ),
+        (
+            "evaluate demo --protocol paper --culling accutile --out o",
+            &["--culling: expected --protocol methods, found --protocol paper"],
+        ),
         ("gbuffer demo --backend cpu --adapter 0 --out g.npz", &["--adapter: expected", "--backend cpu"]),
         ("render demo --backend gpu --adapter 99 --out a.png", &["GPU adapter: expected adapter 99"]),
         ("info missing.spz", &["missing.spz"]),
         ("convert demo scene.xyz", &["scene.xyz", "expected .ply, .spz or .sog", "xyz"]),
         ("bench demo --frames 0..9999", &["--frames: expected", "0..9999"]),
     ];
-    for (arguments, expected) in cases {
-        let output = gs3(at, arguments).output().unwrap();
+    let training = "--clips c --checkpoint o --out o.safetensors";
+    let trainings: &[(&str, &[&str])] = &[
+        (
+            "super-sample --steps 1 --perceptual p",
+            &["--perceptual: expected --loss perceptual=WEIGHT above 0 with it, found perceptual=0"],
+        ),
+        ("interpolate --steps 1 --perceptual p --loss perceptual=0", &["--perceptual: expected --loss"]),
+        ("super-sample --minutes 1e18", &["length: expected at most 1000000000 seconds, found 6"]),
+        ("super-sample --steps 1 --epsilon 1e-30", &["epsilon: expected 1e-18 to 10, found 1e-30"]),
+        (
+            "super-sample --steps 1 --warm-up 18446744073709551615",
+            &["warm-up: expected at most 1000000000 steps, found 18446744073709551615"],
+        ),
+        (
+            "super-sample --steps 1 --save-every nan",
+            &["time between checkpoints: expected 0 to 1000000000 seconds, found NaN"],
+        ),
+    ];
+    let trainings = trainings.iter().map(|(arguments, expected)| {
+        let (network, rest) = arguments.split_once(' ').unwrap();
+        (format!("train {network} {training} {rest}"), *expected)
+    });
+    let cases = cases.iter().map(|(arguments, expected)| ((*arguments).to_owned(), *expected));
+    for (arguments, expected) in cases.chain(trainings) {
+        let output = gs3(at, &arguments).output().unwrap();
         let said = stderr(&output);
         assert_eq!(output.status.code(), Some(2), "gs3 {arguments}: {said}");
-        for part in *expected {
+        for part in expected {
             assert!(said.contains(part), "gs3 {arguments}: {said:?} should contain {part:?}");
         }
         assert!(said.starts_with("error: "), "gs3 {arguments}: {said}");

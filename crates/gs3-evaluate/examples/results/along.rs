@@ -8,8 +8,8 @@ use gs3_scene::{CameraPath, Image};
 
 use crate::score::{Row, follow, milliseconds};
 
-/// gs3: the names of super sampling alone and with the frames between. Learned ones are left out, aloud, where their weights
-/// are not there.
+/// gs3: the names of super sampling alone and with the frames between. Learned ones are left out, aloud, where their
+/// weights are not there.
 pub const OURS: [[&str; 2]; 6] = [
     ["history", "analytic"],
     ["kriging", "kriged"],
@@ -28,8 +28,8 @@ pub const ANALYTIC: usize = HISTORY + 1;
 pub const KRIGING: usize = HISTORY + 2;
 pub const OVERSCAN: usize = HISTORY + 4;
 
-/// Native rendering, [`BASELINES`] and [`OURS`] along the path, the latter in two rows each: without what they make between,
-/// and with it. And why some of ours are absent.
+/// Native rendering, [`BASELINES`] and [`OURS`] along the path, the latter in two rows each: without what they make
+/// between, and with it. And why some of ours are absent.
 pub fn along(
     path: &CameraPath,
     frames: usize,

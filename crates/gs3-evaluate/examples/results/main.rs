@@ -1,10 +1,10 @@
-//! Writes `docs/results.md`: gs3, without learning and with every tier whose weights come with it, against native rendering,
-//! baselines and published networks, at rest and with parts left out, on captured scenes.
+//! Writes `docs/results.md`: gs3, without learning and with every tier whose weights come with it, against native
+//! rendering, baselines and published networks, at rest and with parts left out, on captured scenes.
 //!
 //!     cargo run --release -p gs3-evaluate --example results -- ../shared [FRAMES [FILE]]
 //!
-//! All methods render every frame in turn, so they share whatever else the machine does. For ꟻLIP, warping error, flicker and
-//! percentiles of times run `gs3 evaluate`.
+//! All methods render every frame in turn, so they share whatever else the machine does. For ꟻLIP, warping error,
+//! flicker and percentiles of times run `gs3 evaluate`.
 
 mod along;
 mod networks;

@@ -8,12 +8,13 @@ use gs3_scene::CameraPath;
 
 use crate::score::{Row, follow, mean, shown};
 
-/// The paths whose frames they get, and how many of them: from an empty history on, all that it holds, and half of that again.
+/// The paths whose frames they get, and how many of them: from an empty history on, all that it holds, and half of that
+/// again.
 pub const PATHS: [&str; 3] = ["fungi_pan", "hqgarden_drift", "lacadiere_pan"];
 pub const FRAMES: usize = 24;
 
-/// What is left out, and the method without it. Networks are those of the whole, not trained anew. Those from [`UNLEARNED`] on
-/// leave out more than it does.
+/// What is left out, and the method without it. Networks are those of the whole, not trained anew. Those from
+/// [`UNLEARNED`] on leave out more than it does.
 const PARTS: [(&str, &str); 11] = [
     ("nothing, learned", "balanced_ss+balanced"),
     ("learned interpolation", "balanced"),

@@ -162,8 +162,8 @@ impl Method for Baseline {
     }
 }
 
-/// Replaces the gradients of `lr` by central differences of its colours, one-sided at borders as if they went on flat: cubic
-/// Hermite interpolation becomes Catmull–Rom.
+/// Replaces the gradients of `lr` by central differences of its colours, one-sided at borders as if they went on flat:
+/// cubic Hermite interpolation becomes Catmull–Rom.
 fn difference(lr: &mut GBuffer) {
     let (width, height) = (lr.width(), lr.height());
     let Some(Gradients { color_dx, color_dy, color_dxdy }) = &mut lr.gradients else { return };
@@ -203,7 +203,8 @@ impl LrSource {
         }
     }
 
-    /// Makes the LR frame of the HR `camera`, sampled at `jitter` where it is rasterized; gives the time, where a renderer would need as long.
+    /// Makes the LR frame of the HR `camera`, sampled at `jitter` where it is rasterized; gives the time, where a
+    /// renderer would need as long.
     fn render(
         &mut self,
         camera: &Camera,

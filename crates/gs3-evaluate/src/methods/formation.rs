@@ -3,9 +3,9 @@
 use gs3_scene::{GBuffer, Image, Planes};
 use rayon::prelude::*;
 
-/// Reduces `image` by `scale` to the colour of `lr` with an antialiasing bicubic filter: the Catmull–Rom kernel (a = −½)
-/// stretched by `scale`, weights normalised inside the image, as MATLAB's `imresize` and Pillow's `BICUBIC` do. The other
-/// planes of `lr` are dropped. The sides of `image` are multiples of `scale`.
+/// Reduces `image` by `scale` to the colour of `lr` with an antialiasing bicubic filter: the Catmull–Rom kernel (a =
+/// −½) stretched by `scale`, weights normalised inside the image, as MATLAB's `imresize` and Pillow's `BICUBIC` do. The
+/// other planes of `lr` are dropped. The sides of `image` are multiples of `scale`.
 pub(super) fn reduce(image: &Image, scale: u32, lr: &mut GBuffer) {
     let (width, height) = (image.width() / scale as usize, image.height() / scale as usize);
     *lr = GBuffer {

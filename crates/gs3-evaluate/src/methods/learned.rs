@@ -1,21 +1,23 @@
 //! Weights of methods that are networks: which files, whether they are there.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use gs3::neural::model::{Peer, Tier};
-use gs3::neural::{RunError, Weights};
+use gs3::neural::{RunError, WeightError, Weights};
 use gs3::{NetworkError, Networks};
 
 use super::{Interpolation, MethodError, MethodSpec, Spatial};
+use crate::digest;
 use crate::network::Trained;
 
 /// The two networks of gs3, as the headers of their weights name them.
 const SUPER_SAMPLE: &str = "super_sample";
 const INTERPOLATE: &str = "interpolate";
 
-/// Checks that `folder` is one and the weights of all `methods` are there, in it or with gs3. Whether they can be used shows when the
-/// method is built.
+/// Checks that `folder` is one and the weights of all `methods` are there, in it or with gs3. Whether they can be used
+/// shows when the method is built.
 ///
 /// # Errors
 /// [`MethodError`] of the folder, or of the first method that lacks some.
@@ -27,22 +29,54 @@ pub(crate) fn check_weights(
     if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
         return Err(MethodError::WeightFolder { folder: folder.to_owned() });
     }
-    for method in methods {
-        if let Some(file) = method.spatial.weight_file() {
-            published(*method, file, folder)?;
-        }
-        if let Spatial::Trained(peer) = method.spatial
-            && Trained::shipped(peer, scale).is_none()
-        {
-            published(*method, &trained_file(peer, scale), folder)?;
-        }
-        for (network, tier) in parts(*method) {
-            if own_file(network, tier, scale, folder).is_none() {
-                shipped(*method, network, tier, scale)?;
-            }
-        }
+    methods.iter().try_for_each(|method| sources(*method, scale, folder).map(drop))
+}
+
+/// Where weights are.
+enum Source {
+    File(PathBuf),
+    /// With gs3.
+    Shipped(Cow<'static, [u8]>),
+}
+
+/// Where all weights are that `method` reads.
+fn sources(method: MethodSpec, scale: u32, folder: Option<&Path>) -> Result<Vec<Source>, MethodError> {
+    let mut sources = Vec::new();
+    if let Some(file) = method.spatial.weight_file() {
+        sources.push(Source::File(published(method, file, folder)?));
     }
-    Ok(())
+    if let Spatial::Trained(peer) = method.spatial {
+        sources.push(trained_source(method, peer, scale, folder)?);
+    }
+    for (network, tier) in parts(method) {
+        sources.push(match own_file(network, tier, scale, folder) {
+            Some(file) => Source::File(file),
+            None => {
+                let fail = |source: WeightError| MethodError::Network { method, source: source.into() };
+                let weights = shipped(method, network, tier, scale)?;
+                Source::Shipped(weights.to_bytes().map_err(fail)?.into())
+            }
+        });
+    }
+    Ok(sources)
+}
+
+/// Stands for the weights that `method` reads, those that come with gs3 included: none if it reads none.
+///
+/// # Errors
+/// [`MethodError`] if it lacks some.
+pub(crate) fn weights_digest(
+    method: MethodSpec,
+    scale: u32,
+    folder: Option<&Path>,
+) -> Result<Option<u64>, MethodError> {
+    let sources = sources(method, scale, folder)?;
+    let of = |source: &Source| match source {
+        // What cannot be read fails the method when it is built, not the others.
+        Source::File(file) => digest::of_bytes(&std::fs::read(file).unwrap_or_default()),
+        Source::Shipped(bytes) => digest::of_bytes(bytes),
+    };
+    Ok((!sources.is_empty()).then(|| digest::of(&sources.iter().map(of).collect::<Vec<_>>())))
 }
 
 /// The file of a published network's weights.
@@ -62,24 +96,34 @@ pub(super) fn trained(
     scale: u32,
     folder: Option<&Path>,
 ) -> Result<Trained, MethodError> {
-    let name = trained_file(peer, scale);
-    let own = folder.map(|folder| folder.join(&name)).filter(|file| file.is_file());
-    let file = match (own, Trained::shipped(peer, scale)) {
-        (Some(file), _) => file,
-        (None, Some(bytes)) => {
-            let network =
-                Weights::from_bytes(bytes).map_err(RunError::from).and_then(|w| Trained::new(peer, w));
-            return network.map_err(|source| MethodError::Network { method, source: source.into() });
-        }
-        (None, None) => published(method, &name, folder)?,
+    let network = |weights: Result<Weights, WeightError>| {
+        weights.map_err(RunError::from).and_then(|weights| Trained::new(peer, weights)).map_err(Into::into)
     };
-    let network = Weights::load(&file).map_err(RunError::from).and_then(|w| Trained::new(peer, w));
-    network.map_err(|source| MethodError::NetworkFile { method, file, source: Box::new(source.into()) })
+    match trained_source(method, peer, scale, folder)? {
+        Source::File(file) => network(Weights::load(&file)).map_err(|source| {
+            let source = Box::new(source);
+            MethodError::NetworkFile { method, file, source }
+        }),
+        Source::Shipped(bytes) => {
+            network(Weights::from_bytes(&bytes)).map_err(|source| MethodError::Network { method, source })
+        }
+    }
 }
 
-/// As `gs3 train baseline` is told to call it.
-fn trained_file(peer: Peer, scale: u32) -> String {
-    format!("{}_x{scale}.safetensors", peer.name())
+/// Where the weights of `peer` are; their file is called as `gs3 train baseline` is told to call it.
+fn trained_source(
+    method: MethodSpec,
+    peer: Peer,
+    scale: u32,
+    folder: Option<&Path>,
+) -> Result<Source, MethodError> {
+    let name = format!("{}_x{scale}.safetensors", peer.name());
+    let own = folder.map(|folder| folder.join(&name)).filter(|file| file.is_file());
+    Ok(match (own, Trained::shipped(peer, scale)) {
+        (Some(file), _) => Source::File(file),
+        (None, Some(bytes)) => Source::Shipped(bytes.into()),
+        (None, None) => Source::File(published(method, &name, folder)?),
+    })
 }
 
 /// The networks of gs3 that `method` runs.

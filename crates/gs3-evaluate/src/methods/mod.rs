@@ -1,7 +1,7 @@
 //! Methods under evaluation: scene and cameras in, displayed frames out, timed by stage.
 //!
-//! gs3's own modes run through [`gs3::FramePipeline`], so that what is measured is what is shown. The baselines share its
-//! rasterizer and differ in what follows.
+//! gs3's own modes run through [`gs3::FramePipeline`], so that what is measured is what is shown. The baselines share
+//! its rasterizer and differ in what follows.
 
 mod baseline;
 mod formation;
@@ -24,11 +24,11 @@ use gs3_scene::{Camera, Image, Scene};
 use crate::network::WeightError;
 use crate::upscale::{RidgeError, UpscaleError};
 use baseline::Baseline;
-pub(crate) use learned::check_weights;
+pub(crate) use learned::{check_weights, weights_digest};
 pub use spec::{DEFAULT_METHODS, Formation, Interpolation, MethodSpec, Spatial, SpecError};
 
-/// Durations of the stages of a rendered frame, in the order of [`Stage::ALL`]; none for stages that did not run or whose
-/// time means nothing.
+/// Durations of the stages of a rendered frame, in the order of [`Stage::ALL`]; none for stages that did not run or
+/// whose time means nothing.
 pub type Durations = [Option<Duration>; Stage::ALL.len()];
 
 /// Why a method gave no frame.
@@ -140,8 +140,8 @@ pub struct MethodSettings {
     /// Cameras outside the evaluated frames, for methods that fit something to the scene.
     pub training: Vec<Camera>,
     /// Folder with the weights of published networks: `span28_x4.safetensors`, `safmnpp_light_x4.safetensors`,
-    /// `rt4ksr_x2.safetensors`; and of gs3's own, in place of those that come with it: `super_sample_balanced_x4.safetensors`,
-    /// `interpolate_balanced_x4.safetensors` and so on.
+    /// `rt4ksr_x2.safetensors`; and of gs3's own, in place of those that come with it:
+    /// `super_sample_balanced_x4.safetensors`, `interpolate_balanced_x4.safetensors` and so on.
     pub weights: Option<PathBuf>,
 }
 

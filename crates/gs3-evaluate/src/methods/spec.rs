@@ -30,8 +30,8 @@ pub enum Spatial {
     History,
     /// [`Self::History`], kriged where first-order predictions err visibly.
     Kriging,
-    /// [`Self::Kriging`], rasterized beyond the edges that the camera turns to: all that networks refine, without them (below tiers fast
-    /// and high, pixels are kriged coarsely and finely).
+    /// [`Self::Kriging`], rasterized beyond the edges that the camera turns to: all that networks refine, without them
+    /// (below tiers fast and high, pixels are kriged coarsely and finely).
     Overscan,
     /// [`Self::History`] with all LR frames sampled at pixel centres: an ablation.
     Centered,
@@ -57,8 +57,8 @@ pub enum Formation {
     Matched,
     /// Rasterized at LR with the stock dilation 0.3: a blurrier signal, as 3D Gaussian Splatting renders at that size.
     Stock,
-    /// The native image reduced by an antialiasing bicubic filter, as image super resolution is trained. It needs the native
-    /// image, so methods fed with it have no speed.
+    /// The native image reduced by an antialiasing bicubic filter, as image super resolution is trained. It needs the
+    /// native image, so methods fed with it have no speed.
     Antialiased,
 }
 
@@ -149,8 +149,9 @@ const INTERPOLATIONS: [(&str, Interpolation); 6] = [
     ("balanced", Interpolation::Learned(Tier::Balanced)),
     ("high", Interpolation::Learned(Tier::High)),
 ];
-/// Names of both parts of gs3 together, as `gs3 render` has them unless it is told to interpolate by networks: `history+warp`
-/// without learning, `kriging+warp` with `--kriging`, `overscan+warp` with `--overscan` too, `fast_ss+warp` with learning, and so on.
+/// Names of both parts of gs3 together, as `gs3 render` has them unless it is told to interpolate by networks:
+/// `history+warp` without learning, `kriging+warp` with `--kriging`, `overscan+warp` with `--overscan` too,
+/// `fast_ss+warp` with learning, and so on.
 const WHOLE: [(&str, (Spatial, Interpolation)); 6] = [
     ("analytic", (Spatial::History, Interpolation::Warp)),
     ("kriged", (Spatial::Kriging, Interpolation::Warp)),

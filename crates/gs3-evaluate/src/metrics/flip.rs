@@ -200,7 +200,8 @@ fn color_difference(a: [f32; 3], b: [f32; 3]) -> f32 {
     (a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])
 }
 
-/// L\*a\*b\* of a linear colour in `[0, 1]`, chroma scaled with lightness (Hunt effect: dark colours look less colourful).
+/// L\*a\*b\* of a linear colour in `[0, 1]`, chroma scaled with lightness (Hunt effect: dark colours look less
+/// colourful).
 fn hunt_lab(linear: [f32; 3]) -> [f32; 3] {
     const DELTA: f32 = 6.0 / 29.0;
     let [x, y, z] = white_relative_xyz(linear)

@@ -6,8 +6,8 @@ use super::MetricError;
 use super::mean_square::{Quantisation, mean_square};
 use super::psnr::psnr_from_mse;
 
-/// Temporal PSNR in dB: the PSNR of the frame difference `test[1] − test[0]` against `reference[1] − reference[0]`, peak
-/// 1 as in [`super::psnr()`]. An error that stays where it is costs nothing; one that comes and goes does.
+/// Temporal PSNR in dB: the PSNR of the frame difference `test[1] − test[0]` against `reference[1] − reference[0]`,
+/// peak 1 as in [`super::psnr()`]. An error that stays where it is costs nothing; one that comes and goes does.
 ///
 /// # Errors
 /// [`MetricError`] if sizes differ or images are empty.
@@ -23,9 +23,10 @@ pub fn tpsnr(
 /// Temporal flicker: the root mean square of the error's component that alternates from frame to frame, in `[0, 1]`; 0
 /// for the ground truth itself.
 ///
-/// The error `e = test − reference` of three consecutive frames passes the filter `[1, −2, 1]/4`, whose gain is 1 for an
-/// error that alternates at half the frame rate and 0 for one that is constant or grows linearly. Sharp rendered frames
-/// alternating with blurred interpolated ones, the typical defect of frame interpolation, show here and not in means.
+/// The error `e = test − reference` of three consecutive frames passes the filter `[1, −2, 1]/4`, whose gain is 1 for
+/// an error that alternates at half the frame rate and 0 for one that is constant or grows linearly. Sharp rendered
+/// frames alternating with blurred interpolated ones, the typical defect of frame interpolation, show here and not in
+/// means.
 ///
 /// # Errors
 /// [`MetricError`] if sizes differ or images are empty.

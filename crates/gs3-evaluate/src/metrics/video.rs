@@ -17,8 +17,8 @@ pub struct Viewing {
     pub memory_limit_bytes: usize,
 }
 
-/// Quality in JOD, 10 for no visible difference, 1 less where 75 % of observers would prefer the reference to a video 1 JOD
-/// higher. A single frame is judged as a still image.
+/// Quality in JOD, 10 for no visible difference, 1 less where 75 % of observers would prefer the reference to a video 1
+/// JOD higher. A single frame is judged as a still image.
 ///
 /// # Errors
 /// [`MetricError`] if frame counts or sizes differ, a frame is smaller than 4×4, or the display is unknown.

@@ -1,7 +1,7 @@
 //! Warping error: does a surface keep its colour from frame to frame? With the exact motion of a static scene.
 //!
-//! There is no package to hold it against: published code (of Lai et al. and those who took it up) estimates the motion with
-//! a network. Its oracle is a plane whose frames and motion are known in closed form (`tests/warping.rs`).
+//! There is no package to hold it against: published code (of Lai et al. and those who took it up) estimates the motion
+//! with a network. Its oracle is a plane whose frames and motion are known in closed form (`tests/warping.rs`).
 
 use glam::{DMat3, DVec2, DVec3};
 use gs3_scene::{Camera, Image, Planes};
@@ -25,12 +25,12 @@ pub struct WarpFrame<'a> {
 /// same surface.
 const SAME_SURFACE: f64 = 0.02;
 
-/// Warping error `Σ M ‖W(I₁) − I₀‖² / Σ M` over pixels, summed over RGB (Lai et al. 2018), with the exact motion given by
-/// depth and cameras instead of estimated flow. Every pixel centre of `frames[0]` is carried to `frames[1]` and sampled there
-/// bilinearly; `M` is 1 where it lands inside the image on the same surface (depths within 2 %).
+/// Warping error `Σ M ‖W(I₁) − I₀‖² / Σ M` over pixels, summed over RGB (Lai et al. 2018), with the exact motion given
+/// by depth and cameras instead of estimated flow. Every pixel centre of `frames[0]` is carried to `frames[1]` and
+/// sampled there bilinearly; `M` is 1 where it lands inside the image on the same surface (depths within 2 %).
 ///
-/// View-dependent colour, aliasing and sampling give the ground truth an error, too: report its own value beside that of a
-/// method. `None` if no pixel is visible in both frames.
+/// View-dependent colour, aliasing and sampling give the ground truth an error, too: report its own value beside that
+/// of a method. `None` if no pixel is visible in both frames.
 ///
 /// # Errors
 /// [`MetricError::Size`] if an image, camera or depth plane differs in size from the first image.

@@ -6,8 +6,8 @@ use rayon::prelude::*;
 /// Pixels that a kernel computes at a time; rows are rounded up to whole multiples.
 pub(super) const RUN: usize = 64;
 
-/// Feature maps, `[height + 2, channels, stride]`: a border of one zero row above and below and one zero column left, zeros
-/// right. Column `x` is at index `x + 1`.
+/// Feature maps, `[height + 2, channels, stride]`: a border of one zero row above and below and one zero column left,
+/// zeros right. Column `x` is at index `x + 1`.
 #[derive(Clone, Debug)]
 pub(super) struct Features {
     pub channels: usize,
@@ -71,7 +71,8 @@ impl Features {
         all
     }
 
-    /// The colour of `lr`, clamped to `[0, 1]`; the last column and row are repeated until `multiple` divides the sides.
+    /// The colour of `lr`, clamped to `[0, 1]`; the last column and row are repeated until `multiple` divides the
+    /// sides.
     pub fn of_color(lr: &GBuffer, multiple: usize) -> Self {
         let [width, height] = [lr.width(), lr.height()].map(|side| side.next_multiple_of(multiple));
         let mut color = Self::new(3, width, height);

@@ -1,5 +1,5 @@
-//! Published single-image super-resolution networks, for comparison: run from their own weights by small planar CPU kernels, or
-//! with weights of gs3's trainer by its engine ([`Trained`]). The networks of gs3 itself live elsewhere.
+//! Published single-image super-resolution networks, for comparison: run from their own weights by small planar CPU
+//! kernels, or with weights of gs3's trainer by its engine ([`Trained`]). The networks of gs3 itself live elsewhere.
 
 mod activation;
 mod conv;

@@ -1,4 +1,5 @@
-//! RT4KSR (Zamfir, Conde, Timofte 2023), ×2, applied twice for ×4. Its training form is folded to plain 3×3 convolutions.
+//! RT4KSR (Zamfir, Conde, Timofte 2023), ×2, applied twice for ×4. Its training form is folded to plain 3×3
+//! convolutions.
 
 use gs3_scene::{GBuffer, Image};
 use rayon::prelude::*;
@@ -61,10 +62,6 @@ impl Rt4ksr {
 }
 
 impl Upscaler for Rt4ksr {
-    fn honours_jitter(&self) -> bool {
-        false
-    }
-
     fn upscale(&mut self, lr: &GBuffer, scale: u32, out: &mut Image) -> Result<(), UpscaleError> {
         if !(scale == 2 || scale == 4) {
             return Err(UpscaleError::Scale { method: NAME, expected: 4, actual: scale });
@@ -79,8 +76,8 @@ impl Upscaler for Rt4ksr {
     }
 }
 
-/// The block `1×1 expand → 3×3 + identity → 1×1 reduce → + input` as one 3×3 convolution. The expanded maps are padded with the
-/// expansion's bias, which is what a zero border expands to, so folding is exact at borders, too.
+/// The block `1×1 expand → 3×3 + identity → 1×1 reduce → + input` as one 3×3 convolution. The expanded maps are padded
+/// with the expansion's bias, which is what a zero border expands to, so folding is exact at borders, too.
 fn folded(weights: &Weights, name: &str) -> Result<Conv, WeightError> {
     const WIDE: usize = 2 * CHANNELS;
     let tensor = |part: &str, shape: &[usize]| weights.tensor(&format!("{name}.{part}"), shape);

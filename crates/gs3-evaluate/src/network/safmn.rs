@@ -75,10 +75,6 @@ impl Block {
 }
 
 impl Upscaler for Safmn {
-    fn honours_jitter(&self) -> bool {
-        false
-    }
-
     fn upscale(&mut self, lr: &GBuffer, scale: u32, out: &mut Image) -> Result<(), UpscaleError> {
         if scale != SCALE {
             return Err(UpscaleError::Scale { method: NAME, expected: SCALE, actual: scale });
@@ -95,7 +91,8 @@ impl Upscaler for Safmn {
     }
 }
 
-/// Maxima over `sides / COARSE` (at least 1) windows along each side, `i n / m` rounded down to `(i + 1) n / m` rounded up.
+/// Maxima over `sides / COARSE` (at least 1) windows along each side, `i n / m` rounded down to `(i + 1) n / m` rounded
+/// up.
 fn pooled(x: &Features) -> Features {
     let [width, height] = [x.width, x.height].map(|side| (side / COARSE).max(1));
     let mut out = Features::new(x.channels, width, height);

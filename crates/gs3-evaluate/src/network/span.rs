@@ -47,10 +47,6 @@ impl Span {
 }
 
 impl Upscaler for Span {
-    fn honours_jitter(&self) -> bool {
-        false
-    }
-
     fn upscale(&mut self, lr: &GBuffer, scale: u32, out: &mut Image) -> Result<(), UpscaleError> {
         if scale != SCALE {
             return Err(UpscaleError::Scale { method: NAME, expected: SCALE, actual: scale });

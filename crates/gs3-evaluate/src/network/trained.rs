@@ -1,5 +1,5 @@
-//! Published networks with weights of gs3's own trainer, run by gs3's engine: what their design does on the very frames that
-//! gs3's networks were trained on.
+//! Published networks with weights of gs3's own trainer, run by gs3's engine: what their design does on the very frames
+//! that gs3's networks were trained on.
 
 use gs3::neural::model::{Peer, graph_of};
 use gs3::neural::{self, Arithmetic, Engine, Graph, RunError};
@@ -55,10 +55,6 @@ const SHIPPED: &[(Peer, u32, &[u8])] = &[
 ];
 
 impl Upscaler for Trained {
-    fn honours_jitter(&self) -> bool {
-        false
-    }
-
     fn jitter(&self) -> [f32; 2] {
         self.peer.jitter(self.scale as usize)
     }
@@ -74,8 +70,8 @@ impl Upscaler for Trained {
         let engine = match self.engine.take().filter(|(of, _)| *of == size) {
             Some(engine) => engine,
             None => {
-                // In f32 whatever gs3's own networks compute with: those add to an image and lose nothing by bf16, but RT4KSR
-                // makes the image itself, and loses 0.07 dB.
+                // In f32 whatever gs3's own networks compute with: those add to an image and lose nothing by bf16, but
+                // RT4KSR makes the image itself, and loses 0.07 dB.
                 let engine = Engine::with_arithmetic(&self.graph, &self.weights, size, Arithmetic::F32);
                 (size, engine.map_err(failed)?)
             }

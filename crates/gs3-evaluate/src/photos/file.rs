@@ -23,8 +23,9 @@ pub(super) fn size(path: &Path) -> Result<(u32, u32), PhotoError> {
         .map_err(|message| decode_error(path, message))
 }
 
-/// The photo at `path`: display-encoded RGB in `[0, 1]` at 8 bits, fourth channel 1. Transparent pixels show `background`,
-/// 16-bit values lose their low byte, grey becomes RGB; orientation tags and colour profiles are not read.
+/// The photo at `path`: display-encoded RGB in `[0, 1]` at 8 bits, fourth channel 1. Transparent pixels show
+/// `background`, 16-bit values lose their low byte, grey becomes RGB; orientation tags and colour profiles are not
+/// read.
 pub(super) fn read(path: &Path, background: [f32; 3]) -> Result<Image, PhotoError> {
     let bytes = read_bytes(path)?;
     if bytes.starts_with(&JPEG) { read_jpeg(&bytes) } else { read_png(&bytes, background) }

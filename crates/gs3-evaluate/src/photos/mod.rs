@@ -1,9 +1,9 @@
 //! Renders against captured images of a scene that was trained on them.
 //!
-//! Every camera of the capture names its photo. Renders and photos are compared at 8 bits, as files of them would be, each
-//! photo on its own: nothing is carried from one to the next, so methods with history run without it. Only undistorted pinhole
-//! images make sense here, and the readers of captures refuse others; a photo whose file is an enlarged or reduced version of
-//! its camera's image is compared at its own size, the camera following.
+//! Every camera of the capture names its photo. Renders and photos are compared at 8 bits, as files of them would be,
+//! each photo on its own: nothing is carried from one to the next, so methods with history run without it. Only
+//! undistorted pinhole images make sense here, and the readers of captures refuse others; a photo whose file is an
+//! enlarged or reduced version of its camera's image is compared at its own size, the camera following.
 
 mod error;
 mod file;
@@ -18,10 +18,11 @@ use gs3_scene::{Camera, CameraError, CameraPath, Image, Intrinsics, Scene};
 pub use error::PhotoError;
 pub use results::{PhotoFacts, PhotoImage, PhotoMethodScore, PhotoResults, PhotoRow, PhotoScore};
 
+use crate::digest;
 use crate::methods::{Interpolation, Method, MethodSettings, MethodSpec, build, check_weights};
 use crate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
 use crate::metrics::{Border, Quantisation, flip, psnr, ssim};
-use crate::protocol::{Cache, Crop, EvaluateError, Event, Failure, PSNR_CAP, crop};
+use crate::protocol::{Cache, Crop, EvaluateError, Event, Failure, PSNR_CAP, crop, part_of};
 
 /// The methods compared with photos where none are named.
 pub const DEFAULT_PHOTO_METHODS: &str = "native,bicubic,hermite,spline,bicubic@stock";
@@ -48,8 +49,8 @@ pub struct PhotoProtocol {
     pub capture_path: PathBuf,
     /// Where the photos are; none: where captures keep them, in the folder of the capture or in `images` beside it.
     pub images: Option<PathBuf>,
-    /// Every how manieth photo is judged, from the first on in the order of the capture: 1 for all, 8 for the photos that are
-    /// left out of training by common convention.
+    /// Every how manieth photo is judged, from the first on in the order of the capture: 1 for all, 8 for the photos
+    /// that are left out of training by common convention.
     pub every: usize,
     /// HR over LR size.
     pub scale: u32,
@@ -76,8 +77,8 @@ impl PhotoProtocol {
     /// Runs the comparison; `folder` keeps what is finished.
     ///
     /// # Errors
-    /// [`PhotoError`] if a photo is missing, cannot be read or does not fit its camera, if the methods or the scale make no
-    /// sense, or if a file cannot be written. A method that fails is listed in the results.
+    /// [`PhotoError`] if a photo is missing, cannot be read or does not fit its camera, if the methods or the scale
+    /// make no sense, or if a file cannot be written. A method that fails is listed in the results.
     pub fn run(&self, folder: &Path, watch: &mut dyn FnMut(Event<'_>)) -> Result<PhotoResults, PhotoError> {
         let methods = MethodSpec::with_native(&self.methods);
         if let Some(method) = methods.iter().find(|m| m.interpolation != Interpolation::None) {
@@ -103,8 +104,8 @@ impl PhotoProtocol {
         };
         let (mut scores, mut failures) = (Vec::new(), Vec::new());
         for spec in methods {
-            let name = spec.to_string();
-            if let Some(score) = cache.load(&name)? {
+            let part = part_of(spec, self.scale, self.weights.as_deref())?;
+            if let Some(score) = cache.load(&part)? {
                 watch(Event::Resumed { method: spec });
                 scores.push((spec, score));
                 continue;
@@ -114,7 +115,7 @@ impl PhotoProtocol {
                 .map_err(|e| EvaluateError::from(e).into())
                 .and_then(|mut method| self.judge(method.as_mut(), &photos, &mut progress));
             match judged {
-                Ok(score) => scores.push((spec, cache.store(&name, score)?)),
+                Ok(score) => scores.push((spec, cache.store(&part, score)?)),
                 Err(PhotoError::Evaluate(error)) => {
                     let failure = Failure::of(spec, &error);
                     watch(Event::Failed { failure: &failure });
@@ -156,7 +157,8 @@ impl PhotoProtocol {
         Err(PhotoError::Missing { name: name.into(), folders })
     }
 
-    /// Folders that may hold the photos. COLMAP keeps `images` beside `sparse/0`, others name files from their own folder.
+    /// Folders that may hold the photos. COLMAP keeps `images` beside `sparse/0`, others name files from their own
+    /// folder.
     fn folders(&self) -> Vec<PathBuf> {
         if let Some(images) = &self.images {
             return vec![images.clone()];
@@ -210,22 +212,25 @@ impl PhotoProtocol {
         Ok(score)
     }
 
-    /// Everything that results depend on but the methods.
+    /// Everything that results depend on but the methods and what they read, which [`part_of`] tells apart.
     fn key(&self, photos: &[Photo]) -> String {
         let Self { scene_name, scale, culling, background, .. } = self;
         // Another photo under the same name is told by its length and time.
         let state = |p: &Photo| std::fs::metadata(&p.file).map(|m| (m.len(), m.modified().ok())).ok();
         let cameras: Vec<_> = photos.iter().map(|p| (&p.file, state(p), p.camera)).collect();
+        let scene = digest::of_scene(&self.scene);
+        // Those that are not judged are what methods fit to.
+        let capture = digest::of(&format!("{:?}", self.capture));
         format!(
-            "gs3-evaluate photos {} {scene_name} {} x{scale} {culling:?} {background:?} {cameras:?}",
+            "gs3-evaluate photos {} {scene_name} {scene:016x} {capture:016x} x{scale} {culling:?} {background:?} {cameras:?}",
             env!("CARGO_PKG_VERSION"),
-            self.scene.gaussians().len()
         )
     }
 }
 
 /// `camera` with the image size `(width, height)`, if that is its image's at another scale: each side may be off by the
-/// rounding of a reduction to whole pixels, up or down. Both axes keep their field of view, as in training on reduced images.
+/// rounding of a reduction to whole pixels, up or down. Both axes keep their field of view, as in training on reduced
+/// images.
 fn following(camera: &Camera, (width, height): (u32, u32)) -> Option<Result<Camera, CameraError>> {
     let old = camera.intrinsics();
     let (sx, sy) = (f64::from(width) / f64::from(old.width), f64::from(height) / f64::from(old.height));

@@ -9,6 +9,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use super::EvaluateError;
+use crate::methods::{MethodSpec, weights_digest};
 
 /// The folder of finished parts of one protocol.
 pub(crate) struct Cache {
@@ -56,6 +57,19 @@ impl Cache {
         write_whole(&path, |file| Ok(serde_json::to_writer(file, &part)?))?;
         Ok(part)
     }
+}
+
+/// The name of the part of `method`. Of one that reads weights it tells them: with others it is another part, so that
+/// their scores are not taken for those of these.
+pub(crate) fn part_of(
+    method: MethodSpec,
+    scale: u32,
+    weights: Option<&Path>,
+) -> Result<String, EvaluateError> {
+    Ok(match weights_digest(method, scale, weights)? {
+        Some(digest) => format!("{method}-{digest:016x}"),
+        None => method.to_string(),
+    })
 }
 
 /// Writes a file whole or not at all: a run that is interrupted leaves no half file under its name.

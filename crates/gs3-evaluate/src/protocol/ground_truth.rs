@@ -135,8 +135,8 @@ impl<'a> GroundTruth<'a> {
     }
 }
 
-/// Median distance in pixels that visible surface points move from `from` to `to`, on a 64×36 lattice. None where nothing
-/// is visible.
+/// Median distance in pixels that visible surface points move from `from` to `to`, on a 64×36 lattice. None where
+/// nothing is visible.
 fn motion(from: &Truth, to: &Camera) -> Option<f64> {
     const LATTICE: (usize, usize) = (64, 36);
     let (width, height) = (from.image.width(), from.image.height());

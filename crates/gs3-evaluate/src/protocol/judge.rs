@@ -72,8 +72,8 @@ struct Displayed {
     image: Arc<Image>,
 }
 
-/// Largest width and height that ColorVideoVDP sees, the middle of frames: its memory grows with pixels × frames. By what
-/// [`Viewing`] says, about 3 GB for this size and 60 frames (estimated, not measured).
+/// Largest width and height that ColorVideoVDP sees, the middle of frames: its memory grows with pixels × frames. By
+/// what [`Viewing`] says, about 3 GB for this size and 60 frames (estimated, not measured).
 const JOD_SIZE: (usize, usize) = (1280, 720);
 const JOD_MEMORY: usize = 4 << 30;
 

@@ -1,9 +1,9 @@
 //! The protocol: which frames are judged, against what, how they are timed.
 //!
-//! Ground truth is the scene rasterized at full size by the same rasterizer with exact tile culling, at the poses of rendered frames and of the frames
-//! between. Every method runs over the same cameras, after warming up; scores are taken outside the timed stages. Native
-//! rendering runs beside it, frame by frame, so that speed-ups compare what was measured at the same time.
-//! Finished methods are kept in the output folder, so a run that was interrupted resumes.
+//! Ground truth is the scene rasterized at full size by the same rasterizer with exact tile culling, at the poses of
+//! rendered frames and of the frames between. Every method runs over the same cameras, after warming up; scores are
+//! taken outside the timed stages. Native rendering runs beside it, frame by frame, so that speed-ups compare what was
+//! measured at the same time. Finished methods are kept in the output folder, so a run that was interrupted resumes.
 
 mod cache;
 mod ground_truth;
@@ -20,9 +20,10 @@ use gs3::Culling;
 use gs3_scene::camera_path::CameraPath;
 use gs3_scene::{CameraError, Scene};
 
+use crate::digest;
 use crate::methods::{MethodError, MethodSettings, MethodSpec, build, check_weights};
 use crate::metrics::MetricError;
-pub(crate) use cache::Cache;
+pub(crate) use cache::{Cache, part_of};
 use ground_truth::GroundTruth;
 pub(crate) use judge::crop;
 pub use judge::{Crop, FrameScore, MethodScore, PSNR_CAP};
@@ -157,8 +158,8 @@ impl Protocol {
     /// Runs the evaluation; `folder` keeps what is finished.
     ///
     /// # Errors
-    /// [`EvaluateError`] if the protocol makes no sense, weights are missing, the ground truth cannot be made, or a file
-    /// cannot be written. A method that fails is listed in the results.
+    /// [`EvaluateError`] if the protocol makes no sense, weights are missing, the ground truth cannot be made, or a
+    /// file cannot be written. A method that fails is listed in the results.
     pub fn run(&self, folder: &Path, watch: &mut dyn FnMut(Event<'_>)) -> Result<Results, EvaluateError> {
         self.check()?;
         let timeline = Timeline::new(&self.path, self.frames.clone(), self.case, self.size)?;
@@ -167,9 +168,11 @@ impl Protocol {
         let methods = MethodSpec::with_native(&self.methods);
         let mut scores = Vec::new();
         for spec in &methods {
-            scores.push((*spec, cache.load::<MethodScore>(&spec.to_string())?));
+            let part = part_of(*spec, self.scale, self.weights.as_deref())?;
+            let score = cache.load::<MethodScore>(&part)?;
+            scores.push((*spec, part, score));
         }
-        if scores.iter().any(|(_, score)| score.is_none()) {
+        if scores.iter().any(|(.., score)| score.is_none()) {
             let total = timeline.displayed_count();
             for index in 0..total {
                 truth.ensure(index)?;
@@ -191,8 +194,7 @@ impl Protocol {
         let (scene, culling) = (Arc::clone(&self.reference), self.beside);
         let mut beside = build(MethodSpec::NATIVE, &MethodSettings { scene, culling, ..settings.clone() })?;
         let (mut finished, mut failures) = (Vec::new(), Vec::new());
-        for (spec, score) in scores {
-            let name = spec.to_string();
+        for (spec, part, score) in scores {
             if let Some(score) = score {
                 watch(Event::Resumed { method: spec });
                 finished.push((spec, score));
@@ -207,7 +209,7 @@ impl Protocol {
                 judge(methods, &timeline, &mut truth, self.warm_up_frames, rate, &mut progress)
             });
             match judged {
-                Ok(score) => finished.push((spec, cache.store(&name, score)?)),
+                Ok(score) => finished.push((spec, cache.store(&part, score)?)),
                 Err(error) => {
                     let failure = Failure::of(spec, &error);
                     watch(Event::Failed { failure: &failure });
@@ -234,7 +236,8 @@ impl Protocol {
         Ok(check_weights(&self.methods, self.scale, self.weights.as_deref())?)
     }
 
-    /// Everything that results depend on but the methods: results of another key are not resumed.
+    /// Everything that results depend on but the methods and what they read, which [`part_of`] tells apart: results of
+    /// another key are not resumed.
     fn key(&self) -> String {
         let Self {
             scene_name,
@@ -250,11 +253,12 @@ impl Protocol {
             jod,
             ..
         } = self;
-        let count = [&self.scene, &self.reference].map(|scene| scene.gaussians().len());
-        let (first, last) = (self.path.at(frames.start as f64), self.path.at(frames.end as f64 - 1.0));
+        let [scene, reference] = [&self.scene, &self.reference].map(|scene| digest::of_scene(scene));
+        // All cameras: those between the frames and before them count, too, and others are what methods fit to.
+        let path = digest::of(&format!("{:?}", self.path));
         format!(
-            "gs3-evaluate {} {scene_name} {count:?} {path_name} {frames:?} {case:?} {size:?} x{scale} {culling:?} {beside:?} {background:?} \
-             {warm_up_frames} {first:?} {last:?} jod {jod} {} threads",
+            "gs3-evaluate {} {scene_name} {scene:016x} {reference:016x} {path_name} {path:016x} {frames:?} {case:?} \
+             {size:?} x{scale} {culling:?} {beside:?} {background:?} {warm_up_frames} jod {jod} {} threads",
             env!("CARGO_PKG_VERSION"),
             rayon::current_num_threads()
         )

@@ -1,5 +1,5 @@
-//! The columns of the three tables of "3DGS³: Joint Super Sampling and Frame Interpolation for Real-Time Large-Scale 3DGS
-//! Rendering": methods compared, the same with each acceleration of rasterization, and parts left out.
+//! The columns of the three tables of "3DGS³: Joint Super Sampling and Frame Interpolation for Real-Time Large-Scale
+//! 3DGS Rendering": methods compared, the same with each acceleration of rasterization, and parts left out.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -42,8 +42,8 @@ pub struct PaperRow {
     /// The figures; speed-ups are over native rendering with the same acceleration.
     #[serde(flatten)]
     pub row: ResultRow,
-    /// [`ResultRow::displayed_fps`] over that of native rendering as 3DGS publishes it (`plain`, of the whole scene), which ran
-    /// beside it.
+    /// [`ResultRow::displayed_fps`] over that of native rendering as 3DGS publishes it (`plain`, of the whole scene),
+    /// which ran beside it.
     pub speedup_over_plain: Option<f64>,
 }
 

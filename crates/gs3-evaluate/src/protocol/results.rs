@@ -96,8 +96,8 @@ pub struct ResultRow {
     pub flicker: Option<f64>,
     /// ColorVideoVDP in JOD, of all frames together, where it was asked for.
     pub jod: Option<f64>,
-    /// Frames displayed per second: what the median rendered frame takes. None for methods whose LR frames need the native
-    /// image.
+    /// Frames displayed per second: what the median rendered frame takes. None for methods whose LR frames need the
+    /// native image.
     pub displayed_fps: Option<f64>,
     /// [`Self::displayed_fps`] over that of native rendering, both against native rendering beside them.
     pub speedup_over_native: Option<f64>,

@@ -275,7 +275,8 @@ fn details(results: &Results) -> String {
     comparison(&crops, crops.keys().rev(), ["bicubic", "analytic"])
 }
 
-/// Two of the details `{frame: {method: PNG in base 64}}` side by side, for the script, `shown` at first. No name holds `<`.
+/// Two of the details `{frame: {method: PNG in base 64}}` side by side, for the script, `shown` at first. No name holds
+/// `<`.
 pub(super) fn comparison<'a>(
     crops: &BTreeMap<String, BTreeMap<&str, String>>,
     frames: impl Iterator<Item = &'a String>,

@@ -1,8 +1,10 @@
-//! AMD FidelityFX Super Resolution 1.0, from its public description: edge-adaptive spatial upsampling (EASU: a Lanczos-like
-//! kernel of twelve taps, rotated and stretched along the local edge, clamped to its four nearest samples), then robust
-//! contrast-adaptive sharpening (RCAS). Full-precision divisions and roots stand where shaders approximate.
+//! AMD FidelityFX Super Resolution 1.0, from its public description: edge-adaptive spatial upsampling (EASU: a
+//! Lanczos-like kernel of twelve taps, rotated and stretched along the local edge, clamped to its four nearest
+//! samples), then robust contrast-adaptive sharpening (RCAS). Full-precision divisions and roots stand where shaders
+//! approximate.
 //!
-//! Held against a second transcription (`oracle/upscale.py`), for want of an independent implementation outside shaders.
+//! Held against a second transcription (`oracle/upscale.py`), for want of an independent implementation outside
+//! shaders.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16};
@@ -207,8 +209,8 @@ fn rcas_row<S: Simd>(simd: S, image: &Padded, y: isize, sharpness: f32, out: &mu
             let highest = up.max(down).max(left.max(right));
             centres[c] = f32x16::from_slice(simd, &row[at..at + LANES]);
             rings[c] = up + down + left + right;
-            // The lobe at which the result would reach 0, and the one at which it would reach 1. A black or a white ring
-            // divides 0 by 0 and sets no limit of its own.
+            // The lobe at which the result would reach 0, and the one at which it would reach 1. A black or a white
+            // ring divides 0 by 0 and sets no limit of its own.
             let to_black = lowest / (highest * 4.0);
             let to_white =
                 (f32x16::splat(simd, 1.0) - highest) / lowest.mul_add(4.0, f32x16::splat(simd, -4.0));

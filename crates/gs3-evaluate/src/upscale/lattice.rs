@@ -6,7 +6,8 @@
 use gs3_scene::Planes;
 use rayon::prelude::*;
 
-/// The place of a phase on one axis: between samples `offset + k` and `offset + k + 1` for the `k`-th pixel of the phase.
+/// The place of a phase on one axis: between samples `offset + k` and `offset + k + 1` for the `k`-th pixel of the
+/// phase.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Phase {
     /// −2 to 1.

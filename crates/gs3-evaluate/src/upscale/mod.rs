@@ -71,12 +71,7 @@ pub trait Upscaler: Send {
         Outputs::Color
     }
 
-    /// Whether it honours the jitter of the LR frame. Others get frames without.
-    fn honours_jitter(&self) -> bool {
-        true
-    }
-
-    /// The jitter of the LR frames that it is made for, in LR pixels, where it does not honour any.
+    /// The jitter of the LR frames that it is made for, in LR pixels.
     fn jitter(&self) -> [f32; 2] {
         [0.0; 2]
     }

@@ -9,11 +9,12 @@ use rayon::prelude::*;
 use super::lattice::{LANES, PAD, Padded, PhaseRow};
 use super::{UpscaleError, Upscaler, check_size};
 
-/// A linear map, one for all three channels, from the 3×3 block of (I, I<sub>x</sub>, I<sub>y</sub>) around an LR sample to the
-/// S×S block of HR pixels in it: what one convolution with pixel shuffle can do at most without a nonlinearity.
+/// A linear map, one for all three channels, from the 3×3 block of (I, I<sub>x</sub>, I<sub>y</sub>) around an LR
+/// sample to the S×S block of HR pixels in it: what one convolution with pixel shuffle can do at most without a
+/// nonlinearity.
 ///
-/// It maps differences to the centre sample to differences from it (8 colours and 18 gradients to S² values), so constant
-/// images stay constant.
+/// It maps differences to the centre sample to differences from it (8 colours and 18 gradients to S² values), so
+/// constant images stay constant.
 #[derive(Clone, Debug)]
 pub struct RidgeMap {
     scale: u32,
@@ -42,12 +43,13 @@ const NAME: &str = "ridge";
 /// Neighbours of the centre sample in the 3×3 block.
 const NEIGHBORS: [(isize, isize); 8] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
 const FEATURES: usize = 8 + 9 + 9;
-/// Ridge term relative to the mean of the normal matrix's diagonal. Empirical: below it the fit does not change, far above
-/// it loses; it only keeps flat training frames from a singular system.
+/// Ridge term relative to the mean of the normal matrix's diagonal. Empirical: below it the fit does not change, far
+/// above it loses; it only keeps flat training frames from a singular system.
 const RIDGE: f64 = 1e-7;
 
 impl RidgeMap {
-    /// Fits the map that turns the LR frames into their HR images, `scale` times as large, with the least squared error.
+    /// Fits the map that turns the LR frames into their HR images, `scale` times as large, with the least squared
+    /// error.
     ///
     /// # Errors
     /// [`RidgeError`] if there is no frame, one does not suit, or they have no content.
@@ -83,10 +85,6 @@ fn check<'a>(lr: &'a GBuffer, scale: u32, hr: &Image) -> Result<&'a Gradients, U
 impl Upscaler for RidgeMap {
     fn outputs(&self) -> Outputs {
         Outputs::GBuffer
-    }
-
-    fn honours_jitter(&self) -> bool {
-        false
     }
 
     fn upscale(&mut self, lr: &GBuffer, scale: u32, out: &mut Image) -> Result<(), UpscaleError> {

@@ -1,13 +1,14 @@
 //! Clips as files: safetensors with a header, of which parts can be read.
 //!
-//! Header texts: `clip` (version of this format), `network`, `scene`, `scale`. Arrays: `inputs/NAME`, f16, and `target`,
-//! u16; both `[frames, height, width, channels]`.
+//! Header texts: `clip` (version of this format), `network`, `scene`, `scale`. Arrays: `inputs/NAME`, f16, and
+//! `target`, u16; both `[frames, height, width, channels]`.
 
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::{Cursor, Read, Seek, SeekFrom};
+use std::io::{Cursor, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
+use gs3::scene::format::write_atomically;
 use gs3_neural::arrays::sort_header;
 use gs3_neural::model::Tier;
 use half::f16;
@@ -107,9 +108,8 @@ impl Clip {
     /// [`ClipError`] if it cannot be written or the clip is not whole.
     pub fn save(&self, path: &Path) -> Result<(), ClipError> {
         let write = |source| ClipError::File { path: path.to_owned(), source };
-        let unfinished = path.with_extension("unfinished");
-        std::fs::write(&unfinished, self.to_bytes()?).map_err(write)?;
-        std::fs::rename(&unfinished, path).map_err(write)
+        let bytes = self.to_bytes()?;
+        write_atomically(path, |writer| writer.write_all(&bytes)).map_err(write)
     }
 }
 

@@ -2,7 +2,9 @@
 
 use half::f16;
 
-use crate::clip::{Clip, Frame, Network, from_unorm};
+use crate::clip::{Clip, Frame, Network};
+use crate::losses::CHANNELS;
+use crate::validate::{psnr, subtract};
 
 /// The frame without networks: HR RGB and uncertainty, row by row. Empty if `frame` is none of a clip for `network`.
 #[must_use]
@@ -26,18 +28,15 @@ pub fn analytic(network: Network, frame: &Frame) -> Vec<[f32; 4]> {
 /// PSNR of the frames without networks against native ones, in dB: the mean over frames.
 #[must_use]
 pub fn analytic_psnr(clip: &Clip) -> f64 {
-    let psnr = |frame: &Frame| {
-        let native = frame.target.as_chunks::<3>().0;
+    // At least 1: a clip that was not checked may have no columns.
+    let width = (clip.lr[1] * clip.scale as usize).max(1);
+    let mut errors = Vec::new();
+    let frame_psnr = |frame: &Frame| {
         let made = analytic(clip.network, frame);
-        let error = |(pixel, native): (&[f32; 4], &[u16; 3])| -> f64 {
-            (0..3).map(|c| f64::from(pixel[c].clamp(0.0, 1.0) - from_unorm(native[c])).powi(2)).sum()
-        };
-        let sum: f64 = made.iter().zip(native).map(error).sum();
-        // No better than what 16 bits hold, as for windows that show nothing.
-        let mean = (sum / (3 * native.len().max(1)) as f64).max(1e-10);
-        -10.0 * mean.log10()
+        subtract(made.as_flattened(), [width, CHANNELS, 0], &frame.target, &mut errors);
+        psnr(errors.iter().copied())
     };
-    clip.frames.iter().map(psnr).sum::<f64>() / clip.frames.len().max(1) as f64
+    clip.frames.iter().map(frame_psnr).sum::<f64>() / clip.frames.len().max(1) as f64
 }
 
 pub(super) fn plane<'a>(frame: &'a Frame, name: &str) -> &'a [f16] {

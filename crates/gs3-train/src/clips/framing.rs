@@ -31,8 +31,8 @@ impl Framing {
     /// Largest window.
     pub const LARGEST: [u32; 2] = SIZES[SIZES.len() - 1].1;
 
-    /// A random view that a window of `size`, multiples of `scale` within [`Self::LARGEST`], fits in; the window lies in
-    /// its corner.
+    /// A random view that a window of `size`, multiples of `scale` within [`Self::LARGEST`], fits in; the window lies
+    /// in its corner.
     pub fn draw(draw: &mut Draw, size: [u32; 2], scale: u32) -> Self {
         let fits = |s: &[u32; 2]| s[0] >= size[0] && s[1] >= size[1];
         let sizes: Vec<_> = SIZES.into_iter().filter(|(_, s)| fits(s)).collect();

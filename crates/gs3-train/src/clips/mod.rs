@@ -1,8 +1,8 @@
-//! Renders clips from scenes: random cameras near given paths that move at random, windows of their views, what a network
-//! is fed there and the native frames.
+//! Renders clips from scenes: random cameras near given paths that move at random, windows of their views, what a
+//! network is fed there and the native frames.
 //!
-//! A clip is a window of a large view, not a small view: splats, gradients and motion are as in whole frames. Around the
-//! window a margin is rendered too, and cut away, so that what enters it has a past.
+//! A clip is a window of a large view, not a small view: splats, gradients and motion are as in whole frames. Around
+//! the window a margin is rendered too, and cut away, so that what enters it has a past.
 
 mod analytic;
 mod batch;
@@ -49,10 +49,11 @@ pub struct ClipSettings {
     /// What all that is random depends on, together with a scene's name and a clip's number.
     pub seed: u64,
     /// What refines the frames that others are made from: those between which is interpolated, and the previous one of
-    /// super sampling. Without it they are those of the pipeline without networks. Super sampling is trained in rounds: the
-    /// first without, the next ones on clips of the weights of the round before.
+    /// super sampling. Without it they are those of the pipeline without networks. Super sampling is trained in rounds:
+    /// the first without, the next ones on clips of the weights of the round before.
     pub super_sample: Option<Arc<Weights>>,
-    /// Which pixels are kriged, as they are below the network to be trained: coarsely for tier fast, finely for tier high.
+    /// Which pixels are kriged, as they are below the network to be trained: coarsely for tier fast, finely for tier
+    /// high.
     pub kriging: Kriging,
 }
 

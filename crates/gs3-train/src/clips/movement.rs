@@ -50,8 +50,8 @@ const START_OR_STOP: f64 = 0.15;
 /// Largest change of speed over the recorded frames, as a share.
 const ACCELERATION: f64 = 0.4;
 
-/// Largest turn in a frame (3.4°) and largest way, as a share of the distance to what is seen: motions that would need more
-/// to reach their speed are slower, as a dolly towards the middle of the window.
+/// Largest turn in a frame (3.4°) and largest way, as a share of the distance to what is seen: motions that would need
+/// more to reach their speed are slower, as a dolly towards the middle of the window.
 const LARGEST_STEP: f64 = 0.06;
 
 /// A turn (radians, scaled axis) and a way (in distances to what is seen), in the view's axes.
@@ -173,9 +173,9 @@ impl Sway {
 }
 
 impl Movement {
-    /// `plan` around the pose `world_from_view`. What is looked at lies at `target`, in view space, whose z is positive;
-    /// `points` are what is seen, in world space, and `pixel` says where one is in the image of a view_from_world pose.
-    /// `speed` is in pixels a frame.
+    /// `plan` around the pose `world_from_view`. What is looked at lies at `target`, in view space, whose z is
+    /// positive; `points` are what is seen, in world space, and `pixel` says where one is in the image of a
+    /// view_from_world pose. `speed` is in pixels a frame.
     pub fn new(
         plan: Plan,
         world_from_view: DAffine3,

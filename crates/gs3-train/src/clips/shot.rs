@@ -25,8 +25,8 @@ const PLACES: usize = 12;
 /// Least mean alpha of a window, but for a few.
 const LEAST_ALPHA: f64 = 0.15;
 
-/// Least mean change of colour from one HR pixel to the next, but for the same few: clips of walls that fill the window and
-/// of things seen from too near teach nothing. (Empirical: captured grass has 0.05, a statue before black 0.006.)
+/// Least mean change of colour from one HR pixel to the next, but for the same few: clips of walls that fill the window
+/// and of things seen from too near teach nothing. (Empirical: captured grass has 0.05, a statue before black 0.006.)
 const LEAST_DETAIL: f64 = 0.005;
 
 /// The few that show nothing, or nothing sharp.

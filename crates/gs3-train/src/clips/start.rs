@@ -5,7 +5,8 @@ use gs3::scene::{Camera, CameraPath};
 
 use super::draw::Draw;
 
-/// Between the parts of a path for training and for held-out clips, and at a cycle's seam, this share of it is left out.
+/// Between the parts of a path for training and for held-out clips, and at a cycle's seam, this share of it is left
+/// out.
 const GAP: f64 = 0.02;
 
 /// Largest turns about what is seen, in degrees: sideways and up.
@@ -17,8 +18,8 @@ const DISTANCE: [f64; 2] = [0.5, 1.4];
 /// Largest turns of the camera in its place, in degrees: sideways, up and about its axis.
 const LOOK: [f64; 3] = [12.0, 8.0, 8.0];
 
-/// A camera of one of `paths`: of their first part for training, of their last part, the share `held_out`, if `is_held_out`.
-/// None if there is no path.
+/// A camera of one of `paths`: of their first part for training, of their last part, the share `held_out`, if
+/// `is_held_out`. None if there is no path.
 pub(super) fn draw(
     draw: &mut Draw,
     paths: &[CameraPath],

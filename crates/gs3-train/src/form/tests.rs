@@ -104,7 +104,8 @@ fn derivatives_go_back_through_the_fold() {
         };
         let v = form.pull_back(&weights, factors.clone());
         assert!(v.keys().eq(weights.arrays.keys()), "{peer:?}");
-        // Shares of the loss are products of at most three weights, each of which it is linear in: large steps do no harm.
+        // Shares of the loss are products of at most three weights, each of which it is linear in: large steps do no
+        // harm.
         let step = 0.25;
         let names: Vec<String> = weights.arrays.keys().cloned().collect();
         for name in names {
@@ -128,7 +129,8 @@ fn derivatives_go_back_through_the_fold() {
     }
 }
 
-/// The published windows, from what they are made of: smoothing across differences, and second differences of both axes.
+/// The published windows, from what they are made of: smoothing across differences, and second differences of both
+/// axes.
 #[test]
 fn edges_are_sobel_and_laplace() {
     let (smooth, slope) = ([1.0, 2.0, 1.0], [1.0, 0.0, -1.0]);

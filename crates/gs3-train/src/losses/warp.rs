@@ -14,9 +14,10 @@ pub struct Moved<'a> {
     pub validity: &'a [f32],
 }
 
-/// The sum over the interior of Charbonnier's loss of e − W(e₀), times validity: e the errors now, W(e₀) those of the frame
-/// before at the places where the pixels were, found bilinearly. What moves with its errors costs nothing, what flickers
-/// while it moves does. Pixels that were not seen, or at the border where nothing is known of errors, do not count.
+/// The sum over the interior of Charbonnier's loss of e − W(e₀), times validity: e the errors now, W(e₀) those of the
+/// frame before at the places where the pixels were, found bilinearly. What moves with its errors costs nothing, what
+/// flickers while it moves does. Pixels that were not seen, or at the border where nothing is known of errors, do not
+/// count.
 ///
 /// The paper compares the images themselves; their truth differs along the motion, too, by what reflects and what
 /// sampling does, so here errors are compared: the loss vanishes at the truth.

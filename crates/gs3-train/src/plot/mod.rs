@@ -8,6 +8,7 @@ use std::path::Path;
 
 use embedded_graphics::pixelcolor::Rgb888;
 use embedded_graphics::prelude::{DrawTarget, OriginDimensions, Pixel, RgbColor, Size};
+use gs3::scene::format::write_atomically;
 
 use crate::error::TrainError;
 use crate::log::Row;
@@ -71,21 +72,14 @@ impl Canvas {
     }
 
     fn save(&self, path: &Path) -> Result<(), TrainError> {
-        let at = |source| TrainError::File { path: path.to_owned(), source };
-        let unfinished = path.with_extension("unfinished");
-        let mut encoder = png::Encoder::new(
-            BufWriter::new(File::create(&unfinished).map_err(at)?),
-            self.size[0],
-            self.size[1],
-        );
-        encoder.set_color(png::ColorType::Rgb);
-        let write = |encoder: png::Encoder<'_, BufWriter<File>>| {
+        let encode = |file: &mut BufWriter<File>| {
+            let mut encoder = png::Encoder::new(file, self.size[0], self.size[1]);
+            encoder.set_color(png::ColorType::Rgb);
             let mut writer = encoder.write_header()?;
             writer.write_image_data(&self.pixels)?;
-            writer.finish()
+            Ok(writer.finish()?)
         };
-        write(encoder).map_err(|error| at(error.into()))?;
-        std::fs::rename(&unfinished, path).map_err(at)
+        write_atomically(path, encode).map_err(|source| TrainError::File { path: path.to_owned(), source })
     }
 }
 

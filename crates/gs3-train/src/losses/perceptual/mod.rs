@@ -11,7 +11,7 @@ use gs3_neural::{Differentiator, Packed, RunError, Scratch, Shape, Tape};
 use super::{CHANNELS, Interior};
 use crate::error::TrainError;
 use pool::Pool;
-use squeezenet::{AFTER_CONV1, CONV1_BEFORE, CONV1_MORE, FEATURES, INPUT, PartError, parts};
+use squeezenet::{AFTER_CONV1, CONV1_BEFORE, CONV1_MORE, FEATURES, INPUT, parts};
 
 /// Mean and standard deviation of RGB in the images that the network has learned from (ImageNet).
 const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
@@ -21,8 +21,8 @@ const DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];
 const LEAST_SQUARE: f64 = 1e-6;
 
 /// Differences of features of SqueezeNet v1.0 (Iandola et al. 2016) after conv1, fire4 and fire5: the mean squared
-/// difference relative to the mean square of the truth's features (Johnson et al. 2016, made free of the features' size),
-/// and the mean of the three.
+/// difference relative to the mean square of the truth's features (Johnson et al. 2016, made free of the features'
+/// size), and the mean of the three.
 #[derive(Clone, Debug)]
 pub struct Perceptual {
     interior: Interior,
@@ -83,7 +83,7 @@ impl Perceptual {
         // Windows of 2×2 pixels are not cut.
         let size = [interior.rows().len(), interior.columns().len()].map(|side| side & !1);
         let mut made: Vec<Part> = Vec::new();
-        for (k, (graph, weights)) in parts(arrays).map_err(part_error)?.into_iter().enumerate() {
+        for (k, (graph, weights)) in parts(arrays)?.into_iter().enumerate() {
             let (pool, lr) = match made.last() {
                 None => (None, size.map(|side| side / 2)),
                 Some(before) => {
@@ -126,8 +126,8 @@ impl Perceptual {
         PerceptualMemory { parts: self.parts.iter().map(part).collect() }
     }
 
-    /// The loss of `color`, an HR image `[height, width, 4]`, whose errors are `error`. Adds `factor` times its derivative
-    /// to `v`.
+    /// The loss of `color`, an HR image `[height, width, 4]`, whose errors are `error`. Adds `factor` times its
+    /// derivative to `v`.
     ///
     /// # Errors
     /// [`RunError`] if `memory` is another's.
@@ -223,12 +223,5 @@ impl Perceptual {
         let (stride, [height, width]) = (self.interior.stride(), self.size);
         let (top, left) = (self.interior.rows().start, self.interior.columns().start);
         (0..height).flat_map(move |y| (0..width).map(move |x| (top + y) * stride + (left + x) * CHANNELS))
-    }
-}
-
-fn part_error(error: PartError) -> TrainError {
-    match error {
-        PartError::Weights(source) => source.into(),
-        PartError::Graph(source) => source.into(),
     }
 }

@@ -5,12 +5,14 @@ use gs3_neural::{
     Activation, Border, Conv2d, Graph, GraphBuilder, GraphError, Header, Op, Tensor, WeightError, Weights,
 };
 
+use crate::error::TrainError;
+
 /// The image or the features that a part reads, and the features that it gives.
 pub const INPUT: &str = "input";
 pub const FEATURES: &str = "features";
 
-/// Pixels of conv1's result, on the grid of half the image's size, that its graph gives before those that the network has:
-/// the window of 7×7 lies between −4 and 2 instead of 0 and 6.
+/// Pixels of conv1's result, on the grid of half the image's size, that its graph gives before those that the network
+/// has: the window of 7×7 lies between −4 and 2 instead of 0 and 6.
 pub const CONV1_BEFORE: usize = 2;
 
 /// And in all.
@@ -23,8 +25,8 @@ const AFTER_FIRE4: usize = 256;
 /// The parts as graphs, with their weights among `arrays`, named as in the published file.
 ///
 /// # Errors
-/// [`WeightError`] if a weight is missing or has another shape.
-pub fn parts(arrays: &Arrays) -> Result<[(Graph, Weights); 3], PartError> {
+/// [`TrainError::Weights`] if a weight has another shape.
+pub fn parts(arrays: &Arrays) -> Result<[(Graph, Weights); 3], TrainError> {
     let conv1 = arrays.get("conv1.weight").map(unshuffled).transpose()?;
     let mut all = arrays.clone();
     all.extend(conv1.map(|array| ("conv1.weight".to_owned(), array)));
@@ -56,17 +58,6 @@ pub fn parts(arrays: &Arrays) -> Result<[(Graph, Weights); 3], PartError> {
             Weights { header: Header { network, version, scale: 1, tier, training_data, licence }, arrays },
         )
     }))
-}
-
-/// What can be wrong with a file of the network.
-#[derive(Debug, thiserror::Error)]
-pub enum PartError {
-    /// A weight has another shape.
-    #[error(transparent)]
-    Weights(#[from] WeightError),
-    /// Never: the graphs are fixed.
-    #[error(transparent)]
-    Graph(#[from] GraphError),
 }
 
 fn graph(name: &str, layers: impl FnOnce(&mut GraphBuilder) -> Tensor) -> Result<Graph, GraphError> {
