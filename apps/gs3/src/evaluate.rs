@@ -145,7 +145,7 @@ pub fn run(args: &EvaluateArgs) -> Result<Outcome, CliError> {
         warm_up_frames: args.warm_up.into(),
         weights: args.weights.clone(),
         jod: args.jod,
-        command: std::env::args().collect::<Vec<_>>().join(" "),
+        command: command_line(),
     };
     if args.protocol == ProtocolArg::Paper {
         return paper(args, protocol);
@@ -195,7 +195,7 @@ fn photos(args: &EvaluateArgs, scene: Arc<Scene>, capture: &Path) -> Result<Outc
         culling: args.culling.into(),
         background: args.background.0,
         weights: args.weights.clone(),
-        command: std::env::args().collect::<Vec<_>>().join(" "),
+        command: command_line(),
     };
     let results = watched(|watch| protocol.run(&args.out, watch))?;
     let (table, page) = (report::photos_markdown(&results), report::photos_html(&results));
@@ -221,6 +221,11 @@ fn write_report(out: &Path, results: &Value, table: &str, page: &str) -> Result<
     write_text(&out.join("report.html"), page)?;
     print(format_args!("{table}\n{}\n", out.join("report.html").display()))?;
     Ok(())
+}
+
+/// The command as it was given; what is no text in it, nearly so.
+fn command_line() -> String {
+    std::env::args_os().map(|arg| arg.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
 }
 
 /// Whoever asked for a method and gets none shall not have to read the report to know.

@@ -20,7 +20,7 @@ pub fn run(args: &GbufferArgs) -> Result<Outcome, CliError> {
     destination::check(&[Destination::file("--out", &args.out, "npz")], args.view.inputs())?;
     let (scene, _) = inputs::scene(&args.view.scene)?;
     let path = inputs::cameras(&args.view, &scene)?;
-    inputs::check_frames("--frame", &(args.frame..args.frame + 1), &path)?;
+    inputs::check_frames("--frame", &(args.frame..args.frame.saturating_add(1)), &path)?;
     let settings = RasterSettings {
         dilation: args.dilation.0.at_scale(args.scale),
         jitter: args.jitter.0,

@@ -2,7 +2,8 @@
 
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use std::path::Path;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 fn evaluate(out: &Path, arguments: &[&str]) -> Output {
@@ -14,10 +15,19 @@ fn evaluate(out: &Path, arguments: &[&str]) -> Output {
         .unwrap()
 }
 
+/// A folder in a folder, by a name that is no text where there are such names.
+fn deep() -> PathBuf {
+    #[cfg(unix)]
+    let name = std::os::unix::ffi::OsStrExt::from_bytes(b"de\xffp");
+    #[cfg(not(unix))]
+    let name = OsStr::new("deep");
+    Path::new::<OsStr>(name).join("out")
+}
+
 #[test]
 fn a_report_is_written_and_a_second_run_resumes() {
     let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("deep/out");
+    let out = folder.path().join(deep());
     let weights = folder.path().join("weights");
     std::fs::create_dir(&weights).unwrap();
     std::fs::write(weights.join("span28_x4.safetensors"), "no weights").unwrap();
