@@ -101,8 +101,8 @@ pub fn adapters() -> Vec<AdapterReport> {
     found(&instance()).iter().map(report).collect()
 }
 
-/// The place in `adapters` of the one that `choice` means, and why: of those that can run gs3 the fastest kind, the first
-/// among equals.
+/// The place in `adapters` of the one that `choice` means, and why: of those that can run gs3 the fastest kind, the
+/// first among equals.
 ///
 /// # Errors
 /// [`GpuError::NoAdapter`] if there is none, [`GpuError::Unsupported`] if the one asked for lacks something.

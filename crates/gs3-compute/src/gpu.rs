@@ -72,8 +72,8 @@ pub struct Capabilities {
     pub shader_f16: Support,
     /// Times of stages on the device.
     pub timestamps: Support,
-    /// Sizes `m×n×k` of matrix products in hardware with f16 factors and f32 sums (`enable wgpu_cooperative_matrix;`); of a
-    /// device that was not opened with [`OptionalFeatures::Experimental`] none.
+    /// Sizes `m×n×k` of matrix products in hardware with f16 factors and f32 sums (`enable
+    /// wgpu_cooperative_matrix;`); of a device that was not opened with [`OptionalFeatures::Experimental`] none.
     pub cooperative_matrix: Vec<[u32; 3]>,
     /// Sizes.
     pub limits: Limits,
@@ -102,7 +102,8 @@ pub struct Limits {
 const SMALLEST_WORKGROUP: u32 = 64;
 
 impl Subgroups {
-    /// Those of sizes from `min` to `max`, if every workgroup is a whole number of them: kernels count those that are full.
+    /// Those of sizes from `min` to `max`, if every workgroup is a whole number of them: kernels count those that are
+    /// full.
     fn of_sizes(min: u32, max: u32) -> Self {
         match min.is_power_of_two() && max.is_power_of_two() && max <= SMALLEST_WORKGROUP {
             true => Self::Present { min, max },
@@ -172,8 +173,8 @@ impl Capabilities {
 fn experimental(capabilities: &Capabilities) -> wgpu::ExperimentalFeatures {
     match capabilities.cooperative_matrix.is_empty() {
         true => wgpu::ExperimentalFeatures::disabled(),
-        // SAFETY: whoever opens the device asks for it, in wgpu's terms. Of a matrix that a kernel loads or stores naga checks
-        // where it begins; that it ends inside is for the kernel to hold.
+        // SAFETY: whoever opens the device asks for it, in wgpu's terms. Of a matrix that a kernel loads or stores
+        // naga checks where it begins; that it ends inside is for the kernel to hold.
         false => unsafe { wgpu::ExperimentalFeatures::enabled() },
     }
 }
@@ -319,8 +320,8 @@ impl Gpu {
         crate::buffer::write(self, slice, bytemuck::cast_slice(values))
     }
 
-    /// The numbers in `slice`, after all that was submitted before. It waits for the device: for tests and final results,
-    /// not for what a frame hands on.
+    /// The numbers in `slice`, after all that was submitted before. It waits for the device: for tests and final
+    /// results, not for what a frame hands on.
     ///
     /// # Errors
     /// [`GpuError`] if the device fails.
@@ -352,8 +353,8 @@ impl Gpu {
         }
     }
 
-    /// What `call` gives. wgpu panics where a device is lost while something waits for it (30.0: `Device::poll`); that is a device
-    /// lost like any other.
+    /// What `call` gives. wgpu panics where a device is lost while something waits for it (30.0: `Device::poll`);
+    /// that is a device lost like any other.
     fn survived<T>(&self, call: impl FnOnce() -> T) -> Result<T, GpuError> {
         catch_unwind(AssertUnwindSafe(call)).map_err(|panic| {
             let said = panic.downcast_ref::<String>().map(String::as_str);

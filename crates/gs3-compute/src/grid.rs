@@ -2,7 +2,8 @@
 
 use crate::GpuError;
 
-/// Workgroups in a row of a dispatch's grid. Every device takes 65,535 along each dimension; a power of two divides fast.
+/// Workgroups in a row of a dispatch's grid. Every device takes 65,535 along each dimension; a power of two divides
+/// fast.
 pub const GRID_ROW: u32 = 1 << 15;
 
 /// WGSL beside [`grid`]: `grid_of(groups)` gives a dispatch's counts, `group_index(workgroup_id)` a workgroup's place.

@@ -87,20 +87,20 @@ impl Module {
     }
 }
 
-/// The module, without the counter that wgpu gives every loop lest it never end: of 64 bits, tested in each round, and in
-/// the way of unrolling. All other checks stay.
+/// The module, without the counter that wgpu gives every loop lest it never end: of 64 bits, tested in each round,
+/// and in the way of unrolling. All other checks stay.
 #[allow(unsafe_code, reason = "wgpu asks for it where a check is left out")]
 fn created(device: &wgpu::Device, descriptor: wgpu::ShaderModuleDescriptor<'_>) -> wgpu::ShaderModule {
     let checks =
         wgpu::ShaderRuntimeChecks { force_loop_bounding: false, ..wgpu::ShaderRuntimeChecks::checked() };
-    // SAFETY: of kernels it is asked that their loops end ([`Gpu::module`]). Those of gs3 run over counts; lists that they follow
-    // have no cycles, and whoever waits for another workgroup stops after so many looks.
+    // SAFETY: of kernels it is asked that their loops end ([`Gpu::module`]). Those of gs3 run over counts; lists that
+    // they follow have no cycles, and whoever waits for another workgroup stops after so many looks.
     unsafe { device.create_shader_module_trusted(descriptor, checks) }
 }
 
 impl Kernel {
-    /// The kernel with a buffer for each name that its shader declares and uses. Names that the module declares for other
-    /// entry points may be there too.
+    /// The kernel with a buffer for each name that its shader declares and uses. Names that the module declares for
+    /// other entry points may be there too.
     ///
     /// # Errors
     /// [`GpuError::Bindings`] if one is missing, [`GpuError::TooLarge`] if one is longer than a binding may be.

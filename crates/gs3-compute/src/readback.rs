@@ -5,8 +5,8 @@ use crate::error::GpuError;
 use crate::gpu::Gpu;
 use crate::recorder::Submission;
 
-/// Memory that the processor reads, for results of one frame after the other: [`Recorder::read_back`] brings them there in
-/// the frame's own submission.
+/// Memory that the processor reads, for results of one frame after the other: [`Recorder::read_back`] brings them
+/// there in the frame's own submission.
 ///
 /// [`Recorder::read_back`]: crate::Recorder::read_back
 #[derive(Debug)]

@@ -85,7 +85,8 @@ impl<'a> Recorder<'a> {
         self.encoder.copy_buffer_to_buffer(&from.buffer.raw, from.start, &to.buffer.raw, to.start, bytes);
     }
 
-    /// Brings `from` to byte `at` of `to`, cut to what there is room for. Starts and lengths are multiples of four bytes.
+    /// Brings `from` to byte `at` of `to`, cut to what there is room for. Starts and lengths are multiples of four
+    /// bytes.
     pub fn read_back(&mut self, from: &Slice<'_>, to: &Readback, at: u64) {
         self.end_pass();
         let bytes = from.bytes.min(to.bytes().saturating_sub(at));

@@ -18,8 +18,8 @@ const TIME_BYTES: u64 = 8;
 pub struct StageTime {
     /// Its name, from [`Recorder::stage`](crate::Recorder::stage).
     pub stage: &'static str,
-    /// Its kernels, and what passes between them and those before: copies and fills that it recorded, waiting. So the times
-    /// of all stages add up to that from the start of the first kernel to the end of the last.
+    /// Its kernels, and what passes between them and those before: copies and fills that it recorded, waiting. So the
+    /// times of all stages add up to that from the start of the first kernel to the end of the last.
     pub time: Duration,
 }
 
@@ -75,8 +75,8 @@ impl Timings {
         })
     }
 
-    /// The times of the last recorded frame, which is `submission`, in the order in which stages began. It waits for the
-    /// frame.
+    /// The times of the last recorded frame, which is `submission`, in the order in which stages began. It waits for
+    /// the frame.
     ///
     /// # Errors
     /// [`GpuError`] if the device fails.
@@ -118,8 +118,8 @@ impl Timings {
     }
 }
 
-/// What the stages of `passes` took, whose beginnings and ends are `ticks` of `period` nanoseconds, in the order in which stages
-/// began.
+/// What the stages of `passes` took, whose beginnings and ends are `ticks` of `period` nanoseconds, in the order in
+/// which stages began.
 fn stage_times(passes: &[Pass], ticks: &[u64], period: f64) -> Vec<StageTime> {
     let mut sums: Vec<(&'static str, u64)> = Vec::new();
     let mut add = |stage, ticks| match sums.iter_mut().find(|(name, _)| *name == stage) {
@@ -128,7 +128,8 @@ fn stage_times(passes: &[Pass], ticks: &[u64], period: f64) -> Vec<StageTime> {
     };
     let mut now = ticks.first().copied().unwrap_or(0);
     for (pass, times) in passes.iter().zip(ticks.chunks_exact(2)) {
-        // A pass may begin before the one before has ended, and clocks may step back: no moment counts twice, none is negative.
+        // A pass may begin before the one before has ended, and clocks may step back: no moment counts twice, none is
+        // negative.
         let begin = times[0].max(now);
         let end = times[1].max(begin);
         if begin > now {

@@ -9,8 +9,8 @@ use crate::gpu::Gpu;
 /// Bytes of a piece of memory on the way: the uniforms of a frame, a dozen structs of up to 256 B, fit into one.
 const CHUNK_BYTES: u64 = 4 << 10;
 
-/// Memory that frames have written through and others may again. [`wgpu::Queue::write_buffer`] would make a buffer for each struct of
-/// each frame.
+/// Memory that frames have written through and others may again. [`wgpu::Queue::write_buffer`] would make a buffer
+/// for each struct of each frame.
 #[derive(Debug, Default)]
 pub struct UploadPool(Mutex<Vec<wgpu::util::StagingBelt>>);
 

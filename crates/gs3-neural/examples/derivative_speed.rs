@@ -48,8 +48,8 @@ fn report(graph: &Graph, lr: [usize; 2], batch: usize, tier: &str) {
     );
 }
 
-/// The shortest of several passes over a batch: forward alone, and all that a step needs, packing of the weights and the
-/// sum over the batch included.
+/// The shortest of several passes over a batch: forward alone, and all that a step needs, packing of the weights and
+/// the sum over the batch included.
 fn time(graph: &Graph, lr: [usize; 2], batch: usize) -> [Duration; 2] {
     let [tier, training_data, licence] = ["", "", ""].map(str::to_owned);
     let (network, version) = (graph.name().to_owned(), graph.version());

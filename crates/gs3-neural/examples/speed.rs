@@ -1,7 +1,7 @@
 //! How fast the engine is: multiply-adds per second of convolutions and networks against the machine's peak.
 //!
-//! `cargo run --release -p gs3-neural --example speed [width height] [bf16]`: in bf16 where the machine has it, shares of
-//! the peak remaining those of f32.
+//! `cargo run --release -p gs3-neural --example speed [width height] [bf16]`: in bf16 where the machine has it,
+//! shares of the peak remaining those of f32.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -26,8 +26,8 @@ fn main() {
     for (kernel, inputs, outputs) in
         [(3, 32, 32), (3, 16, 16), (3, 48, 48), (3, 64, 32), (3, 9, 64), (1, 64, 48)]
     {
-        // What is measured is the difference between a network of many such convolutions and one of a single: both add up as many
-        // results, since what nothing reads is not computed.
+        // What is measured is the difference between a network of many such convolutions and one of a single: both
+        // add up as many results, since what nothing reads is not computed.
         let chain = |convolutions: usize| {
             let mut g = GraphBuilder::new("conv", 1, Border::Replicate);
             let x = g.input("x", 16, 1);

@@ -22,7 +22,8 @@ pub struct Derivatives {
     pub v_weights: BTreeMap<String, Vec<f64>>,
 }
 
-/// Walks back through `graph`, whose layers' results are `planes` ([`reference::run`](crate::reference::run) with the same
+/// Walks back through `graph`, whose layers' results are `planes` ([`reference::run`](crate::reference::run) with the
+/// same
 /// `weights`). `v_output` gives the derivative of the loss by a layer's result where the loss reads it: by
 /// [`Tensor::index`](crate::Tensor::index), `[height, width, channels]`.
 #[must_use]

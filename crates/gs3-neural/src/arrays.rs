@@ -96,9 +96,9 @@ pub fn to_bytes(texts: &Texts, arrays: &Arrays) -> Result<Vec<u8>, WeightError> 
     Ok(bytes)
 }
 
-/// Brings the fields of the header of a safetensors file into the order of their names. The writer takes texts from a hash
-/// map, in whose order they would be another one each time; so the same content always has the same bytes. Bytes that
-/// are not safetensors stay as they are.
+/// Brings the fields of the header of a safetensors file into the order of their names. The writer takes texts from a
+/// hash map, in whose order they would be another one each time; so the same content always has the same bytes. Bytes
+/// that are not safetensors stay as they are.
 pub fn sort_header(bytes: &mut [u8]) {
     let Some((size, rest)) = bytes.split_first_chunk_mut() else { return };
     let size = usize::try_from(u64::from_le_bytes(*size)).ok();

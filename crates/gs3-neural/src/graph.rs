@@ -132,8 +132,8 @@ pub enum Op {
     },
     /// x where positive, else the learned `weight` of the channel times x (He et al. 2015).
     Prelu,
-    /// The channels of a pixel brought to mean 0 and variance 1, times the learned `weight` plus `bias` of the channel (Ba
-    /// et al. 2016, over channels only).
+    /// The channels of a pixel brought to mean 0 and variance 1, times the learned `weight` plus `bias` of the
+    /// channel (Ba et al. 2016, over channels only).
     LayerNorm {
         /// Added to the variance.
         epsilon: f32,
@@ -150,8 +150,8 @@ pub enum Op {
     },
     /// The largest number of each 2×2 pixels; an odd last row or column stands alone.
     MaxPool2,
-    /// The mean of the `side`×`side` pixels around every `stride`-th pixel of every `stride`-th row, of those within the
-    /// image.
+    /// The mean of the `side`×`side` pixels around every `stride`-th pixel of every `stride`-th row, of those within
+    /// the image.
     AveragePool {
         /// Side of the window, odd.
         side: usize,
@@ -404,8 +404,9 @@ impl GraphBuilder {
         }
     }
 
-    /// A gated recurrent unit on images (Cho et al. 2014, with convolutions): `h + z (c − h)`, z and r = σ(gates(x, h)),
-    /// c = tanh(candidate(x, r h)). `gates` is the side of the gates' windows; h has as many channels as the result.
+    /// A gated recurrent unit on images (Cho et al. 2014, with convolutions): `h + z (c − h)`, z and r = σ(gates(x,
+    /// h)), c = tanh(candidate(x, r h)). `gates` is the side of the gates' windows; h has as many channels as the
+    /// result.
     pub fn gated_recurrent_unit(&mut self, name: &str, gates: usize, x: Tensor, h: Tensor) -> Tensor {
         let part = |part: &str| format!("{name}.{part}");
         let channels = self.graph.channels[h.0];

@@ -78,13 +78,14 @@ impl Weights {
     /// Whether they are those of `graph`.
     ///
     /// # Errors
-    /// [`WeightError`] naming the first array that is missing, too much, of another shape or not finite, or the field of
-    /// the header that differs.
+    /// [`WeightError`] naming the first array that is missing, too much, of another shape or not finite, or the field
+    /// of the header that differs.
     pub fn check(&self, graph: &Graph) -> Result<(), WeightError> {
         self.check_parameters(graph, &graph.parameters())
     }
 
-    /// Whether they are of `graph`, but have `parameters` in the place of its own: what gives these while they are trained.
+    /// Whether they are of `graph`, but have `parameters` in the place of its own: what gives these while they are
+    /// trained.
     ///
     /// # Errors
     /// As [`Weights::check`].

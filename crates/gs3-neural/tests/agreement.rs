@@ -1,5 +1,5 @@
-//! What interprets a graph agrees on the same inputs: reference, CPU engine and the trainer's forward pass. ONNX Runtime is
-//! held to the three in `onnx`.
+//! What interprets a graph agrees on the same inputs: reference, CPU engine and the trainer's forward pass. ONNX
+//! Runtime is held to the three in `onnx`.
 
 #![allow(clippy::unwrap_used, reason = "graphs and their own weights fit")]
 
@@ -80,8 +80,8 @@ fn reference_engine_and_trainer_agree_on_all_networks() {
     }
 }
 
-/// Products of numbers that are rounded to 8 bits: half a unit in the last place is 2⁻⁹ of each, errors of many products
-/// partly cancel, and layers add them up.
+/// Products of numbers that are rounded to 8 bits: half a unit in the last place is 2⁻⁹ of each, errors of many
+/// products partly cancel, and layers add them up.
 const BF16_TOLERANCE: f64 = 2e-2;
 
 #[test]

@@ -268,8 +268,8 @@ fn ties_have_the_oracles_derivatives() {
     }
 }
 
-/// Three frames of the super sampling network, the state of each going to the next: back through time, the derivative by
-/// the state that came in is that by the state that went out of the frame before.
+/// Three frames of the super sampling network, the state of each going to the next: back through time, the derivative
+/// by the state that came in is that by the state that went out of the frame before.
 #[test]
 fn derivatives_through_time_are_the_oracles() {
     let (graph, lr) = (super_sample(2, Tier::Fast).unwrap(), [6, 7]);

@@ -79,8 +79,8 @@ fn wide_images_compute_what_the_reference_says() {
     }
 }
 
-/// Images of more rows than are kept of what passes of a group store for each other, on one thread and on several: the same
-/// numbers, and those of the reference.
+/// Images of more rows than are kept of what passes of a group store for each other, on one thread and on several:
+/// the same numbers, and those of the reference.
 #[test]
 fn high_images_compute_what_the_reference_says_on_any_number_of_threads() {
     for graph in [super_sample(2, Tier::Fast), interpolate(2, Tier::Fast), Peer::Ecbsr.graph(2)] {
@@ -256,8 +256,9 @@ fn images_that_do_not_fit_are_refused() {
     assert!(matches!(engine.run(&named(&images), &mut []), Err(RunError::Unknown { .. })));
 }
 
-/// Without anything learned, a previous frame or drift the analytic one stays, bit for bit; and so it does where it is certain:
-/// what networks add is weighed by the uncertainty; the previous frame has no share there, and there is no drift.
+/// Without anything learned, a previous frame or drift the analytic one stays, bit for bit; and so it does where it
+/// is certain: what networks add is weighed by the uncertainty; the previous frame has no share there, and there is
+/// no drift.
 #[test]
 fn where_nothing_is_learned_or_uncertain_the_analytic_frame_stays() {
     let lr = [5, 9];

@@ -117,10 +117,13 @@ fn compare(gpu: &Gpu, graph: &Graph, weights: &Weights, lr: [usize; 2]) {
 
 #[test]
 fn networks_compute_what_the_reference_says() {
-    for features in [OptionalFeatures::Experimental, OptionalFeatures::None] {
+    // Wider windows and more blocks come with larger tiers.
+    for (tier, features) in [
+        (Tier::Fast, OptionalFeatures::None),
+        (Tier::Balanced, OptionalFeatures::Experimental),
+        (Tier::High, OptionalFeatures::Experimental),
+    ] {
         let Some(gpu) = device(features) else { continue };
-        // The tiers differ in nothing but numbers of channels and blocks.
-        let tier = if features == OptionalFeatures::Experimental { Tier::Balanced } else { Tier::Fast };
         for graph in [super_sample(4, tier), interpolate(4, tier)] {
             let graph = graph.unwrap();
             // Random heads: initial ones are zero and would hide what is before them.

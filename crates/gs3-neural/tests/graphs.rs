@@ -5,9 +5,9 @@ use gs3_neural::{Border, Conv2d, GraphBuilder, GraphError, Op, Shape};
 
 const LR: [usize; 2] = [270, 480];
 
-/// Multiply-adds per LR pixel at ×4, super sampling and interpolation: what two cores with a peak of 235 GFLOP/s do from
-/// 480×270 in 25 + 25 ms (fast) and 60 + 75 ms (balanced) at 85 % of it; high costs about twice as much again. The
-/// graphs stay within a fifth.
+/// Multiply-adds per LR pixel at ×4, super sampling and interpolation: what two cores with a peak of 235 GFLOP/s do
+/// from 480×270 in 25 + 25 ms (fast) and 60 + 75 ms (balanced) at 85 % of it; high costs about twice as much again.
+/// The graphs stay within a fifth.
 #[test]
 fn networks_keep_their_budgets() {
     for (tier, super_sampling, interpolation) in
@@ -29,7 +29,8 @@ fn networks_keep_their_budgets() {
     }
 }
 
-/// Parameters, and multiply-adds per HR pixel at ×4, as published for RGB; of NinaSR those of its attention, 13, come on top.
+/// Parameters, and multiply-adds per HR pixel at ×4, as published for RGB; of NinaSR those of its attention, 13, come
+/// on top.
 #[test]
 fn published_networks_have_their_published_sizes() {
     for (peer, parameters, work) in

@@ -35,7 +35,8 @@ fn the_same_weights_always_have_the_same_bytes() {
     let graph = super_sample(4, Tier::Fast).expect("a network");
     let weights = initial_weights(&graph, header(&graph), 7);
     let bytes = weights.to_bytes().expect("bytes");
-    // Six texts in the order of a hash map would come in another one at least once in twenty times, all but for 1 in 10⁵⁷.
+    // Six texts in the order of a hash map would come in another one at least once in twenty times, all but for 1 in
+    // 10⁵⁷.
     for _ in 0..20 {
         assert!(weights.to_bytes().expect("bytes") == bytes, "other bytes");
     }

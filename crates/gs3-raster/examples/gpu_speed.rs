@@ -1,4 +1,5 @@
-//! Times of the GPU rasterizer's stages on the demo scene or a file: `cargo run --release -p gs3-raster --example gpu_speed
+//! Times of the GPU rasterizer's stages on the demo scene or a file: `cargo run --release -p gs3-raster --example
+//! gpu_speed
 //! -- [SCENE [CAMERAS]] [--size WxH] [--color]`.
 
 #![allow(clippy::unwrap_used, reason = "an example that measures")]

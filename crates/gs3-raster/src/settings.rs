@@ -12,7 +12,8 @@ pub fn matched_dilation(scale: u32) -> f32 {
     STOCK_DILATION / (scale as f32 * scale as f32)
 }
 
-/// Most pixels beyond an edge of the picture: a turn of 32 of 480 pixels in a few frames is a fast one, and wider margins gained
+/// Most pixels beyond an edge of the picture: a turn of 32 of 480 pixels in a few frames is a fast one, and wider
+/// margins gained
 /// 0.006 dB more (`docs/performance.md`). Whoever sets memory aside for margins sets aside as much.
 pub const MAX_MARGIN: u32 = 32;
 
@@ -55,8 +56,8 @@ pub struct RasterSettings {
     pub dilation: f32,
     /// Offset of the sample positions from the pixel centres, in pixels of the grid being rendered, within ±1.
     pub jitter: [f32; 2],
-    /// What of the surroundings of the picture is rasterized with it, each side within [`MAX_MARGIN`]. The picture is the same,
-    /// whatever lies around it, but for the rounding of positions. Images have none.
+    /// What of the surroundings of the picture is rasterized with it, each side within [`MAX_MARGIN`]. The picture is
+    /// the same, whatever lies around it, but for the rounding of positions. Images have none.
     pub margin: Margin,
     /// Background colour, display-encoded RGB, finite.
     pub background: [f32; 3],

@@ -1,6 +1,6 @@
 //! Measures the learning-free reconstruction on a trained scene and a camera path: PSNR against the native render of
-//! bicubic and Hermite interpolation (no jitter), super sampling with history (grid jitter) and interpolated frames, the
-//! same for a resting camera, and times. ×4 to 1920×1080.
+//! bicubic and Hermite interpolation (no jitter), super sampling with history (grid jitter) and interpolated frames,
+//! the same for a resting camera, and times. ×4 to 1920×1080.
 //!
 //! `cargo run --release -p gs3-reconstruct --example quality -- SCENE PATH [FRAMES]`
 

@@ -1,5 +1,6 @@
-//! Times the learning-free reconstruction on a trained scene and a camera path, ×4: median milliseconds of super sampling
-//! with a full history, without and with kriging, and of interpolation, over frames that were rasterized before.
+//! Times the learning-free reconstruction on a trained scene and a camera path, ×4: median milliseconds of super
+//! sampling with a full history, without and with kriging, and of interpolation, over frames that were rasterized
+//! before.
 //!
 //! `cargo run --release -p gs3-reconstruct --example speed -- SCENE PATH [WIDTHxHEIGHT] [FRAMES]`
 

@@ -1,7 +1,7 @@
 //! The frame between two neighbours, gathered from both and blended by visibility, time and uncertainty.
 //!
-//! Errors of a frame are about in proportion to its uncertainty, so neighbours count by its inverse. The one with the longer
-//! history, or with samples of its own beside a pixel, then counts more.
+//! Errors of a frame are about in proportion to its uncertainty, so neighbours count by its inverse. The one with the
+//! longer history, or with samples of its own beside a pixel, then counts more.
 
 use fearless_simd::{Simd, f32x16, prelude::*, u8x64};
 
@@ -11,9 +11,9 @@ use crate::warp::{Clip, LANES, Patch, Run, SIDE, Warp};
 /// Weights that do not show in the finest of displays.
 pub(crate) const NEGLIGIBLE: f32 = 1e-4;
 
-/// Added to uncertainties, pixel²: what warping leaves unsure of a pixel that was exact (empirical, on clips of eight scenes: 0.01
-/// is alike, 0.2 gains a fifth less on captures and a little more on generated scenes; weights by inverse squares gain as much
-/// on captures, and lose on generated scenes).
+/// Added to uncertainties, pixel²: what warping leaves unsure of a pixel that was exact (empirical, on clips of eight
+/// scenes: 0.01 is alike, 0.2 gains a fifth less on captures and a little more on generated scenes; weights by
+/// inverse squares gain as much on captures, and lose on generated scenes).
 pub(crate) const UNSURE: f32 = 0.05;
 
 /// All that rows are made from.
@@ -95,8 +95,8 @@ impl Blend<'_> {
         true
     }
 
-    /// Blends what the first neighbour gives to an even patch with what the second does, and writes it; `false`, and nothing
-    /// written, if that is not all inside.
+    /// Blends what the first neighbour gives to an even patch with what the second does, and writes it; `false`, and
+    /// nothing written, if that is not all inside.
     #[inline(always)]
     fn gather_second<S: Simd>(
         &self,
@@ -122,8 +122,8 @@ impl Blend<'_> {
         true
     }
 
-    /// Blends what the first neighbour gives to a patch with what the second does, pixel by pixel, and writes it; `false`,
-    /// and nothing written, if that is not all inside.
+    /// Blends what the first neighbour gives to a patch with what the second does, pixel by pixel, and writes it;
+    /// `false`, and nothing written, if that is not all inside.
     #[inline(always)]
     fn mix_second<S: Simd>(
         &self,
@@ -187,7 +187,8 @@ impl Blend<'_> {
     }
 }
 
-/// Four pixels of the first neighbour and of the second, whose shares by time and visibility are in the lanes of `share`, blended.
+/// Four pixels of the first neighbour and of the second, whose shares by time and visibility are in the lanes of
+/// `share`, blended.
 #[inline(always)]
 fn mix<S: Simd>(simd: S, first: f32x16<S>, second: f32x16<S>, share: f32x16<S>) -> f32x16<S> {
     let uncertainty = u8x64::from_fn(simd, |i| (12 + i % 4) as u8);

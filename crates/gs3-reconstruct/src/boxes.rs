@@ -33,8 +33,8 @@ impl Limits {
     }
 }
 
-/// The boxes of the chunks of one frame, `[height, stride]` each, and of its rows, `[height]`. A box of nothing has a left
-/// end of ∞.
+/// The boxes of the chunks of one frame, `[height, stride]` each, and of its rows, `[height]`. A box of nothing has a
+/// left end of ∞.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Boxes {
     /// Chunks per row, made a multiple of [`LANES`] by boxes of nothing.

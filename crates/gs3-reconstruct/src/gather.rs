@@ -41,17 +41,19 @@ pub(crate) struct Gather {
     phases: Box<[Taps; PHASES]>,
 }
 
-/// Factors of `f` (1 − `f`) and of `f`² (1 − `f`) in the weights of the taps −2, −1 and 0; those of 3, 2 and 1 mirror them.
+/// Factors of `f` (1 − `f`) and of `f`² (1 − `f`) in the weights of the taps −2, −1 and 0; those of 3, 2 and 1 mirror
+/// them.
 ///
-/// They are fitted, within 0.004, to the weights of least mean squared error for images like those of splats: a spectrum
-/// that falls with the square of the frequency (natural images; Field 1987), low-passed by the native dilation of 0.3 px²,
-/// sampled at pixels. Whatever the factors, the weights are those of the pixels themselves at `f` = 0, and these sum to 1.
+/// They are fitted, within 0.004, to the weights of least mean squared error for images like those of splats: a
+/// spectrum that falls with the square of the frequency (natural images; Field 1987), low-passed by the native
+/// dilation of 0.3 px², sampled at pixels. Whatever the factors, the weights are those of the pixels themselves at
+/// `f` = 0, and these sum to 1.
 pub(crate) const FIT: [[f32; 2]; BEFORE + 1] = [[0.204, -0.102], [-0.879, 0.515], [1.0045, -1.072]];
 
 /// Weights of the samples −2 to 3 at `f` ∈ `[0, 1)` between samples 0 and 1.
 ///
-/// On four captured paths, frames between true ones are 0.9 to 2.5 dB nearer to the truth than by Catmull–Rom, frames between
-/// kriged ones 0.3 to 0.65 dB (`docs/performance.md`); eight taps would gain 0.01 to 0.04 dB more.
+/// On four captured paths, frames between true ones are 0.9 to 2.5 dB nearer to the truth than by Catmull–Rom, frames
+/// between kriged ones 0.3 to 0.65 dB (`docs/performance.md`); eight taps would gain 0.01 to 0.04 dB more.
 fn weights(f: f32) -> [f32; TAPS] {
     let half = |f: f32| FIT.map(|[first, second]| f * (1.0 - f) * (first + second * f));
     let ([a, b, c], [z, y, x]) = (half(f), half(1.0 - f));
@@ -75,8 +77,8 @@ impl Gather {
         (&self.phases[phase], (position >> PHASE_BITS) as isize - BEFORE as isize)
     }
 
-    /// What `rows` rows of pixels are made from: rows of `4 * N` pixels from `(column, row)` on, the image's width apart; `None` if
-    /// they are not all inside.
+    /// What `rows` rows of pixels are made from: rows of `4 * N` pixels from `(column, row)` on, the image's width
+    /// apart; `None` if they are not all inside.
     #[inline(always)]
     fn inside<const N: usize>(image: &Image, (column, row): (isize, isize), rows: usize) -> Option<&[f32]> {
         let (width, height, count) = (image.width(), image.height(), rows + TAPS - 1);

@@ -21,7 +21,8 @@ use crate::tile::{PAD_X, SPAN, STRIDE};
 /// flat. The fourth channel becomes 0.
 ///
 /// # Errors
-/// [`ReconstructError`] if `scale` is not supported, `out` is empty, or `gbuffer` is not its LR frame or has no gradients.
+/// [`ReconstructError`] if `scale` is not supported, `out` is empty, or `gbuffer` is not its LR frame or has no
+/// gradients.
 pub fn hermite(gbuffer: &GBuffer, scale: u32, out: &mut Image) -> Result<(), ReconstructError> {
     check_frame_of(out, gbuffer, scale)?;
     let Some(gradients) = &gbuffer.gradients else {
@@ -189,7 +190,8 @@ impl Surface {
                 weights[k] = 0.0;
             }
         }
-        // The columns within the frame, and where they are among those wanted: nowhere, if samples lie far beyond their pixels.
+        // The columns within the frame, and where they are among those wanted: nowhere, if samples lie far beyond
+        // their pixels.
         let [start, end] =
             [first, first + values.len() as isize].map(|i| i.clamp(0, self.width as isize) as usize);
         let before = (-first).clamp(0, values.len() as isize) as usize;

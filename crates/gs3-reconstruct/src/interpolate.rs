@@ -1,9 +1,9 @@
 //! A frame between two reconstructed frames, at its true pose, without learning.
 //!
-//! Depth forward, colour backward: the depths of both neighbours are splatted to the middle pose on the LR grid (nearest
-//! wins), holes take the farthest depth beside them, and every HR pixel then gathers its colour from both HR neighbours,
-//! blended by visibility, time and uncertainty. [`Interpolator::warp`] leaves the blend to the caller, and [`Interpolator::reproject`] asks
-//! for one neighbour only.
+//! Depth forward, colour backward: the depths of both neighbours are splatted to the middle pose on the LR grid
+//! (nearest wins), holes take the farthest depth beside them, and every HR pixel then gathers its colour from both HR
+//! neighbours, blended by visibility, time and uncertainty. [`Interpolator::warp`] leaves the blend to the caller,
+//! and [`Interpolator::reproject`] asks for one neighbour only.
 
 use fearless_simd::{Level, dispatch};
 use gs3_scene::{Camera, GBuffer, Image, Planes};
@@ -108,7 +108,8 @@ impl Interpolator {
         Ok(())
     }
 
-    /// Warps `before` (time 0) and `after` (1) to what `camera` sees at time `t` ∈ `[0, 1]`, without blending them, into
+    /// Warps `before` (time 0) and `after` (1) to what `camera` sees at time `t` ∈ `[0, 1]`, without blending them,
+    /// into
     /// `out`, whose memory is reused.
     ///
     /// # Errors
@@ -148,8 +149,8 @@ impl Interpolator {
         Ok(())
     }
 
-    /// Shows the frame `before` as the camera of `now` sees it, with what both know of the depths there, in `out`, whose
-    /// memory is reused. The image of `now` is not read.
+    /// Shows the frame `before` as the camera of `now` sees it, with what both know of the depths there, in `out`,
+    /// whose memory is reused. The image of `now` is not read.
     ///
     /// # Errors
     /// As of [`Self::interpolate`].

@@ -6,7 +6,8 @@
 //! * [`resample()`]: nearest, bilinear, bicubic; the baselines.
 //! * [`hermite()`]: one frame, with its exact gradients.
 //! * [`SuperSampler`]: one frame and its past.
-//! * [`Interpolator`]: a frame between two reconstructed ones, or both of them warped to its pose; one frame as another camera sees it.
+//! * [`Interpolator`]: a frame between two reconstructed ones, or both of them warped to its pose; one frame as
+//!   another camera sees it.
 //! * [`Motion`]: where the surfaces of an LR frame were in another one.
 //!
 //! ```

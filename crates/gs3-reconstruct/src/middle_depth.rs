@@ -173,8 +173,8 @@ impl MiddleDepth {
         }
     }
 
-    /// Fills LR pixels that no sample reached with the farthest depth beside them, ring by ring from the rims inwards. A
-    /// ring reads only what was filled before it, so that the order within it does not matter.
+    /// Fills LR pixels that no sample reached with the farthest depth beside them, ring by ring from the rims
+    /// inwards. A ring reads only what was filled before it, so that the order within it does not matter.
     fn fill_holes(&mut self) {
         let Self { width, height, ref mut inverse, ref mut ring, ref mut next, .. } = *self;
         let around = |k: usize| {
@@ -225,8 +225,8 @@ fn set_places(places: &mut Vec<Place>, len: usize, scale: usize) {
     }));
 }
 
-/// Inverse depths between the samples `a b` above and `c d` below, `(x, y)` of the way: linear within a surface, the nearest
-/// sample's at an edge.
+/// Inverse depths between the samples `a b` above and `c d` below, `(x, y)` of the way: linear within a surface, the
+/// nearest sample's at an edge.
 #[inline(always)]
 fn between<S: Simd>([a, b, c, d]: [f32x16<S>; 4], [x, y]: [f32x16<S>; 2]) -> f32x16<S> {
     let (far, near) = (a.min(b).min(c.min(d)), a.max(b).max(c.max(d)));

@@ -40,9 +40,9 @@ pub enum Depth<'a> {
 /// Memory: 24 B per sample.
 #[derive(Clone, Debug, Default)]
 pub struct Motion {
-    /// Per sample of the frame, the way to its place among the samples of the other one, x and y, in pixels of the grid:
-    /// the surface at index `(i, j)` was at index `(i + flow₀, j + flow₁)`, jitter of both frames taken into account.
-    /// Finite; 0 where the validity is.
+    /// Per sample of the frame, the way to its place among the samples of the other one, x and y, in pixels of the
+    /// grid: the surface at index `(i, j)` was at index `(i + flow₀, j + flow₁)`, jitter of both frames taken into
+    /// account. Finite; 0 where the validity is.
     pub flow: Planes<2>,
     /// How much of what bilinear interpolation finds there belongs to the same surface, `[0, 1]`: 0 for what the other
     /// frame does not see, between 0 and 1 at silhouettes. Background, where nothing was hit, is infinitely far and
@@ -58,7 +58,8 @@ impl<'a> View<'a> {
     /// The LR frame of the HR `camera`, `scale` times larger, with its median depth.
     ///
     /// # Errors
-    /// [`ReconstructError`] if `scale` is not supported, or `gbuffer` is not the LR frame of `camera` or lacks geometry.
+    /// [`ReconstructError`] if `scale` is not supported, or `gbuffer` is not the LR frame of `camera` or lacks
+    /// geometry.
     pub fn of_gbuffer(gbuffer: &'a GBuffer, camera: &Camera, scale: u32) -> Result<Self, ReconstructError> {
         check_scale(scale)?;
         check_gbuffer(gbuffer, scale, camera_size(camera))?;
@@ -132,7 +133,8 @@ impl Motion {
         Ok(())
     }
 
-    /// Inverse depths of `view` and their tolerance: [`SAME_SURFACE`] of them or the surface's slope, whichever is more.
+    /// Inverse depths of `view` and their tolerance: [`SAME_SURFACE`] of them or the surface's slope, whichever is
+    /// more.
     fn find_surfaces(&mut self, view: &View<'_>) {
         let (width, height) = view.size();
         self.inverse.resize(width * height, 0.0);
@@ -178,8 +180,8 @@ struct Target<'a> {
 }
 
 impl Target<'_> {
-    /// Flow x, flow y and validity of the sixteen samples from index `at` on, which lie `jitter` off their pixel centres
-    /// at inverse depths `w`.
+    /// Flow x, flow y and validity of the sixteen samples from index `at` on, which lie `jitter` off their pixel
+    /// centres at inverse depths `w`.
     #[inline(always)]
     fn find<S: Simd>(
         &self,

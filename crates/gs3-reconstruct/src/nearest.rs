@@ -1,7 +1,7 @@
 //! What is nearest around the pixels of a tile: a z-buffer of all samples, the current ones and those of the past.
 //!
-//! The current frame alone misses what is thinner than the distance between its samples. Samples of the past that lie behind
-//! such things would show through them; but other samples, of other frames, have met them.
+//! The current frame alone misses what is thinner than the distance between its samples. Samples of the past that lie
+//! behind such things would show through them; but other samples, of other frames, have met them.
 
 use fearless_simd::{Simd, f32x16, i32x16, prelude::*};
 
@@ -70,8 +70,8 @@ impl Nearest {
         }
     }
 
-    /// The largest inverse depths around sixteen pixels relative to the first made; anything for those more than two pixels
-    /// away.
+    /// The largest inverse depths around sixteen pixels relative to the first made; anything for those more than two
+    /// pixels away.
     #[inline(always)]
     pub fn around<S: Simd>(&self, simd: S, pixels: [f32x16<S>; 2]) -> f32x16<S> {
         let places = place(simd, pixels).to_array();

@@ -10,8 +10,8 @@ use crate::reprojection::inverse_depth;
 /// Relative difference of inverse depths up to which they belong to one surface.
 pub(crate) const SAME_SURFACE: f32 = 0.02;
 
-/// Weight of a neighbour whose depths change between the samples around a point, so that the point may be hidden or mixed
-/// with another surface (empirical).
+/// Weight of a neighbour whose depths change between the samples around a point, so that the point may be hidden or
+/// mixed with another surface (empirical).
 pub(crate) const SILHOUETTE: f32 = 0.3;
 
 /// Weight of a neighbour that sees something else: it decides between two that do not show the point, and is nothing
@@ -31,8 +31,8 @@ pub(crate) struct NeighborDepth {
     pub jitter: [f32; 2],
     /// `[height, width]`, ≥ 0.
     pub inverse: Vec<f32>,
-    /// Smallest inverse depth visible in cell `(i, j)`, between samples `(i, j)` and `(i + 1, j + 1)`: `[height, width]`,
-    /// and a window more, so that one can be loaded from any place.
+    /// Smallest inverse depth visible in cell `(i, j)`, between samples `(i, j)` and `(i + 1, j + 1)`: `[height,
+    /// width]`, and a window more, so that one can be loaded from any place.
     far: Vec<f32>,
     /// The largest, likewise.
     near: Vec<f32>,

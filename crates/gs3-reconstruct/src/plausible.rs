@@ -16,11 +16,13 @@ use crate::lanes::{WINDOW, load, look_up, window_bytes};
 use crate::reprojection::inverse_depth_16;
 use crate::samples::CHUNK;
 
-/// Depths may exceed the farthest current one, and the nearest of all samples, by this share: 2 % is the usual tolerance of reprojection.
+/// Depths may exceed the farthest current one, and the nearest of all samples, by this share: 2 % is the usual
+/// tolerance of reprojection.
 pub(crate) const DEPTH_TOLERANCE: f32 = 0.02;
 
-/// How far a cell's samples are extrapolated to find the range of plausible colours, in spacings of samples: half a cell
-/// is where the extrapolations of two neighbours meet, and half as much again is for curvature. (Empirical: 0.5 loses up to
+/// How far a cell's samples are extrapolated to find the range of plausible colours, in spacings of samples: half a
+/// cell is where the extrapolations of two neighbours meet, and half as much again is for curvature. (Empirical: 0.5
+/// loses up to
 /// 0.19 dB, 1 gains up to 0.08.)
 pub(crate) const EXTRAPOLATION: f32 = 0.75;
 
@@ -28,8 +30,8 @@ pub(crate) const EXTRAPOLATION: f32 = 0.75;
 /// 30 to 300 are alike).
 pub(crate) const MISMATCH: f32 = 100.0;
 
-/// How far colours may drift with the view, per pixel of staleness, where nothing in the current frame contradicts: on glossy
-/// and translucent surfaces (empirical: 0.002 to 0.004 are alike).
+/// How far colours may drift with the view, per pixel of staleness, where nothing in the current frame contradicts:
+/// on glossy and translucent surfaces (empirical: 0.002 to 0.004 are alike).
 pub(crate) const DRIFT: f32 = 0.004;
 
 /// Variance of a sample that something hides now: beyond use as soon as it has moved a fraction of a pixel. At rest it
@@ -64,8 +66,8 @@ pub(crate) struct Plausible {
     last: [f32; 2],
     /// `[LR height, VALUES, LR width]`, and a window more, so that one can be loaded from any place.
     cells: Vec<f32>,
-    /// Squared errors, over the channels, with which its neighbours in the row or the column predict a sample: the larger
-    /// of both. `[LR height, LR width]`.
+    /// Squared errors, over the channels, with which its neighbours in the row or the column predict a sample: the
+    /// larger of both. `[LR height, LR width]`.
     errors: Vec<f32>,
 }
 
@@ -102,8 +104,8 @@ impl Plausible {
     }
 
     /// The variances, pixel⁴, that the current frame gives sixteen past samples of colours `colors` seen now at HR
-    /// positions `(x, y)`, pixel centres at whole numbers, and inverse depths `w`, so stale (pixels), which may have changed their
-    /// colour by `change`. Outside, the nearest cells decide. Those that are not `wanted` have any.
+    /// positions `(x, y)`, pixel centres at whole numbers, and inverse depths `w`, so stale (pixels), which may have
+    /// changed their colour by `change`. Outside, the nearest cells decide. Those that are not `wanted` have any.
     #[inline(always)]
     pub fn doubt<S: Simd>(
         &self,
@@ -122,7 +124,8 @@ impl Plausible {
         let (i, j) = (place(x, 0), place(y, 1));
         let (columns, rows) = (i.to_array(), j.to_array());
         let mut values = [f32x16::splat(simd, 0.0); VALUES];
-        // Sixteen samples of a row mostly lie in sixteen cells of one row or two: loads, and bytes put in place, once or twice.
+        // Sixteen samples of a row mostly lie in sixteen cells of one row or two: loads, and bytes put in place, once
+        // or twice.
         let mut left = wanted.to_bitmask() & 0xffff;
         while left != 0 {
             let lane = left.trailing_zeros() as usize;
@@ -196,8 +199,8 @@ fn predict<S: Simd>(simd: S, gbuffer: &GBuffer, gradients: &Gradients, j: usize,
     }
 }
 
-/// Finds what the first-order extrapolations of the samples of two rows span together, and the farthest depths, column by
-/// column. `cells` is `[VALUES, width]`.
+/// Finds what the first-order extrapolations of the samples of two rows span together, and the farthest depths,
+/// column by column. `cells` is `[VALUES, width]`.
 #[inline(always)]
 fn join_rows<S: Simd>(
     simd: S,

@@ -9,10 +9,10 @@ pub(crate) const MIN_DIVISOR: f32 = 1e-6;
 
 /// Maps pixel and inverse depth of a source camera to pixel and inverse depth of a target camera.
 ///
-/// With `p = (x, y, 1)` in source pixels and `w = 1/z` the inverse view-space depth (0 at infinity), the target sees the
-/// point at `(h₀·p + e₀ w, h₁·p + e₁ w) / q` with inverse depth `w / q`, where `q = h₂·p + e₂ w`; the point is in front
-/// of the target where `q > 0`. `H = K_t R K_s⁻¹` and `e = K_t t` for the rigid motion `(R, t)` from source to target
-/// view space. Exact for pinhole cameras; evaluated in f64 once, applied in f32.
+/// With `p = (x, y, 1)` in source pixels and `w = 1/z` the inverse view-space depth (0 at infinity), the target sees
+/// the point at `(h₀·p + e₀ w, h₁·p + e₁ w) / q` with inverse depth `w / q`, where `q = h₂·p + e₂ w`; the point is in
+/// front of the target where `q > 0`. `H = K_t R K_s⁻¹` and `e = K_t t` for the rigid motion `(R, t)` from source to
+/// target view space. Exact for pinhole cameras; evaluated in f64 once, applied in f32.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Reprojection {
     /// Rows of `H`.
@@ -44,8 +44,8 @@ impl Reprojection {
     }
 }
 
-/// Parallax of a point at depth 1 between the cameras, in pixels of `target`, as if the baseline were perpendicular to the view:
-/// baseline times focal length. At depth z it is 1/z of that.
+/// Parallax of a point at depth 1 between the cameras, in pixels of `target`, as if the baseline were perpendicular
+/// to the view: baseline times focal length. At depth z it is 1/z of that.
 pub(crate) fn parallax(source: &Camera, target: &Camera) -> f32 {
     (source.position().distance(target.position()) * target.intrinsics().fx) as f32
 }

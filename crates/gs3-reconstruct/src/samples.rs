@@ -11,13 +11,14 @@ use crate::reprojection::inverse_depth_16;
 /// Samples of a row that are worked on together: one vector.
 pub(crate) const CHUNK: usize = 16;
 
-/// A sample is beside something nearer if its inverse depth is below this share of that of a sample around it: what is more may
-/// be the slant of a surface. (Empirical: 0.95 gains 0.1 dB over 0.8 at 1920×1080, and loses 0.15 at 160×90.)
+/// A sample is beside something nearer if its inverse depth is below this share of that of a sample around it: what
+/// is more may be the slant of a surface. (Empirical: 0.95 gains 0.1 dB over 0.8 at 1920×1080, and loses 0.15 at
+/// 160×90.)
 pub(crate) const BESIDE: f32 = 0.9;
 
-/// How much of the way that something nearer moves counts: edges lie along it as well as across, and not every sample beside one
-/// shows it. (Empirical, at 1920×1080: 0 loses 0.2 to 0.3 dB where the camera moves, 0.3 to 1 are alike within 0.2; at 160×90, where
-/// a texture is often taken for an edge, 1 loses 0.5 dB.)
+/// How much of the way that something nearer moves counts: edges lie along it as well as across, and not every sample
+/// beside one shows it. (Empirical, at 1920×1080: 0 loses 0.2 to 0.3 dB where the camera moves, 0.3 to 1 are alike
+/// within 0.2; at 160×90, where a texture is often taken for an edge, 1 loses 0.5 dB.)
 pub(crate) const CROSSING: f32 = 0.5;
 
 /// What is known at one sample position: RGB, ∂RGB/∂x and ∂RGB/∂y per HR pixel.
@@ -30,12 +31,12 @@ pub(crate) const DY: usize = 6;
 /// Numbers of all samples of a chunk.
 const SAMPLES: usize = CHUNK * size_of::<Sample>() / size_of::<f32>();
 
-/// [`CHUNK`] samples in a row: all that is read of them, in cache lines of its own, one after the other. (Apart, in planes, what a tile
-/// needs of one chunk lies on six pages, and super sampling waits for their addresses.) What lies beyond the end of the row is black
-/// and infinitely far.
+/// [`CHUNK`] samples in a row: all that is read of them, in cache lines of its own, one after the other. (Apart, in
+/// planes, what a tile needs of one chunk lies on six pages, and super sampling waits for their addresses.) What lies
+/// beyond the end of the row is black and infinitely far.
 ///
-/// First the samples, then planes of what all of them are asked for at once; in one array, so that four numbers can be loaded
-/// where a sample has the last three.
+/// First the samples, then planes of what all of them are asked for at once; in one array, so that four numbers can
+/// be loaded where a sample has the last three.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct Chunk([f32; SAMPLES + 5 * CHUNK]);
@@ -49,9 +50,10 @@ impl Chunk {
         self.plane(0)
     }
 
-    /// What the colour of a sample beside something nearer changes by, per HR pixel of parallax at depth 1, as the two move apart:
-    /// it may show some of the other's edge. The inverse depth of the nearest of the eight samples around it, less its own,
-    /// times [`CROSSING`] and its slope, the norm of all its derivatives; 0 where none is nearer.
+    /// What the colour of a sample beside something nearer changes by, per HR pixel of parallax at depth 1, as the
+    /// two move apart: it may show some of the other's edge. The inverse depth of the nearest of the eight samples
+    /// around it, less its own, times [`CROSSING`] and its slope, the norm of all its derivatives; 0 where none is
+    /// nearer.
     #[inline(always)]
     pub fn seams(&self) -> &[f32; CHUNK] {
         self.plane(1)
@@ -154,7 +156,8 @@ impl SampleFrame {
         Ok(())
     }
 
-    /// Offset of the positions of samples `(i, j)` from `(i + 0.5, j + 0.5)` of the picture's LR pixels: the jitter less the margin.
+    /// Offset of the positions of samples `(i, j)` from `(i + 0.5, j + 0.5)` of the picture's LR pixels: the jitter
+    /// less the margin.
     #[inline(always)]
     pub fn offset(&self) -> [f32; 2] {
         let Margin { left, top, .. } = self.margin;
@@ -206,8 +209,8 @@ struct SamplePlanes<'a> {
 }
 
 impl SamplePlanes<'_> {
-    /// The largest inverse depths of the three samples of each column of row `y` and the rows beside it, from entry 1 on; beyond the
-    /// first and the last column there is nothing.
+    /// The largest inverse depths of the three samples of each column of row `y` and the rows beside it, from entry 1
+    /// on; beyond the first and the last column there is nothing.
     #[inline(always)]
     fn find_nearest<S: Simd>(&self, simd: S, y: usize, nearest: &mut Vec<f32>) {
         let (width, height) = (self.color.width(), self.color.height());

@@ -1,14 +1,14 @@
 //! Exact samples of past frames, carried to the pixels of the current one.
 //!
-//! Every sample of the last frames is reprojected through its own depth, so it lands on the HR grid at an exact, generally
-//! fractional position, with its exact gradient. Around it the image is known to first order; the remainder grows with
-//! the square of the distance δ, its variance with δ⁴. A pixel is the mean of these first-order predictions with the
-//! inverse variances as weights (Shepard's method with exact gradients, Renka 1988). Nothing is ever resampled twice, so
-//! nothing blurs with time, and a sample that falls on a pixel centre is that pixel.
+//! Every sample of the last frames is reprojected through its own depth, so it lands on the HR grid at an exact,
+//! generally fractional position, with its exact gradient. Around it the image is known to first order; the remainder
+//! grows with the square of the distance δ, its variance with δ⁴. A pixel is the mean of these first-order
+//! predictions with the inverse variances as weights (Shepard's method with exact gradients, Renka 1988). Nothing is
+//! ever resampled twice, so nothing blurs with time, and a sample that falls on a pixel centre is that pixel.
 //!
-//! What is the same for all channels of a pixel is made with samples or pixels as lanes: sixteen samples land at once, four
-//! samples' weights of a row of pixels are one vector. What differs between channels, a sample's prediction of four
-//! pixels in a row, is one vector again: two multiply-adds, one load and one store.
+//! What is the same for all channels of a pixel is made with samples or pixels as lanes: sixteen samples land at
+//! once, four samples' weights of a row of pixels are one vector. What differs between channels, a sample's
+//! prediction of four pixels in a row, is one vector again: two multiply-adds, one load and one store.
 
 use fearless_simd::{Simd, f32x16, i32x16, mask32x16, prelude::*};
 
@@ -27,25 +27,26 @@ pub(crate) const ROWS: usize = 3;
 /// Pixels that a sample may be away from the last it reaches, rounded up.
 pub(crate) const REACH: f32 = 2.0;
 
-/// Variance floor of a prediction in pixel⁴. A sample on a pixel centre then has 10⁵ times the weight of one a pixel away:
-/// at rest all neighbours together change a pixel by less than 1e-4 of their own error.
+/// Variance floor of a prediction in pixel⁴. A sample on a pixel centre then has 10⁵ times the weight of one a pixel
+/// away: at rest all neighbours together change a pixel by less than 1e-4 of their own error.
 pub(crate) const NOISE: f32 = 1e-5;
 
-/// Variance that a moved sample gains per pixel of staleness, pixel⁴ (empirical): depths are not exact where layers blend, and
-/// colours depend on the view. On paths of 0.1° to 1.2° a frame at 1920×1080, 0.003 to 0.008 are alike; at 960×540 twice as much
-/// loses 0.05 to 0.1 dB. A gain per frame, whatever the camera does, loses 0.1 to 0.6 dB.
+/// Variance that a moved sample gains per pixel of staleness, pixel⁴ (empirical): depths are not exact where layers
+/// blend, and colours depend on the view. On paths of 0.1° to 1.2° a frame at 1920×1080, 0.003 to 0.008 are alike; at
+/// 960×540 twice as much loses 0.05 to 0.1 dB. A gain per frame, whatever the camera does, loses 0.1 to 0.6 dB.
 pub(crate) const AGING: f32 = 0.006;
 
-/// What a frame of age adds to staleness, pixels: with many samples, the newer ones are a little better (empirical: 0.4 to 1 are
-/// alike; 0 loses 0.1 dB where the camera mostly turns).
+/// What a frame of age adds to staleness, pixels: with many samples, the newer ones are a little better (empirical:
+/// 0.4 to 1 are alike; 0 loses 0.1 dB where the camera mostly turns).
 pub(crate) const PER_FRAME: f32 = 0.75;
 
-/// Samples with a larger variance, pixel⁴, are not worth their time: the interpolated current frame's is at most 7 where
-/// it is least certain.
+/// Samples with a larger variance, pixel⁴, are not worth their time: the interpolated current frame's is at most 7
+/// where it is least certain.
 pub(crate) const MAX_NOISE: f32 = 16.0;
 
-/// Variance, pixel⁴, of a sample behind what is nearest within a pixel of it, per squared pixel by which the two have moved apart
-/// since (empirical: 0.3 loses up to 0.1 dB, 3 is alike, 10 loses up to 0.2). Where the camera only turns nothing is hidden that was not.
+/// Variance, pixel⁴, of a sample behind what is nearest within a pixel of it, per squared pixel by which the two have
+/// moved apart since (empirical: 0.3 loses up to 0.1 dB, 3 is alike, 10 loses up to 0.2). Where the camera only turns
+/// nothing is hidden that was not.
 pub(crate) const OCCLUDED: f32 = 1.0;
 
 /// A past frame seen by the current camera.
@@ -143,8 +144,8 @@ impl Source<'_> {
         let doubt = plausible.doubt(simd, position, chunk.colors(), seen.staleness, change, reached);
         let pixel = [(x + 0.5).floor() - PAD_X as f32, first_y + (1.0 - PAD_Y as f32)];
         let nearest = tile.nearest.around(simd, pixel);
-        // What is nearer may hide it now, the rather the farther the two have moved apart. It is not beyond use: depths at
-        // silhouettes are off, and there may be nothing better.
+        // What is nearer may hide it now, the rather the farther the two have moved apart. It is not beyond use:
+        // depths at silhouettes are off, and there may be nothing better.
         let apart = (nearest - w) * self.parallax;
         let is_behind = w.simd_lt(nearest * (1.0 - DEPTH_TOLERANCE));
         let doubt = is_behind.select(apart.mul_add(apart * OCCLUDED, doubt), doubt);

@@ -38,9 +38,9 @@ pub enum Kriging {
     /// A pixel is the mean of what the samples around it predict to first order, by inverse variances.
     #[default]
     Off,
-    /// Where that mean errs visibly, a pixel is the best linear prediction from the values and the gradients of the samples
-    /// around it: gradient-enhanced kriging. Sharper in motion; takes longer, the more detail there is. Here only where the mean
-    /// errs most.
+    /// Where that mean errs visibly, a pixel is the best linear prediction from the values and the gradients of the
+    /// samples around it: gradient-enhanced kriging. Sharper in motion; takes longer, the more detail there is. Here
+    /// only where the mean errs most.
     Coarse,
     /// The same where it errs by about a step of 8 bits: sharper, and slower.
     On,
@@ -55,8 +55,8 @@ const STRIP: f32 = 8.0;
 /// Chunks of samples that are found before they are added.
 const QUEUE: usize = 256;
 
-/// How many chunks ahead of its use the memory of one is asked for: sixteen samples take about a hundred nanoseconds, and
-/// memory a few hundred.
+/// How many chunks ahead of its use the memory of one is asked for: sixteen samples take about a hundred nanoseconds,
+/// and memory a few hundred.
 const AHEAD: usize = 3;
 
 /// The same where only depths are read.
@@ -169,28 +169,29 @@ impl SuperSampler {
         self.invalid
     }
 
-    /// What the last frame's samples say that the frames before did not, `[LR height, LR width]`: RGB less the RGB that those
-    /// predict there, and how much they know, `[0, 1]`: Σw / (1 + Σw) with Σw the sum of the inverse variances (pixel⁻⁴) of
-    /// their predictions. Where the past knows next to nothing RGB is 0; all is 0 if samples do not lie on pixel
-    /// centres.
+    /// What the last frame's samples say that the frames before did not, `[LR height, LR width]`: RGB less the RGB
+    /// that those predict there, and how much they know, `[0, 1]`: Σw / (1 + Σw) with Σw the sum of the inverse
+    /// variances (pixel⁻⁴) of their predictions. Where the past knows next to nothing RGB is 0; all is 0 if samples
+    /// do not lie on pixel centres.
     #[must_use]
     pub fn innovation(&self) -> &[[f32; 4]] {
         &self.innovation
     }
 
     /// Reconstructs the image of `camera` from `gbuffer`, its LR frame, and the frames before it, into `out`, which is
-    /// resized. The fourth channel becomes the uncertainty, `[0, 1]`: √(1/Σw) less that of one exact sample, with Σw the
-    /// sum of the inverse variances (pixel⁻⁴) of all that predicts the pixel. Its unit is pixel²: what the curvature of the
-    /// image is to be multiplied with to give the expected error. It is 0 where a pixel has a sample of its own, so
-    /// everywhere at rest with a full history, and where all there is to see, now and in the past, is background of one
-    /// colour; it is larger where samples are far, old, doubtful or missing. Another size than before resets the history.
+    /// resized. The fourth channel becomes the uncertainty, `[0, 1]`: √(1/Σw) less that of one exact sample, with Σw
+    /// the sum of the inverse variances (pixel⁻⁴) of all that predicts the pixel. Its unit is pixel²: what the
+    /// curvature of the image is to be multiplied with to give the expected error. It is 0 where a pixel has a sample
+    /// of its own, so everywhere at rest with a full history, and where all there is to see, now and in the past, is
+    /// background of one colour; it is larger where samples are far, old, doubtful or missing. Another size than
+    /// before resets the history.
     ///
     /// `gbuffer` is what [`Camera::low_resolution`] of `camera` sees, with gradients and geometry, point-sampled at its
     /// jitter (`dilation` matched to the scale).
     ///
     /// # Errors
-    /// [`ReconstructError`] if `gbuffer` is not the LR frame of `camera`, lacks gradients or geometry, or has colours or gradients that are not finite; the history is
-    /// then as before.
+    /// [`ReconstructError`] if `gbuffer` is not the LR frame of `camera`, lacks gradients or geometry, or has colours
+    /// or gradients that are not finite; the history is then as before.
     pub fn super_sample(
         &mut self,
         camera: &Camera,
@@ -200,8 +201,9 @@ impl SuperSampler {
         self.super_sample_within(camera, gbuffer, gbuffer, out)
     }
 
-    /// As [`Self::super_sample`] from `gbuffer`, the LR frame of `camera`, and remembers with it what lies beyond its edges: `around`
-    /// is the same frame with a margin ([`GBuffer::crop`] makes the one of the other). What a turning camera reveals then has a past.
+    /// As [`Self::super_sample`] from `gbuffer`, the LR frame of `camera`, and remembers with it what lies beyond its
+    /// edges: `around` is the same frame with a margin ([`GBuffer::crop`] makes the one of the other). What a turning
+    /// camera reveals then has a past.
     ///
     /// # Errors
     /// As [`Self::super_sample`], also if `around` less its margin is not of the size and jitter of `gbuffer`.
@@ -287,7 +289,8 @@ impl SuperSampler {
         self.innovation = innovation;
     }
 
-    /// Fills a band of an image of `[width, height]`, whose current samples lie on the pixels of `lattice`, in the memory of `tile`.
+    /// Fills a band of an image of `[width, height]`, whose current samples lie on the pixels of `lattice`, in the
+    /// memory of `tile`.
     #[inline(always)]
     fn fill_band<'a, S: Simd>(
         &'a self,
@@ -334,8 +337,8 @@ impl SuperSampler {
         }
     }
 
-    /// The pixels on which what the frame of age `age` holds may bear on `tile`: samples reach out, and the current frame,
-    /// which is interpolated, has its next samples within a cell.
+    /// The pixels on which what the frame of age `age` holds may bear on `tile`: samples reach out, and the current
+    /// frame, which is interpolated, has its next samples within a cell.
     fn limits(&self, tile: &Tile<'_>, age: usize) -> Limits {
         let reach = if age == 0 { REACH.max(self.scale as f32 + 1.0) } else { REACH };
         let ends = |first: usize, count: usize| [first as f32 - reach, (first + count) as f32 + reach];
@@ -385,8 +388,8 @@ impl SuperSampler {
         tile.nearest.spread(simd);
     }
 
-    /// Adds the samples of frames to `tile`, strip by strip: those of ages from `youngest` to the end of `of_past`, the row
-    /// ranges to look at.
+    /// Adds the samples of frames to `tile`, strip by strip: those of ages from `youngest` to the end of `of_past`,
+    /// the row ranges to look at.
     #[inline(always)]
     fn add_frames<'a, S: Simd>(
         &'a self,

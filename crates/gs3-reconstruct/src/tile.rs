@@ -10,15 +10,17 @@ use crate::nearest::Nearest;
 use crate::samples::SampleFrame;
 use crate::splat::NOISE;
 
-/// Pixels of a tile along x, a multiple of 16. (At 1920×1080 256 takes half a millisecond more, as samples are reprojected for each tile;
-/// 640×48 is alike, but kriging, whose samples then leave the second cache, takes 9 ms more on foliage.)
+/// Pixels of a tile along x, a multiple of 16. (At 1920×1080 256 takes half a millisecond more, as samples are
+/// reprojected for each tile; 640×48 is alike, but kriging, whose samples then leave the second cache, takes 9 ms
+/// more on foliage.)
 pub(crate) const TILE_WIDTH: usize = 480;
 
-/// Pixels of a tile along y. Width and height are large against a sample's reach, because samples that reach two tiles are
-/// added twice.
+/// Pixels of a tile along y. Width and height are large against a sample's reach, because samples that reach two
+/// tiles are added twice.
 pub(crate) const TILE_HEIGHT: usize = 32;
 
-/// Pixels beside those of the tile, for what reaches beyond it: as many as a cell of samples or a sample's reach may need.
+/// Pixels beside those of the tile, for what reaches beyond it: as many as a cell of samples or a sample's reach may
+/// need.
 pub(crate) const PAD_X: usize = 8;
 
 /// The same above and below.
@@ -44,13 +46,13 @@ const ROWS: usize = TILE_HEIGHT + 2 * RING + 2 * PAD_Y;
 /// error exceeds the contrast of the image (both empirical).
 pub(crate) const SURFACE: f32 = 0.5;
 
-/// Deviation up to which a pixel counts as exact, pixel²: that of one sample on its centre, √[`NOISE`] = 0.00316, and room
-/// for the rounding of places and weights.
+/// Deviation up to which a pixel counts as exact, pixel²: that of one sample on its centre, √[`NOISE`] = 0.00316, and
+/// room for the rounding of places and weights.
 pub(crate) const EXACT: f32 = 0.0033;
 
 /// What a pixel's Laplacian times its uncertainty, pixel², adds to it. First-order predictions at a distance d err by
-/// −½ dᵀH d; from one sample on each side that is a quarter of d² times the Laplacian, and the uncertainty is d² over the
-/// root of the number of samples (empirical: 0.15 to 0.25 are alike). Uncertainties end at 1.
+/// −½ dᵀH d; from one sample on each side that is a quarter of d² times the Laplacian, and the uncertainty is d² over
+/// the root of the number of samples (empirical: 0.15 to 0.25 are alike). Uncertainties end at 1.
 pub(crate) const CURVATURE: f32 = 0.2;
 
 /// How far from a pixel's centre a sample may be to count as on it, pixels: a hundred times what rounding moves it.
@@ -59,8 +61,9 @@ const BESIDE: f32 = 1e-3;
 /// Inverse variances, pixel⁻⁴, below this say nothing: samples of the past more than 2.6 pixels away, or of more doubt.
 pub(crate) const FAINT: f32 = 0.02;
 
-/// Accumulating pixels: per pixel Σ weight·RGB and Σ weight. 16 B each; the memory of the tile is in no image, because there
-/// rows may lie a multiple of the caches' period apart (of 4096 pixels: 64 KiB) and drive each other out.
+/// Accumulating pixels: per pixel Σ weight·RGB and Σ weight. 16 B each; the memory of the tile is in no image,
+/// because there rows may lie a multiple of the caches' period apart (of 4096 pixels: 64 KiB) and drive each other
+/// out.
 pub(crate) struct Tile<'a> {
     /// First column in the image of the pixels that are made.
     pub left: usize,
@@ -123,8 +126,9 @@ impl<'a> Tile<'a> {
         }
     }
 
-    /// Takes the samples of `frame`, the current one, into the pixels of `lattice` that [`Self::vacate`] emptied, and writes
-    /// how they differ from what the past alone says into `rows`, whose first row of samples is `first_row`: for those in
+    /// Takes the samples of `frame`, the current one, into the pixels of `lattice` that [`Self::vacate`] emptied, and
+    /// writes how they differ from what the past alone says into `rows`, whose first row of samples is `first_row`:
+    /// for those in
     /// `wanted` pixels.
     pub fn confront(
         &mut self,
@@ -220,7 +224,8 @@ impl Lattice {
         offset.iter().all(is_exact).then_some(Self { first, scale: scale as usize })
     }
 
-    /// Samples along an axis whose pixels are among the `count` from `from` on: their indices, and their pixels relative to
+    /// Samples along an axis whose pixels are among the `count` from `from` on: their indices, and their pixels
+    /// relative to
     /// `from`.
     fn along(&self, axis: usize, from: usize, count: usize) -> impl Iterator<Item = (usize, usize)> + use<> {
         let (first, scale) = (self.first[axis], self.scale);

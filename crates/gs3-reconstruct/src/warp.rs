@@ -1,9 +1,9 @@
 //! Where the pixels of a frame are in its neighbours, patch by patch.
 //!
-//! A patch is 4×4 pixels. Sixteen patches in a row are looked at together, by their corners: where a patch moves alike and
-//! is seen alike, all of it is gathered with one displacement. The others are looked at pixel by pixel, sixteen lanes,
-//! and gathered four pixels or one at a time. Patches lie on the cells between LR samples where they can (at scales 2, 4
-//! and 8), so that a patch seldom holds two surfaces.
+//! A patch is 4×4 pixels. Sixteen patches in a row are looked at together, by their corners: where a patch moves
+//! alike and is seen alike, all of it is gathered with one displacement. The others are looked at pixel by pixel,
+//! sixteen lanes, and gathered four pixels or one at a time. Patches lie on the cells between LR samples where they
+//! can (at scales 2, 4 and 8), so that a patch seldom holds two surfaces.
 //!
 //! A patch costs 27 loads, 96 multiply-adds and 16 shifts per neighbour; the floor is memory, 16 B read from each
 //! neighbour and 16 B written a pixel.
@@ -31,8 +31,9 @@ const RUN: usize = LANES * SIDE;
 /// Rows of pixels of a task.
 const BAND: usize = 32;
 
-/// Pixels whose displacements lie within this many pixels, along x and along y, are gathered at once, moved by the middle
-/// of the displacements. The largest error, half of it, is 1/32 px; on real scenes it costs no more than 0.001 dB.
+/// Pixels whose displacements lie within this many pixels, along x and along y, are gathered at once, moved by the
+/// middle of the displacements. The largest error, half of it, is 1/32 px; on real scenes it costs no more than 0.001
+/// dB.
 pub(crate) const RIGID: f32 = 1.0 / 16.0;
 
 /// All that rows are made from, gathered from `N` neighbours.

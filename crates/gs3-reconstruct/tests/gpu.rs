@@ -18,12 +18,12 @@ use gs3_scene::{Camera, GBuffer, Image, Margin, Planes};
 /// What halves leave of an image of values up to 1: an error of 2⁻¹² makes 72 dB.
 const FLOOR: f64 = 68.0;
 
-/// The same of frames as they are, where pixels are kriged: at a scale of 8 a frame here is so small that one pixel that only one of
-/// both kriges falls below it.
+/// The same of frames as they are, where pixels are kriged: at a scale of 8 a frame here is so small that one pixel
+/// that only one of both kriges falls below it.
 const KRIGED_FLOOR: f64 = 58.0;
 
-/// Pixels of a frame that one of both kriges and the other does not, at most: where a pixel's error is what is just worth kriging,
-/// rounding decides. (Found: 1.3e-3.)
+/// Pixels of a frame that one of both kriges and the other does not, at most: where a pixel's error is what is just
+/// worth kriging, rounding decides. (Found: 1.3e-3.)
 const FLIPPED: f64 = 2e-3;
 
 /// The adapter of this machine, or a word that there is none.
@@ -139,8 +139,8 @@ fn motions(size: [u32; 2]) -> Vec<Motion> {
             "turn",
             Box::new(move |k| at([0.0; 3], 0.5 * (0.06 * k as f64).sin(), -0.15 * (0.06 * k as f64).sin())),
         ),
-        // Samples crowd, up to dozens in a pixel. Straight back, whole rows would land half-way between pixels, where rounding
-        // decides which they reach.
+        // Samples crowd, up to dozens in a pixel. Straight back, whole rows would land half-way between pixels, where
+        // rounding decides which they reach.
         (
             "flight back",
             Box::new(move |k| at([0.0, 0.007 * k as f64, 2.0 - 0.5 * k as f64], 0.003 * k as f64, 0.0)),
@@ -155,8 +155,9 @@ fn motions(size: [u32; 2]) -> Vec<Motion> {
     ]
 }
 
-/// The PSNR of `actual` and the share of its pixels that were kriged where those of `ways[own]`, the CPU's, were not, or the other way
-/// round; these are compared with what they are when kriged otherwise. `ways` begin without kriging and end with the finest.
+/// The PSNR of `actual` and the share of its pixels that were kriged where those of `ways[own]`, the CPU's, were not,
+/// or the other way round; these are compared with what they are when kriged otherwise. `ways` begin without kriging
+/// and end with the finest.
 fn kriged_psnr(actual: &Image, ways: &[Image], own: usize) -> (f64, f64) {
     let (first_order, finest) = (&ways[0], &ways[ways.len() - 1]);
     let difference = |a: &[f32; 4], b: &[f32; 4]| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();

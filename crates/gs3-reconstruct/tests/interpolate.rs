@@ -157,7 +157,8 @@ fn one_neighbor_reprojected_is_that_of_both_warped() {
     let (mut warped, mut reprojected) = (Warped::default(), Reprojected::default());
     interpolator.warp(before, now, 0.5, now.camera, &mut warped).unwrap();
     interpolator.reproject(before, now, &mut reprojected).unwrap();
-    // Patches that move alike in one neighbour but not in the other are moved together or not: up to 1/32 px, in few places.
+    // Patches that move alike in one neighbour but not in the other are moved together or not: up to 1/32 px, in few
+    // places.
     let mut different = 0;
     for (k, pixel) in reprojected.image.pixels().iter().enumerate() {
         let is_same = (0..4).all(|c| (pixel[c] - warped.before.pixels()[k][c]).abs() < 1e-6)
@@ -193,7 +194,8 @@ fn warped_neighbors_say_what_they_see() {
                 hidden += 1;
                 error_hidden += error;
             }
-            // Even where a neighbour does not see it, there is something; the fourth channel, here alpha, is warped too.
+            // Even where a neighbour does not see it, there is something; the fourth channel, here alpha, is warped
+            // too.
             assert!((image.pixels()[k][3] - 1.0).abs() < 1e-3, "neighbour {n}, pixel {k}");
         }
     }

@@ -143,7 +143,8 @@ fn slanted_surfaces_are_followed_to_the_horizon() {
 
 #[test]
 fn the_sky_is_not_the_ground_at_the_horizon() {
-    // Inverse depths of a plane are linear: at the first sample below the horizon, the slope is the inverse depth itself.
+    // Inverse depths of a plane are linear: at the first sample below the horizon, the slope is the inverse depth
+    // itself.
     let mut inverse = Planes::<1>::new(8, 1);
     inverse.data_mut().iter_mut().enumerate().for_each(|(i, w)| *w = i as f32 / 8.0);
     let view =

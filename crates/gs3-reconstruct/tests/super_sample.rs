@@ -79,7 +79,8 @@ fn history_gains_in_motion() {
 
 #[test]
 fn kriging_gains_in_motion() {
-    // As fine as pixels can show, and half as fine; alone, and behind a post, at whose edges it is not interpolation that errs.
+    // As fine as pixels can show, and half as fine; alone, and behind a post, at whose edges it is not interpolation
+    // that errs.
     let wall = |frequency| World { sheets: vec![Sheet::endless(6.0, 3, frequency)] };
     // What it gains, and what it reaches: where little is left to gain, the latter tells.
     let cases = [
@@ -105,8 +106,8 @@ fn kriging_gains_in_motion() {
 /// A wall's samples that show some of a post's edge, or that the post has come to hide, must not stand beside it.
 #[test]
 fn what_moves_apart_leaves_no_specks() {
-    // Hard and soft edges, uncovering and covering: 51, 0 and 65 specks; 179, 19 and 88 if nothing hid samples, 51, 8 and 89 if
-    // edges were no matter.
+    // Hard and soft edges, uncovering and covering: 51, 0 and 65 specks; 179, 19 and 88 if nothing hid samples, 51, 8
+    // and 89 if edges were no matter.
     for (softness, step, most) in [(0.004, 0.02, 80), (0.02, 0.02, 4), (0.02, -0.02, 70)] {
         let mut world = wall_and_post(4.0);
         world.sheets[0].softness = softness;
@@ -120,8 +121,8 @@ fn what_moves_apart_leaves_no_specks() {
 
 #[test]
 fn colors_that_drift_on_a_smooth_wall_are_those_of_now() {
-    // What the eye would see on a glossy wall: every frame everything is brighter by 0.004, well within the range of the
-    // colours around.
+    // What the eye would see on a glossy wall: every frame everything is brighter by 0.004, well within the range of
+    // the colours around.
     let wall = World { sheets: vec![Sheet::endless(6.0, 3, 4.0)] };
     let pose = |k: usize| at(0.02 * k as f64);
     let mut sampler = SuperSampler::new(4, Kriging::Off).unwrap();
@@ -137,7 +138,8 @@ fn colors_that_drift_on_a_smooth_wall_are_those_of_now() {
     assert!(psnr > 50.0, "{psnr:.2} dB");
 }
 
-/// The innovation of the last of `frames` frames, in which everything is brighter by `brighter`, on an LR grid of 96×40.
+/// The innovation of the last of `frames` frames, in which everything is brighter by `brighter`, on an LR grid of
+/// 96×40.
 fn innovation(
     world: &World,
     scale: u32,
@@ -215,8 +217,8 @@ fn what_was_hidden_is_not_smeared() {
     }
 }
 
-/// Poles thinner than the distance between samples, which single frames miss here and there: of the wall behind them, other
-/// frames have seen what they hide now.
+/// Poles thinner than the distance between samples, which single frames miss here and there: of the wall behind them,
+/// other frames have seen what they hide now.
 #[test]
 fn what_is_behind_thin_things_does_not_show_through() {
     let mut world = World { sheets: Vec::new() };
@@ -296,7 +298,8 @@ fn another_size_resets_and_errors_do_not() {
     assert_eq!((out, sampler.history_invalid()), (before, None));
 }
 
-/// Of a camera that turns left, what it shows at its left edge has been sampled before, and is sharper for it; the right is as it was.
+/// Of a camera that turns left, what it shows at its left edge has been sampled before, and is sharper for it; the
+/// right is as it was.
 #[test]
 fn what_a_turn_reveals_has_a_past_in_the_margin() {
     let world = wall_and_post(60.0);

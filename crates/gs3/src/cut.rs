@@ -7,7 +7,8 @@ use crate::lattice::DepthLattice;
 
 /// Whether so little of the previous frame still shows that its history is worth nothing: of a 5×5 lattice of its
 /// pixels, placed at their depths, fewer than a third lie within the new image and are seen from about the same side.
-/// Who keeps history resets it then, as [`crate::FramePipeline`] does. (Empirical; a brisk pan of 3° a frame keeps nine tenths, and no orbit turns by 30° from frame to frame.)
+/// Who keeps history resets it then, as [`crate::FramePipeline`] does. (Empirical; a brisk pan of 3° a frame keeps
+/// nine tenths, and no orbit turns by 30° from frame to frame.)
 #[must_use]
 pub fn is_cut(previous: &Camera, camera: &Camera, lattice: &DepthLattice) -> bool {
     /// Cosine of 30°: seen from farther around, a surface shows another side, as after a jump across an orbit, where

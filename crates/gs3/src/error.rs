@@ -6,8 +6,8 @@ use gs3_reconstruct::ReconstructError;
 use crate::learned::NetworkError;
 use crate::settings::MAX_GENERATE;
 
-/// Why a frame could not be made. None is presented then, and the last one stays. What is asked for is refused before anything
-/// changes; where something fails later, on a device, the next frame begins without history.
+/// Why a frame could not be made. None is presented then, and the last one stays. What is asked for is refused before
+/// anything changes; where something fails later, on a device, the next frame begins without history.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PipelineError {

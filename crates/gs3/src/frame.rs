@@ -147,8 +147,8 @@ impl FramePipeline {
     }
 
     /// Renders the frame of `camera`, and the frames between it and the previous one at the cameras `between`: the true
-    /// poses at [`PipelineSettings::moments`] where the caller knows them; where it gives none, poses between the two. Modes without
-    /// frames between do not read them.
+    /// poses at [`PipelineSettings::moments`] where the caller knows them; where it gives none, poses between the
+    /// two. Modes without frames between do not read them.
     ///
     /// The fourth channel of the images is alpha in [`Mode::Native`] and not specified otherwise.
     ///
@@ -226,12 +226,13 @@ impl FramePipeline {
         Ok(())
     }
 
-    /// Renders on `gpu` from the next frame on, without history. In modes with history whole frames are made there and only
-    /// images come back ([`Self::is_on_device`]); in the other modes it rasterizes, and the rest stays on the CPU.
+    /// Renders on `gpu` from the next frame on, without history. In modes with history whole frames are made there
+    /// and only images come back ([`Self::is_on_device`]); in the other modes it rasterizes, and the rest stays on
+    /// the CPU.
     ///
     /// # Errors
-    /// [`PipelineError`] if the scene does not fit the device, or it was opened for products of matrices and gets them wrong;
-    /// everything stays as it was.
+    /// [`PipelineError`] if the scene does not fit the device, or it was opened for products of matrices and gets
+    /// them wrong; everything stays as it was.
     #[cfg(feature = "gpu")]
     pub fn render_on(&mut self, gpu: &gs3_compute::Gpu) -> Result<(), PipelineError> {
         let scene = Arc::clone(self.rasterizer.scene());
@@ -251,8 +252,8 @@ impl FramePipeline {
         self.reset(ResetReason::SizeOrTierChange);
     }
 
-    /// Whether all of the frame of `camera` is made on a GPU. Where there are networks and the size is no multiple of the scale,
-    /// a GPU rasterizes and the rest stays on the CPU.
+    /// Whether all of the frame of `camera` is made on a GPU. Where there are networks and the size is no multiple of
+    /// the scale, a GPU rasterizes and the rest stays on the CPU.
     #[must_use]
     pub fn is_on_device(&self, camera: &Camera) -> bool {
         #[cfg(feature = "gpu")]
@@ -272,8 +273,8 @@ impl FramePipeline {
         self.rasterizer.scene()
     }
 
-    /// Number of frames after which a resting camera repeats its sampling offsets, which is also how many frames the history
-    /// holds.
+    /// Number of frames after which a resting camera repeats its sampling offsets, which is also how many frames the
+    /// history holds.
     #[must_use]
     pub fn jitter_period(&self) -> usize {
         self.jitter.period()
@@ -314,8 +315,8 @@ impl FramePipeline {
         self.rasterizer.visible_count()
     }
 
-    /// The low-resolution G-buffer of the last frame; empty in [`Mode::Native`], colour only in [`Mode::Bicubic`]. Where whole
-    /// frames are made on a GPU it is that of the last [`Self::fetch_gbuffer`].
+    /// The low-resolution G-buffer of the last frame; empty in [`Mode::Native`], colour only in [`Mode::Bicubic`].
+    /// Where whole frames are made on a GPU it is that of the last [`Self::fetch_gbuffer`].
     #[must_use]
     pub const fn gbuffer(&self) -> &GBuffer {
         &self.current.gbuffer
@@ -477,8 +478,8 @@ impl FramePipeline {
     }
 }
 
-/// Moments of the frames between two rendered ones, and their cameras: those of `between` where it has any, else poses between
-/// the two.
+/// Moments of the frames between two rendered ones, and their cameras: those of `between` where it has any, else
+/// poses between the two.
 fn cameras_between<'a>(
     settings: &PipelineSettings,
     previous: &'a Camera,

@@ -1,9 +1,10 @@
 //! Where each frame is sampled, by what the frames before it sampled.
 //!
-//! A fixed order of offsets is spread well only while the camera rests. In motion the samples of the last frames move with
-//! what they show, and there are speeds at which they meet the same places of it frame after frame, whatever the order:
-//! motion and jitter resonate. Where the samples of the last frames are now is known, so each frame is sampled where they
-//! are not: a greedy search for points of low energy (void and cluster, Ulichney 1993) on the torus of an LR pixel.
+//! A fixed order of offsets is spread well only while the camera rests. In motion the samples of the last frames move
+//! with what they show, and there are speeds at which they meet the same places of it frame after frame, whatever the
+//! order: motion and jitter resonate. Where the samples of the last frames are now is known, so each frame is sampled
+//! where they are not: a greedy search for points of low energy (void and cluster, Ulichney 1993) on the torus of an
+//! LR pixel.
 
 use std::collections::VecDeque;
 
@@ -13,8 +14,9 @@ use gs3_scene::{Camera, Jitter};
 use crate::lattice::DepthLattice;
 use crate::settings::Sampling;
 
-/// Energy of two samples falls with their distance as a Gaussian of this σ, in HR pixels. (Empirical: on paths through captured
-/// scenes 0.5 to 1.3 gain within 0.1 dB of each other; from 0.7 on the slowest motions leave places of the grid out.)
+/// Energy of two samples falls with their distance as a Gaussian of this σ, in HR pixels. (Empirical: on paths
+/// through captured scenes 0.5 to 1.3 gain within 0.1 dB of each other; from 0.7 on the slowest motions leave places
+/// of the grid out.)
 const SIGMA: f64 = 0.65;
 
 /// What a moved sample of age `a` frames is worth: `1 / (1 + AGING a)`. (Empirical; 0 and 0.6 lose 0.04 dB.)
@@ -26,9 +28,9 @@ const FAR: f64 = 1e9;
 /// Energies, means over the points, that differ by less count as equal: rounding does not decide.
 const EQUAL: f64 = 1e-6;
 
-/// Chooses the sampling offset of each frame among those of the exact S×S grid ([`Jitter::grid`]), in LR pixels, so that the
-/// frame shows what the frames remembered do not. A resting camera samples every HR pixel once in S² frames, and a first
-/// frame has the grid's first offset.
+/// Chooses the sampling offset of each frame among those of the exact S×S grid ([`Jitter::grid`]), in LR pixels, so
+/// that the frame shows what the frames remembered do not. A resting camera samples every HR pixel once in S² frames,
+/// and a first frame has the grid's first offset.
 ///
 /// The same cameras and depths give the same offsets again.
 #[derive(Clone, Debug)]
@@ -62,8 +64,8 @@ impl AdaptiveJitter {
         self.past.clear();
     }
 
-    /// The offset `[x, y]` at which to sample the frame of `camera`, in LR pixels from the pixel centre; `last` are depths of
-    /// the frame before, which is not read after a reset.
+    /// The offset `[x, y]` at which to sample the frame of `camera`, in LR pixels from the pixel centre; `last` are
+    /// depths of the frame before, which is not read after a reset.
     pub fn next(&mut self, camera: &Camera, last: &DepthLattice) -> [f32; 2] {
         let offset = self.choose(camera, last);
         self.past.truncate(self.period().saturating_sub(2));
@@ -76,8 +78,8 @@ impl AdaptiveJitter {
     /// The offset of least energy, the first in the grid's order among equals.
     fn choose(&self, camera: &Camera, last: &DepthLattice) -> [f32; 2] {
         let energies = self.energies(camera, last);
-        // A camera that rests repeats none: then all are exact, and the grid is to be complete. (In all tests energies alone see to
-        // that; this is the guarantee.)
+        // A camera that rests repeats none: then all are exact, and the grid is to be complete. (In all tests
+        // energies alone see to that; this is the guarantee.)
         let is_taken = |offset| self.past.iter().any(|past| *past == (*camera, offset));
         let mut best: Option<(f64, [f32; 2])> = None;
         for (frame, energy) in energies.into_iter().enumerate() {
@@ -89,8 +91,8 @@ impl AdaptiveJitter {
         best.map_or([0.0; 2], |(_, offset)| offset)
     }
 
-    /// For each offset how near its samples of `camera` are to those that are remembered: the mean over the points of the
-    /// frame before that are in view. Where it hit nothing at all, directions count.
+    /// For each offset how near its samples of `camera` are to those that are remembered: the mean over the points of
+    /// the frame before that are in view. Where it hit nothing at all, directions count.
     fn energies(&self, camera: &Camera, last: &DepthLattice) -> Vec<f64> {
         let mut energies = vec![0.0; self.period()];
         let Some((last_camera, _)) = self.past.front() else { return energies };

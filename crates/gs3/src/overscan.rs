@@ -6,8 +6,9 @@ use gs3_scene::{Camera, Margin, glam};
 
 use crate::lattice::DepthLattice;
 
-/// Frames ahead of the one being made whose new parts are rasterized already. A history of S² frames would use more; measured at
-/// scale 4, frames between gain 2.09 and 2.16 dB with 4 and 8 frames ahead, 2.18 with 15 and margins twice as wide (`docs/performance.md`).
+/// Frames ahead of the one being made whose new parts are rasterized already. A history of S² frames would use more;
+/// measured at scale 4, frames between gain 2.09 and 2.16 dB with 4 and 8 frames ahead, 2.18 with 15 and margins
+/// twice as wide (`docs/performance.md`).
 const FRAMES_AHEAD: f64 = 8.0;
 
 /// Points of the lattice so near an edge, in parts of the picture, tell how what lies there moves.
@@ -19,7 +20,8 @@ const NO_MOTION: f64 = 0.01;
 /// How far away what no Gaussian hits is taken to be, world units: turning moves it, going does not.
 const SKY: f64 = 1e9;
 
-/// LR pixels beyond the edges that the next frames show if the camera goes on as it moved from `previous`, whose depths are
+/// LR pixels beyond the edges that the next frames show if the camera goes on as it moved from `previous`, whose
+/// depths are
 /// `depths`, to `camera`, `scale` times larger than LR frames: at most [`MAX_MARGIN`] on a side, none where it rests.
 #[must_use]
 pub fn margin_ahead(previous: &Camera, camera: &Camera, depths: &DepthLattice, scale: u32) -> Margin {

@@ -31,8 +31,8 @@ impl Mode {
 /// Where within their pixels low-resolution frames are sampled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Sampling {
-    /// At offsets of the exact S×S grid, in each frame where the ones before did not sample ([`crate::AdaptiveJitter`]):
-    /// after S² frames a resting camera has seen every high-resolution pixel.
+    /// At offsets of the exact S×S grid, in each frame where the ones before did not sample
+    /// ([`crate::AdaptiveJitter`]): after S² frames a resting camera has seen every high-resolution pixel.
     #[default]
     Jittered,
     /// Always at pixel centres.
@@ -72,11 +72,13 @@ pub struct PipelineSettings {
     pub scale: u32,
     /// Where low-resolution frames are sampled. Not read by [`Mode::Native`].
     pub sampling: Sampling,
-    /// Which pixels that first-order predictions leave uncertain are kriged. Where a network refines frames they are kriged whatever this
-    /// says: coarsely below one of tier fast, finely below one of tier high. Read by [`Mode::SuperSample`] and [`Mode::Full`].
+    /// Which pixels that first-order predictions leave uncertain are kriged. Where a network refines frames they are
+    /// kriged whatever this says: coarsely below one of tier fast, finely below one of tier high. Read by
+    /// [`Mode::SuperSample`] and [`Mode::Full`].
     pub kriging: Kriging,
-    /// Whether LR frames are rasterized beyond the edges that the camera turns to, so that what the next frames reveal has a past. Where
-    /// a network refines frames they are, whatever this says. Read by [`Mode::SuperSample`] and [`Mode::Full`].
+    /// Whether LR frames are rasterized beyond the edges that the camera turns to, so that what the next frames
+    /// reveal has a past. Where a network refines frames they are, whatever this says. Read by [`Mode::SuperSample`]
+    /// and [`Mode::Full`].
     pub overscan: bool,
     /// Dilation of the projected covariances.
     pub dilation: Dilation,

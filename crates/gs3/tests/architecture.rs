@@ -56,7 +56,14 @@ fn crates_know_only_what_the_map_says() {
         assert_eq!(all, knows, "{package}");
         assert_eq!(ours(&transitive(package, CPU_ONLY)), knows, "{package} without GPU");
     }
-    assert!(!transitive("gs3-evaluate", &[]).contains("gs3-cli"), "evaluation knows the command");
+    // These build on `gs3` and below; nobody but the command builds on them.
+    for (package, foreign) in
+        [("gs3-evaluate", ["gs3-cli", "gs3-train"]), ("gs3-train", ["gs3-cli", "gs3-evaluate"])]
+    {
+        let all = transitive(package, &[]);
+        assert!(foreign.iter().all(|name| !all.contains(*name)), "{package} knows one of {foreign:?}");
+    }
+    assert!(ours(&transitive("xtask", &[])).is_empty(), "errands call gs3, they do not contain it");
 }
 
 /// The kernels need arithmetic and threads; formats, terminals and devices belong elsewhere.
@@ -76,6 +83,12 @@ fn libraries_know_nothing_of_terminals_and_devices() {
     for package in ["gs3-scene", "gs3-raster", "gs3-reconstruct", "gs3-neural", "gs3"] {
         let all = transitive(package, CPU_ONLY);
         for foreign in ["clap", "indicatif", "ctrlc", "wgpu", "ash", "cudarc"] {
+            assert!(!all.contains(foreign), "{package} depends on {foreign}");
+        }
+    }
+    for package in ["gs3-compute", "gs3-evaluate", "gs3-train"] {
+        let all = transitive(package, &[]);
+        for foreign in ["clap", "indicatif", "ctrlc"] {
             assert!(!all.contains(foreign), "{package} depends on {foreign}");
         }
     }

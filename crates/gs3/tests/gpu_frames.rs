@@ -214,8 +214,8 @@ fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
     assert!(p.render(&next, &[]).unwrap().current == &anew);
 }
 
-/// With the network that comes with the library, over more frames than its first: its hidden state and the frame before reach
-/// it as on the CPU, in half precision and in single. Other sizes than whole blocks go by the CPU.
+/// With the network that comes with the library, over more frames than its first: its hidden state and the frame
+/// before reach it as on the CPU, in half precision and in single. Other sizes than whole blocks go by the CPU.
 #[test]
 fn the_network_refines_as_on_the_cpu() {
     let Some(gpus) = gpu_and_its_least() else { return };
@@ -250,8 +250,8 @@ fn the_network_refines_as_on_the_cpu() {
     }
 }
 
-/// Random weights change much: features, both neighbours, their share and the hidden state reach the network as on the CPU,
-/// over frames between that follow each other within a frame and across frames, and after a reset.
+/// Random weights change much: features, both neighbours, their share and the hidden state reach the network as on
+/// the CPU, over frames between that follow each other within a frame and across frames, and after a reset.
 #[test]
 fn frames_between_are_refined_as_on_the_cpu() {
     let Some([gpu, least]) = gpu_and_its_least() else { return };
@@ -264,8 +264,8 @@ fn frames_between_are_refined_as_on_the_cpu() {
         training_data: "none".to_owned(),
         licence: "MIT OR Apache-2.0".to_owned(),
     };
-    // Where the state counts most, in the second half of what the residual is made from, it is seen to be right. Of a trained
-    // scene, packed, a few depths differ, and motion with them: there it counts as usual.
+    // Where the state counts most, in the second half of what the residual is made from, it is seen to be right. Of a
+    // trained scene, packed, a few depths differ, and motion with them: there it counts as usual.
     let networks = |state: f32| {
         let mut weights = Weights::random(&graph, header.clone(), 5);
         weights.arrays.values_mut().flat_map(|a| a.values_mut()).for_each(|w| *w *= 0.5);

@@ -70,8 +70,8 @@ fn difference(a: &Image, b: &Image) -> f32 {
     pairs.flat_map(|(a, b)| (0..3).map(move |c| (a[c] - b[c]).abs())).fold(0.0, f32::max)
 }
 
-/// Untrained, super sampling averages the present and the previous frame, whose errors differ, and interpolation does what
-/// it does without learning.
+/// Untrained, super sampling averages the present and the previous frame, whose errors differ, and interpolation does
+/// what it does without learning.
 #[test]
 fn training_starts_above_the_pipeline_without_learning() {
     let path = path();
@@ -136,8 +136,8 @@ fn a_resting_camera_keeps_its_exact_image_whatever_was_learned() {
     }
 }
 
-/// Of a previous frame seen from the same place, the samples say how they differ from it at their pixels, as far as it is
-/// visible there; of none, nothing.
+/// Of a previous frame seen from the same place, the samples say how they differ from it at their pixels, as far as
+/// it is visible there; of none, nothing.
 #[test]
 fn samples_tell_how_the_previous_frame_errs() {
     let camera = path().cameras()[0];
@@ -320,8 +320,8 @@ fn psnr_of(image: &Image, truth: &Image) -> f64 {
     -10.0 * (squares.sum::<f64>() / (3 * truth.pixels().len()) as f64).log10()
 }
 
-/// The weights that come with the library belong to a network of this version, and gain on the pipeline without learning,
-/// on a scene that is generated and frames that are not among their training clips.
+/// The weights that come with the library belong to a network of this version, and gain on the pipeline without
+/// learning, on a scene that is generated and frames that are not among their training clips.
 #[test]
 fn shipped_weights_gain() {
     let path = demo::path().resized(640, 360).unwrap();

@@ -22,7 +22,8 @@ pub struct Ceilings {
     pub f16_flop_per_s: Option<f64>,
 }
 
-/// Bytes copied at a time, where there is room: several times what the caches of any GPU hold, 50 to 126 MB, in both buffers.
+/// Bytes copied at a time, where there is room: several times what the caches of any GPU hold, 50 to 126 MB, in both
+/// buffers.
 const COPIED: u64 = 256 << 20;
 
 /// Where even that much has no room, there is no measuring.
@@ -31,8 +32,8 @@ const LEAST_COPIED: u64 = 4 << 20;
 /// Bytes of a workgroup of `copy.wgsl`: 256 invocations, four vectors of 16 bytes each.
 const COPY_GROUP: u64 = 256 * 4 * 16;
 
-/// Invocations of `multiply_add.wgsl`: four times what fits the largest GPUs at once (148 multiprocessors of 2,048), so that
-/// those that end first leave little idle.
+/// Invocations of `multiply_add.wgsl`: four times what fits the largest GPUs at once (148 multiprocessors of 2,048),
+/// so that those that end first leave little idle.
 const INVOCATIONS: u32 = 1 << 20;
 
 /// Invocations of one of its workgroups.

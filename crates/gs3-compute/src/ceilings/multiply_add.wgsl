@@ -21,8 +21,8 @@ fn eight(v: Vector, factor: Vector, summand: Vector) -> Vector {
 fn multiply_add(@builtin(global_invocation_id) id: vec3<u32>) {
     let factor = Vector(Number(load.factor));
     let summand = Vector(Number(load.summand));
-    // Eight sums that do not wait for each other, as many as a processor's two pipes of four cycles need; a GPU has the other
-    // invocations besides. All begin elsewhere, so that none is another's.
+    // Eight sums that do not wait for each other, as many as a processor's two pipes of four cycles need; a GPU has
+    // the other invocations besides. All begin elsewhere, so that none is another's.
     var a = Vector(0.0, 0.125, 0.25, 0.375) + Vector(Number(id.x % 64u) / 128.0);
     var b = a + Vector(1.0);
     for (var round = 0u; round < load.rounds; round++) {

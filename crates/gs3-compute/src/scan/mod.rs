@@ -61,8 +61,8 @@ impl Scan {
         Ok(Self { sum: module.kernel(gpu, "sum", &[])?, scan: module.kernel(gpu, "scan", &[])?, sums })
     }
 
-    /// Will scan `values[..count]` in place; `count` is the first u32 of a buffer, at most the length of `values`. The sum
-    /// of all goes to the first u32 of `total`.
+    /// Will scan `values[..count]` in place; `count` is the first u32 of a buffer, at most the length of `values`.
+    /// The sum of all goes to the first u32 of `total`.
     ///
     /// # Errors
     /// [`GpuError`] if the device refuses.

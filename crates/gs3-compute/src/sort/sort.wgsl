@@ -4,8 +4,8 @@
 // neighbours go to neighbouring places.
 //
 // Departures: counts of tiles are halves of a word with their state, so relaxed atomics suffice. No tile waits without
-// end for another one: what is not there after POLLS looks, the tile counts itself (after Smith, Levien & Owens 2024), so
-// devices that do not run all workgroups fairly finish too.
+// end for another one: what is not there after POLLS looks, the tile counts itself (after Smith, Levien & Owens
+// 2024), so devices that do not run all workgroups fairly finish too.
 
 @group(0) @binding(0) var<storage> count: array<u32>;
 @group(0) @binding(1) var<storage> keys_in: array<u32>;

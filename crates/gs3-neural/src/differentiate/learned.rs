@@ -21,8 +21,8 @@ pub struct Adjoint<'a> {
 }
 
 impl Adjoint<'_> {
-    /// Replaces the derivative by the result, in `v`, by that by the input, and adds those by weight and bias, `[blocks of
-    /// channels]`.
+    /// Replaces the derivative by the result, in `v`, by that by the input, and adds those by weight and bias,
+    /// `[blocks of channels]`.
     pub fn run(&self, level: Level, v: &mut [Block], v_weight: &mut [Block], v_bias: &mut [Block]) {
         dispatch!(level, simd => self.run_on(simd, v, v_weight, v_bias));
     }
@@ -56,7 +56,8 @@ impl Adjoint<'_> {
         }
     }
 
-    /// A pixel of normalisation. With x̂ the normalised channels and w = v · weight: (w − mean(w) − x̂ mean(w x̂)) · scale.
+    /// A pixel of normalisation. With x̂ the normalised channels and w = v · weight: (w − mean(w) − x̂ mean(w x̂)) ·
+    /// scale.
     #[inline(always)]
     fn normal<'a, S: Simd>(
         &self,

@@ -235,8 +235,8 @@ impl Differentiator {
     /// some or all of the inputs named at the beginning.
     ///
     /// # Errors
-    /// [`RunError`] if an image is unknown or of another size, an array of `v_weights` is missing or has another shape, or
-    /// memory is another's or empty; nothing is computed then.
+    /// [`RunError`] if an image is unknown or of another size, an array of `v_weights` is missing or has another
+    /// shape, or memory is another's or empty; nothing is computed then.
     pub fn backward(
         &self,
         packed: &Packed,

@@ -202,7 +202,8 @@ impl Adjoint<'_> {
         matches!((self.op, self.input), (Op::Multiply, 1) | (Op::Mix, 2))
     }
 
-    /// The derivative by a factor of pixel x, row y, block b: by one of one channel the sum over all channels that it multiplies.
+    /// The derivative by a factor of pixel x, row y, block b: by one of one channel the sum over all channels that it
+    /// multiplies.
     #[inline(always)]
     fn over_channels<S: Simd>(&self, simd: S, y: usize, b: usize, out: &mut [Block], write: Write) {
         if self.v_input.shape.channels > 1 {

@@ -1,8 +1,9 @@
 //! The derivative by a convolution's weights and bias.
 //!
 //! Sums over all pixels of output channel × input channel × tap. Of them up to 16 vectors stay in registers while some
-//! rows pass by: up to 3 blocks of 16 output channels × 4 input channels of a tap, or 2 × 8. A vector of the derivative by the
-//! result is loaded once for all of these input channels, a number of the input once for all blocks.
+//! rows pass by: up to 3 blocks of 16 output channels × 4 input channels of a tap, or 2 × 8. A vector of the
+//! derivative by the result is loaded once for all of these input channels, a number of the input once for all
+//! blocks.
 
 use std::ops::Range;
 
@@ -80,7 +81,8 @@ impl WeightSums<'_> {
     }
 
     /// Adds to `sums`, `[groups of output blocks, segments, taps, channels of the segment, blocks of the group]`, what
-    /// `rows`, at most [`ROWS`], of the inputs, in `values`, and of the derivative by the sums before the activation, in `v`, give.
+    /// `rows`, at most [`ROWS`], of the inputs, in `values`, and of the derivative by the sums before the activation,
+    /// in `v`, give.
     pub fn run(
         &self,
         level: Level,
@@ -174,8 +176,8 @@ impl Pass<'_> {
         tap: usize,
         sums: &mut [[Block; V]],
     ) {
-        // With 32 registers of 16 lanes 16 are sums (24 leave them: three blocks then take 1.7 times as long); with 16 of 8
-        // lanes or 32 of 4 fewer fit.
+        // With 32 registers of 16 lanes 16 are sums (24 leave them: three blocks then take 1.7 times as long); with
+        // 16 of 8 lanes or 32 of 4 fewer fit.
         let most = match V {
             3 if <S::f32s as SimdBase<S>>::LEN == LANES => 4,
             _ if <S::f32s as SimdBase<S>>::LEN == LANES => 8,

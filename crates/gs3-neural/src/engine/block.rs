@@ -15,11 +15,12 @@ pub struct Block(pub [f32; LANES]);
 /// What a tensor's numbers are, and in what order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Numbers {
-    /// `hCw16c`: rows, in them blocks of channels, in them pixels, in them 16 channels. Lanes beyond the channels hold anything.
+    /// `hCw16c`: rows, in them blocks of channels, in them pixels, in them 16 channels. Lanes beyond the channels
+    /// hold anything.
     #[default]
     F32,
-    /// `hwC16c`, rounded, for convolutions on tiles: rows, in them pixels, in them all channels, zeros beyond them. A row ends
-    /// with a block of zeros, as tiles see more than pixels.
+    /// `hwC16c`, rounded, for convolutions on tiles: rows, in them pixels, in them all channels, zeros beyond them. A
+    /// row ends with a block of zeros, as tiles see more than pixels.
     Bf16,
 }
 

@@ -1,9 +1,10 @@
 //! Convolution with bias and activation.
 //!
-//! A thread computes a strip of a row; of it, up to 24 vectors at a time stay in registers: pixels × 16 output channels. Each weight
-//! vector is loaded once for all of them and each number of the input once for all output channels and all columns of the
-//! window, so the multiply-add units are the limit: with all that it reads in the first cache a 3×3 convolution reaches 85 to
-//! 91 % of their peak on Granite Rapids. Inputs of several tensors are read where they lie: concatenation costs nothing.
+//! A thread computes a strip of a row; of it, up to 24 vectors at a time stay in registers: pixels × 16 output
+//! channels. Each weight vector is loaded once for all of them and each number of the input once for all output
+//! channels and all columns of the window, so the multiply-add units are the limit: with all that it reads in the
+//! first cache a 3×3 convolution reaches 85 to 91 % of their peak on Granite Rapids. Inputs of several tensors are
+//! read where they lie: concatenation costs nothing.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, dispatch, f32x16};
@@ -35,7 +36,8 @@ pub struct Convolution {
     border: Border,
     /// 16 or fewer channels of an input each, in the order of the weights.
     segments: Vec<Segment>,
-    /// `[groups of output blocks, segments, rows of the window, channels of the segment, columns, blocks of the group]`.
+    /// `[groups of output blocks, segments, rows of the window, channels of the segment, columns, blocks of the
+    /// group]`.
     weights: Vec<Block>,
     /// `[output blocks]`.
     bias: Vec<Block>,
@@ -66,7 +68,8 @@ impl Segment {
     }
 }
 
-/// What a convolution is made from: that of `inputs`, concatenated, in strips of `width` pixels, with `weights` `oihw` and
+/// What a convolution is made from: that of `inputs`, concatenated, in strips of `width` pixels, with `weights`
+/// `oihw` and
 /// `bias`, empty where there is none.
 #[derive(Clone, Copy, Debug)]
 pub struct Source<'a> {
@@ -87,8 +90,8 @@ pub struct Seen<'a> {
 }
 
 impl<'a> Seen<'a> {
-    /// The pixels of `segment` from the first that row `line` of the window around pixel `x` of row `y` sees on; none where
-    /// these are zero.
+    /// The pixels of `segment` from the first that row `line` of the window around pixel `x` of row `y` sees on; none
+    /// where these are zero.
     #[inline(always)]
     pub fn pixels(&self, segment: &Segment, line: usize, y: isize, x: usize) -> Option<&'a [Block]> {
         let Segment { layout, block, .. } = segment;
@@ -151,7 +154,8 @@ impl Convolution {
         if self.conv.dilation == 1 { self.conv.kernel } else { 0 }
     }
 
-    /// Writes row `y`, which may lie outside the image, to `out`, a row of `layout` or a strip of one; its halo is left.
+    /// Writes row `y`, which may lie outside the image, to `out`, a row of `layout` or a strip of one; its halo is
+    /// left.
     pub fn run_row(&self, level: Level, sources: Sources<'_>, layout: &Layout, y: isize, out: &mut [Block]) {
         dispatch!(level, simd => self.row(simd, sources, layout, y, out));
     }
@@ -167,7 +171,8 @@ impl Convolution {
             let bias = &self.bias[first..first + count];
             let out = &mut out[first * layout.stride()..][..count * layout.stride()];
             let job = Job { conv: self, sources, layout, y, weights: these, bias };
-            // With 32 registers of 16 lanes 24 are sums, or 18 if 9 hold weights; with 32 of 4 or 16 of 8 lanes fewer fit.
+            // With 32 registers of 16 lanes 24 are sums, or 18 if 9 hold weights; with 32 of 4 or 16 of 8 lanes fewer
+            // fit.
             let is_wide = <S::f32s as SimdBase<S>>::LEN == LANES;
             match (is_wide, self.columns(), count) {
                 (true, 1, 3) => job.pixels::<S, 1, 3, 8, 4, 2>(simd, out),
@@ -245,8 +250,8 @@ impl Job<'_> {
         }
     }
 
-    /// `P` pixels from `x`, before the activation. All indices into their sums are constants, so that they stay in registers
-    /// until the end.
+    /// `P` pixels from `x`, before the activation. All indices into their sums are constants, so that they stay in
+    /// registers until the end.
     #[inline(always)]
     fn run<S: Simd, const COLUMNS: usize, const V: usize, const P: usize>(
         &self,
@@ -266,7 +271,8 @@ impl Job<'_> {
                 weights = rest;
                 let Some(row) = seen.pixels(segment, ky, self.y, x) else { continue };
                 if COLUMNS > 0 {
-                    // Each number is loaded once and multiplied with the weights of all columns through which a pixel sees it.
+                    // Each number is loaded once and multiplied with the weights of all columns through which a pixel
+                    // sees it.
                     let (Some(first), rest) = (row.first_chunk::<P>(), &row[P..P + COLUMNS - 1]) else {
                         continue;
                     };
@@ -280,7 +286,8 @@ impl Job<'_> {
                             let pixel = if SEEN < P { &first[SEEN % P] } else { &rest[SEEN.saturating_sub(P)] };
                             let value = f32x16::splat(simd, pixel.0[channel % LANES]);
                             unrolled!(V, BLOCK => {
-                                // The first column sees it for the pixel one to its right, the last for that to its left.
+                                // The first column sees it for the pixel one to its right, the last for that to its
+                                // left.
                                 let sums = &mut sums[BLOCK];
                                 if let (Some(sum), Some(w)) = (sums.get_mut(SEEN), vectors.first()) {
                                     *sum = value.mul_add(w[BLOCK], *sum);

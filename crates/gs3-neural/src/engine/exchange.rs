@@ -95,8 +95,8 @@ impl Exchange {
         }
     }
 
-    /// [`Exchange::import_row`] of pixels of few channels: sixteen numbers around them are read, and put where they belong among
-    /// those that are there. (Loops over single lanes become scatters, which are slower.)
+    /// [`Exchange::import_row`] of pixels of few channels: sixteen numbers around them are read, and put where they
+    /// belong among those that are there. (Loops over single lanes become scatters, which are slower.)
     #[inline(always)]
     fn import_lanes<S: Simd>(
         &self,
@@ -150,8 +150,8 @@ impl Exchange {
         }
     }
 
-    /// [`Exchange::import_row`] of 4×4 pixels of `C` channels, of which each becomes a block; `N` = 4 · `C` numbers of a row
-    /// of the image are side by side.
+    /// [`Exchange::import_row`] of 4×4 pixels of `C` channels, of which each becomes a block; `N` = 4 · `C` numbers
+    /// of a row of the image are side by side.
     #[inline(always)]
     fn import_fours<S: Simd, const C: usize, const N: usize>(
         &self,
@@ -208,7 +208,8 @@ impl Exchange {
         }
     }
 
-    /// Writes `count` pixels of row `y` of a tensor, or of several side by side, all but the last of whole blocks, from where
+    /// Writes `count` pixels of row `y` of a tensor, or of several side by side, all but the last of whole blocks,
+    /// from where
     /// `sources` begin, to the rows of the image that they make.
     pub fn export_row(
         &self,

@@ -26,8 +26,9 @@ pub fn sigmoid<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
     reciprocal(simd, exp(simd, -x) + 1.0)
 }
 
-/// 1 / x of numbers from 1 to 2¹²⁶, relative error below 2e-7. Two of Newton's steps square that of the processor's estimate,
-/// below 2⁻⁸ wherever there is one, to 2⁻¹⁶ and to rounding. A division takes as long as all else that [`sigmoid`] does.
+/// 1 / x of numbers from 1 to 2¹²⁶, relative error below 2e-7. Two of Newton's steps square that of the processor's
+/// estimate, below 2⁻⁸ wherever there is one, to 2⁻¹⁶ and to rounding. A division takes as long as all else that
+/// [`sigmoid`] does.
 #[inline(always)]
 fn reciprocal<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
     let one = f32x16::splat(simd, 1.0);
@@ -41,7 +42,8 @@ fn reciprocal<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
 
 /// eˣ, relative error below 3e-7, clamped to e^±87 so that it stays a normal number.
 ///
-/// eˣ = 2ⁿ eʳ with n = round(x / ln 2), |r| ≤ ½ ln 2 + rounding; eʳ by Taylor's series to the 7th power: the rest is below
+/// eˣ = 2ⁿ eʳ with n = round(x / ln 2), |r| ≤ ½ ln 2 + rounding; eʳ by Taylor's series to the 7th power: the rest is
+/// below
 /// 0.347⁸/8! = 5e-9. ln 2 in two parts (Cody and Waite), the first exact in 9 bits so that n · ln2 is exact.
 #[inline(always)]
 fn exp<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {

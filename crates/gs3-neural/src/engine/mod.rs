@@ -1,25 +1,15 @@
 //! The CPU engine: a network for one image size, planned once, run without allocation.
 //!
 //! `nodes` are the graph's layers without those that only rearrange what convolutions and images bring. `passes` groups
-//! them: a pass goes over the rows once, strip by strip, and what its nodes make of a pixel stays in scratch memory of the
-//! thread; only what a later pass reads, or a neighbouring pixel, is kept. Passes of a group follow each other row by row, so
-//! that of that, too, only the last rows are kept, and what is read again is still in a cache. `plan` places everything. `run`
-//! gives each thread a slab of rows, in which it waits for nobody: the few rows of neighbouring slabs that it sees it computes
-//! itself. Images are read where they are needed, as often as that is, and written where they are made.
+//! them: a pass goes over the rows once, strip by strip, and what its nodes make of a pixel stays in scratch memory
+//! of the thread; only what a later pass reads, or a neighbouring pixel, is kept. Passes of a group follow each other
+//! row by row, so that of that, too, only the last rows are kept, and what is read again is still in a cache. `plan`
+//! places everything. `run` gives each thread a slab of rows, in which it waits for nobody: the few rows of
+//! neighbouring slabs that it sees it computes itself. Images are read where they are needed, as often as that is,
+//! and written where they are made.
 //!
-//! Measured (`examples/speed.rs`, two runs an hour apart in `docs/performance.md`) with two threads of Granite Rapids, whose f32
-//! multiply-adds peaked at 461 GFLOP/s, 480×270, shares of that peak: 3×3 convolutions 16→16, 32→32 and 48→48 at 86, 83 and 81 %
-//! (bf16: 425, 634, 544 %). Whole networks at ×4 in ms, images in and out included:
-//!
-//! | | fast | balanced | high |
-//! |---|---|---|---|
-//! | super sampling | 35 | 53 | 131 |
-//! | … bf16 | 24 | 27 | 48 |
-//! | interpolation | 41 | 74 | 134 |
-//! | … bf16 | 28 | 38 | 58 |
-//!
-//! Of the 24 ms of the first in bf16 products of tiles are 1. The floor is memory: 180 MB of images in and out, at 24 GB/s 7 ms;
-//! the rest is single pixels' work on what lies in the first and second cache.
+//! What it takes, of which peak, and where the rest goes is in `docs/performance.md` (`examples/speed.rs` measures it). The
+//! floor is memory: of super sampling of tier fast at 480×270, ×4, 180 MB of images in and out.
 
 mod bf16;
 pub(crate) mod block;
@@ -46,23 +36,24 @@ use block::{Block, Rest};
 use plan::Plan;
 use run::{Exports, Job, Slab};
 
-/// What convolutions compute with; by default what should be faster on this machine ([`Arithmetic::fastest`]), so that frames of
-/// different machines may differ.
+/// What convolutions compute with; by default what should be faster on this machine ([`Arithmetic::fastest`]), so
+/// that frames of different machines may differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Arithmetic {
     /// f32: results within 1e-4 of exact ones.
     F32,
-    /// Products of bf16, sums of f32, where the machine has AMX or AVX-512 BF16 and a convolution gains; f32 elsewhere. Results
-    /// within 2e-2. A refined frame (the 20th of `gs3 render --arithmetic` on a capture) is 72 dB from that of f32, and as far
-    /// from the native one to 1e-4 dB.
+    /// Products of bf16, sums of f32, where the machine has AMX or AVX-512 BF16 and a convolution gains; f32
+    /// elsewhere. Results within 2e-2. A refined frame (the 20th of `gs3 render --arithmetic` on a capture) is 72 dB
+    /// from that of f32, and as far from the native one to 1e-4 dB.
     Bf16,
 }
 
 impl Arithmetic {
-    /// [`Self::Bf16`] on processors with AMX, if the operating system lets the process use it, and on those of AMD with AVX-512
-    /// BF16; else [`Self::F32`]. Zen 4 starts its instruction for pairs of bf16 as often as that for f32, which does half as
-    /// much; Granite Rapids, the one processor of Intel that was measured, half as often, and rounding costs on top: balanced
-    /// super sampling to 1920×1080 took 91 ms so, 70 in f32. Its tiles take half as long as f32 (`examples/speed.rs`).
+    /// [`Self::Bf16`] on processors with AMX, if the operating system lets the process use it, and on those of AMD
+    /// with AVX-512 BF16; else [`Self::F32`]. Zen 4 starts its instruction for pairs of bf16 as often as that for
+    /// f32, which does half as much; Granite Rapids, the one processor of Intel that was measured, half as often, and
+    /// rounding costs on top: balanced super sampling to 1920×1080 took 91 ms so, 70 in f32. Its tiles take half as
+    /// long as f32 (`examples/speed.rs`).
     #[must_use]
     pub fn fastest() -> Self {
         match Unit::best() {

@@ -33,8 +33,8 @@ impl Node {
         self.shape.channels.div_ceil(LANES)
     }
 
-    /// Whether it reads other pixels of its input `i` than the one that it makes, an image from outside not counting if it is
-    /// read where it lies.
+    /// Whether it reads other pixels of its input `i` than the one that it makes, an image from outside not counting
+    /// if it is read where it lies.
     pub fn is_far(&self, graph: &Graph, nodes: &[Self], i: usize) -> bool {
         let Made::Layer(layer) = self.made else { return false };
         match &graph.layers()[layer].op {
@@ -154,8 +154,8 @@ fn read(layer: &Layer) -> &[Tensor] {
     }
 }
 
-/// A convolution's inputs, of which those that follow one another with less than a block of channels are joined: they take
-/// less memory so, and the kernel has fewer and longer loops.
+/// A convolution's inputs, of which those that follow one another with less than a block of channels are joined: they
+/// take less memory so, and the kernel has fewer and longer loops.
 fn with_narrow_parts_joined(nodes: &mut Vec<Node>, parts: Vec<usize>) -> Vec<usize> {
     let mut inputs = Vec::new();
     let mut rest = &parts[..];

@@ -10,7 +10,8 @@ use super::math::activate;
 use crate::graph::{Border, Filter, Op};
 use crate::reference::pooled;
 
-/// Writes row `y`, with halo, of `op` of `inputs` to `out`, a row of `layout`: a strip of it where that is one. Where the first of
+/// Writes row `y`, with halo, of `op` of `inputs` to `out`, a row of `layout`: a strip of it where that is one. Where
+/// the first of
 /// `inputs` is `layout` itself, `out` holds it and becomes the result in its place ([`updates`]).
 pub fn run_row(
     level: Level,
@@ -311,8 +312,8 @@ impl<'a> Row<'a> {
     }
 }
 
-/// Writes the pixels of row `y` of an image of whole blocks, of `[width, height]`, moved by the tensor of `flow`, to `out`, a
-/// strip of `layout`.
+/// Writes the pixels of row `y` of an image of whole blocks, of `[width, height]`, moved by the tensor of `flow`, to
+/// `out`, a strip of `layout`.
 pub fn warp_image_row(
     level: Level,
     image: &[f32],

@@ -1,9 +1,9 @@
 //! Which nodes are computed together, row by row.
 //!
 //! A pass goes over the rows of images of one size once. What its nodes make of a pixel, its other nodes read from the
-//! first cache; only what a later pass reads, or a node that sees other pixels, is stored whole. So a node belongs to the
-//! first pass after those that make what it sees of other pixels, or to a later one where it saves memory. Images are
-//! read in each pass anew, unless other pixels of them are seen.
+//! first cache; only what a later pass reads, or a node that sees other pixels, is stored whole. So a node belongs to
+//! the first pass after those that make what it sees of other pixels, or to a later one where it saves memory. Images
+//! are read in each pass anew, unless other pixels of them are seen.
 
 use std::cmp::Reverse;
 use std::ops::Range;
@@ -14,8 +14,8 @@ use crate::graph::Graph;
 /// Most images that a group writes.
 pub const EXPORTS: usize = 4;
 
-/// The part of a thread's rows that a pass may compute above them, and below, again: another thread computes them too, which
-/// takes less time than waiting for each other.
+/// The part of a thread's rows that a pass may compute above them, and below, again: another thread computes them
+/// too, which takes less time than waiting for each other.
 const SHARE: usize = 8;
 
 /// What reads a node's result.
@@ -33,8 +33,8 @@ pub struct Passes {
     pub readers: Vec<Vec<Reader>>,
     /// In which pass each is computed; none if nothing needs it or it is imported wherever it is read.
     pub pass_of: Vec<Option<usize>>,
-    /// Passes that go over the rows of images of one size together, in order, each some rows behind the one before, so that
-    /// what they store for each other is still in a cache when it is read, and only its last rows are kept.
+    /// Passes that go over the rows of images of one size together, in order, each some rows behind the one before,
+    /// so that what they store for each other is still in a cache when it is read, and only its last rows are kept.
     pub groups: Vec<Range<usize>>,
     /// When and where each goes.
     pub waves: Vec<Wave>,
@@ -118,8 +118,8 @@ impl Passes {
     }
 }
 
-/// How the passes of `group` go together, row by row: none if one sees all rows of what another makes, or `most` extra rows are
-/// not enough, or they write more images than [`EXPORTS`].
+/// How the passes of `group` go together, row by row: none if one sees all rows of what another makes, or `most`
+/// extra rows are not enough, or they write more images than [`EXPORTS`].
 fn together(
     graph: &Graph,
     nodes: &[Node],

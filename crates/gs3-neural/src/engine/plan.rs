@@ -17,8 +17,8 @@ use crate::reference::parameter;
 use crate::shape::Shape;
 use crate::weights::Weights;
 
-/// Pixels of a row that a thread computes together: so many that weights are loaded for enough of them, so few that what
-/// is made of them stays in the first cache, where 64 channels take 12 KiB. Empirical.
+/// Pixels of a row that a thread computes together: so many that weights are loaded for enough of them, so few that
+/// what is made of them stays in the first cache, where 64 channels take 12 KiB. Empirical.
 const STRIP: usize = 48;
 
 /// Strips are multiples of this, if images are wide enough: of all numbers of pixels whose sums convolutions keep in
@@ -128,8 +128,8 @@ struct Planner<'a> {
 }
 
 impl Plan {
-    /// The plan of `graph` with `weights`, which fit, for results of `shapes`. It is made for a number of threads, but runs
-    /// on any.
+    /// The plan of `graph` with `weights`, which fit, for results of `shapes`. It is made for a number of threads,
+    /// but runs on any.
     pub fn new(
         graph: &Graph,
         weights: &Weights,
@@ -195,8 +195,8 @@ impl Planner<'_> {
         Group { passes: Vec::new(), height, width, start, row_len, exports: Vec::new() }
     }
 
-    /// Gives what `pass` keeps for those of its group a place from `start` on, which moves behind it: its start, the blocks of a
-    /// row, and the bits of a row's number that tell its place.
+    /// Gives what `pass` keeps for those of its group a place from `start` on, which moves behind it: its start, the
+    /// blocks of a row, and the bits of a row's number that tell its place.
     fn keep(&mut self, pass: usize, start: &mut usize) -> [usize; 3] {
         let members: Vec<usize> = self.members(pass).filter(|n| self.passes.is_kept(*n)).collect();
         let rows = self.passes.waves[pass].kept.next_power_of_two();
@@ -311,7 +311,8 @@ impl Planner<'_> {
         last.max().unwrap_or(0)
     }
 
-    /// The input of node `order[now]` whose strip can become the result's: as large, and read by nothing else from then on.
+    /// The input of node `order[now]` whose strip can become the result's: as large, and read by nothing else from
+    /// then on.
     fn updated(&self, order: &[usize], now: usize) -> Option<usize> {
         let n = order[now];
         let node = &self.nodes[n];
@@ -347,7 +348,8 @@ impl Planner<'_> {
         let size = order.first().map_or(Shape { height: 0, width: 0, channels: 0 }, |n| self.nodes[*n].shape);
         let strip = strip(size.width);
         let wave = self.passes.waves[pass];
-        // Gains 3 to 6 % of a network on Zen 4 (`docs/performance.md`). On Granite Rapids, which runs tiles, it cost up to a tenth.
+        // Gains 3 to 6 % of a network on Zen 4 (`docs/performance.md`). On Granite Rapids, which runs tiles, it cost
+        // up to a tenth.
         let prefetches = self.unit == Some(Unit::Avx512Bf16);
         let mut planned = Pass { steps: Vec::new(), strip, wave, prefetches, start, row_len, mask };
         let mut arena = Arena::default();
@@ -421,7 +423,8 @@ impl Planner<'_> {
         match self.unit.and_then(|unit| Bf16Convolution::new(unit, &source)) {
             Some(convolution) => Kind::Bf16(convolution),
             None => {
-                // Nothing else reads what is stored in bf16: `numbers` stores so only what `is_on_tiles` says is read by tiles.
+                // Nothing else reads what is stored in bf16: `numbers` stores so only what `is_on_tiles` says is read
+                // by tiles.
                 debug_assert!(inputs.iter().all(|input| input.numbers == Numbers::F32), "{}", layer.name);
                 Kind::Convolution(Convolution::new(*conv, border, inputs, weight, bias))
             }

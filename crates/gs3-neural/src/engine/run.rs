@@ -66,8 +66,8 @@ impl<'a> Slab<'a> {
 }
 
 impl Job<'_> {
-    /// Computes `slab` in as many parts as there are `rings`, for each of which that is the memory of rows that passes keep for
-    /// each other.
+    /// Computes `slab` in as many parts as there are `rings`, for each of which that is the memory of rows that
+    /// passes keep for each other.
     pub fn slabs(&self, slab: Slab<'_>, rings: &mut [Vec<Block>]) {
         match rings {
             [] => {}
@@ -82,8 +82,8 @@ impl Job<'_> {
         }
     }
 
-    /// Computes a slab row by row, each pass its rows behind the others: those of the slab, and those above and below that later
-    /// passes see of them.
+    /// Computes a slab row by row, each pass its rows behind the others: those of the slab, and those above and below
+    /// that later passes see of them.
     fn slab(&self, mut slab: Slab<'_>, ring: &mut [Block]) {
         let Range { start, end } = slab.rows;
         if slab.rows.is_empty() {

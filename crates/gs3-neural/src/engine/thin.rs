@@ -14,8 +14,8 @@ const VECTORS: usize = 3;
 /// Pixels that a window may reach beside them.
 const MARGIN: usize = 32;
 
-/// Kernels from which on it is faster: each channel of a row of the window costs a copy of its pixels, each column of it a
-/// multiply-add for 16 pixels.
+/// Kernels from which on it is faster: each channel of a row of the window costs a copy of its pixels, each column of
+/// it a multiply-add for 16 pixels.
 const KERNEL: usize = 5;
 
 /// A convolution ready to run.

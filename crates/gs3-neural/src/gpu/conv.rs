@@ -80,8 +80,9 @@ impl Convolution {
         self.division.groups * self.division.blocks
     }
 
-    /// Matrices of four output rows and four input columns, columns one after the other, `[chunk][input block][tap][output block of the chunk]`, then
-    /// one for each output block with its biases as first column. `weight` is `[outputs, inputs, kernel, kernel]`.
+    /// Matrices of four output rows and four input columns, columns one after the other, `[chunk][input
+    /// block][tap][output block of the chunk]`, then one for each output block with its biases as first column.
+    /// `weight` is `[outputs, inputs, kernel, kernel]`.
     pub fn weights(&self, weight: &[f32], bias: &[f32]) -> Vec<f32> {
         let taps = self.conv.kernel * self.conv.kernel;
         let channels: usize = self.inputs.iter().map(|shape| shape.channels).sum();

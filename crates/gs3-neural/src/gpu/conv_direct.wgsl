@@ -1,11 +1,10 @@
 // A convolution that reads its input where it is: windows of one pixel, and those too wide for workgroup memory. An
-// invocation keeps four pixels × BLOCKS blocks of output channels in registers. Lines in capitals are written out by
+// invocation keeps four pixels × THREAD_BLOCKS blocks of output channels in registers. Lines in capitals are written out by
 // conv.rs.
 
 @compute @workgroup_size(THREADS)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) index: u32) {
     let first_pixel = group_index(group) * 4u * THREADS + index;
-    let first_block = 0u;
     PLACES
     SUMS
     for (var block = 0u; block < IN_BLOCKS; block++) {

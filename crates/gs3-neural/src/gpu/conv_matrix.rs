@@ -1,7 +1,8 @@
 //! Convolutions as products of matrices in hardware (cooperative matrices, "tensor cores").
 //!
-//! Matrices of 8×8 ran on lavapipe; those of 16×16 have run nowhere, and nothing is tuned: no such hardware was at hand. So they
-//! are for who asks for them. A run of pixels is loaded once for all columns, a matrix of weights once for [`RUNS`].
+//! Matrices of 8×8 ran on lavapipe; those of 16×16 have run nowhere, and nothing is tuned: no such hardware was at
+//! hand. So they are for who asks for them. A run of pixels is loaded once for all columns, a matrix of weights once
+//! for [`RUNS`].
 
 use gs3_compute::{Capabilities, Gpu, Subgroups, Support, Use};
 
@@ -29,8 +30,9 @@ pub struct MatrixUnit {
 }
 
 impl MatrixUnit {
-    /// The one to use of what a device can do, if it was opened with [`gs3_compute::OptionalFeatures::Experimental`]. Its
-    /// subgroups must be of one size, as those of NVIDIA: work is divided among them before it is known which they will be.
+    /// The one to use of what a device can do, if it was opened with [`gs3_compute::OptionalFeatures::Experimental`].
+    /// Its subgroups must be of one size, as those of NVIDIA: work is divided among them before it is known which
+    /// they will be.
     #[must_use]
     pub fn of(capabilities: &Capabilities) -> Option<Self> {
         let Subgroups::Present { min, max } = capabilities.subgroups else { return None };
@@ -91,7 +93,8 @@ impl MatrixConvolution {
         (self.in_blocks() * BLOCK).div_ceil(self.unit.side as usize)
     }
 
-    /// Matrices of weights, `[chunk][input matrix][tap][column][input channel][output channel]`, then all biases. `weight` is
+    /// Matrices of weights, `[chunk][input matrix][tap][column][input channel][output channel]`, then all biases.
+    /// `weight` is
     /// `[outputs, inputs, kernel, kernel]`.
     pub fn weights(&self, weight: &[f32], bias: &[f32]) -> Vec<f32> {
         let (side, taps) = (self.unit.side as usize, self.conv.kernel * self.conv.kernel);
@@ -205,13 +208,13 @@ const TRIAL_OUTPUTS: usize = 92;
 /// How often: what depends on the order of workgroups need not show at once.
 const TRIALS: usize = 4;
 
-/// How far results of the trial, numbers about 1 of f16, may be apart: a few of their last places. Without one of the 180
-/// products that make one they would be by 0.03 in the mean.
+/// How far results of the trial, numbers about 1 of f16, may be apart: a few of their last places. Without one of the
+/// 180 products that make one they would be by 0.03 in the mean.
 const TOLERANCE: f32 = 1e-2;
 
 impl MatrixUnit {
-    /// Whether it gives on `gpu` what invocations give by themselves, of a convolution of parts, with padding: the feature is
-    /// young in drivers and in wgpu, and a wrong picture is worse than a slow one.
+    /// Whether it gives on `gpu` what invocations give by themselves, of a convolution of parts, with padding: the
+    /// feature is young in drivers and in wgpu, and a wrong picture is worse than a slow one.
     ///
     /// # Errors
     /// [`GpuRunError::Matrices`] if it does not; what the device refuses.

@@ -1,11 +1,11 @@
 // A convolution as products of matrices in hardware: SIDE pixels of a row × SIDE input channels, times weights of SIDE
-// input × SIDE output channels. For each SIDE input channels the workgroup stages its tile with its margin; a subgroup keeps
-// RUNS such rows of pixels × COLUMNS matrices of output channels in registers. Lines in capitals are written out by
-// conv_matrix.rs.
+// input × SIDE output channels. For each SIDE input channels the workgroup stages its tile with its margin; a
+// subgroup keeps RUNS such rows of pixels × COLUMNS matrices of output channels in registers. Lines in capitals are
+// written out by conv_matrix.rs.
 //
 // wgpu 30 declares Vulkan's memory model for modules with matrices, but not which accesses other invocations see
-// (gfx-rs/wgpu #8805): by the letter its barriers do not order workgroup memory here. Drivers have ordered it all along;
-// MatrixUnit::check looks.
+// (gfx-rs/wgpu #8805): by the letter its barriers do not order workgroup memory here. Drivers have ordered it all
+// along; MatrixUnit::check looks.
 
 const EDGE: u32 = TILE + 2u * REACH;
 const QUADS: u32 = SIDE / 4u;

@@ -1,4 +1,5 @@
-// One word of the image per invocation: blocks of FACTOR² channels become pixels. `word` is written for the image's format.
+// One word of the image per invocation: blocks of FACTOR² channels become pixels. `word` is written for the image's
+// format.
 fn number(at: u32) -> f32 {
     // A last half that is no number has a place beside one that is.
     let pixel = min(at / CHANNELS, PIXELS - 1u);

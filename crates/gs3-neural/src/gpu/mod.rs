@@ -1,11 +1,11 @@
 //! The GPU engine: a network for one image size, planned once; a frame's images stay on the device.
 //!
 //! Tensors are planes of four channels (`[ceil(C / 4)][height][width]`, each a vec4): neighbouring invocations read and
-//! write neighbouring vectors. Every step is a kernel whose WGSL is written for its sizes; the plan ([`plan`]) is a pure
-//! function. Convolutions stage a tile of their input and the weights of four channels in workgroup memory, and keep four
-//! pixels × 16 channels in registers, or products of matrices where hardware makes them ([`MatrixUnit`]); the parts of a
-//! concatenation are read where they are; blocks of pixels become channels while images come in and pixels again while they
-//! go out.
+//! write neighbouring vectors. Every step is a kernel whose WGSL is written for its sizes; the plan ([`plan`]) is a
+//! pure function. Convolutions stage a tile of their input and the weights of four channels in workgroup memory, and
+//! keep four pixels × 16 channels in registers, or products of matrices where hardware makes them ([`MatrixUnit`]);
+//! the parts of a concatenation are read where they are; blocks of pixels become channels while images come in and
+//! pixels again while they go out.
 
 mod conv;
 mod conv_matrix;
@@ -64,8 +64,8 @@ pub enum ImageFormat {
     Pixels,
     /// The same of f16, two to a word: any device reads and writes them.
     HalfPixels,
-    /// As the engine's own tensors, `[ceil(channels / 4), height, width, 4]` of the engine's precision; numbers beyond the
-    /// channels are finite. Nothing is copied: for states that a network hands to its next run.
+    /// As the engine's own tensors, `[ceil(channels / 4), height, width, 4]` of the engine's precision; numbers
+    /// beyond the channels are finite. Nothing is copied: for states that a network hands to its next run.
     Blocks,
 }
 
@@ -74,12 +74,13 @@ pub enum ImageFormat {
 pub struct GpuEngineSettings<'a> {
     /// In which numbers.
     pub precision: Precision,
-    /// What makes the products of convolutions, where they are wide enough and in half precision; invocations if nothing.
+    /// What makes the products of convolutions, where they are wide enough and in half precision; invocations if
+    /// nothing.
     pub matrices: Option<MatrixUnit>,
     /// Formats of inputs by name, [`ImageFormat::Pixels`] where none is given.
     pub inputs: &'a [(&'a str, ImageFormat)],
-    /// The outputs that are wanted, in their formats; all as [`ImageFormat::Pixels`] if none. What only other outputs need
-    /// is not computed.
+    /// The outputs that are wanted, in their formats; all as [`ImageFormat::Pixels`] if none. What only other outputs
+    /// need is not computed.
     pub outputs: Option<&'a [(&'a str, ImageFormat)]>,
 }
 
@@ -123,8 +124,8 @@ impl GpuEngine {
     /// `graph` with `weights` for an LR grid of `[height, width]`.
     ///
     /// # Errors
-    /// [`GpuRunError`] if the graph cannot take that size or has no such images, the weights are not its own, or the device
-    /// has no room, no half precision or no such products of matrices.
+    /// [`GpuRunError`] if the graph cannot take that size or has no such images, the weights are not its own, or the
+    /// device has no room, no half precision or no such products of matrices.
     pub fn new(
         gpu: &Gpu,
         graph: &Graph,
@@ -167,8 +168,8 @@ impl GpuEngine {
         &self.plan.outputs
     }
 
-    /// Will run the network from the buffers of all its inputs to those of all its outputs, by name. No output is in the
-    /// buffer of an input.
+    /// Will run the network from the buffers of all its inputs to those of all its outputs, by name. No output is in
+    /// the buffer of an input.
     ///
     /// # Errors
     /// [`GpuRunError`] if an image is missing, unknown or too short.

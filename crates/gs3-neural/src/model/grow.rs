@@ -1,5 +1,5 @@
-//! Weights of a network grown into those of a larger one that computes the same (Net2Net, Chen et al. 2016), so that its
-//! training begins where the smaller one's ended.
+//! Weights of a network grown into those of a larger one that computes the same (Net2Net, Chen et al. 2016), so that
+//! its training begins where the smaller one's ended.
 
 use super::initial_weights;
 use crate::arrays::Array;
@@ -24,10 +24,11 @@ enum Place {
     Zero,
 }
 
-/// Weights of `large` with which it gives what `small` gives with `weights`: channels and windows that the smaller one lacks
-/// count nothing, but are there to learn; layers that it lacks are zero, and must be added to something. What is new begins at
-/// random, the same for the same seed; but new channels begin at zero where means or maxima are taken over all channels, so that
-/// both differ only where all channels of the smaller network are negative: their maximum is zero then.
+/// Weights of `large` with which it gives what `small` gives with `weights`: channels and windows that the smaller
+/// one lacks count nothing, but are there to learn; layers that it lacks are zero, and must be added to something.
+/// What is new begins at random, the same for the same seed; but new channels begin at zero where means or maxima are
+/// taken over all channels, so that both differ only where all channels of the smaller network are negative: their
+/// maximum is zero then.
 ///
 /// # Errors
 /// [`GraphError::Shape`] naming a layer in which both networks differ in another way.
@@ -117,8 +118,8 @@ fn keeps_zero(op: &Op) -> bool {
     matches!(op, Op::Conv2d(conv) if conv.activation != Activation::Sigmoid)
 }
 
-/// Where channels of what `old` gives are in what `new` gives; none if operations differ in kind or mix channels. `other_inputs_are_zero`: the
-/// inputs' channels that the smaller network lacks are zero.
+/// Where channels of what `old` gives are in what `new` gives; none if operations differ in kind or mix channels.
+/// `other_inputs_are_zero`: the inputs' channels that the smaller network lacks are zero.
 fn result(
     old: &Op,
     new: &Op,
@@ -151,9 +152,8 @@ fn result(
             let is_within = old.outputs <= new.outputs && old.kernel <= new.kernel;
             let is_alike =
                 (old.dilation, old.activation, old.bias) == (new.dilation, new.activation, new.bias);
-            // Windows grow around their middle, whose distance between taps must stay.
-            let is_aligned = old.kernel == new.kernel || old.kernel == 1 || old.dilation == new.dilation;
-            (is_within && is_alike && is_aligned).then(|| (0..old.outputs).map(at).collect())
+            // Windows grow around their middle, whose distance between taps stays.
+            (is_within && is_alike).then(|| (0..old.outputs).map(at).collect())
         }
         (Op::Concat, Op::Concat) => {
             let mut before = 0;
@@ -188,8 +188,8 @@ fn result(
     }
 }
 
-/// Puts the weights or biases of a convolution that reads channels `read` into those of a larger one, whose first outputs are
-/// then the smaller one's.
+/// Puts the weights or biases of a convolution that reads channels `read` into those of a larger one, whose first
+/// outputs are then the smaller one's.
 fn embed(old: &Array, read: &[Channel], new: &mut Array) {
     let (&[outputs, inputs, kernel, _], &[_, channels, side, _]) = (old.shape(), new.shape()) else {
         // Biases.

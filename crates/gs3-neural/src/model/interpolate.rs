@@ -17,10 +17,10 @@ use crate::graph::{Activation, Border, Conv2d, Graph, GraphBuilder, Op, Tensor};
 /// | `validity` | 1 | LR | whether it was seen there, `[0, 1]` |
 ///
 /// Outputs: `color` (HR, 4: RGB and uncertainty) = (1 − α) `before` + α `after` + residual, α = `share` + a learned
-/// correction; that correction, `alpha_correction` (HR, 1), for the losses; and `hidden`. The residual is what the features say
-/// and a linear map of both neighbours' blocks, `detail`: what warping blurs passes no few channels. It is weighed by the
-/// blend's uncertainty, the correction, in (−1, 1), by the sum of the neighbours': where they are exact, neither changes
-/// anything.
+/// correction; that correction, `alpha_correction` (HR, 1), for the losses; and `hidden`. The residual is what the
+/// features say and a linear map of both neighbours' blocks, `detail`: what warping blurs passes no few channels. It
+/// is weighed by the blend's uncertainty, the correction, in (−1, 1), by the sum of the neighbours': where they are
+/// exact, neither changes anything.
 ///
 /// The paper fuses HR frame 0 with LR frame 1, so that super sampling of frame 1 runs beside it; here frame 1 comes
 /// super-sampled, which costs that overlap and gains its detail.

@@ -1,9 +1,9 @@
 //! The two networks, as graphs, and published ones to compare with ([`Peer`]).
 //!
-//! Both refine what reconstruction without learning gives (crate `gs3-reconstruct`): exact samples of the past and of the
-//! present, joined by tensor cubic Hermite interpolation at the present frame's own jitter. Their last layers start at
-//! zero; what they add is weighed by the uncertainty of each pixel, which is zero where the analytic pipeline is exact: at
-//! rest the networks change nothing.
+//! Both refine what reconstruction without learning gives (crate `gs3-reconstruct`): exact samples of the past and of
+//! the present, joined by tensor cubic Hermite interpolation at the present frame's own jitter. Their last layers
+//! start at zero; what they add is weighed by the uncertainty of each pixel, which is zero where the analytic
+//! pipeline is exact: at rest the networks change nothing.
 
 mod grow;
 mod initial;
@@ -127,8 +127,8 @@ fn carried_state(g: &mut GraphBuilder, channels: usize) -> Tensor {
     g.layer("hidden.kept", Op::Multiply, &[moved, validity])
 }
 
-/// Adds `residual`, weighed by uncertainty, and `known`, as it is, to `image`: blocks of RGB and uncertainty, `[4 · block]`
-/// channels. The uncertainty stays.
+/// Adds `residual`, weighed by uncertainty, and `known`, as it is, to `image`: blocks of RGB and uncertainty, `[4 ·
+/// block]` channels. The uncertainty stays.
 fn add_residual(
     g: &mut GraphBuilder,
     image: Tensor,

@@ -1,7 +1,8 @@
 //! Published single-image networks, to be trained on the same frames as ours and compared with them.
 //!
-//! Input `color` (LR, 3), output `color` (HR, 3): display-encoded RGB. Borders are zeros, as published. The graphs are what
-//! is run: blocks that are trained with more branches than that are single convolutions here, which they fold to exactly.
+//! Input `color` (LR, 3), output `color` (HR, 3): display-encoded RGB. Borders are zeros, as published. The graphs
+//! are what is run: blocks that are trained with more branches than that are single convolutions here, which they
+//! fold to exactly.
 
 use super::check_scale;
 use crate::error::GraphError;
@@ -43,8 +44,8 @@ impl Peer {
     }
 
     /// The pixel of a block of `scale`×`scale` HR pixels, in both directions, at which networks trained here expect the
-    /// sample of an LR pixel: the one before the middle. It is the middle itself that publications mean, which no pixel of
-    /// even blocks is at.
+    /// sample of an LR pixel: the one before the middle. It is the middle itself that publications mean, which no
+    /// pixel of even blocks is at.
     #[must_use]
     pub const fn sample(self, scale: usize) -> usize {
         scale.saturating_sub(1) / 2

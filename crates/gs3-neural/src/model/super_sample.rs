@@ -4,7 +4,7 @@ use super::{FEATURES, Tier, add_residual, carried_state, check_scale};
 use crate::error::GraphError;
 use crate::graph::{Activation, Border, Conv2d, Graph, GraphBuilder, Op};
 
-/// The network that enlarges an LR frame by `scale` (2 or 4), given the frames before it.
+/// The network that enlarges an LR frame by `scale`, 1 to 8, given the frames before it.
 ///
 /// | input | channels | grid | |
 /// |---|---|---|---|
@@ -23,16 +23,16 @@ use crate::graph::{Activation, Border, Conv2d, Graph, GraphBuilder, Op};
 /// | `motion` | 2 | LR | where each pixel was in the last frame, relative to itself, LR pixels |
 /// | `validity` | 1 | LR | whether it was seen there, `[0, 1]` |
 ///
-/// Outputs: `color` (HR, 4) = (1 − α) `history` + α `previous` + β `drift` + a residual weighed by the uncertainty, with α at
-/// most `share` and β in `[0, 1]`; and `hidden`.
+/// Outputs: `color` (HR, 4) = (1 − α) `history` + α `previous` + β `drift` + a residual weighed by the uncertainty,
+/// with α at most `share` and β in `[0, 1]`; and `hidden`.
 ///
 /// `innovation` shows how far the past is wrong, where it can be known: reprojection errs, colours depend on the view.
 /// `history` cannot show it, since it agrees with the samples at their places. `previous_innovation` shows how far the
 /// network's own past is.
 ///
 /// The paper's gradient-aware interpolation is a linear map of the 3×3 block of (I, ∂x, ∂y), started at tensor Hermite.
-/// Under jitter that map differs for every offset, so the Hermite part comes exact in `history`; `gai` learns, linearly,
-/// what a best map adds to it.
+/// Under jitter that map differs for every offset, so the Hermite part comes exact in `history`; `gai` learns,
+/// linearly, what a best map adds to it.
 ///
 /// # Errors
 /// [`GraphError::Scale`] if there is no network for `scale`.

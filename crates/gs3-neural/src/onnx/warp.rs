@@ -1,8 +1,8 @@
 //! Warping as nodes of ONNX: a grid of places, made from the flow, and GridSample.
 //!
-//! GridSample takes places as −1 to 1 from edge to edge of the image (`align_corners` 0; from the first pixel's centre to
-//! the last's, the other choice, divides by 0 where an image is one pixel wide). The centre of pixel p is at
-//! (p + ½ − side/2) / (side/2); computed in this order, numbers stay small and hardly round.
+//! GridSample takes places as −1 to 1 from edge to edge of the image (`align_corners` 0; from the first pixel's
+//! centre to the last's, the other choice, divides by 0 where an image is one pixel wide). The centre of pixel p is
+//! at (p + ½ − side/2) / (side/2); computed in this order, numbers stay small and hardly round.
 
 use super::ops::Nodes;
 use super::proto::{Attribute, FLOAT};

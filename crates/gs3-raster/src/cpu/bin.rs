@@ -1,4 +1,5 @@
-//! Splats to tiles, in one pass: lists that keep their memory from frame to frame need no count of what will be in them.
+//! Splats to tiles, in one pass: lists that keep their memory from frame to frame need no count of what will be in
+//! them.
 
 use std::ops::Range;
 

@@ -10,7 +10,7 @@ use super::bin::{Bins, TILE_HEIGHT, TILE_WIDTH};
 use super::cover::{BLOCK, BLOCKS, BLOCKS_X, BLOCKS_Y, Cover, RUN};
 use super::math::exp2;
 use super::order::DepthOrder;
-use super::project::{HALF_LOG2_E_SQRT, Projected};
+use super::project::{HALF_LOG2_E_SQRT, Projected, lanes};
 use super::splat::{MIN_ALPHA, Splat, SplatGeometry};
 
 /// Contributions are capped here (Kerbl et al. 2023); a capped contribution is constant, its derivatives are zero.
@@ -367,11 +367,6 @@ fn store3<S: Simd>(values: [f32x16<S>; 3], planes: &mut [[f32; 16]; plane::COUNT
     for (k, value) in values.iter().enumerate() {
         value.store_slice(&mut planes[first + k]);
     }
-}
-
-#[inline(always)]
-pub fn lanes<S: Simd>(s: S, v: f32) -> f32x16<S> {
-    f32x16::splat(s, v)
 }
 
 #[inline(always)]

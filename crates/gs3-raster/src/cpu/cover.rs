@@ -1,4 +1,5 @@
-//! Which splats of a run touch which 4×4 blocks of a tile: the exact extent per row of blocks, sixteen splats at a time.
+//! Which splats of a run touch which 4×4 blocks of a tile: the exact extent per row of blocks, sixteen splats at a
+//! time.
 
 use fearless_simd::{Simd, f32x16, prelude::*, u32x16};
 
@@ -11,8 +12,8 @@ pub const BLOCKS_X: usize = TILE_WIDTH / BLOCK;
 pub const BLOCKS_Y: usize = TILE_HEIGHT / BLOCK;
 pub const BLOCKS: usize = BLOCKS_X * BLOCKS_Y;
 
-/// Splats handled at a time. The lists stay in the second-level cache, and a block's state is loaded and stored once for the
-/// dozens of splats of a run that touch it.
+/// Splats handled at a time. The lists stay in the second-level cache, and a block's state is loaded and stored once
+/// for the dozens of splats of a run that touch it.
 pub const RUN: usize = 256;
 
 /// What the extents depend on, one array per value.
@@ -68,7 +69,8 @@ impl Cover {
         &self.lists[block][..self.counts[block]]
     }
 
-    /// Makes the lists of a run, the splats that `visited` names in order, for the blocks in the bit mask `open` of a tile at
+    /// Makes the lists of a run, the splats that `visited` names in order, for the blocks in the bit mask `open` of a
+    /// tile at
     /// `(x0, y0)`.
     ///
     /// Over a row of blocks a support's right edge is highest at `dy_at_max_dx` or at the sample row nearest to it, the

@@ -1,7 +1,7 @@
 //! What each Gaussian gives to an image: the statistics that simplification by importance rests on.
 //!
-//! A tile is blended twice: first for its colours, then once more with these at hand, since what a splat changes depends
-//! on the colour behind it. The order, the cover and the contributions are those of blending.
+//! A tile is blended twice: first for its colours, then once more with these at hand, since what a splat changes
+//! depends on the colour behind it. The order, the cover and the contributions are those of blending.
 
 use fearless_simd::{Simd, dispatch, f32x16, prelude::*, u32x16};
 use gs3_scene::Camera;
@@ -9,9 +9,9 @@ use rayon::prelude::*;
 
 use super::Rasterizer;
 use super::bin::{Bins, TILE_HEIGHT, TILE_WIDTH};
-use super::blend::{self, Contribution, SAMPLES_X, SAMPLES_Y, TileScratch, lanes, lanes3, plane};
+use super::blend::{self, Contribution, SAMPLES_X, SAMPLES_Y, TileScratch, lanes3, plane};
 use super::cover::{BLOCKS, BLOCKS_X, RUN};
-use super::project::Projected;
+use super::project::{Projected, lanes};
 use super::splat::Splat;
 use crate::settings::{RasterError, RasterSettings};
 use crate::view::View;

@@ -2,8 +2,8 @@
 
 use fearless_simd::{Simd, f32x16, i32x16, prelude::*};
 
-/// Below any exponent that counts, but so far above the least normal number, 2⁻¹²⁶, that its products with opacities are normal
-/// as well: processors take a hundred cycles and more for each vector in which one is not.
+/// Below any exponent that counts, but so far above the least normal number, 2⁻¹²⁶, that its products with opacities
+/// are normal as well: processors take a hundred cycles and more for each vector in which one is not.
 const LEAST: f32 = -100.0;
 
 /// 2ˣ for `x ≤ 0` (clamped at [`LEAST`]), relative error below 3e-7.

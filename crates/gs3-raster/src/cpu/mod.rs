@@ -94,7 +94,8 @@ impl Rasterizer {
         self.jobs.iter().map(|job| job.splats.len()).sum()
     }
 
-    /// Rasterizes the scene seen by `camera` into `out`, which takes the camera's size and the margin around it; its memory is reused.
+    /// Rasterizes the scene seen by `camera` into `out`, which takes the camera's size and the margin around it; its
+    /// memory is reused.
     ///
     /// # Errors
     /// [`RasterError`] if a setting is out of range; `out` is untouched then.

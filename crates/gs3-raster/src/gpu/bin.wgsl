@@ -1,6 +1,6 @@
-// Splats to tiles; see bin.rs. Splats come front to back. `count` says how many tiles of the band each covers; once a scan
-// has turned counts into places, `emit` writes one entry (tile, splat) for each, and a stable sort by tile gives every
-// tile its splats front to back.
+// Splats to tiles; see bin.rs. Splats come front to back. `count` says how many tiles of the band each covers; once a
+// scan has turned counts into places, `emit` writes one entry (tile, splat) for each, and a stable sort by tile gives
+// every tile its splats front to back.
 
 override CULLING: u32 = 3u;
 const ACCU_TILE: u32 = 3u;
@@ -155,8 +155,8 @@ fn emit(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     }
 }
 
-// `count` and `emit` call the same code, which compilers may round differently: entries beyond the counted ones are tiles
-// that only the slack reaches, and places left over go to a tile that is not drawn.
+// `count` and `emit` call the same code, which compilers may round differently: entries beyond the counted ones are
+// tiles that only the slack reaches, and places left over go to a tile that is not drawn.
 fn emit_alone(splat: u32, first: u32, end: u32) {
     let b = splats_b[splat];
     let tiles = tiles_of(b);

@@ -1,6 +1,6 @@
-// Tiles to pixels: front-to-back blending; see blend.rs. A workgroup is a tile, an invocation a pixel; sixteen consecutive
-// invocations are a 4×4 block, and visit the staged splats that touch their block. What is blended besides colour comes
-// from one of the outputs_*.wgsl.
+// Tiles to pixels: front-to-back blending; see blend.rs. A workgroup is a tile, an invocation a pixel; sixteen
+// consecutive invocations are a 4×4 block, and visit the staged splats that touch their block. What is blended
+// besides colour comes from one of the outputs_*.wgsl.
 
 // The constants of blend.rs and splat.rs, with their reasons there.
 const MAX_ALPHA: f32 = 0.99;

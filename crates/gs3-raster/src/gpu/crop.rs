@@ -18,8 +18,8 @@ struct CropUniform {
     _pad: u32,
 }
 
-/// What a picture is copied by: a kernel for each plane, and where it lies. The picture's own, as other rasterizers may make frames into
-/// it.
+/// What a picture is copied by: a kernel for each plane, and where it lies. The picture's own, as other rasterizers
+/// may make frames into it.
 #[derive(Default)]
 pub struct BoundCrop {
     /// Which planes it is copied from.

@@ -87,8 +87,8 @@ pub struct Frame {
     sorted: [usize; 2],
 }
 
-/// The buffers of a frame by the names that kernels have for them. Each is cut to what the plan says, so that its length
-/// is its capacity.
+/// The buffers of a frame by the names that kernels have for them. Each is cut to what the plan says, so that its
+/// length is its capacity.
 struct Buffers<'a> {
     plan: &'a FramePlan,
     arena: &'a Arena,

@@ -1,4 +1,5 @@
-// What a frame's kernels count, and a band of its tiles: beside Counters and Band in plan.rs, layouts compared by a test.
+// What a frame's kernels count, and a band of its tiles: beside Counters and Band in plan.rs, layouts compared by a
+// test.
 
 struct Counters {
     // Splats, those of them that there was room for. Counts that scans and sorts read are bindings of their own.

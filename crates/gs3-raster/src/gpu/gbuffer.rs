@@ -12,9 +12,9 @@ use crate::settings::Outputs;
 /// Bytes read back at a time.
 const STEP_BYTES: u64 = 32 << 20;
 
-/// What a frame was rasterized into, in device memory: planes of four f32 a pixel, row by row, `[height, width, 4]`; where there
-/// is room for margins, rows lie [`Self::stride`] pixels apart.
-/// Later stages read the buffers in the same submission or in a later one.
+/// What a frame was rasterized into, in device memory: planes of four f32 a pixel, row by row, `[height, width, 4]`;
+/// where there is room for margins, rows lie [`Self::stride`] pixels apart. Later stages read the buffers in the same
+/// submission or in a later one.
 ///
 /// Two of them keep the frame before while the next one is made.
 #[derive(Default)]

@@ -9,9 +9,9 @@
 //!
 //! Deterministic but for what the driver does: splats of equal depth keep scene order, whatever workgroup wrote them.
 //!
-//! A frame reads nothing back, and allocates nothing but when size or outputs change. How many splats are visible and how
-//! many tiles they cover only the device knows; where there was no room for all of them, [`GpuRasterizer::settle`] says
-//! so and makes room, and the frame is to be made again.
+//! A frame reads nothing back, and allocates nothing but when size or outputs change. How many splats are visible and
+//! how many tiles they cover only the device knows; where there was no room for all of them,
+//! [`GpuRasterizer::settle`] says so and makes room, and the frame is to be made again.
 
 mod crop;
 mod error;
@@ -151,9 +151,9 @@ impl GpuRasterizer {
         &self.gpu
     }
 
-    /// Records the scene seen by `camera` into `out`, which takes the camera's size and the margin around it. Once in a submission at
-    /// most; what is recorded after it finds the G-buffer finished. From the first frame with a margin on there is room for any, so
-    /// that others allocate nothing.
+    /// Records the scene seen by `camera` into `out`, which takes the camera's size and the margin around it. Once in
+    /// a submission at most; what is recorded after it finds the G-buffer finished. From the first frame with a
+    /// margin on there is room for any, so that others allocate nothing.
     ///
     /// # Errors
     /// [`GpuRasterError`] if a setting is out of range, or the device has no room for the size.
@@ -185,8 +185,8 @@ impl GpuRasterizer {
         Ok(())
     }
 
-    /// As [`Self::record`] into `around`, always with room for margins, and what of it is the picture into `picture`, whose rows lie
-    /// one after the other.
+    /// As [`Self::record`] into `around`, always with room for margins, and what of it is the picture into `picture`,
+    /// whose rows lie one after the other.
     ///
     /// # Errors
     /// As [`Self::record`].
@@ -206,8 +206,8 @@ impl GpuRasterizer {
         Ok(crop::record(&self.kernels.copy_picture, &self.gpu, recorder, around, picture)?)
     }
 
-    /// What the frames needed that were submitted since it was asked last. It waits for them, so where frames follow each other
-    /// it belongs after the next one's recording, or to every few of them.
+    /// What the frames needed that were submitted since it was asked last. It waits for them, so where frames follow
+    /// each other it belongs after the next one's recording, or to every few of them.
     ///
     /// # Errors
     /// [`GpuRasterError::Gpu`] if the device cannot hold what the frame needs, or fails.
@@ -216,7 +216,8 @@ impl GpuRasterizer {
         self.settle_with(&counters)
     }
 
-    /// Where the device counts what frames need. Read back after a frame, they settle it and those since they were read back last.
+    /// Where the device counts what frames need. Read back after a frame, they settle it and those since they were
+    /// read back last.
     #[must_use]
     pub fn counters(&self) -> Slice<'_> {
         self.fixed.counters.slice()
@@ -244,7 +245,8 @@ impl GpuRasterizer {
         }
     }
 
-    /// Rasterizes the scene seen by `camera` into `out`, as often as it takes until all of it had room, and waits for it.
+    /// Rasterizes the scene seen by `camera` into `out`, as often as it takes until all of it had room, and waits for
+    /// it.
     ///
     /// # Errors
     /// [`GpuRasterError`] if a setting is out of range, or the device has no room or fails.

@@ -97,8 +97,8 @@ fn most(limits: &Limits) -> Room {
     Room { splats: items(16), entries: items(4), band_rows: u32::MAX }
 }
 
-/// Room for `count` items. Kernels that sort are compiled for a capacity, and drivers remember what they have compiled: few
-/// different capacities, powers of two up to 2²⁰ and its multiples, meet again.
+/// Room for `count` items. Kernels that sort are compiled for a capacity, and drivers remember what they have
+/// compiled: few different capacities, powers of two up to 2²⁰ and its multiples, meet again.
 fn rounded(count: u32, max: u32) -> u32 {
     const STEP: u32 = 1 << 20;
     const LEAST: u32 = 1 << 16;
@@ -176,8 +176,8 @@ pub struct FramePlan {
     pub size: [u32; 2],
     pub outputs: Outputs,
     pub room: Room,
-    /// Parts of the picture that are binned and blended one after the other: as many rows of tiles as have their pixels in
-    /// one binding.
+    /// Parts of the picture that are binned and blended one after the other: as many rows of tiles as have their
+    /// pixels in one binding.
     pub bands: Vec<Band>,
     /// Bits of a tile's number in a band, and of the number after the last.
     pub tile_bits: u32,

@@ -1,6 +1,6 @@
-// Between the stages: how much there is, how much of it there is room for, and how many workgroups that takes. What there
-// was no room for shows in the counters, and the frame is made again with more. Whoever records the first frame after they were
-// read clears the most that frames needed, so that none of several frames lacks room unseen.
+// Between the stages: how much there is, how much of it there is room for, and how many workgroups that takes. What
+// there was no room for shows in the counters, and the frame is made again with more. Whoever records the first frame
+// after they were read clears the most that frames needed, so that none of several frames lacks room unseen.
 
 // Both counts are of items, for kernels of workgroups of this size.
 const GROUP: u32 = 256u;

@@ -1,5 +1,6 @@
-// Gaussians to splats: culling, EWA projection (Kerbl et al. 2023), rejection of splats that touch no sample, colour; see
-// project.rs. `mark` notes what is visible, one workgroup a chunk; once their places are known, `project_color` and
+// Gaussians to splats: culling, EWA projection (Kerbl et al. 2023), rejection of splats that touch no sample, colour;
+// see project.rs. `mark` notes what is visible, one workgroup a chunk; once their places are known, `project_color`
+// and
 // `project_gbuffer` write the splats of a chunk, in scene order, with as many lanes as there are visible ones. Whatever
 // the second evaluation rounds otherwise, a marked Gaussian has a place and fills it.
 

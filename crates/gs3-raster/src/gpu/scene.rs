@@ -14,8 +14,8 @@ use crate::chunk::CHUNK;
 /// How the scene lies in device memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ScenePrecision {
-    /// Colours in f16; means and largest scales in f32, the rest of the shape packed to 128 bits so closely that the same
-    /// samples are hit: 40 bytes a Gaussian of degree 0, 128 of degree 3.
+    /// Colours in f16; means and largest scales in f32, the rest of the shape packed to 128 bits so closely that the
+    /// same samples are hit: 40 bytes a Gaussian of degree 0, 128 of degree 3.
     #[default]
     F16,
     /// All in f32, as the CPU has it: 60 bytes a Gaussian of degree 0, 240 of degree 3.
@@ -186,11 +186,12 @@ impl Packed {
     }
 }
 
-/// Scales, opacity and rotation in 128 bits, of which an ellipse's edge moves by about 1e-5 of its radius. With 16 bits for
-/// each value, as colours have, it would move by 5e-4, and one sample in 10⁵ be hit by one machine only: its depth is then
-/// there or not.
+/// Scales, opacity and rotation in 128 bits, of which an ellipse's edge moves by about 1e-5 of its radius. With 16
+/// bits for each value, as colours have, it would move by 5e-4, and one sample in 10⁵ be hit by one machine only: its
+/// depth is then there or not.
 ///
-/// The axes are taken in turn so that the first is the longest, whose scale lies beside the mean. `scene_f16.wgsl` unpacks:
+/// The axes are taken in turn so that the first is the longest, whose scale lies beside the mean. `scene_f16.wgsl`
+/// unpacks:
 ///
 /// | word | bits 31 to 10 | bits 9 to 0 |
 /// |---|---|---|
@@ -231,7 +232,8 @@ fn ratio_bits(scale: f32, largest: f32) -> u32 {
     ((ratio.to_bits() + (1 << 5)) >> 6).saturating_sub(FIRST_RATIO)
 }
 
-/// The rotation `q` with its axes in turn: axis `first` becomes the first one. It turns by a third about (1, 1, 1) before
+/// The rotation `q` with its axes in turn: axis `first` becomes the first one. It turns by a third about (1, 1, 1)
+/// before
 /// `q` as often as needed.
 fn turned(q: [f32; 4], first: usize) -> [f32; 4] {
     (0..first).fold(q, |[w, x, y, z], _| {

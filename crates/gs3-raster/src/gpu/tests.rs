@@ -13,8 +13,8 @@ fn gpu() -> Option<Gpu> {
     Gpu::new(&GpuSettings::default()).inspect_err(|error| eprintln!("skipped: no adapter: {error}")).ok()
 }
 
-/// `count` Gaussians in a box before the camera, most of them a few pixels wide or less, one in fifty all over the image;
-/// many have the same depth.
+/// `count` Gaussians in a box before the camera, most of them a few pixels wide or less, one in fifty all over the
+/// image; many have the same depth.
 fn scene(count: usize, size: [f32; 2]) -> Arc<Scene> {
     let mut state = 1_u32;
     let mut random = move || {
@@ -162,8 +162,8 @@ fn stages_match_the_cpu() {
     }
 }
 
-/// A device whose bindings hold little: the scene takes pages, the picture bands, entries shrink the bands further. What
-/// comes out is the same bit for bit.
+/// A device whose bindings hold little: the scene takes pages, the picture bands, entries shrink the bands further.
+/// What comes out is the same bit for bit.
 #[test]
 fn small_bindings_change_nothing() {
     let Some(gpu) = gpu() else { return };

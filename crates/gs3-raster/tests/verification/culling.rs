@@ -103,7 +103,8 @@ fn three_sigma_methods_lose_what_is_published() {
              full support; {unclear} left out"
         );
         assert!(lossy > 0, "{culling:?} lost nothing: the test does not see its rim");
-        // One lost contribution is below e^(−4.5) = 0.0111 of a colour that degree 0 keeps below 1; the rim's other layers weaken it.
+        // One lost contribution is below e^(−4.5) = 0.0111 of a colour that degree 0 keeps below 1; the rim's other
+        // layers weaken it.
         assert!(worst < 0.0111, "{culling:?} loses {worst}");
         assert!(psnr > 70.0, "{culling:?}: {psnr} dB");
         assert!(unclear * 5 < compared, "{culling:?}: {unclear} unclear of {compared}");

@@ -56,9 +56,9 @@ pub fn gpu_frame(
     gbuffer
 }
 
-/// Asserts that every plane is within `floor` dB of the CPU's, its largest value being the signal. Of a plane that is not, 1
-/// value in 100,000, those farthest off, is left out if `is_step` says of its plane and pixel that the formulas have a step
-/// there, which rounding may cross.
+/// Asserts that every plane is within `floor` dB of the CPU's, its largest value being the signal. Of a plane that is
+/// not, 1 value in 100,000, those farthest off, is left out if `is_step` says of its plane and pixel that the
+/// formulas have a step there, which rounding may cross.
 pub fn assert_close(
     actual: &GBuffer,
     expected: &GBuffer,
@@ -215,9 +215,10 @@ fn frames_repeat_and_exact_methods_agree_bit_for_bit() {
     }
 }
 
-/// Low-resolution frames of the demo and of captures. A single pixel of 480×270 whose depth jumps makes 51 dB, so one that the
-/// oracle says is on a step may be left out, but of a path's first camera. On the step of the median depth is a pixel whose
-/// transmittance is ½ within a tenth of the oracle's own band, or within all of it where splats are f16.
+/// Low-resolution frames of the demo and of captures. A single pixel of 480×270 whose depth jumps makes 51 dB, so one
+/// that the oracle says is on a step may be left out, but of a path's first camera. On the step of the median depth
+/// is a pixel whose transmittance is ½ within a tenth of the oracle's own band, or within all of it where splats are
+/// f16.
 #[test]
 fn real_scenes_match_the_cpu() {
     let Some(gpu) = gpu() else { return };

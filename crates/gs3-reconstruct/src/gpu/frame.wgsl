@@ -1,4 +1,5 @@
-// What all kernels of super sampling know of a frame: beside FrameUniform in super_sample.rs, layouts compared by a test.
+// What all kernels of super sampling know of a frame: beside FrameUniform in super_sample.rs, layouts compared by a
+// test.
 
 // A remembered frame.
 struct Past {
@@ -29,8 +30,8 @@ struct Frame {
     lattice: vec2<u32>,
     // Samples that there is room for with a margin.
     around: vec2<u32>,
-    // Per phase of a pixel within an LR pixel: the sample at or before it, relative to the LR pixel, and the way to the next
-    // (Axis). Columns, then rows.
+    // Per phase of a pixel within an LR pixel: the sample at or before it, relative to the LR pixel, and the way to
+    // the next (Axis). Columns, then rows.
     x_places: array<vec4<f32>, 8>,
     y_places: array<vec4<f32>, 8>,
     // By age; the first is the current frame.

@@ -1,5 +1,5 @@
-// HR images at fractional positions, from 6×6 pixels; see gather.rs. Positions are fixed-point numbers of 1/UNITS pixel, pixel
-// centres at whole numbers; the border repeats.
+// HR images at fractional positions, from 6×6 pixels; see gather.rs. Positions are fixed-point numbers of 1/UNITS
+// pixel, pixel centres at whole numbers; the border repeats.
 
 @group(0) @binding(1) var<storage, read> before: array<vec2<u32>>;
 @group(0) @binding(2) var<storage, read> after: array<vec2<u32>>;

@@ -57,8 +57,8 @@ pub struct NeighborView {
 /// Interpolates frames of one size between two neighbours in device memory: [`crate::Interpolator`]'s rules. Nothing is
 /// allocated after its making and binding.
 ///
-/// Holes of the middle depth farther than 64 LR pixels from anything that is seen are infinitely far, where the CPU goes on
-/// to the end of the picture.
+/// Holes of the middle depth farther than 64 LR pixels from anything that is seen are infinitely far, where the CPU
+/// goes on to the end of the picture.
 pub struct GpuInterpolator {
     gpu: Gpu,
     scale: u32,
@@ -93,8 +93,8 @@ pub struct BoundInterpolator {
 }
 
 impl GpuInterpolator {
-    /// An interpolator for frames of `size`, width and height, `scale` (1 to [`crate::MAX_SCALE`]) times the size of their
-    /// G-buffers.
+    /// An interpolator for frames of `size`, width and height, `scale` (1 to [`crate::MAX_SCALE`]) times the size of
+    /// their G-buffers.
     ///
     /// # Errors
     /// [`GpuReconstructError`] if `scale` is not supported, or the device has no room for the size.
@@ -132,7 +132,8 @@ impl GpuInterpolator {
         self.bind_to(before, after, out, Make::Blend)
     }
 
-    /// Will warp `before` alone to what is seen between it and `after`, into `out`, and write how well it is seen there to
+    /// Will warp `before` alone to what is seen between it and `after`, into `out`, and write how well it is seen
+    /// there to
     /// `visibility`, an f32 a pixel, `[0, 1]` ([`crate::Warped::visibility`]).
     ///
     /// # Errors
@@ -147,8 +148,8 @@ impl GpuInterpolator {
         self.bind_to(before, after, out, Make::First(visibility))
     }
 
-    /// Will warp `before` and `after` to what is seen between them, without blending them, into `out`, and write the share
-    /// that the second has in the blend to `share`, an f32 a pixel, `[0, 1]` ([`crate::Warped`]).
+    /// Will warp `before` and `after` to what is seen between them, without blending them, into `out`, and write the
+    /// share that the second has in the blend to `share`, an f32 a pixel, `[0, 1]` ([`crate::Warped`]).
     ///
     /// # Errors
     /// [`GpuReconstructError`] if an image has another size, or the device refuses.
@@ -162,8 +163,8 @@ impl GpuInterpolator {
         self.bind_to(before, after, out[0], Make::Both(out[1], share))
     }
 
-    /// The inverse depths of the frame between that was recorded last, an f32 an LR sample, where it looked at its pixel centres;
-    /// holes are filled, and 0 is where nothing was hit.
+    /// The inverse depths of the frame between that was recorded last, an f32 an LR sample, where it looked at its
+    /// pixel centres; holes are filled, and 0 is where nothing was hit.
     #[must_use]
     pub fn inverse_depth(&self) -> Option<&Buffer> {
         self.buffers.iter().find(|(name, _)| *name == "middle").map(|(_, buffer)| buffer)

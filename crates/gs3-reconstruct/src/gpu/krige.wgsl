@@ -1,7 +1,7 @@
 // Pixels that first-order predictions leave uncertain, by gradient-enhanced kriging; see kriging.rs.
 //
-// tile.wgsl marks them by the sign of their uncertainty. A workgroup lists those of its pixels and shares them out, so that
-// no invocation waits for nothing while others solve.
+// tile.wgsl marks them by the sign of their uncertainty. A workgroup lists those of its pixels and shares them out,
+// so that no invocation waits for nothing while others solve.
 
 @group(0) @binding(1) var<storage, read> samples_a: array<vec2<u32>>;
 @group(0) @binding(2) var<storage, read> samples_b: array<vec2<u32>>;
@@ -18,8 +18,8 @@ const THREADS: u32 = 64u;
 var<workgroup> count: atomic<u32>;
 var<workgroup> list: array<u32, KRIGED_WIDTH * KRIGED_HEIGHT>;
 
-// The samples of the pixel and one more, best first: numbers, variances of their first-order predictions, positions relative to
-// the pixel in lengths of the covariance.
+// The samples of the pixel and one more, best first: numbers, variances of their first-order predictions, positions
+// relative to the pixel in lengths of the covariance.
 var<private> ids: array<u32, SAMPLES + 1u>;
 var<private> variances: array<f32, SAMPLES + 1u>;
 var<private> at: array<vec2<f32>, SAMPLES + 1u>;
@@ -36,7 +36,8 @@ var<private> weights: array<f32, DATA>;
 fn look_around(pixel: vec2<i32>) -> u32 {
     let size = vec2<i32>(frame.size) + vec2(i32(COLUMNS) - 1, i32(ROWS) - 1);
     var found = 0u;
-    // Samples less than two pixels away. A sample's cell is the first pixel that it reaches, COLUMNS − 1 and ROWS − 1 further on.
+    // Samples less than two pixels away. A sample's cell is the first pixel that it reaches, COLUMNS − 1 and ROWS − 1
+    // further on.
     let first = pixel + vec2(i32(COLUMNS) - 4, i32(ROWS) - 4);
     for (var y = max(first.y, 0); y <= min(first.y + 4, size.y - 1); y++) {
         for (var x = first.x; x <= min(first.x + 3, size.x - 1); x++) {

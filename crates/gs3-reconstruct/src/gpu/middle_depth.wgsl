@@ -1,14 +1,14 @@
 // The depths of the frame between without holes; see middle_depth.rs. An invocation an LR pixel.
 //
 // The CPU fills holes ring by ring from their rims inwards, with the farthest depth beside. So a pixel that is k pixels
-// (along the longer axis) from the nearest that has a depth gets the farthest of those exactly k away: an invocation looks
-// at ever wider rings around its pixel until one has a depth.
+// (along the longer axis) from the nearest that has a depth gets the farthest of those exactly k away: an invocation
+// looks at ever wider rings around its pixel until one has a depth.
 
 @group(0) @binding(1) var<storage, read> splatted: array<u32>;
 @group(0) @binding(2) var<storage, read_write> middle: array<f32>;
 
-// Where nothing is seen within so many LR pixels, everything is as far as can be. It bounds the work where next to nothing is
-// in view.
+// Where nothing is seen within so many LR pixels, everything is as far as can be. It bounds the work where next to
+// nothing is in view.
 const MOST_RINGS: i32 = 64;
 
 const NONE: f32 = 3.4e38;

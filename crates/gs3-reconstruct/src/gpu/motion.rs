@@ -45,8 +45,8 @@ impl GpuMotion {
         Ok(Self { gpu: gpu.clone(), lr, uniform, find })
     }
 
-    /// Will find where what `now` sees was in `before`, planes of median depths in the fourth place, and write `flow`, two
-    /// f32 a sample, and `validity`, one.
+    /// Will find where what `now` sees was in `before`, planes of median depths in the fourth place, and write
+    /// `flow`, two f32 a sample, and `validity`, one.
     ///
     /// # Errors
     /// [`GpuReconstructError`] if the device refuses.
@@ -67,8 +67,8 @@ impl GpuMotion {
         Ok(BoundMotion(self.find.bind(&self.gpu, &buffers)?))
     }
 
-    /// Records the motion from the samples of the LR camera `now` to their places in `before`, each with its jitter. Once in a
-    /// submission at most.
+    /// Records the motion from the samples of the LR camera `now` to their places in `before`, each with its jitter.
+    /// Once in a submission at most.
     ///
     /// # Errors
     /// [`GpuReconstructError`] if a camera has another size, or the device is lost.

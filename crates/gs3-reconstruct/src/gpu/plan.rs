@@ -20,8 +20,8 @@ pub const KRIGED: [u32; 2] = [32, 16];
 /// Width of the pixels that a workgroup of `tile.wgsl` makes, those beside the tile included.
 pub const MADE_WIDTH: u32 = 32;
 
-/// Bytes that a sample takes in workgroup memory: its number, position, variance, colour and gradient, 36; and one place of 16
-/// bytes in nine stays empty (`tile.wgsl`).
+/// Bytes that a sample takes in workgroup memory: its number, position, variance, colour and gradient, 36; and one
+/// place of 16 bytes in nine stays empty (`tile.wgsl`).
 const STAGED_BYTES: u32 = 40;
 
 /// Places of 16 bytes for the halves of so many samples (`tile.wgsl`).
@@ -93,8 +93,8 @@ fn check(limits: &Limits, buffers: &[NamedBytes], dispatches: &[[u32; 3]]) -> Re
 }
 
 impl SuperSamplePlan {
-    /// The plan for frames of `size`, `scale` (1 to [`crate::MAX_SCALE`]) times their G-buffers, with at most `margin` LR pixels
-    /// beyond each edge.
+    /// The plan for frames of `size`, `scale` (1 to [`crate::MAX_SCALE`]) times their G-buffers, with at most
+    /// `margin` LR pixels beyond each edge.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] if the device cannot bind as much.

@@ -1,12 +1,12 @@
-// What the current frame says about samples of the past; see plausible.rs. An invocation a cell: cell (i, j) lies between
-// samples i, i + 1 and j, j + 1.
+// What the current frame says about samples of the past; see plausible.rs. An invocation a cell: cell (i, j) lies
+// between samples i, i + 1 and j, j + 1.
 
 @group(0) @binding(1) var<storage, read> color_alpha: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> dx_median: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read> dy_expected: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read> errors: array<f32>;
-// Two for each cell: middles of the ranges of plausible RGB and what a mismatch counts; half their extents, three halves, what
-// drift counts, and the smallest inverse depth that is not hidden.
+// Two for each cell: middles of the ranges of plausible RGB and what a mismatch counts; half their extents, three
+// halves, what drift counts, and the smallest inverse depth that is not hidden.
 @group(0) @binding(5) var<storage, read_write> cells: array<vec4<u32>>;
 
 @compute @workgroup_size(64, 4)

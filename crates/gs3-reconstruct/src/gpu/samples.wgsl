@@ -1,5 +1,6 @@
-// The current LR frame into the history, its margin included: exact samples in half precision (a colour is off by at most 2^-12,
-// inverse depths not at all), and which of them lie beside something nearer. An invocation a sample. See samples.rs.
+// The current LR frame into the history, its margin included: exact samples in half precision (a colour is off by at
+// most 2^-12, inverse depths not at all), and which of them lie beside something nearer. An invocation a sample. See
+// samples.rs.
 
 @group(0) @binding(1) var<storage, read> color_alpha: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> dx_median: array<vec4<f32>>;

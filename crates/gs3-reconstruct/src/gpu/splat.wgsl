@@ -1,8 +1,9 @@
 // Every remembered sample to where it is now; see splat.rs. An invocation a sample, all frames at once.
 //
-// A sample reaches four columns and three rows of pixels; the first of them is its cell, of which there are as many as HR
-// pixels and a rim. Samples of a cell form a list, in whatever order they come: tile.wgsl puts them in order. Nothing is
-// sorted, and whatever the motion, there is room for all. Before that, `survey` finds what is nearest; see nearest.rs.
+// A sample reaches four columns and three rows of pixels; the first of them is its cell, of which there are as many
+// as HR pixels and a rim. Samples of a cell form a list, in whatever order they come: tile.wgsl puts them in order.
+// Nothing is sorted, and whatever the motion, there is room for all. Before that, `survey` finds what is nearest; see
+// nearest.rs.
 
 @group(0) @binding(1) var<storage, read> samples_a: array<vec2<u32>>;
 @group(0) @binding(2) var<storage, read> samples_b: array<vec2<u32>>;
@@ -15,8 +16,8 @@
 // Variance of the prediction where the sample is, pixel⁴; number of the next sample of the cell.
 @group(0) @binding(7) var<storage, read_write> links: array<vec2<u32>>;
 
-// Bits of the largest inverse depths of the samples nearest to each pixel, 0 where there is none: in order, as these are not
-// negative. As many as HR pixels and RIM more on each side.
+// Bits of the largest inverse depths of the samples nearest to each pixel, 0 where there is none: in order, as these
+// are not negative. As many as HR pixels and RIM more on each side.
 @group(0) @binding(8) var<storage, read_write> nearest: array<atomic<u32>>;
 // The same for `land`, which only reads: atomic loads would pass the first cache by.
 @group(0) @binding(9) var<storage, read> nearest_found: array<u32>;
@@ -74,8 +75,8 @@ fn nearest_around(pixel: vec2<f32>) -> f32 {
     return bitcast<f32>(most);
 }
 
-// The variance, pixel⁴, that the current frame gives a sample of that colour seen now at `at` and inverse depth `w`, so stale
-// (pixels), which may have changed its colour by `change`. Outside, the nearest cells decide.
+// The variance, pixel⁴, that the current frame gives a sample of that colour seen now at `at` and inverse depth `w`,
+// so stale (pixels), which may have changed its colour by `change`. Outside, the nearest cells decide.
 fn doubt(at: vec2<f32>, w: f32, color: vec3<f32>, staleness: f32, change: f32) -> f32 {
     let last = vec2<f32>(frame.lr - 1u);
     let place = vec2<u32>(clamp(fma(at, vec2(1.0 / f32(frame.scale)), frame.cell_offset), vec2(0.0), last));

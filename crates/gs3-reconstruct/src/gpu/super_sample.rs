@@ -76,8 +76,8 @@ pub(super) fn rows(reprojection: &Reprojection) -> [[f32; 4]; 3] {
 
 /// Super-samples a sequence of jittered LR frames of one size in device memory: [`crate::SuperSampler`]'s rules.
 ///
-/// Memory: 52 B per LR pixel and remembered frame, that is per HR pixel, and of these 44 for the widest margin; nothing is allocated after its making. Two
-/// submissions of the same frames give the same bits on a device.
+/// Memory: 52 B per LR pixel and remembered frame, that is per HR pixel, and of these 44 for the widest margin;
+/// nothing is allocated after its making. Two submissions of the same frames give the same bits on a device.
 pub struct GpuSuperSampler {
     gpu: Gpu,
     scale: u32,
@@ -112,8 +112,8 @@ pub struct BoundSuperSampler {
 }
 
 impl GpuSuperSampler {
-    /// A super sampler of `scale` (1 to [`crate::MAX_SCALE`]) for frames of `size`, width and height, without history. Its LR frames
-    /// may have `margin` pixels beyond each edge, 0 if they have none.
+    /// A super sampler of `scale` (1 to [`crate::MAX_SCALE`]) for frames of `size`, width and height, without
+    /// history. Its LR frames may have `margin` pixels beyond each edge, 0 if they have none.
     ///
     /// # Errors
     /// [`GpuReconstructError`] if `scale` is not supported, or the device has no room for the size.
@@ -192,7 +192,8 @@ impl GpuSuperSampler {
         self.invalid = Some(reason);
     }
 
-    /// What the samples of the last frame recorded say that the frames before did not ([`crate::SuperSampler::innovation`]),
+    /// What the samples of the last frame recorded say that the frames before did not
+    /// ([`crate::SuperSampler::innovation`]),
     /// `[LR height, LR width, 4]` of f32, if it is wanted.
     #[must_use]
     pub const fn innovation(&self) -> Option<&Buffer> {
@@ -205,8 +206,9 @@ impl GpuSuperSampler {
         self.invalid
     }
 
-    /// Will read frames from `planes` and write them to `out`. `around` is the same frames with their margins, in planes whose rows lie
-    /// as far apart as a frame with the widest margin is wide; `planes` again if there are none.
+    /// Will read frames from `planes` and write them to `out`. `around` is the same frames with their margins, in
+    /// planes whose rows lie as far apart as a frame with the widest margin is wide; `planes` again if there are
+    /// none.
     ///
     /// # Errors
     /// [`GpuReconstructError`] if `out` has another size, or the device refuses.
@@ -231,12 +233,12 @@ impl GpuSuperSampler {
     }
 
     /// Records the reconstruction of what `camera` sees from the G-buffer that `bound` reads, its LR frame sampled at
-    /// `jitter` with `margin` around it, and the frames before. Once in a submission at most. The frame joins the history with [`Self::keep`];
-    /// recorded again before, it is made anew.
+    /// `jitter` with `margin` around it, and the frames before. Once in a submission at most. The frame joins the
+    /// history with [`Self::keep`]; recorded again before, it is made anew.
     ///
     /// # Errors
-    /// [`GpuReconstructError`] if the size of `camera`, the jitter or the margin does not fit, or the device is lost; the history is
-    /// then as before.
+    /// [`GpuReconstructError`] if the size of `camera`, the jitter or the margin does not fit, or the device is lost;
+    /// the history is then as before.
     pub fn record(
         &mut self,
         recorder: &mut Recorder<'_>,

@@ -1,10 +1,10 @@
 // Samples of the past over the surface of the current ones; see splat.rs and tile.rs.
 //
-// A workgroup makes a tile of pixels and one more around it, which the correction for curvature needs; an invocation makes
-// four pixels in a row. The lists of the samples that reach the tile are put in order, by cells and within a cell by the
-// samples' numbers, so that sums do not depend on who came first. Then as many samples as there is room for are brought
-// into workgroup memory at a time, whole cells, and every invocation adds those of the seven cells in three rows that reach
-// its pixels: three runs of consecutive samples.
+// A workgroup makes a tile of pixels and one more around it, which the correction for curvature needs; an invocation
+// makes four pixels in a row. The lists of the samples that reach the tile are put in order, by cells and within a
+// cell by the samples' numbers, so that sums do not depend on who came first. Then as many samples as there is room
+// for are brought into workgroup memory at a time, whole cells, and every invocation adds those of the seven cells in
+// three rows that reach its pixels: three runs of consecutive samples.
 
 @group(0) @binding(5) var<storage, read> heads: array<u32>;
 @group(0) @binding(6) var<storage, read> places: array<vec2<f32>>;
@@ -24,9 +24,9 @@ var<workgroup> starts: array<u32, CELLS + 1u>;
 var<workgroup> sums: array<u32, THREADS>;
 // Numbers of the samples in memory.
 var<workgroup> order: array<u32, CAPACITY>;
-// The samples: position in the tile, variance, five words of colour and gradient, the first halves of all before the second.
-// After each eight a place stays empty: neighbouring invocations read samples four cells apart, which at rest are four
-// places apart, and would wait for the same banks. At the end, the pixels.
+// The samples: position in the tile, variance, five words of colour and gradient, the first halves of all before the
+// second. After each eight a place stays empty: neighbouring invocations read samples four cells apart, which at rest
+// are four places apart, and would wait for the same banks. At the end, the pixels.
 const HALF: u32 = CAPACITY + CAPACITY / 8u;
 var<workgroup> staged: array<vec4<u32>, 2u * HALF>;
 
@@ -63,8 +63,8 @@ fn end_of_window(first: u32) -> u32 {
     return low;
 }
 
-// The list of cell `c` from place `base` of `order` on, smallest number first. Where there are more than `room`, which no
-// camera but one that flees from the scene brings about, the smallest stay.
+// The list of cell `c` from place `base` of `order` on, smallest number first. Where there are more than `room`,
+// which no camera but one that flees from the scene brings about, the smallest stay.
 fn put_in_order(c: u32, corner: vec2<i32>, base: u32, room: u32) {
     var count = 0u;
     for (var id = head_of(c, corner); id != 0u; id = links[id - 1u].y) {

@@ -1,6 +1,6 @@
-// The frame between, gathered from both neighbours; see warp.rs. An invocation four pixels in a row: a row of a patch of
-// 4×4. It looks at one of the patch's corners for all; where the patch moves alike, its pixels are gathered with one
-// displacement, where it is seen alike, with one weight.
+// The frame between, gathered from both neighbours; see warp.rs. An invocation four pixels in a row: a row of a patch
+// of 4×4. It looks at one of the patch's corners for all; where the patch moves alike, its pixels are gathered with
+// one displacement, where it is seen alike, with one weight.
 
 @group(0) @binding(3) var<storage, read> middle: array<f32>;
 @group(0) @binding(4) var<storage, read> ranges: array<vec2<f32>>;
@@ -56,7 +56,8 @@ fn middle_at(at: vec2<i32>) -> f32 {
     return select(right, left, column.fraction < 0.5);
 }
 
-// Displacement of pixel `at` of inverse depth `depth` in neighbour `n`, and how well that sees it: next to nothing outside.
+// Displacement of pixel `at` of inverse depth `depth` in neighbour `n`, and how well that sees it: next to nothing
+// outside.
 fn look_at(n: u32, at: vec2<f32>, depth: f32) -> vec3<f32> {
     let neighbor = between.neighbors[n];
     // Pixel centres of cameras are at halves.
@@ -91,8 +92,8 @@ fn share_of(visibility: vec2<f32>) -> f32 {
     return select(select(share, 0.0, share < NEGLIGIBLE), 1.0, share > 1.0 - NEGLIGIBLE);
 }
 
-// Fixed-point positions of pixel `at` moved by `moved`. Whole pixels are added in whole numbers, so that pixels that move
-// alike stay whole pixels apart.
+// Fixed-point positions of pixel `at` moved by `moved`. Whole pixels are added in whole numbers, so that pixels that
+// move alike stay whole pixels apart.
 fn units(moved: vec4<f32>, at: vec2<i32>) -> vec4<i32> {
     return vec4<i32>(floor(fma(moved, vec4(f32(UNITS)), vec4(0.5)))) + at.xyxy * UNITS;
 }

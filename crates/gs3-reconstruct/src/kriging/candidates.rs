@@ -5,8 +5,8 @@ use fearless_simd::{Simd, f32x16, mask32x16, prelude::*, u32x16};
 use super::{FARTHEST, SAMPLES};
 use crate::samples::CHUNK;
 
-/// Room for the samples around a pixel, but where the camera flees from the scene: a power of two. Where there are more, those seen
-/// so far make way, but for the best.
+/// Room for the samples around a pixel, but where the camera flees from the scene: a power of two. Where there are
+/// more, those seen so far make way, but for the best.
 pub(super) const SEEN: usize = 64;
 
 /// The samples around sixteen pixels that are near enough.

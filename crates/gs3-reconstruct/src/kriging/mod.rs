@@ -1,10 +1,10 @@
 //! Pixels that first-order predictions leave uncertain, by gradient-enhanced kriging.
 //!
-//! A mean of first-order predictions weighs every sample by its own distance alone: samples that tell the same are counted
-//! twice, and where colours change within a pixel or two, gradients carry too far. The best linear prediction of a pixel from
-//! the values and the gradients of the samples around it follows from how colours of pixels vary together: kriging
-//! (Matheron 1963), with gradients as further data (Morris, Mitchell & Ylvisaker 1993). For data d with covariances K among
-//! each other and k with the pixel it is kᵀK⁻¹d, here of what d differs from the mean by.
+//! A mean of first-order predictions weighs every sample by its own distance alone: samples that tell the same are
+//! counted twice, and where colours change within a pixel or two, gradients carry too far. The best linear prediction
+//! of a pixel from the values and the gradients of the samples around it follows from how colours of pixels vary
+//! together: kriging (Matheron 1963), with gradients as further data (Morris, Mitchell & Ylvisaker 1993). For data d
+//! with covariances K among each other and k with the pixel it is kᵀK⁻¹d, here of what d differs from the mean by.
 //!
 //! It is a small dense system per pixel, so it is kept for those pixels where the mean errs visibly. Sixteen pixels are
 //! solved at once, one in each lane.
@@ -29,32 +29,35 @@ pub(crate) const SAMPLES: usize = 8;
 const DATA: usize = 3 * SAMPLES;
 
 /// Length of the covariance, pixels: a rational quadratic (Rasmussen & Williams 2006, 4.19) with α = 1,
-/// `1 / (1 + δ² / (2 LENGTH²))`, a mixture of Gaussians of all widths as images are of detail. (Simulated with samples of true frames:
-/// where detail is finest 1 and 2 lose 0.1 to 1 dB, elsewhere 2 is alike.)
+/// `1 / (1 + δ² / (2 LENGTH²))`, a mixture of Gaussians of all widths as images are of detail. (Simulated with
+/// samples of true frames: where detail is finest 1 and 2 lose 0.1 to 1 dB, elsewhere 2 is alike.)
 pub(crate) const LENGTH: f32 = 1.5;
 
 /// Variance of data, as a share of the image's: what the covariance does not know of. It also keeps systems well
 /// conditioned: a pivot is not below it but by rounding. (Empirical: half of it is alike.)
 pub(crate) const NUGGET: f32 = 1e-3;
 
-/// Variance of what a datum errs by, as a share of the image's, per pixel⁴ of the sample's noise. By this covariance second
-/// derivatives have the variance 6 / LENGTH⁴, so a first-order prediction at distance δ errs with 1.5 / LENGTH⁴ δ⁴: 0.3 per pixel⁴;
-/// half of it is a little better.
+/// Variance of what a datum errs by, as a share of the image's, per pixel⁴ of the sample's noise. By this covariance
+/// second derivatives have the variance 6 / LENGTH⁴, so a first-order prediction at distance δ errs with 1.5 /
+/// LENGTH⁴ δ⁴: 0.3 per pixel⁴; half of it is a little better.
 ///
-/// What samples err by is not theirs alone: a surface that has changed its look since, or moved otherwise than its depth says, is
-/// wrong for all its samples, the more the older they are, and over about as many pixels as its colours vary. So errors have the image's
-/// covariance in space, and are a Brownian motion in noise: two samples share what the less noisy one errs by, and what they differ
-/// by tells nearly as much as if both were true. (Measured, of samples eight and four frames old by their distance: correlated by 0.6 to 0.7
-/// within a pixel, 0.3 to 0.6 at two. Errors apart lose 0.1 dB where single pixels are kriged, 0.25 where many are; 0.1
-/// and 0.2 per pixel⁴ are alike.)
+/// What samples err by is not theirs alone: a surface that has changed its look since, or moved otherwise than its
+/// depth says, is wrong for all its samples, the more the older they are, and over about as many pixels as its
+/// colours vary. So errors have the image's covariance in space, and are a Brownian motion in noise: two samples
+/// share what the less noisy one errs by, and what they differ by tells nearly as much as if both were true.
+/// (Measured, of samples eight and four frames old by their distance: correlated by 0.6 to 0.7 within a pixel, 0.3 to
+/// 0.6 at two. Errors apart lose 0.1 dB where single pixels are kriged, 0.25 where many are; 0.1 and 0.2 per pixel⁴
+/// are alike.)
 pub(crate) const PER_NOISE: f32 = 0.15;
 
-/// A pixel is worth it if the correction for curvature changes it by more than this: three quarters of a step of 8 bits. (Empirical:
+/// A pixel is worth it if the correction for curvature changes it by more than this: three quarters of a step of 8
+/// bits. (Empirical:
 /// `docs/performance.md`.)
 const WORTH: f32 = 0.003;
 
-/// The same where time counts more than quality: one and a half steps. (Loses 0.15 to 0.42 dB and saves 6 to 25 ms a pair of frames on two cores at
-/// 1920×1080; on foliage, 0.01 takes half the pixels that 0.004 does and loses 0.3 dB.)
+/// The same where time counts more than quality: one and a half steps. (Loses 0.15 to 0.42 dB and saves 6 to 25 ms a
+/// pair of frames on two cores at 1920×1080; on foliage, 0.01 takes half the pixels that 0.004 does and loses 0.3
+/// dB.)
 const WORTH_COARSE: f32 = 0.006;
 
 /// The same where quality counts more than time: a quarter of a step. (Gains 0.1 dB over half a step, for 10 to 30 ms.)
@@ -75,12 +78,13 @@ impl Kriging {
 /// Samples whose first-order predictions have this variance, pixel⁴, or more do not count: that of one two pixels away.
 pub(crate) const FARTHEST: f32 = 16.0;
 
-/// Variance, as a share of the image's, that samples gain towards that of the best one left out: as s² / (1 − s), where s is
-/// their own as a share of it. So none comes or goes at once.
+/// Variance, as a share of the image's, that samples gain towards that of the best one left out: as s² / (1 − s),
+/// where s is their own as a share of it. So none comes or goes at once.
 pub(crate) const FADE: f32 = 0.003;
 
-/// Up to the first share of a pixel's variance that its data explain, the mean stays as it is, and from the second on they are
-/// trusted fully: where samples are few, the mean, which knows the current frame's surface as well, is the better one.
+/// Up to the first share of a pixel's variance that its data explain, the mean stays as it is, and from the second on
+/// they are trusted fully: where samples are few, the mean, which knows the current frame's surface as well, is the
+/// better one.
 pub(crate) const DOUBTFUL: f32 = 0.65;
 pub(crate) const CERTAIN: f32 = 0.9;
 
@@ -112,7 +116,8 @@ pub(crate) struct Neighborhoods<'a> {
     stride: usize,
     /// The samples as they came.
     arrived: Vec<Landed<'a>>,
-    /// Of each cell, once they are in order, its first sample's place; until then the number of samples of the cell before it.
+    /// Of each cell, once they are in order, its first sample's place; until then the number of samples of the cell
+    /// before it.
     starts: Vec<u32>,
     /// The samples in the order of their cells; of what vectors read, a vector more.
     x: Vec<f32>,
@@ -163,7 +168,8 @@ impl<'a> Neighborhoods<'a> {
     fn put_in_order(&mut self) {
         let mut before = 0;
         for start in &mut self.starts {
-            // Where the cell before begins: as its samples take their places below, that moves to its end, where this one begins.
+            // Where the cell before begins: as its samples take their places below, that moves to its end, where this
+            // one begins.
             before += std::mem::replace(start, before);
         }
         for values in [&mut self.x, &mut self.y, &mut self.noise] {

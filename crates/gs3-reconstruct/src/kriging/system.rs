@@ -5,7 +5,8 @@ use fearless_simd::{Simd, f32x16, prelude::*};
 use super::{CERTAIN, DATA, DOUBTFUL, FADE, FARTHEST, LENGTH, NUGGET, PER_NOISE, SAMPLES};
 use crate::samples::{CHUNK, DX, DY, Sample};
 
-/// The samples around sixteen pixels. Where there are too few, others in the pixel's place count for nothing by their nugget.
+/// The samples around sixteen pixels. Where there are too few, others in the pixel's place count for nothing by their
+/// nugget.
 pub(super) struct Around<'a> {
     /// Variances of their first-order predictions, and of the best one left out.
     pub keys: [[f32; CHUNK]; SAMPLES + 1],
@@ -54,8 +55,8 @@ impl Around<'_> {
         }
     }
 
-    /// The covariances of the data of samples `i` and `j`: rows are value and derivatives of `i`, columns of `j`. Derivatives are per
-    /// length of the covariance.
+    /// The covariances of the data of samples `i` and `j`: rows are value and derivatives of `i`, columns of `j`.
+    /// Derivatives are per length of the covariance.
     #[inline(always)]
     pub fn covariances<S: Simd>(&self, simd: S, i: usize, j: usize) -> Rows<S> {
         let (ux, uy) = (
@@ -168,8 +169,8 @@ impl<S: Simd> Factor<S> {
     }
 }
 
-/// What is left of a row without what columns before explain: `of_row` are the row's numbers in those of a sample, `by` the rows of
-/// the columns' sample there, times −D⁻¹.
+/// What is left of a row without what columns before explain: `of_row` are the row's numbers in those of a sample,
+/// `by` the rows of the columns' sample there, times −D⁻¹.
 #[inline(always)]
 fn reduced<S: Simd>(simd: S, left: [f32x16<S>; 3], of_row: &Row, by: &Rows<S>) -> [f32x16<S>; 3] {
     let u = row(simd, of_row);
@@ -180,8 +181,9 @@ fn reduced<S: Simd>(simd: S, left: [f32x16<S>; 3], of_row: &Row, by: &Rows<S>) -
     sums
 }
 
-/// Solves the systems of `around` by their factors LDLᵀ, of which LD goes to `systems`: column by column, each number from its
-/// covariance to what is final in registers, as memory takes a vector only every other cycle on some processors.
+/// Solves the systems of `around` by their factors LDLᵀ, of which LD goes to `systems`: column by column, each number
+/// from its covariance to what is final in registers, as memory takes a vector only every other cycle on some
+/// processors.
 #[inline(always)]
 pub(super) fn solve<S: Simd>(
     simd: S,

@@ -170,8 +170,8 @@ fn few_or_noisy_samples_leave_the_mean() {
     assert_eq!(kriged(&noisy, &[[8, 8]], mean), [mean]);
 }
 
-/// What samples of the past differ by counts, even where all of them are wrong by about the same: a single fresh sample tells by
-/// how much.
+/// What samples of the past differ by counts, even where all of them are wrong by about the same: a single fresh
+/// sample tells by how much.
 #[test]
 fn the_past_may_be_wrong_alike() {
     const WRONG: f32 = 0.1;

@@ -7,7 +7,8 @@ use glam::{DAffine3, DQuat, DVec2, DVec3, EulerRot};
 use gs3_scene::{Camera, GBuffer, Geometry, Gradients, Image, Intrinsics, Margin, Planes};
 use rayon::prelude::*;
 
-/// A sheet in the plane `z`: opaque within `half_width` of x = `center`, with an edge `softness` wide; texture of waves.
+/// A sheet in the plane `z`: opaque within `half_width` of x = `center`, with an edge `softness` wide; texture of
+/// waves.
 pub struct Sheet {
     pub z: f64,
     pub center: f64,

@@ -29,8 +29,8 @@ struct FeaturesUniform {
 /// Which frame between: before which of the two sides, and in which place there.
 type At = (usize, usize);
 
-/// The network with all that it reads and keeps. A frame that is submitted again reads what it read before: frames between are
-/// remembered beside the side they lie before, and read those of the other side.
+/// The network with all that it reads and keeps. A frame that is submitted again reads what it read before: frames
+/// between are remembered beside the side they lie before, and read those of the other side.
 pub struct LearnedBetween {
     gpu: Gpu,
     lr: [u32; 2],
@@ -138,8 +138,8 @@ impl LearnedBetween {
         self.slots[current].iter_mut().for_each(|slot| slot.camera = None);
     }
 
-    /// Records the `k`-th frame between the last frame and that of side `current`. Its hidden state comes from the one before
-    /// it, where there is one.
+    /// Records the `k`-th frame between the last frame and that of side `current`. Its hidden state comes from the
+    /// one before it, where there is one.
     pub fn record(
         &mut self,
         recorder: &mut Recorder<'_>,

@@ -48,8 +48,8 @@ impl Device {
         self.frames.reset(reason);
     }
 
-    /// Makes a frame and reads what is shown back into `out` and `between`. Times are the device's, without the way back;
-    /// where it has no clock, all of the frame and its way back count as rasterization.
+    /// Makes a frame and reads what is shown back into `out` and `between`. Times are the device's, without the way
+    /// back; where it has no clock, all of the frame and its way back count as rasterization.
     pub fn render(
         &mut self,
         rasterizer: &mut GpuRasterizer,

@@ -53,8 +53,8 @@ pub(crate) struct Rendered {
 }
 
 impl GpuFrames {
-    /// Frames on `gpu` as `settings` want them, refined by `networks` where there are any, in half precision if the device has
-    /// it. Memory comes with the first frames.
+    /// Frames on `gpu` as `settings` want them, refined by `networks` where there are any, in half precision if the
+    /// device has it. Memory comes with the first frames.
     #[must_use]
     pub fn new(gpu: &Gpu, settings: &PipelineSettings, networks: &Networks) -> Self {
         let (gpu, settings, networks) = (gpu.clone(), *settings, networks.clone());
@@ -74,12 +74,13 @@ impl GpuFrames {
         self.invalid = Some(reason);
     }
 
-    /// Submits the frame that `request` asks for; `rasterizer` is that of its scene on the same device. It becomes the last
-    /// frame with [`Self::keep`]; submitted again before, it is made anew, as [`GpuRasterizer::settle`] may want it.
+    /// Submits the frame that `request` asks for; `rasterizer` is that of its scene on the same device. It becomes
+    /// the last frame with [`Self::keep`]; submitted again before, it is made anew, as [`GpuRasterizer::settle`] may
+    /// want it.
     ///
     /// # Errors
-    /// [`PipelineError`] if a setting is out of range, or the device has no room or fails. The history is then as before, or gone if
-    /// the frame has another size than the last one.
+    /// [`PipelineError`] if a setting is out of range, or the device has no room or fails. The history is then as
+    /// before, or gone if the frame has another size than the last one.
     pub fn submit(
         &mut self,
         rasterizer: &mut GpuRasterizer,
@@ -136,8 +137,8 @@ impl GpuFrames {
         self.invalid = None;
     }
 
-    /// Makes the frame that `request` asks for, as often as it takes until all of it had room, and reads it back into `out`
-    /// and the frames between into `between`.
+    /// Makes the frame that `request` asks for, as often as it takes until all of it had room, and reads it back into
+    /// `out` and the frames between into `between`.
     pub(crate) fn render(
         &mut self,
         rasterizer: &mut GpuRasterizer,

@@ -155,8 +155,8 @@ impl Learned {
         found.ok_or_else(|| missing(name))
     }
 
-    /// Records the refinement of `analytic`, made without learning for `view`, into place `current`. `last` is the view of the
-    /// other place, the frame before, where there is one.
+    /// Records the refinement of `analytic`, made without learning for `view`, into place `current`. `last` is the
+    /// view of the other place, the frame before, where there is one.
     pub fn record(
         &mut self,
         recorder: &mut Recorder<'_>,

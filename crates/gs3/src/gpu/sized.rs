@@ -180,7 +180,8 @@ impl Sized {
         })
     }
 
-    /// Records the G-buffer of side `current`, which `camera` sees; where frames have no margins, without that of `settings`.
+    /// Records the G-buffer of side `current`, which `camera` sees; where frames have no margins, without that of
+    /// `settings`.
     pub fn record_rasterizing(
         &mut self,
         recorder: &mut Recorder<'_>,
@@ -200,8 +201,8 @@ impl Sized {
         Ok(())
     }
 
-    /// Records super sampling of side `current`, whose G-buffer has been rasterized for `view`, and its refinement; `last` is
-    /// the view of the other side, where it is the frame before.
+    /// Records super sampling of side `current`, whose G-buffer has been rasterized for `view`, and its refinement;
+    /// `last` is the view of the other side, where it is the frame before.
     pub fn record_super_sampling(
         &mut self,
         recorder: &mut Recorder<'_>,
@@ -236,7 +237,8 @@ impl Sized {
         learned.record(recorder, stages, analytic, places, current, view, last)
     }
 
-    /// Records the frames at `moments` between the last one and side `current`, which `views` saw; none where there is no last one.
+    /// Records the frames at `moments` between the last one and side `current`, which `views` saw; none where there
+    /// is no last one.
     pub fn record_between(
         &mut self,
         recorder: &mut Recorder<'_>,
@@ -269,7 +271,8 @@ impl Sized {
         Ok(())
     }
 
-    /// Records the way back of side `current`, of the first `count` frames between, and of what the next frame needs to know.
+    /// Records the way back of side `current`, of the first `count` frames between, and of what the next frame needs
+    /// to know.
     pub fn record_readback(
         &self,
         recorder: &mut Recorder<'_>,

@@ -69,8 +69,8 @@ impl Carry {
     }
 }
 
-/// Uncertainty above which the previous frame and the drift may count fully (pixel²): in motion most pixels' lie above, pixels beside a
-/// sample below.
+/// Uncertainty above which the previous frame and the drift may count fully (pixel²): in motion most pixels' lie
+/// above, pixels beside a sample below.
 pub(crate) const UNCERTAIN: f32 = 0.2;
 
 /// Inputs of the super-sampling network ([`gs3_neural::model::super_sample`]).
@@ -125,13 +125,13 @@ impl SuperSampleFeatures {
     }
 
     /// Makes these the features of the frame `now`, made without learning, whose samples differ by `innovation`
-    /// ([`gs3_reconstruct::SuperSampler::innovation`]) from what the past says. Its hidden state and what it is blended with
-    /// come from `previous`, the frame before, as the network refined it, where there is one.
+    /// ([`gs3_reconstruct::SuperSampler::innovation`]) from what the past says. Its hidden state and what it is
+    /// blended with come from `previous`, the frame before, as the network refined it, where there is one.
     ///
     /// # Errors
-    /// [`ReconstructError`] if the image or a plane of `now` has another size than its camera says, it has no gradients or geometry, its
-    /// alpha or normals are not finite, or `innovation` or `previous` has another size. Colours and gradients are what super sampling
-    /// without learning has checked before.
+    /// [`ReconstructError`] if the image or a plane of `now` has another size than its camera says, it has no
+    /// gradients or geometry, its alpha or normals are not finite, or `innovation` or `previous` has another size.
+    /// Colours and gradients are what super sampling without learning has checked before.
     pub fn set(
         &mut self,
         now: Neighbor<'_>,
@@ -219,8 +219,8 @@ impl SuperSampleFeatures {
         Ok(())
     }
 
-    /// How far the previous frame may count, and the innovation of the LR samples, jittered so, between them: bilinear, and flat
-    /// beyond the outermost. Both once `image`, whose uncertainty they follow, is in a cache.
+    /// How far the previous frame may count, and the innovation of the LR samples, jittered so, between them:
+    /// bilinear, and flat beyond the outermost. Both once `image`, whose uncertainty they follow, is in a cache.
     fn set_share_and_drift(
         &mut self,
         image: &Image,

@@ -63,8 +63,8 @@ impl Recurrent {
         self.has_state
     }
 
-    /// Runs the network for an LR grid of `[height, width]` and HR images of that size or up to a block less on `images` and
-    /// the state, writes its output `color` and keeps its state.
+    /// Runs the network for an LR grid of `[height, width]` and HR images of that size or up to a block less on
+    /// `images` and the state, writes its output `color` and keeps its state.
     pub fn run(
         &mut self,
         lr: [usize; 2],

@@ -1,8 +1,8 @@
-//! The kernel for pairs (AVX-512 BF16): as the f32 kernel, but each vector multiplies pairs of channels, so that it does twice the
-//! multiply-adds where it starts as often, on processors of AMD.
+//! The kernel for pairs (AVX-512 BF16): as the f32 kernel, but each vector multiplies pairs of channels, so that it
+//! does twice the multiply-adds where it starts as often, on processors of AMD.
 //!
-//! In the buffer a pixel has 16 channels of each block of the inputs, two channels a 32-bit number; rounding to it costs as much
-//! as a few per cent of the multiply-adds. Sums of pixels × 16 output channels stay in registers.
+//! In the buffer a pixel has 16 channels of each block of the inputs, two channels a 32-bit number; rounding to it
+//! costs as much as a few per cent of the multiply-adds. Sums of pixels × 16 output channels stay in registers.
 
 use super::{PairWeights, Segment, Source};
 use crate::engine::block::{Block, LANES, Layout, Sources};
@@ -12,7 +12,8 @@ use crate::graph::{Border, Conv2d};
 /// Pixels of a run: a multiple of all numbers of pixels whose sums stay in registers.
 const RUN: usize = 48;
 
-/// Blocks of 16 channels of pixels that a run sees at most: 32 KiB of bf16, the first cache. Wider convolutions stay f32.
+/// Blocks of 16 channels of pixels that a run sees at most: 32 KiB of bf16, the first cache. Wider convolutions stay
+/// f32.
 const BUFFER: usize = 1024;
 
 /// Pairs of channels of a block.
@@ -26,8 +27,8 @@ pub struct Pairs {
     segments: Vec<Segment>,
     /// `[groups of output blocks, segments, taps, pairs of channels, blocks of the group]`.
     weights: Vec<PairWeights>,
-    /// Where the buffer of a run has what each segment, tap and pair of its first pixel sees: one loop goes over them all, as
-    /// those over the pairs of a tap would be too short.
+    /// Where the buffer of a run has what each segment, tap and pair of its first pixel sees: one loop goes over them
+    /// all, as those over the pairs of a tap would be too short.
     places: Vec<usize>,
     /// `[output blocks]`.
     bias: Vec<Block>,
@@ -125,7 +126,8 @@ mod kernel {
     #[inline(always)]
     pub fn prefetch(numbers: &[f32]) {
         for line in numbers.chunks(LANES) {
-            // SAFETY: a hint, which neither reads nor faults, whatever the address; the instruction (SSE) is part of x86-64.
+            // SAFETY: a hint, which neither reads nor faults, whatever the address; the instruction (SSE) is part of
+            // x86-64.
             unsafe { _mm_prefetch::<_MM_HINT_T1>(line.as_ptr().cast()) };
         }
     }
@@ -168,7 +170,8 @@ mod kernel {
         }
     }
 
-    /// Rounds what pixels `x..x + RUN` of row `y` see to `buffer`, `[segments, rows, RUN and what the window reaches beside]`.
+    /// Rounds what pixels `x..x + RUN` of row `y` see to `buffer`, `[segments, rows, RUN and what the window reaches
+    /// beside]`.
     #[target_feature(enable = "avx512f,avx512bf16")]
     fn round(conv: &Pairs, sources: Sources<'_>, y: isize, x: usize, buffer: &mut Buffer) {
         let Pairs { conv, border, segments, .. } = conv;
@@ -184,8 +187,8 @@ mod kernel {
             // Lanes beyond the channels hold anything: they become 0.
             let mask = (u32::MAX >> (32 - segment.channels)) as u16;
             for (to, from) in line.iter_mut().zip(pixels) {
-                // SAFETY: both are as large as the vectors that are loaded and stored, and aligned to their size: the buffer
-                // and blocks by their types.
+                // SAFETY: both are as large as the vectors that are loaded and stored, and aligned to their size: the
+                // buffer and blocks by their types.
                 unsafe {
                     let pixel = _mm512_maskz_cvtneps_pbh(mask, _mm512_load_ps(from.0.as_ptr()));
                     _mm256_store_si256(
@@ -206,8 +209,8 @@ mod kernel {
     }
 
     impl Job<'_> {
-        /// `V` blocks of all pixels, `P` at a time, to `out`, in which blocks are `stride` apart. As in f32, all indices into
-        /// sums are constants.
+        /// `V` blocks of all pixels, `P` at a time, to `out`, in which blocks are `stride` apart. As in f32, all
+        /// indices into sums are constants.
         #[target_feature(enable = "avx512f,avx512bf16")]
         fn run<const V: usize, const P: usize>(&self, stride: usize, out: &mut [Block]) {
             for x in (0..RUN).step_by(P) {

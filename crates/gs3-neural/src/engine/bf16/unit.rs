@@ -55,8 +55,8 @@ mod machine {
         __cpuid(0).eax >= 7 && __cpuid_count(7, 0).edx & AMX == AMX && may_use_tiles()
     }
 
-    /// Tiles are 8 KiB of a thread's state, which Linux saves only for processes that ask for it. It refuses where it does not
-    /// know them, or where the stack that a thread handles signals on is too small for them.
+    /// Tiles are 8 KiB of a thread's state, which Linux saves only for processes that ask for it. It refuses where it
+    /// does not know them, or where the stack that a thread handles signals on is too small for them.
     #[cfg(target_os = "linux")]
     #[allow(unsafe_code, reason = "a system call")]
     fn may_use_tiles() -> bool {

@@ -18,8 +18,8 @@ fn networks(tier: Tier) -> [Graph; 2] {
     [super_sample(4, tier), interpolate(4, tier)].map(|graph| graph.unwrap())
 }
 
-/// What reads a buffer finds what it should, nobody reads and writes one, and every kernel is valid and small enough for
-/// the limits that every device has.
+/// What reads a buffer finds what it should, nobody reads and writes one, and every kernel is valid and small enough
+/// for the limits that every device has.
 #[test]
 fn plans_are_consistent_up_to_the_largest_frames() {
     let [single, half] = [Precision::Single, Precision::Half].map(GpuEngineSettings::new);

@@ -47,7 +47,8 @@ fn one_ball_by_hand() {
     close(axis.normal[2], -axis.alpha, 1e-7);
 }
 
-/// Two splats in front of each other at the centre: α = 0.6 each, T = 0.4 before the second, so the median is the first.
+/// Two splats in front of each other at the centre: α = 0.6 each, T = 0.4 before the second, so the median is the
+/// first.
 #[test]
 fn two_balls_blend_front_to_back() {
     let far = Spec::ball(DVec3::new(0.0, 0.0, 4.0), 0.5, 0.6, [0.0, 1.0, 0.0]);

@@ -65,9 +65,9 @@ static SHAPES: Shapes = {
     Shapes(bytes)
 };
 
-/// The configuration of the thread's tiles, the shapes that [`row`] needs: setting them takes as long as a dozen products, so it
-/// is done once for many rows. Compiled code does not use tiles, so they stay as they are set until this is dropped. A thread
-/// has one at a time.
+/// The configuration of the thread's tiles, the shapes that [`row`] needs: setting them takes as long as a dozen
+/// products, so it is done once for many rows. Compiled code does not use tiles, so they stay as they are set until
+/// this is dropped. A thread has one at a time.
 #[derive(Debug)]
 pub struct TileConfig {
     /// Other threads have tiles of their own.
@@ -105,7 +105,8 @@ pub fn store(strip: &[Block], width: usize, row: &mut [Block], whole: &Layout, x
     }
 }
 
-/// Fills the pixels beside `row` of `layout`, whose numbers are bf16, as `border` says, and what a tile sees beyond them.
+/// Fills the pixels beside `row` of `layout`, whose numbers are bf16, as `border` says, and what a tile sees beyond
+/// them.
 pub fn fill_halo(border: Border, layout: &Layout, row: &mut [Block]) {
     let (halo, width, blocks) = (layout.halo, layout.shape.width, layout.blocks());
     let (pixels, beyond) = pixels_mut(row).split_at_mut(layout.stride() * blocks);
@@ -131,7 +132,8 @@ fn pixels_mut(row: &mut [Block]) -> &mut [Rounded] {
 fn round_blocks<'a>(blocks: &[Block], channels: usize, to: impl Iterator<Item = &'a mut Rounded>) {
     let mask = (u32::MAX >> (32 - channels)) as u16;
     for (from, to) in blocks.iter().zip(to) {
-        // SAFETY: a block is as large as a vector and aligned to its size; so is `to`, half as large, in a row of blocks.
+        // SAFETY: a block is as large as a vector and aligned to its size; so is `to`, half as large, in a row of
+        // blocks.
         unsafe {
             let pixel = _mm512_maskz_cvtneps_pbh(mask, _mm512_load_ps(from.0.as_ptr()));
             _mm256_store_si256(to.as_mut_ptr().cast(), std::mem::transmute::<__m256bh, __m256i>(pixel));
@@ -150,8 +152,8 @@ pub fn row(
 ) {
     BUFFER_OF_THREAD.with_borrow_mut(|buffer| {
         let Buffer { seen, zeros, places } = &mut **buffer;
-        // SAFETY: `Tiles` are only made where `Unit::is_available` found the instructions of both. Tiles are configured; places are
-        // those of numbers that `find` has found.
+        // SAFETY: `Tiles` are only made where `Unit::is_available` found the instructions of both. Tiles are
+        // configured; places are those of numbers that `find` has found.
         unsafe {
             if !tiles.segments.is_empty() {
                 round(tiles, sources, y, seen);
@@ -198,8 +200,8 @@ fn round(tiles: &Tiles, sources: Sources<'_>, y: isize, buffer: &mut [u16; BUFFE
     buffer[conv.kernel * len..][..DEPTH].fill(0);
 }
 
-/// The places of all steps in row `y`: in the buffer, in tensors, or in `zeros`. Behind each are the numbers of all pixels that
-/// the strip sees from there on, and as many as a tile's row has.
+/// The places of all steps in row `y`: in the buffer, in tensors, or in `zeros`. Behind each are the numbers of all
+/// pixels that the strip sees from there on, and as many as a tile's row has.
 fn find<'a>(
     tiles: &Tiles,
     sources: Sources<'_>,
@@ -251,8 +253,8 @@ unsafe fn multiply(tiles: &Tiles, places: &[Place], layout: &Layout, out: &mut [
         let most = if count == 2 { 2 } else { 3 };
         let mut x = 0;
         while x < width {
-            // As many tiles of pixels as there are tiles for their sums, or one; the last overlaps those before, whose pixels
-            // get the same values again.
+            // As many tiles of pixels as there are tiles for their sums, or one; the last overlaps those before,
+            // whose pixels get the same values again.
             let many = if width - x >= most * ROWS { most } else { 1 };
             let start = x.min(width - many * ROWS);
             let out = &mut out[first * stride + layout.halo + start..][..(count - 1) * stride + many * ROWS];
@@ -283,8 +285,9 @@ struct Product<'a> {
     stride: usize,
 }
 
-/// A product of tiles of pixels and one or two blocks of outputs. Tile 5 holds pixels, 6 and 7 weights, which are given by their
-/// place in bytes, as are tiles of pixels by that in a block of outputs, and each tile of sums by that of its bias.
+/// A product of tiles of pixels and one or two blocks of outputs. Tile 5 holds pixels, 6 and 7 weights, which are
+/// given by their place in bytes, as are tiles of pixels by that in a block of outputs, and each tile of sums by that
+/// of its bias.
 macro_rules! product {
     (
         $name:ident, $blocks:literal, [$($tile:literal: $weights:literal),+]:
@@ -294,9 +297,9 @@ macro_rules! product {
         /// The thread has a [`TileConfig`], and behind all places are the numbers that the steps see.
         unsafe fn $name(&self, out: &mut [Block]) {
             let [first, second] = [0, ($blocks - 1) * self.stride].map(|start| out[start..].as_mut_ptr());
-            // SAFETY: `weights` has `$blocks` tiles for the bias and for each of the places. Rows of a tile of pixels are a
-            // pixel apart, as are pixels behind the places. `out` has as many pixels as the tiles, in each of `$blocks`
-            // blocks.
+            // SAFETY: `weights` has `$blocks` tiles for the bias and for each of the places. Rows of a tile of pixels
+            // are a pixel apart, as are pixels behind the places. `out` has as many pixels as the tiles, in each of
+            // `$blocks` blocks.
             unsafe {
                 asm!(
                     $($(concat!("tileloadd tmm", $sum, ", [{weights} + {row} + ", $bias, "]"),)+)+

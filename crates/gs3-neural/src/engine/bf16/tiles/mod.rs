@@ -1,10 +1,11 @@
-//! The kernel for tiles (AMX): one instruction multiplies 16 pixels × 32 channels by 32 channels × 16 outputs, in the time in which
-//! vectors do a sixteenth of that in f32.
+//! The kernel for tiles (AMX): one instruction multiplies 16 pixels × 32 channels by 32 channels × 16 outputs, in the
+//! time in which vectors do a sixteenth of that in f32.
 //!
-//! It reads pixels whose channels are side by side in bf16, pixel after pixel. So what a row of a window sees of a pixel is one
-//! run of numbers, those of the next pixel after those of one; it is multiplied 32 at a time, the last ones with zeros. Tiles
-//! overlap in memory: rows of one begin a pixel apart. Tensors that only such convolutions read are stored like that
-//! ([`Numbers::Bf16`]); others are rounded to a buffer of the thread, for each row of the window anew.
+//! It reads pixels whose channels are side by side in bf16, pixel after pixel. So what a row of a window sees of a
+//! pixel is one run of numbers, those of the next pixel after those of one; it is multiplied 32 at a time, the last
+//! ones with zeros. Tiles overlap in memory: rows of one begin a pixel apart. Tensors that only such convolutions
+//! read are stored like that ([`Numbers::Bf16`]); others are rounded to a buffer of the thread, for each row of the
+//! window anew.
 
 #[cfg_attr(not(target_arch = "x86_64"), path = "absent.rs")]
 mod kernel;
@@ -75,8 +76,8 @@ fn group(left: usize) -> usize {
 }
 
 impl Tiles {
-    /// Whether a convolution of tensors of these numbers of `channels` is for tiles, in strips of `width` pixels: not if they are
-    /// narrower than a tile or see more than the buffer holds.
+    /// Whether a convolution of tensors of these numbers of `channels` is for tiles, in strips of `width` pixels: not
+    /// if they are narrower than a tile or see more than the buffer holds.
     pub fn takes(conv: &Conv2d, channels: impl Iterator<Item = usize>, width: usize) -> bool {
         let pixel: usize = channels.map(|channels| channels.next_multiple_of(LANES)).sum();
         let (columns, taps) = (width + 2 * conv.reach(), conv.kernel * conv.kernel);
@@ -115,8 +116,8 @@ impl Tiles {
             channel += channels;
         }
         if !segments.is_empty() {
-            // So that of a tile's rows only every second lies across two cache lines: loading it takes 20 cycles then, 8 where none
-            // does, 50 where all do; a product takes 16.
+            // So that of a tile's rows only every second lies across two cache lines: loading it takes 20 cycles
+            // then, 8 where none does, 50 where all do; a product takes 16.
             joined.resize(joined.len().next_multiple_of(LANES), None);
             inputs.push(Input { stored: None, channels: joined });
         }
