@@ -58,7 +58,7 @@ pub struct Conv2d {
 impl Conv2d {
     /// A window of `kernel`×`kernel` to `outputs` channels, with bias and without activation.
     #[must_use]
-    pub fn new(kernel: usize, outputs: usize) -> Self {
+    pub const fn new(kernel: usize, outputs: usize) -> Self {
         Self { kernel, dilation: 1, outputs, bias: true, activation: Activation::Identity }
     }
 

@@ -8,8 +8,8 @@ use gs3_compute::{Capabilities, Gpu, Subgroups, Support, Use};
 
 use super::conv::{TILE, WORKGROUP_BYTES, load, seen};
 use super::source::{self, BLOCK, blocks};
-use super::{GpuEngine, GpuEngineSettings, GpuRunError, Precision};
-use crate::graph::{Border, Conv2d, GraphBuilder};
+use super::{GpuEngine, GpuEngineSettings, GpuImage, GpuRunError, Precision};
+use crate::graph::{Border, Conv2d, Graph, GraphBuilder};
 use crate::random::Random;
 use crate::shape::Shape;
 use crate::weights::{Header, Weights};
@@ -202,8 +202,17 @@ store(subgroup, lane, tile.xy, first_run + {r}u, (tile.z * COLUMNS + {c}u) * QUA
 /// LR pixels of the trial: enough workgroups to fill a device, the last ones not full.
 const TRIAL: [usize; 2] = [257, 259];
 
-/// Output channels of the trial: with matrices of either side several chunks of several columns, the last one not full.
-const TRIAL_OUTPUTS: usize = 92;
+/// Inputs of the trial, by their channels: as many as a kernel has parts, few of them whole matrices.
+const TRIAL_PARTS: [(&str, usize); source::PARTS.len()] =
+    [("a", 17), ("b", 3), ("c", 8), ("d", 4), ("e", 1), ("f", 16)];
+
+/// Its convolutions, of the forms that networks have, each a kernel of its own: what it reads, and output channels that make
+/// with matrices of either side several chunks of several columns, one chunk of few, and a single column, the last not full.
+const TRIAL_CONVOLUTIONS: [(&str, Conv2d, &[usize]); 3] = [
+    ("wide", Conv2d::new(3, 92), &[0, 1]),
+    ("pixelwise", Conv2d::new(1, 28), &[0, 1, 2, 3, 4, 5]),
+    ("sparse", Conv2d { dilation: 2, ..Conv2d::new(3, 8) }, &[5]),
+];
 
 /// How often: what depends on the order of workgroups need not show at once.
 const TRIALS: usize = 4;
@@ -213,7 +222,7 @@ const TRIALS: usize = 4;
 const TOLERANCE: f32 = 1e-2;
 
 impl MatrixUnit {
-    /// Whether it gives on `gpu` what invocations give by themselves, of a convolution of parts, with padding: the
+    /// Whether it gives on `gpu` what invocations give by themselves, of convolutions of parts, with padding: the
     /// feature is young in drivers and in wgpu, and a wrong picture is worse than a slow one.
     ///
     /// # Errors
@@ -233,40 +242,59 @@ impl MatrixUnit {
     }
 }
 
-/// What `gpu` makes of the trial.
-fn trial_output(gpu: &Gpu, matrices: Option<MatrixUnit>) -> Result<Vec<f32>, GpuRunError> {
-    let parts = [17, 3];
+/// The trial's network.
+fn trial() -> Result<(Graph, Weights), GpuRunError> {
     let mut g = GraphBuilder::new("trial", 1, Border::Replicate);
-    let [a, b] = [("a", parts[0]), ("b", parts[1])].map(|(name, channels)| g.input(name, channels, 1));
-    let result = g.conv("result", Conv2d::new(3, TRIAL_OUTPUTS), &[a, b]);
-    g.output("result", result);
+    let parts = TRIAL_PARTS.map(|(name, channels)| g.input(name, channels, 1));
+    for (name, conv, reads) in TRIAL_CONVOLUTIONS {
+        let reads: Vec<_> = reads.iter().map(|k| parts[*k]).collect();
+        let result = g.conv(name, conv, &reads);
+        g.output(name, result);
+    }
     let graph = g.finish()?;
     let [tier, training_data, licence] = ["", "", ""].map(str::to_owned);
     let header = Header { network: "trial".to_owned(), version: 1, scale: 1, tier, training_data, licence };
     let mut weights = Weights::random(&graph, header, 1);
-    if let Some(bias) = weights.arrays.get_mut("result.bias") {
-        bias.values_mut().iter_mut().enumerate().for_each(|(k, v)| *v = k as f32 / TRIAL_OUTPUTS as f32);
+    for (name, conv, _) in TRIAL_CONVOLUTIONS {
+        if let Some(bias) = weights.arrays.get_mut(&format!("{name}.bias")) {
+            let values = bias.values_mut().iter_mut().enumerate();
+            values.for_each(|(k, v)| *v = k as f32 / conv.outputs as f32);
+        }
     }
+    Ok((graph, weights))
+}
+
+/// What `gpu` makes of the trial: all its convolutions.
+fn trial_output(gpu: &Gpu, matrices: Option<MatrixUnit>) -> Result<Vec<f32>, GpuRunError> {
+    let (graph, weights) = trial()?;
     let settings = GpuEngineSettings { matrices, ..GpuEngineSettings::new(Precision::Half) };
     let engine = GpuEngine::new(gpu, &graph, &weights, TRIAL, &settings)?;
     let mut random = Random::new(1);
-    let mut image = |channels: usize| {
+    let mut from = Vec::new();
+    for (name, channels) in TRIAL_PARTS {
         let values: Vec<f32> = (0..TRIAL[0] * TRIAL[1] * channels).map(|_| random.signed()).collect();
-        gpu.buffer_with("trial", Use::Storage, &values)
-    };
-    let (from, to) = ([image(parts[0])?, image(parts[1])?], image(TRIAL_OUTPUTS)?);
-    let inputs = [("a", from[0].slice()), ("b", from[1].slice())];
-    let bound = engine.bind(gpu, &inputs, &[("result", to.slice())])?;
+        from.push((name, gpu.buffer_with("trial", Use::Storage, &values)?));
+    }
+    let made = |image: &GpuImage| Ok((image.name.clone(), gpu.buffer("trial", Use::Storage, image.bytes)?));
+    let to = engine.outputs().iter().map(made).collect::<Result<Vec<_>, GpuRunError>>()?;
+    let inputs: Vec<_> = from.iter().map(|(name, buffer)| (*name, buffer.slice())).collect();
+    let outputs: Vec<_> = to.iter().map(|(name, buffer)| (name.as_str(), buffer.slice())).collect();
+    let bound = engine.bind(gpu, &inputs, &outputs)?;
     let mut recorder = gpu.recorder(None);
     bound.record(&mut recorder);
     recorder.submit()?;
-    Ok(gpu.read(&to.slice())?)
+    let mut all = Vec::new();
+    for ((_, buffer), image) in to.iter().zip(engine.outputs()) {
+        all.extend(gpu.read::<f32>(&buffer.part(0, image.bytes))?);
+    }
+    Ok(all)
 }
 
 #[cfg(test)]
 mod tests {
     use gs3_compute::{GpuError, GpuSettings, OptionalFeatures};
 
+    use super::super::plan::Plan;
     use super::*;
 
     /// Planned for subgroups half as large as they are, a workgroup has half of those that it needs.
@@ -283,6 +311,25 @@ mod tests {
         unit.check(&gpu).unwrap();
         let wrong = MatrixUnit { subgroup: unit.subgroup / 2, ..unit };
         assert!(matches!(wrong.check(&gpu), Err(GpuRunError::Matrices { .. })));
+    }
+
+    /// On no device: the trial is of kernels of matrices only, and they are valid.
+    #[test]
+    fn the_trial_tries_matrices_of_every_form() {
+        let (graph, weights) = trial().unwrap();
+        for unit in [MatrixUnit { side: 8, subgroup: 8 }, MatrixUnit { side: 16, subgroup: 32 }] {
+            let settings =
+                GpuEngineSettings { matrices: Some(unit), ..GpuEngineSettings::new(Precision::Half) };
+            let plan = Plan::new(&graph, &weights, TRIAL, &settings).unwrap();
+            let of_matrices = plan.steps.iter().filter(|step| step.source.contains("coopMultiplyAdd"));
+            let columns = of_matrices.map(|step| {
+                gs3_compute::validate(&step.label, &[&step.source]).unwrap();
+                step.source.matches("let weights").count()
+            });
+            let columns: Vec<usize> = columns.collect();
+            assert_eq!(columns.len(), TRIAL_CONVOLUTIONS.len(), "{unit:?}");
+            assert!(columns.contains(&1) && columns.iter().any(|count| *count > 1), "{columns:?}");
+        }
     }
 
     #[test]
