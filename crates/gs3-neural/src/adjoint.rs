@@ -23,8 +23,7 @@ pub struct Derivatives {
 }
 
 /// Walks back through `graph`, whose layers' results are `planes` ([`reference::run`](crate::reference::run) with the
-/// same
-/// `weights`). `v_output` gives the derivative of the loss by a layer's result where the loss reads it: by
+/// same `weights`). `v_output` gives the derivative of the loss by a layer's result where the loss reads it: by
 /// [`Tensor::index`](crate::Tensor::index), `[height, width, channels]`.
 #[must_use]
 pub fn walk_back(

@@ -109,8 +109,7 @@ impl Interpolator {
     }
 
     /// Warps `before` (time 0) and `after` (1) to what `camera` sees at time `t` ∈ `[0, 1]`, without blending them,
-    /// into
-    /// `out`, whose memory is reused.
+    /// into `out`, whose memory is reused.
     ///
     /// # Errors
     /// As of [`Self::interpolate`].

@@ -128,8 +128,7 @@ impl<'a> Tile<'a> {
 
     /// Takes the samples of `frame`, the current one, into the pixels of `lattice` that [`Self::vacate`] emptied, and
     /// writes how they differ from what the past alone says into `rows`, whose first row of samples is `first_row`:
-    /// for those in
-    /// `wanted` pixels.
+    /// for those in `wanted` pixels.
     pub fn confront(
         &mut self,
         lattice: &Lattice,
@@ -225,8 +224,7 @@ impl Lattice {
     }
 
     /// Samples along an axis whose pixels are among the `count` from `from` on: their indices, and their pixels
-    /// relative to
-    /// `from`.
+    /// relative to `from`.
     fn along(&self, axis: usize, from: usize, count: usize) -> impl Iterator<Item = (usize, usize)> + use<> {
         let (first, scale) = (self.first[axis], self.scale);
         let begin = from.saturating_sub(first).div_ceil(scale);

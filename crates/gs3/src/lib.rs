@@ -21,8 +21,8 @@
 //! ```
 //!
 //! [`FramePipeline::new`] does without learning. With networks, of which [`Networks::shipped`] are those that come
-//! with gs3, it is as
-//! `gs3 render` does it by default; theirs for frames between is left out, since warping is nearly as good and faster:
+//! with gs3, it is as `gs3 render` does it by default; theirs for frames between is left out, since warping is nearly
+//! as good and faster:
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -36,8 +36,7 @@
 //! ```
 //!
 //! Kernels are closures that must end up in functions compiled for wide vectors: a program that embeds gs3 does well
-//! to set
-//! `lto = "thin"` in its release profile (`docs/performance.md` has what it loses without).
+//! to set `lto = "thin"` in its release profile (`docs/performance.md` has what it loses without).
 //!
 //! The parts are usable alone: [`raster`] makes G-buffers, [`reconstruct`] turns those of any renderer into
 //! high-resolution frames, [`scene`] holds scenes, cameras and their files.

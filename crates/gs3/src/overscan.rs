@@ -21,8 +21,8 @@ const NO_MOTION: f64 = 0.01;
 const SKY: f64 = 1e9;
 
 /// LR pixels beyond the edges that the next frames show if the camera goes on as it moved from `previous`, whose
-/// depths are
-/// `depths`, to `camera`, `scale` times larger than LR frames: at most [`MAX_MARGIN`] on a side, none where it rests.
+/// depths are `depths`, to `camera`, `scale` times larger than LR frames: at most [`MAX_MARGIN`] on a side, none
+/// where it rests.
 #[must_use]
 pub fn margin_ahead(previous: &Camera, camera: &Camera, depths: &DepthLattice, scale: u32) -> Margin {
     let size = DVec2::new(f64::from(camera.width()), f64::from(camera.height()));

@@ -69,8 +69,7 @@ impl Segment {
 }
 
 /// What a convolution is made from: that of `inputs`, concatenated, in strips of `width` pixels, with `weights`
-/// `oihw` and
-/// `bias`, empty where there is none.
+/// `oihw` and `bias`, empty where there is none.
 #[derive(Clone, Copy, Debug)]
 pub struct Source<'a> {
     pub conv: Conv2d,

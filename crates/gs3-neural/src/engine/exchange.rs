@@ -209,8 +209,7 @@ impl Exchange {
     }
 
     /// Writes `count` pixels of row `y` of a tensor, or of several side by side, all but the last of whole blocks,
-    /// from where
-    /// `sources` begin, to the rows of the image that they make.
+    /// from where `sources` begin, to the rows of the image that they make.
     pub fn export_row(
         &self,
         level: Level,

@@ -11,8 +11,7 @@ use crate::graph::{Border, Filter, Op};
 use crate::reference::pooled;
 
 /// Writes row `y`, with halo, of `op` of `inputs` to `out`, a row of `layout`: a strip of it where that is one. Where
-/// the first of
-/// `inputs` is `layout` itself, `out` holds it and becomes the result in its place ([`updates`]).
+/// the first of `inputs` is `layout` itself, `out` holds it and becomes the result in its place ([`updates`]).
 pub fn run_row(
     level: Level,
     op: &Op,

@@ -94,8 +94,7 @@ impl MatrixConvolution {
     }
 
     /// Matrices of weights, `[chunk][input matrix][tap][column][input channel][output channel]`, then all biases.
-    /// `weight` is
-    /// `[outputs, inputs, kernel, kernel]`.
+    /// `weight` is `[outputs, inputs, kernel, kernel]`.
     pub fn weights(&self, weight: &[f32], bias: &[f32]) -> Vec<f32> {
         let (side, taps) = (self.unit.side as usize, self.conv.kernel * self.conv.kernel);
         let channels: usize = self.inputs.iter().map(|shape| shape.channels).sum();
@@ -211,7 +210,7 @@ const TRIAL_PARTS: [(&str, usize); source::PARTS.len()] =
 const TRIAL_CONVOLUTIONS: [(&str, Conv2d, &[usize]); 3] = [
     ("wide", Conv2d::new(3, 92), &[0, 1]),
     ("pixelwise", Conv2d::new(1, 28), &[0, 1, 2, 3, 4, 5]),
-    ("sparse", Conv2d { dilation: 2, ..Conv2d::new(3, 12) }, &[5]),
+    ("narrow", Conv2d::new(3, 12), &[5]),
 ];
 
 /// How often: what depends on the order of workgroups need not show at once.

@@ -70,8 +70,7 @@ impl Cover {
     }
 
     /// Makes the lists of a run, the splats that `visited` names in order, for the blocks in the bit mask `open` of a
-    /// tile at
-    /// `(x0, y0)`.
+    /// tile at `(x0, y0)`.
     ///
     /// Over a row of blocks a support's right edge is highest at `dy_at_max_dx` or at the sample row nearest to it, the
     /// left edge by symmetry at its negative (Speedy-Splat's AccuTile, Hanson et al. 2025; see [`Splat::x_span`]).

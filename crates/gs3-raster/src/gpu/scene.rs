@@ -233,8 +233,7 @@ fn ratio_bits(scale: f32, largest: f32) -> u32 {
 }
 
 /// The rotation `q` with its axes in turn: axis `first` becomes the first one. It turns by a third about (1, 1, 1)
-/// before
-/// `q` as often as needed.
+/// before `q` as often as needed.
 fn turned(q: [f32; 4], first: usize) -> [f32; 4] {
     (0..first).fold(q, |[w, x, y, z], _| {
         [w - x - y - z, w + x + y - z, w - x + y + z, w + x - y + z].map(|v| 0.5 * v)

@@ -11,8 +11,7 @@ use super::plan::IMAGE_PIXEL_BYTES;
 const DECODED: usize = 1 << 14;
 
 /// An HR image in device memory: four halves a pixel, row by row, `[height, width, 4]`: RGB and the uncertainty. A
-/// value in
-/// `[0, 1]` is off by at most 2⁻¹², a sixteenth of a step of 8-bit displays.
+/// value in `[0, 1]` is off by at most 2⁻¹², a sixteenth of a step of 8-bit displays.
 #[derive(Clone, Debug)]
 pub struct GpuImage {
     size: [u32; 2],
@@ -70,8 +69,7 @@ impl GpuImage {
 }
 
 /// The planes of an LR G-buffer that reconstruction reads, in device memory, of any renderer: four f32 a pixel, row
-/// by row,
-/// `[height, width, 4]`.
+/// by row, `[height, width, 4]`.
 #[derive(Clone, Copy, Debug)]
 pub struct GpuPlanes<'a> {
     /// Colour, display-encoded RGB, and anything.

@@ -133,8 +133,7 @@ impl GpuInterpolator {
     }
 
     /// Will warp `before` alone to what is seen between it and `after`, into `out`, and write how well it is seen
-    /// there to
-    /// `visibility`, an f32 a pixel, `[0, 1]` ([`crate::Warped::visibility`]).
+    /// there to `visibility`, an f32 a pixel, `[0, 1]` ([`crate::Warped::visibility`]).
     ///
     /// # Errors
     /// [`GpuReconstructError`] if an image has another size, or the device refuses.

@@ -193,8 +193,7 @@ impl GpuSuperSampler {
     }
 
     /// What the samples of the last frame recorded say that the frames before did not
-    /// ([`crate::SuperSampler::innovation`]),
-    /// `[LR height, LR width, 4]` of f32, if it is wanted.
+    /// ([`crate::SuperSampler::innovation`]), `[LR height, LR width, 4]` of f32, if it is wanted.
     #[must_use]
     pub const fn innovation(&self) -> Option<&Buffer> {
         self.innovation.as_ref()
