@@ -142,3 +142,34 @@ fn an_image_that_would_unpack_to_gigabytes_is_refused_before_it_does() {
     let result = load_folder("meta.json", &files, &LoadOptions::default());
     assert_error(result, &["means_l.webp", "image", "at most 268435456 bytes", "1073610756"]);
 }
+
+/// ZIP has a checksum for each entry, which shows only at the entry's end.
+#[test]
+fn a_damaged_bundle_is_no_scene() {
+    let whole = sog_bundle();
+    let scene = load_bytes("b.sog", &whole).unwrap();
+    for place in 0..whole.len() {
+        let mut damaged = whole.clone();
+        damaged[place] ^= 1;
+        // Times, versions and the like mean nothing here.
+        if let Ok(other) = load_bytes("b.sog", &damaged) {
+            assert_eq!(other, scene, "byte {place}");
+        }
+    }
+}
+
+#[test]
+fn a_cut_image_is_no_image() {
+    let scene = load_folder("meta.json", &sog(), &LoadOptions::default()).unwrap();
+    for (name, image) in sog().into_iter().filter(|(name, _)| name.ends_with(".webp")) {
+        for length in 0..image.len() {
+            let mut files = sog();
+            files.insert(name.clone(), image[..length].to_vec());
+            // The last byte may be there only to make their number even.
+            match load_folder("meta.json", &files, &LoadOptions::default()) {
+                Ok(cut) => assert!(cut == scene && length + 1 == image.len(), "{length} bytes of {name}"),
+                Err(error) => assert!(error.to_string().starts_with(&name), "{error}"),
+            }
+        }
+    }
+}

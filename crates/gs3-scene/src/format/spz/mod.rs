@@ -19,6 +19,9 @@ const HEADER: usize = 16;
 /// Bit of the flags: trained with antialiasing.
 const ANTIALIASED: u8 = 1;
 
+/// Bit of the flags: extensions follow the arrays.
+const EXTENDED: u8 = 2;
+
 /// Colours cover more than 0 to 1, because higher harmonics may bring them back: code = dc · 0.15 + 0.5.
 const COLOR_SCALE: f32 = 0.15;
 
