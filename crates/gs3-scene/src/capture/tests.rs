@@ -56,8 +56,8 @@ fn synthetic_scenes_state_an_angle_alone() {
 #[test]
 fn a_byte_order_mark_and_a_model_without_distortion_make_no_difference() {
     let json = format!(
-        "\u{feff}{{\"camera_model\": \"OPENCV\", \"k1\": 0, \"fl_x\": 500, \"w\": 640, \"h\": 480, \"frames\": \
-         [{{\"transform_matrix\": {OPENGL}}}]}}"
+        "\u{feff}{{\"camera_model\": \"OPENCV\", \"k1\": 0, \"is_fisheye\": false, \"ftheta_p0\": 0.0, \
+         \"fl_x\": 500, \"w\": 640, \"h\": 480, \"frames\": [{{\"transform_matrix\": {OPENGL}}}]}}"
     );
     assert_is_the_camera(&parse_json(json.as_bytes()).unwrap(), 0);
 }
@@ -190,8 +190,16 @@ fn errors_name_the_field() {
         ),
         (
             r#"{"camera_model": "OPENCV_FISHEYE", "frames": [{}]}"#,
-            "camera_model: expected PINHOLE or SIMPLE_PINHOLE, found OPENCV_FISHEYE",
+            "camera_model: expected PINHOLE or SIMPLE_PINHOLE, found \"OPENCV_FISHEYE\"; run undistortion",
         ),
+        (
+            r#"{"is_fisheye": true, "frames": [{}]}"#,
+            "is_fisheye: expected PINHOLE or SIMPLE_PINHOLE, found another lens (true); run undistortion",
+        ),
+        (r#"{"frames": [{"is_fisheye": "yes"}]}"#, "frames[0].is_fisheye: expected PINHOLE"),
+        (r#"{"latlong": {}, "frames": [{}]}"#, "latlong: expected PINHOLE"),
+        (r#"{"frames": [{"ftheta_p0": 0, "ftheta_p1": 0.1}]}"#, "frames[0].ftheta_p1: expected PINHOLE"),
+        (r#"{"k6": 0.1, "frames": [{}]}"#, "k6: expected PINHOLE"),
         (r#"[{"width": 4}]"#, "[0].height: expected the image size in pixels, found nothing"),
         (
             r#"{"camera_path": 3, "render_height": 3, "render_width": 4}"#,
