@@ -11,7 +11,7 @@ use std::path::Path;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use super::order::in_order;
-use super::{CaptureError, CaptureFault, Photo, path_through, read};
+use super::{CaptureError, CaptureFault, MAX_COLMAP_BYTES, Photo, path_through, read};
 use crate::camera::{Camera, Intrinsics};
 use crate::camera_path::CameraPath;
 
@@ -57,7 +57,7 @@ pub(super) fn load(folder: &Path) -> Result<CameraPath, CaptureError> {
     let kind = if is_binary { "bin" } else { "txt" };
     let (cameras_file, images_file) =
         (folder.join(format!("cameras.{kind}")), folder.join(format!("images.{kind}")));
-    let (cameras, images) = (read(&cameras_file)?, read(&images_file)?);
+    let (cameras, images) = (read(&cameras_file, MAX_COLMAP_BYTES)?, read(&images_file, MAX_COLMAP_BYTES)?);
     let cameras = if is_binary { binary::cameras(&cameras) } else { text::cameras(&cameras) }
         .map_err(|fault| fault.at(&cameras_file))?;
     let images = if is_binary { binary::images(&images) } else { text::images(&images) }

@@ -226,6 +226,46 @@ fn a_missing_file_is_named() {
 }
 
 #[test]
+fn files_beyond_the_limit_are_refused_before_they_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("huge.json");
+    // A file of holes: no bytes on disk, and none in memory.
+    File::create(&path).unwrap().set_len(MAX_JSON_BYTES + 1).unwrap();
+    let message = load(&path).unwrap_err().to_string();
+    assert!(
+        message.contains("size: expected at most 268435456 bytes of cameras, found 268435457"),
+        "{message}"
+    );
+    std::fs::write(&path, [0; 8]).unwrap();
+    assert_eq!(read(&path, 8).unwrap(), [0; 8]);
+    assert!(read(&path, 7).is_err());
+}
+
+#[test]
+#[cfg(unix)]
+fn pipes_are_read_to_their_end_or_the_limit_and_devices_are_not() {
+    let message = load(Path::new("/dev/zero")).unwrap_err().to_string();
+    assert_eq!(message, "/dev/zero: path: expected a regular file or a pipe, found something else");
+
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = folder.path().join("pipe");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let write = |bytes: Vec<u8>| {
+        let pipe = pipe.clone();
+        std::thread::spawn(move || std::fs::write(pipe, bytes))
+    };
+    let json = format!(r#"{{"camera_angle_x": 1, "frames": [{{"transform_matrix": {OPENGL}}}]}}"#);
+    let writer = write(json.into_bytes());
+    assert_eq!(load(&pipe).unwrap().cameras().len(), 1);
+    writer.join().unwrap().unwrap();
+    // Whoever writes more than the limit finds the pipe closed.
+    let writer = write(vec![0; 1 << 20]);
+    let message = read(&pipe, 1000).unwrap_err().to_string();
+    assert!(message.contains("size: expected at most 1000 bytes of cameras, found more"), "{message}");
+    assert_eq!(writer.join().unwrap().unwrap_err().kind(), std::io::ErrorKind::BrokenPipe);
+}
+
+#[test]
 fn shared_paths() {
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/paths"));
     let Ok(entries) = std::fs::read_dir(folder) else {
