@@ -26,6 +26,11 @@ pub struct Gaussians {
 /// Largest spherical-harmonics degree that 3D Gaussian Splatting scenes use.
 pub const MAX_SH_DEGREE: u8 = 3;
 
+/// The largest spherical-harmonics coefficient by magnitude that a scene may have: the largest number of 16 bits, in which GPUs
+/// keep them. Trained ones are below 10. The sixteen functions add up to at most √(16 · 16 / 4π) < 5 in any direction, so that no
+/// colour is infinite, and no infinite one is NaN where nothing of it is left.
+pub const MAX_SH: f32 = 65_504.0;
+
 /// The constant spherical harmonic, 1 / (2 √π): a colour c that looks alike from everywhere has the constant term (c − ½) / `SH_C0`.
 pub const SH_C0: f32 = 0.28209479177387814;
 

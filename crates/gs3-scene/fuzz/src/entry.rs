@@ -6,6 +6,7 @@ use std::io::Write;
 
 use gs3_scene::Scene;
 use gs3_scene::format::{LoadError, LoadOptions, Source, load_source};
+use gs3_scene::gaussians::MAX_SH;
 
 /// What a fuzz target calls with each input.
 pub type Entry = fn(&[u8]);
@@ -73,7 +74,8 @@ fn check(result: Result<Scene, LoadError>) {
             let gaussians = scene.gaussians();
             assert!(!gaussians.is_empty());
             let planes = gaussians.means.iter().chain(&gaussians.scales).chain(&gaussians.rotations);
-            assert!(planes.chain([&gaussians.sh]).flatten().all(|value| value.is_finite()));
+            assert!(planes.flatten().all(|value| value.is_finite()));
+            assert!(gaussians.sh.iter().all(|value| value.abs() <= MAX_SH));
             assert!(gaussians.opacities.iter().all(|opacity| (0.0..=1.0).contains(opacity)));
         }
     }
