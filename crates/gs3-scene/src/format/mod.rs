@@ -30,6 +30,7 @@ pub use atomic::{check_writable, discard_temporaries, write_atomically};
 pub use error::{LoadError, SaveError};
 pub use progress::Progress;
 pub use source::{Files, Source};
+pub use spz::Clamped;
 
 use crate::gaussians::Gaussians;
 use crate::scene::{OpacityMode, Scene};
@@ -141,6 +142,15 @@ pub fn save(scene: &Scene, path: &Path) -> Result<(), SaveError> {
 pub fn position_step(scene: &Scene, path: &Path) -> Option<f32> {
     let is_fixed = format_of(path).is_ok_and(|format| format == "spz");
     is_fixed.then(|| spz::fractional_bits(scene).ok().map(spz::step)).flatten()
+}
+
+/// How many Gaussians [`save`] changes beyond rounding where it writes `scene` at `path`: those of SPZ, whose scales and
+/// spherical harmonics are bytes over a fixed range. `None` of other formats, whose ranges are those of the scene, and where
+/// nothing is changed.
+#[must_use]
+pub fn clamped(scene: &Scene, path: &Path) -> Option<Clamped> {
+    let is_fixed = format_of(path).is_ok_and(|format| format == "spz");
+    is_fixed.then(|| spz::clamped(scene)).filter(|clamped| *clamped != Clamped::default())
 }
 
 /// The format that [`save`] writes at `path`, by its extension: `ply`, `spz` or `sog`. Compressed PLY is only read, so its

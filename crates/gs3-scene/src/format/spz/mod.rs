@@ -8,7 +8,8 @@ mod read;
 mod write;
 
 pub(super) use read::read;
-pub(super) use write::{fractional_bits, step, write};
+pub use write::Clamped;
+pub(super) use write::{clamped, fractional_bits, step, write};
 
 /// "NGSP" as a little-endian number.
 const MAGIC: u32 = 0x5053_474e;
