@@ -113,12 +113,14 @@ impl Camera {
         if !is_rigid {
             return Err(CameraError::Pose { actual: rotation });
         }
-        if !view_from_world.translation.is_finite() {
-            return Err(CameraError::Position { actual: view_from_world.translation });
-        }
         // The nearest rotation keeps projection and unprojection exact inverses of each other.
         let matrix3 = DMat3::from_quat(glam::DQuat::from_mat3(&rotation).normalize());
-        Ok(Self { view_from_world: DAffine3 { matrix3, ..view_from_world }, intrinsics })
+        let camera = Self { view_from_world: DAffine3 { matrix3, ..view_from_world }, intrinsics };
+        // A sum of finite numbers may be infinite.
+        if !(view_from_world.translation.is_finite() && camera.position().is_finite()) {
+            return Err(CameraError::Position { actual: view_from_world.translation });
+        }
+        Ok(camera)
     }
 
     /// As [`Self::new`] for a view matrix in the axes of OpenGL, WebGPU's samples and most engines: x right, y up, z backward.

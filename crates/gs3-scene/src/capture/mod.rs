@@ -18,6 +18,7 @@ use std::path::Path;
 
 use glam::{DAffine3, DMat3, DVec3};
 
+pub use colmap::ColmapEncoding;
 pub use error::{CaptureError, CaptureFault};
 
 use crate::camera::{Camera, Intrinsics};
@@ -98,6 +99,18 @@ pub fn parse_json(bytes: &[u8]) -> Result<CameraPath, CaptureFault> {
     } else {
         Err(CaptureFault::Unrecognized { actual: root.describe() })
     }
+}
+
+/// Reads the two files of a COLMAP model from memory; [`load`] for files already read.
+///
+/// # Errors
+/// [`CaptureFault`], naming field, expected and actual.
+pub fn parse_colmap(
+    encoding: ColmapEncoding,
+    cameras: &[u8],
+    images: &[u8],
+) -> Result<CameraPath, CaptureFault> {
+    colmap::parse(encoding, cameras, images)
 }
 
 /// All of a file that ends within `most` bytes.

@@ -220,6 +220,14 @@ fn errors_name_the_field() {
 }
 
 #[test]
+fn a_camera_beyond_all_numbers_is_an_error() {
+    // Turned by 45°, both coordinates add up to more than the largest number.
+    let images = b"1 0.92388 0 0 0.38268 1.7e308 1.7e308 0 1 a.jpg\n\n";
+    let fault = parse_colmap(ColmapEncoding::Text, b"1 SIMPLE_PINHOLE 4 4 1 2 2", images).unwrap_err();
+    assert!(fault.to_string().starts_with("line 1: camera position: expected finite values"), "{fault}");
+}
+
+#[test]
 fn a_missing_file_is_named() {
     let message = load(Path::new("no/such/path.json")).unwrap_err().to_string();
     assert!(message.starts_with("no/such/path.json: cannot read"), "{message}");

@@ -27,6 +27,7 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 pub use atomic::{check_writable, discard_temporaries, write_atomically};
+pub(crate) use error::quoted;
 pub use error::{LoadError, SaveError};
 pub use progress::Progress;
 pub use sog::Streamed;
