@@ -8,8 +8,8 @@ use crate::camera::{Camera, Intrinsics};
 /// where neighbouring segments differ thirtyfold.
 const SAMPLES_PER_SEGMENT: usize = 32;
 
-/// What a path travels, of its distance from the origin, or turns, in radians, at most while it rests: rounding of a million
-/// poses stays far below.
+/// What a path travels, of its distance from the origin, or turns, in radians, at most while it rests: rounding of a
+/// million poses stays far below.
 const ROUNDING: f64 = 1e-9;
 
 /// Cameras in order, one per frame, and the frame rate.
@@ -43,9 +43,9 @@ pub enum CameraPathError {
 pub enum Pace {
     /// Equal time between any two keyframes, however far apart they are.
     Keyframes,
-    /// Equal distance between frames. Where the camera turns more than it travels, frames are as many as if its turn were
-    /// travelled at the path's radius: its length over its turning and one radian. Where it only turns, all angles are equal.
-    /// A path that rests keeps the pace of its keyframes.
+    /// Equal distance between frames. Where the camera turns more than it travels, frames are as many as if its turn
+    /// were travelled at the path's radius: its length over its turning and one radian. Where it only turns, all angles
+    /// are equal. A path that rests keeps the pace of its keyframes.
     Speed,
 }
 
@@ -173,10 +173,10 @@ impl CameraPath {
 
     /// The table from length to time; none where the camera rests.
     ///
-    /// A step is as long as the camera travels in it, or turns at the path's radius if that is more. Around an object the
-    /// path's length over its turning is the distance to the object, at which a turn moves the picture as far as a step of the
-    /// same length does: there, equal distances stay equal. The radian that is added to the turning keeps a path that hardly
-    /// turns from spending its time on that: no radius is longer than the path.
+    /// A step is as long as the camera travels in it, or turns at the path's radius if that is more. Around an object
+    /// the path's length over its turning is the distance to the object, at which a turn moves the picture as far as a
+    /// step of the same length does: there, equal distances stay equal. The radian that is added to the turning keeps a
+    /// path that hardly turns from spending its time on that: no radius is longer than the path.
     fn times_by_length(&self) -> Option<LengthTable> {
         let samples = self.segments() * SAMPLES_PER_SEGMENT;
         let pose = |i: usize| self.at(i as f64 / SAMPLES_PER_SEGMENT as f64).world_from_view();

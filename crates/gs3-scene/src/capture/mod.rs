@@ -28,12 +28,12 @@ use fields::Field;
 /// Frames per second given to photo collections, which name none.
 pub const DEFAULT_FRAMES_PER_SECOND: f64 = 30.0;
 
-/// Bytes of a JSON file of cameras at most: room for a quarter of a million cameras at a kilobyte each. As numbers in memory a
-/// file takes up to sixteen times its size.
+/// Bytes of a JSON file of cameras at most: room for a quarter of a million cameras at a kilobyte each. As numbers in
+/// memory a file takes up to sixteen times its size.
 pub const MAX_JSON_BYTES: u64 = 256 << 20;
 
-/// Bytes of each file of a COLMAP model at most: room for the 24 bytes of each of ten thousand observed points in fifteen
-/// thousand photos.
+/// Bytes of each file of a COLMAP model at most: room for the 24 bytes of each of ten thousand observed points in
+/// fifteen thousand photos.
 pub const MAX_COLMAP_BYTES: u64 = 4 << 30;
 
 /// Reads the cameras at `path`: a JSON file of any known kind, a COLMAP `images.bin` or `images.txt`, or a folder that

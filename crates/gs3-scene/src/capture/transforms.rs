@@ -8,12 +8,12 @@ use crate::camera_path::CameraPath;
 /// Image side of the NeRF synthetic scenes, the only ones whose `transforms.json` states no size.
 const NERF_SYNTHETIC_SIDE: u32 = 800;
 
-/// Lens distortion coefficients that the format may carry, those of OpenCV's models; a pinhole camera has none of them, or
-/// zeros.
+/// Lens distortion coefficients that the format may carry, those of OpenCV's models; a pinhole camera has none of them,
+/// or zeros.
 const DISTORTION: [&str; 12] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "s1", "s2", "s3", "s4"];
 
-/// What states another lens than a pinhole unless it is false or 0: flags of instant-ngp and of exporters to it, and the
-/// polynomial of its f-theta lens.
+/// What states another lens than a pinhole unless it is false or 0: flags of instant-ngp and of exporters to it, and
+/// the polynomial of its f-theta lens.
 const OTHER_LENSES: [&str; 10] = [
     "is_fisheye",
     "latlong",

@@ -43,7 +43,8 @@ const BLOCK: usize = 4096;
 /// What to load of a scene that holds several representations of itself; [`streamed`] tells what there is.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LoadOptions {
-    /// Level of detail of a streamed SOG scene, 0 the finest. Parts of the scene that have nothing at this level are left out.
+    /// Level of detail of a streamed SOG scene, 0 the finest. Parts of the scene that have nothing at this level are
+    /// left out.
     /// `None` takes the finest that each part has. A level that a scene does not have is an error; scenes of other formats
     /// have level 0 alone.
     pub level_of_detail: Option<u32>,
@@ -80,8 +81,8 @@ fn index_of(path: &Path) -> Result<PathBuf, LoadError> {
     index.ok_or_else(|| LoadError::NoScene { folder: path.to_owned() })
 }
 
-/// What the streamed SOG scene at `path`, given as to [`load`], has to choose from by [`LoadOptions`]; `None` of other scenes,
-/// which have one level and no environment of their own. Reads the index alone.
+/// What the streamed SOG scene at `path`, given as to [`load`], has to choose from by [`LoadOptions`]; `None` of other
+/// scenes, which have one level and no environment of their own. Reads the index alone.
 ///
 /// # Errors
 /// [`LoadError`] if that cannot be read or is of no format.
@@ -187,26 +188,26 @@ pub fn save(scene: &Scene, path: &Path) -> Result<(), SaveError> {
     }
 }
 
-/// The step that all positions are rounded to by what [`save`] writes of `scene` at `path`, world units: that of SPZ, whose
-/// coordinates are 24-bit numbers of one step, fine enough for the farthest Gaussian. `None` of other formats, whose precision
-/// is relative, and of scenes that do not fit.
+/// The step that all positions are rounded to by what [`save`] writes of `scene` at `path`, world units: that of SPZ,
+/// whose coordinates are 24-bit numbers of one step, fine enough for the farthest Gaussian. `None` of other formats,
+/// whose precision is relative, and of scenes that do not fit.
 #[must_use]
 pub fn position_step(scene: &Scene, path: &Path) -> Option<f32> {
     let is_fixed = format_of(path).is_ok_and(|format| format == "spz");
     is_fixed.then(|| spz::fractional_bits(scene).ok().map(spz::step)).flatten()
 }
 
-/// How many Gaussians [`save`] changes beyond rounding where it writes `scene` at `path`: those of SPZ, whose scales and
-/// spherical harmonics are bytes over a fixed range. `None` of other formats, whose ranges are those of the scene, and where
-/// nothing is changed.
+/// How many Gaussians [`save`] changes beyond rounding where it writes `scene` at `path`: those of SPZ, whose scales
+/// and spherical harmonics are bytes over a fixed range. `None` of other formats, whose ranges are those of the scene,
+/// and where nothing is changed.
 #[must_use]
 pub fn clamped(scene: &Scene, path: &Path) -> Option<Clamped> {
     let is_fixed = format_of(path).is_ok_and(|format| format == "spz");
     is_fixed.then(|| spz::clamped(scene)).filter(|clamped| *clamped != Clamped::default())
 }
 
-/// The format that [`save`] writes at `path`, by its extension: `ply`, `spz` or `sog`. Compressed PLY is only read, so its
-/// usual extension `.compressed.ply` is none of them.
+/// The format that [`save`] writes at `path`, by its extension: `ply`, `spz` or `sog`. Compressed PLY is only read, so
+/// its usual extension `.compressed.ply` is none of them.
 ///
 /// # Errors
 /// [`SaveError::UnknownFormat`] if the extension is another.

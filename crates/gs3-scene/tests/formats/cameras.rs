@@ -1,4 +1,5 @@
-//! Files of cameras, spelled out here: the seeds of their fuzz targets. Each holds the same two cameras, at (1, 2, 3) and (1, 2, 4).
+//! Files of cameras, spelled out here: the seeds of their fuzz targets. Each holds the same two cameras, at (1, 2, 3)
+//! and (1, 2, 4).
 
 use std::collections::BTreeMap;
 

@@ -93,8 +93,8 @@ const SPZ: Tolerance =
 
 /// 16 bits for the logarithm of ±10: 2 · ln 11 / 65,535 / 2 relative to 1 + |x|. 8 bits of √2 per component,
 /// three of them and the fourth made of them: 2 · 0.0096. Codebooks of 256 for up to 1,200 values: those that
-/// share a code lie within three of the mean gaps (8 / 256 for log scales, 1.8 / 256 for colours; 2.2 were seen, once in
-/// some hundred scenes). Palette rows of their own.
+/// share a code lie within three of the mean gaps (8 / 256 for log scales, 1.8 / 256 for colours; 2.2 were seen, once
+/// in some hundred scenes). Palette rows of their own.
 const SOG: Tolerance =
     Tolerance { mean: 1e-4, scale: 0.094, radians: 0.02, opacity: 0.00197, sh0: 0.021, sh: 0.021 };
 

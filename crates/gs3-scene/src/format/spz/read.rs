@@ -94,8 +94,9 @@ fn unreadable(source: &Source<'_>, field: &str, expected: String, error: std::io
 /// Reads what follows the `total` bytes of the arrays, to the end: only there does gzip compare its checksum, and only
 /// there does it show that the header states another count, degree or version than the file has.
 ///
-/// Nothing follows, except where the header has the flag for it: then extensions of vendors do, each a type, a length and as
-/// many bytes. They are for viewers, such as limits of an orbit, and are skipped as in Niantic's reader, all but one.
+/// Nothing follows, except where the header has the flag for it: then extensions of vendors do, each a type, a length
+/// and as many bytes. They are for viewers, such as limits of an orbit, and are skipped as in Niantic's reader, all but
+/// one.
 fn check_rest(
     source: &Source<'_>,
     gzip: &mut impl Read,

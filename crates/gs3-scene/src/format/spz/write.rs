@@ -42,8 +42,8 @@ pub(in super::super) fn step(fractional_bits: u8) -> f32 {
 /// How many Gaussians a file changes beyond rounding, because their values lie outside of what it can hold.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Clamped {
-    /// A scale is larger than the largest, or all three are smaller than the smallest: the Gaussian is shrunk or grown. One that
-    /// is merely flatter stays as good as flat.
+    /// A scale is larger than the largest, or all three are smaller than the smallest: the Gaussian is shrunk or grown.
+    /// One that is merely flatter stays as good as flat.
     pub scales: usize,
     /// A spherical-harmonics coefficient is out of range: the colour is another, from all or some sides.
     pub sh: usize,
@@ -136,7 +136,8 @@ pub(in super::super) fn write(scene: &Scene, fractional_bits: u8, writer: &mut i
     Ok(())
 }
 
-/// Constant terms, scales and higher coefficients (number `k` of their row) as numbers of which a file holds 0 to 255, rounded.
+/// Constant terms, scales and higher coefficients (number `k` of their row) as numbers of which a file holds 0 to 255,
+/// rounded.
 fn color_code(dc: f32) -> f32 {
     (dc * COLOR_SCALE + 0.5) * 255.0
 }
