@@ -28,9 +28,9 @@ use fields::Field;
 /// Frames per second given to photo collections, which name none.
 pub const DEFAULT_FRAMES_PER_SECOND: f64 = 30.0;
 
-/// Bytes of a JSON file of cameras at most: room for a quarter of a million cameras at a kilobyte each. As numbers in
-/// memory a file takes up to sixteen times its size.
-pub const MAX_JSON_BYTES: u64 = 256 << 20;
+/// Bytes of a JSON file of cameras at most: room for a hundred thousand cameras of 600 bytes, which few exceed. In
+/// memory JSON takes up to eighty times its size, if all of it is objects of one short field: then these are 5 GB.
+pub const MAX_JSON_BYTES: u64 = 64 << 20;
 
 /// Bytes of each file of a COLMAP model at most: room for the 24 bytes of each of ten thousand observed points in
 /// fifteen thousand photos.

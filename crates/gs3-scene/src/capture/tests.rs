@@ -241,7 +241,7 @@ fn files_beyond_the_limit_are_refused_before_they_are_read() {
     File::create(&path).unwrap().set_len(MAX_JSON_BYTES + 1).unwrap();
     let message = load(&path).unwrap_err().to_string();
     assert!(
-        message.contains("size: expected at most 268435456 bytes of cameras, found 268435457"),
+        message.contains("size: expected at most 67108864 bytes of cameras, found 67108865"),
         "{message}"
     );
     std::fs::write(&path, [0; 8]).unwrap();

@@ -14,7 +14,7 @@ const DISTORTION: [&str; 12] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", 
 
 /// What states another lens than a pinhole unless it is false or 0: flags of instant-ngp and of exporters to it, and
 /// the polynomial of its f-theta lens.
-const OTHER_LENSES: [&str; 10] = [
+const OTHER_LENSES: [&str; 11] = [
     "is_fisheye",
     "latlong",
     "equirectangular",
@@ -25,6 +25,7 @@ const OTHER_LENSES: [&str; 10] = [
     "ftheta_p1",
     "ftheta_p2",
     "ftheta_p3",
+    "ftheta_p4",
 ];
 
 /// Camera models without distortion, or with one by [`DISTORTION`], all of which is zero where it gets as far.

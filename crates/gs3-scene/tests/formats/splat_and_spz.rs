@@ -4,7 +4,7 @@ use std::io::Write;
 
 use gs3_scene::OpacityMode;
 
-use crate::handmade::{splat, spz, spz_payload};
+use crate::handmade::{splat, spz, spz_extended, spz_payload};
 use crate::{assert_close, assert_error, load_bytes};
 
 #[test]
@@ -140,6 +140,7 @@ fn spz_extensions_are_skipped_if_they_are_whole() {
     for extensions in [&[][..], &orbit, &[&orbit[..], &record(7, &[])].concat(), &axes(0), &axes(4)] {
         assert_eq!(with(extensions).unwrap(), scene, "{extensions:?}");
     }
+    assert_eq!(load_bytes("e.spz", &gzip(&spz_extended())).unwrap(), scene);
     for length in 1..orbit.len() {
         assert_error(with(&orbit[..length]), &["e.spz", "extensions", &length.to_string()]);
     }
