@@ -44,9 +44,8 @@ const BLOCK: usize = 4096;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LoadOptions {
     /// Level of detail of a streamed SOG scene, 0 the finest. Parts of the scene that have nothing at this level are
-    /// left out.
-    /// `None` takes the finest that each part has. A level that a scene does not have is an error; scenes of other formats
-    /// have level 0 alone.
+    /// left out. `None` takes the finest that each part has. A level that a scene does not have is an error; scenes of
+    /// other formats have level 0 alone.
     pub level_of_detail: Option<u32>,
     /// Whether the environment (sky, far background) of a streamed SOG scene is appended, where it has one.
     pub environment: bool,
