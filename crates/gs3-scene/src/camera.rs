@@ -8,7 +8,8 @@ use glam::{DAffine3, DMat3, DVec2, DVec3};
 /// Largest image side: 7680×4320 with room for portrait and square formats.
 pub const MAX_SIDE: u32 = 8192;
 
-/// Gaussians nearer than this view-space z, world units, are culled (Kerbl et al. 2023): rasterizers show nothing of them.
+/// Gaussians nearer than this view-space z, world units, are culled (Kerbl et al. 2023): rasterizers show nothing of
+/// them.
 pub const NEAR: f32 = 0.2;
 
 /// Size, focal lengths and principal point of a pinhole camera, in pixels.
@@ -85,8 +86,9 @@ pub struct Camera {
 impl Camera {
     /// Checks the pose and the intrinsics. A rotation that is orthonormal within 1e-3 is re-orthonormalised.
     ///
-    /// Axes are COLMAP's: x right, y down, z forward. A view matrix of OpenGL (y up, z backward) passes the checks too, but looks the
-    /// other way: [`Self::from_opengl`] takes those. [`crate::orbit::look_at`] makes a camera from where it is and looks.
+    /// Axes are COLMAP's: x right, y down, z forward. A view matrix of OpenGL (y up, z backward) passes the checks too,
+    /// but looks the other way: [`Self::from_opengl`] takes those. [`crate::orbit::look_at`] makes a camera from where
+    /// it is and looks.
     ///
     /// # Errors
     /// [`CameraError`] if the size, an intrinsic or the pose is not usable.
@@ -113,15 +115,18 @@ impl Camera {
         if !is_rigid {
             return Err(CameraError::Pose { actual: rotation });
         }
-        if !view_from_world.translation.is_finite() {
-            return Err(CameraError::Position { actual: view_from_world.translation });
-        }
         // The nearest rotation keeps projection and unprojection exact inverses of each other.
         let matrix3 = DMat3::from_quat(glam::DQuat::from_mat3(&rotation).normalize());
-        Ok(Self { view_from_world: DAffine3 { matrix3, ..view_from_world }, intrinsics })
+        let camera = Self { view_from_world: DAffine3 { matrix3, ..view_from_world }, intrinsics };
+        // A sum of finite numbers may be infinite.
+        if !(view_from_world.translation.is_finite() && camera.position().is_finite()) {
+            return Err(CameraError::Position { actual: view_from_world.translation });
+        }
+        Ok(camera)
     }
 
-    /// As [`Self::new`] for a view matrix in the axes of OpenGL, WebGPU's samples and most engines: x right, y up, z backward.
+    /// As [`Self::new`] for a view matrix in the axes of OpenGL, WebGPU's samples and most engines: x right, y up, z
+    /// backward.
     ///
     /// # Errors
     /// [`CameraError`] if the size, an intrinsic or the pose is not usable.

@@ -8,6 +8,10 @@ use crate::camera::{Camera, Intrinsics};
 /// where neighbouring segments differ thirtyfold.
 const SAMPLES_PER_SEGMENT: usize = 32;
 
+/// What a path travels, of its distance from the origin, or turns, in radians, at most while it rests: rounding of a
+/// million poses stays far below.
+const ROUNDING: f64 = 1e-9;
+
 /// Cameras in order, one per frame, and the frame rate.
 ///
 /// Time is counted in frames: camera `k` is at time `k`. Between cameras lies a centripetal Catmull–Rom spline through
@@ -39,7 +43,9 @@ pub enum CameraPathError {
 pub enum Pace {
     /// Equal time between any two keyframes, however far apart they are.
     Keyframes,
-    /// Equal distance between frames. A path that only turns keeps the pace of its keyframes.
+    /// Equal distance between frames. Where the camera turns more than it travels, frames are as many as if its turn
+    /// were travelled at the path's radius: its length over its turning and one radian. Where it only turns, all angles
+    /// are equal. A path that rests keeps the pace of its keyframes.
     Speed,
 }
 
@@ -165,30 +171,53 @@ impl CameraPath {
         self.cameras[index as usize]
     }
 
-    /// The table from travelled length to time; none where the camera centre never moves.
+    /// The table from length to time; none where the camera rests.
+    ///
+    /// A step is as long as the camera travels in it, or turns at the path's radius if that is more. Around an object
+    /// the path's length over its turning is the distance to the object, at which a turn moves the picture as far as a
+    /// step of the same length does: there, equal distances stay equal. The radian that is added to the turning keeps a
+    /// path that hardly turns from spending its time on that: no radius is longer than the path.
     fn times_by_length(&self) -> Option<LengthTable> {
         let samples = self.segments() * SAMPLES_PER_SEGMENT;
-        let time = |i: usize| i as f64 / SAMPLES_PER_SEGMENT as f64;
-        let mut lengths = vec![0.0];
-        let mut last = self.at(0.0).position();
-        let mut length = 0.0;
-        for i in 1..=samples {
-            let next = self.at(time(i)).position();
-            length += last.distance(next);
-            lengths.push(length);
-            last = next;
+        let pose = |i: usize| self.at(i as f64 / SAMPLES_PER_SEGMENT as f64).world_from_view();
+        let poses: Vec<DAffine3> = (0..=samples).map(pose).collect();
+        let step = |pair: &[DAffine3]| {
+            (
+                pair[0].translation.distance(pair[1].translation),
+                angle_between(pair[0].matrix3, pair[1].matrix3),
+            )
+        };
+        let steps: Vec<(f64, f64)> = poses.windows(2).map(step).collect();
+        let (travelled, turned) = steps.iter().fold((0.0, 0.0), |(d, a), step| (d + step.0, a + step.1));
+        let farthest = poses.iter().map(|pose| pose.translation.length()).fold(0.0, f64::max);
+        let is_moving = travelled > ROUNDING * farthest;
+        if !is_moving && turned <= ROUNDING {
+            return None;
         }
-        (length > 0.0).then_some(LengthTable { lengths })
+        let radius = if is_moving { travelled / (turned + 1.0) } else { 1.0 };
+        let mut lengths = vec![0.0];
+        let mut length = 0.0;
+        for (distance, angle) in steps {
+            length += distance.max(angle * radius);
+            lengths.push(length);
+        }
+        Some(LengthTable { lengths })
     }
 }
 
-/// Travelled length after each sample of the path.
+/// The angle of the rotation from one pose to another, radians, exact for small ones too.
+fn angle_between(a: DMat3, b: DMat3) -> f64 {
+    let turn = DQuat::from_mat3(&(a.transpose() * b));
+    2.0 * turn.xyz().length().atan2(turn.w.abs())
+}
+
+/// Length after each sample of the path.
 struct LengthTable {
     lengths: Vec<f64>,
 }
 
 impl LengthTable {
-    /// The time at which `share` of the whole length is travelled.
+    /// The time at which `share` of the whole length lies behind.
     fn time_at(&self, share: f64) -> f64 {
         let last = self.lengths.len() - 1;
         let length = share * self.lengths[last];

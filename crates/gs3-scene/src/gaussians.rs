@@ -18,15 +18,21 @@ pub struct Gaussians {
     /// Spherical-harmonics degree, 0 to 3.
     pub sh_degree: u8,
     /// Spherical-harmonics coefficients, `[N, (sh_degree + 1)², 3]` (coefficient-major, RGB innermost; the constant
-    /// term first), in the sign convention and order of Kerbl et al. 2023: a channel is ½ + [`SH_C0`] · the constant term + what
-    /// depends on the direction, at least 0.
+    /// term first), in the sign convention and order of Kerbl et al. 2023: a channel is ½ + [`SH_C0`] · the constant
+    /// term + what depends on the direction, at least 0.
     pub sh: Vec<f32>,
 }
 
 /// Largest spherical-harmonics degree that 3D Gaussian Splatting scenes use.
 pub const MAX_SH_DEGREE: u8 = 3;
 
-/// The constant spherical harmonic, 1 / (2 √π): a colour c that looks alike from everywhere has the constant term (c − ½) / `SH_C0`.
+/// The largest spherical-harmonics coefficient by magnitude that a scene may have: the largest number of 16 bits, in
+/// which GPUs keep them. Trained ones are below 10. The sixteen functions add up to at most √(16 · 16 / 4π) < 5 in any
+/// direction, so that no colour overflows.
+pub const MAX_SH: f32 = 65_504.0;
+
+/// The constant spherical harmonic, 1 / (2 √π): a colour c that looks alike from everywhere has the constant term (c −
+/// ½) / `SH_C0`.
 pub const SH_C0: f32 = 0.28209479177387814;
 
 /// Number of spherical-harmonics coefficients per colour channel at `degree`, the constant term included.

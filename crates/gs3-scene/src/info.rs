@@ -87,6 +87,8 @@ pub struct DroppedInfo {
     pub invalid_opacity: usize,
     /// NaN or infinite spherical-harmonics coefficient.
     pub non_finite_sh: usize,
+    /// Spherical-harmonics coefficient beyond ±[`crate::gaussians::MAX_SH`].
+    pub excessive_sh: usize,
 }
 
 impl SceneInfo {
@@ -153,8 +155,14 @@ fn quantile(values: &mut [f32], share: f64) -> f32 {
 
 impl From<Dropped> for DroppedInfo {
     fn from(dropped: Dropped) -> Self {
-        let Dropped { non_finite_mean, invalid_scale, invalid_rotation, invalid_opacity, non_finite_sh } =
-            dropped;
+        let Dropped {
+            non_finite_mean,
+            invalid_scale,
+            invalid_rotation,
+            invalid_opacity,
+            non_finite_sh,
+            excessive_sh,
+        } = dropped;
         Self {
             total: dropped.total(),
             non_finite_mean,
@@ -162,6 +170,7 @@ impl From<Dropped> for DroppedInfo {
             invalid_rotation,
             invalid_opacity,
             non_finite_sh,
+            excessive_sh,
         }
     }
 }
@@ -187,7 +196,7 @@ impl fmt::Display for SceneInfo {
             d.invalid_scale,
             d.invalid_rotation,
             d.invalid_opacity,
-            d.non_finite_sh
+            d.non_finite_sh + d.excessive_sh
         )
     }
 }

@@ -29,13 +29,15 @@ const SURROUNDED: f64 = 0.3;
 /// A scene that is lower than this share of its width is a place (a room, a street, a lawn), too.
 const PLACE_HEIGHT: f64 = 0.4;
 
-/// Strays are farther from the middle than this many times the median distance. (A captured guitar on its stand has 4.4.)
+/// Strays are farther from the middle than this many times the median distance. (A captured guitar on its stand has
+/// 4.4.)
 const STRAY: f64 = 5.0;
 
 /// [`NEAR`], with which lengths are compared in f64.
 const NEAR_PLANE: f64 = NEAR as f64;
 
-/// A place is looked at from within if it has at least this radius; most of a smaller one would be before the near plane.
+/// A place is looked at from within if it has at least this radius; most of a smaller one would be before the near
+/// plane.
 const PLACE_RADIUS: f64 = 4.0 * NEAR_PLANE;
 
 /// z is up where the scene is lowest along z, and lower than this share of its length along y. (Empirical: places on an
@@ -97,8 +99,8 @@ impl Survey {
         Self { bounds: Bounds { center, radius, extent, is_object, up }, subject }
     }
 
-    /// Centre of the box around an object, and the distance from which all of it is in the image, whatever side it shows,
-    /// and none of it before the near plane.
+    /// Centre of the box around an object, and the distance from which all of it is in the image, whatever side it
+    /// shows, and none of it before the near plane.
     fn around_object(&self, frame: &Frame) -> (DVec3, f64) {
         let [low, high] = [0.005, 0.995].map(|share| along(&self.subject, share));
         let center = 0.5 * (low + high);
@@ -283,7 +285,8 @@ mod tests {
         }
     }
 
-    /// A room of 10 × 12 × 3 with walls of Gaussians, cupboards along two of them, a pillar in its middle, and a far sky.
+    /// A room of 10 × 12 × 3 with walls of Gaussians, cupboards along two of them, a pillar in its middle, and a far
+    /// sky.
     fn room() -> Scene {
         let mut points: Vec<(DVec3, f32)> = Vec::new();
         let steps = |from: f64, to: f64| {

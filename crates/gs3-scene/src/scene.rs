@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::gaussians::{Gaussians, MAX_SH_DEGREE, Slots, sh_coefficient_count};
+use crate::gaussians::{Gaussians, MAX_SH, MAX_SH_DEGREE, Slots, sh_coefficient_count};
 
 /// Gaussians checked by one task: a few hundred microseconds of work, so that scheduling costs nothing.
 const CHECK_BLOCK: usize = 16_384;
@@ -32,6 +32,8 @@ pub struct Dropped {
     pub invalid_opacity: usize,
     /// NaN or infinite spherical-harmonics coefficient.
     pub non_finite_sh: usize,
+    /// Spherical-harmonics coefficient beyond ±[`MAX_SH`].
+    pub excessive_sh: usize,
 }
 
 impl Dropped {
@@ -43,6 +45,7 @@ impl Dropped {
             + self.invalid_rotation
             + self.invalid_opacity
             + self.non_finite_sh
+            + self.excessive_sh
     }
 
     const fn plus(self, other: Self) -> Self {
@@ -52,6 +55,7 @@ impl Dropped {
             invalid_rotation: self.invalid_rotation + other.invalid_rotation,
             invalid_opacity: self.invalid_opacity + other.invalid_opacity,
             non_finite_sh: self.non_finite_sh + other.non_finite_sh,
+            excessive_sh: self.excessive_sh + other.excessive_sh,
         }
     }
 }
@@ -86,7 +90,7 @@ pub enum SceneError {
 }
 
 /// A scene that is safe to render: at least one Gaussian, all values finite, scales not negative, quaternions
-/// normalised, opacities in `[0, 1]`.
+/// normalised, opacities in `[0, 1]`, spherical harmonics within ±[`MAX_SH`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
     gaussians: Gaussians,
@@ -193,9 +197,50 @@ fn is_valid(slots: &mut Slots<'_>, i: usize, dropped: &mut Dropped) -> bool {
         return false;
     }
     let stride = slots.sh_stride;
-    if !slots.sh[i * stride..(i + 1) * stride].iter().all(|v| v.is_finite()) {
-        dropped.non_finite_sh += 1;
-        return false;
+    let sh = &slots.sh[i * stride..(i + 1) * stride];
+    if sh.iter().all(|v| v.abs() <= MAX_SH) {
+        return true;
     }
-    true
+    if sh.iter().all(|v| v.is_finite()) {
+        dropped.excessive_sh += 1;
+    } else {
+        dropped.non_finite_sh += 1;
+    }
+    false
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every defect is dropped under its own name, and the largest values that are none stay.
+    #[test]
+    fn invalid_gaussians_are_counted_by_reason() {
+        let mut g = Gaussians::zeroed(11, 1);
+        g.rotations[3] = vec![2.0; 11];
+        (g.means[0][0], g.means[2][1]) = (f32::MAX, f32::NAN);
+        (g.scales[1][0], g.scales[1][2], g.scales[2][3]) = (f32::MAX, -1e-9, f32::INFINITY);
+        g.rotations[3][4] = 0.0;
+        g.opacities[5] = 1.1;
+        let coefficient = |i: usize, k: usize| i * 12 + k;
+        (g.sh[coefficient(0, 0)], g.sh[coefficient(0, 11)]) = (MAX_SH, -MAX_SH);
+        // A Gaussian with both counts under the first.
+        (g.sh[coefficient(6, 3)], g.sh[coefficient(6, 4)]) = (f32::NAN, 1e6);
+        g.sh[coefficient(7, 11)] = f32::NEG_INFINITY;
+        g.sh[coefficient(8, 0)] = f32::MAX;
+        g.sh[coefficient(9, 11)] = -MAX_SH.next_up();
+        let scene = Scene::new(g, OpacityMode::Default).unwrap();
+        let expected = Dropped {
+            non_finite_mean: 1,
+            invalid_scale: 2,
+            invalid_rotation: 1,
+            invalid_opacity: 1,
+            non_finite_sh: 2,
+            excessive_sh: 2,
+        };
+        assert_eq!((scene.dropped(), scene.dropped().total()), (expected, 9));
+        assert_eq!(scene.gaussians().len(), 2);
+        assert_eq!(scene.gaussians().sh_of(0)[0], MAX_SH);
+        assert_eq!(scene.gaussians().rotation(1), [0.0, 0.0, 0.0, 1.0]);
+    }
 }

@@ -1,17 +1,20 @@
 //! What the fuzz targets call, and what the replay of their corpus calls on stable Rust: bytes in, no panic, and either
-//! an error in one line or a scene that keeps its promises.
+//! an error in one line or a scene or camera path that keeps its promises.
 
 use std::collections::BTreeMap;
 use std::io::Write;
 
-use gs3_scene::Scene;
+use gs3_scene::camera_path::Pace;
+use gs3_scene::capture::{CaptureFault, ColmapEncoding, parse_colmap, parse_json};
 use gs3_scene::format::{LoadError, LoadOptions, Source, load_source};
+use gs3_scene::gaussians::MAX_SH;
+use gs3_scene::{CameraPath, Scene};
 
 /// What a fuzz target calls with each input.
 pub type Entry = fn(&[u8]);
 
 /// The targets by name.
-pub const TARGETS: [(&str, Entry); 7] = [
+pub const TARGETS: [(&str, Entry); 12] = [
     ("ply", ply),
     ("compressed_ply", ply),
     ("splat", splat),
@@ -19,6 +22,11 @@ pub const TARGETS: [(&str, Entry); 7] = [
     ("sog", sog),
     ("sog_bundle", sog_bundle),
     ("streamed_sog", streamed_sog),
+    ("colmap_binary", colmap_binary),
+    ("colmap_text", colmap_text),
+    ("transforms", cameras_json),
+    ("cameras", cameras_json),
+    ("camera_path", cameras_json),
 ];
 
 /// A PLY file of either kind.
@@ -53,6 +61,27 @@ pub fn streamed_sog(data: &[u8]) {
     check(load_files("lod-meta.json", &unpack(data)));
 }
 
+/// The files `cameras` and `images` of a binary COLMAP model, packed by [`pack`].
+pub fn colmap_binary(data: &[u8]) {
+    colmap(ColmapEncoding::Binary, data);
+}
+
+/// The files `cameras` and `images` of a COLMAP model in text, packed by [`pack`].
+pub fn colmap_text(data: &[u8]) {
+    colmap(ColmapEncoding::Text, data);
+}
+
+/// A JSON file of cameras of any kind.
+pub fn cameras_json(data: &[u8]) {
+    check_path(parse_json(data));
+}
+
+fn colmap(encoding: ColmapEncoding, data: &[u8]) {
+    let files = unpack(data);
+    let file = |name: &str| files.get(name).map_or(&[][..], Vec::as_slice);
+    check_path(parse_colmap(encoding, file("cameras"), file("images")));
+}
+
 fn load(name: &str, data: &[u8]) -> Result<Scene, LoadError> {
     load_source(&Source::memory(name, data), &BTreeMap::new(), &LoadOptions::default(), &|_| {})
 }
@@ -65,18 +94,34 @@ fn load_files(index: &str, files: &BTreeMap<String, Vec<u8>>) -> Result<Scene, L
 
 fn check(result: Result<Scene, LoadError>) {
     match result {
-        Err(error) => {
-            let message = error.to_string();
-            assert!(!message.contains('\n') && message.len() < 2000, "not one readable line: {message}");
-        }
+        Err(error) => check_message(&error.to_string()),
         Ok(scene) => {
             let gaussians = scene.gaussians();
             assert!(!gaussians.is_empty());
             let planes = gaussians.means.iter().chain(&gaussians.scales).chain(&gaussians.rotations);
-            assert!(planes.chain([&gaussians.sh]).flatten().all(|value| value.is_finite()));
+            assert!(planes.flatten().all(|value| value.is_finite()));
+            assert!(gaussians.sh.iter().all(|value| value.abs() <= MAX_SH));
             assert!(gaussians.opacities.iter().all(|opacity| (0.0..=1.0).contains(opacity)));
         }
     }
+}
+
+fn check_path(result: Result<CameraPath, CaptureFault>) {
+    match result {
+        Err(fault) => check_message(&fault.to_string()),
+        Ok(path) => {
+            assert!(!path.cameras().is_empty() && path.frames_per_second() > 0.0);
+            // Also between the cameras, wherever they are.
+            for camera in path.cameras().iter().chain(path.smoothed(3, Pace::Speed).cameras()) {
+                assert!(camera.position().is_finite() && camera.view_from_world().is_finite());
+                assert!(camera.intrinsics().fx > 0.0 && camera.intrinsics().fy > 0.0);
+            }
+        }
+    }
+}
+
+fn check_message(message: &str) {
+    assert!(!message.contains('\n') && message.len() < 2000, "not one readable line: {message}");
 }
 
 /// Files as one piece: for each the length of its name (1 byte), its name, its length (4 bytes, little endian), itself.

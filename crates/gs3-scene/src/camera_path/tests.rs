@@ -89,6 +89,56 @@ fn constant_speed_evens_out_distances() {
     assert_eq!(keyed.cameras()[4], path.cameras()[2]);
 }
 
+/// What frames of `path` travel and turn, one after the other.
+fn steps(path: &CameraPath) -> Vec<(f64, f64)> {
+    let step = |pair: &[Camera]| {
+        let [a, b] = [pair[0], pair[1]].map(|camera| camera.world_from_view().matrix3);
+        (pair[0].position().distance(pair[1].position()), angle_between(a, b))
+    };
+    path.cameras().windows(2).map(step).collect()
+}
+
+/// A path along x of the keyframes (x, degrees about y), not at the origin, where positions round.
+fn keyed(keyframes: &[(f64, f64)]) -> CameraPath {
+    let at = |(x, yaw): &(f64, f64)| camera(DVec3::new(1.0 + x, 2.0, 3.0), yaw.to_radians());
+    CameraPath::new(keyframes.iter().map(at).collect(), 30.0, false).unwrap()
+}
+
+#[test]
+fn turns_in_place_are_spread_over_frames() {
+    let path = keyed(&[(0.0, -40.0), (0.0, 20.0), (0.5, 20.0), (0.5, -20.0), (1.0, -20.0)]);
+    let smooth = path.smoothed(101, Pace::Speed);
+    // A length of 1 and a turning of 60° and 40°.
+    let turning = 100_f64.to_radians();
+    let radius = 1.0 / (turning + 1.0);
+    let length = 1.0 + radius * turning;
+    for (moved, turned) in steps(&smooth) {
+        // Frames across a keyframe do a part of either.
+        let share = (moved + radius * turned) / length;
+        assert!((share - 0.01).abs() < 2e-4, "{moved} {turned}");
+    }
+    assert_eq!((smooth.cameras()[0], smooth.cameras()[100]), (path.cameras()[0], path.cameras()[4]));
+}
+
+#[test]
+fn turns_change_nothing_where_the_path_travels_farther() {
+    for path in [circle(12), keyed(&[(0.0, 0.0), (0.1, 1.0), (0.2, 1.0), (3.0, 25.0), (3.1, 25.0)])] {
+        let straight = path.cameras().iter().map(|k| camera(k.position(), 0.0)).collect();
+        let straight = CameraPath::new(straight, 30.0, path.is_cycle()).unwrap().smoothed(200, Pace::Speed);
+        for (a, b) in path.smoothed(200, Pace::Speed).cameras().iter().zip(straight.cameras()) {
+            assert!(a.position().distance(b.position()) < 1e-9, "{} {}", a.position(), b.position());
+        }
+    }
+}
+
+#[test]
+fn a_path_that_only_turns_does_so_evenly() {
+    let path = keyed(&[(0.0, 0.0), (0.0, 10.0), (0.0, 10.0), (0.0, 90.0)]);
+    for (_, turned) in steps(&path.smoothed(10, Pace::Speed)) {
+        assert!((turned.to_degrees() - 10.0).abs() < 1e-6, "{turned}");
+    }
+}
+
 #[test]
 fn refuses_paths_that_cannot_be_shown() {
     assert_eq!(CameraPath::new(vec![], 30.0, false), Err(CameraPathError::Empty));

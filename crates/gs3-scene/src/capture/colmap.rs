@@ -11,9 +11,10 @@ use std::path::Path;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use super::order::in_order;
-use super::{CaptureError, CaptureFault, Photo, path_through, read};
+use super::{CaptureError, CaptureFault, MAX_COLMAP_BYTES, Photo, path_through, read};
 use crate::camera::{Camera, Intrinsics};
 use crate::camera_path::CameraPath;
+use crate::format::quoted;
 
 /// COLMAP's camera models in the order of their numbers in binary files.
 const MODELS: [&str; 11] = [
@@ -29,6 +30,38 @@ const MODELS: [&str; 11] = [
     "RADIAL_FISHEYE",
     "THIN_PRISM_FISHEYE",
 ];
+
+/// The two ways that COLMAP writes a model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ColmapEncoding {
+    /// `cameras.bin` and `images.bin`.
+    Binary,
+    /// `cameras.txt` and `images.txt`.
+    Text,
+}
+
+impl ColmapEncoding {
+    const fn extension(self) -> &'static str {
+        match self {
+            Self::Binary => "bin",
+            Self::Text => "txt",
+        }
+    }
+
+    fn cameras(self, bytes: &[u8]) -> Result<CamerasById, CaptureFault> {
+        match self {
+            Self::Binary => binary::cameras(bytes),
+            Self::Text => text::cameras(bytes),
+        }
+    }
+
+    fn images(self, bytes: &[u8]) -> Result<Vec<PosedImage>, CaptureFault> {
+        match self {
+            Self::Binary => binary::images(bytes),
+            Self::Text => text::images(bytes),
+        }
+    }
+}
 
 type CamerasById = HashMap<u32, Intrinsics>;
 
@@ -46,7 +79,8 @@ struct PosedImage {
 
 /// Whether `folder` holds a sparse model.
 pub(super) fn is_model(folder: &Path) -> bool {
-    ["bin", "txt"].iter().any(|kind| {
+    [ColmapEncoding::Binary, ColmapEncoding::Text].iter().any(|encoding| {
+        let kind = encoding.extension();
         folder.join(format!("cameras.{kind}")).is_file() && folder.join(format!("images.{kind}")).is_file()
     })
 }
@@ -54,15 +88,26 @@ pub(super) fn is_model(folder: &Path) -> bool {
 /// Reads the model in `folder`, the binary one if both are there; photos in the order of their names.
 pub(super) fn load(folder: &Path) -> Result<CameraPath, CaptureError> {
     let is_binary = folder.join("images.bin").is_file();
-    let kind = if is_binary { "bin" } else { "txt" };
+    let encoding = if is_binary { ColmapEncoding::Binary } else { ColmapEncoding::Text };
+    let kind = encoding.extension();
     let (cameras_file, images_file) =
         (folder.join(format!("cameras.{kind}")), folder.join(format!("images.{kind}")));
-    let (cameras, images) = (read(&cameras_file)?, read(&images_file)?);
-    let cameras = if is_binary { binary::cameras(&cameras) } else { text::cameras(&cameras) }
-        .map_err(|fault| fault.at(&cameras_file))?;
-    let images = if is_binary { binary::images(&images) } else { text::images(&images) }
-        .map_err(|fault| fault.at(&images_file))?;
-    photos(images, &cameras).and_then(path_through).map_err(|fault| fault.at(&images_file))
+    let (cameras, images) = (read(&cameras_file, MAX_COLMAP_BYTES)?, read(&images_file, MAX_COLMAP_BYTES)?);
+    let cameras = encoding.cameras(&cameras).map_err(|fault| fault.at(&cameras_file))?;
+    path(encoding, &cameras, &images).map_err(|fault| fault.at(&images_file))
+}
+
+/// Reads a model from memory.
+pub(super) fn parse(
+    encoding: ColmapEncoding,
+    cameras: &[u8],
+    images: &[u8],
+) -> Result<CameraPath, CaptureFault> {
+    path(encoding, &encoding.cameras(cameras)?, images)
+}
+
+fn path(encoding: ColmapEncoding, cameras: &CamerasById, images: &[u8]) -> Result<CameraPath, CaptureFault> {
+    photos(encoding.images(images)?, cameras).and_then(path_through)
 }
 
 fn photos(images: Vec<PosedImage>, cameras: &CamerasById) -> Result<Vec<Photo>, CaptureFault> {
@@ -101,7 +146,7 @@ fn parameter_count(field: &str, model: &str) -> Result<usize, CaptureFault> {
     match model {
         "SIMPLE_PINHOLE" => Ok(3),
         "PINHOLE" => Ok(4),
-        _ => Err(CaptureFault::Distorted { field: field.into(), model: model.into() }),
+        _ => Err(CaptureFault::Distorted { field: field.into(), model: quoted(model) }),
     }
 }
 

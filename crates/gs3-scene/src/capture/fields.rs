@@ -70,6 +70,11 @@ impl<'a> Field<'a> {
         self.value.as_bool().ok_or_else(|| self.wrong("true or false"))
     }
 
+    /// Whether this value is false or 0: what it names is not there.
+    pub fn is_off(&self) -> bool {
+        self.value.as_bool() == Some(false) || self.value.as_f64() == Some(0.0)
+    }
+
     /// This array of exactly `N` numbers.
     pub fn numbers<const N: usize>(&self) -> Result<[f64; N], CaptureFault> {
         let elements = self.elements()?;

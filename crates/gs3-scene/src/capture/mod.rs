@@ -12,10 +12,13 @@ mod nerfstudio;
 mod order;
 mod transforms;
 
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 
 use glam::{DAffine3, DMat3, DVec3};
 
+pub use colmap::ColmapEncoding;
 pub use error::{CaptureError, CaptureFault};
 
 use crate::camera::{Camera, Intrinsics};
@@ -25,11 +28,20 @@ use fields::Field;
 /// Frames per second given to photo collections, which name none.
 pub const DEFAULT_FRAMES_PER_SECOND: f64 = 30.0;
 
+/// Bytes of a JSON file of cameras at most: room for a hundred thousand cameras of 600 bytes, which few exceed. In
+/// memory JSON takes up to eighty times its size, if all of it is objects of one short field: then these are 5 GB.
+pub const MAX_JSON_BYTES: u64 = 64 << 20;
+
+/// Bytes of each file of a COLMAP model at most: room for the 24 bytes of each of ten thousand observed points in
+/// fifteen thousand photos.
+pub const MAX_COLMAP_BYTES: u64 = 4 << 30;
+
 /// Reads the cameras at `path`: a JSON file of any known kind, a COLMAP `images.bin` or `images.txt`, or a folder that
 /// holds one of these (COLMAP also in `sparse/0` and `sparse`).
 ///
 /// Cameras come in the order of the file, those of photo collections without an order of their own (COLMAP, Inria) by
-/// image name, in which digits count as numbers.
+/// image name, in which digits count as numbers. Files are regular ones or pipes, of [`MAX_JSON_BYTES`] or
+/// [`MAX_COLMAP_BYTES`] at most.
 ///
 /// # Errors
 /// [`CaptureError`], naming file, field, expected and actual.
@@ -65,7 +77,7 @@ fn load_folder(folder: &Path) -> Result<CameraPath, CaptureError> {
 }
 
 fn load_json(path: &Path) -> Result<CameraPath, CaptureError> {
-    let bytes = read(path)?;
+    let bytes = read(path, MAX_JSON_BYTES)?;
     parse_json(&bytes).map_err(|fault| fault.at(path))
 }
 
@@ -89,8 +101,49 @@ pub fn parse_json(bytes: &[u8]) -> Result<CameraPath, CaptureFault> {
     }
 }
 
-fn read(path: &Path) -> Result<Vec<u8>, CaptureError> {
-    std::fs::read(path).map_err(|e| CaptureFault::Read(e).at(path))
+/// Reads the two files of a COLMAP model from memory; [`load`] for files already read.
+///
+/// # Errors
+/// [`CaptureFault`], naming field, expected and actual.
+pub fn parse_colmap(
+    encoding: ColmapEncoding,
+    cameras: &[u8],
+    images: &[u8],
+) -> Result<CameraPath, CaptureFault> {
+    colmap::parse(encoding, cameras, images)
+}
+
+/// All of a file that ends within `most` bytes.
+fn read(path: &Path, most: u64) -> Result<Vec<u8>, CaptureError> {
+    let io_error = |error| CaptureFault::Read(error).at(path);
+    let too_large = |actual: String| {
+        CaptureFault::field("size", &format!("at most {most} bytes of cameras"), actual).at(path)
+    };
+    // Before opening, which does things to some devices.
+    let found = std::fs::metadata(path).map_err(io_error)?;
+    if !(found.is_file() || is_pipe(&found)) {
+        return Err(CaptureFault::field("path", "a regular file or a pipe", "something else").at(path));
+    }
+    if found.len() > most {
+        return Err(too_large(found.len().to_string()));
+    }
+    // A pipe has no size, and may have no end.
+    let mut bytes = Vec::new();
+    File::open(path).and_then(|file| file.take(most + 1).read_to_end(&mut bytes)).map_err(io_error)?;
+    if bytes.len() as u64 > most {
+        return Err(too_large("more".to_owned()));
+    }
+    Ok(bytes)
+}
+
+#[cfg(unix)]
+fn is_pipe(found: &std::fs::Metadata) -> bool {
+    std::os::unix::fs::FileTypeExt::is_fifo(&found.file_type())
+}
+
+#[cfg(not(unix))]
+const fn is_pipe(_: &std::fs::Metadata) -> bool {
+    false
 }
 
 /// One photo of a collection.

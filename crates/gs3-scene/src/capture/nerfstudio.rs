@@ -21,18 +21,9 @@ pub(super) fn parse(root: &Field) -> Result<CameraPath, CaptureFault> {
         if !(degrees > 0.0 && degrees < 180.0) {
             return Err(fov.wrong("degrees between 0 and 180"));
         }
-        // The frame's aspect rules over the path's: both agree unless the file was edited.
-        let frame_width = match frame.get("aspect") {
-            None => width,
-            Some(aspect) => {
-                let value = (aspect.number()? * f64::from(height)).round();
-                if !(value >= 1.0 && value <= f64::from(u32::MAX)) {
-                    return Err(aspect.wrong("a positive width / height"));
-                }
-                value as u32
-            }
-        };
-        let intrinsics = Intrinsics::from_fov_y(frame_width, height, degrees.to_radians());
+        // A frame's `aspect` says nothing: nerfstudio does not read it, and its Blender add-on writes 1 whatever the
+        // size.
+        let intrinsics = Intrinsics::from_fov_y(width, height, degrees.to_radians());
         cameras.push(camera_from_opengl(frame.place(), rows, intrinsics)?);
     }
     Ok(CameraPath::new(cameras, frames_per_second, is_cycle)?)

@@ -2,8 +2,8 @@
 
 use std::cmp::Ordering;
 
-/// Names in the order of the capture: digits compare as numbers, so that `frame_10` comes after `frame_2`. Names that differ
-/// in leading zeros only have an order as well.
+/// Names in the order of the capture: digits compare as numbers, so that `frame_10` comes after `frame_2`. Names that
+/// differ in leading zeros only have an order as well.
 pub fn in_order(a: &str, b: &str) -> Ordering {
     let (mut left, mut right) = (a.as_bytes(), b.as_bytes());
     loop {

@@ -56,8 +56,8 @@ fn synthetic_scenes_state_an_angle_alone() {
 #[test]
 fn a_byte_order_mark_and_a_model_without_distortion_make_no_difference() {
     let json = format!(
-        "\u{feff}{{\"camera_model\": \"OPENCV\", \"k1\": 0, \"fl_x\": 500, \"w\": 640, \"h\": 480, \"frames\": \
-         [{{\"transform_matrix\": {OPENGL}}}]}}"
+        "\u{feff}{{\"camera_model\": \"OPENCV\", \"k1\": 0, \"is_fisheye\": false, \"ftheta_p0\": 0.0, \
+         \"fl_x\": 500, \"w\": 640, \"h\": 480, \"frames\": [{{\"transform_matrix\": {OPENGL}}}]}}"
     );
     assert_is_the_camera(&parse_json(json.as_bytes()).unwrap(), 0);
 }
@@ -81,11 +81,12 @@ fn nerfstudio_path() {
     let fov = (2.0 * (240.0_f64 / 500.0).atan()).to_degrees();
     let json = format!(
         r#"{{"camera_type": "perspective", "render_width": 640, "render_height": 480, "fps": 24, "is_cycle": true,
-            "camera_path": [{{"camera_to_world": [0,0,-1,1, -1,0,0,2, 0,1,0,3, 0,0,0,1], "fov": {fov}, "aspect": 2.0}},
+            "camera_path": [{{"camera_to_world": [0,0,-1,1, -1,0,0,2, 0,1,0,3, 0,0,0,1], "fov": {fov}, "aspect": 1}},
                             {{"camera_to_world": [0,0,-1,1, -1,0,0,2, 0,1,0,3, 0,0,0,1], "fov": {fov}}}]}}"#
     );
     let path = parse_json(json.as_bytes()).unwrap();
-    assert_eq!(path.cameras()[0].width(), 960);
+    // As the Blender add-on writes it: the aspect is not that of the images.
+    assert_is_the_camera(&path, 0);
     assert_is_the_camera(&path, 1);
     assert_eq!((path.frames_per_second(), path.is_cycle(), path.name(0)), (24.0, true, None));
 }
@@ -189,8 +190,16 @@ fn errors_name_the_field() {
         ),
         (
             r#"{"camera_model": "OPENCV_FISHEYE", "frames": [{}]}"#,
-            "camera_model: expected PINHOLE or SIMPLE_PINHOLE, found OPENCV_FISHEYE",
+            "camera_model: expected PINHOLE or SIMPLE_PINHOLE, found \"OPENCV_FISHEYE\"; run undistortion",
         ),
+        (
+            r#"{"is_fisheye": true, "frames": [{}]}"#,
+            "is_fisheye: expected PINHOLE or SIMPLE_PINHOLE, found another lens (true); run undistortion",
+        ),
+        (r#"{"frames": [{"is_fisheye": "yes"}]}"#, "frames[0].is_fisheye: expected PINHOLE"),
+        (r#"{"latlong": {}, "frames": [{}]}"#, "latlong: expected PINHOLE"),
+        (r#"{"frames": [{"ftheta_p0": 0, "ftheta_p1": 0.1}]}"#, "frames[0].ftheta_p1: expected PINHOLE"),
+        (r#"{"k6": 0.1, "frames": [{}]}"#, "k6: expected PINHOLE"),
         (r#"[{"width": 4}]"#, "[0].height: expected the image size in pixels, found nothing"),
         (
             r#"{"camera_path": 3, "render_height": 3, "render_width": 4}"#,
@@ -211,9 +220,57 @@ fn errors_name_the_field() {
 }
 
 #[test]
+fn a_camera_beyond_all_numbers_is_an_error() {
+    // Turned by 45°, both coordinates add up to more than the largest number.
+    let images = b"1 0.92388 0 0 0.38268 1.7e308 1.7e308 0 1 a.jpg\n\n";
+    let fault = parse_colmap(ColmapEncoding::Text, b"1 SIMPLE_PINHOLE 4 4 1 2 2", images).unwrap_err();
+    assert!(fault.to_string().starts_with("line 1: camera position: expected finite values"), "{fault}");
+}
+
+#[test]
 fn a_missing_file_is_named() {
     let message = load(Path::new("no/such/path.json")).unwrap_err().to_string();
     assert!(message.starts_with("no/such/path.json: cannot read"), "{message}");
+}
+
+#[test]
+fn files_beyond_the_limit_are_refused_before_they_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("huge.json");
+    // A file of holes: no bytes on disk, and none in memory.
+    File::create(&path).unwrap().set_len(MAX_JSON_BYTES + 1).unwrap();
+    let message = load(&path).unwrap_err().to_string();
+    assert!(
+        message.contains("size: expected at most 67108864 bytes of cameras, found 67108865"),
+        "{message}"
+    );
+    std::fs::write(&path, [0; 8]).unwrap();
+    assert_eq!(read(&path, 8).unwrap(), [0; 8]);
+    assert!(read(&path, 7).is_err());
+}
+
+#[test]
+#[cfg(unix)]
+fn pipes_are_read_to_their_end_or_the_limit_and_devices_are_not() {
+    let message = load(Path::new("/dev/zero")).unwrap_err().to_string();
+    assert_eq!(message, "/dev/zero: path: expected a regular file or a pipe, found something else");
+
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = folder.path().join("pipe");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let write = |bytes: Vec<u8>| {
+        let pipe = pipe.clone();
+        std::thread::spawn(move || std::fs::write(pipe, bytes))
+    };
+    let json = format!(r#"{{"camera_angle_x": 1, "frames": [{{"transform_matrix": {OPENGL}}}]}}"#);
+    let writer = write(json.into_bytes());
+    assert_eq!(load(&pipe).unwrap().cameras().len(), 1);
+    writer.join().unwrap().unwrap();
+    // Whoever writes more than the limit finds the pipe closed.
+    let writer = write(vec![0; 1 << 20]);
+    let message = read(&pipe, 1000).unwrap_err().to_string();
+    assert!(message.contains("size: expected at most 1000 bytes of cameras, found more"), "{message}");
+    assert_eq!(writer.join().unwrap().unwrap_err().kind(), std::io::ErrorKind::BrokenPipe);
 }
 
 #[test]

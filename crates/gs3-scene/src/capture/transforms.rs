@@ -8,8 +8,25 @@ use crate::camera_path::CameraPath;
 /// Image side of the NeRF synthetic scenes, the only ones whose `transforms.json` states no size.
 const NERF_SYNTHETIC_SIDE: u32 = 800;
 
-/// Lens distortion coefficients that the format may carry; a pinhole camera has none of them, or zeros.
-const DISTORTION: [&str; 6] = ["k1", "k2", "k3", "k4", "p1", "p2"];
+/// Lens distortion coefficients that the format may carry, those of OpenCV's models; a pinhole camera has none of them,
+/// or zeros.
+const DISTORTION: [&str; 12] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "s1", "s2", "s3", "s4"];
+
+/// What states another lens than a pinhole unless it is false or 0: flags of instant-ngp and of exporters to it, and
+/// the polynomial of its f-theta lens.
+const OTHER_LENSES: [&str; 11] = [
+    "is_fisheye",
+    "latlong",
+    "equirectangular",
+    "is_equirectangular",
+    "ortho",
+    "is_ortho",
+    "ftheta_p0",
+    "ftheta_p1",
+    "ftheta_p2",
+    "ftheta_p3",
+    "ftheta_p4",
+];
 
 /// Camera models without distortion, or with one by [`DISTORTION`], all of which is zero where it gets as far.
 const PINHOLES: [&str; 5] = ["PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "SIMPLE_RADIAL", "RADIAL"];
@@ -38,11 +55,14 @@ fn intrinsics(root: &Field, frame: &Field) -> Result<Intrinsics, CaptureFault> {
             });
         }
     }
+    if let Some(field) = OTHER_LENSES.into_iter().filter_map(stated).find(|field| !field.is_off()) {
+        let model = format!("another lens ({})", field.describe());
+        return Err(CaptureFault::Distorted { field: field.place().into(), model });
+    }
     if let Some(field) = stated("camera_model")
-        && let model = field.text()?
-        && !PINHOLES.contains(&model)
+        && !PINHOLES.contains(&field.text()?)
     {
-        return Err(CaptureFault::Distorted { field: field.place().into(), model: model.into() });
+        return Err(CaptureFault::Distorted { field: field.place().into(), model: field.describe() });
     }
     // A focal length in pixels says nothing about an image of unknown size.
     let in_pixels = ["w", "h", "fl_x", "fl_y", "cx", "cy"].into_iter().any(|key| stated(key).is_some());

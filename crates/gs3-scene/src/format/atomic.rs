@@ -37,7 +37,12 @@ pub fn check_writable(path: &Path) -> io::Result<()> {
     let Place::File(path) = Place::of(path)? else { return Ok(()) };
     let is_there = |folder: &&Path| folder.as_os_str().is_empty() || folder.exists();
     let folder = path.ancestors().skip(1).find(is_there).unwrap_or(Path::new(""));
-    Temporary::beside(&folder.join(path.file_name().unwrap_or_default())).map(drop)
+    let path = folder.join(path.file_name().unwrap_or_default());
+    // A name that is too long is no temporary file's fault.
+    match fs::symlink_metadata(&path) {
+        Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
+        _ => Temporary::beside(&path).map(drop),
+    }
 }
 
 /// Removes the temporary files of all writes under way, for a process that is about to end: whoever writes waits from
@@ -92,18 +97,26 @@ struct Temporary(PathBuf);
 
 impl Temporary {
     fn beside(path: &Path) -> io::Result<(Self, File)> {
-        // With the process and a number in its name no two writers meet.
+        // With the process and a number in its name no two writers meet; with nothing else in it, it fits wherever the
+        // file's own name does.
         static NUMBER: AtomicU64 = AtomicU64::new(0);
-        let name = path.file_name().ok_or_else(|| io::Error::other("the path names no file"))?;
-        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
-        let mut hidden = std::ffi::OsString::from(".");
-        hidden.push(name);
-        hidden.push(format!(".{}.{number}.partial", std::process::id()));
-        let temporary = path.with_file_name(hidden);
-        let mut all = temporaries();
-        let file = OpenOptions::new().write(true).create_new(true).open(&temporary)?;
-        all.insert(temporary.clone());
-        Ok((Self(temporary), file))
+        if path.file_name().is_none() {
+            return Err(io::Error::other("the path names no file"));
+        }
+        loop {
+            let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+            let temporary = path.with_file_name(format!(".gs3.{}.{number}.partial", std::process::id()));
+            let mut all = temporaries();
+            match OpenOptions::new().write(true).create_new(true).open(&temporary) {
+                // Left by a process of the same number that was killed, or in use by one of another machine.
+                Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+                Err(error) => return Err(error),
+                Ok(file) => {
+                    all.insert(temporary.clone());
+                    return Ok((Self(temporary), file));
+                }
+            }
+        }
     }
 
     fn rename(mut self, to: &Path) -> io::Result<()> {
@@ -164,6 +177,38 @@ mod tests {
         write_atomically(&path, |writer| writer.write_all(b"after")).unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"after");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn names_are_as_long_as_the_system_lets_them() {
+        let folder = tempfile::tempdir().unwrap();
+        // 255 bytes in all common file systems.
+        let longest = folder.path().join(format!("{}.ply", "n".repeat(251)));
+        check_writable(&longest).unwrap();
+        write_atomically(&longest, |writer| writer.write_all(b"text")).unwrap();
+        assert_eq!(fs::read(&longest).unwrap(), b"text");
+        let longer = "n".repeat(256);
+        for path in [folder.path().join(&longer), folder.path().join("missing").join(&longer)] {
+            assert!(check_writable(&path).is_err(), "{}", path.display());
+        }
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn what_a_killed_process_left_is_in_nobodys_way() {
+        let folder = tempfile::tempdir().unwrap();
+        // The numbers that come next, others' tests included.
+        let (first, file) = Temporary::beside(&folder.path().join("file")).unwrap();
+        drop(file);
+        let name = first.0.file_name().unwrap().to_str().unwrap().to_owned();
+        let number: u64 = name.split('.').rev().nth(1).unwrap().parse().unwrap();
+        for next in number + 1..number + 100 {
+            let left = name.replace(&format!(".{number}.partial"), &format!(".{next}.partial"));
+            fs::write(folder.path().join(left), b"left").unwrap();
+        }
+        write_atomically(&folder.path().join("file"), |writer| writer.write_all(b"text")).unwrap();
+        assert_eq!(fs::read(folder.path().join("file")).unwrap(), b"text");
     }
 
     #[test]

@@ -24,12 +24,15 @@ mod splat;
 mod spz;
 
 use std::ffi::OsStr;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 pub use atomic::{check_writable, discard_temporaries, write_atomically};
+pub(crate) use error::quoted;
 pub use error::{LoadError, SaveError};
 pub use progress::Progress;
+pub use sog::Streamed;
 pub use source::{Files, Source};
+pub use spz::Clamped;
 
 use crate::gaussians::Gaussians;
 use crate::scene::{OpacityMode, Scene};
@@ -37,13 +40,14 @@ use crate::scene::{OpacityMode, Scene};
 /// Gaussians decoded by one task: enough work that scheduling costs nothing, small enough to stay in cache.
 const BLOCK: usize = 4096;
 
-/// What to load of a scene that holds several representations of itself.
+/// What to load of a scene that holds several representations of itself; [`streamed`] tells what there is.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LoadOptions {
-    /// Level of detail of a streamed SOG scene, 0 the finest. `None` takes the finest that each part of the
-    /// scene has.
+    /// Level of detail of a streamed SOG scene, 0 the finest. Parts of the scene that have nothing at this level are
+    /// left out. `None` takes the finest that each part has. A level that a scene does not have is an error; scenes of
+    /// other formats have level 0 alone.
     pub level_of_detail: Option<u32>,
-    /// Whether the environment (sky, far background) of a streamed SOG scene is appended.
+    /// Whether the environment (sky, far background) of a streamed SOG scene is appended, where it has one.
     pub environment: bool,
 }
 
@@ -61,15 +65,32 @@ impl Default for LoadOptions {
 /// # Errors
 /// [`LoadError`], one line that names file, field, expected and actual.
 pub fn load(path: &Path, options: &LoadOptions, progress: Progress<'_>) -> Result<Scene, LoadError> {
-    let index = if path.is_dir() {
-        let entry =
-            ["lod-meta.json", "meta.json"].map(|name| path.join(name)).into_iter().find(|file| file.exists());
-        entry.ok_or_else(|| LoadError::NoScene { folder: path.to_owned() })?
-    } else {
-        path.to_owned()
-    };
+    let index = index_of(path)?;
     let folder = source::Folder(index.parent().unwrap_or(Path::new("")).to_owned());
     load_source(&Source::open(&index)?, &folder, options, progress)
+}
+
+/// The file that a scene is opened by: `path` itself, or what a folder has of it.
+fn index_of(path: &Path) -> Result<PathBuf, LoadError> {
+    if !path.is_dir() {
+        return Ok(path.to_owned());
+    }
+    let names = ["lod-meta.json", "meta.json"].map(|name| path.join(name));
+    let index = names.into_iter().find(|file| file.exists());
+    index.ok_or_else(|| LoadError::NoScene { folder: path.to_owned() })
+}
+
+/// What the streamed SOG scene at `path`, given as to [`load`], has to choose from by [`LoadOptions`]; `None` of other
+/// scenes, which have one level and no environment of their own. Reads the index alone.
+///
+/// # Errors
+/// [`LoadError`] if that cannot be read or is of no format.
+pub fn streamed(path: &Path) -> Result<Option<Streamed>, LoadError> {
+    let source = Source::open(&index_of(path)?)?;
+    match Kind::of(&source)? {
+        Kind::StreamedSog => sog::streamed(&source).map(Some),
+        _ => Ok(None),
+    }
 }
 
 /// Loads a scene from `source`, which may name others among `files`: the same as [`load`] for bytes that are
@@ -84,23 +105,55 @@ pub fn load_source(
     options: &LoadOptions,
     progress: Progress<'_>,
 ) -> Result<Scene, LoadError> {
-    let head = source.head(16)?;
-    let (gaussians, mode) = if head.starts_with(b"ply") {
-        ply::read(source, progress)?
-    } else if head.starts_with(&[0x1f, 0x8b]) {
-        spz::read(source, progress)?
-    } else if head.starts_with(b"PK\x03\x04") || head.trim_ascii_start().starts_with(b"{") {
-        sog::read(source, files, options, progress)?
-    } else if has_extension(source.name(), "splat") {
-        splat::read(source, progress)?
-    } else {
-        let actual = head.iter().map(|byte| format!("{byte:02x}")).collect::<Vec<_>>().join(" ");
-        let actual = if actual.is_empty() { "an empty file".to_owned() } else { format!("bytes {actual}") };
-        return Err(LoadError::UnknownFormat { file: source.name().to_owned(), actual });
+    let kind = Kind::of(source)?;
+    if let Some(level) = options.level_of_detail.filter(|level| *level > 0)
+        && kind != Kind::StreamedSog
+    {
+        let expected = "0 of a scene that is not streamed and has one level";
+        return Err(LoadError::invalid(source.name(), "level of detail", expected, level.to_string()));
+    }
+    let (gaussians, mode) = match kind {
+        Kind::Ply => ply::read(source, progress)?,
+        Kind::Spz => spz::read(source, progress)?,
+        Kind::Sog => sog::read(source, files, progress)?,
+        Kind::StreamedSog => sog::read_streamed(source, files, options, progress)?,
+        Kind::Splat => splat::read(source, progress)?,
     };
     progress(1.0);
     Scene::new(gaussians, mode)
         .map_err(|error| LoadError::Scene { file: source.name().to_owned(), source: error })
+}
+
+/// The formats as they are told apart.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Ply,
+    Spz,
+    Sog,
+    StreamedSog,
+    Splat,
+}
+
+impl Kind {
+    fn of(source: &Source<'_>) -> Result<Self, LoadError> {
+        let head = source.head(16)?;
+        if head.starts_with(b"ply") {
+            Ok(Self::Ply)
+        } else if head.starts_with(&[0x1f, 0x8b]) {
+            Ok(Self::Spz)
+        } else if head.starts_with(b"PK\x03\x04") {
+            Ok(Self::Sog)
+        } else if head.trim_ascii_start().starts_with(b"{") {
+            Ok(if sog::is_streamed(source)? { Self::StreamedSog } else { Self::Sog })
+        } else if has_extension(source.name(), "splat") {
+            Ok(Self::Splat)
+        } else {
+            let actual = head.iter().map(|byte| format!("{byte:02x}")).collect::<Vec<_>>().join(" ");
+            let actual =
+                if actual.is_empty() { "an empty file".to_owned() } else { format!("bytes {actual}") };
+            Err(LoadError::UnknownFormat { file: source.name().to_owned(), actual })
+        }
+    }
 }
 
 /// Saves `scene` at `path` in the format that the extension names: `.ply`, `.spz` or `.sog`. The file appears
@@ -134,17 +187,26 @@ pub fn save(scene: &Scene, path: &Path) -> Result<(), SaveError> {
     }
 }
 
-/// The step that all positions are rounded to by what [`save`] writes of `scene` at `path`, world units: that of SPZ, whose
-/// coordinates are 24-bit numbers of one step, fine enough for the farthest Gaussian. `None` of other formats, whose precision
-/// is relative, and of scenes that do not fit.
+/// The step that all positions are rounded to by what [`save`] writes of `scene` at `path`, world units: that of SPZ,
+/// whose coordinates are 24-bit numbers of one step, fine enough for the farthest Gaussian. `None` of other formats,
+/// whose precision is relative, and of scenes that do not fit.
 #[must_use]
 pub fn position_step(scene: &Scene, path: &Path) -> Option<f32> {
     let is_fixed = format_of(path).is_ok_and(|format| format == "spz");
     is_fixed.then(|| spz::fractional_bits(scene).ok().map(spz::step)).flatten()
 }
 
-/// The format that [`save`] writes at `path`, by its extension: `ply`, `spz` or `sog`. Compressed PLY is only read, so its
-/// usual extension `.compressed.ply` is none of them.
+/// How many Gaussians [`save`] changes beyond rounding where it writes `scene` at `path`: those of SPZ, whose scales
+/// and spherical harmonics are bytes over a fixed range. `None` of other formats, whose ranges are those of the scene,
+/// and where nothing is changed.
+#[must_use]
+pub fn clamped(scene: &Scene, path: &Path) -> Option<Clamped> {
+    let is_fixed = format_of(path).is_ok_and(|format| format == "spz");
+    is_fixed.then(|| spz::clamped(scene)).filter(|clamped| *clamped != Clamped::default())
+}
+
+/// The format that [`save`] writes at `path`, by its extension: `ply`, `spz` or `sog`. Compressed PLY is only read, so
+/// its usual extension `.compressed.ply` is none of them.
 ///
 /// # Errors
 /// [`SaveError::UnknownFormat`] if the extension is another.

@@ -5,6 +5,7 @@ use std::io::Write;
 
 use image_webp::{ColorType, WebPEncoder};
 
+use crate::cameras;
 use crate::entry::{TARGETS, pack};
 
 /// Two Gaussians of degree 1. Properties are out of the trainer's order, of four types; an element with a
@@ -139,6 +140,18 @@ pub fn spz_payload(version: u32) -> Vec<u8> {
     file
 }
 
+/// The same with the flag of extensions, and two of them.
+pub fn spz_extended() -> Vec<u8> {
+    let mut file = spz_payload(3);
+    file[14] |= 2;
+    for (kind, payload) in [(0xadbe_0002_u32, &[1; 12][..]), (0xadbe_0003, &[4, 0, 0, 0])] {
+        file.extend_from_slice(&kind.to_le_bytes());
+        file.extend_from_slice(&(payload.len() as u32).to_le_bytes());
+        file.extend_from_slice(payload);
+    }
+    file
+}
+
 /// As a file.
 pub fn spz(version: u32) -> Vec<u8> {
     let mut gzip = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
@@ -227,11 +240,13 @@ pub fn seeds(target: &str) -> Vec<(&'static str, Vec<u8>)> {
         "ply" => vec![("odd", ply_odd()), ("text", ply_text())],
         "compressed_ply" => vec![("degree_1", compressed_ply())],
         "splat" => vec![("two", splat())],
-        "spz" => vec![("version_2", spz_payload(2)), ("version_3", spz_payload(3))],
+        "spz" => {
+            vec![("version_2", spz_payload(2)), ("version_3", spz_payload(3)), ("extended", spz_extended())]
+        }
         "sog" => vec![("degree_1", pack(&sog()))],
         "sog_bundle" => vec![("degree_1", sog_bundle())],
         "streamed_sog" => vec![("two_levels", pack(&streamed_sog()))],
-        other => panic!("no seeds for {other}"),
+        other => vec![("two", cameras::seed(other).expect("a seed"))],
     }
 }
 

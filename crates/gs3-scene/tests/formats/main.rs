@@ -2,6 +2,7 @@
 //! files that somebody broke.
 #![allow(clippy::unwrap_used, reason = "a step that fails is a test that fails")]
 
+mod cameras;
 #[path = "../../fuzz/src/entry.rs"]
 #[allow(dead_code, reason = "shared with the fuzz targets, which use all of it")]
 mod entry;

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use gs3_scene::format::{LoadOptions, load, save};
+use gs3_scene::format::{LoadOptions, Streamed, load, save, streamed};
 use gs3_scene::info::SceneInfo;
 
 fn real(name: &str) -> Option<PathBuf> {
@@ -58,6 +58,7 @@ fn streamed_scenes_fill_the_bounds_that_their_index_states() {
 #[test]
 fn the_environment_is_optional() {
     let Some(path) = real("lacadiere") else { return };
+    assert_eq!(streamed(&path).unwrap(), Some(Streamed { levels: 1, has_environment: true }));
     let count = |environment| {
         let options = LoadOptions { level_of_detail: Some(0), environment };
         load(&path, &options, &|_| {}).unwrap().gaussians().len()

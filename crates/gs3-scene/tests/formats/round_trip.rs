@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use gs3_scene::format::{LoadOptions, SaveError, load, save};
+use gs3_scene::format::{Clamped, LoadOptions, SaveError, clamped, load, save};
 use gs3_scene::{Gaussians, OpacityMode, Scene};
 use proptest::prelude::*;
 use proptest::test_runner::Config;
@@ -93,8 +93,8 @@ const SPZ: Tolerance =
 
 /// 16 bits for the logarithm of ±10: 2 · ln 11 / 65,535 / 2 relative to 1 + |x|. 8 bits of √2 per component,
 /// three of them and the fourth made of them: 2 · 0.0096. Codebooks of 256 for up to 1,200 values: those that
-/// share a code lie within three of the mean gaps (8 / 256 for log scales, 1.8 / 256 for colours; 2.2 were seen, once in
-/// some hundred scenes). Palette rows of their own.
+/// share a code lie within three of the mean gaps (8 / 256 for log scales, 1.8 / 256 for colours; 2.2 were seen, once
+/// in some hundred scenes). Palette rows of their own.
 const SOG: Tolerance =
     Tolerance { mean: 1e-4, scale: 0.094, radians: 0.02, opacity: 0.00197, sh0: 0.021, sh: 0.021 };
 
@@ -180,6 +180,53 @@ fn limits_of_the_values() {
             assert!(after.gaussians().scale(j).iter().all(|scale| *scale < 1e-4), "{extension}");
         }
     }
+}
+
+/// SPZ tells of each Gaussian that it changes by more than rounding, and of no other.
+#[test]
+fn what_spz_cuts_is_counted() {
+    let path = Path::new("scene.spz");
+    assert_eq!(clamped(&scene(3, 5000, 3, OpacityMode::Default), path), None);
+    let mut gaussians = Gaussians::zeroed(9, 1);
+    gaussians.rotations[0] = vec![1.0; 9];
+    for plane in &mut gaussians.scales {
+        plane.fill(1.0);
+    }
+    // e^5.9375 is the largest; what rounds to it is no loss. Nor is a flat Gaussian, but one that is a point.
+    (gaussians.scales[1][0], gaussians.scales[2][1], gaussians.scales[0][2]) = (390.0, 400.0, 1e6);
+    gaussians.scales[2][3] = 0.0;
+    for plane in &mut gaussians.scales {
+        plane[4] = 1e-6;
+    }
+    let coefficient = |i: usize, k: usize| i * 12 + k;
+    // ½ / 0.15 is the largest constant term.
+    (gaussians.sh[coefficient(5, 0)], gaussians.sh[coefficient(6, 2)]) = (3.33, -3.4);
+    // The sign of y and z is changed: −1 becomes 1, which is 256 of 255.
+    (gaussians.sh[coefficient(7, 3)], gaussians.sh[coefficient(8, 11)]) = (1.0, 1.5);
+    gaussians.sh[coefficient(2, 3)] = 30.0;
+    let scene = Scene::new(gaussians, OpacityMode::Default).unwrap();
+    let counted = clamped(&scene, path).unwrap();
+    assert_eq!(counted, Clamped { scales: 3, sh: 3 });
+    assert_eq!(
+        counted.to_string(),
+        "3 Gaussians have scales outside 4.5e-5 to 379, and 3 have spherical harmonics outside ±1 (constant terms \
+         ±3.33): they are cut to that"
+    );
+    for other in ["scene.ply", "scene.sog", "scene"] {
+        assert_eq!(clamped(&scene, Path::new(other)), None);
+    }
+    // The counts are those of what comes back changed.
+    let after = round_trip(&scene, "spz");
+    let is_scale_off = |i: &usize| {
+        let pairs = scene.gaussians().scale(*i).into_iter().zip(after.gaussians().scale(*i));
+        pairs.into_iter().any(|(a, b)| a > 1e-9 && (a / b).ln().abs() > 0.04)
+    };
+    let is_sh_off = |i: &usize| {
+        let pairs = scene.gaussians().sh_of(*i).iter().zip(after.gaussians().sh_of(*i));
+        pairs.into_iter().any(|(a, b)| (a - b).abs() > 0.02)
+    };
+    assert_eq!((0..9).filter(is_scale_off).count(), 3);
+    assert_eq!((0..9).filter(is_sh_off).count(), 3);
 }
 
 #[test]

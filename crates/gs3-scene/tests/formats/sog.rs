@@ -1,10 +1,12 @@
 //! SOG: folder, bundle and streamed.
 
+use std::collections::BTreeMap;
+
 use gs3_scene::OpacityMode;
-use gs3_scene::format::LoadOptions;
+use gs3_scene::format::{LoadOptions, Source, Streamed, load_source, streamed};
 use image_webp::ColorType;
 
-use crate::handmade::{sog, sog_bundle, streamed_sog, webp};
+use crate::handmade::{ply_text, sog, sog_bundle, splat, spz, streamed_sog, webp};
 use crate::{assert_close, assert_error, load_bytes, load_folder};
 
 #[test]
@@ -55,7 +57,58 @@ fn a_stream_gives_the_chosen_level_and_the_environment() {
     assert_eq!(means(load(None, false).unwrap()), of(&[0, 2, 3]));
     assert_eq!(means(load(Some(1), false).unwrap()), of(&[1]));
     assert_eq!(means(load(Some(1), true).unwrap()), of(&[1, 0, 1, 2, 3]));
-    assert_error(load(Some(2), true), &["lod-meta.json", "level of detail", "below 2", "found 2"]);
+    assert_error(
+        load(Some(2), true),
+        &["lod-meta.json", "level of detail", "below 2, the number of", "found 2"],
+    );
+}
+
+#[test]
+fn levels_and_environment_are_known_before_loading() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, bytes: &[u8]| {
+        let path = folder.path().join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(&path, bytes).unwrap();
+        path
+    };
+    // The index alone is enough.
+    let index = streamed_sog()["lod-meta.json"].clone();
+    let path = write("all/lod-meta.json", &index);
+    let expected = Some(Streamed { levels: 2, has_environment: true });
+    assert_eq!(streamed(&path).unwrap(), expected);
+    assert_eq!(streamed(path.parent().unwrap()).unwrap(), expected);
+    let bare = String::from_utf8(index).unwrap().replace("\"environment\":\"env/meta.json\",", "");
+    let path = write("bare/lod-meta.json", bare.as_bytes());
+    assert_eq!(streamed(&path).unwrap(), Some(Streamed { levels: 2, has_environment: false }));
+
+    for (name, bytes) in [
+        ("scene/meta.json", sog()["meta.json"].clone()),
+        ("scene.sog", sog_bundle()),
+        ("scene.ply", ply_text()),
+        ("scene.spz", spz(3)),
+        ("scene.splat", splat()),
+    ] {
+        let path = write(name, &bytes);
+        assert_eq!(streamed(&path).unwrap(), None, "{name}");
+    }
+    let error = streamed(&write("cut/lod-meta.json", b"{\"tree\":{},")).unwrap_err().to_string();
+    assert!(error.contains("JSON"), "{error}");
+    assert!(streamed(&folder.path().join("nothing")).is_err());
+}
+
+#[test]
+fn scenes_in_one_piece_have_one_level() {
+    for (name, bytes) in
+        [("s.sog", sog_bundle()), ("s.ply", ply_text()), ("s.spz", spz(3)), ("s.splat", splat())]
+    {
+        let load = |level| {
+            let options = LoadOptions { level_of_detail: Some(level), environment: false };
+            load_source(&Source::memory(name, bytes.as_slice()), &BTreeMap::new(), &options, &|_| {})
+        };
+        assert_eq!(load(0).unwrap(), load_bytes(name, &bytes).unwrap());
+        assert_error(load(1), &[name, "level of detail", "one level", "found 1"]);
+    }
 }
 
 #[test]
@@ -141,4 +194,35 @@ fn an_image_that_would_unpack_to_gigabytes_is_refused_before_it_does() {
     files.insert("means_l.webp".to_owned(), image);
     let result = load_folder("meta.json", &files, &LoadOptions::default());
     assert_error(result, &["means_l.webp", "image", "at most 268435456 bytes", "1073610756"]);
+}
+
+/// ZIP has a checksum for each entry, which shows only at the entry's end.
+#[test]
+fn a_damaged_bundle_is_no_scene() {
+    let whole = sog_bundle();
+    let scene = load_bytes("b.sog", &whole).unwrap();
+    for place in 0..whole.len() {
+        let mut damaged = whole.clone();
+        damaged[place] ^= 1;
+        // Times, versions and the like mean nothing here.
+        if let Ok(other) = load_bytes("b.sog", &damaged) {
+            assert_eq!(other, scene, "byte {place}");
+        }
+    }
+}
+
+#[test]
+fn a_cut_image_is_no_image() {
+    let scene = load_folder("meta.json", &sog(), &LoadOptions::default()).unwrap();
+    for (name, image) in sog().into_iter().filter(|(name, _)| name.ends_with(".webp")) {
+        for length in 0..image.len() {
+            let mut files = sog();
+            files.insert(name.clone(), image[..length].to_vec());
+            // The last byte may be there only to make their number even.
+            match load_folder("meta.json", &files, &LoadOptions::default()) {
+                Ok(cut) => assert!(cut == scene && length + 1 == image.len(), "{length} bytes of {name}"),
+                Err(error) => assert!(error.to_string().starts_with(&name), "{error}"),
+            }
+        }
+    }
 }

@@ -2,6 +2,8 @@
 
 use std::str::{FromStr, SplitAsciiWhitespace};
 
+use crate::format::quoted;
+
 use super::{CamerasById, CaptureFault, PosedImage, intrinsics, parameter_count};
 
 pub fn cameras(bytes: &[u8]) -> Result<CamerasById, CaptureFault> {
@@ -66,6 +68,6 @@ struct Words<'a> {
 impl Words<'_> {
     fn next<T: FromStr>(&mut self, expected: &str) -> Result<T, CaptureFault> {
         let word = self.words.next().ok_or_else(|| CaptureFault::field(&self.field, expected, "nothing"))?;
-        word.parse().map_err(|_| CaptureFault::field(&self.field, expected, format!("{word:?}")))
+        word.parse().map_err(|_| CaptureFault::field(&self.field, expected, quoted(word)))
     }
 }

@@ -110,7 +110,7 @@ struct Version {
 }
 
 /// Whether the JSON text is a `lod-meta.json`.
-pub(super) fn is_streamed(source: &Source<'_>) -> Result<bool, LoadError> {
+pub(in super::super) fn is_streamed(source: &Source<'_>) -> Result<bool, LoadError> {
     Ok(parse::<Kind>(source)?.tree.is_some())
 }
 

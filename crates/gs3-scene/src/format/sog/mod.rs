@@ -16,25 +16,24 @@ use std::io;
 
 use rayon::prelude::*;
 
+use super::Decoded;
 use super::error::LoadError;
 use super::progress::{Progress, Work};
 use super::source::{Files, Source, check_allowance};
-use super::{Decoded, LoadOptions};
 use crate::gaussians::Gaussians;
 use crate::scene::OpacityMode;
 use chunk::{Chunk, Ranges};
+pub(super) use meta::is_streamed;
+pub use stream::Streamed;
+pub(super) use stream::{read as read_streamed, streamed};
 pub(super) use write::{MOST_GAUSSIANS, write};
 
-/// Reads a bundle, a `meta.json` or a `lod-meta.json`; the two latter name their parts among `files`.
+/// Reads a bundle, or a `meta.json`, which names its images among `files`.
 pub(super) fn read(
     source: &Source<'_>,
     files: &dyn Files,
-    options: &LoadOptions,
     progress: Progress<'_>,
 ) -> Result<Decoded, LoadError> {
-    if !source.head(2)?.starts_with(b"PK") && meta::is_streamed(source)? {
-        return stream::read(source, files, options, progress);
-    }
     let chunk = Chunk::open(source, files, "")?;
     let all = chunk.all();
     decode(source.name(), vec![(chunk, all)], progress)

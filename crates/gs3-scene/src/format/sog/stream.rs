@@ -16,8 +16,23 @@ struct Wanted<'a> {
     ranges: Option<Ranges>,
 }
 
+/// What a streamed SOG scene has to choose from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Streamed {
+    /// Number of levels of detail.
+    pub levels: u32,
+    /// Whether it has an environment (sky, far background).
+    pub has_environment: bool,
+}
+
+/// What the `lod-meta.json` states.
+pub(in super::super) fn streamed(source: &Source<'_>) -> Result<Streamed, LoadError> {
+    let meta = LodMeta::parse(source)?;
+    Ok(Streamed { levels: meta.level_count, has_environment: meta.environment.is_some() })
+}
+
 /// Reads the wanted level of detail of all leaves, then the environment.
-pub(super) fn read(
+pub(in super::super) fn read(
     source: &Source<'_>,
     files: &dyn Files,
     options: &LoadOptions,
@@ -28,7 +43,7 @@ pub(super) fn read(
     if let Some(level) = options.level_of_detail
         && level >= meta.level_count
     {
-        let expected = format!("a level below {}", meta.level_count);
+        let expected = format!("a level below {}, the number of levels", meta.level_count);
         return Err(LoadError::invalid(name, "level of detail", expected, level.to_string()));
     }
     let mut runs = vec![Vec::new(); meta.filenames.len()];

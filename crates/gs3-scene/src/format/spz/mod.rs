@@ -8,7 +8,8 @@ mod read;
 mod write;
 
 pub(super) use read::read;
-pub(super) use write::{fractional_bits, step, write};
+pub use write::Clamped;
+pub(super) use write::{clamped, fractional_bits, step, write};
 
 /// "NGSP" as a little-endian number.
 const MAGIC: u32 = 0x5053_474e;
@@ -18,6 +19,9 @@ const HEADER: usize = 16;
 
 /// Bit of the flags: trained with antialiasing.
 const ANTIALIASED: u8 = 1;
+
+/// Bit of the flags: extensions follow the arrays.
+const EXTENDED: u8 = 2;
 
 /// Colours cover more than 0 to 1, because higher harmonics may bring them back: code = dc · 0.15 + 0.5.
 const COLOR_SCALE: f32 = 0.15;

@@ -10,12 +10,22 @@ use super::super::progress::{Progress, Work};
 use super::super::quaternion::with_largest;
 use super::super::source::{Source, check_allowance};
 use super::super::{BLOCK, Decoded};
-use super::{ANTIALIASED, COLOR_SCALE, HEADER, MAGIC, POSITION_SIGNS, QUATERNION_SIGNS, SH_SIGNS, Sizes};
+use super::{
+    ANTIALIASED, COLOR_SCALE, EXTENDED, HEADER, MAGIC, POSITION_SIGNS, QUATERNION_SIGNS, SH_SIGNS, Sizes,
+};
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE, Slots};
 use crate::scene::OpacityMode;
 
 /// Bytes unpacked at once.
 const UNPACK_BYTES: usize = 1 << 20;
+
+/// Bytes of extensions that are read at most. Those that are published have 4 to 12 each.
+const MOST_EXTENSION_BYTES: usize = 1 << 20;
+
+/// The extension by which Adobe states other axes than those of the format, and its values for these: not stated, and
+/// right-up-back.
+const AXES_EXTENSION: u32 = 0xadbe_0003;
+const USUAL_AXES: [u32; 2] = [0, 4];
 
 struct Header {
     version: u32,
@@ -23,6 +33,8 @@ struct Header {
     sh_degree: u8,
     /// Bits after the binary point of positions.
     fractional_bits: u8,
+    /// Whether extensions follow the arrays.
+    is_extended: bool,
     opacity_mode: OpacityMode,
 }
 
@@ -49,6 +61,7 @@ pub(in super::super) fn read(source: &Source<'_>, progress: Progress<'_>) -> Res
         fill(source, &mut gzip, &mut bytes[start..], "arrays")?;
         work.add(bytes.len() - start);
     }
+    check_rest(source, &mut gzip, &header, total)?;
     gaussians = Gaussians::zeroed(header.count, header.sh_degree);
     let arrays = Arrays::split(&bytes, header.count, sizes);
     gaussians.slots().blocks(BLOCK).into_par_iter().for_each(|(first, mut slots)| {
@@ -61,15 +74,79 @@ pub(in super::super) fn read(source: &Source<'_>, progress: Progress<'_>) -> Res
 }
 
 fn fill(source: &Source<'_>, gzip: &mut impl Read, buffer: &mut [u8], field: &str) -> Result<(), LoadError> {
-    gzip.read_exact(buffer).map_err(|error| match error.kind() {
+    let result = gzip.read_exact(buffer);
+    result.map_err(|error| {
+        unreadable(source, field, format!("{} more bytes of gzip data", buffer.len()), error)
+    })
+}
+
+fn unreadable(source: &Source<'_>, field: &str, expected: String, error: std::io::Error) -> LoadError {
+    match error.kind() {
         std::io::ErrorKind::UnexpectedEof
         | std::io::ErrorKind::InvalidInput
         | std::io::ErrorKind::InvalidData => {
-            let expected = format!("{} more bytes of gzip data", buffer.len());
             LoadError::invalid(source.name(), field, expected, error.to_string())
         }
         _ => LoadError::Io { file: source.name().to_owned(), source: error },
-    })
+    }
+}
+
+/// Reads what follows the `total` bytes of the arrays, to the end: only there does gzip compare its checksum, and only
+/// there does it show that the header states another count, degree or version than the file has.
+///
+/// Nothing follows, except where the header has the flag for it: then extensions of vendors do, each a type, a length
+/// and as many bytes. They are for viewers, such as limits of an orbit, and are skipped as in Niantic's reader, all but
+/// one.
+fn check_rest(
+    source: &Source<'_>,
+    gzip: &mut impl Read,
+    header: &Header,
+    total: usize,
+) -> Result<(), LoadError> {
+    let Header { version, count, sh_degree, is_extended, .. } = *header;
+    let most = if is_extended { MOST_EXTENSION_BYTES } else { 0 };
+    let end = "a whole gzip stream with its checksum".to_owned();
+    let mut rest = Vec::new();
+    gzip.take(most as u64 + 1)
+        .read_to_end(&mut rest)
+        .map_err(|error| unreadable(source, "end", end, error))?;
+    if rest.len() > most {
+        let expected = match is_extended {
+            true => format!("at most {most} bytes of extensions"),
+            false => format!(
+                "{total} bytes for the {count} Gaussians of degree {sh_degree} of a file of version {version}"
+            ),
+        };
+        return Err(LoadError::invalid(source.name(), "arrays", expected, "more"));
+    }
+    check_extensions(source, &rest)
+}
+
+/// Whether `records` are extensions under which the arrays mean what they always mean.
+fn check_extensions(source: &Source<'_>, mut records: &[u8]) -> Result<(), LoadError> {
+    while !records.is_empty() {
+        let record = records.split_first_chunk::<8>().and_then(|([a, b, c, d, length @ ..], rest)| {
+            let (payload, rest) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
+            Some((u32::from_le_bytes([*a, *b, *c, *d]), payload, rest))
+        });
+        let Some((kind, payload, rest)) = record else {
+            let actual = format!("{} bytes that are none", records.len());
+            return Err(LoadError::invalid(
+                source.name(),
+                "extensions",
+                "a type, a length and its bytes",
+                actual,
+            ));
+        };
+        let axes = payload.try_into().map(u32::from_le_bytes);
+        if kind == AXES_EXTENSION && !axes.is_ok_and(|axes| USUAL_AXES.contains(&axes)) {
+            let actual = axes.map_or(format!("{} bytes", payload.len()), |axes| axes.to_string());
+            let expected = "right-up-back (0 or 4)";
+            return Err(LoadError::invalid(source.name(), "coordinate system", expected, actual));
+        }
+        records = rest;
+    }
+    Ok(())
 }
 
 impl Header {
@@ -92,14 +169,15 @@ impl Header {
         if fractional_bits > 24 {
             return invalid("fractionalBits", "at most 24", u32::from(fractional_bits));
         }
-        if flags & !ANTIALIASED != 0 {
-            return invalid("flags", "0 or 1 (no extensions)", u32::from(flags));
+        if flags & !(ANTIALIASED | EXTENDED) != 0 {
+            return invalid("flags", "0 to 3", u32::from(flags));
         }
         let opacity_mode = match flags & ANTIALIASED {
             0 => OpacityMode::Default,
             _ => OpacityMode::Antialiased,
         };
-        Ok(Self { version, count: count as usize, sh_degree, fractional_bits, opacity_mode })
+        let is_extended = flags & EXTENDED != 0;
+        Ok(Self { version, count: count as usize, sh_degree, fractional_bits, is_extended, opacity_mode })
     }
 }
 

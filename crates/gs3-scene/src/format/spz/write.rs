@@ -1,14 +1,17 @@
 //! Writing SPZ, version 3.
 
+use std::fmt;
 use std::io::{self, Write};
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
+use rayon::prelude::*;
 
 use super::super::activation::log_scale;
 use super::super::atomic::write_rows;
 use super::super::quaternion::without_largest;
 use super::{ANTIALIASED, COLOR_SCALE, HEADER, MAGIC, POSITION_SIGNS, QUATERNION_SIGNS, SH_SIGNS, Sizes};
+use crate::gaussians::Gaussians;
 use crate::scene::{OpacityMode, Scene};
 
 const VERSION: u32 = 3;
@@ -36,8 +39,54 @@ pub(in super::super) fn step(fractional_bits: u8) -> f32 {
     f32::from(fractional_bits).exp2().recip()
 }
 
+/// How many Gaussians a file changes beyond rounding, because their values lie outside of what it can hold.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Clamped {
+    /// A scale is larger than the largest, or all three are smaller than the smallest: the Gaussian is shrunk or grown.
+    /// One that is merely flatter stays as good as flat.
+    pub scales: usize,
+    /// A spherical-harmonics coefficient is out of range: the colour is another, from all or some sides.
+    pub sh: usize,
+}
+
+impl fmt::Display for Clamped {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [smallest, largest] = [0.0, 255.0].map(|code: f32| (code / 16.0 - 10.0).exp());
+        let constant = 0.5 / COLOR_SCALE;
+        write!(
+            f,
+            "{} Gaussians have scales outside {smallest:.1e} to {largest:.0}, and {} have spherical harmonics outside ±1 (constant \
+             terms ±{constant:.2}): they are cut to that",
+            self.scales, self.sh
+        )
+    }
+}
+
+/// What [`write`] cuts of `scene`.
+pub(in super::super) fn clamped(scene: &Scene) -> Clamped {
+    let gaussians = scene.gaussians();
+    let counted = |i| Clamped {
+        scales: usize::from(is_scale_clamped(gaussians, i)),
+        sh: usize::from(is_sh_clamped(gaussians, i)),
+    };
+    let plus = |a: Clamped, b: Clamped| Clamped { scales: a.scales + b.scales, sh: a.sh + b.sh };
+    (0..gaussians.len()).into_par_iter().map(counted).reduce(Clamped::default, plus)
+}
+
+fn is_scale_clamped(gaussians: &Gaussians, i: usize) -> bool {
+    let codes = gaussians.scale(i).map(|scale| scale_code(scale).round());
+    codes.iter().any(|code| *code > 255.0) || codes.iter().all(|code| *code < 0.0)
+}
+
+fn is_sh_clamped(gaussians: &Gaussians, i: usize) -> bool {
+    let (constant, rest) = gaussians.sh_of(i).split_at(3);
+    let rest = rest.iter().enumerate().map(|(k, value)| sh_code(k, *value));
+    let mut codes = constant.iter().map(|dc| color_code(*dc)).chain(rest);
+    codes.any(|code| !(0.0..=255.0).contains(&code.round()))
+}
+
 /// Writes `scene` with positions of the given [`fractional_bits`]. Higher harmonics keep all 8 bits, where
-/// Niantic's encoder rounds them to 5 and 4 for a smaller file; they are cut at ±1.
+/// Niantic's encoder rounds them to 5 and 4 for a smaller file. [`clamped`] tells what is cut.
 pub(in super::super) fn write(scene: &Scene, fractional_bits: u8, writer: &mut impl Write) -> io::Result<()> {
     let gaussians = scene.gaussians();
     let sizes = Sizes::new(VERSION, gaussians.sh_degree);
@@ -65,12 +114,12 @@ pub(in super::super) fn write(scene: &Scene, fractional_bits: u8, writer: &mut i
     write_rows(&mut gzip, count, sizes.alphas, |i, row| row[0] = code(gaussians.opacities[i] * 255.0))?;
     write_rows(&mut gzip, count, sizes.colors, |i, row| {
         for (byte, dc) in row.iter_mut().zip(gaussians.sh_of(i)) {
-            *byte = code((dc * COLOR_SCALE + 0.5) * 255.0);
+            *byte = code(color_code(*dc));
         }
     })?;
     write_rows(&mut gzip, count, sizes.scales, |i, row| {
         for (byte, scale) in row.iter_mut().zip(gaussians.scale(i)) {
-            *byte = code((log_scale(scale) + 10.0) * 16.0);
+            *byte = code(scale_code(scale));
         }
     })?;
     write_rows(&mut gzip, count, sizes.rotations, |i, row| {
@@ -79,12 +128,26 @@ pub(in super::super) fn write(scene: &Scene, fractional_bits: u8, writer: &mut i
     if sizes.sh > 0 {
         write_rows(&mut gzip, count, sizes.sh, |i, row| {
             for (k, (byte, value)) in row.iter_mut().zip(&gaussians.sh_of(i)[3..]).enumerate() {
-                *byte = code(value * SH_SIGNS[1 + k / 3] * 128.0 + 128.0);
+                *byte = code(sh_code(k, *value));
             }
         })?;
     }
     gzip.finish()?;
     Ok(())
+}
+
+/// Constant terms, scales and higher coefficients (number `k` of their row) as numbers of which a file holds 0 to 255,
+/// rounded.
+fn color_code(dc: f32) -> f32 {
+    (dc * COLOR_SCALE + 0.5) * 255.0
+}
+
+fn scale_code(scale: f32) -> f32 {
+    (log_scale(scale) + 10.0) * 16.0
+}
+
+fn sh_code(k: usize, value: f32) -> f32 {
+    value * SH_SIGNS[1 + k / 3] * 128.0 + 128.0
 }
 
 /// The nearest byte.
