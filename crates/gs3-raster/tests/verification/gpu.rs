@@ -8,6 +8,7 @@ use gs3_raster::{
     Culling, GpuGBuffer, GpuRasterError, GpuRasterizer, Outputs, RasterError, RasterSettings, Rasterizer,
     ScenePrecision, matched_dilation,
 };
+use gs3_scene::gaussians::MAX_SH;
 use gs3_scene::{Camera, GBuffer, Image, Margin, OpacityMode, Scene};
 
 use crate::compare::{EVERYTHING, assert_identical, oracle, pairs};
@@ -275,14 +276,14 @@ fn poisoned_scenes_give_finite_output() {
             scale: DVec3::from_array(std::array::from_fn(|_| pick(SCALES))),
             rotation: Random(i).rotation(),
             opacity: pick(&[0.0, 1.0 / 255.0, 0.004, 0.1, 0.7, 1.0]),
-            sh: (0..3).map(|_| pick(&[-1.0, 0.0, 0.4, 2.0, 1e6, -1e6])).collect(),
+            sh: (0..3 * 16).map(|_| pick(&[-1.0, 0.0, 0.4, 2.0, MAX_SH.into(), (-MAX_SH).into()])).collect(),
         })
         .collect();
     let camera = camera_at_origin(61, 47, DVec2::ZERO);
     for (mode, precision) in
         [(OpacityMode::Default, ScenePrecision::F16), (OpacityMode::Antialiased, ScenePrecision::F32)]
     {
-        let scene = Arc::new(Scene::new(gaussians(&specs, 0), mode).expect("finite"));
+        let scene = Arc::new(Scene::new(gaussians(&specs, 3), mode).expect("finite"));
         let mut rasterizer = GpuRasterizer::new(&gpu, scene, Culling::AccuTile, precision).expect("room");
         for dilation in [0.3, 0.0] {
             let mut frame = GBuffer::default();

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::{DQuat, DVec2, DVec3};
 use gs3_raster::{Culling, Outputs, RasterSettings, Rasterizer};
+use gs3_scene::gaussians::MAX_SH;
 use gs3_scene::{GBuffer, Image, Margin, OpacityMode, Scene};
 use proptest::prelude::*;
 
@@ -56,20 +57,18 @@ fn poison() -> impl Strategy<Value = Spec> {
         ]
     };
     let opacity = prop_oneof![3 => 0.0..1.0_f64, 1 => Just(0.0), 1 => Just(1.0), 1 => Just(1.0 / 255.0)];
-    let sh = || prop_oneof![4 => -2.0..2.0_f64, 1 => Just(1e6), 1 => Just(-1e6)];
+    // Of the third degree; smaller ones take the first of them.
+    let most = f64::from(MAX_SH);
+    let sh =
+        prop::collection::vec(prop_oneof![4 => -2.0..2.0_f64, 1 => Just(most), 1 => Just(-most)], 3 * 16);
     let quaternion = prop::array::uniform4(-1.0..1.0_f64);
-    (coordinate(), coordinate(), depth, [scale(), scale(), scale()], quaternion, opacity, [sh(), sh(), sh()])
-        .prop_map(|(x, y, z, s, q, opacity, sh)| {
+    (coordinate(), coordinate(), depth, [scale(), scale(), scale()], quaternion, opacity, sh).prop_map(
+        |(x, y, z, s, q, opacity, sh)| {
             let q = DQuat::from_array(q);
             let rotation = if q.length() > 1e-3 { q.normalize() } else { DQuat::IDENTITY };
-            Spec {
-                mean: DVec3::new(x, y, z),
-                scale: DVec3::from_array(s),
-                rotation,
-                opacity,
-                sh: sh.to_vec(),
-            }
-        })
+            Spec { mean: DVec3::new(x, y, z), scale: DVec3::from_array(s), rotation, opacity, sh }
+        },
+    )
 }
 
 proptest! {
@@ -78,12 +77,14 @@ proptest! {
     /// No value that a scene can hold makes any output NaN or infinite, and culling stays exact.
     #[test]
     fn poisoned_scenes_give_finite_output(
-        specs in prop::collection::vec(poison(), 1..24),
+        mut specs in prop::collection::vec(poison(), 1..24),
+        degree in 0_usize..4,
         antialiased: bool,
         dilation in prop_oneof![Just(0.0_f32), Just(0.3), Just(0.3 / 16.0), Just(1e-12), Just(1e6)],
     ) {
         let mode = if antialiased { OpacityMode::Antialiased } else { OpacityMode::Default };
-        let scene = Scene::new(gaussians(&specs, 0), mode).expect("finite");
+        specs.iter_mut().for_each(|spec| spec.sh.truncate(3 * (degree + 1).pow(2)));
+        let scene = Scene::new(gaussians(&specs, degree as u8), mode).expect("finite");
         let camera = camera_at_origin(35, 21, DVec2::ZERO);
         let settings = RasterSettings { dilation, background: [0.5; 3], ..EVERYTHING };
         let frames = ALL_CULLING.map(|c| render(&scene, c, &camera, &settings));
