@@ -236,9 +236,17 @@ fn warm_up(pipeline: &mut FramePipeline, path: &CameraPath, start: usize) -> Res
     Ok(())
 }
 
-/// The true cameras of the frames before rendered frame `k`, where the path knows them.
+/// The true cameras of the frames before rendered frame `k`, where the path knows them. Between frames of different size
+/// nothing lies: no size would be theirs, and the pipeline starts anew there.
 pub fn between(settings: &PipelineSettings, path: &CameraPath, k: usize) -> Vec<Camera> {
-    match k > 0 || path.is_cycle() {
+    let cameras = path.cameras();
+    let before = match k.checked_sub(1) {
+        None if path.is_cycle() => cameras.len() - 1,
+        None => return Vec::new(),
+        Some(before) => before,
+    };
+    let size = |camera: &Camera| (camera.width(), camera.height());
+    match size(&cameras[before]) == size(&cameras[k]) {
         true => settings.moments().map(|t| path.at(k as f64 - 1.0 + t)).collect(),
         false => Vec::new(),
     }

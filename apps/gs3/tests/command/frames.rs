@@ -140,6 +140,35 @@ fn a_smooth_path_has_as_many_frames_as_asked_for() {
     assert_eq!(names(&folder.path().join("out")).len(), 4);
 }
 
+/// A capture may have cameras of several sizes: nothing lies between two that differ, so a number is left out there.
+#[test]
+fn cameras_of_different_sizes_are_rendered_one_after_the_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let camera = |k: u32| {
+        // Two frames of one size, two of another, one of the first.
+        let (width, height) = if k / 2 == 1 { (80, 48) } else { (64, 48) };
+        let pose = format!("[[1,0,0,{}],[0,0,-1,-9],[0,1,0,2],[0,0,0,1]]", f64::from(k) * 0.02);
+        format!(r#"{{"fl_x": 50, "w": {width}, "h": {height}, "transform_matrix": {pose}}}"#)
+    };
+    let cameras: Vec<String> = (0..5).map(camera).collect();
+    fs::write(at.join("sizes.json"), format!(r#"{{"frames": [{}]}}"#, cameras.join(", "))).unwrap();
+    let render = "render demo --path sizes.json --tier analytic --backend cpu --out";
+    let sizes = |out: &str| {
+        let width = |name: &String| (name[6..12].parse::<u32>().unwrap(), png(&at.join(out).join(name)).0);
+        names(&at.join(out)).iter().map(width).collect::<Vec<_>>()
+    };
+    succeed(at, &format!("{render} full"));
+    assert_eq!(sizes("full"), [(0, 64), (1, 64), (2, 64), (4, 80), (5, 80), (6, 80), (8, 64)]);
+    succeed(at, &format!("{render} super --mode super-sample"));
+    assert_eq!(sizes("super"), [(0, 64), (1, 64), (2, 80), (3, 80), (4, 64)]);
+    succeed(at, &format!("{render} smooth --smooth 7 --generate 3"));
+    assert!(sizes("smooth").iter().any(|size| size.1 == 80), "{:?}", sizes("smooth"));
+    succeed(at, &format!("{render} part --frames 3..5"));
+    assert_eq!(sizes("part"), [(5, 80), (6, 80), (8, 64)]);
+    succeed(at, "bench demo --path sizes.json --tier analytic");
+}
+
 #[test]
 #[cfg(unix)]
 fn an_interrupted_run_leaves_whole_files_and_says_how_to_go_on() {
