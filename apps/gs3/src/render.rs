@@ -13,7 +13,7 @@ use crate::args::RenderArgs;
 use crate::backend::Machine;
 use crate::destination::Destination;
 use crate::error::CliError;
-use crate::output::{FrameWriter, Target, write_text};
+use crate::output::{FrameWriter, Target, Written, write_text};
 use crate::report::{self, Times};
 use crate::terminal::note;
 use crate::video::{by_hand, no_option, quoted};
@@ -106,16 +106,16 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
             "warning: no Gaussian is visible in any frame: cameras look elsewhere, or from nearer than {NEAR}"
         ));
     }
-    let (written, encode_time) = writer.map_or(Ok(Default::default()), |w| w.finish(is_complete))?;
+    let written = writer.map_or(Ok(Written::default()), |w| w.finish(is_complete))?;
 
     let mut figures = json!({
         "frames_displayed": times.displayed(),
         "frames_rendered": next - range.start,
-        "frames_written": written,
+        "frames_written": written.frames,
         "displayed_fps": times.displayed_fps(),
         "stage_ms": times.stage_ms(),
         "load_s": load_time.as_secs_f64(),
-        "encode_s": encode_time.as_secs_f64(),
+        "encode_s": written.encode_time.as_secs_f64(),
         "gaussians": pipeline.scene().gaussians().len(),
         "is_all_on_device": pipeline.is_on_device(&first),
         "size": [first.width(), first.height()],
@@ -137,12 +137,15 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         mode_name(mode),
         args.out.display(),
         load_time.as_secs_f64(),
-        encode_time.as_secs_f64(),
+        written.encode_time.as_secs_f64(),
     ));
+    let numbers = first_number.unwrap_or_default()..(range.end - 1) * settings.displayed_per_rendered() + 1;
     if is_complete {
+        if let (Target::Video { file, frames }, Some(no_video)) = (&target, written.no_video) {
+            no_video.tell(file, frames, &numbers, rate)?;
+        }
         return Ok(Outcome::Done);
     }
-    let numbers = first_number.unwrap_or_default()..(range.end - 1) * settings.displayed_per_rendered() + 1;
     note(format_args!(
         "interrupted; all files are whole. To go on: {}",
         remainder(&target, range.start, &(next..range.end), &numbers, rate)
@@ -200,8 +203,8 @@ fn check_one_size(path: &CameraPath, range: &Range<usize>) -> Result<(), CliErro
     }
 }
 
-/// What to run after an interruption for the frames `left` of those from `first` on. A video begins anew with the frames that
-/// it is given, so that of all of them, with these `numbers`, is made once they are there.
+/// What to run after an interruption for the frames `left` of those from `first` on. A video begins anew with the frames
+/// that it is given, so that of all of them, with these `numbers`, is made once they are there.
 fn remainder(
     target: &Target,
     first: usize,
