@@ -119,6 +119,21 @@ fn frames_are_the_same_bytes_whatever_the_number_of_threads() {
     assert!(one == frames(&folder.path().join("2")) && one == frames(&folder.path().join("5")));
 }
 
+/// Frames wait for others to be encoded with, by as many threads as there are: not all of them in memory.
+#[test]
+#[cfg(target_os = "linux")]
+fn memory_does_not_grow_with_the_number_of_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let peak = |threads: u32| {
+        let options = format!("--size 1280x720 --mode native --frames 0..24 --threads {threads}");
+        succeed(folder.path(), &format!("render demo {options} --backend cpu --out o --json r.json"));
+        json(&folder.path().join("r.json"))["peak_rss_mb"].as_f64().unwrap()
+    };
+    let (few, many) = (peak(8), peak(64));
+    // As many frames as threads would be 24 here, each 4.6 MB: 74 MB more. Threads have caches of their own.
+    assert!(many < few + 40.0, "{few} MB, {many} MB");
+}
+
 #[test]
 fn the_parts_of_a_path_fit_together() {
     let folder = tempfile::tempdir().unwrap();
