@@ -224,13 +224,15 @@ fn remainder(
     }
 }
 
-/// Renders the frames before `start` on which its history rests, so that a part of a path looks as it does in the whole.
+/// Renders the frames before `start` that its history remembers, so that a part of a path begins as good as it would be in
+/// the whole. The same it is only within the first period: where a frame is sampled follows from all frames before it, and
+/// two sequences of offsets that began apart stay apart, however long one warms up.
 fn warm_up(pipeline: &mut FramePipeline, path: &CameraPath, start: usize) -> Result<(), PipelineError> {
     if !pipeline.settings().mode.has_history() {
         return Ok(());
     }
-    // One period of the jitter reaches back as far as the history; starting at a multiple of it keeps the order of the
-    // offsets.
+    // One period of the jitter reaches back as far as the history; starting at a multiple of it, parts that begin close to
+    // each other begin alike.
     let period = pipeline.jitter_period();
     let from = start.saturating_sub(period) / period * period;
     for camera in &path.cameras()[from..start] {
