@@ -10,6 +10,7 @@ use gs3::{Culling, Kriging, Mode, PipelineSettings, Sampling};
 
 use crate::evaluate::EvaluateArgs;
 use crate::export::ExportArgs;
+use crate::levels::Levels;
 use crate::simplify::SimplifyArgs;
 use crate::train::{BaselineArgs, TrainArgs};
 use crate::train_clips::ClipsArgs;
@@ -40,7 +41,7 @@ pub enum Command {
     /// Keep the Gaussians that matter most to given cameras
     Simplify(SimplifyArgs),
     /// List GPU adapters, what they can do, and which one is taken
-    Devices,
+    Devices(DevicesArgs),
     /// Train networks
     #[command(subcommand)]
     Train(Train),
@@ -146,6 +147,8 @@ pub struct Look {
 pub struct RenderArgs {
     #[command(flatten)]
     pub view: View,
+    #[command(flatten)]
+    pub levels: Levels,
     /// Frames of the path, the last one excluded [default: all; the first one for FILE.png]
     #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     pub frames: Option<FrameRange>,
@@ -174,6 +177,8 @@ pub struct RenderArgs {
 pub struct GbufferArgs {
     #[command(flatten)]
     pub view: View,
+    #[command(flatten)]
+    pub levels: Levels,
     /// Frame of the path
     #[arg(long, default_value_t = 0, value_name = "K")]
     pub frame: usize,
@@ -206,6 +211,15 @@ pub struct GbufferArgs {
 pub struct InfoArgs {
     /// Scene file or folder, or `demo` for the built-in scene
     pub scene: PathBuf,
+    #[command(flatten)]
+    pub levels: Levels,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct DevicesArgs {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
@@ -217,12 +231,16 @@ pub struct ConvertArgs {
     pub input: PathBuf,
     /// Output file: .ply, .spz or .sog
     pub output: PathBuf,
+    #[command(flatten)]
+    pub levels: Levels,
 }
 
 #[derive(Debug, clap::Args)]
 pub struct BenchArgs {
     #[command(flatten)]
     pub view: View,
+    #[command(flatten)]
+    pub levels: Levels,
     /// Frames of the path, the last one excluded [default: the first 20]
     #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     pub frames: Option<FrameRange>,

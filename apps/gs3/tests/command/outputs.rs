@@ -162,6 +162,21 @@ fn links_stay_and_full_devices_are_told_in_one_line() {
 
 #[test]
 #[cfg(target_os = "linux")]
+fn weights_without_an_end_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for (arguments, option) in [
+        ("render demo --size 16x9 --weights /dev/zero --out o", "--weights"),
+        ("export /dev/zero --out o.onnx", "WEIGHTS"),
+    ] {
+        let output = gs3(folder.path(), arguments).output().unwrap();
+        assert_eq!(output.status.code(), Some(2));
+        let expected = format!("error: {option}: expected a regular file or a pipe, found /dev/zero\n");
+        assert_eq!(stderr(&output), expected);
+    }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
 fn nobody_needs_to_listen() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
@@ -174,7 +189,7 @@ fn nobody_needs_to_listen() {
     assert!(output.status.success() && output.stderr.is_empty(), "{}", stderr(&output));
 
     let bench = "bench demo --size 16x9 --frames 0..1 --tier analytic --json b.json";
-    for arguments in ["info demo", "info demo --json", "devices", bench] {
+    for arguments in ["info demo", "info demo --json", "devices", "devices --json", bench] {
         let output = gs3(at, arguments).stdout(full()).output().unwrap();
         let said = stderr(&output);
         assert_eq!(output.status.code(), Some(2), "{arguments}: {said}");
