@@ -104,15 +104,15 @@ pub struct Look {
     /// Networks that refine the frames [default: balanced where weights for the scale come with gs3, else analytic]
     #[arg(long, value_name = "TIER", conflicts_with = "weights")]
     pub tier: Option<TierArg>,
-    /// How frames between are made: warped without learning, or refined by the tier's network as well, which takes a few times as
-    /// long
+    /// How frames between are made: warped without learning, or refined by the tier's network as well, which takes a
+    /// few times as long
     #[arg(long, default_value = "analytic", value_name = "analytic|learned", conflicts_with = "weights")]
     pub interpolation: InterpolationArg,
     /// Weights of super sampling or of interpolation; may be given once for each
     #[arg(long, value_name = "FILE.safetensors")]
     pub weights: Vec<PathBuf>,
-    /// What networks on the CPU compute with; `bf16` needs AMX (Linux) or AVX-512 BF16 and is the same as `f32` elsewhere
-    /// [default: the faster on this machine]
+    /// What networks on the CPU compute with; `bf16` needs AMX (Linux) or AVX-512 BF16 and is the same as `f32`
+    /// elsewhere [default: the faster on this machine]
     #[arg(long, value_name = "bf16|f32")]
     pub arithmetic: Option<ArithmeticArg>,
     /// Networks on a GPU multiply matrices in its hardware for them. Experimental: tried on a small convolution first
@@ -124,12 +124,12 @@ pub struct Look {
     /// Sub-pixel offsets of the low-resolution frames
     #[arg(long, default_value = "on", value_name = "on|off")]
     pub jitter: Switch,
-    /// Krige pixels that first-order predictions leave uncertain, without networks too; with them it is always done. Sharper in
-    /// motion, and takes longer; `coarse` less so, as below tier fast, `fine` more so, as below tier high
+    /// Krige pixels that first-order predictions leave uncertain, without networks too; with them it is always done.
+    /// Sharper in motion, and takes longer; `coarse` less so, as below tier fast, `fine` more so, as below tier high
     #[arg(long, value_name = "coarse|on|fine", num_args = 0..=1, require_equals = true, default_missing_value = "on")]
     pub kriging: Option<KrigingArg>,
-    /// Rasterize beyond the edges that the camera turns to, without networks too; with them it is always done. Sharper there, and
-    /// takes a little longer
+    /// Rasterize beyond the edges that the camera turns to, without networks too; with them it is always done. Sharper
+    /// there, and takes a little longer
     #[arg(long)]
     pub overscan: bool,
     /// Dilation of splats in px² of the rendered grid: matched (0.3/S²), stock (0.3) or a number

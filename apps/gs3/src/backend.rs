@@ -18,7 +18,8 @@ pub enum Machine {
 }
 
 impl Machine {
-    /// The machine that `device` means, a GPU opened with `features`; its products of matrices are tried if they are among them.
+    /// The machine that `device` means, a GPU opened with `features`; its products of matrices are tried if they are
+    /// among them.
     pub fn new(device: &Device, features: OptionalFeatures) -> Result<Self, CliError> {
         let machine = Self::open(device, features)?;
         if features == OptionalFeatures::Experimental {
@@ -134,7 +135,7 @@ mod tests {
     fn the_cpu_takes_over_from_a_gpu_that_nobody_asked_for_only() {
         let open = || Gpu::new(&GpuSettings::default());
         let Ok(gpu) = open() else {
-            eprintln!("skipped: no GPU adapter");
+            note("skipped: no GPU adapter");
             return;
         };
         let scene = Arc::new(demo::scene().unwrap());

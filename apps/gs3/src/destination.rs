@@ -89,8 +89,8 @@ impl<'a> Destination<'a> {
     }
 }
 
-/// Checks that all `destinations` can be written, that each is what its name says, and that none is another one, a frame
-/// of another one or one of `inputs`. Leaves nothing behind.
+/// Checks that all `destinations` can be written, that each is what its name says, and that none is another one, a
+/// frame of another one or one of `inputs`. Leaves nothing behind.
 pub fn check<'a>(
     destinations: &[Destination<'_>],
     inputs: impl IntoIterator<Item = &'a Path>,

@@ -39,8 +39,8 @@ pub fn requested() -> bool {
     REQUESTED.load(Relaxed)
 }
 
-/// From now on a second request does `last` and ends the command at once, without the files in work: for as long as it may
-/// wait for another program that is stuck. With none, second requests are as good as the first.
+/// From now on a second request does `last` and ends the command at once, without the files in work: for as long as it
+/// may wait for another program that is stuck. With none, second requests are as good as the first.
 pub fn on_second_request(last: Option<LastAct>) {
     *last_act() = last;
 }

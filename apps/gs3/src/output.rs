@@ -80,13 +80,13 @@ pub fn is_frame_name(name: &OsStr) -> bool {
     number.and_then(|number| number.parse().ok()).is_some_and(|number| name == frame_name(number).as_str())
 }
 
-/// Most frames that are held to be encoded at once, however many threads there are: one takes 3 B a pixel, and 2 more while
-/// it is compressed. Eight are 40 B of the 250 B a pixel that a command may take beside its scene, of which rendering
-/// itself takes up to 208 (docs/performance.md).
+/// Most frames that are held to be encoded at once, however many threads there are: one takes 3 B a pixel, and 2 more
+/// while it is compressed. Eight are 40 B of the 250 B a pixel that a command may take beside its scene, of which
+/// rendering itself takes up to 208 (docs/performance.md).
 const MOST_HELD: usize = 8;
 
-/// Writes frames in order. Encoding never overlaps rendering, so neither slows the other's figures: frames are collected
-/// until there is one for every thread, or as many as may be held, and then encoded by all threads at once.
+/// Writes frames in order. Encoding never overlaps rendering, so neither slows the other's figures: frames are
+/// collected until there is one for every thread, or as many as may be held, and then encoded by all threads at once.
 pub struct FrameWriter {
     target: Target,
     /// Where one was asked for; if it fails, frames go on.

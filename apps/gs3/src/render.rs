@@ -203,8 +203,8 @@ fn check_one_size(path: &CameraPath, range: &Range<usize>) -> Result<(), CliErro
     }
 }
 
-/// What to run after an interruption for the frames `left` of those from `first` on. A video begins anew with the frames
-/// that it is given, so that of all of them, with these `numbers`, is made once they are there.
+/// What to run after an interruption for the frames `left` of those from `first` on. A video begins anew with the
+/// frames that it is given, so that of all of them, with these `numbers`, is made once they are there.
 fn remainder(
     target: &Target,
     first: usize,
@@ -224,15 +224,15 @@ fn remainder(
     }
 }
 
-/// Renders the frames before `start` that its history remembers, so that a part of a path begins as good as it would be in
-/// the whole. The same it is only within the first period: where a frame is sampled follows from all frames before it, and
-/// two sequences of offsets that began apart stay apart, however long one warms up.
+/// Renders the frames before `start` that its history remembers, so that a part of a path begins as good as it would be
+/// in the whole. The same it is only within the first period: where a frame is sampled follows from all frames before
+/// it, and two sequences of offsets that began apart stay apart, however long one warms up.
 fn warm_up(pipeline: &mut FramePipeline, path: &CameraPath, start: usize) -> Result<(), PipelineError> {
     if !pipeline.settings().mode.has_history() {
         return Ok(());
     }
-    // One period of the jitter reaches back as far as the history; starting at a multiple of it, parts that begin close to
-    // each other begin alike.
+    // One period of the jitter reaches back as far as the history; starting at a multiple of it, parts that begin close
+    // to each other begin alike.
     let period = pipeline.jitter_period();
     let from = start.saturating_sub(period) / period * period;
     for camera in &path.cameras()[from..start] {
@@ -241,8 +241,8 @@ fn warm_up(pipeline: &mut FramePipeline, path: &CameraPath, start: usize) -> Res
     Ok(())
 }
 
-/// The true cameras of the frames before rendered frame `k`, where the path knows them. Between frames of different size
-/// nothing lies: no size would be theirs, and the pipeline starts anew there.
+/// The true cameras of the frames before rendered frame `k`, where the path knows them. Between frames of different
+/// size nothing lies: no size would be theirs, and the pipeline starts anew there.
 pub fn between(settings: &PipelineSettings, path: &CameraPath, k: usize) -> Vec<Camera> {
     let cameras = path.cameras();
     let before = match k.checked_sub(1) {

@@ -64,8 +64,8 @@ pub enum NoVideo {
 }
 
 impl NoVideo {
-    /// Says why `file` is not there, and how to make it of the frames with these `numbers` in folder `frames`. Without an
-    /// `ffmpeg` frames are all that there can be; one that fails is an error, as whoever has it counts on the video.
+    /// Says why `file` is not there, and how to make it of the frames with these `numbers` in folder `frames`. Without
+    /// an `ffmpeg` frames are all that there can be; one that fails is an error, as whoever has it counts on the video.
     pub fn tell(self, file: &Path, frames: &Path, numbers: &Range<usize>, rate: f64) -> Result<(), CliError> {
         let by_hand = by_hand(file, frames, numbers, rate);
         match self {
@@ -95,8 +95,8 @@ const LOOK: Duration = Duration::from_millis(10);
 /// Most of what `ffmpeg` says that is kept: its first line is told, and no line is as long.
 const MOST_SAID: u64 = 1 << 16;
 
-/// A running `ffmpeg` that takes raw frames. Its file appears under its name when the video is whole; until then a second
-/// Ctrl-C ends it, should it be stuck.
+/// A running `ffmpeg` that takes raw frames. Its file appears under its name when the video is whole; until then a
+/// second Ctrl-C ends it, should it be stuck.
 pub struct Video {
     /// Where the video goes: of a link the file that it leads to.
     file: PathBuf,

@@ -120,7 +120,7 @@ fn levels_and_environments_of_streamed_scenes_are_chosen() {
             ),
             1,
         ),
-        (format!("render streamed --size 16x9 --frames 0..1 --tier analytic --out o --json r.json"), 5),
+        ("render streamed --size 16x9 --frames 0..1 --tier analytic --out o --json r.json".to_owned(), 5),
     ] {
         succeed(at, &command);
         assert_eq!(super::json(&at.join("r.json"))["gaussians"], expected, "{command}");

@@ -6,7 +6,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::Stdio;
 
-use super::{gs3, interrupt, names, png, stderr};
+use super::{gs3, interrupt, names, png, send_interrupt, stderr};
 
 /// A PATH that holds nothing but an `ffmpeg` with this script.
 fn path_with_ffmpeg(folder: &Path, script: &str) -> String {
@@ -90,19 +90,16 @@ fn a_stuck_ffmpeg_is_ended_by_a_second_interruption() {
     let mut command = gs3(at, "render demo --size 320x180 --threads 1 --tier analytic --out clip.mp4");
     let child = command.env("PATH", path).stderr(Stdio::piped()).spawn().unwrap();
     let frames = at.join("clip");
-    let mut sent = 0;
-    // One frame is more than a pipe holds.
-    let output = loop {
-        if sent > 0 || (at.join("pid").is_file() && frames.is_dir() && !names(&frames).is_empty()) {
-            sent += 1;
-            if sent == 2 {
-                break interrupt(child, || true);
-            }
-            let pid = child.id().to_string();
-            assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
+    let id = child.id();
+    let output = interrupt(child, || {
+        // One frame is more than a pipe holds.
+        let is_stuck = at.join("pid").is_file() && frames.is_dir() && !names(&frames).is_empty();
+        if is_stuck {
+            send_interrupt(id);
+            std::thread::sleep(std::time::Duration::from_millis(300));
         }
-        std::thread::sleep(std::time::Duration::from_millis(300));
-    };
+        is_stuck
+    });
     let said = stderr(&output);
     assert_eq!(output.status.code(), Some(130), "{said}");
     assert!(said.ends_with("interrupted at once; all files are whole\n"), "{said}");
