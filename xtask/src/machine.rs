@@ -6,10 +6,15 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus};
 use std::time::Duration;
 
+use serde_json::Value;
+
 use crate::XtaskError;
 use crate::child::{self, Ended};
 use crate::devices::{Adapter, Devices};
 use crate::environment::{self, Environment};
+
+/// What tells the adapters.
+const COMMAND: &str = "gs3 devices --json";
 
 /// What is measured, and with what.
 #[derive(Debug)]
@@ -17,7 +22,7 @@ pub struct Machine {
     /// The program.
     pub gs3: Gs3,
     /// What it finds.
-    pub devices: Devices,
+    pub devices: Value,
     /// The one to measure.
     pub adapter: Adapter,
 }
@@ -31,7 +36,9 @@ impl Machine {
         let with = |environment| {
             let gs3 = Gs3 { folder: folder.to_path_buf(), environment };
             let (devices, complaints) = gs3.devices(limit)?;
-            match devices.chosen(asked).cloned() {
+            let adapters: Devices =
+                serde_json::from_value(devices.clone()).map_err(XtaskError::json(Path::new(COMMAND)))?;
+            match adapters.chosen(asked).cloned() {
                 Ok(adapter) => Ok(Self { gs3, devices, adapter }),
                 Err(error) => {
                     eprint!("{complaints}");
@@ -62,18 +69,19 @@ impl Gs3 {
     }
 
     /// The adapters, and what Vulkan's loader says of drivers that it leaves out.
-    fn devices(&self, limit: Duration) -> Result<(Devices, String), XtaskError> {
-        let said = self.run(&["devices"], limit)?;
+    fn devices(&self, limit: Duration) -> Result<(Value, String), XtaskError> {
+        let said = self.run(&["devices", "--json"], limit)?;
         match said.status {
             Some(status) if status.success() => {
                 // It says the same for every instance.
                 let mut seen = HashSet::new();
                 let complaints =
                     said.stderr.lines().filter(|line| seen.insert(*line)).map(|line| format!("{line}\n"));
-                Ok((Devices::parse(&said.stdout), complaints.collect()))
+                let devices = serde_json::from_str(&said.stdout);
+                Ok((devices.map_err(XtaskError::json(Path::new(COMMAND)))?, complaints.collect()))
             }
             status => Err(XtaskError::Failed {
-                command: "gs3 devices".to_owned(),
+                command: COMMAND.to_owned(),
                 status: format!("{}: {}", told(status, limit), child::reason(&said.stderr)),
             }),
         }

@@ -56,11 +56,11 @@ fn measure(folder: &Path, args: &MeasureArgs) -> Result<(), XtaskError> {
     let text = fs::read_to_string(&list).map_err(XtaskError::io(&list))?;
     let subjects: Vec<Subject> = serde_json::from_str(&text).map_err(XtaskError::json(&list))?;
     let machine = Machine::find(folder, args.adapter, limit(args.limit, started.elapsed()))?;
-    eprintln!("adapter {} of\n{}", machine.adapter.number, machine.devices.text.trim_end());
+    eprintln!("adapter {} of\n{:#}", machine.adapter.number, machine.devices);
     let environment = machine.gs3.environment.iter().map(|(name, value)| (*name, value.to_string_lossy()));
     let environment: BTreeMap<_, _> = environment.collect();
     let mut report = json!({
-        "devices": machine.devices.text,
+        "devices": machine.devices,
         "adapter": machine.adapter,
         "environment": environment,
         "runs": [],

@@ -13,10 +13,8 @@ pub fn markdown(report: &Value) -> String {
     let runs = || report["runs"].as_array().into_iter().flatten();
     let mut text = format!(
         "# gs3 on a GPU\n\nMeasured in {} s on adapter {}. Times by the device's clock, median / 99th percentile in ms; fps of displayed \
-         frames that follow each other.\n\n```text\n{}```\n",
-        report["seconds"],
-        report["adapter"]["number"],
-        report["devices"].as_str().unwrap_or_default(),
+         frames that follow each other.\n\n```json\n{:#}\n```\n",
+        report["seconds"], report["adapter"]["number"], report["devices"],
     );
     // Writing to a string does not fail.
     let _ = write!(text, "\n| scene | Gaussians | size | frame | {} | fps |\n|", STAGES.join(" | "));
@@ -103,7 +101,7 @@ mod tests {
         let stage = |name: &str, ms: f64| json!({ "stage": name, "median_ms": ms, "p99_ms": 2.0 * ms });
         let side = |fps: f64| json!({ "fps": fps, "stages": [stage("project", 0.5), stage("blend", 1.25), stage("all", 1.75)] });
         let report = json!({
-            "devices": "0  fast\n",
+            "devices": { "adapters": ["fast"] },
             "adapter": { "number": 0 },
             "seconds": 12,
             "runs": [
@@ -128,7 +126,7 @@ mod tests {
                       1.750 / 3.500 | 10.0 |\n";
         for expected in [
             "Measured in 12 s on adapter 0.",
-            "```text\n0  fast\n```\n",
+            "```json\n{\n  \"adapters\": [\n    \"fast\"\n  ]\n}\n```\n",
             "| project | order | bin | blend | super_sample | interpolate | all | fps |\n|---|---|---|---|---|",
             native,
             "| full | – | – | – | – | 0.750 / 1.500 | 1.000 / 2.000 | – | 500.0 |\n",

@@ -10,6 +10,7 @@ use gs3::{Culling, Kriging, Mode, PipelineSettings, Sampling};
 
 use crate::evaluate::EvaluateArgs;
 use crate::export::ExportArgs;
+use crate::levels::Levels;
 use crate::simplify::SimplifyArgs;
 use crate::train::{BaselineArgs, TrainArgs};
 use crate::train_clips::ClipsArgs;
@@ -40,7 +41,7 @@ pub enum Command {
     /// Keep the Gaussians that matter most to given cameras
     Simplify(SimplifyArgs),
     /// List GPU adapters, what they can do, and which one is taken
-    Devices,
+    Devices(DevicesArgs),
     /// Train networks
     #[command(subcommand)]
     Train(Train),
@@ -103,15 +104,15 @@ pub struct Look {
     /// Networks that refine the frames [default: balanced where weights for the scale come with gs3, else analytic]
     #[arg(long, value_name = "TIER", conflicts_with = "weights")]
     pub tier: Option<TierArg>,
-    /// How frames between are made: warped without learning, or refined by the tier's network as well, which takes a few times as
-    /// long
+    /// How frames between are made: warped without learning, or refined by the tier's network as well, which takes a
+    /// few times as long
     #[arg(long, default_value = "analytic", value_name = "analytic|learned", conflicts_with = "weights")]
     pub interpolation: InterpolationArg,
     /// Weights of super sampling or of interpolation; may be given once for each
     #[arg(long, value_name = "FILE.safetensors")]
     pub weights: Vec<PathBuf>,
-    /// What networks on the CPU compute with; `bf16` needs AMX (Linux) or AVX-512 BF16 and is the same as `f32` elsewhere
-    /// [default: the faster on this machine]
+    /// What networks on the CPU compute with; `bf16` needs AMX (Linux) or AVX-512 BF16 and is the same as `f32`
+    /// elsewhere [default: the faster on this machine]
     #[arg(long, value_name = "bf16|f32")]
     pub arithmetic: Option<ArithmeticArg>,
     /// Networks on a GPU multiply matrices in its hardware for them. Experimental: tried on a small convolution first
@@ -123,12 +124,12 @@ pub struct Look {
     /// Sub-pixel offsets of the low-resolution frames
     #[arg(long, default_value = "on", value_name = "on|off")]
     pub jitter: Switch,
-    /// Krige pixels that first-order predictions leave uncertain, without networks too; with them it is always done. Sharper in
-    /// motion, and takes longer; `coarse` less so, as below tier fast, `fine` more so, as below tier high
+    /// Krige pixels that first-order predictions leave uncertain, without networks too; with them it is always done.
+    /// Sharper in motion, and takes longer; `coarse` less so, as below tier fast, `fine` more so, as below tier high
     #[arg(long, value_name = "coarse|on|fine", num_args = 0..=1, require_equals = true, default_missing_value = "on")]
     pub kriging: Option<KrigingArg>,
-    /// Rasterize beyond the edges that the camera turns to, without networks too; with them it is always done. Sharper there, and
-    /// takes a little longer
+    /// Rasterize beyond the edges that the camera turns to, without networks too; with them it is always done. Sharper
+    /// there, and takes a little longer
     #[arg(long)]
     pub overscan: bool,
     /// Dilation of splats in px² of the rendered grid: matched (0.3/S²), stock (0.3) or a number
@@ -146,6 +147,8 @@ pub struct Look {
 pub struct RenderArgs {
     #[command(flatten)]
     pub view: View,
+    #[command(flatten)]
+    pub levels: Levels,
     /// Frames of the path, the last one excluded [default: all; the first one for FILE.png]
     #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     pub frames: Option<FrameRange>,
@@ -174,6 +177,8 @@ pub struct RenderArgs {
 pub struct GbufferArgs {
     #[command(flatten)]
     pub view: View,
+    #[command(flatten)]
+    pub levels: Levels,
     /// Frame of the path
     #[arg(long, default_value_t = 0, value_name = "K")]
     pub frame: usize,
@@ -206,6 +211,15 @@ pub struct GbufferArgs {
 pub struct InfoArgs {
     /// Scene file or folder, or `demo` for the built-in scene
     pub scene: PathBuf,
+    #[command(flatten)]
+    pub levels: Levels,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct DevicesArgs {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
@@ -217,12 +231,16 @@ pub struct ConvertArgs {
     pub input: PathBuf,
     /// Output file: .ply, .spz or .sog
     pub output: PathBuf,
+    #[command(flatten)]
+    pub levels: Levels,
 }
 
 #[derive(Debug, clap::Args)]
 pub struct BenchArgs {
     #[command(flatten)]
     pub view: View,
+    #[command(flatten)]
+    pub levels: Levels,
     /// Frames of the path, the last one excluded [default: the first 20]
     #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     pub frames: Option<FrameRange>,

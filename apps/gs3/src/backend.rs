@@ -18,7 +18,8 @@ pub enum Machine {
 }
 
 impl Machine {
-    /// The machine that `device` means, a GPU opened with `features`; its products of matrices are tried if they are among them.
+    /// The machine that `device` means, a GPU opened with `features`; its products of matrices are tried if they are
+    /// among them.
     pub fn new(device: &Device, features: OptionalFeatures) -> Result<Self, CliError> {
         let machine = Self::open(device, features)?;
         if features == OptionalFeatures::Experimental {

@@ -9,7 +9,7 @@ use crate::{Outcome, destination, inputs};
 
 pub fn run(args: &ConvertArgs) -> Result<Outcome, CliError> {
     destination::check(&[Destination::scene("OUTPUT", &args.output)], [args.input.as_path()])?;
-    let (scene, _) = inputs::scene(&args.input)?;
+    let (scene, _) = inputs::scene_at(&args.input, args.levels)?;
     save_scene(&scene, &args.output)?;
     let dropped = scene.dropped().total();
     if dropped > 0 {

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use gs3::scene::info::SceneInfo;
 use gs3::scene::{Camera, Scene, SceneError};
 
-/// `copies` of `scene`: one where it is, the others to the right and to the left of `camera` in turn, next to each other by
-/// the scene's bounds (without the outermost hundredths).
+/// `copies` of `scene`: one where it is, the others to the right and to the left of `camera` in turn, next to each
+/// other by the scene's bounds (without the outermost hundredths).
 pub fn beside(scene: Arc<Scene>, copies: u32, camera: &Camera) -> Result<Arc<Scene>, SceneError> {
     if copies <= 1 {
         return Ok(scene);

@@ -1,13 +1,15 @@
-//! What a command is to write, checked before its work begins: a slip of the pen should not cost all of it, nor a file that
-//! was not meant.
+//! What a command is to write, checked before its work begins: a slip of the pen should not cost all of it, nor a file
+//! that was not meant.
 
 use std::fs::{self, Metadata};
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
 use gs3::scene::format::{check_writable, format_of};
 
 use crate::error::CliError;
 use crate::inputs::is_demo;
+use crate::output::is_frame_name;
 
 /// A file or folder to write.
 pub struct Destination<'a> {
@@ -16,12 +18,17 @@ pub struct Destination<'a> {
     kind: Kind,
 }
 
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     /// A file with this extension.
     File(&'static str),
     /// A scene in the format that its extension names.
     Scene,
+    /// A video, FILE.mp4.
+    Video,
     Folder,
+    /// A folder of frames, with their names.
+    Frames,
 }
 
 impl<'a> Destination<'a> {
@@ -34,6 +41,14 @@ impl<'a> Destination<'a> {
         Self { option, path, kind: Kind::Scene }
     }
 
+    pub const fn video(option: &'static str, path: &'a Path) -> Self {
+        Self { option, path, kind: Kind::Video }
+    }
+
+    pub const fn frames(option: &'static str, path: &'a Path) -> Self {
+        Self { option, path, kind: Kind::Frames }
+    }
+
     pub const fn folder(option: &'static str, path: &'a Path) -> Self {
         Self { option, path, kind: Kind::Folder }
     }
@@ -44,17 +59,23 @@ impl<'a> Destination<'a> {
         // A device or a pipe takes any content.
         let is_file = found.as_ref().is_none_or(Metadata::is_file);
         match self.kind {
-            Kind::Folder if found.is_some() && !is_folder => return Err(self.wrong("a folder", ", a file")),
-            Kind::File(_) | Kind::Scene if is_folder => return Err(self.wrong("a file", ", a folder")),
+            Kind::Folder | Kind::Frames if found.is_some() && !is_folder => {
+                return Err(self.wrong("a folder", ", a file"));
+            }
+            Kind::File(_) | Kind::Scene | Kind::Video if is_folder => {
+                return Err(self.wrong("a file", ", a folder"));
+            }
+            // Its encoder goes back to the beginning once it knows the end.
+            Kind::Video if !is_file => return Err(self.wrong("a file", ", a device or a pipe")),
             Kind::Scene => _ = format_of(self.path)?,
             Kind::File(extension) if is_file && !has_extension(self.path, extension) => {
                 return Err(self.wrong(&format!("FILE.{extension}"), ""));
             }
-            Kind::File(_) | Kind::Folder => {}
+            Kind::File(_) | Kind::Video | Kind::Folder | Kind::Frames => {}
         }
         let writable = match self.kind {
-            Kind::Folder => check_writable(&self.path.join("file")),
-            Kind::File(_) | Kind::Scene => check_writable(self.path),
+            Kind::Folder | Kind::Frames => check_writable(&self.path.join("file")),
+            Kind::File(_) | Kind::Scene | Kind::Video => check_writable(self.path),
         };
         writable.map_err(CliError::write(self.path))
     }
@@ -68,24 +89,33 @@ impl<'a> Destination<'a> {
     }
 }
 
-/// Checks that all `destinations` can be written, that each is what its name says, and that none is another one or one of
-/// `inputs`. Leaves nothing behind.
+/// Checks that all `destinations` can be written, that each is what its name says, and that none is another one, a
+/// frame of another one or one of `inputs`. Leaves nothing behind.
 pub fn check<'a>(
     destinations: &[Destination<'_>],
     inputs: impl IntoIterator<Item = &'a Path>,
 ) -> Result<(), CliError> {
     let inputs: Vec<PathBuf> = inputs.into_iter().filter(|input| !is_demo(input)).map(identity).collect();
-    let mut others: Vec<(&str, PathBuf)> = Vec::new();
+    let mut others: Vec<(&Destination<'_>, PathBuf)> = Vec::new();
     for destination in destinations {
         destination.check()?;
         let place = identity(destination.path);
         if inputs.contains(&place) {
             return Err(destination.wrong("another place than that of an input", ""));
         }
-        if let Some((other, _)) = others.iter().find(|(_, taken)| *taken == place) {
-            return Err(destination.wrong(&format!("another place than that of {other}"), ""));
+        for (other, taken) in &others {
+            if *taken == place {
+                return Err(destination.wrong(&format!("another place than that of {}", other.option), ""));
+            }
+            let is_inside = other.kind == Kind::Frames && place.parent() == Some(taken);
+            if is_inside && place.file_name().is_some_and(is_frame_name) {
+                let folder = other.path.display();
+                return Err(
+                    destination.wrong(&format!("another name than those of the frames in {folder}"), "")
+                );
+            }
         }
-        others.push((destination.option, place));
+        others.push((destination, place));
     }
     Ok(())
 }
@@ -94,9 +124,23 @@ pub fn has_extension(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|actual| actual.eq_ignore_ascii_case(extension))
 }
 
+/// The end of all links that `path` leads along, there or not yet.
+pub fn end_of_links(path: &Path) -> io::Result<PathBuf> {
+    match fs::canonicalize(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => match fs::read_link(path) {
+            Ok(target) => end_of_links(&path.parent().unwrap_or(Path::new("")).join(target)),
+            Err(_) => Ok(path.to_owned()),
+        },
+        // Not the canonical path of what is no link: messages and `ffmpeg` have it as it was given.
+        Ok(_) if !path.is_symlink() => Ok(path.to_owned()),
+        found => found,
+    }
+}
+
 /// The same path for all ways to write it, as far as it is there.
 fn identity(path: &Path) -> PathBuf {
     let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    let path = end_of_links(&path).unwrap_or(path);
     let there = path.ancestors().find_map(|ancestor| Some((ancestor, fs::canonicalize(ancestor).ok()?)));
     match there.and_then(|(ancestor, canonical)| Some(canonical.join(path.strip_prefix(ancestor).ok()?))) {
         Some(identity) => identity,

@@ -2,15 +2,60 @@
 
 use std::fmt::Write;
 
+use gs3::neural::MatrixUnit;
 use gs3_compute::{AdapterChoice, AdapterReport, Capabilities, Limits, Subgroups, Support, adapters, choose};
+use serde_json::{Value, json};
 
 use crate::Outcome;
+use crate::args::DevicesArgs;
 use crate::error::CliError;
 use crate::terminal::print;
 
-pub fn run() -> Result<Outcome, CliError> {
-    print(text(&adapters()))?;
+pub fn run(args: &DevicesArgs) -> Result<Outcome, CliError> {
+    let adapters = adapters();
+    match args.json {
+        true => print(format_args!("{:#}\n", facts(&adapters)))?,
+        false => print(text(&adapters))?,
+    }
     Ok(Outcome::Done)
+}
+
+/// The same as [`text`] for programs.
+fn facts(adapters: &[AdapterReport]) -> Value {
+    let choice = choose(adapters, AdapterChoice::Auto).map_err(|error| error.to_string());
+    let taken = choice.as_ref().ok().map(|(number, _)| *number);
+    let fact = |(number, adapter): (usize, &AdapterReport)| {
+        let AdapterReport { name, api, kind, driver, capabilities, missing } = adapter;
+        let Capabilities { subgroups, shader_f16, timestamps, cooperative_matrix, limits } = capabilities;
+        let subgroups = match subgroups {
+            Subgroups::Absent => Value::Null,
+            Subgroups::Present { min, max } => json!([min, max]),
+        };
+        json!({
+            "number": number,
+            "name": name,
+            "kind": kind.to_string(),
+            "api": api.to_string(),
+            "driver": driver,
+            "is_taken": taken == Some(number),
+            "missing": missing.as_ref().map(ToString::to_string),
+            "subgroups": subgroups,
+            "f16": *shader_f16 == Support::Present,
+            "timestamps": *timestamps == Support::Present,
+            "matrix_products": cooperative_matrix,
+            // Whether `--matrix-products` runs on it.
+            "takes_matrix_products": MatrixUnit::of(capabilities).is_some(),
+            "buffer_bytes": limits.buffer_bytes,
+            "binding_bytes": limits.binding_bytes,
+            "storage_bindings": limits.storage_bindings,
+            "workgroup_bytes": limits.workgroup_bytes,
+            "workgroup_invocations": limits.workgroup_invocations,
+        })
+    };
+    json!({
+        "adapters": adapters.iter().enumerate().map(fact).collect::<Vec<_>>(),
+        "reason": choice.map_or_else(|error| error, |(_, reason)| reason),
+    })
 }
 
 /// What is known of `adapters`, and which one would be taken.
@@ -109,6 +154,18 @@ mod tests {
              buffers up to 1024 MiB, bindings up to 128 MiB (8 a kernel), workgroups of 1024 with 32 KiB\n\
              taken without --adapter: 1, the only discrete GPU; discrete before integrated, virtual and software ones\n"
         );
+        // Fields that `cargo xtask gpu-report` reads.
+        let facts = facts(&all);
+        let [slow, fast] = [0, 1].map(|k| &facts["adapters"][k]);
+        assert_eq!((&slow["is_taken"], &fast["is_taken"]), (&json!(false), &json!(true)));
+        assert_eq!(
+            (&fast["name"], &fast["kind"], &fast["number"]),
+            (&json!("fast"), &json!("discrete GPU"), &json!(1))
+        );
+        assert_eq!((&fast["subgroups"], &fast["matrix_products"]), (&json!([8, 32]), &json!([[16, 16, 16]])));
+        // Its subgroups are of no one size.
+        assert_eq!((&fast["f16"], &fast["takes_matrix_products"]), (&json!(true), &json!(false)));
+        assert_eq!(super::facts(&[])["adapters"], json!([]));
         assert_eq!(text(&[]), "no GPU adapter found; gs3 runs on the CPU\n");
     }
 }

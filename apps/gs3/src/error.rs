@@ -73,8 +73,8 @@ pub enum CliError {
     Threads { message: String },
     #[error("Ctrl-C cannot be handled: {0}")]
     Interrupt(#[from] ctrlc::Error),
-    #[error("{}: ffmpeg failed: {message}; the frames are in {}", path.display(), frames.display())]
-    Video { path: PathBuf, message: String, frames: PathBuf },
+    #[error("{}: {message}; the frames are in {}, and {by_hand} makes a video of them", path.display(), frames.display())]
+    Video { path: PathBuf, message: String, frames: PathBuf, by_hand: String },
 }
 
 impl CliError {

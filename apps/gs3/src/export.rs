@@ -4,12 +4,12 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use gs3::neural::model::graph_of;
-use gs3::neural::{Weights, onnx};
+use gs3::neural::onnx;
 
 use crate::destination::Destination;
 use crate::error::CliError;
 use crate::output::write_file;
-use crate::{Outcome, destination};
+use crate::{Outcome, destination, inputs};
 
 #[derive(Debug, clap::Args)]
 pub struct ExportArgs {
@@ -24,7 +24,7 @@ pub struct ExportArgs {
 pub fn run(args: &ExportArgs) -> Result<Outcome, CliError> {
     destination::check(&[Destination::file("--out", &args.out, "onnx")], [args.weights.as_path()])?;
     let error = |source| CliError::Weights { path: args.weights.clone(), source };
-    let weights = Weights::load(&args.weights).map_err(|e| error(e.into()))?;
+    let weights = inputs::weights_in("WEIGHTS", &args.weights)?;
     let graph = graph_of(&weights.header).map_err(|e| error(e.into()))?;
     let bytes = onnx::export(&graph, &weights).map_err(|e| error(e.into()))?;
     write_file(&args.out, |writer| writer.write_all(&bytes))?;

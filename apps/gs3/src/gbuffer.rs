@@ -18,7 +18,7 @@ use crate::{Outcome, destination, inputs, npz, start_threads};
 pub fn run(args: &GbufferArgs) -> Result<Outcome, CliError> {
     start_threads(args.view.threads)?;
     destination::check(&[Destination::file("--out", &args.out, "npz")], args.view.inputs())?;
-    let (scene, _) = inputs::scene(&args.view.scene)?;
+    let (scene, _) = inputs::scene_at(&args.view.scene, args.levels)?;
     let path = inputs::cameras(&args.view, &scene)?;
     inputs::check_frames("--frame", &(args.frame..args.frame.saturating_add(1)), &path)?;
     let settings = RasterSettings {

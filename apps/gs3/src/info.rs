@@ -6,15 +6,23 @@ use serde_json::{Value, json};
 
 use crate::args::InfoArgs;
 use crate::error::CliError;
+use crate::levels::Streamed;
 use crate::terminal::print;
-use crate::{Outcome, inputs};
+use crate::{Outcome, inputs, report};
 
 /// Percentiles of opacity and scale that are reported.
 const PERCENTILES: [u32; 7] = [0, 5, 25, 50, 75, 95, 100];
 
 pub fn run(args: &InfoArgs) -> Result<Outcome, CliError> {
-    let (scene, load_time) = inputs::scene(&args.scene)?;
-    let facts = facts(&scene, load_time.as_secs_f64());
+    let (scene, load_time) = inputs::scene_at(&args.scene, args.levels)?;
+    let mut facts = facts(&scene, load_time.as_secs_f64());
+    if let Some(streamed) =
+        Some(&args.scene).filter(|scene| !inputs::is_demo(scene)).and_then(|s| Streamed::of(s))
+    {
+        let levels: Vec<_> = streamed.levels.iter().map(|(level, count)| json!([level, count])).collect();
+        let more = json!({ "levels": levels, "has_environment": streamed.has_environment });
+        facts = report::join(facts, more);
+    }
     if args.json {
         print(format_args!("{facts:#}\n"))?;
     } else {
@@ -71,15 +79,15 @@ fn percentiles(mut values: Vec<f32>) -> Vec<Value> {
 fn text(name: &str, facts: &Value) -> String {
     let row = |values: &Value| {
         let pairs = values.as_array().into_iter().flatten();
-        pairs
-            .map(|pair| format!("{}% {:.4}", pair[0], pair[1].as_f64().unwrap_or(0.0)))
-            .collect::<Vec<_>>()
-            .join("  ")
+        pairs.map(|pair| format!("{}% {}", pair[0], number(&pair[1]))).collect::<Vec<_>>().join("  ")
     };
-    let point = |value: &Value| {
-        let numbers = value.as_array().into_iter().flatten();
-        numbers.map(|v| format!("{:.3}", v.as_f64().unwrap_or(0.0))).collect::<Vec<_>>().join(", ")
-    };
+    let point =
+        |value: &Value| value.as_array().into_iter().flatten().map(number).collect::<Vec<_>>().join(", ");
+    let levels = facts["levels"].as_array().map_or_else(String::new, |levels| {
+        let levels: Vec<String> = levels.iter().map(|l| format!("{} of {}", l[0], l[1])).collect();
+        let environment = if facts["has_environment"] == json!(true) { ", and an environment" } else { "" };
+        format!("  levels      {}{environment}\n", levels.join(", "))
+    });
     let bulk = &facts["bulk"];
     let dropped = &facts["dropped"];
     let reasons =
@@ -87,15 +95,15 @@ fn text(name: &str, facts: &Value) -> String {
     let reasons: Vec<String> = reasons.map(|(key, n)| format!("{n} {}", key.replace('_', " "))).collect();
     let because = if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join(", ")) };
     format!(
-        "{name}\n  Gaussians   {}, {:.1} MB as f32, SH degree {}, {} opacity\n  bounds      {}  to  {}\n  \
-         bulk        radius {:.3} around {}, {}, up {}\n  opacity     {}\n  scale       {}\n  dropped     {}{because}\n",
+        "{name}\n  Gaussians   {}, {:.1} MB as f32, SH degree {}, {} opacity\n{levels}  bounds      {}  to  {}\n  \
+         bulk        radius {} around {}, {}, up {}\n  opacity     {}\n  scale       {}\n  dropped     {}{because}\n",
         facts["gaussians"],
         facts["f32_mb"].as_f64().unwrap_or(0.0),
         facts["sh_degree"],
         facts["opacity_mode"].as_str().unwrap_or_default(),
         point(&facts["bounds"]["min"]),
         point(&facts["bounds"]["max"]),
-        bulk["radius"].as_f64().unwrap_or(0.0),
+        number(&bulk["radius"]),
         point(&bulk["center"]),
         if bulk["is_object"] == json!(true) { "an object" } else { "a place" },
         point(&bulk["up"]),
@@ -103,4 +111,40 @@ fn text(name: &str, facts: &Value) -> String {
         row(&facts["scale_percentiles"]),
         dropped["total"],
     )
+}
+
+/// Four significant digits: coordinates and scales span decades, and tell less in zeros than in powers of ten.
+fn number(value: &Value) -> String {
+    let value = value.as_f64().unwrap_or(0.0);
+    match value.abs() {
+        0.0 => "0".to_owned(),
+        size @ 0.001..10_000.0 => {
+            // Digits after the point, of which 1 to 10 has three.
+            let digits = (3.0 - size.log10().floor()).max(0.0) as usize;
+            format!("{value:.digits$}")
+        }
+        _ => format!("{value:.3e}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_four_digits_that_tell_something() {
+        for (value, expected) in [
+            (0.0, "0"),
+            (3.2e-7, "3.200e-7"),
+            (0.001_234_56, "0.001235"),
+            (-0.5, "-0.5000"),
+            (1.0, "1.000"),
+            (-12.345_6, "-12.35"),
+            (9_876.5, "9876"),
+            (54_321.0, "5.432e4"),
+            (-1e38, "-1.000e38"),
+        ] {
+            assert_eq!(number(&json!(value)), expected);
+        }
+    }
 }

@@ -1,19 +1,21 @@
 //! Scenes and cameras named on the command line.
 
+use std::fs::{self, Metadata};
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use gs3::neural::model::Tier;
-use gs3::neural::{Arithmetic, Weights};
-use gs3::scene::format::{LoadOptions, load};
+use gs3::neural::{Arithmetic, WeightError, Weights};
+use gs3::scene::format::load;
 use gs3::scene::{CameraPath, Scene, capture, demo, orbit};
 use gs3::{NetworkError, Networks};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::args::{InterpolationArg, Look, TierArg, View};
 use crate::error::CliError;
+use crate::levels::Levels;
 use crate::values::{FrameRange, Size};
 
 /// Size of frames along generated paths.
@@ -29,12 +31,18 @@ pub fn is_demo(path: &Path) -> bool {
 
 /// Loads the scene, showing progress, and says how long it took.
 pub fn scene(path: &Path) -> Result<(Arc<Scene>, Duration), CliError> {
+    scene_at(path, Levels::default())
+}
+
+/// The same, and of a scene that holds several representations of itself what `levels` asks for.
+pub fn scene_at(path: &Path, levels: Levels) -> Result<(Arc<Scene>, Duration), CliError> {
     let started = Instant::now();
+    let options = levels.options(path)?;
     let scene = if is_demo(path) {
         demo::scene()?
     } else {
         let bar = ProgressBar::new(1000).with_style(style("loading {wide_bar} {percent}%"));
-        let scene = load(path, &LoadOptions::default(), &|share| bar.set_position((share * 1000.0) as u64))?;
+        let scene = load(path, &options, &|share| bar.set_position((share * 1000.0) as u64))?;
         bar.finish_and_clear();
         scene
     };
@@ -65,7 +73,7 @@ fn weights(look: &Look) -> Result<(Networks, String), CliError> {
         let mut tiers = Vec::new();
         for file in &look.weights {
             let error = |source| CliError::Weights { path: file.clone(), source };
-            let weights = Weights::load(file).map_err(|e| error(e.into()))?;
+            let weights = weights_in("--weights", file)?;
             tiers.push(weights.header.tier.clone());
             networks.add(weights).map_err(error)?;
         }
@@ -93,6 +101,33 @@ fn weights(look: &Look) -> Result<(Networks, String), CliError> {
             other => other,
         },
     }
+}
+
+/// The weights in the file that `option` names.
+pub fn weights_in(option: &'static str, file: &Path) -> Result<Weights, CliError> {
+    // Before reading: a device may have no end.
+    if fs::metadata(file).is_ok_and(|found| !found.is_file() && !is_pipe(&found)) {
+        return Err(CliError::Option {
+            option,
+            expected: "a regular file or a pipe".to_owned(),
+            actual: file.display().to_string(),
+        });
+    }
+    Weights::load(file).map_err(|error| match error {
+        // It names the file itself.
+        WeightError::File { .. } => CliError::Network(error.into()),
+        _ => CliError::Weights { path: file.to_owned(), source: error.into() },
+    })
+}
+
+#[cfg(unix)]
+fn is_pipe(found: &Metadata) -> bool {
+    std::os::unix::fs::FileTypeExt::is_fifo(&found.file_type())
+}
+
+#[cfg(not(unix))]
+const fn is_pipe(_: &Metadata) -> bool {
+    false
 }
 
 /// That no interpolation network comes with a tier.

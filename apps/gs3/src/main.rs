@@ -23,6 +23,7 @@ mod gbuffer;
 mod info;
 mod inputs;
 mod interrupt;
+mod levels;
 mod npz;
 mod output;
 mod render;
@@ -89,7 +90,7 @@ fn run(command: &Command) -> Result<Outcome, CliError> {
         Command::Bench(args) => bench::run(args),
         Command::Evaluate(args) => evaluate::run(args),
         Command::Simplify(args) => simplify::run(args),
-        Command::Devices => devices::run(),
+        Command::Devices(args) => devices::run(args),
         Command::Train(Train::Clips(args)) => train_clips::run(args),
         Command::Train(Train::SuperSample(args)) => train::run(Network::SuperSample, args),
         Command::Train(Train::Interpolate(args)) => train::run(Network::Interpolate, args),

@@ -1,5 +1,6 @@
 //! Where frames go: PNG files that are always whole, and a video.
 
+use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf, is_separator};
@@ -13,7 +14,7 @@ use rayon::prelude::*;
 use crate::destination::{Destination, has_extension};
 use crate::error::CliError;
 use crate::terminal::note;
-use crate::video::Video;
+use crate::video::{NoVideo, Video};
 
 /// What `--out` asks for.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -50,11 +51,10 @@ impl Target {
     pub fn destinations(&self) -> Vec<Destination<'_>> {
         match self {
             Self::Single(file) => vec![Destination::file("--out", file, "png")],
-            Self::Folder(folder) => vec![Destination::folder("--out", folder)],
-            Self::Video { file, frames } => vec![
-                Destination::file("--out", file, "mp4"),
-                Destination::folder("--out, its frames", frames),
-            ],
+            Self::Folder(folder) => vec![Destination::frames("--out", folder)],
+            Self::Video { file, frames } => {
+                vec![Destination::video("--out", file), Destination::frames("--out, its frames", frames)]
+            }
         }
     }
 
@@ -69,15 +69,40 @@ impl Target {
     }
 }
 
-/// Writes frames in order. Encoding never overlaps rendering, so neither slows the other's figures: frames are collected
-/// until there is one for every thread, and then encoded by all threads at once.
+/// Name of the frame with the number `number` among all displayed ones.
+pub fn frame_name(number: usize) -> String {
+    format!("frame_{number:06}.png")
+}
+
+/// Whether `name` is that of a frame.
+pub fn is_frame_name(name: &OsStr) -> bool {
+    let number = name.to_str().and_then(|name| name.strip_prefix("frame_")?.strip_suffix(".png"));
+    number.and_then(|number| number.parse().ok()).is_some_and(|number| name == frame_name(number).as_str())
+}
+
+/// Most frames that are held to be encoded at once, however many threads there are: one takes 3 B a pixel, and 2 more
+/// while it is compressed. Eight are 40 B of the 250 B a pixel that a command may take beside its scene, of which
+/// rendering itself takes up to 208 (docs/performance.md).
+const MOST_HELD: usize = 8;
+
+/// Writes frames in order. Encoding never overlaps rendering, so neither slows the other's figures: frames are
+/// collected until there is one for every thread, or as many as may be held, and then encoded by all threads at once.
 pub struct FrameWriter {
     target: Target,
-    video: Option<Video>,
+    /// Where one was asked for; if it fails, frames go on.
+    video: Option<Result<Video, NoVideo>>,
     /// Frames to be encoded: file, pixels.
     batch: Vec<(PathBuf, Rgb8)>,
-    written: usize,
-    encode_time: Duration,
+    written: Written,
+}
+
+/// What a [`FrameWriter`] has written.
+#[derive(Debug, Default)]
+pub struct Written {
+    pub frames: usize,
+    pub encode_time: Duration,
+    /// Why the video that was asked for is not there.
+    pub no_video: Option<NoVideo>,
 }
 
 /// An 8-bit RGB image.
@@ -92,10 +117,10 @@ impl FrameWriter {
     pub fn new(target: Target, size: [u32; 2], frames_per_second: f64) -> Result<Self, CliError> {
         target.prepare()?;
         let video = match &target {
-            Target::Video { file, frames } => Video::start(file, frames, size, frames_per_second)?,
+            Target::Video { file, .. } => Some(Video::start(file, size, frames_per_second)),
             Target::Single(_) | Target::Folder(_) => None,
         };
-        Ok(Self { target, video, batch: Vec::new(), written: 0, encode_time: Duration::ZERO })
+        Ok(Self { target, video, batch: Vec::new(), written: Written::default() })
     }
 
     /// Takes the frame with the number `number` among all displayed ones.
@@ -103,37 +128,38 @@ impl FrameWriter {
         let started = Instant::now();
         let file = match &self.target {
             Target::Single(file) => file.clone(),
-            Target::Folder(frames) | Target::Video { frames, .. } => {
-                frames.join(format!("frame_{number:06}.png"))
-            }
+            Target::Folder(frames) | Target::Video { frames, .. } => frames.join(frame_name(number)),
         };
         self.batch.push((file, rgb8(image)));
-        if self.batch.len() >= rayon::current_num_threads() {
+        if self.batch.len() >= rayon::current_num_threads().min(MOST_HELD) {
             self.flush()?;
         }
-        self.encode_time += started.elapsed();
+        self.written.encode_time += started.elapsed();
         Ok(())
     }
 
-    /// Encodes what is left and ends the video, keeping it only if `is_complete`. Gives the number of frames written and
-    /// the time that encoding took.
-    pub fn finish(mut self, is_complete: bool) -> Result<(usize, Duration), CliError> {
+    /// Encodes what is left and ends the video, keeping it only if `is_complete`.
+    pub fn finish(mut self, is_complete: bool) -> Result<Written, CliError> {
         let started = Instant::now();
-        self.flush()?;
-        if let Some(video) = self.video.take() {
-            if is_complete { video.finish()? } else { video.abandon() }
+        if !is_complete {
+            self.video = None;
         }
-        Ok((self.written, self.encode_time + started.elapsed()))
+        self.flush()?;
+        let video = self.video.map(|video| video.and_then(Video::finish));
+        let encode_time = self.written.encode_time + started.elapsed();
+        Ok(Written { encode_time, no_video: video.and_then(Result::err), ..self.written })
     }
 
     fn flush(&mut self) -> Result<(), CliError> {
         self.batch.par_iter().try_for_each(|(file, image)| {
             write_atomically(file, |writer| encode_png(image, writer)).map_err(CliError::write(file))
         })?;
-        self.written += self.batch.len();
+        self.written.frames += self.batch.len();
         for (_, image) in self.batch.drain(..) {
-            if let Some(video) = &mut self.video {
-                video.write(&image.bytes)?;
+            if let Some(Ok(video)) = &mut self.video
+                && let Err(error) = video.write(&image.bytes)
+            {
+                self.video = Some(Err(error));
             }
         }
         Ok(())

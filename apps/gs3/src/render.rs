@@ -13,7 +13,7 @@ use crate::args::RenderArgs;
 use crate::backend::Machine;
 use crate::destination::Destination;
 use crate::error::CliError;
-use crate::output::{FrameWriter, Target, write_text};
+use crate::output::{FrameWriter, Target, Written, write_text};
 use crate::report::{self, Times};
 use crate::terminal::note;
 use crate::video::{by_hand, no_option, quoted};
@@ -34,7 +34,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     destinations.extend(args.compare.iter().map(|file| Destination::file("--compare", file, "png")));
     destinations.extend(args.json.iter().map(|file| Destination::file("--json", file, "json")));
     destination::check(&destinations, args.view.inputs())?;
-    let (scene, load_time) = inputs::scene(&args.view.scene)?;
+    let (scene, load_time) = inputs::scene_at(&args.view.scene, args.levels)?;
     let mut path = inputs::cameras(&args.view, &scene)?;
     if let Some(frames) = args.smooth {
         path = path.smoothed(frames as usize, Pace::Speed);
@@ -106,16 +106,16 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
             "warning: no Gaussian is visible in any frame: cameras look elsewhere, or from nearer than {NEAR}"
         ));
     }
-    let (written, encode_time) = writer.map_or(Ok(Default::default()), |w| w.finish(is_complete))?;
+    let written = writer.map_or(Ok(Written::default()), |w| w.finish(is_complete))?;
 
     let mut figures = json!({
         "frames_displayed": times.displayed(),
         "frames_rendered": next - range.start,
-        "frames_written": written,
+        "frames_written": written.frames,
         "displayed_fps": times.displayed_fps(),
         "stage_ms": times.stage_ms(),
         "load_s": load_time.as_secs_f64(),
-        "encode_s": encode_time.as_secs_f64(),
+        "encode_s": written.encode_time.as_secs_f64(),
         "gaussians": pipeline.scene().gaussians().len(),
         "is_all_on_device": pipeline.is_on_device(&first),
         "size": [first.width(), first.height()],
@@ -137,12 +137,15 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         mode_name(mode),
         args.out.display(),
         load_time.as_secs_f64(),
-        encode_time.as_secs_f64(),
+        written.encode_time.as_secs_f64(),
     ));
+    let numbers = first_number.unwrap_or_default()..(range.end - 1) * settings.displayed_per_rendered() + 1;
     if is_complete {
+        if let (Target::Video { file, frames }, Some(no_video)) = (&target, written.no_video) {
+            no_video.tell(file, frames, &numbers, rate)?;
+        }
         return Ok(Outcome::Done);
     }
-    let numbers = first_number.unwrap_or_default()..(range.end - 1) * settings.displayed_per_rendered() + 1;
     note(format_args!(
         "interrupted; all files are whole. To go on: {}",
         remainder(&target, range.start, &(next..range.end), &numbers, rate)
@@ -200,8 +203,8 @@ fn check_one_size(path: &CameraPath, range: &Range<usize>) -> Result<(), CliErro
     }
 }
 
-/// What to run after an interruption for the frames `left` of those from `first` on. A video begins anew with the frames that
-/// it is given, so that of all of them, with these `numbers`, is made once they are there.
+/// What to run after an interruption for the frames `left` of those from `first` on. A video begins anew with the
+/// frames that it is given, so that of all of them, with these `numbers`, is made once they are there.
 fn remainder(
     target: &Target,
     first: usize,
@@ -221,13 +224,15 @@ fn remainder(
     }
 }
 
-/// Renders the frames before `start` on which its history rests, so that a part of a path looks as it does in the whole.
+/// Renders the frames before `start` that its history remembers, so that a part of a path begins as good as it would be
+/// in the whole. The same it is only within the first period: where a frame is sampled follows from all frames before
+/// it, and two sequences of offsets that began apart stay apart, however long one warms up.
 fn warm_up(pipeline: &mut FramePipeline, path: &CameraPath, start: usize) -> Result<(), PipelineError> {
     if !pipeline.settings().mode.has_history() {
         return Ok(());
     }
-    // One period of the jitter reaches back as far as the history; starting at a multiple of it keeps the order of the
-    // offsets.
+    // One period of the jitter reaches back as far as the history; starting at a multiple of it, parts that begin close
+    // to each other begin alike.
     let period = pipeline.jitter_period();
     let from = start.saturating_sub(period) / period * period;
     for camera in &path.cameras()[from..start] {
@@ -236,9 +241,17 @@ fn warm_up(pipeline: &mut FramePipeline, path: &CameraPath, start: usize) -> Res
     Ok(())
 }
 
-/// The true cameras of the frames before rendered frame `k`, where the path knows them.
+/// The true cameras of the frames before rendered frame `k`, where the path knows them. Between frames of different
+/// size nothing lies: no size would be theirs, and the pipeline starts anew there.
 pub fn between(settings: &PipelineSettings, path: &CameraPath, k: usize) -> Vec<Camera> {
-    match k > 0 || path.is_cycle() {
+    let cameras = path.cameras();
+    let before = match k.checked_sub(1) {
+        None if path.is_cycle() => cameras.len() - 1,
+        None => return Vec::new(),
+        Some(before) => before,
+    };
+    let size = |camera: &Camera| (camera.width(), camera.height());
+    match size(&cameras[before]) == size(&cameras[k]) {
         true => settings.moments().map(|t| path.at(k as f64 - 1.0 + t)).collect(),
         false => Vec::new(),
     }

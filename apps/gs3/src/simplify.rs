@@ -14,6 +14,7 @@ use indicatif::ProgressBar;
 use crate::args::View;
 use crate::destination::Destination;
 use crate::error::CliError;
+use crate::levels::Levels;
 use crate::output::save_scene;
 use crate::terminal::print;
 use crate::values::{FrameRange, Rgb, Size};
@@ -27,6 +28,8 @@ const COMPARED_VIEWS: usize = 16;
 pub struct SimplifyArgs {
     /// Scene file or folder, or `demo` for the built-in scene
     pub scene: PathBuf,
+    #[command(flatten)]
+    pub levels: Levels,
     /// Cameras to judge by, at best those of the training photos: COLMAP model, transforms.json, cameras.json or
     /// camera_path.json [default: an orbit]
     #[arg(long, value_name = "CAMERAS")]
@@ -84,7 +87,7 @@ pub fn run(args: &SimplifyArgs) -> Result<Outcome, CliError> {
         threads: args.threads,
     };
     destination::check(&[Destination::scene("--out", &args.out)], view.inputs())?;
-    let (scene, _) = inputs::scene(&args.scene)?;
+    let (scene, _) = inputs::scene_at(&args.scene, args.levels)?;
     let path = inputs::cameras(&view, &scene)?;
     let mut cameras = path.cameras();
     if let Some(FrameRange(frames)) = &args.frames {

@@ -32,8 +32,8 @@ pub fn parse() -> Result<(Args, Given), clap::Error> {
     Ok((args, Given(matches)))
 }
 
-/// Negative numbers are values of options, so that their own checks say what is wrong with them: there are no options of one
-/// letter that they could be.
+/// Negative numbers are values of options, so that their own checks say what is wrong with them: there are no options
+/// of one letter that they could be.
 fn negative_numbers(command: clap::Command) -> clap::Command {
     let allow = |arg: clap::Arg| match arg.get_action().takes_values() && !arg.is_positional() {
         true => arg.allow_negative_numbers(true),

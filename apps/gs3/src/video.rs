@@ -1,12 +1,19 @@
 //! Video through the `ffmpeg` on PATH.
 
+use std::fmt::Display;
 use std::fs;
-use std::io::{ErrorKind, Write};
+use std::io::{self, ErrorKind, Read, Write};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, ChildStderr, ChildStdin, Command, Stdio};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
 
+use crate::destination::end_of_links;
 use crate::error::CliError;
+use crate::interrupt;
+use crate::output::frame_name;
 use crate::terminal::note;
 
 /// How frames become a video. 4:2:0 plays everywhere and needs even sizes.
@@ -47,18 +54,63 @@ pub fn quoted(word: &str) -> String {
     }
 }
 
-/// A running `ffmpeg` that takes raw frames. Its file appears under its name when the video is whole.
+/// Why there is no video.
+#[derive(Debug)]
+pub enum NoVideo {
+    /// No `ffmpeg` is on PATH.
+    Absent,
+    /// What went wrong with the one that is.
+    Failed(String),
+}
+
+impl NoVideo {
+    /// Says why `file` is not there, and how to make it of the frames with these `numbers` in folder `frames`. Without
+    /// an `ffmpeg` frames are all that there can be; one that fails is an error, as whoever has it counts on the video.
+    pub fn tell(self, file: &Path, frames: &Path, numbers: &Range<usize>, rate: f64) -> Result<(), CliError> {
+        let by_hand = by_hand(file, frames, numbers, rate);
+        match self {
+            Self::Absent => {
+                let [first, last] = [numbers.start, numbers.end.saturating_sub(1)].map(frame_name);
+                note(format_args!(
+                    "no ffmpeg on PATH, so no {}: the frames are {}/{first} to {last}, and where there is one, {by_hand} makes it",
+                    file.display(),
+                    frames.display(),
+                ));
+                Ok(())
+            }
+            Self::Failed(message) => {
+                Err(CliError::Video { path: file.into(), message, frames: frames.into(), by_hand })
+            }
+        }
+    }
+
+    fn failed(reason: &impl Display) -> Self {
+        Self::Failed(format!("ffmpeg failed: {reason}"))
+    }
+}
+
+/// How often it is looked whether `ffmpeg` has ended: unnoticed by people, and nothing beside encoding.
+const LOOK: Duration = Duration::from_millis(10);
+
+/// Most of what `ffmpeg` says that is kept: its first line is told, and no line is as long.
+const MOST_SAID: u64 = 1 << 16;
+
+/// A running `ffmpeg` that takes raw frames. Its file appears under its name when the video is whole; until then a
+/// second Ctrl-C ends it, should it be stuck.
 pub struct Video {
+    /// Where the video goes: of a link the file that it leads to.
     file: PathBuf,
     partial: PathBuf,
-    frames: PathBuf,
-    process: Child,
+    /// Shared with who handles Ctrl-C, so it is never locked for long.
+    process: Arc<Mutex<Child>>,
+    frames: Option<ChildStdin>,
+    said: Option<JoinHandle<String>>,
 }
 
 impl Video {
-    /// Starts `ffmpeg` for frames of `size`. Without one on PATH there is no video: a message says so, and where the
-    /// frames are.
-    pub fn start(file: &Path, frames: &Path, size: [u32; 2], rate: f64) -> Result<Option<Self>, CliError> {
+    /// Starts `ffmpeg` for frames of `size`.
+    pub fn start(file: &Path, size: [u32; 2], rate: f64) -> Result<Self, NoVideo> {
+        let file = end_of_links(file).map_err(|error| NoVideo::failed(&error))?;
         let partial = file.with_extension("mp4.partial");
         let mut command = Command::new("ffmpeg");
         command.args(["-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]);
@@ -68,70 +120,82 @@ impl Video {
         // In a process group of its own it does not see Ctrl-C, so that this command decides what is left.
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
-        match command.spawn() {
-            Ok(process) => Ok(Some(Self { file: file.into(), partial, frames: frames.into(), process })),
-            Err(error) if error.kind() == ErrorKind::NotFound => {
-                note(format_args!(
-                    "no ffmpeg on PATH, so no {}: the frames are {}/frame_*.png at {rate} frames per second",
-                    file.display(),
-                    frames.display()
-                ));
-                Ok(None)
-            }
-            Err(error) => {
-                Err(CliError::Video { path: file.into(), message: error.to_string(), frames: frames.into() })
-            }
-        }
+        let mut process = command.spawn().map_err(|error| match error.kind() {
+            ErrorKind::NotFound => NoVideo::Absent,
+            _ => NoVideo::failed(&error),
+        })?;
+        let frames = process.stdin.take();
+        // Read while frames are written: neither pipe may fill up while the other is waited for.
+        let said = process.stderr.take().map(|stderr| thread::spawn(move || said(stderr)));
+        let process = Arc::new(Mutex::new(process));
+        let (shared, unfinished) = (Arc::clone(&process), partial.clone());
+        interrupt::on_second_request(Some(Box::new(move || kill(&shared, &unfinished))));
+        Ok(Self { file, partial, process, frames, said })
     }
 
     /// Gives `ffmpeg` the next frame, RGB rows.
-    pub fn write(&mut self, bytes: &[u8]) -> Result<(), CliError> {
-        let written = self.process.stdin.as_mut().map(|stdin| stdin.write_all(bytes));
+    pub fn write(&mut self, bytes: &[u8]) -> Result<(), NoVideo> {
+        let written = self.frames.as_mut().map(|frames| frames.write_all(bytes));
         match written {
             Some(Ok(())) => Ok(()),
             // It ended early; what it said says why.
-            _ => Err(self.end().err().unwrap_or_else(|| self.error("it ended before the last frame"))),
+            _ => self.end().and(Err(NoVideo::failed(&"it ended before the last frame"))),
         }
     }
 
     /// Waits for the video to be whole.
-    pub fn finish(mut self) -> Result<(), CliError> {
+    pub fn finish(mut self) -> Result<(), NoVideo> {
         self.end()?;
-        fs::rename(&self.partial, &self.file).map_err(CliError::write(&self.file))
+        fs::rename(&self.partial, &self.file).map_err(|error| NoVideo::failed(&error))
     }
 
-    /// Ends without a video.
-    pub fn abandon(mut self) {
-        // Nothing of it is kept, so how it ended does not matter.
-        let _ = self.end();
-    }
-
-    fn end(&mut self) -> Result<(), CliError> {
-        drop(self.process.stdin.take());
-        let mut said = String::new();
-        if let Some(mut stderr) = self.process.stderr.take() {
-            // Without a reason from ffmpeg its exit status still tells.
-            let _ = std::io::Read::read_to_string(&mut stderr, &mut said);
+    fn end(&mut self) -> Result<(), NoVideo> {
+        drop(self.frames.take());
+        let status = loop {
+            // Without the lock in between.
+            let ended = lock(&self.process).try_wait();
+            match ended.map_err(|error| NoVideo::failed(&error))? {
+                Some(status) => break status,
+                None => thread::sleep(LOOK),
+            }
+        };
+        // Without a reason from ffmpeg its exit status still tells.
+        let said = self.said.take().and_then(|said| said.join().ok()).unwrap_or_default();
+        match (status.success(), said.lines().find(|line| !line.trim().is_empty())) {
+            (true, _) => Ok(()),
+            (false, Some(line)) => Err(NoVideo::failed(&line)),
+            (false, None) => Err(NoVideo::failed(&status)),
         }
-        match self.process.wait() {
-            Ok(status) if status.success() => Ok(()),
-            Ok(status) => Err(self.error(said.lines().next().unwrap_or(&status.to_string()))),
-            Err(error) => Err(self.error(&error.to_string())),
-        }
-    }
-
-    fn error(&self, message: &str) -> CliError {
-        CliError::Video { path: self.file.clone(), message: message.to_owned(), frames: self.frames.clone() }
     }
 }
 
 impl Drop for Video {
     fn drop(&mut self) {
-        // After an error elsewhere ffmpeg still runs; a partial video is never left. Both may already be gone.
-        drop(self.process.stdin.take());
-        let _ = self.process.wait();
-        let _ = fs::remove_file(&self.partial);
+        drop(self.frames.take());
+        interrupt::on_second_request(None);
+        kill(&self.process, &self.partial);
     }
+}
+
+/// Ends `process`, if it has not ended, and leaves no part of a video.
+fn kill(process: &Mutex<Child>, partial: &Path) {
+    let mut process = lock(process);
+    // Where it is gone already, so much the better; where it cannot be ended, nothing more can be done.
+    let _ = process.kill().and_then(|()| process.wait());
+    let _ = fs::remove_file(partial);
+}
+
+fn lock(process: &Mutex<Child>) -> MutexGuard<'_, Child> {
+    process.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The beginning of what `ffmpeg` says, all of which is read.
+fn said(mut stderr: ChildStderr) -> String {
+    let mut bytes = Vec::new();
+    // What was read before an error may still tell something.
+    let _ = stderr.by_ref().take(MOST_SAID).read_to_end(&mut bytes);
+    let _ = io::copy(&mut stderr, &mut io::sink());
+    String::from_utf8_lossy(&bytes).into_owned()
 }
 
 #[cfg(test)]

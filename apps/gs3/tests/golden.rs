@@ -1,4 +1,5 @@
-//! Frames of the demo scene as they were when somebody last looked at them: changes that shift the picture are seen here.
+//! Frames of the demo scene as they were when somebody last looked at them: changes that shift the picture are seen
+//! here.
 //!
 //! The stored frames are what this writes, the first of `full` being the interpolated one:
 //! `gs3 render demo --size 160x90 --frames 8..9 --mode MODE --tier analytic --out DIR`.

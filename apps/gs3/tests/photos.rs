@@ -26,8 +26,8 @@ fn write_png(path: &Path, image: &Image) {
     encoder.write_header().unwrap().write_image_data(&image.to_rgb8()).unwrap();
 }
 
-/// Writes three photos, the last at half the size of its camera's image, and a `transforms.json` that says the photographer
-/// stood `shift` further to the right than the photos were taken.
+/// Writes three photos, the last at half the size of its camera's image, and a `transforms.json` that says the
+/// photographer stood `shift` further to the right than the photos were taken.
 fn photo_set(folder: &Path, shift: f64) {
     // Not divisible by the scale: what is left over is not judged.
     let path = demo::path().resized(162, 98).unwrap();

@@ -8,10 +8,11 @@ use serde_json::Value;
 use super::*;
 
 const STUB: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/stub/gs3");
-const SOFTWARE: &str = "0  llvmpipe\n   software, Vulkan, driver mesa\n   subgroups of 8, f16, timestamps, no matrix \
-                        products\ntaken without --adapter: 0, the only one\n";
-const CARD: &str = "0  card\n   discrete GPU, Vulkan, driver 5\n   subgroups of 32, f16, timestamps, matrix products f16 \
-                    → f32 of 16×16×16\ntaken without --adapter: 0, the only one\n";
+const SOFTWARE: &str = r#"{"adapters": [{"number": 0, "name": "llvmpipe", "kind": "software", "is_taken": true,
+    "takes_matrix_products": false}]}"#;
+const CARD: &str = r#"{"adapters": [{"number": 0, "name": "card", "kind": "discrete GPU", "is_taken": true,
+    "takes_matrix_products": true}]}"#;
+const NONE: &str = r#"{"adapters": []}"#;
 
 /// A folder as `gpu-report` makes it, on a machine with `devices`.
 fn folder(devices: &str, scenes: &[&str]) -> tempfile::TempDir {
@@ -21,7 +22,7 @@ fn folder(devices: &str, scenes: &[&str]) -> tempfile::TempDir {
     symlink(STUB, at.join("gs3")).unwrap();
     let subjects: Vec<_> = scenes.iter().map(|scene| json!({ "scene": scene, "cameras": null })).collect();
     fs::write(at.join(SUBJECTS), json!(subjects).to_string()).unwrap();
-    fs::write(at.join("devices.txt"), devices).unwrap();
+    fs::write(at.join("devices.json"), devices).unwrap();
     folder
 }
 
@@ -58,9 +59,9 @@ fn software_is_measured_only_for_who_asks() {
 
 #[test]
 fn what_only_the_driver_for_egl_shows_is_measured_by_it() {
-    for before in [SOFTWARE, "no GPU adapter found; gs3 runs on the CPU\n"] {
+    for before in [SOFTWARE, NONE] {
         let folder = folder(before, &["demo"]);
-        fs::write(folder.path().join("egl.txt"), CARD).unwrap();
+        fs::write(folder.path().join("egl.json"), CARD).unwrap();
         measure(folder.path(), &args()).unwrap();
         let report = report(&folder);
         assert_eq!(report["adapter"]["name"], "card");

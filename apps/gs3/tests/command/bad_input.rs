@@ -141,6 +141,12 @@ fn one_line_that_names_field_expected_and_actual() {
         ("gbuffer demo --backend cpu --adapter 0 --out g.npz", &["--adapter: expected", "--backend cpu"]),
         ("render demo --backend gpu --adapter 99 --out a.png", &["GPU adapter: expected adapter 99"]),
         ("info missing.spz", &["missing.spz"]),
+        (
+            "render demo --size 64x36 --weights nope.safetensors --out o",
+            &["error: nope.safetensors: No such file"],
+        ),
+        ("export noise.bin --out o.onnx", &["error: noise.bin: expected safetensors"]),
+        ("export nope --out o.onnx", &["error: nope: No such file"]),
         ("convert demo scene.xyz", &["scene.xyz", "expected .ply, .spz or .sog", "xyz"]),
         ("bench demo --frames 0..9999", &["--frames: expected", "0..9999"]),
     ];

@@ -119,6 +119,21 @@ fn frames_are_the_same_bytes_whatever_the_number_of_threads() {
     assert!(one == frames(&folder.path().join("2")) && one == frames(&folder.path().join("5")));
 }
 
+/// Frames wait for others to be encoded with, by as many threads as there are: not all of them in memory.
+#[test]
+#[cfg(target_os = "linux")]
+fn memory_does_not_grow_with_the_number_of_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let peak = |threads: u32| {
+        let options = format!("--size 1280x720 --mode native --frames 0..24 --threads {threads}");
+        succeed(folder.path(), &format!("render demo {options} --backend cpu --out o --json r.json"));
+        json(&folder.path().join("r.json"))["peak_rss_mb"].as_f64().unwrap()
+    };
+    let (few, many) = (peak(8), peak(64));
+    // As many frames as threads would be 24 here, each 4.6 MB: 74 MB more. Threads have caches of their own.
+    assert!(many < few + 40.0, "{few} MB, {many} MB");
+}
+
 #[test]
 fn the_parts_of_a_path_fit_together() {
     let folder = tempfile::tempdir().unwrap();
@@ -130,7 +145,31 @@ fn the_parts_of_a_path_fit_together() {
     render("6..13", "parts");
     let whole = frames(&folder.path().join("whole"));
     assert_eq!(whole.len(), 25);
+    // Of the first frames, whose history reaches back to the first of all, parts have the same bits.
     assert!(whole == frames(&folder.path().join("parts")), "the second part starts with its history");
+}
+
+/// A part that begins later is sampled elsewhere, since that follows from all frames before. It is as near to native
+/// rendering as the whole from its first frame on, and farther without its history.
+#[test]
+fn a_late_part_of_a_path_begins_as_good_as_in_the_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let render = |options: &str, out: &str| {
+        succeed(at, &format!("render demo --size 192x108 --backend cpu {options} --out {out}"));
+    };
+    render("--mode native --frames 40..44", "native");
+    render("--mode super-sample --tier analytic --frames 0..44", "whole");
+    render("--mode super-sample --tier analytic --frames 40..44", "part");
+    let psnr = |out: &str, number: usize| {
+        let [a, b] = ["native", out].map(|out| png(&at.join(out).join(format!("frame_{number:06}.png"))).2);
+        let squares = a.iter().zip(&b).map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2)).sum::<f64>();
+        10.0 * (255.0_f64.powi(2) * a.len() as f64 / squares).log10()
+    };
+    for number in 40..44 {
+        let (whole, part) = (psnr("whole", number), psnr("part", number));
+        assert!((whole - part).abs() < 1.0, "frame {number}: {whole:.2} and {part:.2} dB");
+    }
 }
 
 #[test]
@@ -138,6 +177,35 @@ fn a_smooth_path_has_as_many_frames_as_asked_for() {
     let folder = tempfile::tempdir().unwrap();
     succeed(folder.path(), "render demo --size 64x36 --mode native --smooth 4 --out out");
     assert_eq!(names(&folder.path().join("out")).len(), 4);
+}
+
+/// A capture may have cameras of several sizes: nothing lies between two that differ, so a number is left out there.
+#[test]
+fn cameras_of_different_sizes_are_rendered_one_after_the_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let camera = |k: u32| {
+        // Two frames of one size, two of another, one of the first.
+        let (width, height) = if k / 2 == 1 { (80, 48) } else { (64, 48) };
+        let pose = format!("[[1,0,0,{}],[0,0,-1,-9],[0,1,0,2],[0,0,0,1]]", f64::from(k) * 0.02);
+        format!(r#"{{"fl_x": 50, "w": {width}, "h": {height}, "transform_matrix": {pose}}}"#)
+    };
+    let cameras: Vec<String> = (0..5).map(camera).collect();
+    fs::write(at.join("sizes.json"), format!(r#"{{"frames": [{}]}}"#, cameras.join(", "))).unwrap();
+    let render = "render demo --path sizes.json --tier analytic --backend cpu --out";
+    let sizes = |out: &str| {
+        let width = |name: &String| (name[6..12].parse::<u32>().unwrap(), png(&at.join(out).join(name)).0);
+        names(&at.join(out)).iter().map(width).collect::<Vec<_>>()
+    };
+    succeed(at, &format!("{render} full"));
+    assert_eq!(sizes("full"), [(0, 64), (1, 64), (2, 64), (4, 80), (5, 80), (6, 80), (8, 64)]);
+    succeed(at, &format!("{render} super --mode super-sample"));
+    assert_eq!(sizes("super"), [(0, 64), (1, 64), (2, 80), (3, 80), (4, 64)]);
+    succeed(at, &format!("{render} smooth --smooth 7 --generate 3"));
+    assert!(sizes("smooth").iter().any(|size| size.1 == 80), "{:?}", sizes("smooth"));
+    succeed(at, &format!("{render} part --frames 3..5"));
+    assert_eq!(sizes("part"), [(5, 80), (6, 80), (8, 64)]);
+    succeed(at, "bench demo --path sizes.json --tier analytic");
 }
 
 #[test]

@@ -44,9 +44,13 @@ fn interrupt(child: Child, ready: impl Fn() -> bool) -> Output {
         assert!(Instant::now() < deadline, "nothing came");
         std::thread::sleep(Duration::from_millis(5));
     }
-    let pid = child.id().to_string();
-    assert!(Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
+    send_interrupt(child.id());
     child.wait_with_output().unwrap()
+}
+
+#[cfg(unix)]
+fn send_interrupt(process: u32) {
+    assert!(Command::new("kill").args(["-INT", &process.to_string()]).status().unwrap().success());
 }
 
 /// The names in `folder`, sorted.

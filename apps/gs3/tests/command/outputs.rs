@@ -42,6 +42,14 @@ fn outputs_are_checked_before_anything_is_read() {
             "render s.ply --out a.png --compare ./a.png",
             "--compare: expected another place than that of --out",
         ),
+        (
+            "render s.ply --out cf --compare cf/frame_000000.png",
+            "--compare: expected another name than those of the frames in cf, found cf/frame_000000.png",
+        ),
+        (
+            "render s.ply --out cf.mp4 --compare ./cf/frame_1000000.png",
+            "--compare: expected another name than those of the frames in cf, found ./cf/frame_1000000.png",
+        ),
         ("render s.ply --out vid.mov", "--out: expected DIR, FILE.png or FILE.mp4"),
         ("render s.ply --out there.mp4", "--out: expected a file, found there.mp4, a folder"),
         (
@@ -68,6 +76,20 @@ fn outputs_are_checked_before_anything_is_read() {
         assert_eq!(said.trim_end().lines().count(), 1, "gs3 {arguments}: {said}");
         assert_eq!(names(at), before, "gs3 {arguments} leaves nothing");
     }
+}
+
+/// What is no frame may lie among frames, under a name that looks like theirs too.
+#[test]
+fn a_comparison_may_lie_beside_the_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let render = "render demo --size 16x9 --frames 0..1 --tier analytic --out o --compare";
+    for name in ["frame_.png", "frame_00000.png", "c.png"] {
+        succeed(folder.path(), &format!("{render} o/{name}"));
+    }
+    assert_eq!(
+        names(&folder.path().join("o")),
+        ["c.png", "frame_.png", "frame_00000.png", "frame_000000.png"]
+    );
 }
 
 #[test]
@@ -140,6 +162,21 @@ fn links_stay_and_full_devices_are_told_in_one_line() {
 
 #[test]
 #[cfg(target_os = "linux")]
+fn weights_without_an_end_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for (arguments, option) in [
+        ("render demo --size 16x9 --weights /dev/zero --out o", "--weights"),
+        ("export /dev/zero --out o.onnx", "WEIGHTS"),
+    ] {
+        let output = gs3(folder.path(), arguments).output().unwrap();
+        assert_eq!(output.status.code(), Some(2));
+        let expected = format!("error: {option}: expected a regular file or a pipe, found /dev/zero\n");
+        assert_eq!(stderr(&output), expected);
+    }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
 fn nobody_needs_to_listen() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
@@ -152,7 +189,7 @@ fn nobody_needs_to_listen() {
     assert!(output.status.success() && output.stderr.is_empty(), "{}", stderr(&output));
 
     let bench = "bench demo --size 16x9 --frames 0..1 --tier analytic --json b.json";
-    for arguments in ["info demo", "info demo --json", "devices", bench] {
+    for arguments in ["info demo", "info demo --json", "devices", "devices --json", bench] {
         let output = gs3(at, arguments).stdout(full()).output().unwrap();
         let said = stderr(&output);
         assert_eq!(output.status.code(), Some(2), "{arguments}: {said}");

@@ -1,14 +1,15 @@
 //! `gs3 gbuffer`, `gs3 info` and `gs3 convert`.
 
 use std::collections::BTreeMap;
+use std::fs;
 use std::io::Read;
 use std::path::Path;
 
-use super::succeed;
+use super::{gs3, stderr, succeed};
 
 /// The arrays of an archive: shape as written, values.
 fn npz(file: &Path) -> BTreeMap<String, (String, Vec<f32>)> {
-    let mut zip = zip::ZipArchive::new(std::fs::File::open(file).unwrap()).unwrap();
+    let mut zip = zip::ZipArchive::new(fs::File::open(file).unwrap()).unwrap();
     let mut arrays = BTreeMap::new();
     for i in 0..zip.len() {
         let mut entry = zip.by_index(i).unwrap();
@@ -66,4 +67,94 @@ fn info_counts_and_converting_keeps_the_scene() {
     }
     let text = String::from_utf8_lossy(&succeed(folder.path(), "info scene.ply").stdout).into_owned();
     assert!(text.starts_with("scene.ply\n") && text.contains("SH degree 2"), "{text}");
+}
+
+/// A streamed scene: level 0 with three Gaussians, level 1 with one of them, and an environment of two.
+fn streamed(at: &Path) {
+    let fields = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
+    let fields: String = fields.split(' ').map(|field| format!("property float {field}\n")).collect();
+    for (name, count) in [("fine", 3), ("coarse", 1), ("sky", 2)] {
+        let gaussians: String = (0..count).map(|k| format!("{k} 0 1 0 0 0 2 -5 -5 -5 1 0 0 0\n")).collect();
+        let ply = format!("ply\nformat ascii 1.0\nelement vertex {count}\n{fields}end_header\n{gaussians}");
+        fs::write(at.join("one.ply"), ply).unwrap();
+        succeed(at, &format!("convert one.ply streamed/{name}.sog"));
+    }
+    let index = r#"{"lodLevels": 2, "environment": "sky.sog", "filenames": ["fine.sog", "coarse.sog"], "tree":
+        {"children": [{"lods": {"0": {"file": 0, "offset": 0, "count": 3}, "1": {"file": 1, "offset": 0, "count": 1}}}]}}"#;
+    fs::write(at.join("streamed/lod-meta.json"), index).unwrap();
+}
+
+#[test]
+fn levels_and_environments_of_streamed_scenes_are_chosen() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    streamed(at);
+    let info = |scene: &str| -> serde_json::Value {
+        serde_json::from_slice(&succeed(at, &format!("info {scene} --json")).stdout).unwrap()
+    };
+    for (options, gaussians) in [
+        ("", 5),
+        ("--lod 0", 5),
+        ("--lod 1", 3),
+        ("--environment off", 3),
+        ("--lod 0 --environment on", 5),
+        ("--lod 1 --environment off", 1),
+    ] {
+        for scene in ["streamed", "streamed/lod-meta.json"] {
+            let facts = info(&format!("{scene} {options}"));
+            assert_eq!(facts["gaussians"], gaussians, "{scene} {options}");
+            assert_eq!(facts["levels"], serde_json::json!([[0, 3], [1, 1]]));
+        }
+    }
+    let text = String::from_utf8_lossy(&succeed(at, "info streamed").stdout).into_owned();
+    assert!(text.contains("\n  levels      0 of 3, 1 of 1, and an environment\n"), "{text}");
+    assert_eq!(info("one.ply").get("levels"), None);
+
+    let level = "--lod 1 --environment off";
+    succeed(at, &format!("convert streamed few.ply {level}"));
+    assert_eq!(info("few.ply")["gaussians"], 1);
+    for (command, expected) in [
+        (
+            format!(
+                "render streamed --size 16x9 --frames 0..1 --tier analytic {level} --out o --json r.json"
+            ),
+            1,
+        ),
+        ("render streamed --size 16x9 --frames 0..1 --tier analytic --out o --json r.json".to_owned(), 5),
+    ] {
+        succeed(at, &command);
+        assert_eq!(super::json(&at.join("r.json"))["gaussians"], expected, "{command}");
+    }
+    succeed(at, &format!("gbuffer streamed --size 16x9 {level} --out g.npz"));
+    succeed(at, &format!("bench streamed --size 16x9 --frames 0..1 --tier analytic {level}"));
+    let simplified = succeed(at, &format!("simplify streamed --size 16x9 --keep 1 {level} --out s.ply"));
+    assert!(simplified.stdout.starts_with(b"1 of 1 Gaussians"));
+
+    for (command, expected) in [
+        ("info streamed --lod 2", "level of detail: expected a level below 2, found 2"),
+        ("info one.ply --lod 0", "--lod: expected a streamed scene (lod-meta.json), which has levels and an"),
+        ("info one.ply --environment on", "--environment: expected a streamed scene"),
+        ("render demo --lod 0 --out p", "--lod: expected a streamed scene"),
+    ] {
+        let output = gs3(at, command).output().unwrap();
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{command}: {said}");
+        assert!(said.contains(expected) && said.trim_end().lines().count() == 1, "{command}: {said}");
+    }
+}
+
+/// Bounds and sizes of a scene may be of any magnitude; a line of them stays readable.
+#[test]
+fn info_is_readable_whatever_the_magnitudes() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let fields = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
+    let fields: String = fields.split(' ').map(|field| format!("property float {field}\n")).collect();
+    let gaussian = |x: &str, log_scale: &str| format!("{x} 0 1 0 0 0 2 {log_scale} -5 -5 1 0 0 0\n");
+    let gaussians = [gaussian("-1e38", "-14"), gaussian("1e38", "-14")].concat();
+    let ply = format!("ply\nformat ascii 1.0\nelement vertex 2\n{fields}end_header\n{gaussians}");
+    fs::write(at.join("far.ply"), ply).unwrap();
+    let text = String::from_utf8_lossy(&succeed(at, "info far.ply").stdout).into_owned();
+    assert!(text.contains("bounds      -1.000e38, 0, 1.000  to  1.000e38, 0, 1.000\n"), "{text}");
+    assert!(text.contains("scale       0% 8.315e-7  "), "{text}");
 }
