@@ -15,6 +15,7 @@ use serde_json::{Value, json};
 use crate::args::{CullingArg, View};
 use crate::destination::Destination;
 use crate::error::CliError;
+use crate::levels::Levels;
 use crate::output::write_text;
 use crate::terminal::print;
 use crate::values::{FrameRange, Rgb, scale};
@@ -28,6 +29,8 @@ const DEFAULT_FRAMES: usize = 30;
 pub struct EvaluateArgs {
     #[command(flatten)]
     pub view: View,
+    #[command(flatten)]
+    pub levels: Levels,
     /// Rendered frames of the path, the last one excluded [default: the first 30]
     #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     pub frames: Option<FrameRange>,
@@ -122,7 +125,7 @@ pub fn run(args: &EvaluateArgs) -> Result<Outcome, CliError> {
         args.view.inputs().chain(args.simplified.as_deref()),
     )?;
     start_threads(args.view.threads)?;
-    let (scene, _) = inputs::scene(&args.view.scene)?;
+    let (scene, _) = inputs::scene_at(&args.view.scene, args.levels)?;
     if let Some(capture) = &args.photos {
         return photos(args, scene, capture);
     }

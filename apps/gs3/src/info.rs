@@ -1,12 +1,12 @@
 //! `gs3 info`.
 
+use gs3::scene::format::Streamed;
 use gs3::scene::orbit::Bounds;
 use gs3::scene::{OpacityMode, Scene};
 use serde_json::{Value, json};
 
 use crate::args::InfoArgs;
 use crate::error::CliError;
-use crate::levels::Streamed;
 use crate::terminal::print;
 use crate::{Outcome, inputs, report};
 
@@ -16,12 +16,8 @@ const PERCENTILES: [u32; 7] = [0, 5, 25, 50, 75, 95, 100];
 pub fn run(args: &InfoArgs) -> Result<Outcome, CliError> {
     let (scene, load_time) = inputs::scene_at(&args.scene, args.levels)?;
     let mut facts = facts(&scene, load_time.as_secs_f64());
-    if let Some(streamed) =
-        Some(&args.scene).filter(|scene| !inputs::is_demo(scene)).and_then(|s| Streamed::of(s))
-    {
-        let levels: Vec<_> = streamed.levels.iter().map(|(level, count)| json!([level, count])).collect();
-        let more = json!({ "levels": levels, "has_environment": streamed.has_environment });
-        facts = report::join(facts, more);
+    if let Some(Streamed { levels, has_environment }) = inputs::streamed(&args.scene)? {
+        facts = report::join(facts, json!({ "levels": levels, "has_environment": has_environment }));
     }
     if args.json {
         print(format_args!("{facts:#}\n"))?;
@@ -61,6 +57,7 @@ fn facts(scene: &Scene, load_s: f64) -> Value {
             "invalid_rotation": dropped.invalid_rotation,
             "invalid_opacity": dropped.invalid_opacity,
             "non_finite_sh": dropped.non_finite_sh,
+            "excessive_sh": dropped.excessive_sh,
         },
         "f32_mb": g.byte_size() as f64 / 1e6,
         "load_s": load_s,
@@ -83,10 +80,9 @@ fn text(name: &str, facts: &Value) -> String {
     };
     let point =
         |value: &Value| value.as_array().into_iter().flatten().map(number).collect::<Vec<_>>().join(", ");
-    let levels = facts["levels"].as_array().map_or_else(String::new, |levels| {
-        let levels: Vec<String> = levels.iter().map(|l| format!("{} of {}", l[0], l[1])).collect();
+    let levels = facts["levels"].as_u64().map_or_else(String::new, |levels| {
         let environment = if facts["has_environment"] == json!(true) { ", and an environment" } else { "" };
-        format!("  levels      {}{environment}\n", levels.join(", "))
+        format!("  levels      {}{environment}\n", levels)
     });
     let bulk = &facts["bulk"];
     let dropped = &facts["dropped"];

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use gs3::neural::model::Tier;
 use gs3::neural::{Arithmetic, WeightError, Weights};
-use gs3::scene::format::load;
+use gs3::scene::format::{Streamed, load, streamed as choice};
 use gs3::scene::{CameraPath, Scene, capture, demo, orbit};
 use gs3::{NetworkError, Networks};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -27,6 +27,13 @@ const ORBIT_FRAMES: usize = 300;
 /// Whether `path` names the built-in scene.
 pub fn is_demo(path: &Path) -> bool {
     path.as_os_str() == "demo"
+}
+
+/// What the scene has to choose from, if it is streamed.
+pub fn streamed(path: &Path) -> Result<Option<Streamed>, CliError> {
+    // A pipe gives what it has only once.
+    let is_there = path.metadata().is_ok_and(|found| found.is_file() || found.is_dir());
+    if is_demo(path) || !is_there { Ok(None) } else { Ok(choice(path)?) }
 }
 
 /// Loads the scene, showing progress, and says how long it took.

@@ -6,7 +6,7 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf, is_separator};
 use std::time::{Duration, Instant};
 
-use gs3::scene::format::{position_step, save, write_atomically};
+use gs3::scene::format::{clamped, position_step, save, write_atomically};
 use gs3::scene::info::SceneInfo;
 use gs3::scene::{Image, Scene};
 use rayon::prelude::*;
@@ -180,6 +180,9 @@ pub fn write_text(file: &Path, text: &str) -> Result<(), CliError> {
 pub fn save_scene(scene: &Scene, file: &Path) -> Result<(), CliError> {
     make_folder_of(file)?;
     save(scene, file)?;
+    if let Some(lost) = clamped(scene, file) {
+        note(format_args!("{}: {lost}", file.display()));
+    }
     if let Some(step) = position_step(scene, file) {
         let info = SceneInfo::of(scene);
         // Rounded, positions are off by up to half a step.

@@ -26,6 +26,10 @@ pub struct Gaussians {
 /// Largest spherical-harmonics degree that 3D Gaussian Splatting scenes use.
 pub const MAX_SH_DEGREE: u8 = 3;
 
+/// The largest coordinate by magnitude, and the largest scale, that a scene may have: distances to such Gaussians and
+/// what is made of them by slopes of rays stay eight orders of magnitude below the largest f32.
+pub const MAX_LENGTH: f32 = 1e30;
+
 /// The largest spherical-harmonics coefficient by magnitude that a scene may have: the largest number of 16 bits, in
 /// which GPUs keep them. Trained ones are below 10. The sixteen functions add up to at most √(16 · 16 / 4π) < 5 in any
 /// direction, so that no colour overflows.

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::gaussians::{Gaussians, MAX_SH, MAX_SH_DEGREE, Slots, sh_coefficient_count};
+use crate::gaussians::{Gaussians, MAX_LENGTH, MAX_SH, MAX_SH_DEGREE, Slots, sh_coefficient_count};
 
 /// Gaussians checked by one task: a few hundred microseconds of work, so that scheduling costs nothing.
 const CHECK_BLOCK: usize = 16_384;
@@ -22,9 +22,9 @@ pub enum OpacityMode {
 /// counts once, under the first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Dropped {
-    /// NaN or infinite centre.
+    /// NaN or infinite centre, or one beyond ±[`MAX_LENGTH`].
     pub non_finite_mean: usize,
-    /// NaN, infinite or negative scale.
+    /// NaN, infinite or negative scale, or one beyond [`MAX_LENGTH`].
     pub invalid_scale: usize,
     /// NaN, infinite or zero quaternion.
     pub invalid_rotation: usize,
@@ -176,11 +176,11 @@ fn check_block(slots: &mut Slots<'_>, valid: &mut [bool]) -> Dropped {
 
 /// Normalises the quaternion of Gaussian `i`; counts the first defect found.
 fn is_valid(slots: &mut Slots<'_>, i: usize, dropped: &mut Dropped) -> bool {
-    if !slots.means.iter().all(|plane| plane[i].is_finite()) {
+    if !slots.means.iter().all(|plane| plane[i].abs() <= MAX_LENGTH) {
         dropped.non_finite_mean += 1;
         return false;
     }
-    if !slots.scales.iter().all(|plane| plane[i].is_finite() && plane[i] >= 0.0) {
+    if !slots.scales.iter().all(|plane| (0.0..=MAX_LENGTH).contains(&plane[i])) {
         dropped.invalid_scale += 1;
         return false;
     }
@@ -216,10 +216,11 @@ mod tests {
     /// Every defect is dropped under its own name, and the largest values that are none stay.
     #[test]
     fn invalid_gaussians_are_counted_by_reason() {
-        let mut g = Gaussians::zeroed(11, 1);
-        g.rotations[3] = vec![2.0; 11];
-        (g.means[0][0], g.means[2][1]) = (f32::MAX, f32::NAN);
-        (g.scales[1][0], g.scales[1][2], g.scales[2][3]) = (f32::MAX, -1e-9, f32::INFINITY);
+        let mut g = Gaussians::zeroed(12, 1);
+        g.rotations[3] = vec![2.0; 12];
+        (g.means[0][0], g.means[2][1]) = (-MAX_LENGTH, f32::NAN);
+        g.means[1][10] = MAX_LENGTH.next_up();
+        (g.scales[1][0], g.scales[1][2], g.scales[2][3]) = (MAX_LENGTH, -1e-9, MAX_LENGTH.next_up());
         g.rotations[3][4] = 0.0;
         g.opacities[5] = 1.1;
         let coefficient = |i: usize, k: usize| i * 12 + k;
@@ -231,14 +232,14 @@ mod tests {
         g.sh[coefficient(9, 11)] = -MAX_SH.next_up();
         let scene = Scene::new(g, OpacityMode::Default).unwrap();
         let expected = Dropped {
-            non_finite_mean: 1,
+            non_finite_mean: 2,
             invalid_scale: 2,
             invalid_rotation: 1,
             invalid_opacity: 1,
             non_finite_sh: 2,
             excessive_sh: 2,
         };
-        assert_eq!((scene.dropped(), scene.dropped().total()), (expected, 9));
+        assert_eq!((scene.dropped(), scene.dropped().total()), (expected, 10));
         assert_eq!(scene.gaussians().len(), 2);
         assert_eq!(scene.gaussians().sh_of(0)[0], MAX_SH);
         assert_eq!(scene.gaussians().rotation(1), [0.0, 0.0, 0.0, 1.0]);
