@@ -132,7 +132,7 @@ fn levels_and_environments_of_streamed_scenes_are_chosen() {
     assert!(simplified.stdout.starts_with(b"1 of 1 Gaussians"));
 
     for (command, expected) in [
-        ("info streamed --lod 2", "level of detail: expected a level below 2, found 2"),
+        ("info streamed --lod 2", "level of detail: expected a level below 2, the number of levels, found 2"),
         ("info one.ply --lod 0", "--lod: expected a streamed scene (lod-meta.json), which has levels and an"),
         ("info one.ply --environment on", "--environment: expected a streamed scene"),
         ("render demo --lod 0 --out p", "--lod: expected a streamed scene"),
