@@ -338,49 +338,6 @@ mod tests {
         }
     }
 
-    /// Of frames that follow each other one lacked room, and another that had room came after it.
-    #[test]
-    #[allow(clippy::print_stderr, reason = "says that it was skipped")]
-    fn no_frame_lacks_room_unseen() -> Result<(), Box<dyn std::error::Error>> {
-        use gs3::compute::GpuSettings;
-        use gs3::raster::Culling;
-        use gs3::scene::glam::{DAffine3, DVec3};
-        use gs3::scene::{Gaussians, Intrinsics, OpacityMode};
-
-        let Ok(gpu) = Gpu::new(&GpuSettings::default()) else {
-            eprintln!("skipped: no adapter");
-            return Ok(());
-        };
-        // All over the picture: 50 × 4,096 tiles of 16×16 pixels, where at first there is room for 16 a tile.
-        let mut large = Gaussians::zeroed(50, 0);
-        large.scales.iter_mut().for_each(|scales| scales.fill(100.0));
-        large.rotations[0].fill(1.0);
-        large.opacities.fill(0.9);
-        let scene = Arc::new(Scene::new(large, OpacityMode::Default)?);
-        let intrinsics = Intrinsics::from_fov_y(1024, 1024, 0.8);
-        let camera = |z| Camera::new(DAffine3::from_translation(DVec3::new(0.0, 0.0, z)), intrinsics);
-        let (before, behind) = (camera(5.0)?, camera(-5.0)?);
-        let mut rasterizer = GpuRasterizer::new(&gpu, scene, Culling::default(), ScenePrecision::default())?;
-        let settings = RasterSettings::new(Outputs::Color);
-        let mut out = GpuGBuffer::default();
-        let mut settled = |cameras: &[&Camera]| -> Result<Settled, Box<dyn std::error::Error>> {
-            for camera in cameras {
-                let mut recorder = gpu.recorder(None);
-                rasterizer.record(&mut recorder, camera, &settings, &mut out)?;
-                recorder.submit()?;
-            }
-            Ok(rasterizer.settle()?)
-        };
-        assert_eq!(settled(&[&behind])?, Settled::Complete { splats: 0, entries: 0 });
-        assert_eq!(settled(&[&before, &behind])?, Settled::Again);
-        let all = Settled::Complete { splats: 50, entries: 50 * 4096 };
-        assert_eq!(settled(&[&behind, &before, &behind])?, all);
-        // Asked again it says the same; the frames after that are others.
-        assert_eq!(settled(&[])?, all);
-        assert_eq!(settled(&[&behind])?, Settled::Complete { splats: 0, entries: 0 });
-        Ok(())
-    }
-
     #[test]
     fn stages_are_told_in_their_order_and_summed_frame_by_frame() {
         let frame = |project: u64, blend: u64| {

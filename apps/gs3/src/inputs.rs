@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use gs3::neural::model::Tier;
 use gs3::neural::{Arithmetic, WeightError, Weights};
-use gs3::scene::format::{Streamed, load, streamed as choice};
+use gs3::scene::format::{self, Streamed};
 use gs3::scene::{CameraPath, Scene, capture, demo, orbit};
 use gs3::{NetworkError, Networks};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -33,7 +33,7 @@ pub fn is_demo(path: &Path) -> bool {
 pub fn streamed(path: &Path) -> Result<Option<Streamed>, CliError> {
     // A pipe gives what it has only once.
     let is_there = path.metadata().is_ok_and(|found| found.is_file() || found.is_dir());
-    if is_demo(path) || !is_there { Ok(None) } else { Ok(choice(path)?) }
+    if is_demo(path) || !is_there { Ok(None) } else { Ok(format::streamed(path)?) }
 }
 
 /// Loads the scene, showing progress, and says how long it took.
@@ -49,7 +49,7 @@ pub fn scene_at(path: &Path, levels: Levels) -> Result<(Arc<Scene>, Duration), C
         demo::scene()?
     } else {
         let bar = ProgressBar::new(1000).with_style(style("loading {wide_bar} {percent}%"));
-        let scene = load(path, &options, &|share| bar.set_position((share * 1000.0) as u64))?;
+        let scene = format::load(path, &options, &|share| bar.set_position((share * 1000.0) as u64))?;
         bar.finish_and_clear();
         scene
     };

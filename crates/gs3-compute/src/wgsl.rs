@@ -22,6 +22,18 @@ pub struct StructLayout {
     pub fields: Vec<(String, u32)>,
 }
 
+/// Asserts that struct `$shader` of WGSL, a list of sources, and `$rust` have the same members at the same offsets, and the
+/// same size: for tests of whoever writes kernels. It needs no device.
+#[macro_export]
+macro_rules! assert_layout {
+    ($sources:expr, $shader:ident, $rust:ident { $($member:ident),* $(,)? }) => {
+        let layout = $crate::struct_layout("layout", $sources, stringify!($shader))
+            .unwrap_or_else(|error| panic!("{error}"));
+        let rust = vec![$((stringify!($member).to_owned(), std::mem::offset_of!($rust, $member) as u32)),*];
+        assert_eq!((rust, size_of::<$rust>() as u32), (layout.fields, layout.bytes));
+    };
+}
+
 /// The layout of struct `name` in `sources`.
 ///
 /// # Errors

@@ -334,14 +334,10 @@ mod tests {
 
     #[test]
     fn layouts_are_those_of_the_shader() {
-        let layout = crate::struct_layout("load", &multiply_add_source(Number::Single), "Load").unwrap();
-        let rust = [
-            ("factor", std::mem::offset_of!(Load, factor)),
-            ("summand", std::mem::offset_of!(Load, summand)),
-            ("rounds", std::mem::offset_of!(Load, rounds)),
-            ("_pad", std::mem::offset_of!(Load, _pad)),
-        ];
-        assert_eq!(layout.fields, rust.map(|(name, offset)| (name.to_owned(), offset as u32)));
-        assert_eq!(layout.bytes as usize, size_of::<Load>());
+        crate::assert_layout!(
+            &multiply_add_source(Number::Single),
+            Load,
+            Load { factor, summand, rounds, _pad }
+        );
     }
 }

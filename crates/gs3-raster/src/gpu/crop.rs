@@ -59,11 +59,12 @@ pub fn record(
 
 #[cfg(test)]
 mod tests {
+    use gs3_compute::assert_layout;
+
     use super::*;
-    use crate::gpu::layout::assert_layout;
 
     #[test]
     fn layout_is_that_of_the_shader() {
-        assert_layout!(include_str!("crop.wgsl"), Crop, CropUniform { size, first, stride, _pad });
+        assert_layout!(&[include_str!("crop.wgsl")], Crop, CropUniform { size, first, stride, _pad });
     }
 }

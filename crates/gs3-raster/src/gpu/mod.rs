@@ -18,8 +18,6 @@ mod error;
 mod frame;
 mod gbuffer;
 mod kernels;
-#[cfg(test)]
-mod layout;
 mod plan;
 mod scene;
 mod shaders;

@@ -97,8 +97,7 @@ fn most(limits: &Limits) -> Room {
     Room { splats: items(16), entries: items(4), band_rows: u32::MAX }
 }
 
-/// Room for `count` items. Kernels that sort are compiled for a capacity, and drivers remember what they have
-/// compiled: few different capacities, powers of two up to 2²⁰ and its multiples, meet again.
+/// Room for `count` items: powers of two up to 2²⁰ and its multiples, so that room that has grown seldom has to grow again.
 fn rounded(count: u32, max: u32) -> u32 {
     const STEP: u32 = 1 << 20;
     const LEAST: u32 = 1 << 16;
@@ -270,25 +269,19 @@ fn needs(scene: &ScenePlan, outputs: Outputs, room: Room, tiles: u32) -> Vec<Nee
 
 #[cfg(test)]
 mod tests {
+    use gs3_compute::assert_layout;
+
     use super::*;
-    use crate::gpu::layout::assert_layout;
 
     #[test]
     fn layouts_are_those_of_the_shader() {
         let source = include_str!("frame.wgsl");
-        assert_layout!(source, Band, Band { first_row, rows, columns, _pad });
-        let (members, size) = crate::gpu::layout::of_shader(source, "Counters");
-        let rust = [
-            ("splats", std::mem::offset_of!(Counters, splats)),
-            ("places", std::mem::offset_of!(Counters, places)),
-            ("entries", std::mem::offset_of!(Counters, entries)),
-            ("most_splats", std::mem::offset_of!(Counters, most_splats)),
-            ("most_entries", std::mem::offset_of!(Counters, most_entries)),
-            ("entry_shares", std::mem::offset_of!(Counters, entry_shares)),
-            ("_pad", std::mem::offset_of!(Counters, _pad)),
-        ];
-        assert_eq!(members, rust.map(|(name, offset)| (name.to_owned(), offset)));
-        assert_eq!(size, size_of::<Counters>());
+        assert_layout!(&[source], Band, Band { first_row, rows, columns, _pad });
+        assert_layout!(
+            &[source],
+            Counters,
+            Counters { splats, places, entries, most_splats, most_entries, entry_shares, _pad }
+        );
     }
 
     fn limits(binding_bytes: u64) -> Limits {

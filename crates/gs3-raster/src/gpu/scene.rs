@@ -262,16 +262,16 @@ fn sh_f16(sh: &[f32], stride: usize) -> Vec<u32> {
 
 #[cfg(test)]
 mod tests {
+    use gs3_compute::assert_layout;
     use gs3_scene::gaussians::MAX_SH;
 
     use super::*;
-    use crate::gpu::layout::assert_layout;
 
     #[test]
     fn layouts_are_those_of_the_shader() {
         let source = include_str!("scene.wgsl");
-        assert_layout!(source, Page, PageUniform { first_chunk, chunks, gaussians, _pad });
-        assert_layout!(source, Chunk, ChunkBounds { center, radius, largest_scale, _pad, _pad2, _pad3 });
+        assert_layout!(&[source], Page, PageUniform { first_chunk, chunks, gaussians, _pad });
+        assert_layout!(&[source], Chunk, ChunkBounds { center, radius, largest_scale, _pad, _pad2, _pad3 });
     }
 
     /// What `scene_f16.wgsl` makes of packed words: scales, opacity, quaternion.

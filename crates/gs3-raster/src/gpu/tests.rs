@@ -222,3 +222,38 @@ fn a_frame_without_room_is_made_again() {
         assert!(matches!(cramped.settle(), Ok(Settled::Complete { .. })));
     }
 }
+
+/// Of frames that follow each other one lacked room, and another that had room came after it.
+#[test]
+fn no_frame_lacks_room_unseen() {
+    let Some(gpu) = gpu() else { return };
+    // All over the picture: 50 × 4,096 tiles of 16×16 pixels, where at first there is room for 16 a tile.
+    let mut large = Gaussians::zeroed(50, 0);
+    large.scales.iter_mut().for_each(|scales| scales.fill(100.0));
+    large.rotations[0].fill(1.0);
+    large.opacities.fill(0.9);
+    let scene = Arc::new(Scene::new(large, OpacityMode::Default).expect("valid"));
+    let intrinsics = Intrinsics::from_fov_y(1024, 1024, 0.8);
+    let camera =
+        |z| Camera::new(DAffine3::from_translation(DVec3::new(0.0, 0.0, z)), intrinsics).expect("a rotation");
+    let (before, behind) = (camera(5.0), camera(-5.0));
+    let mut rasterizer =
+        GpuRasterizer::new(&gpu, scene, Culling::default(), ScenePrecision::default()).expect("room");
+    let settings = RasterSettings::new(Outputs::Color);
+    let mut out = GpuGBuffer::default();
+    let mut settled = |cameras: &[&Camera]| {
+        for camera in cameras {
+            let mut recorder = gpu.recorder(None);
+            rasterizer.record(&mut recorder, camera, &settings, &mut out).expect("valid");
+            recorder.submit().expect("a device");
+        }
+        rasterizer.settle().expect("a device")
+    };
+    assert_eq!(settled(&[&behind]), Settled::Complete { splats: 0, entries: 0 });
+    assert_eq!(settled(&[&before, &behind]), Settled::Again);
+    let all = Settled::Complete { splats: 50, entries: 50 * 4096 };
+    assert_eq!(settled(&[&behind, &before, &behind]), all);
+    // Asked again it says the same; the frames after that are others.
+    assert_eq!(settled(&[]), all);
+    assert_eq!(settled(&[&behind]), Settled::Complete { splats: 0, entries: 0 });
+}

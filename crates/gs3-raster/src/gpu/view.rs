@@ -53,13 +53,14 @@ impl ViewUniform {
 
 #[cfg(test)]
 mod tests {
+    use gs3_compute::assert_layout;
+
     use super::*;
-    use crate::gpu::layout::assert_layout;
 
     #[test]
     fn layout_is_that_of_the_shader() {
         assert_layout!(
-            include_str!("view.wgsl"),
+            &[include_str!("view.wgsl")],
             View,
             ViewUniform {
                 rotation,

@@ -261,13 +261,14 @@ impl GpuInterpolator {
 
 #[cfg(test)]
 mod tests {
+    use gs3_compute::assert_layout;
+
     use super::*;
-    use crate::gpu::assert_layout;
 
     #[test]
     fn layouts_are_those_of_the_shader() {
         let source = include_str!("between.wgsl");
-        assert_layout!(source, Neighbor, NeighborUniform { to_middle, from_middle, jitter, _pad });
-        assert_layout!(source, Between, BetweenUniform { size, lr, scale, offset, t, _pad, neighbors });
+        assert_layout!(&[source], Neighbor, NeighborUniform { to_middle, from_middle, jitter, _pad });
+        assert_layout!(&[source], Between, BetweenUniform { size, lr, scale, offset, t, _pad, neighbors });
     }
 }

@@ -26,15 +26,3 @@ pub use image::{GpuImage, GpuPlanes};
 pub use interpolate::{BoundInterpolator, GpuInterpolator, GpuNeighbor, NeighborView};
 pub use motion::{BoundMotion, GpuMotion};
 pub use super_sample::{BoundSuperSampler, GpuSuperSampler, Innovation};
-
-/// Asserts that a struct of WGSL and one of Rust have the same members at the same offsets, and the same size.
-#[cfg(test)]
-macro_rules! assert_layout {
-    ($source:expr, $shader:ident, $rust:ident { $($member:ident),* $(,)? }) => {
-        let layout = gs3_compute::struct_layout("layout", &[$source], stringify!($shader)).unwrap();
-        let rust = vec![$((stringify!($member).to_owned(), std::mem::offset_of!($rust, $member) as u32)),*];
-        assert_eq!((rust, size_of::<$rust>() as u32), (layout.fields, layout.bytes));
-    };
-}
-#[cfg(test)]
-use assert_layout;

@@ -97,13 +97,14 @@ impl GpuMotion {
 
 #[cfg(test)]
 mod tests {
+    use gs3_compute::assert_layout;
+
     use super::*;
-    use crate::gpu::assert_layout;
 
     #[test]
     fn layouts_are_those_of_the_shader() {
         let source = include_str!("motion.wgsl");
         let source = source.split("@group").next().unwrap();
-        assert_layout!(source, MotionView, MotionUniform { rows, lr, jitter, before_jitter, _pad });
+        assert_layout!(&[source], MotionView, MotionUniform { rows, lr, jitter, before_jitter, _pad });
     }
 }

@@ -367,15 +367,16 @@ fn first_free(history: &[Past], slots: u32) -> u32 {
 
 #[cfg(test)]
 mod tests {
+    use gs3_compute::assert_layout;
+
     use super::*;
-    use crate::gpu::assert_layout;
 
     #[test]
     fn layouts_are_those_of_the_shader() {
         let source = include_str!("frame.wgsl");
-        assert_layout!(source, Past, PastUniform { rows, offset, slot, parallax, extent, margin });
+        assert_layout!(&[source], Past, PastUniform { rows, offset, slot, parallax, extent, margin });
         assert_layout!(
-            source,
+            &[source],
             Frame,
             FrameUniform { size, lr, scale, frames, cell_offset, lattice, around, x_places, y_places, past }
         );

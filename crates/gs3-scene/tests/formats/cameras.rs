@@ -93,7 +93,7 @@ fn the_seeds_are_the_same_two_cameras() {
 /// What a file says comes back in one line, however long it is.
 #[test]
 fn words_in_messages_are_cut() {
-    let long = "X".repeat(10_000);
+    let long = "q".repeat(10_000);
     let faults = [
         parse_colmap(ColmapEncoding::Text, format!("1 {long} 64 48 1 1 1").as_bytes(), b""),
         parse_colmap(ColmapEncoding::Text, format!("1 PINHOLE {long}").as_bytes(), b""),
@@ -102,6 +102,6 @@ fn words_in_messages_are_cut() {
     ];
     for fault in faults {
         let message = fault.unwrap_err().to_string();
-        assert!(message.len() < 400 && !message.contains('\n') && message.contains("XXX"), "{message}");
+        assert!(message.len() < 400 && !message.contains('\n') && message.contains("qqq"), "{message}");
     }
 }

@@ -222,13 +222,6 @@ mod tests {
 
     #[test]
     fn the_shader_is_valid_and_its_struct_lies_as_here() {
-        let layout = gs3_compute::struct_layout("between", &[MEAN_WGSL, BETWEEN_WGSL], "Features").unwrap();
-        let rust = [
-            ("lr", std::mem::offset_of!(FeaturesUniform, lr)),
-            ("t", std::mem::offset_of!(FeaturesUniform, t)),
-            ("_pad", std::mem::offset_of!(FeaturesUniform, _pad)),
-        ];
-        assert_eq!(layout.fields, rust.map(|(name, offset)| (name.to_owned(), offset as u32)));
-        assert_eq!(layout.bytes as usize, size_of::<FeaturesUniform>());
+        gs3_compute::assert_layout!(&[MEAN_WGSL, BETWEEN_WGSL], Features, FeaturesUniform { lr, t, _pad });
     }
 }

@@ -302,16 +302,10 @@ mod tests {
     #[test]
     fn the_shader_is_valid_and_its_struct_lies_as_here() {
         let source = ["const UNCERTAIN: f32 = 0.2;\n", MEAN_WGSL, FEATURES_WGSL];
-        let layout = gs3_compute::struct_layout("features", &source, "Features").unwrap();
-        let rust = [
-            ("size", std::mem::offset_of!(FeaturesUniform, size)),
-            ("lr", std::mem::offset_of!(FeaturesUniform, lr)),
-            ("jitter", std::mem::offset_of!(FeaturesUniform, jitter)),
-            ("focal", std::mem::offset_of!(FeaturesUniform, focal)),
-            ("center", std::mem::offset_of!(FeaturesUniform, center)),
-            ("_pad", std::mem::offset_of!(FeaturesUniform, _pad)),
-        ];
-        assert_eq!(layout.fields, rust.map(|(name, offset)| (name.to_owned(), offset as u32)));
-        assert_eq!(layout.bytes as usize, size_of::<FeaturesUniform>());
+        gs3_compute::assert_layout!(
+            &source,
+            Features,
+            FeaturesUniform { size, lr, jitter, focal, center, _pad }
+        );
     }
 }
