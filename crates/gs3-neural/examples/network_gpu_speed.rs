@@ -80,12 +80,16 @@ fn measure(
     let median = milliseconds[milliseconds.len() / 2];
     let work = 2.0 * graph.multiply_adds_per_pixel(lr)? * (lr[0] * lr[1]) as f64;
     println!(
-        "{} {} {:?}{}: {median:.3} ms, {:.1} GFLOP/s; {} MB of tensors; compiled in {:.1} s",
+        "{} {} {:?}{}: {median:.3} ms, {:.1} GFLOP/s; {} kernels move {} MB, {:.1} GB/s; {} MB of tensors; compiled in \
+         {:.1} s",
         graph.name(),
         weights.header.tier,
         way.precision,
         if way.matrices.is_some() { ", products of matrices" } else { "" },
         work / median / 1e6,
+        engine.kernels(),
+        engine.bytes_moved() / 1_000_000,
+        engine.bytes_moved() as f64 / median / 1e6,
         engine.arena_bytes() / 1_000_000,
         compiled.as_secs_f64(),
     );

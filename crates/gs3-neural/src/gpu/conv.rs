@@ -51,7 +51,8 @@ pub struct Convolution {
 }
 
 impl Convolution {
-    pub fn new(conv: Conv2d, inputs: &[Shape], out: Shape, precision: Precision) -> Self {
+    /// `is_computed`: some of what it reads is not stored, so that looking at it costs more.
+    pub fn new(conv: Conv2d, inputs: &[Shape], out: Shape, is_computed: bool, precision: Precision) -> Self {
         let total = blocks(out);
         // The least idle work, then the most blocks of an invocation.
         let waste = |b: &usize| (total.next_multiple_of(*b), MAX_BLOCKS - b);
@@ -63,7 +64,7 @@ impl Convolution {
             (side * side + matrices) * BLOCK * precision.bytes() as usize
         };
         let fitting = (1..=all_groups.min(4)).rev().find(|groups| bytes(*groups) <= WORKGROUP_BYTES);
-        let division = match fitting.filter(|_| conv.kernel > 1) {
+        let division = match fitting.filter(|_| conv.kernel > 1 || is_computed) {
             Some(groups) => {
                 // As few workgroups as that needs, then as few idle invocations.
                 let chunks = all_groups.div_ceil(groups);
@@ -139,12 +140,12 @@ impl Convolution {
         }
     }
 
-    /// The kernel.
-    pub fn source(&self, precision: Precision, border: Border) -> String {
+    /// The kernel. `expressions` have `load` and `finish` ([`super::expression`]).
+    pub fn source(&self, precision: Precision, border: Border, expressions: &str) -> String {
         let Self { conv, inputs, out, division } = self;
         let in_blocks: usize = inputs.iter().map(|shape| blocks(*shape)).sum();
         let taps = conv.kernel * conv.kernel;
-        let mut text = source::header(precision) + &source::tensors(inputs, *out);
+        let mut text = source::header(precision) + &source::result(*out);
         let constants = [
             ("TILE", TILE),
             ("KERNEL", conv.kernel),
@@ -162,9 +163,8 @@ impl Convolution {
             "@group(0) @binding({}) var<storage> weights: array<Matrix>;\n",
             source::PARTS.len() + 2
         );
-        text += &load(inputs);
+        text += expressions;
         text += &seen(border);
-        text += &source::activate(conv.activation);
         let template = match division.kind {
             Kind::Tiled => include_str!("conv_tiled.wgsl"),
             Kind::Direct => include_str!("conv_direct.wgsl"),
@@ -244,7 +244,7 @@ impl Convolution {
             for p in 0..PIXELS {
                 text += &format!(
                     "if first_y + {p}u < HEIGHT {{ result[block{b} * PIXELS + (first_y + {p}u) * WIDTH + x] = \
-                     Block(activate(sum{p}_{b} + bias)); }}\n"
+                     Block(finish(block{b}, x, first_y + {p}u, sum{p}_{b} + bias)); }}\n"
                 );
             }
             text += "}\n";
@@ -263,7 +263,7 @@ impl Convolution {
                 text += &format!(
                     "if first_pixel + {p}u * THREADS < PIXELS {{ \
                      result[block{b} * PIXELS + first_pixel + {p}u * THREADS] = \
-                     Block(activate(sum{p}_{b} + bias)); }}\n"
+                     Block(finish(block{b}, u32(place{p}.x), u32(place{p}.y), sum{p}_{b} + bias)); }}\n"
                 );
             }
             text += "}\n";
@@ -283,22 +283,6 @@ fn places() -> String {
     (0..PIXELS).map(place).collect()
 }
 
-/// `fn load(block, pixel)`: a block of the concatenated parts.
-pub fn load(inputs: &[Shape]) -> String {
-    let mut text = "fn load(block: u32, pixel: u32) -> Block {\n".to_owned();
-    let mut first = 0;
-    for (k, shape) in inputs.iter().enumerate() {
-        let end = first + blocks(*shape);
-        let read = format!("return part{k}[(block - {first}u) * PIXELS + pixel];");
-        text += &match k + 1 == inputs.len() {
-            true => format!("    {read}\n"),
-            false => format!("    if block < {end}u {{ {read} }}\n"),
-        };
-        first = end;
-    }
-    text + "}\n"
-}
-
 /// `fn seen(block, at)`: what a window sees there, possibly outside the image.
 pub fn seen(border: Border) -> String {
     let value = match border {
@@ -308,7 +292,7 @@ pub fn seen(border: Border) -> String {
     format!(
         "fn seen(block: u32, at: vec2<i32>) -> Block {{
     let inside = clamp(at, vec2<i32>(0), vec2<i32>(i32(WIDTH), i32(HEIGHT)) - 1);
-    let value = load(block, u32(inside.y) * WIDTH + u32(inside.x));
+    let value = load(block, u32(inside.x), u32(inside.y));
     {value}
 }}\n"
     )

@@ -6,7 +6,7 @@
 
 use gs3_compute::{Capabilities, Gpu, Subgroups, Support, Use};
 
-use super::conv::{TILE, WORKGROUP_BYTES, load, seen};
+use super::conv::{TILE, WORKGROUP_BYTES, seen};
 use super::source::{self, BLOCK, blocks};
 use super::{GpuEngine, GpuEngineSettings, GpuImage, GpuRunError, Precision};
 use crate::graph::{Border, Conv2d, Graph, GraphBuilder};
@@ -133,13 +133,13 @@ impl MatrixConvolution {
         [self.out.width.div_ceil(TILE), self.out.height.div_ceil(TILE), self.chunks].map(count)
     }
 
-    /// The kernel.
-    pub fn source(&self, border: Border) -> String {
-        let Self { conv, inputs, out, unit, columns, .. } = self;
+    /// The kernel. `expressions` have `load` and `finish` ([`super::expression`]).
+    pub fn source(&self, border: Border, expressions: &str) -> String {
+        let Self { conv, out, unit, columns, .. } = self;
         let (side, taps) = (unit.side as usize, conv.kernel * conv.kernel);
         let mut text = "enable wgpu_cooperative_matrix;\n".to_owned();
         text += &source::header(Precision::Half);
-        text += &source::tensors(inputs, *out);
+        text += &source::result(*out);
         let constants = [
             ("TILE", TILE),
             ("SIDE", side),
@@ -159,9 +159,8 @@ impl MatrixConvolution {
         text += &constants.map(|(name, value)| format!("const {name}: u32 = {value}u;\n")).concat();
         text +=
             &format!("@group(0) @binding({}) var<storage> weights: array<f16>;\n", source::PARTS.len() + 2);
-        text += &load(inputs);
+        text += expressions;
         text += &seen(border);
-        text += &source::activate(conv.activation);
         let matrix = |numbers: &str, role: char| format!("coop_mat{side}x{side}<{numbers}, {role}>");
         let sums: Vec<(usize, usize)> = (0..RUNS).flat_map(|r| (0..*columns).map(move |c| (r, c))).collect();
         let declared = |(r, c): &(usize, usize)| format!("var sum{r}_{c} = {}();\n", matrix("f32", 'C'));

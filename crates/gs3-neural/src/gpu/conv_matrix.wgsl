@@ -68,7 +68,7 @@ fn store(subgroup: u32, lane: u32, tile: vec2<u32>, run: u32, first_block: u32) 
             let sum = vec4<f32>(sums[at], sums[at + 1u], sums[at + 2u], sums[at + 3u]);
             let bias_at = FIRST_BIAS + block * 4u;
             let bias = vec4<f16>(weights[bias_at], weights[bias_at + 1u], weights[bias_at + 2u], weights[bias_at + 3u]);
-            result[block * PIXELS + corner.y * WIDTH + x] = Block(activate(sum + vec4<f32>(bias)));
+            result[block * PIXELS + corner.y * WIDTH + x] = Block(finish(block, x, corner.y, sum + vec4<f32>(bias)));
         }
     }
 }

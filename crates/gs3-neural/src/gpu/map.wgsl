@@ -1,4 +1,4 @@
-// One block of the result per invocation: `value` is written for the step.
+// One block of the result per invocation: `value` is written for the kernel.
 @compute @workgroup_size(256)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) index: u32) {
     let at = group_index(group) * 256u + index;

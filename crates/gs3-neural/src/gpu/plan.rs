@@ -6,11 +6,14 @@ use gs3_compute::{GpuError, grid};
 
 use super::conv::Convolution;
 use super::conv_matrix::MatrixConvolution;
+use super::export::{export, value_of};
+use super::expression::{Expressions, Layout, Located, Place, Width};
+use super::fuse::{Branch, Fusion, Role, Wanted, Work, parts};
 use super::slots::Slots;
-use super::source::{BLOCK, PARTS, blocks};
-use super::{GpuEngineSettings, GpuImage, GpuRunError, ImageFormat, MatrixUnit, Precision, ops};
+use super::source::{self, PARTS, blocks, image_words, tensor_bytes};
+use super::{GpuEngineSettings, GpuImage, GpuRunError, ImageFormat, MatrixUnit, Precision};
 use crate::error::RunError;
-use crate::graph::{Activation, Graph, Op, Tensor};
+use crate::graph::{Conv2d, Graph, Op};
 use crate::reference::parameter;
 use crate::shape::Shape;
 use crate::weights::Weights;
@@ -44,6 +47,8 @@ pub struct Step {
     /// Its weights, bytes.
     pub weights: Range<u64>,
     pub groups: [u32; 3],
+    /// Bytes that it reads and writes, each once.
+    pub bytes: u64,
 }
 
 /// Where a tensor or image is.
@@ -57,24 +62,6 @@ pub enum Stored {
     Output(usize),
 }
 
-/// Bytes of a tensor.
-fn tensor_bytes(shape: Shape, precision: Precision) -> u64 {
-    (shape.pixels() * blocks(shape) * BLOCK) as u64 * precision.bytes()
-}
-
-/// Where a tensor or image is, before buffers are given out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Place {
-    /// In a tensor of its own: the result of that layer.
-    Tensor(usize),
-    /// In the buffer of an input.
-    Input(usize),
-    /// In the buffer of an output.
-    Output(usize),
-    /// Nowhere: readers read what it is made of.
-    Fused,
-}
-
 /// A step before buffers are given out.
 struct Draft {
     label: String,
@@ -83,19 +70,16 @@ struct Draft {
     writes: Place,
     weights: Range<u64>,
     groups: [u32; 3],
+    bytes: u64,
 }
 
 struct Planner<'a> {
-    graph: &'a Graph,
-    shapes: Vec<Shape>,
-    precision: Precision,
+    layout: Layout<'a>,
+    roles: Vec<Role>,
     matrices: Option<MatrixUnit>,
-    /// Of each layer's result.
-    places: Vec<Place>,
-    inputs: Vec<GpuImage>,
     outputs: Vec<GpuImage>,
-    /// Which of the inputs a layer is.
-    input_of: Vec<Option<usize>>,
+    /// Bytes of each tensor, by the layer that it begins with.
+    tensors: Vec<u64>,
     drafts: Vec<Draft>,
     weights: Vec<u8>,
 }
@@ -127,45 +111,74 @@ impl Plan {
             check(name, &output_names)?;
             wanted.extend(graph.outputs().iter().filter(|o| o.name == *name).map(|o| (o, *format)));
         }
-        let mut needed = vec![false; shapes.len()];
-        wanted.iter().for_each(|(output, _)| needed[output.tensor.index()] = true);
-        for k in (0..shapes.len()).rev() {
-            if needed[k] {
-                graph.layers()[k].inputs.iter().for_each(|t| needed[t.index()] = true);
-            }
-        }
-        let mut planner = Planner {
-            graph,
-            places: vec![Place::Fused; shapes.len()],
-            input_of: vec![None; shapes.len()],
-            precision,
-            matrices: settings.matrices,
-            inputs: Vec::new(),
-            outputs: Vec::new(),
-            drafts: Vec::new(),
-            weights: Vec::new(),
-            shapes,
+        let image = |name: &str, layer: usize, format: ImageFormat| {
+            let shape = shapes[layer];
+            let bytes = match format {
+                ImageFormat::Pixels | ImageFormat::HalfPixels => image_words(shape, format) as u64 * 4,
+                ImageFormat::Blocks => tensor_bytes(shape, precision),
+            };
+            GpuImage { name: name.to_owned(), shape, format, bytes }
         };
         // Inputs are all there, needed or not: what is given does not depend on what is asked for.
+        let (mut inputs, mut input_of) = (Vec::new(), vec![None; shapes.len()]);
         for (tensor, layer) in graph.inputs() {
             let given = settings.inputs.iter().find(|(name, _)| *name == layer.name);
             let format = given.map_or(ImageFormat::default(), |(_, format)| *format);
-            planner.input_of[tensor.index()] = Some(planner.inputs.len());
-            planner.inputs.push(planner.image(&layer.name, tensor.index(), format));
+            input_of[tensor.index()] = Some((inputs.len(), format));
+            inputs.push(image(&layer.name, tensor.index(), format));
         }
-        let mut exports = Vec::new();
-        for (output, format) in wanted {
-            exports.push((planner.outputs.len(), output.tensor.index()));
-            planner.outputs.push(planner.image(&output.name, output.tensor.index(), format));
-        }
-        planner.place(&needed, &exports);
-        for k in (0..needed.len()).filter(|k| needed[*k]) {
-            planner.compute(weights, k)?;
-            for (image, _) in exports.iter().filter(|(_, layer)| *layer == k) {
-                planner.export(*image, k)?;
+        let outputs: Vec<GpuImage> = wanted
+            .iter()
+            .map(|(output, format)| image(&output.name, output.tensor.index(), *format))
+            .collect();
+        // A layer is stored in one output at most: as blocks it is copied to others, and what is given is, too.
+        let mut located = vec![None; shapes.len()];
+        for (k, input) in input_of.iter().enumerate() {
+            if let Some((input, ImageFormat::Blocks)) = input {
+                located[k] = Some(Located { place: Place::Input(*input), first_block: 0 });
             }
         }
-        planner.finish()
+        let mut exports = Vec::new();
+        for (number, (output, format)) in wanted.iter().enumerate() {
+            let layer = output.tensor.index();
+            match (format, located[layer]) {
+                (ImageFormat::Blocks, None) => {
+                    located[layer] = Some(Located { place: Place::Output(number), first_block: 0 });
+                }
+                _ => exports.push((number, layer)),
+            }
+        }
+        let layers = |is: &dyn Fn(&Place) -> bool| -> Vec<usize> {
+            let located = located.iter().enumerate();
+            located.filter(|(_, l)| l.is_some_and(|l| is(&l.place))).map(|(k, _)| k).collect()
+        };
+        let fusion = Fusion::new(
+            graph,
+            &Wanted {
+                as_blocks: &layers(&|place| matches!(place, Place::Output(_))),
+                given: &layers(&|place| matches!(place, Place::Input(_))),
+                exports: &exports.iter().map(|(_, layer)| *layer).collect::<Vec<_>>(),
+                bytes: precision.bytes(),
+            },
+        );
+        let mut planner = Planner {
+            tensors: vec![0; shapes.len()],
+            layout: Layout { graph, shapes, located, inputs: input_of, precision },
+            roles: fusion.roles,
+            matrices: settings.matrices,
+            outputs,
+            drafts: Vec::new(),
+            weights: Vec::new(),
+        };
+        planner.locate(&fusion.works);
+        for work in &fusion.works {
+            match work {
+                Work::Map(layer) => planner.map(*layer)?,
+                Work::Convolve(branches) => planner.convolve(weights, branches)?,
+                Work::Export(export) => planner.export(exports[*export])?,
+            }
+        }
+        planner.finish(inputs)
     }
 }
 
@@ -183,169 +196,127 @@ pub fn unknown<'a>(name: &str, names: impl Iterator<Item = &'a str>) -> RunError
 }
 
 impl Planner<'_> {
-    /// The image that is the result of `layer`.
-    fn image(&self, name: &str, layer: usize, format: ImageFormat) -> GpuImage {
-        let shape = self.shapes[layer];
-        let bytes = match format {
-            ImageFormat::Pixels | ImageFormat::HalfPixels => ops::words(shape, format) as u64 * 4,
-            ImageFormat::Blocks => tensor_bytes(shape, self.precision),
-        };
-        GpuImage { name: name.to_owned(), shape, format, bytes }
-    }
-
     /// Decides where results are.
-    fn place(&mut self, needed: &[bool], exports: &[(usize, usize)]) {
-        let layers = self.graph.layers();
-        let readers = |k: usize| {
-            let reads = move |layer: usize| layers[layer].inputs.iter().any(|t| t.index() == k);
-            (0..layers.len())
-                .filter(move |layer| needed[*layer] && reads(*layer))
-                .map(|layer| &layers[layer].op)
-        };
-        for (k, layer) in layers.iter().enumerate() {
-            let outputs: Vec<usize> =
-                exports.iter().filter(|(_, of)| *of == k).map(|(image, _)| *image).collect();
-            let is_blocks = |image: &GpuImage| image.format == ImageFormat::Blocks;
-            let as_blocks = outputs.iter().copied().find(|image| is_blocks(&self.outputs[*image]));
-            let input = self.input_of[k].filter(|image| is_blocks(&self.inputs[*image]));
-            let fused = match layer.op {
-                Op::Concat => outputs.is_empty() && readers(k).all(|op| matches!(op, Op::Conv2d(_))),
-                Op::Input { .. } => {
-                    outputs.is_empty() && readers(k).all(|op| matches!(op, Op::PixelUnshuffle { .. }))
-                }
-                Op::PixelShuffle { .. } => {
-                    as_blocks.is_none() && layer.inputs.len() == 1 && readers(k).next().is_none()
-                }
-                _ => false,
+    fn locate(&mut self, works: &[Work]) {
+        for work in works {
+            let stored: Vec<usize> = match work {
+                Work::Map(layer) => vec![*layer],
+                Work::Convolve(branches) => branches.iter().map(Branch::stored).collect(),
+                Work::Export(_) => continue,
             };
-            self.places[k] = match (input, as_blocks) {
-                (Some(image), _) => Place::Input(image),
-                _ if fused => Place::Fused,
-                (None, Some(image)) => Place::Output(image),
-                (None, None) => Place::Tensor(k),
-            };
-        }
-    }
-
-    /// Adds the step that makes the result of layer `k`, if there is any.
-    fn compute(&mut self, weights: &Weights, k: usize) -> Result<(), GpuRunError> {
-        let layer = &self.graph.layers()[k];
-        let (shape, precision) = (self.shapes[k], self.precision);
-        if matches!(self.places[k], Place::Fused | Place::Input(_)) {
-            return Ok(());
-        }
-        // Pixels, which become channels on the way.
-        let pixels = |t: &Tensor| self.input_of[t.index()].filter(|_| self.places[t.index()] == Place::Fused);
-        let imported = match (&layer.op, &layer.inputs[..]) {
-            (Op::Input { .. }, _) => self.input_of[k].map(|image| (image, 1)),
-            (Op::PixelUnshuffle { factor }, [t]) => pixels(t).map(|image| (image, *factor)),
-            _ => None,
-        };
-        if let Some((image, factor)) = imported {
-            let from = &self.inputs[image];
-            let source = ops::import(from.shape, from.format, factor, shape, precision);
-            return self.map(k, source, vec![Place::Input(image)]);
-        }
-        let inputs = layer.inputs.iter().map(|t| t.index());
-        if let Op::Conv2d(conv) = &layer.op {
-            // The parts of a concatenation are read where they are.
-            let fused = |k: usize| self.places[k] == Place::Fused;
-            let parts: Vec<usize> = inputs
-                .flat_map(|k| match &self.graph.layers()[k] {
-                    concat if fused(k) => concat.inputs.iter().map(|t| t.index()).collect(),
-                    _ => vec![k],
-                })
-                .collect();
-            self.check_parts(&layer.name, parts.len())?;
-            let shapes: Vec<Shape> = parts.iter().map(|part| self.shapes[*part]).collect();
-            let [weight, bias] = ["weight", "bias"].map(|kind| parameter(weights, &layer.name, kind));
-            let border = self.graph.border();
-            let unit = self.matrices.filter(|_| precision == Precision::Half);
-            let in_matrices = unit.and_then(|unit| MatrixConvolution::new(*conv, &shapes, shape, unit));
-            let (source, values, groups) = match in_matrices {
-                Some(conv) => (conv.source(border), conv.weights(weight, bias), conv.groups()),
-                None => {
-                    let conv = Convolution::new(*conv, &shapes, shape, precision);
-                    (conv.source(precision, border), conv.weights(weight, bias), conv.groups()?)
-                }
-            };
-            let draft = Draft {
-                label: layer.name.clone(),
-                source,
-                reads: parts.iter().map(|part| self.places[*part]).collect(),
-                writes: self.places[k],
-                weights: self.add_weights(&values),
-                groups,
-            };
-            self.drafts.push(draft);
-            return Ok(());
-        }
-        // What comes twice is bound once.
-        let mut reads: Vec<usize> = Vec::new();
-        let mut concat = Vec::new();
-        // A second input of these gives a size only.
-        let is_sized = matches!(layer.op, Op::PixelShuffle { .. } | Op::Upsample { .. });
-        for input in inputs.take(if is_sized { 1 } else { usize::MAX }) {
-            let found = reads.iter().position(|read| *read == input);
-            let is_first = found.is_none() || !matches!(layer.op, Op::Concat);
-            if is_first {
-                reads.push(input);
+            let mut first_block = 0;
+            for layer in &stored {
+                let place = Place::Tensor(stored[0]);
+                let (shape, precision) = (self.layout.shapes[*layer], self.layout.precision);
+                self.layout.located[*layer].get_or_insert(Located { place, first_block });
+                self.tensors[stored[0]] += tensor_bytes(shape, precision);
+                first_block += blocks(shape);
             }
-            concat.push(found.filter(|_| !is_first).unwrap_or(reads.len() - 1));
-        }
-        self.check_parts(&layer.name, reads.len())?;
-        let shapes: Vec<Shape> = reads.iter().map(|read| self.shapes[*read]).collect();
-        let source = ops::map(&layer.op, &shapes, &concat, shape, precision);
-        let reads = reads.iter().map(|read| self.places[*read]).collect();
-        self.map(k, source, reads)
-    }
-
-    fn check_parts(&self, layer: &str, actual: usize) -> Result<(), GpuError> {
-        let max = PARTS.len();
-        match actual <= max {
-            true => Ok(()),
-            false => Err(GpuError::TooLarge {
-                what: format!("inputs of layer {layer}"),
-                max: max as u64,
-                actual: actual as u64,
-            }),
         }
     }
 
-    /// A step that makes the result of layer `k`, one block per invocation.
-    fn map(&mut self, k: usize, source: String, reads: Vec<Place>) -> Result<(), GpuRunError> {
-        let (label, shape) = (self.graph.layers()[k].name.clone(), self.shapes[k]);
-        let groups = groups(&label, shape.pixels() * blocks(shape))?;
-        self.drafts.push(Draft { label, source, reads, writes: self.places[k], weights: 0..0, groups });
+    /// Where the result of `layer`, which is stored, begins.
+    fn place(&self, layer: usize) -> Place {
+        self.layout.located[layer].map_or(Place::Tensor(layer), |located| located.place)
+    }
+
+    /// A step that makes the result of `layer`, which is no convolution, one block per invocation.
+    fn map(&mut self, layer: usize) -> Result<(), GpuRunError> {
+        let mut expressions = Expressions::new(&self.layout);
+        let name = expressions.made(layer);
+        let (shape, precision) = (self.layout.shapes[layer], self.layout.precision);
+        let label = self.layout.graph.layers()[layer].name.clone();
+        let draft = Draft {
+            source: blocks_of(&source::header(precision), &expressions, &name, shape),
+            reads: checked(&label, expressions.buffers)?,
+            writes: self.place(layer),
+            weights: 0..0,
+            groups: groups(&label, shape.pixels() * blocks(shape))?,
+            bytes: expressions.bytes + tensor_bytes(shape, precision),
+            label,
+        };
+        self.drafts.push(draft);
         Ok(())
     }
 
-    /// Adds the step that brings the result of layer `k` to output `image`, if it is not there.
-    fn export(&mut self, image: usize, k: usize) -> Result<(), GpuRunError> {
-        let (to, layer) = (&self.outputs[image], &self.graph.layers()[k]);
-        let (stored, factor) = match (self.places[k], &layer.op) {
-            (Place::Fused, op) => (layer.inputs[0].index(), op.factor().unwrap_or(1)),
-            _ => (k, 1),
-        };
-        let from = self.places[stored];
-        if from == Place::Output(image) {
-            return Ok(());
+    /// A step that makes the results of `branches`, convolutions of the same parts and what follows them.
+    fn convolve(&mut self, weights: &Weights, branches: &[Branch]) -> Result<(), GpuRunError> {
+        let Layout { graph, precision, .. } = self.layout;
+        let first = branches[0].conv;
+        let Op::Conv2d(conv) = graph.layers()[first].op else { return Ok(()) };
+        let parts = parts(graph, &self.roles, first);
+        let shapes: Vec<Shape> = parts.iter().map(|part| self.layout.shapes[*part]).collect();
+        // Weights of an output channel.
+        let taps = conv.kernel * conv.kernel * shapes.iter().map(|shape| shape.channels).sum::<usize>();
+        let (mut weight, mut bias, mut labels) = (Vec::new(), Vec::new(), Vec::new());
+        for branch in branches {
+            let layer = &graph.layers()[branch.conv];
+            weight.extend(parameter(weights, &layer.name, "weight"));
+            bias.extend(parameter(weights, &layer.name, "bias"));
+            bias.resize(weight.len() / taps, 0.0);
+            labels.push(layer.name.as_str());
         }
-        let (label, precision) = (format!("{}.export", layer.name), self.precision);
-        let (source, count) = match to.format {
+        let label = labels.join(", ");
+        let channels = branches.iter().map(|branch| self.layout.shapes[branch.conv].channels).sum();
+        let conv = Conv2d { outputs: channels, ..conv };
+        let out = Shape { channels, ..self.layout.shapes[first] };
+        let mut expressions = Expressions::new(&self.layout);
+        expressions.load(&parts);
+        expressions.finish(conv.activation, branches);
+        let border = graph.border();
+        let unit = self.matrices.filter(|_| precision == Precision::Half);
+        let in_matrices = unit.and_then(|unit| MatrixConvolution::new(conv, &shapes, out, unit));
+        let (source, values, groups) = match in_matrices {
+            Some(conv) => {
+                (conv.source(border, &expressions.text), conv.weights(&weight, &bias), conv.groups())
+            }
+            None => {
+                let is_computed = parts.iter().any(|part| self.layout.located[*part].is_none());
+                let conv = Convolution::new(conv, &shapes, out, is_computed, precision);
+                let source = conv.source(precision, border, &expressions.text);
+                (source, conv.weights(&weight, &bias), conv.groups()?)
+            }
+        };
+        let (reads, bytes) = (checked(&label, expressions.buffers)?, expressions.bytes);
+        let draft = Draft {
+            label,
+            source,
+            reads,
+            writes: self.place(branches[0].stored()),
+            weights: self.add_weights(&values),
+            groups,
+            bytes: bytes + tensor_bytes(out, precision),
+        };
+        self.drafts.push(draft);
+        Ok(())
+    }
+
+    /// A step that brings the result of `layer` to an output.
+    fn export(&mut self, (output, layer): (usize, usize)) -> Result<(), GpuRunError> {
+        let mut expressions = Expressions::new(&self.layout);
+        let name = expressions.layer(layer);
+        let (shape, precision) = (self.layout.shapes[layer], self.layout.precision);
+        let label = format!("{}.export", self.layout.graph.layers()[layer].name);
+        let to = &self.outputs[output];
+        let header = source::header(precision);
+        let (text, count) = match to.format {
             ImageFormat::Blocks => {
-                let identity = Op::Activate(Activation::Identity);
-                let source = ops::map(&identity, &[to.shape], &[], to.shape, precision);
-                (source, to.shape.pixels() * blocks(to.shape))
+                (blocks_of(&header, &expressions, &name, shape), shape.pixels() * blocks(shape))
             }
             ImageFormat::Pixels | ImageFormat::HalfPixels => {
-                let read = self.shapes[stored];
-                (ops::export(read, factor, to.shape, to.format, precision), ops::words(to.shape, to.format))
+                export(&header, &expressions, &name, shape, to.format)
             }
         };
-        let groups = groups(&label, count)?;
-        let writes = Place::Output(image);
-        self.drafts.push(Draft { label, source, reads: vec![from], writes, weights: 0..0, groups });
+        let draft = Draft {
+            source: text,
+            reads: checked(&label, expressions.buffers)?,
+            writes: Place::Output(output),
+            weights: 0..0,
+            groups: groups(&label, count)?,
+            bytes: expressions.bytes + to.bytes,
+            label,
+        };
+        self.drafts.push(draft);
         Ok(())
     }
 
@@ -353,7 +324,7 @@ impl Planner<'_> {
         self.weights.resize(self.weights.len().next_multiple_of(WEIGHT_ALIGNMENT), 0);
         let start = self.weights.len();
         for value in values {
-            match self.precision {
+            match self.layout.precision {
                 Precision::Single => self.weights.extend(value.to_le_bytes()),
                 Precision::Half => self.weights.extend(half::f16::from_f32(*value).to_le_bytes()),
             }
@@ -362,8 +333,8 @@ impl Planner<'_> {
     }
 
     /// Gives out buffers.
-    fn finish(self) -> Result<Plan, GpuRunError> {
-        let mut last_use = vec![0; self.shapes.len()];
+    fn finish(self, inputs: Vec<GpuImage>) -> Result<Plan, GpuRunError> {
+        let mut last_use = vec![0; self.tensors.len()];
         for (now, draft) in self.drafts.iter().enumerate() {
             for source in draft.reads.iter().chain([&draft.writes]) {
                 if let Place::Tensor(k) = source {
@@ -372,17 +343,16 @@ impl Planner<'_> {
             }
         }
         let mut slots = Slots::default();
-        let mut slot_of = vec![None; self.shapes.len()];
+        let mut slot_of = vec![None; self.tensors.len()];
         let mut steps = Vec::with_capacity(self.drafts.len());
         for (now, draft) in self.drafts.into_iter().enumerate() {
             if let Place::Tensor(k) = draft.writes {
-                slot_of[k] = Some(slots.take(tensor_bytes(self.shapes[k], self.precision)));
+                slot_of[k] = Some(slots.take(self.tensors[k]));
             }
             let stored = |place: &Place| match place {
                 Place::Input(image) => Some(Stored::Input(*image)),
                 Place::Output(image) => Some(Stored::Output(*image)),
                 Place::Tensor(k) => slot_of[*k].map(Stored::Slot),
-                Place::Fused => None,
             };
             let missing = || GpuError::Refused {
                 what: format!("planning layer {}", draft.label),
@@ -399,11 +369,30 @@ impl Planner<'_> {
                     slots.give_back(slot);
                 }
             }
-            let Draft { label, source, weights, groups, .. } = draft;
-            steps.push(Step { label, source, reads, writes, weights, groups });
+            let Draft { label, source, weights, groups, bytes, .. } = draft;
+            steps.push(Step { label, source, reads, writes, weights, groups, bytes });
         }
-        let Self { weights, inputs, outputs, .. } = self;
+        let Self { weights, outputs, .. } = self;
         Ok(Plan { steps, slots: slots.bytes, weights, inputs, outputs })
+    }
+}
+
+/// The kernel of a tensor of `shape` from what `expressions` have as `name`, one block per invocation.
+fn blocks_of(header: &str, expressions: &Expressions<'_>, name: &str, shape: Shape) -> String {
+    let value = value_of(name, Width::Block);
+    [header, &source::result(shape), &expressions.text, &value, include_str!("map.wgsl")].concat()
+}
+
+/// `buffers`, if a kernel can bind as many.
+fn checked(layer: &str, buffers: Vec<Place>) -> Result<Vec<Place>, GpuError> {
+    let max = PARTS.len();
+    match buffers.len() <= max {
+        true => Ok(buffers),
+        false => Err(GpuError::TooLarge {
+            what: format!("inputs of layer {layer}"),
+            max: max as u64,
+            actual: buffers.len() as u64,
+        }),
     }
 }
 

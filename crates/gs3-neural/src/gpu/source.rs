@@ -1,10 +1,8 @@
-//! What the WGSL of all steps has in common.
-
-use std::fmt::Write;
+//! What the WGSL of all kernels has in common, and how large what they read and write is.
 
 use gs3_compute::GRID_WGSL;
 
-use super::Precision;
+use super::{ImageFormat, Precision};
 use crate::graph::Activation;
 use crate::shape::Shape;
 
@@ -29,8 +27,13 @@ pub fn header(precision: Precision) -> String {
     format!("{types}alias Block = vec4<real>;\nalias Matrix = mat4x4<real>;\n{GRID_WGSL}")
 }
 
-/// Constants of a tensor: its name's prefix, then `WIDTH`, `HEIGHT`, `PIXELS`, `BLOCKS`, `CHANNELS`.
-pub fn sizes(prefix: &str, shape: Shape) -> String {
+/// The result of a kernel, a tensor: its binding and sizes.
+pub fn result(shape: Shape) -> String {
+    sizes(shape) + "@group(0) @binding(0) var<storage, read_write> result: array<Block>;\n"
+}
+
+/// Constants of what a kernel makes: `WIDTH`, `HEIGHT`, `PIXELS`, `BLOCKS`, `CHANNELS`.
+pub fn sizes(shape: Shape) -> String {
     let constants = [
         ("WIDTH", shape.width),
         ("HEIGHT", shape.height),
@@ -38,36 +41,24 @@ pub fn sizes(prefix: &str, shape: Shape) -> String {
         ("BLOCKS", blocks(shape)),
         ("CHANNELS", shape.channels),
     ];
-    constants.map(|(name, value)| format!("const {prefix}{name}: u32 = {value}u;\n")).concat()
+    constants.map(|(name, value)| format!("const {name}: u32 = {value}u;\n")).concat()
 }
 
-/// The result of a step, a tensor, and the tensors that it reads: bindings, sizes and functions that read one block or
-/// one channel.
-pub fn tensors(reads: &[Shape], result: Shape) -> String {
-    let mut text = sizes("", result);
-    text += "@group(0) @binding(0) var<storage, read_write> result: array<Block>;\n";
-    for (k, (shape, name)) in reads.iter().zip(PARTS).enumerate() {
-        let prefix = format!("{}_", name.to_uppercase());
-        text += &sizes(&prefix, *shape);
-        // Writing to a string does not fail.
-        let _ = write!(
-            text,
-            "@group(0) @binding({binding}) var<storage> {name}: array<Block>;
-fn {name}_block(block: u32, x: u32, y: u32) -> vec4<f32> {{
-    return vec4<f32>({name}[block * {prefix}PIXELS + y * {prefix}WIDTH + x]);
-}}
-fn {name}_channel(channel: u32, x: u32, y: u32) -> f32 {{
-    return f32({name}[channel / 4u * {prefix}PIXELS + y * {prefix}WIDTH + x][channel % 4u]);
-}}
-",
-            binding = k + 2,
-        );
+/// Bytes of a tensor.
+pub fn tensor_bytes(shape: Shape, precision: Precision) -> u64 {
+    (shape.pixels() * blocks(shape) * BLOCK) as u64 * precision.bytes()
+}
+
+/// Words of 4 B of an image in its buffer.
+pub fn image_words(image: Shape, format: ImageFormat) -> usize {
+    match format {
+        ImageFormat::HalfPixels => image.len().div_ceil(2),
+        ImageFormat::Pixels | ImageFormat::Blocks => image.len(),
     }
-    text
 }
 
-/// `fn activate(x: vec4<f32>) -> vec4<f32>`.
-pub fn activate(activation: Activation) -> String {
+/// `fn NAME(x: vec4<f32>) -> vec4<f32>`.
+pub fn activate(name: &str, activation: Activation) -> String {
     // tanh of drivers may overflow beyond ±44; beyond ±10 it is ±1 to 4e-9.
     let body = match activation {
         Activation::Identity => "return x;".to_owned(),
@@ -78,7 +69,7 @@ pub fn activate(activation: Activation) -> String {
         Activation::Sigmoid => "return 1.0 / (1.0 + exp(-x));".to_owned(),
         Activation::Tanh => "return tanh(clamp(x, vec4<f32>(-10.0), vec4<f32>(10.0)));".to_owned(),
     };
-    format!("fn activate(x: vec4<f32>) -> vec4<f32> {{\n    {body}\n}}\n")
+    format!("fn {name}(x: vec4<f32>) -> vec4<f32> {{\n    {body}\n}}\n")
 }
 
 /// x Φ(x) = ½ x (1 + erf(x/√2)), erf to 1.5e-7 (Abramowitz & Stegun 1964, 7.1.26).
