@@ -1,7 +1,10 @@
 // Pixels that first-order predictions leave uncertain, by gradient-enhanced kriging; see kriging.rs.
 //
-// tile.wgsl marks them by the sign of their uncertainty. A workgroup lists those of its pixels and shares them out,
-// so that no invocation waits for nothing while others solve.
+// tile.wgsl marks them by the sign of their uncertainty. A workgroup lists those of its pixels, so that none of its
+// invocations waits for nothing. An invocation looks around one pixel for its samples; then SAMPLES of them solve a
+// pixel's system, each the rows of one sample: whole, they are more than an invocation's registers hold. Per sample
+// one hands its rows to the others through workgroup memory, which take them off their own. Lines in capitals are
+// written out by krige.rs.
 
 @group(0) @binding(1) var<storage, read> samples_a: array<vec2<u32>>;
 @group(0) @binding(2) var<storage, read> samples_b: array<vec2<u32>>;
@@ -12,30 +15,30 @@
 // RGB and uncertainty, halves, row by row.
 @group(0) @binding(8) var<storage, read_write> image: array<vec2<u32>>;
 
-const DATA: u32 = 3u * SAMPLES;
-const THREADS: u32 = 64u;
+// Those that are solved at a time.
+const SYSTEMS: u32 = THREADS / SAMPLES;
 
 var<workgroup> count: atomic<u32>;
+var<workgroup> marked: u32;
 var<workgroup> list: array<u32, KRIGED_WIDTH * KRIGED_HEIGHT>;
+// Of each pixel its samples, best first, by numbers from 1, 0 where there is none; from which variance on samples are
+// left out.
+var<workgroup> ids: array<u32, THREADS * SAMPLES>;
+var<workgroup> left_out: array<f32, THREADS>;
+// Of each system its samples: positions relative to the pixel in lengths of the covariance, noises, 1 if there is one.
+var<workgroup> around: array<vec4<f32>, THREADS>;
+// Of each system the rows of one sample, and of the next one.
+var<workgroup> pivots: array<vec4<f32>, 2u * SYSTEMS * 3u * WIDTH>;
 
-// The samples of the pixel and one more, best first: numbers, variances of their first-order predictions, positions
-// relative to the pixel in lengths of the covariance.
-var<private> ids: array<u32, SAMPLES + 1u>;
-var<private> variances: array<f32, SAMPLES + 1u>;
-var<private> at: array<vec2<f32>, SAMPLES + 1u>;
-// Variances of the samples' first-order predictions where they are.
-var<private> noises: array<f32, SAMPLES>;
-// Variance from which on samples are left out.
-var<private> left_out: f32;
-// The lower triangle, row by row; the last row has the covariances with the pixel.
-var<private> system: array<f32, (DATA + 1u) * (DATA + 2u) / 2u>;
-var<private> inverses: array<f32, DATA>;
-var<private> weights: array<f32, DATA>;
-
-// Puts the best samples around `pixel` into `ids`, by their numbers among equals; how many.
-fn look_around(pixel: vec2<i32>) -> u32 {
+// The best samples around `pixel` into place `slot`.
+fn look_around(pixel: vec2<i32>, slot: u32) {
     let size = vec2<i32>(frame.size) + vec2(i32(COLUMNS) - 1, i32(ROWS) - 1);
-    var found = 0u;
+    var best: array<f32, SAMPLES + 1u>;
+    var numbers: array<u32, SAMPLES + 1u>;
+    for (var k = 0u; k <= SAMPLES; k++) {
+        best[k] = FARTHEST;
+        numbers[k] = 0u;
+    }
     // Samples less than two pixels away. A sample's cell is the first pixel that it reaches, COLUMNS − 1 and ROWS − 1
     // further on.
     let first = pixel + vec2(i32(COLUMNS) - 4, i32(ROWS) - 4);
@@ -46,125 +49,131 @@ fn look_around(pixel: vec2<i32>) -> u32 {
                 let link = links[id - 1u];
                 let d = places[id - 1u] - vec2<f32>(pixel);
                 let d2 = dot(d, d);
-                let variance = fma(d2, d2, bitcast<f32>(link.x));
-                var k = min(found, SAMPLES);
-                if variance < FARTHEST && (found <= SAMPLES || is_better(variance, id, k)) {
-                    found = min(found + 1u, SAMPLES + 1u);
-                    while k > 0u && is_better(variance, id, k - 1u) {
-                        variances[k] = variances[k - 1u];
-                        ids[k] = ids[k - 1u];
-                        at[k] = at[k - 1u];
-                        k--;
+                var variance = fma(d2, d2, bitcast<f32>(link.x));
+                // By their numbers among equals. The worst falls out at the end.
+                var number = id;
+                for (var k = 0u; k <= SAMPLES; k++) {
+                    if variance < best[k] || (variance == best[k] && number < numbers[k]) {
+                        let worse = vec2(bitcast<u32>(best[k]), numbers[k]);
+                        best[k] = variance;
+                        numbers[k] = number;
+                        variance = bitcast<f32>(worse.x);
+                        number = worse.y;
                     }
-                    variances[k] = variance;
-                    ids[k] = id;
-                    at[k] = d / LENGTH;
                 }
                 id = link.y;
             }
         }
     }
-    left_out = FARTHEST;
-    if found > SAMPLES {
-        found = SAMPLES;
-        left_out = variances[SAMPLES];
+    for (var k = 0u; k < SAMPLES; k++) {
+        ids[slot * SAMPLES + k] = numbers[k];
     }
-    return found;
-}
-
-fn is_better(variance: f32, id: u32, k: u32) -> bool {
-    return variance < variances[k] || (variance == variances[k] && id < ids[k]);
-}
-
-fn row(r: u32) -> u32 {
-    return r * (r + 1u) / 2u;
+    left_out[slot] = best[SAMPLES];
 }
 
 fn covariance(u: vec2<f32>) -> f32 {
     return 1.0 / fma(0.5, dot(u, u), 1.0);
 }
 
-// The covariances of the data of `n` samples with each other and with the pixel.
-fn fill_system(n: u32) {
-    for (var i = 0u; i < n; i++) {
-        let share = variances[i] / left_out;
-        let fade = FADE * share * share / (1.0 + 1e-4 - share);
-        noises[i] = bitcast<f32>(links[ids[i] - 1u].x);
-        for (var j = 0u; j <= i; j++) {
-            let u = at[i] - at[j];
-            let q = covariance(u);
-            // The image's covariance, and that of what both samples err by alike.
-            let grown = fma(PER_NOISE, min(noises[i], noises[j]), 1.0);
-            let q2 = q * q * grown;
-            let slope = q2 * u;
-            let bend = -2.0 * q * slope;
-            let own = select(0.0, NUGGET + fade, i == j);
-            let to = vec3(row(3u * i), row(3u * i + 1u), row(3u * i + 2u)) + 3u * j;
-            system[to.x] = fma(q, grown, own);
-            system[to.y] = -slope.x;
-            system[to.y + 1u] = fma(bend.x, u.x, q2) + own;
-            system[to.z] = -slope.y;
-            system[to.z + 1u] = bend.x * u.y;
-            system[to.z + 2u] = fma(bend.y, u.y, q2) + own;
-            if i != j {
-                system[to.x + 1u] = slope.x;
-                system[to.x + 2u] = slope.y;
-                system[to.y + 2u] = bend.x * u.y;
-            }
-        }
-        let q = covariance(at[i]);
-        let to = row(3u * n) + 3u * i;
-        system[to] = q;
-        system[to + 1u] = -q * q * at[i].x;
-        system[to + 2u] = -q * q * at[i].y;
-    }
+// What the value, ∂x and ∂y of one sample have in common with those of another.
+struct Shared {
+    value: vec3<f32>,
+    dx: vec3<f32>,
+    dy: vec3<f32>,
 }
 
-// The weights of `data` data, LDLᵀ, of which LD takes the place of the system; how far to trust them.
-fn solve(data: u32) -> f32 {
-    var explained = 0.0;
-    for (var column = 0u; column < data; column++) {
-        // Only rounding brings a pivot below the nugget.
-        let inverse = 1.0 / max(system[row(column) + column], 0.5 * NUGGET);
-        inverses[column] = inverse;
-        // L⁻¹k: nothing more is to be subtracted.
-        let known = system[row(data) + column];
-        explained = fma(known * known, inverse, explained);
-        for (var other = column + 1u; other < data; other++) {
-            let by = -system[row(other) + column] * inverse;
-            for (var r = other; r <= data; r++) {
-                system[row(r) + other] = fma(system[row(r) + column], by, system[row(r) + other]);
-            }
-        }
-    }
-    for (var k = data; k > 0u; k--) {
-        let column = k - 1u;
-        var sum = system[row(data) + column];
-        for (var r = k; r < data; r++) {
-            sum = fma(-system[row(r) + column], weights[r], sum);
-        }
-        weights[column] = sum * inverses[column];
-    }
-    return saturate((explained - DOUBTFUL) / (CERTAIN - DOUBTFUL));
+// Of samples `a` and `b` of `around`; `own` is added to what they have with themselves.
+fn shared_by(a: vec4<f32>, b: vec4<f32>, own: f32) -> Shared {
+    let u = a.xy - b.xy;
+    let q = covariance(u);
+    // The image's covariance, and that of what both samples err by alike.
+    let grown = fma(PER_NOISE, min(a.z, b.z), 1.0);
+    let both = a.w * b.w;
+    let q2 = both * q * q * grown;
+    let slope = q2 * u;
+    let bend = -2.0 * q * slope;
+    return Shared(
+        vec3(fma(both * q, grown, own), slope),
+        vec3(-slope.x, fma(bend.x, u.x, q2) + own, bend.x * u.y),
+        vec3(-slope.y, bend.x * u.y, fma(bend.y, u.y, q2) + own),
+    );
 }
 
-fn krige(pixel: vec2<u32>) {
+// The 3×3 matrix of a sample as LDLᵀ.
+struct Factors {
+    inverses: vec3<f32>,
+    l10: f32,
+    l20: f32,
+    l21: f32,
+}
+
+// Of its upper triangle.
+fn factors_of(a: vec3<f32>, b: vec2<f32>, c: f32) -> Factors {
+    // Only rounding brings a pivot below the nugget.
+    let first = 1.0 / max(a.x, 0.5 * NUGGET);
+    let l10 = a.y * first;
+    let l20 = a.z * first;
+    let second = 1.0 / max(fma(-l10, a.y, b.x), 0.5 * NUGGET);
+    let below = fma(-l10, a.z, b.y);
+    let l21 = below * second;
+    let third = 1.0 / max(fma(-l21, below, fma(-l20, a.z, c)), 0.5 * NUGGET);
+    return Factors(vec3(first, second, third), l10, l20, l21);
+}
+
+// The inverse of the matrix times `b`.
+fn solved(f: Factors, b: vec3<f32>) -> vec3<f32> {
+    let y = fma(-f.l10, b.x, b.y);
+    let z = fma(-f.l21, y, fma(-f.l20, b.x, b.z)) * f.inverses.z;
+    let second = fma(-f.l21, z, y * f.inverses.y);
+    return vec3(fma(-f.l20, z, fma(-f.l10, second, b.x * f.inverses.x)), second, z);
+}
+
+// The part of the pixel in `slot` that sample `sample` of its system `system` has in its solution.
+fn krige(corner: vec2<u32>, slot: u32, list_place: u32, system: u32, sample: u32) {
+    let is_pixel = list_place < marked;
+    var pixel = corner;
+    var id = 0u;
+    if is_pixel {
+        pixel += vec2(list[list_place] % KRIGED_WIDTH, list[list_place] / KRIGED_WIDTH);
+        id = ids[slot * SAMPLES + sample];
+    }
     let place = pixel.y * frame.size.x + pixel.x;
     let packed = image[place];
     let rest = unpack2x16float(packed.y);
     let mean = vec3(unpack2x16float(packed.x), rest.x);
-    let n = look_around(vec2<i32>(pixel));
-    fill_system(n);
-    let trust = solve(3u * n);
-    var change = vec3(0.0);
-    for (var i = 0u; i < n; i++) {
-        let id = ids[i] - 1u;
-        let s = unpack_sample(samples_a[id].y, samples_b[id], samples_c[id]);
-        change += weights[3u * i] * (s.color - mean)
-            + LENGTH * fma(vec3(weights[3u * i + 1u]), s.dx, weights[3u * i + 2u] * s.dy);
+    // Of a sample that there is not, a system of its own that says nothing.
+    var own = 1.0;
+    var here = vec4(0.0);
+    // Covariance with the pixel, and what the sample differs from the mean by.
+    var value6 = vec4(0.0);
+    var dx6 = vec4(0.0);
+    var dy6 = vec4(0.0);
+    if id != 0u {
+        let d = places[id - 1u] - vec2<f32>(pixel);
+        let noise = bitcast<f32>(links[id - 1u].x);
+        let d2 = dot(d, d);
+        let share = fma(d2, d2, noise) / left_out[slot];
+        own = NUGGET + FADE * share * share / (1.0 + 1e-4 - share);
+        here = vec4(d / LENGTH, noise, 1.0);
+        let q = covariance(here.xy);
+        let s = unpack_sample(samples_a[id - 1u].y, samples_b[id - 1u], samples_c[id - 1u]);
+        value6 = vec4(q, s.color - mean);
+        dx6 = vec4(-q * q * here.x, LENGTH * s.dx);
+        dy6 = vec4(-q * q * here.y, LENGTH * s.dy);
     }
-    let color = clamp(fma(change, vec3(trust), mean), vec3(-65504.0), vec3(65504.0));
-    image[place] = vec2(pack2x16float(color.xy), pack2x16float(vec2(color.z, -rest.y)));
+    let first = system * SAMPLES;
+    around[first + sample] = here;
+    workgroupBarrier();
+    FILL
+    // How much of the pixel's variance the samples explain, and what they say that the mean does not: forward
+    // elimination alone gives both.
+    var all = vec4(0.0);
+    ELIMINATE
+    if is_pixel && sample == 0u {
+        let trust = saturate((all.x - DOUBTFUL) / (CERTAIN - DOUBTFUL));
+        let color = clamp(fma(all.yzw, vec3(trust), mean), vec3(-65504.0), vec3(65504.0));
+        image[place] = vec2(pack2x16float(color.xy), pack2x16float(vec2(color.z, -rest.y)));
+    }
 }
 
 @compute @workgroup_size(THREADS)
@@ -182,8 +191,20 @@ fn krige_marked(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocati
         }
     }
     workgroupBarrier();
-    let marked = atomicLoad(&count);
-    for (var slot = lane; slot < marked; slot += THREADS) {
-        krige(corner + vec2(list[slot] % KRIGED_WIDTH, list[slot] / KRIGED_WIDTH));
+    if lane == 0u {
+        marked = atomicLoad(&count);
+    }
+    let end = workgroupUniformLoad(&marked);
+    for (var first = 0u; first < end; first += THREADS) {
+        if first + lane < end {
+            let at = list[first + lane];
+            look_around(vec2<i32>(corner + vec2(at % KRIGED_WIDTH, at / KRIGED_WIDTH)), lane);
+        }
+        workgroupBarrier();
+        for (var k = 0u; k < min(THREADS, end - first); k += SYSTEMS) {
+            let system = lane / SAMPLES;
+            krige(corner, k + system, first + k + system, system, lane % SAMPLES);
+        }
+        workgroupBarrier();
     }
 }

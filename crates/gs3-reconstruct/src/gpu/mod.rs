@@ -16,6 +16,7 @@
 mod error;
 mod image;
 mod interpolate;
+mod krige;
 mod motion;
 mod plan;
 mod shaders;
