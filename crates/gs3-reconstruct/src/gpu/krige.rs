@@ -80,7 +80,7 @@ all += p0_{ROW} * y.x + p1_{ROW} * y.y + p2_{ROW} * y.z;\n"
             for data in DATA {
                 let own = [0, 1, 2].map(|k| of(data, "", k)).join(", ");
                 text += &format!("let by_{data} = solved(f, vec3({own}));\n");
-                for v in (3 * i + 3) / 4..WIDTH {
+                for v in 3 * (i + 1) / 4..WIDTH {
                     text += &format!(
                         "{data}{v} -= p0_{v} * by_{data}.x + p1_{v} * by_{data}.y + p2_{v} * by_{data}.z;\n"
                     );
