@@ -37,4 +37,4 @@ pub use recorder::{Recorder, Submission};
 pub use scan::{BoundScan, Scan};
 pub use sort::{BoundSort, MAX_PAIRS, Pairs, Sort, SortPlan};
 pub use timings::{StageTime, Timings};
-pub use wgsl::{StructLayout, struct_layout, validate};
+pub use wgsl::{Number, StructLayout, constants, struct_layout, validate};

@@ -13,6 +13,47 @@ pub fn validate(label: &str, sources: &[&str]) -> Result<(), GpuError> {
     Reflected::new(label, &sources.concat()).map(|_| ())
 }
 
+/// A number that Rust and WGSL both have.
+pub trait Number: Copy {
+    /// Its type in WGSL.
+    const TYPE: &'static str;
+
+    /// It in WGSL, exactly.
+    fn literal(self) -> String;
+}
+
+impl Number for f32 {
+    const TYPE: &'static str = "f32";
+
+    fn literal(self) -> String {
+        format!("{self:e}f")
+    }
+}
+
+impl Number for u32 {
+    const TYPE: &'static str = "u32";
+
+    fn literal(self) -> String {
+        format!("{self}u")
+    }
+}
+
+/// Sizes, which are less than 2³² on devices.
+impl Number for usize {
+    const TYPE: &'static str = "u32";
+
+    fn literal(self) -> String {
+        format!("{self}u")
+    }
+}
+
+/// `const NAME: type = value;` in WGSL for each of `values`, so that no number is written twice.
+#[must_use]
+pub fn constants<T: Number>(values: &[(&str, T)]) -> String {
+    let line = |(name, value): &(&str, T)| format!("const {name}: {} = {};\n", T::TYPE, value.literal());
+    values.iter().map(line).collect()
+}
+
 /// Where the fields of a WGSL struct are, to be compared with those of a Rust one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StructLayout {
@@ -115,6 +156,25 @@ impl Reflected {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn constants_are_exact() {
+        let text = constants(&[("LEAST", f32::MIN_POSITIVE), ("MOST", f32::MAX), ("THIRD", 1.0 / 3.0)])
+            + &constants(&[("ALL", u32::MAX)])
+            + &constants(&[("SIDE", 16_usize)]);
+        let module = Reflected::new("constants", &text).unwrap().module;
+        let values: Vec<naga::Literal> = module
+            .constants
+            .iter()
+            .filter_map(|(_, constant)| match module.global_expressions[constant.init] {
+                naga::Expression::Literal(literal) => Some(literal),
+                _ => None,
+            })
+            .collect();
+        use naga::Literal::{F32, U32};
+        let expected = [F32(f32::MIN_POSITIVE), F32(f32::MAX), F32(1.0 / 3.0), U32(u32::MAX), U32(16)];
+        assert_eq!(values, expected);
+    }
     use crate::gpu::{Limits, Subgroups};
     use crate::sort::SortPlan;
     use crate::{ceilings, scan, sort};

@@ -1,6 +1,6 @@
 //! Convolutions: their kernels and the order of their weights.
 
-use gs3_compute::{GpuError, grid};
+use gs3_compute::{GpuError, constants, grid};
 
 use super::Precision;
 use super::source::{self, BLOCK, blocks};
@@ -146,7 +146,7 @@ impl Convolution {
         let in_blocks: usize = inputs.iter().map(|shape| blocks(*shape)).sum();
         let taps = conv.kernel * conv.kernel;
         let mut text = source::header(precision) + &source::result(*out);
-        let constants = [
+        text += &constants(&[
             ("TILE", TILE),
             ("KERNEL", conv.kernel),
             ("TAPS", taps),
@@ -157,8 +157,7 @@ impl Convolution {
             ("GROUP_BLOCKS", self.group_blocks()),
             ("THREADS", PIXEL_THREADS * division.groups),
             ("FIRST_BIAS", division.chunks * in_blocks * taps * self.group_blocks()),
-        ];
-        text += &constants.map(|(name, value)| format!("const {name}: u32 = {value}u;\n")).concat();
+        ]);
         text += &format!(
             "@group(0) @binding({}) var<storage> weights: array<Matrix>;\n",
             source::PARTS.len() + 2

@@ -4,7 +4,7 @@
 //! hand. So they are for who asks for them. A run of pixels is loaded once for all columns, a matrix of weights once
 //! for [`RUNS`].
 
-use gs3_compute::{Capabilities, Gpu, Subgroups, Support, Use};
+use gs3_compute::{Capabilities, Gpu, Subgroups, Support, Use, constants};
 
 use super::conv::{TILE, WORKGROUP_BYTES, seen};
 use super::source::{self, BLOCK, blocks};
@@ -140,7 +140,7 @@ impl MatrixConvolution {
         let mut text = "enable wgpu_cooperative_matrix;\n".to_owned();
         text += &source::header(Precision::Half);
         text += &source::result(*out);
-        let constants = [
+        text += &constants(&[
             ("TILE", TILE),
             ("SIDE", side),
             ("KERNEL", conv.kernel),
@@ -155,8 +155,7 @@ impl MatrixConvolution {
             ("SUBGROUPS", unit.subgroups()),
             ("THREADS", unit.threads()),
             ("FIRST_BIAS", self.chunks * self.in_matrices() * taps * columns * side * side),
-        ];
-        text += &constants.map(|(name, value)| format!("const {name}: u32 = {value}u;\n")).concat();
+        ]);
         text +=
             &format!("@group(0) @binding({}) var<storage> weights: array<f16>;\n", source::PARTS.len() + 2);
         text += expressions;

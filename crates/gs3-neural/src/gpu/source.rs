@@ -1,6 +1,6 @@
 //! What the WGSL of all kernels has in common, and how large what they read and write is.
 
-use gs3_compute::GRID_WGSL;
+use gs3_compute::{GRID_WGSL, constants};
 
 use super::{ImageFormat, Precision};
 use crate::graph::Activation;
@@ -34,14 +34,13 @@ pub fn result(shape: Shape) -> String {
 
 /// Constants of what a kernel makes: `WIDTH`, `HEIGHT`, `PIXELS`, `BLOCKS`, `CHANNELS`.
 pub fn sizes(shape: Shape) -> String {
-    let constants = [
+    constants(&[
         ("WIDTH", shape.width),
         ("HEIGHT", shape.height),
         ("PIXELS", shape.pixels()),
         ("BLOCKS", blocks(shape)),
         ("CHANNELS", shape.channels),
-    ];
-    constants.map(|(name, value)| format!("const {name}: u32 = {value}u;\n")).concat()
+    ])
 }
 
 /// Bytes of a tensor.

@@ -14,13 +14,13 @@ use super::project::{HALF_LOG2_E_SQRT, Projected, lanes};
 use super::splat::{MIN_ALPHA, Splat, SplatGeometry};
 
 /// Contributions are capped here (Kerbl et al. 2023); a capped contribution is constant, its derivatives are zero.
-const MAX_ALPHA: f32 = 0.99;
+pub const MAX_ALPHA: f32 = 0.99;
 
 /// A pixel is finished before the contribution that would bring its transmittance below this (Kerbl et al. 2023).
-const MIN_TRANSMITTANCE: f32 = 1e-4;
+pub const MIN_TRANSMITTANCE: f32 = 1e-4;
 
 /// Undoes the scaling of the Cholesky factor: 1 / (½ log₂ e).
-const UNSCALE: f32 = 1.0 / (HALF_LOG2_E_SQRT * HALF_LOG2_E_SQRT);
+pub const UNSCALE: f32 = 1.0 / (HALF_LOG2_E_SQRT * HALF_LOG2_E_SQRT);
 
 /// Planes of a block's state.
 pub mod plane {

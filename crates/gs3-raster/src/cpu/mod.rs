@@ -4,16 +4,16 @@
 //! by a unique key (depth, then scene order) and is blended by one thread.
 
 mod bin;
-mod blend;
-mod cover;
+pub(crate) mod blend;
+pub(crate) mod cover;
 mod geometry;
 mod importance;
 mod math;
 mod order;
-mod project;
+pub(crate) mod project;
 mod resolve;
-mod sh;
-mod splat;
+pub(crate) mod sh;
+pub(crate) mod splat;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};

@@ -14,26 +14,30 @@ use crate::settings::Culling;
 use crate::view::{NEAR, View};
 
 /// Slack on `support` for the rounding of the contribution's exponent between here and blending.
-const SUPPORT_MARGIN: f32 = 1e-3;
+pub const SUPPORT_MARGIN: f32 = 1e-3;
 
 /// Slack in pixels on the support's extents, for the rounding of positions up to 8192 px (2⁻¹¹ px).
-const EXTENT_MARGIN: f32 = 2e-3;
+pub const EXTENT_MARGIN: f32 = 2e-3;
 
 /// Centres farther off the axis than this multiple of their depth are culled: at a focal length of a thousand pixels
 /// their position, 10⁹ px, is known to 64 px only, and its square must not overflow.
-const MAX_SLOPE: f32 = 1e6;
+pub const MAX_SLOPE: f32 = 1e6;
 
 /// Smallest factor on opacity in antialiased scenes (gsplat).
-const MIN_COMPENSATION: f32 = 0.005;
+pub const MIN_COMPENSATION: f32 = 0.005;
 
 /// Upper bound of 2·ln 255, the largest squared Mahalanobis radius of a support.
-const MAX_SQUARED_RADIUS: f32 = 11.1;
+pub const MAX_SQUARED_RADIUS: f32 = 11.1;
 
 /// 2·ln 2, which turns log₂(255 o) into the squared Mahalanobis radius 2·ln(255 o).
-const TWO_LN_2: f32 = 2.0 * std::f32::consts::LN_2;
+pub const TWO_LN_2: f32 = 2.0 * std::f32::consts::LN_2;
 
 /// √(½·log₂ e): the Cholesky factor is scaled by it so that blending uses powers of 2.
 pub const HALF_LOG2_E_SQRT: f32 = 0.849_321_8;
+
+/// The steepest that a splat may be, square roots of binary orders per pixel: one thinner than a nanopixel meets a sample
+/// by accident only, and its derivatives would overflow. It takes a dilation of 0 to get here.
+pub const MAX_STEEPNESS: f32 = 1e9;
 
 /// Visible splats of one job, and scratch that keeps its memory between frames.
 #[derive(Default)]
@@ -224,10 +228,8 @@ fn project_lanes<S: Simd>(
     let l22 = scale / yy.sqrt();
     let root = scale / (yy * det).sqrt();
     let (l11, l21) = (yy * root, zero - xy * root);
-    // A splat thinner than a nanopixel meets a sample by accident only, and its derivatives would overflow. It takes
-    // a dilation of 0 to get here.
     let steepest = l11.max(l22).max(l21.abs());
-    visible &= steepest.simd_lt(lanes(s, 1e9));
+    visible &= steepest.simd_lt(lanes(s, MAX_STEEPNESS));
 
     // Where at most two by two samples are in the box, all of them may miss the ellipse.
     let small = (x1 - x0).simd_le(lanes(s, 1.0)) & (y1 - y0).simd_le(lanes(s, 1.0));

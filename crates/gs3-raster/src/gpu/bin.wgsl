@@ -3,10 +3,6 @@
 // every tile its splats front to back.
 
 override CULLING: u32 = 3u;
-const ACCU_TILE: u32 = 3u;
-const EXACT: u32 = 4u;
-
-const GROUP: u32 = 256u;
 
 // Splats that cover more tiles of the band are written by the whole workgroup: one lane would keep it waiting.
 const ALONE: u32 = 64u;

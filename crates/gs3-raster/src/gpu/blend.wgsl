@@ -2,12 +2,6 @@
 // consecutive invocations are a 4×4 block, and visit the staged splats that touch their block. What is blended
 // besides colour comes from one of the outputs_*.wgsl.
 
-// The constants of blend.rs and splat.rs, with their reasons there.
-const MAX_ALPHA: f32 = 0.99;
-const MIN_ALPHA: f32 = 1.0 / 255.0;
-const MIN_TRANSMITTANCE: f32 = 1e-4;
-const UNSCALE: f32 = 1.0 / (0.8493218 * 0.8493218);
-
 @group(0) @binding(1) var<uniform> band: Band;
 @group(0) @binding(2) var<storage, read> ranges: array<vec2<u32>>;
 @group(0) @binding(3) var<storage, read> entry_splats: array<u32>;

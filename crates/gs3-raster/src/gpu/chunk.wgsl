@@ -1,7 +1,5 @@
 // Whether a chunk may touch the image; see chunk.rs.
 
-const NEAR: f32 = 0.2;
-
 fn may_see(chunk: Chunk) -> bool {
     let center = rotate(chunk.center - view.origin);
     let slack = 1e-4 * (abs(center.x) + abs(center.y) + abs(center.z) + chunk.radius);

@@ -1,9 +1,7 @@
 // Which staged splats touch which 4×4 block of a tile: the exact extent per row of blocks; see cover.rs.
 
-// Side of a block in pixels.
-const BLOCK: u32 = 4u;
 // Blocks along a side of a tile.
-const BLOCKS: u32 = 4u;
+const BLOCKS: u32 = TILE / BLOCK;
 
 // Splats staged at a time: with depth and normal 8 KiB, so that four or more workgroups share a multiprocessor.
 const BATCH: u32 = 128u;

@@ -11,7 +11,7 @@ use super::scene::Page;
 use crate::settings::Outputs;
 
 /// Invocations of the workgroups that `dispatches` counts, `GROUP` of `plan.wgsl`.
-const GROUP: u32 = 256;
+pub const GROUP: u32 = 256;
 
 /// Where `plan.wgsl` leaves counts of workgroups over splats and over entries, bytes.
 const OVER_SPLATS: u64 = 0;

@@ -1,8 +1,5 @@
 // Depth and normal of a Gaussian as seen by the camera (RaDe-GS, Zhang et al. 2024); see geometry.rs.
 
-// Smallest normal f32.
-const TINY: f32 = 1.17549435e-38;
-
 struct Geometry {
     ray_distance: f32,
     ray_plane: vec2<f32>,

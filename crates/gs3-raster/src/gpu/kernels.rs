@@ -34,7 +34,7 @@ pub struct Sorts {
 }
 
 /// `CULLING` of `project.wgsl` and `bin.wgsl`.
-const fn culling_number(culling: Culling) -> u32 {
+pub const fn culling_number(culling: Culling) -> u32 {
     match culling {
         Culling::Aabb3Sigma => 0,
         Culling::Adr => 1,
@@ -44,18 +44,23 @@ const fn culling_number(culling: Culling) -> u32 {
     }
 }
 
+/// `OPACITY_MODE` of `project.wgsl`.
+pub const fn opacity_number(mode: OpacityMode) -> u32 {
+    match mode {
+        OpacityMode::Default => 0,
+        OpacityMode::Antialiased => 1,
+    }
+}
+
 impl Kernels {
     pub fn new(gpu: &Gpu, scene: &ScenePlan, mode: OpacityMode, culling: Culling) -> Result<Self, GpuError> {
         let culling = ("CULLING", f64::from(culling_number(culling)));
-        let mode = match mode {
-            OpacityMode::Default => 0.0,
-            OpacityMode::Antialiased => 1.0,
-        };
-        let constants = [culling, ("OPACITY_MODE", mode), ("SH_DEGREE", f64::from(scene.sh_degree))];
-        let project = gpu.module("project", &shaders::project(scene.precision))?;
-        let bin = gpu.module("bin", &shaders::BIN)?;
-        let plan = gpu.module("plan", &shaders::PLAN)?;
-        let tiles = gpu.module("tiles", &shaders::TILES)?;
+        let mode = ("OPACITY_MODE", f64::from(opacity_number(mode)));
+        let constants = [culling, mode, ("SH_DEGREE", f64::from(scene.sh_degree))];
+        let project = gpu.module("project", &[&shaders::project(scene.precision)])?;
+        let bin = gpu.module("bin", &[&shaders::bin()])?;
+        let plan = gpu.module("plan", &[&shaders::plan()])?;
+        let tiles = gpu.module("tiles", &[&shaders::tiles()])?;
         Ok(Self {
             mark: project.kernel(gpu, "mark", &constants)?,
             project_color: project.kernel(gpu, "project_color", &constants)?,
@@ -67,7 +72,7 @@ impl Kernels {
             emit: bin.kernel(gpu, "emit", &[culling])?,
             clear: tiles.kernel(gpu, "clear", &[])?,
             find: tiles.kernel(gpu, "find", &[])?,
-            copy_picture: gpu.module("crop", &shaders::CROP)?.kernel(gpu, "copy_picture", &[])?,
+            copy_picture: gpu.module("crop", &[shaders::CROP])?.kernel(gpu, "copy_picture", &[])?,
             blend: HashMap::new(),
         })
     }
@@ -77,7 +82,7 @@ impl Kernels {
         match self.blend.entry(outputs) {
             Entry::Occupied(compiled) => Ok(compiled.get().clone()),
             Entry::Vacant(place) => {
-                let module = gpu.module("blend", &shaders::blend(outputs))?;
+                let module = gpu.module("blend", &[&shaders::blend(outputs)])?;
                 Ok(place.insert(module.kernel(gpu, "blend", &[])?).clone())
             }
         }

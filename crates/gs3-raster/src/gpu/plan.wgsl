@@ -3,7 +3,6 @@
 // after they were read clears the most that frames needed, so that none of several frames lacks room unseen.
 
 // Both counts are of items, for kernels of workgroups of this size.
-const GROUP: u32 = 256u;
 
 @group(0) @binding(0) var<storage, read_write> counters: Counters;
 // Workgroups over splats, and over entries.

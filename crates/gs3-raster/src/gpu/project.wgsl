@@ -1,26 +1,10 @@
 // Gaussians to splats: culling, EWA projection (Kerbl et al. 2023), rejection of splats that touch no sample, colour;
-// see project.rs. `mark` notes what is visible, one workgroup a chunk; once their places are known, `project_color`
-// and
+// see project.rs. `mark` notes what is visible, one workgroup a chunk; once their places are known, `project_color` and
 // `project_gbuffer` write the splats of a chunk, in scene order, with as many lanes as there are visible ones. Whatever
 // the second evaluation rounds otherwise, a marked Gaussian has a place and fills it.
 
 override CULLING: u32 = 3u;
-const AABB_3_SIGMA: u32 = 0u;
-const ADR: u32 = 1u;
-
 override OPACITY_MODE: u32 = 0u;
-const ANTIALIASED: u32 = 1u;
-
-// The constants of project.rs, with their reasons there.
-const SUPPORT_MARGIN: f32 = 1e-3;
-const EXTENT_MARGIN: f32 = 2e-3;
-const MAX_SLOPE: f32 = 1e6;
-const MIN_COMPENSATION: f32 = 0.005;
-const MAX_SQUARED_RADIUS: f32 = 11.1;
-const TWO_LN_2: f32 = 1.3862943611198906;
-const HALF_LOG2_E_SQRT: f32 = 0.8493218;
-const MAX_FINITE: f32 = 3.4028234e38;
-const MAX_STEEPNESS: f32 = 1e9;
 
 const WORDS: u32 = CHUNK / 32u;
 

@@ -218,13 +218,13 @@ fn packed_shape(scales: [f32; 3], opacity: f32, rotation: [f32; 4]) -> [u32; 4] 
 }
 
 /// Parts of a unit quaternion other than its largest are at most √½: 2¹⁹ − 1 steps and a sign.
-const QUATERNION_STEPS: f64 = 524_287.0 * std::f64::consts::SQRT_2;
+pub const QUATERNION_STEPS: f64 = 524_287.0 * std::f64::consts::SQRT_2;
 
 /// Steps of the opacity up to 1, in 22 bits: the 8 bits that most formats of scenes have for it stay exact.
-const OPACITY_STEPS: f64 = 255.0 * 16_384.0;
+pub const OPACITY_STEPS: f64 = 255.0 * 16_384.0;
 
 /// Codes of ratios start here: at 2⁻³¹, as an f32 without its lowest six bits.
-const FIRST_RATIO: u32 = 96 << 17;
+pub const FIRST_RATIO: u32 = 96 << 17;
 
 /// `scale / largest` in 22 bits, 17 of them mantissa; 0 below 2⁻³¹.
 fn ratio_bits(scale: f32, largest: f32) -> u32 {

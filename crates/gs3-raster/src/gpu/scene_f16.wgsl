@@ -3,10 +3,6 @@
 @group(0) @binding(4) var<storage, read> shapes: array<vec4<u32>>;
 @group(0) @binding(5) var<storage, read> sh: array<u32>;
 
-const OPACITY_STEPS: f32 = 255.0 * 16384.0;
-const QUATERNION_STEP: f32 = 0.70710678 / 524287.0;
-const FIRST_RATIO: u32 = 96u << 17u;
-
 fn ratio_of(word: u32) -> f32 {
     let code = word >> 10u;
     return select(0.0, bitcast<f32>((code + FIRST_RATIO) << 6u), code > 0u);

@@ -1,8 +1,5 @@
 // View-dependent colour from spherical harmonics; see sh.rs.
 
-const C0: f32 = 0.28209479177387814;
-const C1: f32 = 0.4886025119029199;
-
 // Display-encoded RGB of Gaussian i seen along `direction` (any length), at least 0.
 fn color_of(i: u32, direction: vec3<f32>) -> vec3<f32> {
     var color = fma(vec3(C0), sh_of(i, 0u), vec3(0.5));

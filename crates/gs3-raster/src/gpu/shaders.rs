@@ -1,9 +1,18 @@
 //! The kernels' sources, put together: what kernels share is written once.
 
-use gs3_compute::GRID_WGSL;
+use gs3_compute::{GRID_WGSL, constants};
+use gs3_scene::OpacityMode;
+use gs3_scene::gaussians::SH_C0;
 
-use super::scene::ScenePrecision;
-use crate::settings::Outputs;
+use super::frame::GROUP;
+use super::kernels::{culling_number, opacity_number};
+use super::plan::TILE;
+use super::scene::{FIRST_RATIO, OPACITY_STEPS, QUATERNION_STEPS, ScenePrecision};
+use crate::chunk::CHUNK;
+use crate::cpu::cover::BLOCK;
+use crate::cpu::{blend, project, sh, splat};
+use crate::settings::{Culling, Outputs};
+use crate::view::NEAR;
 
 /// Storage bindings of the kernel that has most, `project_gbuffer`. Desktop drivers have 16 or more.
 pub const STORAGE_BINDINGS: u32 = 13;
@@ -12,13 +21,55 @@ const VIEW: &str = include_str!("view.wgsl");
 const SPLAT: &str = include_str!("splat.wgsl");
 const FRAME: &str = include_str!("frame.wgsl");
 
+/// Numbers that kernels share with the CPU's code, where their reasons are.
+fn numbers() -> String {
+    let reals = constants(&[
+        ("NEAR", NEAR),
+        ("SUPPORT_MARGIN", project::SUPPORT_MARGIN),
+        ("EXTENT_MARGIN", project::EXTENT_MARGIN),
+        ("MAX_SLOPE", project::MAX_SLOPE),
+        ("MIN_COMPENSATION", project::MIN_COMPENSATION),
+        ("MAX_SQUARED_RADIUS", project::MAX_SQUARED_RADIUS),
+        ("TWO_LN_2", project::TWO_LN_2),
+        ("HALF_LOG2_E_SQRT", project::HALF_LOG2_E_SQRT),
+        ("MAX_STEEPNESS", project::MAX_STEEPNESS),
+        ("MAX_FINITE", f32::MAX),
+        ("TINY", f32::MIN_POSITIVE),
+        ("C0", SH_C0),
+        ("C1", sh::C1),
+        ("MAX_ALPHA", blend::MAX_ALPHA),
+        ("MIN_ALPHA", splat::MIN_ALPHA),
+        ("MIN_TRANSMITTANCE", blend::MIN_TRANSMITTANCE),
+        ("UNSCALE", blend::UNSCALE),
+        ("OPACITY_STEPS", OPACITY_STEPS as f32),
+        ("QUATERNION_STEP", (1.0 / QUATERNION_STEPS) as f32),
+    ]);
+    let counts = constants(&[
+        ("CHUNK", CHUNK as u32),
+        ("TILE", TILE),
+        ("BLOCK", BLOCK as u32),
+        ("GROUP", GROUP),
+        ("FIRST_RATIO", FIRST_RATIO),
+        ("AABB_3_SIGMA", culling_number(Culling::Aabb3Sigma)),
+        ("ADR", culling_number(Culling::Adr)),
+        ("ACCU_TILE", culling_number(Culling::AccuTile)),
+        ("EXACT", culling_number(Culling::Exact)),
+        ("ANTIALIASED", opacity_number(OpacityMode::Antialiased)),
+    ]);
+    reals + &counts
+}
+
+fn joined(parts: &[&str]) -> String {
+    numbers() + &parts.concat()
+}
+
 /// Gaussians to splats: entries `mark`, `project_color`, `project_gbuffer`.
-pub fn project(precision: ScenePrecision) -> [&'static str; 8] {
+pub fn project(precision: ScenePrecision) -> String {
     let scene = match precision {
         ScenePrecision::F16 => include_str!("scene_f16.wgsl"),
         ScenePrecision::F32 => include_str!("scene_f32.wgsl"),
     };
-    [
+    joined(&[
         GRID_WGSL,
         VIEW,
         include_str!("scene.wgsl"),
@@ -27,31 +78,36 @@ pub fn project(precision: ScenePrecision) -> [&'static str; 8] {
         include_str!("sh.wgsl"),
         include_str!("geometry.wgsl"),
         include_str!("project.wgsl"),
-    ]
+    ])
 }
 
 /// Splats to tiles: entries `count` and `emit`.
-pub const BIN: [&str; 4] = [GRID_WGSL, FRAME, SPLAT, include_str!("bin.wgsl")];
+pub fn bin() -> String {
+    joined(&[GRID_WGSL, FRAME, SPLAT, include_str!("bin.wgsl")])
+}
 
 /// Counts between the stages: entries `plan_splats` and `plan_entries`.
-pub const PLAN: [&str; 3] = [GRID_WGSL, FRAME, include_str!("plan.wgsl")];
+pub fn plan() -> String {
+    joined(&[GRID_WGSL, FRAME, include_str!("plan.wgsl")])
+}
 
 /// Entries of tiles: entries `clear` and `find`.
-pub const TILES: [&str; 3] = [GRID_WGSL, FRAME, include_str!("tiles.wgsl")];
+pub fn tiles() -> String {
+    joined(&[GRID_WGSL, FRAME, include_str!("tiles.wgsl")])
+}
 
 /// The picture without its margin: entry `copy_picture`.
-pub const CROP: [&str; 1] = [include_str!("crop.wgsl")];
+pub const CROP: &str = include_str!("crop.wgsl");
 
 /// Tiles to pixels: entry `blend`.
-pub fn blend(outputs: Outputs) -> Vec<&'static str> {
-    let mut sources = vec![VIEW, FRAME, SPLAT, include_str!("cover.wgsl"), include_str!("blend.wgsl")];
+pub fn blend(outputs: Outputs) -> String {
     let gbuffer = include_str!("outputs_gbuffer.wgsl");
-    match outputs {
-        Outputs::Color => sources.push(include_str!("outputs_color.wgsl")),
-        Outputs::GBuffer => sources.extend([gbuffer, include_str!("mixed_none.wgsl")]),
-        Outputs::GBufferMixed => sources.extend([gbuffer, include_str!("mixed.wgsl")]),
-    }
-    sources
+    let [outputs, mixed] = match outputs {
+        Outputs::Color => [include_str!("outputs_color.wgsl"), ""],
+        Outputs::GBuffer => [gbuffer, include_str!("mixed_none.wgsl")],
+        Outputs::GBufferMixed => [gbuffer, include_str!("mixed.wgsl")],
+    };
+    joined(&[VIEW, FRAME, SPLAT, include_str!("cover.wgsl"), include_str!("blend.wgsl"), outputs, mixed])
 }
 
 #[cfg(test)]
@@ -61,7 +117,7 @@ mod tests {
 
     #[test]
     fn no_kernel_has_more_bindings_than_said() {
-        let bindings = |sources: &[&str]| sources.concat().matches("var<storage").count() as u32;
+        let bindings = |source: &str| source.matches("var<storage").count() as u32;
         assert_eq!(bindings(&project(ScenePrecision::F16)), STORAGE_BINDINGS);
         assert_eq!(bindings(&project(ScenePrecision::F32)), STORAGE_BINDINGS);
         assert!(bindings(&blend(Outputs::GBufferMixed)) <= STORAGE_BINDINGS);
@@ -70,13 +126,15 @@ mod tests {
     #[test]
     fn every_shader_is_valid() {
         for precision in [ScenePrecision::F16, ScenePrecision::F32] {
-            validate("project", &project(precision)).unwrap_or_else(|e| panic!("{precision:?}: {e}"));
+            validate("project", &[&project(precision)]).unwrap_or_else(|e| panic!("{precision:?}: {e}"));
         }
-        for (label, sources) in [("bin", &BIN[..]), ("plan", &PLAN), ("tiles", &TILES), ("crop", &CROP)] {
-            validate(label, sources).unwrap_or_else(|e| panic!("{e}"));
+        for (label, source) in
+            [("bin", bin()), ("plan", plan()), ("tiles", tiles()), ("crop", CROP.to_owned())]
+        {
+            validate(label, &[&source]).unwrap_or_else(|e| panic!("{e}"));
         }
         for outputs in [Outputs::Color, Outputs::GBuffer, Outputs::GBufferMixed] {
-            validate("blend", &blend(outputs)).unwrap_or_else(|e| panic!("{outputs:?}: {e}"));
+            validate("blend", &[&blend(outputs)]).unwrap_or_else(|e| panic!("{outputs:?}: {e}"));
         }
     }
 }

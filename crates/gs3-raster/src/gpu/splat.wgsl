@@ -3,9 +3,6 @@
 //
 //     a: mean x, mean y, l11, l21    b: l22, support, x0 | x1 << 16, y0 | y1 << 16    c: color, opacity
 
-// Side of a tile in pixels: 256 pixels are a workgroup, and the published 3σ rules speak of these tiles.
-const TILE: u32 = 16u;
-
 struct Splat {
     mean: vec2<f32>,
     l11: f32,

@@ -1,6 +1,5 @@
 // Where each tile's entries lie among the sorted ones. `clear` empties all tiles first.
 
-const GROUP: u32 = 256u;
 
 @group(0) @binding(0) var<storage, read_write> counters: Counters;
 @group(0) @binding(1) var<storage, read> entry_tiles: array<u32>;

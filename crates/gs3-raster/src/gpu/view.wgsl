@@ -1,8 +1,5 @@
 // The camera as kernels read it: beside ViewUniform in view.rs, layouts compared by a test.
 
-// Gaussians in a chunk: a workgroup of projection.
-const CHUNK: u32 = 256u;
-
 struct View {
     // World to view rotation, rows.
     rotation: array<vec4<f32>, 3>,

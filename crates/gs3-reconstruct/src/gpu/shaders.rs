@@ -1,5 +1,7 @@
 //! The kernels' sources, put together: what kernels share is written once, and constants are those of the CPU's code.
 
+use gs3_compute::constants;
+
 use super::krige;
 use super::plan::{KRIGED, MADE_WIDTH, SuperSamplePlan};
 use super::super_sample::Innovation;
@@ -14,16 +16,8 @@ const HISTORY: &str = include_str!("history.wgsl");
 const REPROJECTION: &str = include_str!("reprojection.wgsl");
 const BETWEEN: &str = include_str!("between.wgsl");
 
-fn constants(values: &[(&str, f32)]) -> String {
-    values.iter().map(|(name, value)| format!("const {name}: f32 = {value:e};\n")).collect()
-}
-
-fn counts(values: &[(&str, u32)]) -> String {
-    values.iter().map(|(name, value)| format!("const {name}: u32 = {value}u;\n")).collect()
-}
-
 fn reach() -> String {
-    counts(&[("COLUMNS", splat::COLUMNS as u32), ("ROWS", splat::ROWS as u32)])
+    constants(&[("COLUMNS", splat::COLUMNS as u32), ("ROWS", splat::ROWS as u32)])
 }
 
 fn joined(parts: &[&str]) -> String {
@@ -32,8 +26,8 @@ fn joined(parts: &[&str]) -> String {
 
 /// The current frame into the history, and what lies beside nearer surfaces: entry `remember`.
 pub fn samples() -> String {
-    let constants = constants(&[("BESIDE", crate::samples::BESIDE), ("CROSSING", crate::samples::CROSSING)]);
-    joined(&[&constants, FRAME, REPROJECTION, HALVES, include_str!("samples.wgsl")])
+    let numbers = constants(&[("BESIDE", crate::samples::BESIDE), ("CROSSING", crate::samples::CROSSING)]);
+    joined(&[&numbers, FRAME, REPROJECTION, HALVES, include_str!("samples.wgsl")])
 }
 
 /// What the current picture's samples say of each other: entry `predict`.
@@ -43,18 +37,18 @@ pub fn predict() -> String {
 
 /// Ranges of plausible colours: entry `find_ranges`.
 pub fn plausible() -> String {
-    let constants = constants(&[
+    let numbers = constants(&[
         ("DEPTH_TOLERANCE", plausible::DEPTH_TOLERANCE),
         ("EXTRAPOLATION", plausible::EXTRAPOLATION),
         ("MISMATCH", plausible::MISMATCH),
         ("DRIFT", plausible::DRIFT),
     ]);
-    joined(&[&constants, FRAME, REPROJECTION, HALVES, include_str!("plausible.wgsl")])
+    joined(&[&numbers, FRAME, REPROJECTION, HALVES, include_str!("plausible.wgsl")])
 }
 
 /// What is nearest, and samples to where they are now: entries `survey` and `land`.
 pub fn splat() -> String {
-    let constants = constants(&[
+    let numbers = constants(&[
         ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
         ("HIDDEN", plausible::HIDDEN),
         ("NOISE", splat::NOISE),
@@ -64,13 +58,13 @@ pub fn splat() -> String {
         ("DEPTH_TOLERANCE", plausible::DEPTH_TOLERANCE),
         ("OCCLUDED", splat::OCCLUDED),
     ]);
-    let rim = counts(&[("RIM", nearest::RIM as u32), ("EVERY", nearest::EVERY as u32)]);
-    joined(&[&constants, &rim, &reach(), FRAME, REPROJECTION, include_str!("splat.wgsl")])
+    let rim = constants(&[("RIM", nearest::RIM as u32), ("EVERY", nearest::EVERY as u32)]);
+    joined(&[&numbers, &rim, &reach(), FRAME, REPROJECTION, include_str!("splat.wgsl")])
 }
 
 /// Samples to pixels, with what the innovation takes: entry `accumulate`.
 pub fn tile(plan: &SuperSamplePlan, innovation: Innovation, kriging: Kriging) -> String {
-    let constants = constants(&[
+    let numbers = constants(&[
         ("NOISE", splat::NOISE),
         ("SURFACE", tile::SURFACE),
         ("EXACT", tile::EXACT),
@@ -80,7 +74,7 @@ pub fn tile(plan: &SuperSamplePlan, innovation: Innovation, kriging: Kriging) ->
     ]);
     let kriging = format!("const KRIGING: bool = {};\n", kriging.worth().is_some());
     // Dividing by a constant takes a fraction of the time.
-    let sizes = counts(&[
+    let sizes = constants(&[
         ("MADE_WIDTH", MADE_WIDTH),
         ("MADE_HEIGHT", plan.made_height),
         ("CAPACITY", plan.capacity),
@@ -91,12 +85,12 @@ pub fn tile(plan: &SuperSamplePlan, innovation: Innovation, kriging: Kriging) ->
         Innovation::Wanted => include_str!("innovation.wgsl"),
         Innovation::NotWanted => include_str!("innovation_none.wgsl"),
     };
-    joined(&[&constants, &kriging, &sizes, &reach(), FRAME, HISTORY, own[0], own[1], innovation])
+    joined(&[&numbers, &kriging, &sizes, &reach(), FRAME, HISTORY, own[0], own[1], innovation])
 }
 
 /// Marked pixels from the samples around them: entry `krige_marked`.
 pub fn krige() -> String {
-    let constants = constants(&[
+    let numbers = constants(&[
         ("LENGTH", kriging::LENGTH),
         ("NUGGET", kriging::NUGGET),
         ("PER_NOISE", kriging::PER_NOISE),
@@ -105,7 +99,7 @@ pub fn krige() -> String {
         ("DOUBTFUL", kriging::DOUBTFUL),
         ("CERTAIN", kriging::CERTAIN),
     ]);
-    let sizes = counts(&[
+    let sizes = constants(&[
         ("SAMPLES", kriging::SAMPLES as u32),
         ("KRIGED_WIDTH", KRIGED[0]),
         ("KRIGED_HEIGHT", KRIGED[1]),
@@ -114,16 +108,16 @@ pub fn krige() -> String {
     ]);
     let own = include_str!("krige.wgsl").replace("    FILL\n", &krige::fill());
     let own = own.replace("    ELIMINATE\n", &krige::eliminate());
-    joined(&[&constants, &sizes, &reach(), FRAME, HISTORY, &own])
+    joined(&[&numbers, &sizes, &reach(), FRAME, HISTORY, &own])
 }
 
 /// Neighbours' depths at the pose between: entry `look`.
 pub fn neighbor_depth() -> String {
-    let constants = constants(&[
+    let numbers = constants(&[
         ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
         ("SAME_SURFACE", neighbor_depth::SAME_SURFACE),
     ]);
-    joined(&[&constants, BETWEEN, REPROJECTION, include_str!("neighbor_depth.wgsl")])
+    joined(&[&numbers, BETWEEN, REPROJECTION, include_str!("neighbor_depth.wgsl")])
 }
 
 /// Depths without holes: entry `fill`.
@@ -133,14 +127,14 @@ pub fn middle_depth() -> String {
 
 /// Surfaces to where they were: entry `find_motion`.
 pub fn motion() -> String {
-    let constants =
+    let numbers =
         constants(&[("MIN_DIVISOR", reprojection::MIN_DIVISOR), ("SAME_SURFACE", motion::SAME_SURFACE)]);
-    joined(&[&constants, REPROJECTION, include_str!("motion.wgsl")])
+    joined(&[&numbers, REPROJECTION, include_str!("motion.wgsl")])
 }
 
 /// Neighbours to the frame between: entries `blend` and `separate`.
 pub fn warp() -> String {
-    let constants = constants(&[
+    let numbers = constants(&[
         ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
         ("SAME_SURFACE", neighbor_depth::SAME_SURFACE),
         ("SILHOUETTE", neighbor_depth::SILHOUETTE),
@@ -160,7 +154,7 @@ pub fn warp() -> String {
         factors(1),
     );
     let [gather, warp] = [include_str!("gather.wgsl"), include_str!("warp.wgsl")];
-    joined(&[&constants, &phases, &taps, BETWEEN, REPROJECTION, gather, warp, include_str!("separate.wgsl")])
+    joined(&[&numbers, &phases, &taps, BETWEEN, REPROJECTION, gather, warp, include_str!("separate.wgsl")])
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
-use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Recorder, Slice, Use};
+use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Recorder, Slice, Use, constants};
 use gs3_neural::model::graph_of;
 use gs3_neural::{BoundEngine, GpuEngine, GpuEngineSettings, ImageFormat, MatrixUnit, Precision, Weights};
 use gs3_raster::GpuGBuffer;
@@ -64,8 +64,8 @@ struct Kernels {
 
 impl Kernels {
     fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        let constant = format!("const UNCERTAIN: f32 = {UNCERTAIN:e};\n");
-        let module = gpu.module("features", &[&constant, MEAN_WGSL, FEATURES_WGSL])?;
+        let numbers = constants(&[("UNCERTAIN", UNCERTAIN)]);
+        let module = gpu.module("features", &[&numbers, MEAN_WGSL, FEATURES_WGSL])?;
         let kernel = |entry: &str| module.kernel(gpu, entry, &[]);
         Ok(Self {
             planes: kernel("planes")?,
@@ -301,7 +301,8 @@ mod tests {
 
     #[test]
     fn the_shader_is_valid_and_its_struct_lies_as_here() {
-        let source = ["const UNCERTAIN: f32 = 0.2;\n", MEAN_WGSL, FEATURES_WGSL];
+        let numbers = constants(&[("UNCERTAIN", UNCERTAIN)]);
+        let source = [&numbers[..], MEAN_WGSL, FEATURES_WGSL];
         gs3_compute::assert_layout!(
             &source,
             Features,
