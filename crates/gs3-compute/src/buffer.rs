@@ -7,6 +7,7 @@ use bytemuck::Pod;
 
 use crate::error::GpuError;
 use crate::gpu::Gpu;
+use crate::readback::Readback;
 
 /// What a buffer is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,7 +58,7 @@ impl Buffer {
             };
         let descriptor =
             wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false };
-        let raw = gpu.checked(&format!("buffer {label}"), size, || gpu.device.create_buffer(&descriptor))?;
+        let raw = gpu.checked(&format!("buffer {label}"), size, || gpu.create_buffer(&descriptor))?;
         Ok(Self { raw, bytes: size })
     }
 
@@ -129,7 +130,7 @@ pub fn write(gpu: &Gpu, slice: &Slice<'_>, bytes: &[u8]) -> Result<(), GpuError>
     for (k, step) in whole.chunks(STAGING_BYTES).enumerate() {
         write(k * STAGING_BYTES, step)?;
         if step.len() == STAGING_BYTES {
-            let index = gpu.queue.submit([]);
+            let index = gpu.submit([]);
             gpu.poll(wgpu::PollType::Wait { submission_index: Some(index), timeout: None })?;
         }
     }
@@ -147,38 +148,39 @@ pub fn read<T: Pod>(gpu: &Gpu, slice: &Slice<'_>) -> Result<Vec<T>, GpuError> {
     if size == 0 {
         return gpu.check().map(|()| Vec::new());
     }
-    let what = "reading a buffer";
-    let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
-    let descriptor = wgpu::BufferDescriptor { label: Some(what), size, usage, mapped_at_creation: false };
-    let staging = gpu.checked(what, size, || gpu.device.create_buffer(&descriptor))?;
-    let index = gpu.checked(what, size, || {
+    let kept = gpu.reads.take().filter(|readback| readback.bytes() >= size);
+    let readback = kept.map_or_else(|| Readback::new(gpu, size), Ok)?;
+    let index = gpu.checked("reading a buffer", size, || {
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        encoder.copy_buffer_to_buffer(&slice.buffer.raw, slice.start, &staging, 0, size);
-        gpu.queue.submit([encoder.finish()])
+        encoder.copy_buffer_to_buffer(&slice.buffer.raw, slice.start, &readback.staging, 0, size);
+        gpu.submit([encoder.finish()])
     })?;
-    mapped(gpu, &staging, index, |bytes| {
+    let values = mapped(gpu, &readback.staging, size, index, |bytes| {
         let count = bytes.len() / size_of::<T>().max(1);
         let mut values = vec![T::zeroed(); count];
         let target: &mut [u8] = bytemuck::cast_slice_mut(&mut values);
         let length = target.len();
         target.copy_from_slice(&bytes[..length]);
         values
-    })
+    });
+    gpu.reads.give_back(readback);
+    values
 }
 
 /// How long the answer to a finished submission may take: far longer than a thread that has it ever sleeps.
 const ANSWER: Duration = Duration::from_secs(30);
 
-/// What `f` makes of the bytes of `staging`, once submission `index` is done.
+/// What `f` makes of the first `size` bytes of `staging`, once submission `index` is done.
 pub fn mapped<R>(
     gpu: &Gpu,
     staging: &wgpu::Buffer,
+    size: u64,
     index: wgpu::SubmissionIndex,
     f: impl FnOnce(&[u8]) -> R,
 ) -> Result<R, GpuError> {
     let refused = |message: String| GpuError::Refused { what: "reading a buffer".to_owned(), message };
     let (sender, receiver) = mpsc::channel();
-    staging.map_async(wgpu::MapMode::Read, .., move |result| {
+    staging.map_async(wgpu::MapMode::Read, ..size, move |result| {
         // Nobody waits where waiting failed.
         let _ = sender.send(result);
     });
@@ -190,7 +192,7 @@ pub fn mapped<R>(
             Ok(Err(error)) => return Err(refused(error.to_string())),
             Err(error) => return Err(refused(error.to_string())),
         }
-        let view = staging.get_mapped_range(..).map_err(|e| refused(e.to_string()))?;
+        let view = staging.get_mapped_range(..size).map_err(|e| refused(e.to_string()))?;
         Ok(f(&view))
     };
     let result = answer();

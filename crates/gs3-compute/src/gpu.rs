@@ -9,6 +9,8 @@ use crate::adapter::{self, AdapterChoice, AdapterReport, choose};
 use crate::buffer::{Buffer, Slice, Use};
 use crate::error::GpuError;
 use crate::kernel::Module;
+use crate::made::{Counts, Made, count};
+use crate::readback::ReadPool;
 use crate::recorder::{Recorder, Submission};
 use crate::timings::Timings;
 use crate::uploads::UploadPool;
@@ -217,6 +219,8 @@ pub struct Gpu {
     capabilities: Arc<Capabilities>,
     trouble: Arc<Mutex<Trouble>>,
     pub(crate) uploads: Arc<UploadPool>,
+    pub(crate) reads: Arc<ReadPool>,
+    pub(crate) counts: Arc<Counts>,
 }
 
 impl Gpu {
@@ -252,7 +256,16 @@ impl Gpu {
             state.lost.get_or_insert_with(|| format!("{reason:?}: {message}"));
         });
         let (adapter, capabilities) = (Arc::new(report), Arc::new(capabilities));
-        Ok(Self { device, queue, adapter, capabilities, trouble, uploads: Arc::default() })
+        Ok(Self {
+            device,
+            queue,
+            adapter,
+            capabilities,
+            trouble,
+            uploads: Arc::default(),
+            reads: Arc::default(),
+            counts: Arc::default(),
+        })
     }
 
     /// The adapter it runs on.
@@ -265,6 +278,27 @@ impl Gpu {
     #[must_use]
     pub fn capabilities(&self) -> &Capabilities {
         &self.capabilities
+    }
+
+    /// What has been made on it so far.
+    #[must_use]
+    pub fn made(&self) -> Made {
+        self.counts.made()
+    }
+
+    /// A buffer of the device.
+    pub(crate) fn create_buffer(&self, descriptor: &wgpu::BufferDescriptor<'_>) -> wgpu::Buffer {
+        count(&self.counts.buffers);
+        self.device.create_buffer(descriptor)
+    }
+
+    /// Submits `commands`.
+    pub(crate) fn submit(
+        &self,
+        commands: impl IntoIterator<Item = wgpu::CommandBuffer>,
+    ) -> wgpu::SubmissionIndex {
+        count(&self.counts.submissions);
+        self.queue.submit(commands)
     }
 
     /// Whether all is well since the last check.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use crate::buffer::Slice;
 use crate::error::GpuError;
 use crate::gpu::Gpu;
+use crate::made::count;
 use crate::wgsl::{Binding, Reflected};
 
 /// A valid WGSL module. All its buffers are in group 0.
@@ -69,6 +70,7 @@ impl Module {
                 bind_group_layouts: &[Some(&layout)],
                 immediate_size: 0,
             });
+            count(&gpu.counts.kernels);
             let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                 label: Some(&label),
                 layout: Some(&pipeline_layout),
@@ -124,6 +126,7 @@ impl Kernel {
         }
         let descriptor =
             wgpu::BindGroupDescriptor { label: Some(&self.label), layout: &self.layout, entries: &entries };
+        count(&gpu.counts.bindings);
         let group = gpu.checked(&self.label, 0, || gpu.device.create_bind_group(&descriptor))?;
         Ok(Bound { pipeline: self.pipeline.clone(), group })
     }

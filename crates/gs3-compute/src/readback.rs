@@ -1,5 +1,7 @@
 //! Results on their way to the processor, in memory that stays.
 
+use std::sync::{Mutex, PoisonError};
+
 use crate::buffer::mapped;
 use crate::error::GpuError;
 use crate::gpu::Gpu;
@@ -32,7 +34,7 @@ impl Readback {
             usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
             mapped_at_creation: false,
         };
-        let staging = gpu.checked("memory read back", bytes, || gpu.device.create_buffer(&descriptor))?;
+        let staging = gpu.checked("memory read back", bytes, || gpu.create_buffer(&descriptor))?;
         Ok(Self { staging, bytes })
     }
 
@@ -52,6 +54,25 @@ impl Readback {
         submission: &Submission,
         f: impl FnOnce(&[u8]) -> R,
     ) -> Result<R, GpuError> {
-        mapped(gpu, &self.staging, submission.0.clone(), f)
+        mapped(gpu, &self.staging, self.bytes, submission.0.clone(), f)
+    }
+}
+
+/// Bytes of memory that is kept for the next who reads.
+const KEPT: u64 = 64 << 20;
+
+/// Memory that has been read through and may be again: that of the last who had done.
+#[derive(Debug, Default)]
+pub struct ReadPool(Mutex<Option<Readback>>);
+
+impl ReadPool {
+    pub fn take(&self) -> Option<Readback> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    pub fn give_back(&self, readback: Readback) {
+        if readback.bytes <= KEPT {
+            *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(readback);
+        }
     }
 }

@@ -55,12 +55,7 @@ impl Timings {
         let size = u64::from(2 * MAX_PASSES) * TIME_BYTES;
         let buffer = |usage| {
             let label = Some("timings");
-            gpu.device.create_buffer(&wgpu::BufferDescriptor {
-                label,
-                size,
-                usage,
-                mapped_at_creation: false,
-            })
+            gpu.create_buffer(&wgpu::BufferDescriptor { label, size, usage, mapped_at_creation: false })
         };
         gpu.checked("timings", size, || Self {
             queries: gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
@@ -81,7 +76,7 @@ impl Timings {
     /// # Errors
     /// [`GpuError`] if the device fails.
     pub fn read(&self, gpu: &Gpu, submission: &Submission) -> Result<Vec<StageTime>, GpuError> {
-        let ticks = mapped(gpu, &self.staging, submission.0.clone(), |bytes| {
+        let ticks = mapped(gpu, &self.staging, self.staging.size(), submission.0.clone(), |bytes| {
             let times = bytes.chunks_exact(TIME_BYTES as usize);
             times.map(bytemuck::pod_read_unaligned::<u64>).collect::<Vec<u64>>()
         })?;

@@ -5,6 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use crate::buffer::Slice;
 use crate::error::GpuError;
 use crate::gpu::Gpu;
+use crate::made::count;
 
 /// Bytes of a piece of memory on the way: the uniforms of a frame, a dozen structs of up to 256 B, fit into one.
 const CHUNK_BYTES: u64 = 4 << 10;
@@ -35,7 +36,11 @@ pub struct Uploads {
 impl Uploads {
     pub fn new(gpu: &Gpu) -> Self {
         let belt = gpu.uploads.take();
-        let belt = belt.unwrap_or_else(|| wgpu::util::StagingBelt::new(gpu.device.clone(), CHUNK_BYTES));
+        let new = || {
+            count(&gpu.counts.buffers);
+            wgpu::util::StagingBelt::new(gpu.device.clone(), CHUNK_BYTES)
+        };
+        let belt = belt.unwrap_or_else(new);
         Self { belt, encoder: None }
     }
 
@@ -65,7 +70,7 @@ impl Uploads {
     pub fn submit(self, gpu: &Gpu, frame: wgpu::CommandBuffer) -> wgpu::SubmissionIndex {
         let Self { mut belt, encoder } = self;
         belt.finish();
-        let index = gpu.queue.submit(encoder.map(wgpu::CommandEncoder::finish).into_iter().chain([frame]));
+        let index = gpu.submit(encoder.map(wgpu::CommandEncoder::finish).into_iter().chain([frame]));
         belt.recall();
         gpu.uploads.give_back(belt);
         index

@@ -5,7 +5,7 @@
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-use gs3::compute::{Gpu, GpuSettings, OptionalFeatures};
+use gs3::compute::{Gpu, GpuSettings, Made, OptionalFeatures};
 use gs3::neural::model::{Tier, interpolate};
 use gs3::neural::{Header, Weights};
 use gs3::reconstruct::{Interpolator, Kriging, Neighbor, SuperSampler};
@@ -306,6 +306,31 @@ fn frames_between_are_refined_as_on_the_cpu() {
             );
             eprintln!("{what}");
             assert!(worst >= floor && effect < worst - 10.0, "{what}");
+        }
+    }
+}
+
+/// After its first frames a camera's frames make nothing on the device, and each is one submission, with networks and a
+/// margin, too: kernels are compiled and bound, buffers made, before that. Native frames, f32, are read back by another.
+#[test]
+fn later_frames_make_nothing_and_are_one_submission_each() {
+    let Some(gpu) = opened(OptionalFeatures::All) else { return };
+    let scene = Arc::new(demo::scene().unwrap());
+    let path = demo::path().resized(160, 88).unwrap();
+    let networks = Networks::shipped(4, Tier::Fast).unwrap();
+    for (mode, submissions) in [(Mode::Native, 2), (Mode::SuperSample, 1), (Mode::Full, 1)] {
+        let settings = PipelineSettings { mode, ..Default::default() };
+        let mut frames = FramePipeline::with_networks(Arc::clone(&scene), settings, &networks).unwrap();
+        frames.render_on(&gpu).unwrap();
+        let mut before = gpu.made();
+        for (k, camera) in path.cameras()[..20].iter().enumerate() {
+            frames.render(camera, &[]).unwrap();
+            let made = gpu.made();
+            if k >= 4 {
+                let expected = Made { submissions: before.submissions + submissions, ..before };
+                assert_eq!(made, expected, "{mode:?}, frame {k}");
+            }
+            before = made;
         }
     }
 }

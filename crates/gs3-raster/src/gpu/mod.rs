@@ -28,7 +28,7 @@ mod view;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use gs3_compute::{Arena, Gpu, GpuError, Limits, Recorder, Slice};
+use gs3_compute::{Arena, Gpu, GpuError, Limits, Readback, Recorder, Slice};
 use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
 
 use crate::settings::{Culling, MAX_MARGIN, Outputs, RasterSettings};
@@ -65,6 +65,8 @@ pub struct GpuRasterizer {
     frame_number: u64,
     /// Whether the next frame counts anew what frames need.
     counts_anew: bool,
+    /// What a frame needed, on its way back.
+    counters_back: Readback,
     /// For [`Self::rasterize_to`].
     gbuffer: GpuGBuffer,
 }
@@ -133,6 +135,7 @@ impl GpuRasterizer {
             frame: None,
             frame_number: 0,
             counts_anew: true,
+            counters_back: Readback::new(gpu, size_of::<Counters>() as u64)?,
             gbuffer: GpuGBuffer::default(),
         })
     }
@@ -258,8 +261,10 @@ impl GpuRasterizer {
             let gpu = self.gpu.clone();
             let mut recorder = gpu.recorder(None);
             self.record(&mut recorder, camera, settings, out)?;
-            recorder.submit()?;
-            if self.settle()? != Settled::Again {
+            recorder.read_back(&self.counters(), &self.counters_back, 0);
+            let submission = recorder.submit()?;
+            let counters = self.counters_back.read(&gpu, &submission, <[u8]>::to_vec)?;
+            if self.settle_with(&counters)? != Settled::Again {
                 return Ok(());
             }
         }
