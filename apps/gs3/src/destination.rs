@@ -2,10 +2,10 @@
 //! that was not meant.
 
 use std::fs::{self, Metadata};
-use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
-use gs3::scene::format::{check_writable, format_of};
+use gs3::scene::format::format_of;
+use gs3_files::{check_writable, end_of_links};
 
 use crate::error::CliError;
 use crate::inputs::is_demo;
@@ -122,19 +122,6 @@ pub fn check<'a>(
 
 pub fn has_extension(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|actual| actual.eq_ignore_ascii_case(extension))
-}
-
-/// The end of all links that `path` leads along, there or not yet.
-pub fn end_of_links(path: &Path) -> io::Result<PathBuf> {
-    match fs::canonicalize(path) {
-        Err(error) if error.kind() == ErrorKind::NotFound => match fs::read_link(path) {
-            Ok(target) => end_of_links(&path.parent().unwrap_or(Path::new("")).join(target)),
-            Err(_) => Ok(path.to_owned()),
-        },
-        // Not the canonical path of what is no link: messages and `ffmpeg` have it as it was given.
-        Ok(_) if !path.is_symlink() => Ok(path.to_owned()),
-        found => found,
-    }
 }
 
 /// The same path for all ways to write it, as far as it is there.

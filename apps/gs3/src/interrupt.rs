@@ -4,7 +4,7 @@
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use gs3::scene::format::discard_temporaries;
+use gs3_files::discard_temporaries;
 
 use crate::INTERRUPTED;
 use crate::error::CliError;

@@ -6,9 +6,10 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf, is_separator};
 use std::time::{Duration, Instant};
 
-use gs3::scene::format::{clamped, position_step, save, write_atomically};
+use gs3::scene::format::{clamped, position_step, save};
 use gs3::scene::info::SceneInfo;
 use gs3::scene::{Image, Scene};
+use gs3_files::write_atomically;
 use rayon::prelude::*;
 
 use crate::destination::{Destination, has_extension};

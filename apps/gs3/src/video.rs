@@ -10,7 +10,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use crate::destination::end_of_links;
+use gs3_files::end_of_links;
+
 use crate::error::CliError;
 use crate::interrupt;
 use crate::output::frame_name;

@@ -1,11 +1,17 @@
 //! Named arrays of numbers, and the safetensors files that hold them.
 
 use std::collections::{BTreeMap, HashMap};
+use std::io::Write;
 use std::path::Path;
 
+use gs3_files::{ReadError, read_within, write_atomically};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 
 use crate::error::WeightError;
+
+/// Bytes of a file at most: an optimiser's two numbers for each of a hundred million weights, a hundred times those of
+/// the largest network compared with.
+pub const MAX_BYTES: u64 = 1 << 30;
 
 /// Numbers with a shape; the last axis is contiguous.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -136,19 +142,18 @@ fn sorted(header: &[u8]) -> Result<Vec<u8>, serde_json::Error> {
 /// Reads a file: [`from_bytes`].
 ///
 /// # Errors
-/// [`WeightError`] if it cannot be read or holds something else.
+/// [`WeightError`] if it cannot be read, has more than [`MAX_BYTES`] or holds something else.
 pub fn load(path: &Path) -> Result<(Texts, Arrays), WeightError> {
-    let read = |source| WeightError::File { path: path.to_owned(), source };
-    from_bytes(&std::fs::read(path).map_err(read)?)
+    let read = |error: ReadError| WeightError::File { path: path.to_owned(), source: error.into() };
+    from_bytes(&read_within(path, MAX_BYTES).map_err(read)?)
 }
 
-/// Writes a file whole or not at all: [`to_bytes`], under another name first.
+/// Writes a file whole or not at all: [`to_bytes`], [`write_atomically`].
 ///
 /// # Errors
 /// [`WeightError::File`] if it cannot be written.
 pub fn save(path: &Path, texts: &Texts, arrays: &Arrays) -> Result<(), WeightError> {
-    let write = |source| WeightError::File { path: path.to_owned(), source };
-    let unfinished = path.with_extension("unfinished");
-    std::fs::write(&unfinished, to_bytes(texts, arrays)?).map_err(write)?;
-    std::fs::rename(&unfinished, path).map_err(write)
+    let bytes = to_bytes(texts, arrays)?;
+    write_atomically(path, |writer| writer.write_all(&bytes))
+        .map_err(|source| WeightError::File { path: path.to_owned(), source })
 }

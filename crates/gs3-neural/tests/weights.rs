@@ -30,6 +30,44 @@ fn weights_survive_a_file_bit_for_bit() {
     }
 }
 
+/// Where it replaced what it is given, one slip (`--out /dev/null`) would cost a system its device.
+#[test]
+#[cfg(unix)]
+fn weights_go_through_links_and_into_pipes_and_replace_neither() {
+    use std::os::unix::fs::FileTypeExt;
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name);
+    let graph = super_sample(4, Tier::Fast).expect("a network");
+    let weights = initial_weights(&graph, header(&graph), 7);
+    std::os::unix::fs::symlink("far.safetensors", at("link.safetensors")).expect("a link");
+    weights.save(&at("link.safetensors")).expect("written");
+    assert!(at("link.safetensors").is_symlink() && !at("far.safetensors").is_symlink());
+    assert_eq!(Weights::load(&at("far.safetensors")).expect("read"), weights);
+
+    let pipe = at("pipe");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().expect("run").success());
+    let reader = std::thread::spawn({
+        let pipe = pipe.clone();
+        move || Weights::load(&pipe)
+    });
+    weights.save(&pipe).expect("written");
+    let found = std::fs::metadata(&pipe).expect("still there").file_type();
+    assert!(found.is_fifo(), "the pipe was replaced");
+    assert_eq!(reader.join().expect("ended").expect("read"), weights);
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn files_without_end_are_refused_before_they_are_read() {
+    let error = Weights::load("/dev/zero".as_ref()).expect_err("no weights").to_string();
+    assert_eq!(error, "/dev/zero: path: expected a regular file or a pipe, found something else");
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("huge.safetensors");
+    std::fs::File::create(&path).expect("a file").set_len(arrays::MAX_BYTES + 1).expect("a size");
+    let error = Weights::load(&path).expect_err("no weights").to_string();
+    assert!(error.ends_with("size: expected at most 1073741824 bytes, found 1073741825"), "{error}");
+}
+
 #[test]
 fn the_same_weights_always_have_the_same_bytes() {
     let graph = super_sample(4, Tier::Fast).expect("a network");

@@ -8,7 +8,7 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use gs3::scene::format::write_atomically;
+use gs3_files::write_atomically;
 use gs3_neural::{Adam, WeightError, Weights};
 use serde::{Deserialize, Serialize};
 

@@ -4,7 +4,7 @@ use std::fs::{self, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use gs3::scene::format::write_atomically;
+use gs3_files::write_atomically;
 
 use crate::error::TrainError;
 use crate::losses::{Term, Terms};

@@ -4,9 +4,11 @@ use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use gs3::neural::arrays::MAX_BYTES;
 use gs3::neural::model::{Peer, Tier};
 use gs3::neural::{RunError, WeightError, Weights};
 use gs3::{NetworkError, Networks};
+use gs3_files::read_within;
 
 use super::{Interpolation, MethodError, MethodSpec, Spatial};
 use crate::digest;
@@ -73,7 +75,7 @@ pub(crate) fn weights_digest(
     let sources = sources(method, scale, folder)?;
     let of = |source: &Source| match source {
         // What cannot be read fails the method when it is built, not the others.
-        Source::File(file) => digest::of_bytes(&std::fs::read(file).unwrap_or_default()),
+        Source::File(file) => digest::of_bytes(&read_within(file, MAX_BYTES).unwrap_or_default()),
         Source::Shipped(bytes) => digest::of_bytes(bytes),
     };
     Ok((!sources.is_empty()).then(|| digest::of(&sources.iter().map(of).collect::<Vec<_>>())))

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use gs3::neural::arrays::MAX_BYTES;
+use gs3_files::{ReadError, read_within};
 use safetensors::{Dtype, SafeTensors};
 
 use super::conv::Conv;
@@ -15,7 +17,7 @@ pub enum WeightError {
         /// The file.
         path: PathBuf,
         /// What went wrong.
-        source: std::io::Error,
+        source: ReadError,
     },
     /// It is not a safetensors file.
     #[error("{}: expected safetensors, found {message}", .path.display())]
@@ -61,8 +63,8 @@ impl Weights {
     /// [`WeightError`] if it cannot be read or is no safetensors file.
     pub fn load(path: &Path) -> Result<Self, WeightError> {
         let path = path.to_owned();
-        let bytes =
-            std::fs::read(&path).map_err(|source| WeightError::Read { path: path.clone(), source })?;
+        let bytes = read_within(&path, MAX_BYTES)
+            .map_err(|source| WeightError::Read { path: path.clone(), source })?;
         let weights = Self { path, bytes };
         weights.parse()?;
         Ok(weights)

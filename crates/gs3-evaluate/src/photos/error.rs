@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use gs3_files::ReadError;
 use gs3_scene::CameraError;
 
 use crate::methods::MethodSpec;
@@ -33,7 +34,7 @@ pub enum PhotoError {
         /// The file.
         path: PathBuf,
         /// What went wrong.
-        source: std::io::Error,
+        source: ReadError,
     },
     /// A file is not an image that can be read.
     #[error("{}: expected a PNG or JPEG image: {message}", path.display())]

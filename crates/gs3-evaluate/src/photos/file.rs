@@ -1,9 +1,9 @@
 //! Photos as files: PNG and JPEG.
 
-use std::fs;
 use std::io::Cursor;
 use std::path::Path;
 
+use gs3_files::read_within;
 use gs3_scene::Image;
 use gs3_scene::camera::MAX_SIDE;
 use zune_jpeg::JpegDecoder;
@@ -15,6 +15,9 @@ use super::PhotoError;
 
 /// The first bytes of JPEG files: start of image, and of the next marker.
 const JPEG: [u8; 3] = [0xff, 0xd8, 0xff];
+
+/// Bytes of a photo at most: 8,192×8,192 pixels of four 16-bit values, twice.
+const MAX_BYTES: u64 = 1 << 30;
 
 /// Width and height of the photo at `path`, from its header.
 pub(super) fn size(path: &Path) -> Result<(u32, u32), PhotoError> {
@@ -33,7 +36,7 @@ pub(super) fn read(path: &Path, background: [f32; 3]) -> Result<Image, PhotoErro
 }
 
 fn read_bytes(path: &Path) -> Result<Vec<u8>, PhotoError> {
-    fs::read(path).map_err(|source| PhotoError::Read { path: path.into(), source })
+    read_within(path, MAX_BYTES).map_err(|source| PhotoError::Read { path: path.into(), source })
 }
 
 fn decode_error(path: &Path, message: String) -> PhotoError {
@@ -105,6 +108,8 @@ fn read_jpeg(bytes: &[u8]) -> Result<Image, String> {
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "tests")]
 mod tests {
+    use std::fs;
+
     use super::*;
     use crate::metrics::{Quantisation, psnr};
 

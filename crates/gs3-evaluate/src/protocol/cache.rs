@@ -4,7 +4,7 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use gs3_scene::format::write_atomically;
+use gs3_files::write_atomically;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use gs3_files::ReadError;
+
 use crate::camera::CameraError;
 
 /// Why cameras could not be read: the file and its fault.
@@ -17,9 +19,9 @@ pub struct CaptureError {
 /// What is wrong with a camera file.
 #[derive(Debug, thiserror::Error)]
 pub enum CaptureFault {
-    /// The file cannot be read.
-    #[error("cannot read: {0}")]
-    Read(std::io::Error),
+    /// The file cannot be read, or is too large.
+    #[error(transparent)]
+    Read(#[from] ReadError),
     /// It is none of the known formats.
     #[error(
         "expected cameras (a COLMAP model, transforms.json, cameras.json or camera_path.json), found {actual}"

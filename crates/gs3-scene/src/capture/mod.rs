@@ -12,11 +12,10 @@ mod nerfstudio;
 mod order;
 mod transforms;
 
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 
 use glam::{DAffine3, DMat3, DVec3};
+use gs3_files::read_within;
 
 pub use colmap::ColmapEncoding;
 pub use error::{CaptureError, CaptureFault};
@@ -115,35 +114,7 @@ pub fn parse_colmap(
 
 /// All of a file that ends within `most` bytes.
 fn read(path: &Path, most: u64) -> Result<Vec<u8>, CaptureError> {
-    let io_error = |error| CaptureFault::Read(error).at(path);
-    let too_large = |actual: String| {
-        CaptureFault::field("size", &format!("at most {most} bytes of cameras"), actual).at(path)
-    };
-    // Before opening, which does things to some devices.
-    let found = std::fs::metadata(path).map_err(io_error)?;
-    if !(found.is_file() || is_pipe(&found)) {
-        return Err(CaptureFault::field("path", "a regular file or a pipe", "something else").at(path));
-    }
-    if found.len() > most {
-        return Err(too_large(found.len().to_string()));
-    }
-    // A pipe has no size, and may have no end.
-    let mut bytes = Vec::new();
-    File::open(path).and_then(|file| file.take(most + 1).read_to_end(&mut bytes)).map_err(io_error)?;
-    if bytes.len() as u64 > most {
-        return Err(too_large("more".to_owned()));
-    }
-    Ok(bytes)
-}
-
-#[cfg(unix)]
-fn is_pipe(found: &std::fs::Metadata) -> bool {
-    std::os::unix::fs::FileTypeExt::is_fifo(&found.file_type())
-}
-
-#[cfg(not(unix))]
-const fn is_pipe(_: &std::fs::Metadata) -> bool {
-    false
+    read_within(path, most).map_err(|error| CaptureFault::Read(error).at(path))
 }
 
 /// One photo of a collection.

@@ -238,12 +238,9 @@ fn files_beyond_the_limit_are_refused_before_they_are_read() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("huge.json");
     // A file of holes: no bytes on disk, and none in memory.
-    File::create(&path).unwrap().set_len(MAX_JSON_BYTES + 1).unwrap();
+    std::fs::File::create(&path).unwrap().set_len(MAX_JSON_BYTES + 1).unwrap();
     let message = load(&path).unwrap_err().to_string();
-    assert!(
-        message.contains("size: expected at most 67108864 bytes of cameras, found 67108865"),
-        "{message}"
-    );
+    assert!(message.contains("size: expected at most 67108864 bytes, found 67108865"), "{message}");
     std::fs::write(&path, [0; 8]).unwrap();
     assert_eq!(read(&path, 8).unwrap(), [0; 8]);
     assert!(read(&path, 7).is_err());
@@ -269,7 +266,7 @@ fn pipes_are_read_to_their_end_or_the_limit_and_devices_are_not() {
     // Whoever writes more than the limit finds the pipe closed.
     let writer = write(vec![0; 1 << 20]);
     let message = read(&pipe, 1000).unwrap_err().to_string();
-    assert!(message.contains("size: expected at most 1000 bytes of cameras, found more"), "{message}");
+    assert!(message.contains("size: expected at most 1000 bytes, found more"), "{message}");
     assert_eq!(writer.join().unwrap().unwrap_err().kind(), std::io::ErrorKind::BrokenPipe);
 }
 

@@ -13,11 +13,11 @@
 //! what a file of that size may plausibly unpack to, values by [`Scene::new`].
 
 mod activation;
-mod atomic;
 mod error;
 mod ply;
 mod progress;
 mod quaternion;
+mod rows;
 mod sog;
 mod source;
 mod splat;
@@ -26,7 +26,8 @@ mod spz;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-pub use atomic::{check_writable, discard_temporaries, write_atomically};
+use gs3_files::write_atomically;
+
 pub(crate) use error::quoted;
 pub use error::{LoadError, SaveError};
 pub use progress::Progress;

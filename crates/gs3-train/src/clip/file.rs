@@ -8,7 +8,7 @@ use std::fs::File;
 use std::io::{Cursor, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use gs3::scene::format::write_atomically;
+use gs3_files::write_atomically;
 use gs3_neural::arrays::sort_header;
 use gs3_neural::model::Tier;
 use half::f16;

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use embedded_graphics::pixelcolor::Rgb888;
 use embedded_graphics::prelude::{DrawTarget, OriginDimensions, Pixel, RgbColor, Size};
-use gs3::scene::format::write_atomically;
+use gs3_files::write_atomically;
 
 use crate::error::TrainError;
 use crate::log::Row;

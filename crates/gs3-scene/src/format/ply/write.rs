@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 
 use super::super::activation::{log_scale, logit};
-use super::super::atomic::write_rows;
+use super::super::rows::write_rows;
 use crate::scene::{OpacityMode, Scene};
 
 /// Writes `scene`. Normals, which 3D Gaussian Splatting declares and never uses, are zero: some readers count

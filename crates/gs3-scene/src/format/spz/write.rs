@@ -8,8 +8,8 @@ use flate2::write::GzEncoder;
 use rayon::prelude::*;
 
 use super::super::activation::log_scale;
-use super::super::atomic::write_rows;
 use super::super::quaternion::without_largest;
+use super::super::rows::write_rows;
 use super::{ANTIALIASED, COLOR_SCALE, HEADER, MAGIC, POSITION_SIGNS, QUATERNION_SIGNS, SH_SIGNS, Sizes};
 use crate::gaussians::Gaussians;
 use crate::scene::{OpacityMode, Scene};

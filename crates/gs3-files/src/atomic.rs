@@ -1,11 +1,13 @@
-//! Files that appear whole or not at all.
+//! Writing.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, BufWriter, ErrorKind, Write};
+use std::io::{self, BufWriter, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use crate::place::Place;
 
 /// Writes the file at `path` through `write`. The bytes go to a temporary file beside it, which takes the
 /// place of `path` once all of them are on disk; after an error or a panic it is gone and `path` is as it
@@ -54,30 +56,6 @@ pub fn discard_temporaries() {
         let _ = fs::remove_file(temporary);
     }
     std::mem::forget(temporaries);
-}
-
-/// What a path leads to.
-enum Place {
-    /// A file, there or not yet, under the name at the end of all symbolic links.
-    File(PathBuf),
-    /// Something else, which a file must not replace.
-    Stream,
-}
-
-impl Place {
-    fn of(path: &Path) -> io::Result<Self> {
-        match fs::metadata(path) {
-            Ok(found) if !found.is_file() => Ok(Self::Stream),
-            Ok(_) if path.is_symlink() => fs::canonicalize(path).map(Self::File),
-            Ok(_) => Ok(Self::File(path.to_owned())),
-            Err(error) if error.kind() == ErrorKind::NotFound => match fs::read_link(path) {
-                // A link to what is not there yet. Links in a circle are another error.
-                Ok(target) => Self::of(&path.parent().unwrap_or(Path::new("")).join(target)),
-                Err(_) => Ok(Self::File(path.to_owned())),
-            },
-            Err(error) => Err(error),
-        }
-    }
 }
 
 fn write_into(file: File, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<File> {
@@ -138,28 +116,10 @@ impl Drop for Temporary {
     }
 }
 
-/// Writes `bytes` in rows that `fill` makes, a block of rows at a time, rows of a block on all cores.
-pub(super) fn write_rows(
-    writer: &mut impl Write,
-    count: usize,
-    row_bytes: usize,
-    fill: impl Fn(usize, &mut [u8]) + Sync,
-) -> io::Result<()> {
-    use rayon::prelude::*;
-    const BLOCK: usize = 1 << 15;
-    let mut bytes = vec![0; BLOCK.min(count) * row_bytes];
-    for first in (0..count).step_by(BLOCK) {
-        let rows = &mut bytes[..BLOCK.min(count - first) * row_bytes];
-        rows.par_chunks_exact_mut(row_bytes).with_min_len(256).enumerate().for_each(|(i, row)| {
-            fill(first + i, row);
-        });
-        writer.write_all(rows)?;
-    }
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
+    use std::io::Write;
+
     use super::*;
 
     #[test]
