@@ -1,10 +1,9 @@
-//! Published single-image super-resolution networks, for comparison: run from their own weights by small planar CPU
-//! kernels, or with weights of gs3's trainer by its engine ([`Trained`]). The networks of gs3 itself live elsewhere.
+//! Published single-image super-resolution networks, for comparison: with their own weights, or with those of gs3's
+//! trainer ([`Trained`]). All run by gs3's engine, so that what they take is what their design takes. The networks of
+//! gs3 itself live elsewhere.
 
-mod activation;
-mod conv;
-mod features;
 mod rt4ksr;
+mod runner;
 mod safmn;
 mod span;
 mod trained;

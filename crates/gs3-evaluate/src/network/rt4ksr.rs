@@ -1,63 +1,46 @@
 //! RT4KSR (Zamfir, Conde, Timofte 2023), ×2, applied twice for ×4. Its training form is folded to plain 3×3
 //! convolutions.
 
+use gs3::neural::model::Peer;
 use gs3_scene::{GBuffer, Image};
-use rayon::prelude::*;
 
-use super::activation::gelu;
-use super::conv::Conv;
-use super::features::Features;
+use super::runner::{Runner, color_of, write};
 use super::{WeightError, Weights};
 use crate::upscale::{UpscaleError, Upscaler, check_size};
 
 const CHANNELS: usize = 24;
-const BLOCKS: usize = 4;
 const NAME: &str = "rt4ksr";
 
 /// RT4KSR ×2.
 #[derive(Clone, Debug)]
 pub struct Rt4ksr {
-    head: Conv,
-    /// The blocks of the body, and the tail.
-    stages: Vec<(Norm, Conv)>,
-    upsample: Conv,
-}
-
-/// Layer normalisation over channels, per pixel.
-#[derive(Clone, Debug)]
-struct Norm {
-    weight: Vec<f32>,
-    bias: Vec<f32>,
+    /// One for each doubling: they are of different sizes.
+    networks: [Runner; 2],
 }
 
 impl Rt4ksr {
     /// Takes the published weights in training form, by their published names.
     ///
     /// # Errors
-    /// [`WeightError`] if a tensor is missing or has another shape.
+    /// [`WeightError`] if a tensor is missing, has another shape or is not finite.
     pub fn new(weights: &Weights) -> Result<Self, WeightError> {
-        let stage = |norm: &str, conv: &str| Ok((Norm::new(weights, norm)?, folded(weights, conv)?));
-        let body = (0..BLOCKS)
-            .map(|i| stage(&format!("module.body.{i}.norm"), &format!("module.body.{i}.conv1")))
-            .chain([stage("module.tail.0", "module.tail.1")]);
-        Ok(Self {
-            head: weights.conv("module.head.0", CHANNELS, 12, 3)?,
-            stages: body.collect::<Result<_, WeightError>>()?,
-            upsample: weights.conv("module.upsample.0", 48, CHANNELS, 3)?,
-        })
-    }
-
-    /// Doubles the size.
-    fn double(&self, color: &Features) -> Features {
-        let mut x = self.head.apply(&color.unshuffled(2));
-        for (i, (norm, conv)) in self.stages.iter().enumerate() {
-            x = conv.apply(&norm.apply(x));
-            if i < BLOCKS {
-                x = x.combine([], |v, []| gelu(v));
+        let graph = Peer::Rt4ksr.graph(2).map_err(|e| weights.unusable(e.into()))?;
+        let network = weights.runner_from(NAME, graph, |layer, kind, shape| {
+            let published = match layer {
+                "head" => "module.head.0",
+                "tail.norm" => "module.tail.0",
+                "tail.conv" => "module.tail.1",
+                "upsample" => "module.upsample.0",
+                // body.0.norm, body.0.conv and so on.
+                _ => &format!("module.{layer}").replace(".conv", ".conv1"),
+            };
+            if layer.ends_with(".conv") {
+                let [kernel, bias] = folded(weights, published)?;
+                return Ok(if kind == "weight" { kernel } else { bias });
             }
-        }
-        // The network unshuffles by 2 and shuffles by 4.
-        self.upsample.apply(&x).shuffled(4)
+            weights.tensor(&format!("{published}.{kind}"), shape)
+        })?;
+        Ok(Self { networks: [network.clone(), network] })
     }
 }
 
@@ -67,18 +50,22 @@ impl Upscaler for Rt4ksr {
             return Err(UpscaleError::Scale { method: NAME, expected: 4, actual: scale });
         }
         check_size(lr, scale, out)?;
-        let mut color = Features::of_color(lr, 2);
-        for _ in 0..scale.ilog2() {
-            color = self.double(&color).combine([], |v, []| v.clamp(0.0, 1.0));
+        // It works on blocks of 2×2 pixels.
+        let (mut color, mut size) = color_of(lr, 2);
+        for network in &mut self.networks[..scale.ilog2() as usize] {
+            let mut doubled = vec![0.0; 4 * color.len()];
+            network.run(size, &[("color", &color)], &mut [("color", &mut doubled)])?;
+            doubled.iter_mut().for_each(|v| *v = v.clamp(0.0, 1.0));
+            (color, size) = (doubled, size.map(|side| 2 * side));
         }
-        color.write(out);
+        write(&color, size[1], out);
         Ok(())
     }
 }
 
-/// The block `1×1 expand → 3×3 + identity → 1×1 reduce → + input` as one 3×3 convolution. The expanded maps are padded
+/// The block `1×1 expand → 3×3 + identity → 1×1 reduce → + input` as one 3×3 convolution, its weights and its biases. The expanded maps are padded
 /// with the expansion's bias, which is what a zero border expands to, so folding is exact at borders, too.
-fn folded(weights: &Weights, name: &str) -> Result<Conv, WeightError> {
+fn folded(weights: &Weights, name: &str) -> Result<[Vec<f32>; 2], WeightError> {
     const WIDE: usize = 2 * CHANNELS;
     let tensor = |part: &str, shape: &[usize]| weights.tensor(&format!("{name}.{part}"), shape);
     let expand = tensor("expand_conv.weight", &[WIDE, CHANNELS, 1, 1])?;
@@ -117,30 +104,5 @@ fn folded(weights: &Weights, name: &str) -> Result<Conv, WeightError> {
             kernel[o * CHANNELS * 9 + it] = (sum + identity) as f32;
         }
     }
-    Ok(Conv::new(CHANNELS, CHANNELS, 3, &kernel, Some(&bias)))
-}
-
-impl Norm {
-    fn new(weights: &Weights, name: &str) -> Result<Self, WeightError> {
-        let part = |part: &str| weights.tensor(&format!("{name}.{part}"), &[CHANNELS]);
-        Ok(Self { weight: part("weight")?, bias: part("bias")? })
-    }
-
-    fn apply(&self, mut x: Features) -> Features {
-        const EPSILON: f32 = 1e-6;
-        let (width, stride) = (x.width, x.stride);
-        x.rows_mut().for_each(|(_, row)| {
-            for at in 1..=width {
-                let values = || (0..CHANNELS).map(|c| c * stride + at);
-                let mean = values().map(|i| row[i]).sum::<f32>() / CHANNELS as f32;
-                let variance = values().map(|i| (row[i] - mean).powi(2)).sum::<f32>() / CHANNELS as f32;
-                let scale = 1.0 / (variance + EPSILON).sqrt();
-                for c in 0..CHANNELS {
-                    let value = &mut row[c * stride + at];
-                    *value = (*value - mean) * scale * self.weight[c] + self.bias[c];
-                }
-            }
-        });
-        x
-    }
+    Ok([kernel, bias])
 }

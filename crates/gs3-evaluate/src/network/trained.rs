@@ -1,10 +1,11 @@
-//! Published networks with weights of gs3's own trainer, run by gs3's engine: what their design does on the very frames
-//! that gs3's networks were trained on.
+//! Published networks with weights of gs3's own trainer: what their design does on the very frames that gs3's networks
+//! were trained on.
 
 use gs3::neural::model::{Peer, graph_of};
-use gs3::neural::{self, Arithmetic, Engine, Graph, RunError};
+use gs3::neural::{self, RunError};
 use gs3_scene::{GBuffer, Image};
 
+use super::runner::{Runner, color_of, write};
 use crate::upscale::{UpscaleError, Upscaler, check_size};
 
 /// LR sides are made multiples of this: RT4KSR works on blocks of 2×2 pixels.
@@ -15,11 +16,7 @@ const MULTIPLE: usize = 2;
 pub struct Trained {
     peer: Peer,
     scale: u32,
-    graph: Graph,
-    weights: neural::Weights,
-    /// For LR images of `[height, width]`.
-    engine: Option<([usize; 2], Engine)>,
-    color: Vec<f32>,
+    network: Runner,
     image: Vec<f32>,
 }
 
@@ -35,9 +32,8 @@ impl Trained {
             return Err(neural::WeightError::Header { field, expected, actual }.into());
         }
         let graph = graph_of(&weights.header)?;
-        weights.check(&graph)?;
-        let (scale, [color, image]) = (weights.header.scale, [Vec::new(), Vec::new()]);
-        Ok(Self { peer, scale, graph, weights, engine: None, color, image })
+        let scale = weights.header.scale;
+        Ok(Self { peer, scale, network: Runner::new(peer.name(), graph, weights)?, image: Vec::new() })
     }
 
     /// The weights that come with the crate.
@@ -65,37 +61,10 @@ impl Upscaler for Trained {
             return Err(UpscaleError::Scale { method: self.peer.name(), expected, actual });
         }
         check_size(lr, scale, out)?;
-        let size = [lr.height(), lr.width()].map(|side| side.next_multiple_of(MULTIPLE));
-        let failed = |e: RunError| UpscaleError::Network { method: self.peer.name(), message: e.to_string() };
-        let engine = match self.engine.take().filter(|(of, _)| *of == size) {
-            Some(engine) => engine,
-            None => {
-                // In f32 whatever gs3's own networks compute with: those add to an image and lose nothing by bf16, but
-                // RT4KSR makes the image itself, and loses 0.07 dB.
-                let engine = Engine::with_arithmetic(&self.graph, &self.weights, size, Arithmetic::F32);
-                (size, engine.map_err(failed)?)
-            }
-        };
-        let (_, engine) = self.engine.insert(engine);
-        // The last row and column are repeated where sides are odd.
-        self.color.clear();
-        for y in 0..size[0] {
-            let rows: [&[f32]; 3] = std::array::from_fn(|c| lr.color.row(c, y.min(lr.height() - 1)));
-            let pixel = |x: usize| rows.map(|row| row[x.min(lr.width() - 1)].clamp(0.0, 1.0));
-            self.color.extend((0..size[1]).flat_map(pixel));
-        }
-        let width = size[1] * scale as usize;
-        self.image.resize(size[0] * scale as usize * width * 3, 0.0);
-        let failed = |e: RunError| UpscaleError::Network { method: self.peer.name(), message: e.to_string() };
-        engine.run(&[("color", &self.color)], &mut [("color", &mut self.image)]).map_err(failed)?;
-        let columns = out.width();
-        for (row, pixels) in
-            self.image.chunks_exact(width * 3).zip(out.pixels_mut().chunks_exact_mut(columns))
-        {
-            for (pixel, [r, g, b]) in pixels.iter_mut().zip(row.as_chunks().0) {
-                *pixel = [*r, *g, *b, 0.0];
-            }
-        }
+        let (color, size) = color_of(lr, MULTIPLE);
+        self.image.resize((scale * scale) as usize * color.len(), 0.0);
+        self.network.run(size, &[("color", &color)], &mut [("color", &mut self.image)])?;
+        write(&self.image, scale as usize * size[1], out);
         Ok(())
     }
 }

@@ -2,11 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use gs3::neural::arrays::MAX_BYTES;
+use gs3::neural::arrays::{Array, Arrays, MAX_BYTES};
+use gs3::neural::{self, Graph, Header, Parameter, RunError};
 use gs3_files::{ReadError, read_within};
 use safetensors::{Dtype, SafeTensors};
 
-use super::conv::Conv;
+use super::runner::Runner;
 
 /// Why weights cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -46,6 +47,14 @@ pub enum WeightError {
         expected: Vec<usize>,
         /// Type and shape found.
         actual: String,
+    },
+    /// The engine refuses them.
+    #[error("{}: {source}", .path.display())]
+    Unusable {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: Box<RunError>,
     },
 }
 
@@ -87,28 +96,35 @@ impl Weights {
         Ok(view.data().as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect())
     }
 
-    /// The convolution `name`: `name.weight` and `name.bias`.
-    pub(super) fn conv(
-        &self,
-        name: &str,
-        outputs: usize,
-        inputs: usize,
-        side: usize,
-    ) -> Result<Conv, WeightError> {
-        let weights = self.tensor(&format!("{name}.weight"), &[outputs, inputs, side, side])?;
-        let bias = self.tensor(&format!("{name}.bias"), &[outputs])?;
-        Ok(Conv::new(outputs, inputs, side, &weights, Some(&bias)))
+    /// `graph` with the tensors that are called as its parameters.
+    pub(super) fn runner(&self, name: &'static str, graph: Graph) -> Result<Runner, WeightError> {
+        self.runner_from(name, graph, |layer, kind, shape| self.tensor(&format!("{layer}.{kind}"), shape))
     }
 
-    /// The convolution `name` without a bias: `name.weight`.
-    pub(super) fn conv_without_bias(
+    /// `graph` with what `values` gives for each of its parameters, by layer, kind (`weight` or `bias`) and shape.
+    pub(super) fn runner_from(
         &self,
-        name: &str,
-        outputs: usize,
-        inputs: usize,
-        side: usize,
-    ) -> Result<Conv, WeightError> {
-        let weights = self.tensor(&format!("{name}.weight"), &[outputs, inputs, side, side])?;
-        Ok(Conv::new(outputs, inputs, side, &weights, None))
+        name: &'static str,
+        graph: Graph,
+        values: impl Fn(&str, &str, &[usize]) -> Result<Vec<f32>, WeightError>,
+    ) -> Result<Runner, WeightError> {
+        let unusable = |e: neural::WeightError| self.unusable(e.into());
+        let mut arrays = Arrays::new();
+        for Parameter { name, shape } in graph.parameters() {
+            let (layer, kind) = name.rsplit_once('.').unwrap_or((&name, ""));
+            let array = Array::new(&name, &shape, values(layer, kind, &shape)?).map_err(unusable)?;
+            arrays.insert(name, array);
+        }
+        let [tier, licence] = ["", ""].map(str::to_owned);
+        let (network, version) = (graph.name().to_owned(), graph.version());
+        let training_data = "as published".to_owned();
+        let header = Header { network, version, scale: 0, tier, training_data, licence };
+        let weights = neural::Weights { header, arrays };
+        Runner::new(name, graph, weights).map_err(|e| self.unusable(e))
+    }
+
+    /// What the engine says of them.
+    pub(super) fn unusable(&self, source: RunError) -> WeightError {
+        WeightError::Unusable { path: self.path.clone(), source: Box::new(source) }
     }
 }
