@@ -7,9 +7,9 @@
 
 use std::collections::BTreeMap;
 
-use crate::graph::{Activation, Conv2d, Filter, Graph, Op};
+use crate::graph::{Activation, Conv2d, Graph, Op};
 use crate::reference::{
-    Plane, Tap, activate, moments, normal_distribution, parameter, pooled, tap_at, taps, window,
+    Plane, activate, moments, normal_distribution, parameter, pooled, tap_at, taps, window,
 };
 use crate::weights::Weights;
 
@@ -109,13 +109,7 @@ impl<'a> Step<'a> {
             Op::PixelUnshuffle { factor: f } => {
                 self.add(0, [x * f + c % f, y * f + c / f % f, c / (f * f)], v)
             }
-            Op::Upsample { factor, filter: Filter::Nearest } => self.add(0, [x / factor, y / factor, c], v),
-            Op::Upsample { factor, filter: Filter::Bilinear } => {
-                let place = |x: usize| (x as f64 + 0.5) / *factor as f64 - 0.5;
-                for Tap { x, y, weight, .. } in taps(self.input(0).shape, place(x), place(y)) {
-                    self.add(0, [x, y, c], v * weight);
-                }
-            }
+            Op::Upsample { factor } => self.add(0, [x / factor, y / factor, c], v),
             Op::MaxPool2 => {
                 // Of equal numbers the first is the largest.
                 let largest =

@@ -81,15 +81,6 @@ impl Conv2d {
     }
 }
 
-/// How numbers between samples are found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Filter {
-    /// The nearest sample.
-    Nearest,
-    /// Linear in each direction, pixel centres at i + ½, the border repeated.
-    Bilinear,
-}
-
 /// What convolutions see outside the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Border {
@@ -123,12 +114,10 @@ pub enum Op {
         /// f.
         factor: usize,
     },
-    /// Enlarges. A second input gives a size to crop to.
+    /// Repeats each pixel `factor` times along each side. A second input gives a size to crop to.
     Upsample {
         /// Enlargement along a side.
         factor: usize,
-        /// How numbers between samples are found.
-        filter: Filter,
     },
     /// x where positive, else the learned `weight` of the channel times x (He et al. 2015).
     Prelu,
@@ -214,7 +203,7 @@ impl Op {
             Self::Input { scale: factor, .. }
             | Self::PixelShuffle { factor }
             | Self::PixelUnshuffle { factor }
-            | Self::Upsample { factor, .. }
+            | Self::Upsample { factor }
             | Self::AveragePool { side: factor, .. }
             | Self::Conv2d(Conv2d { kernel: factor, .. }) => Some(*factor),
             _ => None,

@@ -28,9 +28,7 @@ pub use error::{GraphError, RunError, WeightError};
 pub use gpu::{
     BoundEngine, GpuEngine, GpuEngineSettings, GpuImage, GpuRunError, ImageFormat, MatrixUnit, Precision,
 };
-pub use graph::{
-    Activation, Border, Conv2d, Filter, Graph, GraphBuilder, Layer, Op, Output, Parameter, Tensor,
-};
+pub use graph::{Activation, Border, Conv2d, Graph, GraphBuilder, Layer, Op, Output, Parameter, Tensor};
 pub use images::Named;
 pub use random::Random;
 pub use shape::Shape;

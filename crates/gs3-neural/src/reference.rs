@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use crate::error::RunError;
-use crate::graph::{Activation, Border, Conv2d, Filter, Graph, Op, Tensor};
+use crate::graph::{Activation, Border, Conv2d, Graph, Op, Tensor};
 use crate::images::{self, Named};
 use crate::shape::Shape;
 use crate::weights::Weights;
@@ -89,16 +89,7 @@ pub(crate) fn layer(graph: &Graph, weights: &Weights, k: usize, planes: &[Plane]
             let (channel, i, j) = (c / (f * f), c / f % f, c % f);
             input(0).at(x * f + j, y * f + i, channel)
         }),
-        Op::Upsample { factor, filter } => Plane::from_fn(shape, |x, y, c| match filter {
-            Filter::Nearest => input(0).at(x / factor, y / factor, c),
-            Filter::Bilinear => {
-                let place = |x: usize| (x as f64 + 0.5) / *factor as f64 - 0.5;
-                taps(input(0).shape, place(x), place(y))
-                    .iter()
-                    .map(|t| t.weight * input(0).at(t.x, t.y, c))
-                    .sum()
-            }
-        }),
+        Op::Upsample { factor } => Plane::from_fn(shape, |x, y, c| input(0).at(x / factor, y / factor, c)),
         Op::MaxPool2 => Plane::from_fn(shape, |x, y, c| {
             window(input(0).shape, x, y).map(|(x, y)| input(0).at(x, y, c)).fold(f64::NEG_INFINITY, f64::max)
         }),

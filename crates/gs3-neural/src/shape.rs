@@ -100,7 +100,7 @@ pub(crate) fn infer(layer: &Layer, inputs: &[Shape], lr: [usize; 2]) -> Result<S
                 None => return fail(format!("a crop of at most {}×{}", full.height, full.width)),
             }
         }
-        (Op::Upsample { factor, .. }, [x, like @ ..]) => {
+        (Op::Upsample { factor }, [x, like @ ..]) => {
             let full = Shape { height: x.height * factor, width: x.width * factor, channels: x.channels };
             match cropped(full, like) {
                 Some(shape) => shape,

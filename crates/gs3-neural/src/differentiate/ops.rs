@@ -10,7 +10,7 @@ use super::math::derivative;
 use super::plan::Step;
 use crate::engine::block::{Block, LANES, Layout, Sources};
 use crate::engine::ops::{Factor, load, run_len};
-use crate::graph::{Filter, Op};
+use crate::graph::Op;
 use crate::reference::pooled;
 
 /// What is done to a derivative of which there may already be a part.
@@ -70,12 +70,7 @@ impl Adjoint<'_> {
 
     #[inline(always)]
     fn run_on<S: Simd>(&self, simd: S, out: &mut [Block], write: Write) {
-        let scatters = match self.op {
-            Op::Upsample { filter: Filter::Bilinear, .. } => true,
-            Op::Warp => self.input == 0,
-            _ => false,
-        };
-        if scatters {
+        if matches!(self.op, Op::Warp) && self.input == 0 {
             if write == Write::Set {
                 out.fill(Block::default());
             }
@@ -121,7 +116,7 @@ impl Adjoint<'_> {
                 let v = self.v(y / 2, b);
                 write.each(simd, out, |x| self.if_largest(simd, [x, y], b, load(simd, &v[x / 2])));
             }
-            Op::Upsample { factor, .. } => write.each(simd, out, |x| {
+            Op::Upsample { factor } => write.each(simd, out, |x| {
                 let shape = self.v_result.shape;
                 let mut sum = f32x16::splat(simd, 0.0);
                 // What was cropped away has no derivative.
@@ -363,13 +358,8 @@ impl Adjoint<'_> {
         let (result, input) = (self.v_result, self.v_input);
         for y in 0..result.shape.height {
             for x in 0..result.shape.width {
-                let [px, py] = match self.op {
-                    Op::Upsample { factor, .. } => [x, y].map(|x| (x as f32 + 0.5) / *factor as f32 - 0.5),
-                    _ => {
-                        let [dx, dy, ..] = self.value(1, y, 0)[x].0;
-                        [x as f32 + dx, y as f32 + dy]
-                    }
-                };
+                let [dx, dy, ..] = self.value(1, y, 0)[x].0;
+                let [px, py] = [x as f32 + dx, y as f32 + dy];
                 let (column, row) = (Place::new(px, input.shape.width), Place::new(py, input.shape.height));
                 for b in 0..result.blocks() {
                     let v = load(simd, &self.v(y, b)[x]);

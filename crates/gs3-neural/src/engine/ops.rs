@@ -7,7 +7,7 @@ use super::block::{Block, LANES, Layout, Sources};
 use super::conv::fill_halo;
 use super::exchange::{copy_fours, joined};
 use super::math::activate;
-use crate::graph::{Border, Filter, Op};
+use crate::graph::{Border, Op};
 use crate::reference::pooled;
 
 /// Writes row `y`, with halo, of `op` of `inputs` to `out`, a row of `layout`: a strip of it where that is one. Where
@@ -84,7 +84,11 @@ impl<'a> Row<'a> {
                 }
                 Op::AveragePool { side, stride } => self.average_pool(simd, *side, *stride, b, out),
                 Op::MaxPool2 => self.max_pool(simd, b, out),
-                Op::Upsample { factor, filter } => self.upsample(simd, *factor, *filter, b, out),
+                Op::Upsample { factor } => {
+                    let (line, first) =
+                        (self.sources.line(&self.inputs[0], self.y / factor, b), self.sources.x());
+                    each(simd, out, |k| load(simd, &line[(first + k) / factor]));
+                }
                 Op::Warp => {
                     let ([flow], first) = (self.lines([1], 0), self.sources.x());
                     each(simd, out, |k| {
@@ -187,21 +191,6 @@ impl<'a> Row<'a> {
             }
             sum * (1.0 / count)
         });
-    }
-
-    #[inline(always)]
-    fn upsample<S: Simd>(&self, simd: S, factor: usize, filter: Filter, b: usize, out: &mut [Block]) {
-        let first = self.sources.x();
-        match filter {
-            Filter::Nearest => {
-                let line = self.sources.line(&self.inputs[0], self.y / factor, b);
-                each(simd, out, |k| load(simd, &line[(first + k) / factor]));
-            }
-            Filter::Bilinear => {
-                let place = |x: usize| (x as f32 + 0.5) / factor as f32 - 0.5;
-                each(simd, out, |k| self.bilinear(simd, b, place(first + k), place(self.y)));
-            }
-        }
     }
 
     /// Input 0 at (x, y), whose integers are pixels' centres, moved into the image.

@@ -8,7 +8,7 @@ use std::fmt::Write;
 use super::fuse::{Branch, operands};
 use super::source::{self, BLOCK, PARTS, blocks};
 use super::{ImageFormat, Precision};
-use crate::graph::{Activation, Filter, Graph, Op};
+use crate::graph::{Activation, Graph, Op};
 use crate::shape::Shape;
 
 /// Where a tensor is, before buffers are given out.
@@ -261,7 +261,7 @@ impl<'a> Expressions<'a> {
         let reads: Vec<usize> = operands(self.layout.graph, layer).collect();
         let names: Vec<String> = reads.iter().map(|operand| self.layer(*operand)).collect();
         let shapes: Vec<Shape> = reads.iter().map(|operand| self.layout.shapes[*operand]).collect();
-        if matches!(op, Op::Warp | Op::Upsample { filter: Filter::Bilinear, .. }) {
+        if matches!(op, Op::Warp) {
             self.neighbours();
         }
         let bodies = Width::ALL.map(|width| {
@@ -369,12 +369,8 @@ fn body(op: Op, names: &[String], shapes: &[Shape], width: Width) -> Option<Stri
     let above = max({first}_{end}(index, 2u * x, 2u * y), {first}_{end}(index, right, 2u * y));
     return max(above, max({first}_{end}(index, 2u * x, below), {first}_{end}(index, right, below)));"
         ),
-        Op::Upsample { factor, filter: Filter::Nearest } => {
+        Op::Upsample { factor } => {
             format!("return {first}_{end}(index, x / {factor}u, y / {factor}u);")
-        }
-        Op::Upsample { factor, filter: Filter::Bilinear } => {
-            let place = |axis: &str| format!("(f32({axis}) + 0.5) / {factor}.0 - 0.5");
-            between(first, end, [&place("x"), &place("y")], [columns, height])
         }
         Op::Warp => {
             let flow = |axis: usize| format!("{}_channel({axis}u, x, y)", names[1]);

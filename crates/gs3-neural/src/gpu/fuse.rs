@@ -7,7 +7,7 @@
 
 use super::conv::TILE;
 use super::source::{BLOCK, PARTS, blocks};
-use crate::graph::{Conv2d, Filter, Graph, Op, Tensor};
+use crate::graph::{Conv2d, Graph, Op, Tensor};
 use crate::shape::Shape;
 
 /// Side of the LR grid for which it is decided, whatever size is run: six poolings leave it whole.
@@ -425,8 +425,7 @@ impl<'a> Search<'a> {
             let each = match op {
                 Op::Slice { count, .. } => *count as f64 / self.shapes[operand].channels as f64,
                 Op::Warp if number == 0 => 4.0,
-                Op::Upsample { factor, filter: Filter::Nearest } => (factor * factor) as f64,
-                Op::Upsample { factor, filter: Filter::Bilinear } => (4 * factor * factor) as f64,
+                Op::Upsample { factor } => (factor * factor) as f64,
                 _ => 1.0,
             };
             self.add_read(operand, each * times, reads);

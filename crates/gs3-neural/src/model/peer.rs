@@ -6,7 +6,7 @@
 
 use super::check_scale;
 use crate::error::GraphError;
-use crate::graph::{Activation, Border, Conv2d, Filter, Graph, GraphBuilder, Op, Tensor};
+use crate::graph::{Activation, Border, Conv2d, Graph, GraphBuilder, Op, Tensor};
 
 /// A published single-image network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -162,7 +162,7 @@ fn attention(g: &mut GraphBuilder, name: &str, x: Tensor) -> Tensor {
     let pooled = g.layer(&part("pool"), Op::AveragePool { side: 2 * STRIDE - 1, stride: STRIDE }, &[x]);
     let squeezed = g.conv(&part("squeeze"), Conv2d::new(1, 16).activation(Activation::Relu), &[pooled]);
     let weights = g.conv(&part("excite"), Conv2d::new(1, 64).activation(Activation::Sigmoid), &[squeezed]);
-    let nearest = Op::Upsample { factor: STRIDE, filter: Filter::Nearest };
+    let nearest = Op::Upsample { factor: STRIDE };
     let weights = g.layer(&part("weights"), nearest, &[weights, x]);
     g.layer(name, Op::Multiply, &[x, weights])
 }

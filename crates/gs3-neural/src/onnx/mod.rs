@@ -106,7 +106,7 @@ fn scale(op: &Op, mut inputs: impl Iterator<Item = Scale>) -> Scale {
     let first = inputs.next().flatten();
     match op {
         Op::Input { scale, .. } => Some(*scale),
-        Op::PixelShuffle { factor } | Op::Upsample { factor, .. } => match inputs.next() {
+        Op::PixelShuffle { factor } | Op::Upsample { factor } => match inputs.next() {
             Some(like) => like,
             None => first.map(|scale| scale * factor),
         },

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::proto::Attribute;
 use super::warp;
 use super::writer::Writer;
-use crate::graph::{Activation, Border, Conv2d, Filter, Layer, Op};
+use crate::graph::{Activation, Border, Conv2d, Layer, Op};
 
 /// Writes the nodes of `layer`. `inputs` are names of values with their channels, `parameters` names of learned
 /// numbers in the file by those in the graph, `result` is the name of the layer's result.
@@ -36,20 +36,14 @@ pub fn write(
             nodes.cropped("DepthToSpace", &x[..1], attributes, x.get(1).copied());
         }
         Op::PixelUnshuffle { factor } => nodes.pixel_unshuffle(*factor, inputs[0]),
-        Op::Upsample { factor, filter } => {
+        Op::Upsample { factor } => {
             let factor = *factor as f32;
             let scales = nodes.writer.floats(&nodes.name("scales"), &[4], &[1.0, 1.0, factor, factor]);
-            let attributes = match filter {
-                Filter::Nearest => vec![
-                    Attribute::text("mode", "nearest"),
-                    Attribute::text("coordinate_transformation_mode", "asymmetric"),
-                    Attribute::text("nearest_mode", "floor"),
-                ],
-                Filter::Bilinear => vec![
-                    Attribute::text("mode", "linear"),
-                    Attribute::text("coordinate_transformation_mode", "half_pixel"),
-                ],
-            };
+            let attributes = vec![
+                Attribute::text("mode", "nearest"),
+                Attribute::text("coordinate_transformation_mode", "asymmetric"),
+                Attribute::text("nearest_mode", "floor"),
+            ];
             nodes.cropped("Resize", &[x[0], "", &scales], attributes, x.get(1).copied());
         }
         Op::MaxPool2 => nodes.result(

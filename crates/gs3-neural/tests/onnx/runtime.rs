@@ -6,8 +6,8 @@ use std::process::Command;
 use gs3_neural::arrays::{self, Array, Arrays};
 use gs3_neural::model::{Peer, Tier, interpolate, super_sample};
 use gs3_neural::{
-    Activation, Border, Conv2d, Differentiator, Engine, Filter, Graph, GraphBuilder, Op, Random, Shape,
-    Weights, onnx, reference,
+    Activation, Border, Conv2d, Differentiator, Engine, Graph, GraphBuilder, Op, Random, Shape, Weights,
+    onnx, reference,
 };
 
 use super::header;
@@ -145,19 +145,17 @@ const ACTIVATIONS: [Activation; 7] = [
 fn onnx_runtime_computes_every_operation() {
     let Some(python) = python() else { return };
     let folder = tempfile::tempdir().expect("a folder");
-    let upsample = |factor, filter| Op::Upsample { factor, filter };
+    let upsample = |factor| Op::Upsample { factor };
     let mut cases: Vec<(Op, Vec<&str>)> = vec![
         (Op::PixelShuffle { factor: 1 }, vec!["a"]),
         (Op::PixelShuffle { factor: 2 }, vec!["a"]),
         (Op::PixelShuffle { factor: 3 }, vec!["a"]),
         (Op::PixelShuffle { factor: 2 }, vec!["a", "b"]),
         (Op::PixelUnshuffle { factor: 1 }, vec!["a"]),
-        (upsample(1, Filter::Bilinear), vec!["a"]),
-        (upsample(2, Filter::Bilinear), vec!["a"]),
-        (upsample(3, Filter::Bilinear), vec!["a", "f"]),
-        (upsample(2, Filter::Nearest), vec!["a"]),
-        (upsample(5, Filter::Nearest), vec!["a"]),
-        (upsample(2, Filter::Nearest), vec!["a", "f"]),
+        (upsample(1), vec!["a"]),
+        (upsample(2), vec!["a"]),
+        (upsample(5), vec!["a"]),
+        (upsample(2), vec!["a", "f"]),
         (Op::MaxPool2, vec!["a"]),
         (Op::Concat, vec!["a"]),
         (Op::Concat, vec!["a", "f", "b"]),
