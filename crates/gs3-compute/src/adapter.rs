@@ -180,12 +180,13 @@ pub(crate) fn report(adapter: &wgpu::Adapter) -> AdapterReport {
         wgpu::DeviceType::Cpu => AdapterKind::Software,
         wgpu::DeviceType::Other => AdapterKind::Unknown,
     };
+    let capabilities = Capabilities::of(adapter);
     AdapterReport {
         api,
         kind,
         driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
-        capabilities: Capabilities::of(adapter),
-        missing: missing(adapter),
+        missing: missing(adapter, &capabilities.limits),
+        capabilities,
         name: info.name,
     }
 }

@@ -7,6 +7,7 @@ use bytemuck::Pod;
 
 use crate::error::GpuError;
 use crate::gpu::Gpu;
+use crate::owner::Owner;
 use crate::readback::Readback;
 
 /// What a buffer is for.
@@ -24,6 +25,7 @@ pub enum Use {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Buffer {
     pub(crate) raw: wgpu::Buffer,
+    pub(crate) owner: Owner,
     bytes: u64,
 }
 
@@ -59,7 +61,28 @@ impl Buffer {
         let descriptor =
             wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false };
         let raw = gpu.checked(&format!("buffer {label}"), size, || gpu.create_buffer(&descriptor))?;
-        Ok(Self { raw, bytes: size })
+        Ok(Self { raw, owner: gpu.owner, bytes: size })
+    }
+
+    /// A buffer that the caller made on the device of `gpu` ([`Gpu::of`]), as a buffer of gs3.
+    ///
+    /// # Errors
+    /// [`GpuError::Refused`] if it cannot be a storage buffer and be copied from and to.
+    pub fn of(gpu: &Gpu, raw: wgpu::Buffer) -> Result<Self, GpuError> {
+        let expected =
+            wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
+        if !raw.usage().contains(expected) {
+            let message = format!("expected usages {expected:?}, found {:?}", raw.usage());
+            return Err(GpuError::Refused { what: "a buffer".to_owned(), message });
+        }
+        let bytes = raw.size();
+        Ok(Self { raw, owner: gpu.owner, bytes })
+    }
+
+    /// wgpu's own handle of it.
+    #[must_use]
+    pub const fn raw(&self) -> &wgpu::Buffer {
+        &self.raw
     }
 
     /// Its size, at least what was asked for.
@@ -121,6 +144,7 @@ pub fn write(gpu: &Gpu, slice: &Slice<'_>, bytes: &[u8]) -> Result<(), GpuError>
             actual,
         });
     }
+    gpu.owner.check(slice.buffer.owner, "a buffer that is written")?;
     let write = |offset: usize, bytes: &[u8]| {
         gpu.checked("writing a buffer", bytes.len() as u64, || {
             gpu.queue.write_buffer(&slice.buffer.raw, slice.start + offset as u64, bytes);
@@ -144,6 +168,7 @@ pub fn write(gpu: &Gpu, slice: &Slice<'_>, bytes: &[u8]) -> Result<(), GpuError>
 
 /// The numbers in `slice`.
 pub fn read<T: Pod>(gpu: &Gpu, slice: &Slice<'_>) -> Result<Vec<T>, GpuError> {
+    gpu.owner.check(slice.buffer.owner, "a buffer that is read")?;
     let size = slice.bytes - slice.bytes % WORD;
     if size == 0 {
         return gpu.check().map(|()| Vec::new());
@@ -197,6 +222,6 @@ pub fn mapped<R>(
     };
     let result = answer();
     // Whatever happened: nothing can be copied to a buffer that is mapped, or still about to be.
-    staging.unmap();
+    gpu.quietly(|| staging.unmap());
     result
 }

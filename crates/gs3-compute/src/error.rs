@@ -4,6 +4,7 @@ use thiserror::Error;
 
 /// Why a device cannot be had, or did not do its work.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum GpuError {
     /// There is no adapter, or none like that.
     #[error("GPU adapter: expected {expected}, found {actual}")]
@@ -48,6 +49,12 @@ pub enum GpuError {
     DeviceLost {
         /// What the driver says.
         message: String,
+    },
+    /// Something is used on a device that it does not belong to.
+    #[error("GPU, {what}: expected that of the device that uses it, found that of another")]
+    OtherDevice {
+        /// What it is.
+        what: &'static str,
     },
     /// A shader that the compiler refuses.
     #[error("shader {label}: {message}")]

@@ -10,6 +10,7 @@ use crate::buffer::{Buffer, Slice, Use};
 use crate::error::GpuError;
 use crate::kernel::Module;
 use crate::made::{Counts, Made, count};
+use crate::owner::Owner;
 use crate::readback::ReadPool;
 use crate::recorder::{Recorder, Submission};
 use crate::timings::Timings;
@@ -100,6 +101,20 @@ pub struct Limits {
     pub workgroups: u32,
 }
 
+impl From<wgpu::Limits> for Limits {
+    fn from(limits: wgpu::Limits) -> Self {
+        Self {
+            buffer_bytes: limits.max_buffer_size,
+            binding_bytes: limits.max_storage_buffer_binding_size,
+            storage_bindings: limits.max_storage_buffers_per_shader_stage,
+            binding_alignment: limits.min_storage_buffer_offset_alignment,
+            workgroup_bytes: limits.max_compute_workgroup_storage_size,
+            workgroup_invocations: limits.max_compute_invocations_per_workgroup,
+            workgroups: limits.max_compute_workgroups_per_dimension,
+        }
+    }
+}
+
 /// Invocations of the smallest workgroup whose subgroups work together.
 const SMALLEST_WORKGROUP: u32 = 64;
 
@@ -117,7 +132,7 @@ impl Subgroups {
 impl Capabilities {
     /// Those of `adapter`.
     pub(crate) fn of(adapter: &wgpu::Adapter) -> Self {
-        let (features, limits, info) = (adapter.features(), adapter.limits(), adapter.get_info());
+        let (features, info) = (adapter.features(), adapter.get_info());
         let has = |feature| Support::from(features.contains(feature));
         let subgroups = match has(wgpu::Features::SUBGROUP) {
             Support::Present => Subgroups::of_sizes(info.subgroup_min_size, info.subgroup_max_size),
@@ -135,15 +150,7 @@ impl Capabilities {
             shader_f16: has(wgpu::Features::SHADER_F16),
             timestamps: has(wgpu::Features::TIMESTAMP_QUERY),
             cooperative_matrix: half_to_single.map(|p| [p.m_size, p.n_size, p.k_size]).collect(),
-            limits: Limits {
-                buffer_bytes: limits.max_buffer_size,
-                binding_bytes: limits.max_storage_buffer_binding_size,
-                storage_bindings: limits.max_storage_buffers_per_shader_stage,
-                binding_alignment: limits.min_storage_buffer_offset_alignment,
-                workgroup_bytes: limits.max_compute_workgroup_storage_size,
-                workgroup_invocations: limits.max_compute_invocations_per_workgroup,
-                workgroups: limits.max_compute_workgroups_per_dimension,
-            },
+            limits: adapter.limits().into(),
         }
     }
 
@@ -157,6 +164,26 @@ impl Capabilities {
                 cooperative_matrix: Vec::new(),
                 ..self
             },
+        }
+    }
+
+    /// What of it `device` was opened with.
+    fn within(self, device: &wgpu::Device) -> Self {
+        let (features, limits) = (device.features(), Limits::from(device.limits()));
+        let opened = |support, feature| match features.contains(feature) {
+            true => support,
+            false => Support::Absent,
+        };
+        let has_products = features.contains(wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX);
+        Self {
+            subgroups: match features.contains(wgpu::Features::SUBGROUP) {
+                true => self.subgroups,
+                false => Subgroups::Absent,
+            },
+            shader_f16: opened(self.shader_f16, wgpu::Features::SHADER_F16),
+            timestamps: opened(self.timestamps, wgpu::Features::TIMESTAMP_QUERY),
+            cooperative_matrix: if has_products { self.cooperative_matrix } else { Vec::new() },
+            limits,
         }
     }
 
@@ -181,9 +208,9 @@ fn experimental(capabilities: &Capabilities) -> wgpu::ExperimentalFeatures {
     }
 }
 
-/// The first thing that gs3 needs and `adapter` lacks. All are what WebGPU guarantees.
-pub(crate) fn missing(adapter: &wgpu::Adapter) -> Option<GpuError> {
-    let limits = Capabilities::of(adapter).limits;
+/// The first thing that gs3 needs and `adapter`, or a device of it with lower `limits`, lacks. All are what WebGPU
+/// guarantees.
+pub(crate) fn missing(adapter: &wgpu::Adapter, limits: &Limits) -> Option<GpuError> {
     let lacks = |what: &str, expected: String, actual: String| {
         let (adapter, what) = (adapter.get_info().name, what.to_owned());
         Some(GpuError::Unsupported { adapter, what, expected, actual })
@@ -213,6 +240,7 @@ struct Trouble {
 /// An open device. Clones are the same device.
 #[derive(Clone, Debug)]
 pub struct Gpu {
+    pub(crate) owner: Owner,
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
     adapter: Arc<AdapterReport>,
@@ -233,39 +261,84 @@ impl Gpu {
         let reports: Vec<AdapterReport> = found.iter().map(adapter::report).collect();
         let (number, _) = choose(&reports, settings.adapter)?;
         let (adapter, report) = (found.swap_remove(number), reports[number].clone());
-        let capabilities = report.capabilities.clone().with(settings.features);
-        let descriptor = wgpu::DeviceDescriptor {
+        let descriptor = Self::wanted(&adapter, settings.features);
+        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).map_err(|e| {
+            GpuError::Refused { what: format!("opening {}", report.name), message: e.to_string() }
+        })?;
+        let gpu = Self::with(report, device, queue);
+        let state = gpu.trouble.clone();
+        gpu.device.on_uncaptured_error(Arc::new(move |error| {
+            let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
+            state.error.get_or_insert_with(|| typed("a call outside any check", 0, error));
+        }));
+        Ok(gpu)
+    }
+
+    /// What to open a device of `adapter` with, for [`Gpu::of`]: all limits of the adapter, and those of its features
+    /// that gs3 uses. More may be asked for; without a feature its fallback runs.
+    #[must_use]
+    pub fn wanted(adapter: &wgpu::Adapter, features: OptionalFeatures) -> wgpu::DeviceDescriptor<'static> {
+        let capabilities = Capabilities::of(adapter).with(features);
+        wgpu::DeviceDescriptor {
             label: Some("gs3"),
             required_features: capabilities.required_features(),
             experimental_features: experimental(&capabilities),
             required_limits: adapter.limits(),
             ..Default::default()
-        };
-        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).map_err(|e| {
-            GpuError::Refused { what: format!("opening {}", report.name), message: e.to_string() }
-        })?;
+        }
+    }
+
+    /// The caller's own device of `adapter`, with its queue, so that what gs3 makes is where the caller shows it.
+    /// gs3 uses those features that the device was opened with, and takes its callback for device loss, which
+    /// [`Gpu::check`] tells from then on. [`Buffer::raw`] and [`Buffer::of`] lead from one's buffers to the other's.
+    ///
+    /// Without [`wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL`], which gs3 does not need, frames take less.
+    ///
+    /// # Errors
+    /// [`GpuError::Unsupported`] if the device was opened with lower limits than gs3 needs.
+    pub fn of(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Result<Self, GpuError> {
+        let mut report = adapter::report(adapter);
+        report.capabilities = report.capabilities.within(&device);
+        report.missing = missing(adapter, &report.capabilities.limits);
+        match report.missing {
+            Some(missing) => Err(missing),
+            None => Ok(Self::with(report, device, queue)),
+        }
+    }
+
+    /// `device`, opened with what `report` says of it.
+    fn with(mut report: AdapterReport, device: wgpu::Device, queue: wgpu::Queue) -> Self {
+        let capabilities = report.capabilities.clone().within(&device);
+        report.missing = None;
         let trouble: Arc<Mutex<Trouble>> = Arc::default();
-        let state = trouble.clone();
-        device.on_uncaptured_error(Arc::new(move |error| {
-            let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
-            state.error.get_or_insert_with(|| typed("a call outside any check", 0, error));
-        }));
         let state = trouble.clone();
         device.set_device_lost_callback(move |reason, message| {
             let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
             state.lost.get_or_insert_with(|| format!("{reason:?}: {message}"));
         });
-        let (adapter, capabilities) = (Arc::new(report), Arc::new(capabilities));
-        Ok(Self {
+        Self {
+            owner: Owner::new(),
             device,
             queue,
-            adapter,
-            capabilities,
+            adapter: Arc::new(report),
+            capabilities: Arc::new(capabilities),
             trouble,
             uploads: Arc::default(),
             reads: Arc::default(),
             counts: Arc::default(),
-        })
+        }
+    }
+
+    /// wgpu's own handle of the device.
+    #[must_use]
+    pub const fn device(&self) -> &wgpu::Device {
+        &self.device
+    }
+
+    /// wgpu's own handle of its queue: what is submitted there comes between gs3's submissions in that order.
+    #[must_use]
+    pub const fn queue(&self) -> &wgpu::Queue {
+        &self.queue
     }
 
     /// The adapter it runs on.
@@ -368,7 +441,7 @@ impl Gpu {
     /// # Errors
     /// [`GpuError`] if the device failed meanwhile.
     pub fn wait(&self, submission: &Submission) -> Result<(), GpuError> {
-        self.poll(wgpu::PollType::Wait { submission_index: Some(submission.0.clone()), timeout: None })
+        self.poll(wgpu::PollType::Wait { submission_index: Some(submission.index_of(self)?), timeout: None })
     }
 
     /// Gives the device back: every use from now on says [`GpuError::DeviceLost`].
@@ -381,10 +454,11 @@ impl Gpu {
     pub(crate) fn poll(&self, poll: wgpu::PollType) -> Result<(), GpuError> {
         let polled = self.survived(|| self.device.poll(poll));
         self.check()?;
-        match polled? {
-            Ok(_) => Ok(()),
-            Err(error) => Err(GpuError::Refused { what: "waiting".to_owned(), message: error.to_string() }),
-        }
+        let Err(error) = polled? else { return Ok(()) };
+        // Of a device that its owner gave back this may be the first that is heard: wgpu tells of it at leisure.
+        let _ = self.survived(|| self.device.poll(wgpu::PollType::Poll));
+        self.check()?;
+        Err(GpuError::Refused { what: "waiting".to_owned(), message: error.to_string() })
     }
 
     /// What `call` gives. wgpu panics where a device is lost while something waits for it (30.0: `Device::poll`);
@@ -397,6 +471,15 @@ impl Gpu {
             let mut trouble = self.trouble.lock().unwrap_or_else(PoisonError::into_inner);
             GpuError::DeviceLost { message: trouble.lost.get_or_insert(message).clone() }
         })
+    }
+
+    /// Calls what may be refused only because the device is lost, which is told elsewhere: of a caller's own device
+    /// wgpu would panic.
+    pub(crate) fn quietly(&self, call: impl FnOnce()) {
+        let scope = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
+        call();
+        // Nothing that anyone could do.
+        let _ = pollster::block_on(scope.pop());
     }
 
     /// What `call` gives, or the first error that it meets. `bytes` is how much memory it asks for.

@@ -5,6 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use crate::buffer::mapped;
 use crate::error::GpuError;
 use crate::gpu::Gpu;
+use crate::owner::Owner;
 use crate::recorder::Submission;
 
 /// Memory that the processor reads, for results of one frame after the other: [`Recorder::read_back`] brings them
@@ -14,6 +15,7 @@ use crate::recorder::Submission;
 #[derive(Debug)]
 pub struct Readback {
     pub(crate) staging: wgpu::Buffer,
+    pub(crate) owner: Owner,
     bytes: u64,
 }
 
@@ -35,7 +37,7 @@ impl Readback {
             mapped_at_creation: false,
         };
         let staging = gpu.checked("memory read back", bytes, || gpu.create_buffer(&descriptor))?;
-        Ok(Self { staging, bytes })
+        Ok(Self { staging, owner: gpu.owner, bytes })
     }
 
     /// Its size.
@@ -54,7 +56,8 @@ impl Readback {
         submission: &Submission,
         f: impl FnOnce(&[u8]) -> R,
     ) -> Result<R, GpuError> {
-        mapped(gpu, &self.staging, self.bytes, submission.0.clone(), f)
+        gpu.owner.check(self.owner, "memory that is read back to")?;
+        mapped(gpu, &self.staging, self.bytes, submission.index_of(gpu)?, f)
     }
 }
 

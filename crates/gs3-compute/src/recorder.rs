@@ -6,13 +6,25 @@ use crate::buffer::{Buffer, Slice};
 use crate::error::GpuError;
 use crate::gpu::Gpu;
 use crate::kernel::Bound;
+use crate::owner::Owner;
 use crate::readback::Readback;
 use crate::timings::Timings;
 use crate::uploads::Uploads;
 
 /// Work that was handed to a device.
 #[derive(Clone, Debug)]
-pub struct Submission(pub(crate) wgpu::SubmissionIndex);
+pub struct Submission {
+    owner: Owner,
+    index: wgpu::SubmissionIndex,
+}
+
+impl Submission {
+    /// What wgpu calls it on the device of `gpu`.
+    pub(crate) fn index_of(&self, gpu: &Gpu) -> Result<wgpu::SubmissionIndex, GpuError> {
+        gpu.owner.check(self.owner, "a submission")?;
+        Ok(self.index.clone())
+    }
+}
 
 /// Records work for one submission. What is recorded later sees what was written before.
 #[derive(Debug)]
@@ -25,16 +37,21 @@ pub struct Recorder<'a> {
     stage: &'static str,
     /// The stage that first copied or filled something since the last pass.
     moved: Option<&'static str>,
+    /// The first thing of another device that was to be recorded: nothing is submitted then.
+    stranger: Option<GpuError>,
 }
 
 impl<'a> Recorder<'a> {
-    pub(crate) fn new(gpu: &'a Gpu, mut timings: Option<&'a mut Timings>) -> Self {
+    pub(crate) fn new(gpu: &'a Gpu, timings: Option<&'a mut Timings>) -> Self {
         let encoder =
             gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
+        let stranger = timings.as_ref().and_then(|t| gpu.owner.check(t.owner, "times of stages").err());
+        let mut timings = timings.filter(|_| stranger.is_none());
         if let Some(timings) = &mut timings {
             timings.begin();
         }
-        Self { gpu, uploads: Uploads::new(gpu), encoder, pass: None, timings, stage: "", moved: None }
+        let uploads = Uploads::new(gpu);
+        Self { gpu, uploads, encoder, pass: None, timings, stage: "", moved: None, stranger }
     }
 
     /// Writes `values` to the start of `to` before all that is recorded here runs, whenever it is recorded: for what
@@ -60,7 +77,7 @@ impl<'a> Recorder<'a> {
 
     /// Runs `kernel` in `groups` workgroups ([`grid`](crate::grid) for more than 65,535 in a row).
     pub fn dispatch(&mut self, kernel: &Bound, groups: [u32; 3]) {
-        if groups.contains(&0) {
+        if groups.contains(&0) || !self.owns([kernel.owner], "a kernel") {
             return;
         }
         let pass = self.pass();
@@ -72,6 +89,9 @@ impl<'a> Recorder<'a> {
     /// Runs `kernel` in as many workgroups as three u32 at byte `offset` of `counts` say, each at most 65,535: kernels
     /// that write them use `grid_of` ([`GRID_WGSL`](crate::GRID_WGSL)).
     pub fn dispatch_indirect(&mut self, kernel: &Bound, counts: &Buffer, offset: u64) {
+        if !self.owns([kernel.owner, counts.owner], "a kernel or the count of its workgroups") {
+            return;
+        }
         let pass = self.pass();
         pass.set_pipeline(&kernel.pipeline);
         pass.set_bind_group(0, &kernel.group, &[]);
@@ -80,6 +100,9 @@ impl<'a> Recorder<'a> {
 
     /// Copies `from` to the start of `to`, which is not shorter. Starts and lengths are multiples of four bytes.
     pub fn copy(&mut self, from: &Slice<'_>, to: &Slice<'_>) {
+        if !self.owns([from.buffer.owner, to.buffer.owner], "a buffer that is copied") {
+            return;
+        }
         self.end_pass();
         let bytes = from.bytes.min(to.bytes);
         self.encoder.copy_buffer_to_buffer(&from.buffer.raw, from.start, &to.buffer.raw, to.start, bytes);
@@ -88,6 +111,9 @@ impl<'a> Recorder<'a> {
     /// Brings `from` to byte `at` of `to`, cut to what there is room for. Starts and lengths are multiples of four
     /// bytes.
     pub fn read_back(&mut self, from: &Slice<'_>, to: &Readback, at: u64) {
+        if !self.owns([from.buffer.owner, to.owner], "a buffer that is read back") {
+            return;
+        }
         self.end_pass();
         let bytes = from.bytes.min(to.bytes().saturating_sub(at));
         self.encoder.copy_buffer_to_buffer(&from.buffer.raw, from.start, &to.staging, at, bytes);
@@ -95,6 +121,9 @@ impl<'a> Recorder<'a> {
 
     /// Fills `slice` with zeros.
     pub fn clear(&mut self, slice: &Slice<'_>) {
+        if !self.owns([slice.buffer.owner], "a buffer that is cleared") {
+            return;
+        }
         self.end_pass();
         self.encoder.clear_buffer(&slice.buffer.raw, slice.start, Some(slice.bytes - slice.bytes % 4));
     }
@@ -102,16 +131,25 @@ impl<'a> Recorder<'a> {
     /// Hands everything to the device, which works while this returns.
     ///
     /// # Errors
-    /// [`GpuError`] if the device refuses it or is lost.
+    /// [`GpuError`] if something of another device was recorded, or the device refuses it or is lost.
     pub fn submit(mut self) -> Result<Submission, GpuError> {
         self.pass = None;
-        let Self { gpu, uploads, mut encoder, timings, .. } = self;
+        let Self { gpu, uploads, mut encoder, timings, stranger, .. } = self;
+        stranger.map_or(Ok(()), Err)?;
         gpu.checked("a frame", 0, || {
             if let Some(timings) = timings {
                 timings.resolve(&mut encoder);
             }
-            Submission(uploads.submit(gpu, encoder.finish()))
+            Submission { owner: gpu.owner, index: uploads.submit(gpu, encoder.finish()) }
         })
+    }
+
+    /// Whether all that belongs to `owners` is the device's own.
+    fn owns<const N: usize>(&mut self, owners: [Owner; N], what: &'static str) -> bool {
+        let error = owners.iter().find_map(|owner| self.gpu.owner.check(*owner, what).err());
+        let is_own = error.is_none();
+        self.stranger = self.stranger.take().or(error);
+        is_own
     }
 
     /// Ends the pass, for a copy or fill of the stage.

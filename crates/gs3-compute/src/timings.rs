@@ -5,6 +5,7 @@ use std::time::Duration;
 use crate::buffer::mapped;
 use crate::error::GpuError;
 use crate::gpu::{Gpu, Support};
+use crate::owner::Owner;
 use crate::recorder::Submission;
 
 /// Passes of a frame that are timed; later ones are not.
@@ -34,6 +35,7 @@ struct Pass {
 /// Times the stages of one frame after the other.
 #[derive(Debug)]
 pub struct Timings {
+    pub(crate) owner: Owner,
     queries: wgpu::QuerySet,
     resolved: wgpu::Buffer,
     staging: wgpu::Buffer,
@@ -58,6 +60,7 @@ impl Timings {
             gpu.create_buffer(&wgpu::BufferDescriptor { label, size, usage, mapped_at_creation: false })
         };
         gpu.checked("timings", size, || Self {
+            owner: gpu.owner,
             queries: gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
                 label: Some("timings"),
                 ty: wgpu::QueryType::Timestamp,
@@ -76,7 +79,9 @@ impl Timings {
     /// # Errors
     /// [`GpuError`] if the device fails.
     pub fn read(&self, gpu: &Gpu, submission: &Submission) -> Result<Vec<StageTime>, GpuError> {
-        let ticks = mapped(gpu, &self.staging, self.staging.size(), submission.0.clone(), |bytes| {
+        gpu.owner.check(self.owner, "times of stages")?;
+        let index = submission.index_of(gpu)?;
+        let ticks = mapped(gpu, &self.staging, self.staging.size(), index, |bytes| {
             let times = bytes.chunks_exact(TIME_BYTES as usize);
             times.map(bytemuck::pod_read_unaligned::<u64>).collect::<Vec<u64>>()
         })?;

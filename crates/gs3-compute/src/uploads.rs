@@ -52,6 +52,7 @@ impl Uploads {
         if actual > max {
             return Err(GpuError::TooLarge { what: what.to_owned(), max, actual });
         }
+        gpu.owner.check(to.buffer.owner, "a buffer that a frame writes")?;
         let Some(size) = wgpu::BufferSize::new(actual) else { return gpu.check() };
         let Self { belt, encoder } = self;
         gpu.checked(what, actual, || {

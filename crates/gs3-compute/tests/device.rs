@@ -298,3 +298,108 @@ fn data_beyond_one_binding_is_divided() {
     assert_eq!(ChunkPlan::new(&limits, 0, 4, 1).unwrap().ranges().collect::<Vec<_>>(), vec![0..0]);
     assert!(matches!(ChunkPlan::new(&limits, 1, 1 << 20, 256), Err(GpuError::TooLarge { .. })));
 }
+
+/// wgpu would take it for something of the device's own, or panic.
+#[test]
+fn what_belongs_to_another_device_is_refused() {
+    let open = || Gpu::new(&GpuSettings::default());
+    let (Ok(gpu), Ok(other)) = (open(), open()) else {
+        eprintln!("skipped: no adapter");
+        return;
+    };
+    let refused = |result: Result<(), GpuError>| {
+        let error = result.unwrap_err();
+        assert!(matches!(error, GpuError::OtherDevice { .. }), "{error}");
+    };
+    let kernel_of = |gpu: &Gpu| gpu.module("double", &[DOUBLE]).unwrap().kernel(gpu, "counts", &[]).unwrap();
+    let buffer_of = |gpu: &Gpu| gpu.buffer("b", Use::Indirect, 16).unwrap();
+    let [own, strange] = [&gpu, &other].map(buffer_of);
+    refused(gpu.read::<u32>(&strange.slice()).map(drop));
+    refused(gpu.write(&strange.slice(), &[1u32]));
+    refused(gpu.module("double", &[DOUBLE]).unwrap().kernel(&other, "counts", &[]).map(drop));
+    refused(kernel_of(&gpu).bind(&gpu, &[("unused", strange.slice())]).map(drop));
+    refused(kernel_of(&other).bind(&gpu, &[("unused", own.slice())]).map(drop));
+    let bound = kernel_of(&other).bind(&other, &[("unused", strange.slice())]).unwrap();
+    let own_bound = kernel_of(&gpu).bind(&gpu, &[("unused", own.slice())]).unwrap();
+    let readback = Readback::new(&other, 16).unwrap();
+    let records: [&dyn Fn(&mut Recorder<'_>); 7] = [
+        &|r| r.dispatch(&bound, [1; 3]),
+        &|r| r.dispatch_indirect(&bound, &own, 0),
+        &|r| r.dispatch_indirect(&own_bound, &strange, 0),
+        &|r| r.copy(&strange.slice(), &own.slice()),
+        &|r| r.copy(&own.slice(), &strange.slice()),
+        &|r| r.read_back(&own.slice(), &readback, 0),
+        &|r| r.clear(&strange.slice()),
+    ];
+    for record in records {
+        let mut recorder = gpu.recorder(None);
+        record(&mut recorder);
+        refused(recorder.submit().map(drop));
+    }
+    refused(gpu.recorder(None).write(&strange.slice(), &[1u32]));
+    if let Ok(mut timings) = Timings::new(&other) {
+        refused(gpu.recorder(Some(&mut timings)).submit().map(drop));
+    }
+    let submission = other.recorder(None).submit().unwrap();
+    refused(gpu.wait(&submission));
+    refused(readback.read(&gpu, &submission, |_| ()));
+    // Neither is any the worse for it.
+    let mut recorder = gpu.recorder(None);
+    recorder.dispatch(&own_bound, [1; 3]);
+    recorder.submit().unwrap();
+    assert_eq!(gpu.read::<u32>(&own.part(0, 12)).unwrap(), [1; 3]);
+    assert_eq!((gpu.check(), other.check()), (Ok(()), Ok(())));
+}
+
+/// A program's own device: gs3 reads and writes buffers of its making, in the order of its own submissions.
+#[test]
+fn a_device_may_be_the_callers_own() {
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+    let adapter = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all())).into_iter().next();
+    let Some(adapter) = adapter else {
+        eprintln!("skipped: no adapter");
+        return;
+    };
+    let open = |descriptor| pollster::block_on(adapter.request_device(&descriptor)).unwrap();
+    // As a program opens it that knows nothing of gs3: the limits of WebGPU, and no features.
+    let plain = open(wgpu::DeviceDescriptor::default());
+    let wanted = open(Gpu::wanted(&adapter, OptionalFeatures::All));
+    for (k, (device, queue)) in [plain, wanted].into_iter().enumerate() {
+        let gpu = Gpu::of(&adapter, device.clone(), queue.clone()).unwrap();
+        let Capabilities { shader_f16, timestamps, limits, .. } = gpu.capabilities().clone();
+        let on_adapter = adapter.features().contains(wgpu::Features::SHADER_F16);
+        assert_eq!(shader_f16, Support::from(k == 1 && on_adapter));
+        assert_eq!(limits.binding_bytes, device.limits().max_storage_buffer_binding_size);
+        assert!(k == 1 || timestamps == Support::Absent);
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
+        let made = |usage| {
+            device.create_buffer(&wgpu::BufferDescriptor {
+                label: None,
+                size: 64,
+                usage,
+                mapped_at_creation: false,
+            })
+        };
+        let (theirs, unusable) = (made(usage), made(wgpu::BufferUsages::STORAGE));
+        assert!(matches!(Buffer::of(&gpu, unusable), Err(GpuError::Refused { .. })));
+        let source = Buffer::of(&gpu, theirs.clone()).unwrap();
+        queue.write_buffer(&theirs, 0, bytemuck::cast_slice(&[5u32; 16]));
+        let result = gpu.buffer("result", Use::Storage, 64).unwrap();
+        let offset = gpu.buffer_with("offset", Use::Uniform, &[7u32, 0, 0, 0]).unwrap();
+        let buffers =
+            [("offset", (&offset).into()), ("source", (&source).into()), ("result", (&result).into())];
+        let kernel =
+            gpu.module("double", &[DOUBLE]).unwrap().kernel(&gpu, "scale", &[("FACTOR", 3.0)]).unwrap();
+        let mut recorder = gpu.recorder(None);
+        recorder.dispatch(&kernel.bind(&gpu, &buffers).unwrap(), [1; 3]);
+        recorder.submit().unwrap();
+        // The program takes it from there, without a way through the processor.
+        let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        encoder.copy_buffer_to_buffer(result.raw(), 0, &theirs, 0, 64);
+        queue.submit([encoder.finish()]);
+        assert_eq!(gpu.read::<u32>(&source.slice()).unwrap(), [22; 16]);
+        device.destroy();
+        let lost = gpu.read::<u32>(&source.slice()).unwrap_err();
+        assert!(matches!(lost, GpuError::DeviceLost { .. }), "{lost}");
+    }
+}
