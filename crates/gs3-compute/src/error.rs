@@ -36,6 +36,16 @@ pub enum GpuError {
         /// What was asked for.
         actual: u64,
     },
+    /// A buffer is shorter than what is to be in it.
+    #[error("GPU, {what}: expected at least {min}, found {actual}")]
+    TooSmall {
+        /// What is too small.
+        what: String,
+        /// What is needed.
+        min: u64,
+        /// What there is.
+        actual: u64,
+    },
     /// The device has no more memory.
     #[error("GPU, {what}: expected {bytes} bytes of device memory, found less")]
     OutOfMemory {

@@ -1,5 +1,6 @@
 //! Why inputs cannot be reconstructed.
 
+use gs3_scene::camera::MAX_SIDE;
 use gs3_scene::{Camera, GBuffer, Image, Margin, Planes};
 
 /// Why a reconstruction did not run. Nothing has been written and no history has changed when one is returned.
@@ -21,6 +22,12 @@ pub enum ReconstructError {
         expected: (usize, usize),
         /// Width and height found.
         actual: (usize, usize),
+    },
+    /// Frames of that size cannot be.
+    #[error("frame size: expected 1x1 to {MAX_SIDE}x{MAX_SIDE}, found {}x{}", actual[0], actual[1])]
+    FrameSize {
+        /// Width and height found.
+        actual: [u32; 2],
     },
     /// The G-buffer lacks planes that this reconstruction reads.
     #[error("G-buffer: expected {what}, found none")]
@@ -71,6 +78,13 @@ pub(crate) fn check_scale(scale: u32) -> Result<(), ReconstructError> {
     } else {
         Err(ReconstructError::Scale { actual: scale })
     }
+}
+
+/// Checks the size of frames in device memory, width and height, which no camera has checked.
+#[cfg(feature = "gpu")]
+pub(crate) fn check_frame_size(size: [u32; 2]) -> Result<(), ReconstructError> {
+    let is_size = size.iter().all(|side| (1..=MAX_SIDE).contains(side));
+    if is_size { Ok(()) } else { Err(ReconstructError::FrameSize { actual: size }) }
 }
 
 /// Checks that `actual` is the size `expected` of the input `what`.

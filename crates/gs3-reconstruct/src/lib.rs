@@ -73,6 +73,7 @@ pub use error::ReconstructError;
 pub use hermite::hermite;
 pub use interpolate::{Interpolator, Neighbor, Reprojected, Warped};
 pub use motion::{Depth, Motion, View};
+pub use reprojection::{NEAREST_DEPTH, inverse_depth};
 pub use resample::{Kernel, resample};
 pub use super_sample::{Kriging, ResetReason, SuperSampler};
 

@@ -56,18 +56,19 @@ fn intrinsic_matrix(camera: &Camera) -> DMat3 {
 }
 
 /// Depths up to a micro-unit count as nothing hit, so that no inverse overflows.
-const NEAREST: f32 = 1e-6;
+pub const NEAREST_DEPTH: f32 = 1e-6;
 
 /// Inverse view-space depth; 0 (infinity) where nothing was hit, which depth 0 means.
 #[inline(always)]
-pub(crate) fn inverse_depth(z: f32) -> f32 {
-    if z > NEAREST { 1.0 / z } else { 0.0 }
+#[must_use]
+pub fn inverse_depth(z: f32) -> f32 {
+    if z > NEAREST_DEPTH { 1.0 / z } else { 0.0 }
 }
 
 /// [`inverse_depth`] of sixteen.
 #[inline(always)]
 pub(crate) fn inverse_depth_16<S: Simd>(simd: S, z: f32x16<S>) -> f32x16<S> {
-    z.simd_gt(NEAREST).select(1.0 / z, f32x16::splat(simd, 0.0))
+    z.simd_gt(NEAREST_DEPTH).select(1.0 / z, f32x16::splat(simd, 0.0))
 }
 
 #[cfg(test)]

@@ -388,15 +388,42 @@ fn what_does_not_fit_is_a_typed_error() {
     let Some(gpu) = gpu() else { return };
     let scale = GpuSuperSampler::new(&gpu, 9, [64, 64], Innovation::NotWanted, Kriging::On, 0).map(|_| ());
     assert_eq!(scale, Err(ReconstructError::Scale { actual: 9 }.into()));
-    let large =
-        GpuSuperSampler::new(&gpu, 1, [1 << 16, 1 << 16], Innovation::NotWanted, Kriging::On, 0).map(|_| ());
-    assert!(matches!(large, Err(GpuReconstructError::Gpu(GpuError::TooLarge { .. }))), "{large:?}");
+    let sampler = |size, margin| {
+        GpuSuperSampler::new(&gpu, 1, size, Innovation::NotWanted, Kriging::On, margin).map(|_| ())
+    };
+    // Frames that may be, of which one device in a hundred has room for the history.
+    if gpu.capabilities().limits.binding_bytes < (8192 * 8192) * 32 {
+        let large = sampler([8192; 2], 8192);
+        assert!(matches!(large, Err(GpuReconstructError::Gpu(GpuError::TooLarge { .. }))), "{large:?}");
+    }
+    for actual in [[0, 64], [64, 8193], [u32::MAX; 2]] {
+        let size = Err(ReconstructError::FrameSize { actual }.into());
+        assert_eq!(sampler(actual, 0), size);
+        assert_eq!(GpuInterpolator::new(&gpu, 4, actual).map(|_| ()), size);
+        assert_eq!(GpuImage::new(&gpu, actual).map(|_| ()), size);
+    }
+    let wide = ReconstructError::Margin { max: 8192, actual: u32::MAX };
+    assert_eq!(sampler([64; 2], u32::MAX), Err(wide.into()));
     let mut sampler = GpuSuperSampler::new(&gpu, 4, [64, 64], Innovation::NotWanted, Kriging::On, 0).unwrap();
     let pose = camera(64, 64, [0.0; 3], 0.0, 0.0);
     let uploaded = Uploaded::new(&gpu, &wall_and_post(60.0).gbuffer(&pose.low_resolution(4), [0.0; 2]));
     let small = GpuImage::new(&gpu, [60, 64]).unwrap();
     let size = ReconstructError::Size { what: "image", expected: (64, 64), actual: (60, 64) };
     assert_eq!(sampler.bind(&uploaded.planes(), &uploaded.planes(), &small).map(|_| ()), Err(size.into()));
+    // A row short.
+    let short = gpu.buffer("short", Use::Storage, 16 * 15 * 16).unwrap();
+    let planes = GpuPlanes { dy_expected: &short, ..uploaded.planes() };
+    let out = GpuImage::new(&gpu, [64, 64]).unwrap();
+    let short =
+        GpuError::TooSmall { what: "bytes of plane dy_expected".to_owned(), min: 16 * 256, actual: 16 * 240 };
+    for (planes, around) in [(planes, uploaded.planes()), (uploaded.planes(), planes)] {
+        assert_eq!(sampler.bind(&planes, &around, &out).map(|_| ()), Err(short.clone().into()));
+    }
+    let twin = GpuSuperSampler::new(&gpu, 4, [64, 64], Innovation::NotWanted, Kriging::On, 0).unwrap();
+    let strange = twin.bind(&uploaded.planes(), &uploaded.planes(), &out).unwrap();
+    let strange =
+        sampler.record(&mut gpu.recorder(None), &strange, &pose, [0.0; 2], Margin::NONE).unwrap_err();
+    assert!(matches!(strange, GpuReconstructError::Gpu(GpuError::Bindings { .. })), "{strange}");
     let bound = sampler
         .bind(&uploaded.planes(), &uploaded.planes(), &GpuImage::new(&gpu, [64, 64]).unwrap())
         .unwrap();

@@ -11,6 +11,11 @@ use crate::settings::MAX_GENERATE;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PipelineError {
+    /// Frames are to stay on a device that does not make all of them.
+    #[error(
+        "frame on a device: expected a pipeline that renders on one (render_on) in a mode with history, found none that makes all of this frame"
+    )]
+    NotOnDevice,
     /// The rasterizer refuses the settings.
     #[error(transparent)]
     Raster(#[from] RasterError),

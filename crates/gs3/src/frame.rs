@@ -10,7 +10,7 @@ use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
 use crate::cut::is_cut;
 use crate::error::PipelineError;
 #[cfg(feature = "gpu")]
-use crate::gpu::{Device, GpuRequest};
+use crate::gpu::{Device, GpuPresented, GpuRequest, Take};
 use crate::jitter::AdaptiveJitter;
 use crate::lattice::DepthLattice;
 use crate::learned::{LearnedInterpolator, LearnedSuperSampler, Networks};
@@ -72,6 +72,8 @@ pub struct FramePipeline {
     networks: Networks,
     /// Why the next frame starts without history, if it does.
     invalid: Option<ResetReason>,
+    /// Why the last frame did.
+    last_reset: Option<ResetReason>,
     previous: Frame,
     current: Frame,
     /// The current image before a network refined it; empty where none does.
@@ -135,6 +137,7 @@ impl FramePipeline {
             #[cfg(feature = "gpu")]
             networks,
             invalid: Some(ResetReason::FirstFrame),
+            last_reset: None,
             previous: Frame::default(),
             analytic: Image::default(),
             current: Frame::default(),
@@ -155,6 +158,40 @@ impl FramePipeline {
     /// # Errors
     /// [`PipelineError`] if `between` has cameras for another number of frames or of another size, or a device fails.
     pub fn render(&mut self, camera: &Camera, between: &[Camera]) -> Result<Presented<'_>, PipelineError> {
+        self.advance(camera, between, |pipeline| pipeline.make(camera, between))?;
+        Ok(self.presented())
+    }
+
+    /// Renders as [`Self::render`] does, on the device, and leaves there what is to be shown: for programs that show it
+    /// from there (on a device of their own, [`Gpu::of`](gs3_compute::Gpu::of)). Some hundred bytes come back, no images:
+    /// [`Self::presented`] and [`Self::last_image`] are empty until the next [`Self::render`].
+    ///
+    /// # Errors
+    /// [`PipelineError::NotOnDevice`] where [`Self::is_on_device`] says no, else as [`Self::render`].
+    #[cfg(feature = "gpu")]
+    pub fn render_to_device(
+        &mut self,
+        camera: &Camera,
+        between: &[Camera],
+    ) -> Result<GpuPresented<'_>, PipelineError> {
+        if !self.is_on_device(camera) {
+            return Err(PipelineError::NotOnDevice);
+        }
+        self.advance(camera, between, |pipeline| {
+            pipeline.current.image.resize(0, 0);
+            pipeline.between.iter_mut().for_each(|image| image.resize(0, 0));
+            pipeline.render_on_device(camera, between, Take::Facts)
+        })?;
+        self.device.as_ref().and_then(|device| device.frames.presented()).ok_or(PipelineError::NotOnDevice)
+    }
+
+    /// Goes on to the frame of `camera`, which `make` makes.
+    fn advance(
+        &mut self,
+        camera: &Camera,
+        between: &[Camera],
+        make: impl FnOnce(&mut Self) -> Result<(), PipelineError>,
+    ) -> Result<(), PipelineError> {
         self.check_between(camera, between)?;
         self.times = StageTimes::default();
         self.between_made = 0;
@@ -163,15 +200,15 @@ impl FramePipeline {
         self.margin = self.next_margin(camera);
         std::mem::swap(&mut self.previous, &mut self.current);
         self.current.camera = None;
-        if let Err(error) = self.make(camera, between) {
+        if let Err(error) = make(self) {
             // What was made of this frame is no frame to go on from.
             std::mem::swap(&mut self.previous, &mut self.current);
             self.current.camera = None;
             return Err(error);
         }
         self.current.camera = Some(*camera);
-        self.invalid = None;
-        Ok(self.presented())
+        self.last_reset = self.invalid.take();
+        Ok(())
     }
 
     fn check_between(&self, camera: &Camera, between: &[Camera]) -> Result<(), PipelineError> {
@@ -197,7 +234,7 @@ impl FramePipeline {
             }
             #[cfg(feature = "gpu")]
             Mode::SuperSample | Mode::Full if self.is_on_device(camera) => {
-                self.render_on_device(camera, between)
+                self.render_on_device(camera, between, Take::Shown)
             }
             Mode::SuperSample => {
                 self.rasterize(camera, Outputs::GBuffer)?;
@@ -214,6 +251,13 @@ impl FramePipeline {
     /// Forgets the frames before: the next one starts anew.
     pub fn reset(&mut self, reason: ResetReason) {
         self.invalid = Some(reason);
+    }
+
+    /// Why the last frame began without history, if it did: it is less sharp than the ones to come, and what
+    /// [`Presented::between`] has before it is the frame before, held.
+    #[must_use]
+    pub const fn last_reset(&self) -> Option<ResetReason> {
+        self.last_reset
     }
 
     /// Shows another scene from the next frame on.
@@ -367,9 +411,14 @@ impl FramePipeline {
         }
     }
 
-    /// All of the frame at once, on the device.
+    /// All of the frame at once, on the device; `take` of it comes back.
     #[cfg(feature = "gpu")]
-    fn render_on_device(&mut self, camera: &Camera, between: &[Camera]) -> Result<(), PipelineError> {
+    fn render_on_device(
+        &mut self,
+        camera: &Camera,
+        between: &[Camera],
+        take: Take,
+    ) -> Result<(), PipelineError> {
         let raster = self.raster_settings(Outputs::GBuffer);
         let (Some(device), Some(rasterizer)) = (&mut self.device, self.rasterizer.gpu_mut()) else {
             return Ok(());
@@ -380,8 +429,9 @@ impl FramePipeline {
         };
         let request = GpuRequest { camera, raster: &raster, between: &moments };
         let Frame { image, lattice, .. } = &mut self.current;
-        let rendered = device.render(rasterizer, &request, image, &mut self.between)?;
-        (*lattice, self.times, self.between_made) = (rendered.lattice, rendered.times, rendered.between);
+        let out = (take == Take::Shown).then_some((image, &mut self.between[..]));
+        let rendered = device.render(rasterizer, &request, out)?;
+        (*lattice, self.times, self.between_made) = (rendered.lattice, rendered.times, moments.len());
         Ok(())
     }
 

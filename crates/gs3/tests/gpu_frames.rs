@@ -11,7 +11,7 @@ use gs3::neural::{Header, Weights};
 use gs3::reconstruct::{Interpolator, Kriging, Neighbor, SuperSampler};
 use gs3::scene::camera_path::{CameraPath, pose_between};
 use gs3::scene::{Camera, GBuffer, Image, Scene, capture, demo};
-use gs3::{FramePipeline, Mode, Networks, PipelineSettings, ResetReason, Stage};
+use gs3::{FramePipeline, Mode, Networks, PipelineError, PipelineSettings, ResetReason, Stage};
 
 const SHARED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared");
 
@@ -332,5 +332,65 @@ fn later_frames_make_nothing_and_are_one_submission_each() {
             }
             before = made;
         }
+    }
+}
+
+/// What a program shows from device memory is what comes back otherwise, and does not come back. The device is its own,
+/// opened for its own needs.
+#[test]
+fn frames_may_stay_on_the_device_of_the_program() {
+    use gs3::compute::wgpu;
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+    let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+    let Some(adapter) = adapters.into_iter().next() else {
+        eprintln!("skipped: no adapter");
+        return;
+    };
+    let (device, queue) =
+        pollster::block_on(adapter.request_device(&Gpu::wanted(&adapter, OptionalFeatures::All))).unwrap();
+    let gpu = Gpu::of(&adapter, device, queue).unwrap();
+    let scene = Arc::new(demo::scene().unwrap());
+    let path = demo::path().resized(160, 88).unwrap();
+    let networks = Networks::shipped(4, Tier::Fast).unwrap();
+    let settings = PipelineSettings { mode: Mode::Full, ..Default::default() };
+    let pipeline = || FramePipeline::with_networks(Arc::clone(&scene), settings, &networks).unwrap();
+    let [mut here, mut there] = [pipeline(), pipeline()];
+    let refused = there.render_to_device(&path.cameras()[0], &[]).unwrap_err();
+    assert!(matches!(refused, PipelineError::NotOnDevice), "{refused}");
+    for pipeline in [&mut here, &mut there] {
+        pipeline.render_on(&gpu).unwrap();
+    }
+    let read = |image: &gs3::reconstruct::gpu::GpuImage| {
+        let mut out = Image::default();
+        image.read(&gpu, &mut out).unwrap();
+        out
+    };
+    // A cut in the middle, and a frame that comes back in between.
+    for k in [0, 1, 2, 30, 31, 32] {
+        let camera = &path.cameras()[k];
+        if k == 30 {
+            for pipeline in [&mut here, &mut there] {
+                pipeline.reset(ResetReason::CameraCut);
+            }
+        }
+        let presented = here.render(camera, &[]).unwrap();
+        if k == 2 {
+            assert_eq!(there.render(camera, &[]).unwrap().current, presented.current);
+            continue;
+        }
+        let stays = there.render_to_device(camera, &[]).unwrap();
+        let is_first = [0, 30].contains(&k);
+        assert_eq!(stays.between.len(), usize::from(!is_first), "{k}");
+        assert!(read(stays.current) == *presented.current, "{k}");
+        if let [between] = stays.between {
+            assert!(read(between) == *presented.between[0].unwrap(), "{k}");
+        }
+        let reset = match k {
+            0 => Some(ResetReason::SizeOrTierChange),
+            30 => Some(ResetReason::CameraCut),
+            _ => None,
+        };
+        assert_eq!((there.last_reset(), here.last_reset()), (reset, reset), "{k}");
+        assert_eq!((there.last_image().width(), there.presented().current.height()), (0, 0));
     }
 }

@@ -233,6 +233,27 @@ fn any_size_is_refined() {
     }
 }
 
+/// The inverse of a denormal number is none: it would spread through the state, and stay.
+#[test]
+fn depths_as_near_as_can_be_spread_nothing() {
+    let camera = path().cameras()[0];
+    let mut learned =
+        LearnedSuperSampler::new(random().super_sample.unwrap(), SCALE, Arithmetic::F32).unwrap();
+    let (mut gbuffer, image) = (GBuffer::zeroed(40, 24), Image::new(160, 96));
+    let innovation = vec![[0.0; 4]; 40 * 24];
+    let depth = &mut gbuffer.geometry.as_mut().unwrap().depth_median;
+    depth.plane_mut(0).fill(3.0);
+    depth.plane_mut(0)[100] = 1e-40;
+    let (mut out, mut last) = (Image::default(), Image::default());
+    for k in 0..3 {
+        let before = Neighbor { camera: &camera, image: &last, gbuffer: &gbuffer };
+        let now = Neighbor { camera: &camera, image: &image, gbuffer: &gbuffer };
+        learned.refine(now, &innovation, (k > 0).then_some(before), &mut out).unwrap();
+        assert!(out.pixels().as_flattened().iter().all(|v| v.is_finite()), "{k}");
+        std::mem::swap(&mut out, &mut last);
+    }
+}
+
 /// G-buffers of other renderers: what networks read besides is checked before anything is fed to them.
 #[test]
 fn frames_that_networks_cannot_read_are_typed_errors() {
@@ -254,6 +275,10 @@ fn frames_that_networks_cannot_read_are_typed_errors() {
     let mut wrong = good.clone();
     wrong.geometry.as_mut().unwrap().normal.plane_mut(2)[100] = f32::NAN;
     let expected = "G-buffer normals: expected finite numbers, found NaN or infinity";
+    assert_eq!(refine(&wrong, &image).as_deref(), Some(expected));
+    let mut wrong = good.clone();
+    wrong.geometry.as_mut().unwrap().depth_median = Planes::new(39, 24);
+    let expected = "G-buffer depth: expected 40x24 pixels, found 39x24";
     assert_eq!(refine(&wrong, &image).as_deref(), Some(expected));
     image = Image::new(0, 0);
     assert_eq!(refine(&good, &image).as_deref(), Some("image: expected 160x96 pixels, found 0x0"));

@@ -14,3 +14,9 @@ pub enum GpuReconstructError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
 }
+
+/// What is recorded was bound by another.
+pub(super) fn other_bound(kernel: &str) -> GpuReconstructError {
+    let [expected, actual] = ["that records them", "of another"].map(str::to_owned);
+    GpuError::Bindings { kernel: kernel.to_owned(), expected, actual }.into()
+}

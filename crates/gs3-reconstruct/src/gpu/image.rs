@@ -5,7 +5,9 @@ use gs3_scene::Image;
 use half::f16;
 use rayon::prelude::*;
 
+use super::error::GpuReconstructError;
 use super::plan::IMAGE_PIXEL_BYTES;
+use crate::error::check_frame_size;
 
 /// Pixels that a thread decodes at a time.
 const DECODED: usize = 1 << 14;
@@ -22,8 +24,9 @@ impl GpuImage {
     /// An image of zeros of `size`, width and height.
     ///
     /// # Errors
-    /// [`GpuError`] if the device has no room for it.
-    pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
+    /// [`GpuReconstructError`] if no frame can have that size, or the device has no room for it.
+    pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuReconstructError> {
+        check_frame_size(size)?;
         let bytes = u64::from(size[0]) * u64::from(size[1]) * IMAGE_PIXEL_BYTES;
         Ok(Self { size, pixels: gpu.buffer("image", Use::Storage, bytes)? })
     }
@@ -78,4 +81,26 @@ pub struct GpuPlanes<'a> {
     pub dx_median: &'a Buffer,
     /// ∂colour/∂y per LR pixel, and anything.
     pub dy_expected: &'a Buffer,
+}
+
+/// Bytes of a pixel of a plane: four f32.
+const PLANE_PIXEL_BYTES: u64 = 16;
+
+impl GpuPlanes<'_> {
+    /// Whether they hold an LR frame of `size`, width and height.
+    pub(super) fn check(&self, size: [u32; 2]) -> Result<(), GpuError> {
+        let min = u64::from(size[0]) * u64::from(size[1]) * PLANE_PIXEL_BYTES;
+        let planes = [
+            ("color_alpha", self.color_alpha),
+            ("dx_median", self.dx_median),
+            ("dy_expected", self.dy_expected),
+        ];
+        for (name, plane) in planes {
+            let actual = plane.bytes();
+            if actual < min {
+                return Err(GpuError::TooSmall { what: format!("bytes of plane {name}"), min, actual });
+            }
+        }
+        Ok(())
+    }
 }

@@ -9,7 +9,7 @@ use super::image::{GpuImage, GpuPlanes};
 use super::plan::InterpolatePlan;
 use super::shaders;
 use super::super_sample::rows;
-use crate::error::{ReconstructError, camera_size, check_jitter, check_scale, check_size};
+use crate::error::{ReconstructError, camera_size, check_frame_size, check_jitter, check_scale, check_size};
 use crate::reprojection::Reprojection;
 use crate::warp::offset;
 
@@ -84,6 +84,8 @@ enum Make<'a> {
 /// Interpolation between two images into a third, or the first of them or both warped.
 #[derive(Clone, Debug)]
 pub struct BoundInterpolator {
+    /// That of the images bound.
+    size: [u32; 2],
     uniform: Buffer,
     look: Bound,
     fill: Bound,
@@ -100,6 +102,7 @@ impl GpuInterpolator {
     /// [`GpuReconstructError`] if `scale` is not supported, or the device has no room for the size.
     pub fn new(gpu: &Gpu, scale: u32, size: [u32; 2]) -> Result<Self, GpuReconstructError> {
         check_scale(scale)?;
+        check_frame_size(size)?;
         let plan = InterpolatePlan::new(&gpu.capabilities().limits, size, scale)?;
         let make = |(name, bytes): (&'static str, u64)| Ok((name, gpu.buffer(name, Use::Storage, bytes)?));
         let buffers = plan.buffers().into_iter().map(make).collect::<Result<Vec<_>, GpuError>>()?;
@@ -183,6 +186,9 @@ impl GpuInterpolator {
         {
             check_size(what, size(self.plan.size), size(image.size()))?;
         }
+        for planes in [&before.planes, &after.planes] {
+            planes.check(self.plan.lr)?;
+        }
         let uniform = self.gpu.buffer("between", Use::Uniform, size_of::<BetweenUniform>() as u64)?;
         let mut all: Vec<_> = self.buffers.iter().map(|(name, buffer)| (*name, buffer.slice())).collect();
         all.push(("between", uniform.slice()));
@@ -206,7 +212,7 @@ impl GpuInterpolator {
         };
         let (look, fill) = (self.look.bind(&self.gpu, &all)?, self.fill.bind(&self.gpu, &all)?);
         let make = make.bind(&self.gpu, &all)?;
-        Ok(BoundInterpolator { uniform, look, fill, make, stages })
+        Ok(BoundInterpolator { size: self.plan.size, uniform, look, fill, make, stages })
     }
 
     /// Records the interpolation of what `camera` sees at time `t` ∈ `[0, 1]` between `before` (0) and `after` (1), the
@@ -225,7 +231,9 @@ impl GpuInterpolator {
         if !(0.0..=1.0).contains(&t) {
             return Err(ReconstructError::Time { actual: t }.into());
         }
-        let size = (self.plan.size[0] as usize, self.plan.size[1] as usize);
+        let pair = |[w, h]: [u32; 2]| (w as usize, h as usize);
+        let size = pair(self.plan.size);
+        check_size("images bound", size, pair(bound.size))?;
         for view in [before, after] {
             check_size("neighbour camera", size, camera_size(&view.camera))?;
             check_jitter(view.jitter)?;

@@ -13,5 +13,5 @@ fn reproject_row(row: vec4<f32>, at: vec2<f32>, w: f32) -> f32 {
 
 // Inverse view-space depth; 0 where nothing was hit.
 fn inverse_depth(z: f32) -> f32 {
-    return select(0.0, 1.0 / z, z > 1e-6);
+    return select(0.0, 1.0 / z, z > NEAREST_DEPTH);
 }

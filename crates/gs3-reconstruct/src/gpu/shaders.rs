@@ -13,7 +13,6 @@ use crate::{
 const FRAME: &str = include_str!("frame.wgsl");
 const HALVES: &str = include_str!("halves.wgsl");
 const HISTORY: &str = include_str!("history.wgsl");
-const REPROJECTION: &str = include_str!("reprojection.wgsl");
 const BETWEEN: &str = include_str!("between.wgsl");
 
 fn reach() -> String {
@@ -27,7 +26,7 @@ fn joined(parts: &[&str]) -> String {
 /// The current frame into the history, and what lies beside nearer surfaces: entry `remember`.
 pub fn samples() -> String {
     let numbers = constants(&[("BESIDE", crate::samples::BESIDE), ("CROSSING", crate::samples::CROSSING)]);
-    joined(&[&numbers, FRAME, REPROJECTION, HALVES, include_str!("samples.wgsl")])
+    joined(&[&numbers, FRAME, &reprojection(), HALVES, include_str!("samples.wgsl")])
 }
 
 /// What the current picture's samples say of each other: entry `predict`.
@@ -43,7 +42,7 @@ pub fn plausible() -> String {
         ("MISMATCH", plausible::MISMATCH),
         ("DRIFT", plausible::DRIFT),
     ]);
-    joined(&[&numbers, FRAME, REPROJECTION, HALVES, include_str!("plausible.wgsl")])
+    joined(&[&numbers, FRAME, &reprojection(), HALVES, include_str!("plausible.wgsl")])
 }
 
 /// What is nearest, and samples to where they are now: entries `survey` and `land`.
@@ -59,7 +58,12 @@ pub fn splat() -> String {
         ("OCCLUDED", splat::OCCLUDED),
     ]);
     let rim = constants(&[("RIM", nearest::RIM as u32), ("EVERY", nearest::EVERY as u32)]);
-    joined(&[&numbers, &rim, &reach(), FRAME, REPROJECTION, include_str!("splat.wgsl")])
+    joined(&[&numbers, &rim, &reach(), FRAME, &reprojection(), include_str!("splat.wgsl")])
+}
+
+/// Where samples of one view lie in another.
+fn reprojection() -> String {
+    constants(&[("NEAREST_DEPTH", reprojection::NEAREST_DEPTH)]) + include_str!("reprojection.wgsl")
 }
 
 /// Samples to pixels, with what the innovation takes: entry `accumulate`.
@@ -117,7 +121,7 @@ pub fn neighbor_depth() -> String {
         ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
         ("SAME_SURFACE", neighbor_depth::SAME_SURFACE),
     ]);
-    joined(&[&numbers, BETWEEN, REPROJECTION, include_str!("neighbor_depth.wgsl")])
+    joined(&[&numbers, BETWEEN, &reprojection(), include_str!("neighbor_depth.wgsl")])
 }
 
 /// Depths without holes: entry `fill`.
@@ -129,7 +133,7 @@ pub fn middle_depth() -> String {
 pub fn motion() -> String {
     let numbers =
         constants(&[("MIN_DIVISOR", reprojection::MIN_DIVISOR), ("SAME_SURFACE", motion::SAME_SURFACE)]);
-    joined(&[&numbers, REPROJECTION, include_str!("motion.wgsl")])
+    joined(&[&numbers, &reprojection(), include_str!("motion.wgsl")])
 }
 
 /// Neighbours to the frame between: entries `blend` and `separate`.
@@ -154,7 +158,7 @@ pub fn warp() -> String {
         factors(1),
     );
     let [gather, warp] = [include_str!("gather.wgsl"), include_str!("warp.wgsl")];
-    joined(&[&numbers, &phases, &taps, BETWEEN, REPROJECTION, gather, warp, include_str!("separate.wgsl")])
+    joined(&[&numbers, &phases, &taps, BETWEEN, &reprojection(), gather, warp, include_str!("separate.wgsl")])
 }
 
 #[cfg(test)]

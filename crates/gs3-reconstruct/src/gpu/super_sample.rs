@@ -2,13 +2,14 @@
 
 use bytemuck::{Pod, Zeroable};
 use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Recorder, Slice, Use};
+use gs3_scene::camera::MAX_SIDE;
 use gs3_scene::{Camera, Margin};
 
-use super::error::GpuReconstructError;
+use super::error::{GpuReconstructError, other_bound};
 use super::image::{GpuImage, GpuPlanes};
 use super::plan::SuperSamplePlan;
 use super::shaders;
-use crate::error::{ReconstructError, camera_size, check_jitter, check_scale, check_size};
+use crate::error::{ReconstructError, camera_size, check_frame_size, check_jitter, check_scale, check_size};
 use crate::lattice::Axis;
 use crate::nearest::EVERY;
 use crate::reprojection::{Reprojection, parallax};
@@ -104,6 +105,8 @@ pub struct GpuSuperSampler {
 /// Super sampling from one G-buffer to one image.
 #[derive(Clone, Debug)]
 pub struct BoundSuperSampler {
+    /// That of the super sampler that it is of.
+    uniform: Buffer,
     remember: Bound,
     predict: Bound,
     find_ranges: Bound,
@@ -116,7 +119,7 @@ impl GpuSuperSampler {
     /// history. Its LR frames may have `margin` pixels beyond each edge, 0 if they have none.
     ///
     /// # Errors
-    /// [`GpuReconstructError`] if `scale` is not supported, or the device has no room for the size.
+    /// [`GpuReconstructError`] if `scale`, `size` or `margin` is not supported, or the device has no room for it.
     pub fn new(
         gpu: &Gpu,
         scale: u32,
@@ -153,6 +156,11 @@ impl GpuSuperSampler {
         landing: &[(&str, f64)],
     ) -> Result<Self, GpuReconstructError> {
         check_scale(scale)?;
+        check_frame_size(size)?;
+        // Wider than a frame no margin is of use.
+        if margin > MAX_SIDE {
+            return Err(ReconstructError::Margin { max: MAX_SIDE, actual: margin }.into());
+        }
         let plan = SuperSamplePlan::new(&gpu.capabilities().limits, size, scale, margin)?;
         let make = |(name, bytes): (&'static str, u64)| Ok((name, gpu.buffer(name, Use::Storage, bytes)?));
         let buffers = plan.buffers().into_iter().map(make).collect::<Result<Vec<_>, GpuError>>()?;
@@ -210,7 +218,7 @@ impl GpuSuperSampler {
     /// none.
     ///
     /// # Errors
-    /// [`GpuReconstructError`] if `out` has another size, or the device refuses.
+    /// [`GpuReconstructError`] if `out` has another size, a plane is too small, or the device refuses.
     pub fn bind(
         &self,
         planes: &GpuPlanes<'_>,
@@ -219,10 +227,13 @@ impl GpuSuperSampler {
     ) -> Result<BoundSuperSampler, GpuReconstructError> {
         let size = |[w, h]: [u32; 2]| (w as usize, h as usize);
         check_size("image", size(self.plan.size), size(out.size()))?;
+        planes.check(self.plan.lr)?;
+        around.check(self.plan.around)?;
         let mut all = self.slices_with(planes);
         all.push(("image", out.pixels().slice()));
         all.extend(self.innovation.iter().map(|buffer| ("innovation", buffer.slice())));
         Ok(BoundSuperSampler {
+            uniform: self.uniform.clone(),
             remember: self.remember.bind(&self.gpu, &self.slices_with(around))?,
             predict: self.predict.bind(&self.gpu, &all)?,
             find_ranges: self.find_ranges.bind(&self.gpu, &all)?,
@@ -236,7 +247,8 @@ impl GpuSuperSampler {
     /// history with [`Self::keep`]; recorded again before, it is made anew.
     ///
     /// # Errors
-    /// [`GpuReconstructError`] if the size of `camera`, the jitter or the margin does not fit, or the device is lost;
+    /// [`GpuReconstructError`] if `bound` is another super sampler's, the size of `camera`, the jitter or the margin
+    /// does not fit, or the device is lost;
     /// the history is then as before.
     pub fn record(
         &mut self,
@@ -246,6 +258,9 @@ impl GpuSuperSampler {
         jitter: [f32; 2],
         margin: Margin,
     ) -> Result<(), GpuReconstructError> {
+        if bound.uniform != self.uniform {
+            return Err(other_bound("super sampling"));
+        }
         let size = (self.plan.size[0] as usize, self.plan.size[1] as usize);
         check_size("camera", size, camera_size(camera))?;
         check_jitter(jitter)?;

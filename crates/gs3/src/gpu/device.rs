@@ -25,8 +25,6 @@ pub(crate) struct Device {
 
 /// What a frame gives besides its images.
 pub(crate) struct DeviceFrame {
-    /// Images between it and the last one.
-    pub between: usize,
     pub lattice: DepthLattice,
     pub times: StageTimes,
 }
@@ -48,17 +46,16 @@ impl Device {
         self.frames.reset(reason);
     }
 
-    /// Makes a frame and reads what is shown back into `out` and `between`. Times are the device's, without the way
+    /// Makes a frame and reads what is shown back into `out`, if there is one: the image and those between. Times are the device's, without the way
     /// back; where it has no clock, all of the frame and its way back count as rasterization.
     pub fn render(
         &mut self,
         rasterizer: &mut GpuRasterizer,
         request: &GpuRequest<'_>,
-        out: &mut Image,
-        between: &mut [Image],
+        out: Option<(&mut Image, &mut [Image])>,
     ) -> Result<DeviceFrame, PipelineError> {
         let started = Instant::now();
-        let rendered = self.frames.render(rasterizer, request, self.timings.as_mut(), out, between)?;
+        let rendered = self.frames.render(rasterizer, request, self.timings.as_mut(), out)?;
         let mut times = StageTimes::default();
         match &self.timings {
             Some(timings) => {
@@ -68,7 +65,7 @@ impl Device {
             }
             None => times.add(Stage::Rasterize, started.elapsed()),
         }
-        Ok(DeviceFrame { between: rendered.between, lattice: rendered.lattice, times })
+        Ok(DeviceFrame { lattice: rendered.lattice, times })
     }
 }
 

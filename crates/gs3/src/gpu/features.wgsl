@@ -55,7 +55,7 @@ fn planes(@builtin(global_invocation_id) at: vec3<u32>) {
 }
 
 fn inverse(z: f32) -> f32 {
-    return select(0.0, 1.0 / z, z > 0.0);
+    return select(0.0, 1.0 / z, z > NEAREST_DEPTH);
 }
 
 @compute @workgroup_size(256)

@@ -3,7 +3,7 @@
 use gs3_compute::{Gpu, GpuError, Submission, Timings};
 use gs3_raster::{GpuRasterizer, RasterSettings, Settled};
 use gs3_reconstruct::ResetReason;
-use gs3_reconstruct::gpu::{GpuReconstructError, NeighborView};
+use gs3_reconstruct::gpu::{GpuImage, GpuReconstructError, NeighborView};
 use gs3_scene::{Camera, GBuffer, Image};
 
 use super::sized::Sized;
@@ -26,10 +26,22 @@ pub struct GpuRequest<'a> {
 /// What comes back to the processor with a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Take {
-    /// Nothing: what is shown is shown by the device.
+    /// Nothing.
     Nothing,
-    /// The frame and those between.
+    /// What the next frame needs to know, some hundred bytes: what is shown is shown by the device.
+    Facts,
+    /// That, the frame and those between.
     Shown,
+}
+
+/// What is shown, in device memory: [`GpuImage::pixels`] are four halves a pixel, of which the fourth is no part of the
+/// picture. The next frame but one writes there again.
+#[derive(Clone, Copy, Debug)]
+pub struct GpuPresented<'a> {
+    /// The frames between the last one and this one, in order; none after a cut.
+    pub between: &'a [GpuImage],
+    /// The frame.
+    pub current: &'a GpuImage,
 }
 
 /// Makes the frames of one pipeline on a device: all memory stays from frame to frame, and a frame is one submission.
@@ -42,12 +54,12 @@ pub struct GpuFrames {
     invalid: Option<ResetReason>,
     /// The view of the frame submitted last, until it is kept.
     pending: Option<NeighborView>,
+    /// Images between it and the one before.
+    between: usize,
 }
 
 /// What [`GpuFrames::render`] tells of a frame.
 pub(crate) struct Rendered {
-    /// Images between it and the last one.
-    pub between: usize,
     pub lattice: DepthLattice,
     pub submission: Submission,
 }
@@ -58,7 +70,8 @@ impl GpuFrames {
     #[must_use]
     pub fn new(gpu: &Gpu, settings: &PipelineSettings, networks: &Networks) -> Self {
         let (gpu, settings, networks) = (gpu.clone(), *settings, networks.clone());
-        Self { gpu, settings, networks, sized: None, invalid: Some(ResetReason::FirstFrame), pending: None }
+        let invalid = Some(ResetReason::FirstFrame);
+        Self { gpu, settings, networks, sized: None, invalid, pending: None, between: 0 }
     }
 
     /// Whether it can make frames of `size`: networks on devices want whole blocks of pixels.
@@ -89,7 +102,7 @@ impl GpuFrames {
         timings: Option<&mut Timings>,
     ) -> Result<Submission, PipelineError> {
         let GpuRequest { camera, raster, between } = *request;
-        let Self { gpu, settings, networks, sized, invalid, pending } = self;
+        let Self { gpu, settings, networks, sized, invalid, pending, between: made } = self;
         let size = [camera.width(), camera.height()];
         if sized.as_ref().is_some_and(|sized| sized.size != size) {
             *sized = None;
@@ -121,8 +134,12 @@ impl GpuFrames {
         let between = if last_view.is_some() { between } else { &[] };
         sized.record_between(&mut recorder, current, [last_view.as_ref(), Some(&view)], between)?;
 
+        *made = between.len().min(sized.between.len());
+        if take != Take::Nothing {
+            sized.record_facts(&mut recorder, &rasterizer.counters());
+        }
         if take == Take::Shown {
-            sized.record_readback(&mut recorder, &rasterizer.counters(), current, between.len());
+            sized.record_images(&mut recorder, current, *made);
         }
         *pending = Some(view);
         Ok(recorder.submit()?)
@@ -137,27 +154,34 @@ impl GpuFrames {
         self.invalid = None;
     }
 
+    /// The frame submitted last and those between it and the one before, once the device has made them; none before
+    /// the first.
+    #[must_use]
+    pub fn presented(&self) -> Option<GpuPresented<'_>> {
+        let sized = self.sized.as_ref()?;
+        let side = if self.pending.is_some() { 1 - sized.newest } else { sized.newest };
+        Some(GpuPresented { between: &sized.between[..self.between], current: &sized.sides[side].image })
+    }
+
     /// Makes the frame that `request` asks for, as often as it takes until all of it had room, and reads it back into
-    /// `out` and the frames between into `between`.
+    /// `out`, if there is one: the image and those between.
     pub(crate) fn render(
         &mut self,
         rasterizer: &mut GpuRasterizer,
         request: &GpuRequest<'_>,
         mut timings: Option<&mut Timings>,
-        out: &mut Image,
-        between: &mut [Image],
+        mut out: Option<(&mut Image, &mut [Image])>,
     ) -> Result<Rendered, PipelineError> {
+        let take = if out.is_some() { Take::Shown } else { Take::Facts };
         loop {
-            let submission = self.submit(rasterizer, request, Take::Shown, timings.as_deref_mut())?;
-            let has_last = self.invalid.is_none();
+            let submission = self.submit(rasterizer, request, take, timings.as_deref_mut())?;
             let Some(sized) = &self.sized else { return Err(no_memory().into()) };
             let current = 1 - sized.newest;
-            let count = if has_last { request.between.len().min(between.len()) } else { 0 };
             let read = sized.readback.read(&self.gpu, &submission, |bytes| {
                 let settled = rasterizer.settle_with(sized.places.counters_of(bytes));
-                if let Ok(Settled::Complete { .. }) = settled {
-                    sized.sides[current].image.decode(sized.places.image_of(bytes), out);
-                    for (k, image) in between.iter_mut().take(count).enumerate() {
+                if let (Ok(Settled::Complete { .. }), Some((image, between))) = (&settled, &mut out) {
+                    sized.sides[current].image.decode(sized.places.image_of(bytes), image);
+                    for (k, image) in between.iter_mut().take(self.between).enumerate() {
                         sized.sides[current].image.decode(sized.places.between_of(bytes, k), image);
                     }
                 }
@@ -166,7 +190,7 @@ impl GpuFrames {
             let (settled, lattice) = read?;
             if let Settled::Complete { .. } = settled? {
                 self.keep();
-                return Ok(Rendered { between: count, lattice, submission });
+                return Ok(Rendered { lattice, submission });
             }
         }
     }

@@ -7,6 +7,7 @@ use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Recorder, Slice, Use, co
 use gs3_neural::model::graph_of;
 use gs3_neural::{BoundEngine, GpuEngine, GpuEngineSettings, ImageFormat, MatrixUnit, Precision, Weights};
 use gs3_raster::GpuGBuffer;
+use gs3_reconstruct::NEAREST_DEPTH;
 use gs3_reconstruct::gpu::{
     BoundInterpolator, BoundMotion, GpuImage, GpuInterpolator, GpuMotion, GpuNeighbor, GpuSuperSampler,
     NeighborView,
@@ -64,7 +65,7 @@ struct Kernels {
 
 impl Kernels {
     fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        let numbers = constants(&[("UNCERTAIN", UNCERTAIN)]);
+        let numbers = constants(&[("UNCERTAIN", UNCERTAIN), ("NEAREST_DEPTH", NEAREST_DEPTH)]);
         let module = gpu.module("features", &[&numbers, MEAN_WGSL, FEATURES_WGSL])?;
         let kernel = |entry: &str| module.kernel(gpu, entry, &[]);
         Ok(Self {
@@ -301,7 +302,7 @@ mod tests {
 
     #[test]
     fn the_shader_is_valid_and_its_struct_lies_as_here() {
-        let numbers = constants(&[("UNCERTAIN", UNCERTAIN)]);
+        let numbers = constants(&[("UNCERTAIN", UNCERTAIN), ("NEAREST_DEPTH", NEAREST_DEPTH)]);
         let source = [&numbers[..], MEAN_WGSL, FEATURES_WGSL];
         gs3_compute::assert_layout!(
             &source,

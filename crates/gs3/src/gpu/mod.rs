@@ -7,4 +7,4 @@ mod learned;
 mod sized;
 
 pub(crate) use device::Device;
-pub use frames::{GpuFrames, GpuRequest, Take};
+pub use frames::{GpuFrames, GpuPresented, GpuRequest, Take};

@@ -51,7 +51,7 @@ pub struct Sized {
     /// Which of them was made last.
     pub newest: usize,
     /// The frames between both.
-    between: Vec<GpuImage>,
+    pub between: Vec<GpuImage>,
     /// Interpolation into each of them, by which side is the newer one.
     bound_between: [Vec<BoundInterpolator>; 2],
     look: Kernel,
@@ -142,7 +142,7 @@ impl Sized {
         let super_sampler = GpuSuperSampler::new(gpu, scale, size, innovation, kriging, margin)?;
         let side = || {
             let image = GpuImage::new(gpu, size)?;
-            Ok::<_, GpuError>(Side { gbuffer: GpuGBuffer::default(), image, view: None, bound: None })
+            Ok::<_, PipelineError>(Side { gbuffer: GpuGBuffer::default(), image, view: None, bound: None })
         };
         let sides = [side()?, side()?];
         let count = match settings.mode {
@@ -271,17 +271,14 @@ impl Sized {
         Ok(())
     }
 
-    /// Records the way back of side `current`, of the first `count` frames between, and of what the next frame needs
-    /// to know.
-    pub fn record_readback(
-        &self,
-        recorder: &mut Recorder<'_>,
-        counters: &Slice<'_>,
-        current: usize,
-        count: usize,
-    ) {
+    /// Records the way back of what the next frame needs to know.
+    pub fn record_facts(&self, recorder: &mut Recorder<'_>, counters: &Slice<'_>) {
         recorder.read_back(counters, &self.readback, 0);
         recorder.read_back(&self.lattice.part(0, LATTICE_BYTES), &self.readback, self.places.lattice);
+    }
+
+    /// Records the way back of side `current` and of the first `count` frames between.
+    pub fn record_images(&self, recorder: &mut Recorder<'_>, current: usize, count: usize) {
         let images = [&self.sides[current].image].into_iter().chain(self.between.iter().take(count));
         let places = [self.places.image].into_iter().chain((0..count).map(|k| self.places.place_between(k)));
         for (image, place) in images.zip(places) {

@@ -3,7 +3,9 @@
 //! Training and rendering fill them here, so a network sees while it runs what it was trained on.
 
 use gs3_neural::Named;
-use gs3_reconstruct::{Depth, Interpolator, Motion, Neighbor, ReconstructError, Reprojected, View};
+use gs3_reconstruct::{
+    Depth, Interpolator, Motion, Neighbor, ReconstructError, Reprojected, View, inverse_depth,
+};
 use gs3_scene::{Camera, GBuffer, Gradients, Image, Planes};
 use rayon::prelude::*;
 
@@ -152,6 +154,8 @@ impl SuperSampleFeatures {
         for planes in [&gradients.color_dx, &gradients.color_dy] {
             check_size("G-buffer gradients", &lr, (planes.width(), planes.height()))?;
         }
+        let depth = &geometry.depth_median;
+        check_size("G-buffer depth", &lr, (depth.width(), depth.height()))?;
         check_size("G-buffer normals", &lr, (geometry.normal.width(), geometry.normal.height()))?;
         check_size("G-buffer alpha", &lr, (gbuffer.alpha.width(), gbuffer.alpha.height()))?;
         if !geometry.normal.is_finite() {
@@ -292,7 +296,7 @@ impl SuperSampleFeatures {
         let camera = camera.low_resolution(scale);
         let intrinsics = camera.intrinsics();
         let [fx, fy, cx, cy] = [intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy].map(|v| v as f32);
-        let typical = typical(depth.plane(0), |z| if z > 0.0 { 1.0 / z } else { 0.0 });
+        let typical = typical(depth.plane(0), inverse_depth);
         self.geometry.resize(3 * width * height, 0.0);
         self.geometry.par_chunks_exact_mut(3 * width).enumerate().for_each(|(y, row)| {
             let [nx, ny, nz] = [0, 1, 2].map(|c| normal.row(c, y));
@@ -302,8 +306,7 @@ impl SuperSampleFeatures {
                 let ray_x = (x as f32 + 0.5 + gbuffer.jitter[0] - cx) / fx;
                 let toward = -(nx[x] * ray_x + ny[x] * ray_y + nz[x]);
                 let cosine = toward / (ray_x * ray_x + ray_y * ray_y + 1.0).sqrt();
-                let inverse = if z[x] > 0.0 { 1.0 / z[x] } else { 0.0 };
-                *out = [relative(inverse, typical), cosine, alpha[x]];
+                *out = [relative(inverse_depth(z[x]), typical), cosine, alpha[x]];
             }
         });
     }
