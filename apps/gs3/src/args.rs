@@ -108,7 +108,8 @@ pub struct Look {
     /// few times as long
     #[arg(long, default_value = "analytic", value_name = "analytic|learned", conflicts_with = "weights")]
     pub interpolation: InterpolationArg,
-    /// Weights of super sampling or of interpolation; may be given once for each
+    /// Weights of super sampling or of interpolation; may be given once for each. Without weights of super sampling
+    /// the default tier's are used; without weights of interpolation frames between are warped without learning
     #[arg(long, value_name = "FILE.safetensors")]
     pub weights: Vec<PathBuf>,
     /// What networks on the CPU compute with; `bf16` needs AMX (Linux) or AVX-512 BF16 and is the same as `f32`
@@ -162,7 +163,9 @@ pub struct RenderArgs {
     pub look: Look,
     #[command(flatten)]
     pub device: Device,
-    /// Folder for PNG frames, FILE.png for a single frame, or FILE.mp4 for a video with its frames in folder FILE
+    /// Folder for PNG frames, FILE.png for a single frame, or FILE.mp4 for a video with its frames in folder FILE.
+    /// Frames are numbered as they are shown: frame K of the path is number K, in mode `full` K · (generate + 1), with
+    /// those between before it
     #[arg(long, value_name = "DIR|FILE.png|FILE.mp4")]
     pub out: PathBuf,
     /// Also write a comparison of the last frame's middle: native, bicubic, this mode
@@ -202,7 +205,10 @@ pub struct GbufferArgs {
     /// Also write the mixed derivative color_dxy
     #[arg(long)]
     pub mixed: bool,
-    /// Output file
+    /// Output file: f32 arrays [H, W] or [H, W, 3] `color` (display-encoded RGB), `color_dx`, `color_dy` and
+    /// `color_dxy` (its derivatives per pixel of this grid), `depth_median` and `depth_expected` (along the view's z, in
+    /// the scene's unit, 0 where nothing was hit), `normal` (in view space: x right, y down, z forward; accumulated with
+    /// the weights of the colour, so shorter than 1 where splats differ) and `alpha`
     #[arg(long, value_name = "FILE.npz")]
     pub out: PathBuf,
 }

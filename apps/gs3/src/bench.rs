@@ -1,7 +1,6 @@
 //! `gs3 bench`: displayed frames per second against native rendering, in the same run.
 
 use std::fmt::Write;
-use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -40,7 +39,8 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     let machine = Machine::new(&device, args.look.features())?;
     if let Machine::Gpu(gpu) = &machine {
         let figures = bench_gpu::run(args, gpu, scene, &path.cameras()[range.clone()])?;
-        let figures = report::join(figures, frames(&range));
+        let asked = report::asked(&args.view, &range, &args.look.settings(Mode::Full));
+        let figures = report::join(figures, asked);
         return write(args, &report::join(figures, report::machine(&machine)), &bench_gpu::text);
     }
     let (networks, tier) = inputs::networks(&args.look)?;
@@ -54,6 +54,7 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     let mut rounds: Vec<[Times; 2]> = Vec::new();
     let bar = ProgressBar::new((ROUNDS * range.len()) as u64)
         .with_style(inputs::style("{pos}/{len} {wide_bar} {eta} left"));
+    let mut is_blank = native.visible_count() == Some(0);
     for _ in 0..ROUNDS {
         let mut times = [Times::default(), Times::default()];
         for k in range.clone() {
@@ -63,15 +64,19 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
                 let displayed = pipeline.render(&path.cameras()[k], &between)?.iter().count();
                 times.add(pipeline.times(), displayed);
             }
+            is_blank &= native.visible_count() == Some(0);
             bar.inc(1);
         }
         rounds.push(times);
     }
     bar.finish_and_clear();
+    if is_blank {
+        inputs::warn_of_nothing_visible();
+    }
 
     let size = [first.width(), first.height()];
     let figures = figures(&rounds, args, &tier, load_time.as_secs_f64(), size);
-    let mut figures = report::join(figures, frames(&range));
+    let mut figures = report::join(figures, report::asked(&args.view, &range, full.settings()));
     if args.stages {
         let stages = raster_stages(&scene, &path.cameras()[range], args)?;
         figures = report::join(figures, json!({ "raster_ms": stages }));
@@ -86,11 +91,6 @@ fn write(args: &BenchArgs, figures: &Value, text: &dyn Fn(&Value) -> String) -> 
     }
     print(text(figures))?;
     Ok(Outcome::Done)
-}
-
-/// Which frames were measured.
-fn frames(range: &Range<usize>) -> Value {
-    json!({ "frames": [range.start, range.end] })
 }
 
 fn figures(rounds: &[[Times; 2]], args: &BenchArgs, tier: &str, load_s: f64, size: [u32; 2]) -> Value {
@@ -118,9 +118,9 @@ fn figures(rounds: &[[Times; 2]], args: &BenchArgs, tier: &str, load_s: f64, siz
             .iter()
             .map(|[native, full]| json!([native.displayed_fps(), full.displayed_fps()]))
             .collect::<Vec<_>>(),
-        "scene": args.view.scene.display().to_string(),
         "size": size,
         "scale": args.look.scale,
+        "generate": args.look.generate,
         "tier": tier,
         "copies": args.copies,
         "load_s": load_s,

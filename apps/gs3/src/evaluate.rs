@@ -130,12 +130,15 @@ pub fn run(args: &EvaluateArgs) -> Result<Outcome, CliError> {
         return photos(args, scene, capture);
     }
     let path = inputs::cameras(&args.view, &scene)?;
-    let first = path.cameras()[0];
+    let frames = inputs::first_frames(args.frames.as_ref(), DEFAULT_FRAMES, &path);
+    inputs::check_frames("--frames", &frames, &path)?;
+    inputs::check_one_size("--path", "the evaluation", &frames, &path)?;
+    let first = path.cameras()[frames.start];
     let protocol = Protocol {
         reference: Arc::clone(&scene),
         scene,
         scene_name: stem(&args.view.scene),
-        frames: inputs::first_frames(args.frames.as_ref(), DEFAULT_FRAMES, &path),
+        frames,
         path,
         path_name: args.view.path.as_ref().map_or_else(|| "generated path".into(), |path| stem(path)),
         case: args.case.into(),
@@ -148,7 +151,7 @@ pub fn run(args: &EvaluateArgs) -> Result<Outcome, CliError> {
         warm_up_frames: args.warm_up.into(),
         weights: args.weights.clone(),
         jod: args.jod,
-        command: command_line(),
+        command: crate::report::command_line(),
     };
     if args.protocol == ProtocolArg::Paper {
         return paper(args, protocol);
@@ -198,7 +201,7 @@ fn photos(args: &EvaluateArgs, scene: Arc<Scene>, capture: &Path) -> Result<Outc
         culling: args.culling.into(),
         background: args.background.0,
         weights: args.weights.clone(),
-        command: command_line(),
+        command: crate::report::command_line(),
     };
     let results = watched(|watch| protocol.run(&args.out, watch))?;
     let (table, page) = (report::photos_markdown(&results), report::photos_html(&results));
@@ -224,11 +227,6 @@ fn write_report(out: &Path, results: &Value, table: &str, page: &str) -> Result<
     write_text(&out.join("report.html"), page)?;
     print(format_args!("{table}\n{}\n", out.join("report.html").display()))?;
     Ok(())
-}
-
-/// The command as it was given; what is no text in it, nearly so.
-fn command_line() -> String {
-    std::env::args_os().map(|arg| arg.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
 }
 
 /// Whoever asked for a method and gets none shall not have to read the report to know.

@@ -37,6 +37,9 @@ pub fn run(args: &GbufferArgs) -> Result<Outcome, CliError> {
     if matches!(machine, Machine::Cpu) {
         Rasterizer::new(scene, args.culling.into()).rasterize(camera, &settings, &mut gbuffer)?;
     }
+    if gbuffer.alpha.plane(0).iter().all(|alpha| *alpha == 0.0) {
+        inputs::warn_of_nothing_visible();
+    }
     write_file(&args.out, |writer| {
         let mut zip = ZipWriter::new(writer);
         if let Err(error) = write_planes(&mut zip, &gbuffer).and_then(|()| zip.flush()) {

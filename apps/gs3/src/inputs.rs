@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use gs3::neural::model::Tier;
 use gs3::neural::{Arithmetic, WeightError, Weights};
+use gs3::raster::NEAR;
 use gs3::scene::format::{self, Streamed};
 use gs3::scene::{CameraPath, Scene, capture, demo, orbit};
 use gs3::{NetworkError, Networks};
@@ -16,6 +17,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use crate::args::{InterpolationArg, Look, TierArg, View};
 use crate::error::CliError;
 use crate::levels::Levels;
+use crate::terminal::note;
 use crate::values::{FrameRange, Size};
 
 /// Size of frames along generated paths.
@@ -56,6 +58,32 @@ pub fn scene_at(path: &Path, levels: Levels) -> Result<(Arc<Scene>, Duration), C
     Ok((Arc::new(scene), started.elapsed()))
 }
 
+/// Says that figures or pictures are of nothing.
+pub fn warn_of_nothing_visible() {
+    note(format_args!(
+        "warning: no Gaussian is visible in any frame: cameras look elsewhere, or from nearer than {NEAR}"
+    ));
+}
+
+/// Checks that the cameras of the frames `range` see pictures of one size, as `what` has; `option` is told.
+pub fn check_one_size(
+    option: &'static str,
+    what: &str,
+    range: &Range<usize>,
+    path: &CameraPath,
+) -> Result<(), CliError> {
+    let size = |k: usize| format!("{}x{}", path.cameras()[k].width(), path.cameras()[k].height());
+    let first = size(range.start);
+    match range.clone().find(|k| size(*k) != first) {
+        None => Ok(()),
+        Some(other) => Err(CliError::Option {
+            option,
+            expected: format!("frames of one size for {what}, which --size WxH makes them"),
+            actual: format!("{first} in frame {} and {} in frame {other}", range.start, size(other)),
+        }),
+    }
+}
+
 /// The networks that `look` names, and their tier's name for reports.
 pub fn networks(look: &Look) -> Result<(Networks, String), CliError> {
     let (networks, tier) = weights(look)?;
@@ -83,6 +111,17 @@ fn weights(look: &Look) -> Result<(Networks, String), CliError> {
             let weights = weights_in("--weights", file)?;
             tiers.push(weights.header.tier.clone());
             networks.add(weights).map_err(error)?;
+        }
+        if networks.super_sample.is_none() {
+            // Weights take the place of those of their network alone: the other one is as it is without them.
+            match Networks::shipped(look.scale, Tier::Balanced) {
+                Ok(shipped) => {
+                    networks.super_sample = shipped.super_sample;
+                    tiers.insert(0, Tier::Balanced.name().to_owned());
+                }
+                Err(NetworkError::NotShipped { .. }) => tiers.insert(0, "analytic".to_owned()),
+                Err(error) => return Err(error.into()),
+            }
         }
         tiers.dedup();
         return Ok((networks, tiers.join("+")));

@@ -3,6 +3,7 @@
 use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
+use std::ops::Range;
 use std::path::{Path, PathBuf, is_separator};
 use std::time::{Duration, Instant};
 
@@ -77,8 +78,19 @@ pub fn frame_name(number: usize) -> String {
 
 /// Whether `name` is that of a frame.
 pub fn is_frame_name(name: &OsStr) -> bool {
-    let number = name.to_str().and_then(|name| name.strip_prefix("frame_")?.strip_suffix(".png"));
-    number.and_then(|number| number.parse().ok()).is_some_and(|number| name == frame_name(number).as_str())
+    frame_number(name).is_some()
+}
+
+/// The number of the frame whose name is `name`, if it is one.
+fn frame_number(name: &OsStr) -> Option<usize> {
+    let number = name.to_str()?.strip_prefix("frame_")?.strip_suffix(".png")?.parse().ok()?;
+    (name == frame_name(number).as_str()).then_some(number)
+}
+
+/// Frames in `folder` with other numbers than `written`: those of other runs.
+pub fn others(folder: &Path, written: &Range<usize>) -> usize {
+    let names = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.file_name());
+    names.filter_map(|name| frame_number(&name)).filter(|number| !written.contains(number)).count()
 }
 
 /// Most frames that are held to be encoded at once, however many threads there are: one takes 3 B a pixel, and 2 more

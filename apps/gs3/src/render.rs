@@ -2,7 +2,6 @@
 
 use std::ops::Range;
 
-use gs3::raster::NEAR;
 use gs3::scene::camera_path::Pace;
 use gs3::scene::{Camera, CameraPath};
 use gs3::{FramePipeline, Mode, Networks, PipelineError, PipelineSettings};
@@ -13,7 +12,7 @@ use crate::args::RenderArgs;
 use crate::backend::Machine;
 use crate::destination::Destination;
 use crate::error::CliError;
-use crate::output::{FrameWriter, Target, Written, write_text};
+use crate::output::{FrameWriter, Target, Written, others, write_text};
 use crate::report::{self, Times};
 use crate::terminal::note;
 use crate::video::{by_hand, no_option, quoted};
@@ -102,9 +101,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     bar.finish_and_clear();
     let is_complete = next == range.end;
     if is_blank && next > range.start {
-        note(format_args!(
-            "warning: no Gaussian is visible in any frame: cameras look elsewhere, or from nearer than {NEAR}"
-        ));
+        inputs::warn_of_nothing_visible();
     }
     let written = writer.map_or(Ok(Written::default()), |w| w.finish(is_complete))?;
 
@@ -122,6 +119,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         "is_complete": is_complete,
     });
     figures = report::join(figures, what_ran(&settings, &networks, &tier));
+    figures = report::join(figures, report::asked(&args.view, &range, &settings));
     if let Some(file) = args.compare.as_ref().filter(|_| is_complete) {
         let compared = compare::write(&mut pipeline, &path.cameras()[range.end - 1], file)?;
         figures = report::join(figures, json!({ "compare": compared }));
@@ -140,6 +138,11 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         written.encode_time.as_secs_f64(),
     ));
     let numbers = first_number.unwrap_or_default()..(range.end - 1) * settings.displayed_per_rendered() + 1;
+    if let Target::Folder(folder) | Target::Video { frames: folder, .. } = &target
+        && let count @ 1.. = others(folder, &numbers)
+    {
+        note(format_args!("{count} frames in {} are of other runs than this one", folder.display()));
+    }
     if is_complete {
         if let (Target::Video { file, frames }, Some(no_video)) = (&target, written.no_video) {
             no_video.tell(file, frames, &numbers, rate)?;
@@ -184,23 +187,9 @@ fn frames_to_render(args: &RenderArgs, target: &Target, path: &CameraPath) -> Re
         });
     }
     if matches!(target, Target::Video { .. }) {
-        check_one_size(path, &range)?;
+        inputs::check_one_size("--out", "a video", &range, path)?;
     }
     Ok(range)
-}
-
-/// A video has one size.
-fn check_one_size(path: &CameraPath, range: &Range<usize>) -> Result<(), CliError> {
-    let size = |k: usize| format!("{}x{}", path.cameras()[k].width(), path.cameras()[k].height());
-    let first = size(range.start);
-    match range.clone().find(|k| size(*k) != first) {
-        None => Ok(()),
-        Some(other) => Err(CliError::Option {
-            option: "--out",
-            expected: "frames of one size for a video, which --size WxH makes them".to_owned(),
-            actual: format!("{first} in frame {} and {} in frame {other}", range.start, size(other)),
-        }),
-    }
 }
 
 /// What to run after an interruption for the frames `left` of those from `first` on. A video begins anew with the

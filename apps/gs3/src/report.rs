@@ -1,10 +1,13 @@
 //! Figures of a run.
 
+use std::fmt::Debug;
+use std::ops::Range;
 use std::time::Duration;
 
-use gs3::{Stage, StageTimes};
+use gs3::{PipelineSettings, Stage, StageTimes};
 use serde_json::{Map, Value, json};
 
+use crate::args::View;
 use crate::backend::Machine;
 
 /// Times of the frames of one pipeline.
@@ -48,6 +51,33 @@ impl Times {
             Stage::ALL.iter().filter_map(|s| Some((s.name().to_owned(), json!(self.median_ms(*s)?))));
         Value::Object(stages.collect::<Map<_, _>>())
     }
+}
+
+/// What a run was asked for: whatever changes pictures or speed, so that its figures can be told from another's.
+pub fn asked(view: &View, frames: &Range<usize>, settings: &PipelineSettings) -> Value {
+    let name = |value: &dyn Debug| format!("{value:?}").to_lowercase();
+    let path = view.path.as_ref().map_or_else(|| "orbit".to_owned(), |path| path.display().to_string());
+    let mut asked = json!({
+        "command": command_line(),
+        "version": env!("CARGO_PKG_VERSION"),
+        "scene": view.scene.display().to_string(),
+        "path": path,
+        "frames": [frames.start, frames.end],
+        "culling": name(&settings.culling),
+        "dilation": name(&settings.dilation),
+        "background": settings.background,
+    });
+    if settings.mode.has_history() {
+        asked["sampling"] = json!(name(&settings.sampling));
+        asked["kriging"] = json!(name(&settings.kriging));
+        asked["overscan"] = json!(settings.overscan);
+    }
+    asked
+}
+
+/// The command as it was given; what is no text in it, nearly so.
+pub fn command_line() -> String {
+    std::env::args_os().map(|arg| arg.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
 }
 
 /// The median in milliseconds; none of no times.

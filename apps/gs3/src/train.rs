@@ -9,7 +9,8 @@ use gs3::neural::Weights;
 use gs3::neural::model::{Peer, Tier};
 use gs3_train::losses::Term;
 use gs3_train::{
-    ClipFolder, Ending, Event, Length, Network, Places, Settings, Subject, Symmetries, Trainer, train,
+    ClipFolder, Ending, Event, Length, Network, Places, Settings, Subject, Symmetries, Trainer, continued,
+    train,
 };
 use indicatif::{HumanDuration, ProgressBar};
 
@@ -223,7 +224,10 @@ fn train_subject(subject: Subject, args: &SessionArgs) -> Result<Outcome, CliErr
     };
     let header = Trainer::header(&settings, &training_data, &args.licence)?;
     let start = match &args.init {
-        Some(file) => Weights { header, arrays: Trainer::load(&settings, file)?.arrays },
+        Some(file) => {
+            let Weights { header: earlier, arrays } = Trainer::load(&settings, file)?;
+            Weights { header: continued(header, &earlier), arrays }
+        }
         None => Trainer::initial(&settings, header)?,
     };
 

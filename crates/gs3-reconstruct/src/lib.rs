@@ -1,6 +1,7 @@
 //! Reconstructs high-resolution (HR) frames from low-resolution (LR) G-buffers without learning.
 //!
-//! Inputs are plain: a [`GBuffer`](gs3_scene::GBuffer) of any renderer, cameras and jitter. This crate knows nothing of
+//! Inputs are plain: a [`GBuffer`](gs3_scene::GBuffer) of any renderer, cameras and jitter. What is shown stands still:
+//! surfaces are followed by their depths and the cameras alone. This crate knows nothing of
 //! Gaussians or networks, and only below feature `gpu` of devices. Results do not depend on the number of threads.
 //!
 //! * [`resample()`]: nearest, bilinear, bicubic; the baselines.
@@ -12,20 +13,11 @@
 //!
 //! ```
 //! use gs3_reconstruct::{Interpolator, Kriging, Neighbor, SuperSampler};
-//! use gs3_scene::{Camera, GBuffer, Geometry, Gradients, Image, Intrinsics};
+//! use gs3_scene::{Camera, GBuffer, Image, Intrinsics};
 //!
 //! // A renderer fills these; here everything is black and infinitely far.
 //! let render = |camera: &Camera, jitter: [f32; 2]| {
-//!     let (width, height) = (camera.width() as usize, camera.height() as usize);
-//!     let mut gbuffer = GBuffer { jitter, ..GBuffer::default() };
-//!     let (gradients, geometry) = (&mut Gradients::default(), &mut Geometry::default());
-//!     gbuffer.alpha.resize(width, height);
-//!     for planes in [&mut gbuffer.color, &mut gradients.color_dx, &mut gradients.color_dy, &mut geometry.normal] {
-//!         planes.resize(width, height);
-//!     }
-//!     geometry.depth_median.resize(width, height);
-//!     geometry.depth_expected.resize(width, height);
-//!     GBuffer { gradients: Some(gradients.clone()), geometry: Some(geometry.clone()), ..gbuffer }
+//!     GBuffer { jitter, ..GBuffer::zeroed(camera.width() as usize, camera.height() as usize) }
 //! };
 //! let camera = Camera::new(glam::DAffine3::IDENTITY, Intrinsics::from_fov_y(64, 36, 1.0))?;
 //!

@@ -180,7 +180,10 @@ impl Margin {
     /// The width and height of a picture of `size` with its margin.
     #[must_use]
     pub const fn around(self, size: [u32; 2]) -> [u32; 2] {
-        [size[0] + self.left + self.right, size[1] + self.top + self.bottom]
+        [
+            size[0].saturating_add(self.left).saturating_add(self.right),
+            size[1].saturating_add(self.top).saturating_add(self.bottom),
+        ]
     }
 
     /// The widest of the four.

@@ -11,6 +11,7 @@ use crate::error::TrainError;
 use crate::log::{Log, Row};
 use crate::losses::Terms;
 use crate::plot;
+use crate::provenance::continued;
 use crate::settings::{MAX_SECONDS, Settings};
 use crate::trainer::{Best, State, Step, Trainer};
 use crate::validate::{Validation, validate};
@@ -138,13 +139,22 @@ pub fn train(
 }
 
 /// The last checkpoint in `folder`, or the state before the first step with `start`. What weights come from is what
-/// `start` says.
+/// `start` says besides what they came from before.
 fn resume(folder: &Path, start: &Weights) -> Result<State, TrainError> {
     let Some(mut state) = checkpoint::load(folder)? else { return Ok(State::new(start.clone())) };
+    let (found, wanted) = (&state.weights.header, &start.header);
+    let fields = [
+        ("network", &found.network, &wanted.network),
+        ("tier", &found.tier, &wanted.tier),
+        ("scale", &found.scale.to_string(), &wanted.scale.to_string()),
+    ];
+    if let Some((field, actual, expected)) = fields.into_iter().find(|(_, found, wanted)| found != wanted) {
+        let (expected, actual) = (expected.clone(), actual.clone());
+        return Err(TrainError::Checkpoint { path: folder.to_owned(), field, expected, actual });
+    }
     let best = state.best.as_mut().map(|best| &mut best.weights);
     for weights in [&mut state.weights, &mut state.average].into_iter().chain(best) {
-        weights.header.training_data.clone_from(&start.header.training_data);
-        weights.header.licence.clone_from(&start.header.licence);
+        weights.header = continued(start.header.clone(), &weights.header);
     }
     Ok(state)
 }

@@ -165,7 +165,7 @@ impl Settings {
             return fail("crop", &format!("{least_crop} to 4096"), self.crop.to_string());
         }
         if !positive(length) {
-            return fail("length", "more than 0", length.to_string());
+            return fail("length", "a finite number above 0", length.to_string());
         }
         if let Length::Seconds(seconds) = self.length
             && seconds > MAX_SECONDS
@@ -176,7 +176,7 @@ impl Settings {
             return fail("warm-up", &format!("at most {MAX_WARM_UP} steps"), self.warm_up.to_string());
         }
         if !positive(self.rate) {
-            return fail("rate", "more than 0", self.rate.to_string());
+            return fail("rate", "a finite number above 0", self.rate.to_string());
         }
         if !positive(self.longest_gradient) {
             return fail("longest gradient", "more than 0", self.longest_gradient.to_string());

@@ -35,11 +35,94 @@
 //! # }
 //! ```
 //!
+//! On a GPU ([`compute`], feature `gpu`) whole frames are made in one submission each; images come back, or stay there
+//! for a program that shows them itself (`FramePipeline::render_to_device`, on a device of its own by
+//! `compute::Gpu::of`):
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! # use gs3::{FramePipeline, PipelineSettings, scene::demo};
+//! # #[cfg(feature = "gpu")] {
+//! use gs3::compute::{Gpu, GpuSettings};
+//!
+//! let camera = demo::path().resized(160, 88)?.cameras()[0];
+//! let mut pipeline = FramePipeline::new(demo::scene()?.into(), PipelineSettings::default())?;
+//! match Gpu::new(&GpuSettings::default()) {
+//!     Ok(gpu) => {
+//!         pipeline.render_on(&gpu)?;
+//!         if pipeline.render(&camera, &[]).is_err() {
+//!             pipeline.render_on_cpu(); // a device may be lost at any time
+//!         }
+//!     }
+//!     Err(error) => println!("{error}; the CPU renders"),
+//! }
+//! # }
+//! # Ok(())
+//! # }
+//! ```
+//!
 //! Kernels are closures that must end up in functions compiled for wide vectors: a program that embeds gs3 does well
 //! to set `lto = "thin"` in its release profile (`docs/performance.md` has what it loses without).
 //!
 //! The parts are usable alone: [`raster`] makes G-buffers, [`reconstruct`] turns those of any renderer into
 //! high-resolution frames, [`scene`] holds scenes, cameras and their files.
+//!
+//! # With a renderer of your own
+//!
+//! Reconstruction reads colour, its derivatives per LR pixel, and median depth (networks, [`learned`], also normals and
+//! alpha), sampled at pixel centres plus the jitter. **What is shown must stand still**: surfaces are followed by depths
+//! and cameras, and there is no input for other motion, so what moves by itself smears, and comes out worse than
+//! enlarged. Derivatives are those of the visible surface: exact ones are worth most (`docs/results.md`, *Parts left
+//! out*), and where a silhouette crosses a difference of colours they mislead. Textures are filtered for the HR grid, as
+//! by a LOD bias of −log₂ S. The order of a frame:
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use gs3::glam::{DAffine3, DVec3};
+//! use gs3::reconstruct::{Interpolator, Neighbor, SuperSampler};
+//! use gs3::scene::{Camera, GBuffer, Image, Intrinsics, camera_path::pose_between};
+//! use gs3::{AdaptiveJitter, DepthLattice, Kriging, ResetReason, Sampling, is_cut};
+//!
+//! // What the renderer fills; here a grey wall five units away.
+//! let render = |lr: &Camera, jitter: [f32; 2]| {
+//!     let mut gbuffer = GBuffer::zeroed(lr.width() as usize, lr.height() as usize);
+//!     gbuffer.jitter = jitter;
+//!     gbuffer.color.data_mut().fill(0.5);
+//!     if let Some(geometry) = &mut gbuffer.geometry {
+//!         geometry.depth_median.data_mut().fill(5.0);
+//!     }
+//!     gbuffer
+//! };
+//! let scale = 4;
+//! let mut sampler = SuperSampler::new(scale, Kriging::On)?;
+//! let mut interpolator = Interpolator::new(scale)?;
+//! let mut jitter = AdaptiveJitter::new(scale, Sampling::Jittered);
+//! let mut last: Option<(Camera, GBuffer, Image)> = None;
+//! for k in 0..3 {
+//!     let pose = DAffine3::from_translation(DVec3::new(-0.01 * f64::from(k), 0.0, 0.0));
+//!     let camera = Camera::new(pose, Intrinsics::from_fov_y(64, 36, 1.0))?;
+//!     let depths = last.as_ref().map(|(_, gbuffer, _)| DepthLattice::of(gbuffer)).unwrap_or_default();
+//!     if last.as_ref().is_some_and(|(before, ..)| is_cut(before, &camera, &depths)) {
+//!         sampler.reset(ResetReason::CameraCut);
+//!         jitter.reset();
+//!         last = None;
+//!     }
+//!     let offset = jitter.next(&camera, &depths);
+//!     let gbuffer = render(&camera.low_resolution(scale), offset);
+//!     let mut image = Image::default();
+//!     sampler.super_sample(&camera, &gbuffer, &mut image)?;
+//!     if let Some((before, before_gbuffer, before_image)) = &last {
+//!         let from = Neighbor { camera: before, image: before_image, gbuffer: before_gbuffer };
+//!         let to = Neighbor { camera: &camera, image: &image, gbuffer: &gbuffer };
+//!         let mut between = Image::default(); // to be shown before `image`
+//!         interpolator.interpolate(from, to, 0.5, &pose_between(before, &camera, 0.5), &mut between)?;
+//!         assert_eq!((between.width(), between.height()), (64, 36));
+//!     }
+//!     last = Some((camera, gbuffer, image));
+//! }
+//! # Ok(())
+//! # }
+//! ```
 
 mod cut;
 mod error;

@@ -147,6 +147,10 @@ pub(super) fn networks(
                 if actual != network {
                     return Err(fail(NetworkError::Other { expected: network, actual }));
                 }
+                let (expected, actual) = (tier.name().to_owned(), weights.header.tier.clone());
+                if actual != expected {
+                    return Err(fail(WeightError::Header { field: "tier", expected, actual }.into()));
+                }
                 networks.add(weights).map_err(fail)?;
             }
             None => *place(&mut networks, network) = Some(shipped(method, network, tier, scale)?),

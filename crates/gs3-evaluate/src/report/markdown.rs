@@ -49,6 +49,11 @@ pub fn markdown(results: &Results) -> String {
             number(all.speedup_over_native, 2),
         );
     }
+    let _ = writeln!(
+        text,
+        "\nPSNR is of rendered frames and of those between apart, all else of all frames shown. × native: of native frames \
+         timed in turn with the method's, not of the row above."
+    );
     for failure in &results.failures {
         let _ = writeln!(text, "\n{} failed: {}", failure.method, failure.error);
     }

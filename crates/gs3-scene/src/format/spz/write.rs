@@ -53,12 +53,24 @@ impl fmt::Display for Clamped {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [smallest, largest] = [0.0, 255.0].map(|code: f32| (code / 16.0 - 10.0).exp());
         let constant = 0.5 / COLOR_SCALE;
-        write!(
-            f,
-            "{} Gaussians have scales outside {smallest:.1e} to {largest:.0}, and {} have spherical harmonics outside ±1 (constant \
-             terms ±{constant:.2}): they are cut to that",
-            self.scales, self.sh
-        )
+        if self.scales > 0 {
+            write!(
+                f,
+                "{} Gaussians are larger than {largest:.0}, or smaller than {smallest:.1e} on every axis",
+                self.scales
+            )?;
+        }
+        if self.scales > 0 && self.sh > 0 {
+            f.write_str(", and ")?;
+        }
+        if self.sh > 0 {
+            write!(
+                f,
+                "{} Gaussians have spherical harmonics outside ±1 (constant terms ±{constant:.2})",
+                self.sh
+            )?;
+        }
+        f.write_str(": they are cut to that")
     }
 }
 
