@@ -1,6 +1,7 @@
 //! The command as its users meet it: what it writes, what it says, how it ends.
 #![allow(clippy::unwrap_used, reason = "a failed helper is a failed test")]
 
+mod asked;
 mod backend;
 mod bad_input;
 mod export;
