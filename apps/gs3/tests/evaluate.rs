@@ -79,7 +79,7 @@ fn bad_input_gets_one_line_and_exit_code_2() {
         (&["--methods", "bicubik"][..], "one of native"),
         (&["--size", "98x64"], "divisible by the scale 4"),
         (&["--frames", "0..2"], "at least 3 frames"),
-        (&["--frames", "0..1000000"], "range within"),
+        (&["--frames", "0..1000000"], "--frames: expected frames within 0..240"),
         (&["--scale", "1"], "scale: expected 2"),
         (&["--path", "nowhere.json"], "nowhere.json"),
         (&["--protocol", "paper", "--methods", "fsr1"], "--methods: expected none"),

@@ -186,7 +186,7 @@ fn what_does_not_fit_is_refused_before_anything_is_written() {
     contains(refused(&Settings { crop: 4, ..settings.clone() }), "crop: expected 5 to 4096, found 4");
     contains(
         refused(&Settings { rate: f64::NAN, ..settings.clone() }),
-        "rate: expected more than 0, found NaN",
+        "rate: expected a finite number above 0, found NaN",
     );
     contains(
         refused(&Settings { kept: 1.0, ..settings.clone() }),
@@ -195,8 +195,8 @@ fn what_does_not_fit_is_refused_before_anything_is_written() {
     contains(refused(&Settings { batch: 0, ..settings.clone() }), "batch: expected 1 to 4096, found 0");
     for (length, part) in [
         (Length::Seconds(1e18), "length: expected at most 1000000000 seconds, found 1000000000000000000"),
-        (Length::Seconds(f64::INFINITY), "length: expected more than 0, found inf"),
-        (Length::Steps(0), "length: expected more than 0, found 0"),
+        (Length::Seconds(f64::INFINITY), "length: expected a finite number above 0, found inf"),
+        (Length::Steps(0), "length: expected a finite number above 0, found 0"),
     ] {
         contains(refused(&Settings { length, ..settings.clone() }), part);
     }
@@ -247,10 +247,10 @@ fn damaged_checkpoints_are_refused() {
     let refused = run(folder.path(), &settings, 2).unwrap_err().to_string();
     assert!(refused.contains("state.json, seconds: expected 0 to 1000000000, found 1"), "{refused}");
     fs::write(checkpoint.join("state.json"), whole).unwrap();
-    // A checkpoint of another size of the network.
+    // A checkpoint of another size of the network, before anything is said of going on.
     let other = Settings { subject: own(NETWORK, Tier::Balanced), ..settings.clone() };
     let refused = run(folder.path(), &other, 2).unwrap_err().to_string();
-    assert!(refused.contains("expected f32"), "{refused}");
+    assert!(refused.ends_with("checkpoint, tier: expected balanced, found fast"), "{refused}");
     run(folder.path(), &settings, 2).unwrap();
 }
 

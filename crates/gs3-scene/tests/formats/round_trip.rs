@@ -209,8 +209,8 @@ fn what_spz_cuts_is_counted() {
     assert_eq!(counted, Clamped { scales: 3, sh: 3 });
     assert_eq!(
         counted.to_string(),
-        "3 Gaussians have scales outside 4.5e-5 to 379, and 3 have spherical harmonics outside ±1 (constant terms \
-         ±3.33): they are cut to that"
+        "3 Gaussians are larger than 379, or smaller than 4.5e-5 on every axis, and 3 Gaussians have spherical harmonics \
+         outside ±1 (constant terms ±3.33): they are cut to that"
     );
     for other in ["scene.ply", "scene.sog", "scene"] {
         assert_eq!(clamped(&scene, Path::new(other)), None);
