@@ -24,7 +24,7 @@ pub struct ExportArgs {
 pub fn run(args: &ExportArgs) -> Result<Outcome, CliError> {
     destination::check(&[Destination::file("--out", &args.out, "onnx")], [args.weights.as_path()])?;
     let error = |source| CliError::Weights { path: args.weights.clone(), source };
-    let weights = inputs::weights_in("WEIGHTS", &args.weights)?;
+    let weights = inputs::weights_in(&args.weights)?;
     let graph = graph_of(&weights.header).map_err(|e| error(e.into()))?;
     let bytes = onnx::export(&graph, &weights).map_err(|e| error(e.into()))?;
     write_file(&args.out, |writer| writer.write_all(&bytes))?;

@@ -1,6 +1,5 @@
 //! Scenes and cameras named on the command line.
 
-use std::fs::{self, Metadata};
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -108,7 +107,7 @@ fn weights(look: &Look) -> Result<(Networks, String), CliError> {
         let mut tiers = Vec::new();
         for file in &look.weights {
             let error = |source| CliError::Weights { path: file.clone(), source };
-            let weights = weights_in("--weights", file)?;
+            let weights = weights_in(file)?;
             tiers.push(weights.header.tier.clone());
             networks.add(weights).map_err(error)?;
         }
@@ -149,31 +148,13 @@ fn weights(look: &Look) -> Result<(Networks, String), CliError> {
     }
 }
 
-/// The weights in the file that `option` names.
-pub fn weights_in(option: &'static str, file: &Path) -> Result<Weights, CliError> {
-    // Before reading: a device may have no end.
-    if fs::metadata(file).is_ok_and(|found| !found.is_file() && !is_pipe(&found)) {
-        return Err(CliError::Option {
-            option,
-            expected: "a regular file or a pipe".to_owned(),
-            actual: file.display().to_string(),
-        });
-    }
+/// The weights in `file`.
+pub fn weights_in(file: &Path) -> Result<Weights, CliError> {
     Weights::load(file).map_err(|error| match error {
         // It names the file itself.
         WeightError::File { .. } => CliError::Network(error.into()),
         _ => CliError::Weights { path: file.to_owned(), source: error.into() },
     })
-}
-
-#[cfg(unix)]
-fn is_pipe(found: &Metadata) -> bool {
-    std::os::unix::fs::FileTypeExt::is_fifo(&found.file_type())
-}
-
-#[cfg(not(unix))]
-const fn is_pipe(_: &Metadata) -> bool {
-    false
 }
 
 /// That no interpolation network comes with a tier.

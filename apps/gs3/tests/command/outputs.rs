@@ -164,13 +164,11 @@ fn links_stay_and_full_devices_are_told_in_one_line() {
 #[cfg(target_os = "linux")]
 fn weights_without_an_end_are_refused() {
     let folder = tempfile::tempdir().unwrap();
-    for (arguments, option) in [
-        ("render demo --size 16x9 --weights /dev/zero --out o", "--weights"),
-        ("export /dev/zero --out o.onnx", "WEIGHTS"),
-    ] {
+    for arguments in ["render demo --size 16x9 --weights /dev/zero --out o", "export /dev/zero --out o.onnx"]
+    {
         let output = gs3(folder.path(), arguments).output().unwrap();
         assert_eq!(output.status.code(), Some(2));
-        let expected = format!("error: {option}: expected a regular file or a pipe, found /dev/zero\n");
+        let expected = "error: /dev/zero: path: expected a regular file or a pipe, found something else\n";
         assert_eq!(stderr(&output), expected);
     }
 }
