@@ -35,7 +35,7 @@ pub enum Take {
 }
 
 /// What is shown, in device memory: [`GpuImage::pixels`] are four halves a pixel, of which the fourth is no part of the
-/// picture. The next frame but one writes there again.
+/// picture. The next frame writes to those between again, the one after it to this one.
 #[derive(Clone, Copy, Debug)]
 pub struct GpuPresented<'a> {
     /// The frames between the last one and this one, in order; none after a cut.
