@@ -2,8 +2,8 @@
 
 use std::fmt;
 
+use crate::capabilities::{Capabilities, missing};
 use crate::error::GpuError;
-use crate::gpu::{Capabilities, missing};
 
 /// Which adapter to take.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

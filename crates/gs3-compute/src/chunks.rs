@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
+use crate::capabilities::Limits;
 use crate::error::GpuError;
-use crate::gpu::Limits;
 
 /// How many items of a fixed size are divided among bindings: all chunks but the last have `per_chunk` items.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -3,8 +3,9 @@
 use std::time::Duration;
 
 use crate::buffer::mapped;
+use crate::capabilities::Support;
 use crate::error::GpuError;
-use crate::gpu::{Gpu, Support};
+use crate::gpu::Gpu;
 use crate::owner::Owner;
 use crate::recorder::Submission;
 

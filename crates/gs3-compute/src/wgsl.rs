@@ -63,8 +63,8 @@ pub struct StructLayout {
     pub fields: Vec<(String, u32)>,
 }
 
-/// Asserts that struct `$shader` of WGSL, a list of sources, and `$rust` have the same members at the same offsets, and the
-/// same size: for tests of whoever writes kernels. It needs no device.
+/// Asserts that struct `$shader` of WGSL, a list of sources, and `$rust` have the same members at the same offsets, and
+/// the same size: for tests of whoever writes kernels. It needs no device.
 #[macro_export]
 macro_rules! assert_layout {
     ($sources:expr, $shader:ident, $rust:ident { $($member:ident),* $(,)? }) => {
@@ -175,7 +175,7 @@ mod tests {
         let expected = [F32(f32::MIN_POSITIVE), F32(f32::MAX), F32(1.0 / 3.0), U32(u32::MAX), U32(16)];
         assert_eq!(values, expected);
     }
-    use crate::gpu::{Limits, Subgroups};
+    use crate::capabilities::{Limits, Subgroups};
     use crate::sort::SortPlan;
     use crate::{ceilings, scan, sort};
 

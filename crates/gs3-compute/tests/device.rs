@@ -204,7 +204,7 @@ fn long_uploads_arrive() {
     }
 }
 
-/// What wgpu calls experimental is there for who asks for it.
+/// What wgpu calls experimental is there for those who ask for it.
 #[test]
 fn experimental_features_are_asked_for() {
     let open = |features| Gpu::new(&GpuSettings { features, ..GpuSettings::default() });

@@ -5,8 +5,9 @@ use std::time::{Duration, Instant};
 use bytemuck::{Pod, Zeroable};
 
 use crate::buffer::{Buffer, Use};
+use crate::capabilities::{Limits, Support};
 use crate::error::GpuError;
-use crate::gpu::{Gpu, Limits, Support};
+use crate::gpu::Gpu;
 use crate::kernel::Bound;
 use crate::recorder::Recorder;
 use crate::timings::Timings;

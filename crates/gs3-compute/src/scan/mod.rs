@@ -1,8 +1,9 @@
 //! Exclusive scan of u32.
 
 use crate::buffer::{Buffer, Slice, Use};
+use crate::capabilities::Subgroups;
 use crate::error::GpuError;
-use crate::gpu::{Gpu, Subgroups};
+use crate::gpu::Gpu;
 use crate::kernel::{Bound, Kernel};
 use crate::recorder::Recorder;
 

@@ -5,8 +5,9 @@ mod plan;
 pub use plan::{MAX_PAIRS, SortPlan};
 
 use crate::buffer::{Buffer, Slice, Use};
+use crate::capabilities::Subgroups;
 use crate::error::GpuError;
-use crate::gpu::{Gpu, Subgroups};
+use crate::gpu::Gpu;
 use crate::grid::GRID_WGSL;
 use crate::kernel::{Bound, Kernel, Module};
 use crate::recorder::Recorder;

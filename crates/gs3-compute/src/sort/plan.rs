@@ -1,7 +1,7 @@
 //! Sizes of a sort, from what is sorted and what the device has: one pure function.
 
+use crate::capabilities::{Limits, Subgroups};
 use crate::error::GpuError;
-use crate::gpu::{Limits, Subgroups};
 
 /// The most pairs of a sort: counts share a word with two bits of state.
 pub const MAX_PAIRS: u32 = (1 << 30) - 1;

@@ -23,6 +23,9 @@
 override PASS: u32 = 0u;
 // Looks at another tile's counts before they are counted again.
 override POLLS: u32 = 1024u;
+// The same for a workgroup that has looked so often in vain: its device does not run workgroups side by side, and the
+// next tile is hardly there either.
+const LATER_POLLS: u32 = 16u;
 
 const TILE: u32 = THREADS * ITEMS;
 const HISTOGRAMS: u32 = 4u;
@@ -191,6 +194,7 @@ fn sweep_tile(thread: Thread) {
     for (var k = 0u; k < DIGITS; k++) {
         next[k] = select(0u, tile, thread.index * DIGITS + k < BINS);
     }
+    var patience = POLLS;
     loop {
         if thread.index == 0u {
             atomicStore(&shared_waiting, 0u);
@@ -203,7 +207,7 @@ fn sweep_tile(thread: Thread) {
                 let word = atomicLoad(&status[half + (next[k] - 1u) * BINS + d]);
                 if word == 0u {
                     polls += 1u;
-                    if polls > POLLS {
+                    if polls > patience {
                         atomicMax(&shared_waiting, next[k]);
                         break;
                     }
@@ -222,6 +226,7 @@ fn sweep_tile(thread: Thread) {
             break;
         }
         count_again(thread, waiting - 1u);
+        patience = min(POLLS, LATER_POLLS);
         for (var k = 0u; k < DIGITS; k++) {
             if next[k] == waiting {
                 before[k] += atomicLoad(&recount[thread.index * DIGITS + k]);

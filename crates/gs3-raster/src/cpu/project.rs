@@ -32,11 +32,15 @@ pub const MAX_SQUARED_RADIUS: f32 = 11.1;
 /// 2·ln 2, which turns log₂(255 o) into the squared Mahalanobis radius 2·ln(255 o).
 pub const TWO_LN_2: f32 = 2.0 * std::f32::consts::LN_2;
 
+/// The largest standard deviation that is projected, pixels, with what slopes stretch it by: the product of two stays
+/// finite. (From 4·10⁹ on, the determinant of a round one overflows, and it is not drawn either.)
+pub const MAX_DEVIATION: f32 = 1e16;
+
 /// √(½·log₂ e): the Cholesky factor is scaled by it so that blending uses powers of 2.
 pub const HALF_LOG2_E_SQRT: f32 = 0.849_321_8;
 
-/// The steepest that a splat may be, square roots of binary orders per pixel: one thinner than a nanopixel meets a sample
-/// by accident only, and its derivatives would overflow. It takes a dilation of 0 to get here.
+/// The steepest that a splat may be, square roots of binary orders per pixel: one thinner than a nanopixel meets a
+/// sample by accident only, and its derivatives would overflow. It takes a dilation of 0 to get here.
 pub const MAX_STEEPNESS: f32 = 1e9;
 
 /// Visible splats of one job, and scratch that keeps its memory between frames.
@@ -162,6 +166,8 @@ fn project_lanes<S: Simd>(
         limited[a] = slope[a].min(most).max(least);
         // A bound of the extent from the largest scale alone, before rotation and opacity are read.
         let per_unit = lanes(s, view.focal[a]) * inv_z * largest;
+        let deviation = per_unit * (lanes(s, 1.0) + limited[a].abs());
+        visible &= deviation.simd_lt(lanes(s, MAX_DEVIATION));
         let variance = (per_unit * per_unit)
             .mul_add(limited[a].mul_add(limited[a], lanes(s, 1.0)), lanes(s, view.dilation));
         let extent = (variance * lanes(s, MAX_SQUARED_RADIUS)).sqrt() + lanes(s, 1.0);
@@ -226,6 +232,7 @@ fn project_lanes<S: Simd>(
     // Cholesky factor of the scaled inverse covariance.
     let scale = lanes(s, HALF_LOG2_E_SQRT);
     let l22 = scale / yy.sqrt();
+    visible &= (yy * det).simd_ge(lanes(s, f32::MIN_POSITIVE));
     let root = scale / (yy * det).sqrt();
     let (l11, l21) = (yy * root, zero - xy * root);
     let steepest = l11.max(l22).max(l21.abs());

@@ -42,8 +42,9 @@ fn project(i: u32) -> Projection {
     var p: Projection;
     p.is_visible = false;
     let center = centers[i];
-    p.direction = center.xyz - view.origin - view.origin_rest;
-    p.view_space = rotate(p.direction);
+    p.direction = center.xyz - view.origin;
+    // In view space: compilers that sum as they like would lose what is left in the origin.
+    p.view_space = rotate(p.direction) - view.origin_rest;
     let z = p.view_space.z;
     if !(z > NEAR) {
         return p;
@@ -57,6 +58,10 @@ fn project(i: u32) -> Projection {
     let limited = max(min(slope, view.jacobian_high), view.jacobian_low);
     // A bound of the extent from the largest scale alone, before the rest is read.
     let per_unit = view.focal * inv_z * center.w;
+    // From here on nothing is NaN: compilers that take that for granted turn comparisons round.
+    if any(per_unit * (vec2(1.0) + abs(limited)) >= vec2(MAX_DEVIATION)) {
+        return p;
+    }
     let bound = fma(per_unit * per_unit, fma(limited, limited, vec2(1.0)), vec2(view.dilation));
     let bound_extent = sqrt(bound * MAX_SQUARED_RADIUS) + 1.0;
     let last = vec2<f32>(view.size) - 1.0;
@@ -107,6 +112,9 @@ fn project(i: u32) -> Projection {
     }
 
     // Cholesky factor of the scaled inverse covariance.
+    if yy * det < TINY {
+        return p;
+    }
     let root = HALF_LOG2_E_SQRT / sqrt(yy * det);
     p.factor = vec3(yy * root, -xy * root, HALF_LOG2_E_SQRT / sqrt(yy));
     if !(max(max(p.factor.x, p.factor.z), abs(p.factor.y)) < MAX_STEEPNESS) {

@@ -36,7 +36,11 @@ impl ViewUniform {
             frustum: frustum.planes.map(|(_, [a, b, length], spread)| [a, b, length, spread]),
             origin: view.origin,
             dilation: view.dilation,
-            origin_rest: view.origin_rest,
+            origin_rest: view.rotation.map(|row| {
+                let products =
+                    row.iter().zip(view.origin_rest).map(|(r, rest)| f64::from(*r) * f64::from(rest));
+                products.sum::<f64>() as f32
+            }),
             _pad: 0.0,
             background: settings.background,
             _pad2: 0.0,

@@ -6,7 +6,7 @@ struct View {
     // Half spaces of view space, left, right, top, bottom: coefficients of the coordinate and of z, the pair's length,
     // and the factor of the largest scale (Frustum in chunk.rs).
     frustum: array<vec4<f32>, 4>,
-    // Camera centre in world space, and what its rounding to f32 left.
+    // Camera centre in world space, and what its rounding to f32 left, along the axes of view space.
     origin: vec3<f32>,
     dilation: f32,
     origin_rest: vec3<f32>,

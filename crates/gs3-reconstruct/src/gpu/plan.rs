@@ -92,6 +92,11 @@ fn check(limits: &Limits, buffers: &[NamedBytes], dispatches: &[[u32; 3]]) -> Re
     Ok(())
 }
 
+/// Bytes of workgroup memory of a tile at most. A full history has a sample a pixel, about 1,190 in the cells of a
+/// tile: two windows of them have place in this as in all that larger devices offer, and several workgroups run side
+/// by side.
+const TILE_BYTES: u32 = 32 << 10;
+
 impl SuperSamplePlan {
     /// The plan for frames of `size`, `scale` (1 to [`crate::MAX_SCALE`]) times their G-buffers, with at most
     /// `margin` LR pixels beyond each edge.
@@ -104,7 +109,8 @@ impl SuperSamplePlan {
             let cells = (MADE_WIDTH + COLUMNS as u32 - 1) * (made_height + ROWS as u32 - 1);
             let threads = MADE_WIDTH / 4 * made_height;
             // Starts of cells, sums of invocations, and the two words of flags.
-            let bytes = limits.workgroup_bytes.saturating_sub((cells + 1 + threads + 2) * 4 + 64);
+            let bytes =
+                limits.workgroup_bytes.min(TILE_BYTES).saturating_sub((cells + 1 + threads + 2) * 4 + 64);
             bytes / STAGED_BYTES
         };
         // At the end, the memory of the samples takes the pixels.
