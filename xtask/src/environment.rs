@@ -1,5 +1,5 @@
-//! Where the machine that is measured keeps Vulkan's loader and its driver, told to `gs3` by variables. Machines that only
-//! compute may have a driver, but neither the loader, nor what the driver needs of X11, nor a file that names it.
+//! Where the machine that is measured keeps Vulkan's loader and its driver, told to `gs3` by variables. Machines that
+//! only compute may have a driver, but neither the loader, nor what the driver needs of X11, nor a file that names it.
 
 use std::collections::BTreeMap;
 use std::ffi::{OsStr, OsString};
@@ -21,7 +21,8 @@ pub const EGL_DRIVER_TEXT: &str = r#"{"file_format_version":"1.0.1","ICD":{"libr
 const DRIVER_FILES: [&str; 3] =
     ["/etc/vulkan/icd.d", "/usr/share/vulkan/icd.d", "/usr/local/share/vulkan/icd.d"];
 
-/// Variables that name such a file: the second is what loaders before 1.3.207 read, which newer ones do if the first is not set.
+/// Variables that name such a file: the second is what loaders before 1.3.207 read, which newer ones do if the first is
+/// not set.
 const DRIVER_VARIABLES: [&str; 2] = ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"];
 
 /// Where container platforms mount NVIDIA's driver; the loader does not look there.
@@ -30,12 +31,13 @@ const MOUNTED: &str = "/usr/local/nvidia";
 /// Variables that differ from those of this process.
 pub type Environment = BTreeMap<&'static str, OsString>;
 
-/// What finds the driver of the machine whose files are below `root`. `folder` is the one that was carried there, `set` tells
-/// variables that are set.
+/// What finds the driver of the machine whose files are below `root`. `folder` is the one that was carried there, `set`
+/// tells variables that are set.
 pub fn of(root: &Path, folder: &Path, set: impl Fn(&str) -> Option<OsString>) -> Environment {
     let set = |name: &str| set(name).filter(|value| !value.is_empty());
     let mut environment = Environment::new();
-    // Mesa's layer of device selection complains without the first; by the second the loader says why it leaves a driver out.
+    // Mesa's layer of device selection complains without the first; by the second the loader says why it leaves a
+    // driver out.
     for (name, value) in [("XDG_RUNTIME_DIR", "/tmp"), ("VK_LOADER_DEBUG", "error")] {
         if set(name).is_none() {
             environment.insert(name, value.into());
@@ -66,7 +68,8 @@ fn name_driver(environment: &mut Environment, file: &Path) {
     environment.extend(DRIVER_VARIABLES.map(|name| (name, file.into())));
 }
 
-/// The first file below `folder` that names NVIDIA's driver, by its usual names: nvidia_icd.json, nvidia_icd.x86_64.json.
+/// The first file below `folder` that names NVIDIA's driver, by its usual names: nvidia_icd.json,
+/// nvidia_icd.x86_64.json.
 fn driver_file(folder: &Path) -> Option<PathBuf> {
     let mut entries: Vec<_> = fs::read_dir(folder).ok()?.flatten().collect();
     entries.sort_by_key(fs::DirEntry::file_name);

@@ -105,8 +105,9 @@ fn carry_libraries(out: &Path) -> Result<(), XtaskError> {
     Ok(())
 }
 
-/// Takes the symbols out of `program`: half of its size are line tables. Binutils do it, which have the linker, too; cargo
-/// would optimise and link all of gs3 once more for it, and leave a program without line tables where others expect theirs.
+/// Takes the symbols out of `program`: half of its size are line tables. Binutils do it, which have the linker, too;
+/// cargo would optimise and link all of gs3 once more for it, and leave a program without line tables where others
+/// expect theirs.
 fn strip(tool: &'static str, program: &Path) -> Result<(), XtaskError> {
     let status = Command::new(tool).arg(program).status();
     let status = status.map_err(|source| XtaskError::NoProgram { program: tool, source })?;

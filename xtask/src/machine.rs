@@ -28,8 +28,8 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Finds the adapter to measure, the one `asked` for or the fastest. Where there is none, NVIDIA's driver may want of X11 what
-    /// the machine does not have: it is tried once more by its library for EGL.
+    /// Finds the adapter to measure, the one `asked` for or the fastest. Where there is none, NVIDIA's driver may want
+    /// of X11 what the machine does not have: it is tried once more by its library for EGL.
     pub fn find(folder: &Path, asked: Option<usize>, limit: Duration) -> Result<Self, XtaskError> {
         let environment = environment::of(Path::new("/"), folder, |name| std::env::var_os(name));
         let egl = environment::with_egl(&environment, folder);

@@ -16,7 +16,8 @@ use crate::table;
 /// All together by default: what somebody waits for, and less than most machines are lent for.
 const ALL: Duration = Duration::from_secs(600);
 
-/// One by default: a run takes seconds on a GPU, so that one of a fifth of [`ALL`] hangs, and the others still have their time.
+/// One by default: a run takes seconds on a GPU, so that one of a fifth of [`ALL`] hangs, and the others still have
+/// their time.
 const ONE: Duration = Duration::from_secs(120);
 
 /// Arguments of `measure`. The defaults take a few minutes on a GPU.
@@ -48,8 +49,8 @@ pub fn run(args: &MeasureArgs) -> Result<(), XtaskError> {
     measure(&here, args)
 }
 
-/// Measures all subjects in `folder` at all sizes. The report is written after each, so that whatever happens the figures so far
-/// stay.
+/// Measures all subjects in `folder` at all sizes. The report is written after each, so that whatever happens the
+/// figures so far stay.
 fn measure(folder: &Path, args: &MeasureArgs) -> Result<(), XtaskError> {
     let started = Instant::now();
     let list = folder.join(SUBJECTS);

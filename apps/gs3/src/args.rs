@@ -6,7 +6,7 @@ use clap::{Parser, Subcommand, ValueEnum};
 use gs3::compute::OptionalFeatures;
 use gs3::neural::Arithmetic;
 use gs3::neural::model::Tier;
-use gs3::{Culling, Kriging, Mode, PipelineSettings, Sampling};
+use gs3::{Culling, Kriging, MAX_GENERATE, Mode, PipelineSettings, Sampling};
 
 use crate::evaluate::EvaluateArgs;
 use crate::export::ExportArgs;
@@ -84,10 +84,10 @@ impl View {
     }
 }
 
-/// Where splats are rasterized.
+/// What renders.
 #[derive(Debug, clap::Args)]
 pub struct Device {
-    /// What rasterizes: auto is a GPU where there is one, the CPU where there is none or it is emulated
+    /// What renders: auto is a GPU where there is one, the CPU where there is none or it is emulated
     #[arg(long, default_value = "auto", value_name = "auto|cpu|gpu")]
     pub backend: BackendArg,
     /// A GPU by its number [default: the fastest]
@@ -120,7 +120,7 @@ pub struct Look {
     #[arg(long)]
     pub matrix_products: bool,
     /// Frames interpolated before each rendered one in mode `full`
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=3))]
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_GENERATE)))]
     pub generate: u32,
     /// Sub-pixel offsets of the low-resolution frames
     #[arg(long, default_value = "on", value_name = "on|off")]
@@ -206,9 +206,9 @@ pub struct GbufferArgs {
     #[arg(long)]
     pub mixed: bool,
     /// Output file: f32 arrays [H, W] or [H, W, 3] `color` (display-encoded RGB), `color_dx`, `color_dy` and
-    /// `color_dxy` (its derivatives per pixel of this grid), `depth_median` and `depth_expected` (along the view's z, in
-    /// the scene's unit, 0 where nothing was hit), `normal` (in view space: x right, y down, z forward; accumulated with
-    /// the weights of the colour, so shorter than 1 where splats differ) and `alpha`
+    /// `color_dxy` (its derivatives per pixel of this grid), `depth_median` and `depth_expected` (along the view's z,
+    /// in the scene's unit, 0 where nothing was hit), `normal` (in view space: x right, y down, z forward; accumulated
+    /// with the weights of the colour, so shorter than 1 where splats differ) and `alpha`
     #[arg(long, value_name = "FILE.npz")]
     pub out: PathBuf,
 }

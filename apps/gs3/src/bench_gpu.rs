@@ -1,12 +1,13 @@
-//! `gs3 bench --backend gpu`: the stages of native frames, low-resolution G-buffers and whole frames by the device's clock,
-//! frames per second where each follows the other and nothing is read back, the sort alone, and what the device can do at most.
+//! `gs3 bench --backend gpu`: the stages of native frames, low-resolution G-buffers and whole frames by the device's
+//! clock, frames per second where each follows the other and nothing is read back, the sort alone, and what the device
+//! can do at most.
 
 use std::fmt::Write;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use gs3::compute::{AdapterKind, Ceilings, Gpu, Pairs, Sort, StageTime, Timings, Use};
-use gs3::gpu::{GpuFrames, GpuRequest, Take};
+use gs3::gpu::{GpuFrames, GpuRequest};
 use gs3::raster::{
     GpuGBuffer, GpuRasterizer, Outputs, RasterSettings, STOCK_DILATION, ScenePrecision, Settled,
 };
@@ -105,8 +106,8 @@ impl Bench {
                 }
             }
         }
-        // Nothing is read back of these, so whether all of them had room shows at their end; the room that one lacked is there for
-        // all when they are made again.
+        // Nothing is read back of these, so whether all of them had room shows at their end; the room that one lacked
+        // is there for all when they are made again.
         let fps = loop {
             let started = Instant::now();
             let mut last = None;
@@ -128,8 +129,9 @@ impl Bench {
         }))
     }
 
-    /// The same of whole frames, those between them counted as displayed. The frames before the measured ones lead up to the first,
-    /// so that no camera is a cut; those that follow each other are the same frames once more, from the first that leads up to them on.
+    /// The same of whole frames, those between them counted as displayed. The frames before the measured ones lead up
+    /// to the first, so that no camera is a cut; those that follow each other are the same frames once more, from the
+    /// first that leads up to them on.
     fn measure_frames(&mut self, cameras: &[Camera], settings: &PipelineSettings) -> Result<Value, CliError> {
         let gpu = self.rasterizer.gpu().clone();
         let size = [cameras[0].width(), cameras[0].height()];
@@ -152,7 +154,7 @@ impl Bench {
             let request = GpuRequest { camera, raster: &raster, between: &between };
             loop {
                 let timings = Some(&mut self.timings);
-                let submission = frames.submit(&mut self.rasterizer, &request, Take::Nothing, timings)?;
+                let submission = frames.submit(&mut self.rasterizer, &request, timings)?;
                 let times = self.timings.read(&gpu, &submission)?;
                 if let Settled::Complete { .. } = self.rasterizer.settle()? {
                     frames.keep();
@@ -174,7 +176,7 @@ impl Bench {
                 }
                 let (raster, between) = sequence.next(camera);
                 let request = GpuRequest { camera, raster: &raster, between: &between };
-                last = Some(frames.submit(&mut self.rasterizer, &request, Take::Nothing, None)?);
+                last = Some(frames.submit(&mut self.rasterizer, &request, None)?);
                 frames.keep();
                 displayed += 1 + between.len();
             }
@@ -188,9 +190,9 @@ impl Bench {
     }
 }
 
-/// Frames one after the other, as a pipeline asks for them, but for their jitter: nothing is read back here, so where a frame
-/// would best be sampled is not known, and offsets come in their fixed order; and margins are those of a scene far away. It is as much
-/// work.
+/// Frames one after the other, as a pipeline asks for them, but for their jitter: nothing is read back here, so where a
+/// frame would best be sampled is not known, and offsets come in their fixed order; and margins are those of a scene
+/// far away. It is as much work.
 struct Sequence<'a> {
     settings: &'a PipelineSettings,
     jitter: Jitter,
@@ -231,8 +233,8 @@ fn reflected(k: usize, count: usize) -> usize {
     }
 }
 
-/// Of each stage, in the order in which they run, and of all together: from the start of a frame's first kernel to the end of its
-/// last.
+/// Of each stage, in the order in which they run, and of all together: from the start of a frame's first kernel to the
+/// end of its last.
 fn stages(frames: &[Vec<StageTime>]) -> Value {
     let names = frames.first().into_iter().flatten().map(|time| time.stage);
     let of = |stage: &str, times| report::join(json!({ "stage": stage }), distribution(times));

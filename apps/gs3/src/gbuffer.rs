@@ -59,8 +59,8 @@ fn write_planes(zip: &mut ZipWriter<impl Write + Seek>, gbuffer: &GBuffer) -> io
     if let Some(gradients) = &gbuffer.gradients {
         rgb(zip, "color_dx", &gradients.color_dx)?;
         rgb(zip, "color_dy", &gradients.color_dy)?;
-        if let Some(color_dxdy) = &gradients.color_dxdy {
-            rgb(zip, "color_dxy", color_dxdy)?;
+        if let Some(color_dxy) = &gradients.color_dxy {
+            rgb(zip, "color_dxy", color_dxy)?;
         }
     }
     if let Some(geometry) = &gbuffer.geometry {

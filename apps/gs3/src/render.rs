@@ -132,7 +132,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         "{} frames shown, {:.2} per second of rendering ({} in {}); loading {:.2} s, encoding {:.2} s, not included",
         times.displayed(),
         times.displayed_fps(),
-        mode_name(mode),
+        mode.name(),
         args.out.display(),
         load_time.as_secs_f64(),
         written.encode_time.as_secs_f64(),
@@ -159,7 +159,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
 /// The mode with those settings that it reads.
 fn what_ran(settings: &PipelineSettings, networks: &Networks, tier: &str) -> Value {
     let mode = settings.mode;
-    let mut ran = json!({ "mode": mode_name(mode) });
+    let mut ran = json!({ "mode": mode.name() });
     if mode != Mode::Native {
         ran["scale"] = json!(settings.scale);
     }
@@ -243,15 +243,5 @@ pub fn between(settings: &PipelineSettings, path: &CameraPath, k: usize) -> Vec<
     match size(&cameras[before]) == size(&cameras[k]) {
         true => settings.moments().map(|t| path.at(k as f64 - 1.0 + t)).collect(),
         false => Vec::new(),
-    }
-}
-
-/// The mode's name, as `--mode` has it.
-pub const fn mode_name(mode: Mode) -> &'static str {
-    match mode {
-        Mode::Native => "native",
-        Mode::Bicubic => "bicubic",
-        Mode::SuperSample => "super-sample",
-        Mode::Full => "full",
     }
 }

@@ -1,6 +1,5 @@
 //! Figures of a run.
 
-use std::fmt::Debug;
 use std::ops::Range;
 use std::time::Duration;
 
@@ -55,7 +54,6 @@ impl Times {
 
 /// What a run was asked for: whatever changes pictures or speed, so that its figures can be told from another's.
 pub fn asked(view: &View, frames: &Range<usize>, settings: &PipelineSettings) -> Value {
-    let name = |value: &dyn Debug| format!("{value:?}").to_lowercase();
     let path = view.path.as_ref().map_or_else(|| "orbit".to_owned(), |path| path.display().to_string());
     let mut asked = json!({
         "command": command_line(),
@@ -63,13 +61,13 @@ pub fn asked(view: &View, frames: &Range<usize>, settings: &PipelineSettings) ->
         "scene": view.scene.display().to_string(),
         "path": path,
         "frames": [frames.start, frames.end],
-        "culling": name(&settings.culling),
-        "dilation": name(&settings.dilation),
+        "culling": settings.culling.name(),
+        "dilation": settings.dilation.to_string(),
         "background": settings.background,
     });
     if settings.mode.has_history() {
-        asked["sampling"] = json!(name(&settings.sampling));
-        asked["kriging"] = json!(name(&settings.kriging));
+        asked["sampling"] = json!(settings.sampling.name());
+        asked["kriging"] = json!(settings.kriging.name());
         asked["overscan"] = json!(settings.overscan);
     }
     asked

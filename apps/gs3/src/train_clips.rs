@@ -212,7 +212,7 @@ fn name(scene: &Path) -> String {
 /// Cameras that clips of a scene are taken near.
 fn paths(args: &ClipsArgs, file: &Path, scene: &Scene) -> Result<Vec<CameraPath>, CliError> {
     if !args.paths.is_empty() {
-        return Ok(args.paths.iter().map(|path| capture::load(path)).collect::<Result<_, _>>()?);
+        return Ok(args.paths.iter().map(capture::load).collect::<Result<_, _>>()?);
     }
     let orbit = orbit::around(scene, ORBIT_CAMERAS, 1920, 1080)?;
     Ok(if inputs::is_demo(file) { vec![demo::path(), orbit] } else { vec![orbit] })

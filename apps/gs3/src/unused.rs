@@ -5,7 +5,6 @@ use gs3::{Dilation, Mode};
 use crate::args::{BenchArgs, BenchBackendArg, Command, GbufferArgs, RenderArgs, TierArg};
 use crate::error::CliError;
 use crate::evaluate::{EvaluateArgs, ProtocolArg};
-use crate::render::mode_name;
 use crate::simplify::{ByArg, SimplifyArgs};
 use crate::usage::{Given, alternatives};
 
@@ -47,9 +46,9 @@ fn render(args: &RenderArgs, given: &Given) -> Result<(), CliError> {
     let is_true = |option| option == "--tier" && args.look.tier == Some(TierArg::Analytic);
     for (option, modes) in READ_BY {
         if !modes.contains(&mode) && !is_true(option) {
-            let names: Vec<_> = modes.iter().map(|mode| mode_name(*mode)).collect();
+            let names: Vec<_> = modes.iter().map(|mode| mode.name()).collect();
             let expected = format!("--mode {}", alternatives(&names));
-            refuse(given, option, &expected, &format!("--mode {}", mode_name(mode)))?;
+            refuse(given, option, &expected, &format!("--mode {}", mode.name()))?;
         }
     }
     Ok(())

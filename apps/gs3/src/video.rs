@@ -102,7 +102,7 @@ pub struct Video {
     /// Where the video goes: of a link the file that it leads to.
     file: PathBuf,
     partial: PathBuf,
-    /// Shared with who handles Ctrl-C, so it is never locked for long.
+    /// Shared with what handles Ctrl-C, so it is never locked for long.
     process: Arc<Mutex<Child>>,
     frames: Option<ChildStdin>,
     said: Option<JoinHandle<String>>,

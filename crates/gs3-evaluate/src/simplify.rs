@@ -3,6 +3,7 @@
 //!
 //! Views are added up to [`Scores`], of which [`sample`] or [`highest`] choose; [`simplify`] does it all.
 
+use std::fmt;
 use std::sync::Arc;
 
 use gs3::neural::Random;
@@ -37,6 +38,7 @@ pub enum Setting {
 
 /// Why a scene is not simplified.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SimplifyError {
     /// The fraction to keep is not a fraction.
     #[error("keep: expected a number above 0 and at most 1, found {actual}")]
@@ -121,6 +123,12 @@ pub fn simplify(
 pub struct Scores {
     scores: Vec<f64>,
     was_dominant: Vec<bool>,
+}
+
+impl fmt::Debug for Scores {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Scores").field("gaussians", &self.scores.len()).finish_non_exhaustive()
+    }
 }
 
 impl Scores {

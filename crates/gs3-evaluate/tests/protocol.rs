@@ -312,7 +312,7 @@ fn whole_tiers_warp_and_learned_interpolation_wants_its_weights() {
         licence: "MIT".into(),
     };
     initial_weights(&graph, header, 1)
-        .save(&folder.path().join("super_sample_balanced_x2.safetensors"))
+        .save(folder.path().join("super_sample_balanced_x2.safetensors"))
         .unwrap();
     let weights = Some(folder.path().to_path_buf());
     let with = |methods| Protocol { scale: 2, weights: weights.clone(), ..protocol(methods, Case::Path) };

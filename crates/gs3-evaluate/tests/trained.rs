@@ -30,7 +30,7 @@ fn samples_are_where_networks_expect_them() {
     let folder = tempfile::tempdir().unwrap();
     let mut nothing = weights(Peer::Ecbsr);
     nothing.arrays.values_mut().for_each(|array| array.values_mut().fill(0.0));
-    nothing.save(&folder.path().join("ecbsr_x4.safetensors")).unwrap();
+    nothing.save(folder.path().join("ecbsr_x4.safetensors")).unwrap();
     let scene = Arc::new(demo::scene().unwrap());
     let camera = orbit::around(&scene, 8, 96, 64).unwrap().cameras()[3];
     let settings = MethodSettings {

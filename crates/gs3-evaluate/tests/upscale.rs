@@ -27,7 +27,7 @@ fn smooth(scale: u32, jitter: [f32; 2], mixed: bool) -> (GBuffer, Image) {
     let mut gradients = Gradients {
         color_dx: Planes::new(width, height),
         color_dy: Planes::new(width, height),
-        color_dxdy: mixed.then(|| Planes::new(width, height)),
+        color_dxy: mixed.then(|| Planes::new(width, height)),
     };
     for c in 0..3 {
         for y in 0..height {
@@ -38,7 +38,7 @@ fn smooth(scale: u32, jitter: [f32; 2], mixed: bool) -> (GBuffer, Image) {
                 lr.color.data_mut()[i] = v as f32;
                 gradients.color_dx.data_mut()[i] = (dx * s) as f32;
                 gradients.color_dy.data_mut()[i] = (dy * s) as f32;
-                if let Some(plane) = &mut gradients.color_dxdy {
+                if let Some(plane) = &mut gradients.color_dxy {
                     plane.data_mut()[i] = (dxdy * s * s) as f32;
                 }
             }

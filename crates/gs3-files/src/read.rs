@@ -6,6 +6,7 @@ use std::path::Path;
 
 /// Why a file cannot be read; what it is called, the caller knows.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ReadError {
     /// What the system says.
     #[error("cannot read: {0}")]

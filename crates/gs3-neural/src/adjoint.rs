@@ -8,9 +8,7 @@
 use std::collections::BTreeMap;
 
 use crate::graph::{Activation, Conv2d, Graph, Op};
-use crate::reference::{
-    Plane, activate, moments, normal_distribution, parameter, pooled, tap_at, taps, window,
-};
+use crate::reference::{Plane, activate, moments, normal_distribution, pooled, tap_at, taps, window};
 use crate::weights::Weights;
 
 /// Derivatives of a loss.
@@ -121,11 +119,9 @@ impl<'a> Step<'a> {
             Op::Scale { factor } => self.add(0, at, v * f64::from(*factor)),
             Op::Shift { .. } => self.add(0, at, v),
             Op::AveragePool { side, stride } => {
-                let [rows, columns] = pooled(self.input(0).shape, [x, y], *side, *stride);
-                let share = v / (rows.len() * columns.len()) as f64;
-                for y in rows {
-                    columns.clone().for_each(|x| self.add(0, [x, y, c], share));
-                }
+                let pixels = pooled(self.input(0).shape, [x, y], *side, *stride);
+                let share = v / pixels.clone().count() as f64;
+                pixels.for_each(|(x, y)| self.add(0, [x, y, c], share));
             }
             Op::Concat => {
                 let (mut i, mut c) = (0, c);
@@ -174,7 +170,7 @@ impl<'a> Step<'a> {
     }
 
     fn prelu(&mut self, name: &str, v_weights: &mut BTreeMap<String, Vec<f64>>) {
-        let slopes = parameter(self.weights, name, "weight");
+        let slopes = self.weights.parameter(name, "weight");
         let mut v_slopes = vec![0.0; slopes.len()];
         let channels = self.v.shape.channels;
         for (k, v) in self.v.values.iter().enumerate() {
@@ -193,7 +189,7 @@ impl<'a> Step<'a> {
 
     /// With x̂ = (x − mean) / deviation and w = v · weight: (w − mean(w) − x̂ mean(w x̂)) / deviation.
     fn layer_norm(&mut self, epsilon: f32, name: &str, v_weights: &mut BTreeMap<String, Vec<f64>>) {
-        let weight = parameter(self.weights, name, "weight");
+        let weight = self.weights.parameter(name, "weight");
         let [mut v_weight, mut v_bias] = [0, 1].map(|_| vec![0.0; weight.len()]);
         let n = weight.len() as f64;
         let shape = self.v.shape;
@@ -216,8 +212,8 @@ impl<'a> Step<'a> {
     }
 
     fn convolution(&mut self, conv: &Conv2d, name: &str, v_weights: &mut BTreeMap<String, Vec<f64>>) {
-        let w = parameter(self.weights, name, "weight");
-        let bias = parameter(self.weights, name, "bias");
+        let w = self.weights.parameter(name, "weight");
+        let bias = self.weights.parameter(name, "bias");
         let (input, border, shape) = (self.input(0), self.graph.border(), self.v.shape);
         let (taps, channels) = (conv.kernel * conv.kernel, input.shape.channels);
         let mut v_weight = vec![0.0; w.len()];

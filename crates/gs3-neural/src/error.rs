@@ -8,6 +8,7 @@ use crate::shape::Shape;
 
 /// A graph that makes no sense, or an image size that it cannot take.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum GraphError {
     /// The inputs of a layer do not fit it, or each other.
     #[error("layer {layer}: expected {expected}, found {actual}")]
@@ -47,6 +48,7 @@ pub enum GraphError {
 
 /// Weights that cannot be read, or are not those of a graph.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum WeightError {
     /// A file cannot be read or written.
     #[error("{}: {source}", .path.display())]
@@ -108,6 +110,7 @@ pub enum WeightError {
 
 /// An engine that cannot be made, or images that do not fit it.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum RunError {
     /// The network cannot take an image size.
     #[error(transparent)]

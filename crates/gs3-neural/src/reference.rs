@@ -1,7 +1,5 @@
 //! What every operation means: naive loops in double precision, the oracle of the engines and of derivatives.
 
-use std::ops::Range;
-
 use crate::error::RunError;
 use crate::graph::{Activation, Border, Conv2d, Graph, Op, Tensor};
 use crate::images::{self, Named};
@@ -94,14 +92,14 @@ pub(crate) fn layer(graph: &Graph, weights: &Weights, k: usize, planes: &[Plane]
             window(input(0).shape, x, y).map(|(x, y)| input(0).at(x, y, c)).fold(f64::NEG_INFINITY, f64::max)
         }),
         Op::Prelu => {
-            let slopes = parameter(weights, &layer.name, "weight");
+            let slopes = weights.parameter(&layer.name, "weight");
             Plane::from_fn(shape, |x, y, c| {
                 let value = input(0).at(x, y, c);
                 if value > 0.0 { value } else { f64::from(slopes[c]) * value }
             })
         }
         Op::LayerNorm { epsilon } => {
-            let [weight, bias] = ["weight", "bias"].map(|kind| parameter(weights, &layer.name, kind));
+            let [weight, bias] = ["weight", "bias"].map(|kind| weights.parameter(&layer.name, kind));
             Plane::from_fn(shape, |x, y, c| {
                 let [mean, deviation] = moments(input(0), x, y, *epsilon);
                 (input(0).at(x, y, c) - mean) / deviation * f64::from(weight[c]) + f64::from(bias[c])
@@ -112,12 +110,9 @@ pub(crate) fn layer(graph: &Graph, weights: &Weights, k: usize, planes: &[Plane]
             Plane::from_fn(shape, |x, y, c| input(0).at(x, y, c) + f64::from(color[3 * c / shape.channels]))
         }
         Op::AveragePool { side, stride } => Plane::from_fn(shape, |x, y, c| {
-            let [rows, columns] = pooled(input(0).shape, [x, y], *side, *stride);
-            let count = (rows.len() * columns.len()) as f64;
-            rows.flat_map(|y| columns.clone().map(move |x| (x, y)))
-                .map(|(x, y)| input(0).at(x, y, c))
-                .sum::<f64>()
-                / count
+            let pixels = pooled(input(0).shape, [x, y], *side, *stride);
+            let count = pixels.clone().count() as f64;
+            pixels.map(|(x, y)| input(0).at(x, y, c)).sum::<f64>() / count
         }),
         Op::Concat => Plane::from_fn(shape, |x, y, mut c| {
             let mut parts = layer.inputs.iter().map(|t: &Tensor| &planes[t.index()]);
@@ -158,8 +153,8 @@ fn convolution(
     input: &Plane,
     shape: Shape,
 ) -> Plane {
-    let w = parameter(weights, name, "weight");
-    let bias = conv.bias.then(|| parameter(weights, name, "bias"));
+    let w = weights.parameter(name, "weight");
+    let bias = conv.bias.then(|| weights.parameter(name, "bias"));
     let (k, channels) = (conv.kernel, input.shape.channels);
     Plane::from_fn(shape, |x, y, o| {
         let mut sum = bias.map_or(0.0, |bias| f64::from(bias[o]));
@@ -171,11 +166,6 @@ fn convolution(
         }
         activate(conv.activation, sum)
     })
-}
-
-/// The numbers of a parameter; none if there is no such parameter, which [`Weights::check`] excludes.
-pub(crate) fn parameter<'a>(weights: &'a Weights, layer: &str, kind: &str) -> &'a [f32] {
-    weights.arrays.get(&format!("{layer}.{kind}")).map_or(&[], |array| array.values())
 }
 
 /// The pixel that tap `tap` of a window at (x, y) sees; none where it sees zero.
@@ -216,13 +206,17 @@ pub(crate) fn moments(plane: &Plane, x: usize, y: usize, epsilon: f32) -> [f64; 
     [mean, (variance + f64::from(epsilon)).sqrt()]
 }
 
-/// The rows and columns of an image that [`Op::AveragePool`] sees at (x, y) of its result.
-pub(crate) fn pooled(shape: Shape, at: [usize; 2], side: usize, stride: usize) -> [Range<usize>; 2] {
-    let range = |at: usize, length: usize| {
-        let (centre, reach) = (at * stride, side / 2);
-        centre.saturating_sub(reach)..(centre + reach + 1).min(length)
-    };
-    [range(at[1], shape.height), range(at[0], shape.width)]
+/// The pixels that [`Op::AveragePool`] sees at (x, y) of its result.
+pub(crate) fn pooled(
+    shape: Shape,
+    [x, y]: [usize; 2],
+    side: usize,
+    stride: usize,
+) -> impl Iterator<Item = (usize, usize)> + Clone {
+    let taps = (0..side).flat_map(move |dy| (0..side).map(move |dx| (x * stride + dx, y * stride + dy)));
+    // Of a window whose first tap lies half a side above and left of its centre.
+    let inside = move |(x, y): (usize, usize)| Some((x.checked_sub(side / 2)?, y.checked_sub(side / 2)?));
+    taps.filter_map(inside).filter(move |(x, y)| *x < shape.width && *y < shape.height)
 }
 
 /// A pixel of bilinear interpolation.
@@ -286,17 +280,4 @@ pub(crate) fn normal_distribution(x: f64) -> f64 {
         sum += term;
     }
     0.5 + sum * (-0.5 * x * x).exp() / (2.0 * std::f64::consts::PI).sqrt()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn windows_of_an_average_lie_around_their_pixels_and_within_the_image() {
-        let shape = Shape { height: 7, width: 8, channels: 1 };
-        for (at, rows, columns) in [([0, 0], 0..3, 0..3), ([1, 1], 1..6, 1..6), ([2, 2], 4..7, 4..8)] {
-            assert_eq!(pooled(shape, at, 5, 3), [rows, columns]);
-        }
-    }
 }

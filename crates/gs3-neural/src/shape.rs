@@ -1,6 +1,7 @@
 //! Shapes of tensors, and how operations change them.
 
 use std::fmt;
+use std::ops::Range;
 
 use crate::error::GraphError;
 use crate::graph::{Layer, Op};
@@ -49,6 +50,15 @@ impl Shape {
     fn same_size(&self, other: &Self) -> bool {
         (self.height, self.width) == (other.height, other.width)
     }
+}
+
+/// The rows and columns of an image that [`Op::AveragePool`] sees at (x, y) of its result.
+pub(crate) fn pooled(shape: Shape, at: [usize; 2], side: usize, stride: usize) -> [Range<usize>; 2] {
+    let range = |at: usize, length: usize| {
+        let (centre, reach) = (at * stride, side / 2);
+        centre.saturating_sub(reach)..(centre + reach + 1).min(length)
+    };
+    [range(at[1], shape.height), range(at[0], shape.width)]
 }
 
 impl fmt::Display for Shape {
@@ -165,5 +175,21 @@ fn cropped(full: Shape, like: &[Shape]) -> Option<Shape> {
         [like] if like.height > full.height || like.width > full.width => None,
         [like] => Some(Shape { channels: full.channels, ..*like }),
         _ => Some(full),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reference;
+
+    #[test]
+    fn windows_of_an_average_lie_around_their_pixels_and_within_the_image() {
+        let shape = Shape { height: 7, width: 8, channels: 1 };
+        for (at, rows, columns) in [([0, 0], 0..3, 0..3), ([1, 1], 1..6, 1..6), ([2, 2], 4..7, 4..8)] {
+            assert_eq!(pooled(shape, at, 5, 3), [rows.clone(), columns.clone()]);
+            let expected: Vec<_> = rows.flat_map(|y| columns.clone().map(move |x| (x, y))).collect();
+            assert_eq!(reference::pooled(shape, at, 5, 3).collect::<Vec<_>>(), expected);
+        }
     }
 }

@@ -115,6 +115,11 @@ impl Weights {
         }
     }
 
+    /// The numbers of a parameter; none if there is no such parameter, which [`Weights::check`] excludes.
+    pub(crate) fn parameter(&self, layer: &str, kind: &str) -> &[f32] {
+        self.arrays.get(&format!("{layer}.{kind}")).map_or(&[], |array| array.values())
+    }
+
     /// From a safetensors file in memory.
     ///
     /// # Errors
@@ -136,8 +141,8 @@ impl Weights {
     ///
     /// # Errors
     /// [`WeightError`] if it cannot be read, or as [`Weights::from_bytes`].
-    pub fn load(path: &Path) -> Result<Self, WeightError> {
-        let (texts, arrays) = arrays::load(path)?;
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, WeightError> {
+        let (texts, arrays) = arrays::load(path.as_ref())?;
         Ok(Self { header: Header::from_texts(&texts)?, arrays })
     }
 
@@ -145,8 +150,8 @@ impl Weights {
     ///
     /// # Errors
     /// [`WeightError`] if it cannot be written.
-    pub fn save(&self, path: &Path) -> Result<(), WeightError> {
-        arrays::save(path, &self.header.to_texts(), &self.arrays)
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), WeightError> {
+        arrays::save(path.as_ref(), &self.header.to_texts(), &self.arrays)
     }
 }
 

@@ -40,9 +40,9 @@ fn weights_go_through_links_and_into_pipes_and_replace_neither() {
     let graph = super_sample(4, Tier::Fast).expect("a network");
     let weights = initial_weights(&graph, header(&graph), 7);
     std::os::unix::fs::symlink("far.safetensors", at("link.safetensors")).expect("a link");
-    weights.save(&at("link.safetensors")).expect("written");
+    weights.save(at("link.safetensors")).expect("written");
     assert!(at("link.safetensors").is_symlink() && !at("far.safetensors").is_symlink());
-    assert_eq!(Weights::load(&at("far.safetensors")).expect("read"), weights);
+    assert_eq!(Weights::load(at("far.safetensors")).expect("read"), weights);
 
     let pipe = at("pipe");
     assert!(std::process::Command::new("mkfifo").arg(&pipe).status().expect("run").success());
@@ -59,7 +59,7 @@ fn weights_go_through_links_and_into_pipes_and_replace_neither() {
 #[test]
 #[cfg(target_os = "linux")]
 fn files_without_end_are_refused_before_they_are_read() {
-    let error = Weights::load("/dev/zero".as_ref()).expect_err("no weights").to_string();
+    let error = Weights::load("/dev/zero").expect_err("no weights").to_string();
     assert_eq!(error, "/dev/zero: path: expected a regular file or a pipe, found something else");
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("huge.safetensors");

@@ -13,8 +13,7 @@ pub fn matched_dilation(scale: u32) -> f32 {
 }
 
 /// Most pixels beyond an edge of the picture: a turn of 32 of 480 pixels in a few frames is a fast one, and wider
-/// margins gained
-/// 0.006 dB more (`docs/performance.md`). Whoever sets memory aside for margins sets aside as much.
+/// margins gained 0.006 dB more (`docs/performance.md`). Whoever sets memory aside for margins sets aside as much.
 pub const MAX_MARGIN: u32 = 32;
 
 /// Which tiles a splat is assigned to.
@@ -34,6 +33,20 @@ pub enum Culling {
     AccuTile,
     /// The exact test of StopThePop (Radl et al. 2024): largest contribution within the tile.
     Exact,
+}
+
+impl Culling {
+    /// Its name at the command and in reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Aabb3Sigma => "aabb3sigma",
+            Self::Adr => "adr",
+            Self::SnugBox => "snugbox",
+            Self::AccuTile => "accutile",
+            Self::Exact => "exact",
+        }
+    }
 }
 
 /// Which planes to produce.

@@ -142,7 +142,7 @@ fn check_planes(gbuffer: &GBuffer, expected: (usize, usize)) -> Result<(), Recon
     check_size("G-buffer", expected, (gbuffer.width(), gbuffer.height()))?;
     check_jitter(gbuffer.jitter)?;
     if let Some(gradients) = &gbuffer.gradients {
-        for plane in [&gradients.color_dx, &gradients.color_dy].into_iter().chain(&gradients.color_dxdy) {
+        for plane in [&gradients.color_dx, &gradients.color_dy].into_iter().chain(&gradients.color_dxy) {
             check_size("G-buffer gradients", expected, (plane.width(), plane.height()))?;
         }
     }

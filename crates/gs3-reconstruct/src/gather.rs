@@ -266,7 +266,7 @@ mod tests {
                 }
             });
         }
-        // What needs pixels beyond the border is left to who can repeat it.
+        // What needs pixels beyond the border is left to code that can repeat it.
         let beyond = [(1.9, 5.0), (5.0, 1.9), (15.1, 5.0), (5.0, 14.1)];
         for (x, y) in beyond.map(|(x, y): (f32, f32)| ((x * UNITS) as i32, (y * UNITS) as i32)) {
             fearless_simd::dispatch!(level, simd => {

@@ -108,7 +108,7 @@ impl Surface {
             interleave(rgb_rows(&gbuffer.color, y), 1.0, 1.0, color);
             interleave(rgb_rows(&gradients.color_dx, y), per_pixel, 0.0, dx);
             interleave(rgb_rows(&gradients.color_dy, y), per_pixel, 0.0, dy);
-            match &gradients.color_dxdy {
+            match &gradients.color_dxy {
                 Some(planes) => interleave(rgb_rows(planes, y), per_pixel * per_pixel, 0.0, mixed),
                 None => estimate_mixed(gradients, per_pixel * per_pixel, y, mixed),
             }

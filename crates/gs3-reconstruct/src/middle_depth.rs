@@ -7,8 +7,8 @@ use gs3_scene::Camera;
 use rayon::prelude::*;
 
 use crate::lanes::{repeat, spread};
-use crate::neighbor_depth::{NeighborDepth, SAME_SURFACE};
-use crate::reprojection::{MIN_DIVISOR, Reprojection};
+use crate::neighbor_depth::NeighborDepth;
+use crate::reprojection::{MIN_DIVISOR, Reprojection, SAME_SURFACE};
 
 /// Inverse depths at the pixel centres of the LR grid of the middle frame.
 #[derive(Debug, Default)]

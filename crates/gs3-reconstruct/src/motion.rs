@@ -8,10 +8,7 @@ use gs3_scene::{Camera, GBuffer, Planes};
 use rayon::prelude::*;
 
 use crate::error::{ReconstructError, camera_size, check_gbuffer, check_jitter, check_scale, check_size};
-use crate::reprojection::{MIN_DIVISOR, Reprojection, inverse_depth};
-
-/// Relative difference of inverse depths up to which they belong to one surface, whatever its slope.
-pub(crate) const SAME_SURFACE: f32 = 0.02;
+use crate::reprojection::{MIN_DIVISOR, Reprojection, SAME_SURFACE, inverse_depth};
 
 const LANES: usize = 16;
 

@@ -5,10 +5,7 @@ use gs3_scene::{GBuffer, Geometry};
 use rayon::prelude::*;
 
 use crate::lanes::{WINDOW, look_up, window_bytes};
-use crate::reprojection::inverse_depth;
-
-/// Relative difference of inverse depths up to which they belong to one surface.
-pub(crate) const SAME_SURFACE: f32 = 0.02;
+use crate::reprojection::{SAME_SURFACE, inverse_depth};
 
 /// Weight of a neighbour whose depths change between the samples around a point, so that the point may be hidden or
 /// mixed with another surface (empirical).

@@ -22,12 +22,10 @@ pub(crate) const DEPTH_TOLERANCE: f32 = 0.02;
 
 /// How far a cell's samples are extrapolated to find the range of plausible colours, in spacings of samples: half a
 /// cell is where the extrapolations of two neighbours meet, and half as much again is for curvature. (Empirical: 0.5
-/// loses up to
-/// 0.19 dB, 1 gains up to 0.08.)
+/// loses up to 0.19 dB, 1 gains up to 0.08.)
 pub(crate) const EXTRAPOLATION: f32 = 0.75;
 
-/// Variance (pixel⁴) of a sample whose colour is off by the whole range (empirical:
-/// 30 to 300 are alike).
+/// Variance (pixel⁴) of a sample whose colour is off by the whole range (empirical: 30 to 300 are alike).
 pub(crate) const MISMATCH: f32 = 100.0;
 
 /// How far colours may drift with the view, per pixel of staleness, where nothing in the current frame contradicts:

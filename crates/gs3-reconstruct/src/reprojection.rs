@@ -4,6 +4,9 @@ use fearless_simd::{Simd, f32x16, prelude::*};
 use glam::{DMat3, DVec3};
 use gs3_scene::Camera;
 
+/// Relative difference of inverse depths up to which they belong to one surface, whatever its slope.
+pub(crate) const SAME_SURFACE: f32 = 0.02;
+
 /// Smallest divisor `q` of a point that counts as in front of the target.
 pub(crate) const MIN_DIVISOR: f32 = 1e-6;
 

@@ -298,7 +298,7 @@ mod tests {
             *z = if is_bare(k) { 0.0 } else { 1.0 + value(3 * k) };
         }
         depth_median.data_mut()[WIDTH * HEIGHT - 1] = 2.0;
-        let gradients = Gradients { color_dx: planes(11, 0.0), color_dy: planes(23, 0.0), color_dxdy: None };
+        let gradients = Gradients { color_dx: planes(11, 0.0), color_dy: planes(23, 0.0), color_dxy: None };
         GBuffer {
             color: planes(5, 0.25),
             gradients: Some(gradients),

@@ -19,8 +19,9 @@ use crate::samples::SampleFrame;
 use crate::splat::{REACH, Source};
 use crate::tile::{Lattice, RING, TILE_HEIGHT, TILE_WIDTH, Tile, Wanted};
 
-/// Why history is not valid. Who keeps it tells; a [`SuperSampler`] does not look for cuts itself.
+/// Why history is not valid. Whoever keeps it tells; a [`SuperSampler`] does not look for cuts itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum ResetReason {
     /// There has been no frame yet.
     FirstFrame,
@@ -30,6 +31,10 @@ pub enum ResetReason {
     SizeOrTierChange,
     /// The scene, or what is shown of it, changed.
     SceneChange,
+    /// Other hardware renders: the history stayed behind.
+    BackendChange,
+    /// The frame before could not be made.
+    Failure,
 }
 
 /// Which pixels are kriged.
@@ -48,6 +53,19 @@ pub enum Kriging {
     Fine,
 }
 
+impl Kriging {
+    /// Its name at the command and in reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::Coarse => "coarse",
+            Self::On => "on",
+            Self::Fine => "fine",
+        }
+    }
+}
+
 /// Rows of pixels within which all frames' samples are added to a tile before the next rows' are: the pixels of a strip
 /// stay in the first-level cache.
 const STRIP: f32 = 8.0;
@@ -63,7 +81,7 @@ const AHEAD: usize = 3;
 const SURVEYED_AHEAD: usize = 8;
 
 /// Most frames in the history.
-const MAX_PAST: usize = (crate::MAX_SCALE * crate::MAX_SCALE) as usize;
+pub(crate) const MAX_PAST: usize = (crate::MAX_SCALE * crate::MAX_SCALE) as usize;
 
 /// One remembered LR frame.
 #[derive(Clone, Debug)]
@@ -133,7 +151,7 @@ fn usable_planes(gbuffer: &GBuffer) -> Result<(&Gradients, &Geometry), Reconstru
     check_finite("G-buffer colour", color)?;
     check_finite("G-buffer gradients", &gradients.color_dx)?;
     check_finite("G-buffer gradients", &gradients.color_dy)?;
-    if let Some(mixed) = &gradients.color_dxdy {
+    if let Some(mixed) = &gradients.color_dxy {
         check_finite("G-buffer gradients", mixed)?;
     }
     Ok((gradients, geometry))

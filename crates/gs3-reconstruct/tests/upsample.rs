@@ -21,8 +21,8 @@ fn polynomial(width: usize, height: usize, jitter: [f32; 2], c: &[[f64; 4]; 4], 
             }
         }
     }
-    let [color, color_dx, color_dy, color_dxdy] = planes;
-    let gradients = Gradients { color_dx, color_dy, color_dxdy: mixed.then_some(color_dxdy) };
+    let [color, color_dx, color_dy, color_dxy] = planes;
+    let gradients = Gradients { color_dx, color_dy, color_dxy: mixed.then_some(color_dxy) };
     GBuffer {
         jitter,
         color,

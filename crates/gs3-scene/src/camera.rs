@@ -31,6 +31,7 @@ pub struct Intrinsics {
 
 /// Why values do not make a camera.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum CameraError {
     /// The image size is zero or too large.
     #[error("image size: expected 1x1 to {MAX_SIDE}x{MAX_SIDE}, found {width}x{height}")]

@@ -26,6 +26,7 @@ pub struct CameraPath {
 
 /// Why cameras do not make a path.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum CameraPathError {
     /// There is no camera.
     #[error("cameras: expected at least 1, found 0")]

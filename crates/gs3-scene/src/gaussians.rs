@@ -39,6 +39,30 @@ pub const MAX_SH: f32 = 65_504.0;
 /// ½) / `SH_C0`.
 pub const SH_C0: f32 = 0.28209479177387814;
 
+/// The factor of the three functions of degree 1, −y, z and −x: √3 / (2 √π).
+pub const SH_C1: f32 = 0.488_602_511_902_919_9;
+
+/// The factors of degree 2, in the order of Kerbl et al. 2023: xy, yz, 2z² − x² − y², xz, x² − y².
+pub const SH_C2: [f32; 5] = [
+    1.092_548_430_592_079_2,
+    -1.092_548_430_592_079_2,
+    0.315_391_565_252_520_05,
+    -1.092_548_430_592_079_2,
+    0.546_274_215_296_039_6,
+];
+
+/// The factors of degree 3, in the order of Kerbl et al. 2023: y(3x² − y²), xyz, y(4z² − x² − y²),
+/// z(2z² − 3x² − 3y²), x(4z² − x² − y²), z(x² − y²), x(x² − 3y²).
+pub const SH_C3: [f32; 7] = [
+    -0.590_043_589_926_643_5,
+    2.890_611_442_640_554,
+    -0.457_045_799_464_465_8,
+    0.373_176_332_590_115_4,
+    -0.457_045_799_464_465_8,
+    1.445_305_721_320_277,
+    -0.590_043_589_926_643_5,
+];
+
 /// Number of spherical-harmonics coefficients per colour channel at `degree`, the constant term included.
 #[must_use]
 pub const fn sh_coefficient_count(degree: u8) -> usize {

@@ -138,7 +138,7 @@ pub struct Gradients {
     /// ∂colour/∂y, RGB.
     pub color_dy: Planes<3>,
     /// ∂²colour/∂x∂y, RGB, where it was asked for.
-    pub color_dxdy: Option<Planes<3>>,
+    pub color_dxy: Option<Planes<3>>,
 }
 
 /// Depth and normals.
@@ -195,12 +195,13 @@ impl Margin {
 
 /// One rasterized frame with what only Gaussians give: exact gradients, depth, normals.
 ///
-/// Pixel `(i, j)` is the point sample of the image at `(i + 0.5 + jitter.x, j + 0.5 + jitter.y)` of this grid, whose origin
-/// lies [`Self::margin`] left of and above the picture's. All planes have the same size, and all but depths are finite.
+/// Pixel `(i, j)` is the point sample of the image at `(i + 0.5 + jitter.x, j + 0.5 + jitter.y)` of this grid, whose
+/// origin lies [`Self::margin`] left of and above the picture's. All planes have the same size, and all but depths are
+/// finite.
 ///
-/// What reads which, for who fills it with another renderer: enlarging reads colour, Hermite interpolation gradients too,
-/// super sampling and interpolation over time median depths too, networks alpha and normals too. Nothing reconstructs from
-/// expected depths.
+/// What reads which, for those who fill it with another renderer: enlarging reads colour, Hermite interpolation
+/// gradients too, super sampling and interpolation over time median depths too, networks alpha and normals too. Nothing
+/// reconstructs from expected depths.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct GBuffer {
     /// Offset of the sample positions from the pixel centres, in pixels of this grid.
@@ -225,7 +226,7 @@ impl GBuffer {
         Self {
             jitter: [0.0; 2],
             margin: Margin::NONE,
-            gradients: Some(Gradients { color_dx: rgb.clone(), color_dy: rgb.clone(), color_dxdy: None }),
+            gradients: Some(Gradients { color_dx: rgb.clone(), color_dy: rgb.clone(), color_dxy: None }),
             geometry: Some(Geometry {
                 depth_median: single.clone(),
                 depth_expected: single.clone(),
@@ -257,7 +258,7 @@ impl GBuffer {
         crop_some(gradients, &mut out.gradients, |from, to| {
             from.color_dx.crop(*margin, &mut to.color_dx);
             from.color_dy.crop(*margin, &mut to.color_dy);
-            crop_some(&from.color_dxdy, &mut to.color_dxdy, |from, to| from.crop(*margin, to));
+            crop_some(&from.color_dxy, &mut to.color_dxy, |from, to| from.crop(*margin, to));
         });
         crop_some(geometry, &mut out.geometry, |from, to| {
             from.depth_median.crop(*margin, &mut to.depth_median);

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use crate::scene::{Dropped, OpacityMode, Scene};
 
@@ -41,7 +41,8 @@ pub struct SceneInfo {
     /// Smallest of each Gaussian's three standard deviations, in world units.
     pub smallest_scale: Percentiles,
     /// Gaussians that were invalid in the source, by reason.
-    pub dropped: DroppedInfo,
+    #[serde(serialize_with = "with_total")]
+    pub dropped: Dropped,
 }
 
 /// An axis-aligned box in world units.
@@ -70,25 +71,6 @@ pub struct Percentiles {
     pub p95: f32,
     /// The largest value.
     pub max: f32,
-}
-
-/// [`Dropped`] with its total.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct DroppedInfo {
-    /// All of them.
-    pub total: usize,
-    /// NaN or infinite centre.
-    pub non_finite_mean: usize,
-    /// NaN, infinite or negative scale.
-    pub invalid_scale: usize,
-    /// NaN, infinite or zero quaternion.
-    pub invalid_rotation: usize,
-    /// NaN opacity, or one outside `[0, 1]`.
-    pub invalid_opacity: usize,
-    /// NaN or infinite spherical-harmonics coefficient.
-    pub non_finite_sh: usize,
-    /// Spherical-harmonics coefficient beyond ±[`crate::gaussians::MAX_SH`].
-    pub excessive_sh: usize,
 }
 
 impl SceneInfo {
@@ -123,7 +105,7 @@ impl SceneInfo {
             opacity: Percentiles::of(gaussians.opacities.clone()),
             largest_scale: scales(f32::max),
             smallest_scale: scales(f32::min),
-            dropped: scene.dropped().into(),
+            dropped: scene.dropped(),
         }
     }
 }
@@ -153,73 +135,131 @@ fn quantile(values: &mut [f32], share: f64) -> f32 {
     *values.select_nth_unstable_by(rank, f32::total_cmp).1
 }
 
-impl From<Dropped> for DroppedInfo {
-    fn from(dropped: Dropped) -> Self {
-        let Dropped {
-            non_finite_mean,
-            invalid_scale,
-            invalid_rotation,
-            invalid_opacity,
-            non_finite_sh,
-            excessive_sh,
-        } = dropped;
-        Self {
-            total: dropped.total(),
-            non_finite_mean,
-            invalid_scale,
-            invalid_rotation,
-            invalid_opacity,
-            non_finite_sh,
-            excessive_sh,
-        }
+/// [`Dropped`] by reason, with its total.
+fn with_total<S: Serializer>(dropped: &Dropped, serializer: S) -> Result<S::Ok, S::Error> {
+    #[derive(Serialize)]
+    struct WithTotal<'a> {
+        total: usize,
+        #[serde(flatten)]
+        reasons: &'a Dropped,
     }
+    WithTotal { total: dropped.total(), reasons: dropped }.serialize(serializer)
 }
 
 impl fmt::Display for SceneInfo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "Gaussians       {}", self.gaussians)?;
-        writeln!(f, "SH degree       {}", self.sh_degree)?;
-        writeln!(f, "opacity mode    {}", self.opacity_mode)?;
-        writeln!(f, "size as f32     {:.1} MB", self.f32_bytes as f64 / 1e6)?;
+        let Self { gaussians, sh_degree, opacity_mode, .. } = self;
+        let megabytes = self.f32_bytes as f64 / 1e6;
+        writeln!(
+            f,
+            "Gaussians       {gaussians}, {megabytes:.1} MB as f32, SH degree {sh_degree}, {opacity_mode} opacity"
+        )?;
         writeln!(f, "bounds          {}", self.bounds)?;
-        writeln!(f, "1–99 % bounds   {}", self.robust_bounds)?;
-        writeln!(f, "                min       5 %       25 %      50 %      75 %      95 %      max")?;
+        writeln!(f, "1 to 99 %       {}", self.robust_bounds)?;
+        writeln!(f, "                min        5 %        25 %       50 %       75 %       95 %       max")?;
         writeln!(f, "opacity         {}", self.opacity)?;
         writeln!(f, "largest scale   {}", self.largest_scale)?;
         writeln!(f, "smallest scale  {}", self.smallest_scale)?;
-        let d = self.dropped;
-        write!(
-            f,
-            "dropped         {} (centre {}, scale {}, rotation {}, opacity {}, colour {})",
-            d.total,
-            d.non_finite_mean,
-            d.invalid_scale,
-            d.invalid_rotation,
-            d.invalid_opacity,
-            d.non_finite_sh + d.excessive_sh
-        )
+        write!(f, "dropped         {}", self.dropped)
+    }
+}
+
+impl fmt::Display for Dropped {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            invalid_mean,
+            invalid_scale,
+            invalid_rotation,
+            invalid_opacity,
+            non_finite_sh,
+            excessive_sh,
+        } = *self;
+        let reasons = [
+            (invalid_mean, "invalid mean"),
+            (invalid_scale, "invalid scale"),
+            (invalid_rotation, "invalid rotation"),
+            (invalid_opacity, "invalid opacity"),
+            (non_finite_sh, "non-finite SH"),
+            (excessive_sh, "excessive SH"),
+        ];
+        let reasons: Vec<String> =
+            reasons.iter().filter(|(n, _)| *n > 0).map(|(n, reason)| format!("{n} {reason}")).collect();
+        match reasons.is_empty() {
+            true => write!(f, "0"),
+            false => write!(f, "{} ({})", self.total(), reasons.join(", ")),
+        }
     }
 }
 
 impl fmt::Display for Bounds {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [a, b, c] = self.min;
-        let [d, e, g] = self.max;
-        write!(f, "x {a:.4} to {d:.4}, y {b:.4} to {e:.4}, z {c:.4} to {g:.4}")
+        let [min, max] = [self.min, self.max].map(|corner| corner.map(|v| Digits(v.into())));
+        write!(f, "{}, {}, {}  to  {}, {}, {}", min[0], min[1], min[2], max[0], max[1], max[2])
     }
 }
 
 impl fmt::Display for Percentiles {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for value in [self.min, self.p5, self.p25, self.p50, self.p75, self.p95, self.max] {
-            // Four significant digits in ten columns: scales span decades.
-            let text = match value.abs() {
-                0.0 => "0".to_owned(),
-                0.001..10_000.0 => format!("{value:.4}"),
-                _ => format!("{value:.2e}"),
-            };
-            write!(f, "{text:<10}")?;
+        let Self { min, p5, p25, p50, p75, p95, max } = *self;
+        for value in [min, p5, p25, p50, p75, p95] {
+            write!(f, "{:<11}", Digits(value.into()).to_string())?;
         }
-        Ok(())
+        write!(f, "{}", Digits(max.into()))
+    }
+}
+
+/// Shows a number by four significant digits: coordinates and scales span decades, and tell less in zeros than in
+/// powers of ten.
+#[derive(Clone, Copy, Debug)]
+pub struct Digits(pub f64);
+
+impl fmt::Display for Digits {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let value = self.0;
+        match value.abs() {
+            0.0 => write!(f, "0"),
+            size @ 0.001..10_000.0 => {
+                // Digits after the point, of which 1 to 10 has three.
+                let digits = (3.0 - size.log10().floor()).max(0.0) as usize;
+                write!(f, "{value:.digits$}")
+            }
+            _ => write!(f, "{value:.3e}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_four_digits_that_tell_something() {
+        for (value, expected) in [
+            (0.0, "0"),
+            (3.2e-7, "3.200e-7"),
+            (0.001_234_56, "0.001235"),
+            (-0.5, "-0.5000"),
+            (1.0, "1.000"),
+            (-12.345_6, "-12.35"),
+            (9_876.5, "9876"),
+            (54_321.0, "5.432e4"),
+            (-1e38, "-1.000e38"),
+        ] {
+            assert_eq!(Digits(value).to_string(), expected);
+        }
+    }
+
+    #[test]
+    fn what_was_dropped_is_told_by_reason_and_in_all() {
+        let dropped = Dropped { invalid_mean: 2, excessive_sh: 1, ..Dropped::default() };
+        assert_eq!(dropped.to_string(), "3 (2 invalid mean, 1 excessive SH)");
+        assert_eq!(Dropped::default().to_string(), "0");
+        let mut gaussians = crate::Gaussians::zeroed(2, 0);
+        gaussians.rotations[0] = vec![1.0; 2];
+        gaussians.means[1][0] = f32::INFINITY;
+        let info = SceneInfo::of(&Scene::new(gaussians, OpacityMode::Default).unwrap());
+        let json = serde_json::to_value(&info).unwrap();
+        assert_eq!((&json["gaussians"], &json["dropped"]["total"]), (&1.into(), &1.into()));
+        assert_eq!(json["dropped"]["invalid_mean"], 1);
     }
 }

@@ -46,7 +46,7 @@ const LOW_ALONG_Z: f64 = 0.3;
 
 /// Where the bulk of a scene is, however far its strays fly, and which way is up.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Bounds {
+pub struct Bulk {
     /// Median of the centres, per axis.
     pub center: DVec3,
     /// Radius around `center` that holds the bulk of the scene: the 95th percentile of the distances, but at most
@@ -61,17 +61,17 @@ pub struct Bounds {
     pub up: DVec3,
 }
 
-impl Bounds {
-    /// The bounds of `scene`.
+impl Bulk {
+    /// That of `scene`.
     #[must_use]
     pub fn of(scene: &Scene) -> Self {
-        Survey::of(scene).bounds
+        Survey::of(scene).bulk
     }
 }
 
-/// Bounds and what they were found from.
+/// The bulk and what it was found from.
 struct Survey {
-    bounds: Bounds,
+    bulk: Bulk,
     /// Centres of a sample of the Gaussians that are no strays.
     subject: Vec<DVec3>,
 }
@@ -96,7 +96,7 @@ impl Survey {
         let size = along(&subject, 0.99) - along(&subject, 0.01);
         let is_low = size.dot(up).abs() < PLACE_HEIGHT * level_extent(size, up);
         let is_object = !is_low && surroundings(scene, center, 2.0 * radius) < SURROUNDED;
-        Self { bounds: Bounds { center, radius, extent, is_object, up }, subject }
+        Self { bulk: Bulk { center, radius, extent, is_object, up }, subject }
     }
 
     /// Centre of the box around an object, and the distance from which all of it is in the image, whatever side it
@@ -170,12 +170,12 @@ fn level_extent(extent: DVec3, up: DVec3) -> f64 {
 pub fn around(scene: &Scene, frames: usize, width: u32, height: u32) -> Result<CameraPath, CameraError> {
     let intrinsics = Intrinsics::from_fov_y(width, height, FOV_Y);
     let survey = Survey::of(scene);
-    let up = survey.bounds.up;
+    let up = survey.bulk.up;
     let side = up.any_orthonormal_vector();
     let half_size = [0.5 * f64::from(width) / intrinsics.fx, 0.5 * f64::from(height) / intrinsics.fy];
     let frame = Frame { up, level: [side, up.cross(side)], half_size };
     // A place that is full everywhere is looked at from without, too.
-    let is_seen_from_within = !survey.bounds.is_object && survey.bounds.radius >= PLACE_RADIUS;
+    let is_seen_from_within = !survey.bulk.is_object && survey.bulk.radius >= PLACE_RADIUS;
     let ring = if is_seen_from_within { survey.within_place(scene, &frame) } else { None };
     let (center, distance) = survey.around_object(&frame);
     let view = |share: f64| match &ring {
@@ -249,9 +249,9 @@ mod tests {
         let center = DVec3::new(3.0, -2.0, 5.0);
         for strays in [false, true] {
             let scene = ball(center, strays);
-            let bounds = Bounds::of(&scene);
-            assert!(bounds.is_object && bounds.center.distance(center) < 0.05, "{bounds:?}");
-            assert!((0.8..1.3).contains(&bounds.radius), "{bounds:?}");
+            let bulk = Bulk::of(&scene);
+            assert!(bulk.is_object && bulk.center.distance(center) < 0.05, "{bulk:?}");
+            assert!((0.8..1.3).contains(&bulk.radius), "{bulk:?}");
             for (width, height) in [(160, 90), (90, 160)] {
                 let path = around(&scene, 12, width, height).unwrap();
                 assert_eq!(path.cameras().len(), 12);
@@ -325,8 +325,8 @@ mod tests {
     #[test]
     fn a_place_is_seen_from_free_points_within_it() {
         let scene = room();
-        let bounds = Bounds::of(&scene);
-        assert!(!bounds.is_object && bounds.up == DVec3::Z, "{bounds:?}");
+        let bulk = Bulk::of(&scene);
+        assert!(!bulk.is_object && bulk.up == DVec3::Z, "{bulk:?}");
         for camera in around(&scene, 40, 160, 90).unwrap().cameras() {
             let eye = camera.position();
             let is_inside = eye.abs().cmplt(DVec3::new(5.0, 6.0, 3.0)).all() && eye.z > 0.0;
@@ -340,8 +340,8 @@ mod tests {
     #[test]
     fn up_is_up_in_the_image() {
         let scene = crate::demo::scene().unwrap();
-        let bounds = Bounds::of(&scene);
-        assert!(bounds.up == DVec3::Z && !bounds.is_object, "{bounds:?}");
+        let bulk = Bulk::of(&scene);
+        assert!(bulk.up == DVec3::Z && !bulk.is_object, "{bulk:?}");
         for camera in around(&scene, 5, 160, 90).unwrap().cameras() {
             let low = camera.project(DVec3::ZERO).0;
             let high = camera.project(DVec3::new(0.0, 0.0, 1.0)).0;

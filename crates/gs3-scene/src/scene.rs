@@ -1,6 +1,7 @@
 //! A scene: Gaussians that have passed the border check, and how they are to be rendered.
 
 use rayon::prelude::*;
+use serde::Serialize;
 
 use crate::gaussians::{Gaussians, MAX_LENGTH, MAX_SH, MAX_SH_DEGREE, Slots, sh_coefficient_count};
 
@@ -20,10 +21,11 @@ pub enum OpacityMode {
 
 /// Gaussians that were invalid in the source and are not part of the scene, by reason. A Gaussian with several defects
 /// counts once, under the first.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[non_exhaustive]
 pub struct Dropped {
     /// NaN or infinite centre, or one beyond ±[`MAX_LENGTH`].
-    pub non_finite_mean: usize,
+    pub invalid_mean: usize,
     /// NaN, infinite or negative scale, or one beyond [`MAX_LENGTH`].
     pub invalid_scale: usize,
     /// NaN, infinite or zero quaternion.
@@ -40,7 +42,7 @@ impl Dropped {
     /// Number of dropped Gaussians.
     #[must_use]
     pub const fn total(&self) -> usize {
-        self.non_finite_mean
+        self.invalid_mean
             + self.invalid_scale
             + self.invalid_rotation
             + self.invalid_opacity
@@ -50,7 +52,7 @@ impl Dropped {
 
     const fn plus(self, other: Self) -> Self {
         Self {
-            non_finite_mean: self.non_finite_mean + other.non_finite_mean,
+            invalid_mean: self.invalid_mean + other.invalid_mean,
             invalid_scale: self.invalid_scale + other.invalid_scale,
             invalid_rotation: self.invalid_rotation + other.invalid_rotation,
             invalid_opacity: self.invalid_opacity + other.invalid_opacity,
@@ -62,6 +64,7 @@ impl Dropped {
 
 /// Why Gaussians do not make a scene.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SceneError {
     /// An array does not have the length that the number of Gaussians asks for.
     #[error("{field}: expected {expected} values for {count} Gaussians, found {actual}")]
@@ -177,7 +180,7 @@ fn check_block(slots: &mut Slots<'_>, valid: &mut [bool]) -> Dropped {
 /// Normalises the quaternion of Gaussian `i`; counts the first defect found.
 fn is_valid(slots: &mut Slots<'_>, i: usize, dropped: &mut Dropped) -> bool {
     if !slots.means.iter().all(|plane| plane[i].abs() <= MAX_LENGTH) {
-        dropped.non_finite_mean += 1;
+        dropped.invalid_mean += 1;
         return false;
     }
     if !slots.scales.iter().all(|plane| (0.0..=MAX_LENGTH).contains(&plane[i])) {
@@ -232,7 +235,7 @@ mod tests {
         g.sh[coefficient(9, 11)] = -MAX_SH.next_up();
         let scene = Scene::new(g, OpacityMode::Default).unwrap();
         let expected = Dropped {
-            non_finite_mean: 2,
+            invalid_mean: 2,
             invalid_scale: 2,
             invalid_rotation: 1,
             invalid_opacity: 1,

@@ -90,7 +90,7 @@ fn remove(folder: &Path) -> Result<(), TrainError> {
 pub fn load(folder: &Path) -> Result<Option<State>, TrainError> {
     let Some(Found { step, place, .. }) = all(folder)?.into_iter().max() else { return Ok(None) };
     let file = |name: &str| place.join(name);
-    let weights = |name: &str| Weights::load(&file(name)).map_err(within(&file(name)));
+    let weights = |name: &str| Weights::load(file(name)).map_err(within(&file(name)));
     let path = file("state.json");
     let text = fs::read_to_string(&path).map_err(at(&path))?;
     let rest: Rest = serde_json::from_str(&text).map_err(|e| TrainError::Checkpoint {

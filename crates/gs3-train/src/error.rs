@@ -8,6 +8,7 @@ use crate::clip::ClipError;
 
 /// Why a training does not start or go on.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum TrainError {
     /// A clip is damaged or gone.
     #[error(transparent)]

@@ -3,11 +3,11 @@
 use glam::DVec2;
 use gs3_scene::Camera;
 
-use crate::lattice::DepthLattice;
+use crate::lattice::{DepthLattice, SKY};
 
 /// Whether so little of the previous frame still shows that its history is worth nothing: of a 5×5 lattice of its
 /// pixels, placed at their depths, fewer than a third lie within the new image and are seen from about the same side.
-/// Who keeps history resets it then, as [`crate::FramePipeline`] does. (Empirical; a brisk pan of 3° a frame keeps
+/// Whoever keeps history resets it then, as [`crate::FramePipeline`] does. (Empirical; a brisk pan of 3° a frame keeps
 /// nine tenths, and no orbit turns by 30° from frame to frame.)
 #[must_use]
 pub fn is_cut(previous: &Camera, camera: &Camera, lattice: &DepthLattice) -> bool {
@@ -16,12 +16,7 @@ pub fn is_cut(previous: &Camera, camera: &Camera, lattice: &DepthLattice) -> boo
     const SAME_SIDE: f64 = 0.866;
     let size = DVec2::new(f64::from(camera.width()), f64::from(camera.height()));
     let still_shows = |(fraction, depth): &(DVec2, f64)| {
-        // Where nothing was hit, only the direction counts: a depth far beyond any motion between frames.
-        let z = match *depth {
-            z if z > 0.0 => z,
-            _ => 1e6 * (1.0 + previous.position().distance(camera.position())),
-        };
-        let point = previous.unproject(*fraction * size, z);
+        let point = previous.unproject(*fraction * size, if *depth > 0.0 { *depth } else { SKY });
         let (pixel, z) = camera.project(point);
         let [from, to] = [previous, camera].map(|c| (point - c.position()).normalize_or_zero());
         let in_view = z > 0.0 && pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all();

@@ -19,10 +19,11 @@ pub enum PipelineError {
     /// The rasterizer refuses the settings.
     #[error(transparent)]
     Raster(#[from] RasterError),
-    /// The GPU rasterizer refuses the settings, or its device has no room or fails.
+    /// A GPU has no room, fails or is lost: [`FramePipeline::render_on_cpu`](crate::FramePipeline::render_on_cpu)
+    /// goes on without it.
     #[cfg(feature = "gpu")]
     #[error(transparent)]
-    Gpu(#[from] gs3_raster::GpuRasterError),
+    Gpu(#[from] gs3_compute::GpuError),
     /// The reconstruction refuses its inputs.
     #[error(transparent)]
     Reconstruct(#[from] ReconstructError),
@@ -51,4 +52,34 @@ pub enum PipelineError {
         /// Width and height of the camera between.
         actual: (u32, u32),
     },
+}
+
+#[cfg(feature = "gpu")]
+impl From<gs3_raster::GpuRasterError> for PipelineError {
+    fn from(error: gs3_raster::GpuRasterError) -> Self {
+        match error {
+            gs3_raster::GpuRasterError::Settings(error) => error.into(),
+            gs3_raster::GpuRasterError::Gpu(error) => error.into(),
+        }
+    }
+}
+
+#[cfg(feature = "gpu")]
+impl From<gs3_reconstruct::gpu::GpuReconstructError> for PipelineError {
+    fn from(error: gs3_reconstruct::gpu::GpuReconstructError) -> Self {
+        match error {
+            gs3_reconstruct::gpu::GpuReconstructError::Reconstruct(error) => error.into(),
+            gs3_reconstruct::gpu::GpuReconstructError::Gpu(error) => error.into(),
+        }
+    }
+}
+
+#[cfg(feature = "gpu")]
+impl From<gs3_neural::GpuRunError> for PipelineError {
+    fn from(error: gs3_neural::GpuRunError) -> Self {
+        match error {
+            gs3_neural::GpuRunError::Gpu(error) => error.into(),
+            error => NetworkError::from(error).into(),
+        }
+    }
 }

@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 use glam::DVec2;
 use gs3_scene::{Camera, Jitter};
 
-use crate::lattice::DepthLattice;
+use crate::lattice::{DepthLattice, SKY};
 use crate::settings::Sampling;
 
 /// Energy of two samples falls with their distance as a Gaussian of this σ, in HR pixels. (Empirical: on paths
@@ -21,9 +21,6 @@ const SIGMA: f64 = 0.65;
 
 /// What a moved sample of age `a` frames is worth: `1 / (1 + AGING a)`. (Empirical; 0 and 0.6 lose 0.04 dB.)
 const AGING: f64 = 0.15;
-
-/// Depth of what nothing is known of: beyond any motion.
-const FAR: f64 = 1e9;
 
 /// Energies, means over the points, that differ by less count as equal: rounding does not decide.
 const EQUAL: f64 = 1e-6;
@@ -100,7 +97,7 @@ impl AdaptiveJitter {
         let hit_nothing = last.points().all(|(_, depth)| depth <= 0.0);
         let mut count = 0.0;
         for (at, depth) in last.points().filter(|(_, depth)| *depth > 0.0 || hit_nothing) {
-            let point = last_camera.unproject(at * size(last_camera), if hit_nothing { FAR } else { depth });
+            let point = last_camera.unproject(at * size(last_camera), if hit_nothing { SKY } else { depth });
             let (now, depth) = camera.project(point);
             let is_in_view = now.cmpge(DVec2::ZERO).all() && now.cmple(size(camera)).all();
             if depth <= 0.0 || !is_in_view {

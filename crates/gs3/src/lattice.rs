@@ -6,21 +6,42 @@ use gs3_scene::GBuffer;
 /// Lattice points per axis.
 pub(crate) const LATTICE: usize = 5;
 
+/// How far away what no Gaussian hits is taken to be, world units: turning moves it, going does not.
+pub(crate) const SKY: f64 = 1e9;
+
 /// Median depths of a frame on a lattice of 5×5 of its pixels, row by row; 0 where nothing was hit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DepthLattice(pub(crate) [f32; LATTICE * LATTICE]);
 
 impl DepthLattice {
+    /// Of the median depths of a frame at [`Self::pixels`], in that order, 0 where nothing was hit: for renderers
+    /// whose G-buffer is elsewhere.
+    #[must_use]
+    pub const fn new(depths: [f32; LATTICE * LATTICE]) -> Self {
+        Self(depths)
+    }
+
+    /// The pixels `[x, y]` of a frame of `size`, width and height, whose depths it has.
+    pub fn pixels(size: [usize; 2]) -> impl Iterator<Item = [usize; 2]> {
+        (0..LATTICE * LATTICE).map(move |k| {
+            let at = fraction(k) * DVec2::from(size.map(|side| side as f64));
+            [at.x as usize, at.y as usize]
+        })
+    }
+
     /// That of the frame `gbuffer`; zeros where it has no depth.
     #[must_use]
     pub fn of(gbuffer: &GBuffer) -> Self {
         let Some(geometry) = &gbuffer.geometry else { return Self::default() };
         let depth = &geometry.depth_median;
-        Self(std::array::from_fn(|k| {
-            let at = fraction(k);
-            let (x, y) = ((at.x * depth.width() as f64) as usize, (at.y * depth.height() as f64) as usize);
-            if y < depth.height() { depth.row(0, y).get(x).copied().unwrap_or(0.0) } else { 0.0 }
-        }))
+        let mut depths = [0.0; LATTICE * LATTICE];
+        for (to, [x, y]) in depths.iter_mut().zip(Self::pixels([depth.width(), depth.height()])) {
+            // An empty frame has none.
+            if y < depth.height() {
+                *to = depth.row(0, y).get(x).copied().unwrap_or(0.0);
+            }
+        }
+        Self(depths)
     }
 
     /// Where its points are, in parts of the picture, and their depths.

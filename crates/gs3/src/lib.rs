@@ -8,10 +8,10 @@
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! use gs3::{FramePipeline, Mode, PipelineSettings, scene::demo};
 //!
-//! let scene = demo::scene()?; // or gs3::open("garden.ply".as_ref())?
-//! let path = demo::path().resized(320, 180)?; // or gs3::scene::capture::load("cameras.json".as_ref())?
+//! let scene = demo::scene()?; // or gs3::open("garden.ply")?
+//! let path = demo::path().resized(320, 180)?; // or gs3::scene::capture::load("cameras.json")?
 //! let settings = PipelineSettings { mode: Mode::Full, scale: 4, ..Default::default() };
-//! let mut pipeline = FramePipeline::new(scene.into(), settings)?;
+//! let mut pipeline = FramePipeline::new(scene, settings)?;
 //! for camera in &path.cameras()[..2] {
 //!     let frames = pipeline.render(camera, &[])?; // 80×45 pixels rasterized, 320×180 shown
 //!     assert_eq!((frames.current.width(), frames.current.height()), (320, 180));
@@ -30,7 +30,7 @@
 //! use gs3::{Networks, Tier};
 //!
 //! let networks = Networks { interpolate: None, ..Networks::shipped(4, Tier::Balanced)? };
-//! let pipeline = FramePipeline::with_networks(demo::scene()?.into(), PipelineSettings::default(), &networks)?;
+//! let pipeline = FramePipeline::with_networks(demo::scene()?, PipelineSettings::default(), &networks)?;
 //! # Ok(())
 //! # }
 //! ```
@@ -46,7 +46,7 @@
 //! use gs3::compute::{Gpu, GpuSettings};
 //!
 //! let camera = demo::path().resized(160, 88)?.cameras()[0];
-//! let mut pipeline = FramePipeline::new(demo::scene()?.into(), PipelineSettings::default())?;
+//! let mut pipeline = FramePipeline::new(demo::scene()?, PipelineSettings::default())?;
 //! match Gpu::new(&GpuSettings::default()) {
 //!     Ok(gpu) => {
 //!         pipeline.render_on(&gpu)?;
@@ -70,11 +70,11 @@
 //! # With a renderer of your own
 //!
 //! Reconstruction reads colour, its derivatives per LR pixel, and median depth (networks, [`learned`], also normals and
-//! alpha), sampled at pixel centres plus the jitter. **What is shown must stand still**: surfaces are followed by depths
-//! and cameras, and there is no input for other motion, so what moves by itself smears, and comes out worse than
+//! alpha), sampled at pixel centres plus the jitter. **What is shown must stand still**: surfaces are followed by
+//! depths and cameras, and there is no input for other motion, so what moves by itself smears, and comes out worse than
 //! enlarged. Derivatives are those of the visible surface: exact ones are worth most (`docs/results.md`, *Parts left
-//! out*), and where a silhouette crosses a difference of colours they mislead. Textures are filtered for the HR grid, as
-//! by a LOD bias of −log₂ S. The order of a frame:
+//! out*), and where a silhouette crosses a difference of colours they mislead. Textures are filtered for the HR grid,
+//! as by a LOD bias of −log₂ S. The order of a frame:
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -166,6 +166,6 @@ use gs3_scene::format::{LoadError, LoadOptions};
 ///
 /// # Errors
 /// [`LoadError`], naming file, field, expected and actual.
-pub fn open(path: &Path) -> Result<Scene, LoadError> {
+pub fn open(path: impl AsRef<Path>) -> Result<Scene, LoadError> {
     gs3_scene::format::load(path, &LoadOptions::default(), &|_| {})
 }

@@ -4,7 +4,7 @@ use glam::DVec2;
 use gs3_raster::MAX_MARGIN;
 use gs3_scene::{Camera, Margin, glam};
 
-use crate::lattice::DepthLattice;
+use crate::lattice::{DepthLattice, SKY};
 
 /// Frames ahead of the one being made whose new parts are rasterized already. A history of S² frames would use more;
 /// measured at scale 4, frames between gain 2.09 and 2.16 dB with 4 and 8 frames ahead, 2.18 with 15 and margins
@@ -16,9 +16,6 @@ const NEAR_EDGE: f64 = 0.25;
 
 /// LR pixels that the rounding of projections may seem to move what rests: it must not have a margin.
 const NO_MOTION: f64 = 0.01;
-
-/// How far away what no Gaussian hits is taken to be, world units: turning moves it, going does not.
-const SKY: f64 = 1e9;
 
 /// LR pixels beyond the edges that the next frames show if the camera goes on as it moved from `previous`, whose
 /// depths are `depths`, to `camera`, `scale` times larger than LR frames: at most [`MAX_MARGIN`] on a side, none

@@ -1,5 +1,7 @@
 //! What a pipeline makes of a scene.
 
+use std::fmt;
+
 use gs3_neural::Weights;
 use gs3_neural::model::Tier;
 use gs3_raster::{Culling, STOCK_DILATION, matched_dilation};
@@ -26,6 +28,17 @@ impl Mode {
     pub const fn has_history(self) -> bool {
         matches!(self, Self::SuperSample | Self::Full)
     }
+
+    /// Its name at the command and in reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Native => "native",
+            Self::Bicubic => "bicubic",
+            Self::SuperSample => "super-sample",
+            Self::Full => "full",
+        }
+    }
 }
 
 /// Where within their pixels low-resolution frames are sampled.
@@ -37,6 +50,17 @@ pub enum Sampling {
     Jittered,
     /// Always at pixel centres.
     Centered,
+}
+
+impl Sampling {
+    /// Its name in reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Jittered => "jittered",
+            Self::Centered => "centered",
+        }
+    }
 }
 
 /// The dilation ε of projected covariances, in px² of the grid being rasterized.
@@ -59,6 +83,17 @@ impl Dilation {
             Self::Matched => matched_dilation(scale),
             Self::Stock => STOCK_DILATION,
             Self::Value(value) => value,
+        }
+    }
+}
+
+/// As at the command and in reports.
+impl fmt::Display for Dilation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Matched => write!(f, "matched"),
+            Self::Stock => write!(f, "stock"),
+            Self::Value(value) => write!(f, "{value}"),
         }
     }
 }

@@ -88,6 +88,42 @@ fn fresh(mode: Mode, camera: &gs3::scene::Camera) -> Image {
     pipeline(mode).render(camera, &[]).unwrap().current.clone()
 }
 
+/// A viewer renders on a thread of its own.
+const _: () = {
+    const fn is_send<T: Send>() {}
+    is_send::<FramePipeline>();
+};
+
+#[test]
+fn history_says_why_it_ended() {
+    let cameras = path().cameras().to_vec();
+    let turned = {
+        let pose = glam::DAffine3::from_rotation_y(std::f64::consts::PI) * cameras[0].view_from_world();
+        gs3::scene::Camera::new(pose, cameras[0].intrinsics()).unwrap()
+    };
+    let larger = cameras[0].resized(WIDTH + 4, HEIGHT + 4).unwrap();
+    let mut p = pipeline(Mode::SuperSample);
+    // Nothing was there that another reason could end.
+    p.reset(ResetReason::SceneChange);
+    for (camera, reason) in [
+        (&cameras[0], Some(ResetReason::FirstFrame)),
+        (&cameras[1], None),
+        (&turned, Some(ResetReason::CameraCut)),
+        (&turned, None),
+        (&larger, Some(ResetReason::SizeOrTierChange)),
+    ] {
+        p.render(camera, &[]).unwrap();
+        assert_eq!(p.last_reset(), reason);
+    }
+    p.set_scene(Arc::clone(p.scene())).unwrap();
+    // The first reason counts.
+    p.reset(ResetReason::CameraCut);
+    p.render(&larger, &[]).unwrap();
+    assert_eq!(p.last_reset(), Some(ResetReason::SceneChange));
+    p.render(&larger, &[]).unwrap();
+    assert_eq!(p.last_reset(), None);
+}
+
 #[test]
 fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
     let path = path();

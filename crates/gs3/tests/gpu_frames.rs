@@ -311,7 +311,8 @@ fn frames_between_are_refined_as_on_the_cpu() {
 }
 
 /// After its first frames a camera's frames make nothing on the device, and each is one submission, with networks and a
-/// margin, too: kernels are compiled and bound, buffers made, before that. Native frames, f32, are read back by another.
+/// margin, too: kernels are compiled and bound, buffers made, before that. Native frames, f32, are read back by
+/// another.
 #[test]
 fn later_frames_make_nothing_and_are_one_submission_each() {
     let Some(gpu) = opened(OptionalFeatures::All) else { return };
@@ -386,7 +387,7 @@ fn frames_may_stay_on_the_device_of_the_program() {
             assert!(read(between) == *presented.between[0].unwrap(), "{k}");
         }
         let reset = match k {
-            0 => Some(ResetReason::SizeOrTierChange),
+            0 => Some(ResetReason::FirstFrame),
             30 => Some(ResetReason::CameraCut),
             _ => None,
         };

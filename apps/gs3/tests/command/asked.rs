@@ -13,7 +13,7 @@ fn weights_of_interpolation_leave_super_sampling_as_it_is() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let weights = Networks::shipped(4, Tier::Fast).unwrap().interpolate.unwrap();
-    weights.save(&at.join("w.safetensors")).unwrap();
+    weights.save(at.join("w.safetensors")).unwrap();
     let render = "render demo --size 64x48 --frames 0..2 --backend cpu";
     succeed(at, &format!("{render} --json default.json --out default"));
     succeed(at, &format!("{render} --weights w.safetensors --json own.json --out own"));
@@ -36,7 +36,7 @@ fn weights_of_another_tier_are_not_judged() {
     let at = folder.path();
     fs::create_dir(at.join("own")).unwrap();
     let weights = Networks::shipped(4, Tier::Fast).unwrap().super_sample.unwrap();
-    weights.save(&at.join("own/super_sample_balanced_x4.safetensors")).unwrap();
+    weights.save(at.join("own/super_sample_balanced_x4.safetensors")).unwrap();
     let evaluate =
         "evaluate demo --size 64x48 --frames 0..3 --methods bicubic,balanced --weights own --out out";
     let output = gs3(at, evaluate).output().unwrap();

@@ -23,7 +23,7 @@ fn a_network_with_its_weights_becomes_an_onnx_file() {
     let folder = tempfile::tempdir().unwrap();
     let graph = graph_of(&header()).unwrap();
     let weights = initial_weights(&graph, header(), 1);
-    weights.save(&folder.path().join("w.safetensors")).unwrap();
+    weights.save(folder.path().join("w.safetensors")).unwrap();
     succeed(folder.path(), "export w.safetensors --out w.onnx");
     assert_eq!(fs::read(folder.path().join("w.onnx")).unwrap(), onnx::export(&graph, &weights).unwrap());
     assert_eq!(names(folder.path()), ["w.onnx", "w.safetensors"]);
@@ -35,7 +35,7 @@ fn weights_that_fit_no_network_are_refused_in_one_line() {
     let at = folder.path();
     let graph = graph_of(&header()).unwrap();
     let save = |name: &str, header: Header| {
-        initial_weights(&graph, header, 1).save(&at.join(name)).unwrap();
+        initial_weights(&graph, header, 1).save(at.join(name)).unwrap();
     };
     save("good.safetensors", header());
     save("tier.safetensors", Header { tier: "huge".to_owned(), ..header() });

@@ -66,7 +66,7 @@ fn the_gaussians_that_matter_are_kept() {
         assert_eq!(kept, (keep * all).round());
         assert_eq!((count(at, "part.ply"), count(at, "demo")), (kept, all));
         assert!(mean >= lowest && lowest > bound, "{keep}: {mean} dB, {lowest} dB");
-        let part = gs3::open(&at.join("part.ply")).unwrap();
+        let part = gs3::open(at.join("part.ply")).unwrap();
         let (own, random) = (psnr_against_demo(part), psnr_against_demo(random_part(keep)));
         assert!(own >= lowest - 1.0 && own > bound, "{keep}: {own} dB, said {lowest} dB");
         assert!(random < bound - 5.0, "{keep}: {random} dB at random: the bound says nothing");

@@ -53,11 +53,11 @@ fn main() -> Result<(), Box<dyn Error>> {
         eprintln!("{path_name}");
         let scene = match &loaded {
             Some((name, scene)) if *name == scene_name => Arc::clone(scene),
-            _ => Arc::new(gs3::open(&shared.join("scenes").join(scene_name))?),
+            _ => Arc::new(gs3::open(shared.join("scenes").join(scene_name))?),
         };
         loaded = Some((scene_name, Arc::clone(&scene)));
-        let path = capture::load(&shared.join("paths").join(format!("{path_name}.json")))?
-            .resized(SIZE.0, SIZE.1)?;
+        let path =
+            capture::load(shared.join("paths").join(format!("{path_name}.json")))?.resized(SIZE.0, SIZE.1)?;
         let available = path.cameras().len();
         if !(3..=available).contains(&frames) {
             return Err(format!("expected 3 to {available} frames, found {frames}").into());

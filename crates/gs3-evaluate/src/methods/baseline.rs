@@ -16,7 +16,7 @@ use super::{
     Durations, Formation, Interpolation, Method, MethodError, MethodSettings, MethodSpec, Shown, Spatial,
     pipeline,
 };
-use crate::network::{Rt4ksr, Safmn, Span, Weights};
+use crate::network::{PublishedWeights, Rt4ksr, Safmn, Span};
 use crate::upscale::{Fsr1, Hermite, Lanczos, RidgeMap, Upscaler};
 
 /// A method put together from parts.
@@ -95,7 +95,7 @@ impl Method for Baseline {
         self.previous.camera = None;
         self.current.camera = None;
         if let SpatialPart::Pipeline(pipeline) = &mut self.spatial {
-            pipeline.reset(ResetReason::FirstFrame);
+            pipeline.reset(ResetReason::CameraCut);
         }
     }
 
@@ -166,8 +166,8 @@ impl Method for Baseline {
 /// cubic Hermite interpolation becomes Catmull–Rom.
 fn difference(lr: &mut GBuffer) {
     let (width, height) = (lr.width(), lr.height());
-    let Some(Gradients { color_dx, color_dy, color_dxdy }) = &mut lr.gradients else { return };
-    *color_dxdy = None;
+    let Some(Gradients { color_dx, color_dy, color_dxy }) = &mut lr.gradients else { return };
+    *color_dxy = None;
     let color = &lr.color;
     let across = color_dx.data_mut().par_chunks_exact_mut(width);
     across.zip(color_dy.data_mut().par_chunks_exact_mut(width)).enumerate().for_each(|(i, (dx, dy))| {
@@ -255,9 +255,9 @@ fn fit_ridge(spec: MethodSpec, settings: &MethodSettings) -> Result<RidgeMap, Me
 }
 
 /// Loads the weights of a published network.
-fn weights(spec: MethodSpec, settings: &MethodSettings) -> Result<Weights, MethodError> {
+fn weights(spec: MethodSpec, settings: &MethodSettings) -> Result<PublishedWeights, MethodError> {
     let file = spec.spatial.weight_file().ok_or(MethodError::NoWeights { method: spec })?;
-    Ok(Weights::load(&published(spec, file, settings.weights.as_deref())?)?)
+    Ok(PublishedWeights::load(&published(spec, file, settings.weights.as_deref())?)?)
 }
 
 #[cfg(test)]
@@ -275,7 +275,7 @@ mod tests {
             gradients: Some(Gradients {
                 color_dx: Planes::new(width, height),
                 color_dy: Planes::new(width, height),
-                color_dxdy: None,
+                color_dxy: None,
             }),
             ..GBuffer::default()
         };

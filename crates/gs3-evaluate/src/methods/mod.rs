@@ -21,7 +21,7 @@ use gs3_raster::RasterError;
 use gs3_reconstruct::{Kriging, ReconstructError};
 use gs3_scene::{Camera, Image, Scene};
 
-use crate::network::WeightError;
+use crate::network::PublishedWeightError;
 use crate::upscale::{RidgeError, UpscaleError};
 use baseline::Baseline;
 pub(crate) use learned::{check_weights, weights_digest};
@@ -33,6 +33,7 @@ pub type Durations = [Option<Duration>; Stage::ALL.len()];
 
 /// Why a method gave no frame.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum MethodError {
     /// The rasterizer refused its settings.
     #[error(transparent)]
@@ -51,7 +52,7 @@ pub enum MethodError {
     Ridge(#[from] RidgeError),
     /// A network's weights cannot be used.
     #[error(transparent)]
-    Weights(#[from] WeightError),
+    Weights(#[from] PublishedWeightError),
     /// A network was asked for and no folder of weights named.
     #[error("{method}: expected a folder of weights, found none named")]
     NoWeights {
@@ -185,7 +186,7 @@ fn pipeline(mode: Mode, spec: MethodSpec, settings: &MethodSettings) -> Result<F
 
 impl Method for FramePipeline {
     fn reset(&mut self) {
-        FramePipeline::reset(self, ResetReason::FirstFrame);
+        FramePipeline::reset(self, ResetReason::CameraCut);
     }
 
     fn render(&mut self, camera: &Camera, middle: Option<&Camera>) -> Result<Shown<'_>, MethodError> {

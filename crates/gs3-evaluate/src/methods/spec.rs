@@ -91,6 +91,7 @@ pub struct MethodSpec {
 
 /// Why a text names no method.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SpecError {
     /// A part is not known.
     #[error("method '{method}': expected {part} one of {known}, found '{actual}'")]

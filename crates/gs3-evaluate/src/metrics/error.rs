@@ -2,6 +2,7 @@
 
 /// Why a metric has no value.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum MetricError {
     /// Two inputs that belong together differ in size.
     #[error("{what}: expected {}x{} pixels, found {}x{}", .expected.0, .expected.1, .actual.0, .actual.1)]

@@ -13,4 +13,4 @@ pub use rt4ksr::Rt4ksr;
 pub use safmn::Safmn;
 pub use span::Span;
 pub use trained::Trained;
-pub use weights::{WeightError, Weights};
+pub use weights::{PublishedWeightError, PublishedWeights};

@@ -5,7 +5,7 @@ use gs3::neural::model::Peer;
 use gs3_scene::{GBuffer, Image};
 
 use super::runner::{Runner, color_of, write};
-use super::{WeightError, Weights};
+use super::{PublishedWeightError, PublishedWeights};
 use crate::upscale::{UpscaleError, Upscaler, check_size};
 
 const CHANNELS: usize = 24;
@@ -22,8 +22,8 @@ impl Rt4ksr {
     /// Takes the published weights in training form, by their published names.
     ///
     /// # Errors
-    /// [`WeightError`] if a tensor is missing, has another shape or is not finite.
-    pub fn new(weights: &Weights) -> Result<Self, WeightError> {
+    /// [`PublishedWeightError`] if a tensor is missing, has another shape or is not finite.
+    pub fn new(weights: &PublishedWeights) -> Result<Self, PublishedWeightError> {
         let graph = Peer::Rt4ksr.graph(2).map_err(|e| weights.unusable(e.into()))?;
         let network = weights.runner_from(NAME, graph, |layer, kind, shape| {
             let published = match layer {
@@ -63,9 +63,10 @@ impl Upscaler for Rt4ksr {
     }
 }
 
-/// The block `1×1 expand → 3×3 + identity → 1×1 reduce → + input` as one 3×3 convolution, its weights and its biases. The expanded maps are padded
-/// with the expansion's bias, which is what a zero border expands to, so folding is exact at borders, too.
-fn folded(weights: &Weights, name: &str) -> Result<[Vec<f32>; 2], WeightError> {
+/// The block `1×1 expand → 3×3 + identity → 1×1 reduce → + input` as one 3×3 convolution, its weights and its biases.
+/// The expanded maps are padded with the expansion's bias, which is what a zero border expands to, so folding is exact
+/// at borders, too.
+fn folded(weights: &PublishedWeights, name: &str) -> Result<[Vec<f32>; 2], PublishedWeightError> {
     const WIDE: usize = 2 * CHANNELS;
     let tensor = |part: &str, shape: &[usize]| weights.tensor(&format!("{name}.{part}"), shape);
     let expand = tensor("expand_conv.weight", &[WIDE, CHANNELS, 1, 1])?;

@@ -6,7 +6,7 @@ use gs3_scene::{GBuffer, Image};
 use rayon::prelude::*;
 
 use super::runner::{Runner, color_of, write};
-use super::{WeightError, Weights};
+use super::{PublishedWeightError, PublishedWeights};
 use crate::upscale::{UpscaleError, Upscaler, check_size};
 
 const CHANNELS: usize = 32;
@@ -22,7 +22,8 @@ const NAME: &str = "safmn";
 /// SAFMN++ light.
 #[derive(Clone, Debug)]
 pub struct Safmn {
-    /// What comes before the coarse version that the first block wants, between those of two blocks, and after the last.
+    /// What comes before the coarse version that the first block wants, between those of two blocks, and after the
+    /// last.
     parts: [Runner; BLOCKS + 1],
     /// Of each block one 3×3 kernel per modulated channel, `[9, MODULATED]`.
     depthwise: [Vec<[f32; MODULATED]>; BLOCKS],
@@ -42,8 +43,8 @@ impl Safmn {
     /// Takes the published weights, by their published names.
     ///
     /// # Errors
-    /// [`WeightError`] if a tensor is missing, has another shape or is not finite.
-    pub fn new(weights: &Weights) -> Result<Self, WeightError> {
+    /// [`PublishedWeightError`] if a tensor is missing, has another shape or is not finite.
+    pub fn new(weights: &PublishedWeights) -> Result<Self, PublishedWeightError> {
         let part = |k: usize| weights.runner(NAME, graph(k).map_err(|e| weights.unusable(e.into()))?);
         let depthwise = |k: usize| {
             let name = format!("feats.{k}.conv1.dwconv.weight");

@@ -4,7 +4,7 @@ use gs3::neural::{Activation, Border, Conv2d, Graph, GraphBuilder, GraphError, O
 use gs3_scene::{GBuffer, Image};
 
 use super::runner::{Runner, color_of, write};
-use super::{WeightError, Weights};
+use super::{PublishedWeightError, PublishedWeights};
 use crate::upscale::{UpscaleError, Upscaler, check_size};
 
 const CHANNELS: usize = 28;
@@ -26,8 +26,8 @@ impl Span {
     /// Takes the published weights, by their published names.
     ///
     /// # Errors
-    /// [`WeightError`] if a tensor is missing, has another shape or is not finite.
-    pub fn new(weights: &Weights) -> Result<Self, WeightError> {
+    /// [`PublishedWeightError`] if a tensor is missing, has another shape or is not finite.
+    pub fn new(weights: &PublishedWeights) -> Result<Self, PublishedWeightError> {
         let graph = graph().map_err(|e| weights.unusable(e.into()))?;
         Ok(Self { network: weights.runner(NAME, graph)?, image: Vec::new() })
     }

@@ -1,54 +1,20 @@
-//! Weights by name from safetensors files.
+//! Weights of published networks, by the names that their authors gave them.
 
 use std::path::{Path, PathBuf};
 
-use gs3::neural::arrays::{Array, Arrays, MAX_BYTES};
-use gs3::neural::{self, Graph, Header, Parameter, RunError};
-use gs3_files::{ReadError, read_within};
-use safetensors::{Dtype, SafeTensors};
+use gs3::neural::arrays::{self, Array, Arrays};
+use gs3::neural::{self, Graph, Header, Parameter, RunError, WeightError};
 
 use super::runner::Runner;
 
-/// Why weights cannot be used.
+/// Why published weights cannot be used.
 #[derive(Debug, thiserror::Error)]
-pub enum WeightError {
-    /// The file cannot be read.
-    #[error("{}: {source}", .path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// What went wrong.
-        source: ReadError,
-    },
-    /// It is not a safetensors file.
-    #[error("{}: expected safetensors, found {message}", .path.display())]
-    Format {
-        /// The file.
-        path: PathBuf,
-        /// What the reader says.
-        message: String,
-    },
-    /// A tensor is missing.
-    #[error("{}: expected a tensor '{name}', found none", .path.display())]
-    Missing {
-        /// The file.
-        path: PathBuf,
-        /// The tensor.
-        name: String,
-    },
-    /// A tensor has another shape or type.
-    #[error("{}: {name}: expected f32 {expected:?}, found {actual}", .path.display())]
-    Shape {
-        /// The file.
-        path: PathBuf,
-        /// The tensor.
-        name: String,
-        /// The shape expected.
-        expected: Vec<usize>,
-        /// Type and shape found.
-        actual: String,
-    },
-    /// The engine refuses them.
+#[non_exhaustive]
+pub enum PublishedWeightError {
+    /// The file cannot be read. The source names it.
+    #[error(transparent)]
+    Read(WeightError),
+    /// It is no safetensors file, or not of this network.
     #[error("{}: {source}", .path.display())]
     Unusable {
         /// The file.
@@ -60,44 +26,41 @@ pub enum WeightError {
 
 /// A weight file in memory.
 #[derive(Debug)]
-pub struct Weights {
+pub struct PublishedWeights {
     path: PathBuf,
-    bytes: Vec<u8>,
+    arrays: Arrays,
 }
 
-impl Weights {
+impl PublishedWeights {
     /// Reads the file.
     ///
     /// # Errors
-    /// [`WeightError`] if it cannot be read or is no safetensors file.
-    pub fn load(path: &Path) -> Result<Self, WeightError> {
+    /// [`PublishedWeightError`] if it cannot be read or is no safetensors file.
+    pub fn load(path: &Path) -> Result<Self, PublishedWeightError> {
         let path = path.to_owned();
-        let bytes = read_within(&path, MAX_BYTES)
-            .map_err(|source| WeightError::Read { path: path.clone(), source })?;
-        let weights = Self { path, bytes };
-        weights.parse()?;
-        Ok(weights)
-    }
-
-    fn parse(&self) -> Result<SafeTensors<'_>, WeightError> {
-        SafeTensors::deserialize(&self.bytes)
-            .map_err(|e| WeightError::Format { path: self.path.clone(), message: e.to_string() })
+        match arrays::load(&path) {
+            Ok((_, arrays)) => Ok(Self { path, arrays }),
+            Err(error @ WeightError::File { .. }) => Err(PublishedWeightError::Read(error)),
+            Err(error) => Err(PublishedWeightError::Unusable { path, source: Box::new(error.into()) }),
+        }
     }
 
     /// The values of tensor `name`, which must have this shape.
-    pub(super) fn tensor(&self, name: &str, expected: &[usize]) -> Result<Vec<f32>, WeightError> {
-        let (path, name) = (self.path.clone(), name.to_owned());
-        let tensors = self.parse()?;
-        let Ok(view) = tensors.tensor(&name) else { return Err(WeightError::Missing { path, name }) };
-        if view.dtype() != Dtype::F32 || view.shape() != expected {
-            let actual = format!("{:?} {:?}", view.dtype(), view.shape());
-            return Err(WeightError::Shape { path, name, expected: expected.to_vec(), actual });
+    pub(super) fn tensor(&self, name: &str, expected: &[usize]) -> Result<Vec<f32>, PublishedWeightError> {
+        let wrong = |error: WeightError| self.unusable(error.into());
+        let (owned, shape) = (name.to_owned(), expected.to_vec());
+        let Some(array) = self.arrays.get(name) else {
+            return Err(wrong(WeightError::Missing { name: owned, expected: shape }));
+        };
+        if array.shape() != expected {
+            let actual = format!("{:?}", array.shape());
+            return Err(wrong(WeightError::Shape { name: owned, expected: shape, actual }));
         }
-        Ok(view.data().as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect())
+        Ok(array.values().to_vec())
     }
 
     /// `graph` with the tensors that are called as its parameters.
-    pub(super) fn runner(&self, name: &'static str, graph: Graph) -> Result<Runner, WeightError> {
+    pub(super) fn runner(&self, name: &'static str, graph: Graph) -> Result<Runner, PublishedWeightError> {
         self.runner_from(name, graph, |layer, kind, shape| self.tensor(&format!("{layer}.{kind}"), shape))
     }
 
@@ -106,9 +69,9 @@ impl Weights {
         &self,
         name: &'static str,
         graph: Graph,
-        values: impl Fn(&str, &str, &[usize]) -> Result<Vec<f32>, WeightError>,
-    ) -> Result<Runner, WeightError> {
-        let unusable = |e: neural::WeightError| self.unusable(e.into());
+        values: impl Fn(&str, &str, &[usize]) -> Result<Vec<f32>, PublishedWeightError>,
+    ) -> Result<Runner, PublishedWeightError> {
+        let unusable = |e: WeightError| self.unusable(e.into());
         let mut arrays = Arrays::new();
         for Parameter { name, shape } in graph.parameters() {
             let (layer, kind) = name.rsplit_once('.').unwrap_or((&name, ""));
@@ -124,7 +87,7 @@ impl Weights {
     }
 
     /// What the engine says of them.
-    pub(super) fn unusable(&self, source: RunError) -> WeightError {
-        WeightError::Unusable { path: self.path.clone(), source: Box::new(source) }
+    pub(super) fn unusable(&self, source: RunError) -> PublishedWeightError {
+        PublishedWeightError::Unusable { path: self.path.clone(), source: Box::new(source) }
     }
 }

@@ -10,6 +10,7 @@ use crate::protocol::EvaluateError;
 
 /// Why renders were not compared with photos.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum PhotoError {
     /// A camera of the capture names no photo.
     #[error("camera {camera} of the capture: expected the name of its photo, found none")]

@@ -75,6 +75,7 @@ pub struct Protocol {
 
 /// Why nothing was evaluated.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum EvaluateError {
     /// The frame range is not part of the path.
     #[error("frames: expected a range within 0..{available} with at least 3 frames, found {}..{}", .actual.start, .actual.end)]
@@ -120,7 +121,7 @@ pub enum EvaluateError {
     Method(#[from] MethodError),
 }
 
-/// Something that happened, for who watches.
+/// Something that happened, for those who watch.
 #[derive(Clone, Copy, Debug)]
 pub enum Event<'a> {
     /// Ground-truth frame `done` of `total` is there.

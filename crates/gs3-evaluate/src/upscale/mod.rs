@@ -18,6 +18,7 @@ use gs3_scene::{GBuffer, Image};
 
 /// Why a frame was not upscaled.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum UpscaleError {
     /// The reconstruction refused its input.
     #[error(transparent)]

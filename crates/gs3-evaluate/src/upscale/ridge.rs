@@ -27,6 +27,7 @@ pub struct RidgeMap {
 
 /// Why no map could be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum RidgeError {
     /// There is nothing to fit to.
     #[error("ridge map: expected at least 1 training frame, found 0")]

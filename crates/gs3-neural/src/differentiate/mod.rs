@@ -27,7 +27,6 @@ use crate::engine::ops::run_row;
 use crate::error::{RunError, WeightError};
 use crate::graph::{Conv2d, Graph, Op};
 use crate::images::{self, Named};
-use crate::reference::parameter;
 use crate::shape::Shape;
 use crate::weights::Weights;
 use ops::{Adjoint, Write};
@@ -128,7 +127,7 @@ impl Differentiator {
         let kernels = |step: &Step| match &step.kind {
             Kind::Convolution(conv) => {
                 let name = &plan.graph.layers()[step.layer].name;
-                let [weight, bias] = ["weight", "bias"].map(|kind| parameter(weights, name, kind));
+                let [weight, bias] = ["weight", "bias"].map(|kind| weights.parameter(name, kind));
                 let forward = Convolution::new(*conv, border, &step.layouts, weight, bias);
                 let turned = Turned::new(border, conv, step, &plan.steps, weight);
                 Some(Kernels::Convolution(Box::new(Turnable { forward, turned })))

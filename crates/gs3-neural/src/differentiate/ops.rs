@@ -11,7 +11,7 @@ use super::plan::Step;
 use crate::engine::block::{Block, LANES, Layout, Sources};
 use crate::engine::ops::{Factor, load, run_len};
 use crate::graph::Op;
-use crate::reference::pooled;
+use crate::shape::pooled;
 
 /// What is done to a derivative of which there may already be a part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -7,7 +7,6 @@ use super::block::{Block, LANES, Layout, Sources};
 use super::conv::fill_halo;
 use super::ops::load;
 use crate::graph::{Border, Op};
-use crate::reference::parameter;
 use crate::weights::Weights;
 
 /// [`Op::Prelu`] or [`Op::LayerNorm`] with its numbers.
@@ -28,7 +27,7 @@ impl Learned {
                 block.0[..values.len()].copy_from_slice(values);
                 block
             };
-            parameter(weights, name, kind).chunks(LANES).map(lanes).collect()
+            weights.parameter(name, kind).chunks(LANES).map(lanes).collect()
         };
         matches!(op, Op::Prelu | Op::LayerNorm { .. }).then(|| Self {
             op: *op,

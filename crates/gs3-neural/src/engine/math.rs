@@ -43,8 +43,7 @@ fn reciprocal<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
 /// eˣ, relative error below 3e-7, clamped to e^±87 so that it stays a normal number.
 ///
 /// eˣ = 2ⁿ eʳ with n = round(x / ln 2), |r| ≤ ½ ln 2 + rounding; eʳ by Taylor's series to the 7th power: the rest is
-/// below
-/// 0.347⁸/8! = 5e-9. ln 2 in two parts (Cody and Waite), the first exact in 9 bits so that n · ln2 is exact.
+/// below 0.347⁸/8! = 5e-9. ln 2 in two parts (Cody and Waite), the first exact in 9 bits so that n · ln2 is exact.
 #[inline(always)]
 fn exp<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
     let c = |v: f32| f32x16::splat(simd, v);

@@ -8,8 +8,8 @@
 //! neighbouring slabs that it sees it computes itself. Images are read where they are needed, as often as that is,
 //! and written where they are made.
 //!
-//! What it takes, of which peak, and where the rest goes is in `docs/performance.md` (`examples/speed.rs` measures it). The
-//! floor is memory: of super sampling of tier fast at 480×270, ×4, 180 MB of images in and out.
+//! What it takes, of which peak, and where the rest goes is in `docs/performance.md` (`examples/speed.rs` measures it).
+//! The floor is memory: of super sampling of tier fast at 480×270, ×4, 180 MB of images in and out.
 
 mod bf16;
 pub(crate) mod block;

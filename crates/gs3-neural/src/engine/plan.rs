@@ -13,7 +13,6 @@ use super::ops::updates;
 use super::passes::{Passes, Reader, Wave};
 use super::thin::ThinConvolution;
 use crate::graph::{Graph, Op};
-use crate::reference::parameter;
 use crate::shape::Shape;
 use crate::weights::Weights;
 
@@ -414,7 +413,7 @@ impl Planner<'_> {
                 None => Kind::Row(layer.op),
             };
         };
-        let [weight, bias] = ["weight", "bias"].map(|kind| parameter(self.weights, &layer.name, kind));
+        let [weight, bias] = ["weight", "bias"].map(|kind| self.weights.parameter(&layer.name, kind));
         let border = self.graph.border();
         let source = Source { conv: *conv, border, inputs, width: strip, weights: weight, bias };
         if let Some(thin) = ThinConvolution::new(&source) {

@@ -1,6 +1,6 @@
 // A convolution that reads its input where it is: windows of one pixel, and those too wide for workgroup memory. An
-// invocation keeps four pixels × THREAD_BLOCKS blocks of output channels in registers. Lines in capitals are written out by
-// conv.rs.
+// invocation keeps four pixels × THREAD_BLOCKS blocks of output channels in registers. Lines in capitals are written
+// out by conv.rs.
 
 @compute @workgroup_size(THREADS)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) index: u32) {

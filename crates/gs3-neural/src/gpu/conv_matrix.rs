@@ -1,8 +1,8 @@
 //! Convolutions as products of matrices in hardware (cooperative matrices, "tensor cores").
 //!
 //! Matrices of 8×8 ran on lavapipe; those of 16×16 have run nowhere, and nothing is tuned: no such hardware was at
-//! hand. So they are for who asks for them. A run of pixels is loaded once for all columns, a matrix of weights once
-//! for [`RUNS`].
+//! hand. So they are for those who ask for them. A run of pixels is loaded once for all columns, a matrix of weights
+//! once for [`RUNS`].
 
 use gs3_compute::{Capabilities, Gpu, Subgroups, Support, Use, constants};
 
@@ -203,8 +203,8 @@ const TRIAL: [usize; 2] = [257, 259];
 const TRIAL_PARTS: [(&str, usize); source::PARTS.len()] =
     [("a", 17), ("b", 3), ("c", 8), ("d", 4), ("e", 1), ("f", 16)];
 
-/// Its convolutions, of the forms that networks have, each a kernel of its own: what it reads, and output channels that make
-/// with matrices of either side several chunks of several columns and one chunk of few, the last column not full.
+/// Its convolutions, of the forms that networks have, each a kernel of its own: what it reads, and output channels that
+/// make with matrices of either side several chunks of several columns and one chunk of few, the last column not full.
 const TRIAL_CONVOLUTIONS: [(&str, Conv2d, &[usize]); 3] = [
     ("wide", Conv2d::new(3, 92), &[0, 1]),
     ("pixelwise", Conv2d::new(1, 28), &[0, 1, 2, 3, 4, 5]),

@@ -1,6 +1,6 @@
 // A convolution, TILE × TILE pixels a workgroup. For each four input channels the workgroup stages the tile with its
-// margin, and the weights; an invocation keeps four pixels of a column × THREAD_BLOCKS blocks of output channels in registers.
-// Lines in capitals are written out by conv.rs.
+// margin, and the weights; an invocation keeps four pixels of a column × THREAD_BLOCKS blocks of output channels in
+// registers. Lines in capitals are written out by conv.rs.
 
 const SIDE: u32 = TILE + 2u * REACH;
 

@@ -7,6 +7,7 @@ use crate::error::{GraphError, RunError, WeightError};
 
 /// A network that a GPU cannot run, or images that do not fit it.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum GpuRunError {
     /// The network, its weights or its images do not fit each other.
     #[error(transparent)]

@@ -13,8 +13,8 @@ use crate::shape::Shape;
 /// Side of the LR grid for which it is decided, whatever size is run: six poolings leave it whole.
 const NOMINAL: usize = 64;
 
-/// What one kernel more costs, bytes an LR pixel: it waits for those before it, about 2 µs, in which a card moves 2 to 5
-/// GB/ms, over the 0.5 M LR pixels of 4096×2160. From 1 to 16 the plans of our networks are the same.
+/// What one kernel more costs, bytes an LR pixel: it waits for those before it, about 2 µs, in which a card moves 2 to
+/// 5 GB/ms, over the 0.5 M LR pixels of 4096×2160. From 1 to 16 the plans of our networks are the same.
 const KERNEL_BYTES: f64 = 16.0;
 
 /// What a byte costs that a kernel has read before: it comes from a cache, if not from a register.

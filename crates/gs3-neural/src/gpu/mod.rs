@@ -1,11 +1,11 @@
 //! The GPU engine: a network for one image size, planned once; a frame's images stay on the device.
 //!
 //! Tensors are planes of four channels (`[ceil(C / 4)][height][width]`, each a vec4): neighbouring invocations read and
-//! write neighbouring vectors. Few results are stored ([`fuse`]); the others are functions in the kernels that read them
-//! ([`expression`]), whose WGSL is written for their sizes; the plan ([`plan`]) is a pure function. Convolutions stage a
-//! tile of their input and the weights of four channels in workgroup memory, and keep four pixels × 16 channels in
-//! registers, or products of matrices where hardware makes them ([`MatrixUnit`]); the parts of a concatenation are read
-//! where they are; blocks of pixels become channels while images come in and pixels again while they go out.
+//! write neighbouring vectors. Few results are stored ([`fuse`]); the others are functions in the kernels that read
+//! them ([`expression`]), whose WGSL is written for their sizes; the plan ([`plan`]) is a pure function. Convolutions
+//! stage a tile of their input and the weights of four channels in workgroup memory, and keep four pixels × 16 channels
+//! in registers, or products of matrices where hardware makes them ([`MatrixUnit`]); the parts of a concatenation are
+//! read where they are; blocks of pixels become channels while images come in and pixels again while they go out.
 
 mod conv;
 mod conv_matrix;
@@ -158,8 +158,8 @@ impl GpuEngine {
         self.slots.iter().map(Buffer::bytes).sum()
     }
 
-    /// Bytes that a run reads and writes, each tensor and image once per kernel, weights aside: over what a device copies
-    /// in a second, the least time of a run whose tensors no cache keeps.
+    /// Bytes that a run reads and writes, each tensor and image once per kernel, weights aside: over what a device
+    /// copies in a second, the least time of a run whose tensors no cache keeps.
     #[must_use]
     pub fn bytes_moved(&self) -> u64 {
         self.plan.steps.iter().map(|step| step.bytes).sum()

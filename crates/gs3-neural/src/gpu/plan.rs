@@ -14,7 +14,6 @@ use super::source::{self, PARTS, blocks, image_words, tensor_bytes};
 use super::{GpuEngineSettings, GpuImage, GpuRunError, ImageFormat, MatrixUnit, Precision};
 use crate::error::RunError;
 use crate::graph::{Conv2d, Graph, Op};
-use crate::reference::parameter;
 use crate::shape::Shape;
 use crate::weights::Weights;
 
@@ -251,8 +250,8 @@ impl Planner<'_> {
         let (mut weight, mut bias, mut labels) = (Vec::new(), Vec::new(), Vec::new());
         for branch in branches {
             let layer = &graph.layers()[branch.conv];
-            weight.extend(parameter(weights, &layer.name, "weight"));
-            bias.extend(parameter(weights, &layer.name, "bias"));
+            weight.extend(weights.parameter(&layer.name, "weight"));
+            bias.extend(weights.parameter(&layer.name, "bias"));
             bias.resize(weight.len() / taps, 0.0);
             labels.push(layer.name.as_str());
         }

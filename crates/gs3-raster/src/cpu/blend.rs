@@ -44,8 +44,8 @@ pub mod plane {
     /// Normal, three planes.
     pub const NORMAL: usize = 15;
     /// ∂²(1 − T)/∂x∂y and ∂²colour/∂x∂y, three planes.
-    pub const ALPHA_DXDY: usize = 18;
-    pub const COLOR_DXDY: usize = 19;
+    pub const ALPHA_DXY: usize = 18;
+    pub const COLOR_DXY: usize = 19;
     pub const COUNT: usize = 22;
 }
 
@@ -158,7 +158,7 @@ pub fn start_tile<const OUTPUTS: usize>(
 ) -> u32 {
     let planes = match OUTPUTS {
         COLOR => plane::ALPHA_DX,
-        GBUFFER => plane::ALPHA_DXDY,
+        GBUFFER => plane::ALPHA_DXY,
         _ => plane::COUNT,
     };
     let mut open = 0;
@@ -189,8 +189,8 @@ struct State<S: Simd> {
     distance: f32x16<S>,
     median: f32x16<S>,
     normal: [f32x16<S>; 3],
-    alpha_dxdy: f32x16<S>,
-    color_dxdy: [f32x16<S>; 3],
+    alpha_dxy: f32x16<S>,
+    color_dxy: [f32x16<S>; 3],
 }
 
 impl<S: Simd> State<S> {
@@ -208,8 +208,8 @@ impl<S: Simd> State<S> {
             distance: f32x16::from_slice(s, &plane[plane::DISTANCE]),
             median: f32x16::from_slice(s, &plane[plane::MEDIAN]),
             normal: load3(s, block, plane::NORMAL),
-            alpha_dxdy: f32x16::from_slice(s, &plane[plane::ALPHA_DXDY]),
-            color_dxdy: load3(s, block, plane::COLOR_DXDY),
+            alpha_dxy: f32x16::from_slice(s, &plane[plane::ALPHA_DXY]),
+            color_dxy: load3(s, block, plane::COLOR_DXY),
         }
     }
 
@@ -230,8 +230,8 @@ impl<S: Simd> State<S> {
             store3(self.normal, plane, plane::NORMAL);
         }
         if OUTPUTS == GBUFFER_MIXED {
-            self.alpha_dxdy.store_slice(&mut plane[plane::ALPHA_DXDY]);
-            store3(self.color_dxdy, plane, plane::COLOR_DXDY);
+            self.alpha_dxy.store_slice(&mut plane[plane::ALPHA_DXY]);
+            store3(self.color_dxy, plane, plane::COLOR_DXY);
         }
     }
 
@@ -273,11 +273,11 @@ impl<S: Simd> State<S> {
                     let b = lanes(s, splat.l11 * splat.l21);
                     let alpha_xy = slope * (gx * gy).mul_add(lanes(s, UNSCALE), zero - b);
                     let cross = self.alpha_dx.mul_add(alpha_y, self.alpha_dy * alpha_x);
-                    let weight_xy = t.mul_add(alpha_xy, zero - cross) - self.alpha_dxdy * alpha;
+                    let weight_xy = t.mul_add(alpha_xy, zero - cross) - self.alpha_dxy * alpha;
                     for k in 0..3 {
-                        self.color_dxdy[k] = color[k].mul_add(weight_xy, self.color_dxdy[k]);
+                        self.color_dxy[k] = color[k].mul_add(weight_xy, self.color_dxy[k]);
                     }
-                    self.alpha_dxdy += weight_xy;
+                    self.alpha_dxy += weight_xy;
                 }
                 // A(1 − α) + T·αx = A + weight_x, and likewise for the others.
                 self.alpha_dx += weight_x;

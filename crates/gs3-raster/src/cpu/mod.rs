@@ -15,6 +15,7 @@ mod resolve;
 pub(crate) mod sh;
 pub(crate) mod splat;
 
+use std::fmt;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -58,6 +59,15 @@ pub struct Rasterizer {
     jobs: Vec<Projected>,
     bins: Bins,
     times: RasterTimes,
+}
+
+impl fmt::Debug for Rasterizer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Rasterizer")
+            .field("gaussians", &self.scene.gaussians().len())
+            .field("culling", &self.culling)
+            .finish_non_exhaustive()
+    }
 }
 
 impl Rasterizer {

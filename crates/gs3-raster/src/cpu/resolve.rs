@@ -33,9 +33,9 @@ pub fn prepare(out: &mut GBuffer, camera: &Camera, settings: &RasterSettings) {
     gradients.color_dx.resize(w, h);
     gradients.color_dy.resize(w, h);
     if settings.outputs == Outputs::GBufferMixed {
-        gradients.color_dxdy.get_or_insert_with(Planes::default).resize(w, h);
+        gradients.color_dxy.get_or_insert_with(Planes::default).resize(w, h);
     } else {
-        gradients.color_dxdy = None;
+        gradients.color_dxy = None;
     }
     let geometry = out.geometry.get_or_insert_with(Geometry::default);
     geometry.depth_median.resize(w, h);
@@ -59,8 +59,8 @@ pub fn gbuffer_bands(out: &mut GBuffer) -> Vec<Band<'_>> {
     if let Some(gradients) = &mut out.gradients {
         split(&mut gradients.color_dx, plane::COLOR_DX, length, &mut planes);
         split(&mut gradients.color_dy, plane::COLOR_DY, length, &mut planes);
-        if let Some(mixed) = &mut gradients.color_dxdy {
-            split(mixed, plane::COLOR_DXDY, length, &mut planes);
+        if let Some(mixed) = &mut gradients.color_dxy {
+            split(mixed, plane::COLOR_DXY, length, &mut planes);
         }
     }
     if let Some(geometry) = &mut out.geometry {
@@ -160,9 +160,9 @@ impl Resolver {
             add_product(s, &mut plane[plane::COLOR_DY + k], alpha_dy, self.background[k]);
         }
         if OUTPUTS == GBUFFER_MIXED {
-            let alpha_dxdy = zero - f32x16::from_slice(s, &plane[plane::ALPHA_DXDY]);
+            let alpha_dxy = zero - f32x16::from_slice(s, &plane[plane::ALPHA_DXY]);
             for k in 0..3 {
-                add_product(s, &mut plane[plane::COLOR_DXDY + k], alpha_dxdy, self.background[k]);
+                add_product(s, &mut plane[plane::COLOR_DXY + k], alpha_dxy, self.background[k]);
             }
         }
         let lane_x = f32x16::from_slice(s, &SAMPLES_X[0]) + f32x16::splat(s, x as f32 - self.center[0]);

@@ -1,24 +1,6 @@
 //! View-dependent colour from spherical harmonics.
 
-use gs3_scene::gaussians::SH_C0;
-
-pub const C1: f32 = 0.488_602_511_902_919_9;
-const C2: [f32; 5] = [
-    1.092_548_430_592_079_2,
-    -1.092_548_430_592_079_2,
-    0.315_391_565_252_520_05,
-    -1.092_548_430_592_079_2,
-    0.546_274_215_296_039_6,
-];
-const C3: [f32; 7] = [
-    -0.590_043_589_926_643_5,
-    2.890_611_442_640_554,
-    -0.457_045_799_464_465_8,
-    0.373_176_332_590_115_4,
-    -0.457_045_799_464_465_8,
-    1.445_305_721_320_277,
-    -0.590_043_589_926_643_5,
-];
+use gs3_scene::gaussians::{SH_C0, SH_C1 as C1, SH_C2 as C2, SH_C3 as C3};
 
 /// Colour of a Gaussian seen along `direction` (from the camera to the Gaussian, any length), display-encoded RGB, at
 /// least 0 (Kerbl et al. 2023). `coefficients` is `[K, 3]` with K = 1, 4, 9 or 16.

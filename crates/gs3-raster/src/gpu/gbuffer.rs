@@ -1,5 +1,6 @@
 //! The G-buffer in device memory.
 
+use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use gs3_compute::{Bound, Buffer, Gpu, GpuError, Use};
@@ -30,6 +31,12 @@ pub struct GpuGBuffer {
     planes: Vec<(&'static str, Buffer)>,
     pub(super) target: Target,
     pub(super) crop: BoundCrop,
+}
+
+impl fmt::Debug for GpuGBuffer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("GpuGBuffer").field("size", &self.size).finish_non_exhaustive()
+    }
 }
 
 /// Planes of all G-buffers, counted from 1, so that a picture knows from which ones it is copied.
@@ -149,7 +156,7 @@ impl GpuGBuffer {
             out.geometry = None;
             return Ok(());
         }
-        let Gradients { color_dx, color_dy, color_dxdy } =
+        let Gradients { color_dx, color_dy, color_dxy } =
             out.gradients.get_or_insert_with(Gradients::default);
         let geometry = out.geometry.get_or_insert_with(Geometry::default);
         self.read_into(gpu, self.dx_median(), color_dx, Some(&mut geometry.depth_median))?;
@@ -157,9 +164,9 @@ impl GpuGBuffer {
         self.read_into(gpu, self.normal(), &mut geometry.normal, None)?;
         match self.dxdy() {
             Some(dxdy) => {
-                self.read_into(gpu, Some(dxdy), color_dxdy.get_or_insert_with(Planes::default), None)?
+                self.read_into(gpu, Some(dxdy), color_dxy.get_or_insert_with(Planes::default), None)?
             }
-            None => *color_dxdy = None,
+            None => *color_dxy = None,
         }
         Ok(())
     }

@@ -25,6 +25,7 @@ mod shaders;
 mod tests;
 mod view;
 
+use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -69,6 +70,15 @@ pub struct GpuRasterizer {
     counters_back: Readback,
     /// For [`Self::rasterize_to`].
     gbuffer: GpuGBuffer,
+}
+
+impl fmt::Debug for GpuRasterizer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("GpuRasterizer")
+            .field("gaussians", &self.scene.gaussians().len())
+            .field("gpu", &self.gpu.adapter().name)
+            .finish_non_exhaustive()
+    }
 }
 
 /// What the frames since the last answer turned out to need.

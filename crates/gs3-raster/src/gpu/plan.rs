@@ -97,7 +97,8 @@ fn most(limits: &Limits) -> Room {
     Room { splats: items(16), entries: items(4), band_rows: u32::MAX }
 }
 
-/// Room for `count` items: powers of two up to 2²⁰ and its multiples, so that room that has grown seldom has to grow again.
+/// Room for `count` items: powers of two up to 2²⁰ and its multiples, so that room that has grown seldom has to grow
+/// again.
 fn rounded(count: u32, max: u32) -> u32 {
     const STEP: u32 = 1 << 20;
     const LEAST: u32 = 1 << 16;

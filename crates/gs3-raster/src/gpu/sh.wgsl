@@ -13,19 +13,19 @@ fn color_of(i: u32, direction: vec3<f32>) -> vec3<f32> {
             let xx = x * x;
             let yy = y * y;
             let zz = z * z;
-            color += (1.0925484305920792 * x * y) * sh_of(i, 4u);
-            color += (-1.0925484305920792 * y * z) * sh_of(i, 5u);
-            color += (0.31539156525252005 * (2.0 * zz - xx - yy)) * sh_of(i, 6u);
-            color += (-1.0925484305920792 * x * z) * sh_of(i, 7u);
-            color += (0.5462742152960396 * (xx - yy)) * sh_of(i, 8u);
+            color += (C2_0 * x * y) * sh_of(i, 4u);
+            color += (C2_1 * y * z) * sh_of(i, 5u);
+            color += (C2_2 * (2.0 * zz - xx - yy)) * sh_of(i, 6u);
+            color += (C2_3 * x * z) * sh_of(i, 7u);
+            color += (C2_4 * (xx - yy)) * sh_of(i, 8u);
             if SH_DEGREE > 2u {
-                color += (-0.5900435899266435 * y * (3.0 * xx - yy)) * sh_of(i, 9u);
-                color += (2.890611442640554 * x * y * z) * sh_of(i, 10u);
-                color += (-0.4570457994644658 * y * (4.0 * zz - xx - yy)) * sh_of(i, 11u);
-                color += (0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy)) * sh_of(i, 12u);
-                color += (-0.4570457994644658 * x * (4.0 * zz - xx - yy)) * sh_of(i, 13u);
-                color += (1.445305721320277 * z * (xx - yy)) * sh_of(i, 14u);
-                color += (-0.5900435899266435 * x * (xx - 3.0 * yy)) * sh_of(i, 15u);
+                color += (C3_0 * y * (3.0 * xx - yy)) * sh_of(i, 9u);
+                color += (C3_1 * x * y * z) * sh_of(i, 10u);
+                color += (C3_2 * y * (4.0 * zz - xx - yy)) * sh_of(i, 11u);
+                color += (C3_3 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy)) * sh_of(i, 12u);
+                color += (C3_4 * x * (4.0 * zz - xx - yy)) * sh_of(i, 13u);
+                color += (C3_5 * z * (xx - yy)) * sh_of(i, 14u);
+                color += (C3_6 * x * (xx - 3.0 * yy)) * sh_of(i, 15u);
             }
         }
     }

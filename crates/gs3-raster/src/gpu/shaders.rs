@@ -2,7 +2,7 @@
 
 use gs3_compute::{GRID_WGSL, constants};
 use gs3_scene::OpacityMode;
-use gs3_scene::gaussians::SH_C0;
+use gs3_scene::gaussians::{SH_C0, SH_C1, SH_C2, SH_C3};
 
 use super::frame::GROUP;
 use super::kernels::{culling_number, opacity_number};
@@ -10,7 +10,7 @@ use super::plan::TILE;
 use super::scene::{FIRST_RATIO, OPACITY_STEPS, QUATERNION_STEPS, ScenePrecision};
 use crate::chunk::CHUNK;
 use crate::cpu::cover::BLOCK;
-use crate::cpu::{blend, project, sh, splat};
+use crate::cpu::{blend, project, splat};
 use crate::settings::{Culling, Outputs};
 use crate::view::NEAR;
 
@@ -33,10 +33,11 @@ fn numbers() -> String {
         ("TWO_LN_2", project::TWO_LN_2),
         ("HALF_LOG2_E_SQRT", project::HALF_LOG2_E_SQRT),
         ("MAX_STEEPNESS", project::MAX_STEEPNESS),
+        ("MAX_DEVIATION", project::MAX_DEVIATION),
         ("MAX_FINITE", f32::MAX),
         ("TINY", f32::MIN_POSITIVE),
         ("C0", SH_C0),
-        ("C1", sh::C1),
+        ("C1", SH_C1),
         ("MAX_ALPHA", blend::MAX_ALPHA),
         ("MIN_ALPHA", splat::MIN_ALPHA),
         ("MIN_TRANSMITTANCE", blend::MIN_TRANSMITTANCE),
@@ -56,7 +57,12 @@ fn numbers() -> String {
         ("EXACT", culling_number(Culling::Exact)),
         ("ANTIALIASED", opacity_number(OpacityMode::Antialiased)),
     ]);
-    reals + &counts
+    // C2_0 to C2_4, C3_0 to C3_6.
+    let of_degree = |degree: u32, factors: &[f32]| -> String {
+        let named = |(k, factor): (usize, &f32)| constants(&[(format!("C{degree}_{k}").as_str(), *factor)]);
+        factors.iter().enumerate().map(named).collect()
+    };
+    reals + &of_degree(2, &SH_C2) + &of_degree(3, &SH_C3) + &counts
 }
 
 fn joined(parts: &[&str]) -> String {

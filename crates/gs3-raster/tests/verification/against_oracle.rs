@@ -46,7 +46,7 @@ fn all_modes() {
                                 let gbuffer = render(&scene, culling, &camera, &settings);
                                 assert_eq!(gbuffer.gradients.is_some(), outputs != Outputs::Color, "{what}");
                                 assert_eq!(gbuffer.geometry.is_some(), outputs != Outputs::Color, "{what}");
-                                let mixed = gbuffer.gradients.as_ref().and_then(|g| g.color_dxdy.as_ref());
+                                let mixed = gbuffer.gradients.as_ref().and_then(|g| g.color_dxy.as_ref());
                                 assert_eq!(mixed.is_some(), outputs == Outputs::GBufferMixed, "{what}");
                                 assert_eq!(gbuffer.jitter, jitter, "{what}");
                                 tally.add(assert_matches(&gbuffer, &samples, TOLERANCE, &what));

@@ -71,7 +71,7 @@ pub fn pairs(gbuffer: &GBuffer) -> Vec<Pair<'_>> {
     if let Some(g) = &gbuffer.gradients {
         all.push(pair("color_dx", &g.color_dx, |s, k| s.color_dx[k]));
         all.push(pair("color_dy", &g.color_dy, |s, k| s.color_dy[k]));
-        all.extend(g.color_dxdy.as_ref().map(|p| pair("color_dxdy", p, |s, k| s.color_dxdy[k])));
+        all.extend(g.color_dxy.as_ref().map(|p| pair("color_dxy", p, |s, k| s.color_dxy[k])));
     }
     if let Some(g) = &gbuffer.geometry {
         all.push(pair("depth_median", &g.depth_median, |s, _| s.depth_median));

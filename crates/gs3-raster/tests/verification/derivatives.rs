@@ -33,11 +33,11 @@ fn gradients_are_the_limits_of_differences() {
         let (above, below) = (at(0.0, -STEP), at(0.0, STEP));
         let gradients = |g: &GBuffer| g.gradients.clone().expect("asked for");
         let g = gradients(&center);
-        let mixed = g.color_dxdy.as_ref().expect("asked for");
+        let mixed = g.color_dxy.as_ref().expect("asked for");
         assert_difference("color_dx", &g.color_dx, &left.color, &right.color);
         assert_difference("color_dy", &g.color_dy, &above.color, &below.color);
-        assert_difference("color_dxdy", mixed, &gradients(&above).color_dx, &gradients(&below).color_dx);
-        assert_difference("color_dxdy", mixed, &gradients(&left).color_dy, &gradients(&right).color_dy);
+        assert_difference("color_dxy", mixed, &gradients(&above).color_dx, &gradients(&below).color_dx);
+        assert_difference("color_dxy", mixed, &gradients(&left).color_dy, &gradients(&right).color_dy);
     }
 }
 

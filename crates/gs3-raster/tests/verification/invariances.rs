@@ -196,7 +196,7 @@ fn matched_low_resolution_samples_the_native_image() {
             for (l, n) in pairs(&low).iter().zip(pairs(&native)) {
                 let factor = match l.name {
                     "color_dx" | "color_dy" => S as f64,
-                    "color_dxdy" => (S * S) as f64,
+                    "color_dxy" => (S * S) as f64,
                     _ => 1.0,
                 };
                 let (mut squares, mut count, mut largest) = (0.0, 0, 0.0_f64);

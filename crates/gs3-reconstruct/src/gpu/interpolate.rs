@@ -1,5 +1,7 @@
 //! A frame between two reconstructed frames, without learning, on a GPU.
 
+use std::fmt;
+
 use bytemuck::{Pod, Zeroable};
 use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Recorder, Use};
 use gs3_scene::Camera;
@@ -69,6 +71,12 @@ pub struct GpuInterpolator {
     blend: Kernel,
     separate: Kernel,
     separate_both: Kernel,
+}
+
+impl fmt::Debug for GpuInterpolator {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("GpuInterpolator").field("scale", &self.scale).finish_non_exhaustive()
+    }
 }
 
 /// What is made of two neighbours.

@@ -1,5 +1,7 @@
 //! Where the surfaces of a frame were in another one, on a GPU.
 
+use std::fmt;
+
 use bytemuck::{Pod, Zeroable};
 use gs3_compute::{Bound, Buffer, Gpu, Kernel, Recorder, Use};
 use gs3_scene::Camera;
@@ -28,6 +30,12 @@ pub struct GpuMotion {
     lr: [u32; 2],
     uniform: Buffer,
     find: Kernel,
+}
+
+impl fmt::Debug for GpuMotion {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("GpuMotion").field("lr", &self.lr).finish_non_exhaustive()
+    }
 }
 
 /// Motion from one frame to another.

@@ -6,9 +6,7 @@ use super::krige;
 use super::plan::{KRIGED, MADE_WIDTH, SuperSamplePlan};
 use super::super_sample::Innovation;
 use crate::super_sample::Kriging;
-use crate::{
-    blend, gather, kriging, motion, nearest, neighbor_depth, plausible, reprojection, splat, tile, warp,
-};
+use crate::{blend, gather, kriging, nearest, neighbor_depth, plausible, reprojection, splat, tile, warp};
 
 const FRAME: &str = include_str!("frame.wgsl");
 const HALVES: &str = include_str!("halves.wgsl");
@@ -119,7 +117,7 @@ pub fn krige() -> String {
 pub fn neighbor_depth() -> String {
     let numbers = constants(&[
         ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
-        ("SAME_SURFACE", neighbor_depth::SAME_SURFACE),
+        ("SAME_SURFACE", reprojection::SAME_SURFACE),
     ]);
     joined(&[&numbers, BETWEEN, &reprojection(), include_str!("neighbor_depth.wgsl")])
 }
@@ -131,8 +129,10 @@ pub fn middle_depth() -> String {
 
 /// Surfaces to where they were: entry `find_motion`.
 pub fn motion() -> String {
-    let numbers =
-        constants(&[("MIN_DIVISOR", reprojection::MIN_DIVISOR), ("SAME_SURFACE", motion::SAME_SURFACE)]);
+    let numbers = constants(&[
+        ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
+        ("SAME_SURFACE", reprojection::SAME_SURFACE),
+    ]);
     joined(&[&numbers, &reprojection(), include_str!("motion.wgsl")])
 }
 
@@ -140,7 +140,7 @@ pub fn motion() -> String {
 pub fn warp() -> String {
     let numbers = constants(&[
         ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
-        ("SAME_SURFACE", neighbor_depth::SAME_SURFACE),
+        ("SAME_SURFACE", reprojection::SAME_SURFACE),
         ("SILHOUETTE", neighbor_depth::SILHOUETTE),
         ("UNSEEN", neighbor_depth::HIDDEN),
         ("RIGID", warp::RIGID),

@@ -1,5 +1,7 @@
 //! Temporal super sampling without learning, on a GPU.
 
+use std::fmt;
+
 use bytemuck::{Pod, Zeroable};
 use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Recorder, Slice, Use};
 use gs3_scene::camera::MAX_SIDE;
@@ -13,11 +15,8 @@ use crate::error::{ReconstructError, camera_size, check_frame_size, check_jitter
 use crate::lattice::Axis;
 use crate::nearest::EVERY;
 use crate::reprojection::{Reprojection, parallax};
-use crate::super_sample::{Kriging, ResetReason};
+use crate::super_sample::{Kriging, MAX_PAST, ResetReason};
 use crate::tile::Lattice;
-
-/// Most frames in the history.
-const MAX_PAST: usize = (crate::MAX_SCALE * crate::MAX_SCALE) as usize;
 
 /// Phases of pixels within an LR pixel.
 const PHASES: usize = crate::MAX_SCALE as usize;
@@ -100,6 +99,16 @@ pub struct GpuSuperSampler {
     /// The one recorded last, until it is kept.
     pending: Option<Past>,
     invalid: Option<ResetReason>,
+}
+
+impl fmt::Debug for GpuSuperSampler {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("GpuSuperSampler")
+            .field("scale", &self.scale)
+            .field("size", &self.plan.size)
+            .field("invalid", &self.invalid)
+            .finish_non_exhaustive()
+    }
 }
 
 /// Super sampling from one G-buffer to one image.
@@ -248,8 +257,7 @@ impl GpuSuperSampler {
     ///
     /// # Errors
     /// [`GpuReconstructError`] if `bound` is another super sampler's, the size of `camera`, the jitter or the margin
-    /// does not fit, or the device is lost;
-    /// the history is then as before.
+    /// does not fit, or the device is lost; the history is then as before.
     pub fn record(
         &mut self,
         recorder: &mut Recorder<'_>,

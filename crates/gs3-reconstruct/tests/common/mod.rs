@@ -117,7 +117,7 @@ impl World {
             gradients: Some(Gradients {
                 color_dx: Planes::new(width, height),
                 color_dy: Planes::new(width, height),
-                color_dxdy: None,
+                color_dxy: None,
             }),
             geometry: Some(Geometry {
                 depth_median: Planes::new(width, height),

@@ -18,6 +18,7 @@ pub struct CaptureError {
 
 /// What is wrong with a camera file.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum CaptureFault {
     /// The file cannot be read, or is too large.
     #[error(transparent)]

@@ -44,7 +44,8 @@ pub const MAX_COLMAP_BYTES: u64 = 4 << 30;
 ///
 /// # Errors
 /// [`CaptureError`], naming file, field, expected and actual.
-pub fn load(path: &Path) -> Result<CameraPath, CaptureError> {
+pub fn load(path: impl AsRef<Path>) -> Result<CameraPath, CaptureError> {
+    let path = path.as_ref();
     if path.is_dir() {
         return load_folder(path);
     }

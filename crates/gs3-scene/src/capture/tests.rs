@@ -278,7 +278,7 @@ fn shared_paths() {
         return;
     };
     for entry in entries {
-        let path = load(&entry.unwrap().path()).unwrap();
+        let path = load(entry.unwrap().path()).unwrap();
         assert_eq!(path.cameras().len(), 300);
         assert_eq!((path.frames_per_second(), path.is_cycle()), (30.0, true));
         assert!(path.cameras().iter().all(|c| (c.width(), c.height()) == (4096, 2160)));

@@ -6,7 +6,7 @@ use glam::Vec3;
 
 use super::noise::fractal_noise;
 use super::splats::{Patch, Splat, circle};
-use crate::gaussians::SH_C0;
+use crate::gaussians::{SH_C0, SH_C1, SH_C2};
 
 /// How a surface looks.
 #[derive(Clone, Copy)]
@@ -40,9 +40,6 @@ const SHADOW_CASTERS: [(Vec3, f32); 7] = [
     (Vec3::new(2.3, -0.6, 0.24), 0.24),
 ];
 
-const C1: f32 = 0.488_602_5;
-const C2: [f32; 5] = [1.092_548_4, -1.092_548_4, 0.315_391_57, -1.092_548_4, 0.546_274_2];
-
 fn sun_direction() -> Vec3 {
     Vec3::new(0.55, -0.45, 0.70).normalize()
 }
@@ -51,11 +48,11 @@ fn sun_direction() -> Vec3 {
 fn degree_2(d: Vec3) -> [f32; 5] {
     let Vec3 { x, y, z } = d;
     [
-        C2[0] * x * y,
-        C2[1] * y * z,
-        C2[2] * (2.0 * z * z - x * x - y * y),
-        C2[3] * x * z,
-        C2[4] * (x * x - y * y),
+        SH_C2[0] * x * y,
+        SH_C2[1] * y * z,
+        SH_C2[2] * (2.0 * z * z - x * x - y * y),
+        SH_C2[3] * x * z,
+        SH_C2[4] * (x * x - y * y),
     ]
 }
 
@@ -79,9 +76,9 @@ pub fn shade(position: Vec3, normal: Vec3, material: &Material) -> [[f32; 3]; 9]
 
     let mut sh = [[0.0; 3]; 9];
     sh[0] = ((constant - Vec3::splat(0.5)) / SH_C0).to_array();
-    sh[1] = (material.reflection * (-linear.y / C1)).to_array();
-    sh[2] = (material.reflection * (linear.z / C1)).to_array();
-    sh[3] = (material.reflection * (-linear.x / C1)).to_array();
+    sh[1] = (material.reflection * (-linear.y / SH_C1)).to_array();
+    sh[2] = (material.reflection * (linear.z / SH_C1)).to_array();
+    sh[3] = (material.reflection * (-linear.x / SH_C1)).to_array();
     for (coefficient, value) in sh[4..].iter_mut().zip(quadratic) {
         *coefficient = (material.reflection * value).to_array();
     }

@@ -7,6 +7,7 @@ use crate::scene::SceneError;
 
 /// Why a scene cannot be loaded.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum LoadError {
     /// The file cannot be opened or read.
     #[error("{file}: cannot be read: {source}")]
@@ -100,6 +101,7 @@ impl LoadError {
 
 /// Why a scene cannot be saved. Nothing is left at the target that was not there before.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum SaveError {
     /// The file cannot be written.
     #[error("{}: cannot be written: {source}", file.display())]

@@ -65,8 +65,12 @@ impl Default for LoadOptions {
 ///
 /// # Errors
 /// [`LoadError`], one line that names file, field, expected and actual.
-pub fn load(path: &Path, options: &LoadOptions, progress: Progress<'_>) -> Result<Scene, LoadError> {
-    let index = index_of(path)?;
+pub fn load(
+    path: impl AsRef<Path>,
+    options: &LoadOptions,
+    progress: Progress<'_>,
+) -> Result<Scene, LoadError> {
+    let index = index_of(path.as_ref())?;
     let folder = source::Folder(index.parent().unwrap_or(Path::new("")).to_owned());
     load_source(&Source::open(&index)?, &folder, options, progress)
 }
@@ -86,8 +90,8 @@ fn index_of(path: &Path) -> Result<PathBuf, LoadError> {
 ///
 /// # Errors
 /// [`LoadError`] if that cannot be read or is of no format.
-pub fn streamed(path: &Path) -> Result<Option<Streamed>, LoadError> {
-    let source = Source::open(&index_of(path)?)?;
+pub fn streamed(path: impl AsRef<Path>) -> Result<Option<Streamed>, LoadError> {
+    let source = Source::open(&index_of(path.as_ref())?)?;
     match Kind::of(&source)? {
         Kind::StreamedSog => sog::streamed(&source).map(Some),
         _ => Ok(None),
@@ -163,7 +167,8 @@ impl Kind {
 ///
 /// # Errors
 /// [`SaveError`] if the extension is another, the scene does not fit the format, or the file cannot be written.
-pub fn save(scene: &Scene, path: &Path) -> Result<(), SaveError> {
+pub fn save(scene: &Scene, path: impl AsRef<Path>) -> Result<(), SaveError> {
+    let path = path.as_ref();
     let io_error = |source| SaveError::Io { file: path.to_owned(), source };
     let unrepresentable = |field, expected: String, actual: String| SaveError::Unrepresentable {
         file: path.to_owned(),
@@ -192,7 +197,7 @@ pub fn save(scene: &Scene, path: &Path) -> Result<(), SaveError> {
 /// whose coordinates are 24-bit numbers of one step, fine enough for the farthest Gaussian. `None` of other formats,
 /// whose precision is relative, and of scenes that do not fit.
 #[must_use]
-pub fn position_step(scene: &Scene, path: &Path) -> Option<f32> {
+pub fn position_step(scene: &Scene, path: impl AsRef<Path>) -> Option<f32> {
     let is_fixed = format_of(path).is_ok_and(|format| format == "spz");
     is_fixed.then(|| spz::fractional_bits(scene).ok().map(spz::step)).flatten()
 }
@@ -201,7 +206,7 @@ pub fn position_step(scene: &Scene, path: &Path) -> Option<f32> {
 /// and spherical harmonics are bytes over a fixed range. `None` of other formats, whose ranges are those of the scene,
 /// and where nothing is changed.
 #[must_use]
-pub fn clamped(scene: &Scene, path: &Path) -> Option<Clamped> {
+pub fn clamped(scene: &Scene, path: impl AsRef<Path>) -> Option<Clamped> {
     let is_fixed = format_of(path).is_ok_and(|format| format == "spz");
     is_fixed.then(|| spz::clamped(scene)).filter(|clamped| *clamped != Clamped::default())
 }
@@ -211,7 +216,8 @@ pub fn clamped(scene: &Scene, path: &Path) -> Option<Clamped> {
 ///
 /// # Errors
 /// [`SaveError::UnknownFormat`] if the extension is another.
-pub fn format_of(path: &Path) -> Result<&'static str, SaveError> {
+pub fn format_of(path: impl AsRef<Path>) -> Result<&'static str, SaveError> {
+    let path = path.as_ref();
     let lower = |part: Option<&OsStr>| part.unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let extension = lower(path.extension());
     let unknown = |actual| Err(SaveError::UnknownFormat { file: path.to_owned(), actual });

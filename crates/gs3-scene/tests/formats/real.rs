@@ -22,7 +22,7 @@ fn info(path: &Path) -> SceneInfo {
     assert!(shares.iter().all(|share| (0.0..=1.0).contains(share)));
     assert_eq!(shares.last(), Some(&1.0));
     let info = SceneInfo::of(&scene);
-    assert_eq!(info.dropped.total, 0);
+    assert_eq!(info.dropped.total(), 0);
     // Trained scenes have opacities all over the range.
     assert!(info.opacity.p5 < 0.4 && info.opacity.p95 > 0.5, "{:?}", info.opacity);
     assert!(info.smallest_scale.p50 <= info.largest_scale.p50);

@@ -233,14 +233,14 @@ fn what_spz_cuts_is_counted() {
 fn what_cannot_be_saved_leaves_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(1, 3, 0, OpacityMode::Default);
-    let error = save(&scene, &folder.path().join("scene.obj")).unwrap_err();
+    let error = save(&scene, folder.path().join("scene.obj")).unwrap_err();
     assert!(matches!(&error, SaveError::UnknownFormat { actual, .. } if actual == "obj"), "{error}");
     let error = save(&scene, Path::new("/nowhere/at/all/scene.ply")).unwrap_err();
     assert!(matches!(error, SaveError::Io { .. }), "{error}");
     let mut gaussians = scene.into_gaussians();
     gaussians.means[0][0] = 1e30;
     let far = Scene::new(gaussians, OpacityMode::Default).unwrap();
-    let error = save(&far, &folder.path().join("scene.spz")).unwrap_err();
+    let error = save(&far, folder.path().join("scene.spz")).unwrap_err();
     assert!(error.to_string().contains("position"), "{error}");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
 }

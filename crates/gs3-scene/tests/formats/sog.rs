@@ -92,9 +92,9 @@ fn levels_and_environment_are_known_before_loading() {
         let path = write(name, &bytes);
         assert_eq!(streamed(&path).unwrap(), None, "{name}");
     }
-    let error = streamed(&write("cut/lod-meta.json", b"{\"tree\":{},")).unwrap_err().to_string();
+    let error = streamed(write("cut/lod-meta.json", b"{\"tree\":{},")).unwrap_err().to_string();
     assert!(error.contains("JSON"), "{error}");
-    assert!(streamed(&folder.path().join("nothing")).is_err());
+    assert!(streamed(folder.path().join("nothing")).is_err());
 }
 
 #[test]

@@ -8,6 +8,7 @@ use super::Window;
 
 /// A clip that cannot be read, or holds something else than its network needs.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ClipError {
     /// A file cannot be written.
     #[error("{}: cannot be written: {source}", path.display())]

@@ -12,6 +12,7 @@ use crate::clip::ClipError;
 
 /// A clip that cannot be made.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum MakeError {
     /// The size of a clip is not one that its network works on, or larger than any view.
     #[error(

@@ -1,23 +1,25 @@
-//! The frame, read top to bottom.
+//! The pipeline: what a frame is asked for, what it goes on from, and what it gives. [`make`] has its stages.
 
+mod make;
+
+use std::fmt;
 use std::sync::Arc;
 
-use gs3_raster::{Outputs, RasterSettings};
-use gs3_reconstruct::{Interpolator, Kernel, Neighbor, ResetReason, SuperSampler, resample};
-use gs3_scene::camera_path::pose_between;
+use gs3_raster::Outputs;
+use gs3_reconstruct::{Interpolator, ResetReason, SuperSampler};
 use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
 
 use crate::cut::is_cut;
 use crate::error::PipelineError;
 #[cfg(feature = "gpu")]
-use crate::gpu::{Device, GpuPresented, GpuRequest, Take};
+use crate::gpu::{Device, GpuPresented, Take};
 use crate::jitter::AdaptiveJitter;
 use crate::lattice::DepthLattice;
 use crate::learned::{LearnedInterpolator, LearnedSuperSampler, Networks};
 use crate::overscan::margin_ahead;
 use crate::rasterizer::AnyRasterizer;
 use crate::settings::{MAX_GENERATE, Mode, PipelineSettings, Sampling};
-use crate::stages::{Stage, StageTimes};
+use crate::stages::StageTimes;
 
 /// What a rendered frame gives to show, in order.
 #[derive(Clone, Copy, Debug)]
@@ -84,12 +86,22 @@ pub struct FramePipeline {
     times: StageTimes,
 }
 
+impl fmt::Debug for FramePipeline {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("FramePipeline")
+            .field("settings", &self.settings)
+            .field("gaussians", &self.scene().gaussians().len())
+            .field("invalid", &self.invalid)
+            .finish_non_exhaustive()
+    }
+}
+
 impl FramePipeline {
     /// A pipeline for `scene` without learning.
     ///
     /// # Errors
     /// [`PipelineError`] if a setting is not supported.
-    pub fn new(scene: Arc<Scene>, settings: PipelineSettings) -> Result<Self, PipelineError> {
+    pub fn new(scene: impl Into<Arc<Scene>>, settings: PipelineSettings) -> Result<Self, PipelineError> {
         Self::with_networks(scene, settings, &Networks::default())
     }
 
@@ -98,7 +110,7 @@ impl FramePipeline {
     /// # Errors
     /// [`PipelineError`] if a setting is not supported, or weights do not fit the scale.
     pub fn with_networks(
-        scene: Arc<Scene>,
+        scene: impl Into<Arc<Scene>>,
         settings: PipelineSettings,
         networks: &Networks,
     ) -> Result<Self, PipelineError> {
@@ -123,7 +135,7 @@ impl FramePipeline {
             overscan: settings.overscan_below(super_sample.as_deref()),
             margin: Margin::NONE,
             around: GBuffer::default(),
-            rasterizer: AnyRasterizer::cpu(scene, settings.culling),
+            rasterizer: AnyRasterizer::cpu(scene.into(), settings.culling),
             super_sampler,
             interpolator,
             learned_super_sampler: super_sample
@@ -163,7 +175,8 @@ impl FramePipeline {
     }
 
     /// Renders as [`Self::render`] does, on the device, and leaves there what is to be shown: for programs that show it
-    /// from there (on a device of their own, [`Gpu::of`](gs3_compute::Gpu::of)). Some hundred bytes come back, no images:
+    /// from there (on a device of their own, [`Gpu::of`](gs3_compute::Gpu::of)). Some hundred bytes come back, no
+    /// images:
     /// [`Self::presented`] and [`Self::last_image`] are empty until the next [`Self::render`].
     ///
     /// # Errors
@@ -204,6 +217,7 @@ impl FramePipeline {
             // What was made of this frame is no frame to go on from.
             std::mem::swap(&mut self.previous, &mut self.current);
             self.current.camera = None;
+            self.reset(ResetReason::Failure);
             return Err(error);
         }
         self.current.camera = Some(*camera);
@@ -224,33 +238,9 @@ impl FramePipeline {
         other.map_or(Ok(()), |actual| Err(PipelineError::BetweenSize { expected, actual }))
     }
 
-    /// Makes the current frame and those before it.
-    fn make(&mut self, camera: &Camera, between: &[Camera]) -> Result<(), PipelineError> {
-        match self.settings.mode {
-            Mode::Native => self.rasterize_native(camera),
-            Mode::Bicubic => {
-                self.rasterize(camera, Outputs::Color)?;
-                self.enlarge(camera)
-            }
-            #[cfg(feature = "gpu")]
-            Mode::SuperSample | Mode::Full if self.is_on_device(camera) => {
-                self.render_on_device(camera, between, Take::Shown)
-            }
-            Mode::SuperSample => {
-                self.rasterize(camera, Outputs::GBuffer)?;
-                self.super_sample(camera)
-            }
-            Mode::Full => {
-                self.rasterize(camera, Outputs::GBuffer)?;
-                self.super_sample(camera)?;
-                self.interpolate(camera, between)
-            }
-        }
-    }
-
-    /// Forgets the frames before: the next one starts anew.
+    /// Forgets the frames before: the next one starts anew, for this reason unless another came first.
     pub fn reset(&mut self, reason: ResetReason) {
-        self.invalid = Some(reason);
+        self.invalid.get_or_insert(reason);
     }
 
     /// Why the last frame began without history, if it did: it is less sharp than the ones to come, and what
@@ -264,8 +254,8 @@ impl FramePipeline {
     ///
     /// # Errors
     /// [`PipelineError`] if the scene does not fit the GPU that rasterizes; the old one stays.
-    pub fn set_scene(&mut self, scene: Arc<Scene>) -> Result<(), PipelineError> {
-        self.rasterizer = self.rasterizer.with_scene(scene, self.settings.culling)?;
+    pub fn set_scene(&mut self, scene: impl Into<Arc<Scene>>) -> Result<(), PipelineError> {
+        self.rasterizer = self.rasterizer.with_scene(scene.into(), self.settings.culling)?;
         self.reset(ResetReason::SceneChange);
         Ok(())
     }
@@ -284,7 +274,7 @@ impl FramePipeline {
         let device = || Device::new(gpu, &self.settings, &self.networks);
         let device = self.settings.mode.has_history().then(device).transpose()?;
         (self.rasterizer, self.device) = (rasterizer, device);
-        self.reset(ResetReason::SizeOrTierChange);
+        self.reset(ResetReason::BackendChange);
         Ok(())
     }
 
@@ -293,7 +283,7 @@ impl FramePipeline {
     pub fn render_on_cpu(&mut self) {
         self.rasterizer = AnyRasterizer::cpu(Arc::clone(self.rasterizer.scene()), self.settings.culling);
         self.device = None;
-        self.reset(ResetReason::SizeOrTierChange);
+        self.reset(ResetReason::BackendChange);
     }
 
     /// Whether all of the frame of `camera` is made on a GPU. Where there are networks and the size is no multiple of
@@ -380,7 +370,7 @@ impl FramePipeline {
         Ok(())
     }
 
-    /// Decides whether the history holds for `camera`, and passes a reason why not on to who keeps history.
+    /// Decides whether the history holds for `camera`, and passes a reason why not on to whatever keeps history.
     fn invalidate_for(&mut self, camera: &Camera) {
         let size = |c: &Camera| (c.width(), c.height());
         if self.invalid.is_none() {
@@ -411,133 +401,10 @@ impl FramePipeline {
         }
     }
 
-    /// All of the frame at once, on the device; `take` of it comes back.
-    #[cfg(feature = "gpu")]
-    fn render_on_device(
-        &mut self,
-        camera: &Camera,
-        between: &[Camera],
-        take: Take,
-    ) -> Result<(), PipelineError> {
-        let raster = self.raster_settings(Outputs::GBuffer);
-        let (Some(device), Some(rasterizer)) = (&mut self.device, self.rasterizer.gpu_mut()) else {
-            return Ok(());
-        };
-        let moments: Vec<(f64, Camera)> = match (self.invalid, &self.previous.camera) {
-            (None, Some(previous)) => cameras_between(&self.settings, previous, camera, between).collect(),
-            _ => Vec::new(),
-        };
-        let request = GpuRequest { camera, raster: &raster, between: &moments };
-        let Frame { image, lattice, .. } = &mut self.current;
-        let out = (take == Take::Shown).then_some((image, &mut self.between[..]));
-        let rendered = device.render(rasterizer, &request, out)?;
-        (*lattice, self.times, self.between_made) = (rendered.lattice, rendered.times, moments.len());
-        Ok(())
-    }
-
-    fn raster_settings(&self, outputs: Outputs) -> RasterSettings {
-        let PipelineSettings { dilation, background, .. } = self.settings;
-        RasterSettings {
-            outputs,
-            dilation: dilation.at_scale(self.settings.raster_scale()),
-            jitter: self.offset,
-            margin: self.margin,
-            background,
-        }
-    }
-
-    fn rasterize_native(&mut self, camera: &Camera) -> Result<(), PipelineError> {
-        let settings = self.raster_settings(Outputs::Color);
-        let (rasterizer, image) = (&mut self.rasterizer, &mut self.current.image);
-        self.times.time(Stage::Rasterize, || rasterizer.rasterize_image(camera, &settings, image))
-    }
-
-    fn rasterize(&mut self, camera: &Camera, outputs: Outputs) -> Result<(), PipelineError> {
-        let settings = self.raster_settings(outputs);
-        let lr_camera = camera.low_resolution(self.settings.scale);
-        let (rasterizer, gbuffer) = (&mut self.rasterizer, &mut self.current.gbuffer);
-        let around = &mut self.around;
-        self.times.time(Stage::Rasterize, || {
-            if settings.margin == Margin::NONE {
-                return rasterizer.rasterize(&lr_camera, &settings, gbuffer);
-            }
-            rasterizer.rasterize(&lr_camera, &settings, around)?;
-            around.crop(gbuffer);
-            Ok(())
-        })?;
-        self.current.lattice = DepthLattice::of(&self.current.gbuffer);
-        Ok(())
-    }
-
-    fn enlarge(&mut self, camera: &Camera) -> Result<(), PipelineError> {
-        let Frame { gbuffer, image, .. } = &mut self.current;
-        image.resize(camera.width() as usize, camera.height() as usize);
-        let scale = self.settings.scale;
-        Ok(self.times.time(Stage::SuperSample, || resample(gbuffer, scale, Kernel::Bicubic, image))?)
-    }
-
-    fn super_sample(&mut self, camera: &Camera) -> Result<(), PipelineError> {
-        let Frame { gbuffer, image, .. } = &mut self.current;
-        let (super_sampler, previous) = (&mut self.super_sampler, &self.previous);
-        let (learned, analytic) = (&mut self.learned_super_sampler, &mut self.analytic);
-        let around = if self.margin == Margin::NONE { &*gbuffer } else { &self.around };
-        self.times.time(Stage::SuperSample, || {
-            let Some(learned) = learned else {
-                return Ok(super_sampler.super_sample_within(camera, gbuffer, around, image)?);
-            };
-            super_sampler.super_sample_within(camera, gbuffer, around, analytic)?;
-            let previous = match &previous.camera {
-                Some(camera) if self.invalid.is_none() => {
-                    Some(Neighbor { camera, image: &previous.image, gbuffer: &previous.gbuffer })
-                }
-                _ => None,
-            };
-            let now = Neighbor { camera, image: analytic, gbuffer };
-            Ok(learned.refine(now, super_sampler.innovation(), previous, image)?)
-        })
-    }
-
-    /// The frames between the previous and the current one, if something lies between them.
-    fn interpolate(&mut self, camera: &Camera, between: &[Camera]) -> Result<(), PipelineError> {
-        let (None, Some(previous)) = (self.invalid, &self.previous.camera) else { return Ok(()) };
-        let before =
-            Neighbor { camera: previous, image: &self.previous.image, gbuffer: &self.previous.gbuffer };
-        let after = Neighbor { camera, image: &self.current.image, gbuffer: &self.current.gbuffer };
-        let (interpolator, learned) = (&mut self.interpolator, &mut self.learned_interpolator);
-        let images = &mut self.between;
-        self.times.time(Stage::Interpolate, || {
-            let moments = cameras_between(&self.settings, previous, camera, between);
-            for ((t, at), out) in moments.zip(images) {
-                match learned {
-                    Some(learned) => {
-                        learned.interpolate(interpolator, before, after, t as f32, &at, out)?;
-                    }
-                    None => interpolator.interpolate(before, after, t as f32, &at, out)?,
-                }
-                self.between_made += 1;
-            }
-            Ok(())
-        })
-    }
-
     /// The previous frame, if there is one of the same size.
     fn held_frame(&self) -> Option<&Image> {
         let size = |frame: &Frame| frame.camera.map(|c| (c.width(), c.height()));
         (size(&self.previous).is_some() && size(&self.previous) == size(&self.current))
             .then_some(&self.previous.image)
     }
-}
-
-/// Moments of the frames between two rendered ones, and their cameras: those of `between` where it has any, else
-/// poses between the two.
-fn cameras_between<'a>(
-    settings: &PipelineSettings,
-    previous: &'a Camera,
-    camera: &'a Camera,
-    between: &'a [Camera],
-) -> impl Iterator<Item = (f64, Camera)> + use<'a> {
-    settings
-        .moments()
-        .enumerate()
-        .map(move |(k, t)| (t, between.get(k).copied().unwrap_or_else(|| pose_between(previous, camera, t))))
 }

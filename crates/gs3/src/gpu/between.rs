@@ -12,8 +12,9 @@ use gs3_reconstruct::gpu::{
 };
 use gs3_scene::Camera;
 
-use super::learned::{MEAN_WGSL, PARTS, missing, network};
+use super::learned::{MEAN_WGSL, PARTS, missing};
 use crate::error::PipelineError;
+use crate::learned::NetworkError;
 
 const BETWEEN_WGSL: &str = include_str!("between.wgsl");
 
@@ -88,7 +89,7 @@ impl LearnedBetween {
         count: usize,
     ) -> Result<Self, PipelineError> {
         let lr = size.map(|side| side / scale);
-        let graph = graph_of(&weights.header).map_err(network)?;
+        let graph = graph_of(&weights.header).map_err(NetworkError::from)?;
         let settings = GpuEngineSettings {
             precision: Precision::of(gpu),
             matrices: MatrixUnit::of(gpu.capabilities()),
@@ -99,8 +100,7 @@ impl LearnedBetween {
             ],
             outputs: Some(&[("color", ImageFormat::HalfPixels), ("hidden", ImageFormat::Blocks)]),
         };
-        let engine = GpuEngine::new(gpu, &graph, weights, [lr[1] as usize, lr[0] as usize], &settings)
-            .map_err(network)?;
+        let engine = GpuEngine::new(gpu, &graph, weights, [lr[1] as usize, lr[0] as usize], &settings)?;
         let bytes = |name: &str| engine.inputs().iter().find(|i| i.name == name).map_or(4, |i| i.bytes);
         let make = |name| Ok((name, gpu.buffer(name, Use::Storage, bytes(name))?));
         let inputs = ["share", "geometry", "motion", "validity"]
@@ -211,7 +211,7 @@ impl LearnedBetween {
             sum_depths: self.sum_depths.bind(gpu, &features)?,
             geometry: self.geometry.bind(gpu, &features)?,
             motion: slot.motion.bind(&slot.median, &previous.median, flow, validity)?,
-            engine: self.engine.bind(gpu, &inputs, &outputs).map_err(network)?,
+            engine: self.engine.bind(gpu, &inputs, &outputs)?,
         })
     }
 }

@@ -9,7 +9,6 @@ use gs3_reconstruct::ResetReason;
 use gs3_scene::Image;
 
 use super::frames::{GpuFrames, GpuRequest};
-use super::learned::network;
 use crate::error::PipelineError;
 use crate::lattice::DepthLattice;
 use crate::learned::Networks;
@@ -35,7 +34,7 @@ impl Device {
         if (networks.super_sample.is_some() || networks.interpolate.is_some())
             && let Some(unit) = MatrixUnit::of(gpu.capabilities())
         {
-            unit.check(gpu).map_err(network)?;
+            unit.check(gpu)?;
         }
         let has_clock = gpu.capabilities().timestamps == Support::Present;
         let timings = if has_clock { Some(Timings::new(gpu)?) } else { None };
@@ -46,8 +45,9 @@ impl Device {
         self.frames.reset(reason);
     }
 
-    /// Makes a frame and reads what is shown back into `out`, if there is one: the image and those between. Times are the device's, without the way
-    /// back; where it has no clock, all of the frame and its way back count as rasterization.
+    /// Makes a frame and reads what is shown back into `out`, if there is one: the image and those between. Times are
+    /// the device's, without the way back; where it has no clock, all of the frame and its way back count as
+    /// rasterization.
     pub fn render(
         &mut self,
         rasterizer: &mut GpuRasterizer,

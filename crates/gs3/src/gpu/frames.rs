@@ -1,9 +1,11 @@
 //! The frame on a device, read top to bottom.
 
+use std::fmt;
+
 use gs3_compute::{Gpu, GpuError, Submission, Timings};
 use gs3_raster::{GpuRasterizer, RasterSettings, Settled};
 use gs3_reconstruct::ResetReason;
-use gs3_reconstruct::gpu::{GpuImage, GpuReconstructError, NeighborView};
+use gs3_reconstruct::gpu::{GpuImage, NeighborView};
 use gs3_scene::{Camera, GBuffer, Image};
 
 use super::sized::Sized;
@@ -25,7 +27,7 @@ pub struct GpuRequest<'a> {
 
 /// What comes back to the processor with a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Take {
+pub(crate) enum Take {
     /// Nothing.
     Nothing,
     /// What the next frame needs to know, some hundred bytes: what is shown is shown by the device.
@@ -58,6 +60,15 @@ pub struct GpuFrames {
     between: usize,
 }
 
+impl fmt::Debug for GpuFrames {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("GpuFrames")
+            .field("settings", &self.settings)
+            .field("invalid", &self.invalid)
+            .finish_non_exhaustive()
+    }
+}
+
 /// What [`GpuFrames::render`] tells of a frame.
 pub(crate) struct Rendered {
     pub lattice: DepthLattice,
@@ -87,9 +98,9 @@ impl GpuFrames {
         self.invalid = Some(reason);
     }
 
-    /// Submits the frame that `request` asks for; `rasterizer` is that of its scene on the same device. It becomes
-    /// the last frame with [`Self::keep`]; submitted again before, it is made anew, as [`GpuRasterizer::settle`] may
-    /// want it.
+    /// Submits the frame that `request` asks for; `rasterizer` is that of its scene on the same device. Nothing comes
+    /// back. It becomes the last frame with [`Self::keep`]; submitted again before, it is made anew, as
+    /// [`GpuRasterizer::settle`] may want it.
     ///
     /// # Errors
     /// [`PipelineError`] if a setting is out of range, or the device has no room or fails. The history is then as
@@ -98,7 +109,17 @@ impl GpuFrames {
         &mut self,
         rasterizer: &mut GpuRasterizer,
         request: &GpuRequest<'_>,
+        timings: Option<&mut Timings>,
+    ) -> Result<Submission, PipelineError> {
+        self.submit_taking(Take::Nothing, rasterizer, request, timings)
+    }
+
+    /// The same, of which `take` comes back.
+    fn submit_taking(
+        &mut self,
         take: Take,
+        rasterizer: &mut GpuRasterizer,
+        request: &GpuRequest<'_>,
         timings: Option<&mut Timings>,
     ) -> Result<Submission, PipelineError> {
         let GpuRequest { camera, raster, between } = *request;
@@ -174,7 +195,7 @@ impl GpuFrames {
     ) -> Result<Rendered, PipelineError> {
         let take = if out.is_some() { Take::Shown } else { Take::Facts };
         loop {
-            let submission = self.submit(rasterizer, request, take, timings.as_deref_mut())?;
+            let submission = self.submit_taking(take, rasterizer, request, timings.as_deref_mut())?;
             let Some(sized) = &self.sized else { return Err(no_memory().into()) };
             let current = 1 - sized.newest;
             let read = sized.readback.read(&self.gpu, &submission, |bytes| {
@@ -207,19 +228,4 @@ impl GpuFrames {
 /// There is always memory for a frame that was submitted.
 fn no_memory() -> GpuError {
     GpuError::Refused { what: "a frame".to_owned(), message: "expected its memory, found none".to_owned() }
-}
-
-impl From<GpuReconstructError> for PipelineError {
-    fn from(error: GpuReconstructError) -> Self {
-        match error {
-            GpuReconstructError::Reconstruct(error) => error.into(),
-            GpuReconstructError::Gpu(error) => error.into(),
-        }
-    }
-}
-
-impl From<GpuError> for PipelineError {
-    fn from(error: GpuError) -> Self {
-        Self::Gpu(error.into())
-    }
 }

@@ -97,15 +97,11 @@ pub struct Place<'a> {
     pub refined: &'a GpuImage,
 }
 
-pub fn network(error: impl Into<NetworkError>) -> PipelineError {
-    PipelineError::Network(error.into())
-}
-
 impl Learned {
     /// The network of `weights` for frames of `size`, a multiple of `scale`.
     pub fn new(gpu: &Gpu, weights: &Arc<Weights>, size: [u32; 2], scale: u32) -> Result<Self, PipelineError> {
         let lr = size.map(|side| side / scale);
-        let graph = graph_of(&weights.header).map_err(network)?;
+        let graph = graph_of(&weights.header).map_err(NetworkError::from)?;
         let settings = GpuEngineSettings {
             precision: Precision::of(gpu),
             matrices: MatrixUnit::of(gpu.capabilities()),
@@ -116,8 +112,7 @@ impl Learned {
             ],
             outputs: Some(&[("color", ImageFormat::HalfPixels), ("hidden", ImageFormat::Blocks)]),
         };
-        let engine = GpuEngine::new(gpu, &graph, weights, [lr[1] as usize, lr[0] as usize], &settings)
-            .map_err(network)?;
+        let engine = GpuEngine::new(gpu, &graph, weights, [lr[1] as usize, lr[0] as usize], &settings)?;
         let bytes = |name: &str| engine.inputs().iter().find(|i| i.name == name).map_or(4, |i| i.bytes);
         let made = [
             "drift",
@@ -255,7 +250,7 @@ impl Learned {
             previous_innovations: previous_innovations.bind(gpu, &all)?,
             shares: shares.bind(gpu, &all)?,
             drifts: drifts.bind(gpu, &all)?,
-            engine: self.engine.bind(gpu, &inputs, &outputs).map_err(network)?,
+            engine: self.engine.bind(gpu, &inputs, &outputs)?,
             before: None,
         })
     }

@@ -7,4 +7,5 @@ mod learned;
 mod sized;
 
 pub(crate) use device::Device;
-pub use frames::{GpuFrames, GpuPresented, GpuRequest, Take};
+pub(crate) use frames::Take;
+pub use frames::{GpuFrames, GpuPresented, GpuRequest};

@@ -108,8 +108,8 @@ fn more_parts_than_a_kernel_binds_are_refused() {
 const COLOR_AND_STATE: [(&str, ImageFormat); 2] =
     [("color", ImageFormat::HalfPixels), ("hidden", ImageFormat::Blocks)];
 
-/// What a network reads and writes limits it on a GPU: a few kernels, each of which does all that can be done with what it
-/// has read. Without fusion super sampling was 42 kernels and 6,510 B an LR pixel, interpolation 53 and 6,860.
+/// What a network reads and writes limits it on a GPU: a few kernels, each of which does all that can be done with what
+/// it has read. Without fusion super sampling was 42 kernels and 6,510 B an LR pixel, interpolation 53 and 6,860.
 #[test]
 fn networks_are_few_kernels_that_move_few_bytes() {
     let lr = [540, 1024];
@@ -136,8 +136,8 @@ fn networks_are_few_kernels_that_move_few_bytes() {
     }
 }
 
-/// What is done with a convolution's result pixel by pixel is done in its kernel, convolutions of the same parts are one,
-/// and nothing that is needed is left out: here one step, whose second result another's kernel reads.
+/// What is done with a convolution's result pixel by pixel is done in its kernel, convolutions of the same parts are
+/// one, and nothing that is needed is left out: here one step, whose second result another's kernel reads.
 #[test]
 fn convolutions_of_the_same_parts_are_one_kernel_with_what_follows_them() {
     let mut g = GraphBuilder::new("fused", 1, Border::Zero);

@@ -38,7 +38,7 @@ pub struct Sample {
     pub color: [f64; 3],
     pub color_dx: [f64; 3],
     pub color_dy: [f64; 3],
-    pub color_dxdy: [f64; 3],
+    pub color_dxy: [f64; 3],
     pub alpha: f64,
     pub depth_median: f64,
     pub depth_expected: f64,
@@ -119,7 +119,7 @@ impl Oracle {
                 out.color[k] += splat.color[k] * w;
                 out.color_dx[k] += splat.color[k] * w_x;
                 out.color_dy[k] += splat.color[k] * w_y;
-                out.color_dxdy[k] += splat.color[k] * w_xy;
+                out.color_dxy[k] += splat.color[k] * w_xy;
                 out.normal[k] += splat.normal[k] * w;
             }
             let distance = splat.distance + splat.plane[0] * d[0] + splat.plane[1] * d[1];
@@ -136,7 +136,7 @@ impl Oracle {
             out.color[k] += t * self.background[k];
             out.color_dx[k] -= ax * self.background[k];
             out.color_dy[k] -= ay * self.background[k];
-            out.color_dxdy[k] -= axy * self.background[k];
+            out.color_dxy[k] -= axy * self.background[k];
         }
         out.alpha = 1.0 - t;
         if weight > 0.0 {

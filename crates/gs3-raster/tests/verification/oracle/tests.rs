@@ -39,7 +39,7 @@ fn one_ball_by_hand() {
     let alpha_x = -alpha * 2.5 / 25.3;
     close(p.color_dx[0], alpha_x, 1e-7);
     close(p.color_dx[2], -alpha_x, 1e-7);
-    close(p.color_dxdy[0], alpha * (2.5 * 0.5) / 25.3_f64.powi(2), 1e-7);
+    close(p.color_dxy[0], alpha * (2.5 * 0.5) / 25.3_f64.powi(2), 1e-7);
     // The ball's ray plane lies across the view ray at its centre, so its depth is 2 along the axis.
     let axis = oracle.sample(8.0, 8.0, |_| true);
     close(axis.depth_median, 2.0, 1e-6);
@@ -176,7 +176,7 @@ fn derivatives_are_the_limits_of_differences() {
                 close(s.color_dx[k], (at(h, 0.0).color[k] - at(-h, 0.0).color[k]) / (2.0 * h), 1e-9);
                 close(s.color_dy[k], (at(0.0, h).color[k] - at(0.0, -h).color[k]) / (2.0 * h), 1e-9);
                 let mixed = at(h, h).color[k] - at(h, -h).color[k] - at(-h, h).color[k] + at(-h, -h).color[k];
-                close(s.color_dxdy[k], mixed / (4.0 * h * h), 1e-8);
+                close(s.color_dxy[k], mixed / (4.0 * h * h), 1e-8);
                 assert!(s.color_dx[k].abs() > 1e-5);
             }
         }
