@@ -52,7 +52,7 @@ pub struct SessionArgs {
     /// Folder for checkpoints and the log; if it has a checkpoint, the training goes on from there
     #[arg(long, value_name = "DIR")]
     pub checkpoint: PathBuf,
-    /// Weights file to write: the best on held-out clips until then
+    /// Weights file to write: the best on held-out clips until then, what the training began with included
     #[arg(long, value_name = "FILE.safetensors")]
     pub out: PathBuf,
     /// High-resolution over low-resolution size
@@ -359,9 +359,12 @@ impl Show {
                         .iter()
                         .map(|clip| format!("{} {:+.2}", clip.name, clip.psnr))
                         .collect();
+                    let place = match step {
+                        0 => "before the first step".to_owned(),
+                        _ => format!("step {step}: loss {:.5}", self.loss),
+                    };
                     self.line(&format!(
-                        "step {step}: loss {:.5}, held-out PSNR {psnr:+.3} dB, tPSNR {tpsnr:+.3} dB{best} ({})",
-                        self.loss,
+                        "{place}, held-out PSNR {psnr:+.3} dB, tPSNR {tpsnr:+.3} dB{best} ({})",
                         clips.join(", "),
                     ));
                     // The look itself is no step.

@@ -96,6 +96,16 @@ impl From<wgpu::Limits> for Limits {
 const SMALLEST_WORKGROUP: u32 = 64;
 
 impl Subgroups {
+    /// Those of an adapter called `name` that has them, of `min` to `max` invocations as `backend` says.
+    fn of(backend: wgpu::Backend, name: &str, [min, max]: [u32; 2]) -> Self {
+        match backend {
+            // wgpu 30 knows no sizes by Metal and says 4 to 64. Apple's own processors have 32.
+            wgpu::Backend::Metal if name.starts_with("Apple") => Self::of_sizes(32, 32),
+            wgpu::Backend::Metal => Self::Absent,
+            _ => Self::of_sizes(min, max),
+        }
+    }
+
     /// Those of sizes from `min` to `max`, if every workgroup is a whole number of them: kernels count those that are
     /// full.
     fn of_sizes(min: u32, max: u32) -> Self {
@@ -112,14 +122,9 @@ impl Capabilities {
         let (features, info) = (adapter.features(), adapter.get_info());
         let has = |feature| Support::from(features.contains(feature));
         let subgroups = match has(wgpu::Features::SUBGROUP) {
-            // wgpu 30 knows no sizes by Metal and says 4 to 64. Apple's own processors have 32.
-            Support::Present if info.backend == wgpu::Backend::Metal => {
-                match info.name.starts_with("Apple") {
-                    true => Subgroups::of_sizes(32, 32),
-                    false => Subgroups::Absent,
-                }
+            Support::Present => {
+                Subgroups::of(info.backend, &info.name, [info.subgroup_min_size, info.subgroup_max_size])
             }
-            Support::Present => Subgroups::of_sizes(info.subgroup_min_size, info.subgroup_max_size),
             Support::Absent => Subgroups::Absent,
         };
         let products = match has(wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX) {
@@ -212,4 +217,21 @@ pub(crate) fn missing(adapter: &wgpu::Adapter, limits: &Limits) -> Option<GpuErr
     ];
     let (what, expected, actual) = needs.into_iter().find(|(_, expected, actual)| actual < expected)?;
     lacks(what, format!("at least {expected}"), actual.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use wgpu::Backend::{Metal, Vulkan};
+
+    use super::*;
+
+    #[test]
+    fn subgroups_are_of_sizes_that_are_so() {
+        let of_32 = Subgroups::Present { min: 32, max: 32 };
+        assert_eq!(Subgroups::of(Vulkan, "NVIDIA H200", [32, 32]), of_32);
+        assert_eq!(Subgroups::of(Vulkan, "RADV", [32, 64]), Subgroups::Present { min: 32, max: 64 });
+        assert_eq!(Subgroups::of(Vulkan, "of more than a workgroup", [8, 128]), Subgroups::Absent);
+        assert_eq!(Subgroups::of(Metal, "Apple M3 Max", [4, 64]), of_32);
+        assert_eq!(Subgroups::of(Metal, "AMD Radeon Pro", [4, 64]), Subgroups::Absent);
+    }
 }

@@ -190,6 +190,10 @@ impl Session<'_> {
         report: &mut dyn FnMut(Event<'_>),
         go_on: &dyn Fn() -> bool,
     ) -> Result<Ending, TrainError> {
+        if self.trainer.state.steps() == 0 {
+            // What it begins with is the first record: nothing worse is written.
+            self.validate(report)?;
+        }
         // Training alone counts, not time between its parts.
         let (started, before) = (Instant::now(), self.trainer.state.seconds);
         let ending = loop {

@@ -68,7 +68,7 @@ fn a_training_taken_up_again_goes_on_bit_for_bit() {
         common::write_clips(&folder.path().join("clips"), NETWORK);
     }
     let (expected, ending, events) = run(straight.path(), &settings, u64::MAX).unwrap();
-    assert_eq!((ending, events.len()), (Ending::Finished, 4));
+    assert_eq!((ending, events.len()), (Ending::Finished, 5));
 
     let (_, ending, first) = run(parts.path(), &settings, 10).unwrap();
     assert_eq!(ending, Ending::Interrupted);
@@ -90,6 +90,10 @@ fn the_log_holds_every_step_once_and_the_best_weights_are_written() {
     fs::create_dir(folder.path().join("clips")).unwrap();
     common::write_clips(&folder.path().join("clips"), NETWORK);
     let settings = common::settings(NETWORK, 12);
+    // What it began with is the best until something is better.
+    let (state, ..) = run(folder.path(), &settings, 0).unwrap();
+    assert_eq!(state.best.unwrap().step, 0);
+    assert!(Weights::load(&places(folder.path()).out).unwrap() == start(&settings));
     run(folder.path(), &settings, 7).unwrap();
     let (state, ..) = run(folder.path(), &settings, u64::MAX).unwrap();
     let places = places(folder.path());

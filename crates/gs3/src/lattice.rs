@@ -54,3 +54,27 @@ impl DepthLattice {
 fn fraction(k: usize) -> DVec2 {
     DVec2::from([k % LATTICE, k / LATTICE].map(|k| (k as f64 + 0.5) / LATTICE as f64))
 }
+
+#[cfg(test)]
+mod tests {
+    use gs3_scene::{Geometry, Planes};
+
+    use super::*;
+
+    #[test]
+    fn depths_from_elsewhere_make_the_lattice_of_their_frame() {
+        let [width, height] = [33, 18];
+        let depths = (0..width * height).map(|i| i as f32).collect();
+        let depth_median = Planes::<1>::from_data(width, height, depths).expect("of this size");
+        let mut depths = [0.0; LATTICE * LATTICE];
+        for (to, [x, y]) in depths.iter_mut().zip(DepthLattice::pixels([width, height])) {
+            *to = depth_median.row(0, y)[x];
+        }
+        let geometry = Some(Geometry { depth_median, ..Geometry::default() });
+        let gbuffer = GBuffer { geometry, ..GBuffer::default() };
+        assert_eq!(DepthLattice::of(&gbuffer), DepthLattice::new(depths));
+        assert_eq!(depths[LATTICE * LATTICE / 2], (9 * width + 16) as f32, "the middle of the picture");
+        assert_eq!(depths[0], (width + 3) as f32, "a tenth of the sides from the corner");
+        assert_eq!(DepthLattice::of(&GBuffer::default()), DepthLattice::default());
+    }
+}
