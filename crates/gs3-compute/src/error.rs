@@ -46,6 +46,15 @@ pub enum GpuError {
         /// What there is.
         actual: u64,
     },
+    /// The driver ended loops of a kernel early, so that results are wrong.
+    #[error(
+        "GPU, {what}: expected its loops to run to their end, found them cut short (Mesa's llvmpipe ends them after \
+         65535 rounds: too many splats in a tile of pixels for it)"
+    )]
+    LoopsCut {
+        /// What ran.
+        what: String,
+    },
     /// The device has no more memory.
     #[error("GPU, {what}: expected {bytes} bytes of device memory, found less")]
     OutOfMemory {

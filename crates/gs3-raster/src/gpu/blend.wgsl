@@ -10,6 +10,7 @@
 @group(0) @binding(6) var<storage, read> splats_c: array<vec4<f32>>;
 // RGB and alpha of the band's pixels, row by row; the other planes likewise.
 @group(0) @binding(7) var<storage, read_write> color_alpha: array<vec4<f32>>;
+@group(0) @binding(14) var<storage, read_write> counters: Counters;
 
 var<workgroup> staged_a: array<vec4<f32>, BATCH>;
 var<workgroup> staged_b: array<vec4<u32>, BATCH>;
@@ -56,7 +57,11 @@ fn blend(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_
     var t = select(0.0, 1.0, is_inside);
     var last = 0.0;
     var color = vec3(0.0);
-    for (var first = range.x; first < range.y; first += BATCH) {
+    // llvmpipe ends all loops of an invocation after 65,535 rounds, without a word: what is left then is told.
+    var is_finished = false;
+    var is_cut = false;
+    var first = range.x;
+    for (; first < range.y; first += BATCH) {
         // The batch before has been read to its end.
         workgroupBarrier();
         if lane < BLOCKS * BLOCKS * WORDS {
@@ -86,9 +91,11 @@ fn blend(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_
             is_open = 1u;
         }
         if workgroupUniformLoad(&is_open) == 0u {
+            is_finished = true;
             break;
         }
-        for (var word = 0u; word < WORDS && t > 0.0; word++) {
+        var word = 0u;
+        for (; word < WORDS && t > 0.0; word++) {
             var bits = atomicLoad(&cover[block * WORDS + word]);
             while bits != 0u {
                 let slot = word * 32u + firstTrailingBit(bits);
@@ -120,7 +127,12 @@ fn blend(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_
                 add_outputs(slot, s, c.xyz, Contribution(d, u, v, slope, alpha, t, weight));
                 t = after;
             }
+            is_cut = is_cut || (bits != 0u && t > 0.0);
         }
+        is_cut = is_cut || (word < WORDS && t > 0.0);
+    }
+    if is_cut || (first < range.y && !is_finished) {
+        atomicStore(&counters.loops_cut, 1u);
     }
     if is_inside {
         let through = select(last, t, t > 0.0);

@@ -22,9 +22,9 @@ const SPLATS: u64 = std::mem::offset_of!(Counters, splats) as u64;
 const PLACES: u64 = std::mem::offset_of!(Counters, places) as u64;
 const ENTRIES: u64 = std::mem::offset_of!(Counters, entries) as u64;
 
-/// Where [`Counters`] has the most that frames needed, two counts.
+/// Where [`Counters`] has what is counted over frames, the most that they needed first.
 const MOST: u64 = std::mem::offset_of!(Counters, most_splats) as u64;
-const MOST_BYTES: u64 = 2 * 4;
+const MOST_BYTES: u64 = size_of::<Counters>() as u64 - MOST;
 
 /// Buffers of fixed size.
 pub struct Fixed {
@@ -235,6 +235,7 @@ impl Frame {
         let buffers = Buffers { plan: &self.plan, arena };
         let mut blended =
             vec![("view", fixed.view.slice()), ("entry_splats", buffers.get(ENTRY_SPLATS[self.sorted[1]])?)];
+        blended.push(("counters", fixed.counters.slice()));
         for name in ["ranges", "splats_a", "splats_b", "splats_c"] {
             blended.push((name, buffers.get(name)?));
         }

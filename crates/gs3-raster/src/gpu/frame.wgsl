@@ -14,7 +14,8 @@ struct Counters {
     most_entries: u32,
     // Groups' sums of entries in shares of ENTRY_SHARE, rounded down.
     entry_shares: atomic<u32>,
-    _pad: u32,
+    // Not 0 if the driver ended loops of blend early.
+    loops_cut: atomic<u32>,
 }
 
 const ENTRY_SHARE: u32 = 4096u;

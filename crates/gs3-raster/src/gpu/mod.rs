@@ -237,7 +237,7 @@ impl GpuRasterizer {
     /// As [`Self::settle`], by the bytes of [`Self::counters`] after the last submitted frame.
     ///
     /// # Errors
-    /// [`GpuRasterError::Gpu`] if the device cannot hold what the frame needs.
+    /// [`GpuRasterError::Gpu`] if the device cannot hold what the frame needs, or its driver cut loops short.
     pub fn settle_with(&mut self, counters: &[u8]) -> Result<Settled, GpuRasterError> {
         self.counts_anew = true;
         let (Some(frame), Some(room)) = (&self.frame, self.room) else {
@@ -245,8 +245,10 @@ impl GpuRasterizer {
         };
         let found = counters.get(..size_of::<Counters>()).map(bytemuck::pod_read_unaligned::<Counters>);
         let (splats, entries) = found.map_or((0, 0), |c| (c.most_splats, c.most_entries));
+        let is_cut = found.is_some_and(|c| c.loops_cut != 0);
         let rows = frame.plan.bands.first().map_or(1, |band| band.rows);
         match room.grown(&self.limits, rows, splats, entries)? {
+            None if is_cut => Err(GpuError::LoopsCut { what: "blending".to_owned() }.into()),
             None => Ok(Settled::Complete { splats, entries }),
             Some(grown) => {
                 self.room = Some(grown);

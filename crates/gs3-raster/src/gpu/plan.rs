@@ -29,7 +29,7 @@ pub struct Counters {
     pub most_splats: u32,
     pub most_entries: u32,
     pub entry_shares: u32,
-    _pad: u32,
+    pub loops_cut: u32,
 }
 
 /// `Band` of `frame.wgsl`.
@@ -281,7 +281,7 @@ mod tests {
         assert_layout!(
             &[source],
             Counters,
-            Counters { splats, places, entries, most_splats, most_entries, entry_shares, _pad }
+            Counters { splats, places, entries, most_splats, most_entries, entry_shares, loops_cut }
         );
     }
 

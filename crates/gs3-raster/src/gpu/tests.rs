@@ -257,3 +257,41 @@ fn no_frame_lacks_room_unseen() {
     assert_eq!(settled(&[]), all);
     assert_eq!(settled(&[&behind]), Settled::Complete { splats: 0, entries: 0 });
 }
+
+/// A tile whose pixels wait for their last splat behind more of them than some drivers' loops have rounds: it is right,
+/// or refused.
+#[test]
+fn tiles_of_very_many_splats_are_right_or_refused() {
+    let Some(gpu) = gpu() else { return };
+    const COUNT: usize = 150_000;
+    let camera = camera(32, 32);
+    let mut g = Gaussians::zeroed(COUNT, 0);
+    for i in 0..COUNT {
+        // All but the last on one sample; that one behind them, all over the picture.
+        let depth = if i + 1 < COUNT { 2.0 } else { 5.0 };
+        let mean = camera.unproject([5.5, 5.5].into(), depth).to_array();
+        (0..3).for_each(|k| g.means[k][i] = mean[k] as f32);
+        (0..3).for_each(|k| g.scales[k][i] = if i + 1 < COUNT { 1e-4 } else { 20.0 });
+        (g.rotations[0][i], g.opacities[i]) = (1.0, 0.99);
+        g.sh[3 * i..3 * i + 3].fill(1.0);
+    }
+    let scene = Arc::new(Scene::new(g, OpacityMode::Default).expect("valid"));
+    let settings = RasterSettings { dilation: matched_dilation(8), jitter: [0.0; 2], ..SETTINGS };
+    let mut rasterizer =
+        GpuRasterizer::new(&gpu, Arc::clone(&scene), Culling::AccuTile, ScenePrecision::F32).expect("room");
+    let mut actual = GBuffer::default();
+    match rasterizer.rasterize_to(&camera, &settings, &mut actual) {
+        Err(error) => {
+            let expected = GpuError::LoopsCut { what: "blending".to_owned() };
+            assert_eq!(error, GpuRasterError::Gpu(expected));
+        }
+        Ok(()) => {
+            let mut expected = GBuffer::default();
+            Rasterizer::new(scene, Culling::AccuTile)
+                .rasterize(&camera, &settings, &mut expected)
+                .expect("valid");
+            let pairs = actual.alpha.data().iter().zip(expected.alpha.data());
+            assert!(pairs.clone().all(|(a, e)| (a - e).abs() < 1e-3), "{:?}", pairs.collect::<Vec<_>>());
+        }
+    }
+}
