@@ -139,7 +139,8 @@ mod tests {
             return;
         };
         let scene = Arc::new(demo::scene().unwrap());
-        let path = demo::path().resized(64, 36).unwrap();
+        // Large enough that loops of drivers in software have rounds for the splats of a tile.
+        let path = demo::path().resized(256, 144).unwrap();
         let settings = PipelineSettings { mode: Mode::Full, ..Default::default() };
         let new = || FramePipeline::new(Arc::clone(&scene), settings).unwrap();
         for (gpu, is_found) in [(gpu, true), (open().unwrap(), false)] {

@@ -35,7 +35,7 @@ fn the_gpu_draws_what_the_cpu_draws() {
 fn bench_tells_the_stages_of_the_gpu() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    let bench = "bench demo --size 64x36 --frames 0..3 --warm-up 1 --backend gpu --json b.json";
+    let bench = "bench demo --size 256x144 --frames 0..3 --warm-up 1 --backend gpu --json b.json";
     let output = gs3(at, bench).output().unwrap();
     if !output.status.success() && stderr(&output).contains("GPU adapter: expected") {
         eprintln!("skipped: no adapter: {}", stderr(&output));
