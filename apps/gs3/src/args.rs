@@ -14,7 +14,7 @@ use crate::levels::Levels;
 use crate::simplify::SimplifyArgs;
 use crate::train::{BaselineArgs, TrainArgs};
 use crate::train_clips::ClipsArgs;
-use crate::values::{DilationArg, FrameRange, Pair, Rgb, Size, scale};
+use crate::values::{Degrees, DilationArg, FrameRange, Pair, Rgb, Size, scale};
 
 /// Shows trained 3D Gaussian Splatting scenes sharp and fluid.
 #[derive(Debug, Parser)]
@@ -32,7 +32,7 @@ pub enum Command {
     Gbuffer(GbufferArgs),
     /// Say what is in a scene
     Info(InfoArgs),
-    /// Convert a scene to another format (.ply, .spz, .sog)
+    /// Convert a scene to another format (.ply, .compressed.ply, .spz, .sog, .glb, .splat)
     Convert(ConvertArgs),
     /// Measure displayed frames per second against native rendering
     Bench(BenchArgs),
@@ -66,9 +66,12 @@ pub enum Train {
 pub struct View {
     /// Scene file or folder, or `demo` for the built-in scene
     pub scene: PathBuf,
-    /// Cameras: COLMAP model, transforms.json, cameras.json or camera_path.json [default: an orbit]
+    /// Cameras: COLMAP model, transforms.json, cameras.json, camera_path.json, settings of SuperSplat or RealityScan's CSV
+    /// [default: an orbit]
     #[arg(long, value_name = "CAMERAS")]
     pub path: Option<PathBuf>,
+    #[command(flatten)]
+    pub stated: StatedCameras,
     /// Image size [default: that of the cameras, 1920x1080 without --path]
     #[arg(long, value_name = "WxH", allow_hyphen_values = true)]
     pub size: Option<Size>,
@@ -77,10 +80,25 @@ pub struct View {
     pub threads: Option<u16>,
 }
 
+/// What is known of cameras whose file does not say it.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct StatedCameras {
+    /// Vertical field of view of the cameras, degrees [default: that of their file]
+    #[arg(long, value_name = "DEGREES")]
+    pub fov: Option<Degrees>,
+    /// nerfstudio's dataparser_transforms.json, into whose frame the cameras are brought [default: the one beside a
+    /// transforms.json, if there is one]
+    #[arg(long, value_name = "FILE")]
+    pub dataparser: Option<PathBuf>,
+}
+
 impl View {
     /// What is read.
     pub fn inputs(&self) -> impl Iterator<Item = &Path> {
-        [self.scene.as_path()].into_iter().chain(self.path.as_deref())
+        [self.scene.as_path()]
+            .into_iter()
+            .chain(self.path.as_deref())
+            .chain(self.stated.dataparser.as_deref())
     }
 }
 
@@ -168,6 +186,10 @@ pub struct RenderArgs {
     /// those between before it
     #[arg(long, value_name = "DIR|FILE.png|FILE.mp4")]
     pub out: PathBuf,
+    /// Write PNG frames with alpha, straight (not multiplied into the colours), in front of no background; takes twice as
+    /// long
+    #[arg(long, conflicts_with = "background")]
+    pub alpha: bool,
     /// Also write a comparison of the last frame's middle: native, bicubic, this mode
     #[arg(long, value_name = "FILE.png")]
     pub compare: Option<PathBuf>,
@@ -235,8 +257,11 @@ pub struct DevicesArgs {
 pub struct ConvertArgs {
     /// Scene file or folder, or `demo` for the built-in scene
     pub input: PathBuf,
-    /// Output file: .ply, .spz or .sog
+    /// Output file: .ply, .compressed.ply, .spz, .sog, .glb or .splat
     pub output: PathBuf,
+    /// Version of .spz files: 3 for programs that do not know 4 yet
+    #[arg(long, value_name = "3|4", value_parser = clap::value_parser!(u8).range(3..=4))]
+    pub spz_version: Option<u8>,
     #[command(flatten)]
     pub levels: Levels,
 }

@@ -32,6 +32,7 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     destination::check(json.as_slice(), args.view.inputs())?;
     let (scene, load_time) = inputs::scene_at(&args.view.scene, args.levels)?;
     let path = inputs::cameras(&args.view, &scene)?;
+    inputs::check_is_perspective(&path)?;
     let range = inputs::first_frames(args.frames.as_ref(), DEFAULT_FRAMES, &path);
     inputs::check_frames("--frames", &range, &path)?;
     let scene = copies::beside(scene, args.copies, &path.cameras()[range.start])?;
@@ -71,7 +72,7 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     }
     bar.finish_and_clear();
     if is_blank {
-        inputs::warn_of_nothing_visible();
+        inputs::warn_of_nothing_visible(full.scene().details().near);
     }
 
     let size = [first.width(), first.height()];

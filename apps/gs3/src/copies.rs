@@ -15,7 +15,7 @@ pub fn beside(scene: Arc<Scene>, copies: u32, camera: &Camera) -> Result<Arc<Sce
     let right = camera.world_from_view().matrix3.x_axis;
     let width: f64 =
         (0..3).map(|axis| right[axis].abs() * f64::from(bounds.max[axis] - bounds.min[axis])).sum();
-    let mode = scene.opacity_mode();
+    let (mode, details) = (scene.opacity_mode(), scene.details().clone());
     let one = scene.gaussians();
     let mut all = one.clone();
     for k in 1..copies {
@@ -27,7 +27,7 @@ pub fn beside(scene: Arc<Scene>, copies: u32, camera: &Camera) -> Result<Arc<Sce
         }
         all.append(&copy);
     }
-    Scene::new(all, mode).map(Arc::new)
+    Ok(Arc::new(Scene::new(all, mode)?.with_details(details)))
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
-use gs3::scene::{Scene, capture};
+use gs3::scene::Scene;
 use gs3_evaluate::methods::{DEFAULT_METHODS, MethodSpec};
 use gs3_evaluate::photos::{DEFAULT_PHOTO_METHODS, PhotoProtocol};
 use gs3_evaluate::protocol::{Case, Event, Failure, Paper, Protocol};
@@ -130,6 +130,7 @@ pub fn run(args: &EvaluateArgs) -> Result<Outcome, CliError> {
         return photos(args, scene, capture);
     }
     let path = inputs::cameras(&args.view, &scene)?;
+    inputs::check_is_perspective(&path)?;
     let frames = inputs::first_frames(args.frames.as_ref(), DEFAULT_FRAMES, &path);
     inputs::check_frames("--frames", &frames, &path)?;
     inputs::check_one_size("--path", "the evaluation", &frames, &path)?;
@@ -175,7 +176,12 @@ fn check_protocol(args: &EvaluateArgs) -> Result<(), CliError> {
 
 /// Fills the paper's tables.
 fn paper(args: &EvaluateArgs, protocol: Protocol) -> Result<Outcome, CliError> {
-    let simplified = args.simplified.as_deref().map(inputs::scene).transpose()?.map(|(scene, _)| scene);
+    let simplified = args
+        .simplified
+        .as_deref()
+        .map(|file| inputs::scene_at(file, args.levels.of_whole()))
+        .transpose()?
+        .map(|(scene, _)| scene);
     let paper = Paper { protocol, simplified };
     let results = watched(|watch| paper.run(&args.out, watch))?;
     write_report(
@@ -190,9 +196,9 @@ fn paper(args: &EvaluateArgs, protocol: Protocol) -> Result<Outcome, CliError> {
 /// Compares renders with photos.
 fn photos(args: &EvaluateArgs, scene: Arc<Scene>, capture: &Path) -> Result<Outcome, CliError> {
     let protocol = PhotoProtocol {
+        capture: inputs::capture(capture, &args.view.stated, None, &scene)?,
         scene,
         scene_name: stem(&args.view.scene),
-        capture: capture::load(capture)?,
         capture_path: capture.to_owned(),
         images: args.images.clone(),
         every: args.every as usize,

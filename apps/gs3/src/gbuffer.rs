@@ -20,6 +20,7 @@ pub fn run(args: &GbufferArgs) -> Result<Outcome, CliError> {
     destination::check(&[Destination::file("--out", &args.out, "npz")], args.view.inputs())?;
     let (scene, _) = inputs::scene_at(&args.view.scene, args.levels)?;
     let path = inputs::cameras(&args.view, &scene)?;
+    inputs::check_is_perspective(&path)?;
     inputs::check_frames("--frame", &(args.frame..args.frame.saturating_add(1)), &path)?;
     let settings = RasterSettings {
         dilation: args.dilation.0.at_scale(args.scale),
@@ -35,10 +36,11 @@ pub fn run(args: &GbufferArgs) -> Result<Outcome, CliError> {
                 .rasterize_to(camera, &settings, &mut gbuffer)
         })?;
     if matches!(machine, Machine::Cpu) {
-        Rasterizer::new(scene, args.culling.into()).rasterize(camera, &settings, &mut gbuffer)?;
+        Rasterizer::new(scene.clone(), args.culling.into()).rasterize(camera, &settings, &mut gbuffer)?;
     }
+    inputs::tell_what_is_too_near(&scene, &path.cameras()[args.frame..=args.frame]);
     if gbuffer.alpha.plane(0).iter().all(|alpha| *alpha == 0.0) {
-        inputs::warn_of_nothing_visible();
+        inputs::warn_of_nothing_visible(scene.details().near);
     }
     write_file(&args.out, |writer| {
         let mut zip = ZipWriter::new(writer);

@@ -7,17 +7,21 @@ use std::time::{Duration, Instant};
 
 use gs3::neural::model::Tier;
 use gs3::neural::{Arithmetic, WeightError, Weights};
-use gs3::raster::NEAR;
+use gs3::scene::camera::MAX_SIDE;
+use gs3::scene::capture::CaptureOptions;
 use gs3::scene::format::{self, Streamed};
-use gs3::scene::{CameraPath, Scene, capture, demo, orbit};
+use gs3::scene::glam::{DMat3, DVec3};
+use gs3::scene::transform::Similarity;
+use gs3::scene::{Camera, CameraPath, Scene, capture, demo, orbit};
 use gs3::{NetworkError, Networks};
 use indicatif::{ProgressBar, ProgressStyle};
+use rayon::prelude::*;
 
-use crate::args::{InterpolationArg, Look, TierArg, View};
-use crate::error::CliError;
+use crate::args::{InterpolationArg, Look, StatedCameras, TierArg, View};
+use crate::error::{CliError, single_line};
 use crate::levels::Levels;
 use crate::terminal::note;
-use crate::values::{FrameRange, Size};
+use crate::values::{Degrees, Distance, FrameRange, Size};
 
 /// Size of frames along generated paths.
 const DEFAULT_SIZE: Size = Size { width: 1920, height: 1080 };
@@ -37,16 +41,11 @@ pub fn streamed(path: &Path) -> Result<Option<Streamed>, CliError> {
     if is_demo(path) || !is_there { Ok(None) } else { Ok(format::streamed(path)?) }
 }
 
-/// Loads the scene, showing progress, and says how long it took.
-pub fn scene(path: &Path) -> Result<(Arc<Scene>, Duration), CliError> {
-    scene_at(path, Levels::default())
-}
-
-/// The same, and of a scene that holds several representations of itself what `levels` asks for.
+/// Loads the scene as `levels` asks for, showing progress; says what its file has that is not used, and how long it took.
 pub fn scene_at(path: &Path, levels: Levels) -> Result<(Arc<Scene>, Duration), CliError> {
     let started = Instant::now();
     let options = levels.options(path)?;
-    let scene = if is_demo(path) {
+    let mut scene = if is_demo(path) {
         demo::scene()?
     } else {
         let bar = ProgressBar::new(1000).with_style(style("loading {wide_bar} {percent}%"));
@@ -54,13 +53,22 @@ pub fn scene_at(path: &Path, levels: Levels) -> Result<(Arc<Scene>, Duration), C
         bar.finish_and_clear();
         scene
     };
+    if let Some(Distance(near)) = levels.near {
+        scene = scene.with_near(near);
+    }
+    for text in &scene.details().notes {
+        note(format_args!("{}: {}", path.display(), single_line(text)));
+    }
+    if scene.dropped().total() > 0 {
+        note(format_args!("{}: {} invalid Gaussians are left out", path.display(), scene.dropped()));
+    }
     Ok((Arc::new(scene), started.elapsed()))
 }
 
 /// Says that figures or pictures are of nothing.
-pub fn warn_of_nothing_visible() {
+pub fn warn_of_nothing_visible(near: f32) {
     note(format_args!(
-        "warning: no Gaussian is visible in any frame: cameras look elsewhere, or from nearer than {NEAR}"
+        "warning: no Gaussian is visible in any frame: cameras look elsewhere, or from nearer than the near plane, {near}"
     ));
 }
 
@@ -166,15 +174,102 @@ fn no_interpolation(tier: &str) -> CliError {
     }
 }
 
+/// The cameras in `file`, brought into the frame of `scene`, as far as they are `stated` outside of it; `size` is for
+/// those whose file has none. Says what the file has that is not used.
+pub fn capture(
+    file: &Path,
+    stated: &StatedCameras,
+    size: Option<Size>,
+    scene: &Scene,
+) -> Result<CameraPath, CliError> {
+    let options = CaptureOptions {
+        size: size.map(|size| (size.width, size.height)),
+        fov_y: stated.fov.map(|fov| fov.0.to_radians()),
+        dataparser: stated.dataparser.clone(),
+    };
+    let mut path = capture::load_with(file, &options)?;
+    for text in &path.facts().notes {
+        note(format_args!("{}: {}", file.display(), single_line(text)));
+    }
+    if let Some(Degrees(fov)) = stated.fov {
+        path = path.with_fov_y(fov.to_radians())?;
+    }
+    let origin = scene.details().origin;
+    if origin != DVec3::ZERO {
+        path =
+            path.in_moved_world(&Similarity { shift: -origin, ..Similarity::orthogonal(DMat3::IDENTITY) })?;
+    }
+    Ok(path)
+}
+
+/// Says how many Gaussians in view of a camera are nearer than the near plane, if any are: a look at a few of `cameras`.
+pub fn tell_what_is_too_near(scene: &Scene, cameras: &[Camera]) {
+    /// A look takes as long as a tenth of a frame.
+    const LOOKS: usize = 8;
+    let near = scene.details().near;
+    let cut = |camera: &Camera| {
+        let intrinsics = camera.intrinsics();
+        let gaussians = scene.gaussians();
+        let is_cut = |i: &usize| {
+            let (pixel, z) = camera.project(DVec3::from(gaussians.mean(*i).map(f64::from)));
+            let is_inside = pixel.x >= 0.0
+                && pixel.y >= 0.0
+                && pixel.x <= f64::from(intrinsics.width)
+                && pixel.y <= f64::from(intrinsics.height);
+            // Fainter ones are not drawn anywhere.
+            z > 0.0 && z <= f64::from(near) && is_inside && gaussians.opacities[*i] >= 1.0 / 255.0
+        };
+        (0..gaussians.len()).into_par_iter().filter(is_cut).count()
+    };
+    let most = cameras.iter().step_by(cameras.len().div_ceil(LOOKS).max(1)).map(cut).max().unwrap_or(0);
+    if most > 0 {
+        note(format_args!(
+            "{most} Gaussians in view of a camera are nearer than the near plane, {near}, and not shown (--near sets it)"
+        ));
+    }
+}
+
+/// Refuses cameras whose images are larger than what is rendered.
+fn check_renderable(path: &CameraPath) -> Result<(), CliError> {
+    let is_large = |camera: &&Camera| camera.width().max(camera.height()) > MAX_SIDE;
+    match path.cameras().iter().find(is_large) {
+        None => Ok(()),
+        Some(camera) => Err(CliError::Option {
+            option: "--size",
+            expected: format!("a size up to {MAX_SIDE}x{MAX_SIDE}, as the images of the cameras are larger"),
+            actual: format!("none, for {}x{}", camera.width(), camera.height()),
+        }),
+    }
+}
+
 /// The cameras of `view` at the size asked for.
 pub fn cameras(view: &View, scene: &Scene) -> Result<CameraPath, CliError> {
+    let given = view.stated.fov.map(|_| "--fov").or(view.stated.dataparser.as_ref().map(|_| "--dataparser"));
+    if let (None, Some(option)) = (&view.path, given) {
+        let expected = "--path with it, whose cameras it is about".to_owned();
+        return Err(CliError::Option { option, expected, actual: "none".to_owned() });
+    }
     let path = match &view.path {
-        Some(file) => capture::load(file)?,
+        Some(file) => capture(file, &view.stated, view.size, scene)?,
         None if is_demo(&view.scene) => demo::path(),
         None => orbit::around(scene, ORBIT_FRAMES, DEFAULT_SIZE.width, DEFAULT_SIZE.height)?,
     };
     let size = view.size.or(view.path.is_none().then_some(DEFAULT_SIZE));
-    Ok(size.map_or(Ok(path.clone()), |size| path.resized(size.width, size.height))?)
+    let path = size.map_or(Ok(path.clone()), |size| path.resized(size.width, size.height))?;
+    check_renderable(&path)?;
+    Ok(path)
+}
+
+/// Refuses panoramas, which only `gs3 render` makes.
+pub fn check_is_perspective(path: &CameraPath) -> Result<(), CliError> {
+    match path.facts().is_panorama {
+        false => Ok(()),
+        true => Err(CliError::Option {
+            option: "--path",
+            expected: "perspective cameras (gs3 render makes panoramas)".to_owned(),
+            actual: "equirectangular ones".to_owned(),
+        }),
+    }
 }
 
 /// The frames asked for, else the first `count`, or as many as the path has.

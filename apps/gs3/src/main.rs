@@ -12,6 +12,7 @@ mod backend;
 mod bench;
 mod bench_gpu;
 mod compare;
+mod composite;
 mod convert;
 mod copies;
 mod destination;

@@ -7,7 +7,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf, is_separator};
 use std::time::{Duration, Instant};
 
-use gs3::scene::format::{clamped, position_step, save};
+use gs3::scene::format::{SaveOptions, clamped, losses, position_step, save_with};
 use gs3::scene::info::SceneInfo;
 use gs3::scene::{Image, Scene};
 use gs3_files::write_atomically;
@@ -104,8 +104,10 @@ pub struct FrameWriter {
     target: Target,
     /// Where one was asked for; if it fails, frames go on.
     video: Option<Result<Video, NoVideo>>,
+    /// Whether frames are written with their alpha.
+    has_alpha: bool,
     /// Frames to be encoded: file, pixels.
-    batch: Vec<(PathBuf, Rgb8)>,
+    batch: Vec<(PathBuf, Pixels8)>,
     written: Written,
 }
 
@@ -118,10 +120,11 @@ pub struct Written {
     pub no_video: Option<NoVideo>,
 }
 
-/// An 8-bit RGB image.
-struct Rgb8 {
+/// An image of 8 bits.
+struct Pixels8 {
     width: u32,
     height: u32,
+    color: png::ColorType,
     bytes: Vec<u8>,
 }
 
@@ -133,7 +136,12 @@ impl FrameWriter {
             Target::Video { file, .. } => Some(Video::start(file, size, frames_per_second)),
             Target::Single(_) | Target::Folder(_) => None,
         };
-        Ok(Self { target, video, batch: Vec::new(), written: Written::default() })
+        Ok(Self { target, video, has_alpha: false, batch: Vec::new(), written: Written::default() })
+    }
+
+    /// The same of frames with alpha.
+    pub fn with_alpha(self) -> Self {
+        Self { has_alpha: true, ..self }
     }
 
     /// Takes the frame with the number `number` among all displayed ones.
@@ -143,7 +151,7 @@ impl FrameWriter {
             Target::Single(file) => file.clone(),
             Target::Folder(frames) | Target::Video { frames, .. } => frames.join(frame_name(number)),
         };
-        self.batch.push((file, rgb8(image)));
+        self.batch.push((file, if self.has_alpha { rgba8(image) } else { rgb8(image) }));
         if self.batch.len() >= rayon::current_num_threads().min(MOST_HELD) {
             self.flush()?;
         }
@@ -190,9 +198,12 @@ pub fn write_text(file: &Path, text: &str) -> Result<(), CliError> {
 }
 
 /// Writes a scene in the format that the extension names, and says so if its Gaussians are moved visibly by that.
-pub fn save_scene(scene: &Scene, file: &Path) -> Result<(), CliError> {
+pub fn save_scene(scene: &Scene, file: &Path, options: &SaveOptions) -> Result<(), CliError> {
     make_folder_of(file)?;
-    save(scene, file)?;
+    save_with(scene, file, options)?;
+    for lost in losses(scene, file) {
+        note(format_args!("{}: {lost}", file.display()));
+    }
     if let Some(lost) = clamped(scene, file) {
         note(format_args!("{}: {lost}", file.display()));
     }
@@ -230,14 +241,23 @@ fn make_folder_of(file: &Path) -> Result<(), CliError> {
     }
 }
 
-fn rgb8(image: &Image) -> Rgb8 {
-    // Image sides come from cameras, which are at most 8192.
-    Rgb8 { width: image.width() as u32, height: image.height() as u32, bytes: image.to_rgb8() }
+fn rgb8(image: &Image) -> Pixels8 {
+    of_bytes(image, png::ColorType::Rgb, image.to_rgb8())
 }
 
-fn encode_png(image: &Rgb8, writer: impl Write) -> io::Result<()> {
+fn rgba8(image: &Image) -> Pixels8 {
+    let bytes = image.pixels().iter().flat_map(|p| p.map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8));
+    of_bytes(image, png::ColorType::Rgba, bytes.collect())
+}
+
+fn of_bytes(image: &Image, color: png::ColorType, bytes: Vec<u8>) -> Pixels8 {
+    // Image sides come from cameras, whose rendered ones are at most 8192.
+    Pixels8 { width: image.width() as u32, height: image.height() as u32, color, bytes }
+}
+
+fn encode_png(image: &Pixels8, writer: impl Write) -> io::Result<()> {
     let mut encoder = png::Encoder::new(writer, image.width, image.height);
-    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_color(image.color);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_compression(png::Compression::Fast);
     encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);

@@ -1,15 +1,17 @@
 //! `gs3 render`.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use gs3::scene::camera_path::Pace;
-use gs3::scene::{Camera, CameraPath};
+use gs3::scene::{Camera, CameraPath, Scene};
 use gs3::{FramePipeline, Mode, Networks, PipelineError, PipelineSettings};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
 use crate::args::RenderArgs;
 use crate::backend::Machine;
+use crate::composite::{self, Composite, Parts};
 use crate::destination::Destination;
 use crate::error::CliError;
 use crate::output::{FrameWriter, Target, Written, others, write_text};
@@ -39,6 +41,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         path = path.smoothed(frames as usize, Pace::Speed);
     }
     let range = frames_to_render(args, &target, &path)?;
+    inputs::tell_what_is_too_near(&scene, &path.cameras()[range.clone()]);
     let (networks, tier) = inputs::networks(&args.look)?;
     if mode == Mode::SuperSample && networks.interpolate.is_some() {
         return Err(CliError::Option {
@@ -48,6 +51,9 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         });
     }
     let settings = args.look.settings(mode);
+    if let Some(parts) = composite::parts_of(&path, args.alpha) {
+        return run_composite(args, &target, &scene, &path, range, parts, &networks);
+    }
     let mut pipeline = FramePipeline::with_networks(scene, settings, &networks)?;
     // Not before the rest is right: a driver may take long to wake, and talk.
     let mut machine =
@@ -101,7 +107,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     bar.finish_and_clear();
     let is_complete = next == range.end;
     if is_blank && next > range.start {
-        inputs::warn_of_nothing_visible();
+        inputs::warn_of_nothing_visible(pipeline.scene().details().near);
     }
     let written = writer.map_or(Ok(Written::default()), |w| w.finish(is_complete))?;
 
@@ -154,6 +160,95 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         remainder(&target, range.start, &(next..range.end), &numbers, rate)
     ));
     Ok(Outcome::Interrupted)
+}
+
+/// Renders frames that are put together from several.
+fn run_composite(
+    args: &RenderArgs,
+    target: &Target,
+    scene: &Arc<Scene>,
+    path: &CameraPath,
+    range: Range<usize>,
+    parts: Parts,
+    networks: &Networks,
+) -> Result<Outcome, CliError> {
+    let refuse = |option, expected: &str, actual: &str| {
+        Err(CliError::Option { option, expected: expected.to_owned(), actual: actual.to_owned() })
+    };
+    let what = if parts.has_alpha { "--alpha" } else { "panoramas" };
+    if args.compare.is_some() {
+        return refuse("--compare", "frames of one camera without --alpha", what);
+    }
+    if args.json.is_some() {
+        return refuse("--json", "frames of one camera without --alpha", what);
+    }
+    if parts.has_alpha && matches!(target, Target::Video { .. }) {
+        return refuse("--out", "PNG frames, which have alpha", "a video, which has none");
+    }
+    let settings = args.look.settings(args.mode.into());
+    let machine = Machine::new(&args.device, args.look.features())?;
+    let mut composite = Composite::new(scene, parts, &settings, networks, |pipeline| {
+        Ok(machine.gpu().map_or(Ok(()), |gpu| pipeline.render_on(gpu))?)
+    })?;
+    let first = path.cameras()[range.start];
+    let rate = path.frames_per_second() * settings.displayed_per_rendered() as f64;
+    let warm_up = if settings.mode.has_history() {
+        let period = composite.period();
+        range.start.saturating_sub(period) / period * period
+    } else {
+        range.start
+    };
+    for camera in &path.cameras()[warm_up..range.start] {
+        composite.render(camera, &[])?;
+    }
+    let mut writer = FrameWriter::new(target.clone(), [first.width(), first.height()], rate)?;
+    if parts.has_alpha {
+        writer = writer.with_alpha();
+    }
+    interrupt::watch()?;
+    let bar = ProgressBar::new(range.len() as u64)
+        .with_style(inputs::style("{pos}/{len} rendered {wide_bar} {per_sec}, {eta} left"));
+    let (mut next, mut is_blank, mut seconds, mut shown) = (range.start, true, 0.0, 0);
+    let mut numbers: Option<Range<usize>> = None;
+    while next < range.end && !interrupt::requested() {
+        let mut frames = composite.render(&path.cameras()[next], &between(&settings, path, next))?;
+        seconds += composite.times().iter().map(|times| times.total().as_secs_f64()).sum::<f64>();
+        if matches!(target, Target::Single(_)) {
+            frames.drain(..frames.len().saturating_sub(1));
+        }
+        let last_number = next * settings.displayed_per_rendered();
+        for (k, image) in frames.iter().enumerate() {
+            let number = last_number + k + 1 - frames.len();
+            numbers = Some(numbers.map_or(number, |numbers| numbers.start)..number + 1);
+            writer.write(number, image)?;
+        }
+        shown += frames.len();
+        is_blank &= composite.is_blank();
+        next += 1;
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    let is_complete = next == range.end;
+    if is_blank && next > range.start {
+        inputs::warn_of_nothing_visible(scene.details().near);
+    }
+    let written = writer.finish(is_complete)?;
+    let numbers = numbers.unwrap_or_default();
+    note(format_args!(
+        "{shown} frames shown, {:.2} per second of rendering ({} in {})",
+        if seconds > 0.0 { shown as f64 / seconds } else { 0.0 },
+        settings.mode.name(),
+        args.out.display(),
+    ));
+    if !is_complete {
+        let again = remainder(target, range.start, &(next..range.end), &numbers, rate);
+        note(format_args!("interrupted; all files are whole. To go on: {again}"));
+        return Ok(Outcome::Interrupted);
+    }
+    if let (Target::Video { file, frames }, Some(no_video)) = (target, written.no_video) {
+        no_video.tell(file, frames, &numbers, rate)?;
+    }
+    Ok(Outcome::Done)
 }
 
 /// The mode with those settings that it reads.

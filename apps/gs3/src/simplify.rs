@@ -6,12 +6,13 @@ use std::sync::Arc;
 use clap::{Args, ValueEnum};
 use gs3::Culling;
 use gs3::raster::{Outputs, RasterSettings, Rasterizer};
+use gs3::scene::format::SaveOptions;
 use gs3::scene::{Camera, Image, Scene};
 use gs3_evaluate::metrics::{Quantisation, psnr};
 use gs3_evaluate::simplify::{Criterion, Setting, simplify};
 use indicatif::ProgressBar;
 
-use crate::args::View;
+use crate::args::{StatedCameras, View};
 use crate::destination::Destination;
 use crate::error::CliError;
 use crate::levels::Levels;
@@ -30,6 +31,8 @@ pub struct SimplifyArgs {
     pub scene: PathBuf,
     #[command(flatten)]
     pub levels: Levels,
+    #[command(flatten)]
+    pub stated: StatedCameras,
     /// Cameras to judge by, at best those of the training photos: COLMAP model, transforms.json, cameras.json or
     /// camera_path.json [default: an orbit]
     #[arg(long, value_name = "CAMERAS")]
@@ -65,7 +68,7 @@ pub struct SimplifyArgs {
     /// Threads [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
-    /// Output file: .ply, .spz or .sog
+    /// Output file: .ply, .compressed.ply, .spz, .sog, .glb or .splat
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
 }
@@ -85,10 +88,12 @@ pub fn run(args: &SimplifyArgs) -> Result<Outcome, CliError> {
         path: args.cameras.clone(),
         size: args.size,
         threads: args.threads,
+        stated: args.stated.clone(),
     };
     destination::check(&[Destination::scene("--out", &args.out)], view.inputs())?;
     let (scene, _) = inputs::scene_at(&args.scene, args.levels)?;
     let path = inputs::cameras(&view, &scene)?;
+    inputs::check_is_perspective(&path)?;
     let mut cameras = path.cameras();
     if let Some(FrameRange(frames)) = &args.frames {
         inputs::check_frames("--frames", frames, &path)?;
@@ -109,7 +114,7 @@ pub fn run(args: &SimplifyArgs) -> Result<Outcome, CliError> {
     let mut show = |done: usize| bar.set_position(done as u64);
     let left = Arc::new(simplify(&scene, cameras, &settings, criterion, args.keep, &mut show)?);
     bar.finish_and_clear();
-    save_scene(&left, &args.out)?;
+    save_scene(&left, &args.out, &SaveOptions::default())?;
     let (mean, lowest) = compare(&scene, &left, cameras, &settings)?;
     let (kept, all) = (left.gaussians().len(), scene.gaussians().len());
     print(format_args!(

@@ -7,14 +7,15 @@ use std::sync::Arc;
 use clap::{Args, ValueEnum};
 use gs3::NetworkError;
 use gs3::neural::Weights;
-use gs3::scene::{CameraPath, Scene, capture, demo, orbit};
+use gs3::scene::{CameraPath, Scene, demo, orbit};
 use gs3_train::clips::{Batch, ClipSettings, Source, preview};
 use gs3_train::{ClipFile, Network, Window};
 use indicatif::ProgressBar;
 
-use crate::args::KrigingArg;
+use crate::args::{KrigingArg, StatedCameras};
 use crate::destination::Destination;
 use crate::error::CliError;
+use crate::levels::Levels;
 use crate::output::write_png;
 use crate::terminal::print;
 use crate::values::{DilationArg, Size};
@@ -29,6 +30,8 @@ pub struct ClipsArgs {
     /// Scene files or folders, or `demo` for the built-in scene; clips are spread evenly over them
     #[arg(required = true, value_name = "SCENE")]
     pub scenes: Vec<PathBuf>,
+    #[command(flatten)]
+    pub levels: Levels,
     /// Cameras that clips are taken near, for a single scene: COLMAP model, transforms.json, cameras.json or
     /// camera_path.json [default: an orbit]
     #[arg(long, num_args = 1.., value_name = "CAMERAS")]
@@ -119,7 +122,7 @@ pub fn run(args: &ClipsArgs) -> Result<Outcome, CliError> {
     let share = |all: usize, k: usize| all * (k + 1) / names.len() - all * k / names.len();
     let mut first = None;
     for (k, (file, name)) in args.scenes.iter().zip(&names).enumerate() {
-        let (scene, _) = inputs::scene(file)?;
+        let (scene, _) = inputs::scene_at(file, args.levels)?;
         let paths = paths(args, file, &scene)?;
         let source = Source { name: name.clone(), scene, paths };
         let batch = Batch {
@@ -212,7 +215,8 @@ fn name(scene: &Path) -> String {
 /// Cameras that clips of a scene are taken near.
 fn paths(args: &ClipsArgs, file: &Path, scene: &Scene) -> Result<Vec<CameraPath>, CliError> {
     if !args.paths.is_empty() {
-        return Ok(args.paths.iter().map(capture::load).collect::<Result<_, _>>()?);
+        let stated = StatedCameras::default();
+        return args.paths.iter().map(|path| inputs::capture(path, &stated, None, scene)).collect();
     }
     let orbit = orbit::around(scene, ORBIT_CAMERAS, 1920, 1080)?;
     Ok(if inputs::is_demo(file) { vec![demo::path(), orbit] } else { vec![orbit] })

@@ -31,6 +31,32 @@ impl FromStr for Size {
     }
 }
 
+/// An angle of a field of view in degrees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Degrees(pub f64);
+
+impl FromStr for Degrees {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let valid = text.parse().ok().filter(|v| *v > 0.0 && *v < 180.0);
+        valid.map(Self).ok_or_else(|| format!("expected degrees between 0 and 180, found {text}"))
+    }
+}
+
+/// A distance in world units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Distance(pub f32);
+
+impl FromStr for Distance {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let valid = text.parse().ok().filter(|v: &f32| v.is_finite() && *v >= f32::MIN_POSITIVE);
+        valid.map(Self).ok_or_else(|| format!("expected a positive number, found {text}"))
+    }
+}
+
 /// Frames `A..B`, B excluded.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FrameRange(pub Range<usize>);

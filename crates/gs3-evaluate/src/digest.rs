@@ -27,5 +27,5 @@ pub fn of_scene(scene: &Scene) -> u64 {
     let Gaussians { means, scales, rotations, opacities, sh_degree, sh } = scene.gaussians();
     let planes = means.iter().chain(scales).chain(rotations).chain([opacities, sh]);
     let planes: Vec<u64> = planes.map(|plane| of_bytes(bytemuck::cast_slice(plane))).collect();
-    of(&(planes, sh_degree, scene.opacity_mode() as u8))
+    of(&(planes, sh_degree, scene.opacity_mode() as u8, scene.details().near.to_bits()))
 }

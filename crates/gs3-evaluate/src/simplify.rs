@@ -116,7 +116,7 @@ pub fn simplify(
     }
     let mut left = scene.gaussians().clone();
     left.retain(|_, i| is_kept[i]);
-    Ok(Scene::new(left, scene.opacity_mode())?)
+    Ok(Scene::new(left, scene.opacity_mode())?.with_details(scene.details().clone()))
 }
 
 /// Scores of a scene's Gaussians, added up over views; each array is `[N]`.

@@ -4,7 +4,7 @@
 use gs3_scene::Gaussians;
 use rayon::prelude::*;
 
-use crate::view::{NEAR, View};
+use crate::view::View;
 
 /// Gaussians in a chunk.
 pub const CHUNK: usize = 256;
@@ -76,7 +76,7 @@ impl<'a> Frustum<'a> {
         let center = self.view.rotate(offset);
         let slack = 1e-4 * (center.iter().map(|v| v.abs()).sum::<f32>() + chunk.radius);
         let radius = chunk.radius + slack;
-        if center[2] + radius <= NEAR {
+        if center[2] + radius <= self.view.near {
             return false;
         }
         // Written so that a chunk with non-finite bounds is seen.

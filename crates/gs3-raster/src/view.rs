@@ -30,10 +30,13 @@ pub struct View {
     pub size: [u32; 2],
     /// ε in px².
     pub dilation: f32,
+    /// Gaussians up to this z are culled.
+    pub near: f32,
 }
 
 impl View {
-    pub fn new(camera: &Camera, settings: &RasterSettings) -> Self {
+    /// `near` is the scene's.
+    pub fn new(camera: &Camera, settings: &RasterSettings, near: f32) -> Self {
         let i = camera.intrinsics();
         let rotation = camera.view_from_world().matrix3.transpose().to_cols_array_2d();
         let position = camera.position();
@@ -58,6 +61,7 @@ impl View {
             jacobian_limits: [limits(i.width, i.cx, i.fx), limits(i.height, i.cy, i.fy)],
             size: margin.around([i.width, i.height]),
             dilation: settings.dilation,
+            near,
         }
     }
 

@@ -5,19 +5,28 @@
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
-/// Largest image side: 7680×4320 with room for portrait and square formats.
+use crate::transform::Similarity;
+
+/// Largest side of an image that is rendered: 7680×4320 with room for portrait and square formats.
 pub const MAX_SIDE: u32 = 8192;
+
+/// Largest side of the image of a camera: photos may be larger than what is rendered.
+pub const MAX_CAMERA_SIDE: u32 = 65_535;
 
 /// Gaussians nearer than this view-space z, world units, are culled (Kerbl et al. 2023): rasterizers show nothing of
 /// them.
 pub const NEAR: f32 = 0.2;
 
+/// How far the products of a rotation's rows may be from 0 and 1. Entries rounded to three decimals are off by up to
+/// 0.0005 each, and the products of rows of length 1 by up to 2·√3·0.0005 = 0.0017.
+const MAX_SKEW: f64 = 2e-3;
+
 /// Size, focal lengths and principal point of a pinhole camera, in pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Intrinsics {
-    /// Image width, 1 to [`MAX_SIDE`].
+    /// Image width, 1 to [`MAX_CAMERA_SIDE`]; up to [`MAX_SIDE`] it can be rendered.
     pub width: u32,
-    /// Image height, 1 to [`MAX_SIDE`].
+    /// Image height, 1 to [`MAX_CAMERA_SIDE`]; up to [`MAX_SIDE`] it can be rendered.
     pub height: u32,
     /// Horizontal focal length in pixels, positive.
     pub fx: f64,
@@ -34,7 +43,7 @@ pub struct Intrinsics {
 #[non_exhaustive]
 pub enum CameraError {
     /// The image size is zero or too large.
-    #[error("image size: expected 1x1 to {MAX_SIDE}x{MAX_SIDE}, found {width}x{height}")]
+    #[error("image size: expected 1x1 to {MAX_CAMERA_SIDE}x{MAX_CAMERA_SIDE}, found {width}x{height}")]
     Size {
         /// Width found.
         width: u32,
@@ -53,7 +62,7 @@ pub enum CameraError {
     },
     /// The pose is not a rigid transform.
     #[error(
-        "camera pose: expected a finite rotation (orthonormal within 1e-3, determinant +1), found {actual}"
+        "camera pose: expected a finite rotation (orthonormal within 2e-3, determinant +1), found {actual}"
     )]
     Pose {
         /// The rotation block found.
@@ -85,7 +94,8 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Checks the pose and the intrinsics. A rotation that is orthonormal within 1e-3 is re-orthonormalised.
+    /// Checks the pose and the intrinsics. A rotation that is orthonormal within 2e-3 is re-orthonormalised: entries
+    /// rounded to three decimals are off by 2·√3·0.0005 at most.
     ///
     /// Axes are COLMAP's: x right, y down, z forward. A view matrix of OpenGL (y up, z backward) passes the checks too,
     /// but looks the other way: [`Self::from_opengl`] takes those. [`crate::orbit::look_at`] makes a camera from where
@@ -95,7 +105,7 @@ impl Camera {
     /// [`CameraError`] if the size, an intrinsic or the pose is not usable.
     pub fn new(view_from_world: DAffine3, intrinsics: Intrinsics) -> Result<Self, CameraError> {
         let Intrinsics { width, height, fx, fy, cx, cy } = intrinsics;
-        if width == 0 || height == 0 || width > MAX_SIDE || height > MAX_SIDE {
+        if width == 0 || height == 0 || width > MAX_CAMERA_SIDE || height > MAX_CAMERA_SIDE {
             return Err(CameraError::Size { width, height });
         }
         for (field, actual) in [("fx", fx), ("fy", fy)] {
@@ -111,7 +121,7 @@ impl Camera {
         let rotation = view_from_world.matrix3;
         let gram = rotation * rotation.transpose() - DMat3::IDENTITY;
         let is_rigid = rotation.is_finite()
-            && gram.to_cols_array().iter().all(|v| v.abs() < 1e-3)
+            && gram.to_cols_array().iter().all(|v| v.abs() < MAX_SKEW)
             && rotation.determinant() > 0.0;
         if !is_rigid {
             return Err(CameraError::Pose { actual: rotation });
@@ -189,6 +199,37 @@ impl Camera {
             cy: (old.cy - 0.5 * f64::from(old.height)) * scale + 0.5 * f64::from(height),
         };
         Self::new(self.view_from_world, intrinsics)
+    }
+
+    /// The same view at another size that keeps the horizontal field of view instead: for cameras whose horizontal one is
+    /// all that is known of them.
+    ///
+    /// # Errors
+    /// [`CameraError::Size`] if the size is zero or too large.
+    pub fn resized_by_width(&self, width: u32, height: u32) -> Result<Self, CameraError> {
+        let old = self.intrinsics;
+        let scale = f64::from(width) / f64::from(old.width);
+        let intrinsics = Intrinsics {
+            width,
+            height,
+            fx: old.fx * scale,
+            fy: old.fy * scale,
+            cx: (old.cx - 0.5 * f64::from(old.width)) * scale + 0.5 * f64::from(width),
+            cy: (old.cy - 0.5 * f64::from(old.height)) * scale + 0.5 * f64::from(height),
+        };
+        Self::new(self.view_from_world, intrinsics)
+    }
+
+    /// The camera in a world that has been moved, turned and scaled: `by` leads there from this camera's, by a rotation,
+    /// no reflection.
+    ///
+    /// # Errors
+    /// [`CameraError`] if what comes of the pose is none.
+    pub fn in_moved_world(&self, by: &Similarity) -> Result<Self, CameraError> {
+        let center = by.scale * (by.to_from * self.position()) + by.shift;
+        let rotation = self.view_from_world.matrix3 * by.to_from.transpose();
+        let pose = DAffine3 { matrix3: rotation, translation: -(rotation * center) };
+        Self::new(pose, self.intrinsics)
     }
 
     /// The low-resolution (LR) camera of this one: every LR pixel covers `scale`×`scale` pixels of this camera, LR

@@ -3,6 +3,8 @@
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use crate::camera::{Camera, Intrinsics};
+use crate::lens::Lens;
+use crate::transform::Similarity;
 
 /// Samples per segment when arc length is measured. Empirical: steps of equal length come out equal within 1 % even
 /// where neighbouring segments differ thirtyfold.
@@ -22,6 +24,22 @@ pub struct CameraPath {
     names: Vec<String>,
     frames_per_second: f64,
     is_cycle: bool,
+    facts: Facts,
+}
+
+/// What a file says of its cameras beside their poses and intrinsics.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Facts {
+    /// The lenses of the photos, one per camera where there are any; none of a pinhole. The cameras themselves are
+    /// pinholes of the same focal length.
+    pub lenses: Vec<Option<Lens>>,
+    /// Whether the frames are whole panoramas, equirectangular; then the cameras' poses and sizes count alone.
+    pub is_panorama: bool,
+    /// Whether the horizontal field of view is all that is known of the cameras, their size assumed: at other sizes they
+    /// keep that one.
+    pub keeps_width: bool,
+    /// What the reader found and did not use, or assumed, and could change the picture: sentences of one line.
+    pub notes: Vec<String>,
 }
 
 /// Why cameras do not make a path.
@@ -66,12 +84,12 @@ impl CameraPath {
         if !(frames_per_second.is_finite() && frames_per_second > 0.0) {
             return Err(CameraPathError::FramesPerSecond { actual: frames_per_second });
         }
-        Ok(Self { cameras, names: Vec::new(), frames_per_second, is_cycle })
+        Ok(Self { cameras, names: Vec::new(), frames_per_second, is_cycle, facts: Facts::default() })
     }
 
     /// A closed path through generated cameras, of which there is at least one.
-    pub(crate) const fn cycle(cameras: Vec<Camera>) -> Self {
-        Self { cameras, names: Vec::new(), frames_per_second: 30.0, is_cycle: true }
+    pub(crate) fn cycle(cameras: Vec<Camera>) -> Self {
+        Self { cameras, names: Vec::new(), frames_per_second: 30.0, is_cycle: true, facts: Facts::default() }
     }
 
     /// The same path with the names of the photos taken by its cameras, one per camera; missing ones stay empty.
@@ -80,6 +98,33 @@ impl CameraPath {
         names.resize(self.cameras.len(), String::new());
         self.names = names;
         self
+    }
+
+    /// The same path with what its file says beside.
+    #[must_use]
+    pub fn with_facts(self, facts: Facts) -> Self {
+        Self { facts, ..self }
+    }
+
+    /// What the path's file says beside its cameras.
+    #[must_use]
+    pub const fn facts(&self) -> &Facts {
+        &self.facts
+    }
+
+    /// The lens of the photo taken by camera `index`, where it is no pinhole.
+    #[must_use]
+    pub fn lens(&self, index: usize) -> Option<&Lens> {
+        self.facts.lenses.get(index).and_then(Option::as_ref)
+    }
+
+    /// The path in a world that has been moved, turned and scaled ([`Camera::in_moved_world`]).
+    ///
+    /// # Errors
+    /// [`crate::CameraError`] if a pose becomes none.
+    pub fn in_moved_world(&self, by: &Similarity) -> Result<Self, crate::CameraError> {
+        let cameras = self.cameras.iter().map(|c| c.in_moved_world(by)).collect::<Result<_, _>>()?;
+        Ok(Self { cameras, ..self.clone() })
     }
 
     /// The cameras, at least one.
@@ -149,15 +194,35 @@ impl CameraPath {
             names: Vec::new(),
             frames_per_second: self.frames_per_second,
             is_cycle: self.is_cycle,
+            facts: Facts { lenses: Vec::new(), ..self.facts.clone() },
         }
     }
 
-    /// All cameras at another image size ([`Camera::resized`]).
+    /// The same path with this vertical field of view, radians, and square pixels; principal points stay.
+    ///
+    /// # Errors
+    /// [`crate::CameraError::Intrinsic`] if that is no angle between 0 and π.
+    pub fn with_fov_y(&self, fov_y: f64) -> Result<Self, crate::CameraError> {
+        let with_fov = |camera: &Camera| {
+            let old = camera.intrinsics();
+            let focal = Intrinsics::from_fov_y(old.width, old.height, fov_y).fy;
+            Camera::new(camera.view_from_world(), Intrinsics { fx: focal, fy: focal, ..old })
+        };
+        let cameras = self.cameras.iter().map(with_fov).collect::<Result<_, _>>()?;
+        Ok(Self { cameras, ..self.clone() })
+    }
+
+    /// All cameras at another image size ([`Camera::resized`], or [`Camera::resized_by_width`] where
+    /// [`Facts::keeps_width`]).
     ///
     /// # Errors
     /// [`crate::CameraError::Size`] if the size is zero or too large.
     pub fn resized(&self, width: u32, height: u32) -> Result<Self, crate::CameraError> {
-        let cameras = self.cameras.iter().map(|c| c.resized(width, height)).collect::<Result<_, _>>()?;
+        let resized = |camera: &Camera| match self.facts.keeps_width {
+            true => camera.resized_by_width(width, height),
+            false => camera.resized(width, height),
+        };
+        let cameras = self.cameras.iter().map(resized).collect::<Result<_, _>>()?;
         Ok(Self { cameras, ..self.clone() })
     }
 

@@ -15,7 +15,7 @@ pub struct Gaussians {
     pub rotations: [Vec<f32>; 4],
     /// Opacities in `[0, 1]`, `[N]`.
     pub opacities: Vec<f32>,
-    /// Spherical-harmonics degree, 0 to 3.
+    /// Spherical-harmonics degree, 0 to 4.
     pub sh_degree: u8,
     /// Spherical-harmonics coefficients, `[N, (sh_degree + 1)², 3]` (coefficient-major, RGB innermost; the constant
     /// term first), in the sign convention and order of Kerbl et al. 2023: a channel is ½ + [`SH_C0`] · the constant
@@ -23,16 +23,16 @@ pub struct Gaussians {
     pub sh: Vec<f32>,
 }
 
-/// Largest spherical-harmonics degree that 3D Gaussian Splatting scenes use.
-pub const MAX_SH_DEGREE: u8 = 3;
+/// Largest spherical-harmonics degree that 3D Gaussian Splatting scenes use: 3 in nearly all, 4 in some.
+pub const MAX_SH_DEGREE: u8 = 4;
 
 /// The largest coordinate by magnitude, and the largest scale, that a scene may have: distances to such Gaussians and
 /// what is made of them by slopes of rays stay eight orders of magnitude below the largest f32.
 pub const MAX_LENGTH: f32 = 1e30;
 
 /// The largest spherical-harmonics coefficient by magnitude that a scene may have: the largest number of 16 bits, in
-/// which GPUs keep them. Trained ones are below 10. The sixteen functions add up to at most √(16 · 16 / 4π) < 5 in any
-/// direction, so that no colour overflows.
+/// which GPUs keep them. Trained ones are below 10. The 25 functions add up to at most √(25 · 25 / 4π) < 8 in any direction, so
+/// that no colour overflows.
 pub const MAX_SH: f32 = 65_504.0;
 
 /// The constant spherical harmonic, 1 / (2 √π): a colour c that looks alike from everywhere has the constant term (c −
@@ -61,6 +61,20 @@ pub const SH_C3: [f32; 7] = [
     -0.457_045_799_464_465_8,
     1.445_305_721_320_277,
     -0.590_043_589_926_643_5,
+];
+
+/// The factors of degree 4, in the same order: xy(x² − y²), yz(3x² − y²), xy(7z² − 1), yz(7z² − 3), 35z⁴ − 30z² + 3,
+/// xz(7z² − 3), (x² − y²)(7z² − 1), xz(x² − 3y²), x²(x² − 3y²) − y²(3x² − y²), of a unit vector.
+pub const SH_C4: [f32; 9] = [
+    2.503_342_941_796_704_6,
+    -1.770_130_769_779_930_4,
+    0.946_174_695_757_560_1,
+    -0.669_046_543_557_289_2,
+    0.105_785_546_915_204_31,
+    -0.669_046_543_557_289_2,
+    0.473_087_347_878_780_04,
+    -1.770_130_769_779_930_4,
+    0.625_835_735_449_176_1,
 ];
 
 /// Number of spherical-harmonics coefficients per colour channel at `degree`, the constant term included.

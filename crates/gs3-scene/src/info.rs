@@ -5,7 +5,7 @@ use std::fmt;
 use rayon::prelude::*;
 use serde::{Serialize, Serializer};
 
-use crate::scene::{Dropped, OpacityMode, Scene};
+use crate::scene::{AxesKnownBy, Details, Dropped, FileAxes, OpacityMode, Scene};
 
 /// A summary of a [`Scene`].
 ///
@@ -24,10 +24,16 @@ use crate::scene::{Dropped, OpacityMode, Scene};
 pub struct SceneInfo {
     /// Number of Gaussians.
     pub gaussians: usize,
-    /// Spherical-harmonics degree, 0 to 3.
+    /// Spherical-harmonics degree, 0 to 4.
     pub sh_degree: u8,
     /// `default` or `antialiased`.
     pub opacity_mode: &'static str,
+    /// Which way the axes of the file point, and how that is known.
+    pub file_axes: String,
+    /// Where the scene's origin lies in the file, right-down-front: what is below is relative to it.
+    pub origin: [f64; 3],
+    /// The view-space z from which Gaussians are shown, world units.
+    pub near: f32,
     /// Size of the parameters as f32, in bytes.
     pub f32_bytes: usize,
     /// Smallest box around the centres, in world units.
@@ -92,6 +98,7 @@ impl SceneInfo {
             let of = |i| gaussians.scale(i).into_iter().reduce(pick).unwrap_or_default();
             Percentiles::of((0..gaussians.len()).into_par_iter().map(of).collect())
         };
+        let Details { origin, axes, near, .. } = scene.details();
         Self {
             gaussians: gaussians.len(),
             sh_degree: gaussians.sh_degree,
@@ -99,6 +106,9 @@ impl SceneInfo {
                 OpacityMode::Default => "default",
                 OpacityMode::Antialiased => "antialiased",
             },
+            file_axes: axes.to_string(),
+            origin: origin.to_array(),
+            near: *near,
             f32_bytes: gaussians.byte_size(),
             bounds: bounds(0, 3),
             robust_bounds: bounds(1, 2),
@@ -154,6 +164,12 @@ impl fmt::Display for SceneInfo {
             f,
             "Gaussians       {gaussians}, {megabytes:.1} MB as f32, SH degree {sh_degree}, {opacity_mode} opacity"
         )?;
+        writeln!(f, "axes            {} in the file", self.file_axes)?;
+        if self.origin != [0.0; 3] {
+            let [x, y, z] = self.origin;
+            writeln!(f, "origin          {x}, {y}, {z} in the file; what follows is relative to it")?;
+        }
+        writeln!(f, "near plane      {}", Digits(self.near.into()))?;
         writeln!(f, "bounds          {}", self.bounds)?;
         writeln!(f, "1 to 99 %       {}", self.robust_bounds)?;
         writeln!(f, "                min        5 %        25 %       50 %       75 %       95 %       max")?;
@@ -161,6 +177,17 @@ impl fmt::Display for SceneInfo {
         writeln!(f, "largest scale   {}", self.largest_scale)?;
         writeln!(f, "smallest scale  {}", self.smallest_scale)?;
         write!(f, "dropped         {}", self.dropped)
+    }
+}
+
+impl fmt::Display for FileAxes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let known_by = match self.known_by {
+            AxesKnownBy::Format => "as its format says",
+            AxesKnownBy::File => "as the file states",
+            AxesKnownBy::Caller => "as was asked for",
+        };
+        write!(f, "{} ({known_by})", self.axes)
     }
 }
 

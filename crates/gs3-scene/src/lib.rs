@@ -3,6 +3,7 @@
 //! This crate knows nothing of devices, rasterization or networks. Everything that enters gs3 from outside is checked
 //! here once, at the border; behind it no check is repeated and nothing panics.
 
+pub mod axes;
 pub mod camera;
 pub mod camera_path;
 pub mod capture;
@@ -13,15 +14,19 @@ pub mod gbuffer;
 pub mod image;
 pub mod info;
 pub mod jitter;
+pub mod lens;
 pub mod orbit;
 pub mod scene;
+pub mod transform;
 
 pub use glam;
 
+pub use axes::Axes;
 pub use camera::{Camera, CameraError, Intrinsics};
 pub use camera_path::CameraPath;
 pub use gaussians::Gaussians;
 pub use gbuffer::{GBuffer, Geometry, Gradients, Margin, Planes};
 pub use image::Image;
 pub use jitter::Jitter;
-pub use scene::{Dropped, OpacityMode, Scene, SceneError};
+pub use lens::Lens;
+pub use scene::{Details, Dropped, OpacityMode, Scene, SceneError};

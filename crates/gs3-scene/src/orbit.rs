@@ -33,12 +33,16 @@ const PLACE_HEIGHT: f64 = 0.4;
 /// 4.4.)
 const STRAY: f64 = 5.0;
 
-/// [`NEAR`], with which lengths are compared in f64.
-const NEAR_PLANE: f64 = NEAR as f64;
+/// A place is looked at from within if its radius is at least this many times as far as the near plane; most of a
+/// smaller one would be before the plane.
+const PLACE_RADIUS: f64 = 4.0;
 
-/// A place is looked at from within if it has at least this radius; most of a smaller one would be before the near
-/// plane.
-const PLACE_RADIUS: f64 = 4.0 * NEAR_PLANE;
+/// The near plane [`NEAR`] is for scenes whose centres have at least this median distance from their middle, world
+/// units; in smaller ones it is nearer in proportion. (Captures in the unit of their camera tracks have more.)
+const USUAL_SIZE: f64 = 0.5;
+
+/// Percentiles of this many Gaussians are those of all.
+const SAMPLE: usize = 1 << 17;
 
 /// z is up where the scene is lowest along z, and lower than this share of its length along y. (Empirical: places on an
 /// xy ground have up to 0.26, objects that stand along y 0.33 and more.)
@@ -57,7 +61,8 @@ pub struct Bulk {
     pub extent: DVec3,
     /// Whether the scene is one to walk around, as a statue; else it is a place to be in.
     pub is_object: bool,
-    /// The likely upward direction: +z for what lies on an xy ground, else −y, as COLMAP leaves captures.
+    /// The upward direction: what the scene's file states; else the likely one, +z for what lies on an xy ground and −y,
+    /// as COLMAP leaves captures, elsewhere.
     pub up: DVec3,
 }
 
@@ -74,15 +79,13 @@ struct Survey {
     bulk: Bulk,
     /// Centres of a sample of the Gaussians that are no strays.
     subject: Vec<DVec3>,
+    /// The scene's near plane.
+    near: f64,
 }
 
 impl Survey {
     fn of(scene: &Scene) -> Self {
-        /// Percentiles of this many Gaussians are those of all.
-        const SAMPLE: usize = 1 << 17;
-        let count = scene.gaussians().len();
-        let mean = |i: usize| DVec3::from(scene.gaussians().mean(i).map(f64::from));
-        let sample: Vec<DVec3> = (0..count).step_by(count.div_ceil(SAMPLE).max(1)).map(mean).collect();
+        let sample = sample(scene);
         let center = along(&sample, 0.5);
         let extent = along(&sample, 0.9) - along(&sample, 0.1);
         let distances: Vec<f64> = sample.iter().map(|p| p.distance(center)).collect();
@@ -92,11 +95,12 @@ impl Survey {
         let radius = most.clamp(1e-3, limit);
         let subject: Vec<DVec3> = sample.into_iter().filter(|p| p.distance(center) <= limit).collect();
         let is_z_up = extent.z < extent.x && extent.z < LOW_ALONG_Z * extent.y;
-        let up = if is_z_up { DVec3::Z } else { DVec3::NEG_Y };
+        let up = scene.details().up.unwrap_or(if is_z_up { DVec3::Z } else { DVec3::NEG_Y });
         let size = along(&subject, 0.99) - along(&subject, 0.01);
         let is_low = size.dot(up).abs() < PLACE_HEIGHT * level_extent(size, up);
         let is_object = !is_low && surroundings(scene, center, 2.0 * radius) < SURROUNDED;
-        Self { bulk: Bulk { center, radius, extent, is_object, up }, subject }
+        let near = f64::from(scene.details().near);
+        Self { bulk: Bulk { center, radius, extent, is_object, up }, subject, near }
     }
 
     /// Centre of the box around an object, and the distance from which all of it is in the image, whatever side it
@@ -117,7 +121,7 @@ impl Survey {
         });
         let sides = height * sin + width * DVec2::new(cos, 1.0 / half_width).length();
         let fitting = MARGIN * rims.into_iter().fold(sides, f64::max);
-        (center, fitting.max(NEAR_PLANE + DVec2::new(width, height).length()).max(1e-3))
+        (center, fitting.max(self.near + DVec2::new(width, height).length()).max(1e-3))
     }
 
     /// A ring within a place.
@@ -157,9 +161,33 @@ fn surroundings(scene: &Scene, center: DVec3, distance: f64) -> f64 {
     (0..gaussians.len()).map(solid_angle).sum::<f64>() / (2.0 * TAU)
 }
 
-/// The smaller of the two level extents.
+/// Centres of evenly spread Gaussians.
+fn sample(scene: &Scene) -> Vec<DVec3> {
+    let count = scene.gaussians().len();
+    let mean = |i: usize| DVec3::from(scene.gaussians().mean(i).map(f64::from));
+    (0..count).step_by(count.div_ceil(SAMPLE).max(1)).map(mean).collect()
+}
+
+/// The near plane for `scene`, view-space z in world units: [`NEAR`], or nearer in proportion for scenes so small that
+/// a camera that fills its image with one would have part of it before that plane.
+#[must_use]
+pub fn near_plane(scene: &Scene) -> f32 {
+    let sample = sample(scene);
+    let center = along(&sample, 0.5);
+    let usual = percentile(sample.iter().map(|p| p.distance(center)).collect(), 0.5);
+    // A scene of a single point has no size to go by.
+    let share = if usual > 0.0 { (usual / USUAL_SIZE).min(1.0) } else { 1.0 };
+    (f64::from(NEAR) * share).max(f64::from(f32::MIN_POSITIVE)) as f32
+}
+
+/// The smaller of the two level extents, where up is nearest to an axis.
 fn level_extent(extent: DVec3, up: DVec3) -> f64 {
-    if up.z != 0.0 { extent.x.min(extent.y) } else { extent.x.min(extent.z) }
+    let DVec3 { x, y, z } = up.abs();
+    match () {
+        () if z >= x.max(y) => extent.x.min(extent.y),
+        () if y >= x => extent.x.min(extent.z),
+        () => extent.y.min(extent.z),
+    }
 }
 
 /// A closed orbit of `frames` cameras (at least 1) at 30 frames per second that keeps `scene` in view: around an
@@ -175,7 +203,7 @@ pub fn around(scene: &Scene, frames: usize, width: u32, height: u32) -> Result<C
     let half_size = [0.5 * f64::from(width) / intrinsics.fx, 0.5 * f64::from(height) / intrinsics.fy];
     let frame = Frame { up, level: [side, up.cross(side)], half_size };
     // A place that is full everywhere is looked at from without, too.
-    let is_seen_from_within = !survey.bulk.is_object && survey.bulk.radius >= PLACE_RADIUS;
+    let is_seen_from_within = !survey.bulk.is_object && survey.bulk.radius >= PLACE_RADIUS * survey.near;
     let ring = if is_seen_from_within { survey.within_place(scene, &frame) } else { None };
     let (center, distance) = survey.around_object(&frame);
     let view = |share: f64| match &ring {
@@ -279,7 +307,7 @@ mod tests {
             let scene = Scene::new(g, OpacityMode::Default).unwrap();
             for camera in around(&scene, 6, 160, 90).unwrap().cameras() {
                 let depth = |i| camera.project(DVec3::from(scene.gaussians().mean(i).map(f64::from))).1;
-                let seen = (0..scene.gaussians().len()).filter(|i| depth(*i) > NEAR_PLANE).count();
+                let seen = (0..scene.gaussians().len()).filter(|i| depth(*i) > f64::from(NEAR)).count();
                 assert!(seen * 100 >= scene.gaussians().len() * 99, "{size}, {flatness}: {seen}");
             }
         }

@@ -1,8 +1,11 @@
 //! A scene: Gaussians that have passed the border check, and how they are to be rendered.
 
+use glam::DVec3;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::axes::Axes;
+use crate::camera::NEAR;
 use crate::gaussians::{Gaussians, MAX_LENGTH, MAX_SH, MAX_SH_DEGREE, Slots, sh_coefficient_count};
 
 /// Gaussians checked by one task: a few hundred microseconds of work, so that scheduling costs nothing.
@@ -92,6 +95,50 @@ pub enum SceneError {
     },
 }
 
+/// What belongs to a scene beside its Gaussians, mostly from its file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Details {
+    /// Where the scene's origin lies in the file's frame of reference, right-down-front: positions of the file are
+    /// means + origin. Not 0 where positions in the file are larger than an f32 keeps exactly.
+    pub origin: DVec3,
+    /// The upward direction, of length 1, where the file states one.
+    pub up: Option<DVec3>,
+    /// Which way the axes of the file point, and how that is known. In memory scenes are right-down-front.
+    pub axes: FileAxes,
+    /// Gaussians nearer than this view-space z, world units, are not shown; positive.
+    pub near: f32,
+    /// What the reader found and did not use, or assumed, and could change the picture: sentences of one line.
+    pub notes: Vec<String>,
+}
+
+impl Default for Details {
+    /// Those of a scene that was never in a file: [`NEAR`], nothing to note.
+    fn default() -> Self {
+        let axes = FileAxes { axes: Axes::RDF, known_by: AxesKnownBy::Format };
+        Self { origin: DVec3::ZERO, up: None, axes, near: NEAR, notes: Vec::new() }
+    }
+}
+
+/// The axes of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FileAxes {
+    /// Which way they point.
+    pub axes: Axes,
+    /// How that is known.
+    pub known_by: AxesKnownBy,
+}
+
+/// How the axes of a file are known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AxesKnownBy {
+    /// The format has no others, or says which they are where a file says nothing.
+    Format,
+    /// The file states them.
+    File,
+    /// Whoever loads the file states them.
+    Caller,
+}
+
 /// A scene that is safe to render: at least one Gaussian, all values finite, scales not negative, quaternions
 /// normalised, opacities in `[0, 1]`, spherical harmonics within ±[`MAX_SH`].
 #[derive(Clone, Debug, PartialEq)]
@@ -99,6 +146,7 @@ pub struct Scene {
     gaussians: Gaussians,
     opacity_mode: OpacityMode,
     dropped: Dropped,
+    details: Details,
 }
 
 impl Scene {
@@ -120,7 +168,7 @@ impl Scene {
         if gaussians.is_empty() {
             return Err(SceneError::Empty { dropped: dropped.total() });
         }
-        Ok(Self { gaussians, opacity_mode, dropped })
+        Ok(Self { gaussians, opacity_mode, dropped, details: Details::default() })
     }
 
     /// The Gaussians.
@@ -139,6 +187,32 @@ impl Scene {
     #[must_use]
     pub const fn dropped(&self) -> Dropped {
         self.dropped
+    }
+
+    /// What belongs to the scene beside its Gaussians.
+    #[must_use]
+    pub const fn details(&self) -> &Details {
+        &self.details
+    }
+
+    /// The same scene with other details: those of a file, or of the scene that this one is a part of. A near plane
+    /// that is not positive and finite is left as it was.
+    #[must_use]
+    pub fn with_details(mut self, details: Details) -> Self {
+        let near = self.details.near;
+        self.details = details;
+        if !(self.details.near.is_finite() && self.details.near > 0.0) {
+            self.details.near = near;
+        }
+        self
+    }
+
+    /// The same scene with another near plane, view-space z in world units; one that is not positive and finite is
+    /// left as it was.
+    #[must_use]
+    pub fn with_near(self, near: f32) -> Self {
+        let details = Details { near, ..self.details.clone() };
+        self.with_details(details)
     }
 
     /// Gives the Gaussians back.

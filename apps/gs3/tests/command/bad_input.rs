@@ -147,7 +147,10 @@ fn one_line_that_names_field_expected_and_actual() {
         ),
         ("export noise.bin --out o.onnx", &["error: noise.bin: expected safetensors"]),
         ("export nope --out o.onnx", &["error: nope: No such file"]),
-        ("convert demo scene.xyz", &["scene.xyz", "expected .ply, .spz or .sog", "xyz"]),
+        (
+            "convert demo scene.xyz",
+            &["scene.xyz", "expected .ply, .compressed.ply, .spz, .sog, .glb or .splat", "xyz"],
+        ),
         ("bench demo --frames 0..9999", &["--frames: expected", "0..9999"]),
     ];
     let training = "--clips c --checkpoint o --out o.safetensors";

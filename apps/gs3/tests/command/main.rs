@@ -6,6 +6,7 @@ mod backend;
 mod bad_input;
 mod export;
 mod frames;
+mod kinds;
 mod outputs;
 mod scenes;
 mod simplify;

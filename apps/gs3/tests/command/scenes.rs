@@ -8,7 +8,7 @@ use std::path::Path;
 use super::{gs3, stderr, succeed};
 
 /// The arrays of an archive: shape as written, values.
-fn npz(file: &Path) -> BTreeMap<String, (String, Vec<f32>)> {
+pub fn npz(file: &Path) -> BTreeMap<String, (String, Vec<f32>)> {
     let mut zip = zip::ZipArchive::new(fs::File::open(file).unwrap()).unwrap();
     let mut arrays = BTreeMap::new();
     for i in 0..zip.len() {

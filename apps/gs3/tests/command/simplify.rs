@@ -114,7 +114,10 @@ fn bad_input_gets_one_line_and_exit_code_2() {
         ("--keep 0.5 --by mini-splatting --mass 2 --out o.ply", "mass: expected"),
         ("--keep 0.5 --by size --out o.ply", "size"),
         ("--keep 0.5 --frames 0..9999 --out o.ply", "--frames: expected frames within 0..240"),
-        ("--keep 0.5 --frames 0..1 --out o.xyz", "expected .ply, .spz or .sog"),
+        (
+            "--keep 0.5 --frames 0..1 --out o.xyz",
+            "expected .ply, .compressed.ply, .spz, .sog, .glb or .splat",
+        ),
         ("--keep 0.5 --frames 0..1 --out file/o.ply", "file/o.ply"),
         ("--keep 0.5 --cameras nowhere.json --out o.ply", "nowhere.json"),
         ("--keep 0.5 --cameras away.json --out o.ply", "Gaussians to be seen by 1 cameras, found 0"),

@@ -29,6 +29,14 @@ pub enum PhotoError {
         /// Where it was looked for.
         folders: Vec<PathBuf>,
     },
+    /// The lens of a photo shows nothing that a pinhole does.
+    #[error(
+        "photo '{name}': expected a lens that shows the middle of what a pinhole sees, found another distortion"
+    )]
+    Lens {
+        /// The photo.
+        name: String,
+    },
     /// A photo cannot be read.
     #[error("{}: {source}", path.display())]
     Read {
@@ -48,7 +56,7 @@ pub enum PhotoError {
     /// A photo is not its camera's image, enlarged or reduced.
     #[error(
         "{}: expected the shape of its camera's image, {}x{} pixels or the same at another scale, found {}x{}; \
-         photos must be undistorted and uncropped",
+         photos must be uncropped",
         path.display(), .expected.0, .expected.1, .actual.0, .actual.1
     )]
     Shape {

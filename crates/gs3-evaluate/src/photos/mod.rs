@@ -1,13 +1,15 @@
 //! Renders against captured images of a scene that was trained on them.
 //!
 //! Every camera of the capture names its photo. Renders and photos are compared at 8 bits, as files of them would be,
-//! each photo on its own: nothing is carried from one to the next, so methods with history run without it. Only
-//! undistorted pinhole images make sense here, and the readers of captures refuse others; a photo whose file is an
-//! enlarged or reduced version of its camera's image is compared at its own size, the camera following.
+//! each photo on its own: nothing is carried from one to the next, so methods with history run without it. Photos taken
+//! through a lens that is no pinhole are undistorted first, and the part of them that shows something everywhere is
+//! compared; a photo whose file is an enlarged or reduced version of its camera's image is compared at its own size, the
+//! camera following.
 
 mod error;
 mod file;
 mod results;
+mod undistort;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -23,6 +25,8 @@ use crate::methods::{Interpolation, Method, MethodSettings, MethodSpec, build, c
 use crate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
 use crate::metrics::{Border, Quantisation, flip, psnr, ssim};
 use crate::protocol::{Cache, Crop, EvaluateError, Event, Failure, PSNR_CAP, crop, part_of};
+
+use undistort::Undistortion;
 
 /// The methods compared with photos where none are named.
 pub const DEFAULT_PHOTO_METHODS: &str = "native,bicubic,hermite,spline,bicubic@stock";
@@ -71,6 +75,8 @@ struct Photo {
     name: String,
     file: PathBuf,
     camera: Camera,
+    /// What makes the photo the camera's image, where its lens is no pinhole.
+    undistortion: Option<Undistortion>,
 }
 
 impl PhotoProtocol {
@@ -138,8 +144,18 @@ impl PhotoProtocol {
             expected: (camera.width(), camera.height()),
             actual: (width, height),
         })??;
+        let undistortion = match self.capture.lens(index) {
+            None => None,
+            Some(lens) => Some(
+                Undistortion::new(&camera, lens).ok_or_else(|| PhotoError::Lens { name: name.clone() })?,
+            ),
+        };
+        let camera = match &undistortion {
+            Some(undistortion) => undistortion.camera(&camera)?,
+            None => camera,
+        };
         let camera = cut(&camera, if is_low_resolution { self.scale } else { 1 })?;
-        Ok(Photo { name, file, camera })
+        Ok(Photo { name, file, camera, undistortion })
     }
 
     /// The file of the photo `name`.
@@ -153,6 +169,10 @@ impl PhotoProtocol {
             if let Some(file) = candidates.find(|file| file.is_file()) {
                 return Ok(file);
             }
+        }
+        // Captures that went through systems that do not tell letters' cases apart.
+        if let Some(file) = folders.iter().find_map(|folder| alike(folder, name)) {
+            return Ok(file);
         }
         Err(PhotoError::Missing { name: name.into(), folders })
     }
@@ -194,7 +214,9 @@ impl PhotoProtocol {
         let mut score = PhotoMethodScore::default();
         for (i, photo) in photos.iter().enumerate() {
             let (width, height) = (photo.camera.width() as usize, photo.camera.height() as usize);
-            let truth = top_left(&file::read(&photo.file, self.background)?, width, height);
+            let read = file::read(&photo.file, self.background)?;
+            let read = photo.undistortion.as_ref().map(|u| u.apply(&read)).unwrap_or(read);
+            let truth = top_left(&read, width, height);
             method.reset();
             let shown = method.render(&photo.camera, None).map_err(EvaluateError::from)?.current;
             let image = as_file(shown);
@@ -226,6 +248,20 @@ impl PhotoProtocol {
             env!("CARGO_PKG_VERSION"),
         )
     }
+}
+
+/// The one file in `folder` whose name is `name`, or that and an extension of photos, but for the case of letters.
+fn alike(folder: &Path, name: &str) -> Option<PathBuf> {
+    let wanted = folder.join(name);
+    let (parent, name) = (wanted.parent()?, wanted.file_name()?.to_str()?.to_lowercase());
+    let is_alike = |file: &PathBuf| {
+        let found = file.file_name().and_then(|found| found.to_str()).unwrap_or_default().to_lowercase();
+        found == name || EXTENSIONS.iter().any(|extension| found == format!("{name}.{extension}"))
+    };
+    let files = std::fs::read_dir(parent).ok()?.flatten().map(|entry| entry.path());
+    let mut found = files.filter(|file| file.is_file() && is_alike(file));
+    // Two that differ in case from each other are not told apart by it.
+    found.next().filter(|_| found.next().is_none())
 }
 
 /// `camera` with the image size `(width, height)`, if that is its image's at another scale: each side may be off by the

@@ -41,27 +41,83 @@ impl Id {
 pub struct Bins {
     /// For each run of jobs what is found of it, `[tiles or more]`: more after a larger frame.
     runs: Vec<Vec<Vec<Id>>>,
+    /// The number of the first tile that is there.
+    first_tile: usize,
+}
+
+/// Most entries of bins at once, where more than a row of tiles has fewer: 128 MiB of ids, and as much again while lists
+/// grow. Frames of captures have up to a tenth. Beyond, a frame is made in bands of rows.
+const MOST_ENTRIES: u64 = 1 << 25;
+
+/// Bands of a grid of `columns`×`rows` tiles, in order, of which each has at most `most` entries, or is one row high.
+fn row_groups(jobs: &[Projected], columns: usize, rows: usize, most: u64) -> Vec<Range<usize>> {
+    let splats: u64 = jobs.iter().map(|job| job.rects.len() as u64).sum();
+    if splats.saturating_mul((columns * rows) as u64) <= most {
+        return std::iter::once(0..rows).collect();
+    }
+    // How many entries each row has at most, as differences from the row before: by the splats' boxes.
+    let differences = jobs
+        .par_iter()
+        .fold(
+            || vec![0_i64; rows + 1],
+            |mut differences, job| {
+                for rect in &job.rects {
+                    let width = (rect.x1 as usize - 1) / TILE_WIDTH - rect.x0 as usize / TILE_WIDTH + 1;
+                    differences[rect.y0 as usize / TILE_HEIGHT] += width as i64;
+                    differences[(rect.y1 as usize - 1) / TILE_HEIGHT + 1] -= width as i64;
+                }
+                differences
+            },
+        )
+        .reduce(
+            || vec![0; rows + 1],
+            |mut sum, differences| {
+                sum.iter_mut().zip(differences).for_each(|(a, b)| *a += b);
+                sum
+            },
+        );
+    let mut groups = Vec::new();
+    let (mut start, mut entries, mut of_row) = (0, 0, 0);
+    for (row, difference) in differences[..rows].iter().enumerate() {
+        of_row += difference;
+        if row > start && entries + of_row > most as i64 {
+            groups.push(start..row);
+            (start, entries) = (row, 0);
+        }
+        entries += of_row;
+    }
+    groups.push(start..rows);
+    groups
 }
 
 impl Bins {
     /// The splats of `tile`, in scene order: a slice for each run of jobs, empty where none of them touches it.
     #[inline(always)]
     pub fn of_tile(&self, tile: usize) -> impl Iterator<Item = &[Id]> {
-        self.runs.iter().map(move |tiles| &tiles[tile][..])
+        self.runs.iter().map(move |tiles| &tiles[tile - self.first_tile][..])
     }
 
-    /// Fills the bins of a `columns`×`rows` grid of tiles.
-    pub fn fill(&mut self, jobs: &[Projected], columns: usize, rows: usize, culling: Culling) {
+    /// Bands of rows of a `columns`×`rows` grid of tiles, in order, whose entries have room together.
+    pub fn bands(jobs: &[Projected], columns: usize, rows: usize) -> Vec<Range<usize>> {
+        row_groups(jobs, columns, rows, MOST_ENTRIES)
+    }
+
+    /// Fills the bins of the rows `rows` of a grid of tiles, `columns` wide.
+    pub fn fill(&mut self, jobs: &[Projected], columns: usize, rows: Range<usize>, culling: Culling) {
+        self.first_tile = rows.start * columns;
+        let (first_tile, count) = (self.first_tile, rows.len() * columns);
         let runs = balanced_runs(jobs, rayon::current_num_threads());
         self.runs.resize_with(runs.len(), Vec::new);
         self.runs.par_iter_mut().zip(runs).for_each(|(tiles, run)| {
             // Tiles keep their memory, those beyond a smaller frame, too.
-            tiles.resize_with(tiles.len().max(columns * rows), Vec::new);
+            tiles.resize_with(tiles.len().max(count), Vec::new);
             tiles.iter_mut().for_each(Vec::clear);
             for (job, projected) in run.clone().zip(&jobs[run]) {
                 for local in 0..projected.splats.len() {
                     let id = Id::new(job, local);
-                    for_each_tile(projected, local, culling, columns, |tile| tiles[tile].push(id));
+                    for_each_tile(projected, local, culling, columns, &rows, |tile| {
+                        tiles[tile - first_tile].push(id);
+                    });
                 }
             }
         });
@@ -87,23 +143,29 @@ fn balanced_runs(jobs: &[Projected], count: usize) -> Vec<Range<usize>> {
     runs
 }
 
-/// Calls `visit` with each tile that `culling` assigns the splat to.
+/// Calls `visit` with each tile within `rows` that `culling` assigns the splat to.
 #[inline(always)]
 fn for_each_tile(
     job: &Projected,
     local: usize,
     culling: Culling,
     columns: usize,
+    rows: &Range<usize>,
     mut visit: impl FnMut(usize),
 ) {
     let rect = job.rects[local];
     let (first_x, last_x) = (rect.x0 as usize / TILE_WIDTH, (rect.x1 as usize - 1) / TILE_WIDTH);
-    let (first_y, last_y) = (rect.y0 as usize / TILE_HEIGHT, (rect.y1 as usize - 1) / TILE_HEIGHT);
-    if first_x == last_x && first_y == last_y {
+    let (top_y, bottom_y) = (rect.y0 as usize / TILE_HEIGHT, (rect.y1 as usize - 1) / TILE_HEIGHT);
+    let (first_y, last_y) = (top_y.max(rows.start), (bottom_y + 1).min(rows.end));
+    if last_y <= first_y {
+        return;
+    }
+    let last_y = last_y - 1;
+    if first_x == last_x && top_y == bottom_y {
         visit(first_y * columns + first_x);
         return;
     }
-    if first_x == last_x || first_y == last_y || !matches!(culling, Culling::AccuTile | Culling::Exact) {
+    if first_x == last_x || top_y == bottom_y || !matches!(culling, Culling::AccuTile | Culling::Exact) {
         // The box is tight: the support reaches every tile of a single row or column.
         for y in first_y..=last_y {
             for x in first_x..=last_x {
@@ -127,5 +189,25 @@ fn for_each_tile(
                 visit(y * columns + x);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::splat::PixelRect;
+    use super::*;
+
+    /// Bands cover all rows in order, and none has more entries than there is room for, but where a row alone does.
+    #[test]
+    fn bands_have_room() {
+        let rect = |x0, y0, x1, y1| PixelRect { x0, y0, x1, y1 };
+        // Ten rows of four columns: a splat everywhere, and ten in the fourth row.
+        let mut rects = vec![rect(0, 0, 128, 160)];
+        rects.extend([rect(0, 48, 128, 64); 10]);
+        let jobs = [Projected { rects, ..Projected::default() }];
+        assert_eq!(row_groups(&jobs, 4, 10, 1000), std::iter::once(0..10).collect::<Vec<_>>());
+        assert_eq!(row_groups(&jobs, 4, 10, 12), [0..3, 3..4, 4..7, 7..10]);
+        assert_eq!(row_groups(&jobs, 4, 10, 1).len(), 10);
+        assert_eq!(row_groups(&[], 4, 0, 1), std::iter::once(0..0).collect::<Vec<_>>());
     }
 }

@@ -3,6 +3,8 @@
 //! A tile is blended twice: first for its colours, then once more with these at hand, since what a splat changes
 //! depends on the colour behind it. The order, the cover and the contributions are those of blending.
 
+use std::ops::Range;
+
 use fearless_simd::{Simd, dispatch, f32x16, prelude::*, u32x16};
 use gs3_scene::Camera;
 use rayon::prelude::*;
@@ -99,16 +101,24 @@ impl Rasterizer {
     ) -> Result<(), RasterError> {
         settings.check()?;
         importance.check(self.scene.gaussians().len())?;
-        let view = View::new(camera, settings);
+        let view = View::new(camera, settings, self.scene.details().near);
         self.project(&view, false, true);
         let size = [camera.width() as usize, camera.height() as usize];
         let (columns, rows) = (size[0].div_ceil(TILE_WIDTH), size[1].div_ceil(TILE_HEIGHT));
-        self.bins.fill(&self.jobs, columns, rows, self.culling);
-
-        let (jobs, bins, level) = (&self.jobs, &self.bins, self.level);
         let at_once = ROWS_PER_THREAD * rayon::current_num_threads();
-        for first in (0..rows).step_by(at_once) {
-            let rows: Vec<Vec<(u32, Share)>> = (first..rows.min(first + at_once))
+        let bands = Bins::bands(&self.jobs, columns, rows);
+        let parts = |band: Range<usize>| {
+            let Range { start, end } = band;
+            (start..end).step_by(at_once).map(move |first| first..end.min(first + at_once))
+        };
+        for (band, part) in
+            bands.into_iter().flat_map(|band| parts(band.clone()).map(move |part| (band.clone(), part)))
+        {
+            if part.start == band.start {
+                self.bins.fill(&self.jobs, columns, band, self.culling);
+            }
+            let (jobs, bins, level) = (&self.jobs, &self.bins, self.level);
+            let rows: Vec<Vec<(u32, Share)>> = part
                 .into_par_iter()
                 .map_init(Scratch::default, |scratch, row| {
                     let mut found = Vec::new();

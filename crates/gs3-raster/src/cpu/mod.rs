@@ -151,34 +151,39 @@ impl Rasterizer {
         bands: Vec<Band<'_>>,
     ) {
         let started = Instant::now();
-        let view = View::new(camera, settings);
+        let view = View::new(camera, settings, self.scene.details().near);
         self.project(&view, OUTPUTS != COLOR, false);
         let projected = Instant::now();
 
         let size = view.size.map(|side| side as usize);
         let (columns, rows) = (size[0].div_ceil(TILE_WIDTH), size[1].div_ceil(TILE_HEIGHT));
-        self.bins.fill(&self.jobs, columns, rows, self.culling);
-        let binned = Instant::now();
-
-        let (jobs, bins, level) = (&self.jobs, &self.bins, self.level);
+        self.times = RasterTimes { project: projected - started, ..RasterTimes::default() };
         let resolver = Resolver::new(&view, settings);
-        bands.into_par_iter().enumerate().for_each_init(TileScratch::default, |scratch, (row, mut band)| {
-            for column in 0..columns {
-                dispatch!(level, s => {
-                    let tile = [column, row];
-                    blend::blend_tile::<_, OUTPUTS>(s, jobs, bins, tile, size, scratch);
-                    resolver.resolve::<_, OUTPUTS>(s, &mut scratch.blocks, tile, size, &mut band);
-                });
-            }
-        });
-        self.times =
-            RasterTimes { project: projected - started, bin: binned - projected, blend: binned.elapsed() };
+        let mut bands = bands.into_iter();
+        for rows in Bins::bands(&self.jobs, columns, rows) {
+            let started = Instant::now();
+            self.bins.fill(&self.jobs, columns, rows.clone(), self.culling);
+            let binned = Instant::now();
+            let (jobs, bins, level) = (&self.jobs, &self.bins, self.level);
+            let of_rows: Vec<_> = rows.clone().zip(bands.by_ref().take(rows.len())).collect();
+            of_rows.into_par_iter().for_each_init(TileScratch::default, |scratch, (row, mut band)| {
+                for column in 0..columns {
+                    dispatch!(level, s => {
+                        let tile = [column, row];
+                        blend::blend_tile::<_, OUTPUTS>(s, jobs, bins, tile, size, scratch);
+                        resolver.resolve::<_, OUTPUTS>(s, &mut scratch.blocks, tile, size, &mut band);
+                    });
+                }
+            });
+            self.times.bin += binned - started;
+            self.times.blend += binned.elapsed();
+        }
     }
 
     /// The splats of a frame in scene order.
     #[cfg(all(test, feature = "gpu"))]
     pub(crate) fn splats(&mut self, camera: &Camera, settings: &RasterSettings) -> Vec<splat::Splat> {
-        self.project(&View::new(camera, settings), false, false);
+        self.project(&View::new(camera, settings, self.scene.details().near), false, false);
         self.jobs.iter().flat_map(|job| job.splats.iter().copied()).collect()
     }
 

@@ -11,7 +11,7 @@ use super::math::log2;
 use super::sh;
 use super::splat::{PixelRect, Splat, SplatGeometry};
 use crate::settings::Culling;
-use crate::view::{NEAR, View};
+use crate::view::View;
 
 /// Slack on `support` for the rounding of the contribution's exponent between here and blending.
 pub const SUPPORT_MARGIN: f32 = 1e-3;
@@ -155,7 +155,7 @@ fn project_lanes<S: Simd>(
     let largest = scales[0].max(scales[1]).max(scales[2]);
 
     let valid_lanes = mask32x16::from_bitmask(s, (1_u64 << count) - 1);
-    let mut visible = valid_lanes & z.simd_gt(lanes(s, NEAR));
+    let mut visible = valid_lanes & z.simd_gt(lanes(s, view.near));
     // Per image axis: μ/z, the same limited for the Jacobian, the projected mean.
     let (mut slope, mut limited, mut mean) = ([zero; 2], [zero; 2], [zero; 2]);
     for a in 0..2 {

@@ -187,7 +187,8 @@ impl GpuRasterizer {
             let blend = frame.bind_target(&self.gpu, &self.fixed, &self.arena, out.planes())?;
             out.target = Target { frame: self.frame_number, blend };
         }
-        let view = ViewUniform::new(&View::new(camera, settings), settings, out.stride());
+        let view =
+            ViewUniform::new(&View::new(camera, settings, self.scene.details().near), settings, out.stride());
         recorder.write(&self.fixed.view.slice(), &[view])?;
         if std::mem::take(&mut self.counts_anew) {
             Frame::record_clearing(recorder, &self.fixed);

@@ -46,7 +46,7 @@ fn project(i: u32) -> Projection {
     // In view space: compilers that sum as they like would lose what is left in the origin.
     p.view_space = rotate(p.direction) - view.origin_rest;
     let z = p.view_space.z;
-    if !(z > NEAR) {
+    if !(z > view.near) {
         return p;
     }
     let inv_z = 1.0 / z;

@@ -15,10 +15,10 @@ use crate::chunk::CHUNK;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ScenePrecision {
     /// Colours in f16; means and largest scales in f32, the rest of the shape packed to 128 bits so closely that the
-    /// same samples are hit: 40 bytes a Gaussian of degree 0, 128 of degree 3.
+    /// same samples are hit: 40 bytes a Gaussian of degree 0, 128 of degree 3, 184 of degree 4.
     #[default]
     F16,
-    /// All in f32, as the CPU has it: 60 bytes a Gaussian of degree 0, 240 of degree 3.
+    /// All in f32, as the CPU has it: 60 bytes a Gaussian of degree 0, 240 of degree 3, 348 of degree 4.
     F32,
 }
 

@@ -26,6 +26,17 @@ fn color_of(i: u32, direction: vec3<f32>) -> vec3<f32> {
                 color += (C3_4 * x * (4.0 * zz - xx - yy)) * sh_of(i, 13u);
                 color += (C3_5 * z * (xx - yy)) * sh_of(i, 14u);
                 color += (C3_6 * x * (xx - 3.0 * yy)) * sh_of(i, 15u);
+                if SH_DEGREE > 3u {
+                    color += (C4_0 * x * y * (xx - yy)) * sh_of(i, 16u);
+                    color += (C4_1 * y * z * (3.0 * xx - yy)) * sh_of(i, 17u);
+                    color += (C4_2 * x * y * (7.0 * zz - 1.0)) * sh_of(i, 18u);
+                    color += (C4_3 * y * z * (7.0 * zz - 3.0)) * sh_of(i, 19u);
+                    color += (C4_4 * (zz * (35.0 * zz - 30.0) + 3.0)) * sh_of(i, 20u);
+                    color += (C4_5 * x * z * (7.0 * zz - 3.0)) * sh_of(i, 21u);
+                    color += (C4_6 * (xx - yy) * (7.0 * zz - 1.0)) * sh_of(i, 22u);
+                    color += (C4_7 * x * z * (xx - 3.0 * yy)) * sh_of(i, 23u);
+                    color += (C4_8 * (xx * (xx - 3.0 * yy) - yy * (3.0 * xx - yy))) * sh_of(i, 24u);
+                }
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use gs3_compute::{GRID_WGSL, constants};
 use gs3_scene::OpacityMode;
-use gs3_scene::gaussians::{SH_C0, SH_C1, SH_C2, SH_C3};
+use gs3_scene::gaussians::{SH_C0, SH_C1, SH_C2, SH_C3, SH_C4};
 
 use super::frame::GROUP;
 use super::kernels::{culling_number, opacity_number};
@@ -12,7 +12,6 @@ use crate::chunk::CHUNK;
 use crate::cpu::cover::BLOCK;
 use crate::cpu::{blend, project, splat};
 use crate::settings::{Culling, Outputs};
-use crate::view::NEAR;
 
 /// Storage bindings of the kernel that has most, `project_gbuffer`. Desktop drivers have 16 or more.
 pub const STORAGE_BINDINGS: u32 = 13;
@@ -24,7 +23,6 @@ const FRAME: &str = include_str!("frame.wgsl");
 /// Numbers that kernels share with the CPU's code, where their reasons are.
 fn numbers() -> String {
     let reals = constants(&[
-        ("NEAR", NEAR),
         ("SUPPORT_MARGIN", project::SUPPORT_MARGIN),
         ("EXTENT_MARGIN", project::EXTENT_MARGIN),
         ("MAX_SLOPE", project::MAX_SLOPE),
@@ -57,12 +55,12 @@ fn numbers() -> String {
         ("EXACT", culling_number(Culling::Exact)),
         ("ANTIALIASED", opacity_number(OpacityMode::Antialiased)),
     ]);
-    // C2_0 to C2_4, C3_0 to C3_6.
+    // C2_0 to C2_4, C3_0 to C3_6, C4_0 to C4_8.
     let of_degree = |degree: u32, factors: &[f32]| -> String {
         let named = |(k, factor): (usize, &f32)| constants(&[(format!("C{degree}_{k}").as_str(), *factor)]);
         factors.iter().enumerate().map(named).collect()
     };
-    reals + &of_degree(2, &SH_C2) + &of_degree(3, &SH_C3) + &counts
+    reals + &of_degree(2, &SH_C2) + &of_degree(3, &SH_C3) + &of_degree(4, &SH_C4) + &counts
 }
 
 fn joined(parts: &[&str]) -> String {

@@ -15,7 +15,7 @@ pub struct ViewUniform {
     origin: [f32; 3],
     dilation: f32,
     origin_rest: [f32; 3],
-    _pad: f32,
+    near: f32,
     background: [f32; 3],
     _pad2: f32,
     focal: [f32; 2],
@@ -41,7 +41,7 @@ impl ViewUniform {
                     row.iter().zip(view.origin_rest).map(|(r, rest)| f64::from(*r) * f64::from(rest));
                 products.sum::<f64>() as f32
             }),
-            _pad: 0.0,
+            near: view.near,
             background: settings.background,
             _pad2: 0.0,
             focal: view.focal,
@@ -72,7 +72,7 @@ mod tests {
                 origin,
                 dilation,
                 origin_rest,
-                _pad,
+                near,
                 background,
                 _pad2,
                 focal,

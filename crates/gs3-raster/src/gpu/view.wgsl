@@ -10,7 +10,8 @@ struct View {
     origin: vec3<f32>,
     dilation: f32,
     origin_rest: vec3<f32>,
-    _pad: f32,
+    // Gaussians up to this z are culled.
+    near: f32,
     background: vec3<f32>,
     _pad2: f32,
     // Pixels; samples lie at integers.

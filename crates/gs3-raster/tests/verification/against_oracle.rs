@@ -20,7 +20,7 @@ fn all_modes() {
     let mut seed = 0;
     for [width, height] in SIZES {
         for opacity_mode in MODES {
-            for sh_degree in 0..=3 {
+            for sh_degree in 0..=4 {
                 for (dilation, sigma) in [(0.3, 0.4), (matched_dilation(4), 0.4), (0.05, 0.2), (0.0, 1.0)] {
                     seed += 1;
                     let shift = DVec2::new(0.11, -0.23) * (seed % 3) as f64;

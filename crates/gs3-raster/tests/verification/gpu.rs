@@ -118,7 +118,7 @@ fn random_scenes_match_the_cpu() {
         let recipe = RandomScene {
             seed: seed as u64,
             count: 400,
-            sh_degree: (seed % 4) as u8,
+            sh_degree: (seed % 5) as u8,
             opacity_mode: if seed % 2 == 0 { OpacityMode::Default } else { OpacityMode::Antialiased },
             sigma: [[0.1, 40.0], [0.05, 2.0]][seed % 2],
             anisotropy: [2.0, 30.0, 300.0][seed % 3],

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::io::Write;
 
 use gs3_scene::camera_path::Pace;
-use gs3_scene::capture::{CaptureFault, ColmapEncoding, parse_colmap, parse_json};
+use gs3_scene::capture::{CaptureFault, ColmapEncoding, parse_colmap, parse_csv, parse_json};
 use gs3_scene::format::{LoadError, LoadOptions, Source, load_source};
 use gs3_scene::gaussians::MAX_SH;
 use gs3_scene::{CameraPath, Scene};
@@ -14,11 +14,17 @@ use gs3_scene::{CameraPath, Scene};
 pub type Entry = fn(&[u8]);
 
 /// The targets by name.
-pub const TARGETS: [(&str, Entry); 12] = [
+pub const TARGETS: [(&str, Entry); 20] = [
     ("ply", ply),
     ("compressed_ply", ply),
     ("splat", splat),
     ("spz", spz),
+    ("spz_4", spz_4),
+    ("ksplat", ksplat),
+    ("gltf", gltf),
+    ("rad", rad),
+    ("lcc2", lcc2),
+    ("archive", archive),
     ("sog", sog),
     ("sog_bundle", sog_bundle),
     ("streamed_sog", streamed_sog),
@@ -27,6 +33,8 @@ pub const TARGETS: [(&str, Entry); 12] = [
     ("transforms", cameras_json),
     ("cameras", cameras_json),
     ("camera_path", cameras_json),
+    ("supersplat", cameras_json),
+    ("realityscan", realityscan),
 ];
 
 /// A PLY file of either kind.
@@ -44,6 +52,41 @@ pub fn spz(data: &[u8]) {
     let mut gzip = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::none());
     gzip.write_all(data).expect("writing to memory");
     check(load("fuzz.spz", &gzip.finish().expect("writing to memory")));
+}
+
+/// An SPZ file of version 4, whose frames are changed as they are.
+pub fn spz_4(data: &[u8]) {
+    check(load("fuzz.spz", data));
+}
+
+/// A `.ksplat` file.
+pub fn ksplat(data: &[u8]) {
+    check(load("fuzz.ksplat", data));
+}
+
+/// A GLB file.
+pub fn gltf(data: &[u8]) {
+    check(load("fuzz.glb", data));
+}
+
+/// A `.rad` file.
+pub fn rad(data: &[u8]) {
+    check(load("fuzz.rad", data));
+}
+
+/// The files of an LCC2 folder, packed by [`pack`].
+pub fn lcc2(data: &[u8]) {
+    check(load_files("meta.lcc2", &unpack(data)));
+}
+
+/// An archive with a scene in it.
+pub fn archive(data: &[u8]) {
+    check(load("fuzz.zip", data));
+}
+
+/// A table of cameras of RealityScan.
+pub fn realityscan(data: &[u8]) {
+    check_path(parse_csv(data, (64, 48)));
 }
 
 /// The files of a SOG folder, packed by [`pack`].

@@ -25,7 +25,8 @@ pub enum CaptureFault {
     Read(#[from] ReadError),
     /// It is none of the known formats.
     #[error(
-        "expected cameras (a COLMAP model, transforms.json, cameras.json or camera_path.json), found {actual}"
+        "expected cameras (a COLMAP model, transforms.json, cameras.json, camera_path.json, settings of SuperSplat or a \
+         RealityScan CSV), found {actual}"
     )]
     Unrecognized {
         /// What was found.
@@ -54,13 +55,13 @@ pub enum CaptureFault {
         /// Bytes left.
         actual: u64,
     },
-    /// The camera has lens distortion.
+    /// The camera has a lens of a kind that is not known.
     #[error(
-        "{field}: expected PINHOLE or SIMPLE_PINHOLE, found {model}; run undistortion first \
+        "{field}: expected a pinhole, radial or fisheye lens, found {model}; run undistortion first \
          (`colmap image_undistorter`) and give the undistorted model"
     )]
-    Distorted {
-        /// The field that states the model or a distortion coefficient.
+    Lens {
+        /// The field that states the model.
         field: String,
         /// The model found.
         model: String,

@@ -3,6 +3,7 @@
 use serde_json::Value;
 
 use super::CaptureFault;
+use crate::format::quoted;
 
 /// A JSON value and its place in the file.
 pub struct Field<'a> {
@@ -70,6 +71,30 @@ impl<'a> Field<'a> {
         self.value.as_bool().ok_or_else(|| self.wrong("true or false"))
     }
 
+    /// This value as a flag, which some programs write as a number.
+    pub fn truth(&self) -> Result<bool, CaptureFault> {
+        match (self.value.as_bool(), self.value.as_f64()) {
+            (Some(flag), _) => Ok(flag),
+            (None, Some(number)) => Ok(number != 0.0),
+            (None, None) => Err(self.wrong("true or false")),
+        }
+    }
+
+    /// The members of this object that are none of `known`, where it is an object; those that are false, 0 or null say
+    /// nothing.
+    pub fn unknown(&self, known: &[&str]) -> Vec<String> {
+        let members = self.value.as_object().into_iter().flatten();
+        let says_something =
+            |value: &Value| !value.is_null() && value.as_bool() != Some(false) && value.as_f64() != Some(0.0);
+        let unknown = members.filter(|(key, value)| !known.contains(&key.as_str()) && says_something(value));
+        unknown.map(|(key, _)| quoted(key)).collect()
+    }
+
+    /// Whether this value is an array.
+    pub fn is_array(&self) -> bool {
+        self.value.is_array()
+    }
+
     /// Whether this value is false or 0: what it names is not there.
     pub fn is_off(&self) -> bool {
         self.value.as_bool() == Some(false) || self.value.as_f64() == Some(0.0)
@@ -118,6 +143,11 @@ impl<'a> Field<'a> {
             }
             other => other.to_string(),
         }
+    }
+
+    /// This array of any number of numbers.
+    pub fn list(&self) -> Result<Vec<f64>, CaptureFault> {
+        self.elements()?.map(|element| element.number()).collect()
     }
 
     /// An error that this value is not what was expected.

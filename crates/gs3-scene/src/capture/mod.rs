@@ -1,18 +1,22 @@
-//! Readers for the camera files of captures: COLMAP, `transforms.json`, Inria's `cameras.json` and nerfstudio's
-//! `camera_path.json`.
+//! Readers for the camera files of captures and of viewers: COLMAP, `transforms.json`, Inria's `cameras.json`,
+//! nerfstudio's `camera_path.json` and exported cameras, SuperSplat's settings, RealityScan's CSV.
 //!
 //! [`load`] tells the formats apart by content. Every reader flips the axes of its format to gs3's (x right, y down,
 //! z forward).
 
 mod cameras_json;
 mod colmap;
+mod context;
 mod error;
 mod fields;
 mod nerfstudio;
 mod order;
+mod picture;
+mod realityscan;
+mod supersplat;
 mod transforms;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::{DAffine3, DMat3, DVec3};
 use gs3_files::read_within;
@@ -21,7 +25,9 @@ pub use colmap::ColmapEncoding;
 pub use error::{CaptureError, CaptureFault};
 
 use crate::camera::{Camera, Intrinsics};
-use crate::camera_path::{CameraPath, CameraPathError};
+use crate::camera_path::{CameraPath, CameraPathError, Facts};
+use crate::lens::Lens;
+use context::Context;
 use fields::Field;
 
 /// Frames per second given to photo collections, which name none.
@@ -35,50 +41,101 @@ pub const MAX_JSON_BYTES: u64 = 64 << 20;
 /// fifteen thousand photos.
 pub const MAX_COLMAP_BYTES: u64 = 4 << 30;
 
-/// Reads the cameras at `path`: a JSON file of any known kind, a COLMAP `images.bin` or `images.txt`, or a folder that
-/// holds one of these (COLMAP also in `sparse/0` and `sparse`).
+/// What a caller knows of cameras whose file does not say it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CaptureOptions {
+    /// Width and height of the images, pixels, of files that state none. (Others are brought to a size by
+    /// [`CameraPath::resized`].)
+    pub size: Option<(u32, u32)>,
+    /// Vertical field of view in radians, of files that state no intrinsics at all.
+    pub fov_y: Option<f64>,
+    /// A `dataparser_transforms.json` of nerfstudio, into whose frame the cameras are brought; the one beside a
+    /// `transforms.json` where this is `None`.
+    pub dataparser: Option<PathBuf>,
+}
+
+impl CaptureOptions {
+    /// Size and field of view, where both are known.
+    fn calibration(&self) -> Option<Intrinsics> {
+        let ((width, height), fov_y) = self.size.zip(self.fov_y)?;
+        Some(Intrinsics::from_fov_y(width, height, fov_y))
+    }
+}
+
+/// Reads the cameras at `path`: a JSON file of any known kind, a RealityScan CSV, a COLMAP `images.bin` or `images.txt`,
+/// or a folder that holds one of these (COLMAP also in `sparse/0` and `sparse`).
 ///
-/// Cameras come in the order of the file, those of photo collections without an order of their own (COLMAP, Inria) by
-/// image name, in which digits count as numbers. Files are regular ones or pipes, of [`MAX_JSON_BYTES`] or
-/// [`MAX_COLMAP_BYTES`] at most.
+/// Cameras of photos come in the order of the photos' names, in which digits count as numbers, where all have one;
+/// others in the order of the file. Files are regular ones or pipes, of [`MAX_JSON_BYTES`] or [`MAX_COLMAP_BYTES`] at
+/// most. Pictures beside a file are looked at for the size that it does not state.
 ///
 /// # Errors
 /// [`CaptureError`], naming file, field, expected and actual.
 pub fn load(path: impl AsRef<Path>) -> Result<CameraPath, CaptureError> {
-    let path = path.as_ref();
-    if path.is_dir() {
-        return load_folder(path);
-    }
-    let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default();
-    if let ("images.bin" | "cameras.bin" | "images.txt" | "cameras.txt", Some(folder)) = (name, path.parent())
-    {
-        return colmap::load(folder);
-    }
-    load_json(path)
+    load_with(path, &CaptureOptions::default())
 }
 
-fn load_folder(folder: &Path) -> Result<CameraPath, CaptureError> {
-    for sub in ["", "sparse/0", "sparse"] {
-        let candidate = if sub.is_empty() { folder.to_path_buf() } else { folder.join(sub) };
-        if colmap::is_model(&candidate) {
-            return colmap::load(&candidate);
+/// The same with what the caller knows of the cameras.
+///
+/// # Errors
+/// [`CaptureError`], naming file, field, expected and actual.
+pub fn load_with(path: impl AsRef<Path>, options: &CaptureOptions) -> Result<CameraPath, CaptureError> {
+    let file = file_of(path.as_ref())?;
+    let mut moved_by = options.dataparser.clone();
+    let captured = match &file {
+        CameraFile::Colmap(folder) => colmap::load(folder)?.with_notes(Vec::new()),
+        CameraFile::Single(file) => {
+            let bytes = read(file, MAX_JSON_BYTES)?;
+            let context = Context::beside(file, options);
+            let is_table = realityscan::is_table(&bytes);
+            let parsed = if is_table {
+                realityscan::parse(&bytes, &context).map(Parsed::from)
+            } else {
+                parse(&bytes, &context)
+            };
+            let captured = parsed.map_err(|fault| fault.at(file))?;
+            let beside = file.with_file_name("dataparser_transforms.json");
+            if moved_by.is_none() && captured.is_world && beside.is_file() {
+                moved_by = Some(beside);
+            }
+            captured.captured.with_notes(context.into_notes())
         }
-    }
-    for name in ["transforms.json", "cameras.json", "camera_path.json"] {
-        let candidate = folder.join(name);
-        if candidate.is_file() {
-            return load_json(&candidate);
-        }
-    }
-    let fault = CaptureFault::Unrecognized {
-        actual: if folder.is_dir() { "a folder without any of them".into() } else { "nothing".into() },
     };
-    Err(fault.at(folder))
+    let Some(file) = moved_by else { return Ok(captured.into_path()) };
+    let bytes = read(&file, MAX_JSON_BYTES)?;
+    let by = nerfstudio::dataparser(&bytes).map_err(|fault| fault.at(&file))?;
+    let Captured { path, mut facts } = captured;
+    facts.notes.push(format!("cameras are brought into the frame of {}", file.display()));
+    let path = path.in_moved_world(&by).map_err(|e| CaptureFault::camera("transform", e).at(&file))?;
+    Ok(Captured { path, facts }.into_path())
 }
 
-fn load_json(path: &Path) -> Result<CameraPath, CaptureError> {
-    let bytes = read(path, MAX_JSON_BYTES)?;
-    parse_json(&bytes).map_err(|fault| fault.at(path))
+/// Where cameras are read from.
+enum CameraFile {
+    /// The folder of a COLMAP model.
+    Colmap(PathBuf),
+    Single(PathBuf),
+}
+
+fn file_of(path: &Path) -> Result<CameraFile, CaptureError> {
+    let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default();
+    match path.parent() {
+        Some(folder) if ["images.bin", "cameras.bin", "images.txt", "cameras.txt"].contains(&name) => {
+            return Ok(CameraFile::Colmap(folder.to_owned()));
+        }
+        _ if !path.is_dir() => return Ok(CameraFile::Single(path.to_owned())),
+        _ => {}
+    }
+    for sub in ["", "sparse/0", "sparse"] {
+        let candidate = if sub.is_empty() { path.to_path_buf() } else { path.join(sub) };
+        if colmap::is_model(&candidate) {
+            return Ok(CameraFile::Colmap(candidate));
+        }
+    }
+    let names = ["transforms.json", "cameras.json", "camera_path.json"].map(|name| path.join(name));
+    let found = names.into_iter().find(|file| file.is_file());
+    let actual = || "a folder without any of them".to_owned();
+    found.map(CameraFile::Single).ok_or_else(|| CaptureFault::Unrecognized { actual: actual() }.at(path))
 }
 
 /// Reads any of the JSON formats from memory; [`load`] for a file already read.
@@ -86,16 +143,49 @@ fn load_json(path: &Path) -> Result<CameraPath, CaptureError> {
 /// # Errors
 /// [`CaptureFault`], naming field, expected and actual.
 pub fn parse_json(bytes: &[u8]) -> Result<CameraPath, CaptureFault> {
+    let options = CaptureOptions::default();
+    let context = Context::in_memory(&options);
+    let parsed = parse(bytes, &context)?;
+    Ok(parsed.captured.with_notes(context.into_notes()).into_path())
+}
+
+/// Reads a RealityScan CSV from memory, whose pictures are of size `(width, height)`.
+///
+/// # Errors
+/// [`CaptureFault`], naming field, expected and actual.
+pub fn parse_csv(bytes: &[u8], size: (u32, u32)) -> Result<CameraPath, CaptureFault> {
+    let options = CaptureOptions { size: Some(size), ..CaptureOptions::default() };
+    let context = Context::in_memory(&options);
+    let captured = realityscan::parse(bytes, &context)?;
+    Ok(captured.with_notes(context.into_notes()).into_path())
+}
+
+/// Cameras of a JSON file or a table.
+struct Parsed {
+    captured: Captured,
+    /// Whether they are in the frame of a capture, from which nerfstudio's leads.
+    is_world: bool,
+}
+
+impl From<Captured> for Parsed {
+    fn from(captured: Captured) -> Self {
+        Self { captured, is_world: false }
+    }
+}
+
+fn parse(bytes: &[u8], context: &Context<'_>) -> Result<Parsed, CaptureFault> {
     // Editors on Windows write a byte order mark, which JSON has none of.
     let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
     let json: serde_json::Value = serde_json::from_slice(bytes)?;
     let root = Field::root(&json);
     if root.get("camera_path").is_some() {
-        nerfstudio::parse(&root)
+        nerfstudio::parse(&root, context).map(Parsed::from)
     } else if root.get("frames").is_some() {
-        transforms::parse(&root)
+        Ok(Parsed { captured: transforms::parse(&root, context)?, is_world: true })
     } else if json.is_array() {
-        cameras_json::parse(&root)
+        cameras_json::parse(&root, context).map(Parsed::from)
+    } else if root.get("animTracks").is_some() || root.get("cameras").is_some_and(|c| c.is_array()) {
+        supersplat::parse(&root, context).map(Parsed::from)
     } else {
         Err(CaptureFault::Unrecognized { actual: root.describe() })
     }
@@ -110,7 +200,7 @@ pub fn parse_colmap(
     cameras: &[u8],
     images: &[u8],
 ) -> Result<CameraPath, CaptureFault> {
-    colmap::parse(encoding, cameras, images)
+    Ok(colmap::parse(encoding, cameras, images)?.with_notes(Vec::new()).into_path())
 }
 
 /// All of a file that ends within `most` bytes.
@@ -122,12 +212,43 @@ fn read(path: &Path, most: u64) -> Result<Vec<u8>, CaptureError> {
 struct Photo {
     name: String,
     camera: Camera,
+    /// None of a pinhole.
+    lens: Option<Lens>,
+}
+
+/// What a reader gives.
+struct Captured {
+    path: CameraPath,
+    facts: Facts,
+}
+
+impl Captured {
+    /// Adds what there is to tell, lenses included.
+    fn with_notes(mut self, notes: Vec<String>) -> Self {
+        let distorted = self.facts.lenses.iter().flatten().count();
+        if distorted > 0 {
+            self.facts.notes.push(format!(
+                "{distorted} of {} cameras have a lens that is no pinhole: frames show what a pinhole of its focal \
+                 length sees",
+                self.path.cameras().len()
+            ));
+        }
+        self.facts.notes.extend(notes);
+        self
+    }
+
+    fn into_path(self) -> CameraPath {
+        self.path.with_facts(self.facts)
+    }
 }
 
 /// A path through photos in the given order.
-fn path_through(photos: Vec<Photo>) -> Result<CameraPath, CaptureFault> {
+fn path_through(photos: Vec<Photo>) -> Result<Captured, CaptureFault> {
+    let has_lenses = photos.iter().any(|photo| photo.lens.is_some());
+    let lenses = if has_lenses { photos.iter().map(|photo| photo.lens).collect() } else { Vec::new() };
     let (names, cameras) = photos.into_iter().map(|p| (p.name, p.camera)).unzip();
-    Ok(CameraPath::new(cameras, DEFAULT_FRAMES_PER_SECOND, false)?.with_names(names))
+    let path = CameraPath::new(cameras, DEFAULT_FRAMES_PER_SECOND, false)?.with_names(names);
+    Ok(Captured { path, facts: Facts { lenses, ..Facts::default() } })
 }
 
 impl From<CameraPathError> for CaptureFault {

@@ -5,6 +5,9 @@ use std::path::PathBuf;
 
 use crate::scene::SceneError;
 
+/// What [`super::load`] reads, for messages.
+const READ: &str = "PLY, compressed PLY, SPZ, SOG, glTF with KHR_gaussian_splatting, .rad, LCC2, or a name ending in .splat or .ksplat";
+
 /// Why a scene cannot be loaded.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -19,18 +22,27 @@ pub enum LoadError {
     },
     /// A folder is no scene.
     #[error(
-        "{}: expected a scene file, or a folder with lod-meta.json or meta.json, found a folder without them",
-        folder.display()
+        "{}: expected a scene file, or a folder with lod-meta.json, meta.json or meta.lcc2, found a folder without \
+         them{}",
+        folder.display(),
+        match plys { 0 | 1 => String::new(), n => format!(" (of a sequence of {n} PLY files each is a scene)") }
     )]
     NoScene {
         /// The folder.
         folder: PathBuf,
+        /// PLY files in it.
+        plys: usize,
+    },
+    /// The content is known and has no Gaussians, or not in a way that is read.
+    #[error("{file}: format: expected 3D Gaussians ({READ}), found {actual}")]
+    NotGaussians {
+        /// The file.
+        file: String,
+        /// What it is.
+        actual: String,
     },
     /// The content is of no format that is read.
-    #[error(
-        "{file}: format: expected PLY, SPZ, SOG (bundle, meta.json or lod-meta.json) or a name ending in .splat, \
-         found {actual}"
-    )]
+    #[error("{file}: format: expected 3D Gaussians ({READ}), found {actual}")]
     UnknownFormat {
         /// The file.
         file: String,
@@ -112,7 +124,7 @@ pub enum SaveError {
         source: io::Error,
     },
     /// The extension names no format that is written.
-    #[error("{}: extension: expected .ply, .spz or .sog, found {actual:?}", file.display())]
+    #[error("{}: extension: expected .ply, .compressed.ply, .spz, .sog, .glb or .splat, found {actual:?}", file.display())]
     UnknownFormat {
         /// The file.
         file: PathBuf,

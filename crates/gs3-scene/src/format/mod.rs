@@ -1,42 +1,62 @@
-//! Scene files: [`load`] any of them, [`save`] as PLY, SPZ or SOG.
+//! Scene files: [`load`] any of them, [`save`] in the formats that are written.
 //!
 //! | format | read | written |
 //! |---|---|---|
-//! | PLY of 3D Gaussian Splatting (Kerbl et al. 2023), binary or text | yes | yes |
-//! | compressed PLY (PlayCanvas) | yes | |
-//! | `.splat` (antimatter15) | yes | |
-//! | SPZ (Niantic), versions 2 and 3 | yes | version 3 |
-//! | SOG (PlayCanvas), version 2: bundle, or folder with `meta.json` | yes | bundle |
+//! | PLY of 3D Gaussian Splatting (Kerbl et al. 2023), binary or text, spherical harmonics up to degree 4 | yes | yes |
+//! | compressed PLY (PlayCanvas) | yes | yes |
+//! | `.splat` (antimatter15) | yes | yes |
+//! | `.ksplat` (GaussianSplats3D) | yes | |
+//! | SPZ (Niantic), versions 1 to 4 | yes | versions 4 and 3 |
+//! | SOG (PlayCanvas), versions 1 and 2: bundle, or folder with `meta.json` | yes | bundle of version 2 |
 //! | streamed SOG: folder with `lod-meta.json` | yes | |
+//! | glTF and GLB with `KHR_gaussian_splatting`, also compressed as SPZ by its drafts | yes | GLB |
+//! | `.rad` (Spark) | yes | |
+//! | LCC2 (XGRIDS): `meta.lcc2` with its SOG or SPZ files | yes | |
+//! | one of these files in a ZIP archive | yes | |
 //!
 //! Everything a file says is checked before it is believed: sizes against the file's size, memory against
-//! what a file of that size may plausibly unpack to, values by [`Scene::new`].
+//! what a file of that size may plausibly unpack to, values by [`Scene::new`]. What a file says that is not used and
+//! could change the picture is in the scene's [`Details::notes`].
 
 mod activation;
+mod archive;
 mod error;
+mod gltf;
+mod kind;
+mod ksplat;
+mod lcc2;
+mod morton;
+mod origin;
 mod ply;
 mod progress;
 mod quaternion;
+mod rad;
 mod rows;
+mod save;
 mod sog;
 mod source;
 mod splat;
 mod spz;
 
-use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use gs3_files::write_atomically;
+use glam::DVec3;
 
 pub(crate) use error::quoted;
 pub use error::{LoadError, SaveError};
 pub use progress::Progress;
+pub use save::{SaveOptions, SpzVersion, clamped, format_of, losses, position_step, save};
 pub use sog::Streamed;
 pub use source::{Files, Source};
 pub use spz::Clamped;
 
+use crate::axes::Axes;
+use crate::camera::NEAR;
 use crate::gaussians::Gaussians;
-use crate::scene::{OpacityMode, Scene};
+use crate::orbit;
+use crate::scene::{AxesKnownBy, Details, FileAxes, OpacityMode, Scene, SceneError};
+use crate::transform::{Similarity, transform};
+use kind::Kind;
 
 /// Gaussians decoded by one task: enough work that scheduling costs nothing, small enough to stay in cache.
 const BLOCK: usize = 4096;
@@ -50,16 +70,19 @@ pub struct LoadOptions {
     pub level_of_detail: Option<u32>,
     /// Whether the environment (sky, far background) of a streamed SOG scene is appended, where it has one.
     pub environment: bool,
+    /// Which way the axes of the file point, where that is not what the file states or its format says.
+    pub axes: Option<Axes>,
 }
 
 impl Default for LoadOptions {
     fn default() -> Self {
-        Self { level_of_detail: None, environment: true }
+        Self { level_of_detail: None, environment: true, axes: None }
     }
 }
 
-/// Loads the scene at `path`: a file of any format in the module's table, or a folder with a `lod-meta.json` or
-/// `meta.json`. The content decides on the format; only `.splat`, which has no signature, goes by its name.
+/// Loads the scene at `path`: a file of any format in the module's table, or a folder with a `lod-meta.json`,
+/// `meta.json` or `meta.lcc2`. The content decides on the format; only `.splat` and `.ksplat`, which have no signature, go
+/// by their names.
 ///
 /// `progress` is called from several threads with the share that is done, 0 to 1.
 ///
@@ -80,12 +103,19 @@ fn index_of(path: &Path) -> Result<PathBuf, LoadError> {
     if !path.is_dir() {
         return Ok(path.to_owned());
     }
-    let names = ["lod-meta.json", "meta.json"].map(|name| path.join(name));
+    let names = INDEXES.map(|name| path.join(name));
     let index = names.into_iter().find(|file| file.exists());
-    index.ok_or_else(|| LoadError::NoScene { folder: path.to_owned() })
+    index.ok_or_else(|| {
+        let files = std::fs::read_dir(path).into_iter().flatten().flatten();
+        let scenes = files.filter(|file| has_extension(&file.file_name().to_string_lossy(), "ply")).count();
+        LoadError::NoScene { folder: path.to_owned(), plys: scenes }
+    })
 }
 
-/// What the streamed SOG scene at `path`, given as to [`load`], has to choose from by [`LoadOptions`]; `None` of other
+/// The files by which folders are opened.
+const INDEXES: [&str; 3] = ["lod-meta.json", "meta.json", "meta.lcc2"];
+
+/// What the streamed scene (SOG or LCC2) at `path`, given as to [`load`], has to choose from by [`LoadOptions`]; `None` of other
 /// scenes, which have one level and no environment of their own. Reads the index alone.
 ///
 /// # Errors
@@ -94,6 +124,10 @@ pub fn streamed(path: impl AsRef<Path>) -> Result<Option<Streamed>, LoadError> {
     let source = Source::open(&index_of(path.as_ref())?)?;
     match Kind::of(&source)? {
         Kind::StreamedSog => sog::streamed(&source).map(Some),
+        Kind::Lcc2(json) => {
+            let (levels, has_environment) = lcc2::streamed(&source, &json)?;
+            Ok(Some(Streamed { levels, has_environment }))
+        }
         _ => Ok(None),
     }
 }
@@ -110,128 +144,102 @@ pub fn load_source(
     options: &LoadOptions,
     progress: Progress<'_>,
 ) -> Result<Scene, LoadError> {
+    let decoded = decode(source, files, options, progress)?;
+    progress(1.0);
+    let scene = decoded
+        .into_scene(options.axes)
+        .map_err(|error| LoadError::Scene { file: source.name().to_owned(), source: error })?;
+    let near = orbit::near_plane(&scene);
+    Ok(scene.with_near(near))
+}
+
+/// Reads `source` in whatever format it is.
+fn decode(
+    source: &Source<'_>,
+    files: &dyn Files,
+    options: &LoadOptions,
+    progress: Progress<'_>,
+) -> Result<Decoded, LoadError> {
     let kind = Kind::of(source)?;
     if let Some(level) = options.level_of_detail.filter(|level| *level > 0)
-        && kind != Kind::StreamedSog
+        && !matches!(kind, Kind::StreamedSog | Kind::Lcc2(_))
     {
         let expected = "0 of a scene that is not streamed and has one level";
         return Err(LoadError::invalid(source.name(), "level of detail", expected, level.to_string()));
     }
-    let (gaussians, mode) = match kind {
-        Kind::Ply => ply::read(source, progress)?,
-        Kind::Spz => spz::read(source, progress)?,
-        Kind::Sog => sog::read(source, files, progress)?,
-        Kind::StreamedSog => sog::read_streamed(source, files, options, progress)?,
-        Kind::Splat => splat::read(source, progress)?,
-    };
-    progress(1.0);
-    Scene::new(gaussians, mode)
-        .map_err(|error| LoadError::Scene { file: source.name().to_owned(), source: error })
-}
-
-/// The formats as they are told apart.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    Ply,
-    Spz,
-    Sog,
-    StreamedSog,
-    Splat,
-}
-
-impl Kind {
-    fn of(source: &Source<'_>) -> Result<Self, LoadError> {
-        let head = source.head(16)?;
-        if head.starts_with(b"ply") {
-            Ok(Self::Ply)
-        } else if head.starts_with(&[0x1f, 0x8b]) {
-            Ok(Self::Spz)
-        } else if head.starts_with(b"PK\x03\x04") {
-            Ok(Self::Sog)
-        } else if head.trim_ascii_start().starts_with(b"{") {
-            Ok(if sog::is_streamed(source)? { Self::StreamedSog } else { Self::Sog })
-        } else if has_extension(source.name(), "splat") {
-            Ok(Self::Splat)
-        } else {
-            let actual = head.iter().map(|byte| format!("{byte:02x}")).collect::<Vec<_>>().join(" ");
-            let actual =
-                if actual.is_empty() { "an empty file".to_owned() } else { format!("bytes {actual}") };
-            Err(LoadError::UnknownFormat { file: source.name().to_owned(), actual })
+    match kind {
+        Kind::Ply => ply::read(source, progress),
+        Kind::Spz => spz::read(source, progress),
+        Kind::Sog => sog::read(source, files, progress),
+        Kind::StreamedSog => sog::read_streamed(source, files, options, progress),
+        Kind::Splat => splat::read(source, progress),
+        Kind::Ksplat => ksplat::read(source, progress),
+        Kind::Gltf => gltf::read(source, files, progress),
+        Kind::Rad => rad::read(source, files, progress),
+        Kind::Lcc2(json) => lcc2::read(source, &json, files, options, progress),
+        Kind::Zip(archive) => {
+            let inner = archive.single()?;
+            match Kind::of(&inner)? {
+                Kind::Zip(_) => {
+                    Err(LoadError::invalid(inner.name(), "archive", "a scene", "another archive"))
+                }
+                _ => decode(&inner, &archive, options, progress),
+            }
         }
     }
 }
 
-/// Saves `scene` at `path` in the format that the extension names: `.ply`, `.spz` or `.sog`. The file appears
-/// whole or not at all. Precision is that of the format: exact to rounding for PLY, quantised for the others;
-/// SOG reorders the Gaussians.
-///
-/// # Errors
-/// [`SaveError`] if the extension is another, the scene does not fit the format, or the file cannot be written.
-pub fn save(scene: &Scene, path: impl AsRef<Path>) -> Result<(), SaveError> {
-    let path = path.as_ref();
-    let io_error = |source| SaveError::Io { file: path.to_owned(), source };
-    let unrepresentable = |field, expected: String, actual: String| SaveError::Unrepresentable {
-        file: path.to_owned(),
-        field,
-        expected,
-        actual,
-    };
-    let extension = format_of(path)?;
-    let count = scene.gaussians().len();
-    match extension {
-        "ply" => write_atomically(path, |writer| ply::write(scene, writer)).map_err(io_error),
-        "spz" => {
-            let bits = spz::fractional_bits(scene).map_err(|largest| {
-                unrepresentable("position", "coordinates up to 8388607".to_owned(), largest.to_string())
-            })?;
-            write_atomically(path, |writer| spz::write(scene, bits, writer)).map_err(io_error)
+/// What every reader gives.
+struct Decoded {
+    /// Not yet checked, in the file's axes, relative to `origin`.
+    gaussians: Gaussians,
+    /// The mode that they were trained in.
+    opacity_mode: OpacityMode,
+    /// In the file's axes.
+    origin: DVec3,
+    /// The upward direction, of length 1, in the file's axes, where the file states one.
+    up: Option<DVec3>,
+    axes: FileAxes,
+    /// What was found and not used, or assumed.
+    notes: Vec<String>,
+}
+
+impl Decoded {
+    /// Gaussians in right-down-front about which nothing else is known.
+    fn new(gaussians: Gaussians, opacity_mode: OpacityMode) -> Self {
+        let Details { origin, up, axes, notes, .. } = Details::default();
+        Self { gaussians, opacity_mode, origin, up, axes, notes }
+    }
+
+    /// The scene, in right-down-front. `axes` are those of the caller, who knows the file better than it does.
+    fn into_scene(mut self, axes: Option<Axes>) -> Result<Scene, SceneError> {
+        if let Some(axes) = axes {
+            if self.axes.known_by == AxesKnownBy::File && self.axes.axes != axes {
+                self.notes.push(format!("states axes {}, but was told to be {axes}", self.axes.axes));
+            }
+            self.axes = FileAxes { axes, known_by: AxesKnownBy::Caller };
         }
-        "sog" if count > sog::MOST_GAUSSIANS => {
-            Err(unrepresentable("count", format!("at most {}", sog::MOST_GAUSSIANS), count.to_string()))
-        }
-        _ => write_atomically(path, |writer| sog::write(scene, writer)).map_err(io_error),
+        let to_rdf = self.axes.axes.to_rdf();
+        transform(&mut self.gaussians, &Similarity::orthogonal(to_rdf));
+        let scene = Scene::new(self.gaussians, self.opacity_mode)?;
+        Ok(scene.with_details(Details {
+            origin: to_rdf * self.origin,
+            up: self.up.map(|up| to_rdf * up),
+            axes: self.axes,
+            near: NEAR,
+            notes: self.notes,
+        }))
     }
 }
 
-/// The step that all positions are rounded to by what [`save`] writes of `scene` at `path`, world units: that of SPZ,
-/// whose coordinates are 24-bit numbers of one step, fine enough for the farthest Gaussian. `None` of other formats,
-/// whose precision is relative, and of scenes that do not fit.
-#[must_use]
-pub fn position_step(scene: &Scene, path: impl AsRef<Path>) -> Option<f32> {
-    let is_fixed = format_of(path).is_ok_and(|format| format == "spz");
-    is_fixed.then(|| spz::fractional_bits(scene).ok().map(spz::step)).flatten()
+/// That fields of a file called `names` are not used, if there are any.
+pub(crate) fn unused_note(what: &str, names: &[String]) -> Option<String> {
+    /// A note is one line for people.
+    const MOST: usize = 12;
+    let listed = names.iter().take(MOST).map(String::as_str).collect::<Vec<_>>().join(", ");
+    let more = if names.len() > MOST { format!(" and {} more", names.len() - MOST) } else { String::new() };
+    (!names.is_empty()).then(|| format!("{what} not used: {listed}{more}"))
 }
-
-/// How many Gaussians [`save`] changes beyond rounding where it writes `scene` at `path`: those of SPZ, whose scales
-/// and spherical harmonics are bytes over a fixed range. `None` of other formats, whose ranges are those of the scene,
-/// and where nothing is changed.
-#[must_use]
-pub fn clamped(scene: &Scene, path: impl AsRef<Path>) -> Option<Clamped> {
-    let is_fixed = format_of(path).is_ok_and(|format| format == "spz");
-    is_fixed.then(|| spz::clamped(scene)).filter(|clamped| *clamped != Clamped::default())
-}
-
-/// The format that [`save`] writes at `path`, by its extension: `ply`, `spz` or `sog`. Compressed PLY is only read, so
-/// its usual extension `.compressed.ply` is none of them.
-///
-/// # Errors
-/// [`SaveError::UnknownFormat`] if the extension is another.
-pub fn format_of(path: impl AsRef<Path>) -> Result<&'static str, SaveError> {
-    let path = path.as_ref();
-    let lower = |part: Option<&OsStr>| part.unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    let extension = lower(path.extension());
-    let unknown = |actual| Err(SaveError::UnknownFormat { file: path.to_owned(), actual });
-    match ["ply", "spz", "sog"].into_iter().find(|format| *format == extension) {
-        Some("ply") if lower(path.file_name()).ends_with(".compressed.ply") => {
-            unknown("compressed.ply".to_owned())
-        }
-        Some(format) => Ok(format),
-        None => unknown(extension),
-    }
-}
-
-/// What every reader gives: Gaussians not yet checked, and the mode they were trained in.
-type Decoded = (Gaussians, OpacityMode);
 
 fn has_extension(name: &str, extension: &str) -> bool {
     Path::new(name).extension().is_some_and(|actual| actual.eq_ignore_ascii_case(extension))

@@ -1,13 +1,16 @@
 //! `.splat` (antimatter15): 32 bytes per Gaussian and nothing else.
 
+use std::io::{self, Write};
+
 use rayon::prelude::*;
 
 use super::error::LoadError;
 use super::progress::{Progress, Work};
+use super::rows::write_rows;
 use super::source::Source;
 use super::{BLOCK, Decoded};
 use crate::gaussians::{Gaussians, SH_C0, Slots};
-use crate::scene::OpacityMode;
+use crate::scene::{OpacityMode, Scene};
 
 /// Position and linear scale as 3 × f32 each, RGB and opacity as 4 × u8, quaternion (w first) as 4 × u8.
 const RECORD: usize = 32;
@@ -29,7 +32,7 @@ pub(super) fn read(source: &Source<'_>, progress: Progress<'_>) -> Result<Decode
         work.add(slots.len());
         Ok::<(), LoadError>(())
     })?;
-    Ok((gaussians, OpacityMode::Default))
+    Ok(Decoded::new(gaussians, OpacityMode::Default))
 }
 
 fn unpack(record: &[u8; RECORD], i: usize, slots: &mut Slots<'_>) {
@@ -43,4 +46,27 @@ fn unpack(record: &[u8; RECORD], i: usize, slots: &mut Slots<'_>) {
     for component in 0..4 {
         slots.rotations[component][i] = (f32::from(record[28 + component]) - 128.0) / 128.0;
     }
+}
+
+/// Writes `scene`, its Gaussians in order; colours are those that look alike from everywhere.
+pub(super) fn write(scene: &Scene, writer: &mut impl Write) -> io::Result<()> {
+    let gaussians = scene.gaussians();
+    let origin = scene.details().origin;
+    write_rows(writer, gaussians.len(), RECORD, |i, row| {
+        let (floats, bytes) = row.split_at_mut(24);
+        let mean = gaussians.mean(i);
+        let position: [f32; 3] = std::array::from_fn(|axis| (f64::from(mean[axis]) + origin[axis]) as f32);
+        let values = position.into_iter().chain(gaussians.scale(i));
+        for (bytes, value) in floats.as_chunks_mut::<4>().0.iter_mut().zip(values) {
+            *bytes = value.to_le_bytes();
+        }
+        let code = |value: f32| value.round().clamp(0.0, 255.0) as u8;
+        for (byte, dc) in bytes[..3].iter_mut().zip(gaussians.sh_of(i)) {
+            *byte = code((dc * SH_C0 + 0.5) * 255.0);
+        }
+        bytes[3] = code(gaussians.opacities[i] * 255.0);
+        for (byte, value) in bytes[4..].iter_mut().zip(gaussians.rotation(i)) {
+            *byte = code(value * 128.0 + 128.0);
+        }
+    })
 }

@@ -50,6 +50,14 @@ const CAMERA_PATH: &str = r#"{"camera_type": "perspective", "render_width": 64, 
 "camera_path": [{"camera_to_world": [1,0,0,1,0,-1,0,2,0,0,-1,3,0,0,0,1], "fov": 43.60281897270362, "aspect": 1},
 {"camera_to_world": [1,0,0,1,0,-1,0,2,0,0,-1,4,0,0,0,1], "fov": 43.60281897270362}]}"#;
 
+const SUPERSPLAT: &str = r#"{"version": 2, "cameras": [{"initial": {"position": [1, 2, 3], "target": [0, 0, 0], "fov": 60}}],
+"animTracks": [{"name": "a", "duration": 0.2, "frameRate": 30, "loopMode": "none", "interpolation": "spline",
+"smoothness": 1, "keyframes": {"times": [0, 3], "values": {"position": [-1, -2, 3, -1, -2, 4],
+"target": [-1, -2, 9, -1, -2, 9], "fov": [60, 50]}}}]}"#;
+
+const REALITYSCAN: &str = "#name,x,y,alt,heading,pitch,roll,f,px,py,k1,k2,k3,k4,t1,t2\n\
+b.jpg,1,2,4,0,90,0,33.75,0,0,0.1,0,0,0,0,0\na.jpg,1,2,3,0,90,0,33.75,0,0,0,0,0,0,0,0\n";
+
 /// The seed of a fuzz target of cameras.
 pub fn seed(target: &str) -> Option<Vec<u8>> {
     match target {
@@ -58,6 +66,8 @@ pub fn seed(target: &str) -> Option<Vec<u8>> {
         "transforms" => Some(TRANSFORMS.into()),
         "cameras" => Some(CAMERAS.into()),
         "camera_path" => Some(CAMERA_PATH.into()),
+        "supersplat" => Some(SUPERSPLAT.into()),
+        "realityscan" => Some(REALITYSCAN.into()),
         _ => None,
     }
 }

@@ -5,8 +5,8 @@ use std::io::Write;
 
 use image_webp::{ColorType, WebPEncoder};
 
-use crate::cameras;
 use crate::entry::{TARGETS, pack};
+use crate::{cameras, newer};
 
 /// Two Gaussians of degree 1. Properties are out of the trainer's order, of four types; an element with a
 /// list stands before them and one after.
@@ -241,9 +241,22 @@ pub fn seeds(target: &str) -> Vec<(&'static str, Vec<u8>)> {
         "compressed_ply" => vec![("degree_1", compressed_ply())],
         "splat" => vec![("two", splat())],
         "spz" => {
-            vec![("version_2", spz_payload(2)), ("version_3", spz_payload(3)), ("extended", spz_extended())]
+            vec![
+                ("version_1", newer::spz_1_payload()),
+                ("version_2", spz_payload(2)),
+                ("version_3", spz_payload(3)),
+                ("extended", spz_extended()),
+            ]
         }
-        "sog" => vec![("degree_1", pack(&sog()))],
+        "spz_4" => vec![("plain", newer::spz_4(&[]))],
+        "ksplat" => (0..3)
+            .map(|level| (["level_0", "level_1", "level_2"][level], newer::ksplat(level as u16)))
+            .collect(),
+        "gltf" => vec![("two", newer::gltf()), ("spz", newer::gltf_spz(true))],
+        "rad" => vec![("flat", newer::rad(false)), ("tree", newer::rad(true))],
+        "lcc2" => vec![("two_levels", pack(&newer::lcc2()))],
+        "archive" => vec![("ply", newer::archive(&[("text.ply", ply_text())]))],
+        "sog" => vec![("degree_1", pack(&sog())), ("version_1", pack(&newer::sog_1()))],
         "sog_bundle" => vec![("degree_1", sog_bundle())],
         "streamed_sog" => vec![("two_levels", pack(&streamed_sog()))],
         other => vec![("two", cameras::seed(other).expect("a seed"))],

@@ -8,11 +8,13 @@ mod cameras;
 mod entry;
 mod handmade;
 mod hostile;
+mod newer;
 mod ply;
 mod real;
 mod round_trip;
 mod sog;
 mod splat_and_spz;
+mod splat_transform;
 
 use std::collections::BTreeMap;
 

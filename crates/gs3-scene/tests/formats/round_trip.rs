@@ -2,8 +2,11 @@
 
 use std::path::Path;
 
-use gs3_scene::format::{Clamped, LoadOptions, SaveError, clamped, load, save};
-use gs3_scene::{Gaussians, OpacityMode, Scene};
+use gs3_scene::format::{
+    Clamped, LoadOptions, SaveError, SaveOptions, SpzVersion, clamped, load, losses, save, save_with,
+};
+use gs3_scene::glam::DVec3;
+use gs3_scene::{Details, Gaussians, OpacityMode, Scene};
 use proptest::prelude::*;
 use proptest::test_runner::Config;
 
@@ -16,7 +19,7 @@ fn noise(seed: u64, i: usize, k: usize) -> f32 {
     (x >> 40) as f32 / (1 << 23) as f32 - 1.0
 }
 
-fn scene(seed: u64, count: usize, degree: u8, mode: OpacityMode) -> Scene {
+pub fn scene(seed: u64, count: usize, degree: u8, mode: OpacityMode) -> Scene {
     let mut gaussians = Gaussians::zeroed(count, degree);
     let stride = gaussians.sh_stride();
     for i in 0..count {
@@ -36,31 +39,36 @@ fn scene(seed: u64, count: usize, degree: u8, mode: OpacityMode) -> Scene {
 }
 
 fn round_trip(scene: &Scene, extension: &str) -> Scene {
+    round_trip_with(scene, extension, &SaveOptions::default())
+}
+
+fn round_trip_with(scene: &Scene, extension: &str, options: &SaveOptions) -> Scene {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(format!("scene.{extension}"));
-    save(scene, &path).unwrap();
+    save_with(scene, &path, options).unwrap();
     let left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().collect();
     assert_eq!(left.len(), 1, "more than the target was left: {left:?}");
     load(&path, &LoadOptions::default(), &|_| {}).unwrap()
 }
 
 /// Tolerances of a format.
-struct Tolerance {
-    mean: f32,
+#[derive(Clone, Copy)]
+pub struct Tolerance {
+    pub mean: f32,
     /// Of the logarithm.
-    scale: f32,
+    pub scale: f32,
     /// Angle between rotations.
-    radians: f32,
-    opacity: f32,
+    pub radians: f32,
+    pub opacity: f32,
     /// Constant term.
-    sh0: f32,
+    pub sh0: f32,
     /// Higher terms.
-    sh: f32,
+    pub sh: f32,
 }
 
 /// Gaussian `i` of `before` against Gaussian `partner(i)` of `after`.
 #[track_caller]
-fn compare(before: &Scene, after: &Scene, tolerance: &Tolerance, partner: impl Fn(usize) -> usize) {
+pub fn compare(before: &Scene, after: &Scene, tolerance: &Tolerance, partner: impl Fn(usize) -> usize) {
     let (a, b) = (before.gaussians(), after.gaussians());
     assert_eq!((a.len(), a.sh_degree, before.opacity_mode()), (b.len(), b.sh_degree, after.opacity_mode()));
     for i in 0..a.len() {
@@ -84,35 +92,71 @@ fn compare(before: &Scene, after: &Scene, tolerance: &Tolerance, partner: impl F
 }
 
 /// Exact but for the rounding of exp, ln and the sigmoid; acos near 1 turns 1e-7 into 1e-3.
-const PLY: Tolerance = Tolerance { mean: 0.0, scale: 2e-6, radians: 2e-3, opacity: 1e-6, sh0: 0.0, sh: 0.0 };
+pub const PLY: Tolerance =
+    Tolerance { mean: 0.0, scale: 2e-6, radians: 2e-3, opacity: 1e-6, sh0: 0.0, sh: 0.0 };
 
 /// 24 bits for ±10: 2⁻¹⁹ of the unit at most; log scale in steps of 1/16; 9 bits of √½ per component; 8 bits
 /// else.
-const SPZ: Tolerance =
+pub const SPZ: Tolerance =
     Tolerance { mean: 1e-6, scale: 0.0313, radians: 0.006, opacity: 0.00197, sh0: 0.0132, sh: 0.0040 };
 
 /// 16 bits for the logarithm of ±10: 2 · ln 11 / 65,535 / 2 relative to 1 + |x|. 8 bits of √2 per component,
 /// three of them and the fourth made of them: 2 · 0.0096. Codebooks of 256 for up to 1,200 values: those that
 /// share a code lie within three of the mean gaps (8 / 256 for log scales, 1.8 / 256 for colours; 2.2 were seen, once
 /// in some hundred scenes). Palette rows of their own.
-const SOG: Tolerance =
+pub const SOG: Tolerance =
     Tolerance { mean: 1e-4, scale: 0.094, radians: 0.02, opacity: 0.00197, sh0: 0.021, sh: 0.021 };
+
+/// Exact but for signs.
+pub const GLB: Tolerance =
+    Tolerance { mean: 0.0, scale: 0.0, radians: 1e-3, opacity: 0.0, sh0: 0.0, sh: 0.0 };
+
+/// 8 bits for colours over ½ / 0.282 on each side, for opacity and for each component of the rotation.
+const SPLAT: Tolerance =
+    Tolerance { mean: 0.0, scale: 1e-6, radians: 0.02, opacity: 0.00197, sh0: 0.0070, sh: 0.0 };
+
+/// Within a chunk of ±10: 11 and 10 bits of 20 for positions and of 8 for log scales; 10 bits of √2 per component of the
+/// rotation; 8 bits of 0.51 / 0.282 for colours; 8 bits of ±4 for harmonics.
+pub const COMPRESSED_PLY: Tolerance =
+    Tolerance { mean: 0.0101, scale: 0.0040, radians: 0.006, opacity: 0.00197, sh0: 0.0036, sh: 0.0157 };
 
 proptest! {
     #![proptest_config(Config { cases: 24, failure_persistence: None, ..Config::default() })]
 
     #[test]
-    fn ply(seed: u64, count in 1usize..600, degree in 0u8..4, antialiased: bool) {
+    fn ply(seed: u64, count in 1usize..600, degree in 0u8..5, antialiased: bool) {
         let mode = if antialiased { OpacityMode::Antialiased } else { OpacityMode::Default };
         let before = scene(seed, count, degree, mode);
         compare(&before, &round_trip(&before, "ply"), &PLY, |i| i);
     }
 
     #[test]
-    fn spz(seed: u64, count in 1usize..600, degree in 0u8..4, antialiased: bool) {
+    fn spz(seed: u64, count in 1usize..600, degree in 0u8..5, antialiased: bool, is_old: bool) {
+        let mode = if antialiased { OpacityMode::Antialiased } else { OpacityMode::Default };
+        let before = scene(seed, count, degree.min(if is_old { 3 } else { 4 }), mode);
+        let spz_version = if is_old { SpzVersion::Three } else { SpzVersion::Four };
+        let after = round_trip_with(&before, "spz", &SaveOptions { spz_version });
+        compare(&before, &after, &SPZ, |i| i);
+    }
+
+    #[test]
+    fn glb(seed: u64, count in 1usize..600, degree in 0u8..5) {
+        let before = scene(seed, count, degree, OpacityMode::Default);
+        compare(&before, &round_trip(&before, "glb"), &GLB, |i| i);
+    }
+
+    #[test]
+    fn splat(seed: u64, count in 1usize..600) {
+        let before = scene(seed, count, 0, OpacityMode::Default);
+        compare(&before, &round_trip(&before, "splat"), &SPLAT, |i| i);
+    }
+
+    #[test]
+    fn compressed_ply(seed: u64, count in 1usize..600, degree in 0u8..5, antialiased: bool) {
         let mode = if antialiased { OpacityMode::Antialiased } else { OpacityMode::Default };
         let before = scene(seed, count, degree, mode);
-        compare(&before, &round_trip(&before, "spz"), &SPZ, |i| i);
+        let after = round_trip(&before, "compressed.ply");
+        compare(&before, &after, &COMPRESSED_PLY, |i| nearest(&after, before.gaussians().mean(i)));
     }
 
     #[test]
@@ -125,7 +169,7 @@ proptest! {
 }
 
 /// SOG reorders: the partner is the nearest Gaussian.
-fn nearest(scene: &Scene, mean: [f32; 3]) -> usize {
+pub fn nearest(scene: &Scene, mean: [f32; 3]) -> usize {
     let distance = |i: &usize| {
         let other = scene.gaussians().mean(*i);
         (0..3).map(|axis| (other[axis] - mean[axis]).powi(2)).sum::<f32>()
@@ -168,13 +212,14 @@ fn limits_of_the_values() {
     gaussians.means[1] = vec![-3000.0, 5000.0, 0.0];
     gaussians.sh = vec![-30.0, 0.0, 30.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     let before = Scene::new(gaussians, OpacityMode::Default).unwrap();
-    for extension in ["ply", "spz", "sog"] {
+    for extension in ["ply", "spz", "sog", "glb", "compressed.ply"] {
         let after = round_trip(&before, extension);
         assert_eq!(after.gaussians().len(), 3, "{extension}");
         for i in 0..3 {
             let mean = before.gaussians().mean(i);
             let j = nearest(&after, mean);
-            assert!((after.gaussians().mean(j)[1] - mean[1]).abs() < 1.0, "{extension}: {mean:?}");
+            // A 10-bit step of 8,000 in compressed PLY.
+            assert!((after.gaussians().mean(j)[1] - mean[1]).abs() < 4.0, "{extension}: {mean:?}");
             let (x, y) = (before.gaussians().opacities[i], after.gaussians().opacities[j]);
             assert!((x - y).abs() < 0.003, "{extension}: opacity {x} came back as {y}");
             assert!(after.gaussians().scale(j).iter().all(|scale| *scale < 1e-4), "{extension}");
@@ -243,4 +288,50 @@ fn what_cannot_be_saved_leaves_nothing() {
     let error = save(&far, folder.path().join("scene.spz")).unwrap_err();
     assert!(error.to_string().contains("position"), "{error}");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+/// A scene far from 0 keeps its places: exactly in formats of double precision, as far as f32 goes in others, aloud.
+#[test]
+fn far_scenes_keep_their_places() {
+    let origin = DVec3::new(500_000.0, -4.5e6, 300.0);
+    let near = scene(4, 300, 1, OpacityMode::Default);
+    let before = near.with_details(Details { origin, up: Some(DVec3::Z), ..Details::default() });
+    for (extension, tolerance, is_told) in [
+        ("ply", 5e-5, false),
+        ("glb", 5e-5, false),
+        ("sog", 0.1, false),
+        ("compressed.ply", 0.6, true),
+        ("splat", 0.6, true),
+    ] {
+        let after = round_trip(&before, extension);
+        let place = |scene: &Scene, i: usize| {
+            DVec3::from(scene.gaussians().mean(i).map(f64::from)) + scene.details().origin
+        };
+        for i in 0..300 {
+            let wanted = place(&before, i);
+            let off = (0..300)
+                .map(|j| (place(&after, j) - wanted).abs().max_element())
+                .fold(f64::INFINITY, f64::min);
+            assert!(off <= tolerance, "{extension}: {wanted} is off by {off}");
+        }
+        let up = extension.ends_with("ply").then_some(DVec3::Z);
+        assert_eq!(after.details().up, up, "{extension}");
+        let path = format!("scene.{extension}");
+        let told = losses(&before, &path).iter().any(|loss| loss.contains("positions"));
+        assert_eq!(told, is_told, "{extension}: {:?}", losses(&before, &path));
+    }
+}
+
+#[test]
+fn what_a_format_cannot_hold_is_told_or_refused() {
+    let antialiased = scene(5, 10, 4, OpacityMode::Antialiased);
+    assert!(losses(&antialiased, "s.ply").is_empty() && losses(&antialiased, "s.spz").is_empty());
+    assert!(losses(&antialiased, "s.glb")[0].contains("antialiased"));
+    assert_eq!(losses(&antialiased, "s.splat").len(), 2);
+    let folder = tempfile::tempdir().unwrap();
+    let options = SaveOptions { spz_version: SpzVersion::Three };
+    let error = save_with(&antialiased, folder.path().join("s.spz"), &options).unwrap_err().to_string();
+    assert!(error.contains("SH degree: expected at most 3, found 4"), "{error}");
+    let error = save(&antialiased, folder.path().join("s.sog")).unwrap_err().to_string();
+    assert!(error.contains("SH degree: expected at most 3, found 4"), "{error}");
 }

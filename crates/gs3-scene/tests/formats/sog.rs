@@ -46,7 +46,7 @@ fn a_stream_gives_the_chosen_level_and_the_environment() {
     let files = streamed_sog();
     let chunk = load_folder("meta.json", &sog(), &LoadOptions::default()).unwrap();
     let load = |level_of_detail, environment| {
-        let options = LoadOptions { level_of_detail, environment };
+        let options = LoadOptions { level_of_detail, environment, axes: None };
         load_folder("lod-meta.json", &files, &options)
     };
     let means = |scene: gs3_scene::Scene| {
@@ -103,7 +103,7 @@ fn scenes_in_one_piece_have_one_level() {
         [("s.sog", sog_bundle()), ("s.ply", ply_text()), ("s.spz", spz(3)), ("s.splat", splat())]
     {
         let load = |level| {
-            let options = LoadOptions { level_of_detail: Some(level), environment: false };
+            let options = LoadOptions { level_of_detail: Some(level), environment: false, axes: None };
             load_source(&Source::memory(name, bytes.as_slice()), &BTreeMap::new(), &options, &|_| {})
         };
         assert_eq!(load(0).unwrap(), load_bytes(name, &bytes).unwrap());
@@ -120,8 +120,9 @@ fn broken_meta_data_is_named() {
         files.insert("meta.json".to_owned(), meta.replace(from, to).into_bytes());
         load_folder("meta.json", &files, &LoadOptions::default())
     };
-    assert_error(with("\"version\":2", "\"version\":3"), &["meta.json", "version", "2", "found 3"]);
-    assert_error(with("\"version\":2,", ""), &["meta.json", "version", "version 1"]);
+    assert_error(with("\"version\":2", "\"version\":3"), &["meta.json", "version", "1 or 2", "found 3"]);
+    // Without a version it would be version 1, which has shapes.
+    assert_error(with("\"version\":2,", ""), &["meta.json", "JSON", "shape"]);
     assert_error(with("\"count\":4", "\"count\":7"), &["means_l.webp", "7 pixels", "2 × 3"]);
     assert_error(with("\"count\":4", "\"count\":99999999999"), &["meta.json", "count", "99999999999"]);
     assert_error(with("\"count\":4", "\"count\":-4"), &["meta.json", "JSON"]);

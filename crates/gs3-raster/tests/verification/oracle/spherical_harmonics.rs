@@ -26,10 +26,11 @@ pub fn color(degree: u8, coefficients: &[f32], direction: DVec3) -> [f64; 3] {
     })
 }
 
-/// The 16 basis functions of degrees 0 to 3 in unit direction `d`.
-pub fn basis(d: DVec3) -> [f64; 16] {
+/// The 25 basis functions of degrees 0 to 4 in unit direction `d`. Signs of degree 4 alternate with the order, as below it.
+pub fn basis(d: DVec3) -> [f64; 25] {
     let [x, y, z] = d.to_array();
     let (xx, yy, zz) = (x * x, y * y, z * z);
+    let root = |over: f64, under: f64| (over / (under * std::f64::consts::PI)).sqrt();
     [
         C0,
         -C1 * y,
@@ -47,5 +48,14 @@ pub fn basis(d: DVec3) -> [f64; 16] {
         C3[4] * x * (4.0 * zz - xx - yy),
         C3[5] * z * (xx - yy),
         C3[6] * x * (xx - 3.0 * yy),
+        0.75 * root(35.0, 1.0) * x * y * (xx - yy),
+        -0.75 * root(35.0, 2.0) * y * (3.0 * xx - yy) * z,
+        0.75 * root(5.0, 1.0) * x * y * (7.0 * zz - 1.0),
+        -0.75 * root(5.0, 2.0) * y * z * (7.0 * zz - 3.0),
+        0.1875 * root(1.0, 1.0) * (35.0 * zz * zz - 30.0 * zz + 3.0),
+        -0.75 * root(5.0, 2.0) * x * z * (7.0 * zz - 3.0),
+        0.375 * root(5.0, 1.0) * (xx - yy) * (7.0 * zz - 1.0),
+        -0.75 * root(35.0, 2.0) * x * (xx - 3.0 * yy) * z,
+        0.1875 * root(35.0, 1.0) * (xx * (xx - 3.0 * yy) - yy * (3.0 * xx - yy)),
     ]
 }

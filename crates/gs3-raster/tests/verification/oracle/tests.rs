@@ -101,7 +101,7 @@ fn antialiased_opacity_by_hand() {
 fn spherical_harmonics_are_orthonormal() {
     // Gauss–Legendre would be shorter in points; the midpoint rule is shorter in words.
     let (rings, spokes) = (400, 64);
-    let mut gram = [[0.0; 16]; 16];
+    let mut gram = [[0.0; 25]; 25];
     for i in 0..rings {
         let z = -1.0 + 2.0 * (f64::from(i) + 0.5) / f64::from(rings);
         let r = (1.0 - z * z).sqrt();

@@ -1,6 +1,6 @@
 //! COLMAP's binary files, little endian.
 
-use super::{CamerasById, CaptureFault, MODELS, PosedImage, intrinsics, parameter_count};
+use super::{CamerasById, CaptureFault, MODELS, PosedImage, calibration, parameter_count};
 
 /// Bytes of one observed point of an image: x, y, point id.
 const POINT_BYTES: u64 = 24;
@@ -14,12 +14,12 @@ pub fn cameras(bytes: &[u8]) -> Result<CamerasById, CaptureFault> {
         let id = reader.u32(&field)?;
         let number = reader.u32(&field)?;
         let model =
-            MODELS.get(number as usize).map_or_else(|| format!("model {number}"), |m| (*m).to_owned());
+            MODELS.get(number as usize).map_or_else(|| format!("model {number}"), |(m, _)| (*m).to_owned());
         let size = [reader.u64(&field)?, reader.u64(&field)?];
         let parameters = (0..parameter_count(&format!("{field} model"), &model)?)
             .map(|_| reader.f64(&field))
             .collect::<Result<Vec<_>, _>>()?;
-        cameras.insert(id, intrinsics(&field, size, &parameters)?);
+        cameras.insert(id, calibration(&field, &model, size, &parameters));
     }
     Ok(cameras)
 }

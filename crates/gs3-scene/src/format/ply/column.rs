@@ -59,12 +59,35 @@ pub(super) struct Column {
 impl Column {
     /// Hands the property of each row of `row_bytes` bytes to `set`, with the row's index.
     #[inline]
-    pub(super) fn each(self, rows: &[u8], row_bytes: usize, mut set: impl FnMut(usize, f32)) {
+    pub(super) fn each(self, rows: &[u8], row_bytes: usize, set: impl FnMut(usize, f32)) {
+        self.each_as(rows, row_bytes, |value| value as f32, |value| value, set);
+    }
+
+    /// The same in double precision.
+    #[inline]
+    pub(super) fn each_f64(self, rows: &[u8], row_bytes: usize, set: impl FnMut(usize, f64)) {
+        self.each_as(rows, row_bytes, |value| value, f64::from, set);
+    }
+
+    /// The same as the type that `double` makes of doubles and of integers, which doubles hold exactly, and `single` of
+    /// singles.
+    #[inline]
+    fn each_as<T>(
+        self,
+        rows: &[u8],
+        row_bytes: usize,
+        double: impl Fn(f64) -> T,
+        single: impl Fn(f32) -> T,
+        mut set: impl FnMut(usize, T),
+    ) {
         macro_rules! each {
             ($type:ty, $from:ident) => {
+                each!($type, $from, |value| double(f64::from(value)))
+            };
+            ($type:ty, $from:ident, $as:expr) => {
                 for (i, row) in rows.chunks_exact(row_bytes).enumerate() {
                     if let Some((value, _)) = row[self.offset..].split_first_chunk() {
-                        set(i, <$type>::$from(*value) as f32);
+                        set(i, $as(<$type>::$from(*value)));
                     }
                 }
             };
@@ -80,8 +103,8 @@ impl Column {
             (Scalar::I32, Endian::Big) => each!(i32, from_be_bytes),
             (Scalar::U32, Endian::Little) => each!(u32, from_le_bytes),
             (Scalar::U32, Endian::Big) => each!(u32, from_be_bytes),
-            (Scalar::F32, Endian::Little) => each!(f32, from_le_bytes),
-            (Scalar::F32, Endian::Big) => each!(f32, from_be_bytes),
+            (Scalar::F32, Endian::Little) => each!(f32, from_le_bytes, &single),
+            (Scalar::F32, Endian::Big) => each!(f32, from_be_bytes, &single),
             (Scalar::F64, Endian::Little) => each!(f64, from_le_bytes),
             (Scalar::F64, Endian::Big) => each!(f64, from_be_bytes),
         }

@@ -10,11 +10,12 @@ use super::super::{BLOCK, Decoded};
 use super::column::{Column, Endian, Scalar};
 use super::header::{Element, Encoding, Header};
 use super::text::end_of;
+use super::vertices::unused_properties;
 use crate::gaussians::SH_C0;
-use crate::gaussians::{Gaussians, Slots, sh_coefficient_count};
+use crate::gaussians::{Gaussians, MAX_SH_DEGREE, Slots, sh_coefficient_count};
 
 /// Gaussians that share bounds.
-const CHUNK: usize = 256;
+pub(super) const CHUNK: usize = 256;
 
 /// Bounds of position, log scale and colour: what 0 and 1 stand for, `[min, max][quantity][axis]`.
 type Bounds = [[[f32; 3]; 3]; 2];
@@ -73,7 +74,9 @@ pub(super) fn read(
         work.add(slots.len());
         Ok::<(), LoadError>(())
     })?;
-    Ok((gaussians, header.opacity_mode))
+    let unused = unused_properties(vertex, &words);
+    let notes = unused.into_iter().chain(header.unused_elements(&["chunk", "vertex", "sh"]));
+    Ok(header.decoded(gaussians, notes.collect()))
 }
 
 /// A column of one of the given types.
@@ -154,8 +157,13 @@ fn sh_columns(
         return Err(LoadError::invalid(file, "element \"sh\"", expected, sh.count.to_string()));
     }
     let rest = sh.properties.len();
-    let Some(degree) = (1..=3).find(|d| rest == 3 * (sh_coefficient_count(*d) - 1)) else {
-        return Err(LoadError::invalid(file, "element \"sh\"", "9, 24 or 45 properties", rest.to_string()));
+    let Some(degree) = (1..=MAX_SH_DEGREE).find(|d| rest == 3 * (sh_coefficient_count(*d) - 1)) else {
+        return Err(LoadError::invalid(
+            file,
+            "element \"sh\"",
+            "9, 24, 45 or 72 properties",
+            rest.to_string(),
+        ));
     };
     let mut columns = Vec::with_capacity(rest);
     for i in 0..rest {

@@ -3,7 +3,7 @@
 use super::super::error::{LoadError, quoted};
 use super::super::source::Source;
 use super::column::{Endian, Scalar};
-use crate::scene::OpacityMode;
+use super::comments::Comments;
 
 /// The longest header that is read; those of 3D Gaussian Splatting have about 1,500 bytes.
 const LONGEST_HEADER: usize = 1 << 20;
@@ -19,8 +19,7 @@ pub(super) enum Encoding {
 pub(super) struct Header {
     pub(super) encoding: Encoding,
     pub(super) elements: Vec<Element>,
-    /// As declared in a comment by the trainer.
-    pub(super) opacity_mode: OpacityMode,
+    pub(super) comments: Comments,
     /// Where the values start.
     pub(super) data_start: u64,
 }
@@ -51,7 +50,7 @@ pub(super) enum Kind {
 impl Header {
     pub(super) fn read(source: &Source<'_>) -> Result<Self, LoadError> {
         let mut parser = Parser { file: source.name(), encoding: None, elements: Vec::new() };
-        let mut opacity_mode = OpacityMode::Default;
+        let mut comments = Comments::default();
         let mut bytes = source.head(4096)?;
         let mut line_start = 0;
         loop {
@@ -72,33 +71,20 @@ impl Header {
                 ["ply"] if first => {}
                 _ if first => return Err(parser.invalid("header", "\"ply\"", quoted(line))),
                 ["end_header"] => break,
-                ["comment", comment @ ..] => {
-                    if let Some(mode) = opacity_mode_of(comment) {
-                        opacity_mode = mode;
-                    }
-                }
-                [] | ["obj_info", ..] => {}
+                ["comment" | "obj_info", comment @ ..] => comments.read(comment),
+                [] => {}
                 words => parser.declare(words, line)?,
             }
         }
         let Some(encoding) = parser.encoding else {
             return Err(parser.invalid("header", "a line that starts with \"format\"", "none"));
         };
-        Ok(Self { encoding, elements: parser.elements, opacity_mode, data_start: line_start as u64 })
+        Ok(Self { encoding, elements: parser.elements, comments, data_start: line_start as u64 })
     }
 
     pub(super) fn element(&self, file: &str, name: &str) -> Result<&Element, LoadError> {
         (self.elements.iter().find(|element| element.name == name))
             .ok_or_else(|| LoadError::invalid(file, "header", format!("an element \"{name}\""), "none"))
-    }
-}
-
-/// Trainers note the mode as `SplatRenderMode: mip` or `antialiased 1`.
-fn opacity_mode_of(comment: &[&str]) -> Option<OpacityMode> {
-    match comment {
-        ["SplatRenderMode:", "mip"] | ["antialiased", "1"] => Some(OpacityMode::Antialiased),
-        ["SplatRenderMode:", "default"] | ["antialiased", "0"] => Some(OpacityMode::Default),
-        _ => None,
     }
 }
 

@@ -1,15 +1,17 @@
 //! 3D Gaussian Splatting PLY (Kerbl et al. 2023): one row per Gaussian, parameters before activation.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
-use super::super::Decoded;
-use super::super::error::LoadError;
+use super::super::error::{LoadError, quoted};
+use super::super::origin;
 use super::super::progress::{Progress, Work};
 use super::super::source::Source;
+use super::super::{Decoded, unused_note};
 use super::column::{Column, Endian, Scalar};
 use super::header::{Element, Encoding, Header};
 use super::text::{Tokens, end_of};
-use crate::gaussians::{Gaussians, Slots, sh_coefficient_count};
+use crate::gaussians::{Gaussians, MAX_SH_DEGREE, Slots, sh_coefficient_count};
 
 /// Bytes that a task reads at once: large enough for the system call to cost nothing, small enough for the
 /// cache.
@@ -27,6 +29,8 @@ enum Target {
     Rotation(usize),
     /// Logit of the opacity.
     Opacity,
+    /// Standard deviation of Mip-Splatting's 3D filter, in world units; after scales and opacity.
+    Filter,
     /// Index within the Gaussian's spherical harmonics.
     Sh(usize),
 }
@@ -36,7 +40,15 @@ struct Layout {
     columns: Vec<(Column, Target)>,
     row_bytes: usize,
     sh_degree: u8,
+    /// Subtracted from positions before they lose precision.
+    origin: DVec3,
 }
+
+/// Properties that 3D Gaussian Splatting declares and never uses.
+const NORMALS: [&str; 3] = ["nx", "ny", "nz"];
+
+/// Rows that the origin is found from, evenly spread.
+const SAMPLED_ROWS: u64 = 1024;
 
 /// Reads the element `vertex`; others are skipped.
 pub(super) fn read(
@@ -45,11 +57,44 @@ pub(super) fn read(
     progress: Progress<'_>,
 ) -> Result<Decoded, LoadError> {
     let vertex = header.element(source.name(), "vertex")?;
-    let gaussians = match header.encoding {
+    check_kind(source.name(), header, vertex)?;
+    let (gaussians, origin) = match header.encoding {
         Encoding::Binary(endian) => read_binary(source, header, vertex, endian, progress)?,
         Encoding::Text => read_text(source, header, vertex, progress)?,
     };
-    Ok((gaussians, header.opacity_mode))
+    let used = |name: &str| {
+        ["x", "y", "z", "opacity", FILTER].contains(&name)
+            || ["scale_", "rot_", "f_dc_", "f_rest_"].iter().any(|prefix| name.starts_with(prefix))
+    };
+    let used: Vec<&str> =
+        vertex.properties.iter().map(|p| p.name.as_str()).filter(|name| used(name)).collect();
+    let notes = unused_properties(vertex, &used).into_iter().chain(header.unused_elements(&["vertex"]));
+    Ok(Decoded { origin, ..header.decoded(gaussians, notes.collect()) })
+}
+
+/// The 3D filter of Mip-Splatting (Yu et al. 2024).
+const FILTER: &str = "filter_3D";
+
+/// Refuses points and meshes, which are in PLY files as well.
+fn check_kind(file: &str, header: &Header, vertex: &Element) -> Result<(), LoadError> {
+    let of_gaussians = ["opacity", "scale_0", "rot_0", "f_dc_0"];
+    if vertex.properties.iter().any(|property| of_gaussians.contains(&property.name.as_str())) {
+        return Ok(());
+    }
+    let faces = ["face", "faces", "tristrips"];
+    let is_mesh = header.elements.iter().any(|e| e.count > 0 && faces.contains(&e.name.as_str()));
+    let kind = if is_mesh { "a mesh" } else { "a point cloud" };
+    let names: Vec<&str> = vertex.properties.iter().map(|property| property.name.as_str()).take(8).collect();
+    let actual = format!("{kind} ({} vertices with {})", vertex.count, quoted(&names.join(", ")));
+    Err(LoadError::NotGaussians { file: file.to_owned(), actual })
+}
+
+/// That `vertex` has properties other than `used`, if it has any.
+pub(super) fn unused_properties(vertex: &Element, used: &[&str]) -> Option<String> {
+    let names = vertex.properties.iter().map(|property| property.name.as_str());
+    let unused: Vec<String> =
+        names.filter(|name| !used.contains(name) && !NORMALS.contains(name)).map(quoted).collect();
+    unused_note("vertex properties", &unused)
 }
 
 fn read_binary(
@@ -58,8 +103,9 @@ fn read_binary(
     vertex: &Element,
     endian: Endian,
     progress: Progress<'_>,
-) -> Result<Gaussians, LoadError> {
-    let layout = Layout::new(source.name(), vertex, |_, (scalar, offset)| Column { scalar, endian, offset })?;
+) -> Result<(Gaussians, DVec3), LoadError> {
+    let column = |_, (scalar, offset)| Column { scalar, endian, offset };
+    let mut layout = Layout::new(source.name(), vertex, column)?;
     let mut start = header.data_start;
     for element in header.elements.iter().take_while(|element| element.name != "vertex") {
         start = end_of(source, element, start, endian)?;
@@ -67,6 +113,9 @@ fn read_binary(
     // Checks the count against the file before anything is allocated by it.
     end_of(source, vertex, start, endian)?;
     let count = vertex.count as usize;
+    if layout.has_precise_positions() {
+        layout.origin = sampled_origin(source, &layout, start, vertex.count)?;
+    }
     let mut gaussians = Gaussians::zeroed(count, layout.sh_degree);
     let work = Work::new(vertex.count, progress);
     let rows_at_once = (READ_BYTES / layout.row_bytes).max(1);
@@ -80,7 +129,19 @@ fn read_binary(
             Ok(())
         },
     )?;
-    Ok(gaussians)
+    Ok((gaussians, layout.origin))
+}
+
+/// The origin for positions of more than single precision in binary rows from `start`.
+fn sampled_origin(source: &Source<'_>, layout: &Layout, start: u64, count: u64) -> Result<DVec3, LoadError> {
+    let sampled = count.min(SAMPLED_ROWS);
+    let mut rows = vec![0; sampled as usize * layout.row_bytes];
+    for (k, row) in rows.chunks_exact_mut(layout.row_bytes).enumerate() {
+        // In 128 bits: the product of two counts of rows.
+        let index = (k as u128 * u128::from(count) / u128::from(sampled)) as u64;
+        source.read_at(start + index * layout.row_bytes as u64, row, "element \"vertex\"")?;
+    }
+    Ok(layout.origin_of(&rows))
 }
 
 /// Text is turned into binary rows of f64, which then go the same way.
@@ -89,7 +150,7 @@ fn read_text(
     header: &Header,
     vertex: &Element,
     progress: Progress<'_>,
-) -> Result<Gaussians, LoadError> {
+) -> Result<(Gaussians, DVec3), LoadError> {
     let column = |index, _| Column { scalar: Scalar::F64, endian: Endian::Little, offset: index * 8 };
     let mut layout = Layout::new(source.name(), vertex, column)?;
     layout.row_bytes = vertex.properties.len() * 8;
@@ -103,15 +164,18 @@ fn read_text(
     let mut gaussians = Gaussians::zeroed(vertex.count as usize, layout.sh_degree);
     let work = Work::new(vertex.count, progress);
     let mut rows = Vec::new();
-    for (_, mut slots) in gaussians.slots().blocks(super::super::BLOCK) {
+    for (first, mut slots) in gaussians.slots().blocks(super::super::BLOCK) {
         rows.clear();
         for _ in 0..slots.len() * vertex.properties.len() {
             rows.extend_from_slice(&tokens.next("vertex")?.to_le_bytes());
         }
+        if first == 0 {
+            layout.origin = layout.origin_of(&rows);
+        }
         layout.unpack(&rows, &mut slots);
         work.add(slots.len());
     }
-    Ok(gaussians)
+    Ok((gaussians, layout.origin))
 }
 
 impl Layout {
@@ -137,9 +201,11 @@ impl Layout {
         }
         let rest = (0..).take_while(|i| has(&format!("f_rest_{i}"))).count();
         let named = vertex.properties.iter().filter(|property| property.name.starts_with("f_rest_")).count();
-        let degree = (0..=3).find(|d| rest == 3 * (sh_coefficient_count(*d) - 1)).filter(|_| named == rest);
+        let degree = (0..=MAX_SH_DEGREE)
+            .find(|d| rest == 3 * (sh_coefficient_count(*d) - 1))
+            .filter(|_| named == rest);
         let Some(sh_degree) = degree else {
-            let expected = "0, 9, 24 or 45 properties, numbered from 0";
+            let expected = "0, 9, 24, 45 or 72 properties, numbered from 0";
             return Err(invalid("f_rest_*", expected, &format!("{named}, {rest} numbered in sequence")));
         };
 
@@ -170,7 +236,29 @@ impl Layout {
             let (channel, coefficient) = (i / (rest / 3), 1 + i % (rest / 3));
             add(&format!("f_rest_{i}"), Target::Sh(coefficient * 3 + channel))?;
         }
-        Ok(Self { columns, row_bytes: row_bytes as usize, sh_degree })
+        if has(FILTER) {
+            add(FILTER, Target::Filter)?;
+        }
+        Ok(Self { columns, row_bytes: row_bytes as usize, sh_degree, origin: DVec3::ZERO })
+    }
+
+    /// Whether the file has positions in more than single precision.
+    fn has_precise_positions(&self) -> bool {
+        let is_precise = |scalar| matches!(scalar, Scalar::F64 | Scalar::I32 | Scalar::U32);
+        self.columns
+            .iter()
+            .any(|(column, target)| matches!(target, Target::Mean(_)) && is_precise(column.scalar))
+    }
+
+    /// The origin for scenes of which `rows` are a sample.
+    fn origin_of(&self, rows: &[u8]) -> DVec3 {
+        let mut positions = [const { Vec::new() }; 3];
+        for (column, target) in &self.columns {
+            if let Target::Mean(axis) = *target {
+                column.each_f64(rows, self.row_bytes, |_, value| positions[axis].push(value));
+            }
+        }
+        origin::of(positions)
     }
 
     /// Activates `rows` into `slots`, one row each.
@@ -184,7 +272,12 @@ impl Layout {
                 match *target {
                     Target::Mean(axis) => {
                         let plane = &mut slots.means[axis][first..last];
-                        column.each(rows, self.row_bytes, |i, value| plane[i] = value);
+                        match self.origin[axis] {
+                            0.0 => column.each(rows, self.row_bytes, |i, value| plane[i] = value),
+                            origin => column.each_f64(rows, self.row_bytes, |i, value| {
+                                plane[i] = (value - origin) as f32
+                            }),
+                        }
                     }
                     Target::Scale(axis) => {
                         let plane = &mut slots.scales[axis][first..last];
@@ -198,6 +291,9 @@ impl Layout {
                         let plane = &mut slots.opacities[first..last];
                         column.each(rows, self.row_bytes, |i, value| plane[i] = 1.0 / (1.0 + (-value).exp()));
                     }
+                    Target::Filter => {
+                        column.each(rows, self.row_bytes, |i, filter| widen(slots, first + i, filter));
+                    }
                     Target::Sh(index) => {
                         let sh = &mut slots.sh[first * stride + index..];
                         column.each(rows, self.row_bytes, |i, value| sh[i * stride] = value);
@@ -206,4 +302,19 @@ impl Layout {
             }
         }
     }
+}
+
+/// Convolves Gaussian `i` with a round one of standard deviation `filter` that keeps its mass, as Mip-Splatting does
+/// before it projects: variances add, and opacity shrinks as the volume grows. A filter that is no number leaves no
+/// valid Gaussian.
+fn widen(slots: &mut Slots<'_>, i: usize, filter: f32) {
+    let mut shrunk = 1.0;
+    for plane in &mut slots.scales {
+        let before = f64::from(plane[i]);
+        let after = before.hypot(f64::from(filter));
+        plane[i] = after as f32;
+        // Of a flat Gaussian that no filter widens nothing changes.
+        shrunk *= if after == 0.0 { 1.0 } else { before / after };
+    }
+    slots.opacities[i] = (f64::from(slots.opacities[i]) * shrunk) as f32;
 }

@@ -2,23 +2,28 @@
 
 use std::ops::Range;
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::super::BLOCK;
+use super::super::archive::Archive;
 use super::super::error::LoadError;
 use super::super::progress::Work;
 use super::super::quaternion::with_largest;
 use super::super::source::{Files, Source, inside};
-use super::archive::Archive;
 use super::meta::{Meta, ShRest};
 use super::plane::Plane;
-use crate::gaussians::{MAX_SH_DEGREE, Slots, sh_coefficient_count};
+use crate::gaussians::{Slots, sh_coefficient_count};
+use crate::scene::OpacityMode;
 
 /// Palette rows side by side in the image of the palette.
 pub(super) const PALETTE_COLUMNS: usize = 64;
 
 /// WebP images are at most 16,384 pixels on a side; more Gaussians cannot be.
 const MAX_COUNT: u64 = 1 << 28;
+
+/// The largest degree of spherical harmonics that the format has.
+const MAX_BANDS: u8 = 3;
 
 /// Ranges of Gaussians, in order and apart.
 pub(super) type Ranges = Vec<Range<usize>>;
@@ -57,9 +62,9 @@ impl<'a> Chunk<'a> {
             return Err(LoadError::invalid(&name, "count", expected, meta.count.to_string()));
         }
         if let Some(rest) = &meta.sh_rest
-            && rest.bands > MAX_SH_DEGREE
+            && rest.bands > MAX_BANDS
         {
-            let expected = format!("at most {MAX_SH_DEGREE}");
+            let expected = format!("at most {MAX_BANDS}");
             return Err(LoadError::invalid(&name, "shN.bands", expected, rest.bands.to_string()));
         }
         let mut chunk = Self { name, count: meta.count as usize, meta, images, file_bytes: source.len() };
@@ -87,8 +92,9 @@ impl<'a> Chunk<'a> {
         self.file_bytes
     }
 
-    pub(super) const fn antialiased(&self) -> bool {
-        self.meta.antialias
+    /// The mode that the Gaussians were trained in, and what of the description is not used.
+    pub(super) fn mode(&self) -> (OpacityMode, Vec<String>) {
+        self.meta.mode()
     }
 
     pub(super) fn sh_degree(&self) -> u8 {
@@ -118,13 +124,24 @@ impl<'a> Chunk<'a> {
         }
     }
 
+    /// Least and largest coordinate along `axis`.
+    pub(super) fn bounds(&self, axis: usize) -> [f64; 2] {
+        [self.meta.means.mins[axis], self.meta.means.maxs[axis]].map(linear)
+    }
+
     /// The range of all Gaussians.
     pub(super) fn all(&self) -> Ranges {
         std::iter::once(0..self.count).collect()
     }
 
     /// Fills `slots` with the Gaussians of `ranges`, one range after the other. The slots are as many.
-    pub(super) fn decode(&self, ranges: Ranges, slots: Slots<'_>, work: &Work<'_>) -> Result<(), LoadError> {
+    pub(super) fn decode(
+        &self,
+        ranges: Ranges,
+        slots: Slots<'_>,
+        origin: DVec3,
+        work: &Work<'_>,
+    ) -> Result<(), LoadError> {
         let names: Vec<&str> = self.image_names().collect();
         let planes = names
             .par_iter()
@@ -148,7 +165,8 @@ impl<'a> Chunk<'a> {
         };
         let decoder = Decoder {
             meta: &self.meta,
-            scales: self.meta.scales.codebook.0.map(f32::exp),
+            origin,
+            scales: self.meta.scales.codebooks.each_ref().map(|codebook| codebook.0.map(f32::exp)),
             planes: planes.iter().map(|(_, plane)| plane).collect(),
             palette,
         };
@@ -167,6 +185,11 @@ impl<'a> Chunk<'a> {
     }
 }
 
+/// The coordinate whose sign(x)·ln(|x| + 1) is `log`.
+fn linear(log: f64) -> f64 {
+    log.abs().exp_m1() * log.signum()
+}
+
 /// The palette of the higher spherical harmonics as f32 rows `[count, coefficients − 1, 3]`.
 struct Palette {
     rows: Vec<f32>,
@@ -175,7 +198,8 @@ struct Palette {
 
 fn palette(rest: &ShRest, name: &str, plane: &Plane) -> Result<Palette, LoadError> {
     let coefficients = sh_coefficient_count(rest.bands) - 1;
-    let count = rest.count as usize;
+    let all = plane.height * PALETTE_COLUMNS;
+    let count = rest.count.map_or(all, |count| count as usize);
     let (width, height) = (PALETTE_COLUMNS * coefficients, count.div_ceil(PALETTE_COLUMNS));
     if plane.width != width || plane.height < height {
         let expected = format!("{width} × {height} pixels for {count} rows of {} bands", rest.bands);
@@ -199,8 +223,10 @@ fn palette(rest: &ShRest, name: &str, plane: &Plane) -> Result<Palette, LoadErro
 /// Everything that the pixels of one Gaussian need to become parameters.
 struct Decoder<'a> {
     meta: &'a Meta,
-    /// The codebook of log scales, activated.
-    scales: [f32; 256],
+    /// Subtracted from means before they lose precision.
+    origin: DVec3,
+    /// The codebooks of log scales, activated.
+    scales: [[f32; 256]; 3],
     /// In the order of [`Chunk::image_names`]: means low, means high, scales, quaternions, sh0, palette,
     /// labels.
     planes: Vec<&'a Plane>,
@@ -216,18 +242,18 @@ impl Decoder<'_> {
         let [_, _, scales, quaternions, sh0, ..] = self.planes[..] else { return };
         for i in 0..slots.len() {
             let codes = scales.pixel(first + i);
-            for (plane, code) in slots.scales.iter_mut().zip(codes) {
-                plane[i] = self.scales[usize::from(code)];
+            for ((plane, code), values) in slots.scales.iter_mut().zip(codes).zip(&self.scales) {
+                plane[i] = values[usize::from(code)];
             }
             let rotation = unpack_quaternion(quaternions.pixel(first + i));
             for (plane, value) in slots.rotations.iter_mut().zip(rotation) {
                 plane[i] = value;
             }
             let [r, g, b, opacity] = sh0.pixel(first + i);
-            slots.opacities[i] = f32::from(opacity) / 255.0;
+            slots.opacities[i] = self.meta.opacities.0[usize::from(opacity)];
             let constant = &mut slots.sh[i * slots.sh_stride..i * slots.sh_stride + 3];
-            for (value, code) in constant.iter_mut().zip([r, g, b]) {
-                *value = self.meta.sh0.codebook.0[usize::from(code)];
+            for ((value, code), values) in constant.iter_mut().zip([r, g, b]).zip(&self.meta.sh0.codebooks) {
+                *value = values.0[usize::from(code)];
             }
         }
         if let (Some(palette), Some(labels)) = (&self.palette, self.planes.get(6)) {
@@ -248,11 +274,12 @@ impl Decoder<'_> {
     fn unpack_means(&self, axis: usize, first: usize, means: &mut [f32]) {
         let (min, max) = (self.meta.means.mins[axis], self.meta.means.maxs[axis]);
         let step = (max - min) / 65_535.0;
+        let origin = self.origin[axis];
         for (i, mean) in means.iter_mut().enumerate() {
             let low = self.planes[0].pixel(first + i)[axis];
             let high = self.planes[1].pixel(first + i)[axis];
             let value = min + step * f64::from(u16::from_le_bytes([low, high]));
-            *mean = (value.abs().exp_m1() * value.signum()) as f32;
+            *mean = (linear(value) - origin) as f32;
         }
     }
 }

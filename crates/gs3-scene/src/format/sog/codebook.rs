@@ -1,4 +1,4 @@
-//! 256 values that stand for many: one-dimensional k-means.
+//! 256 values that stand for many: one-dimensional k-means, weighted.
 
 use rayon::prelude::*;
 
@@ -8,26 +8,30 @@ const ROUNDS: usize = 16;
 /// Bins of the histogram that places the first guess.
 const BINS: usize = 4096;
 
-/// 256 values in ascending order with small squared distance to the values they are made from.
+/// 256 values in ascending order with small weighted squared distance to the values they are made from.
 pub(super) struct Codebook(pub(super) [f32; 256]);
 
 impl Codebook {
-    /// Fits to `values`, which are finite. Up to 256 different ones are kept exactly.
-    pub(super) fn fit(mut values: Vec<f32>) -> Self {
-        values.par_sort_unstable_by(f32::total_cmp);
-        let (Some(&smallest), Some(&largest)) = (values.first(), values.last()) else {
+    /// Fits to values, which are finite, with weights, which are positive. Up to 256 different values are kept exactly.
+    pub(super) fn fit(mut weighted: Vec<(f32, f32)>) -> Self {
+        weighted.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        let values: Vec<f32> = weighted.iter().map(|(value, _)| *value).collect();
+        if values.is_empty() {
             return Self([0.0; 256]);
-        };
+        }
         if let Some(exact) = few_values(&values) {
             return Self(exact);
         }
-        let sums: Vec<f64> = std::iter::once(0.0)
-            .chain(values.iter().scan(0.0, |sum, value| {
-                *sum += f64::from(*value);
-                Some(*sum)
-            }))
-            .collect();
-        let mut codes = first_guess(&values, smallest, largest);
+        // Of weights, and of values times weights, before each place.
+        let (mut weights, mut sums) = (vec![0.0], vec![0.0]);
+        let (mut weight_sum, mut sum) = (0.0, 0.0);
+        for (value, weight) in weighted {
+            weight_sum += f64::from(weight);
+            sum += f64::from(value) * f64::from(weight);
+            weights.push(weight_sum);
+            sums.push(sum);
+        }
+        let mut codes = first_guess(&values, &weights);
         for _ in 0..ROUNDS {
             let mut start = 0;
             for i in 0..256 {
@@ -38,8 +42,8 @@ impl Codebook {
                     }
                     None => values.len(),
                 };
-                if end > start {
-                    codes[i] = ((sums[end] - sums[start]) / (end - start) as f64) as f32;
+                if weights[end] > weights[start] {
+                    codes[i] = ((sums[end] - sums[start]) / (weights[end] - weights[start])) as f32;
                 }
                 start = end;
             }
@@ -71,28 +75,28 @@ fn few_values(sorted: &[f32]) -> Option<[f32; 256]> {
     Some(codes)
 }
 
-/// Density of codes proportional to the cube root of the density of values, which minimises the squared
-/// distance for many codes (Panter and Dite 1951).
-fn first_guess(values: &[f32], smallest: f32, largest: f32) -> [f32; 256] {
-    let (smallest, largest) = (f64::from(smallest), f64::from(largest));
+/// Density of codes proportional to the cube root of the density of weight, which minimises the squared distance for
+/// many codes (Panter and Dite 1951). `before` has the weight before each of the sorted values, of which there are some.
+fn first_guess(values: &[f32], before: &[f64]) -> [f32; 256] {
+    let (smallest, largest) = (f64::from(values[0]), f64::from(values[values.len() - 1]));
     let edge = |bin: usize| smallest + (largest - smallest) * bin as f64 / BINS as f64;
     let mut weights = vec![0.0; BINS];
     let mut start = 0;
     for (bin, weight) in weights.iter_mut().enumerate() {
         let end = start + values[start..].partition_point(|value| f64::from(*value) <= edge(bin + 1));
-        *weight = ((end - start) as f64).cbrt();
+        *weight = (before[end] - before[start]).cbrt();
         start = end;
     }
     let total: f64 = weights.iter().sum();
     let mut codes = [largest as f32; 256];
-    let (mut bin, mut before) = (0, 0.0);
+    let (mut bin, mut passed) = (0, 0.0);
     for (i, code) in codes.iter_mut().enumerate() {
         let wanted = total * (i as f64 + 0.5) / 256.0;
-        while bin + 1 < BINS && before + weights[bin] < wanted {
-            before += weights[bin];
+        while bin + 1 < BINS && passed + weights[bin] < wanted {
+            passed += weights[bin];
             bin += 1;
         }
-        let share = if weights[bin] > 0.0 { ((wanted - before) / weights[bin]).min(1.0) } else { 0.5 };
+        let share = if weights[bin] > 0.0 { ((wanted - passed) / weights[bin]).min(1.0) } else { 0.5 };
         *code = (edge(bin) + (edge(bin + 1) - edge(bin)) * share) as f32;
     }
     codes
@@ -104,7 +108,7 @@ mod tests {
 
     #[test]
     fn few_values_are_kept_exactly() {
-        let book = Codebook::fit(vec![3.0, -1.0, 3.0, 0.25, -1.0]);
+        let book = Codebook::fit([3.0, -1.0, 3.0, 0.25, -1.0].map(|value| (value, 1.0)).to_vec());
         for value in [3.0, -1.0, 0.25] {
             assert_eq!(book.0[usize::from(book.encode(value))], value);
         }
@@ -115,10 +119,22 @@ mod tests {
         // Dense near 0 with two far outliers: evenly spaced codes would be 0.8 apart.
         let mut values: Vec<f32> = (0..100_000).map(|i| (i as f32 / 100_000.0 - 0.5).powi(3) * 8.0).collect();
         values.extend([-100.0, 100.0]);
-        let book = Codebook::fit(values.clone());
+        let book = Codebook::fit(values.iter().map(|value| (*value, 1.0)).collect());
         assert!(book.0.is_sorted());
         let errors = values.iter().map(|value| (value - book.0[usize::from(book.encode(*value))]).abs());
         let worst = errors.fold(0.0, f32::max);
         assert!(worst < 0.1, "worst error {worst}");
+    }
+
+    /// Where the weight is, codes are dense.
+    #[test]
+    fn heavy_values_come_back_closer_than_light_ones() {
+        let value = |i: usize| i as f32 / 10_000.0;
+        let weighted = (0..10_000).map(|i| (value(i), if i < 1000 { 1.0 } else { 1e-4 }));
+        let book = Codebook::fit(weighted.collect());
+        let error = |i: usize| (value(i) - book.0[usize::from(book.encode(value(i)))]).abs();
+        let worst = |range: std::ops::Range<usize>| range.map(error).fold(0.0, f32::max);
+        assert!(worst(0..1000) < 0.3 / 256.0, "{}", worst(0..1000));
+        assert!(worst(1000..10_000) > 1.0 / 256.0);
     }
 }

@@ -2,24 +2,54 @@
 
 use std::collections::BTreeMap;
 
-use serde::Deserialize;
 use serde::de::{DeserializeOwned, IgnoredAny};
+use serde::{Deserialize, Deserializer};
 
-use super::super::error::LoadError;
+use super::super::error::{LoadError, quoted};
 use super::super::source::Source;
+use super::super::unused_note;
+use super::version_1::MetaV1;
+use crate::scene::OpacityMode;
 
-/// `meta.json`, version 2.
+/// `meta.json`, version 2; [`MetaV1`] becomes one, too.
 #[derive(Debug, Deserialize)]
 pub(super) struct Meta {
     pub(super) count: u64,
+    /// How programs of before August 2026 say what `model` says.
     #[serde(default)]
     pub(super) antialias: bool,
+    /// What projects the Gaussians: `default`, `antialiased` or `2dgs`.
+    pub(super) model: Option<String>,
     pub(super) means: Means,
     pub(super) scales: Coded,
     pub(super) quats: Quats,
     pub(super) sh0: Coded,
+    #[serde(skip)]
+    pub(super) opacities: Opacities,
     #[serde(rename = "shN")]
     pub(super) sh_rest: Option<ShRest>,
+    /// Fields that are not read.
+    #[serde(flatten, deserialize_with = "keys")]
+    pub(super) unused: Vec<String>,
+}
+
+/// Fields that say nothing about the picture.
+const HARMLESS: [&str; 2] = ["version", "asset"];
+
+fn keys<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<String>, D::Error> {
+    let fields = BTreeMap::<String, IgnoredAny>::deserialize(deserializer)?;
+    Ok(fields.into_keys().filter(|key| !HARMLESS.contains(&key.as_str())).collect())
+}
+
+/// Opacities of the 256 bytes.
+#[derive(Debug)]
+pub(super) struct Opacities(pub(super) [f32; 256]);
+
+impl Default for Opacities {
+    /// Those of version 2.
+    fn default() -> Self {
+        Self(std::array::from_fn(|code| code as f32 / 255.0))
+    }
 }
 
 /// Log-space bounds of the means, and the images of their low and high bytes.
@@ -30,11 +60,25 @@ pub(super) struct Means {
     pub(super) files: [String; 2],
 }
 
-/// An image whose bytes index a codebook.
+/// An image whose bytes index a codebook for each of three channels.
 #[derive(Debug, Deserialize)]
+#[serde(from = "CodedAlike")]
 pub(super) struct Coded {
-    pub(super) codebook: Codebook,
+    pub(super) codebooks: [Codebook; 3],
     pub(super) files: [String; 1],
+}
+
+/// One whose channels share a codebook, as version 2 has it.
+#[derive(Debug, Deserialize)]
+struct CodedAlike {
+    codebook: Codebook,
+    files: [String; 1],
+}
+
+impl From<CodedAlike> for Coded {
+    fn from(CodedAlike { codebook, files }: CodedAlike) -> Self {
+        Self { codebooks: [codebook.clone(), codebook.clone(), codebook], files }
+    }
 }
 
 #[derive(Debug, Deserialize)]
@@ -45,14 +89,15 @@ pub(super) struct Quats {
 /// The higher spherical harmonics: images of a palette's rows and of each Gaussian's row number.
 #[derive(Debug, Deserialize)]
 pub(super) struct ShRest {
-    pub(super) count: u32,
+    /// Rows of the palette; where it is not stated, as many as its image has.
+    pub(super) count: Option<u32>,
     pub(super) bands: u8,
     pub(super) codebook: Codebook,
     pub(super) files: [String; 2],
 }
 
 /// Values of the 256 bytes. A byte without a value decodes to NaN, so that its Gaussian is dropped and counted.
-#[derive(Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize)]
 #[serde(from = "Vec<Option<f32>>")]
 pub(super) struct Codebook(pub(super) [f32; 256]);
 
@@ -100,29 +145,34 @@ pub(super) struct Run {
 }
 
 #[derive(Deserialize)]
-struct Kind {
-    tree: Option<IgnoredAny>,
-}
-
-#[derive(Deserialize)]
 struct Version {
     version: Option<u64>,
 }
 
-/// Whether the JSON text is a `lod-meta.json`.
-pub(in super::super) fn is_streamed(source: &Source<'_>) -> Result<bool, LoadError> {
-    Ok(parse::<Kind>(source)?.tree.is_some())
-}
-
 impl Meta {
+    /// The mode that the Gaussians were trained in, and what of the file is not used.
+    pub(super) fn mode(&self) -> (OpacityMode, Vec<String>) {
+        let mut notes: Vec<String> = unused_note("fields", &self.unused).into_iter().collect();
+        let mode = match self.model.as_deref() {
+            Some("antialiased") => OpacityMode::Antialiased,
+            None if self.antialias => OpacityMode::Antialiased,
+            None | Some("default") => OpacityMode::Default,
+            Some(other) => {
+                notes.push(format!(
+                    "model {} is not known and not used: the scene is shown in default mode",
+                    quoted(other)
+                ));
+                OpacityMode::Default
+            }
+        };
+        (mode, notes)
+    }
+
     pub(super) fn parse(source: &Source<'_>) -> Result<Self, LoadError> {
         match parse::<Version>(source)?.version {
             Some(2) => parse(source),
-            Some(other) => Err(LoadError::invalid(source.name(), "version", "2", other.to_string())),
-            None => {
-                let actual = "none (version 1, or not SOG at all)";
-                Err(LoadError::invalid(source.name(), "version", "2", actual))
-            }
+            Some(1) | None => Ok(parse::<MetaV1>(source)?.into_meta()),
+            Some(other) => Err(LoadError::invalid(source.name(), "version", "1 or 2", other.to_string())),
         }
     }
 }

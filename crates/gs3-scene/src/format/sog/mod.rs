@@ -1,29 +1,28 @@
-//! SOG (PlayCanvas): Gaussians as the pixels of lossless WebP images beside a `meta.json`.
+//! SOG (PlayCanvas): Gaussians as the pixels of lossless WebP (or PNG) images beside a `meta.json`.
 //!
-//! Source: the SOG format specification, version 2, and the streamed SOG specification, version 1, both by
+//! Source: the SOG format specification, versions 1 and 2, and the streamed SOG specification, version 1, both by
 //! PlayCanvas. Every per-Gaussian image has Gaussian `i` at pixel `(i mod width, i / width)`.
 
-mod archive;
 mod chunk;
 mod codebook;
 mod meta;
 mod palette;
 mod plane;
 mod stream;
+mod version_1;
 mod write;
 
 use std::io;
 
 use rayon::prelude::*;
 
-use super::Decoded;
 use super::error::LoadError;
 use super::progress::{Progress, Work};
 use super::source::{Files, Source, check_allowance};
+use super::{Decoded, origin};
 use crate::gaussians::Gaussians;
 use crate::scene::OpacityMode;
 use chunk::{Chunk, Ranges};
-pub(super) use meta::is_streamed;
 pub use stream::Streamed;
 pub(super) use stream::{read as read_streamed, streamed};
 pub(super) use write::{MOST_GAUSSIANS, write};
@@ -54,10 +53,31 @@ fn decode(file: &str, selections: Vec<Selection<'_>>, progress: Progress<'_>) ->
     let scene_bytes = (count as u64).checked_mul((11 + stride as u64) * 4);
     check_allowance(file, "count", file_bytes, scene_bytes)?;
 
-    let mode = match selections.iter().any(|(chunk, _)| chunk.antialiased()) {
-        true => OpacityMode::Antialiased,
-        false => OpacityMode::Default,
-    };
+    let mut notes = Vec::new();
+    let mut modes = Vec::new();
+    for (chunk, _) in &selections {
+        let (mode, of_chunk) = chunk.mode();
+        modes.push(mode);
+        // What all chunks have alike is told once.
+        of_chunk.into_iter().for_each(|note| {
+            if !notes.contains(&note) {
+                notes.push(note);
+            }
+        });
+    }
+    let is_antialiased = |mode: &OpacityMode| *mode == OpacityMode::Antialiased;
+    let mode = if modes.iter().any(is_antialiased) { OpacityMode::Antialiased } else { OpacityMode::Default };
+    if modes.iter().any(is_antialiased) && !modes.iter().all(is_antialiased) {
+        notes.push("some chunks are antialiased and some are not: all are shown antialiased".to_owned());
+    }
+    let origin = origin::of([0, 1, 2].map(|axis| {
+        // Ends twice, so that they are what percentiles find.
+        let bounds = selections.iter().flat_map(|(chunk, _)| {
+            let [low, high] = chunk.bounds(axis);
+            [low, low, f64::midpoint(low, high), high, high]
+        });
+        bounds.collect()
+    }));
     let work = Work::new(selections.iter().map(|(chunk, _)| chunk.work()).sum(), progress);
     let mut gaussians = Gaussians::zeroed(count, degree);
     let mut rest = gaussians.slots();
@@ -67,11 +87,13 @@ fn decode(file: &str, selections: Vec<Selection<'_>>, progress: Progress<'_>) ->
         rest = others;
         tasks.push((chunk, ranges, slots));
     }
-    tasks.into_par_iter().try_for_each(|(chunk, ranges, slots)| chunk.decode(ranges, slots, &work))?;
-    Ok((gaussians, mode))
+    tasks
+        .into_par_iter()
+        .try_for_each(|(chunk, ranges, slots)| chunk.decode(ranges, slots, origin, &work))?;
+    Ok(Decoded { origin, notes, ..Decoded::new(gaussians, mode) })
 }
 
 /// The error of a file that a SOG scene names and does not have.
-fn missing(name: &str) -> LoadError {
+pub(super) fn missing(name: &str) -> LoadError {
     LoadError::Io { file: name.to_owned(), source: io::Error::from(io::ErrorKind::NotFound) }
 }

@@ -1,4 +1,4 @@
-//! A palette for vectors: tree-structured vector quantisation. Splitting in two again and again takes time
+//! A palette for weighted vectors: tree-structured vector quantisation. Splitting in two again and again takes time
 //! proportional to the logarithm of the palette's size, where plain k-means takes its size: a factor of 4,000
 //! for 65,536 rows.
 
@@ -25,6 +25,8 @@ pub(super) struct Palette {
 #[derive(Clone, Copy)]
 pub(super) struct Vectors<'a> {
     pub(super) values: &'a [f32],
+    /// How much the error of each counts, positive.
+    pub(super) weights: &'a [f32],
     pub(super) stride: usize,
     pub(super) offset: usize,
 }
@@ -52,6 +54,17 @@ impl Palette {
         }
         Self { rows, labels }
     }
+
+    /// The rows' values, each with the weight of all vectors that the row stands for.
+    pub(super) fn weighted_values(&self, weights: &[f32], dimensions: usize) -> Vec<(f32, f32)> {
+        let mut of_rows = vec![0.0f32; self.rows.len() / dimensions];
+        for (label, weight) in self.labels.iter().zip(weights) {
+            of_rows[usize::from(*label)] += weight;
+        }
+        // A row that stands for none is not read.
+        let weight = |i: usize| of_rows[i / dimensions].max(f32::MIN_POSITIVE);
+        self.rows.iter().enumerate().map(|(i, value)| (*value, weight(i))).collect()
+    }
 }
 
 /// Vectors that share a part of the palette.
@@ -67,7 +80,7 @@ impl Node<'_> {
     fn split(self, vectors: Vectors<'_>, dimensions: usize) {
         let Self { members, labels, rows, first_row } = self;
         let budget = rows.len() / dimensions;
-        let Statistics { mean, variance } = Statistics::of(vectors, dimensions, members);
+        let Statistics { mean, variance, .. } = Statistics::of(vectors, dimensions, members);
         let halves = if budget > 1 { bisect(vectors, members, &mean, &variance) } else { None };
         let Some(middle) = halves else {
             rows[..dimensions].iter_mut().zip(&mean).for_each(|(row, mean)| *row = *mean as f32);
@@ -77,8 +90,7 @@ impl Node<'_> {
         let (left, right) = members.split_at_mut(middle);
         // Rows where the error is: the best allocation for many dimensions is in proportion to the squared
         // error.
-        let error =
-            |members: &[u32]| Statistics::of(vectors, dimensions, members).squared_error(members.len());
+        let error = |members: &[u32]| Statistics::of(vectors, dimensions, members).squared_error();
         let (left_error, right_error) = (error(left), error(right));
         let share = left_error / (left_error + right_error).max(f64::MIN_POSITIVE);
         let least = budget.saturating_sub(right.len()).max(1);
@@ -103,10 +115,12 @@ impl Node<'_> {
     }
 }
 
-/// Mean and variance of each dimension.
+/// Weighted mean and variance of each dimension.
 struct Statistics {
     mean: Vec<f64>,
     variance: Vec<f64>,
+    /// Of all members.
+    weight: f64,
 }
 
 impl Statistics {
@@ -115,27 +129,30 @@ impl Statistics {
         let blocks: Vec<Vec<f64>> = members
             .par_chunks(PARALLEL_FROM)
             .map(|block| {
-                let mut sums = vec![0.0; 2 * dimensions];
-                let (first, second) = sums.split_at_mut(dimensions);
+                let mut sums = vec![0.0; 2 * dimensions + 1];
                 for member in block {
-                    for ((a, b), value) in first.iter_mut().zip(&mut *second).zip(vectors.get(*member)) {
-                        let value = f64::from(*value);
-                        *a += value;
-                        *b += value * value;
+                    let weight = f64::from(vectors.weights[*member as usize]);
+                    let (first, rest) = sums.split_at_mut(dimensions);
+                    for ((a, b), value) in first.iter_mut().zip(&mut *rest).zip(vectors.get(*member)) {
+                        let weighted = weight * f64::from(*value);
+                        *a += weighted;
+                        *b += weighted * f64::from(*value);
                     }
+                    rest[dimensions] += weight;
                 }
                 sums
             })
             .collect();
-        let count = members.len().max(1) as f64;
-        let sum = |k: usize| blocks.iter().map(|block| block[k]).sum::<f64>() / count;
+        let total = |k: usize| blocks.iter().map(|block| block[k]).sum::<f64>();
+        let weight = total(2 * dimensions).max(f64::MIN_POSITIVE);
+        let sum = |k: usize| total(k) / weight;
         let mean: Vec<f64> = (0..dimensions).map(sum).collect();
         let variance = (0..dimensions).map(|k| (sum(dimensions + k) - mean[k] * mean[k]).max(0.0)).collect();
-        Self { mean, variance }
+        Self { mean, variance, weight }
     }
 
-    fn squared_error(&self, count: usize) -> f64 {
-        self.variance.iter().sum::<f64>() * count as f64
+    fn squared_error(&self) -> f64 {
+        self.variance.iter().sum::<f64>() * self.weight
     }
 }
 
@@ -149,7 +166,8 @@ fn bisect(vectors: Vectors<'_>, members: &mut [u32], mean: &[f64], variance: &[f
     let mut direction = vec![0.0f64; dimensions];
     for member in members.iter() {
         let vector = vectors.get(*member);
-        let along = f64::from(vector[widest]) - mean[widest];
+        let weight = f64::from(vectors.weights[*member as usize]);
+        let along = weight * (f64::from(vector[widest]) - mean[widest]);
         for k in 0..dimensions {
             direction[k] += along * (f64::from(vector[k]) - mean[k]);
         }
@@ -201,7 +219,8 @@ mod tests {
     fn different_vectors_get_rows_of_their_own_while_there_are_enough() {
         let values: Vec<f32> =
             (0..300).flat_map(|i| [f32::NAN, (i % 100) as f32, (i % 7) as f32 * 0.5]).collect();
-        let palette = Palette::fit(Vectors { values: &values, stride: 3, offset: 1 }, 300);
+        let palette =
+            Palette::fit(Vectors { values: &values, weights: &[1.0; 300], stride: 3, offset: 1 }, 300);
         for (i, label) in palette.labels.iter().enumerate() {
             let row = &palette.rows[usize::from(*label) * 2..][..2];
             assert!((row[0] - (i % 100) as f32).abs() < 1e-3, "vector {i} is {row:?}");

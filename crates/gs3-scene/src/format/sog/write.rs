@@ -2,6 +2,7 @@
 
 use std::io::{self, Cursor, Write};
 
+use glam::DVec3;
 use image_webp::{ColorType, WebPEncoder};
 use rayon::prelude::*;
 use serde_json::json;
@@ -9,6 +10,7 @@ use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
 use super::super::activation::log_scale;
+use super::super::morton;
 use super::super::quaternion::without_largest;
 use super::chunk::PALETTE_COLUMNS;
 use super::codebook::Codebook;
@@ -25,11 +27,16 @@ pub(in super::super) const MOST_GAUSSIANS: usize = 16_380 * 16_380;
 /// rows.
 pub(in super::super) fn write(scene: &Scene, writer: &mut impl Write) -> io::Result<()> {
     let gaussians = scene.gaussians();
-    let means = Means::new(gaussians);
+    let means = Means::new(scene);
     let order = means.morton_order();
-    let scales = Codebook::fit(gaussians.scales.par_iter().flatten().map(|s| log_scale(*s)).collect());
+    let weights = weights(gaussians);
     let stride = gaussians.sh_stride();
-    let sh0 = Codebook::fit(gaussians.sh.chunks_exact(stride).flat_map(|sh| &sh[..3]).copied().collect());
+    let weighted = |of: &(dyn Fn(usize) -> [f32; 3] + Sync)| {
+        let three = |i: usize| of(i).map(|value| (value, weights[i]));
+        (0..gaussians.len()).into_par_iter().flat_map_iter(three).collect()
+    };
+    let scales = Codebook::fit(weighted(&|i| gaussians.scale(i).map(log_scale)));
+    let sh0 = Codebook::fit(weighted(&|i| [0, 1, 2].map(|c| gaussians.sh_of(i)[c])));
     let per_gaussian =
         |channels: ColorType, pixel: &(dyn Fn(usize, &mut [u8]) + Sync)| image(&order, channels, pixel);
 
@@ -62,8 +69,11 @@ pub(in super::super) fn write(scene: &Scene, writer: &mut impl Write) -> io::Res
         "sh0": { "codebook": sh0.0.to_vec(), "files": ["sh0.webp"] },
     });
     if gaussians.sh_degree > 0 {
-        let palette = Palette::fit(Vectors { values: &gaussians.sh, stride, offset: 3 }, gaussians.len());
-        let codebook = Codebook::fit(palette.rows.clone());
+        let palette = Palette::fit(
+            Vectors { values: &gaussians.sh, weights: &weights, stride, offset: 3 },
+            gaussians.len(),
+        );
+        let codebook = Codebook::fit(palette.weighted_values(&weights, stride - 3));
         let rows = palette.rows.len() / (stride - 3);
         images.push(("shN_centroids.webp", palette_image(&palette.rows, stride - 3, &codebook)));
         let labels = per_gaussian(rgb, &|i, p| {
@@ -82,6 +92,22 @@ pub(in super::super) fn write(scene: &Scene, writer: &mut impl Write) -> io::Res
         images.into_par_iter().map(|(name, image)| Ok((name, image.encode()?))).collect();
     let bundle = bundle(&encoded?, &serde_json::to_vec(&meta)?)?;
     writer.write_all(&bundle)
+}
+
+/// How much an error of each Gaussian's colours and scales counts: the square of what it shows, its opacity times its
+/// size on an image from afar. A thousandth of the mean at least, so that none is lost.
+fn weights(gaussians: &Gaussians) -> Vec<f32> {
+    let shown = |i: usize| {
+        let [a, b, c] = gaussians.scale(i);
+        // The largest of the three faces of the box around the ellipsoid.
+        let area = (a * b).max(b * c).max(c * a).min(f32::MAX.sqrt());
+        gaussians.opacities[i].powi(2) * area
+    };
+    let mut weights: Vec<f32> = (0..gaussians.len()).into_par_iter().map(shown).collect();
+    let mean = weights.iter().map(|w| f64::from(*w)).sum::<f64>() / weights.len().max(1) as f64;
+    let least = (1e-3 * mean).max(f64::from(f32::MIN_POSITIVE)) as f32;
+    weights.par_iter_mut().for_each(|weight| *weight = weight.max(least));
+    weights
 }
 
 /// The archive: images stored, for they are compressed already.
@@ -150,53 +176,40 @@ fn set<const CHANNELS: usize>(pixel: &mut [u8], values: [u8; CHANNELS]) {
 /// Means as 16-bit codes between the bounds of sign(x)·ln(|x| + 1).
 struct Means<'a> {
     gaussians: &'a Gaussians,
+    origin: DVec3,
     mins: [f64; 3],
     maxs: [f64; 3],
 }
 
 impl<'a> Means<'a> {
-    fn new(gaussians: &'a Gaussians) -> Self {
+    fn new(scene: &'a Scene) -> Self {
+        let gaussians = scene.gaussians();
         let bound = |pick: fn(f32, f32) -> f32| {
             let of = |plane: &Vec<f32>| plane.iter().copied().reduce(pick).unwrap_or_default();
-            gaussians.means.each_ref().map(|plane| log_position(of(plane)))
+            let (means, origin) = (gaussians.means.each_ref(), scene.details().origin);
+            std::array::from_fn(|axis| log_position(f64::from(of(means[axis])) + origin[axis]))
         };
-        Self { gaussians, mins: bound(f32::min), maxs: bound(f32::max) }
+        Self { gaussians, origin: scene.details().origin, mins: bound(f32::min), maxs: bound(f32::max) }
     }
 
     fn codes(&self, i: usize) -> [u16; 3] {
         let mean = self.gaussians.mean(i);
         std::array::from_fn(|axis| {
             let extent = self.maxs[axis] - self.mins[axis];
-            let share = (log_position(mean[axis]) - self.mins[axis]) / extent.max(f64::MIN_POSITIVE);
+            let share = (log_position(f64::from(mean[axis]) + self.origin[axis]) - self.mins[axis])
+                / extent.max(f64::MIN_POSITIVE);
             (share * 65_535.0).round() as u16
         })
     }
 
     /// Indices of the Gaussians along a space-filling curve.
     fn morton_order(&self) -> Vec<u32> {
-        let mut keys: Vec<(u64, u32)> = (0..self.gaussians.len() as u32)
-            .into_par_iter()
-            .map(|i| {
-                let [x, y, z] = self.codes(i as usize).map(spread);
-                (x | y << 1 | z << 2, i)
-            })
-            .collect();
-        keys.par_sort_unstable();
-        keys.into_iter().map(|(_, i)| i).collect()
+        morton::order(self.gaussians.len(), |i| self.codes(i))
     }
 }
 
-fn log_position(value: f32) -> f64 {
-    f64::from(value).abs().ln_1p() * f64::from(value).signum()
-}
-
-/// The 16 bits with two zeros after each.
-fn spread(code: u16) -> u64 {
-    let mut bits = u64::from(code);
-    bits = (bits | bits << 16) & 0x0000_ff00_00ff;
-    bits = (bits | bits << 8) & 0x00f0_0f00_f00f;
-    bits = (bits | bits << 4) & 0x0c30_c30c_30c3;
-    (bits | bits << 2) & 0x2492_4924_9249
+fn log_position(value: f64) -> f64 {
+    value.abs().ln_1p() * value.signum()
 }
 
 /// Three components within ±√½ as bytes, and 252 + the index (w, x, y, z) of the fourth.
@@ -204,17 +217,4 @@ fn pack_rotation(rotation: [f32; 4]) -> [u8; 4] {
     let (largest, others) = without_largest(rotation);
     let [a, b, c] = others.map(|v| ((v * std::f32::consts::SQRT_2 * 0.5 + 0.5) * 255.0).round() as u8);
     [a, b, c, 252 + largest as u8]
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn morton_bits_are_spread_one_by_one() {
-        for code in [0, 1, 0x8000, 0xffff, 0xa5c3, 0x1234] {
-            let expected = (0..16).fold(0, |bits, k| bits | u64::from(code >> k & 1u16) << (3 * k));
-            assert_eq!(spread(code), expected, "code {code:04x}");
-        }
-    }
 }

@@ -1,4 +1,4 @@
-//! Writing SPZ, version 3.
+//! Writing SPZ, versions 3 and 4.
 
 use std::fmt;
 use std::io::{self, Write};
@@ -6,15 +6,47 @@ use std::io::{self, Write};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use rayon::prelude::*;
+use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 
 use super::super::activation::log_scale;
 use super::super::quaternion::without_largest;
 use super::super::rows::write_rows;
-use super::{ANTIALIASED, COLOR_SCALE, HEADER, MAGIC, POSITION_SIGNS, QUATERNION_SIGNS, SH_SIGNS, Sizes};
+use super::extensions::axes_record;
+use super::{
+    ANTIALIASED, COLOR_SCALE, EXTENDED, MAGIC, POSITION_SIGNS, QUATERNION_SIGNS, SH_SIGNS, STREAMS_HEADER,
+    Sizes,
+};
+use crate::axes::Axes;
 use crate::gaussians::Gaussians;
 use crate::scene::{OpacityMode, Scene};
 
-const VERSION: u32 = 3;
+/// The versions that are written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(in super::super) enum Version {
+    /// One gzip stream; spherical harmonics up to degree 3.
+    Three,
+    /// A Zstandard frame for each array.
+    #[default]
+    Four,
+}
+
+impl Version {
+    /// Its number in files.
+    const fn number(self) -> u32 {
+        match self {
+            Self::Three => 3,
+            Self::Four => 4,
+        }
+    }
+
+    /// The largest degree of spherical harmonics that it has.
+    pub(in super::super) const fn max_sh_degree(self) -> u8 {
+        match self {
+            Self::Three => 3,
+            Self::Four => 4,
+        }
+    }
+}
 
 /// Positions are 24-bit fixed-point numbers: at most this, at least its negative.
 const LARGEST_FIXED: f64 = ((1 << 23) - 1) as f64;
@@ -24,10 +56,13 @@ const MOST_FRACTIONAL_BITS: i32 = 20;
 
 /// Bits after the binary point that keep all positions of `scene` representable with the finest step; the
 /// coordinate that is too large where none do.
-pub(in super::super) fn fractional_bits(scene: &Scene) -> Result<u8, f32> {
-    let means = scene.gaussians().means.iter().flatten();
-    let largest = means.fold(0.0f32, |largest, value| largest.max(value.abs()));
-    let bits = (LARGEST_FIXED / f64::from(largest.max(f32::MIN_POSITIVE))).log2().floor();
+pub(in super::super) fn fractional_bits(scene: &Scene) -> Result<u8, f64> {
+    let origin = scene.details().origin;
+    let of_axis = |(axis, plane): (usize, &Vec<f32>)| {
+        plane.iter().fold(0.0f64, |largest, value| largest.max((f64::from(*value) + origin[axis]).abs()))
+    };
+    let largest = scene.gaussians().means.iter().enumerate().map(of_axis).fold(0.0, f64::max);
+    let bits = (LARGEST_FIXED / largest.max(f64::from(f32::MIN_POSITIVE))).log2().floor();
     match bits.min(f64::from(MOST_FRACTIONAL_BITS)) as i32 {
         bits @ 0.. => Ok(bits as u8),
         _ => Err(largest),
@@ -97,55 +132,113 @@ fn is_sh_clamped(gaussians: &Gaussians, i: usize) -> bool {
     codes.any(|code| !(0.0..=255.0).contains(&code.round()))
 }
 
-/// Writes `scene` with positions of the given [`fractional_bits`]. Higher harmonics keep all 8 bits, where
-/// Niantic's encoder rounds them to 5 and 4 for a smaller file. [`clamped`] tells what is cut.
-pub(in super::super) fn write(scene: &Scene, fractional_bits: u8, writer: &mut impl Write) -> io::Result<()> {
-    let gaussians = scene.gaussians();
-    let sizes = Sizes::new(VERSION, gaussians.sh_degree);
-    let count = u32::try_from(gaussians.len()).map_err(io::Error::other)?;
-    let mut header = [0; HEADER];
-    header[0..4].copy_from_slice(&MAGIC.to_le_bytes());
-    header[4..8].copy_from_slice(&VERSION.to_le_bytes());
-    header[8..12].copy_from_slice(&count.to_le_bytes());
-    header[12] = gaussians.sh_degree;
-    header[13] = fractional_bits;
-    header[14] = if scene.opacity_mode() == OpacityMode::Antialiased { ANTIALIASED } else { 0 };
+/// Writes `scene` with positions of the given [`fractional_bits`], in right-up-back, which is stated. The scene's degree
+/// is at most that of `version`. Higher harmonics keep all 8 bits, where Niantic's encoder rounds them to 5 and 4 for a
+/// smaller file. [`clamped`] tells what is cut.
+pub(in super::super) fn write(
+    scene: &Scene,
+    version: Version,
+    fractional_bits: u8,
+    writer: &mut impl Write,
+) -> io::Result<()> {
+    let degree = scene.gaussians().sh_degree;
+    let sizes = Sizes::new(version.number(), degree);
+    let count = u32::try_from(scene.gaussians().len()).map_err(io::Error::other)?;
+    let antialiased = if scene.opacity_mode() == OpacityMode::Antialiased { ANTIALIASED } else { 0 };
+    let mut header = Vec::with_capacity(STREAMS_HEADER);
+    for word in [MAGIC, version.number(), count] {
+        header.extend_from_slice(&word.to_le_bytes());
+    }
+    header.extend_from_slice(&[degree, fractional_bits, antialiased | EXTENDED]);
+    let arrays = Arrays { scene, sizes, unit: f64::from(fractional_bits).exp2() };
+    let extension = axes_record(Axes::RUB);
+    match version {
+        Version::Three => {
+            header.push(0);
+            let mut gzip = GzEncoder::new(writer, Compression::default());
+            gzip.write_all(&header)?;
+            for k in arrays.present() {
+                arrays.write(k, &mut gzip)?;
+            }
+            gzip.write_all(&extension)?;
+            gzip.finish()?;
+            Ok(())
+        }
+        Version::Four => {
+            let present: Vec<usize> = arrays.present().collect();
+            header.push(present.len() as u8);
+            let table_start = STREAMS_HEADER + extension.len();
+            header.extend_from_slice(&(table_start as u32).to_le_bytes());
+            header.resize(STREAMS_HEADER, 0);
+            let frames = present
+                .into_par_iter()
+                .map(|k| {
+                    let mut array = Vec::with_capacity(scene.gaussians().len() * sizes.in_order()[k]);
+                    arrays.write(k, &mut array)?;
+                    Ok((compress_to_vec(array.as_slice(), CompressionLevel::Fastest), array.len()))
+                })
+                .collect::<io::Result<Vec<(Vec<u8>, usize)>>>()?;
+            writer.write_all(&header)?;
+            writer.write_all(&extension)?;
+            for (frame, size) in &frames {
+                writer.write_all(&(frame.len() as u64).to_le_bytes())?;
+                writer.write_all(&(*size as u64).to_le_bytes())?;
+            }
+            frames.iter().try_for_each(|(frame, _)| writer.write_all(frame))
+        }
+    }
+}
 
-    let mut gzip = GzEncoder::new(writer, Compression::default());
-    gzip.write_all(&header)?;
-    let count = gaussians.len();
-    let unit = f64::from(fractional_bits).exp2();
-    write_rows(&mut gzip, count, sizes.positions, |i, row| {
-        let signed = gaussians.mean(i).into_iter().zip(POSITION_SIGNS).map(|(value, sign)| value * sign);
-        for (bytes, value) in row.as_chunks_mut::<3>().0.iter_mut().zip(signed) {
-            let fixed = (f64::from(value) * unit).round().clamp(-LARGEST_FIXED, LARGEST_FIXED) as i32;
+/// The arrays of a file.
+struct Arrays<'a> {
+    scene: &'a Scene,
+    sizes: Sizes,
+    /// Steps of positions in a world unit.
+    unit: f64,
+}
+
+impl Arrays<'_> {
+    /// Those that have bytes, by their place in the file.
+    fn present(&self) -> impl Iterator<Item = usize> {
+        let sizes = self.sizes.in_order();
+        (0..sizes.len()).filter(move |k| sizes[*k] > 0)
+    }
+
+    /// Writes the array at place `k`.
+    fn write(&self, k: usize, writer: &mut impl Write) -> io::Result<()> {
+        let gaussians = self.scene.gaussians();
+        let size = self.sizes.in_order()[k];
+        write_rows(writer, gaussians.len(), size, |i, row| match k {
+            0 => self.pack_position(gaussians.mean(i), row),
+            1 => row[0] = code(gaussians.opacities[i] * 255.0),
+            2 => {
+                for (byte, dc) in row.iter_mut().zip(gaussians.sh_of(i)) {
+                    *byte = code(color_code(*dc));
+                }
+            }
+            3 => {
+                for (byte, scale) in row.iter_mut().zip(gaussians.scale(i)) {
+                    *byte = code(scale_code(scale));
+                }
+            }
+            4 => row.copy_from_slice(&pack_rotation(gaussians.rotation(i)).to_le_bytes()),
+            _ => {
+                for (k, (byte, value)) in row.iter_mut().zip(&gaussians.sh_of(i)[3..]).enumerate() {
+                    *byte = code(sh_code(k, *value));
+                }
+            }
+        })
+    }
+
+    fn pack_position(&self, mean: [f32; 3], row: &mut [u8]) {
+        let origin = self.scene.details().origin;
+        for (axis, bytes) in row.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+            let value = (f64::from(mean[axis]) + origin[axis]) * f64::from(POSITION_SIGNS[axis]);
+            let fixed = (value * self.unit).round().clamp(-LARGEST_FIXED, LARGEST_FIXED) as i32;
             let [low, middle, high, _] = fixed.to_le_bytes();
             *bytes = [low, middle, high];
         }
-    })?;
-    write_rows(&mut gzip, count, sizes.alphas, |i, row| row[0] = code(gaussians.opacities[i] * 255.0))?;
-    write_rows(&mut gzip, count, sizes.colors, |i, row| {
-        for (byte, dc) in row.iter_mut().zip(gaussians.sh_of(i)) {
-            *byte = code(color_code(*dc));
-        }
-    })?;
-    write_rows(&mut gzip, count, sizes.scales, |i, row| {
-        for (byte, scale) in row.iter_mut().zip(gaussians.scale(i)) {
-            *byte = code(scale_code(scale));
-        }
-    })?;
-    write_rows(&mut gzip, count, sizes.rotations, |i, row| {
-        row.copy_from_slice(&pack_rotation(gaussians.rotation(i)).to_le_bytes());
-    })?;
-    if sizes.sh > 0 {
-        write_rows(&mut gzip, count, sizes.sh, |i, row| {
-            for (k, (byte, value)) in row.iter_mut().zip(&gaussians.sh_of(i)[3..]).enumerate() {
-                *byte = code(sh_code(k, *value));
-            }
-        })?;
     }
-    gzip.finish()?;
-    Ok(())
 }
 
 /// Constant terms, scales and higher coefficients (number `k` of their row) as numbers of which a file holds 0 to 255,

@@ -1,12 +1,12 @@
-//! A bundled SOG: a ZIP archive with `meta.json` and the images.
+//! ZIP archives: a bundled SOG, or a file of another format in one.
 
 use std::io::Read;
 
 use zip::ZipArchive;
 
-use super::super::error::LoadError;
-use super::super::source::{Cursor, Files, Source, allowance};
-use super::missing;
+use super::error::{LoadError, quoted};
+use super::sog::missing;
+use super::source::{Cursor, Files, Source, allowance};
 
 /// The entries of an archive, as files.
 pub(super) struct Archive<'a> {
@@ -29,6 +29,34 @@ impl<'a> Archive<'a> {
         };
         drop(metas);
         Ok(Self { source, zip, prefix })
+    }
+
+    /// Whether this is a SOG bundle.
+    pub(super) fn is_bundle(&self) -> bool {
+        self.zip.index_for_name(&format!("{}meta.json", self.prefix)).is_some()
+    }
+
+    /// The one scene in an archive that is no SOG bundle.
+    pub(super) fn single(&self) -> Result<Source<'_>, LoadError> {
+        const SCENES: [&str; 6] = [".ply", ".spz", ".splat", ".ksplat", ".glb", ".rad"];
+        let names: Vec<String> = self.zip.file_names().flatten().map(|name| name.to_string()).collect();
+        // What macOS adds beside files are no files.
+        let is_scene = |name: &&String| {
+            let lower = name.to_ascii_lowercase();
+            !lower.starts_with("__macosx/") && SCENES.iter().any(|extension| lower.ends_with(extension))
+        };
+        match names.iter().filter(is_scene).collect::<Vec<_>>()[..] {
+            [name] => self.open(name),
+            [] => {
+                let first = names.first().map_or_else(|| "nothing".to_owned(), |name| quoted(name));
+                let expected = "a SOG bundle (meta.json) or a scene";
+                Err(LoadError::invalid(self.source.name(), "archive", expected, first))
+            }
+            [first, second, ..] => {
+                let actual = format!("{} and {}", quoted(first), quoted(second));
+                Err(LoadError::invalid(self.source.name(), "archive", "one scene", actual))
+            }
+        }
     }
 }
 

@@ -1,0 +1,77 @@
+//! What a reader knows beside the bytes of its file: what the caller states, and files beside it.
+
+use std::cell::RefCell;
+use std::path::{Path, PathBuf};
+
+use gs3_files::read_within;
+
+use super::{CaptureOptions, MAX_JSON_BYTES, picture};
+use crate::format::unused_note;
+
+/// Where a file of cameras lies, and what its reader has to tell.
+pub(super) struct Context<'a> {
+    pub(super) options: &'a CaptureOptions,
+    /// The folder of the file; none of bytes in memory, which have no files beside them.
+    folder: Option<PathBuf>,
+    notes: RefCell<Vec<String>>,
+}
+
+impl<'a> Context<'a> {
+    /// That of bytes in memory.
+    pub(super) const fn in_memory(options: &'a CaptureOptions) -> Self {
+        Self { options, folder: None, notes: RefCell::new(Vec::new()) }
+    }
+
+    /// That of the file at `path`.
+    pub(super) fn beside(path: &Path, options: &'a CaptureOptions) -> Self {
+        let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+        Self { folder: Some(folder), ..Self::in_memory(options) }
+    }
+
+    /// Adds to what is told, unless the same was told already.
+    pub(super) fn note(&self, note: String) {
+        let mut notes = self.notes.borrow_mut();
+        if !notes.contains(&note) {
+            notes.push(note);
+        }
+    }
+
+    /// Tells that fields called `names` are not used.
+    pub(super) fn note_unknown(&self, mut names: Vec<String>) {
+        names.sort_unstable();
+        names.dedup();
+        if let Some(note) = unused_note("fields", &names) {
+            self.note(note);
+        }
+    }
+
+    /// All that there is to tell.
+    pub(super) fn into_notes(self) -> Vec<String> {
+        self.notes.into_inner()
+    }
+
+    /// The bytes of the file called `name` beside this one, where there is one.
+    pub(super) fn sibling(&self, name: &str) -> Option<Vec<u8>> {
+        let file = self.folder.as_ref()?.join(name);
+        file.is_file().then(|| read_within(&file, MAX_JSON_BYTES).ok()).flatten()
+    }
+
+    /// Width and height of the picture called `name`, a path from the file's folder or from its `images`; the extension
+    /// may be missing. Only pictures within those folders are looked at.
+    pub(super) fn picture_size(&self, name: &str) -> Option<(u32, u32)> {
+        let folder = self.folder.as_ref()?;
+        let relative = Path::new(name.trim_start_matches("./"));
+        let is_inside = relative.components().all(|part| matches!(part, std::path::Component::Normal(_)));
+        if name.is_empty() || !is_inside {
+            return None;
+        }
+        let files = [folder.join(relative), folder.join("images").join(relative)];
+        files.into_iter().flat_map(|file| with_extensions(&file)).find_map(|file| picture::size(&file))
+    }
+}
+
+/// `file`, and the same with the extensions that captures leave out.
+fn with_extensions(file: &Path) -> Vec<PathBuf> {
+    let with = |extension: &str| PathBuf::from(format!("{}.{extension}", file.display()));
+    std::iter::once(file.to_owned()).chain(["png", "jpg", "jpeg", "JPG", "PNG"].map(with)).collect()
+}

@@ -1,0 +1,166 @@
+//! Writing scenes.
+
+use std::ffi::OsStr;
+use std::path::Path;
+
+use gs3_files::write_atomically;
+use rayon::prelude::*;
+
+use super::error::SaveError;
+use super::spz::Clamped;
+use super::{gltf, ply, sog, splat, spz};
+use crate::scene::{OpacityMode, Scene};
+
+/// The version of SPZ that is written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SpzVersion {
+    /// For programs that do not know version 4 yet; spherical harmonics up to degree 3.
+    Three,
+    /// Smaller and faster to read.
+    #[default]
+    Four,
+}
+
+impl From<SpzVersion> for spz::Version {
+    fn from(version: SpzVersion) -> Self {
+        match version {
+            SpzVersion::Three => Self::Three,
+            SpzVersion::Four => Self::Four,
+        }
+    }
+}
+
+/// How to write what a format leaves open.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SaveOptions {
+    /// The version of SPZ.
+    pub spz_version: SpzVersion,
+}
+
+/// Saves `scene` as [`save_with`] does with what [`SaveOptions`] are unless stated.
+///
+/// # Errors
+/// As [`save_with`].
+pub fn save(scene: &Scene, path: impl AsRef<Path>) -> Result<(), SaveError> {
+    save_with(scene, path, &SaveOptions::default())
+}
+
+/// Saves `scene` at `path` in the format that its name ends in: those of [`format_of`]. The file appears whole or not
+/// at all. Positions are those of the file that the scene came from, in right-down-front or what the format asks for.
+/// Precision is that of the format: exact to rounding for PLY and GLB, quantised for the others; SOG and compressed PLY
+/// reorder the Gaussians.
+///
+/// # Errors
+/// [`SaveError`] if the name ends otherwise, the scene does not fit the format, or the file cannot be written.
+pub fn save_with(scene: &Scene, path: impl AsRef<Path>, options: &SaveOptions) -> Result<(), SaveError> {
+    let path = path.as_ref();
+    let io_error = |source| SaveError::Io { file: path.to_owned(), source };
+    let unrepresentable = |field, expected: String, actual: String| SaveError::Unrepresentable {
+        file: path.to_owned(),
+        field,
+        expected,
+        actual,
+    };
+    let format = format_of(path)?;
+    let (count, degree) = (scene.gaussians().len(), scene.gaussians().sh_degree);
+    let check_degree = |most: u8| match degree {
+        degree if degree > most => {
+            Err(unrepresentable("SH degree", format!("at most {most}"), degree.to_string()))
+        }
+        _ => Ok(()),
+    };
+    match format {
+        "ply" => write_atomically(path, |writer| ply::write(scene, writer)).map_err(io_error),
+        "spz" => {
+            let version = spz::Version::from(options.spz_version);
+            check_degree(version.max_sh_degree())?;
+            let bits = spz::fractional_bits(scene).map_err(|largest| {
+                unrepresentable("position", "coordinates up to 8388607".to_owned(), largest.to_string())
+            })?;
+            write_atomically(path, |writer| spz::write(scene, version, bits, writer)).map_err(io_error)
+        }
+        "compressed.ply" => {
+            write_atomically(path, |writer| ply::write_compressed(scene, writer)).map_err(io_error)
+        }
+        "splat" => write_atomically(path, |writer| splat::write(scene, writer)).map_err(io_error),
+        "glb" if !gltf::fits(scene) => {
+            let expected = "a scene of less than 4 GiB".to_owned();
+            Err(unrepresentable("count", expected, count.to_string()))
+        }
+        "glb" => write_atomically(path, |writer| gltf::write(scene, writer)).map_err(io_error),
+        _ if count > sog::MOST_GAUSSIANS => {
+            Err(unrepresentable("count", format!("at most {}", sog::MOST_GAUSSIANS), count.to_string()))
+        }
+        _ => {
+            check_degree(3)?;
+            write_atomically(path, |writer| sog::write(scene, writer)).map_err(io_error)
+        }
+    }
+}
+
+/// What a file of `scene` at `path` does not keep and could change the picture, beyond the rounding of its values:
+/// sentences of one line.
+#[must_use]
+pub fn losses(scene: &Scene, path: impl AsRef<Path>) -> Vec<String> {
+    let Ok(format) = format_of(path) else { return Vec::new() };
+    let gaussians = scene.gaussians();
+    let mut losses = Vec::new();
+    if scene.opacity_mode() == OpacityMode::Antialiased && ["glb", "splat"].contains(&format) {
+        losses.push(
+            "the format has no antialiased mode: other programs show the scene in default mode".to_owned(),
+        );
+    }
+    if format == "splat" && gaussians.sh_degree > 0 {
+        losses.push("the format has no spherical harmonics: colours look alike from everywhere".to_owned());
+    }
+    if format == "compressed.ply" {
+        let cut = (0..gaussians.len()).into_par_iter().filter(|i| ply::is_sh_cut(gaussians, *i)).count();
+        if cut > 0 {
+            losses.push(format!("{cut} Gaussians have spherical harmonics outside ±4: they are cut to that"));
+        }
+    }
+    // Relative to a far origin, half a step of f32 may be visible.
+    let far = scene.details().origin.abs().max_element();
+    if far > 0.0 && ["splat", "compressed.ply"].contains(&format) {
+        let step = (far as f32).next_up() - far as f32;
+        losses.push(format!(
+            "positions are rounded to steps of {step:.1e}, as the scene lies {far:.3e} from the origin (PLY, GLB and SOG \
+             keep them)"
+        ));
+    }
+    losses
+}
+
+/// The step that all positions are rounded to by what [`save`] writes of `scene` at `path`, world units: that of SPZ,
+/// whose coordinates are 24-bit numbers of one step, fine enough for the farthest Gaussian. `None` of other formats,
+/// whose precision is relative, and of scenes that do not fit.
+#[must_use]
+pub fn position_step(scene: &Scene, path: impl AsRef<Path>) -> Option<f32> {
+    let is_fixed = format_of(path).is_ok_and(|format| format == "spz");
+    is_fixed.then(|| spz::fractional_bits(scene).ok().map(spz::step)).flatten()
+}
+
+/// How many Gaussians [`save`] changes beyond rounding where it writes `scene` at `path`: those of SPZ, whose scales
+/// and spherical harmonics are bytes over a fixed range. `None` of other formats, whose ranges are those of the scene,
+/// and where nothing is changed.
+#[must_use]
+pub fn clamped(scene: &Scene, path: impl AsRef<Path>) -> Option<Clamped> {
+    let is_fixed = format_of(path).is_ok_and(|format| format == "spz");
+    is_fixed.then(|| spz::clamped(scene)).filter(|clamped| *clamped != Clamped::default())
+}
+
+/// The format that [`save`] writes at `path`, by how its name ends: `compressed.ply`, `ply`, `spz`, `sog`, `glb` or
+/// `splat`.
+///
+/// # Errors
+/// [`SaveError::UnknownFormat`] if it ends otherwise.
+pub fn format_of(path: impl AsRef<Path>) -> Result<&'static str, SaveError> {
+    let path = path.as_ref();
+    let lower = |part: Option<&OsStr>| part.unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let name = lower(path.file_name());
+    let ends = |format: &&&str| name.ends_with(&format!(".{format}"));
+    let found = ["compressed.ply", "ply", "spz", "sog", "glb", "splat"].iter().find(ends);
+    found
+        .copied()
+        .ok_or_else(|| SaveError::UnknownFormat { file: path.to_owned(), actual: lower(path.extension()) })
+}

@@ -1,0 +1,93 @@
+//! Files that PlayCanvas' splat-transform reads and writes, an implementation independent of this one: its files of a
+//! scene are read as its PLY, and ours are read by it as ours.
+//!
+//! Needs the program: `SPLAT_TRANSFORM` is its command line, as `.ci/run` sets it.
+
+use std::path::Path;
+use std::process::Command;
+
+use gs3_scene::format::{LoadOptions, SaveOptions, SpzVersion, load, save, save_with};
+use gs3_scene::{OpacityMode, Scene};
+
+use crate::round_trip::{COMPRESSED_PLY, GLB, PLY, SOG, SPZ, Tolerance, compare, nearest, scene};
+
+/// Runs the program in `folder`, where there is one.
+fn splat_transform(folder: &Path, arguments: &[&str]) -> bool {
+    let Ok(command) = std::env::var("SPLAT_TRANSFORM") else {
+        eprintln!("skipped: SPLAT_TRANSFORM names no splat-transform");
+        return false;
+    };
+    let mut words = command.split_ascii_whitespace();
+    let program = words.next().expect("SPLAT_TRANSFORM names a program");
+    let output = Command::new(program).args(words).args(arguments).current_dir(folder).output().unwrap();
+    let said =
+        String::from_utf8_lossy(&output.stderr).into_owned() + &String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "splat-transform {arguments:?}: {said}");
+    true
+}
+
+fn read(path: impl AsRef<Path>) -> Scene {
+    load(path, &LoadOptions::default(), &|_| {}).unwrap()
+}
+
+/// Scenes of several degrees, no Gaussians at one place, so that partners are told by their positions.
+fn scenes() -> impl Iterator<Item = Scene> {
+    [0, 1, 3].into_iter().map(|degree| scene(u64::from(degree) + 77, 700, degree, OpacityMode::Default))
+}
+
+/// Coarser harmonics than ours: its SPZ rounds them to 5 and 4 bits, its palette has fewer rows.
+const THEIR_SPZ: Tolerance = Tolerance { sh: 0.07, ..SPZ };
+const THEIR_SOG: Tolerance = Tolerance { sh: 2.0, ..SOG };
+
+#[test]
+fn its_files_are_read_as_its_ply() {
+    for before in scenes() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        save(&before, at("s.ply")).unwrap();
+        for (arguments, name, tolerance) in [
+            (&["-w", "s.ply", "a.spz"][..], "a.spz", &THEIR_SPZ),
+            (&["-w", "--spz-version", "3", "s.ply", "b.spz"], "b.spz", &THEIR_SPZ),
+            (&["-w", "s.ply", "c.compressed.ply"], "c.compressed.ply", &COMPRESSED_PLY),
+            (&["-w", "s.ply", "d.glb"], "d.glb", &GLB_THERE),
+            (&["-w", "-g", "cpu", "s.ply", "e.sog"], "e.sog", &THEIR_SOG),
+        ] {
+            if !splat_transform(folder.path(), arguments) {
+                return;
+            }
+            let after = read(at(name));
+            compare(&before, &after, tolerance, |i| nearest(&after, before.gaussians().mean(i)));
+        }
+    }
+}
+
+/// Through the PLY's logarithm and logit, and single-precision rotations.
+const GLB_THERE: Tolerance =
+    Tolerance { mean: 1e-6, scale: 2e-5, radians: 3e-3, opacity: 1e-5, sh0: 1e-5, sh: 1e-5 };
+
+#[test]
+fn our_files_are_read_by_it() {
+    for before in scenes() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        for (name, tolerance) in
+            [("s.ply", &PLY), ("s.spz", &SPZ), ("s.compressed.ply", &COMPRESSED_PLY), ("s.sog", &SOG)]
+        {
+            save(&before, at(name)).unwrap();
+            if !splat_transform(folder.path(), &["-w", name, "back.ply"]) {
+                return;
+            }
+            let after = read(at("back.ply"));
+            let tolerance = Tolerance { mean: tolerance.mean.max(1e-6), ..*tolerance };
+            compare(&before, &after, &tolerance, |i| nearest(&after, before.gaussians().mean(i)));
+        }
+        let old = SaveOptions { spz_version: SpzVersion::Three };
+        save_with(&before, at("old.spz"), &old).unwrap();
+        splat_transform(folder.path(), &["-w", "old.spz", "back.ply"]);
+        let after = read(at("back.ply"));
+        compare(&before, &after, &SPZ, |i| nearest(&after, before.gaussians().mean(i)));
+        // It writes GLB and does not read it: ours is held against its own by the reader of both.
+        save(&before, at("ours.glb")).unwrap();
+        compare(&before, &read(at("ours.glb")), &GLB, |i| i);
+    }
+}
