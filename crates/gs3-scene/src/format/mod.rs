@@ -45,7 +45,7 @@ use glam::DVec3;
 pub(crate) use error::quoted;
 pub use error::{LoadError, SaveError};
 pub use progress::Progress;
-pub use save::{SaveOptions, SpzVersion, clamped, format_of, losses, position_step, save};
+pub use save::{SaveOptions, SpzVersion, clamped, format_of, losses, position_step, save, save_with};
 pub use sog::Streamed;
 pub use source::{Files, Source};
 pub use spz::Clamped;
