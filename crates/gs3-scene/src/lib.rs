@@ -7,6 +7,7 @@ pub mod camera;
 pub mod camera_path;
 pub mod capture;
 pub mod demo;
+mod exact_blocks;
 pub mod format;
 pub mod gaussians;
 pub mod gbuffer;
@@ -20,6 +21,7 @@ pub use glam;
 
 pub use camera::{Camera, CameraError, Intrinsics};
 pub use camera_path::CameraPath;
+pub use exact_blocks::{BLOCK_SIDE, ExactBlock, ExactBlocks, block_grid};
 pub use gaussians::Gaussians;
 pub use gbuffer::{GBuffer, Geometry, Gradients, Margin, Planes};
 pub use image::Image;

@@ -5,10 +5,11 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
+use super::grid::Grid;
 use super::project::Projected;
 use crate::settings::Culling;
 
-/// Tile size in pixels. 32×16 keeps a tile's blending state (up to 22 values a pixel) near the first-level cache,
+/// Tile size in samples. 32×16 keeps a tile's blending state (up to 22 values a pixel) near the first-level cache,
 /// gives bands of 16 rows to share among threads, and its 4×4 blocks fill a 32-bit mask.
 pub const TILE_WIDTH: usize = 32;
 /// See [`TILE_WIDTH`].
@@ -50,8 +51,9 @@ impl Bins {
         self.runs.iter().map(move |tiles| &tiles[tile][..])
     }
 
-    /// Fills the bins of a `columns`×`rows` grid of tiles.
-    pub fn fill(&mut self, jobs: &[Projected], columns: usize, rows: usize, culling: Culling) {
+    /// Fills the bins of the tiles of `grid`.
+    pub fn fill(&mut self, jobs: &[Projected], grid: &Grid, culling: Culling) {
+        let [columns, rows] = grid.tiles();
         let runs = balanced_runs(jobs, rayon::current_num_threads());
         self.runs.resize_with(runs.len(), Vec::new);
         self.runs.par_iter_mut().zip(runs).for_each(|(tiles, run)| {
@@ -61,7 +63,7 @@ impl Bins {
             for (job, projected) in run.clone().zip(&jobs[run]) {
                 for local in 0..projected.splats.len() {
                     let id = Id::new(job, local);
-                    for_each_tile(projected, local, culling, columns, |tile| tiles[tile].push(id));
+                    for_each_tile(projected, local, culling, grid, |tile| tiles[tile].push(id));
                 }
             }
         });
@@ -89,16 +91,11 @@ fn balanced_runs(jobs: &[Projected], count: usize) -> Vec<Range<usize>> {
 
 /// Calls `visit` with each tile that `culling` assigns the splat to.
 #[inline(always)]
-fn for_each_tile(
-    job: &Projected,
-    local: usize,
-    culling: Culling,
-    columns: usize,
-    mut visit: impl FnMut(usize),
-) {
+fn for_each_tile(job: &Projected, local: usize, culling: Culling, grid: &Grid, mut visit: impl FnMut(usize)) {
+    let ([columns, _], [width, height]) = (grid.tiles(), grid.tile_size());
     let rect = job.rects[local];
-    let (first_x, last_x) = (rect.x0 as usize / TILE_WIDTH, (rect.x1 as usize - 1) / TILE_WIDTH);
-    let (first_y, last_y) = (rect.y0 as usize / TILE_HEIGHT, (rect.y1 as usize - 1) / TILE_HEIGHT);
+    let (first_x, last_x) = (rect.x0 as usize / width, (rect.x1 as usize - 1) / width);
+    let (first_y, last_y) = (rect.y0 as usize / height, (rect.y1 as usize - 1) / height);
     if first_x == last_x && first_y == last_y {
         visit(first_y * columns + first_x);
         return;
@@ -113,16 +110,20 @@ fn for_each_tile(
         return;
     }
     let splat = &job.splats[local];
+    // From places counted from the first pixel to positions.
+    let [before_x, before_y] = grid.before.map(|pixels| pixels as f32);
     for y in first_y..=last_y {
-        let (top, bottom) = ((y * TILE_HEIGHT) as f32, ((y + 1) * TILE_HEIGHT - 1) as f32);
+        let top = (y * height) as f32 - before_y;
+        let bottom = top + (height - 1) as f32;
         let (mut from, mut to) = (first_x, last_x);
         if culling == Culling::AccuTile {
             let [left, right] = splat.x_span(top, bottom);
-            from = from.max((left.max(0.0) as usize) / TILE_WIDTH);
-            to = to.min((right.max(0.0) as usize) / TILE_WIDTH);
+            from = from.max(((left + before_x).max(0.0) as usize) / width);
+            to = to.min(((right + before_x).max(0.0) as usize) / width);
         }
         for x in from..=to {
-            let (left, right) = ((x * TILE_WIDTH) as f32, ((x + 1) * TILE_WIDTH - 1) as f32);
+            let left = (x * width) as f32 - before_x;
+            let right = left + (width - 1) as f32;
             if culling != Culling::Exact || splat.reaches(left, top, right, bottom) {
                 visit(y * columns + x);
             }

@@ -5,8 +5,10 @@
 
 mod bin;
 pub(crate) mod blend;
+mod blocks;
 pub(crate) mod cover;
 mod geometry;
+mod grid;
 mod importance;
 mod math;
 mod order;
@@ -20,7 +22,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use fearless_simd::{Level, dispatch};
-use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
+use gs3_scene::{BLOCK_SIDE, Camera, GBuffer, Image, Margin, Scene};
 use rayon::prelude::*;
 
 use crate::chunk::{self, CHUNK, Chunk};
@@ -28,6 +30,7 @@ use crate::settings::{Culling, Outputs, RasterError, RasterSettings};
 use crate::view::View;
 use bin::{Bins, TILE_HEIGHT, TILE_WIDTH};
 use blend::{COLOR, GBUFFER, GBUFFER_MIXED, TileScratch};
+use grid::Grid;
 pub use importance::Importance;
 use project::{ProjectInput, Projected};
 use resolve::{Band, Resolver};
@@ -36,6 +39,11 @@ use resolve::{Band, Resolver};
 /// bits that keys have for them.
 const JOB_CHUNKS: usize = 64;
 const _: () = assert!(JOB_CHUNKS * CHUNK <= bin::MAX_JOB_SIZE);
+
+/// Largest ratio of a low-resolution frame: a tile's blocks are bits of one number.
+const MAX_STRIDE: u32 = 8;
+const _: () = assert!(TILE_WIDTH * MAX_STRIDE as usize / BLOCK_SIDE <= u64::BITS as usize);
+const _: () = assert!(TILE_HEIGHT.is_multiple_of(BLOCK_SIDE) && TILE_WIDTH.is_multiple_of(BLOCK_SIDE));
 
 /// Wall-clock time of the stages of the last frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -58,7 +66,20 @@ pub struct Rasterizer {
     chunks: Vec<Chunk>,
     jobs: Vec<Projected>,
     bins: Bins,
+    /// Front to back, the splats of each tile of the last frame.
+    orders: Vec<Vec<u32>>,
+    /// The low-resolution frame whose splats are here, if they are those of one.
+    last: Option<LastFrame>,
     times: RasterTimes,
+}
+
+/// What [`Rasterizer::rasterize_blocks`] goes on from.
+struct LastFrame {
+    view: View,
+    grid: Grid,
+    settings: RasterSettings,
+    /// Width and height of the native image.
+    size: [usize; 2],
 }
 
 impl fmt::Debug for Rasterizer {
@@ -83,7 +104,17 @@ impl Rasterizer {
         let chunks = chunk::of_gaussians(scene.gaussians());
         let mut jobs = Vec::new();
         jobs.resize_with(chunks.len().div_ceil(JOB_CHUNKS), Projected::default);
-        Self { scene, culling, level, chunks, jobs, bins: Bins::default(), times: RasterTimes::default() }
+        Self {
+            scene,
+            culling,
+            level,
+            chunks,
+            jobs,
+            bins: Bins::default(),
+            orders: Vec::new(),
+            last: None,
+            times: RasterTimes::default(),
+        }
     }
 
     /// The scene.
@@ -116,14 +147,54 @@ impl Rasterizer {
         out: &mut GBuffer,
     ) -> Result<(), RasterError> {
         settings.check()?;
-        resolve::prepare(out, camera, settings);
+        let view = View::new(camera, settings);
+        let grid = Grid::native(view.size);
+        self.fill(&view, &grid, settings, out);
+        Ok(())
+    }
+
+    /// Rasterizes the low-resolution frame of `camera`, `scale` (1 to 8) times coarser than what it sees, into `out`:
+    /// the samples of [`Self::rasterize`] of [`Camera::low_resolution`] under the same `settings`, but for rounding.
+    /// With matched dilation and a jitter of the exact grid a sample is a pixel of the native image, bit for bit. The
+    /// frame's splats are those of the native image, which [`Self::rasterize_blocks`] shares.
+    ///
+    /// # Errors
+    /// [`RasterError`] if a setting is out of range, or if the margin's left or top side, times `scale`, is no multiple of
+    /// a block's four pixels; `out` is untouched then.
+    pub fn rasterize_low_resolution(
+        &mut self,
+        camera: &Camera,
+        scale: u32,
+        settings: &RasterSettings,
+        out: &mut GBuffer,
+    ) -> Result<(), RasterError> {
+        settings.check()?;
+        if !(1..=MAX_STRIDE).contains(&scale) {
+            return Err(RasterError::Scale { actual: scale });
+        }
+        if let Some(actual) = [settings.margin.left, settings.margin.top]
+            .into_iter()
+            .find(|side| side * scale % BLOCK_SIDE as u32 != 0)
+        {
+            return Err(RasterError::MarginBlocks { scale, actual });
+        }
+        let view = View::of_low_resolution(camera, scale, settings);
+        let grid = Grid::low_resolution(camera, scale, settings);
+        self.fill(&view, &grid, settings, out);
+        let size = [camera.width() as usize, camera.height() as usize];
+        let shares = settings.outputs != Outputs::Color;
+        self.last = shares.then_some(LastFrame { view, grid, settings: *settings, size });
+        Ok(())
+    }
+
+    fn fill(&mut self, view: &View, grid: &Grid, settings: &RasterSettings, out: &mut GBuffer) {
+        resolve::prepare(out, grid.size, settings);
         let bands = resolve::gbuffer_bands(out);
         match settings.outputs {
-            Outputs::Color => self.run::<COLOR>(camera, settings, bands),
-            Outputs::GBuffer => self.run::<GBUFFER>(camera, settings, bands),
-            Outputs::GBufferMixed => self.run::<GBUFFER_MIXED>(camera, settings, bands),
+            Outputs::Color => self.run::<COLOR>(view, grid, settings, bands),
+            Outputs::GBuffer => self.run::<GBUFFER>(view, grid, settings, bands),
+            Outputs::GBufferMixed => self.run::<GBUFFER_MIXED>(view, grid, settings, bands),
         }
-        Ok(())
     }
 
     /// Rasterizes colour only, as an [`Image`] whose fourth channel is alpha. `settings.outputs` and
@@ -140,35 +211,42 @@ impl Rasterizer {
         settings.check()?;
         let settings = RasterSettings { margin: Margin::NONE, ..*settings };
         out.resize(camera.width() as usize, camera.height() as usize);
-        self.run::<COLOR>(camera, &settings, resolve::image_bands(out));
+        let view = View::new(camera, &settings);
+        self.run::<COLOR>(&view, &Grid::native(view.size), &settings, resolve::image_bands(out));
         Ok(())
     }
 
     fn run<const OUTPUTS: usize>(
         &mut self,
-        camera: &Camera,
+        view: &View,
+        grid: &Grid,
         settings: &RasterSettings,
         bands: Vec<Band<'_>>,
     ) {
+        self.last = None;
         let started = Instant::now();
-        let view = View::new(camera, settings);
-        self.project(&view, OUTPUTS != COLOR, false);
+        self.project(view, OUTPUTS != COLOR, false);
         let projected = Instant::now();
 
-        let size = view.size.map(|side| side as usize);
-        let (columns, rows) = (size[0].div_ceil(TILE_WIDTH), size[1].div_ceil(TILE_HEIGHT));
-        self.bins.fill(&self.jobs, columns, rows, self.culling);
+        let [columns, rows] = grid.tiles();
+        self.bins.fill(&self.jobs, grid, self.culling);
         let binned = Instant::now();
 
+        self.orders.resize_with(columns * rows, Vec::new);
         let (jobs, bins, level) = (&self.jobs, &self.bins, self.level);
-        let resolver = Resolver::new(&view, settings);
-        bands.into_par_iter().enumerate().for_each_init(TileScratch::default, |scratch, (row, mut band)| {
-            for column in 0..columns {
+        let resolver = Resolver::new(view, settings);
+        let bands = bands.into_par_iter().zip(self.orders.par_chunks_exact_mut(columns)).enumerate();
+        bands.for_each_init(TileScratch::default, |scratch, (row, (mut band, orders))| {
+            for (column, order) in orders.iter_mut().enumerate() {
                 dispatch!(level, s => {
                     let tile = [column, row];
-                    blend::blend_tile::<_, OUTPUTS>(s, jobs, bins, tile, size, scratch);
-                    resolver.resolve::<_, OUTPUTS>(s, &mut scratch.blocks, tile, size, &mut band);
+                    blend::blend_tile::<_, OUTPUTS>(s, jobs, bins, tile, grid, scratch);
+                    resolver.resolve::<_, OUTPUTS>(s, &mut scratch.blocks, tile, grid, &mut band);
                 });
+                order.clear();
+                if OUTPUTS != COLOR {
+                    order.extend_from_slice(scratch.order.sorted());
+                }
             }
         });
         self.times =

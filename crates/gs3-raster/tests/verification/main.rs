@@ -2,6 +2,7 @@
 //! published rules, and properties that must hold whatever the implementation.
 
 mod against_oracle;
+mod blocks;
 mod compare;
 mod culling;
 mod derivatives;
