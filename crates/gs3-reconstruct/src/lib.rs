@@ -55,6 +55,7 @@ mod prefetch;
 mod reprojection;
 mod resample;
 mod samples;
+mod select;
 mod separate;
 mod splat;
 mod super_sample;
@@ -67,6 +68,7 @@ pub use interpolate::{Interpolator, Neighbor, Reprojected, Warped};
 pub use motion::{Depth, Motion, View};
 pub use reprojection::{NEAREST_DEPTH, inverse_depth};
 pub use resample::{Kernel, resample};
+pub use select::{BlockBudget, select_blocks};
 pub use super_sample::{Kriging, ResetReason, SuperSampler};
 
 /// Largest scale factor, HR over LR.
