@@ -21,7 +21,7 @@ pub fn write(pipeline: &mut FramePipeline, camera: &Camera, file: &Path) -> Resu
     let settings = *pipeline.settings();
     let native_settings = PipelineSettings { mode: Mode::Native, ..settings };
     let mut native = FramePipeline::new(pipeline.scene().clone(), native_settings)?;
-    let native = native.render(camera, &[])?.current;
+    let native = native.render(camera)?.current;
     let mut bicubic = Image::new(native.width(), native.height());
     pipeline.fetch_gbuffer()?;
     resample(pipeline.gbuffer(), settings.scale, Kernel::Bicubic, &mut bicubic)?;

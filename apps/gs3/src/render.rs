@@ -74,7 +74,9 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     let mut first_number = None;
     let mut is_blank = true;
     while next < range.end && !interrupt::requested() {
-        if let Err(error) = pipeline.render(&path.cameras()[next], &between(&settings, &path, next)) {
+        if let Err(error) =
+            pipeline.render_with_poses(&path.cameras()[next], &between(&settings, &path, next))
+        {
             machine.take_over(&mut pipeline, error)?;
             warm_up(&mut pipeline, &path, next)?;
             continue;
@@ -225,7 +227,7 @@ fn warm_up(pipeline: &mut FramePipeline, path: &CameraPath, start: usize) -> Res
     let period = pipeline.jitter_period();
     let from = start.saturating_sub(period) / period * period;
     for camera in &path.cameras()[from..start] {
-        pipeline.render(camera, &[])?;
+        pipeline.render(camera)?;
     }
     Ok(())
 }

@@ -13,7 +13,7 @@
 //! let settings = PipelineSettings { mode: Mode::Full, scale: 4, ..Default::default() };
 //! let mut pipeline = FramePipeline::new(scene, settings)?;
 //! for camera in &path.cameras()[..2] {
-//!     let frames = pipeline.render(camera, &[])?; // 80×45 pixels rasterized, 320×180 shown
+//!     let frames = pipeline.render(camera)?; // 80×45 pixels rasterized, 320×180 shown
 //!     assert_eq!((frames.current.width(), frames.current.height()), (320, 180));
 //! }
 //! # Ok(())
@@ -50,8 +50,8 @@
 //! match Gpu::new(&GpuSettings::default()) {
 //!     Ok(gpu) => {
 //!         pipeline.render_on(&gpu)?;
-//!         if pipeline.render(&camera, &[]).is_err() {
-//!             pipeline.render_on_cpu(); // a device may be lost at any time
+//!         if pipeline.render(&camera).is_err() {
+//!             pipeline.render_on_cpu()?; // a device may be lost at any time
 //!         }
 //!     }
 //!     Err(error) => println!("{error}; the CPU renders"),
@@ -127,8 +127,6 @@
 mod cut;
 mod error;
 mod frame;
-#[cfg(feature = "gpu")]
-pub mod gpu;
 mod jitter;
 mod lattice;
 pub mod learned;
@@ -141,6 +139,8 @@ use std::path::Path;
 
 pub use cut::is_cut;
 pub use error::PipelineError;
+#[cfg(feature = "gpu")]
+pub use frame::GpuPresented;
 pub use frame::{FramePipeline, Presented};
 #[cfg(feature = "gpu")]
 pub use gs3_compute as compute;

@@ -2,8 +2,6 @@
 
 use std::fmt;
 
-use gs3_neural::Weights;
-use gs3_neural::model::Tier;
 use gs3_raster::{Culling, STOCK_DILATION, matched_dilation};
 use gs3_reconstruct::Kriging;
 
@@ -154,33 +152,9 @@ impl PipelineSettings {
         }
     }
 
-    /// Which pixels are kriged below the network of `weights`, if there is one.
-    pub(crate) fn kriging_below(&self, weights: Option<&Weights>) -> Kriging {
-        let least = match weights {
-            None => Kriging::Off,
-            Some(weights) if weights.header.tier == Tier::Fast.name() => Kriging::Coarse,
-            Some(weights) if weights.header.tier == Tier::High.name() => Kriging::Fine,
-            Some(_) => Kriging::On,
-        };
-        self.kriging.max(least)
-    }
-
-    /// Whether frames have margins, with a network that refines them or without one.
-    pub(crate) fn overscan_below(&self, weights: Option<&Weights>) -> bool {
-        self.mode.has_history() && (self.overscan || weights.is_some())
-    }
-
     /// Moments of the frames interpolated before a rendered one, in (0, 1), in order.
     pub fn moments(&self) -> impl Iterator<Item = f64> + use<> {
         let count = self.displayed_per_rendered();
         (1..count).map(move |k| k as f64 / count as f64)
-    }
-
-    /// The grid that is rasterized: how many times coarser it is than the frame.
-    pub(crate) const fn raster_scale(&self) -> u32 {
-        match self.mode {
-            Mode::Native => 1,
-            Mode::Bicubic | Mode::SuperSample | Mode::Full => self.scale,
-        }
     }
 }

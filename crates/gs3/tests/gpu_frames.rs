@@ -107,7 +107,7 @@ fn frames_of_a_moving_camera_match_the_cpu() {
         };
         let (mut rendered, mut between) = (f64::INFINITY, f64::INFINITY);
         for camera in &path.cameras()[..18] {
-            let shown: Vec<Image> = frames.render(camera, &[]).unwrap().iter().cloned().collect();
+            let shown: Vec<Image> = frames.render(camera).unwrap().iter().cloned().collect();
             frames.fetch_gbuffer().unwrap();
             let expected = reference.render(camera, frames.gbuffer(), &[1.0 / 3.0, 2.0 / 3.0]);
             assert_eq!(shown.len(), expected.len());
@@ -139,12 +139,12 @@ fn whole_frames_match_the_cpu_pipeline() {
         let (mut worst_wide, mut effect) = (f64::INFINITY, f64::INFINITY);
         let mut worst = f64::INFINITY;
         for camera in &path.cameras()[..5] {
-            let expected: Vec<Image> = on_cpu.render(camera, &[]).unwrap().iter().cloned().collect();
-            let shown = on_gpu.render(camera, &[]).unwrap();
+            let expected: Vec<Image> = on_cpu.render(camera).unwrap().iter().cloned().collect();
+            let shown = on_gpu.render(camera).unwrap();
             assert_eq!(shown.iter().count(), expected.len());
             worst = shown.iter().zip(&expected).fold(worst, |least, (a, e)| least.min(psnr(a, e)));
-            let wide: Vec<Image> = wide_on_cpu.render(camera, &[]).unwrap().iter().cloned().collect();
-            let shown = wide_on_gpu.render(camera, &[]).unwrap();
+            let wide: Vec<Image> = wide_on_cpu.render(camera).unwrap().iter().cloned().collect();
+            let shown = wide_on_gpu.render(camera).unwrap();
             worst_wide = shown.iter().zip(&wide).fold(worst_wide, |least, (a, e)| least.min(psnr(a, e)));
             effect = wide.iter().zip(&expected).fold(effect, |least, (a, e)| least.min(psnr(a, e)));
         }
@@ -161,13 +161,13 @@ fn a_resting_camera_becomes_native() {
     let Some(gpu) = gpu() else { return };
     let (_, scene, path) = scenes(256, 144).remove(0);
     let camera = path.cameras()[17];
-    let native = pipeline(None, &scene, Mode::Native, 1).render(&camera, &[]).unwrap().current.clone();
+    let native = pipeline(None, &scene, Mode::Native, 1).render(&camera).unwrap().current.clone();
     let mut resting = pipeline(Some(&gpu), &scene, Mode::SuperSample, 1);
-    let first = psnr(resting.render(&camera, &[]).unwrap().current, &native);
+    let first = psnr(resting.render(&camera).unwrap().current, &native);
     for _ in 1..16 {
-        resting.render(&camera, &[]).unwrap();
+        resting.render(&camera).unwrap();
     }
-    let last = psnr(resting.render(&camera, &[]).unwrap().current, &native);
+    let last = psnr(resting.render(&camera).unwrap().current, &native);
     assert!(last >= 50.0 && last > first + 15.0, "{first} dB, then {last} dB");
 }
 
@@ -176,25 +176,25 @@ fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
     let Some(gpu) = gpu() else { return };
     let (_, scene, path) = scenes(256, 144).remove(0);
     let on_gpu = |mode| pipeline(Some(&gpu), &scene, mode, 1);
-    let fresh = |camera: &Camera| on_gpu(Mode::SuperSample).render(camera, &[]).unwrap().current.clone();
+    let fresh = |camera: &Camera| on_gpu(Mode::SuperSample).render(camera).unwrap().current.clone();
     let (near, next) = (path.cameras()[0], path.cameras()[1]);
     let turned = {
         let pose = glam::DAffine3::from_rotation_y(std::f64::consts::PI) * near.view_from_world();
         Camera::new(pose, near.intrinsics()).unwrap()
     };
     let mut p = on_gpu(Mode::Full);
-    p.render(&near, &[]).unwrap();
-    let shown = p.render(&turned, &[]).unwrap();
+    p.render(&near).unwrap();
+    let shown = p.render(&turned).unwrap();
     assert!(shown.current == &fresh(&turned));
     assert!(shown.between[0] == Some(&fresh(&near)), "the previous frame is held over a cut");
 
     let with_history = |reset: Option<ResetReason>| {
         let mut p = on_gpu(Mode::SuperSample);
-        p.render(&near, &[]).unwrap();
+        p.render(&near).unwrap();
         if let Some(reason) = reset {
             p.reset(reason);
         }
-        p.render(&next, &[]).unwrap().current.clone()
+        p.render(&next).unwrap().current.clone()
     };
     let anew = fresh(&next);
     assert!(with_history(None) != anew, "a small motion keeps the history");
@@ -202,16 +202,16 @@ fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
 
     let larger = next.resized(261, 147).unwrap();
     let mut p = on_gpu(Mode::Full);
-    p.render(&near, &[]).unwrap();
-    let shown = p.render(&larger, &[]).unwrap();
+    p.render(&near).unwrap();
+    let shown = p.render(&larger).unwrap();
     assert!(shown.between == [None; 3] && shown.current == &fresh(&larger));
     // And back: what was there before the larger frame is no history either.
-    let shown = p.render(&next, &[]).unwrap();
+    let shown = p.render(&next).unwrap();
     assert!(shown.between == [None; 3] && shown.current == &anew);
 
-    p.render(&near, &[]).unwrap();
+    p.render(&near).unwrap();
     p.set_scene(Arc::clone(&scene)).unwrap();
-    assert!(p.render(&next, &[]).unwrap().current == &anew);
+    assert!(p.render(&next).unwrap().current == &anew);
 }
 
 /// With the network that comes with the library, over more frames than its first: its hidden state and the frame
@@ -228,24 +228,24 @@ fn the_network_refines_as_on_the_cpu() {
         let mut effect = 0.0;
         let cameras = &path.cameras()[..6];
         let expected: Vec<Image> =
-            cameras.iter().map(|camera| on_cpu.render(camera, &[]).unwrap().current.clone()).collect();
+            cameras.iter().map(|camera| on_cpu.render(camera).unwrap().current.clone()).collect();
         for (camera, expected) in cameras.iter().zip(&expected) {
-            effect = psnr(analytic.render(camera, &[]).unwrap().current, expected);
+            effect = psnr(analytic.render(camera).unwrap().current, expected);
         }
         let odd = path.cameras()[6].resized(255, 144).unwrap();
-        let expected_odd = on_cpu.render(&odd, &[]).unwrap().current.clone();
+        let expected_odd = on_cpu.render(&odd).unwrap().current.clone();
         for gpu in &gpus {
             let mut on_gpu = make();
             on_gpu.render_on(gpu).unwrap();
             assert!(on_gpu.is_on_device(&cameras[0]) && !on_gpu.is_on_device(&odd));
             let mut worst = f64::INFINITY;
             for (camera, expected) in cameras.iter().zip(&expected) {
-                worst = worst.min(psnr(on_gpu.render(camera, &[]).unwrap().current, expected));
+                worst = worst.min(psnr(on_gpu.render(camera).unwrap().current, expected));
             }
             let f16 = gpu.capabilities().shader_f16;
             eprintln!("{name}, f16 {f16:?}: {worst:.1} dB at worst, without the network {effect:.1} dB");
             assert!(worst >= 55.0 && effect < worst - 6.0, "{name}: {worst:.1} dB, without {effect:.1} dB");
-            assert!(psnr(on_gpu.render(&odd, &[]).unwrap().current, &expected_odd) > 50.0);
+            assert!(psnr(on_gpu.render(&odd).unwrap().current, &expected_odd) > 50.0);
         }
     }
 }
@@ -292,11 +292,11 @@ fn frames_between_are_refined_as_on_the_cpu() {
                     on_cpu.reset(ResetReason::SceneChange);
                     on_gpu.reset(ResetReason::SceneChange);
                 }
-                let expected: Vec<Image> = on_cpu.render(camera, &[]).unwrap().iter().cloned().collect();
-                let shown = on_gpu.render(camera, &[]).unwrap();
+                let expected: Vec<Image> = on_cpu.render(camera).unwrap().iter().cloned().collect();
+                let shown = on_gpu.render(camera).unwrap();
                 assert_eq!(shown.iter().count(), expected.len());
                 worst = shown.iter().zip(&expected).fold(worst, |least, (a, e)| least.min(psnr(a, e)));
-                let without: Vec<Image> = warped.render(camera, &[]).unwrap().iter().cloned().collect();
+                let without: Vec<Image> = warped.render(camera).unwrap().iter().cloned().collect();
                 if k == 3 {
                     effect = psnr(&without[0], &expected[0]);
                 }
@@ -325,7 +325,7 @@ fn later_frames_make_nothing_and_are_one_submission_each() {
         frames.render_on(&gpu).unwrap();
         let mut before = gpu.made();
         for (k, camera) in path.cameras()[..20].iter().enumerate() {
-            frames.render(camera, &[]).unwrap();
+            frames.render(camera).unwrap();
             let made = gpu.made();
             if k >= 4 {
                 let expected = Made { submissions: before.submissions + submissions, ..before };
@@ -374,9 +374,9 @@ fn frames_may_stay_on_the_device_of_the_program() {
                 pipeline.reset(ResetReason::CameraCut);
             }
         }
-        let presented = here.render(camera, &[]).unwrap();
+        let presented = here.render(camera).unwrap();
         if k == 2 {
-            assert_eq!(there.render(camera, &[]).unwrap().current, presented.current);
+            assert_eq!(there.render(camera).unwrap().current, presented.current);
             continue;
         }
         let stays = there.render_to_device(camera, &[]).unwrap();

@@ -60,7 +60,7 @@ fn pipeline_with(kriging: Kriging, networks: &Networks, generate: u32) -> FrameP
 }
 
 fn frames(pipeline: &mut FramePipeline, cameras: &[Camera]) -> Vec<Image> {
-    let shown = |camera| pipeline.render(camera, &[]).unwrap().iter().cloned().collect::<Vec<_>>();
+    let shown = |camera| pipeline.render(camera).unwrap().iter().cloned().collect::<Vec<_>>();
     cameras.iter().flat_map(shown).collect()
 }
 
@@ -299,7 +299,7 @@ fn two_and_three_frames_are_made_between_rendered_ones() {
         }
     }
     let mut three = pipeline(&Networks::default(), 3);
-    let error = three.render(&path.cameras()[0], &path.cameras()[..2]).unwrap_err().to_string();
+    let error = three.render_with_poses(&path.cameras()[0], &path.cameras()[..2]).unwrap_err().to_string();
     assert_eq!(error, "cameras between two frames: expected none or 3, found 2");
     let settings = PipelineSettings { generate: 4, ..Default::default() };
     let error = FramePipeline::new(scene(), settings).err().unwrap().to_string();
@@ -377,14 +377,17 @@ fn shipped_weights_gain() {
         let truth = {
             let settings = PipelineSettings { mode: Mode::Native, ..Default::default() };
             let mut native = FramePipeline::new(scene.clone(), settings).unwrap();
-            native.render(&middle, &[]).unwrap().current.clone()
+            native.render(&middle).unwrap().current.clone()
         };
         let between = |networks: &Networks| {
             let mut pipeline =
                 FramePipeline::with_networks(scene.clone(), PipelineSettings::default(), networks).unwrap();
             let (last, before) = cameras.split_last().unwrap();
-            before.iter().for_each(|camera| _ = pipeline.render(camera, &[]).unwrap());
-            psnr_of(pipeline.render(last, std::slice::from_ref(&middle)).unwrap().between[0].unwrap(), &truth)
+            before.iter().for_each(|camera| _ = pipeline.render(camera).unwrap());
+            psnr_of(
+                pipeline.render_with_poses(last, std::slice::from_ref(&middle)).unwrap().between[0].unwrap(),
+                &truth,
+            )
         };
         let warped = between(&Networks { interpolate: None, ..shipped.clone() });
         let learned = between(&shipped);

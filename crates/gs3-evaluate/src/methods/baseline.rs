@@ -106,7 +106,7 @@ impl Method for Baseline {
         let needs_gbuffer = self.spec.interpolation == Interpolation::Warp;
         match &mut self.spatial {
             SpatialPart::Pipeline(pipeline) => {
-                self.current.image.clone_from(pipeline.render(camera, &[])?.current);
+                self.current.image.clone_from(pipeline.render(camera)?.current);
                 if needs_gbuffer {
                     self.current.gbuffer.clone_from(pipeline.gbuffer());
                 }

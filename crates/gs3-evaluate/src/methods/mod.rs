@@ -190,7 +190,8 @@ impl Method for FramePipeline {
     }
 
     fn render(&mut self, camera: &Camera, middle: Option<&Camera>) -> Result<Shown<'_>, MethodError> {
-        let presented = FramePipeline::render(self, camera, middle.map_or(&[], std::slice::from_ref))?;
+        let poses = middle.map_or(&[][..], std::slice::from_ref);
+        let presented = self.render_with_poses(camera, poses)?;
         Ok(Shown { between: presented.between[0], current: presented.current })
     }
 
