@@ -7,8 +7,14 @@ use gs3_scene::block_grid;
 pub struct BlockBudget {
     /// Largest share of an image's blocks, `[0, 1]`.
     pub most: f32,
-    /// Blocks whose expected mean squared error of a number, colours in `[0, 1]`, is not above this are left out.
+    /// Blocks whose expected mean squared error of a number, colours in `[0, 1]`, is not above this are left out; none
+    /// is below 0.
     pub least_error: f32,
+}
+
+impl BlockBudget {
+    /// Every block.
+    pub const ALL: Self = Self { most: 1.0, least_error: -1.0 };
 }
 
 /// The blocks of 4×4 pixels of an image of `size`, width and height, whose expected errors are largest, within `budget`:
@@ -18,7 +24,7 @@ pub struct BlockBudget {
 pub fn select_blocks(errors: &[f32], size: [usize; 2], budget: BlockBudget) -> Vec<[u16; 2]> {
     let [columns, rows] = block_grid(size);
     let numbers = (3 * gs3_scene::BLOCK_SIDE * gs3_scene::BLOCK_SIDE) as f32;
-    let least = budget.least_error.max(0.0) * numbers;
+    let least = budget.least_error * numbers;
     // Positive numbers sort as their bits do; the complement of the place makes the first of equals the largest.
     let key = |(k, error): (usize, &f32)| u64::from(error.to_bits()) << 32 | u64::from(!(k as u32));
     let errors = errors.iter().take(columns * rows).enumerate();
@@ -62,6 +68,8 @@ mod tests {
             [[7, 0], [1, 3], [9, 5]],
             "blocks without errors are left out"
         );
+        let all = select_blocks(&errors, SIZE, BlockBudget::ALL);
+        assert_eq!(all.len(), 60, "whatever their errors");
         let equal = vec![1.0; 60];
         assert_eq!(selected(&equal, 0.05, 0.0), [[0, 0], [1, 0], [2, 0]]);
         assert_eq!(selected(&equal, 1.0, 0.0).len(), 60);

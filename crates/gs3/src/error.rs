@@ -36,6 +36,12 @@ pub enum PipelineError {
         /// Frames asked for.
         actual: u32,
     },
+    /// The share of pixels to be rasterized exactly is no share.
+    #[error("refine: expected a share of the pixels from 0 to 1, found {actual}")]
+    RefineShare {
+        /// The share asked for.
+        actual: f32,
+    },
     /// A fault of this library: a stage did not find what the stages before it leave.
     #[error("internal error: expected {expected}, found none; please report it")]
     Internal {

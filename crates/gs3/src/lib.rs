@@ -132,6 +132,7 @@ mod lattice;
 pub mod learned;
 mod overscan;
 mod rasterizer;
+mod refine;
 mod settings;
 mod stages;
 
@@ -156,6 +157,7 @@ pub use jitter::AdaptiveJitter;
 pub use lattice::DepthLattice;
 pub use learned::{NetworkError, Networks};
 pub use overscan::margin_ahead;
+pub use refine::{Quality, Refine, RefineError};
 pub use settings::{Dilation, MAX_GENERATE, Mode, PipelineSettings, Sampling};
 pub use stages::{Stage, StageTimes};
 

@@ -2,7 +2,7 @@
 
 use glam::DVec2;
 use gs3_raster::MAX_MARGIN;
-use gs3_scene::{Camera, Margin, glam};
+use gs3_scene::{BLOCK_SIDE, Camera, Margin, glam};
 
 use crate::lattice::{DepthLattice, SKY};
 
@@ -46,6 +46,14 @@ pub fn margin_ahead(previous: &Camera, camera: &Camera, depths: &DepthLattice, s
     Margin { left, top, right, bottom }
 }
 
+/// `margin` with its left and top side widened until it begins at a block of exact pixels, as rasterizers that make these
+/// ask for.
+pub(crate) fn whole_blocks(margin: Margin, scale: u32) -> Margin {
+    let widened =
+        |side: u32| (side..).find(|side| (side * scale).is_multiple_of(BLOCK_SIDE as u32)).unwrap_or(side);
+    Margin { left: widened(margin.left), top: widened(margin.top), ..margin }
+}
+
 #[cfg(test)]
 mod tests {
     use gs3_scene::Intrinsics;
@@ -59,6 +67,18 @@ mod tests {
         let world_from_view =
             DAffine3::from_mat3_translation(DMat3::from_rotation_y(angle), DVec3::new(x, 0.0, 0.0));
         Camera::new(world_from_view.inverse(), intrinsics).unwrap()
+    }
+
+    #[test]
+    fn margins_begin_at_blocks() {
+        for scale in 1..=8 {
+            for side in 0..=MAX_MARGIN {
+                let widened = whole_blocks(Margin::all(side), scale);
+                assert_eq!((widened.left * scale % 4, widened.top * scale % 4), (0, 0));
+                assert!((side..=side + 3).contains(&widened.left) && widened.left <= MAX_MARGIN);
+                assert_eq!((widened.right, widened.bottom), (side, side));
+            }
+        }
     }
 
     const WALL: DepthLattice = DepthLattice([4.0; 25]);

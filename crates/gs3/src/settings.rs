@@ -5,6 +5,8 @@ use std::fmt;
 use gs3_raster::{Culling, STOCK_DILATION, matched_dilation};
 use gs3_reconstruct::Kriging;
 
+use crate::refine::{Quality, Refine};
+
 /// How frames come about.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mode {
@@ -113,7 +115,11 @@ pub struct PipelineSettings {
     /// reveal has a past. Where a network refines frames they are, whatever this says. Read by [`Mode::SuperSample`]
     /// and [`Mode::Full`].
     pub overscan: bool,
-    /// Dilation of the projected covariances.
+    /// Which pixels are rasterized exactly. Read by [`Mode::SuperSample`] and [`Mode::Full`] on a CPU.
+    pub refine: Refine,
+    /// What [`Refine::Auto`] may spend.
+    pub quality: Quality,
+    /// Dilation of the projected covariances. Exact pixels are those of a native image with [`Dilation::Matched`].
     pub dilation: Dilation,
     /// Which tiles a splat is assigned to.
     pub culling: Culling,
@@ -131,6 +137,8 @@ impl Default for PipelineSettings {
             sampling: Sampling::default(),
             kriging: Kriging::default(),
             overscan: false,
+            refine: Refine::default(),
+            quality: Quality::default(),
             dilation: Dilation::default(),
             culling: Culling::default(),
             generate: 1,

@@ -54,6 +54,7 @@ impl Baseline {
         let spatial = match spec.spatial {
             Spatial::Native => of_pipeline(Mode::Native)?,
             Spatial::History
+            | Spatial::Refined(_)
             | Spatial::Kriging
             | Spatial::Overscan
             | Spatial::Centered

@@ -14,8 +14,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use gs3::{
-    Culling, Dilation, FramePipeline, Mode, NetworkError, PipelineError, PipelineSettings, ResetReason,
-    Sampling, Stage,
+    Culling, Dilation, FramePipeline, Mode, NetworkError, PipelineError, PipelineSettings, Quality, Refine,
+    ResetReason, Sampling, Stage,
 };
 use gs3_raster::RasterError;
 use gs3_reconstruct::{Kriging, ReconstructError};
@@ -175,6 +175,11 @@ fn pipeline(mode: Mode, spec: MethodSpec, settings: &MethodSettings) -> Result<F
             _ => Kriging::Off,
         },
         overscan: spec.spatial == Spatial::Overscan,
+        refine: if matches!(spec.spatial, Spatial::Refined(_)) { Refine::Auto } else { Refine::Off },
+        quality: match spec.spatial {
+            Spatial::Refined(quality) => quality,
+            _ => Quality::default(),
+        },
         dilation,
         culling: settings.culling,
         generate: 1,

@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+use gs3::Stage;
 use gs3_scene::Image;
 use serde::{Deserialize, Serialize};
 
@@ -56,7 +57,7 @@ pub struct MethodScore {
     /// Flicker of the triples of consecutive frames of each subset.
     pub flicker: [Vec<f64>; 3],
     /// Milliseconds of the stages of every rendered frame but the first, in the order of [`gs3::Stage::ALL`].
-    pub stage_ms: Vec<[Option<f64>; 3]>,
+    pub stage_ms: Vec<[Option<f64>; Stage::ALL.len()]>,
     /// Milliseconds of native rendering beside them, frame by frame.
     pub native_ms: Vec<f64>,
     /// ColorVideoVDP of all frames in JOD, where it was asked for.
@@ -186,7 +187,7 @@ fn middle(image: &Image, (width, height): (usize, usize)) -> Image {
     Image::from_pixels(width, height, pixels.collect()).unwrap_or_default()
 }
 
-fn milliseconds(durations: Durations) -> [Option<f64>; 3] {
+fn milliseconds(durations: Durations) -> [Option<f64>; Stage::ALL.len()] {
     durations.map(|d| d.map(|d| d.as_secs_f64() * 1e3))
 }
 

@@ -1,5 +1,6 @@
 //! What a run found: `results.json`.
 
+use gs3::Stage;
 use serde::{Deserialize, Serialize};
 
 use super::judge::{MethodScore, PSNR_CAP};
@@ -111,6 +112,8 @@ pub struct ResultRow {
     pub rasterize: Option<StageStatistics>,
     /// Super-sampling it.
     pub super_sample: Option<StageStatistics>,
+    /// Exact pixels.
+    pub refine: Option<StageStatistics>,
     /// Making the frame between.
     pub interpolate: Option<StageStatistics>,
     /// All of it, per rendered frame.
@@ -250,8 +253,9 @@ fn speed(spec: MethodSpec, score: &MethodScore) -> Option<f64> {
 fn rows(spec: MethodSpec, score: &MethodScore, native: Option<f64>) -> Vec<ResultRow> {
     let mean =
         |values: &[f64]| (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
-    let stage =
-        |i: usize| StageStatistics::of(score.stage_ms.iter().filter_map(|stages| stages[i]).collect());
+    let stage = |s: Stage| {
+        StageStatistics::of(score.stage_ms.iter().filter_map(|stages| stages[s as usize]).collect())
+    };
     let (fps, speed) = (displayed_fps(spec, score), speed(spec, score));
     let row = |subset: Subset| {
         let frames: Vec<_> = score.frames.iter().filter(|f| subset.holds(f.displayed)).collect();
@@ -272,9 +276,10 @@ fn rows(spec: MethodSpec, score: &MethodScore, native: Option<f64>) -> Vec<Resul
             lr_formation: (spec.spatial != Spatial::Native).then(|| spec.formation.name().to_owned()),
             lr_jitter: spec.spatial.is_jittered(),
             frames: frames.len(),
-            rasterize: stage(0),
-            super_sample: stage(1),
-            interpolate: stage(2),
+            rasterize: stage(Stage::Rasterize),
+            super_sample: stage(Stage::SuperSample),
+            refine: stage(Stage::Refine),
+            interpolate: stage(Stage::Interpolate),
             total: totals(spec, score),
         })
     };
@@ -339,7 +344,7 @@ mod tests {
     fn speed_ups_compare_what_ran_at_the_same_time() {
         let score = |ms: f64, native_ms: f64| MethodScore {
             frames: vec![FrameScore { displayed: 0, psnr: 30.0, ssim: 0.9, flip: 0.1 }],
-            stage_ms: vec![[Some(ms), None, None]; 3],
+            stage_ms: vec![[Some(ms), None, None, None]; 3],
             native_ms: vec![native_ms; 3],
             ..MethodScore::default()
         };

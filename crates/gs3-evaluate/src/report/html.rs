@@ -304,11 +304,13 @@ fn stages(results: &Results) -> String {
     let body: String = (rows(results).iter())
         .map(|m| {
             let cells: String =
-                [m.all.rasterize, m.all.super_sample, m.all.interpolate, m.all.total].map(cell).concat();
+                [m.all.rasterize, m.all.super_sample, m.all.refine, m.all.interpolate, m.all.total]
+                    .map(cell)
+                    .concat();
             format!("<tr><td>{}{}</td>{cells}</tr>", dot(m.index), escape(m.name))
         })
         .collect();
-    let titles: String = ["Rasterize", "Super sample", "Interpolate", "All"]
+    let titles: String = ["Rasterize", "Super sample", "Refine", "Interpolate", "All"]
         .map(|t| format!("<th>{t}<br>median</th><th>99 %</th>"))
         .concat();
     format!(

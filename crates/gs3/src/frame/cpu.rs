@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use gs3_raster::{Outputs, Rasterizer};
-use gs3_reconstruct::{Interpolator, Kernel, Neighbor, SuperSampler, resample};
-use gs3_scene::{GBuffer, Image, Margin, Scene};
+use gs3_reconstruct::{BlockBudget, Interpolator, Kernel, Neighbor, SuperSampler, resample, select_blocks};
+use gs3_scene::{ExactBlocks, GBuffer, Image, Margin, Scene, block_grid};
 
 use super::inputs::{Frame, FrameInputs, Frames, Made};
 use super::plan::FramePlan;
@@ -12,6 +12,7 @@ use crate::error::PipelineError;
 use crate::lattice::DepthLattice;
 use crate::learned::{LearnedInterpolator, LearnedSuperSampler};
 use crate::rasterizer::RasterizeHere;
+use crate::refine::{Refine, ShareController};
 use crate::settings::Mode;
 use crate::stages::{Stage, StageTimes};
 
@@ -46,6 +47,9 @@ pub struct CpuStages {
     padded: GBuffer,
     /// The frame before a network refined it, where one does.
     analytic: Image,
+    /// The exact blocks of the frame.
+    blocks: ExactBlocks,
+    controller: ShareController,
 }
 
 impl CpuStages {
@@ -71,6 +75,8 @@ impl CpuStages {
                 .transpose()?,
             padded: GBuffer::default(),
             analytic: Image::default(),
+            blocks: ExactBlocks::default(),
+            controller: ShareController::default(),
         })
     }
 
@@ -82,6 +88,7 @@ impl CpuStages {
         frames: &mut Frames,
     ) -> Result<Made, PipelineError> {
         let mut times = StageTimes::default();
+        self.blocks.clear();
         match self.plan.settings.mode {
             Mode::Native => {
                 times.time(Stage::Rasterize, || self.rasterize_native(inputs, rasterizer, frames))?;
@@ -102,14 +109,24 @@ impl CpuStages {
                 // G-buffer and history to the frame, which a network may refine.
                 times.time(Stage::SuperSample, || self.super_sample(inputs, frames))?;
 
+                // Exact pixels to where that is not to be trusted.
+                if self.plan.refine.is_on() && rasterizer.makes_blocks() {
+                    times.time(Stage::Refine, || self.refine(inputs, rasterizer, frames))?;
+                }
+
                 // The previous frame and this one to those between.
                 if !inputs.between.is_empty() {
                     times.time(Stage::Interpolate, || self.interpolate(inputs, frames))?;
                 }
             }
         }
+        let refined = self.refined_share(inputs);
+        if let Refine::FrameTime(target) = self.plan.refine {
+            let refining = times.get(Stage::Refine).unwrap_or_default();
+            self.controller.learn(target, times.total(), refining, refined);
+        }
         let lattice = DepthLattice::of(&frames.current.gbuffer);
-        Ok(Made { lattice, in_between: inputs.between.len(), times })
+        Ok(Made { lattice, in_between: inputs.between.len(), refined, times })
     }
 
     /// Drops what is remembered of the frames before, where this frame has no history.
@@ -138,12 +155,12 @@ impl CpuStages {
         frames: &mut Frames,
     ) -> Result<(), PipelineError> {
         let settings = self.plan.raster(outputs, inputs);
-        let lr_camera = inputs.camera.low_resolution(self.plan.scale);
+        let (camera, scale) = (&inputs.camera, self.plan.scale);
         let gbuffer = &mut frames.current.gbuffer;
         if inputs.margin == Margin::NONE {
-            return rasterizer.rasterize(&lr_camera, &settings, gbuffer);
+            return rasterizer.rasterize(camera, scale, &settings, gbuffer);
         }
-        rasterizer.rasterize(&lr_camera, &settings, &mut self.padded)?;
+        rasterizer.rasterize(camera, scale, &settings, &mut self.padded)?;
         self.padded.crop(gbuffer);
         Ok(())
     }
@@ -165,6 +182,33 @@ impl CpuStages {
         let previous = frames.previous.neighbor().filter(|_| inputs.reset.is_none());
         let now = Neighbor { camera, image: &self.analytic, gbuffer };
         Ok(learned.refine(now, self.super_sampler.innovation(), previous, image)?)
+    }
+
+    fn refine(
+        &mut self,
+        inputs: &FrameInputs,
+        rasterizer: &mut dyn RasterizeHere,
+        frames: &mut Frames,
+    ) -> Result<(), PipelineError> {
+        let image = &mut frames.current.image;
+        let budget = match self.plan.refine {
+            Refine::Off => return Ok(()),
+            refine if inputs.reset.is_some() && refine.starts_exact() => BlockBudget::ALL,
+            Refine::Auto => self.plan.settings.quality.budget(),
+            Refine::Share(share) => BlockBudget { most: share, least_error: 0.0 },
+            Refine::FrameTime(_) => BlockBudget { most: self.controller.share(), least_error: 0.0 },
+        };
+        let places =
+            select_blocks(self.super_sampler.expected_errors(), [image.width(), image.height()], budget);
+        rasterizer.rasterize_blocks(&places, &mut self.blocks)?;
+        self.super_sampler.refine(&self.blocks, image);
+        Ok(())
+    }
+
+    /// Share of the last frame's pixels that are exact blocks.
+    fn refined_share(&self, inputs: &FrameInputs) -> f32 {
+        let [columns, rows] = block_grid([inputs.camera.width() as usize, inputs.camera.height() as usize]);
+        self.blocks.len() as f32 / (columns * rows) as f32
     }
 
     fn interpolate(&mut self, inputs: &FrameInputs, frames: &mut Frames) -> Result<(), PipelineError> {

@@ -50,6 +50,8 @@ pub struct Made {
     pub lattice: DepthLattice,
     /// Number of frames interpolated before this one.
     pub in_between: usize,
+    /// Share of its pixels that are exact blocks.
+    pub refined: f32,
     /// How long its stages took.
     pub times: StageTimes,
 }

@@ -28,7 +28,7 @@ use crate::cut::is_cut;
 use crate::error::PipelineError;
 use crate::jitter::AdaptiveJitter;
 use crate::learned::Networks;
-use crate::overscan::margin_ahead;
+use crate::overscan::{margin_ahead, whole_blocks};
 use crate::settings::{MAX_GENERATE, Mode, PipelineSettings};
 use crate::stages::StageTimes;
 
@@ -66,6 +66,8 @@ pub struct FramePipeline {
     frames: Frames,
     /// How many frames lie before the current one.
     in_between: usize,
+    /// Share of the current frame's pixels that are exact blocks.
+    refined: f32,
     times: StageTimes,
     /// Why the next frame starts without history, if that is known already.
     next_reset: Option<ResetReason>,
@@ -111,6 +113,7 @@ impl FramePipeline {
             plan,
             frames: Frames { in_between, ..Frames::default() },
             in_between: 0,
+            refined: 0.0,
             times: StageTimes::default(),
             next_reset: Some(ResetReason::FirstFrame),
             last_reset: None,
@@ -242,7 +245,8 @@ impl FramePipeline {
                     let pose = poses.get(k).copied().unwrap_or_else(|| pose_between(before, camera, t));
                     Moment { t: t as f32, camera: pose }
                 };
-                let margin = if self.plan.has_margins { ahead() } else { Margin::NONE };
+                let margin =
+                    if self.plan.has_margins { whole_blocks(ahead(), self.plan.scale) } else { Margin::NONE };
                 (margin, self.plan.settings.moments().enumerate().map(moment).collect())
             }
             // After a cut nothing tells where the camera goes, and nothing lies between.
@@ -274,10 +278,10 @@ impl FramePipeline {
         made: Result<Made, PipelineError>,
     ) -> Result<(), PipelineError> {
         match made {
-            Ok(Made { lattice, in_between, times }) => {
+            Ok(Made { lattice, in_between, refined, times }) => {
                 self.frames.current.camera = Some(inputs.camera);
                 self.frames.current.lattice = lattice;
-                (self.in_between, self.times) = (in_between, times);
+                (self.in_between, self.refined, self.times) = (in_between, refined, times);
                 (self.last_reset, self.next_reset) = (inputs.reset, None);
                 Ok(())
             }
@@ -288,6 +292,13 @@ impl FramePipeline {
                 Err(error)
             }
         }
+    }
+
+    /// Share of the last frame's pixels that were rasterized exactly besides the low-resolution grid, `[0, 1]`
+    /// ([`PipelineSettings::refine`]).
+    #[must_use]
+    pub const fn refined_share(&self) -> f32 {
+        self.refined
     }
 
     /// Forgets the frames before: the next one starts anew, for this reason unless another came first.

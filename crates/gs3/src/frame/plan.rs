@@ -8,6 +8,7 @@ use gs3_reconstruct::Kriging;
 use super::inputs::FrameInputs;
 use crate::error::PipelineError;
 use crate::learned::Networks;
+use crate::refine::Refine;
 use crate::settings::{MAX_GENERATE, Mode, PipelineSettings, Sampling};
 
 /// How all frames of a pipeline are made: its settings, and what follows from them and from its networks. Both machines
@@ -21,6 +22,8 @@ pub struct FramePlan {
     pub sampling: Sampling,
     /// Which pixels are kriged: at least those that the network's tier was trained on.
     pub kriging: Kriging,
+    /// Which pixels are rasterized exactly.
+    pub refine: Refine,
     /// Whether LR frames have margins.
     pub has_margins: bool,
     /// Frames interpolated before each rendered one.
@@ -37,6 +40,11 @@ impl FramePlan {
         if mode == Mode::Full && !(1..=MAX_GENERATE).contains(&settings.generate) {
             return Err(PipelineError::Generate { actual: settings.generate });
         }
+        if let Refine::Share(share) = settings.refine
+            && !(0.0..=1.0).contains(&share)
+        {
+            return Err(PipelineError::RefineShare { actual: share });
+        }
         let Networks { super_sample, interpolate, arithmetic } = networks.clone();
         let networks = Networks {
             super_sample: super_sample.filter(|_| mode.has_history()),
@@ -49,6 +57,7 @@ impl FramePlan {
             scale: if mode == Mode::Native { 1 } else { settings.scale },
             sampling: if mode == Mode::Native { Sampling::Centered } else { settings.sampling },
             kriging: settings.kriging.max(weights.map_or(Kriging::Off, least_kriging)),
+            refine: if mode.has_history() { settings.refine } else { Refine::Off },
             has_margins: mode.has_history() && (settings.overscan || weights.is_some()),
             in_between: settings.displayed_per_rendered() - 1,
             networks,

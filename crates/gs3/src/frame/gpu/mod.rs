@@ -128,7 +128,7 @@ impl GpuMachine {
             None if read_back != ReadBack::Nothing => times.add(Stage::Rasterize, started.elapsed()),
             None => {}
         }
-        Ok(Made { lattice, in_between: inputs.between.len(), times })
+        Ok(Made { lattice, in_between: inputs.between.len(), refined: 0.0, times })
     }
 
     /// Whether it makes all of the frame of `camera`. Otherwise it rasterizes, and the processor does the rest: in modes
