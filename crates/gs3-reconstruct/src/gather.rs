@@ -243,7 +243,7 @@ mod tests {
             let (x, y) = ((k % width) as f32, (k / width) as f32);
             *pixel = [waves(x, y, 0.4), waves(y, x, 0.3), x, y * y];
         }
-        let (gather, level) = (Gather::new(), fearless_simd::Level::new());
+        let (gather, level) = (Gather::new(), gs3_simd::level());
         let near = |a: &[f32], b: &[f32], what: &str| {
             for (a, b) in a.iter().zip(b) {
                 assert!((a - b).abs() < 1e-3, "{what}: {a} and {b}");

@@ -83,7 +83,7 @@ mod tests {
 
     /// Target pixel x, y and divisor of one pixel.
     fn apply(reprojection: &Reprojection, x: f32, y: f32, w: f32) -> [f32; 3] {
-        let level = fearless_simd::Level::new();
+        let level = gs3_simd::level();
         fearless_simd::dispatch!(level, simd => {
             let splat = |v: f32| f32x16::splat(simd, v);
             reprojection.apply_16(simd, splat(x), splat(y), splat(w)).map(|v| v[0])

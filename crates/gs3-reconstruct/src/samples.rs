@@ -311,7 +311,7 @@ mod tests {
     fn chunks_hold_what_the_gbuffer_says() -> Result<(), ReconstructError> {
         let gbuffer = gbuffer();
         let mut frame = SampleFrame::default();
-        frame.fill(Level::new(), &gbuffer, 2)?;
+        frame.fill(gs3_simd::level(), &gbuffer, 2)?;
         let (Some(gradients), Some(geometry)) = (&gbuffer.gradients, &gbuffer.geometry) else {
             return Err(ReconstructError::Missing { what: "all" });
         };
