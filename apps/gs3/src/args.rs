@@ -16,9 +16,13 @@ use crate::train::{BaselineArgs, TrainArgs};
 use crate::train_clips::ClipsArgs;
 use crate::values::{DilationArg, FrameRange, Pair, Rgb, Size, scale};
 
+/// What the command reads from its environment.
+const ENVIRONMENT: &str = "Environment:
+  GS3_SIMD  SIMD level of all CPU kernels: scalar, sse2, sse4.2, avx2, avx512 or neon [default: the best that the processor has]";
+
 /// Shows trained 3D Gaussian Splatting scenes sharp and fluid.
 #[derive(Debug, Parser)]
-#[command(name = "gs3", version, about)]
+#[command(name = "gs3", version, about, after_help = ENVIRONMENT)]
 pub struct Args {
     #[command(subcommand)]
     pub command: Command,

@@ -183,7 +183,12 @@ fn text(figures: &Value) -> String {
         .map(|round| format!("{:.2} / {:.2}", number(&round[1]), number(&round[0])))
         .collect();
     let _ = writeln!(text, "rounds, full / native fps: {}", rounds.join(", "));
-    let _ =
-        writeln!(text, "{} threads, {:.0} MB at most", figures["threads"], number(&figures["peak_rss_mb"]));
+    let simd = figures["simd"].as_str().unwrap_or("unknown");
+    let _ = writeln!(
+        text,
+        "{} threads, SIMD level {simd}, {:.0} MB at most",
+        figures["threads"],
+        number(&figures["peak_rss_mb"])
+    );
     text
 }

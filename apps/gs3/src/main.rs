@@ -70,7 +70,10 @@ fn main() -> ExitCode {
         },
     };
     interrupt::end_whole();
-    let outcome = unused::check(&args.command, &given).and_then(|()| run(&args.command));
+    let outcome = unused::check(&args.command, &given).and_then(|()| {
+        gs3::simd::requested()?;
+        run(&args.command)
+    });
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Interrupted) => INTERRUPTED.into(),

@@ -221,7 +221,7 @@ impl<S: Simd> Iterator for Meeting<'_, S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fearless_simd::{Level, dispatch};
+    use fearless_simd::dispatch;
 
     /// Boxes of pixels of two words of chunks, the second not full, in three rows.
     fn boxes() -> Boxes {
@@ -253,7 +253,7 @@ mod tests {
         // A box begins at 50 exactly: it belongs to the strip below.
         assert!(expected.iter().any(|k| boxes.top[*k] == 50.0), "{expected:?}");
         let strips = [f32::NEG_INFINITY..40.0, 40.0..50.0, 50.0..f32::INFINITY];
-        dispatch!(Level::new(), simd => {
+        dispatch!(gs3_simd::level(), simd => {
             let place = |(row, chunk): (usize, usize)| row * boxes.stride + chunk;
             let met: Vec<usize> = boxes.chunks_meeting(simd, 0..3, limits).map(place).collect();
             assert_eq!(met, expected);

@@ -73,3 +73,12 @@ pub use super_sample::{Kriging, ResetReason, SuperSampler};
 
 /// Largest scale factor, HR over LR.
 pub const MAX_SCALE: u32 = 8;
+
+#[cfg(test)]
+mod tests {
+    /// Every test of kernels, once more on each other SIMD level of this processor.
+    #[test]
+    fn all_of_this_on_every_simd_level() {
+        gs3_simd::repeat_tests_on_levels("all_of_this_on_every_simd_level", &["gpu::"]);
+    }
+}

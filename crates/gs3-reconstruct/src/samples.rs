@@ -131,6 +131,18 @@ enum Layout {
 /// Blocks that count as one row of chunks: as many as one mask of [`crate::boxes`] tells of.
 const BLOCKS_PER_ROW: usize = 64;
 
+/// Numbers of the lanes of a vector. (Constants are loaded: a closure that fills lanes may be compiled without the
+/// kernel's vector instructions.)
+const LANES: [f32; CHUNK] = [0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12., 13., 14., 15.];
+
+/// Pixel centres of a block along x, from its first pixel's edge.
+const BLOCK_X: [f32; CHUNK] =
+    [0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5];
+
+/// The same along y.
+const BLOCK_Y: [f32; CHUNK] =
+    [0.5, 0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 2.5, 2.5, 2.5, 2.5, 3.5, 3.5, 3.5, 3.5];
+
 /// Places of sixteen samples, HR pixels, and which of them are there.
 pub(crate) struct Places<S: Simd> {
     pub x: f32x16<S>,
@@ -243,22 +255,22 @@ impl SampleFrame {
     /// Where the samples of chunk `chunk` of row `row` lie; LR pixels are `scale` HR pixels wide.
     #[inline(always)]
     pub fn places<S: Simd>(&self, simd: S, row: usize, chunk: usize, scale: f32) -> Places<S> {
-        let splat = |v: f32| f32x16::splat(simd, v);
         match &self.layout {
             Layout::Rows => {
                 let column = chunk * CHUNK;
-                let lanes = f32x16::from_fn(simd, |i| i as f32);
+                let lanes = f32x16::from_slice(simd, &LANES);
                 let [jx, jy] = self.offset();
+                let first = f32x16::splat(simd, (column as f32 + 0.5 + jx) * scale);
                 Places {
-                    x: lanes.mul_add(scale, splat((column as f32 + 0.5 + jx) * scale)),
-                    y: splat((row as f32 + 0.5 + jy) * scale),
+                    x: lanes.mul_add(scale, first),
+                    y: f32x16::splat(simd, (row as f32 + 0.5 + jy) * scale),
                     is_sample: lanes.simd_lt((self.width - column) as f32),
                 }
             }
             Layout::Blocks { corners, picture } => {
                 let [x, y] = corners[row * BLOCKS_PER_ROW + chunk];
-                let x = f32x16::from_fn(simd, |i| (i % BLOCK_SIDE) as f32 + 0.5) + x;
-                let y = f32x16::from_fn(simd, |i| (i / BLOCK_SIDE) as f32 + 0.5) + y;
+                let x = f32x16::from_slice(simd, &BLOCK_X) + x;
+                let y = f32x16::from_slice(simd, &BLOCK_Y) + y;
                 Places { x, y, is_sample: x.simd_lt(picture[0]) & y.simd_lt(picture[1]) }
             }
         }
@@ -268,23 +280,22 @@ impl SampleFrame {
     /// Those of chunks beyond the end of the row are any.
     #[inline(always)]
     pub fn ends<S: Simd>(&self, simd: S, row: usize, first: usize, scale: f32) -> [[f32x16<S>; 2]; 2] {
-        let splat = |v: f32| f32x16::splat(simd, v);
         match &self.layout {
             Layout::Rows => {
                 let [jx, jy] = self.offset();
-                let start = f32x16::from_fn(simd, |i| (i * CHUNK) as f32) + (first * CHUNK) as f32;
+                let start = (f32x16::from_slice(simd, &LANES) + first as f32) * CHUNK as f32;
                 let end = (start + (CHUNK - 1) as f32).min((self.width - 1) as f32);
-                let y = splat((row as f32 + 0.5 + jy) * scale);
+                let y = f32x16::splat(simd, (row as f32 + 0.5 + jy) * scale);
                 [[(start + (0.5 + jx)) * scale, (end + (0.5 + jx)) * scale], [y, y]]
             }
             Layout::Blocks { corners, .. } => {
-                let corners = &corners[row * BLOCKS_PER_ROW..];
-                let along = |axis: usize| {
-                    let from =
-                        f32x16::from_fn(simd, |i| corners.get(first + i).map_or(0.0, |c| c[axis])) + 0.5;
-                    [from, from + (BLOCK_SIDE - 1) as f32]
-                };
-                [along(0), along(1)]
+                let mut from = [[0.0; CHUNK]; 2];
+                for (i, corner) in corners[row * BLOCKS_PER_ROW..].iter().skip(first).take(CHUNK).enumerate()
+                {
+                    (from[0][i], from[1][i]) = (corner[0] + 0.5, corner[1] + 0.5);
+                }
+                let [x, y] = [f32x16::load_array(simd, from[0]), f32x16::load_array(simd, from[1])];
+                [[x, x + (BLOCK_SIDE - 1) as f32], [y, y + (BLOCK_SIDE - 1) as f32]]
             }
         }
     }
@@ -484,7 +495,7 @@ mod tests {
     fn chunks_hold_what_the_gbuffer_says() -> Result<(), ReconstructError> {
         let gbuffer = gbuffer();
         let mut frame = SampleFrame::default();
-        frame.fill(Level::new(), &gbuffer, 2)?;
+        frame.fill(gs3_simd::level(), &gbuffer, 2)?;
         let (Some(gradients), Some(geometry)) = (&gbuffer.gradients, &gbuffer.geometry) else {
             return Err(ReconstructError::Missing { what: "all" });
         };

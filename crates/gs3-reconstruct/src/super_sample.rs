@@ -236,7 +236,7 @@ impl SuperSampler {
             plausible: Plausible::default(),
             innovation: Vec::new(),
             invalid: Some(ResetReason::FirstFrame),
-            level: Level::new(),
+            level: gs3_simd::level(),
         })
     }
 

@@ -153,6 +153,7 @@ pub use gs3_reconstruct as reconstruct;
 pub use gs3_reconstruct::{Kriging, ResetReason};
 pub use gs3_scene as scene;
 pub use gs3_scene::glam;
+pub use gs3_simd as simd;
 pub use jitter::AdaptiveJitter;
 pub use lattice::DepthLattice;
 pub use learned::{NetworkError, Networks};

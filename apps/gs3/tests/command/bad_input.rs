@@ -185,3 +185,20 @@ fn one_line_that_names_field_expected_and_actual() {
         assert_eq!(names(at), before, "gs3 {arguments} leaves nothing");
     }
 }
+
+#[test]
+fn a_simd_level_that_is_not_there_is_told_before_any_work() {
+    let folder = tempfile::tempdir().unwrap();
+    // No processor has both.
+    let foreign = if cfg!(target_arch = "aarch64") { "avx2" } else { "neon" };
+    for (value, expected) in
+        [("wide", "expected one of scalar"), (foreign, "expected a level that this processor has (scalar")]
+    {
+        let mut command = gs3(folder.path(), "render demo --frames 0..1 --size 64x36 --output out");
+        let output = command.env("GS3_SIMD", value).output().unwrap();
+        let text = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{text}");
+        assert!(text.lines().count() == 1 && text.contains("GS3_SIMD") && text.contains(expected), "{text}");
+        assert!(text.contains(value) && names(folder.path()).is_empty(), "{text}");
+    }
+}

@@ -1,7 +1,7 @@
 //! The one sum behind PSNR, tPSNR and flicker: the mean square of a linear combination of images.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, dispatch, f32x16};
+use fearless_simd::{dispatch, f32x16};
 use gs3_scene::Image;
 use rayon::prelude::*;
 
@@ -30,7 +30,7 @@ pub(super) fn mean_square<const N: usize>(
     if width == 0 || height == 0 {
         return Err(MetricError::TooSmall { metric: "mean squared error", min: 1, actual: (width, height) });
     }
-    let level = Level::new();
+    let level = gs3_simd::level();
     let bands: Vec<f64> = (0..height.div_ceil(BAND_ROWS))
         .into_par_iter()
         .map(|band| {

@@ -25,6 +25,8 @@ pub struct BlockPlaces {
     pub corner: [f32; 2],
     /// Samples of the area left of the first of each block.
     columns: [f32; BLOCKS],
+    /// Samples of the area above the first of each block.
+    lines: [f32; BLOCKS],
     /// The rows: samples of the area above the first of the row, and the place of its first block.
     rows: [(f32, usize); BLOCKS],
     row_count: usize,
@@ -34,7 +36,15 @@ pub struct BlockPlaces {
 impl BlockPlaces {
     /// No blocks yet, of samples `pitch` pixels apart.
     pub const fn new(pitch: f32, corner: [f32; 2]) -> Self {
-        Self { pitch, corner, columns: [0.0; BLOCKS], rows: [(0.0, 0); BLOCKS], row_count: 0, count: 0 }
+        Self {
+            pitch,
+            corner,
+            columns: [0.0; BLOCKS],
+            lines: [0.0; BLOCKS],
+            rows: [(0.0, 0); BLOCKS],
+            row_count: 0,
+            count: 0,
+        }
     }
 
     /// All blocks of a tile, whose samples are `pitch` pixels apart from `corner` on.
@@ -53,7 +63,7 @@ impl BlockPlaces {
             self.rows[self.row_count] = (row, self.count);
             self.row_count += 1;
         }
-        self.columns[self.count] = column;
+        (self.columns[self.count], self.lines[self.count]) = (column, row);
         self.count += 1;
     }
 
@@ -73,12 +83,11 @@ impl BlockPlaces {
     /// Positions of the samples of block `b`, pixels.
     #[inline(always)]
     pub fn samples<S: Simd>(&self, s: S, b: usize) -> [f32x16<S>; 2] {
-        let along = |lanes: &[f32; 16], first: f32, corner: f32| {
-            (f32x16::from_slice(s, lanes) + first).mul_add(self.pitch, f32x16::splat(s, corner))
-        };
-        let row =
-            self.rows[..self.row_count].iter().rfind(|(_, first)| *first <= b).map_or(0.0, |(at, _)| *at);
-        [along(&LANES_X, self.columns[b], self.corner[0]), along(&LANES_Y, row, self.corner[1])]
+        // No closure: one may be compiled without the kernel's vector instructions.
+        let x = f32x16::from_slice(s, &LANES_X) + self.columns[b];
+        let y = f32x16::from_slice(s, &LANES_Y) + self.lines[b];
+        let corner = [f32x16::splat(s, self.corner[0]), f32x16::splat(s, self.corner[1])];
+        [x.mul_add(self.pitch, corner[0]), y.mul_add(self.pitch, corner[1])]
     }
 }
 

@@ -95,10 +95,10 @@ impl Rasterizer {
     /// Prepares `scene`: bounds of runs of Gaussians, for culling.
     #[must_use]
     pub fn new(scene: Arc<Scene>, culling: Culling) -> Self {
-        Self::with_level(scene, culling, Level::new())
+        Self::with_level(scene, culling, gs3_simd::level())
     }
 
-    /// As [`Self::new`] with a given SIMD level instead of the best that the processor has.
+    /// As [`Self::new`] with a given SIMD level instead of [`gs3_simd::level`].
     #[must_use]
     pub fn with_level(scene: Arc<Scene>, culling: Culling, level: Level) -> Self {
         let chunks = chunk::of_gaussians(scene.gaussians());
