@@ -125,6 +125,12 @@ pub trait Method {
 
     /// How long the stages of the last frame took.
     fn durations(&self) -> Durations;
+
+    /// The share of the last rendered frame's pixels, in `[0, 1]`, that were rasterized exactly beside its LR frame;
+    /// none if the method never does that. Reports have a column of it where some method gives one.
+    fn refined_share(&self) -> Option<f64> {
+        None
+    }
 }
 
 /// What all methods share.
