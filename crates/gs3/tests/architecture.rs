@@ -46,6 +46,7 @@ fn crates_know_only_what_the_map_says() {
         ("gs3-files", vec![]),
         ("gs3-scene", vec!["gs3-files"]),
         ("gs3-compute", vec![]),
+        ("gs3-video", vec![]),
         ("gs3-neural", vec!["gs3-files"]),
         ("gs3-raster", vec!["gs3-files", "gs3-scene"]),
         ("gs3-reconstruct", vec!["gs3-files", "gs3-scene"]),
