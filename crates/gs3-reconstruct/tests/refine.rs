@@ -98,8 +98,7 @@ fn expected_errors_find_the_blocks_that_err() {
         let [columns, _] = block_grid([run.image.width(), run.image.height()]);
         let worst = run.select(0.1);
         assert_eq!(worst.len(), (0.1 * errors.len() as f32).round() as usize);
-        let found: f32 =
-            worst.iter().map(|[x, y]| errors[usize::from(*y) * columns + usize::from(*x)]).sum();
+        let found: f32 = worst.iter().map(|[x, y]| errors[usize::from(*y) * columns + usize::from(*x)]).sum();
         // A tenth of the blocks at random has a tenth of the error.
         assert!(found > 0.25 * all, "frame {k}: {:.3} of the error", found / all);
     }

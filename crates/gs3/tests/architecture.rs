@@ -51,6 +51,7 @@ fn crates_know_only_what_the_map_says() {
         ("gs3-raster", vec!["gs3-files", "gs3-scene", "gs3-simd"]),
         ("gs3-reconstruct", vec!["gs3-files", "gs3-scene", "gs3-simd"]),
         ("gs3", vec!["gs3-files", "gs3-neural", "gs3-raster", "gs3-reconstruct", "gs3-scene", "gs3-simd"]),
+        ("gs3-video", vec![]),
     ] {
         // Of the kernels' crates the GPU's half knows devices too, and nothing else.
         let with_gpu = transitive(package, &[]);

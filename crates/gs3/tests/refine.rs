@@ -30,9 +30,10 @@ fn rgb(image: &Image) -> impl Iterator<Item = [u32; 3]> + '_ {
 }
 
 fn psnr(a: &Image, b: &Image) -> f64 {
-    let squares = a.pixels().iter().zip(b.pixels()).flat_map(|(a, b)| {
-        (0..3).map(|c| f64::from(a[c].clamp(0.0, 1.0) - b[c].clamp(0.0, 1.0)).powi(2))
-    });
+    let squares =
+        a.pixels().iter().zip(b.pixels()).flat_map(|(a, b)| {
+            (0..3).map(|c| f64::from(a[c].clamp(0.0, 1.0) - b[c].clamp(0.0, 1.0)).powi(2))
+        });
     -10.0 * (squares.sum::<f64>() / (3 * a.pixels().len()) as f64).max(1e-12).log10()
 }
 

@@ -125,6 +125,12 @@ pub trait Method {
 
     /// How long the stages of the last frame took.
     fn durations(&self) -> Durations;
+
+    /// The share of the last rendered frame's pixels, in `[0, 1]`, that were rasterized exactly beside its LR frame;
+    /// none if the method never does that. Reports have a column of it where some method gives one.
+    fn refined_share(&self) -> Option<f64> {
+        None
+    }
 }
 
 /// What all methods share.
@@ -198,6 +204,11 @@ impl Method for FramePipeline {
         let poses = middle.map_or(&[][..], std::slice::from_ref);
         let presented = self.render_with_poses(camera, poses)?;
         Ok(Shown { between: presented.between[0], current: presented.current })
+    }
+
+    fn refined_share(&self) -> Option<f64> {
+        let is_refined = self.settings().mode.has_history() && self.settings().refine.is_on();
+        is_refined.then(|| f64::from(FramePipeline::refined_share(self)))
     }
 
     fn durations(&self) -> Durations {

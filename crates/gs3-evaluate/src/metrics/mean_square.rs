@@ -82,6 +82,16 @@ fn load<S: Simd>(simd: S, data: &[f32], at: usize, quantisation: Quantisation) -
     displayed(raw, quantisation)
 }
 
+/// The value that a display would show: one lane of [`displayed`].
+#[inline(always)]
+pub(super) fn shown(value: f32, quantisation: Quantisation) -> f32 {
+    let clamped = super::displayed(value);
+    match quantisation {
+        Quantisation::None => clamped,
+        Quantisation::EightBit => (clamped * 255.0 + 0.5).floor() * (1.0 / 255.0),
+    }
+}
+
 /// The values that a display would show.
 #[inline(always)]
 fn displayed<S: Simd>(value: f32x16<S>, quantisation: Quantisation) -> f32x16<S> {

@@ -8,6 +8,8 @@ use super::machine::Machine;
 use super::timeline::Timeline;
 use super::{EvaluateError, Protocol};
 use crate::methods::{Formation, MethodSpec, Spatial};
+use crate::metrics::blocks::BLOCK;
+use crate::metrics::edges::{DEPTH_STEP, EDGE_REACH};
 use crate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
 
 /// Which of the displayed frames a figure is about.
@@ -56,6 +58,8 @@ pub struct TruthFacts {
     pub motion_px_per_displayed_frame: Option<f64>,
     /// The same between rendered frames.
     pub motion_px_per_rendered_frame: Option<f64>,
+    /// Share of the pixels that edge PSNR looks at, in `[0, 1]`; mean over the frames.
+    pub edge_share: Option<f64>,
 }
 
 /// Median and 99th percentile of a duration, in milliseconds.
@@ -89,6 +93,10 @@ pub struct ResultRow {
     pub ssim: f64,
     /// Mean ꟻLIP.
     pub flip: f64,
+    /// Mean PSNR in dB near depth discontinuities, of frames that have some.
+    pub edge_psnr: Option<f64>,
+    /// Mean over the frames of the 99th percentile of the RMSE of 8×8 blocks, in `[0, 255]`.
+    pub block_rmse_p99: f64,
     /// Mean PSNR of frame differences in dB.
     pub tpsnr: Option<f64>,
     /// Mean warping error; the ground truth's own stands in the protocol's facts.
@@ -106,6 +114,9 @@ pub struct ResultRow {
     pub lr_formation: Option<String>,
     /// Whether the LR frames were jittered.
     pub lr_jitter: bool,
+    /// Mean share of the pixels of a rendered frame that were rasterized exactly beside the LR frame, in `[0, 1]`; none
+    /// for methods that rasterize none so.
+    pub refined_share: Option<f64>,
     /// Number of frames.
     pub frames: usize,
     /// Rasterizing a frame.
@@ -267,6 +278,8 @@ fn rows(spec: MethodSpec, score: &MethodScore, native: Option<f64>) -> Vec<Resul
             psnr: mean_of(&|i| frames[i].psnr)?,
             ssim: mean_of(&|i| frames[i].ssim)?,
             flip: mean_of(&|i| frames[i].flip)?,
+            edge_psnr: mean(&frames.iter().filter_map(|f| f.edge_psnr).collect::<Vec<_>>()),
+            block_rmse_p99: mean_of(&|i| frames[i].block_rmse_p99)?,
             tpsnr: mean(&score.tpsnr[index]),
             warping_error: mean(&score.warping_error[index]),
             flicker: mean(&score.flicker[index]),
@@ -275,6 +288,7 @@ fn rows(spec: MethodSpec, score: &MethodScore, native: Option<f64>) -> Vec<Resul
             speedup_over_native: speed.zip(native).map(|(speed, native)| speed / native),
             lr_formation: (spec.spatial != Spatial::Native).then(|| spec.formation.name().to_owned()),
             lr_jitter: spec.spatial.is_jittered(),
+            refined_share: mean(&score.refined_share),
             frames: frames.len(),
             rasterize: stage(Stage::Rasterize),
             super_sample: stage(Stage::SuperSample),
@@ -311,6 +325,15 @@ fn facts(protocol: &Protocol, timeline: &Timeline, truth: TruthFacts) -> Protoco
             format!("PSNR: one mean squared error over all RGB of a frame, mean over frames, capped at {PSNR_CAP} dB."),
             "SSIM: 11×11 Gaussian, σ = 1.5, biased, borders cropped (scikit-image).".into(),
             format!("FLIP: LDR, {DEFAULT_PIXELS_PER_DEGREE:.2} pixels per degree, mean error."),
+            format!(
+                "Edge PSNR: PSNR of the pixels within {EDGE_REACH} columns and rows of two neighbours whose native median depths \
+                 differ by more than {:.0} % of the nearer, or just one of which shows anything; mean over frames.",
+                100.0 * DEPTH_STEP
+            ),
+            format!(
+                "Block p99: the 99th percentile of the RMSE over RGB of the {BLOCK}×{BLOCK} blocks of a frame, of 255; mean over \
+                 frames."
+            ),
             "tPSNR: PSNR of the differences of consecutive frames of the subset.".into(),
             "Warping error: mean squared RGB distance along exact motion, where visible in both frames.".into(),
             "Flicker: rms of the error's part that alternates from frame to frame.".into(),
@@ -343,7 +366,14 @@ mod tests {
     #[test]
     fn speed_ups_compare_what_ran_at_the_same_time() {
         let score = |ms: f64, native_ms: f64| MethodScore {
-            frames: vec![FrameScore { displayed: 0, psnr: 30.0, ssim: 0.9, flip: 0.1 }],
+            frames: vec![FrameScore {
+                displayed: 0,
+                psnr: 30.0,
+                ssim: 0.9,
+                flip: 0.1,
+                edge_psnr: Some(25.0),
+                block_rmse_p99: 20.0,
+            }],
             stage_ms: vec![[Some(ms), None, None, None]; 3],
             native_ms: vec![native_ms; 3],
             ..MethodScore::default()
