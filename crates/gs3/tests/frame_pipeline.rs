@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use gs3::scene::camera_path::CameraPath;
 use gs3::scene::{Image, Scene, demo};
-use gs3::{Dilation, FramePipeline, Mode, PipelineSettings, ResetReason, Sampling, Stage};
+use gs3::{Dilation, FramePipeline, Mode, PipelineSettings, Refine, ResetReason, Sampling, Stage};
 
 const WIDTH: u32 = 256;
 const HEIGHT: u32 = 144;
@@ -36,7 +36,8 @@ fn psnr(a: &Image, b: &Image) -> f64 {
 fn a_resting_camera_becomes_native() {
     let camera = path().cameras()[17];
     let native = pipeline(Mode::Native).render(&camera).unwrap().current.clone();
-    let mut resting = pipeline(Mode::SuperSample);
+    let settings = PipelineSettings { mode: Mode::SuperSample, refine: Refine::Off, ..Default::default() };
+    let mut resting = FramePipeline::new(scene(), settings).unwrap();
     let first = psnr(resting.render(&camera).unwrap().current, &native);
     for _ in 1..16 {
         resting.render(&camera).unwrap();

@@ -72,7 +72,7 @@ fn interpolation_is_learned_where_it_is_asked_for() {
 fn kriging_and_tiers_reach_the_picture() {
     let folder = tempfile::tempdir().unwrap();
     let render = |name: &str, options: &str| {
-        let size = "--size 128x72 --frames 0..3 --mode super-sample";
+        let size = "--size 128x72 --frames 0..3 --mode super-sample --refine off";
         succeed(folder.path(), &format!("render demo {size} {options} --out {name}"));
         png(&folder.path().join(name).join("frame_000002.png")).2
     };
@@ -159,8 +159,8 @@ fn a_late_part_of_a_path_begins_as_good_as_in_the_whole() {
         succeed(at, &format!("render demo --size 192x108 --backend cpu {options} --out {out}"));
     };
     render("--mode native --frames 40..44", "native");
-    render("--mode super-sample --tier analytic --frames 0..44", "whole");
-    render("--mode super-sample --tier analytic --frames 40..44", "part");
+    render("--mode super-sample --refine off --frames 0..44", "whole");
+    render("--mode super-sample --refine off --frames 40..44", "part");
     let psnr = |out: &str, number: usize| {
         let [a, b] = ["native", out].map(|out| png(&at.join(out).join(format!("frame_{number:06}.png"))).2);
         let squares = a.iter().zip(&b).map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2)).sum::<f64>();
