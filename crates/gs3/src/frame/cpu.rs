@@ -3,13 +3,12 @@
 use std::sync::Arc;
 
 use gs3_raster::{Outputs, Rasterizer};
-use gs3_reconstruct::{Interpolator, Kernel, Neighbor, SuperSampler, resample};
+use gs3_reconstruct::{DepthLattice, Interpolator, Kernel, Neighbor, SuperSampler, resample};
 use gs3_scene::{GBuffer, Image, Margin, Scene};
 
 use super::inputs::{Frame, FrameInputs, Frames, Made};
 use super::plan::FramePlan;
 use crate::error::PipelineError;
-use crate::lattice::DepthLattice;
 use crate::learned::{LearnedInterpolator, LearnedSuperSampler};
 use crate::rasterizer::RasterizeHere;
 use crate::settings::Mode;
