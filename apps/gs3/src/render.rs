@@ -54,7 +54,9 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         Machine::new(&args.device, args.look.features())?.start(|gpu| pipeline.render_on(gpu))?;
     let first = path.cameras()[range.start];
     if mode.has_history() && args.look.refine.is_on() && !matches!(machine, Machine::Cpu) {
-        note("no pixels are rasterized exactly: a GPU makes or rasterizes the frames, and --refine is for the CPU");
+        note(
+            "no pixels are rasterized exactly: a GPU makes or rasterizes the frames, and --refine is for the CPU",
+        );
     }
     if mode.has_history() && !pipeline.is_on_device(&first) && !matches!(machine, Machine::Cpu) {
         note(

@@ -37,6 +37,13 @@ pub enum ResetReason {
     Failure,
 }
 
+/// What happened since the frame before.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Since {
+    /// Why there is no history, if there is none.
+    pub reset: Option<ResetReason>,
+}
+
 /// Which pixels are kriged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kriging {
@@ -296,6 +303,18 @@ impl SuperSampler {
         around: &GBuffer,
         out: &mut Image,
     ) -> Result<(), ReconstructError> {
+        self.super_sample_since(Since::default(), camera, gbuffer, around, out)
+    }
+
+    /// As [`Self::super_sample_within`], told what happened `since` the frame before. Where it errs, that is not heard.
+    pub(crate) fn super_sample_since(
+        &mut self,
+        since: Since,
+        camera: &Camera,
+        gbuffer: &GBuffer,
+        around: &GBuffer,
+        out: &mut Image,
+    ) -> Result<(), ReconstructError> {
         let size = camera_size(camera);
         check_gbuffer(gbuffer, self.scale, size)?;
         check_around(around, gbuffer)?;
@@ -306,7 +325,7 @@ impl SuperSampler {
         if self.past.first().is_some_and(|newest| camera_size(&newest.camera) != size) {
             self.reset(ResetReason::SizeOrTierChange);
         }
-        if self.invalid.take().is_some() {
+        if self.invalid.take().is_some() || since.reset.is_some() {
             self.spare.append(&mut self.past);
         }
         self.surface.set(gbuffer, gradients, self.scale);

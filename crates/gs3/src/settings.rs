@@ -3,7 +3,7 @@
 use std::fmt;
 
 use gs3_raster::{Culling, STOCK_DILATION, matched_dilation};
-use gs3_reconstruct::Kriging;
+use gs3_reconstruct::{Kriging, Sampling};
 
 use crate::refine::{Quality, Refine};
 
@@ -37,28 +37,6 @@ impl Mode {
             Self::Bicubic => "bicubic",
             Self::SuperSample => "super-sample",
             Self::Full => "full",
-        }
-    }
-}
-
-/// Where within their pixels low-resolution frames are sampled.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Sampling {
-    /// At offsets of the exact S×S grid, in each frame where the ones before did not sample
-    /// ([`crate::AdaptiveJitter`]): after S² frames a resting camera has seen every high-resolution pixel.
-    #[default]
-    Jittered,
-    /// Always at pixel centres.
-    Centered,
-}
-
-impl Sampling {
-    /// Its name in reports.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Jittered => "jittered",
-            Self::Centered => "centered",
         }
     }
 }

@@ -76,8 +76,14 @@ fn one_line_that_names_field_expected_and_actual() {
         ),
         ("render demo --refine 2 --out o", &["--refine", "a share of the pixels from 0 to 1", "found \"2\""]),
         ("render demo --refine some --out o", &["--refine", "expected off, auto", "found \"some\""]),
-        ("render demo --mode native --refine off --out o", &["--refine: expected --mode super-sample or full"]),
-        ("render demo --refine 0.1 --quality high --out o", &["--quality: expected --refine auto, found --refine 0.1"]),
+        (
+            "render demo --mode native --refine off --out o",
+            &["--refine: expected --mode super-sample or full"],
+        ),
+        (
+            "render demo --refine 0.1 --quality high --out o",
+            &["--quality: expected --refine auto, found --refine 0.1"],
+        ),
         ("render demo --mode native --kriging --out o", &["--kriging: expected --mode super-sample or full"]),
         ("render demo --mode native --jitter off --out o", &["--jitter: expected --mode"]),
         ("render demo --mode native --weights w --out o", &["--weights: expected --mode"]),

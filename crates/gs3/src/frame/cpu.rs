@@ -3,13 +3,14 @@
 use std::sync::Arc;
 
 use gs3_raster::{Outputs, Rasterizer};
-use gs3_reconstruct::{BlockBudget, Interpolator, Kernel, Neighbor, SuperSampler, resample, select_blocks};
+use gs3_reconstruct::{
+    BlockBudget, DepthLattice, Interpolator, Kernel, Neighbor, SuperSampler, resample, select_blocks,
+};
 use gs3_scene::{ExactBlocks, GBuffer, Image, Margin, Scene, block_grid};
 
 use super::inputs::{Frame, FrameInputs, Frames, Made};
 use super::plan::FramePlan;
 use crate::error::PipelineError;
-use crate::lattice::DepthLattice;
 use crate::learned::{LearnedInterpolator, LearnedSuperSampler};
 use crate::rasterizer::RasterizeHere;
 use crate::refine::{Refine, ShareController};

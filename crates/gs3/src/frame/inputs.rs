@@ -1,9 +1,8 @@
 //! What a frame is made from and what it leaves: the values that a machine gets and gives.
 
-use gs3_reconstruct::{Neighbor, ResetReason};
+use gs3_reconstruct::{DepthLattice, Neighbor, ResetReason};
 use gs3_scene::{Camera, GBuffer, Image, Margin};
 
-use crate::lattice::DepthLattice;
 use crate::stages::StageTimes;
 
 /// All that is decided about a frame before its first stage runs. Both machines read it, and nothing else about the
@@ -63,7 +62,6 @@ pub struct Frame {
     pub camera: Option<Camera>,
     pub gbuffer: GBuffer,
     pub image: Image,
-    pub lattice: DepthLattice,
 }
 
 impl Frame {

@@ -13,9 +13,9 @@ use std::sync::Arc;
 #[cfg(feature = "gpu")]
 use gs3_compute::{Gpu, StageTime};
 use gs3_raster::Rasterizer;
-use gs3_reconstruct::ResetReason;
+use gs3_reconstruct::{FrameSequence, FrameStart, ResetReason};
 use gs3_scene::camera_path::pose_between;
-use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
+use gs3_scene::{Camera, GBuffer, Image, Scene};
 
 use self::cpu::CpuMachine;
 #[cfg(feature = "gpu")]
@@ -24,11 +24,8 @@ use self::gpu::GpuMachine;
 pub use self::gpu::GpuPresented;
 use self::inputs::{FrameInputs, Frames, Made, Moment, ReadBack};
 use self::plan::FramePlan;
-use crate::cut::is_cut;
 use crate::error::PipelineError;
-use crate::jitter::AdaptiveJitter;
 use crate::learned::Networks;
-use crate::overscan::{margin_ahead, whole_blocks};
 use crate::settings::{MAX_GENERATE, Mode, PipelineSettings};
 use crate::stages::StageTimes;
 
@@ -62,16 +59,15 @@ enum Machine {
 pub struct FramePipeline {
     plan: FramePlan,
     machine: Machine,
-    jitter: AdaptiveJitter,
+    /// Tells cuts, chooses jitter and margins.
+    sequence: FrameSequence,
     frames: Frames,
     /// How many frames lie before the current one.
     in_between: usize,
     /// Share of the current frame's pixels that are exact blocks.
     refined: f32,
     times: StageTimes,
-    /// Why the next frame starts without history, if that is known already.
-    next_reset: Option<ResetReason>,
-    /// Why the last frame did, if it did.
+    /// Why the last frame has no history, if it has none.
     last_reset: Option<ResetReason>,
 }
 
@@ -80,7 +76,7 @@ impl fmt::Debug for FramePipeline {
         f.debug_struct("FramePipeline")
             .field("settings", self.settings())
             .field("gaussians", &self.scene().gaussians().len())
-            .field("next_reset", &self.next_reset)
+            .field("last_reset", &self.last_reset)
             .finish_non_exhaustive()
     }
 }
@@ -109,13 +105,12 @@ impl FramePipeline {
         let in_between = vec![Image::default(); plan.in_between];
         Ok(Self {
             machine,
-            jitter: AdaptiveJitter::new(plan.scale, plan.sampling),
+            sequence: FrameSequence::new(plan.scale, plan.sampling, plan.widest_margin),
             plan,
             frames: Frames { in_between, ..Frames::default() },
             in_between: 0,
             refined: 0.0,
             times: StageTimes::default(),
-            next_reset: Some(ResetReason::FirstFrame),
             last_reset: None,
         })
     }
@@ -226,31 +221,15 @@ impl FramePipeline {
     /// what is rasterized beyond its edges, which frames lie before it. What is refused changes nothing.
     fn begin(&mut self, camera: &Camera, poses: &[Camera]) -> Result<FrameInputs, PipelineError> {
         self.check_poses(camera, poses)?;
-        let last = &self.frames.current;
-        let reset = self.next_reset.or_else(|| match &last.camera {
-            None => Some(ResetReason::FirstFrame),
-            Some(last) if !is_same_size(last, camera) => Some(ResetReason::SizeOrTierChange),
-            Some(before) if is_cut(before, camera, &last.lattice) => Some(ResetReason::CameraCut),
-            Some(_) => None,
-        });
-        if reset.is_some() {
-            self.jitter.reset();
-        }
-        let jitter = self.jitter.next(camera, &last.lattice);
-        let (margin, between) = match (&last.camera, reset) {
-            (Some(before), None) => {
-                // The camera goes on as it moved last.
-                let ahead = || margin_ahead(before, camera, &last.lattice, self.plan.scale);
-                let moment = |(k, t): (usize, f64)| {
-                    let pose = poses.get(k).copied().unwrap_or_else(|| pose_between(before, camera, t));
-                    Moment { t: t as f32, camera: pose }
-                };
-                let margin =
-                    if self.plan.has_margins { whole_blocks(ahead(), self.plan.scale) } else { Margin::NONE };
-                (margin, self.plan.settings.moments().enumerate().map(moment).collect())
-            }
-            // After a cut nothing tells where the camera goes, and nothing lies between.
-            _ => (Margin::NONE, Vec::new()),
+        let FrameStart { reset, jitter, margin, previous } = self.sequence.begin(camera);
+        let moment = |previous: &Camera, k: usize, t: f64| {
+            let pose = poses.get(k).copied().unwrap_or_else(|| pose_between(previous, camera, t));
+            Moment { t: t as f32, camera: pose }
+        };
+        let moments = self.plan.settings.moments().enumerate();
+        let between = match &previous {
+            Some(previous) => moments.map(|(k, t)| moment(previous, k, t)).collect(),
+            None => Vec::new(),
         };
         self.frames.advance();
         Ok(FrameInputs { camera: *camera, reset, jitter, margin, between })
@@ -279,16 +258,16 @@ impl FramePipeline {
     ) -> Result<(), PipelineError> {
         match made {
             Ok(Made { lattice, in_between, refined, times }) => {
+                self.sequence.commit(&inputs.camera, inputs.reset, inputs.jitter, lattice);
                 self.frames.current.camera = Some(inputs.camera);
-                self.frames.current.lattice = lattice;
-                (self.in_between, self.refined, self.times) = (in_between, refined, times);
-                (self.last_reset, self.next_reset) = (inputs.reset, None);
+                (self.in_between, self.refined) = (in_between, refined);
+                (self.times, self.last_reset) = (times, inputs.reset);
                 Ok(())
             }
             Err(error) => {
                 self.frames.retreat();
                 (self.in_between, self.times) = (0, StageTimes::default());
-                self.next_reset = Some(inputs.reset.unwrap_or(ResetReason::Failure));
+                self.sequence.fail(inputs.reset);
                 Err(error)
             }
         }
@@ -303,7 +282,7 @@ impl FramePipeline {
 
     /// Forgets the frames before: the next one starts anew, for this reason unless another came first.
     pub fn reset(&mut self, reason: ResetReason) {
-        self.next_reset.get_or_insert(reason);
+        self.sequence.reset(reason);
     }
 
     /// Why the last frame began without history, if it did: it is less sharp than the ones to come, and what
@@ -380,7 +359,7 @@ impl FramePipeline {
     /// history holds.
     #[must_use]
     pub fn jitter_period(&self) -> usize {
-        self.jitter.period()
+        self.sequence.period()
     }
 
     /// What the last frame gave to show; an empty image before the first one.

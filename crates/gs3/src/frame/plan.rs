@@ -2,14 +2,14 @@
 
 use gs3_neural::Weights;
 use gs3_neural::model::Tier;
-use gs3_raster::{Outputs, RasterSettings};
-use gs3_reconstruct::Kriging;
+use gs3_raster::{MAX_MARGIN, Outputs, RasterSettings};
+use gs3_reconstruct::{Kriging, Sampling};
 
 use super::inputs::FrameInputs;
 use crate::error::PipelineError;
 use crate::learned::Networks;
 use crate::refine::Refine;
-use crate::settings::{MAX_GENERATE, Mode, PipelineSettings, Sampling};
+use crate::settings::{MAX_GENERATE, Mode, PipelineSettings};
 
 /// How all frames of a pipeline are made: its settings, and what follows from them and from its networks. Both machines
 /// take it, so that neither derives anything by itself.
@@ -24,8 +24,8 @@ pub struct FramePlan {
     pub kriging: Kriging,
     /// Which pixels are rasterized exactly.
     pub refine: Refine,
-    /// Whether LR frames have margins.
-    pub has_margins: bool,
+    /// LR pixels beyond each edge that LR frames have at most, 0 if they have no margins.
+    pub widest_margin: u32,
     /// Frames interpolated before each rendered one.
     pub in_between: usize,
     /// Those that the mode has a use for.
@@ -52,13 +52,14 @@ impl FramePlan {
             arithmetic,
         };
         let weights = networks.super_sample.as_deref();
+        let has_margins = mode.has_history() && (settings.overscan || weights.is_some());
         Ok(Self {
             settings,
             scale: if mode == Mode::Native { 1 } else { settings.scale },
             sampling: if mode == Mode::Native { Sampling::Centered } else { settings.sampling },
             kriging: settings.kriging.max(weights.map_or(Kriging::Off, least_kriging)),
             refine: if mode.has_history() { settings.refine } else { Refine::Off },
-            has_margins: mode.has_history() && (settings.overscan || weights.is_some()),
+            widest_margin: if has_margins { MAX_MARGIN } else { 0 },
             in_between: settings.displayed_per_rendered() - 1,
             networks,
         })

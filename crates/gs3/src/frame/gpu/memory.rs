@@ -1,7 +1,8 @@
 //! What the frames of one size are made in on a device, and each stage's recording there.
 
 use gs3_compute::{Bound, Buffer, Gpu, Kernel, Readback, Recorder, Slice, Submission, Use};
-use gs3_raster::{GpuGBuffer, GpuRasterizer, MAX_MARGIN, Outputs, RasterSettings, Settled};
+use gs3_raster::{GpuGBuffer, GpuRasterizer, Outputs, RasterSettings, Settled};
+use gs3_reconstruct::DepthLattice;
 use gs3_reconstruct::gpu::{
     BoundInterpolator, BoundSuperSampler, GpuImage, GpuInterpolator, GpuNeighbor, GpuSuperSampler,
     Innovation, NeighborView,
@@ -12,11 +13,10 @@ use super::super::inputs::{FrameInputs, Frames, ReadBack};
 use super::super::plan::FramePlan;
 use super::GpuPresented;
 use crate::error::PipelineError;
-use crate::lattice::{DepthLattice, LATTICE};
 use crate::learned::gpu::{GpuLearnedInterpolator, GpuLearnedSuperSampler, InBetween, Refined, planes};
 
 /// Bytes of [`DepthLattice`].
-const LATTICE_BYTES: u64 = (LATTICE * LATTICE * 4) as u64;
+const LATTICE_BYTES: u64 = (DepthLattice::LEN * 4) as u64;
 
 const LATTICE_WGSL: &str = include_str!("lattice.wgsl");
 
@@ -88,9 +88,9 @@ impl FrameMemory {
         let scale = plan.scale;
         let super_sample = &plan.networks.super_sample;
         let innovation = if super_sample.is_some() { Innovation::Wanted } else { Innovation::NotWanted };
-        let margin = if plan.has_margins { MAX_MARGIN } else { 0 };
         // First, because it checks scale and size, on which everything else builds.
-        let super_sampler = GpuSuperSampler::new(gpu, scale, size, innovation, plan.kriging, margin)?;
+        let super_sampler =
+            GpuSuperSampler::new(gpu, scale, size, innovation, plan.kriging, plan.widest_margin)?;
         let side = || {
             let image = GpuImage::new(gpu, size)?;
             Ok::<_, PipelineError>(Side { gbuffer: GpuGBuffer::default(), image, view: None, bound: None })
@@ -111,7 +111,7 @@ impl FrameMemory {
             learned_interpolator: plan.networks.interpolate.as_ref().map(learned_interpolator).transpose()?,
             sides,
             newest: 0,
-            padded: plan.has_margins.then(GpuGBuffer::default),
+            padded: (plan.widest_margin > 0).then(GpuGBuffer::default),
             analytic: super_sample.as_ref().map(|_| GpuImage::new(gpu, size)).transpose()?,
             in_between,
             in_between_made: 0,
@@ -329,10 +329,10 @@ impl Places {
 
     /// Of all bytes the depths that the processor knows.
     fn lattice_in(&self, bytes: &[u8]) -> DepthLattice {
-        let mut lattice = DepthLattice::default();
-        let depths = part(bytes, self.lattice, self.image).as_chunks().0;
-        lattice.0.iter_mut().zip(depths).for_each(|(to, depth)| *to = f32::from_le_bytes(*depth));
-        lattice
+        let mut depths = [0.0; DepthLattice::LEN];
+        let found = part(bytes, self.lattice, self.image).as_chunks().0;
+        depths.iter_mut().zip(found).for_each(|(to, depth)| *to = f32::from_le_bytes(*depth));
+        DepthLattice::new(depths)
     }
 
     /// Of all bytes the frame.
@@ -363,7 +363,10 @@ mod tests {
         let places = Places::new(18, 800);
         let bytes: Vec<u8> = (0..20 + 100 + 3 * 800).map(|k| (k % 251) as u8).collect();
         assert_eq!(places.counters_in(&bytes), &bytes[..20]);
-        assert_eq!(places.lattice_in(&bytes).0[1], f32::from_le_bytes(bytes[24..28].try_into().unwrap()));
+        assert_eq!(
+            places.lattice_in(&bytes).depths()[1],
+            f32::from_le_bytes(bytes[24..28].try_into().unwrap())
+        );
         assert_eq!(places.image_in(&bytes), &bytes[120..920]);
         assert_eq!(places.in_between_in(&bytes, 1), &bytes[1720..2520]);
         assert_eq!(places.of_in_between(2), bytes.len() as u64);

@@ -9,6 +9,7 @@ use std::time::Instant;
 use gs3_compute::{Gpu, StageTime, Support, Timings};
 use gs3_neural::MatrixUnit;
 use gs3_raster::{GpuRasterizer, ScenePrecision};
+use gs3_reconstruct::DepthLattice;
 use gs3_reconstruct::gpu::GpuImage;
 use gs3_scene::{Camera, GBuffer, Scene};
 
@@ -17,7 +18,6 @@ use super::cpu::CpuStages;
 use super::inputs::{FrameInputs, Frames, Made, ReadBack};
 use super::plan::FramePlan;
 use crate::error::PipelineError;
-use crate::lattice::DepthLattice;
 use crate::stages::{Stage, StageTimes};
 
 /// A frame in device memory. [`GpuImage::pixels`] are four halves a pixel: red, green, blue, and one that is no part of
