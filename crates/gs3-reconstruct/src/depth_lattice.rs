@@ -47,6 +47,14 @@ impl DepthLattice {
         Self(depths)
     }
 
+    /// Mean inverse depth of the points that hit something; 0 if none did.
+    #[must_use]
+    pub fn mean_inverse_depth(&self) -> f32 {
+        let hits = self.0.iter().filter(|depth| **depth > crate::NEAREST_DEPTH && depth.is_finite());
+        let (sum, count) = hits.fold((0.0, 0), |(sum, count), depth| (sum + 1.0 / depth, count + 1));
+        if count > 0 { sum / count as f32 } else { 0.0 }
+    }
+
     /// Its depths, row by row.
     #[must_use]
     pub const fn depths(&self) -> &[f32; Self::LEN] {

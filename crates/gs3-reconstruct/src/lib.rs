@@ -66,6 +66,7 @@ mod select;
 mod separate;
 mod sequence;
 mod splat;
+mod staleness;
 mod super_sample;
 mod tile;
 mod view;

@@ -159,8 +159,6 @@ pub(crate) struct SampleFrame {
     pub width: usize,
     /// Rows of chunks.
     pub height: usize,
-    /// Of what was hit; 0 if nothing was.
-    pub mean_inverse_depth: f32,
     /// Offset of the sample positions from the LR pixel centres, in LR pixels.
     pub jitter: [f32; 2],
     margin: Margin,
@@ -197,7 +195,6 @@ impl SampleFrame {
                 }
             });
         });
-        self.find_mean_inverse_depth();
         Ok(())
     }
 
@@ -214,15 +211,6 @@ impl SampleFrame {
         chunks.for_each(|((chunk, extent), block)| {
             dispatch!(level, simd => *extent = fill_block(simd, block, chunk));
         });
-        self.find_mean_inverse_depth();
-    }
-
-    /// Mean inverse depth of what was hit, 0 if nothing was: of each chunk the middle of its range counts.
-    fn find_mean_inverse_depth(&mut self) {
-        let hit = self.extents.iter().filter(|extent| extent.near > 0.0 && extent.far.is_finite());
-        let (sum, count) =
-            hit.fold((0.0, 0), |(sum, count), extent| (sum + 0.5 * (extent.far + extent.near), count + 1));
-        self.mean_inverse_depth = sum / count.max(1) as f32;
     }
 
     /// Number of chunks.

@@ -8,6 +8,7 @@ use gs3_scene::{BLOCK_SIDE, Camera, ExactBlocks, GBuffer, Geometry, Gradients, I
 use rayon::prelude::*;
 
 use crate::boxes::{Boxes, Limits};
+use crate::depth_lattice::DepthLattice;
 use crate::error::{ReconstructError, camera_size, check_around, check_finite, check_gbuffer, check_scale};
 use crate::hermite::Surface;
 use crate::kriging::Neighborhoods;
@@ -17,6 +18,7 @@ use crate::prefetch::prefetch;
 use crate::reprojection::{Reprojection, parallax};
 use crate::samples::SampleFrame;
 use crate::splat::{REACH, Source};
+use crate::staleness::count_remembered;
 use crate::tile::{Lattice, RING, TILE_HEIGHT, TILE_WIDTH, Tile, Wanted};
 
 /// Why history is not valid. Whoever keeps it tells; a [`SuperSampler`] does not look for cuts itself.
@@ -90,14 +92,6 @@ const SURVEYED_AHEAD: usize = 8;
 /// Most LR frames in the history.
 pub(crate) const MAX_PAST: usize = (crate::MAX_SCALE * crate::MAX_SCALE) as usize;
 
-/// Frames that are remembered however far the camera moves, the current one included.
-const LEAST_REMEMBERED: usize = 4;
-
-/// How far the camera may move, as a share of the mean depth, until a frame is forgotten: 2.9° around what it shows.
-/// (Empirical, with a twentieth of the pixels exact: on an orbit of 1.2° a frame 0.1 gains 0.3 dB over 0.05 and takes
-/// half as long again, 0.2 loses 0.6 dB and takes twice as long; slow dollies and pans reach none of them.)
-const MOST_VIEW_CHANGE: f32 = 0.05;
-
 /// Most frames in the history, those of exact blocks included.
 const MAX_SOURCES: usize = 2 * MAX_PAST;
 
@@ -107,6 +101,8 @@ struct Past {
     camera: Camera,
     /// Frames since then.
     age: usize,
+    /// Of what an LR frame shows.
+    mean_inverse_depth: f32,
     frame: SampleFrame,
     /// From its camera to the current one.
     reprojection: Reprojection,
@@ -117,17 +113,12 @@ struct Past {
 }
 
 impl Past {
-    /// Whether the view has changed so far since then that its samples are worth less than their time.
-    fn is_stale(&self, camera: &Camera) -> bool {
-        let baseline = self.camera.position().distance(camera.position()) as f32;
-        baseline * self.frame.mean_inverse_depth > MOST_VIEW_CHANGE
-    }
-
     /// Nothing yet, of the frame of `camera`.
     fn empty(camera: &Camera) -> Self {
         Self {
             camera: *camera,
             age: 0,
+            mean_inverse_depth: 0.0,
             frame: SampleFrame::default(),
             reprojection: Reprojection::new(camera, camera),
             parallax: 0.0,
@@ -330,7 +321,7 @@ impl SuperSampler {
         }
         self.surface.set(gbuffer, gradients, self.scale);
         self.plausible.set(self.level, gbuffer, gradients, &geometry.depth_median, self.scale);
-        self.remember(camera, around)?;
+        self.remember(camera, gbuffer, around)?;
         self.find_boxes(camera);
         out.resize(size.0, size.1);
         self.accumulate(out);
@@ -338,15 +329,23 @@ impl SuperSampler {
     }
 
     /// Takes the current frame into the history, as its newest.
-    fn remember(&mut self, camera: &Camera, around: &GBuffer) -> Result<(), ReconstructError> {
+    fn remember(
+        &mut self,
+        camera: &Camera,
+        gbuffer: &GBuffer,
+        around: &GBuffer,
+    ) -> Result<(), ReconstructError> {
         let mut newest = self.spare.pop().unwrap_or_else(|| Past::empty(camera));
         (newest.camera, newest.age) = (*camera, 0);
+        newest.mean_inverse_depth = DepthLattice::of(gbuffer).mean_inverse_depth();
         newest.frame.fill(self.level, around, self.scale)?;
         let remembered = (self.scale * self.scale) as usize;
         self.past.iter_mut().for_each(|past| past.age += 1);
-        let is_forgotten =
-            |past: &mut Past| past.age >= remembered || past.age >= LEAST_REMEMBERED && past.is_stale(camera);
-        self.spare.extend(self.past.extract_if(.., is_forgotten));
+        // The ages of LR frames are 1, 2, 3, … up to the oldest.
+        let lr_frames = self.past.iter().filter(|past| !past.frame.is_blocks());
+        let lr_frames: Vec<_> = lr_frames.map(|past| (past.camera, past.mean_inverse_depth)).collect();
+        let oldest = count_remembered(&lr_frames, camera).min(remembered - 1);
+        self.spare.extend(self.past.extract_if(.., |past| past.age > oldest));
         self.past.insert(0, newest);
         Ok(())
     }

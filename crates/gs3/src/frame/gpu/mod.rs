@@ -115,7 +115,7 @@ impl GpuMachine {
                 break (submission, lattice);
             }
         };
-        memory.commit(inputs);
+        memory.commit(inputs, &lattice);
         let mut times = StageTimes::default();
         match &timings {
             Some(timings) => {
