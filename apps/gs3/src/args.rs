@@ -183,7 +183,12 @@ pub struct RenderArgs {
     /// those between before it
     #[arg(long, value_name = "DIR|FILE.png|FILE.mp4")]
     pub out: PathBuf,
-    /// Also write a comparison of the last frame's middle: native, bicubic, this mode
+    /// Write RGBA: transparent where nothing is, straight alpha, instead of a background. Takes about twice as long, as
+    /// alpha is reconstructed as colours are
+    #[arg(long, conflicts_with = "background")]
+    pub alpha: bool,
+    /// Also compare with native rendering: write the last frame's middle (native, bicubic, this mode), and say how much
+    /// faster than native up to 8 frames were
     #[arg(long, value_name = "FILE.png")]
     pub compare: Option<PathBuf>,
     /// Write figures of the run

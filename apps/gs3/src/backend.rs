@@ -109,7 +109,8 @@ impl Machine {
         self.gpu().map(|gpu| format!("{} ({})", gpu.adapter().name, gpu.adapter().api))
     }
 
-    const fn gpu(&self) -> Option<&Gpu> {
+    /// The GPU, if it is one.
+    pub const fn gpu(&self) -> Option<&Gpu> {
         match self {
             Self::Cpu => None,
             Self::Gpu(gpu) | Self::FoundGpu(gpu) => Some(gpu),

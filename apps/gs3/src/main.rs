@@ -7,6 +7,7 @@
 // They panic where the text cannot be written; module `terminal` does not.
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
+mod alpha;
 mod args;
 mod backend;
 mod bench;

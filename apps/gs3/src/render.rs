@@ -8,15 +8,17 @@ use gs3::{FramePipeline, Mode, Networks, PipelineError, PipelineSettings};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
+use crate::alpha::coverage;
 use crate::args::RenderArgs;
 use crate::backend::Machine;
+use crate::compare::Comparison;
 use crate::destination::Destination;
 use crate::error::CliError;
 use crate::output::{FrameWriter, Target, Written, others, write_text};
 use crate::report::{self, Times};
 use crate::terminal::note;
-use crate::video::{by_hand, no_option, quoted};
-use crate::{Outcome, compare, destination, inputs, interrupt, start_threads};
+use crate::video::{Stream, by_hand, no_option, quoted};
+use crate::{Outcome, destination, inputs, interrupt, start_threads};
 
 pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     start_threads(args.view.threads)?;
@@ -48,10 +50,16 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         });
     }
     let settings = args.look.settings(mode);
+    let mut coverage = match args.alpha {
+        true => Some(FramePipeline::with_networks(coverage(&scene)?, settings, &networks)?),
+        false => None,
+    };
     let mut pipeline = FramePipeline::with_networks(scene, settings, &networks)?;
     // Not before the rest is right: a driver may take long to wake, and talk.
-    let mut machine =
-        Machine::new(&args.device, args.look.features())?.start(|gpu| pipeline.render_on(gpu))?;
+    let mut machine = Machine::new(&args.device, args.look.features())?.start(|gpu| {
+        pipeline.render_on(gpu)?;
+        coverage.as_mut().map_or(Ok(()), |coverage| coverage.render_on(gpu))
+    })?;
     let first = path.cameras()[range.start];
     if mode.has_history() && args.look.refine.is_on() && !matches!(machine, Machine::Cpu) {
         note(
@@ -63,13 +71,28 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
             "the GPU rasterizes, networks run on the CPU (--tier analytic makes all of the frame on the GPU)",
         );
     }
-    let rate = path.frames_per_second() * settings.displayed_per_rendered() as f64;
+    let shown_each = settings.displayed_per_rendered();
+    let stream = Stream {
+        size: [first.width(), first.height()],
+        rate: path.frames_per_second() * shown_each as f64,
+        frames: range.len() * shown_each,
+    };
 
     // Before any file: settings that the rasterizer refuses show in the frames that only fill the history.
     if let Err(error) = warm_up(&mut pipeline, &path, range.start) {
         machine.take_over(&mut pipeline, error)?;
         warm_up(&mut pipeline, &path, range.start)?;
     }
+    if let Some(coverage) = &mut coverage {
+        if matches!(machine, Machine::Cpu) {
+            coverage.render_on_cpu()?;
+        }
+        warm_up(coverage, &path, range.start)?;
+    }
+    let mut comparison = match &args.compare {
+        Some(_) => Some(Comparison::new(&pipeline, &machine, &range)?),
+        None => None,
+    };
     let mut writer = None;
     let mut times = Times::default();
     interrupt::watch()?;
@@ -79,28 +102,40 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     let mut first_number = None;
     let mut is_blank = true;
     while next < range.end && !interrupt::requested() {
-        if let Err(error) =
-            pipeline.render_with_poses(&path.cameras()[next], &between(&settings, &path, next))
-        {
+        let (camera, between) = (&path.cameras()[next], between(&settings, &path, next));
+        if let Err(error) = pipeline.render_with_poses(camera, &between) {
             machine.take_over(&mut pipeline, error)?;
             warm_up(&mut pipeline, &path, next)?;
+            if let Some(coverage) = &mut coverage {
+                coverage.render_on_cpu()?;
+                warm_up(coverage, &path, next)?;
+            }
             continue;
+        }
+        if let Some(coverage) = &mut coverage {
+            coverage.render_with_poses(camera, &between)?;
         }
         let shown = pipeline.presented();
         let writer = match &mut writer {
             Some(writer) => writer,
-            none => none.insert(FrameWriter::new(target.clone(), [first.width(), first.height()], rate)?),
+            none => none.insert(FrameWriter::new(target.clone(), &stream)?),
         };
         let is_single = matches!(target, Target::Single(_));
         let frames: Vec<_> = if is_single { vec![shown.current] } else { shown.iter().collect() };
         // Displayed frames are counted from the start of the path, so that the parts of a path fit together.
         let last_number = next * settings.displayed_per_rendered();
         first_number.get_or_insert(last_number + 1 - frames.len());
+        let covered: Vec<_> = coverage.iter().flat_map(|coverage| coverage.presented().iter()).collect();
         for (k, image) in frames.iter().enumerate() {
-            writer.write(last_number + k + 1 - frames.len(), image)?;
+            // The last of both is the rendered frame.
+            let covered = (covered.len() + k).checked_sub(frames.len()).map(|k| covered[k]);
+            writer.write(last_number + k + 1 - frames.len(), image, covered)?;
         }
         let displayed = frames.len();
         times.add(pipeline.times(), displayed);
+        if let Some(comparison) = &mut comparison {
+            comparison.observe(&pipeline, next, camera, displayed)?;
+        }
         is_blank &= pipeline.visible_count() == Some(0);
         next += 1;
         bar.inc(1);
@@ -124,11 +159,12 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         "is_all_on_device": pipeline.is_on_device(&first),
         "size": [first.width(), first.height()],
         "is_complete": is_complete,
+        "alpha": args.alpha,
     });
     figures = report::join(figures, what_ran(&settings, &networks, &tier));
     figures = report::join(figures, report::asked(&args.view, &range, &settings));
-    if let Some(file) = args.compare.as_ref().filter(|_| is_complete) {
-        let compared = compare::write(&mut pipeline, &path.cameras()[range.end - 1], file)?;
+    if let Some((comparison, file)) = comparison.zip(args.compare.as_ref()).filter(|_| is_complete) {
+        let compared = comparison.write(&mut pipeline, file)?;
         figures = report::join(figures, json!({ "compare": compared }));
     }
     figures = report::join(figures, report::machine(&machine));
@@ -151,14 +187,16 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         note(format_args!("{count} frames in {} are of other runs than this one", folder.display()));
     }
     if is_complete {
-        if let (Target::Video { file, frames }, Some(no_video)) = (&target, written.no_video) {
-            no_video.tell(file, frames, &numbers, rate)?;
-        }
-        return Ok(Outcome::Done);
+        return match (&target, written.no_video) {
+            (Target::Video { file, frames }, Some(failure)) => {
+                Err(failure.tell(file, frames, &numbers, &stream))
+            }
+            _ => Ok(Outcome::Done),
+        };
     }
     note(format_args!(
         "interrupted; all files are whole. To go on: {}",
-        remainder(&target, range.start, &(next..range.end), &numbers, rate)
+        remainder(&target, range.start, &(next..range.end), &numbers, &stream)
     ));
     Ok(Outcome::Interrupted)
 }
@@ -194,6 +232,13 @@ fn frames_to_render(args: &RenderArgs, target: &Target, path: &CameraPath) -> Re
         });
     }
     if matches!(target, Target::Video { .. }) {
+        if args.alpha {
+            return Err(CliError::Option {
+                option: "--alpha",
+                expected: "--out DIR or FILE.png, as MP4 files have no transparency".to_owned(),
+                actual: format!("--out {}", args.out.display()),
+            });
+        }
         inputs::check_one_size("--out", "a video", &range, path)?;
     }
     Ok(range)
@@ -206,7 +251,7 @@ fn remainder(
     first: usize,
     left: &Range<usize>,
     numbers: &Range<usize>,
-    rate: f64,
+    stream: &Stream,
 ) -> String {
     let same = format!("the same command with --frames {}..{}", left.start, left.end);
     match target {
@@ -214,7 +259,7 @@ fn remainder(
             "{same} --out {}, and then, for the video of all frames, {}",
             // A separator at its end: a folder whatever its name.
             quoted(&no_option(frames).join("").display().to_string()),
-            by_hand(file, frames, numbers, rate)
+            by_hand(file, frames, numbers, stream)
         ),
         Target::Video { .. } | Target::Single(_) | Target::Folder(_) => same,
     }

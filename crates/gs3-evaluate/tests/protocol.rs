@@ -63,7 +63,7 @@ fn run(protocol: &Protocol, folder: &Path) -> (Results, [Vec<String>; 3]) {
         Event::Method { method, done: 1, .. } => seen[0].push(method.to_string()),
         Event::Resumed { method } => seen[1].push(method.to_string()),
         Event::Failed { failure } => seen[2].push(failure.method.clone()),
-        Event::Method { .. } | Event::GroundTruth { .. } => {}
+        Event::Method { .. } | Event::GroundTruth { .. } | Event::PhotosMissing { .. } => {}
     });
     (results.unwrap(), seen)
 }

@@ -191,7 +191,7 @@ impl Spatial {
     }
 
     /// Whether frames depend on the ones before.
-    const fn has_history(self) -> bool {
+    pub(crate) const fn has_history(self) -> bool {
         matches!(
             self,
             Self::History
