@@ -21,7 +21,7 @@ pub fn straight_rgba8(over_black: &Image, coverage: &Image) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(4 * over_black.pixels().len());
     for (color, coverage) in over_black.pixels().iter().zip(coverage.pixels()) {
         // Channels of reconstructed coverage differ by rounding alone.
-        let alpha = coverage[1].max(0.0).min(1.0);
+        let alpha = coverage[1].clamp(0.0, 1.0);
         // `as` saturates, and maps NaN to 0.
         let eight_bit = |value: f32| (value * 255.0 + 0.5) as u8;
         match eight_bit(alpha) {

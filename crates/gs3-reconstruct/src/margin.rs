@@ -85,7 +85,7 @@ mod tests {
                 assert_eq!((widened.left * scale % 4, widened.top * scale % 4), (0, 0));
                 assert!((side..=side + 3).contains(&widened.left) && widened.left <= 32);
                 let narrowed = whole_blocks(Margin::all(side), scale, side);
-                assert!(narrowed.left <= side && narrowed.left * scale % 4 == 0);
+                assert!(narrowed.left <= side && (narrowed.left * scale).is_multiple_of(4));
                 assert_eq!((widened.right, widened.bottom), (side, side));
             }
         }

@@ -20,9 +20,9 @@
 //! # }
 //! ```
 //!
-//! [`FramePipeline::new`] does without learning. With networks, of which [`Networks::shipped`] are those that come
-//! with gs3, it is as `gs3 render` does it by default; theirs for frames between is left out, since warping is nearly
-//! as good and faster:
+//! That is what `gs3 render` does by default. [`PipelineSettings::refine`] says which pixels are rasterized exactly besides; for
+//! interactive programs, [`Refine::FrameTime`] holds the time of a frame. With networks, of which [`Networks::shipped`] are those
+//! that come with gs3; theirs for frames between is left out here, since warping is nearly as good and faster:
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {

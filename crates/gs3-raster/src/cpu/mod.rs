@@ -174,7 +174,7 @@ impl Rasterizer {
         }
         if let Some(actual) = [settings.margin.left, settings.margin.top]
             .into_iter()
-            .find(|side| side * scale % BLOCK_SIDE as u32 != 0)
+            .find(|side| !(side * scale).is_multiple_of(BLOCK_SIDE as u32))
         {
             return Err(RasterError::MarginBlocks { scale, actual });
         }

@@ -27,7 +27,8 @@ fn native(rasterizer: &mut Rasterizer, camera: &Camera) -> (Image, GBuffer) {
 
 /// Asserts that each block holds the native image's pixels: colours bit for bit, the rest as the native G-buffer has it.
 fn assert_native(blocks: &ExactBlocks, image: &Image, gbuffer: &GBuffer) {
-    let (gradients, geometry) = (gbuffer.gradients.as_ref().unwrap(), gbuffer.geometry.as_ref().unwrap());
+    let gradients = gbuffer.gradients.as_ref().expect("gradients");
+    let geometry = gbuffer.geometry.as_ref().expect("depth");
     let (width, height) = (image.width(), image.height());
     for ([column, row], block) in blocks.places.iter().zip(&blocks.blocks) {
         for lane in 0..16 {
