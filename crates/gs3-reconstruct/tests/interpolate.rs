@@ -157,7 +157,7 @@ fn one_neighbor_reprojected_is_that_of_both_warped() {
     let (mut warped, mut reprojected) = (Warped::default(), Reprojected::default());
     interpolator.warp(before, now, 0.5, now.camera, &mut warped).unwrap();
     interpolator.reproject(before, now, &mut reprojected).unwrap();
-    // Patches that move alike in one neighbour but not in the other are moved together or not: up to 1/8 px, in few
+    // Patches that move alike in one neighbour but not in the other are moved together or not: up to 1/32 px, in few
     // places.
     let mut different = 0;
     for (k, pixel) in reprojected.image.pixels().iter().enumerate() {
