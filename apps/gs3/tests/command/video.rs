@@ -101,7 +101,7 @@ fn videos_show_the_colours_of_the_frames() {
         let folder = tempfile::tempdir().unwrap();
         let at = folder.path();
         let camera = r#"[{"width": 96, "height": 54, "position": [0, 0, -500], "fx": 50, "fy": 50,
-            "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}]"#;
+            "rotation": [[1, 0, 0], [0, -1, 0], [0, 0, -1]]}]"#;
         fs::write(at.join("away.json"), camera).unwrap();
         let [r, g, b] = background;
         let render = format!(

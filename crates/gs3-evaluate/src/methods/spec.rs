@@ -399,8 +399,9 @@ mod tests {
         let message = |name: &str| name.parse::<MethodSpec>().map_err(|e| e.to_string()).unwrap_err();
         assert!(message("bicubik").contains("one of native, nearest"), "{}", message("bicubik"));
         assert!(
-            message("bicubik")
-                .contains("ninasr_trained, analytic, kriged, overscanned, fast, balanced, high, found")
+            message("bicubik").contains(
+                "ninasr_trained, default, analytic, kriged, overscanned, fast, balanced, high, found"
+            )
         );
         assert!(message("bicubic@blurry").contains("found 'blurry'"));
         assert!(message("bicubic+flow").contains("repeat, blend, warp"));
