@@ -1,4 +1,4 @@
-//! Which frames of a history are worth their time: those whose view has not turned away too far.
+//! Which frames of a history with exact blocks are worth their time: those whose view has not turned away too far.
 
 use gs3_scene::Camera;
 

@@ -341,10 +341,14 @@ impl SuperSampler {
         newest.frame.fill(self.level, around, self.scale)?;
         let remembered = (self.scale * self.scale) as usize;
         self.past.iter_mut().for_each(|past| past.age += 1);
-        // The ages of LR frames are 1, 2, 3, … up to the oldest.
-        let lr_frames = self.past.iter().filter(|past| !past.frame.is_blocks());
-        let lr_frames: Vec<_> = lr_frames.map(|past| (past.camera, past.mean_inverse_depth)).collect();
-        let oldest = count_remembered(&lr_frames, camera).min(remembered - 1);
+        let mut oldest = remembered - 1;
+        // Exact blocks make up for what stale frames knew. Without them, as below networks, all frames stay.
+        if self.past.iter().any(|past| past.frame.is_blocks()) {
+            // The ages of LR frames are 1, 2, 3, … up to the oldest.
+            let lr_frames = self.past.iter().filter(|past| !past.frame.is_blocks());
+            let lr_frames: Vec<_> = lr_frames.map(|past| (past.camera, past.mean_inverse_depth)).collect();
+            oldest = oldest.min(count_remembered(&lr_frames, camera));
+        }
         self.spare.extend(self.past.extract_if(.., |past| past.age > oldest));
         self.past.insert(0, newest);
         Ok(())

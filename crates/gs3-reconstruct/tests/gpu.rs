@@ -12,9 +12,7 @@ use gs3_reconstruct::gpu::{
     GpuImage, GpuInterpolator, GpuNeighbor, GpuPlanes, GpuReconstructError, GpuSuperSampler, Innovation,
     NeighborView,
 };
-use gs3_reconstruct::{
-    DepthLattice, Interpolator, Kriging, Neighbor, ReconstructError, ResetReason, SuperSampler, Warped,
-};
+use gs3_reconstruct::{Interpolator, Kriging, Neighbor, ReconstructError, ResetReason, SuperSampler, Warped};
 use gs3_scene::{Camera, GBuffer, Image, Margin, Planes};
 
 /// What halves leave of an image of values up to 1: an error of 2⁻¹² makes 72 dB.
@@ -113,7 +111,7 @@ impl Sampler {
         let mut recorder = self.gpu.recorder(None);
         self.sampler.record(&mut recorder, &bound, camera, gbuffer.jitter, around.margin).unwrap();
         recorder.submit().unwrap();
-        self.sampler.keep(&DepthLattice::of(gbuffer));
+        self.sampler.keep();
         let mut out = Image::default();
         to.read(&self.gpu, &mut out).unwrap();
         (out, to)

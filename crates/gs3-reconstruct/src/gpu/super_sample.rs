@@ -11,12 +11,10 @@ use super::error::{GpuReconstructError, other_bound};
 use super::image::{GpuImage, GpuPlanes};
 use super::plan::SuperSamplePlan;
 use super::shaders;
-use crate::depth_lattice::DepthLattice;
 use crate::error::{ReconstructError, camera_size, check_frame_size, check_jitter, check_scale, check_size};
 use crate::lattice::Axis;
 use crate::nearest::EVERY;
 use crate::reprojection::{Reprojection, parallax};
-use crate::staleness::count_remembered;
 use crate::super_sample::{Kriging, MAX_PAST, ResetReason};
 use crate::tile::Lattice;
 
@@ -59,8 +57,6 @@ struct Past {
     margin: Margin,
     /// Which part of the history's buffers holds it.
     slot: u32,
-    /// Of what it shows, 0 until it is known.
-    mean_inverse_depth: f32,
 }
 
 /// Whether a super sampler tells what its samples say that the past did not.
@@ -280,9 +276,7 @@ impl GpuSuperSampler {
         if actual > max {
             return Err(ReconstructError::Margin { max, actual }.into());
         }
-        let past: &[Past] = if self.invalid.is_some() { &[] } else { &self.past };
-        let views: Vec<_> = past.iter().map(|past| (past.camera, past.mean_inverse_depth)).collect();
-        let history = &past[..count_remembered(&views, camera)];
+        let history: &[Past] = if self.invalid.is_some() { &[] } else { &self.past };
         let slots = self.plan.frames;
         // The oldest makes room once all are taken.
         let is_full = history.len() == slots as usize;
@@ -290,7 +284,7 @@ impl GpuSuperSampler {
             Some((oldest, kept)) if is_full => (kept, oldest.slot),
             _ => (history, first_free(history, slots)),
         };
-        let current = Past { camera: *camera, jitter, margin, slot: free, mean_inverse_depth: 0.0 };
+        let current = Past { camera: *camera, jitter, margin, slot: free };
         let frames = kept.len() as u32 + 1;
         let uniform = self.uniform_of(&current, kept);
         recorder.write(&self.uniform.slice(), &[uniform])?;
@@ -317,16 +311,12 @@ impl GpuSuperSampler {
         Ok(())
     }
 
-    /// Takes the frame recorded last into the history. `depths` are its own, all 0 where they are not known; they tell
-    /// how soon the frame is forgotten as the camera moves.
-    pub fn keep(&mut self, depths: &DepthLattice) {
+    /// Takes the frame recorded last into the history.
+    pub fn keep(&mut self) {
         let Some(newest) = self.pending.take() else { return };
         if self.invalid.take().is_some() {
             self.past.clear();
         }
-        let views: Vec<_> = self.past.iter().map(|past| (past.camera, past.mean_inverse_depth)).collect();
-        self.past.truncate(count_remembered(&views, &newest.camera));
-        let newest = Past { mean_inverse_depth: depths.mean_inverse_depth(), ..newest };
         self.past.truncate(self.plan.frames as usize - 1);
         self.past.insert(0, newest);
     }

@@ -284,8 +284,8 @@ impl FrameMemory {
     }
 
     /// Makes the frame submitted last the one that the next frame goes on from.
-    pub fn commit(&mut self, inputs: &FrameInputs, depths: &DepthLattice) {
-        self.super_sampler.keep(depths);
+    pub fn commit(&mut self, inputs: &FrameInputs) {
+        self.super_sampler.keep();
         self.newest = self.current();
         self.sides[self.newest].view = Some(view_of(inputs));
         self.in_between_made = inputs.between.len();

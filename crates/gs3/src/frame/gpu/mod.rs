@@ -115,7 +115,7 @@ impl GpuMachine {
                 break (submission, lattice);
             }
         };
-        memory.commit(inputs, &lattice);
+        memory.commit(inputs);
         let mut times = StageTimes::default();
         match &timings {
             Some(timings) => {
