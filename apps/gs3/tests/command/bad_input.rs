@@ -129,7 +129,7 @@ fn one_line_that_names_field_expected_and_actual() {
             &["--interpolation: expected analytic", "balanced at scale 2", "found learned"],
         ),
         (
-            "render demo --size 64x36 --backend cpu --matrix-products --out o",
+            "render demo --size 64x36 --backend cpu --tier balanced --matrix-products --out o",
             &["--matrix-products: expected a GPU", "found the CPU"],
         ),
         ("gbuffer demo --frame 900 --out g.npz", &["--frame: expected", "900"]),
