@@ -102,7 +102,10 @@ impl Ffmpeg {
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
         let mut process = match command.spawn() {
-            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+            // A folder or a file of that name on PATH that is no program is none, either.
+            Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::PermissionDenied) => {
+                return Ok(None);
+            }
             process => process.map_err(|error| failed(&error))?,
         };
         let frames = process.stdin.take();
