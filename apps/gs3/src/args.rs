@@ -6,7 +6,7 @@ use clap::{Parser, Subcommand, ValueEnum};
 use gs3::compute::OptionalFeatures;
 use gs3::neural::Arithmetic;
 use gs3::neural::model::Tier;
-use gs3::{Culling, Kriging, MAX_GENERATE, Mode, PipelineSettings, Sampling};
+use gs3::{Culling, Kriging, MAX_GENERATE, Mode, PipelineSettings, Quality, Refine, Sampling};
 
 use crate::evaluate::EvaluateArgs;
 use crate::export::ExportArgs;
@@ -16,9 +16,13 @@ use crate::train::{BaselineArgs, TrainArgs};
 use crate::train_clips::ClipsArgs;
 use crate::values::{Degrees, DilationArg, FrameRange, Pair, Rgb, Size, scale};
 
+/// What the command reads from its environment.
+const ENVIRONMENT: &str = "Environment:
+  GS3_SIMD  SIMD level of all CPU kernels: scalar, sse2, sse4.2, avx2, avx512 or neon [default: the best that the processor has]";
+
 /// Shows trained 3D Gaussian Splatting scenes sharp and fluid.
 #[derive(Debug, Parser)]
-#[command(name = "gs3", version, about)]
+#[command(name = "gs3", version, about, after_help = ENVIRONMENT)]
 pub struct Args {
     #[command(subcommand)]
     pub command: Command,
@@ -116,51 +120,62 @@ pub struct Device {
 /// How the frames are made.
 #[derive(Debug, clap::Args)]
 pub struct Look {
+    /// How large an error may be left, and how many pixels may be rasterized exactly for it: fast 3 steps of 8 bits and 3 %,
+    /// balanced 1 and 6 %, high half a step and 15 %
+    #[arg(long, default_value = "balanced", value_name = "fast|balanced|high")]
+    pub quality: QualityArg,
+    /// Pixels rasterized exactly, where reconstruction is not to be trusted: none, those that --quality says, this share of
+    /// all (0 to 1), or as many as fit into a frame of so many milliseconds (33ms). On the CPU
+    #[arg(long, default_value = "auto", value_name = "off|auto|SHARE|TIMEms", allow_hyphen_values = true)]
+    pub refine: Refine,
     /// High-resolution over low-resolution size
     #[arg(long, default_value_t = 4, value_name = "S", value_parser = scale(1))]
     pub scale: u32,
-    /// Networks that refine the frames [default: balanced where weights for the scale come with gs3, else analytic]
-    #[arg(long, value_name = "TIER", conflicts_with = "weights")]
-    pub tier: Option<TierArg>,
+    /// Networks that improve the frames: none (analytic) or the paper's in three sizes. They take a few times as long
+    #[arg(long, value_name = "TIER", default_value = "analytic", conflicts_with = "weights", help_heading = ADVANCED)]
+    pub tier: TierArg,
     /// How frames between are made: warped without learning, or refined by the tier's network as well, which takes a
     /// few times as long
-    #[arg(long, default_value = "analytic", value_name = "analytic|learned", conflicts_with = "weights")]
+    #[arg(long, default_value = "analytic", value_name = "analytic|learned", conflicts_with = "weights", help_heading = ADVANCED)]
     pub interpolation: InterpolationArg,
     /// Weights of super sampling or of interpolation; may be given once for each. Without weights of super sampling
-    /// the default tier's are used; without weights of interpolation frames between are warped without learning
-    #[arg(long, value_name = "FILE.safetensors")]
+    /// frames are made without learning; without weights of interpolation frames between are warped without learning
+    #[arg(long, value_name = "FILE.safetensors", help_heading = ADVANCED)]
     pub weights: Vec<PathBuf>,
     /// What networks on the CPU compute with; `bf16` needs AMX (Linux) or AVX-512 BF16 and is the same as `f32`
     /// elsewhere [default: the faster on this machine]
-    #[arg(long, value_name = "bf16|f32")]
+    #[arg(long, value_name = "bf16|f32", help_heading = ADVANCED)]
     pub arithmetic: Option<ArithmeticArg>,
     /// Networks on a GPU multiply matrices in its hardware for them. Experimental: tried on a small convolution first
-    #[arg(long)]
+    #[arg(long, help_heading = ADVANCED)]
     pub matrix_products: bool,
     /// Frames interpolated before each rendered one in mode `full`
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_GENERATE)))]
     pub generate: u32,
     /// Sub-pixel offsets of the low-resolution frames
-    #[arg(long, default_value = "on", value_name = "on|off")]
+    #[arg(long, default_value = "on", value_name = "on|off", help_heading = ADVANCED)]
     pub jitter: Switch,
     /// Krige pixels that first-order predictions leave uncertain, without networks too; with them it is always done.
     /// Sharper in motion, and takes longer; `coarse` less so, as below tier fast, `fine` more so, as below tier high
-    #[arg(long, value_name = "coarse|on|fine", num_args = 0..=1, require_equals = true, default_missing_value = "on")]
+    #[arg(long, value_name = "coarse|on|fine", num_args = 0..=1, require_equals = true, default_missing_value = "on", help_heading = ADVANCED)]
     pub kriging: Option<KrigingArg>,
     /// Rasterize beyond the edges that the camera turns to, without networks too; with them it is always done. Sharper
     /// there, and takes a little longer
-    #[arg(long)]
+    #[arg(long, help_heading = ADVANCED)]
     pub overscan: bool,
     /// Dilation of splats in px² of the rendered grid: matched (0.3/S²), stock (0.3) or a number
-    #[arg(long, default_value = "matched", value_name = "matched|stock|VALUE", allow_hyphen_values = true)]
+    #[arg(long, default_value = "matched", value_name = "matched|stock|VALUE", allow_hyphen_values = true, help_heading = ADVANCED)]
     pub dilation: DilationArg,
     /// Which tiles a splat is assigned to
-    #[arg(long, default_value = "accutile")]
+    #[arg(long, default_value = "accutile", help_heading = ADVANCED)]
     pub culling: CullingArg,
     /// Background colour, each from 0 to 1
     #[arg(long, default_value = "0,0,0", value_name = "R,G,B", allow_hyphen_values = true)]
     pub background: Rgb,
 }
+
+/// Heading in the help of what few need.
+const ADVANCED: &str = "Advanced";
 
 #[derive(Debug, clap::Args)]
 pub struct RenderArgs {
@@ -186,11 +201,12 @@ pub struct RenderArgs {
     /// those between before it
     #[arg(long, value_name = "DIR|FILE.png|FILE.mp4")]
     pub out: PathBuf,
-    /// Write PNG frames with alpha, straight (not multiplied into the colours), in front of no background; takes twice as
-    /// long
+    /// Write RGBA: transparent where nothing is, straight alpha, instead of a background. Takes about twice as long, as
+    /// alpha is reconstructed as colours are
     #[arg(long, conflicts_with = "background")]
     pub alpha: bool,
-    /// Also write a comparison of the last frame's middle: native, bicubic, this mode
+    /// Also compare with native rendering: write the last frame's middle (native, bicubic, this mode), and say how much
+    /// faster than native up to 8 frames were
     #[arg(long, value_name = "FILE.png")]
     pub compare: Option<PathBuf>,
     /// Write figures of the run
@@ -313,10 +329,30 @@ impl Look {
             sampling: self.jitter.into(),
             kriging: self.kriging.map_or(Kriging::Off, Into::into),
             overscan: self.overscan,
+            refine: self.refine,
+            quality: self.quality.into(),
             dilation: self.dilation.0,
             culling: self.culling.into(),
             generate: self.generate,
             background: self.background.0,
+        }
+    }
+}
+
+/// How hard the pipeline works.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum QualityArg {
+    Fast,
+    Balanced,
+    High,
+}
+
+impl From<QualityArg> for Quality {
+    fn from(quality: QualityArg) -> Self {
+        match quality {
+            QualityArg::Fast => Self::Fast,
+            QualityArg::Balanced => Self::Balanced,
+            QualityArg::High => Self::High,
         }
     }
 }

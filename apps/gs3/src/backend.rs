@@ -90,7 +90,7 @@ impl Machine {
             Self::Cpu | Self::Gpu(_) => Err(error),
             Self::FoundGpu(_) => {
                 *self = Self::fallen_back(&error);
-                pipeline.render_on_cpu();
+                pipeline.render_on_cpu()?;
                 Ok(())
             }
         }
@@ -147,11 +147,11 @@ mod tests {
         for (gpu, is_found) in [(gpu, true), (open().unwrap(), false)] {
             let mut pipeline = new();
             pipeline.render_on(&gpu).unwrap();
-            pipeline.render(&path.cameras()[0], &[]).unwrap();
+            pipeline.render(&path.cameras()[0]).unwrap();
             // As a driver that resets.
             gpu.destroy();
             let mut machine = if is_found { Machine::FoundGpu(gpu) } else { Machine::Gpu(gpu) };
-            let error = pipeline.render(&path.cameras()[1], &[]).map(|_| ()).unwrap_err();
+            let error = pipeline.render(&path.cameras()[1]).map(|_| ()).unwrap_err();
             assert!(matches!(error, PipelineError::Gpu(_)), "{error}");
             assert_eq!(machine.take_over(&mut pipeline, error).is_ok(), is_found);
             assert_eq!(machine.backend(), if is_found { "cpu" } else { "gpu" });
@@ -159,8 +159,8 @@ mod tests {
                 let mut expected = new();
                 for camera in &path.cameras()[1..3] {
                     assert!(!pipeline.is_on_device(camera));
-                    pipeline.render(camera, &[]).unwrap();
-                    expected.render(camera, &[]).unwrap();
+                    pipeline.render(camera).unwrap();
+                    expected.render(camera).unwrap();
                     assert_eq!(pipeline.last_image().pixels(), expected.last_image().pixels());
                 }
             }

@@ -49,8 +49,8 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     let (mut native, mut full) = (pipeline(Mode::Native)?, pipeline(Mode::Full)?);
     // The first frame of each allocates and fills caches, and has nothing before it to interpolate from.
     let first = path.cameras()[range.start];
-    native.render(&first, &[])?;
-    full.render(&first, &[])?;
+    native.render(&first)?;
+    full.render(&first)?;
 
     let mut rounds: Vec<[Times; 2]> = Vec::new();
     let bar = ProgressBar::new((ROUNDS * range.len()) as u64)
@@ -62,7 +62,7 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
             let between = between(full.settings(), &path, k);
             // Both in turn, so that a disturbance meets both.
             for (pipeline, times) in [&mut native, &mut full].into_iter().zip(&mut times) {
-                let displayed = pipeline.render(&path.cameras()[k], &between)?.iter().count();
+                let displayed = pipeline.render_with_poses(&path.cameras()[k], &between)?.iter().count();
                 times.add(pipeline.times(), displayed);
             }
             is_blank &= native.visible_count() == Some(0);
@@ -184,7 +184,12 @@ fn text(figures: &Value) -> String {
         .map(|round| format!("{:.2} / {:.2}", number(&round[1]), number(&round[0])))
         .collect();
     let _ = writeln!(text, "rounds, full / native fps: {}", rounds.join(", "));
-    let _ =
-        writeln!(text, "{} threads, {:.0} MB at most", figures["threads"], number(&figures["peak_rss_mb"]));
+    let simd = figures["simd"].as_str().unwrap_or("unknown");
+    let _ = writeln!(
+        text,
+        "{} threads, SIMD level {simd}, {:.0} MB at most",
+        figures["threads"],
+        number(&figures["peak_rss_mb"])
+    );
     text
 }

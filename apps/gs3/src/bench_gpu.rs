@@ -7,13 +7,11 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use gs3::compute::{AdapterKind, Ceilings, Gpu, Pairs, Sort, StageTime, Timings, Use};
-use gs3::gpu::{GpuFrames, GpuRequest};
 use gs3::raster::{
     GpuGBuffer, GpuRasterizer, Outputs, RasterSettings, STOCK_DILATION, ScenePrecision, Settled,
 };
-use gs3::scene::camera_path::pose_between;
-use gs3::scene::{Camera, Jitter, Margin, Scene};
-use gs3::{DepthLattice, Mode, Networks, PipelineSettings, ResetReason, margin_ahead};
+use gs3::scene::{Camera, Scene};
+use gs3::{FramePipeline, Mode, Networks, PipelineSettings, ResetReason};
 use serde_json::{Value, json};
 
 use crate::args::BenchArgs;
@@ -33,24 +31,29 @@ pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -
     let (networks, _) = inputs::networks(&args.look)?;
     let look = args.look.settings(Mode::Full);
     let gaussians = scene.gaussians().len();
-    let mut bench = Bench {
-        timings: Timings::new(gpu)?,
-        rasterizer: GpuRasterizer::new(gpu, scene, look.culling, ScenePrecision::default())?,
-        gbuffer: GpuGBuffer::default(),
-        warm_up: args.warm_up,
-        networks,
-    };
     let with = |outputs, dilation| RasterSettings {
         dilation,
         background: look.background,
         ..RasterSettings::new(outputs)
     };
-    let native = bench.measure(cameras, &with(Outputs::Color, STOCK_DILATION))?;
     let low: Vec<Camera> = cameras.iter().map(|camera| camera.low_resolution(look.scale)).collect();
-    let lr_gbuffer = bench.measure(&low, &with(Outputs::GBuffer, look.dilation.at_scale(look.scale)))?;
-    let [super_sample, full] = [Mode::SuperSample, Mode::Full].map(|mode| args.look.settings(mode));
-    let super_sample = bench.measure_frames(cameras, &super_sample)?;
-    let full = bench.measure_frames(cameras, &full)?;
+    let (native, lr_gbuffer) = {
+        let mut bench = RasterBench {
+            timings: Timings::new(gpu)?,
+            rasterizer: GpuRasterizer::new(gpu, Arc::clone(&scene), look.culling, ScenePrecision::default())?,
+            gbuffer: GpuGBuffer::default(),
+            warm_up: args.warm_up,
+        };
+        let native = bench.measure(cameras, &with(Outputs::Color, STOCK_DILATION))?;
+        let lr_settings = with(Outputs::GBuffer, look.dilation.at_scale(look.scale));
+        (native, bench.measure(&low, &lr_settings)?)
+        // Here its scene leaves the device: each pipeline brings its own.
+    };
+    let frames = |mode| {
+        let settings = args.look.settings(mode);
+        measure_frames(gpu, &scene, &settings, &networks, cameras, args.warm_up)
+    };
+    let [super_sample, full] = [frames(Mode::SuperSample)?, frames(Mode::Full)?];
     Ok(json!({
         "driver": gpu.adapter().driver,
         "matrix_products": args.look.matrix_products,
@@ -65,8 +68,8 @@ pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -
         "displayed_fps": {
             "native": native["fps"], "super_sample": super_sample["fps"], "full": full["fps"],
         },
-        "super_sample_network": bench.networks.super_sample.as_ref().map(|weights| weights.header.tier.clone()),
-        "interpolation_network": bench.networks.interpolate.as_ref().map(|weights| weights.header.tier.clone()),
+        "super_sample_network": networks.super_sample.as_ref().map(|weights| weights.header.tier.clone()),
+        "interpolation_network": networks.interpolate.as_ref().map(|weights| weights.header.tier.clone()),
         "super_sample": super_sample,
         "full": full,
         "sort": sort(gpu)?,
@@ -74,16 +77,14 @@ pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -
     }))
 }
 
-struct Bench {
+struct RasterBench {
     timings: Timings,
     rasterizer: GpuRasterizer,
     gbuffer: GpuGBuffer,
     warm_up: usize,
-    /// What refines whole frames.
-    networks: Networks,
 }
 
-impl Bench {
+impl RasterBench {
     /// Times of the frames seen by `cameras`, each on its own, and frames per second where each follows the other.
     fn measure(&mut self, cameras: &[Camera], settings: &RasterSettings) -> Result<Value, CliError> {
         for camera in cameras.iter().cycle().take(self.warm_up) {
@@ -128,100 +129,57 @@ impl Bench {
             "fps": fps, "most_splats": most_splats, "most_entries": most_entries, "stages": stages(&frames),
         }))
     }
+}
 
-    /// The same of whole frames, those between them counted as displayed. The frames before the measured ones lead up
-    /// to the first, so that no camera is a cut; those that follow each other are the same frames once more, from the
-    /// first that leads up to them on.
-    fn measure_frames(&mut self, cameras: &[Camera], settings: &PipelineSettings) -> Result<Value, CliError> {
-        let gpu = self.rasterizer.gpu().clone();
-        let size = [cameras[0].width(), cameras[0].height()];
-        let mut frames = GpuFrames::new(&gpu, settings, &self.networks);
-        if !frames.takes(size) {
-            return Err(CliError::Option {
-                option: "--size",
-                expected: "a multiple of the scale, as networks on a GPU need, or --tier analytic".into(),
-                actual: format!("{}x{}", size[0], size[1]),
-            });
+/// Times of whole frames along `cameras`, as [`FramePipeline`] makes them: of each stage where a frame is waited for, and
+/// displayed frames per second, those between included, where one follows the other. The frames before the measured ones
+/// lead up to the first, so that no camera is a cut; those that follow each other are the same frames once more, from
+/// the first that leads up to them on.
+fn measure_frames(
+    gpu: &Gpu,
+    scene: &Arc<Scene>,
+    settings: &PipelineSettings,
+    networks: &Networks,
+    cameras: &[Camera],
+    warm_up: usize,
+) -> Result<Value, CliError> {
+    let mut pipeline = FramePipeline::with_networks(Arc::clone(scene), *settings, networks)?;
+    pipeline.render_on(gpu)?;
+    if let Some(odd) = cameras.iter().find(|camera| !pipeline.is_on_device(camera)) {
+        return Err(CliError::Option {
+            option: "--size",
+            expected: "a multiple of the scale, as networks on a GPU need, or --tier analytic".into(),
+            actual: format!("{}x{}", odd.width(), odd.height()),
+        });
+    }
+    let walk = || {
+        let ahead = (1..=warm_up).rev().map(|k| &cameras[reflected(k, cameras.len())]);
+        ahead.chain(cameras).enumerate()
+    };
+    let mut measured = Vec::with_capacity(cameras.len());
+    for (k, camera) in walk() {
+        pipeline.render_to_device(camera, &[])?;
+        if k >= warm_up {
+            measured.push(pipeline.device_times().to_vec());
         }
-        let walk = || {
-            let ahead = (1..=self.warm_up).rev().map(|k| &cameras[reflected(k, cameras.len())]);
-            ahead.chain(cameras).enumerate()
-        };
-        let mut sequence = Sequence::new(settings);
-        let mut measured = Vec::with_capacity(cameras.len());
+    }
+    // Nobody waits for these, so whether all of them had room shows at their end.
+    let fps = loop {
+        pipeline.reset(ResetReason::CameraCut);
+        let (mut started, mut displayed, mut is_complete) = (Instant::now(), 0, true);
         for (k, camera) in walk() {
-            let (raster, between) = sequence.next(camera);
-            let request = GpuRequest { camera, raster: &raster, between: &between };
-            loop {
-                let timings = Some(&mut self.timings);
-                let submission = frames.submit(&mut self.rasterizer, &request, timings)?;
-                let times = self.timings.read(&gpu, &submission)?;
-                if let Settled::Complete { .. } = self.rasterizer.settle()? {
-                    frames.keep();
-                    if k >= self.warm_up {
-                        measured.push(times);
-                    }
-                    break;
-                }
+            if k == warm_up {
+                is_complete = pipeline.wait_for_device()?;
+                (started, displayed) = (Instant::now(), 0);
             }
+            displayed += pipeline.submit_to_device(camera, &[])?.between.len() + 1;
         }
-        let fps = loop {
-            frames.reset(ResetReason::CameraCut);
-            let mut sequence = Sequence::new(settings);
-            let (mut started, mut displayed, mut last) = (Instant::now(), 0, None);
-            for (k, camera) in walk() {
-                if k == self.warm_up {
-                    last.take().map_or(Ok(()), |last| gpu.wait(&last))?;
-                    (started, displayed) = (Instant::now(), 0);
-                }
-                let (raster, between) = sequence.next(camera);
-                let request = GpuRequest { camera, raster: &raster, between: &between };
-                last = Some(frames.submit(&mut self.rasterizer, &request, None)?);
-                frames.keep();
-                displayed += 1 + between.len();
-            }
-            last.map_or(Ok(()), |last| gpu.wait(&last))?;
-            let elapsed = started.elapsed();
-            if let Settled::Complete { .. } = self.rasterizer.settle()? {
-                break displayed as f64 / elapsed.as_secs_f64();
-            }
-        };
-        Ok(json!({ "fps": fps, "stages": stages(&measured) }))
-    }
-}
-
-/// Frames one after the other, as a pipeline asks for them, but for their jitter: nothing is read back here, so where a
-/// frame would best be sampled is not known, and offsets come in their fixed order; and margins are those of a scene
-/// far away. It is as much work.
-struct Sequence<'a> {
-    settings: &'a PipelineSettings,
-    jitter: Jitter,
-    number: u64,
-    last: Option<Camera>,
-}
-
-impl<'a> Sequence<'a> {
-    fn new(settings: &'a PipelineSettings) -> Self {
-        Self { settings, jitter: Jitter::grid(settings.scale), number: 0, last: None }
-    }
-
-    /// How the frame of `camera` is rasterized, and what lies between the last one and it.
-    fn next(&mut self, camera: &Camera) -> (RasterSettings, Vec<(f64, Camera)>) {
-        let last = self.last.replace(*camera);
-        let ahead = |last| margin_ahead(last, camera, &DepthLattice::default(), self.settings.scale);
-        let margin = last.as_ref().map_or(Margin::NONE, ahead);
-        let raster = RasterSettings {
-            dilation: self.settings.dilation.at_scale(self.settings.scale),
-            background: self.settings.background,
-            jitter: self.jitter.offset(self.number),
-            margin,
-            ..RasterSettings::new(Outputs::GBuffer)
-        };
-        self.number += 1;
-        let moments = self.settings.moments();
-        let between = last.map(|last| moments.map(|t| (t, pose_between(&last, camera, t))).collect());
-        (raster, between.unwrap_or_default())
-    }
+        is_complete &= pipeline.wait_for_device()?;
+        if is_complete {
+            break displayed as f64 / started.elapsed().as_secs_f64();
+        }
+    };
+    Ok(json!({ "fps": fps, "stages": stages(&measured) }))
 }
 
 /// Place `k` of a walk to and fro over `count` places.

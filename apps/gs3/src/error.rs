@@ -9,6 +9,7 @@ use gs3::reconstruct::ReconstructError;
 use gs3::scene::capture::CaptureError;
 use gs3::scene::format::{LoadError, SaveError};
 use gs3::scene::{CameraError, SceneError};
+use gs3::simd::SimdError;
 use gs3::{NetworkError, PipelineError};
 use gs3_evaluate::methods::SpecError;
 use gs3_evaluate::metrics::MetricError;
@@ -71,6 +72,8 @@ pub enum CliError {
     Option { option: &'static str, expected: String, actual: String },
     #[error("--threads: the thread pool did not start: {message}")]
     Threads { message: String },
+    #[error(transparent)]
+    Simd(#[from] SimdError),
     #[error("Ctrl-C cannot be handled: {0}")]
     Interrupt(#[from] ctrlc::Error),
     #[error("{}: {message}; the frames are in {}, and {by_hand} makes a video of them", path.display(), frames.display())]

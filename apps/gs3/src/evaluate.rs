@@ -17,7 +17,7 @@ use crate::destination::Destination;
 use crate::error::CliError;
 use crate::levels::Levels;
 use crate::output::write_text;
-use crate::terminal::print;
+use crate::terminal::{note, print};
 use crate::values::{FrameRange, Rgb, scale};
 use crate::{Outcome, destination, inputs, start_threads};
 
@@ -45,7 +45,7 @@ pub struct EvaluateArgs {
     #[arg(long, value_name = "SCENE")]
     pub simplified: Option<PathBuf>,
     /// Compare with the photos of this capture instead (COLMAP model, transforms.json or cameras.json, undistorted) of
-    /// which the scene was trained; every photo at its own size and on its own
+    /// which the scene was trained; every photo at its own size, on its own and as the end of a short way to it
     #[arg(long, value_name = "CAMERAS", conflicts_with_all = ["path", "size", "frames", "case", "warm_up", "protocol", "simplified", "jod"])]
     pub photos: Option<PathBuf>,
     /// Folder of the photos [default: the capture's own, or `images` beside it]
@@ -258,6 +258,13 @@ fn watched<T>(work: impl FnOnce(&mut dyn FnMut(Event<'_>)) -> T) -> T {
     let results = work(&mut |event| match event {
         Event::GroundTruth { done, total } => show("ground truth".into(), done, total),
         Event::Method { method, done, total } => show(method.to_string(), done, total),
+        Event::PhotosMissing { names } => bar.suspend(|| {
+            note(format_args!(
+                "{} of the capture's photos have no file and are left out, {} the first",
+                names.len(),
+                names.first().map_or("", String::as_str)
+            ));
+        }),
         Event::Resumed { method } => bar.println(format!("{method}: finished in an earlier run")),
         Event::Failed { failure } => bar.println(failure.to_string()),
     });

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use gs3::Networks;
 use gs3::neural::model::Tier;
 use gs3::neural::{Arithmetic, WeightError, Weights};
 use gs3::scene::camera::MAX_SIDE;
@@ -13,11 +14,10 @@ use gs3::scene::format::{self, Streamed};
 use gs3::scene::glam::{DMat3, DVec3};
 use gs3::scene::transform::Similarity;
 use gs3::scene::{Camera, CameraPath, Scene, capture, demo, orbit};
-use gs3::{NetworkError, Networks};
 use indicatif::{ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 
-use crate::args::{InterpolationArg, Look, StatedCameras, TierArg, View};
+use crate::args::{InterpolationArg, Look, StatedCameras, View};
 use crate::error::{CliError, single_line};
 use crate::levels::Levels;
 use crate::terminal::note;
@@ -121,14 +121,7 @@ fn weights(look: &Look) -> Result<(Networks, String), CliError> {
         }
         if networks.super_sample.is_none() {
             // Weights take the place of those of their network alone: the other one is as it is without them.
-            match Networks::shipped(look.scale, Tier::Balanced) {
-                Ok(shipped) => {
-                    networks.super_sample = shipped.super_sample;
-                    tiers.insert(0, Tier::Balanced.name().to_owned());
-                }
-                Err(NetworkError::NotShipped { .. }) => tiers.insert(0, "analytic".to_owned()),
-                Err(error) => return Err(error.into()),
-            }
+            tiers.insert(0, "analytic".to_owned());
         }
         tiers.dedup();
         return Ok((networks, tiers.join("+")));
@@ -146,13 +139,9 @@ fn weights(look: &Look) -> Result<(Networks, String), CliError> {
         false => Ok((Networks::default(), "analytic".to_owned())),
         true => Err(no_interpolation("analytic")),
     };
-    match look.tier.map(TierArg::network) {
-        Some(Some(tier)) => shipped(tier),
-        Some(None) => analytic(),
-        None => match shipped(Tier::Balanced) {
-            Err(CliError::Network(NetworkError::NotShipped { .. })) => analytic(),
-            other => other,
-        },
+    match look.tier.network() {
+        Some(tier) => shipped(tier),
+        None => analytic(),
     }
 }
 

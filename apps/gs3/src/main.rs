@@ -7,12 +7,12 @@
 // They panic where the text cannot be written; module `terminal` does not.
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
+mod alpha;
 mod args;
 mod backend;
 mod bench;
 mod bench_gpu;
 mod compare;
-mod composite;
 mod convert;
 mod copies;
 mod destination;
@@ -27,6 +27,7 @@ mod interrupt;
 mod levels;
 mod npz;
 mod output;
+mod panorama;
 mod render;
 mod report;
 mod simplify;
@@ -71,7 +72,10 @@ fn main() -> ExitCode {
         },
     };
     interrupt::end_whole();
-    let outcome = unused::check(&args.command, &given).and_then(|()| run(&args.command));
+    let outcome = unused::check(&args.command, &given).and_then(|()| {
+        gs3::simd::requested()?;
+        run(&args.command)
+    });
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Interrupted) => INTERRUPTED.into(),

@@ -13,10 +13,11 @@ use gs3::scene::{Image, Scene};
 use gs3_files::write_atomically;
 use rayon::prelude::*;
 
+use crate::alpha::straight_rgba8;
 use crate::destination::{Destination, has_extension};
 use crate::error::CliError;
 use crate::terminal::note;
-use crate::video::{NoVideo, Video};
+use crate::video::{Failure, Stream, Video};
 
 /// What `--out` asks for.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -103,11 +104,9 @@ const MOST_HELD: usize = 8;
 pub struct FrameWriter {
     target: Target,
     /// Where one was asked for; if it fails, frames go on.
-    video: Option<Result<Video, NoVideo>>,
-    /// Whether frames are written with their alpha.
-    has_alpha: bool,
+    video: Option<Result<Video, Failure>>,
     /// Frames to be encoded: file, pixels.
-    batch: Vec<(PathBuf, Pixels8)>,
+    batch: Vec<(PathBuf, Pixels)>,
     written: Written,
 }
 
@@ -117,11 +116,11 @@ pub struct Written {
     pub frames: usize,
     pub encode_time: Duration,
     /// Why the video that was asked for is not there.
-    pub no_video: Option<NoVideo>,
+    pub no_video: Option<Failure>,
 }
 
-/// An image of 8 bits.
-struct Pixels8 {
+/// An 8-bit image.
+struct Pixels {
     width: u32,
     height: u32,
     color: png::ColorType,
@@ -129,29 +128,32 @@ struct Pixels8 {
 }
 
 impl FrameWriter {
-    /// A writer to `target` of frames of `size` at `frames_per_second`.
-    pub fn new(target: Target, size: [u32; 2], frames_per_second: f64) -> Result<Self, CliError> {
+    /// A writer to `target` of the frames of `stream`.
+    pub fn new(target: Target, stream: &Stream) -> Result<Self, CliError> {
         target.prepare()?;
         let video = match &target {
-            Target::Video { file, .. } => Some(Video::start(file, size, frames_per_second)),
+            Target::Video { file, .. } => Some(Video::start(file, stream)),
             Target::Single(_) | Target::Folder(_) => None,
         };
-        Ok(Self { target, video, has_alpha: false, batch: Vec::new(), written: Written::default() })
+        Ok(Self { target, video, batch: Vec::new(), written: Written::default() })
     }
 
-    /// The same of frames with alpha.
-    pub fn with_alpha(self) -> Self {
-        Self { has_alpha: true, ..self }
-    }
-
-    /// Takes the frame with the number `number` among all displayed ones.
-    pub fn write(&mut self, number: usize, image: &Image) -> Result<(), CliError> {
+    /// Takes the frame with the number `number` among all displayed ones, and its `coverage`, if it is to be transparent
+    /// where nothing is.
+    pub fn write(&mut self, number: usize, image: &Image, coverage: Option<&Image>) -> Result<(), CliError> {
         let started = Instant::now();
         let file = match &self.target {
             Target::Single(file) => file.clone(),
             Target::Folder(frames) | Target::Video { frames, .. } => frames.join(frame_name(number)),
         };
-        self.batch.push((file, if self.has_alpha { rgba8(image) } else { rgb8(image) }));
+        let pixels = match coverage {
+            None => rgb8(image),
+            Some(coverage) => {
+                let bytes = straight_rgba8(image, coverage);
+                Pixels { bytes, color: png::ColorType::Rgba, ..blank_like(image) }
+            }
+        };
+        self.batch.push((file, pixels));
         if self.batch.len() >= rayon::current_num_threads().min(MOST_HELD) {
             self.flush()?;
         }
@@ -172,17 +174,27 @@ impl FrameWriter {
     }
 
     fn flush(&mut self) -> Result<(), CliError> {
-        self.batch.par_iter().try_for_each(|(file, image)| {
-            write_atomically(file, |writer| encode_png(image, writer)).map_err(CliError::write(file))
-        })?;
+        let (batch, video) = (&self.batch, &mut self.video);
+        // A video takes one frame after the other, so that its encoder uses a core at most.
+        let (images, ()) = rayon::join(
+            || {
+                batch.par_iter().try_for_each(|(file, image)| {
+                    write_atomically(file, |writer| encode_png(image, writer)).map_err(CliError::write(file))
+                })
+            },
+            || {
+                for (_, image) in batch {
+                    if let Some(Ok(encoder)) = video
+                        && let Err(error) = encoder.write(&image.bytes)
+                    {
+                        *video = Some(Err(error));
+                    }
+                }
+            },
+        );
+        images?;
         self.written.frames += self.batch.len();
-        for (_, image) in self.batch.drain(..) {
-            if let Some(Ok(video)) = &mut self.video
-                && let Err(error) = video.write(&image.bytes)
-            {
-                self.video = Some(Err(error));
-            }
-        }
+        self.batch.clear();
         Ok(())
     }
 }
@@ -241,21 +253,18 @@ fn make_folder_of(file: &Path) -> Result<(), CliError> {
     }
 }
 
-fn rgb8(image: &Image) -> Pixels8 {
-    of_bytes(image, png::ColorType::Rgb, image.to_rgb8())
+fn rgb8(image: &Image) -> Pixels {
+    Pixels { bytes: image.to_rgb8(), ..blank_like(image) }
 }
 
-fn rgba8(image: &Image) -> Pixels8 {
-    let bytes = image.pixels().iter().flat_map(|p| p.map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8));
-    of_bytes(image, png::ColorType::Rgba, bytes.collect())
+/// No RGB pixels for an image of the size of `image`.
+fn blank_like(image: &Image) -> Pixels {
+    // Image sides come from cameras, which are at most 8192.
+    let [width, height] = [image.width(), image.height()].map(|side| side as u32);
+    Pixels { width, height, color: png::ColorType::Rgb, bytes: Vec::new() }
 }
 
-fn of_bytes(image: &Image, color: png::ColorType, bytes: Vec<u8>) -> Pixels8 {
-    // Image sides come from cameras, whose rendered ones are at most 8192.
-    Pixels8 { width: image.width() as u32, height: image.height() as u32, color, bytes }
-}
-
-fn encode_png(image: &Pixels8, writer: impl Write) -> io::Result<()> {
+fn encode_png(image: &Pixels, writer: impl Write) -> io::Result<()> {
     let mut encoder = png::Encoder::new(writer, image.width, image.height);
     encoder.set_color(image.color);
     encoder.set_depth(png::BitDepth::Eight);

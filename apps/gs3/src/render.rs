@@ -1,24 +1,24 @@
 //! `gs3 render`.
 
 use std::ops::Range;
-use std::sync::Arc;
 
 use gs3::scene::camera_path::Pace;
-use gs3::scene::{Camera, CameraPath, Scene};
+use gs3::scene::{Camera, CameraPath};
 use gs3::{FramePipeline, Mode, Networks, PipelineError, PipelineSettings};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
+use crate::alpha::coverage;
 use crate::args::RenderArgs;
 use crate::backend::Machine;
-use crate::composite::{self, Composite, Parts};
+use crate::compare::Comparison;
 use crate::destination::Destination;
 use crate::error::CliError;
 use crate::output::{FrameWriter, Target, Written, others, write_text};
 use crate::report::{self, Times};
 use crate::terminal::note;
-use crate::video::{by_hand, no_option, quoted};
-use crate::{Outcome, compare, destination, inputs, interrupt, start_threads};
+use crate::video::{Stream, by_hand, no_option, quoted};
+use crate::{Outcome, destination, inputs, interrupt, panorama, start_threads};
 
 pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     start_threads(args.view.threads)?;
@@ -51,26 +51,52 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         });
     }
     let settings = args.look.settings(mode);
-    if let Some(parts) = composite::parts_of(&path, args.alpha) {
-        return run_composite(args, &target, &scene, &path, range, parts, &networks);
+    if path.facts().is_panorama {
+        return panorama::run(args, &target, &scene, &path, range, &networks);
     }
+    let mut coverage = match args.alpha {
+        true => Some(FramePipeline::with_networks(coverage(&scene)?, settings, &networks)?),
+        false => None,
+    };
     let mut pipeline = FramePipeline::with_networks(scene, settings, &networks)?;
     // Not before the rest is right: a driver may take long to wake, and talk.
-    let mut machine =
-        Machine::new(&args.device, args.look.features())?.start(|gpu| pipeline.render_on(gpu))?;
+    let mut machine = Machine::new(&args.device, args.look.features())?.start(|gpu| {
+        pipeline.render_on(gpu)?;
+        coverage.as_mut().map_or(Ok(()), |coverage| coverage.render_on(gpu))
+    })?;
     let first = path.cameras()[range.start];
+    if mode.has_history() && args.look.refine.is_on() && !matches!(machine, Machine::Cpu) {
+        note(
+            "no pixels are rasterized exactly: a GPU makes or rasterizes the frames, and --refine is for the CPU",
+        );
+    }
     if mode.has_history() && !pipeline.is_on_device(&first) && !matches!(machine, Machine::Cpu) {
         note(
             "the GPU rasterizes, networks run on the CPU (--tier analytic makes all of the frame on the GPU)",
         );
     }
-    let rate = path.frames_per_second() * settings.displayed_per_rendered() as f64;
+    let shown_each = settings.displayed_per_rendered();
+    let stream = Stream {
+        size: [first.width(), first.height()],
+        rate: path.frames_per_second() * shown_each as f64,
+        frames: range.len() * shown_each,
+    };
 
     // Before any file: settings that the rasterizer refuses show in the frames that only fill the history.
     if let Err(error) = warm_up(&mut pipeline, &path, range.start) {
         machine.take_over(&mut pipeline, error)?;
         warm_up(&mut pipeline, &path, range.start)?;
     }
+    if let Some(coverage) = &mut coverage {
+        if matches!(machine, Machine::Cpu) {
+            coverage.render_on_cpu()?;
+        }
+        warm_up(coverage, &path, range.start)?;
+    }
+    let mut comparison = match &args.compare {
+        Some(_) => Some(Comparison::new(&pipeline, &machine, &range)?),
+        None => None,
+    };
     let mut writer = None;
     let mut times = Times::default();
     interrupt::watch()?;
@@ -80,26 +106,40 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     let mut first_number = None;
     let mut is_blank = true;
     while next < range.end && !interrupt::requested() {
-        if let Err(error) = pipeline.render(&path.cameras()[next], &between(&settings, &path, next)) {
+        let (camera, between) = (&path.cameras()[next], between(&settings, &path, next));
+        if let Err(error) = pipeline.render_with_poses(camera, &between) {
             machine.take_over(&mut pipeline, error)?;
             warm_up(&mut pipeline, &path, next)?;
+            if let Some(coverage) = &mut coverage {
+                coverage.render_on_cpu()?;
+                warm_up(coverage, &path, next)?;
+            }
             continue;
+        }
+        if let Some(coverage) = &mut coverage {
+            coverage.render_with_poses(camera, &between)?;
         }
         let shown = pipeline.presented();
         let writer = match &mut writer {
             Some(writer) => writer,
-            none => none.insert(FrameWriter::new(target.clone(), [first.width(), first.height()], rate)?),
+            none => none.insert(FrameWriter::new(target.clone(), &stream)?),
         };
         let is_single = matches!(target, Target::Single(_));
         let frames: Vec<_> = if is_single { vec![shown.current] } else { shown.iter().collect() };
         // Displayed frames are counted from the start of the path, so that the parts of a path fit together.
         let last_number = next * settings.displayed_per_rendered();
         first_number.get_or_insert(last_number + 1 - frames.len());
+        let covered: Vec<_> = coverage.iter().flat_map(|coverage| coverage.presented().iter()).collect();
         for (k, image) in frames.iter().enumerate() {
-            writer.write(last_number + k + 1 - frames.len(), image)?;
+            // The last of both is the rendered frame.
+            let covered = (covered.len() + k).checked_sub(frames.len()).map(|k| covered[k]);
+            writer.write(last_number + k + 1 - frames.len(), image, covered)?;
         }
         let displayed = frames.len();
         times.add(pipeline.times(), displayed);
+        if let Some(comparison) = &mut comparison {
+            comparison.observe(&pipeline, next, camera, displayed)?;
+        }
         is_blank &= pipeline.visible_count() == Some(0);
         next += 1;
         bar.inc(1);
@@ -123,11 +163,12 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         "is_all_on_device": pipeline.is_on_device(&first),
         "size": [first.width(), first.height()],
         "is_complete": is_complete,
+        "alpha": args.alpha,
     });
     figures = report::join(figures, what_ran(&settings, &networks, &tier));
     figures = report::join(figures, report::asked(&args.view, &range, &settings));
-    if let Some(file) = args.compare.as_ref().filter(|_| is_complete) {
-        let compared = compare::write(&mut pipeline, &path.cameras()[range.end - 1], file)?;
+    if let Some((comparison, file)) = comparison.zip(args.compare.as_ref()).filter(|_| is_complete) {
+        let compared = comparison.write(&mut pipeline, file)?;
         figures = report::join(figures, json!({ "compare": compared }));
     }
     figures = report::join(figures, report::machine(&machine));
@@ -150,105 +191,18 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         note(format_args!("{count} frames in {} are of other runs than this one", folder.display()));
     }
     if is_complete {
-        if let (Target::Video { file, frames }, Some(no_video)) = (&target, written.no_video) {
-            no_video.tell(file, frames, &numbers, rate)?;
-        }
-        return Ok(Outcome::Done);
+        return match (&target, written.no_video) {
+            (Target::Video { file, frames }, Some(failure)) => {
+                Err(failure.tell(file, frames, &numbers, &stream))
+            }
+            _ => Ok(Outcome::Done),
+        };
     }
     note(format_args!(
         "interrupted; all files are whole. To go on: {}",
-        remainder(&target, range.start, &(next..range.end), &numbers, rate)
+        remainder(&target, range.start, &(next..range.end), &numbers, &stream)
     ));
     Ok(Outcome::Interrupted)
-}
-
-/// Renders frames that are put together from several.
-fn run_composite(
-    args: &RenderArgs,
-    target: &Target,
-    scene: &Arc<Scene>,
-    path: &CameraPath,
-    range: Range<usize>,
-    parts: Parts,
-    networks: &Networks,
-) -> Result<Outcome, CliError> {
-    let refuse = |option, expected: &str, actual: &str| {
-        Err(CliError::Option { option, expected: expected.to_owned(), actual: actual.to_owned() })
-    };
-    let what = if parts.has_alpha { "--alpha" } else { "panoramas" };
-    if args.compare.is_some() {
-        return refuse("--compare", "frames of one camera without --alpha", what);
-    }
-    if args.json.is_some() {
-        return refuse("--json", "frames of one camera without --alpha", what);
-    }
-    if parts.has_alpha && matches!(target, Target::Video { .. }) {
-        return refuse("--out", "PNG frames, which have alpha", "a video, which has none");
-    }
-    let settings = args.look.settings(args.mode.into());
-    let machine = Machine::new(&args.device, args.look.features())?;
-    let mut composite = Composite::new(scene, parts, &settings, networks, |pipeline| {
-        Ok(machine.gpu().map_or(Ok(()), |gpu| pipeline.render_on(gpu))?)
-    })?;
-    let first = path.cameras()[range.start];
-    let rate = path.frames_per_second() * settings.displayed_per_rendered() as f64;
-    let warm_up = if settings.mode.has_history() {
-        let period = composite.period();
-        range.start.saturating_sub(period) / period * period
-    } else {
-        range.start
-    };
-    for camera in &path.cameras()[warm_up..range.start] {
-        composite.render(camera, &[])?;
-    }
-    let mut writer = FrameWriter::new(target.clone(), [first.width(), first.height()], rate)?;
-    if parts.has_alpha {
-        writer = writer.with_alpha();
-    }
-    interrupt::watch()?;
-    let bar = ProgressBar::new(range.len() as u64)
-        .with_style(inputs::style("{pos}/{len} rendered {wide_bar} {per_sec}, {eta} left"));
-    let (mut next, mut is_blank, mut seconds, mut shown) = (range.start, true, 0.0, 0);
-    let mut numbers: Option<Range<usize>> = None;
-    while next < range.end && !interrupt::requested() {
-        let mut frames = composite.render(&path.cameras()[next], &between(&settings, path, next))?;
-        seconds += composite.times().iter().map(|times| times.total().as_secs_f64()).sum::<f64>();
-        if matches!(target, Target::Single(_)) {
-            frames.drain(..frames.len().saturating_sub(1));
-        }
-        let last_number = next * settings.displayed_per_rendered();
-        for (k, image) in frames.iter().enumerate() {
-            let number = last_number + k + 1 - frames.len();
-            numbers = Some(numbers.map_or(number, |numbers| numbers.start)..number + 1);
-            writer.write(number, image)?;
-        }
-        shown += frames.len();
-        is_blank &= composite.is_blank();
-        next += 1;
-        bar.inc(1);
-    }
-    bar.finish_and_clear();
-    let is_complete = next == range.end;
-    if is_blank && next > range.start {
-        inputs::warn_of_nothing_visible(scene.details().near);
-    }
-    let written = writer.finish(is_complete)?;
-    let numbers = numbers.unwrap_or_default();
-    note(format_args!(
-        "{shown} frames shown, {:.2} per second of rendering ({} in {})",
-        if seconds > 0.0 { shown as f64 / seconds } else { 0.0 },
-        settings.mode.name(),
-        args.out.display(),
-    ));
-    if !is_complete {
-        let again = remainder(target, range.start, &(next..range.end), &numbers, rate);
-        note(format_args!("interrupted; all files are whole. To go on: {again}"));
-        return Ok(Outcome::Interrupted);
-    }
-    if let (Target::Video { file, frames }, Some(no_video)) = (target, written.no_video) {
-        no_video.tell(file, frames, &numbers, rate)?;
-    }
-    Ok(Outcome::Done)
 }
 
 /// The mode with those settings that it reads.
@@ -282,6 +236,13 @@ fn frames_to_render(args: &RenderArgs, target: &Target, path: &CameraPath) -> Re
         });
     }
     if matches!(target, Target::Video { .. }) {
+        if args.alpha {
+            return Err(CliError::Option {
+                option: "--alpha",
+                expected: "--out DIR or FILE.png, as MP4 files have no transparency".to_owned(),
+                actual: format!("--out {}", args.out.display()),
+            });
+        }
         inputs::check_one_size("--out", "a video", &range, path)?;
     }
     Ok(range)
@@ -289,12 +250,12 @@ fn frames_to_render(args: &RenderArgs, target: &Target, path: &CameraPath) -> Re
 
 /// What to run after an interruption for the frames `left` of those from `first` on. A video begins anew with the
 /// frames that it is given, so that of all of them, with these `numbers`, is made once they are there.
-fn remainder(
+pub fn remainder(
     target: &Target,
     first: usize,
     left: &Range<usize>,
     numbers: &Range<usize>,
-    rate: f64,
+    stream: &Stream,
 ) -> String {
     let same = format!("the same command with --frames {}..{}", left.start, left.end);
     match target {
@@ -302,7 +263,7 @@ fn remainder(
             "{same} --out {}, and then, for the video of all frames, {}",
             // A separator at its end: a folder whatever its name.
             quoted(&no_option(frames).join("").display().to_string()),
-            by_hand(file, frames, numbers, rate)
+            by_hand(file, frames, numbers, stream)
         ),
         Target::Video { .. } | Target::Single(_) | Target::Folder(_) => same,
     }
@@ -320,7 +281,7 @@ fn warm_up(pipeline: &mut FramePipeline, path: &CameraPath, start: usize) -> Res
     let period = pipeline.jitter_period();
     let from = start.saturating_sub(period) / period * period;
     for camera in &path.cameras()[from..start] {
-        pipeline.render(camera, &[])?;
+        pipeline.render(camera)?;
     }
     Ok(())
 }

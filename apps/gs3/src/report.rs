@@ -99,6 +99,7 @@ pub fn peak_rss_mb() -> Option<f64> {
 pub fn machine(machine: &Machine) -> Value {
     let figures = json!({
         "backend": machine.backend(),
+        "simd": gs3::simd::name(gs3::simd::level()),
         "threads": rayon::current_num_threads(),
         "peak_rss_mb": peak_rss_mb(),
     });

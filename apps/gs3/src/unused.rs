@@ -1,8 +1,8 @@
 //! Refuses options that were given and would not be read: whoever gives them expects them to count.
 
-use gs3::{Dilation, Mode};
+use gs3::{Dilation, Mode, Refine};
 
-use crate::args::{BenchArgs, BenchBackendArg, Command, GbufferArgs, RenderArgs, TierArg};
+use crate::args::{BenchArgs, BenchBackendArg, Command, GbufferArgs, Look, RenderArgs, TierArg};
 use crate::error::CliError;
 use crate::evaluate::{EvaluateArgs, ProtocolArg};
 use crate::simplify::{ByArg, SimplifyArgs};
@@ -15,7 +15,9 @@ const LOW: &[Mode] = &[Mode::Bicubic, Mode::SuperSample, Mode::Full];
 const SUPER_SAMPLED: &[Mode] = &[Mode::SuperSample, Mode::Full];
 
 /// Which modes read an option of `gs3 render`, of those that not all do.
-const READ_BY: [(&str, &[Mode]); 10] = [
+const READ_BY: [(&str, &[Mode]); 12] = [
+    ("--quality", SUPER_SAMPLED),
+    ("--refine", SUPER_SAMPLED),
     ("--scale", LOW),
     ("--jitter", LOW),
     ("--tier", SUPER_SAMPLED),
@@ -43,7 +45,7 @@ pub fn check(command: &Command, given: &Given) -> Result<(), CliError> {
 fn render(args: &RenderArgs, given: &Given) -> Result<(), CliError> {
     let mode = Mode::from(args.mode);
     // That no network runs is true of every mode.
-    let is_true = |option| option == "--tier" && args.look.tier == Some(TierArg::Analytic);
+    let is_true = |option| option == "--tier" && args.look.tier == TierArg::Analytic;
     for (option, modes) in READ_BY {
         if !modes.contains(&mode) && !is_true(option) {
             let names: Vec<_> = modes.iter().map(|mode| mode.name()).collect();
@@ -51,10 +53,18 @@ fn render(args: &RenderArgs, given: &Given) -> Result<(), CliError> {
             refuse(given, option, &expected, &format!("--mode {}", mode.name()))?;
         }
     }
-    Ok(())
+    look(&args.look, given)
+}
+
+fn look(args: &Look, given: &Given) -> Result<(), CliError> {
+    match args.refine {
+        Refine::Auto => Ok(()),
+        other => refuse(given, "--quality", "--refine auto", &format!("--refine {other}")),
+    }
 }
 
 fn bench(args: &BenchArgs, given: &Given) -> Result<(), CliError> {
+    look(&args.look, given)?;
     match args.backend {
         BenchBackendArg::Cpu => refuse(given, "--warm-up", "--backend gpu", "--backend cpu"),
         BenchBackendArg::Gpu => refuse(given, "--stages", "--backend cpu", "--backend gpu"),

@@ -102,6 +102,52 @@ fn photos_of_the_scene_itself_are_met_and_a_camera_beside_its_place_is_seen() {
 }
 
 #[test]
+fn photos_without_a_file_are_left_out_and_told() {
+    let folder = tempfile::tempdir().unwrap();
+    photo_set(folder.path(), 0.0);
+    fs::remove_file(folder.path().join("photos/view_0.png")).unwrap();
+    let out = folder.path().join("out");
+    // Every second of those that are there: the first of them.
+    let output = evaluate(folder.path(), &out, &["--methods", "native", "--every", "2"]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{said}");
+    assert_eq!(said, "1 of the capture's photos have no file and are left out, ./photos/view_0 the first\n");
+    let results: Value = serde_json::from_slice(&fs::read(out.join("results.json")).unwrap()).unwrap();
+    assert_eq!(results["protocol"]["missing"], json!(["./photos/view_0"]));
+    let names: Vec<_> =
+        results["results"][0]["images"].as_array().unwrap().iter().map(|i| i["name"].clone()).collect();
+    assert_eq!(names, ["./photos/view_1"]);
+    for file in ["table.md", "report.html"] {
+        let text = fs::read_to_string(out.join(file)).unwrap();
+        assert!(text.contains("./photos/view_0 of the capture has no file."), "{file}");
+    }
+}
+
+#[test]
+fn history_gathers_on_the_way_to_a_photo() {
+    let folder = tempfile::tempdir().unwrap();
+    photo_set(folder.path(), 0.0);
+    let results = results(folder.path(), &["--methods", "bicubic,history"]);
+    let row = |method: &str| {
+        let rows = results["results"].as_array().unwrap();
+        rows.iter().find(|row| row["method"] == method).unwrap().clone()
+    };
+    let [alone, way] = ["psnr", "after_way"].map(|key| {
+        move |row: &Value| match key {
+            "psnr" => row[key].as_f64().unwrap(),
+            _ => row[key]["psnr"].as_f64().unwrap(),
+        }
+    });
+    let (bicubic, history) = (row("bicubic"), row("history"));
+    assert_eq!(alone(&bicubic), way(&bicubic), "nothing is carried over");
+    // Sixteen frames know sixteen times as much.
+    assert!(way(&history) > alone(&history) + 2.0, "{history}");
+    for image in history["images"].as_array().unwrap() {
+        assert!(way(image) > alone(image), "{image}");
+    }
+}
+
+#[test]
 fn bad_photo_sets_get_one_line_and_exit_code_2() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
@@ -115,6 +161,7 @@ fn bad_photo_sets_get_one_line_and_exit_code_2() {
     };
     refused(&["--methods", "analytic"], "without interpolation");
     refused(&["--path", "elsewhere.json"], "cannot be used with");
+    // Some may be missing, but not all.
     refused(&["--images", "/nowhere"], "photo './photos/view_0': expected a file");
     let photo = folder.path().join("photos/view_1.png");
     write_png(&photo, &Image::new(162, 80));

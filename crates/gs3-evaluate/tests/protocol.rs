@@ -63,7 +63,7 @@ fn run(protocol: &Protocol, folder: &Path) -> (Results, [Vec<String>; 3]) {
         Event::Method { method, done: 1, .. } => seen[0].push(method.to_string()),
         Event::Resumed { method } => seen[1].push(method.to_string()),
         Event::Failed { failure } => seen[2].push(failure.method.clone()),
-        Event::Method { .. } | Event::GroundTruth { .. } => {}
+        Event::Method { .. } | Event::GroundTruth { .. } | Event::PhotosMissing { .. } => {}
     });
     (results.unwrap(), seen)
 }
@@ -120,6 +120,8 @@ fn methods_are_scored_by_subset_and_rank_as_they_should() {
         "psnr",
         "ssim",
         "flip",
+        "edge_psnr",
+        "block_rmse_p99",
         "tpsnr",
         "warping_error",
         "displayed_fps",
@@ -129,9 +131,30 @@ fn methods_are_scored_by_subset_and_rank_as_they_should() {
     assert_eq!(first["subset"], "super_sampled");
 
     let page = report::html(&results);
-    assert!(page.contains("gs3 evaluate &lt;ball&gt; &amp; more") && page.matches("<svg").count() == 4);
+    assert!(page.contains("gs3 evaluate &lt;ball&gt; &amp; more") && page.matches("<svg").count() == 6);
     assert!(!page.contains("http"), "the page loads nothing");
     assert!(report::markdown(&results).contains("| analytic |"));
+
+    // Silhouettes are what is hardest to reconstruct, and the worst blocks err more than the mean.
+    let (native, analytic) = (row("native", Subset::All), row("analytic", Subset::All));
+    assert!(native.edge_psnr.unwrap() > 95.0 && native.block_rmse_p99 < 0.01, "{native:?}");
+    assert!(analytic.edge_psnr.unwrap() < analytic.psnr, "{analytic:?}");
+    assert!(analytic.block_rmse_p99 > 255.0 * 10.0_f64.powf(-analytic.psnr / 20.0), "{analytic:?}");
+    assert!((0.01..1.0).contains(&results.protocol.truth.edge_share.unwrap()));
+
+    // A column of what was rasterized exactly, where some method does that.
+    assert!(!page.contains("<th>Refined</th>") && !report::markdown(&results).contains("refined"));
+    let mut refined = results;
+    refined.results.iter_mut().filter(|r| r.method == "analytic").for_each(|r| r.refined_share = Some(0.125));
+    assert!(
+        report::html(&refined).contains("<th>Refined</th>")
+            && report::html(&refined).contains("<td>12.5 %</td>")
+    );
+    let table = report::markdown(&refined);
+    assert!(table.contains("| warping error | refined |") && table.contains("| 12.5 % |"), "{table}");
+    let widths: Vec<usize> =
+        table.lines().filter(|l| l.starts_with('|')).map(|l| l.matches('|').count()).collect();
+    assert!(widths.iter().all(|width| *width == widths[0]), "{table}");
 }
 
 #[test]

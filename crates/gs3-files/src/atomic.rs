@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, BufWriter, ErrorKind};
+use std::io::{self, BufWriter, ErrorKind, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -22,11 +22,67 @@ pub fn write_atomically(
 ) -> io::Result<()> {
     match Place::of(path)? {
         Place::File(path) => {
-            let (temporary, file) = Temporary::beside(&path)?;
-            write_into(file, write)?.sync_all()?;
-            temporary.rename(&path)
+            let mut file = AtomicFile::at(path)?;
+            write(&mut file.writer)?;
+            file.commit()
         }
-        Place::Stream => write_into(OpenOptions::new().write(true).open(path)?, write).map(drop),
+        Place::Stream => {
+            let mut writer = BufWriter::with_capacity(1 << 20, OpenOptions::new().write(true).open(path)?);
+            write(&mut writer)?;
+            writer.flush()
+        }
+    }
+}
+
+/// A file that is written bit by bit, while other work goes on between, and appears under its name once it is
+/// whole. Dropped before, it leaves nothing; [`discard_temporaries`] knows it, too.
+#[derive(Debug)]
+pub struct AtomicFile {
+    path: PathBuf,
+    temporary: Temporary,
+    writer: BufWriter<File>,
+}
+
+impl AtomicFile {
+    /// Begins the file at `path`; of a symbolic link that is the file that it leads to.
+    ///
+    /// # Errors
+    /// What the system reports; [`ErrorKind::InvalidInput`] for a device, a pipe or a folder.
+    pub fn create(path: &Path) -> io::Result<Self> {
+        match Place::of(path)? {
+            Place::File(path) => Self::at(path),
+            Place::Stream => Err(io::Error::new(ErrorKind::InvalidInput, "expected a file or none yet")),
+        }
+    }
+
+    fn at(path: PathBuf) -> io::Result<Self> {
+        let (temporary, file) = Temporary::beside(&path)?;
+        Ok(Self { path, temporary, writer: BufWriter::with_capacity(1 << 20, file) })
+    }
+
+    /// Waits until all bytes are on disk and puts the file in its place.
+    ///
+    /// # Errors
+    /// What the system reports; `path` is then as it was.
+    pub fn commit(self) -> io::Result<()> {
+        self.writer.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
+        self.temporary.rename(&self.path)
+    }
+}
+
+impl Write for AtomicFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.writer.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.writer.flush()
+    }
+}
+
+impl Seek for AtomicFile {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.writer.seek(to)
     }
 }
 
@@ -58,12 +114,6 @@ pub fn discard_temporaries() {
     std::mem::forget(temporaries);
 }
 
-fn write_into(file: File, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<File> {
-    let mut writer = BufWriter::with_capacity(1 << 20, file);
-    write(&mut writer)?;
-    writer.into_inner().map_err(io::IntoInnerError::into_error)
-}
-
 /// The temporary files there are.
 fn temporaries() -> MutexGuard<'static, BTreeSet<PathBuf>> {
     static ALL: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
@@ -71,6 +121,7 @@ fn temporaries() -> MutexGuard<'static, BTreeSet<PathBuf>> {
 }
 
 /// A file that is removed when dropped.
+#[derive(Debug)]
 struct Temporary(PathBuf);
 
 impl Temporary {
@@ -118,8 +169,6 @@ impl Drop for Temporary {
 
 #[cfg(test)]
 mod tests {
-    use std::io::Write;
-
     use super::*;
 
     #[test]
@@ -137,6 +186,28 @@ mod tests {
         write_atomically(&path, |writer| writer.write_all(b"after")).unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"after");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_file_written_bit_by_bit_appears_when_it_is_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("clip.mp4");
+        fs::write(&path, b"before").unwrap();
+        for is_whole in [false, true] {
+            let mut file = AtomicFile::create(&path).unwrap();
+            file.write_all(b"?fter").unwrap();
+            file.seek(SeekFrom::Start(0)).unwrap();
+            file.write_all(b"a").unwrap();
+            assert_eq!(fs::read(&path).unwrap(), b"before");
+            if is_whole {
+                file.commit().unwrap();
+            } else {
+                drop(file);
+            }
+            assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "the temporary file is left over");
+        }
+        assert_eq!(fs::read(&path).unwrap(), b"after");
+        assert_eq!(AtomicFile::create(folder.path()).unwrap_err().kind(), ErrorKind::InvalidInput);
     }
 
     #[test]

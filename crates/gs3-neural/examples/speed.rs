@@ -7,7 +7,7 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, Simd, dispatch, f32x16};
+use fearless_simd::{Simd, dispatch, f32x16};
 use gs3_neural::model::{Tier, initial_weights, interpolate, super_sample};
 use gs3_neural::{Activation, Arithmetic, Border, Conv2d, Engine, Graph, GraphBuilder, Header, Op, Random};
 
@@ -119,7 +119,7 @@ fn time(graph: &Graph, lr: [usize; 2], arithmetic: Arithmetic) -> Duration {
 
 /// Floating-point operations per second of all threads at once, in multiply-adds of 16 lanes.
 fn peak() -> f64 {
-    let level = Level::new();
+    let level = gs3_simd::level();
     (0..10)
         .map(|_| {
             let start = Instant::now();

@@ -132,6 +132,25 @@ pub enum RasterError {
         /// The widest side.
         actual: u32,
     },
+    /// A low-resolution frame is coarser than supported, or not at all.
+    #[error("scale: expected 1 to 8, found {actual}")]
+    Scale {
+        /// The value found.
+        actual: u32,
+    },
+    /// The margin does not begin at a block of 4×4 pixels of the native image.
+    #[error(
+        "margin: expected its left and top side times the scale {scale} to be a multiple of 4, found {actual}"
+    )]
+    MarginBlocks {
+        /// High-resolution over low-resolution size.
+        scale: u32,
+        /// The side found, in LR pixels.
+        actual: u32,
+    },
+    /// Exact blocks share the splats of a low-resolution frame, and there is none.
+    #[error("exact blocks: expected a low-resolution frame with gradients and depth before, found none")]
+    NoFrame,
     /// The background is not finite.
     #[error("background: expected three finite numbers, found {}, {}, {}", actual[0], actual[1], actual[2])]
     Background {

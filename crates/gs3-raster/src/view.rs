@@ -1,10 +1,10 @@
 //! The camera as the kernels read it: single precision, relative to the camera centre, sample positions at integers.
 
 use glam::DVec3;
-use gs3_scene::Camera;
 pub use gs3_scene::camera::NEAR;
+use gs3_scene::{Camera, Margin};
 
-use crate::settings::RasterSettings;
+use crate::settings::{RasterSettings, STOCK_DILATION, matched_dilation};
 
 /// The projection of positions is exact, its Jacobian is evaluated with x/z and y/z at most this far outside the image,
 /// as a share of half its extent: 1.3 times the half field of view's tangent in all (Kerbl et al. 2023). Measured from
@@ -28,6 +28,8 @@ pub struct View {
     pub jacobian_limits: [[f32; 2]; 2],
     /// Width and height in pixels, the margin included.
     pub size: [u32; 2],
+    /// Pixels of `size` left of and above the pixel at position `(0, 0)`.
+    pub before: [f32; 2],
     /// ε in px².
     pub dilation: f32,
     /// Gaussians up to this z are culled.
@@ -60,9 +62,24 @@ impl View {
             // Those of the picture: what is rasterized around it changes nothing in it.
             jacobian_limits: [limits(i.width, i.cx, i.fx), limits(i.height, i.cy, i.fy)],
             size: margin.around([i.width, i.height]),
+            before: [0.0; 2],
             dilation: settings.dilation,
             near,
         }
+    }
+
+    /// The view of the native image of `camera` that holds every sample of its low-resolution frame, `scale` times
+    /// coarser, under `settings` of that frame. Positions are the native image's own, bit for bit: the margin lies at
+    /// negative positions.
+    pub fn of_low_resolution(camera: &Camera, scale: u32, settings: &RasterSettings, near: f32) -> Self {
+        let native = RasterSettings { jitter: [0.0; 2], margin: Margin::NONE, ..*settings };
+        let lr = camera.low_resolution(scale);
+        let lr_size = settings.margin.around([lr.width(), lr.height()]);
+        let before = [settings.margin.left, settings.margin.top].map(|side| (side * scale) as f32);
+        // Scales that are no powers of two must not round the native image's dilation.
+        let is_matched = settings.dilation == matched_dilation(scale);
+        let dilation = if is_matched { STOCK_DILATION } else { settings.dilation * (scale * scale) as f32 };
+        Self { size: lr_size.map(|side| side * scale), before, dilation, ..Self::new(camera, &native, near) }
     }
 
     /// View-space coordinates of the world-space offset `d` from the camera centre.

@@ -115,9 +115,24 @@ impl Blend<'_> {
             return true;
         }
         let Some(second) = self.warp.quads(simd, 1, run, k) else { return false };
-        let share_of_all = f32x16::splat(simd, share);
-        for (r, (second, first)) in second.into_iter().zip(first).enumerate() {
-            clip.store(mix(simd, f32x16::load_array_ref(simd, first), second, share_of_all), r, rows);
+        // The first one was not gathered.
+        if share == 1.0 {
+            for r in 0..SIDE {
+                clip.store(second[r], r, rows);
+            }
+            return true;
+        }
+        let mut both = [[f32x16::splat(simd, 0.0); SIDE]; 2];
+        for r in 0..SIDE {
+            both[0][r] = f32x16::load_array_ref(simd, &first[r]);
+            both[1][r] = second[r];
+        }
+        // A division for all sixteen pixels.
+        let [of_first, of_second] = [pack_uncertainty(simd, &both[0]), pack_uncertainty(simd, &both[1])];
+        let by = surer(f32x16::splat(simd, share), of_first, of_second);
+        for r in 0..SIDE {
+            let by = by.swizzle_dyn_within_blocks(u8x64::load_array_ref(simd, &LANE_BYTES[r]));
+            clip.store((both[1][r] - both[0][r]).mul_add(by, both[0][r]), r, rows);
         }
         true
     }
@@ -187,11 +202,45 @@ impl Blend<'_> {
     }
 }
 
+/// Within every four lanes, the bytes of lane `r`, for all four.
+const LANE_BYTES: [[u8; 64]; SIDE] = {
+    let mut bytes = [[0; 64]; SIDE];
+    let mut k = 0;
+    while k < SIDE * 64 {
+        bytes[k / 64][k % 64] = (k / 64 * 4 + k % 4) as u8;
+        k += 1;
+    }
+    bytes
+};
+
+/// 1 in lane `r` of every four lanes.
+const LANE_ONLY: [[f32; LANES]; SIDE] = {
+    let mut lanes = [[0.0; LANES]; SIDE];
+    let mut k = 0;
+    while k < SIDE * LANES {
+        lanes[k / LANES][k % LANES] = (k % LANES % SIDE == k / LANES) as u8 as f32;
+        k += 1;
+    }
+    lanes
+};
+
+/// The uncertainties of a patch's pixels: in lane `4 c + r` that of column `c` of row `r`.
+#[inline(always)]
+fn pack_uncertainty<S: Simd>(simd: S, rows: &[f32x16<S>; SIDE]) -> f32x16<S> {
+    let bytes = u8x64::load_array_ref(simd, &LANE_BYTES[SIDE - 1]);
+    let mut packed = rows[SIDE - 1];
+    for r in 0..SIDE - 1 {
+        let is_here = f32x16::load_array_ref(simd, &LANE_ONLY[r]).simd_gt(0.5);
+        packed = is_here.select(rows[r].swizzle_dyn_within_blocks(bytes), packed);
+    }
+    packed
+}
+
 /// Four pixels of the first neighbour and of the second, whose shares by time and visibility are in the lanes of
 /// `share`, blended.
 #[inline(always)]
 fn mix<S: Simd>(simd: S, first: f32x16<S>, second: f32x16<S>, share: f32x16<S>) -> f32x16<S> {
-    let uncertainty = u8x64::from_fn(simd, |i| (12 + i % 4) as u8);
+    let uncertainty = u8x64::load_array_ref(simd, &LANE_BYTES[SIDE - 1]);
     let of_first = first.swizzle_dyn_within_blocks(uncertainty);
     let of_second = second.swizzle_dyn_within_blocks(uncertainty);
     let mixed = (second - first).mul_add(surer(share, of_first, of_second), first);
@@ -211,12 +260,12 @@ fn surer<S: Simd>(share: f32x16<S>, first: f32x16<S>, second: f32x16<S>) -> f32x
 /// What time `t` and visibility say of the second neighbour's share.
 #[inline(always)]
 fn share<S: Simd>(simd: S, visibility: &[[f32; LANES]; 2], t: f32) -> f32x16<S> {
-    let splat = |v: f32| f32x16::splat(simd, v);
-    let [before, after] = [0, 1].map(|n| f32x16::load_array_ref(simd, &visibility[n]));
-    let [before, after] = [before * (1.0 - t), after * t];
+    let [before, after] = visibility;
+    let before = f32x16::load_array_ref(simd, before) * (1.0 - t);
+    let after = f32x16::load_array_ref(simd, after) * t;
     let share = after / (before + after);
-    let share = share.simd_lt(NEGLIGIBLE).select(splat(0.0), share);
-    share.simd_gt(1.0 - NEGLIGIBLE).select(splat(1.0), share)
+    let share = share.simd_lt(NEGLIGIBLE).select(f32x16::splat(simd, 0.0), share);
+    share.simd_gt(1.0 - NEGLIGIBLE).select(f32x16::splat(simd, 1.0), share)
 }
 
 /// The shares of the second neighbour at time `t`, of pixels of `images` seen so well in each.

@@ -5,7 +5,7 @@ use std::ops::Range;
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*};
 
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
-use crate::samples::{CHUNK, SampleFrame};
+use crate::samples::SampleFrame;
 
 /// HR pixels, pixel centres at whole numbers, that a box exceeds what it contains by: far more than positions are off
 /// because a corner was rounded in another way than a sample.
@@ -49,8 +49,8 @@ pub(crate) struct Boxes {
 impl Boxes {
     /// Finds the boxes of `frame`, whose samples are `scale` HR pixels apart, under `reprojection`, reusing memory.
     ///
-    /// Along a row at one inverse depth, and along inverse depths at one place, positions are monotonic as long as
-    /// everything is in front of the camera. So the extremes of a chunk are at its ends, nearest and farthest.
+    /// Along a row or a column at one inverse depth, and along inverse depths at one place, positions are monotonic as
+    /// long as everything is in front of the camera. So the extremes of a chunk are at its ends, nearest and farthest.
     #[inline(always)]
     pub fn set<S: Simd>(&mut self, simd: S, frame: &SampleFrame, reprojection: &Reprojection, scale: f32) {
         let chunks = frame.chunks_per_row();
@@ -60,24 +60,37 @@ impl Boxes {
         }
         self.rows.resize(frame.height, [0.0; 2]);
         let splat = |v: f32| f32x16::splat(simd, v);
-        let lanes = f32x16::from_fn(simd, |i| (i * CHUNK) as f32);
-        let [jx, jy] = frame.offset();
+        let lanes = f32x16::from_fn(simd, |i| i as f32);
         for row in 0..frame.height {
-            let y = splat((row as f32 + 0.5 + jy) * scale);
+            let in_row = frame.extents(row).len();
+            // The end of a row of exact blocks, which need not be full.
+            let padding = row * self.stride + in_row.next_multiple_of(LANES)..(row + 1) * self.stride;
+            self.left[padding].fill(f32::INFINITY);
             let (mut row_top, mut row_bottom) = (splat(f32::INFINITY), splat(f32::NEG_INFINITY));
             for (run, of_run) in frame.extents(row).chunks(LANES).enumerate() {
                 let (mut far, mut near) = ([0.0; LANES], [0.0; LANES]);
                 for (k, extent) in of_run.iter().enumerate() {
                     (far[k], near[k]) = (extent.far, extent.near);
                 }
-                let first = lanes + (run * LANES * CHUNK) as f32;
-                let last = (first + (CHUNK - 1) as f32).min((frame.width - 1) as f32);
+                let is_chunk = lanes.simd_lt((in_row - run * LANES) as f32);
+                let [[first, last], [upper, lower]] = frame.ends(simd, row, run * LANES, scale);
                 let (mut left, mut right) = (splat(f32::INFINITY), splat(f32::NEG_INFINITY));
                 let (mut top, mut bottom) = (left, right);
                 let mut is_behind = mask32x16::splat(simd, true);
                 let mut is_ahead = is_behind;
-                for (x, depths) in [(first, &far), (first, &near), (last, &far), (last, &near)] {
-                    let x = (x + (0.5 + jx)) * scale;
+                let corners = [
+                    (first, upper, &far),
+                    (first, upper, &near),
+                    (last, upper, &far),
+                    (last, upper, &near),
+                    (first, lower, &far),
+                    (first, lower, &near),
+                    (last, lower, &far),
+                    (last, lower, &near),
+                ];
+                // A row of an LR frame has one y.
+                let count = if frame.is_blocks() { 8 } else { 4 };
+                for (x, y, depths) in corners.into_iter().take(count) {
                     let [u, v, q] = reprojection.apply_16(simd, x, y, f32x16::from_slice(simd, depths));
                     let ahead = q.simd_gt(MIN_DIVISOR);
                     is_ahead &= ahead;
@@ -86,7 +99,7 @@ impl Boxes {
                     (top, bottom) = (top.min(v), bottom.max(v));
                 }
                 // Partly behind the camera: anywhere. All behind it, or no chunk at all: nowhere.
-                let is_none = is_behind | !first.simd_lt(frame.width as f32);
+                let is_none = is_behind | !is_chunk;
                 let low = |v: f32x16<S>| {
                     let v = is_ahead.select(v - (0.5 + SLACK), splat(f32::NEG_INFINITY));
                     is_none.select(splat(f32::INFINITY), v)
@@ -131,6 +144,12 @@ impl Boxes {
         tops: Range<f32>,
     ) -> Meeting<'_, S> {
         Meeting { boxes: self, simd, rows, limits, tops, row: 0, word: self.words(), mask: 0 }
+    }
+
+    /// The middle of the box of chunk `chunk` of row `row`, HR pixels; not finite where the chunk is nowhere, or anywhere.
+    pub fn middle(&self, row: usize, chunk: usize) -> [f32; 2] {
+        let k = row * self.stride + chunk;
+        [0.5 * (self.left[k] + self.right[k]), 0.5 * (self.top[k] + self.bottom[k])]
     }
 
     /// Masks per row.
@@ -202,7 +221,7 @@ impl<S: Simd> Iterator for Meeting<'_, S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fearless_simd::{Level, dispatch};
+    use fearless_simd::dispatch;
 
     /// Boxes of pixels of two words of chunks, the second not full, in three rows.
     fn boxes() -> Boxes {
@@ -234,7 +253,7 @@ mod tests {
         // A box begins at 50 exactly: it belongs to the strip below.
         assert!(expected.iter().any(|k| boxes.top[*k] == 50.0), "{expected:?}");
         let strips = [f32::NEG_INFINITY..40.0, 40.0..50.0, 50.0..f32::INFINITY];
-        dispatch!(Level::new(), simd => {
+        dispatch!(gs3_simd::level(), simd => {
             let place = |(row, chunk): (usize, usize)| row * boxes.stride + chunk;
             let met: Vec<usize> = boxes.chunks_meeting(simd, 0..3, limits).map(place).collect();
             assert_eq!(met, expected);

@@ -63,6 +63,30 @@ pub enum ReconstructError {
         /// The jitter found.
         actual: [f32; 2],
     },
+    /// Memory of the caller ends before the image that is said to lie there.
+    #[error("G-buffer: expected at least {expected} numbers in memory, found {actual}")]
+    TooShort {
+        /// Numbers that the image takes.
+        expected: usize,
+        /// Numbers found.
+        actual: usize,
+    },
+    /// Distances between which depths are told are none.
+    #[error("clip planes: expected 0 < near < far, found near {near} and far {far}")]
+    ClipPlanes {
+        /// Distance of the near plane.
+        near: f32,
+        /// Distance of the far plane.
+        far: f32,
+    },
+    /// Cameras between two frames are not those of the frames between.
+    #[error("cameras between two frames: expected none or {expected}, found {actual}")]
+    Poses {
+        /// Frames between.
+        expected: usize,
+        /// Cameras given.
+        actual: usize,
+    },
     /// The time of an interpolated frame is outside the interval.
     #[error("time: expected a value between 0 and 1, found {actual}")]
     Time {

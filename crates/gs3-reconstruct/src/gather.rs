@@ -1,6 +1,6 @@
 //! Samples HR images at fractional positions.
 
-use fearless_simd::{Simd, f32x4, f32x16, prelude::*};
+use fearless_simd::{Simd, f32x4, f32x8, f32x16, prelude::*};
 use gs3_scene::Image;
 
 use crate::resample::clamped;
@@ -77,38 +77,19 @@ impl Gather {
         (&self.phases[phase], (position >> PHASE_BITS) as isize - BEFORE as isize)
     }
 
-    /// What `rows` rows of pixels are made from: rows of `4 * N` pixels from `(column, row)` on, the image's width
-    /// apart; `None` if they are not all inside.
+    /// `rows` rows of `columns` pixels from `(column, row)` on, the image's width apart; `None` if they are not all
+    /// inside.
     #[inline(always)]
-    fn inside<const N: usize>(image: &Image, (column, row): (isize, isize), rows: usize) -> Option<&[f32]> {
-        let (width, height, count) = (image.width(), image.height(), rows + TAPS - 1);
+    fn inside(image: &Image, [column, row]: [isize; 2], columns: usize, rows: usize) -> Option<&[f32]> {
+        let (width, height) = (image.width(), image.height());
         let inside =
-            column >= 0 && row >= 0 && column as usize + 4 * N <= width && row as usize + count <= height;
-        inside.then(|| {
-            let start = row as usize * width + column as usize;
-            // One check for all loads.
-            image.pixels()[start..start + (count - 1) * width + 4 * N].as_flattened()
-        })
-    }
-
-    /// Sum over the rows of `N` vectors of four pixels from `(column, row)` on; `None` if they are not all inside.
-    #[inline(always)]
-    fn rows<S: Simd, const N: usize>(
-        simd: S,
-        image: &Image,
-        place: (isize, isize),
-        weights: &Taps,
-    ) -> Option<[f32x16<S>; N]> {
-        let pixels = Self::inside::<N>(image, place, 1)?;
-        let mut sums = [f32x16::splat(simd, 0.0); N];
-        for k in 0..TAPS {
-            let weight = f32x16::splat(simd, weights.weight(k));
-            for (n, sum) in sums.iter_mut().enumerate() {
-                let at = 4 * (k * image.width() + 4 * n);
-                *sum = f32x16::from_slice(simd, &pixels[at..at + 16]).mul_add(weight, *sum);
-            }
+            column >= 0 && row >= 0 && column as usize + columns <= width && row as usize + rows <= height;
+        if !inside {
+            return None;
         }
-        Some(sums)
+        let start = row as usize * width + column as usize;
+        // One check for all loads.
+        Some(image.pixels()[start..start + (rows - 1) * width + columns].as_flattened())
     }
 
     /// Four pixels from the twelve that they are made from.
@@ -122,48 +103,72 @@ impl Gather {
     /// The pixel at `(x, y)`.
     #[inline(always)]
     pub fn pixel<S: Simd>(&self, simd: S, image: &Image, [x, y]: [i32; 2]) -> f32x4<S> {
-        let ((x_weights, column), (y_weights, row)) = (self.place(x), self.place(y));
-        let Some([a, b]) = Self::rows::<S, 2>(simd, image, (column, row), y_weights) else {
+        let ((across, column), (down, row)) = (self.place(x), self.place(y));
+        let Some(pixels) = Self::inside(image, [column, row], TAPS, TAPS) else {
             return f32x4::load_array(simd, self.pixel_at_border(image, [x, y]));
         };
-        let [first, second] = x_weights.0.each_ref();
-        let [first, second] = [f32x16::load_array_ref(simd, first), f32x16::load_array_ref(simd, second)];
-        let (a, b) = a.mul_add(first, b * second).split();
-        let (a, b) = (a + b).split();
-        a + b
+        // Two taps a vector.
+        let mut sums = [f32x8::splat(simd, 0.0); TAPS / 2];
+        for k in 0..TAPS {
+            let pixels = &pixels[4 * k * image.width()..][..4 * TAPS];
+            let weight = f32x8::splat(simd, down.weight(k));
+            for (sum, pixels) in sums.iter_mut().zip(pixels.as_chunks::<8>().0) {
+                *sum = f32x8::load_array_ref(simd, pixels).mul_add(weight, *sum);
+            }
+        }
+        let mut both = f32x8::splat(simd, 0.0);
+        for (sum, weights) in sums.iter().zip(across.0.as_flattened().as_chunks::<8>().0) {
+            both = sum.mul_add(f32x8::load_array_ref(simd, weights), both);
+        }
+        let (even, odd) = both.split();
+        even + odd
     }
 
     /// Four pixels in a row, the first at `(x, y)`; `None` near the border.
     #[inline(always)]
     pub fn quad<S: Simd>(&self, simd: S, image: &Image, [x, y]: [i32; 2]) -> Option<f32x16<S>> {
-        let ((x_weights, column), (y_weights, row)) = (self.place(x), self.place(y));
-        Some(Self::across(Self::rows(simd, image, (column, row), y_weights)?, x_weights))
+        let ((across, column), (down, row)) = (self.place(x), self.place(y));
+        let pixels = Self::inside(image, [column, row], 3 * QUAD, TAPS)?;
+        let mut sums = [f32x16::splat(simd, 0.0); 3];
+        for k in 0..TAPS {
+            let pixels = &pixels[4 * k * image.width()..][..12 * QUAD];
+            let weight = f32x16::splat(simd, down.weight(k));
+            for (sum, pixels) in sums.iter_mut().zip(pixels.as_chunks::<16>().0) {
+                *sum = f32x16::load_array_ref(simd, pixels).mul_add(weight, *sum);
+            }
+        }
+        Some(Self::across(sums, across))
     }
 
     /// Four rows of four pixels, the first at `(x, y)`; `None` near the border.
     #[inline(always)]
     pub fn patch<S: Simd>(&self, simd: S, image: &Image, [x, y]: [i32; 2]) -> Option<[f32x16<S>; QUAD]> {
-        let ((x_weights, column), (y_weights, row)) = (self.place(x), self.place(y));
-        let pixels = Self::inside::<3>(image, (column, row), QUAD)?;
-        let mut sums = [[f32x16::splat(simd, 0.0); 3]; QUAD];
-        for k in 0..QUAD + TAPS - 1 {
-            for n in 0..3 {
-                let at = 4 * (k * image.width() + 4 * n);
-                let pixels = f32x16::from_slice(simd, &pixels[at..at + 16]);
-                for r in 0..QUAD {
-                    if k >= r && k < r + TAPS {
-                        sums[r][n] = pixels.mul_add(y_weights.weight(k - r), sums[r][n]);
-                    }
+        const SIDE: usize = QUAD + TAPS - 1;
+        let ((across, column), (down, row)) = (self.place(x), self.place(y));
+        let pixels = Self::inside(image, [column, row], SIDE, SIDE)?;
+        let (mut of_columns, mut of_rows) =
+            ([f32x16::splat(simd, 0.0); TAPS], [f32x16::splat(simd, 0.0); TAPS]);
+        for k in 0..TAPS {
+            of_columns[k] = f32x16::splat(simd, across.weight(k));
+            of_rows[k] = f32x16::splat(simd, down.weight(k));
+        }
+        let mut sums = [f32x16::splat(simd, 0.0); QUAD];
+        // Rows first: what a tap needs of a row's pixels is a load at another place, not a shift of vectors, and four
+        // sums and a row fit the sixteen registers of AVX2.
+        for k in 0..SIDE {
+            let pixels = &pixels[4 * k * image.width()..][..4 * SIDE];
+            let mut row = f32x16::from_slice(simd, &pixels[..4 * QUAD]) * of_columns[0];
+            for tap in 1..TAPS {
+                let pixels = &pixels[4 * tap..4 * (tap + QUAD)];
+                row = f32x16::from_slice(simd, pixels).mul_add(of_columns[tap], row);
+            }
+            for r in 0..QUAD {
+                if k >= r && k < r + TAPS {
+                    sums[r] = row.mul_add(of_rows[k - r], sums[r]);
                 }
             }
         }
-        let [a, b, c, d] = sums;
-        Some([
-            Self::across(a, x_weights),
-            Self::across(b, x_weights),
-            Self::across(c, x_weights),
-            Self::across(d, x_weights),
-        ])
+        Some(sums)
     }
 
     #[cold]
@@ -243,7 +248,7 @@ mod tests {
             let (x, y) = ((k % width) as f32, (k / width) as f32);
             *pixel = [waves(x, y, 0.4), waves(y, x, 0.3), x, y * y];
         }
-        let (gather, level) = (Gather::new(), fearless_simd::Level::new());
+        let (gather, level) = (Gather::new(), gs3_simd::level());
         let near = |a: &[f32], b: &[f32], what: &str| {
             for (a, b) in a.iter().zip(b) {
                 assert!((a - b).abs() < 1e-3, "{what}: {a} and {b}");
@@ -267,7 +272,7 @@ mod tests {
             });
         }
         // What needs pixels beyond the border is left to code that can repeat it.
-        let beyond = [(1.9, 5.0), (5.0, 1.9), (15.1, 5.0), (5.0, 14.1)];
+        let beyond = [(1.9, 5.0), (5.0, 1.9), (18.1, 5.0), (5.0, 14.1)];
         for (x, y) in beyond.map(|(x, y): (f32, f32)| ((x * UNITS) as i32, (y * UNITS) as i32)) {
             fearless_simd::dispatch!(level, simd => {
                 assert!(gather.patch(simd, &image, [x, y]).is_none());

@@ -6,7 +6,7 @@
 
 use std::ops::Range;
 
-use fearless_simd::{Level, Simd, dispatch, f32x4, f32x16, prelude::*};
+use fearless_simd::{Simd, dispatch, f32x4, f32x16, prelude::*};
 use gs3_scene::{GBuffer, Gradients, Image};
 use rayon::prelude::*;
 
@@ -30,7 +30,7 @@ pub fn hermite(gbuffer: &GBuffer, scale: u32, out: &mut Image) -> Result<(), Rec
     };
     let mut surface = Surface::default();
     surface.set(gbuffer, gradients, scale);
-    let level = Level::new();
+    let level = gs3_simd::level();
     let width = out.width();
     out.pixels_mut().par_chunks_exact_mut(width).enumerate().with_min_len(8).for_each(|(y, row)| {
         let (mut columns, mut part) = (Columns::new(), [[0.0; 4]; STRIDE]);

@@ -6,6 +6,7 @@
 //!
 //! * [`resample()`]: nearest, bilinear, bicubic; the baselines.
 //! * [`hermite()`]: one frame, with its exact gradients.
+//! * [`Reconstructor`]: frames one after the other, all that is needed in one object.
 //! * [`SuperSampler`]: one frame and its past.
 //! * [`Interpolator`]: a frame between two reconstructed ones, or both of them warped to its pose; one frame as
 //!   another camera sees it.
@@ -37,37 +38,65 @@
 
 mod blend;
 mod boxes;
+mod cut;
+mod depth_lattice;
+mod difference;
 mod error;
 mod gather;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 mod hermite;
 mod interpolate;
+mod jitter;
 mod kriging;
 mod lanes;
 mod lattice;
+mod margin;
 mod middle_depth;
 mod motion;
 mod nearest;
 mod neighbor_depth;
 mod plausible;
 mod prefetch;
+mod reconstructor;
 mod reprojection;
 mod resample;
 mod samples;
+mod select;
 mod separate;
+mod sequence;
 mod splat;
+mod staleness;
 mod super_sample;
 mod tile;
+mod view;
 mod warp;
 
+pub use cut::is_cut;
+pub use depth_lattice::DepthLattice;
+pub use difference::difference;
 pub use error::ReconstructError;
 pub use hermite::hermite;
 pub use interpolate::{Interpolator, Neighbor, Reprojected, Warped};
+pub use jitter::{AdaptiveJitter, Sampling};
+pub use margin::margin_ahead;
 pub use motion::{Depth, Motion, View};
+pub use reconstructor::{Reconstructed, Reconstructor, ReconstructorSettings};
 pub use reprojection::{NEAREST_DEPTH, inverse_depth};
 pub use resample::{Kernel, resample};
+pub use select::{BlockBudget, select_blocks};
+pub use sequence::{FrameSequence, FrameStart};
 pub use super_sample::{Kriging, ResetReason, SuperSampler};
+pub use view::{DepthEncoding, GBufferView, PlanesView, Strides};
 
 /// Largest scale factor, HR over LR.
 pub const MAX_SCALE: u32 = 8;
+
+#[cfg(test)]
+mod tests {
+    /// Every test of kernels, once more on each other SIMD level of this processor.
+    #[test]
+    fn all_of_this_on_every_simd_level() {
+        gs3_simd::repeat_tests_on_levels("all_of_this_on_every_simd_level", &["gpu::"]);
+    }
+}

@@ -75,16 +75,19 @@ impl MiddleDepth {
     #[inline(always)]
     pub fn along_row<S: Simd>(&self, simd: S, x: isize, step: usize, y: isize) -> f32x16<S> {
         let Place { samples: rows, fraction } = self.rows[(y + MARGIN as isize) as usize];
-        let row = |j: u32| &self.inverse[j as usize * self.width..][..self.width];
-        let (above, below) = (row(rows[0]), row(rows[1]));
+        let above = &self.inverse[rows[0] as usize * self.width..][..self.width];
+        let below = &self.inverse[rows[1] as usize * self.width..][..self.width];
         let places = &self.columns[(x + MARGIN as isize) as usize..];
         // Sixteen cells in a row, as at scale 4, all but at the borders.
         let ([left, right], [last, _]) = (places[0].samples, places[15 * step].samples);
         let (left, right) = (left as usize, right as usize);
         if step == self.scale && last as usize == left + 15 && right == left + 1 && right + 16 <= self.width {
-            let load = |values: &[f32]| f32x16::from_slice(simd, &values[..16]);
-            let samples =
-                [load(&above[left..]), load(&above[right..]), load(&below[left..]), load(&below[right..])];
+            let samples = [
+                f32x16::from_slice(simd, &above[left..left + 16]),
+                f32x16::from_slice(simd, &above[right..right + 16]),
+                f32x16::from_slice(simd, &below[left..left + 16]),
+                f32x16::from_slice(simd, &below[right..right + 16]),
+            ];
             let fractions = [f32x16::splat(simd, places[0].fraction), f32x16::splat(simd, fraction)];
             return between(samples, fractions);
         }
@@ -96,9 +99,8 @@ impl MiddleDepth {
             (found[0][k], found[1][k]) = (above[left], above[right]);
             (found[2][k], found[3][k]) = (below[left], below[right]);
         }
-        let load = |values: &[f32; 16]| f32x16::load_array_ref(simd, values);
-        let samples = [load(&found[0]), load(&found[1]), load(&found[2]), load(&found[3])];
-        between(samples, [load(&fractions), f32x16::splat(simd, fraction)])
+        let fractions = [f32x16::load_array_ref(simd, &fractions), f32x16::splat(simd, fraction)];
+        between(load_all(simd, &found), fractions)
     }
 
     /// Inverse depths at the 4×4 HR pixels from `(x, y)` on, row by row.
@@ -108,10 +110,14 @@ impl MiddleDepth {
         let rows = &self.rows[(y + MARGIN as isize) as usize..][..4];
         if columns[0].samples == columns[3].samples && rows[0].samples == rows[3].samples {
             let [left, right] = columns[0].samples.map(|i| i as usize);
-            let [above, below] =
-                rows[0].samples.map(|j| &self.inverse[j as usize * self.width..][..self.width]);
-            let splat = |v: f32| f32x16::splat(simd, v);
-            let samples = [splat(above[left]), splat(above[right]), splat(below[left]), splat(below[right])];
+            let above = &self.inverse[rows[0].samples[0] as usize * self.width..][..self.width];
+            let below = &self.inverse[rows[0].samples[1] as usize * self.width..][..self.width];
+            let samples = [
+                f32x16::splat(simd, above[left]),
+                f32x16::splat(simd, above[right]),
+                f32x16::splat(simd, below[left]),
+                f32x16::splat(simd, below[right]),
+            ];
             let of_columns = [0, 1, 2, 3].map(|k| columns[k].fraction);
             let of_rows = [0, 1, 2, 3].map(|k| rows[k].fraction);
             return between(samples, [repeat(simd, &of_columns), spread(simd, &of_rows)]);
@@ -126,9 +132,7 @@ impl MiddleDepth {
                 (found[2][k], found[3][k]) = (below[left], below[right]);
             }
         }
-        let load = |values: &[f32; 16]| f32x16::load_array_ref(simd, values);
-        let samples = [load(&found[0]), load(&found[1]), load(&found[2]), load(&found[3])];
-        between(samples, [load(&fractions[0]), load(&fractions[1])])
+        between(load_all(simd, &found), load_all(simd, &fractions))
     }
 
     /// Splats a row of samples at HR height `y`.
@@ -223,6 +227,16 @@ fn set_places(places: &mut Vec<Place>, len: usize, scale: usize) {
         let fraction = (phase as f32 + 0.5 + (scale / 2) as f32) / scale as f32 - 0.5;
         Place { samples, fraction }
     }));
+}
+
+/// Vectors of `N` times sixteen values.
+#[inline(always)]
+fn load_all<S: Simd, const N: usize>(simd: S, values: &[[f32; 16]; N]) -> [f32x16<S>; N] {
+    let mut vectors = [f32x16::splat(simd, 0.0); N];
+    for (vector, values) in vectors.iter_mut().zip(values) {
+        *vector = f32x16::load_array_ref(simd, values);
+    }
+    vectors
 }
 
 /// Inverse depths between the samples `a b` above and `c d` below, `(x, y)` of the way: linear within a surface, the

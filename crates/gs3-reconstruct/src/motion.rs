@@ -3,7 +3,7 @@
 //! Every sample is reprojected through its own depth; it counts as seen there as far as the samples around that place
 //! belong to the same surface.
 
-use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, prelude::*};
+use fearless_simd::{Simd, dispatch, f32x16, i32x16, prelude::*};
 use gs3_scene::{Camera, GBuffer, Planes};
 use rayon::prelude::*;
 
@@ -107,7 +107,7 @@ impl Motion {
         self.validity.resize(width, height);
         let reprojection = Reprojection::new(&now.camera, &before.camera);
         let target = Target { width, height, jitter: before.jitter, surfaces: &self.surfaces };
-        let level = Level::new();
+        let level = gs3_simd::level();
         let (flow_x, flow_y) = self.flow.data_mut().split_at_mut(width * height);
         let flow = flow_x.par_chunks_exact_mut(width).zip(flow_y.par_chunks_exact_mut(width));
         let rows = flow.zip(self.validity.data_mut().par_chunks_exact_mut(width)).enumerate();

@@ -1,6 +1,6 @@
 //! What a neighbour of an interpolated frame sees at which depth.
 
-use fearless_simd::{Simd, f32x16, prelude::*};
+use fearless_simd::{Simd, f32x16, mask32x16, prelude::*};
 use gs3_scene::{GBuffer, Geometry};
 use rayon::prelude::*;
 
@@ -83,7 +83,6 @@ impl NeighborDepth {
     #[inline(always)]
     pub fn visibility_within<S: Simd>(&self, simd: S, [u, v, w]: [f32x16<S>; 3], scale: f32) -> f32x16<S> {
         let [i, j] = self.cells(simd, [u, v], scale);
-        let splat = |v: f32| f32x16::splat(simd, v);
         let (left, top) = (i.reduce_min(), j.reduce_min());
         let (is_left, is_top) = (i.simd_eq(left), j.simd_eq(top));
         let is_near = (is_left | i.simd_eq(left + 1.0)) & (is_top | j.simd_eq(top + 1.0));
@@ -92,17 +91,8 @@ impl NeighborDepth {
         }
         // Four cells; those beyond the grid are not asked for, whatever stands in their place.
         let start = top as usize * self.width + left as usize;
-        let below = start + self.width;
-        let [far, near] = [&self.far, &self.near].map(|values| {
-            let cell = |at: usize| values[at.min(values.len() - 1)];
-            [cell(start), cell(start + 1), cell(below), cell(below + 1)]
-        });
-        let far = is_left
-            .select(is_top.select(splat(far[0]), splat(far[2])), is_top.select(splat(far[1]), splat(far[3])));
-        let near = is_left.select(
-            is_top.select(splat(near[0]), splat(near[2])),
-            is_top.select(splat(near[1]), splat(near[3])),
-        );
+        let far = select_cell(simd, &self.far, start, self.width, is_left, is_top);
+        let near = select_cell(simd, &self.near, start, self.width, is_left, is_top);
         Self::judge(simd, w, far, near)
     }
 
@@ -121,20 +111,40 @@ impl NeighborDepth {
     /// The cells, column and row, at HR positions; the nearest ones outside.
     #[inline(always)]
     fn cells<S: Simd>(&self, simd: S, [u, v]: [f32x16<S>; 2], scale: f32) -> [f32x16<S>; 2] {
-        let cell = |x: f32x16<S>, jitter: f32, len: usize| {
-            let place = x.mul_add(1.0 / scale, f32x16::splat(simd, 0.5 / scale - 0.5 - jitter));
+        let mut cells = [f32x16::splat(simd, 0.0); 2];
+        for (c, len) in [self.width, self.height].into_iter().enumerate() {
+            let at = [u, v][c];
+            let place = at.mul_add(1.0 / scale, f32x16::splat(simd, 0.5 / scale - 0.5 - self.jitter[c]));
             // In this order, NaN becomes 0.
-            place.max(0.0).min((len - 1) as f32).floor()
-        };
-        [cell(u, self.jitter[0], self.width), cell(v, self.jitter[1], self.height)]
+            cells[c] = place.max(0.0).min((len - 1) as f32).floor();
+        }
+        cells
     }
 
     /// The visibility of points of inverse depth `w` where inverse depths from `far` to `near` are seen.
     #[inline(always)]
     fn judge<S: Simd>(simd: S, w: f32x16<S>, far: f32x16<S>, near: f32x16<S>) -> f32x16<S> {
-        let splat = |v: f32| f32x16::splat(simd, v);
         let one_surface = (near - far).simd_le(near * (4.0 * SAME_SURFACE));
-        let seen = one_surface.select(splat(1.0), splat(SILHOUETTE));
-        (w.simd_ge(far) & w.simd_le(near)).select(seen, splat(HIDDEN))
+        let seen = one_surface.select(f32x16::splat(simd, 1.0), f32x16::splat(simd, SILHOUETTE));
+        (w.simd_ge(far) & w.simd_le(near)).select(seen, f32x16::splat(simd, HIDDEN))
     }
+}
+
+/// Of the 2×2 cells from `start` on, `width` cells a row, the ones that points lie in.
+#[inline(always)]
+fn select_cell<S: Simd>(
+    simd: S,
+    values: &[f32],
+    start: usize,
+    width: usize,
+    is_left: mask32x16<S>,
+    is_top: mask32x16<S>,
+) -> f32x16<S> {
+    let last = values.len() - 1;
+    let mut cells = [f32x16::splat(simd, 0.0); 4];
+    for (cell, at) in cells.iter_mut().zip([start, start + 1, start + width, start + width + 1]) {
+        *cell = f32x16::splat(simd, values[at.min(last)]);
+    }
+    let [a, b, c, d] = cells;
+    is_left.select(is_top.select(a, c), is_top.select(b, d))
 }

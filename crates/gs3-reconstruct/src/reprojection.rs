@@ -37,11 +37,13 @@ impl Reprojection {
     /// Target pixel x, y and the divisor `q` of sixteen source pixels `(x, y)` at inverse depths `w`.
     #[inline(always)]
     pub fn apply_16<S: Simd>(&self, simd: S, x: f32x16<S>, y: f32x16<S>, w: f32x16<S>) -> [f32x16<S>; 3] {
-        let row = |i: usize| {
-            let [h0, h1, h2] = self.rows[i];
-            x.mul_add(h0, y.mul_add(h1, w.mul_add(self.epipole[i], f32x16::splat(simd, h2))))
-        };
-        let (a, b, c) = (row(0), row(1), row(2));
+        // Not a closure: one would be compiled for the narrowest vectors, and called.
+        let mut sums = [f32x16::splat(simd, 0.0); 3];
+        for (i, [h0, h1, h2]) in self.rows.into_iter().enumerate() {
+            let of_pixel = y.mul_add(h1, w.mul_add(self.epipole[i], f32x16::splat(simd, h2)));
+            sums[i] = x.mul_add(h0, of_pixel);
+        }
+        let [a, b, c] = sums;
         let per = 1.0 / c;
         [a * per, b * per, c]
     }
@@ -83,7 +85,7 @@ mod tests {
 
     /// Target pixel x, y and divisor of one pixel.
     fn apply(reprojection: &Reprojection, x: f32, y: f32, w: f32) -> [f32; 3] {
-        let level = fearless_simd::Level::new();
+        let level = gs3_simd::level();
         fearless_simd::dispatch!(level, simd => {
             let splat = |v: f32| f32x16::splat(simd, v);
             reprojection.apply_16(simd, splat(x), splat(y), splat(w)).map(|v| v[0])

@@ -1,7 +1,7 @@
 //! One LR frame as exact point samples of the HR image: colour, gradient, inverse depth.
 
 use fearless_simd::{Level, Simd, dispatch, f32x16, mask32x16, prelude::*};
-use gs3_scene::{GBuffer, Gradients, Margin, Planes};
+use gs3_scene::{BLOCK_SIDE, ExactBlock, ExactBlocks, GBuffer, Gradients, Margin, Planes};
 use rayon::prelude::*;
 
 use crate::error::ReconstructError;
@@ -113,10 +113,51 @@ pub(crate) struct Extent {
     pub bare: Option<[f32; 3]>,
 }
 
-/// The samples of one LR frame, `[height, width]`, those in the margin around its picture included.
+/// Where the samples of a frame lie.
+#[derive(Clone, Debug, Default)]
+enum Layout {
+    /// Sixteen in a row of LR pixels make a chunk.
+    #[default]
+    Rows,
+    /// A block of 4×4 HR pixels is a chunk, [`BLOCKS_PER_ROW`] of them a row.
+    Blocks {
+        /// First pixel of each block.
+        corners: Vec<[f32; 2]>,
+        /// Width and height of the picture, HR pixels.
+        picture: [f32; 2],
+    },
+}
+
+/// Blocks that count as one row of chunks: as many as one mask of [`crate::boxes`] tells of.
+const BLOCKS_PER_ROW: usize = 64;
+
+/// Numbers of the lanes of a vector. (Constants are loaded: a closure that fills lanes may be compiled without the
+/// kernel's vector instructions.)
+const LANES: [f32; CHUNK] = [0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12., 13., 14., 15.];
+
+/// Pixel centres of a block along x, from its first pixel's edge.
+const BLOCK_X: [f32; CHUNK] =
+    [0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5];
+
+/// The same along y.
+const BLOCK_Y: [f32; CHUNK] =
+    [0.5, 0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 2.5, 2.5, 2.5, 2.5, 3.5, 3.5, 3.5, 3.5];
+
+/// Places of sixteen samples, HR pixels, and which of them are there.
+pub(crate) struct Places<S: Simd> {
+    pub x: f32x16<S>,
+    pub y: f32x16<S>,
+    pub is_sample: mask32x16<S>,
+}
+
+/// The samples of one frame: of an LR frame, `[height, width]`, those in the margin around its picture included, or of
+/// exact blocks.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SampleFrame {
+    layout: Layout,
+    /// Of an LR frame, in samples.
     pub width: usize,
+    /// Rows of chunks.
     pub height: usize,
     /// Offset of the sample positions from the LR pixel centres, in LR pixels.
     pub jitter: [f32; 2],
@@ -136,6 +177,7 @@ impl SampleFrame {
         let Some(gradients) = &gbuffer.gradients else {
             return Err(ReconstructError::Missing { what: "image gradients" });
         };
+        self.layout = Layout::Rows;
         (self.width, self.height) = (gbuffer.width(), gbuffer.height());
         (self.jitter, self.margin) = (gbuffer.jitter, gbuffer.margin);
         let per_row = self.chunks_per_row();
@@ -154,6 +196,96 @@ impl SampleFrame {
             });
         });
         Ok(())
+    }
+
+    /// Takes over exact blocks of a picture of `[width, height]`, reusing memory.
+    pub fn fill_blocks(&mut self, level: Level, blocks: &ExactBlocks, picture: [usize; 2]) {
+        let corner = |[column, row]: &[u16; 2]| [*column, *row].map(|k| (usize::from(k) * BLOCK_SIDE) as f32);
+        let corners = blocks.places.iter().map(corner).collect();
+        self.layout = Layout::Blocks { corners, picture: picture.map(|side| side as f32) };
+        (self.width, self.height) = (0, blocks.len().div_ceil(BLOCKS_PER_ROW));
+        (self.jitter, self.margin) = ([0.0; 2], Margin::NONE);
+        self.chunks.resize(blocks.len(), Chunk::EMPTY);
+        self.extents.resize(blocks.len(), Extent::default());
+        let chunks = self.chunks.par_iter_mut().zip(&mut self.extents).zip(&blocks.blocks).with_min_len(64);
+        chunks.for_each(|((chunk, extent), block)| {
+            dispatch!(level, simd => *extent = fill_block(simd, block, chunk));
+        });
+    }
+
+    /// Number of chunks.
+    pub fn chunk_count(&self) -> usize {
+        self.chunks.len()
+    }
+
+    /// Whether its samples are those of exact blocks.
+    pub const fn is_blocks(&self) -> bool {
+        matches!(self.layout, Layout::Blocks { .. })
+    }
+
+    /// Keeps the exact blocks that `keep` says, by their number, and forgets the others.
+    pub fn retain_blocks(&mut self, keep: impl Fn(usize) -> bool) {
+        let Layout::Blocks { corners, .. } = &mut self.layout else { return };
+        // From the end, so that what takes a forgotten block's place is one that stays.
+        for k in (0..corners.len()).rev().filter(|k| !keep(*k)) {
+            corners.swap_remove(k);
+            self.chunks.swap_remove(k);
+            self.extents.swap_remove(k);
+        }
+        self.height = corners.len().div_ceil(BLOCKS_PER_ROW);
+    }
+
+    /// Row and place in it of chunk `k` of all.
+    pub const fn row_of_block(k: usize) -> (usize, usize) {
+        (k / BLOCKS_PER_ROW, k % BLOCKS_PER_ROW)
+    }
+
+    /// Where the samples of chunk `chunk` of row `row` lie; LR pixels are `scale` HR pixels wide.
+    #[inline(always)]
+    pub fn places<S: Simd>(&self, simd: S, row: usize, chunk: usize, scale: f32) -> Places<S> {
+        match &self.layout {
+            Layout::Rows => {
+                let column = chunk * CHUNK;
+                let lanes = f32x16::from_slice(simd, &LANES);
+                let [jx, jy] = self.offset();
+                let first = f32x16::splat(simd, (column as f32 + 0.5 + jx) * scale);
+                Places {
+                    x: lanes.mul_add(scale, first),
+                    y: f32x16::splat(simd, (row as f32 + 0.5 + jy) * scale),
+                    is_sample: lanes.simd_lt((self.width - column) as f32),
+                }
+            }
+            Layout::Blocks { corners, picture } => {
+                let [x, y] = corners[row * BLOCKS_PER_ROW + chunk];
+                let x = f32x16::from_slice(simd, &BLOCK_X) + x;
+                let y = f32x16::from_slice(simd, &BLOCK_Y) + y;
+                Places { x, y, is_sample: x.simd_lt(picture[0]) & y.simd_lt(picture[1]) }
+            }
+        }
+    }
+
+    /// The first and last positions, along x and along y, of sixteen chunks of row `row` from `first` on, HR pixels.
+    /// Those of chunks beyond the end of the row are any.
+    #[inline(always)]
+    pub fn ends<S: Simd>(&self, simd: S, row: usize, first: usize, scale: f32) -> [[f32x16<S>; 2]; 2] {
+        match &self.layout {
+            Layout::Rows => {
+                let [jx, jy] = self.offset();
+                let start = (f32x16::from_slice(simd, &LANES) + first as f32) * CHUNK as f32;
+                let end = (start + (CHUNK - 1) as f32).min((self.width - 1) as f32);
+                let y = f32x16::splat(simd, (row as f32 + 0.5 + jy) * scale);
+                [[(start + (0.5 + jx)) * scale, (end + (0.5 + jx)) * scale], [y, y]]
+            }
+            Layout::Blocks { corners, .. } => {
+                let mut from = [[0.0; CHUNK]; 2];
+                for (i, corner) in corners[row * BLOCKS_PER_ROW..].iter().skip(first).take(CHUNK).enumerate()
+                {
+                    (from[0][i], from[1][i]) = (corner[0] + 0.5, corner[1] + 0.5);
+                }
+                let [x, y] = [f32x16::load_array(simd, from[0]), f32x16::load_array(simd, from[1])];
+                [[x, x + (BLOCK_SIDE - 1) as f32], [y, y + (BLOCK_SIDE - 1) as f32]]
+            }
+        }
     }
 
     /// Offset of the positions of samples `(i, j)` from `(i + 0.5, j + 0.5)` of the picture's LR pixels: the jitter
@@ -176,9 +308,12 @@ impl SampleFrame {
         self.sample(x + self.margin.left as usize, y + self.margin.top as usize)
     }
 
-    /// Chunks per row of samples, the last of which may be a part.
+    /// Chunks per row of samples, the last of which may be a part. The last row of exact blocks may have fewer.
     pub const fn chunks_per_row(&self) -> usize {
-        self.width.div_ceil(CHUNK)
+        match self.layout {
+            Layout::Rows => self.width.div_ceil(CHUNK),
+            Layout::Blocks { .. } => BLOCKS_PER_ROW,
+        }
     }
 
     /// Chunk `chunk` of row `row`.
@@ -189,7 +324,8 @@ impl SampleFrame {
 
     /// What the samples of the chunks of row `row` have in common.
     pub fn extents(&self, row: usize) -> &[Extent] {
-        &self.extents[row * self.chunks_per_row()..][..self.chunks_per_row()]
+        let rest = &self.extents[row * self.chunks_per_row()..];
+        &rest[..self.chunks_per_row().min(rest.len())]
     }
 
     /// The sample in column `x` of row `y`.
@@ -197,6 +333,42 @@ impl SampleFrame {
     pub fn sample(&self, x: usize, y: usize) -> &Sample {
         self.chunk(y, x / CHUNK).sample(x % CHUNK)
     }
+}
+
+/// Fills the chunk of an exact block.
+#[inline(always)]
+fn fill_block<S: Simd>(simd: S, block: &ExactBlock, chunk: &mut Chunk) -> Extent {
+    let zero = f32x16::splat(simd, 0.0);
+    let (mut squares, mut is_bare) = (zero, mask32x16::splat(simd, true));
+    for c in 0..3 {
+        let load = |plane: &[f32; 16]| f32x16::load_array_ref(simd, plane);
+        let (color, dx, dy) = (load(&block.color[c]), load(&block.color_dx[c]), load(&block.color_dy[c]));
+        squares = dx.mul_add(dx, dy.mul_add(dy, squares));
+        is_bare &= color.simd_eq(color[0]) & dx.simd_eq(0.0) & dy.simd_eq(0.0);
+        chunk.set_plane(2 + c, color);
+        chunk.set_samples(c, color);
+        chunk.set_samples(DX + c, dx);
+        chunk.set_samples(DY + c, dy);
+    }
+    let here = inverse_depth_16(simd, f32x16::load_array_ref(simd, &block.depth_median));
+    let depths = here.to_array();
+    // The nearest of the pixels around each, within the block.
+    let mut nearest = depths;
+    for (i, nearest) in nearest.iter_mut().enumerate() {
+        let (x, y) = (i % BLOCK_SIDE, i / BLOCK_SIDE);
+        for v in y.saturating_sub(1)..(y + 2).min(BLOCK_SIDE) {
+            for u in x.saturating_sub(1)..(x + 2).min(BLOCK_SIDE) {
+                *nearest = nearest.max(depths[v * BLOCK_SIDE + u]);
+            }
+        }
+    }
+    let near = f32x16::load_array(simd, nearest);
+    chunk.set_plane(0, here);
+    let change = (near - here) * CROSSING * squares.sqrt();
+    chunk.set_plane(1, here.simd_lt(near * BESIDE).select(change, zero));
+    let [r, g, b] = chunk.colors().map(|plane| plane[0]);
+    let is_bare = here.reduce_max() == 0.0 && is_bare.all_true();
+    Extent { far: here.reduce_min(), near: here.reduce_max(), bare: is_bare.then_some([r, g, b]) }
 }
 
 /// What samples are made from.
@@ -311,7 +483,7 @@ mod tests {
     fn chunks_hold_what_the_gbuffer_says() -> Result<(), ReconstructError> {
         let gbuffer = gbuffer();
         let mut frame = SampleFrame::default();
-        frame.fill(Level::new(), &gbuffer, 2)?;
+        frame.fill(gs3_simd::level(), &gbuffer, 2)?;
         let (Some(gradients), Some(geometry)) = (&gbuffer.gradients, &gbuffer.geometry) else {
             return Err(ReconstructError::Missing { what: "all" });
         };

@@ -15,7 +15,7 @@ use fearless_simd::{Simd, f32x16, i32x16, mask32x16, prelude::*};
 use crate::lanes::{repeat, spread};
 use crate::plausible::{DEPTH_TOLERANCE, Plausible};
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
-use crate::samples::{CHUNK, SampleFrame};
+use crate::samples::{CHUNK, Places, SampleFrame};
 use crate::tile::{PAD_X, PAD_Y, STRIDE, Tile};
 
 /// A sample reaches this many pixels in a row, those less than two away along x: they are one vector.
@@ -95,12 +95,8 @@ impl Source<'_> {
     #[inline(always)]
     pub fn see<S: Simd>(&self, simd: S, row: usize, chunk: usize) -> Seen<S> {
         let splat = |v: f32| f32x16::splat(simd, v);
-        let column = chunk * CHUNK;
-        let lanes = f32x16::from_fn(simd, |i| i as f32);
-        // Position on its own HR grid.
-        let [jx, jy] = self.frame.offset();
-        let from_x = lanes.mul_add(self.scale, splat((column as f32 + 0.5 + jx) * self.scale));
-        let from_y = splat((row as f32 + 0.5 + jy) * self.scale);
+        // Positions on its own HR grid.
+        let Places { x: from_x, y: from_y, is_sample } = self.frame.places(simd, row, chunk, self.scale);
         let w = f32x16::load_array_ref(simd, self.frame.chunk(row, chunk).inverse_depth());
         let [x, y, q] = self.reprojection.apply_16(simd, from_x, from_y, w);
         let (moved_x, moved_y) = (x - from_x, y - from_y);
@@ -112,7 +108,7 @@ impl Source<'_> {
             moved: moved_x.mul_add(moved_x, moved_y * moved_y),
             // As if the camera moved across: what it moves ahead counts, too, since footprints change.
             staleness: w.mul_add(self.parallax, splat(PER_FRAME * self.age as f32)),
-            is_sample: lanes.simd_lt((self.frame.width - column) as f32),
+            is_sample,
         }
     }
 

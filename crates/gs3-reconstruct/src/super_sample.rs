@@ -4,10 +4,11 @@ use std::ops::Range;
 use std::slice;
 
 use fearless_simd::{Level, Simd, dispatch};
-use gs3_scene::{Camera, GBuffer, Geometry, Gradients, Image};
+use gs3_scene::{BLOCK_SIDE, Camera, ExactBlocks, GBuffer, Geometry, Gradients, Image, block_grid};
 use rayon::prelude::*;
 
 use crate::boxes::{Boxes, Limits};
+use crate::depth_lattice::DepthLattice;
 use crate::error::{ReconstructError, camera_size, check_around, check_finite, check_gbuffer, check_scale};
 use crate::hermite::Surface;
 use crate::kriging::Neighborhoods;
@@ -17,6 +18,7 @@ use crate::prefetch::prefetch;
 use crate::reprojection::{Reprojection, parallax};
 use crate::samples::SampleFrame;
 use crate::splat::{REACH, Source};
+use crate::staleness::count_remembered;
 use crate::tile::{Lattice, RING, TILE_HEIGHT, TILE_WIDTH, Tile, Wanted};
 
 /// Why history is not valid. Whoever keeps it tells; a [`SuperSampler`] does not look for cuts itself.
@@ -35,6 +37,13 @@ pub enum ResetReason {
     BackendChange,
     /// The frame before could not be made.
     Failure,
+}
+
+/// What happened since the frame before.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Since {
+    /// Why there is no history, if there is none.
+    pub reset: Option<ResetReason>,
 }
 
 /// Which pixels are kriged.
@@ -80,13 +89,20 @@ const AHEAD: usize = 3;
 /// The same where only depths are read.
 const SURVEYED_AHEAD: usize = 8;
 
-/// Most frames in the history.
+/// Most LR frames in the history.
 pub(crate) const MAX_PAST: usize = (crate::MAX_SCALE * crate::MAX_SCALE) as usize;
 
-/// One remembered LR frame.
+/// Most frames in the history, those of exact blocks included.
+const MAX_SOURCES: usize = 2 * MAX_PAST;
+
+/// One remembered LR frame, or the exact blocks of one.
 #[derive(Clone, Debug)]
 struct Past {
     camera: Camera,
+    /// Frames since then.
+    age: usize,
+    /// Of what an LR frame shows.
+    mean_inverse_depth: f32,
     frame: SampleFrame,
     /// From its camera to the current one.
     reprojection: Reprojection,
@@ -97,18 +113,31 @@ struct Past {
 }
 
 impl Past {
-    /// As it is seen now, `age` frames later.
+    /// Nothing yet, of the frame of `camera`.
+    fn empty(camera: &Camera) -> Self {
+        Self {
+            camera: *camera,
+            age: 0,
+            mean_inverse_depth: 0.0,
+            frame: SampleFrame::default(),
+            reprojection: Reprojection::new(camera, camera),
+            parallax: 0.0,
+            boxes: Boxes::default(),
+        }
+    }
+
+    /// As it is seen now.
     #[inline(always)]
-    fn source(&self, age: usize, scale: u32) -> Source<'_> {
-        let Self { frame, reprojection, parallax, .. } = self;
-        Source { frame, reprojection, age, parallax: *parallax, scale: scale as f32 }
+    fn source(&self, scale: u32) -> Source<'_> {
+        let Self { age, frame, reprojection, parallax, .. } = self;
+        Source { frame, reprojection, age: *age, parallax: *parallax, scale: scale as f32 }
     }
 }
 
 /// A chunk of samples of a past frame.
 #[derive(Clone, Copy, Debug, Default)]
 struct Task {
-    age: u16,
+    source: u16,
     row: u16,
     chunk: u16,
 }
@@ -117,6 +146,7 @@ struct Task {
 struct Band<'a> {
     top: usize,
     pixels: &'a mut [[f32; 4]],
+    errors: &'a mut [f32],
     innovation: &'a mut [[f32; 4]],
     /// The first row of `innovation` among all.
     first_row: usize,
@@ -132,8 +162,12 @@ struct Band<'a> {
 pub struct SuperSampler {
     scale: u32,
     kriging: Kriging,
-    /// The last frames, newest first.
+    /// The last LR frames, newest first, and after each the exact blocks of it that are remembered.
     past: Vec<Past>,
+    /// Memory of frames that are forgotten.
+    spare: Vec<Past>,
+    /// `[block rows, block columns]`.
+    errors: Vec<f32>,
     surface: Surface,
     plausible: Plausible,
     /// `[LR height, LR width]`.
@@ -157,6 +191,32 @@ fn usable_planes(gbuffer: &GBuffer) -> Result<(&Gradients, &Geometry), Reconstru
     Ok((gradients, geometry))
 }
 
+/// Writes the pixels of `blocks` into `image`, with an uncertainty of 0.
+fn write_blocks(blocks: &ExactBlocks, image: &mut Image) {
+    let size = [image.width(), image.height()];
+    let [columns, rows] = block_grid(size);
+    // Which block is to be written where, one more than its number.
+    let mut number = vec![0_u32; columns * rows];
+    for (k, [column, row]) in (1..).zip(&blocks.places) {
+        if let Some(number) = number.get_mut(usize::from(*row) * columns + usize::from(*column)) {
+            *number = k;
+        }
+    }
+    let bands = image.pixels_mut().par_chunks_mut(BLOCK_SIDE * size[0]).zip(number.par_chunks(columns));
+    bands.with_min_len(4).for_each(|(rows, numbers)| {
+        for (column, number) in numbers.iter().enumerate().filter(|(_, number)| **number > 0) {
+            let block = &blocks.blocks[*number as usize - 1];
+            for (y, row) in rows.chunks_mut(size[0]).enumerate() {
+                let pixels = row[column * BLOCK_SIDE..].iter_mut().take(BLOCK_SIDE).enumerate();
+                for (x, pixel) in pixels {
+                    let [r, g, b] = block.color.map(|plane| plane[y * BLOCK_SIDE + x]);
+                    *pixel = [r, g, b, 0.0];
+                }
+            }
+        }
+    });
+}
+
 impl SuperSampler {
     /// A super sampler of `scale` (1 to [`crate::MAX_SCALE`]) without history.
     ///
@@ -168,11 +228,13 @@ impl SuperSampler {
             scale,
             kriging,
             past: Vec::new(),
+            spare: Vec::new(),
+            errors: Vec::new(),
             surface: Surface::default(),
             plausible: Plausible::default(),
             innovation: Vec::new(),
             invalid: Some(ResetReason::FirstFrame),
-            level: Level::new(),
+            level: gs3_simd::level(),
         })
     }
 
@@ -232,6 +294,18 @@ impl SuperSampler {
         around: &GBuffer,
         out: &mut Image,
     ) -> Result<(), ReconstructError> {
+        self.super_sample_since(Since::default(), camera, gbuffer, around, out)
+    }
+
+    /// As [`Self::super_sample_within`], told what happened `since` the frame before. Where it errs, that is not heard.
+    pub(crate) fn super_sample_since(
+        &mut self,
+        since: Since,
+        camera: &Camera,
+        gbuffer: &GBuffer,
+        around: &GBuffer,
+        out: &mut Image,
+    ) -> Result<(), ReconstructError> {
         let size = camera_size(camera);
         check_gbuffer(gbuffer, self.scale, size)?;
         check_around(around, gbuffer)?;
@@ -242,12 +316,12 @@ impl SuperSampler {
         if self.past.first().is_some_and(|newest| camera_size(&newest.camera) != size) {
             self.reset(ResetReason::SizeOrTierChange);
         }
-        if self.invalid.take().is_some() {
-            self.past.clear();
+        if self.invalid.take().is_some() || since.reset.is_some() {
+            self.spare.append(&mut self.past);
         }
         self.surface.set(gbuffer, gradients, self.scale);
         self.plausible.set(self.level, gbuffer, gradients, &geometry.depth_median, self.scale);
-        self.remember(camera, around)?;
+        self.remember(camera, gbuffer, around)?;
         self.find_boxes(camera);
         out.resize(size.0, size.1);
         self.accumulate(out);
@@ -255,20 +329,74 @@ impl SuperSampler {
     }
 
     /// Takes the current frame into the history, as its newest.
-    fn remember(&mut self, camera: &Camera, around: &GBuffer) -> Result<(), ReconstructError> {
-        let is_full = self.past.len() >= (self.scale * self.scale) as usize;
-        let oldest = if is_full { self.past.pop() } else { None };
-        let mut newest = oldest.unwrap_or_else(|| Past {
-            camera: *camera,
-            frame: SampleFrame::default(),
-            reprojection: Reprojection::new(camera, camera),
-            parallax: 0.0,
-            boxes: Boxes::default(),
-        });
-        newest.camera = *camera;
+    fn remember(
+        &mut self,
+        camera: &Camera,
+        gbuffer: &GBuffer,
+        around: &GBuffer,
+    ) -> Result<(), ReconstructError> {
+        let mut newest = self.spare.pop().unwrap_or_else(|| Past::empty(camera));
+        (newest.camera, newest.age) = (*camera, 0);
+        newest.mean_inverse_depth = DepthLattice::of(gbuffer).mean_inverse_depth();
         newest.frame.fill(self.level, around, self.scale)?;
+        let remembered = (self.scale * self.scale) as usize;
+        self.past.iter_mut().for_each(|past| past.age += 1);
+        let mut oldest = remembered - 1;
+        // Exact blocks make up for what stale frames knew. Without them, as below networks, all frames stay.
+        if self.past.iter().any(|past| past.frame.is_blocks()) {
+            // The ages of LR frames are 1, 2, 3, … up to the oldest.
+            let lr_frames = self.past.iter().filter(|past| !past.frame.is_blocks());
+            let lr_frames: Vec<_> = lr_frames.map(|past| (past.camera, past.mean_inverse_depth)).collect();
+            oldest = oldest.min(count_remembered(&lr_frames, camera));
+        }
+        self.spare.extend(self.past.extract_if(.., |past| past.age > oldest));
         self.past.insert(0, newest);
         Ok(())
+    }
+
+    /// The squared errors expected of the last image in blocks of 4×4 pixels, `[rows, columns]` of [`block_grid`]: sums
+    /// over the pixels and over RGB.
+    #[must_use]
+    pub fn expected_errors(&self) -> &[f32] {
+        &self.errors
+    }
+
+    /// Number of exact blocks in the history.
+    #[must_use]
+    pub fn remembered_blocks(&self) -> usize {
+        self.past.iter().filter(|past| past.frame.is_blocks()).map(|past| past.frame.chunk_count()).sum()
+    }
+
+    /// Puts exact blocks of the last frame into `image`, the image that [`Self::super_sample`] made of it, with an
+    /// uncertainty of 0, and remembers them: the next frames reproject their samples.
+    pub fn refine(&mut self, blocks: &ExactBlocks, image: &mut Image) {
+        let Some(current) = self.past.first() else { return };
+        let camera = current.camera;
+        let size = [image.width(), image.height()];
+        let [columns, rows] = block_grid(size);
+        write_blocks(blocks, image);
+        // What is known anew replaces what was known of it.
+        let mut is_new = vec![false; columns * rows];
+        for [column, row] in &blocks.places {
+            is_new[usize::from(*row) * columns + usize::from(*column)] = true;
+        }
+        self.past.par_iter_mut().filter(|past| past.frame.is_blocks()).for_each(|past| {
+            let boxes = &past.boxes;
+            past.frame.retain_blocks(|k| {
+                let (row, chunk) = SampleFrame::row_of_block(k);
+                let [x, y] = boxes.middle(row, chunk).map(|v| (v / 4.0).floor());
+                let is_in = x >= 0.0 && y >= 0.0 && x < columns as f32 && y < rows as f32;
+                is_in && !is_new[y as usize * columns + x as usize]
+            });
+        });
+        let (past, spare) = (&mut self.past, &mut self.spare);
+        spare.extend(past.extract_if(.., |past| past.frame.is_blocks() && past.frame.chunk_count() == 0));
+        if !blocks.is_empty() {
+            let mut newest = self.spare.pop().unwrap_or_else(|| Past::empty(&camera));
+            (newest.camera, newest.age) = (camera, 0);
+            newest.frame.fill_blocks(self.level, blocks, size);
+            self.past.insert(1, newest);
+        }
     }
 
     /// Finds where the samples of the past are now.
@@ -289,22 +417,28 @@ impl SuperSampler {
         let [columns, lines] = frame.picture_size();
         innovation.clear();
         innovation.resize(columns * lines, [0.0; 4]);
+        let mut errors = std::mem::take(&mut self.errors);
+        let blocks = block_grid(size);
+        errors.clear();
+        errors.resize(blocks[0] * blocks[1], 0.0);
+        let band_errors = errors.chunks_mut(TILE_HEIGHT / 4 * blocks[0]);
         let lattice = Lattice::new(frame.jitter, self.scale);
         let mut rest = &mut innovation[..];
-        let bands: Vec<Band<'_>> = (out.pixels_mut().chunks_mut(TILE_HEIGHT * size[0]).enumerate())
-            .map(|(band, pixels)| {
-                let top = band * TILE_HEIGHT;
-                let rows = lattice.map_or(0..0, |lattice| lattice.rows(top, pixels.len() / size[0]));
-                let rows = rows.start.min(lines)..rows.end.min(lines);
-                let part = rest.split_off_mut(..rows.len() * columns).unwrap_or_default();
-                Band { top, pixels, innovation: part, first_row: rows.start }
-            })
-            .collect();
+        let bands: Vec<Band<'_>> =
+            (out.pixels_mut().chunks_mut(TILE_HEIGHT * size[0]).zip(band_errors).enumerate())
+                .map(|(band, (pixels, errors))| {
+                    let top = band * TILE_HEIGHT;
+                    let rows = lattice.map_or(0..0, |lattice| lattice.rows(top, pixels.len() / size[0]));
+                    let rows = rows.start.min(lines)..rows.end.min(lines);
+                    let part = rest.split_off_mut(..rows.len() * columns).unwrap_or_default();
+                    Band { top, pixels, errors, innovation: part, first_row: rows.start }
+                })
+                .collect();
         let tile = || Tile::new(self.kriging.worth().map(Neighborhoods::new));
         bands.into_par_iter().for_each_init(tile, |tile, band| {
             dispatch!(self.level, simd => self.fill_band(simd, band, size, lattice, tile));
         });
-        self.innovation = innovation;
+        (self.innovation, self.errors) = (innovation, errors);
     }
 
     /// Fills a band of an image of `[width, height]`, whose current samples lie on the pixels of `lattice`, in the
@@ -318,16 +452,16 @@ impl SuperSampler {
         lattice: Option<Lattice>,
         tile: &mut Tile<'a>,
     ) {
-        let Band { top, pixels: rows, innovation, first_row } = band;
+        let Band { top, pixels: rows, errors, innovation, first_row } = band;
         let with_ring = |start: usize, count: usize, all: usize| {
             let first = start.saturating_sub(RING);
             (first, (start + count + RING).min(all) - first)
         };
         let rows_wanted = rows.len() / width;
         (tile.top, tile.height) = with_ring(top, rows_wanted, height);
-        let mut of_past: [Range<usize>; MAX_PAST] = [const { 0..0 }; MAX_PAST];
-        for (age, (past, of_past)) in self.past.iter().zip(&mut of_past).enumerate() {
-            *of_past = past.boxes.rows_meeting(self.limits(tile, age).wider(RIM as f32 - REACH));
+        let mut of_past: [Range<usize>; MAX_SOURCES] = [const { 0..0 }; MAX_SOURCES];
+        for (past, of_past) in self.past.iter().zip(&mut of_past) {
+            *of_past = past.boxes.rows_meeting(self.limits(tile, past.age).wider(RIM as f32 - REACH));
         }
         for left in (0..width).step_by(TILE_WIDTH) {
             let wanted =
@@ -351,7 +485,7 @@ impl SuperSampler {
                 tile.confront(lattice, current, &wanted, innovation, first_row);
             }
             self.add_frames(simd, tile, 0, &of_past[..1]);
-            tile.resolve(simd, &wanted, rows);
+            tile.resolve(simd, &wanted, rows, errors);
         }
     }
 
@@ -369,8 +503,8 @@ impl SuperSampler {
     #[inline(always)]
     fn bare_color<S: Simd>(&self, simd: S, tile: &Tile<'_>, of_past: &[Range<usize>]) -> Option<[f32; 3]> {
         let mut color = None;
-        for (age, (past, rows)) in self.past.iter().zip(of_past).enumerate() {
-            let limits = self.limits(tile, age);
+        for (past, rows) in self.past.iter().zip(of_past) {
+            let limits = self.limits(tile, past.age);
             for (row, chunk) in past.boxes.chunks_meeting(simd, rows.clone(), limits) {
                 let bare = past.frame.extents(row)[chunk].bare?;
                 if *color.get_or_insert(bare) != bare {
@@ -387,9 +521,9 @@ impl SuperSampler {
         let rim = RIM as f32;
         let limits = self.limits(tile, 1).wider(rim - REACH);
         tile.nearest.clear();
-        for (past, rows) in self.past.iter().zip(of_past).step_by(EVERY) {
-            // Age is no matter here.
-            let source = past.source(0, self.scale);
+        let frames = self.past.iter().zip(of_past).filter(|(past, _)| past.age.is_multiple_of(EVERY));
+        for (past, rows) in frames {
+            let source = past.source(self.scale);
             let (mut waiting, mut count) = ([(0, 0); SURVEYED_AHEAD], 0);
             for (row, chunk) in past.boxes.chunks_meeting(simd, rows.clone(), limits) {
                 prefetch(past.frame.chunk(row, chunk).inverse_depth());
@@ -423,10 +557,10 @@ impl SuperSampler {
             // A chunk belongs to the strip in which it begins; one that begins above the tile, to the first.
             let first = if from == limits.top { f32::NEG_INFINITY } else { from };
             let strip = first..from + STRIP;
-            for (age, (past, rows)) in self.past.iter().zip(of_past).enumerate().skip(youngest) {
+            for (k, (past, rows)) in self.past.iter().zip(of_past).enumerate().skip(youngest) {
                 for (row, chunk) in past.boxes.chunks_beginning(simd, rows.clone(), limits, strip.clone()) {
-                    // Sides and ages are far below 2¹⁶.
-                    queue[count] = Task { age: age as u16, row: row as u16, chunk: chunk as u16 };
+                    // All are far below 2¹⁶.
+                    queue[count] = Task { source: k as u16, row: row as u16, chunk: chunk as u16 };
                     count += 1;
                     if count == QUEUE {
                         self.add_all(tile, &queue);
@@ -443,10 +577,10 @@ impl SuperSampler {
     fn add_all<'a>(&'a self, tile: &mut Tile<'a>, tasks: &[Task]) {
         dispatch!(self.level, simd => for (k, task) in tasks.iter().enumerate() {
             if let Some(next) = tasks.get(k + AHEAD) {
-                let frame = &self.past[next.age as usize].frame;
+                let frame = &self.past[next.source as usize].frame;
                 prefetch(slice::from_ref(frame.chunk(next.row as usize, next.chunk as usize)));
             }
-            let source = self.past[task.age as usize].source(task.age as usize, self.scale);
+            let source = self.past[task.source as usize].source(self.scale);
             tile.add(simd, &source, &self.plausible, task.row as usize, task.chunk as usize);
         });
     }

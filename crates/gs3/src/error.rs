@@ -13,7 +13,7 @@ use crate::settings::MAX_GENERATE;
 pub enum PipelineError {
     /// Frames are to stay on a device that does not make all of them.
     #[error(
-        "frame on a device: expected a pipeline that renders on one (render_on) in a mode with history, found none that makes all of this frame"
+        "frame on a device: expected a pipeline that makes all of it on a GPU (render_on, mode super-sample or full, with networks a size that is a multiple of the scale), found one that does not"
     )]
     NotOnDevice,
     /// The rasterizer refuses the settings.
@@ -35,6 +35,18 @@ pub enum PipelineError {
     Generate {
         /// Frames asked for.
         actual: u32,
+    },
+    /// The share of pixels to be rasterized exactly is no share.
+    #[error("refine: expected a share of the pixels from 0 to 1, found {actual}")]
+    RefineShare {
+        /// The share asked for.
+        actual: f32,
+    },
+    /// A fault of this library: a stage did not find what the stages before it leave.
+    #[error("internal error: expected {expected}, found none; please report it")]
+    Internal {
+        /// What the stage needs.
+        expected: &'static str,
     },
     /// Cameras between the previous frame and this one are not those of the frames between.
     #[error("cameras between two frames: expected none or {expected}, found {actual}")]

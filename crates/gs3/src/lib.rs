@@ -13,16 +13,16 @@
 //! let settings = PipelineSettings { mode: Mode::Full, scale: 4, ..Default::default() };
 //! let mut pipeline = FramePipeline::new(scene, settings)?;
 //! for camera in &path.cameras()[..2] {
-//!     let frames = pipeline.render(camera, &[])?; // 80×45 pixels rasterized, 320×180 shown
+//!     let frames = pipeline.render(camera)?; // 80×45 pixels rasterized, 320×180 shown
 //!     assert_eq!((frames.current.width(), frames.current.height()), (320, 180));
 //! }
 //! # Ok(())
 //! # }
 //! ```
 //!
-//! [`FramePipeline::new`] does without learning. With networks, of which [`Networks::shipped`] are those that come
-//! with gs3, it is as `gs3 render` does it by default; theirs for frames between is left out, since warping is nearly
-//! as good and faster:
+//! That is what `gs3 render` does by default. [`PipelineSettings::refine`] says which pixels are rasterized exactly besides; for
+//! interactive programs, [`Refine::FrameTime`] holds the time of a frame. With networks, of which [`Networks::shipped`] are those
+//! that come with gs3; theirs for frames between is left out here, since warping is nearly as good and faster:
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -50,8 +50,8 @@
 //! match Gpu::new(&GpuSettings::default()) {
 //!     Ok(gpu) => {
 //!         pipeline.render_on(&gpu)?;
-//!         if pipeline.render(&camera, &[]).is_err() {
-//!             pipeline.render_on_cpu(); // a device may be lost at any time
+//!         if pipeline.render(&camera).is_err() {
+//!             pipeline.render_on_cpu()?; // a device may be lost at any time
 //!         }
 //!     }
 //!     Err(error) => println!("{error}; the CPU renders"),
@@ -69,78 +69,58 @@
 //!
 //! # With a renderer of your own
 //!
-//! Reconstruction reads colour, its derivatives per LR pixel, and median depth (networks, [`learned`], also normals and
-//! alpha), sampled at pixel centres plus the jitter. **What is shown must stand still**: surfaces are followed by
-//! depths and cameras, and there is no input for other motion, so what moves by itself smears, and comes out worse than
-//! enlarged. Derivatives are those of the visible surface: exact ones are worth most (`docs/results.md`, *Parts left
-//! out*), and where a silhouette crosses a difference of colours they mislead. Textures are filtered for the HR grid,
-//! as by a LOD bias of −log₂ S. The order of a frame:
+//! [`Reconstructor`] takes frames of any renderer: colour and depth, and where there are any, colour's derivatives per LR
+//! pixel, sampled at pixel centres plus the jitter that it asks for. It tells camera cuts, super-samples, interpolates
+//! and keeps the history. Planes are read where they lie ([`reconstruct::GBufferView`]), depth buffers as they are
+//! ([`reconstruct::DepthEncoding`]).
+//!
+//! Derivatives are those of the visible surface: exact ones are worth most ([`reconstruct::difference`] says what others
+//! cost). Textures are filtered for the HR grid, as by a LOD bias of −log₂ S. **What is shown must stand still**:
+//! surfaces are followed by depths and cameras.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use gs3::Reconstructor;
 //! use gs3::glam::{DAffine3, DVec3};
-//! use gs3::reconstruct::{Interpolator, Neighbor, SuperSampler};
-//! use gs3::scene::{Camera, GBuffer, Image, Intrinsics, camera_path::pose_between};
-//! use gs3::{AdaptiveJitter, DepthLattice, Kriging, ResetReason, Sampling, is_cut};
+//! use gs3::reconstruct::{DepthEncoding, GBufferView, PlanesView, ReconstructorSettings};
+//! use gs3::scene::{Camera, Intrinsics};
 //!
-//! // What the renderer fills; here a grey wall five units away.
-//! let render = |lr: &Camera, jitter: [f32; 2]| {
-//!     let mut gbuffer = GBuffer::zeroed(lr.width() as usize, lr.height() as usize);
-//!     gbuffer.jitter = jitter;
-//!     gbuffer.color.data_mut().fill(0.5);
-//!     if let Some(geometry) = &mut gbuffer.geometry {
-//!         geometry.depth_median.data_mut().fill(5.0);
-//!     }
-//!     gbuffer
-//! };
-//! let scale = 4;
-//! let mut sampler = SuperSampler::new(scale, Kriging::On)?;
-//! let mut interpolator = Interpolator::new(scale)?;
-//! let mut jitter = AdaptiveJitter::new(scale, Sampling::Jittered);
-//! let mut last: Option<(Camera, GBuffer, Image)> = None;
+//! // What a renderer has: RGBA and a reversed depth buffer, here of a grey wall five units away.
+//! let render = |_lr: &Camera, _jitter: [f32; 2]| (vec![0.5; 16 * 9 * 4], vec![0.1 / 5.0; 16 * 9]);
+//!
+//! let mut reconstructor = Reconstructor::new(ReconstructorSettings { scale: 4, ..Default::default() })?;
 //! for k in 0..3 {
 //!     let pose = DAffine3::from_translation(DVec3::new(-0.01 * f64::from(k), 0.0, 0.0));
 //!     let camera = Camera::new(pose, Intrinsics::from_fov_y(64, 36, 1.0))?;
-//!     let depths = last.as_ref().map(|(_, gbuffer, _)| DepthLattice::of(gbuffer)).unwrap_or_default();
-//!     if last.as_ref().is_some_and(|(before, ..)| is_cut(before, &camera, &depths)) {
-//!         sampler.reset(ResetReason::CameraCut);
-//!         jitter.reset();
-//!         last = None;
-//!     }
-//!     let offset = jitter.next(&camera, &depths);
-//!     let gbuffer = render(&camera.low_resolution(scale), offset);
-//!     let mut image = Image::default();
-//!     sampler.super_sample(&camera, &gbuffer, &mut image)?;
-//!     if let Some((before, before_gbuffer, before_image)) = &last {
-//!         let from = Neighbor { camera: before, image: before_image, gbuffer: before_gbuffer };
-//!         let to = Neighbor { camera: &camera, image: &image, gbuffer: &gbuffer };
-//!         let mut between = Image::default(); // to be shown before `image`
-//!         interpolator.interpolate(from, to, 0.5, &pose_between(before, &camera, 0.5), &mut between)?;
-//!         assert_eq!((between.width(), between.height()), (64, 36));
-//!     }
-//!     last = Some((camera, gbuffer, image));
+//!     let jitter = reconstructor.next_jitter(&camera);
+//!     let (rgba, depth) = render(&camera.low_resolution(4), jitter);
+//!     let color = PlanesView::interleaved(&rgba, [16, 9], 4)?;
+//!     let depth = PlanesView::planar(&depth, [16, 9])?;
+//!     let frame = GBufferView {
+//!         encoding: DepthEncoding::Reversed { near: 0.1, far: f32::INFINITY },
+//!         ..GBufferView::new(color, depth, jitter)
+//!     };
+//!     let shown = reconstructor.reconstruct(&camera, &frame)?; // those between, and then this one
+//!     assert_eq!((shown.current.width(), shown.current.height()), (64, 36));
+//!     assert_eq!(shown.between.len(), usize::from(k > 0));
 //! }
 //! # Ok(())
 //! # }
 //! ```
 
-mod cut;
 mod error;
 mod frame;
-#[cfg(feature = "gpu")]
-pub mod gpu;
-mod jitter;
-mod lattice;
 pub mod learned;
-mod overscan;
 mod rasterizer;
+mod refine;
 mod settings;
 mod stages;
 
 use std::path::Path;
 
-pub use cut::is_cut;
 pub use error::PipelineError;
+#[cfg(feature = "gpu")]
+pub use frame::GpuPresented;
 pub use frame::{FramePipeline, Presented};
 #[cfg(feature = "gpu")]
 pub use gs3_compute as compute;
@@ -149,14 +129,15 @@ pub use gs3_neural::model::Tier;
 pub use gs3_raster as raster;
 pub use gs3_raster::Culling;
 pub use gs3_reconstruct as reconstruct;
-pub use gs3_reconstruct::{Kriging, ResetReason};
+pub use gs3_reconstruct::{
+    AdaptiveJitter, DepthLattice, Kriging, Reconstructor, ResetReason, Sampling, is_cut, margin_ahead,
+};
 pub use gs3_scene as scene;
 pub use gs3_scene::glam;
-pub use jitter::AdaptiveJitter;
-pub use lattice::DepthLattice;
+pub use gs3_simd as simd;
 pub use learned::{NetworkError, Networks};
-pub use overscan::margin_ahead;
-pub use settings::{Dilation, MAX_GENERATE, Mode, PipelineSettings, Sampling};
+pub use refine::{Quality, Refine, RefineError};
+pub use settings::{Dilation, MAX_GENERATE, Mode, PipelineSettings};
 pub use stages::{Stage, StageTimes};
 
 use gs3_scene::Scene;

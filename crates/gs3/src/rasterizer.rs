@@ -1,91 +1,94 @@
-//! The machine that rasterizes.
-
-use std::sync::Arc;
+//! Rasterization into the processor's memory, whatever machine does it.
 
 #[cfg(feature = "gpu")]
 use gs3_raster::GpuRasterizer;
-use gs3_raster::{Culling, RasterSettings, Rasterizer};
-use gs3_scene::{Camera, GBuffer, Image, Scene};
+use gs3_raster::{RasterSettings, Rasterizer};
+use gs3_scene::{Camera, ExactBlocks, GBuffer, Image};
 
 use crate::error::PipelineError;
 
-pub enum AnyRasterizer {
-    Cpu(Rasterizer),
-    #[cfg(feature = "gpu")]
-    Gpu(Box<GpuRasterizer>),
-}
+/// A rasterizer whose planes are in the processor's memory, or come back there.
+pub trait RasterizeHere {
+    /// The low-resolution frame of `camera`, `scale` times coarser, into planes.
+    fn rasterize(
+        &mut self,
+        camera: &Camera,
+        scale: u32,
+        settings: &RasterSettings,
+        out: &mut GBuffer,
+    ) -> Result<(), PipelineError>;
 
-impl AnyRasterizer {
-    pub fn cpu(scene: Arc<Scene>, culling: Culling) -> Self {
-        Self::Cpu(Rasterizer::new(scene, culling))
-    }
+    /// Whether it makes exact blocks.
+    fn makes_blocks(&self) -> bool;
 
-    #[cfg(feature = "gpu")]
-    pub fn gpu(gpu: &gs3_compute::Gpu, scene: Arc<Scene>, culling: Culling) -> Result<Self, PipelineError> {
-        let precision = gs3_raster::ScenePrecision::default();
-        Ok(Self::Gpu(Box::new(GpuRasterizer::new(gpu, scene, culling, precision)?)))
-    }
+    /// Exact blocks of the frame that [`Self::rasterize`] made last, if it makes any.
+    fn rasterize_blocks(&mut self, places: &[[u16; 2]], out: &mut ExactBlocks) -> Result<(), PipelineError>;
 
-    /// The same machine with another scene.
-    pub fn with_scene(&self, scene: Arc<Scene>, culling: Culling) -> Result<Self, PipelineError> {
-        match self {
-            Self::Cpu(_) => Ok(Self::cpu(scene, culling)),
-            #[cfg(feature = "gpu")]
-            Self::Gpu(rasterizer) => Self::gpu(rasterizer.gpu(), scene, culling),
-        }
-    }
-
-    /// The GPU's rasterizer, if it is one.
-    #[cfg(feature = "gpu")]
-    pub fn gpu_mut(&mut self) -> Option<&mut GpuRasterizer> {
-        match self {
-            Self::Cpu(_) => None,
-            Self::Gpu(rasterizer) => Some(rasterizer),
-        }
-    }
-
-    pub const fn scene(&self) -> &Arc<Scene> {
-        match self {
-            Self::Cpu(rasterizer) => rasterizer.scene(),
-            #[cfg(feature = "gpu")]
-            Self::Gpu(rasterizer) => rasterizer.scene(),
-        }
-    }
-
-    /// Splats of the last frame, where they are counted here.
-    pub fn visible_count(&self) -> Option<usize> {
-        match self {
-            Self::Cpu(rasterizer) => Some(rasterizer.visible_count()),
-            #[cfg(feature = "gpu")]
-            Self::Gpu(_) => None,
-        }
-    }
-
-    /// Into planes in the processor's memory.
-    pub fn rasterize(
+    /// Into an image.
+    fn rasterize_image(
         &mut self,
         camera: &Camera,
         settings: &RasterSettings,
+        out: &mut Image,
+    ) -> Result<(), PipelineError>;
+}
+
+impl RasterizeHere for Rasterizer {
+    fn rasterize(
+        &mut self,
+        camera: &Camera,
+        scale: u32,
+        settings: &RasterSettings,
         out: &mut GBuffer,
     ) -> Result<(), PipelineError> {
-        match self {
-            Self::Cpu(rasterizer) => Ok(rasterizer.rasterize(camera, settings, out)?),
-            #[cfg(feature = "gpu")]
-            Self::Gpu(rasterizer) => Ok(rasterizer.rasterize_to(camera, settings, out)?),
-        }
+        Ok(self.rasterize_low_resolution(camera, scale, settings, out)?)
     }
 
-    /// Into an image in the processor's memory.
-    pub fn rasterize_image(
+    fn makes_blocks(&self) -> bool {
+        true
+    }
+
+    fn rasterize_blocks(&mut self, places: &[[u16; 2]], out: &mut ExactBlocks) -> Result<(), PipelineError> {
+        Ok(Self::rasterize_blocks(self, places, out)?)
+    }
+
+    fn rasterize_image(
         &mut self,
         camera: &Camera,
         settings: &RasterSettings,
         out: &mut Image,
     ) -> Result<(), PipelineError> {
-        match self {
-            Self::Cpu(rasterizer) => Ok(rasterizer.rasterize_image(camera, settings, out)?),
-            #[cfg(feature = "gpu")]
-            Self::Gpu(rasterizer) => Ok(rasterizer.rasterize_image(camera, settings, out)?),
-        }
+        Ok(Self::rasterize_image(self, camera, settings, out)?)
+    }
+}
+
+#[cfg(feature = "gpu")]
+impl RasterizeHere for GpuRasterizer {
+    fn rasterize(
+        &mut self,
+        camera: &Camera,
+        scale: u32,
+        settings: &RasterSettings,
+        out: &mut GBuffer,
+    ) -> Result<(), PipelineError> {
+        Ok(self.rasterize_to(&camera.low_resolution(scale), settings, out)?)
+    }
+
+    fn makes_blocks(&self) -> bool {
+        false
+    }
+
+    fn rasterize_blocks(&mut self, _: &[[u16; 2]], out: &mut ExactBlocks) -> Result<(), PipelineError> {
+        out.clear();
+        Ok(())
+    }
+
+    fn rasterize_image(
+        &mut self,
+        camera: &Camera,
+        settings: &RasterSettings,
+        out: &mut Image,
+    ) -> Result<(), PipelineError> {
+        Ok(Self::rasterize_image(self, camera, settings, out)?)
     }
 }

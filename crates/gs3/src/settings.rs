@@ -2,10 +2,10 @@
 
 use std::fmt;
 
-use gs3_neural::Weights;
-use gs3_neural::model::Tier;
 use gs3_raster::{Culling, STOCK_DILATION, matched_dilation};
-use gs3_reconstruct::Kriging;
+use gs3_reconstruct::{Kriging, Sampling};
+
+use crate::refine::{Quality, Refine};
 
 /// How frames come about.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -37,28 +37,6 @@ impl Mode {
             Self::Bicubic => "bicubic",
             Self::SuperSample => "super-sample",
             Self::Full => "full",
-        }
-    }
-}
-
-/// Where within their pixels low-resolution frames are sampled.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Sampling {
-    /// At offsets of the exact S×S grid, in each frame where the ones before did not sample
-    /// ([`crate::AdaptiveJitter`]): after S² frames a resting camera has seen every high-resolution pixel.
-    #[default]
-    Jittered,
-    /// Always at pixel centres.
-    Centered,
-}
-
-impl Sampling {
-    /// Its name in reports.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Jittered => "jittered",
-            Self::Centered => "centered",
         }
     }
 }
@@ -115,7 +93,11 @@ pub struct PipelineSettings {
     /// reveal has a past. Where a network refines frames they are, whatever this says. Read by [`Mode::SuperSample`]
     /// and [`Mode::Full`].
     pub overscan: bool,
-    /// Dilation of the projected covariances.
+    /// Which pixels are rasterized exactly. Read by [`Mode::SuperSample`] and [`Mode::Full`] on a CPU.
+    pub refine: Refine,
+    /// What [`Refine::Auto`] may spend.
+    pub quality: Quality,
+    /// Dilation of the projected covariances. Exact pixels are those of a native image with [`Dilation::Matched`].
     pub dilation: Dilation,
     /// Which tiles a splat is assigned to.
     pub culling: Culling,
@@ -133,6 +115,8 @@ impl Default for PipelineSettings {
             sampling: Sampling::default(),
             kriging: Kriging::default(),
             overscan: false,
+            refine: Refine::default(),
+            quality: Quality::default(),
             dilation: Dilation::default(),
             culling: Culling::default(),
             generate: 1,
@@ -154,33 +138,9 @@ impl PipelineSettings {
         }
     }
 
-    /// Which pixels are kriged below the network of `weights`, if there is one.
-    pub(crate) fn kriging_below(&self, weights: Option<&Weights>) -> Kriging {
-        let least = match weights {
-            None => Kriging::Off,
-            Some(weights) if weights.header.tier == Tier::Fast.name() => Kriging::Coarse,
-            Some(weights) if weights.header.tier == Tier::High.name() => Kriging::Fine,
-            Some(_) => Kriging::On,
-        };
-        self.kriging.max(least)
-    }
-
-    /// Whether frames have margins, with a network that refines them or without one.
-    pub(crate) fn overscan_below(&self, weights: Option<&Weights>) -> bool {
-        self.mode.has_history() && (self.overscan || weights.is_some())
-    }
-
     /// Moments of the frames interpolated before a rendered one, in (0, 1), in order.
     pub fn moments(&self) -> impl Iterator<Item = f64> + use<> {
         let count = self.displayed_per_rendered();
         (1..count).map(move |k| k as f64 / count as f64)
-    }
-
-    /// The grid that is rasterized: how many times coarser it is than the frame.
-    pub(crate) const fn raster_scale(&self) -> u32 {
-        match self.mode {
-            Mode::Native => 1,
-            Mode::Bicubic | Mode::SuperSample | Mode::Full => self.scale,
-        }
     }
 }

@@ -9,13 +9,15 @@ pub enum Stage {
     Rasterize,
     /// Low-resolution frame to high-resolution frame.
     SuperSample,
+    /// Exact pixels where reconstruction is not to be trusted.
+    Refine,
     /// The frame between two high-resolution frames.
     Interpolate,
 }
 
 impl Stage {
     /// All stages in the order in which they run.
-    pub const ALL: [Self; 3] = [Self::Rasterize, Self::SuperSample, Self::Interpolate];
+    pub const ALL: [Self; 4] = [Self::Rasterize, Self::SuperSample, Self::Refine, Self::Interpolate];
 
     /// The stage's name in reports.
     #[must_use]
@@ -23,6 +25,7 @@ impl Stage {
         match self {
             Self::Rasterize => "rasterize",
             Self::SuperSample => "super_sample",
+            Self::Refine => "refine",
             Self::Interpolate => "interpolate",
         }
     }

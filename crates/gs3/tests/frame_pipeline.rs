@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use gs3::scene::camera_path::CameraPath;
 use gs3::scene::{Image, Scene, demo};
-use gs3::{Dilation, FramePipeline, Mode, PipelineSettings, ResetReason, Sampling, Stage};
+use gs3::{Dilation, FramePipeline, Mode, PipelineSettings, Refine, ResetReason, Sampling, Stage};
 
 const WIDTH: u32 = 256;
 const HEIGHT: u32 = 144;
@@ -35,13 +35,14 @@ fn psnr(a: &Image, b: &Image) -> f64 {
 #[test]
 fn a_resting_camera_becomes_native() {
     let camera = path().cameras()[17];
-    let native = pipeline(Mode::Native).render(&camera, &[]).unwrap().current.clone();
-    let mut resting = pipeline(Mode::SuperSample);
-    let first = psnr(resting.render(&camera, &[]).unwrap().current, &native);
+    let native = pipeline(Mode::Native).render(&camera).unwrap().current.clone();
+    let settings = PipelineSettings { mode: Mode::SuperSample, refine: Refine::Off, ..Default::default() };
+    let mut resting = FramePipeline::new(scene(), settings).unwrap();
+    let first = psnr(resting.render(&camera).unwrap().current, &native);
     for _ in 1..16 {
-        resting.render(&camera, &[]).unwrap();
+        resting.render(&camera).unwrap();
     }
-    let last = psnr(resting.render(&camera, &[]).unwrap().current, &native);
+    let last = psnr(resting.render(&camera).unwrap().current, &native);
     assert!(last >= 50.0 && last > first + 15.0, "{first} dB, then {last} dB");
 }
 
@@ -51,12 +52,12 @@ fn every_mode_shows_the_scene_and_the_order_of_quality_holds() {
     let frames = 12;
     let native: Vec<Image> = {
         let mut pipeline = pipeline(Mode::Native);
-        path.cameras()[..frames].iter().map(|c| pipeline.render(c, &[]).unwrap().current.clone()).collect()
+        path.cameras()[..frames].iter().map(|c| pipeline.render(c).unwrap().current.clone()).collect()
     };
     let quality = |mode| {
         let mut pipeline = pipeline(mode);
         path.cameras()[..frames].iter().fold(0.0, |_, camera| {
-            let shown = pipeline.render(camera, &[]).unwrap();
+            let shown = pipeline.render(camera).unwrap();
             psnr(shown.current, &native[frames - 1])
         })
     };
@@ -70,13 +71,13 @@ fn every_mode_shows_the_scene_and_the_order_of_quality_holds() {
 fn full_mode_shows_the_true_moment_between() {
     let path = path();
     let (a, b, middle) = (path.at(3.0), path.at(5.0), path.at(4.0));
-    let truth = pipeline(Mode::Native).render(&middle, &[]).unwrap().current.clone();
+    let truth = pipeline(Mode::Native).render(&middle).unwrap().current.clone();
     let mut full = pipeline(Mode::Full);
-    assert!(full.render(&a, &[]).unwrap().between == [None; 3], "nothing lies before the first frame");
-    let held = psnr(full.render(&b, &[middle]).unwrap().current, &truth);
+    assert!(full.render(&a).unwrap().between == [None; 3], "nothing lies before the first frame");
+    let held = psnr(full.render_with_poses(&b, &[middle]).unwrap().current, &truth);
     let mut full = pipeline(Mode::Full);
-    full.render(&a, &[]).unwrap();
-    let shown = full.render(&b, &[middle]).unwrap();
+    full.render(&a).unwrap();
+    let shown = full.render_with_poses(&b, &[middle]).unwrap();
     assert_eq!(shown.iter().count(), 2);
     let between = psnr(shown.between[0].unwrap(), &truth);
     assert!(between > held + 2.0, "between {between} dB, a neighbour {held} dB");
@@ -85,7 +86,7 @@ fn full_mode_shows_the_true_moment_between() {
 
 /// The frame of `camera` with no past at all.
 fn fresh(mode: Mode, camera: &gs3::scene::Camera) -> Image {
-    pipeline(mode).render(camera, &[]).unwrap().current.clone()
+    pipeline(mode).render(camera).unwrap().current.clone()
 }
 
 /// A viewer renders on a thread of its own.
@@ -112,15 +113,15 @@ fn history_says_why_it_ended() {
         (&turned, None),
         (&larger, Some(ResetReason::SizeOrTierChange)),
     ] {
-        p.render(camera, &[]).unwrap();
+        p.render(camera).unwrap();
         assert_eq!(p.last_reset(), reason);
     }
     p.set_scene(Arc::clone(p.scene())).unwrap();
     // The first reason counts.
     p.reset(ResetReason::CameraCut);
-    p.render(&larger, &[]).unwrap();
+    p.render(&larger).unwrap();
     assert_eq!(p.last_reset(), Some(ResetReason::SceneChange));
-    p.render(&larger, &[]).unwrap();
+    p.render(&larger).unwrap();
     assert_eq!(p.last_reset(), None);
 }
 
@@ -134,19 +135,19 @@ fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
         gs3::scene::Camera::new(pose, far.intrinsics()).unwrap()
     };
     let mut p = pipeline(Mode::Full);
-    p.render(&near, &[]).unwrap();
-    let shown = p.render(&turned, &[]).unwrap();
+    p.render(&near).unwrap();
+    let shown = p.render(&turned).unwrap();
     assert_eq!(shown.current, &fresh(Mode::Full, &turned));
     assert_eq!(shown.between[0], Some(&fresh(Mode::Full, &near)), "the previous frame is held over a cut");
 
     let next = path.cameras()[1];
     let with_history = |reset: Option<ResetReason>| {
         let mut p = pipeline(Mode::SuperSample);
-        p.render(&near, &[]).unwrap();
+        p.render(&near).unwrap();
         if let Some(reason) = reset {
             p.reset(reason);
         }
-        p.render(&next, &[]).unwrap().current.clone()
+        p.render(&next).unwrap().current.clone()
     };
     let anew = fresh(Mode::SuperSample, &next);
     assert!(with_history(None) != anew, "a small motion keeps the history");
@@ -154,14 +155,14 @@ fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
 
     let larger = next.resized(WIDTH + 5, HEIGHT + 3).unwrap();
     let mut p = pipeline(Mode::Full);
-    p.render(&near, &[]).unwrap();
-    let shown = p.render(&larger, &[]).unwrap();
+    p.render(&near).unwrap();
+    let shown = p.render(&larger).unwrap();
     assert!(shown.between == [None; 3] && shown.current == &fresh(Mode::Full, &larger));
 
     let mut p = pipeline(Mode::SuperSample);
-    p.render(&near, &[]).unwrap();
+    p.render(&near).unwrap();
     p.set_scene(scene()).expect("the CPU takes any scene");
-    assert!(p.render(&next, &[]).unwrap().current == &anew);
+    assert!(p.render(&next).unwrap().current == &anew);
 }
 
 #[test]
@@ -180,8 +181,8 @@ fn a_jump_across_an_orbit_is_a_cut_and_brisk_motion_is_none() {
     };
     let is_cut = |from: gs3::scene::Camera, to: gs3::scene::Camera| {
         let mut p = pipeline(Mode::SuperSample);
-        p.render(&from, &[]).unwrap();
-        *p.render(&to, &[]).unwrap().current == fresh(Mode::SuperSample, &to)
+        p.render(&from).unwrap();
+        *p.render(&to).unwrap().current == fresh(Mode::SuperSample, &to)
     };
     for (degrees, cut) in [(1.2, false), (6.0, false), (90.0, true), (180.0, true)] {
         assert_eq!(is_cut(orbit(0.0), orbit(degrees)), cut, "orbit by {degrees}°");
@@ -198,7 +199,7 @@ fn frames_do_not_depend_on_the_number_of_threads() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let mut p = pipeline(Mode::Full);
-            let render = |camera| -> Vec<Image> { p.render(camera, &[]).unwrap().iter().cloned().collect() };
+            let render = |camera| -> Vec<Image> { p.render(camera).unwrap().iter().cloned().collect() };
             path.cameras()[..3].iter().flat_map(render).collect()
         })
     };
@@ -217,11 +218,12 @@ fn refused_cameras_change_nothing() {
         for (k, camera) in path.cameras()[..4].iter().enumerate() {
             if refused {
                 let last = pipeline.last_image().clone();
-                let error = pipeline.render(camera, &small.cameras()[..1]).unwrap_err().to_string();
+                let error =
+                    pipeline.render_with_poses(camera, &small.cameras()[..1]).unwrap_err().to_string();
                 assert_eq!(error, "camera between two frames: expected 256x144 pixels, found 128x72");
                 assert!(*pipeline.last_image() == last, "frame {k}");
             }
-            shown.extend(pipeline.render(camera, &[]).unwrap().iter().cloned());
+            shown.extend(pipeline.render(camera).unwrap().iter().cloned());
         }
         shown
     };
@@ -244,6 +246,6 @@ fn settings_out_of_range_are_errors() {
     assert!(FramePipeline::new(scene(), settings).is_ok(), "native frames have none between");
     let centered = PipelineSettings { sampling: Sampling::Centered, ..Default::default() };
     let mut p = FramePipeline::new(scene(), centered).unwrap();
-    p.render(&path().cameras()[0], &[]).unwrap();
+    p.render(&path().cameras()[0]).unwrap();
     assert_eq!(p.gbuffer().jitter, [0.0, 0.0]);
 }

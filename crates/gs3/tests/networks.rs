@@ -9,7 +9,7 @@ use gs3::neural::{Arithmetic, Graph, Header, Weights};
 use gs3::raster::{Culling, Outputs, RasterSettings, Rasterizer};
 use gs3::reconstruct::Neighbor;
 use gs3::scene::{Camera, CameraPath, GBuffer, Image, Planes, Scene, demo};
-use gs3::{FramePipeline, Kriging, Mode, Networks, PipelineSettings, ResetReason};
+use gs3::{FramePipeline, Kriging, Mode, Networks, PipelineSettings, Refine, ResetReason};
 
 const SCALE: u32 = 4;
 
@@ -55,12 +55,13 @@ fn pipeline(networks: &Networks, generate: u32) -> FramePipeline {
 }
 
 fn pipeline_with(kriging: Kriging, networks: &Networks, generate: u32) -> FramePipeline {
-    let settings = PipelineSettings { scale: SCALE, generate, kriging, ..Default::default() };
+    let settings =
+        PipelineSettings { scale: SCALE, generate, kriging, refine: Refine::Off, ..Default::default() };
     FramePipeline::with_networks(scene(), settings, networks).unwrap()
 }
 
 fn frames(pipeline: &mut FramePipeline, cameras: &[Camera]) -> Vec<Image> {
-    let shown = |camera| pipeline.render(camera, &[]).unwrap().iter().cloned().collect::<Vec<_>>();
+    let shown = |camera| pipeline.render(camera).unwrap().iter().cloned().collect::<Vec<_>>();
     cameras.iter().flat_map(shown).collect()
 }
 
@@ -89,7 +90,7 @@ fn training_starts_above_the_pipeline_without_learning() {
     let kriged = frames(&mut pipeline_with(Kriging::Coarse, &Networks::default(), 1), cameras);
     let actual = frames(&mut pipeline(&untrained, 1), cameras);
     assert!(actual[0] == kriged[0] && actual[0] != expected[0], "there is no previous frame yet");
-    let settings = PipelineSettings { mode: Mode::Native, ..Default::default() };
+    let settings = PipelineSettings { mode: Mode::Native, refine: Refine::Off, ..Default::default() };
     let truth = frames(&mut FramePipeline::new(scene(), settings).unwrap(), cameras);
     // Rendered frames with a frame before; the frames between lie between them.
     let error = |images: &[Image]| -> f32 {
@@ -205,7 +206,7 @@ fn the_state_is_carried_on_and_forgotten_with_the_history() {
     moving.reset(ResetReason::SceneChange);
     assert!(frames(&mut moving, &path.cameras()[3..4]).last() == fresh.last());
     // Two frames on, with and without the state of the first.
-    let settings = PipelineSettings { mode: Mode::SuperSample, ..Default::default() };
+    let settings = PipelineSettings { mode: Mode::SuperSample, refine: Refine::Off, ..Default::default() };
     let weights = random.super_sample.clone().unwrap();
     let mut forgetful = (*weights).clone();
     // z = σ(…) of the gate that takes in the new state: always 1.
@@ -299,9 +300,9 @@ fn two_and_three_frames_are_made_between_rendered_ones() {
         }
     }
     let mut three = pipeline(&Networks::default(), 3);
-    let error = three.render(&path.cameras()[0], &path.cameras()[..2]).unwrap_err().to_string();
+    let error = three.render_with_poses(&path.cameras()[0], &path.cameras()[..2]).unwrap_err().to_string();
     assert_eq!(error, "cameras between two frames: expected none or 3, found 2");
-    let settings = PipelineSettings { generate: 4, ..Default::default() };
+    let settings = PipelineSettings { generate: 4, refine: Refine::Off, ..Default::default() };
     let error = FramePipeline::new(scene(), settings).err().unwrap().to_string();
     assert_eq!(error, "generate: expected 1 to 3 frames between rendered ones, found 4");
 }
@@ -352,7 +353,7 @@ fn shipped_weights_gain() {
     let path = demo::path().resized(640, 360).unwrap();
     let (cameras, scene) = (&path.cameras()[40..52], scene());
     let pipeline = |mode, scale, networks: &Networks| {
-        let settings = PipelineSettings { mode, scale, ..Default::default() };
+        let settings = PipelineSettings { mode, scale, refine: Refine::Off, ..Default::default() };
         let mut pipeline = FramePipeline::with_networks(scene.clone(), settings, networks).unwrap();
         frames(&mut pipeline, if mode == Mode::Native { &cameras[11..] } else { cameras }).pop().unwrap()
     };
@@ -375,16 +376,19 @@ fn shipped_weights_gain() {
         assert_eq!((header.scale, header.tier.as_str()), (4, tier.name()));
         let middle = path.at(50.5);
         let truth = {
-            let settings = PipelineSettings { mode: Mode::Native, ..Default::default() };
+            let settings = PipelineSettings { mode: Mode::Native, refine: Refine::Off, ..Default::default() };
             let mut native = FramePipeline::new(scene.clone(), settings).unwrap();
-            native.render(&middle, &[]).unwrap().current.clone()
+            native.render(&middle).unwrap().current.clone()
         };
+        let unrefined = PipelineSettings { refine: Refine::Off, ..Default::default() };
         let between = |networks: &Networks| {
-            let mut pipeline =
-                FramePipeline::with_networks(scene.clone(), PipelineSettings::default(), networks).unwrap();
+            let mut pipeline = FramePipeline::with_networks(scene.clone(), unrefined, networks).unwrap();
             let (last, before) = cameras.split_last().unwrap();
-            before.iter().for_each(|camera| _ = pipeline.render(camera, &[]).unwrap());
-            psnr_of(pipeline.render(last, std::slice::from_ref(&middle)).unwrap().between[0].unwrap(), &truth)
+            before.iter().for_each(|camera| _ = pipeline.render(camera).unwrap());
+            psnr_of(
+                pipeline.render_with_poses(last, std::slice::from_ref(&middle)).unwrap().between[0].unwrap(),
+                &truth,
+            )
         };
         let warped = between(&Networks { interpolate: None, ..shipped.clone() });
         let learned = between(&shipped);

@@ -25,8 +25,8 @@ fn weights_of_interpolation_leave_super_sampling_as_it_is() {
         let figures = json(&at.join(format!("{run}.json")));
         ["tier", "interpolation"].map(|key| figures[key].as_str().unwrap().to_owned())
     };
-    assert_eq!(ran("default"), ["balanced", "analytic"]);
-    assert_eq!(ran("own"), ["balanced+fast", "learned"]);
+    assert_eq!(ran("default"), ["analytic", "analytic"]);
+    assert_eq!(ran("own"), ["analytic+fast", "learned"]);
 }
 
 /// A file is judged as what its name says: it must be that.

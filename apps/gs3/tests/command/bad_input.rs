@@ -74,6 +74,16 @@ fn one_line_that_names_field_expected_and_actual() {
             "render demo --mode bicubic --overscan --out o",
             &["--overscan: expected --mode super-sample or full"],
         ),
+        ("render demo --refine 2 --out o", &["--refine", "a share of the pixels from 0 to 1", "found \"2\""]),
+        ("render demo --refine some --out o", &["--refine", "expected off, auto", "found \"some\""]),
+        (
+            "render demo --mode native --refine off --out o",
+            &["--refine: expected --mode super-sample or full"],
+        ),
+        (
+            "render demo --refine 0.1 --quality high --out o",
+            &["--quality: expected --refine auto, found --refine 0.1"],
+        ),
         ("render demo --mode native --kriging --out o", &["--kriging: expected --mode super-sample or full"]),
         ("render demo --mode native --jitter off --out o", &["--jitter: expected --mode"]),
         ("render demo --mode native --weights w --out o", &["--weights: expected --mode"]),
@@ -115,11 +125,11 @@ fn one_line_that_names_field_expected_and_actual() {
             &["--interpolation: expected analytic", "tier analytic", "found learned"],
         ),
         (
-            "render demo --size 64x36 --scale 2 --interpolation learned --out o",
+            "render demo --size 64x36 --scale 2 --tier balanced --interpolation learned --out o",
             &["--interpolation: expected analytic", "balanced at scale 2", "found learned"],
         ),
         (
-            "render demo --size 64x36 --backend cpu --matrix-products --out o",
+            "render demo --size 64x36 --backend cpu --tier balanced --matrix-products --out o",
             &["--matrix-products: expected a GPU", "found the CPU"],
         ),
         ("gbuffer demo --frame 900 --out g.npz", &["--frame: expected", "900"]),
@@ -186,5 +196,22 @@ fn one_line_that_names_field_expected_and_actual() {
         assert!(said.starts_with("error: "), "gs3 {arguments}: {said}");
         assert!(said.trim_end().lines().count() == 1, "gs3 {arguments}: {said}");
         assert_eq!(names(at), before, "gs3 {arguments} leaves nothing");
+    }
+}
+
+#[test]
+fn a_simd_level_that_is_not_there_is_told_before_any_work() {
+    let folder = tempfile::tempdir().unwrap();
+    // No processor has both.
+    let foreign = if cfg!(target_arch = "aarch64") { "avx2" } else { "neon" };
+    for (value, expected) in
+        [("wide", "expected one of scalar"), (foreign, "expected a level that this processor has (scalar")]
+    {
+        let mut command = gs3(folder.path(), "render demo --frames 0..1 --size 64x36 --out out");
+        let output = command.env("GS3_SIMD", value).output().unwrap();
+        let text = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{text}");
+        assert!(text.lines().count() == 1 && text.contains("GS3_SIMD") && text.contains(expected), "{text}");
+        assert!(text.contains(value) && names(folder.path()).is_empty(), "{text}");
     }
 }

@@ -34,6 +34,12 @@ fn full_shows_two_frames_per_rendered_one_and_reports() {
     assert_eq!(report["peak_rss_mb"].is_number(), cfg!(target_os = "linux"));
     let (bicubic, own) = (&report["compare"]["bicubic_psnr"], &report["compare"]["psnr"]);
     assert!(own.as_f64().unwrap() > bicubic.as_f64().unwrap() + 0.5, "{report}");
+    let compared = |figure: &str| report["compare"][figure].as_f64().unwrap();
+    // The second and the third rendered frame show two each; natively that is four frames.
+    assert_eq!(report["compare"]["frames"], 2);
+    assert!(compared("native_fps") > 0.0 && compared("mean_psnr") > 20.0, "{report}");
+    let ratio = compared("displayed_fps") / compared("native_fps");
+    assert!((compared("times_native") / ratio - 1.0).abs() < 1e-9, "{report}");
 }
 
 #[test]
@@ -72,7 +78,7 @@ fn interpolation_is_learned_where_it_is_asked_for() {
 fn kriging_and_tiers_reach_the_picture() {
     let folder = tempfile::tempdir().unwrap();
     let render = |name: &str, options: &str| {
-        let size = "--size 128x72 --frames 0..3 --mode super-sample";
+        let size = "--size 128x72 --frames 0..3 --mode super-sample --refine off";
         succeed(folder.path(), &format!("render demo {size} {options} --out {name}"));
         png(&folder.path().join(name).join("frame_000002.png")).2
     };
@@ -159,8 +165,8 @@ fn a_late_part_of_a_path_begins_as_good_as_in_the_whole() {
         succeed(at, &format!("render demo --size 192x108 --backend cpu {options} --out {out}"));
     };
     render("--mode native --frames 40..44", "native");
-    render("--mode super-sample --tier analytic --frames 0..44", "whole");
-    render("--mode super-sample --tier analytic --frames 40..44", "part");
+    render("--mode super-sample --refine off --frames 0..44", "whole");
+    render("--mode super-sample --refine off --frames 40..44", "part");
     let psnr = |out: &str, number: usize| {
         let [a, b] = ["native", out].map(|out| png(&at.join(out).join(format!("frame_{number:06}.png"))).2);
         let squares = a.iter().zip(&b).map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2)).sum::<f64>();
@@ -288,4 +294,43 @@ fn nothing_in_sight_is_said() {
     }
     let said = stderr(&succeed(at, "render demo --size 64x36 --frames 0..1 --mode native --out o"));
     assert!(!said.contains("warning"), "{said}");
+}
+
+/// Over any background, what is written with alpha is what is rendered over it.
+#[test]
+fn alpha_shows_what_is_behind() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let [r, g, b] = [0.2, 0.9, 0.4];
+    for mode in ["native", "super-sample", "full"] {
+        let render = format!("render demo --size 160x90 --frames 0..3 --tier analytic --mode {mode}");
+        succeed(at, &format!("{render} --alpha --out clear --json clear.json"));
+        succeed(at, &format!("{render} --background {r},{g},{b} --out behind"));
+        assert_eq!(json(&at.join("clear.json"))["alpha"], true);
+        let frames = names(&at.join("behind"));
+        assert_eq!(names(&at.join("clear")), frames, "{mode}");
+        let (mut worst, mut sum, mut seen) = (0.0_f64, 0.0, [0; 3]);
+        for name in &frames {
+            let (clear, behind) = (png(&at.join("clear").join(name)).2, png(&at.join("behind").join(name)).2);
+            assert_eq!(clear.len() / 4, behind.len() / 3);
+            for (clear, behind) in clear.chunks_exact(4).zip(behind.chunks_exact(3)) {
+                let alpha = f64::from(clear[3]) / 255.0;
+                seen[usize::from(clear[3] > 0) + usize::from(clear[3] == 255)] += 1;
+                for ((clear, behind), background) in clear.iter().zip(behind).zip([r, g, b]) {
+                    let shown = alpha * f64::from(*clear) + (1.0 - alpha) * 255.0 * background;
+                    let off = (shown - f64::from(*behind)).abs();
+                    worst = worst.max(off);
+                    sum += off * off;
+                }
+            }
+            fs::remove_file(at.join("clear").join(name)).unwrap();
+            fs::remove_file(at.join("behind").join(name)).unwrap();
+        }
+        // The demo is everywhere, at its rim thinly.
+        assert!(seen[1] > 100 && seen[2] > 100, "half clear and opaque pixels: {seen:?}");
+        let rms = (sum / (frames.len() * 160 * 90 * 3) as f64).sqrt();
+        // Native alpha and colours are rounded to 8 bits; a reconstruction over another background errs otherwise.
+        let (most, mean) = if mode == "native" { (2.0, 0.6) } else { (255.0, 6.0) };
+        assert!(worst <= most && rms <= mean, "{mode}: {worst} at most, {rms} rms");
+    }
 }

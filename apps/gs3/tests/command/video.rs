@@ -6,6 +6,8 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::Stdio;
 
+use gs3_video::Picture;
+
 use super::{gs3, interrupt, names, png, send_interrupt, stderr};
 
 /// A PATH that holds nothing but an `ffmpeg` with this script.
@@ -31,30 +33,114 @@ fn frames_reach_ffmpeg_in_order() {
     let video = fs::read(folder.path().join("clip.mp4")).unwrap();
     let frames = names(&folder.path().join("clip"));
     assert_eq!(frames.len(), 5);
-    let expected: Vec<u8> =
-        frames.iter().flat_map(|name| png(&folder.path().join("clip").join(name)).2).collect();
+    let picture = |name: &String| {
+        let (width, height, rgb) = png(&folder.path().join("clip").join(name));
+        Picture::from_rgb8([width, height], &rgb).unwrap().samples().to_vec()
+    };
+    let expected: Vec<u8> = frames.iter().flat_map(picture).collect();
     assert!(video == expected, "the raw frames are those of the PNG files, in order");
     let arguments = fs::read_to_string(folder.path().join("arguments")).unwrap();
     assert!(arguments.contains("-s 96x54 -r 60 "), "{arguments}");
+    let colours = "-color_range tv -colorspace bt709 -color_primaries bt709 -color_trc bt709";
+    assert_eq!(arguments.matches(colours).count(), 2, "of what comes in and what goes out: {arguments}");
     assert_eq!(names(folder.path()), ["arguments", "bin", "clip", "clip.mp4"]);
 }
 
 /// How the command says that a video of frames 0 to 4 is made.
 const BY_HAND: &str = "ffmpeg -framerate 60 -start_number 0 -i ./clip/frame_%06d.png -frames:v 5 -vf ";
 
-/// Those of an earlier, longer run are none of this one's.
 #[test]
-fn without_ffmpeg_the_frames_are_named() {
+fn without_ffmpeg_there_is_a_video_too() {
     let folder = tempfile::tempdir().unwrap();
-    fs::create_dir(folder.path().join("clip")).unwrap();
-    fs::write(folder.path().join("clip/frame_000005.png"), "").unwrap();
     let output = gs3(folder.path(), RENDER).env("PATH", "").output().unwrap();
     let said = stderr(&output);
     assert!(output.status.success(), "{said}");
-    let named =
-        "no ffmpeg on PATH, so no clip.mp4: the frames are clip/frame_000000.png to frame_000004.png, ";
-    assert!(said.contains(named) && said.contains(BY_HAND), "{said}");
-    assert_eq!(names(folder.path()), ["clip"]);
+    assert!(said.contains("no ffmpeg on PATH: clip.mp4 is encoded by gs3 itself"), "{said}");
+    assert_eq!(names(folder.path()), ["clip", "clip.mp4"]);
+    assert_eq!(names(&folder.path().join("clip")).len(), 5);
+    let video = fs::read(folder.path().join("clip.mp4")).unwrap();
+    // What is in it is the tests' of its crate.
+    assert_eq!((&video[4..8], video.windows(4).filter(|w| w == b"avc1").count()), (&b"ftyp"[..], 2));
+}
+
+#[test]
+fn a_video_that_cannot_be_made_costs_no_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    // A frame rate that no video of ours has.
+    let path = r#"{"fps": 4000, "render_height": 54, "render_width": 96, "camera_path": [
+        {"camera_to_world": [1,0,0,0, 0,1,0,0, 0,0,1,5, 0,0,0,1], "fov": 50, "aspect": 1.8},
+        {"camera_to_world": [1,0,0,1, 0,1,0,0, 0,0,1,5, 0,0,0,1], "fov": 50, "aspect": 1.8}]}"#;
+    fs::write(folder.path().join("path.json"), path).unwrap();
+    let render = "render demo --path path.json --mode native --out clip.mp4";
+    let output = gs3(folder.path(), render).env("PATH", "").output().unwrap();
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    let reason = "error: clip.mp4: the video cannot be written: frame rate: expected more than 0 and at most 1000 frames per \
+                  second, found 4000; the frames are in clip, and ffmpeg -framerate 4000 ";
+    assert!(said.contains(reason), "{said}");
+    assert_eq!(names(folder.path()), ["clip", "path.json"]);
+    assert_eq!(names(&folder.path().join("clip")).len(), 2);
+}
+
+/// What is typed by hand, and what the command does by itself, with the real one: both tell players the same colours, and
+/// these are those of the frames.
+#[test]
+fn videos_show_the_colours_of_the_frames() {
+    let run = |program: &str, arguments: &[&str]| {
+        let output = std::process::Command::new(program).args(arguments).output();
+        let output = output.ok().filter(|output| output.status.success())?;
+        Some(output.stdout)
+    };
+    if run("ffmpeg", &["-version"]).is_none() || run("ffprobe", &["-version"]).is_none() {
+        println!("skipped: there is no ffmpeg");
+        return;
+    }
+    for (size, background) in
+        [("97x55", [0.2, 0.6, 0.3]), ("128x72", [0.0, 1.0, 0.0]), ("128x72", [1.0, 0.0, 0.0])]
+    {
+        let folder = tempfile::tempdir().unwrap();
+        let at = folder.path();
+        let camera = r#"[{"width": 96, "height": 54, "position": [0, 0, -500], "fx": 50, "fy": 50,
+            "rotation": [[1, 0, 0], [0, -1, 0], [0, 0, -1]]}]"#;
+        fs::write(at.join("away.json"), camera).unwrap();
+        let [r, g, b] = background;
+        let render = format!(
+            "render demo --path away.json --size {size} --smooth 3 --mode native --background {r},{g},{b} --out"
+        );
+        let with = gs3(at, &format!("{render} ffmpeg.mp4")).output().unwrap();
+        assert!(with.status.success(), "{}", stderr(&with));
+        let without = gs3(at, &format!("{render} own.mp4")).env("PATH", "").output().unwrap();
+        assert!(without.status.success(), "{}", stderr(&without));
+        // The command tells how to make it by hand where an ffmpeg fails.
+        let bin = path_with_ffmpeg(at, "exit 1");
+        let failed = gs3(at, &format!("{render} hand.mp4")).env("PATH", bin).output().unwrap();
+        let said = stderr(&failed);
+        let by_hand =
+            &said[said.find("and ffmpeg ").unwrap() + 4..said.find(" makes a video of them").unwrap()];
+        let typed = std::process::Command::new("sh").args(["-c", by_hand]).current_dir(at).output().unwrap();
+        assert!(typed.status.success(), "{by_hand}: {}", stderr(&typed));
+        let (width, height, frame) = png(&at.join("own/frame_000000.png"));
+        for name in ["ffmpeg.mp4", "own.mp4", "hand.mp4"] {
+            let file = at.join(name).display().to_string();
+            let entries =
+                "stream=width,height,color_range,color_space,color_transfer,color_primaries,nb_frames";
+            let facts =
+                run("ffprobe", &["-v", "error", "-show_entries", entries, "-of", "csv=p=0", &file]).unwrap();
+            let [w, h] = [width, height].map(|side| side.next_multiple_of(2));
+            let expected = format!("{w},{h},tv,bt709,bt709,bt709,3\n");
+            assert_eq!(String::from_utf8(facts).unwrap(), expected, "{name}");
+            let filter = "scale=flags=accurate_rnd+full_chroma_int+full_chroma_inp";
+            let decode =
+                ["-v", "error", "-i", &file, "-vf", filter, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"];
+            let pixels = run("ffmpeg", &decode).unwrap();
+            assert_eq!(pixels.len() as u32, 3 * 3 * w * h);
+            // The last column and row of odd sizes are those beside them, not black.
+            for pixel in pixels.chunks_exact(3) {
+                let off = pixel.iter().zip(&frame).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
+                assert!(off <= 2, "{name}, {size}: {pixel:?} of {:?}", &frame[..3]);
+            }
+        }
+    }
 }
 
 #[test]
@@ -71,14 +157,14 @@ fn a_failing_ffmpeg_is_quoted_and_costs_no_frame() {
     assert_eq!(names(folder.path()), ["bin", "clip", "r.json"]);
     assert_eq!(names(&folder.path().join("clip")).len(), 5, "all frames are there");
 
-    // One that nobody may execute.
+    // A file that nobody may execute is no ffmpeg.
     fs::set_permissions(folder.path().join("bin/ffmpeg"), fs::Permissions::from_mode(0o644)).unwrap();
     fs::remove_dir_all(folder.path().join("clip")).unwrap();
     let output = run();
     let said = stderr(&output);
-    assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(said.contains("ffmpeg failed: Permission denied") && said.contains(BY_HAND), "{said}");
-    assert_eq!(names(&folder.path().join("clip")).len(), 5);
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    assert!(said.contains("no ffmpeg on PATH"), "{said}");
+    assert_eq!(names(folder.path()), ["bin", "clip.mp4", "r.json"]);
 }
 
 /// It neither takes frames nor ends, for much longer than a second interruption takes.
@@ -126,7 +212,7 @@ fn a_link_leads_to_the_video_and_a_pipe_is_refused() {
         let output = gs3(at, RENDER).env("PATH", &path).output().unwrap();
         assert!(output.status.success(), "{}", stderr(&output));
         assert_eq!(fs::read_link(at.join("clip.mp4")).unwrap(), Path::new(target));
-        assert_eq!(fs::metadata(at.join(target)).unwrap().len(), 5 * 96 * 54 * 3);
+        assert_eq!(fs::metadata(at.join(target)).unwrap().len(), 5 * 96 * 54 * 3 / 2);
         fs::remove_file(at.join("clip.mp4")).unwrap();
     }
     assert_eq!(names(&at.join("far")), ["new", "old"]);
@@ -191,6 +277,6 @@ fn after_an_interruption_it_is_said_how_the_whole_video_is_made() {
     assert_eq!(names[0], "frame_000003.png");
     let rest = format!("To go on: the same command with --frames {left}..240 --out ./clip/, and then, ");
     assert!(said.contains(&rest), "{said}");
-    let whole = "ffmpeg -framerate 60 -start_number 3 -i ./clip/frame_%06d.png -frames:v 476 -vf 'pad=ceil(iw/2)*2:ceil(ih/2)*2' ";
+    let whole = "ffmpeg -framerate 60 -start_number 3 -i ./clip/frame_%06d.png -frames:v 476 -vf scale=out_color_matrix=bt709:";
     assert!(said.contains(whole) && said.trim_end().ends_with(" ./clip.mp4"), "{said}");
 }

@@ -87,7 +87,7 @@ pub fn along(
             if let (Some(truth), Some(image)) = (&truth_between, between) {
                 rows[whole].between.add(truth, &image)?;
                 follow(&mut rows[whole], &mut before[whole], truth, image)?;
-                rows[alone].milliseconds.push(milliseconds(method.as_ref(), &Stage::ALL[..2]));
+                rows[alone].milliseconds.push(milliseconds(method.as_ref(), &Stage::ALL[..3]));
                 rows[whole].milliseconds.push(milliseconds(method.as_ref(), &Stage::ALL));
             }
             follow(&mut rows[alone], &mut before[alone], &truth, current.clone())?;

@@ -54,6 +54,7 @@ impl Baseline {
         let spatial = match spec.spatial {
             Spatial::Native => of_pipeline(Mode::Native)?,
             Spatial::History
+            | Spatial::Refined(_)
             | Spatial::Kriging
             | Spatial::Overscan
             | Spatial::Centered
@@ -106,7 +107,7 @@ impl Method for Baseline {
         let needs_gbuffer = self.spec.interpolation == Interpolation::Warp;
         match &mut self.spatial {
             SpatialPart::Pipeline(pipeline) => {
-                self.current.image.clone_from(pipeline.render(camera, &[])?.current);
+                self.current.image.clone_from(pipeline.render(camera)?.current);
                 if needs_gbuffer {
                     self.current.gbuffer.clone_from(pipeline.gbuffer());
                 }

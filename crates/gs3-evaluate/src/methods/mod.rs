@@ -14,8 +14,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use gs3::{
-    Culling, Dilation, FramePipeline, Mode, NetworkError, PipelineError, PipelineSettings, ResetReason,
-    Sampling, Stage,
+    Culling, Dilation, FramePipeline, Mode, NetworkError, PipelineError, PipelineSettings, Quality, Refine,
+    ResetReason, Sampling, Stage,
 };
 use gs3_raster::RasterError;
 use gs3_reconstruct::{Kriging, ReconstructError};
@@ -125,6 +125,12 @@ pub trait Method {
 
     /// How long the stages of the last frame took.
     fn durations(&self) -> Durations;
+
+    /// The share of the last rendered frame's pixels, in `[0, 1]`, that were rasterized exactly beside its LR frame;
+    /// none if the method never does that. Reports have a column of it where some method gives one.
+    fn refined_share(&self) -> Option<f64> {
+        None
+    }
 }
 
 /// What all methods share.
@@ -175,6 +181,11 @@ fn pipeline(mode: Mode, spec: MethodSpec, settings: &MethodSettings) -> Result<F
             _ => Kriging::Off,
         },
         overscan: spec.spatial == Spatial::Overscan,
+        refine: if matches!(spec.spatial, Spatial::Refined(_)) { Refine::Auto } else { Refine::Off },
+        quality: match spec.spatial {
+            Spatial::Refined(quality) => quality,
+            _ => Quality::default(),
+        },
         dilation,
         culling: settings.culling,
         generate: 1,
@@ -190,8 +201,14 @@ impl Method for FramePipeline {
     }
 
     fn render(&mut self, camera: &Camera, middle: Option<&Camera>) -> Result<Shown<'_>, MethodError> {
-        let presented = FramePipeline::render(self, camera, middle.map_or(&[], std::slice::from_ref))?;
+        let poses = middle.map_or(&[][..], std::slice::from_ref);
+        let presented = self.render_with_poses(camera, poses)?;
         Ok(Shown { between: presented.between[0], current: presented.current })
+    }
+
+    fn refined_share(&self) -> Option<f64> {
+        let is_refined = self.settings().mode.has_history() && self.settings().refine.is_on();
+        is_refined.then(|| f64::from(FramePipeline::refined_share(self)))
     }
 
     fn durations(&self) -> Durations {

@@ -3,6 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
+use gs3::Quality;
 use gs3::neural::model::{Peer, Tier};
 
 /// How a method makes a frame from a rendered one.
@@ -28,6 +29,8 @@ pub enum Spatial {
     Ridge,
     /// gs3's super sampling with jittered history.
     History,
+    /// [`Self::History`] with exact pixels where reconstruction is not to be trusted: what gs3 does by default.
+    Refined(Quality),
     /// [`Self::History`], kriged where first-order predictions err visibly.
     Kriging,
     /// [`Self::Kriging`], rasterized beyond the edges that the camera turns to: all that networks refine, without them
@@ -115,7 +118,7 @@ pub enum SpecError {
     },
 }
 
-const SPATIAL: [(&str, Spatial); 23] = [
+const SPATIAL: [(&str, Spatial); 26] = [
     ("native", Spatial::Native),
     ("nearest", Spatial::Nearest),
     ("bilinear", Spatial::Bilinear),
@@ -126,6 +129,9 @@ const SPATIAL: [(&str, Spatial); 23] = [
     ("spline", Spatial::Spline),
     ("ridge", Spatial::Ridge),
     ("history", Spatial::History),
+    ("refined_fast", Spatial::Refined(Quality::Fast)),
+    ("refined", Spatial::Refined(Quality::Balanced)),
+    ("refined_high", Spatial::Refined(Quality::High)),
     ("kriging", Spatial::Kriging),
     ("overscan", Spatial::Overscan),
     ("history_centered", Spatial::Centered),
@@ -151,9 +157,10 @@ const INTERPOLATIONS: [(&str, Interpolation); 6] = [
     ("high", Interpolation::Learned(Tier::High)),
 ];
 /// Names of both parts of gs3 together, as `gs3 render` has them unless it is told to interpolate by networks:
-/// `history+warp` without learning, `kriging+warp` with `--kriging`, `overscan+warp` with `--overscan` too,
+/// `refined+warp` by default, `history+warp` with `--refine off`, `kriging+warp` with `--kriging`, `overscan+warp` with `--overscan` too,
 /// `fast_ss+warp` with learning, and so on.
-const WHOLE: [(&str, (Spatial, Interpolation)); 6] = [
+const WHOLE: [(&str, (Spatial, Interpolation)); 7] = [
+    ("default", (Spatial::Refined(Quality::Balanced), Interpolation::Warp)),
     ("analytic", (Spatial::History, Interpolation::Warp)),
     ("kriged", (Spatial::Kriging, Interpolation::Warp)),
     ("overscanned", (Spatial::Overscan, Interpolation::Warp)),
@@ -163,8 +170,8 @@ const WHOLE: [(&str, (Spatial, Interpolation)); 6] = [
 ];
 
 /// The methods compared where none are named.
-pub const DEFAULT_METHODS: &str = "native,nearest,bilinear,bicubic,lanczos,fsr1,hermite,spline,ridge,history,kriging,\
-     overscan,bicubic@stock,bicubic+repeat,bicubic+blend,history+repeat,history+blend,analytic";
+pub const DEFAULT_METHODS: &str = "native,nearest,bilinear,bicubic,lanczos,fsr1,hermite,spline,ridge,history,refined,\
+     bicubic@stock,bicubic+repeat,bicubic+blend,history+repeat,history+blend,analytic,default";
 
 impl Spatial {
     /// The file of a published network's weights in their folder, if the method is one.
@@ -184,10 +191,11 @@ impl Spatial {
     }
 
     /// Whether frames depend on the ones before.
-    const fn has_history(self) -> bool {
+    pub(crate) const fn has_history(self) -> bool {
         matches!(
             self,
             Self::History
+                | Self::Refined(_)
                 | Self::Kriging
                 | Self::Overscan
                 | Self::Centered
@@ -198,12 +206,28 @@ impl Spatial {
 
     /// Whether [`gs3::FramePipeline`] makes it, and so frames between, too.
     pub(super) const fn is_pipeline(self) -> bool {
-        matches!(self, Self::History | Self::Kriging | Self::Overscan | Self::Centered | Self::Learned(_))
+        matches!(
+            self,
+            Self::History
+                | Self::Refined(_)
+                | Self::Kriging
+                | Self::Overscan
+                | Self::Centered
+                | Self::Learned(_)
+        )
     }
 
     /// Whether LR frames are jittered.
     pub(crate) const fn is_jittered(self) -> bool {
-        matches!(self, Self::History | Self::Kriging | Self::Overscan | Self::Gradientless | Self::Learned(_))
+        matches!(
+            self,
+            Self::History
+                | Self::Refined(_)
+                | Self::Kriging
+                | Self::Overscan
+                | Self::Gradientless
+                | Self::Learned(_)
+        )
     }
 }
 
@@ -375,8 +399,9 @@ mod tests {
         let message = |name: &str| name.parse::<MethodSpec>().map_err(|e| e.to_string()).unwrap_err();
         assert!(message("bicubik").contains("one of native, nearest"), "{}", message("bicubik"));
         assert!(
-            message("bicubik")
-                .contains("ninasr_trained, analytic, kriged, overscanned, fast, balanced, high, found")
+            message("bicubik").contains(
+                "ninasr_trained, default, analytic, kriged, overscanned, fast, balanced, high, found"
+            )
         );
         assert!(message("bicubic@blurry").contains("found 'blurry'"));
         assert!(message("bicubic+flow").contains("repeat, blend, warp"));

@@ -1,7 +1,7 @@
 //! The one sum behind PSNR, tPSNR and flicker: the mean square of a linear combination of images.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, dispatch, f32x16};
+use fearless_simd::{dispatch, f32x16};
 use gs3_scene::Image;
 use rayon::prelude::*;
 
@@ -30,7 +30,7 @@ pub(super) fn mean_square<const N: usize>(
     if width == 0 || height == 0 {
         return Err(MetricError::TooSmall { metric: "mean squared error", min: 1, actual: (width, height) });
     }
-    let level = Level::new();
+    let level = gs3_simd::level();
     let bands: Vec<f64> = (0..height.div_ceil(BAND_ROWS))
         .into_par_iter()
         .map(|band| {
@@ -80,6 +80,16 @@ fn load<S: Simd>(simd: S, data: &[f32], at: usize, quantisation: Quantisation) -
         None => f32x16::from_fn(simd, |i| data.get(at + i).copied().unwrap_or(0.0)),
     };
     displayed(raw, quantisation)
+}
+
+/// The value that a display would show: one lane of [`displayed`].
+#[inline(always)]
+pub(super) fn shown(value: f32, quantisation: Quantisation) -> f32 {
+    let clamped = super::displayed(value);
+    match quantisation {
+        Quantisation::None => clamped,
+        Quantisation::EightBit => (clamped * 255.0 + 0.5).floor() * (1.0 / 255.0),
+    }
 }
 
 /// The values that a display would show.

@@ -4,6 +4,8 @@
 //! [`Image::to_rgb8`]). `reference` is the ground truth, `test` what is judged. Results do not depend on the number of
 //! threads: every sum is taken over fixed bands of rows and added up in their order.
 
+pub mod blocks;
+pub mod edges;
 mod error;
 pub mod flip;
 mod mean_square;
@@ -14,6 +16,8 @@ pub mod temporal;
 pub mod video;
 pub mod warping;
 
+pub use blocks::{block_rmse, block_rmse_p99};
+pub use edges::{DepthEdges, edge_psnr};
 pub use error::MetricError;
 pub use flip::{flip, flip_map};
 pub use mean_square::Quantisation;

@@ -1,7 +1,7 @@
 //! Separable filters on single planes, borders repeated.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, dispatch, f32x16};
+use fearless_simd::{dispatch, f32x16};
 use gs3_scene::Planes;
 use rayon::prelude::*;
 
@@ -10,7 +10,7 @@ pub(super) fn filter_rows(source: &Planes<1>, kernel: &[f32]) -> Planes<1> {
     let (width, height) = (source.width(), source.height());
     let radius = kernel.len() / 2;
     let mut target = Planes::new(width, height);
-    let level = Level::new();
+    let level = gs3_simd::level();
     let padded = || vec![0.0; width.next_multiple_of(16) + 2 * radius];
     target.data_mut().par_chunks_exact_mut(width).enumerate().for_each_init(padded, |padded, (y, out)| {
         let row = source.row(0, y);
@@ -28,7 +28,7 @@ pub(super) fn filter_columns(source: &Planes<1>, kernel: &[f32]) -> Planes<1> {
     let (width, height) = (source.width(), source.height());
     let radius = kernel.len() / 2;
     let mut target = Planes::new(width, height);
-    let level = Level::new();
+    let level = gs3_simd::level();
     target.data_mut().par_chunks_exact_mut(width).enumerate().for_each(|(y, out)| {
         let taps = |tap: usize| source.row(0, (y + tap).saturating_sub(radius).min(height - 1));
         dispatch!(level, simd => weighted_sum(simd, taps, kernel, out));

@@ -1,7 +1,7 @@
 //! Structural similarity (Wang, Bovik, Sheikh, Simoncelli 2004).
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, dispatch, f32x16};
+use fearless_simd::{dispatch, f32x16};
 use gs3_scene::Image;
 use rayon::prelude::*;
 
@@ -49,7 +49,7 @@ pub fn ssim(reference: &Image, test: &Image, border: Border) -> Result<f64, Metr
         Border::ZeroPad => 0,
     };
     let (top, bottom) = (margin, height - margin);
-    let level = Level::new();
+    let level = gs3_simd::level();
     let bands: Vec<f64> =
         (0..(bottom - top).div_ceil(BAND_ROWS))
             .into_par_iter()

@@ -1,11 +1,13 @@
 //! Renders against captured images of a scene that was trained on them.
 //!
 //! Every camera of the capture names its photo. Renders and photos are compared at 8 bits, as files of them would be,
-//! each photo on its own: nothing is carried from one to the next, so methods with history run without it. Photos taken
-//! through a lens that is no pinhole are undistorted first, and the part of them that shows something everywhere is
-//! compared; a photo whose file is an enlarged or reduced version of its camera's image is compared at its own size, the
-//! camera following.
+//! each photo twice: on its own, without any history, and at the end of a short way to it (`approach`), which is
+//! what somebody sees who moves through the scene. Nothing is carried from one photo to the next. Photos taken through a
+//! lens that is no pinhole are undistorted first, and the part of them that shows something everywhere is compared; a
+//! photo whose file is an enlarged or reduced version of its camera's image is compared at its own size, the camera
+//! following.
 
+mod approach;
 mod error;
 mod file;
 mod results;
@@ -15,6 +17,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use gs3::Culling;
+use gs3_raster::Rasterizer;
+use gs3_scene::camera_path::pose_between;
 use gs3_scene::{Camera, CameraError, CameraPath, Image, Intrinsics, Scene};
 
 pub use error::PhotoError;
@@ -25,11 +29,12 @@ use crate::methods::{Interpolation, Method, MethodSettings, MethodSpec, build, c
 use crate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
 use crate::metrics::{Border, Quantisation, flip, psnr, ssim};
 use crate::protocol::{Cache, Crop, EvaluateError, Event, Failure, PSNR_CAP, crop, part_of};
+use approach::{Depth, approach};
 
 use undistort::Undistortion;
 
 /// The methods compared with photos where none are named.
-pub const DEFAULT_PHOTO_METHODS: &str = "native,bicubic,hermite,spline,bicubic@stock";
+pub const DEFAULT_PHOTO_METHODS: &str = "native,bicubic,hermite,spline,history,overscan,bicubic@stock";
 
 /// Extensions that captures leave out.
 const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
@@ -53,8 +58,8 @@ pub struct PhotoProtocol {
     pub capture_path: PathBuf,
     /// Where the photos are; none: where captures keep them, in the folder of the capture or in `images` beside it.
     pub images: Option<PathBuf>,
-    /// Every how manieth photo is judged, from the first on in the order of the capture: 1 for all, 8 for the photos
-    /// that are left out of training by common convention.
+    /// Every how manieth photo is judged, from the first on in the order of the capture, those without a file left out:
+    /// 1 for all, 8 for the photos that are left out of training by common convention.
     pub every: usize,
     /// HR over LR size.
     pub scale: u32,
@@ -77,14 +82,24 @@ struct Photo {
     camera: Camera,
     /// What makes the photo the camera's image, where its lens is no pinhole.
     undistortion: Option<Undistortion>,
+    /// The cameras of the frames before it, each with the one half-way from the frame before.
+    way: Vec<[Camera; 2]>,
+}
+
+/// The photos of a capture that are there, in its order, as indices of their cameras; and the names of those that are
+/// not.
+struct Found {
+    there: Vec<(usize, PathBuf)>,
+    missing: Vec<String>,
 }
 
 impl PhotoProtocol {
     /// Runs the comparison; `folder` keeps what is finished.
     ///
     /// # Errors
-    /// [`PhotoError`] if a photo is missing, cannot be read or does not fit its camera, if the methods or the scale
-    /// make no sense, or if a file cannot be written. A method that fails is listed in the results.
+    /// [`PhotoError`] if all photos are missing, if one cannot be read or does not fit its camera, if the methods or the
+    /// scale make no sense, or if a file cannot be written. Some photos that are missing, and a method that fails, are
+    /// listed in the results.
     pub fn run(&self, folder: &Path, watch: &mut dyn FnMut(Event<'_>)) -> Result<PhotoResults, PhotoError> {
         let methods = MethodSpec::with_native(&self.methods);
         if let Some(method) = methods.iter().find(|m| m.interpolation != Interpolation::None) {
@@ -95,9 +110,13 @@ impl PhotoProtocol {
         }
         check_weights(&methods, self.scale, self.weights.as_deref()).map_err(EvaluateError::from)?;
         let every = self.every.max(1);
-        let photos = (0..self.capture.cameras().len())
-            .step_by(every)
-            .map(|index| self.photo(index, methods.len() > 1))
+        let Found { there, missing } = self.find_all()?;
+        if !missing.is_empty() {
+            watch(Event::PhotosMissing { names: &missing });
+        }
+        let mut rasterizer = Rasterizer::new(Arc::clone(&self.scene), self.culling);
+        let photos = (there.iter().step_by(every))
+            .map(|(index, file)| self.photo(*index, file, methods.len() > 1, &mut rasterizer))
             .collect::<Result<Vec<_>, _>>()?;
         let cache = Cache::new(folder, &self.key(&photos))?;
         let settings = MethodSettings {
@@ -105,7 +124,7 @@ impl PhotoProtocol {
             scale: self.scale,
             culling: self.culling,
             background: self.background,
-            training: self.training(every)?,
+            training: self.training(&there, every)?,
             weights: self.weights.clone(),
         };
         let (mut scores, mut failures) = (Vec::new(), Vec::new());
@@ -117,9 +136,10 @@ impl PhotoProtocol {
                 continue;
             }
             let mut progress = |done| watch(Event::Method { method: spec, done, total: photos.len() });
-            let judged = build(spec, &settings)
-                .map_err(|e| EvaluateError::from(e).into())
-                .and_then(|mut method| self.judge(method.as_mut(), &photos, &mut progress));
+            let judged =
+                build(spec, &settings).map_err(|e| EvaluateError::from(e).into()).and_then(|mut method| {
+                    self.judge(method.as_mut(), spec.spatial.has_history(), &photos, &mut progress)
+                });
             match judged {
                 Ok(score) => scores.push((spec, cache.store(&part, score)?)),
                 Err(PhotoError::Evaluate(error)) => {
@@ -130,17 +150,44 @@ impl PhotoProtocol {
                 Err(error) => return Err(error),
             }
         }
-        Ok(PhotoResults::new(self, photos.len(), scores, failures))
+        Ok(PhotoResults::new(self, photos.len(), missing, scores, failures))
     }
 
-    /// Photo `index` with its camera at the photo's size; for LR methods both end where the last whole LR pixel does.
-    fn photo(&self, index: usize, is_low_resolution: bool) -> Result<Photo, PhotoError> {
-        let name = self.capture.name(index).ok_or(PhotoError::Unnamed { camera: index })?.to_owned();
-        let file = self.find(&name)?;
-        let (width, height) = file::size(&file)?;
+    /// All photos of the capture.
+    fn find_all(&self) -> Result<Found, PhotoError> {
+        let mut found = Found { there: Vec::new(), missing: Vec::new() };
+        let mut first_error = None;
+        for index in 0..self.capture.cameras().len() {
+            let name = self.capture.name(index).ok_or(PhotoError::Unnamed { camera: index })?;
+            match self.find(name) {
+                Ok(file) => found.there.push((index, file)),
+                Err(error) => {
+                    found.missing.push(name.to_owned());
+                    first_error = first_error.or(Some(error));
+                }
+            }
+        }
+        match first_error {
+            Some(error) if found.there.is_empty() => Err(error),
+            _ => Ok(found),
+        }
+    }
+
+    /// The photo of camera `index` in `file`, with its camera at the photo's size; for LR methods both end where the last
+    /// whole LR pixel does, and a way leads to them.
+    fn photo(
+        &self,
+        index: usize,
+        file: &Path,
+        is_low_resolution: bool,
+        rasterizer: &mut Rasterizer,
+    ) -> Result<Photo, PhotoError> {
+        // `find_all` has found it by this name.
+        let name = self.capture.name(index).unwrap_or_default().to_owned();
+        let (width, height) = file::size(file)?;
         let camera = &self.capture.cameras()[index];
         let camera = following(camera, (width, height)).ok_or_else(|| PhotoError::Shape {
-            path: file.clone(),
+            path: file.to_owned(),
             expected: (camera.width(), camera.height()),
             actual: (width, height),
         })??;
@@ -155,7 +202,14 @@ impl PhotoProtocol {
             None => camera,
         };
         let camera = cut(&camera, if is_low_resolution { self.scale } else { 1 })?;
-        Ok(Photo { name, file, camera, undistortion })
+        let mut way = Vec::new();
+        if is_low_resolution {
+            let depth = Depth::seen(rasterizer, &camera).map_err(EvaluateError::from)?;
+            // As many frames as a history remembers.
+            let count = (self.scale * self.scale) as usize;
+            way = approach(&camera, self.capture.cameras(), count, &depth);
+        }
+        Ok(Photo { name, file: file.to_owned(), camera, undistortion, way })
     }
 
     /// The file of the photo `name`.
@@ -194,8 +248,9 @@ impl PhotoProtocol {
     }
 
     /// Cameras of photos that are not judged.
-    fn training(&self, every: usize) -> Result<Vec<Camera>, PhotoError> {
-        let outside: Vec<usize> = (0..self.capture.cameras().len()).filter(|i| i % every != 0).collect();
+    fn training(&self, there: &[(usize, PathBuf)], every: usize) -> Result<Vec<Camera>, PhotoError> {
+        let outside: Vec<usize> =
+            there.iter().enumerate().filter(|(i, _)| i % every != 0).map(|(_, (index, _))| *index).collect();
         let count = TRAINING_PHOTOS.min(outside.len());
         (0..count)
             .map(|i| {
@@ -205,9 +260,11 @@ impl PhotoProtocol {
             .collect()
     }
 
+    /// Judges a method; where it `has_history`, details are of frames at the end of the way.
     fn judge(
         &self,
         method: &mut dyn Method,
+        has_history: bool,
         photos: &[Photo],
         progress: &mut dyn FnMut(usize),
     ) -> Result<PhotoMethodScore, PhotoError> {
@@ -219,12 +276,15 @@ impl PhotoProtocol {
             let truth = top_left(&read, width, height);
             method.reset();
             let shown = method.render(&photo.camera, None).map_err(EvaluateError::from)?.current;
-            let image = as_file(shown);
-            score.images.push(PhotoImage {
-                name: photo.name.clone(),
-                size: [width, height],
-                score: photo_score(&truth, &image).map_err(EvaluateError::from)?,
-            });
+            let mut image = as_file(shown);
+            let alone = photo_score(&truth, &image).map_err(EvaluateError::from)?;
+            let mut after_way = alone;
+            if has_history && !photo.way.is_empty() {
+                image = as_file(shown_after(method, photo)?);
+                after_way = photo_score(&truth, &image).map_err(EvaluateError::from)?;
+            }
+            let (name, size) = (photo.name.clone(), [width, height]);
+            score.images.push(PhotoImage { name, size, score: alone, after_way });
             if i % photos.len().div_ceil(SHOWN) == 0 {
                 let Crop { truth_png, png, .. } = crop(i, &truth, &image);
                 score.crops.push((photo.name.clone(), Crop { displayed: i, truth_png, png }));
@@ -239,7 +299,7 @@ impl PhotoProtocol {
         let Self { scene_name, scale, culling, background, .. } = self;
         // Another photo under the same name is told by its length and time.
         let state = |p: &Photo| std::fs::metadata(&p.file).map(|m| (m.len(), m.modified().ok())).ok();
-        let cameras: Vec<_> = photos.iter().map(|p| (&p.file, state(p), p.camera)).collect();
+        let cameras: Vec<_> = photos.iter().map(|p| (&p.file, state(p), p.camera, &p.way)).collect();
         let scene = digest::of_scene(&self.scene);
         // Those that are not judged are what methods fit to.
         let capture = digest::of(&format!("{:?}", self.capture));
@@ -262,6 +322,16 @@ fn alike(folder: &Path, name: &str) -> Option<PathBuf> {
     let mut found = files.filter(|file| file.is_file() && is_alike(file));
     // Two that differ in case from each other are not told apart by it.
     found.next().filter(|_| found.next().is_none())
+}
+
+/// What `method` shows at `photo` after the frames before it.
+fn shown_after<'a>(method: &'a mut dyn Method, photo: &Photo) -> Result<&'a Image, PhotoError> {
+    method.reset();
+    for (k, [camera, middle]) in photo.way.iter().enumerate() {
+        method.render(camera, Some(middle).filter(|_| k > 0)).map_err(EvaluateError::from)?;
+    }
+    let last = photo.way.last().map(|[last, _]| pose_between(last, &photo.camera, 0.5));
+    Ok(method.render(&photo.camera, last.as_ref()).map_err(EvaluateError::from)?.current)
 }
 
 /// `camera` with the image size `(width, height)`, if that is its image's at another scale: each side may be off by the

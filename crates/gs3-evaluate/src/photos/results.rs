@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::PhotoProtocol;
+use super::approach::FASTEST;
 use crate::methods::{MethodSpec, Spatial};
 use crate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
 use crate::protocol::{Crop, Failure, Machine, PSNR_CAP, Subset};
@@ -25,9 +26,11 @@ pub struct PhotoImage {
     pub name: String,
     /// Width and height of what was compared.
     pub size: [usize; 2],
-    /// Its scores.
+    /// Its scores on its own.
     #[serde(flatten)]
     pub score: PhotoScore,
+    /// Its scores as the end of a short way to it; of methods without history the same.
+    pub after_way: PhotoScore,
 }
 
 /// All scores of one method.
@@ -46,9 +49,11 @@ pub struct PhotoRow {
     pub method: String,
     /// All frames: photos have no others.
     pub subset: Subset,
-    /// Means over the photos.
+    /// Means over the photos, each on its own.
     #[serde(flatten)]
     pub mean: PhotoScore,
+    /// Means over the photos, each at the end of a short way to it.
+    pub after_way: PhotoScore,
     /// How the LR frames came about; none for native rendering.
     pub lr_formation: Option<String>,
     /// Every photo.
@@ -68,6 +73,8 @@ pub struct PhotoFacts {
     pub photos: usize,
     /// Number of photos judged.
     pub judged: usize,
+    /// Names of photos of the capture that have no file.
+    pub missing: Vec<String>,
     /// Every how manieth was judged.
     pub every: usize,
     /// HR over LR size.
@@ -102,6 +109,7 @@ impl PhotoResults {
     pub(super) fn new(
         protocol: &PhotoProtocol,
         judged: usize,
+        missing: Vec<String>,
         scores: Vec<(MethodSpec, PhotoMethodScore)>,
         failures: Vec<Failure>,
     ) -> Self {
@@ -110,30 +118,35 @@ impl PhotoResults {
             results.push(row(spec, score.images));
             crops.push((spec.to_string(), score.crops));
         }
-        Self { protocol: facts(protocol, judged), results, failures, crops }
+        Self { protocol: facts(protocol, judged, missing), results, failures, crops }
     }
 }
 
 fn row(spec: MethodSpec, images: Vec<PhotoImage>) -> PhotoRow {
-    let mean = |value: fn(&PhotoScore) -> f64| {
-        images.iter().map(|i| value(&i.score)).sum::<f64>() / images.len() as f64
+    let mean = |score: fn(&PhotoImage) -> PhotoScore| {
+        let mean = |value: fn(&PhotoScore) -> f64| {
+            images.iter().map(|image| value(&score(image))).sum::<f64>() / images.len() as f64
+        };
+        PhotoScore { psnr: mean(|s| s.psnr), ssim: mean(|s| s.ssim), flip: mean(|s| s.flip) }
     };
     PhotoRow {
         method: spec.to_string(),
         subset: Subset::All,
-        mean: PhotoScore { psnr: mean(|s| s.psnr), ssim: mean(|s| s.ssim), flip: mean(|s| s.flip) },
+        mean: mean(|image| image.score),
+        after_way: mean(|image| image.after_way),
         lr_formation: (spec.spatial != Spatial::Native).then(|| spec.formation.name().to_owned()),
         images,
     }
 }
 
-fn facts(protocol: &PhotoProtocol, judged: usize) -> PhotoFacts {
+fn facts(protocol: &PhotoProtocol, judged: usize, missing: Vec<String>) -> PhotoFacts {
     PhotoFacts {
         scene: protocol.scene_name.clone(),
         gaussians: protocol.scene.gaussians().len(),
         capture: protocol.capture_path.display().to_string(),
         photos: protocol.capture.cameras().len(),
         judged,
+        missing,
         every: protocol.every.max(1),
         scale: protocol.scale,
         background: protocol.background,
@@ -147,7 +160,14 @@ fn facts(protocol: &PhotoProtocol, judged: usize) -> PhotoFacts {
                  fill an LR pixel (up to {}).",
                 protocol.scale - 1
             ),
-            "Renders are rounded to 8 bits first. Every photo on its own: methods with history run without it.".into(),
+            "Renders are rounded to 8 bits first.".into(),
+            "On its own: every photo for itself, methods with history run without it.".into(),
+            format!(
+                "On the way: the photo is the last frame after {} others along the smooth curve from the nearest camera of the \
+                 capture through the photo's, on which what is seen moves {FASTEST} pixels a frame at most. Methods without \
+                 history show the same.",
+                protocol.scale * protocol.scale
+            ),
             format!("PSNR: one mean squared error over all RGB of an image, mean over images, capped at {PSNR_CAP} dB."),
             "SSIM: 11×11 Gaussian, σ = 1.5, biased, borders continued with zeros (Inria).".into(),
             format!("FLIP: LDR, {DEFAULT_PIXELS_PER_DEGREE:.2} pixels per degree, mean error."),

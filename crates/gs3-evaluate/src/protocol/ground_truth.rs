@@ -13,7 +13,7 @@ use super::cache::{at_path, write_whole};
 use super::results::{Subset, TruthFacts};
 use super::timeline::Timeline;
 use super::{EvaluateError, Protocol};
-use crate::metrics::{WarpFrame, warping_error};
+use crate::metrics::{DepthEdges, WarpFrame, warping_error};
 
 /// A native frame.
 #[derive(Debug)]
@@ -22,6 +22,8 @@ pub(super) struct Truth {
     pub image: Image,
     /// Median depth.
     pub depth: Planes<1>,
+    /// Where it jumps.
+    pub edges: DepthEdges,
 }
 
 impl Truth {
@@ -94,17 +96,20 @@ impl<'a> GroundTruth<'a> {
             let [r, g, b] = [0, 1, 2].map(|c| f32::from(color[c * size + i]) / LEVELS);
             *pixel = [r, g, b, 1.0];
         });
-        Ok(Arc::new(Truth { camera, image, depth }))
+        let edges = DepthEdges::of(&depth);
+        Ok(Arc::new(Truth { camera, image, depth, edges }))
     }
 
     /// What the ground truth says about itself: its own warping error and the speed of its motion.
     pub fn facts(&mut self) -> Result<TruthFacts, EvaluateError> {
         let mut warping = [const { Vec::new() }; 3];
         let mut speeds = [const { Vec::new() }; 2];
+        let mut edge_shares = Vec::new();
         let mut recent: Vec<Arc<Truth>> = Vec::new();
         for index in 0..self.timeline.displayed_count() {
             let truth = self.load(index)?;
             let subset = Subset::of_displayed(index);
+            edge_shares.push(truth.edges.share());
             for (subset, back) in [(Subset::All, 1), (subset, 2)] {
                 let Some(before) = recent.len().checked_sub(back).map(|i| &recent[i]) else { continue };
                 let error = warping_error([before.warp(&before.image), truth.warp(&truth.image)])?;
@@ -123,6 +128,7 @@ impl<'a> GroundTruth<'a> {
             warping_error: Subset::EACH.map(|subset| mean(&warping[subset as usize])),
             motion_px_per_displayed_frame: mean(&displayed),
             motion_px_per_rendered_frame: mean(&rendered),
+            edge_share: mean(&edge_shares),
         })
     }
 

@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+use gs3::Stage;
 use gs3_scene::Image;
 use serde::{Deserialize, Serialize};
 
@@ -13,7 +14,8 @@ use super::timeline::Timeline;
 use crate::methods::{Durations, Method};
 use crate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
 use crate::metrics::{
-    Border, Quantisation, Viewing, color_video_vdp, flicker, flip, psnr, ssim, tpsnr, warping_error,
+    Border, Quantisation, Viewing, block_rmse_p99, color_video_vdp, edge_psnr, flicker, flip, psnr, ssim,
+    tpsnr, warping_error,
 };
 use crate::report::png_rgb8;
 
@@ -31,6 +33,11 @@ pub struct FrameScore {
     pub ssim: f64,
     /// Mean ꟻLIP.
     pub flip: f64,
+    /// PSNR in dB, capped, of the pixels near depth discontinuities of the native frame; none where it has no such
+    /// pixels.
+    pub edge_psnr: Option<f64>,
+    /// 99th percentile of the RMSE of 8×8 blocks, in `[0, 255]`.
+    pub block_rmse_p99: f64,
 }
 
 /// A detail of a displayed frame.
@@ -56,9 +63,12 @@ pub struct MethodScore {
     /// Flicker of the triples of consecutive frames of each subset.
     pub flicker: [Vec<f64>; 3],
     /// Milliseconds of the stages of every rendered frame but the first, in the order of [`gs3::Stage::ALL`].
-    pub stage_ms: Vec<[Option<f64>; 3]>,
+    pub stage_ms: Vec<[Option<f64>; Stage::ALL.len()]>,
     /// Milliseconds of native rendering beside them, frame by frame.
     pub native_ms: Vec<f64>,
+    /// Share of the pixels of every rendered frame that the method rasterized exactly beside its LR frame, in `[0, 1]`;
+    /// empty for methods that rasterize none so.
+    pub refined_share: Vec<f64>,
     /// ColorVideoVDP of all frames in JOD, where it was asked for.
     pub jod: Option<f64>,
     /// A detail of one rendered frame and of the frame before it.
@@ -109,6 +119,7 @@ pub(super) fn judge(
             shown.between.filter(|_| i > 0).map(|image| Arc::new(image.clone())),
             Arc::new(shown.current.clone()),
         );
+        score.refined_share.extend(method.refined_share());
         // The first frame has nothing before it, so a method that interpolates does less there.
         if i > 0 {
             score.stage_ms.push(milliseconds(method.durations()));
@@ -152,6 +163,9 @@ fn frame_score(displayed: usize, frame: &Displayed) -> Result<FrameScore, Evalua
         psnr: psnr(reference, test, Quantisation::None)?.min(PSNR_CAP),
         ssim: ssim(reference, test, Border::Crop)?,
         flip: flip(reference, test, DEFAULT_PIXELS_PER_DEGREE)?,
+        edge_psnr: edge_psnr(reference, test, &frame.truth.edges, Quantisation::None)?
+            .map(|psnr| psnr.min(PSNR_CAP)),
+        block_rmse_p99: block_rmse_p99(reference, test, Quantisation::None)?,
     })
 }
 
@@ -186,7 +200,7 @@ fn middle(image: &Image, (width, height): (usize, usize)) -> Image {
     Image::from_pixels(width, height, pixels.collect()).unwrap_or_default()
 }
 
-fn milliseconds(durations: Durations) -> [Option<f64>; 3] {
+fn milliseconds(durations: Durations) -> [Option<f64>; Stage::ALL.len()] {
     durations.map(|d| d.map(|d| d.as_secs_f64() * 1e3))
 }
 

@@ -21,10 +21,9 @@ impl Machine {
     /// This machine.
     #[must_use]
     pub fn this() -> Self {
-        let simd = format!("{:?}", fearless_simd::Level::new());
         Self {
             processor: processor().unwrap_or_else(|| "unknown".into()),
-            simd: simd.split('(').next().unwrap_or_default().to_owned(),
+            simd: gs3_simd::name(gs3_simd::level()).to_owned(),
             cores: std::thread::available_parallelism().map_or(1, usize::from),
             threads: rayon::current_num_threads(),
             system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),

@@ -131,6 +131,11 @@ pub enum Event<'a> {
         /// All frames.
         total: usize,
     },
+    /// Photos of a capture have no file; the others are judged.
+    PhotosMissing {
+        /// Their names, at least one.
+        names: &'a [String],
+    },
     /// Rendered frame `done` of `total` of a method is judged.
     Method {
         /// The method.

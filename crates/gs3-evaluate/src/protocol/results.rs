@@ -1,5 +1,6 @@
 //! What a run found: `results.json`.
 
+use gs3::Stage;
 use serde::{Deserialize, Serialize};
 
 use super::judge::{MethodScore, PSNR_CAP};
@@ -7,6 +8,8 @@ use super::machine::Machine;
 use super::timeline::Timeline;
 use super::{EvaluateError, Protocol};
 use crate::methods::{Formation, MethodSpec, Spatial};
+use crate::metrics::blocks::BLOCK;
+use crate::metrics::edges::{DEPTH_STEP, EDGE_REACH};
 use crate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
 
 /// Which of the displayed frames a figure is about.
@@ -55,6 +58,8 @@ pub struct TruthFacts {
     pub motion_px_per_displayed_frame: Option<f64>,
     /// The same between rendered frames.
     pub motion_px_per_rendered_frame: Option<f64>,
+    /// Share of the pixels that edge PSNR looks at, in `[0, 1]`; mean over the frames.
+    pub edge_share: Option<f64>,
 }
 
 /// Median and 99th percentile of a duration, in milliseconds.
@@ -88,6 +93,10 @@ pub struct ResultRow {
     pub ssim: f64,
     /// Mean ꟻLIP.
     pub flip: f64,
+    /// Mean PSNR in dB near depth discontinuities, of frames that have some.
+    pub edge_psnr: Option<f64>,
+    /// Mean over the frames of the 99th percentile of the RMSE of 8×8 blocks, in `[0, 255]`.
+    pub block_rmse_p99: f64,
     /// Mean PSNR of frame differences in dB.
     pub tpsnr: Option<f64>,
     /// Mean warping error; the ground truth's own stands in the protocol's facts.
@@ -105,12 +114,17 @@ pub struct ResultRow {
     pub lr_formation: Option<String>,
     /// Whether the LR frames were jittered.
     pub lr_jitter: bool,
+    /// Mean share of the pixels of a rendered frame that were rasterized exactly beside the LR frame, in `[0, 1]`; none
+    /// for methods that rasterize none so.
+    pub refined_share: Option<f64>,
     /// Number of frames.
     pub frames: usize,
     /// Rasterizing a frame.
     pub rasterize: Option<StageStatistics>,
     /// Super-sampling it.
     pub super_sample: Option<StageStatistics>,
+    /// Exact pixels.
+    pub refine: Option<StageStatistics>,
     /// Making the frame between.
     pub interpolate: Option<StageStatistics>,
     /// All of it, per rendered frame.
@@ -250,8 +264,9 @@ fn speed(spec: MethodSpec, score: &MethodScore) -> Option<f64> {
 fn rows(spec: MethodSpec, score: &MethodScore, native: Option<f64>) -> Vec<ResultRow> {
     let mean =
         |values: &[f64]| (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
-    let stage =
-        |i: usize| StageStatistics::of(score.stage_ms.iter().filter_map(|stages| stages[i]).collect());
+    let stage = |s: Stage| {
+        StageStatistics::of(score.stage_ms.iter().filter_map(|stages| stages[s as usize]).collect())
+    };
     let (fps, speed) = (displayed_fps(spec, score), speed(spec, score));
     let row = |subset: Subset| {
         let frames: Vec<_> = score.frames.iter().filter(|f| subset.holds(f.displayed)).collect();
@@ -263,6 +278,8 @@ fn rows(spec: MethodSpec, score: &MethodScore, native: Option<f64>) -> Vec<Resul
             psnr: mean_of(&|i| frames[i].psnr)?,
             ssim: mean_of(&|i| frames[i].ssim)?,
             flip: mean_of(&|i| frames[i].flip)?,
+            edge_psnr: mean(&frames.iter().filter_map(|f| f.edge_psnr).collect::<Vec<_>>()),
+            block_rmse_p99: mean_of(&|i| frames[i].block_rmse_p99)?,
             tpsnr: mean(&score.tpsnr[index]),
             warping_error: mean(&score.warping_error[index]),
             flicker: mean(&score.flicker[index]),
@@ -271,10 +288,12 @@ fn rows(spec: MethodSpec, score: &MethodScore, native: Option<f64>) -> Vec<Resul
             speedup_over_native: speed.zip(native).map(|(speed, native)| speed / native),
             lr_formation: (spec.spatial != Spatial::Native).then(|| spec.formation.name().to_owned()),
             lr_jitter: spec.spatial.is_jittered(),
+            refined_share: mean(&score.refined_share),
             frames: frames.len(),
-            rasterize: stage(0),
-            super_sample: stage(1),
-            interpolate: stage(2),
+            rasterize: stage(Stage::Rasterize),
+            super_sample: stage(Stage::SuperSample),
+            refine: stage(Stage::Refine),
+            interpolate: stage(Stage::Interpolate),
             total: totals(spec, score),
         })
     };
@@ -306,6 +325,15 @@ fn facts(protocol: &Protocol, timeline: &Timeline, truth: TruthFacts) -> Protoco
             format!("PSNR: one mean squared error over all RGB of a frame, mean over frames, capped at {PSNR_CAP} dB."),
             "SSIM: 11×11 Gaussian, σ = 1.5, biased, borders cropped (scikit-image).".into(),
             format!("FLIP: LDR, {DEFAULT_PIXELS_PER_DEGREE:.2} pixels per degree, mean error."),
+            format!(
+                "Edge PSNR: PSNR of the pixels within {EDGE_REACH} columns and rows of two neighbours whose native median depths \
+                 differ by more than {:.0} % of the nearer, or just one of which shows anything; mean over frames.",
+                100.0 * DEPTH_STEP
+            ),
+            format!(
+                "Block p99: the 99th percentile of the RMSE over RGB of the {BLOCK}×{BLOCK} blocks of a frame, of 255; mean over \
+                 frames."
+            ),
             "tPSNR: PSNR of the differences of consecutive frames of the subset.".into(),
             "Warping error: mean squared RGB distance along exact motion, where visible in both frames.".into(),
             "Flicker: rms of the error's part that alternates from frame to frame.".into(),
@@ -338,8 +366,15 @@ mod tests {
     #[test]
     fn speed_ups_compare_what_ran_at_the_same_time() {
         let score = |ms: f64, native_ms: f64| MethodScore {
-            frames: vec![FrameScore { displayed: 0, psnr: 30.0, ssim: 0.9, flip: 0.1 }],
-            stage_ms: vec![[Some(ms), None, None]; 3],
+            frames: vec![FrameScore {
+                displayed: 0,
+                psnr: 30.0,
+                ssim: 0.9,
+                flip: 0.1,
+                edge_psnr: Some(25.0),
+                block_rmse_p99: 20.0,
+            }],
+            stage_ms: vec![[Some(ms), None, None, None]; 3],
             native_ms: vec![native_ms; 3],
             ..MethodScore::default()
         };

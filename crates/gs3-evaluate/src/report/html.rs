@@ -108,7 +108,7 @@ fn rows(results: &Results) -> Vec<MethodRows<'_>> {
     results.scores.iter().enumerate().filter_map(rows).collect()
 }
 
-const COLUMNS: [Column; 11] = [
+const COLUMNS: [Column; 14] = [
     Column {
         title: "PSNR<br>rendered",
         value: |m| Some(m.rendered?.psnr),
@@ -129,6 +129,18 @@ const COLUMNS: [Column; 11] = [
     },
     Column { title: "SSIM", value: |m| Some(m.all.ssim), write: |v| format!("{v:.4}"), wins: Wins::Most },
     Column { title: "FLIP", value: |m| Some(m.all.flip), write: |v| format!("{v:.4}"), wins: Wins::Least },
+    Column {
+        title: "Edge<br>PSNR",
+        value: |m| m.all.edge_psnr,
+        write: |v| format!("{v:.2}"),
+        wins: Wins::Most,
+    },
+    Column {
+        title: "Block<br>p99",
+        value: |m| Some(m.all.block_rmse_p99),
+        write: |v| format!("{v:.2}"),
+        wins: Wins::Least,
+    },
     Column { title: "tPSNR", value: |m| m.all.tpsnr, write: |v| format!("{v:.2}"), wins: Wins::Most },
     Column {
         title: "Warping<br>error",
@@ -138,6 +150,12 @@ const COLUMNS: [Column; 11] = [
     },
     Column { title: "Flicker", value: |m| m.all.flicker, write: |v| format!("{v:.4}"), wins: Wins::Least },
     Column { title: "JOD", value: |m| m.all.jod, write: |v| format!("{v:.2}"), wins: Wins::Most },
+    Column {
+        title: "Refined",
+        value: |m| m.all.refined_share,
+        write: |v| format!("{:.1} %", 100.0 * v),
+        wins: Wins::None,
+    },
     Column {
         title: "Displayed<br>FPS",
         value: |m| m.all.displayed_fps,
@@ -197,9 +215,11 @@ fn quality(results: &Results) -> String {
         "<div class=\"card\"><table><thead><tr><th>Method</th><th>LR frames</th>{titles}</tr></thead><tbody>{body}</tbody></table></div>\
          <p class=\"soft\">Rendered: frames at rendered poses. Between: frames half-way between them. All: every frame that the \
          method displays; the columns from SSIM on are over all. The ground truth's own warping error is {} between displayed \
-         frames ({} between rendered ones). Bold: the best but native.</p>",
+         frames ({} between rendered ones). Edge PSNR looks at {} of the pixels, near depth discontinuities; block p99 is the \
+         99th percentile of the RMSE of 8×8 blocks, of 255. Bold: the best but native.</p>",
         truth(Subset::All),
         truth(Subset::SuperSampled),
+        results.protocol.truth.edge_share.map_or_else(|| "–".into(), |v| format!("{:.1} %", 100.0 * v)),
     )
 }
 
@@ -236,15 +256,22 @@ fn curves(results: &Results) -> String {
             )
         })
         .collect();
-    type Value = fn(&FrameScore) -> f64;
-    let values: [(&str, Value); 3] = [("PSNR, dB", |f| f.psnr), ("SSIM", |f| f.ssim), ("FLIP", |f| f.flip)];
+    type Value = fn(&FrameScore) -> Option<f64>;
+    let values: [(&str, Value); 5] = [
+        ("PSNR, dB", |f| Some(f.psnr)),
+        ("SSIM", |f| Some(f.ssim)),
+        ("FLIP", |f| Some(f.flip)),
+        ("edge PSNR, dB", |f| f.edge_psnr),
+        ("block p99, of 255", |f| Some(f.block_rmse_p99)),
+    ];
     let plots: String = (values.iter())
         .map(|(name, value)| {
             let series: Vec<Series> = contenders()
                 .map(|(method, (name, score))| {
                     let first = results.protocol.frames[0] as f64;
-                    let points =
-                        score.frames.iter().map(|f| (first + f.displayed as f64 / 2.0, value(f))).collect();
+                    let points = (score.frames.iter())
+                        .filter_map(|f| Some((first + f.displayed as f64 / 2.0, value(f)?)))
+                        .collect();
                     Series { method, name: escape(name), points }
                 })
                 .collect();
@@ -304,11 +331,13 @@ fn stages(results: &Results) -> String {
     let body: String = (rows(results).iter())
         .map(|m| {
             let cells: String =
-                [m.all.rasterize, m.all.super_sample, m.all.interpolate, m.all.total].map(cell).concat();
+                [m.all.rasterize, m.all.super_sample, m.all.refine, m.all.interpolate, m.all.total]
+                    .map(cell)
+                    .concat();
             format!("<tr><td>{}{}</td>{cells}</tr>", dot(m.index), escape(m.name))
         })
         .collect();
-    let titles: String = ["Rasterize", "Super sample", "Interpolate", "All"]
+    let titles: String = ["Rasterize", "Super sample", "Refine", "Interpolate", "All"]
         .map(|t| format!("<th>{t}<br>median</th><th>99 %</th>"))
         .concat();
     format!(

@@ -24,12 +24,16 @@ pub fn markdown(results: &Results) -> String {
     );
     let has_jod = results.results.iter().any(|row| row.jod.is_some());
     let jod = |value: String| if has_jod { format!(" {value} |") } else { String::new() };
+    let has_refined = results.results.iter().any(|row| row.refined_share.is_some());
+    let refined = |value: String| if has_refined { format!(" {value} |") } else { String::new() };
     let _ = writeln!(
         text,
-        "| method | PSNR rendered | PSNR between | SSIM | FLIP | tPSNR | warping error |{} displayed FPS | × native |\n\
-         |---|--:|--:|--:|--:|--:|--:|{}--:|--:|",
+        "| method | PSNR rendered | PSNR between | SSIM | FLIP | edge PSNR | block p99 | tPSNR | warping error |{}{} displayed \
+         FPS | × native |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|{}{}--:|--:|",
         jod("JOD".into()),
+        refined("refined".into()),
         if has_jod { "--:|" } else { "" },
+        if has_refined { "--:|" } else { "" },
     );
     for (method, _) in &results.scores {
         let Some(all) = results.row(method, Subset::All) else { continue };
@@ -37,22 +41,26 @@ pub fn markdown(results: &Results) -> String {
         // Writing to a string does not fail.
         let _ = writeln!(
             text,
-            "| {method} | {} | {} | {} | {} | {} | {} |{} {} | {} |",
+            "| {method} | {} | {} | {} | {} | {} | {} | {} | {} |{}{} {} | {} |",
             psnr(Subset::SuperSampled),
             psnr(Subset::Interpolated),
             number(Some(all.ssim), 4),
             number(Some(all.flip), 4),
+            number(all.edge_psnr, 2),
+            number(Some(all.block_rmse_p99), 2),
             number(all.tpsnr, 2),
             all.warping_error.map_or_else(|| "–".into(), |v| format!("{v:.2e}")),
             jod(number(all.jod, 2)),
+            refined(all.refined_share.map_or_else(|| "–".into(), |share| format!("{:.1} %", 100.0 * share))),
             number(all.displayed_fps, 2),
             number(all.speedup_over_native, 2),
         );
     }
     let _ = writeln!(
         text,
-        "\nPSNR is of rendered frames and of those between apart, all else of all frames shown. × native: of native frames \
-         timed in turn with the method's, not of the row above."
+        "\nPSNR is of rendered frames and of those between apart, all else of all frames shown. Edge PSNR: of pixels near depth \
+         discontinuities. Block p99: 99th percentile of the RMSE of 8×8 blocks, of 255. × native: of native frames timed in turn \
+         with the method's, not of the row above."
     );
     for failure in &results.failures {
         let _ = writeln!(text, "\n{} failed: {}", failure.method, failure.error);

@@ -7,7 +7,7 @@
 //! shaders.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, dispatch, f32x16};
+use fearless_simd::{dispatch, f32x16};
 use gs3_scene::{GBuffer, Image, Planes};
 use rayon::prelude::*;
 
@@ -69,7 +69,7 @@ const CROSSES: [[usize; 5]; 4] = [[B, E, F, G, J], [C, F, G, H, K], [F, I, J, K,
 
 fn easu(lr: &Padded, scale: u32, jitter: [f32; 2], out: &mut Image) {
     let [xs, ys] = jitter.map(|jitter| phases(scale, jitter));
-    let level = Level::new();
+    let level = gs3_simd::level();
     let width = out.width();
     out.pixels_mut().par_chunks_exact_mut(width).enumerate().for_each_init(
         || PhaseRow::new(scale, lr),
@@ -181,7 +181,7 @@ fn rcas(image: &Image, sharpness: f32, planar: &mut Planes<3>, out: &mut Image) 
     let mut padded = Padded::default();
     padded.fill(planar, |v| v);
     let padded = &padded;
-    let level = Level::new();
+    let level = gs3_simd::level();
     out.pixels_mut().par_chunks_exact_mut(width).enumerate().for_each_init(
         || PhaseRow::new(1, padded),
         |phase_row, (y, row)| {

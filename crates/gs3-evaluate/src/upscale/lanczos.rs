@@ -1,7 +1,7 @@
 //! Lanczos-3 interpolation.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, dispatch, f32x16};
+use fearless_simd::{dispatch, f32x16};
 use gs3_scene::{GBuffer, Image};
 use rayon::prelude::*;
 
@@ -25,7 +25,7 @@ impl Upscaler for Lanczos {
             phases(scale, jitter).into_iter().map(|p| (p, weights(p.fraction))).collect::<Vec<_>>()
         });
         let padded = &self.lr;
-        let level = Level::new();
+        let level = gs3_simd::level();
         let scratch = || (vec![0.0; padded.row(0, 0).len()], PhaseRow::new(scale, padded));
         out.pixels_mut().par_chunks_exact_mut(lr.width() * scale as usize).enumerate().for_each_init(
             scratch,

@@ -1,7 +1,7 @@
 //! The best linear map from the neighbourhood of an LR sample, gradients included, to its HR block, in closed form.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, dispatch, f32x16};
+use fearless_simd::{dispatch, f32x16};
 use gs3_raster::Outputs;
 use gs3_scene::{GBuffer, Gradients, Image};
 use rayon::prelude::*;
@@ -99,7 +99,7 @@ impl Upscaler for RidgeMap {
         let scale = scale as usize;
         let width = out.width();
         let this = &*self;
-        let level = Level::new();
+        let level = gs3_simd::level();
         out.pixels_mut().par_chunks_exact_mut(scale * width).enumerate().for_each_init(
             || vec![PhaseRow::new(this.scale, &this.color); scale],
             |phase_rows, (y, rows)| {

@@ -100,7 +100,7 @@ impl Differentiator {
         for name in inputs {
             wanted.push(images::input(graph, name)?.index());
         }
-        Ok(Self { plan: Arc::new(Plan::new(graph, shapes, &wanted)), level: Level::new() })
+        Ok(Self { plan: Arc::new(Plan::new(graph, shapes, &wanted)), level: gs3_simd::level() })
     }
 
     /// The shape of the input `name`.

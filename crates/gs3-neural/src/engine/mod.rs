@@ -108,7 +108,7 @@ impl Engine {
         let arena = vec![Block::default(); plan.arena];
         let rings = vec![vec![Block::default(); plan.ring]; plan.slabs];
         let image_of = vec![0; shapes.len()];
-        Ok(Self { graph: graph.clone(), shapes, plan, arena, rings, image_of, level: Level::new() })
+        Ok(Self { graph: graph.clone(), shapes, plan, arena, rings, image_of, level: gs3_simd::level() })
     }
 
     /// Bytes of all results in flight.

@@ -5,10 +5,11 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
+use super::grid::Grid;
 use super::project::Projected;
 use crate::settings::Culling;
 
-/// Tile size in pixels. 32×16 keeps a tile's blending state (up to 22 values a pixel) near the first-level cache,
+/// Tile size in samples. 32×16 keeps a tile's blending state (up to 22 values a pixel) near the first-level cache,
 /// gives bands of 16 rows to share among threads, and its 4×4 blocks fill a 32-bit mask.
 pub const TILE_WIDTH: usize = 32;
 /// See [`TILE_WIDTH`].
@@ -47,48 +48,7 @@ pub struct Bins {
 
 /// Most entries of bins at once, where more than a row of tiles has fewer: 128 MiB of ids, and as much again while lists
 /// grow. Frames of captures have up to a tenth. Beyond, a frame is made in bands of rows.
-const MOST_ENTRIES: u64 = 1 << 25;
-
-/// Bands of a grid of `columns`×`rows` tiles, in order, of which each has at most `most` entries, or is one row high.
-fn row_groups(jobs: &[Projected], columns: usize, rows: usize, most: u64) -> Vec<Range<usize>> {
-    let splats: u64 = jobs.iter().map(|job| job.rects.len() as u64).sum();
-    if splats.saturating_mul((columns * rows) as u64) <= most {
-        return std::iter::once(0..rows).collect();
-    }
-    // How many entries each row has at most, as differences from the row before: by the splats' boxes.
-    let differences = jobs
-        .par_iter()
-        .fold(
-            || vec![0_i64; rows + 1],
-            |mut differences, job| {
-                for rect in &job.rects {
-                    let width = (rect.x1 as usize - 1) / TILE_WIDTH - rect.x0 as usize / TILE_WIDTH + 1;
-                    differences[rect.y0 as usize / TILE_HEIGHT] += width as i64;
-                    differences[(rect.y1 as usize - 1) / TILE_HEIGHT + 1] -= width as i64;
-                }
-                differences
-            },
-        )
-        .reduce(
-            || vec![0; rows + 1],
-            |mut sum, differences| {
-                sum.iter_mut().zip(differences).for_each(|(a, b)| *a += b);
-                sum
-            },
-        );
-    let mut groups = Vec::new();
-    let (mut start, mut entries, mut of_row) = (0, 0, 0);
-    for (row, difference) in differences[..rows].iter().enumerate() {
-        of_row += difference;
-        if row > start && entries + of_row > most as i64 {
-            groups.push(start..row);
-            (start, entries) = (row, 0);
-        }
-        entries += of_row;
-    }
-    groups.push(start..rows);
-    groups
-}
+pub const MOST_ENTRIES: u64 = 1 << 25;
 
 impl Bins {
     /// The splats of `tile`, in scene order: a slice for each run of jobs, empty where none of them touches it.
@@ -97,13 +57,51 @@ impl Bins {
         self.runs.iter().map(move |tiles| &tiles[tile - self.first_tile][..])
     }
 
-    /// Bands of rows of a `columns`×`rows` grid of tiles, in order, whose entries have room together.
-    pub fn bands(jobs: &[Projected], columns: usize, rows: usize) -> Vec<Range<usize>> {
-        row_groups(jobs, columns, rows, MOST_ENTRIES)
+    /// Bands of rows of tiles of `grid`, in order, each with at most `most` entries or one row high.
+    pub fn bands(jobs: &[Projected], grid: &Grid, most: u64) -> Vec<Range<usize>> {
+        let ([columns, rows], [width, height]) = (grid.tiles(), grid.tile_size());
+        let splats: u64 = jobs.iter().map(|job| job.rects.len() as u64).sum();
+        if splats.saturating_mul((columns * rows) as u64) <= most {
+            return std::iter::once(0..rows).collect();
+        }
+        // How many entries each row has at most, as differences from the row before: by the splats' boxes.
+        let differences = jobs
+            .par_iter()
+            .fold(
+                || vec![0_i64; rows + 1],
+                |mut differences, job| {
+                    for rect in &job.rects {
+                        let tiles = (rect.x1 as usize - 1) / width - rect.x0 as usize / width + 1;
+                        differences[rect.y0 as usize / height] += tiles as i64;
+                        differences[(rect.y1 as usize - 1) / height + 1] -= tiles as i64;
+                    }
+                    differences
+                },
+            )
+            .reduce(
+                || vec![0; rows + 1],
+                |mut sum, differences| {
+                    sum.iter_mut().zip(differences).for_each(|(a, b)| *a += b);
+                    sum
+                },
+            );
+        let mut groups = Vec::new();
+        let (mut start, mut entries, mut of_row) = (0, 0, 0);
+        for (row, difference) in differences[..rows].iter().enumerate() {
+            of_row += difference;
+            if row > start && entries + of_row > most as i64 {
+                groups.push(start..row);
+                (start, entries) = (row, 0);
+            }
+            entries += of_row;
+        }
+        groups.push(start..rows);
+        groups
     }
 
-    /// Fills the bins of the rows `rows` of a grid of tiles, `columns` wide.
-    pub fn fill(&mut self, jobs: &[Projected], columns: usize, rows: Range<usize>, culling: Culling) {
+    /// Fills the bins of the tiles of `grid` in the rows `rows`.
+    pub fn fill(&mut self, jobs: &[Projected], grid: &Grid, rows: Range<usize>, culling: Culling) {
+        let [columns, _] = grid.tiles();
         self.first_tile = rows.start * columns;
         let (first_tile, count) = (self.first_tile, rows.len() * columns);
         let runs = balanced_runs(jobs, rayon::current_num_threads());
@@ -115,7 +113,7 @@ impl Bins {
             for (job, projected) in run.clone().zip(&jobs[run]) {
                 for local in 0..projected.splats.len() {
                     let id = Id::new(job, local);
-                    for_each_tile(projected, local, culling, columns, &rows, |tile| {
+                    for_each_tile(projected, local, culling, grid, &rows, |tile| {
                         tiles[tile - first_tile].push(id);
                     });
                 }
@@ -149,18 +147,19 @@ fn for_each_tile(
     job: &Projected,
     local: usize,
     culling: Culling,
-    columns: usize,
+    grid: &Grid,
     rows: &Range<usize>,
     mut visit: impl FnMut(usize),
 ) {
+    let ([columns, _], [width, height]) = (grid.tiles(), grid.tile_size());
     let rect = job.rects[local];
-    let (first_x, last_x) = (rect.x0 as usize / TILE_WIDTH, (rect.x1 as usize - 1) / TILE_WIDTH);
-    let (top_y, bottom_y) = (rect.y0 as usize / TILE_HEIGHT, (rect.y1 as usize - 1) / TILE_HEIGHT);
-    let (first_y, last_y) = (top_y.max(rows.start), (bottom_y + 1).min(rows.end));
-    if last_y <= first_y {
+    let (first_x, last_x) = (rect.x0 as usize / width, (rect.x1 as usize - 1) / width);
+    let (top_y, bottom_y) = (rect.y0 as usize / height, (rect.y1 as usize - 1) / height);
+    let (first_y, end_y) = (top_y.max(rows.start), (bottom_y + 1).min(rows.end));
+    if end_y <= first_y {
         return;
     }
-    let last_y = last_y - 1;
+    let last_y = end_y - 1;
     if first_x == last_x && top_y == bottom_y {
         visit(first_y * columns + first_x);
         return;
@@ -175,16 +174,20 @@ fn for_each_tile(
         return;
     }
     let splat = &job.splats[local];
+    // From places counted from the first pixel to positions.
+    let [before_x, before_y] = grid.before.map(|pixels| pixels as f32);
     for y in first_y..=last_y {
-        let (top, bottom) = ((y * TILE_HEIGHT) as f32, ((y + 1) * TILE_HEIGHT - 1) as f32);
+        let top = (y * height) as f32 - before_y;
+        let bottom = top + (height - 1) as f32;
         let (mut from, mut to) = (first_x, last_x);
         if culling == Culling::AccuTile {
             let [left, right] = splat.x_span(top, bottom);
-            from = from.max((left.max(0.0) as usize) / TILE_WIDTH);
-            to = to.min((right.max(0.0) as usize) / TILE_WIDTH);
+            from = from.max(((left + before_x).max(0.0) as usize) / width);
+            to = to.min(((right + before_x).max(0.0) as usize) / width);
         }
         for x in from..=to {
-            let (left, right) = ((x * TILE_WIDTH) as f32, ((x + 1) * TILE_WIDTH - 1) as f32);
+            let left = (x * width) as f32 - before_x;
+            let right = left + (width - 1) as f32;
             if culling != Culling::Exact || splat.reaches(left, top, right, bottom) {
                 visit(y * columns + x);
             }
@@ -205,9 +208,12 @@ mod tests {
         let mut rects = vec![rect(0, 0, 128, 160)];
         rects.extend([rect(0, 48, 128, 64); 10]);
         let jobs = [Projected { rects, ..Projected::default() }];
-        assert_eq!(row_groups(&jobs, 4, 10, 1000), std::iter::once(0..10).collect::<Vec<_>>());
-        assert_eq!(row_groups(&jobs, 4, 10, 12), [0..3, 3..4, 4..7, 7..10]);
-        assert_eq!(row_groups(&jobs, 4, 10, 1).len(), 10);
-        assert_eq!(row_groups(&[], 4, 0, 1), std::iter::once(0..0).collect::<Vec<_>>());
+        let grid = Grid::native([128, 160]);
+        assert_eq!(Bins::bands(&jobs, &grid, 1000), std::iter::once(0..10).collect::<Vec<_>>());
+        assert_eq!(Bins::bands(&jobs, &grid, 12), [0..3, 3..4, 4..7, 7..10]);
+        assert_eq!(Bins::bands(&jobs, &grid, 1).len(), 10);
+        // Tiles of a coarser frame span more pixels: five rows of two columns, the ten splats in the second.
+        let coarse = Grid { stride: 2, size: [64, 80], ..grid };
+        assert_eq!(Bins::bands(&jobs, &coarse, 6), [0..1, 1..2, 2..5]);
     }
 }

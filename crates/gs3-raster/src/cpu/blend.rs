@@ -7,7 +7,8 @@
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*};
 
 use super::bin::{Bins, TILE_HEIGHT, TILE_WIDTH};
-use super::cover::{BLOCK, BLOCKS, BLOCKS_X, BLOCKS_Y, Cover, RUN};
+use super::cover::{BLOCK, BLOCKS, BLOCKS_X, BlockPlaces, Cover, RUN};
+use super::grid::Grid;
 use super::math::exp2;
 use super::order::DepthOrder;
 use super::project::{HALF_LOG2_E_SQRT, Projected, lanes};
@@ -56,10 +57,12 @@ pub struct Block(pub [[f32; 16]; plane::COUNT]);
 
 /// What [`blend_tile`] computes; kernels are compiled once for each.
 pub const COLOR: usize = 0;
-/// With gradients, depth and normal.
-pub const GBUFFER: usize = 1;
+/// With gradients and median depth: what a sample of the history has.
+pub const SAMPLE: usize = 1;
+/// With mean depth and normal too.
+pub const GBUFFER: usize = 2;
 /// With the mixed derivative too.
-pub const GBUFFER_MIXED: usize = 2;
+pub const GBUFFER_MIXED: usize = 3;
 
 /// State of a tile and its splats in order; one per thread, reused.
 pub struct TileScratch {
@@ -68,8 +71,19 @@ pub struct TileScratch {
     pub order: DepthOrder,
     /// In scene order.
     pub splats: Vec<Splat>,
-    geometry: Vec<SplatGeometry>,
+    pub geometry: Vec<SplatGeometry>,
     pub cover: Box<Cover>,
+}
+
+impl TileScratch {
+    /// Takes a splat of a projection job.
+    #[inline(always)]
+    pub fn take<const OUTPUTS: usize>(&mut self, job: &Projected, local: usize) {
+        self.splats.push(job.splats[local]);
+        if OUTPUTS != COLOR {
+            self.geometry.push(job.geometry[local]);
+        }
+    }
 }
 
 impl Default for TileScratch {
@@ -84,46 +98,62 @@ impl Default for TileScratch {
     }
 }
 
-/// Blends tile `(column, row)` of an image of `size` pixels into `scratch.blocks`.
+/// Blends tile `tile` of `grid` into `scratch.blocks`, all its blocks.
 #[inline(always)]
 pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
     s: S,
     jobs: &[Projected],
     bins: &Bins,
-    [column, row]: [usize; 2],
-    [width, height]: [usize; 2],
+    tile: [usize; 2],
+    grid: &Grid,
     scratch: &mut TileScratch,
 ) {
-    let (x0, y0) = (column * TILE_WIDTH, row * TILE_HEIGHT);
-    let mut open = start_tile::<OUTPUTS>(&mut scratch.blocks, width - x0, height - y0);
-    let columns = width.div_ceil(TILE_WIDTH);
-    let TileScratch { blocks, order, splats, geometry, cover } = scratch;
+    let [width, height] = grid.size;
+    let open = start_tile::<OUTPUTS>(
+        &mut scratch.blocks,
+        width - tile[0] * TILE_WIDTH,
+        height - tile[1] * TILE_HEIGHT,
+    );
+    let [columns, _] = grid.tiles();
     // All of the tile's splats are copied in scene order, near the order of memory, and only then visited by depth:
     // the random accesses stay within the second-level cache.
-    splats.clear();
-    geometry.clear();
-    for ids in bins.of_tile(row * columns + column) {
+    scratch.splats.clear();
+    scratch.geometry.clear();
+    for ids in bins.of_tile(tile[1] * columns + tile[0]) {
         for (job, local) in ids.iter().map(|id| id.place()) {
-            splats.push(jobs[job].splats[local]);
-            if OUTPUTS != COLOR {
-                geometry.push(jobs[job].geometry[local]);
-            }
+            scratch.take::<OUTPUTS>(&jobs[job], local);
         }
     }
-    order.sort_front_to_back(splats.iter().map(|splat| splat.depth_bits));
+    scratch.order.sort_front_to_back(scratch.splats.iter().map(|splat| splat.depth_bits));
+    let places = BlockPlaces::of_tile(grid.stride as f32, grid.tile_first(tile));
+    let TileScratch { blocks, order, splats, geometry, cover, .. } = scratch;
+    blend_places::<_, OUTPUTS>(s, &places, grid, open, order.sorted(), splats, geometry, cover, blocks);
+}
 
-    for visited in order.sorted().chunks(RUN) {
-        cover.fill(s, splats, visited, [x0, y0], open);
+/// Blends the splats that `order` names, front to back, into the open ones of the blocks at `places`.
+#[inline(always)]
+pub fn blend_places<S: Simd, const OUTPUTS: usize>(
+    s: S,
+    places: &BlockPlaces,
+    grid: &Grid,
+    mut open: u32,
+    order: &[u32],
+    splats: &[Splat],
+    geometry: &[SplatGeometry],
+    cover: &mut Cover,
+    blocks: &mut [Block; BLOCKS],
+) {
+    let before = grid.before.map(|pixels| pixels as f32);
+    for visited in order.chunks(RUN) {
+        cover.fill(s, splats, visited, places, before, open);
         // Block by block, so that the state stays in registers over the run.
-        for b in 0..BLOCKS {
+        for b in 0..places.len() {
             let touching = cover.of_block(b);
             if touching.is_empty() {
                 continue;
             }
-            let sample_x = f32x16::from_slice(s, &SAMPLES_X[b % BLOCKS_X]) + lanes(s, x0 as f32);
-            let sample_y = f32x16::from_slice(s, &SAMPLES_Y[b / BLOCKS_X]) + lanes(s, y0 as f32);
             let mut state = State::load(s, &blocks[b]);
-            let finished = state.blend_run::<OUTPUTS>(s, [sample_x, sample_y], touching, splats, geometry);
+            let finished = state.blend_run::<OUTPUTS>(s, places.samples(s, b), touching, splats, geometry);
             state.store::<OUTPUTS>(&mut blocks[b]);
             if finished {
                 open &= !(1 << b);
@@ -135,32 +165,12 @@ pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
     }
 }
 
-/// Sample positions within the tile, by column and by row of blocks.
-pub static SAMPLES_X: [[f32; 16]; BLOCKS_X] = sample_positions(false);
-pub static SAMPLES_Y: [[f32; 16]; BLOCKS_Y] = sample_positions(true);
-
-const fn sample_positions<const N: usize>(along_y: bool) -> [[f32; 16]; N] {
-    let mut positions = [[0.0; 16]; N];
-    let mut i = 0;
-    while i < N * 16 {
-        let lane = if along_y { i % 16 / BLOCK } else { i % BLOCK };
-        positions[i / 16][i % 16] = (i / 16 * BLOCK + lane) as f32;
-        i += 1;
-    }
-    positions
-}
-
 /// Clears the state; pixels outside the image start finished. Returns the mask of blocks with open pixels.
 pub fn start_tile<const OUTPUTS: usize>(
     blocks: &mut [Block; BLOCKS],
     width_left: usize,
     height_left: usize,
 ) -> u32 {
-    let planes = match OUTPUTS {
-        COLOR => plane::ALPHA_DX,
-        GBUFFER => plane::ALPHA_DXY,
-        _ => plane::COUNT,
-    };
     let mut open = 0;
     for (b, block) in blocks.iter_mut().enumerate() {
         let (x, y) = (b % BLOCKS_X * BLOCK, b / BLOCKS_X * BLOCK);
@@ -168,13 +178,24 @@ pub fn start_tile<const OUTPUTS: usize>(
             continue;
         }
         open |= 1 << b;
-        block.0[..planes].fill([0.0; 16]);
-        for lane in 0..16 {
-            let inside = x + lane % BLOCK < width_left && y + lane / BLOCK < height_left;
-            block.0[plane::TRANSMITTANCE][lane] = if inside { 1.0 } else { 0.0 };
-        }
+        start_block::<OUTPUTS>(block, [width_left - x, height_left - y]);
     }
     open
+}
+
+/// Clears the state of a block of which `left` columns and rows lie in the image; the others start finished.
+#[inline(always)]
+pub fn start_block<const OUTPUTS: usize>(block: &mut Block, left: [usize; 2]) {
+    let planes = match OUTPUTS {
+        COLOR => plane::ALPHA_DX,
+        SAMPLE | GBUFFER => plane::ALPHA_DXY,
+        _ => plane::COUNT,
+    };
+    block.0[..planes].fill([0.0; 16]);
+    for lane in 0..16 {
+        let inside = lane % BLOCK < left[0] && lane / BLOCK < left[1];
+        block.0[plane::TRANSMITTANCE][lane] = if inside { 1.0 } else { 0.0 };
+    }
 }
 
 /// A block's state in registers.
@@ -220,13 +241,15 @@ impl<S: Simd> State<S> {
         self.transmittance.store_slice(&mut plane[plane::TRANSMITTANCE]);
         self.last.store_slice(&mut plane[plane::FINAL]);
         store3(self.color, plane, plane::COLOR);
-        if OUTPUTS >= GBUFFER {
+        if OUTPUTS >= SAMPLE {
             self.alpha_dx.store_slice(&mut plane[plane::ALPHA_DX]);
             self.alpha_dy.store_slice(&mut plane[plane::ALPHA_DY]);
             store3(self.color_dx, plane, plane::COLOR_DX);
             store3(self.color_dy, plane, plane::COLOR_DY);
-            self.distance.store_slice(&mut plane[plane::DISTANCE]);
             self.median.store_slice(&mut plane[plane::MEDIAN]);
+        }
+        if OUTPUTS >= GBUFFER {
+            self.distance.store_slice(&mut plane[plane::DISTANCE]);
             store3(self.normal, plane, plane::NORMAL);
         }
         if OUTPUTS == GBUFFER_MIXED {
@@ -257,7 +280,7 @@ impl<S: Simd> State<S> {
             for k in 0..3 {
                 self.color[k] = color[k].mul_add(weight, self.color[k]);
             }
-            if OUTPUTS >= GBUFFER {
+            if OUTPUTS >= SAMPLE {
                 // g = (A·dx + B·dy, B·dx + C·dy) from the factor; α derivatives vanish where α is capped.
                 let slope = raw.simd_lt(lanes(s, MAX_ALPHA)).select(alpha, zero) * lanes(s, UNSCALE);
                 let gx = lanes(s, splat.l11) * u;
@@ -286,12 +309,14 @@ impl<S: Simd> State<S> {
                 let geometry = &geometry[i as usize];
                 let across = lanes(s, geometry.ray_plane[1]).mul_add(dy, lanes(s, geometry.ray_distance));
                 let distance = lanes(s, geometry.ray_plane[0]).mul_add(dx, across);
-                self.distance = distance.mul_add(weight, self.distance);
                 let in_front = blended & t.simd_gt(lanes(s, 0.5));
                 self.median = in_front.select(distance, self.median);
-                let normal = lanes3(s, geometry.normal);
-                for k in 0..3 {
-                    self.normal[k] = normal[k].mul_add(weight, self.normal[k]);
+                if OUTPUTS >= GBUFFER {
+                    self.distance = distance.mul_add(weight, self.distance);
+                    let normal = lanes3(s, geometry.normal);
+                    for k in 0..3 {
+                        self.normal[k] = normal[k].mul_add(weight, self.normal[k]);
+                    }
                 }
             }
 

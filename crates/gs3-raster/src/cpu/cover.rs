@@ -1,4 +1,4 @@
-//! Which splats of a run touch which 4×4 blocks of a tile: the exact extent per row of blocks, sixteen splats at a
+//! Which splats of a run touch which blocks of 4×4 samples: the exact extent per row of blocks, sixteen splats at a
 //! time.
 
 use fearless_simd::{Simd, f32x16, prelude::*, u32x16};
@@ -6,7 +6,7 @@ use fearless_simd::{Simd, f32x16, prelude::*, u32x16};
 use super::bin::{TILE_HEIGHT, TILE_WIDTH};
 use super::splat::Splat;
 
-/// Side of a block in pixels: its sixteen pixels are the lanes of a vector.
+/// Side of a block in samples: its sixteen samples are the lanes of a vector.
 pub const BLOCK: usize = 4;
 pub const BLOCKS_X: usize = TILE_WIDTH / BLOCK;
 pub const BLOCKS_Y: usize = TILE_HEIGHT / BLOCK;
@@ -15,6 +15,89 @@ pub const BLOCKS: usize = BLOCKS_X * BLOCKS_Y;
 /// Splats handled at a time. The lists stay in the second-level cache, and a block's state is loaded and stored once
 /// for the dozens of splats of a run that touch it.
 pub const RUN: usize = 256;
+
+/// BlockPlaces of 4×4 samples that are blended together, row by row.
+#[derive(Clone, Copy, Debug)]
+pub struct BlockPlaces {
+    /// Distance between samples, pixels.
+    pub pitch: f32,
+    /// Position of the first sample of the area, pixels.
+    pub corner: [f32; 2],
+    /// Samples of the area left of the first of each block.
+    columns: [f32; BLOCKS],
+    /// Samples of the area above the first of each block.
+    lines: [f32; BLOCKS],
+    /// The rows: samples of the area above the first of the row, and the place of its first block.
+    rows: [(f32, usize); BLOCKS],
+    row_count: usize,
+    count: usize,
+}
+
+impl BlockPlaces {
+    /// No blocks yet, of samples `pitch` pixels apart.
+    pub const fn new(pitch: f32, corner: [f32; 2]) -> Self {
+        Self {
+            pitch,
+            corner,
+            columns: [0.0; BLOCKS],
+            lines: [0.0; BLOCKS],
+            rows: [(0.0, 0); BLOCKS],
+            row_count: 0,
+            count: 0,
+        }
+    }
+
+    /// All blocks of a tile, whose samples are `pitch` pixels apart from `corner` on.
+    pub fn of_tile(pitch: f32, corner: [f32; 2]) -> Self {
+        let mut blocks = Self::new(pitch, corner);
+        for b in 0..BLOCKS {
+            blocks.push([b % BLOCKS_X * BLOCK, b / BLOCKS_X * BLOCK]);
+        }
+        blocks
+    }
+
+    /// Adds the block whose first sample is in column and row `first` of the area; rows must not go back.
+    pub fn push(&mut self, first: [usize; 2]) {
+        let [column, row] = first.map(|at| at as f32);
+        if self.row_count == 0 || self.rows[self.row_count - 1].0 != row {
+            self.rows[self.row_count] = (row, self.count);
+            self.row_count += 1;
+        }
+        (self.columns[self.count], self.lines[self.count]) = (column, row);
+        self.count += 1;
+    }
+
+    /// Number of blocks, at most [`BLOCKS`].
+    pub const fn len(&self) -> usize {
+        self.count
+    }
+
+    /// Samples of the area above the first of row `row`, and its blocks.
+    #[inline(always)]
+    fn row(&self, row: usize) -> (f32, std::ops::Range<usize>) {
+        let (at, first) = self.rows[row];
+        let end = if row + 1 < self.row_count { self.rows[row + 1].1 } else { self.count };
+        (at, first..end)
+    }
+
+    /// Positions of the samples of block `b`, pixels.
+    #[inline(always)]
+    pub fn samples<S: Simd>(&self, s: S, b: usize) -> [f32x16<S>; 2] {
+        // No closure: one may be compiled without the kernel's vector instructions.
+        let x = f32x16::from_slice(s, &LANES_X) + self.columns[b];
+        let y = f32x16::from_slice(s, &LANES_Y) + self.lines[b];
+        let corner = [f32x16::splat(s, self.corner[0]), f32x16::splat(s, self.corner[1])];
+        [x.mul_add(self.pitch, corner[0]), y.mul_add(self.pitch, corner[1])]
+    }
+}
+
+/// Columns and rows of the samples of a block.
+pub static LANES_X: [f32; 16] = [0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3.];
+/// See [`LANES_X`].
+pub static LANES_Y: [f32; 16] = [0., 0., 0., 0., 1., 1., 1., 1., 2., 2., 2., 2., 3., 3., 3., 3.];
+
+/// Slack, in samples, on the edges of a splat in units of samples: they are off by 2⁻²³ of at most 256 pixels.
+const SNAP: f32 = 1e-4;
 
 /// What the extents depend on, one array per value.
 #[derive(Clone)]
@@ -69,8 +152,8 @@ impl Cover {
         &self.lists[block][..self.counts[block]]
     }
 
-    /// Makes the lists of a run, the splats that `visited` names in order, for the blocks in the bit mask `open` of a
-    /// tile at `(x0, y0)`.
+    /// Makes the lists of a run, the splats that `visited` names in order, for those of `blocks` in the bit mask `open`.
+    /// Rectangles of splats count from `before` pixels left of and above position `(0, 0)`.
     ///
     /// Over a row of blocks a support's right edge is highest at `dy_at_max_dx` or at the sample row nearest to it, the
     /// left edge by symmetry at its negative (Speedy-Splat's AccuTile, Hanson et al. 2025; see [`Splat::x_span`]).
@@ -80,20 +163,24 @@ impl Cover {
         s: S,
         splats: &[Splat],
         visited: &[u32],
-        [x0, y0]: [usize; 2],
+        blocks: &BlockPlaces,
+        before: [f32; 2],
         open: u32,
     ) {
         let zero = f32x16::splat(s, 0.0);
         self.counts = [0; BLOCKS];
         let (e, count) = (&mut self.extents, visited.len());
+        let rect_origin = [0, 1].map(|a| before[a] + blocks.corner[a]);
         for (i, &index) in visited.iter().enumerate() {
-            e.set(i, &splats[index as usize], x0 as f32, y0 as f32);
+            e.set(i, &splats[index as usize], blocks.corner, rect_origin);
         }
         let padded = count.next_multiple_of(16);
         self.run[..count].copy_from_slice(visited);
         // An empty rectangle keeps the padding off every list.
         e.rect[0][count..padded].fill(f32::INFINITY);
         e.rect[1][count..padded].fill(f32::INFINITY);
+        let per_pixel = 1.0 / blocks.pitch;
+        let last_of_block = (BLOCK - 1) as f32;
         for start in (0..padded).step_by(16) {
             let mean_x = load(s, &e.mean_x, start);
             let mean_y = load(s, &e.mean_y, start);
@@ -103,18 +190,21 @@ impl Cover {
             let support = load(s, &e.support, start);
             let dy_right = load(s, &e.dy_at_max_dx, start);
             let dy_left = zero - dy_right;
-            let (left, top) = (load(s, &e.rect[0], start), load(s, &e.rect[1], start));
-            let (right, bottom) = (load(s, &e.rect[2], start), load(s, &e.rect[3], start));
+            let (left, right) = (load(s, &e.rect[0], start), load(s, &e.rect[2], start));
+            // Rows of samples in the rectangle.
+            let top = (load(s, &e.rect[1], start) * per_pixel - SNAP).ceil();
+            let bottom = (load(s, &e.rect[3], start) * per_pixel + SNAP).floor();
             let index = u32x16::from_slice(s, &self.run[start..start + 16]);
-            for by in 0..BLOCKS_Y {
-                let row_open = open >> (by * BLOCKS_X) & ((1 << BLOCKS_X) - 1);
-                let first_row = f32x16::splat(s, (by * BLOCK) as f32);
-                let last_row = f32x16::splat(s, (by * BLOCK + BLOCK - 1) as f32);
-                let in_rows = top.simd_le(last_row) & bottom.simd_ge(first_row);
+            for row in 0..blocks.row_count {
+                let (first_row, of_row) = blocks.row(row);
+                // No shift by 32: a row ends at most at the last bit.
+                let row_open = open >> of_row.start & (u32::MAX >> (BLOCKS - of_row.len()));
+                let last_row = first_row + last_of_block;
+                let in_rows = top.simd_le(last_row) & bottom.simd_ge(first_row) & top.simd_le(bottom);
                 if row_open == 0 || !in_rows.any_true() {
                     continue;
                 }
-                let (low, high) = (mean_y - last_row, mean_y - first_row);
+                let (low, high) = (mean_y - last_row * blocks.pitch, mean_y - first_row * blocks.pitch);
                 let dy = dy_right.min(high).max(low);
                 let v = l22 * dy;
                 let half = (support - v * v).max(zero).sqrt();
@@ -126,16 +216,16 @@ impl Cover {
                 // The slack covers rounding; a block too many costs time only.
                 let slack =
                     (reach_right - reach_left).mul_add(f32x16::splat(s, 1e-5), f32x16::splat(s, 0.01));
-                let from = (mean_x - reach_right - slack).max(left);
-                let to = (mean_x - reach_left + slack).min(right);
-                for bx in 0..BLOCKS_X {
-                    if row_open >> bx & 1 == 0 {
+                // Columns of samples between the edges.
+                let from = ((mean_x - reach_right - slack).max(left) * per_pixel - SNAP).ceil();
+                let to = ((mean_x - reach_left + slack).min(right) * per_pixel + SNAP).floor();
+                let in_rows = in_rows & from.simd_le(to);
+                for block in of_row.clone() {
+                    if row_open >> (block - of_row.start) & 1 == 0 {
                         continue;
                     }
-                    let first = f32x16::splat(s, (bx * BLOCK) as f32);
-                    let last = f32x16::splat(s, (bx * BLOCK + BLOCK - 1) as f32);
-                    let touches = in_rows & from.simd_le(last) & to.simd_ge(first);
-                    let block = by * BLOCKS_X + bx;
+                    let first = blocks.columns[block];
+                    let touches = in_rows & from.simd_le(first + last_of_block) & to.simd_ge(first);
                     let end = self.counts[block];
                     index.compress(touches).store_slice(&mut self.lists[block][end..end + 16]);
                     self.counts[block] = end + touches.to_bitmask().count_ones() as usize;
@@ -146,20 +236,21 @@ impl Cover {
 }
 
 impl Extents {
-    /// Notes splat `i` of the run for a tile at `(x0, y0)`.
+    /// Notes splat `i` of the run for samples from position `corner` on, which is pixel `rect_origin` as rectangles
+    /// count.
     #[inline(always)]
-    fn set(&mut self, i: usize, splat: &Splat, x0: f32, y0: f32) {
-        self.mean_x[i] = splat.mean[0] - x0;
-        self.mean_y[i] = splat.mean[1] - y0;
+    fn set(&mut self, i: usize, splat: &Splat, corner: [f32; 2], rect_origin: [f32; 2]) {
+        self.mean_x[i] = splat.mean[0] - corner[0];
+        self.mean_y[i] = splat.mean[1] - corner[1];
         self.l21[i] = splat.l21;
         self.l22[i] = splat.l22;
         self.inv_l11[i] = splat.inv_l11;
         self.support[i] = splat.support;
         self.dy_at_max_dx[i] = splat.dy_at_max_dx;
-        self.rect[0][i] = f32::from(splat.rect.x0) - x0;
-        self.rect[1][i] = f32::from(splat.rect.y0) - y0;
-        self.rect[2][i] = f32::from(splat.rect.x1) - 1.0 - x0;
-        self.rect[3][i] = f32::from(splat.rect.y1) - 1.0 - y0;
+        self.rect[0][i] = f32::from(splat.rect.x0) - rect_origin[0];
+        self.rect[1][i] = f32::from(splat.rect.y0) - rect_origin[1];
+        self.rect[2][i] = f32::from(splat.rect.x1) - 1.0 - rect_origin[0];
+        self.rect[3][i] = f32::from(splat.rect.y1) - 1.0 - rect_origin[1];
     }
 }
 

@@ -11,8 +11,9 @@ use rayon::prelude::*;
 
 use super::Rasterizer;
 use super::bin::{Bins, TILE_HEIGHT, TILE_WIDTH};
-use super::blend::{self, Contribution, SAMPLES_X, SAMPLES_Y, TileScratch, lanes3, plane};
-use super::cover::{BLOCKS, BLOCKS_X, RUN};
+use super::blend::{self, Contribution, TileScratch, lanes3, plane};
+use super::cover::{BLOCKS, BlockPlaces, RUN};
+use super::grid::Grid;
 use super::project::{Projected, lanes};
 use super::splat::Splat;
 use crate::settings::{RasterError, RasterSettings};
@@ -103,10 +104,11 @@ impl Rasterizer {
         importance.check(self.scene.gaussians().len())?;
         let view = View::new(camera, settings, self.scene.details().near);
         self.project(&view, false, true);
-        let size = [camera.width() as usize, camera.height() as usize];
-        let (columns, rows) = (size[0].div_ceil(TILE_WIDTH), size[1].div_ceil(TILE_HEIGHT));
+        let grid = Grid::native([camera.width(), camera.height()]);
+        let [columns, _] = grid.tiles();
+        self.last = None;
         let at_once = ROWS_PER_THREAD * rayon::current_num_threads();
-        let bands = Bins::bands(&self.jobs, columns, rows);
+        let bands = Bins::bands(&self.jobs, &grid, self.most_entries);
         let parts = |band: Range<usize>| {
             let Range { start, end } = band;
             (start..end).step_by(at_once).map(move |first| first..end.min(first + at_once))
@@ -115,7 +117,7 @@ impl Rasterizer {
             bands.into_iter().flat_map(|band| parts(band.clone()).map(move |part| (band.clone(), part)))
         {
             if part.start == band.start {
-                self.bins.fill(&self.jobs, columns, band, self.culling);
+                self.bins.fill(&self.jobs, &grid, band, self.culling);
             }
             let (jobs, bins, level) = (&self.jobs, &self.bins, self.level);
             let rows: Vec<Vec<(u32, Share)>> = part
@@ -125,7 +127,7 @@ impl Rasterizer {
                     for column in 0..columns {
                         let tile = [column, row];
                         dispatch!(level, s => {
-                            scratch.measure_tile(s, jobs, bins, tile, size, settings.background);
+                            scratch.measure_tile(s, jobs, bins, tile, &grid, settings.background);
                         });
                         let places = bins.of_tile(row * columns + column).flatten().map(|id| id.place());
                         let shares = places.zip(&scratch.shares).filter(|(_, share)| share.pixels > 0);
@@ -179,20 +181,20 @@ impl Default for Scratch {
 }
 
 impl Scratch {
-    /// Fills `self.shares` for tile `(column, row)` of an image of `size` pixels.
+    /// Fills `self.shares` for tile `tile` of `grid`.
     #[inline(always)]
     fn measure_tile<S: Simd>(
         &mut self,
         s: S,
         jobs: &[Projected],
         bins: &Bins,
-        [column, row]: [usize; 2],
-        [width, height]: [usize; 2],
+        tile_place: [usize; 2],
+        grid: &Grid,
         background: [f32; 3],
     ) {
-        let size = [width, height];
-        blend::blend_tile::<_, { blend::COLOR }>(s, jobs, bins, [column, row], size, &mut self.tile);
-        let (x0, y0) = (column * TILE_WIDTH, row * TILE_HEIGHT);
+        blend::blend_tile::<_, { blend::COLOR }>(s, jobs, bins, tile_place, grid, &mut self.tile);
+        let [width, height] = grid.size;
+        let (x0, y0) = (tile_place[0] * TILE_WIDTH, tile_place[1] * TILE_HEIGHT);
         let Self { tile, pixels, shares } = self;
         start_pixels(pixels, tile, background);
         let mut open = blend::start_tile::<{ blend::COLOR }>(&mut tile.blocks, width - x0, height - y0);
@@ -202,18 +204,16 @@ impl Scratch {
         shares.clear();
         shares.resize(tile.splats.len(), Share::default());
 
+        let places = BlockPlaces::of_tile(1.0, grid.tile_first(tile_place));
         let TileScratch { order, splats, cover, .. } = tile;
         for visited in order.sorted().chunks(RUN) {
-            cover.fill(s, splats, visited, [x0, y0], open);
+            cover.fill(s, splats, visited, &places, [0.0; 2], open);
             for b in 0..BLOCKS {
                 let touching = cover.of_block(b);
                 if touching.is_empty() {
                     continue;
                 }
-                let sample = [
-                    f32x16::from_slice(s, &SAMPLES_X[b % BLOCKS_X]) + lanes(s, x0 as f32),
-                    f32x16::from_slice(s, &SAMPLES_Y[b / BLOCKS_X]) + lanes(s, y0 as f32),
-                ];
+                let sample = places.samples(s, b);
                 if pixels[b].measure(s, sample, touching, splats, shares) {
                     open &= !(1 << b);
                 }

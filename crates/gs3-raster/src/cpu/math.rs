@@ -50,11 +50,11 @@ pub fn log2<S: Simd>(s: S, x: f32x16<S>) -> f32x16<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fearless_simd::{Level, dispatch};
+    use fearless_simd::dispatch;
 
     fn apply(f: impl Fn(f64) -> f64, x: [f32; 16], exp: bool) -> Vec<(f64, f64)> {
         let mut out = [0.0f32; 16];
-        dispatch!(Level::new(), s => {
+        dispatch!(gs3_simd::level(), s => {
             let v = f32x16::from_slice(s, &x);
             if exp { exp2(s, v) } else { log2(s, v) }.store_slice(&mut out);
         });

@@ -5,8 +5,10 @@
 
 mod bin;
 pub(crate) mod blend;
+mod blocks;
 pub(crate) mod cover;
 mod geometry;
+mod grid;
 mod importance;
 mod math;
 mod order;
@@ -16,18 +18,20 @@ pub(crate) mod sh;
 pub(crate) mod splat;
 
 use std::fmt;
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use fearless_simd::{Level, dispatch};
-use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
+use gs3_scene::{BLOCK_SIDE, Camera, GBuffer, Image, Margin, Scene};
 use rayon::prelude::*;
 
 use crate::chunk::{self, CHUNK, Chunk};
 use crate::settings::{Culling, Outputs, RasterError, RasterSettings};
 use crate::view::View;
-use bin::{Bins, TILE_HEIGHT, TILE_WIDTH};
+use bin::{Bins, MOST_ENTRIES, TILE_HEIGHT, TILE_WIDTH};
 use blend::{COLOR, GBUFFER, GBUFFER_MIXED, TileScratch};
+use grid::Grid;
 pub use importance::Importance;
 use project::{ProjectInput, Projected};
 use resolve::{Band, Resolver};
@@ -36,6 +40,11 @@ use resolve::{Band, Resolver};
 /// bits that keys have for them.
 const JOB_CHUNKS: usize = 64;
 const _: () = assert!(JOB_CHUNKS * CHUNK <= bin::MAX_JOB_SIZE);
+
+/// Largest ratio of a low-resolution frame: a tile's blocks are bits of one number.
+const MAX_STRIDE: u32 = 8;
+const _: () = assert!(TILE_WIDTH * MAX_STRIDE as usize / BLOCK_SIDE <= u64::BITS as usize);
+const _: () = assert!(TILE_HEIGHT.is_multiple_of(BLOCK_SIDE) && TILE_WIDTH.is_multiple_of(BLOCK_SIDE));
 
 /// Wall-clock time of the stages of the last frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -58,7 +67,24 @@ pub struct Rasterizer {
     chunks: Vec<Chunk>,
     jobs: Vec<Projected>,
     bins: Bins,
+    /// Most entries of `bins` at once.
+    most_entries: u64,
+    /// Bands of rows of tiles that the last frame was made in; `bins` has those of one.
+    bands: Vec<Range<usize>>,
+    /// Front to back, the splats of each tile of the last frame; empty where it was made in several bands.
+    orders: Vec<Vec<u32>>,
+    /// The low-resolution frame whose splats are here, if they are those of one.
+    last: Option<LastFrame>,
     times: RasterTimes,
+}
+
+/// What [`Rasterizer::rasterize_blocks`] goes on from.
+struct LastFrame {
+    view: View,
+    grid: Grid,
+    settings: RasterSettings,
+    /// Width and height of the native image.
+    size: [usize; 2],
 }
 
 impl fmt::Debug for Rasterizer {
@@ -74,16 +100,28 @@ impl Rasterizer {
     /// Prepares `scene`: bounds of runs of Gaussians, for culling.
     #[must_use]
     pub fn new(scene: Arc<Scene>, culling: Culling) -> Self {
-        Self::with_level(scene, culling, Level::new())
+        Self::with_level(scene, culling, gs3_simd::level())
     }
 
-    /// As [`Self::new`] with a given SIMD level instead of the best that the processor has.
+    /// As [`Self::new`] with a given SIMD level instead of [`gs3_simd::level`].
     #[must_use]
     pub fn with_level(scene: Arc<Scene>, culling: Culling, level: Level) -> Self {
         let chunks = chunk::of_gaussians(scene.gaussians());
         let mut jobs = Vec::new();
         jobs.resize_with(chunks.len().div_ceil(JOB_CHUNKS), Projected::default);
-        Self { scene, culling, level, chunks, jobs, bins: Bins::default(), times: RasterTimes::default() }
+        Self {
+            scene,
+            culling,
+            level,
+            chunks,
+            jobs,
+            bins: Bins::default(),
+            most_entries: MOST_ENTRIES,
+            bands: Vec::new(),
+            orders: Vec::new(),
+            last: None,
+            times: RasterTimes::default(),
+        }
     }
 
     /// The scene.
@@ -116,14 +154,54 @@ impl Rasterizer {
         out: &mut GBuffer,
     ) -> Result<(), RasterError> {
         settings.check()?;
-        resolve::prepare(out, camera, settings);
+        let view = View::new(camera, settings, self.scene.details().near);
+        let grid = Grid::native(view.size);
+        self.fill(&view, &grid, settings, out);
+        Ok(())
+    }
+
+    /// Rasterizes the low-resolution frame of `camera`, `scale` (1 to 8) times coarser than what it sees, into `out`:
+    /// the samples of [`Self::rasterize`] of [`Camera::low_resolution`] under the same `settings`, but for rounding.
+    /// With matched dilation and a jitter of the exact grid a sample is a pixel of the native image, bit for bit. The
+    /// frame's splats are those of the native image, which [`Self::rasterize_blocks`] shares.
+    ///
+    /// # Errors
+    /// [`RasterError`] if a setting is out of range, or if the margin's left or top side, times `scale`, is no multiple of
+    /// a block's four pixels; `out` is untouched then.
+    pub fn rasterize_low_resolution(
+        &mut self,
+        camera: &Camera,
+        scale: u32,
+        settings: &RasterSettings,
+        out: &mut GBuffer,
+    ) -> Result<(), RasterError> {
+        settings.check()?;
+        if !(1..=MAX_STRIDE).contains(&scale) {
+            return Err(RasterError::Scale { actual: scale });
+        }
+        if let Some(actual) = [settings.margin.left, settings.margin.top]
+            .into_iter()
+            .find(|side| !(side * scale).is_multiple_of(BLOCK_SIDE as u32))
+        {
+            return Err(RasterError::MarginBlocks { scale, actual });
+        }
+        let view = View::of_low_resolution(camera, scale, settings, self.scene.details().near);
+        let grid = Grid::low_resolution(camera, scale, settings);
+        self.fill(&view, &grid, settings, out);
+        let size = [camera.width() as usize, camera.height() as usize];
+        let shares = settings.outputs != Outputs::Color;
+        self.last = shares.then_some(LastFrame { view, grid, settings: *settings, size });
+        Ok(())
+    }
+
+    fn fill(&mut self, view: &View, grid: &Grid, settings: &RasterSettings, out: &mut GBuffer) {
+        resolve::prepare(out, grid.size, settings);
         let bands = resolve::gbuffer_bands(out);
         match settings.outputs {
-            Outputs::Color => self.run::<COLOR>(camera, settings, bands),
-            Outputs::GBuffer => self.run::<GBUFFER>(camera, settings, bands),
-            Outputs::GBufferMixed => self.run::<GBUFFER_MIXED>(camera, settings, bands),
+            Outputs::Color => self.run::<COLOR>(view, grid, settings, bands),
+            Outputs::GBuffer => self.run::<GBUFFER>(view, grid, settings, bands),
+            Outputs::GBufferMixed => self.run::<GBUFFER_MIXED>(view, grid, settings, bands),
         }
-        Ok(())
     }
 
     /// Rasterizes colour only, as an [`Image`] whose fourth channel is alpha. `settings.outputs` and
@@ -140,39 +218,52 @@ impl Rasterizer {
         settings.check()?;
         let settings = RasterSettings { margin: Margin::NONE, ..*settings };
         out.resize(camera.width() as usize, camera.height() as usize);
-        self.run::<COLOR>(camera, &settings, resolve::image_bands(out));
+        let view = View::new(camera, &settings, self.scene.details().near);
+        self.run::<COLOR>(&view, &Grid::native(view.size), &settings, resolve::image_bands(out));
         Ok(())
     }
 
     fn run<const OUTPUTS: usize>(
         &mut self,
-        camera: &Camera,
+        view: &View,
+        grid: &Grid,
         settings: &RasterSettings,
         bands: Vec<Band<'_>>,
     ) {
+        self.last = None;
         let started = Instant::now();
-        let view = View::new(camera, settings, self.scene.details().near);
-        self.project(&view, OUTPUTS != COLOR, false);
-        let projected = Instant::now();
+        self.project(view, OUTPUTS != COLOR, false);
+        self.times = RasterTimes { project: started.elapsed(), ..RasterTimes::default() };
 
-        let size = view.size.map(|side| side as usize);
-        let (columns, rows) = (size[0].div_ceil(TILE_WIDTH), size[1].div_ceil(TILE_HEIGHT));
-        self.times = RasterTimes { project: projected - started, ..RasterTimes::default() };
-        let resolver = Resolver::new(&view, settings);
-        let mut bands = bands.into_iter();
-        for rows in Bins::bands(&self.jobs, columns, rows) {
+        let [columns, rows] = grid.tiles();
+        self.bands = Bins::bands(&self.jobs, grid, self.most_entries);
+        // Of a frame in several bands, orders would take the memory that bands save.
+        let keeps_orders = OUTPUTS != COLOR && self.bands.len() == 1;
+        if self.bands.len() > 1 {
+            self.orders.clear();
+        }
+        self.orders.resize_with(columns * rows, Vec::new);
+        let resolver = Resolver::new(view, settings);
+        let (mut of_rows, mut orders) = (bands.into_iter(), &mut self.orders[..]);
+        for band in &self.bands {
             let started = Instant::now();
-            self.bins.fill(&self.jobs, columns, rows.clone(), self.culling);
+            self.bins.fill(&self.jobs, grid, band.clone(), self.culling);
             let binned = Instant::now();
             let (jobs, bins, level) = (&self.jobs, &self.bins, self.level);
-            let of_rows: Vec<_> = rows.clone().zip(bands.by_ref().take(rows.len())).collect();
-            of_rows.into_par_iter().for_each_init(TileScratch::default, |scratch, (row, mut band)| {
-                for column in 0..columns {
+            let of_band = orders.split_off_mut(..band.len() * columns).unwrap_or_default();
+            let of_band = of_rows.by_ref().zip(of_band.chunks_exact_mut(columns)).zip(band.clone());
+            let of_band: Vec<_> = of_band.collect();
+            of_band.into_par_iter().for_each_init(TileScratch::default, |scratch, ((mut out, orders), row)| {
+                for (column, order) in orders.iter_mut().enumerate() {
                     dispatch!(level, s => {
                         let tile = [column, row];
-                        blend::blend_tile::<_, OUTPUTS>(s, jobs, bins, tile, size, scratch);
-                        resolver.resolve::<_, OUTPUTS>(s, &mut scratch.blocks, tile, size, &mut band);
+                        blend::blend_tile::<_, OUTPUTS>(s, jobs, bins, tile, grid, scratch);
+                        resolver.resolve::<_, OUTPUTS>(s, &mut scratch.blocks, tile, grid, &mut out);
                     });
+                    order.clear();
+                    if keeps_orders {
+                        order.extend_from_slice(scratch.order.sorted());
+                    }
                 }
             });
             self.times.bin += binned - started;

@@ -171,8 +171,8 @@ fn project_lanes<S: Simd>(
         let variance = (per_unit * per_unit)
             .mul_add(limited[a].mul_add(limited[a], lanes(s, 1.0)), lanes(s, view.dilation));
         let extent = (variance * lanes(s, MAX_SQUARED_RADIUS)).sqrt() + lanes(s, 1.0);
-        visible &= (mean[a] + extent).simd_ge(zero);
-        visible &= (mean[a] - extent).simd_le(lanes(s, view.size[a] as f32 - 1.0));
+        visible &= (mean[a] + extent).simd_ge(lanes(s, -view.before[a]));
+        visible &= (mean[a] - extent).simd_le(lanes(s, view.size[a] as f32 - 1.0 - view.before[a]));
     }
     if !visible.any_true() {
         return 0;
@@ -222,10 +222,11 @@ fn project_lanes<S: Simd>(
     let squared_radius = support * lanes(s, TWO_LN_2);
     let extent_x = (squared_radius * xx).sqrt() + lanes(s, EXTENT_MARGIN);
     let extent_y = (squared_radius * yy).sqrt() + lanes(s, EXTENT_MARGIN);
-    let last = [lanes(s, view.size[0] as f32 - 1.0), lanes(s, view.size[1] as f32 - 1.0)];
-    let x0 = (mean[0] - extent_x).ceil().max(zero);
+    let before = view.before.map(|pixels| lanes(s, pixels));
+    let last = [0, 1].map(|a| lanes(s, view.size[a] as f32 - 1.0 - view.before[a]));
+    let x0 = (mean[0] - extent_x).ceil().max(zero - before[0]);
     let x1 = (mean[0] + extent_x).floor().min(last[0]);
-    let y0 = (mean[1] - extent_y).ceil().max(zero);
+    let y0 = (mean[1] - extent_y).ceil().max(zero - before[1]);
     let y1 = (mean[1] + extent_y).floor().min(last[1]);
     visible &= x0.simd_le(x1) & y0.simd_le(y1);
 
@@ -289,7 +290,8 @@ fn project_lanes<S: Simd>(
         for (vector, lanes) in [l11, l21, l22].iter().zip(&mut out.factor) {
             vector.store_slice(lanes);
         }
-        for (vector, lanes) in [x0, y0, x1, y1].iter().zip(&mut out.rect) {
+        let rect = [x0 + before[0], y0 + before[1], x1 + before[0], y1 + before[1]];
+        for (vector, lanes) in rect.iter().zip(&mut out.rect) {
             vector.store_slice(lanes);
         }
         opacity.store_slice(&mut out.opacity);

@@ -1,11 +1,12 @@
 //! Blended tiles to image planes: background, depth along z, layout.
 
 use fearless_simd::{Simd, f32x16, prelude::*};
-use gs3_scene::{Camera, GBuffer, Geometry, Gradients, Image, Planes};
+use gs3_scene::{GBuffer, Geometry, Gradients, Image, Planes};
 
 use super::bin::{TILE_HEIGHT, TILE_WIDTH};
-use super::blend::{Block, COLOR, GBUFFER_MIXED, SAMPLES_X, SAMPLES_Y, plane};
-use super::cover::{BLOCK, BLOCKS, BLOCKS_X};
+use super::blend::{Block, COLOR, GBUFFER, GBUFFER_MIXED, plane};
+use super::cover::{BLOCK, BLOCKS, BLOCKS_X, BlockPlaces};
+use super::grid::Grid;
 use crate::settings::{Outputs, RasterSettings};
 use crate::view::View;
 
@@ -17,10 +18,8 @@ pub enum Band<'a> {
     GBuffer(Vec<(usize, &'a mut [f32])>),
 }
 
-/// Gives `out` the camera's size, the margin around it, and the planes that `settings` asks for.
-pub fn prepare(out: &mut GBuffer, camera: &Camera, settings: &RasterSettings) {
-    let size = settings.margin.around([camera.width(), camera.height()]);
-    let [w, h] = size.map(|side| side as usize);
+/// Gives `out` the `[width, height]` of a frame with its margin, and the planes that `settings` asks for.
+pub fn prepare(out: &mut GBuffer, [w, h]: [usize; 2], settings: &RasterSettings) {
     (out.jitter, out.margin) = (settings.jitter, settings.margin);
     out.color.resize(w, h);
     out.alpha.resize(w, h);
@@ -97,16 +96,18 @@ impl Resolver {
         Self { background: settings.background, inv_focal: view.focal.map(|f| 1.0 / f), center: view.center }
     }
 
-    /// Writes the blocks of tile `(column, row)` to its band.
+    /// Writes the blocks of tile `(column, row)` of `grid` to its band.
     #[inline(always)]
     pub fn resolve<S: Simd, const OUTPUTS: usize>(
         &self,
         s: S,
         blocks: &mut [Block; BLOCKS],
         [column, row]: [usize; 2],
-        [width, height]: [usize; 2],
+        grid: &Grid,
         band: &mut Band<'_>,
     ) {
+        let [width, height] = grid.size;
+        let places = BlockPlaces::of_tile(grid.stride as f32, grid.tile_first([column, row]));
         for (b, block) in blocks.iter_mut().enumerate() {
             let x = column * TILE_WIDTH + b % BLOCKS_X * BLOCK;
             let line = b / BLOCKS_X * BLOCK;
@@ -114,7 +115,7 @@ impl Resolver {
             if x >= width || y >= height {
                 continue;
             }
-            self.finish::<S, OUTPUTS>(s, block, x, y);
+            self.finish::<S, OUTPUTS>(s, block, places.samples(s, b), places.pitch);
             let (columns, rows) = (BLOCK.min(width - x), BLOCK.min(height - y));
             match band {
                 Band::Image(out) => {
@@ -136,10 +137,16 @@ impl Resolver {
         }
     }
 
-    /// Turns a block's state into what is stored: background added, distances along the ray turned into depths along
-    /// z, alpha in [`plane::ALPHA`].
+    /// Turns the state of a block, whose samples lie at `samples`, into what is stored: background added, derivatives
+    /// per `pitch` pixels, distances along the ray turned into depths along z, alpha in [`plane::ALPHA`].
     #[inline(always)]
-    fn finish<S: Simd, const OUTPUTS: usize>(&self, s: S, block: &mut Block, x: usize, y: usize) {
+    pub fn finish<S: Simd, const OUTPUTS: usize>(
+        &self,
+        s: S,
+        block: &mut Block,
+        samples: [f32x16<S>; 2],
+        pitch: f32,
+    ) {
         let (zero, one) = (f32x16::splat(s, 0.0), f32x16::splat(s, 1.0));
         let plane = &mut block.0;
         let open = f32x16::from_slice(s, &plane[plane::TRANSMITTANCE]);
@@ -165,13 +172,23 @@ impl Resolver {
                 add_product(s, &mut plane[plane::COLOR_DXY + k], alpha_dxy, self.background[k]);
             }
         }
-        let lane_x = f32x16::from_slice(s, &SAMPLES_X[0]) + f32x16::splat(s, x as f32 - self.center[0]);
-        let lane_y = f32x16::from_slice(s, &SAMPLES_Y[0]) + f32x16::splat(s, y as f32 - self.center[1]);
-        let ray_x = lane_x * f32x16::splat(s, self.inv_focal[0]);
-        let ray_y = lane_y * f32x16::splat(s, self.inv_focal[1]);
+        if pitch != 1.0 {
+            for derivative in &mut plane[plane::COLOR_DX..plane::COLOR_DX + 6] {
+                (f32x16::from_slice(s, derivative) * pitch).store_slice(derivative);
+            }
+            if OUTPUTS == GBUFFER_MIXED {
+                for derivative in &mut plane[plane::COLOR_DXY..plane::COLOR_DXY + 3] {
+                    (f32x16::from_slice(s, derivative) * (pitch * pitch)).store_slice(derivative);
+                }
+            }
+        }
+        let [ray_x, ray_y] = [0, 1].map(|a| (samples[a] - self.center[a]) * self.inv_focal[a]);
         let inv_length = one / ray_x.mul_add(ray_x, ray_y.mul_add(ray_y, one)).sqrt();
         let median = f32x16::from_slice(s, &plane[plane::MEDIAN]) * inv_length;
         median.store_slice(&mut plane[plane::MEDIAN]);
+        if OUTPUTS < GBUFFER {
+            return;
+        }
         let expected = f32x16::from_slice(s, &plane[plane::DISTANCE]) / alpha * inv_length;
         let expected = alpha.simd_gt(zero).select(expected, zero);
         expected.store_slice(&mut plane[plane::DISTANCE]);

@@ -42,7 +42,8 @@ pub struct SplatGeometry {
     pub normal: [f32; 3],
 }
 
-/// Pixels `[x0, x1) × [y0, y1)`, inside the image.
+/// Pixels `[x0, x1) × [y0, y1)`, inside the image and counted from its first pixel, that of the margin if there is
+/// one ([`crate::view::View::before`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PixelRect {
     pub x0: u16,

@@ -2,6 +2,7 @@
 //! published rules, and properties that must hold whatever the implementation.
 
 mod against_oracle;
+mod blocks;
 mod compare;
 mod culling;
 mod derivatives;
@@ -13,3 +14,9 @@ mod oracle;
 mod real_scenes;
 mod robustness;
 mod scenes;
+
+/// Every test of kernels, once more on each other SIMD level of this processor.
+#[test]
+fn all_of_this_on_every_simd_level() {
+    gs3_simd::repeat_tests_on_levels("all_of_this_on_every_simd_level", &["gpu::", "real_scenes::"]);
+}

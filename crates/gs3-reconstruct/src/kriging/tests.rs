@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use fearless_simd::{Level, dispatch};
+use fearless_simd::dispatch;
 
 use super::system::{Around, ROWS, Systems, solve, start};
 use super::*;
@@ -25,7 +25,7 @@ fn wave(x: f32, y: f32) -> Sample {
 /// Predicts pixels `wanted` of an image of `SIDE`² from `samples`, positions and noises.
 fn kriged(samples: &[([f32; 2], f32, Sample)], wanted: &[[usize; 2]], mean: [f32; 4]) -> Vec<[f32; 4]> {
     let mut image = vec![mean; SIDE * SIDE];
-    dispatch!(Level::new(), simd => {
+    dispatch!(gs3_simd::level(), simd => {
         let mut neighborhoods = Neighborhoods::new(0.0);
         neighborhoods.begin(SIDE, SIDE);
         for (at, noise, sample) in samples {
@@ -57,7 +57,7 @@ fn scattered() -> Vec<([f32; 2], f32, Sample)> {
 /// The systems before they are solved.
 fn filled(around: &Around<'_>) -> Systems {
     let mut systems = [[[0.0; CHUNK]; 3]; ROWS];
-    dispatch!(Level::new(), simd => {
+    dispatch!(gs3_simd::level(), simd => {
         for j in 0..SAMPLES {
             let of_samples = (j..SAMPLES).flat_map(|i| around.covariances(simd, i, j));
             let all = of_samples.chain([around.covariances_with_pixel(simd, j)]);
@@ -83,7 +83,7 @@ fn sixteen_systems_are_solved_at_once() {
         }
     }
     let (mut systems, mut weights) = ([[[0.0; CHUNK]; 3]; ROWS], [[0.0; CHUNK]; DATA]);
-    dispatch!(Level::new(), simd => solve(simd, &around, &mut systems, &mut weights));
+    dispatch!(gs3_simd::level(), simd => solve(simd, &around, &mut systems, &mut weights));
     let filled = filled(&around);
     let mut trusted = 0;
     for lane in 0..CHUNK {

@@ -46,7 +46,7 @@ impl<'a> Kind<'a> {
         };
         if head.starts_with(b"ply") {
             Ok(Self::Ply)
-        } else if head.starts_with(&[0x1f, 0x8b]) || head.starts_with(b"NGSP") {
+        } else if head.starts_with(b"NGSP") {
             Ok(Self::Spz)
         } else if head.starts_with(b"PK\x03\x04") {
             let archive = Archive::open(source)?;
@@ -55,12 +55,15 @@ impl<'a> Kind<'a> {
             Ok(Self::Gltf)
         } else if head.starts_with(rad::MAGIC) {
             Ok(Self::Rad)
-        } else if head.trim_ascii_start().starts_with(b"{") {
-            Self::of_json(source)
         } else if has_extension(source.name(), "splat") {
+            // Before signatures so short that coordinates may begin with them.
             Ok(Self::Splat)
         } else if has_extension(source.name(), "ksplat") {
             Ok(Self::Ksplat)
+        } else if head.starts_with(&[0x1f, 0x8b]) {
+            Ok(Self::Spz)
+        } else if head.trim_ascii_start().starts_with(b"{") {
+            Self::of_json(source)
         } else if let Some((_, what)) = OTHERS.iter().find(|(start, _)| head.starts_with(start)) {
             Err(not_gaussians(what))
         } else {

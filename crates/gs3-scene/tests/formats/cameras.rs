@@ -104,9 +104,11 @@ fn the_seeds_are_the_same_two_cameras() {
 #[test]
 fn words_in_messages_are_cut() {
     let long = "q".repeat(10_000);
+    // Cameras that no image has are not looked at.
+    let image = b"1 1 0 0 0 0 0 0 1 a.png\n\n";
     let faults = [
-        parse_colmap(ColmapEncoding::Text, format!("1 {long} 64 48 1 1 1").as_bytes(), b""),
-        parse_colmap(ColmapEncoding::Text, format!("1 PINHOLE {long}").as_bytes(), b""),
+        parse_colmap(ColmapEncoding::Text, format!("1 {long} 64 48 1 1 1").as_bytes(), image),
+        parse_colmap(ColmapEncoding::Text, format!("1 PINHOLE {long}").as_bytes(), image),
         parse_json(format!(r#"{{"camera_model": "{long}\n", "frames": [{{}}]}}"#).as_bytes()),
         parse_json(format!(r#"{{"camera_type": "{long}\n", "camera_path": []}}"#).as_bytes()),
     ];

@@ -69,6 +69,18 @@ pub struct Tolerance {
 /// Gaussian `i` of `before` against Gaussian `partner(i)` of `after`.
 #[track_caller]
 pub fn compare(before: &Scene, after: &Scene, tolerance: &Tolerance, partner: impl Fn(usize) -> usize) {
+    compare_with(before, after, tolerance, partner, |_| 1.0);
+}
+
+/// The same, where what has codebooks may be off by `slack(i)` times as much.
+#[track_caller]
+fn compare_with(
+    before: &Scene,
+    after: &Scene,
+    tolerance: &Tolerance,
+    partner: impl Fn(usize) -> usize,
+    slack: impl Fn(usize) -> f32,
+) {
     let (a, b) = (before.gaussians(), after.gaussians());
     assert_eq!((a.len(), a.sh_degree, before.opacity_mode()), (b.len(), b.sh_degree, after.opacity_mode()));
     for i in 0..a.len() {
@@ -77,7 +89,7 @@ pub fn compare(before: &Scene, after: &Scene, tolerance: &Tolerance, partner: im
             let (x, y) = (a.mean(i)[axis], b.mean(j)[axis]);
             assert!((x - y).abs() <= tolerance.mean * x.abs().max(1.0), "mean {x} came back as {y}");
             let (x, y) = (a.scale(i)[axis].ln(), b.scale(j)[axis].ln());
-            assert!((x - y).abs() <= tolerance.scale, "log scale {x} came back as {y}");
+            assert!((x - y).abs() <= tolerance.scale * slack(i), "log scale {x} came back as {y}");
         }
         let dot: f32 = a.rotation(i).iter().zip(b.rotation(j)).map(|(x, y)| x * y).sum();
         let angle = 2.0 * dot.abs().min(1.0).acos();
@@ -86,7 +98,7 @@ pub fn compare(before: &Scene, after: &Scene, tolerance: &Tolerance, partner: im
         assert!((x - y).abs() <= tolerance.opacity, "opacity {x} came back as {y}");
         for (k, (x, y)) in a.sh_of(i).iter().zip(b.sh_of(j)).enumerate() {
             let allowed = if k < 3 { tolerance.sh0 } else { tolerance.sh };
-            assert!((x - y).abs() <= allowed, "SH value {k} of {i}: {x} came back as {y}");
+            assert!((x - y).abs() <= allowed * slack(i), "SH value {k} of {i}: {x} came back as {y}");
         }
     }
 }
@@ -107,9 +119,9 @@ pub const SPZ: Tolerance =
 pub const SOG: Tolerance =
     Tolerance { mean: 1e-4, scale: 0.094, radians: 0.02, opacity: 0.00197, sh0: 0.021, sh: 0.021 };
 
-/// Exact but for signs.
+/// Exact but for signs; acos as above.
 pub const GLB: Tolerance =
-    Tolerance { mean: 0.0, scale: 0.0, radians: 1e-3, opacity: 0.0, sh0: 0.0, sh: 0.0 };
+    Tolerance { mean: 0.0, scale: 0.0, radians: 2e-3, opacity: 0.0, sh0: 0.0, sh: 0.0 };
 
 /// 8 bits for colours over ½ / 0.282 on each side, for opacity and for each component of the rotation.
 const SPLAT: Tolerance =
@@ -164,8 +176,22 @@ proptest! {
         let mode = if antialiased { OpacityMode::Antialiased } else { OpacityMode::Default };
         let before = scene(seed, count, degree, mode);
         let after = round_trip(&before, "sog");
-        compare(&before, &after, &SOG, |i| nearest(&after, before.gaussians().mean(i)));
+        compare_with(&before, &after, &SOG, |i| nearest(&after, before.gaussians().mean(i)), sog_slack(&before));
     }
+}
+
+/// How much wider the codes of a SOG's codebooks may lie for Gaussians that show less than the mean: their density goes
+/// with the cube root of the weight, the square of opacity times area, of which each counts a thousandth of the mean at
+/// least.
+fn sog_slack(scene: &Scene) -> impl Fn(usize) -> f32 {
+    let gaussians = scene.gaussians();
+    let shown = |i: usize| {
+        let [a, b, c] = gaussians.scale(i);
+        gaussians.opacities[i].powi(2) * (a * b).max(b * c).max(c * a)
+    };
+    let weights: Vec<f32> = (0..gaussians.len()).map(shown).collect();
+    let mean = weights.iter().sum::<f32>() / weights.len() as f32;
+    move |i| (mean / weights[i].max(1e-3 * mean)).cbrt().max(1.0)
 }
 
 /// SOG reorders: the partner is the nearest Gaussian.

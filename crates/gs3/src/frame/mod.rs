@@ -1,24 +1,32 @@
-//! The pipeline: what a frame is asked for, what it goes on from, and what it gives. [`make`] has its stages.
+//! The pipeline: what a frame is asked for, what it goes on from, and what it gives. The stages are in `cpu.rs` and
+//! `gpu/mod.rs`, side by side.
 
-mod make;
+mod cpu;
+#[cfg(feature = "gpu")]
+mod gpu;
+mod inputs;
+mod plan;
 
 use std::fmt;
 use std::sync::Arc;
 
-use gs3_raster::Outputs;
-use gs3_reconstruct::{Interpolator, ResetReason, SuperSampler};
-use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
-
-use crate::cut::is_cut;
-use crate::error::PipelineError;
 #[cfg(feature = "gpu")]
-use crate::gpu::{Device, GpuPresented, Take};
-use crate::jitter::AdaptiveJitter;
-use crate::lattice::DepthLattice;
-use crate::learned::{LearnedInterpolator, LearnedSuperSampler, Networks};
-use crate::overscan::margin_ahead;
-use crate::rasterizer::AnyRasterizer;
-use crate::settings::{MAX_GENERATE, Mode, PipelineSettings, Sampling};
+use gs3_compute::{Gpu, StageTime};
+use gs3_raster::Rasterizer;
+use gs3_reconstruct::{FrameSequence, FrameStart, ResetReason};
+use gs3_scene::camera_path::pose_between;
+use gs3_scene::{Camera, GBuffer, Image, Scene};
+
+use self::cpu::CpuMachine;
+#[cfg(feature = "gpu")]
+use self::gpu::GpuMachine;
+#[cfg(feature = "gpu")]
+pub use self::gpu::GpuPresented;
+use self::inputs::{FrameInputs, Frames, Made, Moment, ReadBack};
+use self::plan::FramePlan;
+use crate::error::PipelineError;
+use crate::learned::Networks;
+use crate::settings::{MAX_GENERATE, Mode, PipelineSettings};
 use crate::stages::StageTimes;
 
 /// What a rendered frame gives to show, in order.
@@ -38,60 +46,37 @@ impl<'a> Presented<'a> {
     }
 }
 
-/// A high-resolution frame and what it was made from.
-#[derive(Debug, Default)]
-struct Frame {
-    camera: Option<Camera>,
-    gbuffer: GBuffer,
-    image: Image,
-    /// Depths that tell whether the next camera is a cut, and where its frame is to be sampled.
-    lattice: DepthLattice,
+/// What makes frames.
+enum Machine {
+    Cpu(Box<CpuMachine>),
+    #[cfg(feature = "gpu")]
+    Gpu(Box<GpuMachine>),
 }
 
 /// Renders one scene along a sequence of cameras. All memory is kept between frames.
 ///
 /// Work is spread over the current rayon thread pool; frames do not depend on its size.
 pub struct FramePipeline {
-    settings: PipelineSettings,
-    jitter: AdaptiveJitter,
-    /// Of the frame being made, in LR pixels.
-    offset: [f32; 2],
-    /// Whether frames have margins, and that of the frame being made.
-    overscan: bool,
-    margin: Margin,
-    /// The LR frame with its margin, where it has one.
-    around: GBuffer,
-    rasterizer: AnyRasterizer,
-    super_sampler: SuperSampler,
-    interpolator: Interpolator,
-    learned_super_sampler: Option<LearnedSuperSampler>,
-    learned_interpolator: Option<LearnedInterpolator>,
-    /// Makes whole frames where they are made on a GPU.
-    #[cfg(feature = "gpu")]
-    device: Option<Device>,
-    /// Those that run on a GPU.
-    #[cfg(feature = "gpu")]
-    networks: Networks,
-    /// Why the next frame starts without history, if it does.
-    invalid: Option<ResetReason>,
-    /// Why the last frame did.
-    last_reset: Option<ResetReason>,
-    previous: Frame,
-    current: Frame,
-    /// The current image before a network refined it; empty where none does.
-    analytic: Image,
-    between: Vec<Image>,
-    /// How many of them lie before the last frame.
-    between_made: usize,
+    plan: FramePlan,
+    machine: Machine,
+    /// Tells cuts, chooses jitter and margins.
+    sequence: FrameSequence,
+    frames: Frames,
+    /// How many frames lie before the current one.
+    in_between: usize,
+    /// Share of the current frame's pixels that are exact blocks.
+    refined: f32,
     times: StageTimes,
+    /// Why the last frame has no history, if it has none.
+    last_reset: Option<ResetReason>,
 }
 
 impl fmt::Debug for FramePipeline {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("FramePipeline")
-            .field("settings", &self.settings)
+            .field("settings", self.settings())
             .field("gaussians", &self.scene().gaussians().len())
-            .field("invalid", &self.invalid)
+            .field("last_reset", &self.last_reset)
             .finish_non_exhaustive()
     }
 }
@@ -114,133 +99,190 @@ impl FramePipeline {
         settings: PipelineSettings,
         networks: &Networks,
     ) -> Result<Self, PipelineError> {
-        if settings.mode == Mode::Full && !(1..=MAX_GENERATE).contains(&settings.generate) {
-            return Err(PipelineError::Generate { actual: settings.generate });
-        }
-        let scale = settings.raster_scale();
-        let sampling = if settings.mode == Mode::Native { Sampling::Centered } else { settings.sampling };
-        // First, because both check the scale and everything else builds on it.
-        let interpolator = Interpolator::new(scale)?;
-        let Networks { super_sample, interpolate, arithmetic } = networks.clone();
-        let super_sample = super_sample.filter(|_| settings.mode.has_history());
-        let super_sampler = SuperSampler::new(scale, settings.kriging_below(super_sample.as_deref()))?;
-        let interpolate = interpolate.filter(|_| settings.mode == Mode::Full);
-        #[cfg(feature = "gpu")]
-        let networks =
-            Networks { super_sample: super_sample.clone(), interpolate: interpolate.clone(), arithmetic };
-        let pipeline = Self {
-            settings,
-            jitter: AdaptiveJitter::new(scale, sampling),
-            offset: [0.0; 2],
-            overscan: settings.overscan_below(super_sample.as_deref()),
-            margin: Margin::NONE,
-            around: GBuffer::default(),
-            rasterizer: AnyRasterizer::cpu(scene.into(), settings.culling),
-            super_sampler,
-            interpolator,
-            learned_super_sampler: super_sample
-                .map(|w| LearnedSuperSampler::new(w, scale, arithmetic))
-                .transpose()?,
-            learned_interpolator: interpolate
-                .map(|w| LearnedInterpolator::new(w, scale, arithmetic))
-                .transpose()?,
-            #[cfg(feature = "gpu")]
-            device: None,
-            #[cfg(feature = "gpu")]
-            networks,
-            invalid: Some(ResetReason::FirstFrame),
-            last_reset: None,
-            previous: Frame::default(),
-            analytic: Image::default(),
-            current: Frame::default(),
-            between: vec![Image::default(); settings.displayed_per_rendered() - 1],
-            between_made: 0,
+        let plan = FramePlan::new(settings, networks)?;
+        let machine = Machine::Cpu(Box::new(CpuMachine::new(&plan, scene.into())?));
+        plan.check_raster()?;
+        let in_between = vec![Image::default(); plan.in_between];
+        Ok(Self {
+            machine,
+            sequence: FrameSequence::new(plan.scale, plan.sampling, plan.widest_margin),
+            plan,
+            frames: Frames { in_between, ..Frames::default() },
+            in_between: 0,
+            refined: 0.0,
             times: StageTimes::default(),
-        };
-        pipeline.raster_settings(Outputs::GBuffer).check()?;
-        Ok(pipeline)
+            last_reset: None,
+        })
     }
 
-    /// Renders the frame of `camera`, and the frames between it and the previous one at the cameras `between`: the true
-    /// poses at [`PipelineSettings::moments`] where the caller knows them; where it gives none, poses between the
-    /// two. Modes without frames between do not read them.
+    /// Renders the frame of `camera`, and in [`Mode::Full`] frames at poses between the previous camera and this one.
     ///
     /// The fourth channel of the images is alpha in [`Mode::Native`] and not specified otherwise.
     ///
     /// # Errors
-    /// [`PipelineError`] if `between` has cameras for another number of frames or of another size, or a device fails.
-    pub fn render(&mut self, camera: &Camera, between: &[Camera]) -> Result<Presented<'_>, PipelineError> {
-        self.advance(camera, between, |pipeline| pipeline.make(camera, between))?;
+    /// [`PipelineError`] if a device fails.
+    pub fn render(&mut self, camera: &Camera) -> Result<Presented<'_>, PipelineError> {
+        self.render_with_poses(camera, &[])
+    }
+
+    /// As [`Self::render`], where the caller knows the true cameras at [`PipelineSettings::moments`] between the previous
+    /// frame and this one: `poses` are all of them, in order, or none. Modes without frames between do not read them.
+    ///
+    /// # Errors
+    /// [`PipelineError`] if `poses` are of another number than the frames between or of another size than `camera`, or a
+    /// device fails.
+    pub fn render_with_poses(
+        &mut self,
+        camera: &Camera,
+        poses: &[Camera],
+    ) -> Result<Presented<'_>, PipelineError> {
+        self.make_frame(camera, poses, ReadBack::Images)?;
         Ok(self.presented())
     }
 
-    /// Renders as [`Self::render`] does, on the device, and leaves there what is to be shown: for programs that show it
-    /// from there (on a device of their own, [`Gpu::of`](gs3_compute::Gpu::of)). Some hundred bytes come back, no
-    /// images:
+    /// Renders as [`Self::render_with_poses`] does, on the device, and leaves the images there: for programs that show
+    /// them from there (on a device of their own, [`Gpu::of`]). Some hundred bytes come back, for which this waits.
     /// [`Self::presented`] and [`Self::last_image`] are empty until the next [`Self::render`].
     ///
     /// # Errors
-    /// [`PipelineError::NotOnDevice`] where [`Self::is_on_device`] says no, else as [`Self::render`].
+    /// [`PipelineError::NotOnDevice`] where [`Self::is_on_device`] says no, else as [`Self::render_with_poses`].
     #[cfg(feature = "gpu")]
     pub fn render_to_device(
         &mut self,
         camera: &Camera,
-        between: &[Camera],
+        poses: &[Camera],
+    ) -> Result<GpuPresented<'_>, PipelineError> {
+        self.make_frame_on_device(camera, poses, ReadBack::Counters)
+    }
+
+    /// As [`Self::render_to_device`] without waiting for the device, so that one frame follows the other there. What is
+    /// waited for otherwise is then not known: frames are sampled, and their margins and camera cuts are decided, as if
+    /// everything were far away; and a frame may lack splats, which [`Self::wait_for_device`] tells.
+    ///
+    /// # Errors
+    /// As [`Self::render_to_device`].
+    #[cfg(feature = "gpu")]
+    pub fn submit_to_device(
+        &mut self,
+        camera: &Camera,
+        poses: &[Camera],
+    ) -> Result<GpuPresented<'_>, PipelineError> {
+        self.make_frame_on_device(camera, poses, ReadBack::Nothing)
+    }
+
+    /// Waits for the frames of [`Self::submit_to_device`]. Whether all of them are complete: where one is not, it lacked
+    /// memory for its splats, and later frames have that memory.
+    ///
+    /// # Errors
+    /// [`PipelineError::NotOnDevice`] without a device, or [`PipelineError`] if it fails.
+    #[cfg(feature = "gpu")]
+    pub fn wait_for_device(&mut self) -> Result<bool, PipelineError> {
+        match &mut self.machine {
+            Machine::Cpu(_) => Err(PipelineError::NotOnDevice),
+            Machine::Gpu(gpu) => gpu.wait(),
+        }
+    }
+
+    #[cfg(feature = "gpu")]
+    fn make_frame_on_device(
+        &mut self,
+        camera: &Camera,
+        poses: &[Camera],
+        read_back: ReadBack,
     ) -> Result<GpuPresented<'_>, PipelineError> {
         if !self.is_on_device(camera) {
             return Err(PipelineError::NotOnDevice);
         }
-        self.advance(camera, between, |pipeline| {
-            pipeline.current.image.resize(0, 0);
-            pipeline.between.iter_mut().for_each(|image| image.resize(0, 0));
-            pipeline.render_on_device(camera, between, Take::Facts)
-        })?;
-        self.device.as_ref().and_then(|device| device.frames.presented()).ok_or(PipelineError::NotOnDevice)
+        self.make_frame(camera, poses, read_back)?;
+        match &self.machine {
+            Machine::Cpu(_) => Err(PipelineError::NotOnDevice),
+            Machine::Gpu(gpu) => gpu.presented().ok_or(PipelineError::NotOnDevice),
+        }
     }
 
-    /// Goes on to the frame of `camera`, which `make` makes.
-    fn advance(
+    /// The whole frame. `read_back` says what comes to the processor of a frame that a GPU makes.
+    #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "there is no GPU to read back from"))]
+    fn make_frame(
         &mut self,
         camera: &Camera,
-        between: &[Camera],
-        make: impl FnOnce(&mut Self) -> Result<(), PipelineError>,
+        poses: &[Camera],
+        read_back: ReadBack,
     ) -> Result<(), PipelineError> {
-        self.check_between(camera, between)?;
-        self.times = StageTimes::default();
-        self.between_made = 0;
-        self.invalidate_for(camera);
-        self.offset = self.jitter.next(camera, &self.current.lattice);
-        self.margin = self.next_margin(camera);
-        std::mem::swap(&mut self.previous, &mut self.current);
-        self.current.camera = None;
-        if let Err(error) = make(self) {
-            // What was made of this frame is no frame to go on from.
-            std::mem::swap(&mut self.previous, &mut self.current);
-            self.current.camera = None;
-            self.reset(ResetReason::Failure);
-            return Err(error);
-        }
-        self.current.camera = Some(*camera);
-        self.last_reset = self.invalid.take();
-        Ok(())
+        let inputs = self.begin(camera, poses)?;
+        let made = match &mut self.machine {
+            Machine::Cpu(cpu) => cpu.make(&inputs, &mut self.frames),
+            #[cfg(feature = "gpu")]
+            Machine::Gpu(gpu) => gpu.make(&inputs, &mut self.frames, read_back),
+        };
+        self.finish(&inputs, made)
     }
 
-    fn check_between(&self, camera: &Camera, between: &[Camera]) -> Result<(), PipelineError> {
-        if self.settings.mode != Mode::Full {
+    /// Decides all about the frame of `camera` that its stages do not: whether it has a history, where it is sampled,
+    /// what is rasterized beyond its edges, which frames lie before it. What is refused changes nothing.
+    fn begin(&mut self, camera: &Camera, poses: &[Camera]) -> Result<FrameInputs, PipelineError> {
+        self.check_poses(camera, poses)?;
+        let FrameStart { reset, jitter, margin, previous } = self.sequence.begin(camera);
+        let moment = |previous: &Camera, k: usize, t: f64| {
+            let pose = poses.get(k).copied().unwrap_or_else(|| pose_between(previous, camera, t));
+            Moment { t: t as f32, camera: pose }
+        };
+        let moments = self.plan.settings.moments().enumerate();
+        let between = match &previous {
+            Some(previous) => moments.map(|(k, t)| moment(previous, k, t)).collect(),
+            None => Vec::new(),
+        };
+        self.frames.advance();
+        Ok(FrameInputs { camera: *camera, reset, jitter, margin, between })
+    }
+
+    fn check_poses(&self, camera: &Camera, poses: &[Camera]) -> Result<(), PipelineError> {
+        if self.plan.settings.mode != Mode::Full {
             return Ok(());
         }
-        if ![0, self.between.len()].contains(&between.len()) {
-            let (expected, actual) = (self.between.len(), between.len());
-            return Err(PipelineError::Between { expected, actual });
+        let expected = self.plan.in_between;
+        if ![0, expected].contains(&poses.len()) {
+            return Err(PipelineError::Between { expected, actual: poses.len() });
         }
-        let expected = (camera.width(), camera.height());
-        let other = between.iter().map(|c| (c.width(), c.height())).find(|size| *size != expected);
-        other.map_or(Ok(()), |actual| Err(PipelineError::BetweenSize { expected, actual }))
+        let size = |camera: &Camera| (camera.width(), camera.height());
+        match poses.iter().find(|pose| !is_same_size(pose, camera)) {
+            None => Ok(()),
+            Some(pose) => Err(PipelineError::BetweenSize { expected: size(camera), actual: size(pose) }),
+        }
+    }
+
+    /// Makes the frame the last one, or, if it failed, keeps the last one to show and begins anew after it.
+    fn finish(
+        &mut self,
+        inputs: &FrameInputs,
+        made: Result<Made, PipelineError>,
+    ) -> Result<(), PipelineError> {
+        match made {
+            Ok(Made { lattice, in_between, refined, times }) => {
+                self.sequence.commit(&inputs.camera, inputs.reset, inputs.jitter, lattice);
+                self.frames.current.camera = Some(inputs.camera);
+                (self.in_between, self.refined) = (in_between, refined);
+                (self.times, self.last_reset) = (times, inputs.reset);
+                Ok(())
+            }
+            Err(error) => {
+                self.frames.retreat();
+                (self.in_between, self.times) = (0, StageTimes::default());
+                self.sequence.fail(inputs.reset);
+                Err(error)
+            }
+        }
+    }
+
+    /// Share of the last frame's pixels that were rasterized exactly besides the low-resolution grid, `[0, 1]`
+    /// ([`PipelineSettings::refine`]).
+    #[must_use]
+    pub const fn refined_share(&self) -> f32 {
+        self.refined
     }
 
     /// Forgets the frames before: the next one starts anew, for this reason unless another came first.
     pub fn reset(&mut self, reason: ResetReason) {
-        self.invalid.get_or_insert(reason);
+        self.sequence.reset(reason);
     }
 
     /// Why the last frame began without history, if it did: it is less sharp than the ones to come, and what
@@ -255,7 +297,11 @@ impl FramePipeline {
     /// # Errors
     /// [`PipelineError`] if the scene does not fit the GPU that rasterizes; the old one stays.
     pub fn set_scene(&mut self, scene: impl Into<Arc<Scene>>) -> Result<(), PipelineError> {
-        self.rasterizer = self.rasterizer.with_scene(scene.into(), self.settings.culling)?;
+        match &mut self.machine {
+            Machine::Cpu(cpu) => cpu.rasterizer = Rasterizer::new(scene.into(), self.plan.settings.culling),
+            #[cfg(feature = "gpu")]
+            Machine::Gpu(gpu) => gpu.set_scene(scene.into())?,
+        }
         self.reset(ResetReason::SceneChange);
         Ok(())
     }
@@ -268,50 +314,52 @@ impl FramePipeline {
     /// [`PipelineError`] if the scene does not fit the device, or it was opened for products of matrices and gets
     /// them wrong; everything stays as it was.
     #[cfg(feature = "gpu")]
-    pub fn render_on(&mut self, gpu: &gs3_compute::Gpu) -> Result<(), PipelineError> {
-        let scene = Arc::clone(self.rasterizer.scene());
-        let rasterizer = AnyRasterizer::gpu(gpu, scene, self.settings.culling)?;
-        let device = || Device::new(gpu, &self.settings, &self.networks);
-        let device = self.settings.mode.has_history().then(device).transpose()?;
-        (self.rasterizer, self.device) = (rasterizer, device);
+    pub fn render_on(&mut self, gpu: &Gpu) -> Result<(), PipelineError> {
+        self.machine = Machine::Gpu(Box::new(GpuMachine::new(gpu, &self.plan, Arc::clone(self.scene()))?));
         self.reset(ResetReason::BackendChange);
         Ok(())
     }
 
     /// Renders on the CPU from the next frame on, without history: after [`Self::render_on`], where its device fails.
+    ///
+    /// # Errors
+    /// None that [`Self::with_networks`] did not have, of the same settings and networks.
     #[cfg(feature = "gpu")]
-    pub fn render_on_cpu(&mut self) {
-        self.rasterizer = AnyRasterizer::cpu(Arc::clone(self.rasterizer.scene()), self.settings.culling);
-        self.device = None;
+    pub fn render_on_cpu(&mut self) -> Result<(), PipelineError> {
+        self.machine = Machine::Cpu(Box::new(CpuMachine::new(&self.plan, Arc::clone(self.scene()))?));
         self.reset(ResetReason::BackendChange);
+        Ok(())
     }
 
     /// Whether all of the frame of `camera` is made on a GPU. Where there are networks and the size is no multiple of
     /// the scale, a GPU rasterizes and the rest stays on the CPU.
     #[must_use]
     pub fn is_on_device(&self, camera: &Camera) -> bool {
-        #[cfg(feature = "gpu")]
-        let is_on_device =
-            self.device.as_ref().is_some_and(|device| device.frames.takes([camera.width(), camera.height()]));
-        #[cfg(not(feature = "gpu"))]
-        let is_on_device = {
-            _ = camera;
-            false
-        };
-        is_on_device
+        match &self.machine {
+            Machine::Cpu(_) => {
+                _ = camera;
+                false
+            }
+            #[cfg(feature = "gpu")]
+            Machine::Gpu(gpu) => gpu.makes_all_of(camera),
+        }
     }
 
     /// The scene shown.
     #[must_use]
-    pub const fn scene(&self) -> &Arc<Scene> {
-        self.rasterizer.scene()
+    pub fn scene(&self) -> &Arc<Scene> {
+        match &self.machine {
+            Machine::Cpu(cpu) => cpu.rasterizer.scene(),
+            #[cfg(feature = "gpu")]
+            Machine::Gpu(gpu) => gpu.scene(),
+        }
     }
 
     /// Number of frames after which a resting camera repeats its sampling offsets, which is also how many frames the
     /// history holds.
     #[must_use]
     pub fn jitter_period(&self) -> usize {
-        self.jitter.period()
+        self.sequence.period()
     }
 
     /// What the last frame gave to show; an empty image before the first one.
@@ -319,41 +367,57 @@ impl FramePipeline {
     pub fn presented(&self) -> Presented<'_> {
         let mut between = [None; MAX_GENERATE as usize];
         let held = self.held_frame();
-        for (k, (place, made)) in between.iter_mut().zip(&self.between).enumerate() {
-            *place = if k < self.between_made { Some(made) } else { held };
+        for (k, (place, made)) in between.iter_mut().zip(&self.frames.in_between).enumerate() {
+            *place = if k < self.in_between { Some(made) } else { held };
         }
-        Presented { between, current: &self.current.image }
+        Presented { between, current: &self.frames.current.image }
     }
 
     /// The last frame rendered; empty before the first one.
     #[must_use]
     pub const fn last_image(&self) -> &Image {
-        &self.current.image
+        &self.frames.current.image
     }
 
     /// The settings.
     #[must_use]
     pub const fn settings(&self) -> &PipelineSettings {
-        &self.settings
+        &self.plan.settings
     }
 
-    /// How long the stages of the last frame took.
+    /// How long the stages of the last frame took: by the device's clock where a GPU made it, without the way back. Where
+    /// that has no clock, all of the frame and its way back count as rasterization.
     #[must_use]
     pub const fn times(&self) -> StageTimes {
         self.times
     }
 
+    /// What each stage of the device took, in the order in which they began, where a GPU with a clock made the last frame
+    /// that was waited for; else empty.
+    #[cfg(feature = "gpu")]
+    #[must_use]
+    pub fn device_times(&self) -> &[StageTime] {
+        match &self.machine {
+            Machine::Cpu(_) => &[],
+            Machine::Gpu(gpu) => gpu.stage_times(),
+        }
+    }
+
     /// Number of Gaussians that the last frame shows; none where a GPU keeps the count.
     #[must_use]
     pub fn visible_count(&self) -> Option<usize> {
-        self.rasterizer.visible_count()
+        match &self.machine {
+            Machine::Cpu(cpu) => Some(cpu.rasterizer.visible_count()),
+            #[cfg(feature = "gpu")]
+            Machine::Gpu(_) => None,
+        }
     }
 
     /// The low-resolution G-buffer of the last frame; empty in [`Mode::Native`], colour only in [`Mode::Bicubic`].
     /// Where whole frames are made on a GPU it is that of the last [`Self::fetch_gbuffer`].
     #[must_use]
     pub const fn gbuffer(&self) -> &GBuffer {
-        &self.current.gbuffer
+        &self.frames.current.gbuffer
     }
 
     /// Brings the low-resolution G-buffer of the last frame here, if it is on a GPU.
@@ -362,49 +426,19 @@ impl FramePipeline {
     /// [`PipelineError`] if the device fails.
     pub fn fetch_gbuffer(&mut self) -> Result<(), PipelineError> {
         #[cfg(feature = "gpu")]
-        if let (Some(device), Some(camera)) = (&self.device, &self.current.camera)
-            && self.is_on_device(camera)
-        {
-            device.frames.read_gbuffer(&mut self.current.gbuffer)?;
+        if let (Machine::Gpu(gpu), Some(camera)) = (&self.machine, &self.frames.current.camera) {
+            gpu.read_gbuffer(camera, &mut self.frames.current.gbuffer)?;
         }
         Ok(())
     }
 
-    /// Decides whether the history holds for `camera`, and passes a reason why not on to whatever keeps history.
-    fn invalidate_for(&mut self, camera: &Camera) {
-        let size = |c: &Camera| (c.width(), c.height());
-        if self.invalid.is_none() {
-            self.invalid = match &self.current.camera {
-                None => Some(ResetReason::FirstFrame),
-                Some(last) if size(last) != size(camera) => Some(ResetReason::SizeOrTierChange),
-                Some(last) if is_cut(last, camera, &self.current.lattice) => Some(ResetReason::CameraCut),
-                Some(_) => None,
-            };
-        }
-        if let Some(reason) = self.invalid {
-            self.super_sampler.reset(reason);
-            self.learned_super_sampler.iter_mut().for_each(LearnedSuperSampler::reset);
-            self.learned_interpolator.iter_mut().for_each(LearnedInterpolator::reset);
-            #[cfg(feature = "gpu")]
-            self.device.iter_mut().for_each(|device| device.reset(reason));
-            self.jitter.reset();
-        }
-    }
-
-    /// What the frame of `camera` is rasterized with beyond its edges. After a cut nothing tells where the camera goes.
-    fn next_margin(&self, camera: &Camera) -> Margin {
-        match &self.current.camera {
-            Some(last) if self.overscan && self.invalid.is_none() => {
-                margin_ahead(last, camera, &self.current.lattice, self.settings.scale)
-            }
-            _ => Margin::NONE,
-        }
-    }
-
     /// The previous frame, if there is one of the same size.
     fn held_frame(&self) -> Option<&Image> {
-        let size = |frame: &Frame| frame.camera.map(|c| (c.width(), c.height()));
-        (size(&self.previous).is_some() && size(&self.previous) == size(&self.current))
-            .then_some(&self.previous.image)
+        let Frames { previous, current, .. } = &self.frames;
+        (previous.size().is_some() && previous.size() == current.size()).then_some(&previous.image)
     }
+}
+
+fn is_same_size(a: &Camera, b: &Camera) -> bool {
+    (a.width(), a.height()) == (b.width(), b.height())
 }

@@ -1,7 +1,10 @@
-//! The networks within the pipeline: what they are fed, what they remember, which weights they have.
+//! The networks within the pipeline: what they are fed, what they remember, which weights they have. `gpu` has the same
+//! on a device.
 
 mod error;
 mod features;
+#[cfg(feature = "gpu")]
+pub(crate) mod gpu;
 mod interpolator;
 mod networks;
 mod recurrent;

@@ -1,5 +1,3 @@
-use fearless_simd::Level;
-
 use super::{Bf16Convolution, Source, Unit, rounded};
 use crate::engine::block::{Block, LANES, Layout, Numbers, Rest, Room, Sources};
 use crate::engine::conv::fill_halo;
@@ -138,7 +136,7 @@ impl Case {
             let (_, rest) = Rest::split(&mut arena, 0, 0);
             let (_, strips) = Rest::split(&mut [], 0, 0);
             convolution.run_row(
-                Level::new(),
+                gs3_simd::level(),
                 None,
                 Sources::strip(rest, Rest::default(), strips, x),
                 &out,
@@ -169,7 +167,7 @@ fn spoil_memory_of_tiles() {
         let (_, strips) = Rest::split(&mut [], 0, 0);
         let mut sums = vec![Block::default(); out.row_len()];
         convolution.run_row(
-            Level::new(),
+            gs3_simd::level(),
             None,
             Sources::strip(rest, Rest::default(), strips, 0),
             &out,

@@ -43,7 +43,8 @@ mod machine {
 
     pub fn has_pairs() -> bool {
         // The two last ones store parts of vectors; no processor lacks them that has the others.
-        is_x86_feature_detected!("avx512f")
+        gs3_simd::level().as_avx512().is_some()
+            && is_x86_feature_detected!("avx512f")
             && is_x86_feature_detected!("avx512bf16")
             && is_x86_feature_detected!("avx512bw")
             && is_x86_feature_detected!("avx512vl")
@@ -52,7 +53,10 @@ mod machine {
     /// Leaf 7 of `cpuid`: bits 22 and 24 of register d are AMX-BF16 and AMX-TILE.
     pub fn has_tiles() -> bool {
         const AMX: u32 = 1 << 22 | 1 << 24;
-        __cpuid(0).eax >= 7 && __cpuid_count(7, 0).edx & AMX == AMX && may_use_tiles()
+        gs3_simd::level().as_avx512().is_some()
+            && __cpuid(0).eax >= 7
+            && __cpuid_count(7, 0).edx & AMX == AMX
+            && may_use_tiles()
     }
 
     /// Tiles are 8 KiB of a thread's state, which Linux saves only for processes that ask for it. It refuses where it

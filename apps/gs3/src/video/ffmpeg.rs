@@ -1,4 +1,4 @@
-//! Video through the `ffmpeg` on PATH.
+//! Videos through the `ffmpeg` on PATH.
 
 use std::fmt::Display;
 use std::fs;
@@ -11,34 +11,43 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use gs3_files::end_of_links;
+use gs3_video::Picture;
 
-use crate::error::CliError;
+use super::{Failure, Stream};
 use crate::interrupt;
-use crate::output::frame_name;
-use crate::terminal::note;
 
-/// How frames become a video. 4:2:0 plays everywhere and needs even sizes.
-const ENCODING: [&str; 10] = [
-    "-vf",
-    "pad=ceil(iw/2)*2:ceil(ih/2)*2",
-    "-pix_fmt",
-    "yuv420p",
-    "-c:v",
-    "libx264",
-    "-crf",
-    "17",
-    "-movflags",
-    "+faststart",
-];
+/// How frames become a video. 4:2:0 plays everywhere.
+const ENCODING: [&str; 8] =
+    ["-pix_fmt", "yuv420p", "-c:v", "libx264", "-crf", "17", "-movflags", "+faststart"];
 
-/// The command that makes `file` of the frames with these `numbers` in folder `frames`, for a shell.
-pub fn by_hand(file: &Path, frames: &Path, numbers: &Range<usize>, rate: f64) -> String {
+/// What the colours are, as [`Picture`] and [`filter`] make them.
+const COLOURS: [&str; 8] =
+    ["-color_range", "tv", "-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709"];
+
+/// What does to PNG files of `size` what [`Picture`] does: BT.709 colours, even sides, the last column or row twice where
+/// a side is odd.
+fn filter([width, height]: [u32; 2]) -> String {
+    let colours = "scale=out_color_matrix=bt709:out_range=tv:flags=accurate_rnd+full_chroma_inp";
+    let [right, bottom] = [width % 2, height % 2];
+    if right + bottom == 0 {
+        return colours.to_owned();
+    }
+    let (even, border) = ("pad=ceil(iw/2)*2:ceil(ih/2)*2", format!("right={right}:bottom={bottom}"));
+    format!("format=gbrp,{even},fillborders={border}:mode=smear,{colours}")
+}
+
+/// The command that makes `file` of the frames of `stream` in folder `frames` that have these `numbers`, for a shell.
+pub fn by_hand(file: &Path, frames: &Path, numbers: &Range<usize>, stream: &Stream) -> String {
     // In the name of a series of images % stands for a number.
     let series = format!("{}/frame_%06d.png", no_option(frames).display().to_string().replace('%', "%%"));
-    let (rate, first, count) = (rate.to_string(), numbers.start.to_string(), numbers.len().to_string());
+    let (rate, first, count) =
+        (stream.rate.to_string(), numbers.start.to_string(), numbers.len().to_string());
     let file = no_option(file).display().to_string();
     let input = ["ffmpeg", "-framerate", &rate, "-start_number", &first, "-i", &series, "-frames:v", &count];
-    input.into_iter().chain(ENCODING).chain([file.as_str()]).map(quoted).collect::<Vec<_>>().join(" ")
+    let filter = filter(stream.size);
+    let words =
+        input.into_iter().chain(["-vf", &filter]).chain(ENCODING).chain(COLOURS).chain([file.as_str()]);
+    words.map(quoted).collect::<Vec<_>>().join(" ")
 }
 
 /// `path` such that no command takes it for an option, whatever it begins with.
@@ -55,39 +64,8 @@ pub fn quoted(word: &str) -> String {
     }
 }
 
-/// Why there is no video.
-#[derive(Debug)]
-pub enum NoVideo {
-    /// No `ffmpeg` is on PATH.
-    Absent,
-    /// What went wrong with the one that is.
-    Failed(String),
-}
-
-impl NoVideo {
-    /// Says why `file` is not there, and how to make it of the frames with these `numbers` in folder `frames`. Without
-    /// an `ffmpeg` frames are all that there can be; one that fails is an error, as whoever has it counts on the video.
-    pub fn tell(self, file: &Path, frames: &Path, numbers: &Range<usize>, rate: f64) -> Result<(), CliError> {
-        let by_hand = by_hand(file, frames, numbers, rate);
-        match self {
-            Self::Absent => {
-                let [first, last] = [numbers.start, numbers.end.saturating_sub(1)].map(frame_name);
-                note(format_args!(
-                    "no ffmpeg on PATH, so no {}: the frames are {}/{first} to {last}, and where there is one, {by_hand} makes it",
-                    file.display(),
-                    frames.display(),
-                ));
-                Ok(())
-            }
-            Self::Failed(message) => {
-                Err(CliError::Video { path: file.into(), message, frames: frames.into(), by_hand })
-            }
-        }
-    }
-
-    fn failed(reason: &impl Display) -> Self {
-        Self::Failed(format!("ffmpeg failed: {reason}"))
-    }
+fn failed(reason: &impl Display) -> Failure {
+    Failure(format!("ffmpeg failed: {reason}"))
 }
 
 /// How often it is looked whether `ffmpeg` has ended: unnoticed by people, and nothing beside encoding.
@@ -98,7 +76,8 @@ const MOST_SAID: u64 = 1 << 16;
 
 /// A running `ffmpeg` that takes raw frames. Its file appears under its name when the video is whole; until then a
 /// second Ctrl-C ends it, should it be stuck.
-pub struct Video {
+pub struct Ffmpeg {
+    size: [u32; 2],
     /// Where the video goes: of a link the file that it leads to.
     file: PathBuf,
     partial: PathBuf,
@@ -108,54 +87,59 @@ pub struct Video {
     said: Option<JoinHandle<String>>,
 }
 
-impl Video {
-    /// Starts `ffmpeg` for frames of `size`.
-    pub fn start(file: &Path, size: [u32; 2], rate: f64) -> Result<Self, NoVideo> {
-        let file = end_of_links(file).map_err(|error| NoVideo::failed(&error))?;
+impl Ffmpeg {
+    /// Starts `ffmpeg` for the frames of `stream`; none if there is none on PATH.
+    pub fn start(file: &Path, stream: &Stream) -> Result<Option<Self>, Failure> {
+        let file = end_of_links(file).map_err(|error| failed(&error))?;
         let partial = file.with_extension("mp4.partial");
         let mut command = Command::new("ffmpeg");
-        command.args(["-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]);
-        command.args(["-s", &format!("{}x{}", size[0], size[1]), "-r", &rate.to_string(), "-i", "-"]);
-        command.args(ENCODING).args(["-f", "mp4", "-y"]).arg(no_option(&partial));
+        let [width, height] = stream.size.map(|side| side.next_multiple_of(2));
+        command.args(["-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "yuv420p"]).args(COLOURS);
+        command.args(["-s", &format!("{width}x{height}"), "-r", &stream.rate.to_string(), "-i", "-"]);
+        command.args(ENCODING).args(COLOURS).args(["-f", "mp4", "-y"]).arg(no_option(&partial));
         command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
         // In a process group of its own it does not see Ctrl-C, so that this command decides what is left.
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
-        let mut process = command.spawn().map_err(|error| match error.kind() {
-            ErrorKind::NotFound => NoVideo::Absent,
-            _ => NoVideo::failed(&error),
-        })?;
+        let mut process = match command.spawn() {
+            // A folder or a file of that name on PATH that is no program is none, either.
+            Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::PermissionDenied) => {
+                return Ok(None);
+            }
+            process => process.map_err(|error| failed(&error))?,
+        };
         let frames = process.stdin.take();
         // Read while frames are written: neither pipe may fill up while the other is waited for.
         let said = process.stderr.take().map(|stderr| thread::spawn(move || said(stderr)));
         let process = Arc::new(Mutex::new(process));
         let (shared, unfinished) = (Arc::clone(&process), partial.clone());
         interrupt::on_second_request(Some(Box::new(move || kill(&shared, &unfinished))));
-        Ok(Self { file, partial, process, frames, said })
+        Ok(Some(Self { size: stream.size, file, partial, process, frames, said }))
     }
 
     /// Gives `ffmpeg` the next frame, RGB rows.
-    pub fn write(&mut self, bytes: &[u8]) -> Result<(), NoVideo> {
-        let written = self.frames.as_mut().map(|frames| frames.write_all(bytes));
+    pub fn write(&mut self, rgb: &[u8]) -> Result<(), Failure> {
+        let picture = Picture::from_rgb8(self.size, rgb).map_err(|error| failed(&error))?;
+        let written = self.frames.as_mut().map(|frames| frames.write_all(picture.samples()));
         match written {
             Some(Ok(())) => Ok(()),
             // It ended early; what it said says why.
-            _ => self.end().and(Err(NoVideo::failed(&"it ended before the last frame"))),
+            _ => self.end().and(Err(failed(&"it ended before the last frame"))),
         }
     }
 
     /// Waits for the video to be whole.
-    pub fn finish(mut self) -> Result<(), NoVideo> {
+    pub fn finish(mut self) -> Result<(), Failure> {
         self.end()?;
-        fs::rename(&self.partial, &self.file).map_err(|error| NoVideo::failed(&error))
+        fs::rename(&self.partial, &self.file).map_err(|error| failed(&error))
     }
 
-    fn end(&mut self) -> Result<(), NoVideo> {
+    fn end(&mut self) -> Result<(), Failure> {
         drop(self.frames.take());
         let status = loop {
             // Without the lock in between.
             let ended = lock(&self.process).try_wait();
-            match ended.map_err(|error| NoVideo::failed(&error))? {
+            match ended.map_err(|error| failed(&error))? {
                 Some(status) => break status,
                 None => thread::sleep(LOOK),
             }
@@ -164,13 +148,13 @@ impl Video {
         let said = self.said.take().and_then(|said| said.join().ok()).unwrap_or_default();
         match (status.success(), said.lines().find(|line| !line.trim().is_empty())) {
             (true, _) => Ok(()),
-            (false, Some(line)) => Err(NoVideo::failed(&line)),
-            (false, None) => Err(NoVideo::failed(&status)),
+            (false, Some(line)) => Err(failed(&line)),
+            (false, None) => Err(failed(&status)),
         }
     }
 }
 
-impl Drop for Video {
+impl Drop for Ffmpeg {
     fn drop(&mut self) {
         drop(self.frames.take());
         interrupt::on_second_request(None);
@@ -205,10 +189,13 @@ mod tests {
 
     #[test]
     fn what_is_to_be_typed_is_quoted_where_a_shell_needs_it() {
-        let text = by_hand(Path::new("/tmp/it's.mp4"), Path::new("50 %"), &(3..7), 29.97);
+        let stream = Stream { size: [96, 54], rate: 29.97, frames: 4 };
+        let text = by_hand(Path::new("/tmp/it's.mp4"), Path::new("50 %"), &(3..7), &stream);
         let (input, output) = text.split_once(" -vf ").unwrap();
         assert_eq!(input, "ffmpeg -framerate 29.97 -start_number 3 -i './50 %%/frame_%06d.png' -frames:v 4");
-        assert!(output.starts_with("'pad=ceil(iw/2)*2:ceil(ih/2)*2' -pix_fmt yuv420p "), "{output}");
+        assert!(output.starts_with("scale=out_color_matrix=bt709:out_range=tv:"), "{output}");
         assert!(output.ends_with(r" '/tmp/it'\''s.mp4'"), "{output}");
+        let odd = by_hand(Path::new("v.mp4"), Path::new("v"), &(3..7), &Stream { size: [95, 54], ..stream });
+        assert!(odd.contains("ceil(ih/2)*2,fillborders=right=1:bottom=0:mode=smear,scale="), "{odd}");
     }
 }

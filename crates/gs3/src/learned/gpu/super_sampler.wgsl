@@ -1,4 +1,4 @@
-// What the super-sampling network is fed, channels last; see learned/features.rs.
+// What the super-sampling network is fed, channels last; see SuperSampleFeatures in learned/features.rs.
 
 struct Features {
     // HR pixels.

@@ -1,24 +1,24 @@
-//! Frames between refined by a network, on a device: what it is fed, what it remembers.
+//! Frame interpolation refined by a network, on a device: what it is fed, what it remembers. `../interpolator.rs` has
+//! the same on the processor.
 
 use std::collections::HashMap;
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
-use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Recorder, Slice, Use};
-use gs3_neural::model::graph_of;
-use gs3_neural::{BoundEngine, GpuEngine, GpuEngineSettings, ImageFormat, MatrixUnit, Precision, Weights};
+use gs3_compute::{Bound, Buffer, Gpu, Kernel, Recorder, Use};
+use gs3_neural::{BoundEngine, Weights};
 use gs3_reconstruct::gpu::{
     BoundInterpolator, BoundMotion, GpuImage, GpuInterpolator, GpuMotion, GpuNeighbor, NeighborView,
 };
 use gs3_scene::Camera;
 
-use super::learned::{MEAN_WGSL, PARTS, missing};
+use super::network::{GpuNetwork, missing};
+use super::{MEAN_WGSL, PARTS};
 use crate::error::PipelineError;
-use crate::learned::NetworkError;
 
-const BETWEEN_WGSL: &str = include_str!("between.wgsl");
+const INTERPOLATOR_WGSL: &str = include_str!("interpolator.wgsl");
 
-/// `Features` of `between.wgsl`.
+/// `Features` of `interpolator.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 struct FeaturesUniform {
@@ -27,27 +27,25 @@ struct FeaturesUniform {
     _pad: u32,
 }
 
-/// Which frame between: before which of the two sides, and in which place there.
+/// A frame between: the side it lies before, and its place there.
 type At = (usize, usize);
 
 /// The network with all that it reads and keeps. A frame that is submitted again reads what it read before: frames
 /// between are remembered beside the side they lie before, and read those of the other side.
-pub struct LearnedBetween {
+pub struct GpuLearnedInterpolator {
     gpu: Gpu,
     lr: [u32; 2],
     scale: u32,
-    engine: GpuEngine,
+    network: GpuNetwork,
     sum_depths: Kernel,
     geometry: Kernel,
     /// Both neighbours at the pose between.
     warped: [GpuImage; 2],
-    /// Inputs but images and state, by the names that the network has for them.
-    inputs: Vec<(&'static str, Buffer)>,
     sums: Buffer,
     /// By side, and place between.
     slots: [Vec<Slot>; 2],
     /// By frame, and the one before it.
-    bound: HashMap<(At, At), BoundBetween>,
+    bound: HashMap<(At, At), BoundInBetween>,
 }
 
 /// A frame between.
@@ -61,7 +59,7 @@ struct Slot {
     camera: Option<Camera>,
 }
 
-struct BoundBetween {
+struct BoundInBetween {
     warp: BoundInterpolator,
     sum_depths: Bound,
     geometry: Bound,
@@ -69,8 +67,8 @@ struct BoundBetween {
     engine: BoundEngine,
 }
 
-/// What a frame between is made from, and where.
-pub struct Between<'a> {
+/// What a frame between two others is made from, and where it goes.
+pub struct InBetween<'a> {
     pub interpolator: &'a GpuInterpolator,
     pub neighbors: [GpuNeighbor<'a>; 2],
     pub views: [&'a NeighborView; 2],
@@ -79,7 +77,7 @@ pub struct Between<'a> {
     pub out: &'a GpuImage,
 }
 
-impl LearnedBetween {
+impl GpuLearnedInterpolator {
     /// The network of `weights` for up to `count` frames between frames of `size`, a multiple of `scale`.
     pub fn new(
         gpu: &Gpu,
@@ -89,45 +87,28 @@ impl LearnedBetween {
         count: usize,
     ) -> Result<Self, PipelineError> {
         let lr = size.map(|side| side / scale);
-        let graph = graph_of(&weights.header).map_err(NetworkError::from)?;
-        let settings = GpuEngineSettings {
-            precision: Precision::of(gpu),
-            matrices: MatrixUnit::of(gpu.capabilities()),
-            inputs: &[
-                ("before", ImageFormat::HalfPixels),
-                ("after", ImageFormat::HalfPixels),
-                ("hidden", ImageFormat::Blocks),
-            ],
-            outputs: Some(&[("color", ImageFormat::HalfPixels), ("hidden", ImageFormat::Blocks)]),
-        };
-        let engine = GpuEngine::new(gpu, &graph, weights, [lr[1] as usize, lr[0] as usize], &settings)?;
-        let bytes = |name: &str| engine.inputs().iter().find(|i| i.name == name).map_or(4, |i| i.bytes);
-        let make = |name| Ok((name, gpu.buffer(name, Use::Storage, bytes(name))?));
-        let inputs = ["share", "geometry", "motion", "validity"]
-            .into_iter()
-            .map(make)
-            .collect::<Result<_, GpuError>>()?;
+        let planes = ["share", "geometry", "motion", "validity"];
+        let network = GpuNetwork::new(gpu, weights, lr, ["before", "after"], &planes)?;
         let slot = |_| {
             Ok(Slot {
-                hidden: gpu.buffer("hidden", Use::Storage, bytes("hidden"))?,
+                hidden: network.buffer(gpu, "hidden")?,
                 median: gpu.buffer("median", Use::Storage, u64::from(lr[0]) * u64::from(lr[1]) * 16)?,
                 uniform: gpu.buffer("features", Use::Uniform, size_of::<FeaturesUniform>() as u64)?,
                 motion: GpuMotion::new(gpu, lr)?,
                 camera: None,
             })
         };
-        let module = gpu.module("between", &[MEAN_WGSL, BETWEEN_WGSL])?;
+        let module = gpu.module("interpolator features", &[MEAN_WGSL, INTERPOLATOR_WGSL])?;
         let slots = || (0..count).map(slot).collect::<Result<Vec<_>, PipelineError>>();
         Ok(Self {
             slots: [slots()?, slots()?],
             gpu: gpu.clone(),
             lr,
             scale,
-            engine,
+            network,
             sum_depths: module.kernel(gpu, "sum_depths", &[])?,
             geometry: module.kernel(gpu, "geometry_of", &[])?,
             warped: [GpuImage::new(gpu, size)?, GpuImage::new(gpu, size)?],
-            inputs,
             sums: gpu.buffer("sums", Use::Storage, u64::from(PARTS) * 8)?,
             bound: HashMap::new(),
         })
@@ -145,18 +126,20 @@ impl LearnedBetween {
         recorder: &mut Recorder<'_>,
         current: usize,
         k: usize,
-        between: &Between<'_>,
+        frame: &InBetween<'_>,
     ) -> Result<(), PipelineError> {
         let at = (current, k);
         let last = |side: usize| self.slots[side].iter().rposition(|slot| slot.camera.is_some());
         // Where there was none, any state will do: it is cleared.
         let before = if k > 0 { (current, k - 1) } else { (1 - current, last(1 - current).unwrap_or(0)) };
         if !self.bound.contains_key(&(at, before)) {
-            let bound = self.bind(at, before, between)?;
+            let bound = self.bind(at, before, frame)?;
             self.bound.insert((at, before), bound);
         }
-        let Some(bound) = self.bound.get(&(at, before)) else { return Ok(()) };
-        let Between { interpolator, views, t, camera, .. } = *between;
+        let Some(bound) = self.bound.get(&(at, before)) else {
+            return Err(PipelineError::Internal { expected: "the network's kernels" });
+        };
+        let InBetween { interpolator, views, t, camera, .. } = *frame;
         let (slot, previous) = (&self.slots[at.0][at.1], &self.slots[before.0][before.1]);
         recorder.write(&slot.uniform.slice(), &[FeaturesUniform { lr: self.lr, t, _pad: 0 }])?;
         interpolator.record(recorder, &bound.warp, views, t, camera)?;
@@ -170,8 +153,8 @@ impl LearnedBetween {
                 slot.motion.record(recorder, &bound.motion, [(&now, [0.0; 2]), (&last, [0.0; 2])])?;
             }
             None => {
-                recorder.clear(&self.input("motion")?.slice());
-                recorder.clear(&self.input("validity")?.slice());
+                recorder.clear(&self.network.input("motion")?.slice());
+                recorder.clear(&self.network.input("validity")?.slice());
                 recorder.clear(&previous.hidden.slice());
             }
         }
@@ -181,17 +164,16 @@ impl LearnedBetween {
         Ok(())
     }
 
-    fn input(&self, name: &str) -> Result<&Buffer, GpuError> {
-        let found = self.inputs.iter().find(|(n, _)| *n == name).map(|(_, buffer)| buffer);
-        found.ok_or_else(|| missing(name))
-    }
-
-    fn bind(&self, at: At, before: At, between: &Between<'_>) -> Result<BoundBetween, PipelineError> {
+    fn bind(&self, at: At, before: At, frame: &InBetween<'_>) -> Result<BoundInBetween, PipelineError> {
         let gpu = &self.gpu;
         let (slot, previous) = (&self.slots[at.0][at.1], &self.slots[before.0][before.1]);
-        let [share, geometry, flow, validity] =
-            [self.input("share")?, self.input("geometry")?, self.input("motion")?, self.input("validity")?];
-        let middle = between.interpolator.inverse_depth().ok_or_else(|| missing("middle"))?;
+        let [share, geometry, flow, validity] = [
+            self.network.input("share")?,
+            self.network.input("geometry")?,
+            self.network.input("motion")?,
+            self.network.input("validity")?,
+        ];
+        let middle = frame.interpolator.inverse_depth().ok_or_else(|| missing("middle"))?;
         let features = [
             ("features", slot.uniform.slice()),
             ("middle", middle.slice()),
@@ -199,19 +181,18 @@ impl LearnedBetween {
             ("median", slot.median.slice()),
             ("sums", self.sums.slice()),
         ];
-        let mut inputs: Vec<(&str, Slice<'_>)> =
-            self.inputs.iter().map(|(name, buffer)| (*name, buffer.slice())).collect();
+        let mut inputs = self.network.slices();
         inputs.push(("before", self.warped[0].pixels().slice()));
         inputs.push(("after", self.warped[1].pixels().slice()));
         inputs.push(("hidden", previous.hidden.slice()));
-        let outputs = [("color", between.out.pixels().slice()), ("hidden", slot.hidden.slice())];
-        let [first, second] = &between.neighbors;
-        Ok(BoundBetween {
-            warp: between.interpolator.bind_both(first, second, self.warped.each_ref(), share)?,
+        let outputs = [("color", frame.out.pixels().slice()), ("hidden", slot.hidden.slice())];
+        let [first, second] = &frame.neighbors;
+        Ok(BoundInBetween {
+            warp: frame.interpolator.bind_both(first, second, self.warped.each_ref(), share)?,
             sum_depths: self.sum_depths.bind(gpu, &features)?,
             geometry: self.geometry.bind(gpu, &features)?,
             motion: slot.motion.bind(&slot.median, &previous.median, flow, validity)?,
-            engine: self.engine.bind(gpu, &inputs, &outputs)?,
+            engine: self.network.engine.bind(gpu, &inputs, &outputs)?,
         })
     }
 }
@@ -222,6 +203,10 @@ mod tests {
 
     #[test]
     fn the_shader_is_valid_and_its_struct_lies_as_here() {
-        gs3_compute::assert_layout!(&[MEAN_WGSL, BETWEEN_WGSL], Features, FeaturesUniform { lr, t, _pad });
+        gs3_compute::assert_layout!(
+            &[MEAN_WGSL, INTERPOLATOR_WGSL],
+            Features,
+            FeaturesUniform { lr, t, _pad }
+        );
     }
 }

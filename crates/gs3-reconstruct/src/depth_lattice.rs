@@ -11,9 +11,12 @@ pub(crate) const SKY: f64 = 1e9;
 
 /// Median depths of a frame on a lattice of 5×5 of its pixels, row by row; 0 where nothing was hit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct DepthLattice(pub(crate) [f32; LATTICE * LATTICE]);
+pub struct DepthLattice(pub(crate) [f32; DepthLattice::LEN]);
 
 impl DepthLattice {
+    /// Number of its depths.
+    pub const LEN: usize = LATTICE * LATTICE;
+
     /// Of the median depths of a frame at [`Self::pixels`], in that order, 0 where nothing was hit: for renderers
     /// whose G-buffer is elsewhere.
     #[must_use]
@@ -42,6 +45,20 @@ impl DepthLattice {
             }
         }
         Self(depths)
+    }
+
+    /// Mean inverse depth of the points that hit something; 0 if none did.
+    #[must_use]
+    pub fn mean_inverse_depth(&self) -> f32 {
+        let hits = self.0.iter().filter(|depth| **depth > crate::NEAREST_DEPTH && depth.is_finite());
+        let (sum, count) = hits.fold((0.0, 0), |(sum, count), depth| (sum + 1.0 / depth, count + 1));
+        if count > 0 { sum / count as f32 } else { 0.0 }
+    }
+
+    /// Its depths, row by row.
+    #[must_use]
+    pub const fn depths(&self) -> &[f32; Self::LEN] {
+        &self.0
     }
 
     /// Where its points are, in parts of the picture, and their depths.

@@ -3,11 +3,11 @@
 use glam::DVec2;
 use gs3_scene::Camera;
 
-use crate::lattice::{DepthLattice, SKY};
+use crate::depth_lattice::{DepthLattice, SKY};
 
 /// Whether so little of the previous frame still shows that its history is worth nothing: of a 5×5 lattice of its
 /// pixels, placed at their depths, fewer than a third lie within the new image and are seen from about the same side.
-/// Whoever keeps history resets it then, as [`crate::FramePipeline`] does. (Empirical; a brisk pan of 3° a frame keeps
+/// Whoever keeps history resets it then, as [`crate::FrameSequence`] does. (Empirical; a brisk pan of 3° a frame keeps
 /// nine tenths, and no orbit turns by 30° from frame to frame.)
 #[must_use]
 pub fn is_cut(previous: &Camera, camera: &Camera, lattice: &DepthLattice) -> bool {

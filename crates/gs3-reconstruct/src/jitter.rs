@@ -11,8 +11,29 @@ use std::collections::VecDeque;
 use glam::DVec2;
 use gs3_scene::{Camera, Jitter};
 
-use crate::lattice::{DepthLattice, SKY};
-use crate::settings::Sampling;
+use crate::depth_lattice::{DepthLattice, SKY};
+
+/// Where within their pixels low-resolution frames are sampled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Sampling {
+    /// At offsets of the exact S×S grid, in each frame where the ones before did not sample ([`AdaptiveJitter`]): after
+    /// S² frames a resting camera has seen every high-resolution pixel.
+    #[default]
+    Jittered,
+    /// Always at pixel centres.
+    Centered,
+}
+
+impl Sampling {
+    /// Its name in reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Jittered => "jittered",
+            Self::Centered => "centered",
+        }
+    }
+}
 
 /// Energy of two samples falls with their distance as a Gaussian of this σ, in HR pixels. (Empirical: on paths
 /// through captured scenes 0.5 to 1.3 gain within 0.1 dB of each other; from 0.7 on the slowest motions leave places
@@ -62,18 +83,31 @@ impl AdaptiveJitter {
     }
 
     /// The offset `[x, y]` at which to sample the frame of `camera`, in LR pixels from the pixel centre; `last` are
-    /// depths of the frame before, which is not read after a reset.
+    /// depths of the frame before, which is not read after a reset. The frame counts as sampled there.
     pub fn next(&mut self, camera: &Camera, last: &DepthLattice) -> [f32; 2] {
         let offset = self.choose(camera, last);
+        self.remember(camera, offset);
+        offset
+    }
+
+    /// Remembers that the frame of `camera` was sampled at `offset`.
+    pub fn remember(&mut self, camera: &Camera, offset: [f32; 2]) {
         self.past.truncate(self.period().saturating_sub(2));
         if self.period() > 1 {
             self.past.push_front((*camera, offset));
         }
-        offset
     }
 
-    /// The offset of least energy, the first in the grid's order among equals.
-    fn choose(&self, camera: &Camera, last: &DepthLattice) -> [f32; 2] {
+    /// The offset of the first frame, and of one after a reset.
+    #[must_use]
+    pub fn first(&self) -> [f32; 2] {
+        self.offsets.offset(0)
+    }
+
+    /// As [`Self::next`], without counting the frame as sampled: the offset of least energy, the first in the grid's order
+    /// among equals.
+    #[must_use]
+    pub fn choose(&self, camera: &Camera, last: &DepthLattice) -> [f32; 2] {
         let energies = self.energies(camera, last);
         // A camera that rests repeats none: then all are exact, and the grid is to be complete. (In all tests
         // energies alone see to that; this is the guarantee.)
@@ -137,7 +171,7 @@ mod tests {
     use gs3_scene::Intrinsics;
 
     use super::*;
-    use crate::lattice::LATTICE;
+    use crate::depth_lattice::LATTICE;
 
     /// A camera at x before a wall at z = 4, where a step of 1 is 200 pixels.
     fn camera(x: f64) -> Camera {

@@ -1,11 +1,11 @@
-//! Super sampling refined by a network, on a device: what it is fed, what it remembers.
+//! Super sampling refined by a network, on a device: what it is fed, what it remembers. `../super_sampler.rs` has the
+//! same on the processor.
 
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
-use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Recorder, Slice, Use, constants};
-use gs3_neural::model::graph_of;
-use gs3_neural::{BoundEngine, GpuEngine, GpuEngineSettings, ImageFormat, MatrixUnit, Precision, Weights};
+use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Recorder, Use, constants};
+use gs3_neural::{BoundEngine, Weights};
 use gs3_raster::GpuGBuffer;
 use gs3_reconstruct::NEAREST_DEPTH;
 use gs3_reconstruct::gpu::{
@@ -14,14 +14,14 @@ use gs3_reconstruct::gpu::{
 };
 use gs3_scene::Camera;
 
-use super::sized::planes;
+use super::network::{GpuNetwork, missing};
+use super::{MEAN_WGSL, PARTS, planes};
 use crate::error::PipelineError;
-use crate::learned::{NetworkError, UNCERTAIN};
+use crate::learned::UNCERTAIN;
 
-/// `PARTS` of `mean.wgsl`.
-pub const PARTS: u32 = 64;
+const SUPER_SAMPLER_WGSL: &str = include_str!("super_sampler.wgsl");
 
-/// `Features` of `features.wgsl`.
+/// `Features` of `super_sampler.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 struct FeaturesUniform {
@@ -34,17 +34,15 @@ struct FeaturesUniform {
 }
 
 /// The network with all that it reads and keeps. Frames are made in two places in turn, so everything is bound twice.
-pub struct Learned {
+pub struct GpuLearnedSuperSampler {
     gpu: Gpu,
     size: [u32; 2],
     lr: [u32; 2],
     scale: u32,
-    engine: GpuEngine,
+    network: GpuNetwork,
     kernels: Kernels,
     motion: GpuMotion,
     uniform: Buffer,
-    /// Inputs but images, by the names that the network has for them.
-    inputs: Vec<(&'static str, Buffer)>,
     sums: Buffer,
     /// The last refined frame at the present camera.
     previous: GpuImage,
@@ -53,7 +51,7 @@ pub struct Learned {
     bound: [Option<BoundLearned>; 2],
 }
 
-/// Entry points of `features.wgsl`.
+/// Entry points of `super_sampler.wgsl`.
 struct Kernels {
     planes: Kernel,
     sum_depths: Kernel,
@@ -66,7 +64,7 @@ struct Kernels {
 impl Kernels {
     fn new(gpu: &Gpu) -> Result<Self, GpuError> {
         let numbers = constants(&[("UNCERTAIN", UNCERTAIN), ("NEAREST_DEPTH", NEAREST_DEPTH)]);
-        let module = gpu.module("features", &[&numbers, MEAN_WGSL, FEATURES_WGSL])?;
+        let module = gpu.module("super_sampler features", &[&numbers, MEAN_WGSL, SUPER_SAMPLER_WGSL])?;
         let kernel = |entry: &str| module.kernel(gpu, entry, &[]);
         Ok(Self {
             planes: kernel("planes")?,
@@ -91,30 +89,17 @@ struct BoundLearned {
     before: Option<(BoundInterpolator, BoundMotion)>,
 }
 
-/// A place of frames: its G-buffer and the refined frame.
-pub struct Place<'a> {
+/// A refined frame and the G-buffer that it was made from.
+pub struct Refined<'a> {
     pub gbuffer: &'a GpuGBuffer,
-    pub refined: &'a GpuImage,
+    pub image: &'a GpuImage,
 }
 
-impl Learned {
+impl GpuLearnedSuperSampler {
     /// The network of `weights` for frames of `size`, a multiple of `scale`.
     pub fn new(gpu: &Gpu, weights: &Arc<Weights>, size: [u32; 2], scale: u32) -> Result<Self, PipelineError> {
         let lr = size.map(|side| side / scale);
-        let graph = graph_of(&weights.header).map_err(NetworkError::from)?;
-        let settings = GpuEngineSettings {
-            precision: Precision::of(gpu),
-            matrices: MatrixUnit::of(gpu.capabilities()),
-            inputs: &[
-                ("history", ImageFormat::HalfPixels),
-                ("previous", ImageFormat::HalfPixels),
-                ("hidden", ImageFormat::Blocks),
-            ],
-            outputs: Some(&[("color", ImageFormat::HalfPixels), ("hidden", ImageFormat::Blocks)]),
-        };
-        let engine = GpuEngine::new(gpu, &graph, weights, [lr[1] as usize, lr[0] as usize], &settings)?;
-        let bytes = |name: &str| engine.inputs().iter().find(|i| i.name == name).map_or(4, |i| i.bytes);
-        let made = [
+        let planes = [
             "drift",
             "previous_innovation",
             "share",
@@ -126,29 +111,21 @@ impl Learned {
             "motion",
             "validity",
         ];
-        let make = |name| Ok((name, gpu.buffer(name, Use::Storage, bytes(name))?));
-        let inputs = made.into_iter().map(make).collect::<Result<Vec<_>, GpuError>>()?;
-        let hidden = || gpu.buffer("hidden", Use::Storage, bytes("hidden"));
+        let network = GpuNetwork::new(gpu, weights, lr, ["history", "previous"], &planes)?;
         Ok(Self {
-            hidden: [hidden()?, hidden()?],
+            hidden: [network.buffer(gpu, "hidden")?, network.buffer(gpu, "hidden")?],
             gpu: gpu.clone(),
             size,
             lr,
             scale,
-            engine,
+            network,
             kernels: Kernels::new(gpu)?,
             motion: GpuMotion::new(gpu, lr)?,
             uniform: gpu.buffer("features", Use::Uniform, size_of::<FeaturesUniform>() as u64)?,
-            inputs,
             sums: gpu.buffer("sums", Use::Storage, u64::from(PARTS) * 8)?,
             previous: GpuImage::new(gpu, size)?,
             bound: [None, None],
         })
-    }
-
-    fn input(&self, name: &str) -> Result<&Buffer, GpuError> {
-        let found = self.inputs.iter().find(|(n, _)| *n == name).map(|(_, buffer)| buffer);
-        found.ok_or_else(|| missing(name))
     }
 
     /// Records the refinement of `analytic`, made without learning for `view`, into place `current`. `last` is the
@@ -158,7 +135,7 @@ impl Learned {
         recorder: &mut Recorder<'_>,
         (sampler, interpolator): (&GpuSuperSampler, &GpuInterpolator),
         analytic: &GpuImage,
-        places: [Place<'_>; 2],
+        places: [Refined<'_>; 2],
         current: usize,
         view: &NeighborView,
         last: Option<&NeighborView>,
@@ -171,7 +148,9 @@ impl Learned {
             let before = self.bind_before(interpolator, analytic, now, other)?;
             self.bound[current].iter_mut().for_each(|bound| bound.before = Some(before.clone()));
         }
-        let Some(bound) = &self.bound[current] else { return Ok(()) };
+        let Some(bound) = &self.bound[current] else {
+            return Err(PipelineError::Internal { expected: "the network's kernels" });
+        };
         let lr_camera = view.camera.low_resolution(self.scale);
         recorder.write(&self.uniform.slice(), &[self.uniform_of(&lr_camera, view.jitter)])?;
         match (last, &bound.before) {
@@ -188,7 +167,7 @@ impl Learned {
             _ => {
                 recorder.stage("super_sample.features");
                 for name in ["share", "previous_innovation", "motion", "validity"] {
-                    recorder.clear(&self.input(name)?.slice());
+                    recorder.clear(&self.network.input(name)?.slice());
                 }
                 recorder.clear(&self.hidden[1 - current].slice());
                 // Its share is 0, but the network looks at it.
@@ -217,13 +196,12 @@ impl Learned {
         sampler: &GpuSuperSampler,
         analytic: &GpuImage,
         current: usize,
-        now: &Place<'_>,
+        now: &Refined<'_>,
     ) -> Result<BoundLearned, PipelineError> {
         let gpu = &self.gpu;
         let gbuffer = planes(now.gbuffer)?;
         let innovation = sampler.innovation().ok_or_else(|| missing("innovation"))?;
-        let mut all: Vec<(&str, Slice<'_>)> =
-            self.inputs.iter().map(|(name, buffer)| (*name, buffer.slice())).collect();
+        let mut all = self.network.slices();
         all.extend([
             ("features", self.uniform.slice()),
             ("color_alpha", gbuffer.color_alpha.slice()),
@@ -236,13 +214,12 @@ impl Learned {
             ("previous", self.previous.pixels().slice()),
         ]);
         let Kernels { planes, sum_depths, geometry, previous_innovations, shares, drifts } = &self.kernels;
-        let mut inputs: Vec<(&str, Slice<'_>)> =
-            self.inputs.iter().map(|(name, buffer)| (*name, buffer.slice())).collect();
+        let mut inputs = self.network.slices();
         inputs.push(("history", analytic.pixels().slice()));
         inputs.push(("innovation", innovation.slice()));
         inputs.push(("previous", self.previous.pixels().slice()));
         inputs.push(("hidden", self.hidden[1 - current].slice()));
-        let outputs = [("color", now.refined.pixels().slice()), ("hidden", self.hidden[current].slice())];
+        let outputs = [("color", now.image.pixels().slice()), ("hidden", self.hidden[current].slice())];
         Ok(BoundLearned {
             planes: planes.bind(gpu, &all)?,
             sum_depths: sum_depths.bind(gpu, &all)?,
@@ -250,7 +227,7 @@ impl Learned {
             previous_innovations: previous_innovations.bind(gpu, &all)?,
             shares: shares.bind(gpu, &all)?,
             drifts: drifts.bind(gpu, &all)?,
-            engine: self.engine.bind(gpu, &inputs, &outputs)?,
+            engine: self.network.engine.bind(gpu, &inputs, &outputs)?,
             before: None,
         })
     }
@@ -259,25 +236,16 @@ impl Learned {
         &self,
         interpolator: &GpuInterpolator,
         analytic: &GpuImage,
-        now: &Place<'_>,
-        other: &Place<'_>,
+        now: &Refined<'_>,
+        other: &Refined<'_>,
     ) -> Result<(BoundInterpolator, BoundMotion), PipelineError> {
         let [now_planes, other_planes] = [planes(now.gbuffer)?, planes(other.gbuffer)?];
-        let before = GpuNeighbor { image: other.refined, planes: other_planes };
+        let before = GpuNeighbor { image: other.image, planes: other_planes };
         let after = GpuNeighbor { image: analytic, planes: now_planes };
-        let warp = interpolator.bind_before(&before, &after, &self.previous, self.input("share")?)?;
-        let (flow, validity) = (self.input("motion")?, self.input("validity")?);
+        let warp = interpolator.bind_before(&before, &after, &self.previous, self.network.input("share")?)?;
+        let (flow, validity) = (self.network.input("motion")?, self.network.input("validity")?);
         let motion = self.motion.bind(now_planes.dx_median, other_planes.dx_median, flow, validity)?;
         Ok((warp, motion))
-    }
-}
-
-/// The network wants an input that is not there.
-pub fn missing(name: &str) -> GpuError {
-    GpuError::Bindings {
-        kernel: "the network".to_owned(),
-        expected: name.to_owned(),
-        actual: "no such input".to_owned(),
     }
 }
 
@@ -286,11 +254,6 @@ fn over(size: [u32; 2]) -> [u32; 3] {
     [size[0].div_ceil(64), size[1].div_ceil(4), 1]
 }
 
-/// The mean depth, which both networks are told depths by.
-pub const MEAN_WGSL: &str = include_str!("mean.wgsl");
-
-const FEATURES_WGSL: &str = include_str!("features.wgsl");
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -298,7 +261,7 @@ mod tests {
     #[test]
     fn the_shader_is_valid_and_its_struct_lies_as_here() {
         let numbers = constants(&[("UNCERTAIN", UNCERTAIN), ("NEAREST_DEPTH", NEAREST_DEPTH)]);
-        let source = [&numbers[..], MEAN_WGSL, FEATURES_WGSL];
+        let source = [&numbers[..], MEAN_WGSL, SUPER_SAMPLER_WGSL];
         gs3_compute::assert_layout!(
             &source,
             Features,

@@ -7,7 +7,7 @@ const LATTICE: u32 = 5u;
 @group(0) @binding(2) var<storage, read_write> depths: array<f32>;
 
 @compute @workgroup_size(25)
-fn look(@builtin(local_invocation_index) k: u32) {
+fn sample_depths(@builtin(local_invocation_index) k: u32) {
     let fraction = (vec2<f32>(vec2(k % LATTICE, k / LATTICE)) + 0.5) / f32(LATTICE);
     let at = vec2<u32>(fraction * vec2<f32>(size));
     depths[k] = dx_median[at.y * size.x + at.x].w;

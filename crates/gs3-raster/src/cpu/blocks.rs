@@ -1,0 +1,226 @@
+//! Exact blocks: pixels of the native image beside the samples of a low-resolution frame, of the same splats.
+//!
+//! The low-resolution frame has projected, coloured, binned and sorted all splats of the native image. Its tiles span
+//! stride times as many pixels; of a tile's splats only those whose rectangles meet a block are blended again.
+
+use fearless_simd::{Simd, dispatch};
+use gs3_scene::{BLOCK_SIDE, ExactBlock, ExactBlocks};
+use rayon::prelude::*;
+
+use super::bin::{Bins, TILE_HEIGHT};
+use super::blend::{self, SAMPLE, TileScratch, plane};
+use super::cover::{BLOCK, BLOCKS, BlockPlaces};
+use super::grid::Grid;
+use super::project::Projected;
+use super::resolve::Resolver;
+use super::splat::PixelRect;
+use super::{LastFrame, Rasterizer};
+use crate::settings::RasterError;
+
+const _: () = assert!(BLOCK == BLOCK_SIDE);
+
+/// Most rows of blocks in a tile: a stride of 8.
+const MAX_ROWS: usize = TILE_HEIGHT * 8 / BLOCK;
+
+/// What blending the blocks of a tile needs; one per thread, reused.
+#[derive(Default)]
+struct Scratch {
+    tile: TileScratch,
+    /// Places of the tile's splats among those taken; [`DROPPED`] for the others.
+    taken: Vec<u32>,
+    order: Vec<u32>,
+}
+
+/// The place of a splat that meets no block.
+const DROPPED: u32 = u32::MAX;
+
+/// The blocks of one tile.
+struct TileBlocks<'a> {
+    tile: [usize; 2],
+    /// In rows from the top.
+    places: &'a [[u16; 2]],
+    out: &'a mut [ExactBlock],
+}
+
+impl Rasterizer {
+    /// Rasterizes the native image's pixels in blocks of 4×4, of the frame that [`Self::rasterize_low_resolution`] made
+    /// last: its splats are shared. `places` are columns and rows of blocks; those beyond the image are left out, and
+    /// one that is named twice is made once. Colours are those of [`Self::rasterize_image`] of the same camera, bit for
+    /// bit; derivatives are per pixel of the native image.
+    ///
+    /// # Errors
+    /// [`RasterError::NoFrame`] if no low-resolution frame came before, or it had colour alone.
+    pub fn rasterize_blocks(
+        &mut self,
+        places: &[[u16; 2]],
+        out: &mut ExactBlocks,
+    ) -> Result<(), RasterError> {
+        let Some(LastFrame { view, grid, settings, size }) = &self.last else {
+            return Err(RasterError::NoFrame);
+        };
+        let [width, height] = grid.tile_size();
+        // Tiles begin at blocks: margins are whole blocks.
+        let tile_of = |[x, y]: [u16; 2]| {
+            [
+                (usize::from(x) * BLOCK + grid.before[0]) / width,
+                (usize::from(y) * BLOCK + grid.before[1]) / height,
+            ]
+        };
+        out.clear();
+        let within =
+            |[x, y]: &[u16; 2]| usize::from(*x) * BLOCK < size[0] && usize::from(*y) * BLOCK < size[1];
+        out.places.extend(places.iter().copied().filter(within));
+        out.places.par_sort_unstable_by_key(|place| {
+            let [column, row] = tile_of(*place);
+            (row, column, place[1], place[0])
+        });
+        out.places.dedup();
+        out.blocks.resize(out.places.len(), ExactBlock::EMPTY);
+
+        let mut tiles = Vec::new();
+        let mut rest = &mut out.blocks[..];
+        for places in out.places.chunk_by(|a, b| tile_of(*a) == tile_of(*b)) {
+            let blocks = rest.split_off_mut(..places.len()).unwrap_or_default();
+            tiles.push(TileBlocks { tile: tile_of(places[0]), places, out: blocks });
+        }
+        let resolver = Resolver::new(view, settings);
+        let [columns, _] = grid.tiles();
+        let is_whole = self.bands.len() == 1;
+        let mut tiles = &mut tiles[..];
+        for band in &self.bands {
+            let count = tiles.partition_point(|tile| tile.tile[1] < band.end);
+            let of_band = tiles.split_off_mut(..count).unwrap_or_default();
+            if of_band.is_empty() {
+                continue;
+            }
+            if !is_whole {
+                self.bins.fill(&self.jobs, grid, band.clone(), self.culling);
+            }
+            let (jobs, bins, orders, level) = (&self.jobs, &self.bins, &self.orders, self.level);
+            of_band.par_iter_mut().with_max_len(4).for_each_init(Scratch::default, |scratch, tile| {
+                let order = is_whole.then(|| &orders[tile.tile[1] * columns + tile.tile[0]][..]);
+                dispatch!(level, s => scratch.fill(s, jobs, bins, order, grid, *size, &resolver, tile));
+            });
+        }
+        Ok(())
+    }
+}
+
+impl Scratch {
+    /// Makes the blocks of a tile, whose splats are to be visited in `order`; it is found anew where there is none.
+    #[inline(always)]
+    fn fill<S: Simd>(
+        &mut self,
+        s: S,
+        jobs: &[Projected],
+        bins: &Bins,
+        order: Option<&[u32]>,
+        grid: &Grid,
+        size: [usize; 2],
+        resolver: &Resolver,
+        tile: &mut TileBlocks<'_>,
+    ) {
+        let TileBlocks { tile, places, out } = tile;
+        let (tile, places) = (*tile, *places);
+        let corner = grid.tile_corner(tile);
+        // Pixel of the tile, counted from its corner.
+        let pixel =
+            |place: [u16; 2]| [0, 1].map(|a| usize::from(place[a]) * BLOCK + grid.before[a] - corner[a]);
+        let mut rows = [0_u64; MAX_ROWS];
+        for place in places {
+            let [x, y] = pixel(*place);
+            rows[y / BLOCK] |= 1 << (x / BLOCK);
+        }
+        self.take_meeting(jobs, bins, tile, grid, &rows);
+        let Self { tile: scratch, taken, order: meeting } = self;
+        meeting.clear();
+        if let Some(order) = order {
+            meeting.extend(order.iter().map(|i| taken[*i as usize]).filter(|place| *place != DROPPED));
+        } else {
+            let TileScratch { order, splats, .. } = scratch;
+            // Those taken are in scene order, as all of the tile's are where their depths are equal.
+            order.sort_front_to_back(splats.iter().map(|splat| splat.depth_bits));
+            meeting.extend_from_slice(order.sorted());
+        }
+
+        let origin = [0, 1].map(|a| corner[a] as f32 - grid.before[a] as f32);
+        for (places, out) in places.chunks(BLOCKS).zip(out.chunks_mut(BLOCKS)) {
+            let mut batch = BlockPlaces::new(1.0, origin);
+            let mut open = 0;
+            for (b, place) in places.iter().enumerate() {
+                batch.push(pixel(*place));
+                let left = [0, 1].map(|a| size[a] - usize::from(place[a]) * BLOCK);
+                blend::start_block::<SAMPLE>(&mut scratch.blocks[b], left);
+                open |= 1 << b;
+            }
+            let TileScratch { blocks, splats, geometry, cover, .. } = &mut *scratch;
+            blend::blend_places::<_, SAMPLE>(s, &batch, grid, open, meeting, splats, geometry, cover, blocks);
+            for (b, out) in out.iter_mut().enumerate() {
+                let block = &mut scratch.blocks[b];
+                resolver.finish::<_, SAMPLE>(s, block, batch.samples(s, b), 1.0);
+                let planes = |first: usize| [block.0[first], block.0[first + 1], block.0[first + 2]];
+                *out = ExactBlock {
+                    color: planes(plane::COLOR),
+                    color_dx: planes(plane::COLOR_DX),
+                    color_dy: planes(plane::COLOR_DY),
+                    depth_median: block.0[plane::MEDIAN],
+                };
+                let left = [0, 1].map(|a| size[a] - usize::from(places[b][a]) * BLOCK);
+                clear_beyond(out, left);
+            }
+        }
+    }
+
+    /// Takes the splats of `tile` whose rectangles meet one of its blocks, a bit each in `rows`.
+    #[inline(always)]
+    fn take_meeting(
+        &mut self,
+        jobs: &[Projected],
+        bins: &Bins,
+        tile: [usize; 2],
+        grid: &Grid,
+        rows: &[u64; MAX_ROWS],
+    ) {
+        let corner = grid.tile_corner(tile);
+        let [columns, _] = grid.tiles();
+        self.taken.clear();
+        self.tile.splats.clear();
+        self.tile.geometry.clear();
+        for ids in bins.of_tile(tile[1] * columns + tile[0]) {
+            for (job, local) in ids.iter().map(|id| id.place()) {
+                let job = &jobs[job];
+                if meets(job.rects[local], corner, grid.tile_size(), rows) {
+                    self.taken.push(self.tile.splats.len() as u32);
+                    self.tile.take::<SAMPLE>(job, local);
+                } else {
+                    self.taken.push(DROPPED);
+                }
+            }
+        }
+    }
+}
+
+/// Whether a rectangle, clipped to a tile of `size` at `corner`, meets a block.
+#[inline(always)]
+fn meets(rect: PixelRect, corner: [usize; 2], size: [usize; 2], rows: &[u64; MAX_ROWS]) -> bool {
+    let first = |from: u16, a: usize| usize::from(from).saturating_sub(corner[a]) / BLOCK;
+    let last = |to: u16, a: usize| (usize::from(to) - 1).saturating_sub(corner[a]).min(size[a] - 1) / BLOCK;
+    let (left, right) = (first(rect.x0, 0), last(rect.x1, 0));
+    let columns = (u64::MAX >> (63 - right)) & (u64::MAX << left);
+    rows[first(rect.y0, 1)..=last(rect.y1, 1)].iter().any(|row| row & columns != 0)
+}
+
+/// Makes black and infinitely far what lies beyond the image, of which there are `left` columns and rows from here.
+fn clear_beyond(block: &mut ExactBlock, left: [usize; 2]) {
+    if left[0] >= BLOCK && left[1] >= BLOCK {
+        return;
+    }
+    let ExactBlock { color, color_dx, color_dy, depth_median } = block;
+    for plane in color.iter_mut().chain(color_dx).chain(color_dy).chain([depth_median]) {
+        for (lane, value) in plane.iter_mut().enumerate() {
+            if lane % BLOCK >= left[0] || lane / BLOCK >= left[1] {
+                *value = 0.0;
+            }
+        }
+    }
+}

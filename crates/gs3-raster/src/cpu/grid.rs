@@ -1,0 +1,71 @@
+//! Which positions of the native image a frame samples.
+
+use gs3_scene::Camera;
+
+use super::bin::{TILE_HEIGHT, TILE_WIDTH};
+use crate::settings::RasterSettings;
+
+/// A lattice of sample positions: every `stride`-th pixel of the native image, along both axes.
+///
+/// A frame rasterized at its own size has a stride of one. A low-resolution frame of stride S has the same splats as
+/// the native image, which lets [`super::Rasterizer::rasterize_blocks`] share them.
+#[derive(Clone, Copy, Debug)]
+pub struct Grid {
+    /// Pixels of the native image between samples.
+    pub stride: usize,
+    /// Position of the first sample in pixels of the native image, negative in a margin.
+    pub first: [f32; 2],
+    /// Pixels of the native image left of and above position `(0, 0)`.
+    pub before: [usize; 2],
+    /// Columns and rows of samples.
+    pub size: [usize; 2],
+}
+
+impl Grid {
+    /// Every pixel of an image of `size`.
+    pub fn native(size: [u32; 2]) -> Self {
+        Self { stride: 1, first: [0.0; 2], before: [0; 2], size: size.map(|side| side as usize) }
+    }
+
+    /// The samples of the low-resolution frame of `camera`, `scale` times coarser, under `settings` of that frame.
+    pub fn low_resolution(camera: &Camera, scale: u32, settings: &RasterSettings) -> Self {
+        let lr = camera.low_resolution(scale);
+        let margin = settings.margin;
+        let before = [margin.left, margin.top].map(|side| (side * scale) as usize);
+        // Sample (i, j) lies at scale·(i + ½ + jitter) of the native image, whose pixel centres lie at halves.
+        let first = [0, 1].map(|a| {
+            let at = f64::from(scale) * (0.5 + f64::from(settings.jitter[a])) - 0.5;
+            // Jitter of the exact grid is a sum of rounded fractions: its samples lie on pixels.
+            let at = if (at - at.round()).abs() < ON_PIXEL { at.round() } else { at };
+            at as f32 - before[a] as f32
+        });
+        let size = margin.around([lr.width(), lr.height()]).map(|side| side as usize);
+        Self { stride: scale as usize, first, before, size }
+    }
+
+    /// Columns and rows of tiles.
+    pub const fn tiles(&self) -> [usize; 2] {
+        [self.size[0].div_ceil(TILE_WIDTH), self.size[1].div_ceil(TILE_HEIGHT)]
+    }
+
+    /// Pixels of the native image that a tile spans.
+    pub const fn tile_size(&self) -> [usize; 2] {
+        [TILE_WIDTH * self.stride, TILE_HEIGHT * self.stride]
+    }
+
+    /// The first pixel of tile `(column, row)`, counted as splats' rectangles are.
+    pub const fn tile_corner(&self, tile: [usize; 2]) -> [usize; 2] {
+        let [width, height] = self.tile_size();
+        [tile[0] * width, tile[1] * height]
+    }
+
+    /// The position of the first sample of tile `(column, row)`.
+    pub fn tile_first(&self, tile: [usize; 2]) -> [f32; 2] {
+        let corner = self.tile_corner(tile);
+        [0, 1].map(|a| corner[a] as f32 + self.first[a])
+    }
+}
+
+/// Distance from a pixel centre, pixels, below which a sample lies on it: offsets in single precision are off by 2⁻²⁵
+/// LR pixels, times a scale of at most 8.
+const ON_PIXEL: f64 = 1e-5;

@@ -1,0 +1,94 @@
+//! Which blocks of a frame are worth rasterizing exactly.
+
+use gs3_scene::block_grid;
+
+/// How many blocks may be exact, and which need not be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BlockBudget {
+    /// Largest share of an image's blocks, `[0, 1]`.
+    pub most: f32,
+    /// Blocks whose expected mean squared error of a number, colours in `[0, 1]`, is not above this are left out; none
+    /// is below 0.
+    pub least_error: f32,
+}
+
+impl BlockBudget {
+    /// Every block.
+    pub const ALL: Self = Self { most: 1.0, least_error: -1.0 };
+}
+
+/// The blocks of 4×4 pixels of an image of `size`, width and height, whose expected errors are largest, within `budget`:
+/// columns and rows. `errors` are those of [`crate::SuperSampler::expected_errors`]. Of equal errors the first in row
+/// order is taken. The order of the result is not specified.
+#[must_use]
+pub fn select_blocks(errors: &[f32], size: [usize; 2], budget: BlockBudget) -> Vec<[u16; 2]> {
+    let [columns, rows] = block_grid(size);
+    let numbers = (3 * gs3_scene::BLOCK_SIDE * gs3_scene::BLOCK_SIDE) as f32;
+    let least = budget.least_error * numbers;
+    // Positive numbers sort as their bits do; the complement of the place makes the first of equals the largest.
+    let key = |(k, error): (usize, &f32)| u64::from(error.to_bits()) << 32 | u64::from(!(k as u32));
+    let errors = errors.iter().take(columns * rows).enumerate();
+    let mut keys: Vec<u64> =
+        errors.filter(|(_, error)| **error > least && error.is_finite()).map(key).collect();
+    let most = (f64::from(budget.most.clamp(0.0, 1.0)) * (columns * rows) as f64).round() as usize;
+    if most == 0 {
+        return Vec::new();
+    }
+    if keys.len() > most {
+        keys.select_nth_unstable_by(most - 1, |a, b| b.cmp(a));
+        keys.truncate(most);
+    }
+    let place = |key: u64| {
+        let k = !(key as u32) as usize;
+        [(k % columns) as u16, (k / columns) as u16]
+    };
+    keys.into_iter().map(place).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 40×22 pixels: 10×6 blocks, the last row half outside.
+    const SIZE: [usize; 2] = [40, 22];
+
+    fn selected(errors: &[f32], most: f32, least_error: f32) -> Vec<[u16; 2]> {
+        let mut places = select_blocks(errors, SIZE, BlockBudget { most, least_error });
+        places.sort_unstable_by_key(|[x, y]| (*y, *x));
+        places
+    }
+
+    #[test]
+    fn the_largest_errors_come_first_and_ties_in_row_order() {
+        let mut errors = vec![0.0; 60];
+        (errors[7], errors[31], errors[59]) = (2.0, 5.0, 3.0);
+        assert_eq!(selected(&errors, 2.0 / 60.0, 0.0), [[1, 3], [9, 5]]);
+        assert_eq!(
+            selected(&errors, 1.0, 0.0),
+            [[7, 0], [1, 3], [9, 5]],
+            "blocks without errors are left out"
+        );
+        let all = select_blocks(&errors, SIZE, BlockBudget::ALL);
+        assert_eq!(all.len(), 60, "whatever their errors");
+        let equal = vec![1.0; 60];
+        assert_eq!(selected(&equal, 0.05, 0.0), [[0, 0], [1, 0], [2, 0]]);
+        assert_eq!(selected(&equal, 1.0, 0.0).len(), 60);
+        assert!(selected(&equal, 0.0, 0.0).is_empty());
+    }
+
+    #[test]
+    fn a_least_error_is_a_mean_over_the_numbers_of_a_block() {
+        let mut errors = vec![48.0 * 0.01; 60];
+        errors[12] = 48.0 * 0.02;
+        assert_eq!(selected(&errors, 1.0, 0.015), [[2, 1]]);
+        assert!(selected(&errors, 1.0, 0.02).is_empty());
+    }
+
+    #[test]
+    fn what_is_no_number_is_left_out() {
+        let mut errors = vec![0.0; 60];
+        (errors[1], errors[2], errors[3]) = (f32::NAN, f32::INFINITY, 1.0);
+        assert_eq!(selected(&errors, 1.0, 0.0), [[3, 0]]);
+        assert!(select_blocks(&[], SIZE, BlockBudget { most: 1.0, least_error: 0.0 }).is_empty());
+    }
+}

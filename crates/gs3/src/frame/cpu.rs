@@ -1,0 +1,229 @@
+//! The frame on the processor, read top to bottom. `gpu/mod.rs` has the same stages on a device.
+
+use std::sync::Arc;
+
+use gs3_raster::{Outputs, Rasterizer};
+use gs3_reconstruct::{
+    BlockBudget, DepthLattice, Interpolator, Kernel, Neighbor, SuperSampler, resample, select_blocks,
+};
+use gs3_scene::{ExactBlocks, GBuffer, Image, Margin, Scene, block_grid};
+
+use super::inputs::{Frame, FrameInputs, Frames, Made};
+use super::plan::FramePlan;
+use crate::error::PipelineError;
+use crate::learned::{LearnedInterpolator, LearnedSuperSampler};
+use crate::rasterizer::RasterizeHere;
+use crate::refine::{Refine, ShareController};
+use crate::settings::Mode;
+use crate::stages::{Stage, StageTimes};
+
+/// Makes frames on the processor.
+pub struct CpuMachine {
+    pub rasterizer: Rasterizer,
+    stages: CpuStages,
+}
+
+impl CpuMachine {
+    /// # Errors
+    /// [`PipelineError`] if the scale is not supported, or weights do not fit it.
+    pub fn new(plan: &FramePlan, scene: Arc<Scene>) -> Result<Self, PipelineError> {
+        let stages = CpuStages::new(plan)?;
+        Ok(Self { rasterizer: Rasterizer::new(scene, plan.settings.culling), stages })
+    }
+
+    /// Makes `frames.current`, and the frames between it and `frames.previous`.
+    pub fn make(&mut self, inputs: &FrameInputs, frames: &mut Frames) -> Result<Made, PipelineError> {
+        self.stages.make(inputs, &mut self.rasterizer, frames)
+    }
+}
+
+/// The stages of a frame in the processor's memory, whoever rasterizes, and all that they remember.
+pub struct CpuStages {
+    plan: FramePlan,
+    super_sampler: SuperSampler,
+    learned_super_sampler: Option<LearnedSuperSampler>,
+    interpolator: Interpolator,
+    learned_interpolator: Option<LearnedInterpolator>,
+    /// The LR frame with its margin, where it has one.
+    padded: GBuffer,
+    /// The frame before a network refined it, where one does.
+    analytic: Image,
+    /// The exact blocks of the frame.
+    blocks: ExactBlocks,
+    controller: ShareController,
+}
+
+impl CpuStages {
+    /// # Errors
+    /// [`PipelineError`] if the scale is not supported, or weights do not fit it.
+    pub fn new(plan: &FramePlan) -> Result<Self, PipelineError> {
+        let (scale, networks) = (plan.scale, &plan.networks);
+        let arithmetic = networks.arithmetic;
+        // First, because both check the scale and everything else builds on it.
+        let interpolator = Interpolator::new(scale)?;
+        let super_sampler = SuperSampler::new(scale, plan.kriging)?;
+        let super_sample = networks.super_sample.clone();
+        let interpolate = networks.interpolate.clone();
+        Ok(Self {
+            plan: plan.clone(),
+            super_sampler,
+            learned_super_sampler: super_sample
+                .map(|weights| LearnedSuperSampler::new(weights, scale, arithmetic))
+                .transpose()?,
+            interpolator,
+            learned_interpolator: interpolate
+                .map(|weights| LearnedInterpolator::new(weights, scale, arithmetic))
+                .transpose()?,
+            padded: GBuffer::default(),
+            analytic: Image::default(),
+            blocks: ExactBlocks::default(),
+            controller: ShareController::default(),
+        })
+    }
+
+    /// Makes `frames.current`, and the frames between it and `frames.previous`.
+    pub fn make(
+        &mut self,
+        inputs: &FrameInputs,
+        rasterizer: &mut dyn RasterizeHere,
+        frames: &mut Frames,
+    ) -> Result<Made, PipelineError> {
+        let mut times = StageTimes::default();
+        self.blocks.clear();
+        match self.plan.settings.mode {
+            Mode::Native => {
+                times.time(Stage::Rasterize, || self.rasterize_native(inputs, rasterizer, frames))?;
+            }
+            Mode::Bicubic => {
+                times
+                    .time(Stage::Rasterize, || self.rasterize(inputs, Outputs::Color, rasterizer, frames))?;
+                times.time(Stage::SuperSample, || self.enlarge(inputs, frames))?;
+            }
+            Mode::SuperSample | Mode::Full => {
+                self.forget_before(inputs);
+
+                // Gaussians to the low-resolution G-buffer.
+                times.time(Stage::Rasterize, || {
+                    self.rasterize(inputs, Outputs::GBuffer, rasterizer, frames)
+                })?;
+
+                // G-buffer and history to the frame, which a network may refine.
+                times.time(Stage::SuperSample, || self.super_sample(inputs, frames))?;
+
+                // Exact pixels to where that is not to be trusted.
+                if self.plan.refine.is_on() && rasterizer.makes_blocks() {
+                    times.time(Stage::Refine, || self.refine(inputs, rasterizer, frames))?;
+                }
+
+                // The previous frame and this one to those between.
+                if !inputs.between.is_empty() {
+                    times.time(Stage::Interpolate, || self.interpolate(inputs, frames))?;
+                }
+            }
+        }
+        let refined = self.refined_share(inputs);
+        if let Refine::FrameTime(target) = self.plan.refine {
+            let refining = times.get(Stage::Refine).unwrap_or_default();
+            self.controller.learn(target, times.total(), refining, refined);
+        }
+        let lattice = DepthLattice::of(&frames.current.gbuffer);
+        Ok(Made { lattice, in_between: inputs.between.len(), refined, times })
+    }
+
+    /// Drops what is remembered of the frames before, where this frame has no history.
+    fn forget_before(&mut self, inputs: &FrameInputs) {
+        let Some(reason) = inputs.reset else { return };
+        self.super_sampler.reset(reason);
+        self.learned_super_sampler.iter_mut().for_each(LearnedSuperSampler::reset);
+        self.learned_interpolator.iter_mut().for_each(LearnedInterpolator::reset);
+    }
+
+    fn rasterize_native(
+        &self,
+        inputs: &FrameInputs,
+        rasterizer: &mut dyn RasterizeHere,
+        frames: &mut Frames,
+    ) -> Result<(), PipelineError> {
+        let settings = self.plan.raster(Outputs::Color, inputs);
+        rasterizer.rasterize_image(&inputs.camera, &settings, &mut frames.current.image)
+    }
+
+    fn rasterize(
+        &mut self,
+        inputs: &FrameInputs,
+        outputs: Outputs,
+        rasterizer: &mut dyn RasterizeHere,
+        frames: &mut Frames,
+    ) -> Result<(), PipelineError> {
+        let settings = self.plan.raster(outputs, inputs);
+        let (camera, scale) = (&inputs.camera, self.plan.scale);
+        let gbuffer = &mut frames.current.gbuffer;
+        if inputs.margin == Margin::NONE {
+            return rasterizer.rasterize(camera, scale, &settings, gbuffer);
+        }
+        rasterizer.rasterize(camera, scale, &settings, &mut self.padded)?;
+        self.padded.crop(gbuffer);
+        Ok(())
+    }
+
+    fn enlarge(&self, inputs: &FrameInputs, frames: &mut Frames) -> Result<(), PipelineError> {
+        let Frame { gbuffer, image, .. } = &mut frames.current;
+        image.resize(inputs.camera.width() as usize, inputs.camera.height() as usize);
+        Ok(resample(gbuffer, self.plan.scale, Kernel::Bicubic, image)?)
+    }
+
+    fn super_sample(&mut self, inputs: &FrameInputs, frames: &mut Frames) -> Result<(), PipelineError> {
+        let camera = &inputs.camera;
+        let Frame { gbuffer, image, .. } = &mut frames.current;
+        let padded = if inputs.margin == Margin::NONE { &*gbuffer } else { &self.padded };
+        let Some(learned) = &mut self.learned_super_sampler else {
+            return Ok(self.super_sampler.super_sample_within(camera, gbuffer, padded, image)?);
+        };
+        self.super_sampler.super_sample_within(camera, gbuffer, padded, &mut self.analytic)?;
+        let previous = frames.previous.neighbor().filter(|_| inputs.reset.is_none());
+        let now = Neighbor { camera, image: &self.analytic, gbuffer };
+        Ok(learned.refine(now, self.super_sampler.innovation(), previous, image)?)
+    }
+
+    fn refine(
+        &mut self,
+        inputs: &FrameInputs,
+        rasterizer: &mut dyn RasterizeHere,
+        frames: &mut Frames,
+    ) -> Result<(), PipelineError> {
+        let image = &mut frames.current.image;
+        let budget = match self.plan.refine {
+            Refine::Off => return Ok(()),
+            refine if inputs.reset.is_some() && refine.starts_exact() => BlockBudget::ALL,
+            Refine::Auto => self.plan.settings.quality.budget(),
+            Refine::Share(share) => BlockBudget { most: share, least_error: 0.0 },
+            Refine::FrameTime(_) => BlockBudget { most: self.controller.share(), least_error: 0.0 },
+        };
+        let places =
+            select_blocks(self.super_sampler.expected_errors(), [image.width(), image.height()], budget);
+        rasterizer.rasterize_blocks(&places, &mut self.blocks)?;
+        self.super_sampler.refine(&self.blocks, image);
+        Ok(())
+    }
+
+    /// Share of the last frame's pixels that are exact blocks.
+    fn refined_share(&self, inputs: &FrameInputs) -> f32 {
+        let [columns, rows] = block_grid([inputs.camera.width() as usize, inputs.camera.height() as usize]);
+        self.blocks.len() as f32 / (columns * rows) as f32
+    }
+
+    fn interpolate(&mut self, inputs: &FrameInputs, frames: &mut Frames) -> Result<(), PipelineError> {
+        let Frames { previous, current, in_between } = frames;
+        let before = previous.neighbor().ok_or(PipelineError::Internal { expected: "a previous frame" })?;
+        let after = Neighbor { camera: &inputs.camera, image: &current.image, gbuffer: &current.gbuffer };
+        let interpolator = &mut self.interpolator;
+        for (moment, out) in inputs.between.iter().zip(in_between) {
+            let (t, camera) = (moment.t, &moment.camera);
+            match &mut self.learned_interpolator {
+                Some(learned) => learned.interpolate(interpolator, before, after, t, camera, out)?,
+                None => interpolator.interpolate(before, after, t, camera, out)?,
+            }
+        }
+        Ok(())
+    }
+}

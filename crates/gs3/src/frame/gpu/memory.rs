@@ -1,0 +1,375 @@
+//! What the frames of one size are made in on a device, and each stage's recording there.
+
+use gs3_compute::{Bound, Buffer, Gpu, Kernel, Readback, Recorder, Slice, Submission, Use};
+use gs3_raster::{GpuGBuffer, GpuRasterizer, Outputs, RasterSettings, Settled};
+use gs3_reconstruct::DepthLattice;
+use gs3_reconstruct::gpu::{
+    BoundInterpolator, BoundSuperSampler, GpuImage, GpuInterpolator, GpuNeighbor, GpuSuperSampler,
+    Innovation, NeighborView,
+};
+use gs3_scene::{Camera, GBuffer, Margin};
+
+use super::super::inputs::{FrameInputs, Frames, ReadBack};
+use super::super::plan::FramePlan;
+use super::GpuPresented;
+use crate::error::PipelineError;
+use crate::learned::gpu::{GpuLearnedInterpolator, GpuLearnedSuperSampler, InBetween, Refined, planes};
+
+/// Bytes of [`DepthLattice`].
+const LATTICE_BYTES: u64 = (DepthLattice::LEN * 4) as u64;
+
+const LATTICE_WGSL: &str = include_str!("lattice.wgsl");
+
+/// One of the two frames that are there at a time: the previous one, and the one being made.
+struct Side {
+    gbuffer: GpuGBuffer,
+    image: GpuImage,
+    /// What it was seen by, once it is whole.
+    view: Option<NeighborView>,
+    /// The kernels that read and write it. They are bound when its G-buffer has its memory.
+    bound: Option<BoundSide>,
+}
+
+struct BoundSide {
+    super_sampler: BoundSuperSampler,
+    lattice: Bound,
+}
+
+/// All memory and kernels of frames of one size.
+pub struct FrameMemory {
+    gpu: Gpu,
+    size: [u32; 2],
+    super_sampler: GpuSuperSampler,
+    learned_super_sampler: Option<GpuLearnedSuperSampler>,
+    interpolator: GpuInterpolator,
+    learned_interpolator: Option<GpuLearnedInterpolator>,
+    sides: [Side; 2],
+    /// Which of them was made last.
+    newest: usize,
+    /// The LR frame being made with its margin, where frames have margins.
+    padded: Option<GpuGBuffer>,
+    /// The frame being made before a network refines it, where one does.
+    analytic: Option<GpuImage>,
+    /// The frames between both.
+    in_between: Vec<GpuImage>,
+    /// How many of them belong to the frame made last.
+    in_between_made: usize,
+    /// Interpolation into each of them, by which side is the newer one.
+    bound_in_between: [Vec<BoundInterpolator>; 2],
+    sample_depths: Kernel,
+    /// The depths of [`DepthLattice`], and the size of what they are taken from.
+    lattice: Buffer,
+    lattice_size: Buffer,
+    readback: Readback,
+    places: Places,
+}
+
+impl FrameMemory {
+    /// That in `slot` if it is of `camera`'s size, else a new one there. `counters` are the rasterizer's.
+    pub fn fitting<'a>(
+        slot: &'a mut Option<Self>,
+        gpu: &Gpu,
+        plan: &FramePlan,
+        camera: &Camera,
+        counters: &Slice<'_>,
+    ) -> Result<&'a mut Self, PipelineError> {
+        let size = [camera.width(), camera.height()];
+        if slot.as_ref().is_some_and(|memory| memory.size != size) {
+            *slot = None;
+        }
+        match slot {
+            Some(memory) => Ok(memory),
+            none => Ok(none.insert(Self::new(gpu, plan, size, counters.bytes())?)),
+        }
+    }
+
+    /// For frames of `size`; `counters` bytes of the rasterizer's are read back with each.
+    fn new(gpu: &Gpu, plan: &FramePlan, size: [u32; 2], counters: u64) -> Result<Self, PipelineError> {
+        let scale = plan.scale;
+        let super_sample = &plan.networks.super_sample;
+        let innovation = if super_sample.is_some() { Innovation::Wanted } else { Innovation::NotWanted };
+        // First, because it checks scale and size, on which everything else builds.
+        let super_sampler =
+            GpuSuperSampler::new(gpu, scale, size, innovation, plan.kriging, plan.widest_margin)?;
+        let side = || {
+            let image = GpuImage::new(gpu, size)?;
+            Ok::<_, PipelineError>(Side { gbuffer: GpuGBuffer::default(), image, view: None, bound: None })
+        };
+        let sides = [side()?, side()?];
+        let count = plan.in_between;
+        let in_between = (0..count).map(|_| GpuImage::new(gpu, size)).collect::<Result<Vec<_>, _>>()?;
+        let places = Places::new(counters, sides[0].image.bytes());
+        let learned_super_sampler = |weights| GpuLearnedSuperSampler::new(gpu, weights, size, scale);
+        let learned_interpolator = |weights| GpuLearnedInterpolator::new(gpu, weights, size, scale, count);
+        let lr_size = size.map(|side| side.div_ceil(scale));
+        Ok(Self {
+            gpu: gpu.clone(),
+            size,
+            super_sampler,
+            learned_super_sampler: super_sample.as_ref().map(learned_super_sampler).transpose()?,
+            interpolator: GpuInterpolator::new(gpu, scale, size)?,
+            learned_interpolator: plan.networks.interpolate.as_ref().map(learned_interpolator).transpose()?,
+            sides,
+            newest: 0,
+            padded: (plan.widest_margin > 0).then(GpuGBuffer::default),
+            analytic: super_sample.as_ref().map(|_| GpuImage::new(gpu, size)).transpose()?,
+            in_between,
+            in_between_made: 0,
+            bound_in_between: [Vec::new(), Vec::new()],
+            sample_depths: gpu.module("lattice", &[LATTICE_WGSL])?.kernel(gpu, "sample_depths", &[])?,
+            lattice: gpu.buffer("lattice", Use::Storage, LATTICE_BYTES)?,
+            lattice_size: gpu.buffer_with("lattice size", Use::Uniform, &lr_size)?,
+            readback: Readback::new(gpu, places.of_in_between(count))?,
+            places,
+        })
+    }
+
+    /// The side that the frame being made is made in; the other one is the previous frame.
+    const fn current(&self) -> usize {
+        1 - self.newest
+    }
+
+    /// What saw the previous frame, if the frame being made goes on from it.
+    fn previous_view(&self, inputs: &FrameInputs) -> Option<NeighborView> {
+        self.sides[self.newest].view.filter(|_| inputs.reset.is_none())
+    }
+
+    /// Records the G-buffer of the frame being made.
+    pub fn rasterize(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        inputs: &FrameInputs,
+        plan: &FramePlan,
+        rasterizer: &mut GpuRasterizer,
+    ) -> Result<(), PipelineError> {
+        let settings = plan.raster(Outputs::GBuffer, inputs);
+        let lr_camera = inputs.camera.low_resolution(plan.scale);
+        let current = self.current();
+        let gbuffer = &mut self.sides[current].gbuffer;
+        match &mut self.padded {
+            Some(padded) => rasterizer.record_within(recorder, &lr_camera, &settings, padded, gbuffer)?,
+            None => {
+                let settings = RasterSettings { margin: Margin::NONE, ..settings };
+                rasterizer.record(recorder, &lr_camera, &settings, gbuffer)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Records super sampling of the frame being made, whose G-buffer has been rasterized, and its refinement.
+    pub fn super_sample(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        inputs: &FrameInputs,
+    ) -> Result<(), PipelineError> {
+        let (current, previous_view) = (self.current(), self.previous_view(inputs));
+        if let Some(reason) = inputs.reset {
+            self.super_sampler.reset(reason);
+        }
+        let side = &mut self.sides[current];
+        let bound = match &mut side.bound {
+            Some(bound) => bound,
+            none => {
+                let planes = planes(&side.gbuffer)?;
+                let buffers = [
+                    ("size", self.lattice_size.slice()),
+                    ("dx_median", planes.dx_median.slice()),
+                    ("depths", self.lattice.slice()),
+                ];
+                let lattice = self.sample_depths.bind(&self.gpu, &buffers)?;
+                let made = self.analytic.as_ref().unwrap_or(&side.image);
+                let padded = self.padded.as_ref().map_or(Ok(planes), self::planes)?;
+                let super_sampler = self.super_sampler.bind(&planes, &padded, made)?;
+                none.insert(BoundSide { super_sampler, lattice })
+            }
+        };
+        let margin = if self.padded.is_some() { inputs.margin } else { Margin::NONE };
+        let FrameInputs { camera, jitter, .. } = inputs;
+        self.super_sampler.record(recorder, &bound.super_sampler, camera, *jitter, margin)?;
+        recorder.dispatch(&bound.lattice, [1, 1, 1]);
+        let (Some(learned), Some(analytic)) = (&mut self.learned_super_sampler, &self.analytic) else {
+            return Ok(());
+        };
+        let places = self.sides.each_ref().map(|side| Refined { gbuffer: &side.gbuffer, image: &side.image });
+        let stages = (&self.super_sampler, &self.interpolator);
+        let view = view_of(inputs);
+        learned.record(recorder, stages, analytic, places, current, &view, previous_view.as_ref())
+    }
+
+    /// Records the frames between the previous one and the one being made.
+    pub fn interpolate(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        inputs: &FrameInputs,
+    ) -> Result<(), PipelineError> {
+        let current = self.current();
+        self.learned_interpolator.iter_mut().for_each(|learned| learned.begin(current));
+        if inputs.between.is_empty() {
+            return Ok(());
+        }
+        let missing = PipelineError::Internal { expected: "a previous frame on the device" };
+        let views = [&self.previous_view(inputs).ok_or(missing)?, &view_of(inputs)];
+        let [before, after] = [&self.sides[self.newest], &self.sides[current]];
+        let before = GpuNeighbor { image: &before.image, planes: planes(&before.gbuffer)? };
+        let after = GpuNeighbor { image: &after.image, planes: planes(&after.gbuffer)? };
+        let interpolator = &self.interpolator;
+        if let Some(learned) = &mut self.learned_interpolator {
+            for (k, (moment, out)) in inputs.between.iter().zip(&self.in_between).enumerate() {
+                let (t, camera) = (moment.t, &moment.camera);
+                let frame = InBetween { interpolator, neighbors: [before, after], views, t, camera, out };
+                learned.record(recorder, current, k, &frame)?;
+            }
+            return Ok(());
+        }
+        if self.bound_in_between[current].is_empty() {
+            let bind = |out| interpolator.bind(&before, &after, out);
+            self.bound_in_between[current] = self.in_between.iter().map(bind).collect::<Result<_, _>>()?;
+        }
+        for (moment, bound) in inputs.between.iter().zip(&self.bound_in_between[current]) {
+            interpolator.record(recorder, bound, views, moment.t, &moment.camera)?;
+        }
+        Ok(())
+    }
+
+    /// Records the way back of what `read_back` says.
+    pub fn record_read_back(
+        &self,
+        recorder: &mut Recorder<'_>,
+        inputs: &FrameInputs,
+        read_back: ReadBack,
+        counters: &Slice<'_>,
+    ) {
+        if read_back == ReadBack::Nothing {
+            return;
+        }
+        recorder.read_back(counters, &self.readback, 0);
+        recorder.read_back(&self.lattice.part(0, LATTICE_BYTES), &self.readback, self.places.lattice);
+        if read_back == ReadBack::Counters {
+            return;
+        }
+        let mut read_image = |image: &GpuImage, place| {
+            recorder.read_back(&image.pixels().part(0, image.bytes()), &self.readback, place);
+        };
+        read_image(&self.sides[self.current()].image, self.places.image);
+        for (k, image) in self.in_between.iter().take(inputs.between.len()).enumerate() {
+            read_image(image, self.places.of_in_between(k));
+        }
+    }
+
+    /// Waits for the frame of `submission` and receives what comes back of it; its images, where they do, into `frames`.
+    /// Returns some of its depths, or nothing if it lacked room for its splats and is to be made again.
+    pub fn receive(
+        &self,
+        gpu: &Gpu,
+        submission: &Submission,
+        rasterizer: &mut GpuRasterizer,
+        inputs: &FrameInputs,
+        read_back: ReadBack,
+        frames: &mut Frames,
+    ) -> Result<Option<DepthLattice>, PipelineError> {
+        let (image, in_between) = (&mut frames.current.image, &mut frames.in_between);
+        self.readback.read(gpu, submission, |bytes| -> Result<_, PipelineError> {
+            if rasterizer.settle_with(self.places.counters_in(bytes))? == Settled::Again {
+                return Ok(None);
+            }
+            if read_back == ReadBack::Images {
+                let decoder = &self.sides[self.current()].image;
+                decoder.decode(self.places.image_in(bytes), image);
+                for (k, image) in in_between.iter_mut().take(inputs.between.len()).enumerate() {
+                    decoder.decode(self.places.in_between_in(bytes, k), image);
+                }
+            }
+            Ok(Some(self.places.lattice_in(bytes)))
+        })?
+    }
+
+    /// Makes the frame submitted last the one that the next frame goes on from.
+    pub fn commit(&mut self, inputs: &FrameInputs) {
+        self.super_sampler.keep();
+        self.newest = self.current();
+        self.sides[self.newest].view = Some(view_of(inputs));
+        self.in_between_made = inputs.between.len();
+    }
+
+    /// The frame committed last and those before it.
+    pub fn presented(&self) -> GpuPresented<'_> {
+        let between = self.in_between.get(..self.in_between_made).unwrap_or_default();
+        GpuPresented { between, current: &self.sides[self.newest].image }
+    }
+
+    /// Reads the low-resolution G-buffer of the frame committed last.
+    pub fn read_gbuffer(&self, gpu: &Gpu, out: &mut GBuffer) -> Result<(), PipelineError> {
+        Ok(self.sides[self.newest].gbuffer.read(gpu, out)?)
+    }
+}
+
+fn view_of(inputs: &FrameInputs) -> NeighborView {
+    NeighborView { camera: inputs.camera, jitter: inputs.jitter }
+}
+
+/// Where what is read back lies: the rasterizer's counters, the lattice, the frame, the frames between.
+#[derive(Clone, Copy, Debug)]
+struct Places {
+    lattice: u64,
+    image: u64,
+    in_between: u64,
+}
+
+impl Places {
+    fn new(counters: u64, image: u64) -> Self {
+        let lattice = counters.next_multiple_of(4);
+        let first = lattice + LATTICE_BYTES;
+        Self { lattice, image: first, in_between: first + image }
+    }
+
+    /// Of all bytes the rasterizer's counters.
+    fn counters_in<'a>(&self, bytes: &'a [u8]) -> &'a [u8] {
+        part(bytes, 0, self.lattice)
+    }
+
+    /// Of all bytes the depths that the processor knows.
+    fn lattice_in(&self, bytes: &[u8]) -> DepthLattice {
+        let mut depths = [0.0; DepthLattice::LEN];
+        let found = part(bytes, self.lattice, self.image).as_chunks().0;
+        depths.iter_mut().zip(found).for_each(|(to, depth)| *to = f32::from_le_bytes(*depth));
+        DepthLattice::new(depths)
+    }
+
+    /// Of all bytes the frame.
+    fn image_in<'a>(&self, bytes: &'a [u8]) -> &'a [u8] {
+        part(bytes, self.image, self.in_between)
+    }
+
+    /// Of all bytes the `k`-th frame between.
+    fn in_between_in<'a>(&self, bytes: &'a [u8], k: usize) -> &'a [u8] {
+        part(bytes, self.of_in_between(k), self.of_in_between(k + 1))
+    }
+
+    fn of_in_between(&self, k: usize) -> u64 {
+        self.in_between + k as u64 * (self.in_between - self.image)
+    }
+}
+
+fn part(bytes: &[u8], start: u64, end: u64) -> &[u8] {
+    bytes.get(start as usize..end as usize).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_read_back_lies_apart() {
+        let places = Places::new(18, 800);
+        let bytes: Vec<u8> = (0..20 + 100 + 3 * 800).map(|k| (k % 251) as u8).collect();
+        assert_eq!(places.counters_in(&bytes), &bytes[..20]);
+        assert_eq!(
+            places.lattice_in(&bytes).depths()[1],
+            f32::from_le_bytes(bytes[24..28].try_into().unwrap())
+        );
+        assert_eq!(places.image_in(&bytes), &bytes[120..920]);
+        assert_eq!(places.in_between_in(&bytes, 1), &bytes[1720..2520]);
+        assert_eq!(places.of_in_between(2), bytes.len() as u64);
+        gs3_compute::validate("lattice", &[LATTICE_WGSL]).unwrap();
+    }
+}

@@ -1,0 +1,97 @@
+//! What follows from settings and networks.
+
+use gs3_neural::Weights;
+use gs3_neural::model::Tier;
+use gs3_raster::{MAX_MARGIN, Outputs, RasterSettings};
+use gs3_reconstruct::{Kriging, Sampling};
+
+use super::inputs::FrameInputs;
+use crate::error::PipelineError;
+use crate::learned::Networks;
+use crate::refine::Refine;
+use crate::settings::{MAX_GENERATE, Mode, PipelineSettings};
+
+/// How all frames of a pipeline are made: its settings, and what follows from them and from its networks. Both machines
+/// take it, so that neither derives anything by itself.
+#[derive(Clone, Debug)]
+pub struct FramePlan {
+    /// As they were asked for.
+    pub settings: PipelineSettings,
+    /// How many times coarser than the frame the grid is that is rasterized: 1 in [`Mode::Native`].
+    pub scale: u32,
+    pub sampling: Sampling,
+    /// Which pixels are kriged: at least those that the network's tier was trained on.
+    pub kriging: Kriging,
+    /// Which pixels are rasterized exactly.
+    pub refine: Refine,
+    /// LR pixels beyond each edge that LR frames have at most, 0 if they have no margins.
+    pub widest_margin: u32,
+    /// Frames interpolated before each rendered one.
+    pub in_between: usize,
+    /// Those that the mode has a use for.
+    pub networks: Networks,
+}
+
+impl FramePlan {
+    /// # Errors
+    /// [`PipelineError::Generate`] if too many or too few frames are to be made between rendered ones.
+    pub fn new(settings: PipelineSettings, networks: &Networks) -> Result<Self, PipelineError> {
+        let mode = settings.mode;
+        if mode == Mode::Full && !(1..=MAX_GENERATE).contains(&settings.generate) {
+            return Err(PipelineError::Generate { actual: settings.generate });
+        }
+        if let Refine::Share(share) = settings.refine
+            && !(0.0..=1.0).contains(&share)
+        {
+            return Err(PipelineError::RefineShare { actual: share });
+        }
+        let Networks { super_sample, interpolate, arithmetic } = networks.clone();
+        let networks = Networks {
+            super_sample: super_sample.filter(|_| mode.has_history()),
+            interpolate: interpolate.filter(|_| mode == Mode::Full),
+            arithmetic,
+        };
+        let weights = networks.super_sample.as_deref();
+        let has_margins = mode.has_history() && (settings.overscan || weights.is_some());
+        Ok(Self {
+            settings,
+            scale: if mode == Mode::Native { 1 } else { settings.scale },
+            sampling: if mode == Mode::Native { Sampling::Centered } else { settings.sampling },
+            kriging: settings.kriging.max(weights.map_or(Kriging::Off, least_kriging)),
+            refine: if mode.has_history() { settings.refine } else { Refine::Off },
+            widest_margin: if has_margins { MAX_MARGIN } else { 0 },
+            in_between: settings.displayed_per_rendered() - 1,
+            networks,
+        })
+    }
+
+    /// How the rasterizer makes `outputs` of a frame.
+    pub fn raster(&self, outputs: Outputs, inputs: &FrameInputs) -> RasterSettings {
+        RasterSettings {
+            dilation: self.settings.dilation.at_scale(self.scale),
+            background: self.settings.background,
+            jitter: inputs.jitter,
+            margin: inputs.margin,
+            ..RasterSettings::new(outputs)
+        }
+    }
+
+    /// Checks what the rasterizer is told about every frame.
+    pub fn check_raster(&self) -> Result<(), PipelineError> {
+        Ok(RasterSettings {
+            dilation: self.settings.dilation.at_scale(self.scale),
+            background: self.settings.background,
+            ..RasterSettings::new(Outputs::GBuffer)
+        }
+        .check()?)
+    }
+}
+
+/// The fewest pixels that may be kriged below the network of `weights`: its tier was trained on frames kriged so.
+fn least_kriging(weights: &Weights) -> Kriging {
+    match weights.header.tier.as_str() {
+        tier if tier == Tier::Fast.name() => Kriging::Coarse,
+        tier if tier == Tier::High.name() => Kriging::Fine,
+        _ => Kriging::On,
+    }
+}

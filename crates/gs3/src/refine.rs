@@ -1,0 +1,236 @@
+//! How much of a frame is rasterized exactly, where reconstruction is not to be trusted.
+
+use std::fmt;
+use std::str::FromStr;
+use std::time::Duration;
+
+use gs3_reconstruct::BlockBudget;
+
+/// How hard the pipeline works for a frame where nothing else is said: the error that may be left in a block of 4×4
+/// pixels, and the largest share of pixels that is rasterized exactly for it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Quality {
+    /// Errors of three steps of 8 bits, 3 % of the pixels.
+    Fast,
+    /// Errors of one step of 8 bits, 6 % of the pixels.
+    #[default]
+    Balanced,
+    /// Errors of half a step of 8 bits, 15 % of the pixels.
+    High,
+}
+
+impl Quality {
+    /// All of them, the fastest first.
+    pub const ALL: [Self; 3] = [Self::Fast, Self::Balanced, Self::High];
+
+    /// Its name at the command and in reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Fast => "fast",
+            Self::Balanced => "balanced",
+            Self::High => "high",
+        }
+    }
+
+    /// What [`Refine::Auto`] may spend.
+    #[must_use]
+    pub fn budget(self) -> BlockBudget {
+        let (most, steps) = match self {
+            Self::Fast => (0.03, 3.0),
+            Self::Balanced => (0.06, 1.0),
+            Self::High => (0.15, 0.5),
+        };
+        BlockBudget { most, least_error: (steps / 255.0_f32).powi(2) }
+    }
+}
+
+/// Which pixels of a rendered frame are rasterized exactly besides the low-resolution grid: the blocks of 4×4 pixels whose
+/// expected error is largest. They are the native image there, and the frames after reproject them.
+///
+/// Read by [`Mode::SuperSample`](crate::Mode::SuperSample) and [`Mode::Full`](crate::Mode::Full) on a CPU. Frames that a GPU
+/// makes or rasterizes have no exact blocks.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Refine {
+    /// None, as in the paper.
+    Off,
+    /// Those whose expected error would be seen, within the budget of the pipeline's [`Quality`]. A frame without
+    /// history is rasterized exactly as a whole.
+    #[default]
+    Auto,
+    /// This share of the pixels, `[0, 1]`, whatever their errors. A frame without history is rasterized exactly as a
+    /// whole.
+    Share(f32),
+    /// As many as fit into this time for a rendered frame and those interpolated before it: for interactive programs. A
+    /// frame without history keeps to it, too. What is refined depends on the machine's speed.
+    FrameTime(Duration),
+}
+
+impl Refine {
+    /// Whether there are exact blocks at all.
+    #[must_use]
+    pub fn is_on(self) -> bool {
+        !matches!(self, Self::Off | Self::Share(0.0))
+    }
+
+    /// Whether a frame without history is exact as a whole.
+    #[must_use]
+    pub const fn starts_exact(self) -> bool {
+        matches!(self, Self::Auto | Self::Share(_))
+    }
+}
+
+/// `off`, `auto`, the share, or the milliseconds of a frame.
+impl fmt::Display for Refine {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Off => f.write_str("off"),
+            Self::Auto => f.write_str("auto"),
+            Self::Share(share) => write!(f, "{share}"),
+            Self::FrameTime(time) => write!(f, "{}ms", time.as_secs_f64() * 1e3),
+        }
+    }
+}
+
+/// What is no [`Refine`].
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "expected off, auto, a share of the pixels from 0 to 1, or milliseconds as in 33ms, found {actual:?}"
+)]
+pub struct RefineError {
+    /// What was found.
+    pub actual: String,
+}
+
+/// Reads what [`Refine`] prints.
+impl FromStr for Refine {
+    type Err = RefineError;
+
+    fn from_str(text: &str) -> Result<Self, RefineError> {
+        let error = || RefineError { actual: text.to_owned() };
+        match text {
+            "off" => return Ok(Self::Off),
+            "auto" => return Ok(Self::Auto),
+            _ => {}
+        }
+        if let Some(milliseconds) = text.strip_suffix("ms") {
+            let milliseconds: f64 = milliseconds.parse().map_err(|_| error())?;
+            let is_time = milliseconds > 0.0 && milliseconds <= 60_000.0;
+            return is_time
+                .then(|| Self::FrameTime(Duration::from_secs_f64(milliseconds / 1e3)))
+                .ok_or_else(error);
+        }
+        let share: f32 = text.parse().map_err(|_| error())?;
+        (0.0..=1.0).contains(&share).then_some(Self::Share(share)).ok_or_else(error)
+    }
+}
+
+/// Moves the share of exact pixels so that frames take the time that they may take.
+///
+/// A frame takes a time that its blocks do not change, and one in proportion to their share. Both are estimated from the
+/// frames before, so a share that fits is found at once where the second is known.
+#[derive(Clone, Copy, Debug)]
+pub struct ShareController {
+    share: f32,
+    /// Seconds of a frame without blocks, and of all of its pixels as blocks; 0 until they are known.
+    fixed: f64,
+    per_share: f64,
+}
+
+/// The share of the first frame: little, as nothing is known of the machine yet.
+const FIRST_SHARE: f32 = 0.01;
+
+/// The least share: at 1280×720 some 60 blocks, so that their time stays known.
+const LEAST_SHARE: f32 = 0.001;
+
+/// How much a new measurement counts against those before: half, so that a single slow frame does not swing it, and a
+/// change is followed within three frames.
+const NEWEST: f64 = 0.5;
+
+/// Part of the time that may be planned: frames differ by a few percent from what those before took.
+const PLANNED: f64 = 0.95;
+
+impl Default for ShareController {
+    fn default() -> Self {
+        Self { share: FIRST_SHARE, fixed: 0.0, per_share: 0.0 }
+    }
+}
+
+impl ShareController {
+    /// The share of the next frame.
+    pub const fn share(&self) -> f32 {
+        self.share
+    }
+
+    /// Takes in how long a frame took, `refined` of the pixels exact, of which time `refining` for them.
+    pub fn learn(&mut self, target: Duration, total: Duration, refining: Duration, refined: f32) {
+        let follow = |old: f64, new: f64| if old > 0.0 { old + NEWEST * (new - old) } else { new };
+        let fixed = total.saturating_sub(refining).as_secs_f64();
+        self.fixed = follow(self.fixed, fixed);
+        if refined > 0.0 {
+            self.per_share = follow(self.per_share, refining.as_secs_f64() / f64::from(refined));
+        }
+        if self.per_share > 0.0 {
+            let left = PLANNED * target.as_secs_f64() - self.fixed;
+            self.share = ((left / self.per_share) as f32).clamp(LEAST_SHARE, 1.0);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_printed_is_read() {
+        for refine in [
+            Refine::Off,
+            Refine::Auto,
+            Refine::Share(0.05),
+            Refine::Share(1.0),
+            Refine::FrameTime(Duration::from_millis(33)),
+        ] {
+            assert_eq!(refine.to_string().parse(), Ok(refine));
+        }
+        for wrong in ["", "on", "-0.1", "1.5", "NaN", "0ms", "-3ms", "ms", "1e9ms", "infms"] {
+            assert_eq!(wrong.parse::<Refine>(), Err(RefineError { actual: wrong.to_owned() }));
+        }
+    }
+
+    #[test]
+    fn a_better_quality_may_spend_more_and_leaves_less() {
+        for pair in Quality::ALL.windows(2) {
+            let [worse, better] = [pair[0].budget(), pair[1].budget()];
+            assert!(better.most > worse.most && better.least_error < worse.least_error);
+        }
+    }
+
+    /// A machine that takes 10 ms for a frame, 200 ms for all of its pixels, and a tenth more or less.
+    #[test]
+    fn the_controller_holds_a_frame_time() {
+        let target = Duration::from_millis(33);
+        let mut controller = ShareController::default();
+        let mut slowdown = 1.0;
+        for frame in 0..60 {
+            if frame == 30 {
+                slowdown = 1.5;
+            }
+            let noise = if frame % 3 == 0 { 1.1 } else { 0.95 };
+            let refining = Duration::from_secs_f64(0.2 * f64::from(controller.share()) * slowdown * noise);
+            let total = Duration::from_secs_f64(0.01 * slowdown * noise) + refining;
+            if (5..30).contains(&frame) || frame > 35 {
+                let ratio = total.as_secs_f64() / target.as_secs_f64();
+                assert!((0.75..1.12).contains(&ratio), "frame {frame} took {total:?}");
+            }
+            controller.learn(target, total, refining, controller.share());
+        }
+    }
+
+    #[test]
+    fn a_machine_without_time_left_refines_next_to_nothing() {
+        let mut controller = ShareController::default();
+        let target = Duration::from_millis(10);
+        controller.learn(target, Duration::from_millis(50), Duration::from_millis(2), 0.01);
+        assert_eq!(controller.share(), LEAST_SHARE);
+    }
+}
