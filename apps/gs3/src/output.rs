@@ -216,7 +216,7 @@ pub fn save_scene(scene: &Scene, file: &Path, options: &SaveOptions) -> Result<(
     for lost in losses(scene, file) {
         note(format_args!("{}: {lost}", file.display()));
     }
-    if let Some(lost) = clamped(scene, file) {
+    if let Some(lost) = clamped(scene, file, options) {
         note(format_args!("{}: {lost}", file.display()));
     }
     if let Some(step) = position_step(scene, file) {

@@ -107,7 +107,7 @@ fn one_line_that_names_field_expected_and_actual() {
         ("simplify demo --keep 0.5 --mass 0.9 --out o", &["--mass: expected --by mini-splatting"]),
         ("simplify demo --keep 0.5 --indoor --out o", &["--indoor: expected --by mini-splatting"]),
         ("evaluate demo --every 2 --out o", &["--photos"]),
-        ("info .", &[".: expected a scene file, or a folder with lod-meta.json or meta.json"]),
+        ("info .", &[".: expected a scene file, or a folder with lod-meta.json, meta.json or meta.lcc2"]),
         ("render demo --dilation nan --out o", &["expected matched, stock or a number", "nan"]),
         ("render demo --background 1,2 --out o", &["expected R,G,B from 0 to 1", "1,2"]),
         ("render demo --threads 0 --out o", &["--threads", "0"]),

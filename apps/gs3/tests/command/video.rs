@@ -164,7 +164,7 @@ fn a_failing_ffmpeg_is_quoted_and_costs_no_frame() {
     let said = stderr(&output);
     assert_eq!(output.status.code(), Some(0), "{said}");
     assert!(said.contains("no ffmpeg on PATH"), "{said}");
-    assert_eq!(names(folder.path()), ["bin", "clip.mp4", "r.json"]);
+    assert_eq!(names(folder.path()), ["bin", "clip", "clip.mp4", "r.json"]);
 }
 
 /// It neither takes frames nor ends, for much longer than a second interruption takes.

@@ -224,3 +224,53 @@ fn clear_beyond(block: &mut ExactBlock, left: [usize; 2]) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use gs3_scene::{GBuffer, Image, block_grid, demo};
+
+    use crate::{Culling, Importance, Outputs, RasterSettings, Rasterizer, matched_dilation};
+
+    /// Frames, blocks and importance are the same bit for bit whether there is room for all entries at once or for those
+    /// of a row of tiles.
+    #[test]
+    fn frames_in_bands_are_the_same() {
+        let scene = Arc::new(demo::scene().expect("the demo"));
+        let camera = demo::path().cameras()[0].resized(310, 170).expect("a valid size");
+        let settings =
+            RasterSettings { dilation: matched_dilation(2), ..RasterSettings::new(Outputs::GBuffer) };
+        let [columns, rows] = block_grid([310, 170]);
+        let places: Vec<[u16; 2]> =
+            (0..rows).flat_map(|y| (0..columns).step_by(3).map(move |x| [x as u16, y as u16])).collect();
+        let run = |most_entries: u64| {
+            let mut rasterizer = Rasterizer::new(Arc::clone(&scene), Culling::AccuTile);
+            rasterizer.most_entries = most_entries;
+            let (mut image, mut lr, mut blocks) = (Image::default(), GBuffer::default(), Default::default());
+            rasterizer.rasterize_image(&camera, &settings, &mut image).expect("valid settings");
+            let bands = [rasterizer.bands.len(), {
+                rasterizer.rasterize_low_resolution(&camera, 2, &settings, &mut lr).expect("valid settings");
+                rasterizer.bands.len()
+            }];
+            // Twice: what the first leaves must serve the second.
+            for _ in 0..2 {
+                rasterizer.rasterize_blocks(&places, &mut blocks).expect("a frame before");
+            }
+            let mut importance = Importance::zeroed(scene.gaussians().len());
+            rasterizer.importance(&camera, &settings, &mut importance).expect("valid settings");
+            (bands, image, lr, blocks, importance)
+        };
+        let (whole, many) = (run(u64::MAX), run(1));
+        assert_eq!((whole.0, many.0), ([1, 1], [11, 6]));
+        assert_eq!(whole.1.pixels(), many.1.pixels());
+        assert_eq!(whole.2.color.data(), many.2.color.data());
+        let depth = |lr: &GBuffer| lr.geometry.as_ref().map(|g| g.depth_median.data().to_vec());
+        assert_eq!(depth(&whole.2), depth(&many.2));
+        assert_eq!(whole.3.places, many.3.places);
+        for (a, b) in whole.3.blocks.iter().zip(&many.3.blocks) {
+            assert_eq!((a.color, a.color_dx, a.depth_median), (b.color, b.color_dx, b.depth_median));
+        }
+        assert_eq!(whole.4, many.4);
+    }
+}

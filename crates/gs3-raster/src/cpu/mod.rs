@@ -253,19 +253,22 @@ impl Rasterizer {
             let of_band = orders.split_off_mut(..band.len() * columns).unwrap_or_default();
             let of_band = of_rows.by_ref().zip(of_band.chunks_exact_mut(columns)).zip(band.clone());
             let of_band: Vec<_> = of_band.collect();
-            of_band.into_par_iter().for_each_init(TileScratch::default, |scratch, ((mut out, orders), row)| {
-                for (column, order) in orders.iter_mut().enumerate() {
-                    dispatch!(level, s => {
-                        let tile = [column, row];
-                        blend::blend_tile::<_, OUTPUTS>(s, jobs, bins, tile, grid, scratch);
-                        resolver.resolve::<_, OUTPUTS>(s, &mut scratch.blocks, tile, grid, &mut out);
-                    });
-                    order.clear();
-                    if keeps_orders {
-                        order.extend_from_slice(scratch.order.sorted());
+            of_band.into_par_iter().for_each_init(
+                TileScratch::default,
+                |scratch, ((mut out, orders), row)| {
+                    for (column, order) in orders.iter_mut().enumerate() {
+                        dispatch!(level, s => {
+                            let tile = [column, row];
+                            blend::blend_tile::<_, OUTPUTS>(s, jobs, bins, tile, grid, scratch);
+                            resolver.resolve::<_, OUTPUTS>(s, &mut scratch.blocks, tile, grid, &mut out);
+                        });
+                        order.clear();
+                        if keeps_orders {
+                            order.extend_from_slice(scratch.order.sorted());
+                        }
                     }
-                }
-            });
+                },
+            );
             self.times.bin += binned - started;
             self.times.blend += binned.elapsed();
         }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::DVec2;
 use gs3_raster::{
-    Culling, Outputs, RasterError, RasterSettings, Rasterizer, STOCK_DILATION, matched_dilation,
+    Culling, NEAR, Outputs, RasterError, RasterSettings, Rasterizer, STOCK_DILATION, matched_dilation,
 };
 use gs3_scene::{BLOCK_SIDE, Camera, ExactBlocks, GBuffer, Image, Jitter, Margin, block_grid};
 
@@ -135,6 +135,34 @@ fn blocks_of_real_scenes_are_the_native_image() {
             assert_native(&blocks, &image, &gbuffer);
         }
     }
+}
+
+/// What a scene says of itself holds for low-resolution frames and blocks as for native frames: its near plane, and
+/// harmonics of degree 4.
+#[test]
+fn near_planes_and_degree_4_are_shared() {
+    let camera = camera_at_origin(96, 64, DVec2::ZERO);
+    let recipe = RandomScene { seed: 8, count: 150, sh_degree: 4, ..RandomScene::BASE };
+    let jitter = Jitter::grid(4).offset(5);
+    let mut colors = Vec::new();
+    for near in [NEAR, 5.0] {
+        let scene = Arc::new(recipe.build(&camera).with_near(near));
+        assert_eq!(scene.gaussians().sh_degree, 4);
+        let mut rasterizer = Rasterizer::new(scene, Culling::AccuTile);
+        let (image, gbuffer) = native(&mut rasterizer, &camera);
+        let mut lr = GBuffer::default();
+        rasterizer
+            .rasterize_low_resolution(&camera, 4, &settings(4, jitter), &mut lr)
+            .expect("valid settings");
+        assert_samples(&lr, &image, 4, cell(4, jitter));
+        let mut blocks = ExactBlocks::default();
+        rasterizer
+            .rasterize_blocks(&some_blocks(&image, 2, &mut Random(1)), &mut blocks)
+            .expect("a frame before");
+        assert_native(&blocks, &image, &gbuffer);
+        colors.push(lr.color.data().to_vec());
+    }
+    assert_ne!(colors[0], colors[1], "the near plane cuts something");
 }
 
 #[test]

@@ -16,7 +16,8 @@ pub(super) fn of(positions: [Vec<f64>; 3]) -> DVec3 {
     DVec3::from(positions.map(|mut values| {
         values.retain(|value| value.is_finite());
         values.sort_unstable_by(f64::total_cmp);
-        let at = |share: f64| values.get(((values.len().max(1) - 1) as f64 * share) as usize).copied();
+        let at =
+            |share: f64| values.get(((values.len().max(1) - 1) as f64 * share).round() as usize).copied();
         let (Some(low), Some(middle), Some(high)) = (at(0.1), at(0.5), at(0.9)) else { return 0.0 };
         if middle.abs() > FAR * (high - low).max(WIDE) { middle.round() } else { 0.0 }
     }))

@@ -14,9 +14,10 @@ use crate::scene::{OpacityMode, Scene};
 /// The version of SPZ that is written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SpzVersion {
-    /// For programs that do not know version 4 yet; spherical harmonics up to degree 3.
+    /// For programs that do not know version 4 yet; spherical harmonics up to degree 3. In right-up-back, as the
+    /// specification has it.
     Three,
-    /// Smaller and faster to read.
+    /// Smaller and faster to read. In right-down-front, as splat-transform and SuperSplat write it, and stated.
     #[default]
     Four,
 }
@@ -140,13 +141,15 @@ pub fn position_step(scene: &Scene, path: impl AsRef<Path>) -> Option<f32> {
     is_fixed.then(|| spz::fractional_bits(scene).ok().map(spz::step)).flatten()
 }
 
-/// How many Gaussians [`save`] changes beyond rounding where it writes `scene` at `path`: those of SPZ, whose scales
+/// How many Gaussians [`save_with`] changes beyond rounding where it writes `scene` at `path`: those of SPZ, whose scales
 /// and spherical harmonics are bytes over a fixed range. `None` of other formats, whose ranges are those of the scene,
 /// and where nothing is changed.
 #[must_use]
-pub fn clamped(scene: &Scene, path: impl AsRef<Path>) -> Option<Clamped> {
+pub fn clamped(scene: &Scene, path: impl AsRef<Path>, options: &SaveOptions) -> Option<Clamped> {
     let is_fixed = format_of(path).is_ok_and(|format| format == "spz");
-    is_fixed.then(|| spz::clamped(scene)).filter(|clamped| *clamped != Clamped::default())
+    is_fixed
+        .then(|| spz::clamped(scene, options.spz_version.into()))
+        .filter(|clamped| *clamped != Clamped::default())
 }
 
 /// The format that [`save`] writes at `path`, by how its name ends: `compressed.ply`, `ply`, `spz`, `sog`, `glb` or

@@ -39,6 +39,23 @@ impl Version {
         }
     }
 
+    /// The axes that its files are written in, which they state. Programs that do not look take version 3 for what the
+    /// specification says, right-up-back, as gs3 does, and version 4 for what its commonest writers, splat-transform and
+    /// SuperSplat, make and read: right-down-front.
+    const fn axes(self) -> Axes {
+        match self {
+            Self::Three => Axes::RUB,
+            Self::Four => Axes::RDF,
+        }
+    }
+
+    const fn signs(self) -> Signs {
+        match self {
+            Self::Three => Signs { positions: POSITION_SIGNS, rotations: QUATERNION_SIGNS, sh: SH_SIGNS },
+            Self::Four => Signs { positions: [1.0; 3], rotations: [1.0; 4], sh: [1.0; 25] },
+        }
+    }
+
     /// The largest degree of spherical harmonics that it has.
     pub(in super::super) const fn max_sh_degree(self) -> u8 {
         match self {
@@ -46,6 +63,15 @@ impl Version {
             Self::Four => 4,
         }
     }
+}
+
+/// What values are multiplied by to be in a file's axes.
+#[derive(Clone, Copy)]
+struct Signs {
+    positions: [f32; 3],
+    /// Of w, x, y, z.
+    rotations: [f32; 4],
+    sh: [f32; 25],
 }
 
 /// Positions are 24-bit fixed-point numbers: at most this, at least its negative.
@@ -110,11 +136,11 @@ impl fmt::Display for Clamped {
 }
 
 /// What [`write`] cuts of `scene`.
-pub(in super::super) fn clamped(scene: &Scene) -> Clamped {
-    let gaussians = scene.gaussians();
+pub(in super::super) fn clamped(scene: &Scene, version: Version) -> Clamped {
+    let (gaussians, signs) = (scene.gaussians(), version.signs());
     let counted = |i| Clamped {
         scales: usize::from(is_scale_clamped(gaussians, i)),
-        sh: usize::from(is_sh_clamped(gaussians, i)),
+        sh: usize::from(is_sh_clamped(gaussians, i, &signs)),
     };
     let plus = |a: Clamped, b: Clamped| Clamped { scales: a.scales + b.scales, sh: a.sh + b.sh };
     (0..gaussians.len()).into_par_iter().map(counted).reduce(Clamped::default, plus)
@@ -125,15 +151,15 @@ fn is_scale_clamped(gaussians: &Gaussians, i: usize) -> bool {
     codes.iter().any(|code| *code > 255.0) || codes.iter().all(|code| *code < 0.0)
 }
 
-fn is_sh_clamped(gaussians: &Gaussians, i: usize) -> bool {
+fn is_sh_clamped(gaussians: &Gaussians, i: usize, signs: &Signs) -> bool {
     let (constant, rest) = gaussians.sh_of(i).split_at(3);
-    let rest = rest.iter().enumerate().map(|(k, value)| sh_code(k, *value));
+    let rest = rest.iter().enumerate().map(|(k, value)| sh_code(k, *value, signs));
     let mut codes = constant.iter().map(|dc| color_code(*dc)).chain(rest);
     codes.any(|code| !(0.0..=255.0).contains(&code.round()))
 }
 
-/// Writes `scene` with positions of the given [`fractional_bits`], in right-up-back, which is stated. The scene's degree
-/// is at most that of `version`. Higher harmonics keep all 8 bits, where Niantic's encoder rounds them to 5 and 4 for a
+/// Writes `scene` with positions of the given [`fractional_bits`], in [`Version::axes`]. The scene's degree is at most
+/// that of `version`. Higher harmonics keep all 8 bits, where Niantic's encoder rounds them to 5 and 4 for a
 /// smaller file. [`clamped`] tells what is cut.
 pub(in super::super) fn write(
     scene: &Scene,
@@ -150,8 +176,9 @@ pub(in super::super) fn write(
         header.extend_from_slice(&word.to_le_bytes());
     }
     header.extend_from_slice(&[degree, fractional_bits, antialiased | EXTENDED]);
-    let arrays = Arrays { scene, sizes, unit: f64::from(fractional_bits).exp2() };
-    let extension = axes_record(Axes::RUB);
+    let unit = f64::from(fractional_bits).exp2();
+    let arrays = Arrays { scene, signs: version.signs(), sizes, unit };
+    let extension = axes_record(version.axes());
     match version {
         Version::Three => {
             header.push(0);
@@ -192,6 +219,7 @@ pub(in super::super) fn write(
 /// The arrays of a file.
 struct Arrays<'a> {
     scene: &'a Scene,
+    signs: Signs,
     sizes: Sizes,
     /// Steps of positions in a world unit.
     unit: f64,
@@ -221,10 +249,10 @@ impl Arrays<'_> {
                     *byte = code(scale_code(scale));
                 }
             }
-            4 => row.copy_from_slice(&pack_rotation(gaussians.rotation(i)).to_le_bytes()),
+            4 => row.copy_from_slice(&pack_rotation(gaussians.rotation(i), &self.signs).to_le_bytes()),
             _ => {
                 for (k, (byte, value)) in row.iter_mut().zip(&gaussians.sh_of(i)[3..]).enumerate() {
-                    *byte = code(sh_code(k, *value));
+                    *byte = code(sh_code(k, *value, &self.signs));
                 }
             }
         })
@@ -233,7 +261,7 @@ impl Arrays<'_> {
     fn pack_position(&self, mean: [f32; 3], row: &mut [u8]) {
         let origin = self.scene.details().origin;
         for (axis, bytes) in row.as_chunks_mut::<3>().0.iter_mut().enumerate() {
-            let value = (f64::from(mean[axis]) + origin[axis]) * f64::from(POSITION_SIGNS[axis]);
+            let value = (f64::from(mean[axis]) + origin[axis]) * f64::from(self.signs.positions[axis]);
             let fixed = (value * self.unit).round().clamp(-LARGEST_FIXED, LARGEST_FIXED) as i32;
             let [low, middle, high, _] = fixed.to_le_bytes();
             *bytes = [low, middle, high];
@@ -251,8 +279,8 @@ fn scale_code(scale: f32) -> f32 {
     (log_scale(scale) + 10.0) * 16.0
 }
 
-fn sh_code(k: usize, value: f32) -> f32 {
-    value * SH_SIGNS[1 + k / 3] * 128.0 + 128.0
+fn sh_code(k: usize, value: f32, signs: &Signs) -> f32 {
+    value * signs.sh[1 + k / 3] * 128.0 + 128.0
 }
 
 /// The nearest byte.
@@ -261,8 +289,8 @@ fn code(value: f32) -> u8 {
 }
 
 /// `w, x, y, z` as in the reader's `smallest_three`.
-fn pack_rotation(rotation: [f32; 4]) -> u32 {
-    let [w, x, y, z]: [f32; 4] = std::array::from_fn(|i| rotation[i] * QUATERNION_SIGNS[i]);
+fn pack_rotation(rotation: [f32; 4], signs: &Signs) -> u32 {
+    let [w, x, y, z]: [f32; 4] = std::array::from_fn(|i| rotation[i] * signs.rotations[i]);
     let (largest, others) = without_largest([x, y, z, w]);
     others.iter().fold(largest as u32, |packed, value| {
         let magnitude = (value.abs() * std::f32::consts::SQRT_2 * 511.0).round().min(511.0) as u32;
