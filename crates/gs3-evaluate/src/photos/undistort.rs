@@ -16,6 +16,9 @@ pub(super) struct Undistortion {
 /// Pixels along each side of a part that are looked at to see whether the photo shows the side.
 const LOOKS: u32 = 64;
 
+/// Places are rounded by less than this, pixels.
+const ROUNDING: f64 = 1e-6;
+
 impl Undistortion {
     /// That of a photo with the size and intrinsics of `camera`; none if not even the middle of the image is in the
     /// photo.
@@ -70,7 +73,9 @@ impl Undistortion {
             let rims = ends(top, height).map(|y| (x, y)).into_iter().chain(ends(left, width).map(|x| (x, y)));
             rims.into_iter().all(|(x, y)| {
                 let place = self.place(DVec2::new(x, y));
-                place.is_finite() && place.min_element() >= 0.0 && place.cmple(size).all()
+                // Between centres of the photo's pixels, so that there are values to interpolate.
+                let first = 0.5 - ROUNDING;
+                place.is_finite() && place.min_element() >= first && place.cmple(size - first).all()
             })
         })
     }
