@@ -386,6 +386,11 @@ fn pick<T: Copy + PartialEq, const N: usize>(
     });
 }
 
+/// Text that is not broken into lines.
+fn line_of(ui: &mut Ui, text: RichText) {
+    ui.add(egui::Label::new(text).wrap_mode(egui::TextWrapMode::Extend));
+}
+
 fn panel() -> Frame {
     Frame::new().fill(Color32::from_black_alpha(150)).corner_radius(4.0).inner_margin(8.0)
 }
@@ -396,24 +401,26 @@ fn show_figures(context: &Context, facts: &Facts) {
             ui.spacing_mut().item_spacing.y = 2.0;
             for (k, line) in facts.figures.iter().enumerate() {
                 let text = RichText::new(line).size(12.0);
-                ui.label(if k == 0 { text.strong() } else { text.color(Color32::from_gray(210)) });
+                line_of(ui, if k == 0 { text.strong() } else { text.color(Color32::from_gray(210)) });
             }
         });
     });
 }
 
 fn show_help(context: &Context, size: Vec2) {
+    /// Height of all lines, points.
+    const TALL: f32 = 460.0;
     Window::new("Help")
         .anchor(Align2::CENTER_CENTER, Vec2::ZERO)
         .resizable(false)
         .collapsible(false)
-        .vscroll(true)
+        .vscroll(size.y < TALL)
         .max_height((size.y - 60.0).max(60.0))
         .show(context, |ui| {
             egui::Grid::new("keys").num_columns(2).spacing([16.0, 3.0]).show(ui, |ui| {
                 for (keys, what) in HELP {
-                    ui.label(RichText::new(*keys).strong());
-                    ui.label(*what);
+                    line_of(ui, RichText::new(*keys).strong());
+                    line_of(ui, RichText::new(*what));
                     ui.end_row();
                 }
             });
@@ -439,7 +446,7 @@ fn note(context: &Context, id: &str, text: &str) {
     Area::new(Id::unique(id)).anchor(Align2::CENTER_BOTTOM, vec2(0.0, -14.0)).interactable(false).show(
         context,
         |ui| {
-            panel().show(ui, |ui| ui.label(text));
+            panel().show(ui, |ui| line_of(ui, RichText::new(text)));
         },
     );
 }
