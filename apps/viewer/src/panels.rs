@@ -132,6 +132,7 @@ impl Default for Panels {
         context.all_styles_mut(|style| {
             // Nothing slides or fades: a viewer at rest paints nothing.
             style.animation_time = 0.0;
+            style.visuals.override_text_color = Some(Color32::from_gray(220));
             style.visuals.window_shadow = egui::Shadow::NONE;
             style.visuals.popup_shadow = egui::Shadow::NONE;
             style.visuals.window_fill = Color32::from_rgba_unmultiplied(20, 20, 22, 235);
@@ -443,7 +444,7 @@ fn show_message(context: &Context, message: &str, size: Vec2, actions: &mut Vec<
 }
 
 fn note(context: &Context, id: &str, text: &str) {
-    Area::new(Id::unique(id)).anchor(Align2::CENTER_BOTTOM, vec2(0.0, -14.0)).interactable(false).show(
+    Area::new(Id::unique(id)).anchor(Align2::CENTER_BOTTOM, vec2(0.0, -40.0)).interactable(false).show(
         context,
         |ui| {
             panel().show(ui, |ui| line_of(ui, RichText::new(text)));

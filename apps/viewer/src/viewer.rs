@@ -175,6 +175,8 @@ pub struct Viewer {
     dividers: Dividers,
     tour: Tour,
     rest: Rest,
+    /// Whether the last frame could not be made, and nothing has happened since.
+    has_failed: bool,
     /// Whether what is shown of the frame has changed, so that it is to be composed again.
     is_stale: bool,
     /// Whether a step is to paint panels, whatever else happens.
@@ -229,6 +231,7 @@ impl Viewer {
             dividers: Dividers::default(),
             tour: cameras.map(Tour::along).unwrap_or_default(),
             rest: Rest::default(),
+            has_failed: false,
             is_stale: true,
             is_woken: true,
             is_idle: false,
@@ -266,6 +269,7 @@ impl Viewer {
         let mut is_due = std::mem::take(&mut self.is_woken) || !inputs.is_empty() || !self.shots.is_empty();
         is_due |= self.panels.due().is_some_and(|due| due <= started);
         is_due |= self.note.take_if(|(_, until)| *until <= started).is_some();
+        self.has_failed &= inputs.is_empty();
         inputs.into_iter().for_each(|input| self.handle(input, started));
         self.move_camera(seconds.min(LONGEST_STEP));
         let (is_rendered, rendering) = self.render(clock);
@@ -482,7 +486,7 @@ impl Viewer {
     }
 
     fn act(&mut self, action: Action, now: Duration) {
-        self.is_woken = true;
+        (self.is_woken, self.has_failed) = (true, false);
         match action {
             Action::View(view) => {
                 (self.view, self.is_stale) = (view, true);
@@ -567,7 +571,7 @@ impl Viewer {
         let camera = self.controls.shown().camera(self.size).ok();
         // What failed is not tried again until something changes.
         camera.is_some()
-            && self.message.is_none()
+            && !self.has_failed
             && (self.rest.camera != camera
                 || self.rest.frames < self.frames_to_rest()
                 || (self.view == View::Picture && !self.rest.is_native))
@@ -585,6 +589,7 @@ impl Viewer {
         }
         if let Err(error) = made {
             self.rest = Rest::default();
+            self.has_failed = true;
             self.message = Some(error.to_string());
             self.is_woken = true;
             return (false, Duration::ZERO);
@@ -818,7 +823,7 @@ impl Viewer {
     /// Shows what was opened, or says why it cannot be; then the old scene stays.
     pub fn opened(&mut self, opened: Result<Opened, String>, now: Duration) {
         self.opening = None;
-        (self.is_woken, self.is_idle) = (true, false);
+        (self.is_woken, self.is_idle, self.has_failed) = (true, false, false);
         let shown = opened.and_then(|opened| self.show(opened, now).map_err(|error| error.to_string()));
         if let Err(message) = shown {
             self.message = Some(message);

@@ -197,6 +197,13 @@ fn what_cannot_be_opened_leaves_the_old_scene() {
     hand.step();
     assert_eq!(hand.viewer.message(), Some(message));
     assert_ne!(hand.viewer.picture().pixels, before.pixels, "the message is in the picture");
+    // The scene goes on under the message.
+    let frames = hand.frames();
+    hand.viewer.input(Input::PointerGone);
+    hand.viewer.input(Input::Wheel(1.0));
+    hand.rest();
+    assert!(hand.frames() > frames && hand.viewer.message().is_some());
+    hand.press(Key::R);
     hand.press(Key::Escape);
     assert_eq!(hand.viewer.message(), None);
     hand.rest();
