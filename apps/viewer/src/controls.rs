@@ -74,16 +74,16 @@ impl Rig {
     /// Where the camera is.
     #[must_use]
     pub fn position(&self) -> DVec3 {
-        self.pivot - self.to_world(self.offset)
+        self.pivot - self.world_from_view(self.offset)
     }
 
     /// Where the camera looks.
     #[must_use]
     pub fn forward(&self) -> DVec3 {
-        self.to_world(DVec3::Z)
+        self.world_from_view(DVec3::Z)
     }
 
-    fn to_world(&self, view: DVec3) -> DVec3 {
+    fn world_from_view(&self, view: DVec3) -> DVec3 {
         self.rotation.conjugate() * view
     }
 
@@ -180,7 +180,7 @@ impl Controls {
         let rig = &mut self.aimed;
         let depth = rig.offset.z.abs().max(STILL * self.radius);
         let unit = 2.0 * depth * (0.5 * rig.fov_y).tan() / height.max(1.0);
-        rig.pivot -= rig.to_world(DVec3::new(delta[0] * unit, delta[1] * unit, 0.0));
+        rig.pivot -= rig.world_from_view(DVec3::new(delta[0] * unit, delta[1] * unit, 0.0));
     }
 
     /// Moves towards the pivot by `lines` of a wheel, or away if they are negative. The camera does not reach it.
@@ -266,7 +266,7 @@ impl Controls {
         };
         let level = DVec3::new(axis(Flight::Right, Flight::Left), 0.0, axis(Flight::Forward, Flight::Back));
         let rise = axis(Flight::Up, Flight::Down);
-        let flight = self.aimed.to_world(level) + rise * self.up;
+        let flight = self.aimed.world_from_view(level) + rise * self.up;
         self.aimed.pivot += flight.normalize_or_zero() * (FLIGHT * self.radius * speed * seconds);
         if self.shown == self.aimed {
             return false;
@@ -408,7 +408,7 @@ mod tests {
             (Flight::Right, DVec3::X),
         ] {
             let mut controls = controls();
-            let (from, axis) = (controls.shown().position(), controls.shown().to_world(axis));
+            let (from, axis) = (controls.shown().position(), controls.shown().world_from_view(axis));
             controls.hold(flight, true);
             for _ in 0..30 {
                 controls.advance(1.0 / 30.0, 1.0);
