@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use gs3::scene::format::{self, LoadOptions};
 use gs3::scene::{capture, demo};
+use gs3_files::write_atomically;
 
 use crate::viewer::{Opened, Place};
 
@@ -47,18 +48,23 @@ pub fn open(file: &Path, progress: &(dyn Fn(f32) + Sync)) -> Result<Opened, Stri
 pub fn save(place: &Place, bytes: &[u8]) -> Result<PathBuf, String> {
     let failed =
         |file: &Path, error: &std::io::Error| format!("{}: cannot be written: {error}", file.display());
+    let write = |file: &Path| write_atomically(file, |writer| writer.write_all(bytes));
     match place {
         Place::File(file) => {
-            fs::write(file, bytes).map_err(|e| failed(file, &e))?;
+            write(file).map_err(|e| failed(file, &e))?;
             Ok(file.clone())
         }
         Place::Numbered { stem, extension } => {
             for number in NUMBERS {
                 let file = PathBuf::from(format!("{stem}-{number:04}.{extension}"));
                 match OpenOptions::new().write(true).create_new(true).open(&file) {
-                    Ok(mut open) => {
-                        open.write_all(bytes).map_err(|e| failed(&file, &e))?;
-                        return Ok(file);
+                    // The name is taken; what it names comes whole or not at all.
+                    Ok(_) => {
+                        let written = write(&file).map_err(|e| failed(&file, &e));
+                        if written.is_err() {
+                            _ = fs::remove_file(&file);
+                        }
+                        return written.map(|()| file);
                     }
                     Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
                     Err(error) => return Err(failed(&file, &error)),
@@ -107,6 +113,25 @@ mod tests {
         assert!(matches!(open(&file, &|_| {}), Ok(Opened::Cameras { path, .. }) if path.cameras().len() > 1));
         let opened = open(Path::new("demo"), &|_| {});
         assert!(matches!(opened, Ok(Opened::Scene { scene, .. }) if scene.gaussians().len() > 100_000));
+    }
+
+    #[test]
+    fn numbered_files_replace_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.txt");
+        assert_eq!(save(&Place::File(file.clone()), b"one"), Ok(file.clone()));
+        assert_eq!(save(&Place::File(file.clone()), b"two"), Ok(file.clone()));
+        assert_eq!(fs::read(&file).unwrap(), b"two");
+        let error = save(&Place::File(folder.path().join("none/a.txt")), b"").unwrap_err();
+        assert!(error.contains("a.txt: cannot be written"), "{error}");
+        // Numbers begin in the folder that the stem names.
+        let stem: &'static str = Box::leak(folder.path().join("shot").display().to_string().into_boxed_str());
+        let place = Place::Numbered { stem, extension: "png" };
+        let saved = [save(&place, b"1").unwrap(), save(&place, b"2").unwrap()];
+        for (k, file) in saved.iter().enumerate() {
+            assert!(file.ends_with(format!("shot-000{}.png", k + 1)));
+            assert_eq!(fs::read(file).unwrap(), (k + 1).to_string().as_bytes());
+        }
     }
 
     #[cfg(target_os = "linux")]
