@@ -32,6 +32,9 @@ pub struct Args {
 pub enum Command {
     /// Render frames or a video along a camera path
     Render(RenderArgs),
+    /// Show a scene in a window
+    #[cfg(feature = "view")]
+    View(crate::view::ViewArgs),
     /// Write one frame's G-buffer as NumPy arrays
     Gbuffer(GbufferArgs),
     /// Say what is in a scene

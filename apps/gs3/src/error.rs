@@ -74,6 +74,9 @@ pub enum CliError {
     Threads { message: String },
     #[error(transparent)]
     Simd(#[from] SimdError),
+    #[cfg(feature = "view")]
+    #[error("{0}")]
+    Window(#[from] gs3_viewer::window::WindowError),
     #[error("Ctrl-C cannot be handled: {0}")]
     Interrupt(#[from] ctrlc::Error),
     #[error("{}: {message}; the frames are in {}, and {by_hand} makes a video of them", path.display(), frames.display())]

@@ -38,6 +38,8 @@ mod unused;
 mod usage;
 mod values;
 mod video;
+#[cfg(feature = "view")]
+mod view;
 
 use std::process::ExitCode;
 
@@ -89,6 +91,8 @@ fn main() -> ExitCode {
 fn run(command: &Command) -> Result<Outcome, CliError> {
     match command {
         Command::Render(args) => render::run(args),
+        #[cfg(feature = "view")]
+        Command::View(args) => view::run(args),
         Command::Gbuffer(args) => gbuffer::run(args),
         Command::Info(args) => info::run(args),
         Command::Convert(args) => convert::run(args),

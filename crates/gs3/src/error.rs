@@ -24,6 +24,10 @@ pub enum PipelineError {
     #[cfg(feature = "gpu")]
     #[error(transparent)]
     Gpu(#[from] gs3_compute::GpuError),
+    /// A GPU is asked for, and the library was built without any.
+    #[cfg(not(feature = "gpu"))]
+    #[error("backend: expected auto or cpu, as gs3 was built without its feature gpu, found gpu")]
+    NoGpuFeature,
     /// The reconstruction refuses its inputs.
     #[error(transparent)]
     Reconstruct(#[from] ReconstructError),

@@ -113,6 +113,7 @@ mod frame;
 pub mod learned;
 mod rasterizer;
 mod refine;
+mod session;
 mod settings;
 mod stages;
 
@@ -137,6 +138,7 @@ pub use gs3_scene::glam;
 pub use gs3_simd as simd;
 pub use learned::{NetworkError, Networks};
 pub use refine::{Quality, Refine, RefineError};
+pub use session::{Backend, BackendError, Session, SessionSettings};
 pub use settings::{Dilation, MAX_GENERATE, Mode, PipelineSettings};
 pub use stages::{Stage, StageTimes};
 

@@ -76,7 +76,8 @@ impl fmt::Display for Dilation {
     }
 }
 
-/// Settings of a [`crate::FramePipeline`], fixed at its construction.
+/// Settings of a [`crate::FramePipeline`], fixed at its construction but for
+/// [`refine`](crate::FramePipeline::set_refine).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PipelineSettings {
     /// How frames come about.

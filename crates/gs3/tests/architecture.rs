@@ -66,6 +66,12 @@ fn crates_know_only_what_the_map_says() {
         let all = transitive(package, &[]);
         assert!(foreign.iter().all(|name| !all.contains(*name)), "{package} knows one of {foreign:?}");
     }
+    // Without its window the viewer is a library for any screen.
+    let viewer = transitive("gs3-viewer", CPU_ONLY);
+    assert_eq!(direct("gs3-viewer", CPU_ONLY).iter().filter(|name| name.starts_with("gs3")).count(), 1);
+    for foreign in ["gs3-cli", "gs3-evaluate", "gs3-train", "clap", "indicatif", "winit", "softbuffer"] {
+        assert!(!viewer.contains(foreign), "the viewer depends on {foreign}");
+    }
     assert!(ours(&transitive("xtask", &[])).is_empty(), "errands call gs3, they do not contain it");
 }
 

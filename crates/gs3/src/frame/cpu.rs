@@ -35,6 +35,14 @@ impl CpuMachine {
     pub fn make(&mut self, inputs: &FrameInputs, frames: &mut Frames) -> Result<Made, PipelineError> {
         self.stages.make(inputs, &mut self.rasterizer, frames)
     }
+
+    pub const fn stages(&self) -> &CpuStages {
+        &self.stages
+    }
+
+    pub const fn stages_mut(&mut self) -> &mut CpuStages {
+        &mut self.stages
+    }
 }
 
 /// The stages of a frame in the processor's memory, whoever rasterizes, and all that they remember.
@@ -128,6 +136,21 @@ impl CpuStages {
         }
         let lattice = DepthLattice::of(&frames.current.gbuffer);
         Ok(Made { lattice, in_between: inputs.between.len(), refined, times })
+    }
+
+    /// Takes another choice of exact pixels, which [`FramePlan::set_refine`] has checked.
+    pub const fn set_refine(&mut self, refine: Refine) {
+        self.plan.refine = refine;
+    }
+
+    /// Places of the exact blocks of the last frame.
+    pub fn exact_places(&self) -> &[[u16; 2]] {
+        &self.blocks.places
+    }
+
+    /// The squared errors expected of the last frame before its exact blocks; empty in modes without history.
+    pub fn expected_errors(&self) -> &[f32] {
+        if self.plan.settings.mode.has_history() { self.super_sampler.expected_errors() } else { &[] }
     }
 
     /// Drops what is remembered of the frames before, where this frame has no history.

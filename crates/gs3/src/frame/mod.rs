@@ -17,7 +17,7 @@ use gs3_reconstruct::{FrameSequence, FrameStart, ResetReason};
 use gs3_scene::camera_path::pose_between;
 use gs3_scene::{Camera, GBuffer, Image, Scene};
 
-use self::cpu::CpuMachine;
+use self::cpu::{CpuMachine, CpuStages};
 #[cfg(feature = "gpu")]
 use self::gpu::GpuMachine;
 #[cfg(feature = "gpu")]
@@ -26,6 +26,7 @@ use self::inputs::{FrameInputs, Frames, Made, Moment, ReadBack};
 use self::plan::FramePlan;
 use crate::error::PipelineError;
 use crate::learned::Networks;
+use crate::refine::Refine;
 use crate::settings::{MAX_GENERATE, Mode, PipelineSettings};
 use crate::stages::StageTimes;
 
@@ -278,6 +279,44 @@ impl FramePipeline {
     #[must_use]
     pub const fn refined_share(&self) -> f32 {
         self.refined
+    }
+
+    /// Columns and rows of the blocks of 4×4 pixels that are exact in the last frame besides the low-resolution grid:
+    /// block `[c, r]` begins at pixel `[4c, 4r]`. Empty where a GPU made the frame.
+    #[must_use]
+    pub fn exact_places(&self) -> &[[u16; 2]] {
+        self.stages().map_or(&[], CpuStages::exact_places)
+    }
+
+    /// The squared errors that were expected of the last frame before its exact blocks, in blocks of 4×4 pixels,
+    /// `[rows, columns]` of [`gs3_scene::block_grid`]: sums over the pixels and over RGB. Empty in modes without history
+    /// and where a GPU made the frame.
+    #[must_use]
+    pub fn expected_errors(&self) -> &[f32] {
+        self.stages().map_or(&[], CpuStages::expected_errors)
+    }
+
+    fn stages(&self) -> Option<&CpuStages> {
+        match &self.machine {
+            Machine::Cpu(cpu) => Some(cpu.stages()),
+            #[cfg(feature = "gpu")]
+            Machine::Gpu(gpu) => gpu.stages_here(),
+        }
+    }
+
+    /// Which pixels are rasterized exactly from the next frame on; the history stays. For programs whose frames may take
+    /// another time than those before ([`Refine::FrameTime`]).
+    ///
+    /// # Errors
+    /// [`PipelineError::RefineShare`] if `refine` names a share that is none; the old choice stays.
+    pub fn set_refine(&mut self, refine: Refine) -> Result<(), PipelineError> {
+        self.plan.set_refine(refine)?;
+        match &mut self.machine {
+            Machine::Cpu(cpu) => cpu.stages_mut().set_refine(self.plan.refine),
+            #[cfg(feature = "gpu")]
+            Machine::Gpu(gpu) => gpu.set_refine(&self.plan),
+        }
+        Ok(())
     }
 
     /// Forgets the frames before: the next one starts anew, for this reason unless another came first.

@@ -40,11 +40,7 @@ impl FramePlan {
         if mode == Mode::Full && !(1..=MAX_GENERATE).contains(&settings.generate) {
             return Err(PipelineError::Generate { actual: settings.generate });
         }
-        if let Refine::Share(share) = settings.refine
-            && !(0.0..=1.0).contains(&share)
-        {
-            return Err(PipelineError::RefineShare { actual: share });
-        }
+        check_refine(settings.refine)?;
         let Networks { super_sample, interpolate, arithmetic } = networks.clone();
         let networks = Networks {
             super_sample: super_sample.filter(|_| mode.has_history()),
@@ -63,6 +59,17 @@ impl FramePlan {
             in_between: settings.displayed_per_rendered() - 1,
             networks,
         })
+    }
+
+    /// Takes another choice of exact pixels.
+    ///
+    /// # Errors
+    /// [`PipelineError::RefineShare`] if it names a share that is none.
+    pub fn set_refine(&mut self, refine: Refine) -> Result<(), PipelineError> {
+        check_refine(refine)?;
+        self.settings.refine = refine;
+        self.refine = if self.settings.mode.has_history() { refine } else { Refine::Off };
+        Ok(())
     }
 
     /// How the rasterizer makes `outputs` of a frame.
@@ -84,6 +91,15 @@ impl FramePlan {
             ..RasterSettings::new(Outputs::GBuffer)
         }
         .check()?)
+    }
+}
+
+fn check_refine(refine: Refine) -> Result<(), PipelineError> {
+    match refine {
+        Refine::Share(share) if !(0.0..=1.0).contains(&share) => {
+            Err(PipelineError::RefineShare { actual: share })
+        }
+        _ => Ok(()),
     }
 }
 

@@ -166,6 +166,19 @@ impl GpuMachine {
         Ok(())
     }
 
+    /// The stages on the processor, where there has been a frame that the device only rasterizes.
+    pub const fn stages_here(&self) -> Option<&CpuStages> {
+        self.stages_here.as_ref()
+    }
+
+    /// Takes the choice of exact pixels of `plan`, for frames that the processor finishes.
+    pub const fn set_refine(&mut self, plan: &FramePlan) {
+        (self.plan.refine, self.plan.settings.refine) = (plan.refine, plan.settings.refine);
+        if let Some(stages) = &mut self.stages_here {
+            stages.set_refine(plan.refine);
+        }
+    }
+
     /// Reads the low-resolution G-buffer of the last frame, if it is on the device alone, into `out`.
     pub fn read_gbuffer(&self, camera: &Camera, out: &mut GBuffer) -> Result<(), PipelineError> {
         match &self.memory {

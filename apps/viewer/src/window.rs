@@ -1,0 +1,318 @@
+//! The native window: winit's events in, the processor's pixels out, files read and written beside.
+
+mod files;
+mod input;
+
+use std::collections::VecDeque;
+use std::num::NonZeroU32;
+use std::path::PathBuf;
+use std::rc::Rc;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use gs3::scene::{CameraPath, Scene};
+use softbuffer::{Context, Surface};
+use winit::application::ApplicationHandler;
+use winit::dpi::PhysicalSize;
+use winit::event::WindowEvent;
+use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy, OwnedDisplayHandle};
+use winit::window::{Window, WindowId};
+
+use crate::input::Input;
+use crate::paint::Picture;
+use crate::script::{Playing, Script, ScriptFailure};
+use crate::viewer::{Effect, Next, Opened, Viewer, ViewerError, ViewerSettings};
+
+/// How often the memory of the process is looked at.
+const MEMORY_EVERY: Duration = Duration::from_secs(1);
+
+/// What the window begins with.
+#[derive(Clone, Debug)]
+pub struct WindowSettings {
+    /// What the scene is called.
+    pub name: String,
+    /// The scene.
+    pub scene: Arc<Scene>,
+    /// Cameras; none is a view of all of the scene.
+    pub cameras: Option<CameraPath>,
+    /// How it is shown.
+    pub viewer: ViewerSettings,
+    /// What is played at the beginning.
+    pub script: Option<Script>,
+}
+
+/// Why a window does not open, or ends before its time.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum WindowError {
+    /// There is no display, or it refuses.
+    #[error("window: expected a display (DISPLAY or WAYLAND_DISPLAY), found {message}")]
+    Display {
+        /// What the system says.
+        message: String,
+    },
+    /// Pixels do not reach the window.
+    #[error("window: pixels cannot be shown: {message}")]
+    Surface {
+        /// What the system says.
+        message: String,
+    },
+    /// The viewer does not begin.
+    #[error(transparent)]
+    Viewer(#[from] ViewerError),
+    /// Something was not as the script expects.
+    #[error("script: {0}")]
+    Script(#[from] ScriptFailure),
+    /// What a script asks for could not be written.
+    #[error("script: {message}")]
+    Save {
+        /// Which file, and why.
+        message: String,
+    },
+}
+
+/// Opens a window and shows the scene until the window is closed or the script ends.
+///
+/// # Errors
+/// [`WindowError`] without a display or a machine that renders, and where a script meets what it does not expect.
+pub fn run(settings: WindowSettings) -> Result<(), WindowError> {
+    let display = |e: &dyn std::fmt::Display| WindowError::Display { message: e.to_string() };
+    let WindowSettings { name, scene, cameras, viewer, script } = settings;
+    let size = viewer.size;
+    let viewer = Viewer::new(&name, scene, cameras.as_ref(), viewer)?;
+    let events = EventLoop::<Loaded>::with_user_event().build().map_err(|e| display(&e))?;
+    let context = Context::new(events.owned_display_handle()).map_err(|e| display(&e))?;
+    let mut shell = Shell {
+        proxy: events.create_proxy(),
+        context,
+        window: None,
+        viewer,
+        script,
+        size,
+        started: Instant::now(),
+        next: Next::At(Duration::ZERO),
+        memory_due: Duration::ZERO,
+        queue: VecDeque::new(),
+        is_loading: false,
+        failed: None,
+    };
+    events.run_app(&mut shell).map_err(|e| display(&e))?;
+    shell.failed.map_or(Ok(()), Err)
+}
+
+/// What the thread that reads files tells.
+#[derive(Debug)]
+enum Loaded {
+    Progress(f32),
+    Done(Result<Opened, String>),
+}
+
+struct Shell {
+    proxy: EventLoopProxy<Loaded>,
+    context: Context<OwnedDisplayHandle>,
+    window: Option<Shown>,
+    viewer: Viewer,
+    script: Option<Script>,
+    size: [u32; 2],
+    started: Instant,
+    next: Next,
+    memory_due: Duration,
+    /// Files that wait to be read.
+    queue: VecDeque<PathBuf>,
+    is_loading: bool,
+    failed: Option<WindowError>,
+}
+
+/// A window and its pixels.
+struct Shown {
+    window: Rc<Window>,
+    surface: Surface<OwnedDisplayHandle, Rc<Window>>,
+}
+
+impl ApplicationHandler<Loaded> for Shell {
+    fn resumed(&mut self, events: &ActiveEventLoop) {
+        if self.window.is_some() {
+            return;
+        }
+        match self.open(events) {
+            Ok(shown) => {
+                let size = shown.window.inner_size();
+                self.viewer.input(Input::Resized([size.width, size.height]));
+                self.viewer.input(Input::Scale(shown.window.scale_factor() as f32));
+                self.window = Some(shown);
+            }
+            Err(error) => self.fail(events, error),
+        }
+    }
+
+    fn window_event(&mut self, events: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+        match &event {
+            WindowEvent::CloseRequested => return events.exit(),
+            // The window system lost the pixels.
+            WindowEvent::RedrawRequested => return self.show(events),
+            _ => {}
+        }
+        for input in input::inputs(&event) {
+            self.viewer.input(input);
+            // Hands wake it within this round.
+            self.next = Next::At(Duration::ZERO);
+        }
+    }
+
+    fn user_event(&mut self, _: &ActiveEventLoop, loaded: Loaded) {
+        match loaded {
+            Loaded::Progress(share) => self.viewer.progress(share),
+            Loaded::Done(opened) => {
+                self.is_loading = false;
+                self.viewer.opened(opened, self.started.elapsed());
+                self.load_next();
+            }
+        }
+        self.next = Next::At(Duration::ZERO);
+    }
+
+    fn about_to_wait(&mut self, events: &ActiveEventLoop) {
+        if self.window.is_none() || events.exiting() {
+            return;
+        }
+        if self.is_due() {
+            self.round(events);
+        }
+        events.set_control_flow(match self.next {
+            Next::Idle => ControlFlow::Wait,
+            Next::At(due) => ControlFlow::WaitUntil(self.started + due),
+        });
+    }
+}
+
+impl Shell {
+    fn open(&self, events: &ActiveEventLoop) -> Result<Shown, WindowError> {
+        let size = PhysicalSize::new(self.size[0], self.size[1]);
+        let attributes = Window::default_attributes().with_title("gs3").with_inner_size(size);
+        let window =
+            events.create_window(attributes).map_err(|e| WindowError::Display { message: e.to_string() })?;
+        let window = Rc::new(window);
+        let surface = Surface::new(&self.context, Rc::clone(&window))
+            .map_err(|e| WindowError::Surface { message: e.to_string() })?;
+        Ok(Shown { window, surface })
+    }
+
+    fn fail(&mut self, events: &ActiveEventLoop, error: WindowError) {
+        self.failed.get_or_insert(error);
+        events.exit();
+    }
+
+    fn is_due(&self) -> bool {
+        matches!(self.next, Next::At(due) if due <= self.started.elapsed())
+    }
+
+    /// One round: the script's inputs, a step, the picture, files.
+    fn round(&mut self, events: &ActiveEventLoop) {
+        let before = self.started.elapsed();
+        if let Some(script) = &mut self.script {
+            match script.tick(&mut self.viewer) {
+                Ok(Playing::On) => {}
+                Ok(Playing::Over) => self.script = None,
+                Ok(Playing::End) => return events.exit(),
+                Err(failure) => return self.fail(events, failure.into()),
+            }
+        }
+        if before >= self.memory_due {
+            self.memory_due = before + MEMORY_EVERY;
+            if let Some(bytes) = files::memory() {
+                self.viewer.set_memory(bytes);
+            }
+        }
+        let started = self.started;
+        let step = self.viewer.step(&|| started.elapsed());
+        self.next = step.next;
+        if step.is_new {
+            let stepped = started.elapsed();
+            self.show(events);
+            self.viewer.presented(started.elapsed().saturating_sub(stepped));
+        }
+        for effect in self.viewer.take_effects() {
+            self.carry_out(events, effect);
+        }
+        // A script goes on at the viewer's pace, at rest too.
+        if self.script.is_some() {
+            let pace = self.viewer.interval();
+            self.next = match self.next {
+                Next::At(due) => Next::At(due.min(before + pace)),
+                Next::Idle => Next::At(before + pace),
+            };
+        }
+    }
+
+    fn carry_out(&mut self, events: &ActiveEventLoop, effect: Effect) {
+        match effect {
+            Effect::Open(file) => {
+                self.queue.push_back(file);
+                self.load_next();
+            }
+            Effect::Save(place, bytes) => {
+                let saved = files::save(&place, &bytes);
+                if let (Some(_), Err(message)) = (&self.script, &saved) {
+                    return self.fail(events, WindowError::Save { message: message.clone() });
+                }
+                self.viewer.saved(saved, self.started.elapsed());
+                self.next = Next::At(Duration::ZERO);
+            }
+        }
+    }
+
+    /// Reads the next file that waits, in a thread of its own, so that the window lives meanwhile.
+    fn load_next(&mut self) {
+        if self.is_loading {
+            return;
+        }
+        let Some(file) = self.queue.pop_front() else { return };
+        let proxy = self.proxy.clone();
+        let load = move || {
+            let opened = files::open(&file, &|share| {
+                // The window may be closed already.
+                _ = proxy.send_event(Loaded::Progress(share));
+            });
+            _ = proxy.send_event(Loaded::Done(opened));
+        };
+        match std::thread::Builder::new().name("open".to_owned()).spawn(load) {
+            Ok(_) => self.is_loading = true,
+            Err(error) => {
+                let message = format!("no thread to read the file: {error}");
+                self.viewer.opened(Err(message), self.started.elapsed());
+            }
+        }
+    }
+
+    fn show(&mut self, events: &ActiveEventLoop) {
+        let Some(shown) = &mut self.window else { return };
+        if let Err(message) = shown.show(self.viewer.picture()) {
+            self.fail(events, WindowError::Surface { message });
+        }
+    }
+}
+
+impl Shown {
+    /// Shows `picture` in the top left corner of the window: while the window is resized, it has another size for a frame.
+    fn show(&mut self, picture: &Picture) -> Result<(), String> {
+        let size = self.window.inner_size();
+        let (Some(width), Some(height)) = (NonZeroU32::new(size.width), NonZeroU32::new(size.height)) else {
+            return Ok(());
+        };
+        self.surface.resize(width, height).map_err(|e| e.to_string())?;
+        let mut buffer = self.surface.buffer_mut().map_err(|e| e.to_string())?;
+        let (width, columns) = (size.width as usize, picture.size[0].min(size.width as usize));
+        for (y, row) in buffer.chunks_exact_mut(width).enumerate() {
+            let rest = if y < picture.size[1] {
+                let from = y * picture.size[0];
+                row[..columns].copy_from_slice(&picture.pixels[from..from + columns]);
+                columns
+            } else {
+                0
+            };
+            row[rest..].fill(0);
+        }
+        self.window.pre_present_notify();
+        buffer.present().map_err(|e| e.to_string())
+    }
+}

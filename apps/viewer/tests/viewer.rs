@@ -1,0 +1,362 @@
+//! The viewer without a window: what frames come, when, and what inputs do.
+#![allow(clippy::unwrap_used, reason = "a failed helper is a failed test")]
+
+use std::cell::Cell;
+use std::path::PathBuf;
+use std::sync::{Arc, LazyLock};
+use std::time::Duration;
+
+use gs3::scene::{Camera, Gaussians, OpacityMode, Scene, capture, demo};
+use gs3::{Backend, FramePipeline, Mode, PipelineSettings, Refine, SessionSettings};
+use gs3_viewer::input::{Button, Key};
+use gs3_viewer::{Effect, Input, Next, Opened, Place, Playing, Script, Step, Viewer, ViewerSettings};
+
+const SIZE: [u32; 2] = [240, 136];
+
+/// A sixth of the demo's Gaussians: all tests together render some thousand frames.
+fn scene() -> Arc<Scene> {
+    static SCENE: LazyLock<Arc<Scene>> = LazyLock::new(|| {
+        let mut gaussians = demo::scene().unwrap().into_gaussians();
+        gaussians.retain(|_, i| i % 6 == 0);
+        Arc::new(Scene::new(gaussians, OpacityMode::Default).unwrap())
+    });
+    Arc::clone(&SCENE)
+}
+
+/// A viewer, and a clock that goes on by what a test says.
+struct Hand {
+    viewer: Viewer,
+    now: Cell<Duration>,
+}
+
+impl Hand {
+    fn new() -> Self {
+        let pipeline = PipelineSettings {
+            mode: Mode::SuperSample,
+            refine: Refine::FrameTime(Duration::from_millis(33)),
+            ..PipelineSettings::default()
+        };
+        let session = SessionSettings { pipeline, backend: Backend::Cpu, ..SessionSettings::default() };
+        let settings = ViewerSettings { session, fps: 30.0, size: SIZE };
+        let viewer = Viewer::new("demo", scene(), Some(&demo::path()), settings).unwrap();
+        Self { viewer, now: Cell::new(Duration::ZERO) }
+    }
+
+    /// One step at the time when it is due, or now.
+    fn step(&mut self) -> Step {
+        let step = self.viewer.step(&|| self.now.get());
+        let next = match step.next {
+            Next::At(due) => due,
+            Next::Idle => self.now.get() + Duration::from_millis(33),
+        };
+        self.now.set(self.now.get().max(next));
+        step
+    }
+
+    /// Steps until none is due, and how many there were.
+    fn rest(&mut self) -> usize {
+        for count in 1..400 {
+            if self.step().next == Next::Idle {
+                return count;
+            }
+        }
+        panic!("never idle");
+    }
+
+    fn press(&mut self, key: Key) {
+        self.viewer.input(Input::Key(key, true));
+        self.viewer.input(Input::Key(key, false));
+        self.step();
+    }
+
+    fn frames(&self) -> usize {
+        self.viewer.figures().rendered()
+    }
+}
+
+fn native(camera: &Camera) -> Vec<u8> {
+    let settings = PipelineSettings { mode: Mode::Native, ..PipelineSettings::default() };
+    let mut pipeline = FramePipeline::new(scene(), settings).unwrap();
+    pipeline.render(camera).unwrap().current.to_rgb8()
+}
+
+fn first_camera() -> Camera {
+    demo::path().cameras()[0].resized(SIZE[0], SIZE[1]).unwrap()
+}
+
+#[test]
+fn a_resting_camera_reaches_the_native_image_and_then_no_frame_is_made() {
+    let mut hand = Hand::new();
+    hand.rest();
+    assert!(hand.viewer.is_idle());
+    // The history's sixteen frames, and the native one.
+    assert_eq!(hand.frames(), 17);
+    assert_eq!(hand.viewer.frame().to_rgb8(), native(&hand.viewer.camera().unwrap()));
+    // The camera is the path's, as `gs3 render` has it.
+    let psnr = psnr(&hand.viewer.frame().to_rgb8(), &native(&first_camera()));
+    assert!(psnr > 60.0, "{psnr:.1} dB");
+    let displayed = hand.viewer.figures().displayed();
+    for _ in 0..50 {
+        let step = hand.step();
+        assert!(!step.is_new && step.next == Next::Idle);
+    }
+    assert_eq!((hand.frames(), hand.viewer.figures().displayed()), (17, displayed));
+}
+
+#[test]
+fn any_input_wakes_within_one_step() {
+    let mut hand = Hand::new();
+    hand.rest();
+    let frames = hand.frames();
+    // A pointer that only moves paints panels, and renders nothing.
+    hand.viewer.input(Input::PointerMoved([100.0, 60.0]));
+    assert!(!hand.viewer.is_idle() && hand.step().is_new);
+    hand.rest();
+    assert_eq!(hand.frames(), frames);
+    hand.viewer.input(Input::Wheel(1.0));
+    let before = hand.viewer.frame().clone();
+    assert!(hand.step().is_new);
+    assert_eq!(hand.frames(), frames + 1);
+    assert_ne!(*hand.viewer.frame(), before, "the first step shows the movement");
+    assert!(!hand.viewer.is_idle());
+    hand.rest();
+    assert_eq!(hand.viewer.frame().to_rgb8(), native(&hand.viewer.camera().unwrap()));
+    // A held key keeps it awake, and letting go lets it rest.
+    hand.viewer.input(Input::Key(Key::W, true));
+    for _ in 0..40 {
+        assert!(matches!(hand.step().next, Next::At(_)));
+    }
+    hand.viewer.input(Input::Focused(false));
+    hand.rest();
+}
+
+#[test]
+fn drags_on_panels_leave_the_camera_alone() {
+    let mut hand = Hand::new();
+    hand.press(Key::H);
+    hand.rest();
+    let before = hand.viewer.camera().unwrap();
+    let drag = |hand: &mut Hand| {
+        hand.viewer.input(Input::PointerMoved([120.0, 68.0]));
+        hand.step();
+        hand.viewer.input(Input::Button(Button::Left, true));
+        hand.step();
+        hand.viewer.input(Input::PointerMoved([170.0, 80.0]));
+        hand.viewer.input(Input::Button(Button::Left, false));
+        hand.rest();
+    };
+    drag(&mut hand);
+    assert_eq!(hand.viewer.camera().unwrap(), before);
+    hand.press(Key::Escape);
+    hand.rest();
+    drag(&mut hand);
+    assert_ne!(hand.viewer.camera().unwrap(), before);
+}
+
+#[test]
+fn a_double_click_sets_the_pivot_on_the_surface() {
+    let mut hand = Hand::new();
+    hand.rest();
+    let before = hand.viewer.camera().unwrap();
+    let at = [60.0, 100.0];
+    hand.viewer.input(Input::PointerMoved(at));
+    for is_down in [true, false, true, false] {
+        hand.viewer.input(Input::Button(Button::Left, is_down));
+    }
+    hand.rest();
+    let (now, then) = (hand.viewer.camera().unwrap().view_from_world(), before.view_from_world());
+    assert!(now.abs_diff_eq(then, 1e-12), "the view does not move");
+    // What was clicked stays where it is while the camera turns around it.
+    let native = |camera: &Camera| {
+        let settings = PipelineSettings { mode: Mode::SuperSample, scale: 1, ..PipelineSettings::default() };
+        let mut pipeline = FramePipeline::new(scene(), settings).unwrap();
+        pipeline.render(camera).unwrap();
+        let geometry = pipeline.gbuffer().geometry.as_ref().unwrap();
+        f64::from(geometry.depth_median.row(0, at[1] as usize)[at[0] as usize])
+    };
+    let point = before.unproject(gs3::glam::DVec2::new(60.0, 100.0), native(&before));
+    hand.viewer.input(Input::Button(Button::Left, true));
+    hand.viewer.input(Input::PointerMoved([100.0, 100.0]));
+    hand.viewer.input(Input::Button(Button::Left, false));
+    hand.rest();
+    let after = hand.viewer.camera().unwrap();
+    assert!(after.position().distance(before.position()) > 0.3);
+    let moved = (after.project(point).0 - gs3::glam::DVec2::new(60.0, 100.0)).length();
+    // The depth is that of the low-resolution pixel over the click.
+    assert!(moved < 4.0, "{moved} pixels");
+}
+
+#[test]
+fn what_cannot_be_opened_leaves_the_old_scene() {
+    let mut hand = Hand::new();
+    hand.rest();
+    let (gaussians, before) = (hand.viewer.gaussians(), hand.viewer.frame().clone());
+    hand.viewer.input(Input::Dropped(PathBuf::from("bad.ply")));
+    hand.step();
+    assert!(hand.viewer.is_opening());
+    assert_eq!(hand.viewer.take_effects(), [Effect::Open(PathBuf::from("bad.ply"))]);
+    hand.viewer.progress(0.5);
+    hand.step();
+    let message = "bad.ply: expected a scene, found nothing of the kind";
+    hand.viewer.opened(Err(message.to_owned()), hand.now.get());
+    hand.step();
+    assert_eq!(hand.viewer.message(), Some(message));
+    assert_ne!(hand.viewer.picture().pixels, before.pixels, "the message is in the picture");
+    // The scene goes on under the message.
+    let frames = hand.frames();
+    hand.viewer.input(Input::PointerGone);
+    hand.viewer.input(Input::Wheel(1.0));
+    hand.rest();
+    assert!(hand.frames() > frames && hand.viewer.message().is_some());
+    hand.press(Key::R);
+    hand.press(Key::Escape);
+    assert_eq!(hand.viewer.message(), None);
+    hand.rest();
+    assert_eq!((hand.viewer.gaussians(), hand.viewer.frame()), (gaussians, &before));
+}
+
+#[test]
+fn another_scene_is_shown_from_where_it_is_in_view() {
+    let mut hand = Hand::new();
+    hand.rest();
+    let mut one = Gaussians::zeroed(1, 0);
+    one.means[0][0] = 40.0;
+    one.scales.iter_mut().for_each(|axis| axis[0] = 1.0);
+    (one.rotations[0][0], one.opacities[0]) = (1.0, 0.9);
+    one.sh.iter_mut().for_each(|v| *v = 1.0);
+    let scene = Arc::new(Scene::new(one, OpacityMode::Default).unwrap());
+    let opened = Opened::Scene { name: "one".to_owned(), scene, cameras: None };
+    hand.viewer.opened(Ok(opened), hand.now.get());
+    hand.rest();
+    assert_eq!(hand.viewer.gaussians(), 1);
+    let (pixel, z) = hand.viewer.camera().unwrap().project(gs3::glam::DVec3::new(40.0, 0.0, 0.0));
+    assert!(z > 0.0 && (pixel.x - 120.0).abs() < 1.0 && (pixel.y - 68.0).abs() < 1.0, "{pixel}");
+}
+
+#[test]
+fn comparisons_show_each_method_on_its_side() {
+    let mut hand = Hand::new();
+    hand.press(Key::C);
+    hand.step();
+    let camera = hand.viewer.camera().unwrap();
+    let expected = native(&camera);
+    let half = |rgb: &[u8], columns: std::ops::Range<usize>| -> Vec<u8> {
+        let rows = rgb.chunks_exact(SIZE[0] as usize * 3);
+        rows.flat_map(|row| row[columns.start * 3..columns.end * 3].to_vec()).collect()
+    };
+    let shown = hand.viewer.frame().to_rgb8();
+    assert_eq!(half(&shown, 0..120), half(&expected, 0..120));
+    assert_ne!(half(&shown, 120..240), half(&expected, 120..240), "gs3 has not converged yet");
+    // The divider is dragged to a quarter.
+    hand.viewer.input(Input::PointerMoved([121.0, 60.0]));
+    hand.viewer.input(Input::Button(Button::Left, true));
+    hand.viewer.input(Input::PointerMoved([60.0, 60.0]));
+    hand.viewer.input(Input::Button(Button::Left, false));
+    hand.rest();
+    assert_eq!(hand.viewer.camera().unwrap(), camera, "dragging a divider does not turn the camera");
+    assert_eq!(hand.viewer.frame().to_rgb8(), expected, "at rest gs3 is native");
+    let settings = PipelineSettings { mode: Mode::Bicubic, ..PipelineSettings::default() };
+    let mut bicubic = FramePipeline::new(scene(), settings).unwrap();
+    let bicubic = bicubic.render(&camera).unwrap().current.to_rgb8();
+    hand.press(Key::C);
+    hand.rest();
+    assert_eq!(half(&hand.viewer.frame().to_rgb8(), 0..120), half(&bicubic, 0..120));
+    assert_eq!(half(&hand.viewer.frame().to_rgb8(), 120..240), half(&expected, 120..240));
+}
+
+#[test]
+fn a_recorded_tour_plays_ends_and_is_written() {
+    let mut hand = Hand::new();
+    hand.rest();
+    let home = hand.viewer.camera().unwrap();
+    hand.press(Key::K);
+    hand.viewer.input(Input::Wheel(3.0));
+    hand.rest();
+    let near = hand.viewer.camera().unwrap();
+    hand.press(Key::K);
+    hand.press(Key::R);
+    hand.rest();
+    hand.press(Key::Space);
+    assert!(hand.viewer.tour().playing().is_some());
+    hand.rest();
+    assert!(hand.viewer.tour().playing().is_none());
+    assert!(hand.viewer.camera().unwrap().position().distance(near.position()) < 1e-6);
+    hand.viewer.take_effects();
+    hand.viewer.save_tour(Some(PathBuf::from("tour.json")));
+    let effects = hand.viewer.take_effects();
+    let [Effect::Save(Place::File(file), bytes)] = &effects[..] else { panic!("{effects:?}") };
+    assert_eq!(*file, PathBuf::from("tour.json"));
+    let path = capture::parse_json(bytes).unwrap();
+    assert!(path.cameras()[0].position().distance(home.position()) < 1e-6);
+    // Cameras that are dropped are a tour, too.
+    hand.viewer.opened(Ok(Opened::Cameras { name: "tour.json".to_owned(), path }), hand.now.get());
+    hand.rest();
+    assert!(hand.viewer.camera().unwrap().position().distance(home.position()) < 1e-6);
+    assert_eq!(hand.viewer.tour().keys(), 61);
+}
+
+#[test]
+fn large_screenshots_are_native_frames() {
+    let mut hand = Hand::new();
+    let shot = |scale| gs3_viewer::Shot { file: None, panels: false, scale, camera: None };
+    hand.rest();
+    hand.viewer.shoot(shot(2));
+    hand.rest();
+    let effects = hand.viewer.take_effects();
+    let [Effect::Save(Place::Numbered { stem: "gs3", extension: "png" }, bytes)] = &effects[..] else {
+        panic!("{} effects", effects.len())
+    };
+    let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();
+    let mut rgb = vec![0; reader.output_buffer_size().unwrap()];
+    reader.next_frame(&mut rgb).unwrap();
+    let camera = first_camera().resized(480, 272).unwrap();
+    let psnr = psnr(&rgb, &native(&camera));
+    assert!(psnr > 60.0, "{psnr:.1} dB");
+    // The native image is back.
+    assert_eq!(hand.viewer.frame().to_rgb8(), native(&hand.viewer.camera().unwrap()));
+}
+
+#[test]
+fn another_size_and_scale_are_shown_at_once() {
+    let mut hand = Hand::new();
+    hand.rest();
+    hand.viewer.input(Input::Resized([161, 90]));
+    hand.viewer.input(Input::Scale(2.0));
+    hand.step();
+    assert_eq!((hand.viewer.picture().size, hand.viewer.camera().unwrap().width()), ([161, 90], 161));
+    hand.rest();
+    assert_eq!(hand.viewer.frame().to_rgb8(), native(&hand.viewer.camera().unwrap()));
+    hand.viewer.input(Input::Resized([0, 0]));
+    hand.step();
+    assert_eq!(hand.viewer.size(), [1, 1]);
+}
+
+#[test]
+fn a_script_does_what_a_hand_does_and_tells_what_it_did_not_expect() {
+    let script = |steps: &str| Script::parse(format!("{{\"steps\": [{steps}]}}").as_bytes()).unwrap();
+    let play = |hand: &mut Hand, mut script: Script| loop {
+        match script.tick(&mut hand.viewer)? {
+            Playing::On => _ = hand.step(),
+            end => return Ok(end),
+        }
+    };
+    let mut hand = Hand::new();
+    let steps = r#"{"do": "wait_idle"}, {"do": "expect", "idle": true, "keys": 600, "message": ""},
+        {"do": "drag", "button": "left", "from": [0.5, 0.5], "to": [0.6, 0.5], "frames": 4}, {"do": "end"}"#;
+    let steps = steps.replace("600", &demo::path().cameras().len().to_string());
+    let before = first_camera();
+    assert_eq!(play(&mut hand, script(&steps)), Ok::<_, gs3_viewer::ScriptFailure>(Playing::End));
+    let turned = hand.viewer.camera().unwrap();
+    assert!(turned.position().distance(before.position()) > 0.1);
+    let failure = play(&mut hand, script(r#"{"do": "wait", "frames": 1}, {"do": "expect", "gaussians": 7}"#));
+    let failure = failure.unwrap_err().to_string();
+    let expected = format!("steps[1]: expected gaussians 7, found gaussians {}", hand.viewer.gaussians());
+    assert_eq!(failure, expected);
+}
+
+/// Of 8-bit pictures.
+fn psnr(a: &[u8], b: &[u8]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    let sum: f64 = a.iter().zip(b).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum();
+    10.0 * (255.0 * 255.0 / (sum / a.len() as f64)).log10()
+}

@@ -1,0 +1,510 @@
+//! A scene, the machine that renders it, and frames of any camera: what programs with a picture sit on.
+
+use std::fmt;
+use std::str::FromStr;
+use std::sync::Arc;
+
+#[cfg(feature = "gpu")]
+use gs3_compute::{AdapterChoice, AdapterKind, Gpu, GpuSettings, OptionalFeatures, adapters, choose};
+use gs3_reconstruct::ResetReason;
+use gs3_scene::{Camera, Image, Scene};
+
+use crate::error::PipelineError;
+use crate::frame::{FramePipeline, Presented};
+use crate::learned::Networks;
+use crate::refine::Refine;
+use crate::settings::{Mode, PipelineSettings};
+
+/// What renders.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Backend {
+    /// A GPU where there is one, and the CPU where there is none, where the GPU is emulated, or once the GPU fails.
+    #[default]
+    Auto,
+    /// The CPU.
+    Cpu,
+    /// A GPU, an emulated one too. Where none can be opened, or the GPU fails, there is no frame.
+    Gpu,
+}
+
+impl Backend {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Auto, Self::Cpu, Self::Gpu];
+
+    /// Its name at the command and in reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Cpu => "cpu",
+            Self::Gpu => "gpu",
+        }
+    }
+}
+
+impl fmt::Display for Backend {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// What is no [`Backend`].
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("expected auto, cpu or gpu, found {actual:?}")]
+pub struct BackendError {
+    /// What was found.
+    pub actual: String,
+}
+
+/// Reads what [`Backend`] prints.
+impl FromStr for Backend {
+    type Err = BackendError;
+
+    fn from_str(text: &str) -> Result<Self, BackendError> {
+        let named = |backend: &Self| backend.name() == text;
+        Self::ALL.into_iter().find(named).ok_or_else(|| BackendError { actual: text.to_owned() })
+    }
+}
+
+/// How a session renders.
+#[derive(Clone, Debug)]
+pub struct SessionSettings {
+    /// How frames come about.
+    pub pipeline: PipelineSettings,
+    /// The networks that refine them.
+    pub networks: Networks,
+    /// What renders.
+    pub backend: Backend,
+    /// The GPU by its place in [`gs3_compute::adapters`]; none is the fastest. Not read with [`Backend::Cpu`].
+    #[cfg(feature = "gpu")]
+    pub adapter: Option<usize>,
+}
+
+impl Default for SessionSettings {
+    /// Super-sampled frames without networks, on [`Backend::Auto`].
+    fn default() -> Self {
+        Self {
+            pipeline: PipelineSettings { mode: Mode::SuperSample, ..PipelineSettings::default() },
+            networks: Networks::default(),
+            backend: Backend::default(),
+            #[cfg(feature = "gpu")]
+            adapter: None,
+        }
+    }
+}
+
+/// The machine that renders.
+enum Machine {
+    Cpu,
+    /// Asked for: where it fails, the session does.
+    #[cfg(feature = "gpu")]
+    Gpu(Gpu),
+    /// Found and not asked for: where it fails, the CPU takes over.
+    #[cfg(feature = "gpu")]
+    FoundGpu(Gpu),
+}
+
+/// What makes reference frames of one mode.
+struct Reference {
+    pipeline: FramePipeline,
+    /// The camera of its last frame, if that is a whole one of the scene shown.
+    camera: Option<Camera>,
+}
+
+/// Renders a scene on the machine that was asked for, or that was found.
+///
+/// Besides the frames of [`SessionSettings::pipeline`] a session makes reference frames ([`Self::reference`]) of the same
+/// scene on the same machine: native ones, which a resting camera ends with, and bicubic ones to compare with. Reference
+/// frames have no part in the history.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use gs3::scene::demo;
+/// use gs3::{Backend, Mode, Session, SessionSettings};
+///
+/// let settings = SessionSettings { backend: Backend::Cpu, ..SessionSettings::default() };
+/// let mut session = Session::new(demo::scene()?, settings)?;
+/// let camera = demo::path().resized(160, 88)?.cameras()[0];
+/// let frame = session.render(&camera)?.current.clone();
+/// let native = session.reference(Mode::Native, &camera)?;
+/// assert_eq!((frame.width(), frame.height()), (native.width(), native.height()));
+/// # Ok(())
+/// # }
+/// ```
+pub struct Session {
+    settings: SessionSettings,
+    machine: Machine,
+    pipeline: FramePipeline,
+    /// What makes reference frames, one a mode, once they were asked for.
+    references: Vec<Reference>,
+    notices: Vec<String>,
+}
+
+impl fmt::Debug for Session {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Session")
+            .field("settings", &self.settings)
+            .field("backend", &self.backend())
+            .field("pipeline", &self.pipeline)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Session {
+    /// A session that shows `scene`.
+    ///
+    /// # Errors
+    /// [`PipelineError`] if a setting is not supported, or a GPU that was asked for cannot be opened or has no room for
+    /// the scene.
+    pub fn new(scene: impl Into<Arc<Scene>>, settings: SessionSettings) -> Result<Self, PipelineError> {
+        let pipeline = FramePipeline::with_networks(scene, settings.pipeline, &settings.networks)?;
+        let mut notices = Vec::new();
+        let machine = open(&settings, &mut notices)?;
+        let mut session = Self { settings, machine, pipeline, references: Vec::new(), notices };
+        session.start()?;
+        Ok(session)
+    }
+
+    /// Lets the machine render from now on. The CPU takes over from a GPU that was found and cannot.
+    fn start(&mut self) -> Result<(), PipelineError> {
+        #[cfg(feature = "gpu")]
+        if let Machine::Gpu(gpu) | Machine::FoundGpu(gpu) = &self.machine
+            && let Err(error) = self.pipeline.render_on(gpu)
+        {
+            self.take_over(error)?;
+        }
+        Ok(())
+    }
+
+    /// Goes on with the CPU after `error` of a GPU that nobody asked for, which a notice tells. Frames begin without
+    /// history.
+    ///
+    /// # Errors
+    /// `error`, if there is nobody to take over or the CPU would fail in the same way.
+    fn take_over(&mut self, error: PipelineError) -> Result<(), PipelineError> {
+        #[cfg(feature = "gpu")]
+        if matches!(self.machine, Machine::FoundGpu(_)) && is_of_device(&error) {
+            self.machine = Machine::Cpu;
+            self.notices.push(format!("the CPU takes over: {error}"));
+            self.pipeline.render_on_cpu()?;
+            // Made anew where they are asked for.
+            self.references.clear();
+            return Ok(());
+        }
+        Err(error)
+    }
+
+    /// Renders the frame of `camera`, as [`FramePipeline::render`]. Where a GPU fails that was found and not asked for,
+    /// the CPU renders the frame and all later ones, and [`Self::take_notices`] tells it.
+    ///
+    /// # Errors
+    /// [`PipelineError`] if a GPU that was asked for fails.
+    pub fn render(&mut self, camera: &Camera) -> Result<Presented<'_>, PipelineError> {
+        if let Err(error) = self.pipeline.render(camera).map(|_| ()) {
+            self.take_over(error)?;
+            self.pipeline.render(camera)?;
+        }
+        Ok(self.pipeline.presented())
+    }
+
+    /// The frame of `camera` in `mode`, without any history: native, or bicubic from the settings' low resolution.
+    /// Modes with history give a frame without one. Where the last one of `mode` has this camera, that is it.
+    ///
+    /// # Errors
+    /// [`PipelineError`] as [`Self::render`], and if the scene has no room on a GPU for a second time.
+    pub fn reference(&mut self, mode: Mode, camera: &Camera) -> Result<&Image, PipelineError> {
+        if let Err(error) = self.make_reference(mode, camera) {
+            self.take_over(error)?;
+            self.make_reference(mode, camera)?;
+        }
+        self.last_reference(mode).ok_or(PipelineError::Internal { expected: "a reference frame" })
+    }
+
+    fn make_reference(&mut self, mode: Mode, camera: &Camera) -> Result<(), PipelineError> {
+        let place = self.references.iter().position(|made| made.pipeline.settings().mode == mode);
+        let place = match place {
+            Some(place) => place,
+            None => {
+                let pipeline = self.reference_pipeline(mode)?;
+                self.references.push(Reference { pipeline, camera: None });
+                self.references.len() - 1
+            }
+        };
+        let Reference { pipeline, camera: last } = &mut self.references[place];
+        if *last == Some(*camera) {
+            return Ok(());
+        }
+        *last = None;
+        pipeline.reset(ResetReason::CameraCut);
+        pipeline.render(camera)?;
+        *last = Some(*camera);
+        Ok(())
+    }
+
+    fn reference_pipeline(&self, mode: Mode) -> Result<FramePipeline, PipelineError> {
+        let settings = PipelineSettings { mode, ..self.settings.pipeline };
+        #[cfg_attr(not(feature = "gpu"), expect(unused_mut, reason = "no GPU takes it"))]
+        let mut pipeline =
+            FramePipeline::with_networks(Arc::clone(self.scene()), settings, &self.settings.networks)?;
+        #[cfg(feature = "gpu")]
+        if let Machine::Gpu(gpu) | Machine::FoundGpu(gpu) = &self.machine {
+            pipeline.render_on(gpu)?;
+        }
+        Ok(pipeline)
+    }
+
+    /// The last frame of [`Self::reference`] in `mode`, of the scene and the settings that are shown now.
+    #[must_use]
+    pub fn last_reference(&self, mode: Mode) -> Option<&Image> {
+        let made = self.references.iter().find(|made| made.pipeline.settings().mode == mode)?;
+        made.camera.map(|_| made.pipeline.last_image())
+    }
+
+    /// Shows another scene from the next frame on.
+    ///
+    /// # Errors
+    /// [`PipelineError`] if the scene has no room on a GPU that was asked for; the old scene stays.
+    pub fn set_scene(&mut self, scene: impl Into<Arc<Scene>>) -> Result<(), PipelineError> {
+        let scene = scene.into();
+        if let Err(error) = self.pipeline.set_scene(Arc::clone(&scene)) {
+            self.take_over(error)?;
+            self.pipeline.set_scene(scene)?;
+        }
+        // They hold the old scene's memory; the next one that is asked for is made anew.
+        self.references.clear();
+        Ok(())
+    }
+
+    /// Renders with other settings and networks from the next frame on, on the same machine, without history.
+    ///
+    /// # Errors
+    /// [`PipelineError`] if a setting is not supported, or a GPU that was asked for has no room; the old ones stay.
+    pub fn set_pipeline(
+        &mut self,
+        settings: PipelineSettings,
+        networks: &Networks,
+    ) -> Result<(), PipelineError> {
+        let mut pipeline = FramePipeline::with_networks(Arc::clone(self.scene()), settings, networks)?;
+        #[cfg(feature = "gpu")]
+        if let Machine::Gpu(gpu) | Machine::FoundGpu(gpu) = &self.machine
+            && let Err(error) = pipeline.render_on(gpu)
+        {
+            self.take_over(error)?;
+            pipeline.render_on_cpu()?;
+        }
+        pipeline.reset(ResetReason::SizeOrTierChange);
+        self.pipeline = pipeline;
+        self.references.clear();
+        (self.settings.pipeline, self.settings.networks) = (settings, networks.clone());
+        Ok(())
+    }
+
+    /// Which pixels are rasterized exactly from the next frame on; the history stays
+    /// ([`FramePipeline::set_refine`]).
+    ///
+    /// # Errors
+    /// [`PipelineError::RefineShare`] if `refine` names a share that is none; the old choice stays.
+    pub fn set_refine(&mut self, refine: Refine) -> Result<(), PipelineError> {
+        self.pipeline.set_refine(refine)?;
+        self.settings.pipeline.refine = refine;
+        Ok(())
+    }
+
+    /// Brings the low-resolution G-buffer of the last frame here, if it is on a GPU: [`FramePipeline::gbuffer`] of
+    /// [`Self::pipeline`] has it then.
+    ///
+    /// # Errors
+    /// [`PipelineError`] if the device fails.
+    pub fn fetch_gbuffer(&mut self) -> Result<(), PipelineError> {
+        self.pipeline.fetch_gbuffer()
+    }
+
+    /// What makes the frames: figures of the last one, its G-buffer, its exact blocks.
+    #[must_use]
+    pub const fn pipeline(&self) -> &FramePipeline {
+        &self.pipeline
+    }
+
+    /// The scene shown.
+    #[must_use]
+    pub fn scene(&self) -> &Arc<Scene> {
+        self.pipeline.scene()
+    }
+
+    /// How the session renders.
+    #[must_use]
+    pub const fn settings(&self) -> &SessionSettings {
+        &self.settings
+    }
+
+    /// What renders now: [`Backend::Cpu`] or [`Backend::Gpu`].
+    #[must_use]
+    pub const fn backend(&self) -> Backend {
+        match self.machine {
+            Machine::Cpu => Backend::Cpu,
+            #[cfg(feature = "gpu")]
+            Machine::Gpu(_) | Machine::FoundGpu(_) => Backend::Gpu,
+        }
+    }
+
+    /// The name and the interface of the GPU, where one renders.
+    #[must_use]
+    pub fn adapter(&self) -> Option<String> {
+        match &self.machine {
+            Machine::Cpu => None,
+            #[cfg(feature = "gpu")]
+            Machine::Gpu(gpu) | Machine::FoundGpu(gpu) => {
+                Some(format!("{} ({})", gpu.adapter().name, gpu.adapter().api))
+            }
+        }
+    }
+
+    /// What people should be told since this was asked last: that the CPU took over, and why.
+    pub fn take_notices(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.notices)
+    }
+}
+
+/// The machine that `settings` ask for.
+#[cfg(feature = "gpu")]
+fn open(settings: &SessionSettings, notices: &mut Vec<String>) -> Result<Machine, PipelineError> {
+    let open = |adapter| Gpu::new(&GpuSettings { adapter, features: OptionalFeatures::All });
+    match (settings.backend, settings.adapter) {
+        (Backend::Cpu, _) => Ok(Machine::Cpu),
+        (Backend::Auto | Backend::Gpu, Some(number)) => {
+            Ok(Machine::Gpu(open(AdapterChoice::Number(number))?))
+        }
+        (Backend::Gpu, None) => Ok(Machine::Gpu(open(AdapterChoice::Auto)?)),
+        (Backend::Auto, None) => {
+            let found = adapters();
+            let best = choose(&found, AdapterChoice::Auto).ok().map(|(number, _)| number);
+            // Adapters in software are slower than the CPU's own path.
+            match best.filter(|number| found[*number].kind != AdapterKind::Software) {
+                None => Ok(Machine::Cpu),
+                Some(number) => Ok(match open(AdapterChoice::Number(number)) {
+                    Ok(gpu) => Machine::FoundGpu(gpu),
+                    Err(error) => {
+                        notices.push(format!("the CPU takes over: {error}"));
+                        Machine::Cpu
+                    }
+                }),
+            }
+        }
+    }
+}
+
+/// The machine that `settings` ask for.
+#[cfg(not(feature = "gpu"))]
+fn open(settings: &SessionSettings, _: &mut Vec<String>) -> Result<Machine, PipelineError> {
+    match settings.backend {
+        Backend::Auto | Backend::Cpu => Ok(Machine::Cpu),
+        Backend::Gpu => Err(PipelineError::NoGpuFeature),
+    }
+}
+
+/// Whether `error` is a fault of a device, so that a CPU may do better.
+#[cfg(feature = "gpu")]
+const fn is_of_device(error: &PipelineError) -> bool {
+    matches!(error, PipelineError::Gpu(_) | PipelineError::Network(_))
+}
+
+#[cfg(test)]
+mod tests {
+    use gs3_scene::demo;
+
+    use super::*;
+
+    fn camera(index: usize) -> Camera {
+        demo::path().resized(96, 56).unwrap().cameras()[index]
+    }
+
+    fn on(backend: Backend) -> Result<Session, PipelineError> {
+        Session::new(demo::scene().unwrap(), SessionSettings { backend, ..SessionSettings::default() })
+    }
+
+    #[test]
+    fn backends_read_what_they_print() {
+        for backend in Backend::ALL {
+            assert_eq!(backend.to_string().parse(), Ok(backend));
+        }
+        let error = "cuda".parse::<Backend>().unwrap_err();
+        assert_eq!(error.to_string(), "expected auto, cpu or gpu, found \"cuda\"");
+    }
+
+    #[test]
+    fn a_session_renders_what_its_pipeline_renders() {
+        let mut session = on(Backend::Cpu).unwrap();
+        let settings = session.settings().pipeline;
+        let mut pipeline = FramePipeline::new(demo::scene().unwrap(), settings).unwrap();
+        for k in 0..3 {
+            let expected = pipeline.render(&camera(k)).unwrap().current.clone();
+            assert_eq!(session.render(&camera(k)).unwrap().current, &expected);
+            // References between frames leave the history alone.
+            session.reference(Mode::Native, &camera(20 + k)).unwrap();
+        }
+        let native = PipelineSettings { mode: Mode::Native, ..settings };
+        let mut native = FramePipeline::new(demo::scene().unwrap(), native).unwrap();
+        let expected = native.render(&camera(5)).unwrap().current.clone();
+        assert_eq!(session.reference(Mode::Native, &camera(5)).unwrap(), &expected);
+    }
+
+    #[test]
+    fn another_scene_is_shown_by_all_frames() {
+        let mut one = gs3_scene::Gaussians::zeroed(1, 0);
+        (one.rotations[0][0], one.opacities[0]) = (1.0, 0.9);
+        one.means[0][0] = 1e4;
+        let far = Scene::new(one, gs3_scene::OpacityMode::Default).unwrap();
+        let mut session = on(Backend::Cpu).unwrap();
+        let before = session.reference(Mode::Native, &camera(0)).unwrap().clone();
+        session.set_scene(far).unwrap();
+        assert!(session.last_reference(Mode::Native).is_none());
+        assert_eq!(session.scene().gaussians().len(), 1);
+        assert_ne!(session.reference(Mode::Native, &camera(0)).unwrap(), &before);
+        session.render(&camera(0)).unwrap();
+        assert_eq!(session.pipeline().visible_count(), Some(0));
+    }
+
+    #[test]
+    fn settings_that_are_refused_change_nothing() {
+        let mut session = on(Backend::Cpu).unwrap();
+        session.render(&camera(0)).unwrap();
+        let before = session.settings().pipeline;
+        assert!(session.set_refine(Refine::Share(2.0)).is_err());
+        let wrong = PipelineSettings { mode: Mode::Full, generate: 9, ..before };
+        assert!(session.set_pipeline(wrong, &Networks::default()).is_err());
+        assert_eq!(session.settings().pipeline, before);
+        assert_eq!(*session.pipeline().settings(), before);
+        session.set_refine(Refine::Off).unwrap();
+        session.render(&camera(1)).unwrap();
+        assert!(session.pipeline().exact_places().is_empty() && session.pipeline().last_reset().is_none());
+        session.set_refine(Refine::Share(0.1)).unwrap();
+        session.render(&camera(2)).unwrap();
+        let blocks = session.pipeline().exact_places().len() as f32;
+        let all = session.pipeline().expected_errors().len() as f32;
+        assert_eq!(all, 24.0 * 14.0);
+        assert!((blocks / all - 0.1).abs() < 0.01, "{blocks} of {all}");
+    }
+
+    #[cfg(feature = "gpu")]
+    #[test]
+    fn the_cpu_takes_over_from_a_gpu_that_nobody_asked_for_only() {
+        for is_found in [true, false] {
+            let Ok(mut session) = on(Backend::Gpu) else {
+                eprintln!("skipped: no GPU adapter");
+                return;
+            };
+            if is_found {
+                let Machine::Gpu(gpu) = &session.machine else { panic!("no GPU") };
+                session.machine = Machine::FoundGpu(gpu.clone());
+            }
+            session.render(&camera(0)).unwrap();
+            let (Machine::Gpu(gpu) | Machine::FoundGpu(gpu)) = &session.machine else { panic!("no GPU") };
+            // As a driver that resets.
+            gpu.destroy();
+            let rendered = session.render(&camera(1)).map(|frames| frames.current.clone());
+            assert_eq!(rendered.is_ok(), is_found);
+            assert_eq!(session.backend(), if is_found { Backend::Cpu } else { Backend::Gpu });
+            assert_eq!(session.take_notices().len(), usize::from(is_found));
+        }
+    }
+}
