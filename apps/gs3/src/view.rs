@@ -2,13 +2,14 @@
 
 use std::path::PathBuf;
 
-use gs3::scene::{capture, demo};
+use gs3::scene::demo;
 use gs3::{Backend, Mode, Networks, PipelineSettings, Refine, SessionSettings};
 use gs3_viewer::window::{self, WindowSettings};
 use gs3_viewer::{Script, ViewerSettings};
 
-use crate::args::TierArg;
+use crate::args::{StatedCameras, TierArg};
 use crate::error::CliError;
+use crate::levels::Levels;
 use crate::values::Size;
 use crate::{Outcome, inputs, start_threads};
 
@@ -27,6 +28,8 @@ pub struct ViewArgs {
     /// the scene in view]
     #[arg(long, value_name = "CAMERAS")]
     pub path: Option<PathBuf>,
+    #[command(flatten)]
+    pub levels: Levels,
     /// Size of the window's picture
     #[arg(long, value_name = "WxH", default_value = "1280x720", allow_hyphen_values = true)]
     pub size: Size,
@@ -61,10 +64,12 @@ pub fn run(args: &ViewArgs) -> Result<Outcome, CliError> {
     }
     // First, since it is quick.
     let script = args.script.as_deref().map(script).transpose()?;
+    let (scene, _) = inputs::scene_at(&args.scene, args.levels)?;
     let cameras = match &args.path {
-        Some(file) => Some(capture::load(file)?),
+        Some(file) => Some(inputs::capture(file, &StatedCameras::default(), None, &scene)?),
         None => inputs::is_demo(&args.scene).then(demo::path),
     };
+    cameras.as_ref().map_or(Ok(()), inputs::check_is_perspective)?;
     let pipeline = PipelineSettings {
         mode: Mode::SuperSample,
         refine: Refine::FrameTime(std::time::Duration::from_secs_f64(1.0 / f64::from(args.fps))),
@@ -74,7 +79,6 @@ pub fn run(args: &ViewArgs) -> Result<Outcome, CliError> {
         Some(tier) => Networks { interpolate: None, ..Networks::shipped(pipeline.scale, tier)? },
         None => Networks::default(),
     };
-    let (scene, _) = inputs::scene(&args.scene)?;
     let session = SessionSettings { pipeline, networks, backend: args.backend, adapter: args.adapter };
     let size = [args.size.width, args.size.height];
     let name = args.scene.file_name().unwrap_or(args.scene.as_os_str()).to_string_lossy().into_owned();

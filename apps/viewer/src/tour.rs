@@ -2,7 +2,8 @@
 
 use gs3::glam::{DMat3, DVec3};
 use gs3::scene::camera_path::Pace;
-use gs3::scene::{Camera, CameraPath};
+use gs3::scene::transform::Similarity;
+use gs3::scene::{Camera, CameraError, CameraPath};
 use serde_json::{Value, json};
 
 /// Seconds from one recorded keyframe to the next, on average.
@@ -102,10 +103,10 @@ impl Tour {
         self.at(time)
     }
 
-    /// The tour as nerfstudio's `camera_path.json`, with pictures of `size`: what `gs3 render --path` reads. `None` without
-    /// a keyframe.
+    /// The tour as nerfstudio's `camera_path.json`, with pictures of `size`, in a world whose origin the
+    /// scene's `origin` is measured from: what `gs3 render --path` reads. `None` without a keyframe.
     #[must_use]
-    pub fn to_camera_path(&self, size: [u32; 2]) -> Option<Vec<u8>> {
+    pub fn to_camera_path(&self, size: [u32; 2], origin: DVec3) -> Option<Vec<u8>> {
         let single;
         let path = match &self.way {
             Some(way) => way,
@@ -114,8 +115,16 @@ impl Tour {
                 &single
             }
         };
-        Some(camera_path_json(path, size))
+        Some(camera_path_json(&moved(path, origin).ok()?, size))
     }
+}
+
+/// `path` in a world that has been moved by `shift`.
+///
+/// # Errors
+/// [`CameraError`] if a pose becomes none.
+pub fn moved(path: &CameraPath, shift: DVec3) -> Result<CameraPath, CameraError> {
+    path.in_moved_world(&Similarity { shift, ..Similarity::orthogonal(DMat3::IDENTITY) })
 }
 
 /// `path` as nerfstudio's `camera_path.json`, with pictures of `size`. What the format has no place for, principal points
@@ -192,16 +201,16 @@ mod tests {
         tour.remove_last();
         tour.play();
         assert!(tour.playing().is_none() && tour.keys() == 1 && tour.seconds() == 0.0);
-        let read = capture::parse_json(&tour.to_camera_path([64, 40]).unwrap()).unwrap();
+        let read = capture::parse_json(&tour.to_camera_path([64, 40], DVec3::ZERO).unwrap()).unwrap();
         assert_eq!(read.cameras().len(), 1);
         tour.remove_last();
-        assert!(tour.to_camera_path([64, 40]).is_none());
+        assert!(tour.to_camera_path([64, 40], DVec3::ZERO).is_none());
     }
 
     #[test]
     fn what_is_written_is_read() {
         let mut tour = tour();
-        let read = capture::parse_json(&tour.to_camera_path([64, 40]).unwrap()).unwrap();
+        let read = capture::parse_json(&tour.to_camera_path([64, 40], DVec3::ZERO).unwrap()).unwrap();
         assert_eq!((read.cameras().len(), read.frames_per_second()), (121, WRITTEN_FPS));
         tour.play();
         for camera in read.cameras().iter().take(120) {

@@ -17,7 +17,7 @@ use crate::input::{Button, Input, Key, Modifiers};
 use crate::paint::Picture;
 use crate::panels::{Action, Facts, Panels, UPS};
 use crate::screenshot::png;
-use crate::tour::{Tour, camera_path_json};
+use crate::tour::{Tour, camera_path_json, moved};
 use crate::views::{View, show_difference, show_image, show_view};
 
 /// Longest time that a movement goes on by at once, seconds: after a slow frame nothing jumps.
@@ -758,6 +758,7 @@ impl Viewer {
             }
             if let (Some(file), Some(camera)) = (shot.camera, self.rest.camera)
                 && let Ok(path) = CameraPath::new(vec![camera], 30.0, false)
+                && let Ok(path) = moved(&path, self.session.scene().details().origin)
             {
                 self.effects.push(Effect::Save(Place::File(file), camera_path_json(&path, self.size)));
             }
@@ -782,7 +783,9 @@ impl Viewer {
 
     /// Writes the keyframes to `file`; none is a numbered file.
     pub fn save_tour(&mut self, file: Option<PathBuf>) {
-        let Some(bytes) = self.tour.to_camera_path(self.size) else {
+        // Files are in the frame of the scene's file.
+        let origin = self.session.scene().details().origin;
+        let Some(bytes) = self.tour.to_camera_path(self.size, origin) else {
             self.message = Some("keyframes: expected at least 1 to write, found 0".to_owned());
             self.is_woken = true;
             return;
@@ -835,14 +838,28 @@ impl Viewer {
             Opened::Scene { name, scene, cameras } => {
                 let camera = first_camera(&scene, cameras.as_ref(), self.size)?;
                 let bulk = Bulk::of(&scene);
+                // What the file has that is not shown is told.
+                let dropped = scene.dropped().total();
+                let mut told = format!("opened {name}");
+                if dropped > 0 {
+                    told += &format!("; {dropped} invalid Gaussians are left out");
+                }
+                for note in &scene.details().notes {
+                    told += &format!("; {note}");
+                }
                 self.session.set_scene(scene)?;
                 self.controls = Controls::new(&camera, &bulk);
                 self.tour = cameras.as_ref().map(Tour::along).unwrap_or_default();
                 (self.bulk, self.rest) = (bulk, Rest::default());
-                self.tell(format!("opened {name}"), now);
+                self.tell(told, now);
                 self.name = name;
             }
+            Opened::Cameras { name, path } if path.facts().is_panorama => {
+                self.message =
+                    Some(format!("{name}: expected perspective cameras, found equirectangular ones"));
+            }
             Opened::Cameras { name, path } => {
+                let path = moved(&path, -self.session.scene().details().origin)?;
                 self.tour = Tour::along(&path);
                 let first = path.cameras()[0].resized(self.size[0], self.size[1])?;
                 self.jump(&first);
