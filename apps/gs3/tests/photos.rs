@@ -171,8 +171,8 @@ fn bad_photo_sets_get_one_line_and_exit_code_2() {
     fs::write(
         folder.path().join("transforms.json"),
         r#"{"frames": [{"transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0]],
-        "w": 32, "h": 32, "fl_x": 30, "k1": 0.1}]}"#,
+        "w": 32, "h": 32, "fl_x": 30}]}"#,
     )
     .unwrap();
-    refused(&[], "undistort");
+    refused(&[], "camera 0 of the capture: expected the name of its photo, found none");
 }
