@@ -6,7 +6,7 @@ use clap::{Parser, Subcommand, ValueEnum};
 use gs3::compute::OptionalFeatures;
 use gs3::neural::Arithmetic;
 use gs3::neural::model::Tier;
-use gs3::{Culling, Kriging, MAX_GENERATE, Mode, PipelineSettings, Quality, Refine, Sampling};
+use gs3::{Backend, Culling, Kriging, MAX_GENERATE, Mode, PipelineSettings, Quality, Refine, Sampling};
 
 use crate::evaluate::EvaluateArgs;
 use crate::export::ExportArgs;
@@ -90,7 +90,7 @@ pub struct View {
 /// What is known of cameras whose file does not say it.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct StatedCameras {
-    /// Vertical field of view of the cameras, degrees [default: that of their file]
+    /// Vertical field of view of the cameras, degrees [default: what their file says]
     #[arg(long, value_name = "DEGREES")]
     pub fov: Option<Degrees>,
     /// nerfstudio's dataparser_transforms.json, into whose frame the cameras are brought [default: the one beside a
@@ -113,8 +113,8 @@ impl View {
 #[derive(Debug, clap::Args)]
 pub struct Device {
     /// What renders: auto is a GPU where there is one, the CPU where there is none or it is emulated
-    #[arg(long, default_value = "auto", value_name = "auto|cpu|gpu")]
-    pub backend: BackendArg,
+    #[arg(long, default_value_t = Backend::Auto, value_name = "auto|cpu|gpu")]
+    pub backend: Backend,
     /// A GPU by its number [default: the fastest]
     #[arg(long, value_name = "N")]
     pub adapter: Option<usize>,
@@ -431,19 +431,12 @@ impl From<ModeArg> for Mode {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum BackendArg {
-    Auto,
-    Cpu,
-    Gpu,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum BenchBackendArg {
     Cpu,
     Gpu,
 }
 
-impl From<BenchBackendArg> for BackendArg {
+impl From<BenchBackendArg> for Backend {
     fn from(backend: BenchBackendArg) -> Self {
         match backend {
             BenchBackendArg::Cpu => Self::Cpu,

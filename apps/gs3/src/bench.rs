@@ -6,19 +6,18 @@ use std::time::Duration;
 
 use gs3::raster::{Outputs, RasterSettings, RasterTimes, Rasterizer};
 use gs3::scene::{Camera, GBuffer, Scene};
-use gs3::{FramePipeline, Mode, Stage};
+use gs3::{FramePipeline, Machine, Mode, Stage};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
 use crate::args::{BenchArgs, Device};
-use crate::backend::Machine;
 use crate::destination::Destination;
 use crate::error::CliError;
 use crate::output::write_text;
 use crate::render::between;
 use crate::report::{self, Times, median_ms};
 use crate::terminal::print;
-use crate::{Outcome, bench_gpu, copies, destination, inputs, start_threads};
+use crate::{Outcome, backend, bench_gpu, copies, destination, inputs, start_threads};
 
 /// Rounds over the frames. The best of each side counts: other work on the machine only ever slows a round down.
 const ROUNDS: usize = 3;
@@ -37,7 +36,7 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     inputs::check_frames("--frames", &range, &path)?;
     let scene = copies::beside(scene, args.copies, &path.cameras()[range.start])?;
     let device = Device { backend: args.backend.into(), adapter: args.adapter };
-    let machine = Machine::new(&device, args.look.features())?;
+    let machine = backend::open(&device, args.look.features())?;
     if let Machine::Gpu(gpu) = &machine {
         let figures = bench_gpu::run(args, gpu, scene, &path.cameras()[range.clone()])?;
         let asked = report::asked(&args.view, &range, &args.look.settings(Mode::Full));

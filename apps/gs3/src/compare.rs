@@ -7,12 +7,11 @@ use std::time::Duration;
 
 use gs3::reconstruct::{Kernel, resample};
 use gs3::scene::{Camera, Image};
-use gs3::{FramePipeline, Mode, PipelineSettings};
+use gs3::{FramePipeline, Machine, Mode, PipelineSettings};
 use gs3_evaluate::metrics::{Quantisation, psnr};
 use gs3_evaluate::protocol::PSNR_CAP;
 use serde_json::{Value, json};
 
-use crate::backend::Machine;
 use crate::error::CliError;
 use crate::output::write_png;
 use crate::terminal::note;

@@ -3,17 +3,17 @@
 use std::io::{self, Seek, Write};
 use std::mem;
 
+use gs3::Machine;
 use gs3::compute::OptionalFeatures;
 use gs3::raster::{GpuRasterError, GpuRasterizer, Outputs, RasterSettings, Rasterizer, ScenePrecision};
 use gs3::scene::{GBuffer, Planes};
 use zip::ZipWriter;
 
 use crate::args::GbufferArgs;
-use crate::backend::Machine;
 use crate::destination::Destination;
 use crate::error::CliError;
 use crate::output::write_file;
-use crate::{Outcome, destination, inputs, npz, start_threads};
+use crate::{Outcome, backend, destination, inputs, npz, start_threads};
 
 pub fn run(args: &GbufferArgs) -> Result<Outcome, CliError> {
     start_threads(args.view.threads)?;
@@ -30,8 +30,9 @@ pub fn run(args: &GbufferArgs) -> Result<Outcome, CliError> {
     };
     let mut gbuffer = GBuffer::default();
     let camera = &path.cameras()[args.frame];
+    let machine = backend::open(&args.device, OptionalFeatures::All)?;
     let machine =
-        Machine::new(&args.device, OptionalFeatures::All)?.start(|gpu| -> Result<(), GpuRasterError> {
+        backend::start(machine, |gpu| -> Result<(), GpuRasterError> {
             GpuRasterizer::new(gpu, scene.clone(), args.culling.into(), ScenePrecision::default())?
                 .rasterize_to(camera, &settings, &mut gbuffer)
         })?;

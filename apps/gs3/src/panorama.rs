@@ -5,18 +5,17 @@ use std::sync::Arc;
 
 use gs3::scene::glam::{DAffine3, DMat3, DVec3};
 use gs3::scene::{Camera, CameraPath, Image, Intrinsics, Scene};
-use gs3::{FramePipeline, Networks, PipelineError, PipelineSettings, StageTimes};
+use gs3::{FramePipeline, Machine, Networks, PipelineError, PipelineSettings, StageTimes};
 use indicatif::ProgressBar;
 
 use crate::alpha::coverage;
 use crate::args::RenderArgs;
-use crate::backend::Machine;
 use crate::error::CliError;
 use crate::output::{FrameWriter, Target};
 use crate::render::{between, remainder};
 use crate::terminal::note;
 use crate::video::Stream;
-use crate::{Outcome, inputs, interrupt};
+use crate::{Outcome, backend, inputs, interrupt};
 
 /// Pixels of a face beyond its edges on each side, so that pixels between faces are interpolated within one.
 const RIM: u32 = 2;
@@ -39,7 +38,7 @@ pub fn run(
         });
     }
     let settings = args.look.settings(args.mode.into());
-    let machine = Machine::new(&args.device, args.look.features())?;
+    let machine = backend::open(&args.device, args.look.features())?;
     let faces = |scene: &Arc<Scene>| Faces::new(scene, &settings, networks, &machine);
     let mut shown_faces = faces(scene)?;
     let mut coverage = match args.alpha {
@@ -118,7 +117,7 @@ pub fn run(
 /// Renders the faces of panoramas, each with a pipeline of its own, and puts them together.
 struct Faces {
     pipelines: Vec<FramePipeline>,
-    /// Those of the last frame.
+    /// Stage times of the six faces of the last frame.
     times: Vec<StageTimes>,
 }
 

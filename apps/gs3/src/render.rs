@@ -4,13 +4,12 @@ use std::ops::Range;
 
 use gs3::scene::camera_path::Pace;
 use gs3::scene::{Camera, CameraPath};
-use gs3::{FramePipeline, Mode, Networks, PipelineError, PipelineSettings};
+use gs3::{FramePipeline, Machine, Mode, Networks, PipelineError, PipelineSettings};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
 use crate::alpha::coverage;
 use crate::args::RenderArgs;
-use crate::backend::Machine;
 use crate::compare::Comparison;
 use crate::destination::Destination;
 use crate::error::CliError;
@@ -18,7 +17,7 @@ use crate::output::{FrameWriter, Target, Written, others, write_text};
 use crate::report::{self, Times};
 use crate::terminal::note;
 use crate::video::{Stream, by_hand, no_option, quoted};
-use crate::{Outcome, destination, inputs, interrupt, panorama, start_threads};
+use crate::{Outcome, backend, destination, inputs, interrupt, panorama, start_threads};
 
 pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     start_threads(args.view.threads)?;
@@ -60,7 +59,8 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     };
     let mut pipeline = FramePipeline::with_networks(scene, settings, &networks)?;
     // Not before the rest is right: a driver may take long to wake, and talk.
-    let mut machine = Machine::new(&args.device, args.look.features())?.start(|gpu| {
+    let machine = backend::open(&args.device, args.look.features())?;
+    let mut machine = backend::start(machine, |gpu| {
         pipeline.render_on(gpu)?;
         coverage.as_mut().map_or(Ok(()), |coverage| coverage.render_on(gpu))
     })?;
@@ -84,7 +84,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
 
     // Before any file: settings that the rasterizer refuses show in the frames that only fill the history.
     if let Err(error) = warm_up(&mut pipeline, &path, range.start) {
-        machine.take_over(&mut pipeline, error)?;
+        backend::take_over(&mut machine, &mut pipeline, error)?;
         warm_up(&mut pipeline, &path, range.start)?;
     }
     if let Some(coverage) = &mut coverage {
@@ -108,7 +108,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     while next < range.end && !interrupt::requested() {
         let (camera, between) = (&path.cameras()[next], between(&settings, &path, next));
         if let Err(error) = pipeline.render_with_poses(camera, &between) {
-            machine.take_over(&mut pipeline, error)?;
+            backend::take_over(&mut machine, &mut pipeline, error)?;
             warm_up(&mut pipeline, &path, next)?;
             if let Some(coverage) = &mut coverage {
                 coverage.render_on_cpu()?;

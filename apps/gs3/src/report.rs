@@ -3,11 +3,10 @@
 use std::ops::Range;
 use std::time::Duration;
 
-use gs3::{PipelineSettings, Stage, StageTimes};
+use gs3::{Machine, PipelineSettings, Stage, StageTimes};
 use serde_json::{Map, Value, json};
 
 use crate::args::View;
-use crate::backend::Machine;
 
 /// Times of the frames of one pipeline.
 #[derive(Clone, Debug, Default)]
@@ -98,7 +97,7 @@ pub fn peak_rss_mb() -> Option<f64> {
 /// What every report says about the machine's side: `machine` rasterized.
 pub fn machine(machine: &Machine) -> Value {
     let figures = json!({
-        "backend": machine.backend(),
+        "backend": machine.backend().name(),
         "simd": gs3::simd::name(gs3::simd::level()),
         "threads": rayon::current_num_threads(),
         "peak_rss_mb": peak_rss_mb(),

@@ -3,15 +3,15 @@
 use std::path::PathBuf;
 
 use gs3::scene::demo;
-use gs3::{Backend, Mode, Networks, PipelineSettings, Refine, SessionSettings};
+use gs3::{Mode, Networks, PipelineSettings, Refine, SessionSettings};
 use gs3_viewer::window::{self, WindowSettings};
 use gs3_viewer::{Script, ViewerSettings};
 
-use crate::args::{StatedCameras, TierArg};
+use crate::args::{Device, StatedCameras, TierArg};
 use crate::error::CliError;
 use crate::levels::Levels;
 use crate::values::Size;
-use crate::{Outcome, inputs, start_threads};
+use crate::{Outcome, backend, inputs, start_threads};
 
 /// What the keys do.
 const HELP: &str = "Keys: H in the window lists them. Left drag orbits, right drag pans, the wheel moves closer, W A S D Q E fly, a double \
@@ -36,12 +36,8 @@ pub struct ViewArgs {
     /// Displayed frames per second to aim at: on the CPU as many pixels are exact as the time allows
     #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u16).range(1..=240))]
     pub fps: u16,
-    /// What renders: auto is a GPU where there is one, the CPU where there is none or it is emulated
-    #[arg(long, value_name = "auto|cpu|gpu", default_value_t = Backend::Auto)]
-    pub backend: Backend,
-    /// A GPU by its number [default: the fastest]
-    #[arg(long, value_name = "N")]
-    pub adapter: Option<usize>,
+    #[command(flatten)]
+    pub device: Device,
     /// Network that improves the frames: none (analytic) or the paper's in three sizes
     #[arg(long, value_name = "TIER", default_value = "analytic")]
     pub tier: TierArg,
@@ -55,13 +51,7 @@ pub struct ViewArgs {
 
 pub fn run(args: &ViewArgs) -> Result<Outcome, CliError> {
     start_threads(args.threads)?;
-    if let (Backend::Cpu, Some(number)) = (args.backend, args.adapter) {
-        return Err(CliError::Option {
-            option: "--adapter",
-            expected: "a GPU backend, of which it names the adapter".to_owned(),
-            actual: format!("--backend cpu --adapter {number}"),
-        });
-    }
+    backend::check(&args.device)?;
     // First, since it is quick.
     let script = args.script.as_deref().map(script).transpose()?;
     let (scene, _) = inputs::scene_at(&args.scene, args.levels)?;
@@ -79,7 +69,8 @@ pub fn run(args: &ViewArgs) -> Result<Outcome, CliError> {
         Some(tier) => Networks { interpolate: None, ..Networks::shipped(pipeline.scale, tier)? },
         None => Networks::default(),
     };
-    let session = SessionSettings { pipeline, networks, backend: args.backend, adapter: args.adapter };
+    let session =
+        SessionSettings { pipeline, networks, backend: args.device.backend, adapter: args.device.adapter };
     let size = [args.size.width, args.size.height];
     let name = args.scene.file_name().unwrap_or(args.scene.as_os_str()).to_string_lossy().into_owned();
     let viewer = ViewerSettings { session, fps: f64::from(args.fps), size };

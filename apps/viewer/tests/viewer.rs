@@ -182,7 +182,7 @@ fn a_double_click_sets_the_pivot_on_the_surface() {
     let after = hand.viewer.camera().unwrap();
     assert!(after.position().distance(before.position()) > 0.3);
     let moved = (after.project(point).0 - gs3::glam::DVec2::new(60.0, 100.0)).length();
-    // The depth is that of the low-resolution pixel over the click.
+    // The pivot's depth comes from a low-resolution pixel, 4 pixels wide.
     assert!(moved < 4.0, "{moved} pixels");
 }
 

@@ -188,17 +188,7 @@ impl Camera {
     /// # Errors
     /// [`CameraError::Size`] if the size is zero or too large.
     pub fn resized(&self, width: u32, height: u32) -> Result<Self, CameraError> {
-        let old = self.intrinsics;
-        let scale = f64::from(height) / f64::from(old.height);
-        let intrinsics = Intrinsics {
-            width,
-            height,
-            fx: old.fx * scale,
-            fy: old.fy * scale,
-            cx: (old.cx - 0.5 * f64::from(old.width)) * scale + 0.5 * f64::from(width),
-            cy: (old.cy - 0.5 * f64::from(old.height)) * scale + 0.5 * f64::from(height),
-        };
-        Self::new(self.view_from_world, intrinsics)
+        self.scaled(width, height, f64::from(height) / f64::from(self.intrinsics.height))
     }
 
     /// The same view at another size that keeps the horizontal field of view instead: for cameras whose horizontal one is
@@ -207,8 +197,12 @@ impl Camera {
     /// # Errors
     /// [`CameraError::Size`] if the size is zero or too large.
     pub fn resized_by_width(&self, width: u32, height: u32) -> Result<Self, CameraError> {
+        self.scaled(width, height, f64::from(width) / f64::from(self.intrinsics.width))
+    }
+
+    /// The same view at another size, pixels smaller by `scale`. The principal point keeps its place relative to the centre.
+    fn scaled(&self, width: u32, height: u32, scale: f64) -> Result<Self, CameraError> {
         let old = self.intrinsics;
-        let scale = f64::from(width) / f64::from(old.width);
         let intrinsics = Intrinsics {
             width,
             height,

@@ -41,7 +41,7 @@ const PLACE_RADIUS: f64 = 4.0;
 /// units; in smaller ones it is nearer in proportion. (Captures in the unit of their camera tracks have more.)
 const USUAL_SIZE: f64 = 0.5;
 
-/// Percentiles of this many Gaussians are those of all.
+/// Percentiles are taken over at most this many Gaussians, evenly spread over the scene.
 const SAMPLE: usize = 1 << 17;
 
 /// z is up where the scene is lowest along z, and lower than this share of its length along y. (Empirical: places on an

@@ -112,7 +112,7 @@ pub struct Details {
 }
 
 impl Default for Details {
-    /// Those of a scene that was never in a file: [`NEAR`], nothing to note.
+    /// Details of a scene that was never in a file: near plane [`NEAR`], no notes.
     fn default() -> Self {
         let axes = FileAxes { axes: Axes::RDF, known_by: AxesKnownBy::Format };
         Self { origin: DVec3::ZERO, up: None, axes, near: NEAR, notes: Vec::new() }
@@ -195,8 +195,8 @@ impl Scene {
         &self.details
     }
 
-    /// The same scene with other details: those of a file, or of the scene that this one is a part of. A near plane
-    /// that is not positive and finite is left as it was.
+    /// The same scene with other details, from a file or from the scene that this one is a part of. A near plane that is
+    /// not positive and finite is left as it was.
     #[must_use]
     pub fn with_details(mut self, details: Details) -> Self {
         let near = self.details.near;

@@ -12,7 +12,7 @@ const BLOCK: usize = 4096;
 /// equations are well conditioned.
 const DIRECTIONS: usize = 128;
 
-/// Entries of [`ShTransform`] below this are rounding: those of a change of axes are 0 or ±1.
+/// Entries of [`ShTransform`] below this are rounding. A change of axes has entries 0 and ±1 only.
 const ROUNDING: f64 = 1e-12;
 
 /// All functions up to degree 4 along the unit vector `d`, in the order and with the signs of Kerbl et al. 2023.
@@ -143,7 +143,7 @@ pub struct Similarity {
 }
 
 impl Similarity {
-    /// That of an orthogonal matrix alone.
+    /// The similarity of an orthogonal matrix, without scale and shift.
     #[must_use]
     pub const fn orthogonal(to_from: DMat3) -> Self {
         Self { to_from, scale: 1.0, shift: DVec3::ZERO }
@@ -242,7 +242,7 @@ mod tests {
         }
     }
 
-    /// Covariances are those of the transformed principal axes.
+    /// The transformed covariance has the transformed principal axes.
     #[test]
     fn gaussians_turn_reflect_and_grow() {
         let covariance = |g: &Gaussians| {

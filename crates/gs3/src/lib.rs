@@ -111,6 +111,7 @@
 mod error;
 mod frame;
 pub mod learned;
+mod machine;
 mod rasterizer;
 mod refine;
 mod session;
@@ -137,8 +138,9 @@ pub use gs3_scene as scene;
 pub use gs3_scene::glam;
 pub use gs3_simd as simd;
 pub use learned::{NetworkError, Networks};
+pub use machine::{Backend, BackendError, Machine};
 pub use refine::{Quality, Refine, RefineError};
-pub use session::{Backend, BackendError, Session, SessionSettings};
+pub use session::{Session, SessionSettings};
 pub use settings::{Dilation, MAX_GENERATE, Mode, PipelineSettings};
 pub use stages::{Stage, StageTimes};
 

@@ -1,70 +1,19 @@
 //! A scene, the machine that renders it, and frames of any camera: what programs with a picture sit on.
 
 use std::fmt;
-use std::str::FromStr;
 use std::sync::Arc;
 
 #[cfg(feature = "gpu")]
-use gs3_compute::{AdapterChoice, AdapterKind, Gpu, GpuSettings, OptionalFeatures, adapters, choose};
+use gs3_compute::OptionalFeatures;
 use gs3_reconstruct::ResetReason;
 use gs3_scene::{Camera, Image, Scene};
 
 use crate::error::PipelineError;
 use crate::frame::{FramePipeline, Presented};
 use crate::learned::Networks;
+use crate::machine::{Backend, Machine};
 use crate::refine::Refine;
 use crate::settings::{Mode, PipelineSettings};
-
-/// What renders.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Backend {
-    /// A GPU where there is one, and the CPU where there is none, where the GPU is emulated, or once the GPU fails.
-    #[default]
-    Auto,
-    /// The CPU.
-    Cpu,
-    /// A GPU, an emulated one too. Where none can be opened, or the GPU fails, there is no frame.
-    Gpu,
-}
-
-impl Backend {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Auto, Self::Cpu, Self::Gpu];
-
-    /// Its name at the command and in reports.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Auto => "auto",
-            Self::Cpu => "cpu",
-            Self::Gpu => "gpu",
-        }
-    }
-}
-
-impl fmt::Display for Backend {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
-/// What is no [`Backend`].
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("expected auto, cpu or gpu, found {actual:?}")]
-pub struct BackendError {
-    /// What was found.
-    pub actual: String,
-}
-
-/// Reads what [`Backend`] prints.
-impl FromStr for Backend {
-    type Err = BackendError;
-
-    fn from_str(text: &str) -> Result<Self, BackendError> {
-        let named = |backend: &Self| backend.name() == text;
-        Self::ALL.into_iter().find(named).ok_or_else(|| BackendError { actual: text.to_owned() })
-    }
-}
 
 /// How a session renders.
 #[derive(Clone, Debug)]
@@ -91,17 +40,6 @@ impl Default for SessionSettings {
             adapter: None,
         }
     }
-}
-
-/// The machine that renders.
-enum Machine {
-    Cpu,
-    /// Asked for: where it fails, the session does.
-    #[cfg(feature = "gpu")]
-    Gpu(Gpu),
-    /// Found and not asked for: where it fails, the CPU takes over.
-    #[cfg(feature = "gpu")]
-    FoundGpu(Gpu),
 }
 
 /// What makes reference frames of one mode.
@@ -158,8 +96,11 @@ impl Session {
     /// the scene.
     pub fn new(scene: impl Into<Arc<Scene>>, settings: SessionSettings) -> Result<Self, PipelineError> {
         let pipeline = FramePipeline::with_networks(scene, settings.pipeline, &settings.networks)?;
-        let mut notices = Vec::new();
-        let machine = open(&settings, &mut notices)?;
+        #[cfg(feature = "gpu")]
+        let (machine, failure) = Machine::open(settings.backend, settings.adapter, OptionalFeatures::All)?;
+        #[cfg(not(feature = "gpu"))]
+        let (machine, failure) = (Machine::open(settings.backend)?, None::<PipelineError>);
+        let notices = failure.iter().map(tell_take_over).collect();
         let mut session = Self { settings, machine, pipeline, references: Vec::new(), notices };
         session.start()?;
         Ok(session)
@@ -168,7 +109,7 @@ impl Session {
     /// Lets the machine render from now on. The CPU takes over from a GPU that was found and cannot.
     fn start(&mut self) -> Result<(), PipelineError> {
         #[cfg(feature = "gpu")]
-        if let Machine::Gpu(gpu) | Machine::FoundGpu(gpu) = &self.machine
+        if let Some(gpu) = self.machine.gpu()
             && let Err(error) = self.pipeline.render_on(gpu)
         {
             self.take_over(error)?;
@@ -185,7 +126,7 @@ impl Session {
         #[cfg(feature = "gpu")]
         if matches!(self.machine, Machine::FoundGpu(_)) && is_of_device(&error) {
             self.machine = Machine::Cpu;
-            self.notices.push(format!("the CPU takes over: {error}"));
+            self.notices.push(tell_take_over(&error));
             self.pipeline.render_on_cpu()?;
             // Made anew where they are asked for.
             self.references.clear();
@@ -247,7 +188,7 @@ impl Session {
         let mut pipeline =
             FramePipeline::with_networks(Arc::clone(self.scene()), settings, &self.settings.networks)?;
         #[cfg(feature = "gpu")]
-        if let Machine::Gpu(gpu) | Machine::FoundGpu(gpu) = &self.machine {
+        if let Some(gpu) = self.machine.gpu() {
             pipeline.render_on(gpu)?;
         }
         Ok(pipeline)
@@ -286,7 +227,7 @@ impl Session {
     ) -> Result<(), PipelineError> {
         let mut pipeline = FramePipeline::with_networks(Arc::clone(self.scene()), settings, networks)?;
         #[cfg(feature = "gpu")]
-        if let Machine::Gpu(gpu) | Machine::FoundGpu(gpu) = &self.machine
+        if let Some(gpu) = self.machine.gpu()
             && let Err(error) = pipeline.render_on(gpu)
         {
             self.take_over(error)?;
@@ -340,23 +281,13 @@ impl Session {
     /// What renders now: [`Backend::Cpu`] or [`Backend::Gpu`].
     #[must_use]
     pub const fn backend(&self) -> Backend {
-        match self.machine {
-            Machine::Cpu => Backend::Cpu,
-            #[cfg(feature = "gpu")]
-            Machine::Gpu(_) | Machine::FoundGpu(_) => Backend::Gpu,
-        }
+        self.machine.backend()
     }
 
     /// The name and the interface of the GPU, where one renders.
     #[must_use]
     pub fn adapter(&self) -> Option<String> {
-        match &self.machine {
-            Machine::Cpu => None,
-            #[cfg(feature = "gpu")]
-            Machine::Gpu(gpu) | Machine::FoundGpu(gpu) => {
-                Some(format!("{} ({})", gpu.adapter().name, gpu.adapter().api))
-            }
-        }
+        self.machine.adapter()
     }
 
     /// What people should be told since this was asked last: that the CPU took over, and why.
@@ -365,41 +296,9 @@ impl Session {
     }
 }
 
-/// The machine that `settings` ask for.
-#[cfg(feature = "gpu")]
-fn open(settings: &SessionSettings, notices: &mut Vec<String>) -> Result<Machine, PipelineError> {
-    let open = |adapter| Gpu::new(&GpuSettings { adapter, features: OptionalFeatures::All });
-    match (settings.backend, settings.adapter) {
-        (Backend::Cpu, _) => Ok(Machine::Cpu),
-        (Backend::Auto | Backend::Gpu, Some(number)) => {
-            Ok(Machine::Gpu(open(AdapterChoice::Number(number))?))
-        }
-        (Backend::Gpu, None) => Ok(Machine::Gpu(open(AdapterChoice::Auto)?)),
-        (Backend::Auto, None) => {
-            let found = adapters();
-            let best = choose(&found, AdapterChoice::Auto).ok().map(|(number, _)| number);
-            // Adapters in software are slower than the CPU's own path.
-            match best.filter(|number| found[*number].kind != AdapterKind::Software) {
-                None => Ok(Machine::Cpu),
-                Some(number) => Ok(match open(AdapterChoice::Number(number)) {
-                    Ok(gpu) => Machine::FoundGpu(gpu),
-                    Err(error) => {
-                        notices.push(format!("the CPU takes over: {error}"));
-                        Machine::Cpu
-                    }
-                }),
-            }
-        }
-    }
-}
-
-/// The machine that `settings` ask for.
-#[cfg(not(feature = "gpu"))]
-fn open(settings: &SessionSettings, _: &mut Vec<String>) -> Result<Machine, PipelineError> {
-    match settings.backend {
-        Backend::Auto | Backend::Cpu => Ok(Machine::Cpu),
-        Backend::Gpu => Err(PipelineError::NoGpuFeature),
-    }
+/// The notice after `error` of a GPU.
+fn tell_take_over(error: &impl fmt::Display) -> String {
+    format!("the CPU takes over: {error}")
 }
 
 /// Whether `error` is a fault of a device, so that a CPU may do better.
@@ -420,15 +319,6 @@ mod tests {
 
     fn on(backend: Backend) -> Result<Session, PipelineError> {
         Session::new(demo::scene().unwrap(), SessionSettings { backend, ..SessionSettings::default() })
-    }
-
-    #[test]
-    fn backends_read_what_they_print() {
-        for backend in Backend::ALL {
-            assert_eq!(backend.to_string().parse(), Ok(backend));
-        }
-        let error = "cuda".parse::<Backend>().unwrap_err();
-        assert_eq!(error.to_string(), "expected auto, cpu or gpu, found \"cuda\"");
     }
 
     #[test]

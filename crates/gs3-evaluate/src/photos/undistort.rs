@@ -6,7 +6,7 @@ use gs3_scene::{Camera, CameraError, Image, Intrinsics, Lens};
 /// Where the pixels of an undistorted image lie in its photo.
 #[derive(Clone, Debug)]
 pub(super) struct Undistortion {
-    /// Those of the photo.
+    /// Intrinsics of the photo, before undistortion.
     intrinsics: Intrinsics,
     lens: Lens,
     /// The part of the undistorted image that the photo shows: left, top, width, height.
@@ -20,8 +20,8 @@ const LOOKS: u32 = 64;
 const ROUNDING: f64 = 1e-6;
 
 impl Undistortion {
-    /// That of a photo with the size and intrinsics of `camera`; none if not even the middle of the image is in the
-    /// photo.
+    /// The undistortion of a photo with the size and intrinsics of `camera`; `None` if the photo shows not even the middle
+    /// of the undistorted image.
     pub(super) fn new(camera: &Camera, lens: &Lens) -> Option<Self> {
         let intrinsics = camera.intrinsics();
         let whole = Self { intrinsics, lens: *lens, part: [0, 0, intrinsics.width, intrinsics.height] };

@@ -17,12 +17,12 @@ pub(super) struct Context<'a> {
 }
 
 impl<'a> Context<'a> {
-    /// That of bytes in memory.
+    /// The context of bytes in memory: no files beside them.
     pub(super) const fn in_memory(options: &'a CaptureOptions) -> Self {
         Self { options, folder: None, notes: RefCell::new(Vec::new()) }
     }
 
-    /// That of the file at `path`.
+    /// The context of the file at `path`: its folder is looked into.
     pub(super) fn beside(path: &Path, options: &'a CaptureOptions) -> Self {
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
         Self { folder: Some(folder), ..Self::in_memory(options) }

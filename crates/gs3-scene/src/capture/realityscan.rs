@@ -1,5 +1,5 @@
 //! Cameras as RealityScan (RealityCapture) exports them: a CSV table of position, heading, pitch and roll, focal length
-//! in millimetres of 36 mm film, and Brown's distortion. Image sizes are those of the pictures beside it.
+//! in millimetres of 36 mm film, and Brown's distortion. The pictures beside the file tell the image sizes.
 
 use std::collections::HashMap;
 

@@ -152,7 +152,7 @@ fn captured(
         if !(fov > 0.0 && fov < 180.0) {
             return Err(CaptureFault::field(&format!("{field} fov"), "degrees between 0 and 180", fov));
         }
-        // The field of view is that of the longer side.
+        // SuperSplat's field of view spans the longer side.
         let focal = 0.5 * f64::from(width.max(height)) / (0.5 * fov.to_radians()).tan();
         let (cx, cy) = (0.5 * f64::from(width), 0.5 * f64::from(height));
         let intrinsics = Intrinsics { width, height, fx: focal, fy: focal, cx, cy };

@@ -311,7 +311,7 @@ fn frames_of_transforms_come_in_the_order_of_their_names() {
         [0, 1, 2].map(|i| path.name(i).unwrap_or_default().to_owned())
     };
     assert_eq!(names(["f_10.jpg", "f_9.jpg", "f_1.jpg"]), ["f_1.jpg", "f_9.jpg", "f_10.jpg"]);
-    // Without names there is no order but that of the file.
+    // Without a name for each, the file's order stays.
     assert_eq!(names(["f_10.jpg", "", "f_1.jpg"]), ["f_10.jpg", "", "f_1.jpg"]);
 }
 

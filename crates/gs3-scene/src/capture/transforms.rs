@@ -25,14 +25,14 @@ const OTHER_LENSES: [&str; 10] = [
     "ftheta_p4",
 ];
 
-/// Camera models whose distortion, if any, is that of OpenCV's coefficients.
+/// Camera models with OpenCV's coefficients of distortion, or none.
 const RADIAL: [&str; 6] = ["PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "SIMPLE_RADIAL", "RADIAL", "FULL_OPENCV"];
 
 /// Camera models by the angle to the axis.
 const FISHEYE: [&str; 3] = ["OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"];
 
-/// What is read of the file and of its frames, and what says nothing about the picture.
-const KNOWN: [&str; 57] = [
+/// What is read of the file and of its frames besides [`OTHER_LENSES`], and what says nothing about the picture.
+const KNOWN: [&str; 47] = [
     "frames",
     "w",
     "h",
@@ -56,16 +56,6 @@ const KNOWN: [&str; 57] = [
     "s2",
     "s3",
     "s4",
-    "latlong",
-    "equirectangular",
-    "is_equirectangular",
-    "ortho",
-    "is_ortho",
-    "ftheta_p0",
-    "ftheta_p1",
-    "ftheta_p2",
-    "ftheta_p3",
-    "ftheta_p4",
     "file_path",
     "transform_matrix",
     "aabb_scale",
@@ -94,7 +84,8 @@ const KNOWN: [&str; 57] = [
 
 pub(super) fn parse(root: &Field, context: &Context<'_>) -> Result<Captured, CaptureFault> {
     let mut photos = Vec::new();
-    let mut unknown = root.unknown(&KNOWN);
+    let known = [KNOWN.as_slice(), &OTHER_LENSES].concat();
+    let mut unknown = root.unknown(&known);
     let mut is_size_assumed = false;
     for frame in root.require("frames", "an array of frames")?.elements()? {
         let name = frame.get("file_path").map_or(Ok(""), |n| n.text())?.to_owned();
@@ -103,7 +94,7 @@ pub(super) fn parse(root: &Field, context: &Context<'_>) -> Result<Captured, Cap
         let matrix = frame.require("transform_matrix", "4 rows of 4 numbers")?.matrix::<3, 4>()?;
         let camera = camera_from_opengl(frame.place(), matrix, intrinsics)?;
         photos.push(Photo { name, camera, lens });
-        unknown.extend(frame.unknown(&KNOWN));
+        unknown.extend(frame.unknown(&known));
     }
     context.note_unknown(unknown);
     if is_size_assumed {
@@ -129,7 +120,7 @@ pub(super) struct Calibration {
     is_assumed: bool,
 }
 
-/// The frame's own calibration where it states one, else that of the file.
+/// The frame's own calibration where it states one, else the file's.
 pub(super) fn calibration(
     root: &Field,
     frame: &Field,
@@ -212,7 +203,7 @@ fn lens<'a>(stated: &impl Fn(&'static str) -> Option<Field<'a>>) -> Result<Optio
 }
 
 impl Calibration {
-    /// That of a pinhole.
+    /// The calibration of a pinhole.
     pub(super) const fn pinhole(intrinsics: Intrinsics) -> Self {
         Self { intrinsics, lens: None, is_assumed: false }
     }

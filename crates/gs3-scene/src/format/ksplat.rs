@@ -1,7 +1,7 @@
 //! `.ksplat` (GaussianSplats3D by mkkellogg): sections of records, positions of compressed ones within buckets.
 //!
 //! Source: the layout that GaussianSplats3D's `SplatBuffer` reads and writes, versions 0.1 and later; the format has no
-//! description of its own. Axes are those of PLY.
+//! description of its own. Axes are right-down-front, as in PLY.
 
 use half::f16;
 use rayon::prelude::*;
@@ -45,7 +45,7 @@ impl Compression {
     }
 }
 
-/// A part of the file whose Gaussians have the same layout.
+/// A part of the file. Its Gaussians have one layout.
 struct Section {
     count: usize,
     sh_degree: u8,

@@ -211,7 +211,7 @@ impl Decoded {
         Self { gaussians, opacity_mode, origin, up, axes, notes }
     }
 
-    /// The scene, in right-down-front. `axes` are those of the caller, who knows the file better than it does.
+    /// The scene, in right-down-front. `axes`, which the caller states, count more than what the file says.
     fn into_scene(mut self, axes: Option<Axes>) -> Result<Scene, SceneError> {
         if let Some(axes) = axes {
             if self.axes.known_by == AxesKnownBy::File && self.axes.axes != axes {

@@ -46,10 +46,9 @@ pub fn save(scene: &Scene, path: impl AsRef<Path>) -> Result<(), SaveError> {
     save_with(scene, path, &SaveOptions::default())
 }
 
-/// Saves `scene` at `path` in the format that its name ends in: those of [`format_of`]. The file appears whole or not
-/// at all. Positions are those of the file that the scene came from, in right-down-front or what the format asks for.
-/// Precision is that of the format: exact to rounding for PLY and GLB, quantised for the others; SOG and compressed PLY
-/// reorder the Gaussians.
+/// Saves `scene` at `path`. The end of the name says the format ([`format_of`]). The file appears whole or not at all.
+/// Positions are in the frame of the file that the scene came from, in right-down-front or the axes of the format. PLY
+/// and GLB are exact to rounding, the others quantise. SOG and compressed PLY reorder the Gaussians.
 ///
 /// # Errors
 /// [`SaveError`] if the name ends otherwise, the scene does not fit the format, or the file cannot be written.
@@ -132,18 +131,18 @@ pub fn losses(scene: &Scene, path: impl AsRef<Path>) -> Vec<String> {
     losses
 }
 
-/// The step that all positions are rounded to by what [`save`] writes of `scene` at `path`, world units: that of SPZ,
-/// whose coordinates are 24-bit numbers of one step, fine enough for the farthest Gaussian. `None` of other formats,
-/// whose precision is relative, and of scenes that do not fit.
+/// The step that [`save`] rounds the positions of `scene` to at `path`, world units. SPZ has such a step: coordinates are
+/// 24-bit numbers, and the farthest Gaussian must fit. `None` for other formats, which round relatively, and for scenes
+/// that do not fit.
 #[must_use]
 pub fn position_step(scene: &Scene, path: impl AsRef<Path>) -> Option<f32> {
     let is_fixed = format_of(path).is_ok_and(|format| format == "spz");
     is_fixed.then(|| spz::fractional_bits(scene).ok().map(spz::step)).flatten()
 }
 
-/// How many Gaussians [`save_with`] changes beyond rounding where it writes `scene` at `path`: those of SPZ, whose scales
-/// and spherical harmonics are bytes over a fixed range. `None` of other formats, whose ranges are those of the scene,
-/// and where nothing is changed.
+/// How many Gaussians [`save_with`] changes beyond rounding as it writes `scene` at `path`. SPZ stores scales and spherical
+/// harmonics as bytes over a fixed range, and what lies outside is clamped. `None` if nothing is clamped, and for other
+/// formats, which take their ranges from the scene.
 #[must_use]
 pub fn clamped(scene: &Scene, path: impl AsRef<Path>, options: &SaveOptions) -> Option<Clamped> {
     let is_fixed = format_of(path).is_ok_and(|format| format == "spz");

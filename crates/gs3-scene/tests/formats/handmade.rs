@@ -6,7 +6,7 @@ use std::io::Write;
 use image_webp::{ColorType, WebPEncoder};
 
 use crate::entry::{TARGETS, pack};
-use crate::{cameras, newer};
+use crate::{cameras, gltf, ksplat, lcc2, rad, sog_1, spz_4};
 
 /// Two Gaussians of degree 1. Properties are out of the trainer's order, of four types; an element with a
 /// list stands before them and one after.
@@ -242,35 +242,40 @@ pub fn seeds(target: &str) -> Vec<(&'static str, Vec<u8>)> {
         "splat" => vec![("two", splat())],
         "spz" => {
             vec![
-                ("version_1", newer::spz_1_payload()),
+                ("version_1", spz_4::spz_1_payload()),
                 ("version_2", spz_payload(2)),
                 ("version_3", spz_payload(3)),
                 ("extended", spz_extended()),
             ]
         }
-        "spz_4" => vec![("plain", newer::spz_4(&[]))],
+        "spz_4" => vec![("plain", spz_4::spz_4(&[]))],
         "ksplat" => (0..3)
-            .map(|level| (["level_0", "level_1", "level_2"][level], newer::ksplat(level as u16)))
+            .map(|level| (["level_0", "level_1", "level_2"][level], ksplat::ksplat(level as u16)))
             .collect(),
-        "gltf" => vec![("two", newer::gltf()), ("spz", newer::gltf_spz(true))],
-        "rad" => vec![("flat", newer::rad(false)), ("tree", newer::rad(true))],
-        "lcc2" => vec![("two_levels", pack(&newer::lcc2()))],
-        "archive" => vec![("ply", newer::archive(&[("text.ply", ply_text())]))],
-        "sog" => vec![("degree_1", pack(&sog())), ("version_1", pack(&newer::sog_1()))],
+        "gltf" => vec![("two", gltf::gltf()), ("spz", gltf::gltf_spz(true))],
+        "rad" => vec![("flat", rad::rad(false)), ("tree", rad::rad(true))],
+        "lcc2" => vec![("two_levels", pack(&lcc2::lcc2()))],
+        "archive" => vec![("ply", lcc2::archive(&[("text.ply", ply_text())]))],
+        "sog" => vec![("degree_1", pack(&sog())), ("version_1", pack(&sog_1::sog_1()))],
         "sog_bundle" => vec![("degree_1", sog_bundle())],
         "streamed_sog" => vec![("two_levels", pack(&streamed_sog()))],
         other => vec![("two", cameras::seed(other).expect("a seed"))],
     }
 }
 
+/// The corpus in the repository has the seeds as they are made here. `GS3_WRITE_SEEDS=1` writes it anew.
 #[test]
-#[ignore = "writes the seed corpus of the fuzz targets"]
-fn write_seed_corpus() {
+fn the_corpus_of_the_fuzz_targets_has_the_seeds() {
+    let corpus = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus");
     for (target, _) in TARGETS {
-        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus").join(target);
-        std::fs::create_dir_all(&folder).unwrap();
+        let folder = corpus.join(target);
         for (name, bytes) in seeds(target) {
-            std::fs::write(folder.join(name), bytes).unwrap();
+            let file = folder.join(name);
+            if std::env::var_os("GS3_WRITE_SEEDS").is_some() {
+                std::fs::create_dir_all(&folder).unwrap();
+                std::fs::write(&file, &bytes).unwrap();
+            }
+            assert!(std::fs::read(&file).is_ok_and(|found| found == bytes), "{}", file.display());
         }
     }
 }

@@ -6,15 +6,20 @@ mod cameras;
 #[path = "../../fuzz/src/entry.rs"]
 #[allow(dead_code, reason = "shared with the fuzz targets, which use all of it")]
 mod entry;
+mod gltf;
 mod handmade;
 mod hostile;
-mod newer;
+mod ksplat;
+mod lcc2;
 mod ply;
+mod rad;
 mod real;
 mod round_trip;
 mod sog;
+mod sog_1;
 mod splat_and_spz;
 mod splat_transform;
+mod spz_4;
 
 use std::collections::BTreeMap;
 

@@ -118,7 +118,7 @@ struct Asset {
     version: Option<Value>,
 }
 
-/// Whether the JSON text is a glTF document: its asset has a version, as those of no other format do.
+/// Whether the JSON text is a glTF document. Only glTF has an asset with a version.
 pub(in super::super) fn is_gltf(json: &[u8]) -> bool {
     serde_json::from_slice::<Kind>(json)
         .is_ok_and(|kind| kind.asset.is_some_and(|a| a.version.is_some_and(|v| v.is_string())))

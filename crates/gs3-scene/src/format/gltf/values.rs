@@ -61,7 +61,7 @@ pub(super) struct Values<'a> {
 }
 
 impl<'a> Values<'a> {
-    /// Those of accessor `index`, which must have `components` components: 1, 3 or 4.
+    /// The values of accessor `index`, which must have `components` components: 1, 3 or 4.
     pub(super) fn new(
         file: &str,
         document: &Document,

@@ -46,8 +46,8 @@ impl Comments {
     }
 }
 
-/// The upward direction that `axis` names: a letter, or three numbers in brackets. The letter y is that of captures,
-/// which are right-down-front: up is −y; with x and z, axes of the world, up is positive.
+/// The upward direction that `axis` names: a letter, or three numbers in brackets. Captures are
+/// right-down-front, so the letter y means −y. The letters x and z mean the positive axes of the world.
 fn up_of(axis: &str) -> Option<DVec3> {
     match axis {
         "x" | "+x" => Some(DVec3::X),

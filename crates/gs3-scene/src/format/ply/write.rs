@@ -9,8 +9,8 @@ use super::super::rows::write_rows;
 use super::comments::vertical_axis;
 use crate::scene::{OpacityMode, Scene};
 
-/// Writes `scene`, positions in double precision where its origin is not that of its file. Normals, which 3D Gaussian Splatting declares and never uses, are zero: some readers count
-/// on them.
+/// Writes `scene`. Positions are in double precision if the scene has an origin of its own. 3D Gaussian Splatting declares
+/// normals and never uses them; they are written as zeros, since some readers count on them.
 pub(in super::super) fn write(scene: &Scene, writer: &mut impl Write) -> io::Result<()> {
     let gaussians = scene.gaussians();
     let rest = gaussians.sh_stride() - 3;

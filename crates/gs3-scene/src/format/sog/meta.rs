@@ -46,7 +46,7 @@ fn keys<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<String>, D::Er
 pub(super) struct Opacities(pub(super) [f32; 256]);
 
 impl Default for Opacities {
-    /// Those of version 2.
+    /// The opacities of version 2: code / 255.
     fn default() -> Self {
         Self(std::array::from_fn(|code| code as f32 / 255.0))
     }

@@ -18,7 +18,7 @@ pub(super) use write::{Version, clamped, fractional_bits, step, write};
 /// "NGSP" as a little-endian number.
 const MAGIC: u32 = 0x5053_474e;
 
-/// Bytes of the header of versions 1 to 3, with which that of version 4 begins but for its last byte.
+/// Bytes of the header of versions 1 to 3. The header of version 4 begins with the same bytes but the last.
 const HEADER: usize = 16;
 
 /// Bytes of the header of version 4.

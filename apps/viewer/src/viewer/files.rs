@@ -1,0 +1,162 @@
+//! What is opened, and what is written.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use gs3::Mode;
+use gs3::scene::CameraPath;
+use gs3::scene::orbit::Bulk;
+
+use super::{Effect, Opened, Place, Rest, Shot, Viewer, ViewerError, first_camera};
+use crate::controls::Controls;
+use crate::screenshot::png;
+use crate::tour::{Tour, camera_path_json, moved};
+
+impl Viewer {
+    /// Asks for a screenshot, which the next step takes.
+    pub fn shoot(&mut self, shot: Shot) {
+        self.shots.push(shot);
+        self.is_idle = false;
+    }
+
+    pub(super) fn take_shots(&mut self) {
+        for shot in std::mem::take(&mut self.shots) {
+            match self.take_shot(&shot) {
+                Ok(bytes) => {
+                    let numbered = Place::Numbered { stem: "gs3", extension: "png" };
+                    self.effects.push(Effect::Save(shot.file.map_or(numbered, Place::File), bytes));
+                }
+                Err(message) => {
+                    self.message = Some(message);
+                    self.is_woken = true;
+                    continue;
+                }
+            }
+            if let (Some(file), Some(camera)) = (shot.camera, self.rest.camera)
+                && let Ok(path) = CameraPath::new(vec![camera], 30.0, false)
+                && let Ok(path) = moved(&path, self.session.scene().details().origin)
+            {
+                self.effects.push(Effect::Save(Place::File(file), camera_path_json(&path, self.size)));
+            }
+        }
+    }
+
+    pub(super) fn take_shot(&mut self, shot: &Shot) -> Result<Vec<u8>, String> {
+        let encode = |size: [u32; 2], rgb: &[u8]| png(size, rgb).map_err(|e| format!("screenshot: {e}"));
+        if shot.scale <= 1 {
+            let picture = if shot.panels { &self.picture } else { &self.frame };
+            return encode(picture.size.map(|side| side as u32), &picture.to_rgb8());
+        }
+        let size = self.size.map(|side| side.saturating_mul(shot.scale));
+        let rig = self.controls.shown();
+        let camera = rig.camera(size).map_err(|e| format!("screenshot: {e}"))?;
+        let image = self.session.reference(Mode::Native, &camera).map_err(|e| format!("screenshot: {e}"))?;
+        let bytes = encode(size, &image.to_rgb8());
+        // The last native frame is this one now.
+        self.rest.is_native = false;
+        bytes
+    }
+
+    /// Writes the keyframes to `file`; none is a numbered file.
+    pub fn save_tour(&mut self, file: Option<PathBuf>) {
+        // Files are in the frame of the scene's file.
+        let origin = self.session.scene().details().origin;
+        let Some(bytes) = self.tour.to_camera_path(self.size, origin) else {
+            self.message = Some("keyframes: expected at least 1 to write, found 0".to_owned());
+            self.is_woken = true;
+            return;
+        };
+        let numbered = Place::Numbered { stem: "camera_path", extension: "json" };
+        self.effects.push(Effect::Save(file.map_or(numbered, Place::File), bytes));
+    }
+
+    /// Writes figures of the frames displayed last to `file`, as JSON.
+    pub fn save_figures(&mut self, file: PathBuf) {
+        let pipeline = self.session.pipeline();
+        let rates = self.figures.rates();
+        let json = serde_json::json!({
+            "displayed": self.figures.displayed(),
+            "rendered": self.figures.rendered(),
+            "displayed_per_second": rates.map(|rates| rates.displayed),
+            "rendered_per_second": rates.map(|rates| rates.rendered),
+            "interval_median_ms": rates.map(|rates| rates.median),
+            "interval_95_percent_ms": rates.map(|rates| rates.percentile_95),
+            "frame_ms": pipeline.times().total().as_secs_f64() * 1e3,
+            "overhead_ms": self.overhead * 1e3,
+            "exact_share": pipeline.refined_share(),
+            "width": self.size[0],
+            "height": self.size[1],
+            "backend": self.session.backend().name(),
+        });
+        self.effects.push(Effect::Save(Place::File(file), format!("{json:#}\n").into_bytes()));
+    }
+
+    /// Tells how much of what is being opened is there, `[0, 1]`.
+    pub fn progress(&mut self, share: f32) {
+        if let Some((_, done)) = &mut self.opening {
+            *done = share;
+            self.is_woken = true;
+        }
+    }
+
+    /// Shows what was opened, or says why it cannot be; then the old scene stays.
+    pub fn opened(&mut self, opened: Result<Opened, String>, now: Duration) {
+        self.opening = None;
+        (self.is_woken, self.is_idle, self.has_failed) = (true, false, false);
+        let shown = opened.and_then(|opened| self.show(opened, now).map_err(|error| error.to_string()));
+        if let Err(message) = shown {
+            self.message = Some(message);
+        }
+    }
+
+    pub(super) fn show(&mut self, opened: Opened, now: Duration) -> Result<(), ViewerError> {
+        match opened {
+            Opened::Scene { name, scene, cameras } => {
+                let camera = first_camera(&scene, cameras.as_ref(), self.size)?;
+                let bulk = Bulk::of(&scene);
+                // What the file has that is not shown is told.
+                let dropped = scene.dropped().total();
+                let mut told = format!("opened {name}");
+                if dropped > 0 {
+                    told += &format!("; {dropped} invalid Gaussians are left out");
+                }
+                for note in &scene.details().notes {
+                    told += &format!("; {note}");
+                }
+                self.session.set_scene(scene)?;
+                self.controls = Controls::new(&camera, &bulk);
+                self.tour = cameras.as_ref().map(Tour::along).unwrap_or_default();
+                (self.bulk, self.rest) = (bulk, Rest::default());
+                self.tell(told, now);
+                self.name = name;
+            }
+            Opened::Cameras { name, path } if path.facts().is_panorama => {
+                self.message =
+                    Some(format!("{name}: expected perspective cameras, found equirectangular ones"));
+            }
+            Opened::Cameras { name, path } => {
+                let path = moved(&path, -self.session.scene().details().origin)?;
+                self.tour = Tour::along(&path);
+                let first = path.cameras()[0].resized(self.size[0], self.size[1])?;
+                self.jump(&first);
+                let mut told = format!("{name}: {} cameras; Space plays them", self.tour.keys());
+                for note in &path.facts().notes {
+                    told += &format!("; {note}");
+                }
+                self.tell(told, now);
+            }
+        }
+        Ok(())
+    }
+
+    /// Tells where an [`Effect::Save`] went, or why nowhere.
+    pub fn saved(&mut self, saved: Result<PathBuf, String>, now: Duration) {
+        match saved {
+            Ok(file) => self.tell(format!("written: {}", file.display()), now),
+            Err(message) => {
+                self.message = Some(message);
+                self.is_woken = true;
+            }
+        }
+    }
+}

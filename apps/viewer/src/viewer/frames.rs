@@ -1,0 +1,120 @@
+//! Which frame is rendered next, and what is shown of it.
+
+use std::time::Duration;
+
+use gs3::{Mode, Refine};
+
+use super::{Rest, Viewer, ViewerError};
+use crate::compare::{Compare, Method};
+use crate::views::{View, show_difference, show_image, show_view};
+
+/// Part of the interval that rendering gets at least, however long the rest takes.
+const LEAST_SHARE: f64 = 0.25;
+
+/// Factor on the differences to native, so that one step of 8 bits is visible.
+const DIFFERENCE_GAIN: f32 = 8.0;
+
+impl Viewer {
+    /// Frames that a resting camera takes until its history holds every pixel.
+    pub(super) fn frames_to_rest(&self) -> usize {
+        self.session.pipeline().jitter_period()
+    }
+
+    pub(super) fn is_rendering_due(&self) -> bool {
+        let camera = self.controls.shown().camera(self.size).ok();
+        // What failed is not tried again until something changes.
+        camera.is_some()
+            && !self.has_failed
+            && (self.rest.camera != camera
+                || self.rest.frames < self.frames_to_rest()
+                || (self.view == View::Picture && !self.rest.is_native))
+    }
+
+    /// Renders at most one frame. Whether it did, and how long the session took.
+    pub(super) fn render(&mut self, clock: &dyn Fn() -> Duration) -> (bool, Duration) {
+        if !self.is_rendering_due() {
+            return (false, Duration::ZERO);
+        }
+        let started = clock();
+        let made = self.make_frame();
+        for notice in self.session.take_notices() {
+            self.tell(notice, started);
+        }
+        if let Err(error) = made {
+            self.rest = Rest::default();
+            self.has_failed = true;
+            self.message = Some(error.to_string());
+            self.is_woken = true;
+            return (false, Duration::ZERO);
+        }
+        self.is_stale = true;
+        (true, clock().saturating_sub(started))
+    }
+
+    pub(super) fn make_frame(&mut self) -> Result<(), ViewerError> {
+        let camera = self.controls.shown().camera(self.size)?;
+        if self.rest.camera != Some(camera) {
+            self.rest = Rest { camera: Some(camera), frames: 0, is_native: false };
+        }
+        if self.rest.frames < self.frames_to_rest() {
+            if matches!(self.session.settings().pipeline.refine, Refine::FrameTime(_)) {
+                let interval = self.interval.as_secs_f64();
+                let budget = (interval - self.overhead).max(LEAST_SHARE * interval);
+                self.session.set_refine(Refine::FrameTime(Duration::from_secs_f64(budget)))?;
+            }
+            self.session.render(&camera)?;
+            self.rest.frames += 1;
+            if self.view.reads_gbuffer() {
+                self.session.fetch_gbuffer()?;
+            }
+        } else {
+            self.session.reference(Mode::Native, &camera)?;
+            self.rest.is_native = true;
+        }
+        for method in self.compare.methods() {
+            if let Method::Reference(mode) = method {
+                self.session.reference(*mode, &camera)?;
+            }
+        }
+        if self.compare == Compare::Difference {
+            self.session.reference(Mode::Native, &camera)?;
+        }
+        Ok(())
+    }
+
+    /// Puts what is shown of the last frame into `frame`.
+    pub(super) fn compose(&mut self) {
+        if !std::mem::take(&mut self.is_stale) {
+            return;
+        }
+        let pipeline = self.session.pipeline();
+        let rendered = pipeline.last_image();
+        let size = [rendered.width(), rendered.height()];
+        if size != self.size.map(|side| side as usize) {
+            // A frame of the new size is on its way; until then there is none to show.
+            self.frame.resize(self.size.map(|side| side as usize));
+            self.frame.pixels.fill(0);
+            return;
+        }
+        self.frame.resize(size);
+        let native = self.session.last_reference(Mode::Native);
+        let shown = native.filter(|_| self.rest.is_native).unwrap_or(rendered);
+        if self.view != View::Picture {
+            return show_view(self.view, pipeline, &mut self.frame);
+        }
+        if let (Compare::Difference, Some(native)) = (self.compare, native) {
+            return show_difference(shown, native, DIFFERENCE_GAIN, &mut self.frame);
+        }
+        let mut from = 0;
+        let mut ends = self.dividers.columns(self.compare, size[0]);
+        for method in self.compare.methods() {
+            let end = ends.next().unwrap_or(size[0]);
+            let image = match method {
+                Method::Reference(mode) => self.session.last_reference(*mode).unwrap_or(shown),
+                Method::Gs3 => shown,
+            };
+            show_image(image, from..end, &mut self.frame);
+            from = end;
+        }
+    }
+}

@@ -1,0 +1,263 @@
+//! What inputs do: the camera, the pivot, the keys.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use gs3::glam::DVec2;
+use gs3::scene::Camera;
+use gs3::scene::camera::MAX_SIDE;
+
+use super::{Effect, Shot, Viewer, interval};
+use crate::compare::Dividers;
+use crate::controls::{Flight, Rig, flight_speed};
+use crate::input::{Button, Input, Key};
+use crate::panels::{Action, UPS};
+use crate::views::View;
+
+/// Two clicks within this time, and this many points apart, are a double click: what desktops are set to.
+const DOUBLE_CLICK: (Duration, f32) = (Duration::from_millis(500), 4.0);
+
+/// Reach of a divider for the pointer, points.
+const REACH: f32 = 6.0;
+
+/// How long a note stays.
+const NOTE: Duration = Duration::from_secs(4);
+
+impl Viewer {
+    pub(super) fn handle(&mut self, input: Input, now: Duration) {
+        self.panels.input(&input, self.scale);
+        match input {
+            Input::PointerMoved(to) => self.point(to),
+            Input::PointerGone => self.pointer = None,
+            Input::Button(button, is_pressed) => self.button(button, is_pressed, now),
+            Input::Wheel(lines) => {
+                if !self.is_over_panel() {
+                    self.tour.stop();
+                    self.controls.dolly(f64::from(lines));
+                }
+            }
+            Input::Key(key, is_pressed) => self.key(key, is_pressed, now),
+            Input::Modifiers(modifiers) => self.modifiers = modifiers,
+            Input::Resized(size) => {
+                self.size = size.map(|side| side.clamp(1, MAX_SIDE));
+                self.is_stale = true;
+            }
+            Input::Scale(scale) if scale.is_finite() => self.scale = scale.clamp(0.5, 8.0),
+            Input::Scale(_) => {}
+            Input::Hovering(is_hovering) => self.is_hovering = is_hovering,
+            Input::Dropped(file) => {
+                self.is_hovering = false;
+                self.open(file);
+            }
+            Input::Focused(is_focused) => {
+                if !is_focused {
+                    self.controls.release();
+                    self.drag = None;
+                }
+            }
+        }
+    }
+
+    /// Asks for a file or folder to be opened.
+    pub fn open(&mut self, file: PathBuf) {
+        let name =
+            file.file_name().map_or_else(|| file.display().to_string(), |n| n.to_string_lossy().into_owned());
+        self.opening = Some((name, 0.0));
+        self.message = None;
+        self.is_woken = true;
+        self.effects.push(Effect::Open(file));
+    }
+
+    pub(super) fn is_over_panel(&self) -> bool {
+        self.pointer.is_some_and(|at| self.panels.are_at(at, self.scale))
+    }
+
+    pub(super) fn point(&mut self, to: [f32; 2]) {
+        let from = self.pointer.replace(to).unwrap_or(to);
+        if self.dividers.drag(to[0], self.size[0] as usize) {
+            self.is_stale = true;
+            return;
+        }
+        let delta = [0, 1].map(|axis| f64::from(to[axis] - from[axis]));
+        let height = f64::from(self.size[1]);
+        match self.drag {
+            Some(Button::Left) => self.controls.orbit(delta, height),
+            Some(Button::Right) => self.controls.pan(delta, height),
+            Some(Button::Middle) | None => return,
+        }
+        self.tour.stop();
+    }
+
+    pub(super) fn button(&mut self, button: Button, is_pressed: bool, now: Duration) {
+        if !is_pressed {
+            self.dividers.release();
+            self.drag = self.drag.filter(|held| *held != button);
+            return;
+        }
+        let Some(at) = self.pointer.filter(|_| !self.is_over_panel()) else { return };
+        if button == Button::Left {
+            if self.dividers.grab(self.compare, at[0], REACH * self.scale, self.size[0] as usize) {
+                return;
+            }
+            let is_near = |from: [f32; 2]| {
+                (0..2).all(|axis| (at[axis] - from[axis]).abs() <= DOUBLE_CLICK.1 * self.scale)
+            };
+            let last = self.last_click.replace((now, at));
+            if last.is_some_and(|(then, from)| now.saturating_sub(then) <= DOUBLE_CLICK.0 && is_near(from)) {
+                self.last_click = None;
+                self.set_pivot(at, now);
+                return;
+            }
+        }
+        self.drag = Some(button);
+    }
+
+    /// Makes what is seen at `at` the pivot.
+    pub(super) fn set_pivot(&mut self, at: [f32; 2], now: Duration) {
+        if let Err(error) = self.session.fetch_gbuffer() {
+            self.message = Some(error.to_string());
+            return;
+        }
+        let Some(camera) = self.rest.camera else { return };
+        let pipeline = self.session.pipeline();
+        let geometry = pipeline.gbuffer().geometry.as_ref();
+        let scale = pipeline.settings().scale.max(1) as usize;
+        let depth =
+            geometry.map(|geometry| &geometry.depth_median).filter(|d| d.width() > 0 && d.height() > 0);
+        let z = depth.map(|depth| {
+            let place = |v: f32, size: usize| ((v.max(0.0) as usize) / scale).min(size - 1);
+            depth.row(0, place(at[1], depth.height()))[place(at[0], depth.width())]
+        });
+        match z.filter(|z| *z > 0.0 && z.is_finite()) {
+            Some(z) => {
+                let pixel = DVec2::new(f64::from(at[0]), f64::from(at[1]));
+                self.controls.set_pivot(camera.unproject(pixel, f64::from(z)));
+                self.tell("the pivot is here".to_owned(), now);
+            }
+            None => self.tell("there is no surface here for a pivot".to_owned(), now),
+        }
+    }
+
+    pub(super) fn key(&mut self, key: Key, is_pressed: bool, now: Duration) {
+        let flight = match key {
+            Key::W => Some(Flight::Forward),
+            Key::S => Some(Flight::Back),
+            Key::A => Some(Flight::Left),
+            Key::D => Some(Flight::Right),
+            Key::E => Some(Flight::Up),
+            Key::Q => Some(Flight::Down),
+            _ => None,
+        };
+        if let Some(flight) = flight {
+            self.controls.hold(flight, is_pressed);
+            self.tour.stop();
+            return;
+        }
+        if !is_pressed {
+            return;
+        }
+        match key {
+            Key::F => self.act(Action::Frame, now),
+            Key::R => self.act(Action::Reset, now),
+            Key::OpenBracket => self.act(Action::Fov(self.controls.fov() / 1.1), now),
+            Key::CloseBracket => self.act(Action::Fov(self.controls.fov() * 1.1), now),
+            Key::U => {
+                let current = UPS.iter().position(|(_, up)| up.dot(self.controls.up()) > 0.999);
+                let (_, up) = UPS[current.map_or(0, |place| (place + 1) % UPS.len())];
+                self.act(Action::Up(up), now);
+            }
+            Key::V => self.act(Action::View(self.view.next()), now),
+            Key::C => self.act(Action::Compare(self.compare.next()), now),
+            Key::K => self.act(Action::AddKey, now),
+            Key::Backspace => self.act(Action::RemoveKey, now),
+            Key::Space => self.act(Action::Play, now),
+            Key::P => self.act(Action::Shoot(1), now),
+            Key::H => self.panels.toggle_help(),
+            Key::M => self.panels.toggle_menu(),
+            Key::I => self.panels.toggle_figures(),
+            Key::Escape => match self.message.take() {
+                Some(_) => {}
+                None if self.tour.playing().is_some() => self.tour.stop(),
+                None => self.panels.close(),
+            },
+            _ => {}
+        }
+    }
+
+    pub(super) fn act(&mut self, action: Action, now: Duration) {
+        (self.is_woken, self.has_failed) = (true, false);
+        match action {
+            Action::View(view) => {
+                (self.view, self.is_stale) = (view, true);
+                self.rest.is_native &= view == View::Picture;
+                self.tell(format!("view: {}", view.name()), now);
+            }
+            Action::Compare(compare) => {
+                (self.compare, self.is_stale) = (compare, true);
+                self.dividers = Dividers::even(compare);
+                // References are made with the next frame.
+                self.rest.is_native = false;
+                self.tell(format!("compare: {}", compare.name()), now);
+            }
+            Action::Fps(fps) => self.interval = interval(fps),
+            Action::Fov(fov) => self.controls.set_fov(fov),
+            Action::Up(up) => self.controls.set_up(up),
+            Action::AddKey => {
+                if let Ok(camera) = self.controls.shown().camera(self.size) {
+                    self.tour.add(camera);
+                    self.tell(format!("keyframe {}", self.tour.keys()), now);
+                }
+            }
+            Action::RemoveKey => {
+                self.tour.remove_last();
+                self.tell(format!("keyframes: {}", self.tour.keys()), now);
+            }
+            Action::Play => {
+                if self.tour.playing().is_some() {
+                    self.tour.stop();
+                } else {
+                    self.tour.play();
+                    if self.tour.playing().is_none() {
+                        self.tell("playing needs two keyframes: K adds one".to_owned(), now);
+                    }
+                }
+            }
+            Action::Scrub(seconds) => {
+                self.tour.stop();
+                if let Some(camera) = self.tour.at(seconds) {
+                    self.jump(&camera);
+                }
+            }
+            Action::SaveTour => self.save_tour(None),
+            Action::Shoot(scale) => self.shoot(Shot { file: None, panels: false, scale, camera: None }),
+            Action::Frame => {
+                self.tour.stop();
+                self.controls.frame(&self.bulk);
+            }
+            Action::Reset => {
+                self.tour.stop();
+                self.controls.reset();
+            }
+            Action::Dismiss => self.message = None,
+        }
+    }
+
+    pub(super) fn tell(&mut self, note: String, now: Duration) {
+        self.note = Some((note, now + NOTE));
+        self.is_woken = true;
+    }
+
+    /// Shows what `camera` sees, with the pivot as far before it as it is now.
+    pub(super) fn jump(&mut self, camera: &Camera) {
+        let distance = self.controls.shown().offset.length();
+        self.controls.jump(Rig::of(camera, distance));
+    }
+
+    pub(super) fn move_camera(&mut self, seconds: f64) {
+        if let Some(camera) = self.tour.advance(seconds) {
+            self.jump(&camera);
+        }
+        let speed = flight_speed(self.modifiers.shift, self.modifiers.ctrl);
+        self.controls.advance(seconds, speed);
+    }
+}

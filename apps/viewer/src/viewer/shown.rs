@@ -1,0 +1,95 @@
+//! What the panels say.
+
+use std::time::Duration;
+
+use gs3::Stage;
+
+use super::{Rest, Viewer};
+use crate::panels::{Action, Facts};
+
+impl Viewer {
+    /// Puts the panels over the frame.
+    pub(super) fn paint(&mut self, now: Duration, is_rendered: bool) -> Vec<Action> {
+        let facts = self.facts(is_rendered);
+        self.picture.clone_from(&self.frame);
+        self.panels.paint(&facts, self.scale, now, &mut self.picture)
+    }
+
+    pub(super) fn facts(&self, is_rendered: bool) -> Facts {
+        Facts {
+            figures: self.lines(is_rendered),
+            message: self.message.clone(),
+            note: self.note.as_ref().map(|(note, _)| note.clone()),
+            opening: self.opening.clone(),
+            is_hovering: self.is_hovering,
+            view: self.view,
+            compare: self.compare,
+            dividers: self.dividers.columns(self.compare, self.size[0] as usize).collect(),
+            fps: 1.0 / self.interval.as_secs_f64(),
+            fov: self.controls.fov(),
+            up: self.controls.up(),
+            keys: self.tour.keys(),
+            tour_seconds: self.tour.seconds(),
+            playing: self.tour.playing(),
+        }
+    }
+
+    /// The figures, a line each.
+    pub(super) fn lines(&self, is_rendered: bool) -> Vec<String> {
+        let pipeline = self.session.pipeline();
+        let count = thousands(self.gaussians());
+        let visible =
+            pipeline.visible_count().map(|n| format!(", {} visible", thousands(n))).unwrap_or_default();
+        let mut lines = vec![format!("{}: {count} Gaussians{visible}", self.name)];
+        let is_resting = !(is_rendered || self.is_rendering_due());
+        lines.push(match (is_resting, self.figures.rates()) {
+            (false, Some(rates)) => format!(
+                "{:.1} frames a second displayed, {:.1} rendered; interval {:.0} ms, 95 % within {:.0} ms",
+                rates.displayed, rates.rendered, rates.median, rates.percentile_95
+            ),
+            (false, None) => "the first frame".to_owned(),
+            (true, _) => "no more frames are made until something happens".to_owned(),
+        });
+        let times = pipeline.times();
+        let stages = Stage::ALL.iter().filter_map(|stage| {
+            let time = times.get(*stage)?;
+            Some(format!("{} {:.1}", stage.name().replace('_', " "), time.as_secs_f64() * 1e3))
+        });
+        let stages: Vec<String> = stages.collect();
+        if !stages.is_empty() {
+            let total = times.total().as_secs_f64() * 1e3;
+            lines.push(format!("{total:.1} ms a frame: {}", stages.join(", ")));
+        }
+        let scale = pipeline.settings().scale.max(1);
+        let [width, height] = self.size;
+        lines.push(format!(
+            "{width}×{height} from {}×{}, {:.1} % exact besides",
+            width.div_ceil(scale),
+            height.div_ceil(scale),
+            pipeline.refined_share() * 100.0
+        ));
+        let machine = self.session.adapter().unwrap_or_else(|| "CPU".to_owned());
+        let memory = self.memory.map(|bytes| format!(", {} MB of memory", bytes >> 20)).unwrap_or_default();
+        lines.push(format!("{machine}{memory}"));
+        let frames = self.frames_to_rest();
+        lines.push(match self.rest {
+            Rest { is_native: true, .. } => "at rest: the native image".to_owned(),
+            _ if self.controls.is_moving() || self.tour.playing().is_some() => "moving".to_owned(),
+            rest => format!("at rest: {} of {frames} frames of the native image", rest.frames.min(frames)),
+        });
+        lines
+    }
+}
+
+/// A number with commas between its thousands.
+fn thousands(number: usize) -> String {
+    let digits = number.to_string();
+    let mut text = String::new();
+    for (k, digit) in digits.chars().enumerate() {
+        if k > 0 && (digits.len() - k).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
+}

@@ -1,0 +1,170 @@
+//! Which machine renders.
+
+use std::fmt;
+use std::str::FromStr;
+
+#[cfg(feature = "gpu")]
+use gs3_compute::{
+    AdapterChoice, AdapterKind, Gpu, GpuError, GpuSettings, OptionalFeatures, adapters, choose,
+};
+
+#[cfg(not(feature = "gpu"))]
+use crate::error::PipelineError;
+
+/// What renders.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Backend {
+    /// A GPU where there is one, and the CPU where there is none, where the GPU is emulated, or once the GPU fails.
+    #[default]
+    Auto,
+    /// The CPU.
+    Cpu,
+    /// A GPU, an emulated one too. Where none can be opened, or the GPU fails, there is no frame.
+    Gpu,
+}
+
+impl Backend {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Auto, Self::Cpu, Self::Gpu];
+
+    /// Its name at the command and in reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Cpu => "cpu",
+            Self::Gpu => "gpu",
+        }
+    }
+}
+
+impl fmt::Display for Backend {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// What is no [`Backend`].
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("expected auto, cpu or gpu, found {actual:?}")]
+pub struct BackendError {
+    /// What was found.
+    pub actual: String,
+}
+
+/// Reads what [`Backend`] prints.
+impl FromStr for Backend {
+    type Err = BackendError;
+
+    fn from_str(text: &str) -> Result<Self, BackendError> {
+        let named = |backend: &Self| backend.name() == text;
+        Self::ALL.into_iter().find(named).ok_or_else(|| BackendError { actual: text.to_owned() })
+    }
+}
+
+/// The machine that renders.
+#[derive(Debug)]
+pub enum Machine {
+    /// The CPU.
+    Cpu,
+    /// A GPU that was asked for: where it fails, there is no frame.
+    #[cfg(feature = "gpu")]
+    Gpu(Gpu),
+    /// A GPU that was found and not asked for: where it fails, the CPU takes over.
+    #[cfg(feature = "gpu")]
+    FoundGpu(Gpu),
+}
+
+impl Machine {
+    /// The machine that `backend` means: a GPU is opened with `features`, the one with number `adapter` of [`adapters`] if
+    /// there is such a number ([`Backend::Cpu`] does not read it). [`Backend::Auto`] without a number takes no emulated GPU,
+    /// and the CPU if the GPU cannot be opened; then the second value says why.
+    ///
+    /// # Errors
+    /// [`GpuError`] if a GPU that was asked for cannot be opened.
+    #[cfg(feature = "gpu")]
+    pub fn open(
+        backend: Backend,
+        adapter: Option<usize>,
+        features: OptionalFeatures,
+    ) -> Result<(Self, Option<GpuError>), GpuError> {
+        let open = |adapter| Gpu::new(&GpuSettings { adapter, features });
+        Ok(match (backend, adapter) {
+            (Backend::Cpu, _) => (Self::Cpu, None),
+            (Backend::Auto | Backend::Gpu, Some(number)) => {
+                (Self::Gpu(open(AdapterChoice::Number(number))?), None)
+            }
+            (Backend::Gpu, None) => (Self::Gpu(open(AdapterChoice::Auto)?), None),
+            (Backend::Auto, None) => {
+                let found = adapters();
+                let best = choose(&found, AdapterChoice::Auto).ok().map(|(number, _)| number);
+                // An emulated GPU is slower than the CPU's own path.
+                match best.filter(|number| found[*number].kind != AdapterKind::Software) {
+                    None => (Self::Cpu, None),
+                    Some(number) => match open(AdapterChoice::Number(number)) {
+                        Ok(gpu) => (Self::FoundGpu(gpu), None),
+                        Err(error) => (Self::Cpu, Some(error)),
+                    },
+                }
+            }
+        })
+    }
+
+    /// The machine that `backend` means.
+    ///
+    /// # Errors
+    /// [`PipelineError::NoGpuFeature`] if a GPU is asked for.
+    #[cfg(not(feature = "gpu"))]
+    pub fn open(backend: Backend) -> Result<Self, PipelineError> {
+        match backend {
+            Backend::Auto | Backend::Cpu => Ok(Self::Cpu),
+            Backend::Gpu => Err(PipelineError::NoGpuFeature),
+        }
+    }
+
+    /// [`Backend::Cpu`] or [`Backend::Gpu`].
+    #[must_use]
+    pub const fn backend(&self) -> Backend {
+        match self {
+            Self::Cpu => Backend::Cpu,
+            #[cfg(feature = "gpu")]
+            Self::Gpu(_) | Self::FoundGpu(_) => Backend::Gpu,
+        }
+    }
+
+    /// The GPU, if the machine is one.
+    #[cfg(feature = "gpu")]
+    #[must_use]
+    pub const fn gpu(&self) -> Option<&Gpu> {
+        match self {
+            Self::Cpu => None,
+            Self::Gpu(gpu) | Self::FoundGpu(gpu) => Some(gpu),
+        }
+    }
+
+    /// The name and the interface of the GPU, if the machine is one.
+    #[must_use]
+    pub fn adapter(&self) -> Option<String> {
+        match self {
+            Self::Cpu => None,
+            #[cfg(feature = "gpu")]
+            Self::Gpu(gpu) | Self::FoundGpu(gpu) => {
+                Some(format!("{} ({})", gpu.adapter().name, gpu.adapter().api))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn backends_read_what_they_print() {
+        for backend in Backend::ALL {
+            assert_eq!(backend.to_string().parse(), Ok(backend));
+        }
+        let error = "cuda".parse::<Backend>().unwrap_err();
+        assert_eq!(error.to_string(), "expected auto, cpu or gpu, found \"cuda\"");
+    }
+}
