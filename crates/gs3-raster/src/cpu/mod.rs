@@ -251,11 +251,12 @@ impl Rasterizer {
             let binned = Instant::now();
             let (jobs, bins, level) = (&self.jobs, &self.bins, self.level);
             let of_band = orders.split_off_mut(..band.len() * columns).unwrap_or_default();
-            let of_band = of_rows.by_ref().zip(of_band.chunks_exact_mut(columns)).zip(band.clone());
+            // Rows last: `zip` may take one too many of what comes before.
+            let of_band = band.clone().zip(of_band.chunks_exact_mut(columns)).zip(of_rows.by_ref());
             let of_band: Vec<_> = of_band.collect();
             of_band.into_par_iter().for_each_init(
                 TileScratch::default,
-                |scratch, ((mut out, orders), row)| {
+                |scratch, ((row, orders), mut out)| {
                     for (column, order) in orders.iter_mut().enumerate() {
                         dispatch!(level, s => {
                             let tile = [column, row];
