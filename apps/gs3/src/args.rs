@@ -6,7 +6,9 @@ use clap::{Parser, Subcommand, ValueEnum};
 use gs3::compute::OptionalFeatures;
 use gs3::neural::Arithmetic;
 use gs3::neural::model::Tier;
-use gs3::{Backend, Culling, Kriging, MAX_GENERATE, Mode, PipelineSettings, Quality, Refine, Sampling};
+use gs3::{
+    Backend, Culling, KEYFRAMES, Kriging, MAX_GENERATE, Mode, PipelineSettings, Quality, Refine, Sampling,
+};
 
 use crate::evaluate::EvaluateArgs;
 use crate::export::ExportArgs;
@@ -32,6 +34,8 @@ pub struct Args {
 pub enum Command {
     /// Render frames or a video along a camera path
     Render(RenderArgs),
+    /// Make a video of the frames that renders of parts of a path wrote
+    Join(JoinArgs),
     /// Show a scene in a window
     #[cfg(feature = "view")]
     View(crate::view::ViewArgs),
@@ -166,6 +170,10 @@ pub struct Look {
     /// there, and takes a little longer
     #[arg(long, help_heading = ADVANCED)]
     pub overscan: bool,
+    /// Frames from one keyframe to the next, where the history begins anew, so that parts of a path can be rendered apart;
+    /// 0 for none
+    #[arg(long, default_value_t = KEYFRAMES, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=1_000_000), help_heading = ADVANCED)]
+    pub keyframes: u32,
     /// Dilation of splats in px² of the rendered grid: matched (0.3/S²), stock (0.3) or a number
     #[arg(long, default_value = "matched", value_name = "matched|stock|VALUE", allow_hyphen_values = true, help_heading = ADVANCED)]
     pub dilation: DilationArg,
@@ -189,6 +197,13 @@ pub struct RenderArgs {
     /// Frames of the path, the last one excluded [default: all; the first one for FILE.png]
     #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     pub frames: Option<FrameRange>,
+    /// Most frames before A that are rendered and not shown. Without this option as many as it takes for the bits of one
+    /// run over the whole path, up to 48
+    #[arg(long, value_name = "N")]
+    pub warm_up: Option<usize>,
+    /// Render only frames that the folder lacks
+    #[arg(long)]
+    pub skip_existing: bool,
     /// Render this many frames along the smooth curve through the cameras, at constant speed
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub smooth: Option<u32>,
@@ -215,6 +230,18 @@ pub struct RenderArgs {
     /// Write figures of the run
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct JoinArgs {
+    /// Folder of frames that gs3 render wrote
+    pub frames: PathBuf,
+    /// Numbers of the frames, the last one excluded [default: all of the path]
+    #[arg(long = "frames", value_name = "A..B", allow_hyphen_values = true)]
+    pub numbers: Option<FrameRange>,
+    /// Video
+    #[arg(long, value_name = "FILE.mp4")]
+    pub out: PathBuf,
 }
 
 #[derive(Debug, clap::Args)]
@@ -334,6 +361,7 @@ impl Look {
             overscan: self.overscan,
             refine: self.refine,
             quality: self.quality.into(),
+            keyframes: self.keyframes,
             dilation: self.dilation.0,
             culling: self.culling.into(),
             generate: self.generate,

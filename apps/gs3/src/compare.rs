@@ -1,7 +1,6 @@
 //! The comparison with native rendering: how much faster and how good, over frames of the run, and an image of native,
 //! bicubic and gs3 side by side.
 
-use std::ops::Range;
 use std::path::Path;
 use std::time::Duration;
 
@@ -38,14 +37,14 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// A comparison over frames `range` of a path, which `pipeline` renders on `machine`.
-    pub fn new(pipeline: &FramePipeline, machine: &Machine, range: &Range<usize>) -> Result<Self, CliError> {
+    /// A comparison over `frames` of a path, which `pipeline` renders on `machine`.
+    pub fn new(pipeline: &FramePipeline, machine: &Machine, frames: &[usize]) -> Result<Self, CliError> {
         let settings = PipelineSettings { mode: Mode::Native, ..*pipeline.settings() };
         let mut native = FramePipeline::new(pipeline.scene().clone(), settings)?;
         if let Some(gpu) = machine.gpu() {
             native.render_on(gpu)?;
         }
-        let frames = compared(range);
+        let frames = compared(frames);
         let (own_time, native_time) = (Duration::ZERO, Duration::ZERO);
         Ok(Self { native, frames, compared: 0, displayed: 0, own_time, native_time, psnr: 0.0 })
     }
@@ -114,13 +113,12 @@ impl Comparison {
     }
 }
 
-/// Up to [`MOST`] frames of `range`, evenly spread, its last among them. Its first, before which there is nothing, only if
+/// Up to [`MOST`] of `frames`, evenly spread, the last among them. The first, before which there may be nothing, only if
 /// there is no other.
-fn compared(range: &Range<usize>) -> Vec<usize> {
-    let first = range.start + usize::from(range.len() > 1);
-    let count = range.end - first;
-    let most = count.min(MOST);
-    (1..=most).map(|i| first + i * count / most - 1).collect()
+fn compared(frames: &[usize]) -> Vec<usize> {
+    let frames = &frames[usize::from(frames.len() > 1)..];
+    let most = frames.len().min(MOST);
+    (1..=most).map(|i| frames[i * frames.len() / most - 1]).collect()
 }
 
 /// JSON has no infinity: equal images have no PSNR.
@@ -151,9 +149,10 @@ mod tests {
 
     #[test]
     fn frames_to_compare_are_spread_and_end_with_the_last() {
-        assert_eq!(compared(&(0..30)), [3, 7, 10, 14, 18, 21, 25, 29]);
-        assert_eq!(compared(&(5..10)), [6, 7, 8, 9]);
-        assert_eq!(compared(&(4..5)), [4]);
-        assert_eq!(compared(&(0..2)), [1]);
+        assert_eq!(compared(&Vec::from_iter(0..30)), [3, 7, 10, 14, 18, 21, 25, 29]);
+        assert_eq!(compared(&Vec::from_iter(5..10)), [6, 7, 8, 9]);
+        assert_eq!(compared(&[4]), [4]);
+        assert_eq!(compared(&[0, 9]), [9]);
+        assert_eq!(compared(&[]), [0_usize; 0]);
     }
 }

@@ -1,6 +1,6 @@
 //! What the command can fail with: one readable line each.
 
-use std::io;
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
 use gs3::compute::GpuError;
@@ -66,6 +66,10 @@ pub enum CliError {
     Train(#[from] TrainError),
     #[error("{}: cannot be written: {source}", path.display())]
     Write { path: PathBuf, source: io::Error },
+    #[error("{}: cannot be read: {source}", path.display())]
+    Read { path: PathBuf, source: io::Error },
+    #[error("{}: {message}", path.display())]
+    Manifest { path: PathBuf, message: String },
     #[error("standard output: cannot be written: {0}")]
     Print(io::Error),
     #[error("{option}: expected {expected}, found {actual}")]
@@ -86,6 +90,33 @@ pub enum CliError {
 impl CliError {
     pub fn write(path: &Path) -> impl Fn(io::Error) -> Self + '_ {
         move |source| Self::Write { path: path.to_path_buf(), source }
+    }
+
+    /// Whether the same command may succeed later or elsewhere: the machine, not what it was asked for, was at fault.
+    pub fn may_pass(&self) -> bool {
+        let is_passing = |error: &io::Error| {
+            // What is missing or forbidden stays so; a full disk or a server that does not answer may not.
+            !matches!(
+                error.kind(),
+                ErrorKind::NotFound
+                    | ErrorKind::PermissionDenied
+                    | ErrorKind::AlreadyExists
+                    | ErrorKind::NotADirectory
+                    | ErrorKind::IsADirectory
+                    | ErrorKind::InvalidInput
+                    | ErrorKind::InvalidData
+                    | ErrorKind::InvalidFilename
+                    | ErrorKind::ReadOnlyFilesystem
+                    | ErrorKind::FileTooLarge
+                    | ErrorKind::UnexpectedEof
+            )
+        };
+        match self {
+            Self::Write { source, .. } | Self::Read { source, .. } => is_passing(source),
+            Self::Load(LoadError::Io { source, .. }) => is_passing(source),
+            Self::Threads { .. } | Self::Pipeline(PipelineError::Gpu(_)) => true,
+            _ => false,
+        }
     }
 
     /// The message on a single line, whatever file names or libraries put into it.

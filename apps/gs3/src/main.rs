@@ -15,6 +15,7 @@ mod bench_gpu;
 mod compare;
 mod convert;
 mod copies;
+mod course;
 mod destination;
 mod devices;
 mod error;
@@ -24,7 +25,9 @@ mod gbuffer;
 mod info;
 mod inputs;
 mod interrupt;
+mod join;
 mod levels;
+mod manifest;
 mod npz;
 mod output;
 mod panorama;
@@ -49,8 +52,12 @@ use args::{Command, Train};
 use error::CliError;
 use terminal::note;
 
-/// Exit code for bad input, also clap's.
+/// Exit code for bad input, also clap's: the same command fails again.
 const BAD_INPUT: u8 = 2;
+
+/// Exit code where the machine failed, not the input: the same command may succeed later or elsewhere. `EX_TEMPFAIL` of
+/// sysexits.h, on which schedulers retry.
+const MAY_PASS: u8 = 75;
 
 /// Exit code after Ctrl-C: 128 + SIGINT, as shells expect.
 const INTERRUPTED: u8 = 130;
@@ -83,7 +90,7 @@ fn main() -> ExitCode {
         Ok(Outcome::Interrupted) => INTERRUPTED.into(),
         Err(error) => {
             note(format_args!("error: {}", error.one_line()));
-            BAD_INPUT.into()
+            if error.may_pass() { MAY_PASS.into() } else { BAD_INPUT.into() }
         }
     }
 }
@@ -91,6 +98,7 @@ fn main() -> ExitCode {
 fn run(command: &Command) -> Result<Outcome, CliError> {
     match command {
         Command::Render(args) => render::run(args),
+        Command::Join(args) => join::run(args),
         #[cfg(feature = "view")]
         Command::View(args) => view::run(args),
         Command::Gbuffer(args) => gbuffer::run(args),

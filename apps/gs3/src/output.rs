@@ -50,6 +50,14 @@ impl Target {
         }
     }
 
+    /// The folder of frames, if there is one.
+    pub fn folder(&self) -> Option<&Path> {
+        match self {
+            Self::Single(_) => None,
+            Self::Folder(folder) | Self::Video { frames: folder, .. } => Some(folder),
+        }
+    }
+
     /// What is written.
     pub fn destinations(&self) -> Vec<Destination<'_>> {
         match self {
@@ -88,10 +96,15 @@ fn frame_number(name: &OsStr) -> Option<usize> {
     (name == frame_name(number).as_str()).then_some(number)
 }
 
-/// Frames in `folder` with other numbers than `written`: those of other runs.
-pub fn others(folder: &Path, written: &Range<usize>) -> usize {
+/// Numbers of the frames in `folder`, in no order.
+pub fn frame_numbers(folder: &Path) -> impl Iterator<Item = usize> {
     let names = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.file_name());
-    names.filter_map(|name| frame_number(&name)).filter(|number| !written.contains(number)).count()
+    names.filter_map(|name| frame_number(&name))
+}
+
+/// How many frames in `folder` have other numbers than `written`.
+pub fn others(folder: &Path, written: &Range<usize>) -> usize {
+    frame_numbers(folder).filter(|number| !written.contains(number)).count()
 }
 
 /// Most frames that are held to be encoded at once, however many threads there are: one takes 3 B a pixel, and 2 more

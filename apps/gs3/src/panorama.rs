@@ -5,14 +5,16 @@ use std::sync::Arc;
 
 use gs3::scene::glam::{DAffine3, DMat3, DVec3};
 use gs3::scene::{Camera, CameraPath, Image, Intrinsics, Scene};
-use gs3::{FramePipeline, Machine, Networks, PipelineError, PipelineSettings, StageTimes};
+use gs3::{FramePipeline, Machine, Networks, PipelineError, PipelineSettings, ResetReason, StageTimes};
 use indicatif::ProgressBar;
 
 use crate::alpha::coverage;
 use crate::args::RenderArgs;
+use crate::course::{Course, Leg};
 use crate::error::CliError;
+use crate::manifest::Manifest;
 use crate::output::{FrameWriter, Target};
-use crate::render::{between, remainder};
+use crate::render::{between, claim, frames_missing, numbers_of, remainder};
 use crate::terminal::note;
 use crate::video::Stream;
 use crate::{Outcome, backend, inputs, interrupt};
@@ -51,48 +53,47 @@ pub fn run(
         rate: path.frames_per_second() * settings.displayed_per_rendered() as f64,
         frames: range.len() * settings.displayed_per_rendered(),
     };
-    if settings.mode.has_history() {
-        let period = shown_faces.period();
-        for camera in &path.cameras()[range.start.saturating_sub(period) / period * period..range.start] {
-            shown_faces.render(camera, &[])?;
-            if let Some(coverage) = &mut coverage {
-                coverage.render(camera, &[])?;
-            }
-        }
-    }
+    let each = settings.displayed_per_rendered();
+    let facts = Manifest::new(scene, path, &settings, networks, &machine, args.alpha)?;
+    let missing = frames_missing(args, target, &facts, &range, each)?;
     let mut writer = FrameWriter::new(target.clone(), &stream)?;
+    claim(target, &facts, &numbers_of(&range, each))?;
     interrupt::watch()?;
-    let bar = ProgressBar::new(range.len() as u64)
+    let bar = ProgressBar::new(missing.len() as u64)
         .with_style(inputs::style("{pos}/{len} rendered {wide_bar} {per_sec}, {eta} left"));
-    let (mut next, mut is_blank, mut seconds, mut shown) = (range.start, true, 0.0, 0);
+    let (mut done, mut is_blank, mut seconds, mut shown) = (0, true, 0.0, 0);
+    let mut course = Course::new(args.warm_up);
     let mut numbers: Option<Range<usize>> = None;
-    while next < range.end && !interrupt::requested() {
-        let (camera, between) = (&path.cameras()[next], between(&settings, path, next));
-        let mut frames = shown_faces.render(camera, &between)?;
+    while let Some(&k) = missing.get(done)
+        && !interrupt::requested()
+    {
+        let leg = course.leg(k, shown_faces.first_of_warm_up(k));
+        let mut frames = shown_faces.travel(&leg, path)?;
         seconds += shown_faces.times.iter().map(|times| times.total().as_secs_f64()).sum::<f64>();
         let covered = match &mut coverage {
-            Some(coverage) => coverage.render(camera, &between)?,
+            Some(coverage) => coverage.travel(&leg, path)?,
             None => Vec::new(),
         };
-        if matches!(target, Target::Single(_)) {
+        course.arrive(k);
+        if matches!(target, Target::Single(_)) || leg.is_alone() {
             frames.drain(..frames.len().saturating_sub(1));
         }
-        let last_number = next * settings.displayed_per_rendered();
-        for (k, image) in frames.iter().enumerate() {
-            let number = last_number + k + 1 - frames.len();
+        let last_number = k * each;
+        for (i, image) in frames.iter().enumerate() {
+            let number = last_number + i + 1 - frames.len();
             numbers = Some(numbers.map_or(number, |numbers| numbers.start)..number + 1);
             // The last of both is the rendered frame.
-            let covered = (covered.len() + k).checked_sub(frames.len()).and_then(|k| covered.get(k));
+            let covered = (covered.len() + i).checked_sub(frames.len()).and_then(|i| covered.get(i));
             writer.write(number, image, covered)?;
         }
         shown += frames.len();
         is_blank &= shown_faces.is_blank();
-        next += 1;
+        done += 1;
         bar.inc(1);
     }
     bar.finish_and_clear();
-    let is_complete = next == range.end;
-    if is_blank && next > range.start {
+    let is_complete = done == missing.len();
+    if is_blank && done > 0 {
         inputs::warn_of_nothing_visible(scene.details().near);
     }
     let written = writer.finish(is_complete)?;
@@ -104,7 +105,7 @@ pub fn run(
         args.out.display(),
     ));
     if !is_complete {
-        let again = remainder(target, range.start, &(next..range.end), &numbers, &stream);
+        let again = remainder(target, range.start, &(missing[done]..range.end), &numbers, &stream);
         note(format_args!("interrupted; all files are whole. To go on: {again}"));
         return Ok(Outcome::Interrupted);
     }
@@ -161,9 +162,25 @@ impl Faces {
         self.pipelines.iter().all(|pipeline| pipeline.visible_count() == Some(0))
     }
 
-    /// Frames that a history reaches back.
-    fn period(&self) -> usize {
-        self.pipelines.iter().map(FramePipeline::jitter_period).max().unwrap_or(1)
+    /// Where to begin so that frame `k` is as in one run.
+    fn first_of_warm_up(&self, k: usize) -> u64 {
+        self.pipelines.iter().map(|pipeline| pipeline.first_of_warm_up(k as u64)).min().unwrap_or(k as u64)
+    }
+
+    /// Renders the frames of `leg` and gives what the last of them shows.
+    fn travel(&mut self, leg: &Leg, path: &CameraPath) -> Result<Vec<Image>, PipelineError> {
+        if leg.begins_anew {
+            for pipeline in &mut self.pipelines {
+                pipeline.reset(ResetReason::CameraCut);
+                pipeline.set_frame_number(leg.frames.start as u64);
+            }
+        }
+        let mut shown = Vec::new();
+        for k in leg.frames.clone() {
+            let between = self.pipelines.first().map(|first| between(first.settings(), path, k));
+            shown = self.render(&path.cameras()[k], &between.unwrap_or_default())?;
+        }
+        Ok(shown)
     }
 }
 

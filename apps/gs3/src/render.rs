@@ -4,16 +4,18 @@ use std::ops::Range;
 
 use gs3::scene::camera_path::Pace;
 use gs3::scene::{Camera, CameraPath};
-use gs3::{FramePipeline, Machine, Mode, Networks, PipelineError, PipelineSettings};
+use gs3::{FramePipeline, Machine, Mode, Networks, PipelineSettings};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
 use crate::alpha::coverage;
 use crate::args::RenderArgs;
 use crate::compare::Comparison;
+use crate::course::Course;
 use crate::destination::Destination;
 use crate::error::CliError;
-use crate::output::{FrameWriter, Target, Written, others, write_text};
+use crate::manifest::Manifest;
+use crate::output::{FrameWriter, Target, Written, frame_name, others, write_text};
 use crate::report::{self, Times};
 use crate::terminal::note;
 use crate::video::{Stream, by_hand, no_option, quoted};
@@ -40,6 +42,13 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         path = path.smoothed(frames as usize, Pace::Speed);
     }
     let range = frames_to_render(args, &target, &path)?;
+    if args.skip_existing && !matches!(target, Target::Folder(_)) {
+        return Err(CliError::Option {
+            option: "--skip-existing",
+            expected: "--out DIR (gs3 join makes a video of it)".to_owned(),
+            actual: format!("--out {}", args.out.display()),
+        });
+    }
     inputs::tell_what_is_too_near(&scene, &path.cameras()[range.clone()]);
     let (networks, tier) = inputs::networks(&args.look)?;
     if mode == Mode::SuperSample && networks.interpolate.is_some() {
@@ -82,78 +91,78 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         frames: range.len() * shown_each,
     };
 
-    // Before any file: settings that the rasterizer refuses show in the frames that only fill the history.
-    if let Err(error) = warm_up(&mut pipeline, &path, range.start) {
-        backend::take_over(&mut machine, &mut pipeline, error)?;
-        warm_up(&mut pipeline, &path, range.start)?;
-    }
-    if let Some(coverage) = &mut coverage {
-        if matches!(machine, Machine::Cpu) {
-            coverage.render_on_cpu()?;
-        }
-        warm_up(coverage, &path, range.start)?;
-    }
+    let facts = Manifest::new(pipeline.scene(), &path, &settings, &networks, &machine, args.alpha)?;
+    let missing = frames_missing(args, &target, &facts, &range, shown_each)?;
     let mut comparison = match &args.compare {
-        Some(_) => Some(Comparison::new(&pipeline, &machine, &range)?),
+        Some(_) => Some(Comparison::new(&pipeline, &machine, &missing)?),
         None => None,
     };
     let mut writer = None;
     let mut times = Times::default();
     interrupt::watch()?;
-    let bar = ProgressBar::new(range.len() as u64)
+    let bar = ProgressBar::new(missing.len() as u64)
         .with_style(inputs::style("{pos}/{len} rendered {wide_bar} {per_sec}, {eta} left"));
-    let mut next = range.start;
+    let (mut course, mut coverage_course) = (Course::new(args.warm_up), Course::new(args.warm_up));
+    let mut done = 0;
     let mut first_number = None;
     let mut is_blank = true;
-    while next < range.end && !interrupt::requested() {
-        let (camera, between) = (&path.cameras()[next], between(&settings, &path, next));
-        if let Err(error) = pipeline.render_with_poses(camera, &between) {
-            backend::take_over(&mut machine, &mut pipeline, error)?;
-            warm_up(&mut pipeline, &path, next)?;
-            if let Some(coverage) = &mut coverage {
-                coverage.render_on_cpu()?;
-                warm_up(coverage, &path, next)?;
+    while let Some(&k) = missing.get(done)
+        && !interrupt::requested()
+    {
+        // Settings that the rasterizer refuses show before any file is made.
+        let is_alone = match course.render(&mut pipeline, &path, k) {
+            Ok(is_alone) => is_alone,
+            Err(error) => {
+                backend::take_over(&mut machine, &mut pipeline, error)?;
+                if let Some(coverage) = &mut coverage {
+                    coverage.render_on_cpu()?;
+                    coverage_course.lose();
+                }
+                continue;
             }
-            continue;
-        }
+        };
         if let Some(coverage) = &mut coverage {
-            coverage.render_with_poses(camera, &between)?;
+            coverage_course.render(coverage, &path, k)?;
         }
         let shown = pipeline.presented();
         let writer = match &mut writer {
             Some(writer) => writer,
-            none => none.insert(FrameWriter::new(target.clone(), &stream)?),
+            none => {
+                let writer = none.insert(FrameWriter::new(target.clone(), &stream)?);
+                claim(&target, &facts, &numbers_of(&range, shown_each))?;
+                writer
+            }
         };
-        let is_single = matches!(target, Target::Single(_));
+        let is_single = matches!(target, Target::Single(_)) || is_alone;
         let frames: Vec<_> = if is_single { vec![shown.current] } else { shown.iter().collect() };
         // Displayed frames are counted from the start of the path, so that the parts of a path fit together.
-        let last_number = next * settings.displayed_per_rendered();
+        let last_number = k * shown_each;
         first_number.get_or_insert(last_number + 1 - frames.len());
         let covered: Vec<_> = coverage.iter().flat_map(|coverage| coverage.presented().iter()).collect();
-        for (k, image) in frames.iter().enumerate() {
+        for (i, image) in frames.iter().enumerate() {
             // The last of both is the rendered frame.
-            let covered = (covered.len() + k).checked_sub(frames.len()).map(|k| covered[k]);
-            writer.write(last_number + k + 1 - frames.len(), image, covered)?;
+            let covered = (covered.len() + i).checked_sub(frames.len()).map(|i| covered[i]);
+            writer.write(last_number + i + 1 - frames.len(), image, covered)?;
         }
         let displayed = frames.len();
         times.add(pipeline.times(), displayed);
         if let Some(comparison) = &mut comparison {
-            comparison.observe(&pipeline, next, camera, displayed)?;
+            comparison.observe(&pipeline, k, &path.cameras()[k], displayed)?;
         }
         is_blank &= pipeline.visible_count() == Some(0);
-        next += 1;
+        done += 1;
         bar.inc(1);
     }
     bar.finish_and_clear();
-    let is_complete = next == range.end;
-    if is_blank && next > range.start {
+    let is_complete = done == missing.len();
+    if is_blank && done > 0 {
         inputs::warn_of_nothing_visible(pipeline.scene().details().near);
     }
     let written = writer.map_or(Ok(Written::default()), |w| w.finish(is_complete))?;
 
     let mut figures = json!({
         "frames_displayed": times.displayed(),
-        "frames_rendered": next - range.start,
+        "frames_rendered": done,
         "frames_written": written.frames,
         "displayed_fps": times.displayed_fps(),
         "stage_ms": times.stage_ms(),
@@ -167,7 +176,9 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     });
     figures = report::join(figures, what_ran(&settings, &networks, &tier));
     figures = report::join(figures, report::asked(&args.view, &range, &settings));
-    if let Some((comparison, file)) = comparison.zip(args.compare.as_ref()).filter(|_| is_complete) {
+    if let Some((comparison, file)) =
+        comparison.zip(args.compare.as_ref()).filter(|_| is_complete && done > 0)
+    {
         let compared = comparison.write(&mut pipeline, file)?;
         figures = report::join(figures, json!({ "compare": compared }));
     }
@@ -184,7 +195,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         load_time.as_secs_f64(),
         written.encode_time.as_secs_f64(),
     ));
-    let numbers = first_number.unwrap_or_default()..(range.end - 1) * settings.displayed_per_rendered() + 1;
+    let numbers = first_number.unwrap_or_default()..numbers_of(&range, shown_each).end;
     if let Target::Folder(folder) | Target::Video { frames: folder, .. } = &target
         && let count @ 1.. = others(folder, &numbers)
     {
@@ -200,7 +211,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     }
     note(format_args!(
         "interrupted; all files are whole. To go on: {}",
-        remainder(&target, range.start, &(next..range.end), &numbers, &stream)
+        remainder(&target, range.start, &(missing[done]..range.end), &numbers, &stream)
     ));
     Ok(Outcome::Interrupted)
 }
@@ -269,21 +280,42 @@ pub fn remainder(
     }
 }
 
-/// Renders the frames before `start` that its history remembers, so that a part of a path begins as good as it would be
-/// in the whole. The same it is only within the first period: where a frame is sampled follows from all frames before
-/// it, and two sequences of offsets that began apart stay apart, however long one warms up.
-fn warm_up(pipeline: &mut FramePipeline, path: &CameraPath, start: usize) -> Result<(), PipelineError> {
-    if !pipeline.settings().mode.has_history() {
-        return Ok(());
+/// The numbers of what is shown of the rendered frames `range`, `each` for one: those between lie before it, but for the
+/// path's first frame.
+pub fn numbers_of(range: &Range<usize>, each: usize) -> Range<usize> {
+    (range.start * each + 1).saturating_sub(each)..(range.end - 1) * each + 1
+}
+
+/// Those of the rendered frames `range` that are to be made: with `--skip-existing` those that the folder lacks, or lacks a
+/// frame between of. Frames of other `facts` are refused before any is made.
+pub fn frames_missing(
+    args: &RenderArgs,
+    target: &Target,
+    facts: &Manifest,
+    range: &Range<usize>,
+    each: usize,
+) -> Result<Vec<usize>, CliError> {
+    let Some(folder) = target.folder() else { return Ok(range.clone().collect()) };
+    if args.skip_existing || others(folder, &numbers_of(range, each)) > 0 {
+        facts.check(folder)?;
     }
-    // One period of the jitter reaches back as far as the history; starting at a multiple of it, parts that begin close
-    // to each other begin alike.
-    let period = pipeline.jitter_period();
-    let from = start.saturating_sub(period) / period * period;
-    for camera in &path.cameras()[from..start] {
-        pipeline.render(camera)?;
+    if !args.skip_existing {
+        return Ok(range.clone().collect());
     }
-    Ok(())
+    let is_there = |number: usize| folder.join(frame_name(number)).is_file();
+    let missing: Vec<usize> =
+        range.clone().filter(|k| !numbers_of(&(*k..k + 1), each).all(is_there)).collect();
+    note(format_args!("{} of {} frames are there already", range.len() - missing.len(), range.len()));
+    Ok(missing)
+}
+
+/// Writes `facts` beside the frames with `numbers` that are to be written. Facts that are there already may be others only
+/// if they are of none but these.
+pub fn claim(target: &Target, facts: &Manifest, numbers: &Range<usize>) -> Result<(), CliError> {
+    match target.folder() {
+        Some(folder) => facts.claim(folder, others(folder, numbers) == 0),
+        None => Ok(()),
+    }
 }
 
 /// The true cameras of the frames before rendered frame `k`, where the path knows them. Between frames of different

@@ -15,7 +15,7 @@ const LOW: &[Mode] = &[Mode::Bicubic, Mode::SuperSample, Mode::Full];
 const SUPER_SAMPLED: &[Mode] = &[Mode::SuperSample, Mode::Full];
 
 /// Which modes read an option of `gs3 render`, of those that not all do.
-const READ_BY: [(&str, &[Mode]); 12] = [
+const READ_BY: [(&str, &[Mode]); 14] = [
     ("--quality", SUPER_SAMPLED),
     ("--refine", SUPER_SAMPLED),
     ("--scale", LOW),
@@ -26,6 +26,8 @@ const READ_BY: [(&str, &[Mode]); 12] = [
     ("--matrix-products", SUPER_SAMPLED),
     ("--kriging", SUPER_SAMPLED),
     ("--overscan", SUPER_SAMPLED),
+    ("--keyframes", SUPER_SAMPLED),
+    ("--warm-up", SUPER_SAMPLED),
     ("--interpolation", &[Mode::Full]),
     ("--generate", &[Mode::Full]),
 ];

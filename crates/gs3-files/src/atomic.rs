@@ -34,6 +34,25 @@ pub fn write_atomically(
     }
 }
 
+/// Writes `bytes` as a file at `path` where nothing is yet: of several writers at once, in processes of several machines too,
+/// one succeeds. The file appears whole; file systems without hard links may show a part of it for a moment.
+///
+/// # Errors
+/// [`ErrorKind::AlreadyExists`] if something is there, which stays as it is; else what the system reports.
+pub fn write_new(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let (temporary, mut file) = Temporary::beside(path)?;
+    file.write_all(bytes)?;
+    file.sync_all()?;
+    match fs::hard_link(&temporary.0, path) {
+        Err(error) if matches!(error.kind(), ErrorKind::Unsupported | ErrorKind::PermissionDenied) => {
+            let mut file = OpenOptions::new().write(true).create_new(true).open(path)?;
+            file.write_all(bytes)?;
+            file.sync_all()
+        }
+        linked => linked,
+    }
+}
+
 /// A file that is written bit by bit, while other work goes on between, and appears under its name once it is
 /// whole. Dropped before, it leaves nothing; [`discard_temporaries`] knows it, too.
 #[derive(Debug)]
@@ -208,6 +227,23 @@ mod tests {
         }
         assert_eq!(fs::read(&path).unwrap(), b"after");
         assert_eq!(AtomicFile::create(folder.path()).unwrap_err().kind(), ErrorKind::InvalidInput);
+    }
+
+    #[test]
+    fn one_of_many_writers_makes_a_new_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("manifest.json");
+        let results: Vec<_> = std::thread::scope(|scope| {
+            let write = |k: u8| write_new(&folder.path().join("manifest.json"), &[k; 5000]).map(|()| k);
+            let threads: Vec<_> = (0..8).map(|k| scope.spawn(move || write(k))).collect();
+            threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+        });
+        let winners: Vec<u8> = results.iter().filter_map(|result| result.as_ref().ok().copied()).collect();
+        assert_eq!(winners.len(), 1);
+        assert_eq!(fs::read(&path).unwrap(), [winners[0]; 5000]);
+        let others = results.iter().filter_map(|result| result.as_ref().err());
+        others.for_each(|error| assert_eq!(error.kind(), ErrorKind::AlreadyExists));
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
     #[test]

@@ -5,6 +5,6 @@ mod atomic;
 mod place;
 mod read;
 
-pub use atomic::{AtomicFile, check_writable, discard_temporaries, write_atomically};
+pub use atomic::{AtomicFile, check_writable, discard_temporaries, write_atomically, write_new};
 pub use place::end_of_links;
 pub use read::{ReadError, read_within};

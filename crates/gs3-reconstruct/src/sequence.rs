@@ -100,6 +100,12 @@ impl FrameSequence {
         self.next_reset.get_or_insert(reason);
     }
 
+    /// Forgets where the frames before were sampled: the next one is sampled as a first frame is, and those after by the
+    /// frames from there on.
+    pub fn restart_sampling(&mut self) {
+        self.jitter.reset();
+    }
+
     /// Number of frames after which a resting camera repeats its sampling offsets, S² or 1.
     #[must_use]
     pub fn period(&self) -> usize {

@@ -37,6 +37,9 @@ pub enum ResetReason {
     BackendChange,
     /// The frame before could not be made.
     Failure,
+    /// The frame is one of those at fixed numbers of a path where all begins anew, so that parts of the path can be
+    /// rendered apart. Frames between lead to it.
+    Keyframe,
 }
 
 /// What happened since the frame before.

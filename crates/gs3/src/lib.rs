@@ -141,7 +141,7 @@ pub use learned::{NetworkError, Networks};
 pub use machine::{Backend, BackendError, Machine};
 pub use refine::{Quality, Refine, RefineError};
 pub use session::{Session, SessionSettings};
-pub use settings::{Dilation, MAX_GENERATE, Mode, PipelineSettings};
+pub use settings::{Dilation, KEYFRAMES, MAX_GENERATE, Mode, PipelineSettings};
 pub use stages::{Stage, StageTimes};
 
 use gs3_scene::Scene;

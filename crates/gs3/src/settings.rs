@@ -98,6 +98,13 @@ pub struct PipelineSettings {
     pub refine: Refine,
     /// What [`Refine::Auto`] may spend.
     pub quality: Quality,
+    /// Every so many frames all begins anew, 0 for never: frames whose number on their path
+    /// ([`FramePipeline::set_frame_number`](crate::FramePipeline::set_frame_number)) is a multiple are keyframes. What follows a
+    /// keyframe depends on no frame before it, so parts of a path can be rendered apart
+    /// ([`FramePipeline::first_of_warm_up`](crate::FramePipeline::first_of_warm_up)). Where [`Refine`] starts exact, a keyframe is
+    /// rasterized exactly as a whole; elsewhere only the sampling offsets begin anew. Read by [`Mode::SuperSample`] and
+    /// [`Mode::Full`].
+    pub keyframes: u32,
     /// Dilation of the projected covariances. Exact pixels are those of a native image with [`Dilation::Matched`].
     pub dilation: Dilation,
     /// Which tiles a splat is assigned to.
@@ -118,6 +125,7 @@ impl Default for PipelineSettings {
             overscan: false,
             refine: Refine::default(),
             quality: Quality::default(),
+            keyframes: KEYFRAMES,
             dilation: Dilation::default(),
             culling: Culling::default(),
             generate: 1,
@@ -125,6 +133,9 @@ impl Default for PipelineSettings {
         }
     }
 }
+
+/// Frames from one keyframe to the next where nothing else is said.
+pub const KEYFRAMES: u32 = 32;
 
 /// Most frames interpolated between two rendered ones.
 pub const MAX_GENERATE: u32 = 3;

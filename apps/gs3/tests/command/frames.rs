@@ -141,44 +141,6 @@ fn memory_does_not_grow_with_the_number_of_threads() {
 }
 
 #[test]
-fn the_parts_of_a_path_fit_together() {
-    let folder = tempfile::tempdir().unwrap();
-    let render = |frames: &str, out: &str| {
-        succeed(folder.path(), &format!("render demo --size 96x54 --scale 2 --frames {frames} --out {out}"));
-    };
-    render("0..13", "whole");
-    render("0..6", "parts");
-    render("6..13", "parts");
-    let whole = frames(&folder.path().join("whole"));
-    assert_eq!(whole.len(), 25);
-    // Of the first frames, whose history reaches back to the first of all, parts have the same bits.
-    assert!(whole == frames(&folder.path().join("parts")), "the second part starts with its history");
-}
-
-/// A part that begins later is sampled elsewhere, since that follows from all frames before. It is as near to native
-/// rendering as the whole from its first frame on, and farther without its history.
-#[test]
-fn a_late_part_of_a_path_begins_as_good_as_in_the_whole() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
-    let render = |options: &str, out: &str| {
-        succeed(at, &format!("render demo --size 192x108 --backend cpu {options} --out {out}"));
-    };
-    render("--mode native --frames 40..44", "native");
-    render("--mode super-sample --refine off --frames 0..44", "whole");
-    render("--mode super-sample --refine off --frames 40..44", "part");
-    let psnr = |out: &str, number: usize| {
-        let [a, b] = ["native", out].map(|out| png(&at.join(out).join(format!("frame_{number:06}.png"))).2);
-        let squares = a.iter().zip(&b).map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2)).sum::<f64>();
-        10.0 * (255.0_f64.powi(2) * a.len() as f64 / squares).log10()
-    };
-    for number in 40..44 {
-        let (whole, part) = (psnr("whole", number), psnr("part", number));
-        assert!((whole - part).abs() < 1.0, "frame {number}: {whole:.2} and {part:.2} dB");
-    }
-}
-
-#[test]
 fn a_smooth_path_has_as_many_frames_as_asked_for() {
     let folder = tempfile::tempdir().unwrap();
     succeed(folder.path(), "render demo --size 64x36 --mode native --smooth 4 --out out");

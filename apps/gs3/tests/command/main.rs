@@ -4,6 +4,7 @@
 mod asked;
 mod backend;
 mod bad_input;
+mod chunks;
 mod export;
 mod frames;
 mod kinds;
@@ -55,10 +56,11 @@ fn send_interrupt(process: u32) {
     assert!(Command::new("kill").args(["-INT", &process.to_string()]).status().unwrap().success());
 }
 
-/// The names in `folder`, sorted.
+/// The names in `folder`, sorted, but for what is written beside frames.
 fn names(folder: &Path) -> Vec<String> {
     let entries = fs::read_dir(folder).unwrap();
     let mut names: Vec<String> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.retain(|name| name != "manifest.json");
     names.sort();
     names
 }

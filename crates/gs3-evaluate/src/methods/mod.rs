@@ -14,8 +14,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use gs3::{
-    Culling, Dilation, FramePipeline, Mode, NetworkError, PipelineError, PipelineSettings, Quality, Refine,
-    ResetReason, Sampling, Stage,
+    Culling, Dilation, FramePipeline, KEYFRAMES, Mode, NetworkError, PipelineError, PipelineSettings,
+    Quality, Refine, ResetReason, Sampling, Stage,
 };
 use gs3_raster::RasterError;
 use gs3_reconstruct::{Kriging, ReconstructError};
@@ -186,6 +186,8 @@ fn pipeline(mode: Mode, spec: MethodSpec, settings: &MethodSettings) -> Result<F
             Spatial::Refined(quality) => quality,
             _ => Quality::default(),
         },
+        // The paper's methods have none.
+        keyframes: if matches!(spec.spatial, Spatial::Refined(_)) { KEYFRAMES } else { 0 },
         dilation,
         culling: settings.culling,
         generate: 1,

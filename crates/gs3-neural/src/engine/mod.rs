@@ -49,6 +49,15 @@ pub enum Arithmetic {
 }
 
 impl Arithmetic {
+    /// Its name at the command and in reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::F32 => "f32",
+            Self::Bf16 => "bf16",
+        }
+    }
+
     /// [`Self::Bf16`] on processors with AMX, if the operating system lets the process use it, and on those of AMD
     /// with AVX-512 BF16; else [`Self::F32`]. Zen 4 starts its instruction for pairs of bf16 as often as that for
     /// f32, which does half as much; Granite Rapids, the one processor of Intel that was measured, half as often, and

@@ -15,7 +15,7 @@ use gs3_compute::{Gpu, StageTime};
 use gs3_raster::Rasterizer;
 use gs3_reconstruct::{FrameSequence, FrameStart, ResetReason};
 use gs3_scene::camera_path::pose_between;
-use gs3_scene::{Camera, GBuffer, Image, Scene};
+use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
 
 use self::cpu::{CpuMachine, CpuStages};
 #[cfg(feature = "gpu")]
@@ -47,6 +47,15 @@ impl<'a> Presented<'a> {
     }
 }
 
+/// What begins anew at a keyframe.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Keyframe {
+    /// The choice of sampling offsets. Low-resolution frames leave the history by themselves.
+    Sampling,
+    /// All: the frame is exact as a whole, and the history begins with it.
+    All,
+}
+
 /// What makes frames.
 enum Machine {
     Cpu(Box<CpuMachine>),
@@ -63,6 +72,8 @@ pub struct FramePipeline {
     /// Tells cuts, chooses jitter and margins.
     sequence: FrameSequence,
     frames: Frames,
+    /// Of the next frame on its path.
+    frame_number: u64,
     /// How many frames lie before the current one.
     in_between: usize,
     /// Share of the current frame's pixels that are exact blocks.
@@ -109,6 +120,7 @@ impl FramePipeline {
             sequence: FrameSequence::new(plan.scale, plan.sampling, plan.widest_margin),
             plan,
             frames: Frames { in_between, ..Frames::default() },
+            frame_number: 0,
             in_between: 0,
             refined: 0.0,
             times: StageTimes::default(),
@@ -222,7 +234,15 @@ impl FramePipeline {
     /// what is rasterized beyond its edges, which frames lie before it. What is refused changes nothing.
     fn begin(&mut self, camera: &Camera, poses: &[Camera]) -> Result<FrameInputs, PipelineError> {
         self.check_poses(camera, poses)?;
-        let FrameStart { reset, jitter, margin, previous } = self.sequence.begin(camera);
+        let keyframe = self.keyframe_at(self.frame_number);
+        if keyframe.is_some() {
+            self.sequence.restart_sampling();
+        }
+        let FrameStart { mut reset, jitter, mut margin, previous } = self.sequence.begin(camera);
+        if keyframe == Some(Keyframe::All) {
+            // As the first frame of a part that begins here, whose margins nothing tells.
+            (reset, margin) = (reset.or(Some(ResetReason::Keyframe)), Margin::NONE);
+        }
         let moment = |previous: &Camera, k: usize, t: f64| {
             let pose = poses.get(k).copied().unwrap_or_else(|| pose_between(previous, camera, t));
             Moment { t: t as f32, camera: pose }
@@ -259,6 +279,7 @@ impl FramePipeline {
     ) -> Result<(), PipelineError> {
         match made {
             Ok(Made { lattice, in_between, refined, times }) => {
+                self.frame_number += 1;
                 self.sequence.commit(&inputs.camera, inputs.reset, inputs.jitter, lattice);
                 self.frames.current.camera = Some(inputs.camera);
                 (self.in_between, self.refined) = (in_between, refined);
@@ -271,6 +292,59 @@ impl FramePipeline {
                 self.sequence.fail(inputs.reset);
                 Err(error)
             }
+        }
+    }
+
+    /// Says which frame of its path the next one is; those after are numbered on from there, and the first is 0 where
+    /// nothing is said. Keyframes ([`PipelineSettings::keyframes`]) follow from it.
+    pub const fn set_frame_number(&mut self, number: u64) {
+        self.frame_number = number;
+    }
+
+    /// Where to begin on a path so that frame `number`, those after it, and the frames between it and the one before it
+    /// have the same bits as if the path had been rendered from frame 0 on: at most `keyframes` + S² + 1 frames before it.
+    /// The frames from there to `number` are rendered and not shown, the first of them after [`Self::set_frame_number`].
+    ///
+    /// [`Refine::FrameTime`] and a network without exact keyframes never make the same bits again. There the frames before it
+    /// that the history holds are to be rendered, as there are for [`PipelineSettings::keyframes`] 0.
+    #[must_use]
+    pub fn first_of_warm_up(&self, number: u64) -> u64 {
+        if !self.plan.settings.mode.has_history() {
+            return number;
+        }
+        let period = self.sequence.period() as u64;
+        let shows_before = u64::from(self.plan.in_between > 0);
+        let interval = u64::from(self.plan.settings.keyframes);
+        let latest = match self.keyframe_at(0) {
+            // Frames between need the frame before.
+            Some(Keyframe::All) => number.saturating_sub(shows_before),
+            // The history of the frame before shall not hold the first frame, which has no margin.
+            Some(Keyframe::Sampling) => number.saturating_sub(period + shows_before),
+            None => return number.saturating_sub(period),
+        };
+        latest / interval * interval
+    }
+
+    /// What begins anew at frame `number`, if anything does.
+    fn keyframe_at(&self, number: u64) -> Option<Keyframe> {
+        let settings = &self.plan.settings;
+        let interval = u64::from(settings.keyframes);
+        if !settings.mode.has_history() || interval == 0 || number % interval != 0 {
+            return None;
+        }
+        match self.plan.refine {
+            Refine::FrameTime(_) => None,
+            refine if refine.is_on() && refine.starts_exact() && self.makes_blocks() => Some(Keyframe::All),
+            _ => Some(Keyframe::Sampling),
+        }
+    }
+
+    /// Whether frames can have exact blocks.
+    const fn makes_blocks(&self) -> bool {
+        match &self.machine {
+            Machine::Cpu(_) => true,
+            #[cfg(feature = "gpu")]
+            Machine::Gpu(_) => false,
         }
     }
 
@@ -324,8 +398,8 @@ impl FramePipeline {
         self.sequence.reset(reason);
     }
 
-    /// Why the last frame began without history, if it did: it is less sharp than the ones to come, and what
-    /// [`Presented::between`] has before it is the frame before, held.
+    /// Why the last frame began without history, if it did. But for [`ResetReason::Keyframe`] there are no frames between
+    /// then: the frame before stays on.
     #[must_use]
     pub const fn last_reset(&self) -> Option<ResetReason> {
         self.last_reset
