@@ -736,7 +736,8 @@ enum gs3_status gs3_renderer_create(const struct gs3_scene *scene,
                                     const struct gs3_renderer_desc *desc,
                                     struct gs3_renderer **renderer);
 
-// Renders with other settings from the next frame on, without history, on the same machine. If it fails, the old ones stay.
+// Renders with other settings from the next frame on, which is a first one, on the same machine. If it fails, the old ones
+// stay.
 //
 // What is passed:
 // renderer is a renderer, and desc NULL or as its structure describes.
@@ -790,8 +791,8 @@ void gs3_renderer_destroy(struct gs3_renderer *renderer);
 enum gs3_status gs3_reconstructor_create(const struct gs3_reconstructor_desc *desc,
                                          struct gs3_reconstructor **reconstructor);
 
-// Reconstructs with other settings from the next frame on, without history; threads are not read. If it fails, the old ones
-// stay.
+// Reconstructs with other settings from the next frame on, which is a first one; threads are not read. If it fails, the old
+// ones stay.
 //
 // What is passed:
 // reconstructor is a reconstructor, and desc NULL or as its structure describes.

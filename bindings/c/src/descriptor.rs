@@ -196,8 +196,9 @@ mod tests {
         // SAFETY: a structure of this type.
         let read_older = unsafe { read("sample", &raw const older) }.unwrap();
         assert_eq!(read_older, Sample { struct_size: 8, needed: 5, added: 0 });
+        let newer = NEWER;
         // SAFETY: a structure of 24 bytes, as it says.
-        let read_newer = unsafe { read("sample", (&raw const NEWER).cast::<Sample>()) }.unwrap();
+        let read_newer = unsafe { read("sample", (&raw const newer).cast::<Sample>()) }.unwrap();
         assert_eq!(read_newer, NEWER.sample);
         let unknown = Newer { unknown: 1 << 56, ..NEWER };
         assert_eq!(status((&raw const unknown).cast()), GS3_ERROR_DESCRIPTOR);

@@ -92,8 +92,8 @@ pub unsafe extern "C" fn gs3_reconstructor_create(
     })
 }
 
-/// Reconstructs with other settings from the next frame on, without history; threads are not read. If it fails, the old ones
-/// stay.
+/// Reconstructs with other settings from the next frame on, which is a first one; threads are not read. If it fails, the old
+/// ones stay.
 ///
 /// # Safety
 /// reconstructor is a reconstructor, and desc NULL or as its structure describes.
@@ -110,7 +110,6 @@ pub unsafe extern "C" fn gs3_reconstructor_configure(
         reconstructor.handle.call(|reconstructor| {
             let settings = desc.settings().map_err(|fault| fault.within("desc"))?;
             *reconstructor = Reconstructor::new(settings)?;
-            reconstructor.reset(ResetReason::SizeOrTierChange);
             Ok::<_, Fault>(())
         })
     })

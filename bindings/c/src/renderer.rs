@@ -286,7 +286,8 @@ pub unsafe extern "C" fn gs3_renderer_create(
     })
 }
 
-/// Renders with other settings from the next frame on, without history, on the same machine. If it fails, the old ones stay.
+/// Renders with other settings from the next frame on, which is a first one, on the same machine. If it fails, the old ones
+/// stay.
 ///
 /// # Safety
 /// renderer is a renderer, and desc NULL or as its structure describes.

@@ -361,7 +361,7 @@ static void refusals(gs3_scene *scene) {
     CHECK(gs3_renderer_render(renderer, &call, &made) == GS3_OK && made.reset_reason == GS3_RESET_SCENE);
     desc.scale = 4;
     CHECK(gs3_renderer_configure(renderer, &desc) == GS3_OK);
-    CHECK(gs3_renderer_render(renderer, &call, &made) == GS3_OK && made.reset_reason == GS3_RESET_SIZE);
+    CHECK(gs3_renderer_render(renderer, &call, &made) == GS3_OK && made.reset_reason == GS3_RESET_FIRST_FRAME);
     desc.scale = 77;
     CHECK_FAILS(gs3_renderer_configure(renderer, &desc), GS3_ERROR_ARGUMENT, "scale: expected 1 to 8, found 77");
     gs3_renderer_info info = {.struct_size = sizeof info};
