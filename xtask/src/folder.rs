@@ -138,7 +138,7 @@ fn carried(subject: &Subject, out: &Path) -> Result<Subject, XtaskError> {
 }
 
 /// Copies a file, or a folder with all that is in it.
-fn copy(from: &Path, to: &Path) -> Result<(), XtaskError> {
+pub fn copy(from: &Path, to: &Path) -> Result<(), XtaskError> {
     if from.is_dir() {
         for entry in fs::read_dir(from).map_err(XtaskError::io(from))? {
             let entry = entry.map_err(XtaskError::io(from))?;
@@ -152,7 +152,8 @@ fn copy(from: &Path, to: &Path) -> Result<(), XtaskError> {
     fs::copy(from, to).map(|_| ()).map_err(XtaskError::io(from))
 }
 
-fn cargo(arguments: &[&str]) -> Result<(), XtaskError> {
+/// Runs cargo.
+pub fn cargo(arguments: &[&str]) -> Result<(), XtaskError> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let status = Command::new(cargo).args(arguments).status().map_err(XtaskError::io(Path::new("cargo")))?;
     match status.success() {

@@ -4,6 +4,7 @@ mod child;
 mod devices;
 mod environment;
 mod folder;
+mod install_c;
 mod machine;
 mod measure;
 mod run;
@@ -30,6 +31,8 @@ enum Command {
     GpuReport(folder::FolderArgs),
     /// What run.sh calls in such a folder: write report.json and report.md
     Measure(measure::MeasureArgs),
+    /// Install the C interface: header, libraries, and what pkg-config reads
+    InstallC(install_c::InstallArgs),
 }
 
 /// Why an errand was not done.
@@ -66,6 +69,14 @@ pub enum XtaskError {
         program: &'static str,
         /// What the system says.
         source: io::Error,
+    },
+    /// This system is none that the errand knows.
+    #[error("system: expected {expected}, found {actual}")]
+    System {
+        /// What is known.
+        expected: &'static str,
+        /// This one.
+        actual: &'static str,
     },
     /// There is no adapter that would be worth measuring.
     #[error("expected {expected}, found {actual}")]
@@ -105,6 +116,7 @@ fn main() -> ExitCode {
     let done = match Args::parse().command {
         Command::GpuReport(args) => folder::make(&args),
         Command::Measure(args) => measure::run(&args),
+        Command::InstallC(args) => install_c::install(&args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -155,6 +155,13 @@ impl Gpu {
         self.counts.made()
     }
 
+    /// Bytes that the device has set aside for what was made on it, where its driver's memory is wgpu's to divide (Vulkan,
+    /// DX12).
+    #[must_use]
+    pub fn allocated_bytes(&self) -> Option<u64> {
+        self.device.generate_allocator_report().map(|report| report.total_reserved_bytes)
+    }
+
     /// A buffer of the device.
     pub(crate) fn create_buffer(&self, descriptor: &wgpu::BufferDescriptor<'_>) -> wgpu::Buffer {
         count(&self.counts.buffers);

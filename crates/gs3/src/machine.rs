@@ -153,6 +153,16 @@ impl Machine {
             }
         }
     }
+
+    /// Bytes that the GPU has allocated, if the machine is one and its driver tells.
+    #[must_use]
+    pub fn device_bytes(&self) -> Option<u64> {
+        match self {
+            Self::Cpu => None,
+            #[cfg(feature = "gpu")]
+            Self::Gpu(gpu) | Self::FoundGpu(gpu) => gpu.allocated_bytes(),
+        }
+    }
 }
 
 #[cfg(test)]

@@ -141,11 +141,29 @@ impl Session {
     /// # Errors
     /// [`PipelineError`] if a GPU that was asked for fails.
     pub fn render(&mut self, camera: &Camera) -> Result<Presented<'_>, PipelineError> {
-        if let Err(error) = self.pipeline.render(camera).map(|_| ()) {
+        self.render_with_poses(camera, &[])
+    }
+
+    /// As [`Self::render`], where the true cameras of the frames between are known
+    /// ([`FramePipeline::render_with_poses`]).
+    ///
+    /// # Errors
+    /// As [`Self::render`]; also if `poses` are of another number than the frames between or of another size.
+    pub fn render_with_poses(
+        &mut self,
+        camera: &Camera,
+        poses: &[Camera],
+    ) -> Result<Presented<'_>, PipelineError> {
+        if let Err(error) = self.pipeline.render_with_poses(camera, poses).map(|_| ()) {
             self.take_over(error)?;
-            self.pipeline.render(camera)?;
+            self.pipeline.render_with_poses(camera, poses)?;
         }
         Ok(self.pipeline.presented())
+    }
+
+    /// Forgets the frames before: the next one starts anew, for this reason unless another came first.
+    pub fn reset(&mut self, reason: ResetReason) {
+        self.pipeline.reset(reason);
     }
 
     /// The frame of `camera` in `mode`, without any history: native, or bicubic from the settings' low resolution.
@@ -288,6 +306,12 @@ impl Session {
     #[must_use]
     pub fn adapter(&self) -> Option<String> {
         self.machine.adapter()
+    }
+
+    /// Bytes that the GPU has allocated for the session, where one renders and its driver tells.
+    #[must_use]
+    pub fn device_bytes(&self) -> Option<u64> {
+        self.machine.device_bytes()
     }
 
     /// What people should be told since this was asked last: that the CPU took over, and why.

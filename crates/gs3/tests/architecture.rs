@@ -72,6 +72,8 @@ fn crates_know_only_what_the_map_says() {
     for foreign in ["gs3-cli", "gs3-evaluate", "gs3-train", "clap", "indicatif", "winit", "softbuffer"] {
         assert!(!viewer.contains(foreign), "the viewer depends on {foreign}");
     }
+    // The C interface is a border around the library, and nothing of its own.
+    assert_eq!(ours(&direct("gs3-c", &[])), ["gs3"]);
     assert!(ours(&transitive("xtask", &[])).is_empty(), "errands call gs3, they do not contain it");
 }
 

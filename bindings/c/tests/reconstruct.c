@@ -1,0 +1,340 @@
+/*
+ * The reconstructor alone, fed by a renderer of a wall: at rest it reaches the image that the renderer makes of every pixel,
+ * however the numbers lie in memory and whatever depths mean.
+ */
+
+#include <math.h>
+
+#include "check.h"
+
+enum { WIDTH = 64, HEIGHT = 48, SCALE = 4, LR_WIDTH = WIDTH / SCALE, LR_HEIGHT = HEIGHT / SCALE, LR = LR_WIDTH * LR_HEIGHT };
+
+static const double FOCAL = 60.0, WALL = 5.0;
+static const float NEAR_PLANE = 0.5f, FAR_PLANE = 40.0f;
+
+/* Colour of the wall and its derivatives along x and y, per world unit. */
+static void wall(double x, double y, float color[3], float dx[3], float dy[3]) {
+    color[0] = (float)(0.5 + 0.4 * sin(2.0 * x));
+    color[1] = (float)(0.5 + 0.4 * cos(1.5 * y));
+    color[2] = (float)(0.5 + 0.3 * sin(x + 2.0 * y));
+    dx[0] = (float)(0.8 * cos(2.0 * x));
+    dx[1] = 0.0f;
+    dx[2] = (float)(0.3 * cos(x + 2.0 * y));
+    dy[0] = 0.0f;
+    dy[1] = (float)(-0.6 * sin(1.5 * y));
+    dy[2] = (float)(0.6 * cos(x + 2.0 * y));
+}
+
+/* The camera at (x, 0, 0) that looks along z. */
+static gs3_camera camera_at(double x) {
+    return (gs3_camera){
+        .struct_size = sizeof(gs3_camera),
+        .width = WIDTH,
+        .height = HEIGHT,
+        .view_from_world = {1, 0, 0, -x, 0, 1, 0, 0, 0, 0, 1, 0},
+        .fx = FOCAL,
+        .fy = FOCAL,
+        .cx = WIDTH / 2.0,
+        .cy = HEIGHT / 2.0,
+    };
+}
+
+/* What the renderer has: RGBA pixel by pixel, planes of the same, derivatives, depth. */
+typedef struct {
+    float rgba[LR][4];
+    float planes[3][LR];
+    float dx[LR][3];
+    float dy[LR][3];
+    float depth[LR];
+} lr_frame;
+
+static float encoded_depth(uint32_t encoding) {
+    double z = WALL, near = NEAR_PLANE, far = FAR_PLANE, projective = far / (far - near) * (1.0 - near / z);
+    switch (encoding) {
+    case GS3_DEPTH_ENCODING_PROJECTIVE:
+        return (float)projective;
+    case GS3_DEPTH_ENCODING_REVERSED:
+        return (float)(1.0 - projective);
+    case GS3_DEPTH_ENCODING_LINEAR:
+        return (float)((z - near) / (far - near));
+    default:
+        return (float)z;
+    }
+}
+
+static void render(lr_frame *frame, double x, const float jitter[2], uint32_t encoding) {
+    const double unit = WALL / FOCAL * SCALE;
+    for (int k = 0; k < LR; k++) {
+        double column = k % LR_WIDTH + 0.5 + jitter[0], row = k / LR_WIDTH + 0.5 + jitter[1];
+        float *color = frame->rgba[k];
+        wall(x + (column - LR_WIDTH / 2.0) * unit, (row - LR_HEIGHT / 2.0) * unit, color, frame->dx[k], frame->dy[k]);
+        color[3] = 1.0f;
+        for (int c = 0; c < 3; c++) {
+            frame->planes[c][k] = color[c];
+            frame->dx[k][c] *= (float)unit;
+            frame->dy[k][c] *= (float)unit;
+        }
+        frame->depth[k] = encoded_depth(encoding);
+    }
+}
+
+/* The largest difference of an image from the wall seen from (x, 0, 0), and the mean. */
+typedef struct {
+    float largest, mean;
+} error;
+
+static error error_of(const float *image, double x) {
+    error found = {0.0f, 0.0f};
+    const double unit = WALL / FOCAL;
+    for (int k = 0; k < WIDTH * HEIGHT; k++) {
+        float color[3], dx[3], dy[3];
+        wall(x + (k % WIDTH + 0.5 - WIDTH / 2.0) * unit, (k / WIDTH + 0.5 - HEIGHT / 2.0) * unit, color, dx, dy);
+        for (int c = 0; c < 3; c++) {
+            float difference = fabsf(image[4 * k + c] - color[c]);
+            found.largest = fmaxf(found.largest, difference);
+            found.mean += difference / (3 * WIDTH * HEIGHT);
+        }
+    }
+    return found;
+}
+
+static gs3_input input_of(const float *data, size_t size) {
+    return (gs3_input){.struct_size = sizeof(gs3_input), .data = data, .size = size};
+}
+
+/* All of a call but its camera, jitter and output. */
+typedef struct {
+    lr_frame frame;
+    gs3_input color, depth, dx, dy;
+    gs3_reconstruct_desc desc;
+} call;
+
+static void prepare(call *c, uint32_t encoding, int planar, int gradients) {
+    memset(c, 0, sizeof *c);
+    if (planar) {
+        c->color = input_of(c->frame.planes[0], sizeof c->frame.planes);
+        c->color.row_stride = LR_WIDTH * 4;
+        c->color.pixel_stride = 4;
+        c->color.channel_stride = LR * 4;
+    } else {
+        c->color = input_of(c->frame.rgba[0], sizeof c->frame.rgba);
+        c->color.pixel_stride = 16;
+    }
+    c->depth = input_of(c->frame.depth, sizeof c->frame.depth);
+    c->dx = input_of(c->frame.dx[0], sizeof c->frame.dx);
+    c->dy = input_of(c->frame.dy[0], sizeof c->frame.dy);
+    c->desc = (gs3_reconstruct_desc){
+        .struct_size = sizeof c->desc,
+        .render_width = LR_WIDTH,
+        .render_height = LR_HEIGHT,
+        .color = &c->color,
+        .depth = &c->depth,
+        .color_dx = gradients ? &c->dx : NULL,
+        .color_dy = gradients ? &c->dy : NULL,
+        .depth_encoding = encoding,
+        .near_plane = NEAR_PLANE,
+        .far_plane = FAR_PLANE,
+    };
+}
+
+/* Reconstructs the frame of the camera at (x, 0, 0) into image. */
+static gs3_frame_info step(gs3_reconstructor *reconstructor, call *c, double x, float *image) {
+    const gs3_camera camera = camera_at(x);
+    gs3_frame_start start = {.struct_size = sizeof start};
+    CHECK(gs3_reconstructor_query_next(reconstructor, &camera, &start) == GS3_OK);
+    CHECK(start.render_width == LR_WIDTH && start.render_height == LR_HEIGHT);
+    render(&c->frame, x, start.jitter, c->desc.depth_encoding);
+    const gs3_output output = {.struct_size = sizeof output, .data = image, .size = WIDTH * HEIGHT * 16};
+    c->desc.camera = &camera;
+    c->desc.output = &output;
+    memcpy(c->desc.jitter, start.jitter, sizeof start.jitter);
+    gs3_frame_info info = {.struct_size = sizeof info};
+    CHECK(gs3_reconstructor_reconstruct(reconstructor, &c->desc, &info) == GS3_OK);
+    CHECK(info.reset_reason == start.reset_reason);
+    return info;
+}
+
+static gs3_reconstructor *create(uint32_t between) {
+    const gs3_reconstructor_desc desc = {
+        .struct_size = sizeof desc, .scale = SCALE, .threads = 1, .between_count = between};
+    gs3_reconstructor *reconstructor = NULL;
+    CHECK(gs3_reconstructor_create(&desc, &reconstructor) == GS3_OK);
+    return reconstructor;
+}
+
+static float image[WIDTH * HEIGHT * 4], other[WIDTH * HEIGHT * 4];
+
+/* At rest every pixel has been sampled after SCALE^2 frames, whatever was before. */
+static void rest(uint32_t encoding, int planar, int gradients) {
+    static call c;
+    gs3_reconstructor *reconstructor = create(0);
+    prepare(&c, encoding, planar, gradients);
+    CHECK(step(reconstructor, &c, 0.0, image).reset_reason == GS3_RESET_FIRST_FRAME);
+    float uncertain = 0.0f;
+    CHECK(error_of(image, 0.0).largest > 2e-3f);
+    for (int frame = 1; frame < SCALE * SCALE; frame++) {
+        CHECK(step(reconstructor, &c, 0.0, image).reset_reason == GS3_RESET_NONE);
+    }
+    /* What is left is rounding: positions and weights are in single precision. */
+    CHECK(error_of(image, 0.0).largest < 2e-4f);
+    for (int k = 0; k < WIDTH * HEIGHT; k++) {
+        uncertain = fmaxf(uncertain, image[4 * k + 3]);
+    }
+    CHECK(uncertain == 0.0f);
+    gs3_reconstructor_destroy(reconstructor);
+}
+
+/* Frames between, in bytes, and what a cut does. */
+static void motion(void) {
+    static call c;
+    static unsigned char between[2][WIDTH * HEIGHT * 4];
+    gs3_reconstructor *reconstructor = create(2);
+    prepare(&c, GS3_DEPTH_ENCODING_DISTANCE, 0, 1);
+    gs3_output outputs[2];
+    for (int k = 0; k < 2; k++) {
+        outputs[k] = (gs3_output){.struct_size = sizeof outputs[k], .format = GS3_FORMAT_RGBA8, .data = between[k],
+                                  .size = sizeof between[k], .opaque = 1};
+    }
+    const gs3_output *const pointers[2] = {&outputs[0], &outputs[1]};
+    c.desc.between_outputs = pointers;
+    c.desc.between_count = 2;
+    for (int frame = 0; frame < 6; frame++) {
+        double x = 0.03 * frame;
+        const gs3_frame_info info = step(reconstructor, &c, x, image);
+        CHECK(info.between_count == (frame == 0 ? 0u : 2u));
+        for (int k = 0; k < 2 && frame > 0; k++) {
+            for (int i = 0; i < WIDTH * HEIGHT; i++) {
+                for (int n = 0; n < 3; n++) {
+                    other[4 * i + n] = between[k][4 * i + n] / 255.0f;
+                }
+                CHECK(between[k][4 * i + 3] == 255);
+            }
+            const double there = x - 0.03 * (2 - k) / 3.0;
+            /* It is that of its own moment, not of one a third of a step away. */
+            const float mean = error_of(other, there).mean;
+            CHECK(mean < 0.004f);
+            CHECK(mean < error_of(other, there - 0.01).mean && mean < error_of(other, there + 0.01).mean);
+        }
+    }
+    /* True cameras of the frames between: here those that are assumed anyway. */
+    const gs3_camera cameras[2] = {camera_at(0.16), camera_at(0.17)};
+    const gs3_camera *const poses[2] = {&cameras[0], &cameras[1]};
+    c.desc.between_cameras = poses;
+    CHECK(step(reconstructor, &c, 0.18, image).between_count == 2);
+    c.desc.between_cameras = NULL;
+
+    c.desc.reset = 1;
+    static call fresh;
+    prepare(&fresh, GS3_DEPTH_ENCODING_DISTANCE, 0, 1);
+    const gs3_camera camera = camera_at(0.2);
+    gs3_frame_start start = {.struct_size = sizeof start};
+    CHECK(gs3_reconstructor_reset(reconstructor) == GS3_OK);
+    CHECK(gs3_reconstructor_query_next(reconstructor, &camera, &start) == GS3_OK);
+    CHECK(start.reset_reason == GS3_RESET_CUT);
+    CHECK(step(reconstructor, &c, 0.2, image).reset_reason == GS3_RESET_CUT);
+    /* As the first frame of another. */
+    gs3_reconstructor *second = create(0);
+    step(second, &fresh, 0.2, other);
+    CHECK(memcmp(image, other, sizeof image) == 0);
+    gs3_reconstructor_destroy(second);
+    gs3_reconstructor_destroy(reconstructor);
+}
+
+static void refusals(void) {
+    static call c;
+    gs3_reconstructor *reconstructor = NULL;
+    gs3_reconstructor_desc desc = {.struct_size = sizeof desc, .scale = 12, .threads = 1};
+    CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT, "scale: expected 1 to 8, found 12");
+    desc.scale = SCALE;
+    desc.between_count = 4;
+    CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT, "between_count: expected 0 to 3, found 4");
+    desc.between_count = 0;
+    desc.widest_margin = 33;
+    CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT, "widest_margin: expected 0 to 32, found 33");
+    desc.widest_margin = 0;
+    desc.kriging = 4;
+    CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT, "kriging: expected 0 to 3 (gs3_kriging), found 4");
+    CHECK_FAILS(gs3_reconstructor_create(&desc, NULL), GS3_ERROR_ARGUMENT, "reconstructor: expected a pointer, found null");
+    CHECK(reconstructor == NULL);
+
+    reconstructor = create(0);
+    prepare(&c, GS3_DEPTH_ENCODING_DISTANCE, 0, 1);
+    step(reconstructor, &c, 0.0, image);
+    const gs3_camera camera = camera_at(0.0);
+    const gs3_output output = {.struct_size = sizeof output, .data = image, .size = sizeof image};
+    c.desc.camera = &camera;
+    c.desc.output = &output;
+    const gs3_reconstruct_desc good = c.desc;
+    gs3_reconstruct_desc *bad = &c.desc;
+#define REFUSED(status, words) \
+    CHECK_FAILS(gs3_reconstructor_reconstruct(reconstructor, bad, NULL), status, words); \
+    *bad = good
+    bad->struct_size = 40;
+    REFUSED(GS3_ERROR_DESCRIPTOR, "desc: struct_size: expected");
+    bad->color = NULL;
+    REFUSED(GS3_ERROR_ARGUMENT, "desc: color: expected a pointer, found null");
+    bad->depth = NULL;
+    REFUSED(GS3_ERROR_ARGUMENT, "desc: depth: expected a pointer, found null");
+    bad->color_dy = NULL;
+    REFUSED(GS3_ERROR_ARGUMENT, "desc: color_dy: expected a pointer, found null");
+    bad->motion = &c.color;
+    REFUSED(GS3_ERROR_UNSUPPORTED, "desc: motion: ");
+    bad->render_width = LR_WIDTH - 1;
+    REFUSED(GS3_ERROR_ARGUMENT, "expected 16x12 pixels, found 15x12");
+    bad->jitter[0] = NAN;
+    REFUSED(GS3_ERROR_ARGUMENT, "jitter: expected finite offsets");
+    bad->depth_encoding = 4;
+    REFUSED(GS3_ERROR_ARGUMENT, "depth_encoding: expected 0 to 3 (gs3_depth_encoding), found 4");
+    bad->depth_encoding = GS3_DEPTH_ENCODING_LINEAR;
+    bad->far_plane = INFINITY;
+    REFUSED(GS3_ERROR_ARGUMENT, "clip planes: expected 0 < near < far");
+    bad->margin.left = 1;
+    REFUSED(GS3_ERROR_ARGUMENT, "pixels, found");
+    gs3_input input = c.color;
+    bad->color = &input;
+#undef REFUSED
+#define REFUSED(status, words) \
+    CHECK_FAILS(gs3_reconstructor_reconstruct(reconstructor, bad, NULL), status, words); \
+    input = c.color
+    input.size = sizeof c.frame.rgba - 8;
+    REFUSED(GS3_ERROR_LAYOUT, "color: G-buffer: expected at least 767 numbers in memory, found 766");
+    input.row_stride = 30;
+    REFUSED(GS3_ERROR_LAYOUT, "color: row_stride: expected bytes divisible by 4, found 30");
+    input.data = (const char *)c.color.data + 2;
+    REFUSED(GS3_ERROR_LAYOUT, "color: data: expected an address divisible by 4");
+    input.number = 1;
+    REFUSED(GS3_ERROR_ARGUMENT, "color: number: expected 0");
+    input.struct_size = 20;
+    REFUSED(GS3_ERROR_DESCRIPTOR, "color: struct_size: expected");
+#undef REFUSED
+    /* Strides that are left out are those of pixels without gaps. */
+    input = input_of(&c.frame.dx[0][0], sizeof c.frame.dx);
+    input.struct_size = 24;
+    CHECK(gs3_reconstructor_reconstruct(reconstructor, bad, NULL) == GS3_OK);
+    *bad = good;
+    c.frame.rgba[5][1] = NAN;
+    CHECK_FAILS(gs3_reconstructor_reconstruct(reconstructor, bad, NULL), GS3_ERROR_ARGUMENT, "colour: expected finite numbers");
+    /* The history is as it was. */
+    CHECK(step(reconstructor, &c, 0.0, image).reset_reason == GS3_RESET_NONE);
+
+    CHECK(gs3_reconstructor_configure(reconstructor, NULL) == GS3_OK);
+    CHECK(step(reconstructor, &c, 0.0, image).reset_reason == GS3_RESET_FIRST_FRAME);
+    gs3_memory memory = {.struct_size = sizeof memory};
+    CHECK(gs3_reconstructor_query_memory(reconstructor, &memory) == GS3_OK);
+    CHECK(memory.host_bytes > sizeof image && memory.device_bytes == 0);
+    gs3_reconstructor_destroy(reconstructor);
+    gs3_reconstructor_destroy(NULL);
+}
+
+int main(void) {
+    rest(GS3_DEPTH_ENCODING_DISTANCE, 0, 1);
+    memcpy(other, image, sizeof image);
+    rest(GS3_DEPTH_ENCODING_DISTANCE, 1, 1);
+    CHECK(memcmp(image, other, sizeof image) == 0);
+    rest(GS3_DEPTH_ENCODING_PROJECTIVE, 0, 1);
+    rest(GS3_DEPTH_ENCODING_REVERSED, 0, 0);
+    rest(GS3_DEPTH_ENCODING_LINEAR, 1, 0);
+    motion();
+    refusals();
+    return checks_end();
+}
