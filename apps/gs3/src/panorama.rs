@@ -12,7 +12,7 @@ use crate::alpha::coverage;
 use crate::args::RenderArgs;
 use crate::error::CliError;
 use crate::output::{FrameWriter, Target};
-use crate::render::{between, remainder};
+use crate::render::remainder;
 use crate::terminal::note;
 use crate::video::Stream;
 use crate::{Outcome, backend, inputs, interrupt};
@@ -67,7 +67,7 @@ pub fn run(
     let (mut next, mut is_blank, mut seconds, mut shown) = (range.start, true, 0.0, 0);
     let mut numbers: Option<Range<usize>> = None;
     while next < range.end && !interrupt::requested() {
-        let (camera, between) = (&path.cameras()[next], between(&settings, path, next));
+        let (camera, between) = (&path.cameras()[next], settings.poses_between(path, next));
         let mut frames = shown_faces.render(camera, &between)?;
         seconds += shown_faces.times.iter().map(|times| times.total().as_secs_f64()).sum::<f64>();
         let covered = match &mut coverage {

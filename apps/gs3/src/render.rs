@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
+use gs3::scene::CameraPath;
 use gs3::scene::camera_path::Pace;
-use gs3::scene::{Camera, CameraPath};
 use gs3::{FramePipeline, Machine, Mode, Networks, PipelineError, PipelineSettings};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
@@ -106,7 +106,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     let mut first_number = None;
     let mut is_blank = true;
     while next < range.end && !interrupt::requested() {
-        let (camera, between) = (&path.cameras()[next], between(&settings, &path, next));
+        let (camera, between) = (&path.cameras()[next], settings.poses_between(&path, next));
         if let Err(error) = pipeline.render_with_poses(camera, &between) {
             backend::take_over(&mut machine, &mut pipeline, error)?;
             warm_up(&mut pipeline, &path, next)?;
@@ -284,20 +284,4 @@ fn warm_up(pipeline: &mut FramePipeline, path: &CameraPath, start: usize) -> Res
         pipeline.render(camera)?;
     }
     Ok(())
-}
-
-/// The true cameras of the frames before rendered frame `k`, where the path knows them. Between frames of different
-/// size nothing lies: no size would be theirs, and the pipeline starts anew there.
-pub fn between(settings: &PipelineSettings, path: &CameraPath, k: usize) -> Vec<Camera> {
-    let cameras = path.cameras();
-    let before = match k.checked_sub(1) {
-        None if path.is_cycle() => cameras.len() - 1,
-        None => return Vec::new(),
-        Some(before) => before,
-    };
-    let size = |camera: &Camera| (camera.width(), camera.height());
-    match size(&cameras[before]) == size(&cameras[k]) {
-        true => settings.moments().map(|t| path.at(k as f64 - 1.0 + t)).collect(),
-        false => Vec::new(),
-    }
 }

@@ -141,11 +141,29 @@ impl Session {
     /// # Errors
     /// [`PipelineError`] if a GPU that was asked for fails.
     pub fn render(&mut self, camera: &Camera) -> Result<Presented<'_>, PipelineError> {
-        if let Err(error) = self.pipeline.render(camera).map(|_| ()) {
+        self.render_with_poses(camera, &[])
+    }
+
+    /// As [`Self::render`], where the true cameras of the frames between are known, as
+    /// [`FramePipeline::render_with_poses`].
+    ///
+    /// # Errors
+    /// As [`Self::render`]; also if `poses` are of another number or size.
+    pub fn render_with_poses(
+        &mut self,
+        camera: &Camera,
+        poses: &[Camera],
+    ) -> Result<Presented<'_>, PipelineError> {
+        if let Err(error) = self.pipeline.render_with_poses(camera, poses).map(|_| ()) {
             self.take_over(error)?;
-            self.pipeline.render(camera)?;
+            self.pipeline.render_with_poses(camera, poses)?;
         }
         Ok(self.pipeline.presented())
+    }
+
+    /// Forgets the frames before: the next one starts anew, for this reason unless another came first.
+    pub fn reset(&mut self, reason: ResetReason) {
+        self.pipeline.reset(reason);
     }
 
     /// The frame of `camera` in `mode`, without any history: native, or bicubic from the settings' low resolution.
