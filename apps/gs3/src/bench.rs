@@ -14,7 +14,6 @@ use crate::args::{BenchArgs, Device};
 use crate::destination::Destination;
 use crate::error::CliError;
 use crate::output::write_text;
-use crate::render::between;
 use crate::report::{self, Times, median_ms};
 use crate::terminal::print;
 use crate::{Outcome, backend, bench_gpu, copies, destination, inputs, start_threads};
@@ -58,7 +57,7 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     for _ in 0..ROUNDS {
         let mut times = [Times::default(), Times::default()];
         for k in range.clone() {
-            let between = between(full.settings(), &path, k);
+            let between = full.settings().poses_between(&path, k);
             // Both in turn, so that a disturbance meets both.
             for (pipeline, times) in [&mut native, &mut full].into_iter().zip(&mut times) {
                 let displayed = pipeline.render_with_poses(&path.cameras()[k], &between)?.iter().count();

@@ -5,8 +5,6 @@ use std::ops::Range;
 use gs3::scene::CameraPath;
 use gs3::{FramePipeline, PipelineError, ResetReason};
 
-use crate::render::between;
-
 /// Where a pipeline is on a path.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Course {
@@ -75,7 +73,7 @@ impl Course {
             pipeline.set_frame_number(leg.frames.start as u64);
         }
         for frame in leg.frames.clone() {
-            let poses = between(pipeline.settings(), path, frame);
+            let poses = pipeline.settings().poses_between(path, frame);
             pipeline.render_with_poses(&path.cameras()[frame], &poses)?;
         }
         self.arrive(k);

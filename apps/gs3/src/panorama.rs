@@ -14,7 +14,7 @@ use crate::course::{Course, Leg};
 use crate::error::CliError;
 use crate::manifest::Manifest;
 use crate::output::{FrameWriter, Target};
-use crate::render::{between, claim, frames_missing, numbers_of, remainder};
+use crate::render::{claim, frames_missing, numbers_of, remainder};
 use crate::terminal::note;
 use crate::video::Stream;
 use crate::{Outcome, backend, inputs, interrupt};
@@ -177,7 +177,7 @@ impl Faces {
         }
         let mut shown = Vec::new();
         for k in leg.frames.clone() {
-            let between = self.pipelines.first().map(|first| between(first.settings(), path, k));
+            let between = self.pipelines.first().map(|first| first.settings().poses_between(path, k));
             shown = self.render(&path.cameras()[k], &between.unwrap_or_default())?;
         }
         Ok(shown)

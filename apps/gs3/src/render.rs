@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
+use gs3::scene::CameraPath;
 use gs3::scene::camera_path::Pace;
-use gs3::scene::{Camera, CameraPath};
 use gs3::{FramePipeline, Machine, Mode, Networks, PipelineSettings};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
@@ -315,21 +315,5 @@ pub fn claim(target: &Target, facts: &Manifest, numbers: &Range<usize>) -> Resul
     match target.folder() {
         Some(folder) => facts.claim(folder, others(folder, numbers) == 0),
         None => Ok(()),
-    }
-}
-
-/// The true cameras of the frames before rendered frame `k`, where the path knows them. Between frames of different
-/// size nothing lies: no size would be theirs, and the pipeline starts anew there.
-pub fn between(settings: &PipelineSettings, path: &CameraPath, k: usize) -> Vec<Camera> {
-    let cameras = path.cameras();
-    let before = match k.checked_sub(1) {
-        None if path.is_cycle() => cameras.len() - 1,
-        None => return Vec::new(),
-        Some(before) => before,
-    };
-    let size = |camera: &Camera| (camera.width(), camera.height());
-    match size(&cameras[before]) == size(&cameras[k]) {
-        true => settings.moments().map(|t| path.at(k as f64 - 1.0 + t)).collect(),
-        false => Vec::new(),
     }
 }

@@ -83,6 +83,8 @@ pub enum gs3_reset_reason {
     GS3_RESET_FAILURE = 6,
     /// A reason that this version of the header does not name.
     GS3_RESET_OTHER = 7,
+    /// The frame is a keyframe, where all begins anew. Frames between lead to it.
+    GS3_RESET_KEYFRAME = 8,
 }
 
 /// The number of `reset`.
@@ -95,6 +97,7 @@ pub const fn reset_reason(reset: Option<ResetReason>) -> u32 {
         Some(ResetReason::SceneChange) => gs3_reset_reason::GS3_RESET_SCENE,
         Some(ResetReason::BackendChange) => gs3_reset_reason::GS3_RESET_BACKEND,
         Some(ResetReason::Failure) => gs3_reset_reason::GS3_RESET_FAILURE,
+        Some(ResetReason::Keyframe) => gs3_reset_reason::GS3_RESET_KEYFRAME,
         Some(_) => gs3_reset_reason::GS3_RESET_OTHER,
     };
     reason as u32

@@ -37,6 +37,7 @@ pub use fearless_simd::Level;
 #[cfg(feature = "gpu")]
 pub use gpu::{GpuGBuffer, GpuRasterError, GpuRasterizer, ScenePrecision, Settled};
 pub use settings::{
-    Culling, MAX_MARGIN, Outputs, RasterError, RasterSettings, STOCK_DILATION, matched_dilation,
+    Culling, ExpectedDepth, MAX_MARGIN, Outputs, RasterError, RasterSettings, Rules, STOCK_DILATION,
+    matched_dilation,
 };
 pub use view::NEAR;

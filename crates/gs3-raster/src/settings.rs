@@ -2,6 +2,8 @@
 
 use gs3_scene::Margin;
 
+use crate::cpu::splat::MIN_ALPHA;
+
 /// Dilation of the projected covariance in px² that 3D Gaussian Splatting trains with (Kerbl et al. 2023).
 pub const STOCK_DILATION: f32 = 0.3;
 
@@ -60,6 +62,71 @@ pub enum Outputs {
     GBufferMixed,
 }
 
+/// Where implementations of 3D Gaussian Splatting differ. A scene is rendered by the rules that it was trained with.
+///
+/// A GPU knows [`Rules::KERBL`] alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rules {
+    /// Gaussians nearer than this view-space z are not shown, world units, finite and positive; where there is none, the
+    /// scene's own near plane counts ([`gs3_scene::Details::near`]).
+    pub near: Option<f32>,
+    /// Gaussians from this view-space z on are not shown, world units, positive; infinite for all to be shown.
+    pub far: f32,
+    /// A contribution α is capped here, above 1/255 and below 1.
+    pub max_alpha: f32,
+    /// Smallest factor on opacity in antialiased scenes, `[0, 1]`.
+    pub min_compensation: f32,
+    /// Which depths [`Geometry::depth_expected`](gs3_scene::Geometry::depth_expected) is the mean of.
+    pub expected_depth: ExpectedDepth,
+}
+
+impl Rules {
+    /// 3D Gaussian Splatting as published (Kerbl et al. 2023; Mip-Splatting, Yu et al. 2024, where scenes are
+    /// antialiased), with depths of surfaces.
+    pub const KERBL: Self = Self {
+        near: None,
+        far: f32::INFINITY,
+        max_alpha: 0.99,
+        min_compensation: 0.005,
+        expected_depth: ExpectedDepth::Surface,
+    };
+
+    /// Those of gsplat: its default planes, cap and depths.
+    pub const GSPLAT: Self = Self {
+        near: Some(0.01),
+        far: 1e10,
+        max_alpha: 0.999,
+        min_compensation: 0.0,
+        expected_depth: ExpectedDepth::Centers,
+    };
+
+    fn check(&self) -> Result<(), RasterError> {
+        if let Some(actual) = self.near.filter(|near| !(near.is_finite() && *near > 0.0)) {
+            return Err(RasterError::Near { actual });
+        }
+        if self.far.is_nan() || self.far <= 0.0 {
+            return Err(RasterError::Far { actual: self.far });
+        }
+        if !(self.max_alpha > MIN_ALPHA && self.max_alpha < 1.0) {
+            return Err(RasterError::MaxAlpha { actual: self.max_alpha });
+        }
+        if !(0.0..=1.0).contains(&self.min_compensation) {
+            return Err(RasterError::MinCompensation { actual: self.min_compensation });
+        }
+        Ok(())
+    }
+}
+
+/// Which depths a mean depth is the mean of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ExpectedDepth {
+    /// Those where the pixel's ray meets each Gaussian (RaDe-GS, Zhang et al. 2024).
+    #[default]
+    Surface,
+    /// Those of the Gaussians' centres (gsplat).
+    Centers,
+}
+
 /// Settings of one rasterized frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RasterSettings {
@@ -74,10 +141,12 @@ pub struct RasterSettings {
     pub margin: Margin,
     /// Background colour, display-encoded RGB, finite.
     pub background: [f32; 3],
+    /// Where implementations of 3D Gaussian Splatting differ.
+    pub rules: Rules,
 }
 
 impl RasterSettings {
-    /// Stock dilation, no jitter, black background.
+    /// Stock dilation, no jitter, black background, [`Rules::KERBL`].
     #[must_use]
     pub const fn new(outputs: Outputs) -> Self {
         Self {
@@ -86,6 +155,7 @@ impl RasterSettings {
             jitter: [0.0; 2],
             margin: Margin::NONE,
             background: [0.0; 3],
+            rules: Rules::KERBL,
         }
     }
 
@@ -106,7 +176,7 @@ impl RasterSettings {
         if !self.background.iter().all(|v| v.is_finite()) {
             return Err(RasterError::Background { actual: self.background });
         }
-        Ok(())
+        self.rules.check()
     }
 }
 
@@ -156,6 +226,36 @@ pub enum RasterError {
     Background {
         /// The value found.
         actual: [f32; 3],
+    },
+    /// The near plane is not positive and finite.
+    #[error("near plane: expected a positive finite number (world units), found {actual}")]
+    Near {
+        /// The value found.
+        actual: f32,
+    },
+    /// The far plane is not positive.
+    #[error("far plane: expected a positive number (world units), found {actual}")]
+    Far {
+        /// The value found.
+        actual: f32,
+    },
+    /// The cap of contributions leaves nothing or everything.
+    #[error("max_alpha: expected a number above 1/255 and below 1, found {actual}")]
+    MaxAlpha {
+        /// The value found.
+        actual: f32,
+    },
+    /// The least factor on opacity is none.
+    #[error("min_compensation: expected a number from 0 to 1, found {actual}")]
+    MinCompensation {
+        /// The value found.
+        actual: f32,
+    },
+    /// A GPU does not know these rules.
+    #[error("rules: expected those of Kerbl et al. (Rules::KERBL), which a GPU has alone, found {actual:?}")]
+    Rules {
+        /// The rules found.
+        actual: Rules,
     },
     /// The statistics are those of another scene.
     #[error("importance: expected values for the scene's {expected} Gaussians, found {actual}")]

@@ -30,14 +30,18 @@ pub struct View {
     pub size: [u32; 2],
     /// Pixels of `size` left of and above the pixel at position `(0, 0)`.
     pub before: [f32; 2],
+    /// Smallest factor on opacity in antialiased scenes.
+    pub min_compensation: f32,
     /// ε in px².
     pub dilation: f32,
     /// Gaussians up to this z are culled.
     pub near: f32,
+    /// Gaussians from this z on are culled.
+    pub far: f32,
 }
 
 impl View {
-    /// `near` is the scene's.
+    /// `near` is the scene's, which counts unless the settings have another.
     pub fn new(camera: &Camera, settings: &RasterSettings, near: f32) -> Self {
         let i = camera.intrinsics();
         let rotation = camera.view_from_world().matrix3.transpose().to_cols_array_2d();
@@ -64,7 +68,9 @@ impl View {
             size: margin.around([i.width, i.height]),
             before: [0.0; 2],
             dilation: settings.dilation,
-            near,
+            min_compensation: settings.rules.min_compensation,
+            near: settings.rules.near.unwrap_or(near),
+            far: settings.rules.far,
         }
     }
 

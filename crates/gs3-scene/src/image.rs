@@ -1,5 +1,10 @@
 //! High-resolution frames.
 
+use rayon::prelude::*;
+
+/// Pixels that a thread converts at a time: shorter tasks cost more than they convert.
+const PIXELS_AT_ONCE: usize = 1 << 14;
+
 /// An RGB frame, `[height, width, 4]` f32: display-encoded red, green, blue (nominally in `[0, 1]`, not clamped) and a
 /// fourth value whose meaning the producer states (alpha for the rasterizer, uncertainty for the super sampler).
 ///
@@ -66,11 +71,24 @@ impl Image {
     /// The image as 8-bit RGB, row by row: clamped to `[0, 1]`, rounded to nearest.
     #[must_use]
     pub fn to_rgb8(&self) -> Vec<u8> {
-        let mut bytes = Vec::with_capacity(self.pixels.len() * 3);
-        for pixel in &self.pixels {
-            // `as` saturates and maps NaN to 0, so hostile values stay in range.
-            bytes.extend(pixel[..3].iter().map(|v| (v * 255.0 + 0.5) as u8));
-        }
-        bytes
+        // `as` saturates and maps NaN to 0, so hostile values stay in range.
+        self.to_rgb_of(|v| (v * 255.0 + 0.5) as u8)
+    }
+
+    /// The image as RGB without its fourth channel, row by row, values as they are.
+    #[must_use]
+    pub fn to_rgb(&self) -> Vec<f32> {
+        self.to_rgb_of(|v| v)
+    }
+
+    fn to_rgb_of<T: Copy + Default + Send>(&self, convert: impl Fn(f32) -> T + Sync) -> Vec<T> {
+        let mut out = vec![T::default(); self.pixels.len() * 3];
+        let runs = self.pixels.par_chunks(PIXELS_AT_ONCE).zip(out.par_chunks_mut(3 * PIXELS_AT_ONCE));
+        runs.for_each(|(pixels, out)| {
+            for (pixel, out) in pixels.iter().zip(out.as_chunks_mut::<3>().0) {
+                *out = [convert(pixel[0]), convert(pixel[1]), convert(pixel[2])];
+            }
+        });
+        out
     }
 }

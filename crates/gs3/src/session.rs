@@ -166,6 +166,14 @@ impl Session {
         self.pipeline.reset(reason);
     }
 
+    /// Forgets the frames before, and says which frame of its path the next one is
+    /// ([`FramePipeline::set_frame_number`]). With the number that [`FramePipeline::first_of_warm_up`] gives, frames have the
+    /// bits of one run over the whole path from there on.
+    pub fn begin_at(&mut self, number: u64) {
+        self.reset(ResetReason::CameraCut);
+        self.pipeline.set_frame_number(number);
+    }
+
     /// The frame of `camera` in `mode`, without any history: native, or bicubic from the settings' low resolution.
     /// Modes with history give a frame without one. Where the last one of `mode` has this camera, that is it.
     ///

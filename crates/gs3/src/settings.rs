@@ -4,6 +4,7 @@ use std::fmt;
 
 use gs3_raster::{Culling, STOCK_DILATION, matched_dilation};
 use gs3_reconstruct::{Kriging, Sampling};
+use gs3_scene::{Camera, CameraPath};
 
 use crate::refine::{Quality, Refine};
 
@@ -154,5 +155,25 @@ impl PipelineSettings {
     pub fn moments(&self) -> impl Iterator<Item = f64> + use<> {
         let count = self.displayed_per_rendered();
         (1..count).map(move |k| k as f64 / count as f64)
+    }
+
+    /// The true cameras of the frames before rendered frame `k` of `path`, where the path knows them. Between frames of
+    /// different size nothing lies: no size would be theirs, and a pipeline starts anew there.
+    ///
+    /// # Panics
+    /// If the path has no camera `k`.
+    #[must_use]
+    pub fn poses_between(&self, path: &CameraPath, k: usize) -> Vec<Camera> {
+        let cameras = path.cameras();
+        let before = match k.checked_sub(1) {
+            None if path.is_cycle() => cameras.len() - 1,
+            None => return Vec::new(),
+            Some(before) => before,
+        };
+        let size = |camera: &Camera| (camera.width(), camera.height());
+        match size(&cameras[before]) == size(&cameras[k]) {
+            true => self.moments().map(|t| path.at(k as f64 - 1.0 + t)).collect(),
+            false => Vec::new(),
+        }
     }
 }

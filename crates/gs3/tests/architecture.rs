@@ -75,6 +75,8 @@ fn crates_know_only_what_the_map_says() {
     // The C interface is a border around the library, and nothing of its own.
     assert_eq!(ours(&direct("gs3-c", &[])), ["gs3"]);
     assert!(ours(&transitive("xtask", &[])).is_empty(), "errands call gs3, they do not contain it");
+    // The Python package is a face of the library: what it lacks is mended there.
+    assert_eq!(ours(&direct("gs3-python", &[])), ["gs3", "gs3-evaluate", "gs3-files"]);
 }
 
 /// The kernels need arithmetic and threads; formats, terminals and devices belong elsewhere.

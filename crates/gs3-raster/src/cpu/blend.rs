@@ -13,9 +13,7 @@ use super::math::exp2;
 use super::order::DepthOrder;
 use super::project::{HALF_LOG2_E_SQRT, Projected, lanes};
 use super::splat::{MIN_ALPHA, Splat, SplatGeometry};
-
-/// Contributions are capped here (Kerbl et al. 2023); a capped contribution is constant, its derivatives are zero.
-pub const MAX_ALPHA: f32 = 0.99;
+use crate::settings::{ExpectedDepth, Rules};
 
 /// A pixel is finished before the contribution that would bring its transmittance below this (Kerbl et al. 2023).
 pub const MIN_TRANSMITTANCE: f32 = 1e-4;
@@ -64,6 +62,22 @@ pub const GBUFFER: usize = 2;
 /// With the mixed derivative too.
 pub const GBUFFER_MIXED: usize = 3;
 
+/// What blending reads of [`Rules`].
+#[derive(Clone, Copy)]
+pub struct BlendRules {
+    /// Contributions are capped here; a capped contribution is constant, its derivatives are zero.
+    pub max_alpha: f32,
+    /// Whether the mean depth is that of centres, along z, instead of surfaces, along the ray.
+    pub has_depths_of_centers: bool,
+}
+
+impl From<Rules> for BlendRules {
+    fn from(rules: Rules) -> Self {
+        let has_depths_of_centers = rules.expected_depth == ExpectedDepth::Centers;
+        Self { max_alpha: rules.max_alpha, has_depths_of_centers }
+    }
+}
+
 /// State of a tile and its splats in order; one per thread, reused.
 pub struct TileScratch {
     pub blocks: Box<[Block; BLOCKS]>,
@@ -106,6 +120,7 @@ pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
     bins: &Bins,
     tile: [usize; 2],
     grid: &Grid,
+    rules: BlendRules,
     scratch: &mut TileScratch,
 ) {
     let [width, height] = grid.size;
@@ -127,7 +142,8 @@ pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
     scratch.order.sort_front_to_back(scratch.splats.iter().map(|splat| splat.depth_bits));
     let places = BlockPlaces::of_tile(grid.stride as f32, grid.tile_first(tile));
     let TileScratch { blocks, order, splats, geometry, cover, .. } = scratch;
-    blend_places::<_, OUTPUTS>(s, &places, grid, open, order.sorted(), splats, geometry, cover, blocks);
+    let order = order.sorted();
+    blend_places::<_, OUTPUTS>(s, &places, grid, rules, open, order, splats, geometry, cover, blocks);
 }
 
 /// Blends the splats that `order` names, front to back, into the open ones of the blocks at `places`.
@@ -136,6 +152,7 @@ pub fn blend_places<S: Simd, const OUTPUTS: usize>(
     s: S,
     places: &BlockPlaces,
     grid: &Grid,
+    rules: BlendRules,
     mut open: u32,
     order: &[u32],
     splats: &[Splat],
@@ -153,7 +170,8 @@ pub fn blend_places<S: Simd, const OUTPUTS: usize>(
                 continue;
             }
             let mut state = State::load(s, &blocks[b]);
-            let finished = state.blend_run::<OUTPUTS>(s, places.samples(s, b), touching, splats, geometry);
+            let samples = places.samples(s, b);
+            let finished = state.blend_run::<OUTPUTS>(s, rules, samples, touching, splats, geometry);
             state.store::<OUTPUTS>(&mut blocks[b]);
             if finished {
                 open &= !(1 << b);
@@ -263,16 +281,18 @@ impl<S: Simd> State<S> {
     fn blend_run<const OUTPUTS: usize>(
         &mut self,
         s: S,
+        rules: BlendRules,
         sample: [f32x16<S>; 2],
         touching: &[u32],
         splats: &[Splat],
         geometry: &[SplatGeometry],
     ) -> bool {
         let zero = lanes(s, 0.0);
+        let max_alpha = lanes(s, rules.max_alpha);
         for &i in touching {
             let splat = &splats[i as usize];
             let t = self.transmittance;
-            let Some(contribution) = Contribution::of(s, splat, sample, t) else { continue };
+            let Some(contribution) = Contribution::of(s, splat, sample, t, max_alpha) else { continue };
             let Contribution { dx, dy, u, v, raw, alpha, after, blended, finished } = contribution;
             let weight = alpha * t;
 
@@ -282,7 +302,7 @@ impl<S: Simd> State<S> {
             }
             if OUTPUTS >= SAMPLE {
                 // g = (A·dx + B·dy, B·dx + C·dy) from the factor; α derivatives vanish where α is capped.
-                let slope = raw.simd_lt(lanes(s, MAX_ALPHA)).select(alpha, zero) * lanes(s, UNSCALE);
+                let slope = raw.simd_lt(max_alpha).select(alpha, zero) * lanes(s, UNSCALE);
                 let gx = lanes(s, splat.l11) * u;
                 let gy = lanes(s, splat.l21).mul_add(u, lanes(s, splat.l22) * v);
                 let (alpha_x, alpha_y) = (slope * gx, slope * gy);
@@ -312,6 +332,8 @@ impl<S: Simd> State<S> {
                 let in_front = blended & t.simd_gt(lanes(s, 0.5));
                 self.median = in_front.select(distance, self.median);
                 if OUTPUTS >= GBUFFER {
+                    let center = lanes(s, f32::from_bits(splat.depth_bits));
+                    let distance = if rules.has_depths_of_centers { center } else { distance };
                     self.distance = distance.mul_add(weight, self.distance);
                     let normal = lanes3(s, geometry.normal);
                     for k in 0..3 {
@@ -355,7 +377,13 @@ pub struct Contribution<S: Simd> {
 impl<S: Simd> Contribution<S> {
     /// `None` if the splat reaches no pixel whose transmittance `t` is positive.
     #[inline(always)]
-    pub fn of(s: S, splat: &Splat, sample: [f32x16<S>; 2], t: f32x16<S>) -> Option<Self> {
+    pub fn of(
+        s: S,
+        splat: &Splat,
+        sample: [f32x16<S>; 2],
+        t: f32x16<S>,
+        max_alpha: f32x16<S>,
+    ) -> Option<Self> {
         let (zero, one) = (lanes(s, 0.0), lanes(s, 1.0));
         let dx = lanes(s, splat.mean[0]) - sample[0];
         let dy = lanes(s, splat.mean[1]) - sample[1];
@@ -368,7 +396,7 @@ impl<S: Simd> Contribution<S> {
         }
         let raw = lanes(s, splat.opacity) * exp2(s, zero - q);
         let hit = raw.simd_ge(lanes(s, MIN_ALPHA)) & t.simd_gt(zero);
-        let alpha = raw.min(lanes(s, MAX_ALPHA));
+        let alpha = raw.min(max_alpha);
         let after = t * (one - alpha);
         let ends = after.simd_lt(lanes(s, MIN_TRANSMITTANCE));
         let finished = hit & ends;

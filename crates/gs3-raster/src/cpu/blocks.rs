@@ -154,7 +154,10 @@ impl Scratch {
                 open |= 1 << b;
             }
             let TileScratch { blocks, splats, geometry, cover, .. } = &mut *scratch;
-            blend::blend_places::<_, SAMPLE>(s, &batch, grid, open, meeting, splats, geometry, cover, blocks);
+            let rules = resolver.rules;
+            blend::blend_places::<_, SAMPLE>(
+                s, &batch, grid, rules, open, meeting, splats, geometry, cover, blocks,
+            );
             for (b, out) in out.iter_mut().enumerate() {
                 let block = &mut scratch.blocks[b];
                 resolver.finish::<_, SAMPLE>(s, block, batch.samples(s, b), 1.0);

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::Rasterizer;
 use super::bin::{Bins, TILE_HEIGHT, TILE_WIDTH};
-use super::blend::{self, Contribution, TileScratch, lanes3, plane};
+use super::blend::{self, BlendRules, Contribution, TileScratch, lanes3, plane};
 use super::cover::{BLOCKS, BlockPlaces, RUN};
 use super::grid::Grid;
 use super::project::{Projected, lanes};
@@ -127,7 +127,7 @@ impl Rasterizer {
                     for column in 0..columns {
                         let tile = [column, row];
                         dispatch!(level, s => {
-                            scratch.measure_tile(s, jobs, bins, tile, &grid, settings.background);
+                            scratch.measure_tile(s, jobs, bins, tile, &grid, settings);
                         });
                         let places = bins.of_tile(row * columns + column).flatten().map(|id| id.place());
                         let shares = places.zip(&scratch.shares).filter(|(_, share)| share.pixels > 0);
@@ -190,13 +190,14 @@ impl Scratch {
         bins: &Bins,
         tile_place: [usize; 2],
         grid: &Grid,
-        background: [f32; 3],
+        settings: &RasterSettings,
     ) {
-        blend::blend_tile::<_, { blend::COLOR }>(s, jobs, bins, tile_place, grid, &mut self.tile);
+        let rules = BlendRules::from(settings.rules);
+        blend::blend_tile::<_, { blend::COLOR }>(s, jobs, bins, tile_place, grid, rules, &mut self.tile);
         let [width, height] = grid.size;
         let (x0, y0) = (tile_place[0] * TILE_WIDTH, tile_place[1] * TILE_HEIGHT);
         let Self { tile, pixels, shares } = self;
-        start_pixels(pixels, tile, background);
+        start_pixels(pixels, tile, settings.background);
         let mut open = blend::start_tile::<{ blend::COLOR }>(&mut tile.blocks, width - x0, height - y0);
         for (pixels, block) in pixels.iter_mut().zip(&tile.blocks[..]) {
             pixels.transmittance = block.0[plane::TRANSMITTANCE];
@@ -214,7 +215,7 @@ impl Scratch {
                     continue;
                 }
                 let sample = places.samples(s, b);
-                if pixels[b].measure(s, sample, touching, splats, shares) {
+                if pixels[b].measure(s, rules, sample, touching, splats, shares) {
                     open &= !(1 << b);
                 }
             }
@@ -254,12 +255,14 @@ impl Pixels {
     fn measure<S: Simd>(
         &mut self,
         s: S,
+        rules: BlendRules,
         sample: [f32x16<S>; 2],
         touching: &[u32],
         splats: &[Splat],
         shares: &mut [Share],
     ) -> bool {
         let (zero, one) = (lanes(s, 0.0), lanes(s, 1.0));
+        let max_alpha = lanes(s, rules.max_alpha);
         let mut t = f32x16::from_slice(s, &self.transmittance);
         let mut behind = self.behind.map(|plane| f32x16::from_slice(s, &plane));
         let mut largest = f32x16::from_slice(s, &self.largest);
@@ -267,7 +270,7 @@ impl Pixels {
         let mut all_finished = false;
         for &index in touching {
             let splat = &splats[index as usize];
-            let Some(contribution) = Contribution::of(s, splat, sample, t) else { continue };
+            let Some(contribution) = Contribution::of(s, splat, sample, t, max_alpha) else { continue };
             let Contribution { alpha, after, blended, finished, .. } = contribution;
             if blended.any_true() {
                 let weight = alpha * t;

@@ -243,7 +243,7 @@ impl Rasterizer {
             self.orders.clear();
         }
         self.orders.resize_with(columns * rows, Vec::new);
-        let resolver = Resolver::new(view, settings);
+        let (resolver, rules) = (Resolver::new(view, settings), settings.rules.into());
         let (mut of_rows, mut orders) = (bands.into_iter(), &mut self.orders[..]);
         for band in &self.bands {
             let started = Instant::now();
@@ -260,7 +260,7 @@ impl Rasterizer {
                     for (column, order) in orders.iter_mut().enumerate() {
                         dispatch!(level, s => {
                             let tile = [column, row];
-                            blend::blend_tile::<_, OUTPUTS>(s, jobs, bins, tile, grid, scratch);
+                            blend::blend_tile::<_, OUTPUTS>(s, jobs, bins, tile, grid, rules, scratch);
                             resolver.resolve::<_, OUTPUTS>(s, &mut scratch.blocks, tile, grid, &mut out);
                         });
                         order.clear();

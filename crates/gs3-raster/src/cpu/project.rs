@@ -23,9 +23,6 @@ pub const EXTENT_MARGIN: f32 = 2e-3;
 /// their position, 10⁹ px, is known to 64 px only, and its square must not overflow.
 pub const MAX_SLOPE: f32 = 1e6;
 
-/// Smallest factor on opacity in antialiased scenes (gsplat).
-pub const MIN_COMPENSATION: f32 = 0.005;
-
 /// Upper bound of 2·ln 255, the largest squared Mahalanobis radius of a support.
 pub const MAX_SQUARED_RADIUS: f32 = 11.1;
 
@@ -155,7 +152,7 @@ fn project_lanes<S: Simd>(
     let largest = scales[0].max(scales[1]).max(scales[2]);
 
     let valid_lanes = mask32x16::from_bitmask(s, (1_u64 << count) - 1);
-    let mut visible = valid_lanes & z.simd_gt(lanes(s, view.near));
+    let mut visible = valid_lanes & z.simd_gt(lanes(s, view.near)) & z.simd_lt(lanes(s, view.far));
     // Per image axis: μ/z, the same limited for the Jacobian, the projected mean.
     let (mut slope, mut limited, mut mean) = ([zero; 2], [zero; 2], [zero; 2]);
     for a in 0..2 {
@@ -211,7 +208,7 @@ fn project_lanes<S: Simd>(
 
     let mut opacity = load(s, &g.opacities, start, count);
     if input.opacity_mode == OpacityMode::Antialiased {
-        let floor = lanes(s, MIN_COMPENSATION * MIN_COMPENSATION);
+        let floor = lanes(s, view.min_compensation * view.min_compensation);
         opacity *= (raw_det / det).max(floor).sqrt();
     }
     let reach = opacity * lanes(s, 255.0);

@@ -4,7 +4,7 @@ use fearless_simd::{Simd, f32x16, prelude::*};
 use gs3_scene::{GBuffer, Geometry, Gradients, Image, Planes};
 
 use super::bin::{TILE_HEIGHT, TILE_WIDTH};
-use super::blend::{Block, COLOR, GBUFFER, GBUFFER_MIXED, plane};
+use super::blend::{BlendRules, Block, COLOR, GBUFFER, GBUFFER_MIXED, plane};
 use super::cover::{BLOCK, BLOCKS, BLOCKS_X, BlockPlaces};
 use super::grid::Grid;
 use crate::settings::{Outputs, RasterSettings};
@@ -89,11 +89,18 @@ pub struct Resolver {
     background: [f32; 3],
     inv_focal: [f32; 2],
     center: [f32; 2],
+    /// By what rules its blocks are blended.
+    pub rules: BlendRules,
 }
 
 impl Resolver {
     pub fn new(view: &View, settings: &RasterSettings) -> Self {
-        Self { background: settings.background, inv_focal: view.focal.map(|f| 1.0 / f), center: view.center }
+        Self {
+            background: settings.background,
+            inv_focal: view.focal.map(|f| 1.0 / f),
+            center: view.center,
+            rules: settings.rules.into(),
+        }
     }
 
     /// Writes the blocks of tile `(column, row)` of `grid` to its band.
@@ -189,7 +196,8 @@ impl Resolver {
         if OUTPUTS < GBUFFER {
             return;
         }
-        let expected = f32x16::from_slice(s, &plane[plane::DISTANCE]) / alpha * inv_length;
+        let along_z = if self.rules.has_depths_of_centers { one } else { inv_length };
+        let expected = f32x16::from_slice(s, &plane[plane::DISTANCE]) / alpha * along_z;
         let expected = alpha.simd_gt(zero).select(expected, zero);
         expected.store_slice(&mut plane[plane::DISTANCE]);
     }

@@ -32,7 +32,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use gs3_compute::{Arena, Gpu, GpuError, Limits, Readback, Recorder, Slice};
 use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
 
-use crate::settings::{Culling, MAX_MARGIN, Outputs, RasterSettings};
+use crate::settings::{Culling, MAX_MARGIN, Outputs, RasterError, RasterSettings, Rules};
 use crate::view::View;
 pub use error::GpuRasterError;
 use frame::{Fixed, Frame};
@@ -176,6 +176,9 @@ impl GpuRasterizer {
         out: &mut GpuGBuffer,
     ) -> Result<(), GpuRasterError> {
         settings.check()?;
+        if settings.rules != Rules::KERBL {
+            return Err(RasterError::Rules { actual: settings.rules }.into());
+        }
         self.has_margins |= settings.margin != Margin::NONE;
         let picture = [camera.width(), camera.height()];
         let room = if self.has_margins { Margin::all(MAX_MARGIN).around(picture) } else { picture };

@@ -11,7 +11,7 @@ use super::scene::{FIRST_RATIO, OPACITY_STEPS, QUATERNION_STEPS, ScenePrecision}
 use crate::chunk::CHUNK;
 use crate::cpu::cover::BLOCK;
 use crate::cpu::{blend, project, splat};
-use crate::settings::{Culling, Outputs};
+use crate::settings::{Culling, Outputs, Rules};
 
 /// Storage bindings of the kernel that has most, `project_gbuffer`. Desktop drivers have 16 or more.
 pub const STORAGE_BINDINGS: u32 = 13;
@@ -26,7 +26,7 @@ fn numbers() -> String {
         ("SUPPORT_MARGIN", project::SUPPORT_MARGIN),
         ("EXTENT_MARGIN", project::EXTENT_MARGIN),
         ("MAX_SLOPE", project::MAX_SLOPE),
-        ("MIN_COMPENSATION", project::MIN_COMPENSATION),
+        ("MIN_COMPENSATION", Rules::KERBL.min_compensation),
         ("MAX_SQUARED_RADIUS", project::MAX_SQUARED_RADIUS),
         ("TWO_LN_2", project::TWO_LN_2),
         ("HALF_LOG2_E_SQRT", project::HALF_LOG2_E_SQRT),
@@ -36,7 +36,7 @@ fn numbers() -> String {
         ("TINY", f32::MIN_POSITIVE),
         ("C0", SH_C0),
         ("C1", SH_C1),
-        ("MAX_ALPHA", blend::MAX_ALPHA),
+        ("MAX_ALPHA", Rules::KERBL.max_alpha),
         ("MIN_ALPHA", splat::MIN_ALPHA),
         ("MIN_TRANSMITTANCE", blend::MIN_TRANSMITTANCE),
         ("UNSCALE", blend::UNSCALE),

@@ -6,7 +6,7 @@ use gs3_scene::{Gaussians, Intrinsics, Margin, OpacityMode};
 
 use super::*;
 use crate::cpu::Rasterizer;
-use crate::settings::matched_dilation;
+use crate::settings::{Rules, matched_dilation};
 
 /// The adapter of this machine, or a word that there is none.
 fn gpu() -> Option<Gpu> {
@@ -54,6 +54,7 @@ const SETTINGS: RasterSettings = RasterSettings {
     jitter: [0.25, -0.125],
     margin: Margin::NONE,
     background: [0.1, 0.2, 0.3],
+    rules: Rules::KERBL,
 };
 
 fn frame(rasterizer: &mut GpuRasterizer, camera: &Camera, settings: &RasterSettings) -> GBuffer {

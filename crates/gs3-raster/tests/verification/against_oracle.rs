@@ -1,8 +1,8 @@
 //! Every plane, in every mode, against the oracle.
 
 use glam::DVec2;
-use gs3_raster::{Outputs, RasterSettings, matched_dilation};
-use gs3_scene::OpacityMode;
+use gs3_raster::{Outputs, RasterSettings, Rules, matched_dilation};
+use gs3_scene::{Gaussians, OpacityMode, Scene};
 
 use crate::compare::{EVERYTHING, EXACT_CULLING, Tally, assert_matches, oracle, oracle_samples, render};
 use crate::scenes::{RandomScene, camera_at_origin, posed, tilted_pose};
@@ -131,6 +131,46 @@ fn antialiased_opacity_has_a_floor() {
     assert!(faint > 20, "only {faint} pixels show a splat at the floor");
     let gbuffer = render(&scene, EXACT_CULLING[2], &camera, &EVERYTHING);
     assert_matches(&gbuffer, &samples, TOLERANCE, "floor");
+}
+
+/// What gsplat does differently: its cap of α and its depths, which are those of centres. The least compensation and
+/// the planes are not the oracle's and have tests of their own.
+#[test]
+fn rules_of_gsplat() {
+    let camera = camera_at_origin(64, 48, DVec2::ZERO);
+    let rules = Rules { near: None, ..Rules::GSPLAT };
+    let mut tally = Tally::default();
+    for seed in 700..706 {
+        let scene = RandomScene { seed, sigma: [2.0, 20.0], ..RandomScene::BASE }.build(&camera);
+        let settings = RasterSettings { rules, outputs: Outputs::GBuffer, ..EVERYTHING };
+        let samples = oracle_samples(&oracle(&scene, &camera, &settings), &camera);
+        let gbuffer = render(&scene, EXACT_CULLING[1], &camera, &settings);
+        tally.add(assert_matches(&gbuffer, &samples, TOLERANCE, &format!("seed {seed}")));
+    }
+    assert!(tally.excluded_share() < 0.05, "too much excluded: {tally:?}");
+}
+
+/// A ball is shown between the planes only, and an antialiased one fainter than the least compensation allows is not.
+#[test]
+fn rules_decide_what_is_shown() {
+    let camera = camera_at_origin(16, 16, DVec2::ZERO);
+    let alpha = |z: f32, scale: f32, mode: OpacityMode, rules: Rules| {
+        let mut ball = Gaussians::zeroed(1, 0);
+        (ball.means[2][0], ball.rotations[0][0], ball.opacities[0]) = (z, 1.0, 1.0);
+        ball.scales = [vec![scale], vec![scale], vec![scale]];
+        let scene = Scene::new(ball, mode).unwrap();
+        let gbuffer = render(&scene, EXACT_CULLING[1], &camera, &RasterSettings { rules, ..EVERYTHING });
+        gbuffer.alpha.data().iter().copied().fold(0.0, f32::max)
+    };
+    let rules = Rules { near: Some(1.0), far: 3.0, ..Rules::GSPLAT };
+    for (z, is_shown) in [(0.99, false), (1.01, true), (2.99, true), (3.01, false)] {
+        assert_eq!(alpha(z, 1.0, OpacityMode::Default, rules) > 0.9, is_shown, "{z}");
+    }
+    // The scene's own near plane counts where the rules have none.
+    assert!(alpha(0.1, 0.1, OpacityMode::Default, Rules::KERBL) == 0.0);
+    assert!(alpha(0.1, 0.1, OpacityMode::Default, Rules::GSPLAT) > 0.9);
+    let tiny = |rules| alpha(2.0, 1e-6, OpacityMode::Antialiased, rules);
+    assert!((0.0039..=0.005).contains(&tiny(Rules::KERBL)) && tiny(Rules::GSPLAT) == 0.0);
 }
 
 /// The colour-only entry gives the colours of the G-buffer and alpha in its fourth channel.

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use gs3_raster::{Culling, Outputs, RasterSettings, Rasterizer, STOCK_DILATION};
+use gs3_raster::{Culling, Outputs, RasterSettings, Rasterizer, Rules, STOCK_DILATION};
 use gs3_scene::{Camera, GBuffer, Image, Margin, Planes, Scene};
 
 use crate::oracle::{Oracle, Sample};
@@ -17,6 +17,7 @@ pub const EVERYTHING: RasterSettings = RasterSettings {
     jitter: [0.0; 2],
     margin: Margin::NONE,
     background: [0.0; 3],
+    rules: Rules::KERBL,
 };
 
 /// A fresh G-buffer of `scene`.
@@ -39,7 +40,7 @@ pub fn render_image(scene: &Scene, culling: Culling, camera: &Camera, settings: 
 
 /// The oracle for the same picture.
 pub fn oracle(scene: &Scene, camera: &Camera, settings: &RasterSettings) -> Oracle {
-    Oracle::new(scene, camera, settings.dilation, settings.jitter, settings.background)
+    Oracle::new(scene, camera, settings.dilation, settings.jitter, settings.background).by(settings.rules)
 }
 
 /// The oracle's samples of all pixels, row by row.

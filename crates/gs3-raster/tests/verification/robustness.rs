@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::{DQuat, DVec2, DVec3};
-use gs3_raster::{Culling, Outputs, RasterSettings, Rasterizer};
+use gs3_raster::{Culling, Outputs, RasterSettings, Rasterizer, Rules};
 use gs3_scene::gaussians::MAX_SH;
 use gs3_scene::{GBuffer, Image, Margin, OpacityMode, Scene};
 use proptest::prelude::*;
@@ -155,6 +155,10 @@ fn settings_that_make_no_sense_are_refused() {
         RasterSettings { jitter: [0.0, f32::INFINITY], ..EVERYTHING },
         RasterSettings { margin: Margin { top: 33, ..Margin::NONE }, ..EVERYTHING },
         RasterSettings { margin: Margin::all(u32::MAX), ..EVERYTHING },
+        RasterSettings { rules: Rules { near: Some(0.0), ..Rules::KERBL }, ..EVERYTHING },
+        RasterSettings { rules: Rules { far: f32::NAN, ..Rules::KERBL }, ..EVERYTHING },
+        RasterSettings { rules: Rules { max_alpha: 1.0, ..Rules::KERBL }, ..EVERYTHING },
+        RasterSettings { rules: Rules { min_compensation: -0.1, ..Rules::KERBL }, ..EVERYTHING },
         RasterSettings { background: [0.0, f32::NAN, 0.0], ..EVERYTHING },
         RasterSettings { background: [0.0, 0.0, f32::NEG_INFINITY], ..EVERYTHING },
     ];

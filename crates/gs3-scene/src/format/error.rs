@@ -20,6 +20,12 @@ pub enum LoadError {
         /// What the system says.
         source: io::Error,
     },
+    /// Whoever loads it has stopped it ([`super::load_until`]).
+    #[error("{file}: stopped before it was loaded")]
+    Stopped {
+        /// The file that was being read.
+        file: String,
+    },
     /// A folder is no scene.
     #[error(
         "{}: expected a scene file, or a folder with lod-meta.json, meta.json or meta.lcc2, found a folder without \

@@ -39,6 +39,7 @@ mod splat;
 mod spz;
 
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::DVec3;
 
@@ -93,9 +94,29 @@ pub fn load(
     options: &LoadOptions,
     progress: Progress<'_>,
 ) -> Result<Scene, LoadError> {
+    load_until(path, options, progress, &AtomicBool::new(false))
+}
+
+/// As [`load`], until `stop` is set, from any thread: no file is read any further then.
+///
+/// # Errors
+/// As [`load`]; [`LoadError::Stopped`] if it was stopped before all was read.
+pub fn load_until(
+    path: impl AsRef<Path>,
+    options: &LoadOptions,
+    progress: Progress<'_>,
+    stop: &AtomicBool,
+) -> Result<Scene, LoadError> {
     let index = index_of(path.as_ref())?;
-    let folder = source::Folder(index.parent().unwrap_or(Path::new("")).to_owned());
-    load_source(&Source::open(&index)?, &folder, options, progress)
+    let folder = source::Folder { path: index.parent().unwrap_or(Path::new("")).to_owned(), stop };
+    let loaded = load_source(&Source::open(&index)?.until(stop), &folder, options, progress);
+    // Readers of archives and streams tell it as what they could not read.
+    match loaded {
+        Err(_) if stop.load(Ordering::Relaxed) => {
+            Err(LoadError::Stopped { file: index.display().to_string() })
+        }
+        loaded => loaded,
+    }
 }
 
 /// The file that a scene is opened by: `path` itself, or what a folder has of it.

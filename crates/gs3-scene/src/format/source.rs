@@ -6,6 +6,7 @@ use std::fmt;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::error::{LoadError, quoted};
 
@@ -14,6 +15,7 @@ pub struct Source<'a> {
     name: String,
     len: u64,
     bytes: Bytes<'a>,
+    stop: Option<&'a AtomicBool>,
 }
 
 impl fmt::Debug for Source<'_> {
@@ -41,13 +43,19 @@ impl<'a> Source<'a> {
         }
         let file = File::open(path).map_err(io_error)?;
         let len = file.metadata().map_err(io_error)?.len();
-        Ok(Self { name, len, bytes: Bytes::File(file) })
+        Ok(Self { name, len, bytes: Bytes::File(file), stop: None })
     }
 
     /// Bytes in memory; `name` is for messages and, where the content has no signature, for its extension.
     pub fn memory(name: impl Into<String>, bytes: impl Into<Cow<'a, [u8]>>) -> Self {
         let bytes = bytes.into();
-        Self { name: name.into(), len: bytes.len() as u64, bytes: Bytes::Memory(bytes) }
+        Self { name: name.into(), len: bytes.len() as u64, bytes: Bytes::Memory(bytes), stop: None }
+    }
+
+    /// The same bytes, which cannot be read any more once `stop` is set.
+    #[must_use]
+    pub fn until(self, stop: &'a AtomicBool) -> Self {
+        Self { stop: Some(stop), ..self }
     }
 
     /// What messages call it.
@@ -75,6 +83,9 @@ impl<'a> Source<'a> {
             return Ok(());
         }
         self.check_extent(offset, buffer.len() as u64, field)?;
+        if self.stop.is_some_and(|stop| stop.load(Ordering::Relaxed)) {
+            return Err(LoadError::Stopped { file: self.name.clone() });
+        }
         match &self.bytes {
             Bytes::File(file) => read_exact_at(file, buffer, offset)
                 .map_err(|source| LoadError::Io { file: self.name.clone(), source }),
@@ -197,11 +208,15 @@ pub trait Files: Sync {
 }
 
 /// A folder of the file system.
-pub(crate) struct Folder(pub(crate) PathBuf);
+pub(crate) struct Folder<'a> {
+    pub(crate) path: PathBuf,
+    /// See [`Source::until`].
+    pub(crate) stop: &'a AtomicBool,
+}
 
-impl Files for Folder {
+impl Files for Folder<'_> {
     fn open(&self, name: &str) -> Result<Source<'_>, LoadError> {
-        Source::open(&self.0.join(name))
+        Ok(Source::open(&self.path.join(name))?.until(self.stop))
     }
 }
 

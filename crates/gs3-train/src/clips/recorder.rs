@@ -5,7 +5,7 @@ use gs3::neural::model::Tier;
 use gs3::neural::{Arithmetic, Graph, Layer, Named, Op};
 use gs3::raster::{Culling, Outputs, RasterSettings, Rasterizer};
 use gs3::reconstruct::{Depth, Interpolator, Neighbor, SuperSampler, Warped};
-use gs3::scene::{Camera, GBuffer, Image, Margin, Planes};
+use gs3::scene::{Camera, GBuffer, Image, Planes};
 use gs3::{AdaptiveJitter, DepthLattice, ResetReason, Sampling};
 use half::f16;
 
@@ -147,11 +147,10 @@ impl<'a> Recorder<'a> {
         let camera = shot.camera(k as f64)?;
         let depths = previous.map(|previous| DepthLattice::of(&previous.gbuffer)).unwrap_or_default();
         let settings = RasterSettings {
-            outputs: Outputs::GBuffer,
             dilation: self.settings.dilation.at_scale(scale),
             jitter: self.jitter.next(&camera, &depths),
-            margin: Margin::NONE,
             background: shot.background,
+            ..RasterSettings::new(Outputs::GBuffer)
         };
         let mut gbuffer = GBuffer::default();
         self.rasterizer.rasterize(&camera.low_resolution(scale), &settings, &mut gbuffer)?;

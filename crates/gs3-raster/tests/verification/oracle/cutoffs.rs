@@ -1,6 +1,6 @@
 //! The published rule has steps; at a step, single precision may rightly fall on the other side.
 
-use super::{ALPHA_MAX, ALPHA_MIN, NEAR, Splat, TRANSMITTANCE_MIN};
+use super::{ALPHA_MIN, NEAR, Splat, TRANSMITTANCE_MIN};
 
 /// Half-width of the band around an α step, relative. Single precision knows a splat's centre to about 2⁻¹⁷ px in an
 /// image of 256 px; at the 1/255 step a splat of σ = 0.14 px (the least that matched dilation leaves) changes by
@@ -17,7 +17,7 @@ const DEPTH_BAND: f64 = 4e-6;
 pub struct CutOffs {
     /// Some α is near 1/255.
     pub alpha_min: bool,
-    /// Some α is near 0.99, where gradients vanish at once.
+    /// Some α is near where it is capped, where gradients vanish at once.
     pub alpha_max: bool,
     /// Blending nearly stopped, or nearly did not.
     pub stop: bool,
@@ -53,9 +53,9 @@ impl CutOffs {
         self.to_median < TRANSMITTANCE_BAND
     }
 
-    pub(super) fn note_alpha(&mut self, unclamped: f64) {
+    pub(super) fn note_alpha(&mut self, unclamped: f64, max_alpha: f64) {
         self.alpha_min |= is_near(unclamped, ALPHA_MIN, ALPHA_BAND);
-        self.alpha_max |= is_near(unclamped, ALPHA_MAX, ALPHA_BAND);
+        self.alpha_max |= is_near(unclamped, max_alpha, ALPHA_BAND);
     }
 
     pub(super) fn note_splat(&mut self, splat: &Splat, last_z: f64) {

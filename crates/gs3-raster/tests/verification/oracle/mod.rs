@@ -12,6 +12,7 @@ mod tests;
 pub use cutoffs::{CutOffs, TRANSMITTANCE_BAND};
 pub use project::Splat;
 
+use gs3_raster::{ExpectedDepth, Rules};
 use gs3_scene::{Camera, Intrinsics, Scene};
 
 /// α below this is not blended.
@@ -30,6 +31,8 @@ pub struct Oracle {
     intrinsics: Intrinsics,
     jitter: [f64; 2],
     background: [f64; 3],
+    max_alpha: f64,
+    has_depths_of_centers: bool,
 }
 
 /// Everything a G-buffer holds at one position, and which cut-offs are so near that rounding may cross them.
@@ -63,7 +66,15 @@ impl Oracle {
             intrinsics: camera.intrinsics(),
             jitter: jitter.map(f64::from),
             background: background.map(f64::from),
+            max_alpha: ALPHA_MAX,
+            has_depths_of_centers: false,
         }
+    }
+
+    /// The same scene by other rules; the planes' are not read.
+    pub fn by(self, rules: Rules) -> Self {
+        let has_depths_of_centers = rules.expected_depth == ExpectedDepth::Centers;
+        Self { max_alpha: f64::from(rules.max_alpha), has_depths_of_centers, ..self }
     }
 
     /// The sample that pixel `(i, j)` of the G-buffer stands for.
@@ -90,8 +101,8 @@ impl Oracle {
                 continue;
             }
             let unclamped = splat.opacity * power.exp();
-            let alpha = unclamped.min(ALPHA_MAX);
-            out.cut_offs.note_alpha(unclamped);
+            let alpha = unclamped.min(self.max_alpha);
+            out.cut_offs.note_alpha(unclamped, self.max_alpha);
             if alpha < ALPHA_MIN {
                 continue;
             }
@@ -106,7 +117,7 @@ impl Oracle {
                 break;
             }
             // Derivatives of α with respect to the sample position; a clamped α is constant.
-            let moves = f64::from(unclamped < ALPHA_MAX);
+            let moves = f64::from(unclamped < self.max_alpha);
             let (gx, gy) = (a * d[0] + b * d[1], b * d[0] + c * d[1]);
             let (alpha_x, alpha_y) = (moves * alpha * gx, moves * alpha * gy);
             let alpha_xy = moves * alpha * (gx * gy - b);
@@ -124,7 +135,7 @@ impl Oracle {
             }
             let distance = splat.distance + splat.plane[0] * d[0] + splat.plane[1] * d[1];
             weight += w;
-            depth_sum += w * distance;
+            depth_sum += w * if self.has_depths_of_centers { splat.z } else { distance };
             if t > 0.5 {
                 depth_median = distance;
             }
@@ -142,7 +153,8 @@ impl Oracle {
         if weight > 0.0 {
             let i = self.intrinsics;
             let ray_length = ((x - i.cx) / i.fx).hypot((y - i.cy) / i.fy).hypot(1.0);
-            out.depth_expected = depth_sum / weight / ray_length;
+            out.depth_expected =
+                depth_sum / weight / if self.has_depths_of_centers { 1.0 } else { ray_length };
             out.depth_median = depth_median / ray_length;
         }
         out
