@@ -18,6 +18,7 @@ use crate::error;
 use crate::scene::Scene;
 
 /// A session.
+#[derive(Debug)]
 #[pyclass(frozen, module = "gs3._gs3")]
 pub struct Renderer {
     session: Mutex<Session>,
@@ -42,6 +43,7 @@ pub const fn reason(reason: ResetReason) -> &'static str {
         ResetReason::SceneChange => "scene_change",
         ResetReason::BackendChange => "backend_change",
         ResetReason::Failure => "failure",
+        _ => "other",
     }
 }
 
