@@ -12,6 +12,7 @@ use crate::arrays::{self, Matrices, k_of, to_numpy, view_of};
 use crate::error;
 
 /// Cameras in order, and the frame rate. It does not change.
+#[derive(Debug)]
 #[pyclass(frozen, module = "gs3._gs3")]
 pub struct CameraPath {
     pub path: gs3::scene::CameraPath,

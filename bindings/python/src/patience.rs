@@ -38,9 +38,9 @@ pub fn run<T: Send>(
     };
     look()?;
     let result = thread::scope(|scope| {
-        let waiting = thread::current();
-        let worker = scope.spawn(|| {
-            let result = work(&tell, &stop);
+        let (waiting, tell, stop, is_done) = (thread::current(), &tell, &stop, &is_done);
+        let worker = scope.spawn(move || {
+            let result = work(tell, stop);
             is_done.store(true, Ordering::Release);
             waiting.unpark();
             result

@@ -110,71 +110,68 @@ impl Batches {
     }
 }
 
-#[pymethods]
-impl Scene {
-    /// `render_mode` is one of gsplat's. Gives `render`, `alphas` and, where `planes` are asked for, those, all
-    /// `[C, H, W, …]`.
-    fn rasterize<'py>(
-        &self,
-        py: Python<'py>,
-        viewmats: Matrices<'py>,
-        ks: Matrices<'py>,
-        width: u32,
-        height: u32,
-        near_plane: f32,
-        far_plane: f32,
-        eps2d: f32,
-        backgrounds: Option<PyReadonlyArray2<'py, f32>>,
-        render_mode: &str,
-        planes: bool,
-    ) -> PyResult<Bound<'py, PyDict>> {
-        let cameras = arrays::cameras(&viewmats, &ks, width, height)?;
-        if let Some(backgrounds) = &backgrounds {
-            check_shape("backgrounds", &[cameras.len(), 3], backgrounds.shape())?;
-        }
-        let backgrounds = backgrounds.as_ref().map(|b| slice("backgrounds", b)).transpose()?;
-        let backgrounds = backgrounds.map(|values| values.as_chunks::<3>().0);
-        let (has_color, has_depth, is_expected) = match render_mode {
-            "RGB" => (true, false, false),
-            "D" => (false, true, false),
-            "ED" => (false, true, true),
-            "RGB+D" => (true, true, false),
-            "RGB+ED" => (true, true, true),
-            _ => {
-                return Err(error::input(format_args!(
-                    "render_mode: expected RGB, D, ED, RGB+D or RGB+ED, found {render_mode:?}"
-                )));
-            }
-        };
-        let wanted = Wanted { has_color, has_depth, is_expected, has_planes: planes };
-        let outputs = if has_depth || planes { Outputs::GBuffer } else { Outputs::Color };
-        let rules = Rules { near: Some(near_plane), far: far_plane, ..Rules::GSPLAT };
-        let settings = RasterSettings { dilation: eps2d, rules, ..RasterSettings::new(outputs) };
-
-        let (w, h) = (width as usize, height as usize);
-        let mut batches = py.detach(|| Batches::new(cameras.len() * w * h, wanted));
-        let mut frame = GBuffer::default();
-        for (k, camera) in cameras.iter().enumerate() {
-            py.check_signals()?;
-            let background = backgrounds.map_or([0.0; 3], |values| values[k]);
-            let settings = RasterSettings { background, ..settings };
-            py.detach(|| -> Result<(), gs3::raster::RasterError> {
-                self.rasterize_frame(camera, &settings, &mut frame)?;
-                batches.take(k, &frame, wanted);
-                Ok(())
-            })
-            .map_err(error::input)?;
-        }
-        let (dict, shape) = (PyDict::new(py), [cameras.len(), h, w]);
-        batches.render.give(&dict, "render", shape)?;
-        batches.alphas.give(&dict, "alphas", shape)?;
-        if let Some(planes) = batches.planes {
-            for (name, batch) in ["color_dx", "color_dy", "normals", "median_depth"].into_iter().zip(planes) {
-                batch.give(&dict, name, shape)?;
-            }
-        }
-        Ok(dict)
+/// Rasterizes `scene`. `render_mode` is one of gsplat's. Gives `render`, `alphas` and, where `planes` are asked for, those, all
+/// `[C, H, W, …]`.
+pub fn rasterize<'py>(
+    py: Python<'py>,
+    scene: &Scene,
+    viewmats: Matrices<'py>,
+    ks: Matrices<'py>,
+    width: u32,
+    height: u32,
+    near_plane: f32,
+    far_plane: f32,
+    eps2d: f32,
+    backgrounds: Option<PyReadonlyArray2<'py, f32>>,
+    render_mode: &str,
+    planes: bool,
+) -> PyResult<Bound<'py, PyDict>> {
+    let cameras = arrays::cameras(&viewmats, &ks, width, height)?;
+    if let Some(backgrounds) = &backgrounds {
+        check_shape("backgrounds", &[cameras.len(), 3], backgrounds.shape())?;
     }
+    let backgrounds = backgrounds.as_ref().map(|b| slice("backgrounds", b)).transpose()?;
+    let backgrounds = backgrounds.map(|values| values.as_chunks::<3>().0);
+    let (has_color, has_depth, is_expected) = match render_mode {
+        "RGB" => (true, false, false),
+        "D" => (false, true, false),
+        "ED" => (false, true, true),
+        "RGB+D" => (true, true, false),
+        "RGB+ED" => (true, true, true),
+        _ => {
+            return Err(error::input(format_args!(
+                "render_mode: expected RGB, D, ED, RGB+D or RGB+ED, found {render_mode:?}"
+            )));
+        }
+    };
+    let wanted = Wanted { has_color, has_depth, is_expected, has_planes: planes };
+    let outputs = if has_depth || planes { Outputs::GBuffer } else { Outputs::Color };
+    let rules = Rules { near: Some(near_plane), far: far_plane, ..Rules::GSPLAT };
+    let settings = RasterSettings { dilation: eps2d, rules, ..RasterSettings::new(outputs) };
+
+    let (w, h) = (width as usize, height as usize);
+    let mut batches = py.detach(|| Batches::new(cameras.len() * w * h, wanted));
+    let mut frame = GBuffer::default();
+    for (k, camera) in cameras.iter().enumerate() {
+        py.check_signals()?;
+        let background = backgrounds.map_or([0.0; 3], |values| values[k]);
+        let settings = RasterSettings { background, ..settings };
+        py.detach(|| -> Result<(), gs3::raster::RasterError> {
+            scene.rasterize_frame(camera, &settings, &mut frame)?;
+            batches.take(k, &frame, wanted);
+            Ok(())
+        })
+        .map_err(error::input)?;
+    }
+    let (dict, shape) = (PyDict::new(py), [cameras.len(), h, w]);
+    batches.render.give(&dict, "render", shape)?;
+    batches.alphas.give(&dict, "alphas", shape)?;
+    if let Some(planes) = batches.planes {
+        for (name, batch) in ["color_dx", "color_dy", "normals", "median_depth"].into_iter().zip(planes) {
+            batch.give(&dict, name, shape)?;
+        }
+    }
+    Ok(dict)
 }
 
 impl Scene {

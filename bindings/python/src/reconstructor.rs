@@ -9,13 +9,14 @@ use gs3::reconstruct::{
 use gs3::scene::Margin;
 use numpy::{PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyList};
+use pyo3::types::PyList;
 
 use crate::arrays::{Pixels, single_camera, slice};
 use crate::error;
 use crate::renderer::{named, reason};
 
 /// The library's reconstructor.
+#[derive(Debug)]
 #[pyclass(frozen, module = "gs3._gs3")]
 pub struct Reconstructor {
     inner: Mutex<gs3::Reconstructor>,

@@ -18,6 +18,7 @@ use crate::error;
 use crate::scene::Scene;
 
 /// A session.
+#[derive(Debug)]
 #[pyclass(frozen, module = "gs3._gs3")]
 pub struct Renderer {
     session: Mutex<Session>,
@@ -43,6 +44,7 @@ pub const fn reason(reason: ResetReason) -> &'static str {
         ResetReason::BackendChange => "backend_change",
         ResetReason::Failure => "failure",
         ResetReason::Keyframe => "keyframe",
+        _ => "other",
     }
 }
 

@@ -11,15 +11,17 @@ use numpy::{
     PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use rayon::prelude::*;
 
-use crate::arrays::{check_shape, slice, to_numpy};
-use crate::{error, patience};
+use crate::arrays::{Matrices, check_shape, slice, to_numpy};
+use crate::{error, patience, raster};
 
 /// Gaussians that a thread copies at a time.
 const AT_ONCE: usize = 1 << 14;
 
 /// Gaussians that were checked, and how they are rendered. It does not change.
+#[derive(Debug)]
 #[pyclass(frozen, module = "gs3._gs3")]
 pub struct Scene {
     pub scene: Arc<gs3::scene::Scene>,
@@ -154,6 +156,37 @@ impl Scene {
     #[staticmethod]
     fn demo(py: Python<'_>) -> PyResult<Self> {
         py.detach(demo::scene).map(Self::new).map_err(error::input)
+    }
+
+    /// As [`raster::rasterize`].
+    fn rasterize<'py>(
+        &self,
+        py: Python<'py>,
+        viewmats: Matrices<'py>,
+        ks: Matrices<'py>,
+        width: u32,
+        height: u32,
+        near_plane: f32,
+        far_plane: f32,
+        eps2d: f32,
+        backgrounds: Option<PyReadonlyArray2<'py, f32>>,
+        render_mode: &str,
+        planes: bool,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        raster::rasterize(
+            py,
+            self,
+            viewmats,
+            ks,
+            width,
+            height,
+            near_plane,
+            far_plane,
+            eps2d,
+            backgrounds,
+            render_mode,
+            planes,
+        )
     }
 
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {

@@ -138,8 +138,9 @@ def test_normals_and_median_depth_of_a_wall():
     render, alphas, meta = gs3.rasterization(*arrays, view[None], K[None], 32, 32, render_mode="ED")
     normal = np.array([np.sin(angle), 0, np.cos(angle)])
     assert np.abs(render[alphas > 0.01] - 3).max() < 1e-5  # gsplat's depth is the centre's
-    middle = meta["median_depth"][0, 16, 8:24, 0]
-    rays = (np.arange(8, 24) + 0.5 - 16) / 40
+    # RaDe-GS's depths are linear in the pixel: of rays within 0.04 of the centre's, what that leaves out is below 0.04².
+    middle = meta["median_depth"][0, 16, 14:18, 0]
+    rays = (np.arange(14, 18) + 0.5 - 16) / 40
     np.testing.assert_allclose(middle, 3 * normal[2] / (normal[2] + normal[0] * rays), rtol=2e-3)
     shown = meta["normals"][0, 16, 16] / np.linalg.norm(meta["normals"][0, 16, 16])
     np.testing.assert_allclose(shown, -normal, atol=1e-2)
