@@ -1,13 +1,20 @@
 /*
- * The reconstructor alone, fed by a renderer of a wall: at rest it reaches the image that the renderer makes of every pixel,
- * however the numbers lie in memory and whatever depths mean.
+ * The reconstructor alone, fed by a renderer of a wall: at rest it reaches the image that the renderer makes
+ * of every pixel, however the numbers lie in memory and whatever depths mean.
  */
 
 #include <math.h>
 
 #include "check.h"
 
-enum { WIDTH = 64, HEIGHT = 48, SCALE = 4, LR_WIDTH = WIDTH / SCALE, LR_HEIGHT = HEIGHT / SCALE, LR = LR_WIDTH * LR_HEIGHT };
+enum {
+    WIDTH = 64,
+    HEIGHT = 48,
+    SCALE = 4,
+    LR_WIDTH = WIDTH / SCALE,
+    LR_HEIGHT = HEIGHT / SCALE,
+    LR = LR_WIDTH * LR_HEIGHT
+};
 
 static const double FOCAL = 60.0, WALL = 5.0;
 static const float NEAR_PLANE = 0.5f, FAR_PLANE = 40.0f;
@@ -67,7 +74,8 @@ static void render(lr_frame *frame, double x, const float jitter[2], uint32_t en
     for (int k = 0; k < LR; k++) {
         double column = k % LR_WIDTH + 0.5 + jitter[0], row = k / LR_WIDTH + 0.5 + jitter[1];
         float *color = frame->rgba[k];
-        wall(x + (column - LR_WIDTH / 2.0) * unit, (row - LR_HEIGHT / 2.0) * unit, color, frame->dx[k], frame->dy[k]);
+        wall(x + (column - LR_WIDTH / 2.0) * unit, (row - LR_HEIGHT / 2.0) * unit, color, frame->dx[k],
+             frame->dy[k]);
         color[3] = 1.0f;
         for (int c = 0; c < 3; c++) {
             frame->planes[c][k] = color[c];
@@ -88,7 +96,8 @@ static error error_of(const float *image, double x) {
     const double unit = WALL / FOCAL;
     for (int k = 0; k < WIDTH * HEIGHT; k++) {
         float color[3], dx[3], dy[3];
-        wall(x + (k % WIDTH + 0.5 - WIDTH / 2.0) * unit, (k / WIDTH + 0.5 - HEIGHT / 2.0) * unit, color, dx, dy);
+        wall(x + (k % WIDTH + 0.5 - WIDTH / 2.0) * unit, (k / WIDTH + 0.5 - HEIGHT / 2.0) * unit, color, dx,
+             dy);
         for (int c = 0; c < 3; c++) {
             float difference = fabsf(image[4 * k + c] - color[c]);
             found.largest = fmaxf(found.largest, difference);
@@ -192,8 +201,11 @@ static void motion(void) {
     prepare(&c, GS3_DEPTH_ENCODING_DISTANCE, 0, 1);
     gs3_output outputs[2];
     for (int k = 0; k < 2; k++) {
-        outputs[k] = (gs3_output){.struct_size = sizeof outputs[k], .format = GS3_FORMAT_RGBA8, .data = between[k],
-                                  .size = sizeof between[k], .opaque = 1};
+        outputs[k] = (gs3_output){.struct_size = sizeof outputs[k],
+                                  .format = GS3_FORMAT_RGBA8,
+                                  .data = between[k],
+                                  .size = sizeof between[k],
+                                  .opaque = 1};
     }
     const gs3_output *const pointers[2] = {&outputs[0], &outputs[1]};
     c.desc.between_outputs = pointers;
@@ -244,17 +256,22 @@ static void refusals(void) {
     static call c;
     gs3_reconstructor *reconstructor = NULL;
     gs3_reconstructor_desc desc = {.struct_size = sizeof desc, .scale = 12, .threads = 1};
-    CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT, "scale: expected 1 to 8, found 12");
+    CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT,
+                "scale: expected 1 to 8, found 12");
     desc.scale = SCALE;
     desc.between_count = 4;
-    CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT, "between_count: expected 0 to 3, found 4");
+    CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT,
+                "between_count: expected 0 to 3, found 4");
     desc.between_count = 0;
     desc.widest_margin = 33;
-    CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT, "widest_margin: expected 0 to 32, found 33");
+    CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT,
+                "widest_margin: expected 0 to 32, found 33");
     desc.widest_margin = 0;
     desc.kriging = 4;
-    CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT, "kriging: expected 0 to 3 (gs3_kriging), found 4");
-    CHECK_FAILS(gs3_reconstructor_create(&desc, NULL), GS3_ERROR_ARGUMENT, "reconstructor: expected a pointer, found null");
+    CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT,
+                "kriging: expected 0 to 3 (gs3_kriging), found 4");
+    CHECK_FAILS(gs3_reconstructor_create(&desc, NULL), GS3_ERROR_ARGUMENT,
+                "reconstructor: expected a pointer, found null");
     CHECK(reconstructor == NULL);
 
     reconstructor = create(0);
@@ -313,7 +330,8 @@ static void refusals(void) {
     CHECK(gs3_reconstructor_reconstruct(reconstructor, bad, NULL) == GS3_OK);
     *bad = good;
     c.frame.rgba[5][1] = NAN;
-    CHECK_FAILS(gs3_reconstructor_reconstruct(reconstructor, bad, NULL), GS3_ERROR_ARGUMENT, "colour: expected finite numbers");
+    CHECK_FAILS(gs3_reconstructor_reconstruct(reconstructor, bad, NULL), GS3_ERROR_ARGUMENT,
+                "colour: expected finite numbers");
     /* The history is as it was. */
     CHECK(step(reconstructor, &c, 0.0, image).reset_reason == GS3_RESET_NONE);
 
