@@ -268,6 +268,42 @@ static void native_frame(const gs3_scene *scene, const char *folder, const char 
     gs3_renderer_destroy(renderer);
 }
 
+/* Settings that are none of the defaults; the caller renders the same. */
+static void settings(const gs3_scene *scene, const char *folder) {
+    const gs3_renderer_desc descs[] = {
+        {.networks = GS3_NETWORKS_FAST, .refine = GS3_REFINE_OFF},
+        {.scale = 2, .kriging = GS3_KRIGING_ON, .quality = GS3_QUALITY_HIGH, .overscan = 1},
+        {.scale = 2, .refine = GS3_REFINE_SHARE, .refine_value = 0.2f, .sampling = GS3_SAMPLING_CENTERED},
+        {.scale = 2, .mode = GS3_MODE_BICUBIC, .dilation = GS3_DILATION_STOCK},
+        {.scale = 3, .dilation = GS3_DILATION_VALUE, .dilation_value = 0.05f, .kriging = GS3_KRIGING_FINE},
+    };
+    for (size_t k = 0; k < sizeof descs / sizeof descs[0]; k++) {
+        gs3_renderer_desc desc = descs[k];
+        desc.struct_size = sizeof desc;
+        desc.backend = GS3_BACKEND_CPU;
+        desc.threads = 1;
+        gs3_renderer *renderer = NULL;
+        CHECK(gs3_renderer_create(scene, &desc, &renderer) == GS3_OK);
+        static unsigned char bytes[HEIGHT * WIDTH * 3];
+        const gs3_output output = {
+            .struct_size = sizeof output, .format = GS3_FORMAT_RGB8, .data = bytes, .size = sizeof bytes};
+        for (uint32_t frame = 0; frame < 3; frame++) {
+            gs3_camera camera = orbit_camera(scene, frame);
+            /* The same view in axes of OpenGL: y up and z backward. */
+            camera.axes = GS3_VIEW_AXES_RIGHT_UP_BACK;
+            for (int i = 4; i < 12; i++) {
+                camera.view_from_world[i] = -camera.view_from_world[i];
+            }
+            const gs3_render_desc call = {.struct_size = sizeof call, .camera = &camera, .output = &output};
+            CHECK(gs3_renderer_render(renderer, &call, NULL) == GS3_OK);
+        }
+        char name[64];
+        snprintf(name, sizeof name, "settings_%zu.rgb8", k);
+        write_file(folder, name, bytes, sizeof bytes);
+        gs3_renderer_destroy(renderer);
+    }
+}
+
 /* What a renderer refuses, and that it goes on afterwards. */
 static void refusals(gs3_scene *scene) {
     gs3_renderer *renderer = NULL;
@@ -456,6 +492,7 @@ int main(int count, char **arguments) {
     native_frame(scene, arguments[3], "native.rgb8", GS3_FORMAT_RGB8);
     native_frame(scene, arguments[3], "native.rgba8", GS3_FORMAT_RGBA8);
     native_frame(arrays, arguments[3], "arrays.rgb8", GS3_FORMAT_RGB8);
+    settings(scene, arguments[3]);
     refusals(scene);
     memory(scene);
     gs3_set_log_callback(NULL, NULL);

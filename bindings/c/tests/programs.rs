@@ -7,7 +7,10 @@ use std::sync::OnceLock;
 use std::{env, fs};
 
 use gs3::scene::{Camera, Gaussians, Image, OpacityMode, Scene, format, gaussians, orbit};
-use gs3::{Backend, Mode, PipelineSettings, Session, SessionSettings};
+use gs3::{
+    Backend, Dilation, Kriging, Mode, Networks, PipelineSettings, Quality, Refine, Sampling, Session,
+    SessionSettings, Tier,
+};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
@@ -196,6 +199,26 @@ fn frames_in_c_are_those_of_the_library() {
         for (k, between) in shown.between.into_iter().flatten().enumerate() {
             assert_same(&made, &format!("between_{frame}_{k}.rgb"), &floats(between, 3));
         }
+    }
+    let plain = PipelineSettings { mode: Mode::SuperSample, scale: 2, ..PipelineSettings::default() };
+    let of_c = [
+        PipelineSettings { scale: 4, refine: Refine::Off, ..plain },
+        PipelineSettings { kriging: Kriging::On, quality: Quality::High, overscan: true, ..plain },
+        PipelineSettings { refine: Refine::Share(0.2), sampling: Sampling::Centered, ..plain },
+        PipelineSettings { mode: Mode::Bicubic, dilation: Dilation::Stock, ..plain },
+        PipelineSettings { scale: 3, dilation: Dilation::Value(0.05), kriging: Kriging::Fine, ..plain },
+    ];
+    for (k, settings) in of_c.into_iter().enumerate() {
+        let mut session = session(scene, settings);
+        if k == 0 {
+            let networks =
+                Networks { interpolate: None, ..Networks::shipped(4, Tier::Fast).expect("weights") };
+            session.set_pipeline(settings, &networks).expect("networks");
+        }
+        for frame in 0..3 {
+            session.render(&orbit_camera(scene, frame)).expect("a frame");
+        }
+        assert_same(&made, &format!("settings_{k}.rgb8"), &session.pipeline().last_image().to_rgb8());
     }
     let native = PipelineSettings { mode: Mode::Native, ..PipelineSettings::default() };
     let image = session(scene, native).render(&orbit_camera(scene, 7)).expect("a frame").current.clone();

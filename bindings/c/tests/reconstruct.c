@@ -252,6 +252,61 @@ static void motion(void) {
     gs3_reconstructor_destroy(reconstructor);
 }
 
+/* Inputs that are larger than the picture, on each side by another number of pixels. */
+static void margins(void) {
+    enum { LEFT = 4, TOP = 1, RIGHT = 3, BOTTOM = 2 };
+    enum { ACROSS = LEFT + LR_WIDTH + RIGHT, DOWN = TOP + LR_HEIGHT + BOTTOM };
+    static float color[DOWN][ACROSS][3], dx[DOWN][ACROSS][3], dy[DOWN][ACROSS][3], depth[DOWN][ACROSS];
+    const gs3_reconstructor_desc desc = {
+        .struct_size = sizeof desc, .scale = SCALE, .threads = 1, .widest_margin = 8};
+    gs3_reconstructor *reconstructor = NULL;
+    CHECK(gs3_reconstructor_create(&desc, &reconstructor) == GS3_OK);
+    const double unit = WALL / FOCAL * SCALE;
+    uint32_t widest = 0;
+    for (int frame = 0; frame < 4; frame++) {
+        const double x = 0.1 * frame;
+        const gs3_camera camera = camera_at(x);
+        gs3_frame_start start = {.struct_size = sizeof start};
+        CHECK(gs3_reconstructor_query_next(reconstructor, &camera, &start) == GS3_OK);
+        widest = start.margin.right > widest ? start.margin.right : widest;
+        for (int row = 0; row < DOWN; row++) {
+            for (int column = 0; column < ACROSS; column++) {
+                double u = column - LEFT + 0.5 + start.jitter[0] - LR_WIDTH / 2.0;
+                double v = row - TOP + 0.5 + start.jitter[1] - LR_HEIGHT / 2.0;
+                wall(x + u * unit, v * unit, color[row][column], dx[row][column], dy[row][column]);
+                for (int c = 0; c < 3; c++) {
+                    dx[row][column][c] *= (float)unit;
+                    dy[row][column][c] *= (float)unit;
+                }
+                depth[row][column] = (float)WALL;
+            }
+        }
+        const gs3_input colors = input_of(color[0][0], sizeof color),
+                        depths = input_of(depth[0], sizeof depth);
+        const gs3_input dxs = input_of(dx[0][0], sizeof dx), dys = input_of(dy[0][0], sizeof dy);
+        const gs3_output output = {.struct_size = sizeof output, .data = image, .size = sizeof image};
+        const gs3_reconstruct_desc call = {
+            .struct_size = sizeof call,
+            .camera = &camera,
+            .render_width = ACROSS,
+            .render_height = DOWN,
+            .jitter = {start.jitter[0], start.jitter[1]},
+            .color = &colors,
+            .depth = &depths,
+            .color_dx = &dxs,
+            .color_dy = &dys,
+            .margin = {.left = LEFT, .top = TOP, .right = RIGHT, .bottom = BOTTOM},
+            .output = &output,
+        };
+        CHECK(gs3_reconstructor_reconstruct(reconstructor, &call, NULL) == GS3_OK);
+        /* A picture that begins a pixel off has twenty times as much. */
+        CHECK(error_of(image, x).mean < 0.004f);
+    }
+    /* The camera moves to the right. */
+    CHECK(widest > 0 && widest <= 8);
+    gs3_reconstructor_destroy(reconstructor);
+}
+
 static void refusals(void) {
     static call c;
     gs3_reconstructor *reconstructor = NULL;
@@ -353,6 +408,7 @@ int main(void) {
     rest(GS3_DEPTH_ENCODING_REVERSED, 0, 0);
     rest(GS3_DEPTH_ENCODING_LINEAR, 1, 0);
     motion();
+    margins();
     refusals();
     return checks_end();
 }
