@@ -23,7 +23,8 @@ int main(int count, char **arguments) {
     gs3_scene *scene = NULL;
     must(gs3_scene_open(arguments[1], NULL, &scene));
     gs3_renderer *renderer = NULL;
-    must(gs3_renderer_create(scene, &(gs3_renderer_desc){.struct_size = sizeof(gs3_renderer_desc)}, &renderer));
+    must(gs3_renderer_create(scene, &(gs3_renderer_desc){.struct_size = sizeof(gs3_renderer_desc)},
+                             &renderer));
     static unsigned char pixels[WIDTH * HEIGHT * 3];
     const gs3_output output = {
         .struct_size = sizeof output, .format = GS3_FORMAT_RGB8, .data = pixels, .size = sizeof pixels};

@@ -1,6 +1,6 @@
 /*
- * Whole frames of a scene, by all that the header says of them. Arguments: a scene file, a file of arrays, and a folder to
- * write frames into, which the caller compares with the library's own.
+ * Whole frames of a scene, by all that the header says of them. Arguments: a scene file, a file of arrays,
+ * and a folder to write frames into, which the caller compares with the library's own.
  */
 
 #include "check.h"
@@ -43,9 +43,12 @@ static void queries(void) {
     CHECK(width == 481 && height == 270);
     CHECK(gs3_query_render_size(1920, 1080, 0, &width, &height) == GS3_OK);
     CHECK(width == 480 && height == 270);
-    CHECK_FAILS(gs3_query_render_size(1920, 1080, 9, &width, &height), GS3_ERROR_ARGUMENT, "scale: expected 1 to 8");
-    CHECK_FAILS(gs3_query_render_size(0, 1080, 4, &width, &height), GS3_ERROR_ARGUMENT, "width: expected 1 to 8192, found 0");
-    CHECK_FAILS(gs3_query_render_size(8, 8, 4, NULL, &height), GS3_ERROR_ARGUMENT, "render_width: expected a pointer, found null");
+    CHECK_FAILS(gs3_query_render_size(1920, 1080, 9, &width, &height), GS3_ERROR_ARGUMENT,
+                "scale: expected 1 to 8");
+    CHECK_FAILS(gs3_query_render_size(0, 1080, 4, &width, &height), GS3_ERROR_ARGUMENT,
+                "width: expected 1 to 8192, found 0");
+    CHECK_FAILS(gs3_query_render_size(8, 8, 4, NULL, &height), GS3_ERROR_ARGUMENT,
+                "render_width: expected a pointer, found null");
     CHECK(gs3_query_jitter_count(4, &count) == GS3_OK && count == 16);
     int seen[4][4] = {{0}};
     for (uint32_t frame = 3; frame < 19; frame++) {
@@ -80,17 +83,21 @@ static void scenes(const char *path, const gs3_scene *scene) {
 
     gs3_scene *none = NULL;
     CHECK_FAILS(gs3_scene_open("no such scene.ply", NULL, &none), GS3_ERROR_FILE, "no such scene.ply");
-    CHECK_FAILS(gs3_scene_open(NULL, NULL, &none), GS3_ERROR_ARGUMENT, "path: expected a pointer, found null");
-    CHECK_FAILS(gs3_scene_open(path, NULL, NULL), GS3_ERROR_ARGUMENT, "scene: expected a pointer, found null");
+    CHECK_FAILS(gs3_scene_open(NULL, NULL, &none), GS3_ERROR_ARGUMENT,
+                "path: expected a pointer, found null");
+    CHECK_FAILS(gs3_scene_open(path, NULL, NULL), GS3_ERROR_ARGUMENT,
+                "scene: expected a pointer, found null");
     CHECK_FAILS(gs3_scene_open("\xff", NULL, &none), GS3_ERROR_ARGUMENT, "path: expected UTF-8");
     gs3_scene_options options = {.struct_size = sizeof options, .level_of_detail = 3};
     CHECK_FAILS(gs3_scene_open(path, &options, &none), GS3_ERROR_FILE, "level of detail");
     options = (gs3_scene_options){.struct_size = sizeof options, .without_environment = 2};
-    CHECK_FAILS(gs3_scene_open(path, &options, &none), GS3_ERROR_ARGUMENT, "without_environment: expected 0 or 1, found 2");
+    CHECK_FAILS(gs3_scene_open(path, &options, &none), GS3_ERROR_ARGUMENT,
+                "without_environment: expected 0 or 1, found 2");
     options = (gs3_scene_options){.struct_size = sizeof options, .axes = "XYZ"};
     CHECK_FAILS(gs3_scene_open(path, &options, &none), GS3_ERROR_ARGUMENT, "axes: ");
     options.struct_size = 2;
-    CHECK_FAILS(gs3_scene_open(path, &options, &none), GS3_ERROR_DESCRIPTOR, "options: struct_size: expected");
+    CHECK_FAILS(gs3_scene_open(path, &options, &none), GS3_ERROR_DESCRIPTOR,
+                "options: struct_size: expected");
     CHECK(none == NULL);
     /* Twelve bytes of options leave out the axes. */
     options = (gs3_scene_options){.struct_size = 12, .axes = "XYZ"};
@@ -123,10 +130,12 @@ static gs3_scene *arrays_scene(const char *path) {
     gs3_scene *none = NULL;
     gs3_scene_arrays wrong = arrays;
     wrong.sh = NULL;
-    CHECK_FAILS(gs3_scene_from_arrays(&wrong, &none), GS3_ERROR_ARGUMENT, "arrays: sh: expected a pointer, found null");
+    CHECK_FAILS(gs3_scene_from_arrays(&wrong, &none), GS3_ERROR_ARGUMENT,
+                "arrays: sh: expected a pointer, found null");
     wrong = arrays;
     wrong.sh_degree = 5;
-    CHECK_FAILS(gs3_scene_from_arrays(&wrong, &none), GS3_ERROR_ARGUMENT, "arrays: sh_degree: expected 0 to 4, found 5");
+    CHECK_FAILS(gs3_scene_from_arrays(&wrong, &none), GS3_ERROR_ARGUMENT,
+                "arrays: sh_degree: expected 0 to 4, found 5");
     wrong = arrays;
     wrong.count = 0;
     CHECK_FAILS(gs3_scene_from_arrays(&wrong, &none), GS3_ERROR_SCENE, "count: expected 1 or more");
@@ -134,13 +143,15 @@ static gs3_scene *arrays_scene(const char *path) {
     CHECK_FAILS(gs3_scene_from_arrays(&wrong, &none), GS3_ERROR_LAYOUT, "expected at most");
     wrong = arrays;
     wrong.means = (const float *)((const char *)numbers + 1);
-    CHECK_FAILS(gs3_scene_from_arrays(&wrong, &none), GS3_ERROR_LAYOUT, "means: expected an address divisible by 4");
+    CHECK_FAILS(gs3_scene_from_arrays(&wrong, &none), GS3_ERROR_LAYOUT,
+                "means: expected an address divisible by 4");
     wrong = arrays;
     wrong.near_plane = -1.0f;
     CHECK_FAILS(gs3_scene_from_arrays(&wrong, &none), GS3_ERROR_ARGUMENT, "near_plane");
     wrong = arrays;
     wrong.opacity_mode = 2;
-    CHECK_FAILS(gs3_scene_from_arrays(&wrong, &none), GS3_ERROR_ARGUMENT, "opacity_mode: expected 0 to 1 (gs3_opacity_mode)");
+    CHECK_FAILS(gs3_scene_from_arrays(&wrong, &none), GS3_ERROR_ARGUMENT,
+                "opacity_mode: expected 0 to 1 (gs3_opacity_mode)");
     wrong = arrays;
     wrong.struct_size = 48;
     CHECK_FAILS(gs3_scene_from_arrays(&wrong, &none), GS3_ERROR_DESCRIPTOR, "arrays: struct_size: expected");
@@ -248,7 +259,8 @@ static void native_frame(const gs3_scene *scene, const char *folder, const char 
     memset(bytes, 0xab, sizeof bytes);
     const gs3_camera camera = orbit_camera(scene, 7);
     /* At an odd address. */
-    const gs3_output output = {.struct_size = sizeof output, .format = format, .data = bytes + 1, .size = size};
+    const gs3_output output = {
+        .struct_size = sizeof output, .format = format, .data = bytes + 1, .size = size};
     const gs3_render_desc call = {.struct_size = sizeof call, .camera = &camera, .output = &output};
     CHECK(gs3_renderer_render(renderer, &call, NULL) == GS3_OK);
     CHECK(bytes[0] == 0xab && (format == GS3_FORMAT_RGBA8 || bytes[1 + size] == 0xab));
@@ -256,16 +268,55 @@ static void native_frame(const gs3_scene *scene, const char *folder, const char 
     gs3_renderer_destroy(renderer);
 }
 
+/* Settings that are none of the defaults; the caller renders the same. */
+static void settings(const gs3_scene *scene, const char *folder) {
+    const gs3_renderer_desc descs[] = {
+        {.networks = GS3_NETWORKS_FAST, .refine = GS3_REFINE_OFF},
+        {.scale = 2, .kriging = GS3_KRIGING_ON, .quality = GS3_QUALITY_HIGH, .overscan = 1},
+        {.scale = 2, .refine = GS3_REFINE_SHARE, .refine_value = 0.2f, .sampling = GS3_SAMPLING_CENTERED},
+        {.scale = 2, .mode = GS3_MODE_BICUBIC, .dilation = GS3_DILATION_STOCK},
+        {.scale = 3, .dilation = GS3_DILATION_VALUE, .dilation_value = 0.05f, .kriging = GS3_KRIGING_FINE},
+    };
+    for (size_t k = 0; k < sizeof descs / sizeof descs[0]; k++) {
+        gs3_renderer_desc desc = descs[k];
+        desc.struct_size = sizeof desc;
+        desc.backend = GS3_BACKEND_CPU;
+        desc.threads = 1;
+        gs3_renderer *renderer = NULL;
+        CHECK(gs3_renderer_create(scene, &desc, &renderer) == GS3_OK);
+        static unsigned char bytes[HEIGHT * WIDTH * 3];
+        const gs3_output output = {
+            .struct_size = sizeof output, .format = GS3_FORMAT_RGB8, .data = bytes, .size = sizeof bytes};
+        for (uint32_t frame = 0; frame < 3; frame++) {
+            gs3_camera camera = orbit_camera(scene, frame);
+            /* The same view in axes of OpenGL: y up and z backward. */
+            camera.axes = GS3_VIEW_AXES_RIGHT_UP_BACK;
+            for (int i = 4; i < 12; i++) {
+                camera.view_from_world[i] = -camera.view_from_world[i];
+            }
+            const gs3_render_desc call = {.struct_size = sizeof call, .camera = &camera, .output = &output};
+            CHECK(gs3_renderer_render(renderer, &call, NULL) == GS3_OK);
+        }
+        char name[64];
+        snprintf(name, sizeof name, "settings_%zu.rgb8", k);
+        write_file(folder, name, bytes, sizeof bytes);
+        gs3_renderer_destroy(renderer);
+    }
+}
+
 /* What a renderer refuses, and that it goes on afterwards. */
 static void refusals(gs3_scene *scene) {
     gs3_renderer *renderer = NULL;
-    gs3_renderer_desc desc = {.struct_size = sizeof desc, .backend = GS3_BACKEND_CPU, .threads = 1, .scale = 9};
-    CHECK_FAILS(gs3_renderer_create(scene, &desc, &renderer), GS3_ERROR_ARGUMENT, "scale: expected 1 to 8, found 9");
+    gs3_renderer_desc desc = {
+        .struct_size = sizeof desc, .backend = GS3_BACKEND_CPU, .threads = 1, .scale = 9};
+    CHECK_FAILS(gs3_renderer_create(scene, &desc, &renderer), GS3_ERROR_ARGUMENT,
+                "scale: expected 1 to 8, found 9");
     CHECK(strncmp(gs3_last_error(), "gs3_renderer_create: desc: ", 27) == 0);
     CHECK(strcmp(gs3_last_error(), last_logged) == 0);
     desc.scale = 4;
     desc.mode = 4;
-    CHECK_FAILS(gs3_renderer_create(scene, &desc, &renderer), GS3_ERROR_ARGUMENT, "mode: expected 0 to 3 (gs3_mode), found 4");
+    CHECK_FAILS(gs3_renderer_create(scene, &desc, &renderer), GS3_ERROR_ARGUMENT,
+                "mode: expected 0 to 3 (gs3_mode), found 4");
     desc.mode = GS3_MODE_FULL;
     desc.between_count = 4;
     CHECK_FAILS(gs3_renderer_create(scene, &desc, &renderer), GS3_ERROR_ARGUMENT, "expected 1 to 3 frames");
@@ -275,68 +326,89 @@ static void refusals(gs3_scene *scene) {
     CHECK_FAILS(gs3_renderer_create(scene, &desc, &renderer), GS3_ERROR_UNSUPPORTED, "networks: ");
     desc.networks = GS3_NETWORKS_NONE;
     desc.refine = GS3_REFINE_FRAME_TIME;
-    CHECK_FAILS(gs3_renderer_create(scene, &desc, &renderer), GS3_ERROR_ARGUMENT, "refine_value: expected milliseconds above 0");
+    CHECK_FAILS(gs3_renderer_create(scene, &desc, &renderer), GS3_ERROR_ARGUMENT,
+                "refine_value: expected milliseconds above 0");
     desc.refine = GS3_REFINE_SHARE;
     desc.refine_value = 1.5f;
     CHECK_FAILS(gs3_renderer_create(scene, &desc, &renderer), GS3_ERROR_ARGUMENT, "found 1.5");
     desc.threads = 5000;
-    CHECK_FAILS(gs3_renderer_create(scene, &desc, &renderer), GS3_ERROR_ARGUMENT, "threads: expected 0 to 1024, found 5000");
-    CHECK_FAILS(gs3_renderer_create(NULL, &desc, &renderer), GS3_ERROR_ARGUMENT, "scene: expected a pointer, found null");
-    CHECK_FAILS(gs3_renderer_create(scene, &desc, NULL), GS3_ERROR_ARGUMENT, "renderer: expected a pointer, found null");
+    CHECK_FAILS(gs3_renderer_create(scene, &desc, &renderer), GS3_ERROR_ARGUMENT,
+                "threads: expected 0 to 1024, found 5000");
+    CHECK_FAILS(gs3_renderer_create(NULL, &desc, &renderer), GS3_ERROR_ARGUMENT,
+                "scene: expected a pointer, found null");
+    CHECK_FAILS(gs3_renderer_create(scene, &desc, NULL), GS3_ERROR_ARGUMENT,
+                "renderer: expected a pointer, found null");
     CHECK(renderer == NULL);
 
-    desc = (gs3_renderer_desc){.struct_size = sizeof desc, .backend = GS3_BACKEND_CPU, .threads = 1, .scale = 2};
+    desc =
+        (gs3_renderer_desc){.struct_size = sizeof desc, .backend = GS3_BACKEND_CPU, .threads = 1, .scale = 2};
     CHECK(gs3_renderer_create(scene, &desc, &renderer) == GS3_OK);
     static unsigned char bytes[HEIGHT * WIDTH * 3];
     gs3_camera camera = orbit_camera(scene, 0);
-    gs3_output output = {.struct_size = sizeof output, .format = GS3_FORMAT_RGB8, .data = bytes, .size = sizeof bytes};
+    gs3_output output = {
+        .struct_size = sizeof output, .format = GS3_FORMAT_RGB8, .data = bytes, .size = sizeof bytes};
     gs3_render_desc call = {.struct_size = sizeof call, .camera = &camera, .output = &output};
     CHECK_FAILS(gs3_renderer_render(NULL, &call, NULL), GS3_ERROR_ARGUMENT, "renderer: expected a pointer");
     CHECK_FAILS(gs3_renderer_render(renderer, NULL, NULL), GS3_ERROR_ARGUMENT, "desc: expected a pointer");
     gs3_frame_info made = {.struct_size = 3};
-    CHECK_FAILS(gs3_renderer_render(renderer, &call, &made), GS3_ERROR_DESCRIPTOR, "info: struct_size: expected");
+    CHECK_FAILS(gs3_renderer_render(renderer, &call, &made), GS3_ERROR_DESCRIPTOR,
+                "info: struct_size: expected");
     call.struct_size = 16;
-    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_DESCRIPTOR, "desc: struct_size: expected");
+    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_DESCRIPTOR,
+                "desc: struct_size: expected");
     call.struct_size = sizeof call;
     call.camera = NULL;
-    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT, "desc: camera: expected a pointer, found null");
+    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT,
+                "desc: camera: expected a pointer, found null");
     call.camera = &camera;
     call.output = NULL;
-    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT, "desc: output: expected a pointer, found null");
+    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT,
+                "desc: output: expected a pointer, found null");
     call.output = &output;
     output.size--;
-    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_LAYOUT, "output: size: expected at least 9216 bytes for 64x48 pixels, found 9215");
+    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_LAYOUT,
+                "output: size: expected at least 9216 bytes for 64x48 pixels, found 9215");
     output.size++;
     output.pixel_stride = 2;
-    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_LAYOUT, "pixel_stride: expected 0 or at least 3 bytes, found 2");
+    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_LAYOUT,
+                "pixel_stride: expected 0 or at least 3 bytes, found 2");
     output.pixel_stride = 0;
     output.row_stride = 191;
-    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_LAYOUT, "row_stride: expected 0 or at least 192 bytes, found 191");
+    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_LAYOUT,
+                "row_stride: expected 0 or at least 192 bytes, found 191");
     output.row_stride = UINT64_MAX / 2;
     CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_LAYOUT, "size: expected at least");
     output.row_stride = 0;
     output.format = 4;
-    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT, "format: expected 0 to 3 (gs3_format), found 4");
+    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT,
+                "format: expected 0 to 3 (gs3_format), found 4");
     output.format = GS3_FORMAT_RGB8;
     output.data = NULL;
-    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT, "output: data: expected a pointer, found null");
+    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT,
+                "output: data: expected a pointer, found null");
     output.data = bytes;
     camera.fx = -1.0;
-    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT, "camera: fx: expected a positive finite number, found -1");
+    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT,
+                "camera: fx: expected a positive finite number, found -1");
     camera = orbit_camera(scene, 0);
     camera.width = 9000;
-    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT, "image size: expected 1x1 to 8192x8192, found 9000x48");
+    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT,
+                "image size: expected 1x1 to 8192x8192, found 9000x48");
     camera.width = WIDTH;
     camera.view_from_world[0] = 7.0;
-    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT, "camera pose: expected a finite rotation");
+    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT,
+                "camera pose: expected a finite rotation");
     camera = orbit_camera(scene, 0);
     call.between_count = 1;
-    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT, "between_count: expected 0 or 0");
+    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT,
+                "between_count: expected 0 or 0");
     call.between_count = 1000000;
-    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT, "between_count: expected 0 to 3");
+    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT,
+                "between_count: expected 0 to 3");
     call.between_count = 0;
     call.reset = 7;
-    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT, "reset: expected 0 or 1, found 7");
+    CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT,
+                "reset: expected 0 or 1, found 7");
     call.reset = 0;
 
     /* A program of a newer version: what this one does not know must be zero. */
@@ -347,7 +419,8 @@ static void refusals(gs3_scene *scene) {
     newer.known.struct_size = sizeof newer;
     CHECK(gs3_renderer_render(renderer, &newer.known, NULL) == GS3_OK);
     newer.unknown = 1;
-    CHECK_FAILS(gs3_renderer_render(renderer, &newer.known, NULL), GS3_ERROR_DESCRIPTOR, "expected zeros after");
+    CHECK_FAILS(gs3_renderer_render(renderer, &newer.known, NULL), GS3_ERROR_DESCRIPTOR,
+                "expected zeros after");
 
     /* None of all that touched the history. */
     made.struct_size = sizeof made;
@@ -361,9 +434,11 @@ static void refusals(gs3_scene *scene) {
     CHECK(gs3_renderer_render(renderer, &call, &made) == GS3_OK && made.reset_reason == GS3_RESET_SCENE);
     desc.scale = 4;
     CHECK(gs3_renderer_configure(renderer, &desc) == GS3_OK);
-    CHECK(gs3_renderer_render(renderer, &call, &made) == GS3_OK && made.reset_reason == GS3_RESET_FIRST_FRAME);
+    CHECK(gs3_renderer_render(renderer, &call, &made) == GS3_OK &&
+          made.reset_reason == GS3_RESET_FIRST_FRAME);
     desc.scale = 77;
-    CHECK_FAILS(gs3_renderer_configure(renderer, &desc), GS3_ERROR_ARGUMENT, "scale: expected 1 to 8, found 77");
+    CHECK_FAILS(gs3_renderer_configure(renderer, &desc), GS3_ERROR_ARGUMENT,
+                "scale: expected 1 to 8, found 77");
     gs3_renderer_info info = {.struct_size = sizeof info};
     CHECK(gs3_renderer_query_info(renderer, &info) == GS3_OK && info.jitter_count == 16);
     gs3_renderer_destroy(renderer);
@@ -374,7 +449,8 @@ static void refusals(gs3_scene *scene) {
 static void memory(const gs3_scene *scene) {
     gs3_memory before = {.struct_size = sizeof before}, with = before, own = before, after = before;
     CHECK(gs3_query_memory(&before) == GS3_OK);
-    gs3_renderer_desc desc = {.struct_size = sizeof desc, .backend = GS3_BACKEND_CPU, .threads = 2, .scale = 2};
+    gs3_renderer_desc desc = {
+        .struct_size = sizeof desc, .backend = GS3_BACKEND_CPU, .threads = 2, .scale = 2};
     gs3_renderer *renderer = NULL;
     CHECK(gs3_renderer_create(scene, &desc, &renderer) == GS3_OK);
     static float pixels[HEIGHT * WIDTH * 4];
@@ -416,6 +492,7 @@ int main(int count, char **arguments) {
     native_frame(scene, arguments[3], "native.rgb8", GS3_FORMAT_RGB8);
     native_frame(scene, arguments[3], "native.rgba8", GS3_FORMAT_RGBA8);
     native_frame(arrays, arguments[3], "arrays.rgb8", GS3_FORMAT_RGB8);
+    settings(scene, arguments[3]);
     refusals(scene);
     memory(scene);
     gs3_set_log_callback(NULL, NULL);

@@ -49,7 +49,8 @@ int main(int count, char **arguments) {
         }
     }
     gs3_renderer *renderer = NULL;
-    const gs3_renderer_desc none = {.struct_size = sizeof none, .backend = GS3_BACKEND_GPU, .adapter = adapters + 1};
+    const gs3_renderer_desc none = {
+        .struct_size = sizeof none, .backend = GS3_BACKEND_GPU, .adapter = adapters + 1};
     CHECK(gs3_renderer_create(scene, &none, &renderer) == GS3_ERROR_DEVICE && renderer == NULL);
     if (usable > 0) {
         render(scene, GS3_BACKEND_CPU, 0, image[0]);

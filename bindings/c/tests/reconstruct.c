@@ -1,13 +1,20 @@
 /*
- * The reconstructor alone, fed by a renderer of a wall: at rest it reaches the image that the renderer makes of every pixel,
- * however the numbers lie in memory and whatever depths mean.
+ * The reconstructor alone, fed by a renderer of a wall: at rest it reaches the image that the renderer makes
+ * of every pixel, however the numbers lie in memory and whatever depths mean.
  */
 
 #include <math.h>
 
 #include "check.h"
 
-enum { WIDTH = 64, HEIGHT = 48, SCALE = 4, LR_WIDTH = WIDTH / SCALE, LR_HEIGHT = HEIGHT / SCALE, LR = LR_WIDTH * LR_HEIGHT };
+enum {
+    WIDTH = 64,
+    HEIGHT = 48,
+    SCALE = 4,
+    LR_WIDTH = WIDTH / SCALE,
+    LR_HEIGHT = HEIGHT / SCALE,
+    LR = LR_WIDTH * LR_HEIGHT
+};
 
 static const double FOCAL = 60.0, WALL = 5.0;
 static const float NEAR_PLANE = 0.5f, FAR_PLANE = 40.0f;
@@ -67,7 +74,8 @@ static void render(lr_frame *frame, double x, const float jitter[2], uint32_t en
     for (int k = 0; k < LR; k++) {
         double column = k % LR_WIDTH + 0.5 + jitter[0], row = k / LR_WIDTH + 0.5 + jitter[1];
         float *color = frame->rgba[k];
-        wall(x + (column - LR_WIDTH / 2.0) * unit, (row - LR_HEIGHT / 2.0) * unit, color, frame->dx[k], frame->dy[k]);
+        wall(x + (column - LR_WIDTH / 2.0) * unit, (row - LR_HEIGHT / 2.0) * unit, color, frame->dx[k],
+             frame->dy[k]);
         color[3] = 1.0f;
         for (int c = 0; c < 3; c++) {
             frame->planes[c][k] = color[c];
@@ -88,7 +96,8 @@ static error error_of(const float *image, double x) {
     const double unit = WALL / FOCAL;
     for (int k = 0; k < WIDTH * HEIGHT; k++) {
         float color[3], dx[3], dy[3];
-        wall(x + (k % WIDTH + 0.5 - WIDTH / 2.0) * unit, (k / WIDTH + 0.5 - HEIGHT / 2.0) * unit, color, dx, dy);
+        wall(x + (k % WIDTH + 0.5 - WIDTH / 2.0) * unit, (k / WIDTH + 0.5 - HEIGHT / 2.0) * unit, color, dx,
+             dy);
         for (int c = 0; c < 3; c++) {
             float difference = fabsf(image[4 * k + c] - color[c]);
             found.largest = fmaxf(found.largest, difference);
@@ -192,8 +201,11 @@ static void motion(void) {
     prepare(&c, GS3_DEPTH_ENCODING_DISTANCE, 0, 1);
     gs3_output outputs[2];
     for (int k = 0; k < 2; k++) {
-        outputs[k] = (gs3_output){.struct_size = sizeof outputs[k], .format = GS3_FORMAT_RGBA8, .data = between[k],
-                                  .size = sizeof between[k], .opaque = 1};
+        outputs[k] = (gs3_output){.struct_size = sizeof outputs[k],
+                                  .format = GS3_FORMAT_RGBA8,
+                                  .data = between[k],
+                                  .size = sizeof between[k],
+                                  .opaque = 1};
     }
     const gs3_output *const pointers[2] = {&outputs[0], &outputs[1]};
     c.desc.between_outputs = pointers;
@@ -240,21 +252,81 @@ static void motion(void) {
     gs3_reconstructor_destroy(reconstructor);
 }
 
+/* Inputs that are larger than the picture, on each side by another number of pixels. */
+static void margins(void) {
+    enum { LEFT = 4, TOP = 1, RIGHT = 3, BOTTOM = 2 };
+    enum { ACROSS = LEFT + LR_WIDTH + RIGHT, DOWN = TOP + LR_HEIGHT + BOTTOM };
+    static float color[DOWN][ACROSS][3], dx[DOWN][ACROSS][3], dy[DOWN][ACROSS][3], depth[DOWN][ACROSS];
+    const gs3_reconstructor_desc desc = {
+        .struct_size = sizeof desc, .scale = SCALE, .threads = 1, .widest_margin = 8};
+    gs3_reconstructor *reconstructor = NULL;
+    CHECK(gs3_reconstructor_create(&desc, &reconstructor) == GS3_OK);
+    const double unit = WALL / FOCAL * SCALE;
+    uint32_t widest = 0;
+    for (int frame = 0; frame < 4; frame++) {
+        const double x = 0.1 * frame;
+        const gs3_camera camera = camera_at(x);
+        gs3_frame_start start = {.struct_size = sizeof start};
+        CHECK(gs3_reconstructor_query_next(reconstructor, &camera, &start) == GS3_OK);
+        widest = start.margin.right > widest ? start.margin.right : widest;
+        for (int row = 0; row < DOWN; row++) {
+            for (int column = 0; column < ACROSS; column++) {
+                double u = column - LEFT + 0.5 + start.jitter[0] - LR_WIDTH / 2.0;
+                double v = row - TOP + 0.5 + start.jitter[1] - LR_HEIGHT / 2.0;
+                wall(x + u * unit, v * unit, color[row][column], dx[row][column], dy[row][column]);
+                for (int c = 0; c < 3; c++) {
+                    dx[row][column][c] *= (float)unit;
+                    dy[row][column][c] *= (float)unit;
+                }
+                depth[row][column] = (float)WALL;
+            }
+        }
+        const gs3_input colors = input_of(color[0][0], sizeof color),
+                        depths = input_of(depth[0], sizeof depth);
+        const gs3_input dxs = input_of(dx[0][0], sizeof dx), dys = input_of(dy[0][0], sizeof dy);
+        const gs3_output output = {.struct_size = sizeof output, .data = image, .size = sizeof image};
+        const gs3_reconstruct_desc call = {
+            .struct_size = sizeof call,
+            .camera = &camera,
+            .render_width = ACROSS,
+            .render_height = DOWN,
+            .jitter = {start.jitter[0], start.jitter[1]},
+            .color = &colors,
+            .depth = &depths,
+            .color_dx = &dxs,
+            .color_dy = &dys,
+            .margin = {.left = LEFT, .top = TOP, .right = RIGHT, .bottom = BOTTOM},
+            .output = &output,
+        };
+        CHECK(gs3_reconstructor_reconstruct(reconstructor, &call, NULL) == GS3_OK);
+        /* A picture that begins a pixel off has twenty times as much. */
+        CHECK(error_of(image, x).mean < 0.004f);
+    }
+    /* The camera moves to the right. */
+    CHECK(widest > 0 && widest <= 8);
+    gs3_reconstructor_destroy(reconstructor);
+}
+
 static void refusals(void) {
     static call c;
     gs3_reconstructor *reconstructor = NULL;
     gs3_reconstructor_desc desc = {.struct_size = sizeof desc, .scale = 12, .threads = 1};
-    CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT, "scale: expected 1 to 8, found 12");
+    CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT,
+                "scale: expected 1 to 8, found 12");
     desc.scale = SCALE;
     desc.between_count = 4;
-    CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT, "between_count: expected 0 to 3, found 4");
+    CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT,
+                "between_count: expected 0 to 3, found 4");
     desc.between_count = 0;
     desc.widest_margin = 33;
-    CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT, "widest_margin: expected 0 to 32, found 33");
+    CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT,
+                "widest_margin: expected 0 to 32, found 33");
     desc.widest_margin = 0;
     desc.kriging = 4;
-    CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT, "kriging: expected 0 to 3 (gs3_kriging), found 4");
-    CHECK_FAILS(gs3_reconstructor_create(&desc, NULL), GS3_ERROR_ARGUMENT, "reconstructor: expected a pointer, found null");
+    CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT,
+                "kriging: expected 0 to 3 (gs3_kriging), found 4");
+    CHECK_FAILS(gs3_reconstructor_create(&desc, NULL), GS3_ERROR_ARGUMENT,
+                "reconstructor: expected a pointer, found null");
     CHECK(reconstructor == NULL);
 
     reconstructor = create(0);
@@ -313,7 +385,8 @@ static void refusals(void) {
     CHECK(gs3_reconstructor_reconstruct(reconstructor, bad, NULL) == GS3_OK);
     *bad = good;
     c.frame.rgba[5][1] = NAN;
-    CHECK_FAILS(gs3_reconstructor_reconstruct(reconstructor, bad, NULL), GS3_ERROR_ARGUMENT, "colour: expected finite numbers");
+    CHECK_FAILS(gs3_reconstructor_reconstruct(reconstructor, bad, NULL), GS3_ERROR_ARGUMENT,
+                "colour: expected finite numbers");
     /* The history is as it was. */
     CHECK(step(reconstructor, &c, 0.0, image).reset_reason == GS3_RESET_NONE);
 
@@ -335,6 +408,7 @@ int main(void) {
     rest(GS3_DEPTH_ENCODING_REVERSED, 0, 0);
     rest(GS3_DEPTH_ENCODING_LINEAR, 1, 0);
     motion();
+    margins();
     refusals();
     return checks_end();
 }

@@ -1,5 +1,5 @@
-// The header in C++, the static library, and threads: one scene, renderers that share it, and two threads at one renderer.
-// Arguments: a scene file, and a folder that is not used (all programs get one).
+// The header in C++, the static library, and threads: one scene, renderers that share it, and two threads at
+// one renderer. Arguments: a scene file, and a folder that is not used (all programs get one).
 
 #include <array>
 #include <atomic>
@@ -102,7 +102,8 @@ void one_renderer_of_two_threads(const Scene &scene) {
             busy += status == GS3_ERROR_BUSY;
             other += status != GS3_OK && status != GS3_ERROR_BUSY;
             // The text is this thread's own.
-            const bool is_text = std::string(gs3_last_error()).find("handle: expected no call") != std::string::npos;
+            const bool is_text =
+                std::string(gs3_last_error()).find("handle: expected no call") != std::string::npos;
             has_text = has_text && (status != GS3_ERROR_BUSY || is_text);
         }
     };
@@ -134,7 +135,7 @@ void scene_goes_first(const char *path) {
     CHECK(brightest > 0.1F);
 }
 
-}  // namespace
+} // namespace
 
 int main(int count, char **arguments) {
     CHECK(count == 3);
@@ -148,15 +149,12 @@ int main(int count, char **arguments) {
     scene_goes_first(arguments[1]);
     auto camera = sized<gs3_camera>();
     const std::array<double, 3> point{1.0, 2.0, 3.0};
-    CHECK_FAILS(
-        gs3_camera_look_at(point.data(), point.data(), point.data(), 0.7, width, height, &camera),
-        GS3_ERROR_ARGUMENT, "camera pose");
-    CHECK_FAILS(
-        gs3_camera_look_at(point.data(), nullptr, point.data(), 0.7, width, height, &camera),
-        GS3_ERROR_ARGUMENT, "target: expected a pointer, found null");
-    CHECK_FAILS(
-        gs3_camera_look_at(point.data(), point.data(), point.data(), 4.0, width, height, &camera),
-        GS3_ERROR_ARGUMENT, "fov_y: expected radians between 0 and pi, found 4");
+    CHECK_FAILS(gs3_camera_look_at(point.data(), point.data(), point.data(), 0.7, width, height, &camera),
+                GS3_ERROR_ARGUMENT, "camera pose");
+    CHECK_FAILS(gs3_camera_look_at(point.data(), nullptr, point.data(), 0.7, width, height, &camera),
+                GS3_ERROR_ARGUMENT, "target: expected a pointer, found null");
+    CHECK_FAILS(gs3_camera_look_at(point.data(), point.data(), point.data(), 4.0, width, height, &camera),
+                GS3_ERROR_ARGUMENT, "fov_y: expected radians between 0 and pi, found 4");
     gs3_reconstructor *made = nullptr;
     CHECK(gs3_reconstructor_create(nullptr, &made) == GS3_OK);
     const Reconstructor reconstructor(made);
