@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use gs3::scene::format::{SaveOptions, clamped, losses, position_step, save_with};
 use gs3::scene::info::SceneInfo;
-use gs3::scene::{Image, Scene};
+use gs3::scene::{Image, PngChannels, Scene};
 use gs3_files::write_atomically;
 use rayon::prelude::*;
 
@@ -136,7 +136,7 @@ pub struct Written {
 struct Pixels {
     width: u32,
     height: u32,
-    color: png::ColorType,
+    channels: PngChannels,
     bytes: Vec<u8>,
 }
 
@@ -163,7 +163,7 @@ impl FrameWriter {
             None => rgb8(image),
             Some(coverage) => {
                 let bytes = straight_rgba8(image, coverage);
-                Pixels { bytes, color: png::ColorType::Rgba, ..blank_like(image) }
+                Pixels { bytes, channels: PngChannels::Rgba, ..blank_like(image) }
             }
         };
         self.batch.push((file, pixels));
@@ -274,16 +274,9 @@ fn rgb8(image: &Image) -> Pixels {
 fn blank_like(image: &Image) -> Pixels {
     // Image sides come from cameras, which are at most 8192.
     let [width, height] = [image.width(), image.height()].map(|side| side as u32);
-    Pixels { width, height, color: png::ColorType::Rgb, bytes: Vec::new() }
+    Pixels { width, height, channels: PngChannels::Rgb, bytes: Vec::new() }
 }
 
 fn encode_png(image: &Pixels, writer: impl Write) -> io::Result<()> {
-    let mut encoder = png::Encoder::new(writer, image.width, image.height);
-    encoder.set_color(image.color);
-    encoder.set_depth(png::BitDepth::Eight);
-    encoder.set_compression(png::Compression::Fast);
-    encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
-    let mut writer = encoder.write_header()?;
-    writer.write_image_data(&image.bytes)?;
-    Ok(writer.finish()?)
+    gs3::scene::write_png(writer, [image.width, image.height], image.channels, &image.bytes)
 }

@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use gs3::scene::camera_path::Pace;
 use gs3::scene::capture::{self, CaptureError, CaptureFault, CaptureOptions};
 use gs3::scene::demo;
+use gs3::scene::glam::{DMat3, DVec3};
+use gs3::scene::transform::Similarity;
 use numpy::{PyArray2, PyArray3};
 use pyo3::prelude::*;
 
@@ -31,10 +33,16 @@ impl CameraPath {
         size: Option<(u32, u32)>,
         fov_y: Option<f64>,
         dataparser: Option<PathBuf>,
+        origin: [f64; 3],
     ) -> PyResult<Self> {
         let options = CaptureOptions { size, fov_y, dataparser };
         let path = py.detach(|| capture::load_with(path, &options)).map_err(|e| of_capture(&e))?;
-        Ok(Self { path })
+        if origin == [0.0; 3] {
+            return Ok(Self { path });
+        }
+        let shift = -DVec3::from(origin);
+        let moved = path.in_moved_world(&Similarity { shift, ..Similarity::orthogonal(DMat3::IDENTITY) });
+        Ok(Self { path: moved.map_err(error::input)? })
     }
 
     #[staticmethod]

@@ -7,6 +7,7 @@ mod error;
 mod metrics;
 mod networks;
 mod patience;
+mod png_file;
 mod raster;
 mod reconstructor;
 mod renderer;
@@ -22,5 +23,6 @@ fn _gs3(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<renderer::Renderer>()?;
     module.add_class::<reconstructor::Reconstructor>()?;
     metrics::add(module)?;
+    png_file::add(module)?;
     networks::add(module)
 }

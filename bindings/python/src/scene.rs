@@ -216,6 +216,12 @@ impl Scene {
         self.scene.details().near
     }
 
+    /// What the file's positions have more than the scene's.
+    #[getter]
+    fn origin(&self) -> [f64; 3] {
+        self.scene.details().origin.to_array()
+    }
+
     #[getter]
     fn dropped(&self) -> usize {
         self.scene.dropped().total()

@@ -17,6 +17,7 @@ pub mod info;
 pub mod jitter;
 pub mod lens;
 pub mod orbit;
+mod png_file;
 pub mod scene;
 pub mod transform;
 
@@ -31,4 +32,5 @@ pub use gbuffer::{GBuffer, Geometry, Gradients, Margin, Planes};
 pub use image::Image;
 pub use jitter::Jitter;
 pub use lens::Lens;
+pub use png_file::{PngChannels, write_png};
 pub use scene::{Details, Dropped, OpacityMode, Scene, SceneError};

@@ -13,6 +13,7 @@ from ._cameras import CameraPath, demo_path, load_cameras
 from ._errors import Cancelled, DeviceError, FileError, Gs3Error, InputError, Unsupported
 from ._gs3 import __version__
 from ._networks import export_onnx, weights, weights_info
+from ._png import save_png
 from ._raster import rasterization
 from ._reconstructor import NextFrame, Reconstructor
 from ._renderer import Renderer, render_fn
@@ -39,6 +40,7 @@ __all__ = [
     "metrics",
     "rasterization",
     "render_fn",
+    "save_png",
     "weights",
     "weights_info",
 ]

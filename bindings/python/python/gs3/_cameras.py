@@ -9,7 +9,7 @@ import numpy as np
 
 from . import _gs3
 from ._arrays import matrices, size
-from ._scene import Path
+from ._scene import Path, Scene
 
 
 class CameraPath:
@@ -98,15 +98,18 @@ def load_cameras(
     size: Optional[Tuple[int, int]] = None,
     fov_y: Optional[float] = None,
     dataparser: Optional[Path] = None,
+    scene: Optional[Scene] = None,
 ) -> CameraPath:
     """Cameras of a file: a COLMAP model, ``transforms.json``, Inria's ``cameras.json``, nerfstudio's ``camera_path.json``,
     SuperSplat's settings, RealityScan's CSV, or a folder with one of them.
 
     ``size`` (width, height; pixels) and ``fov_y`` (radians) are what files count by that do not say them. ``dataparser`` is
-    nerfstudio's ``dataparser_transforms.json``; the one beside a ``transforms.json`` is found.
+    nerfstudio's ``dataparser_transforms.json``; the one beside a ``transforms.json`` is found. Cameras are brought to the
+    ``origin`` of ``scene``, which matters for scenes far from 0 alone.
     """
     transforms = None if dataparser is None else os.fspath(dataparser)
-    return CameraPath(_gs3.CameraPath.load(os.fspath(path), size, fov_y, transforms))
+    origin = (0.0, 0.0, 0.0) if scene is None else scene.origin
+    return CameraPath(_gs3.CameraPath.load(os.fspath(path), size, fov_y, transforms, origin))
 
 
 def demo_path() -> CameraPath:

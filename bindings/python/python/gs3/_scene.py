@@ -134,6 +134,12 @@ class Scene:
         return self._native.sh_degree
 
     @property
+    def origin(self) -> Tuple[float, float, float]:
+        """What the file's positions have more than ``means``: not 0 where they are larger than an f32 keeps exactly, as in
+        geodetic coordinates. ``load_cameras`` takes it off cameras with ``scene=``."""
+        return tuple(self._native.origin)  # type: ignore[return-value]
+
+    @property
     def antialiased(self) -> bool:
         """Whether opacities make up for the dilation of splats."""
         return self._native.antialiased

@@ -1,0 +1,103 @@
+"""farm/ray_render.py and farm/ray_clips.py on a local cluster of two nodes with one core each."""
+
+import os
+import pathlib
+import signal
+import sys
+import threading
+import time
+
+import pytest
+from conftest import CHUNK, FARM, FRAMES, digests
+
+ray = pytest.importorskip("ray", reason="skipped: ray (PyPI) is not installed")
+pytest.importorskip("gs3", reason="skipped: the Python package gs3 is not installed")
+sys.path.insert(0, str(FARM))
+import ray_clips  # noqa: E402
+import ray_render  # noqa: E402
+
+SETTINGS = {"keyframes": CHUNK}
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    from ray.cluster_utils import Cluster
+
+    # Workers import the scripts as the driver does.
+    os.environ["PYTHONPATH"] = os.pathsep.join([str(FARM), os.environ.get("PYTHONPATH", "")])
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+    cluster.add_node(num_cpus=1)
+    ray.init(address=cluster.address, log_to_driver=False)
+    assert len(ray.nodes()) == 2
+    yield cluster
+    ray.shutdown()
+    cluster.shutdown()
+
+
+def render(job, out, **more):
+    settings = {"chunk": CHUNK, "workers": 2, "settings": SETTINGS} | more
+    return ray_render.render(str(job / "few.ply"), job / out, path=str(job / "path.json"), **settings)
+
+
+def workers():
+    """Processes of actors that render, by their title."""
+    found = []
+    for process in pathlib.Path("/proc").glob("[0-9]*"):
+        try:
+            title = (process / "cmdline").read_bytes()
+        except OSError:
+            continue  # ended meanwhile
+        if title.startswith(b"ray::Worker"):
+            found.append(int(process.name))
+    return found
+
+
+def test_frames_are_those_of_one_run_though_a_worker_is_killed(job, cluster):
+    written = []
+    thread = threading.Thread(target=lambda: written.extend(render(job, "ray")))
+    thread.start()
+    deadline = time.monotonic() + 120
+    while len(digests(job / "ray")) < 30:
+        assert thread.is_alive() and time.monotonic() < deadline
+        time.sleep(0.005)
+    before = {file.name: file.stat().st_mtime_ns for file in (job / "ray").glob("frame_*.png")}
+    os.kill(workers()[0], signal.SIGKILL)
+    thread.join(240)
+    assert not thread.is_alive()
+    assert digests(job / "ray") == digests(job / "whole")
+    # None is lost, and none is made twice: neither those of before, nor any that is told.
+    assert before.items() <= {file.name: file.stat().st_mtime_ns for file in (job / "ray").glob("*.png")}.items()
+    assert len(written) == len(set(written)) and len(written) > 2 * FRAMES - 1 - len(before) - 2 * CHUNK
+    assert render(job, "ray") == []
+
+
+def test_two_workers_are_nearly_twice_as_fast_as_one(job, cluster):
+    def seconds(workers, out):
+        begun = time.monotonic()
+        assert len(render(job, out, workers=workers, size=(480, 270))) == 2 * FRAMES - 1
+        return time.monotonic() - begun
+
+    one, two = seconds(1, "one"), seconds(2, "two")
+    assert digests(job / "one") == digests(job / "two")
+    print(f"one worker {one:.1f} s, two workers {two:.1f} s, {one / two:.2f} times as fast")
+    # 1.7 and more on two idle cores; a test's machine may have other work.
+    if (os.cpu_count() or 1) >= 2:
+        assert one / two > 1.3
+
+
+def test_clips_of_many_scenes(gs3, job, cluster):
+    scenes = []
+    for name in ["a", "b", "c"]:
+        scene = job / f"{name}.ply"
+        scene.write_bytes((job / "few.ply").read_bytes())
+        scenes.append(str(scene))
+    (job / "broken.ply").write_text("ply\n")
+    options = "--network super-sample --size 64x64 --frames 2 --threads 1"
+    make = lambda: ray_clips.make([*scenes, str(job / "broken.ply")], job / "clips", count=2, options=options, gs3=gs3)  # noqa: E731
+    folders, failures = make()
+    assert [pathlib.Path(folder).name for folder in folders] == ["a", "b", "c"]
+    assert list(failures) == [str(job / "broken.ply")] and "broken.ply" in failures[str(job / "broken.ply")]
+    clips = {file: file.stat().st_mtime_ns for file in (job / "clips").rglob("*") if file.is_file()}
+    assert len(clips) >= 6
+    make()
+    assert clips == {file: file.stat().st_mtime_ns for file in (job / "clips").rglob("*") if file.is_file()}
