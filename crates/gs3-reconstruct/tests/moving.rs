@@ -6,6 +6,7 @@ mod world;
 use glam::DVec3;
 use gs3_reconstruct::{GBufferView, PlanesView, ReconstructError, Reconstructor, ReconstructorSettings};
 use gs3_scene::{Camera, Image};
+use rayon::prelude::*;
 use world::{Buffers, World, camera, psnr_where, turned_camera};
 
 /// Frames of a sequence: the history is full long before its end.
@@ -14,7 +15,7 @@ const FRAMES: usize = 24;
 /// World units around the disc in which it was, or soon is.
 const NEAR: f64 = 0.35;
 
-/// PSNR of the last frames on the disc, around it, and elsewhere.
+/// PSNR of a frame on the disc, around it, and elsewhere.
 #[derive(Clone, Copy, Debug)]
 struct Quality {
     disc: f64,
@@ -75,7 +76,7 @@ fn cases() -> [(&'static str, World, fn(f64) -> Camera); 5] {
 
 #[test]
 fn what_moves_is_as_sharp_as_what_stands_still() {
-    for (name, world, path) in cases() {
+    cases().into_par_iter().for_each(|(name, world, path)| {
         let [with, without] = [true, false].map(|has_motion| run(world, path, has_motion));
         let [still, still_between] = run(World::default(), path, false);
         for (kind, with, without, still) in
@@ -90,7 +91,7 @@ fn what_moves_is_as_sharp_as_what_stands_still() {
             assert!(with.around > without.around.min(still.around) - 0.5 && with.around > 30.0, "{figures}");
             assert!(with.elsewhere > without.elsewhere.min(100.0) - 0.1, "{figures}");
         }
-    }
+    });
 }
 
 /// Shows frames `from..to` of `world`, seen by a resting camera; `view` picks what of the buffers is handed over.
