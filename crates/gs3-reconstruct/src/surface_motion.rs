@@ -369,7 +369,7 @@ impl Tracer<'_> {
         let [before, now] = self.cameras;
         let displacement = point(now, at, inverse) - point(before, origin, origin_inverse);
         let displacement = displacement.to_array().map(|v| v as f32);
-        if displacement.iter().any(|v| !(v.abs() < LARGEST)) {
+        if !displacement.iter().all(|v| v.abs() < LARGEST) {
             return nowhere;
         }
         Surface { displacement, residual, origin, inverse, origin_inverse }
