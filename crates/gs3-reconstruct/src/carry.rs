@@ -80,19 +80,16 @@ pub(crate) fn advance(
                 }
                 let is_mover = of.is_some_and(|displacement| displacement.is_mover(i));
                 let departure = motion.departure([seen.x[i], seen.y[i]], seen.inverse_depth[i], is_mover);
-                // What stood still and is hidden now has most likely stayed.
-                let has_changed = match departure {
-                    Departure::Still => false,
-                    Departure::Moved(_) => true,
-                    Departure::Unknown => is_mover,
+                let by = match departure {
+                    Departure::Moved(by) => Some(by),
+                    Departure::Unknown if is_mover => None,
+                    // What stood still and is hidden now has most likely stayed.
+                    Departure::Unknown | Departure::Still => continue,
                 };
-                if !has_changed {
-                    continue;
-                }
                 let Some(displacement) = frame.displacement_mut(row, chunk) else { continue };
-                match departure {
-                    Departure::Moved(by) => displacement.shift(i, by),
-                    Departure::Unknown | Departure::Still => displacement.lose(i),
+                match by {
+                    Some(by) => displacement.shift(i, by),
+                    None => displacement.lose(i),
                 }
             }
         }

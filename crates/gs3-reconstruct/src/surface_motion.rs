@@ -213,20 +213,27 @@ impl SurfaceMotion {
         if !is_mover && !self.left.any([columns.start, rows.start], [columns.end, rows.end]) {
             return Departure::Still;
         }
-        let (mut found, mut least) = (None, f32::INFINITY);
-        for cell in rows.flat_map(|y| columns.clone().map(move |x| y * width + x)) {
-            let Some(k) = decode(self.arrivals[cell].load(Relaxed)) else { continue };
+        let find = |cell: usize| {
+            let k = decode(self.arrivals[cell].load(Relaxed))?;
             let surface = &self.surfaces[k];
             let away = [0, 1].map(|axis| surface.origin[axis] - at[axis]);
             let distance = away[0].mul_add(away[0], away[1] * away[1]);
-            if distance < least && is_same(surface.origin_inverse, inverse, self.slope(k)) {
-                (found, least) = (Some((k, away)), distance);
+            self.is_of(k, surface.origin_inverse, inverse).then_some((k, away, distance))
+        };
+        // Mostly its own pixel has it; else the closest of those around.
+        let mut found = find(y * width + x);
+        if found.is_none() {
+            for found_here in rows.flat_map(|y| columns.clone().map(move |x| y * width + x)).filter_map(find)
+            {
+                if found.is_none_or(|(.., least)| found_here.2 < least) {
+                    found = Some(found_here);
+                }
             }
         }
         match found {
             None => Departure::Unknown,
-            Some((k, _)) if self.surfaces[k].is_still() => Departure::Still,
-            Some((k, away)) => Departure::Moved(self.displacement_beside(k, away.map(|v| -v / scale))),
+            Some((k, ..)) if self.surfaces[k].is_still() => Departure::Still,
+            Some((k, away, _)) => Departure::Moved(self.displacement_beside(k, away.map(|v| -v / scale))),
         }
     }
 
@@ -275,6 +282,11 @@ impl SurfaceMotion {
         is_in.then(|| (place.map(|v| v as usize), place.map(|v| v - v.floor())))
     }
 
+    /// Whether inverse depths, seen two samples apart at most, are both of the surface of sample `k`.
+    fn is_of(&self, k: usize, a: f32, b: f32) -> bool {
+        is_same(a, b) || (a - b).abs() <= 2.0 * self.slope(k)
+    }
+
     /// By how much inverse depths of the surface of sample `k` change from sample to sample: the smaller of the changes
     /// to both sides, where they agree in sign, along x and along y.
     fn slope(&self, k: usize) -> f32 {
@@ -294,7 +306,6 @@ impl SurfaceMotion {
     /// around that move and are of the same surface.
     fn displacement_beside(&self, k: usize, by: [f32; 2]) -> [f32; 3] {
         let surface = &self.surfaces[k];
-        let tolerance = self.slope(k);
         let [column, row] = [(k % self.width) as f32 + by[0], (k / self.width) as f32 + by[1]];
         let [x, y] = [column.floor(), row.floor()];
         let (mut sum, mut weights) = ([0.0; 3], 0.0);
@@ -303,7 +314,7 @@ impl SurfaceMotion {
                 continue;
             }
             let other = &self.surfaces[v as usize * self.width + u as usize];
-            let is_alike = !other.is_still() && is_same(other.inverse, surface.inverse, tolerance);
+            let is_alike = !other.is_still() && self.is_of(k, other.inverse, surface.inverse);
             let weight = (1.0 - (column - u).abs()) * (1.0 - (row - v).abs());
             if is_alike && weight > 0.0 {
                 sum = [0, 1, 2].map(|c| other.displacement[c].mul_add(weight, sum[c]));
@@ -315,10 +326,9 @@ impl SurfaceMotion {
     }
 }
 
-/// Whether inverse depths are those of one surface that changes by `slope` from sample to sample. They are two samples
-/// apart at most.
-fn is_same(a: f32, b: f32, slope: f32) -> bool {
-    (a - b).abs() <= (SAME_SURFACE * a.max(b)).max(2.0 * slope)
+/// Whether inverse depths are those of one surface, whatever its slope.
+fn is_same(a: f32, b: f32) -> bool {
+    (a - b).abs() <= SAME_SURFACE * a.max(b)
 }
 
 /// What vectors are followed with.
@@ -359,7 +369,7 @@ impl Tracer<'_> {
         let [before, now] = self.cameras;
         let displacement = point(now, at, inverse) - point(before, origin, origin_inverse);
         let displacement = displacement.to_array().map(|v| v as f32);
-        if displacement.iter().any(|v| !(v.abs() < LARGEST)) {
+        if !displacement.iter().all(|v| v.abs() < LARGEST) {
             return nowhere;
         }
         Surface { displacement, residual, origin, inverse, origin_inverse }
@@ -395,7 +405,7 @@ impl Tracer<'_> {
         }
         let (mut sum, mut weights) = (0.0, 0.0);
         for (inverse, weight) in around {
-            if is_same(inverse, closest, 0.0) {
+            if is_same(inverse, closest) {
                 (sum, weights) = (inverse.mul_add(weight, sum), weights + weight);
             }
         }
@@ -569,7 +579,8 @@ mod tests {
         };
         assert_eq!(columns(before), [6, 7, 8, 9, 10, 11]);
         assert_eq!(columns(now), [9, 10, 11, 12, 13, 14]);
-        assert!(super::tests::motion(6.0, 6.0).displacements().is_none());
+        let still = self::motion(6.0, 6.0);
+        assert!(still.displacements().is_none());
     }
 
     #[test]

@@ -195,8 +195,8 @@ pub struct GBufferView<'a> {
     ///   late.
     /// * The vectors of the first frame after a reset are not read.
     ///
-    /// Memory: 96 B per LR pixel, and 20 B per HR pixel once something moves. Time: a few per cent of a frame where little
-    /// moves; a frame in which everything moves takes up to twice as long.
+    /// Memory: 96 B per LR pixel, and 20 B per HR pixel once something moves. Time: where nothing moves, some per cent;
+    /// every HR pixel that moves costs up to ten times what one at rest does.
     pub motion: Option<PlanesView<'a, 2>>,
     /// Offset of the samples from the LR pixel centres, in LR pixels, x right and y down, within ±1.
     pub jitter: [f32; 2],
