@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*};
 
+use crate::displacement::Displacement;
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
 use crate::samples::SampleFrame;
 
@@ -117,7 +118,42 @@ impl Boxes {
                 (row_top, row_bottom) = (row_top.min(top), row_bottom.max(bottom));
             }
             self.rows[row] = [row_top.reduce_min(), row_bottom.reduce_max()];
+            for chunk in 0..in_row {
+                if let Some(displacement) = frame.displacement(row, chunk)
+                    && displacement.has_movers()
+                {
+                    self.widen(simd, frame, reprojection, scale, [row, chunk], displacement);
+                }
+            }
         }
+    }
+
+    /// Makes the box of a chunk contain its samples also where they have moved, each its own way.
+    #[inline(always)]
+    fn widen<S: Simd>(
+        &mut self,
+        simd: S,
+        frame: &SampleFrame,
+        reprojection: &Reprojection,
+        scale: f32,
+        [row, chunk]: [usize; 2],
+        displacement: &Displacement,
+    ) {
+        let places = frame.places(simd, row, chunk, scale);
+        let w = f32x16::load_array_ref(simd, frame.chunk(row, chunk).inverse_depth());
+        let offsets = displacement.offsets(simd);
+        let [u, v, q] = reprojection.apply_moved_16(simd, places.x, places.y, w, offsets);
+        let is_there = places.is_sample & q.simd_gt(MIN_DIVISOR);
+        let least = |x: f32x16<S>| is_there.select(x, f32x16::splat(simd, f32::INFINITY)).reduce_min();
+        let most = |x: f32x16<S>| is_there.select(x, f32x16::splat(simd, f32::NEG_INFINITY)).reduce_max();
+        let k = row * self.stride + chunk;
+        self.left[k] = self.left[k].min(least(u) - (0.5 + SLACK));
+        self.right[k] = self.right[k].max(most(u) - (0.5 - SLACK));
+        let (top, bottom) = (least(v) - (0.5 + SLACK), most(v) - (0.5 - SLACK));
+        self.top[k] = self.top[k].min(top);
+        self.bottom[k] = self.bottom[k].max(bottom);
+        let [row_top, row_bottom] = self.rows[row];
+        self.rows[row] = [row_top.min(top), row_bottom.max(bottom)];
     }
 
     /// From the first to the last row of samples that meets `limits`.
@@ -144,6 +180,13 @@ impl Boxes {
         tops: Range<f32>,
     ) -> Meeting<'_, S> {
         Meeting { boxes: self, simd, rows, limits, tops, row: 0, word: self.words(), mask: 0 }
+    }
+
+    /// The box of chunk `chunk` of row `row`; none if the chunk is nowhere.
+    pub fn limits(&self, row: usize, chunk: usize) -> Option<Limits> {
+        let k = row * self.stride + chunk;
+        let (left, right, top, bottom) = (self.left[k], self.right[k], self.top[k], self.bottom[k]);
+        (left <= right).then_some(Limits { left, right, top, bottom })
     }
 
     /// The middle of the box of chunk `chunk` of row `row`, HR pixels; not finite where the chunk is nowhere, or anywhere.

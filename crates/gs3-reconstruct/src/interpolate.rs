@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use crate::blend::{Blend, shares};
 use crate::error::{ReconstructError, camera_size, check_gbuffer, check_scale, check_size, image_size};
 use crate::gather::Gather;
-use crate::middle_depth::MiddleDepth;
+use crate::middle_depth::{MiddleDepth, Passage};
 use crate::neighbor_depth::NeighborDepth;
 use crate::reprojection::Reprojection;
 use crate::separate::Part;
@@ -105,8 +105,23 @@ impl Interpolator {
         camera: &Camera,
         out: &mut Image,
     ) -> Result<(), ReconstructError> {
+        self.interpolate_moving(before, after, None, t, camera, out)
+    }
+
+    /// As [`Self::interpolate`], where things move by themselves: `displacements` are those of the LR samples of both
+    /// neighbours from `before` to `after`, world units, `[LR height, LR width]`.
+    pub(crate) fn interpolate_moving(
+        &mut self,
+        before: Neighbor<'_>,
+        after: Neighbor<'_>,
+        displacements: Option<[&[[f32; 3]]; 2]>,
+        t: f32,
+        camera: &Camera,
+        out: &mut Image,
+    ) -> Result<(), ReconstructError> {
         let level = self.level;
-        let blend = Blend { warp: self.prepare([before, after], t, camera)?, t };
+        let passage = displacements.map(|displacements| Passage { displacements, t });
+        let blend = Blend { warp: self.prepare([before, after], t, camera, passage)?, t };
         let (width, height) = camera_size(camera);
         out.resize(width, height);
         let scale = blend.warp.scale;
@@ -130,7 +145,7 @@ impl Interpolator {
         out: &mut Warped,
     ) -> Result<(), ReconstructError> {
         let level = self.level;
-        let warp = self.prepare([before, after], t, camera)?;
+        let warp = self.prepare([before, after], t, camera, None)?;
         let (width, height) = camera_size(camera);
         out.inverse_depth.resize(warp.middle.width, warp.middle.height);
         out.inverse_depth.data_mut().copy_from_slice(&warp.middle.inverse);
@@ -169,7 +184,7 @@ impl Interpolator {
     ) -> Result<(), ReconstructError> {
         let level = self.level;
         // Nothing here depends on the moment.
-        let warp = self.prepare([before, now], 0.5, now.camera)?.of_first();
+        let warp = self.prepare([before, now], 0.5, now.camera, None)?.of_first();
         let (width, height) = camera_size(now.camera);
         out.image.resize(width, height);
         out.visibility.resize(width, height);
@@ -189,6 +204,7 @@ impl Interpolator {
         neighbors: [Neighbor<'a>; 2],
         t: f32,
         camera: &Camera,
+        passage: Option<Passage<'_>>,
     ) -> Result<Warp<'a, 2>, ReconstructError> {
         let size = camera_size(camera);
         if !(0.0..=1.0).contains(&t) {
@@ -205,7 +221,8 @@ impl Interpolator {
             };
             depth.set(neighbor.gbuffer, geometry);
         }
-        self.middle.set(self.level, &self.neighbors, neighbors.map(|n| n.camera), camera, self.scale);
+        let cameras = neighbors.map(|n| n.camera);
+        self.middle.set(self.level, &self.neighbors, cameras, camera, self.scale, passage);
         Ok(Warp {
             scale: self.scale as usize,
             gather: &self.gather,
@@ -213,6 +230,7 @@ impl Interpolator {
             depths: self.neighbors.each_ref(),
             images: neighbors.map(|n| n.image),
             reprojections: neighbors.map(|n| Reprojection::new(camera, n.camera)),
+            shares: Passage::to_neighbors(t),
         })
     }
 }

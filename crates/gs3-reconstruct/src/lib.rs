@@ -1,8 +1,9 @@
 //! Reconstructs high-resolution (HR) frames from low-resolution (LR) G-buffers without learning.
 //!
-//! Inputs are plain: a [`GBuffer`](gs3_scene::GBuffer) of any renderer, cameras and jitter. What is shown stands still:
-//! surfaces are followed by their depths and the cameras alone. This crate knows nothing of
-//! Gaussians or networks, and only below feature `gpu` of devices. Results do not depend on the number of threads.
+//! Inputs are plain: a [`GBuffer`](gs3_scene::GBuffer) of any renderer, cameras and jitter. Surfaces are followed by their
+//! depths and the cameras; what moves by itself is followed by the [`Reconstructor`] alone, by motion vectors. This crate
+//! knows nothing of Gaussians or networks, and only below feature `gpu` of devices. Results do not depend on the number of
+//! threads.
 //!
 //! * [`resample()`]: nearest, bilinear, bicubic; the baselines.
 //! * [`hermite()`]: one frame, with its exact gradients.
@@ -38,9 +39,11 @@
 
 mod blend;
 mod boxes;
+mod carry;
 mod cut;
 mod depth_lattice;
 mod difference;
+mod displacement;
 mod error;
 mod gather;
 #[cfg(feature = "gpu")]
@@ -68,6 +71,7 @@ mod sequence;
 mod splat;
 mod staleness;
 mod super_sample;
+mod surface_motion;
 mod tile;
 mod view;
 mod warp;

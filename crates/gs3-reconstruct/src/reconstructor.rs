@@ -1,7 +1,7 @@
 //! Low-resolution frames of any renderer to high-resolution ones: all of it in one object.
 
 use gs3_scene::camera_path::pose_between;
-use gs3_scene::{Camera, GBuffer, Image, Margin};
+use gs3_scene::{Camera, GBuffer, Image, Margin, Planes};
 
 use crate::depth_lattice::DepthLattice;
 use crate::error::{ReconstructError, camera_size, check_size};
@@ -65,8 +65,8 @@ struct Frame {
 /// [`Camera::low_resolution`] sampled there, and give it to [`Self::reconstruct`].
 ///
 /// Colour is read, its derivatives per LR pixel (differenced where there are none) and depth; of each the visible
-/// surface's. Textures are filtered for the HR grid, as by a LOD bias of −log₂ S. What is shown stands still: surfaces
-/// are followed by depths and cameras.
+/// surface's. Textures are filtered for the HR grid, as by a LOD bias of −log₂ S. Surfaces are followed by depths and
+/// cameras, and where something moves by itself, by [`GBufferView::motion`].
 #[derive(Debug)]
 pub struct Reconstructor {
     settings: ReconstructorSettings,
@@ -77,6 +77,8 @@ pub struct Reconstructor {
     current: Frame,
     /// The current LR frame with its margin, where it has one.
     padded: GBuffer,
+    /// Motion of the current LR frame, margin included, where it has any.
+    vectors: Planes<2>,
     in_between: Vec<Image>,
 }
 
@@ -95,6 +97,7 @@ impl Reconstructor {
             previous: Frame::default(),
             current: Frame::default(),
             padded: GBuffer::default(),
+            vectors: Planes::default(),
             in_between: vec![Image::default(); in_between],
         })
     }
@@ -169,24 +172,25 @@ impl Reconstructor {
     ) -> Result<usize, ReconstructError> {
         let Frame { gbuffer, image, .. } = &mut self.current;
         let padded = if view.margin == Margin::NONE {
-            view.copy_into(gbuffer)?;
+            view.copy_into(gbuffer, &mut self.vectors)?;
             &*gbuffer
         } else {
-            view.copy_into(&mut self.padded)?;
+            view.copy_into(&mut self.padded, &mut self.vectors)?;
             self.padded.crop(gbuffer);
             &self.padded
         };
-        let since = Since { reset: start.reset };
+        let vectors = view.motion.is_some().then_some(&self.vectors);
+        let since = Since { reset: start.reset, vectors };
         self.super_sampler.super_sample_since(since, camera, gbuffer, padded, image)?;
         let (Some(previous), Some(before)) = (&start.previous, &self.previous.camera) else { return Ok(0) };
         let before =
             Neighbor { camera: before, image: &self.previous.image, gbuffer: &self.previous.gbuffer };
         let after = Neighbor { camera, image, gbuffer };
-        let count = self.in_between.len();
+        let (count, displacements) = (self.in_between.len(), self.super_sampler.displacements());
         for (k, out) in self.in_between.iter_mut().enumerate() {
             let t = (k + 1) as f64 / (count + 1) as f64;
             let pose = poses.get(k).copied().unwrap_or_else(|| pose_between(previous, camera, t));
-            self.interpolator.interpolate(before, after, t as f32, &pose, out)?;
+            self.interpolator.interpolate_moving(before, after, displacements, t as f32, &pose, out)?;
         }
         Ok(count)
     }

@@ -22,6 +22,9 @@ pub(crate) struct Reprojection {
     pub rows: [[f32; 3]; 3],
     /// `e`.
     pub epipole: [f32; 3],
+    /// Rows of `K_t R`, with `R` from world to target view space: a point that has moved by `d` in the world is seen at
+    /// what it was seen at and `w K_t R d`, before the division.
+    pub world: [[f32; 3]; 3],
 }
 
 impl Reprojection {
@@ -30,8 +33,19 @@ impl Reprojection {
         let target_matrix = intrinsic_matrix(target);
         let h = target_matrix * target_from_source.matrix3 * intrinsic_matrix(source).inverse();
         let e = target_matrix * target_from_source.translation;
-        let row = |i: usize| h.row(i).to_array().map(|v| v as f32);
-        Self { rows: [row(0), row(1), row(2)], epipole: e.to_array().map(|v| v as f32) }
+        let rows = |m: DMat3| [0, 1, 2].map(|i| m.row(i).to_array().map(|v| v as f32));
+        let world = rows(target_matrix * target.view_from_world().matrix3);
+        Self { rows: rows(h), epipole: e.to_array().map(|v| v as f32), world }
+    }
+
+    /// Target pixel x, y and the divisor `q` of one source pixel `(x, y)` at inverse depth `w`.
+    pub fn apply(&self, [x, y]: [f32; 2], w: f32) -> [f32; 3] {
+        let sum = |i: usize| {
+            let [h0, h1, h2] = self.rows[i];
+            x.mul_add(h0, y.mul_add(h1, w.mul_add(self.epipole[i], h2)))
+        };
+        let q = sum(2);
+        [sum(0) / q, sum(1) / q, q]
     }
 
     /// Target pixel x, y and the divisor `q` of sixteen source pixels `(x, y)` at inverse depths `w`.
@@ -42,6 +56,29 @@ impl Reprojection {
         for (i, [h0, h1, h2]) in self.rows.into_iter().enumerate() {
             let of_pixel = y.mul_add(h1, w.mul_add(self.epipole[i], f32x16::splat(simd, h2)));
             sums[i] = x.mul_add(h0, of_pixel);
+        }
+        let [a, b, c] = sums;
+        let per = 1.0 / c;
+        [a * per, b * per, c]
+    }
+
+    /// As [`Self::apply_16`], of surfaces that have moved by `offset` in the world since the source saw them.
+    #[inline(always)]
+    pub fn apply_moved_16<S: Simd>(
+        &self,
+        simd: S,
+        x: f32x16<S>,
+        y: f32x16<S>,
+        w: f32x16<S>,
+        offset: [f32x16<S>; 3],
+    ) -> [f32x16<S>; 3] {
+        let mut sums = [f32x16::splat(simd, 0.0); 3];
+        for i in 0..3 {
+            let ([h0, h1, h2], [m0, m1, m2]) = (self.rows[i], self.world[i]);
+            let of_pixel = y.mul_add(h1, w.mul_add(self.epipole[i], f32x16::splat(simd, h2)));
+            let moved = offset[0].mul_add(m0, offset[1].mul_add(m1, offset[2] * m2));
+            // Where nothing moved, exactly what it is without.
+            sums[i] = x.mul_add(h0, of_pixel) + moved * w;
         }
         let [a, b, c] = sums;
         let per = 1.0 / c;
@@ -85,10 +122,21 @@ mod tests {
 
     /// Target pixel x, y and divisor of one pixel.
     fn apply(reprojection: &Reprojection, x: f32, y: f32, w: f32) -> [f32; 3] {
+        apply_moved(reprojection, [x, y, w], None)
+    }
+
+    /// The same of a surface that has moved, if it has.
+    fn apply_moved(reprojection: &Reprojection, [x, y, w]: [f32; 3], moved: Option<DVec3>) -> [f32; 3] {
         let level = gs3_simd::level();
         fearless_simd::dispatch!(level, simd => {
             let splat = |v: f32| f32x16::splat(simd, v);
-            reprojection.apply_16(simd, splat(x), splat(y), splat(w)).map(|v| v[0])
+            match moved {
+                None => reprojection.apply_16(simd, splat(x), splat(y), splat(w)).map(|v| v[0]),
+                Some(by) => {
+                    let by = by.to_array().map(|v| splat(v as f32));
+                    reprojection.apply_moved_16(simd, splat(x), splat(y), splat(w), by).map(|v| v[0])
+                }
+            }
         })
     }
 
@@ -104,6 +152,17 @@ mod tests {
         for (x, y, z) in [(10.5, 20.5, 1.0), (320.0, 180.0, 5.0), (600.25, 300.75, 100.0)] {
             let (expected, depth) = target.project(source.unproject(DVec2::new(x, y), z));
             let [u, v, q] = apply(&reprojection, x as f32, y as f32, inverse_depth(z as f32));
+            assert!((f64::from(u) - expected.x).abs() < 1e-3, "{u} {expected}");
+            assert!((f64::from(v) - expected.y).abs() < 1e-3, "{v} {expected}");
+            assert!((z * f64::from(q) - depth).abs() < 1e-4 * depth);
+            let one = reprojection.apply([x as f32, y as f32], inverse_depth(z as f32));
+            assert!(one.iter().zip([u, v, q]).all(|(a, b)| (a - b).abs() < 1e-3), "{one:?}");
+
+            let still = apply_moved(&reprojection, [x as f32, y as f32, 1.0 / z as f32], Some(DVec3::ZERO));
+            assert_eq!(still, apply(&reprojection, x as f32, y as f32, 1.0 / z as f32));
+            let by = DVec3::new(0.05, -0.3, 0.2);
+            let (expected, depth) = target.project(source.unproject(DVec2::new(x, y), z) + by);
+            let [u, v, q] = apply_moved(&reprojection, [x as f32, y as f32, 1.0 / z as f32], Some(by));
             assert!((f64::from(u) - expected.x).abs() < 1e-3, "{u} {expected}");
             assert!((f64::from(v) - expected.y).abs() < 1e-3, "{v} {expected}");
             assert!((z * f64::from(q) - depth).abs() < 1e-4 * depth);

@@ -4,6 +4,7 @@ use fearless_simd::{Level, Simd, dispatch, f32x16, mask32x16, prelude::*};
 use gs3_scene::{BLOCK_SIDE, ExactBlock, ExactBlocks, GBuffer, Gradients, Margin, Planes};
 use rayon::prelude::*;
 
+use crate::displacement::Displacement;
 use crate::error::ReconstructError;
 use crate::lanes::load;
 use crate::reprojection::inverse_depth_16;
@@ -166,6 +167,8 @@ pub(crate) struct SampleFrame {
     chunks: Vec<Chunk>,
     /// Of each chunk.
     extents: Vec<Extent>,
+    /// Of each chunk, or none of any as long as nothing has moved.
+    displacements: Vec<Displacement>,
 }
 
 impl SampleFrame {
@@ -183,6 +186,7 @@ impl SampleFrame {
         let per_row = self.chunks_per_row();
         self.chunks.resize(per_row * self.height, Chunk::EMPTY);
         self.extents.resize(per_row * self.height, Extent::default());
+        self.displacements.clear();
         let depth = gbuffer.geometry.as_ref().map(|geometry| &geometry.depth_median);
         let planes =
             SamplePlanes { color: &gbuffer.color, gradients, depth, per_hr_pixel: 1.0 / scale as f32 };
@@ -207,6 +211,7 @@ impl SampleFrame {
         (self.jitter, self.margin) = ([0.0; 2], Margin::NONE);
         self.chunks.resize(blocks.len(), Chunk::EMPTY);
         self.extents.resize(blocks.len(), Extent::default());
+        self.displacements.clear();
         let chunks = self.chunks.par_iter_mut().zip(&mut self.extents).zip(&blocks.blocks).with_min_len(64);
         chunks.for_each(|((chunk, extent), block)| {
             dispatch!(level, simd => *extent = fill_block(simd, block, chunk));
@@ -296,6 +301,19 @@ impl SampleFrame {
         [self.jitter[0] - left as f32, self.jitter[1] - top as f32]
     }
 
+    /// Inverse depth of the sample in column `x` of row `y` of an LR frame.
+    pub fn inverse_depth(&self, x: usize, y: usize) -> f32 {
+        self.chunk(y, x / CHUNK).inverse_depth()[x % CHUNK]
+    }
+
+    /// Where the sample in column `x` of row `y` of the picture of an LR frame lies, HR pixels, and its inverse depth; LR
+    /// pixels are `scale` HR pixels wide.
+    pub fn picture_place(&self, x: usize, y: usize, scale: f32) -> ([f32; 2], f32) {
+        let Margin { left, top, .. } = self.margin;
+        let at = [(x as f32 + 0.5 + self.jitter[0]) * scale, (y as f32 + 0.5 + self.jitter[1]) * scale];
+        (at, self.inverse_depth(x + left as usize, y + top as usize))
+    }
+
     /// Samples in a row and in a column of the picture.
     pub fn picture_size(&self) -> [usize; 2] {
         let Margin { left, top, right, bottom } = self.margin;
@@ -320,6 +338,21 @@ impl SampleFrame {
     #[inline(always)]
     pub fn chunk(&self, row: usize, chunk: usize) -> &Chunk {
         &self.chunks[row * self.chunks_per_row() + chunk]
+    }
+
+    /// How the samples of chunk `chunk` of row `row` have moved; none as long as none of the frame has.
+    #[inline(always)]
+    pub fn displacement(&self, row: usize, chunk: usize) -> Option<&Displacement> {
+        self.displacements.get(row * self.chunks_per_row() + chunk)
+    }
+
+    /// The same, to be changed; makes room for those of all chunks.
+    pub fn displacement_mut(&mut self, row: usize, chunk: usize) -> Option<&mut Displacement> {
+        if self.displacements.is_empty() {
+            self.displacements.resize_with(self.chunks.len(), Displacement::default);
+        }
+        let at = row * self.chunks_per_row() + chunk;
+        self.displacements.get_mut(at)
     }
 
     /// What the samples of the chunks of row `row` have in common.

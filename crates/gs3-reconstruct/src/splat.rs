@@ -12,6 +12,7 @@
 
 use fearless_simd::{Simd, f32x16, i32x16, mask32x16, prelude::*};
 
+use crate::displacement::Displacement;
 use crate::lanes::{repeat, spread};
 use crate::plausible::{DEPTH_TOLERANCE, Plausible};
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
@@ -57,6 +58,8 @@ pub(crate) struct Source<'a> {
     pub age: usize,
     /// Parallax at depth 1 between its camera and the current one, HR pixels ([`crate::reprojection::parallax`]).
     pub parallax: f32,
+    /// Focal length of the current camera, HR pixels.
+    pub focal: f32,
     /// HR pixels between samples.
     pub scale: f32,
 }
@@ -86,6 +89,8 @@ pub(crate) struct Seen<S: Simd> {
     pub moved: f32x16<S>,
     /// How stale it is, pixels: its parallax since then, and [`PER_FRAME`].
     pub staleness: f32x16<S>,
+    /// How far surfaces have moved where it was seen, pixels ([`Displacement`]).
+    pub unrest: f32x16<S>,
     /// False for what is beyond the end of the row.
     pub is_sample: mask32x16<S>,
 }
@@ -98,6 +103,9 @@ impl Source<'_> {
         // Positions on its own HR grid.
         let Places { x: from_x, y: from_y, is_sample } = self.frame.places(simd, row, chunk, self.scale);
         let w = f32x16::load_array_ref(simd, self.frame.chunk(row, chunk).inverse_depth());
+        if let Some(displacement) = self.frame.displacement(row, chunk) {
+            return self.see_displaced(simd, [from_x, from_y, w], is_sample, displacement);
+        }
         let [x, y, q] = self.reprojection.apply_16(simd, from_x, from_y, w);
         let (moved_x, moved_y) = (x - from_x, y - from_y);
         Seen {
@@ -108,7 +116,38 @@ impl Source<'_> {
             moved: moved_x.mul_add(moved_x, moved_y * moved_y),
             // As if the camera moved across: what it moves ahead counts, too, since footprints change.
             staleness: w.mul_add(self.parallax, splat(PER_FRAME * self.age as f32)),
+            unrest: splat(0.0),
             is_sample,
+        }
+    }
+
+    /// Reprojects samples at `from`, x, y and inverse depth, that may have moved since. What has not is as
+    /// [`Self::see`] has it.
+    #[inline(always)]
+    fn see_displaced<S: Simd>(
+        &self,
+        simd: S,
+        [from_x, from_y, w]: [f32x16<S>; 3],
+        is_sample: mask32x16<S>,
+        displacement: &Displacement,
+    ) -> Seen<S> {
+        let [dx, dy, dz] = displacement.offsets(simd);
+        let unrest = displacement.unrest(simd);
+        let [x, y, q] = self.reprojection.apply_moved_16(simd, from_x, from_y, w, [dx, dy, dz]);
+        let (moved_x, moved_y) = (x - from_x, y - from_y);
+        let moved = moved_x.mul_add(moved_x, moved_y * moved_y);
+        // What moves before the camera is seen from another side as what the camera moves around.
+        let way = dx.mul_add(dx, dy.mul_add(dy, dz * dz)).sqrt();
+        let staleness = w.mul_add(self.parallax, f32x16::splat(simd, PER_FRAME * self.age as f32));
+        Seen {
+            x,
+            y,
+            inverse_depth: w * (1.0 / q),
+            q,
+            moved: moved.max(unrest * unrest),
+            staleness: (way * w).mul_add(self.focal, staleness),
+            unrest,
+            is_sample: is_sample & unrest.simd_lt(f32::INFINITY),
         }
     }
 
@@ -142,7 +181,7 @@ impl Source<'_> {
         let nearest = tile.nearest.around(simd, pixel);
         // What is nearer may hide it now, the rather the farther the two have moved apart. It is not beyond use:
         // depths at silhouettes are off, and there may be nothing better.
-        let apart = (nearest - w) * self.parallax;
+        let apart = (nearest - w) * self.parallax + seen.unrest;
         let is_behind = w.simd_lt(nearest * (1.0 - DEPTH_TOLERANCE));
         let doubt = is_behind.select(apart.mul_add(apart * OCCLUDED, doubt), doubt);
         // What does not move keeps its exact value: only motion, 0 at rest and towards 1 for a pixel or more, makes

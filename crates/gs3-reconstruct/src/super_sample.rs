@@ -4,10 +4,11 @@ use std::ops::Range;
 use std::slice;
 
 use fearless_simd::{Level, Simd, dispatch};
-use gs3_scene::{BLOCK_SIDE, Camera, ExactBlocks, GBuffer, Geometry, Gradients, Image, block_grid};
+use gs3_scene::{BLOCK_SIDE, Camera, ExactBlocks, GBuffer, Geometry, Gradients, Image, Planes, block_grid};
 use rayon::prelude::*;
 
 use crate::boxes::{Boxes, Limits};
+use crate::carry::{advance, disturb};
 use crate::depth_lattice::DepthLattice;
 use crate::error::{ReconstructError, camera_size, check_around, check_finite, check_gbuffer, check_scale};
 use crate::hermite::Surface;
@@ -16,9 +17,10 @@ use crate::nearest::{EVERY, RIM};
 use crate::plausible::Plausible;
 use crate::prefetch::prefetch;
 use crate::reprojection::{Reprojection, parallax};
-use crate::samples::SampleFrame;
+use crate::samples::{CHUNK, SampleFrame};
 use crate::splat::{REACH, Source};
 use crate::staleness::count_remembered;
+use crate::surface_motion::{Frames, SurfaceMotion};
 use crate::tile::{Lattice, RING, TILE_HEIGHT, TILE_WIDTH, Tile, Wanted};
 
 /// Why history is not valid. Whoever keeps it tells; a [`SuperSampler`] does not look for cuts itself.
@@ -41,9 +43,12 @@ pub enum ResetReason {
 
 /// What happened since the frame before.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Since {
+pub(crate) struct Since<'a> {
     /// Why there is no history, if there is none.
     pub reset: Option<ResetReason>,
+    /// From where the surfaces of the current frame, margin included, are to where they were in the frame before, LR
+    /// pixels; none if everything stands still.
+    pub vectors: Option<&'a Planes<2>>,
 }
 
 /// Which pixels are kriged.
@@ -108,6 +113,8 @@ struct Past {
     reprojection: Reprojection,
     /// Parallax at depth 1 between both, HR pixels.
     parallax: f32,
+    /// Focal length of the current camera, HR pixels.
+    focal: f32,
     /// Where its chunks are in the current frame.
     boxes: Boxes,
 }
@@ -122,6 +129,7 @@ impl Past {
             frame: SampleFrame::default(),
             reprojection: Reprojection::new(camera, camera),
             parallax: 0.0,
+            focal: 0.0,
             boxes: Boxes::default(),
         }
     }
@@ -129,8 +137,9 @@ impl Past {
     /// As it is seen now.
     #[inline(always)]
     fn source(&self, scale: u32) -> Source<'_> {
-        let Self { age, frame, reprojection, parallax, .. } = self;
-        Source { frame, reprojection, age: *age, parallax: *parallax, scale: scale as f32 }
+        let Self { age, frame, reprojection, parallax, focal, .. } = self;
+        let (age, parallax, focal) = (*age, *parallax, *focal);
+        Source { frame, reprojection, age, parallax, focal, scale: scale as f32 }
     }
 }
 
@@ -157,7 +166,8 @@ struct Band<'a> {
 /// The history is the last S² LR frames themselves: exact samples, splatted anew for every frame (see the module
 /// `splat`). At rest under the exact S×S grid jitter the result therefore is the native image after S² frames.
 ///
-/// Memory: 58 B per LR pixel, margins included, and remembered frame, that is per HR pixel.
+/// Memory: 58 B per LR pixel, margins included, and remembered frame, that is per HR pixel; a third more once something
+/// moves by itself, which only a [`crate::Reconstructor`] is told.
 #[derive(Debug)]
 pub struct SuperSampler {
     scale: u32,
@@ -172,6 +182,8 @@ pub struct SuperSampler {
     plausible: Plausible,
     /// `[LR height, LR width]`.
     innovation: Vec<[f32; 4]>,
+    /// What moves by itself since the frame before.
+    motion: SurfaceMotion,
     invalid: Option<ResetReason>,
     level: Level,
 }
@@ -233,6 +245,7 @@ impl SuperSampler {
             surface: Surface::default(),
             plausible: Plausible::default(),
             innovation: Vec::new(),
+            motion: SurfaceMotion::default(),
             invalid: Some(ResetReason::FirstFrame),
             level: gs3_simd::level(),
         })
@@ -300,7 +313,7 @@ impl SuperSampler {
     /// As [`Self::super_sample_within`], told what happened `since` the frame before. Where it errs, that is not heard.
     pub(crate) fn super_sample_since(
         &mut self,
-        since: Since,
+        since: Since<'_>,
         camera: &Camera,
         gbuffer: &GBuffer,
         around: &GBuffer,
@@ -313,6 +326,9 @@ impl SuperSampler {
         if !std::ptr::eq(around, gbuffer) {
             usable_planes(around)?;
         }
+        if let Some(vectors) = since.vectors {
+            check_finite("G-buffer motion", vectors)?;
+        }
         if self.past.first().is_some_and(|newest| camera_size(&newest.camera) != size) {
             self.reset(ResetReason::SizeOrTierChange);
         }
@@ -321,11 +337,57 @@ impl SuperSampler {
         }
         self.surface.set(gbuffer, gradients, self.scale);
         self.plausible.set(self.level, gbuffer, gradients, &geometry.depth_median, self.scale);
+        let moves = self.follow(since.vectors, camera, around);
         self.remember(camera, gbuffer, around)?;
         self.find_boxes(camera);
+        if moves {
+            self.disturb();
+        }
         out.resize(size.0, size.1);
         self.accumulate(out);
         Ok(())
+    }
+
+    /// Moves the history to where `vectors` say that its surfaces are in the current frame, `around`; whether they say
+    /// anything.
+    fn follow(&mut self, vectors: Option<&Planes<2>>, camera: &Camera, around: &GBuffer) -> bool {
+        let (Some(vectors), Some(newest)) = (vectors, self.past.first()) else {
+            self.motion.clear();
+            return false;
+        };
+        let before = newest.camera;
+        let frames =
+            Frames { cameras: [&before, camera], before: &newest.frame, now: around, scale: self.scale };
+        self.motion.set(&frames, vectors);
+        let (motion, level, scale) = (&self.motion, self.level, self.scale as f32);
+        // Exact blocks are of scenes that stand still.
+        let lr_frames = self.past.par_iter_mut().filter(|past| !past.frame.is_blocks());
+        // Boxes and reprojections are still those to the frame before.
+        lr_frames.for_each(|Past { frame, reprojection, boxes, .. }| {
+            advance(level, frame, reprojection, boxes, scale, motion);
+        });
+        true
+    }
+
+    /// Tells the history where something moves in the current frame, and the newest frame which of its surfaces do.
+    fn disturb(&mut self) {
+        let (motion, level, scale) = (&self.motion, self.level, self.scale as f32);
+        let Some((newest, past)) = self.past.split_first_mut() else { return };
+        for [x, y] in motion.movers() {
+            if let Some(displacement) = newest.frame.displacement_mut(y, x / CHUNK) {
+                displacement.mark(x % CHUNK);
+            }
+        }
+        let lr_frames = past.par_iter_mut().filter(|past| !past.frame.is_blocks());
+        lr_frames.for_each(|Past { frame, reprojection, boxes, .. }| {
+            disturb(level, frame, reprojection, boxes, scale, motion);
+        });
+    }
+
+    /// Displacements of the LR samples of the frame before, and of the last one, from then to now, world units, `[LR
+    /// height, LR width]`; none if nothing moves by itself.
+    pub(crate) fn displacements(&self) -> Option<[&[[f32; 3]]; 2]> {
+        self.motion.displacements()
     }
 
     /// Takes the current frame into the history, as its newest.
@@ -405,6 +467,7 @@ impl SuperSampler {
         self.past.par_iter_mut().for_each(|past| {
             past.reprojection = Reprojection::new(&past.camera, camera);
             past.parallax = parallax(&past.camera, camera);
+            past.focal = camera.intrinsics().fx as f32;
             dispatch!(level, simd => past.boxes.set(simd, &past.frame, &past.reprojection, scale));
         });
     }

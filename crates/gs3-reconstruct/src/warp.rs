@@ -54,7 +54,22 @@ const FIRSTS: [f32; LANES] = {
     firsts
 };
 
+/// The same as whole numbers.
+const FIRST_COLUMNS: [usize; LANES] = {
+    let mut firsts = [0; LANES];
+    let mut k = 0;
+    while k < LANES {
+        firsts[k] = k * SIDE;
+        k += 1;
+    }
+    firsts
+};
+
 /// The columns and the rows of a patch's pixels.
+const PATCH_COLUMNS: [usize; LANES] = [0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3];
+const PATCH_ROWS: [usize; LANES] = [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3];
+
+/// The same as numbers to add.
 const COLUMNS: [f32; LANES] = [0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3.];
 const ROWS: [f32; LANES] = [0., 0., 0., 0., 1., 1., 1., 1., 2., 2., 2., 2., 3., 3., 3., 3.];
 
@@ -66,6 +81,8 @@ pub(crate) struct Warp<'a, const N: usize> {
     pub depths: [&'a NeighborDepth; N],
     pub images: [&'a Image; N],
     pub reprojections: [Reprojection; N],
+    /// The shares of displacements from the middle frame to each neighbour ([`MiddleDepth::displacements_at`]).
+    pub shares: [f32; N],
 }
 
 /// Sixteen patches in a row.
@@ -125,8 +142,9 @@ impl<'a> Warp<'a, 2> {
     /// The same, of the first neighbour alone.
     pub fn of_first(self) -> Warp<'a, 1> {
         let Self { scale, gather, middle, depths: [depth, _], images: [image, _], .. } = self;
-        let [reprojection, _] = self.reprojections;
-        Warp { scale, gather, middle, depths: [depth], images: [image], reprojections: [reprojection] }
+        let ([reprojection, _], [share, _]) = (self.reprojections, self.shares);
+        let (depths, images, reprojections) = ([depth], [image], [reprojection]);
+        Warp { scale, gather, middle, depths, images, reprojections, shares: [share] }
     }
 }
 
@@ -152,10 +170,16 @@ impl<const N: usize> Warp<'_, N> {
         let mut most = [[f32x16::splat(simd, f32::NEG_INFINITY); 3]; N];
         let end = SIDE - 1;
         for [dx, dy] in [[0, 0], [end, 0], [0, end], [end, end]] {
-            let depth = self.middle.along_row(simd, x + dx as isize, SIDE, y + dy as isize);
+            let (corner_x, corner_y) = (x + dx as isize, y + dy as isize);
+            let depth = self.middle.along_row(simd, corner_x, SIDE, corner_y);
+            let moved = if self.middle.moves_in_row(corner_y) {
+                Some(self.middle.displacements_at(simd, [corner_x, corner_y], [&FIRST_COLUMNS, &[0; LANES]]))
+            } else {
+                None
+            };
             let (x, y) = (firsts + dx as f32, f32x16::splat(simd, (y + dy as isize) as f32));
             for n in 0..N {
-                let [u, v, w] = self.reproject(simd, n, x, y, depth);
+                let [u, v, w] = self.reproject(simd, n, [x, y, depth], moved);
                 let seen = self.depths[n].visibility_along(simd, [u, v, w], self.scale as f32);
                 let found = [u - x, v - y, self.inside(simd, n, [u, v, w], seen)];
                 for ((least, most), found) in least[n].iter_mut().zip(&mut most[n]).zip(found) {
@@ -182,11 +206,17 @@ impl<const N: usize> Warp<'_, N> {
     #[inline(always)]
     pub fn look_at_patch<S: Simd>(&self, simd: S, x: isize, y: isize) -> Patch<N> {
         let depth = self.middle.in_patch(simd, x, y);
+        let moves = self.middle.moves_in_row(y) || self.middle.moves_in_row(y + SIDE as isize - 1);
+        let moved = if moves {
+            Some(self.middle.displacements_at(simd, [x, y], [&PATCH_COLUMNS, &PATCH_ROWS]))
+        } else {
+            None
+        };
         let x = f32x16::load_array_ref(simd, &COLUMNS) + x as f32;
         let y = f32x16::load_array_ref(simd, &ROWS) + y as f32;
         let mut patch = Patch { places: [[[0; LANES]; 2]; N], rigid: [0; N], visibility: [[0.0; LANES]; N] };
         for n in 0..N {
-            let [u, v, w] = self.reproject(simd, n, x, y, depth);
+            let [u, v, w] = self.reproject(simd, n, [x, y, depth], moved);
             let seen = self.depths[n].visibility_within(simd, [u, v, w], self.scale as f32);
             patch.visibility[n] = self.inside(simd, n, [u, v, w], seen).to_array();
             let (moved_x, moved_y) = (u - x, v - y);
@@ -201,18 +231,25 @@ impl<const N: usize> Warp<'_, N> {
         patch
     }
 
-    /// Pixel positions in neighbour `n` and inverse depths there, −1 behind it.
+    /// Pixel positions in neighbour `n`, of what moves by `moved` from neighbour to neighbour if it does, and inverse
+    /// depths there, −1 behind it.
     #[inline(always)]
     fn reproject<S: Simd>(
         &self,
         simd: S,
         n: usize,
-        x: f32x16<S>,
-        y: f32x16<S>,
-        w: f32x16<S>,
+        [x, y, w]: [f32x16<S>; 3],
+        moved: Option<[f32x16<S>; 3]>,
     ) -> [f32x16<S>; 3] {
         // Pixel centres of cameras are at halves.
-        let [u, v, q] = self.reprojections[n].apply_16(simd, x + 0.5, y + 0.5, w);
+        let [u, v, q] = match moved {
+            None => self.reprojections[n].apply_16(simd, x + 0.5, y + 0.5, w),
+            Some([dx, dy, dz]) => {
+                let share = self.shares[n];
+                let moved = [dx * share, dy * share, dz * share];
+                self.reprojections[n].apply_moved_16(simd, x + 0.5, y + 0.5, w, moved)
+            }
+        };
         let w = q.simd_gt(MIN_DIVISOR).select(w / q, f32x16::splat(simd, -1.0));
         [u - 0.5, v - 0.5, w]
     }

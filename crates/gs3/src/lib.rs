@@ -75,8 +75,11 @@
 //! ([`reconstruct::DepthEncoding`]).
 //!
 //! Derivatives are those of the visible surface: exact ones are worth most ([`reconstruct::difference`] says what others
-//! cost). Textures are filtered for the HR grid, as by a LOD bias of −log₂ S. **What is shown must stand still**:
-//! surfaces are followed by depths and cameras.
+//! cost). Textures are filtered for the HR grid, as by a LOD bias of −log₂ S.
+//!
+//! Surfaces are followed by depths and cameras. Where something moves by itself the renderer says how:
+//! [`motion`](reconstruct::GBufferView::motion) are the vectors that FSR and DLSS take. **Without them everything shown must
+//! stand still.** Lights, shadows and reflections that move over what stands still are seen up to S² frames late.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -70,7 +70,7 @@ pub enum Innovation {
 
 /// Rows of the homography, and the epipole, as kernels read them.
 pub(super) fn rows(reprojection: &Reprojection) -> [[f32; 4]; 3] {
-    let Reprojection { rows, epipole } = reprojection;
+    let Reprojection { rows, epipole, .. } = reprojection;
     std::array::from_fn(|k| [rows[k][0], rows[k][1], rows[k][2], epipole[k]])
 }
 
