@@ -16,6 +16,11 @@ const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// What a program links besides the static library, in this order: `rustc --print native-static-libs` of the crate on Linux.
 const PRIVATE_LIBS: &str = "-lgcc_s -lutil -lrt -lpthread -lm -ldl -lc";
 
+/// Builds both libraries. Without the third crate type, which tests need, as cargo optimises at link time only where all
+/// types can be.
+const BUILD: [&str; 8] =
+    ["rustc", "--release", "--locked", "--package", "gs3-c", "--lib", "--crate-type", "cdylib,staticlib"];
+
 /// Arguments of `install-c`.
 #[derive(Debug, clap::Args)]
 pub struct InstallArgs {
@@ -34,7 +39,7 @@ pub fn install(args: &InstallArgs) -> Result<(), XtaskError> {
     let from = match &args.from {
         Some(from) => from.clone(),
         None => {
-            cargo(&["build", "--release", "--locked", "--package", "gs3-c"])?;
+            cargo(&BUILD)?;
             // Beside this program, as both are built in release.
             let own = std::env::current_exe().map_err(XtaskError::io(Path::new("xtask")))?;
             own.parent().unwrap_or(Path::new("")).to_owned()

@@ -583,7 +583,7 @@ typedef struct gs3_reconstruct_desc {
     // Derivatives of colour downwards.
     const struct gs3_input *color_dy;
     // Where each surface was in the frame before, less where it is, two channels, x right and y down, without the jitter of
-    // either frame; NULL where nothing but the camera moves. This version refuses others: GS3_ERROR_UNSUPPORTED.
+    // either frame; finite. NULL where nothing but the camera moves.
     const struct gs3_input *motion;
     // Pixels of the inputs that 1 of motion stands for, in x and y; 0 for 1.
     float motion_scale[2];

@@ -65,12 +65,43 @@ impl gs3_input {
         // SAFETY: the contract of this function.
         let input = unsafe { descriptor::read(field, from) }?;
         // SAFETY: likewise.
-        unsafe { input.view(size) }.map_err(|fault| fault.within(field))
+        let view = unsafe { input.numbers::<C>(size) }
+            .and_then(|(data, strides)| Ok(PlanesView::new(data, size.map(|side| side as usize), strides)?));
+        view.map_err(|fault| fault.within(field))
     }
 
+    /// As [`Self::read`], each channel times its factor (0 for 1): planes without gaps.
+    ///
     /// # Safety
     /// As [`Self::read`].
-    unsafe fn view<'a, const C: usize>(&self, size: [u32; 2]) -> Result<PlanesView<'a, C>, Fault> {
+    pub unsafe fn read_scaled<const C: usize>(
+        field: &str,
+        from: *const Self,
+        size: [u32; 2],
+        factors: [f32; C],
+    ) -> Result<Vec<f32>, Fault> {
+        // SAFETY: the contract of this function. All of the numbers are seen to be there before they are read.
+        let (data, strides) = unsafe {
+            Self::read::<C>(field, from, size)?;
+            descriptor::read(field, from)?.numbers::<C>(size)?
+        };
+        let [width, height] = size.map(|side| side as usize);
+        let mut scaled = Vec::with_capacity(C * width * height);
+        for (c, factor) in factors.into_iter().enumerate() {
+            let factor = if factor == 0.0 { 1.0 } else { factor };
+            for y in 0..height {
+                let row = y * strides.row + c * strides.channel;
+                scaled.extend((0..width).map(|x| factor * data[row + x * strides.pixel]));
+            }
+        }
+        Ok(scaled)
+    }
+
+    /// What lies in memory, and how.
+    ///
+    /// # Safety
+    /// As [`Self::read`].
+    unsafe fn numbers<'a, const C: usize>(&self, size: [u32; 2]) -> Result<(&'a [f32], Strides), Fault> {
         choice("number", "gs3_number", self.number, &[(gs3_number::GS3_NUMBER_FLOAT32 as u32, ())])?;
         let channel = or_else(self.channel_stride, || FLOAT);
         let pixel = or_else(self.pixel_stride, || C as u64 * FLOAT);
@@ -83,8 +114,7 @@ impl gs3_input {
         // SAFETY: the contract of this function.
         let data = unsafe { floats("data", self.data.cast(), self.size / FLOAT) }?;
         let numbers = |bytes: u64| usize::try_from(bytes / FLOAT).unwrap_or(usize::MAX);
-        let strides = Strides { row: numbers(row), pixel: numbers(pixel), channel: numbers(channel) };
-        Ok(PlanesView::new(data, size.map(|side| side as usize), strides)?)
+        Ok((data, Strides { row: numbers(row), pixel: numbers(pixel), channel: numbers(channel) }))
     }
 }
 

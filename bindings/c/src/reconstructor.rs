@@ -13,7 +13,6 @@ use crate::frame::{Outputs, check_between, check_count, gs3_frame_info, kriging,
 use crate::handle::{self, Handle};
 use crate::memory::gs3_memory;
 use crate::pixels::{gs3_input, gs3_output};
-use crate::status::gs3_status::GS3_ERROR_UNSUPPORTED;
 use crate::status::{Fault, gs3_status, guard};
 
 /// How a reconstructor reconstructs.
@@ -238,7 +237,7 @@ pub struct gs3_reconstruct_desc {
     /// Derivatives of colour downwards.
     pub color_dy: *const gs3_input,
     /// Where each surface was in the frame before, less where it is, two channels, x right and y down, without the jitter of
-    /// either frame; NULL where nothing but the camera moves. This version refuses others: GS3_ERROR_UNSUPPORTED.
+    /// either frame; finite. NULL where nothing but the camera moves.
     pub motion: *const gs3_input,
     /// Pixels of the inputs that 1 of motion stands for, in x and y; 0 for 1.
     pub motion_scale: [f32; 2],
@@ -268,13 +267,9 @@ struct Frame<'a> {
 impl gs3_reconstruct_desc {
     /// # Safety
     /// As [`gs3_reconstructor_reconstruct`].
-    unsafe fn check<'a>(&self) -> Result<Frame<'a>, Fault> {
+    unsafe fn check<'a>(&self, vectors: &'a [f32]) -> Result<Frame<'a>, Fault> {
         let reset = flag("reset", self.reset)?;
         check_count(self.between_count)?;
-        if !self.motion.is_null() {
-            let text = "motion: expected NULL, as this version of gs3 follows surfaces by depths and cameras, found vectors";
-            return Err(Fault::new(GS3_ERROR_UNSUPPORTED, text));
-        }
         let (near, far) = (self.near_plane, self.far_plane);
         let encodings = [
             (gs3_depth_encoding::GS3_DEPTH_ENCODING_DISTANCE as u32, DepthEncoding::Distance),
@@ -296,6 +291,11 @@ impl gs3_reconstruct_desc {
             let view = GBufferView {
                 gradients: self.gradients(size)?,
                 encoding,
+                motion: if self.motion.is_null() {
+                    None
+                } else {
+                    Some(PlanesView::planar(vectors, size.map(|side| side as usize))?)
+                },
                 margin: Margin { left, top, right, bottom },
                 ..GBufferView::new(color, depth, self.jitter)
             };
@@ -304,6 +304,19 @@ impl gs3_reconstruct_desc {
             let outputs = Outputs::read(self.output, self.between_outputs, self.between_count, shown)?;
             Ok(Frame { camera, view, poses, outputs, reset })
         }
+    }
+
+    /// Motion in pixels of the inputs, plane after plane; empty where there is none.
+    ///
+    /// # Safety
+    /// As [`gs3_reconstructor_reconstruct`].
+    unsafe fn vectors(&self) -> Result<Vec<f32>, Fault> {
+        if self.motion.is_null() {
+            return Ok(Vec::new());
+        }
+        let size = [self.render_width, self.render_height];
+        // SAFETY: the contract of this function.
+        unsafe { gs3_input::read_scaled("motion", self.motion, size, self.motion_scale) }
     }
 
     /// # Safety
@@ -343,7 +356,9 @@ pub unsafe extern "C" fn gs3_reconstructor_reconstruct(
         // SAFETY: likewise.
         let desc = unsafe { descriptor::read("desc", desc) }?;
         // SAFETY: likewise.
-        let frame = unsafe { desc.check() }.map_err(|fault| fault.within("desc"))?;
+        let vectors = unsafe { desc.vectors() }.map_err(|fault| fault.within("desc"))?;
+        // SAFETY: likewise.
+        let frame = unsafe { desc.check(&vectors) }.map_err(|fault| fault.within("desc"))?;
         let made = reconstructor.handle.call(|reconstructor| {
             let Frame { camera, view, poses, outputs, reset } = &frame;
             check_between(desc.between_count, reconstructor.settings().in_between as u32)

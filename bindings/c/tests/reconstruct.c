@@ -307,6 +307,38 @@ static void margins(void) {
     gs3_reconstructor_destroy(reconstructor);
 }
 
+/* A wall that slides by under a resting camera, with motion vectors or without: the mean error after some
+ * frames. */
+static float sliding(int with_vectors, float scale, float *to) {
+    enum { STEPS = 12 };
+    static call c;
+    static float vectors[LR][2];
+    const double unit = WALL / FOCAL * SCALE, slide = 0.05;
+    gs3_reconstructor *reconstructor = create(0);
+    prepare(&c, GS3_DEPTH_ENCODING_DISTANCE, 0, 1);
+    gs3_input motion = input_of(vectors[0], sizeof vectors);
+    for (int k = 0; k < LR; k++) {
+        vectors[k][0] = (float)(slide / unit) / scale;
+        vectors[k][1] = 0.0f;
+    }
+    c.desc.motion = with_vectors ? &motion : NULL;
+    c.desc.motion_scale[0] = scale == 1.0f ? 0.0f : scale;
+    const gs3_camera camera = camera_at(0.0);
+    const gs3_output output = {.struct_size = sizeof output, .data = to, .size = WIDTH * HEIGHT * 16};
+    c.desc.camera = &camera;
+    c.desc.output = &output;
+    for (int frame = 0; frame < STEPS; frame++) {
+        gs3_frame_start start = {.struct_size = sizeof start};
+        CHECK(gs3_reconstructor_query_next(reconstructor, &camera, &start) == GS3_OK);
+        /* What the camera would see of a resting wall that it passes by. */
+        render(&c.frame, slide * frame, start.jitter, GS3_DEPTH_ENCODING_DISTANCE);
+        memcpy(c.desc.jitter, start.jitter, sizeof start.jitter);
+        CHECK(gs3_reconstructor_reconstruct(reconstructor, &c.desc, NULL) == GS3_OK);
+    }
+    gs3_reconstructor_destroy(reconstructor);
+    return error_of(to, slide * (STEPS - 1)).mean;
+}
+
 static void refusals(void) {
     static call c;
     gs3_reconstructor *reconstructor = NULL;
@@ -349,8 +381,10 @@ static void refusals(void) {
     REFUSED(GS3_ERROR_ARGUMENT, "desc: depth: expected a pointer, found null");
     bad->color_dy = NULL;
     REFUSED(GS3_ERROR_ARGUMENT, "desc: color_dy: expected a pointer, found null");
-    bad->motion = &c.color;
-    REFUSED(GS3_ERROR_UNSUPPORTED, "desc: motion: ");
+    gs3_input vectors = input_of(&c.frame.dx[0][0], sizeof c.frame.dx);
+    vectors.size = LR * 2 * 4 - 4;
+    bad->motion = &vectors;
+    REFUSED(GS3_ERROR_LAYOUT, "desc: motion: G-buffer: expected at least 384 numbers in memory, found 383");
     bad->render_width = LR_WIDTH - 1;
     REFUSED(GS3_ERROR_ARGUMENT, "expected 16x12 pixels, found 15x12");
     bad->jitter[0] = NAN;
@@ -409,6 +443,11 @@ int main(void) {
     rest(GS3_DEPTH_ENCODING_LINEAR, 1, 0);
     motion();
     margins();
+    const float with = sliding(1, 1.0f, image), without = sliding(0, 1.0f, other);
+    CHECK(with < 0.5f * without);
+    /* In other units: a power of two, so that nothing is rounded. */
+    CHECK(sliding(1, 0.25f, other) == with);
+    CHECK(memcmp(image, other, sizeof image) == 0);
     refusals();
     return checks_end();
 }
