@@ -53,7 +53,7 @@ impl Pixels {
     }
 
     /// As an array, without a copy.
-    pub fn to_numpy(self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+    pub fn into_numpy(self, py: Python<'_>) -> PyResult<Py<PyAny>> {
         Ok(match self {
             Self::Floats(values, shape) => to_numpy(py, values, shape)?.into_any().unbind(),
             Self::Bytes(values, shape) => to_numpy(py, values, shape)?.into_any().unbind(),

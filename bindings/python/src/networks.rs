@@ -64,8 +64,8 @@ fn weights_info<'py>(py: Python<'py>, network: &str, tier: &str, scale: u32) -> 
 fn export_onnx(py: Python<'_>, path: PathBuf, network: &str, tier: &str, scale: u32) -> PyResult<()> {
     let weights = shipped(network, tier, scale)?;
     let bytes = py.detach(|| {
-        let graph = graph_of(&weights.header).map_err(|e| error::input(e))?;
-        onnx::export(&graph, &weights).map_err(|e| error::input(e))
+        let graph = graph_of(&weights.header).map_err(error::input)?;
+        onnx::export(&graph, &weights).map_err(error::input)
     })?;
     let written = py.detach(|| gs3_files::write_atomically(&path, |writer| writer.write_all(&bytes)));
     written.map_err(|e| error::file(format_args!("{}: {e}", path.display())))

@@ -132,7 +132,7 @@ impl Reconstructor {
             let images = shown.between.iter().chain([shown.current]);
             Ok::<_, PyErr>((images.map(|i| Pixels::of(i, as_bytes)).collect::<Vec<_>>(), shown.reset))
         })?;
-        let frames = frames.into_iter().map(|pixels| pixels.to_numpy(py)).collect::<PyResult<Vec<_>>>()?;
+        let frames = frames.into_iter().map(|pixels| pixels.into_numpy(py)).collect::<PyResult<Vec<_>>>()?;
         Ok((PyList::new(py, frames)?, reset.map(reason)))
     }
 }

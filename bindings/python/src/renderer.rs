@@ -63,7 +63,7 @@ impl Renderer {
             let presented = session.render_with_poses(camera, poses).map_err(|e| error::of_pipeline(&e))?;
             Ok::<_, PyErr>(presented.iter().map(|image| Pixels::of(image, as_bytes)).collect::<Vec<_>>())
         })?;
-        let frames = shown.into_iter().map(|pixels| pixels.to_numpy(py)).collect::<PyResult<Vec<_>>>()?;
+        let frames = shown.into_iter().map(|pixels| pixels.into_numpy(py)).collect::<PyResult<Vec<_>>>()?;
         PyList::new(py, frames)
     }
 }
@@ -163,7 +163,7 @@ impl Renderer {
             let image = session.reference(Mode::Native, &camera).map_err(|e| error::of_pipeline(&e))?;
             Ok::<_, PyErr>(Pixels::of(image, as_bytes))
         })?;
-        pixels.to_numpy(py)
+        pixels.into_numpy(py)
     }
 
     fn set_refine(&self, py: Python<'_>, refine: &str) -> PyResult<()> {

@@ -81,14 +81,9 @@ impl Image {
         self.to_rgb_of(|v| v)
     }
 
-    fn to_rgb_of<T: Copy + Default + Send>(&self, convert: impl Fn(f32) -> T + Sync) -> Vec<T> {
-        let mut out = vec![T::default(); self.pixels.len() * 3];
-        let runs = self.pixels.par_chunks(PIXELS_AT_ONCE).zip(out.par_chunks_mut(3 * PIXELS_AT_ONCE));
-        runs.for_each(|(pixels, out)| {
-            for (pixel, out) in pixels.iter().zip(out.as_chunks_mut::<3>().0) {
-                *out = [convert(pixel[0]), convert(pixel[1]), convert(pixel[2])];
-            }
-        });
-        out
+    fn to_rgb_of<T: Send>(&self, convert: impl Fn(f32) -> T + Sync) -> Vec<T> {
+        let pixels = self.pixels.par_iter().with_min_len(PIXELS_AT_ONCE);
+        let rgb: Vec<[T; 3]> = pixels.map(|[r, g, b, _]| [convert(*r), convert(*g), convert(*b)]).collect();
+        rgb.into_flattened()
     }
 }

@@ -147,13 +147,15 @@ fn rules_of_gsplat() {
         let gbuffer = render(&scene, EXACT_CULLING[1], &camera, &settings);
         tally.add(assert_matches(&gbuffer, &samples, TOLERANCE, &format!("seed {seed}")));
     }
-    assert!(tally.excluded_share() < 0.05, "too much excluded: {tally:?}");
+    // Splats are large and opaque: a pixel has more of them near the cap, and more pixels end.
+    assert!(tally.excluded_share() < 0.10, "too much excluded: {tally:?}");
 }
 
 /// A ball is shown between the planes only, and an antialiased one fainter than the least compensation allows is not.
 #[test]
 fn rules_decide_what_is_shown() {
-    let camera = camera_at_origin(16, 16, DVec2::ZERO);
+    // The ball is in the middle of the middle pixel.
+    let camera = camera_at_origin(17, 17, DVec2::ZERO);
     let alpha = |z: f32, scale: f32, mode: OpacityMode, rules: Rules| {
         let mut ball = Gaussians::zeroed(1, 0);
         (ball.means[2][0], ball.rotations[0][0], ball.opacities[0]) = (z, 1.0, 1.0);

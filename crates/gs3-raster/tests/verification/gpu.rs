@@ -130,6 +130,7 @@ fn random_scenes_match_the_cpu() {
             jitter: [[0.0, 0.0], [0.21, -0.37]][seed % 2],
             margin: [Margin::NONE, Margin { left: 5, top: 0, right: 32, bottom: 1 }][seed / 2 % 2],
             background: [[0.0; 3], [0.2, 0.7, 1.0]][seed / 3 % 2],
+            ..EVERYTHING
         };
         let culling = cullings[seed / 3];
         let what = format!("seed {seed}, {width}x{height}, {culling:?}");
