@@ -103,6 +103,7 @@ impl Reconstructor {
         color: PyReadonlyArray3<'py, f32>,
         depth: PyReadonlyArray2<'py, f32>,
         gradients: Option<[PyReadonlyArray3<'py, f32>; 2]>,
+        motion: Option<PyReadonlyArray3<'py, f32>>,
         jitter: [f32; 2],
         margin: [u32; 4],
         depth_encoding: &str,
@@ -120,8 +121,10 @@ impl Reconstructor {
             None => None,
         };
         let [left, top, right, bottom] = margin;
+        let motion = motion.as_ref().map(|motion| planes("motion", motion)).transpose()?;
         let view = GBufferView {
             gradients,
+            motion,
             encoding: encoding(depth_encoding, near, far)?,
             margin: Margin { left, top, right, bottom },
             ..GBufferView::new(planes("color", &color)?, depth, jitter)

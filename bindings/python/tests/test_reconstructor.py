@@ -85,6 +85,36 @@ def test_bytes_alpha_and_a_reset(scene, path):
     assert reconstructor.last_reset == "camera_cut"
 
 
+def test_motion_vectors_follow_what_moves():
+    """A pattern that flies past a camera at rest, 5 pixels a frame."""
+    fx, speed, z = 140.0, 5.0, 3.0
+    K = np.array([[fx, 0, SIZE[0] / 2], [0, fx, SIZE[1] / 2], [0, 0, 1.0]])
+
+    def pattern(x, y, k):
+        u, v = (x - speed * k) * 0.9, y * 0.7
+        return np.stack([np.sin(u) * 0.3 + 0.5, np.sin(u + v) * 0.3 + 0.5, np.cos(v) * 0.3 + 0.5], -1).astype(np.float32)
+
+    def last(with_motion):
+        reconstructor = gs3.Reconstructor(*SIZE, scale=SCALE)
+        columns, rows = reconstructor.lr_size
+        for k in range(10):
+            jitter = reconstructor.next_jitter(np.eye(4), K)
+            x, y = np.meshgrid(np.arange(columns) + 0.5 + jitter[0], np.arange(rows) + 0.5 + jitter[1])
+            back = np.zeros((rows, columns, 2), np.float32)
+            back[..., 0] = -speed / SCALE
+            motion = {"motion": back} if with_motion and k > 0 else {}
+            color = pattern(x * SCALE, y * SCALE, k)
+            depth = np.full((rows, columns), z, np.float32)
+            frames = reconstructor.reconstruct(np.eye(4), K, color, depth, jitter=jitter, **motion)
+        x, y = np.meshgrid(np.arange(SIZE[0]) + 0.5, np.arange(SIZE[1]) + 0.5)
+        # Where the pattern has been in view all the time.
+        return gs3.metrics.psnr(pattern(x, y, 9)[:, 50:], frames[-1][:, 50:])
+
+    moved, still = last(True), last(False)
+    print(f"{moved:.1f} dB with motion vectors, {still:.1f} dB without")
+    assert moved > still + 6
+
+
 def test_errors_say_what_was_expected_and_found(path):
     reconstructor = gs3.Reconstructor(*SIZE)
     view, K = path.viewmats[0], path.Ks[0]
@@ -97,7 +127,8 @@ def test_errors_say_what_was_expected_and_found(path):
         ({"depth_encoding": "linear"}, gs3.InputError, "clip planes: expected 0 < near < far"),
         ({"color_dx": color}, gs3.InputError, "color_dx and color_dy: expected both or none"),
         ({"color": np.full_like(color, np.nan)}, gs3.InputError, "expected finite numbers"),
-        ({"motion": np.zeros((22, 40, 2))}, gs3.Unsupported, "motion: expected None"),
+        ({"motion": np.zeros((22, 40, 3))}, gs3.InputError, r"motion: expected shape \[22, 40, 2\], found"),
+        ({"motion": np.full((22, 40, 2), np.inf)}, gs3.InputError, "G-buffer motion"),
         ({"dtype": np.float64}, gs3.InputError, "dtype: expected float32 or uint8, found float64"),
     ]:
         with pytest.raises(kind, match=message):

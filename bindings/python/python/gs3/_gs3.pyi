@@ -134,6 +134,7 @@ class Reconstructor:
         color: _F32,
         depth: _F32,
         gradients: Optional[Sequence[_F32]],
+        motion: Optional[_F32],
         jitter: Sequence[float],
         margin: Sequence[int],
         depth_encoding: str,

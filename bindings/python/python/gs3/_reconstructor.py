@@ -8,7 +8,7 @@ import numpy as np
 
 from . import _gs3
 from ._arrays import array, from_any, is_bytes, matrix, size
-from ._errors import InputError, Unsupported
+from ._errors import InputError
 
 
 class NextFrame(NamedTuple):
@@ -26,8 +26,8 @@ class Reconstructor:
     """Low-resolution frames of any renderer to high-resolution ones, and frames between them.
 
     For each frame of a high-resolution camera: ask ``next_jitter``, render the low-resolution frame sampled there
-    (``lr_K`` is the camera for it), and give it to ``reconstruct``. What is shown stands still: surfaces are followed by
-    depths and cameras.
+    (``lr_K`` is the camera for it), and give it to ``reconstruct``. Surfaces are followed by depths and
+    cameras, and by ``motion`` where they move by themselves.
 
     Args:
         width, height: Size of the high-resolution frames, pixels.
@@ -106,7 +106,9 @@ class Reconstructor:
             depth: Of the visible surface, [h, w], as ``depth_encoding`` says.
             color_dx, color_dy: Derivatives of the colour per low-resolution pixel, [h, w, 3]; differenced where there are
                 none, which costs sharpness.
-            motion: Where surfaces that move were in the frame before: not yet supported.
+            motion: From where a pixel's surface is to where it was in the frame before, [h, w, 2], low-resolution pixels, x right
+                and y down, without jitter, the camera's motion included (as FSR and DLSS take it). Without, what is shown
+                stands still.
             jitter: Where the frame is sampled, as ``next_jitter`` said.
             depth_encoding: ``distance`` along the view axis, 0 where there is nothing; ``projective``, 0 at ``near`` and 1
                 at ``far``; ``reversed``, 1 at ``near`` and 0 at ``far``; ``linear``.
@@ -117,8 +119,6 @@ class Reconstructor:
         Returns:
             Frames [H, W, 3]. Before the first frame and after a reset there are none between.
         """
-        if motion is not None:
-            raise Unsupported("motion: expected None, as surfaces must stand still, found an array")
         if (color_dx is None) != (color_dy is None):
             raise InputError("color_dx and color_dy: expected both or none, found one")
         width, height = self.lr_size
@@ -138,6 +138,7 @@ class Reconstructor:
             array(pixels, "color", (rows, columns, channels)),
             array(depth, "depth", (rows, columns)),
             gradients,
+            None if motion is None else array(motion, "motion", (rows, columns, 2)),
             [float(jitter[0]), float(jitter[1])],
             list(margin),
             depth_encoding,
