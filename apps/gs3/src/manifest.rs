@@ -116,7 +116,13 @@ impl Manifest {
     }
 
     fn refuse(&self, folder: &Path, there: &Self) -> Result<(), CliError> {
-        let names = self.0.keys().chain(there.0.keys());
+        let mut names: Vec<&String> = self.0.keys().chain(there.0.keys()).collect();
+        // What others follow from comes first.
+        let first = ["scene", "cameras", "backend", "mode"];
+        names.sort_by_key(|name| match first.iter().position(|first| first == name) {
+            Some(place) => place,
+            None => first.len() + usize::from(name.starts_with("frames")),
+        });
         let other = names.into_iter().find(|name| self.0.get(*name) != there.0.get(*name));
         let text = |facts: &Map<String, Value>, name: &str| match facts.get(name) {
             Some(Value::String(text)) => text.clone(),

@@ -51,7 +51,7 @@ pub fn run(
     let stream = Stream {
         size: [first.width(), first.height()],
         rate: path.frames_per_second() * settings.displayed_per_rendered() as f64,
-        frames: range.len() * settings.displayed_per_rendered(),
+        frames: numbers_of(&range, settings.displayed_per_rendered()).len(),
     };
     let each = settings.displayed_per_rendered();
     let facts = Manifest::new(scene, path, &settings, networks, &machine, args.alpha)?;

@@ -88,7 +88,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     let stream = Stream {
         size: [first.width(), first.height()],
         rate: path.frames_per_second() * shown_each as f64,
-        frames: range.len() * shown_each,
+        frames: numbers_of(&range, shown_each).len(),
     };
 
     let facts = Manifest::new(pipeline.scene(), &path, &settings, &networks, &machine, args.alpha)?;

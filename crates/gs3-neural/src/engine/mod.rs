@@ -8,7 +8,7 @@
 //! neighbouring slabs that it sees it computes itself. Images are read where they are needed, as often as that is,
 //! and written where they are made.
 //!
-//! What it takes, of which peak, and where the rest goes is in `docs/performance.md` (`examples/speed.rs` measures it).
+//! What it takes, of which peak, and where the rest goes is in `docs/performance.md` (`examples/engine_speed.rs` measures it).
 //! The floor is memory: of super sampling of tier fast at 480×270, ×4, 180 MB of images in and out.
 
 mod bf16;
@@ -62,7 +62,7 @@ impl Arithmetic {
     /// with AVX-512 BF16; else [`Self::F32`]. Zen 4 starts its instruction for pairs of bf16 as often as that for
     /// f32, which does half as much; Granite Rapids, the one processor of Intel that was measured, half as often, and
     /// rounding costs on top: balanced super sampling to 1920×1080 took 91 ms so, 70 in f32. Its tiles take half as
-    /// long as f32 (`examples/speed.rs`).
+    /// long as f32 (`examples/engine_speed.rs`).
     #[must_use]
     pub fn fastest() -> Self {
         match Unit::best() {

@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use gs3_raster::{Outputs, Rasterizer};
 use gs3_reconstruct::{
-    BlockBudget, DepthLattice, Interpolator, Kernel, Neighbor, SuperSampler, resample, select_blocks,
+    BlockBudget, DepthLattice, Interpolator, Kernel, Neighbor, ResetReason, SuperSampler, resample,
+    select_blocks,
 };
 use gs3_scene::{ExactBlocks, GBuffer, Image, Margin, Scene, block_grid};
 
@@ -127,6 +128,9 @@ impl CpuStages {
                 if !inputs.between.is_empty() {
                     times.time(Stage::Interpolate, || self.interpolate(inputs, frames))?;
                 }
+                if inputs.reset == Some(ResetReason::Keyframe) {
+                    self.learned_interpolator.iter_mut().for_each(LearnedInterpolator::reset);
+                }
             }
         }
         let refined = self.refined_share(inputs);
@@ -158,7 +162,10 @@ impl CpuStages {
         let Some(reason) = inputs.reset else { return };
         self.super_sampler.reset(reason);
         self.learned_super_sampler.iter_mut().for_each(LearnedSuperSampler::reset);
-        self.learned_interpolator.iter_mut().for_each(LearnedInterpolator::reset);
+        // Frames between lead to a keyframe, from before it.
+        if reason != ResetReason::Keyframe {
+            self.learned_interpolator.iter_mut().for_each(LearnedInterpolator::reset);
+        }
     }
 
     fn rasterize_native(

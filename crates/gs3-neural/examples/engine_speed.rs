@@ -1,6 +1,6 @@
 //! How fast the engine is: multiply-adds per second of convolutions and networks against the machine's peak.
 //!
-//! `cargo run --release -p gs3-neural --example speed [width height] [bf16]`: in bf16 where the machine has it,
+//! `cargo run --release -p gs3-neural --example engine_speed [width height] [bf16]`: in bf16 where the machine has it,
 //! shares of the peak remaining those of f32.
 
 use std::hint::black_box;
