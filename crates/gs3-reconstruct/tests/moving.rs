@@ -56,8 +56,11 @@ fn run(world: World, path: impl Fn(f64) -> Camera, has_motion: bool) -> [Quality
     quality.unwrap()
 }
 
+/// A name, what moves, and where the camera is in each frame.
+type Case = (&'static str, World, fn(f64) -> Camera);
+
 /// The motions of disc and camera that are tried.
-fn cases() -> [(&'static str, World, fn(f64) -> Camera); 5] {
+fn cases() -> [Case; 5] {
     let flying = World { velocity: DVec3::new(0.021, 0.004, 0.0), spin: 0.0 };
     let turning = World { velocity: DVec3::new(0.017, 0.0, 0.0), spin: 0.02 };
     let coming = World { velocity: DVec3::new(0.012, 0.0, -0.05), spin: 0.01 };

@@ -329,7 +329,7 @@ impl FramePipeline {
     fn keyframe_at(&self, number: u64) -> Option<Keyframe> {
         let settings = &self.plan.settings;
         let interval = u64::from(settings.keyframes);
-        if !settings.mode.has_history() || interval == 0 || number % interval != 0 {
+        if !settings.mode.has_history() || interval == 0 || !number.is_multiple_of(interval) {
             return None;
         }
         match self.plan.refine {
