@@ -71,9 +71,10 @@ def render(scene, out, *, path=None, size=None, frames=None, chunk=32, workers=2
     environment = {"env_vars": {"RAYON_NUM_THREADS": str(cpus)}}
     options = {"num_cpus": cpus, "runtime_env": environment}
     start = lambda: Worker.options(**options).remote(scene, path, size, settings)  # noqa: E731
-    pool = ray.util.ActorPool([start() for _ in range(workers)])
+    started = [start() for _ in range(workers)]
     if frames is None:
-        frames = ray.get(start().frames.remote())
+        frames = ray.get(started[0].frames.remote())
+    pool = ray.util.ActorPool(started)
     done = pool.map_unordered(lambda worker, part: worker.render.remote(str(out), *part), chunks(frames, chunk))
     return [file for written in done for file in written]
 

@@ -71,18 +71,17 @@ def test_frames_are_those_of_one_run_though_a_worker_is_killed(job, cluster):
     assert render(job, "ray") == []
 
 
+@pytest.mark.skipif("GS3_TEST_SPEED" not in os.environ, reason="skipped: GS3_TEST_SPEED is not set, for an idle machine of two cores")
 def test_two_workers_are_nearly_twice_as_fast_as_one(job, cluster):
     def seconds(workers, out):
         begun = time.monotonic()
-        assert len(render(job, out, workers=workers, size=(480, 270))) == 2 * FRAMES - 1
+        assert len(render(job, out, workers=workers, size=(1280, 720))) == 2 * FRAMES - 1
         return time.monotonic() - begun
 
     one, two = seconds(1, "one"), seconds(2, "two")
-    assert digests(job / "one") == digests(job / "two")
     print(f"one worker {one:.1f} s, two workers {two:.1f} s, {one / two:.2f} times as fast")
-    # 1.7 and more on two idle cores; a test's machine may have other work.
-    if (os.cpu_count() or 1) >= 2:
-        assert one / two > 1.3
+    assert digests(job / "one") == digests(job / "two")
+    assert one / two >= 1.7
 
 
 def test_clips_of_many_scenes(gs3, job, cluster):
