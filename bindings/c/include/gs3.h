@@ -212,6 +212,8 @@ typedef enum gs3_reset_reason {
     GS3_RESET_FAILURE = 6,
     // A reason that this version of the header does not name.
     GS3_RESET_OTHER = 7,
+    // The frame is a keyframe, where all begins anew. Frames between lead to it.
+    GS3_RESET_KEYFRAME = 8,
 } gs3_reset_reason;
 
 // Where within their pixels low-resolution frames are sampled.

@@ -312,15 +312,16 @@ impl FramePipeline {
         if !self.plan.settings.mode.has_history() {
             return number;
         }
-        let period = self.sequence.period() as u64;
+        // The last S² frames are remembered, wherever they are sampled.
+        let history = u64::from(self.plan.scale).pow(2);
         let shows_before = u64::from(self.plan.in_between > 0);
         let interval = u64::from(self.plan.settings.keyframes);
         let latest = match self.keyframe_at(0) {
             // Frames between need the frame before.
             Some(Keyframe::All) => number.saturating_sub(shows_before),
             // The history of the frame before shall not hold the first frame, which has no margin.
-            Some(Keyframe::Sampling) => number.saturating_sub(period + shows_before),
-            None => return number.saturating_sub(period),
+            Some(Keyframe::Sampling) => number.saturating_sub(history + shows_before),
+            None => return number.saturating_sub(history),
         };
         latest / interval * interval
     }
