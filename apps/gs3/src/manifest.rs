@@ -49,12 +49,12 @@ impl Manifest {
         });
         if settings.mode != Mode::Native {
             facts["scale"] = json!(settings.scale);
+            facts["keyframes"] = json!(settings.keyframes);
             facts["sampling"] = json!(settings.sampling.name());
         }
         if settings.mode.has_history() {
             facts["quality"] = json!(settings.quality.name());
             facts["refine"] = json!(settings.refine.to_string());
-            facts["keyframes"] = json!(settings.keyframes);
             facts["kriging"] = json!(settings.kriging.name());
             facts["overscan"] = json!(settings.overscan);
             for (name, weights) in

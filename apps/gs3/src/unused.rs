@@ -26,8 +26,8 @@ const READ_BY: [(&str, &[Mode]); 14] = [
     ("--matrix-products", SUPER_SAMPLED),
     ("--kriging", SUPER_SAMPLED),
     ("--overscan", SUPER_SAMPLED),
-    ("--keyframes", SUPER_SAMPLED),
-    ("--warm-up", SUPER_SAMPLED),
+    ("--keyframes", LOW),
+    ("--warm-up", LOW),
     ("--interpolation", &[Mode::Full]),
     ("--generate", &[Mode::Full]),
 ];

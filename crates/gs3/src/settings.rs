@@ -103,8 +103,7 @@ pub struct PipelineSettings {
     /// ([`FramePipeline::set_frame_number`](crate::FramePipeline::set_frame_number)) is a multiple are keyframes. What follows a
     /// keyframe depends on no frame before it, so parts of a path can be rendered apart
     /// ([`FramePipeline::first_of_warm_up`](crate::FramePipeline::first_of_warm_up)). Where [`Refine`] starts exact, a keyframe is
-    /// rasterized exactly as a whole; elsewhere only the sampling offsets begin anew. Read by [`Mode::SuperSample`] and
-    /// [`Mode::Full`].
+    /// rasterized exactly as a whole; elsewhere only the sampling offsets begin anew. Not read by [`Mode::Native`].
     pub keyframes: u32,
     /// Dilation of the projected covariances. Exact pixels are those of a native image with [`Dilation::Matched`].
     pub dilation: Dilation,

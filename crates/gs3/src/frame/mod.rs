@@ -309,19 +309,20 @@ impl FramePipeline {
     /// that the history holds are to be rendered, as there are for [`PipelineSettings::keyframes`] 0.
     #[must_use]
     pub fn first_of_warm_up(&self, number: u64) -> u64 {
-        if !self.plan.settings.mode.has_history() {
+        let mode = self.plan.settings.mode;
+        if mode == Mode::Native {
             return number;
         }
-        // The last S² frames are remembered, wherever they are sampled.
-        let history = u64::from(self.plan.scale).pow(2);
         let shows_before = u64::from(self.plan.in_between > 0);
+        // The last S² frames are remembered, wherever they are sampled. The history of the frame before shall not hold the
+        // first one, which has no margin.
+        let reach = if mode.has_history() { u64::from(self.plan.scale).pow(2) + shows_before } else { 0 };
         let interval = u64::from(self.plan.settings.keyframes);
         let latest = match self.keyframe_at(0) {
             // Frames between need the frame before.
             Some(Keyframe::All) => number.saturating_sub(shows_before),
-            // The history of the frame before shall not hold the first frame, which has no margin.
-            Some(Keyframe::Sampling) => number.saturating_sub(history + shows_before),
-            None => return number.saturating_sub(history),
+            Some(Keyframe::Sampling) => number.saturating_sub(reach),
+            None => return number.saturating_sub(reach),
         };
         latest / interval * interval
     }
@@ -330,7 +331,7 @@ impl FramePipeline {
     fn keyframe_at(&self, number: u64) -> Option<Keyframe> {
         let settings = &self.plan.settings;
         let interval = u64::from(settings.keyframes);
-        if !settings.mode.has_history() || interval == 0 || !number.is_multiple_of(interval) {
+        if settings.mode == Mode::Native || interval == 0 || !number.is_multiple_of(interval) {
             return None;
         }
         match self.plan.refine {
