@@ -336,7 +336,9 @@ impl SuperSampler {
             self.reset(ResetReason::SizeOrTierChange);
         }
         if self.invalid.take().is_some() || since.reset.is_some() {
-            self.spare.append(&mut self.past);
+            // A frame that was exact as a whole has room for all blocks, which one with few would keep.
+            self.past.clear();
+            self.spare.clear();
         }
         self.surface.set(gbuffer, gradients, self.scale);
         self.plausible.set(self.level, gbuffer, gradients, &geometry.depth_median, self.scale);
