@@ -4,7 +4,7 @@ use std::io::{self, ErrorKind};
 use std::path::Path;
 
 use gs3::scene::{CameraPath, Scene};
-use gs3::{Machine, Mode, Networks, PipelineSettings};
+use gs3::{Machine, Mode, Networks, PipelineError, PipelineSettings};
 use gs3_files::{read_within, write_new};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
@@ -23,8 +23,8 @@ const MOST_BYTES: u64 = 1 << 16;
 pub struct Manifest(Map<String, Value>);
 
 impl Manifest {
-    /// That of the frames that `settings` and `networks` make of `scene` along `path` on `machine`; with `alpha`, they have
-    /// transparency.
+    /// The manifest of frames of `scene` along `path`, made with `settings` and `networks` on `machine`. `alpha` says whether
+    /// the frames have transparency.
     pub fn new(
         scene: &Scene,
         path: &CameraPath,
@@ -69,11 +69,13 @@ impl Manifest {
         if settings.mode == Mode::Full {
             facts["generate"] = json!(settings.generate);
         }
-        let Value::Object(facts) = facts else { unreachable!("an object is written above") };
-        Ok(Self(facts))
+        match facts {
+            Value::Object(facts) => Ok(Self(facts)),
+            _ => Err(PipelineError::Internal { expected: "an object of facts" }.into()),
+        }
     }
 
-    /// That of the frames in `folder`; none if there is none.
+    /// The manifest in `folder`, if there is one.
     pub fn read(folder: &Path) -> Result<Option<Self>, CliError> {
         let file = folder.join(NAME);
         let bytes = match read_within(&file, MOST_BYTES).map_err(io::Error::from) {

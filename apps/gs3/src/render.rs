@@ -196,7 +196,9 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         written.encode_time.as_secs_f64(),
     ));
     let numbers = first_number.unwrap_or_default()..numbers_of(&range, shown_each).end;
+    // Whoever skips what is there knows of it.
     if let Target::Folder(folder) | Target::Video { frames: folder, .. } = &target
+        && !args.skip_existing
         && let count @ 1.. = others(folder, &numbers)
     {
         note(format_args!("{count} frames in {} are of other runs than this one", folder.display()));
@@ -286,8 +288,8 @@ pub fn numbers_of(range: &Range<usize>, each: usize) -> Range<usize> {
     (range.start * each + 1).saturating_sub(each)..(range.end - 1) * each + 1
 }
 
-/// Those of the rendered frames `range` that are to be made: with `--skip-existing` those that the folder lacks, or lacks a
-/// frame between of. Frames of other `facts` are refused before any is made.
+/// Which frames of `range` are rendered. With `--skip-existing` a frame is left out if the folder has its file and the files of
+/// the frames between before it. Frames of other `facts` are refused before any is made.
 pub fn frames_missing(
     args: &RenderArgs,
     target: &Target,
@@ -309,8 +311,8 @@ pub fn frames_missing(
     Ok(missing)
 }
 
-/// Writes `facts` beside the frames with `numbers` that are to be written. Facts that are there already may be others only
-/// if they are of none but these.
+/// Writes `facts` beside the frames with `numbers`, before any of them. Other facts in the folder are replaced only if the
+/// folder has no frames but these numbers.
 pub fn claim(target: &Target, facts: &Manifest, numbers: &Range<usize>) -> Result<(), CliError> {
     match target.folder() {
         Some(folder) => facts.claim(folder, others(folder, numbers) == 0),

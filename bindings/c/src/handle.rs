@@ -47,7 +47,7 @@ impl<T: Send> Handle<T> {
         self.workers.try_run(|| call(state))
     }
 
-    /// The memory of the handle, of which a device has `device_bytes`.
+    /// The memory of the handle; `device_bytes` of it are a device's.
     pub fn memory(&self, device_bytes: u64) -> gs3_memory {
         gs3_memory::new(self.workers.bytes(), device_bytes)
     }

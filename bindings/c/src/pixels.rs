@@ -137,8 +137,8 @@ pub unsafe fn floats<'a>(field: &str, data: *const f32, count: u64) -> Result<&'
     Ok(unsafe { slice::from_raw_parts(data, count as usize) })
 }
 
-/// What the pixels of an output are. Colours are display-encoded red, green and blue; the fourth channel is that of the
-/// function's description.
+/// What the pixels of an output are. Colours are display-encoded red, green and blue. The function that writes the output
+/// says what the fourth channel is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub enum gs3_format {
@@ -165,9 +165,9 @@ pub struct gs3_output {
     pub data: *mut c_void,
     /// Bytes that may be written from data on.
     pub size: u64,
-    /// Bytes from row to row, at least those of a row; 0 for rows without gaps.
+    /// Bytes from row to row: 0 for rows without gaps, or at least the bytes of a row.
     pub row_stride: u64,
-    /// Bytes from pixel to pixel of a row, at least those of a pixel; 0 for pixels without gaps.
+    /// Bytes from pixel to pixel of a row: 0 for pixels without gaps, or at least the bytes of a pixel.
     pub pixel_stride: u64,
     /// 1 for a fourth channel of 1 (or 255) instead of the frame's own.
     pub opaque: u32,

@@ -16,7 +16,8 @@ use crate::status::{Fault, gs3_status, guard};
 /// The version that this header describes: major * 10000 + minor * 100 + patch.
 pub const GS3_VERSION: u32 = 100;
 
-/// The version of the library, as GS3_VERSION is that of the header. Programs run with later ones of the same major number.
+/// The version of the library. GS3_VERSION is the version of the header. Programs run with later libraries of the same major
+/// number.
 #[unsafe(no_mangle)]
 pub extern "C" fn gs3_query_version() -> u32 {
     GS3_VERSION

@@ -118,6 +118,29 @@ def test_paths_are_brought_to_the_size_of_the_renderer(scene, path):
     assert all((a == b).all() for a, b in zip(frames, all_frames(gs3.Renderer(scene, *SIZE, backend="cpu"), path[:2])))
 
 
+def test_a_part_of_a_path_is_that_of_the_whole(scene, path):
+    film = path[:12]
+    render = lambda **part: list(gs3.Renderer(scene, *SIZE, keyframes=4, backend="cpu").follow(film, dtype=np.uint8, **part))  # noqa: E731
+    whole, part = render(), render(frames=range(6, 10))
+    assert len(whole) == 12 and [len(frames) for frames in part] == [2] * 4
+    assert all((a == b).all() for k, frames in enumerate(part) for a, b in zip(whole[6 + k], frames))
+    for wrong in [range(6, 13), range(6, 6), range(0, 12, 2), [6, 7]]:
+        with pytest.raises(gs3.InputError, match=r"frames: expected a range of consecutive frames within 0..12, found"):
+            render(frames=wrong)
+
+
+def test_frames_are_saved_as_they_are(tmp_path):
+    frame = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
+    gs3.save_png(tmp_path / "a.png", frame)
+    assert (png.read(tmp_path / "a.png") == frame).all()
+    for wrong, message in [(frame / 255, "frame: expected type uint8"), (frame[0], r"frame: expected shape \[H, W, 3\]")]:
+        with pytest.raises(gs3.InputError, match=message):
+            gs3.save_png(tmp_path / "b.png", wrong)
+    with pytest.raises(gs3.FileError, match="cannot be written"):
+        gs3.save_png(tmp_path / "none" / "b.png", frame)
+    assert not (tmp_path / "b.png").exists()
+
+
 def test_a_path_is_stopped_by_its_callback(scene, path):
     renderer, shares = gs3.Renderer(scene, *SIZE, backend="cpu"), []
 

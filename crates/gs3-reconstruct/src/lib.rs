@@ -59,6 +59,7 @@ mod middle_depth;
 mod motion;
 mod nearest;
 mod neighbor_depth;
+mod past;
 mod plausible;
 mod prefetch;
 mod reconstructor;
@@ -83,14 +84,15 @@ pub use error::ReconstructError;
 pub use hermite::hermite;
 pub use interpolate::{Interpolator, Neighbor, Reprojected, Warped};
 pub use jitter::{AdaptiveJitter, Sampling};
+pub use kriging::Kriging;
 pub use margin::margin_ahead;
 pub use motion::{Depth, Motion, View};
 pub use reconstructor::{Reconstructed, Reconstructor, ReconstructorSettings};
 pub use reprojection::{NEAREST_DEPTH, inverse_depth};
 pub use resample::{Kernel, resample};
 pub use select::{BlockBudget, select_blocks};
-pub use sequence::{FrameSequence, FrameStart};
-pub use super_sample::{Kriging, ResetReason, SuperSampler};
+pub use sequence::{FrameSequence, FrameStart, ResetReason};
+pub use super_sample::SuperSampler;
 pub use view::{DepthEncoding, GBufferView, PlanesView, Strides};
 
 /// Largest scale factor, HR over LR.

@@ -7,8 +7,10 @@ use crate::depth_lattice::DepthLattice;
 use crate::error::{ReconstructError, camera_size, check_size};
 use crate::interpolate::{Interpolator, Neighbor};
 use crate::jitter::Sampling;
+use crate::kriging::Kriging;
+use crate::sequence::ResetReason;
 use crate::sequence::{FrameSequence, FrameStart};
-use crate::super_sample::{Kriging, ResetReason, Since, SuperSampler};
+use crate::super_sample::{Since, SuperSampler};
 use crate::view::GBufferView;
 
 /// Settings of a [`Reconstructor`], fixed at its construction.

@@ -1,6 +1,7 @@
-//! Which blocks of a frame are worth rasterizing exactly.
+//! Which blocks of a frame are worth rasterizing exactly, and how they enter it.
 
-use gs3_scene::block_grid;
+use gs3_scene::{BLOCK_SIDE, ExactBlocks, Image, block_grid};
+use rayon::prelude::*;
 
 /// How many blocks may be exact, and which need not be.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,7 +24,7 @@ impl BlockBudget {
 #[must_use]
 pub fn select_blocks(errors: &[f32], size: [usize; 2], budget: BlockBudget) -> Vec<[u16; 2]> {
     let [columns, rows] = block_grid(size);
-    let numbers = (3 * gs3_scene::BLOCK_SIDE * gs3_scene::BLOCK_SIDE) as f32;
+    let numbers = (3 * BLOCK_SIDE * BLOCK_SIDE) as f32;
     let least = budget.least_error * numbers;
     // Positive numbers sort as their bits do; the complement of the place makes the first of equals the largest.
     let key = |(k, error): (usize, &f32)| u64::from(error.to_bits()) << 32 | u64::from(!(k as u32));
@@ -43,6 +44,32 @@ pub fn select_blocks(errors: &[f32], size: [usize; 2], budget: BlockBudget) -> V
         [(k % columns) as u16, (k / columns) as u16]
     };
     keys.into_iter().map(place).collect()
+}
+
+/// Writes the pixels of `blocks` into `image`, with an uncertainty of 0.
+pub(crate) fn write_blocks(blocks: &ExactBlocks, image: &mut Image) {
+    let size = [image.width(), image.height()];
+    let [columns, rows] = block_grid(size);
+    // Which block is to be written where, one more than its number.
+    let mut number = vec![0_u32; columns * rows];
+    for (k, [column, row]) in (1..).zip(&blocks.places) {
+        if let Some(number) = number.get_mut(usize::from(*row) * columns + usize::from(*column)) {
+            *number = k;
+        }
+    }
+    let bands = image.pixels_mut().par_chunks_mut(BLOCK_SIDE * size[0]).zip(number.par_chunks(columns));
+    bands.with_min_len(4).for_each(|(rows, numbers)| {
+        for (column, number) in numbers.iter().enumerate().filter(|(_, number)| **number > 0) {
+            let block = &blocks.blocks[*number as usize - 1];
+            for (y, row) in rows.chunks_mut(size[0]).enumerate() {
+                let pixels = row[column * BLOCK_SIDE..].iter_mut().take(BLOCK_SIDE).enumerate();
+                for (x, pixel) in pixels {
+                    let [r, g, b] = block.color.map(|plane| plane[y * BLOCK_SIDE + x]);
+                    *pixel = [r, g, b, 0.0];
+                }
+            }
+        }
+    });
 }
 
 #[cfg(test)]

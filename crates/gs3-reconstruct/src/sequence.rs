@@ -6,7 +6,27 @@ use crate::cut::is_cut;
 use crate::depth_lattice::DepthLattice;
 use crate::jitter::{AdaptiveJitter, Sampling};
 use crate::margin::{margin_ahead, whole_blocks};
-use crate::super_sample::ResetReason;
+
+/// Why history is not valid. Whoever keeps it tells; a [`crate::SuperSampler`] does not look for cuts itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ResetReason {
+    /// There has been no frame yet.
+    FirstFrame,
+    /// The camera jumped: what it sees has little to do with what it saw.
+    CameraCut,
+    /// The output size or the quality tier changed.
+    SizeOrTierChange,
+    /// The scene, or what is shown of it, changed.
+    SceneChange,
+    /// Other hardware renders: the history stayed behind.
+    BackendChange,
+    /// The frame before could not be made.
+    Failure,
+    /// The frame is one of those at fixed numbers of a path where all begins anew, so that parts of the path can be
+    /// rendered apart. Frames between lead to it.
+    Keyframe,
+}
 
 /// How a frame is to be rendered.
 #[derive(Clone, Copy, Debug, PartialEq)]

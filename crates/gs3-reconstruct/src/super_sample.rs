@@ -4,45 +4,27 @@ use std::ops::Range;
 use std::slice;
 
 use fearless_simd::{Level, Simd, dispatch};
-use gs3_scene::{BLOCK_SIDE, Camera, ExactBlocks, GBuffer, Geometry, Gradients, Image, Planes, block_grid};
+use gs3_scene::{Camera, ExactBlocks, GBuffer, Geometry, Gradients, Image, Planes, block_grid};
 use rayon::prelude::*;
 
-use crate::boxes::{Boxes, Limits};
+use crate::boxes::Limits;
 use crate::carry::{advance, disturb};
 use crate::depth_lattice::DepthLattice;
 use crate::error::{ReconstructError, camera_size, check_around, check_finite, check_gbuffer, check_scale};
 use crate::hermite::Surface;
-use crate::kriging::Neighborhoods;
+use crate::kriging::{Kriging, Neighborhoods};
 use crate::nearest::{EVERY, RIM};
+use crate::past::Past;
 use crate::plausible::Plausible;
 use crate::prefetch::prefetch;
 use crate::reprojection::{Reprojection, parallax};
 use crate::samples::{CHUNK, SampleFrame};
-use crate::splat::{REACH, Source};
+use crate::select::write_blocks;
+use crate::sequence::ResetReason;
+use crate::splat::REACH;
 use crate::staleness::count_remembered;
 use crate::surface_motion::{Frames, SurfaceMotion};
 use crate::tile::{Lattice, RING, TILE_HEIGHT, TILE_WIDTH, Tile, Wanted};
-
-/// Why history is not valid. Whoever keeps it tells; a [`SuperSampler`] does not look for cuts itself.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum ResetReason {
-    /// There has been no frame yet.
-    FirstFrame,
-    /// The camera jumped: what it sees has little to do with what it saw.
-    CameraCut,
-    /// The output size or the quality tier changed.
-    SizeOrTierChange,
-    /// The scene, or what is shown of it, changed.
-    SceneChange,
-    /// Other hardware renders: the history stayed behind.
-    BackendChange,
-    /// The frame before could not be made.
-    Failure,
-    /// The frame is one of those at fixed numbers of a path where all begins anew, so that parts of the path can be
-    /// rendered apart. Frames between lead to it.
-    Keyframe,
-}
 
 /// What happened since the frame before.
 #[derive(Clone, Copy, Debug, Default)]
@@ -52,35 +34,6 @@ pub(crate) struct Since<'a> {
     /// From where the surfaces of the current frame, margin included, are to where they were in the frame before, LR
     /// pixels; none if everything stands still.
     pub vectors: Option<&'a Planes<2>>,
-}
-
-/// Which pixels are kriged.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Kriging {
-    /// A pixel is the mean of what the samples around it predict to first order, by inverse variances.
-    #[default]
-    Off,
-    /// Where that mean errs visibly, a pixel is the best linear prediction from the values and the gradients of the
-    /// samples around it: gradient-enhanced kriging. Sharper in motion; takes longer, the more detail there is. Here
-    /// only where the mean errs most.
-    Coarse,
-    /// The same where it errs by about a step of 8 bits: sharper, and slower.
-    On,
-    /// The same wherever it makes a difference at all: sharper yet, and slower.
-    Fine,
-}
-
-impl Kriging {
-    /// Its name at the command and in reports.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Off => "off",
-            Self::Coarse => "coarse",
-            Self::On => "on",
-            Self::Fine => "fine",
-        }
-    }
 }
 
 /// Rows of pixels within which all frames' samples are added to a tile before the next rows' are: the pixels of a strip
@@ -102,49 +55,6 @@ pub(crate) const MAX_PAST: usize = (crate::MAX_SCALE * crate::MAX_SCALE) as usiz
 
 /// Most frames in the history, those of exact blocks included.
 const MAX_SOURCES: usize = 2 * MAX_PAST;
-
-/// One remembered LR frame, or the exact blocks of one.
-#[derive(Clone, Debug)]
-struct Past {
-    camera: Camera,
-    /// Frames since then.
-    age: usize,
-    /// Of what an LR frame shows.
-    mean_inverse_depth: f32,
-    frame: SampleFrame,
-    /// From its camera to the current one.
-    reprojection: Reprojection,
-    /// Parallax at depth 1 between both, HR pixels.
-    parallax: f32,
-    /// Focal length of the current camera, HR pixels.
-    focal: f32,
-    /// Where its chunks are in the current frame.
-    boxes: Boxes,
-}
-
-impl Past {
-    /// Nothing yet, of the frame of `camera`.
-    fn empty(camera: &Camera) -> Self {
-        Self {
-            camera: *camera,
-            age: 0,
-            mean_inverse_depth: 0.0,
-            frame: SampleFrame::default(),
-            reprojection: Reprojection::new(camera, camera),
-            parallax: 0.0,
-            focal: 0.0,
-            boxes: Boxes::default(),
-        }
-    }
-
-    /// As it is seen now.
-    #[inline(always)]
-    fn source(&self, scale: u32) -> Source<'_> {
-        let Self { age, frame, reprojection, parallax, focal, .. } = self;
-        let (age, parallax, focal) = (*age, *parallax, *focal);
-        Source { frame, reprojection, age, parallax, focal, scale: scale as f32 }
-    }
-}
 
 /// A chunk of samples of a past frame.
 #[derive(Clone, Copy, Debug, Default)]
@@ -204,32 +114,6 @@ fn usable_planes(gbuffer: &GBuffer) -> Result<(&Gradients, &Geometry), Reconstru
         check_finite("G-buffer gradients", mixed)?;
     }
     Ok((gradients, geometry))
-}
-
-/// Writes the pixels of `blocks` into `image`, with an uncertainty of 0.
-fn write_blocks(blocks: &ExactBlocks, image: &mut Image) {
-    let size = [image.width(), image.height()];
-    let [columns, rows] = block_grid(size);
-    // Which block is to be written where, one more than its number.
-    let mut number = vec![0_u32; columns * rows];
-    for (k, [column, row]) in (1..).zip(&blocks.places) {
-        if let Some(number) = number.get_mut(usize::from(*row) * columns + usize::from(*column)) {
-            *number = k;
-        }
-    }
-    let bands = image.pixels_mut().par_chunks_mut(BLOCK_SIDE * size[0]).zip(number.par_chunks(columns));
-    bands.with_min_len(4).for_each(|(rows, numbers)| {
-        for (column, number) in numbers.iter().enumerate().filter(|(_, number)| **number > 0) {
-            let block = &blocks.blocks[*number as usize - 1];
-            for (y, row) in rows.chunks_mut(size[0]).enumerate() {
-                let pixels = row[column * BLOCK_SIDE..].iter_mut().take(BLOCK_SIDE).enumerate();
-                for (x, pixel) in pixels {
-                    let [r, g, b] = block.color.map(|plane| plane[y * BLOCK_SIDE + x]);
-                    *pixel = [r, g, b, 0.0];
-                }
-            }
-        }
-    });
 }
 
 impl SuperSampler {

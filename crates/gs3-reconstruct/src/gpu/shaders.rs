@@ -5,7 +5,7 @@ use gs3_compute::constants;
 use super::krige;
 use super::plan::{KRIGED, MADE_WIDTH, SuperSamplePlan};
 use super::super_sample::Innovation;
-use crate::super_sample::Kriging;
+use crate::kriging::Kriging;
 use crate::{blend, gather, kriging, nearest, neighbor_depth, plausible, reprojection, splat, tile, warp};
 
 const FRAME: &str = include_str!("frame.wgsl");

@@ -12,10 +12,12 @@ use super::image::{GpuImage, GpuPlanes};
 use super::plan::SuperSamplePlan;
 use super::shaders;
 use crate::error::{ReconstructError, camera_size, check_frame_size, check_jitter, check_scale, check_size};
+use crate::kriging::Kriging;
 use crate::lattice::Axis;
 use crate::nearest::EVERY;
 use crate::reprojection::{Reprojection, parallax};
-use crate::super_sample::{Kriging, MAX_PAST, ResetReason};
+use crate::sequence::ResetReason;
+use crate::super_sample::MAX_PAST;
 use crate::tile::Lattice;
 
 /// Phases of pixels within an LR pixel.

@@ -17,7 +17,6 @@ mod tests;
 use fearless_simd::{Simd, f32x16, prelude::*, u32x16};
 
 use crate::samples::{CHUNK, Sample};
-use crate::super_sample::Kriging;
 use candidates::{Candidates, SEEN};
 use system::{Around, NOTHING, ROWS, solve};
 
@@ -63,7 +62,34 @@ const WORTH_COARSE: f32 = 0.006;
 /// The same where quality counts more than time: a quarter of a step. (Gains 0.1 dB over half a step, for 10 to 30 ms.)
 const WORTH_FINE: f32 = 0.001;
 
+/// Which pixels are kriged.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Kriging {
+    /// A pixel is the mean of what the samples around it predict to first order, by inverse variances.
+    #[default]
+    Off,
+    /// Where that mean errs visibly, a pixel is the best linear prediction from the values and the gradients of the
+    /// samples around it: gradient-enhanced kriging. Sharper in motion; takes longer, the more detail there is. Here
+    /// only where the mean errs most.
+    Coarse,
+    /// The same where it errs by about a step of 8 bits: sharper, and slower.
+    On,
+    /// The same wherever it makes a difference at all: sharper yet, and slower.
+    Fine,
+}
+
 impl Kriging {
+    /// Its name at the command and in reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::Coarse => "coarse",
+            Self::On => "on",
+            Self::Fine => "fine",
+        }
+    }
+
     /// By how much the correction for curvature must change a pixel, if any is kriged at all.
     pub(crate) const fn worth(self) -> Option<f32> {
         match self {
