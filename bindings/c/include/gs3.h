@@ -108,8 +108,8 @@ typedef enum gs3_dilation {
     GS3_DILATION_VALUE = 2,
 } gs3_dilation;
 
-// What the pixels of an output are. Colours are display-encoded red, green and blue; the fourth channel is that of the
-// function's description.
+// What the pixels of an output are. Colours are display-encoded red, green and blue. The function that writes the output
+// says what the fourth channel is.
 typedef enum gs3_format {
     // Four 32-bit floats, nominally 0 to 1, not clamped. Their address needs no alignment.
     GS3_FORMAT_RGBA_FLOAT32 = 0,
@@ -415,9 +415,9 @@ typedef struct gs3_output {
     void *data;
     // Bytes that may be written from data on.
     uint64_t size;
-    // Bytes from row to row, at least those of a row; 0 for rows without gaps.
+    // Bytes from row to row: 0 for rows without gaps, or at least the bytes of a row.
     uint64_t row_stride;
-    // Bytes from pixel to pixel of a row, at least those of a pixel; 0 for pixels without gaps.
+    // Bytes from pixel to pixel of a row: 0 for pixels without gaps, or at least the bytes of a pixel.
     uint64_t pixel_stride;
     // 1 for a fourth channel of 1 (or 255) instead of the frame's own.
     uint32_t opaque;
@@ -615,7 +615,8 @@ const char *gs3_last_error(void);
 void gs3_set_log_callback(gs3_log_callback callback,
                           void *user);
 
-// The version of the library, as GS3_VERSION is that of the header. Programs run with later ones of the same major number.
+// The version of the library. GS3_VERSION is the version of the header. Programs run with later libraries of the same major
+// number.
 uint32_t gs3_query_version(void);
 
 // Tells how large the low-resolution frames are of which an image of width x height pixels is made: both divided by the
