@@ -28,20 +28,54 @@ pub struct Sections {
 /// Differences of times below this factor are noise.
 const NOTABLE: f64 = 1.1;
 
+/// What the names of methods and measures mean.
+const METHODS: &str = "\
+    | method | is |\n\
+    |---|---|\n\
+    | `native` | gs3's own rasterizer, every pixel, with AccuTile culling |\n\
+    | `bicubic`, `hermite` | one LR frame enlarged; `hermite` reads exact gradients |\n\
+    | `history`, `analytic` | super sampling without learning; the second name of each pair also \
+    shows an in-between frame before each rendered one |\n\
+    | `kriging`, `kriged` | the same, with kriging where first-order predictions err visibly |\n\
+    | `overscan`, `overscanned` | the same, with LR frames rasterized beyond the edges that the \
+    camera turns to |\n\
+    | `fast_ss`, `fast`, `balanced_ss`, `balanced`, `high_ss`, `high` | the same, with super sampling \
+    by the tier's network; kriging is coarse below `fast` and fine below `high` |\n\
+    \n\
+    | measure | is |\n\
+    |---|---|\n\
+    | PSNR rendered, PSNR between | one mean squared error a frame over RGB in [0, 1], mean over \
+    frames; in-between frames are compared with native rendering at the true pose |\n\
+    | SSIM | as in scikit-image, over rendered frames |\n\
+    | tPSNR | PSNR of the differences of consecutive displayed frames; in-between frames halve the \
+    time between them |\n\
+    | displayed FPS | frames displayed for a rendered frame, over the median time of the rendered \
+    frame |\n";
+
+/// What published networks are given.
+const NETWORKS: &str = "\
+    `span`, `safmn` and `rt4ksr` are as published, trained on photographs. `ecbsr_trained`, \
+    `rt4ksr_trained` and `ninasr_trained` (B1) were trained by gs3's trainer, on matched LR frames of \
+    other scenes. Published networks compute in f32, gs3 as `gs3 render` does on the machine. The \
+    rows of gs3 are of the same frames of its run. The LR frames decide how methods rank:\n\
+    \n\
+    | LR frames | are |\n\
+    |---|---|\n\
+    | `matched` | point samples of the native image (dilation 0.3/S²) |\n\
+    | `stock` | rendered at LR with the dilation 0.3 of 3D Gaussian Splatting |\n\
+    | `antialiased` | the native image reduced by a bicubic filter, as networks are trained; no \
+    renderer has such frames without native rendering |\n";
+
 /// The text of the page.
 pub fn page(sections: &Sections, frames: usize) -> String {
     let machine = Machine::this();
     let mut text = format!(
-        "# Results\n\nWritten by `cargo run --release -p gs3-evaluate --example results -- ../shared {frames}`; gs3 {}, {}, \
-         {} threads, {}.\n\n\
-         {}×{} from {}×{} (×{SCALE}), frames 0..{frames} of each path, against the scene's own native rendering. `history` is \
-         gs3's super sampling without learning, `analytic` adds a frame before each rendered one: its PSNR between is against \
-         native rendering at the true pose. `kriging` and `kriged` krige the pixels where first-order predictions err visibly; `overscan` and `overscanned` are that \
-         with LR frames rasterized beyond the edges that the camera turns to; `fast`, `balanced` and `high` are that with learned super sampling, kriged coarsely below `fast` and finely below `high`, `fast_ss` and so on without the frames between. PSNR: one mean squared error per frame over RGB in [0, 1], mean over frames; SSIM as \
-         in scikit-image, over rendered frames; tPSNR: PSNR of the differences of consecutive displayed frames, which are half as \
-         far apart where there are frames between. History starts empty at frame 0, and these first frames count. Displayed FPS: \
-         frames shown per rendered one over its median time; native rendering is gs3's own rasterizer with AccuTile culling. gs3's \
-         networks compute in bf16 where that is faster.{}\n\n",
+        "# Results\n\n\
+         Written by `cargo run --release -p gs3-evaluate --example results -- FOLDER {frames}`; gs3 {}, {}, \
+         {} threads, {}. FOLDER has the folders `scenes`, `paths` and `weights`.\n\n\
+         {}×{} from {}×{} (×{SCALE}), frames 0..{frames} of each path, against the scene's own native rendering, \
+         without exact pixels. The history is empty at frame 0, and the first frames count. Networks compute in \
+         bf16 where bf16 is faster.{}\n\n{METHODS}\n",
         env!("CARGO_PKG_VERSION"),
         machine.processor,
         machine.threads,
@@ -87,18 +121,14 @@ pub fn page(sections: &Sections, frames: usize) -> String {
     );
     let _ = writeln!(
         text,
-        "## Parts left out ({of_parts} frames of each path)\n\nThe paper's ablations. Weights are those of the whole: no network \
-         was trained anew without a part, so gradients, jitter and recurrence are left out of the pipeline without learning, overscan and kriging.\n\n{}",
+        "## Parts left out ({of_parts} frames of each path)\n\nThe paper's ablations. The weights are the shipped \
+         ones: no network was trained again without a part. So gradients, jitter and recurrence are left out of \
+         the pipeline without learning, overscan and kriging (*all three*).\n\n{}",
         sections.parts
     );
     let _ = writeln!(
         text,
-        "## Published networks ({of_networks} frames of each path)\n\nAs published, trained on photographs, not on splats; \
-         `ecbsr_trained`, `rt4ksr_trained` and `ninasr_trained` (B1) by gs3's trainer, on matched LR frames of other scenes; all in f32, gs3 in what `gs3 render` \
-         uses on the machine. How LR frames come about decides how they rank: `matched` are point samples of the native image (dilation 0.3/S²), `stock` \
-         has the dilation 0.3 of 3D Gaussian Splatting at LR, `antialiased` is the native image reduced by a bicubic filter, as \
-         networks are trained, which no renderer has without rendering natively. gs3 stands for comparison, at the same \
-         frames of its run.\n\n{}",
+        "## Published networks ({of_networks} frames of each path)\n\n{NETWORKS}\n{}",
         sections.networks
     );
     text.trim_end().to_owned() + "\n"
