@@ -155,13 +155,20 @@ pub fn copy(from: &Path, to: &Path) -> Result<(), XtaskError> {
 /// Runs cargo.
 pub fn cargo(arguments: &[&str]) -> Result<(), XtaskError> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let status = Command::new(cargo).args(arguments).status().map_err(XtaskError::io(Path::new("cargo")))?;
+    succeed(Command::new(cargo).args(arguments))
+}
+
+/// Runs `command` to its end, which is to be a success.
+pub fn succeed(command: &mut Command) -> Result<(), XtaskError> {
+    let program = command.get_program().to_owned();
+    let status = command.status().map_err(XtaskError::io(Path::new(&program)))?;
     match status.success() {
         true => Ok(()),
-        false => Err(XtaskError::Failed {
-            command: format!("cargo {}", arguments.join(" ")),
-            status: status.to_string(),
-        }),
+        false => {
+            let words = std::iter::once(command.get_program()).chain(command.get_args());
+            let words: Vec<_> = words.map(|word| word.to_string_lossy()).collect();
+            Err(XtaskError::Failed { command: words.join(" "), status: status.to_string() })
+        }
     }
 }
 

@@ -10,6 +10,7 @@ mod measure;
 mod run;
 mod script;
 mod table;
+mod web;
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -33,6 +34,8 @@ enum Command {
     Measure(measure::MeasureArgs),
     /// Install the C interface: header, libraries, and what pkg-config reads
     InstallC(install_c::InstallArgs),
+    /// Build the viewer's web page, a folder of static files, and serve it
+    Web(web::WebArgs),
 }
 
 /// Why an errand was not done.
@@ -68,6 +71,31 @@ pub enum XtaskError {
         /// Its name.
         program: &'static str,
         /// What the system says.
+        source: io::Error,
+    },
+    /// No compiler makes WebAssembly.
+    #[error(
+        "{target}: expected a compiler for it (rustup target add {target}; or Debian's rustc-web, cargo-web, rust-web-src and \
+         lld-22), found none"
+    )]
+    NoTarget {
+        /// What is compiled for.
+        target: &'static str,
+    },
+    /// The glue between JavaScript and WebAssembly is not made.
+    #[error("{}: {message}", path.display())]
+    Glue {
+        /// The WebAssembly.
+        path: PathBuf,
+        /// Why.
+        message: String,
+    },
+    /// Nobody can be served.
+    #[error("port {port}: expected a free one, found {source}")]
+    Port {
+        /// The port.
+        port: u16,
+        /// Why.
         source: io::Error,
     },
     /// This system is none that the errand knows.
@@ -117,6 +145,7 @@ fn main() -> ExitCode {
         Command::GpuReport(args) => folder::make(&args),
         Command::Measure(args) => measure::run(&args),
         Command::InstallC(args) => install_c::install(&args),
+        Command::Web(args) => web::run(&args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

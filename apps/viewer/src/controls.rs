@@ -61,6 +61,17 @@ impl Rig {
         }
     }
 
+    /// A rig at `position`, around `target` in the middle of its picture, `up` pointing up there. `None` if the two are one
+    /// point, or the rig looks along `up`.
+    #[must_use]
+    pub fn looking(position: DVec3, target: DVec3, up: DVec3, fov_y: f64) -> Option<Self> {
+        let forward = (target - position).try_normalize()?;
+        let right = forward.cross(up).try_normalize()?;
+        let view_from_world = DMat3::from_cols(right, forward.cross(right), forward).transpose();
+        let offset = DVec3::new(0.0, 0.0, position.distance(target));
+        Some(Self { pivot: target, rotation: DQuat::from_mat3(&view_from_world).normalize(), offset, fov_y })
+    }
+
     /// The camera for a picture of `size`.
     ///
     /// # Errors
@@ -185,10 +196,19 @@ impl Controls {
 
     /// Moves towards the pivot by `lines` of a wheel, or away if they are negative. The camera does not reach it.
     pub fn dolly(&mut self, lines: f64) {
+        self.approach(DOLLY.powf(lines));
+    }
+
+    /// Scales the distance to the pivot by `factor`, within a thousandth and a thousand radii of the scene. A factor that is
+    /// no positive number does nothing.
+    pub fn approach(&mut self, factor: f64) {
+        if !(factor > 0.0 && factor.is_finite()) {
+            return;
+        }
         let rig = &mut self.aimed;
         let length = rig.offset.length();
         let limits = [1e-3 * self.radius, 1e3 * self.radius];
-        let wanted = (length * DOLLY.powf(lines)).clamp(limits[0].min(length), limits[1].max(length));
+        let wanted = (length * factor).clamp(limits[0].min(length), limits[1].max(length));
         rig.offset *= wanted / length;
     }
 

@@ -34,6 +34,18 @@ impl Modifiers {
     }
 }
 
+/// What a finger on a screen does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Touch {
+    /// Touches the screen.
+    Began,
+    /// Moves on the screen.
+    Moved,
+    /// Leaves the screen, or the system takes the touch away.
+    Ended,
+}
+
 /// An input. Positions and sizes are in pixels of the picture, from its top left corner.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Input {
@@ -43,6 +55,8 @@ pub enum Input {
     PointerGone,
     /// A button goes down or up where the pointer is.
     Button(Button, bool),
+    /// A finger, by its number, is here: one finger is the left button, two pan and pinch.
+    Touch(u64, Touch, [f32; 2]),
     /// The wheel turns, in lines; positive is away from the hand.
     Wheel(f32),
     /// A key goes down or up, by the letter on it.

@@ -2,12 +2,14 @@
 //!
 //! [`Viewer`] is all of it but the window: inputs and time go in, pictures come out, and wishes for files
 //! ([`Effect`]). Nothing in it reads a clock, a file or a screen, so that a window, a page, a script and a test drive the same
-//! code. `window` is the native window, [`Script`] a hand from a file.
+//! code. `window` is the native window, `page` what a web page calls, [`Script`] a hand from a file.
 
 pub mod compare;
 pub mod controls;
 pub mod figures;
 pub mod input;
+#[cfg(feature = "page")]
+pub mod page;
 pub mod paint;
 pub mod panels;
 mod screenshot;

@@ -21,6 +21,12 @@ impl Picture {
         self.pixels.resize(size[0] * size[1], 0);
     }
 
+    /// The picture as 8-bit RGBA, row by row, opaque.
+    #[must_use]
+    pub fn to_rgba8(&self) -> Vec<u8> {
+        self.pixels.iter().flat_map(|p| [(p >> 16) as u8, (p >> 8) as u8, *p as u8, u8::MAX]).collect()
+    }
+
     /// The picture as 8-bit RGB, row by row.
     #[must_use]
     pub fn to_rgb8(&self) -> Vec<u8> {

@@ -187,7 +187,12 @@ impl Panels {
             }
             Input::Focused(is_focused) => Event::WindowFocused(*is_focused),
             // Keys belong to the viewer: no panel has text to type.
-            Input::Key(..) | Input::Resized(_) | Input::Scale(_) | Input::Hovering(_) | Input::Dropped(_) => {
+            Input::Touch(..)
+            | Input::Key(..)
+            | Input::Resized(_)
+            | Input::Scale(_)
+            | Input::Hovering(_)
+            | Input::Dropped(_) => {
                 return;
             }
         };

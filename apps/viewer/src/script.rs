@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use serde::Deserialize;
 
-use crate::input::{Button, Input, Key, Modifiers};
+use crate::input::{Button, Input, Key, Modifiers, Touch};
 use crate::viewer::{Shot, Viewer};
 
 /// Loops in which a script waits for rest at most: some minutes at 30 frames a second.
@@ -60,6 +60,8 @@ enum Step {
     },
     /// Clicks twice with the left button.
     DoubleClick { at: [f32; 2] },
+    /// Puts a finger on the screen, moves it or lifts it.
+    Touch { finger: u64, phase: Touch, at: [f32; 2] },
     /// Turns the wheel.
     Wheel { lines: f32, at: Option<[f32; 2]> },
     /// Presses a key and lets it go.
@@ -114,6 +116,8 @@ enum Op {
     Input(Input),
     /// A position as shares of the picture.
     Move([f32; 2]),
+    /// A finger at such a position.
+    Touch(u64, Touch, [f32; 2]),
     /// Lets the loop go round.
     Frame,
     WaitIdle,
@@ -195,9 +199,9 @@ impl Script {
                 Op::WaitIdle => self.waited = 0,
                 Op::Frame => return Ok(Playing::On),
                 Op::Input(input) => viewer.input(input),
-                Op::Move([x, y]) => {
-                    let [width, height] = viewer.size().map(|side| side as f32);
-                    viewer.input(Input::PointerMoved([x * width, y * height]));
+                Op::Move(at) => viewer.input(Input::PointerMoved(pixels(at, viewer))),
+                Op::Touch(finger, touch, at) => {
+                    viewer.input(Input::Touch(finger, touch, pixels(at, viewer)));
                 }
                 Op::Shot(shot) => viewer.shoot(shot),
                 Op::SavePath(file) => viewer.save_tour(Some(file)),
@@ -235,14 +239,21 @@ impl Expected {
     }
 }
 
+/// A position given as shares of the picture, in pixels.
+fn pixels(at: [f32; 2], viewer: &Viewer) -> [f32; 2] {
+    let size = viewer.size();
+    [0, 1].map(|axis| at[axis] * size[axis] as f32)
+}
+
 /// A step as what the player does.
 fn expand(step: Step) -> Result<Vec<Op>, String> {
-    let place = |at: [f32; 2]| {
+    let inside = |at: [f32; 2]| {
         let is_inside = at.iter().all(|v| (0.0..=1.0).contains(v));
-        is_inside.then_some(Op::Move(at)).ok_or_else(|| {
+        is_inside.then_some(at).ok_or_else(|| {
             format!("expected a position of two shares from 0 to 1, found [{}, {}]", at[0], at[1])
         })
     };
+    let place = |at: [f32; 2]| inside(at).map(Op::Move);
     let loops = |frames: u32| {
         (1..=MOST_FRAMES)
             .contains(&frames)
@@ -279,6 +290,7 @@ fn expand(step: Step) -> Result<Vec<Op>, String> {
             }
             ops
         }
+        Step::Touch { finger, phase, at } => vec![Op::Touch(finger, phase, inside(at)?), Op::Frame],
         Step::Wheel { lines, at } => {
             if !lines.is_finite() {
                 return Err(format!("lines: expected a finite number, found {lines}"));
@@ -373,6 +385,7 @@ mod tests {
             {"do": "wait", "frames": 2}, {"do": "wait_idle"}, {"do": "move", "to": [0.5, 0.5]},
             {"do": "press", "button": "left"}, {"do": "release", "button": "left"},
             {"do": "drag", "button": "right", "from": [0.1, 0.1], "to": [0.4, 0.2], "frames": 3},
+            {"do": "touch", "finger": 1, "phase": "began", "at": [0.5, 0.5]},
             {"do": "double_click", "at": [0.5, 0.5]}, {"do": "wheel", "lines": -2},
             {"do": "wheel", "lines": 2, "at": [0.1, 0.1]}, {"do": "key", "key": "F"},
             {"do": "hold", "key": "W", "frames": 4, "shift": true}, {"do": "drop", "file": "a.ply"},
@@ -381,9 +394,9 @@ mod tests {
         ]}"#;
         let script = Script::parse(script).unwrap();
         let steps: std::collections::BTreeSet<usize> = script.ops.iter().map(|(step, _)| *step).collect();
-        assert_eq!(steps.len(), 17);
+        assert_eq!(steps.len(), 18);
         let frames = script.ops.iter().filter(|(_, op)| matches!(op, Op::Frame)).count();
-        // 2 + 1 + 1 + 1 + 1 + (3 + 3) + 5 + 1 + 1 + 2 + (4 + 1) + 1 + 1 + 1 + 1
-        assert_eq!(frames, 30);
+        // 2 + 1 + 1 + 1 + 1 + (3 + 3) + 1 + 5 + 1 + 1 + 2 + (4 + 1) + 1 + 1 + 1 + 1
+        assert_eq!(frames, 31);
     }
 }

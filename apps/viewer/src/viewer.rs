@@ -4,24 +4,27 @@ mod files;
 mod frames;
 mod inputs;
 mod shown;
+mod touch;
 
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
+use gs3::glam::DVec3;
 use gs3::scene::camera::MAX_SIDE;
 use gs3::scene::orbit::{self, Bulk};
 use gs3::scene::{Camera, CameraError, CameraPath, Scene};
 use gs3::{PipelineError, Session, SessionSettings};
 
 use crate::compare::{Compare, Dividers};
-use crate::controls::Controls;
+use crate::controls::{Controls, Rig};
 use crate::figures::Figures;
 use crate::input::{Button, Input, Modifiers};
 use crate::paint::Picture;
 use crate::panels::Panels;
 use crate::tour::Tour;
 use crate::views::View;
+use touch::Fingers;
 
 /// Longest time that a movement goes on by at once, seconds: after a slow frame nothing jumps.
 const LONGEST_STEP: f64 = 0.1;
@@ -156,6 +159,7 @@ pub struct Viewer {
     pointer: Option<[f32; 2]>,
     modifiers: Modifiers,
     drag: Option<Button>,
+    fingers: Fingers,
     last_click: Option<(Duration, [f32; 2])>,
     panels: Panels,
     view: View,
@@ -184,6 +188,8 @@ pub struct Viewer {
     effects: Vec<Effect>,
     last_step: Option<Duration>,
     due: Duration,
+    next: Next,
+    has_panels: bool,
 }
 
 impl Viewer {
@@ -212,6 +218,7 @@ impl Viewer {
             pointer: None,
             modifiers: Modifiers::default(),
             drag: None,
+            fingers: Fingers::default(),
             last_click: None,
             panels: Panels::default(),
             view: View::default(),
@@ -236,6 +243,8 @@ impl Viewer {
             effects: Vec::new(),
             last_step: None,
             due: Duration::ZERO,
+            next: Next::At(Duration::ZERO),
+            has_panels: true,
         })
     }
 
@@ -271,7 +280,18 @@ impl Viewer {
             let rest = clock().saturating_sub(started).saturating_sub(rendering).as_secs_f64();
             self.overhead += NEWEST * (rest - self.overhead);
         }
-        Step { is_new: is_due, next: self.next(started) }
+        self.next = self.next(started);
+        Step { is_new: is_due, next: self.next }
+    }
+
+    /// When the next step is due: what the last one said, or at once after an input or another wish.
+    #[must_use]
+    pub const fn next_step(&self) -> Next {
+        if self.is_woken || !self.inputs.is_empty() || !self.shots.is_empty() {
+            Next::At(Duration::ZERO)
+        } else {
+            self.next
+        }
     }
 
     /// Tells how long the picture took to reach the screen after a step.
@@ -357,6 +377,30 @@ impl Viewer {
     #[must_use]
     pub const fn camera(&self) -> Option<Camera> {
         self.rest.camera
+    }
+
+    /// Where the camera is, and what it turns around.
+    #[must_use]
+    pub const fn rig(&self) -> &Rig {
+        self.controls.shown()
+    }
+
+    /// The upward direction, of length 1.
+    #[must_use]
+    pub const fn up(&self) -> DVec3 {
+        self.controls.up()
+    }
+
+    /// Moves the camera to `rig` at once.
+    pub fn look(&mut self, rig: Rig) {
+        self.tour.stop();
+        self.controls.jump(rig);
+        (self.is_woken, self.has_failed) = (true, false);
+    }
+
+    /// Whether panels, notes and messages lie over the picture; they do from the beginning.
+    pub const fn set_panels(&mut self, are_shown: bool) {
+        (self.has_panels, self.is_woken) = (are_shown, true);
     }
 
     /// The message that is shown, if there is one.

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use gs3::scene::{Camera, Gaussians, OpacityMode, Scene, capture, demo};
 use gs3::{Backend, FramePipeline, Mode, PipelineSettings, Refine, SessionSettings};
-use gs3_viewer::input::{Button, Key};
+use gs3_viewer::input::{Button, Key, Touch};
 use gs3_viewer::{Effect, Input, Next, Opened, Place, Playing, Script, Step, Viewer, ViewerSettings};
 
 const SIZE: [u32; 2] = [240, 136];
@@ -151,6 +151,43 @@ fn drags_on_panels_leave_the_camera_alone() {
     hand.rest();
     drag(&mut hand);
     assert_ne!(hand.viewer.camera().unwrap(), before);
+}
+
+#[test]
+fn one_finger_orbits_and_two_pan_and_pinch() {
+    let mut hand = Hand::new();
+    hand.rest();
+    let distance = |hand: &Hand| hand.viewer.rig().offset.length();
+    let touch = |hand: &mut Hand, finger: u64, touch: Touch, at: [f32; 2]| {
+        hand.viewer.input(Input::Touch(finger, touch, at));
+        hand.step();
+    };
+    let before = *hand.viewer.rig();
+    touch(&mut hand, 4, Touch::Began, [120.0, 70.0]);
+    touch(&mut hand, 4, Touch::Moved, [150.0, 70.0]);
+    touch(&mut hand, 4, Touch::Ended, [150.0, 70.0]);
+    hand.rest();
+    let turned = *hand.viewer.rig();
+    assert!(turned.rotation.angle_between(before.rotation) > 0.1);
+    assert_eq!(turned.pivot, before.pivot);
+    // Two fingers, apart by half as much again, and their middle 10 pixels lower.
+    touch(&mut hand, 1, Touch::Began, [100.0, 60.0]);
+    touch(&mut hand, 2, Touch::Began, [140.0, 60.0]);
+    touch(&mut hand, 2, Touch::Moved, [140.0, 70.0]);
+    touch(&mut hand, 1, Touch::Moved, [80.0, 70.0]);
+    hand.rest();
+    let pinched = *hand.viewer.rig();
+    assert!((distance(&hand) / turned.offset.length() - 40.0 / 60.0).abs() < 1e-3, "{}", distance(&hand));
+    assert!(pinched.rotation.angle_between(turned.rotation) < 1e-9, "two fingers turn nothing");
+    assert!(pinched.pivot.distance(turned.pivot) > 0.0);
+    // One of two stays: nothing follows it, and after both are gone nothing is held.
+    touch(&mut hand, 1, Touch::Ended, [80.0, 70.0]);
+    touch(&mut hand, 2, Touch::Moved, [200.0, 20.0]);
+    touch(&mut hand, 2, Touch::Ended, [200.0, 20.0]);
+    touch(&mut hand, 9, Touch::Moved, [10.0, 10.0]);
+    hand.viewer.input(Input::PointerMoved([220.0, 100.0]));
+    hand.rest();
+    assert_eq!(*hand.viewer.rig(), pinched);
 }
 
 #[test]

@@ -1,6 +1,8 @@
 //! Wall-clock time of the stages of a frame.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
+
+use web_time::Instant;
 
 /// A stage of the frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -70,11 +70,18 @@ impl Viewer {
         self.effects.push(Effect::Save(file.map_or(numbered, Place::File), bytes));
     }
 
-    /// Writes figures of the frames displayed last to `file`, as JSON.
+    /// Writes [`Self::figures_json`] to `file`.
     pub fn save_figures(&mut self, file: PathBuf) {
+        let json = self.figures_json();
+        self.effects.push(Effect::Save(Place::File(file), format!("{json:#}\n").into_bytes()));
+    }
+
+    /// Figures of the frames displayed last, the scene, the message that is shown, and whether the viewer rests.
+    #[must_use]
+    pub fn figures_json(&self) -> serde_json::Value {
         let pipeline = self.session.pipeline();
         let rates = self.figures.rates();
-        let json = serde_json::json!({
+        serde_json::json!({
             "displayed": self.figures.displayed(),
             "rendered": self.figures.rendered(),
             "displayed_per_second": rates.map(|rates| rates.displayed),
@@ -87,8 +94,13 @@ impl Viewer {
             "width": self.size[0],
             "height": self.size[1],
             "backend": self.session.backend().name(),
-        });
-        self.effects.push(Effect::Save(Place::File(file), format!("{json:#}\n").into_bytes()));
+            "scene": self.name,
+            "gaussians": self.gaussians(),
+            "idle": self.is_idle,
+            "native": self.rest.is_native,
+            "opening": self.opening.is_some(),
+            "message": self.message,
+        })
     }
 
     /// Tells how much of what is being opened is there, `[0, 1]`.

@@ -7,6 +7,7 @@ use gs3::glam::DVec2;
 use gs3::scene::Camera;
 use gs3::scene::camera::MAX_SIDE;
 
+use super::touch::Fingers;
 use super::{Effect, Shot, Viewer, interval};
 use crate::compare::Dividers;
 use crate::controls::{Flight, Rig, flight_speed};
@@ -30,6 +31,7 @@ impl Viewer {
             Input::PointerMoved(to) => self.point(to),
             Input::PointerGone => self.pointer = None,
             Input::Button(button, is_pressed) => self.button(button, is_pressed, now),
+            Input::Touch(finger, touch, at) => self.touch(finger, touch, at, now),
             Input::Wheel(lines) => {
                 if !self.is_over_panel() {
                     self.tour.stop();
@@ -53,6 +55,7 @@ impl Viewer {
                 if !is_focused {
                     self.controls.release();
                     self.drag = None;
+                    self.fingers = Fingers::default();
                 }
             }
         }
@@ -184,7 +187,8 @@ impl Viewer {
         }
     }
 
-    pub(super) fn act(&mut self, action: Action, now: Duration) {
+    /// Does what a panel can ask for.
+    pub fn act(&mut self, action: Action, now: Duration) {
         (self.is_woken, self.has_failed) = (true, false);
         match action {
             Action::View(view) => {

@@ -10,8 +10,11 @@ use crate::panels::{Action, Facts};
 impl Viewer {
     /// Puts the panels over the frame.
     pub(super) fn paint(&mut self, now: Duration, is_rendered: bool) -> Vec<Action> {
-        let facts = self.facts(is_rendered);
         self.picture.clone_from(&self.frame);
+        if !self.has_panels {
+            return Vec::new();
+        }
+        let facts = self.facts(is_rendered);
         self.panels.paint(&facts, self.scale, now, &mut self.picture)
     }
 

@@ -1,9 +1,9 @@
 //! winit's events as inputs.
 
-use winit::event::{ElementState, MouseButton, MouseScrollDelta, WindowEvent};
+use winit::event::{ElementState, MouseButton, MouseScrollDelta, TouchPhase, WindowEvent};
 use winit::keyboard::{Key as WinitKey, NamedKey};
 
-use crate::input::{Button, Input, Key, Modifiers};
+use crate::input::{Button, Input, Key, Modifiers, Touch};
 
 /// Pixels of a touch pad that count as a line of a wheel: what browsers and desktops take.
 const PIXELS_PER_LINE: f64 = 40.0;
@@ -25,6 +25,14 @@ pub fn inputs(event: &WindowEvent) -> Vec<Input> {
                 MouseButton::Back | MouseButton::Forward | MouseButton::Other(_) => return Vec::new(),
             };
             vec![Input::Button(button, *state == ElementState::Pressed)]
+        }
+        WindowEvent::Touch(touch) => {
+            let phase = match touch.phase {
+                TouchPhase::Started => Touch::Began,
+                TouchPhase::Moved => Touch::Moved,
+                TouchPhase::Ended | TouchPhase::Cancelled => Touch::Ended,
+            };
+            vec![Input::Touch(touch.id, phase, [touch.location.x as f32, touch.location.y as f32])]
         }
         WindowEvent::MouseWheel { delta, .. } => vec![Input::Wheel(match delta {
             MouseScrollDelta::LineDelta(_, lines) => *lines,

@@ -20,11 +20,12 @@ pub(crate) mod splat;
 use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use fearless_simd::{Level, dispatch};
 use gs3_scene::{BLOCK_SIDE, Camera, GBuffer, Image, Margin, Scene};
 use rayon::prelude::*;
+use web_time::Instant;
 
 use crate::chunk::{self, CHUNK, Chunk};
 use crate::settings::{Culling, Outputs, RasterError, RasterSettings};

@@ -1,0 +1,253 @@
+// gs3 in a web page: `createViewer(canvas, options)`. Types and all options: gs3.d.ts.
+
+const WORKER = new URL("./worker.js", import.meta.url);
+// Pixels that one thread of a browser rasterizes at rates fit for moving a camera; larger canvases are stretched.
+const MOST_PIXELS = 640 * 360;
+// Pixels of a touch pad that count as a line of a wheel, and lines of a page.
+const WHEEL_LINE = { 0: 1 / 40, 1: 1, 2: 20 };
+
+/** Shows scenes in `canvas`. Resolves once the viewer runs; rejects with one line where it cannot. */
+export async function createViewer(canvas, options = {}) {
+  const { url, camera, noui = false, maxPixels = MOST_PIXELS, ...settings } = options;
+  if (!(canvas instanceof HTMLCanvasElement)) throw new TypeError(`canvas: expected a canvas element, found ${canvas}`);
+  if (typeof WebAssembly !== "object") throw new Error("WebAssembly: expected a browser that has it, found none");
+  if (!(maxPixels >= 64)) throw new TypeError(`maxPixels: expected 64 or more, found ${maxPixels}`);
+  const worker = new Worker(WORKER, { type: "module" });
+  const viewer = new PageViewer(canvas, worker, maxPixels);
+  await viewer.start(settings, { url, camera, noui });
+  return viewer;
+}
+
+class PageViewer extends EventTarget {
+  #canvas;
+  #context;
+  #worker;
+  #maxPixels;
+  #asked = new Map();
+  #asks = 0;
+  #ready;
+  #stop = new AbortController();
+  #resizes;
+  // The picture is smaller than the canvas by this factor.
+  #ratio = 1;
+  #figures = {};
+
+  constructor(canvas, worker, maxPixels) {
+    super();
+    [this.#canvas, this.#worker, this.#maxPixels] = [canvas, worker, maxPixels];
+    this.#context = canvas.getContext("2d", { alpha: false });
+  }
+
+  start(settings, beginning) {
+    const started = new Promise((resolve, reject) => (this.#ready = { resolve, reject }));
+    this.#worker.onmessage = ({ data }) => this.#take(data);
+    this.#worker.onerror = (event) => this.#end(event.message || "the worker does not start");
+    const [width, height] = this.#size();
+    this.#worker.postMessage({ kind: "begin", settings: { width, height, ...settings }, ...beginning, scale: this.#scale() });
+    this.#listen();
+    return started;
+  }
+
+  /** Opens the scene or the cameras at `source`: a URL, "demo", a File, or a list of Files of one folder. */
+  open(source) {
+    const files = source instanceof Blob ? [source] : source;
+    const message = typeof source === "string" ? { url: source } : { files: Array.from(files, (file) => [pathOf(file), file]) };
+    this.#worker.postMessage({ kind: "open", ...message });
+  }
+
+  /** The camera: `{position, target, fov}`. */
+  camera() {
+    return this.#ask({ kind: "camera" });
+  }
+
+  /** Moves the camera. Rejects with one line if it is none. */
+  setCamera(camera) {
+    return this.#ask({ kind: "setCamera", camera });
+  }
+
+  /** Displayed frames a second to aim at. */
+  setFps(fps) {
+    return this.#ask({ kind: "setFps", fps });
+  }
+
+  /** Whether panels lie over the picture. */
+  setPanels(areShown) {
+    return this.#ask({ kind: "setPanels", areShown });
+  }
+
+  /** Presses and releases a key, as `KeyboardEvent.key` names it. */
+  press(key) {
+    for (const isPressed of [true, false]) this.#worker.postMessage({ kind: "key", key, isPressed });
+  }
+
+  /** Figures of the frames displayed last. */
+  get figures() {
+    return this.#figures;
+  }
+
+  /** Ends the viewer and its worker. */
+  destroy() {
+    this.#stop.abort();
+    this.#resizes?.disconnect();
+    this.#worker.terminate();
+    for (const { reject } of this.#asked.values()) reject(new Error("the viewer is closed"));
+    this.#asked.clear();
+  }
+
+  #ask(message) {
+    const number = ++this.#asks;
+    this.#worker.postMessage({ ...message, number });
+    return new Promise((resolve, reject) => this.#asked.set(number, { resolve, reject }));
+  }
+
+  #end(message) {
+    this.#ready.reject(new Error(message));
+    this.#emit("error", { message });
+    this.destroy();
+  }
+
+  #emit(name, detail) {
+    this.dispatchEvent(new CustomEvent(name, { detail }));
+  }
+
+  #take(data) {
+    switch (data.kind) {
+      case "ready":
+        return this.#ready.resolve();
+      case "end":
+        return this.#end(data.message);
+      case "answer": {
+        const asked = this.#asked.get(data.number);
+        this.#asked.delete(data.number);
+        return data.error === undefined ? asked?.resolve(data.value) : asked?.reject(new Error(data.error));
+      }
+      case "frame": {
+        const { width, height, pixels } = data;
+        if (this.#canvas.width !== width) this.#canvas.width = width;
+        if (this.#canvas.height !== height) this.#canvas.height = height;
+        this.#context.putImageData(new ImageData(pixels, width, height), 0, 0);
+        this.#figures = data.figures;
+        this.#worker.postMessage({ kind: "shown" });
+        return this.#emit("frame", data.figures);
+      }
+      case "idle":
+        this.#figures = data.figures;
+        return this.#emit("idle", data.figures);
+      case "save":
+        return this.#save(data);
+    }
+  }
+
+  // A page may stop a save and take the bytes itself: `event.preventDefault()`.
+  #save({ name, bytes }) {
+    const event = new CustomEvent("save", { detail: { name, bytes }, cancelable: true });
+    if (this.dispatchEvent(event)) {
+      const link = document.createElement("a");
+      link.href = URL.createObjectURL(new Blob([bytes]));
+      link.download = name;
+      link.click();
+      setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
+    }
+  }
+
+  #size() {
+    const rect = this.#canvas.getBoundingClientRect();
+    const dense = window.devicePixelRatio || 1;
+    const wanted = [rect.width * dense, rect.height * dense].map((side) => Math.max(1, side));
+    const shrink = Math.min(1, Math.sqrt(this.#maxPixels / (wanted[0] * wanted[1])));
+    const size = wanted.map((side) => Math.max(1, Math.round(side * shrink)));
+    this.#ratio = size[0] / Math.max(1, rect.width);
+    return size;
+  }
+
+  // Panels keep their size on the screen, as far as their text can be read in so few pixels.
+  #scale() {
+    return Math.max(0.75, this.#ratio);
+  }
+
+  #listen() {
+    const canvas = this.#canvas;
+    const post = (message) => this.#worker.postMessage(message);
+    const on = (target, name, handler, more = {}) =>
+      target.addEventListener(name, handler, { signal: this.#stop.signal, ...more });
+    const at = (event) => {
+      const rect = canvas.getBoundingClientRect();
+      return [(event.clientX - rect.left) * this.#ratio, (event.clientY - rect.top) * this.#ratio];
+    };
+    const held = (event) => post({ kind: "modifiers", shift: event.shiftKey, ctrl: event.ctrlKey, alt: event.altKey });
+    canvas.tabIndex = 0;
+    canvas.style.touchAction = "none";
+    for (const name of ["pointerdown", "pointermove", "pointerup", "pointercancel"]) {
+      on(canvas, name, (event) => {
+        const [x, y] = at(event);
+        if (name === "pointerdown") {
+          canvas.focus({ preventScroll: true });
+          // Synthetic pointers have nothing to capture.
+          try { canvas.setPointerCapture(event.pointerId); } catch {}
+        }
+        held(event);
+        if (event.pointerType === "touch") return post({ kind: "touch", finger: event.pointerId, name, x, y });
+        post({ kind: "pointer", x, y });
+        if (name !== "pointermove") post({ kind: "button", button: event.button, isPressed: name === "pointerdown" });
+      });
+    }
+    on(canvas, "pointerleave", (event) => event.pointerType !== "touch" && post({ kind: "pointerGone" }));
+    on(canvas, "contextmenu", (event) => event.preventDefault());
+    on(canvas, "wheel", (event) => {
+      event.preventDefault();
+      post({ kind: "wheel", lines: -event.deltaY * WHEEL_LINE[event.deltaMode] });
+    }, { passive: false });
+    for (const name of ["keydown", "keyup"]) {
+      on(canvas, name, (event) => {
+        held(event);
+        if (event.repeat || event.metaKey || (event.ctrlKey && event.key.length > 1)) return;
+        // Space and Backspace are the viewer's here, not the page's.
+        if ([" ", "Backspace"].includes(event.key)) event.preventDefault();
+        post({ kind: "key", key: event.key, isPressed: name === "keydown" });
+      });
+    }
+    on(canvas, "focus", () => post({ kind: "focused", isFocused: true }));
+    on(canvas, "blur", () => post({ kind: "focused", isFocused: false }));
+    on(canvas, "dragover", (event) => {
+      event.preventDefault();
+      post({ kind: "hovering", isHovering: true });
+    });
+    on(canvas, "dragleave", () => post({ kind: "hovering", isHovering: false }));
+    on(canvas, "drop", async (event) => {
+      event.preventDefault();
+      post({ kind: "hovering", isHovering: false });
+      const files = await filesOf(event.dataTransfer);
+      if (files.length > 0) post({ kind: "open", files });
+    });
+    this.#resizes = new ResizeObserver(() => {
+      const [width, height] = this.#size();
+      post({ kind: "resized", width, height, scale: this.#scale() });
+    });
+    this.#resizes.observe(canvas);
+  }
+}
+
+const pathOf = (file) => file.webkitRelativePath || file.name || "scene";
+
+/** The files of a drop, those of folders too: `[path, File]`. */
+async function filesOf(transfer) {
+  const entries = Array.from(transfer.items ?? [], (item) => item.webkitGetAsEntry?.()).filter((entry) => entry);
+  if (entries.length === 0) return Array.from(transfer.files, (file) => [pathOf(file), file]);
+  const found = [];
+  const visit = async (entry) => {
+    if (entry.isFile) {
+      const file = await new Promise((resolve, reject) => entry.file(resolve, reject));
+      found.push([entry.fullPath.replace(/^\//, ""), file]);
+      return;
+    }
+    const reader = entry.createReader();
+    // A reader gives some entries at a time, and none at the end.
+    for (;;) {
+      const some = await new Promise((resolve, reject) => reader.readEntries(resolve, reject));
+      if (some.length === 0) return;
+      for (const inner of some) await visit(inner);
+    }
+  };
+  for (const entry of entries) await visit(entry);
+  return found;
+}

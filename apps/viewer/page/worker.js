@@ -1,0 +1,220 @@
+// The viewer's own thread: WebAssembly in, pictures out. gs3.js talks to it.
+
+import init, { PageViewer } from "./gs3_viewer.js";
+
+let viewer;
+let timer;
+// Messages of before the WebAssembly was there.
+let early = [];
+// Sources that wait to be opened, by the name that the viewer asks for them with.
+const sources = new Map();
+const numbers = new Map();
+// A picture that the page has not shown yet: no second one is made meanwhile.
+let isShowing = false;
+let shownAt = 0;
+let wasIdle = false;
+let isOver = false;
+
+const figures = () => JSON.parse(viewer.figures());
+
+// A trap of WebAssembly leaves no viewer to go on with.
+function guarded(work) {
+  if (isOver) return undefined;
+  try {
+    return work();
+  } catch (error) {
+    isOver = true;
+    const isMemory = error instanceof RangeError || /memory/i.test(String(error));
+    const message = isMemory ? "the scene needs more memory than the browser gives a page" : `the viewer has failed: ${error.message ?? error}`;
+    postMessage({ kind: "end", message });
+    return undefined;
+  }
+}
+
+function schedule() {
+  clearTimeout(timer);
+  if (isShowing || isOver) return;
+  const wait = viewer.untilNext();
+  if (wait < 0) {
+    if (!wasIdle) postMessage({ kind: "idle", figures: figures() });
+    wasIdle = true;
+    return;
+  }
+  wasIdle = false;
+  timer = setTimeout(() => guarded(step), wait);
+}
+
+function step() {
+  if (viewer.step()) {
+    const { width, height } = viewer;
+    const pixels = viewer.rgba();
+    isShowing = true;
+    shownAt = performance.now();
+    postMessage({ kind: "frame", width, height, pixels, figures: figures() }, [pixels.buffer]);
+  }
+  for (const effect of viewer.takeEffects()) {
+    if (effect.kind === "open") open(effect.name);
+    else save(effect);
+  }
+  schedule();
+}
+
+function save({ stem, extension, bytes }) {
+  const number = (numbers.get(stem) ?? 0) + 1;
+  numbers.set(stem, number);
+  const name = `${stem}-${String(number).padStart(4, "0")}.${extension}`;
+  postMessage({ kind: "save", name, bytes }, [bytes.buffer]);
+  viewer.saved(name);
+}
+
+// The camera that the page begins with, once its scene is there.
+let firstCamera;
+
+// Only the last thing that was asked for is opened.
+let opening = 0;
+
+async function open(name) {
+  const mine = ++opening;
+  const source = sources.get(name);
+  sources.delete(name);
+  try {
+    const files = await read(source, (share) => {
+      if (mine !== opening || isOver) return;
+      viewer.progress(share);
+      schedule();
+    });
+    if (mine !== opening) return;
+    guarded(() => viewer.opened(name, files));
+    if (firstCamera !== undefined) {
+      viewer.setCamera(JSON.stringify(firstCamera));
+      firstCamera = undefined;
+    }
+  } catch (error) {
+    if (mine === opening) guarded(() => viewer.failed(`${name}: ${error.message ?? error}`));
+  }
+  guarded(schedule);
+}
+
+// `[path, bytes]` of each file.
+async function read(source, progress) {
+  if (source === undefined || source.url === "demo") return [];
+  if (source.files) {
+    const files = [];
+    for (const [path, file] of source.files) {
+      files.push([path, new Uint8Array(await file.arrayBuffer())]);
+      progress(files.length / source.files.length);
+    }
+    return files;
+  }
+  const response = await fetch(source.url);
+  if (!response.ok) throw new Error(`expected a file, found ${response.status} ${response.statusText}`.trim());
+  const path = nameOf(source.url);
+  const length = Number(response.headers.get("content-length"));
+  const reader = response.body.getReader();
+  const parts = [];
+  let count = 0;
+  for (;;) {
+    const { done, value } = await reader.read();
+    if (done) break;
+    parts.push(value);
+    count += value.length;
+    if (length > 0) progress(Math.min(1, count / length));
+  }
+  const bytes = new Uint8Array(count);
+  let offset = 0;
+  for (const part of parts) {
+    bytes.set(part, offset);
+    offset += part.length;
+  }
+  return [[path, bytes]];
+}
+
+function nameOf(url) {
+  if (url === "demo") return url;
+  const path = new URL(url, self.location.href).pathname;
+  return decodeURIComponent(path.slice(path.lastIndexOf("/") + 1)) || path;
+}
+
+// What the page shows of several files of a folder is the folder's name.
+function nameOfFiles(files) {
+  const [path] = files[0];
+  return files.length === 1 ? path : path.split("/")[0];
+}
+
+const answers = {
+  camera: () => JSON.parse(viewer.camera()),
+  setCamera: ({ camera }) => viewer.setCamera(JSON.stringify(camera)),
+  setFps: ({ fps }) => viewer.setFps(fps),
+  setPanels: ({ areShown }) => viewer.setPanels(areShown),
+};
+
+const inputs = {
+  pointer: ({ x, y }) => viewer.pointerMoved(x, y),
+  pointerGone: () => viewer.pointerGone(),
+  button: ({ button, isPressed }) => viewer.button(button, isPressed),
+  touch: ({ finger, name, x, y }) => viewer.touch(finger, name, x, y),
+  wheel: ({ lines }) => viewer.wheel(lines),
+  key: ({ key, isPressed }) => viewer.key(key, isPressed),
+  modifiers: ({ shift, ctrl, alt }) => viewer.modifiers(shift, ctrl, alt),
+  hovering: ({ isHovering }) => viewer.hovering(isHovering),
+  focused: ({ isFocused }) => viewer.focused(isFocused),
+  resized({ width, height, scale }) {
+    viewer.resized(width, height);
+    viewer.scale(scale);
+  },
+  shown() {
+    isShowing = false;
+    viewer.presented(performance.now() - shownAt);
+  },
+  open(source) {
+    try {
+      const name = source.files ? nameOfFiles(source.files) : nameOf(source.url);
+      sources.set(name, source);
+      viewer.open(name);
+    } catch {
+      viewer.failed(`${source.url}: expected a URL, found none`);
+    }
+  },
+};
+
+async function begin({ settings, url, camera, noui, scale }) {
+  await init({ module_or_path: new URL("./gs3_viewer_bg.wasm", import.meta.url) });
+  viewer = new PageViewer(JSON.stringify(settings));
+  viewer.scale(scale);
+  if (noui) viewer.setPanels(false);
+  firstCamera = camera;
+  inputs.open({ url: url ?? "demo" });
+  postMessage({ kind: "ready" });
+}
+
+function take(data) {
+  if (data.number !== undefined) {
+    try {
+      postMessage({ kind: "answer", number: data.number, value: answers[data.kind](data) });
+    } catch (error) {
+      postMessage({ kind: "answer", number: data.number, error: error.message ?? String(error) });
+    }
+  } else {
+    inputs[data.kind](data);
+  }
+}
+
+self.onmessage = async ({ data }) => {
+  if (data.kind === "begin") {
+    try {
+      await begin(data);
+    } catch (error) {
+      isOver = true;
+      postMessage({ kind: "end", message: error.message ?? String(error) });
+      return;
+    }
+    early.forEach((message) => guarded(() => take(message)));
+    early = [];
+    guarded(schedule);
+  } else if (viewer === undefined) {
+    early.push(data);
+  } else {
+    guarded(() => take(data));
+    guarded(schedule);
+  }
+};

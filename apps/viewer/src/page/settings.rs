@@ -1,0 +1,106 @@
+//! What a page asks for when it begins.
+
+use gs3::{Backend, Networks};
+use gs3::{Mode, PipelineSettings, Quality, Refine, SessionSettings};
+use serde::Deserialize;
+use std::time::Duration;
+
+use crate::viewer::ViewerSettings;
+
+/// Settings of a page, as JSON: each field may be missing.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PageSettings {
+    /// Width of the picture, pixels.
+    pub width: u32,
+    /// Height of the picture, pixels.
+    pub height: u32,
+    /// Displayed frames per second that are aimed at, 1 to 1000.
+    pub fps: f64,
+    /// High-resolution over low-resolution size, as [`PipelineSettings::scale`].
+    pub scale: u32,
+    /// `fast`, `balanced` or `high`: exact pixels by the error that may be seen. Without it they are as many as the frame rate
+    /// leaves time for.
+    pub quality: Option<String>,
+}
+
+impl Default for PageSettings {
+    fn default() -> Self {
+        let scale = PipelineSettings::default().scale;
+        Self { width: 640, height: 360, fps: 30.0, scale, quality: None }
+    }
+}
+
+/// What no page can ask for.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("settings: {message}")]
+pub struct PageSettingsError {
+    message: String,
+}
+
+impl PageSettings {
+    /// Reads `json`.
+    ///
+    /// # Errors
+    /// [`PageSettingsError`] with what was expected and what was found.
+    pub fn parse(json: &str) -> Result<Self, PageSettingsError> {
+        serde_json::from_str(json).map_err(|e| PageSettingsError { message: e.to_string() })
+    }
+
+    /// The settings of the viewer, which renders on the CPU.
+    ///
+    /// # Errors
+    /// [`PageSettingsError`] if the quality has no such name, or the frame rate is none.
+    pub fn viewer(&self) -> Result<ViewerSettings, PageSettingsError> {
+        let error = |message: String| PageSettingsError { message };
+        if !(1.0..=1000.0).contains(&self.fps) {
+            return Err(error(format!("fps: expected 1 to 1000, found {}", self.fps)));
+        }
+        let mut pipeline = PipelineSettings {
+            mode: Mode::SuperSample,
+            scale: self.scale,
+            refine: Refine::FrameTime(Duration::from_secs_f64(1.0 / self.fps)),
+            ..PipelineSettings::default()
+        };
+        if let Some(name) = &self.quality {
+            pipeline.quality = Quality::ALL
+                .into_iter()
+                .find(|quality| quality.name() == name)
+                .ok_or_else(|| error(format!("quality: expected fast, balanced or high, found {name:?}")))?;
+            pipeline.refine = Refine::Auto;
+        }
+        let session = SessionSettings {
+            pipeline,
+            networks: Networks::default(),
+            backend: Backend::Cpu,
+            ..SessionSettings::default()
+        };
+        Ok(ViewerSettings { session, fps: self.fps, size: [self.width, self.height] })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_are_read_and_refused() {
+        let settings = PageSettings::parse(r#"{"width": 320, "height": 200, "quality": "high"}"#).unwrap();
+        let viewer = settings.viewer().unwrap();
+        assert_eq!((viewer.size, viewer.fps), ([320, 200], 30.0));
+        assert_eq!(viewer.session.pipeline.quality, Quality::High);
+        assert_eq!(viewer.session.pipeline.refine, Refine::Auto);
+        let plain = PageSettings::parse("{}").unwrap().viewer().unwrap();
+        assert!(matches!(plain.session.pipeline.refine, Refine::FrameTime(_)));
+        let refused = |json: &str| match PageSettings::parse(json).and_then(|settings| settings.viewer()) {
+            Err(error) => error.to_string(),
+            Ok(_) => panic!("{json} is taken"),
+        };
+        assert!(refused(r#"{"size": 3}"#).contains("unknown field `size`, expected one of `width`"));
+        assert_eq!(
+            refused(r#"{"quality": "best"}"#),
+            "settings: quality: expected fast, balanced or high, found \"best\""
+        );
+        assert_eq!(refused(r#"{"fps": 0}"#), "settings: fps: expected 1 to 1000, found 0");
+    }
+}

@@ -1,0 +1,267 @@
+//! What JavaScript calls.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use gs3::scene::{Gaussians, OpacityMode, Scene};
+use js_sys::{Array, Object, Reflect, Uint8Array};
+use wasm_bindgen::prelude::*;
+use web_time::Instant;
+
+use super::{FileMap, PageSettings, Place as CameraPlace, open};
+use crate::input::{Button, Input, Key, Modifiers, Touch};
+use crate::panels::Action;
+use crate::viewer::{Effect, Next, Place, Viewer};
+
+/// The viewer of a page. Positions are pixels of the picture; JSON is text.
+#[wasm_bindgen]
+#[derive(Debug)]
+pub struct PageViewer {
+    viewer: Viewer,
+    started: Instant,
+}
+
+fn failure(error: impl std::fmt::Display) -> JsError {
+    JsError::new(&error.to_string())
+}
+
+/// What is shown before a scene is there: one Gaussian below the opacity that is drawn.
+fn nothing() -> Gaussians {
+    let mut one = Gaussians::zeroed(1, 0);
+    (one.rotations[0][0], one.opacities[0]) = (1.0, 1e-3);
+    one
+}
+
+#[wasm_bindgen]
+impl PageViewer {
+    /// A viewer without a scene. `settings` are those of `PageSettings`.
+    ///
+    /// # Errors
+    /// One line with what was expected and what was found.
+    #[wasm_bindgen(constructor)]
+    pub fn new(settings: &str) -> Result<Self, JsError> {
+        console_error_panic_hook::set_once();
+        let settings = PageSettings::parse(settings).and_then(|s| s.viewer()).map_err(failure)?;
+        let nothing = Scene::new(nothing(), OpacityMode::Default).map_err(failure)?;
+        let viewer = Viewer::new("no scene", Arc::new(nothing), None, settings).map_err(failure)?;
+        Ok(Self { viewer, started: Instant::now() })
+    }
+
+    /// Goes on to now: whether the picture is another.
+    pub fn step(&mut self) -> bool {
+        let started = self.started;
+        self.viewer.step(&|| started.elapsed()).is_new
+    }
+
+    /// Milliseconds until the next step is due; negative if that takes an input.
+    #[wasm_bindgen(js_name = untilNext)]
+    pub fn until_next(&self) -> f64 {
+        match self.viewer.next_step() {
+            Next::At(due) => due.saturating_sub(self.started.elapsed()).as_secs_f64() * 1e3,
+            Next::Idle => -1.0,
+        }
+    }
+
+    /// Tells how many milliseconds the picture took to the screen.
+    pub fn presented(&mut self, milliseconds: f64) {
+        self.viewer.presented(Duration::from_secs_f64((milliseconds / 1e3).clamp(0.0, 60.0)));
+    }
+
+    /// The picture, RGBA, row by row.
+    #[must_use]
+    pub fn rgba(&self) -> wasm_bindgen::Clamped<Vec<u8>> {
+        wasm_bindgen::Clamped(self.viewer.picture().to_rgba8())
+    }
+
+    /// Width of [`Self::rgba`].
+    #[wasm_bindgen(getter)]
+    #[must_use]
+    pub fn width(&self) -> u32 {
+        self.viewer.picture().size[0] as u32
+    }
+
+    /// Height of [`Self::rgba`].
+    #[wasm_bindgen(getter)]
+    #[must_use]
+    pub fn height(&self) -> u32 {
+        self.viewer.picture().size[1] as u32
+    }
+
+    /// The pointer is here.
+    #[wasm_bindgen(js_name = pointerMoved)]
+    pub fn pointer_moved(&mut self, x: f32, y: f32) {
+        self.viewer.input(Input::PointerMoved([x, y]));
+    }
+
+    /// The pointer is elsewhere.
+    #[wasm_bindgen(js_name = pointerGone)]
+    pub fn pointer_gone(&mut self) {
+        self.viewer.input(Input::PointerGone);
+    }
+
+    /// A button goes down or up: 0 left, 1 middle, 2 right, as in a `MouseEvent`. Others do nothing.
+    pub fn button(&mut self, button: u32, is_pressed: bool) {
+        let button = match button {
+            0 => Button::Left,
+            1 => Button::Middle,
+            2 => Button::Right,
+            _ => return,
+        };
+        self.viewer.input(Input::Button(button, is_pressed));
+    }
+
+    /// A finger touches the screen (`pointerdown`), moves (`pointermove`), or leaves (all else).
+    pub fn touch(&mut self, finger: u32, event: &str, x: f32, y: f32) {
+        let touch = match event {
+            "pointerdown" => Touch::Began,
+            "pointermove" => Touch::Moved,
+            _ => Touch::Ended,
+        };
+        self.viewer.input(Input::Touch(u64::from(finger), touch, [x, y]));
+    }
+
+    /// The wheel turns, in lines; positive is away from the hand.
+    pub fn wheel(&mut self, lines: f32) {
+        self.viewer.input(Input::Wheel(lines));
+    }
+
+    /// A key goes down or up, as `KeyboardEvent.key` names it. Whether the viewer knows it.
+    pub fn key(&mut self, key: &str, is_pressed: bool) -> bool {
+        let key = match key {
+            " " => Some(Key::Space),
+            _ => Key::from_name(&key.to_uppercase()).or_else(|| Key::from_name(key)),
+        };
+        key.map(|key| self.viewer.input(Input::Key(key, is_pressed))).is_some()
+    }
+
+    /// The keys that are held.
+    pub fn modifiers(&mut self, shift: bool, ctrl: bool, alt: bool) {
+        self.viewer.input(Input::Modifiers(Modifiers { shift, ctrl, alt }));
+    }
+
+    /// The picture has this width and height.
+    pub fn resized(&mut self, width: u32, height: u32) {
+        self.viewer.input(Input::Resized([width, height]));
+    }
+
+    /// So many pixels of the picture are one point of a panel's text.
+    pub fn scale(&mut self, scale: f32) {
+        self.viewer.input(Input::Scale(scale));
+    }
+
+    /// A file is held over the page, or no longer.
+    pub fn hovering(&mut self, is_hovering: bool) {
+        self.viewer.input(Input::Hovering(is_hovering));
+    }
+
+    /// The page gets the keyboard, or loses it.
+    pub fn focused(&mut self, is_focused: bool) {
+        self.viewer.input(Input::Focused(is_focused));
+    }
+
+    /// Asks for `name` to be opened: an effect asks for its files.
+    pub fn open(&mut self, name: &str) {
+        self.viewer.input(Input::Dropped(PathBuf::from(name)));
+    }
+
+    /// Tells how much of what is being opened is there, 0 to 1.
+    pub fn progress(&mut self, share: f32) {
+        self.viewer.progress(share);
+    }
+
+    /// Shows the scene or the cameras in `files`, an array of `[path, Uint8Array]`; `demo` needs none.
+    pub fn opened(&mut self, name: &str, files: &Array) {
+        let files = files.iter().filter_map(|entry| {
+            let entry: Array = entry.dyn_into().ok()?;
+            let bytes: Uint8Array = entry.get(1).dyn_into().ok()?;
+            Some((entry.get(0).as_string()?, bytes.to_vec()))
+        });
+        let opened = open(name, files.collect::<FileMap>());
+        self.viewer.opened(opened, self.started.elapsed());
+    }
+
+    /// Says why what was to be opened is not there; the old scene stays.
+    pub fn failed(&mut self, message: &str) {
+        self.viewer.opened(Err(message.to_owned()), self.started.elapsed());
+    }
+
+    /// What the viewer wants: an array of `{kind: "open", name}` and `{kind: "save", stem, extension, bytes}`.
+    #[wasm_bindgen(js_name = takeEffects)]
+    pub fn take_effects(&mut self) -> Array {
+        self.viewer.take_effects().into_iter().map(|effect| JsValue::from(describe(effect))).collect()
+    }
+
+    /// Tells under which name a file went to the downloads.
+    pub fn saved(&mut self, name: &str) {
+        self.viewer.saved(Ok(PathBuf::from(name)), self.started.elapsed());
+    }
+
+    /// The camera as JSON.
+    ///
+    /// # Errors
+    /// None that a camera has.
+    pub fn camera(&self) -> Result<String, JsError> {
+        let (rig, origin) = (self.viewer.rig(), self.viewer.session().scene().details().origin);
+        serde_json::to_string(&CameraPlace::of(rig, origin)).map_err(failure)
+    }
+
+    /// Moves the camera to a place as JSON.
+    ///
+    /// # Errors
+    /// One line with what was expected and what was found; the camera stays.
+    #[wasm_bindgen(js_name = setCamera)]
+    pub fn set_camera(&mut self, json: &str) -> Result<(), JsError> {
+        let origin = self.viewer.session().scene().details().origin;
+        let place = CameraPlace::parse(json).map_err(failure)?;
+        let rig = place.rig(self.viewer.rig(), self.viewer.up(), origin).map_err(failure)?;
+        self.viewer.look(rig);
+        Ok(())
+    }
+
+    /// Displayed frames per second to aim at.
+    #[wasm_bindgen(js_name = setFps)]
+    pub fn set_fps(&mut self, fps: f64) {
+        self.viewer.act(Action::Fps(fps), self.started.elapsed());
+    }
+
+    /// Whether there are panels over the picture.
+    #[wasm_bindgen(js_name = setPanels)]
+    pub fn set_panels(&mut self, are_shown: bool) {
+        self.viewer.set_panels(are_shown);
+    }
+
+    /// The figures of the frames displayed last, as JSON, with the message that is shown and whether the viewer rests.
+    #[must_use]
+    pub fn figures(&self) -> String {
+        self.viewer.figures_json().to_string()
+    }
+}
+
+fn describe(effect: Effect) -> Object {
+    let object = Object::new();
+    // An object made here takes any field.
+    let set = |key: &str, value: JsValue| _ = Reflect::set(&object, &key.into(), &value);
+    match effect {
+        Effect::Open(name) => {
+            set("kind", "open".into());
+            set("name", name.display().to_string().into());
+        }
+        Effect::Save(place, bytes) => {
+            let (stem, extension) = match place {
+                Place::Numbered { stem, extension } => (stem.to_owned(), extension.to_owned()),
+                Place::File(file) => {
+                    let text = |part: Option<&std::ffi::OsStr>| {
+                        part.unwrap_or_default().to_string_lossy().into_owned()
+                    };
+                    (text(file.file_stem()), text(file.extension()))
+                }
+            };
+            set("kind", "save".into());
+            set("stem", stem.into());
+            set("extension", extension.into());
+            set("bytes", Uint8Array::from(&bytes[..]).into());
+        }
+    }
+    object
+}

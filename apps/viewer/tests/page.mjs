@@ -1,0 +1,251 @@
+// A hand at the page in a browser: real events of mouse, keyboard, wheel and touch. `page.rs` runs it and judges the pictures.
+//
+// node page.mjs PAGE SCENES OUT, where PAGE is the built page, SCENES has few.ply, bad.ply and folder/, and OUT takes what was seen.
+
+import assert from "node:assert/strict";
+import { createReadStream } from "node:fs";
+import { readFile, stat, writeFile } from "node:fs/promises";
+import { createServer } from "node:http";
+import { createRequire } from "node:module";
+import path from "node:path";
+
+const [pageFolder, scenes, out] = process.argv.slice(2);
+const { chromium } = createRequire(path.join(process.env.GS3_NODE_MODULES ?? process.cwd(), "x"))("playwright-core");
+
+const TYPES = { ".html": "text/html", ".js": "text/javascript", ".wasm": "application/wasm" };
+const HOST = `<!doctype html><title>host</title><iframe src="/index.html?noui" width="320" height="200"></iframe>
+<script>window.told = []; addEventListener("message", ({ data }) => told.push(data));</script>`;
+
+const server = createServer(async (request, response) => {
+  const { pathname } = new URL(request.url, "http://x");
+  if (pathname === "/host.html") return response.writeHead(200, { "Content-Type": "text/html" }).end(HOST);
+  const file = pathname.startsWith("/scenes/") ? path.join(scenes, pathname.slice(8)) : path.join(pageFolder, pathname);
+  if (!(await stat(file).catch(() => undefined))?.isFile()) return response.writeHead(404).end();
+  const { size } = await stat(file);
+  response.writeHead(200, { "Content-Type": TYPES[path.extname(file)] ?? "application/octet-stream", "Content-Length": size });
+  createReadStream(file).pipe(response);
+});
+await new Promise((resolve) => server.listen(0, "127.0.0.1", resolve));
+const base = `http://127.0.0.1:${server.address().port}`;
+
+const browser = await chromium.launch({
+  executablePath: process.env.GS3_CHROMIUM ?? "/usr/bin/chromium",
+  args: ["--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"],
+});
+const context = await browser.newContext({ viewport: { width: 400, height: 240 }, hasTouch: true, acceptDownloads: true });
+const failures = [];
+
+async function opened(query = "") {
+  const page = await context.newPage();
+  page.on("pageerror", (error) => failures.push(`page error: ${error.message}`));
+  page.on("console", (message) => message.type() === "error" && console.log(`console: ${message.text()}`));
+  await page.goto(`${base}/index.html${query}`);
+  return page;
+}
+
+const figures = (page) => page.evaluate(() => window.viewer.figures);
+const camera = (page) => page.evaluate(() => window.viewer.camera());
+// Until what the viewer says of itself is so.
+async function until(page, what, told, seconds = 120) {
+  const body = `(() => { const f = window.viewer?.figures; return f !== undefined && (${told}); })()`;
+  await page.waitForFunction(body, undefined, { timeout: seconds * 1e3, polling: 50 }).catch(async () => {
+    const actual = await page.evaluate(() => JSON.stringify(window.viewer?.figures));
+    throw new Error(`expected ${what}, found ${actual}`);
+  });
+}
+const atRest = (page) => until(page, "rest at the native image", "f.idle && f.native && !f.opening");
+const canvasOf = async (page) => Buffer.from((await page.evaluate(() => document.getElementById("canvas").toDataURL("image/png"))).split(",")[1], "base64");
+
+async function check(name, work) {
+  const started = performance.now();
+  try {
+    await work();
+    console.log(`ok ${name} (${((performance.now() - started) / 1e3).toFixed(1)} s)`);
+  } catch (error) {
+    failures.push(`${name}: ${error.message}`);
+    console.log(`not ok ${name}: ${error.message}`);
+  }
+}
+
+let page;
+await check("the built-in scene comes to rest at the native image, and no more frames are made", async () => {
+  page = await opened("?noui");
+  await atRest(page);
+  const before = await figures(page);
+  assert.ok(before.gaussians > 100_000 && before.backend === "cpu");
+  await page.waitForTimeout(500);
+  assert.equal((await figures(page)).displayed, before.displayed);
+  await writeFile(path.join(out, "demo.png"), await canvasOf(page));
+  await writeFile(path.join(out, "demo.json"), JSON.stringify(await camera(page)));
+});
+
+await check("drags orbit and pan, the wheel comes closer, keys fly, a double click sets the pivot", async () => {
+  const places = [await camera(page)];
+  const moved = async (what, hand) => {
+    const frames = (await figures(page)).rendered;
+    await hand();
+    await until(page, `frames after ${what}`, `f.rendered > ${frames}`);
+    await atRest(page);
+    const now = await camera(page);
+    assert.notDeepEqual(now, places.at(-1), what);
+    places.push(now);
+  };
+  const drag = async (button) => {
+    await page.mouse.move(200, 120);
+    await page.mouse.down({ button });
+    await page.mouse.move(230, 130, { steps: 4 });
+    await page.mouse.up({ button });
+  };
+  await moved("a left drag", () => drag("left"));
+  await moved("a right drag", () => drag("right"));
+  const length = ({ position, target }) => Math.hypot(...position.map((v, k) => v - target[k]));
+  await moved("the wheel", () => page.mouse.wheel(0, -120));
+  assert.ok(length(places.at(-1)) < length(places.at(-2)));
+  await moved("W", async () => {
+    await page.keyboard.down("w");
+    await page.waitForTimeout(400);
+    await page.keyboard.up("w");
+  });
+  const before = await camera(page);
+  await page.mouse.dblclick(200, 120);
+  await page.waitForTimeout(300);
+  assert.notDeepEqual((await camera(page)).target, before.target);
+  await writeFile(path.join(out, "moved.png"), await canvasOf(page));
+  await writeFile(path.join(out, "moved.json"), JSON.stringify(await camera(page)));
+});
+
+await check("fingers orbit, and two of them pinch", async () => {
+  const touch = await context.newCDPSession(page);
+  const send = (type, points) => touch.send("Input.dispatchTouchEvent", { type, touchPoints: points.map(([x, y], id) => ({ x, y, id })) });
+  const before = await camera(page);
+  await send("touchStart", [[150, 120]]);
+  await send("touchMove", [[180, 120]]);
+  await send("touchEnd", []);
+  await page.waitForTimeout(300);
+  await atRest(page);
+  const turned = await camera(page);
+  assert.notDeepEqual(turned.position, before.position);
+  await send("touchStart", [[150, 120]]);
+  await send("touchStart", [[150, 120], [250, 120]]);
+  await send("touchMove", [[120, 120], [280, 120]]);
+  await send("touchEnd", []);
+  await page.waitForTimeout(300);
+  await atRest(page);
+  const length = ({ position, target }) => Math.hypot(...position.map((v, k) => v - target[k]));
+  const ratio = length(await camera(page)) / length(turned);
+  assert.ok(Math.abs(ratio - 100 / 160) < 0.02, `the pinch scales the distance by ${ratio}`);
+});
+
+await check("the split screen, keyframes and their path, a screenshot and their files", async () => {
+  await page.evaluate(() => {
+    window.saved = [];
+    window.viewer.addEventListener("save", (event) => {
+      event.preventDefault();
+      saved.push({ name: event.detail.name, bytes: Array.from(event.detail.bytes) });
+    });
+  });
+  await page.keyboard.press("c");
+  await page.keyboard.press("c");
+  await page.waitForTimeout(300);
+  await atRest(page);
+  await writeFile(path.join(out, "split.png"), await canvasOf(page));
+  for (let k = 0; k < 3; k++) await page.keyboard.press("c");
+  await page.keyboard.press("k");
+  await page.mouse.wheel(0, -240);
+  await page.waitForTimeout(300);
+  await atRest(page);
+  await page.keyboard.press("k");
+  await page.keyboard.press("p");
+  await page.waitForFunction(() => window.saved.length === 1, undefined, { timeout: 30_000 });
+  const [shot] = await page.evaluate(() => window.saved);
+  assert.equal(shot.name, "gs3-0001.png");
+  await writeFile(path.join(out, "shot.png"), Buffer.from(shot.bytes));
+  const before = await camera(page);
+  await page.keyboard.press(" ");
+  await page.waitForTimeout(800);
+  assert.notDeepEqual(await camera(page), before);
+  await until(page, "rest after the path", "f.idle && f.native");
+});
+
+const drop = (name) => page.evaluate(async (name) => {
+  const bytes = await (await fetch(`/scenes/${name}`)).arrayBuffer();
+  const transfer = new DataTransfer();
+  transfer.items.add(new File([bytes], name));
+  const canvas = document.getElementById("canvas");
+  for (const kind of ["dragover", "drop"]) canvas.dispatchEvent(new DragEvent(kind, { dataTransfer: transfer, bubbles: true, cancelable: true }));
+}, name);
+
+await check("a dropped scene is shown; a bad one is told and leaves the scene", async () => {
+  await drop("few.ply");
+  await until(page, "three Gaussians", "f.gaussians === 3 && f.scene === 'few.ply'");
+  await atRest(page);
+  await drop("bad.ply");
+  await until(page, "a message", "typeof f.message === 'string'");
+  const { message, gaussians } = await figures(page);
+  assert.match(message, /^bad\.ply: /);
+  assert.equal(gaussians, 3);
+});
+
+await check("the window is resized", async () => {
+  await page.setViewportSize({ width: 300, height: 180 });
+  await until(page, "a picture of the new size", "f.width === 300 && f.height === 180");
+  await atRest(page);
+  const size = await page.evaluate(() => [document.getElementById("canvas").width, document.getElementById("canvas").height]);
+  assert.deepEqual(size, [300, 180]);
+  await page.close();
+});
+
+await check("?url= and #camera= are shown; the address keeps the view", async () => {
+  const place = { position: [0, -1, -6], target: [0.5, 0, 0], fov: 40 };
+  const linked = await opened(`?url=/scenes/few.ply&quality=high#camera=${encodeURIComponent(JSON.stringify(place))}`);
+  await until(linked, "the scene", "f.gaussians === 3");
+  await atRest(linked);
+  const now = await camera(linked);
+  for (const key of ["position", "target"]) now[key].forEach((v, k) => assert.ok(Math.abs(v - place[key][k]) < 1e-6));
+  await linked.waitForFunction(() => location.hash.includes("camera"));
+  await writeFile(path.join(out, "panels.png"), await linked.screenshot());
+  await linked.close();
+});
+
+await check("what cannot be is told in one line", async () => {
+  const missing = await opened("?url=/scenes/none.ply");
+  await until(missing, "a message", "typeof f.message === 'string'");
+  assert.match((await figures(missing)).message, /^none\.ply: expected a file, found 404/);
+  await missing.close();
+  for (const [query, expected] of [
+    ["?speed=3", "?speed: expected one of url, quality, fps, maxPixels, noui, found speed"],
+    ["?fps=fast", 'fps: expected a number, found "fast"'],
+    ["?quality=best", 'settings: quality: expected fast, balanced or high, found "best"'],
+  ]) {
+    const refused = await opened(query);
+    await refused.waitForSelector("#message.shown");
+    assert.equal(await refused.textContent("#message"), expected);
+    await refused.close();
+  }
+});
+
+await check("a page around it talks with it", async () => {
+  const host = await context.newPage();
+  await host.goto(`${base}/host.html`);
+  const told = (type, seconds = 120) => host.waitForFunction((type) => window.told.find((data) => data.type === type), type, { timeout: seconds * 1e3 }).then((found) => found.jsonValue());
+  const ask = (message) => host.evaluate((message) => document.querySelector("iframe").contentWindow.postMessage(message, "*"), message);
+  await told("gs3:ready");
+  await ask({ type: "gs3:open", url: "/scenes/few.ply" });
+  await host.waitForFunction(() => window.told.some((data) => data.type === "gs3:idle" && data.figures.gaussians === 3), undefined, { timeout: 120_000 });
+  await ask({ type: "gs3:camera", camera: { position: [0, 0, -5], target: [0, 0, 0], fov: 30 }, id: 7 });
+  const done = await told("gs3:camera:done");
+  assert.deepEqual([done.id, done.error], [7, undefined]);
+  await host.evaluate(() => (window.told = []));
+  await ask({ type: "gs3:camera", camera: { position: [0, 0, 0], target: [0, 0, 0] } });
+  assert.match((await told("gs3:camera:done")).error, /expected a position and a target elsewhere/);
+  await host.close();
+});
+
+await browser.close();
+server.close();
+const weight = (await readFile(path.join(pageFolder, "gs3_viewer_bg.wasm"))).length;
+console.log(`the WebAssembly has ${(weight / 1e6).toFixed(2)} MB`);
+if (failures.length > 0) {
+  console.log(failures.join("\n"));
+  process.exit(1);
+}

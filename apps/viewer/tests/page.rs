@@ -1,0 +1,106 @@
+//! The page in a browser. `cargo xtask web` builds the page into `target/web`; node with playwright-core (`GS3_NODE_MODULES` names
+//! the folder above `node_modules`) drives Chromium (`GS3_CHROMIUM`, else /usr/bin/chromium) through `page.mjs`. Without them
+//! the test says "skipped", and fails where `GS3_REQUIRE_PAGE` is set.
+#![allow(clippy::unwrap_used, reason = "a failed helper is a failed test")]
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::{env, fs};
+
+use gs3::glam::DVec3;
+use gs3::scene::format::save;
+use gs3::scene::{Gaussians, OpacityMode, Scene, demo};
+use gs3::{Backend, Mode, Session, SessionSettings};
+use gs3_viewer::controls::Rig;
+use gs3_viewer::page::Place;
+
+const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
+
+/// What a page shows and what the CPU renders natively are told apart by 8 bits and by the order of sums at most.
+const LEAST_PSNR: f64 = 50.0;
+
+/// The node program that finds playwright-core, if there is one.
+fn missing() -> Option<String> {
+    let page = page();
+    if !page.join("gs3_viewer_bg.wasm").is_file() {
+        return Some(format!("{}: cargo xtask web builds it", page.display()));
+    }
+    let chromium = env::var_os("GS3_CHROMIUM").unwrap_or_else(|| "/usr/bin/chromium".into());
+    if !Path::new(&chromium).is_file() {
+        return Some(format!("{}: a browser", Path::new(&chromium).display()));
+    }
+    let find = "require('node:module').createRequire(process.env.GS3_NODE_MODULES + '/x')('playwright-core')";
+    let found = Command::new("node").args(["-e", find]).output();
+    let is_there = found.is_ok_and(|output| output.status.success());
+    (!is_there).then(|| "node with playwright-core in GS3_NODE_MODULES, which drives the browser".to_owned())
+}
+
+fn page() -> PathBuf {
+    env::var_os("GS3_PAGE").map_or_else(|| Path::new(ROOT).join("target/web"), PathBuf::from)
+}
+
+/// RGB of a PNG file.
+fn rgb(file: &Path) -> ([u32; 2], Vec<u8>) {
+    let decoder = png::Decoder::new(std::io::BufReader::new(fs::File::open(file).unwrap()));
+    let mut reader = decoder.read_info().unwrap();
+    let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut bytes).unwrap();
+    let channels = info.color_type.samples();
+    let rgb = bytes.chunks_exact(channels).flat_map(|pixel| pixel[..3].to_vec()).collect();
+    ([info.width, info.height], rgb)
+}
+
+fn psnr(a: &[u8], b: &[u8]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    let squares: f64 = a.iter().zip(b).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum();
+    10.0 * (255.0_f64.powi(2) * a.len() as f64 / squares).log10()
+}
+
+/// What the CPU renders natively from the camera that the page tells.
+fn native(session: &mut Session, camera: &Path, size: [u32; 2]) -> Vec<u8> {
+    let place = Place::parse(&fs::read_to_string(camera).unwrap()).unwrap();
+    let bulk = gs3::scene::orbit::Bulk::of(session.scene());
+    let before = Rig { pivot: DVec3::ZERO, rotation: Default::default(), offset: DVec3::Z, fov_y: 1.0 };
+    let camera = place.rig(&before, bulk.up, DVec3::ZERO).unwrap().camera(size).unwrap();
+    session.reference(Mode::Native, &camera).unwrap().to_rgb8()
+}
+
+#[test]
+fn a_session_in_a_browser() {
+    if let Some(missing) = missing() {
+        assert!(env::var_os("GS3_REQUIRE_PAGE").is_none(), "missing: {missing}");
+        println!("skipped: {missing}");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let [scenes, out] = ["scenes", "out"].map(|name| folder.path().join(name));
+    let out = env::var_os("GS3_PAGE_OUT").map_or(out, PathBuf::from);
+    [&scenes, &out].map(|folder| fs::create_dir_all(folder).unwrap());
+    let mut few = Gaussians::zeroed(3, 0);
+    for k in 0..3 {
+        (few.rotations[0][k], few.opacities[k], few.means[0][k]) = (1.0, 0.9, k as f32 - 1.0);
+        few.scales.iter_mut().for_each(|axis| axis[k] = 0.3);
+    }
+    save(&Scene::new(few, OpacityMode::Default).unwrap(), scenes.join("few.ply"), &|_| {}).unwrap();
+    fs::write(scenes.join("bad.ply"), "ply\nformat nonsense").unwrap();
+
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/page.mjs");
+    let output = Command::new("node").arg(script).args([&page(), &scenes, &out]).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stdout);
+    println!("{said}");
+    assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
+
+    let settings = SessionSettings { backend: Backend::Cpu, ..SessionSettings::default() };
+    let mut session = Session::new(demo::scene().unwrap(), settings).unwrap();
+    for name in ["demo", "moved"] {
+        let (size, shown) = rgb(&out.join(format!("{name}.png")));
+        assert_eq!(size, [400, 240]);
+        let expected = native(&mut session, &out.join(format!("{name}.json")), size);
+        let psnr = psnr(&shown, &expected);
+        println!("{name}: {psnr:.1} dB of the native image");
+        assert!(psnr >= LEAST_PSNR, "{name}: {psnr} dB");
+    }
+    // The screenshot is what was shown; the split screen is native on its left alone.
+    let (size, _) = rgb(&out.join("shot.png"));
+    assert_eq!(size, [400, 240]);
+}

@@ -1,0 +1,92 @@
+//! `cargo xtask web`: the viewer as a folder of static files, and a server for it.
+
+mod serve;
+mod toolchain;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use wasm_bindgen_cli_support::Bindgen;
+
+use crate::XtaskError;
+use crate::folder::copy;
+use toolchain::Toolchain;
+
+/// The workspace.
+const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+
+/// What the page has besides the WebAssembly and its glue.
+const FILES: [&str; 5] = ["index.html", "page.js", "gs3.js", "gs3.d.ts", "worker.js"];
+
+/// What is compiled for.
+const TARGET: &str = "wasm32-unknown-unknown";
+
+/// WebAssembly's vectors, which all browsers of this decade have, and bulk copies.
+const RUSTFLAGS: &str = "-C target-feature=+simd128,+bulk-memory";
+
+/// Arguments of `web`.
+#[derive(Debug, clap::Args)]
+pub struct WebArgs {
+    /// Where the page goes; the folder is made if it does not exist
+    #[arg(long, value_name = "DIR", default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/../target/web"))]
+    pub out: PathBuf,
+    /// Serve the page on this port of the loopback, 0 for any free one, until the program is ended
+    #[arg(long, value_name = "PORT")]
+    pub serve: Option<u16>,
+    /// Serve what was built before
+    #[arg(long, requires = "serve")]
+    pub no_build: bool,
+}
+
+/// Builds the page, and serves it if that is asked for.
+pub fn run(args: &WebArgs) -> Result<(), XtaskError> {
+    if !args.no_build {
+        build(&args.out)?;
+    }
+    match args.serve {
+        Some(port) => serve::serve(&args.out, port),
+        None => Ok(()),
+    }
+}
+
+fn build(out: &Path) -> Result<(), XtaskError> {
+    let toolchain = Toolchain::find()?;
+    eprintln!("{TARGET}: {toolchain}");
+    // Apart from other builds: flags and compiler differ, and neither is to undo the other's work.
+    let target = Path::new(ROOT).join("target/web-build");
+    let mut cargo: Command = toolchain.cargo();
+    cargo.current_dir(ROOT).env("RUSTFLAGS", RUSTFLAGS).env("CARGO_TARGET_DIR", &target).args([
+        "rustc",
+        "--locked",
+        "--package",
+        "gs3-viewer",
+        "--lib",
+        "--crate-type",
+        "cdylib",
+        "--profile",
+        "web",
+        "--no-default-features",
+        "--features",
+        "page",
+        "--target",
+        TARGET,
+    ]);
+    cargo.args(toolchain.arguments());
+    crate::folder::succeed(&mut cargo)?;
+
+    fs::create_dir_all(out).map_err(XtaskError::io(out))?;
+    let wasm = target.join(TARGET).join("web/gs3_viewer.wasm");
+    let glue = |error: anyhow::Error| XtaskError::Glue { path: wasm.clone(), message: format!("{error:#}") };
+    let mut bindgen = Bindgen::new();
+    bindgen.input_path(&wasm).typescript(false).remove_name_section(true).remove_producers_section(true);
+    bindgen.web(true).map_err(glue)?;
+    bindgen.generate(out).map_err(glue)?;
+    for name in FILES {
+        copy(&Path::new(ROOT).join("apps/viewer/page").join(name), &out.join(name))?;
+    }
+    let whole = out.join("gs3_viewer_bg.wasm");
+    let bytes = fs::metadata(&whole).map_err(XtaskError::io(&whole))?.len();
+    eprintln!("{}: the page, {:.1} MB of WebAssembly", out.display(), bytes as f64 / 1e6);
+    Ok(())
+}
