@@ -3,14 +3,14 @@
 use gs3_scene::camera_path::pose_between;
 use gs3_scene::{Camera, GBuffer, Image, Margin, Planes};
 
+use crate::cpu::interpolate::{Interpolator, Neighbor};
+use crate::cpu::super_sample::{Since, SuperSampler};
 use crate::depth_lattice::DepthLattice;
 use crate::error::{ReconstructError, camera_size, check_size};
-use crate::interpolate::{Interpolator, Neighbor};
 use crate::jitter::Sampling;
-use crate::kriging::Kriging;
 use crate::sequence::ResetReason;
 use crate::sequence::{FrameSequence, FrameStart};
-use crate::super_sample::{Since, SuperSampler};
+use crate::settings::Kriging;
 use crate::view::GBufferView;
 
 /// Settings of a [`Reconstructor`], fixed at its construction.

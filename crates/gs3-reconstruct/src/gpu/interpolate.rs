@@ -11,9 +11,9 @@ use super::image::{GpuImage, GpuPlanes};
 use super::plan::InterpolatePlan;
 use super::shaders;
 use super::super_sample::rows;
+use crate::cpu::warp::offset;
 use crate::error::{ReconstructError, camera_size, check_frame_size, check_jitter, check_scale, check_size};
 use crate::reprojection::Reprojection;
-use crate::warp::offset;
 
 /// `Neighbor` of `between.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]

@@ -16,7 +16,7 @@
 mod error;
 mod image;
 mod interpolate;
-mod krige;
+mod kriging;
 mod motion;
 mod plan;
 mod shaders;

@@ -2,8 +2,8 @@
 
 use gs3_compute::{GpuError, Limits};
 
-use crate::nearest::RIM;
-use crate::splat::{COLUMNS, ROWS};
+use crate::cpu::nearest::RIM;
+use crate::cpu::splat::{COLUMNS, ROWS};
 
 /// Bytes of a pixel of an image: four halves.
 pub const IMAGE_PIXEL_BYTES: u64 = 8;
@@ -14,7 +14,7 @@ const SAMPLES: [u32; 2] = [64, 4];
 /// Pixels in a row that a workgroup of `warp.wgsl` makes, `PATCHES` patches, and its rows, `LINES`.
 const WARPED: [u32; 2] = [64, 16];
 
-/// Sides of the pixels among which a workgroup of `krige.wgsl` looks for marked ones.
+/// Sides of the pixels among which a workgroup of `kriging.wgsl` looks for marked ones.
 pub const KRIGED: [u32; 2] = [32, 16];
 
 /// Width of the pixels that a workgroup of `tile.wgsl` makes, those beside the tile included.

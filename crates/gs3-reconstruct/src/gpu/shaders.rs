@@ -2,11 +2,11 @@
 
 use gs3_compute::constants;
 
-use super::krige;
 use super::plan::{KRIGED, MADE_WIDTH, SuperSamplePlan};
 use super::super_sample::Innovation;
-use crate::kriging::Kriging;
-use crate::{blend, gather, kriging, nearest, neighbor_depth, plausible, reprojection, splat, tile, warp};
+use crate::cpu::{blend, gather, kriging, nearest, neighbor_depth, plausible, splat, tile, warp};
+use crate::reprojection;
+use crate::settings::Kriging;
 
 const FRAME: &str = include_str!("frame.wgsl");
 const HALVES: &str = include_str!("halves.wgsl");
@@ -23,7 +23,8 @@ fn joined(parts: &[&str]) -> String {
 
 /// The current frame into the history, and what lies beside nearer surfaces: entry `remember`.
 pub fn samples() -> String {
-    let numbers = constants(&[("BESIDE", crate::samples::BESIDE), ("CROSSING", crate::samples::CROSSING)]);
+    let numbers =
+        constants(&[("BESIDE", crate::cpu::samples::BESIDE), ("CROSSING", crate::cpu::samples::CROSSING)]);
     joined(&[&numbers, FRAME, &reprojection(), HALVES, include_str!("samples.wgsl")])
 }
 
@@ -105,11 +106,11 @@ pub fn krige() -> String {
         ("SAMPLES", kriging::SAMPLES as u32),
         ("KRIGED_WIDTH", KRIGED[0]),
         ("KRIGED_HEIGHT", KRIGED[1]),
-        ("WIDTH", krige::WIDTH as u32),
-        ("THREADS", krige::THREADS as u32),
+        ("WIDTH", super::kriging::WIDTH as u32),
+        ("THREADS", super::kriging::THREADS as u32),
     ]);
-    let own = include_str!("krige.wgsl").replace("    FILL\n", &krige::fill());
-    let own = own.replace("    ELIMINATE\n", &krige::eliminate());
+    let own = include_str!("kriging.wgsl").replace("    FILL\n", &super::kriging::fill());
+    let own = own.replace("    ELIMINATE\n", &super::kriging::eliminate());
     joined(&[&numbers, &sizes, &reach(), FRAME, HISTORY, &own])
 }
 

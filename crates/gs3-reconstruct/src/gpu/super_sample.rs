@@ -11,14 +11,13 @@ use super::error::{GpuReconstructError, other_bound};
 use super::image::{GpuImage, GpuPlanes};
 use super::plan::SuperSamplePlan;
 use super::shaders;
+use crate::cpu::nearest::EVERY;
 use crate::error::{ReconstructError, camera_size, check_frame_size, check_jitter, check_scale, check_size};
-use crate::kriging::Kriging;
-use crate::lattice::Axis;
-use crate::nearest::EVERY;
 use crate::reprojection::{Reprojection, parallax};
+use crate::sample_grid::Axis;
+use crate::sample_grid::Lattice;
 use crate::sequence::ResetReason;
-use crate::super_sample::MAX_PAST;
-use crate::tile::Lattice;
+use crate::settings::{Kriging, MAX_PAST};
 
 /// Phases of pixels within an LR pixel.
 const PHASES: usize = crate::MAX_SCALE as usize;

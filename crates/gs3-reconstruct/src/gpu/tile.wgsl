@@ -251,7 +251,7 @@ fn accumulate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
             var color = fma(laplacian, vec3(here.w * CURVATURE), here.xyz);
             var uncertainty = here.w;
             if KRIGING && any(abs(color - here.xyz) > vec3(WORTH)) {
-                // For krige.wgsl.
+                // For kriging.wgsl.
                 uncertainty = -uncertainty;
             }
             if !tile_varies {

@@ -1,6 +1,6 @@
-//! Lines of `krige.wgsl` that are written out: rows in registers have places that do not depend on loops.
+//! Lines of `kriging.wgsl` that are written out: rows in registers have places that do not depend on loops.
 
-use crate::kriging::SAMPLES;
+use crate::cpu::kriging::SAMPLES;
 
 /// Vectors of a row of a system; one more holds what the row is to explain.
 const ROW: usize = 3 * SAMPLES / 4;

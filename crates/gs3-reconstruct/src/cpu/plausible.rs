@@ -12,9 +12,9 @@ use fearless_simd::{Level, Simd, dispatch, f32x16, mask32x16, prelude::*};
 use gs3_scene::{GBuffer, Gradients, Planes};
 use rayon::prelude::*;
 
-use crate::lanes::{WINDOW, load, look_up, window_bytes};
+use crate::cpu::lanes::{WINDOW, load, look_up, window_bytes};
+use crate::cpu::samples::CHUNK;
 use crate::reprojection::inverse_depth_16;
-use crate::samples::CHUNK;
 
 /// Depths may exceed the farthest current one, and the nearest of all samples, by this share: 2 % is the usual
 /// tolerance of reprojection.

@@ -4,9 +4,9 @@ use fearless_simd::{Level, Simd, dispatch, f32x16, mask32x16, prelude::*};
 use gs3_scene::{BLOCK_SIDE, ExactBlock, ExactBlocks, GBuffer, Gradients, Margin, Planes};
 use rayon::prelude::*;
 
-use crate::displacement::Displacement;
+use crate::cpu::displacement::Displacement;
+use crate::cpu::lanes::load;
 use crate::error::ReconstructError;
-use crate::lanes::load;
 use crate::reprojection::inverse_depth_16;
 
 /// Samples of a row that are worked on together: one vector.
@@ -129,7 +129,7 @@ enum Layout {
     },
 }
 
-/// Blocks that count as one row of chunks: as many as one mask of [`crate::boxes`] tells of.
+/// Blocks that count as one row of chunks: as many as one mask of [`crate::cpu::boxes`] tells of.
 const BLOCKS_PER_ROW: usize = 64;
 
 /// Numbers of the lanes of a vector. (Constants are loaded: a closure that fills lanes may be compiled without the

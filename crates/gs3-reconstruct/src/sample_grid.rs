@@ -1,4 +1,7 @@
-//! Where HR pixels lie between the samples of a jittered LR frame.
+//! The grid of the samples of a jittered LR frame, seen from HR pixels.
+
+/// How far from a pixel's centre a sample may be to count as on it, pixels: a hundred times what rounding moves it.
+const BESIDE: f32 = 1e-3;
 
 /// One HR coordinate on the LR sample lattice: between samples `index` and `index + 1`, `fraction` of the way.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,6 +51,43 @@ impl Axis {
         let scale = self.phases.len();
         let phase = self.phases[x % scale];
         Place { index: phase.index + (x / scale) as isize, fraction: phase.fraction }
+    }
+}
+
+/// The pixels on whose centres the samples of a frame lie: every S-th, where its jitter is of the S×S grid.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Lattice {
+    pub first: [usize; 2],
+    scale: usize,
+}
+
+impl Lattice {
+    /// Of samples `scale` pixels apart and jittered so; none if they lie beside the centres.
+    pub fn new(jitter: [f32; 2], scale: u32) -> Option<Self> {
+        let offset = jitter.map(|j| (0.5 + j) * scale as f32 - 0.5);
+        let is_exact = |o: &f32| *o >= -BESIDE && (o - o.round()).abs() < BESIDE && o.round() < scale as f32;
+        // Not negative, and below the scale.
+        let first = offset.map(|o| o.round() as usize);
+        offset.iter().all(is_exact).then_some(Self { first, scale: scale as usize })
+    }
+
+    /// Samples along an axis whose pixels are among the `count` from `from` on: their indices, and their pixels
+    /// relative to `from`.
+    pub fn along(
+        &self,
+        axis: usize,
+        from: usize,
+        count: usize,
+    ) -> impl Iterator<Item = (usize, usize)> + use<> {
+        let (first, scale) = (self.first[axis], self.scale);
+        let begin = from.saturating_sub(first).div_ceil(scale);
+        (begin..).map(move |i| (i, first + i * scale - from)).take_while(move |(_, at)| *at < count)
+    }
+
+    /// The rows of samples whose pixels are in rows `top..top + count`.
+    pub fn rows(&self, top: usize, count: usize) -> std::ops::Range<usize> {
+        let before = |row: usize| row.saturating_sub(self.first[1]).div_ceil(self.scale);
+        before(top)..before(top + count)
     }
 }
 

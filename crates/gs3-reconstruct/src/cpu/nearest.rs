@@ -5,10 +5,10 @@
 
 use fearless_simd::{Simd, f32x16, i32x16, prelude::*};
 
+use crate::cpu::samples::CHUNK;
+use crate::cpu::splat::Source;
+use crate::cpu::tile::{RING, SPAN, TILE_HEIGHT, Tile};
 use crate::reprojection::MIN_DIVISOR;
-use crate::samples::CHUNK;
-use crate::splat::Source;
-use crate::tile::{RING, SPAN, TILE_HEIGHT, Tile};
 
 /// Pixels beside those that are made: samples up to two pixels away reach them, and these look one pixel further.
 pub(crate) const RIM: usize = 3;

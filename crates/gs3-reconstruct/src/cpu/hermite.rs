@@ -10,12 +10,12 @@ use fearless_simd::{Simd, dispatch, f32x4, f32x16, prelude::*};
 use gs3_scene::{GBuffer, Gradients, Image};
 use rayon::prelude::*;
 
+use crate::cpu::lanes::repeat;
+use crate::cpu::resample::clamped;
+use crate::cpu::samples::rgb_rows;
+use crate::cpu::tile::{PAD_X, SPAN, STRIDE};
 use crate::error::{ReconstructError, check_frame_of};
-use crate::lanes::repeat;
-use crate::lattice::{Axis, Place};
-use crate::resample::clamped;
-use crate::samples::rgb_rows;
-use crate::tile::{PAD_X, SPAN, STRIDE};
+use crate::sample_grid::{Axis, Place};
 
 /// Enlarges `gbuffer` by `scale` into `out`, whose size says how large. Outside the LR frame the border colour goes on,
 /// flat. The fourth channel becomes 0.

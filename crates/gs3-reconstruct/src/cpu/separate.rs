@@ -2,7 +2,7 @@
 
 use fearless_simd::Simd;
 
-use crate::warp::{Clip, LANES, SIDE, Warp};
+use crate::cpu::warp::{Clip, LANES, SIDE, Warp};
 
 /// Rows of pixels of one neighbour.
 pub(crate) struct Part<'a> {

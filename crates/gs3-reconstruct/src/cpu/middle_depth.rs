@@ -6,8 +6,8 @@ use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, mask32x16, prelude::*
 use gs3_scene::Camera;
 use rayon::prelude::*;
 
-use crate::lanes::{repeat, spread};
-use crate::neighbor_depth::NeighborDepth;
+use crate::cpu::lanes::{repeat, spread};
+use crate::cpu::neighbor_depth::NeighborDepth;
 use crate::reprojection::{MIN_DIVISOR, Reprojection, SAME_SURFACE};
 
 /// Inverse depths at the pixel centres of the LR grid of the middle frame.

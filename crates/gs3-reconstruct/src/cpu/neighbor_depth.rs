@@ -4,7 +4,7 @@ use fearless_simd::{Simd, f32x16, mask32x16, prelude::*};
 use gs3_scene::{GBuffer, Geometry};
 use rayon::prelude::*;
 
-use crate::lanes::{WINDOW, look_up, window_bytes};
+use crate::cpu::lanes::{WINDOW, look_up, window_bytes};
 use crate::reprojection::{SAME_SURFACE, inverse_depth};
 
 /// Weight of a neighbour whose depths change between the samples around a point, so that the point may be hidden or

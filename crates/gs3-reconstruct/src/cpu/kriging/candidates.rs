@@ -3,7 +3,7 @@
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*, u32x16};
 
 use super::{FARTHEST, SAMPLES};
-use crate::samples::CHUNK;
+use crate::cpu::samples::CHUNK;
 
 /// Room for the samples around a pixel, but where the camera flees from the scene: a power of two. Where there are
 /// more, those seen so far make way, but for the best.

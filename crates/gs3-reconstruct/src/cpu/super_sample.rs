@@ -7,24 +7,27 @@ use fearless_simd::{Level, Simd, dispatch};
 use gs3_scene::{Camera, ExactBlocks, GBuffer, Geometry, Gradients, Image, Planes, block_grid};
 use rayon::prelude::*;
 
-use crate::boxes::Limits;
-use crate::carry::{advance, disturb};
+use crate::cpu::boxes::Limits;
+use crate::cpu::carry::{advance, disturb};
+use crate::cpu::hermite::Surface;
+use crate::cpu::kriging::Neighborhoods;
+use crate::cpu::nearest::{EVERY, RIM};
+use crate::cpu::past::Past;
+use crate::cpu::plausible::Plausible;
+use crate::cpu::prefetch::prefetch;
+use crate::cpu::samples::{CHUNK, SampleFrame};
+use crate::cpu::select::write_blocks;
+use crate::cpu::splat::REACH;
+use crate::cpu::staleness::count_remembered;
+use crate::cpu::surface_motion::{Frames, SurfaceMotion};
+use crate::cpu::tile::{RING, TILE_HEIGHT, TILE_WIDTH, Tile, Wanted};
 use crate::depth_lattice::DepthLattice;
 use crate::error::{ReconstructError, camera_size, check_around, check_finite, check_gbuffer, check_scale};
-use crate::hermite::Surface;
-use crate::kriging::{Kriging, Neighborhoods};
-use crate::nearest::{EVERY, RIM};
-use crate::past::Past;
-use crate::plausible::Plausible;
-use crate::prefetch::prefetch;
 use crate::reprojection::{Reprojection, parallax};
-use crate::samples::{CHUNK, SampleFrame};
-use crate::select::write_blocks;
+use crate::sample_grid::Lattice;
 use crate::sequence::ResetReason;
-use crate::splat::REACH;
-use crate::staleness::count_remembered;
-use crate::surface_motion::{Frames, SurfaceMotion};
-use crate::tile::{Lattice, RING, TILE_HEIGHT, TILE_WIDTH, Tile, Wanted};
+use crate::settings::Kriging;
+use crate::settings::MAX_PAST;
 
 /// What happened since the frame before.
 #[derive(Clone, Copy, Debug, Default)]
@@ -49,9 +52,6 @@ const AHEAD: usize = 3;
 
 /// The same where only depths are read.
 const SURVEYED_AHEAD: usize = 8;
-
-/// Most LR frames in the history.
-pub(crate) const MAX_PAST: usize = (crate::MAX_SCALE * crate::MAX_SCALE) as usize;
 
 /// Most frames in the history, those of exact blocks included.
 const MAX_SOURCES: usize = 2 * MAX_PAST;

@@ -9,14 +9,14 @@ use fearless_simd::{Level, dispatch};
 use gs3_scene::{Camera, GBuffer, Image, Planes};
 use rayon::prelude::*;
 
-use crate::blend::{Blend, shares};
+use crate::cpu::blend::{Blend, shares};
+use crate::cpu::gather::Gather;
+use crate::cpu::middle_depth::{MiddleDepth, Passage};
+use crate::cpu::neighbor_depth::NeighborDepth;
+use crate::cpu::separate::Part;
+use crate::cpu::warp::{Warp, band_top, bands};
 use crate::error::{ReconstructError, camera_size, check_gbuffer, check_scale, check_size, image_size};
-use crate::gather::Gather;
-use crate::middle_depth::{MiddleDepth, Passage};
-use crate::neighbor_depth::NeighborDepth;
 use crate::reprojection::Reprojection;
-use crate::separate::Part;
-use crate::warp::{Warp, band_top, bands};
 
 /// A reconstructed frame beside the one to be interpolated.
 #[derive(Clone, Copy, Debug)]

@@ -16,9 +16,9 @@ use rayon::prelude::*;
 
 use self::counts::Counts;
 use self::trace::{FARTHEST, Surface, Tracer, is_same};
-use crate::boxes::Limits;
+use crate::cpu::boxes::Limits;
+use crate::cpu::samples::SampleFrame;
 use crate::reprojection::{Reprojection, inverse_depth};
-use crate::samples::SampleFrame;
 
 /// What became of a surface that the frame before saw.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,8 +5,8 @@
 
 use fearless_simd::{Simd, f32x16, prelude::*, u8x64};
 
-use crate::lanes::spread;
-use crate::warp::{Clip, LANES, Patch, Run, SIDE, Warp};
+use crate::cpu::lanes::spread;
+use crate::cpu::warp::{Clip, LANES, Patch, Run, SIDE, Warp};
 
 /// Weights that do not show in the finest of displays.
 pub(crate) const NEGLIGIBLE: f32 = 1e-4;

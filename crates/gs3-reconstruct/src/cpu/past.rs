@@ -2,10 +2,10 @@
 
 use gs3_scene::Camera;
 
-use crate::boxes::Boxes;
+use crate::cpu::boxes::Boxes;
+use crate::cpu::samples::SampleFrame;
+use crate::cpu::splat::Source;
 use crate::reprojection::Reprojection;
-use crate::samples::SampleFrame;
-use crate::splat::Source;
 
 /// One remembered LR frame, or the exact blocks of one.
 #[derive(Clone, Debug)]

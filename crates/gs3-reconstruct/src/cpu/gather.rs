@@ -3,7 +3,7 @@
 use fearless_simd::{Simd, f32x4, f32x8, f32x16, prelude::*};
 use gs3_scene::Image;
 
-use crate::resample::clamped;
+use crate::cpu::resample::clamped;
 
 /// Binary digits of positions after the point: 1/128 px is the largest error, far below what reprojected depths are
 /// good for, and the weights of all phases fit into the first-level cache.
@@ -192,7 +192,7 @@ impl Gather {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::resample::catmull_rom;
+    use crate::cpu::resample::catmull_rom;
 
     /// Waves along both axes of at most `most` cycles per pixel, at (x, y).
     fn waves(x: f32, y: f32, most: f32) -> f32 {

@@ -3,8 +3,8 @@
 use glam::DVec2;
 use gs3_scene::Camera;
 
+use crate::cpu::samples::SampleFrame;
 use crate::reprojection::{MIN_DIVISOR, Reprojection, SAME_SURFACE};
-use crate::samples::SampleFrame;
 
 /// Surfaces whose vectors differ by less than this from what the cameras explain stand still, LR pixels: rounding is a
 /// tenth of it, and over 16 frames even what moves just slower goes no farther than a quarter of an HR pixel at scale 4.

@@ -1,10 +1,10 @@
-// Pixels that first-order predictions leave uncertain, by gradient-enhanced kriging; see kriging.rs.
+// Pixels that first-order predictions leave uncertain, by gradient-enhanced kriging; see cpu/kriging/mod.rs.
 //
 // tile.wgsl marks them by the sign of their uncertainty. A workgroup lists those of its pixels, so that none of its
 // invocations waits for nothing. An invocation looks around one pixel for its samples; then SAMPLES of them solve a
 // pixel's system, each the rows of one sample: whole, they are more than an invocation's registers hold. Per sample
 // one hands its rows to the others through workgroup memory, which take them off their own. Lines in capitals are
-// written out by krige.rs.
+// written out by kriging.rs.
 
 @group(0) @binding(1) var<storage, read> samples_a: array<vec2<u32>>;
 @group(0) @binding(2) var<storage, read> samples_b: array<vec2<u32>>;

@@ -4,9 +4,9 @@ use std::ops::Range;
 
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*};
 
-use crate::displacement::Displacement;
+use crate::cpu::displacement::Displacement;
+use crate::cpu::samples::SampleFrame;
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
-use crate::samples::SampleFrame;
 
 /// HR pixels, pixel centres at whole numbers, that a box exceeds what it contains by: far more than positions are off
 /// because a corner was rounded in another way than a sample.

@@ -6,11 +6,11 @@
 
 use fearless_simd::{Level, dispatch, f32x16, prelude::*};
 
-use crate::boxes::Boxes;
-use crate::displacement::Displacement;
+use crate::cpu::boxes::Boxes;
+use crate::cpu::displacement::Displacement;
+use crate::cpu::samples::{CHUNK, SampleFrame};
+use crate::cpu::surface_motion::{Departure, SurfaceMotion};
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
-use crate::samples::{CHUNK, SampleFrame};
-use crate::surface_motion::{Departure, SurfaceMotion};
 
 /// Where sixteen samples of a frame are in another: HR positions and inverse depths, and which of them are there.
 struct Seen {

@@ -4,7 +4,7 @@ use gs3_scene::{GBuffer, Image};
 use rayon::prelude::*;
 
 use crate::error::{ReconstructError, check_frame_of};
-use crate::lattice::{Axis, Place};
+use crate::sample_grid::{Axis, Place};
 
 /// A separable interpolation kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -17,9 +17,9 @@ use fearless_simd::{Simd, f32x4, f32x16, i32x16, mask32x16, prelude::*};
 use gs3_scene::Image;
 use rayon::prelude::*;
 
-use crate::gather::{Gather, QUAD, UNITS};
-use crate::middle_depth::MiddleDepth;
-use crate::neighbor_depth::{HIDDEN, NeighborDepth};
+use crate::cpu::gather::{Gather, QUAD, UNITS};
+use crate::cpu::middle_depth::MiddleDepth;
+use crate::cpu::neighbor_depth::{HIDDEN, NeighborDepth};
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
 
 /// Pixels along a side of a patch.

@@ -3,7 +3,7 @@
 use fearless_simd::{Simd, f32x16, prelude::*};
 
 use super::{CERTAIN, DATA, DOUBTFUL, FADE, FARTHEST, LENGTH, NUGGET, PER_NOISE, SAMPLES};
-use crate::samples::{CHUNK, DX, DY, Sample};
+use crate::cpu::samples::{CHUNK, DX, DY, Sample};
 
 /// The samples around sixteen pixels. Where there are too few, others in the pixel's place count for nothing by their
 /// nugget.

@@ -12,12 +12,12 @@
 
 use fearless_simd::{Simd, f32x16, i32x16, mask32x16, prelude::*};
 
-use crate::displacement::Displacement;
-use crate::lanes::{repeat, spread};
-use crate::plausible::{DEPTH_TOLERANCE, Plausible};
+use crate::cpu::displacement::Displacement;
+use crate::cpu::lanes::{repeat, spread};
+use crate::cpu::plausible::{DEPTH_TOLERANCE, Plausible};
+use crate::cpu::samples::{CHUNK, Places, SampleFrame};
+use crate::cpu::tile::{PAD_X, PAD_Y, STRIDE, Tile};
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
-use crate::samples::{CHUNK, Places, SampleFrame};
-use crate::tile::{PAD_X, PAD_Y, STRIDE, Tile};
 
 /// A sample reaches this many pixels in a row, those less than two away along x: they are one vector.
 pub(crate) const COLUMNS: usize = 4;

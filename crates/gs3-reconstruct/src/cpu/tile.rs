@@ -4,13 +4,14 @@ use fearless_simd::{Simd, f32x16, prelude::*, u8x64};
 
 use gs3_scene::BLOCK_SIDE;
 
-use crate::gather::QUAD;
-use crate::hermite::{Columns, Surface};
-use crate::kriging::Neighborhoods;
-use crate::lanes::load;
-use crate::nearest::Nearest;
-use crate::samples::SampleFrame;
-use crate::splat::NOISE;
+use crate::cpu::gather::QUAD;
+use crate::cpu::hermite::{Columns, Surface};
+use crate::cpu::kriging::Neighborhoods;
+use crate::cpu::lanes::load;
+use crate::cpu::nearest::Nearest;
+use crate::cpu::samples::SampleFrame;
+use crate::cpu::splat::NOISE;
+use crate::sample_grid::Lattice;
 
 /// Pixels of a tile along x, a multiple of 16. (At 1920×1080 256 takes half a millisecond more, as samples are
 /// reprojected for each tile; 640×48 is alike, but kriging, whose samples then leave the second cache, takes 9 ms
@@ -65,9 +66,6 @@ const _: () = assert!(TILE_HEIGHT.is_multiple_of(BLOCK_SIDE));
 /// The squared error expected per squared correction for curvature. (Empirical: `examples/expected_error.rs` finds true
 /// errors 2.1 to 3 times the correction, over tenths of the blocks of five paths.)
 const PER_LAPLACIAN: f32 = 6.0;
-
-/// How far from a pixel's centre a sample may be to count as on it, pixels: a hundred times what rounding moves it.
-const BESIDE: f32 = 1e-3;
 
 /// Inverse variances, pixel⁻⁴, below this say nothing: samples of the past more than 2.6 pixels away, or of more doubt.
 pub(crate) const FAINT: f32 = 0.02;
@@ -224,38 +222,6 @@ impl<'a> Tile<'a> {
             neighborhoods.krige(simd, rows);
         }
         self.neighborhoods = neighborhoods;
-    }
-}
-
-/// The pixels on whose centres the samples of a frame lie: every S-th, where its jitter is of the S×S grid.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Lattice {
-    pub first: [usize; 2],
-    scale: usize,
-}
-
-impl Lattice {
-    /// Of samples `scale` pixels apart and jittered so; none if they lie beside the centres.
-    pub fn new(jitter: [f32; 2], scale: u32) -> Option<Self> {
-        let offset = jitter.map(|j| (0.5 + j) * scale as f32 - 0.5);
-        let is_exact = |o: &f32| *o >= -BESIDE && (o - o.round()).abs() < BESIDE && o.round() < scale as f32;
-        // Not negative, and below the scale.
-        let first = offset.map(|o| o.round() as usize);
-        offset.iter().all(is_exact).then_some(Self { first, scale: scale as usize })
-    }
-
-    /// Samples along an axis whose pixels are among the `count` from `from` on: their indices, and their pixels
-    /// relative to `from`.
-    fn along(&self, axis: usize, from: usize, count: usize) -> impl Iterator<Item = (usize, usize)> + use<> {
-        let (first, scale) = (self.first[axis], self.scale);
-        let begin = from.saturating_sub(first).div_ceil(scale);
-        (begin..).map(move |i| (i, first + i * scale - from)).take_while(move |(_, at)| *at < count)
-    }
-
-    /// The rows of samples whose pixels are in rows `top..top + count`.
-    pub fn rows(&self, top: usize, count: usize) -> std::ops::Range<usize> {
-        let before = |row: usize| row.saturating_sub(self.first[1]).div_ceil(self.scale);
-        before(top)..before(top + count)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use fearless_simd::{Simd, f32x16, prelude::*};
 
-use crate::samples::CHUNK;
+use crate::cpu::samples::CHUNK;
 
 /// What has become of the samples of a chunk.
 #[derive(Clone, Debug, Default)]
