@@ -80,8 +80,8 @@ impl Target {
 }
 
 /// Most frames that are held to be encoded at once, however many threads there are: one takes 3 B a pixel, and 2 more
-/// while it is compressed. Eight are 40 B of the 250 B a pixel that a command may take beside its scene, of which
-/// rendering itself takes up to 208 (docs/performance.md).
+/// while it is compressed. Eight are 40 B of the 250 B a pixel that a command may take beside its scene
+/// (docs/performance.md, Memory).
 const MOST_HELD: usize = 8;
 
 /// Writes frames in order. Encoding never overlaps rendering, so neither slows the other's figures: frames are

@@ -302,11 +302,14 @@ impl FramePipeline {
     }
 
     /// Where to begin on a path so that frame `number`, those after it, and the frames between it and the one before it
-    /// have the same bits as if the path had been rendered from frame 0 on: at most `keyframes` + S² + 1 frames before it.
-    /// The frames from there to `number` are rendered and not shown, the first of them after [`Self::set_frame_number`].
+    /// have the same bits as if the path had been rendered from frame 0 on: at most `keyframes` + S² frames before it, 48 by
+    /// default. The frames from there to `number` are rendered and not shown, the first of them after
+    /// [`Self::set_frame_number`].
     ///
-    /// [`Refine::FrameTime`] and a network without exact keyframes never make the same bits again. There the frames before it
-    /// that the history holds are to be rendered, as there are for [`PipelineSettings::keyframes`] 0.
+    /// Two settings never make the same bits again. [`Refine::FrameTime`] has no keyframes: as for
+    /// [`PipelineSettings::keyframes`] 0, the frames that the history holds are to be rendered, at most S² + 1. A network
+    /// without exact keyframes has a state that is older than the history: the frames from the keyframe before that
+    /// history are to be rendered, at most `keyframes` + S².
     #[must_use]
     pub fn first_of_warm_up(&self, number: u64) -> u64 {
         let mode = self.plan.settings.mode;

@@ -19,7 +19,8 @@ pub struct BenchArgs {
     pub frames: Option<FrameRange>,
     #[command(flatten)]
     pub frame_options: FrameOptions,
-    /// What is measured: `cpu` all that a displayed frame takes, `gpu` the stages of frames by the device's clock
+    /// What is measured: `cpu` displayed frames per second on the CPU, against native rendering, in rounds; `gpu` displayed
+    /// frames per second on a GPU, also native ones, and all stages by the device's clock
     #[arg(long, default_value = "cpu", value_name = "cpu|gpu")]
     pub backend: BenchBackendArg,
     /// A GPU by its number [default: the fastest]
@@ -28,7 +29,7 @@ pub struct BenchArgs {
     /// Copies of the scene, side by side: what a larger scene would take
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub copies: u32,
-    /// Frames before the measured ones with `--backend gpu`
+    /// Frames rendered before the measured ones with `--backend gpu`
     #[arg(long, default_value_t = 30, value_name = "N")]
     pub warm_up: usize,
     /// Also measure the stages of the CPU rasterizer
