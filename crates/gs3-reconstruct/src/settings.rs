@@ -3,18 +3,17 @@
 /// Most LR frames in the history.
 pub(crate) const MAX_PAST: usize = (crate::MAX_SCALE * crate::MAX_SCALE) as usize;
 
-/// A pixel is worth it if the correction for curvature changes it by more than this: three quarters of a step of 8
-/// bits. (Empirical:
-/// `docs/performance.md`.)
-const WORTH: f32 = 0.003;
+/// A pixel is kriged if the correction for curvature changes the pixel by more than this: three quarters of a step of 8
+/// bits. (Empirical: `docs/performance.md`.)
+const THRESHOLD: f32 = 0.003;
 
 /// The same where time counts more than quality: one and a half steps. (Loses 0.15 to 0.42 dB and saves 6 to 25 ms a
 /// pair of frames on two cores at 1920×1080; on foliage, 0.01 takes half the pixels that 0.004 does and loses 0.3
 /// dB.)
-const WORTH_COARSE: f32 = 0.006;
+const THRESHOLD_COARSE: f32 = 0.006;
 
 /// The same where quality counts more than time: a quarter of a step. (Gains 0.1 dB over half a step, for 10 to 30 ms.)
-const WORTH_FINE: f32 = 0.001;
+const THRESHOLD_FINE: f32 = 0.001;
 
 /// Which pixels are kriged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -45,12 +44,12 @@ impl Kriging {
     }
 
     /// By how much the correction for curvature must change a pixel, if any is kriged at all.
-    pub(crate) const fn worth(self) -> Option<f32> {
+    pub(crate) const fn threshold(self) -> Option<f32> {
         match self {
             Self::Off => None,
-            Self::Coarse => Some(WORTH_COARSE),
-            Self::On => Some(WORTH),
-            Self::Fine => Some(WORTH_FINE),
+            Self::Coarse => Some(THRESHOLD_COARSE),
+            Self::On => Some(THRESHOLD),
+            Self::Fine => Some(THRESHOLD_FINE),
         }
     }
 }

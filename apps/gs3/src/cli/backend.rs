@@ -13,7 +13,7 @@ pub fn check(device: &Device) -> Result<(), CliError> {
     match (device.backend, device.adapter) {
         (Backend::Cpu, Some(number)) => Err(CliError::Option {
             option: "--adapter",
-            expected: "a GPU backend, of which it names the adapter".to_owned(),
+            expected: "a GPU backend, for it names a GPU".to_owned(),
             actual: format!("--backend cpu --adapter {number}"),
         }),
         _ => Ok(()),

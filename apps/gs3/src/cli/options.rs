@@ -8,7 +8,7 @@ use gs3::neural::Arithmetic;
 use gs3::neural::model::Tier;
 use gs3::scene::Axes;
 use gs3::{
-    Backend, Culling, KEYFRAMES, Kriging, MAX_GENERATE, Mode, PipelineSettings, Quality, Refine, Sampling,
+    Backend, Culling, KEYFRAMES, Kriging, MAX_IN_BETWEEN, Mode, PipelineSettings, Quality, Refine, Sampling,
 };
 
 use super::values::{Degrees, DilationArg, Distance, Rgb, Size, scale};
@@ -42,13 +42,13 @@ impl View {
     }
 }
 
-/// What is known of cameras whose file does not say it.
+/// What is known of cameras and missing in their file.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct StatedCameras {
     /// Vertical field of view of the cameras, degrees [default: what their file says]
     #[arg(long, value_name = "DEGREES")]
     pub fov: Option<Degrees>,
-    /// nerfstudio's dataparser_transforms.json, into whose frame the cameras are brought [default: the one beside a
+    /// nerfstudio's dataparser_transforms.json; the cameras are brought into its frame [default: the one beside a
     /// transforms.json, if there is one]
     #[arg(long, value_name = "FILE")]
     pub dataparser: Option<PathBuf>,
@@ -82,12 +82,12 @@ pub struct FrameOptions {
     /// Networks that improve the frames: none (analytic) or the paper's in three sizes. They take a few times as long
     #[arg(long, value_name = "TIER", default_value = "analytic", conflicts_with = "weights", help_heading = ADVANCED)]
     pub tier: TierArg,
-    /// How frames between are made: warped without learning, or refined by the tier's network as well, which takes a
+    /// How in-between frames are made: warped without learning, or refined by the tier's network as well, which takes a
     /// few times as long
     #[arg(long, default_value = "analytic", value_name = "analytic|learned", conflicts_with = "weights", help_heading = ADVANCED)]
     pub interpolation: InterpolationArg,
     /// Weights of super sampling or of interpolation; may be given once for each. Without weights of super sampling
-    /// frames are made without learning; without weights of interpolation frames between are warped without learning
+    /// frames are made without learning; without weights of interpolation in-between frames are warped without learning
     #[arg(long, value_name = "FILE.safetensors", help_heading = ADVANCED)]
     pub weights: Vec<PathBuf>,
     /// What networks on the CPU compute with; `bf16` needs AMX (Linux) or AVX-512 BF16 and is the same as `f32`
@@ -98,8 +98,8 @@ pub struct FrameOptions {
     #[arg(long, help_heading = ADVANCED)]
     pub matrix_products: bool,
     /// Frames interpolated before each rendered one in mode `full`
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_GENERATE)))]
-    pub generate: u32,
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_IN_BETWEEN)))]
+    pub in_between: u32,
     /// Sub-pixel offsets of the low-resolution frames
     #[arg(long, default_value = "on", value_name = "on|off", help_heading = ADVANCED)]
     pub jitter: Switch,
@@ -147,7 +147,7 @@ impl FrameOptions {
             keyframes: self.keyframes,
             dilation: self.dilation.0,
             culling: self.culling.into(),
-            generate: self.generate,
+            in_between: self.in_between,
             background: self.background.0,
         }
     }
@@ -199,7 +199,7 @@ impl TierArg {
     }
 }
 
-/// What makes frames between.
+/// What makes in-between frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum InterpolationArg {
     Analytic,

@@ -54,7 +54,7 @@ pub fn complaint(error: &clap::Error) -> Option<String> {
     Some(single_line(&line.map_or_else(|| head(error), |line| format!("error: {line}"))))
 }
 
-/// An option whose value its parser refuses.
+/// An option with a value that its parser refuses.
 fn unfit(error: &clap::Error) -> Option<String> {
     let (option, value) = (option(error)?, text(error, ContextKind::InvalidValue)?);
     let source = error.source()?;
@@ -71,7 +71,7 @@ fn unfit(error: &clap::Error) -> Option<String> {
     Some(format!("{option}: expected {expected}, found {value}"))
 }
 
-/// An option whose value is not in the list, or that has none.
+/// An option with a value that is not in the list, or with none.
 fn unknown(error: &clap::Error) -> Option<String> {
     let (option, value) = (option(error)?, text(error, ContextKind::InvalidValue)?);
     let expected = match error.get(ContextKind::ValidValue) {

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use gs3::neural::MatrixUnit;
-use gs3_compute::{AdapterChoice, AdapterReport, Capabilities, Limits, Subgroups, Support, adapters, choose};
+use gs3_compute::{AdapterChoice, AdapterReport, Capabilities, Limits, Subgroups, adapters, choose};
 use serde_json::{Value, json};
 
 use crate::cli::error::CliError;
@@ -46,8 +46,8 @@ fn facts(adapters: &[AdapterReport]) -> Value {
             "is_taken": taken == Some(number),
             "missing": missing.as_ref().map(ToString::to_string),
             "subgroups": subgroups,
-            "f16": *shader_f16 == Support::Present,
-            "timestamps": *timestamps == Support::Present,
+            "f16": *shader_f16,
+            "timestamps": *timestamps,
             "matrix_products": cooperative_matrix,
             // Whether `--matrix-products` runs on it.
             "takes_matrix_products": MatrixUnit::of(capabilities).is_some(),
@@ -86,9 +86,9 @@ fn text(adapters: &[AdapterReport]) -> String {
 
 fn features(capabilities: &Capabilities) -> String {
     let Capabilities { subgroups, shader_f16, timestamps, cooperative_matrix, .. } = capabilities;
-    let named = |name: &str, support: Support| match support {
-        Support::Present => name.to_owned(),
-        Support::Absent => format!("no {name}"),
+    let named = |name: &str, support: bool| match support {
+        true => name.to_owned(),
+        false => format!("no {name}"),
     };
     let subgroups = match subgroups {
         Subgroups::Absent => "no subgroups".to_owned(),
@@ -140,16 +140,14 @@ mod tests {
             capabilities: Capabilities {
                 subgroups: Subgroups::Present { min: 8, max: 32 },
                 shader_f16,
-                timestamps: Support::Present,
+                timestamps: true,
                 cooperative_matrix: vec![[16, 16, 16]],
                 limits,
             },
             missing: None,
         };
-        let all = [
-            adapter("slow", AdapterKind::Software, Support::Absent),
-            adapter("fast", AdapterKind::Discrete, Support::Present),
-        ];
+        let all =
+            [adapter("slow", AdapterKind::Software, false), adapter("fast", AdapterKind::Discrete, true)];
         assert_eq!(
             text(&all),
             "0  slow\n   software, Vulkan, driver mesa 1\n   \

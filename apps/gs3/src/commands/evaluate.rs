@@ -169,7 +169,7 @@ fn check_protocol(args: &EvaluateArgs) -> Result<(), CliError> {
     let is_paper = args.protocol == ProtocolArg::Paper;
     let (option, expected) = match (is_paper, args.methods.is_empty(), &args.simplified) {
         (true, false, _) => ("--methods", "none with --protocol paper, which names its own"),
-        (true, ..) if args.jod => ("--jod", "none with --protocol paper, whose tables have no such column"),
+        (true, ..) if args.jod => ("--jod", "none with --protocol paper: its tables have no such column"),
         (false, _, Some(_)) => ("--simplified", "--protocol paper with it"),
         _ => return Ok(()),
     };

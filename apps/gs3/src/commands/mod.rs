@@ -81,7 +81,7 @@ pub enum Train {
     Clips(ClipsArgs),
     /// Train the network from low to high resolution on clips
     SuperSample(TrainArgs),
-    /// Train the network for frames between frames on clips
+    /// Train the network for in-between frames on clips
     Interpolate(TrainArgs),
     /// Train a published single-image network on the clips of super sampling, to compare with
     Baseline(BaselineArgs),

@@ -33,7 +33,7 @@ const READ_BY: [(&str, &[Mode]); 14] = [
     ("--keyframes", LOW),
     ("--warm-up", LOW),
     ("--interpolation", &[Mode::Full]),
-    ("--generate", &[Mode::Full]),
+    ("--in-between", &[Mode::Full]),
 ];
 
 /// Checks the options of `command` that were given.

@@ -32,7 +32,7 @@ enum Kind {
 }
 
 impl<'a> Destination<'a> {
-    /// The file that `option` names, whose content goes with `extension`.
+    /// The file that `option` names. Its content goes with `extension`.
     pub const fn file(option: &'static str, path: &'a Path, extension: &'static str) -> Self {
         Self { option, path, kind: Kind::File(extension) }
     }

@@ -15,7 +15,7 @@ pub fn is_frame_name(name: &OsStr) -> bool {
     frame_number(name).is_some()
 }
 
-/// The number of the frame whose name is `name`, if it is one.
+/// The number of the frame with the name `name`, if there is one.
 fn frame_number(name: &OsStr) -> Option<usize> {
     let number = name.to_str()?.strip_prefix("frame_")?.strip_suffix(".png")?.parse().ok()?;
     (name == frame_name(number).as_str()).then_some(number)

@@ -53,7 +53,7 @@ fn load_options(options: SceneOptions, scene: &Path) -> Result<LoadOptions, CliE
         });
     }
     if options.axes.is_some() && is_demo(scene) {
-        let expected = "a scene file, whose axes it is about".to_owned();
+        let expected = "a scene file, which has axes to state".to_owned();
         return Err(CliError::Option { option: "--axes", expected, actual: "demo".to_owned() });
     }
     let environment = !matches!(options.environment, Some(Switch::Off));
@@ -183,7 +183,7 @@ fn no_interpolation(tier: &str) -> CliError {
 }
 
 /// The cameras in `file`, brought into the frame of `scene`, as far as they are `stated` outside of it; `size` is for
-/// those whose file has none. Says what the file has that is not used.
+/// cameras without a size in their file. Says what the file has that is not used.
 pub fn capture(
     file: &Path,
     stated: &StatedCameras,
@@ -237,7 +237,7 @@ pub fn tell_what_is_too_near(scene: &Scene, cameras: &[Camera]) {
     }
 }
 
-/// Refuses cameras whose images are larger than what is rendered.
+/// Refuses cameras with images larger than what is rendered.
 fn check_renderable(path: &CameraPath) -> Result<(), CliError> {
     let is_large = |camera: &&Camera| camera.width().max(camera.height()) > MAX_SIDE;
     match path.cameras().iter().find(is_large) {
@@ -254,7 +254,7 @@ fn check_renderable(path: &CameraPath) -> Result<(), CliError> {
 pub fn cameras(view: &View, scene: &Scene) -> Result<CameraPath, CliError> {
     let given = view.stated.fov.map(|_| "--fov").or(view.stated.dataparser.as_ref().map(|_| "--dataparser"));
     if let (None, Some(option)) = (&view.path, given) {
-        let expected = "--path with it, whose cameras it is about".to_owned();
+        let expected = "--path with it, for it is about cameras of a file".to_owned();
         return Err(CliError::Option { option, expected, actual: "none".to_owned() });
     }
     let path = match &view.path {

@@ -67,7 +67,7 @@ impl Manifest {
             }
         }
         if settings.mode == Mode::Full {
-            facts["generate"] = json!(settings.generate);
+            facts["in_between"] = json!(settings.in_between);
         }
         match facts {
             Value::Object(facts) => Ok(Self(facts)),

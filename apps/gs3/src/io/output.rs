@@ -30,7 +30,7 @@ pub enum Target {
 }
 
 impl Target {
-    /// By the extension of `out`. A folder whose name has one is meant where it is there, or ends in a separator.
+    /// By the extension of `out`. A name with an extension means a folder if the folder is there, or the name ends in a separator.
     pub fn of(out: &Path) -> Result<Self, CliError> {
         if out.to_string_lossy().ends_with(is_separator) {
             return Ok(Self::Folder(out.into()));

@@ -31,7 +31,7 @@ impl Blend<'_> {
         let width = warp.images[0].width();
         let (count, mut first) = (rows.len(), [[[0.0; 4 * SIDE]; SIDE]; LANES]);
         for [x, y] in warp.runs(count / width, top) {
-            let run = warp.look_at_run(simd, x, y);
+            let run = warp.correspondence_of_run(simd, x, y);
             let clip = |k: usize| Clip::new(x + (k * SIDE) as isize, y, top, width, count);
             let even_share = share(simd, &run.visibility, self.t).to_array();
             // One neighbour after the other, so that the rows gathered from stay in the cache.
@@ -56,7 +56,7 @@ impl Blend<'_> {
                 {
                     continue;
                 }
-                let patch = warp.look_at_patch(simd, x, y);
+                let patch = warp.correspondence_of_patch(simd, x, y);
                 let share = match is_even {
                     true => [even_share[k]; LANES],
                     false => share(simd, &patch.visibility, self.t).to_array(),

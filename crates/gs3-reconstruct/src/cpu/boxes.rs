@@ -19,14 +19,14 @@ const WORD: usize = 64;
 
 /// A range of HR pixels along x and y, ends included.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Limits {
+pub(crate) struct BoxLimits {
     pub left: f32,
     pub right: f32,
     pub top: f32,
     pub bottom: f32,
 }
 
-impl Limits {
+impl BoxLimits {
     /// The same with `by` pixels more on each side.
     pub fn wider(self, by: f32) -> Self {
         let Self { left, right, top, bottom } = self;
@@ -157,7 +157,7 @@ impl Boxes {
     }
 
     /// From the first to the last row of samples that meets `limits`.
-    pub fn rows_meeting(&self, limits: Limits) -> Range<usize> {
+    pub fn rows_meeting(&self, limits: BoxLimits) -> Range<usize> {
         let meets = |[top, bottom]: &[f32; 2]| *top <= limits.bottom && *bottom >= limits.top;
         let first = self.rows.iter().position(meets);
         let last = self.rows.iter().rposition(meets);
@@ -166,7 +166,7 @@ impl Boxes {
 
     /// The row and the place in it of each chunk of `rows` that meets `limits`, in order.
     #[inline(always)]
-    pub fn chunks_meeting<S: Simd>(&self, simd: S, rows: Range<usize>, limits: Limits) -> Meeting<'_, S> {
+    pub fn chunks_meeting<S: Simd>(&self, simd: S, rows: Range<usize>, limits: BoxLimits) -> Meeting<'_, S> {
         self.chunks_beginning(simd, rows, limits, f32::NEG_INFINITY..f32::INFINITY)
     }
 
@@ -176,17 +176,17 @@ impl Boxes {
         &self,
         simd: S,
         rows: Range<usize>,
-        limits: Limits,
+        limits: BoxLimits,
         tops: Range<f32>,
     ) -> Meeting<'_, S> {
         Meeting { boxes: self, simd, rows, limits, tops, row: 0, word: self.words(), mask: 0 }
     }
 
     /// The box of chunk `chunk` of row `row`; none if the chunk is nowhere.
-    pub fn limits(&self, row: usize, chunk: usize) -> Option<Limits> {
+    pub fn limits(&self, row: usize, chunk: usize) -> Option<BoxLimits> {
         let k = row * self.stride + chunk;
         let (left, right, top, bottom) = (self.left[k], self.right[k], self.top[k], self.bottom[k]);
-        (left <= right).then_some(Limits { left, right, top, bottom })
+        (left <= right).then_some(BoxLimits { left, right, top, bottom })
     }
 
     /// The middle of the box of chunk `chunk` of row `row`, HR pixels; not finite where the chunk is nowhere, or anywhere.
@@ -202,7 +202,14 @@ impl Boxes {
 
     /// Which chunks of word `word` of row `row` meet `limits` and begin within `tops`.
     #[inline(always)]
-    fn meeting<S: Simd>(&self, simd: S, row: usize, word: usize, limits: Limits, tops: &Range<f32>) -> u64 {
+    fn meeting<S: Simd>(
+        &self,
+        simd: S,
+        row: usize,
+        word: usize,
+        limits: BoxLimits,
+        tops: &Range<f32>,
+    ) -> u64 {
         let [row_top, row_bottom] = self.rows[row];
         if row_top > limits.bottom.min(tops.end) || row_bottom < limits.top.max(tops.start) {
             return 0;
@@ -233,7 +240,7 @@ pub(crate) struct Meeting<'a, S> {
     simd: S,
     /// Rows to come.
     rows: Range<usize>,
-    limits: Limits,
+    limits: BoxLimits,
     /// Where their boxes may begin.
     tops: Range<f32>,
     row: usize,
@@ -284,7 +291,7 @@ mod tests {
     #[test]
     fn each_chunk_that_meets_limits_begins_in_one_strip() {
         let boxes = boxes();
-        let limits = Limits { left: 20.0, right: 60.0, top: 30.0, bottom: 70.0 };
+        let limits = BoxLimits { left: 20.0, right: 60.0, top: 30.0, bottom: 70.0 };
         let meets = |k: &usize| {
             boxes.left[*k] <= limits.right
                 && boxes.right[*k] >= limits.left

@@ -13,7 +13,7 @@ use crate::cpu::surface_motion::{Departure, SurfaceMotion};
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
 
 /// Where sixteen samples of a frame are in another: HR positions and inverse depths, and which of them are there.
-struct Seen {
+struct ChunkPositions {
     x: [f32; CHUNK],
     y: [f32; CHUNK],
     inverse_depth: [f32; CHUNK],
@@ -22,13 +22,13 @@ struct Seen {
 }
 
 /// Reprojects chunk `chunk` of row `row`.
-fn see(
+fn reproject(
     level: Level,
     frame: &SampleFrame,
     reprojection: &Reprojection,
     scale: f32,
     [row, chunk]: [usize; 2],
-) -> Seen {
+) -> ChunkPositions {
     dispatch!(level, simd => {
         let places = frame.places(simd, row, chunk, scale);
         let w = f32x16::load_array_ref(simd, frame.chunk(row, chunk).inverse_depth());
@@ -39,7 +39,7 @@ fn see(
             }
         };
         let is_there = places.is_sample & q.simd_gt(MIN_DIVISOR);
-        Seen {
+        ChunkPositions {
             x: x.to_array(),
             y: y.to_array(),
             inverse_depth: (w / q).to_array(),
@@ -48,7 +48,7 @@ fn see(
     })
 }
 
-impl Seen {
+impl ChunkPositions {
     /// The samples that are there.
     fn samples(&self) -> impl Iterator<Item = usize> + use<'_> {
         (0..CHUNK).filter(|i| self.is_there >> i & 1 == 1)
@@ -72,7 +72,7 @@ pub(crate) fn advance(
             if !has_movers && !motion.any_left(limits) {
                 continue;
             }
-            let seen = see(level, frame, reprojection, scale, [row, chunk]);
+            let seen = reproject(level, frame, reprojection, scale, [row, chunk]);
             for i in seen.samples() {
                 let of = frame.displacement(row, chunk);
                 if of.is_some_and(|displacement| displacement.is_lost(i)) {
@@ -98,7 +98,7 @@ pub(crate) fn advance(
 
 /// Tells the samples of the LR frame `frame`, which `reprojection` shows in the current frame, where `boxes` contain them,
 /// how far surfaces move there.
-pub(crate) fn disturb(
+pub(crate) fn add_surface_shifts(
     level: Level,
     frame: &mut SampleFrame,
     reprojection: &Reprojection,
@@ -112,13 +112,13 @@ pub(crate) fn disturb(
             if !motion.any_here(limits) {
                 continue;
             }
-            let seen = see(level, frame, reprojection, scale, [row, chunk]);
+            let seen = reproject(level, frame, reprojection, scale, [row, chunk]);
             for i in seen.samples() {
-                let unrest = motion.unrest([seen.x[i], seen.y[i]]);
-                if unrest > 0.0
+                let surface_shift = motion.surface_shift([seen.x[i], seen.y[i]]);
+                if surface_shift > 0.0
                     && let Some(displacement) = frame.displacement_mut(row, chunk)
                 {
-                    displacement.disturb(i, unrest);
+                    displacement.add_surface_shift(i, surface_shift);
                 }
             }
         }

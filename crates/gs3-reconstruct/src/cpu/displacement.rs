@@ -2,7 +2,7 @@
 
 use fearless_simd::{Simd, f32x16, prelude::*};
 
-use crate::cpu::samples::CHUNK;
+use crate::cpu::lanes::CHUNK;
 
 /// What has become of the samples of a chunk.
 #[derive(Clone, Debug, Default)]
@@ -12,7 +12,7 @@ pub(crate) struct Displacement {
     offset: [[f32; CHUNK]; 3],
     /// How far surfaces have moved at the places where the sample was seen, its own included, HR pixels: so far it may
     /// have become hidden, or contradicted, though neither it nor the camera moves.
-    unrest: [f32; CHUNK],
+    surface_shift: [f32; CHUNK],
     /// Bit `i`: the surface of sample `i` has moved.
     movers: u16,
     /// Bit `i`: nobody knows where sample `i` went.
@@ -27,10 +27,10 @@ impl Displacement {
         [f32x16::load_array_ref(simd, x), f32x16::load_array_ref(simd, y), f32x16::load_array_ref(simd, z)]
     }
 
-    /// See [`Displacement`], HR pixels; ∞ for samples that are lost.
+    /// How far surfaces have moved where the samples were seen, HR pixels; ∞ for samples that are lost.
     #[inline(always)]
-    pub fn unrest<S: Simd>(&self, simd: S) -> f32x16<S> {
-        f32x16::load_array_ref(simd, &self.unrest)
+    pub fn surface_shift<S: Simd>(&self, simd: S) -> f32x16<S> {
+        f32x16::load_array_ref(simd, &self.surface_shift)
     }
 
     /// Whether any sample is of a surface that has moved.
@@ -64,11 +64,11 @@ impl Displacement {
     /// Tells that nobody knows where sample `i` went.
     pub fn lose(&mut self, i: usize) {
         self.lost |= 1 << i;
-        self.unrest[i] = f32::INFINITY;
+        self.surface_shift[i] = f32::INFINITY;
     }
 
     /// Tells that surfaces moved by `pixels` HR pixels where sample `i` is seen.
-    pub fn disturb(&mut self, i: usize, pixels: f32) {
-        self.unrest[i] += pixels;
+    pub fn add_surface_shift(&mut self, i: usize, pixels: f32) {
+        self.surface_shift[i] += pixels;
     }
 }

@@ -13,9 +13,9 @@ use rayon::prelude::*;
 use crate::cpu::lanes::repeat;
 use crate::cpu::resample::clamped;
 use crate::cpu::samples::rgb_rows;
-use crate::cpu::tile::{PAD_X, SPAN, STRIDE};
+use crate::cpu::tile_size::{PAD_X, SPAN, STRIDE};
 use crate::error::{ReconstructError, check_frame_of};
-use crate::sample_grid::{Axis, Place};
+use crate::sample_grid::{GridPosition, SampleAxis};
 
 /// Enlarges `gbuffer` by `scale` into `out`, whose size says how large. Outside the LR frame the border colour goes on,
 /// flat. The fourth channel becomes 0.
@@ -60,8 +60,8 @@ pub(crate) struct Surface {
     /// ∂²RGB/∂x∂y, 0: `[height, width]`.
     mixed: Vec<[f32; 4]>,
     scale: f32,
-    x_axis: Axis,
-    y_axis: Axis,
+    x_axis: SampleAxis,
+    y_axis: SampleAxis,
     /// The first pixel of cell 0, between samples 0 and 1; the others follow, `scale` pixels each.
     x_first: isize,
     /// Weights of `[value₀, slope₀, value₁, slope₁]` for the pixels of a cell, from its first on.
@@ -92,11 +92,11 @@ impl Surface {
         let phases = self.x_axis.phases().iter().enumerate();
         let first = phases.min_by(|(_, a), (_, b)| a.fraction.total_cmp(&b.fraction));
         let (phase, place) =
-            first.map_or((0, Place { index: 0, fraction: 0.0 }), |(phase, place)| (phase, *place));
+            first.map_or((0, GridPosition { index: 0, fraction: 0.0 }), |(phase, place)| (phase, *place));
         self.x_first = phase as isize - place.index * scale as isize;
         self.x_weights.clear();
         for k in 0..scale as usize {
-            let place = self.x_axis.place(phase + k);
+            let place = self.x_axis.position(phase + k);
             self.x_weights.push(weights(place.fraction, self.scale));
         }
         let (width, per_pixel) = (self.width, 1.0 / self.scale);
@@ -118,13 +118,13 @@ impl Surface {
     /// The places of the pixels of a cell along x, from its first on.
     pub fn x_fractions(&self) -> impl Iterator<Item = f32> {
         (0..self.x_weights.len()).map(|k| {
-            self.x_axis.place(self.x_first.rem_euclid(self.x_weights.len() as isize) as usize + k).fraction
+            self.x_axis.position(self.x_first.rem_euclid(self.x_weights.len() as isize) as usize + k).fraction
         })
     }
 
     /// The place of HR row `y`.
-    pub fn y_place(&self, y: usize) -> Place {
-        self.y_axis.place(y)
+    pub fn y_place(&self, y: usize) -> GridPosition {
+        self.y_axis.position(y)
     }
 
     /// Interpolates `pixels`, at most [`SPAN`], of HR row `y` into `out` from [`PAD_X`] on: RGB and 1, times the
@@ -143,7 +143,7 @@ impl Surface {
         /// Pixels of a vector.
         const QUAD: usize = 4;
         let scale = self.x_weights.len();
-        let [first, last] = [pixels.start, pixels.end - 1].map(|x| self.x_axis.place(x).index);
+        let [first, last] = [pixels.start, pixels.end - 1].map(|x| self.x_axis.position(x).index);
         let count = (last - first) as usize + 1;
         self.blend_rows(simd, y, first, &mut columns.values[..=count], &mut columns.slopes[..=count]);
         let mut weights = [[[0.0; 4 * QUAD]; 4]; crate::MAX_SCALE as usize / QUAD];
@@ -181,7 +181,7 @@ impl Surface {
         values: &mut [[f32; 4]],
         slopes: &mut [[f32; 4]],
     ) {
-        let Place { index, fraction } = self.y_axis.place(y);
+        let GridPosition { index, fraction } = self.y_axis.position(y);
         let mut weights = weights(fraction, self.scale);
         let [j0, j1] = [index, index + 1].map(|j| clamped(j, self.height));
         // Beyond the border the nearest row is repeated, flat across.

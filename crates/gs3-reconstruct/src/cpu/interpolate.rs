@@ -45,7 +45,7 @@ pub struct Warped {
     /// How well the frame before and the frame after see each pixel's surface, `[0, 1]`: 1, about 0.3 beside
     /// silhouettes, at most 1e-5 where it is hidden or outside; HR.
     pub visibility: Planes<2>,
-    /// Inverse depths of the frame between at its pixel centres, holes filled; 0 where nothing was hit; LR.
+    /// Inverse depths of the in-between frame at its pixel centres, holes filled; 0 where nothing was hit; LR.
     pub inverse_depth: Planes<1>,
 }
 
@@ -198,7 +198,7 @@ impl Interpolator {
         Ok(())
     }
 
-    /// Checks the inputs and finds the depths of the frame between.
+    /// Checks the inputs and finds the depths of the in-between frame.
     fn prepare<'a>(
         &'a mut self,
         neighbors: [Neighbor<'a>; 2],

@@ -2,6 +2,9 @@
 
 use fearless_simd::{Simd, f32x4, f32x16, i32x16, prelude::*, u8x64};
 
+/// Samples of a row that are worked on together: one vector.
+pub(crate) const CHUNK: usize = 16;
+
 /// Of four blocks that are alike, the bytes that become all four lanes of block `b`: its lane `b`.
 const SPREAD: [u8; 64] = {
     let mut bytes = [0; 64];

@@ -259,7 +259,7 @@ impl MiddleDepth {
     /// Where the sixteen samples from column `first` of row `row` on, of inverse depths `w`, land: their places among
     /// the pixels, −1 for none, and their inverse depths there.
     #[inline(always)]
-    fn land<S: Simd>(
+    fn target_pixels<S: Simd>(
         &self,
         simd: S,
         splatter: &Splatter<'_>,
@@ -296,7 +296,7 @@ impl MiddleDepth {
     #[inline(always)]
     fn splat<S: Simd>(&self, simd: S, splatter: &Splatter<'_>, row: usize, depths: &[f32]) {
         for (run, depths) in depths.chunks(16).enumerate() {
-            let (cells, nearness) = self.land(simd, splatter, [16 * run, row], depths);
+            let (cells, nearness) = self.target_pixels(simd, splatter, [16 * run, row], depths);
             for k in 0..depths.len() {
                 // −1 is no place.
                 let Some(nearest) = self.splatted.get(cells[k] as usize) else { continue };
@@ -320,7 +320,7 @@ impl MiddleDepth {
             if displacements.iter().all(|displacement| *displacement == [0.0; 3]) {
                 continue;
             }
-            let (cells, nearness) = self.land(simd, splatter, [16 * run, row], depths);
+            let (cells, nearness) = self.target_pixels(simd, splatter, [16 * run, row], depths);
             for k in (0..depths.len()).filter(|k| displacements[*k] != [0.0; 3]) {
                 let at = cells[k] as usize;
                 // −1 is no place.

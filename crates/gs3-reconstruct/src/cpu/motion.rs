@@ -14,7 +14,7 @@ const LANES: usize = 16;
 
 /// A camera on its own grid of samples, with depths.
 #[derive(Clone, Copy, Debug)]
-pub struct View<'a> {
+pub struct DepthView<'a> {
     /// The camera whose pixels are the grid, i.e. [`Camera::low_resolution`] of the HR camera.
     pub camera: Camera,
     /// Offset of the samples from the pixel centres, in pixels of the grid, within ±1.
@@ -51,7 +51,7 @@ pub struct Motion {
     surfaces: Vec<[f32; 2]>,
 }
 
-impl<'a> View<'a> {
+impl<'a> DepthView<'a> {
     /// The LR frame of the HR `camera`, `scale` times larger, with its median depth.
     ///
     /// # Errors
@@ -97,7 +97,7 @@ impl Motion {
     ///
     /// # Errors
     /// [`ReconstructError`] if the grids are not of one size or a jitter is not usable.
-    pub fn set(&mut self, now: &View<'_>, before: &View<'_>) -> Result<(), ReconstructError> {
+    pub fn set(&mut self, now: &DepthView<'_>, before: &DepthView<'_>) -> Result<(), ReconstructError> {
         now.check()?;
         before.check()?;
         check_size("previous view", now.size(), before.size())?;
@@ -132,7 +132,7 @@ impl Motion {
 
     /// Inverse depths of `view` and their tolerance: [`SAME_SURFACE`] of them or the surface's slope, whichever is
     /// more.
-    fn find_surfaces(&mut self, view: &View<'_>) {
+    fn find_surfaces(&mut self, view: &DepthView<'_>) {
         let (width, height) = view.size();
         self.inverse.resize(width * height, 0.0);
         let rows = self.inverse.par_chunks_exact_mut(width).enumerate().with_min_len(4);

@@ -6,9 +6,7 @@
 use fearless_simd::{Simd, f32x16, i32x16, prelude::*};
 
 use crate::cpu::samples::CHUNK;
-use crate::cpu::splat::Source;
-use crate::cpu::tile::{RING, SPAN, TILE_HEIGHT, Tile};
-use crate::reprojection::MIN_DIVISOR;
+use crate::cpu::tile_size::{RING, SPAN, TILE_HEIGHT};
 
 /// Pixels beside those that are made: samples up to two pixels away reach them, and these look one pixel further.
 pub(crate) const RIM: usize = 3;
@@ -22,7 +20,7 @@ const ROWS: usize = TILE_HEIGHT + 2 * RING + 2 * RIM;
 const LANES: usize = CHUNK;
 
 /// Places, a power of two, so that none is ever outside.
-const PLACES: usize = (STRIDE * ROWS).next_power_of_two();
+pub(crate) const PLACES: usize = (STRIDE * ROWS).next_power_of_two();
 
 /// Samples of every so many frames are looked at: each tells of nine pixels, so half of S² frames miss next to nothing.
 pub(crate) const EVERY: usize = 2;
@@ -30,7 +28,7 @@ pub(crate) const EVERY: usize = 2;
 /// Largest inverse depths, 0 where there is no sample; the first pixel made is `(RIM, RIM)`.
 pub(crate) struct Nearest {
     /// Of the samples nearest to each pixel.
-    at: Vec<f32>,
+    pub at: Vec<f32>,
     /// Of those and the samples nearest to the eight pixels around it.
     around: Vec<f32>,
 }
@@ -83,34 +81,7 @@ impl Nearest {
 
 /// Places of pixels relative to the first made.
 #[inline(always)]
-fn place<S: Simd>(simd: S, [x, y]: [f32x16<S>; 2]) -> i32x16<S> {
+pub(crate) fn place<S: Simd>(simd: S, [x, y]: [f32x16<S>; 2]) -> i32x16<S> {
     let rim = f32x16::splat(simd, (RIM * STRIDE + RIM) as f32);
     y.mul_add(STRIDE as f32, x + rim).to_int()
-}
-
-impl Tile<'_> {
-    /// Takes the depths of the samples of chunk `chunk` of row `row` into what is nearest.
-    #[inline(always)]
-    pub fn survey<S: Simd>(&mut self, simd: S, source: &Source<'_>, row: usize, chunk: usize) {
-        let seen = source.see(simd, row, chunk);
-        let [x, y] = [seen.x.floor() - self.left as f32, seen.y.floor() - self.top as f32];
-        let rim = RIM as f32;
-        let is_in = seen.is_sample
-            & seen.q.simd_gt(MIN_DIVISOR)
-            & x.simd_ge(-rim)
-            & y.simd_ge(-rim)
-            & x.simd_lt(self.width as f32 + rim)
-            & y.simd_lt(self.height as f32 + rim);
-        // What is not in goes to the first place, at no depth, which changes nothing.
-        let nothing = f32x16::splat(simd, 0.0);
-        let [x, y] = [x, y].map(|v| is_in.select(v, nothing - rim));
-        let (places, depths) =
-            (place(simd, [x, y]).to_array(), is_in.select(seen.inverse_depth, nothing).to_array());
-        // Of known length, no place needs to be checked.
-        let Some(at) = self.nearest.at.first_chunk_mut::<PLACES>() else { return };
-        for (place, depth) in places.into_iter().zip(depths) {
-            let nearest = &mut at[place as usize % PLACES];
-            *nearest = if depth > *nearest { depth } else { *nearest };
-        }
-    }
 }

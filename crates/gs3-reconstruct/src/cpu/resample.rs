@@ -4,11 +4,11 @@ use gs3_scene::{GBuffer, Image};
 use rayon::prelude::*;
 
 use crate::error::{ReconstructError, check_frame_of};
-use crate::sample_grid::{Axis, Place};
+use crate::sample_grid::{GridPosition, SampleAxis};
 
 /// A separable interpolation kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kernel {
+pub enum ResampleKernel {
     /// The nearest sample.
     Nearest,
     /// Linear between two samples.
@@ -17,7 +17,7 @@ pub enum Kernel {
     Bicubic,
 }
 
-impl Kernel {
+impl ResampleKernel {
     /// Weights of the samples −1, 0, 1, 2 around a place `f` ∈ `[0, 1)` between samples 0 and 1.
     fn weights(self, f: f32) -> [f32; 4] {
         match self {
@@ -44,16 +44,17 @@ pub(crate) fn catmull_rom(f: f32) -> [f32; 4] {
 pub fn resample(
     gbuffer: &GBuffer,
     scale: u32,
-    kernel: Kernel,
+    kernel: ResampleKernel,
     out: &mut Image,
 ) -> Result<(), ReconstructError> {
     check_frame_of(out, gbuffer, scale)?;
-    let (x_axis, y_axis) = (Axis::new(scale, gbuffer.jitter[0]), Axis::new(scale, gbuffer.jitter[1]));
+    let (x_axis, y_axis) =
+        (SampleAxis::new(scale, gbuffer.jitter[0]), SampleAxis::new(scale, gbuffer.jitter[1]));
     let width = out.width();
     out.pixels_mut().par_chunks_exact_mut(width).enumerate().for_each_init(
         || vec![[0.0; 4]; gbuffer.width()],
         |column, (y, row)| {
-            let Place { index, fraction } = y_axis.place(y);
+            let GridPosition { index, fraction } = y_axis.position(y);
             let weights = kernel.weights(fraction);
             for c in 0..3 {
                 let rows: [&[f32]; 4] = std::array::from_fn(|k| {
@@ -64,7 +65,7 @@ pub fn resample(
                 }
             }
             for (x, pixel) in row.iter_mut().enumerate() {
-                let Place { index, fraction } = x_axis.place(x);
+                let GridPosition { index, fraction } = x_axis.position(x);
                 let weights = kernel.weights(fraction);
                 let taps: [[f32; 4]; 4] =
                     std::array::from_fn(|k| column[clamped(index - 1 + k as isize, column.len())]);

@@ -5,17 +5,15 @@ use gs3_scene::{BLOCK_SIDE, ExactBlock, ExactBlocks, GBuffer, Gradients, Margin,
 use rayon::prelude::*;
 
 use crate::cpu::displacement::Displacement;
+pub(crate) use crate::cpu::lanes::CHUNK;
 use crate::cpu::lanes::load;
 use crate::error::ReconstructError;
 use crate::reprojection::inverse_depth_16;
 
-/// Samples of a row that are worked on together: one vector.
-pub(crate) const CHUNK: usize = 16;
-
 /// A sample is beside something nearer if its inverse depth is below this share of that of a sample around it: what
 /// is more may be the slant of a surface. (Empirical: 0.95 gains 0.1 dB over 0.8 at 1920×1080, and loses 0.15 at
 /// 160×90.)
-pub(crate) const BESIDE: f32 = 0.9;
+pub(crate) const EDGE_RATIO: f32 = 0.9;
 
 /// How much of the way that something nearer moves counts: edges lie along it as well as across, and not every sample
 /// beside one shows it. (Empirical, at 1920×1080: 0 loses 0.2 to 0.3 dB where the camera moves, 0.3 to 1 are alike
@@ -51,12 +49,12 @@ impl Chunk {
         self.plane(0)
     }
 
-    /// What the colour of a sample beside something nearer changes by, per HR pixel of parallax at depth 1, as the
-    /// two move apart: it may show some of the other's edge. The inverse depth of the nearest of the eight samples
-    /// around it, less its own, times [`CROSSING`] and its slope, the norm of all its derivatives; 0 where none is
-    /// nearer.
+    /// Colour change, per HR pixel of parallax at depth 1, of a sample beside a nearer surface. Such a sample may contain
+    /// part of the nearer surface's edge, which moves away from the sample. The value is the inverse depth of the nearest
+    /// of the eight samples around the sample, less the sample's own, times [`CROSSING`] and the norm of all derivatives
+    /// of the sample; 0 where no neighbour is nearer.
     #[inline(always)]
-    pub fn seams(&self) -> &[f32; CHUNK] {
+    pub fn edge_slopes(&self) -> &[f32; CHUNK] {
         self.plane(1)
     }
 
@@ -89,7 +87,7 @@ impl Chunk {
         &self.0[SAMPLES..].as_chunks().0[k]
     }
 
-    /// Writes plane `k`: that of [`Self::inverse_depth`], [`Self::seams`] or one of [`Self::colors`].
+    /// Writes plane `k`: that of [`Self::inverse_depth`], [`Self::edge_slopes`] or one of [`Self::colors`].
     #[inline(always)]
     fn set_plane<S: Simd>(&mut self, k: usize, values: f32x16<S>) {
         values.store_array(&mut self.0[SAMPLES..].as_chunks_mut().0[k]);
@@ -398,7 +396,7 @@ fn fill_block<S: Simd>(simd: S, block: &ExactBlock, chunk: &mut Chunk) -> Extent
     let near = f32x16::load_array(simd, nearest);
     chunk.set_plane(0, here);
     let change = (near - here) * CROSSING * squares.sqrt();
-    chunk.set_plane(1, here.simd_lt(near * BESIDE).select(change, zero));
+    chunk.set_plane(1, here.simd_lt(near * EDGE_RATIO).select(change, zero));
     let [r, g, b] = chunk.colors().map(|plane| plane[0]);
     let is_bare = here.reduce_max() == 0.0 && is_bare.all_true();
     Extent { far: here.reduce_min(), near: here.reduce_max(), bare: is_bare.then_some([r, g, b]) }
@@ -462,7 +460,7 @@ impl SamplePlanes<'_> {
         let column = |k: usize| f32x16::from_slice(simd, &nearest[first + k..][..CHUNK]);
         let near = column(0).max(column(1)).max(column(2));
         let change = (near - here) * CROSSING * squares.sqrt();
-        chunk.set_plane(1, here.simd_lt(near * BESIDE).select(change, zero));
+        chunk.set_plane(1, here.simd_lt(near * EDGE_RATIO).select(change, zero));
         let far = is_sample.select(here, f32x16::splat(simd, f32::INFINITY)).reduce_min();
         let near = here.reduce_max();
         let [r, g, b] = chunk.colors().map(|plane| plane[0]);
@@ -538,9 +536,13 @@ mod tests {
             let around = (y.saturating_sub(1)..(y + 2).min(HEIGHT))
                 .flat_map(|y| (x.saturating_sub(1)..(x + 2).min(WIDTH)).map(move |x| (x, y)));
             let near = around.map(|(x, y)| inverse(x, y)).fold(0.0, f32::max);
-            let is_beside = inverse(x, y) < near * BESIDE;
+            let is_beside = inverse(x, y) < near * EDGE_RATIO;
             let expected = if is_beside { CROSSING * (near - inverse(x, y)) * squares.sqrt() } else { 0.0 };
-            assert!((chunk.seams()[lane] - expected).abs() <= 1e-6, "{x}, {y}: {}", chunk.seams()[lane]);
+            assert!(
+                (chunk.edge_slopes()[lane] - expected).abs() <= 1e-6,
+                "{x}, {y}: {}",
+                chunk.edge_slopes()[lane]
+            );
         }
         let row_of = |x: usize, y: usize| (x..(x + CHUNK).min(WIDTH)).map(move |x| inverse(x, y));
         for (x, y) in [(0, 0), (CHUNK, 1), (CHUNK, HEIGHT - 1)] {

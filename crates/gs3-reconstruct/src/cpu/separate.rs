@@ -19,7 +19,7 @@ impl<const N: usize> Warp<'_, N> {
         let width = self.images.first().map_or(0, |image| image.width());
         let count = parts.first().map_or(0, |part| part.visibility.len());
         for [x, y] in self.runs(count / width.max(1), top) {
-            let run = self.look_at_run(simd, x, y);
+            let run = self.correspondence_of_run(simd, x, y);
             let mut patches = [const { None }; LANES];
             // One neighbour after the other, so that the rows gathered from stay in the cache.
             for (n, part) in parts.iter_mut().enumerate() {
@@ -44,7 +44,7 @@ impl<const N: usize> Warp<'_, N> {
                     if is_even && quads.is_some() {
                         continue;
                     }
-                    let patch = patch.get_or_insert_with(|| self.look_at_patch(simd, x, y));
+                    let patch = patch.get_or_insert_with(|| self.correspondence_of_patch(simd, x, y));
                     for r in clip.rows.clone() {
                         if !is_even {
                             let (at, first) = (clip.row(r), r * SIDE + clip.columns.start);

@@ -7,24 +7,25 @@ use fearless_simd::{Level, Simd, dispatch};
 use gs3_scene::{Camera, ExactBlocks, GBuffer, Geometry, Gradients, Image, Planes, block_grid};
 use rayon::prelude::*;
 
-use crate::cpu::boxes::Limits;
-use crate::cpu::carry::{advance, disturb};
+use crate::cpu::boxes::BoxLimits;
+use crate::cpu::carry::{add_surface_shifts, advance};
 use crate::cpu::hermite::Surface;
 use crate::cpu::kriging::Neighborhoods;
 use crate::cpu::nearest::{EVERY, RIM};
 use crate::cpu::past::Past;
-use crate::cpu::plausible::Plausible;
 use crate::cpu::prefetch::prefetch;
+use crate::cpu::rectification::Rectification;
 use crate::cpu::samples::{CHUNK, SampleFrame};
 use crate::cpu::select::write_blocks;
 use crate::cpu::splat::REACH;
 use crate::cpu::staleness::count_remembered;
 use crate::cpu::surface_motion::{Frames, SurfaceMotion};
-use crate::cpu::tile::{RING, TILE_HEIGHT, TILE_WIDTH, Tile, Wanted};
+use crate::cpu::tile::{Tile, Wanted};
+use crate::cpu::tile_size::{RING, TILE_HEIGHT, TILE_WIDTH};
 use crate::depth_lattice::DepthLattice;
-use crate::error::{ReconstructError, camera_size, check_around, check_finite, check_gbuffer, check_scale};
+use crate::error::{ReconstructError, camera_size, check_finite, check_gbuffer, check_padded, check_scale};
 use crate::reprojection::{Reprojection, parallax};
-use crate::sample_grid::Lattice;
+use crate::sample_grid::SampledPixels;
 use crate::sequence::ResetReason;
 use crate::settings::Kriging;
 use crate::settings::MAX_PAST;
@@ -51,7 +52,7 @@ const QUEUE: usize = 256;
 const AHEAD: usize = 3;
 
 /// The same where only depths are read.
-const SURVEYED_AHEAD: usize = 8;
+const DEPTHS_AHEAD: usize = 8;
 
 /// Most frames in the history, those of exact blocks included.
 const MAX_SOURCES: usize = 2 * MAX_PAST;
@@ -92,7 +93,7 @@ pub struct SuperSampler {
     /// `[block rows, block columns]`.
     errors: Vec<f32>,
     surface: Surface,
-    plausible: Plausible,
+    rectification: Rectification,
     /// `[LR height, LR width]`.
     innovation: Vec<[f32; 4]>,
     /// What moves by itself since the frame before.
@@ -130,7 +131,7 @@ impl SuperSampler {
             spare: Vec::new(),
             errors: Vec::new(),
             surface: Surface::default(),
-            plausible: Plausible::default(),
+            rectification: Rectification::default(),
             innovation: Vec::new(),
             motion: SurfaceMotion::default(),
             invalid: Some(ResetReason::FirstFrame),
@@ -178,40 +179,40 @@ impl SuperSampler {
         gbuffer: &GBuffer,
         out: &mut Image,
     ) -> Result<(), ReconstructError> {
-        self.super_sample_within(camera, gbuffer, gbuffer, out)
+        self.super_sample_padded(camera, gbuffer, gbuffer, out)
     }
 
     /// As [`Self::super_sample`] from `gbuffer`, the LR frame of `camera`, and remembers with it what lies beyond its
-    /// edges: `around` is the same frame with a margin ([`GBuffer::crop`] makes the one of the other). What a turning
+    /// edges: `padded` is the same frame with a margin ([`GBuffer::crop`] makes the one of the other). What a turning
     /// camera reveals then has a past.
     ///
     /// # Errors
-    /// As [`Self::super_sample`], also if `around` less its margin is not of the size and jitter of `gbuffer`.
-    pub fn super_sample_within(
+    /// As [`Self::super_sample`], also if `padded` less its margin is not of the size and jitter of `gbuffer`.
+    pub fn super_sample_padded(
         &mut self,
         camera: &Camera,
         gbuffer: &GBuffer,
-        around: &GBuffer,
+        padded: &GBuffer,
         out: &mut Image,
     ) -> Result<(), ReconstructError> {
-        self.super_sample_since(Since::default(), camera, gbuffer, around, out)
+        self.super_sample_since(Since::default(), camera, gbuffer, padded, out)
     }
 
-    /// As [`Self::super_sample_within`], told what happened `since` the frame before. Where it errs, that is not heard.
+    /// As [`Self::super_sample_padded`], told what happened `since` the frame before. Where it errs, that is not heard.
     pub(crate) fn super_sample_since(
         &mut self,
         since: Since<'_>,
         camera: &Camera,
         gbuffer: &GBuffer,
-        around: &GBuffer,
+        padded: &GBuffer,
         out: &mut Image,
     ) -> Result<(), ReconstructError> {
         let size = camera_size(camera);
         check_gbuffer(gbuffer, self.scale, size)?;
-        check_around(around, gbuffer)?;
+        check_padded(padded, gbuffer)?;
         let (gradients, geometry) = usable_planes(gbuffer)?;
-        if !std::ptr::eq(around, gbuffer) {
-            usable_planes(around)?;
+        if !std::ptr::eq(padded, gbuffer) {
+            usable_planes(padded)?;
         }
         if let Some(vectors) = since.vectors {
             check_finite("G-buffer motion", vectors)?;
@@ -225,28 +226,28 @@ impl SuperSampler {
             self.spare.clear();
         }
         self.surface.set(gbuffer, gradients, self.scale);
-        self.plausible.set(self.level, gbuffer, gradients, &geometry.depth_median, self.scale);
-        let moves = self.follow(since.vectors, camera, around);
-        self.remember(camera, gbuffer, around)?;
+        self.rectification.set(self.level, gbuffer, gradients, &geometry.depth_median, self.scale);
+        let moves = self.follow(since.vectors, camera, padded);
+        self.remember(camera, gbuffer, padded)?;
         self.find_boxes(camera);
         if moves {
-            self.disturb();
+            self.add_surface_shifts();
         }
         out.resize(size.0, size.1);
         self.accumulate(out);
         Ok(())
     }
 
-    /// Moves the history to where `vectors` say that its surfaces are in the current frame, `around`; whether they say
+    /// Moves the history to where `vectors` say that its surfaces are in the current frame, `padded`; whether they say
     /// anything.
-    fn follow(&mut self, vectors: Option<&Planes<2>>, camera: &Camera, around: &GBuffer) -> bool {
+    fn follow(&mut self, vectors: Option<&Planes<2>>, camera: &Camera, padded: &GBuffer) -> bool {
         let (Some(vectors), Some(newest)) = (vectors, self.past.first()) else {
             self.motion.clear();
             return false;
         };
         let before = newest.camera;
         let frames =
-            Frames { cameras: [&before, camera], before: &newest.frame, now: around, scale: self.scale };
+            Frames { cameras: [&before, camera], before: &newest.frame, now: padded, scale: self.scale };
         self.motion.set(&frames, vectors);
         let (motion, level, scale) = (&self.motion, self.level, self.scale as f32);
         // Exact blocks are of scenes that stand still.
@@ -259,7 +260,7 @@ impl SuperSampler {
     }
 
     /// Tells the history where something moves in the current frame, and the newest frame which of its surfaces do.
-    fn disturb(&mut self) {
+    fn add_surface_shifts(&mut self) {
         let (motion, level, scale) = (&self.motion, self.level, self.scale as f32);
         let Some((newest, past)) = self.past.split_first_mut() else { return };
         for [x, y] in motion.movers() {
@@ -269,7 +270,7 @@ impl SuperSampler {
         }
         let lr_frames = past.par_iter_mut().filter(|past| !past.frame.is_blocks());
         lr_frames.for_each(|Past { frame, reprojection, boxes, .. }| {
-            disturb(level, frame, reprojection, boxes, scale, motion);
+            add_surface_shifts(level, frame, reprojection, boxes, scale, motion);
         });
     }
 
@@ -284,12 +285,12 @@ impl SuperSampler {
         &mut self,
         camera: &Camera,
         gbuffer: &GBuffer,
-        around: &GBuffer,
+        padded: &GBuffer,
     ) -> Result<(), ReconstructError> {
         let mut newest = self.spare.pop().unwrap_or_else(|| Past::empty(camera));
         (newest.camera, newest.age) = (*camera, 0);
         newest.mean_inverse_depth = DepthLattice::of(gbuffer).mean_inverse_depth();
-        newest.frame.fill(self.level, around, self.scale)?;
+        newest.frame.fill(self.level, padded, self.scale)?;
         let remembered = (self.scale * self.scale) as usize;
         self.past.iter_mut().for_each(|past| past.age += 1);
         let mut oldest = remembered - 1;
@@ -374,26 +375,26 @@ impl SuperSampler {
         errors.clear();
         errors.resize(blocks[0] * blocks[1], 0.0);
         let band_errors = errors.chunks_mut(TILE_HEIGHT / 4 * blocks[0]);
-        let lattice = Lattice::new(frame.jitter, self.scale);
+        let sampled = SampledPixels::new(frame.jitter, self.scale);
         let mut rest = &mut innovation[..];
         let bands: Vec<Band<'_>> =
             (out.pixels_mut().chunks_mut(TILE_HEIGHT * size[0]).zip(band_errors).enumerate())
                 .map(|(band, (pixels, errors))| {
                     let top = band * TILE_HEIGHT;
-                    let rows = lattice.map_or(0..0, |lattice| lattice.rows(top, pixels.len() / size[0]));
+                    let rows = sampled.map_or(0..0, |sampled| sampled.rows(top, pixels.len() / size[0]));
                     let rows = rows.start.min(lines)..rows.end.min(lines);
                     let part = rest.split_off_mut(..rows.len() * columns).unwrap_or_default();
                     Band { top, pixels, errors, innovation: part, first_row: rows.start }
                 })
                 .collect();
-        let tile = || Tile::new(self.kriging.worth().map(Neighborhoods::new));
+        let tile = || Tile::new(self.kriging.threshold().map(Neighborhoods::new));
         bands.into_par_iter().for_each_init(tile, |tile, band| {
-            dispatch!(self.level, simd => self.fill_band(simd, band, size, lattice, tile));
+            dispatch!(self.level, simd => self.fill_band(simd, band, size, sampled, tile));
         });
         (self.innovation, self.errors) = (innovation, errors);
     }
 
-    /// Fills a band of an image of `[width, height]`, whose current samples lie on the pixels of `lattice`, in the
+    /// Fills a band of an image of `[width, height]`, whose current samples lie on the pixels of `sampled`, in the
     /// memory of `tile`.
     #[inline(always)]
     fn fill_band<'a, S: Simd>(
@@ -401,7 +402,7 @@ impl SuperSampler {
         simd: S,
         band: Band<'_>,
         [width, height]: [usize; 2],
-        lattice: Option<Lattice>,
+        sampled: Option<SampledPixels>,
         tile: &mut Tile<'a>,
     ) {
         let Band { top, pixels: rows, errors, innovation, first_row } = band;
@@ -428,13 +429,13 @@ impl SuperSampler {
             }
             let current = &self.past[0].frame;
             tile.begin(simd, &self.surface, self.scale as f32);
-            if let Some(lattice) = &lattice {
-                tile.vacate(lattice);
+            if let Some(sampled) = &sampled {
+                tile.clear_pixels(sampled);
             }
-            self.survey_frames(simd, tile, &of_past);
+            self.splat_depths(simd, tile, &of_past);
             self.add_frames(simd, tile, 1, &of_past);
-            if let Some(lattice) = &lattice {
-                tile.confront(lattice, current, &wanted, innovation, first_row);
+            if let Some(sampled) = &sampled {
+                tile.insert_current(sampled, current, &wanted, innovation, first_row);
             }
             self.add_frames(simd, tile, 0, &of_past[..1]);
             tile.resolve(simd, &wanted, rows, errors);
@@ -443,11 +444,11 @@ impl SuperSampler {
 
     /// The pixels on which what the frame of age `age` holds may bear on `tile`: samples reach out, and the current
     /// frame, which is interpolated, has its next samples within a cell.
-    fn limits(&self, tile: &Tile<'_>, age: usize) -> Limits {
+    fn limits(&self, tile: &Tile<'_>, age: usize) -> BoxLimits {
         let reach = if age == 0 { REACH.max(self.scale as f32 + 1.0) } else { REACH };
         let ends = |first: usize, count: usize| [first as f32 - reach, (first + count) as f32 + reach];
         let ([left, right], [top, bottom]) = (ends(tile.left, tile.width), ends(tile.top, tile.height));
-        Limits { left, right, top, bottom }
+        BoxLimits { left, right, top, bottom }
     }
 
     /// The colour of the tile if there is nothing in it, now and in the past, but background of one colour. Row ranges
@@ -469,24 +470,24 @@ impl SuperSampler {
 
     /// Finds what is nearest in `tile` and around it; row ranges `of_past` are those to look at.
     #[inline(always)]
-    fn survey_frames<S: Simd>(&self, simd: S, tile: &mut Tile<'_>, of_past: &[Range<usize>]) {
+    fn splat_depths<S: Simd>(&self, simd: S, tile: &mut Tile<'_>, of_past: &[Range<usize>]) {
         let rim = RIM as f32;
         let limits = self.limits(tile, 1).wider(rim - REACH);
         tile.nearest.clear();
         let frames = self.past.iter().zip(of_past).filter(|(past, _)| past.age.is_multiple_of(EVERY));
         for (past, rows) in frames {
             let source = past.source(self.scale);
-            let (mut waiting, mut count) = ([(0, 0); SURVEYED_AHEAD], 0);
+            let (mut waiting, mut count) = ([(0, 0); DEPTHS_AHEAD], 0);
             for (row, chunk) in past.boxes.chunks_meeting(simd, rows.clone(), limits) {
                 prefetch(past.frame.chunk(row, chunk).inverse_depth());
-                let (row, chunk) = std::mem::replace(&mut waiting[count % SURVEYED_AHEAD], (row, chunk));
+                let (row, chunk) = std::mem::replace(&mut waiting[count % DEPTHS_AHEAD], (row, chunk));
                 count += 1;
-                if count > SURVEYED_AHEAD {
-                    tile.survey(simd, &source, row, chunk);
+                if count > DEPTHS_AHEAD {
+                    tile.splat_depth(simd, &source, row, chunk);
                 }
             }
-            for (row, chunk) in &waiting[..count.min(SURVEYED_AHEAD)] {
-                tile.survey(simd, &source, *row, *chunk);
+            for (row, chunk) in &waiting[..count.min(DEPTHS_AHEAD)] {
+                tile.splat_depth(simd, &source, *row, *chunk);
             }
         }
         tile.nearest.spread(simd);
@@ -533,7 +534,7 @@ impl SuperSampler {
                 prefetch(slice::from_ref(frame.chunk(next.row as usize, next.chunk as usize)));
             }
             let source = self.past[task.source as usize].source(self.scale);
-            tile.add(simd, &source, &self.plausible, task.row as usize, task.chunk as usize);
+            tile.splat_color(simd, &source, &self.rectification, task.row as usize, task.chunk as usize);
         });
     }
 }

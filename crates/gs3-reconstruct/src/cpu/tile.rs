@@ -10,39 +10,12 @@ use crate::cpu::kriging::Neighborhoods;
 use crate::cpu::lanes::load;
 use crate::cpu::nearest::Nearest;
 use crate::cpu::samples::SampleFrame;
-use crate::cpu::splat::NOISE;
-use crate::sample_grid::Lattice;
+use crate::cpu::tile_size::{PAD_X, PAD_Y, RING, ROWS, RUN, STRIDE, TILE_HEIGHT, TILE_WIDTH};
+use crate::sample_grid::SampledPixels;
 
-/// Pixels of a tile along x, a multiple of 16. (At 1920×1080 256 takes half a millisecond more, as samples are
-/// reprojected for each tile; 640×48 is alike, but kriging, whose samples then leave the second cache, takes 9 ms
-/// more on foliage.)
-pub(crate) const TILE_WIDTH: usize = 480;
-
-/// Pixels of a tile along y. Width and height are large against a sample's reach, because samples that reach two
-/// tiles are added twice.
-pub(crate) const TILE_HEIGHT: usize = 32;
-
-/// Pixels beside those of the tile, for what reaches beyond it: as many as a cell of samples or a sample's reach may
-/// need.
-pub(crate) const PAD_X: usize = 8;
-
-/// The same above and below.
-pub(crate) const PAD_Y: usize = 2;
-
-/// Pixels that are made beside those wanted, because the correction of a pixel needs its neighbours.
-pub(crate) const RING: usize = 1;
-
-/// Most pixels in a row that are made.
-pub(crate) const SPAN: usize = TILE_WIDTH + 2 * RING;
-
-/// Pixels of four vectors, so that one division and one root serve sixteen pixels.
-const RUN: usize = 16;
-
-/// Pixels from one row of a tile to the next: room for whole runs.
-pub(crate) const STRIDE: usize = SPAN.next_multiple_of(RUN) + 2 * PAD_X;
-
-/// Rows of memory.
-const ROWS: usize = TILE_HEIGHT + 2 * RING + 2 * PAD_Y;
+/// Variance floor of a prediction in pixel⁴. A sample on a pixel centre then has 10⁵ times the weight of one a pixel
+/// away: at rest all neighbours together change a pixel by less than 1e-4 of their own error.
+pub(crate) const NOISE: f32 = 1e-5;
 
 /// Variance of the interpolated current frame at distance d from its nearest sample, pixel⁴: that of one sample's
 /// first-order prediction, d⁴, times [`SURFACE`] because it joins four samples, and flattening to a square, because no
@@ -67,7 +40,8 @@ const _: () = assert!(TILE_HEIGHT.is_multiple_of(BLOCK_SIDE));
 /// errors 2.1 to 3 times the correction, over tenths of the blocks of five paths.)
 const PER_LAPLACIAN: f32 = 6.0;
 
-/// Inverse variances, pixel⁻⁴, below this say nothing: samples of the past more than 2.6 pixels away, or of more doubt.
+/// Inverse variances, pixel⁻⁴, below this say nothing: samples of the past more than 2.6 pixels away, or of a larger
+/// variance.
 pub(crate) const FAINT: f32 = 0.02;
 
 /// Accumulating pixels: per pixel Σ weight·RGB and Σ weight. 16 B each; the memory of the tile is in no image,
@@ -126,21 +100,21 @@ impl<'a> Tile<'a> {
         }
     }
 
-    /// Empties the pixels of `lattice`, so that they become what the past alone says of them.
-    pub fn vacate(&mut self, lattice: &Lattice) {
-        for (_, y) in lattice.along(1, self.top, self.height) {
-            for (_, x) in lattice.along(0, self.left, self.width) {
+    /// Sets the pixels of `sampled` to nothing, so that splatting makes them the prediction of the past alone.
+    pub fn clear_pixels(&mut self, sampled: &SampledPixels) {
+        for (_, y) in sampled.along(1, self.top, self.height) {
+            for (_, x) in sampled.along(0, self.left, self.width) {
                 self.pixels[(PAD_Y + y) * STRIDE + PAD_X + x] = [0.0; 4];
             }
         }
     }
 
-    /// Takes the samples of `frame`, the current one, into the pixels of `lattice` that [`Self::vacate`] emptied, and
-    /// writes how they differ from what the past alone says into `rows`, whose first row of samples is `first_row`:
-    /// for those in `wanted` pixels.
-    pub fn confront(
+    /// Adds the samples of `frame`, the current one, to the pixels of `sampled` that [`Self::clear_pixels`] emptied, and
+    /// writes how those in `wanted` pixels differ from what the past alone says into `rows`. The first row of samples in
+    /// `rows` is row `first_row`.
+    pub fn insert_current(
         &mut self,
-        lattice: &Lattice,
+        sampled: &SampledPixels,
         frame: &SampleFrame,
         wanted: &Wanted,
         rows: &mut [[f32; 4]],
@@ -148,8 +122,8 @@ impl<'a> Tile<'a> {
     ) {
         let is_wanted = |at: usize, first: usize, count: usize| (first..first + count).contains(&at);
         let [columns, lines] = frame.picture_size();
-        for (j, y) in lattice.along(1, self.top, self.height) {
-            for (i, x) in lattice.along(0, self.left, self.width) {
+        for (j, y) in sampled.along(1, self.top, self.height) {
+            for (i, x) in sampled.along(0, self.left, self.width) {
                 if i >= columns || j >= lines {
                     continue;
                 }
@@ -175,8 +149,8 @@ impl<'a> Tile<'a> {
         }
     }
 
-    /// Writes `wanted` pixels of rows of an image, whose first is in `rows`, with their colours and uncertainties, and the
-    /// squared errors expected of its blocks of 4×4 pixels into `errors`, whose first row of blocks is theirs.
+    /// Writes the colours and uncertainties of `wanted` pixels into `rows`, rows of an image from the first wanted one on,
+    /// and the squared errors expected of the blocks of 4×4 pixels in these rows into `errors`.
     #[inline(always)]
     pub fn resolve<S: Simd>(&mut self, simd: S, wanted: &Wanted, rows: &mut [[f32; 4]], errors: &mut [f32]) {
         let mut sums = [[0.0; CHANNELS_OF_ROW]; TILE_WIDTH / BLOCK_SIDE];
@@ -208,7 +182,7 @@ impl<'a> Tile<'a> {
                     let before = load(simd, before[..after.len()].as_flattened());
                     let after = load(simd, after.as_flattened());
                     // Uncertainties do not change.
-                    let mut changed = (after - before).abs().simd_gt(neighborhoods.worth).to_bitmask();
+                    let mut changed = (after - before).abs().simd_gt(neighborhoods.threshold).to_bitmask();
                     while changed != 0 {
                         let k = changed.trailing_zeros() as usize / 4;
                         changed &= !(0xf << (4 * k));
@@ -246,7 +220,7 @@ impl Resolved {
         Self { pixels: [[0.0; 4]; STRIDE] }
     }
 
-    /// Becomes row `r` of `tile`, of whose pixels the first wanted is pixel `within`: 0 or [`RING`].
+    /// Becomes row `r` of `tile`. The first wanted pixel of the row is pixel `within`: 0 or [`RING`].
     #[inline(always)]
     fn fill<S: Simd>(&mut self, simd: S, tile: &Tile<'_>, r: usize, within: usize) {
         let row = &tile.pixels[(PAD_Y + r) * STRIDE + PAD_X..];

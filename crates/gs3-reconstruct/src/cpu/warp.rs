@@ -164,7 +164,7 @@ impl<const N: usize> Warp<'_, N> {
 
     /// Looks at the corners of the sixteen patches from `(x, y)` on.
     #[inline(always)]
-    pub fn look_at_run<S: Simd>(&self, simd: S, x: isize, y: isize) -> Run<N> {
+    pub fn correspondence_of_run<S: Simd>(&self, simd: S, x: isize, y: isize) -> Run<N> {
         let firsts = f32x16::load_array_ref(simd, &FIRSTS) + x as f32;
         let mut least = [[f32x16::splat(simd, f32::INFINITY); 3]; N];
         let mut most = [[f32x16::splat(simd, f32::NEG_INFINITY); 3]; N];
@@ -204,7 +204,7 @@ impl<const N: usize> Warp<'_, N> {
 
     /// Looks at every pixel of the patch from `(x, y)` on.
     #[inline(always)]
-    pub fn look_at_patch<S: Simd>(&self, simd: S, x: isize, y: isize) -> Patch<N> {
+    pub fn correspondence_of_patch<S: Simd>(&self, simd: S, x: isize, y: isize) -> Patch<N> {
         let depth = self.middle.in_patch(simd, x, y);
         let moves = self.middle.moves_in_row(y) || self.middle.moves_in_row(y + SIDE as isize - 1);
         let moved = if moves {

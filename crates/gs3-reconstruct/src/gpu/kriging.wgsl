@@ -31,7 +31,7 @@ var<workgroup> around: array<vec4<f32>, THREADS>;
 var<workgroup> pivots: array<vec4<f32>, 2u * SYSTEMS * 3u * WIDTH>;
 
 // The best samples around `pixel` into place `slot`.
-fn look_around(pixel: vec2<i32>, slot: u32) {
+fn find_samples(pixel: vec2<i32>, slot: u32) {
     let size = vec2<i32>(frame.size) + vec2(i32(COLUMNS) - 1, i32(ROWS) - 1);
     var best: array<f32, SAMPLES + 1u>;
     var numbers: array<u32, SAMPLES + 1u>;
@@ -170,7 +170,7 @@ fn krige(corner: vec2<u32>, slot: u32, list_place: u32, system: u32, sample: u32
     var all = vec4(0.0);
     ELIMINATE
     if is_pixel && sample == 0u {
-        let trust = saturate((all.x - DOUBTFUL) / (CERTAIN - DOUBTFUL));
+        let trust = saturate((all.x - UNTRUSTED) / (TRUSTED - UNTRUSTED));
         let color = clamp(fma(all.yzw, vec3(trust), mean), vec3(-65504.0), vec3(65504.0));
         image[place] = vec2(pack2x16float(color.xy), pack2x16float(vec2(color.z, -rest.y)));
     }
@@ -198,7 +198,7 @@ fn krige_marked(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocati
     for (var first = 0u; first < end; first += THREADS) {
         if first + lane < end {
             let at = list[first + lane];
-            look_around(vec2<i32>(corner + vec2(at % KRIGED_WIDTH, at / KRIGED_WIDTH)), lane);
+            find_samples(vec2<i32>(corner + vec2(at % KRIGED_WIDTH, at / KRIGED_WIDTH)), lane);
         }
         workgroupBarrier();
         for (var k = 0u; k < min(THREADS, end - first); k += SYSTEMS) {

@@ -7,7 +7,7 @@ use gs3::scene::{Camera, Scene, SceneError};
 
 /// `copies` of `scene`: one where it is, the others to the right and to the left of `camera` in turn, next to each
 /// other by the scene's bounds (without the outermost hundredths).
-pub fn beside(scene: Arc<Scene>, copies: u32, camera: &Camera) -> Result<Arc<Scene>, SceneError> {
+pub fn side_by_side(scene: Arc<Scene>, copies: u32, camera: &Camera) -> Result<Arc<Scene>, SceneError> {
     if copies <= 1 {
         return Ok(scene);
     }
@@ -51,7 +51,7 @@ mod tests {
                 .sum::<f64>()
         };
         let first = along(&scene, 7);
-        let three = beside(Arc::new(scene), 3, &camera).unwrap();
+        let three = side_by_side(Arc::new(scene), 3, &camera).unwrap();
         assert_eq!(three.gaussians().len(), 3 * count);
         let [same, to_right, to_left] = [0, 1, 2].map(|k| along(&three, k * count + 7) - first);
         assert_eq!(same, 0.0);

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use gs3::compute::{AdapterKind, Ceilings, Gpu, Pairs, Sort, StageTime, Timings, Use};
 use gs3::raster::{
-    GpuGBuffer, GpuRasterizer, Outputs, RasterSettings, STOCK_DILATION, ScenePrecision, Settled,
+    CapacityCheck, GpuGBuffer, GpuRasterizer, Outputs, RasterSettings, STOCK_DILATION, ScenePrecision,
 };
 use gs3::scene::{Camera, Scene};
 use gs3::{FramePipeline, Mode, Networks, PipelineSettings, ResetReason};
@@ -100,7 +100,7 @@ impl RasterBench {
                 let submission = recorder.submit()?;
                 let times = self.timings.read(&gpu, &submission)?;
                 // A frame that lacked room is no measurement.
-                if let Settled::Complete { splats, entries } = self.rasterizer.settle()? {
+                if let CapacityCheck::Sufficient { splats, entries } = self.rasterizer.check_capacity()? {
                     (most_splats, most_entries) = (most_splats.max(splats), most_entries.max(entries));
                     frames.push(times);
                     break;
@@ -121,7 +121,7 @@ impl RasterBench {
                 gpu.wait(&last)?;
             }
             let elapsed = started.elapsed();
-            if let Settled::Complete { .. } = self.rasterizer.settle()? {
+            if let CapacityCheck::Sufficient { .. } = self.rasterizer.check_capacity()? {
                 break cameras.len() as f64 / elapsed.as_secs_f64();
             }
         };
@@ -172,7 +172,7 @@ fn measure_frames(
                 is_complete = pipeline.wait_for_device()?;
                 (started, displayed) = (Instant::now(), 0);
             }
-            displayed += pipeline.submit_to_device(camera, &[])?.between.len() + 1;
+            displayed += pipeline.submit_to_device(camera, &[])?.in_between.len() + 1;
         }
         is_complete &= pipeline.wait_for_device()?;
         if is_complete {

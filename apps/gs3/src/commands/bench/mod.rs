@@ -41,7 +41,7 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     inputs::check_is_perspective(&path)?;
     let range = inputs::first_frames(args.frames.as_ref(), DEFAULT_FRAMES, &path);
     inputs::check_frames("--frames", &range, &path)?;
-    let scene = copies::beside(scene, args.copies, &path.cameras()[range.start])?;
+    let scene = copies::side_by_side(scene, args.copies, &path.cameras()[range.start])?;
     let device = Device { backend: args.backend.into(), adapter: args.adapter };
     let machine = backend::open(&device, args.frame_options.features())?;
     if let Machine::Gpu(gpu) = &machine {
@@ -128,7 +128,7 @@ fn figures(rounds: &[[Times; 2]], args: &BenchArgs, tier: &str, load_s: f64, siz
             .collect::<Vec<_>>(),
         "size": size,
         "scale": args.frame_options.scale,
-        "generate": args.frame_options.generate,
+        "in_between": args.frame_options.in_between,
         "tier": tier,
         "copies": args.copies,
         "load_s": load_s,

@@ -35,7 +35,7 @@ pub struct RenderArgs {
     #[command(flatten)]
     pub device: Device,
     /// Folder for PNG frames, FILE.png for a single frame, or FILE.mp4 for a video with its frames in folder FILE.
-    /// Frames are numbered as they are shown: frame K of the path is number K, in mode `full` K · (generate + 1), with
+    /// Frames are numbered as they are shown: frame K of the path is number K, in mode `full` K · (in_between + 1), with
     /// those between before it
     #[arg(long, value_name = "DIR|FILE.png|FILE.mp4")]
     pub out: PathBuf,

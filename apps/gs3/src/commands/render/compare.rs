@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-use gs3::reconstruct::{Kernel, resample};
+use gs3::reconstruct::{ResampleKernel, resample};
 use gs3::scene::{Camera, Image};
 use gs3::{FramePipeline, Machine, Mode, PipelineSettings};
 use gs3_evaluate::metrics::{Quantisation, psnr};
@@ -69,7 +69,7 @@ impl Comparison {
         self.compared += 1;
         self.displayed += displayed;
         self.own_time += pipeline.times().total();
-        // Shown natively, the frames between would each take as long.
+        // Shown natively, the in-between frames would each take as long.
         self.native_time += self.native.times().total() * displayed as u32;
         Ok(())
     }
@@ -80,7 +80,7 @@ impl Comparison {
         let native = self.native.last_image();
         let mut bicubic = Image::new(native.width(), native.height());
         pipeline.fetch_gbuffer()?;
-        resample(pipeline.gbuffer(), pipeline.settings().scale, Kernel::Bicubic, &mut bicubic)?;
+        resample(pipeline.gbuffer(), pipeline.settings().scale, ResampleKernel::Bicubic, &mut bicubic)?;
         let own = pipeline.last_image();
         write_png(file, &side_by_side([native, &bicubic, own]))?;
         let quality = |image| psnr(native, image, Quantisation::EightBit);

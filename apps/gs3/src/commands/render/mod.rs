@@ -242,7 +242,7 @@ fn what_ran(settings: &PipelineSettings, networks: &Networks, tier: &str) -> Val
     }
     if mode == Mode::Full {
         ran["interpolation"] = json!(if networks.interpolate.is_some() { "learned" } else { "analytic" });
-        ran["generate"] = json!(settings.generate);
+        ran["in_between"] = json!(settings.in_between);
     }
     ran
 }

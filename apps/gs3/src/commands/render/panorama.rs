@@ -230,7 +230,7 @@ fn panorama([width, height]: [u32; 2], faces: &[&Image]) -> Image {
     let inner = f64::from(side(width));
     let pixel = |(x, y): (u32, u32)| {
         let d = direction(x, y);
-        // The face whose axis is nearest.
+        // The face with the nearest axis.
         let along = |face: &usize| FACES[*face][0].dot(d);
         let face = (0..FACES.len()).max_by(|a, b| along(a).total_cmp(&along(b))).unwrap_or(0);
         let [forward, right] = FACES[face];
@@ -260,7 +260,7 @@ mod tests {
 
     use super::*;
 
-    /// Faces whose colour is the direction make a panorama whose colour is the direction.
+    /// Faces coloured by direction make a panorama coloured by direction.
     #[test]
     fn faces_meet_in_a_panorama() {
         let (width, height) = (256, 128);

@@ -38,7 +38,7 @@ pub fn numbers_of(range: &Range<usize>, each: usize) -> Range<usize> {
 }
 
 /// Which frames of `range` are rendered. With `--skip-existing` a frame is left out if the folder has its file and the files of
-/// the frames between before it. Frames of other `facts` are refused before any is made.
+/// the in-between frames before it. Frames of other `facts` are refused before any is made.
 pub fn frames_missing(
     args: &RenderArgs,
     target: &Target,

@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 use gs3::NetworkError;
 use gs3::neural::Weights;
 use gs3::scene::{CameraPath, Scene, demo, orbit};
-use gs3_train::clips::{Batch, ClipSettings, Source, preview};
+use gs3_train::clips::{Batch, ClipSettings, ClipSource, preview};
 use gs3_train::{ClipFile, Network, Window};
 use indicatif::ProgressBar;
 
@@ -85,7 +85,7 @@ pub struct ClipsArgs {
 pub enum NetworkArg {
     /// From low to high resolution
     SuperSample,
-    /// Frames between frames
+    /// In-between frames
     Interpolate,
 }
 
@@ -126,7 +126,7 @@ pub fn run(args: &ClipsArgs) -> Result<Outcome, CliError> {
     for (k, (file, name)) in args.scenes.iter().zip(&names).enumerate() {
         let (scene, _) = inputs::scene_at(file, args.scene_options)?;
         let paths = paths(args, file, &scene)?;
-        let source = Source { name: name.clone(), scene, paths };
+        let source = ClipSource { name: name.clone(), scene, paths };
         let batch = Batch {
             source: &source,
             settings: &settings,

@@ -8,11 +8,11 @@ use std::time::Duration;
 
 use clap::{ArgGroup, Args, ValueEnum};
 use gs3::neural::Weights;
-use gs3::neural::model::{Peer, Tier};
+use gs3::neural::model::{PublishedNetwork, Tier};
 use gs3_train::losses::Term;
 use gs3_train::{
-    ClipFolder, Ending, Event, Length, Network, Places, Settings, Subject, Symmetries, Trainer, continued,
-    train,
+    ClipFolder, Ending, Length, Network, Places, Settings, Symmetries, TrainEvent, TrainedNetwork, Trainer,
+    continued, train,
 };
 use indicatif::{HumanDuration, ProgressBar};
 
@@ -42,7 +42,7 @@ pub struct TrainArgs {
 pub struct BaselineArgs {
     /// The published network: ECBSR-M4C16, RT4KSR or NinaSR-B1
     #[arg(long)]
-    pub network: PeerArg,
+    pub network: PublishedNetworkArg,
     #[command(flatten)]
     pub session: SessionArgs,
 }
@@ -139,18 +139,18 @@ pub enum NetworkTierArg {
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum PeerArg {
+pub enum PublishedNetworkArg {
     Ecbsr,
     Rt4ksr,
     Ninasr,
 }
 
-impl From<PeerArg> for Peer {
-    fn from(peer: PeerArg) -> Self {
+impl From<PublishedNetworkArg> for PublishedNetwork {
+    fn from(peer: PublishedNetworkArg) -> Self {
         match peer {
-            PeerArg::Ecbsr => Self::Ecbsr,
-            PeerArg::Rt4ksr => Self::Rt4ksr,
-            PeerArg::Ninasr => Self::Ninasr,
+            PublishedNetworkArg::Ecbsr => Self::Ecbsr,
+            PublishedNetworkArg::Rt4ksr => Self::Rt4ksr,
+            PublishedNetworkArg::Ninasr => Self::Ninasr,
         }
     }
 }
@@ -193,15 +193,15 @@ fn parse_weight(text: &str) -> Result<(Term, f64), String> {
 
 /// Trains one of our networks.
 pub fn run(network: Network, args: &TrainArgs) -> Result<Outcome, CliError> {
-    train_subject(Subject::Own { network, tier: args.tier.into() }, &args.session)
+    train_network(TrainedNetwork::Own { network, tier: args.tier.into() }, &args.session)
 }
 
 /// Trains a published network.
 pub fn run_baseline(args: &BaselineArgs) -> Result<Outcome, CliError> {
-    train_subject(Subject::Peer(args.network.into()), &args.session)
+    train_network(TrainedNetwork::Published(args.network.into()), &args.session)
 }
 
-fn train_subject(subject: Subject, args: &SessionArgs) -> Result<Outcome, CliError> {
+fn train_network(subject: TrainedNetwork, args: &SessionArgs) -> Result<Outcome, CliError> {
     start_threads(args.threads)?;
     interrupt::watch()?;
     let settings = settings(subject, args);
@@ -258,7 +258,7 @@ fn train_subject(subject: Subject, args: &SessionArgs) -> Result<Outcome, CliErr
     })
 }
 
-fn settings(subject: Subject, args: &SessionArgs) -> Settings {
+fn settings(subject: TrainedNetwork, args: &SessionArgs) -> Settings {
     let length = match (args.steps, args.minutes) {
         (Some(steps), _) => Length::Steps(steps),
         (None, minutes) => Length::Seconds(60.0 * minutes.unwrap_or_default()),
@@ -320,18 +320,18 @@ impl Show {
         Self { bar, length: settings.length, since: None, speed: None, loss: 0.0 }
     }
 
-    fn event(&mut self, event: Event<'_>) {
+    fn event(&mut self, event: TrainEvent<'_>) {
         match event {
-            Event::Resumed { step, seconds } => {
+            TrainEvent::Resumed { step, seconds } => {
                 self.line(&format!("going on from step {step}, after {} of training", duration(seconds)));
             }
-            Event::Remeasured { step, before, gain } => self.line(&match gain {
+            TrainEvent::Remeasured { step, before, gain } => self.line(&match gain {
                 Some(gain) => {
                     format!("other held-out clips: the best of step {step} gains {gain:+.2} dB on these, {before:+.2} on those before")
                 }
                 None => format!("no held-out clips any more: the best of step {step} is forgotten"),
             }),
-            Event::Step { step, seconds, progress, operations } => {
+            TrainEvent::Step { step, seconds, progress, operations } => {
                 // A mean over some dozen steps.
                 self.loss =
                     if self.loss == 0.0 { step.loss } else { self.loss + (step.loss - self.loss) / 32.0 };
@@ -356,7 +356,7 @@ impl Show {
                     speed * operations / 1e9,
                 ));
             }
-            Event::Validated { step, validation, is_best } => {
+            TrainEvent::Validated { step, validation, is_best } => {
                 if let Some([psnr, tpsnr]) = validation.mean {
                     let best = if is_best { ", best so far" } else { "" };
                     let clips: Vec<String> = validation

@@ -13,7 +13,7 @@ use std::time::Duration;
 use gs3_files::end_of_links;
 use gs3_video::Picture;
 
-use super::{Failure, Stream};
+use super::stream::{Failure, Stream};
 
 use crate::cli::interrupt;
 

@@ -2,6 +2,7 @@
 //! get the same pictures.
 
 mod ffmpeg;
+mod stream;
 
 use std::ops::Range;
 use std::path::Path;
@@ -10,21 +11,11 @@ use gs3_files::AtomicFile;
 use gs3_video::{VideoError, VideoWriter};
 
 use ffmpeg::Ffmpeg;
+pub use stream::{Failure, Stream};
 
 use crate::cli::error::CliError;
 use crate::cli::terminal::note;
 pub use ffmpeg::{by_hand, no_option, quoted};
-
-/// What the frames of a video are.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stream {
-    /// Width and height in pixels.
-    pub size: [u32; 2],
-    /// Frames per second.
-    pub rate: f64,
-    /// About how many there are.
-    pub frames: usize,
-}
 
 /// A video in the making. Its file appears under its name when it is whole; dropped before, it leaves nothing.
 pub enum Video {
@@ -65,21 +56,11 @@ impl Video {
     }
 }
 
-/// Why there is no video.
-#[derive(Debug)]
-pub struct Failure(String);
-
 impl Failure {
     /// The error that says why `file` is not there, and how to make it of the frames of `stream` with these `numbers` in
     /// folder `frames`.
     pub fn tell(self, file: &Path, frames: &Path, numbers: &Range<usize>, stream: &Stream) -> CliError {
         let by_hand = by_hand(file, frames, numbers, stream);
         CliError::Video { path: file.into(), message: self.0, frames: frames.into(), by_hand }
-    }
-}
-
-impl From<VideoError> for Failure {
-    fn from(error: VideoError) -> Self {
-        Self(format!("the video cannot be written: {error}"))
     }
 }

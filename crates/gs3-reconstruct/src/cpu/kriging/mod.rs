@@ -59,8 +59,8 @@ pub(crate) const FADE: f32 = 0.003;
 /// Up to the first share of a pixel's variance that its data explain, the mean stays as it is, and from the second on
 /// they are trusted fully: where samples are few, the mean, which knows the current frame's surface as well, is the
 /// better one.
-pub(crate) const DOUBTFUL: f32 = 0.65;
-pub(crate) const CERTAIN: f32 = 0.9;
+pub(crate) const UNTRUSTED: f32 = 0.65;
+pub(crate) const TRUSTED: f32 = 0.9;
 
 /// Where samples so near may lie: runs of cells, first and last column and the row, relative to the pixel's.
 const CELLS: [([isize; 2], isize); 5] =
@@ -84,8 +84,8 @@ struct Landed<'a> {
 /// The samples of a tile, by the pixels that they lie in, and the pixels that are worth kriging.
 #[derive(Debug, Default)]
 pub(crate) struct Neighborhoods<'a> {
-    /// What makes a pixel worth kriging; see [`Kriging::worth`].
-    pub worth: f32,
+    /// What makes a pixel worth kriging; see [`Kriging::threshold`].
+    pub threshold: f32,
     /// Pixels from one row to the next.
     stride: usize,
     /// The samples as they came.
@@ -103,9 +103,9 @@ pub(crate) struct Neighborhoods<'a> {
 }
 
 impl<'a> Neighborhoods<'a> {
-    /// Of no tile yet; `worth` of [`Kriging::worth`].
-    pub fn new(worth: f32) -> Self {
-        Self { worth, ..Self::default() }
+    /// Of no tile yet; `threshold` of [`Kriging::threshold`].
+    pub fn new(threshold: f32) -> Self {
+        Self { threshold, ..Self::default() }
     }
 
     /// Begins a tile of `rows` rows of memory `stride` pixels apart.

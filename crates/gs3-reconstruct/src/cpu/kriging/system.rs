@@ -2,7 +2,7 @@
 
 use fearless_simd::{Simd, f32x16, prelude::*};
 
-use super::{CERTAIN, DATA, DOUBTFUL, FADE, FARTHEST, LENGTH, NUGGET, PER_NOISE, SAMPLES};
+use super::{DATA, FADE, FARTHEST, LENGTH, NUGGET, PER_NOISE, SAMPLES, TRUSTED, UNTRUSTED};
 use crate::cpu::samples::{CHUNK, DX, DY, Sample};
 
 /// The samples around sixteen pixels. Where there are too few, others in the pixel's place count for nothing by their
@@ -236,7 +236,7 @@ pub(super) fn solve<S: Simd>(
         explained = (u1 * u1).mul_add(d1, explained);
         explained = (u2 * u2).mul_add(d2, explained);
     }
-    let trust = ((explained - DOUBTFUL) * (1.0 / (CERTAIN - DOUBTFUL))).max(0.0).min(1.0);
+    let trust = ((explained - UNTRUSTED) * (1.0 / (TRUSTED - UNTRUSTED))).max(0.0).min(1.0);
     for (sample, factor) in factors.into_iter().enumerate().rev() {
         let Factor { below: [l10, l20, l21], inverses: [d0, d1, d2] } = factor;
         let rows = &systems[start(sample)..start(sample + 1)];

@@ -16,7 +16,7 @@ use rayon::prelude::*;
 
 use self::counts::Counts;
 use self::trace::{FARTHEST, Surface, Tracer, is_same};
-use crate::cpu::boxes::Limits;
+use crate::cpu::boxes::BoxLimits;
 use crate::cpu::samples::SampleFrame;
 use crate::reprojection::{Reprojection, inverse_depth};
 
@@ -203,7 +203,7 @@ impl SurfaceMotion {
 
     /// How far surfaces move where the current frame shows HR position `at`, HR pixels: the most of the four samples
     /// around it.
-    pub fn unrest(&self, at: [f32; 2]) -> f32 {
+    pub fn surface_shift(&self, at: [f32; 2]) -> f32 {
         let Some(([x, y], _)) = self.cell_between(at) else { return 0.0 };
         let [right, below] = [(x + 1).min(self.width - 1), (y + 1).min(self.height - 1)];
         let of = |x: usize, y: usize| self.surfaces[y * self.width + x].residual;
@@ -212,12 +212,12 @@ impl SurfaceMotion {
 
     /// Whether anything within `limits`, HR pixels, pixel centres at whole numbers, moved from there since the frame
     /// before.
-    pub fn any_left(&self, limits: Limits) -> bool {
+    pub fn any_left(&self, limits: BoxLimits) -> bool {
         self.any_within(&self.left, limits)
     }
 
     /// Whether anything that moves is now within `limits`, or next to it.
-    pub fn any_here(&self, limits: Limits) -> bool {
+    pub fn any_here(&self, limits: BoxLimits) -> bool {
         self.any_within(&self.here, limits)
     }
 
@@ -228,7 +228,7 @@ impl SurfaceMotion {
         movers.map(|(k, _)| [k % self.width, k / self.width])
     }
 
-    fn any_within(&self, counts: &Counts, limits: Limits) -> bool {
+    fn any_within(&self, counts: &Counts, limits: BoxLimits) -> bool {
         // Two samples more: those around a place, and those that a place may be off.
         let first =
             |at: f32, axis: usize| (at / self.scale + self.corner[axis] as f32 - 2.0).max(0.0) as usize;

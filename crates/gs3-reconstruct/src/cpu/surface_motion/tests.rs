@@ -80,12 +80,12 @@ fn what_left_is_found_where_it_was() {
 #[test]
 fn what_is_seen_where_something_moves_is_disturbed() {
     let motion = motion(6.0, 9.0);
-    assert_eq!(motion.unrest(at(12.0, 8.0)), 12.0);
-    assert_eq!(motion.unrest(at(8.6, 8.0)), 12.0, "between its samples and those of the wall");
-    assert_eq!(motion.unrest(at(7.5, 8.0)), 0.0, "where it was");
+    assert_eq!(motion.surface_shift(at(12.0, 8.0)), 12.0);
+    assert_eq!(motion.surface_shift(at(8.6, 8.0)), 12.0, "between its samples and those of the wall");
+    assert_eq!(motion.surface_shift(at(7.5, 8.0)), 0.0, "where it was");
     let limits = |left: f32, right: f32| {
         let [left, right] = [left, right].map(|v| v * SCALE as f32);
-        Limits { left, right, top: 30.0, bottom: 30.0 }
+        BoxLimits { left, right, top: 30.0, bottom: 30.0 }
     };
     assert!(motion.any_here(limits(9.0, 10.0)) && !motion.any_here(limits(-3.0, 4.0)));
     assert!(motion.any_left(limits(6.0, 7.0)) && !motion.any_left(limits(16.0, 20.0)));

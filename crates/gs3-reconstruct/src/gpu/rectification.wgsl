@@ -1,4 +1,4 @@
-// What the current frame says about samples of the past; see plausible.rs. An invocation a cell: cell (i, j) lies
+// What the current frame says about samples of the past; see rectification.rs. An invocation a cell: cell (i, j) lies
 // between samples i, i + 1 and j, j + 1.
 
 @group(0) @binding(1) var<storage, read> color_alpha: array<vec4<f32>>;

@@ -7,9 +7,9 @@ use crate::error::GpuError;
 /// A device that was opened. wgpu numbers what there is on each of its instances from 0 on: what belongs to a device of
 /// another one may be taken for something else there, or for nothing, at which it panics.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Owner(u64);
+pub struct DeviceId(u64);
 
-impl Owner {
+impl DeviceId {
     /// One that nothing belongs to yet.
     pub fn new() -> Self {
         static OPENED: AtomicU64 = AtomicU64::new(0);

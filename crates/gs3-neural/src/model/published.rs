@@ -10,7 +10,7 @@ use crate::graph::{Activation, Border, Conv2d, Graph, GraphBuilder, Op, Tensor};
 
 /// A published single-image network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Peer {
+pub enum PublishedNetwork {
     /// ECBSR with 4 blocks of 16 channels (Zhang, Zeng, Zhang 2021): plain 3×3 convolutions.
     Ecbsr,
     /// RT4KSR (Zamfir, Conde, Timofte 2023): 24 channels at half the LR size.
@@ -19,7 +19,7 @@ pub enum Peer {
     Ninasr,
 }
 
-impl Peer {
+impl PublishedNetwork {
     /// All of them, cheapest first.
     pub const ALL: [Self; 3] = [Self::Ecbsr, Self::Rt4ksr, Self::Ninasr];
 
@@ -81,7 +81,7 @@ fn ecbsr(scale: usize) -> Result<Graph, GraphError> {
     const CHANNELS: usize = 16;
     const BLOCKS: usize = 4;
     let block = scale * scale;
-    let mut g = GraphBuilder::new(Peer::Ecbsr.name(), 1, Border::Zero);
+    let mut g = GraphBuilder::new(PublishedNetwork::Ecbsr.name(), 1, Border::Zero);
     let color = g.input("color", 3, 1);
     let mut x = color;
     for k in 0..=BLOCKS {
@@ -107,7 +107,7 @@ fn rt4ksr(scale: usize) -> Result<Graph, GraphError> {
     const CHANNELS: usize = 24;
     const BLOCKS: usize = 4;
     let conv = || Conv2d::new(3, CHANNELS);
-    let mut g = GraphBuilder::new(Peer::Rt4ksr.name(), 1, Border::Zero);
+    let mut g = GraphBuilder::new(PublishedNetwork::Rt4ksr.name(), 1, Border::Zero);
     let color = g.input("color", 3, 1);
     let x = g.layer("blocks", Op::PixelUnshuffle { factor: 2 }, &[color]);
     let mut x = g.conv("head", conv(), &[x]);
@@ -131,7 +131,7 @@ fn ninasr(scale: usize) -> Result<Graph, GraphError> {
     /// Mean colour of the images that it was published with.
     const MEAN: [f32; 3] = [0.4488, 0.4371, 0.4040];
     let plain = |outputs| Conv2d { bias: false, ..Conv2d::new(3, outputs) };
-    let mut g = GraphBuilder::new(Peer::Ninasr.name(), 1, Border::Zero);
+    let mut g = GraphBuilder::new(PublishedNetwork::Ninasr.name(), 1, Border::Zero);
     let color = g.input("color", 3, 1);
     let x = g.layer("color.centered", Op::Shift { color: MEAN.map(|v| -v) }, &[color]);
     let head = g.conv("head", plain(CHANNELS), &[x]);

@@ -25,7 +25,7 @@ pub(crate) const DEPTH_TOLERANCE: f32 = 0.02;
 /// loses up to 0.19 dB, 1 gains up to 0.08.)
 pub(crate) const EXTRAPOLATION: f32 = 0.75;
 
-/// Variance (pixel⁴) of a sample whose colour is off by the whole range (empirical: 30 to 300 are alike).
+/// Variance (pixel⁴) of a sample with a colour off by the whole range (empirical: 30 to 300 are alike).
 pub(crate) const MISMATCH: f32 = 100.0;
 
 /// How far colours may drift with the view, per pixel of staleness, where nothing in the current frame contradicts:
@@ -52,11 +52,11 @@ const FARTHEST: usize = 6;
 /// [`MISMATCH`] over the squared extent of the range.
 const GAIN: usize = 7;
 /// Squared [`DRIFT`] over the squared error with which the current samples predict each other.
-const RESTLESS: usize = 8;
+const DRIFT_GAIN: usize = 8;
 
 /// Ranges of all cells: cell `(i, j)` lies between samples `i`, `i + 1` and `j`, `j + 1`.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Plausible {
+pub(crate) struct Rectification {
     width: usize,
     /// `(x, y)` HR position to cell: multiply, then add.
     per_hr_pixel: f32,
@@ -69,8 +69,8 @@ pub(crate) struct Plausible {
     errors: Vec<f32>,
 }
 
-impl Plausible {
-    /// Makes this the ranges of `gbuffer`, whose samples are `scale` HR pixels apart, reusing memory.
+impl Rectification {
+    /// Makes this the ranges of `gbuffer`, reusing memory. Samples are `scale` HR pixels apart.
     pub fn set(
         &mut self,
         level: Level,
@@ -105,7 +105,7 @@ impl Plausible {
     /// positions `(x, y)`, pixel centres at whole numbers, and inverse depths `w`, so stale (pixels), which may have
     /// changed their colour by `change`. Outside, the nearest cells decide. Those that are not `wanted` have any.
     #[inline(always)]
-    pub fn doubt<S: Simd>(
+    pub fn variance<S: Simd>(
         &self,
         simd: S,
         [x, y, w]: [f32x16<S>; 3],
@@ -144,8 +144,8 @@ impl Plausible {
             let outside = (away - values[HALF + c]).max(0.0);
             sum = outside.mul_add(outside, sum);
         }
-        let doubt = sum.mul_add(values[GAIN], values[RESTLESS] * (staleness * staleness));
-        w.simd_lt(values[FARTHEST]).select(f32x16::splat(simd, HIDDEN), doubt)
+        let variance = sum.mul_add(values[GAIN], values[DRIFT_GAIN] * (staleness * staleness));
+        w.simd_lt(values[FARTHEST]).select(f32x16::splat(simd, HIDDEN), variance)
     }
 }
 
@@ -229,7 +229,7 @@ fn join_rows<S: Simd>(
         let (a, b) = (inverse_depth_16(simd, a), inverse_depth_16(simd, b));
         store(a.min(b), &mut cells[FARTHEST * width + first..], count);
         let [a, b] = rows.map(|row| load(simd, &errors[row * width + first..(row + 1) * width]));
-        store(a.max(b), &mut cells[RESTLESS * width + first..], count);
+        store(a.max(b), &mut cells[DRIFT_GAIN * width + first..], count);
     }
 }
 
@@ -255,7 +255,7 @@ fn join_columns<S: Simd>(simd: S, width: usize, cells: &mut [f32]) {
         let (far, next) = (load(simd, &cells[at..]), load(simd, &cells[at + 1..]));
         let far = is_inner.select(far.min(next), far);
         store(far * (1.0 - DEPTH_TOLERANCE), &mut cells[at..], count);
-        let at = RESTLESS * width + first;
+        let at = DRIFT_GAIN * width + first;
         let (error, next) = (load(simd, &cells[at..]), load(simd, &cells[at + 1..]));
         let error = is_inner.select(error.max(next), error);
         // Errors below 1/4096 are none.

@@ -1,13 +1,13 @@
 //! What is trained.
 
-use gs3_neural::model::{Peer, Tier};
+use gs3_neural::model::{PublishedNetwork, Tier};
 use gs3_neural::{Graph, GraphError};
 
-use crate::clip::{Frame, Network};
+use crate::clip::{ClipFrame, Network};
 
 /// A network that can be trained.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Subject {
+pub enum TrainedNetwork {
     /// One of ours.
     Own {
         /// Which.
@@ -16,10 +16,10 @@ pub enum Subject {
         tier: Tier,
     },
     /// A published single-image network, trained on the frames that super sampling is fed, each on its own.
-    Peer(Peer),
+    Published(PublishedNetwork),
 }
 
-impl Subject {
+impl TrainedNetwork {
     /// Its graph.
     ///
     /// # Errors
@@ -27,7 +27,7 @@ impl Subject {
     pub fn graph(self, scale: u32) -> Result<Graph, GraphError> {
         match self {
             Self::Own { network, tier } => network.graph(scale, tier),
-            Self::Peer(peer) => peer.graph(scale as usize),
+            Self::Published(peer) => peer.graph(scale as usize),
         }
     }
 
@@ -36,7 +36,7 @@ impl Subject {
     pub const fn clips(self) -> Network {
         match self {
             Self::Own { network, .. } => network,
-            Self::Peer(_) => Network::SuperSample,
+            Self::Published(_) => Network::SuperSample,
         }
     }
 
@@ -45,7 +45,7 @@ impl Subject {
     pub fn size(self) -> &'static str {
         match self {
             Self::Own { tier, .. } => tier.name(),
-            Self::Peer(peer) => peer.size(),
+            Self::Published(peer) => peer.size(),
         }
     }
 
@@ -53,7 +53,7 @@ impl Subject {
     pub(crate) const fn planes(self) -> Option<&'static [&'static str]> {
         match self {
             Self::Own { .. } => None,
-            Self::Peer(_) => Some(&["color", JITTER]),
+            Self::Published(_) => Some(&["color", JITTER]),
         }
     }
 
@@ -61,10 +61,10 @@ impl Subject {
     /// pixels.
     ///
     /// Single-image networks are not told where in its block of HR pixels a frame was sampled, and could only blur what
-    /// they learn of all places. They are trained to place samples at pixel [`Peer::sample`] of the block, so that what
+    /// they learn of all places. They are trained to place samples at pixel [`PublishedNetwork::sample`] of the block, so that what
     /// they give lies beside the native image by whole pixels.
-    pub(crate) fn displacement(self, frame: &Frame, scale: usize) -> [isize; 2] {
-        let Self::Peer(peer) = self else { return [0; 2] };
+    pub(crate) fn displacement(self, frame: &ClipFrame, scale: usize) -> [isize; 2] {
+        let Self::Published(peer) = self else { return [0; 2] };
         let jitter = frame.inputs.iter().find(|plane| plane.name == JITTER);
         let Some([x, y, ..]) = jitter.map(|plane| &plane.values[..]) else { return [0; 2] };
         // LR pixel 0 samples HR position S (½ + jitter), the centre of an HR pixel.

@@ -1,8 +1,8 @@
-// What all kernels of interpolation know: beside BetweenUniform in interpolate.rs, layouts compared by a test.
+// What all kernels of interpolation know: beside InBetweenUniform in interpolate.rs, layouts compared by a test.
 
-// A neighbour of the frame between.
+// A neighbour of the in-between frame.
 struct Neighbor {
-    // From its HR pixels to those of the frame between: rows of the homography, and the epipole (Reprojection).
+    // From its HR pixels to those of the in-between frame: rows of the homography, and the epipole (Reprojection).
     to_middle: array<vec4<f32>, 3>,
     // And back.
     from_middle: array<vec4<f32>, 3>,
@@ -11,7 +11,7 @@ struct Neighbor {
     _pad: vec2<f32>,
 }
 
-struct Between {
+struct InBetween {
     // HR pixels.
     size: vec2<u32>,
     // LR samples.
@@ -25,4 +25,4 @@ struct Between {
     neighbors: array<Neighbor, 2>,
 }
 
-@group(0) @binding(0) var<uniform> between: Between;
+@group(0) @binding(0) var<uniform> in_between: InBetween;

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// What has been made on a device since it was opened, whether it is still there or not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub struct Made {
+pub struct Allocations {
     /// Buffers, and pieces of memory that frames write and read through.
     pub buffers: u64,
     /// Kernels compiled.
@@ -15,7 +15,7 @@ pub struct Made {
     pub submissions: u64,
 }
 
-/// [`Made`], as it grows.
+/// [`Allocations`], as it grows.
 #[derive(Debug, Default)]
 pub struct Counts {
     pub buffers: AtomicU64,
@@ -30,9 +30,9 @@ pub fn count(of: &AtomicU64) {
 }
 
 impl Counts {
-    pub fn made(&self) -> Made {
+    pub fn allocations(&self) -> Allocations {
         let of = |count: &AtomicU64| count.load(Ordering::Relaxed);
-        Made {
+        Allocations {
             buffers: of(&self.buffers),
             kernels: of(&self.kernels),
             bindings: of(&self.bindings),

@@ -1,4 +1,5 @@
-// Depths on a lattice of 5×5 pixels, by which camera cuts are told and frames are jittered; see lattice.rs.
+// Depths on a lattice of 5×5 pixels, for finding camera cuts and choosing jitter; see depth_lattice.rs of
+// gs3-reconstruct.
 
 const LATTICE: u32 = 5u;
 
