@@ -21,7 +21,7 @@
 #define GS3_UNKNOWN_BYTES UINT64_MAX
 
 // Most frames between two.
-#define GS3_MAX_BETWEEN 3
+#define GS3_MAX_IN_BETWEEN 3
 
 // Bytes of gs3_renderer_info.adapter, the zero at its end included.
 #define GS3_NAME_BYTES 128
@@ -212,7 +212,7 @@ typedef enum gs3_reset_reason {
     GS3_RESET_FAILURE = 6,
     // A reason that this version of the header does not name.
     GS3_RESET_OTHER = 7,
-    // The frame is a keyframe, where all begins anew. Frames between lead to it.
+    // The frame is a keyframe, where all begins anew. In-between frames lead to it.
     GS3_RESET_KEYFRAME = 8,
 } gs3_reset_reason;
 
@@ -380,7 +380,7 @@ typedef struct gs3_renderer_desc {
     uint32_t threads;
     // A gs3_networks.
     uint32_t networks;
-    // 1 for frames between that a network refines too; gains little.
+    // 1 for in-between frames that a network refines too; gains little.
     uint32_t networks_between;
     // A gs3_refine.
     uint32_t refine;
@@ -392,8 +392,8 @@ typedef struct gs3_renderer_desc {
     uint32_t kriging;
     // 1 to rasterize what lies beyond the edges that the camera turns to. Networks do anyway.
     uint32_t overscan;
-    // Frames between of GS3_MODE_FULL, 1 to GS3_MAX_BETWEEN; 0 for 1.
-    uint32_t between_count;
+    // In-between frames of GS3_MODE_FULL, 1 to GS3_MAX_IN_BETWEEN; 0 for 1.
+    uint32_t in_between_count;
     // A gs3_sampling.
     uint32_t sampling;
     // A gs3_dilation.
@@ -435,12 +435,12 @@ typedef struct gs3_render_desc {
     const struct gs3_camera *camera;
     // Where the frame goes. Its fourth channel is opacity in native frames, else 1.
     const struct gs3_output *output;
-    // Where the frames between go that lie before this one, in order; NULL for nowhere.
-    const struct gs3_output *const *between_outputs;
-    // The true cameras of the frames between, in order; NULL for cameras between the previous one and this one.
-    const struct gs3_camera *const *between_cameras;
+    // Where the in-between frames go that lie before this one, in order; NULL for nowhere.
+    const struct gs3_output *const *in_between_outputs;
+    // The true cameras of the in-between frames, in order; NULL for cameras between the previous one and this one.
+    const struct gs3_camera *const *in_between_cameras;
     // Number of both: what the renderer was created for, or 0.
-    uint32_t between_count;
+    uint32_t in_between_count;
     // 0.
     uint32_t reserved;
 } gs3_render_desc;
@@ -451,9 +451,9 @@ typedef struct gs3_frame_info {
     uint32_t struct_size;
     // A gs3_reset_reason.
     uint32_t reset_reason;
-    // Frames between that were made and written: all or, after a reset, none. Then the frame before stays on for their
+    // In-between frames that were made and written: all or, after a reset, none. Then the frame before stays on for their
     // moments.
-    uint32_t between_count;
+    uint32_t in_between_count;
     // Share of the pixels that were rasterized exactly besides the low-resolution grid, 0 to 1.
     float refined_share;
     // Time of each stage, milliseconds, 0 of one that did not run. Of a reconstructor they are 0.
@@ -472,8 +472,8 @@ typedef struct gs3_renderer_info {
     uint32_t struct_size;
     // What renders now: GS3_BACKEND_CPU or GS3_BACKEND_GPU.
     uint32_t backend;
-    // Frames between that come before each frame.
-    uint32_t between_count;
+    // In-between frames that come before each frame.
+    uint32_t in_between_count;
     // Frames after which a resting camera has been sampled everywhere.
     uint32_t jitter_count;
     // Threads of the renderer.
@@ -490,8 +490,8 @@ typedef struct gs3_reconstructor_desc {
     uint32_t struct_size;
     // Width and height of what is shown over those of what is rendered, 1 to 8; 0 for 4.
     uint32_t scale;
-    // Frames between that come before each frame, 0 to GS3_MAX_BETWEEN.
-    uint32_t between_count;
+    // In-between frames that come before each frame, 0 to GS3_MAX_IN_BETWEEN.
+    uint32_t in_between_count;
     // A gs3_sampling.
     uint32_t sampling;
     // A gs3_kriging.
@@ -574,8 +574,8 @@ typedef struct gs3_reconstruct_desc {
     const struct gs3_output *output;
     // A gs3_depth_encoding.
     uint32_t depth_encoding;
-    // Number of between_outputs and between_cameras: what the reconstructor was created for, or 0.
-    uint32_t between_count;
+    // Number of in_between_outputs and in_between_cameras: what the reconstructor was created for, or 0.
+    uint32_t in_between_count;
     // Distance of the near plane, world units. Distances have none.
     float near_plane;
     // Distance of the far plane, world units; INFINITY where there is none. Distances have none.
@@ -591,10 +591,10 @@ typedef struct gs3_reconstruct_desc {
     float motion_scale[2];
     // How much of the inputs lies beyond the edges of the picture.
     struct gs3_margin margin;
-    // Where the frames between go that lie before this one, in order; NULL for nowhere.
-    const struct gs3_output *const *between_outputs;
-    // The true cameras of the frames between, in order; NULL for cameras between the previous one and this one.
-    const struct gs3_camera *const *between_cameras;
+    // Where the in-between frames go that lie before this one, in order; NULL for nowhere.
+    const struct gs3_output *const *in_between_outputs;
+    // The true cameras of the in-between frames, in order; NULL for cameras between the previous one and this one.
+    const struct gs3_camera *const *in_between_cameras;
 } gs3_reconstruct_desc;
 
 #ifdef __cplusplus

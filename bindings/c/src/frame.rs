@@ -1,9 +1,9 @@
-//! What renderers and reconstructors have in common: history, frames between, what is told of a frame.
+//! What renderers and reconstructors have in common: history, in-between frames, what is told of a frame.
 #![allow(unsafe_code, reason = "memory of the caller")]
 
 use gs3::reconstruct::{Kriging, Sampling};
 use gs3::scene::Image;
-use gs3::{MAX_GENERATE, ResetReason, Stage, StageTimes};
+use gs3::{MAX_IN_BETWEEN, ResetReason, Stage, StageTimes};
 
 use crate::choice::choice;
 use crate::descriptor::Descriptor;
@@ -60,8 +60,8 @@ pub fn kriging(value: u32) -> Result<Kriging, Fault> {
 }
 
 /// Most frames between two.
-pub const GS3_MAX_BETWEEN: u32 = 3;
-const _: () = assert!(GS3_MAX_BETWEEN == MAX_GENERATE);
+pub const GS3_MAX_IN_BETWEEN: u32 = 3;
+const _: () = assert!(GS3_MAX_IN_BETWEEN == MAX_IN_BETWEEN);
 
 /// Why a frame has no history. Such a frame is less sharp than those to come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -83,7 +83,7 @@ pub enum gs3_reset_reason {
     GS3_RESET_FAILURE = 6,
     /// A reason that this version of the header does not name.
     GS3_RESET_OTHER = 7,
-    /// The frame is a keyframe, where all begins anew. Frames between lead to it.
+    /// The frame is a keyframe, where all begins anew. In-between frames lead to it.
     GS3_RESET_KEYFRAME = 8,
 }
 
@@ -111,9 +111,9 @@ pub struct gs3_frame_info {
     pub struct_size: u32,
     /// A gs3_reset_reason.
     pub reset_reason: u32,
-    /// Frames between that were made and written: all or, after a reset, none. Then the frame before stays on for their
+    /// In-between frames that were made and written: all or, after a reset, none. Then the frame before stays on for their
     /// moments.
-    pub between_count: u32,
+    pub in_between_count: u32,
     /// Share of the pixels that were rasterized exactly besides the low-resolution grid, 0 to 1.
     pub refined_share: f32,
     /// Time of each stage, milliseconds, 0 of one that did not run. Of a reconstructor they are 0.
@@ -138,7 +138,7 @@ impl gs3_frame_info {
         Self {
             struct_size: 0,
             reset_reason: reset_reason(reset),
-            between_count: between as u32,
+            in_between_count: between as u32,
             refined_share,
             rasterize_ms: ms(Stage::Rasterize),
             super_sample_ms: ms(Stage::SuperSample),
@@ -173,7 +173,11 @@ impl Outputs {
         let output = |index: usize| {
             // SAFETY: the contract of this function; pointers are read wherever they lie.
             unsafe {
-                Output::read(&format!("between_outputs[{index}]"), between.add(index).read_unaligned(), size)
+                Output::read(
+                    &format!("in_between_outputs[{index}]"),
+                    between.add(index).read_unaligned(),
+                    size,
+                )
             }
         };
         Ok(Self { current, between: (0..count).map(output).collect::<Result<_, _>>()? })
@@ -198,10 +202,10 @@ impl Outputs {
 
 /// Checks how many frames between a call speaks of, before it reads what is said of them.
 pub fn check_count(count: u32) -> Result<(), Fault> {
-    if count <= GS3_MAX_BETWEEN {
+    if count <= GS3_MAX_IN_BETWEEN {
         return Ok(());
     }
-    Err(Fault::argument("between_count", format_args!("0 to {GS3_MAX_BETWEEN}"), count))
+    Err(Fault::argument("in_between_count", format_args!("0 to {GS3_MAX_IN_BETWEEN}"), count))
 }
 
 /// Checks how many frames between a call asks for: `made` or, where it wants none of them, 0.
@@ -209,5 +213,9 @@ pub fn check_between(count: u32, made: u32) -> Result<(), Fault> {
     if count == 0 || count == made {
         return Ok(());
     }
-    Err(Fault::argument("between_count", format_args!("0 or {made}, as the handle was created for"), count))
+    Err(Fault::argument(
+        "in_between_count",
+        format_args!("0 or {made}, as the handle was created for"),
+        count,
+    ))
 }

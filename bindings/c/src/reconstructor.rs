@@ -23,8 +23,8 @@ pub struct gs3_reconstructor_desc {
     pub struct_size: u32,
     /// Width and height of what is shown over those of what is rendered, 1 to 8; 0 for 4.
     pub scale: u32,
-    /// Frames between that come before each frame, 0 to GS3_MAX_BETWEEN.
-    pub between_count: u32,
+    /// In-between frames that come before each frame, 0 to GS3_MAX_IN_BETWEEN.
+    pub in_between_count: u32,
     /// A gs3_sampling.
     pub sampling: u32,
     /// A gs3_kriging.
@@ -45,7 +45,7 @@ unsafe impl Descriptor for gs3_reconstructor_desc {
 
 impl gs3_reconstructor_desc {
     fn settings(&self) -> Result<ReconstructorSettings, Fault> {
-        check_count(self.between_count)?;
+        check_count(self.in_between_count)?;
         if self.widest_margin > MAX_MARGIN {
             return Err(Fault::argument(
                 "widest_margin",
@@ -58,7 +58,7 @@ impl gs3_reconstructor_desc {
             sampling: sampling(self.sampling)?,
             kriging: kriging(self.kriging)?,
             widest_margin: self.widest_margin,
-            in_between: self.between_count as usize,
+            in_between: self.in_between_count as usize,
         })
     }
 }
@@ -226,8 +226,8 @@ pub struct gs3_reconstruct_desc {
     pub output: *const gs3_output,
     /// A gs3_depth_encoding.
     pub depth_encoding: u32,
-    /// Number of between_outputs and between_cameras: what the reconstructor was created for, or 0.
-    pub between_count: u32,
+    /// Number of in_between_outputs and in_between_cameras: what the reconstructor was created for, or 0.
+    pub in_between_count: u32,
     /// Distance of the near plane, world units. Distances have none.
     pub near_plane: f32,
     /// Distance of the far plane, world units; INFINITY where there is none. Distances have none.
@@ -243,10 +243,10 @@ pub struct gs3_reconstruct_desc {
     pub motion_scale: [f32; 2],
     /// How much of the inputs lies beyond the edges of the picture.
     pub margin: gs3_margin,
-    /// Where the frames between go that lie before this one, in order; NULL for nowhere.
-    pub between_outputs: *const *const gs3_output,
-    /// The true cameras of the frames between, in order; NULL for cameras between the previous one and this one.
-    pub between_cameras: *const *const gs3_camera,
+    /// Where the in-between frames go that lie before this one, in order; NULL for nowhere.
+    pub in_between_outputs: *const *const gs3_output,
+    /// The true cameras of the in-between frames, in order; NULL for cameras between the previous one and this one.
+    pub in_between_cameras: *const *const gs3_camera,
 }
 
 // SAFETY: as the trait demands.
@@ -269,7 +269,7 @@ impl gs3_reconstruct_desc {
     /// As [`gs3_reconstructor_reconstruct`].
     unsafe fn check<'a>(&self, vectors: &'a [f32]) -> Result<Frame<'a>, Fault> {
         let reset = flag("reset", self.reset)?;
-        check_count(self.between_count)?;
+        check_count(self.in_between_count)?;
         let (near, far) = (self.near_plane, self.far_plane);
         let encodings = [
             (gs3_depth_encoding::GS3_DEPTH_ENCODING_DISTANCE as u32, DepthEncoding::Distance),
@@ -299,9 +299,10 @@ impl gs3_reconstruct_desc {
                 margin: Margin { left, top, right, bottom },
                 ..GBufferView::new(color, depth, self.jitter)
             };
-            let poses = gs3_camera::read_all("between_cameras", self.between_cameras, self.between_count)?;
+            let poses =
+                gs3_camera::read_all("in_between_cameras", self.in_between_cameras, self.in_between_count)?;
             let shown = [camera.width(), camera.height()];
-            let outputs = Outputs::read(self.output, self.between_outputs, self.between_count, shown)?;
+            let outputs = Outputs::read(self.output, self.in_between_outputs, self.in_between_count, shown)?;
             Ok(Frame { camera, view, poses, outputs, reset })
         }
     }
@@ -361,13 +362,13 @@ pub unsafe extern "C" fn gs3_reconstructor_reconstruct(
         let frame = unsafe { desc.check(&vectors) }.map_err(|fault| fault.within("desc"))?;
         let made = reconstructor.handle.call(|reconstructor| {
             let Frame { camera, view, poses, outputs, reset } = &frame;
-            check_between(desc.between_count, reconstructor.settings().in_between as u32)
+            check_between(desc.in_between_count, reconstructor.settings().in_between as u32)
                 .map_err(|fault| fault.within("desc"))?;
             if *reset {
                 reconstructor.reset(ResetReason::CameraCut);
             }
             let shown = reconstructor.reconstruct_with_poses(camera, view, poses)?;
-            let count = outputs.write(shown.current, shown.between.iter(), true)?;
+            let count = outputs.write(shown.current, shown.in_between.iter(), true)?;
             Ok::<_, Fault>(gs3_frame_info::new(shown.reset, count, 0.0, &StageTimes::default()))
         })?;
         if let Some(answer) = answer {

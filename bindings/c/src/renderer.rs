@@ -120,7 +120,7 @@ pub struct gs3_renderer_desc {
     pub threads: u32,
     /// A gs3_networks.
     pub networks: u32,
-    /// 1 for frames between that a network refines too; gains little.
+    /// 1 for in-between frames that a network refines too; gains little.
     pub networks_between: u32,
     /// A gs3_refine.
     pub refine: u32,
@@ -132,8 +132,8 @@ pub struct gs3_renderer_desc {
     pub kriging: u32,
     /// 1 to rasterize what lies beyond the edges that the camera turns to. Networks do anyway.
     pub overscan: u32,
-    /// Frames between of GS3_MODE_FULL, 1 to GS3_MAX_BETWEEN; 0 for 1.
-    pub between_count: u32,
+    /// In-between frames of GS3_MODE_FULL, 1 to GS3_MAX_IN_BETWEEN; 0 for 1.
+    pub in_between_count: u32,
     /// A gs3_sampling.
     pub sampling: u32,
     /// A gs3_dilation.
@@ -177,7 +177,7 @@ impl gs3_renderer_desc {
             refine: self.refine()?,
             quality: choice("quality", "gs3_quality", self.quality, &qualities)?,
             dilation: choice("dilation", "gs3_dilation", self.dilation, &dilations)?,
-            generate: or_default(self.between_count, 1),
+            in_between: or_default(self.in_between_count, 1),
             background: self.background,
             ..PipelineSettings::default()
         };
@@ -340,12 +340,12 @@ pub struct gs3_render_desc {
     pub camera: *const gs3_camera,
     /// Where the frame goes. Its fourth channel is opacity in native frames, else 1.
     pub output: *const gs3_output,
-    /// Where the frames between go that lie before this one, in order; NULL for nowhere.
-    pub between_outputs: *const *const gs3_output,
-    /// The true cameras of the frames between, in order; NULL for cameras between the previous one and this one.
-    pub between_cameras: *const *const gs3_camera,
+    /// Where the in-between frames go that lie before this one, in order; NULL for nowhere.
+    pub in_between_outputs: *const *const gs3_output,
+    /// The true cameras of the in-between frames, in order; NULL for cameras between the previous one and this one.
+    pub in_between_cameras: *const *const gs3_camera,
     /// Number of both: what the renderer was created for, or 0.
-    pub between_count: u32,
+    pub in_between_count: u32,
     /// 0.
     pub reserved: u32,
 }
@@ -380,7 +380,7 @@ pub unsafe extern "C" fn gs3_renderer_render(
         let (camera, poses, outputs) = unsafe { inputs(&desc) }.map_err(|fault| fault.within("desc"))?;
         let made = renderer.call(|session| {
             let settings = session.settings().pipeline;
-            check_between(desc.between_count, settings.displayed_per_rendered() as u32 - 1)
+            check_between(desc.in_between_count, settings.displayed_per_rendered() as u32 - 1)
                 .map_err(|fault| fault.within("desc"))?;
             if reset {
                 session.reset(ResetReason::CameraCut);
@@ -390,7 +390,7 @@ pub unsafe extern "C" fn gs3_renderer_render(
             let frames = pipeline.presented();
             let reset = pipeline.last_reset();
             // After a reset those between are the frame before, held.
-            let between = frames.between.into_iter().flatten().filter(|_| reset.is_none());
+            let between = frames.in_between.into_iter().flatten().filter(|_| reset.is_none());
             let count = outputs.write(frames.current, between, settings.mode == Mode::Native)?;
             Ok(gs3_frame_info::new(reset, count, pipeline.refined_share(), &pipeline.times()))
         })?;
@@ -404,14 +404,14 @@ pub unsafe extern "C" fn gs3_renderer_render(
 /// # Safety
 /// As [`gs3_renderer_render`].
 unsafe fn inputs(desc: &gs3_render_desc) -> Result<(Camera, Vec<Camera>, Outputs), Fault> {
-    let gs3_render_desc { output, between_outputs, between_cameras, .. } = *desc;
-    check_count(desc.between_count)?;
+    let gs3_render_desc { output, in_between_outputs, in_between_cameras, .. } = *desc;
+    check_count(desc.in_between_count)?;
     // SAFETY: the contract of this function.
     unsafe {
         let camera = gs3_camera::read("camera", desc.camera)?;
-        let poses = gs3_camera::read_all("between_cameras", between_cameras, desc.between_count)?;
+        let poses = gs3_camera::read_all("in_between_cameras", in_between_cameras, desc.in_between_count)?;
         let size = [camera.width(), camera.height()];
-        let outputs = Outputs::read(output, between_outputs, desc.between_count, size)?;
+        let outputs = Outputs::read(output, in_between_outputs, desc.in_between_count, size)?;
         Ok((camera, poses, outputs))
     }
 }
@@ -443,8 +443,8 @@ pub struct gs3_renderer_info {
     pub struct_size: u32,
     /// What renders now: GS3_BACKEND_CPU or GS3_BACKEND_GPU.
     pub backend: u32,
-    /// Frames between that come before each frame.
-    pub between_count: u32,
+    /// In-between frames that come before each frame.
+    pub in_between_count: u32,
     /// Frames after which a resting camera has been sampled everywhere.
     pub jitter_count: u32,
     /// Threads of the renderer.
@@ -492,7 +492,7 @@ pub unsafe extern "C" fn gs3_renderer_query_info(
             Ok(gs3_renderer_info {
                 struct_size: 0,
                 backend: backend as u32,
-                between_count: session.settings().pipeline.displayed_per_rendered() as u32 - 1,
+                in_between_count: session.settings().pipeline.displayed_per_rendered() as u32 - 1,
                 jitter_count: session.pipeline().jitter_period() as u32,
                 threads: rayon::current_num_threads() as u32,
                 reserved: 0,

@@ -165,7 +165,7 @@ static gs3_scene *arrays_scene(const char *path) {
     return scene;
 }
 
-/* Frames and frames between, with gaps between pixels and rows, into tight files. */
+/* Frames and in-between frames, with gaps between pixels and rows, into tight files. */
 static void full_frames(const gs3_scene *scene, const char *folder) {
     gs3_renderer_desc desc = {
         .struct_size = sizeof desc,
@@ -173,14 +173,14 @@ static void full_frames(const gs3_scene *scene, const char *folder) {
         .scale = 2,
         .backend = GS3_BACKEND_CPU,
         .threads = 2,
-        .between_count = 2,
+        .in_between_count = 2,
         .background = {0.1f, 0.2f, 0.3f},
     };
     gs3_renderer *renderer = NULL;
     CHECK(gs3_renderer_create(scene, &desc, &renderer) == GS3_OK);
     gs3_renderer_info info = {.struct_size = sizeof info};
     CHECK(gs3_renderer_query_info(renderer, &info) == GS3_OK);
-    CHECK(info.backend == GS3_BACKEND_CPU && info.between_count == 2 && info.jitter_count == 4);
+    CHECK(info.backend == GS3_BACKEND_CPU && info.in_between_count == 2 && info.jitter_count == 4);
     CHECK(info.threads == 2 && info.adapter[0] == '\0');
 
     enum { PIXEL = 20, ROW = WIDTH * PIXEL + 12 };
@@ -213,13 +213,13 @@ static void full_frames(const gs3_scene *scene, const char *folder) {
             .struct_size = sizeof call,
             .camera = &camera,
             .output = &output,
-            .between_outputs = pointers,
-            .between_count = 2,
+            .in_between_outputs = pointers,
+            .in_between_count = 2,
         };
         gs3_frame_info made = {.struct_size = sizeof made};
         CHECK(gs3_renderer_render(renderer, &call, &made) == GS3_OK);
         CHECK(made.reset_reason == (frame == 0 ? GS3_RESET_FIRST_FRAME : GS3_RESET_NONE));
-        CHECK(made.between_count == (frame == 0 ? 0u : 2u));
+        CHECK(made.in_between_count == (frame == 0 ? 0u : 2u));
         CHECK(made.rasterize_ms > 0.0f && made.super_sample_ms > 0.0f);
         CHECK((made.interpolate_ms > 0.0f) == (frame > 0));
         int untouched = 1;
@@ -318,9 +318,9 @@ static void refusals(gs3_scene *scene) {
     CHECK_FAILS(gs3_renderer_create(scene, &desc, &renderer), GS3_ERROR_ARGUMENT,
                 "mode: expected 0 to 3 (gs3_mode), found 4");
     desc.mode = GS3_MODE_FULL;
-    desc.between_count = 4;
+    desc.in_between_count = 4;
     CHECK_FAILS(gs3_renderer_create(scene, &desc, &renderer), GS3_ERROR_ARGUMENT, "expected 1 to 3 frames");
-    desc.between_count = 0;
+    desc.in_between_count = 0;
     desc.networks = GS3_NETWORKS_HIGH;
     desc.scale = 3;
     CHECK_FAILS(gs3_renderer_create(scene, &desc, &renderer), GS3_ERROR_UNSUPPORTED, "networks: ");
@@ -399,13 +399,13 @@ static void refusals(gs3_scene *scene) {
     CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT,
                 "camera pose: expected a finite rotation");
     camera = orbit_camera(scene, 0);
-    call.between_count = 1;
+    call.in_between_count = 1;
     CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT,
-                "between_count: expected 0 or 0");
-    call.between_count = 1000000;
+                "in_between_count: expected 0 or 0");
+    call.in_between_count = 1000000;
     CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT,
-                "between_count: expected 0 to 3");
-    call.between_count = 0;
+                "in_between_count: expected 0 to 3");
+    call.in_between_count = 0;
     call.reset = 7;
     CHECK_FAILS(gs3_renderer_render(renderer, &call, NULL), GS3_ERROR_ARGUMENT,
                 "reset: expected 0 or 1, found 7");

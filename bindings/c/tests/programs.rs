@@ -188,7 +188,7 @@ fn frames_in_c_are_those_of_the_library() {
     let settings = PipelineSettings {
         mode: Mode::Full,
         scale: 2,
-        generate: 2,
+        in_between: 2,
         background: [0.1, 0.2, 0.3],
         ..PipelineSettings::default()
     };
@@ -196,7 +196,7 @@ fn frames_in_c_are_those_of_the_library() {
     for frame in 0..5 {
         let shown = full.render(&orbit_camera(scene, frame)).expect("a frame");
         assert_same(&made, &format!("full_{frame}.rgba"), &floats(shown.current, 4));
-        for (k, between) in shown.between.into_iter().flatten().enumerate() {
+        for (k, between) in shown.in_between.into_iter().flatten().enumerate() {
             assert_same(&made, &format!("between_{frame}_{k}.rgb"), &floats(between, 3));
         }
     }

@@ -165,7 +165,7 @@ static gs3_frame_info step(gs3_reconstructor *reconstructor, call *c, double x, 
 
 static gs3_reconstructor *create(uint32_t between) {
     const gs3_reconstructor_desc desc = {
-        .struct_size = sizeof desc, .scale = SCALE, .threads = 1, .between_count = between};
+        .struct_size = sizeof desc, .scale = SCALE, .threads = 1, .in_between_count = between};
     gs3_reconstructor *reconstructor = NULL;
     CHECK(gs3_reconstructor_create(&desc, &reconstructor) == GS3_OK);
     return reconstructor;
@@ -193,7 +193,7 @@ static void rest(uint32_t encoding, int planar, int gradients) {
     gs3_reconstructor_destroy(reconstructor);
 }
 
-/* Frames between, in bytes, and what a cut does. */
+/* In-between frames, in bytes, and what a cut does. */
 static void motion(void) {
     static call c;
     static unsigned char between[2][WIDTH * HEIGHT * 4];
@@ -208,12 +208,12 @@ static void motion(void) {
                                   .opaque = 1};
     }
     const gs3_output *const pointers[2] = {&outputs[0], &outputs[1]};
-    c.desc.between_outputs = pointers;
-    c.desc.between_count = 2;
+    c.desc.in_between_outputs = pointers;
+    c.desc.in_between_count = 2;
     for (int frame = 0; frame < 6; frame++) {
         double x = 0.03 * frame;
         const gs3_frame_info info = step(reconstructor, &c, x, image);
-        CHECK(info.between_count == (frame == 0 ? 0u : 2u));
+        CHECK(info.in_between_count == (frame == 0 ? 0u : 2u));
         for (int k = 0; k < 2 && frame > 0; k++) {
             for (int i = 0; i < WIDTH * HEIGHT; i++) {
                 for (int n = 0; n < 3; n++) {
@@ -228,12 +228,12 @@ static void motion(void) {
             CHECK(mean < error_of(other, there - 0.01).mean && mean < error_of(other, there + 0.01).mean);
         }
     }
-    /* True cameras of the frames between: here those that are assumed anyway. */
+    /* True cameras of the in-between frames: here those that are assumed anyway. */
     const gs3_camera cameras[2] = {camera_at(0.16), camera_at(0.17)};
     const gs3_camera *const poses[2] = {&cameras[0], &cameras[1]};
-    c.desc.between_cameras = poses;
-    CHECK(step(reconstructor, &c, 0.18, image).between_count == 2);
-    c.desc.between_cameras = NULL;
+    c.desc.in_between_cameras = poses;
+    CHECK(step(reconstructor, &c, 0.18, image).in_between_count == 2);
+    c.desc.in_between_cameras = NULL;
 
     c.desc.reset = 1;
     static call fresh;
@@ -346,10 +346,10 @@ static void refusals(void) {
     CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT,
                 "scale: expected 1 to 8, found 12");
     desc.scale = SCALE;
-    desc.between_count = 4;
+    desc.in_between_count = 4;
     CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT,
-                "between_count: expected 0 to 3, found 4");
-    desc.between_count = 0;
+                "in_between_count: expected 0 to 3, found 4");
+    desc.in_between_count = 0;
     desc.widest_margin = 33;
     CHECK_FAILS(gs3_reconstructor_create(&desc, &reconstructor), GS3_ERROR_ARGUMENT,
                 "widest_margin: expected 0 to 32, found 33");

@@ -1,6 +1,6 @@
 //! Quality metrics.
 
-use gs3_evaluate::metrics::{self, Border, MetricError, Quantisation};
+use gs3_evaluate::metrics::{self, MetricError, Quantisation, SsimBorder};
 use numpy::{PyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 
@@ -26,7 +26,7 @@ fn psnr(py: Python<'_>, reference: Picture<'_>, test: Picture<'_>, is_eight_bit:
 #[pyfunction]
 fn ssim(py: Python<'_>, reference: Picture<'_>, test: Picture<'_>, is_padded: bool) -> PyResult<f64> {
     let (reference, test) = (image("reference", &reference)?, image("test", &test)?);
-    let border = if is_padded { Border::ZeroPad } else { Border::Crop };
+    let border = if is_padded { SsimBorder::ZeroPad } else { SsimBorder::Crop };
     measure(py, || metrics::ssim(&reference, &test, border))
 }
 

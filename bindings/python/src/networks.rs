@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use gs3::neural::model::graph_of;
+use gs3::neural::model::{Network, graph_of};
 use gs3::neural::{Weights, onnx};
 use gs3::{Networks, Tier};
 use numpy::{PyArray1, PyArrayMethods};
@@ -17,10 +17,10 @@ use crate::renderer::{TIERS, named};
 fn shipped(network: &str, tier: &str, scale: u32) -> PyResult<Arc<Weights>> {
     let tier = named("tier", tier, &TIERS, Tier::name)?;
     let networks = Networks::shipped(scale, tier).map_err(|e| error::of_network(&e))?;
-    let found = match network {
-        "super_sample" => networks.super_sample,
-        "interpolate" => networks.interpolate,
-        _ => {
+    let found = match Network::from_name(network) {
+        Some(Network::SuperSample) => networks.super_sample,
+        Some(Network::Interpolate) => networks.interpolate,
+        None => {
             return Err(error::input(format_args!(
                 "network: expected super_sample or interpolate, found {network:?}"
             )));

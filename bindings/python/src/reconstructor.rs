@@ -56,7 +56,7 @@ impl Reconstructor {
     #[new]
     fn new(
         scale: u32,
-        frames_between: usize,
+        in_between: usize,
         kriging: &str,
         widest_margin: u32,
         jittered: bool,
@@ -67,7 +67,7 @@ impl Reconstructor {
             sampling: if jittered { Sampling::Jittered } else { Sampling::Centered },
             kriging: named("kriging", kriging, &krigings, Kriging::name)?,
             widest_margin,
-            in_between: frames_between,
+            in_between,
         };
         let inner = gs3::Reconstructor::new(settings).map_err(error::input)?;
         Ok(Self { inner: Mutex::new(inner) })
@@ -132,7 +132,7 @@ impl Reconstructor {
         let (frames, reset) = py.detach(|| {
             let mut inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
             let shown = inner.reconstruct(&camera, &view).map_err(error::input)?;
-            let images = shown.between.iter().chain([shown.current]);
+            let images = shown.in_between.iter().chain([shown.current]);
             Ok::<_, PyErr>((images.map(|i| Pixels::of(i, as_bytes)).collect::<Vec<_>>(), shown.reset))
         })?;
         let frames = frames.into_iter().map(|pixels| pixels.into_numpy(py)).collect::<PyResult<Vec<_>>>()?;

@@ -5,9 +5,9 @@ use std::time::Duration;
 
 use bytemuck::Pod;
 
+use crate::device_id::DeviceId;
 use crate::error::GpuError;
 use crate::gpu::Gpu;
-use crate::owner::Owner;
 use crate::readback::Readback;
 
 /// What a buffer is for.
@@ -25,7 +25,7 @@ pub enum Use {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Buffer {
     pub(crate) raw: wgpu::Buffer,
-    pub(crate) owner: Owner,
+    pub(crate) device_id: DeviceId,
     bytes: u64,
 }
 
@@ -61,7 +61,7 @@ impl Buffer {
         let descriptor =
             wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false };
         let raw = gpu.checked(&format!("buffer {label}"), size, || gpu.create_buffer(&descriptor))?;
-        Ok(Self { raw, owner: gpu.owner, bytes: size })
+        Ok(Self { raw, device_id: gpu.device_id, bytes: size })
     }
 
     /// A buffer that the caller made on the device of `gpu` ([`Gpu::of`]), as a buffer of gs3.
@@ -76,7 +76,7 @@ impl Buffer {
             return Err(GpuError::Refused { what: "a buffer".to_owned(), message });
         }
         let bytes = raw.size();
-        Ok(Self { raw, owner: gpu.owner, bytes })
+        Ok(Self { raw, device_id: gpu.device_id, bytes })
     }
 
     /// wgpu's own handle of it.
@@ -144,7 +144,7 @@ pub fn write(gpu: &Gpu, slice: &Slice<'_>, bytes: &[u8]) -> Result<(), GpuError>
             actual,
         });
     }
-    gpu.owner.check(slice.buffer.owner, "a buffer that is written")?;
+    gpu.device_id.check(slice.buffer.device_id, "a buffer that is written")?;
     let write = |offset: usize, bytes: &[u8]| {
         gpu.checked("writing a buffer", bytes.len() as u64, || {
             gpu.queue.write_buffer(&slice.buffer.raw, slice.start + offset as u64, bytes);
@@ -168,7 +168,7 @@ pub fn write(gpu: &Gpu, slice: &Slice<'_>, bytes: &[u8]) -> Result<(), GpuError>
 
 /// The numbers in `slice`.
 pub fn read<T: Pod>(gpu: &Gpu, slice: &Slice<'_>) -> Result<Vec<T>, GpuError> {
-    gpu.owner.check(slice.buffer.owner, "a buffer that is read")?;
+    gpu.device_id.check(slice.buffer.device_id, "a buffer that is read")?;
     let size = slice.bytes - slice.bytes % WORD;
     if size == 0 {
         return gpu.check().map(|()| Vec::new());

@@ -14,21 +14,6 @@ pub enum OptionalFeatures {
     None,
 }
 
-/// Whether something is there.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Support {
-    /// It is.
-    Present,
-    /// It is not.
-    Absent,
-}
-
-impl From<bool> for Support {
-    fn from(present: bool) -> Self {
-        if present { Self::Present } else { Self::Absent }
-    }
-}
-
 /// Invocations that exchange values without memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Subgroups {
@@ -49,9 +34,9 @@ pub struct Capabilities {
     /// Subgroup operations in kernels.
     pub subgroups: Subgroups,
     /// `f16` in kernels and buffers (`enable f16;`).
-    pub shader_f16: Support,
+    pub shader_f16: bool,
     /// Times of stages on the device.
-    pub timestamps: Support,
+    pub timestamps: bool,
     /// Sizes `m×n×k` of matrix products in hardware with f16 factors and f32 sums (`enable
     /// wgpu_cooperative_matrix;`); of a device that was not opened with [`OptionalFeatures::Experimental`] none.
     pub cooperative_matrix: Vec<[u32; 3]>,
@@ -120,16 +105,14 @@ impl Capabilities {
     /// Those of `adapter`.
     pub(crate) fn of(adapter: &wgpu::Adapter) -> Self {
         let (features, info) = (adapter.features(), adapter.get_info());
-        let has = |feature| Support::from(features.contains(feature));
+        let has = |feature| features.contains(feature);
         let subgroups = match has(wgpu::Features::SUBGROUP) {
-            Support::Present => {
-                Subgroups::of(info.backend, &info.name, [info.subgroup_min_size, info.subgroup_max_size])
-            }
-            Support::Absent => Subgroups::Absent,
+            true => Subgroups::of(info.backend, &info.name, [info.subgroup_min_size, info.subgroup_max_size]),
+            false => Subgroups::Absent,
         };
         let products = match has(wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX) {
-            Support::Present => adapter.cooperative_matrix_properties(),
-            Support::Absent => Vec::new(),
+            true => adapter.cooperative_matrix_properties(),
+            false => Vec::new(),
         };
         let half_to_single = products.iter().filter(|p| {
             p.ab_type == wgpu::CooperativeScalarType::F16 && p.cr_type == wgpu::CooperativeScalarType::F32
@@ -149,7 +132,7 @@ impl Capabilities {
             OptionalFeatures::All => Self { cooperative_matrix: Vec::new(), ..self },
             OptionalFeatures::None => Self {
                 subgroups: Subgroups::Absent,
-                shader_f16: Support::Absent,
+                shader_f16: false,
                 cooperative_matrix: Vec::new(),
                 ..self
             },
@@ -159,10 +142,7 @@ impl Capabilities {
     /// What of it `device` was opened with.
     pub(crate) fn within(self, device: &wgpu::Device) -> Self {
         let (features, limits) = (device.features(), Limits::from(device.limits()));
-        let opened = |support, feature| match features.contains(feature) {
-            true => support,
-            false => Support::Absent,
-        };
+        let opened = |has: bool, feature| has && features.contains(feature);
         let has_products = features.contains(wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX);
         Self {
             subgroups: match features.contains(wgpu::Features::SUBGROUP) {
@@ -179,8 +159,8 @@ impl Capabilities {
     pub(crate) fn required_features(&self) -> wgpu::Features {
         let mut features = wgpu::Features::empty();
         features.set(wgpu::Features::SUBGROUP, self.subgroups != Subgroups::Absent);
-        features.set(wgpu::Features::SHADER_F16, self.shader_f16 == Support::Present);
-        features.set(wgpu::Features::TIMESTAMP_QUERY, self.timestamps == Support::Present);
+        features.set(wgpu::Features::SHADER_F16, self.shader_f16);
+        features.set(wgpu::Features::TIMESTAMP_QUERY, self.timestamps);
         features.set(wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX, !self.cooperative_matrix.is_empty());
         features
     }

@@ -6,12 +6,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 use bytemuck::Pod;
 
 use crate::adapter::{self, AdapterChoice, AdapterReport, choose};
+use crate::allocations::{Allocations, Counts, count};
 use crate::buffer::{Buffer, Slice, Use};
 use crate::capabilities::{Capabilities, OptionalFeatures, experimental, missing};
+use crate::device_id::DeviceId;
 use crate::error::GpuError;
 use crate::kernel::Module;
-use crate::made::{Counts, Made, count};
-use crate::owner::Owner;
 use crate::readback::ReadPool;
 use crate::recorder::{Recorder, Submission};
 use crate::timings::Timings;
@@ -36,7 +36,7 @@ struct Trouble {
 /// An open device. Clones are the same device.
 #[derive(Clone, Debug)]
 pub struct Gpu {
-    pub(crate) owner: Owner,
+    pub(crate) device_id: DeviceId,
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
     adapter: Arc<AdapterReport>,
@@ -113,7 +113,7 @@ impl Gpu {
             state.lost.get_or_insert_with(|| format!("{reason:?}: {message}"));
         });
         Self {
-            owner: Owner::new(),
+            device_id: DeviceId::new(),
             device,
             queue,
             adapter: Arc::new(report),
@@ -151,8 +151,8 @@ impl Gpu {
 
     /// What has been made on it so far.
     #[must_use]
-    pub fn made(&self) -> Made {
-        self.counts.made()
+    pub fn allocations(&self) -> Allocations {
+        self.counts.allocations()
     }
 
     /// Bytes that the device has set aside for what was made on it, where its driver's memory is wgpu's to divide (Vulkan,
@@ -258,7 +258,7 @@ impl Gpu {
         let polled = self.survived(|| self.device.poll(poll));
         self.check()?;
         let Err(error) = polled? else { return Ok(()) };
-        // Of a device that its owner gave back this may be the first that is heard: wgpu tells of it at leisure.
+        // Of a device that its program gave back this may be the first that is heard: wgpu tells of it at leisure.
         let _ = self.survived(|| self.device.poll(wgpu::PollType::Poll));
         self.check()?;
         Err(GpuError::Refused { what: "waiting".to_owned(), message: error.to_string() })

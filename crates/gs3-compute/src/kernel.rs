@@ -2,18 +2,18 @@
 
 use std::sync::Arc;
 
+use crate::allocations::count;
 use crate::buffer::Slice;
+use crate::device_id::DeviceId;
 use crate::error::GpuError;
 use crate::gpu::Gpu;
-use crate::made::count;
-use crate::owner::Owner;
 use crate::wgsl::{Binding, Reflected};
 
 /// A valid WGSL module. All its buffers are in group 0.
 #[derive(Clone, Debug)]
 pub struct Module {
     label: String,
-    owner: Owner,
+    device_id: DeviceId,
     raw: wgpu::ShaderModule,
     reflected: Arc<Reflected>,
 }
@@ -22,7 +22,7 @@ pub struct Module {
 #[derive(Clone, Debug)]
 pub struct Kernel {
     label: String,
-    owner: Owner,
+    device_id: DeviceId,
     pipeline: wgpu::ComputePipeline,
     layout: wgpu::BindGroupLayout,
     declared: Vec<Binding>,
@@ -31,7 +31,7 @@ pub struct Kernel {
 /// A kernel with its buffers.
 #[derive(Clone, Debug)]
 pub struct Bound {
-    pub(crate) owner: Owner,
+    pub(crate) device_id: DeviceId,
     pub(crate) pipeline: wgpu::ComputePipeline,
     pub(crate) group: wgpu::BindGroup,
 }
@@ -47,7 +47,7 @@ impl Module {
         let raw = gpu
             .checked(label, 0, || created(&gpu.device, descriptor))
             .map_err(|error| as_shader_error(label, error))?;
-        Ok(Self { label: label.to_owned(), owner: gpu.owner, raw, reflected })
+        Ok(Self { label: label.to_owned(), device_id: gpu.device_id, raw, reflected })
     }
 
     /// Its entry point `entry`, with `override` constants. Memory of workgroups is not cleared before it runs.
@@ -55,7 +55,7 @@ impl Module {
     /// # Errors
     /// [`GpuError::Shader`] if there is none, or the driver refuses it.
     pub fn kernel(&self, gpu: &Gpu, entry: &str, constants: &[(&str, f64)]) -> Result<Kernel, GpuError> {
-        gpu.owner.check(self.owner, "a shader module")?;
+        gpu.device_id.check(self.device_id, "a shader module")?;
         let label = format!("{}.{entry}", self.label);
         let declared = self.reflected.bindings(&label, entry)?;
         let entries: Vec<wgpu::BindGroupLayoutEntry> = declared
@@ -90,7 +90,7 @@ impl Module {
             (layout, pipeline)
         });
         let (layout, pipeline) = created.map_err(|error| as_shader_error(&label, error))?;
-        Ok(Kernel { label, owner: gpu.owner, pipeline, layout, declared })
+        Ok(Kernel { label, device_id: gpu.device_id, pipeline, layout, declared })
     }
 }
 
@@ -112,7 +112,7 @@ impl Kernel {
     /// # Errors
     /// [`GpuError::Bindings`] if one is missing, [`GpuError::TooLarge`] if one is longer than a binding may be.
     pub fn bind(&self, gpu: &Gpu, buffers: &[(&str, Slice<'_>)]) -> Result<Bound, GpuError> {
-        gpu.owner.check(self.owner, "a kernel")?;
+        gpu.device_id.check(self.device_id, "a kernel")?;
         let max = gpu.capabilities().limits.binding_bytes;
         let mut entries = Vec::with_capacity(self.declared.len());
         for declared in &self.declared {
@@ -124,7 +124,7 @@ impl Kernel {
                     actual: names(buffers.iter().map(|b| b.0).collect()),
                 });
             };
-            gpu.owner.check(slice.buffer.owner, "a buffer that a kernel is to use")?;
+            gpu.device_id.check(slice.buffer.device_id, "a buffer that a kernel is to use")?;
             if slice.bytes > max {
                 let what = format!("bytes of {name} of kernel {}", self.label);
                 return Err(GpuError::TooLarge { what, max, actual: slice.bytes });
@@ -135,7 +135,7 @@ impl Kernel {
             wgpu::BindGroupDescriptor { label: Some(&self.label), layout: &self.layout, entries: &entries };
         count(&gpu.counts.bindings);
         let group = gpu.checked(&self.label, 0, || gpu.device.create_bind_group(&descriptor))?;
-        Ok(Bound { owner: self.owner, pipeline: self.pipeline.clone(), group })
+        Ok(Bound { device_id: self.device_id, pipeline: self.pipeline.clone(), group })
     }
 }
 

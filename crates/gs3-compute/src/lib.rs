@@ -7,17 +7,17 @@
 //! Nothing here knows what is computed.
 
 mod adapter;
+mod allocations;
 mod arena;
 mod buffer;
 mod capabilities;
 mod ceilings;
 mod chunks;
+mod device_id;
 mod error;
 mod gpu;
 mod grid;
 mod kernel;
-mod made;
-mod owner;
 mod readback;
 mod recorder;
 mod scan;
@@ -27,16 +27,16 @@ mod uploads;
 mod wgsl;
 
 pub use adapter::{AdapterChoice, AdapterKind, AdapterReport, Api, adapters, choose};
+pub use allocations::Allocations;
 pub use arena::{Arena, Fit, Need};
 pub use buffer::{Buffer, Slice, Use};
-pub use capabilities::{Capabilities, Limits, OptionalFeatures, Subgroups, Support};
+pub use capabilities::{Capabilities, Limits, OptionalFeatures, Subgroups};
 pub use ceilings::Ceilings;
 pub use chunks::ChunkPlan;
 pub use error::GpuError;
 pub use gpu::{Gpu, GpuSettings};
 pub use grid::{GRID_ROW, GRID_WGSL, grid};
 pub use kernel::{Bound, Kernel, Module};
-pub use made::Made;
 pub use readback::Readback;
 pub use recorder::{Recorder, Submission};
 pub use scan::{BoundScan, Scan};

@@ -3,9 +3,9 @@
 use std::sync::{Mutex, PoisonError};
 
 use crate::buffer::mapped;
+use crate::device_id::DeviceId;
 use crate::error::GpuError;
 use crate::gpu::Gpu;
-use crate::owner::Owner;
 use crate::recorder::Submission;
 
 /// Memory that the processor reads, for results of one frame after the other: [`Recorder::read_back`] brings them
@@ -15,7 +15,7 @@ use crate::recorder::Submission;
 #[derive(Debug)]
 pub struct Readback {
     pub(crate) staging: wgpu::Buffer,
-    pub(crate) owner: Owner,
+    pub(crate) device_id: DeviceId,
     bytes: u64,
 }
 
@@ -37,7 +37,7 @@ impl Readback {
             mapped_at_creation: false,
         };
         let staging = gpu.checked("memory read back", bytes, || gpu.create_buffer(&descriptor))?;
-        Ok(Self { staging, owner: gpu.owner, bytes })
+        Ok(Self { staging, device_id: gpu.device_id, bytes })
     }
 
     /// Its size.
@@ -56,7 +56,7 @@ impl Readback {
         submission: &Submission,
         f: impl FnOnce(&[u8]) -> R,
     ) -> Result<R, GpuError> {
-        gpu.owner.check(self.owner, "memory that is read back to")?;
+        gpu.device_id.check(self.device_id, "memory that is read back to")?;
         mapped(gpu, &self.staging, self.bytes, submission.index_of(gpu)?, f)
     }
 }

@@ -3,10 +3,10 @@
 use bytemuck::Pod;
 
 use crate::buffer::{Buffer, Slice};
+use crate::device_id::DeviceId;
 use crate::error::GpuError;
 use crate::gpu::Gpu;
 use crate::kernel::Bound;
-use crate::owner::Owner;
 use crate::readback::Readback;
 use crate::timings::Timings;
 use crate::uploads::Uploads;
@@ -14,14 +14,14 @@ use crate::uploads::Uploads;
 /// Work that was handed to a device.
 #[derive(Clone, Debug)]
 pub struct Submission {
-    owner: Owner,
+    device_id: DeviceId,
     index: wgpu::SubmissionIndex,
 }
 
 impl Submission {
     /// What wgpu calls it on the device of `gpu`.
     pub(crate) fn index_of(&self, gpu: &Gpu) -> Result<wgpu::SubmissionIndex, GpuError> {
-        gpu.owner.check(self.owner, "a submission")?;
+        gpu.device_id.check(self.device_id, "a submission")?;
         Ok(self.index.clone())
     }
 }
@@ -38,20 +38,21 @@ pub struct Recorder<'a> {
     /// The stage that first copied or filled something since the last pass.
     moved: Option<&'static str>,
     /// The first thing of another device that was to be recorded: nothing is submitted then.
-    stranger: Option<GpuError>,
+    other_device: Option<GpuError>,
 }
 
 impl<'a> Recorder<'a> {
     pub(crate) fn new(gpu: &'a Gpu, timings: Option<&'a mut Timings>) -> Self {
         let encoder =
             gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
-        let stranger = timings.as_ref().and_then(|t| gpu.owner.check(t.owner, "times of stages").err());
-        let mut timings = timings.filter(|_| stranger.is_none());
+        let other_device =
+            timings.as_ref().and_then(|t| gpu.device_id.check(t.device_id, "times of stages").err());
+        let mut timings = timings.filter(|_| other_device.is_none());
         if let Some(timings) = &mut timings {
             timings.begin();
         }
         let uploads = Uploads::new(gpu);
-        Self { gpu, uploads, encoder, pass: None, timings, stage: "", moved: None, stranger }
+        Self { gpu, uploads, encoder, pass: None, timings, stage: "", moved: None, other_device }
     }
 
     /// Writes `values` to the start of `to` before all that is recorded here runs, whenever it is recorded: for what
@@ -77,7 +78,7 @@ impl<'a> Recorder<'a> {
 
     /// Runs `kernel` in `groups` workgroups ([`grid`](crate::grid) for more than 65,535 in a row).
     pub fn dispatch(&mut self, kernel: &Bound, groups: [u32; 3]) {
-        if groups.contains(&0) || !self.owns([kernel.owner], "a kernel") {
+        if groups.contains(&0) || !self.owns([kernel.device_id], "a kernel") {
             return;
         }
         let pass = self.pass();
@@ -89,7 +90,7 @@ impl<'a> Recorder<'a> {
     /// Runs `kernel` in as many workgroups as three u32 at byte `offset` of `counts` say, each at most 65,535: kernels
     /// that write them use `grid_of` ([`GRID_WGSL`](crate::GRID_WGSL)).
     pub fn dispatch_indirect(&mut self, kernel: &Bound, counts: &Buffer, offset: u64) {
-        if !self.owns([kernel.owner, counts.owner], "a kernel or the count of its workgroups") {
+        if !self.owns([kernel.device_id, counts.device_id], "a kernel or the count of its workgroups") {
             return;
         }
         let pass = self.pass();
@@ -100,7 +101,7 @@ impl<'a> Recorder<'a> {
 
     /// Copies `from` to the start of `to`, which is not shorter. Starts and lengths are multiples of four bytes.
     pub fn copy(&mut self, from: &Slice<'_>, to: &Slice<'_>) {
-        if !self.owns([from.buffer.owner, to.buffer.owner], "a buffer that is copied") {
+        if !self.owns([from.buffer.device_id, to.buffer.device_id], "a buffer that is copied") {
             return;
         }
         self.end_pass();
@@ -111,7 +112,7 @@ impl<'a> Recorder<'a> {
     /// Brings `from` to byte `at` of `to`, cut to what there is room for. Starts and lengths are multiples of four
     /// bytes.
     pub fn read_back(&mut self, from: &Slice<'_>, to: &Readback, at: u64) {
-        if !self.owns([from.buffer.owner, to.owner], "a buffer that is read back") {
+        if !self.owns([from.buffer.device_id, to.device_id], "a buffer that is read back") {
             return;
         }
         self.end_pass();
@@ -121,7 +122,7 @@ impl<'a> Recorder<'a> {
 
     /// Fills `slice` with zeros.
     pub fn clear(&mut self, slice: &Slice<'_>) {
-        if !self.owns([slice.buffer.owner], "a buffer that is cleared") {
+        if !self.owns([slice.buffer.device_id], "a buffer that is cleared") {
             return;
         }
         self.end_pass();
@@ -134,21 +135,21 @@ impl<'a> Recorder<'a> {
     /// [`GpuError`] if something of another device was recorded, or the device refuses it or is lost.
     pub fn submit(mut self) -> Result<Submission, GpuError> {
         self.pass = None;
-        let Self { gpu, uploads, mut encoder, timings, stranger, .. } = self;
-        stranger.map_or(Ok(()), Err)?;
+        let Self { gpu, uploads, mut encoder, timings, other_device, .. } = self;
+        other_device.map_or(Ok(()), Err)?;
         gpu.checked("a frame", 0, || {
             if let Some(timings) = timings {
                 timings.resolve(&mut encoder);
             }
-            Submission { owner: gpu.owner, index: uploads.submit(gpu, encoder.finish()) }
+            Submission { device_id: gpu.device_id, index: uploads.submit(gpu, encoder.finish()) }
         })
     }
 
-    /// Whether all that belongs to `owners` is the device's own.
-    fn owns<const N: usize>(&mut self, owners: [Owner; N], what: &'static str) -> bool {
-        let error = owners.iter().find_map(|owner| self.gpu.owner.check(*owner, what).err());
+    /// Whether all that belongs to `device_ids` is the device's own.
+    fn owns<const N: usize>(&mut self, device_ids: [DeviceId; N], what: &'static str) -> bool {
+        let error = device_ids.iter().find_map(|device_id| self.gpu.device_id.check(*device_id, what).err());
         let is_own = error.is_none();
-        self.stranger = self.stranger.take().or(error);
+        self.other_device = self.other_device.take().or(error);
         is_own
     }
 

@@ -3,10 +3,9 @@
 use std::time::Duration;
 
 use crate::buffer::mapped;
-use crate::capabilities::Support;
+use crate::device_id::DeviceId;
 use crate::error::GpuError;
 use crate::gpu::Gpu;
-use crate::owner::Owner;
 use crate::recorder::Submission;
 
 /// Passes of a frame that are timed; later ones are not.
@@ -36,7 +35,7 @@ struct Pass {
 /// Times the stages of one frame after the other.
 #[derive(Debug)]
 pub struct Timings {
-    pub(crate) owner: Owner,
+    pub(crate) device_id: DeviceId,
     queries: wgpu::QuerySet,
     resolved: wgpu::Buffer,
     staging: wgpu::Buffer,
@@ -50,7 +49,7 @@ impl Timings {
     /// # Errors
     /// [`GpuError::Unsupported`] if the device has no timestamps.
     pub fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        if gpu.capabilities().timestamps == Support::Absent {
+        if !gpu.capabilities().timestamps {
             let (adapter, what) = (gpu.adapter().name.clone(), "timestamps".to_owned());
             let (expected, actual) = ("present".to_owned(), "absent".to_owned());
             return Err(GpuError::Unsupported { adapter, what, expected, actual });
@@ -61,7 +60,7 @@ impl Timings {
             gpu.create_buffer(&wgpu::BufferDescriptor { label, size, usage, mapped_at_creation: false })
         };
         gpu.checked("timings", size, || Self {
-            owner: gpu.owner,
+            device_id: gpu.device_id,
             queries: gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
                 label: Some("timings"),
                 ty: wgpu::QueryType::Timestamp,
@@ -80,7 +79,7 @@ impl Timings {
     /// # Errors
     /// [`GpuError`] if the device fails.
     pub fn read(&self, gpu: &Gpu, submission: &Submission) -> Result<Vec<StageTime>, GpuError> {
-        gpu.owner.check(self.owner, "times of stages")?;
+        gpu.device_id.check(self.device_id, "times of stages")?;
         let index = submission.index_of(gpu)?;
         let ticks = mapped(gpu, &self.staging, self.staging.size(), index, |bytes| {
             let times = bytes.chunks_exact(TIME_BYTES as usize);

@@ -2,10 +2,10 @@
 
 use std::sync::{Mutex, PoisonError};
 
+use crate::allocations::count;
 use crate::buffer::Slice;
 use crate::error::GpuError;
 use crate::gpu::Gpu;
-use crate::made::count;
 
 /// Bytes of a piece of memory on the way: the uniforms of a frame, a dozen structs of up to 256 B, fit into one.
 const CHUNK_BYTES: u64 = 4 << 10;
@@ -52,7 +52,7 @@ impl Uploads {
         if actual > max {
             return Err(GpuError::TooLarge { what: what.to_owned(), max, actual });
         }
-        gpu.owner.check(to.buffer.owner, "a buffer that a frame writes")?;
+        gpu.device_id.check(to.buffer.device_id, "a buffer that a frame writes")?;
         let Some(size) = wgpu::BufferSize::new(actual) else { return gpu.check() };
         let Self { belt, encoder } = self;
         gpu.checked(what, actual, || {

@@ -4,7 +4,7 @@
 use std::time::Instant;
 
 use gs3_evaluate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
-use gs3_evaluate::metrics::{Border, Quantisation, flip, psnr, ssim};
+use gs3_evaluate::metrics::{Quantisation, SsimBorder, flip, psnr, ssim};
 use gs3_scene::Image;
 
 const WIDTH: usize = 1920;
@@ -40,7 +40,7 @@ fn main() {
     let (reference, test) = (frame(0.0), frame(0.1));
     println!("{WIDTH}x{HEIGHT}, {} threads, median of 15", rayon::current_num_threads());
     let psnr_ms = median_ms(|| _ = psnr(&reference, &test, Quantisation::None));
-    let ssim_ms = median_ms(|| _ = ssim(&reference, &test, Border::Crop));
+    let ssim_ms = median_ms(|| _ = ssim(&reference, &test, SsimBorder::Crop));
     println!("PSNR         {psnr_ms:7.1} ms");
     println!("PSNR, 8-bit  {:7.1} ms", median_ms(|| _ = psnr(&reference, &test, Quantisation::EightBit)));
     println!("SSIM         {ssim_ms:7.1} ms");

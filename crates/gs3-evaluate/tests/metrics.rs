@@ -7,7 +7,8 @@ mod common;
 use common::{crop, data, image};
 use gs3_evaluate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
 use gs3_evaluate::metrics::{
-    Border, MetricError, Quantisation, Viewing, color_video_vdp, flicker, flip, flip_map, psnr, ssim, tpsnr,
+    MetricError, Quantisation, SsimBorder, Viewing, color_video_vdp, flicker, flip, flip_map, psnr, ssim,
+    tpsnr,
 };
 use gs3_scene::Image;
 use serde_json::Value;
@@ -55,8 +56,8 @@ fn ssim_agrees_with_scikit_image_and_with_the_zero_padded_convention() {
     for (name, reference, test) in pairs() {
         let expected = &oracle()["images"][name];
         // f32 filtering: 1e-7 on variances against C2 = 9e-4.
-        close(name, ssim(&reference, &test, Border::Crop).unwrap(), &expected["ssim_crop"], 2e-6);
-        close(name, ssim(&reference, &test, Border::ZeroPad).unwrap(), &expected["ssim_zero_pad"], 2e-6);
+        close(name, ssim(&reference, &test, SsimBorder::Crop).unwrap(), &expected["ssim_crop"], 2e-6);
+        close(name, ssim(&reference, &test, SsimBorder::ZeroPad).unwrap(), &expected["ssim_zero_pad"], 2e-6);
     }
 }
 
@@ -117,7 +118,7 @@ fn equal_images_are_perfect_and_stronger_errors_score_worse() {
         let vdp = color_video_vdp(std::slice::from_ref(&reference), std::slice::from_ref(&image), &viewing());
         [
             psnr(&reference, &image, Quantisation::None).unwrap(),
-            ssim(&reference, &image, Border::Crop).unwrap(),
+            ssim(&reference, &image, SsimBorder::Crop).unwrap(),
             -flip(&reference, &image, DEFAULT_PIXELS_PER_DEGREE).unwrap(),
             vdp.unwrap(),
         ]
@@ -145,7 +146,7 @@ fn metrics_judge_what_a_display_shows() {
     for quantisation in [Quantisation::None, Quantisation::EightBit] {
         assert_eq!(psnr(&reference, &wild, quantisation), psnr(&reference, &tame, quantisation));
     }
-    assert_eq!(ssim(&reference, &wild, Border::Crop), ssim(&reference, &tame, Border::Crop));
+    assert_eq!(ssim(&reference, &wild, SsimBorder::Crop), ssim(&reference, &tame, SsimBorder::Crop));
     let flip = |image| flip(&reference, image, DEFAULT_PIXELS_PER_DEGREE);
     assert_eq!(flip(&wild), flip(&tame));
     let vdp = |image: &Image| {
@@ -162,7 +163,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
         pool.install(|| {
             [
                 psnr(&reference, &test, Quantisation::None).unwrap(),
-                ssim(&reference, &test, Border::ZeroPad).unwrap(),
+                ssim(&reference, &test, SsimBorder::ZeroPad).unwrap(),
                 flip(&reference, &test, DEFAULT_PIXELS_PER_DEGREE).unwrap(),
             ]
             .map(f64::to_bits)
@@ -175,10 +176,10 @@ fn results_do_not_depend_on_the_number_of_threads() {
 fn odd_sizes_work_and_unusable_ones_are_refused() {
     let reference = image("chelsea.png");
     let tiny = crop(&reference, 0, 0, 11, 11);
-    assert!((ssim(&tiny, &tiny, Border::Crop).unwrap() - 1.0).abs() < 1e-6);
+    assert!((ssim(&tiny, &tiny, SsimBorder::Crop).unwrap() - 1.0).abs() < 1e-6);
     let narrow = crop(&reference, 3, 5, 10, 30);
     assert_eq!(
-        ssim(&narrow, &narrow, Border::Crop),
+        ssim(&narrow, &narrow, SsimBorder::Crop),
         Err(MetricError::TooSmall { metric: "SSIM", min: 11, actual: (10, 30) })
     );
     let pixel = crop(&reference, 3, 5, 1, 1);
@@ -186,7 +187,7 @@ fn odd_sizes_work_and_unusable_ones_are_refused() {
     assert_eq!(flip(&pixel, &pixel, DEFAULT_PIXELS_PER_DEGREE), Ok(0.0));
     let size = MetricError::Size { what: "test image", expected: (11, 11), actual: (10, 30) };
     assert_eq!(psnr(&tiny, &narrow, Quantisation::None), Err(size.clone()));
-    assert_eq!(ssim(&tiny, &narrow, Border::Crop), Err(size.clone()));
+    assert_eq!(ssim(&tiny, &narrow, SsimBorder::Crop), Err(size.clone()));
     assert_eq!(flip(&tiny, &narrow, DEFAULT_PIXELS_PER_DEGREE), Err(size));
     let empty = Image::new(0, 0);
     assert!(matches!(psnr(&empty, &empty, Quantisation::None), Err(MetricError::TooSmall { .. })));

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use common::{gbuffer, image};
 use gs3::Culling;
-use gs3::neural::model::Peer;
+use gs3::neural::model::PublishedNetwork;
 use gs3::neural::{Header, Weights};
 use gs3_evaluate::methods::{MethodError, MethodSettings, build};
 use gs3_evaluate::network::Trained;
@@ -16,7 +16,7 @@ use gs3_evaluate::upscale::{UpscaleError, Upscaler};
 use gs3_scene::{Image, demo, orbit};
 
 /// Random weights of `peer` at ×4.
-fn weights(peer: Peer) -> Weights {
+fn weights(peer: PublishedNetwork) -> Weights {
     let graph = peer.graph(4).unwrap();
     let [training_data, licence] = ["", ""].map(str::to_owned);
     let (network, version, tier) = (graph.name().to_owned(), graph.version(), peer.size().to_owned());
@@ -28,7 +28,7 @@ fn weights(peer: Peer) -> Weights {
 #[test]
 fn samples_are_where_networks_expect_them() {
     let folder = tempfile::tempdir().unwrap();
-    let mut nothing = weights(Peer::Ecbsr);
+    let mut nothing = weights(PublishedNetwork::Ecbsr);
     nothing.arrays.values_mut().for_each(|array| array.values_mut().fill(0.0));
     nothing.save(folder.path().join("ecbsr_x4.safetensors")).unwrap();
     let scene = Arc::new(demo::scene().unwrap());
@@ -46,7 +46,7 @@ fn samples_are_where_networks_expect_them() {
         method.render(&camera, None).unwrap().current.clone()
     };
     let (native, made) = (frame("native"), frame("ecbsr_trained"));
-    let sample = Peer::Ecbsr.sample(4);
+    let sample = PublishedNetwork::Ecbsr.sample(4);
     let mut worst = [0.0_f32; 2];
     for y in (0..64).step_by(4) {
         for x in (0..96).step_by(4) {
@@ -64,7 +64,7 @@ fn samples_are_where_networks_expect_them() {
 #[test]
 fn images_of_any_size_are_enlarged() {
     let whole = image("coffee_lr.png");
-    for peer in Peer::ALL {
+    for peer in PublishedNetwork::ALL {
         let mut network = Trained::new(peer, weights(peer)).unwrap();
         // An odd size is the even one with its last row and column repeated.
         let (odd, even) = (common::crop(&whole, 0, 0, 21, 13), common::crop(&whole, 0, 0, 22, 14));
@@ -94,7 +94,7 @@ fn images_of_any_size_are_enlarged() {
 #[test]
 fn shipped_weights_keep_flat_images() {
     let mut count = 0;
-    for peer in Peer::ALL {
+    for peer in PublishedNetwork::ALL {
         let Some(bytes) = Trained::shipped(peer, 4) else { continue };
         let mut network = Trained::new(peer, Weights::from_bytes(bytes).unwrap()).unwrap();
         for value in [0.2, 0.7] {
@@ -115,11 +115,12 @@ fn shipped_weights_keep_flat_images() {
 
 #[test]
 fn weights_of_another_network_are_refused() {
-    let refused = Trained::new(Peer::Rt4ksr, weights(Peer::Ecbsr)).unwrap_err().to_string();
+    let refused =
+        Trained::new(PublishedNetwork::Rt4ksr, weights(PublishedNetwork::Ecbsr)).unwrap_err().to_string();
     assert_eq!(refused, "header, network: expected rt4ksr, found ecbsr");
-    let mut other = weights(Peer::Ninasr);
+    let mut other = weights(PublishedNetwork::Ninasr);
     other.header.tier = "b0".to_owned();
-    let refused = Trained::new(Peer::Ninasr, other).unwrap_err().to_string();
+    let refused = Trained::new(PublishedNetwork::Ninasr, other).unwrap_err().to_string();
     assert_eq!(refused, "header, tier: expected b1, found b0");
     // No weights for ×2 come with gs3.
     let scene = Arc::new(demo::scene().unwrap());

@@ -7,7 +7,7 @@ mod common;
 
 use common::{data, gbuffer, image};
 use gs3_evaluate::upscale::{Fsr1, Hermite, Lanczos, RidgeError, RidgeMap, UpscaleError, Upscaler};
-use gs3_reconstruct::Kernel;
+use gs3_reconstruct::ResampleKernel;
 use gs3_scene::{GBuffer, Gradients, Image, Planes};
 use serde_json::Value;
 
@@ -72,9 +72,9 @@ fn baselines_agree_with_reference_implementations() {
     let oracle: Value = serde_json::from_slice(&std::fs::read(data("upscale.json")).unwrap()).unwrap();
     let lr = gbuffer(&image("coffee_lr.png"));
     let mut methods: [(&str, Box<dyn Upscaler>); 5] = [
-        ("nearest", Box::new(Kernel::Nearest)),
-        ("bilinear", Box::new(Kernel::Bilinear)),
-        ("bicubic", Box::new(Kernel::Bicubic)),
+        ("nearest", Box::new(ResampleKernel::Nearest)),
+        ("bilinear", Box::new(ResampleKernel::Bilinear)),
+        ("bicubic", Box::new(ResampleKernel::Bicubic)),
         ("lanczos", Box::new(Lanczos::default())),
         ("fsr1", Box::new(Fsr1::default())),
     ];
@@ -104,9 +104,9 @@ fn every_method_places_samples_where_they_were_taken() {
     for scale in [2, 3, 4] {
         for jitter in [[0.0, 0.0], [0.375, -0.125], [-0.46, 0.29]] {
             let methods: [(&str, Box<dyn Upscaler>, f32); 7] = [
-                ("nearest", Box::new(Kernel::Nearest), 0.15),
-                ("bilinear", Box::new(Kernel::Bilinear), 0.025),
-                ("bicubic", Box::new(Kernel::Bicubic), 0.01),
+                ("nearest", Box::new(ResampleKernel::Nearest), 0.15),
+                ("bilinear", Box::new(ResampleKernel::Bilinear), 0.025),
+                ("bicubic", Box::new(ResampleKernel::Bicubic), 0.01),
                 ("lanczos", Box::new(Lanczos::default()), 0.012),
                 ("fsr1", Box::new(Fsr1::default()), 0.15),
                 ("hermite", Box::new(Hermite::EstimatedMixed), 2e-3),

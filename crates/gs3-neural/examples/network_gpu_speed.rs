@@ -6,8 +6,8 @@ use std::time::Instant;
 use gs3_compute::{Buffer, Gpu, GpuSettings, OptionalFeatures, Slice, Timings, Use};
 use gs3_neural::model::{Tier, interpolate, super_sample};
 use gs3_neural::{
-    GpuEngine, GpuEngineSettings, GpuImage, GpuRunError, Graph, Header, ImageFormat, MatrixUnit, Precision,
-    Weights,
+    GpuEngine, GpuEngineSettings, GpuRunError, GpuTensorImage, Graph, Header, ImageFormat, MatrixUnit,
+    Precision, Weights,
 };
 
 /// Frames before the measured ones, and those.
@@ -56,7 +56,7 @@ fn measure(
     let start = Instant::now();
     let engine = GpuEngine::new(gpu, graph, &weights, lr, &settings)?;
     let compiled = start.elapsed();
-    let buffers = |images: &[GpuImage]| {
+    let buffers = |images: &[GpuTensorImage]| {
         let buffers = images
             .iter()
             .map(|image| Ok((image.name.clone(), gpu.buffer(&image.name, Use::Storage, image.bytes)?)));

@@ -26,7 +26,8 @@ pub use engine::{Arithmetic, Engine};
 pub use error::{GraphError, RunError, WeightError};
 #[cfg(feature = "gpu")]
 pub use gpu::{
-    BoundEngine, GpuEngine, GpuEngineSettings, GpuImage, GpuRunError, ImageFormat, MatrixUnit, Precision,
+    BoundEngine, GpuEngine, GpuEngineSettings, GpuRunError, GpuTensorImage, ImageFormat, MatrixUnit,
+    Precision,
 };
 pub use graph::{Activation, Border, Conv2d, Graph, GraphBuilder, Layer, Op, Output, Parameter, Tensor};
 pub use images::Named;

@@ -3,7 +3,7 @@
 
 #![allow(clippy::unwrap_used, reason = "graphs and their own weights fit")]
 
-use gs3_neural::model::{Peer, Tier, interpolate, super_sample};
+use gs3_neural::model::{PublishedNetwork, Tier, interpolate, super_sample};
 use gs3_neural::{Arithmetic, Differentiator, Engine, Graph, Header, Random, Weights, reference};
 
 /// The largest difference that single precision explains, of numbers of about 1: some thirty layers, each a sum of some
@@ -18,7 +18,7 @@ fn graphs() -> Vec<(Graph, u32)> {
             graphs.push((super_sample(scale, tier).unwrap(), scale as u32));
             graphs.push((interpolate(scale, tier).unwrap(), scale as u32));
         }
-        graphs.extend(Peer::ALL.map(|peer| (peer.graph(scale).unwrap(), scale as u32)));
+        graphs.extend(PublishedNetwork::ALL.map(|peer| (peer.graph(scale).unwrap(), scale as u32)));
     }
     graphs
 }

@@ -1,6 +1,6 @@
 //! The engine computes what the reference says.
 
-use gs3_neural::model::{Peer, Tier, initial_weights, interpolate, super_sample};
+use gs3_neural::model::{PublishedNetwork, Tier, initial_weights, interpolate, super_sample};
 use gs3_neural::{
     Activation, Border, Conv2d, Engine, Graph, GraphBuilder, Header, Op, Random, RunError, Weights, reference,
 };
@@ -82,7 +82,7 @@ fn wide_images_compute_what_the_reference_says() {
 /// the same numbers, and those of the reference.
 #[test]
 fn high_images_compute_what_the_reference_says_on_any_number_of_threads() {
-    for graph in [super_sample(2, Tier::Fast), interpolate(2, Tier::Fast), Peer::Ecbsr.graph(2)] {
+    for graph in [super_sample(2, Tier::Fast), interpolate(2, Tier::Fast), PublishedNetwork::Ecbsr.graph(2)] {
         let graph = graph.expect("a network");
         let (weights, lr) = (Weights::random(&graph, header(&graph), 5), [90, 14]);
         let images = images(&graph, lr, 3);

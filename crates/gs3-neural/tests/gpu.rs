@@ -3,11 +3,11 @@
 #![cfg(feature = "gpu")]
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
-use gs3_compute::{Buffer, Gpu, GpuError, GpuSettings, OptionalFeatures, Slice, Support, Use};
+use gs3_compute::{Buffer, Gpu, GpuError, GpuSettings, OptionalFeatures, Slice, Use};
 use gs3_neural::model::{Tier, interpolate, super_sample};
 use gs3_neural::{
-    Activation, Border, Conv2d, GpuEngine, GpuEngineSettings, GpuImage, GpuRunError, Graph, GraphBuilder,
-    Header, ImageFormat, MatrixUnit, Op, Precision, Random, RunError, Weights, reference,
+    Activation, Border, Conv2d, GpuEngine, GpuEngineSettings, GpuRunError, GpuTensorImage, Graph,
+    GraphBuilder, Header, ImageFormat, MatrixUnit, Op, Precision, Random, RunError, Weights, reference,
 };
 
 /// The device of this machine, if it has one.
@@ -23,7 +23,7 @@ fn device(features: OptionalFeatures) -> Option<Gpu> {
 
 /// In which ways a device computes, and how far from the reference it may be, of numbers about 1.
 fn ways(gpu: &Gpu) -> Vec<(GpuEngineSettings<'static>, f64)> {
-    let half = gpu.capabilities().shader_f16 == Support::Present;
+    let half = gpu.capabilities().shader_f16;
     let unit = MatrixUnit::of(gpu.capabilities());
     if unit.is_none() {
         eprintln!("skipped: no products of matrices");
@@ -76,14 +76,14 @@ fn uploaded(gpu: &Gpu, images: &[(String, Vec<f32>)]) -> Buffers {
 
 /// Buffers in which what is not written stands out.
 fn outputs(gpu: &Gpu, engine: &GpuEngine) -> Buffers {
-    let buffer = |image: &GpuImage| {
+    let buffer = |image: &GpuTensorImage| {
         let values = vec![f32::NAN; image.bytes as usize / 4];
         (image.name.clone(), gpu.buffer_with(&image.name, Use::Storage, &values).unwrap())
     };
     engine.outputs().iter().map(buffer).collect()
 }
 
-fn find<'a>(images: &'a [GpuImage], name: &str) -> &'a GpuImage {
+fn find<'a>(images: &'a [GpuTensorImage], name: &str) -> &'a GpuTensorImage {
     images.iter().find(|image| image.name == name).unwrap()
 }
 
@@ -236,7 +236,7 @@ fn states_stay_on_the_device() {
         let wanted = [state, ("color", ImageFormat::Pixels)];
         let settings = GpuEngineSettings { inputs: &[state], outputs: Some(&wanted), ..way };
         let engine = GpuEngine::new(&gpu, &graph, &weights, lr, &settings).unwrap();
-        let buffer = |image: &GpuImage| gpu.buffer(&image.name, Use::Storage, image.bytes).unwrap();
+        let buffer = |image: &GpuTensorImage| gpu.buffer(&image.name, Use::Storage, image.bytes).unwrap();
         let states = [engine.inputs(), engine.outputs()].map(|images| buffer(find(images, "hidden")));
         let color = buffer(find(engine.outputs(), "color"));
         let mut from = uploaded(&gpu, &images);

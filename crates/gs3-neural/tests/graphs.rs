@@ -1,6 +1,6 @@
 //! The networks as data: shapes, budgets, errors.
 
-use gs3_neural::model::{Peer, Tier, interpolate, super_sample};
+use gs3_neural::model::{PublishedNetwork, Tier, interpolate, super_sample};
 use gs3_neural::{Border, Conv2d, GraphBuilder, GraphError, Op, Shape};
 
 const LR: [usize; 2] = [270, 480];
@@ -33,9 +33,11 @@ fn networks_keep_their_budgets() {
 /// on top.
 #[test]
 fn published_networks_have_their_published_sizes() {
-    for (peer, parameters, work) in
-        [(Peer::Ecbsr, 16_768, 1_035), (Peer::Rt4ksr, 70_560, 1_093), (Peer::Ninasr, 1_030_192, 60_835)]
-    {
+    for (peer, parameters, work) in [
+        (PublishedNetwork::Ecbsr, 16_768, 1_035),
+        (PublishedNetwork::Rt4ksr, 70_560, 1_093),
+        (PublishedNetwork::Ninasr, 1_030_192, 60_835),
+    ] {
         let graph = peer.graph(4).expect("a network");
         let learned: usize = graph.parameters().iter().map(|p| p.shape.iter().product::<usize>()).sum();
         assert_eq!(learned, parameters, "{peer:?}");
@@ -44,7 +46,7 @@ fn published_networks_have_their_published_sizes() {
     }
     // Blocks of 2×2 pixels need even sides.
     assert!(matches!(
-        Peer::Rt4ksr.graph(4).expect("a network").shapes([5, 8]),
+        PublishedNetwork::Rt4ksr.graph(4).expect("a network").shapes([5, 8]),
         Err(GraphError::Shape { layer, .. }) if layer == "blocks"
     ));
 }

@@ -58,5 +58,5 @@ fn main() {
         let stages: Vec<String> = times.iter().map(|t| format!("{} {:.2?}", t.stage, t.time)).collect();
         println!("frame: {:.2?}: {}", started.elapsed(), stages.join(", "));
     }
-    println!("{:?}", rasterizer.settle().unwrap());
+    println!("{:?}", rasterizer.check_capacity().unwrap());
 }

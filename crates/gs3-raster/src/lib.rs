@@ -35,7 +35,7 @@ mod view;
 pub use cpu::{Importance, RasterTimes, Rasterizer};
 pub use fearless_simd::Level;
 #[cfg(feature = "gpu")]
-pub use gpu::{GpuGBuffer, GpuRasterError, GpuRasterizer, ScenePrecision, Settled};
+pub use gpu::{CapacityCheck, GpuGBuffer, GpuRasterError, GpuRasterizer, ScenePrecision};
 pub use settings::{
     Culling, ExpectedDepth, MAX_MARGIN, Outputs, RasterError, RasterSettings, Rules, STOCK_DILATION,
     matched_dilation,

@@ -14,8 +14,8 @@ pub fn matched_dilation(scale: u32) -> f32 {
     STOCK_DILATION / (scale as f32 * scale as f32)
 }
 
-/// Most pixels beyond an edge of the picture: a turn of 32 of 480 pixels in a few frames is a fast one, and wider
-/// margins gained 0.006 dB more (`docs/performance.md`). Whoever sets memory aside for margins sets aside as much.
+/// Most pixels beyond an edge of the picture. A turn of 32 of 480 pixels in a few frames is a fast one, and margins of 48
+/// and 64 pixels gain 0.01 to 0.02 dB more (`docs/performance.md`). Memory for margins is allocated for this width.
 pub const MAX_MARGIN: u32 = 32;
 
 /// Which tiles a splat is assigned to.

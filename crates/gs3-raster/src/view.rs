@@ -65,7 +65,7 @@ impl View {
             ],
             // Those of the picture: what is rasterized around it changes nothing in it.
             jacobian_limits: [limits(i.width, i.cx, i.fx), limits(i.height, i.cy, i.fy)],
-            size: margin.around([i.width, i.height]),
+            size: margin.padded([i.width, i.height]),
             before: [0.0; 2],
             dilation: settings.dilation,
             min_compensation: settings.rules.min_compensation,
@@ -80,7 +80,7 @@ impl View {
     pub fn of_low_resolution(camera: &Camera, scale: u32, settings: &RasterSettings, near: f32) -> Self {
         let native = RasterSettings { jitter: [0.0; 2], margin: Margin::NONE, ..*settings };
         let lr = camera.low_resolution(scale);
-        let lr_size = settings.margin.around([lr.width(), lr.height()]);
+        let lr_size = settings.margin.padded([lr.width(), lr.height()]);
         let before = [settings.margin.left, settings.margin.top].map(|side| (side * scale) as f32);
         // Scales that are no powers of two must not round the native image's dilation.
         let is_matched = settings.dilation == matched_dilation(scale);

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use gs3_raster::{Culling, Outputs, RasterSettings, Rasterizer, matched_dilation};
-use gs3_reconstruct::{Interpolator, Kernel, Kriging, Neighbor, SuperSampler, hermite, resample};
+use gs3_reconstruct::{Interpolator, Kriging, Neighbor, ResampleKernel, SuperSampler, hermite, resample};
 use gs3_scene::{Camera, CameraPath, GBuffer, Image, capture, format, jitter::Jitter};
 
 const SCALE: u32 = 4;
@@ -57,7 +57,7 @@ impl Measurement {
             let camera = self.path.at(k as f64);
             let native = self.native(&camera)?;
             let centred = self.gbuffer(&camera, [0.0; 2])?;
-            resample(&centred, SCALE, Kernel::Bicubic, &mut single)?;
+            resample(&centred, SCALE, ResampleKernel::Bicubic, &mut single)?;
             sums[0] += psnr(&single, &native);
             hermite(&centred, SCALE, &mut single)?;
             sums[1] += psnr(&single, &native);

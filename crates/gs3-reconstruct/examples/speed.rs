@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use gs3_raster::{Culling, Outputs, RasterSettings, Rasterizer, matched_dilation};
-use gs3_reconstruct::{Interpolator, Kriging, Motion, Neighbor, SuperSampler, View, Warped};
+use gs3_reconstruct::{DepthView, Interpolator, Kriging, Motion, Neighbor, SuperSampler, Warped};
 use gs3_scene::{Camera, GBuffer, Image, capture, format, jitter::Jitter};
 
 const SCALE: u32 = 4;
@@ -69,8 +69,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         result?;
         let (result, warping) = time(|| interpolator.warp(from, to, 0.5, &middle, &mut warped));
         result?;
-        let now = View::of_gbuffer(gbuffer, camera, SCALE)?;
-        let before = View::of_gbuffer(gbuffer_before, camera_before, SCALE)?;
+        let now = DepthView::of_gbuffer(gbuffer, camera, SCALE)?;
+        let before = DepthView::of_gbuffer(gbuffer_before, camera_before, SCALE)?;
         let (result, moving) = time(|| motion.set(&now, &before));
         result?;
         let all = [super_sampling, with_kriging, interpolation, warping, moving];

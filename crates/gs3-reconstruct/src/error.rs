@@ -79,10 +79,10 @@ pub enum ReconstructError {
         /// Distance of the far plane.
         far: f32,
     },
-    /// Cameras between two frames are not those of the frames between.
+    /// Cameras between two frames are not those of the in-between frames.
     #[error("cameras between two frames: expected none or {expected}, found {actual}")]
     Poses {
-        /// Frames between.
+        /// In-between frames.
         expected: usize,
         /// Cameras given.
         actual: usize,
@@ -148,17 +148,17 @@ pub(crate) fn check_gbuffer(
     check_planes(gbuffer, expected)
 }
 
-/// Checks that `around` is the frame of `gbuffer`, which has been checked, with a margin.
-pub(crate) fn check_around(around: &GBuffer, gbuffer: &GBuffer) -> Result<(), ReconstructError> {
-    let (expected, actual) = (gbuffer.jitter, around.jitter);
+/// Checks that `padded` is the frame of `gbuffer`, which has been checked, with a margin.
+pub(crate) fn check_padded(padded: &GBuffer, gbuffer: &GBuffer) -> Result<(), ReconstructError> {
+    let (expected, actual) = (gbuffer.jitter, padded.jitter);
     if expected != actual {
         return Err(ReconstructError::JitterAround { expected, actual });
     }
-    let Margin { left, top, right, bottom } = around.margin;
+    let Margin { left, top, right, bottom } = padded.margin;
     let sum = |a: u32, b: u32| (a as usize).saturating_add(b as usize);
     let size =
         (gbuffer.width().saturating_add(sum(left, right)), gbuffer.height().saturating_add(sum(top, bottom)));
-    check_planes(around, size)
+    check_planes(padded, size)
 }
 
 /// Checks that what there is of `gbuffer` has the size `expected`, and that its jitter is usable.

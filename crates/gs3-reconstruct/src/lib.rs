@@ -37,62 +37,38 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod blend;
-mod boxes;
-mod carry;
+mod cpu;
 mod cut;
 mod depth_lattice;
 mod difference;
-mod displacement;
 mod error;
-mod gather;
 #[cfg(feature = "gpu")]
 pub mod gpu;
-mod hermite;
-mod interpolate;
 mod jitter;
-mod kriging;
-mod lanes;
-mod lattice;
 mod margin;
-mod middle_depth;
-mod motion;
-mod nearest;
-mod neighbor_depth;
-mod past;
-mod plausible;
-mod prefetch;
 mod reconstructor;
 mod reprojection;
-mod resample;
-mod samples;
-mod select;
-mod separate;
+mod sample_grid;
 mod sequence;
-mod splat;
-mod staleness;
-mod super_sample;
-mod surface_motion;
-mod tile;
+mod settings;
 mod view;
-mod warp;
 
+pub use cpu::hermite::hermite;
+pub use cpu::interpolate::{Interpolator, Neighbor, Reprojected, Warped};
+pub use cpu::motion::{Depth, DepthView, Motion};
+pub use cpu::resample::{ResampleKernel, resample};
+pub use cpu::select::{BlockBudget, select_blocks};
+pub use cpu::super_sample::SuperSampler;
 pub use cut::is_cut;
 pub use depth_lattice::DepthLattice;
 pub use difference::difference;
 pub use error::ReconstructError;
-pub use hermite::hermite;
-pub use interpolate::{Interpolator, Neighbor, Reprojected, Warped};
 pub use jitter::{AdaptiveJitter, Sampling};
-pub use kriging::Kriging;
 pub use margin::margin_ahead;
-pub use motion::{Depth, Motion, View};
 pub use reconstructor::{Reconstructed, Reconstructor, ReconstructorSettings};
 pub use reprojection::{NEAREST_DEPTH, inverse_depth};
-pub use resample::{Kernel, resample};
-pub use select::{BlockBudget, select_blocks};
 pub use sequence::{FrameSequence, FrameStart, ResetReason};
-pub use super_sample::SuperSampler;
+pub use settings::Kriging;
 pub use view::{DepthEncoding, GBufferView, PlanesView, Strides};
 
 /// Largest scale factor, HR over LR.

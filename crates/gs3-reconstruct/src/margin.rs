@@ -6,7 +6,7 @@ use gs3_scene::{BLOCK_SIDE, Camera, Margin, glam};
 use crate::depth_lattice::{DepthLattice, SKY};
 
 /// Frames ahead of the one being made whose new parts are rasterized already. A history of S² frames would use more;
-/// measured at scale 4, frames between gain 2.09 and 2.16 dB with 4 and 8 frames ahead, 2.18 with 15 and margins
+/// measured at scale 4, in-between frames gain 2.09 and 2.16 dB with 4 and 8 frames ahead, 2.18 with 15 and margins
 /// twice as wide (`docs/performance.md`).
 const FRAMES_AHEAD: f64 = 8.0;
 

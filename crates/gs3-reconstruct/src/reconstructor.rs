@@ -3,14 +3,14 @@
 use gs3_scene::camera_path::pose_between;
 use gs3_scene::{Camera, GBuffer, Image, Margin, Planes};
 
+use crate::cpu::interpolate::{Interpolator, Neighbor};
+use crate::cpu::super_sample::{Since, SuperSampler};
 use crate::depth_lattice::DepthLattice;
 use crate::error::{ReconstructError, camera_size, check_size};
-use crate::interpolate::{Interpolator, Neighbor};
 use crate::jitter::Sampling;
-use crate::kriging::Kriging;
 use crate::sequence::ResetReason;
 use crate::sequence::{FrameSequence, FrameStart};
-use crate::super_sample::{Since, SuperSampler};
+use crate::settings::Kriging;
 use crate::view::GBufferView;
 
 /// Settings of a [`Reconstructor`], fixed at its construction.
@@ -45,7 +45,7 @@ impl Default for ReconstructorSettings {
 pub struct Reconstructed<'a> {
     /// The frames between the previous one and this one, in order. None after a reset: the previous frame stays on for
     /// these moments.
-    pub between: &'a [Image],
+    pub in_between: &'a [Image],
     /// The frame: RGB, and the uncertainty that [`SuperSampler::super_sample`] describes.
     pub current: &'a Image,
     /// Why it has no history, if it has none.
@@ -61,7 +61,7 @@ struct Frame {
 }
 
 /// Reconstructs the frames of one renderer, one after the other: chooses where each is sampled, tells camera cuts,
-/// super-samples, and interpolates frames between. All memory is kept between frames.
+/// super-samples, and makes in-between frames. All memory is kept between frames.
 ///
 /// For each frame: ask [`Self::next`] for its jitter (or [`Self::next_jitter`] alone), render the LR frame of
 /// [`Camera::low_resolution`] sampled there, and give it to [`Self::reconstruct`].
@@ -122,7 +122,7 @@ impl Reconstructor {
         self.sequence.reset(reason);
     }
 
-    /// Reconstructs the frame of the HR `camera` from its LR frame, and frames between at poses between the previous
+    /// Reconstructs the frame of the HR `camera` from its LR frame, and in-between frames at poses between the previous
     /// camera and this one.
     ///
     /// # Errors
@@ -136,7 +136,7 @@ impl Reconstructor {
         self.reconstruct_with_poses(camera, gbuffer, &[])
     }
 
-    /// As [`Self::reconstruct`], where the true cameras of the frames between are known: `poses` are all of them, in
+    /// As [`Self::reconstruct`], where the true cameras of the in-between frames are known: `poses` are all of them, in
     /// order, or none.
     ///
     /// # Errors
@@ -160,8 +160,8 @@ impl Reconstructor {
         };
         self.current.camera = Some(*camera);
         self.sequence.commit(camera, start.reset, gbuffer.jitter, DepthLattice::of(&self.current.gbuffer));
-        let between = &self.in_between[..count];
-        Ok(Reconstructed { between, current: &self.current.image, reset: start.reset })
+        let in_between = &self.in_between[..count];
+        Ok(Reconstructed { in_between, current: &self.current.image, reset: start.reset })
     }
 
     /// Makes the current frame and those between; gives their number.

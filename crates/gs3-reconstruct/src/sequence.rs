@@ -24,7 +24,7 @@ pub enum ResetReason {
     /// The frame before could not be made.
     Failure,
     /// The frame is one of those at fixed numbers of a path where all begins anew, so that parts of the path can be
-    /// rendered apart. Frames between lead to it.
+    /// rendered apart. In-between frames lead to it.
     Keyframe,
 }
 

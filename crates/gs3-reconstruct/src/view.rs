@@ -187,7 +187,7 @@ pub struct GBufferView<'a> {
     ///
     /// Without motion everything shown has stood still since the frame before. So have surfaces whose vectors differ from
     /// what depths and cameras explain by no more than 1/256 pixel and 1/1024 of the vector (half precision rounds by as
-    /// much). Other surfaces take their history along, and move in the frames between.
+    /// much). Other surfaces take their history along, and move in the in-between frames.
     ///
     /// * A surface that was nowhere in the frame before has a vector longer than two pictures.
     /// * Where nothing was hit, vectors say only that the past counts as far as the colours of this frame allow.

@@ -93,25 +93,25 @@ impl Sampler {
     }
 
     fn super_sample(&mut self, camera: &Camera, gbuffer: &GBuffer) -> (Image, GpuImage) {
-        self.super_sample_within(camera, gbuffer, gbuffer)
+        self.super_sample_padded(camera, gbuffer, gbuffer)
     }
 
-    fn super_sample_within(
+    fn super_sample_padded(
         &mut self,
         camera: &Camera,
         gbuffer: &GBuffer,
-        around: &GBuffer,
+        padded: &GBuffer,
     ) -> (Image, GpuImage) {
         let (uploaded, to) =
             (Uploaded::new(&self.gpu, gbuffer), GpuImage::new(&self.gpu, self.size).unwrap());
         let room = 2 * MARGIN as usize;
         let around_uploaded =
-            Uploaded::with_rows(&self.gpu, around, gbuffer.width() + room, gbuffer.height() + room);
+            Uploaded::with_rows(&self.gpu, padded, gbuffer.width() + room, gbuffer.height() + room);
         let bound = self.sampler.bind(&uploaded.planes(), &around_uploaded.planes(), &to).unwrap();
         let mut recorder = self.gpu.recorder(None);
-        self.sampler.record(&mut recorder, &bound, camera, gbuffer.jitter, around.margin).unwrap();
+        self.sampler.record(&mut recorder, &bound, camera, gbuffer.jitter, padded.margin).unwrap();
         recorder.submit().unwrap();
-        self.sampler.keep();
+        self.sampler.commit();
         let mut out = Image::default();
         to.read(&self.gpu, &mut out).unwrap();
         (out, to)
@@ -203,14 +203,14 @@ fn super_sampling_matches_the_cpu() {
                 let [left, top, right, bottom] = [0, 3, 5, 7].map(|by| (k as u32 * by) % (MARGIN + 1));
                 let margin = Margin { left, top, right, bottom };
                 let lr = pose(k).low_resolution(scale);
-                let around = world.gbuffer_around(&lr, grid_jitter(scale, k), margin);
+                let padded = world.gbuffer_around(&lr, grid_jitter(scale, k), margin);
                 let mut gbuffer = GBuffer::default();
-                around.crop(&mut gbuffer);
+                padded.crop(&mut gbuffer);
                 for (cpu, expected) in on_cpu.iter_mut().zip(&mut expected) {
-                    cpu.super_sample_within(&pose(k), &gbuffer, &around, expected).unwrap();
+                    cpu.super_sample_padded(&pose(k), &gbuffer, &padded, expected).unwrap();
                 }
                 for (way, (gpu, worst)) in on_gpu.iter_mut().zip(&mut worst).enumerate() {
-                    let (actual, _) = gpu.super_sample_within(&pose(k), &gbuffer, &around);
+                    let (actual, _) = gpu.super_sample_padded(&pose(k), &gbuffer, &padded);
                     let (psnr, flipped) = kriged_psnr(&actual, &expected, way);
                     *worst = (worst.0.min(psnr), worst.1.max(flipped));
                     let whole = self::psnr(&actual, &expected[way]);
@@ -421,8 +421,8 @@ fn what_does_not_fit_is_a_typed_error() {
     let out = GpuImage::new(&gpu, [64, 64]).unwrap();
     let short =
         GpuError::TooSmall { what: "bytes of plane dy_expected".to_owned(), min: 16 * 256, actual: 16 * 240 };
-    for (planes, around) in [(planes, uploaded.planes()), (uploaded.planes(), planes)] {
-        assert_eq!(sampler.bind(&planes, &around, &out).map(|_| ()), Err(short.clone().into()));
+    for (planes, padded) in [(planes, uploaded.planes()), (uploaded.planes(), planes)] {
+        assert_eq!(sampler.bind(&planes, &padded, &out).map(|_| ()), Err(short.clone().into()));
     }
     let twin = GpuSuperSampler::new(&gpu, 4, [64, 64], Innovation::NotWanted, Kriging::On, 0).unwrap();
     let strange = twin.bind(&uploaded.planes(), &uploaded.planes(), &out).unwrap();

@@ -5,7 +5,7 @@ mod common;
 
 use common::{Sheet, World, camera, wall_and_post};
 use glam::DVec2;
-use gs3_reconstruct::{Depth, Motion, ReconstructError, View};
+use gs3_reconstruct::{Depth, DepthView, Motion, ReconstructError};
 use gs3_scene::{Camera, GBuffer, Planes};
 use proptest::prelude::*;
 
@@ -15,7 +15,7 @@ const JITTERS: [[f32; 2]; 2] = [[0.375, -0.125], [-0.3, 0.2]];
 fn motion(world: &World, cameras: [&Camera; 2], jitters: [[f32; 2]; 2]) -> Motion {
     let [now, before] = [0, 1].map(|k| world.gbuffer(&cameras[k].low_resolution(SCALE), jitters[k]));
     let mut motion = Motion::default();
-    let view = |gbuffer, camera| View::of_gbuffer(gbuffer, camera, SCALE).unwrap();
+    let view = |gbuffer, camera| DepthView::of_gbuffer(gbuffer, camera, SCALE).unwrap();
     motion.set(&view(&now, cameras[0]), &view(&before, cameras[1])).unwrap();
     motion
 }
@@ -147,8 +147,11 @@ fn the_sky_is_not_the_ground_at_the_horizon() {
     // itself.
     let mut inverse = Planes::<1>::new(8, 1);
     inverse.data_mut().iter_mut().enumerate().for_each(|(i, w)| *w = i as f32 / 8.0);
-    let view =
-        |jitter| View { camera: camera(8, 1, [0.0; 3], 0.0, 0.0), jitter, depth: Depth::Inverse(&inverse) };
+    let view = |jitter| DepthView {
+        camera: camera(8, 1, [0.0; 3], 0.0, 0.0),
+        jitter,
+        depth: Depth::Inverse(&inverse),
+    };
     let mut motion = Motion::default();
     motion.set(&view([0.25, 0.0]), &view([-0.25, 0.0])).unwrap();
     let validity = motion.validity.data();
@@ -160,13 +163,13 @@ fn both_forms_of_depth_are_one() {
     let world = wall_and_post(20.0);
     let cameras = [[0.4, 0.1, 0.3], [0.0; 3]].map(|p| camera(240, 136, p, 0.0, 0.0));
     let gbuffers: [GBuffer; 2] = [0, 1].map(|k| world.gbuffer(&cameras[k].low_resolution(SCALE), JITTERS[k]));
-    let views = [0, 1].map(|k| View::of_gbuffer(&gbuffers[k], &cameras[k], SCALE).unwrap());
+    let views = [0, 1].map(|k| DepthView::of_gbuffer(&gbuffers[k], &cameras[k], SCALE).unwrap());
     let inverse = gbuffers.each_ref().map(|gbuffer| {
         let mut inverse = gbuffer.geometry.as_ref().unwrap().depth_median.clone();
         inverse.data_mut().iter_mut().for_each(|z| *z = if *z > 0.0 { 1.0 / *z } else { 0.0 });
         inverse
     });
-    let others = [0, 1].map(|k| View { depth: Depth::Inverse(&inverse[k]), ..views[k] });
+    let others = [0, 1].map(|k| DepthView { depth: Depth::Inverse(&inverse[k]), ..views[k] });
     let mut motions = [Motion::default(), Motion::default()];
     motions[0].set(&views[0], &views[1]).unwrap();
     motions[1].set(&others[0], &others[1]).unwrap();
@@ -188,16 +191,16 @@ fn the_result_does_not_depend_on_the_threads() {
 fn wrong_inputs_are_typed_errors() {
     let camera = camera(64, 36, [0.0; 3], 0.0, 0.0);
     let (depth, small) = (Planes::new(64, 36), Planes::new(16, 9));
-    let view = View { camera, jitter: [0.0; 2], depth: Depth::Z(&depth) };
+    let view = DepthView { camera, jitter: [0.0; 2], depth: Depth::Z(&depth) };
     let mut motion = Motion::default();
-    let error = motion.set(&View { depth: Depth::Z(&small), ..view }, &view).unwrap_err();
+    let error = motion.set(&DepthView { depth: Depth::Z(&small), ..view }, &view).unwrap_err();
     assert_eq!(error, ReconstructError::Size { what: "depth", expected: (64, 36), actual: (16, 9) });
-    let other = View { camera: camera.low_resolution(4), depth: Depth::Inverse(&small), ..view };
+    let other = DepthView { camera: camera.low_resolution(4), depth: Depth::Inverse(&small), ..view };
     let error = motion.set(&view, &other).unwrap_err();
     assert!(matches!(error, ReconstructError::Size { what: "previous view", .. }));
-    let error = motion.set(&view, &View { jitter: [f32::NAN, 0.0], ..view }).unwrap_err();
+    let error = motion.set(&view, &DepthView { jitter: [f32::NAN, 0.0], ..view }).unwrap_err();
     assert!(matches!(error, ReconstructError::Jitter { .. }));
-    let error = View::of_gbuffer(&GBuffer::zeroed(64, 36), &camera, 0).unwrap_err();
+    let error = DepthView::of_gbuffer(&GBuffer::zeroed(64, 36), &camera, 0).unwrap_err();
     assert_eq!(error, ReconstructError::Scale { actual: 0 });
     assert_eq!(motion.flow.data().len(), 0);
 }
@@ -223,7 +226,7 @@ proptest! {
             let step = if seed % 3 == 0 { [far; 3] } else { step };
             let camera = camera(width, height, step.map(|s| s * k as f64), yaw * k as f64, 0.0);
             let depth = if is_inverse { Depth::Inverse(&planes[k]) } else { Depth::Z(&planes[k]) };
-            View { camera, jitter: jitters[k].into(), depth }
+            DepthView { camera, jitter: jitters[k].into(), depth }
         });
         let mut motion = Motion::default();
         motion.set(&views[0], &views[1]).unwrap();

@@ -1,4 +1,4 @@
-//! Things that move by themselves: history and frames between follow the renderer's motion vectors.
+//! Things that move by themselves: history and in-between frames follow the renderer's motion vectors.
 #![allow(clippy::unwrap_used, reason = "a failed helper is a failed test")]
 
 mod world;
@@ -19,7 +19,7 @@ const NEAR: f64 = 0.35;
 #[derive(Clone, Copy, Debug)]
 struct Quality {
     disc: f64,
-    around: f64,
+    padded: f64,
     elsewhere: f64,
 }
 
@@ -28,7 +28,7 @@ impl Quality {
         let (native, outside) = (world.native(camera, time), world.outside(camera, time));
         Self {
             disc: psnr_where(image, &native, |k| outside[k] < 0.0),
-            around: psnr_where(image, &native, |k| (0.0..NEAR).contains(&outside[k])),
+            padded: psnr_where(image, &native, |k| (0.0..NEAR).contains(&outside[k])),
             elsewhere: psnr_where(image, &native, |k| outside[k] >= NEAR),
         }
     }
@@ -46,7 +46,7 @@ fn run(world: World, path: impl Fn(f64) -> Camera, has_motion: bool) -> [Quality
         let view = if has_motion { buffers.moving_view() } else { buffers.view() };
         let between = path(time - 0.5);
         let shown = reconstructor.reconstruct_with_poses(&now, &view, &[between]).unwrap();
-        if let Some(middle) = shown.between.first() {
+        if let Some(middle) = shown.in_between.first() {
             quality = Some([
                 Quality::of(shown.current, world, &now, time),
                 Quality::of(middle, world, &between, time - 0.5),
@@ -91,7 +91,7 @@ fn what_moves_is_as_sharp_as_what_stands_still() {
             // Seen: 8.8 to 25.4 dB more than without, and up to 6 dB less than where a camera passes what rests.
             assert!(with.disc > without.disc + 6.0 && with.disc > 35.0, "{figures}");
             // Around it are uncovered places, whose history is short, and samples that its rim may have hidden.
-            assert!(with.around > without.around.min(still.around) - 0.5 && with.around > 30.0, "{figures}");
+            assert!(with.padded > without.padded.min(still.padded) - 0.5 && with.padded > 30.0, "{figures}");
             assert!(with.elsewhere > without.elsewhere.min(100.0) - 0.1, "{figures}");
         }
     });
@@ -111,7 +111,7 @@ fn vectors_of_what_stands_still_change_nothing() {
         rounded.motion.iter_mut().for_each(|v| *v *= 1.0 + 2.0_f32.powi(-12));
         let plain = plain.reconstruct(&now, &buffers.view()).unwrap();
         let told = told.reconstruct(&now, &rounded.moving_view()).unwrap();
-        assert!(plain.current == told.current && plain.between == told.between, "frame {k}");
+        assert!(plain.current == told.current && plain.in_between == told.in_between, "frame {k}");
     }
 }
 
@@ -160,7 +160,7 @@ fn motion_that_cannot_be_is_refused_and_changes_nothing() {
                 assert_eq!(error, ReconstructError::Size { what, expected, actual: (10, 10) });
             }
             let made = reconstructor.reconstruct(&now, &buffers.moving_view()).unwrap();
-            shown = (made.current.clone(), made.between.to_vec());
+            shown = (made.current.clone(), made.in_between.to_vec());
         }
         shown
     };
@@ -189,7 +189,7 @@ fn any_finite_vectors_make_finite_frames() {
             *z = [*z, *z, 0.0, 1e-7, 1e-3, 1e30, f32::INFINITY][next() as usize % 7];
         }
         let shown = reconstructor.reconstruct(&now, &buffers.moving_view()).unwrap();
-        for image in shown.between.iter().chain([shown.current]) {
+        for image in shown.in_between.iter().chain([shown.current]) {
             assert!(image.pixels().iter().flatten().all(|v| v.is_finite()), "frame {k}");
         }
     }

@@ -95,7 +95,7 @@ fn gbuffers_of_our_own_are_views_too() {
     let gbuffer = GBuffer::zeroed(64, 40);
     let mut reconstructor = Reconstructor::new(ReconstructorSettings::default()).unwrap();
     let shown = reconstructor.reconstruct(&now, &GBufferView::of(&gbuffer).unwrap()).unwrap();
-    assert!(shown.between.is_empty() && shown.current.pixels().iter().all(|pixel| pixel[..3] == [0.0; 3]));
+    assert!(shown.in_between.is_empty() && shown.current.pixels().iter().all(|pixel| pixel[..3] == [0.0; 3]));
     let error = GBufferView::of(&GBuffer { geometry: None, ..gbuffer }).map(|_| ()).unwrap_err();
     assert_eq!(error, ReconstructError::Missing { what: "depth" });
 }

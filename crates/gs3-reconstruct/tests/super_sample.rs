@@ -309,9 +309,9 @@ fn what_a_turn_reveals_has_a_past_in_the_margin() {
         let mut sampler = SuperSampler::new(4, Kriging::Off).unwrap();
         let (mut picture, mut out) = (GBuffer::default(), Image::default());
         for k in 0..10 {
-            let around = world.gbuffer_around(&pose(k).low_resolution(4), grid_jitter(4, k), margin);
-            around.crop(&mut picture);
-            sampler.super_sample_within(&pose(k), &picture, &around, &mut out).unwrap();
+            let padded = world.gbuffer_around(&pose(k).low_resolution(4), grid_jitter(4, k), margin);
+            padded.crop(&mut picture);
+            sampler.super_sample_padded(&pose(k), &picture, &padded, &mut out).unwrap();
         }
         (out, sampler.innovation().to_vec())
     };
@@ -338,27 +338,27 @@ fn another_frames_margin_is_refused() {
     let world = wall_and_post(60.0);
     let lr = at(0.0).low_resolution(4);
     let margin = Margin { left: 2, ..Margin::NONE };
-    let around = world.gbuffer_around(&lr, [0.125; 2], margin);
+    let padded = world.gbuffer_around(&lr, [0.125; 2], margin);
     let mut picture = GBuffer::default();
-    around.crop(&mut picture);
-    let refused = |picture: &GBuffer, around: &GBuffer| {
+    padded.crop(&mut picture);
+    let refused = |picture: &GBuffer, padded: &GBuffer| {
         let mut sampler = SuperSampler::new(4, Kriging::Off).unwrap();
-        sampler.super_sample_within(&at(0.0), picture, around, &mut Image::default()).unwrap_err()
+        sampler.super_sample_padded(&at(0.0), picture, padded, &mut Image::default()).unwrap_err()
     };
-    let other = GBuffer { margin: Margin::all(1), ..around.clone() };
+    let other = GBuffer { margin: Margin::all(1), ..padded.clone() };
     let size = ReconstructError::Size { what: "G-buffer", expected: (62, 36), actual: (62, 34) };
     assert_eq!(refused(&picture, &other), size);
     assert!(matches!(
-        refused(&picture, &GBuffer { margin: Margin::all(u32::MAX), ..around.clone() }),
+        refused(&picture, &GBuffer { margin: Margin::all(u32::MAX), ..padded.clone() }),
         ReconstructError::Size { .. }
     ));
-    let other = GBuffer { jitter: [0.0; 2], ..around.clone() };
+    let other = GBuffer { jitter: [0.0; 2], ..padded.clone() };
     let jitter = ReconstructError::JitterAround { expected: [0.125; 2], actual: [0.0; 2] };
     assert_eq!(refused(&picture, &other), jitter);
-    let other = GBuffer { gradients: None, ..around.clone() };
+    let other = GBuffer { gradients: None, ..padded.clone() };
     assert_eq!(refused(&picture, &other), ReconstructError::Missing { what: "image gradients" });
     let said = GBuffer { margin, ..picture.clone() };
-    assert_eq!(refused(&said, &around), ReconstructError::Margin { max: 0, actual: 2 });
+    assert_eq!(refused(&said, &padded), ReconstructError::Margin { max: 0, actual: 2 });
 }
 
 #[test]

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{camera, grid_jitter, psnr, wall_and_post};
-use gs3_reconstruct::{Kernel, ReconstructError, hermite, resample};
+use gs3_reconstruct::{ReconstructError, ResampleKernel, hermite, resample};
 use gs3_scene::{GBuffer, Gradients, Image, Planes};
 use proptest::prelude::*;
 
@@ -107,7 +107,9 @@ fn the_estimated_mixed_derivative_is_exact_for_quadratics() {
 fn catmull_rom_reproduces_lines_at_any_jitter() {
     let mut c = [[0.0; 4]; 4];
     (c[0][0], c[1][0], c[0][1]) = (0.3, 0.05, -0.02);
-    for (kernel, tolerance) in [(Kernel::Bicubic, 1e-5), (Kernel::Bilinear, 1e-5), (Kernel::Nearest, 0.12)] {
+    for (kernel, tolerance) in
+        [(ResampleKernel::Bicubic, 1e-5), (ResampleKernel::Bilinear, 1e-5), (ResampleKernel::Nearest, 0.12)]
+    {
         let gbuffer = polynomial(12, 12, [0.25, -0.3], &c, false);
         let mut out = Image::new(36, 36);
         resample(&gbuffer, 3, kernel, &mut out).unwrap();
@@ -119,7 +121,7 @@ fn catmull_rom_reproduces_lines_at_any_jitter() {
             }
         }
         assert!(worst < tolerance, "{kernel:?}: {worst}");
-        assert!(kernel != Kernel::Nearest || worst > 1e-3, "nearest cannot be exact");
+        assert!(kernel != ResampleKernel::Nearest || worst > 1e-3, "nearest cannot be exact");
     }
 }
 
@@ -131,7 +133,7 @@ fn gradients_gain_over_colour_alone() {
     let native = world.native(&camera);
     let (mut with, mut without) = (Image::new(240, 136), Image::new(240, 136));
     hermite(&gbuffer, 4, &mut with).unwrap();
-    resample(&gbuffer, 4, Kernel::Bicubic, &mut without).unwrap();
+    resample(&gbuffer, 4, ResampleKernel::Bicubic, &mut without).unwrap();
     let (with, without) = (psnr(&with, &native), psnr(&without, &native));
     assert!(with > without + 1.0, "Hermite {with:.2} dB, bicubic {without:.2} dB");
 }
@@ -143,14 +145,15 @@ fn wrong_inputs_are_typed_errors() {
     assert_eq!(hermite(&gbuffer, 0, &mut out), Err(ReconstructError::Scale { actual: 0 }));
     let mut other = Image::new(17, 12);
     let expected = ReconstructError::Size { what: "G-buffer", expected: (5, 3), actual: (4, 3) };
-    assert_eq!(resample(&gbuffer, 4, Kernel::Bicubic, &mut other), Err(expected));
+    assert_eq!(resample(&gbuffer, 4, ResampleKernel::Bicubic, &mut other), Err(expected));
     let bare = GBuffer { gradients: None, ..gbuffer.clone() };
     assert!(matches!(hermite(&bare, 4, &mut out), Err(ReconstructError::Missing { .. })));
     let expected = ReconstructError::Size { what: "image", expected: (16, 12), actual: (0, 0) };
-    assert_eq!(resample(&gbuffer, 4, Kernel::Bicubic, &mut Image::default()), Err(expected.clone()));
+    assert_eq!(resample(&gbuffer, 4, ResampleKernel::Bicubic, &mut Image::default()), Err(expected.clone()));
     assert_eq!(hermite(&gbuffer, 4, &mut Image::default()), Err(expected));
     let empty = GBuffer::default();
-    for result in [hermite(&empty, 4, &mut out), resample(&empty, 4, Kernel::Nearest, &mut Image::default())]
+    for result in
+        [hermite(&empty, 4, &mut out), resample(&empty, 4, ResampleKernel::Nearest, &mut Image::default())]
     {
         assert!(matches!(result, Err(ReconstructError::Missing { .. })), "{result:?}");
     }
@@ -171,7 +174,7 @@ proptest! {
         let s = scale as usize;
         let gbuffer = polynomial(width.div_ceil(s), height.div_ceil(s), [jx, jy], &c, false);
         let mut out = Image::new(width, height);
-        for kernel in [Kernel::Nearest, Kernel::Bilinear, Kernel::Bicubic] {
+        for kernel in [ResampleKernel::Nearest, ResampleKernel::Bilinear, ResampleKernel::Bicubic] {
             resample(&gbuffer, scale, kernel, &mut out).unwrap();
             prop_assert!(out.pixels().iter().all(|p| (f64::from(p[0]) - level).abs() < 1e-5));
         }

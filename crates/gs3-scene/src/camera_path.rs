@@ -24,12 +24,12 @@ pub struct CameraPath {
     names: Vec<String>,
     frames_per_second: f64,
     is_cycle: bool,
-    facts: Facts,
+    facts: PathFacts,
 }
 
 /// What a file says of its cameras beside their poses and intrinsics.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Facts {
+pub struct PathFacts {
     /// The lenses of the photos, one per camera where there are any; none of a pinhole. The cameras themselves are
     /// pinholes of the same focal length.
     pub lenses: Vec<Option<Lens>>,
@@ -84,12 +84,18 @@ impl CameraPath {
         if !(frames_per_second.is_finite() && frames_per_second > 0.0) {
             return Err(CameraPathError::FramesPerSecond { actual: frames_per_second });
         }
-        Ok(Self { cameras, names: Vec::new(), frames_per_second, is_cycle, facts: Facts::default() })
+        Ok(Self { cameras, names: Vec::new(), frames_per_second, is_cycle, facts: PathFacts::default() })
     }
 
     /// A closed path through generated cameras, of which there is at least one.
     pub(crate) fn cycle(cameras: Vec<Camera>) -> Self {
-        Self { cameras, names: Vec::new(), frames_per_second: 30.0, is_cycle: true, facts: Facts::default() }
+        Self {
+            cameras,
+            names: Vec::new(),
+            frames_per_second: 30.0,
+            is_cycle: true,
+            facts: PathFacts::default(),
+        }
     }
 
     /// The same path with the names of the photos taken by its cameras, one per camera; missing ones stay empty.
@@ -102,13 +108,13 @@ impl CameraPath {
 
     /// The same path with what its file says beside.
     #[must_use]
-    pub fn with_facts(self, facts: Facts) -> Self {
+    pub fn with_facts(self, facts: PathFacts) -> Self {
         Self { facts, ..self }
     }
 
     /// What the path's file says beside its cameras.
     #[must_use]
-    pub const fn facts(&self) -> &Facts {
+    pub const fn facts(&self) -> &PathFacts {
         &self.facts
     }
 
@@ -194,7 +200,7 @@ impl CameraPath {
             names: Vec::new(),
             frames_per_second: self.frames_per_second,
             is_cycle: self.is_cycle,
-            facts: Facts { lenses: Vec::new(), ..self.facts.clone() },
+            facts: PathFacts { lenses: Vec::new(), ..self.facts.clone() },
         }
     }
 
@@ -213,7 +219,7 @@ impl CameraPath {
     }
 
     /// All cameras at another image size ([`Camera::resized`], or [`Camera::resized_by_width`] where
-    /// [`Facts::keeps_width`]).
+    /// [`PathFacts::keeps_width`]).
     ///
     /// # Errors
     /// [`crate::CameraError::Size`] if the size is zero or too large.

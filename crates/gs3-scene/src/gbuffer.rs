@@ -179,7 +179,7 @@ impl Margin {
 
     /// The width and height of a picture of `size` with its margin.
     #[must_use]
-    pub const fn around(self, size: [u32; 2]) -> [u32; 2] {
+    pub const fn padded(self, size: [u32; 2]) -> [u32; 2] {
         [
             size[0].saturating_add(self.left).saturating_add(self.right),
             size[1].saturating_add(self.top).saturating_add(self.bottom),

@@ -6,10 +6,10 @@
 //! of the trained ones, and the derivative goes back through these.
 
 use gs3_neural::arrays::{Array, Arrays};
-use gs3_neural::model::Peer;
+use gs3_neural::model::PublishedNetwork;
 use gs3_neural::{Graph, Op, Parameter, Random, WeightError, Weights};
 
-use crate::subject::Subject;
+use crate::trained_network::TrainedNetwork;
 
 /// Taps of a window.
 const TAPS: usize = 9;
@@ -50,11 +50,14 @@ enum Kind {
 
 impl Form {
     /// That of `subject`, whose graph is `graph`.
-    pub fn new(subject: Subject, graph: &Graph) -> Self {
+    pub fn new(subject: TrainedNetwork, graph: &Graph) -> Self {
         let kind = |name: &str| match subject {
-            Subject::Peer(Peer::Ecbsr) => Some(Kind::EdgeOriented),
-            Subject::Peer(Peer::Rt4ksr) if name.ends_with(".conv") => Some(Kind::Expanded),
-            Subject::Peer(Peer::Rt4ksr | Peer::Ninasr) | Subject::Own { .. } => None,
+            TrainedNetwork::Published(PublishedNetwork::Ecbsr) => Some(Kind::EdgeOriented),
+            TrainedNetwork::Published(PublishedNetwork::Rt4ksr) if name.ends_with(".conv") => {
+                Some(Kind::Expanded)
+            }
+            TrainedNetwork::Published(PublishedNetwork::Rt4ksr | PublishedNetwork::Ninasr)
+            | TrainedNetwork::Own { .. } => None,
         };
         let blocks = graph.layers().iter().filter_map(|layer| match (&layer.op, &layer.inputs[..]) {
             (Op::Conv2d(conv), [input]) if conv.kernel == 3 => Some(Block {

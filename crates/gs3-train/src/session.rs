@@ -13,7 +13,7 @@ use crate::losses::Terms;
 use crate::plot;
 use crate::provenance::continued;
 use crate::settings::{MAX_SECONDS, Settings};
-use crate::trainer::{Best, State, Step, Trainer};
+use crate::trainer::{Best, State, TrainStep, Trainer};
 use crate::validate::{Validation, validate};
 
 /// Where a training reads and writes, and how often.
@@ -49,7 +49,7 @@ impl Places {
 
 /// What happens during a training.
 #[derive(Clone, Copy, Debug)]
-pub enum Event<'a> {
+pub enum TrainEvent<'a> {
     /// It goes on from the checkpoint of a step.
     Resumed {
         /// The step.
@@ -70,7 +70,7 @@ pub enum Event<'a> {
     /// A step was made.
     Step {
         /// What it did.
-        step: &'a Step,
+        step: &'a TrainStep,
         /// Seconds of training.
         seconds: f64,
         /// Share of the training that is done, `[0, 1]`.
@@ -107,7 +107,7 @@ pub fn train(
     settings: Settings,
     places: &Places,
     start: Weights,
-    report: &mut dyn FnMut(Event<'_>),
+    report: &mut dyn FnMut(TrainEvent<'_>),
     go_on: &dyn Fn() -> bool,
 ) -> Result<(State, Ending), TrainError> {
     settings.check()?;
@@ -118,7 +118,7 @@ pub fn train(
     let state = resume(&places.checkpoint, &start)?;
     let (first, seconds) = (state.steps(), state.seconds);
     if first > 0 {
-        report(Event::Resumed { step: first, seconds });
+        report(TrainEvent::Resumed { step: first, seconds });
     }
     let mut session = Session {
         log: Log::open(&places.checkpoint.join("log.csv"), first)?,
@@ -187,7 +187,7 @@ struct Means {
 impl Session<'_> {
     fn run(
         &mut self,
-        report: &mut dyn FnMut(Event<'_>),
+        report: &mut dyn FnMut(TrainEvent<'_>),
         go_on: &dyn Fn() -> bool,
     ) -> Result<Ending, TrainError> {
         if self.trainer.state.steps() == 0 {
@@ -209,7 +209,7 @@ impl Session<'_> {
             self.trainer.state.seconds = seconds;
             self.since.add(&step);
             let (progress, operations) = (self.progress(), self.operations);
-            report(Event::Step { step: &step, seconds, progress, operations });
+            report(TrainEvent::Step { step: &step, seconds, progress, operations });
             let is_due = |every: u64| step.step.is_multiple_of(every.max(1)) || progress >= 1.0;
             let gains = if is_due(self.places.validate_every) { self.validate(report)? } else { None };
             if is_due(self.places.log_every) || gains.is_some() {
@@ -224,13 +224,13 @@ impl Session<'_> {
     }
 
     /// Measures the record again if it is one of other clips.
-    fn check_record(&mut self, report: &mut dyn FnMut(Event<'_>)) -> Result<(), TrainError> {
+    fn check_record(&mut self, report: &mut dyn FnMut(TrainEvent<'_>)) -> Result<(), TrainError> {
         let Some(record) = self.trainer.state.best.take_if(|best| best.held != self.held) else {
             return Ok(());
         };
         let (subject, graph) = (self.trainer.settings().subject, self.trainer.graph());
         let gain = validate(subject, graph, &record.weights, &self.clips.held)?.mean.map(|[gain, _]| gain);
-        report(Event::Remeasured { step: record.step, before: record.gain, gain });
+        report(TrainEvent::Remeasured { step: record.step, before: record.gain, gain });
         self.trainer.state.best = gain.map(|gain| Best { gain, held: self.held, ..record });
         Ok(())
     }
@@ -241,7 +241,7 @@ impl Session<'_> {
     }
 
     /// Looks at the average on held-out clips, and keeps it if none was better.
-    fn validate(&mut self, report: &mut dyn FnMut(Event<'_>)) -> Result<Option<[f64; 2]>, TrainError> {
+    fn validate(&mut self, report: &mut dyn FnMut(TrainEvent<'_>)) -> Result<Option<[f64; 2]>, TrainError> {
         let average = self.trainer.result(&self.start);
         let subject = self.trainer.settings().subject;
         let validation = validate(subject, self.trainer.graph(), &average, &self.clips.held)?;
@@ -252,11 +252,11 @@ impl Session<'_> {
         if is_best {
             *best = Some(Best { weights: average, step, gain, held: self.held });
         }
-        report(Event::Validated { step, validation: &validation, is_best });
+        report(TrainEvent::Validated { step, validation: &validation, is_best });
         Ok(validation.mean)
     }
 
-    fn write_row(&mut self, step: &Step, gains: Option<[f64; 2]>) -> Result<(), TrainError> {
+    fn write_row(&mut self, step: &TrainStep, gains: Option<[f64; 2]>) -> Result<(), TrainError> {
         let means = std::mem::take(&mut self.since).means();
         self.log.add(Row {
             step: step.step,
@@ -283,7 +283,7 @@ impl Session<'_> {
 }
 
 impl Means {
-    fn add(&mut self, step: &Step) {
+    fn add(&mut self, step: &TrainStep) {
         self.count += 1;
         self.terms += step.terms;
         self.loss += step.loss;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use crate::clip::Network;
 use crate::error::TrainError;
 use crate::losses::{Loss, Term, Terms};
-use crate::subject::Subject;
+use crate::trained_network::TrainedNetwork;
 
 /// LR pixels at each side of a crop that losses do not see: there the network saw copies of the border.
 pub const MARGIN: usize = 2;
@@ -27,7 +27,7 @@ const EPSILONS: std::ops::RangeInclusive<f32> = 1e-18..=10.0;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     /// The network.
-    pub subject: Subject,
+    pub subject: TrainedNetwork,
     /// HR pixels per LR pixel along a side.
     pub scale: u32,
     /// Items of a step, whose derivatives are averaged.
@@ -90,15 +90,15 @@ impl Length {
 impl Settings {
     /// What a network is trained with unless something else is wanted.
     #[must_use]
-    pub fn new(subject: Subject, scale: u32, length: Length) -> Self {
+    pub fn new(subject: TrainedNetwork, scale: u32, length: Length) -> Self {
         let mut weights = Terms::default();
         weights.set(Term::Charbonnier, 1.0);
         match subject {
-            Subject::Own { network: Network::SuperSample, .. } => {
+            TrainedNetwork::Own { network: Network::SuperSample, .. } => {
                 weights.set(Term::Laplacian, 0.1);
                 weights.set(Term::Temporal, 0.1);
             }
-            Subject::Own { network: Network::Interpolate, .. } => {
+            TrainedNetwork::Own { network: Network::Interpolate, .. } => {
                 weights.set(Term::Perceptual, 0.2);
                 weights.set(Term::Warp, 0.05);
                 // The paper's 0.2 is of another norm. Of the mean square a departure of 0.1 would cost 2e-3, more than
@@ -106,12 +106,12 @@ impl Settings {
                 weights.set(Term::Alpha, 0.001);
             }
             // As they were published: the error's size alone.
-            Subject::Peer(_) => {}
+            TrainedNetwork::Published(_) => {}
         }
         // Networks without memory see no more in frames that follow each other than in any others.
         let (batch, window) = match subject {
-            Subject::Own { .. } => (8, 6),
-            Subject::Peer(_) => (32, 1),
+            TrainedNetwork::Own { .. } => (8, 6),
+            TrainedNetwork::Published(_) => (32, 1),
         };
         Self {
             subject,

@@ -15,7 +15,7 @@ use crate::form::Form;
 use crate::losses::Terms;
 use crate::optimise;
 use crate::settings::Settings;
-use crate::subject::Subject;
+use crate::trained_network::TrainedNetwork;
 use crate::unroll::{ItemResult, Memory, Unroll, operations_per_pixel};
 
 /// What a training has come to: all that a checkpoint holds.
@@ -76,7 +76,7 @@ pub struct Trainer {
 
 /// What a step did.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Step {
+pub struct TrainStep {
     /// Its number, from 1.
     pub step: u64,
     /// Mean values of the terms, without their weights.
@@ -139,12 +139,12 @@ impl Trainer {
         let form = Form::new(settings.subject, &graph);
         let weights = Weights::load(path).map_err(checkpoint::within(path))?;
         let small = match settings.subject {
-            Subject::Own { network, tier } => {
+            TrainedNetwork::Own { network, tier } => {
                 let mut smaller = Tier::ALL.into_iter().take_while(|small| *small != tier);
                 let small = smaller.find(|small| small.name() == weights.header.tier);
                 small.map(|small| network.graph(settings.scale, small)).transpose()?
             }
-            Subject::Peer(_) => None,
+            TrainedNetwork::Published(_) => None,
         };
         if let Some(small) = small {
             weights.check(&small).map_err(checkpoint::within(path))?;
@@ -197,7 +197,7 @@ impl Trainer {
     ///
     /// # Errors
     /// [`TrainError`] if a clip cannot be read, or the loss is no longer a number; the state is as before then.
-    pub fn step(&mut self, clips: &[ClipFile], progress: f64) -> Result<Step, TrainError> {
+    pub fn step(&mut self, clips: &[ClipFile], progress: f64) -> Result<TrainStep, TrainError> {
         let (batch, done) = (self.settings.batch, self.state.steps());
         let packed = self.unroll.pack(&self.form.fold(&self.state.weights))?;
         let item = |k: usize| -> Result<Option<ItemResult>, TrainError> {
@@ -231,7 +231,7 @@ impl Trainer {
         let State { weights, average, adam, .. } = &mut self.state;
         adam.step(&mut weights.arrays, &v_weights, rate)?;
         optimise::average(&mut average.arrays, &weights.arrays, done + 1);
-        Ok(Step { step: done + 1, terms, loss, gradient, rate })
+        Ok(TrainStep { step: done + 1, terms, loss, gradient, rate })
     }
 
     fn take_memory(&self) -> Memory {

@@ -4,14 +4,14 @@ use gs3_neural::arrays::Arrays;
 use gs3_neural::{Differentiator, Graph, Named, Op, Packed, Scratch, Tape, Weights};
 use half::slice::HalfFloatSliceExt;
 
-use crate::clip::{Clip, Frame, HIDDEN, from_unorm};
+use crate::clip::{Clip, ClipFrame, HIDDEN, from_unorm};
 use crate::error::TrainError;
 use crate::losses::{
     CHANNELS, Interior, Laplacian, Loss, Moved, Perceptual, PerceptualMemory, Term, Terms, change,
     charbonnier, square, warp,
 };
 use crate::settings::{MARGIN, Settings};
-use crate::subject::Subject;
+use crate::trained_network::TrainedNetwork;
 
 /// The image that networks give.
 const COLOR: &str = "color";
@@ -26,7 +26,7 @@ pub struct Unroll {
     interior: Interior,
     loss: Loss,
     perceptual: Option<Perceptual>,
-    subject: Subject,
+    subject: TrainedNetwork,
     /// Whether the network hands a state on.
     is_recurrent: bool,
     /// Numbers of a pixel of the network's image: RGB, and the uncertainty that ours hand on.
@@ -90,8 +90,8 @@ impl Unroll {
         let subject = settings.subject;
         let has = |term: Term| match term {
             Term::Alpha => differentiator.output_shape(ALPHA).is_some(),
-            // Frames of single-image networks lie beside each other: see `Subject::displacement`.
-            Term::Temporal | Term::Warp => matches!(subject, Subject::Own { .. }),
+            // Frames of single-image networks lie beside each other: see `TrainedNetwork::displacement`.
+            Term::Temporal | Term::Warp => matches!(subject, TrainedNetwork::Own { .. }),
             Term::Charbonnier | Term::Laplacian | Term::Perceptual => true,
         };
         for term in Term::ALL {
@@ -336,7 +336,7 @@ fn sum_of_pairs(
 }
 
 /// The inputs of a frame in single precision.
-pub fn decode(frame: &Frame, inputs: &mut Vec<Vec<f32>>) {
+pub fn decode(frame: &ClipFrame, inputs: &mut Vec<Vec<f32>>) {
     inputs.resize(frame.inputs.len(), Vec::new());
     for (plane, out) in frame.inputs.iter().zip(inputs) {
         out.resize(plane.values.len(), 0.0);

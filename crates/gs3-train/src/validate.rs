@@ -1,16 +1,16 @@
 //! What a network gains over reconstruction without learning, on clips it was not trained on; a single-image network
 //! over bicubic interpolation.
 
-use gs3::reconstruct::{Kernel, resample};
+use gs3::reconstruct::{ResampleKernel, resample};
 use gs3::scene::{GBuffer, Image, Planes};
 use gs3_neural::{Engine, Graph, Named, Weights};
 
-use crate::clip::{ClipFile, Frame, HIDDEN, Window, from_unorm};
+use crate::clip::{ClipFile, ClipFrame, HIDDEN, Window, from_unorm};
 use crate::clips::analytic;
 use crate::error::TrainError;
 use crate::losses::CHANNELS;
 use crate::settings::MARGIN;
-use crate::subject::Subject;
+use crate::trained_network::TrainedNetwork;
 use crate::unroll::{decode, displaced};
 
 /// A mean squared error below which frames count as equal: 100 dB. The noise of targets in 16 bits is at 107 dB.
@@ -44,7 +44,7 @@ pub struct Gain {
 /// # Errors
 /// [`TrainError`] if a clip cannot be read or does not fit the network.
 pub fn validate(
-    subject: Subject,
+    subject: TrainedNetwork,
     graph: &Graph,
     weights: &Weights,
     clips: &[ClipFile],
@@ -56,7 +56,12 @@ pub fn validate(
     Ok(Validation { clips: gains, mean })
 }
 
-fn gain(subject: Subject, graph: &Graph, weights: &Weights, file: &ClipFile) -> Result<Gain, TrainError> {
+fn gain(
+    subject: TrainedNetwork,
+    graph: &Graph,
+    weights: &Weights,
+    file: &ClipFile,
+) -> Result<Gain, TrainError> {
     let mut engine = Engine::new(graph, weights, file.lr())?;
     let mut hidden = vec![0.0; engine.shape(HIDDEN).map_or(0, |shape| shape.len())];
     let hr = file.lr().map(|side| side * file.scale() as usize);
@@ -66,8 +71,8 @@ fn gain(subject: Subject, graph: &Graph, weights: &Weights, file: &ClipFile) -> 
     let mut color = vec![0.0; hr[0] * hr[1] * channels];
     // Images that lie beside the native one are moved to it, and lack what comes in there.
     let margin = match subject {
-        Subject::Own { .. } => 0,
-        Subject::Peer(_) => MARGIN * file.scale() as usize,
+        TrainedNetwork::Own { .. } => 0,
+        TrainedNetwork::Published(_) => MARGIN * file.scale() as usize,
     };
     let is_input = |name: &str| graph.inputs().any(|(_, layer)| layer.name == name);
     let mut next = hidden.clone();
@@ -93,15 +98,15 @@ fn gain(subject: Subject, graph: &Graph, weights: &Weights, file: &ClipFile) -> 
         }
         std::mem::swap(&mut hidden, &mut next);
         let shown = match subject {
-            Subject::Own { .. } => None,
-            Subject::Peer(_) => {
+            TrainedNetwork::Own { .. } => None,
+            TrainedNetwork::Published(_) => {
                 let by = subject.displacement(frame, file.scale() as usize);
                 Some(displaced(&color, hr[1], by))
             }
         };
         let start = match subject {
-            Subject::Own { network, .. } => analytic(network, frame),
-            Subject::Peer(_) => bicubic(frame, &inputs, file)?,
+            TrainedNetwork::Own { network, .. } => analytic(network, frame),
+            TrainedNetwork::Published(_) => bicubic(frame, &inputs, file)?,
         };
         let start = start.as_flattened();
         let images = [(&shown.as_ref().unwrap_or(&color)[..], channels), (start, CHANNELS)];
@@ -123,7 +128,7 @@ fn gain(subject: Subject, graph: &Graph, weights: &Weights, file: &ClipFile) -> 
 
 /// What single-image networks are compared with: bicubic interpolation of the LR frame where it was sampled, HR, row by
 /// row.
-fn bicubic(frame: &Frame, inputs: &[Vec<f32>], file: &ClipFile) -> Result<Vec<[f32; 4]>, TrainError> {
+fn bicubic(frame: &ClipFrame, inputs: &[Vec<f32>], file: &ClipFile) -> Result<Vec<[f32; 4]>, TrainError> {
     let ([height, width], scale) = (file.lr(), file.scale());
     let input = |name: &str| {
         let place = frame.inputs.iter().position(|plane| plane.name == name);
@@ -141,7 +146,7 @@ fn bicubic(frame: &Frame, inputs: &[Vec<f32>], file: &ClipFile) -> Result<Vec<[f
         *value = input("color").get(k % (width * height) * 3 + k / (width * height)).copied().unwrap_or(0.0);
     }
     let mut image = Image::new(width * scale as usize, height * scale as usize);
-    resample(&lr, scale, Kernel::Bicubic, &mut image)?;
+    resample(&lr, scale, ResampleKernel::Bicubic, &mut image)?;
     Ok(image.pixels().to_vec())
 }
 

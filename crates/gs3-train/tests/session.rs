@@ -12,14 +12,14 @@ use gs3_neural::Weights;
 use gs3_neural::model::Tier;
 use gs3_train::losses::Loss;
 use gs3_train::{
-    ClipFolder, Ending, Event, Length, Log, Network, Places, Row, Settings, State, Subject, TrainError,
-    Trainer, draw_log, train, validate,
+    ClipFolder, Ending, Length, Log, Network, Places, Row, Settings, State, TrainError, TrainEvent,
+    TrainedNetwork, Trainer, draw_log, train, validate,
 };
 
 const NETWORK: Network = Network::SuperSample;
 
-fn own(network: Network, tier: Tier) -> Subject {
-    Subject::Own { network, tier }
+fn own(network: Network, tier: Tier) -> TrainedNetwork {
+    TrainedNetwork::Own { network, tier }
 }
 
 fn places(folder: &Path) -> Places {
@@ -41,13 +41,13 @@ fn start(settings: &Settings) -> Weights {
 fn run(folder: &Path, settings: &Settings, stop: u64) -> Result<(State, Ending, Vec<String>), TrainError> {
     let mut events = Vec::new();
     let last = Cell::new(0_u64);
-    let mut report = |event: Event<'_>| match event {
-        Event::Resumed { step, .. } => events.push(format!("resumed {step}")),
-        Event::Step { step, .. } => last.set(step.step),
-        Event::Validated { step, validation, .. } => {
+    let mut report = |event: TrainEvent<'_>| match event {
+        TrainEvent::Resumed { step, .. } => events.push(format!("resumed {step}")),
+        TrainEvent::Step { step, .. } => last.set(step.step),
+        TrainEvent::Validated { step, validation, .. } => {
             events.push(format!("validated {step} {:?}", validation.mean));
         }
-        Event::Remeasured { step, gain, .. } => events.push(format!("remeasured {step} {gain:?}")),
+        TrainEvent::Remeasured { step, gain, .. } => events.push(format!("remeasured {step} {gain:?}")),
     };
     let go_on = || last.get() < stop;
     let (state, ending) = train(settings.clone(), &places(folder), start(settings), &mut report, &go_on)?;

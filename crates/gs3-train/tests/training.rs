@@ -7,15 +7,17 @@ mod common;
 use std::path::Path;
 
 use gs3_neural::Weights;
-use gs3_neural::model::{Peer, Tier};
+use gs3_neural::model::{PublishedNetwork, Tier};
 use gs3_train::losses::Term;
-use gs3_train::{ClipFolder, Network, Settings, State, Step, Subject, TrainError, Trainer, validate};
+use gs3_train::{
+    ClipFolder, Network, Settings, State, TrainError, TrainStep, TrainedNetwork, Trainer, validate,
+};
 
-fn train(folder: &Path, network: Network, steps: u64) -> (Trainer, ClipFolder, Vec<Step>) {
+fn train(folder: &Path, network: Network, steps: u64) -> (Trainer, ClipFolder, Vec<TrainStep>) {
     train_as(folder, common::settings(network, steps), steps)
 }
 
-fn train_as(folder: &Path, settings: Settings, steps: u64) -> (Trainer, ClipFolder, Vec<Step>) {
+fn train_as(folder: &Path, settings: Settings, steps: u64) -> (Trainer, ClipFolder, Vec<TrainStep>) {
     common::write_clips(folder, settings.subject.clips());
     let clips = ClipFolder::open(folder, &settings).unwrap();
     let header = Trainer::header(&settings, "waves", "CC0-1.0").unwrap();
@@ -30,7 +32,7 @@ fn loss_falls_and_held_out_clips_gain() {
     for network in Network::ALL {
         let folder = tempfile::tempdir().unwrap();
         let (trainer, clips, steps) = train(folder.path(), network, 150);
-        let mean = |steps: &[Step]| steps.iter().map(|step| step.loss).sum::<f64>() / steps.len() as f64;
+        let mean = |steps: &[TrainStep]| steps.iter().map(|step| step.loss).sum::<f64>() / steps.len() as f64;
         let (first, last) = (mean(&steps[..5]), mean(&steps[145..]));
         eprintln!("{network:?}: loss {first:.5} to {last:.5}");
         assert!(last < 0.5 * first, "{network:?}: {first} to {last}");
@@ -56,7 +58,7 @@ fn a_larger_tier_begins_where_a_smaller_one_ended() {
     small.save(&file).unwrap();
     let settings = trainer.settings();
     let of = |tier: Tier| {
-        let subject = Subject::Own { network: Network::SuperSample, tier };
+        let subject = TrainedNetwork::Own { network: Network::SuperSample, tier };
         Settings { subject, ..settings.clone() }
     };
     let large = of(Tier::High);
@@ -92,8 +94,8 @@ fn threads_change_nothing() {
 }
 
 /// Settings for `peer` on the small clips.
-fn peer_settings(peer: Peer, steps: u64) -> Settings {
-    let subject = Subject::Peer(peer);
+fn peer_settings(peer: PublishedNetwork, steps: u64) -> Settings {
+    let subject = TrainedNetwork::Published(peer);
     let common = common::settings(Network::SuperSample, steps);
     Settings { batch: 8, crop: 12, warm_up: 5, ..Settings::new(subject, common.scale, common.length) }
 }
@@ -103,11 +105,14 @@ fn peer_settings(peer: Peer, steps: u64) -> Settings {
 #[test]
 fn single_image_networks_learn_from_jittered_frames() {
     // Found are 15.7, -3.4 and 3.5 dB after so few steps, and -4.3, -7.6 and -5.5 dB where images stay where they are.
-    for (peer, steps, least) in [(Peer::Ecbsr, 400, 13.0), (Peer::Rt4ksr, 400, -5.0), (Peer::Ninasr, 48, 1.5)]
-    {
+    for (peer, steps, least) in [
+        (PublishedNetwork::Ecbsr, 400, 13.0),
+        (PublishedNetwork::Rt4ksr, 400, -5.0),
+        (PublishedNetwork::Ninasr, 48, 1.5),
+    ] {
         let folder = tempfile::tempdir().unwrap();
         let (trainer, clips, steps) = train_as(folder.path(), peer_settings(peer, steps), steps);
-        let mean = |steps: &[Step]| steps.iter().map(|step| step.loss).sum::<f64>() / steps.len() as f64;
+        let mean = |steps: &[TrainStep]| steps.iter().map(|step| step.loss).sum::<f64>() / steps.len() as f64;
         let (first, last) = (mean(&steps[..5]), mean(&steps[steps.len() - 5..]));
         let weights = trainer.average();
         weights.check(trainer.graph()).unwrap();
@@ -121,8 +126,8 @@ fn single_image_networks_learn_from_jittered_frames() {
 #[test]
 fn terms_that_a_network_has_no_part_in_are_refused() {
     for (subject, term) in [
-        (Subject::Peer(Peer::Ecbsr), Term::Temporal),
-        (Subject::Peer(Peer::Ecbsr), Term::Warp),
+        (TrainedNetwork::Published(PublishedNetwork::Ecbsr), Term::Temporal),
+        (TrainedNetwork::Published(PublishedNetwork::Ecbsr), Term::Warp),
         (common::settings(Network::SuperSample, 1).subject, Term::Alpha),
     ] {
         let mut settings = Settings { subject, ..common::settings(Network::SuperSample, 1) };

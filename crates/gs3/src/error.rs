@@ -4,7 +4,7 @@ use gs3_raster::RasterError;
 use gs3_reconstruct::ReconstructError;
 
 use crate::learned::NetworkError;
-use crate::settings::MAX_GENERATE;
+use crate::settings::MAX_IN_BETWEEN;
 
 /// Why a frame could not be made. None is presented then, and the last one stays. What is asked for is refused before
 /// anything changes; where something fails later, on a device, the next frame begins without history.
@@ -35,8 +35,8 @@ pub enum PipelineError {
     #[error(transparent)]
     Network(#[from] NetworkError),
     /// Too many or too few frames are to be made between two rendered ones.
-    #[error("generate: expected 1 to {MAX_GENERATE} frames between rendered ones, found {actual}")]
-    Generate {
+    #[error("in_between: expected 1 to {MAX_IN_BETWEEN} frames between rendered ones, found {actual}")]
+    InBetween {
         /// Frames asked for.
         actual: u32,
     },
@@ -52,10 +52,10 @@ pub enum PipelineError {
         /// What the stage needs.
         expected: &'static str,
     },
-    /// Cameras between the previous frame and this one are not those of the frames between.
+    /// Cameras between the previous frame and this one are not those of the in-between frames.
     #[error("cameras between two frames: expected none or {expected}, found {actual}")]
     Between {
-        /// Frames between.
+        /// In-between frames.
         expected: usize,
         /// Cameras given.
         actual: usize,

@@ -22,7 +22,7 @@
 //!
 //! That is what `gs3 render` does by default. [`PipelineSettings::refine`] says which pixels are rasterized exactly besides; for
 //! interactive programs, [`Refine::FrameTime`] holds the time of a frame. With networks, of which [`Networks::shipped`] are those
-//! that come with gs3; theirs for frames between is left out here, since warping is nearly as good and faster:
+//! that come with gs3; theirs for in-between frames is left out here, since warping is nearly as good and faster:
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -105,7 +105,7 @@
 //!     };
 //!     let shown = reconstructor.reconstruct(&camera, &frame)?; // those between, and then this one
 //!     assert_eq!((shown.current.width(), shown.current.height()), (64, 36));
-//!     assert_eq!(shown.between.len(), usize::from(k > 0));
+//!     assert_eq!(shown.in_between.len(), usize::from(k > 0));
 //! }
 //! # Ok(())
 //! # }
@@ -144,7 +144,7 @@ pub use learned::{NetworkError, Networks};
 pub use machine::{Backend, BackendError, Machine};
 pub use refine::{Quality, Refine, RefineError};
 pub use session::{Session, SessionSettings};
-pub use settings::{Dilation, KEYFRAMES, MAX_GENERATE, Mode, PipelineSettings};
+pub use settings::{Dilation, KEYFRAMES, MAX_IN_BETWEEN, Mode, PipelineSettings};
 pub use stages::{Stage, StageTimes};
 
 use gs3_scene::Scene;

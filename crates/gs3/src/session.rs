@@ -392,7 +392,7 @@ mod tests {
         session.render(&camera(0)).unwrap();
         let before = session.settings().pipeline;
         assert!(session.set_refine(Refine::Share(2.0)).is_err());
-        let wrong = PipelineSettings { mode: Mode::Full, generate: 9, ..before };
+        let wrong = PipelineSettings { mode: Mode::Full, in_between: 9, ..before };
         assert!(session.set_pipeline(wrong, &Networks::default()).is_err());
         assert_eq!(session.settings().pipeline, before);
         assert_eq!(*session.pipeline().settings(), before);

@@ -18,7 +18,7 @@ pub enum Mode {
     /// Low-resolution G-buffers super-sampled over time.
     SuperSample,
     /// [`Mode::SuperSample`], and interpolated frames before each rendered one: with one of them
-    /// ([`PipelineSettings::generate`]) two frames are shown per frame rasterized.
+    /// ([`PipelineSettings::in_between`]) two frames are shown per frame rasterized.
     #[default]
     Full,
 }
@@ -109,8 +109,8 @@ pub struct PipelineSettings {
     pub dilation: Dilation,
     /// Which tiles a splat is assigned to.
     pub culling: Culling,
-    /// Frames interpolated before each rendered one in [`Mode::Full`], 1 to [`MAX_GENERATE`].
-    pub generate: u32,
+    /// Frames interpolated before each rendered one in [`Mode::Full`], 1 to [`MAX_IN_BETWEEN`].
+    pub in_between: u32,
     /// Background, display-encoded RGB, finite.
     pub background: [f32; 3],
 }
@@ -128,7 +128,7 @@ impl Default for PipelineSettings {
             keyframes: KEYFRAMES,
             dilation: Dilation::default(),
             culling: Culling::default(),
-            generate: 1,
+            in_between: 1,
             background: [0.0; 3],
         }
     }
@@ -138,14 +138,14 @@ impl Default for PipelineSettings {
 pub const KEYFRAMES: u32 = 32;
 
 /// Most frames interpolated between two rendered ones.
-pub const MAX_GENERATE: u32 = 3;
+pub const MAX_IN_BETWEEN: u32 = 3;
 
 impl PipelineSettings {
     /// Frames shown for each rendered one but the first, which always is a single frame.
     #[must_use]
     pub const fn displayed_per_rendered(&self) -> usize {
         match self.mode {
-            Mode::Full => self.generate as usize + 1,
+            Mode::Full => self.in_between as usize + 1,
             Mode::Native | Mode::Bicubic | Mode::SuperSample => 1,
         }
     }

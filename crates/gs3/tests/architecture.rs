@@ -124,6 +124,25 @@ fn reconstruction_never_names_a_gaussian() {
     assert!(checked > 500, "only {checked} lines found");
 }
 
+/// Folders of one crate use each other in one direction.
+#[test]
+fn folders_have_no_circle() {
+    for (folder, foreign) in [
+        ("apps/gs3/src/cli", vec!["crate::commands", "crate::io"]),
+        ("apps/gs3/src/io", vec!["crate::commands"]),
+        ("crates/gs3-raster/src/cpu", vec!["crate::gpu"]),
+        ("crates/gs3-reconstruct/src/cpu", vec!["crate::gpu", "crate::reconstructor"]),
+    ] {
+        let files = files_with(&Path::new(ROOT).join(folder), &["rs"]);
+        assert!(files.len() > 5, "only {} files in {folder}", files.len());
+        for file in files {
+            let text = fs::read_to_string(&file).expect("readable");
+            let found = foreign.iter().find(|name| text.contains(**name));
+            assert_eq!(found, None, "{}", file.display());
+        }
+    }
+}
+
 fn files_with(folder: &Path, extensions: &[&str]) -> Vec<PathBuf> {
     let mut files = Vec::new();
     for entry in fs::read_dir(folder).expect("a folder") {

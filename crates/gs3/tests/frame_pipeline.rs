@@ -73,13 +73,13 @@ fn full_mode_shows_the_true_moment_between() {
     let (a, b, middle) = (path.at(3.0), path.at(5.0), path.at(4.0));
     let truth = pipeline(Mode::Native).render(&middle).unwrap().current.clone();
     let mut full = pipeline(Mode::Full);
-    assert!(full.render(&a).unwrap().between == [None; 3], "nothing lies before the first frame");
+    assert!(full.render(&a).unwrap().in_between == [None; 3], "nothing lies before the first frame");
     let held = psnr(full.render_with_poses(&b, &[middle]).unwrap().current, &truth);
     let mut full = pipeline(Mode::Full);
     full.render(&a).unwrap();
     let shown = full.render_with_poses(&b, &[middle]).unwrap();
     assert_eq!(shown.iter().count(), 2);
-    let between = psnr(shown.between[0].unwrap(), &truth);
+    let between = psnr(shown.in_between[0].unwrap(), &truth);
     assert!(between > held + 2.0, "between {between} dB, a neighbour {held} dB");
     assert!(Stage::ALL.iter().all(|stage| full.times().get(*stage).is_some()));
 }
@@ -138,7 +138,7 @@ fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
     p.render(&near).unwrap();
     let shown = p.render(&turned).unwrap();
     assert_eq!(shown.current, &fresh(Mode::Full, &turned));
-    assert_eq!(shown.between[0], Some(&fresh(Mode::Full, &near)), "the previous frame is held over a cut");
+    assert_eq!(shown.in_between[0], Some(&fresh(Mode::Full, &near)), "the previous frame is held over a cut");
 
     let next = path.cameras()[1];
     let with_history = |reset: Option<ResetReason>| {
@@ -157,7 +157,7 @@ fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
     let mut p = pipeline(Mode::Full);
     p.render(&near).unwrap();
     let shown = p.render(&larger).unwrap();
-    assert!(shown.between == [None; 3] && shown.current == &fresh(Mode::Full, &larger));
+    assert!(shown.in_between == [None; 3] && shown.current == &fresh(Mode::Full, &larger));
 
     let mut p = pipeline(Mode::SuperSample);
     p.render(&near).unwrap();
@@ -242,7 +242,7 @@ fn settings_out_of_range_are_errors() {
     let settings = PipelineSettings { background: [f32::NAN; 3], ..Default::default() };
     let error = FramePipeline::new(scene(), settings).err().unwrap();
     assert!(error.to_string().contains("background: expected"), "{error}");
-    let settings = PipelineSettings { mode: Mode::Native, generate: 0, ..Default::default() };
+    let settings = PipelineSettings { mode: Mode::Native, in_between: 0, ..Default::default() };
     assert!(FramePipeline::new(scene(), settings).is_ok(), "native frames have none between");
     let centered = PipelineSettings { sampling: Sampling::Centered, ..Default::default() };
     let mut p = FramePipeline::new(scene(), centered).unwrap();

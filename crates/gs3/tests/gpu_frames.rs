@@ -5,7 +5,7 @@
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-use gs3::compute::{Gpu, GpuSettings, Made, OptionalFeatures};
+use gs3::compute::{Allocations, Gpu, GpuSettings, OptionalFeatures};
 use gs3::neural::model::{Tier, interpolate};
 use gs3::neural::{Header, Weights};
 use gs3::reconstruct::{Interpolator, Kriging, Neighbor, SuperSampler};
@@ -49,8 +49,8 @@ fn scenes(width: u32, height: u32) -> Vec<(&'static str, Arc<Scene>, CameraPath)
     vec![demo, ("playbot", Arc::new(gs3::open(&file).unwrap()), path)]
 }
 
-fn pipeline(gpu: Option<&Gpu>, scene: &Arc<Scene>, mode: Mode, generate: u32) -> FramePipeline {
-    let settings = PipelineSettings { mode, generate, refine: Refine::Off, ..Default::default() };
+fn pipeline(gpu: Option<&Gpu>, scene: &Arc<Scene>, mode: Mode, in_between: u32) -> FramePipeline {
+    let settings = PipelineSettings { mode, in_between, refine: Refine::Off, ..Default::default() };
     let mut pipeline = FramePipeline::new(Arc::clone(scene), settings).unwrap();
     if let Some(gpu) = gpu {
         pipeline.render_on(gpu).unwrap();
@@ -189,7 +189,7 @@ fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
     p.render(&near).unwrap();
     let shown = p.render(&turned).unwrap();
     assert!(shown.current == &fresh(&turned));
-    assert!(shown.between[0] == Some(&fresh(&near)), "the previous frame is held over a cut");
+    assert!(shown.in_between[0] == Some(&fresh(&near)), "the previous frame is held over a cut");
 
     let with_history = |reset: Option<ResetReason>| {
         let mut p = on_gpu(Mode::SuperSample);
@@ -207,10 +207,10 @@ fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
     let mut p = on_gpu(Mode::Full);
     p.render(&near).unwrap();
     let shown = p.render(&larger).unwrap();
-    assert!(shown.between == [None; 3] && shown.current == &fresh(&larger));
+    assert!(shown.in_between == [None; 3] && shown.current == &fresh(&larger));
     // And back: what was there before the larger frame is no history either.
     let shown = p.render(&next).unwrap();
-    assert!(shown.between == [None; 3] && shown.current == &anew);
+    assert!(shown.in_between == [None; 3] && shown.current == &anew);
 
     p.render(&near).unwrap();
     p.set_scene(Arc::clone(&scene)).unwrap();
@@ -255,7 +255,7 @@ fn the_network_refines_as_on_the_cpu() {
 }
 
 /// Random weights change much: features, both neighbours, their share and the hidden state reach the network as on
-/// the CPU, over frames between that follow each other within a frame and across frames, and after a reset.
+/// the CPU, over in-between frames that follow each other within a frame and across frames, and after a reset.
 #[test]
 fn frames_between_are_refined_as_on_the_cpu() {
     let Some([gpu, least]) = gpu_and_its_least() else { return };
@@ -282,15 +282,15 @@ fn frames_between_are_refined_as_on_the_cpu() {
     for (name, scene, path) in scenes(256, 144) {
         let (state, floor) = if name == "demo" { (16.0, 60.0) } else { (1.0, 48.0) };
         let networks = networks(state);
-        for generate in [1, 2] {
+        for in_between in [1, 2] {
             let settings =
-                PipelineSettings { mode: Mode::Full, generate, refine: Refine::Off, ..Default::default() };
+                PipelineSettings { mode: Mode::Full, in_between, refine: Refine::Off, ..Default::default() };
             let make = || FramePipeline::with_networks(Arc::clone(&scene), settings, &networks).unwrap();
             let (mut on_cpu, mut on_gpu) = (make(), make());
-            // Half precision of one frame between, single of two.
-            on_gpu.render_on(if generate == 1 { &gpu } else { &least }).unwrap();
+            // Half precision of one in-between frame, single of two.
+            on_gpu.render_on(if in_between == 1 { &gpu } else { &least }).unwrap();
             assert!(on_gpu.is_on_device(&path.cameras()[0]));
-            let mut warped = pipeline(None, &scene, Mode::Full, generate);
+            let mut warped = pipeline(None, &scene, Mode::Full, in_between);
             let (mut worst, mut effect) = (f64::INFINITY, 0.0_f64);
             for (k, camera) in path.cameras()[..7].iter().enumerate() {
                 if k == 4 {
@@ -307,7 +307,7 @@ fn frames_between_are_refined_as_on_the_cpu() {
                 }
             }
             let what = format!(
-                "{name}, {generate} between: {worst:.1} dB at worst, without the network {effect:.1} dB"
+                "{name}, {in_between} between: {worst:.1} dB at worst, without the network {effect:.1} dB"
             );
             eprintln!("{what}");
             assert!(worst >= floor && effect < worst - 10.0, "{what}");
@@ -328,12 +328,12 @@ fn later_frames_make_nothing_and_are_one_submission_each() {
         let settings = PipelineSettings { mode, refine: Refine::Off, ..Default::default() };
         let mut frames = FramePipeline::with_networks(Arc::clone(&scene), settings, &networks).unwrap();
         frames.render_on(&gpu).unwrap();
-        let mut before = gpu.made();
+        let mut before = gpu.allocations();
         for (k, camera) in path.cameras()[..20].iter().enumerate() {
             frames.render(camera).unwrap();
-            let made = gpu.made();
+            let made = gpu.allocations();
             if k >= 4 {
-                let expected = Made { submissions: before.submissions + submissions, ..before };
+                let expected = Allocations { submissions: before.submissions + submissions, ..before };
                 assert_eq!(made, expected, "{mode:?}, frame {k}");
             }
             before = made;
@@ -386,10 +386,10 @@ fn frames_may_stay_on_the_device_of_the_program() {
         }
         let stays = there.render_to_device(camera, &[]).unwrap();
         let is_first = [0, 30].contains(&k);
-        assert_eq!(stays.between.len(), usize::from(!is_first), "{k}");
+        assert_eq!(stays.in_between.len(), usize::from(!is_first), "{k}");
         assert!(read(stays.current) == *presented.current, "{k}");
-        if let [between] = stays.between {
-            assert!(read(between) == *presented.between[0].unwrap(), "{k}");
+        if let [between] = stays.in_between {
+            assert!(read(between) == *presented.in_between[0].unwrap(), "{k}");
         }
         let reset = match k {
             0 => Some(ResetReason::FirstFrame),

@@ -50,13 +50,13 @@ fn random() -> Networks {
     })
 }
 
-fn pipeline(networks: &Networks, generate: u32) -> FramePipeline {
-    pipeline_with(Kriging::Off, networks, generate)
+fn pipeline(networks: &Networks, in_between: u32) -> FramePipeline {
+    pipeline_with(Kriging::Off, networks, in_between)
 }
 
-fn pipeline_with(kriging: Kriging, networks: &Networks, generate: u32) -> FramePipeline {
+fn pipeline_with(kriging: Kriging, networks: &Networks, in_between: u32) -> FramePipeline {
     let settings =
-        PipelineSettings { scale: SCALE, generate, kriging, refine: Refine::Off, ..Default::default() };
+        PipelineSettings { scale: SCALE, in_between, kriging, refine: Refine::Off, ..Default::default() };
     FramePipeline::with_networks(scene(), settings, networks).unwrap()
 }
 
@@ -82,7 +82,7 @@ fn training_starts_above_the_pipeline_without_learning() {
     let expected = frames(&mut pipeline(&Networks::default(), 1), cameras);
     let actual = frames(&mut pipeline(&interpolation_only, 1), cameras);
     for (k, (a, b)) in expected.iter().zip(&actual).enumerate() {
-        // Pixels of frames between are blended after they were gathered, not while: sums round differently.
+        // Pixels of in-between frames are blended after they were gathered, not while: sums round differently.
         let limit = if k % 2 == 1 { 1e-6 } else { 0.0 };
         assert!(difference(a, b) <= limit, "frame {k}: {}", difference(a, b));
     }
@@ -92,7 +92,7 @@ fn training_starts_above_the_pipeline_without_learning() {
     assert!(actual[0] == kriged[0] && actual[0] != expected[0], "there is no previous frame yet");
     let settings = PipelineSettings { mode: Mode::Native, refine: Refine::Off, ..Default::default() };
     let truth = frames(&mut FramePipeline::new(scene(), settings).unwrap(), cameras);
-    // Rendered frames with a frame before; the frames between lie between them.
+    // Rendered frames with a frame before; the in-between frames lie between them.
     let error = |images: &[Image]| -> f32 {
         let rendered = images.iter().step_by(2).zip(&truth).skip(1);
         let pairs = rendered.flat_map(|(image, truth)| image.pixels().iter().zip(truth.pixels()));
@@ -289,9 +289,9 @@ fn frames_that_networks_cannot_read_are_typed_errors() {
 fn two_and_three_frames_are_made_between_rendered_ones() {
     let path = path();
     for networks in [Networks::default(), random()] {
-        for generate in [2, 3] {
-            let shown = frames(&mut pipeline(&networks, generate), &path.cameras()[..3]);
-            assert_eq!(shown.len(), 1 + 2 * (generate as usize + 1));
+        for in_between in [2, 3] {
+            let shown = frames(&mut pipeline(&networks, in_between), &path.cameras()[..3]);
+            assert_eq!(shown.len(), 1 + 2 * (in_between as usize + 1));
             assert!(shown.iter().flat_map(|image| image.pixels()).flatten().all(|v| v.is_finite()));
             assert!(
                 shown.windows(2).all(|pair| difference(&pair[0], &pair[1]) > 1e-3),
@@ -302,9 +302,9 @@ fn two_and_three_frames_are_made_between_rendered_ones() {
     let mut three = pipeline(&Networks::default(), 3);
     let error = three.render_with_poses(&path.cameras()[0], &path.cameras()[..2]).unwrap_err().to_string();
     assert_eq!(error, "cameras between two frames: expected none or 3, found 2");
-    let settings = PipelineSettings { generate: 4, refine: Refine::Off, ..Default::default() };
+    let settings = PipelineSettings { in_between: 4, refine: Refine::Off, ..Default::default() };
     let error = FramePipeline::new(scene(), settings).err().unwrap().to_string();
-    assert_eq!(error, "generate: expected 1 to 3 frames between rendered ones, found 4");
+    assert_eq!(error, "in_between: expected 1 to 3 frames between rendered ones, found 4");
 }
 
 #[test]
@@ -369,7 +369,7 @@ fn shipped_weights_gain() {
         println!("{what}");
         assert!(learned > analytic + 0.2, "{what}");
     }
-    // Frames between, on the same frames on both sides.
+    // In-between frames, on the same frames on both sides.
     for tier in [Tier::Fast, Tier::Balanced] {
         let shipped = Networks::shipped(4, tier).unwrap();
         let header = &shipped.interpolate.as_ref().unwrap().header;
@@ -386,7 +386,8 @@ fn shipped_weights_gain() {
             let (last, before) = cameras.split_last().unwrap();
             before.iter().for_each(|camera| _ = pipeline.render(camera).unwrap());
             psnr_of(
-                pipeline.render_with_poses(last, std::slice::from_ref(&middle)).unwrap().between[0].unwrap(),
+                pipeline.render_with_poses(last, std::slice::from_ref(&middle)).unwrap().in_between[0]
+                    .unwrap(),
                 &truth,
             )
         };

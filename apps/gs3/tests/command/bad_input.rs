@@ -67,8 +67,8 @@ fn one_line_that_names_field_expected_and_actual() {
             &["--scale: expected --mode bicubic, super-sample or full"],
         ),
         (
-            "render demo --mode native --generate 2 --out o",
-            &["--generate: expected --mode full, found --mode native"],
+            "render demo --mode native --in-between 2 --out o",
+            &["--in-between: expected --mode full, found --mode native"],
         ),
         (
             "render demo --mode bicubic --overscan --out o",
@@ -93,7 +93,7 @@ fn one_line_that_names_field_expected_and_actual() {
             "render demo --mode bicubic --interpolation analytic --out o",
             &["--interpolation: expected --mode full"],
         ),
-        ("render demo --mode bicubic --generate 1 --out o", &["--generate: expected --mode full"]),
+        ("render demo --mode bicubic --in-between 1 --out o", &["--in-between: expected --mode full"]),
         (
             "render demo --mode super-sample --interpolation learned --out o",
             &["--interpolation: expected --mode full, found --mode super-sample"],

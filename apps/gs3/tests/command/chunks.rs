@@ -47,7 +47,7 @@ fn parts_of_a_path_have_the_bits_of_one_run() {
     let at = folder.path();
     for (k, options) in [
         "",
-        "--keyframes 8 --generate 2",
+        "--keyframes 8 --in-between 2",
         "--keyframes 8 --mode super-sample --refine 0.1",
         "--keyframes 8 --overscan",
         "--keyframes 8 --tier fast --interpolation learned",

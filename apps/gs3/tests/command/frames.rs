@@ -69,8 +69,8 @@ fn interpolation_is_learned_where_it_is_asked_for() {
         render("analytic", "--interpolation analytic"),
         render("learned", "--interpolation learned"),
     ];
-    assert!(plain == analytic, "frames between are warped unless something else is wanted");
-    assert!(learned[0] != plain[0], "the network changes the frame between");
+    assert!(plain == analytic, "in-between frames are warped unless something else is wanted");
+    assert!(learned[0] != plain[0], "the network changes the in-between frame");
     assert!(learned[1] == plain[1], "it leaves rendered frames as they are");
 }
 
@@ -169,7 +169,7 @@ fn cameras_of_different_sizes_are_rendered_one_after_the_other() {
     assert_eq!(sizes("full"), [(0, 64), (1, 64), (2, 64), (4, 80), (5, 80), (6, 80), (8, 64)]);
     succeed(at, &format!("{render} super --mode super-sample"));
     assert_eq!(sizes("super"), [(0, 64), (1, 64), (2, 80), (3, 80), (4, 64)]);
-    succeed(at, &format!("{render} smooth --smooth 7 --generate 3"));
+    succeed(at, &format!("{render} smooth --smooth 7 --in-between 3"));
     assert!(sizes("smooth").iter().any(|size| size.1 == 80), "{:?}", sizes("smooth"));
     succeed(at, &format!("{render} part --frames 3..5"));
     assert_eq!(sizes("part"), [(5, 80), (6, 80), (8, 64)]);
@@ -231,7 +231,7 @@ fn reports_state_what_ran_and_short_captures_need_no_frames() {
         ("full", [true; 4]),
     ] {
         let report = report(mode);
-        let told = ["scale", "tier", "interpolation", "generate"].map(|field| report.get(field).is_some());
+        let told = ["scale", "tier", "interpolation", "in_between"].map(|field| report.get(field).is_some());
         assert_eq!(told, fields, "{report}");
     }
     let camera = "{\"transform_matrix\": [[1,0,0,0],[0,0,-1,-9],[0,1,0,2],[0,0,0,1]]}";

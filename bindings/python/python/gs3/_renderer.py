@@ -28,11 +28,11 @@ class Renderer:
         refine: Which pixels are rasterized exactly besides: ``auto`` (what ``quality`` says), ``off``, a share of all, 0 to 1,
             or the time of a frame, ``"33ms"``. On the CPU.
         scale: High over low resolution, 1 to 8.
-        frames_between: Frames interpolated before each rendered one in mode ``full``, 1 to 3.
+        in_between: Frames interpolated before each rendered one in mode ``full``, 1 to 3.
         mode: ``full``, ``super-sample`` (none between), ``native`` (every pixel rasterized), ``bicubic`` (the baseline).
         backend: ``auto`` (a GPU where there is one), ``cpu`` or ``gpu``.
         tier: The network that refines frames: none, ``fast``, ``balanced`` or ``high``. Frames take a few times as long.
-        learned_interpolation: Whether the tier's network refines frames between as well.
+        learned_interpolation: Whether the tier's network refines in-between frames as well.
         kriging: Sharper in motion without a network: ``off``, ``coarse``, ``on``, ``fine``.
         overscan: Whether frames are rasterized beyond the edges that the camera turns to.
         keyframes: Frames from one keyframe to the next, 0 for none: where the history begins anew, so that parts of a path can
@@ -49,7 +49,7 @@ class Renderer:
         quality: str = "balanced",
         refine: Union[str, float] = "auto",
         scale: int = 4,
-        frames_between: int = 1,
+        in_between: int = 1,
         mode: str = "full",
         backend: str = "auto",
         tier: Optional[str] = None,
@@ -67,7 +67,7 @@ class Renderer:
             scale,
             quality,
             str(refine),
-            frames_between,
+            in_between,
             tier,
             learned_interpolation,
             kriging,
@@ -112,7 +112,7 @@ class Renderer:
     ) -> Iterator[List[np.ndarray]]:
         """The frames of each camera of ``path`` in turn, as ``render`` gives them; begins anew.
 
-        Of a ``CameraPath``, which is brought to this size, frames between are those of its smooth curve, as in
+        Of a ``CameraPath``, which is brought to this size, in-between frames are those of its smooth curve, as in
         ``gs3 render``. Other paths are pairs of a ``viewmat`` and a ``K``.
 
         ``frames`` are consecutive frames of a ``CameraPath``, all of them unless stated. The frames before them that their bits
@@ -191,7 +191,7 @@ def render_fn(scene: Scene, **settings: Any) -> Callable[[Any, Any], np.ndarray]
     """
     settings = {"mode": "super-sample", "refine": "100ms", **settings}
     if settings["mode"] == "full":
-        raise InputError("mode: expected one without frames between, as a viewer shows the last alone, found 'full'")
+        raise InputError("mode: expected one without in-between frames, as a viewer shows the last alone, found 'full'")
     renderers: Dict[Tuple[int, int], Renderer] = {}
 
     def render(camera_state: Any, render_tab_state: Any) -> np.ndarray:

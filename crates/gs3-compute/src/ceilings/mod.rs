@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use bytemuck::{Pod, Zeroable};
 
 use crate::buffer::{Buffer, Use};
-use crate::capabilities::{Limits, Support};
+use crate::capabilities::Limits;
 use crate::error::GpuError;
 use crate::gpu::Gpu;
 use crate::kernel::Bound;
@@ -93,8 +93,8 @@ impl Ceilings {
             copy_bytes_per_s: copies * 2.0 * copy.bytes as f64,
             f32_flop_per_s: flop_per_s(Number::Single)?,
             f16_flop_per_s: match gpu.capabilities().shader_f16 {
-                Support::Present => Some(flop_per_s(Number::Half)?),
-                Support::Absent => None,
+                true => Some(flop_per_s(Number::Half)?),
+                false => None,
             },
         })
     }
@@ -126,8 +126,8 @@ struct Clock<'a> {
 impl<'a> Clock<'a> {
     fn new(gpu: &'a Gpu) -> Result<Self, GpuError> {
         let timings = match gpu.capabilities().timestamps {
-            Support::Present => Some(Timings::new(gpu)?),
-            Support::Absent => None,
+            true => Some(Timings::new(gpu)?),
+            false => None,
         };
         Ok(Self { gpu, timings })
     }
@@ -276,7 +276,7 @@ mod tests {
     #[test]
     fn every_multiply_add_is_done() {
         let Some(gpu) = gpu() else { return };
-        let has_f16 = gpu.capabilities().shader_f16 == Support::Present;
+        let has_f16 = gpu.capabilities().shader_f16;
         for number in [Number::Single, Number::Half].into_iter().take(1 + usize::from(has_f16)) {
             let sums = MultiplyAdds::new(&gpu, number).unwrap();
             // Sums of eight numbers around 1.

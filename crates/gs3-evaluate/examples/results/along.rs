@@ -8,7 +8,7 @@ use gs3_scene::{CameraPath, Image};
 
 use crate::score::{Row, follow, milliseconds};
 
-/// gs3: the names of super sampling alone and with the frames between. Learned ones are left out, aloud, where their
+/// gs3: the names of super sampling alone and with the in-between frames. Learned ones are left out, aloud, where their
 /// weights are not there.
 pub const OURS: [[&str; 2]; 6] = [
     ["history", "analytic"],
@@ -18,7 +18,7 @@ pub const OURS: [[&str; 2]; 6] = [
     ["balanced_ss", "balanced"],
     ["high_ss", "high"],
 ];
-/// Baselines, without frames between.
+/// Baselines, without in-between frames.
 const BASELINES: [&str; 2] = ["bicubic", "hermite"];
 /// Rows of a table: native rendering, [`BASELINES`], [`OURS`].
 pub const NATIVE: usize = 0;
@@ -55,7 +55,7 @@ pub fn along(
             }
         }
     }
-    // Truth and image of the frame before, by row; of those with frames between, the last one displayed.
+    // Truth and image of the frame before, by row; of those with in-between frames, the last one displayed.
     let mut before: Vec<Option<(Image, Image)>> = vec![None; rows.len()];
     let cameras = path.cameras();
     for k in 0..frames {
@@ -81,7 +81,7 @@ pub fn along(
         for (i, method) in ours.iter_mut().enumerate() {
             let [alone, whole] = [HISTORY + 2 * i, HISTORY + 2 * i + 1];
             let shown = method.render(&cameras[k], middle.as_ref())?;
-            let (between, current) = (shown.between.cloned(), shown.current.clone());
+            let (between, current) = (shown.in_between.cloned(), shown.current.clone());
             rows[alone].rendered.add(&truth, &current)?;
             rows[whole].rendered = rows[alone].rendered.clone();
             if let (Some(truth), Some(image)) = (&truth_between, between) {

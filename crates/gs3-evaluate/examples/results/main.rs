@@ -1,7 +1,9 @@
 //! Writes `docs/results.md`: gs3, without learning and with every tier whose weights come with it, against native
 //! rendering, baselines and published networks, at rest and with parts left out, on captured scenes.
 //!
-//!     cargo run --release -p gs3-evaluate --example results -- ../shared [FRAMES [FILE]]
+//!     cargo run --release -p gs3-evaluate --example results -- FOLDER [FRAMES [FILE]]
+//!
+//! FOLDER has `scenes/SCENE`, `paths/PATH.json` and `weights`, with the names of [`PATHS`].
 //!
 //! All methods render every frame in turn, so they share whatever else the machine does. For ꟻLIP, warping error,
 //! flicker and percentiles of times run `gs3 evaluate`.
@@ -42,7 +44,7 @@ const PATHS: [(&str, &str); 8] = [
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
-    let shared = PathBuf::from(arguments.next().ok_or("expected the folder of scenes, paths and weights")?);
+    let folder = PathBuf::from(arguments.next().ok_or("expected FOLDER with scenes, paths and weights")?);
     let frames: usize = arguments.next().map_or(Ok(FRAMES), |n| n.parse())?;
     let file = arguments
         .next()
@@ -53,11 +55,11 @@ fn main() -> Result<(), Box<dyn Error>> {
         eprintln!("{path_name}");
         let scene = match &loaded {
             Some((name, scene)) if *name == scene_name => Arc::clone(scene),
-            _ => Arc::new(gs3::open(shared.join("scenes").join(scene_name))?),
+            _ => Arc::new(gs3::open(folder.join("scenes").join(scene_name))?),
         };
         loaded = Some((scene_name, Arc::clone(&scene)));
         let path =
-            capture::load(shared.join("paths").join(format!("{path_name}.json")))?.resized(SIZE.0, SIZE.1)?;
+            capture::load(folder.join("paths").join(format!("{path_name}.json")))?.resized(SIZE.0, SIZE.1)?;
         let available = path.cameras().len();
         if !(3..=available).contains(&frames) {
             return Err(format!("expected 3 to {available} frames, found {frames}").into());
@@ -68,7 +70,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             culling: Culling::AccuTile,
             background: [0.0; 3],
             training: Vec::new(),
-            weights: Some(shared.join("weights")),
+            weights: Some(folder.join("weights")),
         };
         let (rows, absent) = along::along(&path, frames, &settings)?;
         sections.absent = absent;

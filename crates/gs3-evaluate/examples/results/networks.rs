@@ -32,7 +32,7 @@ const METHODS: [&str; 16] = [
     "rt4ksr@antialiased",
 ];
 
-/// Networks on the last frame and frames evenly before it, with gs3 without frames between at the same frames from
+/// Networks on the last frame and frames evenly before it, with gs3 without in-between frames at the same frames from
 /// `rows`; and who is ahead of its best.
 pub fn table(
     path_name: &str,

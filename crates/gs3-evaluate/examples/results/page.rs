@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use gs3_evaluate::protocol::Machine;
+use gs3_evaluate::protocol::MachineReport;
 
 use crate::along::{ANALYTIC, BICUBIC, HISTORY, KRIGING, NATIVE, OVERSCAN};
 use crate::score::{Row, mean, shown};
@@ -68,7 +68,7 @@ const NETWORKS: &str = "\
 
 /// The text of the page.
 pub fn page(sections: &Sections, frames: usize) -> String {
-    let machine = Machine::this();
+    let machine = MachineReport::this();
     let mut text = format!(
         "# Results\n\n\
          Written by `cargo run --release -p gs3-evaluate --example results -- FOLDER {frames}`; gs3 {}, {}, \

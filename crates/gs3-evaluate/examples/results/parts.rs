@@ -22,7 +22,7 @@ const PARTS: [(&str, &str); 11] = [
     ("learning", "overscanned"),
     ("learning and overscan", "kriged"),
     ("learning, overscan and kriging", "analytic"),
-    ("all three and frames between (the frame before again)", "history+repeat"),
+    ("all three and in-between frames (the frame before again)", "history+repeat"),
     ("all three and gradients (those of bicubic interpolation)", "history_gradientless+warp"),
     ("all three and jitter", "history_centered+warp"),
     ("all three and history (recurrence)", "hermite+warp"),
@@ -52,7 +52,7 @@ pub fn table(
         let truth = native.render(camera, None)?.current.clone();
         for (method, row, before) in &mut methods {
             let shown = method.render(camera, middle.as_ref())?;
-            if let (Some(truth), Some(image)) = (&truth_between, shown.between) {
+            if let (Some(truth), Some(image)) = (&truth_between, shown.in_between) {
                 row.between.add(truth, image)?;
                 follow(row, before, truth, image.clone())?;
             }

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use gs3::Stage;
 use gs3_evaluate::methods::Method;
-use gs3_evaluate::metrics::{Border, Quantisation, psnr, ssim, tpsnr};
+use gs3_evaluate::metrics::{Quantisation, SsimBorder, psnr, ssim, tpsnr};
 use gs3_evaluate::protocol::PSNR_CAP;
 use gs3_scene::Image;
 
@@ -50,7 +50,7 @@ impl Row {
 impl Scores {
     pub fn add(&mut self, truth: &Image, image: &Image) -> Result<(), Box<dyn Error>> {
         self.psnr.push(psnr(truth, image, Quantisation::None)?.min(PSNR_CAP));
-        self.ssim.push(ssim(truth, image, Border::Crop)?);
+        self.ssim.push(ssim(truth, image, SsimBorder::Crop)?);
         Ok(())
     }
 }

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use gs3::{AdaptiveJitter, DepthLattice, FramePipeline, Mode, ResetReason, Sampling, Stage};
 use gs3_raster::{Outputs, RasterSettings, Rasterizer, STOCK_DILATION, matched_dilation};
-use gs3_reconstruct::{Interpolator, Kernel, Kriging, SuperSampler};
+use gs3_reconstruct::{Interpolator, Kriging, ResampleKernel, SuperSampler};
 use gs3_scene::{Camera, GBuffer, Gradients, Image};
 use rayon::prelude::*;
 
@@ -64,9 +64,9 @@ impl Baseline {
                 super_sampler: Box::new(SuperSampler::new(settings.scale, Kriging::Off)?),
                 jitter: AdaptiveJitter::new(settings.scale, Sampling::Jittered),
             },
-            Spatial::Nearest => upscaled(Box::new(Kernel::Nearest)),
-            Spatial::Bilinear => upscaled(Box::new(Kernel::Bilinear)),
-            Spatial::Bicubic => upscaled(Box::new(Kernel::Bicubic)),
+            Spatial::Nearest => upscaled(Box::new(ResampleKernel::Nearest)),
+            Spatial::Bilinear => upscaled(Box::new(ResampleKernel::Bilinear)),
+            Spatial::Bicubic => upscaled(Box::new(ResampleKernel::Bicubic)),
             Spatial::Lanczos => upscaled(Box::<Lanczos>::default()),
             Spatial::Fsr1 => upscaled(Box::<Fsr1>::default()),
             Spatial::Hermite => upscaled(Box::new(Hermite::EstimatedMixed)),
@@ -155,7 +155,7 @@ impl Method for Baseline {
                 Some(if made { &self.between } else { &self.previous.image })
             }
         };
-        Ok(Shown { between, current: &self.current.image })
+        Ok(Shown { in_between: between, current: &self.current.image })
     }
 
     fn durations(&self) -> Durations {
@@ -286,7 +286,7 @@ mod tests {
         difference(&mut lr);
         let [mut cubic, mut bicubic] = [(); 2].map(|()| Image::new(4 * width, 4 * height));
         assert_eq!(hermite(&lr, 4, &mut cubic), Ok(()));
-        assert_eq!(resample(&lr, 4, Kernel::Bicubic, &mut bicubic), Ok(()));
+        assert_eq!(resample(&lr, 4, ResampleKernel::Bicubic, &mut bicubic), Ok(()));
         for (i, (a, b)) in cubic.pixels().iter().zip(bicubic.pixels()).enumerate() {
             // Away from the border, where the two continue the frame in different ways.
             let (x, y) = (i % (4 * width), i / (4 * width));

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use gs3::neural::arrays::MAX_BYTES;
-use gs3::neural::model::{Peer, Tier};
+use gs3::neural::model::{Network, PublishedNetwork, Tier};
 use gs3::neural::{RunError, WeightError, Weights};
 use gs3::{NetworkError, Networks};
 use gs3_files::read_within;
@@ -13,10 +13,6 @@ use gs3_files::read_within;
 use super::{Interpolation, MethodError, MethodSpec, Spatial};
 use crate::digest;
 use crate::network::Trained;
-
-/// The two networks of gs3, as the headers of their weights name them.
-const SUPER_SAMPLE: &str = "super_sample";
-const INTERPOLATE: &str = "interpolate";
 
 /// Checks that `folder` is one and the weights of all `methods` are there, in it or with gs3. Whether they can be used
 /// shows when the method is built.
@@ -94,7 +90,7 @@ pub(super) fn published(
 /// The published network `peer` with weights of gs3's trainer: those in `folder`, else those that come with gs3.
 pub(super) fn trained(
     method: MethodSpec,
-    peer: Peer,
+    peer: PublishedNetwork,
     scale: u32,
     folder: Option<&Path>,
 ) -> Result<Trained, MethodError> {
@@ -115,7 +111,7 @@ pub(super) fn trained(
 /// Where the weights of `peer` are; their file is called as `gs3 train baseline` is told to call it.
 fn trained_source(
     method: MethodSpec,
-    peer: Peer,
+    peer: PublishedNetwork,
     scale: u32,
     folder: Option<&Path>,
 ) -> Result<Source, MethodError> {
@@ -144,8 +140,8 @@ pub(super) fn networks(
                 };
                 let weights = Weights::load(&file).map_err(|e| fail(e.into()))?;
                 let actual = weights.header.network.clone();
-                if actual != network {
-                    return Err(fail(NetworkError::Other { expected: network, actual }));
+                if actual != network.name() {
+                    return Err(fail(NetworkError::Other { expected: network.name(), actual }));
                 }
                 let (expected, actual) = (tier.name().to_owned(), weights.header.tier.clone());
                 if actual != expected {
@@ -160,38 +156,41 @@ pub(super) fn networks(
 }
 
 /// The networks that `method` runs, and their tiers.
-fn parts(method: MethodSpec) -> impl Iterator<Item = (&'static str, Tier)> {
+fn parts(method: MethodSpec) -> impl Iterator<Item = (Network, Tier)> {
     let super_sample = match method.spatial {
-        Spatial::Learned(tier) => Some((SUPER_SAMPLE, tier)),
+        Spatial::Learned(tier) => Some((Network::SuperSample, tier)),
         _ => None,
     };
     let interpolate = match method.interpolation {
-        Interpolation::Learned(tier) => Some((INTERPOLATE, tier)),
+        Interpolation::Learned(tier) => Some((Network::Interpolate, tier)),
         _ => None,
     };
     super_sample.into_iter().chain(interpolate)
 }
 
 /// The file in `folder` that takes the place of what comes with gs3.
-fn own_file(network: &str, tier: Tier, scale: u32, folder: Option<&Path>) -> Option<PathBuf> {
-    let file = folder?.join(format!("{network}_{}_x{scale}.safetensors", tier.name()));
+fn own_file(network: Network, tier: Tier, scale: u32, folder: Option<&Path>) -> Option<PathBuf> {
+    let file = folder?.join(format!("{}_{}_x{scale}.safetensors", network.name(), tier.name()));
     file.is_file().then_some(file)
 }
 
 /// The weights that come with gs3.
 fn shipped(
     method: MethodSpec,
-    network: &'static str,
+    network: Network,
     tier: Tier,
     scale: u32,
 ) -> Result<Arc<Weights>, MethodError> {
     let fail = |source| MethodError::Network { method, source };
     let mut networks = Networks::shipped(scale, tier).map_err(fail)?;
-    let available = || format!("{SUPER_SAMPLE} alone of {}", tier.name());
+    let available = || format!("{} alone of {}", Network::SuperSample.name(), tier.name());
     let missing = || fail(NetworkError::NotShipped { tier: tier.name(), scale, available: available() });
     place(&mut networks, network).take().ok_or_else(missing)
 }
 
-fn place<'a>(networks: &'a mut Networks, network: &str) -> &'a mut Option<Arc<Weights>> {
-    if network == INTERPOLATE { &mut networks.interpolate } else { &mut networks.super_sample }
+fn place(networks: &mut Networks, network: Network) -> &mut Option<Arc<Weights>> {
+    match network {
+        Network::SuperSample => &mut networks.super_sample,
+        Network::Interpolate => &mut networks.interpolate,
+    }
 }

@@ -106,7 +106,7 @@ pub enum MethodError {
 #[derive(Clone, Copy, Debug)]
 pub struct Shown<'a> {
     /// The frame half-way from the previous one, of methods that interpolate.
-    pub between: Option<&'a Image>,
+    pub in_between: Option<&'a Image>,
     /// The frame at the camera asked for.
     pub current: &'a Image,
 }
@@ -190,7 +190,7 @@ fn pipeline(mode: Mode, spec: MethodSpec, settings: &MethodSettings) -> Result<F
         keyframes: if matches!(spec.spatial, Spatial::Refined(_)) { KEYFRAMES } else { 0 },
         dilation,
         culling: settings.culling,
-        generate: 1,
+        in_between: 1,
         background: settings.background,
     };
     let networks = learned::networks(spec, settings.scale, settings.weights.as_deref())?;
@@ -205,7 +205,7 @@ impl Method for FramePipeline {
     fn render(&mut self, camera: &Camera, middle: Option<&Camera>) -> Result<Shown<'_>, MethodError> {
         let poses = middle.map_or(&[][..], std::slice::from_ref);
         let presented = self.render_with_poses(camera, poses)?;
-        Ok(Shown { between: presented.between[0], current: presented.current })
+        Ok(Shown { in_between: presented.in_between[0], current: presented.current })
     }
 
     fn refined_share(&self) -> Option<f64> {

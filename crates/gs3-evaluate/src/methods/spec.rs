@@ -4,7 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use gs3::Quality;
-use gs3::neural::model::{Peer, Tier};
+use gs3::neural::model::{PublishedNetwork, Tier};
 
 /// How a method makes a frame from a rendered one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -49,7 +49,7 @@ pub enum Spatial {
     /// The network RT4KSR ×2, twice for ×4.
     Rt4ksr,
     /// A published network with weights of gs3's trainer.
-    Trained(Peer),
+    Trained(PublishedNetwork),
 }
 
 /// How LR frames come about. The choice decides how methods rank, so every result states its own.
@@ -65,7 +65,7 @@ pub enum Formation {
     Antialiased,
 }
 
-/// How a method makes the frames between the rendered ones.
+/// How a method makes in-between frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Interpolation {
     /// It shows rendered frames only.
@@ -88,7 +88,7 @@ pub struct MethodSpec {
     pub spatial: Spatial,
     /// LR frames.
     pub formation: Formation,
-    /// Frames between.
+    /// In-between frames.
     pub interpolation: Interpolation,
 }
 
@@ -142,9 +142,9 @@ const SPATIAL: [(&str, Spatial); 26] = [
     ("span", Spatial::Span),
     ("safmn", Spatial::Safmn),
     ("rt4ksr", Spatial::Rt4ksr),
-    ("ecbsr_trained", Spatial::Trained(Peer::Ecbsr)),
-    ("rt4ksr_trained", Spatial::Trained(Peer::Rt4ksr)),
-    ("ninasr_trained", Spatial::Trained(Peer::Ninasr)),
+    ("ecbsr_trained", Spatial::Trained(PublishedNetwork::Ecbsr)),
+    ("rt4ksr_trained", Spatial::Trained(PublishedNetwork::Rt4ksr)),
+    ("ninasr_trained", Spatial::Trained(PublishedNetwork::Ninasr)),
 ];
 const FORMATIONS: [(&str, Formation); 3] =
     [("matched", Formation::Matched), ("stock", Formation::Stock), ("antialiased", Formation::Antialiased)];
@@ -204,7 +204,7 @@ impl Spatial {
         )
     }
 
-    /// Whether [`gs3::FramePipeline`] makes it, and so frames between, too.
+    /// Whether [`gs3::FramePipeline`] makes it, and so in-between frames, too.
     pub(super) const fn is_pipeline(self) -> bool {
         matches!(
             self,

@@ -22,7 +22,7 @@ pub use error::MetricError;
 pub use flip::{flip, flip_map};
 pub use mean_square::Quantisation;
 pub use psnr::{psnr, psnr_from_mse};
-pub use ssim::{Border, ssim};
+pub use ssim::{SsimBorder, ssim};
 pub use temporal::{flicker, tpsnr};
 pub use video::{Viewing, color_video_vdp};
 pub use warping::{WarpFrame, warping_error};

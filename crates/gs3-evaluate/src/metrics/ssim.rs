@@ -10,7 +10,7 @@ use super::{BAND_ROWS, MetricError, displayed, same_size};
 /// What happens where the window reaches over the border of the image. The two conventions differ in the third
 /// decimal, so results state theirs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Border {
+pub enum SsimBorder {
     /// Pixels whose window leaves the image are left out of the mean: the original definition, and scikit-image's
     /// `structural_similarity(gaussian_weights=True, sigma=1.5, use_sample_covariance=False, data_range=1)`.
     #[default]
@@ -38,15 +38,15 @@ const QUANTITIES: usize = 4;
 ///
 /// # Errors
 /// [`MetricError`] if the sizes differ or a side is below 11 pixels.
-pub fn ssim(reference: &Image, test: &Image, border: Border) -> Result<f64, MetricError> {
+pub fn ssim(reference: &Image, test: &Image, border: SsimBorder) -> Result<f64, MetricError> {
     same_size(reference, "test image", test)?;
     let (width, height) = (reference.width(), reference.height());
     if width < TAPS || height < TAPS {
         return Err(MetricError::TooSmall { metric: "SSIM", min: TAPS, actual: (width, height) });
     }
     let margin = match border {
-        Border::Crop => RADIUS,
-        Border::ZeroPad => 0,
+        SsimBorder::Crop => RADIUS,
+        SsimBorder::ZeroPad => 0,
     };
     let (top, bottom) = (margin, height - margin);
     let level = gs3_simd::level();

@@ -1,7 +1,7 @@
 //! RT4KSR (Zamfir, Conde, Timofte 2023), ×2, applied twice for ×4. Its training form is folded to plain 3×3
 //! convolutions.
 
-use gs3::neural::model::Peer;
+use gs3::neural::model::PublishedNetwork;
 use gs3_scene::{GBuffer, Image};
 
 use super::runner::{Runner, color_of, write};
@@ -24,7 +24,7 @@ impl Rt4ksr {
     /// # Errors
     /// [`PublishedWeightError`] if a tensor is missing, has another shape or is not finite.
     pub fn new(weights: &PublishedWeights) -> Result<Self, PublishedWeightError> {
-        let graph = Peer::Rt4ksr.graph(2).map_err(|e| weights.unusable(e.into()))?;
+        let graph = PublishedNetwork::Rt4ksr.graph(2).map_err(|e| weights.unusable(e.into()))?;
         let network = weights.runner_from(NAME, graph, |layer, kind, shape| {
             let published = match layer {
                 "head" => "module.head.0",

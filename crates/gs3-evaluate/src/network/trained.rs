@@ -1,7 +1,7 @@
 //! Published networks with weights of gs3's own trainer: what their design does on the very frames that gs3's networks
 //! were trained on.
 
-use gs3::neural::model::{Peer, graph_of};
+use gs3::neural::model::{PublishedNetwork, graph_of};
 use gs3::neural::{self, RunError};
 use gs3_scene::{GBuffer, Image};
 
@@ -14,7 +14,7 @@ const MULTIPLE: usize = 2;
 /// A trained published network.
 #[derive(Clone, Debug)]
 pub struct Trained {
-    peer: Peer,
+    peer: PublishedNetwork,
     scale: u32,
     network: Runner,
     image: Vec<f32>,
@@ -25,7 +25,7 @@ impl Trained {
     ///
     /// # Errors
     /// [`RunError`] if they are not those of the network.
-    pub fn new(peer: Peer, weights: neural::Weights) -> Result<Self, RunError> {
+    pub fn new(peer: PublishedNetwork, weights: neural::Weights) -> Result<Self, RunError> {
         let actual = weights.header.network.clone();
         if actual != peer.name() {
             let (field, expected) = ("network", peer.name().to_owned());
@@ -38,16 +38,16 @@ impl Trained {
 
     /// The weights that come with the crate.
     #[must_use]
-    pub fn shipped(peer: Peer, scale: u32) -> Option<&'static [u8]> {
+    pub fn shipped(peer: PublishedNetwork, scale: u32) -> Option<&'static [u8]> {
         SHIPPED.iter().find(|file| file.0 == peer && file.1 == scale).map(|file| file.2)
     }
 }
 
 /// Networks, their scales and their weights. Model cards lie beside them.
-const SHIPPED: &[(Peer, u32, &[u8])] = &[
-    (Peer::Ecbsr, 4, include_bytes!("../../weights/ecbsr_x4.safetensors")),
-    (Peer::Rt4ksr, 4, include_bytes!("../../weights/rt4ksr_x4.safetensors")),
-    (Peer::Ninasr, 4, include_bytes!("../../weights/ninasr_x4.safetensors")),
+const SHIPPED: &[(PublishedNetwork, u32, &[u8])] = &[
+    (PublishedNetwork::Ecbsr, 4, include_bytes!("../../weights/ecbsr_x4.safetensors")),
+    (PublishedNetwork::Rt4ksr, 4, include_bytes!("../../weights/rt4ksr_x4.safetensors")),
+    (PublishedNetwork::Ninasr, 4, include_bytes!("../../weights/ninasr_x4.safetensors")),
 ];
 
 impl Upscaler for Trained {

@@ -27,7 +27,7 @@ pub use results::{PhotoFacts, PhotoImage, PhotoMethodScore, PhotoResults, PhotoR
 use crate::digest;
 use crate::methods::{Interpolation, Method, MethodSettings, MethodSpec, build, check_weights};
 use crate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
-use crate::metrics::{Border, Quantisation, flip, psnr, ssim};
+use crate::metrics::{Quantisation, SsimBorder, flip, psnr, ssim};
 use crate::protocol::{Cache, Crop, EvaluateError, Event, Failure, PSNR_CAP, crop, part_of};
 use approach::{Depth, approach};
 
@@ -380,7 +380,7 @@ fn as_file(image: &Image) -> Image {
 fn photo_score(truth: &Image, image: &Image) -> Result<PhotoScore, crate::metrics::MetricError> {
     Ok(PhotoScore {
         psnr: psnr(truth, image, Quantisation::None)?.min(PSNR_CAP),
-        ssim: ssim(truth, image, Border::ZeroPad)?,
+        ssim: ssim(truth, image, SsimBorder::ZeroPad)?,
         flip: flip(truth, image, DEFAULT_PIXELS_PER_DEGREE)?,
     })
 }

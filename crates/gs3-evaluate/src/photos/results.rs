@@ -6,7 +6,7 @@ use super::PhotoProtocol;
 use super::approach::FASTEST;
 use crate::methods::{MethodSpec, Spatial};
 use crate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
-use crate::protocol::{Crop, Failure, Machine, PSNR_CAP, Subset};
+use crate::protocol::{Crop, Failure, MachineReport, PSNR_CAP, Subset};
 
 /// Scores of one image, or their mean.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -84,7 +84,7 @@ pub struct PhotoFacts {
     /// How figures are defined.
     pub conventions: Vec<String>,
     /// The machine.
-    pub machine: Machine,
+    pub machine: MachineReport,
     /// Version of gs3.
     pub version: String,
     /// The command.
@@ -172,7 +172,7 @@ fn facts(protocol: &PhotoProtocol, judged: usize, missing: Vec<String>) -> Photo
             "SSIM: 11×11 Gaussian, σ = 1.5, biased, borders continued with zeros (Inria).".into(),
             format!("FLIP: LDR, {DEFAULT_PIXELS_PER_DEGREE:.2} pixels per degree, mean error."),
         ],
-        machine: Machine::this(),
+        machine: MachineReport::this(),
         version: env!("CARGO_PKG_VERSION").into(),
         command: protocol.command.clone(),
     }

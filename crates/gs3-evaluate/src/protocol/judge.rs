@@ -14,7 +14,7 @@ use super::timeline::Timeline;
 use crate::methods::{Durations, Method};
 use crate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
 use crate::metrics::{
-    Border, Quantisation, Viewing, block_rmse_p99, color_video_vdp, edge_psnr, flicker, flip, psnr, ssim,
+    Quantisation, SsimBorder, Viewing, block_rmse_p99, color_video_vdp, edge_psnr, flicker, flip, psnr, ssim,
     tpsnr, warping_error,
 };
 use crate::report::png_rgb8;
@@ -116,7 +116,7 @@ pub(super) fn judge(
         // Whatever a method still shows from before, the first frame has nothing before it.
         let shown = method.render(&step.camera, step.middle.as_ref())?;
         let (between, current) = (
-            shown.between.filter(|_| i > 0).map(|image| Arc::new(image.clone())),
+            shown.in_between.filter(|_| i > 0).map(|image| Arc::new(image.clone())),
             Arc::new(shown.current.clone()),
         );
         score.refined_share.extend(method.refined_share());
@@ -161,7 +161,7 @@ fn frame_score(displayed: usize, frame: &Displayed) -> Result<FrameScore, Evalua
     Ok(FrameScore {
         displayed,
         psnr: psnr(reference, test, Quantisation::None)?.min(PSNR_CAP),
-        ssim: ssim(reference, test, Border::Crop)?,
+        ssim: ssim(reference, test, SsimBorder::Crop)?,
         flip: flip(reference, test, DEFAULT_PIXELS_PER_DEGREE)?,
         edge_psnr: edge_psnr(reference, test, &frame.truth.edges, Quantisation::None)?
             .map(|psnr| psnr.min(PSNR_CAP)),

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 /// Processor, threads and system.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Machine {
+pub struct MachineReport {
     /// Model name of the processor, where the system tells.
     pub processor: String,
     /// Vector instructions used.
@@ -17,7 +17,7 @@ pub struct Machine {
     pub system: String,
 }
 
-impl Machine {
+impl MachineReport {
     /// This machine.
     #[must_use]
     pub fn this() -> Self {

@@ -1,7 +1,7 @@
 //! The protocol: which frames are judged, against what, how they are timed.
 //!
 //! Ground truth is the scene rasterized at full size by the same rasterizer with exact tile culling, at the poses of
-//! rendered frames and of the frames between. Every method runs over the same cameras, after warming up; scores are
+//! rendered frames and of the in-between frames. Every method runs over the same cameras, after warming up; scores are
 //! taken outside the timed stages. Native rendering runs beside it, frame by frame, so that speed-ups compare what was
 //! measured at the same time. Finished methods are kept in the output folder, so a run that was interrupted resumes.
 
@@ -28,7 +28,7 @@ use ground_truth::GroundTruth;
 pub(crate) use judge::crop;
 pub use judge::{Crop, FrameScore, MethodScore, PSNR_CAP};
 use judge::{Judged, judge};
-pub use machine::Machine;
+pub use machine::MachineReport;
 pub use paper::{Absent, Paper, PaperResults, PaperRow, Table};
 pub use results::{Failure, ProtocolFacts, ResultRow, Results, StageStatistics, Subset, TruthFacts};
 pub use timeline::Case;

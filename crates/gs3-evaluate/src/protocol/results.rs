@@ -4,7 +4,7 @@ use gs3::Stage;
 use serde::{Deserialize, Serialize};
 
 use super::judge::{MethodScore, PSNR_CAP};
-use super::machine::Machine;
+use super::machine::MachineReport;
 use super::timeline::Timeline;
 use super::{EvaluateError, Protocol};
 use crate::methods::{Formation, MethodSpec, Spatial};
@@ -125,7 +125,7 @@ pub struct ResultRow {
     pub super_sample: Option<StageStatistics>,
     /// Exact pixels.
     pub refine: Option<StageStatistics>,
-    /// Making the frame between.
+    /// Making the in-between frame.
     pub interpolate: Option<StageStatistics>,
     /// All of it, per rendered frame.
     pub total: Option<StageStatistics>,
@@ -193,7 +193,7 @@ pub struct ProtocolFacts {
     /// How figures are defined.
     pub conventions: Vec<String>,
     /// The machine.
-    pub machine: Machine,
+    pub machine: MachineReport,
     /// Version of gs3.
     pub version: String,
     /// The command.
@@ -350,7 +350,7 @@ fn facts(protocol: &Protocol, timeline: &Timeline, truth: TruthFacts) -> Protoco
              ratio, so that what else the machine does slows both."
                 .into(),
         ],
-        machine: Machine::this(),
+        machine: MachineReport::this(),
         version: env!("CARGO_PKG_VERSION").into(),
         command: protocol.command.clone(),
     }

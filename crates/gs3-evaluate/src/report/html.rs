@@ -52,7 +52,10 @@ fn header(results: &Results) -> String {
         ("Rendered size", format!("{}×{} (×{})", p.size[0] / p.scale, p.size[1] / p.scale, p.scale)),
         ("Motion per displayed frame", motion(p.truth.motion_px_per_displayed_frame)),
         ("Motion per rendered frame", motion(p.truth.motion_px_per_rendered_frame)),
-        ("Machine", format!("{}, {} threads, {}", p.machine.processor, p.machine.threads, p.machine.simd)),
+        (
+            "MachineReport",
+            format!("{}, {} threads, {}", p.machine.processor, p.machine.threads, p.machine.simd),
+        ),
         ("Version", format!("gs3 {}", p.version)),
     ];
     let facts: String =

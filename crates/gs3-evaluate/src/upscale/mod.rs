@@ -13,7 +13,7 @@ pub use lanczos::Lanczos;
 pub use ridge::{RidgeError, RidgeMap};
 
 use gs3_raster::Outputs;
-use gs3_reconstruct::{Kernel, ReconstructError};
+use gs3_reconstruct::{ReconstructError, ResampleKernel};
 use gs3_scene::{GBuffer, Image};
 
 /// Why a frame was not upscaled.
@@ -84,7 +84,7 @@ pub trait Upscaler: Send {
     fn upscale(&mut self, lr: &GBuffer, scale: u32, out: &mut Image) -> Result<(), UpscaleError>;
 }
 
-impl Upscaler for Kernel {
+impl Upscaler for ResampleKernel {
     fn upscale(&mut self, lr: &GBuffer, scale: u32, out: &mut Image) -> Result<(), UpscaleError> {
         Ok(gs3_reconstruct::resample(lr, scale, *self, out)?)
     }

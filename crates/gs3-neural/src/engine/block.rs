@@ -34,13 +34,13 @@ pub struct Layout {
     /// Place in the arena, or in the thread's scratch memory, in blocks.
     pub start: usize,
     /// Where and how much of it there is.
-    pub room: Room,
+    pub room: Storage,
     pub numbers: Numbers,
 }
 
 /// How much of a tensor is kept, and where.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Room {
+pub enum Storage {
     /// All of its rows, in the arena.
     Whole {
         /// Blocks of other tensors between its rows.
@@ -60,7 +60,7 @@ pub enum Room {
 impl Layout {
     /// A whole tensor at `start`, alone.
     pub fn whole(shape: Shape, halo: usize, start: usize) -> Self {
-        Self { shape, halo, start, room: Room::Whole { beside: 0 }, numbers: Numbers::F32 }
+        Self { shape, halo, start, room: Storage::Whole { beside: 0 }, numbers: Numbers::F32 }
     }
 
     /// Blocks of channels.
@@ -90,14 +90,14 @@ impl Layout {
 
 /// Memory of which a part is being written: what is left of it.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Rest<'a> {
+pub struct Remainder<'a> {
     before: &'a [Block],
     after: &'a [Block],
     /// Where `after` begins.
     resume: usize,
 }
 
-impl<'a> Rest<'a> {
+impl<'a> Remainder<'a> {
     /// Splits `memory` into the `len` blocks from `start` and all others.
     pub fn split(memory: &'a mut [Block], start: usize, len: usize) -> (&'a mut [Block], Self) {
         let (before, rest) = memory.split_at_mut(start);
@@ -117,9 +117,9 @@ impl<'a> Rest<'a> {
 /// What can be read while a tensor is being written: whole rows, or those pixels of a row that a strip has.
 #[derive(Clone, Copy, Debug)]
 pub struct Sources<'a> {
-    arena: Rest<'a>,
-    ring: Rest<'a>,
-    strips: Rest<'a>,
+    arena: Remainder<'a>,
+    ring: Remainder<'a>,
+    strips: Remainder<'a>,
     /// The pixel of a row with which the strip begins.
     x: usize,
 }
@@ -127,21 +127,21 @@ pub struct Sources<'a> {
 impl<'a> Sources<'a> {
     /// All of `arena`, in which nothing is being written, for whole rows.
     pub fn all(arena: &'a [Block]) -> Self {
-        Self::rows(Rest { before: arena, after: &[], resume: arena.len() })
+        Self::rows(Remainder { before: arena, after: &[], resume: arena.len() })
     }
 
     /// Splits `arena` into the blocks of `layout` and all others, for whole rows.
     pub fn split(arena: &'a mut [Block], layout: &Layout) -> (&'a mut [Block], Self) {
-        let (out, rest) = Rest::split(arena, layout.start, layout.len());
+        let (out, rest) = Remainder::split(arena, layout.start, layout.len());
         (out, Self::rows(rest))
     }
 
-    fn rows(arena: Rest<'a>) -> Self {
-        Self { arena, ring: Rest::default(), strips: Rest::default(), x: 0 }
+    fn rows(arena: Remainder<'a>) -> Self {
+        Self { arena, ring: Remainder::default(), strips: Remainder::default(), x: 0 }
     }
 
     /// For the strip from pixel `x` on.
-    pub fn strip(arena: Rest<'a>, ring: Rest<'a>, strips: Rest<'a>, x: usize) -> Self {
+    pub fn strip(arena: Remainder<'a>, ring: Remainder<'a>, strips: Remainder<'a>, x: usize) -> Self {
         Self { arena, ring, strips, x }
     }
 
@@ -156,9 +156,9 @@ impl<'a> Sources<'a> {
     pub fn row(&self, layout: &Layout, y: usize) -> &'a [Block] {
         let len = layout.row_len();
         match layout.room {
-            Room::Whole { beside } => self.arena.get(layout.start + y * (len + beside), len),
-            Room::Ring { beside, mask } => self.ring.get(layout.start + (y & mask) * (len + beside), len),
-            Room::Strip => self.strips.get(layout.start, len),
+            Storage::Whole { beside } => self.arena.get(layout.start + y * (len + beside), len),
+            Storage::Ring { beside, mask } => self.ring.get(layout.start + (y & mask) * (len + beside), len),
+            Storage::Strip => self.strips.get(layout.start, len),
         }
     }
 
@@ -166,8 +166,8 @@ impl<'a> Sources<'a> {
     #[inline(always)]
     pub fn first(&self, layout: &Layout) -> usize {
         match layout.room {
-            Room::Whole { .. } | Room::Ring { .. } => layout.halo + self.x,
-            Room::Strip => 0,
+            Storage::Whole { .. } | Storage::Ring { .. } => layout.halo + self.x,
+            Storage::Strip => 0,
         }
     }
 

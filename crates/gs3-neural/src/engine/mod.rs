@@ -32,7 +32,7 @@ use crate::images::{self, Named};
 use crate::shape::Shape;
 use crate::weights::Weights;
 use bf16::Unit;
-use block::{Block, Rest};
+use block::{Block, Remainder};
 use plan::Plan;
 use run::{Exports, Job, Slab};
 
@@ -165,7 +165,8 @@ impl Engine {
     fn compute(&mut self, images: &[Named<'_>], outputs: &mut [(&str, &mut [f32])]) {
         let scratch = self.plan.scratch;
         for group in &self.plan.groups {
-            let (stored, arena) = Rest::split(&mut self.arena, group.start, group.height * group.row_len);
+            let (stored, arena) =
+                Remainder::split(&mut self.arena, group.start, group.height * group.row_len);
             let mut exports = Exports::default();
             for (name, image) in outputs.iter_mut().rev() {
                 let is_it = |(output, _): &(usize, usize)| self.graph.outputs()[*output].name == *name;

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::Arithmetic;
 use super::bf16::{Bf16Convolution, Tiles, Unit};
-use super::block::{LANES, Layout, Numbers, Room};
+use super::block::{LANES, Layout, Numbers, Storage};
 use super::conv::{Convolution, Source};
 use super::exchange::Exchange;
 use super::learned::Learned;
@@ -187,7 +187,7 @@ impl Planner<'_> {
         for n in stored {
             if let Some(layout) = &mut self.stored[n] {
                 layout.start += start;
-                layout.room = Room::Whole { beside: row_len - layout.row_len() };
+                layout.room = Storage::Whole { beside: row_len - layout.row_len() };
             }
         }
         let Shape { height, width, .. } = size;
@@ -207,7 +207,7 @@ impl Planner<'_> {
         }
         for n in members {
             if let Some(layout) = &mut self.kept[n] {
-                layout.room = Room::Ring { beside: row_len - layout.row_len(), mask: rows - 1 };
+                layout.room = Storage::Ring { beside: row_len - layout.row_len(), mask: rows - 1 };
             }
         }
         let place = [*start, row_len, rows - 1];
@@ -369,7 +369,7 @@ impl Planner<'_> {
                 Some(strip) => arena.keep(strip.start, last_use),
                 None => arena.place(now, last_use, len),
             };
-            let out = Layout { shape, halo: 0, start: place, room: Room::Strip, numbers: Numbers::F32 };
+            let out = Layout { shape, halo: 0, start: place, room: Storage::Strip, numbers: Numbers::F32 };
             strips[*n] = Some(out);
             let is_far = |i: usize| node.is_far(self.graph, &self.nodes, i);
             let layout = |(i, input): (usize, &usize)| match is_far(i) {

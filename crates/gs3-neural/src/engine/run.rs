@@ -6,7 +6,7 @@ use std::ops::Range;
 use fearless_simd::Level;
 
 use super::bf16::{self, TileConfig};
-use super::block::{Block, Layout, Numbers, Rest, Sources};
+use super::block::{Block, Layout, Numbers, Remainder, Sources};
 use super::conv;
 use super::ops;
 use super::passes::{EXPORTS, Wave};
@@ -34,7 +34,7 @@ pub struct Job<'a> {
     /// Blocks of scratch memory.
     pub scratch: usize,
     /// All of the arena but what the group stores.
-    pub arena: Rest<'a>,
+    pub arena: Remainder<'a>,
 }
 
 /// Rows that a thread computes, and where they go.
@@ -122,7 +122,7 @@ impl Job<'_> {
         slab: &mut Slab<'_>,
     ) {
         let Group { width, start, row_len, .. } = self.group;
-        let (kept, ring) = Rest::split(ring, pass.start + (y & pass.mask) * pass.row_len, pass.row_len);
+        let (kept, ring) = Remainder::split(ring, pass.start + (y & pass.mask) * pass.row_len, pass.row_len);
         let own = slab.rows.contains(&y).then(|| y - slab.rows.start);
         let mut stored = own.map(|row| &mut slab.stored[row * row_len..][..*row_len]);
         for x in (0..*width).step_by(pass.strip) {
@@ -133,7 +133,7 @@ impl Job<'_> {
             }
             for step in &pass.steps {
                 let out = step.out.start..step.out.start + step.len();
-                let (made, strips) = Rest::split(scratch, out.start, out.len());
+                let (made, strips) = Remainder::split(scratch, out.start, out.len());
                 let sources = Sources::strip(self.arena, ring, strips, x);
                 match &step.kind {
                     Kind::Export { export, exchange } => {

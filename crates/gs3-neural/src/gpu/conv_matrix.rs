@@ -4,11 +4,11 @@
 //! hand. So they are for those who ask for them. A run of pixels is loaded once for all columns, a matrix of weights
 //! once for [`RUNS`].
 
-use gs3_compute::{Capabilities, Gpu, Subgroups, Support, Use, constants};
+use gs3_compute::{Capabilities, Gpu, Subgroups, Use, constants};
 
 use super::conv::{TILE, WORKGROUP_BYTES, seen};
 use super::source::{self, BLOCK, blocks};
-use super::{GpuEngine, GpuEngineSettings, GpuImage, GpuRunError, Precision};
+use super::{GpuEngine, GpuEngineSettings, GpuRunError, GpuTensorImage, Precision};
 use crate::graph::{Border, Conv2d, Graph, GraphBuilder};
 use crate::random::Random;
 use crate::shape::Shape;
@@ -40,7 +40,7 @@ impl MatrixUnit {
         let side = [16, 8].into_iter().find(|side| has(*side))?;
         let unit = Self { side, subgroup: min };
         let fits = unit.threads() as u32 <= capabilities.limits.workgroup_invocations;
-        (min == max && capabilities.shader_f16 == Support::Present && fits).then_some(unit)
+        (min == max && capabilities.shader_f16 && fits).then_some(unit)
     }
 
     /// Subgroups that share a tile.
@@ -272,7 +272,8 @@ fn trial_output(gpu: &Gpu, matrices: Option<MatrixUnit>) -> Result<Vec<f32>, Gpu
         let values: Vec<f32> = (0..TRIAL[0] * TRIAL[1] * channels).map(|_| random.signed()).collect();
         from.push((name, gpu.buffer_with("trial", Use::Storage, &values)?));
     }
-    let made = |image: &GpuImage| Ok((image.name.clone(), gpu.buffer("trial", Use::Storage, image.bytes)?));
+    let made =
+        |image: &GpuTensorImage| Ok((image.name.clone(), gpu.buffer("trial", Use::Storage, image.bytes)?));
     let to = engine.outputs().iter().map(made).collect::<Result<Vec<_>, GpuRunError>>()?;
     let inputs: Vec<_> = from.iter().map(|(name, buffer)| (*name, buffer.slice())).collect();
     let outputs: Vec<_> = to.iter().map(|(name, buffer)| (name.as_str(), buffer.slice())).collect();
@@ -342,8 +343,8 @@ mod tests {
         };
         let card = Capabilities {
             subgroups: Subgroups::Present { min: 32, max: 32 },
-            shader_f16: Support::Present,
-            timestamps: Support::Present,
+            shader_f16: true,
+            timestamps: true,
             cooperative_matrix: vec![[8; 3], [16; 3], [16, 8, 16]],
             limits,
         };
@@ -351,7 +352,7 @@ mod tests {
         let lacking = [
             Capabilities { subgroups: Subgroups::Present { min: 32, max: 64 }, ..card.clone() },
             Capabilities { subgroups: Subgroups::Absent, ..card.clone() },
-            Capabilities { shader_f16: Support::Absent, ..card.clone() },
+            Capabilities { shader_f16: false, ..card.clone() },
             Capabilities { cooperative_matrix: vec![[16, 8, 16]], ..card.clone() },
             // Eight subgroups of 64 are more than a workgroup takes.
             Capabilities {

@@ -22,7 +22,7 @@ pub use error::GpuRunError;
 
 use std::collections::HashMap;
 
-use gs3_compute::{Bound, Buffer, Gpu, Kernel, Recorder, Slice, Support, Use};
+use gs3_compute::{Bound, Buffer, Gpu, Kernel, Recorder, Slice, Use};
 
 use crate::error::RunError;
 use crate::graph::Graph;
@@ -44,8 +44,8 @@ impl Precision {
     #[must_use]
     pub fn of(gpu: &Gpu) -> Self {
         match gpu.capabilities().shader_f16 {
-            Support::Present => Self::Half,
-            Support::Absent => Self::Single,
+            true => Self::Half,
+            false => Self::Single,
         }
     }
 
@@ -96,7 +96,7 @@ impl GpuEngineSettings<'_> {
 
 /// An input or output of a network on a GPU.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct GpuImage {
+pub struct GpuTensorImage {
     /// Its name in the graph.
     pub name: String,
     /// Its size.
@@ -173,13 +173,13 @@ impl GpuEngine {
 
     /// The images that it needs.
     #[must_use]
-    pub fn inputs(&self) -> &[GpuImage] {
+    pub fn inputs(&self) -> &[GpuTensorImage] {
         &self.plan.inputs
     }
 
     /// The images that it makes.
     #[must_use]
-    pub fn outputs(&self) -> &[GpuImage] {
+    pub fn outputs(&self) -> &[GpuTensorImage] {
         &self.plan.outputs
     }
 
@@ -224,12 +224,12 @@ impl BoundEngine {
 }
 
 /// The buffer of each of `images`, from those given by name.
-fn slices<'a>(images: &[GpuImage], given: &[(&str, Slice<'a>)]) -> Result<Vec<Slice<'a>>, GpuRunError> {
+fn slices<'a>(images: &[GpuTensorImage], given: &[(&str, Slice<'a>)]) -> Result<Vec<Slice<'a>>, GpuRunError> {
     if let Some((name, _)) = given.iter().find(|(name, _)| images.iter().all(|image| image.name != *name)) {
         return Err(plan::unknown(name, images.iter().map(|image| image.name.as_str())).into());
     }
     let mut slices = Vec::with_capacity(images.len());
-    for GpuImage { name, shape, bytes, .. } in images {
+    for GpuTensorImage { name, shape, bytes, .. } in images {
         let Some((_, slice)) = given.iter().find(|(given, _)| given == name) else {
             return Err(RunError::Missing { name: name.clone(), expected: *shape }.into());
         };

@@ -11,7 +11,7 @@ use super::expression::{Expressions, Layout, Located, Place, Width};
 use super::fuse::{Branch, Fusion, Role, Wanted, Work, parts};
 use super::slots::Slots;
 use super::source::{self, PARTS, blocks, image_words, tensor_bytes};
-use super::{GpuEngineSettings, GpuImage, GpuRunError, ImageFormat, MatrixUnit, Precision};
+use super::{GpuEngineSettings, GpuRunError, GpuTensorImage, ImageFormat, MatrixUnit, Precision};
 use crate::error::RunError;
 use crate::graph::{Conv2d, Graph, Op};
 use crate::shape::Shape;
@@ -31,8 +31,8 @@ pub struct Plan {
     pub slots: Vec<u64>,
     /// All weights.
     pub weights: Vec<u8>,
-    pub inputs: Vec<GpuImage>,
-    pub outputs: Vec<GpuImage>,
+    pub inputs: Vec<GpuTensorImage>,
+    pub outputs: Vec<GpuTensorImage>,
 }
 
 /// A dispatch.
@@ -76,7 +76,7 @@ struct Planner<'a> {
     layout: Layout<'a>,
     roles: Vec<Role>,
     matrices: Option<MatrixUnit>,
-    outputs: Vec<GpuImage>,
+    outputs: Vec<GpuTensorImage>,
     /// Bytes of each tensor, by the layer that it begins with.
     tensors: Vec<u64>,
     drafts: Vec<Draft>,
@@ -116,7 +116,7 @@ impl Plan {
                 ImageFormat::Pixels | ImageFormat::HalfPixels => image_words(shape, format) as u64 * 4,
                 ImageFormat::Blocks => tensor_bytes(shape, precision),
             };
-            GpuImage { name: name.to_owned(), shape, format, bytes }
+            GpuTensorImage { name: name.to_owned(), shape, format, bytes }
         };
         // Inputs are all there, needed or not: what is given does not depend on what is asked for.
         let (mut inputs, mut input_of) = (Vec::new(), vec![None; shapes.len()]);
@@ -126,7 +126,7 @@ impl Plan {
             input_of[tensor.index()] = Some((inputs.len(), format));
             inputs.push(image(&layer.name, tensor.index(), format));
         }
-        let outputs: Vec<GpuImage> = wanted
+        let outputs: Vec<GpuTensorImage> = wanted
             .iter()
             .map(|(output, format)| image(&output.name, output.tensor.index(), *format))
             .collect();
@@ -332,7 +332,7 @@ impl Planner<'_> {
     }
 
     /// Gives out buffers.
-    fn finish(self, inputs: Vec<GpuImage>) -> Result<Plan, GpuRunError> {
+    fn finish(self, inputs: Vec<GpuTensorImage>) -> Result<Plan, GpuRunError> {
         let mut last_use = vec![0; self.tensors.len()];
         for (now, draft) in self.drafts.iter().enumerate() {
             for source in draft.reads.iter().chain([&draft.writes]) {

@@ -1,4 +1,4 @@
-//! The two networks, as graphs, and published ones to compare with ([`Peer`]).
+//! The two networks, as graphs, and published ones to compare with ([`PublishedNetwork`]).
 //!
 //! Both refine what reconstruction without learning gives (crate `gs3-reconstruct`): exact samples of the past and of
 //! the present, joined by tensor cubic Hermite interpolation at the present frame's own jitter. Their last layers
@@ -8,13 +8,13 @@
 mod grow;
 mod initial;
 mod interpolate;
-mod peer;
+mod published;
 mod super_sample;
 
 pub use grow::grown;
 pub use initial::initial_weights;
 pub use interpolate::interpolate;
-pub use peer::Peer;
+pub use published::PublishedNetwork;
 pub use super_sample::super_sample;
 
 use crate::error::{GraphError, RunError, WeightError};
@@ -68,6 +68,64 @@ impl Tier {
             Self::High => "high",
         }
     }
+
+    /// The tier with that name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|tier| tier.name() == name)
+    }
+}
+
+/// A network of gs3.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Network {
+    /// [`super_sample()`].
+    SuperSample,
+    /// [`interpolate()`].
+    Interpolate,
+}
+
+impl Network {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::SuperSample, Self::Interpolate];
+
+    /// As in the header of a weights file; also [`Graph::name`].
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::SuperSample => "super_sample",
+            Self::Interpolate => "interpolate",
+        }
+    }
+
+    /// The network with that name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|network| network.name() == name)
+    }
+
+    /// Its graph.
+    ///
+    /// # Errors
+    /// [`GraphError::Scale`] if there is no network for `scale`.
+    pub fn graph(self, scale: u32, tier: Tier) -> Result<Graph, GraphError> {
+        match self {
+            Self::SuperSample => super_sample(scale as usize, tier),
+            Self::Interpolate => interpolate(scale as usize, tier),
+        }
+    }
+}
+
+fn unknown(field: &'static str, expected: &str, actual: &str) -> WeightError {
+    WeightError::Header { field, expected: expected.to_owned(), actual: actual.to_owned() }
+}
+
+/// The tier of the weights of one of gs3's networks.
+///
+/// # Errors
+/// [`WeightError::Header`] if `header` names no tier.
+pub fn tier_of(header: &Header) -> Result<Tier, WeightError> {
+    Tier::from_name(&header.tier).ok_or_else(|| unknown("tier", "one of fast, balanced, high", &header.tier))
 }
 
 /// The network whose weights a file with `header` holds.
@@ -75,13 +133,8 @@ impl Tier {
 /// # Errors
 /// [`RunError`] if there is none of that name, tier, scale and version.
 pub fn graph_of(header: &Header) -> Result<Graph, RunError> {
-    let unknown = |field, expected: &str, actual: &str| WeightError::Header {
-        field,
-        expected: expected.to_owned(),
-        actual: actual.to_owned(),
-    };
     let scale = header.scale as usize;
-    if let Some(peer) = Peer::from_name(&header.network) {
+    if let Some(peer) = PublishedNetwork::from_name(&header.network) {
         let graph = peer.graph(scale)?;
         return match (header.tier == peer.size(), header.version == graph.version()) {
             (true, true) => Ok(graph),
@@ -91,18 +144,12 @@ pub fn graph_of(header: &Header) -> Result<Graph, RunError> {
             }
         };
     }
-    let Some(tier) = Tier::ALL.into_iter().find(|tier| tier.name() == header.tier) else {
-        return Err(unknown("tier", "one of fast, balanced, high", &header.tier).into());
+    let tier = tier_of(header)?;
+    let Some(network) = Network::from_name(&header.network) else {
+        let expected = "one of super_sample, interpolate, ecbsr, rt4ksr, ninasr";
+        return Err(unknown("network", expected, &header.network).into());
     };
-    let graph = match header.network.as_str() {
-        "super_sample" => super_sample(scale, tier)?,
-        "interpolate" => interpolate(scale, tier)?,
-        other => {
-            return Err(
-                unknown("network", "one of super_sample, interpolate, ecbsr, rt4ksr, ninasr", other).into()
-            );
-        }
-    };
+    let graph = network.graph(header.scale, tier)?;
     match graph.version() == header.version {
         true => Ok(graph),
         false => Err(unknown("version", &graph.version().to_string(), &header.version.to_string()).into()),

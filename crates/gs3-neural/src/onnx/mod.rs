@@ -23,7 +23,7 @@ use prost::Message;
 use crate::error::WeightError;
 use crate::graph::{Graph, Op};
 use crate::weights::Weights;
-use proto::{Model, OperatorSetId, StringStringEntry};
+use proto::{ModelProto, OperatorSetIdProto, StringStringEntryProto};
 use writer::{Scale, Writer};
 
 /// Version of ONNX's operators.
@@ -44,21 +44,21 @@ pub fn export(graph: &Graph, weights: &Weights) -> Result<Vec<u8>, WeightError> 
 ///
 /// # Errors
 /// [`WeightError`] if the weights are not the graph's.
-pub fn model(graph: &Graph, weights: &Weights) -> Result<Model, WeightError> {
+pub fn model(graph: &Graph, weights: &Weights) -> Result<ModelProto, WeightError> {
     weights.check(graph)?;
     let metadata = weights.header.to_texts().into_iter();
-    Ok(Model {
+    Ok(ModelProto {
         ir_version: IR_VERSION,
         producer_name: "gs3".to_owned(),
         producer_version: env!("CARGO_PKG_VERSION").to_owned(),
         model_version: graph.version().into(),
         graph: Some(nodes(graph, weights)),
-        opset_import: vec![OperatorSetId { domain: String::new(), version: OPSET }],
-        metadata_props: metadata.map(|(key, value)| StringStringEntry { key, value }).collect(),
+        opset_import: vec![OperatorSetIdProto { domain: String::new(), version: OPSET }],
+        metadata_props: metadata.map(|(key, value)| StringStringEntryProto { key, value }).collect(),
     })
 }
 
-fn nodes(graph: &Graph, weights: &Weights) -> proto::Graph {
+fn nodes(graph: &Graph, weights: &Weights) -> proto::GraphProto {
     let mut writer = Writer::new(graph.name());
     // Names that others rely on come first.
     let mut values: Vec<Option<String>> = vec![None; graph.layers().len()];

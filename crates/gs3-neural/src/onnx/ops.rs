@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::proto::Attribute;
+use super::proto::AttributeProto;
 use super::warp;
 use super::writer::Writer;
 use crate::graph::{Activation, Border, Conv2d, Layer, Op};
@@ -32,7 +32,7 @@ pub fn write(
         Op::PixelShuffle { factor } => {
             // Channel c·f² + i·f + j: "column, row, depth" order.
             let attributes =
-                vec![Attribute::int("blocksize", *factor as i64), Attribute::text("mode", "CRD")];
+                vec![AttributeProto::int("blocksize", *factor as i64), AttributeProto::text("mode", "CRD")];
             nodes.cropped("DepthToSpace", &x[..1], attributes, x.get(1).copied());
         }
         Op::PixelUnshuffle { factor } => nodes.pixel_unshuffle(*factor, inputs[0]),
@@ -40,9 +40,9 @@ pub fn write(
             let factor = *factor as f32;
             let scales = nodes.writer.floats(&nodes.name("scales"), &[4], &[1.0, 1.0, factor, factor]);
             let attributes = vec![
-                Attribute::text("mode", "nearest"),
-                Attribute::text("coordinate_transformation_mode", "asymmetric"),
-                Attribute::text("nearest_mode", "floor"),
+                AttributeProto::text("mode", "nearest"),
+                AttributeProto::text("coordinate_transformation_mode", "asymmetric"),
+                AttributeProto::text("nearest_mode", "floor"),
             ];
             nodes.cropped("Resize", &[x[0], "", &scales], attributes, x.get(1).copied());
         }
@@ -50,10 +50,10 @@ pub fn write(
             "MaxPool",
             &x,
             vec![
-                Attribute::ints("kernel_shape", &[2, 2]),
-                Attribute::ints("strides", &[2, 2]),
+                AttributeProto::ints("kernel_shape", &[2, 2]),
+                AttributeProto::ints("strides", &[2, 2]),
                 // An odd last row or column stands alone.
-                Attribute::int("ceil_mode", 1),
+                AttributeProto::int("ceil_mode", 1),
             ],
         ),
         Op::Prelu => {
@@ -68,11 +68,12 @@ pub fn write(
             let learned = ["weight", "bias"]
                 .map(|kind| parameters.get(&format!("{}.{kind}", layer.name)[..]).map_or("", |name| name));
             let last =
-                nodes.inner("last", "Transpose", &[x[0]], vec![Attribute::ints("perm", &[0, 2, 3, 1])]);
-            let attributes = vec![Attribute::int("axis", -1), Attribute::float("epsilon", *epsilon)];
+                nodes.inner("last", "Transpose", &[x[0]], vec![AttributeProto::ints("perm", &[0, 2, 3, 1])]);
+            let attributes =
+                vec![AttributeProto::int("axis", -1), AttributeProto::float("epsilon", *epsilon)];
             let normal =
                 nodes.inner("normal", "LayerNormalization", &[&last, learned[0], learned[1]], attributes);
-            nodes.result("Transpose", &[&normal], vec![Attribute::ints("perm", &[0, 3, 1, 2])]);
+            nodes.result("Transpose", &[&normal], vec![AttributeProto::ints("perm", &[0, 3, 1, 2])]);
         }
         Op::Scale { factor } => {
             let factor = nodes.constant("factor", *factor);
@@ -87,14 +88,14 @@ pub fn write(
         Op::AveragePool { side, stride } => {
             let (reach, side, stride) = ((side / 2) as i64, *side as i64, *stride as i64);
             let attributes = vec![
-                Attribute::ints("kernel_shape", &[side; 2]),
-                Attribute::ints("strides", &[stride; 2]),
-                Attribute::ints("pads", &[reach; 4]),
-                Attribute::int("count_include_pad", 0),
+                AttributeProto::ints("kernel_shape", &[side; 2]),
+                AttributeProto::ints("strides", &[stride; 2]),
+                AttributeProto::ints("pads", &[reach; 4]),
+                AttributeProto::int("count_include_pad", 0),
             ];
             nodes.result("AveragePool", &x, attributes);
         }
-        Op::Concat => nodes.result("Concat", &x, vec![Attribute::int("axis", 1)]),
+        Op::Concat => nodes.result("Concat", &x, vec![AttributeProto::int("axis", 1)]),
         Op::Slice { first, count } => {
             let starts = nodes.ints("first", &[*first as i64]);
             let ends = nodes.ints("end", &[(first + count) as i64]);
@@ -111,7 +112,7 @@ pub fn write(
         Op::ChannelMean | Op::ChannelMax => {
             let axes = nodes.ints("axes", &[1]);
             let op_type = if layer.op == Op::ChannelMax { "ReduceMax" } else { "ReduceMean" };
-            nodes.result(op_type, &[x[0], &axes], vec![Attribute::int("keepdims", 1)]);
+            nodes.result(op_type, &[x[0], &axes], vec![AttributeProto::int("keepdims", 1)]);
         }
         Op::Warp => warp::write(&mut nodes, x[0], x[1]),
     }
@@ -138,7 +139,7 @@ impl Nodes<'_> {
         part: &str,
         op_type: &str,
         inputs: &[&str],
-        attributes: Vec<Attribute>,
+        attributes: Vec<AttributeProto>,
     ) -> String {
         let output = self.writer.claim(&self.name(part), "_value");
         self.writer.node(op_type, inputs, &output, attributes);
@@ -146,7 +147,7 @@ impl Nodes<'_> {
     }
 
     /// The node that gives the layer's result.
-    pub fn result(&mut self, op_type: &str, inputs: &[&str], attributes: Vec<Attribute>) {
+    pub fn result(&mut self, op_type: &str, inputs: &[&str], attributes: Vec<AttributeProto>) {
         self.writer.node(op_type, inputs, self.result, attributes);
     }
 
@@ -170,16 +171,16 @@ impl Nodes<'_> {
         let (x, pads) = match border {
             Border::Replicate if reach > 0 => {
                 let pads = self.ints("pads", &[0, 0, reach, reach, 0, 0, reach, reach]);
-                let edge = vec![Attribute::text("mode", "edge")];
+                let edge = vec![AttributeProto::text("mode", "edge")];
                 (self.inner("padded", "Pad", &[x, &pads], edge), 0)
             }
             _ => (x.to_owned(), reach),
         };
         let inputs: Vec<&str> = std::iter::once(&x[..]).chain(learned.iter().copied()).collect();
         let attributes = vec![
-            Attribute::ints("kernel_shape", &[kernel; 2]),
-            Attribute::ints("dilations", &[dilation; 2]),
-            Attribute::ints("pads", &[pads; 4]),
+            AttributeProto::ints("kernel_shape", &[kernel; 2]),
+            AttributeProto::ints("dilations", &[dilation; 2]),
+            AttributeProto::ints("pads", &[pads; 4]),
         ];
         if conv.activation == Activation::Identity {
             return self.result("Conv", &inputs, attributes);
@@ -192,8 +193,8 @@ impl Nodes<'_> {
         let (op_type, attributes) = match activation {
             Activation::Identity => ("Identity", vec![]),
             Activation::Relu => ("Relu", vec![]),
-            Activation::LeakyRelu { slope } => ("LeakyRelu", vec![Attribute::float("alpha", slope)]),
-            Activation::Gelu => ("Gelu", vec![Attribute::text("approximate", "none")]),
+            Activation::LeakyRelu { slope } => ("LeakyRelu", vec![AttributeProto::float("alpha", slope)]),
+            Activation::Gelu => ("Gelu", vec![AttributeProto::text("approximate", "none")]),
             Activation::Silu => {
                 let gate = self.inner("gate", "Sigmoid", &[x], vec![]);
                 return self.result("Mul", &[x, &gate], vec![]);
@@ -205,10 +206,16 @@ impl Nodes<'_> {
     }
 
     /// A node whose result is cut to the size of `like`, where there is one.
-    fn cropped(&mut self, op_type: &str, inputs: &[&str], attributes: Vec<Attribute>, like: Option<&str>) {
+    fn cropped(
+        &mut self,
+        op_type: &str,
+        inputs: &[&str],
+        attributes: Vec<AttributeProto>,
+        like: Option<&str>,
+    ) {
         let Some(like) = like else { return self.result(op_type, inputs, attributes) };
         let full = self.inner("full", op_type, inputs, attributes);
-        let size = self.inner("size", "Shape", &[like], vec![Attribute::int("start", 2)]);
+        let size = self.inner("size", "Shape", &[like], vec![AttributeProto::int("start", 2)]);
         let starts = self.ints("origin", &[0, 0]);
         let axes = self.ints("axes", &[2, 3]);
         self.result("Slice", &[&full, &starts, &size, &axes], vec![]);
@@ -216,7 +223,7 @@ impl Nodes<'_> {
 
     fn pixel_unshuffle(&mut self, factor: usize, (x, channels): (&str, usize)) {
         let places = factor * factor;
-        let attributes = vec![Attribute::int("blocksize", factor as i64)];
+        let attributes = vec![AttributeProto::int("blocksize", factor as i64)];
         if channels == 1 || places == 1 {
             return self.result("SpaceToDepth", &[x], attributes);
         }
@@ -224,6 +231,6 @@ impl Nodes<'_> {
         let blocks = self.inner("blocks", "SpaceToDepth", &[x], attributes);
         let order = (0..channels).flat_map(|c| (0..places).map(move |k| (k * channels + c) as i64));
         let order = self.ints("order", &order.collect::<Vec<i64>>());
-        self.result("Gather", &[&blocks, &order], vec![Attribute::int("axis", 1)]);
+        self.result("Gather", &[&blocks, &order], vec![AttributeProto::int("axis", 1)]);
     }
 }

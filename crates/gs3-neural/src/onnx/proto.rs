@@ -1,6 +1,6 @@
 //! The part of ONNX's file format that exported networks use: messages of `onnx.proto3` with its field numbers.
 //!
-//! Declared by hand, so that building needs no protobuf compiler; names are the format's, without `Proto`.
+//! Declared by hand, so that building needs no protobuf compiler; names of messages are the format's.
 
 #![allow(missing_docs, reason = "every field is documented in onnx.proto3 under its name")]
 
@@ -13,7 +13,7 @@ pub const INT64: i32 = 7;
 
 /// A file.
 #[derive(Clone, PartialEq, Message)]
-pub struct Model {
+pub struct ModelProto {
     #[prost(int64, tag = "1")]
     pub ir_version: i64,
     #[prost(string, tag = "2")]
@@ -23,16 +23,16 @@ pub struct Model {
     #[prost(int64, tag = "5")]
     pub model_version: i64,
     #[prost(message, optional, tag = "7")]
-    pub graph: Option<Graph>,
+    pub graph: Option<GraphProto>,
     #[prost(message, repeated, tag = "8")]
-    pub opset_import: Vec<OperatorSetId>,
+    pub opset_import: Vec<OperatorSetIdProto>,
     #[prost(message, repeated, tag = "14")]
-    pub metadata_props: Vec<StringStringEntry>,
+    pub metadata_props: Vec<StringStringEntryProto>,
 }
 
 /// The operators that a file is written in.
 #[derive(Clone, PartialEq, Message)]
-pub struct OperatorSetId {
+pub struct OperatorSetIdProto {
     /// Empty for ONNX's own.
     #[prost(string, tag = "1")]
     pub domain: String,
@@ -41,7 +41,7 @@ pub struct OperatorSetId {
 }
 
 #[derive(Clone, PartialEq, Message)]
-pub struct StringStringEntry {
+pub struct StringStringEntryProto {
     #[prost(string, tag = "1")]
     pub key: String,
     #[prost(string, tag = "2")]
@@ -49,21 +49,21 @@ pub struct StringStringEntry {
 }
 
 #[derive(Clone, PartialEq, Message)]
-pub struct Graph {
+pub struct GraphProto {
     #[prost(message, repeated, tag = "1")]
-    pub node: Vec<Node>,
+    pub node: Vec<NodeProto>,
     #[prost(string, tag = "2")]
     pub name: String,
     #[prost(message, repeated, tag = "5")]
-    pub initializer: Vec<Tensor>,
+    pub initializer: Vec<TensorProto>,
     #[prost(message, repeated, tag = "11")]
-    pub input: Vec<ValueInfo>,
+    pub input: Vec<ValueInfoProto>,
     #[prost(message, repeated, tag = "12")]
-    pub output: Vec<ValueInfo>,
+    pub output: Vec<ValueInfoProto>,
 }
 
 #[derive(Clone, PartialEq, Message)]
-pub struct Node {
+pub struct NodeProto {
     /// An empty name stands for an optional input that is left out.
     #[prost(string, repeated, tag = "1")]
     pub input: Vec<String>,
@@ -74,12 +74,12 @@ pub struct Node {
     #[prost(string, tag = "4")]
     pub op_type: String,
     #[prost(message, repeated, tag = "5")]
-    pub attribute: Vec<Attribute>,
+    pub attribute: Vec<AttributeProto>,
 }
 
 /// One of its values is set, the one that `type` tells. Optional ones are written even when they are zero.
 #[derive(Clone, PartialEq, Message)]
-pub struct Attribute {
+pub struct AttributeProto {
     #[prost(string, tag = "1")]
     pub name: String,
     #[prost(float, optional, tag = "2")]
@@ -94,7 +94,7 @@ pub struct Attribute {
     pub r#type: i32,
 }
 
-impl Attribute {
+impl AttributeProto {
     /// A number.
     #[must_use]
     pub fn float(name: &str, f: f32) -> Self {
@@ -121,7 +121,7 @@ impl Attribute {
 }
 
 #[derive(Clone, PartialEq, Message)]
-pub struct Tensor {
+pub struct TensorProto {
     #[prost(int64, repeated, tag = "1")]
     pub dims: Vec<i64>,
     /// [`FLOAT`] or [`INT64`].
@@ -135,15 +135,15 @@ pub struct Tensor {
 }
 
 #[derive(Clone, PartialEq, Message)]
-pub struct ValueInfo {
+pub struct ValueInfoProto {
     #[prost(string, tag = "1")]
     pub name: String,
     #[prost(message, optional, tag = "2")]
-    pub r#type: Option<Type>,
+    pub r#type: Option<TypeProto>,
 }
 
 #[derive(Clone, PartialEq, Message)]
-pub struct Type {
+pub struct TypeProto {
     #[prost(message, optional, tag = "1")]
     pub tensor_type: Option<TensorType>,
 }
@@ -166,13 +166,13 @@ pub struct TensorShape {
 #[derive(Clone, PartialEq, Message)]
 pub struct Dimension {
     /// None where it is not known before a network runs.
-    #[prost(oneof = "Length", tags = "1, 2")]
-    pub length: Option<Length>,
+    #[prost(oneof = "DimensionLength", tags = "1, 2")]
+    pub length: Option<DimensionLength>,
 }
 
 /// A length, or a name for one.
 #[derive(Clone, PartialEq, Eq, Oneof)]
-pub enum Length {
+pub enum DimensionLength {
     #[prost(int64, tag = "1")]
     DimValue(i64),
     #[prost(string, tag = "2")]

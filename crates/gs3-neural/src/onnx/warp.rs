@@ -5,7 +5,7 @@
 //! at (p + ½ − side/2) / (side/2); computed in this order, numbers stay small and hardly round.
 
 use super::ops::Nodes;
-use super::proto::{Attribute, FLOAT};
+use super::proto::{AttributeProto, FLOAT};
 
 /// A direction of an image.
 struct Axis {
@@ -25,22 +25,23 @@ const Y: Axis = Axis { name: "y", channel: 1, dimension: 2, across: 1 };
 pub fn write(nodes: &mut Nodes<'_>, image: &str, flow: &str) {
     let shape = nodes.inner("shape", "Shape", &[flow], vec![]);
     let [x, y] = [X, Y].map(|axis| normalized_places(nodes, &axis, flow, &shape));
-    let grid = nodes.inner("grid_chw", "Concat", &[&x, &y], vec![Attribute::int("axis", 1)]);
-    let channels_last = vec![Attribute::ints("perm", &[0, 2, 3, 1])];
+    let grid = nodes.inner("grid_chw", "Concat", &[&x, &y], vec![AttributeProto::int("axis", 1)]);
+    let channels_last = vec![AttributeProto::ints("perm", &[0, 2, 3, 1])];
     let grid = nodes.inner("grid", "Transpose", &[&grid], channels_last);
     // Beyond the edges nothing changes; but far places may not fit the whole numbers that runtimes turn them into.
     let [first, last] =
         [("first_edge", -1.0), ("last_edge", 1.0)].map(|(part, edge)| nodes.constant(part, edge));
     let grid = nodes.inner("grid_inside", "Clip", &[&grid, &first, &last], vec![]);
     // The mode is the default, linear, unnamed: its name changed between opsets, and with it what readers know.
-    let attributes = vec![Attribute::text("padding_mode", "border"), Attribute::int("align_corners", 0)];
+    let attributes =
+        vec![AttributeProto::text("padding_mode", "border"), AttributeProto::int("align_corners", 0)];
     nodes.result("GridSample", &[image, &grid], attributes);
 }
 
 /// Where each pixel comes from along `axis`, `[1, 1, height, width]`. `shape` is the name of the flow's shape.
 fn normalized_places(nodes: &mut Nodes<'_>, axis: &Axis, flow: &str, shape: &str) -> String {
     let part = |part: &str| format!("{}/{part}", axis.name);
-    let to_float = || vec![Attribute::int("to", FLOAT.into())];
+    let to_float = || vec![AttributeProto::int("to", FLOAT.into())];
 
     let dimension = nodes.index(&part("dimension"), axis.dimension);
     let side = nodes.inner(&part("side"), "Gather", &[shape, &dimension], vec![]);

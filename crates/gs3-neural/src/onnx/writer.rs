@@ -3,7 +3,8 @@
 use std::collections::HashSet;
 
 use super::proto::{
-    Attribute, Dimension, FLOAT, Graph, INT64, Length, Node, Tensor, TensorShape, TensorType, Type, ValueInfo,
+    AttributeProto, Dimension, DimensionLength, FLOAT, GraphProto, INT64, NodeProto, TensorProto,
+    TensorShape, TensorType, TypeProto, ValueInfoProto,
 };
 use crate::arrays::Array;
 
@@ -11,16 +12,16 @@ use crate::arrays::Array;
 pub type Scale = Option<usize>;
 
 pub struct Writer {
-    graph: Graph,
+    graph: GraphProto,
     names: HashSet<String>,
 }
 
 impl Writer {
     pub fn new(name: &str) -> Self {
-        Self { graph: Graph { name: name.to_owned(), ..Graph::default() }, names: HashSet::new() }
+        Self { graph: GraphProto { name: name.to_owned(), ..GraphProto::default() }, names: HashSet::new() }
     }
 
-    pub fn finish(self) -> Graph {
+    pub fn finish(self) -> GraphProto {
         self.graph
     }
 
@@ -63,13 +64,18 @@ impl Writer {
 
     fn constant(&mut self, name: &str, dims: &[i64], data_type: i32, raw_data: Vec<u8>) -> String {
         let name = self.claim(name, "_constant");
-        self.graph.initializer.push(Tensor { dims: dims.to_vec(), data_type, name: name.clone(), raw_data });
+        self.graph.initializer.push(TensorProto {
+            dims: dims.to_vec(),
+            data_type,
+            name: name.clone(),
+            raw_data,
+        });
         name
     }
 
     /// Writes a node, called as its result.
-    pub fn node(&mut self, op_type: &str, inputs: &[&str], output: &str, attribute: Vec<Attribute>) {
-        self.graph.node.push(Node {
+    pub fn node(&mut self, op_type: &str, inputs: &[&str], output: &str, attribute: Vec<AttributeProto>) {
+        self.graph.node.push(NodeProto {
             input: inputs.iter().map(|name| (*name).to_owned()).collect(),
             output: vec![output.to_owned()],
             name: output.to_owned(),
@@ -80,15 +86,19 @@ impl Writer {
 }
 
 /// An image of `[1, channels, height, width]`.
-fn image(name: &str, channels: usize, scale: Scale) -> ValueInfo {
+fn image(name: &str, channels: usize, scale: Scale) -> ValueInfoProto {
     let side = |side: &str| match scale {
-        Some(1) => Some(Length::DimParam(side.to_owned())),
-        Some(scale) => Some(Length::DimParam(format!("{scale}*{side}"))),
+        Some(1) => Some(DimensionLength::DimParam(side.to_owned())),
+        Some(scale) => Some(DimensionLength::DimParam(format!("{scale}*{side}"))),
         None => None,
     };
-    let lengths =
-        [Some(Length::DimValue(1)), Some(Length::DimValue(channels as i64)), side("height"), side("width")];
+    let lengths = [
+        Some(DimensionLength::DimValue(1)),
+        Some(DimensionLength::DimValue(channels as i64)),
+        side("height"),
+        side("width"),
+    ];
     let shape = TensorShape { dim: lengths.map(|length| Dimension { length }).into() };
     let tensor_type = TensorType { elem_type: FLOAT, shape: Some(shape) };
-    ValueInfo { name: name.to_owned(), r#type: Some(Type { tensor_type: Some(tensor_type) }) }
+    ValueInfoProto { name: name.to_owned(), r#type: Some(TypeProto { tensor_type: Some(tensor_type) }) }
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::Command;
 
 use gs3_neural::arrays::{self, Array, Arrays};
-use gs3_neural::model::{Peer, Tier, interpolate, super_sample};
+use gs3_neural::model::{PublishedNetwork, Tier, interpolate, super_sample};
 use gs3_neural::{
     Activation, Border, Conv2d, Differentiator, Engine, Graph, GraphBuilder, Op, Random, Shape, Weights,
     onnx, reference,
@@ -108,7 +108,7 @@ fn onnx_runtime_computes_all_networks() {
             }
         }
     }
-    for peer in Peer::ALL {
+    for peer in PublishedNetwork::ALL {
         write(folder.path(), peer.name(), &peer.graph(4).expect("a network"), &[[10, 26], [34, 18]]);
     }
     compare(python, folder.path());

@@ -3,16 +3,16 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use gs3_neural::model::{Tier, interpolate, super_sample};
-use gs3_neural::onnx::proto::{self, Length, Model};
+use gs3_neural::onnx::proto::{self, DimensionLength, ModelProto};
 use gs3_neural::onnx::{self, IR_VERSION, OPSET};
 use gs3_neural::{Activation, Border, Conv2d, Graph, GraphBuilder, Op, WeightError, Weights};
 use prost::Message;
 
 use super::header;
 
-fn exported(graph: &Graph, weights: &Weights) -> (Model, proto::Graph) {
+fn exported(graph: &Graph, weights: &Weights) -> (ModelProto, proto::GraphProto) {
     let bytes = onnx::export(graph, weights).expect("an export");
-    let model = Model::decode(&bytes[..]).expect("protobuf");
+    let model = ModelProto::decode(&bytes[..]).expect("protobuf");
     let nodes = model.graph.clone().expect("a graph");
     (model, nodes)
 }
@@ -25,13 +25,13 @@ fn networks() -> impl Iterator<Item = Graph> {
 }
 
 /// Each image's name and sides.
-fn images(values: &[proto::ValueInfo]) -> Vec<(&str, Vec<String>)> {
-    let sides = |value: &proto::ValueInfo| -> Vec<String> {
+fn images(values: &[proto::ValueInfoProto]) -> Vec<(&str, Vec<String>)> {
+    let sides = |value: &proto::ValueInfoProto| -> Vec<String> {
         let tensor = value.r#type.as_ref().and_then(|t| t.tensor_type.as_ref()).expect("a tensor");
         assert_eq!(tensor.elem_type, proto::FLOAT);
         let side = |d: &proto::Dimension| match &d.length {
-            Some(Length::DimValue(value)) => value.to_string(),
-            Some(Length::DimParam(name)) => name.clone(),
+            Some(DimensionLength::DimValue(value)) => value.to_string(),
+            Some(DimensionLength::DimParam(name)) => name.clone(),
             None => "?".to_owned(),
         };
         tensor.shape.iter().flat_map(|shape| shape.dim.iter().map(side)).collect()
@@ -70,7 +70,7 @@ fn initializers_are_the_weights() {
     for graph in networks() {
         let weights = Weights::random(&graph, header(&graph, "any"), 2);
         let (_, nodes) = exported(&graph, &weights);
-        let tensors: BTreeMap<&str, &proto::Tensor> =
+        let tensors: BTreeMap<&str, &proto::TensorProto> =
             nodes.initializer.iter().map(|tensor| (&tensor.name[..], tensor)).collect();
         for (name, array) in &weights.arrays {
             let tensor = tensors.get(&name[..]).expect("a tensor of that name");

@@ -39,7 +39,7 @@ impl Grid {
             let at = if (at - at.round()).abs() < ON_PIXEL { at.round() } else { at };
             at as f32 - before[a] as f32
         });
-        let size = margin.around([lr.width(), lr.height()]).map(|side| side as usize);
+        let size = margin.padded([lr.width(), lr.height()]).map(|side| side as usize);
         Self { stride: scale as usize, first, before, size }
     }
 

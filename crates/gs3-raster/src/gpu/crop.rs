@@ -23,30 +23,30 @@ struct CropUniform {
 #[derive(Default)]
 pub struct BoundCrop {
     /// Which planes it is copied from.
-    around: u64,
+    padded: u64,
     planes: Vec<Bound>,
     uniform: Option<Buffer>,
 }
 
-/// Records the picture of `around`, without its margin, into `picture`, which has been made for its size.
+/// Records the picture of `padded`, without its margin, into `picture`, which has been made for its size.
 pub fn record(
     kernel: &Kernel,
     gpu: &Gpu,
     recorder: &mut Recorder<'_>,
-    around: &GpuGBuffer,
+    padded: &GpuGBuffer,
     picture: &mut GpuGBuffer,
 ) -> Result<(), GpuError> {
-    if picture.crop.around != around.made() {
+    if picture.crop.padded != padded.made() {
         let uniform = gpu.buffer("crop", Use::Uniform, size_of::<CropUniform>() as u64)?;
         let bind = |((_, from), (_, to)): (&(_, Buffer), &(_, Buffer))| {
-            let buffers = [("crop", uniform.slice()), ("around", from.slice()), ("picture", to.slice())];
+            let buffers = [("crop", uniform.slice()), ("padded", from.slice()), ("picture", to.slice())];
             kernel.bind(gpu, &buffers)
         };
-        let planes = around.planes().iter().zip(picture.planes()).map(bind).collect::<Result<_, _>>()?;
-        picture.crop = BoundCrop { around: around.made(), planes, uniform: Some(uniform) };
+        let planes = padded.planes().iter().zip(picture.planes()).map(bind).collect::<Result<_, _>>()?;
+        picture.crop = BoundCrop { padded: padded.made(), planes, uniform: Some(uniform) };
     }
-    let (size, margin) = (picture.size(), around.margin());
-    let place = CropUniform { size, first: [margin.left, margin.top], stride: around.stride(), _pad: 0 };
+    let (size, margin) = (picture.size(), padded.margin());
+    let place = CropUniform { size, first: [margin.left, margin.top], stride: padded.stride(), _pad: 0 };
     if let Some(uniform) = &picture.crop.uniform {
         recorder.write(&uniform.slice(), &[place])?;
     }

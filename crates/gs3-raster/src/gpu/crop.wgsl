@@ -12,7 +12,7 @@ struct Crop {
 }
 
 @group(0) @binding(0) var<uniform> crop: Crop;
-@group(0) @binding(1) var<storage, read> around: array<vec4<f32>>;
+@group(0) @binding(1) var<storage, read> padded: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read_write> picture: array<vec4<f32>>;
 
 @compute @workgroup_size(64, 4)
@@ -21,5 +21,5 @@ fn copy_picture(@builtin(global_invocation_id) at: vec3<u32>) {
         return;
     }
     let place = at.xy + crop.first;
-    picture[at.y * crop.size.x + at.x] = around[place.y * crop.stride + place.x];
+    picture[at.y * crop.size.x + at.x] = padded[place.y * crop.stride + place.x];
 }

@@ -104,8 +104,8 @@ impl Sorts {
             None => Sort::new(gpu, capacity, bits),
         };
         Ok(Self {
-            by_depth: sort(before.map(|sorts| &sorts.by_depth), plan.room.splats, DEPTH_BITS)?,
-            by_tile: sort(before.map(|sorts| &sorts.by_tile), plan.room.entries, plan.tile_bits)?,
+            by_depth: sort(before.map(|sorts| &sorts.by_depth), plan.capacity.splats, DEPTH_BITS)?,
+            by_tile: sort(before.map(|sorts| &sorts.by_tile), plan.capacity.entries, plan.tile_bits)?,
         })
     }
 }

@@ -11,7 +11,7 @@
 //!
 //! A frame reads nothing back, and allocates nothing but when size or outputs change. How many splats are visible and
 //! how many tiles they cover only the device knows; where there was no room for all of them,
-//! [`GpuRasterizer::settle`] says so and makes room, and the frame is to be made again.
+//! [`GpuRasterizer::check_capacity`] says so and makes room, and the frame is to be made again.
 
 mod crop;
 mod error;
@@ -39,7 +39,7 @@ use frame::{Fixed, Frame};
 pub use gbuffer::GpuGBuffer;
 use gbuffer::Target;
 use kernels::{Kernels, Sorts};
-use plan::{Counters, FramePlan, Room, ScenePlan};
+use plan::{Capacity, Counters, FramePlan, ScenePlan};
 use scene::Page;
 pub use scene::ScenePrecision;
 use shaders::STORAGE_BINDINGS;
@@ -60,12 +60,12 @@ pub struct GpuRasterizer {
     /// Those of the last size, whose kernels serve others too.
     sorts: Option<Sorts>,
     /// Kept when the size changes, so that a window that is resized does not learn it anew.
-    room: Option<Room>,
+    capacity: Option<Capacity>,
     frame: Option<Frame>,
     /// Number of `frame` among all frames of all rasterizers.
     frame_number: u64,
     /// Whether the next frame counts anew what frames need.
-    counts_anew: bool,
+    resets_counters: bool,
     /// What a frame needed, on its way back.
     counters_back: Readback,
     /// For [`Self::rasterize_to`].
@@ -81,18 +81,18 @@ impl fmt::Debug for GpuRasterizer {
     }
 }
 
-/// What the frames since the last answer turned out to need.
+/// Whether the buffers held all that the frames since the last check needed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Settled {
-    /// All of each had room.
-    Complete {
+pub enum CapacityCheck {
+    /// The buffers held all of each frame.
+    Sufficient {
         /// The most Gaussians projected onto at least one sample.
         splats: u32,
         /// The most tiles that they cover in all, or in the fullest band where the picture takes several.
         entries: u32,
     },
-    /// A frame lacks splats; there is room for them now, and it is to be made again.
-    Again,
+    /// A frame overflowed. The buffers have grown, and the frame is to be made again.
+    Grown,
 }
 
 /// Frames of all rasterizers, counted from 1, so that a G-buffer knows to which one it is bound.
@@ -141,10 +141,10 @@ impl GpuRasterizer {
             arena: Arena::default(),
             has_margins: false,
             sorts: None,
-            room: None,
+            capacity: None,
             frame: None,
             frame_number: 0,
-            counts_anew: true,
+            resets_counters: true,
             counters_back: Readback::new(gpu, size_of::<Counters>() as u64)?,
             gbuffer: GpuGBuffer::default(),
         })
@@ -181,11 +181,11 @@ impl GpuRasterizer {
         }
         self.has_margins |= settings.margin != Margin::NONE;
         let picture = [camera.width(), camera.height()];
-        let room = if self.has_margins { Margin::all(MAX_MARGIN).around(picture) } else { picture };
+        let room = if self.has_margins { Margin::all(MAX_MARGIN).padded(picture) } else { picture };
         self.fit(room, settings.outputs)?;
         let Some(frame) = &self.frame else { return Ok(()) };
         out.fit(&self.gpu, settings.outputs, room)?;
-        out.set(settings.margin.around(picture), settings.margin, settings.jitter);
+        out.set(settings.margin.padded(picture), settings.margin, settings.jitter);
         if out.target.frame != self.frame_number {
             let blend = frame.bind_target(&self.gpu, &self.fixed, &self.arena, out.planes())?;
             out.target = Target { frame: self.frame_number, blend };
@@ -193,71 +193,71 @@ impl GpuRasterizer {
         let view =
             ViewUniform::new(&View::new(camera, settings, self.scene.details().near), settings, out.stride());
         recorder.write(&self.fixed.view.slice(), &[view])?;
-        if std::mem::take(&mut self.counts_anew) {
+        if std::mem::take(&mut self.resets_counters) {
             Frame::record_clearing(recorder, &self.fixed);
         }
         frame.record(recorder, &out.target);
         Ok(())
     }
 
-    /// As [`Self::record`] into `around`, always with room for margins, and what of it is the picture into `picture`,
+    /// As [`Self::record`] into `padded`, always with room for margins, and what of it is the picture into `picture`,
     /// whose rows lie one after the other.
     ///
     /// # Errors
     /// As [`Self::record`].
-    pub fn record_within(
+    pub fn record_padded(
         &mut self,
         recorder: &mut Recorder<'_>,
         camera: &Camera,
         settings: &RasterSettings,
-        around: &mut GpuGBuffer,
+        padded: &mut GpuGBuffer,
         picture: &mut GpuGBuffer,
     ) -> Result<(), GpuRasterError> {
         self.has_margins = true;
-        self.record(recorder, camera, settings, around)?;
+        self.record(recorder, camera, settings, padded)?;
         let size = [camera.width(), camera.height()];
         picture.fit(&self.gpu, settings.outputs, size)?;
         picture.set(size, Margin::NONE, settings.jitter);
-        Ok(crop::record(&self.kernels.copy_picture, &self.gpu, recorder, around, picture)?)
+        Ok(crop::record(&self.kernels.copy_picture, &self.gpu, recorder, padded, picture)?)
     }
 
-    /// What the frames needed that were submitted since it was asked last. It waits for them, so where frames follow
-    /// each other it belongs after the next one's recording, or to every few of them.
+    /// Whether the buffers held all of the frames submitted since the last check. The check waits for these frames, so
+    /// where frames follow each other, check after the next frame is recorded, or every few frames.
     ///
     /// # Errors
     /// [`GpuRasterError::Gpu`] if the device cannot hold what the frame needs, or fails.
-    pub fn settle(&mut self) -> Result<Settled, GpuRasterError> {
+    pub fn check_capacity(&mut self) -> Result<CapacityCheck, GpuRasterError> {
         let counters = self.gpu.read::<u8>(&self.counters())?;
-        self.settle_with(&counters)
+        self.check_capacity_with(&counters)
     }
 
-    /// Where the device counts what frames need. Read back after a frame, they settle it and those since they were
-    /// read back last.
+    /// Where the device counts what frames need. The bytes read back after a frame are the needs of all frames since the
+    /// bytes were read back last.
     #[must_use]
     pub fn counters(&self) -> Slice<'_> {
         self.fixed.counters.slice()
     }
 
-    /// As [`Self::settle`], by the bytes of [`Self::counters`] after the last submitted frame.
+    /// As [`Self::check_capacity`], by the bytes of [`Self::counters`] after the last submitted frame.
     ///
     /// # Errors
     /// [`GpuRasterError::Gpu`] if the device cannot hold what the frame needs, or its driver cut loops short.
-    pub fn settle_with(&mut self, counters: &[u8]) -> Result<Settled, GpuRasterError> {
-        self.counts_anew = true;
-        let (Some(frame), Some(room)) = (&self.frame, self.room) else {
-            return Ok(Settled::Complete { splats: 0, entries: 0 });
+    pub fn check_capacity_with(&mut self, counters: &[u8]) -> Result<CapacityCheck, GpuRasterError> {
+        self.resets_counters = true;
+        let (Some(frame), Some(capacity)) = (&self.frame, self.capacity) else {
+            return Ok(CapacityCheck::Sufficient { splats: 0, entries: 0 });
         };
         let found = counters.get(..size_of::<Counters>()).map(bytemuck::pod_read_unaligned::<Counters>);
         let (splats, entries) = found.map_or((0, 0), |c| (c.most_splats, c.most_entries));
         let is_cut = found.is_some_and(|c| c.loops_cut != 0);
         let rows = frame.plan.bands.first().map_or(1, |band| band.rows);
-        match room.grown(&self.limits, rows, splats, entries)? {
+        match capacity.grown(&self.limits, rows, splats, entries)? {
             None if is_cut => Err(GpuError::LoopsCut { what: "blending".to_owned() }.into()),
-            None => Ok(Settled::Complete { splats, entries }),
+            None => Ok(CapacityCheck::Sufficient { splats, entries }),
             Some(grown) => {
-                self.room = Some(grown);
+                self.capacity = Some(grown);
                 self.frame = None;
-                Ok(Settled::Again)
+                Ok(CapacityCheck::Grown)
             }
         }
     }
@@ -280,7 +280,7 @@ impl GpuRasterizer {
             recorder.read_back(&self.counters(), &self.counters_back, 0);
             let submission = recorder.submit()?;
             let counters = self.counters_back.read(&gpu, &submission, <[u8]>::to_vec)?;
-            if self.settle_with(&counters)? != Settled::Again {
+            if self.check_capacity_with(&counters)? != CapacityCheck::Grown {
                 return Ok(());
             }
         }
@@ -327,8 +327,8 @@ impl GpuRasterizer {
         if self.frame.as_ref().is_some_and(|frame| frame.plan.size == size && frame.plan.outputs == outputs) {
             return Ok(());
         }
-        let guess = Room::new(&self.limits, &self.plan, size);
-        let known = self.room.get_or_insert(guess);
+        let guess = Capacity::new(&self.limits, &self.plan, size);
+        let known = self.capacity.get_or_insert(guess);
         known.entries = known.entries.max(guess.entries);
         let plan = FramePlan::new(&self.limits, &self.plan, size, outputs, *known)?;
         self.set_frame(plan)
@@ -341,7 +341,7 @@ impl GpuRasterizer {
         self.frame = Some(Frame::new(gpu, plan, kernels, sorts, pages, fixed, arena)?);
         self.frame_number = FRAMES.fetch_add(1, Ordering::Relaxed);
         // What frames of another size needed says nothing of these.
-        self.counts_anew = true;
+        self.resets_counters = true;
         Ok(())
     }
 }

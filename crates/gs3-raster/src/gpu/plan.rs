@@ -80,7 +80,7 @@ impl ScenePlan {
 
 /// What only a frame itself shows to be enough.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Room {
+pub struct Capacity {
     /// Visible Gaussians.
     pub splats: u32,
     /// (tile, splat) pairs of a band.
@@ -90,14 +90,14 @@ pub struct Room {
 }
 
 /// Splats and entries that one binding each holds.
-fn most(limits: &Limits) -> Room {
+fn most(limits: &Limits) -> Capacity {
     let bytes = limits.binding_bytes.min(limits.buffer_bytes);
     // Splats are 16 bytes in each of their arrays. A sort's digits take fewer bytes than its keys.
     let items = |size: u64| (bytes / size).min(MAX_PAIRS.into()) as u32;
-    Room { splats: items(16), entries: items(4), band_rows: u32::MAX }
+    Capacity { splats: items(16), entries: items(4), band_rows: u32::MAX }
 }
 
-/// Room for `count` items: powers of two up to 2²⁰ and its multiples, so that room that has grown seldom has to grow
+/// Capacity for `count` items: powers of two up to 2²⁰ and its multiples, so that room that has grown seldom has to grow
 /// again.
 fn rounded(count: u32, max: u32) -> u32 {
     const STEP: u32 = 1 << 20;
@@ -109,7 +109,7 @@ fn rounded(count: u32, max: u32) -> u32 {
     rounded.min(max)
 }
 
-impl Room {
+impl Capacity {
     /// A first guess.
     pub fn new(limits: &Limits, scene: &ScenePlan, size: [u32; 2]) -> Self {
         let most = most(limits);
@@ -126,7 +126,7 @@ impl Room {
         }
     }
 
-    /// Room for a frame that needs so much, a quarter more than that where there is any; `None` if it had enough.
+    /// Capacity for a frame that needs so much, a quarter more than that where there is any; `None` if it had enough.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] if the device cannot hold as much.
@@ -175,7 +175,7 @@ pub struct FramePlan {
     /// Pixels that there is room for.
     pub size: [u32; 2],
     pub outputs: Outputs,
-    pub room: Room,
+    pub capacity: Capacity,
     /// Parts of the picture that are binned and blended one after the other: as many rows of tiles as have their
     /// pixels in one binding.
     pub bands: Vec<Band>,
@@ -193,12 +193,13 @@ impl FramePlan {
         scene: &ScenePlan,
         size: [u32; 2],
         outputs: Outputs,
-        room: Room,
+        capacity: Capacity,
     ) -> Result<Self, GpuError> {
         let (columns, rows) = (size[0].div_ceil(TILE), size[1].div_ceil(TILE));
         let row_bytes = u64::from(TILE) * u64::from(size[0]) * PIXEL_BYTES;
         let bytes = limits.binding_bytes.min(limits.buffer_bytes);
-        let band_rows = u32::try_from(bytes / row_bytes).unwrap_or(u32::MAX).min(room.band_rows).min(rows);
+        let band_rows =
+            u32::try_from(bytes / row_bytes).unwrap_or(u32::MAX).min(capacity.band_rows).min(rows);
         if band_rows == 0 {
             let what = "bytes of a row of tiles".to_owned();
             return Err(GpuError::TooLarge { what, max: bytes, actual: row_bytes });
@@ -212,10 +213,10 @@ impl FramePlan {
         let plan = Self {
             size,
             outputs,
-            room,
+            capacity,
             bands,
             tile_bits: u32::BITS - tiles.leading_zeros(),
-            needs: needs(scene, outputs, room, tiles),
+            needs: needs(scene, outputs, capacity, tiles),
         };
         for need in &plan.needs {
             if need.bytes > bytes {
@@ -241,8 +242,8 @@ impl FramePlan {
 }
 
 /// Buffers of a frame. Names ending in 0 and 1 are a sort's two halves.
-fn needs(scene: &ScenePlan, outputs: Outputs, room: Room, tiles: u32) -> Vec<Need> {
-    let Room { splats, entries, .. } = room;
+fn needs(scene: &ScenePlan, outputs: Outputs, capacity: Capacity, tiles: u32) -> Vec<Need> {
+    let Capacity { splats, entries, .. } = capacity;
     let storage =
         |name, count: u32, size: u64| Need { name, usage: Use::Storage, bytes: u64::from(count) * size };
     let mut needs = vec![
@@ -314,8 +315,8 @@ mod tests {
                     check_pages(&scene, &limits);
                     for size in SIZES {
                         for outputs in [Outputs::Color, Outputs::GBufferMixed] {
-                            let room = Room::new(&limits, &scene, size);
-                            let plan = FramePlan::new(&limits, &scene, size, outputs, room).unwrap();
+                            let capacity = Capacity::new(&limits, &scene, size);
+                            let plan = FramePlan::new(&limits, &scene, size, outputs, capacity).unwrap();
                             check_frame(&plan, &limits);
                         }
                     }
@@ -358,13 +359,13 @@ mod tests {
     #[test]
     fn room_grows_to_what_a_frame_needed() {
         let limits = limits(128 << 20);
-        let room = Room { splats: 1000, entries: 2000, band_rows: u32::MAX };
-        let grown = |splats, entries| room.grown(&limits, 135, splats, entries).unwrap();
+        let capacity = Capacity { splats: 1000, entries: 2000, band_rows: u32::MAX };
+        let grown = |splats, entries| capacity.grown(&limits, 135, splats, entries).unwrap();
         assert_eq!(grown(1000, 2000), None);
-        assert_eq!(grown(1001, 2000), Some(Room { splats: 1 << 16, ..room }));
-        assert_eq!(grown(1000, 400_000), Some(Room { entries: 1 << 19, ..room }));
-        assert_eq!(grown(3_000_000, 0), Some(Room { splats: 4 << 20, ..room }));
-        assert_eq!(grown(8_388_608, 0), Some(Room { splats: 8_388_608, ..room }));
+        assert_eq!(grown(1001, 2000), Some(Capacity { splats: 1 << 16, ..capacity }));
+        assert_eq!(grown(1000, 400_000), Some(Capacity { entries: 1 << 19, ..capacity }));
+        assert_eq!(grown(3_000_000, 0), Some(Capacity { splats: 4 << 20, ..capacity }));
+        assert_eq!(grown(8_388_608, 0), Some(Capacity { splats: 8_388_608, ..capacity }));
     }
 
     /// Where no binding holds a band's entries, bands shrink, down to one row of tiles.
@@ -373,16 +374,16 @@ mod tests {
         let limits = limits(128 << 20);
         let most = (128 << 20) / 4;
         let scene = ScenePlan::new(&limits, 3_000_000, 0, ScenePrecision::F16).unwrap();
-        let mut room = Room::new(&limits, &scene, [7680, 4320]);
+        let mut capacity = Capacity::new(&limits, &scene, [7680, 4320]);
         let rows = 270;
         let mut seen = Vec::new();
         loop {
-            match room.grown(&limits, rows, 0, u32::MAX) {
+            match capacity.grown(&limits, rows, 0, u32::MAX) {
                 Ok(Some(grown)) => {
                     assert_eq!(grown.entries, most);
-                    assert!(grown.band_rows < room.band_rows);
-                    room = grown;
-                    seen.push(room.band_rows);
+                    assert!(grown.band_rows < capacity.band_rows);
+                    capacity = grown;
+                    seen.push(capacity.band_rows);
                 }
                 Ok(None) => panic!("there was never enough"),
                 Err(GpuError::TooLarge { max, .. }) => {
@@ -393,7 +394,7 @@ mod tests {
             }
         }
         assert_eq!(seen.last(), Some(&1));
-        let over = room.grown(&limits, rows, 9_000_000, 0);
+        let over = capacity.grown(&limits, rows, 9_000_000, 0);
         assert!(
             matches!(over, Err(GpuError::TooLarge { max: 8_388_608, actual: 9_000_000, .. })),
             "{over:?}"

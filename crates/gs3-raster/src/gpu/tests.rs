@@ -84,7 +84,9 @@ fn stages_match_the_cpu() {
         let splats = cpu.splats(&camera, &settings);
 
         // project: the same Gaussians in scene order, the same splats.
-        let Settled::Complete { splats: count, entries } = rasterizer.settle().expect("a device") else {
+        let CapacityCheck::Sufficient { splats: count, entries } =
+            rasterizer.check_capacity().expect("a device")
+        else {
             panic!("the frame is complete");
         };
         assert_eq!(count as usize, splats.len(), "visible");
@@ -204,23 +206,23 @@ fn a_frame_without_room_is_made_again() {
     };
     let mut roomy = new();
     let expected = frame(&mut roomy, &camera, &SETTINGS);
-    for room in [
-        Room { splats: 1000, entries: 1 << 20, band_rows: u32::MAX },
-        Room { splats: 1 << 16, entries: 3000, band_rows: u32::MAX },
-        Room { splats: 7, entries: 5, band_rows: 3 },
+    for capacity in [
+        Capacity { splats: 1000, entries: 1 << 20, band_rows: u32::MAX },
+        Capacity { splats: 1 << 16, entries: 3000, band_rows: u32::MAX },
+        Capacity { splats: 7, entries: 5, band_rows: 3 },
     ] {
         let mut cramped = new();
-        let plan = FramePlan::new(&cramped.limits, &cramped.plan, [250, 170], SETTINGS.outputs, room)
+        let plan = FramePlan::new(&cramped.limits, &cramped.plan, [250, 170], SETTINGS.outputs, capacity)
             .expect("sizes");
-        cramped.room = Some(room);
+        cramped.capacity = Some(capacity);
         cramped.set_frame(plan).expect("room");
         let mut gbuffer = GpuGBuffer::default();
         let mut recorder = gpu.recorder(None);
         cramped.record(&mut recorder, &camera, &SETTINGS, &mut gbuffer).expect("valid");
         recorder.submit().expect("a device");
-        assert_eq!(cramped.settle().expect("a device"), Settled::Again, "{room:?}");
-        assert_eq!(frame(&mut cramped, &camera, &SETTINGS), expected, "{room:?}");
-        assert!(matches!(cramped.settle(), Ok(Settled::Complete { .. })));
+        assert_eq!(cramped.check_capacity().expect("a device"), CapacityCheck::Grown, "{capacity:?}");
+        assert_eq!(frame(&mut cramped, &camera, &SETTINGS), expected, "{capacity:?}");
+        assert!(matches!(cramped.check_capacity(), Ok(CapacityCheck::Sufficient { .. })));
     }
 }
 
@@ -242,21 +244,21 @@ fn no_frame_lacks_room_unseen() {
         GpuRasterizer::new(&gpu, scene, Culling::default(), ScenePrecision::default()).expect("room");
     let settings = RasterSettings::new(Outputs::Color);
     let mut out = GpuGBuffer::default();
-    let mut settled = |cameras: &[&Camera]| {
+    let mut checked = |cameras: &[&Camera]| {
         for camera in cameras {
             let mut recorder = gpu.recorder(None);
             rasterizer.record(&mut recorder, camera, &settings, &mut out).expect("valid");
             recorder.submit().expect("a device");
         }
-        rasterizer.settle().expect("a device")
+        rasterizer.check_capacity().expect("a device")
     };
-    assert_eq!(settled(&[&behind]), Settled::Complete { splats: 0, entries: 0 });
-    assert_eq!(settled(&[&before, &behind]), Settled::Again);
-    let all = Settled::Complete { splats: 50, entries: 50 * 4096 };
-    assert_eq!(settled(&[&behind, &before, &behind]), all);
+    assert_eq!(checked(&[&behind]), CapacityCheck::Sufficient { splats: 0, entries: 0 });
+    assert_eq!(checked(&[&before, &behind]), CapacityCheck::Grown);
+    let all = CapacityCheck::Sufficient { splats: 50, entries: 50 * 4096 };
+    assert_eq!(checked(&[&behind, &before, &behind]), all);
     // Asked again it says the same; the frames after that are others.
-    assert_eq!(settled(&[]), all);
-    assert_eq!(settled(&[&behind]), Settled::Complete { splats: 0, entries: 0 });
+    assert_eq!(checked(&[]), all);
+    assert_eq!(checked(&[&behind]), CapacityCheck::Sufficient { splats: 0, entries: 0 });
 }
 
 /// A tile whose pixels wait for their last splat behind more of them than some drivers' loops have rounds: it is right,

@@ -156,7 +156,7 @@ fn pictures_are_copied_out_of_any_margin() {
         GpuRasterizer::new(&gpu, Arc::clone(scene), Culling::AccuTile, ScenePrecision::F32).expect("room")
     });
     let settings = RasterSettings { outputs: Outputs::GBuffer, ..EVERYTHING };
-    let (mut around, mut picture) = (GpuGBuffer::default(), GpuGBuffer::default());
+    let (mut padded, mut picture) = (GpuGBuffer::default(), GpuGBuffer::default());
     let margins = [
         Margin { left: 32, top: 1, ..Margin::NONE },
         Margin { left: 3, top: 9, right: 2, bottom: 30 },
@@ -167,7 +167,7 @@ fn pictures_are_copied_out_of_any_margin() {
             let settings = RasterSettings { margin, ..settings };
             let mut recorder = gpu.recorder(None);
             rasterizer
-                .record_within(&mut recorder, &camera, &settings, &mut around, &mut picture)
+                .record_padded(&mut recorder, &camera, &settings, &mut padded, &mut picture)
                 .expect("room");
             recorder.submit().expect("a device");
             let mut frame = GBuffer::default();

@@ -295,10 +295,10 @@ fn a_margin_changes_nothing_in_the_picture() {
     let scene = Arc::new(recipe.build(&wider));
     let settings = RasterSettings { jitter: [0.25, -0.375], outputs: Outputs::GBuffer, ..EVERYTHING };
     let alone = render(&scene, Culling::AccuTile, &camera, &settings);
-    let around = render(&scene, Culling::AccuTile, &camera, &RasterSettings { margin, ..settings });
-    assert_eq!((around.width(), around.height(), around.margin), (137, 105, margin));
+    let padded = render(&scene, Culling::AccuTile, &camera, &RasterSettings { margin, ..settings });
+    assert_eq!((padded.width(), padded.height(), padded.margin), (137, 105, margin));
     let mut picture = GBuffer::default();
-    around.crop(&mut picture);
+    padded.crop(&mut picture);
     assert_eq!((picture.jitter, picture.margin), (alone.jitter, Margin::NONE));
     let largest = |a: &[f32], b: &[f32]| {
         assert_eq!(a.len(), b.len());
@@ -316,6 +316,6 @@ fn a_margin_changes_nothing_in_the_picture() {
         a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).sum::<f64>() / a.len() as f64
     };
     let (near, far) =
-        (mean(around.color.data(), all.color.data()), mean(around.color.data(), &[0.0; 3 * 137 * 105]));
+        (mean(padded.color.data(), all.color.data()), mean(padded.color.data(), &[0.0; 3 * 137 * 105]));
     assert!(near < 0.05 * far, "{near} of {far}");
 }

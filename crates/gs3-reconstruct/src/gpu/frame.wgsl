@@ -27,11 +27,11 @@ struct Frame {
     // HR position, pixel centres at whole numbers, to cell of four samples: times 1/scale, plus this.
     cell_offset: vec2<f32>,
     // The first pixel that a sample lies on, every scale-th; beyond all pixels if samples lie beside the centres.
-    lattice: vec2<u32>,
+    first_sampled: vec2<u32>,
     // Samples that there is room for with a margin.
-    around: vec2<u32>,
+    padded: vec2<u32>,
     // Per phase of a pixel within an LR pixel: the sample at or before it, relative to the LR pixel, and the way to
-    // the next (Axis). Columns, then rows.
+    // the next (SampleAxis). Columns, then rows.
     x_places: array<vec4<f32>, 8>,
     y_places: array<vec4<f32>, 8>,
     // By age; the first is the current frame.
@@ -42,11 +42,11 @@ struct Frame {
 
 // The part of the history that the current frame is in.
 fn newest() -> u32 {
-    return frame.past[0].slot * frame.around.x * frame.around.y;
+    return frame.past[0].slot * frame.padded.x * frame.padded.y;
 }
 
 // The place in the history of the current frame's sample `at` of the picture.
 fn id_in_picture(at: vec2<u32>) -> u32 {
     let place = at + frame.past[0].margin;
-    return newest() + place.y * frame.around.x + place.x;
+    return newest() + place.y * frame.padded.x + place.x;
 }

@@ -6,8 +6,8 @@
 
 // Pixel (x, y) of neighbour `n`.
 fn pixel_of(n: u32, x: i32, y: i32) -> vec4<f32> {
-    let last = vec2<i32>(between.size) - 1;
-    let i = u32(clamp(y, 0, last.y)) * between.size.x + u32(clamp(x, 0, last.x));
+    let last = vec2<i32>(in_between.size) - 1;
+    let i = u32(clamp(y, 0, last.y)) * in_between.size.x + u32(clamp(x, 0, last.x));
     var packed: vec2<u32>;
     if n == 0u {
         packed = before[i];

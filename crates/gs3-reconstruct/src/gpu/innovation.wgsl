@@ -1,4 +1,4 @@
-// What the current samples say that the past did not; see Tile::confront in tile.rs.
+// What the current samples say that the past did not; see Tile::insert_current in tile.rs.
 
 // RGB that the samples differ by from what the past predicts there, and how much it knows.
 @group(0) @binding(9) var<storage, read_write> innovation: array<vec4<f32>>;
@@ -12,8 +12,8 @@ fn add_past(k: u32, is_past: bool, weighed: vec4<f32>) {
 
 fn write_innovation(k: u32, at: vec2<u32>, tile_varies: bool) {
     let scale = frame.scale;
-    let is_sample = all(at >= frame.lattice) && all((at - frame.lattice) % scale == vec2(0u));
-    let sample = (at - frame.lattice) / scale;
+    let is_sample = all(at >= frame.first_sampled) && all((at - frame.first_sampled) % scale == vec2(0u));
+    let sample = (at - frame.first_sampled) / scale;
     if !is_sample || !tile_varies || any(sample >= frame.lr) {
         return;
     }

@@ -11,11 +11,11 @@ use super::image::{GpuImage, GpuPlanes};
 use super::plan::InterpolatePlan;
 use super::shaders;
 use super::super_sample::rows;
+use crate::cpu::warp::offset;
 use crate::error::{ReconstructError, camera_size, check_frame_size, check_jitter, check_scale, check_size};
 use crate::reprojection::Reprojection;
-use crate::warp::offset;
 
-/// `Neighbor` of `between.wgsl`.
+/// `Neighbor` of `in_between.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 struct NeighborUniform {
@@ -25,10 +25,10 @@ struct NeighborUniform {
     _pad: [f32; 2],
 }
 
-/// `Between` of `between.wgsl`.
+/// `InBetween` of `in_between.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
-struct BetweenUniform {
+struct InBetweenUniform {
     size: [u32; 2],
     lr: [u32; 2],
     scale: u32,
@@ -66,7 +66,7 @@ pub struct GpuInterpolator {
     scale: u32,
     plan: InterpolatePlan,
     buffers: Vec<(&'static str, Buffer)>,
-    look: Kernel,
+    scatter_depth: Kernel,
     fill: Kernel,
     blend: Kernel,
     separate: Kernel,
@@ -95,7 +95,7 @@ pub struct BoundInterpolator {
     /// That of the images bound.
     size: [u32; 2],
     uniform: Buffer,
-    look: Bound,
+    scatter_depth: Bound,
     fill: Bound,
     make: Bound,
     /// Names of its stages.
@@ -122,7 +122,7 @@ impl GpuInterpolator {
             scale,
             plan,
             buffers,
-            look: kernel("neighbor_depth", shaders::neighbor_depth(), "look")?,
+            scatter_depth: kernel("neighbor_depth", shaders::neighbor_depth(), "scatter_depth")?,
             fill: kernel("middle_depth", shaders::middle_depth(), "fill")?,
             blend: warp.kernel(gpu, "blend", &[])?,
             separate: warp.kernel(gpu, "separate", &[])?,
@@ -173,7 +173,7 @@ impl GpuInterpolator {
         self.bind_to(before, after, out[0], Make::Both(out[1], share))
     }
 
-    /// The inverse depths of the frame between that was recorded last, an f32 an LR sample, where it looked at its
+    /// The inverse depths of the in-between frame that was recorded last, an f32 an LR sample, where it looked at its
     /// pixel centres; holes are filled, and 0 is where nothing was hit.
     #[must_use]
     pub fn inverse_depth(&self) -> Option<&Buffer> {
@@ -189,7 +189,7 @@ impl GpuInterpolator {
     ) -> Result<BoundInterpolator, GpuReconstructError> {
         let size = |[w, h]: [u32; 2]| (w as usize, h as usize);
         let second = if let Make::Both(second, _) = make { second } else { out };
-        let (neighbor, made) = ("neighbour image", "image of the frame between");
+        let (neighbor, made) = ("neighbour image", "image of the in-between frame");
         for (what, image) in [(neighbor, before.image), (neighbor, after.image), (made, out), (made, second)]
         {
             check_size(what, size(self.plan.size), size(image.size()))?;
@@ -197,7 +197,7 @@ impl GpuInterpolator {
         for planes in [&before.planes, &after.planes] {
             planes.check(self.plan.lr)?;
         }
-        let uniform = self.gpu.buffer("between", Use::Uniform, size_of::<BetweenUniform>() as u64)?;
+        let uniform = self.gpu.buffer("between", Use::Uniform, size_of::<InBetweenUniform>() as u64)?;
         let mut all: Vec<_> = self.buffers.iter().map(|(name, buffer)| (*name, buffer.slice())).collect();
         all.push(("between", uniform.slice()));
         all.push(("before_median", before.planes.dx_median.slice()));
@@ -218,9 +218,10 @@ impl GpuInterpolator {
                 (&self.separate_both, between)
             }
         };
-        let (look, fill) = (self.look.bind(&self.gpu, &all)?, self.fill.bind(&self.gpu, &all)?);
+        let (scatter_depth, fill) =
+            (self.scatter_depth.bind(&self.gpu, &all)?, self.fill.bind(&self.gpu, &all)?);
         let make = make.bind(&self.gpu, &all)?;
-        Ok(BoundInterpolator { size: self.plan.size, uniform, look, fill, make, stages })
+        Ok(BoundInterpolator { size: self.plan.size, uniform, scatter_depth, fill, make, stages })
     }
 
     /// Records the interpolation of what `camera` sees at time `t` ∈ `[0, 1]` between `before` (0) and `after` (1), the
@@ -253,7 +254,7 @@ impl GpuInterpolator {
             jitter: view.jitter,
             _pad: [0.0; 2],
         };
-        let uniform = BetweenUniform {
+        let uniform = InBetweenUniform {
             size: self.plan.size,
             lr: self.plan.lr,
             scale: self.scale,
@@ -267,7 +268,7 @@ impl GpuInterpolator {
         if let Some((_, splatted)) = self.buffers.iter().find(|(name, _)| *name == "splatted") {
             recorder.clear(&splatted.slice());
         }
-        recorder.dispatch(&bound.look, self.plan.over_neighbors());
+        recorder.dispatch(&bound.scatter_depth, self.plan.over_neighbors());
         recorder.dispatch(&bound.fill, self.plan.over_samples);
         recorder.stage(bound.stages[1]);
         recorder.dispatch(&bound.make, self.plan.over_pixels);
@@ -283,8 +284,8 @@ mod tests {
 
     #[test]
     fn layouts_are_those_of_the_shader() {
-        let source = include_str!("between.wgsl");
+        let source = include_str!("in_between.wgsl");
         assert_layout!(&[source], Neighbor, NeighborUniform { to_middle, from_middle, jitter, _pad });
-        assert_layout!(&[source], Between, BetweenUniform { size, lr, scale, offset, t, _pad, neighbors });
+        assert_layout!(&[source], Between, InBetweenUniform { size, lr, scale, offset, t, _pad, neighbors });
     }
 }

@@ -1,4 +1,4 @@
-// The depths of the frame between without holes; see middle_depth.rs. An invocation an LR pixel.
+// The depths of the in-between frame without holes; see middle_depth.rs. An invocation an LR pixel.
 //
 // The CPU fills holes ring by ring from their rims inwards, with the farthest depth beside. So a pixel that is k pixels
 // (along the longer axis) from the nearest that has a depth gets the farthest of those exactly k away: an invocation
@@ -15,20 +15,20 @@ const NONE: f32 = 3.4e38;
 
 // The inverse depth at (x, y), NONE where there is none.
 fn splatted_at(x: i32, y: i32) -> f32 {
-    if x < 0 || x >= i32(between.lr.x) {
+    if x < 0 || x >= i32(in_between.lr.x) {
         return NONE;
     }
-    let bits = splatted[u32(y) * between.lr.x + u32(x)];
+    let bits = splatted[u32(y) * in_between.lr.x + u32(x)];
     return select(NONE, bitcast<f32>(bits - 1u), bits > 0u);
 }
 
 @compute @workgroup_size(64, 4)
 fn fill(@builtin(global_invocation_id) id: vec3<u32>) {
-    if any(id.xy >= between.lr) {
+    if any(id.xy >= in_between.lr) {
         return;
     }
     let at = vec2<i32>(id.xy);
-    let size = vec2<i32>(between.lr);
+    let size = vec2<i32>(in_between.lr);
     var far = splatted_at(at.x, at.y);
     for (var ring = 1; far == NONE && ring <= MOST_RINGS; ring++) {
         for (var y = max(at.y - ring, 0); y <= min(at.y + ring, size.y - 1); y++) {
@@ -41,5 +41,5 @@ fn fill(@builtin(global_invocation_id) id: vec3<u32>) {
             }
         }
     }
-    middle[id.y * between.lr.x + id.x] = select(far, 0.0, far == NONE);
+    middle[id.y * in_between.lr.x + id.x] = select(far, 0.0, far == NONE);
 }

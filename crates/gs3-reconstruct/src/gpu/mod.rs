@@ -2,7 +2,7 @@
 //!
 //! | stage | shaders beside the CPU's stems | what |
 //! |---|---|---|
-//! | samples | `samples`, `plausible` | the current LR frame into the history, and what it says about the past |
+//! | samples | `samples`, `rectification` | the current LR frame into the history, and what it says about the past |
 //! | splat | `splat` | every remembered sample to where it is now, into the list of its pixel |
 //! | tile | `hermite`, `tile` | a workgroup a tile: lists in order, then samples over the surface, from workgroup memory |
 //! | depth | `neighbor_depth`, `middle_depth` | depths of both neighbours at the pose between, nearest wins, holes filled |
@@ -15,8 +15,9 @@
 
 mod error;
 mod image;
+mod innovation;
 mod interpolate;
-mod krige;
+mod kriging;
 mod motion;
 mod plan;
 mod shaders;
@@ -24,6 +25,7 @@ mod super_sample;
 
 pub use error::GpuReconstructError;
 pub use image::{GpuImage, GpuPlanes};
+pub use innovation::Innovation;
 pub use interpolate::{BoundInterpolator, GpuInterpolator, GpuNeighbor, NeighborView};
 pub use motion::{BoundMotion, GpuMotion};
-pub use super_sample::{BoundSuperSampler, GpuSuperSampler, Innovation};
+pub use super_sample::{BoundSuperSampler, GpuSuperSampler};

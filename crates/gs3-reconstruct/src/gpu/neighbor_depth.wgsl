@@ -1,5 +1,5 @@
 // Both neighbours' depths; see neighbor_depth.rs and MiddleDepth::splat in middle_depth.rs. An invocation a sample of
-// one of them: the range of depths visible in its cell, and its own depth where the frame between has it. The nearest
+// one of them: the range of depths visible in its cell, and its own depth where the in-between frame has it. The nearest
 // wins, whoever comes first: the bits of floats that are not negative are ordered like them.
 
 @group(0) @binding(1) var<storage, read> before_median: array<vec4<f32>>;
@@ -10,7 +10,7 @@
 @group(0) @binding(4) var<storage, read_write> splatted: array<atomic<u32>>;
 
 fn depth_of(neighbor: u32, x: u32, y: u32) -> f32 {
-    let i = y * between.lr.x + x;
+    let i = y * in_between.lr.x + x;
     if neighbor == 0u {
         return inverse_depth(before_median[i].w);
     }
@@ -18,26 +18,26 @@ fn depth_of(neighbor: u32, x: u32, y: u32) -> f32 {
 }
 
 @compute @workgroup_size(64, 4)
-fn look(@builtin(global_invocation_id) at: vec3<u32>) {
-    if any(at.xy >= between.lr) {
+fn scatter_depth(@builtin(global_invocation_id) at: vec3<u32>) {
+    if any(at.xy >= in_between.lr) {
         return;
     }
-    let neighbor = between.neighbors[at.z];
-    let next = min(at.xy + 1u, between.lr - 1u);
+    let neighbor = in_between.neighbors[at.z];
+    let next = min(at.xy + 1u, in_between.lr - 1u);
     let w = depth_of(at.z, at.x, at.y);
     let a = depth_of(at.z, next.x, at.y);
     let b = depth_of(at.z, at.x, next.y);
     let c = depth_of(at.z, next.x, next.y);
     let least = min(min(w, a), min(b, c)) * (1.0 - SAME_SURFACE);
     let most = max(max(w, a), max(b, c)) * (1.0 + SAME_SURFACE);
-    let samples = between.lr.x * between.lr.y;
-    ranges[at.z * samples + at.y * between.lr.x + at.x] = vec2(least, most);
+    let samples = in_between.lr.x * in_between.lr.y;
+    ranges[at.z * samples + at.y * in_between.lr.x + at.x] = vec2(least, most);
 
-    let scale = f32(between.scale);
+    let scale = f32(in_between.scale);
     let seen = reproject(neighbor.to_middle, (vec2<f32>(at.xy) + 0.5 + neighbor.jitter) * scale, w);
     let to = seen.xy * (1.0 / scale);
-    if seen.z > MIN_DIVISOR && all(to >= vec2(0.0)) && all(to < vec2<f32>(between.lr)) {
+    if seen.z > MIN_DIVISOR && all(to >= vec2(0.0)) && all(to < vec2<f32>(in_between.lr)) {
         let cell = vec2<u32>(floor(to));
-        atomicMax(&splatted[cell.y * between.lr.x + cell.x], bitcast<u32>(max(w / seen.z, 0.0)) + 1u);
+        atomicMax(&splatted[cell.y * in_between.lr.x + cell.x], bitcast<u32>(max(w / seen.z, 0.0)) + 1u);
     }
 }

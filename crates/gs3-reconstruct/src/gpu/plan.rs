@@ -2,8 +2,8 @@
 
 use gs3_compute::{GpuError, Limits};
 
-use crate::nearest::RIM;
-use crate::splat::{COLUMNS, ROWS};
+use crate::cpu::nearest::RIM;
+use crate::cpu::splat::{COLUMNS, ROWS};
 
 /// Bytes of a pixel of an image: four halves.
 pub const IMAGE_PIXEL_BYTES: u64 = 8;
@@ -14,7 +14,7 @@ const SAMPLES: [u32; 2] = [64, 4];
 /// Pixels in a row that a workgroup of `warp.wgsl` makes, `PATCHES` patches, and its rows, `LINES`.
 const WARPED: [u32; 2] = [64, 16];
 
-/// Sides of the pixels among which a workgroup of `krige.wgsl` looks for marked ones.
+/// Sides of the pixels among which a workgroup of `kriging.wgsl` looks for marked ones.
 pub const KRIGED: [u32; 2] = [32, 16];
 
 /// Width of the pixels that a workgroup of `tile.wgsl` makes, those beside the tile included.
@@ -39,7 +39,7 @@ pub struct SuperSamplePlan {
     /// LR pixels beyond each edge that there is room for.
     pub margin: u32,
     /// LR samples with the widest margin.
-    pub around: [u32; 2],
+    pub padded: [u32; 2],
     /// HR pixels between samples.
     pub scale: u32,
     /// Frames remembered, the current one included.
@@ -120,19 +120,19 @@ impl SuperSamplePlan {
         };
         let made_height = if fits(32) { 32 } else { 16 };
         let lr = low_resolution(size, scale);
-        let around = lr.map(|side| side.saturating_add(margin.saturating_mul(2)));
+        let padded = lr.map(|side| side.saturating_add(margin.saturating_mul(2)));
         let plan = Self {
             size,
             lr,
             margin,
-            around,
+            padded,
             scale,
             frames: scale * scale,
             made_height,
             // More than a tile's cells would not be needed often enough.
             capacity: room(made_height).min(1024),
             over_samples: over_samples(lr),
-            over_around: over_samples(around),
+            over_around: over_samples(padded),
             over_tiles: over(size, [MADE_WIDTH - 2, made_height - 2]),
             over_kriged: over(size, KRIGED),
         };
@@ -153,7 +153,7 @@ impl SuperSamplePlan {
 
     /// The buffers that stay from frame to frame, and those between its kernels.
     pub fn buffers(&self) -> [NamedBytes; 11] {
-        let (samples, remembered) = (area(self.lr), area(self.around) * u64::from(self.frames));
+        let (samples, remembered) = (area(self.lr), area(self.padded) * u64::from(self.frames));
         let cells = [self.size[0] + COLUMNS as u32 - 1, self.size[1] + ROWS as u32 - 1];
         let with_rim = self.size.map(|side| side + 2 * RIM as u32);
         [
@@ -167,7 +167,7 @@ impl SuperSamplePlan {
             ("mixed", samples * 8),
             ("errors", samples * 4),
             ("cells", samples * 32),
-            ("seams", remembered * 4),
+            ("edge_slopes", remembered * 4),
         ]
     }
 }

@@ -1,5 +1,5 @@
 // The mixed derivative of the surface through the samples of the current picture, and how well they predict each
-// other. An invocation a sample. See estimate_mixed in hermite.rs, predict in plausible.rs.
+// other. An invocation a sample. See estimate_mixed in hermite.rs, predict in rectification.rs.
 
 @group(0) @binding(1) var<storage, read> color_alpha: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> dx_median: array<vec4<f32>>;

@@ -10,24 +10,24 @@
 @group(0) @binding(5) var<storage, read_write> samples_b: array<vec2<u32>>;
 @group(0) @binding(6) var<storage, read_write> samples_c: array<vec2<u32>>;
 // Of the history: what colours change by per HR pixel of parallax at depth 1.
-@group(0) @binding(7) var<storage, read_write> seams: array<f32>;
+@group(0) @binding(7) var<storage, read_write> edge_slopes: array<f32>;
 
-// The seam of sample `at`.
-fn seam(at: vec2<u32>) -> f32 {
-    let i = at.y * frame.around.x + at.x;
+// The edge slope of sample `at`.
+fn edge_slope(at: vec2<u32>) -> f32 {
+    let i = at.y * frame.padded.x + at.x;
     let first = max(at, vec2(1u)) - 1u;
     let last = min(at + 1u, frame.past[0].extent - 1u);
     var near = 0.0;
     for (var y = first.y; y <= last.y; y++) {
         for (var x = first.x; x <= last.x; x++) {
-            near = max(near, inverse_depth(dx_median[y * frame.around.x + x].w));
+            near = max(near, inverse_depth(dx_median[y * frame.padded.x + x].w));
         }
     }
     let w = inverse_depth(dx_median[i].w);
     let dx = dx_median[i].xyz;
     let dy = dy_expected[i].xyz;
     let slope = sqrt(dot(dx, dx) + dot(dy, dy)) / f32(frame.scale);
-    return select(0.0, CROSSING * (near - w) * slope, w < near * BESIDE);
+    return select(0.0, CROSSING * (near - w) * slope, w < near * EDGE_RATIO);
 }
 
 @compute @workgroup_size(64, 4)
@@ -35,7 +35,7 @@ fn remember(@builtin(global_invocation_id) at: vec3<u32>) {
     if any(at.xy >= frame.past[0].extent) {
         return;
     }
-    let i = at.y * frame.around.x + at.x;
+    let i = at.y * frame.padded.x + at.x;
     let scale = f32(frame.scale);
     let color = color_alpha[i].xyz;
     let dx_and_depth = dx_median[i];
@@ -49,5 +49,5 @@ fn remember(@builtin(global_invocation_id) at: vec3<u32>) {
     samples_a[to] = vec2(bitcast<u32>(w), halves(color.x, color.y));
     samples_b[to] = vec2(halves(color.z, hx.x), halves(hx.y, hx.z));
     samples_c[to] = vec2(halves(hy.x, hy.y), halves(hy.z, select(0.0, 1.0, is_bare)));
-    seams[to] = seam(at.xy);
+    edge_slopes[to] = edge_slope(at.xy);
 }

@@ -22,8 +22,8 @@ fn separate(
     var colors = row;
     for (var k = 0; k < 4; k++) {
         let x = first.x + k;
-        if x >= 0 && x < i32(between.size.x) {
-            let i = u32(first.y) * between.size.x + u32(x);
+        if x >= 0 && x < i32(in_between.size.x) {
+            let i = u32(first.y) * in_between.size.x + u32(x);
             result[i] = pack(colors[k]);
             visibility[i] = seen[k].x;
         }
@@ -47,8 +47,8 @@ fn separate_both(
     var shares = quad.share;
     for (var k = 0; k < 4; k++) {
         let x = first.x + k;
-        if x >= 0 && x < i32(between.size.x) {
-            let i = u32(first.y) * between.size.x + u32(x);
+        if x >= 0 && x < i32(in_between.size.x) {
+            let i = u32(first.y) * in_between.size.x + u32(x);
             result[i] = pack(colors[k]);
             second_result[i] = pack(second_colors[k]);
             share[i] = surer(shares[k], colors[k].w, second_colors[k].w);

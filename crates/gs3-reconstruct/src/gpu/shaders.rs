@@ -2,16 +2,16 @@
 
 use gs3_compute::constants;
 
-use super::krige;
+use super::innovation::Innovation;
 use super::plan::{KRIGED, MADE_WIDTH, SuperSamplePlan};
-use super::super_sample::Innovation;
-use crate::kriging::Kriging;
-use crate::{blend, gather, kriging, nearest, neighbor_depth, plausible, reprojection, splat, tile, warp};
+use crate::cpu::{blend, gather, kriging, nearest, neighbor_depth, rectification, splat, tile, warp};
+use crate::reprojection;
+use crate::settings::Kriging;
 
 const FRAME: &str = include_str!("frame.wgsl");
 const HALVES: &str = include_str!("halves.wgsl");
 const HISTORY: &str = include_str!("history.wgsl");
-const BETWEEN: &str = include_str!("between.wgsl");
+const IN_BETWEEN: &str = include_str!("in_between.wgsl");
 
 fn reach() -> String {
     constants(&[("COLUMNS", splat::COLUMNS as u32), ("ROWS", splat::ROWS as u32)])
@@ -23,7 +23,10 @@ fn joined(parts: &[&str]) -> String {
 
 /// The current frame into the history, and what lies beside nearer surfaces: entry `remember`.
 pub fn samples() -> String {
-    let numbers = constants(&[("BESIDE", crate::samples::BESIDE), ("CROSSING", crate::samples::CROSSING)]);
+    let numbers = constants(&[
+        ("EDGE_RATIO", crate::cpu::samples::EDGE_RATIO),
+        ("CROSSING", crate::cpu::samples::CROSSING),
+    ]);
     joined(&[&numbers, FRAME, &reprojection(), HALVES, include_str!("samples.wgsl")])
 }
 
@@ -33,26 +36,26 @@ pub fn predict() -> String {
 }
 
 /// Ranges of plausible colours: entry `find_ranges`.
-pub fn plausible() -> String {
+pub fn rectification() -> String {
     let numbers = constants(&[
-        ("DEPTH_TOLERANCE", plausible::DEPTH_TOLERANCE),
-        ("EXTRAPOLATION", plausible::EXTRAPOLATION),
-        ("MISMATCH", plausible::MISMATCH),
-        ("DRIFT", plausible::DRIFT),
+        ("DEPTH_TOLERANCE", rectification::DEPTH_TOLERANCE),
+        ("EXTRAPOLATION", rectification::EXTRAPOLATION),
+        ("MISMATCH", rectification::MISMATCH),
+        ("DRIFT", rectification::DRIFT),
     ]);
-    joined(&[&numbers, FRAME, &reprojection(), HALVES, include_str!("plausible.wgsl")])
+    joined(&[&numbers, FRAME, &reprojection(), HALVES, include_str!("rectification.wgsl")])
 }
 
-/// What is nearest, and samples to where they are now: entries `survey` and `land`.
+/// What is nearest, and samples to where they are now: entries `splat_depth` and `splat_color`.
 pub fn splat() -> String {
     let numbers = constants(&[
         ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
-        ("HIDDEN", plausible::HIDDEN),
-        ("NOISE", splat::NOISE),
+        ("HIDDEN", rectification::HIDDEN),
+        ("NOISE", tile::NOISE),
         ("AGING", splat::AGING),
         ("PER_FRAME", splat::PER_FRAME),
         ("MAX_NOISE", splat::MAX_NOISE),
-        ("DEPTH_TOLERANCE", plausible::DEPTH_TOLERANCE),
+        ("DEPTH_TOLERANCE", rectification::DEPTH_TOLERANCE),
         ("OCCLUDED", splat::OCCLUDED),
     ]);
     let rim = constants(&[("RIM", nearest::RIM as u32), ("EVERY", nearest::EVERY as u32)]);
@@ -67,14 +70,14 @@ fn reprojection() -> String {
 /// Samples to pixels, with what the innovation takes: entry `accumulate`.
 pub fn tile(plan: &SuperSamplePlan, innovation: Innovation, kriging: Kriging) -> String {
     let numbers = constants(&[
-        ("NOISE", splat::NOISE),
+        ("NOISE", tile::NOISE),
         ("SURFACE", tile::SURFACE),
         ("EXACT", tile::EXACT),
         ("CURVATURE", tile::CURVATURE),
         ("FAINT", tile::FAINT),
-        ("WORTH", kriging.worth().unwrap_or_default()),
+        ("THRESHOLD", kriging.threshold().unwrap_or_default()),
     ]);
-    let kriging = format!("const KRIGING: bool = {};\n", kriging.worth().is_some());
+    let kriging = format!("const KRIGING: bool = {};\n", kriging.threshold().is_some());
     // Dividing by a constant takes a fraction of the time.
     let sizes = constants(&[
         ("MADE_WIDTH", MADE_WIDTH),
@@ -98,33 +101,33 @@ pub fn krige() -> String {
         ("PER_NOISE", kriging::PER_NOISE),
         ("FARTHEST", kriging::FARTHEST),
         ("FADE", kriging::FADE),
-        ("DOUBTFUL", kriging::DOUBTFUL),
-        ("CERTAIN", kriging::CERTAIN),
+        ("UNTRUSTED", kriging::UNTRUSTED),
+        ("TRUSTED", kriging::TRUSTED),
     ]);
     let sizes = constants(&[
         ("SAMPLES", kriging::SAMPLES as u32),
         ("KRIGED_WIDTH", KRIGED[0]),
         ("KRIGED_HEIGHT", KRIGED[1]),
-        ("WIDTH", krige::WIDTH as u32),
-        ("THREADS", krige::THREADS as u32),
+        ("WIDTH", super::kriging::WIDTH as u32),
+        ("THREADS", super::kriging::THREADS as u32),
     ]);
-    let own = include_str!("krige.wgsl").replace("    FILL\n", &krige::fill());
-    let own = own.replace("    ELIMINATE\n", &krige::eliminate());
+    let own = include_str!("kriging.wgsl").replace("    FILL\n", &super::kriging::fill());
+    let own = own.replace("    ELIMINATE\n", &super::kriging::eliminate());
     joined(&[&numbers, &sizes, &reach(), FRAME, HISTORY, &own])
 }
 
-/// Neighbours' depths at the pose between: entry `look`.
+/// Neighbours' depths at the pose between: entry `scatter_depth`.
 pub fn neighbor_depth() -> String {
     let numbers = constants(&[
         ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
         ("SAME_SURFACE", reprojection::SAME_SURFACE),
     ]);
-    joined(&[&numbers, BETWEEN, &reprojection(), include_str!("neighbor_depth.wgsl")])
+    joined(&[&numbers, IN_BETWEEN, &reprojection(), include_str!("neighbor_depth.wgsl")])
 }
 
 /// Depths without holes: entry `fill`.
 pub fn middle_depth() -> String {
-    joined(&[BETWEEN, include_str!("middle_depth.wgsl")])
+    joined(&[IN_BETWEEN, include_str!("middle_depth.wgsl")])
 }
 
 /// Surfaces to where they were: entry `find_motion`.
@@ -136,7 +139,7 @@ pub fn motion() -> String {
     joined(&[&numbers, &reprojection(), include_str!("motion.wgsl")])
 }
 
-/// Neighbours to the frame between: entries `blend` and `separate`.
+/// Neighbours to the in-between frame: entries `blend` and `separate`.
 pub fn warp() -> String {
     let numbers = constants(&[
         ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
@@ -158,7 +161,16 @@ pub fn warp() -> String {
         factors(1),
     );
     let [gather, warp] = [include_str!("gather.wgsl"), include_str!("warp.wgsl")];
-    joined(&[&numbers, &phases, &taps, BETWEEN, &reprojection(), gather, warp, include_str!("separate.wgsl")])
+    joined(&[
+        &numbers,
+        &phases,
+        &taps,
+        IN_BETWEEN,
+        &reprojection(),
+        gather,
+        warp,
+        include_str!("separate.wgsl"),
+    ])
 }
 
 #[cfg(test)]
@@ -184,7 +196,7 @@ mod tests {
         let shaders = [
             ("samples", samples()),
             ("predict", predict()),
-            ("plausible", plausible()),
+            ("rectification", rectification()),
             ("splat", splat()),
             ("tile", tile(&plan(32 << 10), Innovation::NotWanted, Kriging::Off)),
             ("tile", tile(&plan(16 << 10), Innovation::NotWanted, Kriging::On)),
@@ -197,7 +209,7 @@ mod tests {
         ];
         for (label, source) in &shaders {
             validate(label, &[source]).unwrap_or_else(|e| panic!("{label}: {e}"));
-            // `nearest` has two names, of which an entry uses one.
+            // `nearest` has two names, and an entry uses one of them.
             let bindings = source.matches("var<storage").count() - usize::from(*label == "splat");
             // Networks want drivers of their own kind.
             let most = STORAGE_BINDINGS + usize::from(label.ends_with("innovation"));

@@ -2,13 +2,13 @@
 //
 // A sample reaches four columns and three rows of pixels; the first of them is its cell, of which there are as many
 // as HR pixels and a rim. Samples of a cell form a list, in whatever order they come: tile.wgsl puts them in order.
-// Nothing is sorted, and whatever the motion, there is room for all. Before that, `survey` finds what is nearest; see
-// nearest.rs.
+// Nothing is sorted, and whatever the motion, there is room for all. Before that, `splat_depth` finds what is nearest;
+// see nearest.rs.
 
 @group(0) @binding(1) var<storage, read> samples_a: array<vec2<u32>>;
 @group(0) @binding(2) var<storage, read> samples_b: array<vec2<u32>>;
 @group(0) @binding(3) var<storage, read> cells: array<vec4<u32>>;
-@group(0) @binding(4) var<storage, read> seams: array<f32>;
+@group(0) @binding(4) var<storage, read> edge_slopes: array<f32>;
 // Numbers, from 1 on, of the last samples that came to each cell; 0 where none has.
 @group(0) @binding(5) var<storage, read_write> heads: array<atomic<u32>>;
 // HR positions, pixel centres at whole numbers.
@@ -19,10 +19,10 @@
 // Bits of the largest inverse depths of the samples nearest to each pixel, 0 where there is none: in order, as these
 // are not negative. As many as HR pixels and RIM more on each side.
 @group(0) @binding(8) var<storage, read_write> nearest: array<atomic<u32>>;
-// The same for `land`, which only reads: atomic loads would pass the first cache by.
+// The same for `splat_color`, which only reads: atomic loads would pass the first cache by.
 @group(0) @binding(9) var<storage, read> nearest_found: array<u32>;
 
-struct Seen {
+struct ReprojectedSample {
     // HR position on its own grid and on the current one, pixel centres at halves.
     own: vec2<f32>,
     to: vec2<f32>,
@@ -31,16 +31,16 @@ struct Seen {
 }
 
 // Where sample `at`, column, row and age, is now.
-fn see(at: vec3<u32>) -> Seen {
+fn reproject_sample(at: vec3<u32>) -> ReprojectedSample {
     let past = frame.past[at.z];
     let own = (vec2<f32>(at.xy) + (0.5 + past.offset)) * f32(frame.scale);
     let w = bitcast<f32>(samples_a[id_of(at)].x);
     let seen = reproject(past.rows, own, w);
-    return Seen(own, seen.xy, w / seen.z, seen.z > MIN_DIVISOR);
+    return ReprojectedSample(own, seen.xy, w / seen.z, seen.z > MIN_DIVISOR);
 }
 
 fn id_of(at: vec3<u32>) -> u32 {
-    return (frame.past[at.z].slot * frame.around.y + at.y) * frame.around.x + at.x;
+    return (frame.past[at.z].slot * frame.padded.y + at.y) * frame.padded.x + at.x;
 }
 
 // The place of a pixel in `nearest`.
@@ -50,12 +50,12 @@ fn place_of(pixel: vec2<f32>) -> u32 {
 }
 
 @compute @workgroup_size(64, 4)
-fn survey(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
+fn splat_depth(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
     let at = id_in_order * vec3(1u, 1u, EVERY);
     if any(at.xy >= frame.past[at.z].extent) {
         return;
     }
-    let seen = see(at);
+    let seen = reproject_sample(at);
     let pixel = floor(seen.to);
     let rim = f32(RIM);
     if seen.is_ahead && all(pixel >= vec2(-rim)) && all(pixel < vec2<f32>(frame.size) + rim) {
@@ -77,7 +77,7 @@ fn nearest_around(pixel: vec2<f32>) -> f32 {
 
 // The variance, pixel⁴, that the current frame gives a sample of that colour seen now at `at` and inverse depth `w`,
 // so stale (pixels), which may have changed its colour by `change`. Outside, the nearest cells decide.
-fn doubt(at: vec2<f32>, w: f32, color: vec3<f32>, staleness: f32, change: f32) -> f32 {
+fn rectification_variance(at: vec2<f32>, w: f32, color: vec3<f32>, staleness: f32, change: f32) -> f32 {
     let last = vec2<f32>(frame.lr - 1u);
     let place = vec2<u32>(clamp(fma(at, vec2(1.0 / f32(frame.scale)), frame.cell_offset), vec2(0.0), last));
     let i = place.y * frame.lr.x + place.x;
@@ -95,15 +95,15 @@ fn doubt(at: vec2<f32>, w: f32, color: vec3<f32>, staleness: f32, change: f32) -
 override BACKWARD: bool = false;
 
 @compute @workgroup_size(64, 4)
-fn land(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
-    if any(id_in_order.xy >= frame.around) {
+fn splat_color(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
+    if any(id_in_order.xy >= frame.padded) {
         return;
     }
-    let at = select(id_in_order, vec3(frame.around - 1u, frame.frames - 1u) - id_in_order, BACKWARD);
+    let at = select(id_in_order, vec3(frame.padded - 1u, frame.frames - 1u) - id_in_order, BACKWARD);
     if any(at.xy >= frame.past[at.z].extent) {
         return;
     }
-    let seen = see(at);
+    let seen = reproject_sample(at);
     let to = seen.to - 0.5;
     let first = floor(vec2(to.x, to.y + 0.5)) - 1.0;
     let reaches = first.x > -f32(COLUMNS) && first.y > -f32(ROWS) && all(first < vec2<f32>(frame.size));
@@ -114,20 +114,20 @@ fn land(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
     let moved2 = dot(moved, moved);
     let id = id_of(at);
     let color = vec3(unpack2x16float(samples_a[id].y), unpack2x16float(samples_b[id].x).x);
-    // Pixels; see Seen::staleness in splat.rs.
+    // Pixels; see ReprojectedSamples::staleness in splat.rs.
     let parallax = frame.past[at.z].parallax;
     let staleness = fma(bitcast<f32>(samples_a[id].x), parallax, PER_FRAME * f32(at.z));
-    var doubts = doubt(to, seen.inverse_depth, color, staleness, seams[id] * parallax);
+    var variance = rectification_variance(to, seen.inverse_depth, color, staleness, edge_slopes[id] * parallax);
     // What is nearer may hide it now, the rather the farther the two have moved apart.
     let near = nearest_around(floor(seen.to));
     if seen.inverse_depth < near * (1.0 - DEPTH_TOLERANCE) {
         let apart = (near - seen.inverse_depth) * parallax;
-        doubts = fma(apart, apart * OCCLUDED, doubts);
+        variance = fma(apart, apart * OCCLUDED, variance);
     }
     // What does not move keeps its exact value: only motion, 0 at rest and towards 1 for a pixel or more, makes
-    // staleness and doubt matter.
+    // staleness and rectification matter.
     let motion = moved2 / (moved2 + 1.0);
-    let noise = fma(fma(staleness, AGING, doubts), motion, NOISE);
+    let noise = fma(fma(staleness, AGING, variance), motion, NOISE);
     if !(noise <= MAX_NOISE) {
         return;
     }

@@ -9,16 +9,16 @@ use gs3_scene::{Camera, Margin};
 
 use super::error::{GpuReconstructError, other_bound};
 use super::image::{GpuImage, GpuPlanes};
+use super::innovation::Innovation;
 use super::plan::SuperSamplePlan;
 use super::shaders;
+use crate::cpu::nearest::EVERY;
 use crate::error::{ReconstructError, camera_size, check_frame_size, check_jitter, check_scale, check_size};
-use crate::kriging::Kriging;
-use crate::lattice::Axis;
-use crate::nearest::EVERY;
 use crate::reprojection::{Reprojection, parallax};
+use crate::sample_grid::SampleAxis;
+use crate::sample_grid::SampledPixels;
 use crate::sequence::ResetReason;
-use crate::super_sample::MAX_PAST;
-use crate::tile::Lattice;
+use crate::settings::{Kriging, MAX_PAST};
 
 /// Phases of pixels within an LR pixel.
 const PHASES: usize = crate::MAX_SCALE as usize;
@@ -44,8 +44,8 @@ struct FrameUniform {
     scale: u32,
     frames: u32,
     cell_offset: [f32; 2],
-    lattice: [u32; 2],
-    around: [u32; 2],
+    first_sampled: [u32; 2],
+    padded: [u32; 2],
     x_places: [[f32; 4]; PHASES],
     y_places: [[f32; 4]; PHASES],
     past: [PastUniform; MAX_PAST],
@@ -59,15 +59,6 @@ struct Past {
     margin: Margin,
     /// Which part of the history's buffers holds it.
     slot: u32,
-}
-
-/// Whether a super sampler tells what its samples say that the past did not.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Innovation {
-    /// It does, for a network.
-    Wanted,
-    /// It does not.
-    NotWanted,
 }
 
 /// Rows of the homography, and the epipole, as kernels read them.
@@ -89,8 +80,8 @@ pub struct GpuSuperSampler {
     remember: Kernel,
     predict: Kernel,
     find_ranges: Kernel,
-    survey: Bound,
-    land: Bound,
+    splat_depth: Bound,
+    splat_color: Bound,
     accumulate: Kernel,
     /// If pixels are to be kriged.
     krige: Option<Kernel>,
@@ -164,7 +155,7 @@ impl GpuSuperSampler {
         size: [u32; 2],
         innovation: Innovation,
         kriging: Kriging,
-        landing: &[(&str, f64)],
+        splat_color_constants: &[(&str, f64)],
     ) -> Result<Self, GpuReconstructError> {
         check_scale(scale)?;
         check_frame_size(size)?;
@@ -179,8 +170,11 @@ impl GpuSuperSampler {
         let kernel =
             |label: &str, source: String, entry: &str| gpu.module(label, &[&source])?.kernel(gpu, entry, &[]);
         let splat = gpu.module("splat", &[&shaders::splat()])?;
-        let survey = splat.kernel(gpu, "survey", &[])?.bind(gpu, &own_slices(&uniform, &buffers))?;
-        let land = splat.kernel(gpu, "land", landing)?.bind(gpu, &own_slices(&uniform, &buffers))?;
+        let splat_depth =
+            splat.kernel(gpu, "splat_depth", &[])?.bind(gpu, &own_slices(&uniform, &buffers))?;
+        let splat_color = splat
+            .kernel(gpu, "splat_color", splat_color_constants)?
+            .bind(gpu, &own_slices(&uniform, &buffers))?;
         let buffer = |bytes| gpu.buffer("innovation", Use::Storage, bytes);
         let innovation_buffer = match innovation {
             Innovation::Wanted => Some(buffer(plan.innovation_bytes())?),
@@ -194,11 +188,14 @@ impl GpuSuperSampler {
             buffers,
             remember: kernel("samples", shaders::samples(), "remember")?,
             predict: kernel("predict", shaders::predict(), "predict")?,
-            find_ranges: kernel("plausible", shaders::plausible(), "find_ranges")?,
-            survey,
-            land,
+            find_ranges: kernel("rectification", shaders::rectification(), "find_ranges")?,
+            splat_depth,
+            splat_color,
             accumulate: kernel("tile", shaders::tile(&plan, innovation, kriging), "accumulate")?,
-            krige: kriging.worth().map(|_| kernel("krige", shaders::krige(), "krige_marked")).transpose()?,
+            krige: kriging
+                .threshold()
+                .map(|_| kernel("krige", shaders::krige(), "krige_marked"))
+                .transpose()?,
             plan,
             past: Vec::new(),
             pending: None,
@@ -224,7 +221,7 @@ impl GpuSuperSampler {
         self.invalid
     }
 
-    /// Will read frames from `planes` and write them to `out`. `around` is the same frames with their margins, in
+    /// Will read frames from `planes` and write them to `out`. `padded` is the same frames with their margins, in
     /// planes whose rows lie as far apart as a frame with the widest margin is wide; `planes` again if there are
     /// none.
     ///
@@ -233,19 +230,19 @@ impl GpuSuperSampler {
     pub fn bind(
         &self,
         planes: &GpuPlanes<'_>,
-        around: &GpuPlanes<'_>,
+        padded: &GpuPlanes<'_>,
         out: &GpuImage,
     ) -> Result<BoundSuperSampler, GpuReconstructError> {
         let size = |[w, h]: [u32; 2]| (w as usize, h as usize);
         check_size("image", size(self.plan.size), size(out.size()))?;
         planes.check(self.plan.lr)?;
-        around.check(self.plan.around)?;
+        padded.check(self.plan.padded)?;
         let mut all = self.slices_with(planes);
         all.push(("image", out.pixels().slice()));
         all.extend(self.innovation.iter().map(|buffer| ("innovation", buffer.slice())));
         Ok(BoundSuperSampler {
             uniform: self.uniform.clone(),
-            remember: self.remember.bind(&self.gpu, &self.slices_with(around))?,
+            remember: self.remember.bind(&self.gpu, &self.slices_with(padded))?,
             predict: self.predict.bind(&self.gpu, &all)?,
             find_ranges: self.find_ranges.bind(&self.gpu, &all)?,
             accumulate: self.accumulate.bind(&self.gpu, &all)?,
@@ -255,7 +252,7 @@ impl GpuSuperSampler {
 
     /// Records the reconstruction of what `camera` sees from the G-buffer that `bound` reads, its LR frame sampled at
     /// `jitter` with `margin` around it, and the frames before. Once in a submission at most. The frame joins the
-    /// history with [`Self::keep`]; recorded again before, it is made anew.
+    /// history with [`Self::commit`]; recorded again before, it is made anew.
     ///
     /// # Errors
     /// [`GpuReconstructError`] if `bound` is another super sampler's, the size of `camera`, the jitter or the margin
@@ -301,8 +298,8 @@ impl GpuSuperSampler {
         if let Some(innovation) = &self.innovation {
             recorder.clear(&innovation.slice());
         }
-        recorder.dispatch(&self.survey, self.plan.over_history(frames.div_ceil(EVERY as u32)));
-        recorder.dispatch(&self.land, self.plan.over_history(frames));
+        recorder.dispatch(&self.splat_depth, self.plan.over_history(frames.div_ceil(EVERY as u32)));
+        recorder.dispatch(&self.splat_color, self.plan.over_history(frames));
         recorder.stage("super_sample.tile");
         recorder.dispatch(&bound.accumulate, self.plan.over_tiles);
         if let Some(krige) = &bound.krige {
@@ -314,7 +311,7 @@ impl GpuSuperSampler {
     }
 
     /// Takes the frame recorded last into the history.
-    pub fn keep(&mut self) {
+    pub fn commit(&mut self) {
         let Some(newest) = self.pending.take() else { return };
         if self.invalid.take().is_some() {
             self.past.clear();
@@ -334,15 +331,16 @@ impl GpuSuperSampler {
 
     fn uniform_of(&self, current: &Past, kept: &[Past]) -> FrameUniform {
         let places = |jitter: f32| {
-            let axis = Axis::new(self.scale, jitter);
+            let axis = SampleAxis::new(self.scale, jitter);
             let mut places = [[0.0; 4]; PHASES];
             for (to, place) in places.iter_mut().zip(axis.phases()) {
                 *to = [place.index as f32, place.fraction, 0.0, 0.0];
             }
             places
         };
-        let lattice = Lattice::new(current.jitter, self.scale);
-        let lattice = lattice.map_or([u32::MAX; 2], |lattice| lattice.first.map(|first| first as u32));
+        let first_sampled = SampledPixels::new(current.jitter, self.scale);
+        let first_sampled = first_sampled
+            .map_or([u32::MAX; 2], |first_sampled| first_sampled.first.map(|first| first as u32));
         let mut past = [PastUniform::zeroed(); MAX_PAST];
         for (to, frame) in past.iter_mut().zip([current].into_iter().chain(kept)) {
             let reprojection = Reprojection::new(&frame.camera, &current.camera);
@@ -353,7 +351,7 @@ impl GpuSuperSampler {
                 offset: [frame.jitter[0] - left as f32, frame.jitter[1] - top as f32],
                 slot: frame.slot,
                 parallax,
-                extent: frame.margin.around(self.plan.lr),
+                extent: frame.margin.padded(self.plan.lr),
                 margin: [left, top],
             };
         }
@@ -363,8 +361,8 @@ impl GpuSuperSampler {
             scale: self.scale,
             frames: kept.len() as u32 + 1,
             // A position is given with pixel centres at whole numbers.
-            lattice,
-            around: self.plan.around,
+            first_sampled,
+            padded: self.plan.padded,
             cell_offset: current.jitter.map(|j| 0.5 / self.scale as f32 - 0.5 - j),
             x_places: places(current.jitter[0]),
             y_places: places(current.jitter[1]),
@@ -403,7 +401,18 @@ mod tests {
         assert_layout!(
             &[source],
             Frame,
-            FrameUniform { size, lr, scale, frames, cell_offset, lattice, around, x_places, y_places, past }
+            FrameUniform {
+                size,
+                lr,
+                scale,
+                frames,
+                cell_offset,
+                first_sampled,
+                padded,
+                x_places,
+                y_places,
+                past
+            }
         );
     }
 }

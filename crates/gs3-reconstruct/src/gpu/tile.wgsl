@@ -210,7 +210,7 @@ fn accumulate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
             let b = samples_b[id];
             let c = samples_c[id];
             let to = places[id] - vec2<f32>(corner);
-            let is_current = id - newest() < frame.around.x * frame.around.y;
+            let is_current = id - newest() < frame.padded.x * frame.padded.y;
             let noise = links[id].x | select(0u, CURRENT, is_current);
             staged[place_of(slot)] = vec4(bitcast<vec2<u32>>(to), noise, red_green);
             staged[HALF + place_of(slot)] = vec4(b, c);
@@ -250,8 +250,8 @@ fn accumulate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
             let laplacian = fma(here.xyz, vec3(-4.0), around);
             var color = fma(laplacian, vec3(here.w * CURVATURE), here.xyz);
             var uncertainty = here.w;
-            if KRIGING && any(abs(color - here.xyz) > vec3(WORTH)) {
-                // For krige.wgsl.
+            if KRIGING && any(abs(color - here.xyz) > vec3(THRESHOLD)) {
+                // For kriging.wgsl.
                 uncertainty = -uncertainty;
             }
             if !tile_varies {

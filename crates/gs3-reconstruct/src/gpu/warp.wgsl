@@ -1,4 +1,4 @@
-// The frame between, gathered from both neighbours; see warp.rs. An invocation four pixels in a row: a row of a patch
+// The in-between frame, gathered from both neighbours; see warp.rs. An invocation four pixels in a row: a row of a patch
 // of 4×4. It looks at one of the patch's corners for all; where the patch moves alike, its pixels are gathered with
 // one displacement, where it is seen alike, with one weight.
 
@@ -10,8 +10,8 @@
 const PATCHES: u32 = 16u;
 const LINES: u32 = 16u;
 
-// What pixels of a patch look like in both neighbours.
-struct Look {
+// Where pixels of a patch are in both neighbours, and how well they are seen there.
+struct Correspondence {
     // Displacements in the first, then in the second.
     moved: vec4<f32>,
     visibility: vec2<f32>,
@@ -27,7 +27,7 @@ struct Place {
 }
 
 fn place_of(x: i32, len: u32) -> Place {
-    let scale = between.scale;
+    let scale = in_between.scale;
     let inside = u32(clamp(x, 0, i32(len * scale) - 1)) + scale - scale / 2u;
     // Cell c lies between samples c − 1 and c.
     let cell = inside / scale;
@@ -37,9 +37,9 @@ fn place_of(x: i32, len: u32) -> Place {
 
 // The inverse depth at an HR pixel: linear within a surface, the nearest sample's at an edge.
 fn middle_at(at: vec2<i32>) -> f32 {
-    let column = place_of(at.x, between.lr.x);
-    let row = place_of(at.y, between.lr.y);
-    let rows = row.samples * between.lr.x;
+    let column = place_of(at.x, in_between.lr.x);
+    let row = place_of(at.y, in_between.lr.y);
+    let rows = row.samples * in_between.lr.x;
     let a = middle[rows.x + column.samples.x];
     let b = middle[rows.x + column.samples.y];
     let c = middle[rows.y + column.samples.x];
@@ -58,36 +58,36 @@ fn middle_at(at: vec2<i32>) -> f32 {
 
 // Displacement of pixel `at` of inverse depth `depth` in neighbour `n`, and how well that sees it: next to nothing
 // outside.
-fn look_at(n: u32, at: vec2<f32>, depth: f32) -> vec3<f32> {
-    let neighbor = between.neighbors[n];
+fn correspondence_in(n: u32, at: vec2<f32>, depth: f32) -> vec3<f32> {
+    let neighbor = in_between.neighbors[n];
     // Pixel centres of cameras are at halves.
     let seen = reproject(neighbor.from_middle, at + 0.5, depth);
     let to = seen.xy - 0.5;
-    let size = vec2<f32>(between.size);
+    let size = vec2<f32>(in_between.size);
     let w = depth / seen.z;
     if !(seen.z > MIN_DIVISOR && all(to >= vec2(-0.5)) && all(to <= size - 0.5) && w >= 0.0) {
         return vec3(to - at, UNSEEN * UNSEEN);
     }
-    let scale = f32(between.scale);
+    let scale = f32(in_between.scale);
     let place = fma(to, vec2(1.0 / scale), vec2(0.5 / scale - 0.5) - neighbor.jitter);
-    let cell = vec2<u32>(clamp(place, vec2(0.0), vec2<f32>(between.lr - 1u)));
-    let range = ranges[n * between.lr.x * between.lr.y + cell.y * between.lr.x + cell.x];
+    let cell = vec2<u32>(clamp(place, vec2(0.0), vec2<f32>(in_between.lr - 1u)));
+    let range = ranges[n * in_between.lr.x * in_between.lr.y + cell.y * in_between.lr.x + cell.x];
     let one_surface = range.y - range.x <= range.y * (4.0 * SAME_SURFACE);
     let is_seen = w >= range.x && w <= range.y;
     return vec3(to - at, select(UNSEEN, select(SILHOUETTE, 1.0, one_surface), is_seen));
 }
 
-fn look(at: vec2<i32>) -> Look {
+fn correspondence(at: vec2<i32>) -> Correspondence {
     let depth = middle_at(at);
-    let first = look_at(0u, vec2<f32>(at), depth);
-    let second = look_at(1u, vec2<f32>(at), depth);
-    return Look(vec4(first.xy, second.xy), vec2(first.z, second.z));
+    let first = correspondence_in(0u, vec2<f32>(at), depth);
+    let second = correspondence_in(1u, vec2<f32>(at), depth);
+    return Correspondence(vec4(first.xy, second.xy), vec2(first.z, second.z));
 }
 
 // What time and visibility say of the second neighbour's share.
 fn share_of(visibility: vec2<f32>) -> f32 {
-    let before = visibility.x * (1.0 - between.t);
-    let after = visibility.y * between.t;
+    let before = visibility.x * (1.0 - in_between.t);
+    let after = visibility.y * in_between.t;
     let share = after / (before + after);
     return select(select(share, 0.0, share < NEGLIGIBLE), 1.0, share > 1.0 - NEGLIGIBLE);
 }
@@ -110,7 +110,7 @@ struct Quad {
 fn quad_at(patch_corner: vec2<i32>, line: u32, lane: u32) -> Quad {
     // The corner that this invocation looks at for its patch.
     let own_corner = vec2(i32(line % 2u), i32(line / 2u)) * 3;
-    let corner = look(patch_corner + own_corner);
+    let corner = correspondence(patch_corner + own_corner);
     corner_moved[lane] = corner.moved;
     corner_visibility[lane] = corner.visibility;
     workgroupBarrier();
@@ -124,9 +124,9 @@ fn quad_at(patch_corner: vec2<i32>, line: u32, lane: u32) -> Quad {
         most = max(most, corner_moved[top + k * PATCHES]);
         is_even = is_even && all(corner_visibility[top + k * PATCHES] == visibility);
     }
-    let is_whole = all(patch_corner >= vec2(0)) && all(patch_corner + 4 <= vec2<i32>(between.size));
+    let is_whole = all(patch_corner >= vec2(0)) && all(patch_corner + 4 <= vec2<i32>(in_between.size));
     // At scale 1, pixels between the corners have samples of their own.
-    let is_rigid = is_whole && between.scale > 1u && all(most - least <= vec4(RIGID));
+    let is_rigid = is_whole && in_between.scale > 1u && all(most - least <= vec4(RIGID));
 
     var quad: Quad;
     let first = patch_corner + vec2(0, i32(line));
@@ -144,7 +144,7 @@ fn quad_at(patch_corner: vec2<i32>, line: u32, lane: u32) -> Quad {
     var row_least = vec4(3.4e38);
     var row_most = vec4(-3.4e38);
     for (var k = 0; k < 4; k++) {
-        let seen = look(first + vec2(k, 0));
+        let seen = correspondence(first + vec2(k, 0));
         moved[k] = seen.moved;
         quad.share[k] = share_of(seen.visibility);
         quad.visibility[k] = seen.visibility;
@@ -186,13 +186,13 @@ fn pack(color: vec4<f32>) -> vec2<u32> {
 
 // The first pixel of the patch that invocation `at` makes a row of.
 fn patch_corner(at: vec3<u32>) -> vec2<i32> {
-    let start = select(0, i32(between.offset) - 4, between.offset > 0u);
+    let start = select(0, i32(in_between.offset) - 4, in_between.offset > 0u);
     return vec2<i32>(vec2(at.x * 4u, at.y - at.y % 4u)) + start;
 }
 
 // Whether four pixels in a row from `first` on are all beyond the image.
 fn is_outside(first: vec2<i32>) -> bool {
-    return any(first >= vec2<i32>(between.size)) || first.y < 0;
+    return any(first >= vec2<i32>(in_between.size)) || first.y < 0;
 }
 
 @compute @workgroup_size(PATCHES, LINES)
@@ -222,8 +222,8 @@ fn blend(
     }
     for (var k = 0; k < 4; k++) {
         let x = first.x + k;
-        if x >= 0 && x < i32(between.size.x) {
-            result[u32(first.y) * between.size.x + u32(x)] = pack(colors[k]);
+        if x >= 0 && x < i32(in_between.size.x) {
+            result[u32(first.y) * in_between.size.x + u32(x)] = pack(colors[k]);
         }
     }
 }

@@ -25,7 +25,7 @@ pub use colmap::ColmapEncoding;
 pub use error::{CaptureError, CaptureFault};
 
 use crate::camera::{Camera, Intrinsics};
-use crate::camera_path::{CameraPath, CameraPathError, Facts};
+use crate::camera_path::{CameraPath, CameraPathError, PathFacts};
 use crate::lens::Lens;
 use context::Context;
 use fields::Field;
@@ -219,7 +219,7 @@ struct Photo {
 /// What a reader gives.
 struct Captured {
     path: CameraPath,
-    facts: Facts,
+    facts: PathFacts,
 }
 
 impl Captured {
@@ -248,7 +248,7 @@ fn path_through(photos: Vec<Photo>) -> Result<Captured, CaptureFault> {
     let lenses = if has_lenses { photos.iter().map(|photo| photo.lens).collect() } else { Vec::new() };
     let (names, cameras) = photos.into_iter().map(|p| (p.name, p.camera)).unzip();
     let path = CameraPath::new(cameras, DEFAULT_FRAMES_PER_SECOND, false)?.with_names(names);
-    Ok(Captured { path, facts: Facts { lenses, ..Facts::default() } })
+    Ok(Captured { path, facts: PathFacts { lenses, ..PathFacts::default() } })
 }
 
 impl From<CameraPathError> for CaptureFault {

@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 use super::context::Context;
 use super::{CaptureFault, Captured, Field, camera_from_opengl};
 use crate::camera::Intrinsics;
-use crate::camera_path::{CameraPath, Facts};
+use crate::camera_path::{CameraPath, PathFacts};
 use crate::transform::Similarity;
 
 /// What is read of the file and of its frames, and what says nothing about the frames.
@@ -72,7 +72,7 @@ pub(super) fn parse(root: &Field, context: &Context<'_>) -> Result<Captured, Cap
     }
     context.note_unknown(unknown);
     let path = CameraPath::new(cameras, frames_per_second, is_cycle)?;
-    Ok(Captured { path, facts: Facts { is_panorama, ..Facts::default() } })
+    Ok(Captured { path, facts: PathFacts { is_panorama, ..PathFacts::default() } })
 }
 
 /// The `dataparser_transforms.json` in `bytes`: p' = scale · (transform · p).

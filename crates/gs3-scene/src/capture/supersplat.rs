@@ -6,7 +6,7 @@ use glam::DVec3;
 use super::context::Context;
 use super::{CaptureFault, Captured, Field};
 use crate::camera::Intrinsics;
-use crate::camera_path::{CameraPath, Facts};
+use crate::camera_path::{CameraPath, PathFacts};
 use crate::orbit::look_at;
 
 /// The image size of settings, which state none.
@@ -160,5 +160,5 @@ fn captured(
         let camera = look_at(eye, target, DVec3::NEG_Y, intrinsics);
         cameras.push(camera.map_err(|source| CaptureFault::camera(&field, source))?);
     }
-    Ok(Captured { path: CameraPath::new(cameras, rate, is_cycle)?, facts: Facts::default() })
+    Ok(Captured { path: CameraPath::new(cameras, rate, is_cycle)?, facts: PathFacts::default() })
 }

@@ -14,7 +14,7 @@ use gs3_neural::model::Tier;
 use half::f16;
 use safetensors::tensor::{Dtype, Metadata, TensorView};
 
-use super::{Clip, ClipError, Frame, HIDDEN, Network, Plane, Window};
+use super::{Clip, ClipError, ClipFrame, ClipPlane, HIDDEN, Network, Window};
 
 /// Version of the format.
 const VERSION: &str = "1";
@@ -260,9 +260,9 @@ impl Head {
             let mut inputs = Vec::with_capacity(self.inputs.len());
             for stored in &self.inputs {
                 let values = self.part(source, stored, frame, window, f16::from_le_bytes)?;
-                inputs.push(Plane { name: stored.name.clone(), channels: stored.channels, values });
+                inputs.push(ClipPlane { name: stored.name.clone(), channels: stored.channels, values });
             }
-            frames.push(Frame {
+            frames.push(ClipFrame {
                 inputs,
                 target: self.part(source, &self.target, frame, window, u16::from_le_bytes)?,
             });

@@ -6,53 +6,14 @@ mod symmetry;
 
 use std::ops::Range;
 
-use gs3_neural::model::{self, Tier};
-use gs3_neural::{Graph, GraphError};
+use gs3_neural::Graph;
+pub use gs3_neural::model::Network;
+use gs3_neural::model::Tier;
 use half::f16;
 
 pub use error::ClipError;
 pub use file::ClipFile;
 pub use symmetry::Symmetry;
-
-/// Which network a clip is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Network {
-    /// [`model::super_sample`].
-    SuperSample,
-    /// [`model::interpolate`].
-    Interpolate,
-}
-
-impl Network {
-    /// Both.
-    pub const ALL: [Self; 2] = [Self::SuperSample, Self::Interpolate];
-
-    /// [`Graph::name`].
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::SuperSample => "super_sample",
-            Self::Interpolate => "interpolate",
-        }
-    }
-
-    /// The network with that name.
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|network| network.name() == name)
-    }
-
-    /// Its graph.
-    ///
-    /// # Errors
-    /// [`GraphError::Scale`] if there is no network for `scale`.
-    pub fn graph(self, scale: u32, tier: Tier) -> Result<Graph, GraphError> {
-        match self {
-            Self::SuperSample => model::super_sample(scale as usize, tier),
-            Self::Interpolate => model::interpolate(scale as usize, tier),
-        }
-    }
-}
 
 /// The state that a network hands on to itself, which no clip holds.
 pub const HIDDEN: &str = "hidden";
@@ -69,21 +30,21 @@ pub struct Clip {
     /// Size of the LR grid, `[height, width]`.
     pub lr: [usize; 2],
     /// In order of time; all have the same inputs in the same order.
-    pub frames: Vec<Frame>,
+    pub frames: Vec<ClipFrame>,
 }
 
 /// One frame of a clip.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Frame {
+pub struct ClipFrame {
     /// The network's inputs but `hidden`. Where there is no past, `motion` and `validity` are 0.
-    pub inputs: Vec<Plane>,
+    pub inputs: Vec<ClipPlane>,
     /// The native frame, HR, `[height, width, 3]`: RGB by [`to_unorm`].
     pub target: Vec<u16>,
 }
 
 /// An input of a network.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Plane {
+pub struct ClipPlane {
     /// The input's name in the graph.
     pub name: String,
     /// Its channels.
@@ -160,11 +121,11 @@ impl Clip {
                     });
                 }
             }
-            let wrong = |plane: &&Plane| plane.name == HIDDEN || !is_input(&graph, &plane.name);
+            let wrong = |plane: &&ClipPlane| plane.name == HIDDEN || !is_input(&graph, &plane.name);
             if let Some(plane) = frame.inputs.iter().find(wrong) {
                 return Err(ClipError::Unknown { name: plane.name.clone() });
             }
-            let names = |frame: &Frame| frame.inputs.iter().map(|p| p.name.clone()).collect::<Vec<_>>();
+            let names = |frame: &ClipFrame| frame.inputs.iter().map(|p| p.name.clone()).collect::<Vec<_>>();
             if names(frame) != names(&self.frames[0]) {
                 return Err(ClipError::Order {
                     frame: k,
@@ -190,15 +151,15 @@ impl Clip {
         self.check()?;
         window.check(self.frames.len(), self.lr)?;
         let scale = self.scale as usize;
-        let cut = |frame: &Frame| {
-            let plane = |plane: &Plane| {
+        let cut = |frame: &ClipFrame| {
+            let plane = |plane: &ClipPlane| {
                 // All pixels of the LR grid or, `scale²` times as many, of the HR grid: the clip was checked.
                 let factor =
                     if plane.values.len() == plane.channels * self.lr[0] * self.lr[1] { 1 } else { scale };
                 let values = cut_out(&plane.values, self.lr[1], plane.channels, factor, window);
-                Plane { name: plane.name.clone(), channels: plane.channels, values }
+                ClipPlane { name: plane.name.clone(), channels: plane.channels, values }
             };
-            Frame {
+            ClipFrame {
                 inputs: frame.inputs.iter().map(plane).collect(),
                 target: cut_out(&frame.target, self.lr[1], 3, scale, window),
             }

@@ -2,7 +2,7 @@
 
 use half::f16;
 
-use super::{Clip, Frame, Plane};
+use super::{Clip, ClipFrame, ClipPlane};
 
 /// A way to lay an image down.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -38,15 +38,15 @@ impl Symmetry {
         }
         let (lr, scale) = (clip.lr, clip.scale as usize);
         let hr = lr.map(|side| side * scale);
-        let plane = |plane: Plane| {
+        let plane = |plane: ClipPlane| {
             let size = if plane.values.len() == lr[0] * lr[1] * plane.channels { lr } else { hr };
             let mut values = self.pixels(&plane.values, size, plane.channels);
             if let Some((_, part)) = VECTORS.iter().find(|(name, _)| *name == plane.name) {
                 values.chunks_exact_mut(2 * part).for_each(|pixel| self.turn(pixel));
             }
-            Plane { values, ..plane }
+            ClipPlane { values, ..plane }
         };
-        let frame = |frame: Frame| Frame {
+        let frame = |frame: ClipFrame| ClipFrame {
             inputs: frame.inputs.into_iter().map(plane).collect(),
             target: self.pixels(&frame.target, hr, 3),
         };

@@ -8,14 +8,14 @@ use super::analytic::analytic_psnr;
 use super::draw::Draw;
 use super::error::MakeError;
 use super::recorder::Recorder;
-use super::{ClipSettings, Source};
+use super::{ClipSettings, ClipSource};
 use crate::clip::{Clip, ClipFile};
 
 /// Clips of a scene that are to be in a folder.
 #[derive(Clone, Debug)]
 pub struct Batch<'a> {
     /// The scene.
-    pub source: &'a Source,
+    pub source: &'a ClipSource,
     /// What they are like.
     pub settings: &'a ClipSettings,
     /// Clips for training.
@@ -28,7 +28,7 @@ pub struct Batch<'a> {
 
 /// A clip that was made.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Made {
+pub struct MadeClip {
     /// Its file.
     pub file: PathBuf,
     /// PSNR of the frames without networks against native ones, in dB.
@@ -95,7 +95,7 @@ impl Batch<'_> {
     ///
     /// # Errors
     /// [`MakeError`] of the first clip that cannot be made, or that is there with other settings.
-    pub fn make(&self, mut done: impl FnMut(Made) -> bool) -> Result<(), MakeError> {
+    pub fn make(&self, mut done: impl FnMut(MadeClip) -> bool) -> Result<(), MakeError> {
         self.settings.check()?;
         self.check_kept()?;
         let tasks = self.tasks();
@@ -141,7 +141,7 @@ impl Batch<'_> {
         tasks: &[Task],
         next: &AtomicUsize,
         stop: &AtomicBool,
-        sender: &mpsc::Sender<Result<Made, MakeError>>,
+        sender: &mpsc::Sender<Result<MadeClip, MakeError>>,
     ) -> Result<(), MakeError> {
         let mut recorder = Recorder::new(self.source, self.settings)?;
         while !stop.load(Relaxed) {
@@ -149,13 +149,14 @@ impl Batch<'_> {
             let clip = recorder.record(task.seed, task.is_held_out)?;
             clip.save(&task.file)?;
             // The receiver lives as long as the workers.
-            let _ = sender.send(Ok(Made { file: task.file.clone(), analytic_psnr: analytic_psnr(&clip) }));
+            let _ =
+                sender.send(Ok(MadeClip { file: task.file.clone(), analytic_psnr: analytic_psnr(&clip) }));
         }
         Ok(())
     }
 }
 
-impl Source {
+impl ClipSource {
     /// The clip with that number, as [`Batch::make`] makes it.
     ///
     /// # Errors

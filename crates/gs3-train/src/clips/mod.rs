@@ -24,7 +24,7 @@ use gs3::scene::{CameraPath, Scene};
 use gs3::{Dilation, Kriging};
 
 pub use analytic::{analytic, analytic_psnr};
-pub use batch::{Batch, Made};
+pub use batch::{Batch, MadeClip};
 pub use error::MakeError;
 pub use preview::preview;
 
@@ -59,7 +59,7 @@ pub struct ClipSettings {
 
 /// A scene and where cameras may be in it.
 #[derive(Clone, Debug)]
-pub struct Source {
+pub struct ClipSource {
     /// Names its clips.
     pub name: String,
     /// The scene.
@@ -91,11 +91,11 @@ impl ClipSettings {
         Ok(())
     }
 
-    /// Rendered frames that the frames of a clip need, with `generate` frames between any two.
-    fn rendered(&self, generate: usize) -> usize {
+    /// Rendered frames that the frames of a clip need, with `in_between` frames between any two.
+    fn rendered(&self, in_between: usize) -> usize {
         match self.network {
             Network::SuperSample => self.frames,
-            Network::Interpolate => self.frames.div_ceil(generate.max(1)) + 1,
+            Network::Interpolate => self.frames.div_ceil(in_between.max(1)) + 1,
         }
     }
 }

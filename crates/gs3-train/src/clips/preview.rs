@@ -3,7 +3,7 @@
 use gs3::scene::Image;
 
 use super::analytic::{analytic, plane};
-use crate::clip::{Clip, Frame, from_unorm};
+use crate::clip::{Clip, ClipFrame, from_unorm};
 
 /// Errors are small: they are shown eight times as large, around grey.
 const ERROR_GAIN: f32 = 8.0;
@@ -31,7 +31,7 @@ struct Pictures;
 
 impl Pictures {
     /// Row `y` of all pictures of `frame`.
-    fn of(clip: &Clip, frame: &Frame, y: usize) -> [Vec<[f32; 4]>; PICTURES] {
+    fn of(clip: &Clip, frame: &ClipFrame, y: usize) -> [Vec<[f32; 4]>; PICTURES] {
         let (scale, width) = (clip.scale as usize, clip.lr[1] * clip.scale as usize);
         let at = y * width..(y + 1) * width;
         let made = &analytic(clip.network, frame)[at.clone()];

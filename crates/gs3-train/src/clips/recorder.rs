@@ -1,6 +1,6 @@
 //! Renders a shot, and keeps what a network is fed.
 
-use gs3::learned::{InterpolateFeatures, LearnedSuperSampler, Seen, SuperSampleFeatures};
+use gs3::learned::{CameraDepth, InterpolateFeatures, LearnedSuperSampler, SuperSampleFeatures};
 use gs3::neural::model::Tier;
 use gs3::neural::{Arithmetic, Graph, Layer, Named, Op};
 use gs3::raster::{Culling, Outputs, RasterSettings, Rasterizer};
@@ -12,12 +12,12 @@ use half::f16;
 use super::draw::Draw;
 use super::error::MakeError;
 use super::shot::Shot;
-use super::{ClipSettings, Source};
-use crate::clip::{Clip, ClipError, Frame, Network, Plane, to_unorm};
+use super::{ClipSettings, ClipSource};
+use crate::clip::{Clip, ClipError, ClipFrame, ClipPlane, Network, to_unorm};
 
 /// Renders clips of one scene; keeps its memory between them.
 pub(super) struct Recorder<'a> {
-    source: &'a Source,
+    source: &'a ClipSource,
     settings: &'a ClipSettings,
     graph: Graph,
     jitter: AdaptiveJitter,
@@ -52,7 +52,7 @@ impl Rendered {
 
 impl<'a> Recorder<'a> {
     /// For clips of `source` with checked `settings`.
-    pub fn new(source: &'a Source, settings: &'a ClipSettings) -> Result<Self, MakeError> {
+    pub fn new(source: &'a ClipSource, settings: &'a ClipSettings) -> Result<Self, MakeError> {
         let weights = settings.super_sample.clone();
         let learned =
             weights.map(|weights| LearnedSuperSampler::new(weights, settings.scale, Arithmetic::F32));
@@ -89,7 +89,7 @@ impl<'a> Recorder<'a> {
     }
 
     /// Frames for super sampling: the analytic pipeline's and features.
-    fn super_sampled(&mut self, shot: &Shot) -> Result<Vec<Frame>, MakeError> {
+    fn super_sampled(&mut self, shot: &Shot) -> Result<Vec<ClipFrame>, MakeError> {
         let mut features = SuperSampleFeatures::new(self.settings.scale)?;
         let mut frames = Vec::with_capacity(self.settings.frames);
         let mut previous: Option<Rendered> = None;
@@ -110,23 +110,24 @@ impl<'a> Recorder<'a> {
     }
 
     /// Frames for interpolation: those around them, as the analytic pipeline makes them, warped; and features.
-    fn interpolated(&mut self, shot: &Shot) -> Result<Vec<Frame>, MakeError> {
+    fn interpolated(&mut self, shot: &Shot) -> Result<Vec<ClipFrame>, MakeError> {
         let ClipSettings { frames: count, scale, .. } = *self.settings;
         let mut features = InterpolateFeatures::default();
         let mut frames = Vec::with_capacity(count);
         let mut warped = Warped::default();
-        // Camera and inverse depths of the last frame between.
+        // Camera and inverse depths of the last in-between frame.
         let mut last: Option<(Camera, Planes<1>)> = None;
         let mut before = self.render(shot, 0, None)?;
         for k in 1.. {
             let after = self.render(shot, k, Some(&before))?;
-            let parts = if k > shot.past { shot.generate } else { 0 };
+            let parts = if k > shot.past { shot.in_between } else { 0 };
             for part in 1..=parts {
-                let t = part as f64 / (shot.generate + 1) as f64;
+                let t = part as f64 / (shot.in_between + 1) as f64;
                 let camera = shot.camera((k - 1) as f64 + t)?;
                 let neighbors = (before.neighbor(), after.neighbor());
                 self.interpolator.warp(neighbors.0, neighbors.1, t as f32, &camera, &mut warped)?;
-                let seen = last.as_ref().map(|(camera, depth)| Seen { camera, depth: Depth::Inverse(depth) });
+                let seen =
+                    last.as_ref().map(|(camera, depth)| CameraDepth { camera, depth: Depth::Inverse(depth) });
                 features.set(&camera, &warped.inverse_depth, t as f32, seen, scale)?;
                 let target = self.native(shot, &camera)?;
                 let [from, to] = [&warped.before, &warped.after].map(|image| image.pixels().as_flattened());
@@ -180,12 +181,12 @@ impl<'a> Recorder<'a> {
 }
 
 /// A frame of a clip for the network `graph` from what it is fed and what it should give.
-fn frame(graph: &Graph, fed: &[Named<'_>], target: Vec<u16>) -> Frame {
+fn frame(graph: &Graph, fed: &[Named<'_>], target: Vec<u16>) -> ClipFrame {
     let plane = |layer: &Layer| {
         let Op::Input { channels, .. } = layer.op else { return None };
         let (_, values) = fed.iter().find(|(name, _)| *name == layer.name)?;
         let values = values.iter().map(|v| f16::from_f32(*v)).collect();
-        Some(Plane { name: layer.name.clone(), channels, values })
+        Some(ClipPlane { name: layer.name.clone(), channels, values })
     };
-    Frame { inputs: graph.inputs().filter_map(|(_, layer)| plane(layer)).collect(), target }
+    ClipFrame { inputs: graph.inputs().filter_map(|(_, layer)| plane(layer)).collect(), target }
 }

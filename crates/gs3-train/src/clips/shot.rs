@@ -8,7 +8,7 @@ use super::draw::Draw;
 use super::error::MakeError;
 use super::framing::Framing;
 use super::movement::{Movement, Plan};
-use super::{ClipSettings, Source, start};
+use super::{ClipSettings, ClipSource, start};
 use crate::clip::Network;
 
 /// Views are looked at in so coarse a grid before one is chosen.
@@ -57,14 +57,14 @@ pub(super) struct Shot {
     /// Frames between the reset and the first one recorded.
     pub past: usize,
     /// Frames generated between rendered ones; for interpolation.
-    pub generate: usize,
+    pub in_between: usize,
 }
 
 impl Shot {
     /// Draws a clip of `source`.
     pub fn draw(
         draw: &mut Draw,
-        source: &Source,
+        source: &ClipSource,
         settings: &ClipSettings,
         is_held_out: bool,
         rasterizer: &mut Rasterizer,
@@ -73,7 +73,7 @@ impl Shot {
             true => draw.below(SHORT_PAST),
             false => SHORT_PAST + draw.below(LONGEST_PAST + 1 - SHORT_PAST),
         };
-        let generate = match settings.network {
+        let in_between = match settings.network {
             Network::SuperSample => 0,
             Network::Interpolate => draw.weighted(&[(0.75, 1), (0.17, 2), (0.08, 3)], 1),
         };
@@ -81,7 +81,7 @@ impl Shot {
             true => std::array::from_fn(|_| draw.uniform(0.0, 1.0) as f32),
             false => [0.0; 3],
         };
-        let rendered = settings.rendered(generate);
+        let rendered = settings.rendered(in_between);
         let half = 0.5 * (rendered - 1) as f64;
         let mut plan = Plan::draw(draw, half);
         let may_be_dull = draw.chance(DULL);
@@ -94,7 +94,7 @@ impl Shot {
             let framing = Framing::draw(draw, settings.size, settings.scale);
             let Some((framing, movement)) = scout.find(draw, source, framing, &plan)? else { continue };
             let middle = past as f64 + half;
-            let shot = Self { framing, movement, middle, background, past, generate };
+            let shot = Self { framing, movement, middle, background, past, in_between };
             let times = [0.0, past as f64, (past + rendered - 1) as f64];
             if scout.likes(&shot, &times)? && scout.is_sharp(&shot, middle, settings.scale)? {
                 return Ok(shot);
@@ -127,7 +127,7 @@ impl<'a> Scout<'a> {
     fn find(
         &mut self,
         draw: &mut Draw,
-        source: &Source,
+        source: &ClipSource,
         framing: Framing,
         plan: &Plan,
     ) -> Result<Option<(Framing, Movement)>, MakeError> {

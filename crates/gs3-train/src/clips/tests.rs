@@ -15,10 +15,10 @@ use half::f16;
 use super::analytic::plane;
 use super::draw::Draw;
 use super::*;
-use crate::clip::{Clip, ClipFile, Frame, from_unorm};
+use crate::clip::{Clip, ClipFile, ClipFrame, from_unorm};
 
 /// A ball of speckles, ten times as far from the origin as it is large.
-pub(super) fn source() -> Source {
+pub(super) fn source() -> ClipSource {
     const COUNT: usize = 12_000;
     let mut draw = Draw::new(1);
     let mut g = Gaussians::zeroed(COUNT, 0);
@@ -35,7 +35,7 @@ pub(super) fn source() -> Source {
     }
     let scene = Arc::new(Scene::new(g, OpacityMode::Default).unwrap());
     let paths = vec![orbit::around(&scene, 40, 1920, 1080).unwrap()];
-    Source { name: "ball".to_owned(), scene, paths }
+    ClipSource { name: "ball".to_owned(), scene, paths }
 }
 
 pub(super) fn settings(network: Network) -> ClipSettings {
@@ -52,7 +52,7 @@ pub(super) fn settings(network: Network) -> ClipSettings {
     }
 }
 
-fn values(frame: &Frame, name: &str) -> Vec<f32> {
+fn values(frame: &ClipFrame, name: &str) -> Vec<f32> {
     plane(frame, name).iter().map(|v| v.to_f32()).collect()
 }
 
@@ -289,7 +289,7 @@ fn frames_around_may_be_refined() {
 fn resets_show() {
     let source = source();
     let settings = settings(Network::SuperSample);
-    let seen = |frame: &Frame| plane(frame, "validity").iter().any(|v| *v > f16::ZERO);
+    let seen = |frame: &ClipFrame| plane(frame, "validity").iter().any(|v| *v > f16::ZERO);
     let clips: Vec<Clip> = (0..24).map(|k| source.clip(&settings, k).unwrap()).collect();
     let resets = clips.iter().filter(|clip| !seen(&clip.frames[0])).count();
     assert!((1..10).contains(&resets), "{resets}");
@@ -309,12 +309,12 @@ fn nonsense_is_refused() {
     assert!(error(ClipSettings { held_out: 0.7, ..base.clone() }).contains("found 0.7"));
     assert!(error(ClipSettings { held_out: f64::NAN, ..base.clone() }).contains("found NaN"));
     assert!(error(ClipSettings { scale: 99, ..base.clone() }).contains("99"));
-    let lost = Source { paths: vec![], ..source.clone() };
+    let lost = ClipSource { paths: vec![], ..source.clone() };
     assert!(lost.clip(&base, 0).unwrap_err().to_string().contains("camera path"));
     let away = source.paths[0].cameras()[0];
     let pose = glam::DAffine3::from_rotation_y(std::f64::consts::PI) * away.view_from_world();
     let away = gs3::scene::Camera::new(pose, away.intrinsics()).unwrap();
-    let blind = Source { paths: vec![CameraPath::new(vec![away], 30.0, false).unwrap()], ..source };
+    let blind = ClipSource { paths: vec![CameraPath::new(vec![away], 30.0, false).unwrap()], ..source };
     assert!(blind.clip(&base, 0).unwrap_err().to_string().contains("ball: expected a window that shows"));
 }
 

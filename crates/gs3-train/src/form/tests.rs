@@ -3,8 +3,8 @@ use gs3_neural::Header;
 use super::*;
 
 /// The graph of `peer` and random weights in the form that it is trained in, biases included.
-fn trained(peer: Peer) -> (Graph, Form, Weights) {
-    let subject = Subject::Peer(peer);
+fn trained(peer: PublishedNetwork) -> (Graph, Form, Weights) {
+    let subject = TrainedNetwork::Published(peer);
     let graph = subject.graph(2).unwrap_or_else(|e| panic!("{e}"));
     let form = Form::new(subject, &graph);
     let [tier, training_data, licence] = ["", "", ""].map(str::to_owned);
@@ -30,7 +30,7 @@ fn convolved(weight: &[f32], bias: f32, inputs: usize, at: impl Fn(usize, usize)
 #[test]
 fn blocks_fold_to_the_convolution_that_they_are() {
     for (peer, layer, inputs, outputs) in
-        [(Peer::Ecbsr, "backbone.0", 3, 16), (Peer::Rt4ksr, "tail.conv", 24, 24)]
+        [(PublishedNetwork::Ecbsr, "backbone.0", 3, 16), (PublishedNetwork::Rt4ksr, "tail.conv", 24, 24)]
     {
         let (graph, form, weights) = trained(peer);
         let folded = form.fold(&weights);
@@ -52,7 +52,7 @@ fn blocks_fold_to_the_convolution_that_they_are() {
         let wide = |c: usize, t: usize| one("expand", c, inputs, t, &at);
         for o in 0..outputs {
             let expected = match peer {
-                Peer::Ecbsr => {
+                PublishedNetwork::Ecbsr => {
                     let edge = |(name, mask): (&str, [f32; TAPS])| {
                         let first = |t: usize| {
                             let row = &part(&format!("{name}.weight"))[o * inputs..][..inputs];
@@ -83,7 +83,7 @@ fn blocks_fold_to_the_convolution_that_they_are() {
 
 #[test]
 fn derivatives_go_back_through_the_fold() {
-    for peer in [Peer::Ecbsr, Peer::Rt4ksr, Peer::Ninasr] {
+    for peer in [PublishedNetwork::Ecbsr, PublishedNetwork::Rt4ksr, PublishedNetwork::Ninasr] {
         let (graph, form, mut weights) = trained(peer);
         let mut random = Random::new(4);
         let factors: Arrays = graph

@@ -8,7 +8,7 @@ use gs3::scene::Jitter;
 use gs3_neural::model::Tier;
 use gs3_neural::{Random, Shape};
 use gs3_train::clip::{HIDDEN, to_unorm};
-use gs3_train::{Clip, Frame, Length, Network, Plane, Settings, Subject};
+use gs3_train::{Clip, ClipFrame, ClipPlane, Length, Network, Settings, TrainedNetwork};
 use half::f16;
 
 pub const SCALE: u32 = 2;
@@ -20,7 +20,7 @@ pub fn settings(network: Network, steps: u64) -> Settings {
         window: 3,
         crop: 12,
         warm_up: 5,
-        ..Settings::new(Subject::Own { network, tier: Tier::Fast }, SCALE, Length::Steps(steps))
+        ..Settings::new(TrainedNetwork::Own { network, tier: Tier::Fast }, SCALE, Length::Steps(steps))
     }
 }
 
@@ -65,11 +65,11 @@ pub fn clip(network: Network, frames: usize, lr: [usize; 2], seed: u64) -> Clip 
                 _ => (0..shape.len()).map(|_| 0.3 * random.signed()).collect(),
             };
             let values = values.into_iter().map(f16::from_f32).collect();
-            inputs.push(Plane { name: layer.name.clone(), channels: shape.channels, values });
+            inputs.push(ClipPlane { name: layer.name.clone(), channels: shape.channels, values });
         }
         let [height, width] = lr.map(|side| side * SCALE as usize);
         let target = image(Shape { height, width, channels: 3 }, 3, frame, 1.0);
-        all.push(Frame { inputs, target: target.into_iter().map(to_unorm).collect() });
+        all.push(ClipFrame { inputs, target: target.into_iter().map(to_unorm).collect() });
     }
     Clip { network, scene: format!("waves {seed}"), scale: SCALE, lr, frames: all }
 }

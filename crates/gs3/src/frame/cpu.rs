@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use gs3_raster::{Outputs, Rasterizer};
 use gs3_reconstruct::{
-    BlockBudget, DepthLattice, Interpolator, Kernel, Neighbor, ResetReason, SuperSampler, resample,
+    BlockBudget, DepthLattice, Interpolator, Neighbor, ResampleKernel, ResetReason, SuperSampler, resample,
     select_blocks,
 };
 use gs3_scene::{ExactBlocks, GBuffer, Image, Margin, Scene, block_grid};
@@ -125,7 +125,7 @@ impl CpuStages {
                 }
 
                 // The previous frame and this one to those between.
-                if !inputs.between.is_empty() {
+                if !inputs.moments.is_empty() {
                     times.time(Stage::Interpolate, || self.interpolate(inputs, frames))?;
                 }
                 if inputs.reset == Some(ResetReason::Keyframe) {
@@ -139,7 +139,7 @@ impl CpuStages {
             self.controller.learn(target, times.total(), refining, refined);
         }
         let lattice = DepthLattice::of(&frames.current.gbuffer);
-        Ok(Made { lattice, in_between: inputs.between.len(), refined, times })
+        Ok(Made { lattice, in_between: inputs.moments.len(), refined, times })
     }
 
     /// Takes another choice of exact pixels, which [`FramePlan::set_refine`] has checked.
@@ -162,7 +162,7 @@ impl CpuStages {
         let Some(reason) = inputs.reset else { return };
         self.super_sampler.reset(reason);
         self.learned_super_sampler.iter_mut().for_each(LearnedSuperSampler::reset);
-        // Frames between lead to a keyframe, from before it.
+        // In-between frames lead to a keyframe, from before it.
         if reason != ResetReason::Keyframe {
             self.learned_interpolator.iter_mut().for_each(LearnedInterpolator::reset);
         }
@@ -199,7 +199,7 @@ impl CpuStages {
     fn enlarge(&self, inputs: &FrameInputs, frames: &mut Frames) -> Result<(), PipelineError> {
         let Frame { gbuffer, image, .. } = &mut frames.current;
         image.resize(inputs.camera.width() as usize, inputs.camera.height() as usize);
-        Ok(resample(gbuffer, self.plan.scale, Kernel::Bicubic, image)?)
+        Ok(resample(gbuffer, self.plan.scale, ResampleKernel::Bicubic, image)?)
     }
 
     fn super_sample(&mut self, inputs: &FrameInputs, frames: &mut Frames) -> Result<(), PipelineError> {
@@ -207,9 +207,9 @@ impl CpuStages {
         let Frame { gbuffer, image, .. } = &mut frames.current;
         let padded = if inputs.margin == Margin::NONE { &*gbuffer } else { &self.padded };
         let Some(learned) = &mut self.learned_super_sampler else {
-            return Ok(self.super_sampler.super_sample_within(camera, gbuffer, padded, image)?);
+            return Ok(self.super_sampler.super_sample_padded(camera, gbuffer, padded, image)?);
         };
-        self.super_sampler.super_sample_within(camera, gbuffer, padded, &mut self.analytic)?;
+        self.super_sampler.super_sample_padded(camera, gbuffer, padded, &mut self.analytic)?;
         let previous = frames.previous.neighbor().filter(|_| inputs.reset.is_none());
         let now = Neighbor { camera, image: &self.analytic, gbuffer };
         Ok(learned.refine(now, self.super_sampler.innovation(), previous, image)?)
@@ -247,7 +247,7 @@ impl CpuStages {
         let before = previous.neighbor().ok_or(PipelineError::Internal { expected: "a previous frame" })?;
         let after = Neighbor { camera: &inputs.camera, image: &current.image, gbuffer: &current.gbuffer };
         let interpolator = &mut self.interpolator;
-        for (moment, out) in inputs.between.iter().zip(in_between) {
+        for (moment, out) in inputs.moments.iter().zip(in_between) {
             let (t, camera) = (moment.t, &moment.camera);
             match &mut self.learned_interpolator {
                 Some(learned) => learned.interpolate(interpolator, before, after, t, camera, out)?,

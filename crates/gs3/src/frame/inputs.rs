@@ -18,7 +18,7 @@ pub struct FrameInputs {
     /// What is rasterized beyond the edges, LR pixels.
     pub margin: Margin,
     /// The frames to interpolate between the previous frame and this one, in order; none without a previous frame.
-    pub between: Vec<Moment>,
+    pub moments: Vec<Moment>,
 }
 
 /// A moment between two rendered frames.

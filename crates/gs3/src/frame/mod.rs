@@ -27,7 +27,7 @@ use self::plan::FramePlan;
 use crate::error::PipelineError;
 use crate::learned::Networks;
 use crate::refine::Refine;
-use crate::settings::{MAX_GENERATE, Mode, PipelineSettings};
+use crate::settings::{MAX_IN_BETWEEN, Mode, PipelineSettings};
 use crate::stages::StageTimes;
 
 /// What a rendered frame gives to show, in order.
@@ -35,7 +35,7 @@ use crate::stages::StageTimes;
 pub struct Presented<'a> {
     /// The frames between the previous one and this one, in order ([`Mode::Full`], from the second frame on). After a
     /// camera cut or another reset nothing lies between, and the previous frame stays on for these moments.
-    pub between: [Option<&'a Image>; MAX_GENERATE as usize],
+    pub in_between: [Option<&'a Image>; MAX_IN_BETWEEN as usize],
     /// The frame at the camera asked for.
     pub current: &'a Image,
 }
@@ -43,7 +43,7 @@ pub struct Presented<'a> {
 impl<'a> Presented<'a> {
     /// The frames in the order in which they are shown.
     pub fn iter(&self) -> impl Iterator<Item = &'a Image> + use<'a> {
-        self.between.into_iter().flatten().chain([self.current])
+        self.in_between.into_iter().flatten().chain([self.current])
     }
 }
 
@@ -139,10 +139,10 @@ impl FramePipeline {
     }
 
     /// As [`Self::render`], where the caller knows the true cameras at [`PipelineSettings::moments`] between the previous
-    /// frame and this one: `poses` are all of them, in order, or none. Modes without frames between do not read them.
+    /// frame and this one: `poses` are all of them, in order, or none. Modes without in-between frames do not read them.
     ///
     /// # Errors
-    /// [`PipelineError`] if `poses` are of another number than the frames between or of another size than `camera`, or a
+    /// [`PipelineError`] if `poses` are of another number than the in-between frames or of another size than `camera`, or a
     /// device fails.
     pub fn render_with_poses(
         &mut self,
@@ -248,12 +248,12 @@ impl FramePipeline {
             Moment { t: t as f32, camera: pose }
         };
         let moments = self.plan.settings.moments().enumerate();
-        let between = match &previous {
+        let moments = match &previous {
             Some(previous) => moments.map(|(k, t)| moment(previous, k, t)).collect(),
             None => Vec::new(),
         };
         self.frames.advance();
-        Ok(FrameInputs { camera: *camera, reset, jitter, margin, between })
+        Ok(FrameInputs { camera: *camera, reset, jitter, margin, moments })
     }
 
     fn check_poses(&self, camera: &Camera, poses: &[Camera]) -> Result<(), PipelineError> {
@@ -302,11 +302,14 @@ impl FramePipeline {
     }
 
     /// Where to begin on a path so that frame `number`, those after it, and the frames between it and the one before it
-    /// have the same bits as if the path had been rendered from frame 0 on: at most `keyframes` + S² + 1 frames before it.
-    /// The frames from there to `number` are rendered and not shown, the first of them after [`Self::set_frame_number`].
+    /// have the same bits as if the path had been rendered from frame 0 on: at most `keyframes` + S² frames before it, 48 by
+    /// default. The frames from there to `number` are rendered and not shown, the first of them after
+    /// [`Self::set_frame_number`].
     ///
-    /// [`Refine::FrameTime`] and a network without exact keyframes never make the same bits again. There the frames before it
-    /// that the history holds are to be rendered, as there are for [`PipelineSettings::keyframes`] 0.
+    /// Two settings never make the same bits again. [`Refine::FrameTime`] has no keyframes: as for
+    /// [`PipelineSettings::keyframes`] 0, the frames that the history holds are to be rendered, at most S² + 1. A network
+    /// without exact keyframes has a state that is older than the history: the frames from the keyframe before that
+    /// history are to be rendered, at most `keyframes` + S².
     #[must_use]
     pub fn first_of_warm_up(&self, number: u64) -> u64 {
         let mode = self.plan.settings.mode;
@@ -319,7 +322,7 @@ impl FramePipeline {
         let reach = if mode.has_history() { u64::from(self.plan.scale).pow(2) + shows_before } else { 0 };
         let interval = u64::from(self.plan.settings.keyframes);
         let latest = match self.keyframe_at(0) {
-            // Frames between need the frame before.
+            // In-between frames need the frame before.
             Some(Keyframe::All) => number.saturating_sub(shows_before),
             Some(Keyframe::Sampling) => number.saturating_sub(reach),
             None => return number.saturating_sub(reach),
@@ -400,7 +403,7 @@ impl FramePipeline {
         self.sequence.reset(reason);
     }
 
-    /// Why the last frame began without history, if it did. But for [`ResetReason::Keyframe`] there are no frames between
+    /// Why the last frame began without history, if it did. But for [`ResetReason::Keyframe`] there are no in-between frames
     /// then: the frame before stays on.
     #[must_use]
     pub const fn last_reset(&self) -> Option<ResetReason> {
@@ -480,12 +483,12 @@ impl FramePipeline {
     /// What the last frame gave to show; an empty image before the first one.
     #[must_use]
     pub fn presented(&self) -> Presented<'_> {
-        let mut between = [None; MAX_GENERATE as usize];
+        let mut in_between = [None; MAX_IN_BETWEEN as usize];
         let held = self.held_frame();
-        for (k, (place, made)) in between.iter_mut().zip(&self.frames.in_between).enumerate() {
+        for (k, (place, made)) in in_between.iter_mut().zip(&self.frames.in_between).enumerate() {
             *place = if k < self.in_between { Some(made) } else { held };
         }
-        Presented { between, current: &self.frames.current.image }
+        Presented { in_between, current: &self.frames.current.image }
     }
 
     /// The last frame rendered; empty before the first one.

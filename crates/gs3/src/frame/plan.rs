@@ -1,15 +1,15 @@
 //! What follows from settings and networks.
 
 use gs3_neural::Weights;
-use gs3_neural::model::Tier;
+use gs3_neural::model::{Tier, tier_of};
 use gs3_raster::{MAX_MARGIN, Outputs, RasterSettings};
 use gs3_reconstruct::{Kriging, Sampling};
 
 use super::inputs::FrameInputs;
 use crate::error::PipelineError;
-use crate::learned::Networks;
+use crate::learned::{NetworkError, Networks};
 use crate::refine::Refine;
-use crate::settings::{MAX_GENERATE, Mode, PipelineSettings};
+use crate::settings::{MAX_IN_BETWEEN, Mode, PipelineSettings};
 
 /// How all frames of a pipeline are made: its settings, and what follows from them and from its networks. Both machines
 /// take it, so that neither derives anything by itself.
@@ -34,11 +34,12 @@ pub struct FramePlan {
 
 impl FramePlan {
     /// # Errors
-    /// [`PipelineError::Generate`] if too many or too few frames are to be made between rendered ones.
+    /// [`PipelineError::InBetween`] if too many or too few frames are to be made between rendered ones;
+    /// [`PipelineError`] of the network if its weights name no tier.
     pub fn new(settings: PipelineSettings, networks: &Networks) -> Result<Self, PipelineError> {
         let mode = settings.mode;
-        if mode == Mode::Full && !(1..=MAX_GENERATE).contains(&settings.generate) {
-            return Err(PipelineError::Generate { actual: settings.generate });
+        if mode == Mode::Full && !(1..=MAX_IN_BETWEEN).contains(&settings.in_between) {
+            return Err(PipelineError::InBetween { actual: settings.in_between });
         }
         check_refine(settings.refine)?;
         let Networks { super_sample, interpolate, arithmetic } = networks.clone();
@@ -53,7 +54,7 @@ impl FramePlan {
             settings,
             scale: if mode == Mode::Native { 1 } else { settings.scale },
             sampling: if mode == Mode::Native { Sampling::Centered } else { settings.sampling },
-            kriging: settings.kriging.max(weights.map_or(Kriging::Off, least_kriging)),
+            kriging: settings.kriging.max(weights.map_or(Ok(Kriging::Off), least_kriging)?),
             refine: if mode.has_history() { settings.refine } else { Refine::Off },
             widest_margin: if has_margins { MAX_MARGIN } else { 0 },
             in_between: settings.displayed_per_rendered() - 1,
@@ -104,10 +105,13 @@ fn check_refine(refine: Refine) -> Result<(), PipelineError> {
 }
 
 /// The fewest pixels that may be kriged below the network of `weights`: its tier was trained on frames kriged so.
-fn least_kriging(weights: &Weights) -> Kriging {
-    match weights.header.tier.as_str() {
-        tier if tier == Tier::Fast.name() => Kriging::Coarse,
-        tier if tier == Tier::High.name() => Kriging::Fine,
-        _ => Kriging::On,
-    }
+///
+/// # Errors
+/// [`NetworkError`] if the weights name no tier.
+fn least_kriging(weights: &Weights) -> Result<Kriging, NetworkError> {
+    Ok(match tier_of(&weights.header)? {
+        Tier::Fast => Kriging::Coarse,
+        Tier::Balanced => Kriging::On,
+        Tier::High => Kriging::Fine,
+    })
 }

@@ -4,21 +4,21 @@
 
 use gs3_neural::Named;
 use gs3_reconstruct::{
-    Depth, Interpolator, Motion, Neighbor, ReconstructError, Reprojected, View, inverse_depth,
+    Depth, DepthView, Interpolator, Motion, Neighbor, ReconstructError, Reprojected, inverse_depth,
 };
 use gs3_scene::{Camera, GBuffer, Gradients, Image, Planes};
 use rayon::prelude::*;
 
 /// A frame to which a hidden state belongs.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen<'a> {
+pub struct CameraDepth<'a> {
     /// The HR camera.
     pub camera: &'a Camera,
     /// Depths on its LR grid.
     pub depth: Depth<'a>,
 }
 
-impl<'a> Seen<'a> {
+impl<'a> CameraDepth<'a> {
     /// What `camera`, an HR camera, sees in `gbuffer`, its LR frame.
     ///
     /// # Errors
@@ -31,8 +31,8 @@ impl<'a> Seen<'a> {
     }
 
     /// States live on the LR grid itself, wherever within its pixels the samples lie.
-    fn view(&self, scale: u32) -> View<'a> {
-        View { camera: self.camera.low_resolution(scale), jitter: [0.0; 2], depth: self.depth }
+    fn view(&self, scale: u32) -> DepthView<'a> {
+        DepthView { camera: self.camera.low_resolution(scale), jitter: [0.0; 2], depth: self.depth }
     }
 }
 
@@ -49,8 +49,8 @@ struct Carry {
 impl Carry {
     fn set(
         &mut self,
-        now: Seen<'_>,
-        previous: Option<Seen<'_>>,
+        now: CameraDepth<'_>,
+        previous: Option<CameraDepth<'_>>,
         scale: u32,
         len: usize,
     ) -> Result<(), ReconstructError> {
@@ -165,8 +165,8 @@ impl SuperSampleFeatures {
             return Err(ReconstructError::NotFinite { what: "G-buffer alpha" });
         }
         let len = gbuffer.width() * gbuffer.height();
-        let before = previous.map(|p| Seen::of_gbuffer(p.camera, p.gbuffer)).transpose()?;
-        self.carry.set(Seen::of_gbuffer(camera, gbuffer)?, before, scale, len)?;
+        let before = previous.map(|p| CameraDepth::of_gbuffer(p.camera, p.gbuffer)).transpose()?;
+        self.carry.set(CameraDepth::of_gbuffer(camera, gbuffer)?, before, scale, len)?;
         if innovation.len() != len {
             let size = (gbuffer.width(), gbuffer.height());
             return Err(ReconstructError::Size {
@@ -353,10 +353,10 @@ impl InterpolateFeatures {
         camera: &Camera,
         inverse_depth: &Planes<1>,
         t: f32,
-        previous: Option<Seen<'_>>,
+        previous: Option<CameraDepth<'_>>,
         scale: u32,
     ) -> Result<(), ReconstructError> {
-        let now = Seen { camera, depth: Depth::Inverse(inverse_depth) };
+        let now = CameraDepth { camera, depth: Depth::Inverse(inverse_depth) };
         let plane = inverse_depth.plane(0);
         self.carry.set(now, previous, scale, plane.len())?;
         let typical = typical(plane, |w| w);

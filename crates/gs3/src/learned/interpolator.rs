@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
+use gs3_neural::model::Network;
 use gs3_neural::{Arithmetic, Weights};
 use gs3_reconstruct::{Depth, Interpolator, Neighbor, Warped};
 use gs3_scene::{Camera, Image};
 
 use super::error::NetworkError;
-use super::features::{InterpolateFeatures, Seen};
+use super::features::{CameraDepth, InterpolateFeatures};
 use super::recurrent::Recurrent;
 
 /// Fuses both neighbours of a frame, warped to it, by a network.
@@ -28,7 +29,7 @@ impl LearnedInterpolator {
     /// # Errors
     /// [`NetworkError`] if they are those of another network or another scale.
     pub fn new(weights: Arc<Weights>, scale: u32, arithmetic: Arithmetic) -> Result<Self, NetworkError> {
-        let network = Recurrent::new(weights, "interpolate", scale, arithmetic)?;
+        let network = Recurrent::new(weights, Network::Interpolate, scale, arithmetic)?;
         let features = InterpolateFeatures::default();
         let (warped, last) = (Warped::default(), Warped::default());
         Ok(Self { scale, network, features, warped, last, last_camera: None })
@@ -58,7 +59,7 @@ impl LearnedInterpolator {
         let last = self.last_camera.as_ref().filter(|last| {
             self.network.has_state() && (last.width(), last.height()) == (camera.width(), camera.height())
         });
-        let last = last.map(|camera| Seen { camera, depth: Depth::Inverse(&self.last.inverse_depth) });
+        let last = last.map(|camera| CameraDepth { camera, depth: Depth::Inverse(&self.last.inverse_depth) });
         let Warped { before, after, share, inverse_depth, .. } = &self.warped;
         self.features.set(camera, inverse_depth, t, last, self.scale)?;
         out.resize(before.width(), before.height());

@@ -13,7 +13,7 @@ mod super_sampler;
 pub use error::NetworkError;
 #[cfg(feature = "gpu")]
 pub(crate) use features::UNCERTAIN;
-pub use features::{InterpolateFeatures, Seen, SuperSampleFeatures};
+pub use features::{CameraDepth, InterpolateFeatures, SuperSampleFeatures};
 pub use interpolator::LearnedInterpolator;
 pub use networks::Networks;
 pub use super_sampler::LearnedSuperSampler;

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use gs3_neural::model::Tier;
+use gs3_neural::model::{Network, Tier};
 use gs3_neural::{Arithmetic, Weights};
 
 use super::error::NetworkError;
@@ -93,10 +93,10 @@ impl Networks {
     /// [`NetworkError`] if it is none of the two, or there already.
     pub fn add(&mut self, weights: Weights) -> Result<(), NetworkError> {
         let network = weights.header.network.clone();
-        let place = match network.as_str() {
-            "super_sample" => &mut self.super_sample,
-            "interpolate" => &mut self.interpolate,
-            _ => {
+        let place = match Network::from_name(&network) {
+            Some(Network::SuperSample) => &mut self.super_sample,
+            Some(Network::Interpolate) => &mut self.interpolate,
+            None => {
                 return Err(NetworkError::Other { expected: "super_sample or interpolate", actual: network });
             }
         };

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use gs3_neural::model::graph_of;
+use gs3_neural::model::{Network, graph_of};
 use gs3_neural::{Arithmetic, Engine, Graph, Named, Op, Weights};
 
 use super::error::NetworkError;
@@ -29,13 +29,13 @@ pub(super) struct Recurrent {
 impl Recurrent {
     pub fn new(
         weights: Arc<Weights>,
-        network: &'static str,
+        network: Network,
         scale: u32,
         arithmetic: Arithmetic,
     ) -> Result<Self, NetworkError> {
         let header = &weights.header;
-        if header.network != network {
-            return Err(NetworkError::Other { expected: network, actual: header.network.clone() });
+        if header.network != network.name() {
+            return Err(NetworkError::Other { expected: network.name(), actual: header.network.clone() });
         }
         if header.scale != scale {
             return Err(NetworkError::Scale { expected: scale, actual: header.scale });

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use gs3_neural::model::Network;
 use gs3_neural::{Arithmetic, Weights};
 use gs3_reconstruct::Neighbor;
 use gs3_scene::Image;
@@ -23,7 +24,7 @@ impl LearnedSuperSampler {
     /// # Errors
     /// [`NetworkError`] if they are those of another network or another scale.
     pub fn new(weights: Arc<Weights>, scale: u32, arithmetic: Arithmetic) -> Result<Self, NetworkError> {
-        let network = Recurrent::new(weights, "super_sample", scale, arithmetic)?;
+        let network = Recurrent::new(weights, Network::SuperSample, scale, arithmetic)?;
         Ok(Self { network, features: SuperSampleFeatures::new(scale)? })
     }
 

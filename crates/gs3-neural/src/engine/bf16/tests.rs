@@ -1,5 +1,5 @@
 use super::{Bf16Convolution, Source, Unit, rounded};
-use crate::engine::block::{Block, LANES, Layout, Numbers, Rest, Room, Sources};
+use crate::engine::block::{Block, LANES, Layout, Numbers, Remainder, Sources, Storage};
 use crate::engine::conv::fill_halo;
 use crate::graph::{Border, Conv2d};
 use crate::random::Random;
@@ -129,16 +129,16 @@ impl Case {
         };
         let Shape { height, width: columns, .. } = layouts[0].shape;
         let shape = Shape { height, width, channels: self.conv.outputs };
-        let out = Layout { room: Room::Strip, ..Layout::whole(shape, 0, 0) };
+        let out = Layout { room: Storage::Strip, ..Layout::whole(shape, 0, 0) };
         for (x, y) in [0, columns - width].into_iter().flat_map(|x| (0..height).map(move |y| (x, y))) {
             spoil_memory_of_tiles();
             let mut actual = vec![Block([f32::NAN; LANES]); out.row_len()];
-            let (_, rest) = Rest::split(&mut arena, 0, 0);
-            let (_, strips) = Rest::split(&mut [], 0, 0);
+            let (_, rest) = Remainder::split(&mut arena, 0, 0);
+            let (_, strips) = Remainder::split(&mut [], 0, 0);
             convolution.run_row(
                 gs3_simd::level(),
                 None,
-                Sources::strip(rest, Rest::default(), strips, x),
+                Sources::strip(rest, Remainder::default(), strips, x),
                 &out,
                 y,
                 &mut actual,
@@ -162,14 +162,15 @@ fn spoil_memory_of_tiles() {
     let weights = vec![0.0; 160 * 9];
     let source = Source { conv, border, inputs: &[layout], width: 48, weights: &weights, bias: &[] };
     if let Some(convolution) = Bf16Convolution::new(Unit::Amx, &source) {
-        let out = Layout { room: Room::Strip, ..Layout::whole(Shape { channels: 1, ..layout.shape }, 0, 0) };
-        let (_, rest) = Rest::split(&mut arena, 0, 0);
-        let (_, strips) = Rest::split(&mut [], 0, 0);
+        let out =
+            Layout { room: Storage::Strip, ..Layout::whole(Shape { channels: 1, ..layout.shape }, 0, 0) };
+        let (_, rest) = Remainder::split(&mut arena, 0, 0);
+        let (_, strips) = Remainder::split(&mut [], 0, 0);
         let mut sums = vec![Block::default(); out.row_len()];
         convolution.run_row(
             gs3_simd::level(),
             None,
-            Sources::strip(rest, Rest::default(), strips, 0),
+            Sources::strip(rest, Remainder::default(), strips, 0),
             &out,
             0,
             &mut sums,

@@ -1,7 +1,7 @@
 //! What the frames of one size are made in on a device, and each stage's recording there.
 
 use gs3_compute::{Bound, Buffer, Gpu, Kernel, Readback, Recorder, Slice, Submission, Use};
-use gs3_raster::{GpuGBuffer, GpuRasterizer, Outputs, RasterSettings, Settled};
+use gs3_raster::{CapacityCheck, GpuGBuffer, GpuRasterizer, Outputs, RasterSettings};
 use gs3_reconstruct::DepthLattice;
 use gs3_reconstruct::gpu::{
     BoundInterpolator, BoundSuperSampler, GpuImage, GpuInterpolator, GpuNeighbor, GpuSuperSampler,
@@ -18,7 +18,7 @@ use crate::learned::gpu::{GpuLearnedInterpolator, GpuLearnedSuperSampler, InBetw
 /// Bytes of [`DepthLattice`].
 const LATTICE_BYTES: u64 = (DepthLattice::LEN * 4) as u64;
 
-const LATTICE_WGSL: &str = include_str!("lattice.wgsl");
+const DEPTH_LATTICE_WGSL: &str = include_str!("depth_lattice.wgsl");
 
 /// One of the two frames that are there at a time: the previous one, and the one being made.
 struct Side {
@@ -116,7 +116,7 @@ impl FrameMemory {
             in_between,
             in_between_made: 0,
             bound_in_between: [Vec::new(), Vec::new()],
-            sample_depths: gpu.module("lattice", &[LATTICE_WGSL])?.kernel(gpu, "sample_depths", &[])?,
+            sample_depths: gpu.module("lattice", &[DEPTH_LATTICE_WGSL])?.kernel(gpu, "sample_depths", &[])?,
             lattice: gpu.buffer("lattice", Use::Storage, LATTICE_BYTES)?,
             lattice_size: gpu.buffer_with("lattice size", Use::Uniform, &lr_size)?,
             readback: Readback::new(gpu, places.of_in_between(count))?,
@@ -147,7 +147,7 @@ impl FrameMemory {
         let current = self.current();
         let gbuffer = &mut self.sides[current].gbuffer;
         match &mut self.padded {
-            Some(padded) => rasterizer.record_within(recorder, &lr_camera, &settings, padded, gbuffer)?,
+            Some(padded) => rasterizer.record_padded(recorder, &lr_camera, &settings, padded, gbuffer)?,
             None => {
                 let settings = RasterSettings { margin: Margin::NONE, ..settings };
                 rasterizer.record(recorder, &lr_camera, &settings, gbuffer)?;
@@ -204,7 +204,7 @@ impl FrameMemory {
     ) -> Result<(), PipelineError> {
         let current = self.current();
         self.learned_interpolator.iter_mut().for_each(|learned| learned.begin(current));
-        if inputs.between.is_empty() {
+        if inputs.moments.is_empty() {
             return Ok(());
         }
         let missing = PipelineError::Internal { expected: "a previous frame on the device" };
@@ -214,7 +214,7 @@ impl FrameMemory {
         let after = GpuNeighbor { image: &after.image, planes: planes(&after.gbuffer)? };
         let interpolator = &self.interpolator;
         if let Some(learned) = &mut self.learned_interpolator {
-            for (k, (moment, out)) in inputs.between.iter().zip(&self.in_between).enumerate() {
+            for (k, (moment, out)) in inputs.moments.iter().zip(&self.in_between).enumerate() {
                 let (t, camera) = (moment.t, &moment.camera);
                 let frame = InBetween { interpolator, neighbors: [before, after], views, t, camera, out };
                 learned.record(recorder, current, k, &frame)?;
@@ -225,7 +225,7 @@ impl FrameMemory {
             let bind = |out| interpolator.bind(&before, &after, out);
             self.bound_in_between[current] = self.in_between.iter().map(bind).collect::<Result<_, _>>()?;
         }
-        for (moment, bound) in inputs.between.iter().zip(&self.bound_in_between[current]) {
+        for (moment, bound) in inputs.moments.iter().zip(&self.bound_in_between[current]) {
             interpolator.record(recorder, bound, views, moment.t, &moment.camera)?;
         }
         Ok(())
@@ -251,7 +251,7 @@ impl FrameMemory {
             recorder.read_back(&image.pixels().part(0, image.bytes()), &self.readback, place);
         };
         read_image(&self.sides[self.current()].image, self.places.image);
-        for (k, image) in self.in_between.iter().take(inputs.between.len()).enumerate() {
+        for (k, image) in self.in_between.iter().take(inputs.moments.len()).enumerate() {
             read_image(image, self.places.of_in_between(k));
         }
     }
@@ -269,13 +269,13 @@ impl FrameMemory {
     ) -> Result<Option<DepthLattice>, PipelineError> {
         let (image, in_between) = (&mut frames.current.image, &mut frames.in_between);
         self.readback.read(gpu, submission, |bytes| -> Result<_, PipelineError> {
-            if rasterizer.settle_with(self.places.counters_in(bytes))? == Settled::Again {
+            if rasterizer.check_capacity_with(self.places.counters_in(bytes))? == CapacityCheck::Grown {
                 return Ok(None);
             }
             if read_back == ReadBack::Images {
                 let decoder = &self.sides[self.current()].image;
                 decoder.decode(self.places.image_in(bytes), image);
-                for (k, image) in in_between.iter_mut().take(inputs.between.len()).enumerate() {
+                for (k, image) in in_between.iter_mut().take(inputs.moments.len()).enumerate() {
                     decoder.decode(self.places.in_between_in(bytes, k), image);
                 }
             }
@@ -285,16 +285,16 @@ impl FrameMemory {
 
     /// Makes the frame submitted last the one that the next frame goes on from.
     pub fn commit(&mut self, inputs: &FrameInputs) {
-        self.super_sampler.keep();
+        self.super_sampler.commit();
         self.newest = self.current();
         self.sides[self.newest].view = Some(view_of(inputs));
-        self.in_between_made = inputs.between.len();
+        self.in_between_made = inputs.moments.len();
     }
 
     /// The frame committed last and those before it.
     pub fn presented(&self) -> GpuPresented<'_> {
-        let between = self.in_between.get(..self.in_between_made).unwrap_or_default();
-        GpuPresented { between, current: &self.sides[self.newest].image }
+        let in_between = self.in_between.get(..self.in_between_made).unwrap_or_default();
+        GpuPresented { in_between, current: &self.sides[self.newest].image }
     }
 
     /// Reads the low-resolution G-buffer of the frame committed last.
@@ -307,7 +307,7 @@ fn view_of(inputs: &FrameInputs) -> NeighborView {
     NeighborView { camera: inputs.camera, jitter: inputs.jitter }
 }
 
-/// Where what is read back lies: the rasterizer's counters, the lattice, the frame, the frames between.
+/// Where what is read back lies: the rasterizer's counters, the lattice, the frame, the in-between frames.
 #[derive(Clone, Copy, Debug)]
 struct Places {
     lattice: u64,
@@ -340,7 +340,7 @@ impl Places {
         part(bytes, self.image, self.in_between)
     }
 
-    /// Of all bytes the `k`-th frame between.
+    /// Of all bytes the `k`-th in-between frame.
     fn in_between_in<'a>(&self, bytes: &'a [u8], k: usize) -> &'a [u8] {
         part(bytes, self.of_in_between(k), self.of_in_between(k + 1))
     }
@@ -370,6 +370,6 @@ mod tests {
         assert_eq!(places.image_in(&bytes), &bytes[120..920]);
         assert_eq!(places.in_between_in(&bytes, 1), &bytes[1720..2520]);
         assert_eq!(places.of_in_between(2), bytes.len() as u64);
-        gs3_compute::validate("lattice", &[LATTICE_WGSL]).unwrap();
+        gs3_compute::validate("lattice", &[DEPTH_LATTICE_WGSL]).unwrap();
     }
 }

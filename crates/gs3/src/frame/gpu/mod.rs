@@ -6,7 +6,7 @@ mod memory;
 use std::sync::Arc;
 use std::time::Instant;
 
-use gs3_compute::{Gpu, StageTime, Support, Timings};
+use gs3_compute::{Gpu, StageTime, Timings};
 use gs3_neural::MatrixUnit;
 use gs3_raster::{GpuRasterizer, ScenePrecision};
 use gs3_reconstruct::DepthLattice;
@@ -23,12 +23,12 @@ use crate::stages::{Stage, StageTimes};
 /// A frame in device memory. [`GpuImage::pixels`] are four halves a pixel: red, green, blue, and one that is no part of
 /// the picture.
 ///
-/// `between` is valid until the next frame is rendered, `current` until the one after that. Commands that are submitted
+/// `in_between` is valid until the next frame is rendered, `current` until the one after that. Commands that are submitted
 /// to the same queue afterwards find the images finished.
 #[derive(Clone, Copy, Debug)]
 pub struct GpuPresented<'a> {
     /// The frames between the last one and this one, in order; none after a cut.
-    pub between: &'a [GpuImage],
+    pub in_between: &'a [GpuImage],
     /// The frame.
     pub current: &'a GpuImage,
 }
@@ -58,7 +58,7 @@ impl GpuMachine {
         {
             unit.check(gpu)?;
         }
-        let has_clock = gpu.capabilities().timestamps == Support::Present;
+        let has_clock = gpu.capabilities().timestamps;
         Ok(Self {
             gpu: gpu.clone(),
             plan: plan.clone(),
@@ -128,7 +128,7 @@ impl GpuMachine {
             None if read_back != ReadBack::Nothing => times.add(Stage::Rasterize, started.elapsed()),
             None => {}
         }
-        Ok(Made { lattice, in_between: inputs.between.len(), refined: 0.0, times })
+        Ok(Made { lattice, in_between: inputs.moments.len(), refined: 0.0, times })
     }
 
     /// Whether it makes all of the frame of `camera`. Otherwise it rasterizes, and the processor does the rest: in modes
@@ -147,7 +147,7 @@ impl GpuMachine {
 
     /// Waits for all frames. Whether each since the last answer had room for its splats; what lacked room has it now.
     pub fn wait(&mut self) -> Result<bool, PipelineError> {
-        Ok(self.rasterizer.settle()? != gs3_raster::Settled::Again)
+        Ok(self.rasterizer.check_capacity()? != gs3_raster::CapacityCheck::Grown)
     }
 
     /// What the stages of the last frame took by the device's clock, in the order in which they began.

@@ -27,7 +27,7 @@ struct FeaturesUniform {
     _pad: u32,
 }
 
-/// A frame between: the side it lies before, and its place there.
+/// An in-between frame: the side it lies before, and its place there.
 type At = (usize, usize);
 
 /// The network with all that it reads and keeps. A frame that is submitted again reads what it read before: frames
@@ -48,7 +48,7 @@ pub struct GpuLearnedInterpolator {
     bound: HashMap<(At, At), BoundInBetween>,
 }
 
-/// A frame between.
+/// An in-between frame.
 struct Slot {
     hidden: Buffer,
     /// Its depths, as a G-buffer has them.
@@ -78,7 +78,7 @@ pub struct InBetween<'a> {
 }
 
 impl GpuLearnedInterpolator {
-    /// The network of `weights` for up to `count` frames between frames of `size`, a multiple of `scale`.
+    /// The network of `weights` for up to `count` in-between frames of `size`, a multiple of `scale`.
     pub fn new(
         gpu: &Gpu,
         weights: &Arc<Weights>,
@@ -114,7 +114,7 @@ impl GpuLearnedInterpolator {
         })
     }
 
-    /// Begins a frame of side `current`: it has no frames between yet.
+    /// Begins a frame of side `current`: it has no in-between frames yet.
     pub fn begin(&mut self, current: usize) {
         self.slots[current].iter_mut().for_each(|slot| slot.camera = None);
     }

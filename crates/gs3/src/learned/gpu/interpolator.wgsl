@@ -9,10 +9,10 @@ struct Features {
 }
 
 @group(0) @binding(0) var<uniform> features: Features;
-// Inverse depths of the frame between.
+// Inverse depths of the in-between frame.
 @group(0) @binding(1) var<storage, read> middle: array<f32>;
 @group(0) @binding(2) var<storage, read_write> geometry: array<vec2<f32>>;
-// Its depths in the fourth place, as a G-buffer has them: where its hidden state belongs in the next frame between.
+// Its depths in the fourth place, as a G-buffer has them: where its hidden state belongs in the next in-between frame.
 @group(0) @binding(3) var<storage, read_write> median: array<vec4<f32>>;
 // Sums and counts of the inverse depths of what was hit, of each workgroup.
 @group(0) @binding(4) var<storage, read_write> sums: array<vec2<f32>>;

@@ -1,0 +1,305 @@
+//! Options that several commands have.
+
+use std::path::{Path, PathBuf};
+
+use clap::ValueEnum;
+use gs3::compute::OptionalFeatures;
+use gs3::neural::Arithmetic;
+use gs3::neural::model::Tier;
+use gs3::scene::Axes;
+use gs3::{
+    Backend, Culling, KEYFRAMES, Kriging, MAX_IN_BETWEEN, Mode, PipelineSettings, Quality, Refine, Sampling,
+};
+
+use super::values::{Degrees, DilationArg, Distance, Rgb, Size, scale};
+
+/// What to look at.
+#[derive(Debug, clap::Args)]
+pub struct View {
+    /// Scene file or folder, or `demo` for the built-in scene
+    pub scene: PathBuf,
+    /// Cameras: COLMAP model, transforms.json, cameras.json, camera_path.json, settings of SuperSplat or RealityScan's CSV
+    /// [default: an orbit]
+    #[arg(long, value_name = "CAMERAS")]
+    pub path: Option<PathBuf>,
+    #[command(flatten)]
+    pub stated: StatedCameras,
+    /// Image size [default: that of the cameras, 1920x1080 without --path]
+    #[arg(long, value_name = "WxH", allow_hyphen_values = true)]
+    pub size: Option<Size>,
+    /// Threads [default: one per core]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+}
+
+impl View {
+    /// What is read.
+    pub fn inputs(&self) -> impl Iterator<Item = &Path> {
+        [self.scene.as_path()]
+            .into_iter()
+            .chain(self.path.as_deref())
+            .chain(self.stated.dataparser.as_deref())
+    }
+}
+
+/// What is known of cameras and missing in their file.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct StatedCameras {
+    /// Vertical field of view of the cameras, degrees [default: what their file says]
+    #[arg(long, value_name = "DEGREES")]
+    pub fov: Option<Degrees>,
+    /// nerfstudio's dataparser_transforms.json; the cameras are brought into its frame [default: the one beside a
+    /// transforms.json, if there is one]
+    #[arg(long, value_name = "FILE")]
+    pub dataparser: Option<PathBuf>,
+}
+
+/// What renders.
+#[derive(Debug, clap::Args)]
+pub struct Device {
+    /// What renders: auto is a GPU where there is one, the CPU where there is none or it is emulated
+    #[arg(long, default_value_t = Backend::Auto, value_name = "auto|cpu|gpu")]
+    pub backend: Backend,
+    /// A GPU by its number [default: the fastest]
+    #[arg(long, value_name = "N")]
+    pub adapter: Option<usize>,
+}
+
+/// How the frames are made.
+#[derive(Debug, clap::Args)]
+pub struct FrameOptions {
+    /// How large an error may be left, and how many pixels may be rasterized exactly for it: fast 3 steps of 8 bits and 3 %,
+    /// balanced 1 and 6 %, high half a step and 15 %
+    #[arg(long, default_value = "balanced", value_name = "fast|balanced|high")]
+    pub quality: QualityArg,
+    /// Pixels rasterized exactly, where reconstruction is not to be trusted: none, those that --quality says, this share of
+    /// all (0 to 1), or as many as fit into a frame of so many milliseconds (33ms). On the CPU
+    #[arg(long, default_value = "auto", value_name = "off|auto|SHARE|TIMEms", allow_hyphen_values = true)]
+    pub refine: Refine,
+    /// High-resolution over low-resolution size
+    #[arg(long, default_value_t = 4, value_name = "S", value_parser = scale(1))]
+    pub scale: u32,
+    /// Networks that improve the frames: none (analytic) or the paper's in three sizes. They take a few times as long
+    #[arg(long, value_name = "TIER", default_value = "analytic", conflicts_with = "weights", help_heading = ADVANCED)]
+    pub tier: TierArg,
+    /// How in-between frames are made: warped without learning, or refined by the tier's network as well, which takes a
+    /// few times as long
+    #[arg(long, default_value = "analytic", value_name = "analytic|learned", conflicts_with = "weights", help_heading = ADVANCED)]
+    pub interpolation: InterpolationArg,
+    /// Weights of super sampling or of interpolation; may be given once for each. Without weights of super sampling
+    /// frames are made without learning; without weights of interpolation in-between frames are warped without learning
+    #[arg(long, value_name = "FILE.safetensors", help_heading = ADVANCED)]
+    pub weights: Vec<PathBuf>,
+    /// What networks on the CPU compute with; `bf16` needs AMX (Linux) or AVX-512 BF16 and is the same as `f32`
+    /// elsewhere [default: the faster on this machine]
+    #[arg(long, value_name = "bf16|f32", help_heading = ADVANCED)]
+    pub arithmetic: Option<ArithmeticArg>,
+    /// Networks on a GPU multiply matrices in its hardware for them. Experimental: tried on a small convolution first
+    #[arg(long, help_heading = ADVANCED)]
+    pub matrix_products: bool,
+    /// Frames interpolated before each rendered one in mode `full`
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_IN_BETWEEN)))]
+    pub in_between: u32,
+    /// Sub-pixel offsets of the low-resolution frames
+    #[arg(long, default_value = "on", value_name = "on|off", help_heading = ADVANCED)]
+    pub jitter: Switch,
+    /// Krige pixels that first-order predictions leave uncertain, without networks too; with them it is always done.
+    /// Sharper in motion, and takes longer; `coarse` less so, as below tier fast, `fine` more so, as below tier high
+    #[arg(long, value_name = "coarse|on|fine", num_args = 0..=1, require_equals = true, default_missing_value = "on", help_heading = ADVANCED)]
+    pub kriging: Option<KrigingArg>,
+    /// Rasterize beyond the edges that the camera turns to, without networks too; with them it is always done. Sharper
+    /// there, and takes a little longer
+    #[arg(long, help_heading = ADVANCED)]
+    pub overscan: bool,
+    /// Frames from one keyframe to the next, where the history begins anew, so that parts of a path can be rendered apart;
+    /// 0 for none
+    #[arg(long, default_value_t = KEYFRAMES, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=1_000_000), help_heading = ADVANCED)]
+    pub keyframes: u32,
+    /// Dilation of splats in px² of the rendered grid: matched (0.3/S²), stock (0.3) or a number
+    #[arg(long, default_value = "matched", value_name = "matched|stock|VALUE", allow_hyphen_values = true, help_heading = ADVANCED)]
+    pub dilation: DilationArg,
+    /// Which tiles a splat is assigned to
+    #[arg(long, default_value = "accutile", help_heading = ADVANCED)]
+    pub culling: CullingArg,
+    /// Background colour, each from 0 to 1
+    #[arg(long, default_value = "0,0,0", value_name = "R,G,B", allow_hyphen_values = true)]
+    pub background: Rgb,
+}
+
+impl FrameOptions {
+    /// What a GPU is opened with.
+    pub const fn features(&self) -> OptionalFeatures {
+        match self.matrix_products {
+            true => OptionalFeatures::Experimental,
+            false => OptionalFeatures::All,
+        }
+    }
+
+    pub fn settings(&self, mode: Mode) -> PipelineSettings {
+        PipelineSettings {
+            mode,
+            scale: self.scale,
+            sampling: self.jitter.into(),
+            kriging: self.kriging.map_or(Kriging::Off, Into::into),
+            overscan: self.overscan,
+            refine: self.refine,
+            quality: self.quality.into(),
+            keyframes: self.keyframes,
+            dilation: self.dilation.0,
+            culling: self.culling.into(),
+            in_between: self.in_between,
+            background: self.background.0,
+        }
+    }
+}
+
+/// Heading in the help of what few need.
+const ADVANCED: &str = "Advanced";
+
+/// How hard the pipeline works.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum QualityArg {
+    Fast,
+    Balanced,
+    High,
+}
+
+impl From<QualityArg> for Quality {
+    fn from(quality: QualityArg) -> Self {
+        match quality {
+            QualityArg::Fast => Self::Fast,
+            QualityArg::Balanced => Self::Balanced,
+            QualityArg::High => Self::High,
+        }
+    }
+}
+
+/// Quality tiers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum TierArg {
+    /// No network
+    Analytic,
+    /// 16 channels
+    Fast,
+    /// 32 channels
+    Balanced,
+    /// 48 channels
+    High,
+}
+
+impl TierArg {
+    /// The network's tier, if there is a network.
+    pub const fn network(self) -> Option<Tier> {
+        match self {
+            Self::Analytic => None,
+            Self::Fast => Some(Tier::Fast),
+            Self::Balanced => Some(Tier::Balanced),
+            Self::High => Some(Tier::High),
+        }
+    }
+}
+
+/// What makes in-between frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum InterpolationArg {
+    Analytic,
+    Learned,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ArithmeticArg {
+    F32,
+    Bf16,
+}
+
+impl From<ArithmeticArg> for Arithmetic {
+    fn from(arithmetic: ArithmeticArg) -> Self {
+        match arithmetic {
+            ArithmeticArg::F32 => Self::F32,
+            ArithmeticArg::Bf16 => Self::Bf16,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Switch {
+    On,
+    Off,
+}
+
+impl From<Switch> for Sampling {
+    fn from(switch: Switch) -> Self {
+        match switch {
+            Switch::On => Self::Jittered,
+            Switch::Off => Self::Centered,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum KrigingArg {
+    Coarse,
+    On,
+    Fine,
+}
+
+impl From<KrigingArg> for Kriging {
+    fn from(kriging: KrigingArg) -> Self {
+        match kriging {
+            KrigingArg::Coarse => Self::Coarse,
+            KrigingArg::On => Self::On,
+            KrigingArg::Fine => Self::Fine,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum CullingArg {
+    #[value(name = "aabb3sigma")]
+    Aabb3Sigma,
+    Adr,
+    #[value(name = "snugbox")]
+    SnugBox,
+    #[value(name = "accutile")]
+    AccuTile,
+    Exact,
+}
+
+impl From<CullingArg> for Culling {
+    fn from(culling: CullingArg) -> Self {
+        match culling {
+            CullingArg::Aabb3Sigma => Self::Aabb3Sigma,
+            CullingArg::Adr => Self::Adr,
+            CullingArg::SnugBox => Self::SnugBox,
+            CullingArg::AccuTile => Self::AccuTile,
+            CullingArg::Exact => Self::Exact,
+        }
+    }
+}
+
+/// How a scene file is read: what to take of a streamed scene, which holds several representations of itself, and what
+/// a file does not say.
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
+pub struct SceneOptions {
+    /// Level of detail of a streamed scene (lod-meta.json), 0 the finest [default: the finest that each part of it has]
+    #[arg(long, value_name = "N")]
+    pub lod: Option<u32>,
+    /// Whether the environment of a streamed scene (sky, far background) is part of it [default: on]
+    #[arg(long, value_name = "on|off")]
+    pub environment: Option<Switch>,
+    /// Where x, y and z point in the scene file, as rdf (right, down, front), rub (right, up, back) or luf [default: as
+    /// the file states, else as its format says: rub in SPZ, luf in glTF, rdf elsewhere]
+    #[arg(long, value_name = "XYZ")]
+    pub axes: Option<Axes>,
+    /// Gaussians nearer to the camera than this are not shown, in world units along the view [default: 0.2, less in
+    /// scenes smaller than one unit]
+    #[arg(long, value_name = "DISTANCE")]
+    pub near: Option<Distance>,
+}
+
+impl SceneOptions {
+    /// The same options for another file, which is not streamed.
+    pub const fn of_whole(self) -> Self {
+        Self { lod: None, environment: None, ..self }
+    }
+}

@@ -1,0 +1,44 @@
+//! `gs3 convert`.
+
+use std::path::PathBuf;
+
+use gs3::scene::format::{SaveOptions, SpzVersion, format_of};
+
+use crate::cli::error::CliError;
+use crate::cli::exit::Outcome;
+use crate::cli::options::SceneOptions;
+use crate::io::destination::{self, Destination};
+use crate::io::inputs;
+use crate::io::output::save_scene;
+
+#[derive(Debug, clap::Args)]
+pub struct ConvertArgs {
+    /// Scene file or folder, or `demo` for the built-in scene
+    pub input: PathBuf,
+    /// Output file: .ply, .compressed.ply, .spz, .sog, .glb or .splat
+    pub output: PathBuf,
+    /// Version of .spz files: 3 for programs that do not know 4 yet
+    #[arg(long, value_name = "3|4", value_parser = clap::value_parser!(u8).range(3..=4))]
+    pub spz_version: Option<u8>,
+    #[command(flatten)]
+    pub scene_options: SceneOptions,
+}
+
+pub fn run(args: &ConvertArgs) -> Result<Outcome, CliError> {
+    destination::check(&[Destination::scene("OUTPUT", &args.output)], [args.input.as_path()])?;
+    let (scene, _) = inputs::scene_at(&args.input, args.scene_options)?;
+    let format = format_of(&args.output)?;
+    let spz_version = match args.spz_version {
+        Some(version) if format != "spz" => {
+            return Err(CliError::Option {
+                option: "--spz-version",
+                expected: "an output that ends in .spz".to_owned(),
+                actual: format!("{version} with {}", args.output.display()),
+            });
+        }
+        Some(3) => SpzVersion::Three,
+        _ => SpzVersion::Four,
+    };
+    save_scene(&scene, &args.output, &SaveOptions { spz_version })?;
+    Ok(Outcome::Done)
+}

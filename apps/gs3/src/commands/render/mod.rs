@@ -1,0 +1,274 @@
+//! `gs3 render`.
+
+mod args;
+mod compare;
+mod course;
+mod panorama;
+mod parts;
+
+use std::ops::Range;
+
+use gs3::scene::CameraPath;
+use gs3::scene::camera_path::Pace;
+use gs3::{FramePipeline, Machine, Mode, Networks, PipelineSettings};
+use indicatif::ProgressBar;
+use serde_json::{Value, json};
+
+use crate::cli::backend;
+use crate::cli::error::CliError;
+use crate::cli::exit::Outcome;
+use crate::cli::interrupt;
+use crate::cli::terminal::note;
+use crate::cli::threads::start_threads;
+use crate::io::alpha::coverage;
+use crate::io::destination::{self, Destination};
+use crate::io::frame_files::others;
+use crate::io::inputs;
+use crate::io::manifest::Manifest;
+use crate::io::output::{FrameWriter, Target, Written, write_text};
+use crate::io::report::{self, Times};
+use crate::io::video::Stream;
+pub use args::RenderArgs;
+use compare::Comparison;
+use course::Course;
+use parts::{claim, frames_missing, numbers_of, remainder};
+
+pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
+    start_threads(args.view.threads)?;
+    let mode = Mode::from(args.mode);
+    if args.compare.is_some() && mode == Mode::Native {
+        return Err(CliError::Option {
+            option: "--compare",
+            expected: "a mode other than native, which is what it compares with".into(),
+            actual: "--mode native".into(),
+        });
+    }
+    let target = Target::of(&args.out)?;
+    let mut destinations = target.destinations();
+    destinations.extend(args.compare.iter().map(|file| Destination::file("--compare", file, "png")));
+    destinations.extend(args.json.iter().map(|file| Destination::file("--json", file, "json")));
+    destination::check(&destinations, args.view.inputs())?;
+    let (scene, load_time) = inputs::scene_at(&args.view.scene, args.scene_options)?;
+    let mut path = inputs::cameras(&args.view, &scene)?;
+    if let Some(frames) = args.smooth {
+        path = path.smoothed(frames as usize, Pace::Speed);
+    }
+    let range = frames_to_render(args, &target, &path)?;
+    if args.skip_existing && !matches!(target, Target::Folder(_)) {
+        return Err(CliError::Option {
+            option: "--skip-existing",
+            expected: "--out DIR (gs3 join makes a video of it)".to_owned(),
+            actual: format!("--out {}", args.out.display()),
+        });
+    }
+    inputs::tell_what_is_too_near(&scene, &path.cameras()[range.clone()]);
+    let (networks, tier) = inputs::networks(&args.frame_options)?;
+    if mode == Mode::SuperSample && networks.interpolate.is_some() {
+        return Err(CliError::Option {
+            option: "--weights",
+            expected: "--mode full, which has frames to interpolate".into(),
+            actual: "--mode super-sample".into(),
+        });
+    }
+    let settings = args.frame_options.settings(mode);
+    if path.facts().is_panorama {
+        return panorama::run(args, &target, &scene, &path, range, &networks);
+    }
+    let mut coverage = match args.alpha {
+        true => Some(FramePipeline::with_networks(coverage(&scene)?, settings, &networks)?),
+        false => None,
+    };
+    let mut pipeline = FramePipeline::with_networks(scene, settings, &networks)?;
+    // Not before the rest is right: a driver may take long to wake, and talk.
+    let machine = backend::open(&args.device, args.frame_options.features())?;
+    let mut machine = backend::start(machine, |gpu| {
+        pipeline.render_on(gpu)?;
+        coverage.as_mut().map_or(Ok(()), |coverage| coverage.render_on(gpu))
+    })?;
+    let first = path.cameras()[range.start];
+    if mode.has_history() && args.frame_options.refine.is_on() && !matches!(machine, Machine::Cpu) {
+        note(
+            "no pixels are rasterized exactly: a GPU makes or rasterizes the frames, and --refine is for the CPU",
+        );
+    }
+    if mode.has_history() && !pipeline.is_on_device(&first) && !matches!(machine, Machine::Cpu) {
+        note(
+            "the GPU rasterizes, networks run on the CPU (--tier analytic makes all of the frame on the GPU)",
+        );
+    }
+    let shown_each = settings.displayed_per_rendered();
+    let stream = Stream {
+        size: [first.width(), first.height()],
+        rate: path.frames_per_second() * shown_each as f64,
+        frames: numbers_of(&range, shown_each).len(),
+    };
+
+    let facts = Manifest::new(pipeline.scene(), &path, &settings, &networks, &machine, args.alpha)?;
+    let missing = frames_missing(args, &target, &facts, &range, shown_each)?;
+    let mut comparison = match &args.compare {
+        Some(_) => Some(Comparison::new(&pipeline, &machine, &missing)?),
+        None => None,
+    };
+    let mut writer = None;
+    let mut times = Times::default();
+    interrupt::watch()?;
+    let bar = ProgressBar::new(missing.len() as u64)
+        .with_style(inputs::style("{pos}/{len} rendered {wide_bar} {per_sec}, {eta} left"));
+    let (mut course, mut coverage_course) = (Course::new(args.warm_up), Course::new(args.warm_up));
+    let mut done = 0;
+    let mut first_number = None;
+    let mut is_blank = true;
+    while let Some(&k) = missing.get(done)
+        && !interrupt::requested()
+    {
+        // Settings that the rasterizer refuses show before any file is made.
+        let is_alone = match course.render(&mut pipeline, &path, k) {
+            Ok(is_alone) => is_alone,
+            Err(error) => {
+                backend::take_over(&mut machine, &mut pipeline, error)?;
+                if let Some(coverage) = &mut coverage {
+                    coverage.render_on_cpu()?;
+                    coverage_course.lose();
+                }
+                continue;
+            }
+        };
+        if let Some(coverage) = &mut coverage {
+            coverage_course.render(coverage, &path, k)?;
+        }
+        let shown = pipeline.presented();
+        let writer = match &mut writer {
+            Some(writer) => writer,
+            none => {
+                let writer = none.insert(FrameWriter::new(target.clone(), &stream)?);
+                claim(&target, &facts, &numbers_of(&range, shown_each))?;
+                writer
+            }
+        };
+        let is_single = matches!(target, Target::Single(_)) || is_alone;
+        let frames: Vec<_> = if is_single { vec![shown.current] } else { shown.iter().collect() };
+        // Displayed frames are counted from the start of the path, so that the parts of a path fit together.
+        let last_number = k * shown_each;
+        first_number.get_or_insert(last_number + 1 - frames.len());
+        let covered: Vec<_> = coverage.iter().flat_map(|coverage| coverage.presented().iter()).collect();
+        for (i, image) in frames.iter().enumerate() {
+            // The last of both is the rendered frame.
+            let covered = (covered.len() + i).checked_sub(frames.len()).map(|i| covered[i]);
+            writer.write(last_number + i + 1 - frames.len(), image, covered)?;
+        }
+        let displayed = frames.len();
+        times.add(pipeline.times(), displayed);
+        if let Some(comparison) = &mut comparison {
+            comparison.observe(&pipeline, k, &path.cameras()[k], displayed)?;
+        }
+        is_blank &= pipeline.visible_count() == Some(0);
+        done += 1;
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    let is_complete = done == missing.len();
+    if is_blank && done > 0 {
+        inputs::warn_of_nothing_visible(pipeline.scene().details().near);
+    }
+    let written = writer.map_or(Ok(Written::default()), |w| w.finish(is_complete))?;
+
+    let mut figures = json!({
+        "frames_displayed": times.displayed(),
+        "frames_rendered": done,
+        "frames_written": written.frames,
+        "displayed_fps": times.displayed_fps(),
+        "stage_ms": times.stage_ms(),
+        "load_s": load_time.as_secs_f64(),
+        "encode_s": written.encode_time.as_secs_f64(),
+        "gaussians": pipeline.scene().gaussians().len(),
+        "is_all_on_device": pipeline.is_on_device(&first),
+        "size": [first.width(), first.height()],
+        "is_complete": is_complete,
+        "alpha": args.alpha,
+    });
+    figures = report::join(figures, what_ran(&settings, &networks, &tier));
+    figures = report::join(figures, report::asked(&args.view, &range, &settings));
+    if let Some((comparison, file)) =
+        comparison.zip(args.compare.as_ref()).filter(|_| is_complete && done > 0)
+    {
+        let compared = comparison.write(&mut pipeline, file)?;
+        figures = report::join(figures, json!({ "compare": compared }));
+    }
+    figures = report::join(figures, report::machine(&machine));
+    if let Some(file) = &args.json {
+        write_text(file, &format!("{figures:#}\n"))?;
+    }
+    note(format_args!(
+        "{} frames shown, {:.2} per second of rendering ({} in {}); loading {:.2} s, encoding {:.2} s, not included",
+        times.displayed(),
+        times.displayed_fps(),
+        mode.name(),
+        args.out.display(),
+        load_time.as_secs_f64(),
+        written.encode_time.as_secs_f64(),
+    ));
+    let numbers = first_number.unwrap_or_default()..numbers_of(&range, shown_each).end;
+    // Whoever skips what is there knows of it.
+    if let Target::Folder(folder) | Target::Video { frames: folder, .. } = &target
+        && !args.skip_existing
+        && let count @ 1.. = others(folder, &numbers)
+    {
+        note(format_args!("{count} frames in {} are of other runs than this one", folder.display()));
+    }
+    if is_complete {
+        return match (&target, written.no_video) {
+            (Target::Video { file, frames }, Some(failure)) => {
+                Err(failure.tell(file, frames, &numbers, &stream))
+            }
+            _ => Ok(Outcome::Done),
+        };
+    }
+    note(format_args!(
+        "interrupted; all files are whole. To go on: {}",
+        remainder(&target, range.start, &(missing[done]..range.end), &numbers, &stream)
+    ));
+    Ok(Outcome::Interrupted)
+}
+
+/// The mode with those settings that it reads.
+fn what_ran(settings: &PipelineSettings, networks: &Networks, tier: &str) -> Value {
+    let mode = settings.mode;
+    let mut ran = json!({ "mode": mode.name() });
+    if mode != Mode::Native {
+        ran["scale"] = json!(settings.scale);
+    }
+    if mode.has_history() {
+        ran["tier"] = json!(tier);
+    }
+    if mode == Mode::Full {
+        ran["interpolation"] = json!(if networks.interpolate.is_some() { "learned" } else { "analytic" });
+        ran["in_between"] = json!(settings.in_between);
+    }
+    ran
+}
+
+/// The frames asked for, checked against the path and the output.
+fn frames_to_render(args: &RenderArgs, target: &Target, path: &CameraPath) -> Result<Range<usize>, CliError> {
+    let is_single = matches!(target, Target::Single(_));
+    let default = if is_single { 0..1 } else { 0..path.cameras().len() };
+    let range = args.frames.as_ref().map_or(default, |frames| frames.0.clone());
+    inputs::check_frames("--frames", &range, path)?;
+    if is_single && range.len() > 1 {
+        return Err(CliError::Option {
+            option: "--out",
+            expected: format!("a folder or FILE.mp4 for {} frames", range.len()),
+            actual: args.out.display().to_string(),
+        });
+    }
+    if matches!(target, Target::Video { .. }) {
+        if args.alpha {
+            return Err(CliError::Option {
+                option: "--alpha",
+                expected: "--out DIR or FILE.png, as MP4 files have no transparency".to_owned(),
+                actual: format!("--out {}", args.out.display()),
+            });
+        }
+        inputs::check_one_size("--out", "a video", &range, path)?;
+    }
+    Ok(range)
+}

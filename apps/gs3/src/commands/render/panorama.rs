@@ -1,0 +1,300 @@
+//! Panoramas: frames put together from six faces of a cube.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use gs3::scene::glam::{DAffine3, DMat3, DVec3};
+use gs3::scene::{Camera, CameraPath, Image, Intrinsics, Scene};
+use gs3::{FramePipeline, Machine, Networks, PipelineError, PipelineSettings, ResetReason, StageTimes};
+use indicatif::ProgressBar;
+
+use super::args::RenderArgs;
+use super::course::{Course, Leg};
+use super::parts::{claim, frames_missing, numbers_of, remainder};
+use crate::cli::backend;
+use crate::cli::error::CliError;
+use crate::cli::exit::Outcome;
+use crate::cli::interrupt;
+use crate::cli::terminal::note;
+use crate::io::alpha::coverage;
+use crate::io::inputs;
+use crate::io::manifest::Manifest;
+use crate::io::output::{FrameWriter, Target};
+use crate::io::video::Stream;
+
+/// Pixels of a face beyond its edges on each side, so that pixels between faces are interpolated within one.
+const RIM: u32 = 2;
+
+/// Renders the panoramas `range` of `path`, with alpha where it is asked for.
+pub fn run(
+    args: &RenderArgs,
+    target: &Target,
+    scene: &Arc<Scene>,
+    path: &CameraPath,
+    range: Range<usize>,
+    networks: &Networks,
+) -> Result<Outcome, CliError> {
+    let unmade = [("--compare", args.compare.is_some()), ("--json", args.json.is_some())];
+    if let Some((option, _)) = unmade.into_iter().find(|(_, is_asked)| *is_asked) {
+        return Err(CliError::Option {
+            option,
+            expected: "a path of perspective cameras".to_owned(),
+            actual: "one of panoramas".to_owned(),
+        });
+    }
+    let settings = args.frame_options.settings(args.mode.into());
+    let machine = backend::open(&args.device, args.frame_options.features())?;
+    let faces = |scene: &Arc<Scene>| Faces::new(scene, &settings, networks, &machine);
+    let mut shown_faces = faces(scene)?;
+    let mut coverage = match args.alpha {
+        true => Some(faces(&coverage(scene)?)?),
+        false => None,
+    };
+    let first = path.cameras()[range.start];
+    let stream = Stream {
+        size: [first.width(), first.height()],
+        rate: path.frames_per_second() * settings.displayed_per_rendered() as f64,
+        frames: numbers_of(&range, settings.displayed_per_rendered()).len(),
+    };
+    let each = settings.displayed_per_rendered();
+    let facts = Manifest::new(scene, path, &settings, networks, &machine, args.alpha)?;
+    let missing = frames_missing(args, target, &facts, &range, each)?;
+    let mut writer = FrameWriter::new(target.clone(), &stream)?;
+    claim(target, &facts, &numbers_of(&range, each))?;
+    interrupt::watch()?;
+    let bar = ProgressBar::new(missing.len() as u64)
+        .with_style(inputs::style("{pos}/{len} rendered {wide_bar} {per_sec}, {eta} left"));
+    let (mut done, mut is_blank, mut seconds, mut shown) = (0, true, 0.0, 0);
+    let mut course = Course::new(args.warm_up);
+    let mut numbers: Option<Range<usize>> = None;
+    while let Some(&k) = missing.get(done)
+        && !interrupt::requested()
+    {
+        let leg = course.leg(k, shown_faces.first_of_warm_up(k));
+        let mut frames = shown_faces.travel(&leg, path)?;
+        seconds += shown_faces.times.iter().map(|times| times.total().as_secs_f64()).sum::<f64>();
+        let covered = match &mut coverage {
+            Some(coverage) => coverage.travel(&leg, path)?,
+            None => Vec::new(),
+        };
+        course.arrive(k);
+        if matches!(target, Target::Single(_)) || leg.is_alone() {
+            frames.drain(..frames.len().saturating_sub(1));
+        }
+        let last_number = k * each;
+        for (i, image) in frames.iter().enumerate() {
+            let number = last_number + i + 1 - frames.len();
+            numbers = Some(numbers.map_or(number, |numbers| numbers.start)..number + 1);
+            // The last of both is the rendered frame.
+            let covered = (covered.len() + i).checked_sub(frames.len()).and_then(|i| covered.get(i));
+            writer.write(number, image, covered)?;
+        }
+        shown += frames.len();
+        is_blank &= shown_faces.is_blank();
+        done += 1;
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    let is_complete = done == missing.len();
+    if is_blank && done > 0 {
+        inputs::warn_of_nothing_visible(scene.details().near);
+    }
+    let written = writer.finish(is_complete)?;
+    let numbers = numbers.unwrap_or_default();
+    note(format_args!(
+        "{shown} frames shown, {:.2} per second of rendering ({} in {})",
+        if seconds > 0.0 { shown as f64 / seconds } else { 0.0 },
+        settings.mode.name(),
+        args.out.display(),
+    ));
+    if !is_complete {
+        let again = remainder(target, range.start, &(missing[done]..range.end), &numbers, &stream);
+        note(format_args!("interrupted; all files are whole. To go on: {again}"));
+        return Ok(Outcome::Interrupted);
+    }
+    match (target, written.no_video) {
+        (Target::Video { file, frames }, Some(failure)) => Err(failure.tell(file, frames, &numbers, &stream)),
+        _ => Ok(Outcome::Done),
+    }
+}
+
+/// Renders the faces of panoramas, each with a pipeline of its own, and puts them together.
+struct Faces {
+    pipelines: Vec<FramePipeline>,
+    /// Stage times of the six faces of the last frame.
+    times: Vec<StageTimes>,
+}
+
+impl Faces {
+    fn new(
+        scene: &Arc<Scene>,
+        settings: &PipelineSettings,
+        networks: &Networks,
+        machine: &Machine,
+    ) -> Result<Self, CliError> {
+        let pipeline = |_| {
+            let mut pipeline = FramePipeline::with_networks(Arc::clone(scene), *settings, networks)?;
+            if let Some(gpu) = machine.gpu() {
+                pipeline.render_on(gpu)?;
+            }
+            Ok(pipeline)
+        };
+        let pipelines = FACES.iter().map(pipeline).collect::<Result<Vec<_>, CliError>>()?;
+        Ok(Self { pipelines, times: Vec::new() })
+    }
+
+    /// The panoramas that frame `camera` of a path gives to show, in order, those at `between` before it.
+    fn render(&mut self, camera: &Camera, between: &[Camera]) -> Result<Vec<Image>, PipelineError> {
+        self.times.clear();
+        let mut shown: Vec<Vec<Image>> = Vec::with_capacity(self.pipelines.len());
+        for (face, pipeline) in self.pipelines.iter_mut().enumerate() {
+            // A face of a valid camera is one.
+            let Some(of_face) = face_camera(camera, face) else { return Ok(Vec::new()) };
+            let between: Vec<Camera> = between.iter().filter_map(|c| face_camera(c, face)).collect();
+            shown.push(pipeline.render_with_poses(&of_face, &between)?.iter().cloned().collect());
+            self.times.push(pipeline.times());
+        }
+        let count = shown.iter().map(Vec::len).min().unwrap_or(0);
+        let size = [camera.width(), camera.height()];
+        let frame = |k: usize| panorama(size, &shown.iter().map(|frames| &frames[k]).collect::<Vec<_>>());
+        Ok((0..count).map(frame).collect())
+    }
+
+    /// Whether the last frame showed no Gaussian, where that is known.
+    fn is_blank(&self) -> bool {
+        self.pipelines.iter().all(|pipeline| pipeline.visible_count() == Some(0))
+    }
+
+    /// Where to begin so that frame `k` is as in one run.
+    fn first_of_warm_up(&self, k: usize) -> u64 {
+        self.pipelines.iter().map(|pipeline| pipeline.first_of_warm_up(k as u64)).min().unwrap_or(k as u64)
+    }
+
+    /// Renders the frames of `leg` and gives what the last of them shows.
+    fn travel(&mut self, leg: &Leg, path: &CameraPath) -> Result<Vec<Image>, PipelineError> {
+        if leg.begins_anew {
+            for pipeline in &mut self.pipelines {
+                pipeline.reset(ResetReason::CameraCut);
+                pipeline.set_frame_number(leg.frames.start as u64);
+            }
+        }
+        let mut shown = Vec::new();
+        for k in leg.frames.clone() {
+            let between = self.pipelines.first().map(|first| first.settings().poses_between(path, k));
+            shown = self.render(&path.cameras()[k], &between.unwrap_or_default())?;
+        }
+        Ok(shown)
+    }
+}
+
+/// Where the faces' cameras look, and what is right of them, in the axes of the panorama's camera (right, down,
+/// forward).
+const FACES: [[DVec3; 2]; 6] = [
+    [DVec3::Z, DVec3::X],
+    [DVec3::X, DVec3::NEG_Z],
+    [DVec3::NEG_Z, DVec3::NEG_X],
+    [DVec3::NEG_X, DVec3::Z],
+    [DVec3::Y, DVec3::X],
+    [DVec3::NEG_Y, DVec3::X],
+];
+
+/// Pixels of a face's side: a quarter turn of the panorama.
+fn side(width: u32) -> u32 {
+    width.div_ceil(4).max(1)
+}
+
+/// The camera of `face` of the panorama at `camera`.
+fn face_camera(camera: &Camera, face: usize) -> Option<Camera> {
+    let [forward, right] = FACES[face];
+    let panorama_from_face = DMat3::from_cols(right, forward.cross(right), forward);
+    let pose = camera.view_from_world();
+    let turned = DAffine3 {
+        matrix3: panorama_from_face.transpose() * pose.matrix3,
+        translation: panorama_from_face.transpose() * pose.translation,
+    };
+    let inner = side(camera.width());
+    let size = inner + 2 * RIM;
+    let (focal, center) = (0.5 * f64::from(inner), 0.5 * f64::from(size));
+    let intrinsics = Intrinsics { width: size, height: size, fx: focal, fy: focal, cx: center, cy: center };
+    Camera::new(turned, intrinsics).ok()
+}
+
+/// The equirectangular panorama of `size` pixels: columns turn from behind over the left, the front (in the middle) and
+/// the right to behind again, rows from straight up to straight down.
+fn panorama([width, height]: [u32; 2], faces: &[&Image]) -> Image {
+    let direction = |x: u32, y: u32| {
+        let turn = (f64::from(x) + 0.5) / f64::from(width) * std::f64::consts::TAU - std::f64::consts::PI;
+        let fall = (f64::from(y) + 0.5) / f64::from(height) * std::f64::consts::PI;
+        DVec3::new(turn.sin() * fall.sin(), -fall.cos(), turn.cos() * fall.sin())
+    };
+    let inner = f64::from(side(width));
+    let pixel = |(x, y): (u32, u32)| {
+        let d = direction(x, y);
+        // The face with the nearest axis.
+        let along = |face: &usize| FACES[*face][0].dot(d);
+        let face = (0..FACES.len()).max_by(|a, b| along(a).total_cmp(&along(b))).unwrap_or(0);
+        let [forward, right] = FACES[face];
+        let depth = forward.dot(d);
+        let place = |axis: DVec3| 0.5 * inner * axis.dot(d) / depth + 0.5 * inner + f64::from(RIM) - 0.5;
+        sample(faces[face], place(right), place(forward.cross(right)))
+    };
+    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(pixel).collect();
+    Image::from_pixels(width as usize, height as usize, pixels).unwrap_or_default()
+}
+
+/// The image at `(x, y)`, pixel centres at whole numbers, by linear interpolation.
+fn sample(image: &Image, x: f64, y: f64) -> [f32; 4] {
+    let (left, top) = (x.floor(), y.floor());
+    let (u, v) = ((x - left) as f32, (y - top) as f32);
+    let pixel = |dx: f64, dy: f64| {
+        let clamped = |value: f64, side: usize| (value.max(0.0) as usize).min(side.saturating_sub(1));
+        image.row(clamped(top + dy, image.height()))[clamped(left + dx, image.width())]
+    };
+    let [a, b, c, d] = [pixel(0.0, 0.0), pixel(1.0, 0.0), pixel(0.0, 1.0), pixel(1.0, 1.0)];
+    std::array::from_fn(|k| (a[k] * (1.0 - u) + b[k] * u) * (1.0 - v) + (c[k] * (1.0 - u) + d[k] * u) * v)
+}
+
+#[cfg(test)]
+mod tests {
+    use gs3::scene::glam::DVec2;
+
+    use super::*;
+
+    /// Faces coloured by direction make a panorama coloured by direction.
+    #[test]
+    fn faces_meet_in_a_panorama() {
+        let (width, height) = (256, 128);
+        let intrinsics = Intrinsics::from_fov_y(width, height, 1.0);
+        let camera = Camera::new(DAffine3::IDENTITY, intrinsics).unwrap();
+        let faces: Vec<Image> = (0..6)
+            .map(|face| {
+                let camera = face_camera(&camera, face).unwrap();
+                let pixel = |k: u32| {
+                    let (x, y) = (k % camera.width(), k / camera.width());
+                    let pixel = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+                    let d = camera.unproject(pixel, 1.0).normalize();
+                    [d.x as f32, d.y as f32, d.z as f32, 1.0]
+                };
+                let count = camera.width() * camera.height();
+                let side = camera.width() as usize;
+                Image::from_pixels(side, side, (0..count).map(pixel).collect()).unwrap()
+            })
+            .collect();
+        let image = panorama([width, height], &faces.iter().collect::<Vec<_>>());
+        // The front is in the middle, the right a quarter turn on, up in the first row.
+        for ((x, y), expected) in [
+            ((128, 64), [0.0, 0.0, 1.0]),
+            ((192, 64), [1.0, 0.0, 0.0]),
+            ((64, 64), [-1.0, 0.0, 0.0]),
+            ((7, 0), [0.0, -1.0, 0.0]),
+        ] {
+            let pixel = image.row(y)[x];
+            assert!((0..3).all(|c| (pixel[c] - expected[c]).abs() < 0.03), "{x}, {y}: {pixel:?}");
+        }
+        // Directions are of length 1 everywhere, also where faces meet.
+        for pixel in image.pixels() {
+            let length = pixel[..3].iter().map(|v| v * v).sum::<f32>().sqrt();
+            assert!((length - 1.0).abs() < 1e-3, "{pixel:?}");
+        }
+    }
+}

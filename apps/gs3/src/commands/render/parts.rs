@@ -1,0 +1,70 @@
+//! Frames of a part of a path: their numbers, which of them are there, and what is left of them after an interruption.
+
+use std::ops::Range;
+
+use super::args::RenderArgs;
+use crate::cli::error::CliError;
+use crate::cli::terminal::note;
+use crate::io::frame_files::{frame_name, others};
+use crate::io::manifest::Manifest;
+use crate::io::output::Target;
+use crate::io::video::{Stream, by_hand, no_option, quoted};
+
+/// What to run after an interruption for the frames `left` of those from `first` on. A video begins anew with the
+/// frames that it is given, so that of all of them, with these `numbers`, is made once they are there.
+pub fn remainder(
+    target: &Target,
+    first: usize,
+    left: &Range<usize>,
+    numbers: &Range<usize>,
+    stream: &Stream,
+) -> String {
+    let same = format!("the same command with --frames {}..{}", left.start, left.end);
+    match target {
+        Target::Video { file, frames } if left.start > first => format!(
+            "{same} --out {}, and then, for the video of all frames, {}",
+            // A separator at its end: a folder whatever its name.
+            quoted(&no_option(frames).join("").display().to_string()),
+            by_hand(file, frames, numbers, stream)
+        ),
+        Target::Video { .. } | Target::Single(_) | Target::Folder(_) => same,
+    }
+}
+
+/// The numbers of what is shown of the rendered frames `range`, `each` for one: those between lie before it, but for the
+/// path's first frame.
+pub fn numbers_of(range: &Range<usize>, each: usize) -> Range<usize> {
+    (range.start * each + 1).saturating_sub(each)..(range.end - 1) * each + 1
+}
+
+/// Which frames of `range` are rendered. With `--skip-existing` a frame is left out if the folder has its file and the files of
+/// the in-between frames before it. Frames of other `facts` are refused before any is made.
+pub fn frames_missing(
+    args: &RenderArgs,
+    target: &Target,
+    facts: &Manifest,
+    range: &Range<usize>,
+    each: usize,
+) -> Result<Vec<usize>, CliError> {
+    let Some(folder) = target.folder() else { return Ok(range.clone().collect()) };
+    if args.skip_existing || others(folder, &numbers_of(range, each)) > 0 {
+        facts.check(folder)?;
+    }
+    if !args.skip_existing {
+        return Ok(range.clone().collect());
+    }
+    let is_there = |number: usize| folder.join(frame_name(number)).is_file();
+    let missing: Vec<usize> =
+        range.clone().filter(|k| !numbers_of(&(*k..k + 1), each).all(is_there)).collect();
+    note(format_args!("{} of {} frames are there already", range.len() - missing.len(), range.len()));
+    Ok(missing)
+}
+
+/// Writes `facts` beside the frames with `numbers`, before any of them. Other facts in the folder are replaced only if the
+/// folder has no frames but these numbers.
+pub fn claim(target: &Target, facts: &Manifest, numbers: &Range<usize>) -> Result<(), CliError> {
+    match target.folder() {
+        Some(folder) => facts.claim(folder, others(folder, numbers) == 0),
+        None => Ok(()),
+    }
+}

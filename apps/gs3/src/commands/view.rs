@@ -1,0 +1,94 @@
+//! `gs3 view`.
+
+use std::path::PathBuf;
+
+use gs3::scene::demo;
+use gs3::{Mode, Networks, PipelineSettings, Refine, SessionSettings};
+use gs3_viewer::window::{self, WindowSettings};
+use gs3_viewer::{Script, ViewerSettings};
+
+use crate::cli::backend;
+use crate::cli::error::CliError;
+use crate::cli::exit::Outcome;
+use crate::cli::options::{Device, SceneOptions, StatedCameras, TierArg};
+use crate::cli::threads::start_threads;
+use crate::cli::values::Size;
+use crate::io::inputs;
+
+/// What the keys do.
+const HELP: &str = "Keys: H in the window lists them. Left drag orbits, right drag pans, the wheel moves closer, W A S D Q E fly, a double \
+click sets the pivot, F frames the scene, R goes back, C compares, V shows depth and more, P takes a screenshot. A file \
+dropped into the window is opened. docs/viewer.md has the rest, and the steps of scripts.";
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = HELP)]
+pub struct ViewArgs {
+    /// Scene file or folder, or `demo` for the built-in scene
+    #[arg(default_value = "demo")]
+    pub scene: PathBuf,
+    /// Cameras to begin with and to play: COLMAP model, transforms.json, cameras.json or camera_path.json [default: all of
+    /// the scene in view]
+    #[arg(long, value_name = "CAMERAS")]
+    pub path: Option<PathBuf>,
+    #[command(flatten)]
+    pub scene_options: SceneOptions,
+    /// Size of the window's picture
+    #[arg(long, value_name = "WxH", default_value = "1280x720", allow_hyphen_values = true)]
+    pub size: Size,
+    /// Displayed frames per second to aim at: on the CPU as many pixels are exact as the time allows
+    #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u16).range(1..=240))]
+    pub fps: u16,
+    #[command(flatten)]
+    pub device: Device,
+    /// Network that improves the frames: none (analytic) or the paper's in three sizes
+    #[arg(long, value_name = "TIER", default_value = "analytic")]
+    pub tier: TierArg,
+    /// Threads [default: one per core]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Play the inputs in this file, for tests and demonstrations
+    #[arg(long, value_name = "FILE.json")]
+    pub script: Option<PathBuf>,
+}
+
+pub fn run(args: &ViewArgs) -> Result<Outcome, CliError> {
+    start_threads(args.threads)?;
+    backend::check(&args.device)?;
+    // First, since it is quick.
+    let script = args.script.as_deref().map(script).transpose()?;
+    let (scene, _) = inputs::scene_at(&args.scene, args.scene_options)?;
+    let cameras = match &args.path {
+        Some(file) => Some(inputs::capture(file, &StatedCameras::default(), None, &scene)?),
+        None => inputs::is_demo(&args.scene).then(demo::path),
+    };
+    cameras.as_ref().map_or(Ok(()), inputs::check_is_perspective)?;
+    let pipeline = PipelineSettings {
+        mode: Mode::SuperSample,
+        refine: Refine::FrameTime(std::time::Duration::from_secs_f64(1.0 / f64::from(args.fps))),
+        ..PipelineSettings::default()
+    };
+    let networks = match args.tier.network() {
+        Some(tier) => Networks { interpolate: None, ..Networks::shipped(pipeline.scale, tier)? },
+        None => Networks::default(),
+    };
+    let session =
+        SessionSettings { pipeline, networks, backend: args.device.backend, adapter: args.device.adapter };
+    let size = [args.size.width, args.size.height];
+    let name = args.scene.file_name().unwrap_or(args.scene.as_os_str()).to_string_lossy().into_owned();
+    let viewer = ViewerSettings { session, fps: f64::from(args.fps), size };
+    window::run(WindowSettings { name, scene, cameras, viewer, script })?;
+    Ok(Outcome::Done)
+}
+
+/// Bytes of a script at most: hours of hands.
+const MAX_SCRIPT_BYTES: u64 = 16 << 20;
+
+fn script(file: &std::path::Path) -> Result<Script, CliError> {
+    let option = |actual: String| CliError::Option {
+        option: "--script",
+        expected: format!("steps that can be played in {}", file.display()),
+        actual,
+    };
+    let bytes = gs3_files::read_within(file, MAX_SCRIPT_BYTES).map_err(|e| option(e.to_string()))?;
+    Script::parse(&bytes).map_err(|e| option(e.to_string()))
+}

@@ -1,0 +1,236 @@
+//! A frame between two reconstructed frames, at its true pose, without learning.
+//!
+//! Depth forward, colour backward: the depths of both neighbours are splatted to the middle pose on the LR grid
+//! (nearest wins), holes take the farthest depth beside them, and every HR pixel then gathers its colour from both HR
+//! neighbours, blended by visibility, time and uncertainty. [`Interpolator::warp`] leaves the blend to the caller,
+//! and [`Interpolator::reproject`] asks for one neighbour only.
+
+use fearless_simd::{Level, dispatch};
+use gs3_scene::{Camera, GBuffer, Image, Planes};
+use rayon::prelude::*;
+
+use crate::cpu::blend::{Blend, shares};
+use crate::cpu::gather::Gather;
+use crate::cpu::middle_depth::{MiddleDepth, Passage};
+use crate::cpu::neighbor_depth::NeighborDepth;
+use crate::cpu::separate::Part;
+use crate::cpu::warp::{Warp, band_top, bands};
+use crate::error::{ReconstructError, camera_size, check_gbuffer, check_scale, check_size, image_size};
+use crate::reprojection::Reprojection;
+
+/// A reconstructed frame beside the one to be interpolated.
+#[derive(Clone, Copy, Debug)]
+pub struct Neighbor<'a> {
+    /// The camera of `image`.
+    pub camera: &'a Camera,
+    /// The HR frame: RGB and uncertainty, as [`crate::SuperSampler::super_sample`] gives it; the neighbour that is less
+    /// uncertain counts more. Where uncertainties are unknown they should be alike.
+    pub image: &'a Image,
+    /// The LR frame it was reconstructed from, with geometry.
+    pub gbuffer: &'a GBuffer,
+}
+
+/// Both neighbours seen from the pose between them.
+///
+/// Where a neighbour does not show what lies there, its pixels are what it has at that place (at its border, beyond its
+/// edges). Its visibility says so.
+#[derive(Clone, Debug, Default)]
+pub struct Warped {
+    /// The frame before; all four channels are interpolated alike (from 6×6 pixels, with overshoot).
+    pub before: Image,
+    /// The frame after, likewise.
+    pub after: Image,
+    /// Weight of `after` in the blend that [`Interpolator::interpolate`] makes, `[0, 1]`; HR.
+    pub share: Planes<1>,
+    /// How well the frame before and the frame after see each pixel's surface, `[0, 1]`: 1, about 0.3 beside
+    /// silhouettes, at most 1e-5 where it is hidden or outside; HR.
+    pub visibility: Planes<2>,
+    /// Inverse depths of the in-between frame at its pixel centres, holes filled; 0 where nothing was hit; LR.
+    pub inverse_depth: Planes<1>,
+}
+
+/// A frame as another camera sees it; see [`Warped`].
+#[derive(Clone, Debug, Default)]
+pub struct Reprojected {
+    /// The frame; all four channels are interpolated alike (from 6×6 pixels, with overshoot).
+    pub image: Image,
+    /// How well each pixel's surface is seen, `[0, 1]`; HR.
+    pub visibility: Planes<1>,
+}
+
+/// Interpolates frames between two neighbours.
+#[derive(Debug)]
+pub struct Interpolator {
+    scale: u32,
+    level: Level,
+    gather: Gather,
+    middle: MiddleDepth,
+    neighbors: [NeighborDepth; 2],
+}
+
+impl Interpolator {
+    /// An interpolator for frames `scale` times (1 to [`crate::MAX_SCALE`]) the size of their G-buffers.
+    ///
+    /// # Errors
+    /// [`ReconstructError::Scale`] if `scale` is not supported.
+    pub fn new(scale: u32) -> Result<Self, ReconstructError> {
+        Self::with_level(scale, gs3_simd::level())
+    }
+
+    /// As [`Self::new`] with a given SIMD level instead of [`gs3_simd::level`].
+    ///
+    /// # Errors
+    /// As of [`Self::new`].
+    pub fn with_level(scale: u32, level: Level) -> Result<Self, ReconstructError> {
+        check_scale(scale)?;
+        Ok(Self {
+            scale,
+            level,
+            gather: Gather::new(),
+            middle: MiddleDepth::default(),
+            neighbors: [NeighborDepth::default(), NeighborDepth::default()],
+        })
+    }
+
+    /// Interpolates what `camera` sees at time `t` ∈ `[0, 1]` between `before` (0) and `after` (1) into `out`, which is
+    /// resized. The fourth channel is the blended one of the neighbours.
+    ///
+    /// # Errors
+    /// [`ReconstructError`] if sizes do not match `camera`, geometry is missing or `t` is outside.
+    pub fn interpolate(
+        &mut self,
+        before: Neighbor<'_>,
+        after: Neighbor<'_>,
+        t: f32,
+        camera: &Camera,
+        out: &mut Image,
+    ) -> Result<(), ReconstructError> {
+        self.interpolate_moving(before, after, None, t, camera, out)
+    }
+
+    /// As [`Self::interpolate`], where things move by themselves: `displacements` are those of the LR samples of both
+    /// neighbours from `before` to `after`, world units, `[LR height, LR width]`.
+    pub(crate) fn interpolate_moving(
+        &mut self,
+        before: Neighbor<'_>,
+        after: Neighbor<'_>,
+        displacements: Option<[&[[f32; 3]]; 2]>,
+        t: f32,
+        camera: &Camera,
+        out: &mut Image,
+    ) -> Result<(), ReconstructError> {
+        let level = self.level;
+        let passage = displacements.map(|displacements| Passage { displacements, t });
+        let blend = Blend { warp: self.prepare([before, after], t, camera, passage)?, t };
+        let (width, height) = camera_size(camera);
+        out.resize(width, height);
+        let scale = blend.warp.scale;
+        bands(scale, width, out.pixels_mut()).enumerate().for_each(|(band, rows)| {
+            dispatch!(level, simd => blend.blend(simd, band_top(scale, band), rows));
+        });
+        Ok(())
+    }
+
+    /// Warps `before` (time 0) and `after` (1) to what `camera` sees at time `t` ∈ `[0, 1]`, without blending them,
+    /// into `out`, whose memory is reused.
+    ///
+    /// # Errors
+    /// As of [`Self::interpolate`].
+    pub fn warp(
+        &mut self,
+        before: Neighbor<'_>,
+        after: Neighbor<'_>,
+        t: f32,
+        camera: &Camera,
+        out: &mut Warped,
+    ) -> Result<(), ReconstructError> {
+        let level = self.level;
+        let warp = self.prepare([before, after], t, camera, None)?;
+        let (width, height) = camera_size(camera);
+        out.inverse_depth.resize(warp.middle.width, warp.middle.height);
+        out.inverse_depth.data_mut().copy_from_slice(&warp.middle.inverse);
+        for image in [&mut out.before, &mut out.after] {
+            image.resize(width, height);
+        }
+        out.share.resize(width, height);
+        out.visibility.resize(width, height);
+        let (visibility_before, visibility_after) = out.visibility.data_mut().split_at_mut(width * height);
+        let scale = warp.scale;
+        let images =
+            bands(scale, width, out.before.pixels_mut()).zip(bands(scale, width, out.after.pixels_mut()));
+        let visibility = bands(scale, width, visibility_before).zip(bands(scale, width, visibility_after));
+        let all = images.zip(visibility).zip(bands(scale, width, out.share.data_mut())).enumerate();
+        all.for_each(|(band, ((images, seen), share))| {
+            let parts = [
+                Part { image: &mut *images.0, visibility: &mut *seen.0 },
+                Part { image: &mut *images.1, visibility: &mut *seen.1 },
+            ];
+            dispatch!(level, simd => warp.separate(simd, band_top(scale, band), parts));
+            dispatch!(level, simd => shares(simd, [seen.0, seen.1], [images.0, images.1], t, share));
+        });
+        Ok(())
+    }
+
+    /// Shows the frame `before` as the camera of `now` sees it, with what both know of the depths there, in `out`,
+    /// whose memory is reused. The image of `now` is not read.
+    ///
+    /// # Errors
+    /// As of [`Self::interpolate`].
+    pub fn reproject(
+        &mut self,
+        before: Neighbor<'_>,
+        now: Neighbor<'_>,
+        out: &mut Reprojected,
+    ) -> Result<(), ReconstructError> {
+        let level = self.level;
+        // Nothing here depends on the moment.
+        let warp = self.prepare([before, now], 0.5, now.camera, None)?.of_first();
+        let (width, height) = camera_size(now.camera);
+        out.image.resize(width, height);
+        out.visibility.resize(width, height);
+        let scale = warp.scale;
+        let visibility = bands(scale, width, out.visibility.data_mut());
+        let rows = bands(scale, width, out.image.pixels_mut()).zip(visibility).enumerate();
+        rows.for_each(|(band, (image, visibility))| {
+            let part = [Part { image, visibility }];
+            dispatch!(level, simd => warp.separate(simd, band_top(scale, band), part));
+        });
+        Ok(())
+    }
+
+    /// Checks the inputs and finds the depths of the in-between frame.
+    fn prepare<'a>(
+        &'a mut self,
+        neighbors: [Neighbor<'a>; 2],
+        t: f32,
+        camera: &Camera,
+        passage: Option<Passage<'_>>,
+    ) -> Result<Warp<'a, 2>, ReconstructError> {
+        let size = camera_size(camera);
+        if !(0.0..=1.0).contains(&t) {
+            return Err(ReconstructError::Time { actual: t });
+        }
+        for neighbor in &neighbors {
+            check_size("neighbour camera", size, camera_size(neighbor.camera))?;
+            check_size("neighbour image", size, image_size(neighbor.image))?;
+            check_gbuffer(neighbor.gbuffer, self.scale, size)?;
+        }
+        for (depth, neighbor) in self.neighbors.iter_mut().zip(&neighbors) {
+            let Some(geometry) = &neighbor.gbuffer.geometry else {
+                return Err(ReconstructError::Missing { what: "depth" });
+            };
+            depth.set(neighbor.gbuffer, geometry);
+        }
+        let cameras = neighbors.map(|n| n.camera);
+        self.middle.set(self.level, &self.neighbors, cameras, camera, self.scale, passage);
+        Ok(Warp {
+            scale: self.scale as usize,
+            gather: &self.gather,
+            middle: &self.middle,
+            depths: self.neighbors.each_ref(),
+            images: neighbors.map(|n| n.image),
+            reprojections: neighbors.map(|n| Reprojection::new(camera, n.camera)),
+            shares: Passage::to_neighbors(t),
+        })
+    }
+}

@@ -1,0 +1,57 @@
+//! Values put into lanes.
+
+use fearless_simd::{Simd, f32x4, f32x16, i32x16, prelude::*, u8x64};
+
+/// Samples of a row that are worked on together: one vector.
+pub(crate) const CHUNK: usize = 16;
+
+/// Of four blocks that are alike, the bytes that become all four lanes of block `b`: its lane `b`.
+const SPREAD: [u8; 64] = {
+    let mut bytes = [0; 64];
+    let mut k = 0;
+    while k < 64 {
+        bytes[k] = (k / 16 * 4 + k % 4) as u8;
+        k += 1;
+    }
+    bytes
+};
+
+/// Four values, each four times in a row.
+#[inline(always)]
+pub(crate) fn spread<S: Simd>(simd: S, values: &[f32]) -> f32x16<S> {
+    let bytes = u8x64::load_array_ref(simd, &SPREAD);
+    repeat(simd, values).swizzle_dyn_within_blocks(bytes)
+}
+
+/// Four values in a row, four times.
+#[inline(always)]
+pub(crate) fn repeat<S: Simd>(simd: S, values: &[f32]) -> f32x16<S> {
+    f32x16::block_splat(f32x4::from_slice(simd, values))
+}
+
+/// The first sixteen values of `values`, 0 beyond them.
+#[inline(always)]
+pub(crate) fn load<S: Simd>(simd: S, values: &[f32]) -> f32x16<S> {
+    if let Some(values) = values.first_chunk() {
+        return f32x16::load_array_ref(simd, values);
+    }
+    let mut padded = [0.0; 16];
+    padded[..values.len()].copy_from_slice(values);
+    f32x16::load_array(simd, padded)
+}
+
+/// Values of a row that [`look_up`] can look up at once.
+pub(crate) const WINDOW: usize = 32;
+
+/// What [`look_up`] needs to know of places, `0..WINDOW`: the bytes of the window's values.
+#[inline(always)]
+pub(crate) fn window_bytes<S: Simd>(places: f32x16<S>) -> u8x64<S> {
+    (places.to_int::<i32x16<S>>() * 0x0404_0404 + 0x0302_0100).bitcast()
+}
+
+/// Sixteen of the first [`WINDOW`] values of `values`.
+#[inline(always)]
+pub(crate) fn look_up<S: Simd>(simd: S, values: &[f32], bytes: u8x64<S>) -> f32x16<S> {
+    let (low, high) = values[..WINDOW].split_at(WINDOW / 2);
+    f32x16::from_slice(simd, low).concat_swizzle_dyn(f32x16::from_slice(simd, high), bytes)
+}

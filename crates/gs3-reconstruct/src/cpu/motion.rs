@@ -1,0 +1,233 @@
+//! Where the surfaces of a frame were in another one, on the LR grid.
+//!
+//! Every sample is reprojected through its own depth; it counts as seen there as far as the samples around that place
+//! belong to the same surface.
+
+use fearless_simd::{Simd, dispatch, f32x16, i32x16, prelude::*};
+use gs3_scene::{Camera, GBuffer, Planes};
+use rayon::prelude::*;
+
+use crate::error::{ReconstructError, camera_size, check_gbuffer, check_jitter, check_scale, check_size};
+use crate::reprojection::{MIN_DIVISOR, Reprojection, SAME_SURFACE, inverse_depth};
+
+const LANES: usize = 16;
+
+/// A camera on its own grid of samples, with depths.
+#[derive(Clone, Copy, Debug)]
+pub struct DepthView<'a> {
+    /// The camera whose pixels are the grid, i.e. [`Camera::low_resolution`] of the HR camera.
+    pub camera: Camera,
+    /// Offset of the samples from the pixel centres, in pixels of the grid, within ±1.
+    pub jitter: [f32; 2],
+    /// Depths of the samples.
+    pub depth: Depth<'a>,
+}
+
+/// View-space depths z in one of two forms, `[height, width]`.
+#[derive(Clone, Copy, Debug)]
+pub enum Depth<'a> {
+    /// z, world units; 0 where nothing was hit.
+    Z(&'a Planes<1>),
+    /// 1/z; 0 where nothing was hit.
+    Inverse(&'a Planes<1>),
+}
+
+/// Where the surfaces of a frame were in another one.
+///
+/// Memory: 24 B per sample.
+#[derive(Clone, Debug, Default)]
+pub struct Motion {
+    /// Per sample of the frame, the way to its place among the samples of the other one, x and y, in pixels of the
+    /// grid: the surface at index `(i, j)` was at index `(i + flow₀, j + flow₁)`, jitter of both frames taken into
+    /// account. Finite; 0 where the validity is.
+    pub flow: Planes<2>,
+    /// How much of what bilinear interpolation finds there belongs to the same surface, `[0, 1]`: 0 for what the other
+    /// frame does not see, between 0 and 1 at silhouettes. Background, where nothing was hit, is infinitely far and
+    /// belongs to background.
+    pub validity: Planes<1>,
+    /// Inverse depths of the other frame, `[height, width]`.
+    inverse: Vec<f32>,
+    /// The same, and by how much those of the same surface may differ from it, `[height, width]`.
+    surfaces: Vec<[f32; 2]>,
+}
+
+impl<'a> DepthView<'a> {
+    /// The LR frame of the HR `camera`, `scale` times larger, with its median depth.
+    ///
+    /// # Errors
+    /// [`ReconstructError`] if `scale` is not supported, or `gbuffer` is not the LR frame of `camera` or lacks
+    /// geometry.
+    pub fn of_gbuffer(gbuffer: &'a GBuffer, camera: &Camera, scale: u32) -> Result<Self, ReconstructError> {
+        check_scale(scale)?;
+        check_gbuffer(gbuffer, scale, camera_size(camera))?;
+        let Some(geometry) = &gbuffer.geometry else {
+            return Err(ReconstructError::Missing { what: "depth" });
+        };
+        let depth = Depth::Z(&geometry.depth_median);
+        Ok(Self { camera: camera.low_resolution(scale), jitter: gbuffer.jitter, depth })
+    }
+
+    fn size(&self) -> (usize, usize) {
+        camera_size(&self.camera)
+    }
+
+    fn check(&self) -> Result<(), ReconstructError> {
+        let (Depth::Z(plane) | Depth::Inverse(plane)) = self.depth;
+        check_size("depth", self.size(), (plane.width(), plane.height()))?;
+        check_jitter(self.jitter)
+    }
+
+    /// Inverse depths of row `y`, made fit for arithmetic.
+    fn inverse_depths(&self, y: usize, out: &mut [f32]) {
+        match self.depth {
+            Depth::Z(plane) => {
+                out.iter_mut().zip(plane.row(0, y)).for_each(|(w, z)| *w = inverse_depth(*z));
+            }
+            Depth::Inverse(plane) => {
+                // The same range as of inverse_depth.
+                let fit = |w: f32| if (0.0..=1e6).contains(&w) { w } else { 0.0 };
+                out.iter_mut().zip(plane.row(0, y)).for_each(|(to, w)| *to = fit(*w));
+            }
+        }
+    }
+}
+
+impl Motion {
+    /// Makes this the motion from the samples of `now` to their places in `before`, reusing memory.
+    ///
+    /// # Errors
+    /// [`ReconstructError`] if the grids are not of one size or a jitter is not usable.
+    pub fn set(&mut self, now: &DepthView<'_>, before: &DepthView<'_>) -> Result<(), ReconstructError> {
+        now.check()?;
+        before.check()?;
+        check_size("previous view", now.size(), before.size())?;
+        let (width, height) = now.size();
+        self.find_surfaces(before);
+        self.flow.resize(width, height);
+        self.validity.resize(width, height);
+        let reprojection = Reprojection::new(&now.camera, &before.camera);
+        let target = Target { width, height, jitter: before.jitter, surfaces: &self.surfaces };
+        let level = gs3_simd::level();
+        let (flow_x, flow_y) = self.flow.data_mut().split_at_mut(width * height);
+        let flow = flow_x.par_chunks_exact_mut(width).zip(flow_y.par_chunks_exact_mut(width));
+        let rows = flow.zip(self.validity.data_mut().par_chunks_exact_mut(width)).enumerate();
+        rows.with_min_len(4).for_each_init(
+            || vec![0.0; width.next_multiple_of(LANES)],
+            |depths, (y, ((flow_x, flow_y), validity))| {
+                now.inverse_depths(y, &mut depths[..width]);
+                dispatch!(level, simd => for (run, depths) in depths.chunks_exact(LANES).enumerate() {
+                    let at = [run * LANES, y];
+                    let w = f32x16::from_slice(simd, depths);
+                    let found = target.find(simd, &reprojection, now.jitter, at, w);
+                    for (value, out) in found.into_iter().zip([&mut *flow_x, flow_y, validity]) {
+                        let out = &mut out[run * LANES..];
+                        let count = out.len().min(LANES);
+                        out[..count].copy_from_slice(&value.to_array()[..count]);
+                    }
+                });
+            },
+        );
+        Ok(())
+    }
+
+    /// Inverse depths of `view` and their tolerance: [`SAME_SURFACE`] of them or the surface's slope, whichever is
+    /// more.
+    fn find_surfaces(&mut self, view: &DepthView<'_>) {
+        let (width, height) = view.size();
+        self.inverse.resize(width * height, 0.0);
+        let rows = self.inverse.par_chunks_exact_mut(width).enumerate().with_min_len(4);
+        rows.for_each(|(y, row)| view.inverse_depths(y, row));
+        let inverse = |x: usize, y: usize| self.inverse[y * width + x];
+        self.surfaces.resize(width * height, [0.0; 2]);
+        let rows = self.surfaces.par_chunks_exact_mut(width).enumerate().with_min_len(4);
+        rows.for_each(|(y, row)| {
+            let [above, middle, below] = around(y, height);
+            for (x, surface) in row.iter_mut().enumerate() {
+                let [left, center, right] = around(x, width);
+                let slope = slope([left, center, right].map(|x| inverse(x, y)))
+                    + slope([above, middle, below].map(|y| inverse(x, y)));
+                let w = inverse(x, y);
+                *surface = [w, slope.max(SAME_SURFACE * w)];
+            }
+        });
+    }
+}
+
+/// The indices around `i`, which is the middle one except at the ends of the `len` there are.
+#[inline(always)]
+fn around(i: usize, len: usize) -> [usize; 3] {
+    let first = (i.max(1) - 1).min(len.saturating_sub(3));
+    [first, first + 1, first + 2].map(|i| i.min(len - 1))
+}
+
+/// The smaller of two differences in a row where they agree in sign (minmod): a jump to another surface is on one
+/// side only, or makes a peak.
+#[inline(always)]
+fn slope([before, w, after]: [f32; 3]) -> f32 {
+    let (a, b) = (w - before, after - w);
+    if a * b > 0.0 { a.abs().min(b.abs()) } else { 0.0 }
+}
+
+/// The frame in which surfaces are sought.
+struct Target<'a> {
+    width: usize,
+    height: usize,
+    jitter: [f32; 2],
+    surfaces: &'a [[f32; 2]],
+}
+
+impl Target<'_> {
+    /// Flow x, flow y and validity of the sixteen samples from index `at` on, which lie `jitter` off their pixel
+    /// centres at inverse depths `w`.
+    #[inline(always)]
+    fn find<S: Simd>(
+        &self,
+        simd: S,
+        reprojection: &Reprojection,
+        jitter: [f32; 2],
+        [column, row]: [usize; 2],
+        w: f32x16<S>,
+    ) -> [f32x16<S>; 3] {
+        let splat = |v: f32| f32x16::splat(simd, v);
+        let index = f32x16::from_fn(simd, |k| k as f32) + splat(column as f32);
+        let (x, y) = (index + splat(0.5 + jitter[0]), splat(row as f32 + 0.5 + jitter[1]));
+        let [u, v, q] = reprojection.apply_16(simd, x, y, w);
+        let (width, height) = (splat(self.width as f32), splat(self.height as f32));
+        let is_inside = q.simd_gt(splat(MIN_DIVISOR))
+            & u.simd_ge(splat(0.0))
+            & v.simd_ge(splat(0.0))
+            & u.simd_le(width)
+            & v.simd_le(height);
+        // Differences first, so that what rests has no flow, whatever the rounding of its position.
+        let flow_x = u - x + splat(jitter[0] - self.jitter[0]);
+        let flow_y = v - y + splat(jitter[1] - self.jitter[1]);
+        let place = |place: f32x16<S>, len: usize| {
+            // In this order, NaN becomes 0.
+            let place = place.max(splat(0.0)).min(splat((len - 1) as f32));
+            (place.floor(), place - place.floor())
+        };
+        let (i, along_x) = place(index + flow_x, self.width);
+        let (j, along_y) = place(splat(row as f32) + flow_y, self.height);
+        let w = w / q;
+        let is_background = w.simd_eq(splat(0.0));
+        let mut validity = splat(0.0);
+        let last = [self.width - 1, self.height - 1].map(|last| i32x16::splat(simd, last as i32));
+        let (i, j): (i32x16<S>, i32x16<S>) = (i.to_int(), j.to_int());
+        let one = splat(1.0);
+        for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+            let column = (i + i32x16::splat(simd, dx)).min(last[0]);
+            let cells = (j + i32x16::splat(simd, dy)).min(last[1]) * self.width as i32 + column;
+            let surfaces = cells.to_array().map(|cell| self.surfaces[cell as usize]);
+            let seen = f32x16::load_array(simd, surfaces.map(|s| s[0]));
+            let tolerance = f32x16::load_array(simd, surfaces.map(|s| s[1]));
+            let same_kind = !(seen.simd_eq(splat(0.0)) ^ is_background);
+            let agrees = (w - seen).abs().simd_le(tolerance.max(w * SAME_SURFACE)) & same_kind;
+            let weight_x = if dx == 0 { one - along_x } else { along_x };
+            let weight_y = if dy == 0 { one - along_y } else { along_y };
+            validity = agrees.select((weight_x * weight_y) + validity, validity);
+        }
+        let validity = is_inside.select(validity.min(1.0), splat(0.0));
+        let is_valid = validity.simd_gt(splat(0.0));
+        [is_valid.select(flow_x, splat(0.0)), is_valid.select(flow_y, splat(0.0)), validity]
+    }
+}

@@ -1,0 +1,150 @@
+//! What a neighbour of an interpolated frame sees at which depth.
+
+use fearless_simd::{Simd, f32x16, mask32x16, prelude::*};
+use gs3_scene::{GBuffer, Geometry};
+use rayon::prelude::*;
+
+use crate::cpu::lanes::{WINDOW, look_up, window_bytes};
+use crate::reprojection::{SAME_SURFACE, inverse_depth};
+
+/// Weight of a neighbour whose depths change between the samples around a point, so that the point may be hidden or
+/// mixed with another surface (empirical).
+pub(crate) const SILHOUETTE: f32 = 0.3;
+
+/// Weight of a neighbour that sees something else: it decides between two that do not show the point, and is nothing
+/// beside one that does.
+pub(crate) const HIDDEN: f32 = 1e-5;
+
+const LANES: usize = 16;
+
+/// Cells of a row looked up before that of the first point: positions need not increase along a row.
+const BACK: f32 = 8.0;
+
+/// Inverse median depths of an LR grid whose samples lie `jitter` off the pixel centres.
+#[derive(Debug, Default)]
+pub(crate) struct NeighborDepth {
+    pub width: usize,
+    pub height: usize,
+    pub jitter: [f32; 2],
+    /// `[height, width]`, ≥ 0.
+    pub inverse: Vec<f32>,
+    /// Smallest inverse depth visible in cell `(i, j)`, between samples `(i, j)` and `(i + 1, j + 1)`: `[height,
+    /// width]`, and a window more, so that one can be loaded from any place.
+    far: Vec<f32>,
+    /// The largest, likewise.
+    near: Vec<f32>,
+}
+
+impl NeighborDepth {
+    /// Takes over the depths of `geometry`, which belongs to `gbuffer`.
+    pub fn set(&mut self, gbuffer: &GBuffer, geometry: &Geometry) {
+        let (width, height) = (gbuffer.width(), gbuffer.height());
+        (self.width, self.height, self.jitter) = (width, height, gbuffer.jitter);
+        let size = width * height;
+        self.inverse.resize(size, 0.0);
+        let depths = geometry.depth_median.data();
+        let inverse = self.inverse.par_iter_mut().zip(depths).with_min_len(1 << 14);
+        inverse.for_each(|(w, &z)| *w = inverse_depth(z));
+        self.far.resize(size + WINDOW, 0.0);
+        self.near.resize(size + WINDOW, 0.0);
+        let inverse = &self.inverse;
+        let far = self.far[..size].par_chunks_exact_mut(width);
+        let near = self.near[..size].par_chunks_exact_mut(width);
+        far.zip(near).enumerate().with_min_len(8).for_each(|(j, (far, near))| {
+            let [top, bottom] = [j, (j + 1).min(height - 1)].map(|j| &inverse[j * width..][..width]);
+            for i in 0..width {
+                let next = (i + 1).min(width - 1);
+                let least = top[i].min(top[next]).min(bottom[i].min(bottom[next]));
+                let most = top[i].max(top[next]).max(bottom[i].max(bottom[next]));
+                (far[i], near[i]) = (least * (1.0 - SAME_SURFACE), most * (1.0 + SAME_SURFACE));
+            }
+        });
+    }
+
+    /// How well points at HR positions `(u, v)`, pixel centres at whole numbers, and inverse depths `w` are seen: 1,
+    /// [`SILHOUETTE`] or [`HIDDEN`]. Outside, the depths at the border decide. The points are about in a row.
+    #[inline(always)]
+    pub fn visibility_along<S: Simd>(&self, simd: S, [u, v, w]: [f32x16<S>; 3], scale: f32) -> f32x16<S> {
+        let [i, j] = self.cells(simd, [u, v], scale);
+        let (row, column) = (j[0], (i[0] - BACK).max(0.0));
+        let ahead = i - column;
+        let is_near = ahead.simd_ge(0.0) & ahead.simd_lt(WINDOW as f32) & j.simd_eq(row);
+        if !is_near.all_true() {
+            return self.visibility_anywhere(simd, [i, j, w]);
+        }
+        let start = row as usize * self.width + column as usize;
+        let bytes = window_bytes(ahead);
+        let (far, near) =
+            (look_up(simd, &self.far[start..], bytes), look_up(simd, &self.near[start..], bytes));
+        Self::judge(simd, w, far, near)
+    }
+
+    /// As [`Self::visibility_along`], of points that are close to each other.
+    #[inline(always)]
+    pub fn visibility_within<S: Simd>(&self, simd: S, [u, v, w]: [f32x16<S>; 3], scale: f32) -> f32x16<S> {
+        let [i, j] = self.cells(simd, [u, v], scale);
+        let (left, top) = (i.reduce_min(), j.reduce_min());
+        let (is_left, is_top) = (i.simd_eq(left), j.simd_eq(top));
+        let is_near = (is_left | i.simd_eq(left + 1.0)) & (is_top | j.simd_eq(top + 1.0));
+        if !is_near.all_true() {
+            return self.visibility_anywhere(simd, [i, j, w]);
+        }
+        // Four cells; those beyond the grid are not asked for, whatever stands in their place.
+        let start = top as usize * self.width + left as usize;
+        let far = select_cell(simd, &self.far, start, self.width, is_left, is_top);
+        let near = select_cell(simd, &self.near, start, self.width, is_left, is_top);
+        Self::judge(simd, w, far, near)
+    }
+
+    /// The visibility of points of inverse depth `w` in cells `(i, j)`, anywhere.
+    #[inline(always)]
+    fn visibility_anywhere<S: Simd>(&self, simd: S, [i, j, w]: [f32x16<S>; 3]) -> f32x16<S> {
+        let (i, j) = (i.to_array(), j.to_array());
+        let (mut far, mut near) = ([0.0; LANES], [0.0; LANES]);
+        for k in 0..LANES {
+            let cell = j[k] as usize * self.width + i[k] as usize;
+            (far[k], near[k]) = (self.far[cell], self.near[cell]);
+        }
+        Self::judge(simd, w, f32x16::load_array(simd, far), f32x16::load_array(simd, near))
+    }
+
+    /// The cells, column and row, at HR positions; the nearest ones outside.
+    #[inline(always)]
+    fn cells<S: Simd>(&self, simd: S, [u, v]: [f32x16<S>; 2], scale: f32) -> [f32x16<S>; 2] {
+        let mut cells = [f32x16::splat(simd, 0.0); 2];
+        for (c, len) in [self.width, self.height].into_iter().enumerate() {
+            let at = [u, v][c];
+            let place = at.mul_add(1.0 / scale, f32x16::splat(simd, 0.5 / scale - 0.5 - self.jitter[c]));
+            // In this order, NaN becomes 0.
+            cells[c] = place.max(0.0).min((len - 1) as f32).floor();
+        }
+        cells
+    }
+
+    /// The visibility of points of inverse depth `w` where inverse depths from `far` to `near` are seen.
+    #[inline(always)]
+    fn judge<S: Simd>(simd: S, w: f32x16<S>, far: f32x16<S>, near: f32x16<S>) -> f32x16<S> {
+        let one_surface = (near - far).simd_le(near * (4.0 * SAME_SURFACE));
+        let seen = one_surface.select(f32x16::splat(simd, 1.0), f32x16::splat(simd, SILHOUETTE));
+        (w.simd_ge(far) & w.simd_le(near)).select(seen, f32x16::splat(simd, HIDDEN))
+    }
+}
+
+/// Of the 2×2 cells from `start` on, `width` cells a row, the ones that points lie in.
+#[inline(always)]
+fn select_cell<S: Simd>(
+    simd: S,
+    values: &[f32],
+    start: usize,
+    width: usize,
+    is_left: mask32x16<S>,
+    is_top: mask32x16<S>,
+) -> f32x16<S> {
+    let last = values.len() - 1;
+    let mut cells = [f32x16::splat(simd, 0.0); 4];
+    for (cell, at) in cells.iter_mut().zip([start, start + 1, start + width, start + width + 1]) {
+        *cell = f32x16::splat(simd, values[at.min(last)]);
+    }
+    let [a, b, c, d] = cells;
+    is_left.select(is_top.select(a, c), is_top.select(b, d))
+}

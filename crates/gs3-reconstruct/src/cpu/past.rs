@@ -1,0 +1,51 @@
+//! What is remembered of a frame.
+
+use gs3_scene::Camera;
+
+use crate::cpu::boxes::Boxes;
+use crate::cpu::samples::SampleFrame;
+use crate::cpu::splat::Source;
+use crate::reprojection::Reprojection;
+
+/// One remembered LR frame, or the exact blocks of one.
+#[derive(Clone, Debug)]
+pub(crate) struct Past {
+    pub camera: Camera,
+    /// Frames since then.
+    pub age: usize,
+    /// Of what an LR frame shows.
+    pub mean_inverse_depth: f32,
+    pub frame: SampleFrame,
+    /// From its camera to the current one.
+    pub reprojection: Reprojection,
+    /// Parallax at depth 1 between both, HR pixels.
+    pub parallax: f32,
+    /// Focal length of the current camera, HR pixels.
+    pub focal: f32,
+    /// Where its chunks are in the current frame.
+    pub boxes: Boxes,
+}
+
+impl Past {
+    /// Nothing yet, of the frame of `camera`.
+    pub fn empty(camera: &Camera) -> Self {
+        Self {
+            camera: *camera,
+            age: 0,
+            mean_inverse_depth: 0.0,
+            frame: SampleFrame::default(),
+            reprojection: Reprojection::new(camera, camera),
+            parallax: 0.0,
+            focal: 0.0,
+            boxes: Boxes::default(),
+        }
+    }
+
+    /// As it is seen now.
+    #[inline(always)]
+    pub fn source(&self, scale: u32) -> Source<'_> {
+        let Self { age, frame, reprojection, parallax, focal, .. } = self;
+        let (age, parallax, focal) = (*age, *parallax, *focal);
+        Source { frame, reprojection, age, parallax, focal, scale: scale as f32 }
+    }
+}

@@ -1,0 +1,63 @@
+//! Neighbours at the pose between, unblended, and how well they are seen there.
+
+use fearless_simd::Simd;
+
+use crate::cpu::warp::{Clip, LANES, SIDE, Warp};
+
+/// Rows of pixels of one neighbour.
+pub(crate) struct Part<'a> {
+    /// Colours, `[rows, width]`.
+    pub image: &'a mut [[f32; 4]],
+    /// Visibility, `[rows, width]`.
+    pub visibility: &'a mut [f32],
+}
+
+impl<const N: usize> Warp<'_, N> {
+    /// Makes the rows of pixels of `parts`, one for each neighbour, from row `top` on, a band.
+    #[inline(always)]
+    pub fn separate<S: Simd>(&self, simd: S, top: usize, mut parts: [Part<'_>; N]) {
+        let width = self.images.first().map_or(0, |image| image.width());
+        let count = parts.first().map_or(0, |part| part.visibility.len());
+        for [x, y] in self.runs(count / width.max(1), top) {
+            let run = self.correspondence_of_run(simd, x, y);
+            let mut patches = [const { None }; LANES];
+            // One neighbour after the other, so that the rows gathered from stay in the cache.
+            for (n, part) in parts.iter_mut().enumerate() {
+                for (k, patch) in patches.iter_mut().enumerate() {
+                    let x = x + (k * SIDE) as isize;
+                    let clip = Clip::new(x, y, top, width, count);
+                    if clip.is_empty() {
+                        continue;
+                    }
+                    let is_rigid = run.rigid >> k & 1 == 1 && clip.is_whole();
+                    let is_even = is_rigid && run.even >> k & 1 == 1;
+                    let quads = if is_rigid { self.quads(simd, n, &run, k) } else { None };
+                    // Not by the array's iterator: it would hand the vectors on through memory.
+                    if let Some(quads) = &quads {
+                        for r in 0..SIDE {
+                            clip.store(quads[r], r, part.image);
+                        }
+                    }
+                    if is_even {
+                        (0..SIDE).for_each(|r| part.visibility[clip.row(r)].fill(run.visibility[n][k]));
+                    }
+                    if is_even && quads.is_some() {
+                        continue;
+                    }
+                    let patch = patch.get_or_insert_with(|| self.correspondence_of_patch(simd, x, y));
+                    for r in clip.rows.clone() {
+                        if !is_even {
+                            let (at, first) = (clip.row(r), r * SIDE + clip.columns.start);
+                            let visibility = &patch.visibility[n][first..first + at.len()];
+                            part.visibility[at].copy_from_slice(visibility);
+                        }
+                        if quads.is_none() {
+                            let row = self.gather_row(simd, n, patch, r, clip.columns.clone());
+                            clip.store(row, r, part.image);
+                        }
+                    }
+                }
+            }
+        }
+    }
+}

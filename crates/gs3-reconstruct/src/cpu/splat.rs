@@ -1,0 +1,294 @@
+//! Exact samples of past frames, carried to the pixels of the current one.
+//!
+//! Every sample of the last frames is reprojected through its own depth, so it lands on the HR grid at an exact,
+//! generally fractional position, with its exact gradient. Around it the image is known to first order; the remainder
+//! grows with the square of the distance δ, its variance with δ⁴. A pixel is the mean of these first-order
+//! predictions with the inverse variances as weights (Shepard's method with exact gradients, Renka 1988). Nothing is
+//! ever resampled twice, so nothing blurs with time, and a sample that falls on a pixel centre is that pixel.
+//!
+//! What is the same for all channels of a pixel is made with samples or pixels as lanes: sixteen samples land at
+//! once, four samples' weights of a row of pixels are one vector. What differs between channels, a sample's
+//! prediction of four pixels in a row, is one vector again: two multiply-adds, one load and one store.
+
+use fearless_simd::{Simd, f32x16, i32x16, mask32x16, prelude::*};
+
+use crate::cpu::displacement::Displacement;
+use crate::cpu::lanes::{repeat, spread};
+use crate::cpu::nearest::{PLACES, RIM, place};
+use crate::cpu::rectification::{DEPTH_TOLERANCE, Rectification};
+use crate::cpu::samples::{CHUNK, Places, SampleFrame};
+use crate::cpu::tile::{NOISE, Tile};
+use crate::cpu::tile_size::{PAD_X, PAD_Y, STRIDE};
+use crate::reprojection::{MIN_DIVISOR, Reprojection};
+
+/// A sample reaches this many pixels in a row, those less than two away along x: they are one vector.
+pub(crate) const COLUMNS: usize = 4;
+
+/// A sample reaches the rows nearest to it, all less than two away along y.
+pub(crate) const ROWS: usize = 3;
+
+/// Pixels that a sample may be away from the last it reaches, rounded up.
+pub(crate) const REACH: f32 = 2.0;
+
+/// Variance that a moved sample gains per pixel of staleness, pixel⁴ (empirical): depths are not exact where layers
+/// blend, and colours depend on the view. On paths of 0.1° to 1.2° a frame at 1920×1080, 0.003 to 0.008 are alike; at
+/// 960×540 twice as much loses 0.05 to 0.1 dB. A gain per frame, whatever the camera does, loses 0.1 to 0.6 dB.
+pub(crate) const AGING: f32 = 0.006;
+
+/// What a frame of age adds to staleness, pixels: with many samples, the newer ones are a little better (empirical:
+/// 0.4 to 1 are alike; 0 loses 0.1 dB where the camera mostly turns).
+pub(crate) const PER_FRAME: f32 = 0.75;
+
+/// Samples with a larger variance, pixel⁴, are not worth their time: the interpolated current frame's is at most 7
+/// where it is least certain.
+pub(crate) const MAX_NOISE: f32 = 16.0;
+
+/// Variance, pixel⁴, of a sample behind what is nearest within a pixel of it, per squared pixel by which the two have
+/// moved apart since (empirical: 0.3 loses up to 0.1 dB, 3 is alike, 10 loses up to 0.2). Where the camera only turns
+/// nothing is hidden that was not.
+pub(crate) const OCCLUDED: f32 = 1.0;
+
+/// A past frame seen by the current camera.
+pub(crate) struct Source<'a> {
+    pub frame: &'a SampleFrame,
+    pub reprojection: &'a Reprojection,
+    /// In frames.
+    pub age: usize,
+    /// Parallax at depth 1 between its camera and the current one, HR pixels ([`crate::reprojection::parallax`]).
+    pub parallax: f32,
+    /// Focal length of the current camera, HR pixels.
+    pub focal: f32,
+    /// HR pixels between samples.
+    pub scale: f32,
+}
+
+/// Where the samples of a chunk are in a tile.
+struct Footprints {
+    /// Place in the tile of the first pixel reached.
+    first: [i32; CHUNK],
+    /// Position, relative to that pixel.
+    x: [f32; CHUNK],
+    y: [f32; CHUNK],
+    /// Variance of the prediction where the sample is, pixel⁴.
+    noise: [f32; CHUNK],
+    /// Bit `i`: sample `i` is in front of the camera, reaches the tile and is worth it.
+    seen: u64,
+}
+
+/// Where sixteen samples are now.
+pub(crate) struct ReprojectedSamples<S: Simd> {
+    /// HR positions, pixel centres at halves; only where `q` exceeds [`MIN_DIVISOR`].
+    pub x: f32x16<S>,
+    pub y: f32x16<S>,
+    pub inverse_depth: f32x16<S>,
+    /// The divisor of the reprojection.
+    pub q: f32x16<S>,
+    /// Squared distance moved, pixel².
+    pub moved: f32x16<S>,
+    /// How stale it is, pixels: its parallax since then, and [`PER_FRAME`].
+    pub staleness: f32x16<S>,
+    /// How far surfaces have moved where it was seen, pixels ([`Displacement`]).
+    pub surface_shift: f32x16<S>,
+    /// False for what is beyond the end of the row.
+    pub is_sample: mask32x16<S>,
+}
+
+impl Source<'_> {
+    /// Reprojects chunk `chunk` of row `row`.
+    #[inline(always)]
+    pub fn reproject<S: Simd>(&self, simd: S, row: usize, chunk: usize) -> ReprojectedSamples<S> {
+        let splat = |v: f32| f32x16::splat(simd, v);
+        // Positions on its own HR grid.
+        let Places { x: from_x, y: from_y, is_sample } = self.frame.places(simd, row, chunk, self.scale);
+        let w = f32x16::load_array_ref(simd, self.frame.chunk(row, chunk).inverse_depth());
+        if let Some(displacement) = self.frame.displacement(row, chunk) {
+            return self.reproject_displaced(simd, [from_x, from_y, w], is_sample, displacement);
+        }
+        let [x, y, q] = self.reprojection.apply_16(simd, from_x, from_y, w);
+        let (moved_x, moved_y) = (x - from_x, y - from_y);
+        ReprojectedSamples {
+            x,
+            y,
+            inverse_depth: w * (1.0 / q),
+            q,
+            moved: moved_x.mul_add(moved_x, moved_y * moved_y),
+            // As if the camera moved across: what it moves ahead counts, too, since footprints change.
+            staleness: w.mul_add(self.parallax, splat(PER_FRAME * self.age as f32)),
+            surface_shift: splat(0.0),
+            is_sample,
+        }
+    }
+
+    /// Reprojects samples at `from`, x, y and inverse depth, that may have moved since. What has not is as
+    /// [`Self::reproject`] has it.
+    #[inline(always)]
+    fn reproject_displaced<S: Simd>(
+        &self,
+        simd: S,
+        [from_x, from_y, w]: [f32x16<S>; 3],
+        is_sample: mask32x16<S>,
+        displacement: &Displacement,
+    ) -> ReprojectedSamples<S> {
+        let [dx, dy, dz] = displacement.offsets(simd);
+        let surface_shift = displacement.surface_shift(simd);
+        let [x, y, q] = self.reprojection.apply_moved_16(simd, from_x, from_y, w, [dx, dy, dz]);
+        let (moved_x, moved_y) = (x - from_x, y - from_y);
+        let moved = moved_x.mul_add(moved_x, moved_y * moved_y);
+        // What moves before the camera is seen from another side as what the camera moves around.
+        let way = dx.mul_add(dx, dy.mul_add(dy, dz * dz)).sqrt();
+        let staleness = w.mul_add(self.parallax, f32x16::splat(simd, PER_FRAME * self.age as f32));
+        ReprojectedSamples {
+            x,
+            y,
+            inverse_depth: w * (1.0 / q),
+            q,
+            moved: moved.max(surface_shift * surface_shift),
+            staleness: (way * w).mul_add(self.focal, staleness),
+            surface_shift,
+            is_sample: is_sample & surface_shift.simd_lt(f32::INFINITY),
+        }
+    }
+
+    /// Reprojects chunk `chunk` of row `row` into `tile`.
+    #[inline(always)]
+    fn footprints<S: Simd>(
+        &self,
+        simd: S,
+        row: usize,
+        chunk: usize,
+        tile: &Tile<'_>,
+        rectification: &Rectification,
+    ) -> Footprints {
+        let splat = |v: f32| f32x16::splat(simd, v);
+        let seen = self.reproject(simd, row, chunk);
+        let chunk = self.frame.chunk(row, chunk);
+        let (x, y, w) = (seen.x - 0.5, seen.y - 0.5, seen.inverse_depth);
+        let change = f32x16::load_array_ref(simd, chunk.edge_slopes()) * self.parallax;
+        let position = [x, y, w];
+        // Relative to the tile. Its first pixel is (PAD_X, PAD_Y).
+        let (x, y) = (x - (tile.left as f32 - PAD_X as f32), y - (tile.top as f32 - PAD_Y as f32));
+        let (first_x, first_y) = (x.floor() - 1.0, (y + 0.5).floor() - 1.0);
+        let reached = seen.is_sample
+            & seen.q.simd_gt(MIN_DIVISOR)
+            & first_x.simd_gt(PAD_X as f32 - COLUMNS as f32)
+            & first_x.simd_lt((PAD_X + tile.width) as f32)
+            & first_y.simd_gt(PAD_Y as f32 - ROWS as f32)
+            & first_y.simd_lt((PAD_Y + tile.height) as f32);
+        let variance =
+            rectification.variance(simd, position, chunk.colors(), seen.staleness, change, reached);
+        let pixel = [(x + 0.5).floor() - PAD_X as f32, first_y + (1.0 - PAD_Y as f32)];
+        let nearest = tile.nearest.around(simd, pixel);
+        // What is nearer may hide it now, the rather the farther the two have moved apart. It is not beyond use:
+        // depths at silhouettes are off, and there may be nothing better.
+        let apart = (nearest - w) * self.parallax + seen.surface_shift;
+        let is_behind = w.simd_lt(nearest * (1.0 - DEPTH_TOLERANCE));
+        let variance = is_behind.select(apart.mul_add(apart * OCCLUDED, variance), variance);
+        // What does not move keeps its exact value: only motion, 0 at rest and towards 1 for a pixel or more, makes
+        // staleness and rectification matter.
+        let motion = seen.moved / (seen.moved + 1.0);
+        let noise = seen.staleness.mul_add(AGING, variance).mul_add(motion, splat(NOISE));
+        let seen = reached & noise.simd_le(MAX_NOISE);
+        let first = first_y.mul_add(STRIDE as f32, first_x).to_int::<i32x16<S>>();
+        Footprints {
+            first: first.to_array(),
+            x: (x - first_x).to_array(),
+            y: (y - first_y).to_array(),
+            noise: noise.to_array(),
+            seen: seen.to_bitmask() & 0xffff,
+        }
+    }
+}
+
+impl<'a> Tile<'a> {
+    /// Adds what the samples of chunk `chunk` of row `row` predict for the pixels around them.
+    #[inline(always)]
+    pub fn splat_color<S: Simd>(
+        &mut self,
+        simd: S,
+        source: &Source<'a>,
+        rectification: &Rectification,
+        row: usize,
+        chunk: usize,
+    ) {
+        let footprints = source.footprints(simd, row, chunk, self, rectification);
+        if footprints.seen == 0 {
+            return;
+        }
+        let chunk = source.frame.chunk(row, chunk);
+        let columns = f32x16::from_fn(simd, |k| (k % COLUMNS) as f32);
+        let pixels = f32x16::from_fn(simd, |k| (k / 4) as f32);
+        let is_color = f32x16::from_fn(simd, |k| (k % 4) as f32).simd_lt(3.0);
+        let (zero, one) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 1.0));
+        let mut weights = [[0.0; 16]; ROWS];
+        for group in 0..CHUNK / 4 {
+            let at = 4 * group..4 * group + 4;
+            // Lanes: four samples, four columns each.
+            let dx = columns - spread(simd, &footprints.x[at.clone()]);
+            let dx2 = dx * dx;
+            let y = spread(simd, &footprints.y[at.clone()]);
+            let noise = spread(simd, &footprints.noise[at.clone()]);
+            for (r, weights) in weights.iter_mut().enumerate() {
+                let dy = y - r as f32;
+                let d2 = dy.mul_add(dy, dx2);
+                d2.mul_add(d2, noise).approximate_recip().store_array(weights);
+            }
+            for (s, i) in at.enumerate() {
+                if footprints.seen >> i & 1 == 0 {
+                    continue;
+                }
+                let Ok(first) = usize::try_from(footprints.first[i]) else {
+                    break;
+                };
+                if let Some(neighborhoods) = &mut self.neighborhoods {
+                    let at = [
+                        (first % STRIDE) as f32 + footprints.x[i],
+                        (first / STRIDE) as f32 + footprints.y[i],
+                    ];
+                    neighborhoods.take(at, footprints.noise[i], chunk.sample(i));
+                }
+                // Lanes: four pixels in a row, four channels each.
+                let [color, dx, dy] = chunk.quads(i);
+                let along_y = is_color.select(repeat(simd, dy), zero);
+                let along_x = repeat(simd, dx).mul_add(pixels - footprints.x[i], repeat(simd, color));
+                // Beside the weighted colour the weight itself.
+                let mut prediction = is_color.select(along_y.mul_add(-footprints.y[i], along_x), one);
+                let Some(target) = self.pixels.get_mut(first..first + (ROWS - 1) * STRIDE + COLUMNS) else {
+                    break;
+                };
+                for (r, weights) in weights.iter().enumerate() {
+                    let weight = spread(simd, &weights[4 * s..4 * s + 4]);
+                    let target = target[r * STRIDE..r * STRIDE + COLUMNS].as_flattened_mut();
+                    prediction.mul_add(weight, f32x16::from_slice(simd, target)).store_slice(target);
+                    prediction += along_y;
+                }
+            }
+        }
+    }
+}
+
+impl Tile<'_> {
+    /// The depth pre-pass: takes the depths of the samples of chunk `chunk` of row `row` into what is nearest.
+    #[inline(always)]
+    pub fn splat_depth<S: Simd>(&mut self, simd: S, source: &Source<'_>, row: usize, chunk: usize) {
+        let seen = source.reproject(simd, row, chunk);
+        let [x, y] = [seen.x.floor() - self.left as f32, seen.y.floor() - self.top as f32];
+        let rim = RIM as f32;
+        let is_in = seen.is_sample
+            & seen.q.simd_gt(MIN_DIVISOR)
+            & x.simd_ge(-rim)
+            & y.simd_ge(-rim)
+            & x.simd_lt(self.width as f32 + rim)
+            & y.simd_lt(self.height as f32 + rim);
+        // What is not in goes to the first place, at no depth, which changes nothing.
+        let nothing = f32x16::splat(simd, 0.0);
+        let [x, y] = [x, y].map(|v| is_in.select(v, nothing - rim));
+        let (places, depths) =
+            (place(simd, [x, y]).to_array(), is_in.select(seen.inverse_depth, nothing).to_array());
+        // Of known length, no place needs to be checked.
+        let Some(at) = self.nearest.at.first_chunk_mut::<PLACES>() else { return };
+        for (place, depth) in places.into_iter().zip(depths) {
+            let nearest = &mut at[place as usize % PLACES];
+            *nearest = if depth > *nearest { depth } else { *nearest };
+        }
+    }
+}

@@ -1,0 +1,540 @@
+//! Temporal super sampling without learning.
+
+use std::ops::Range;
+use std::slice;
+
+use fearless_simd::{Level, Simd, dispatch};
+use gs3_scene::{Camera, ExactBlocks, GBuffer, Geometry, Gradients, Image, Planes, block_grid};
+use rayon::prelude::*;
+
+use crate::cpu::boxes::BoxLimits;
+use crate::cpu::carry::{add_surface_shifts, advance};
+use crate::cpu::hermite::Surface;
+use crate::cpu::kriging::Neighborhoods;
+use crate::cpu::nearest::{EVERY, RIM};
+use crate::cpu::past::Past;
+use crate::cpu::prefetch::prefetch;
+use crate::cpu::rectification::Rectification;
+use crate::cpu::samples::{CHUNK, SampleFrame};
+use crate::cpu::select::write_blocks;
+use crate::cpu::splat::REACH;
+use crate::cpu::staleness::count_remembered;
+use crate::cpu::surface_motion::{Frames, SurfaceMotion};
+use crate::cpu::tile::{Tile, Wanted};
+use crate::cpu::tile_size::{RING, TILE_HEIGHT, TILE_WIDTH};
+use crate::depth_lattice::DepthLattice;
+use crate::error::{ReconstructError, camera_size, check_finite, check_gbuffer, check_padded, check_scale};
+use crate::reprojection::{Reprojection, parallax};
+use crate::sample_grid::SampledPixels;
+use crate::sequence::ResetReason;
+use crate::settings::Kriging;
+use crate::settings::MAX_PAST;
+
+/// What happened since the frame before.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Since<'a> {
+    /// Why there is no history, if there is none.
+    pub reset: Option<ResetReason>,
+    /// From where the surfaces of the current frame, margin included, are to where they were in the frame before, LR
+    /// pixels; none if everything stands still.
+    pub vectors: Option<&'a Planes<2>>,
+}
+
+/// Rows of pixels within which all frames' samples are added to a tile before the next rows' are: the pixels of a strip
+/// stay in the first-level cache.
+const STRIP: f32 = 8.0;
+
+/// Chunks of samples that are found before they are added.
+const QUEUE: usize = 256;
+
+/// How many chunks ahead of its use the memory of one is asked for: sixteen samples take about a hundred nanoseconds,
+/// and memory a few hundred.
+const AHEAD: usize = 3;
+
+/// The same where only depths are read.
+const DEPTHS_AHEAD: usize = 8;
+
+/// Most frames in the history, those of exact blocks included.
+const MAX_SOURCES: usize = 2 * MAX_PAST;
+
+/// A chunk of samples of a past frame.
+#[derive(Clone, Copy, Debug, Default)]
+struct Task {
+    source: u16,
+    row: u16,
+    chunk: u16,
+}
+
+/// Whole rows of pixels, and the rows of current samples that lie on them.
+struct Band<'a> {
+    top: usize,
+    pixels: &'a mut [[f32; 4]],
+    errors: &'a mut [f32],
+    innovation: &'a mut [[f32; 4]],
+    /// The first row of `innovation` among all.
+    first_row: usize,
+}
+
+/// Super-samples a sequence of jittered LR frames on the HR grid.
+///
+/// The history is the last S² LR frames themselves: exact samples, splatted anew for every frame (see the module
+/// `splat`). At rest under the exact S×S grid jitter the result therefore is the native image after S² frames.
+///
+/// Memory: 58 B per LR pixel, margins included, and remembered frame, that is per HR pixel; a third more once something
+/// moves by itself, which only a [`crate::Reconstructor`] is told.
+#[derive(Debug)]
+pub struct SuperSampler {
+    scale: u32,
+    kriging: Kriging,
+    /// The last LR frames, newest first, and after each the exact blocks of it that are remembered.
+    past: Vec<Past>,
+    /// Memory of frames that are forgotten.
+    spare: Vec<Past>,
+    /// `[block rows, block columns]`.
+    errors: Vec<f32>,
+    surface: Surface,
+    rectification: Rectification,
+    /// `[LR height, LR width]`.
+    innovation: Vec<[f32; 4]>,
+    /// What moves by itself since the frame before.
+    motion: SurfaceMotion,
+    invalid: Option<ResetReason>,
+    level: Level,
+}
+
+/// The planes of `gbuffer` besides colour that super sampling reads, if all of its numbers are finite.
+fn usable_planes(gbuffer: &GBuffer) -> Result<(&Gradients, &Geometry), ReconstructError> {
+    let GBuffer { color, gradients, geometry, .. } = gbuffer;
+    let geometry = geometry.as_ref().ok_or(ReconstructError::Missing { what: "depth" })?;
+    let gradients = gradients.as_ref().ok_or(ReconstructError::Missing { what: "image gradients" })?;
+    // Once here, as what is not a number would stay as long as its frame is remembered.
+    check_finite("G-buffer colour", color)?;
+    check_finite("G-buffer gradients", &gradients.color_dx)?;
+    check_finite("G-buffer gradients", &gradients.color_dy)?;
+    if let Some(mixed) = &gradients.color_dxy {
+        check_finite("G-buffer gradients", mixed)?;
+    }
+    Ok((gradients, geometry))
+}
+
+impl SuperSampler {
+    /// A super sampler of `scale` (1 to [`crate::MAX_SCALE`]) without history.
+    ///
+    /// # Errors
+    /// [`ReconstructError::Scale`] if `scale` is not supported.
+    pub fn new(scale: u32, kriging: Kriging) -> Result<Self, ReconstructError> {
+        check_scale(scale)?;
+        Ok(Self {
+            scale,
+            kriging,
+            past: Vec::new(),
+            spare: Vec::new(),
+            errors: Vec::new(),
+            surface: Surface::default(),
+            rectification: Rectification::default(),
+            innovation: Vec::new(),
+            motion: SurfaceMotion::default(),
+            invalid: Some(ResetReason::FirstFrame),
+            level: gs3_simd::level(),
+        })
+    }
+
+    /// Forgets the history. The next frame is reconstructed from itself alone.
+    pub fn reset(&mut self, reason: ResetReason) {
+        self.invalid = Some(reason);
+    }
+
+    /// Why the next frame will have no history, if it will have none.
+    #[must_use]
+    pub const fn history_invalid(&self) -> Option<ResetReason> {
+        self.invalid
+    }
+
+    /// What the last frame's samples say that the frames before did not, `[LR height, LR width]`: RGB less the RGB
+    /// that those predict there, and how much they know, `[0, 1]`: Σw / (1 + Σw) with Σw the sum of the inverse
+    /// variances (pixel⁻⁴) of their predictions. Where the past knows next to nothing RGB is 0; all is 0 if samples
+    /// do not lie on pixel centres.
+    #[must_use]
+    pub fn innovation(&self) -> &[[f32; 4]] {
+        &self.innovation
+    }
+
+    /// Reconstructs the image of `camera` from `gbuffer`, its LR frame, and the frames before it, into `out`, which is
+    /// resized. The fourth channel becomes the uncertainty, `[0, 1]`: √(1/Σw) less that of one exact sample, with Σw
+    /// the sum of the inverse variances (pixel⁻⁴) of all that predicts the pixel. Its unit is pixel²: what the
+    /// curvature of the image is to be multiplied with to give the expected error. It is 0 where a pixel has a sample
+    /// of its own, so everywhere at rest with a full history, and where all there is to see, now and in the past, is
+    /// background of one colour; it is larger where samples are far, old, doubtful or missing. Another size than
+    /// before resets the history.
+    ///
+    /// `gbuffer` is what [`Camera::low_resolution`] of `camera` sees, with gradients and geometry, point-sampled at its
+    /// jitter (`dilation` matched to the scale).
+    ///
+    /// # Errors
+    /// [`ReconstructError`] if `gbuffer` is not the LR frame of `camera`, lacks gradients or geometry, or has colours
+    /// or gradients that are not finite; the history is then as before.
+    pub fn super_sample(
+        &mut self,
+        camera: &Camera,
+        gbuffer: &GBuffer,
+        out: &mut Image,
+    ) -> Result<(), ReconstructError> {
+        self.super_sample_padded(camera, gbuffer, gbuffer, out)
+    }
+
+    /// As [`Self::super_sample`] from `gbuffer`, the LR frame of `camera`, and remembers with it what lies beyond its
+    /// edges: `padded` is the same frame with a margin ([`GBuffer::crop`] makes the one of the other). What a turning
+    /// camera reveals then has a past.
+    ///
+    /// # Errors
+    /// As [`Self::super_sample`], also if `padded` less its margin is not of the size and jitter of `gbuffer`.
+    pub fn super_sample_padded(
+        &mut self,
+        camera: &Camera,
+        gbuffer: &GBuffer,
+        padded: &GBuffer,
+        out: &mut Image,
+    ) -> Result<(), ReconstructError> {
+        self.super_sample_since(Since::default(), camera, gbuffer, padded, out)
+    }
+
+    /// As [`Self::super_sample_padded`], told what happened `since` the frame before. Where it errs, that is not heard.
+    pub(crate) fn super_sample_since(
+        &mut self,
+        since: Since<'_>,
+        camera: &Camera,
+        gbuffer: &GBuffer,
+        padded: &GBuffer,
+        out: &mut Image,
+    ) -> Result<(), ReconstructError> {
+        let size = camera_size(camera);
+        check_gbuffer(gbuffer, self.scale, size)?;
+        check_padded(padded, gbuffer)?;
+        let (gradients, geometry) = usable_planes(gbuffer)?;
+        if !std::ptr::eq(padded, gbuffer) {
+            usable_planes(padded)?;
+        }
+        if let Some(vectors) = since.vectors {
+            check_finite("G-buffer motion", vectors)?;
+        }
+        if self.past.first().is_some_and(|newest| camera_size(&newest.camera) != size) {
+            self.reset(ResetReason::SizeOrTierChange);
+        }
+        if self.invalid.take().is_some() || since.reset.is_some() {
+            // A frame that was exact as a whole has room for all blocks, which one with few would keep.
+            self.past.clear();
+            self.spare.clear();
+        }
+        self.surface.set(gbuffer, gradients, self.scale);
+        self.rectification.set(self.level, gbuffer, gradients, &geometry.depth_median, self.scale);
+        let moves = self.follow(since.vectors, camera, padded);
+        self.remember(camera, gbuffer, padded)?;
+        self.find_boxes(camera);
+        if moves {
+            self.add_surface_shifts();
+        }
+        out.resize(size.0, size.1);
+        self.accumulate(out);
+        Ok(())
+    }
+
+    /// Moves the history to where `vectors` say that its surfaces are in the current frame, `padded`; whether they say
+    /// anything.
+    fn follow(&mut self, vectors: Option<&Planes<2>>, camera: &Camera, padded: &GBuffer) -> bool {
+        let (Some(vectors), Some(newest)) = (vectors, self.past.first()) else {
+            self.motion.clear();
+            return false;
+        };
+        let before = newest.camera;
+        let frames =
+            Frames { cameras: [&before, camera], before: &newest.frame, now: padded, scale: self.scale };
+        self.motion.set(&frames, vectors);
+        let (motion, level, scale) = (&self.motion, self.level, self.scale as f32);
+        // Exact blocks are of scenes that stand still.
+        let lr_frames = self.past.par_iter_mut().filter(|past| !past.frame.is_blocks());
+        // Boxes and reprojections are still those to the frame before.
+        lr_frames.for_each(|Past { frame, reprojection, boxes, .. }| {
+            advance(level, frame, reprojection, boxes, scale, motion);
+        });
+        true
+    }
+
+    /// Tells the history where something moves in the current frame, and the newest frame which of its surfaces do.
+    fn add_surface_shifts(&mut self) {
+        let (motion, level, scale) = (&self.motion, self.level, self.scale as f32);
+        let Some((newest, past)) = self.past.split_first_mut() else { return };
+        for [x, y] in motion.movers() {
+            if let Some(displacement) = newest.frame.displacement_mut(y, x / CHUNK) {
+                displacement.mark(x % CHUNK);
+            }
+        }
+        let lr_frames = past.par_iter_mut().filter(|past| !past.frame.is_blocks());
+        lr_frames.for_each(|Past { frame, reprojection, boxes, .. }| {
+            add_surface_shifts(level, frame, reprojection, boxes, scale, motion);
+        });
+    }
+
+    /// Displacements of the LR samples of the frame before, and of the last one, from then to now, world units, `[LR
+    /// height, LR width]`; none if nothing moves by itself.
+    pub(crate) fn displacements(&self) -> Option<[&[[f32; 3]]; 2]> {
+        self.motion.displacements()
+    }
+
+    /// Takes the current frame into the history, as its newest.
+    fn remember(
+        &mut self,
+        camera: &Camera,
+        gbuffer: &GBuffer,
+        padded: &GBuffer,
+    ) -> Result<(), ReconstructError> {
+        let mut newest = self.spare.pop().unwrap_or_else(|| Past::empty(camera));
+        (newest.camera, newest.age) = (*camera, 0);
+        newest.mean_inverse_depth = DepthLattice::of(gbuffer).mean_inverse_depth();
+        newest.frame.fill(self.level, padded, self.scale)?;
+        let remembered = (self.scale * self.scale) as usize;
+        self.past.iter_mut().for_each(|past| past.age += 1);
+        let mut oldest = remembered - 1;
+        // Exact blocks make up for what stale frames knew. Without them, as below networks, all frames stay.
+        if self.past.iter().any(|past| past.frame.is_blocks()) {
+            // The ages of LR frames are 1, 2, 3, … up to the oldest.
+            let lr_frames = self.past.iter().filter(|past| !past.frame.is_blocks());
+            let lr_frames: Vec<_> = lr_frames.map(|past| (past.camera, past.mean_inverse_depth)).collect();
+            oldest = oldest.min(count_remembered(&lr_frames, camera));
+        }
+        self.spare.extend(self.past.extract_if(.., |past| past.age > oldest));
+        self.past.insert(0, newest);
+        Ok(())
+    }
+
+    /// The squared errors expected of the last image in blocks of 4×4 pixels, `[rows, columns]` of [`block_grid`]: sums
+    /// over the pixels and over RGB.
+    #[must_use]
+    pub fn expected_errors(&self) -> &[f32] {
+        &self.errors
+    }
+
+    /// Number of exact blocks in the history.
+    #[must_use]
+    pub fn remembered_blocks(&self) -> usize {
+        self.past.iter().filter(|past| past.frame.is_blocks()).map(|past| past.frame.chunk_count()).sum()
+    }
+
+    /// Puts exact blocks of the last frame into `image`, the image that [`Self::super_sample`] made of it, with an
+    /// uncertainty of 0, and remembers them: the next frames reproject their samples.
+    pub fn refine(&mut self, blocks: &ExactBlocks, image: &mut Image) {
+        let Some(current) = self.past.first() else { return };
+        let camera = current.camera;
+        let size = [image.width(), image.height()];
+        let [columns, rows] = block_grid(size);
+        write_blocks(blocks, image);
+        // What is known anew replaces what was known of it.
+        let mut is_new = vec![false; columns * rows];
+        for [column, row] in &blocks.places {
+            is_new[usize::from(*row) * columns + usize::from(*column)] = true;
+        }
+        self.past.par_iter_mut().filter(|past| past.frame.is_blocks()).for_each(|past| {
+            let boxes = &past.boxes;
+            past.frame.retain_blocks(|k| {
+                let (row, chunk) = SampleFrame::row_of_block(k);
+                let [x, y] = boxes.middle(row, chunk).map(|v| (v / 4.0).floor());
+                let is_in = x >= 0.0 && y >= 0.0 && x < columns as f32 && y < rows as f32;
+                is_in && !is_new[y as usize * columns + x as usize]
+            });
+        });
+        let (past, spare) = (&mut self.past, &mut self.spare);
+        spare.extend(past.extract_if(.., |past| past.frame.is_blocks() && past.frame.chunk_count() == 0));
+        if !blocks.is_empty() {
+            let mut newest = self.spare.pop().unwrap_or_else(|| Past::empty(&camera));
+            (newest.camera, newest.age) = (camera, 0);
+            newest.frame.fill_blocks(self.level, blocks, size);
+            self.past.insert(1, newest);
+        }
+    }
+
+    /// Finds where the samples of the past are now.
+    fn find_boxes(&mut self, camera: &Camera) {
+        let (scale, level) = (self.scale as f32, self.level);
+        self.past.par_iter_mut().for_each(|past| {
+            past.reprojection = Reprojection::new(&past.camera, camera);
+            past.parallax = parallax(&past.camera, camera);
+            past.focal = camera.intrinsics().fx as f32;
+            dispatch!(level, simd => past.boxes.set(simd, &past.frame, &past.reprojection, scale));
+        });
+    }
+
+    /// Combines the samples of the past with the interpolated current frame.
+    fn accumulate(&mut self, out: &mut Image) {
+        let size = [out.width(), out.height()];
+        let mut innovation = std::mem::take(&mut self.innovation);
+        let frame = &self.past[0].frame;
+        let [columns, lines] = frame.picture_size();
+        innovation.clear();
+        innovation.resize(columns * lines, [0.0; 4]);
+        let mut errors = std::mem::take(&mut self.errors);
+        let blocks = block_grid(size);
+        errors.clear();
+        errors.resize(blocks[0] * blocks[1], 0.0);
+        let band_errors = errors.chunks_mut(TILE_HEIGHT / 4 * blocks[0]);
+        let sampled = SampledPixels::new(frame.jitter, self.scale);
+        let mut rest = &mut innovation[..];
+        let bands: Vec<Band<'_>> =
+            (out.pixels_mut().chunks_mut(TILE_HEIGHT * size[0]).zip(band_errors).enumerate())
+                .map(|(band, (pixels, errors))| {
+                    let top = band * TILE_HEIGHT;
+                    let rows = sampled.map_or(0..0, |sampled| sampled.rows(top, pixels.len() / size[0]));
+                    let rows = rows.start.min(lines)..rows.end.min(lines);
+                    let part = rest.split_off_mut(..rows.len() * columns).unwrap_or_default();
+                    Band { top, pixels, errors, innovation: part, first_row: rows.start }
+                })
+                .collect();
+        let tile = || Tile::new(self.kriging.threshold().map(Neighborhoods::new));
+        bands.into_par_iter().for_each_init(tile, |tile, band| {
+            dispatch!(self.level, simd => self.fill_band(simd, band, size, sampled, tile));
+        });
+        (self.innovation, self.errors) = (innovation, errors);
+    }
+
+    /// Fills a band of an image of `[width, height]`, whose current samples lie on the pixels of `sampled`, in the
+    /// memory of `tile`.
+    #[inline(always)]
+    fn fill_band<'a, S: Simd>(
+        &'a self,
+        simd: S,
+        band: Band<'_>,
+        [width, height]: [usize; 2],
+        sampled: Option<SampledPixels>,
+        tile: &mut Tile<'a>,
+    ) {
+        let Band { top, pixels: rows, errors, innovation, first_row } = band;
+        let with_ring = |start: usize, count: usize, all: usize| {
+            let first = start.saturating_sub(RING);
+            (first, (start + count + RING).min(all) - first)
+        };
+        let rows_wanted = rows.len() / width;
+        (tile.top, tile.height) = with_ring(top, rows_wanted, height);
+        let mut of_past: [Range<usize>; MAX_SOURCES] = [const { 0..0 }; MAX_SOURCES];
+        for (past, of_past) in self.past.iter().zip(&mut of_past) {
+            *of_past = past.boxes.rows_meeting(self.limits(tile, past.age).wider(RIM as f32 - REACH));
+        }
+        for left in (0..width).step_by(TILE_WIDTH) {
+            let wanted =
+                Wanted { left, top, width: TILE_WIDTH.min(width - left), height: rows_wanted, stride: width };
+            (tile.left, tile.width) = with_ring(left, wanted.width, width);
+            let bare = self.bare_color(simd, tile, &of_past);
+            if let Some([r, g, b]) = bare {
+                for row in rows.chunks_exact_mut(width) {
+                    row[left..left + wanted.width].fill([r, g, b, 0.0]);
+                }
+                continue;
+            }
+            let current = &self.past[0].frame;
+            tile.begin(simd, &self.surface, self.scale as f32);
+            if let Some(sampled) = &sampled {
+                tile.clear_pixels(sampled);
+            }
+            self.splat_depths(simd, tile, &of_past);
+            self.add_frames(simd, tile, 1, &of_past);
+            if let Some(sampled) = &sampled {
+                tile.insert_current(sampled, current, &wanted, innovation, first_row);
+            }
+            self.add_frames(simd, tile, 0, &of_past[..1]);
+            tile.resolve(simd, &wanted, rows, errors);
+        }
+    }
+
+    /// The pixels on which what the frame of age `age` holds may bear on `tile`: samples reach out, and the current
+    /// frame, which is interpolated, has its next samples within a cell.
+    fn limits(&self, tile: &Tile<'_>, age: usize) -> BoxLimits {
+        let reach = if age == 0 { REACH.max(self.scale as f32 + 1.0) } else { REACH };
+        let ends = |first: usize, count: usize| [first as f32 - reach, (first + count) as f32 + reach];
+        let ([left, right], [top, bottom]) = (ends(tile.left, tile.width), ends(tile.top, tile.height));
+        BoxLimits { left, right, top, bottom }
+    }
+
+    /// The colour of the tile if there is nothing in it, now and in the past, but background of one colour. Row ranges
+    /// `of_past` are those to look at.
+    #[inline(always)]
+    fn bare_color<S: Simd>(&self, simd: S, tile: &Tile<'_>, of_past: &[Range<usize>]) -> Option<[f32; 3]> {
+        let mut color = None;
+        for (past, rows) in self.past.iter().zip(of_past) {
+            let limits = self.limits(tile, past.age);
+            for (row, chunk) in past.boxes.chunks_meeting(simd, rows.clone(), limits) {
+                let bare = past.frame.extents(row)[chunk].bare?;
+                if *color.get_or_insert(bare) != bare {
+                    return None;
+                }
+            }
+        }
+        color
+    }
+
+    /// Finds what is nearest in `tile` and around it; row ranges `of_past` are those to look at.
+    #[inline(always)]
+    fn splat_depths<S: Simd>(&self, simd: S, tile: &mut Tile<'_>, of_past: &[Range<usize>]) {
+        let rim = RIM as f32;
+        let limits = self.limits(tile, 1).wider(rim - REACH);
+        tile.nearest.clear();
+        let frames = self.past.iter().zip(of_past).filter(|(past, _)| past.age.is_multiple_of(EVERY));
+        for (past, rows) in frames {
+            let source = past.source(self.scale);
+            let (mut waiting, mut count) = ([(0, 0); DEPTHS_AHEAD], 0);
+            for (row, chunk) in past.boxes.chunks_meeting(simd, rows.clone(), limits) {
+                prefetch(past.frame.chunk(row, chunk).inverse_depth());
+                let (row, chunk) = std::mem::replace(&mut waiting[count % DEPTHS_AHEAD], (row, chunk));
+                count += 1;
+                if count > DEPTHS_AHEAD {
+                    tile.splat_depth(simd, &source, row, chunk);
+                }
+            }
+            for (row, chunk) in &waiting[..count.min(DEPTHS_AHEAD)] {
+                tile.splat_depth(simd, &source, *row, *chunk);
+            }
+        }
+        tile.nearest.spread(simd);
+    }
+
+    /// Adds the samples of frames to `tile`, strip by strip: those of ages from `youngest` to the end of `of_past`,
+    /// the row ranges to look at.
+    #[inline(always)]
+    fn add_frames<'a, S: Simd>(
+        &'a self,
+        simd: S,
+        tile: &mut Tile<'a>,
+        youngest: usize,
+        of_past: &[Range<usize>],
+    ) {
+        let limits = self.limits(tile, 1);
+        let (mut from, end) = (limits.top, limits.bottom);
+        let (mut queue, mut count) = ([Task::default(); QUEUE], 0);
+        while from <= end {
+            // A chunk belongs to the strip in which it begins; one that begins above the tile, to the first.
+            let first = if from == limits.top { f32::NEG_INFINITY } else { from };
+            let strip = first..from + STRIP;
+            for (k, (past, rows)) in self.past.iter().zip(of_past).enumerate().skip(youngest) {
+                for (row, chunk) in past.boxes.chunks_beginning(simd, rows.clone(), limits, strip.clone()) {
+                    // All are far below 2¹⁶.
+                    queue[count] = Task { source: k as u16, row: row as u16, chunk: chunk as u16 };
+                    count += 1;
+                    if count == QUEUE {
+                        self.add_all(tile, &queue);
+                        count = 0;
+                    }
+                }
+            }
+            from += STRIP;
+        }
+        self.add_all(tile, &queue[..count]);
+    }
+
+    /// Adds chunks of samples to `tile`, in their order.
+    fn add_all<'a>(&'a self, tile: &mut Tile<'a>, tasks: &[Task]) {
+        dispatch!(self.level, simd => for (k, task) in tasks.iter().enumerate() {
+            if let Some(next) = tasks.get(k + AHEAD) {
+                let frame = &self.past[next.source as usize].frame;
+                prefetch(slice::from_ref(frame.chunk(next.row as usize, next.chunk as usize)));
+            }
+            let source = self.past[task.source as usize].source(self.scale);
+            tile.splat_color(simd, &source, &self.rectification, task.row as usize, task.chunk as usize);
+        });
+    }
+}

@@ -1,0 +1,380 @@
+//! Where the pixels of a frame are in its neighbours, patch by patch.
+//!
+//! A patch is 4×4 pixels. Sixteen patches in a row are looked at together, by their corners: where a patch moves
+//! alike and is seen alike, all of it is gathered with one displacement. The others are looked at pixel by pixel,
+//! sixteen lanes, and gathered four pixels or one at a time. Patches lie on the cells between LR samples where they
+//! can (at scales 2, 4 and 8), so that a patch seldom holds two surfaces.
+//!
+//! A patch costs 54 loads and 78 multiply-adds of sixteen lanes per neighbour: 20 cycles a pixel for both neighbours on a
+//! processor that does eight lanes a cycle (AVX2 on Zen 1), 5 on one with two multiply-adds of sixteen. Memory is 16 B read
+//! from each neighbour and 16 B written a pixel.
+//!
+//! Kernels here call no closures: one would be compiled for the narrowest vectors, and called with its vectors in memory.
+
+use std::ops::Range;
+
+use fearless_simd::{Simd, f32x4, f32x16, i32x16, mask32x16, prelude::*};
+use gs3_scene::Image;
+use rayon::prelude::*;
+
+use crate::cpu::gather::{Gather, QUAD, UNITS};
+use crate::cpu::middle_depth::MiddleDepth;
+use crate::cpu::neighbor_depth::{HIDDEN, NeighborDepth};
+use crate::reprojection::{MIN_DIVISOR, Reprojection};
+
+/// Pixels along a side of a patch.
+pub(crate) const SIDE: usize = QUAD;
+
+/// Patches looked at together, and pixels of a patch.
+pub(crate) const LANES: usize = 16;
+
+/// Pixels along the patches looked at together.
+const RUN: usize = LANES * SIDE;
+
+/// Pixels along what is made from the top of a band to its bottom before what is beside it: nine rows of as much of both
+/// neighbours are 150 KB, which second-level caches hold.
+const TILE: usize = 8 * RUN;
+
+/// Rows of pixels of a task.
+const BAND: usize = 32;
+
+/// Pixels whose displacements lie within this many pixels, along x and along y, are gathered at once, moved by the
+/// middle of the displacements. The largest error, half of it, is 1/32 px; on real scenes it costs no more than 0.001
+/// dB.
+pub(crate) const RIGID: f32 = 1.0 / 16.0;
+
+/// The first columns of sixteen patches in a row.
+const FIRSTS: [f32; LANES] = {
+    let mut firsts = [0.0; LANES];
+    let mut k = 0;
+    while k < LANES {
+        firsts[k] = (k * SIDE) as f32;
+        k += 1;
+    }
+    firsts
+};
+
+/// The same as whole numbers.
+const FIRST_COLUMNS: [usize; LANES] = {
+    let mut firsts = [0; LANES];
+    let mut k = 0;
+    while k < LANES {
+        firsts[k] = k * SIDE;
+        k += 1;
+    }
+    firsts
+};
+
+/// The columns and the rows of a patch's pixels.
+const PATCH_COLUMNS: [usize; LANES] = [0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3];
+const PATCH_ROWS: [usize; LANES] = [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3];
+
+/// The same as numbers to add.
+const COLUMNS: [f32; LANES] = [0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3.];
+const ROWS: [f32; LANES] = [0., 0., 0., 0., 1., 1., 1., 1., 2., 2., 2., 2., 3., 3., 3., 3.];
+
+/// All that rows are made from, gathered from `N` neighbours.
+pub(crate) struct Warp<'a, const N: usize> {
+    pub scale: usize,
+    pub gather: &'a Gather,
+    pub middle: &'a MiddleDepth,
+    pub depths: [&'a NeighborDepth; N],
+    pub images: [&'a Image; N],
+    pub reprojections: [Reprojection; N],
+    /// The shares of displacements from the middle frame to each neighbour ([`MiddleDepth::displacements_at`]).
+    pub shares: [f32; N],
+}
+
+/// Sixteen patches in a row.
+pub(crate) struct Run<const N: usize> {
+    /// Bit `k`: patch `k` moves alike in every neighbour; places are specified for such patches only.
+    pub rigid: u64,
+    /// Bit `k`: patch `k` is seen alike; visibility is specified for such patches only.
+    pub even: u64,
+    /// Fixed-point x and y of the first pixels in each neighbour.
+    places: [[[i32; LANES]; 2]; N],
+    /// Visibility per neighbour.
+    pub visibility: [[f32; LANES]; N],
+}
+
+/// The pixels of a patch, row by row.
+pub(crate) struct Patch<const N: usize> {
+    /// Fixed-point x and y in each neighbour; those of a rigid row differ by whole pixels.
+    places: [[[i32; LANES]; 2]; N],
+    /// Per neighbour, a bit per pixel: whether the four pixels of its row move alike.
+    rigid: [u64; N],
+    /// Visibility per neighbour.
+    pub visibility: [[f32; LANES]; N],
+}
+
+/// The pixels of a patch that are in the image and in the rows being made.
+pub(crate) struct Clip {
+    /// Of the patch.
+    pub rows: Range<usize>,
+    /// Of the patch.
+    pub columns: Range<usize>,
+    /// Place of the patch's first pixel among the rows being made; may be before them.
+    origin: isize,
+    width: usize,
+}
+
+/// Splits rows of `width` values into the bands that tasks make: the first ends where patches begin.
+pub(crate) fn bands<T: Send>(
+    scale: usize,
+    width: usize,
+    rows: &mut [T],
+) -> impl IndexedParallelIterator<Item = &mut [T]> {
+    let (first, others) = rows.split_at_mut((offset(scale) * width).min(rows.len()));
+    rayon::iter::once(first).chain(others.par_chunks_mut(width * BAND))
+}
+
+/// The first row of a band.
+pub(crate) const fn band_top(scale: usize, band: usize) -> usize {
+    if band == 0 { 0 } else { offset(scale) + (band - 1) * BAND }
+}
+
+/// Where the first whole patch begins: a cell between samples begins half an LR pixel after the image.
+pub(crate) const fn offset(scale: usize) -> usize {
+    scale / 2 % SIDE
+}
+
+impl<'a> Warp<'a, 2> {
+    /// The same, of the first neighbour alone.
+    pub fn of_first(self) -> Warp<'a, 1> {
+        let Self { scale, gather, middle, depths: [depth, _], images: [image, _], .. } = self;
+        let ([reprojection, _], [share, _]) = (self.reprojections, self.shares);
+        let (depths, images, reprojections) = ([depth], [image], [reprojection]);
+        Warp { scale, gather, middle, depths, images, reprojections, shares: [share] }
+    }
+}
+
+impl<const N: usize> Warp<'_, N> {
+    /// The first pixels of every sixteen patches of a band, so that what they are gathered from stays in the cache
+    /// until the patches below need it.
+    pub fn runs(&self, rows: usize, top: usize) -> impl Iterator<Item = [isize; 2]> + use<N> {
+        let (width, offset) = (self.images[0].width() as isize, offset(self.scale) as isize);
+        // The first patches may begin before the image.
+        let start = |first: isize| if first == 0 && offset > 0 { offset - SIDE as isize } else { first };
+        let (left, top, bottom) = (start(0), start(top as isize), (top + rows) as isize);
+        (left..width).step_by(TILE).flat_map(move |tile| {
+            let columns = tile..(tile + TILE as isize).min(width);
+            (top..bottom).step_by(SIDE).flat_map(move |y| columns.clone().step_by(RUN).map(move |x| [x, y]))
+        })
+    }
+
+    /// Looks at the corners of the sixteen patches from `(x, y)` on.
+    #[inline(always)]
+    pub fn correspondence_of_run<S: Simd>(&self, simd: S, x: isize, y: isize) -> Run<N> {
+        let firsts = f32x16::load_array_ref(simd, &FIRSTS) + x as f32;
+        let mut least = [[f32x16::splat(simd, f32::INFINITY); 3]; N];
+        let mut most = [[f32x16::splat(simd, f32::NEG_INFINITY); 3]; N];
+        let end = SIDE - 1;
+        for [dx, dy] in [[0, 0], [end, 0], [0, end], [end, end]] {
+            let (corner_x, corner_y) = (x + dx as isize, y + dy as isize);
+            let depth = self.middle.along_row(simd, corner_x, SIDE, corner_y);
+            let moved = if self.middle.moves_in_row(corner_y) {
+                Some(self.middle.displacements_at(simd, [corner_x, corner_y], [&FIRST_COLUMNS, &[0; LANES]]))
+            } else {
+                None
+            };
+            let (x, y) = (firsts + dx as f32, f32x16::splat(simd, (y + dy as isize) as f32));
+            for n in 0..N {
+                let [u, v, w] = self.reproject(simd, n, [x, y, depth], moved);
+                let seen = self.depths[n].visibility_along(simd, [u, v, w], self.scale as f32);
+                let found = [u - x, v - y, self.inside(simd, n, [u, v, w], seen)];
+                for ((least, most), found) in least[n].iter_mut().zip(&mut most[n]).zip(found) {
+                    (*least, *most) = (least.min(found), most.max(found));
+                }
+            }
+        }
+        // At scale 1, pixels between the corners have samples of their own.
+        let every = if self.scale > 1 { 0xffff } else { 0 };
+        let (mut rigid, mut even) = (every, every);
+        let mut run = Run { rigid: 0, even: 0, places: [[[0; LANES]; 2]; N], visibility: [[0.0; LANES]; N] };
+        let y = f32x16::splat(simd, y as f32);
+        for n in 0..N {
+            let (least, most) = (&least[n], &most[n]);
+            rigid &= is_rigid(least, most).to_bitmask();
+            even &= most[2].simd_eq(least[2]).to_bitmask();
+            run.places[n] = [middle(least, most, 0, firsts), middle(least, most, 1, y)];
+            run.visibility[n] = most[2].to_array();
+        }
+        Run { rigid, even, ..run }
+    }
+
+    /// Looks at every pixel of the patch from `(x, y)` on.
+    #[inline(always)]
+    pub fn correspondence_of_patch<S: Simd>(&self, simd: S, x: isize, y: isize) -> Patch<N> {
+        let depth = self.middle.in_patch(simd, x, y);
+        let moves = self.middle.moves_in_row(y) || self.middle.moves_in_row(y + SIDE as isize - 1);
+        let moved = if moves {
+            Some(self.middle.displacements_at(simd, [x, y], [&PATCH_COLUMNS, &PATCH_ROWS]))
+        } else {
+            None
+        };
+        let x = f32x16::load_array_ref(simd, &COLUMNS) + x as f32;
+        let y = f32x16::load_array_ref(simd, &ROWS) + y as f32;
+        let mut patch = Patch { places: [[[0; LANES]; 2]; N], rigid: [0; N], visibility: [[0.0; LANES]; N] };
+        for n in 0..N {
+            let [u, v, w] = self.reproject(simd, n, [x, y, depth], moved);
+            let seen = self.depths[n].visibility_within(simd, [u, v, w], self.scale as f32);
+            patch.visibility[n] = self.inside(simd, n, [u, v, w], seen).to_array();
+            let (moved_x, moved_y) = (u - x, v - y);
+            let (least_x, most_x) = extremes(moved_x);
+            let (least_y, most_y) = extremes(moved_y);
+            let is_rigid = (most_x - least_x).simd_le(RIGID) & (most_y - least_y).simd_le(RIGID);
+            patch.rigid[n] = is_rigid.to_bitmask();
+            let common_x = is_rigid.select((least_x + most_x) * 0.5, moved_x);
+            let common_y = is_rigid.select((least_y + most_y) * 0.5, moved_y);
+            patch.places[n] = [units(common_x, x).to_array(), units(common_y, y).to_array()];
+        }
+        patch
+    }
+
+    /// Pixel positions in neighbour `n`, of what moves by `moved` from neighbour to neighbour if it does, and inverse
+    /// depths there, −1 behind it.
+    #[inline(always)]
+    fn reproject<S: Simd>(
+        &self,
+        simd: S,
+        n: usize,
+        [x, y, w]: [f32x16<S>; 3],
+        moved: Option<[f32x16<S>; 3]>,
+    ) -> [f32x16<S>; 3] {
+        // Pixel centres of cameras are at halves.
+        let [u, v, q] = match moved {
+            None => self.reprojections[n].apply_16(simd, x + 0.5, y + 0.5, w),
+            Some([dx, dy, dz]) => {
+                let share = self.shares[n];
+                let moved = [dx * share, dy * share, dz * share];
+                self.reprojections[n].apply_moved_16(simd, x + 0.5, y + 0.5, w, moved)
+            }
+        };
+        let w = q.simd_gt(MIN_DIVISOR).select(w / q, f32x16::splat(simd, -1.0));
+        [u - 0.5, v - 0.5, w]
+    }
+
+    /// The visibility `seen` within neighbour `n`, next to nothing outside.
+    #[inline(always)]
+    fn inside<S: Simd>(&self, simd: S, n: usize, [u, v, w]: [f32x16<S>; 3], seen: f32x16<S>) -> f32x16<S> {
+        let (width, height) = (self.images[n].width() as f32, self.images[n].height() as f32);
+        let inside = u.simd_ge(-0.5)
+            & v.simd_ge(-0.5)
+            & u.simd_le(width - 0.5)
+            & v.simd_le(height - 0.5)
+            & w.simd_ge(0.0);
+        inside.select(seen, f32x16::splat(simd, HIDDEN * HIDDEN))
+    }
+
+    /// Patch `k` of a run in neighbour `n`, row by row, if all it needs is inside.
+    #[inline(always)]
+    pub fn quads<S: Simd>(&self, simd: S, n: usize, run: &Run<N>, k: usize) -> Option<[f32x16<S>; SIDE]> {
+        let [x, y] = &run.places[n];
+        self.gather.patch(simd, self.images[n], [x[k], y[k]])
+    }
+
+    /// The pixels `columns` of row `r` of a patch in neighbour `n`; the other lanes are not specified.
+    #[inline(always)]
+    pub fn gather_row<S: Simd>(
+        &self,
+        simd: S,
+        n: usize,
+        patch: &Patch<N>,
+        r: usize,
+        columns: Range<usize>,
+    ) -> f32x16<S> {
+        let (image, first) = (self.images[n], r * SIDE);
+        let is_rigid = patch.rigid[n] >> first & 1 == 1 && columns.len() == SIDE;
+        if is_rigid && let Some(quad) = self.gather.quad(simd, image, patch.place(n, first)) {
+            return quad;
+        }
+        let mut pixels = [f32x4::splat(simd, 0.0); SIDE];
+        for k in columns {
+            pixels[k] = self.gather.pixel(simd, image, patch.place(n, first + k));
+        }
+        let [a, b, c, d] = pixels;
+        a.combine(b).combine(c.combine(d))
+    }
+}
+
+impl<const N: usize> Patch<N> {
+    /// Fixed-point position of pixel `k` in neighbour `n`.
+    #[inline(always)]
+    pub const fn place(&self, n: usize, k: usize) -> [i32; 2] {
+        [self.places[n][0][k], self.places[n][1][k]]
+    }
+}
+
+impl Clip {
+    /// The patch from `(x, y)` on within the image, `width` wide, and its `count` pixels from row `top` on.
+    #[inline(always)]
+    pub fn new(x: isize, y: isize, top: usize, width: usize, count: usize) -> Self {
+        let y = y - top as isize;
+        let inside = |first: isize, len: usize| {
+            let end = (len as isize - first).clamp(0, SIDE as isize);
+            ((-first).clamp(0, end)) as usize..end as usize
+        };
+        let (rows, columns) = (inside(y, count / width), inside(x, width));
+        Self { rows, columns, origin: y * width as isize + x, width }
+    }
+
+    #[inline(always)]
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty() || self.columns.is_empty()
+    }
+
+    #[inline(always)]
+    pub fn is_whole(&self) -> bool {
+        self.rows.len() == SIDE && self.columns.len() == SIDE
+    }
+
+    /// The pixels of row `r` of the patch among the rows being made.
+    #[inline(always)]
+    pub fn row(&self, r: usize) -> Range<usize> {
+        let at = |column: usize| (self.origin + (r * self.width + column) as isize) as usize;
+        at(self.columns.start)..at(self.columns.end)
+    }
+
+    /// Writes row `r` of the patch to its place among the rows being made.
+    #[inline(always)]
+    pub fn store<S: Simd>(&self, row: f32x16<S>, r: usize, rows: &mut [[f32; 4]]) {
+        let out = rows[self.row(r)].as_flattened_mut();
+        match out.first_chunk_mut() {
+            Some(out) => row.store_array(out),
+            None => out.copy_from_slice(&row.to_array()[4 * self.columns.start..4 * self.columns.end]),
+        }
+    }
+}
+
+/// Whether displacements, x and y, are rigid between their least and most.
+#[inline(always)]
+fn is_rigid<S: Simd>(least: &[f32x16<S>; 3], most: &[f32x16<S>; 3]) -> mask32x16<S> {
+    (most[0] - least[0]).simd_le(RIGID) & (most[1] - least[1]).simd_le(RIGID)
+}
+
+/// Fixed-point positions, along axis `c`, of pixels moved by the middle of the displacements.
+#[inline(always)]
+fn middle<S: Simd>(
+    least: &[f32x16<S>; 3],
+    most: &[f32x16<S>; 3],
+    c: usize,
+    pixel: f32x16<S>,
+) -> [i32; LANES] {
+    units((least[c] + most[c]) * 0.5, pixel).to_array()
+}
+
+/// Fixed-point positions of pixels moved by `moved`. Whole pixels are added in whole numbers, so that pixels that move
+/// alike stay whole pixels apart.
+#[inline(always)]
+fn units<S: Simd>(moved: f32x16<S>, pixel: f32x16<S>) -> i32x16<S> {
+    let units: i32x16<S> = (moved * UNITS + 0.5).floor().to_int();
+    units + (pixel * UNITS).to_int::<i32x16<S>>()
+}
+
+/// The least and the largest of every four lanes, in all of them.
+#[inline(always)]
+fn extremes<S: Simd>(v: f32x16<S>) -> (f32x16<S>, f32x16<S>) {
+    let turned = v.slide_within_blocks::<1>(v);
+    let (least, most) = (v.min(turned), v.max(turned));
+    (least.min(least.slide_within_blocks::<2>(least)), most.max(most.slide_within_blocks::<2>(most)))
+}
