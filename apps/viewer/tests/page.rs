@@ -75,13 +75,15 @@ fn a_session_in_a_browser() {
     let folder = tempfile::tempdir().unwrap();
     let [scenes, out] = ["scenes", "out"].map(|name| folder.path().join(name));
     let out = env::var_os("GS3_PAGE_OUT").map_or(out, PathBuf::from);
-    [&scenes, &out].map(|folder| fs::create_dir_all(folder).unwrap());
+    for folder in [&scenes, &out] {
+        fs::create_dir_all(folder).unwrap();
+    }
     let mut few = Gaussians::zeroed(3, 0);
     for k in 0..3 {
         (few.rotations[0][k], few.opacities[k], few.means[0][k]) = (1.0, 0.9, k as f32 - 1.0);
         few.scales.iter_mut().for_each(|axis| axis[k] = 0.3);
     }
-    save(&Scene::new(few, OpacityMode::Default).unwrap(), scenes.join("few.ply"), &|_| {}).unwrap();
+    save(&Scene::new(few, OpacityMode::Default).unwrap(), scenes.join("few.ply")).unwrap();
     fs::write(scenes.join("bad.ply"), "ply\nformat nonsense").unwrap();
 
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/page.mjs");

@@ -87,7 +87,7 @@ mod tests {
         let scene = Scene::new(gaussians, OpacityMode::Default).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.sog");
-        save(&scene, &file, &|_| {}).unwrap();
+        save(&scene, &file).unwrap();
         std::fs::read(file).unwrap()
     }
 
@@ -109,7 +109,8 @@ mod tests {
             let mut file = archive.by_index(k).unwrap();
             let mut bytes = Vec::new();
             std::io::Read::read_to_end(&mut file, &mut bytes).unwrap();
-            files.insert(format!("garden/{}", file.name()), bytes);
+            let name = file.name().unwrap().into_owned();
+            files.insert(format!("garden/{name}"), bytes);
         }
         assert_eq!(count(open("garden", files)), 3);
         let path = demo::path().resized(64, 40).unwrap();
