@@ -31,7 +31,7 @@ class Worker:
         self.path = path.resized(*size) if size else path
         width, height = (int(side) for side in self.path.sizes[0])
         self.renderer = gs3.Renderer(self.scene, width, height, **settings)
-        self.each = settings.get("in_between", 1) + 1 if settings.get("mode", "full") == "full" else 1
+        self.each = settings.get("frames_between", 1) + 1 if settings.get("mode", "full") == "full" else 1
 
     def frames(self):
         """Number of rendered frames of the path."""

@@ -32,7 +32,7 @@ def all_frames(renderer, path, **options):
     "settings, options",
     [
         ({}, []),
-        ({"in_between": 3, "quality": "fast", "kriging": "on"}, ["--in-between", "3", "--quality", "fast", "--kriging"]),
+        ({"frames_between": 3, "quality": "fast", "kriging": "on"}, ["--in-between", "3", "--quality", "fast", "--kriging"]),
         ({"mode": "super-sample", "tier": "fast", "refine": "off"}, ["--mode", "super-sample", "--tier", "fast", "--refine", "off"]),
         ({"mode": "native", "background": (1, 0.5, 0)}, ["--mode", "native", "--background", "1,0.5,0"]),
     ],
@@ -86,7 +86,7 @@ def test_a_resting_camera_reaches_the_native_image(scene, path):
 
 
 def test_a_path_has_frames_between(scene, path):
-    renderer = gs3.Renderer(scene, *SIZE, in_between=2, backend="cpu")
+    renderer = gs3.Renderer(scene, *SIZE, frames_between=2, backend="cpu")
     frames = list(renderer.follow(path[:3]))
     assert [len(shown) for shown in frames] == [1, 3, 3]
     assert all(f.shape == (SIZE[1], SIZE[0], 3) and f.dtype == np.float32 for shown in frames for f in shown)
@@ -172,7 +172,7 @@ def test_an_interrupt_ends_a_path_between_frames(scene, path):
         ({"mode": "fast"}, "mode: expected one of native, bicubic, super-sample, full, found 'fast'|found \"fast\""),
         ({"scale": 9}, "scale: expected 1 to 8, found 9"),
         ({"refine": 1.5}, "refine: expected off, auto, a share"),
-        ({"in_between": 4}, "in_between: expected 1 to 3"),
+        ({"frames_between": 4}, "in-between frames: expected 1 to 3"),
         ({"tier": "best"}, "tier: expected one of fast, balanced, high"),
         ({"tier": "high", "scale": 3}, "3"),
         ({"backend": "cuda"}, "backend: expected auto, cpu or gpu"),

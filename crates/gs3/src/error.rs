@@ -35,7 +35,7 @@ pub enum PipelineError {
     #[error(transparent)]
     Network(#[from] NetworkError),
     /// Too many or too few frames are to be made between two rendered ones.
-    #[error("in_between: expected 1 to {MAX_IN_BETWEEN} frames between rendered ones, found {actual}")]
+    #[error("in-between frames: expected 1 to {MAX_IN_BETWEEN} for each rendered one, found {actual}")]
     InBetween {
         /// Frames asked for.
         actual: u32,

@@ -98,7 +98,7 @@ pub struct FrameOptions {
     #[arg(long, help_heading = ADVANCED)]
     pub matrix_products: bool,
     /// Frames interpolated before each rendered one in mode `full`
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_IN_BETWEEN)))]
+    #[arg(long, alias = "generate", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_IN_BETWEEN)))]
     pub in_between: u32,
     /// Sub-pixel offsets of the low-resolution frames
     #[arg(long, default_value = "on", value_name = "on|off", help_heading = ADVANCED)]

@@ -100,7 +100,7 @@ class Renderer:
         scale: int,
         quality: str,
         refine: str,
-        in_between: int,
+        frames_between: int,
         tier: Optional[str],
         learned_interpolation: bool,
         kriging: str,
@@ -119,7 +119,7 @@ class Renderer:
 
 class Reconstructor:
     def __init__(
-        self, scale: int, in_between: int, kriging: str, widest_margin: int, jittered: bool
+        self, scale: int, frames_between: int, kriging: str, widest_margin: int, jittered: bool
     ) -> None: ...
     def next(
         self, viewmat: _F64, k: _F64, width: int, height: int

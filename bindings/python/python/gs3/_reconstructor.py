@@ -32,7 +32,7 @@ class Reconstructor:
     Args:
         width, height: Size of the high-resolution frames, pixels.
         scale: High over low resolution, 1 to 8.
-        in_between: Frames interpolated before each rendered one, 0 for none.
+        frames_between: Frames interpolated before each rendered one, 0 for none.
         kriging: Sharper in motion: ``off``, ``coarse``, ``on``, ``fine``.
         widest_margin: Pixels that the renderer can render beyond each edge.
         jittered: Whether frames are sampled at other places from one to the next.
@@ -44,14 +44,14 @@ class Reconstructor:
         height: int,
         *,
         scale: int = 4,
-        in_between: int = 1,
+        frames_between: int = 1,
         kriging: str = "off",
         widest_margin: int = 0,
         jittered: bool = True,
     ) -> None:
         self._size = size(width, height)
         self._scale = scale
-        self._native = _gs3.Reconstructor(scale, in_between, kriging, widest_margin, jittered)
+        self._native = _gs3.Reconstructor(scale, frames_between, kriging, widest_margin, jittered)
 
     @property
     def lr_size(self) -> Tuple[int, int]:

@@ -28,7 +28,7 @@ class Renderer:
         refine: Which pixels are rasterized exactly besides: ``auto`` (what ``quality`` says), ``off``, a share of all, 0 to 1,
             or the time of a frame, ``"33ms"``. On the CPU.
         scale: High over low resolution, 1 to 8.
-        in_between: Frames interpolated before each rendered one in mode ``full``, 1 to 3.
+        frames_between: Frames interpolated before each rendered one in mode ``full``, 1 to 3.
         mode: ``full``, ``super-sample`` (none between), ``native`` (every pixel rasterized), ``bicubic`` (the baseline).
         backend: ``auto`` (a GPU where there is one), ``cpu`` or ``gpu``.
         tier: The network that refines frames: none, ``fast``, ``balanced`` or ``high``. Frames take a few times as long.
@@ -49,7 +49,7 @@ class Renderer:
         quality: str = "balanced",
         refine: Union[str, float] = "auto",
         scale: int = 4,
-        in_between: int = 1,
+        frames_between: int = 1,
         mode: str = "full",
         backend: str = "auto",
         tier: Optional[str] = None,
@@ -67,7 +67,7 @@ class Renderer:
             scale,
             quality,
             str(refine),
-            in_between,
+            frames_between,
             tier,
             learned_interpolation,
             kriging,
