@@ -197,9 +197,9 @@ impl GpuInterpolator {
         for planes in [&before.planes, &after.planes] {
             planes.check(self.plan.lr)?;
         }
-        let uniform = self.gpu.buffer("between", Use::Uniform, size_of::<InBetweenUniform>() as u64)?;
+        let uniform = self.gpu.buffer("in_between", Use::Uniform, size_of::<InBetweenUniform>() as u64)?;
         let mut all: Vec<_> = self.buffers.iter().map(|(name, buffer)| (*name, buffer.slice())).collect();
-        all.push(("between", uniform.slice()));
+        all.push(("in_between", uniform.slice()));
         all.push(("before_median", before.planes.dx_median.slice()));
         all.push(("after_median", after.planes.dx_median.slice()));
         all.push(("before", before.image.pixels().slice()));
@@ -286,6 +286,6 @@ mod tests {
     fn layouts_are_those_of_the_shader() {
         let source = include_str!("in_between.wgsl");
         assert_layout!(&[source], Neighbor, NeighborUniform { to_middle, from_middle, jitter, _pad });
-        assert_layout!(&[source], Between, InBetweenUniform { size, lr, scale, offset, t, _pad, neighbors });
+        assert_layout!(&[source], InBetween, InBetweenUniform { size, lr, scale, offset, t, _pad, neighbors });
     }
 }
