@@ -286,6 +286,10 @@ mod tests {
     fn layouts_are_those_of_the_shader() {
         let source = include_str!("in_between.wgsl");
         assert_layout!(&[source], Neighbor, NeighborUniform { to_middle, from_middle, jitter, _pad });
-        assert_layout!(&[source], InBetween, InBetweenUniform { size, lr, scale, offset, t, _pad, neighbors });
+        assert_layout!(
+            &[source],
+            InBetween,
+            InBetweenUniform { size, lr, scale, offset, t, _pad, neighbors }
+        );
     }
 }
