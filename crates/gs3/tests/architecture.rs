@@ -79,11 +79,13 @@ fn crates_know_only_what_the_map_says() {
     assert_eq!(ours(&direct("gs3-python", &[])), ["gs3", "gs3-evaluate", "gs3-files"]);
 }
 
-/// The kernels need arithmetic and threads; formats, terminals and devices belong elsewhere.
+/// The kernels need arithmetic, threads and, for the times of their stages, a clock; formats, terminals and devices belong elsewhere.
 #[test]
 fn kernels_stay_light() {
     let allowed: BTreeSet<String> =
-        ["fearless_simd", "glam", "gs3-scene", "gs3-simd", "rayon", "thiserror"].map(str::to_owned).into();
+        ["fearless_simd", "glam", "gs3-scene", "gs3-simd", "rayon", "thiserror", "web-time"]
+            .map(str::to_owned)
+            .into();
     for package in ["gs3-raster", "gs3-reconstruct"] {
         let extra: Vec<String> = direct(package, CPU_ONLY).difference(&allowed).cloned().collect();
         assert!(extra.is_empty(), "{package} depends on {extra:?}: say why in ARCHITECTURE.md");
