@@ -1,5 +1,5 @@
-//! The pipeline: what a frame is asked for, what it goes on from, and what it gives. The stages are in `cpu.rs` and
-//! `gpu/mod.rs`, side by side.
+//! The pipeline: its requests, its state between frames, and its results. The stages are in `cpu.rs` and
+//! `gpu/mod.rs`, in the same order.
 
 mod cpu;
 #[cfg(feature = "gpu")]
@@ -30,11 +30,11 @@ use crate::refine::Refine;
 use crate::settings::{MAX_IN_BETWEEN, Mode, PipelineSettings};
 use crate::stages::StageTimes;
 
-/// What a rendered frame gives to show, in order.
+/// The images that a rendered frame adds to the display, in order.
 #[derive(Clone, Copy, Debug)]
 pub struct Presented<'a> {
-    /// The frames between the previous one and this one, in order ([`Mode::Full`], from the second frame on). After a
-    /// camera cut or another reset nothing lies between, and the previous frame stays on for these moments.
+    /// The in-between frames of the previous frame and this one, in order ([`Mode::Full`], from the second frame on).
+    /// After a camera cut or another reset there are none, and the previous frame is shown at these moments.
     pub in_between: [Option<&'a Image>; MAX_IN_BETWEEN as usize],
     /// The frame at the camera asked for.
     pub current: &'a Image,
@@ -47,16 +47,16 @@ impl<'a> Presented<'a> {
     }
 }
 
-/// What begins anew at a keyframe.
+/// What starts anew at a keyframe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Keyframe {
-    /// The choice of sampling offsets. Low-resolution frames leave the history by themselves.
+    /// The choice of sampling offsets. The history stays: old LR frames leave it on their own.
     Sampling,
-    /// All: the frame is exact as a whole, and the history begins with it.
+    /// Everything: the whole frame is exact, and the history starts with it.
     All,
 }
 
-/// What makes frames.
+/// The machine that makes the frames.
 enum Machine {
     Cpu(Box<CpuMachine>),
     #[cfg(feature = "gpu")]
@@ -69,17 +69,17 @@ enum Machine {
 pub struct FramePipeline {
     plan: FramePlan,
     machine: Machine,
-    /// Tells cuts, chooses jitter and margins.
+    /// Detects cuts, and chooses jitter and margins.
     sequence: FrameSequence,
     frames: Frames,
-    /// Of the next frame on its path.
+    /// Number of the next frame on its path.
     frame_number: u64,
-    /// How many frames lie before the current one.
+    /// Number of in-between frames before the current frame.
     in_between: usize,
-    /// Share of the current frame's pixels that are exact blocks.
+    /// Share of the current frame's pixels that are exact blocks, [0, 1].
     refined: f32,
     times: StageTimes,
-    /// Why the last frame has no history, if it has none.
+    /// Why the last frame has no history; none if it has one.
     last_reset: Option<ResetReason>,
 }
 
@@ -94,7 +94,7 @@ impl fmt::Debug for FramePipeline {
 }
 
 impl FramePipeline {
-    /// A pipeline for `scene` without learning.
+    /// A pipeline for `scene` without networks.
     ///
     /// # Errors
     /// [`PipelineError`] if a setting is not supported.
@@ -102,7 +102,7 @@ impl FramePipeline {
         Self::with_networks(scene, settings, &Networks::default())
     }
 
-    /// A pipeline for `scene` whose frames `networks` refine.
+    /// A pipeline for `scene` with frames refined by `networks`.
     ///
     /// # Errors
     /// [`PipelineError`] if a setting is not supported, or weights do not fit the scale.
@@ -138,12 +138,13 @@ impl FramePipeline {
         self.render_with_poses(camera, &[])
     }
 
-    /// As [`Self::render`], where the caller knows the true cameras at [`PipelineSettings::moments`] between the previous
-    /// frame and this one: `poses` are all of them, in order, or none. Modes without in-between frames do not read them.
+    /// Renders as [`Self::render`] does, with the true cameras at [`PipelineSettings::moments`] between the previous
+    /// frame and this one. `poses` are all of these cameras in order, or none. Modes without in-between frames do not
+    /// read `poses`.
     ///
     /// # Errors
-    /// [`PipelineError`] if `poses` are of another number than the in-between frames or of another size than `camera`, or a
-    /// device fails.
+    /// [`PipelineError`] if the number of `poses` is not the number of in-between frames, if a pose has another size
+    /// than `camera`, or if a device fails.
     pub fn render_with_poses(
         &mut self,
         camera: &Camera,
@@ -153,12 +154,12 @@ impl FramePipeline {
         Ok(self.presented())
     }
 
-    /// Renders as [`Self::render_with_poses`] does, on the device, and leaves the images there: for programs that show
-    /// them from there (on a device of their own, [`Gpu::of`]). Some hundred bytes come back, for which this waits.
-    /// [`Self::presented`] and [`Self::last_image`] are empty until the next [`Self::render`].
+    /// Renders as [`Self::render_with_poses`] does, on the device, and leaves the images on the device. This is for
+    /// programs that show images from their own device ([`Gpu::of`]). The call waits for a few hundred bytes that are
+    /// read back. [`Self::presented`] and [`Self::last_image`] are empty until the next [`Self::render`].
     ///
     /// # Errors
-    /// [`PipelineError::NotOnDevice`] where [`Self::is_on_device`] says no, else as [`Self::render_with_poses`].
+    /// [`PipelineError::NotOnDevice`] if [`Self::is_on_device`] is false, else as [`Self::render_with_poses`].
     #[cfg(feature = "gpu")]
     pub fn render_to_device(
         &mut self,
@@ -168,9 +169,10 @@ impl FramePipeline {
         self.make_frame_on_device(camera, poses, ReadBack::Counters)
     }
 
-    /// As [`Self::render_to_device`] without waiting for the device, so that one frame follows the other there. What is
-    /// waited for otherwise is then not known: frames are sampled, and their margins and camera cuts are decided, as if
-    /// everything were far away; and a frame may lack splats, which [`Self::wait_for_device`] tells.
+    /// Renders as [`Self::render_to_device`] does, without waiting for the device, so that frames queue up there. The
+    /// depths of the frame are then unknown to the CPU: jitter, margins and camera cuts are decided as if everything
+    /// were far away. A frame may be incomplete if its splats overflow the buffers; [`Self::wait_for_device`] reports
+    /// an overflow.
     ///
     /// # Errors
     /// As [`Self::render_to_device`].
@@ -183,11 +185,11 @@ impl FramePipeline {
         self.make_frame_on_device(camera, poses, ReadBack::Nothing)
     }
 
-    /// Waits for the frames of [`Self::submit_to_device`]. Whether all of them are complete: where one is not, it lacked
-    /// memory for its splats, and later frames have that memory.
+    /// Waits for the frames of [`Self::submit_to_device`]. Returns whether all of them are complete. An incomplete
+    /// frame had more splats than the buffers hold; the buffers have grown for later frames.
     ///
     /// # Errors
-    /// [`PipelineError::NotOnDevice`] without a device, or [`PipelineError`] if it fails.
+    /// [`PipelineError::NotOnDevice`] without a device, or another [`PipelineError`] if the device fails.
     #[cfg(feature = "gpu")]
     pub fn wait_for_device(&mut self) -> Result<bool, PipelineError> {
         match &mut self.machine {
@@ -213,7 +215,7 @@ impl FramePipeline {
         }
     }
 
-    /// The whole frame. `read_back` says what comes to the processor of a frame that a GPU makes.
+    /// Makes the whole frame. `read_back` says what a frame made by a GPU copies back to the CPU.
     #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "there is no GPU to read back from"))]
     fn make_frame(
         &mut self,
@@ -230,8 +232,8 @@ impl FramePipeline {
         self.finish(&inputs, made)
     }
 
-    /// Decides all about the frame of `camera` that its stages do not: whether it has a history, where it is sampled,
-    /// what is rasterized beyond its edges, which frames lie before it. What is refused changes nothing.
+    /// Decides everything about the frame of `camera` that its stages do not decide: its history, its jitter, its
+    /// margin, and its in-between frames. A refused request changes nothing.
     fn begin(&mut self, camera: &Camera, poses: &[Camera]) -> Result<FrameInputs, PipelineError> {
         self.check_poses(camera, poses)?;
         let keyframe = self.keyframe_at(self.frame_number);
@@ -240,7 +242,7 @@ impl FramePipeline {
         }
         let FrameStart { mut reset, jitter, mut margin, previous } = self.sequence.begin(camera);
         if keyframe == Some(Keyframe::All) {
-            // As the first frame of a part that begins here, whose margins nothing tells.
+            // The keyframe is the first frame of a part of the path, so no earlier frame may influence its margin.
             (reset, margin) = (reset.or(Some(ResetReason::Keyframe)), Margin::NONE);
         }
         let moment = |previous: &Camera, k: usize, t: f64| {
