@@ -273,7 +273,7 @@ impl FramePipeline {
         }
     }
 
-    /// Makes the frame the last one, or, if it failed, keeps the last one to show and begins anew after it.
+    /// On success, makes the frame the last one. On failure, keeps showing the last frame and starts anew after it.
     fn finish(
         &mut self,
         inputs: &FrameInputs,
@@ -297,21 +297,20 @@ impl FramePipeline {
         }
     }
 
-    /// Says which frame of its path the next one is; those after are numbered on from there, and the first is 0 where
-    /// nothing is said. Keyframes ([`PipelineSettings::keyframes`]) follow from it.
+    /// Sets the number of the next frame on its path; later frames count on from there. The first frame has number 0
+    /// by default. Keyframes ([`PipelineSettings::keyframes`]) depend on this number.
     pub const fn set_frame_number(&mut self, number: u64) {
         self.frame_number = number;
     }
 
-    /// Where to begin on a path so that frame `number`, those after it, and the frames between it and the one before it
-    /// have the same bits as if the path had been rendered from frame 0 on: at most `keyframes` + S² frames before it, 48 by
-    /// default. The frames from there to `number` are rendered and not shown, the first of them after
-    /// [`Self::set_frame_number`].
+    /// Where to start on a path so that frame `number`, its in-between frames and all later frames have the same bits
+    /// as in a run from frame 0: at most `keyframes` + S² frames earlier, 48 by default. Call
+    /// [`Self::set_frame_number`] with the result. Then render the frames up to `number` without showing them.
     ///
-    /// Two settings never make the same bits again. [`Refine::FrameTime`] has no keyframes: as for
-    /// [`PipelineSettings::keyframes`] 0, the frames that the history holds are to be rendered, at most S² + 1. A network
-    /// without exact keyframes has a state that is older than the history: the frames from the keyframe before that
-    /// history are to be rendered, at most `keyframes` + S².
+    /// Two settings never give the same bits again. (1) [`Refine::FrameTime`] has no keyframes. Then, as with
+    /// [`PipelineSettings::keyframes`] 0, the warm-up is the frames that the history holds, at most S² + 1. (2) A
+    /// network without exact keyframes has a state older than the history. Then the warm-up starts at the keyframe
+    /// before that history, at most `keyframes` + S² frames earlier.
     #[must_use]
     pub fn first_of_warm_up(&self, number: u64) -> u64 {
         let mode = self.plan.settings.mode;
@@ -319,12 +318,12 @@ impl FramePipeline {
             return number;
         }
         let shows_before = u64::from(self.plan.in_between > 0);
-        // The last S² frames are remembered, wherever they are sampled. The history of the frame before shall not hold the
-        // first one, which has no margin.
+        // The last S² frames are remembered, at any jitter. The history of the frame before `number` must not hold
+        // the first frame of the warm-up, which has no margin.
         let reach = if mode.has_history() { u64::from(self.plan.scale).pow(2) + shows_before } else { 0 };
         let interval = u64::from(self.plan.settings.keyframes);
         let latest = match self.keyframe_at(0) {
-            // In-between frames need the frame before.
+            // In-between frames need the frame before `number`.
             Some(Keyframe::All) => number.saturating_sub(shows_before),
             Some(Keyframe::Sampling) => number.saturating_sub(reach),
             None => return number.saturating_sub(reach),
@@ -332,7 +331,7 @@ impl FramePipeline {
         latest / interval * interval
     }
 
-    /// What begins anew at frame `number`, if anything does.
+    /// What starts anew at frame `number`; none if the frame is no keyframe.
     fn keyframe_at(&self, number: u64) -> Option<Keyframe> {
         let settings = &self.plan.settings;
         let interval = u64::from(settings.keyframes);
@@ -362,16 +361,16 @@ impl FramePipeline {
         self.refined
     }
 
-    /// Columns and rows of the blocks of 4×4 pixels that are exact in the last frame besides the low-resolution grid:
-    /// block `[c, r]` begins at pixel `[4c, 4r]`. Empty where a GPU made the frame.
+    /// Columns and rows of the blocks of 4×4 pixels that are exact in the last frame besides the low-resolution grid.
+    /// Block `[c, r]` starts at pixel `[4c, 4r]`. Empty if a GPU made the frame.
     #[must_use]
     pub fn exact_places(&self) -> &[[u16; 2]] {
         self.stages().map_or(&[], CpuStages::exact_places)
     }
 
-    /// The squared errors that were expected of the last frame before its exact blocks, in blocks of 4×4 pixels,
-    /// `[rows, columns]` of [`gs3_scene::block_grid`]: sums over the pixels and over RGB. Empty in modes without history
-    /// and where a GPU made the frame.
+    /// The squared errors that were expected of the last frame before its exact blocks, one per block of 4×4 pixels,
+    /// `[rows, columns]` of [`gs3_scene::block_grid`]. Each is a sum over the block's pixels and over RGB. Empty in
+    /// modes without history, and if a GPU made the frame.
     #[must_use]
     pub fn expected_errors(&self) -> &[f32] {
         self.stages().map_or(&[], CpuStages::expected_errors)
@@ -385,11 +384,11 @@ impl FramePipeline {
         }
     }
 
-    /// Which pixels are rasterized exactly from the next frame on; the history stays. For programs whose frames may take
-    /// another time than those before ([`Refine::FrameTime`]).
+    /// Chooses the pixels that are rasterized exactly from the next frame on. The history stays. For programs that
+    /// change the time a frame may take ([`Refine::FrameTime`]).
     ///
     /// # Errors
-    /// [`PipelineError::RefineShare`] if `refine` names a share that is none; the old choice stays.
+    /// [`PipelineError::RefineShare`] if the share is not in [0, 1]; the old choice stays.
     pub fn set_refine(&mut self, refine: Refine) -> Result<(), PipelineError> {
         self.plan.set_refine(refine)?;
         match &mut self.machine {
@@ -400,13 +399,13 @@ impl FramePipeline {
         Ok(())
     }
 
-    /// Forgets the frames before: the next one starts anew, for this reason unless another came first.
+    /// Drops the history: the next frame starts anew, for this reason unless an earlier reason is pending.
     pub fn reset(&mut self, reason: ResetReason) {
         self.sequence.reset(reason);
     }
 
-    /// Why the last frame began without history, if it did. But for [`ResetReason::Keyframe`] there are no in-between frames
-    /// then: the frame before stays on.
+    /// Why the last frame started without history; none if it had one. There are then no in-between frames, except at
+    /// [`ResetReason::Keyframe`]: the previous frame is shown instead.
     #[must_use]
     pub const fn last_reset(&self) -> Option<ResetReason> {
         self.last_reset
@@ -415,7 +414,7 @@ impl FramePipeline {
     /// Shows another scene from the next frame on.
     ///
     /// # Errors
-    /// [`PipelineError`] if the scene does not fit the GPU that rasterizes; the old one stays.
+    /// [`PipelineError`] if the scene does not fit the GPU that rasterizes; the old scene stays.
     pub fn set_scene(&mut self, scene: impl Into<Arc<Scene>>) -> Result<(), PipelineError> {
         match &mut self.machine {
             Machine::Cpu(cpu) => cpu.rasterizer = Rasterizer::new(scene.into(), self.plan.settings.culling),
@@ -426,13 +425,13 @@ impl FramePipeline {
         Ok(())
     }
 
-    /// Renders on `gpu` from the next frame on, without history. In modes with history whole frames are made there
-    /// and only images come back ([`Self::is_on_device`]); in the other modes it rasterizes, and the rest stays on
-    /// the CPU.
+    /// Renders on `gpu` from the next frame on, without history. In modes with history the GPU makes whole frames,
+    /// and only images are read back ([`Self::is_on_device`]). In the other modes the GPU rasterizes and the CPU does
+    /// the rest.
     ///
     /// # Errors
-    /// [`PipelineError`] if the scene does not fit the device, or it was opened for products of matrices and gets
-    /// them wrong; everything stays as it was.
+    /// [`PipelineError`] if the scene does not fit the device, or if there are networks and the device computes wrong
+    /// matrix products. Everything stays unchanged then.
     #[cfg(feature = "gpu")]
     pub fn render_on(&mut self, gpu: &Gpu) -> Result<(), PipelineError> {
         self.machine = Machine::Gpu(Box::new(GpuMachine::new(gpu, &self.plan, Arc::clone(self.scene()))?));
@@ -440,10 +439,11 @@ impl FramePipeline {
         Ok(())
     }
 
-    /// Renders on the CPU from the next frame on, without history: after [`Self::render_on`], where its device fails.
+    /// Renders on the CPU from the next frame on, without history. Call it when the device of [`Self::render_on`]
+    /// fails.
     ///
     /// # Errors
-    /// None that [`Self::with_networks`] did not have, of the same settings and networks.
+    /// None beyond the errors of [`Self::with_networks`] with the same settings and networks.
     #[cfg(feature = "gpu")]
     pub fn render_on_cpu(&mut self) -> Result<(), PipelineError> {
         self.machine = Machine::Cpu(Box::new(CpuMachine::new(&self.plan, Arc::clone(self.scene()))?));
@@ -451,8 +451,8 @@ impl FramePipeline {
         Ok(())
     }
 
-    /// Whether all of the frame of `camera` is made on a GPU. Where there are networks and the size is no multiple of
-    /// the scale, a GPU rasterizes and the rest stays on the CPU.
+    /// Whether a GPU makes the whole frame of `camera`. With networks and a size that is not a multiple of the scale,
+    /// the GPU rasterizes and the CPU does the rest.
     #[must_use]
     pub fn is_on_device(&self, camera: &Camera) -> bool {
         match &self.machine {
@@ -475,14 +475,14 @@ impl FramePipeline {
         }
     }
 
-    /// Number of frames after which a resting camera repeats its sampling offsets, which is also how many frames the
-    /// history holds.
+    /// Number of frames after which a resting camera repeats its sampling offsets. The history holds the same number
+    /// of frames.
     #[must_use]
     pub fn jitter_period(&self) -> usize {
         self.sequence.period()
     }
 
-    /// What the last frame gave to show; an empty image before the first one.
+    /// The images of the last frame; an empty image before the first frame.
     #[must_use]
     pub fn presented(&self) -> Presented<'_> {
         let mut in_between = [None; MAX_IN_BETWEEN as usize];
@@ -505,15 +505,15 @@ impl FramePipeline {
         &self.plan.settings
     }
 
-    /// How long the stages of the last frame took: by the device's clock where a GPU made it, without the way back. Where
-    /// that has no clock, all of the frame and its way back count as rasterization.
+    /// How long the stages of the last frame took. If a GPU made the frame, times are by the device's clock and
+    /// exclude reading back. On a GPU without a clock, the whole frame and reading back count as rasterization.
     #[must_use]
     pub const fn times(&self) -> StageTimes {
         self.times
     }
 
-    /// What each stage of the device took, in the order in which they began, where a GPU with a clock made the last frame
-    /// that was waited for; else empty.
+    /// Time of each device stage of the last frame that the CPU waited for, in the order in which the stages began.
+    /// Empty unless a GPU with a clock made that frame.
     #[cfg(feature = "gpu")]
     #[must_use]
     pub fn device_times(&self) -> &[StageTime] {
@@ -523,7 +523,7 @@ impl FramePipeline {
         }
     }
 
-    /// Number of Gaussians that the last frame shows; none where a GPU keeps the count.
+    /// Number of Gaussians that the last frame shows; none if the count is on a GPU.
     #[must_use]
     pub fn visible_count(&self) -> Option<usize> {
         match &self.machine {
@@ -533,14 +533,14 @@ impl FramePipeline {
         }
     }
 
-    /// The low-resolution G-buffer of the last frame; empty in [`Mode::Native`], colour only in [`Mode::Bicubic`].
-    /// Where whole frames are made on a GPU it is that of the last [`Self::fetch_gbuffer`].
+    /// The LR G-buffer of the last frame. Empty in [`Mode::Native`], colour only in [`Mode::Bicubic`]. If a GPU makes
+    /// whole frames, this is the G-buffer of the last [`Self::fetch_gbuffer`].
     #[must_use]
     pub const fn gbuffer(&self) -> &GBuffer {
         &self.frames.current.gbuffer
     }
 
-    /// Brings the low-resolution G-buffer of the last frame here, if it is on a GPU.
+    /// Reads back the LR G-buffer of the last frame, if it is on a GPU.
     ///
     /// # Errors
     /// [`PipelineError`] if the device fails.
