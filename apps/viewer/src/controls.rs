@@ -47,7 +47,7 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// The rig of `camera`, whose pivot is `distance` before it. The principal point is taken as the centre.
+    /// The rig of `camera`, with its pivot `distance` in front of it. The principal point is taken as the centre.
     #[must_use]
     pub fn of(camera: &Camera, distance: f64) -> Self {
         let view_from_world = camera.view_from_world();
@@ -108,7 +108,7 @@ impl Rig {
         }
     }
 
-    /// Whether nobody sees the difference to `other`.
+    /// Whether the difference to `other` is invisible.
     fn is_near(&self, other: &Self) -> bool {
         let reach = STILL * other.offset.length();
         self.pivot.distance(other.pivot) <= reach
@@ -148,7 +148,7 @@ pub struct Controls {
 }
 
 impl Controls {
-    /// Controls that begin with `camera` in a scene whose bulk is `bulk`.
+    /// Controls that start at `camera`, in a scene with the bulk `bulk`.
     #[must_use]
     pub fn new(camera: &Camera, bulk: &Bulk) -> Self {
         let depth = camera.view_from_world().transform_point3(bulk.center).z;

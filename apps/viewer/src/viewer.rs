@@ -171,7 +171,7 @@ pub struct Viewer {
     has_failed: bool,
     /// Whether what is shown of the frame has changed, so that it is to be composed again.
     is_stale: bool,
-    /// Whether a step is to paint panels, whatever else happens.
+    /// Whether a step must paint panels in any case.
     is_woken: bool,
     is_idle: bool,
     figures: Figures,

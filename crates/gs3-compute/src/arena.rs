@@ -34,11 +34,11 @@ pub struct Arena {
 }
 
 impl Arena {
-    /// Makes sure that there is room for `needs`. A buffer that grows gets a quarter more than it needs, within the
+    /// Makes sure that the buffers hold `needs`. A buffer that grows gets a quarter more than it needs, within the
     /// device's limits, so that slowly growing needs do not replace it every frame.
     ///
     /// # Errors
-    /// [`GpuError`] if the device has no room; buffers may have grown.
+    /// [`GpuError`] if the device has too little memory; buffers may have grown.
     pub fn fit(&mut self, gpu: &Gpu, needs: &[Need]) -> Result<Fit, GpuError> {
         let mut fit = Fit::Kept;
         for need in needs {

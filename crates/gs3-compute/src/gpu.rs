@@ -26,7 +26,7 @@ pub struct GpuSettings {
     pub features: OptionalFeatures,
 }
 
-/// The first trouble that nobody has been told of, and whether the device is gone.
+/// The first error that has not been reported yet, and whether the device is lost.
 #[derive(Debug, Default)]
 struct Trouble {
     lost: Option<String>,
@@ -70,8 +70,8 @@ impl Gpu {
         Ok(gpu)
     }
 
-    /// What to open a device of `adapter` with, for [`Gpu::of`]: all limits of the adapter, and those of its features
-    /// that gs3 uses. More may be asked for; without a feature its fallback runs.
+    /// The descriptor to open a device of `adapter` with, for [`Gpu::of`]: all limits of the adapter, and its
+    /// features that gs3 uses. The caller may ask for more. Without a feature, its fallback runs.
     #[must_use]
     pub fn wanted(adapter: &wgpu::Adapter, features: OptionalFeatures) -> wgpu::DeviceDescriptor<'static> {
         let capabilities = Capabilities::of(adapter).with(features);
@@ -192,7 +192,7 @@ impl Gpu {
     /// A buffer of zeros.
     ///
     /// # Errors
-    /// [`GpuError`] if it is larger than the device takes or has room for.
+    /// [`GpuError`] if the size exceeds the device's limits or memory.
     pub fn buffer(&self, label: &str, usage: Use, bytes: u64) -> Result<Buffer, GpuError> {
         Buffer::new(self, label, usage, bytes)
     }
@@ -221,8 +221,8 @@ impl Gpu {
         Recorder::new(self, timings)
     }
 
-    /// Writes `values` to the start of `slice` before whatever is submitted next. Bytes are padded with zeros to a
-    /// multiple of four.
+    /// Writes `values` to the start of `slice`, before the next submission. Bytes are padded with zeros to a multiple
+    /// of four.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] if `slice` is shorter; device loss.
@@ -276,8 +276,8 @@ impl Gpu {
         })
     }
 
-    /// Calls what may be refused only because the device is lost, which is told elsewhere: of a caller's own device
-    /// wgpu would panic.
+    /// Makes a call that may only fail because the device is lost, which is reported elsewhere. On a caller's own
+    /// device wgpu would panic.
     pub(crate) fn quietly(&self, call: impl FnOnce()) {
         let scope = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
         call();

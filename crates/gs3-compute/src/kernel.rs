@@ -100,8 +100,8 @@ impl Module {
 fn created(device: &wgpu::Device, descriptor: wgpu::ShaderModuleDescriptor<'_>) -> wgpu::ShaderModule {
     let checks =
         wgpu::ShaderRuntimeChecks { force_loop_bounding: false, ..wgpu::ShaderRuntimeChecks::checked() };
-    // SAFETY: of kernels it is asked that their loops end ([`Gpu::module`]). Those of gs3 run over counts; lists that
-    // they follow have no cycles, and whoever waits for another workgroup stops after so many looks.
+    // SAFETY: kernels must have loops that end ([`Gpu::module`]). Loops of gs3 run over counts, the lists that they
+    // follow have no cycles, and waiting for another workgroup stops after a limited number of reads.
     unsafe { device.create_shader_module_trusted(descriptor, checks) }
 }
 

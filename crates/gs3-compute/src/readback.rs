@@ -23,7 +23,7 @@ impl Readback {
     /// Memory of `bytes`, rounded up to a multiple of four.
     ///
     /// # Errors
-    /// [`GpuError`] if it is larger than the device takes or has room for.
+    /// [`GpuError`] if the size exceeds the device's limits or memory.
     pub fn new(gpu: &Gpu, bytes: u64) -> Result<Self, GpuError> {
         let max = gpu.capabilities().limits.buffer_bytes;
         if bytes > max {
@@ -64,7 +64,7 @@ impl Readback {
 /// Bytes of memory that is kept for the next who reads.
 const KEPT: u64 = 64 << 20;
 
-/// Memory that has been read through and may be again: that of the last who had done.
+/// Memory that was read and can be used again: the memory of the last finished read.
 #[derive(Debug, Default)]
 pub struct ReadPool(Mutex<Option<Readback>>);
 

@@ -109,8 +109,7 @@ impl<'a> Recorder<'a> {
         self.encoder.copy_buffer_to_buffer(&from.buffer.raw, from.start, &to.buffer.raw, to.start, bytes);
     }
 
-    /// Brings `from` to byte `at` of `to`, cut to what there is room for. Starts and lengths are multiples of four
-    /// bytes.
+    /// Copies `from` to byte `at` of `to`, cut to the length of `to`. Starts and lengths are multiples of four bytes.
     pub fn read_back(&mut self, from: &Slice<'_>, to: &Readback, at: u64) {
         if !self.owns([from.buffer.device_id, to.device_id], "a buffer that is read back") {
             return;

@@ -118,8 +118,8 @@ impl Timings {
     }
 }
 
-/// What the stages of `passes` took, whose beginnings and ends are `ticks` of `period` nanoseconds, in the order in
-/// which stages began.
+/// Times of the stages of `passes`, in the order in which the stages began. `ticks` are the beginnings and ends of
+/// the passes, in units of `period` nanoseconds.
 fn stage_times(passes: &[Pass], ticks: &[u64], period: f64) -> Vec<StageTime> {
     let mut sums: Vec<(&'static str, u64)> = Vec::new();
     let mut add = |stage, ticks| match sums.iter_mut().find(|(name, _)| *name == stage) {

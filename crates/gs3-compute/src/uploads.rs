@@ -1,4 +1,4 @@
-//! What a frame's kernels are told, on its way to the device.
+//! The inputs of a frame's kernels, on their way to the device.
 
 use std::sync::{Mutex, PoisonError};
 

@@ -126,7 +126,7 @@ impl Viewer {
             Opened::Scene { name, scene, cameras } => {
                 let camera = first_camera(&scene, cameras.as_ref(), self.size)?;
                 let bulk = Bulk::of(&scene);
-                // What the file has that is not shown is told.
+                // Contents of the file that are not shown are reported.
                 let dropped = scene.dropped().total();
                 let mut told = format!("opened {name}");
                 if dropped > 0 {

@@ -232,14 +232,14 @@ impl GpuRasterizer {
         self.check_capacity_with(&counters)
     }
 
-    /// Where the device counts what frames need. The bytes read back after a frame are the needs of all frames since the
-    /// bytes were read back last.
+    /// The device's counters of the needs of frames. The bytes read back after a frame are the maxima over all frames
+    /// since the counters were last read back.
     #[must_use]
     pub fn counters(&self) -> Slice<'_> {
         self.fixed.counters.slice()
     }
 
-    /// As [`Self::check_capacity`], by the bytes of [`Self::counters`] after the last submitted frame.
+    /// As [`Self::check_capacity`], from the bytes of [`Self::counters`] after the last submitted frame.
     ///
     /// # Errors
     /// [`GpuRasterError::Gpu`] if the device cannot hold what the frame needs, or its driver cut loops short.
@@ -304,7 +304,7 @@ impl GpuRasterizer {
         Ok(self.gbuffer.read(&self.gpu, out)?)
     }
 
-    /// Rasterizes colour only, read back as an [`Image`] whose fourth channel is alpha. `settings.outputs` and
+    /// Rasterizes colour only, read back as an [`Image`] with alpha in the fourth channel. `settings.outputs` and
     /// `settings.margin` are not read.
     ///
     /// # Errors
@@ -323,7 +323,7 @@ impl GpuRasterizer {
         Ok(self.gbuffer.read_image(&self.gpu, out)?)
     }
 
-    /// Makes sure that `self.frame` is one of that size and those outputs.
+    /// Makes sure that `self.frame` has this size and these outputs.
     fn fit(&mut self, size: [u32; 2], outputs: Outputs) -> Result<(), GpuRasterError> {
         if self.frame.as_ref().is_some_and(|frame| frame.plan.size == size && frame.plan.outputs == outputs) {
             return Ok(());
@@ -336,12 +336,12 @@ impl GpuRasterizer {
     }
 
     fn set_frame(&mut self, plan: FramePlan) -> Result<(), GpuRasterError> {
-        // Where making it fails, buffers may be gone that the old one is bound to.
+        // If creation fails, buffers that the old frame is bound to may be gone.
         self.frame = None;
         let Self { gpu, kernels, sorts, pages, fixed, arena, .. } = self;
         self.frame = Some(Frame::new(gpu, plan, kernels, sorts, pages, fixed, arena)?);
         self.frame_number = FRAMES.fetch_add(1, Ordering::Relaxed);
-        // What frames of another size needed says nothing of these.
+        // The needs of frames of another size say nothing about these frames.
         self.resets_counters = true;
         Ok(())
     }
