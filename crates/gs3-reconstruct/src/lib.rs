@@ -10,8 +10,7 @@
 //! * [`Reconstructor`]: a sequence of frames, with everything needed in one object.
 //! * [`SuperSampler`]: one frame with its history.
 //! * [`Interpolator`]: an in-between frame of two reconstructed frames, or both of them warped to its pose; one frame
-//!   as
-//!   another camera sees it.
+//!   as another camera sees it.
 //! * [`Motion`]: where the surfaces of an LR frame were in another one.
 //!
 //! ```

@@ -193,8 +193,7 @@ pub struct GBufferView<'a> {
     /// * The vector of a surface that the previous frame does not show anywhere is longer than two pictures.
     /// * Where there is no surface, a vector only says that the past counts as far as the current colours allow.
     /// * Vectors describe the motion of shapes. Lights, shadows and reflections that move over a resting surface are
-    ///   seen up
-    ///   to S² frames late.
+    ///   seen up to S² frames late.
     /// * The vectors of the first frame after a reset are not read.
     ///
     /// Memory: 96 B per LR pixel, and 20 B per HR pixel once something moves. Time: a few per cent where nothing

@@ -40,7 +40,7 @@ pub enum PipelineError {
         /// Frames asked for.
         actual: u32,
     },
-    /// The share of pixels to be rasterized exactly is not in [0, 1].
+    /// The share of pixels to be rasterized exactly is not in `[0, 1]`.
     #[error("refine: expected a share of the pixels from 0 to 1, found {actual}")]
     RefineShare {
         /// The share asked for.

@@ -273,7 +273,7 @@ impl Session {
     /// ([`FramePipeline::set_refine`]).
     ///
     /// # Errors
-    /// [`PipelineError::RefineShare`] if the share is not in [0, 1]; the old choice stays.
+    /// [`PipelineError::RefineShare`] if the share is not in `[0, 1]`; the old choice stays.
     pub fn set_refine(&mut self, refine: Refine) -> Result<(), PipelineError> {
         self.pipeline.set_refine(refine)?;
         self.settings.pipeline.refine = refine;

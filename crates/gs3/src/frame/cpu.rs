@@ -238,7 +238,7 @@ impl CpuStages {
         Ok(())
     }
 
-    /// Share of the last frame's pixels that are exact blocks, [0, 1].
+    /// Share of the last frame's pixels that are exact blocks, `[0, 1]`.
     fn refined_share(&self, inputs: &FrameInputs) -> f32 {
         let [columns, rows] = block_grid([inputs.camera.width() as usize, inputs.camera.height() as usize]);
         self.blocks.len() as f32 / (columns * rows) as f32

@@ -50,7 +50,7 @@ pub struct Made {
     pub lattice: DepthLattice,
     /// Number of frames interpolated before this one.
     pub in_between: usize,
-    /// Share of the frame's pixels that are exact blocks, [0, 1].
+    /// Share of the frame's pixels that are exact blocks, `[0, 1]`.
     pub refined: f32,
     /// How long the frame's stages took.
     pub times: StageTimes,

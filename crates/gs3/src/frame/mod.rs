@@ -76,7 +76,7 @@ pub struct FramePipeline {
     frame_number: u64,
     /// Number of in-between frames before the current frame.
     in_between: usize,
-    /// Share of the current frame's pixels that are exact blocks, [0, 1].
+    /// Share of the current frame's pixels that are exact blocks, `[0, 1]`.
     refined: f32,
     times: StageTimes,
     /// Why the last frame has no history; none if it has one.
@@ -388,7 +388,7 @@ impl FramePipeline {
     /// change the time a frame may take ([`Refine::FrameTime`]).
     ///
     /// # Errors
-    /// [`PipelineError::RefineShare`] if the share is not in [0, 1]; the old choice stays.
+    /// [`PipelineError::RefineShare`] if the share is not in `[0, 1]`; the old choice stays.
     pub fn set_refine(&mut self, refine: Refine) -> Result<(), PipelineError> {
         self.plan.set_refine(refine)?;
         match &mut self.machine {

@@ -65,7 +65,7 @@ impl FramePlan {
     /// Changes the choice of exact pixels.
     ///
     /// # Errors
-    /// [`PipelineError::RefineShare`] if the share is not in [0, 1].
+    /// [`PipelineError::RefineShare`] if the share is not in `[0, 1]`.
     pub fn set_refine(&mut self, refine: Refine) -> Result<(), PipelineError> {
         check_refine(refine)?;
         self.settings.refine = refine;
