@@ -11,13 +11,13 @@ use crate::gpu::Gpu;
 pub struct Need {
     /// Its name.
     pub name: &'static str,
-    /// What for.
+    /// Use of the buffer.
     pub usage: Use,
-    /// At least so many bytes.
+    /// Least size in bytes.
     pub bytes: u64,
 }
 
-/// What became of an arena.
+/// The result of fitting an arena.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[must_use = "kernels bound to the old buffers must be bound again"]
 pub enum Fit {
@@ -51,7 +51,7 @@ impl Arena {
                 Some(_) => (need.bytes / 4).min(limits.binding_bytes.saturating_sub(need.bytes)),
                 None => 0,
             };
-            // The old one goes first, so that both need not fit.
+            // The old buffer is dropped first, so that both need not fit.
             self.buffers.remove(need.name);
             let buffer = gpu.buffer(need.name, need.usage, need.bytes + reserve)?;
             self.buffers.insert(need.name, (need.usage, buffer));

@@ -1,4 +1,4 @@
-//! Results on their way to the processor, in memory that stays.
+//! Results on their way to the CPU, in memory that is reused.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -8,7 +8,7 @@ use crate::error::GpuError;
 use crate::gpu::Gpu;
 use crate::recorder::Submission;
 
-/// Memory that the processor reads, for results of one frame after the other: [`Recorder::read_back`] brings them
+/// Memory that the CPU reads, for the results of one frame after the other. [`Recorder::read_back`] copies results
 /// there in the frame's own submission.
 ///
 /// [`Recorder::read_back`]: crate::Recorder::read_back
@@ -46,7 +46,7 @@ impl Readback {
         self.bytes
     }
 
-    /// What `f` makes of all that `submission` brought here. It waits for it.
+    /// The result of `f` on all bytes that `submission` copied here. The call waits for the submission.
     ///
     /// # Errors
     /// [`GpuError`] if the device fails.
@@ -61,7 +61,7 @@ impl Readback {
     }
 }
 
-/// Bytes of memory that is kept for the next who reads.
+/// Most bytes of memory that are kept for the next read.
 const KEPT: u64 = 64 << 20;
 
 /// Memory that was read and can be used again: the memory of the last finished read.

@@ -15,7 +15,7 @@ const LANES: usize = 16;
 /// A camera on its own grid of samples, with depths.
 #[derive(Clone, Copy, Debug)]
 pub struct DepthView<'a> {
-    /// The camera whose pixels are the grid, i.e. [`Camera::low_resolution`] of the HR camera.
+    /// The camera with the grid as its pixels: [`Camera::low_resolution`] of the HR camera.
     pub camera: Camera,
     /// Offset of the samples from the pixel centres, in pixels of the grid, within ±1.
     pub jitter: [f32; 2],

@@ -14,8 +14,8 @@ pub(crate) fn prefetch<T>(values: &[T]) {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
         let start = values.as_ptr().cast::<i8>();
         for at in (0..size_of_val(values)).step_by(LINE) {
-            // SAFETY: a prefetch is a hint that neither reads nor faults, whatever the address; the instruction (SSE)
-            // is part of x86-64.
+            // SAFETY: a prefetch is a hint that neither reads nor faults, at any address; the instruction (SSE) is
+            // part of x86-64.
             unsafe { _mm_prefetch::<_MM_HINT_T0>(start.wrapping_add(at)) };
         }
     }

@@ -226,7 +226,7 @@ impl SampleFrame {
         matches!(self.layout, Layout::Blocks { .. })
     }
 
-    /// Keeps the exact blocks whose number `keep` accepts, and drops the others.
+    /// Keeps the exact blocks with a number that `keep` accepts, and drops the others.
     pub fn retain_blocks(&mut self, keep: impl Fn(usize) -> bool) {
         let Layout::Blocks { corners, .. } = &mut self.layout else { return };
         // From the end, so that the block moved into a dropped block's place is one that stays.
@@ -427,7 +427,7 @@ impl SamplePlanes<'_> {
         }
     }
 
-    /// Fills the chunk whose first sample is in column `first` of row `y`.
+    /// Fills the chunk with its first sample in column `first` of row `y`.
     #[inline(always)]
     fn fill_chunk<S: Simd>(
         &self,

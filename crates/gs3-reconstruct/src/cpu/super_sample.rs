@@ -259,7 +259,7 @@ impl SuperSampler {
         let (motion, level, scale) = (&self.motion, self.level, self.scale as f32);
         // Exact blocks are only made for scenes that stand still.
         let lr_frames = self.past.par_iter_mut().filter(|past| !past.frame.is_blocks());
-        // Boxes and reprojections are still those of the previous frame.
+        // Boxes and reprojections still belong to the previous frame.
         lr_frames.for_each(|Past { frame, reprojection, boxes, .. }| {
             advance(level, frame, reprojection, boxes, scale, motion);
         });

@@ -8,7 +8,7 @@ use crate::cpu::splat::{COLUMNS, ROWS};
 /// Bytes of a pixel of an image: four halves.
 pub const IMAGE_PIXEL_BYTES: u64 = 8;
 
-/// Sides of the workgroups whose invocations are LR samples.
+/// Sides of the workgroups with one invocation per LR sample.
 const SAMPLES: [u32; 2] = [64, 4];
 
 /// Pixels in a row that a workgroup of `warp.wgsl` makes, `PATCHES` patches, and its rows, `LINES`.

@@ -140,7 +140,7 @@ fn batches_do_not_mix_settings() {
     assert_eq!(files(folder.path()), before);
 }
 
-/// Colours of the frame before, found where `motion` says, are those of this frame.
+/// The previous frame's colours, found along `motion`, equal this frame's colours.
 #[test]
 fn motion_carries_colours_along() {
     let source = source();

@@ -65,7 +65,7 @@ const SHIPPED: &[Shipped] = &[
 ];
 
 impl Networks {
-    /// The weights that come with the library: those of super sampling, and those of interpolation if there are any.
+    /// The weights that come with the library: for super sampling, and for interpolation if there are any.
     ///
     /// # Errors
     /// [`NetworkError::NotShipped`] if there are no weights of `tier` for `scale`.
