@@ -24,7 +24,7 @@ pub struct Ended {
 
 /// Runs `command` for `limit` at most.
 pub fn run(command: &mut Command, limit: Duration) -> io::Result<Ended> {
-    // Files, since a full pipe that nobody reads would stop the program.
+    // Files, because a full pipe without a reader would stop the program.
     let [stdout, stderr] = [tempfile::tempfile()?, tempfile::tempfile()?];
     command.stdin(Stdio::null()).stdout(stdout.try_clone()?).stderr(stderr.try_clone()?);
     let mut child = command.spawn()?;
@@ -61,7 +61,7 @@ fn ended(child: &mut Child, limit: Duration) -> io::Result<Option<ExitStatus>> {
     }
 }
 
-/// All of a file that a program was writing to. Drivers may say what is no UTF-8.
+/// The whole content of a file that a program wrote to. Drivers may write text that is not UTF-8.
 fn text(mut file: std::fs::File) -> io::Result<String> {
     let mut bytes = Vec::new();
     file.rewind()?;

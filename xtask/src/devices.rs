@@ -30,8 +30,8 @@ pub struct Adapter {
 }
 
 impl Devices {
-    /// The adapter to measure: the one asked for, else the one that gs3 takes by itself, unless that is software, whose
-    /// figures say nothing about GPUs.
+    /// The adapter to measure: the requested one, else gs3's own choice. A software adapter is not chosen, because
+    /// its figures say nothing about GPUs.
     pub fn chosen(&self, asked: Option<usize>) -> Result<&Adapter, XtaskError> {
         let adapter = match asked {
             Some(number) => self.adapters.get(number),

@@ -1,5 +1,6 @@
-//! Where the machine that is measured keeps Vulkan's loader and its driver, told to `gs3` by variables. Machines that
-//! only compute may have a driver, but neither the loader, nor what the driver needs of X11, nor a file that names it.
+//! The places of Vulkan's loader and driver on the measured machine, passed to `gs3` as variables. Machines for
+//! computing may have a driver, but lack the loader, the parts of X11 that the driver needs, or a file that names the
+//! driver.
 
 use std::collections::BTreeMap;
 use std::ffi::{OsStr, OsString};
@@ -28,11 +29,11 @@ const DRIVER_VARIABLES: [&str; 2] = ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"];
 /// Where container platforms mount NVIDIA's driver; the loader does not look there.
 const MOUNTED: &str = "/usr/local/nvidia";
 
-/// Variables that differ from those of this process.
+/// Variables that differ from this process's variables.
 pub type Environment = BTreeMap<&'static str, OsString>;
 
-/// What finds the driver of the machine whose files are below `root`. `folder` is the one that was carried there, `set`
-/// tells variables that are set.
+/// The environment that finds the driver of the machine with its files below `root`. `folder` is the folder that was
+/// carried there; `set` gives the variables that are set.
 pub fn of(root: &Path, folder: &Path, set: impl Fn(&str) -> Option<OsString>) -> Environment {
     let set = |name: &str| set(name).filter(|value| !value.is_empty());
     let mut environment = Environment::new();

@@ -203,7 +203,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let absent = strip("no-such-strip", folder.path());
         assert!(matches!(absent, Err(XtaskError::NoProgram { program: "no-such-strip", .. })), "{absent:?}");
-        // It fails whatever it is given.
+        // It fails with any arguments.
         let failed = strip("false", folder.path());
         assert!(matches!(failed, Err(XtaskError::Failed { .. })), "{failed:?}");
     }

@@ -55,7 +55,7 @@ impl Machine {
 pub struct Gs3 {
     /// An absolute path.
     pub folder: PathBuf,
-    /// What it is told of the machine.
+    /// The environment variables that describe the machine.
     pub environment: Environment,
 }
 

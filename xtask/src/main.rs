@@ -90,7 +90,7 @@ pub enum XtaskError {
         /// Why.
         message: String,
     },
-    /// Nobody can be served.
+    /// The port cannot be served.
     #[error("port {port}: expected a free one, found {source}")]
     Port {
         /// The port.

@@ -49,8 +49,8 @@ pub fn run(args: &MeasureArgs) -> Result<(), XtaskError> {
     measure(&here, args)
 }
 
-/// Measures all subjects in `folder` at all sizes. The report is written after each, so that whatever happens the
-/// figures so far stay.
+/// Measures all subjects in `folder` at all sizes. The report is written after each subject, so that a failure keeps
+/// the figures so far.
 fn measure(folder: &Path, args: &MeasureArgs) -> Result<(), XtaskError> {
     let started = Instant::now();
     let list = folder.join(SUBJECTS);

@@ -4,8 +4,8 @@ use std::fmt::Write;
 
 use serde_json::Value;
 
-/// Stages of a frame in their order, then all together; see `gs3 bench --backend gpu`. Those of super sampling and
-/// interpolation have parts, named after a dot, which the report in JSON tells one by one.
+/// Stages of a frame in their order, then all together; see `gs3 bench --backend gpu`. Super sampling and
+/// interpolation have parts, named after a dot, which the report in JSON lists one by one.
 const STAGES: [&str; 7] = ["project", "order", "bin", "blend", "super_sample", "interpolate", "all"];
 
 /// The report that `measure` makes.
@@ -58,7 +58,7 @@ pub fn markdown(report: &Value) -> String {
     text
 }
 
-/// Tells runs whose networks multiply matrices in hardware from those that do not.
+/// Distinguishes runs with networks that multiply matrices in hardware from the others.
 fn products(run: &Value) -> &'static str {
     if run["matrix_products"] == true { " with matrix products" } else { "" }
 }

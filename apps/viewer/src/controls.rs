@@ -4,21 +4,21 @@ use gs3::glam::{DAffine3, DMat3, DQuat, DVec3};
 use gs3::scene::orbit::Bulk;
 use gs3::scene::{Camera, CameraError, Intrinsics};
 
-/// Time in which a movement comes to 1/e of what is left of it, seconds: quick to the hand, slow enough that single steps of
-/// a wheel do not jump at 30 frames a second.
+/// Time in which the rest of a movement falls to 1/e, in seconds: quick for the hand, and slow enough that single
+/// steps of a wheel do not jump at 30 frames a second.
 const DAMPING: f64 = 0.06;
 
-/// A turn by this angle, or a movement by this share of the distance to the pivot, is less than half a pixel of a picture
-/// 8192 pixels wide: what is left of a movement is done at once.
+/// A turn by this angle, or a movement by this share of the distance to the pivot, is less than half a pixel of a
+/// picture 8192 pixels wide. A smaller rest of a movement is done at once.
 const STILL: f64 = 0.5 / 8192.0;
 
-/// Radians per height of the picture that is dragged: a drag across all of it is half a turn.
+/// Radians per height of the picture dragged: a drag across the whole height is half a turn.
 const TURN: f64 = std::f64::consts::PI;
 
 /// Factor on the distance for one line of the wheel.
 const DOLLY: f64 = 0.88;
 
-/// The camera stays this far from looking straight along the up axis, radians: there left and right would swap.
+/// Smallest angle between the view and the up axis, radians: at the axis left and right would swap.
 const POLE: f64 = 0.02;
 
 /// Flight in radii of the scene per second.
@@ -47,7 +47,7 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// The rig of `camera`, whose pivot is `distance` before it. The principal point is taken as the centre.
+    /// The rig of `camera`, with its pivot `distance` in front of it. The principal point is taken as the centre.
     #[must_use]
     pub fn of(camera: &Camera, distance: f64) -> Self {
         let view_from_world = camera.view_from_world();
@@ -61,8 +61,8 @@ impl Rig {
         }
     }
 
-    /// A rig at `position`, around `target` in the middle of its picture, `up` pointing up there. `None` if the two are one
-    /// point, or the rig looks along `up`.
+    /// A rig at `position`, with `target` in the middle of its picture and `up` pointing up. `None` if the two are
+    /// one point, or the rig looks along `up`.
     #[must_use]
     pub fn looking(position: DVec3, target: DVec3, up: DVec3, fov_y: f64) -> Option<Self> {
         let forward = (target - position).try_normalize()?;
@@ -75,7 +75,7 @@ impl Rig {
     /// The camera for a picture of `size`.
     ///
     /// # Errors
-    /// [`CameraError`] if the size is none, or the rig has gone beyond what numbers hold.
+    /// [`CameraError`] if the size is not valid, or the rig is outside of the range of numbers.
     pub fn camera(&self, size: [u32; 2]) -> Result<Camera, CameraError> {
         let matrix3 = DMat3::from_quat(self.rotation);
         let pose = DAffine3 { matrix3, translation: self.offset - matrix3 * self.pivot };
@@ -98,7 +98,7 @@ impl Rig {
         self.rotation.conjugate() * view
     }
 
-    /// The share `t` of the way to `other`.
+    /// The rig at share `t` of the way to `other`.
     fn toward(&self, other: &Self, t: f64) -> Self {
         Self {
             pivot: self.pivot.lerp(other.pivot, t),
@@ -108,7 +108,7 @@ impl Rig {
         }
     }
 
-    /// Whether nobody sees the difference to `other`.
+    /// Whether the difference to `other` is invisible.
     fn is_near(&self, other: &Self) -> bool {
         let reach = STILL * other.offset.length();
         self.pivot.distance(other.pivot) <= reach
@@ -135,7 +135,7 @@ pub enum Flight {
     Down,
 }
 
-/// The camera in the hands of a user: where it is to go, and where it is on its way.
+/// The camera under the control of a user: its target, and its current place on the way there.
 #[derive(Clone, Debug)]
 pub struct Controls {
     shown: Rig,
@@ -148,17 +148,18 @@ pub struct Controls {
 }
 
 impl Controls {
-    /// Controls that begin with `camera` in a scene whose bulk is `bulk`.
+    /// Controls that start at `camera`, in a scene with the bulk `bulk`.
     #[must_use]
     pub fn new(camera: &Camera, bulk: &Bulk) -> Self {
         let depth = camera.view_from_world().transform_point3(bulk.center).z;
-        // Within a place its middle may be behind the camera, or so near that every drag turns it around.
+        // Within a place, the place's middle may be behind the camera, or so near that every drag turns the camera
+        // around.
         let distance = if depth > 0.1 * bulk.radius { depth } else { bulk.radius };
         let rig = Rig::of(camera, distance);
         Self { shown: rig, aimed: rig, home: rig, up: bulk.up, radius: bulk.radius, held: [false; 6] }
     }
 
-    /// The rig as it is shown.
+    /// The rig shown.
     #[must_use]
     pub const fn shown(&self) -> &Rig {
         &self.shown
@@ -170,8 +171,8 @@ impl Controls {
         self.up
     }
 
-    /// Turns around the pivot as the pointer is dragged by `delta` pixels in a picture of `height`: what is under the
-    /// pointer follows it. The horizon stays as it is.
+    /// Turns around the pivot when the pointer is dragged by `delta` pixels in a picture of `height`: the content
+    /// under the pointer follows it. The horizon stays level.
     pub fn orbit(&mut self, delta: [f64; 2], height: f64) {
         let turn = TURN / height.max(1.0);
         let rig = &mut self.aimed;
@@ -185,8 +186,8 @@ impl Controls {
         rig.rotation = (DQuat::from_rotation_x(tilt) * rig.rotation).normalize();
     }
 
-    /// Moves sideways as the pointer is dragged by `delta` pixels in a picture of `height`: the pivot's plane follows the
-    /// pointer.
+    /// Moves sideways when the pointer is dragged by `delta` pixels in a picture of `height`: the pivot's plane
+    /// follows the pointer.
     pub fn pan(&mut self, delta: [f64; 2], height: f64) {
         let rig = &mut self.aimed;
         let depth = rig.offset.z.abs().max(STILL * self.radius);
@@ -194,13 +195,14 @@ impl Controls {
         rig.pivot -= rig.world_from_view(DVec3::new(delta[0] * unit, delta[1] * unit, 0.0));
     }
 
-    /// Moves towards the pivot by `lines` of a wheel, or away if they are negative. The camera does not reach it.
+    /// Moves towards the pivot by `lines` of a wheel, or away if `lines` is negative. The camera never reaches the
+    /// pivot.
     pub fn dolly(&mut self, lines: f64) {
         self.approach(DOLLY.powf(lines));
     }
 
-    /// Scales the distance to the pivot by `factor`, within a thousandth and a thousand radii of the scene. A factor that is
-    /// no positive number does nothing.
+    /// Scales the distance to the pivot by `factor`, within a thousandth and a thousand radii of the scene. A factor
+    /// that is not a positive number is ignored.
     pub fn approach(&mut self, factor: f64) {
         if !(factor > 0.0 && factor.is_finite()) {
             return;
@@ -230,7 +232,7 @@ impl Controls {
         self.held = [false; 6];
     }
 
-    /// Puts all of `bulk` into the picture, seen from the same side.
+    /// Moves back until all of `bulk` is in the picture, with the same direction of view.
     pub fn frame(&mut self, bulk: &Bulk) {
         let rig = &mut self.aimed;
         rig.pivot = bulk.center;
@@ -242,7 +244,7 @@ impl Controls {
         self.aimed = self.home;
     }
 
-    /// Is at `rig` at once, as when a recorded path plays.
+    /// Jumps to `rig` at once, as when a recorded path plays.
     pub fn jump(&mut self, rig: Rig) {
         (self.shown, self.aimed) = (rig, rig);
     }
@@ -254,14 +256,14 @@ impl Controls {
         }
     }
 
-    /// The vertical field of view that is being gone to, radians.
+    /// The target of the vertical field of view, radians.
     #[must_use]
     pub const fn fov(&self) -> f64 {
         self.aimed.fov_y
     }
 
-    /// Makes `up`, of any length but 0, the upward direction, and levels the horizon where the camera does not look along
-    /// it.
+    /// Sets the upward direction to `up`, of any length but 0. The horizon is levelled unless the camera looks along
+    /// `up`.
     pub fn set_up(&mut self, up: DVec3) {
         let Some(up) = up.try_normalize() else { return };
         self.up = up;
@@ -273,13 +275,13 @@ impl Controls {
         }
     }
 
-    /// Whether the camera is on its way.
+    /// Whether the camera is moving.
     #[must_use]
     pub fn is_moving(&self) -> bool {
         self.shown != self.aimed || self.held.contains(&true)
     }
 
-    /// Goes on by `seconds`. `speed` is a factor on the flight. Whether the camera has moved.
+    /// Advances by `seconds`. `speed` is a factor on the flight. Returns whether the camera has moved.
     pub fn advance(&mut self, seconds: f64, speed: f64) -> bool {
         let axis = |positive: Flight, negative: Flight| {
             f64::from(self.held[positive as usize]) - f64::from(self.held[negative as usize])
@@ -298,7 +300,7 @@ impl Controls {
     }
 }
 
-/// The factor on the flight that shift (fast) and ctrl (slow) mean.
+/// The factor on the flight for shift (fast) and ctrl (slow).
 #[must_use]
 pub fn flight_speed(is_fast: bool, is_slow: bool) -> f64 {
     let fast = if is_fast { FAST } else { 1.0 };
@@ -360,7 +362,7 @@ mod tests {
         // A quarter of the height is an eighth of a turn.
         let angle = before.position().truncate().angle_to(after.position().truncate());
         assert!((angle.abs() - std::f64::consts::FRAC_PI_4).abs() < 1e-6, "{angle}");
-        // What is nearer than the pivot moves to the right, as the pointer does.
+        // A point nearer than the pivot moves to the right, as the pointer does.
         let near = pivot + 0.2 * (before.position() - pivot);
         assert!(after.project(near).0.x > before.project(near).0.x + 1.0);
         for camera in [before, after] {

@@ -1,4 +1,4 @@
-//! What a hand does, whatever window or script it comes from.
+//! Input events of a user, from any window or script.
 
 use std::path::PathBuf;
 

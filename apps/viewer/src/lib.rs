@@ -1,8 +1,8 @@
-//! The viewer of gs3: scenes that are sharp while they move, native at rest, and then leave the processor alone.
+//! The viewer of gs3: scenes are sharp in motion and native at rest, and a resting viewer uses no CPU time.
 //!
-//! [`Viewer`] is all of it but the window: inputs and time go in, pictures come out, and wishes for files
-//! ([`Effect`]). Nothing in it reads a clock, a file or a screen, so that a window, a page, a script and a test drive the same
-//! code. `window` is the native window, `page` what a web page calls, [`Script`] a hand from a file.
+//! [`Viewer`] is everything except the window: inputs and time go in; pictures and requests for files ([`Effect`])
+//! come out. It reads no clock, file or screen, so that a window, a page, a script and a test drive the same code.
+//! `window` is the native window, `page` is the interface of a web page, and [`Script`] plays inputs from a file.
 
 pub mod compare;
 pub mod controls;

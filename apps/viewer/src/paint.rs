@@ -76,7 +76,7 @@ impl Painter {
         }
     }
 
-    /// Paints `primitives`, whose positions are points of `scale` pixels, over `picture`.
+    /// Paints `primitives` over `picture`. Positions are points of `scale` pixels.
     pub fn paint(&self, primitives: &[ClippedPrimitive], scale: f32, picture: &mut Picture) {
         for ClippedPrimitive { clip_rect, primitive } in primitives {
             // Callbacks are drawn by devices; no panel of the viewer has any.

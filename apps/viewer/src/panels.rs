@@ -1,4 +1,4 @@
-//! What lies over the picture: figures, controls, help, messages.
+//! The panels over the picture: figures, controls, help, messages.
 
 use std::time::Duration;
 
@@ -14,7 +14,7 @@ use crate::input::{Button, Input, Modifiers};
 use crate::paint::{Painter, Picture};
 use crate::views::View;
 
-/// What the keys do, for the help.
+/// The keys' functions, for the help.
 const HELP: &[(&str, &str)] = &[
     ("left drag", "orbit around the pivot"),
     ("right drag", "pan"),
@@ -35,7 +35,7 @@ const HELP: &[(&str, &str)] = &[
     ("drop a file", "open a scene or cameras"),
 ];
 
-/// What a panel asks for.
+/// Requests of the panels.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
     /// Shows this.
@@ -68,26 +68,26 @@ pub enum Action {
     Dismiss,
 }
 
-/// What panels say.
+/// The contents of the panels.
 #[derive(Clone, Debug, Default)]
 pub struct Facts {
     /// Lines of figures.
     pub figures: Vec<String>,
-    /// What cannot be done, and why; stays until it is closed.
+    /// What cannot be done, and why; shown until the user closes it.
     pub message: Option<String>,
-    /// What has been done; goes by itself.
+    /// What has been done; disappears on its own.
     pub note: Option<String>,
-    /// What is being opened, and the share that is done.
+    /// Name of the file being opened, and the share that is done.
     pub opening: Option<(String, f32)>,
     /// Whether a file is held over the window.
     pub is_hovering: bool,
-    /// What is shown.
+    /// The view shown.
     pub view: View,
-    /// What is compared.
+    /// The comparison shown.
     pub compare: Compare,
-    /// First columns of the parts but the first, in pixels.
+    /// First column of each part except the first, in pixels.
     pub dividers: Vec<usize>,
-    /// Displayed frames per second that are aimed at.
+    /// Target of displayed frames per second.
     pub fps: f64,
     /// Vertical field of view, radians.
     pub fov: f64,
@@ -108,7 +108,7 @@ pub struct Panels {
     events: Vec<Event>,
     pointer: Pos2,
     modifiers: Modifiers,
-    /// When panels want to be painted again though nothing happens.
+    /// When panels must be painted again without an event.
     due: Option<Duration>,
     is_help: bool,
     is_menu: bool,
@@ -130,14 +130,14 @@ impl Default for Panels {
         let context = Context::default();
         context.set_theme(egui::Theme::Dark);
         context.all_styles_mut(|style| {
-            // Nothing slides or fades: a viewer at rest paints nothing.
+            // No animations: a viewer at rest paints nothing.
             style.animation_time = 0.0;
             style.visuals.override_text_color = Some(Color32::from_gray(220));
             style.visuals.window_shadow = egui::Shadow::NONE;
             style.visuals.popup_shadow = egui::Shadow::NONE;
             style.visuals.window_fill = Color32::from_rgba_unmultiplied(20, 20, 22, 235);
         });
-        // Discs from a texture would be interpolated, which the painter does not do.
+        // Discs from a texture would need interpolation, which the painter does not have.
         context.tessellation_options_mut(|options| options.prerasterized_discs = false);
         Self {
             context,
@@ -155,7 +155,7 @@ impl Default for Panels {
 }
 
 impl Panels {
-    /// Tells panels of `input`; points are of `scale` pixels.
+    /// Passes `input` to the panels; points are of `scale` pixels.
     pub fn input(&mut self, input: &Input, scale: f32) {
         let modifiers = self.modifiers.to_egui();
         let event = match input {
@@ -205,7 +205,7 @@ impl Panels {
         layer.is_some_and(|layer| layer.order != Order::Background)
     }
 
-    /// When panels want to be painted again though nothing happens.
+    /// When panels must be painted again without an event.
     pub const fn due(&self) -> Option<Duration> {
         self.due
     }
@@ -230,7 +230,7 @@ impl Panels {
         (self.is_help, self.is_menu) = (false, false);
     }
 
-    /// Paints all panels over `picture` and says what was asked for in them.
+    /// Paints all panels over `picture` and returns the actions that the user chose in them.
     pub fn paint(&mut self, facts: &Facts, scale: f32, now: Duration, picture: &mut Picture) -> Vec<Action> {
         let size = vec2(picture.size[0] as f32, picture.size[1] as f32) / scale;
         let mut input = RawInput {

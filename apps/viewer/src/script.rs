@@ -14,7 +14,7 @@ const MOST_WAITS: usize = 10_000;
 /// Most loops that a single step may take.
 const MOST_FRAMES: u32 = 1_000_000;
 
-/// What is no script.
+/// The text that is no script.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{place}: {message}")]
 pub struct ScriptError {
@@ -32,7 +32,7 @@ pub struct ScriptFailure {
     pub step: usize,
     /// What it expects.
     pub expected: String,
-    /// What there was.
+    /// The text found.
     pub actual: String,
 }
 

@@ -103,8 +103,8 @@ impl Tour {
         self.at(time)
     }
 
-    /// The tour as nerfstudio's `camera_path.json`, with pictures of `size`, in a world whose origin the
-    /// scene's `origin` is measured from: what `gs3 render --path` reads. `None` without a keyframe.
+    /// The tour as nerfstudio's `camera_path.json`, which `gs3 render --path` reads, with pictures of `size`. The
+    /// scene's `origin` is measured from the origin of the file's world. `None` without a keyframe.
     #[must_use]
     pub fn to_camera_path(&self, size: [u32; 2], origin: DVec3) -> Option<Vec<u8>> {
         let single;

@@ -1,4 +1,4 @@
-//! The viewer without a window: inputs and time go in, pictures and wishes come out.
+//! The viewer without a window: inputs and time go in; pictures and requests come out.
 
 mod files;
 mod frames;
@@ -26,18 +26,19 @@ use crate::tour::Tour;
 use crate::views::View;
 use touch::Fingers;
 
-/// Longest time that a movement goes on by at once, seconds: after a slow frame nothing jumps.
+/// Longest time that a movement advances in one step, in seconds: no jumps after a slow frame.
 const LONGEST_STEP: f64 = 0.1;
 
-/// How much a new measurement of the time beside rendering counts against those before: as in the controller of exact pixels.
+/// Weight of a new measurement of the time beside rendering against the earlier ones: as in the controller of exact
+/// pixels.
 const NEWEST: f64 = 0.5;
 
-/// How a viewer begins.
+/// Settings of a viewer at its start.
 #[derive(Clone, Debug)]
 pub struct ViewerSettings {
-    /// How the session renders. [`gs3::PipelineSettings::refine`] is set by the viewer where it is a time.
+    /// How the session renders. The viewer sets [`gs3::PipelineSettings::refine`] if it is a time.
     pub session: SessionSettings,
-    /// Displayed frames per second that are aimed at.
+    /// Target of displayed frames per second.
     pub fps: f64,
     /// Width and height of the picture.
     pub size: [u32; 2],
@@ -48,7 +49,7 @@ pub struct ViewerSettings {
 pub enum Opened {
     /// A scene, with cameras if it came with some.
     Scene {
-        /// What it is called.
+        /// Name of the scene.
         name: String,
         /// The scene.
         scene: Arc<Scene>,
@@ -57,28 +58,28 @@ pub enum Opened {
     },
     /// Cameras for the scene that is shown.
     Cameras {
-        /// What they are called.
+        /// Name of the cameras.
         name: String,
         /// The cameras.
         path: CameraPath,
     },
 }
 
-/// Where something is written.
+/// Where a file is written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Place {
-    /// Here.
+    /// This path.
     File(PathBuf),
     /// The first free name of `stem-0001.extension` and so on.
     Numbered {
-        /// What the name begins with.
+        /// The beginning of the name.
         stem: &'static str,
-        /// What it ends with.
+        /// The extension.
         extension: &'static str,
     },
 }
 
-/// What the viewer wants of its surroundings.
+/// Requests of the viewer to its surroundings.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Effect {
     /// Opens a file or folder, and answers with [`Viewer::opened`].
@@ -87,16 +88,17 @@ pub enum Effect {
     Save(Place, Vec<u8>),
 }
 
-/// A screenshot that is asked for.
+/// A requested screenshot.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Shot {
-    /// Where it goes; none is a numbered file.
+    /// The file to write; none is a numbered file.
     pub file: Option<PathBuf>,
     /// Whether panels are in it.
     pub panels: bool,
-    /// How many times larger than the picture it is. Larger ones are native frames, without panels and comparisons.
+    /// Scale relative to the picture. Screenshots larger than the picture are native frames, without panels and
+    /// comparisons.
     pub scale: u32,
-    /// Where the camera goes, as a `camera_path.json`.
+    /// The file for the camera, as a `camera_path.json`.
     pub camera: Option<PathBuf>,
 }
 
@@ -109,30 +111,30 @@ pub enum Next {
     Idle,
 }
 
-/// What a step did.
+/// The result of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Step {
     /// Whether [`Viewer::picture`] has changed.
     pub is_new: bool,
-    /// When the next one is due.
+    /// When the next step is due.
     pub next: Next,
 }
 
-/// Why the viewer does not begin.
+/// Why the viewer cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum ViewerError {
     /// There is no session.
     #[error(transparent)]
     Pipeline(#[from] PipelineError),
-    /// The picture has no size.
+    /// The picture's size is 0.
     #[error(transparent)]
     Camera(#[from] CameraError),
 }
 
-/// How far the picture of a resting camera has come.
+/// Progress of the picture of a resting camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Rest {
-    /// The camera of the last frame; none before the first one and where it failed.
+    /// The camera of the last frame; none before the first frame and after a failed one.
     camera: Option<Camera>,
     /// Frames since the camera has been there.
     frames: usize,
@@ -142,10 +144,10 @@ struct Rest {
 
 /// The viewer without a window.
 ///
-/// [`Viewer::input`] takes inputs at any time; they count with the next [`Viewer::step`]. A step moves the camera, renders at
-/// most one frame and paints the panels. While a camera moves, steps are due at the rate that is aimed at, and the exact
-/// pixels of a frame are as many as the rate leaves time for. Once the camera rests, frames go on until the history holds
-/// every pixel; the native image follows, and then no step is due until an input comes.
+/// [`Viewer::input`] takes inputs at any time; they take effect in the next [`Viewer::step`]. A step moves the
+/// camera, renders at most one frame and paints the panels. While a camera moves, steps are due at the target rate,
+/// and a frame has as many exact pixels as this rate leaves time for. Once the camera rests, frames continue until
+/// the history holds every pixel. The native image follows. Then no step is due until an input comes.
 #[derive(Debug)]
 pub struct Viewer {
     session: Session,
@@ -167,17 +169,17 @@ pub struct Viewer {
     dividers: Dividers,
     tour: Tour,
     rest: Rest,
-    /// Whether the last frame could not be made, and nothing has happened since.
+    /// Whether the last frame failed, and nothing has happened since.
     has_failed: bool,
-    /// Whether what is shown of the frame has changed, so that it is to be composed again.
+    /// Whether the shown part of the frame has changed, so that the picture must be composed again.
     is_stale: bool,
-    /// Whether a step is to paint panels, whatever else happens.
+    /// Whether a step must paint panels in any case.
     is_woken: bool,
     is_idle: bool,
     figures: Figures,
     frame: Picture,
     picture: Picture,
-    /// Seconds of a step beside rendering.
+    /// Seconds of a step that are not rendering.
     overhead: f64,
     memory: Option<u64>,
     message: Option<String>,
@@ -193,10 +195,11 @@ pub struct Viewer {
 }
 
 impl Viewer {
-    /// A viewer that shows `scene`, called `name`, from the first of `cameras`, or from where all of it is in view.
+    /// A viewer of `scene` with the name `name`. It starts at the first of `cameras`, or at a view of the whole
+    /// scene.
     ///
     /// # Errors
-    /// [`ViewerError`] if a setting is not supported, or the GPU that is asked for is not there.
+    /// [`ViewerError`] if a setting is not supported, or the requested GPU does not exist.
     pub fn new(
         name: &str,
         scene: Arc<Scene>,
@@ -248,13 +251,13 @@ impl Viewer {
         })
     }
 
-    /// Takes an input, which counts with the next step.
+    /// Takes an input, which takes effect in the next step.
     pub fn input(&mut self, input: Input) {
         self.inputs.push(input);
         self.is_idle = false;
     }
 
-    /// Goes on to now. `clock` is the time since any fixed moment.
+    /// Advances to the current time. `clock` is the time since any fixed moment.
     pub fn step(&mut self, clock: &dyn Fn() -> Duration) -> Step {
         let started = clock();
         let seconds = match self.last_step {
@@ -284,7 +287,7 @@ impl Viewer {
         Step { is_new: is_due, next: self.next }
     }
 
-    /// When the next step is due: what the last one said, or at once after an input or another wish.
+    /// When the next step is due: as the last step said, or at once after an input or another request.
     #[must_use]
     pub const fn next_step(&self) -> Next {
         if self.is_woken || !self.inputs.is_empty() || !self.shots.is_empty() {
@@ -294,9 +297,9 @@ impl Viewer {
         }
     }
 
-    /// Tells how long the picture took to reach the screen after a step.
+    /// Reports how long the picture took to reach the screen after a step.
     pub fn presented(&mut self, took: Duration) {
-        // The step's own part was followed already; this is what came on top.
+        // The step's own part has been measured already; this time is added to it.
         self.overhead += NEWEST * took.as_secs_f64();
     }
 
@@ -309,7 +312,7 @@ impl Viewer {
             || self.tour.playing().is_some()
             || self.is_rendering_due();
         let due = self.due + self.interval;
-        // A step that came late is not made up for by hurried ones.
+        // A late step is not followed by hurried steps.
         self.due = if due + self.interval < started || due > started + self.interval {
             started + self.interval
         } else {
@@ -333,12 +336,12 @@ impl Viewer {
         self.is_idle
     }
 
-    /// Tells how much memory the process has, bytes.
+    /// Reports the memory of the process, in bytes.
     pub const fn set_memory(&mut self, bytes: u64) {
         self.memory = Some(bytes);
     }
 
-    /// What is wanted of the surroundings since this was asked last.
+    /// The requests since the last call.
     pub fn take_effects(&mut self) -> Vec<Effect> {
         std::mem::take(&mut self.effects)
     }
@@ -349,7 +352,7 @@ impl Viewer {
         &self.picture
     }
 
-    /// What is shown of the scene, without panels.
+    /// The shown part of the frame, without panels.
     #[must_use]
     pub const fn frame(&self) -> &Picture {
         &self.frame
@@ -361,7 +364,7 @@ impl Viewer {
         self.size
     }
 
-    /// Whether no more frames are made until something happens.
+    /// Whether no more frames are made until an event comes.
     #[must_use]
     pub const fn is_idle(&self) -> bool {
         self.is_idle
@@ -373,13 +376,13 @@ impl Viewer {
         self.opening.is_some()
     }
 
-    /// The camera that is shown.
+    /// The camera shown.
     #[must_use]
     pub const fn camera(&self) -> Option<Camera> {
         self.rest.camera
     }
 
-    /// Where the camera is, and what it turns around.
+    /// The place of the camera, and its pivot.
     #[must_use]
     pub const fn rig(&self) -> &Rig {
         self.controls.shown()
@@ -427,26 +430,26 @@ impl Viewer {
         self.session.scene().gaussians().len()
     }
 
-    /// The time from one displayed frame to the next that is aimed at.
+    /// The target time from one displayed frame to the next.
     #[must_use]
     pub const fn interval(&self) -> Duration {
         self.interval
     }
 
-    /// What renders.
+    /// The machine that renders.
     #[must_use]
     pub const fn session(&self) -> &Session {
         &self.session
     }
 }
 
-/// The time from one displayed frame to the next; rates that are none are 30 a second.
+/// The time from one displayed frame to the next. A rate that is not valid counts as 30 a second.
 fn interval(fps: f64) -> Duration {
     let fps = if fps.is_finite() { fps.clamp(1.0, 1000.0) } else { 30.0 };
     Duration::from_secs_f64(1.0 / fps)
 }
 
-/// The first of `cameras`, or one from which all of `scene` is in view, for a picture of `size`.
+/// The first of `cameras`, or a camera with all of `scene` in view, for a picture of `size`.
 fn first_camera(scene: &Scene, cameras: Option<&CameraPath>, size: [u32; 2]) -> Result<Camera, CameraError> {
     let [width, height] = size.map(|side| side.clamp(1, MAX_SIDE));
     match cameras {

@@ -1,4 +1,4 @@
-//! The native window: winit's events in, the processor's pixels out, files read and written beside.
+//! The native window: winit's events come in, the CPU's pixels go out, and files are read and written in threads.
 
 mod files;
 mod input;
@@ -23,50 +23,50 @@ use crate::paint::Picture;
 use crate::script::{Playing, Script, ScriptFailure};
 use crate::viewer::{Effect, Next, Opened, Viewer, ViewerError, ViewerSettings};
 
-/// How often the memory of the process is looked at.
+/// How often the memory of the process is measured.
 const MEMORY_EVERY: Duration = Duration::from_secs(1);
 
-/// What the window begins with.
+/// Settings of the window.
 #[derive(Clone, Debug)]
 pub struct WindowSettings {
-    /// What the scene is called.
+    /// Name of the scene.
     pub name: String,
     /// The scene.
     pub scene: Arc<Scene>,
-    /// Cameras; none is a view of all of the scene.
+    /// Cameras; without them, the whole scene is in view.
     pub cameras: Option<CameraPath>,
-    /// How it is shown.
+    /// Settings of the viewer.
     pub viewer: ViewerSettings,
-    /// What is played at the beginning.
+    /// The script to play at the start.
     pub script: Option<Script>,
 }
 
-/// Why a window does not open, or ends before its time.
+/// Why a window cannot open, or ends early.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WindowError {
     /// There is no display, or it refuses.
     #[error("window: expected a display (DISPLAY or WAYLAND_DISPLAY), found {message}")]
     Display {
-        /// What the system says.
+        /// The system's message.
         message: String,
     },
     /// Pixels do not reach the window.
     #[error("window: pixels cannot be shown: {message}")]
     Surface {
-        /// What the system says.
+        /// The system's message.
         message: String,
     },
-    /// The viewer does not begin.
+    /// The viewer cannot start.
     #[error(transparent)]
     Viewer(#[from] ViewerError),
-    /// Something was not as the script expects.
+    /// Something differs from the script's expectations.
     #[error("script: {0}")]
     Script(#[from] ScriptFailure),
-    /// What a script asks for could not be written.
+    /// A file that a script asks for could not be written.
     #[error("script: {message}")]
     Save {
-        /// Which file, and why.
+        /// The file, and the reason.
         message: String,
     },
 }
@@ -74,7 +74,8 @@ pub enum WindowError {
 /// Opens a window and shows the scene until the window is closed or the script ends.
 ///
 /// # Errors
-/// [`WindowError`] without a display or a machine that renders, and where a script meets what it does not expect.
+/// [`WindowError`] without a display or a machine that renders, and if something differs from a script's
+/// expectations.
 pub fn run(settings: WindowSettings) -> Result<(), WindowError> {
     let display = |e: &dyn std::fmt::Display| WindowError::Display { message: e.to_string() };
     let WindowSettings { name, scene, cameras, viewer, script } = settings;
@@ -100,7 +101,7 @@ pub fn run(settings: WindowSettings) -> Result<(), WindowError> {
     shell.failed.map_or(Ok(()), Err)
 }
 
-/// What the thread that reads files tells.
+/// Messages of the thread that reads files.
 #[derive(Debug)]
 enum Loaded {
     Progress(f32),
@@ -154,7 +155,7 @@ impl ApplicationHandler<Loaded> for Shell {
         }
         for input in input::inputs(&event) {
             self.viewer.input(input);
-            // Hands wake it within this round.
+            // Input wakes the viewer within this round.
             self.next = Next::At(Duration::ZERO);
         }
     }
@@ -234,7 +235,7 @@ impl Shell {
         for effect in self.viewer.take_effects() {
             self.carry_out(events, effect);
         }
-        // A script goes on at the viewer's pace, at rest too.
+        // A script continues at the viewer's pace, also at rest.
         if self.script.is_some() {
             let pace = self.viewer.interval();
             self.next = match self.next {
@@ -261,7 +262,7 @@ impl Shell {
         }
     }
 
-    /// Reads the next file that waits, in a thread of its own, so that the window lives meanwhile.
+    /// Reads the next waiting file in a thread of its own, so that the window stays responsive.
     fn load_next(&mut self) {
         if self.is_loading {
             return;
@@ -293,7 +294,8 @@ impl Shell {
 }
 
 impl Shown {
-    /// Shows `picture` in the top left corner of the window: while the window is resized, it has another size for a frame.
+    /// Shows `picture` in the top left corner of the window: while the window is resized, the picture has another
+    /// size for a frame.
     fn show(&mut self, picture: &Picture) -> Result<(), String> {
         let size = self.window.inner_size();
         let (Some(width), Some(height)) = (NonZeroU32::new(size.width), NonZeroU32::new(size.height)) else {

@@ -18,7 +18,7 @@ pub fn slice<'a, T: Element, D: numpy::ndarray::Dimension>(
         .map_err(|_| error::input(format_args!("{name}: expected a C-contiguous array, found gaps")))
 }
 
-/// Refuses an array whose shape is another.
+/// Refuses an array of another shape.
 pub fn check_shape(name: &str, expected: &[usize], actual: &[usize]) -> PyResult<()> {
     match expected == actual {
         true => Ok(()),
@@ -46,7 +46,7 @@ pub enum Pixels {
 }
 
 impl Pixels {
-    /// Those of `image`: f32 as they are, or bytes. Converted by all threads; belongs where the interpreter's lock is not held.
+    /// The pixels of `image`: unchanged f32, or bytes. All threads convert; call it without the interpreter's lock.
     pub fn of(image: &Image, as_bytes: bool) -> Self {
         let shape = [image.height(), image.width(), 3];
         if as_bytes { Self::Bytes(image.to_rgb8(), shape) } else { Self::Floats(image.to_rgb(), shape) }

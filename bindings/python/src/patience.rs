@@ -13,11 +13,11 @@ use crate::error;
 /// How often the caller looks: often enough for a bar to move, and for Ctrl-C to feel immediate.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Runs `work` without the interpreter's lock. `work` tells the share that is done, 0 to 1, and stops where it is told to.
-/// `progress` is called in this thread with the share, and where it returns `False` the work is stopped.
+/// Runs `work` without the interpreter's lock. `work` reports the share that is done, 0 to 1, and stops on request.
+/// `progress` is called in this thread with the share; if it returns `False`, the work is stopped.
 ///
 /// # Errors
-/// What a signal's handler or the callback raises; `Cancelled`, where the callback said no.
+/// The exception of a signal's handler or of the callback; `Cancelled`, if the callback returned `False`.
 pub fn run<T: Send>(
     py: Python<'_>,
     what: &str,

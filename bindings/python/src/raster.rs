@@ -29,7 +29,7 @@ impl Batch {
         Self { values: vec![0.0; pixels * channels], channels }
     }
 
-    /// Takes `planes` as channels `first..` of frame `k`, each value through `convert`, which is told its pixel.
+    /// Copies `planes` to channels `first..` of frame `k`. `convert` gets each value and its pixel.
     fn take<const N: usize>(
         &mut self,
         k: usize,

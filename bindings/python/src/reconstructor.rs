@@ -22,7 +22,7 @@ pub struct Reconstructor {
     inner: Mutex<gs3::Reconstructor>,
 }
 
-/// `[height, width, channels]` of at least `C` channels, of which the first `C` are read.
+/// `[height, width, channels]` with at least `C` channels; the first `C` are read.
 fn planes<'a, const C: usize>(
     name: &str,
     array: &'a PyReadonlyArray3<'_, f32>,

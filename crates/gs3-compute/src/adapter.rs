@@ -101,11 +101,12 @@ pub fn adapters() -> Vec<AdapterReport> {
     found(&instance()).iter().map(report).collect()
 }
 
-/// The place in `adapters` of the one that `choice` means, and why: of those that can run gs3 the fastest kind, the
-/// first among equals.
+/// The index in `adapters` of the adapter that `choice` means, and the reason: the fastest kind of the adapters that
+/// can run gs3, and the first among equals.
 ///
 /// # Errors
-/// [`GpuError::NoAdapter`] if there is none, [`GpuError::Unsupported`] if the one asked for lacks something.
+/// [`GpuError::NoAdapter`] if there is no adapter, [`GpuError::Unsupported`] if the requested adapter lacks a
+/// feature.
 pub fn choose(adapters: &[AdapterReport], choice: AdapterChoice) -> Result<(usize, String), GpuError> {
     let none = || {
         let actual = match adapters.len() {

@@ -11,13 +11,13 @@ use crate::gpu::Gpu;
 pub struct Need {
     /// Its name.
     pub name: &'static str,
-    /// What for.
+    /// Use of the buffer.
     pub usage: Use,
-    /// At least so many bytes.
+    /// Least size in bytes.
     pub bytes: u64,
 }
 
-/// What became of an arena.
+/// The result of fitting an arena.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[must_use = "kernels bound to the old buffers must be bound again"]
 pub enum Fit {
@@ -34,11 +34,11 @@ pub struct Arena {
 }
 
 impl Arena {
-    /// Makes sure that there is room for `needs`. A buffer that grows gets a quarter more than it needs, within the
+    /// Makes sure that the buffers hold `needs`. A buffer that grows gets a quarter more than it needs, within the
     /// device's limits, so that slowly growing needs do not replace it every frame.
     ///
     /// # Errors
-    /// [`GpuError`] if the device has no room; buffers may have grown.
+    /// [`GpuError`] if the device has too little memory; buffers may have grown.
     pub fn fit(&mut self, gpu: &Gpu, needs: &[Need]) -> Result<Fit, GpuError> {
         let mut fit = Fit::Kept;
         for need in needs {
@@ -51,7 +51,7 @@ impl Arena {
                 Some(_) => (need.bytes / 4).min(limits.binding_bytes.saturating_sub(need.bytes)),
                 None => 0,
             };
-            // The old one goes first, so that both need not fit.
+            // The old buffer is dropped first, so that both need not fit.
             self.buffers.remove(need.name);
             let buffer = gpu.buffer(need.name, need.usage, need.bytes + reserve)?;
             self.buffers.insert(need.name, (need.usage, buffer));

@@ -97,7 +97,7 @@ impl Buffer {
         Slice { buffer: self, start: 0, bytes: self.bytes }
     }
 
-    /// `bytes` of it from `start`, cut to what there is. Bindings start at multiples of
+    /// `bytes` of the buffer from `start`, cut to its length. Bindings start at multiples of
     /// [`Limits::binding_alignment`](crate::Limits::binding_alignment).
     #[must_use]
     pub fn part(&self, start: u64, bytes: u64) -> Slice<'_> {
@@ -113,7 +113,7 @@ impl Slice<'_> {
         self.bytes
     }
 
-    /// The first `bytes` of it, cut to what there is.
+    /// The first `bytes` of the buffer, cut to its length.
     #[must_use]
     pub fn first(self, bytes: u64) -> Self {
         Self { bytes: self.bytes.min(bytes), ..self }
@@ -206,7 +206,7 @@ pub fn mapped<R>(
     let refused = |message: String| GpuError::Refused { what: "reading a buffer".to_owned(), message };
     let (sender, receiver) = mpsc::channel();
     staging.map_async(wgpu::MapMode::Read, ..size, move |result| {
-        // Nobody waits where waiting failed.
+        // If waiting failed, no receiver is left.
         let _ = sender.send(result);
     });
     let answer = || {
@@ -221,7 +221,7 @@ pub fn mapped<R>(
         Ok(f(&view))
     };
     let result = answer();
-    // Whatever happened: nothing can be copied to a buffer that is mapped, or still about to be.
+    // In all cases: nothing can be copied to a buffer that is mapped or about to be mapped.
     gpu.quietly(|| staging.unmap());
     result
 }

@@ -77,11 +77,12 @@ impl From<wgpu::Limits> for Limits {
     }
 }
 
-/// Invocations of the smallest workgroup whose subgroups work together.
+/// Invocations of the smallest workgroup with cooperating subgroups.
 const SMALLEST_WORKGROUP: u32 = 64;
 
 impl Subgroups {
-    /// Those of an adapter called `name` that has them, of `min` to `max` invocations as `backend` says.
+    /// The subgroups of an adapter called `name` that has them, with `min` to `max` invocations according to
+    /// `backend`.
     fn of(backend: wgpu::Backend, name: &str, [min, max]: [u32; 2]) -> Self {
         match backend {
             // wgpu 30 knows no sizes by Metal and says 4 to 64. Apple's own processors have 32.
@@ -91,8 +92,8 @@ impl Subgroups {
         }
     }
 
-    /// Those of sizes from `min` to `max`, if every workgroup is a whole number of them: kernels count those that are
-    /// full.
+    /// Subgroups of sizes from `min` to `max`, if every workgroup is a whole number of them: kernels assume full
+    /// subgroups.
     fn of_sizes(min: u32, max: u32) -> Self {
         match min.is_power_of_two() && max.is_power_of_two() && max <= SMALLEST_WORKGROUP {
             true => Self::Present { min, max },
@@ -102,7 +103,7 @@ impl Subgroups {
 }
 
 impl Capabilities {
-    /// Those of `adapter`.
+    /// The capabilities of `adapter`.
     pub(crate) fn of(adapter: &wgpu::Adapter) -> Self {
         let (features, info) = (adapter.features(), adapter.get_info());
         let has = |feature| features.contains(feature);
@@ -171,8 +172,8 @@ impl Capabilities {
 pub(crate) fn experimental(capabilities: &Capabilities) -> wgpu::ExperimentalFeatures {
     match capabilities.cooperative_matrix.is_empty() {
         true => wgpu::ExperimentalFeatures::disabled(),
-        // SAFETY: whoever opens the device asks for it, in wgpu's terms. Of a matrix that a kernel loads or stores
-        // naga checks where it begins; that it ends inside is for the kernel to hold.
+        // SAFETY: the caller who opens the device asks for it, in wgpu's terms. naga checks where a matrix that a
+        // kernel loads or stores begins; the kernel must ensure that the matrix ends inside the buffer.
         false => unsafe { wgpu::ExperimentalFeatures::enabled() },
     }
 }

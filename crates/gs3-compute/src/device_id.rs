@@ -4,8 +4,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::error::GpuError;
 
-/// A device that was opened. wgpu numbers what there is on each of its instances from 0 on: what belongs to a device of
-/// another one may be taken for something else there, or for nothing, at which it panics.
+/// Identifies an opened device. wgpu numbers the objects of each of its instances from 0 on. So an object of one
+/// instance's device may be taken for another object on a device of another instance, or for none, and then wgpu
+/// panics.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct DeviceId(u64);
 

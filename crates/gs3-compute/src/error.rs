@@ -11,7 +11,7 @@ pub enum GpuError {
     NoAdapter {
         /// Which adapter was asked for.
         expected: String,
-        /// What there is.
+        /// The value found.
         actual: String,
     },
     /// The adapter cannot do something that gs3 needs.
@@ -43,7 +43,7 @@ pub enum GpuError {
         what: String,
         /// What is needed.
         min: u64,
-        /// What there is.
+        /// The value found.
         actual: u64,
     },
     /// The driver ended loops of a kernel early, so that results are wrong.

@@ -26,7 +26,7 @@ pub struct GpuSettings {
     pub features: OptionalFeatures,
 }
 
-/// The first trouble that nobody has been told of, and whether the device is gone.
+/// The first error that has not been reported yet, and whether the device is lost.
 #[derive(Debug, Default)]
 struct Trouble {
     lost: Option<String>,
@@ -70,8 +70,8 @@ impl Gpu {
         Ok(gpu)
     }
 
-    /// What to open a device of `adapter` with, for [`Gpu::of`]: all limits of the adapter, and those of its features
-    /// that gs3 uses. More may be asked for; without a feature its fallback runs.
+    /// The descriptor to open a device of `adapter` with, for [`Gpu::of`]: all limits of the adapter, and its
+    /// features that gs3 uses. The caller may ask for more. Without a feature, its fallback runs.
     #[must_use]
     pub fn wanted(adapter: &wgpu::Adapter, features: OptionalFeatures) -> wgpu::DeviceDescriptor<'static> {
         let capabilities = Capabilities::of(adapter).with(features);
@@ -84,11 +84,12 @@ impl Gpu {
         }
     }
 
-    /// The caller's own device of `adapter`, with its queue, so that what gs3 makes is where the caller shows it.
-    /// gs3 uses those features that the device was opened with, and takes its callback for device loss, which
-    /// [`Gpu::check`] tells from then on. [`Buffer::raw`] and [`Buffer::of`] lead from one's buffers to the other's.
+    /// Uses the caller's own device of `adapter`, with its queue, so that the caller can show the results of gs3
+    /// directly. gs3 uses the features that the device was opened with. gs3 also takes the device's callback for
+    /// device loss; [`Gpu::check`] reports the loss from then on. [`Buffer::raw`] and [`Buffer::of`] convert between
+    /// the buffers of both.
     ///
-    /// Without [`wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL`], which gs3 does not need, frames take less.
+    /// Frames take less time without [`wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL`], which gs3 does not need.
     ///
     /// # Errors
     /// [`GpuError::Unsupported`] if the device was opened with lower limits than gs3 needs.
@@ -102,7 +103,7 @@ impl Gpu {
         }
     }
 
-    /// `device`, opened with what `report` says of it.
+    /// `device`, opened with the capabilities in `report`.
     fn with(mut report: AdapterReport, device: wgpu::Device, queue: wgpu::Queue) -> Self {
         let capabilities = report.capabilities.clone().within(&device);
         report.missing = None;
@@ -131,7 +132,7 @@ impl Gpu {
         &self.device
     }
 
-    /// wgpu's own handle of its queue: what is submitted there comes between gs3's submissions in that order.
+    /// wgpu's own handle of the device's queue. Submissions to it are ordered with gs3's submissions.
     #[must_use]
     pub const fn queue(&self) -> &wgpu::Queue {
         &self.queue
@@ -143,7 +144,7 @@ impl Gpu {
         &self.adapter
     }
 
-    /// What it can do, and was allowed to.
+    /// The capabilities of the device that gs3 may use.
     #[must_use]
     pub fn capabilities(&self) -> &Capabilities {
         &self.capabilities
@@ -155,8 +156,7 @@ impl Gpu {
         self.counts.allocations()
     }
 
-    /// Bytes that the device has set aside for what was made on it, where its driver's memory is wgpu's to divide (Vulkan,
-    /// DX12).
+    /// Bytes that the device has allocated for its objects, if wgpu divides the driver's memory (Vulkan, DX12).
     #[must_use]
     pub fn allocated_bytes(&self) -> Option<u64> {
         self.device.generate_allocator_report().map(|report| report.total_reserved_bytes)
@@ -177,7 +177,7 @@ impl Gpu {
         self.queue.submit(commands)
     }
 
-    /// Whether all is well since the last check.
+    /// Checks that there was no error since the last check.
     ///
     /// # Errors
     /// [`GpuError::DeviceLost`] from then on, any other error once.
@@ -192,7 +192,7 @@ impl Gpu {
     /// A buffer of zeros.
     ///
     /// # Errors
-    /// [`GpuError`] if it is larger than the device takes or has room for.
+    /// [`GpuError`] if the size exceeds the device's limits or memory.
     pub fn buffer(&self, label: &str, usage: Use, bytes: u64) -> Result<Buffer, GpuError> {
         Buffer::new(self, label, usage, bytes)
     }
@@ -215,14 +215,14 @@ impl Gpu {
         Module::new(self, label, sources)
     }
 
-    /// A frame's work, to be recorded. With `timings` its stages are timed.
+    /// A recorder of a frame's work. With `timings` its stages are timed.
     #[must_use]
     pub fn recorder<'a>(&'a self, timings: Option<&'a mut Timings>) -> Recorder<'a> {
         Recorder::new(self, timings)
     }
 
-    /// Writes `values` to the start of `slice` before whatever is submitted next. Bytes are padded with zeros to a
-    /// multiple of four.
+    /// Writes `values` to the start of `slice`, before the next submission. Bytes are padded with zeros to a multiple
+    /// of four.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] if `slice` is shorter; device loss.
@@ -230,8 +230,8 @@ impl Gpu {
         crate::buffer::write(self, slice, bytemuck::cast_slice(values))
     }
 
-    /// The numbers in `slice`, after all that was submitted before. It waits for the device: for tests and final
-    /// results, not for what a frame hands on.
+    /// The numbers in `slice`, after everything submitted before. The call waits for the device: for tests and final
+    /// results, not for data within a frame.
     ///
     /// # Errors
     /// [`GpuError`] if the device fails.
@@ -247,7 +247,7 @@ impl Gpu {
         self.poll(wgpu::PollType::Wait { submission_index: Some(submission.index_of(self)?), timeout: None })
     }
 
-    /// Gives the device back: every use from now on says [`GpuError::DeviceLost`].
+    /// Destroys the device: every later use returns [`GpuError::DeviceLost`].
     pub fn destroy(&self) {
         self.device.destroy();
         let mut trouble = self.trouble.lock().unwrap_or_else(PoisonError::into_inner);
@@ -258,14 +258,14 @@ impl Gpu {
         let polled = self.survived(|| self.device.poll(poll));
         self.check()?;
         let Err(error) = polled? else { return Ok(()) };
-        // Of a device that its program gave back this may be the first that is heard: wgpu tells of it at leisure.
+        // For a device that its program destroyed, this may be the first notice: wgpu reports it with delay.
         let _ = self.survived(|| self.device.poll(wgpu::PollType::Poll));
         self.check()?;
         Err(GpuError::Refused { what: "waiting".to_owned(), message: error.to_string() })
     }
 
-    /// What `call` gives. wgpu panics where a device is lost while something waits for it (30.0: `Device::poll`);
-    /// that is a device lost like any other.
+    /// The result of `call`. wgpu panics if a device is lost while something waits for it (30.0: `Device::poll`);
+    /// this counts as an ordinary device loss.
     fn survived<T>(&self, call: impl FnOnce() -> T) -> Result<T, GpuError> {
         catch_unwind(AssertUnwindSafe(call)).map_err(|panic| {
             let said = panic.downcast_ref::<String>().map(String::as_str);
@@ -276,16 +276,16 @@ impl Gpu {
         })
     }
 
-    /// Calls what may be refused only because the device is lost, which is told elsewhere: of a caller's own device
-    /// wgpu would panic.
+    /// Makes a call that may only fail because the device is lost, which is reported elsewhere. On a caller's own
+    /// device wgpu would panic.
     pub(crate) fn quietly(&self, call: impl FnOnce()) {
         let scope = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
         call();
-        // Nothing that anyone could do.
+        // Nothing can be done about an error here.
         let _ = pollster::block_on(scope.pop());
     }
 
-    /// What `call` gives, or the first error that it meets. `bytes` is how much memory it asks for.
+    /// The result of `call`, or its first error. `bytes` is the memory that it asks for.
     pub(crate) fn checked<T>(&self, what: &str, bytes: u64, call: impl FnOnce() -> T) -> Result<T, GpuError> {
         self.check()?;
         let filters =

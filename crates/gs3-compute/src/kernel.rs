@@ -1,4 +1,4 @@
-//! WGSL modules, their entry points, and these with their buffers.
+//! WGSL modules, their entry points, and entry points with their buffers.
 
 use std::sync::Arc;
 
@@ -50,7 +50,7 @@ impl Module {
         Ok(Self { label: label.to_owned(), device_id: gpu.device_id, raw, reflected })
     }
 
-    /// Its entry point `entry`, with `override` constants. Memory of workgroups is not cleared before it runs.
+    /// The module's entry point `entry`, with `override` constants. Workgroup memory is not cleared before it runs.
     ///
     /// # Errors
     /// [`GpuError::Shader`] if there is none, or the driver refuses it.
@@ -94,14 +94,14 @@ impl Module {
     }
 }
 
-/// The module, without the counter that wgpu gives every loop lest it never end: of 64 bits, tested in each round,
-/// and in the way of unrolling. All other checks stay.
+/// The module, without the counter that wgpu adds to every loop to make it end: the counter has 64 bits, is tested in
+/// each round, and prevents unrolling. All other checks stay.
 #[allow(unsafe_code, reason = "wgpu asks for it where a check is left out")]
 fn created(device: &wgpu::Device, descriptor: wgpu::ShaderModuleDescriptor<'_>) -> wgpu::ShaderModule {
     let checks =
         wgpu::ShaderRuntimeChecks { force_loop_bounding: false, ..wgpu::ShaderRuntimeChecks::checked() };
-    // SAFETY: of kernels it is asked that their loops end ([`Gpu::module`]). Those of gs3 run over counts; lists that
-    // they follow have no cycles, and whoever waits for another workgroup stops after so many looks.
+    // SAFETY: kernels must have loops that end ([`Gpu::module`]). Loops of gs3 run over counts, the lists that they
+    // follow have no cycles, and waiting for another workgroup stops after a limited number of reads.
     unsafe { device.create_shader_module_trusted(descriptor, checks) }
 }
 
@@ -139,7 +139,7 @@ impl Kernel {
     }
 }
 
-/// A refusal of a shader or pipeline as what it is.
+/// Converts a refusal of a shader or pipeline to a shader error.
 fn as_shader_error(label: &str, error: GpuError) -> GpuError {
     match error {
         GpuError::Refused { message, .. } => GpuError::Shader { label: label.to_owned(), message },

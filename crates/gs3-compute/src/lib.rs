@@ -1,10 +1,10 @@
 //! GPU devices, and work on them: buffers, kernels, one submission per frame with its stages timed.
 //!
-//! [`Gpu`] is an open device. A [`Module`] is a WGSL source, a [`Kernel`] one of its entry points, a [`Bound`] kernel
-//! one with its buffers: these are made once. A frame is a [`Recorder`] into which stages write dispatches, submitted
-//! once. Whatever goes wrong is a [`GpuError`]; nothing here panics because of a device.
+//! [`Gpu`] is an open device. A [`Module`] is a WGSL source, a [`Kernel`] is one of its entry points, and a [`Bound`]
+//! kernel has its buffers; these are made once. A frame is a [`Recorder`], into which stages write dispatches, and is
+//! submitted once. Every failure is a [`GpuError`]; nothing here panics because of a device.
 //!
-//! Nothing here knows what is computed.
+//! This crate knows nothing of what is computed.
 
 mod adapter;
 mod allocations;

@@ -1,4 +1,4 @@
-//! Results on their way to the processor, in memory that stays.
+//! Results on their way to the CPU, in memory that is reused.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -8,7 +8,7 @@ use crate::error::GpuError;
 use crate::gpu::Gpu;
 use crate::recorder::Submission;
 
-/// Memory that the processor reads, for results of one frame after the other: [`Recorder::read_back`] brings them
+/// Memory that the CPU reads, for the results of one frame after the other. [`Recorder::read_back`] copies results
 /// there in the frame's own submission.
 ///
 /// [`Recorder::read_back`]: crate::Recorder::read_back
@@ -23,7 +23,7 @@ impl Readback {
     /// Memory of `bytes`, rounded up to a multiple of four.
     ///
     /// # Errors
-    /// [`GpuError`] if it is larger than the device takes or has room for.
+    /// [`GpuError`] if the size exceeds the device's limits or memory.
     pub fn new(gpu: &Gpu, bytes: u64) -> Result<Self, GpuError> {
         let max = gpu.capabilities().limits.buffer_bytes;
         if bytes > max {
@@ -46,7 +46,7 @@ impl Readback {
         self.bytes
     }
 
-    /// What `f` makes of all that `submission` brought here. It waits for it.
+    /// The result of `f` on all bytes that `submission` copied here. The call waits for the submission.
     ///
     /// # Errors
     /// [`GpuError`] if the device fails.
@@ -61,10 +61,10 @@ impl Readback {
     }
 }
 
-/// Bytes of memory that is kept for the next who reads.
+/// Most bytes of memory that are kept for the next read.
 const KEPT: u64 = 64 << 20;
 
-/// Memory that has been read through and may be again: that of the last who had done.
+/// Memory that was read and can be used again: the memory of the last finished read.
 #[derive(Debug, Default)]
 pub struct ReadPool(Mutex<Option<Readback>>);
 

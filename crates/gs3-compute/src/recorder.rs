@@ -19,7 +19,7 @@ pub struct Submission {
 }
 
 impl Submission {
-    /// What wgpu calls it on the device of `gpu`.
+    /// wgpu's index of the submission on the device of `gpu`.
     pub(crate) fn index_of(&self, gpu: &Gpu) -> Result<wgpu::SubmissionIndex, GpuError> {
         gpu.device_id.check(self.device_id, "a submission")?;
         Ok(self.index.clone())
@@ -37,7 +37,7 @@ pub struct Recorder<'a> {
     stage: &'static str,
     /// The stage that first copied or filled something since the last pass.
     moved: Option<&'static str>,
-    /// The first thing of another device that was to be recorded: nothing is submitted then.
+    /// The first recorded object of another device, as an error: nothing is submitted then.
     other_device: Option<GpuError>,
 }
 
@@ -55,8 +55,8 @@ impl<'a> Recorder<'a> {
         Self { gpu, uploads, encoder, pass: None, timings, stage: "", moved: None, other_device }
     }
 
-    /// Writes `values` to the start of `to` before all that is recorded here runs, whenever it is recorded: for what
-    /// changes from frame to frame. On the way there nothing is allocated on the device once frames write alike.
+    /// Writes `values` to the start of `to`, before all commands recorded here run, whenever it is called: for values
+    /// that change from frame to frame. Once frames write alike, no memory is allocated on the device for it.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] if `to` is shorter; device loss.
@@ -65,7 +65,7 @@ impl<'a> Recorder<'a> {
         self.uploads.write(self.gpu, to, bytemuck::cast_slice(values))
     }
 
-    /// Names what is recorded from here on, for timing. A name may come more than once.
+    /// Names the stage of the commands recorded from here on, for timing. A name may be used more than once.
     pub fn stage(&mut self, name: &'static str) {
         if self.stage != name {
             // Only clocks need passes of their own.
@@ -109,8 +109,7 @@ impl<'a> Recorder<'a> {
         self.encoder.copy_buffer_to_buffer(&from.buffer.raw, from.start, &to.buffer.raw, to.start, bytes);
     }
 
-    /// Brings `from` to byte `at` of `to`, cut to what there is room for. Starts and lengths are multiples of four
-    /// bytes.
+    /// Copies `from` to byte `at` of `to`, cut to the length of `to`. Starts and lengths are multiples of four bytes.
     pub fn read_back(&mut self, from: &Slice<'_>, to: &Readback, at: u64) {
         if !self.owns([from.buffer.device_id, to.device_id], "a buffer that is read back") {
             return;
@@ -129,7 +128,7 @@ impl<'a> Recorder<'a> {
         self.encoder.clear_buffer(&slice.buffer.raw, slice.start, Some(slice.bytes - slice.bytes % 4));
     }
 
-    /// Hands everything to the device, which works while this returns.
+    /// Submits everything to the device. The call returns while the device works.
     ///
     /// # Errors
     /// [`GpuError`] if something of another device was recorded, or the device refuses it or is lost.
@@ -145,7 +144,7 @@ impl<'a> Recorder<'a> {
         })
     }
 
-    /// Whether all that belongs to `device_ids` is the device's own.
+    /// Whether all objects with `device_ids` belong to the device.
     fn owns<const N: usize>(&mut self, device_ids: [DeviceId; N], what: &'static str) -> bool {
         let error = device_ids.iter().find_map(|device_id| self.gpu.device_id.check(*device_id, what).err());
         let is_own = error.is_none();

@@ -8,23 +8,24 @@ use crate::error::GpuError;
 use crate::gpu::Gpu;
 use crate::recorder::Submission;
 
-/// Passes of a frame that are timed; later ones are not.
+/// Most passes of a frame that are timed.
 const MAX_PASSES: u32 = 256;
 
 /// Bytes of a time.
 const TIME_BYTES: u64 = 8;
 
-/// What a stage took.
+/// The time of a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StageTime {
     /// Its name, from [`Recorder::stage`](crate::Recorder::stage).
     pub stage: &'static str,
-    /// Its kernels, and what passes between them and those before: copies and fills that it recorded, waiting. So the
-    /// times of all stages add up to that from the start of the first kernel to the end of the last.
+    /// Time of its kernels, and the time between these and the kernels before: copies and fills that the stage
+    /// recorded, and waiting. So the times of all stages add up to the time from the start of the first kernel to the
+    /// end of the last.
     pub time: Duration,
 }
 
-/// Kernels between which the clock is not asked.
+/// Kernels without a clock reading between them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Pass {
     stage: &'static str,
@@ -88,12 +89,13 @@ impl Timings {
         Ok(stage_times(&self.passes, &ticks, self.period))
     }
 
-    /// Forgets the last frame.
+    /// Drops the last frame's times.
     pub(crate) fn begin(&mut self) {
         self.passes.clear();
     }
 
-    /// Where the next pass, which belongs to `stage`, writes its times. What passes before it belongs to stage `gap`.
+    /// Where the next pass, which belongs to `stage`, writes its times. The time before the pass belongs to stage
+    /// `gap`.
     pub(crate) fn pass(
         &mut self,
         stage: &'static str,
@@ -118,8 +120,8 @@ impl Timings {
     }
 }
 
-/// What the stages of `passes` took, whose beginnings and ends are `ticks` of `period` nanoseconds, in the order in
-/// which stages began.
+/// Times of the stages of `passes`, in the order in which the stages began. `ticks` are the beginnings and ends of
+/// the passes, in units of `period` nanoseconds.
 fn stage_times(passes: &[Pass], ticks: &[u64], period: f64) -> Vec<StageTime> {
     let mut sums: Vec<(&'static str, u64)> = Vec::new();
     let mut add = |stage, ticks| match sums.iter_mut().find(|(name, _)| *name == stage) {
@@ -128,8 +130,8 @@ fn stage_times(passes: &[Pass], ticks: &[u64], period: f64) -> Vec<StageTime> {
     };
     let mut now = ticks.first().copied().unwrap_or(0);
     for (pass, times) in passes.iter().zip(ticks.chunks_exact(2)) {
-        // A pass may begin before the one before has ended, and clocks may step back: no moment counts twice, none is
-        // negative.
+        // A pass may begin before the pass before has ended, and clocks may step back: no moment counts twice, and no
+        // time is negative.
         let begin = times[0].max(now);
         let end = times[1].max(begin);
         if begin > now {

@@ -1,4 +1,4 @@
-//! What a frame's kernels are told, on its way to the device.
+//! The inputs of a frame's kernels, on their way to the device.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -10,8 +10,8 @@ use crate::gpu::Gpu;
 /// Bytes of a piece of memory on the way: the uniforms of a frame, a dozen structs of up to 256 B, fit into one.
 const CHUNK_BYTES: u64 = 4 << 10;
 
-/// Memory that frames have written through and others may again. [`wgpu::Queue::write_buffer`] would make a buffer
-/// for each struct of each frame.
+/// Memory that frames have written through, for reuse. [`wgpu::Queue::write_buffer`] would make a buffer for each
+/// struct of each frame.
 #[derive(Debug, Default)]
 pub struct UploadPool(Mutex<Vec<wgpu::util::StagingBelt>>);
 
@@ -29,7 +29,7 @@ impl UploadPool {
 #[derive(Debug)]
 pub struct Uploads {
     belt: wgpu::util::StagingBelt,
-    /// Copies from there; none where nothing was written.
+    /// Copies from the staging memory; none if nothing was written.
     encoder: Option<wgpu::CommandEncoder>,
 }
 
@@ -57,7 +57,7 @@ impl Uploads {
         let Self { belt, encoder } = self;
         gpu.checked(what, actual, || {
             let from = belt.allocate(size, WORD);
-            // The memory of a device that is lost cannot be written to, which the check around this tells.
+            // The memory of a lost device cannot be written; the surrounding check reports the loss.
             if let Ok(mut view) = from.get_mapped_range_mut() {
                 view.copy_from_slice(bytes);
             }

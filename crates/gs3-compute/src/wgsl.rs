@@ -54,7 +54,7 @@ pub fn constants<T: Number>(values: &[(&str, T)]) -> String {
     values.iter().map(line).collect()
 }
 
-/// Where the fields of a WGSL struct are, to be compared with those of a Rust one.
+/// The offsets of the fields of a WGSL struct, for comparison with a Rust struct.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StructLayout {
     /// Its size.
@@ -63,8 +63,8 @@ pub struct StructLayout {
     pub fields: Vec<(String, u32)>,
 }
 
-/// Asserts that struct `$shader` of WGSL, a list of sources, and `$rust` have the same members at the same offsets, and
-/// the same size: for tests of whoever writes kernels. It needs no device.
+/// Asserts that struct `$shader` of WGSL, a list of sources, and `$rust` have the same members at the same offsets,
+/// and the same size. For tests of authors of kernels. It needs no device.
 #[macro_export]
 macro_rules! assert_layout {
     ($sources:expr, $shader:ident, $rust:ident { $($member:ident),* $(,)? }) => {
@@ -112,7 +112,7 @@ pub(crate) struct Binding {
 impl Reflected {
     pub fn new(label: &str, source: &str) -> Result<Self, GpuError> {
         let shader = |message: String| GpuError::Shader { label: label.to_owned(), message };
-        // Every extension is known here; those that a device lacks, it refuses itself.
+        // Every extension is enabled here; a device refuses the extensions that it lacks.
         let module = naga::front::wgsl::parse_str(source).map_err(|e| shader(e.emit_to_string(source)))?;
         let info = Validator::new(ValidationFlags::all(), Capabilities::all())
             .validate(&module)

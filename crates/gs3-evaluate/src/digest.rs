@@ -1,4 +1,5 @@
-//! Numbers that stand for what results depend on: whatever differs has another one, but for 1 in 2⁶⁴.
+//! Numbers that identify everything that results depend on. Different inputs have different numbers, except in 1 of
+//! 2⁶⁴ cases.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 

@@ -1,7 +1,7 @@
-//! Fewer Gaussians, chosen by what they give to the images of given cameras: Mini-Splatting (Fang and Wang 2024) and
-//! Speedy-Splat (Hanson et al. 2025), without the training that both continue with.
+//! Fewer Gaussians, chosen by their contributions to the images of given cameras: Mini-Splatting (Fang and Wang 2024)
+//! and Speedy-Splat (Hanson et al. 2025), without the training that follows in both.
 //!
-//! Views are added up to [`Scores`], of which [`sample`] or [`highest`] choose; [`simplify`] does it all.
+//! Views are added up to [`Scores`]. [`sample`] or [`highest`] choose from the scores; [`simplify`] does everything.
 
 use std::fmt;
 use std::sync::Arc;
@@ -184,7 +184,7 @@ pub fn highest(scores: &[f64], count: usize) -> Vec<usize> {
     first(scores.iter().enumerate().map(|(i, score)| (-score, i)).collect(), count)
 }
 
-/// The fewest of `indices` whose scores make up `share` of all of theirs, ascending.
+/// The smallest set of `indices` with scores that sum to at least `share` of all their scores, ascending.
 #[must_use]
 pub fn most_of(scores: &[f64], mut indices: Vec<usize>, share: f64) -> Vec<usize> {
     if share >= 1.0 {
@@ -213,7 +213,8 @@ fn first(mut keyed: Vec<(f64, usize)>, count: usize) -> Vec<usize> {
     indices
 }
 
-/// Uniform in `(0, 1)`, never 0, whose logarithm is infinite: of the upper 53 bits, what an f64 holds exactly.
+/// Uniform in `(0, 1)`, never 0, because the logarithm of 0 is infinite. It uses the upper 53 bits, which an f64
+/// holds exactly.
 fn uniform(random: &mut Random) -> f64 {
     ((random.next_bits() >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
 }

@@ -38,7 +38,7 @@ fn viewing() -> Viewing {
 fn psnr_agrees_with_scikit_image() {
     for (name, reference, test) in pairs() {
         let expected = &oracle()["images"][name];
-        // Both sides sum in f64; differences are those of f32 pixels.
+        // Both sides sum in f64; differences come from f32 pixels.
         close(name, psnr(&reference, &test, Quantisation::None).unwrap(), &expected["psnr"], 1e-5);
         let mut between = test.clone();
         for (b, r) in between.pixels_mut().iter_mut().zip(reference.pixels()) {

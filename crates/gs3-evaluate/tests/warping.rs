@@ -1,4 +1,4 @@
-//! The warping error on a plane whose frames are known in closed form.
+//! The warping error on a plane with frames known in closed form.
 
 #![allow(clippy::unwrap_used, reason = "tests")]
 

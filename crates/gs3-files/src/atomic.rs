@@ -82,7 +82,7 @@ impl AtomicFile {
     /// Waits until all bytes are on disk and puts the file in its place.
     ///
     /// # Errors
-    /// What the system reports; `path` is then as it was.
+    /// What the system reports; `path` is unchanged then.
     pub fn commit(self) -> io::Result<()> {
         self.writer.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
         self.temporary.rename(&self.path)
@@ -105,8 +105,8 @@ impl Seek for AtomicFile {
     }
 }
 
-/// Whether [`write_atomically`] can put a file at `path`, so that this is known before the work of which the
-/// file tells. Folders that are missing count as there.
+/// Checks that [`write_atomically`] can put a file at `path`, before the work for the file is done. Missing folders
+/// count as existing.
 ///
 /// # Errors
 /// What the system would report.
@@ -122,8 +122,8 @@ pub fn check_writable(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Removes the temporary files of all writes under way, for a process that is about to end: whoever writes waits from
-/// then on, so that nothing is left behind.
+/// Removes the temporary files of all writes under way, for a process that is about to end. Writers block from then
+/// on, so that nothing is left behind.
 pub fn discard_temporaries() {
     let temporaries = temporaries();
     for temporary in temporaries.iter() {

@@ -46,7 +46,7 @@ pub fn read_within(path: &Path, most: u64) -> Result<Vec<u8>, ReadError> {
     if found.len() > most {
         return Err(ReadError::TooLarge { most, actual: Some(found.len()) });
     }
-    // The size is that of before, and a pipe has none. A file that grows meanwhile ends as a pipe does.
+    // The size was read earlier, and a pipe has none. A file that grows meanwhile is read to its end, like a pipe.
     let mut bytes = Vec::with_capacity(usize::try_from(found.len()).unwrap_or(0));
     File::open(path)?.take(most.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most {
@@ -78,7 +78,7 @@ mod tests {
         let error = read_within(&path, 4).unwrap_err();
         assert_eq!(error.to_string(), "size: expected at most 4 bytes, found 5");
         assert_eq!(io::Error::from(error).kind(), ErrorKind::FileTooLarge);
-        // Terabytes that are not there: told by their size, without room for them.
+        // A sparse file of a terabyte: refused by its size, without allocating memory for it.
         File::options().write(true).open(&path).unwrap().set_len(1 << 40).unwrap();
         assert!(matches!(read_within(&path, 1 << 30), Err(ReadError::TooLarge { .. })));
         assert!(matches!(read_within(folder.path(), 5), Err(ReadError::NoFile)));

@@ -1,7 +1,7 @@
 //! How fast the engine is: multiply-adds per second of convolutions and networks against the machine's peak.
 //!
-//! `cargo run --release -p gs3-neural --example engine_speed [width height] [bf16]`: in bf16 where the machine has it,
-//! shares of the peak remaining those of f32.
+//! `cargo run --release -p gs3-neural --example engine_speed [width height] [bf16]`: in bf16 where the machine has
+//! it. Shares of the peak still refer to f32.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};

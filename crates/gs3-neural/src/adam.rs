@@ -79,8 +79,8 @@ impl Adam {
     /// Reads a state.
     ///
     /// # Errors
-    /// [`WeightError`] if it cannot be read or is something else. Whether it is that of some weights, [`Adam::step`]
-    /// checks.
+    /// [`WeightError`] if the file cannot be read or is something else. [`Adam::step`] checks whether the state fits
+    /// the weights.
     pub fn load(path: &Path) -> Result<Self, WeightError> {
         let (texts, arrays) = arrays::load(path)?;
         let step =

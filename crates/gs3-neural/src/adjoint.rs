@@ -20,9 +20,9 @@ pub struct Derivatives {
     pub v_weights: BTreeMap<String, Vec<f64>>,
 }
 
-/// Walks back through `graph`, whose layers' results are `planes` ([`reference::run`](crate::reference::run) with the
-/// same `weights`). `v_output` gives the derivative of the loss by a layer's result where the loss reads it: by
-/// [`Tensor::index`](crate::Tensor::index), `[height, width, channels]`.
+/// Walks back through `graph`. `planes` are the results of its layers ([`reference::run`](crate::reference::run) with
+/// the same `weights`). `v_output` gives the derivative of the loss by a layer's result, where the loss reads the
+/// result: by [`Tensor::index`](crate::Tensor::index), `[height, width, channels]`.
 #[must_use]
 pub fn walk_back(
     graph: &Graph,
@@ -45,7 +45,7 @@ pub fn walk_back(
     Derivatives { v_planes, v_weights }
 }
 
-/// The adjoint of layer `k`, the derivative by whose result is `v`.
+/// The adjoint of layer `k`; `v` is the derivative by the layer's result.
 struct Step<'a> {
     graph: &'a Graph,
     weights: &'a Weights,

@@ -9,8 +9,8 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 
 use crate::error::WeightError;
 
-/// Bytes of a file at most: an optimiser's two numbers for each of a hundred million weights, a hundred times those of
-/// the largest network compared with.
+/// Largest size of a file, in bytes: an optimiser's two numbers for each of a hundred million weights, a hundred
+/// times as many as in the largest network compared with.
 pub const MAX_BYTES: u64 = 1 << 30;
 
 /// Numbers with a shape; the last axis is contiguous.
@@ -24,7 +24,7 @@ impl Array {
     /// `values` in `shape`.
     ///
     /// # Errors
-    /// [`WeightError::Shape`] if `shape` does not hold as many numbers; `name` is told.
+    /// [`WeightError::Shape`] with `name`, if `shape` does not hold as many numbers.
     pub fn new(name: &str, shape: &[usize], values: Vec<f32>) -> Result<Self, WeightError> {
         let count = shape.iter().try_fold(1_usize, |product, side| product.checked_mul(*side));
         if count != Some(values.len()) {
@@ -34,7 +34,7 @@ impl Array {
         Ok(Self { shape: shape.to_vec(), values })
     }
 
-    /// Zeros in `shape`, which is small enough to exist: that of a graph's parameter.
+    /// Zeros in `shape`, the shape of a graph's parameter, which is small enough to exist.
     pub(crate) fn zeros(shape: &[usize]) -> Self {
         Self { shape: shape.to_vec(), values: vec![0.0; shape.iter().product()] }
     }
@@ -102,9 +102,9 @@ pub fn to_bytes(texts: &Texts, arrays: &Arrays) -> Result<Vec<u8>, WeightError> 
     Ok(bytes)
 }
 
-/// Brings the fields of the header of a safetensors file into the order of their names. The writer takes texts from a
-/// hash map, in whose order they would be another one each time; so the same content always has the same bytes. Bytes
-/// that are not safetensors stay as they are.
+/// Sorts the fields of the header of a safetensors file by name. The writer takes texts from a hash map, so their
+/// order would differ every time; sorted, the same content always has the same bytes. Bytes that are not safetensors
+/// stay unchanged.
 pub fn sort_header(bytes: &mut [u8]) {
     let Some((size, rest)) = bytes.split_first_chunk_mut() else { return };
     let size = usize::try_from(u64::from_le_bytes(*size)).ok();

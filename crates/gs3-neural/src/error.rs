@@ -46,7 +46,7 @@ pub enum GraphError {
     },
 }
 
-/// Weights that cannot be read, or are not those of a graph.
+/// Weights that cannot be read, or do not fit a graph.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum WeightError {
@@ -64,7 +64,7 @@ pub enum WeightError {
         /// What the reader says.
         message: String,
     },
-    /// A field of the header is missing or that of another network.
+    /// A field of the header is missing or belongs to another network.
     #[error("header, {field}: expected {expected}, found {actual}")]
     Header {
         /// The field.

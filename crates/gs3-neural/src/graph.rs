@@ -40,7 +40,7 @@ pub enum Activation {
     Tanh,
 }
 
-/// A convolution of stride 1 whose result has the size of its input.
+/// A convolution of stride 1. Its result has the size of its input.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Conv2d {
     /// Side of the window, odd.

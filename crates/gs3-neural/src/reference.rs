@@ -69,7 +69,7 @@ pub fn run(
     Ok(planes)
 }
 
-/// The result of layer `k` from those of the layers before it.
+/// The result of layer `k` from the results of the layers before it.
 pub(crate) fn layer(graph: &Graph, weights: &Weights, k: usize, planes: &[Plane], shape: Shape) -> Plane {
     let layer = &graph.layers()[k];
     let input = |i: usize| &planes[layer.inputs[i].index()];
@@ -214,7 +214,7 @@ pub(crate) fn pooled(
     stride: usize,
 ) -> impl Iterator<Item = (usize, usize)> + Clone {
     let taps = (0..side).flat_map(move |dy| (0..side).map(move |dx| (x * stride + dx, y * stride + dy)));
-    // Of a window whose first tap lies half a side above and left of its centre.
+    // For a window with its first tap half a side above and left of its centre.
     let inside = move |(x, y): (usize, usize)| Some((x.checked_sub(side / 2)?, y.checked_sub(side / 2)?));
     taps.filter_map(inside).filter(move |(x, y)| *x < shape.width && *y < shape.height)
 }
@@ -229,7 +229,7 @@ pub(crate) struct Tap {
     pub slope: [f64; 2],
 }
 
-/// The pixels around (x, y), whose integers are pixels' centres; places outside are moved to the border.
+/// The pixels around (x, y), where pixel centres are at integers. Places outside are moved to the border.
 pub(crate) fn taps(shape: Shape, x: f64, y: f64) -> [Tap; 4] {
     let axis = |place: f64, side: usize| {
         let last = (side - 1) as f64;
@@ -267,7 +267,7 @@ pub(crate) fn activate(activation: Activation, x: f64) -> f64 {
     }
 }
 
-/// Φ(x) = ½ (1 + erf(x/√2)), by the series ½ + φ(x) (x + x³/3 + x⁵/(3·5) + …), whose terms all have one sign.
+/// Φ(x) = ½ (1 + erf(x/√2)), by the series ½ + φ(x) (x + x³/3 + x⁵/(3·5) + …). All terms have one sign.
 pub(crate) fn normal_distribution(x: f64) -> f64 {
     // Beyond, Φ is 0 or 1 to 1e-15, and the series is long.
     if x.abs() > 8.0 {

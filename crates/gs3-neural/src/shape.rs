@@ -67,7 +67,7 @@ impl fmt::Display for Shape {
     }
 }
 
-/// The shape of `layer`'s result from those of its inputs. `lr` is `[height, width]` of the LR grid.
+/// The shape of `layer`'s result from the shapes of its inputs. `lr` is `[height, width]` of the LR grid.
 pub(crate) fn infer(layer: &Layer, inputs: &[Shape], lr: [usize; 2]) -> Result<Shape, GraphError> {
     let fail = |expected: String| {
         let actual: Vec<String> = inputs.iter().map(Shape::to_string).collect();

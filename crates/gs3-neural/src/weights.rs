@@ -75,7 +75,7 @@ impl Weights {
         Self { header, arrays }
     }
 
-    /// Whether they are those of `graph`.
+    /// Checks that the weights fit `graph`.
     ///
     /// # Errors
     /// [`WeightError`] naming the first array that is missing, too much, of another shape or not finite, or the field

@@ -1,4 +1,4 @@
-//! The fast derivatives are those of the oracle in double precision.
+//! The fast derivatives equal the derivatives of the oracle in double precision.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::collections::BTreeMap;

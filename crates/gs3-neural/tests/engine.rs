@@ -17,7 +17,7 @@ fn header(graph: &Graph) -> Header {
     }
 }
 
-/// Weights whose biases, slopes and the like differ from channel to channel.
+/// Weights with biases, slopes and the like that differ from channel to channel.
 fn weights(graph: &Graph) -> Weights {
     let mut weights = Weights::random(graph, header(graph), 1);
     for array in weights.arrays.values_mut().filter(|a| a.shape().len() == 1) {

@@ -16,7 +16,7 @@ static COUNT: AtomicUsize = AtomicUsize::new(0);
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         COUNT.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: the caller's obligations are those of the system allocator.
+        // SAFETY: the caller has the same obligations as with the system allocator.
         unsafe { System.alloc(layout) }
     }
 

@@ -1,4 +1,4 @@
-//! The GPU engine computes what the reference says, on whatever adapter there is.
+//! The GPU engine computes the reference's results, on any adapter.
 
 #![cfg(feature = "gpu")]
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
@@ -210,7 +210,7 @@ fn convolutions_of_any_size_compute_what_the_reference_says() {
         let mut g = GraphBuilder::new("conv", 1, border);
         let a = g.input("a", channels, 1);
         let b = g.input("b", 6, 1);
-        // Two parts, of which the first ends within a block.
+        // Two parts; the first ends within a block.
         let result = g.conv("result", conv, &[a, b]);
         g.output("result", result);
         let graph = g.finish().unwrap();
@@ -223,7 +223,7 @@ fn convolutions_of_any_size_compute_what_the_reference_says() {
     }
 }
 
-/// A state goes from one run to the next without being copied, and outputs that nobody wants are not computed.
+/// A state goes from one run to the next without being copied, and outputs that are not requested are not computed.
 #[test]
 fn states_stay_on_the_device() {
     let Some(gpu) = device(OptionalFeatures::Experimental) else { return };
@@ -277,7 +277,7 @@ fn states_stay_on_the_device() {
     }
 }
 
-/// Images of half precision, whatever the device computes in; of an odd number of numbers, too.
+/// Images of half precision, with any arithmetic of the device; also with an odd number of numbers.
 #[test]
 fn images_may_be_of_half_precision() {
     let Some(gpu) = device(OptionalFeatures::Experimental) else { return };

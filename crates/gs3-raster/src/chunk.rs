@@ -1,5 +1,5 @@
-//! Bounds of runs of consecutive Gaussians, to cull them 256 at a time. Trained scenes come in spatial order from most
-//! formats; where they do not, bounds are large and nothing is culled wrongly.
+//! Bounds of runs of 256 consecutive Gaussians, for culling. Most formats of trained scenes have spatial order. In
+//! other scenes the bounds are large, and culling stays correct.
 
 use gs3_scene::Gaussians;
 use rayon::prelude::*;
@@ -42,14 +42,15 @@ pub fn of_gaussians(g: &Gaussians) -> Vec<Chunk> {
         .collect()
 }
 
-/// The conditions under which a chunk may have a visible Gaussian, as half spaces of view space.
+/// Half spaces of view space outside of which a chunk has no visible Gaussian.
 ///
-/// A splat reaches pixel x = W when fx·x/z + cx − W − 3.34·√(Σxx + ε) < 0; Σxx ≤ (fx/z)²(1 + limit²)·s² bounds it, so
-/// multiplied by z the condition is linear in (x, z) but for a constant times the largest scale s. The other sides
-/// likewise.
+/// A splat reaches pixel x = W when fx·x/z + cx − W − 3.34·√(Σxx + ε) < 0, and Σxx is bounded by (fx/z)²(1 +
+/// limit²)·s². Multiplied by z, the condition is linear in (x, z), except for a constant times the largest scale s.
+/// The other sides are treated in the same way.
 pub struct Frustum<'a> {
     view: &'a View,
-    /// Coefficients of the view-space coordinate and of z, the pair's length, and the factor of the largest scale.
+    /// The coefficients of the view-space coordinate and of z, the length of this pair, and the factor of the largest
+    /// scale.
     pub planes: [(usize, [f32; 3], f32); 4],
 }
 
@@ -79,7 +80,7 @@ impl<'a> Frustum<'a> {
         if center[2] + radius <= self.view.near {
             return false;
         }
-        // Written so that a chunk with non-finite bounds is seen.
+        // The comparison is written so that a chunk with non-finite bounds counts as visible.
         let outside = self.planes.iter().any(|(axis, [a, b, length], spread)| {
             a * center[*axis] + b * center[2] - length * radius > spread * chunk.largest_scale
         });

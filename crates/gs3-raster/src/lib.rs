@@ -1,8 +1,8 @@
 //! Rasterizes 3D Gaussians to a G-buffer: colour, exact image gradients, depth, normals, alpha.
 //!
 //! The stages of a frame are [`cpu`]'s modules, one file each: `project` (Gaussians to splats), `bin` (splats to
-//! tiles), `blend` (tiles to pixels). Gaussians nearer than view-space z = `near` of the scene's details ([`NEAR`] unless
-//! set) are culled. This crate knows nothing of reconstruction, networks or files.
+//! tiles), `blend` (tiles to pixels). Gaussians nearer than the scene's near plane `near` (view-space z, in the
+//! scene's details; [`NEAR`] by default) are culled. This crate knows nothing of reconstruction, networks or files.
 //!
 //! ```
 //! use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! What to rasterize and how.
+//! The settings of a rasterized frame.
 
 use gs3_scene::Margin;
 
@@ -7,21 +7,22 @@ use crate::cpu::splat::MIN_ALPHA;
 /// Dilation of the projected covariance in px² that 3D Gaussian Splatting trains with (Kerbl et al. 2023).
 pub const STOCK_DILATION: f32 = 0.3;
 
-/// The dilation, in px² of a grid `scale` times coarser, that makes low-resolution samples exact point samples of the
-/// high-resolution image rendered with [`STOCK_DILATION`]: lengths shrink by `scale`, areas by its square.
+/// The matched dilation in px² of a grid `scale` times coarser. Low-resolution samples are then exact point samples
+/// of the high-resolution image rendered with [`STOCK_DILATION`]: lengths shrink by `scale`, areas by its square.
 #[must_use]
 pub fn matched_dilation(scale: u32) -> f32 {
     STOCK_DILATION / (scale as f32 * scale as f32)
 }
 
-/// Most pixels beyond an edge of the picture. A turn of 32 of 480 pixels in a few frames is a fast one, and margins of 48
-/// and 64 pixels gain 0.01 to 0.02 dB more (`docs/performance.md`). Memory for margins is allocated for this width.
+/// Widest margin beyond an edge of the picture, in pixels. A turn by 32 of 480 pixels in a few frames is fast, and
+/// margins of 48 and 64 pixels gain only 0.01 to 0.02 dB more (`docs/performance.md`). Memory for margins is
+/// allocated for this width.
 pub const MAX_MARGIN: u32 = 32;
 
 /// Which tiles a splat is assigned to.
 ///
-/// The last three cover the whole support of a splat (contribution ≥ 1/255) and give identical images; the first two
-/// cut it as published, which loses the rim of opaque splats outside the tiles that their box touches.
+/// The last three cover the whole support of a splat (contribution ≥ 1/255) and give identical images. The first two
+/// cut the support as published, so that opaque splats lose the rim outside of the tiles that their box touches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Culling {
     /// 3DGS (Kerbl et al. 2023): a square of radius ⌈3√λmax⌉, in whole 16×16 tiles.
@@ -38,7 +39,7 @@ pub enum Culling {
 }
 
 impl Culling {
-    /// Its name at the command and in reports.
+    /// The name in the command and in reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -62,21 +63,22 @@ pub enum Outputs {
     GBufferMixed,
 }
 
-/// Where implementations of 3D Gaussian Splatting differ. A scene is rendered by the rules that it was trained with.
+/// The differences between implementations of 3D Gaussian Splatting. A scene is rendered by the rules that it was
+/// trained with.
 ///
-/// A GPU knows [`Rules::KERBL`] alone.
+/// GPUs support [`Rules::KERBL`] only.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rules {
-    /// Gaussians nearer than this view-space z are not shown, world units, finite and positive; where there is none, the
-    /// scene's own near plane counts ([`gs3_scene::Details::near`]).
+    /// Gaussians nearer than this view-space z are culled, in world units, finite and positive. If there is no value,
+    /// the scene's own near plane is used ([`gs3_scene::Details::near`]).
     pub near: Option<f32>,
-    /// Gaussians from this view-space z on are not shown, world units, positive; infinite for all to be shown.
+    /// Gaussians at or beyond this view-space z are culled, in world units, positive; infinite to show all.
     pub far: f32,
-    /// A contribution α is capped here, above 1/255 and below 1.
+    /// Cap of a contribution α, above 1/255 and below 1.
     pub max_alpha: f32,
     /// Smallest factor on opacity in antialiased scenes, `[0, 1]`.
     pub min_compensation: f32,
-    /// Which depths [`Geometry::depth_expected`](gs3_scene::Geometry::depth_expected) is the mean of.
+    /// The depths that [`Geometry::depth_expected`](gs3_scene::Geometry::depth_expected) averages.
     pub expected_depth: ExpectedDepth,
 }
 
@@ -91,7 +93,7 @@ impl Rules {
         expected_depth: ExpectedDepth::Surface,
     };
 
-    /// Those of gsplat: its default planes, cap and depths.
+    /// The rules of gsplat: its default planes, cap and depths.
     pub const GSPLAT: Self = Self {
         near: Some(0.01),
         far: 1e10,
@@ -117,13 +119,13 @@ impl Rules {
     }
 }
 
-/// Which depths a mean depth is the mean of.
+/// The depths that a mean depth averages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ExpectedDepth {
-    /// Those where the pixel's ray meets each Gaussian (RaDe-GS, Zhang et al. 2024).
+    /// Depths where the pixel's ray meets each Gaussian (RaDe-GS, Zhang et al. 2024).
     #[default]
     Surface,
-    /// Those of the Gaussians' centres (gsplat).
+    /// Depths of the Gaussians' centres (gsplat).
     Centers,
 }
 
@@ -136,12 +138,12 @@ pub struct RasterSettings {
     pub dilation: f32,
     /// Offset of the sample positions from the pixel centres, in pixels of the grid being rendered, within ±1.
     pub jitter: [f32; 2],
-    /// What of the surroundings of the picture is rasterized with it, each side within [`MAX_MARGIN`]. The picture is
-    /// the same, whatever lies around it, but for the rounding of positions. Images have none.
+    /// The margin rasterized around the picture, each side within [`MAX_MARGIN`]. The picture is the same with any
+    /// margin, except for the rounding of positions. Images have no margin.
     pub margin: Margin,
     /// Background colour, display-encoded RGB, finite.
     pub background: [f32; 3],
-    /// Where implementations of 3D Gaussian Splatting differ.
+    /// The differences between implementations of 3D Gaussian Splatting.
     pub rules: Rules,
 }
 
@@ -159,10 +161,10 @@ impl RasterSettings {
         }
     }
 
-    /// Checks what its fields say of themselves.
+    /// Checks the documented range of each field.
     ///
     /// # Errors
-    /// [`RasterError`] naming the field, expected and actual.
+    /// [`RasterError`] with the field, the expected and the actual value.
     pub fn check(&self) -> Result<(), RasterError> {
         if !(self.dilation.is_finite() && self.dilation >= 0.0) {
             return Err(RasterError::Dilation { actual: self.dilation });
@@ -180,7 +182,7 @@ impl RasterSettings {
     }
 }
 
-/// Why settings cannot be rasterized with.
+/// Why settings are refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RasterError {
@@ -202,13 +204,13 @@ pub enum RasterError {
         /// The widest side.
         actual: u32,
     },
-    /// A low-resolution frame is coarser than supported, or not at all.
+    /// The scale of a low-resolution frame is outside of the supported range.
     #[error("scale: expected 1 to 8, found {actual}")]
     Scale {
         /// The value found.
         actual: u32,
     },
-    /// The margin does not begin at a block of 4×4 pixels of the native image.
+    /// The margin does not start at a block of 4×4 pixels of the native image.
     #[error(
         "margin: expected its left and top side times the scale {scale} to be a multiple of 4, found {actual}"
     )]
@@ -218,7 +220,7 @@ pub enum RasterError {
         /// The side found, in LR pixels.
         actual: u32,
     },
-    /// Exact blocks share the splats of a low-resolution frame, and there is none.
+    /// Exact blocks share the splats of a low-resolution frame, and no such frame was made.
     #[error("exact blocks: expected a low-resolution frame with gradients and depth before, found none")]
     NoFrame,
     /// The background is not finite.
@@ -239,25 +241,25 @@ pub enum RasterError {
         /// The value found.
         actual: f32,
     },
-    /// The cap of contributions leaves nothing or everything.
+    /// The cap of contributions is outside of its range.
     #[error("max_alpha: expected a number above 1/255 and below 1, found {actual}")]
     MaxAlpha {
         /// The value found.
         actual: f32,
     },
-    /// The least factor on opacity is none.
+    /// The smallest factor on opacity is outside of its range.
     #[error("min_compensation: expected a number from 0 to 1, found {actual}")]
     MinCompensation {
         /// The value found.
         actual: f32,
     },
-    /// A GPU does not know these rules.
+    /// GPUs do not support these rules.
     #[error("rules: expected those of Kerbl et al. (Rules::KERBL), which a GPU has alone, found {actual:?}")]
     Rules {
         /// The rules found.
         actual: Rules,
     },
-    /// The statistics are those of another scene.
+    /// The statistics belong to another scene.
     #[error("importance: expected values for the scene's {expected} Gaussians, found {actual}")]
     ImportanceLength {
         /// Number of Gaussians in the scene.

@@ -1,4 +1,5 @@
-//! The camera as the kernels read it: single precision, relative to the camera centre, sample positions at integers.
+//! The camera as the kernels read it: single precision, relative to the camera centre, with sample positions at
+//! integers.
 
 use glam::DVec3;
 pub use gs3_scene::camera::NEAR;
@@ -6,29 +7,30 @@ use gs3_scene::{Camera, Margin};
 
 use crate::settings::{RasterSettings, STOCK_DILATION, matched_dilation};
 
-/// The projection of positions is exact, its Jacobian is evaluated with x/z and y/z at most this far outside the image,
-/// as a share of half its extent: 1.3 times the half field of view's tangent in all (Kerbl et al. 2023). Measured from
-/// the image's own edges (as gsplat does), a window of a view sees the splats of the view.
+/// Limit of the Jacobian: the projection of positions is exact, but its Jacobian is evaluated with x/z and y/z at
+/// most this far outside the image, as a share of half the image's extent. In total this is 1.3 times the tangent of
+/// half the field of view (Kerbl et al. 2023). The limit is measured from the image's own edges (as gsplat does), so
+/// a window of a view has the splats of the view.
 const JACOBIAN_MARGIN: f64 = 0.3;
 
 /// Constants of one frame.
 pub struct View {
     /// World to view rotation, rows.
     pub rotation: [[f32; 3]; 3],
-    /// Camera centre in world space, rounded to f32 …
+    /// Camera centre in world space, rounded to f32.
     pub origin: [f32; 3],
-    /// … and what the rounding left, so that far-off scenes keep sub-pixel precision.
+    /// The rounding error of `origin`, so that distant scenes keep sub-pixel precision.
     pub origin_rest: [f32; 3],
     /// Focal lengths in pixels.
     pub focal: [f32; 2],
-    /// Principal point in a frame in which the sample of pixel `(i, j)` lies at exactly `(i, j)`: half a pixel and
-    /// the jitter are subtracted, the margin is added.
+    /// Principal point in the frame where the sample of pixel `(i, j)` lies at exactly `(i, j)`: half a pixel and the
+    /// jitter are subtracted, and the margin is added.
     pub center: [f32; 2],
-    /// Least and largest x/z and y/z inside the Jacobian.
+    /// Least and largest x/z and y/z for the Jacobian.
     pub jacobian_limits: [[f32; 2]; 2],
     /// Width and height in pixels, the margin included.
     pub size: [u32; 2],
-    /// Pixels of `size` left of and above the pixel at position `(0, 0)`.
+    /// Number of pixels left of and above the pixel at position `(0, 0)`.
     pub before: [f32; 2],
     /// Smallest factor on opacity in antialiased scenes.
     pub min_compensation: f32,
@@ -41,7 +43,7 @@ pub struct View {
 }
 
 impl View {
-    /// `near` is the scene's, which counts unless the settings have another.
+    /// `near` is the scene's near plane; it is used unless the settings have another.
     pub fn new(camera: &Camera, settings: &RasterSettings, near: f32) -> Self {
         let i = camera.intrinsics();
         let rotation = camera.view_from_world().matrix3.transpose().to_cols_array_2d();
@@ -63,7 +65,7 @@ impl View {
                 (i.cx + shift(margin.left, settings.jitter[0])) as f32,
                 (i.cy + shift(margin.top, settings.jitter[1])) as f32,
             ],
-            // Those of the picture: what is rasterized around it changes nothing in it.
+            // The limits of the picture: a margin changes nothing in the picture.
             jacobian_limits: [limits(i.width, i.cx, i.fx), limits(i.height, i.cy, i.fy)],
             size: margin.padded([i.width, i.height]),
             before: [0.0; 2],
@@ -74,15 +76,15 @@ impl View {
         }
     }
 
-    /// The view of the native image of `camera` that holds every sample of its low-resolution frame, `scale` times
-    /// coarser, under `settings` of that frame. Positions are the native image's own, bit for bit: the margin lies at
+    /// The view of the native image of `camera`. It contains every sample of the low-resolution frame, `scale` times
+    /// coarser, with the frame's `settings`. Positions have the same bits as in the native image: the margin is at
     /// negative positions.
     pub fn of_low_resolution(camera: &Camera, scale: u32, settings: &RasterSettings, near: f32) -> Self {
         let native = RasterSettings { jitter: [0.0; 2], margin: Margin::NONE, ..*settings };
         let lr = camera.low_resolution(scale);
         let lr_size = settings.margin.padded([lr.width(), lr.height()]);
         let before = [settings.margin.left, settings.margin.top].map(|side| (side * scale) as f32);
-        // Scales that are no powers of two must not round the native image's dilation.
+        // With scales that are not powers of two, rounding must not change the native image's dilation.
         let is_matched = settings.dilation == matched_dilation(scale);
         let dilation = if is_matched { STOCK_DILATION } else { settings.dilation * (scale * scale) as f32 };
         Self { size: lr_size.map(|side| side * scale), before, dilation, ..Self::new(camera, &native, near) }

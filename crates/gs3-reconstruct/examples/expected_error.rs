@@ -37,7 +37,7 @@ fn true_errors(image: &Image, native: &Image) -> Vec<f32> {
     errors
 }
 
-/// PSNR of a frame whose blocks have `errors`, if the `share` of them that `by` puts first had none.
+/// PSNR of a frame with block errors `errors`, if the share `share` of blocks that `by` ranks first had no error.
 fn psnr_without(errors: &[f32], by: &[f32], share: f64) -> f64 {
     let mut order: Vec<usize> = (0..errors.len()).collect();
     order.sort_unstable_by(|a, b| by[*b].total_cmp(&by[*a]));

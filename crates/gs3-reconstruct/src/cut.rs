@@ -5,14 +5,15 @@ use gs3_scene::Camera;
 
 use crate::depth_lattice::{DepthLattice, SKY};
 
-/// Whether so little of the previous frame still shows that its history is worth nothing: of a 5×5 lattice of its
-/// pixels, placed at their depths, fewer than a third lie within the new image and are seen from about the same side.
-/// Whoever keeps history resets it then, as [`crate::FrameSequence`] does. (Empirical; a brisk pan of 3° a frame keeps
-/// nine tenths, and no orbit turns by 30° from frame to frame.)
+/// Whether so little of the previous frame still shows that its history is worthless. A 5×5 lattice of the previous
+/// frame's pixels is placed at their depths. It is a cut if fewer than a third of these points lie within the new
+/// image and are seen from about the same side. The owner of the history resets it then, as [`crate::FrameSequence`]
+/// does. (Empirical; a brisk pan of 3° a frame keeps nine tenths of the points, and no orbit turns by 30° from frame
+/// to frame.)
 #[must_use]
 pub fn is_cut(previous: &Camera, camera: &Camera, lattice: &DepthLattice) -> bool {
-    /// Cosine of 30°: seen from farther around, a surface shows another side, as after a jump across an orbit, where
-    /// every point stays in view.
+    /// Cosine of 30°. Seen from farther around, a surface shows another side. This happens after a jump across an
+    /// orbit, where every point stays in view.
     const SAME_SIDE: f64 = 0.866;
     let size = DVec2::new(f64::from(camera.width()), f64::from(camera.height()));
     let still_shows = |(fraction, depth): &(DVec2, f64)| {

@@ -1,4 +1,4 @@
-//! A few depths of a frame, which the processor knows also where frames are made on a GPU.
+//! A few depths of a frame. The CPU has them even if a GPU makes the frames.
 
 use glam::DVec2;
 use gs3_scene::GBuffer;
@@ -6,25 +6,25 @@ use gs3_scene::GBuffer;
 /// Lattice points per axis.
 pub(crate) const LATTICE: usize = 5;
 
-/// How far away what no Gaussian hits is taken to be, world units: turning moves it, going does not.
+/// Distance assumed for pixels without a surface, in world units: turning the camera moves them, walking does not.
 pub(crate) const SKY: f64 = 1e9;
 
-/// Median depths of a frame on a lattice of 5×5 of its pixels, row by row; 0 where nothing was hit.
+/// Median depths of a frame on a lattice of 5×5 of its pixels, row by row; 0 where there is no surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DepthLattice(pub(crate) [f32; DepthLattice::LEN]);
 
 impl DepthLattice {
-    /// Number of its depths.
+    /// Number of depths.
     pub const LEN: usize = LATTICE * LATTICE;
 
-    /// Of the median depths of a frame at [`Self::pixels`], in that order, 0 where nothing was hit: for renderers
-    /// whose G-buffer is elsewhere.
+    /// A lattice of the given median depths at [`Self::pixels`], in this order, 0 where there is no surface. This is
+    /// for renderers with their G-buffer elsewhere.
     #[must_use]
     pub const fn new(depths: [f32; LATTICE * LATTICE]) -> Self {
         Self(depths)
     }
 
-    /// The pixels `[x, y]` of a frame of `size`, width and height, whose depths it has.
+    /// The lattice's pixels `[x, y]` in a frame of `size`, width and height.
     pub fn pixels(size: [usize; 2]) -> impl Iterator<Item = [usize; 2]> {
         (0..LATTICE * LATTICE).map(move |k| {
             let at = fraction(k) * DVec2::from(size.map(|side| side as f64));
@@ -32,14 +32,14 @@ impl DepthLattice {
         })
     }
 
-    /// That of the frame `gbuffer`; zeros where it has no depth.
+    /// The lattice of the frame `gbuffer`; zeros if the frame has no depth.
     #[must_use]
     pub fn of(gbuffer: &GBuffer) -> Self {
         let Some(geometry) = &gbuffer.geometry else { return Self::default() };
         let depth = &geometry.depth_median;
         let mut depths = [0.0; LATTICE * LATTICE];
         for (to, [x, y]) in depths.iter_mut().zip(Self::pixels([depth.width(), depth.height()])) {
-            // An empty frame has none.
+            // An empty frame has no pixels.
             if y < depth.height() {
                 *to = depth.row(0, y).get(x).copied().unwrap_or(0.0);
             }
@@ -47,7 +47,7 @@ impl DepthLattice {
         Self(depths)
     }
 
-    /// Mean inverse depth of the points that hit something; 0 if none did.
+    /// Mean inverse depth of the points on a surface; 0 if there is none.
     #[must_use]
     pub fn mean_inverse_depth(&self) -> f32 {
         let hits = self.0.iter().filter(|depth| **depth > crate::NEAREST_DEPTH && depth.is_finite());
@@ -55,19 +55,19 @@ impl DepthLattice {
         if count > 0 { sum / count as f32 } else { 0.0 }
     }
 
-    /// Its depths, row by row.
+    /// The depths, row by row.
     #[must_use]
     pub const fn depths(&self) -> &[f32; Self::LEN] {
         &self.0
     }
 
-    /// Where its points are, in parts of the picture, and their depths.
+    /// The places of the lattice points, as fractions of the picture, and their depths.
     pub(crate) fn points(&self) -> impl Iterator<Item = (DVec2, f64)> + use<'_> {
         self.0.iter().enumerate().map(|(k, depth)| (fraction(k), f64::from(*depth)))
     }
 }
 
-/// Where lattice point `k` is, in parts of the picture.
+/// The place of lattice point `k`, as a fraction of the picture.
 fn fraction(k: usize) -> DVec2 {
     DVec2::from([k % LATTICE, k / LATTICE].map(|k| (k as f64 + 0.5) / LATTICE as f64))
 }

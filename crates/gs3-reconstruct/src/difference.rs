@@ -1,18 +1,19 @@
-//! Derivatives of colours for frames that came without.
+//! Derivatives of colours, for frames without derivatives of their own.
 
 use gs3_scene::{Gradients, Planes};
 use rayon::prelude::*;
 
 use crate::reprojection::inverse_depth;
 
-/// Neighbours whose inverse depths differ by more than this share of the larger one belong to another surface.
+/// Neighbours belong to different surfaces if their inverse depths differ by more than this share of the larger one.
 /// (Empirical; see [`difference`].)
 const SAME_SURFACE: f32 = 0.1;
 
-/// Derivatives of `color` per pixel of its grid, by differences to the neighbours of the same surface, by `depth`, the
-/// distance along the view axis: central where both neighbours are of it, one-sided where one is, 0 where none is.
+/// Derivatives of `color` per pixel of its grid, by differences to neighbours on the same surface. `depth`, the
+/// distance along the view axis, tells surfaces apart. Differences are central if both neighbours are on the surface,
+/// one-sided if one is, and 0 if none is.
 ///
-/// They are cruder than exact ones, because what the LR grid does not resolve is not in them.
+/// They are cruder than exact derivatives, because they lack the detail that the LR grid does not resolve.
 pub fn difference(color: &Planes<3>, depth: &Planes<1>, out: &mut Gradients) {
     let (width, height) = (color.width(), color.height());
     out.color_dxy = None;
@@ -35,7 +36,7 @@ pub fn difference(color: &Planes<3>, depth: &Planes<1>, out: &mut Gradients) {
     });
 }
 
-/// The slope at the second of three values with their inverse depths.
+/// The slope at the second of three values, given with their inverse depths.
 fn slope(before: (f32, f32), here: (f32, f32), after: (f32, f32)) -> f32 {
     let is_same = |other: f32| (other - here.1).abs() <= SAME_SURFACE * other.max(here.1);
     match (is_same(before.1), is_same(after.1)) {

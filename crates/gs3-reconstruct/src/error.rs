@@ -1,19 +1,19 @@
-//! Why inputs cannot be reconstructed.
+//! Errors of the inputs of reconstruction.
 
 use gs3_scene::camera::MAX_SIDE;
 use gs3_scene::{Camera, GBuffer, Image, Margin, Planes};
 
-/// Why a reconstruction did not run. Nothing has been written and no history has changed when one is returned.
+/// Why a reconstruction did not run. After an error nothing has been written and the history is unchanged.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReconstructError {
-    /// The scale factor is outside what is supported.
+    /// The scale factor is outside the supported range.
     #[error("scale: expected 1 to {max}, found {actual}", max = crate::MAX_SCALE)]
     Scale {
         /// The scale found.
         actual: u32,
     },
-    /// An input does not have the size that the output demands.
+    /// An input does not have the size that the output requires.
     #[error("{what}: expected {}x{} pixels, found {}x{}", expected.0, expected.1, actual.0, actual.1)]
     Size {
         /// Which input.
@@ -23,19 +23,19 @@ pub enum ReconstructError {
         /// Width and height found.
         actual: (usize, usize),
     },
-    /// Frames of that size cannot be.
+    /// Frames cannot have this size.
     #[error("frame size: expected 1x1 to {MAX_SIDE}x{MAX_SIDE}, found {}x{}", actual[0], actual[1])]
     FrameSize {
         /// Width and height found.
         actual: [u32; 2],
     },
-    /// The G-buffer lacks planes that this reconstruction reads.
+    /// The G-buffer lacks planes that this reconstruction needs.
     #[error("G-buffer: expected {what}, found none")]
     Missing {
         /// The planes missing.
         what: &'static str,
     },
-    /// A plane has numbers that would spread from frame to frame.
+    /// A plane has numbers that are not finite: they would spread from frame to frame.
     #[error("{what}: expected finite numbers, found NaN or infinity")]
     NotFinite {
         /// Which plane.
@@ -47,15 +47,15 @@ pub enum ReconstructError {
         /// The jitter found.
         actual: [f32; 2],
     },
-    /// The margin is wider than there is room for: none around the G-buffer of a picture.
+    /// The margin is wider than the memory allows. Around the G-buffer of a picture no margin is allowed.
     #[error("margin: expected at most {max} pixels beyond each edge, found {actual}")]
     Margin {
-        /// The widest side there is room for.
+        /// The widest margin allowed on a side.
         max: u32,
-        /// The widest side.
+        /// The widest side found.
         actual: u32,
     },
-    /// The G-buffer with a margin is not that of the same frame.
+    /// The G-buffer with a margin belongs to another frame.
     #[error("G-buffer with margin: expected the jitter of the one without, [{}, {}], found [{}, {}]", expected[0], expected[1], actual[0], actual[1])]
     JitterAround {
         /// Jitter of the picture.
@@ -63,15 +63,15 @@ pub enum ReconstructError {
         /// The jitter found.
         actual: [f32; 2],
     },
-    /// Memory of the caller ends before the image that is said to lie there.
+    /// The caller's memory ends before the end of the image.
     #[error("G-buffer: expected at least {expected} numbers in memory, found {actual}")]
     TooShort {
-        /// Numbers that the image takes.
+        /// Numbers that the image needs.
         expected: usize,
         /// Numbers found.
         actual: usize,
     },
-    /// Distances between which depths are told are none.
+    /// The distances of the clip planes of a depth encoding are not valid.
     #[error("clip planes: expected 0 < near < far, found near {near} and far {far}")]
     ClipPlanes {
         /// Distance of the near plane.
@@ -79,15 +79,15 @@ pub enum ReconstructError {
         /// Distance of the far plane.
         far: f32,
     },
-    /// Cameras between two frames are not those of the in-between frames.
+    /// The number of cameras between two frames is not the number of in-between frames.
     #[error("cameras between two frames: expected none or {expected}, found {actual}")]
     Poses {
-        /// In-between frames.
+        /// Number of in-between frames.
         expected: usize,
-        /// Cameras given.
+        /// Number of cameras given.
         actual: usize,
     },
-    /// The time of an interpolated frame is outside the interval.
+    /// The time of an in-between frame is outside (0, 1).
     #[error("time: expected a value between 0 and 1, found {actual}")]
     Time {
         /// The time found.
@@ -104,7 +104,7 @@ pub(crate) fn check_scale(scale: u32) -> Result<(), ReconstructError> {
     }
 }
 
-/// Checks the size of frames in device memory, width and height, which no camera has checked.
+/// Checks the size of frames in device memory, width and height. There the size does not come from a checked camera.
 #[cfg(feature = "gpu")]
 pub(crate) fn check_frame_size(size: [u32; 2]) -> Result<(), ReconstructError> {
     let is_size = size.iter().all(|side| (1..=MAX_SIDE).contains(side));
@@ -148,7 +148,7 @@ pub(crate) fn check_gbuffer(
     check_planes(gbuffer, expected)
 }
 
-/// Checks that `padded` is the frame of `gbuffer`, which has been checked, with a margin.
+/// Checks that `padded` is the frame of `gbuffer` with a margin. `gbuffer` has been checked.
 pub(crate) fn check_padded(padded: &GBuffer, gbuffer: &GBuffer) -> Result<(), ReconstructError> {
     let (expected, actual) = (gbuffer.jitter, padded.jitter);
     if expected != actual {
@@ -161,7 +161,7 @@ pub(crate) fn check_padded(padded: &GBuffer, gbuffer: &GBuffer) -> Result<(), Re
     check_planes(padded, size)
 }
 
-/// Checks that what there is of `gbuffer` has the size `expected`, and that its jitter is usable.
+/// Checks that all planes of `gbuffer` that exist have the size `expected`, and that its jitter is usable.
 fn check_planes(gbuffer: &GBuffer, expected: (usize, usize)) -> Result<(), ReconstructError> {
     check_size("G-buffer", expected, (gbuffer.width(), gbuffer.height()))?;
     check_jitter(gbuffer.jitter)?;
@@ -177,7 +177,7 @@ fn check_planes(gbuffer: &GBuffer, expected: (usize, usize)) -> Result<(), Recon
     Ok(())
 }
 
-/// Checks that `gbuffer` is the LR frame of `out`, whose size says how large that is to become.
+/// Checks that `gbuffer` is the LR frame of `out`; the size of `out` is the size of the HR frame.
 pub(crate) fn check_frame_of(out: &Image, gbuffer: &GBuffer, scale: u32) -> Result<(), ReconstructError> {
     check_scale(scale)?;
     let (lr, size) = ([gbuffer.width(), gbuffer.height()], image_size(out));

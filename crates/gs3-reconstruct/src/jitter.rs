@@ -1,10 +1,10 @@
-//! Where each frame is sampled, by what the frames before it sampled.
+//! The jitter of each frame, chosen from the samples of the frames before it.
 //!
-//! A fixed order of offsets is spread well only while the camera rests. In motion the samples of the last frames move
-//! with what they show, and there are speeds at which they meet the same places of it frame after frame, whatever the
-//! order: motion and jitter resonate. Where the samples of the last frames are now is known, so each frame is sampled
-//! where they are not: a greedy search for points of low energy (void and cluster, Ulichney 1993) on the torus of an
-//! LR pixel.
+//! A fixed order of offsets spreads samples well only while the camera rests. In motion, the samples of the last
+//! frames move with the surfaces. At some speeds, samples meet the same points of a surface frame after frame, in any
+//! fixed order: motion and jitter resonate. But the current places of the past samples are known. So each frame is
+//! sampled where past samples are missing: a greedy search for points of low energy (void and cluster, Ulichney 1993)
+//! on the torus of an LR pixel.
 
 use std::collections::VecDeque;
 
@@ -13,11 +13,11 @@ use gs3_scene::{Camera, Jitter};
 
 use crate::depth_lattice::{DepthLattice, SKY};
 
-/// Where within their pixels low-resolution frames are sampled.
+/// Where LR frames are sampled within their pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Sampling {
-    /// At offsets of the exact S×S grid, in each frame where the ones before did not sample ([`AdaptiveJitter`]): after
-    /// S² frames a resting camera has seen every high-resolution pixel.
+    /// At offsets of the exact S×S grid. Each frame is sampled where the frames before it were not
+    /// ([`AdaptiveJitter`]). After S² frames a resting camera has sampled every HR pixel.
     #[default]
     Jittered,
     /// Always at pixel centres.
@@ -25,7 +25,7 @@ pub enum Sampling {
 }
 
 impl Sampling {
-    /// Its name in reports.
+    /// The name in reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -35,33 +35,33 @@ impl Sampling {
     }
 }
 
-/// Energy of two samples falls with their distance as a Gaussian of this σ, in HR pixels. (Empirical: on paths
-/// through captured scenes 0.5 to 1.3 gain within 0.1 dB of each other; from 0.7 on the slowest motions leave places
-/// of the grid out.)
+/// σ of the Gaussian by which the energy of two samples falls with their distance, in HR pixels. (Empirical: on paths
+/// through captured scenes, gains from 0.5 to 1.3 lie within 0.1 dB of each other; from 0.7 on, the slowest motions
+/// leave places of the grid out.)
 const SIGMA: f64 = 0.65;
 
-/// What a moved sample of age `a` frames is worth: `1 / (1 + AGING a)`. (Empirical; 0 and 0.6 lose 0.04 dB.)
+/// Weight of a moved sample of age `a` frames: `1 / (1 + AGING a)`. (Empirical; 0 and 0.6 lose 0.04 dB.)
 const AGING: f64 = 0.15;
 
-/// Energies, means over the points, that differ by less count as equal: rounding does not decide.
+/// Mean energies that differ by less than this count as equal, so that rounding does not decide.
 const EQUAL: f64 = 1e-6;
 
-/// Chooses the sampling offset of each frame among those of the exact S×S grid ([`Jitter::grid`]), in LR pixels, so
-/// that the frame shows what the frames remembered do not. A resting camera samples every HR pixel once in S² frames,
-/// and a first frame has the grid's first offset.
+/// Chooses the jitter of each frame from the offsets of the exact S×S grid ([`Jitter::grid`]), in LR pixels, so that
+/// the frame samples what the remembered frames did not. A resting camera samples every HR pixel once in S² frames. A
+/// first frame has the grid's first offset.
 ///
-/// The same cameras and depths give the same offsets again.
+/// The same cameras and depths always give the same offsets.
 #[derive(Clone, Debug)]
 pub struct AdaptiveJitter {
     /// HR pixels between the samples of a frame.
     scale: f64,
     offsets: Jitter,
-    /// The frames that are remembered together with the next one, newest first: all but one of the history's S².
+    /// The frames remembered together with the next frame, newest first: the newest S² − 1 frames of the history.
     past: VecDeque<(Camera, [f32; 2])>,
 }
 
 impl AdaptiveJitter {
-    /// Offsets for frames `scale` times coarser than what is shown; always pixel centres where `sampling` wants that.
+    /// Jitter for frames `scale` times coarser than the frames shown; always pixel centres if `sampling` says so.
     #[must_use]
     pub fn new(scale: u32, sampling: Sampling) -> Self {
         let offsets = match sampling {
@@ -71,19 +71,19 @@ impl AdaptiveJitter {
         Self { scale: f64::from(scale), offsets, past: VecDeque::new() }
     }
 
-    /// Number of different offsets, S² or 1: a resting camera repeats them after as many frames.
+    /// Number of different offsets, S² or 1. A resting camera repeats the offsets after this number of frames.
     #[must_use]
     pub fn period(&self) -> usize {
         self.offsets.period()
     }
 
-    /// Forgets the frames before.
+    /// Forgets earlier frames.
     pub fn reset(&mut self) {
         self.past.clear();
     }
 
-    /// The offset `[x, y]` at which to sample the frame of `camera`, in LR pixels from the pixel centre; `last` are
-    /// depths of the frame before, which is not read after a reset. The frame counts as sampled there.
+    /// The offset `[x, y]` for the frame of `camera`, in LR pixels from the pixel centre. The frame counts as sampled
+    /// there. `last` are depths of the previous frame; they are not read after a reset.
     pub fn next(&mut self, camera: &Camera, last: &DepthLattice) -> [f32; 2] {
         let offset = self.choose(camera, last);
         self.remember(camera, offset);
@@ -98,19 +98,19 @@ impl AdaptiveJitter {
         }
     }
 
-    /// The offset of the first frame, and of one after a reset.
+    /// The offset of the first frame, and of the first frame after a reset.
     #[must_use]
     pub fn first(&self) -> [f32; 2] {
         self.offsets.offset(0)
     }
 
-    /// As [`Self::next`], without counting the frame as sampled: the offset of least energy, the first in the grid's order
-    /// among equals.
+    /// As [`Self::next`], without recording the frame: the offset of least energy, and among equals the first in the
+    /// grid's order.
     #[must_use]
     pub fn choose(&self, camera: &Camera, last: &DepthLattice) -> [f32; 2] {
         let energies = self.energies(camera, last);
-        // A camera that rests repeats none: then all are exact, and the grid is to be complete. (In all tests
-        // energies alone see to that; this is the guarantee.)
+        // A resting camera must not repeat an offset, so that the grid becomes complete and every pixel exact. (In
+        // all tests the energies alone ensure this; the check is the guarantee.)
         let is_taken = |offset| self.past.iter().any(|past| *past == (*camera, offset));
         let mut best: Option<(f64, [f32; 2])> = None;
         for (frame, energy) in energies.into_iter().enumerate() {
@@ -122,8 +122,8 @@ impl AdaptiveJitter {
         best.map_or([0.0; 2], |(_, offset)| offset)
     }
 
-    /// For each offset how near its samples of `camera` are to those that are remembered: the mean over the points of
-    /// the frame before that are in view. Where it hit nothing at all, directions count.
+    /// For each offset, the energy of its samples of `camera` with the remembered samples: the mean over the points
+    /// of the previous frame that are in view. If no point shows a surface, points at infinity are used.
     fn energies(&self, camera: &Camera, last: &DepthLattice) -> Vec<f64> {
         let mut energies = vec![0.0; self.period()];
         let Some((last_camera, _)) = self.past.front() else { return energies };
@@ -143,7 +143,7 @@ impl AdaptiveJitter {
                 if depth <= 0.0 {
                     continue;
                 }
-                // What does not move stays exact, whatever its age.
+                // A sample that does not move stays exact at any age.
                 let moved = then.distance_squared(now);
                 let worth = 1.0 / (1.0 + AGING * f64::from(age) * moved / (moved + 1.0));
                 let sample = self.sample(*offset) - then;
@@ -191,7 +191,8 @@ mod tests {
     fn whatever_came_before_a_resting_camera_sees_every_pixel_once() {
         for scale in 1..=4 {
             let count = (scale * scale) as usize;
-            // Steps of a fraction of a pixel and of whole ones, after which samples of moving frames crowd some places.
+            // Steps of a fraction of a pixel and of whole pixels; after such steps moving samples crowd at some
+            // places.
             for (moving, step) in [(0, 0.0), (1, 0.003), (7, 0.0012), (16, 0.005), (40, 0.02), (40, 0.0003)] {
                 for depths in [WALL, DepthLattice::default()] {
                     let mut jitter = AdaptiveJitter::new(scale, Sampling::Jittered);
@@ -208,7 +209,8 @@ mod tests {
         }
     }
 
-    /// Largest distance in HR pixels, over a grid of places of the wall, to the nearest sample of the last S² frames.
+    /// Largest distance in HR pixels from a place of the wall (on a grid of places) to the nearest sample of the last
+    /// S² frames.
     fn largest_gap(path: &[(f64, [f32; 2])], scale: u32) -> f64 {
         let s = f64::from(scale);
         let mut largest = 0.0_f64;
@@ -241,14 +243,14 @@ mod tests {
             fixed_worst = fixed_worst.max(largest_gap(&fixed, 4));
             worst = worst.max(largest_gap(&adaptive, 4));
         }
-        // Sixteen samples of a 4×4 block at best leave gaps of √½ = 0.71 pixels.
+        // At best, sixteen samples of a 4×4 block leave gaps of √½ = 0.71 pixels.
         assert!(fixed_worst > 1.3, "{fixed_worst}");
         assert!(worst < 1.1, "{worst}");
     }
 
     #[test]
     fn where_nothing_was_hit_directions_count() {
-        // Turns move everything alike, whatever its depth.
+        // Turning moves all points alike, at any depth.
         let offsets = |depths| -> Vec<_> {
             let mut jitter = AdaptiveJitter::new(4, Sampling::Jittered);
             let turned = |k: u32| DAffine3::from_quat(DQuat::from_rotation_y(0.003 * f64::from(k)));

@@ -1,16 +1,16 @@
 //! Reconstructs high-resolution (HR) frames from low-resolution (LR) G-buffers without learning.
 //!
-//! Inputs are plain: a [`GBuffer`](gs3_scene::GBuffer) of any renderer, cameras and jitter. Surfaces are followed by their
-//! depths and the cameras; what moves by itself is followed by the [`Reconstructor`] alone, by motion vectors. This crate
-//! knows nothing of Gaussians or networks, and only below feature `gpu` of devices. Results do not depend on the number of
-//! threads.
+//! Inputs are plain: a [`GBuffer`](gs3_scene::GBuffer) of any renderer, cameras and jitter. Surfaces are followed by
+//! their depths and the cameras. Moving objects are followed by motion vectors, and only by the [`Reconstructor`].
+//! This crate knows nothing of Gaussians or networks, and nothing of devices outside feature `gpu`. Results do not
+//! depend on the number of threads.
 //!
 //! * [`resample()`]: nearest, bilinear, bicubic; the baselines.
 //! * [`hermite()`]: one frame, with its exact gradients.
-//! * [`Reconstructor`]: frames one after the other, all that is needed in one object.
-//! * [`SuperSampler`]: one frame and its past.
-//! * [`Interpolator`]: a frame between two reconstructed ones, or both of them warped to its pose; one frame as
-//!   another camera sees it.
+//! * [`Reconstructor`]: a sequence of frames, with everything needed in one object.
+//! * [`SuperSampler`]: one frame with its history.
+//! * [`Interpolator`]: an in-between frame of two reconstructed frames, or both of them warped to its pose; one frame
+//!   as another camera sees it.
 //! * [`Motion`]: where the surfaces of an LR frame were in another one.
 //!
 //! ```
@@ -76,7 +76,7 @@ pub const MAX_SCALE: u32 = 8;
 
 #[cfg(test)]
 mod tests {
-    /// Every test of kernels, once more on each other SIMD level of this processor.
+    /// Runs every kernel test again on each other SIMD level of this CPU.
     #[test]
     fn all_of_this_on_every_simd_level() {
         gs3_simd::repeat_tests_on_levels("all_of_this_on_every_simd_level", &["gpu::"]);

@@ -1,24 +1,25 @@
-//! Which of its surroundings a frame is rasterized with.
+//! The margin that a frame is rasterized with.
 
 use glam::DVec2;
 use gs3_scene::{BLOCK_SIDE, Camera, Margin, glam};
 
 use crate::depth_lattice::{DepthLattice, SKY};
 
-/// Frames ahead of the one being made whose new parts are rasterized already. A history of S² frames would use more;
-/// measured at scale 4, in-between frames gain 2.09 and 2.16 dB with 4 and 8 frames ahead, 2.18 with 15 and margins
-/// twice as wide (`docs/performance.md`).
+/// Number of future frames that the margin is made for. A history of S² frames would use more. Measured at scale 4:
+/// in-between frames gain 2.09 and 2.16 dB with 4 and 8 frames ahead, and 2.18 with 15 and margins twice as wide
+/// (`docs/performance.md`).
 const FRAMES_AHEAD: f64 = 8.0;
 
-/// Points of the lattice so near an edge, in parts of the picture, tell how what lies there moves.
+/// Lattice points within this distance of an edge, as a fraction of the picture, show the motion near that edge.
 const NEAR_EDGE: f64 = 0.25;
 
-/// LR pixels that the rounding of projections may seem to move what rests: it must not have a margin.
+/// Motion in LR pixels up to which the picture counts as resting: rounding of projections. A resting picture has no
+/// margin.
 const NO_MOTION: f64 = 0.01;
 
-/// LR pixels beyond the edges that the next frames show if the camera goes on as it moved from `previous`, whose
-/// depths are `depths`, to `camera`, `scale` times larger than LR frames: at most `widest` on a side, none
-/// where it rests.
+/// The margin, in LR pixels, that comes into view in the next frames if the camera keeps moving as it moved from
+/// `previous` to `camera`. `depths` are the depths of `previous`. HR frames are `scale` times larger than LR frames.
+/// The margin has at most `widest` pixels a side, and none for a resting camera.
 #[must_use]
 pub fn margin_ahead(
     previous: &Camera,
@@ -28,7 +29,7 @@ pub fn margin_ahead(
     widest: u32,
 ) -> Margin {
     let size = DVec2::new(f64::from(camera.width()), f64::from(camera.height()));
-    // Of what lies near the left, top, right, bottom edge, the fastest that moves inwards, HR pixels per frame.
+    // Near the left, top, right and bottom edge: the fastest inward motion, in HR pixels per frame.
     let mut inwards = [0.0_f64; 4];
     for (at, depth) in depths.points() {
         let then = at * size;
@@ -44,15 +45,15 @@ pub fn margin_ahead(
             }
         }
     }
-    // What is negative becomes 0.
+    // Negative values become 0.
     let pixels =
         |moved: f64| ((moved * FRAMES_AHEAD / f64::from(scale) - NO_MOTION).ceil() as u32).min(widest);
     let [left, top, right, bottom] = inwards.map(pixels);
     Margin { left, top, right, bottom }
 }
 
-/// `margin` with its left and top side widened until it begins at a block of exact pixels, as rasterizers that make these
-/// ask for; narrowed where it would be wider than `widest`.
+/// `margin` with its left and top side widened to start at a block of exact pixels, as rasterizers of such blocks
+/// require. A side that would become wider than `widest` is narrowed instead.
 pub(crate) fn whole_blocks(margin: Margin, scale: u32, widest: u32) -> Margin {
     let is_whole = |side: &u32| (side * scale).is_multiple_of(BLOCK_SIDE as u32);
     let widened =
@@ -69,7 +70,7 @@ mod tests {
 
     const WIDEST: u32 = 32;
 
-    /// At `x`, turned right by `angle`, before a wall at depth 4.
+    /// A camera at `x`, turned right by `angle`, before a wall at depth 4.
     fn camera(x: f64, angle: f64) -> Camera {
         let intrinsics = Intrinsics { width: 320, height: 160, fx: 200.0, fy: 200.0, cx: 160.0, cy: 80.0 };
         let world_from_view =

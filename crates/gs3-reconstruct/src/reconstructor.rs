@@ -1,4 +1,4 @@
-//! Low-resolution frames of any renderer to high-resolution ones: all of it in one object.
+//! LR frames of any renderer to HR frames, with everything in one object.
 
 use gs3_scene::camera_path::pose_between;
 use gs3_scene::{Camera, GBuffer, Image, Margin, Planes};
@@ -16,15 +16,15 @@ use crate::view::GBufferView;
 /// Settings of a [`Reconstructor`], fixed at its construction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReconstructorSettings {
-    /// High-resolution over low-resolution size, 1 to [`crate::MAX_SCALE`].
+    /// Scale: high-resolution over low-resolution size, 1 to [`crate::MAX_SCALE`].
     pub scale: u32,
     /// Where LR frames are sampled.
     pub sampling: Sampling,
     /// Which pixels are kriged.
     pub kriging: Kriging,
-    /// LR pixels that the renderer can render beyond each edge, 0 for none.
+    /// Widest margin that the renderer can render beyond each edge, in LR pixels; 0 for none.
     pub widest_margin: u32,
-    /// Frames interpolated before each rendered one, 0 for none.
+    /// Frames interpolated before each rendered frame, 0 for none.
     pub in_between: usize,
 }
 
@@ -40,19 +40,19 @@ impl Default for ReconstructorSettings {
     }
 }
 
-/// What [`Reconstructor::reconstruct`] gives to show.
+/// The images of [`Reconstructor::reconstruct`].
 #[derive(Clone, Copy, Debug)]
 pub struct Reconstructed<'a> {
-    /// The frames between the previous one and this one, in order. None after a reset: the previous frame stays on for
-    /// these moments.
+    /// The in-between frames of the previous frame and this one, in order. None after a reset: the previous frame is
+    /// shown at these moments.
     pub in_between: &'a [Image],
-    /// The frame: RGB, and the uncertainty that [`SuperSampler::super_sample`] describes.
+    /// The rendered frame: RGB, and the uncertainty that [`SuperSampler::super_sample`] describes.
     pub current: &'a Image,
-    /// Why it has no history, if it has none.
+    /// Why the frame has no history; none if it has one.
     pub reset: Option<ResetReason>,
 }
 
-/// A frame that the next one goes on from.
+/// The previous frame of the next one.
 #[derive(Debug, Default)]
 struct Frame {
     camera: Option<Camera>,
@@ -60,15 +60,15 @@ struct Frame {
     image: Image,
 }
 
-/// Reconstructs the frames of one renderer, one after the other: chooses where each is sampled, tells camera cuts,
+/// Reconstructs the frames of one renderer, in order. It chooses each frame's jitter, detects camera cuts,
 /// super-samples, and makes in-between frames. All memory is kept between frames.
 ///
-/// For each frame: ask [`Self::next`] for its jitter (or [`Self::next_jitter`] alone), render the LR frame of
-/// [`Camera::low_resolution`] sampled there, and give it to [`Self::reconstruct`].
+/// For each frame: get its jitter from [`Self::next`] (or [`Self::next_jitter`] alone), render the LR frame of
+/// [`Camera::low_resolution`] with this jitter, and pass the LR frame to [`Self::reconstruct`].
 ///
-/// Colour is read, its derivatives per LR pixel (differenced where there are none) and depth; of each the visible
-/// surface's. Textures are filtered for the HR grid, as by a LOD bias of −log₂ S. Surfaces are followed by depths and
-/// cameras, and where something moves by itself, by [`GBufferView::motion`].
+/// The reconstructor reads colour, the colour's derivatives per LR pixel (by differences if there are none) and
+/// depth, each of the visible surface. Filter textures for the HR grid, for example by a LOD bias of −log₂ S.
+/// Surfaces are followed by depths and cameras. Moving objects are followed by [`GBufferView::motion`].
 #[derive(Debug)]
 pub struct Reconstructor {
     settings: ReconstructorSettings,
@@ -77,9 +77,9 @@ pub struct Reconstructor {
     interpolator: Interpolator,
     previous: Frame,
     current: Frame,
-    /// The current LR frame with its margin, where it has one.
+    /// The current LR frame with its margin, if it has one.
     padded: GBuffer,
-    /// Motion of the current LR frame, margin included, where it has any.
+    /// Motion of the current LR frame with its margin, if there is any.
     vectors: Planes<2>,
     in_between: Vec<Image>,
 }
@@ -104,30 +104,30 @@ impl Reconstructor {
         })
     }
 
-    /// How the frame of the HR `camera` is to be rendered. Asking changes nothing.
+    /// How to render the frame of the HR `camera`. The call changes nothing.
     #[must_use]
     pub fn next(&self, camera: &Camera) -> FrameStart {
         self.sequence.begin(camera)
     }
 
-    /// Where within its LR pixels the frame of the HR `camera` is to be sampled: an offset from the pixel centre in LR
-    /// pixels, x right and y down. Asking changes nothing.
+    /// Where to sample the frame of the HR `camera` within its LR pixels: the offset from the pixel centre in LR
+    /// pixels, x right and y down. The call changes nothing.
     #[must_use]
     pub fn next_jitter(&self, camera: &Camera) -> [f32; 2] {
         self.next(camera).jitter
     }
 
-    /// Forgets the frames before: the next one starts anew, for this reason unless another came first.
+    /// Drops the history: the next frame starts anew, for this reason unless an earlier reason is pending.
     pub fn reset(&mut self, reason: ResetReason) {
         self.sequence.reset(reason);
     }
 
-    /// Reconstructs the frame of the HR `camera` from its LR frame, and in-between frames at poses between the previous
-    /// camera and this one.
+    /// Reconstructs the frame of the HR `camera` from its LR frame, with in-between frames at poses between the
+    /// previous camera and this one.
     ///
     /// # Errors
-    /// [`ReconstructError`] if `gbuffer` is not the LR frame of `camera`, its jitter is outside of its pixels, or it has
-    /// numbers that are not finite. The history is then as before.
+    /// [`ReconstructError`] if `gbuffer` is not the LR frame of `camera`, if its jitter is too large, or if it has
+    /// numbers that are not finite. The history stays unchanged then.
     pub fn reconstruct(
         &mut self,
         camera: &Camera,
@@ -136,11 +136,11 @@ impl Reconstructor {
         self.reconstruct_with_poses(camera, gbuffer, &[])
     }
 
-    /// As [`Self::reconstruct`], where the true cameras of the in-between frames are known: `poses` are all of them, in
-    /// order, or none.
+    /// Reconstructs as [`Self::reconstruct`] does, with the true cameras of the in-between frames. `poses` are all of
+    /// these cameras in order, or none.
     ///
     /// # Errors
-    /// As [`Self::reconstruct`]; also if `poses` are of another number or size.
+    /// As [`Self::reconstruct`]; also if `poses` have another number or another size.
     pub fn reconstruct_with_poses(
         &mut self,
         camera: &Camera,
@@ -164,7 +164,7 @@ impl Reconstructor {
         Ok(Reconstructed { in_between, current: &self.current.image, reset: start.reset })
     }
 
-    /// Makes the current frame and those between; gives their number.
+    /// Makes the current frame and its in-between frames. Returns the number of in-between frames.
     fn make(
         &mut self,
         camera: &Camera,

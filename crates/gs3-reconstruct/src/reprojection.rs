@@ -1,29 +1,29 @@
-//! Where a point seen by one camera appears in another, as rows of a homography plus parallax.
+//! Where a point seen by one camera appears in another camera: rows of a homography plus parallax.
 
 use fearless_simd::{Simd, f32x16, prelude::*};
 use glam::{DMat3, DVec3};
 use gs3_scene::Camera;
 
-/// Relative difference of inverse depths up to which they belong to one surface, whatever its slope.
+/// Two points belong to one surface, at any slope, if their inverse depths differ by at most this relative amount.
 pub(crate) const SAME_SURFACE: f32 = 0.02;
 
-/// Smallest divisor `q` of a point that counts as in front of the target.
+/// Smallest divisor `q` of a point in front of the target camera.
 pub(crate) const MIN_DIVISOR: f32 = 1e-6;
 
 /// Maps pixel and inverse depth of a source camera to pixel and inverse depth of a target camera.
 ///
-/// With `p = (x, y, 1)` in source pixels and `w = 1/z` the inverse view-space depth (0 at infinity), the target sees
-/// the point at `(h₀·p + e₀ w, h₁·p + e₁ w) / q` with inverse depth `w / q`, where `q = h₂·p + e₂ w`; the point is in
-/// front of the target where `q > 0`. `H = K_t R K_s⁻¹` and `e = K_t t` for the rigid motion `(R, t)` from source to
-/// target view space. Exact for pinhole cameras; evaluated in f64 once, applied in f32.
+/// Let `p = (x, y, 1)` be a place in source pixels and `w = 1/z` the inverse view-space depth (0 at infinity). The
+/// target sees the point at `(h₀·p + e₀ w, h₁·p + e₁ w) / q` with inverse depth `w / q`, where `q = h₂·p + e₂ w`. The
+/// point is in front of the target if `q > 0`. `H = K_t R K_s⁻¹` and `e = K_t t` for the rigid motion `(R, t)` from
+/// source to target view space. The map is exact for pinhole cameras. It is evaluated once in f64 and applied in f32.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Reprojection {
     /// Rows of `H`.
     pub rows: [[f32; 3]; 3],
     /// `e`.
     pub epipole: [f32; 3],
-    /// Rows of `K_t R`, with `R` from world to target view space: a point that has moved by `d` in the world is seen at
-    /// what it was seen at and `w K_t R d`, before the division.
+    /// Rows of `K_t R`, with `R` from world to target view space. If a point has moved by `d` in the world, `w K_t R
+    /// d` is added to its image before the division.
     pub world: [[f32; 3]; 3],
 }
 
@@ -51,7 +51,7 @@ impl Reprojection {
     /// Target pixel x, y and the divisor `q` of sixteen source pixels `(x, y)` at inverse depths `w`.
     #[inline(always)]
     pub fn apply_16<S: Simd>(&self, simd: S, x: f32x16<S>, y: f32x16<S>, w: f32x16<S>) -> [f32x16<S>; 3] {
-        // Not a closure: one would be compiled for the narrowest vectors, and called.
+        // Not a closure: a closure would be compiled for the narrowest vectors, and called instead of inlined.
         let mut sums = [f32x16::splat(simd, 0.0); 3];
         for (i, [h0, h1, h2]) in self.rows.into_iter().enumerate() {
             let of_pixel = y.mul_add(h1, w.mul_add(self.epipole[i], f32x16::splat(simd, h2)));
@@ -62,7 +62,7 @@ impl Reprojection {
         [a * per, b * per, c]
     }
 
-    /// As [`Self::apply_16`], of surfaces that have moved by `offset` in the world since the source saw them.
+    /// As [`Self::apply_16`], for surfaces that have moved by `offset` in the world since the source camera saw them.
     #[inline(always)]
     pub fn apply_moved_16<S: Simd>(
         &self,
@@ -77,7 +77,7 @@ impl Reprojection {
             let ([h0, h1, h2], [m0, m1, m2]) = (self.rows[i], self.world[i]);
             let of_pixel = y.mul_add(h1, w.mul_add(self.epipole[i], f32x16::splat(simd, h2)));
             let moved = offset[0].mul_add(m0, offset[1].mul_add(m1, offset[2] * m2));
-            // Where nothing moved, exactly what it is without.
+            // Without motion the result has the same bits as without this term.
             sums[i] = x.mul_add(h0, of_pixel) + moved * w;
         }
         let [a, b, c] = sums;
@@ -86,8 +86,8 @@ impl Reprojection {
     }
 }
 
-/// Parallax of a point at depth 1 between the cameras, in pixels of `target`, as if the baseline were perpendicular
-/// to the view: baseline times focal length. At depth z it is 1/z of that.
+/// Parallax of a point at depth 1 between the cameras, in pixels of `target`, for a baseline perpendicular to the
+/// view: baseline times focal length. A point at depth z has 1/z of it.
 pub(crate) fn parallax(source: &Camera, target: &Camera) -> f32 {
     (source.position().distance(target.position()) * target.intrinsics().fx) as f32
 }
@@ -97,17 +97,17 @@ fn intrinsic_matrix(camera: &Camera) -> DMat3 {
     DMat3::from_cols(DVec3::new(i.fx, 0.0, 0.0), DVec3::new(0.0, i.fy, 0.0), DVec3::new(i.cx, i.cy, 1.0))
 }
 
-/// Depths up to a micro-unit count as nothing hit, so that no inverse overflows.
+/// Depths up to a micro-unit count as no surface, so that no inverse overflows.
 pub const NEAREST_DEPTH: f32 = 1e-6;
 
-/// Inverse view-space depth; 0 (infinity) where nothing was hit, which depth 0 means.
+/// Inverse view-space depth; 0 (infinity) for depth 0, which means no surface.
 #[inline(always)]
 #[must_use]
 pub fn inverse_depth(z: f32) -> f32 {
     if z > NEAREST_DEPTH { 1.0 / z } else { 0.0 }
 }
 
-/// [`inverse_depth`] of sixteen.
+/// [`inverse_depth`] of sixteen depths.
 #[inline(always)]
 pub(crate) fn inverse_depth_16<S: Simd>(simd: S, z: f32x16<S>) -> f32x16<S> {
     z.simd_gt(NEAREST_DEPTH).select(1.0 / z, f32x16::splat(simd, 0.0))
@@ -125,7 +125,7 @@ mod tests {
         apply_moved(reprojection, [x, y, w], None)
     }
 
-    /// The same of a surface that has moved, if it has.
+    /// As `apply`, for a surface that may have moved.
     fn apply_moved(reprojection: &Reprojection, [x, y, w]: [f32; 3], moved: Option<DVec3>) -> [f32; 3] {
         let level = gs3_simd::level();
         fearless_simd::dispatch!(level, simd => {

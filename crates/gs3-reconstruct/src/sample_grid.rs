@@ -1,9 +1,10 @@
-//! The grid of the samples of a jittered LR frame, seen from HR pixels.
+//! The grid of the samples of a jittered LR frame, as seen from HR pixels.
 
-/// How far from a pixel's centre a sample may be to count as on it, pixels: a hundred times what rounding moves it.
+/// Largest distance of a sample from a pixel's centre to count as on it, in pixels: a hundred times the rounding
+/// error.
 const CENTRE_TOLERANCE: f32 = 1e-3;
 
-/// One HR coordinate on the LR sample grid: between samples `index` and `index + 1`, `fraction` of the way.
+/// One HR coordinate on the LR sample grid: between samples `index` and `index + 1`, at `fraction` of the way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct GridPosition {
     /// The sample at or before the coordinate; −1 or less before the first sample.
@@ -12,10 +13,10 @@ pub(crate) struct GridPosition {
     pub fraction: f32,
 }
 
-/// One axis of the sample grid of a jittered LR frame, seen from HR pixel centres.
+/// One axis of the sample grid of a jittered LR frame, as seen from HR pixel centres.
 ///
-/// LR sample `i` lies at HR coordinate `S (i + ½ + jitter)`, HR pixel `x` has its centre at `x + ½`: the pixel's position
-/// is `(x + ½)/S − ½ − jitter` samples. The fraction repeats every `S` pixels: `S` phases.
+/// LR sample `i` lies at HR coordinate `S (i + ½ + jitter)`. HR pixel `x` has its centre at `x + ½`. So the pixel's
+/// position is `(x + ½)/S − ½ − jitter` samples. The fraction repeats every `S` pixels: there are `S` phases.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SampleAxis {
     phases: Vec<GridPosition>,
@@ -34,8 +35,8 @@ impl SampleAxis {
         self.phases.clear();
         self.phases.extend((0..scale).map(|r| {
             let position = (f64::from(r) + 0.5) / s - 0.5 - f64::from(jitter);
-            // Jitters are f32 numbers such as 1/6: a pixel that coincides with a sample must not fall into the cell
-            // before it, at a fraction of 0.99999997, because of their rounding.
+            // Jitters are f32 numbers such as 1/6. Their rounding must not move a pixel that coincides with a sample
+            // into the cell before it, at a fraction of 0.99999997.
             let position =
                 if (position - position.round()).abs() < 1e-6 { position.round() } else { position };
             GridPosition { index: position.floor() as isize, fraction: (position - position.floor()) as f32 }
@@ -55,7 +56,7 @@ impl SampleAxis {
     }
 }
 
-/// The pixels with a sample of the frame on their centres: every S-th, if the jitter is of the S×S grid.
+/// The pixels with a sample of the frame on their centres: every S-th pixel, if the jitter is on the S×S grid.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SampledPixels {
     pub first: [usize; 2],
@@ -63,7 +64,7 @@ pub(crate) struct SampledPixels {
 }
 
 impl SampledPixels {
-    /// Of samples `scale` pixels apart and jittered so; none if they lie beside the centres.
+    /// The grid of samples `scale` pixels apart with this jitter; none if the samples are not on pixel centres.
     pub fn new(jitter: [f32; 2], scale: u32) -> Option<Self> {
         let offset = jitter.map(|j| (0.5 + j) * scale as f32 - 0.5);
         let is_exact = |o: &f32| {
@@ -74,8 +75,8 @@ impl SampledPixels {
         offset.iter().all(is_exact).then_some(Self { first, scale: scale as usize })
     }
 
-    /// Samples along an axis with a pixel among the `count` from `from` on: their indices, and their pixels relative to
-    /// `from`.
+    /// Samples along an axis on the `count` pixels starting at `from`: the indices of the samples, and their pixels
+    /// relative to `from`.
     pub fn along(
         &self,
         axis: usize,
@@ -87,7 +88,7 @@ impl SampledPixels {
         (begin..).map(move |i| (i, first + i * scale - from)).take_while(move |(_, at)| *at < count)
     }
 
-    /// The rows of samples with pixels in rows `top..top + count`.
+    /// The rows of samples that lie on pixel rows `top..top + count`.
     pub fn rows(&self, top: usize, count: usize) -> std::ops::Range<usize> {
         let before = |row: usize| row.saturating_sub(self.first[1]).div_ceil(self.scale);
         before(top)..before(top + count)

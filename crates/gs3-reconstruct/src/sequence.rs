@@ -1,4 +1,4 @@
-//! What is decided about a frame before it is rendered, by the frames before it.
+//! Decisions about a frame before it is rendered, from the frames before it.
 
 use gs3_scene::{Camera, Margin};
 
@@ -7,44 +7,46 @@ use crate::depth_lattice::DepthLattice;
 use crate::jitter::{AdaptiveJitter, Sampling};
 use crate::margin::{margin_ahead, whole_blocks};
 
-/// Why history is not valid. Whoever keeps it tells; a [`crate::SuperSampler`] does not look for cuts itself.
+/// Why the history is not valid. The owner of the history reports the reason; a [`crate::SuperSampler`] does not
+/// detect cuts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ResetReason {
-    /// There has been no frame yet.
+    /// There is no earlier frame.
     FirstFrame,
-    /// The camera jumped: what it sees has little to do with what it saw.
+    /// The camera jumped: its view has little in common with the previous view.
     CameraCut,
     /// The output size or the quality tier changed.
     SizeOrTierChange,
-    /// The scene, or what is shown of it, changed.
+    /// The scene, or the shown part of the scene, changed.
     SceneChange,
-    /// Other hardware renders: the history stayed behind.
+    /// Another machine renders, and the history is on the old one.
     BackendChange,
-    /// The frame before could not be made.
+    /// The previous frame could not be made.
     Failure,
-    /// The frame is one of those at fixed numbers of a path where all begins anew, so that parts of the path can be
-    /// rendered apart. In-between frames lead to it.
+    /// The frame is a keyframe: at fixed frame numbers of a path everything starts anew, so that parts of the path
+    /// can be rendered separately. A keyframe has in-between frames before it.
     Keyframe,
 }
 
 /// How a frame is to be rendered.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameStart {
-    /// Why the frame has no history, if it has none.
+    /// Why the frame has no history; none if it has one.
     pub reset: Option<ResetReason>,
-    /// Where within its LR pixels it is best sampled, in LR pixels from the pixel centre.
+    /// The best sampling offset within the frame's LR pixels, in LR pixels from the pixel centre.
     pub jitter: [f32; 2],
-    /// What is worth rendering beyond its edges, LR pixels: what the next frames reveal then has a past.
+    /// The margin worth rendering beyond the frame's edges, in LR pixels. The next frames then have past samples for
+    /// the parts that come into view.
     pub margin: Margin,
-    /// The camera of the frame before; none if there is no history.
+    /// The camera of the previous frame; none if there is no history.
     pub previous: Option<Camera>,
 }
 
-/// Frames one after the other: tells camera cuts, and chooses sampling offsets and margins. It knows cameras and a few
-/// depths, so it serves any renderer, wherever its frames lie.
+/// A sequence of frames: detects camera cuts, and chooses jitter and margins. It needs only cameras and a few depths,
+/// so it works with any renderer and any place of the frames in memory.
 ///
-/// [`Self::begin`] decides, and changes nothing; the frame counts once it is there, with [`Self::commit`].
+/// [`Self::begin`] decides and changes nothing. [`Self::commit`] records the frame once it has been made.
 #[derive(Clone, Debug)]
 pub struct FrameSequence {
     scale: u32,
@@ -52,20 +54,20 @@ pub struct FrameSequence {
     jitter: AdaptiveJitter,
     /// The last frame.
     last: Option<(Camera, DepthLattice)>,
-    /// Why the next frame starts without history, if that is known already.
+    /// Why the next frame starts without history, if the reason is already known.
     next_reset: Option<ResetReason>,
 }
 
 impl FrameSequence {
-    /// Before the first frame. LR frames are `scale` times coarser than what is shown; their margins have at most
-    /// `widest_margin` LR pixels, 0 for none.
+    /// A sequence before its first frame. LR frames are `scale` times coarser than the frames shown. Their margins
+    /// have at most `widest_margin` LR pixels, 0 for none.
     #[must_use]
     pub fn new(scale: u32, sampling: Sampling, widest_margin: u32) -> Self {
         let jitter = AdaptiveJitter::new(scale, sampling);
         Self { scale, widest_margin, jitter, last: None, next_reset: Some(ResetReason::FirstFrame) }
     }
 
-    /// How the frame of `camera` is to be rendered.
+    /// How to render the frame of `camera`.
     #[must_use]
     pub fn begin(&self, camera: &Camera) -> FrameStart {
         let size = |camera: &Camera| (camera.width(), camera.height());
@@ -88,13 +90,13 @@ impl FrameSequence {
                 };
                 FrameStart { reset, jitter, margin, previous: Some(*last) }
             }
-            // After a cut nothing tells where the camera goes.
+            // After a cut the motion of the camera is unknown.
             _ => FrameStart { reset, jitter: self.jitter.first(), margin: Margin::NONE, previous: None },
         }
     }
 
-    /// Makes the frame of `camera` the last one. It had no history for the reason `reset`, if any, and was sampled at
-    /// `jitter`; `depths` are its own, all 0 where they are not known.
+    /// Records the frame of `camera` as the last frame. `reset` is the reason for its missing history, if any;
+    /// `jitter` is its sampling offset; `depths` are its depths, all 0 if they are unknown.
     pub fn commit(
         &mut self,
         camera: &Camera,
@@ -110,18 +112,18 @@ impl FrameSequence {
         self.next_reset = None;
     }
 
-    /// Tells that the frame which began with `reset` could not be made: the next one has no history.
+    /// Records that the frame which began with `reset` could not be made: the next frame has no history.
     pub fn fail(&mut self, reset: Option<ResetReason>) {
         self.next_reset = Some(reset.unwrap_or(ResetReason::Failure));
     }
 
-    /// Forgets the frames before: the next one starts anew, for this reason unless another came first.
+    /// Drops the history: the next frame starts anew, for this reason unless an earlier reason is pending.
     pub fn reset(&mut self, reason: ResetReason) {
         self.next_reset.get_or_insert(reason);
     }
 
-    /// Forgets where the frames before were sampled: the next one is sampled as a first frame is, and those after by the
-    /// frames from there on.
+    /// Forgets where earlier frames were sampled. The next frame is sampled like a first frame, and later frames
+    /// depend on the frames from there on.
     pub fn restart_sampling(&mut self) {
         self.jitter.reset();
     }

@@ -1,4 +1,4 @@
-//! G-buffers in the memory of other renderers, as they have them.
+//! G-buffers in the memory of other renderers, in their layouts.
 
 use gs3_scene::{GBuffer, Geometry, Gradients, Margin, Planes};
 use rayon::prelude::*;
@@ -15,19 +15,19 @@ pub struct PlanesView<'a, const C: usize> {
     strides: Strides,
 }
 
-/// How many numbers apart neighbours lie in memory.
+/// Distances of neighbours in memory, in numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Strides {
-    /// From row to row.
+    /// From one row to the next.
     pub row: usize,
-    /// From pixel to pixel of a row.
+    /// From one pixel of a row to the next.
     pub pixel: usize,
-    /// From channel to channel of a pixel.
+    /// From one channel of a pixel to the next.
     pub channel: usize,
 }
 
 impl<'a, const C: usize> PlanesView<'a, C> {
-    /// An image of `[width, height]` whose numbers lie `strides` apart.
+    /// An image of `[width, height]` with numbers `strides` apart.
     ///
     /// # Errors
     /// [`ReconstructError::TooShort`] if `data` ends before the last pixel.
@@ -45,8 +45,8 @@ impl<'a, const C: usize> PlanesView<'a, C> {
         }
     }
 
-    /// An image of `[width, height]` without gaps, of `channels` numbers a pixel, of which the first `C` are read: of
-    /// RGBA the colour with `channels` 4.
+    /// An image of `[width, height]` without gaps, with `channels` numbers a pixel. The first `C` of them are read:
+    /// for the colour of RGBA, `channels` is 4.
     ///
     /// # Errors
     /// [`ReconstructError::TooShort`] if `data` ends before the last pixel.
@@ -78,7 +78,7 @@ impl<'a, const C: usize> PlanesView<'a, C> {
         data.iter().step_by(pixel.max(1)).take(self.size[0]).copied()
     }
 
-    /// Copies it into planes of their own, number by number through `convert`.
+    /// Copies the image into planes, with `convert` applied to every number.
     fn copy_into(&self, out: &mut Planes<C>, convert: impl Fn(f32) -> f32 + Sync) {
         let [width, height] = self.size;
         out.resize(width, height);
@@ -98,29 +98,29 @@ impl<'a, const C: usize> From<&'a Planes<C>> for PlanesView<'a, C> {
     }
 }
 
-/// What the numbers of a depth buffer mean. `near` and `far` are distances of the clip planes along the view axis, world
-/// units; `far` may be infinite.
+/// The meaning of the numbers of a depth buffer. `near` and `far` are distances of the clip planes along the view
+/// axis in world units; `far` may be infinite.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub enum DepthEncoding {
-    /// Distance along the view axis, world units; 0 where nothing was hit.
+    /// Distance along the view axis in world units; 0 where there is no surface.
     #[default]
     Distance,
-    /// Projective depth, 0 at the near plane and 1 at the far plane. 1 means that nothing was hit.
+    /// Projective depth: 0 at the near plane, 1 at the far plane. 1 means no surface.
     Projective {
         /// Distance of the near plane, above 0.
         near: f32,
         /// Distance of the far plane.
         far: f32,
     },
-    /// Projective depth reversed, 1 at the near plane and 0 at the far plane. 0 means that nothing was hit.
+    /// Reversed projective depth: 1 at the near plane, 0 at the far plane. 0 means no surface.
     Reversed {
         /// Distance of the near plane, above 0.
         near: f32,
         /// Distance of the far plane.
         far: f32,
     },
-    /// Linear depth, 0 at the near plane and 1 at the far plane, which is not infinite. 1 means that nothing was hit.
+    /// Linear depth: 0 at the near plane, 1 at the far plane, which must be finite. 1 means no surface.
     Linear {
         /// Distance of the near plane, 0 or more.
         near: f32,
@@ -130,7 +130,7 @@ pub enum DepthEncoding {
 }
 
 impl DepthEncoding {
-    /// The distance along the view axis, world units; 0 where nothing was hit, or if `value` is not a number.
+    /// The distance along the view axis in world units; 0 where there is no surface, or if `value` is not a number.
     #[must_use]
     pub fn distance(self, value: f32) -> f32 {
         let is_hit = match self {
@@ -141,7 +141,7 @@ impl DepthEncoding {
         if !is_hit {
             return 0.0;
         }
-        // 1/z is linear in projective depth: 1/near at one end, 1/far, which may be 0, at the other.
+        // 1/z is linear in projective depth: 1/near at one end, and 1/far, which may be 0, at the other end.
         let projective = |value: f32, near: f32, far: f32| {
             let (at_near, at_far) = (1.0 / near, 1.0 / far);
             1.0 / (at_far + (at_near - at_far) * value)
@@ -166,46 +166,47 @@ impl DepthEncoding {
     }
 }
 
-/// A low-resolution frame of any renderer, in its memory: what [`crate::Reconstructor`] reads.
+/// A low-resolution frame in the memory of any renderer: the input of [`crate::Reconstructor`].
 ///
-/// All planes are of one size, that of [`gs3_scene::Camera::low_resolution`] and the margin around it. Values are point
-/// samples at the LR pixel centres moved by the jitter.
+/// All planes have one size: [`gs3_scene::Camera::low_resolution`] plus the margin. Values are point samples at the
+/// LR pixel centres, shifted by the jitter.
 #[derive(Clone, Copy, Debug)]
 pub struct GBufferView<'a> {
     /// Display-encoded red, green, blue; finite.
     pub color: PlanesView<'a, 3>,
-    /// ∂colour/∂x and ∂colour/∂y of the visible surface, per LR pixel. Without them colours are differenced
-    /// ([`crate::difference`] says what that costs).
+    /// ∂colour/∂x and ∂colour/∂y of the visible surface, per LR pixel. Without gradients, the colours are differenced
+    /// ([`crate::difference`] gives the cost).
     pub gradients: Option<[PlanesView<'a, 3>; 2]>,
     /// Depth of the visible surface.
     pub depth: PlanesView<'a, 1>,
-    /// What the numbers of `depth` mean.
+    /// The meaning of the numbers of `depth`.
     pub encoding: DepthEncoding,
-    /// The way from where the surface of a sample is in this frame to where the same point of the surface was in the
-    /// frame before, LR pixels, x right and y down; finite. Both places are those without jitter, and the camera's
-    /// motion is included: the convention of FSR and DLSS.
+    /// Motion vectors in LR pixels, x right and y down; finite. A vector points from a surface point's place in this
+    /// frame to the same point's place in the previous frame. Both places are without jitter, and the camera's motion
+    /// is included: the convention of FSR and DLSS.
     ///
-    /// Without motion everything shown has stood still since the frame before. So have surfaces whose vectors differ from
-    /// what depths and cameras explain by no more than 1/256 pixel and 1/1024 of the vector (half precision rounds by as
-    /// much). Other surfaces take their history along, and move in the in-between frames.
+    /// Without motion vectors, everything shown has stood still since the previous frame. A surface also counts as
+    /// resting if its vectors differ from the motion by depths and cameras by at most 1/256 pixel plus 1/1024 of the
+    /// vector (half precision rounds by as much). Other surfaces carry their history along, and move in the
+    /// in-between frames.
     ///
-    /// * A surface that was nowhere in the frame before has a vector longer than two pictures.
-    /// * Where nothing was hit, vectors say only that the past counts as far as the colours of this frame allow.
-    /// * Vectors tell of shapes. Lights, shadows and reflections that move over a resting surface are seen up to S² frames
-    ///   late.
+    /// * The vector of a surface that the previous frame does not show anywhere is longer than two pictures.
+    /// * Where there is no surface, a vector only says that the past counts as far as the current colours allow.
+    /// * Vectors describe the motion of shapes. Lights, shadows and reflections that move over a resting surface are
+    ///   seen up to S² frames late.
     /// * The vectors of the first frame after a reset are not read.
     ///
-    /// Memory: 96 B per LR pixel, and 20 B per HR pixel once something moves. Time: where nothing moves, some per cent;
-    /// every HR pixel that moves costs up to ten times what one at rest does.
+    /// Memory: 96 B per LR pixel, and 20 B per HR pixel once something moves. Time: a few per cent where nothing
+    /// moves; a moving HR pixel costs up to ten times as much as a resting one.
     pub motion: Option<PlanesView<'a, 2>>,
-    /// Offset of the samples from the LR pixel centres, in LR pixels, x right and y down, within ±1.
+    /// Jitter: the offset of the samples from the LR pixel centres, in LR pixels, x right and y down, within ±1.
     pub jitter: [f32; 2],
-    /// LR pixels beyond each edge of the picture that the planes have.
+    /// The margin of the planes, in LR pixels beyond each edge of the picture.
     pub margin: Margin,
 }
 
 impl<'a> GBufferView<'a> {
-    /// A frame without gradients, motion and margin whose depths are distances along the view axis.
+    /// A frame without gradients, motion and margin, with depths as distances along the view axis.
     #[must_use]
     pub fn new(color: PlanesView<'a, 3>, depth: PlanesView<'a, 1>, jitter: [f32; 2]) -> Self {
         Self {
@@ -219,10 +220,10 @@ impl<'a> GBufferView<'a> {
         }
     }
 
-    /// The planes of `gbuffer`, median depths, of a scene that stands still.
+    /// The planes of `gbuffer`, with its median depths, of a scene that stands still.
     ///
     /// # Errors
-    /// [`ReconstructError::Missing`] if it has no geometry.
+    /// [`ReconstructError::Missing`] if `gbuffer` has no geometry.
     pub fn of(gbuffer: &'a GBuffer) -> Result<Self, ReconstructError> {
         let geometry = gbuffer.geometry.as_ref().ok_or(ReconstructError::Missing { what: "depth" })?;
         let gradients = gbuffer.gradients.as_ref();
@@ -233,7 +234,7 @@ impl<'a> GBufferView<'a> {
         })
     }
 
-    /// Copies it into `out`, and its motion, if it has any, into `vectors`; memory is reused.
+    /// Copies the frame into `out`, and its motion, if there is any, into `vectors`. Memory is reused.
     pub(crate) fn copy_into(
         &self,
         out: &mut GBuffer,
@@ -283,7 +284,7 @@ mod tests {
         let own = Planes::<3>::from_data(4, 2, data[..24].to_vec()).unwrap();
         PlanesView::from(&own).copy_into(&mut out, |v| v);
         assert_eq!(out, own);
-        // The last number of the last pixel is the last that is needed.
+        // The last number needed is the last one of the last pixel.
         assert!(PlanesView::<3>::interleaved(&data[..31], [4, 2], 4).is_ok());
         let error = PlanesView::<3>::interleaved(&data[..30], [4, 2], 4).unwrap_err();
         assert_eq!(error, ReconstructError::TooShort { expected: 31, actual: 30 });
@@ -295,7 +296,7 @@ mod tests {
     fn depths_are_those_of_a_projection() {
         let (near, far) = (0.1_f32, 50.0_f32);
         for z in [0.1_f32, 0.5, 3.0, 49.0] {
-            // What a graphics API's perspective matrix makes of z.
+            // Depth by a graphics API's perspective matrix.
             let standard = far / (far - near) * (1.0 - near / z);
             let endless = near / z;
             for (encoding, value) in [

@@ -1,4 +1,4 @@
-//! Reconstruction on a GPU beside the CPU's: the same images within rounding, on whatever adapter is at hand.
+//! Reconstruction on a GPU against the CPU's: the same images within rounding, on any adapter at hand.
 #![cfg(feature = "gpu")]
 #![allow(clippy::unwrap_used, reason = "test code outside of test functions")]
 
@@ -47,7 +47,7 @@ impl Uploaded {
         Self::with_rows(gpu, gbuffer, gbuffer.width(), gbuffer.height())
     }
 
-    /// With rows `stride` pixels apart, and room for `rows` of them.
+    /// With rows `stride` pixels apart, and memory for `rows` rows.
     fn with_rows(gpu: &Gpu, gbuffer: &GBuffer, stride: usize, rows: usize) -> Self {
         let width = gbuffer.width();
         let (gradients, geometry) = (gbuffer.gradients.as_ref().unwrap(), gbuffer.geometry.as_ref().unwrap());
@@ -129,7 +129,7 @@ fn uncertainty_errors(actual: &Image, expected: &Image) -> (f64, f64) {
 /// A camera for each frame, and a name.
 type Motion = (&'static str, Box<dyn Fn(usize) -> Camera>);
 
-/// Camera motions, each of which meets something else.
+/// Camera motions; each tests something else.
 fn motions(size: [u32; 2]) -> Vec<Motion> {
     let at = move |position: [f64; 3], yaw: f64, pitch: f64| camera(size[0], size[1], position, yaw, pitch);
     vec![
@@ -155,9 +155,9 @@ fn motions(size: [u32; 2]) -> Vec<Motion> {
     ]
 }
 
-/// The PSNR of `actual` and the share of its pixels that were kriged where those of `ways[own]`, the CPU's, were not,
-/// or the other way round; these are compared with what they are when kriged otherwise. `ways` begin without kriging
-/// and end with the finest.
+/// The PSNR of `actual`, and the share of its pixels that were kriged where the pixels of `ways[own]`, the CPU's
+/// image, were not, or the other way round. The latter pixels are compared with their values under the other kriging.
+/// `ways` begin without kriging and end with the finest.
 fn kriged_psnr(actual: &Image, ways: &[Image], own: usize) -> (f64, f64) {
     let (first_order, finest) = (&ways[0], &ways[ways.len() - 1]);
     let difference = |a: &[f32; 4], b: &[f32; 4]| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();
@@ -327,7 +327,7 @@ fn history_is_what_was_kept() {
 #[test]
 fn interpolation_matches_the_cpu() {
     let Some(gpu) = gpu() else { return };
-    // A post whose rim is soft, a wall that ends: holes within and at the border, and nothing beyond.
+    // A post with a soft rim and a wall that ends: holes inside and at the border, and nothing beyond.
     let mut world = wall_and_post(60.0);
     world.sheets[1].half_width = 3.0;
     world.sheets.push(Sheet { half_width: 9.0, softness: 0.1, ..Sheet::endless(14.0, 5, 20.0) });
@@ -396,7 +396,7 @@ fn what_does_not_fit_is_a_typed_error() {
     let sampler = |size, margin| {
         GpuSuperSampler::new(&gpu, 1, size, Innovation::NotWanted, Kriging::On, margin).map(|_| ())
     };
-    // Frames that may be, of which one device in a hundred has room for the history.
+    // Frames of a valid size; one device in a hundred has memory for their history.
     if gpu.capabilities().limits.binding_bytes < (8192 * 8192) * 32 {
         let large = sampler([8192; 2], 8192);
         assert!(matches!(large, Err(GpuReconstructError::Gpu(GpuError::TooLarge { .. }))), "{large:?}");

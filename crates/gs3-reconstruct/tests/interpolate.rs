@@ -208,7 +208,7 @@ fn warped_neighbors_say_what_they_see() {
         let share = b / (a + b);
         assert!((warped.share.data()[k] - share).abs() < 2e-4);
     }
-    // Depths are those of the middle pose, away from silhouettes of one LR pixel.
+    // Depths equal the middle pose's depths, except within one LR pixel of silhouettes.
     let lr_camera = middle.low_resolution(4);
     let [mut right, mut count] = [0, 0];
     for y in 0..warped.inverse_depth.height() {

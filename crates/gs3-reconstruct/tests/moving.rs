@@ -90,7 +90,7 @@ fn what_moves_is_as_sharp_as_what_stands_still() {
             println!("{figures}");
             // Seen: 8.8 to 25.4 dB more than without, and up to 6 dB less than where a camera passes what rests.
             assert!(with.disc > without.disc + 6.0 && with.disc > 35.0, "{figures}");
-            // Around it are uncovered places, whose history is short, and samples that its rim may have hidden.
+            // Around it are uncovered places with a short history, and samples that its rim may have hidden.
             assert!(with.padded > without.padded.min(still.padded) - 0.5 && with.padded > 30.0, "{figures}");
             assert!(with.elsewhere > without.elsewhere.min(100.0) - 0.1, "{figures}");
         }

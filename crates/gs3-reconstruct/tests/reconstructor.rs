@@ -1,4 +1,4 @@
-//! The reconstructor: any renderer's frames, whatever lies where in memory.
+//! The reconstructor: frames of any renderer, in any memory layout.
 #![allow(clippy::unwrap_used, reason = "a failed helper is a failed test")]
 
 mod world;

@@ -298,8 +298,8 @@ fn another_size_resets_and_errors_do_not() {
     assert_eq!((out, sampler.history_invalid()), (before, None));
 }
 
-/// Of a camera that turns left, what it shows at its left edge has been sampled before, and is sharper for it; the
-/// right is as it was.
+/// When a camera turns left, the parts at its left edge have been sampled before, and are sharper for it. The right
+/// edge is unchanged.
 #[test]
 fn what_a_turn_reveals_has_a_past_in_the_margin() {
     let world = wall_and_post(60.0);

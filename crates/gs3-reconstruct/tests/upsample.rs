@@ -45,7 +45,7 @@ fn value(c: &[[f64; 4]; 4], x: f64, y: f64, p: i32, q: i32) -> f64 {
     sum
 }
 
-/// Largest error against the polynomial at the HR pixels whose four samples exist.
+/// Largest error against the polynomial at the HR pixels with all four samples.
 fn inner_error(out: &Image, scale: u32, jitter: [f32; 2], c: &[[f64; 4]; 4]) -> f64 {
     let (s, mut worst) = (f64::from(scale), 0.0_f64);
     let (w, h) = (out.width() as f64 / s, out.height() as f64 / s);

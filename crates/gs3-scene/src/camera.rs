@@ -7,7 +7,7 @@ use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 use crate::transform::Similarity;
 
-/// Largest side of an image that is rendered: 7680×4320 with room for portrait and square formats.
+/// Largest side of a rendered image: 7680×4320 fits, and so do portrait and square formats.
 pub const MAX_SIDE: u32 = 8192;
 
 /// Largest side of the image of a camera: photos may be larger than what is rendered.
@@ -191,8 +191,8 @@ impl Camera {
         self.scaled(width, height, f64::from(height) / f64::from(self.intrinsics.height))
     }
 
-    /// The same view at another size that keeps the horizontal field of view instead: for cameras whose horizontal one is
-    /// all that is known of them.
+    /// The same view at another size, with the same horizontal field of view: for cameras that state only a
+    /// horizontal one.
     ///
     /// # Errors
     /// [`CameraError::Size`] if the size is zero or too large.

@@ -87,7 +87,7 @@ impl CameraPath {
         Ok(Self { cameras, names: Vec::new(), frames_per_second, is_cycle, facts: PathFacts::default() })
     }
 
-    /// A closed path through generated cameras, of which there is at least one.
+    /// A closed path through generated cameras; there is at least one.
     pub(crate) fn cycle(cameras: Vec<Camera>) -> Self {
         Self {
             cameras,
@@ -157,8 +157,8 @@ impl CameraPath {
         self.is_cycle
     }
 
-    /// The camera at `time` in frames. Whole times give the keyframes as they are. Times outside the path wrap around
-    /// in a cycle and stay at its ends otherwise. The image size is that of the keyframe before `time`.
+    /// The camera at `time` in frames. Whole times give the keyframes unchanged. Times outside the path wrap around
+    /// in a cycle, and are clamped to its ends otherwise. The image size is the size of the keyframe before `time`.
     #[must_use]
     pub fn at(&self, time: f64) -> Camera {
         let count = self.cameras.len() as f64;

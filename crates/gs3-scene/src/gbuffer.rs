@@ -195,13 +195,13 @@ impl Margin {
 
 /// One rasterized frame with what only Gaussians give: exact gradients, depth, normals.
 ///
-/// Pixel `(i, j)` is the point sample of the image at `(i + 0.5 + jitter.x, j + 0.5 + jitter.y)` of this grid, whose
-/// origin lies [`Self::margin`] left of and above the picture's. All planes have the same size, and all but depths are
-/// finite.
+/// Pixel `(i, j)` is the point sample of the image at `(i + 0.5 + jitter.x, j + 0.5 + jitter.y)` of this grid. The
+/// grid's origin lies [`Self::margin`] left of and above the picture's. All planes have the same size. All values
+/// except depths are finite.
 ///
-/// What reads which, for those who fill it with another renderer: enlarging reads colour, Hermite interpolation
-/// gradients too, super sampling and interpolation over time median depths too, networks alpha and normals too. Nothing
-/// reconstructs from expected depths.
+/// Another renderer must fill the planes that are read: enlarging reads colour; Hermite interpolation also reads
+/// gradients; super sampling and interpolation over time also read median depths; networks also read alpha and
+/// normals. Reconstruction does not read expected depths.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct GBuffer {
     /// Offset of the sample positions from the pixel centres, in pixels of this grid.

@@ -5,10 +5,11 @@ use rayon::prelude::*;
 /// Pixels that a thread converts at a time: shorter tasks cost more than they convert.
 const PIXELS_AT_ONCE: usize = 1 << 14;
 
-/// An RGB frame, `[height, width, 4]` f32: display-encoded red, green, blue (nominally in `[0, 1]`, not clamped) and a
-/// fourth value whose meaning the producer states (alpha for the rasterizer, uncertainty for the super sampler).
+/// An RGB frame, `[height, width, 4]` f32: display-encoded red, green, blue (nominally in `[0, 1]`, not clamped) and
+/// a fourth value. The producer states the fourth value's meaning (alpha for the rasterizer, uncertainty for the
+/// super sampler).
 ///
-/// Four channels, because one pixel is then one aligned 128-bit load wherever history is gathered.
+/// There are four channels so that one pixel is one aligned 128-bit load wherever history is gathered.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Image {
     width: usize,

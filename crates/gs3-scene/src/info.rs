@@ -246,7 +246,7 @@ impl fmt::Display for Digits {
         match value.abs() {
             0.0 => write!(f, "0"),
             size @ 0.001..10_000.0 => {
-                // Digits after the point, of which 1 to 10 has three.
+                // Digits after the point: a size of 1 to 10 has three digits in all.
                 let digits = (3.0 - size.log10().floor()).max(0.0) as usize;
                 write!(f, "{value:.digits$}")
             }

@@ -13,7 +13,7 @@ use crate::scene::Scene;
 use matter::Matter;
 use place::{Frame, Ring};
 
-/// Vertical field of view of generated paths: 50°, about that of a normal lens held upright.
+/// Vertical field of view of generated paths: 50°, about as a normal lens held upright.
 const FOV_Y: f64 = 50.0 * PI / 180.0;
 
 /// Height of the camera over the horizon of an object's centre: 15°, from where both tops and sides of it show.
@@ -37,8 +37,9 @@ const STRAY: f64 = 5.0;
 /// smaller one would be before the plane.
 const PLACE_RADIUS: f64 = 4.0;
 
-/// The near plane [`NEAR`] is for scenes whose centres have at least this median distance from their middle, world
-/// units; in smaller ones it is nearer in proportion. (Captures in the unit of their camera tracks have more.)
+/// The near plane [`NEAR`] is for scenes with at least this median distance of centres from their middle, in world
+/// units. In smaller scenes the near plane is nearer in proportion. (Captures in the unit of their camera tracks are
+/// larger.)
 const USUAL_SIZE: f64 = 0.5;
 
 /// Percentiles are taken over at most this many Gaussians, evenly spread over the scene.
@@ -54,7 +55,7 @@ pub struct Bulk {
     /// Median of the centres, per axis.
     pub center: DVec3,
     /// Radius around `center` that holds the bulk of the scene: the 95th percentile of the distances, but at most
-    /// five times their median. The second rules in captures whose background reaches many times farther than their
+    /// five times their median. The limit matters in captures with a background many times farther away than the
     /// subject.
     pub radius: f64,
     /// Lengths along x, y and z between the 10th and the 90th percentile of the centres.
@@ -67,7 +68,7 @@ pub struct Bulk {
 }
 
 impl Bulk {
-    /// That of `scene`.
+    /// The bulk of `scene`.
     #[must_use]
     pub fn of(scene: &Scene) -> Self {
         Survey::of(scene).bulk
@@ -103,8 +104,8 @@ impl Survey {
         Self { bulk: Bulk { center, radius, extent, is_object, up }, subject, near }
     }
 
-    /// Centre of the box around an object, and the distance from which all of it is in the image, whatever side it
-    /// shows, and none of it before the near plane.
+    /// Centre of the box around an object, and the distance at which the whole object is in the image from every
+    /// side, with no part before the near plane.
     fn around_object(&self, frame: &Frame) -> (DVec3, f64) {
         let [low, high] = [0.005, 0.995].map(|share| along(&self.subject, share));
         let center = 0.5 * (low + high);

@@ -135,7 +135,7 @@ pub enum AxesKnownBy {
     Format,
     /// The file states them.
     File,
-    /// Whoever loads the file states them.
+    /// The caller who loads the file states them.
     Caller,
 }
 
@@ -195,8 +195,8 @@ impl Scene {
         &self.details
     }
 
-    /// The same scene with other details, from a file or from the scene that this one is a part of. A near plane that is
-    /// not positive and finite is left as it was.
+    /// The same scene with other details, from a file or from the scene that it is a part of. A near plane that is
+    /// not positive and finite is ignored.
     #[must_use]
     pub fn with_details(mut self, details: Details) -> Self {
         let near = self.details.near;
@@ -207,8 +207,8 @@ impl Scene {
         self
     }
 
-    /// The same scene with another near plane, view-space z in world units; one that is not positive and finite is
-    /// left as it was.
+    /// The same scene with another near plane, view-space z in world units. A near plane that is not positive and
+    /// finite is ignored.
     #[must_use]
     pub fn with_near(self, near: f32) -> Self {
         let details = Details { near, ..self.details.clone() };

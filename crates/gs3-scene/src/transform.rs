@@ -63,10 +63,11 @@ pub struct ShTransform {
 }
 
 impl ShTransform {
-    /// Of the orthogonal matrix `to_from`: coefficients c of a function f become those of d ↦ f(to_from⁻¹ d).
+    /// The transform of the orthogonal matrix `to_from`: coefficients of a function f become coefficients of d ↦
+    /// f(to_from⁻¹ d).
     ///
-    /// Found numerically: the functions of a degree span a space that orthogonal matrices map to itself, so the matrix
-    /// is the least-squares solution over directions all around.
+    /// The transform is found numerically. The functions of a degree span a space that orthogonal matrices map to
+    /// itself, so the transform is the least-squares solution over directions all around.
     #[must_use]
     pub fn new(to_from: DMat3) -> Self {
         // Directions of a Fibonacci spiral.

@@ -25,7 +25,7 @@ pub use tests_on_levels::repeat_tests_on_levels;
 /// The environment variable that names a level.
 pub const VARIABLE: &str = "GS3_SIMD";
 
-/// All names that [`VARIABLE`] takes, on whatever processor.
+/// All names that [`VARIABLE`] accepts, on any CPU.
 const NAMES: [&str; 6] = ["scalar", "sse2", "sse4.2", "avx2", "avx512", "neon"];
 
 /// Why the level that [`VARIABLE`] asks for cannot be had.

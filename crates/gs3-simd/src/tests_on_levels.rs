@@ -5,9 +5,9 @@ use std::process::{Command, Stdio};
 
 use crate::{VARIABLE, level, levels, name};
 
-/// Runs the calling test binary once more for every level of this processor but the one in use, without the test
-/// `this` and without tests whose names contain one of `skipped`. Nothing happens where [`VARIABLE`] already asks for a
-/// level, so that binaries started here start no others.
+/// Runs the calling test binary once more for every other level of this CPU, without the test `this` and without
+/// tests with one of `skipped` in their names. Does nothing if [`VARIABLE`] already asks for a level, so that
+/// binaries started here start no others.
 ///
 /// # Panics
 /// If the binary cannot be started, or a test fails on a level: with the level's name and the tests' output.

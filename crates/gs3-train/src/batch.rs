@@ -1,4 +1,4 @@
-//! Which parts of which clips a step is trained on.
+//! The choice of clips, and parts of clips, for each step of training.
 
 use std::path::{Path, PathBuf};
 
@@ -19,7 +19,7 @@ const HELD: &str = "held";
 pub struct ClipFolder {
     /// Those to train on, by name.
     pub train: Vec<ClipFile>,
-    /// Those to validate on, whose names begin with `held`.
+    /// The clips for validation: their names begin with `held`.
     pub held: Vec<ClipFile>,
 }
 

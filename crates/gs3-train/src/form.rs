@@ -14,7 +14,7 @@ use crate::trained_network::TrainedNetwork;
 /// Taps of a window.
 const TAPS: usize = 9;
 
-/// The branches of an edge-oriented block whose windows are fixed, but for a factor for each output channel.
+/// The branches of an edge-oriented block with fixed windows; only a factor for each output channel is trained.
 const EDGES: [(&str, [f32; TAPS]); 3] = [
     ("sobel_x", [1.0, 0.0, -1.0, 2.0, 0.0, -2.0, 1.0, 0.0, -1.0]),
     ("sobel_y", [1.0, 2.0, 1.0, 0.0, 0.0, 0.0, -1.0, -2.0, -1.0]),
@@ -49,7 +49,7 @@ enum Kind {
 }
 
 impl Form {
-    /// That of `subject`, whose graph is `graph`.
+    /// The form of `subject`, with the graph `graph`.
     pub fn new(subject: TrainedNetwork, graph: &Graph) -> Self {
         let kind = |name: &str| match subject {
             TrainedNetwork::Published(PublishedNetwork::Ecbsr) => Some(Kind::EdgeOriented),
@@ -90,8 +90,8 @@ impl Form {
         weights.check_parameters(graph, &self.parameters(graph))
     }
 
-    /// Weights to begin with: those of the graph where nothing else is trained, else uniform, of a variance of a third
-    /// of 1 / fan-in, as the publications' framework has it; factors of edges start a thousandth as large.
+    /// Initial weights: the graph's, if nothing else is trained. Otherwise they are uniform, with a variance of a
+    /// third of 1 / fan-in, as in the publications' framework; factors of edges start a thousandth as large.
     pub fn initial(&self, graph: &Graph, start: Weights, seed: u64) -> Weights {
         let (Weights { header, mut arrays }, mut random) = (start, Random::new(!seed));
         arrays.retain(|name, _| self.blocks.iter().all(|block| !block.gives(name)));
@@ -174,7 +174,7 @@ impl Block {
         }
     }
 
-    /// Replaces the trained arrays by those of the convolution.
+    /// Replaces the trained arrays by the arrays of the convolution.
     fn fold(&self, arrays: &mut Arrays) {
         let (i, o, m) = (self.inputs, self.outputs, self.wide());
         let part = |part: &str| values(arrays, &self.name(part));
@@ -302,7 +302,7 @@ impl Block {
     }
 }
 
-/// A 1×1 convolution and a 3×3 one after it, whose border is the first one's bias.
+/// A 1×1 convolution, followed by a 3×3 convolution with the first one's bias as its border.
 struct Pair<'a> {
     /// Channels of the result, between, and of the input.
     sizes: [usize; 3],
@@ -335,7 +335,7 @@ impl Pair<'_> {
         }
     }
 
-    /// Adds to `bias` what that of the first, `first_bias`, gives.
+    /// Adds the contribution of `first_bias`, the bias of the first convolution, to `bias`.
     fn fold_bias(&self, first_bias: &[f32], bias: &mut [f32]) {
         for (o, m) in self.paths() {
             bias[o] += first_bias[m] * self.then(o, m).iter().sum::<f32>();

@@ -80,7 +80,7 @@ fn write(row: &Row) -> String {
     format!("{step},{seconds:.1},{rate:.4e},{loss:.6e},{},{gradient:.4e},{gains}\n", terms.join(","))
 }
 
-/// The rows of a log, whatever its columns' order; what it has no column for is 0. Lines that were cut off are no rows.
+/// The rows of a log, with its columns in any order. Values without a column are 0. Truncated lines are not rows.
 fn read(text: &str) -> Vec<Row> {
     let mut lines = text.lines();
     let columns: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();

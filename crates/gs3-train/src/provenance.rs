@@ -2,8 +2,8 @@
 
 use gs3_neural::Header;
 
-/// `header` of weights that began as those of `earlier`: they owe something to its training data, and its licence holds
-/// for them too.
+/// `header` for weights that were trained from the weights of `earlier`: the earlier training data contributes to
+/// them, and its licence applies to them as well.
 #[must_use]
 pub fn continued(header: Header, earlier: &Header) -> Header {
     let both = |earlier: &str, now: &str, separator: &str, part: &dyn Fn(&str) -> String| {

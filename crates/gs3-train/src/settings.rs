@@ -30,7 +30,7 @@ pub struct Settings {
     pub subject: TrainedNetwork,
     /// HR pixels per LR pixel along a side.
     pub scale: u32,
-    /// Items of a step, whose derivatives are averaged.
+    /// Items of a step; their derivatives are averaged.
     pub batch: usize,
     /// Consecutive frames of an item, through which the hidden state is differentiated.
     pub window: usize,
@@ -131,8 +131,8 @@ impl Settings {
         }
     }
 
-    /// The learning rate of the step after `steps`, of which `progress` is done: a linear rise, then half a cosine down
-    /// to a hundredth.
+    /// The learning rate of the step after `steps`, at the training's `progress`: a linear rise, then half a cosine
+    /// down to a hundredth.
     #[must_use]
     pub fn rate_at(&self, steps: u64, progress: f64) -> f32 {
         let rise = ((steps as f64 + 1.0) / (self.warm_up as f64 + 1.0)).min(1.0);

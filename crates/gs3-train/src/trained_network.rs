@@ -31,7 +31,7 @@ impl TrainedNetwork {
         }
     }
 
-    /// The network whose clips it is trained on.
+    /// The network that its training clips are made for.
     #[must_use]
     pub const fn clips(self) -> Network {
         match self {
@@ -57,12 +57,11 @@ impl TrainedNetwork {
         }
     }
 
-    /// How far the image that the network gives for `frame` lies to the left of and above where it should be, in HR
-    /// pixels.
+    /// Displacement of the network's image for `frame` from its right place, left and up, in HR pixels.
     ///
-    /// Single-image networks are not told where in its block of HR pixels a frame was sampled, and could only blur what
-    /// they learn of all places. They are trained to place samples at pixel [`PublishedNetwork::sample`] of the block, so that what
-    /// they give lies beside the native image by whole pixels.
+    /// Single-image networks do not know where a frame was sampled within its block of HR pixels. They could only
+    /// learn a blur over all places. So they are trained to place samples at pixel [`PublishedNetwork::sample`] of
+    /// the block. Their image is then displaced from the native image by whole pixels.
     pub(crate) fn displacement(self, frame: &ClipFrame, scale: usize) -> [isize; 2] {
         let Self::Published(peer) = self else { return [0; 2] };
         let jitter = frame.inputs.iter().find(|plane| plane.name == JITTER);

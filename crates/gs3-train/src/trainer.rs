@@ -119,7 +119,7 @@ impl Trainer {
         })
     }
 
-    /// The weights that a training from nothing begins with: ours are those of the analytic pipeline.
+    /// The weights that training from nothing begins with. Our networks start as the analytic pipeline.
     ///
     /// # Errors
     /// [`TrainError::Graph`] if there is no network of that scale.
@@ -129,11 +129,11 @@ impl Trainer {
         Ok(Form::new(settings.subject, &graph).initial(&graph, start, settings.seed))
     }
 
-    /// Weights of a file that a training can begin with: the network's, or those of a smaller tier, grown ([`grown`]).
-    /// Of networks that are trained in another form than they are run in, only checkpoints hold such.
+    /// Weights of a file that training can begin with: the network's, or a smaller tier's, grown ([`grown`]). For
+    /// networks with a different form in training, only checkpoints hold such weights.
     ///
     /// # Errors
-    /// [`TrainError`] if they cannot be read, are not those of the network or cannot grow into such.
+    /// [`TrainError`] if they cannot be read, do not fit the network, or cannot be grown to fit.
     pub fn load(settings: &Settings, path: &Path) -> Result<Weights, TrainError> {
         let graph = settings.subject.graph(settings.scale)?;
         let form = Form::new(settings.subject, &graph);

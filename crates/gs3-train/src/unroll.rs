@@ -165,8 +165,8 @@ impl Unroll {
         }
     }
 
-    /// Runs through `clip`, whose hidden state begins at zero. The perceptual term, which costs more than the network,
-    /// looks at one frame: items whose `turn`s follow each other at different ones.
+    /// Runs through `clip`; the hidden state begins at zero. The perceptual term costs more than the network, so it
+    /// is computed for one frame. Items with consecutive `turn`s compute it for different frames.
     ///
     /// # Errors
     /// [`TrainError::Run`] if the clip is of another size.
@@ -357,7 +357,7 @@ pub fn displaced<T: Copy>(image: &[T], width: usize, [x, y]: [isize; 2]) -> Vec<
     out
 }
 
-/// The error image of `color`, of `channels` of which the first are RGB, against a target.
+/// The error image of `color` against a target. `color` has `channels` channels; the first three are RGB.
 fn subtract(color: &[f32], channels: usize, target: &[u16], error: &mut [f32]) {
     let (color, target) = (color.chunks_exact(channels), target.as_chunks::<3>().0);
     for ((error, color), target) in error.as_chunks_mut::<CHANNELS>().0.iter_mut().zip(color).zip(target) {

@@ -30,7 +30,7 @@ pub struct Validation {
 pub struct Gain {
     /// The clip's name.
     pub name: String,
-    /// Mean PSNR of its frames over that of frames without learning, or of bicubic interpolation, in dB.
+    /// Mean PSNR of its frames less the PSNR of frames without learning, or of bicubic interpolation, in dB.
     pub psnr: f64,
     /// The same of tPSNR, of frame differences.
     pub tpsnr: f64,
@@ -38,8 +38,8 @@ pub struct Gain {
     pub analytic: f64,
 }
 
-/// Runs `graph`, that of `subject`, with `weights` through all of `clips`. Work is spread over the current rayon thread
-/// pool; results do not depend on its size.
+/// Runs `graph`, the graph of `subject`, with `weights` through all of `clips`. Work is spread over the current rayon
+/// thread pool; results do not depend on its size.
 ///
 /// # Errors
 /// [`TrainError`] if a clip cannot be read or does not fit the network.
@@ -150,8 +150,8 @@ fn bicubic(frame: &ClipFrame, inputs: &[Vec<f32>], file: &ClipFile) -> Result<Ve
     Ok(image.pixels().to_vec())
 }
 
-/// Errors of an image, `[height, width, channels]` of which the first are RGB, shown in `[0, 1]`, against a target:
-/// RGB, at least `margin` pixels from the border.
+/// Errors of an image against a target, `[height, width, channels]`, shown in `[0, 1]`; the first three channels are
+/// RGB. The result is RGB, at least `margin` pixels from the border.
 pub(crate) fn subtract(
     image: &[f32],
     [width, channels, margin]: [usize; 3],
@@ -172,7 +172,7 @@ pub(crate) fn subtract(
     }
 }
 
-/// PSNR in dB of errors, peak 1; without any that of equal frames.
+/// PSNR in dB of errors, peak 1; without errors, the PSNR of equal frames.
 pub(crate) fn psnr(errors: impl ExactSizeIterator<Item = f32>) -> f64 {
     let count = errors.len() as f64;
     let sum: f64 = errors.map(|e| f64::from(e) * f64::from(e)).sum();

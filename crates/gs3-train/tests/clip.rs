@@ -22,7 +22,7 @@ fn a_file_gives_what_was_written_whole_and_in_parts() {
     let folder = tempfile::tempdir().unwrap();
     for network in Network::ALL {
         let clip = clip(network, 4, LR, 1);
-        // Not assert_eq: nobody wants to read them.
+        // Not assert_eq: its output would be too long to read.
         assert!(Clip::from_bytes(&clip.to_bytes().unwrap()).unwrap() == clip);
         let path = folder.path().join("a.clip");
         clip.save(&path).unwrap();
@@ -68,7 +68,7 @@ fn a_part_holds_the_pixels_of_its_place() {
     assert!(again == part);
 }
 
-/// A pixel whose past lies outside the part has none there, as at the border of an image.
+/// A pixel with a past outside the part has no past there, as at the border of an image.
 #[test]
 fn what_comes_from_outside_a_part_is_not_valid() {
     let mut whole = clip(Network::SuperSample, 3, LR, 3);

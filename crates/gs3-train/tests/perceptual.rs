@@ -6,7 +6,7 @@ use gs3_neural::Random;
 use gs3_neural::arrays::{Array, Arrays};
 use gs3_train::losses::{Interior, Perceptual};
 
-/// Margin, and an interior of 36×32, of which all is seen.
+/// Margin, and an interior of 36×32, which is seen as a whole.
 const MARGIN: usize = 2;
 const SIZE: [usize; 2] = [40, 36];
 

@@ -6,8 +6,8 @@ use rusty_h264_encoder::{EncoderConfig, Preset};
 
 use crate::{Picture, VideoError};
 
-/// How coarsely frames are quantised, from 0 to 51. Empirical: on rendered frames, about the file size and the fidelity
-/// of x264 at its quality 17 (see the crate's test of fidelity, which holds the mean error to that of 43 dB).
+/// How coarsely frames are quantised, from 0 to 51. Empirical: on rendered frames, file size and fidelity are about
+/// those of x264 at its quality 17 (see the crate's test of fidelity, which limits the mean error to 43 dB).
 const QUANTISER: u8 = 18;
 
 /// A key frame comes at least this often, in seconds: players go to any moment from the key frame before it.

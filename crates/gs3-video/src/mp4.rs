@@ -1,7 +1,7 @@
 //! The file: MP4 (ISO/IEC 14496-12 and -15) with one track of H.264.
 //!
-//! The index of frames comes before them, so that a page can show the video while it loads; room for the index is
-//! left at the beginning and filled in at the end.
+//! The index of frames comes before the frames, so that a page can show the video while it loads. Space for the index
+//! is reserved at the beginning and filled in at the end.
 
 use std::io::{self, Seek, SeekFrom, Write};
 
@@ -24,7 +24,7 @@ pub struct Track {
 pub struct Mp4<W> {
     out: W,
     track: Track,
-    /// Where the room for the index begins, and its length.
+    /// Where the space reserved for the index begins, and its length.
     room: (u64, u64),
     /// Where the frames begin.
     frames_at: u64,
@@ -37,13 +37,13 @@ const INDEX: u64 = 1024;
 /// Bytes that a frame takes in the index, and a key frame beyond that: its number, its place, its chunk's length.
 const PER_FRAME: u64 = 4;
 const PER_KEY_FRAME: u64 = 4 + 8 + 12;
-/// Bytes of the header of a box, of one whose length is written in eight bytes.
+/// Bytes of the header of a box with its length in eight bytes.
 const HEADER: u64 = 8;
 const LONG_HEADER: u64 = 16;
 
 impl<W: Write + Seek> Mp4<W> {
-    /// Begins a file of about `frames` frames; their index has room for that many, and goes to the end of the file
-    /// should there be more.
+    /// Begins a file of about `frames` frames. Space for their index is reserved; with more frames, the index goes to
+    /// the end of the file.
     ///
     /// # Errors
     /// [`VideoError::Rate`] for a rate outside 0 to 1000, and what writing reports.
@@ -268,8 +268,9 @@ fn decoder_configuration([sequence, picture]: [&[u8]; 2]) -> Vec<u8> {
     content.bytes(format).boxed(b"avcC")
 }
 
-/// Units of time a second, and units from one frame to the next, whose quotient is `rate` within 1 in 10⁹, or as nearly
-/// as numbers below 2³¹ come: the first convergent of its continued fraction that near. So 29.97002997… is 30000/1001.
+/// Units of time a second, and units from one frame to the next. Their quotient is `rate` within 1 in 10⁹, or as
+/// nearly as numbers below 2³¹ allow: the first convergent of its continued fraction that is near enough. So
+/// 29.97002997… is 30000/1001.
 fn time_base(rate: f64) -> (u32, u32) {
     const LARGEST: f64 = (1_u32 << 31) as f64;
     // Numerators and denominators of the last two convergents.

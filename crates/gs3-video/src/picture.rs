@@ -10,8 +10,8 @@ const RED: f32 = 0.2126;
 const BLUE: f32 = 0.0722;
 const GREEN: f32 = 1.0 - RED - BLUE;
 
-/// A frame as video holds it. Both sides are even: of a frame whose width or height is odd the last column or row is
-/// there twice, since 4:2:0 has one colour sample for two pixels.
+/// A frame in the format of video. Both sides are even: the last column or row of an odd frame is repeated, because
+/// 4:2:0 has one colour sample for two pixels.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Picture {
     width: usize,
@@ -22,9 +22,9 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// Converts `rgb`, the display-encoded 8-bit pixels of a frame of `size` row by row. A colour sample lies where H.264
-    /// puts it unless told otherwise, on every other column and between two rows: it is the mean of both rows,
-    /// weighted ¼, ½, ¼ over the columns around it.
+    /// Converts `rgb`, the display-encoded 8-bit pixels of a frame of `size`, row by row. A colour sample lies at
+    /// H.264's default place, on every other column and between two rows. It is the mean of both rows, weighted ¼, ½,
+    /// ¼ over the columns around it.
     ///
     /// # Errors
     /// [`VideoError::Bytes`] if `rgb` is no such frame.

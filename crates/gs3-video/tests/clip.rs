@@ -53,7 +53,7 @@ fn rgb(y: u8, cb: u8, cr: u8) -> [f64; 3] {
     [y + 1.5748 * cr, y - 0.187_324_272_93 * cb - 0.468_124_272_93 * cr, y + 1.8556 * cb].map(|v| 255.0 * v)
 }
 
-/// Checks the mean of the inside of every patch of frame `k`, whose pixels `at` gives.
+/// Checks the mean of the inside of every patch of frame `k`; `at` gives the frame's pixels.
 fn check_patches(size: [u32; 2], k: usize, at: impl Fn(usize, usize) -> [f64; 3]) {
     let [width, height] = size.map(|side| side as usize);
     // Colour samples reach a pixel across the border of a patch, and deblocking filters three.

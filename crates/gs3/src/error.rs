@@ -6,12 +6,12 @@ use gs3_reconstruct::ReconstructError;
 use crate::learned::NetworkError;
 use crate::settings::MAX_IN_BETWEEN;
 
-/// Why a frame could not be made. None is presented then, and the last one stays. What is asked for is refused before
-/// anything changes; where something fails later, on a device, the next frame begins without history.
+/// Why a frame could not be made. No frame is presented then, and the last frame stays. An invalid request is refused
+/// before anything changes. If a device fails later, the next frame starts without history.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PipelineError {
-    /// Frames are to stay on a device that does not make all of them.
+    /// Frames are to stay on a device that does not make the whole frame.
     #[error(
         "frame on a device: expected a pipeline that makes all of it on a GPU (render_on, mode super-sample or full, with networks a size that is a multiple of the scale), found one that does not"
     )]
@@ -19,12 +19,12 @@ pub enum PipelineError {
     /// The rasterizer refuses the settings.
     #[error(transparent)]
     Raster(#[from] RasterError),
-    /// A GPU has no room, fails or is lost: [`FramePipeline::render_on_cpu`](crate::FramePipeline::render_on_cpu)
-    /// goes on without it.
+    /// A GPU has too little memory, fails or is lost:
+    /// [`FramePipeline::render_on_cpu`](crate::FramePipeline::render_on_cpu) continues without it.
     #[cfg(feature = "gpu")]
     #[error(transparent)]
     Gpu(#[from] gs3_compute::GpuError),
-    /// A GPU is asked for, and the library was built without any.
+    /// A GPU is asked for, and the library was built without GPU support.
     #[cfg(not(feature = "gpu"))]
     #[error("backend: expected auto or cpu, as gs3 was built without its feature gpu, found gpu")]
     NoGpuFeature,
@@ -34,30 +34,30 @@ pub enum PipelineError {
     /// A network cannot be used.
     #[error(transparent)]
     Network(#[from] NetworkError),
-    /// Too many or too few frames are to be made between two rendered ones.
+    /// The number of in-between frames is too small or too large.
     #[error("in-between frames: expected 1 to {MAX_IN_BETWEEN} for each rendered one, found {actual}")]
     InBetween {
         /// Frames asked for.
         actual: u32,
     },
-    /// The share of pixels to be rasterized exactly is no share.
+    /// The share of pixels to be rasterized exactly is not in `[0, 1]`.
     #[error("refine: expected a share of the pixels from 0 to 1, found {actual}")]
     RefineShare {
         /// The share asked for.
         actual: f32,
     },
-    /// A fault of this library: a stage did not find what the stages before it leave.
+    /// A fault of this library: a stage lacks data that earlier stages should have left.
     #[error("internal error: expected {expected}, found none; please report it")]
     Internal {
         /// What the stage needs.
         expected: &'static str,
     },
-    /// Cameras between the previous frame and this one are not those of the in-between frames.
+    /// The number of cameras between the previous frame and this one is not the number of in-between frames.
     #[error("cameras between two frames: expected none or {expected}, found {actual}")]
     Between {
-        /// In-between frames.
+        /// Number of in-between frames.
         expected: usize,
-        /// Cameras given.
+        /// Number of cameras given.
         actual: usize,
     },
     /// A camera between the previous frame and this one has another size.

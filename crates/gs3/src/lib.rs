@@ -1,7 +1,7 @@
-//! Shows trained 3D Gaussian Splatting scenes sharp and fluid: rasterizes few pixels together with what only Gaussians
-//! give for free (exact image gradients, depth, normals) and reconstructs the rest.
+//! Shows trained 3D Gaussian Splatting scenes sharp and fluid. Few pixels are rasterized, together with data that
+//! Gaussians give for free (exact image gradients, depth, normals). The other pixels are reconstructed.
 //!
-//! [`FramePipeline`] is the whole frame; the command, the benchmark and the evaluation all call it. Open, render,
+//! [`FramePipeline`] makes whole frames; the command, the benchmark and the evaluation all call it. Open, render,
 //! super-sample:
 //!
 //! ```
@@ -20,9 +20,10 @@
 //! # }
 //! ```
 //!
-//! That is what `gs3 render` does by default. [`PipelineSettings::refine`] says which pixels are rasterized exactly besides; for
-//! interactive programs, [`Refine::FrameTime`] holds the time of a frame. With networks, of which [`Networks::shipped`] are those
-//! that come with gs3; theirs for in-between frames is left out here, since warping is nearly as good and faster:
+//! `gs3 render` does the same by default. [`PipelineSettings::refine`] chooses the pixels that are rasterized exactly
+//! besides. For interactive programs, [`Refine::FrameTime`] keeps the time of a frame constant. Networks can refine
+//! the frames; [`Networks::shipped`] come with gs3. The interpolation network is left out here, because warping is
+//! nearly as good and faster:
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -35,8 +36,8 @@
 //! # }
 //! ```
 //!
-//! On a GPU ([`compute`], feature `gpu`) whole frames are made in one submission each; images come back, or stay there
-//! for a program that shows them itself (`FramePipeline::render_to_device`, on a device of its own by
+//! On a GPU ([`compute`], feature `gpu`) each whole frame is one submission. Images are read back, or stay on the GPU
+//! for a program that shows them itself (`FramePipeline::render_to_device`, on the program's own device by
 //! `compute::Gpu::of`):
 //!
 //! ```
@@ -61,25 +62,26 @@
 //! # }
 //! ```
 //!
-//! Kernels are closures that must end up in functions compiled for wide vectors: a program that embeds gs3 does well
-//! to set `lto = "thin"` in its release profile (`docs/performance.md` has what it loses without).
+//! Kernels are closures that must be inlined into functions compiled for wide vectors. A program that embeds gs3
+//! should set `lto = "thin"` in its release profile (`docs/performance.md` has the cost of not setting it).
 //!
-//! The parts are usable alone: [`raster`] makes G-buffers, [`reconstruct`] turns those of any renderer into
-//! high-resolution frames, [`scene`] holds scenes, cameras and their files.
+//! The parts can be used alone: [`raster`] makes G-buffers, [`reconstruct`] turns G-buffers of any renderer into
+//! high-resolution frames, and [`scene`] holds scenes, cameras and their files.
 //!
 //! # With a renderer of your own
 //!
-//! [`Reconstructor`] takes frames of any renderer: colour and depth, and where there are any, colour's derivatives per LR
-//! pixel, sampled at pixel centres plus the jitter that it asks for. It tells camera cuts, super-samples, interpolates
-//! and keeps the history. Planes are read where they lie ([`reconstruct::GBufferView`]), depth buffers as they are
-//! ([`reconstruct::DepthEncoding`]).
+//! [`Reconstructor`] takes frames of any renderer: colour, depth, and optionally the colour's derivatives per LR
+//! pixel. They are sampled at pixel centres plus the jitter that the reconstructor asks for. The reconstructor
+//! detects camera cuts, super-samples, interpolates and keeps the history. Planes are read in place
+//! ([`reconstruct::GBufferView`]), and depth buffers in their own encoding ([`reconstruct::DepthEncoding`]).
 //!
-//! Derivatives are those of the visible surface: exact ones are worth most ([`reconstruct::difference`] says what others
-//! cost). Textures are filtered for the HR grid, as by a LOD bias of −log₂ S.
+//! Derivatives must be the visible surface's. Exact derivatives are worth most ([`reconstruct::difference`] gives the
+//! cost of other derivatives). Filter textures for the HR grid, for example by a LOD bias of −log₂ S.
 //!
-//! Surfaces are followed by depths and cameras. Where something moves by itself the renderer says how:
-//! [`motion`](reconstruct::GBufferView::motion) are the vectors that FSR and DLSS take. **Without them everything shown must
-//! stand still.** Lights, shadows and reflections that move over what stands still are seen up to S² frames late.
+//! Surfaces are followed by depths and cameras. For objects that move, the renderer must give their motion:
+//! [`motion`](reconstruct::GBufferView::motion) are the vectors that FSR and DLSS take. **Without motion vectors
+//! everything shown must stand still.** Lights, shadows and reflections that move over a resting surface are seen up
+//! to S² frames late.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {

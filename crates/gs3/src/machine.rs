@@ -11,23 +11,23 @@ use gs3_compute::{
 #[cfg(not(feature = "gpu"))]
 use crate::error::PipelineError;
 
-/// What renders.
+/// The choice of a machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Backend {
-    /// A GPU where there is one, and the CPU where there is none, where the GPU is emulated, or once the GPU fails.
+    /// A GPU if there is one. The CPU if there is none, if the GPU is emulated, or after the GPU fails.
     #[default]
     Auto,
     /// The CPU.
     Cpu,
-    /// A GPU, an emulated one too. Where none can be opened, or the GPU fails, there is no frame.
+    /// A GPU, which may be an emulated one. If no GPU can be opened, or the GPU fails, there is no frame.
     Gpu,
 }
 
 impl Backend {
-    /// All of them.
+    /// All choices.
     pub const ALL: [Self; 3] = [Self::Auto, Self::Cpu, Self::Gpu];
 
-    /// Its name at the command and in reports.
+    /// The choice's name in the command and in reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -44,15 +44,15 @@ impl fmt::Display for Backend {
     }
 }
 
-/// What is no [`Backend`].
+/// The text that is no [`Backend`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("expected auto, cpu or gpu, found {actual:?}")]
 pub struct BackendError {
-    /// What was found.
+    /// The text found.
     pub actual: String,
 }
 
-/// Reads what [`Backend`] prints.
+/// Reads the text that [`Backend`] prints.
 impl FromStr for Backend {
     type Err = BackendError;
 
@@ -67,18 +67,19 @@ impl FromStr for Backend {
 pub enum Machine {
     /// The CPU.
     Cpu,
-    /// A GPU that was asked for: where it fails, there is no frame.
+    /// A GPU that was asked for: if it fails, there is no frame.
     #[cfg(feature = "gpu")]
     Gpu(Gpu),
-    /// A GPU that was found and not asked for: where it fails, the CPU takes over.
+    /// A GPU that was found and not asked for: if it fails, the CPU takes over.
     #[cfg(feature = "gpu")]
     FoundGpu(Gpu),
 }
 
 impl Machine {
-    /// The machine that `backend` means: a GPU is opened with `features`, the one with number `adapter` of [`adapters`] if
-    /// there is such a number ([`Backend::Cpu`] does not read it). [`Backend::Auto`] without a number takes no emulated GPU,
-    /// and the CPU if the GPU cannot be opened; then the second value says why.
+    /// Opens the machine that `backend` means. A GPU is opened with `features`. It is number `adapter` of
+    /// [`adapters`], if a number is given ([`Backend::Cpu`] does not read it). Without a number, [`Backend::Auto`]
+    /// takes no emulated GPU. [`Backend::Auto`] takes the CPU if the GPU cannot be opened; the second value then says
+    /// why.
     ///
     /// # Errors
     /// [`GpuError`] if a GPU that was asked for cannot be opened.
@@ -154,7 +155,7 @@ impl Machine {
         }
     }
 
-    /// Bytes that the GPU has allocated, if the machine is one and its driver tells.
+    /// Bytes that the GPU has allocated, if the machine is a GPU and its driver reports them.
     #[must_use]
     pub fn device_bytes(&self) -> Option<u64> {
         match self {

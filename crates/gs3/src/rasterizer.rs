@@ -1,4 +1,4 @@
-//! Rasterization into the processor's memory, whatever machine does it.
+//! Rasterization into the CPU's memory, on any machine.
 
 #[cfg(feature = "gpu")]
 use gs3_raster::GpuRasterizer;
@@ -7,9 +7,9 @@ use gs3_scene::{Camera, ExactBlocks, GBuffer, Image};
 
 use crate::error::PipelineError;
 
-/// A rasterizer whose planes are in the processor's memory, or come back there.
+/// A rasterizer with results in the CPU's memory, written there or read back.
 pub trait RasterizeHere {
-    /// The low-resolution frame of `camera`, `scale` times coarser, into planes.
+    /// Rasterizes the LR frame of `camera`, `scale` times coarser, into planes.
     fn rasterize(
         &mut self,
         camera: &Camera,
@@ -18,13 +18,13 @@ pub trait RasterizeHere {
         out: &mut GBuffer,
     ) -> Result<(), PipelineError>;
 
-    /// Whether it makes exact blocks.
+    /// Whether the rasterizer makes exact blocks.
     fn makes_blocks(&self) -> bool;
 
-    /// Exact blocks of the frame that [`Self::rasterize`] made last, if it makes any.
+    /// Exact blocks of the last frame of [`Self::rasterize`], if the rasterizer makes exact blocks.
     fn rasterize_blocks(&mut self, places: &[[u16; 2]], out: &mut ExactBlocks) -> Result<(), PipelineError>;
 
-    /// Into an image.
+    /// Rasterizes into an image.
     fn rasterize_image(
         &mut self,
         camera: &Camera,

@@ -1,4 +1,4 @@
-//! How much of a frame is rasterized exactly, where reconstruction is not to be trusted.
+//! How much of a frame is rasterized exactly, where the reconstruction cannot be trusted.
 
 use std::fmt;
 use std::str::FromStr;
@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use gs3_reconstruct::BlockBudget;
 
-/// How hard the pipeline works for a frame where nothing else is said: the error that may be left in a block of 4×4
-/// pixels, and the largest share of pixels that is rasterized exactly for it.
+/// The default effort for a frame: the error that may stay in a block of 4×4 pixels, and the largest share of pixels
+/// that is rasterized exactly to reduce it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Quality {
     /// Errors of three steps of 8 bits, 3 % of the pixels.
@@ -20,10 +20,10 @@ pub enum Quality {
 }
 
 impl Quality {
-    /// All of them, the fastest first.
+    /// All qualities, the fastest first.
     pub const ALL: [Self; 3] = [Self::Fast, Self::Balanced, Self::High];
 
-    /// Its name at the command and in reports.
+    /// The quality's name in the command and in reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -33,7 +33,7 @@ impl Quality {
         }
     }
 
-    /// What [`Refine::Auto`] may spend.
+    /// The budget of [`Refine::Auto`].
     #[must_use]
     pub fn budget(self) -> BlockBudget {
         let (most, steps) = match self {
@@ -45,8 +45,8 @@ impl Quality {
     }
 }
 
-/// Which pixels of a rendered frame are rasterized exactly besides the low-resolution grid: the blocks of 4×4 pixels whose
-/// expected error is largest. They are the native image there, and the frames after reproject them.
+/// Which pixels of a rendered frame are rasterized exactly besides the low-resolution grid: the blocks of 4×4 pixels
+/// with the largest expected error. Exact blocks equal the native image, and later frames reproject them.
 ///
 /// Read by [`Mode::SuperSample`](crate::Mode::SuperSample) and [`Mode::Full`](crate::Mode::Full) on a CPU. Frames that a GPU
 /// makes or rasterizes have no exact blocks.
@@ -54,15 +54,16 @@ impl Quality {
 pub enum Refine {
     /// None, as in the paper.
     Off,
-    /// Those whose expected error would be seen, within the budget of the pipeline's [`Quality`]. A frame without
+    /// The blocks with a visible expected error, within the budget of the pipeline's [`Quality`]. A frame without
     /// history is rasterized exactly as a whole.
     #[default]
     Auto,
-    /// This share of the pixels, `[0, 1]`, whatever their errors. A frame without history is rasterized exactly as a
-    /// whole.
+    /// This share of the pixels, `[0, 1]`, independent of their errors. A frame without history is rasterized exactly
+    /// as a whole.
     Share(f32),
-    /// As many as fit into this time for a rendered frame and those interpolated before it: for interactive programs. A
-    /// frame without history keeps to it, too. What is refined depends on the machine's speed.
+    /// As many blocks as fit into this time for a rendered frame and the in-between frames before it. This is for
+    /// interactive programs. A frame without history also keeps to the time. The number of blocks depends on the
+    /// machine's speed.
     FrameTime(Duration),
 }
 
@@ -80,7 +81,7 @@ impl Refine {
     }
 }
 
-/// `off`, `auto`, the share, or the milliseconds of a frame.
+/// `off`, `auto`, the share, or the frame time in milliseconds.
 impl fmt::Display for Refine {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -92,17 +93,17 @@ impl fmt::Display for Refine {
     }
 }
 
-/// What is no [`Refine`].
+/// The text that is no [`Refine`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "expected off, auto, a share of the pixels from 0 to 1, or milliseconds as in 33ms, found {actual:?}"
 )]
 pub struct RefineError {
-    /// What was found.
+    /// The text found.
     pub actual: String,
 }
 
-/// Reads what [`Refine`] prints.
+/// Reads the text that [`Refine`] prints.
 impl FromStr for Refine {
     type Err = RefineError;
 
@@ -125,29 +126,29 @@ impl FromStr for Refine {
     }
 }
 
-/// Moves the share of exact pixels so that frames take the time that they may take.
+/// Adjusts the share of exact pixels so that frames take the allowed time.
 ///
-/// A frame takes a time that its blocks do not change, and one in proportion to their share. Both are estimated from the
-/// frames before, so a share that fits is found at once where the second is known.
+/// The time of a frame is a fixed part plus a part in proportion to the share of exact blocks. Both parts are
+/// estimated from earlier frames. A fitting share is found at once when the proportional part is known.
 #[derive(Clone, Copy, Debug)]
 pub struct ShareController {
     share: f32,
-    /// Seconds of a frame without blocks, and of all of its pixels as blocks; 0 until they are known.
+    /// Seconds of a frame without blocks, and seconds of a frame made of blocks only; 0 until they are known.
     fixed: f64,
     per_share: f64,
 }
 
-/// The share of the first frame: little, as nothing is known of the machine yet.
+/// The share of the first frame: small, as the machine's speed is still unknown.
 const FIRST_SHARE: f32 = 0.01;
 
-/// The least share: at 1280×720 some 60 blocks, so that their time stays known.
+/// The least share: about 60 blocks at 1280×720, enough to keep measuring their time.
 const LEAST_SHARE: f32 = 0.001;
 
-/// How much a new measurement counts against those before: half, so that a single slow frame does not swing it, and a
-/// change is followed within three frames.
+/// Weight of a new measurement against the earlier ones: half. A single slow frame then does not swing the share, and
+/// a change is followed within three frames.
 const NEWEST: f64 = 0.5;
 
-/// Part of the time that may be planned: frames differ by a few percent from what those before took.
+/// Part of the time that may be planned: frames differ by a few percent from the time of earlier frames.
 const PLANNED: f64 = 0.95;
 
 impl Default for ShareController {
@@ -162,7 +163,8 @@ impl ShareController {
         self.share
     }
 
-    /// Takes in how long a frame took, `refined` of the pixels exact, of which time `refining` for them.
+    /// Records the time of a frame: `total`, with `refining` for its exact blocks, which are a share `refined` of its
+    /// pixels.
     pub fn learn(&mut self, target: Duration, total: Duration, refining: Duration, refined: f32) {
         let follow = |old: f64, new: f64| if old > 0.0 { old + NEWEST * (new - old) } else { new };
         let fixed = total.saturating_sub(refining).as_secs_f64();
@@ -205,7 +207,7 @@ mod tests {
         }
     }
 
-    /// A machine that takes 10 ms for a frame, 200 ms for all of its pixels, and a tenth more or less.
+    /// A machine that takes 10 ms for a frame plus 200 ms for all of its pixels, each up to a tenth more or less.
     #[test]
     fn the_controller_holds_a_frame_time() {
         let target = Duration::from_millis(33);

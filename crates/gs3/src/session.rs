@@ -1,4 +1,4 @@
-//! A scene, the machine that renders it, and frames of any camera: what programs with a picture sit on.
+//! A session: a scene, the machine that renders it, and frames of any camera. Interactive programs are built on it.
 
 use std::fmt;
 use std::sync::Arc;
@@ -18,13 +18,14 @@ use crate::settings::{Mode, PipelineSettings};
 /// How a session renders.
 #[derive(Clone, Debug)]
 pub struct SessionSettings {
-    /// How frames come about.
+    /// How frames are made.
     pub pipeline: PipelineSettings,
-    /// The networks that refine them.
+    /// The networks that refine frames.
     pub networks: Networks,
-    /// What renders.
+    /// The machine that renders.
     pub backend: Backend,
-    /// The GPU by its place in [`gs3_compute::adapters`]; none is the fastest. Not read with [`Backend::Cpu`].
+    /// The GPU, as an index into [`gs3_compute::adapters`]; none means the fastest GPU. Not read with
+    /// [`Backend::Cpu`].
     #[cfg(feature = "gpu")]
     pub adapter: Option<usize>,
 }
@@ -42,18 +43,18 @@ impl Default for SessionSettings {
     }
 }
 
-/// What makes reference frames of one mode.
+/// The pipeline that makes reference frames of one mode.
 struct Reference {
     pipeline: FramePipeline,
-    /// The camera of its last frame, if that is a whole one of the scene shown.
+    /// The camera of the last reference frame, if that frame is complete and shows the current scene.
     camera: Option<Camera>,
 }
 
-/// Renders a scene on the machine that was asked for, or that was found.
+/// Renders a scene on the machine that was asked for, or on a machine that was found.
 ///
-/// Besides the frames of [`SessionSettings::pipeline`] a session makes reference frames ([`Self::reference`]) of the same
-/// scene on the same machine: native ones, which a resting camera ends with, and bicubic ones to compare with. Reference
-/// frames have no part in the history.
+/// Besides the frames of [`SessionSettings::pipeline`], a session makes reference frames ([`Self::reference`]) of the
+/// same scene on the same machine. Native reference frames replace the frame of a resting camera. Bicubic reference
+/// frames are for comparison. Reference frames do not change the history.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -73,7 +74,7 @@ pub struct Session {
     settings: SessionSettings,
     machine: Machine,
     pipeline: FramePipeline,
-    /// What makes reference frames, one a mode, once they were asked for.
+    /// The pipelines of reference frames, one per mode, created at the first request.
     references: Vec<Reference>,
     notices: Vec<String>,
 }
@@ -92,8 +93,8 @@ impl Session {
     /// A session that shows `scene`.
     ///
     /// # Errors
-    /// [`PipelineError`] if a setting is not supported, or a GPU that was asked for cannot be opened or has no room for
-    /// the scene.
+    /// [`PipelineError`] if a setting is not supported, if a GPU that was asked for cannot be opened, or if the scene
+    /// does not fit into its memory.
     pub fn new(scene: impl Into<Arc<Scene>>, settings: SessionSettings) -> Result<Self, PipelineError> {
         let pipeline = FramePipeline::with_networks(scene, settings.pipeline, &settings.networks)?;
         #[cfg(feature = "gpu")]
@@ -106,7 +107,7 @@ impl Session {
         Ok(session)
     }
 
-    /// Lets the machine render from now on. The CPU takes over from a GPU that was found and cannot.
+    /// Makes the machine render from now on. If a GPU that was found (not asked for) fails, the CPU takes over.
     fn start(&mut self) -> Result<(), PipelineError> {
         #[cfg(feature = "gpu")]
         if let Some(gpu) = self.machine.gpu()
@@ -117,26 +118,26 @@ impl Session {
         Ok(())
     }
 
-    /// Goes on with the CPU after `error` of a GPU that nobody asked for, which a notice tells. Frames begin without
-    /// history.
+    /// Continues on the CPU after `error` of a GPU that was found and not asked for, and adds a notice. Frames start
+    /// without history.
     ///
     /// # Errors
-    /// `error`, if there is nobody to take over or the CPU would fail in the same way.
+    /// `error`, if the machine is not such a GPU or the CPU would fail in the same way.
     fn take_over(&mut self, error: PipelineError) -> Result<(), PipelineError> {
         #[cfg(feature = "gpu")]
         if matches!(self.machine, Machine::FoundGpu(_)) && is_of_device(&error) {
             self.machine = Machine::Cpu;
             self.notices.push(tell_take_over(&error));
             self.pipeline.render_on_cpu()?;
-            // Made anew where they are asked for.
+            // Reference pipelines are created again at the next request.
             self.references.clear();
             return Ok(());
         }
         Err(error)
     }
 
-    /// Renders the frame of `camera`, as [`FramePipeline::render`]. Where a GPU fails that was found and not asked for,
-    /// the CPU renders the frame and all later ones, and [`Self::take_notices`] tells it.
+    /// Renders the frame of `camera`, as [`FramePipeline::render`] does. If a GPU fails that was found and not asked
+    /// for, the CPU renders this frame and all later ones, and [`Self::take_notices`] reports the change.
     ///
     /// # Errors
     /// [`PipelineError`] if a GPU that was asked for fails.
@@ -144,11 +145,11 @@ impl Session {
         self.render_with_poses(camera, &[])
     }
 
-    /// As [`Self::render`], where the true cameras of the frames between are known
+    /// Renders as [`Self::render`] does, with the true cameras of the in-between frames
     /// ([`FramePipeline::render_with_poses`]).
     ///
     /// # Errors
-    /// As [`Self::render`]; also if `poses` are of another number than the frames between or of another size.
+    /// As [`Self::render`]. Also if `poses` have another number than the in-between frames, or another size.
     pub fn render_with_poses(
         &mut self,
         camera: &Camera,
@@ -161,24 +162,25 @@ impl Session {
         Ok(self.pipeline.presented())
     }
 
-    /// Forgets the frames before: the next one starts anew, for this reason unless another came first.
+    /// Drops the history: the next frame starts anew, for this reason unless an earlier reason is pending.
     pub fn reset(&mut self, reason: ResetReason) {
         self.pipeline.reset(reason);
     }
 
-    /// Forgets the frames before, and says which frame of its path the next one is
-    /// ([`FramePipeline::set_frame_number`]). With the number that [`FramePipeline::first_of_warm_up`] gives, frames have the
-    /// bits of one run over the whole path from there on.
+    /// Drops the history and sets the number of the next frame on its path ([`FramePipeline::set_frame_number`]).
+    /// With the number that [`FramePipeline::first_of_warm_up`] returns, later frames have the same bits as in one
+    /// run over the whole path.
     pub fn begin_at(&mut self, number: u64) {
         self.reset(ResetReason::CameraCut);
         self.pipeline.set_frame_number(number);
     }
 
-    /// The frame of `camera` in `mode`, without any history: native, or bicubic from the settings' low resolution.
-    /// Modes with history give a frame without one. Where the last one of `mode` has this camera, that is it.
+    /// The frame of `camera` in `mode`, without history: native, or bicubic from the settings' low resolution. Modes
+    /// with history give their first frame. If the last reference frame of `mode` has this camera, it is returned
+    /// unchanged.
     ///
     /// # Errors
-    /// [`PipelineError`] as [`Self::render`], and if the scene has no room on a GPU for a second time.
+    /// [`PipelineError`] as [`Self::render`], and if the scene does not fit on a GPU for a second time.
     pub fn reference(&mut self, mode: Mode, camera: &Camera) -> Result<&Image, PipelineError> {
         if let Err(error) = self.make_reference(mode, camera) {
             self.take_over(error)?;
@@ -220,7 +222,7 @@ impl Session {
         Ok(pipeline)
     }
 
-    /// The last frame of [`Self::reference`] in `mode`, of the scene and the settings that are shown now.
+    /// The last frame of [`Self::reference`] in `mode`, if it shows the current scene with the current settings.
     #[must_use]
     pub fn last_reference(&self, mode: Mode) -> Option<&Image> {
         let made = self.references.iter().find(|made| made.pipeline.settings().mode == mode)?;
@@ -230,14 +232,14 @@ impl Session {
     /// Shows another scene from the next frame on.
     ///
     /// # Errors
-    /// [`PipelineError`] if the scene has no room on a GPU that was asked for; the old scene stays.
+    /// [`PipelineError`] if the scene does not fit on a GPU that was asked for; the old scene stays.
     pub fn set_scene(&mut self, scene: impl Into<Arc<Scene>>) -> Result<(), PipelineError> {
         let scene = scene.into();
         if let Err(error) = self.pipeline.set_scene(Arc::clone(&scene)) {
             self.take_over(error)?;
             self.pipeline.set_scene(scene)?;
         }
-        // They hold the old scene's memory; the next one that is asked for is made anew.
+        // Reference pipelines hold the old scene's memory. They are created again at the next request.
         self.references.clear();
         Ok(())
     }
@@ -245,7 +247,8 @@ impl Session {
     /// Renders with other settings and networks from the next frame on, on the same machine, without history.
     ///
     /// # Errors
-    /// [`PipelineError`] if a setting is not supported, or a GPU that was asked for has no room; the old ones stay.
+    /// [`PipelineError`] if a setting is not supported, or a GPU that was asked for has too little memory. The old
+    /// settings and networks stay.
     pub fn set_pipeline(
         &mut self,
         settings: PipelineSettings,
@@ -266,19 +269,19 @@ impl Session {
         Ok(())
     }
 
-    /// Which pixels are rasterized exactly from the next frame on; the history stays
+    /// Chooses the pixels that are rasterized exactly from the next frame on. The history stays
     /// ([`FramePipeline::set_refine`]).
     ///
     /// # Errors
-    /// [`PipelineError::RefineShare`] if `refine` names a share that is none; the old choice stays.
+    /// [`PipelineError::RefineShare`] if the share is not in `[0, 1]`; the old choice stays.
     pub fn set_refine(&mut self, refine: Refine) -> Result<(), PipelineError> {
         self.pipeline.set_refine(refine)?;
         self.settings.pipeline.refine = refine;
         Ok(())
     }
 
-    /// Brings the low-resolution G-buffer of the last frame here, if it is on a GPU: [`FramePipeline::gbuffer`] of
-    /// [`Self::pipeline`] has it then.
+    /// Reads back the LR G-buffer of the last frame, if it is on a GPU. [`FramePipeline::gbuffer`] of
+    /// [`Self::pipeline`] then has it.
     ///
     /// # Errors
     /// [`PipelineError`] if the device fails.
@@ -286,7 +289,7 @@ impl Session {
         self.pipeline.fetch_gbuffer()
     }
 
-    /// What makes the frames: figures of the last one, its G-buffer, its exact blocks.
+    /// The pipeline that makes the frames: figures of the last frame, its G-buffer, its exact blocks.
     #[must_use]
     pub const fn pipeline(&self) -> &FramePipeline {
         &self.pipeline
@@ -304,25 +307,25 @@ impl Session {
         &self.settings
     }
 
-    /// What renders now: [`Backend::Cpu`] or [`Backend::Gpu`].
+    /// The machine that renders now: [`Backend::Cpu`] or [`Backend::Gpu`].
     #[must_use]
     pub const fn backend(&self) -> Backend {
         self.machine.backend()
     }
 
-    /// The name and the interface of the GPU, where one renders.
+    /// The name and the interface of the GPU, if a GPU renders.
     #[must_use]
     pub fn adapter(&self) -> Option<String> {
         self.machine.adapter()
     }
 
-    /// Bytes that the GPU has allocated for the session, where one renders and its driver tells.
+    /// Bytes that the GPU has allocated for the session, if a GPU renders and its driver reports them.
     #[must_use]
     pub fn device_bytes(&self) -> Option<u64> {
         self.machine.device_bytes()
     }
 
-    /// What people should be told since this was asked last: that the CPU took over, and why.
+    /// Notices for the user since the last call: that the CPU took over, and why.
     pub fn take_notices(&mut self) -> Vec<String> {
         std::mem::take(&mut self.notices)
     }
@@ -333,7 +336,7 @@ fn tell_take_over(error: &impl fmt::Display) -> String {
     format!("the CPU takes over: {error}")
 }
 
-/// Whether `error` is a fault of a device, so that a CPU may do better.
+/// Whether `error` is a fault of a device, so that the CPU may succeed.
 #[cfg(feature = "gpu")]
 const fn is_of_device(error: &PipelineError) -> bool {
     matches!(error, PipelineError::Gpu(_) | PipelineError::Network(_))
@@ -421,7 +424,7 @@ mod tests {
             }
             session.render(&camera(0)).unwrap();
             let (Machine::Gpu(gpu) | Machine::FoundGpu(gpu)) = &session.machine else { panic!("no GPU") };
-            // As a driver that resets.
+            // Like a driver that resets.
             gpu.destroy();
             let rendered = session.render(&camera(1)).map(|frames| frames.current.clone());
             assert_eq!(rendered.is_ok(), is_found);

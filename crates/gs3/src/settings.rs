@@ -1,4 +1,4 @@
-//! What a pipeline makes of a scene.
+//! The settings of a pipeline.
 
 use std::fmt;
 
@@ -8,29 +8,29 @@ use gs3_scene::{Camera, CameraPath};
 
 use crate::refine::{Quality, Refine};
 
-/// How frames come about.
+/// How frames are made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mode {
     /// Every pixel rasterized: the reference of quality and speed.
     Native,
     /// Low-resolution frames enlarged by bicubic (Catmull–Rom) interpolation of their colour: the baseline.
     Bicubic,
-    /// Low-resolution G-buffers super-sampled over time.
+    /// LR G-buffers super-sampled over time.
     SuperSample,
-    /// [`Mode::SuperSample`], and interpolated frames before each rendered one: with one of them
-    /// ([`PipelineSettings::in_between`]) two frames are shown per frame rasterized.
+    /// [`Mode::SuperSample`] plus interpolated frames before each rendered frame. With one in-between frame
+    /// ([`PipelineSettings::in_between`]), two frames are shown per frame rasterized.
     #[default]
     Full,
 }
 
 impl Mode {
-    /// Whether frames depend on the ones before.
+    /// Whether a frame depends on the frames before it.
     #[must_use]
     pub const fn has_history(self) -> bool {
         matches!(self, Self::SuperSample | Self::Full)
     }
 
-    /// Its name at the command and in reports.
+    /// The mode's name in the command and in reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -42,20 +42,21 @@ impl Mode {
     }
 }
 
-/// The dilation ε of projected covariances, in px² of the grid being rasterized.
+/// The dilation ε of projected covariances, in px² of the rasterized grid.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Dilation {
-    /// 0.3 / S²: low-resolution samples are exact samples of the native image.
+    /// 0.3 / S²: samples of the LR grid are exact samples of the native image.
     #[default]
     Matched,
-    /// 0.3 at any resolution, as 3D Gaussian Splatting renders and the paper assumes: a blurrier signal.
+    /// 0.3 at any resolution, as in the original 3D Gaussian Splatting and as the paper assumes. The signal is
+    /// blurrier.
     Stock,
     /// Any other value, finite and not negative.
     Value(f32),
 }
 
 impl Dilation {
-    /// The value for a grid `scale` times coarser than the image shown.
+    /// The dilation for a grid `scale` times coarser than the image shown.
     #[must_use]
     pub fn at_scale(self, scale: u32) -> f32 {
         match self {
@@ -66,7 +67,7 @@ impl Dilation {
     }
 }
 
-/// As at the command and in reports.
+/// The name in the command and in reports.
 impl fmt::Display for Dilation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -77,41 +78,43 @@ impl fmt::Display for Dilation {
     }
 }
 
-/// Settings of a [`crate::FramePipeline`], fixed at its construction but for
+/// Settings of a [`crate::FramePipeline`]. They are fixed at its construction, except
 /// [`refine`](crate::FramePipeline::set_refine).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PipelineSettings {
-    /// How frames come about.
+    /// How frames are made.
     pub mode: Mode,
-    /// High-resolution over low-resolution size, 1 to [`gs3_reconstruct::MAX_SCALE`]. Not read by [`Mode::Native`].
+    /// Scale: high-resolution over low-resolution size, 1 to [`gs3_reconstruct::MAX_SCALE`]. Not read by
+    /// [`Mode::Native`].
     pub scale: u32,
-    /// Where low-resolution frames are sampled. Not read by [`Mode::Native`].
+    /// Where LR frames are sampled. Not read by [`Mode::Native`].
     pub sampling: Sampling,
-    /// Which pixels that first-order predictions leave uncertain are kriged. Where a network refines frames they are
-    /// kriged whatever this says: coarsely below one of tier fast, finely below one of tier high. Read by
-    /// [`Mode::SuperSample`] and [`Mode::Full`].
+    /// Which pixels are kriged, among the pixels that first-order predictions leave uncertain. Frames that a network
+    /// refines are always kriged: at least coarsely with a network of tier fast, and finely with one of tier high.
+    /// Read by [`Mode::SuperSample`] and [`Mode::Full`].
     pub kriging: Kriging,
-    /// Whether LR frames are rasterized beyond the edges that the camera turns to, so that what the next frames
-    /// reveal has a past. Where a network refines frames they are, whatever this says. Read by [`Mode::SuperSample`]
-    /// and [`Mode::Full`].
+    /// Whether LR frames are rasterized beyond the edges that the camera turns to (overscan). The next frames then
+    /// have past samples for the parts that come into view. Frames that a network refines always have overscan. Read
+    /// by [`Mode::SuperSample`] and [`Mode::Full`].
     pub overscan: bool,
     /// Which pixels are rasterized exactly. Read by [`Mode::SuperSample`] and [`Mode::Full`] on a CPU.
     pub refine: Refine,
-    /// What [`Refine::Auto`] may spend.
+    /// The budget of [`Refine::Auto`].
     pub quality: Quality,
-    /// Every so many frames all begins anew, 0 for never: frames whose number on their path
-    /// ([`FramePipeline::set_frame_number`](crate::FramePipeline::set_frame_number)) is a multiple are keyframes. What follows a
-    /// keyframe depends on no frame before it, so parts of a path can be rendered apart
-    /// ([`FramePipeline::first_of_warm_up`](crate::FramePipeline::first_of_warm_up)). Where [`Refine`] starts exact, a keyframe is
-    /// rasterized exactly as a whole; elsewhere only the sampling offsets begin anew. Not read by [`Mode::Native`].
+    /// Frames from one keyframe to the next, 0 for no keyframes. A frame is a keyframe if its number on its path
+    /// ([`FramePipeline::set_frame_number`](crate::FramePipeline::set_frame_number)) is a multiple of this value.
+    /// Frames after a keyframe depend on no frame before the keyframe. So parts of a path can be rendered separately
+    /// ([`FramePipeline::first_of_warm_up`](crate::FramePipeline::first_of_warm_up)). If [`Refine`] starts exact, a
+    /// keyframe is rasterized exactly as a whole. Otherwise only the sampling offsets start anew. Not read by
+    /// [`Mode::Native`].
     pub keyframes: u32,
-    /// Dilation of the projected covariances. Exact pixels are those of a native image with [`Dilation::Matched`].
+    /// Dilation of the projected covariances. Exact pixels equal the native image's with [`Dilation::Matched`].
     pub dilation: Dilation,
     /// Which tiles a splat is assigned to.
     pub culling: Culling,
-    /// Frames interpolated before each rendered one in [`Mode::Full`], 1 to [`MAX_IN_BETWEEN`].
+    /// Frames interpolated before each rendered frame in [`Mode::Full`], 1 to [`MAX_IN_BETWEEN`].
     pub in_between: u32,
-    /// Background, display-encoded RGB, finite.
+    /// Background colour: display-encoded RGB, finite.
     pub background: [f32; 3],
 }
 
@@ -134,14 +137,14 @@ impl Default for PipelineSettings {
     }
 }
 
-/// Frames from one keyframe to the next where nothing else is said.
+/// Default number of frames from one keyframe to the next.
 pub const KEYFRAMES: u32 = 32;
 
-/// Most frames interpolated between two rendered ones.
+/// Largest number of frames interpolated between two rendered frames.
 pub const MAX_IN_BETWEEN: u32 = 3;
 
 impl PipelineSettings {
-    /// Frames shown for each rendered one but the first, which always is a single frame.
+    /// Frames shown for each rendered frame. The first rendered frame is always shown alone.
     #[must_use]
     pub const fn displayed_per_rendered(&self) -> usize {
         match self.mode {
@@ -150,14 +153,14 @@ impl PipelineSettings {
         }
     }
 
-    /// Moments of the frames interpolated before a rendered one, in (0, 1), in order.
+    /// Moments of the frames interpolated before a rendered frame, in (0, 1), in order.
     pub fn moments(&self) -> impl Iterator<Item = f64> + use<> {
         let count = self.displayed_per_rendered();
         (1..count).map(move |k| k as f64 / count as f64)
     }
 
-    /// The true cameras of the frames before rendered frame `k` of `path`, where the path knows them. Between frames of
-    /// different size nothing lies: no size would be theirs, and a pipeline starts anew there.
+    /// The true cameras of the in-between frames before rendered frame `k` of `path`, if the path knows them. There
+    /// are no in-between frames of two frames of different size: a pipeline starts anew there.
     ///
     /// # Panics
     /// If the path has no camera `k`.

@@ -9,11 +9,11 @@ use web_time::Instant;
 pub enum Stage {
     /// Gaussians to G-buffer, or to the native image.
     Rasterize,
-    /// Low-resolution frame to high-resolution frame.
+    /// LR frame to HR frame.
     SuperSample,
-    /// Exact pixels where reconstruction is not to be trusted.
+    /// Exact pixels where the reconstruction cannot be trusted.
     Refine,
-    /// The frame between two high-resolution frames.
+    /// The in-between frames.
     Interpolate,
 }
 
@@ -50,13 +50,13 @@ impl StageTimes {
         self.0.iter().flatten().sum()
     }
 
-    /// Adds `time` to that of `stage`.
+    /// Adds `time` to the time of `stage`.
     #[cfg(feature = "gpu")]
     pub(crate) fn add(&mut self, stage: Stage, time: Duration) {
         *self.0[stage as usize].get_or_insert_default() += time;
     }
 
-    /// Runs `work` as `stage`.
+    /// Runs `work` and adds its time to `stage`.
     pub(crate) fn time<T>(&mut self, stage: Stage, work: impl FnOnce() -> T) -> T {
         let started = Instant::now();
         let result = work();

@@ -1,4 +1,4 @@
-//! Whole frames on a GPU beside those of the CPU, on whatever adapter is at hand.
+//! Whole frames on a GPU against the CPU's frames, on any adapter at hand.
 #![cfg(feature = "gpu")]
 #![allow(clippy::unwrap_used, reason = "a failed helper is a failed test")]
 

@@ -71,8 +71,8 @@ fn difference(a: &Image, b: &Image) -> f32 {
     pairs.flat_map(|(a, b)| (0..3).map(move |c| (a[c] - b[c]).abs())).fold(0.0, f32::max)
 }
 
-/// Untrained, super sampling averages the present and the previous frame, whose errors differ, and interpolation does
-/// what it does without learning.
+/// Untrained, super sampling averages the current and the previous frame, which have different errors, and
+/// interpolation equals interpolation without learning.
 #[test]
 fn training_starts_above_the_pipeline_without_learning() {
     let path = path();
@@ -86,7 +86,7 @@ fn training_starts_above_the_pipeline_without_learning() {
         let limit = if k % 2 == 1 { 1e-6 } else { 0.0 };
         assert!(difference(a, b) <= limit, "frame {k}: {}", difference(a, b));
     }
-    // Below networks frames are kriged whatever the settings say.
+    // With networks, frames are kriged independent of the settings.
     let kriged = frames(&mut pipeline_with(Kriging::Coarse, &Networks::default(), 1), cameras);
     let actual = frames(&mut pipeline(&untrained, 1), cameras);
     assert!(actual[0] == kriged[0] && actual[0] != expected[0], "there is no previous frame yet");

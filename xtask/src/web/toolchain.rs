@@ -83,7 +83,7 @@ impl Toolchain {
         command
     }
 
-    /// What cargo needs to be told besides.
+    /// Further arguments for cargo.
     pub fn arguments(&self) -> &'static [&'static str] {
         match self.std {
             Std::Installed => &[],

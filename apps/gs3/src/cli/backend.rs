@@ -61,10 +61,11 @@ pub fn start<E: std::fmt::Display>(
     }
 }
 
-/// After `error`, lets `pipeline` go on with the CPU if the GPU of `machine` was not asked for; without history.
+/// After `error`, lets `pipeline` continue on the CPU, without history, if the GPU of `machine` was found and not
+/// asked for.
 ///
 /// # Errors
-/// `error`, if there is nobody to take over.
+/// `error`, if the machine is no such GPU.
 pub fn take_over(
     machine: &mut Machine,
     pipeline: &mut FramePipeline,

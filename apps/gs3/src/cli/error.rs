@@ -119,7 +119,7 @@ impl CliError {
         }
     }
 
-    /// The message on a single line, whatever file names or libraries put into it.
+    /// The message on a single line, also with line breaks in file names or messages of libraries.
     pub fn one_line(&self) -> String {
         single_line(&self.to_string())
     }

@@ -21,7 +21,8 @@ static LAST_ACT: Mutex<Option<LastAct>> = Mutex::new(None);
 
 /// From now on Ctrl-C ends the command at once, without the files in work.
 pub fn end_whole() {
-    // Refused where whoever started the command has it ignore such requests, as `nohup` does: so be it.
+    // Refused if the process that started the command made it ignore such requests, as `nohup` does: this is
+    // accepted.
     HANDLED.store(ctrlc::try_set_handler(on_request).is_ok(), Relaxed);
 }
 

@@ -1,5 +1,4 @@
-//! What the command says. The macros of the standard library panic where nobody listens: where the reader of a pipe has
-//! left, or a disk is full.
+//! The command's output. The macros of the standard library panic if the reader of a pipe has left or a disk is full.
 
 use std::fmt::Display;
 use std::io::{self, ErrorKind, Write};
@@ -11,7 +10,7 @@ pub fn print(text: impl Display) -> Result<(), CliError> {
     let text = text.to_string();
     let mut stdout = io::stdout().lock();
     match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
-        // Whoever read it has seen enough; that is no error.
+        // The reader has seen enough; this is no error.
         Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
         printed => printed.map_err(CliError::Print),
     }

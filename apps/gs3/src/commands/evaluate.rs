@@ -237,7 +237,7 @@ fn write_report(out: &Path, results: &Value, table: &str, page: &str) -> Result<
     Ok(())
 }
 
-/// Whoever asked for a method and gets none shall not have to read the report to know.
+/// If a requested method gives no result, the user must learn of it without reading the report.
 fn check_failures(failures: &[Failure], out: &Path) -> Result<Outcome, CliError> {
     if failures.is_empty() {
         return Ok(Outcome::Done);

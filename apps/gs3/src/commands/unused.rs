@@ -1,4 +1,4 @@
-//! Refuses options that were given and would not be read: whoever gives them expects them to count.
+//! Refuses options that were given and would not be read: a user expects every given option to count.
 
 use gs3::{Dilation, Mode, Refine};
 

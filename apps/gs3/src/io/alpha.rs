@@ -5,8 +5,8 @@ use std::sync::Arc;
 use gs3::scene::gaussians::SH_C0;
 use gs3::scene::{Gaussians, Image, Scene, SceneError};
 
-/// The scene's coverage: the same Gaussians, all of them white, so that over black a frame's colour is its alpha. It is
-/// rendered as the scene is, in whatever mode: alpha is super-sampled and interpolated like any colour.
+/// The scene's coverage: the same Gaussians, all of them white. Over black, a frame's colour is then its alpha. The
+/// coverage is rendered in the same mode as the scene: alpha is super-sampled and interpolated like any colour.
 pub fn coverage(scene: &Scene) -> Result<Arc<Scene>, SceneError> {
     let gaussians = scene.gaussians();
     // A channel is ½ + C₀ · the constant term.
@@ -15,8 +15,8 @@ pub fn coverage(scene: &Scene) -> Result<Arc<Scene>, SceneError> {
     Ok(Arc::new(Scene::new(gaussians, scene.opacity_mode())?.with_details(scene.details().clone())))
 }
 
-/// Straight RGBA of a frame over black and the frame of its coverage, 8 bits, rows of pixels: colours are those of what
-/// is there, not darkened by what is not. Where nothing is, all four values are 0.
+/// Straight RGBA of a frame over black and the frame of its coverage, 8 bits, rows of pixels. Colours are the
+/// surfaces' own, not darkened by missing coverage. All four values are 0 where there is no surface.
 pub fn straight_rgba8(over_black: &Image, coverage: &Image) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(4 * over_black.pixels().len());
     for (color, coverage) in over_black.pixels().iter().zip(coverage.pixels()) {

@@ -10,7 +10,7 @@ pub fn frame_name(number: usize) -> String {
     format!("frame_{number:06}.png")
 }
 
-/// Whether `name` is that of a frame.
+/// Whether `name` is the name of a frame's file.
 pub fn is_frame_name(name: &OsStr) -> bool {
     frame_number(name).is_some()
 }

@@ -91,7 +91,8 @@ pub fn warn_of_nothing_visible(near: f32) {
     ));
 }
 
-/// Checks that the cameras of the frames `range` see pictures of one size, as `what` has; `option` is told.
+/// Checks that the cameras of the frames `range` have pictures of one size, which `what` needs. The error names
+/// `option`.
 pub fn check_one_size(
     option: &'static str,
     what: &str,
@@ -139,7 +140,7 @@ fn weights(look: &FrameOptions) -> Result<(Networks, String), CliError> {
             networks.add(weights).map_err(error)?;
         }
         if networks.super_sample.is_none() {
-            // Weights take the place of those of their network alone: the other one is as it is without them.
+            // Weights replace the weights of their own network only; the other network stays as without them.
             tiers.insert(0, "analytic".to_owned());
         }
         tiers.dedup();

@@ -51,7 +51,8 @@ impl Times {
     }
 }
 
-/// What a run was asked for: whatever changes pictures or speed, so that its figures can be told from another's.
+/// The settings of a run: everything that changes pictures or speed, so that figures of different runs can be
+/// distinguished.
 pub fn asked(view: &View, frames: &Range<usize>, settings: &PipelineSettings) -> Value {
     let path = view.path.as_ref().map_or_else(|| "orbit".to_owned(), |path| path.display().to_string());
     let mut asked = json!({
@@ -72,7 +73,7 @@ pub fn asked(view: &View, frames: &Range<usize>, settings: &PipelineSettings) ->
     asked
 }
 
-/// The command as it was given; what is no text in it, nearly so.
+/// The command as given; parts that are not valid text are shown approximately.
 pub fn command_line() -> String {
     std::env::args_os().map(|arg| arg.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
 }

@@ -180,7 +180,7 @@ fn nobody_needs_to_listen() {
     let at = folder.path();
     let full = || fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
 
-    // A pipe whose reader has left.
+    // A pipe without a reader.
     let mut child = gs3(at, "info demo").stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     drop(child.stdout.take());
     let output = child.wait_with_output().unwrap();

@@ -157,7 +157,7 @@ fn a_failing_ffmpeg_is_quoted_and_costs_no_frame() {
     assert_eq!(names(folder.path()), ["bin", "clip", "r.json"]);
     assert_eq!(names(&folder.path().join("clip")).len(), 5, "all frames are there");
 
-    // A file that nobody may execute is no ffmpeg.
+    // A file without the right to be executed is no ffmpeg.
     fs::set_permissions(folder.path().join("bin/ffmpeg"), fs::Permissions::from_mode(0o644)).unwrap();
     fs::remove_dir_all(folder.path().join("clip")).unwrap();
     let output = run();

@@ -13,11 +13,11 @@ pub struct Place {
     pub position: [f64; 3],
     /// The pivot, in the middle of the picture.
     pub target: [f64; 3],
-    /// Vertical field of view, degrees; that of the camera before where it is missing.
+    /// Vertical field of view, degrees; if missing, the previous camera's.
     pub fov: Option<f64>,
 }
 
-/// What is no camera.
+/// The text that is no camera.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("camera: {message}")]
 pub struct PlaceError {

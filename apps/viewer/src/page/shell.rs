@@ -35,7 +35,7 @@ fn nothing() -> Gaussians {
 
 #[wasm_bindgen]
 impl PageViewer {
-    /// A viewer without a scene. `settings` are those of `PageSettings`.
+    /// A viewer without a scene. `settings` is a `PageSettings`.
     ///
     /// # Errors
     /// One line with what was expected and what was found.

@@ -1,4 +1,4 @@
-//! What is opened, and what is written.
+//! Opening and writing of files.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -13,7 +13,7 @@ use crate::screenshot::png;
 use crate::tour::{Tour, camera_path_json, moved};
 
 impl Viewer {
-    /// Asks for a screenshot, which the next step takes.
+    /// Requests a screenshot, which the next step takes.
     pub fn shoot(&mut self, shot: Shot) {
         self.shots.push(shot);
         self.is_idle = false;
@@ -59,7 +59,7 @@ impl Viewer {
 
     /// Writes the keyframes to `file`; none is a numbered file.
     pub fn save_tour(&mut self, file: Option<PathBuf>) {
-        // Files are in the frame of the scene's file.
+        // Files use the coordinates of the scene's file.
         let origin = self.session.scene().details().origin;
         let Some(bytes) = self.tour.to_camera_path(self.size, origin) else {
             self.message = Some("keyframes: expected at least 1 to write, found 0".to_owned());
@@ -76,7 +76,7 @@ impl Viewer {
         self.effects.push(Effect::Save(Place::File(file), format!("{json:#}\n").into_bytes()));
     }
 
-    /// Figures of the frames displayed last, the scene, the message that is shown, and whether the viewer rests.
+    /// Figures of the last displayed frames, the scene, the message shown, and whether the viewer rests.
     #[must_use]
     pub fn figures_json(&self) -> serde_json::Value {
         let pipeline = self.session.pipeline();
@@ -103,7 +103,7 @@ impl Viewer {
         })
     }
 
-    /// Tells how much of what is being opened is there, `[0, 1]`.
+    /// Reports the share of the file being opened that has been read, `[0, 1]`.
     pub fn progress(&mut self, share: f32) {
         if let Some((_, done)) = &mut self.opening {
             *done = share;
@@ -111,7 +111,7 @@ impl Viewer {
         }
     }
 
-    /// Shows what was opened, or says why it cannot be; then the old scene stays.
+    /// Shows an opened file, or reports why it cannot be shown; the old scene stays then.
     pub fn opened(&mut self, opened: Result<Opened, String>, now: Duration) {
         self.opening = None;
         (self.is_woken, self.is_idle, self.has_failed) = (true, false, false);
@@ -126,7 +126,7 @@ impl Viewer {
             Opened::Scene { name, scene, cameras } => {
                 let camera = first_camera(&scene, cameras.as_ref(), self.size)?;
                 let bulk = Bulk::of(&scene);
-                // What the file has that is not shown is told.
+                // Contents of the file that are not shown are reported.
                 let dropped = scene.dropped().total();
                 let mut told = format!("opened {name}");
                 if dropped > 0 {
@@ -161,7 +161,7 @@ impl Viewer {
         Ok(())
     }
 
-    /// Tells where an [`Effect::Save`] went, or why nowhere.
+    /// Reports where an [`Effect::Save`] was written, or why it was not.
     pub fn saved(&mut self, saved: Result<PathBuf, String>, now: Duration) {
         match saved {
             Ok(file) => self.tell(format!("written: {}", file.display()), now),

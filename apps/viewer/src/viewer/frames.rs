@@ -1,4 +1,4 @@
-//! Which frame is rendered next, and what is shown of it.
+//! The choice of the next frame, and of the part of it that is shown.
 
 use std::time::Duration;
 
@@ -8,7 +8,7 @@ use super::{Rest, Viewer, ViewerError};
 use crate::compare::{Compare, Method};
 use crate::views::{View, show_difference, show_image, show_view};
 
-/// Part of the interval that rendering gets at least, however long the rest takes.
+/// Least share of the interval for rendering, however long the rest takes.
 const LEAST_SHARE: f64 = 0.25;
 
 /// Factor on the differences to native, so that one step of 8 bits is visible.
@@ -22,7 +22,7 @@ impl Viewer {
 
     pub(super) fn is_rendering_due(&self) -> bool {
         let camera = self.controls.shown().camera(self.size).ok();
-        // What failed is not tried again until something changes.
+        // After a failure, the frame is not tried again until something changes.
         camera.is_some()
             && !self.has_failed
             && (self.rest.camera != camera
@@ -30,7 +30,7 @@ impl Viewer {
                 || (self.view == View::Picture && !self.rest.is_native))
     }
 
-    /// Renders at most one frame. Whether it did, and how long the session took.
+    /// Renders at most one frame. Returns whether it did, and how long the session took.
     pub(super) fn render(&mut self, clock: &dyn Fn() -> Duration) -> (bool, Duration) {
         if !self.is_rendering_due() {
             return (false, Duration::ZERO);
@@ -82,7 +82,7 @@ impl Viewer {
         Ok(())
     }
 
-    /// Puts what is shown of the last frame into `frame`.
+    /// Composes the shown part of the last frame in `frame`.
     pub(super) fn compose(&mut self) {
         if !std::mem::take(&mut self.is_stale) {
             return;
@@ -91,7 +91,7 @@ impl Viewer {
         let rendered = pipeline.last_image();
         let size = [rendered.width(), rendered.height()];
         if size != self.size.map(|side| side as usize) {
-            // A frame of the new size is on its way; until then there is none to show.
+            // A frame of the new size is on its way; until then there is no frame to show.
             self.frame.resize(self.size.map(|side| side as usize));
             self.frame.pixels.fill(0);
             return;

@@ -1,4 +1,4 @@
-//! What inputs do: the camera, the pivot, the keys.
+//! The effects of inputs: on the camera, the pivot, and by keys.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -15,7 +15,7 @@ use crate::input::{Button, Input, Key};
 use crate::panels::{Action, UPS};
 use crate::views::View;
 
-/// Two clicks within this time, and this many points apart, are a double click: what desktops are set to.
+/// Two clicks within this time and this many points are a double click: the usual setting of desktops.
 const DOUBLE_CLICK: (Duration, f32) = (Duration::from_millis(500), 4.0);
 
 /// Reach of a divider for the pointer, points.
@@ -61,7 +61,7 @@ impl Viewer {
         }
     }
 
-    /// Asks for a file or folder to be opened.
+    /// Requests to open a file or folder.
     pub fn open(&mut self, file: PathBuf) {
         let name =
             file.file_name().map_or_else(|| file.display().to_string(), |n| n.to_string_lossy().into_owned());
@@ -115,7 +115,7 @@ impl Viewer {
         self.drag = Some(button);
     }
 
-    /// Makes what is seen at `at` the pivot.
+    /// Makes the surface at `at` the pivot.
     pub(super) fn set_pivot(&mut self, at: [f32; 2], now: Duration) {
         if let Err(error) = self.session.fetch_gbuffer() {
             self.message = Some(error.to_string());
@@ -187,7 +187,7 @@ impl Viewer {
         }
     }
 
-    /// Does what a panel can ask for.
+    /// Performs an action of a panel.
     pub fn act(&mut self, action: Action, now: Duration) {
         (self.is_woken, self.has_failed) = (true, false);
         match action {
@@ -251,7 +251,7 @@ impl Viewer {
         self.is_woken = true;
     }
 
-    /// Shows what `camera` sees, with the pivot as far before it as it is now.
+    /// Shows the view of `camera`. The pivot keeps its distance from the camera.
     pub(super) fn jump(&mut self, camera: &Camera) {
         let distance = self.controls.shown().offset.length();
         self.controls.jump(Rig::of(camera, distance));

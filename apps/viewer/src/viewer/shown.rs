@@ -1,4 +1,4 @@
-//! What the panels say.
+//! The contents of the panels.
 
 use std::time::Duration;
 

@@ -9,7 +9,7 @@ use crate::input::{Button, Input, Touch};
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Fingers {
     down: Vec<(u64, [f32; 2])>,
-    /// Whether there were two: the last one of them turns nothing.
+    /// Whether there were two fingers: then the last one does not turn the view.
     were_two: bool,
 }
 
@@ -22,7 +22,7 @@ impl Fingers {
 }
 
 impl Viewer {
-    /// Takes what `finger` does at `at`. Fingers that never began are not there.
+    /// Processes `touch` of `finger` at `at`. Fingers that never began are ignored.
     pub(super) fn touch(&mut self, finger: u64, touch: Touch, at: [f32; 2], now: Duration) {
         let place = self.fingers.down.iter().position(|(number, _)| *number == finger);
         match (touch, place) {
@@ -55,7 +55,7 @@ impl Viewer {
         }
     }
 
-    /// The finger that was the left button is none any more.
+    /// Ends the left button of the finger that had it.
     fn lift(&mut self, now: Duration) {
         self.handle(Input::Button(Button::Left, false), now);
         self.handle(Input::PointerGone, now);
@@ -65,7 +65,7 @@ impl Viewer {
         self.tour.stop();
         let delta = [0, 1].map(|axis| f64::from(after.0[axis] - before.0[axis]));
         self.controls.pan(delta, f64::from(self.size[1]));
-        // Two fingers at one point have no ratio; `approach` leaves such alone.
+        // Two fingers at one point have no valid ratio; `approach` ignores it.
         self.controls.approach(f64::from(before.1) / f64::from(after.1));
     }
 }

@@ -33,8 +33,8 @@ const LEAST_COPIED: u64 = 4 << 20;
 /// Bytes of a workgroup of `copy.wgsl`: 256 invocations, four vectors of 16 bytes each.
 const COPY_GROUP: u64 = 256 * 4 * 16;
 
-/// Invocations of `multiply_add.wgsl`: four times what fits the largest GPUs at once (148 multiprocessors of 2,048),
-/// so that those that end first leave little idle.
+/// Invocations of `multiply_add.wgsl`: four times as many as run at once on the largest GPUs (148 multiprocessors of
+/// 2,048), so that the device is little idle when the first ones end.
 const INVOCATIONS: u32 = 1 << 20;
 
 /// Invocations of one of its workgroups.
@@ -49,7 +49,8 @@ const LEAST: Duration = Duration::from_millis(2);
 /// How often work is doubled at most until it does. 2¹⁴ rounds take 2 ms at 10¹⁵ operations per second.
 const DOUBLINGS: u32 = 14;
 
-/// Runs of which the best counts: others may have had less than the whole device. What grew before has warmed it up.
+/// Number of runs; the best one counts, because others may not have had the whole device. Growing before has warmed
+/// up the device.
 const RUNS: usize = 8;
 
 /// `Load` of `multiply_add.wgsl`.
@@ -117,7 +118,7 @@ fn rate(mut time: impl FnMut(u32) -> Result<Duration, GpuError>) -> Result<f64, 
     Ok(f64::from(count) / best.as_secs_f64())
 }
 
-/// The device's clock, or that of the processor where it has none.
+/// The device's clock, or the CPU's if the device has none.
 struct Clock<'a> {
     gpu: &'a Gpu,
     timings: Option<Timings>,
@@ -163,7 +164,7 @@ fn most_copied(limits: &Limits) -> u64 {
 }
 
 impl Copy {
-    /// As large as there is room for: half as much, where memory is full.
+    /// Allocates as much as there is memory for: half as much, if memory is full.
     fn new(gpu: &Gpu) -> Result<Self, GpuError> {
         let mut bytes = most_copied(&gpu.capabilities().limits);
         loop {

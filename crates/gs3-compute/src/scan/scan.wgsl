@@ -1,5 +1,5 @@
-// Exclusive scan in place: BLOCKS workgroups own equal ranges; the first kernel sums each range, the second scans each
-// range from the sum of all before it. Two dispatches of fixed size, whatever the count.
+// Exclusive scan in place. BLOCKS workgroups own equal ranges. The first kernel sums each range; the second scans
+// each range, starting from the sum of everything before it. Two dispatches of fixed size, for every count.
 
 @group(0) @binding(0) var<storage> count: array<u32>;
 @group(0) @binding(1) var<storage, read_write> values: array<u32>;

@@ -135,7 +135,7 @@ impl Sort {
     /// # Errors
     /// [`GpuError`] if the device refuses.
     pub fn bind(&self, gpu: &Gpu, count: Slice<'_>, pairs: [Pairs<'_>; 2]) -> Result<BoundSort, GpuError> {
-        // What is bound tells the kernels how much there is room for.
+        // The lengths of the bound buffers tell the kernels the capacity.
         let room = u64::from(self.plan.capacity) * 4;
         let buffers = |pass: usize| {
             let (from, to) = (pairs[pass % 2], pairs[(pass + 1) % 2]);

@@ -6,7 +6,7 @@ use crate::error::GpuError;
 /// The most pairs of a sort: counts share a word with two bits of state.
 pub const MAX_PAIRS: u32 = (1 << 30) - 1;
 
-/// Tiles whose digits one workgroup counts.
+/// Number of tiles that one workgroup counts the digits of.
 const HISTOGRAMS: u32 = 4;
 
 /// Bits of a digit at most: 256 counts for each tile.

@@ -3,7 +3,7 @@
 
 const WORDS: u32 = THREADS / 32u;
 
-// Threads whose key of this round has the digit: WORDS words for each digit.
+// Masks of the threads with this digit in their key of this round: WORDS words for each digit.
 var<workgroup> masks: array<atomic<u32>, BINS * WORDS>;
 // Keys of each digit in the rounds before.
 var<workgroup> seen: array<u32, BINS>;

@@ -1,5 +1,5 @@
-// Ranks of keys by subgroup: each subgroup takes a strip of the tile and counts digits for itself; lanes find those of
-// the same digit by one ballot for each of its bits. Beside rank_shared.wgsl.
+// Ranks of keys by subgroup. Each subgroup takes a strip of the tile and counts digits for itself. Lanes find the
+// lanes with the same digit by one ballot for each of its bits. See also rank_shared.wgsl.
 
 const ROWS: u32 = THREADS / MIN_SUBGROUP;
 

@@ -12,7 +12,7 @@
 @group(0) @binding(2) var<storage> values_in: array<u32>;
 @group(0) @binding(3) var<storage, read_write> keys_out: array<u32>;
 @group(0) @binding(4) var<storage, read_write> values_out: array<u32>;
-// Counts of dispatches: those of sweep, then those of histogram.
+// Counts of dispatches: of sweep, then of histogram.
 @group(0) @binding(5) var<storage, read_write> dispatches: array<u32>;
 // Tiles handed out, for each pass, then counts of digits of all keys, for each pass.
 @group(0) @binding(6) var<storage, read_write> control: array<atomic<u32>>;
@@ -32,7 +32,7 @@ const HISTOGRAMS: u32 = 4u;
 // Digits of a thread.
 const DIGITS: u32 = (BINS + THREADS - 1u) / THREADS;
 
-// A word of status: nothing yet, the count of this tile, or that of all tiles up to this one.
+// A status word: nothing yet, the count of this tile, or the count of all tiles up to this one.
 const OWN: u32 = 1u << 30u;
 const ALL: u32 = 2u << 30u;
 const COUNT: u32 = OWN - 1u;
@@ -46,7 +46,7 @@ var<workgroup> recount: array<atomic<u32>, BINS>;
 var<workgroup> shared_waiting: atomic<u32>;
 var<workgroup> shared_uniform: u32;
 
-// Tiles that there is room for.
+// Capacity in tiles.
 fn tile_room() -> u32 {
     return arrayLength(&status) / (2u * BINS);
 }
@@ -137,7 +137,7 @@ fn sweep_tile(thread: Thread) {
         atomicStore(&status[other_half + tile * BINS + d], 0u);
     }
 
-    // Keys and their ranks among those of the same digit.
+    // Keys, and their ranks among the keys with the same digit.
     var keys: array<u32, ITEMS>;
     var places: array<u32, ITEMS>;
     clear_ranks(thread);

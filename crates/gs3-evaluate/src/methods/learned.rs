@@ -108,7 +108,7 @@ pub(super) fn trained(
     }
 }
 
-/// Where the weights of `peer` are; their file is called as `gs3 train baseline` is told to call it.
+/// Where the weights of `peer` are. Their file has the name that the instructions for `gs3 train baseline` give it.
 fn trained_source(
     method: MethodSpec,
     peer: PublishedNetwork,

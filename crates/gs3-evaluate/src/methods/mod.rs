@@ -28,7 +28,7 @@ pub(crate) use learned::{check_weights, weights_digest};
 pub use spec::{DEFAULT_METHODS, Formation, Interpolation, MethodSpec, Spatial, SpecError};
 
 /// Durations of the stages of a rendered frame, in the order of [`Stage::ALL`]; none for stages that did not run or
-/// whose time means nothing.
+/// have no meaningful time.
 pub type Durations = [Option<Duration>; Stage::ALL.len()];
 
 /// Why a method gave no frame.

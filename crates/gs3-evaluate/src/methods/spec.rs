@@ -38,7 +38,7 @@ pub enum Spatial {
     Overscan,
     /// [`Self::History`] with all LR frames sampled at pixel centres: an ablation.
     Centered,
-    /// [`Self::History`] without rendered gradients: those of bicubic interpolation in their place, an ablation.
+    /// [`Self::History`] without rendered gradients, an ablation: gradients of bicubic interpolation replace them.
     Gradientless,
     /// gs3's learned super sampling on top of [`Self::Overscan`].
     Learned(Tier),
@@ -267,7 +267,7 @@ impl MethodSpec {
         }
     }
 
-    /// All names, of which each may be followed by one of [`Self::formations`] and of [`Self::interpolations`].
+    /// All names. Each may be followed by one of [`Self::formations`] and one of [`Self::interpolations`].
     #[must_use]
     pub fn names() -> String {
         let whole = WHOLE.iter().map(|(name, _)| *name);

@@ -7,7 +7,7 @@ pub enum MetricError {
     /// Two inputs that belong together differ in size.
     #[error("{what}: expected {}x{} pixels, found {}x{}", .expected.0, .expected.1, .actual.0, .actual.1)]
     Size {
-        /// The input whose size is wrong.
+        /// The input with the wrong size.
         what: &'static str,
         /// Expected width and height.
         expected: (usize, usize),
@@ -27,7 +27,7 @@ pub enum MetricError {
     /// Two sequences that belong together differ in length.
     #[error("{what}: expected {expected} frames, found {actual}")]
     FrameCount {
-        /// The sequence whose length is wrong.
+        /// The sequence with the wrong length.
         what: &'static str,
         /// Expected number of frames.
         expected: usize,

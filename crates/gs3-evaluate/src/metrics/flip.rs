@@ -161,7 +161,7 @@ fn features(luminance: &Planes<1>, ppd: f64) -> ([Planes<1>; 2], [Planes<1>; 2])
     ([across(&edge), down(&edge)], [across(&point), down(&point)])
 }
 
-/// A sampled kernel whose positive weights sum to 1 and whose negative weights, if any, sum to −1.
+/// A sampled kernel. Its positive weights sum to 1, and its negative weights, if any, sum to −1.
 fn normalised(radius: i32, weight: impl Fn(f64) -> f64) -> Vec<f32> {
     let weights: Vec<f64> = (-radius..=radius).map(|i| weight(f64::from(i))).collect();
     let positive: f64 = weights.iter().filter(|w| **w > 0.0).sum();

@@ -11,8 +11,9 @@ use super::{BAND_ROWS, MetricError, displayed, same_size};
 /// decimal, so results state theirs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SsimBorder {
-    /// Pixels whose window leaves the image are left out of the mean: the original definition, and scikit-image's
-    /// `structural_similarity(gaussian_weights=True, sigma=1.5, use_sample_covariance=False, data_range=1)`.
+    /// Pixels with a window that leaves the image are left out of the mean: the original definition, and
+    /// scikit-image's `structural_similarity(gaussian_weights=True, sigma=1.5, use_sample_covariance=False,
+    /// data_range=1)`.
     #[default]
     Crop,
     /// The image is continued with zeros and every pixel counts: the code published with 3D Gaussian Splatting (Kerbl

@@ -23,10 +23,10 @@ pub fn tpsnr(
 /// Temporal flicker: the root mean square of the error's component that alternates from frame to frame, in `[0, 1]`; 0
 /// for the ground truth itself.
 ///
-/// The error `e = test − reference` of three consecutive frames passes the filter `[1, −2, 1]/4`, whose gain is 1 for
-/// an error that alternates at half the frame rate and 0 for one that is constant or grows linearly. Sharp rendered
-/// frames alternating with blurred interpolated ones, the typical defect of frame interpolation, show here and not in
-/// means.
+/// The error `e = test − reference` of three consecutive frames passes the filter `[1, −2, 1]/4`. The filter's gain
+/// is 1 for an error that alternates at half the frame rate, and 0 for an error that is constant or grows linearly.
+/// Sharp rendered frames that alternate with blurred interpolated frames are the typical defect of frame
+/// interpolation. They show here and not in means.
 ///
 /// # Errors
 /// [`MetricError`] if sizes differ or images are empty.

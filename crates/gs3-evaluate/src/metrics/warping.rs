@@ -1,7 +1,7 @@
 //! Warping error: does a surface keep its colour from frame to frame? With the exact motion of a static scene.
 //!
-//! There is no package to hold it against: published code (of Lai et al. and those who took it up) estimates the motion
-//! with a network. Its oracle is a plane whose frames and motion are known in closed form (`tests/warping.rs`).
+//! No package can serve as the reference: published code (by Lai et al. and their successors) estimates the motion
+//! with a network. The oracle is a plane with frames and motion known in closed form (`tests/warping.rs`).
 
 use glam::{DMat3, DVec2, DVec3};
 use gs3_scene::{Camera, Image, Planes};

@@ -1,6 +1,6 @@
-//! Published single-image super-resolution networks, for comparison: with their own weights, or with those of gs3's
-//! trainer ([`Trained`]). All run by gs3's engine, so that what they take is what their design takes. The networks of
-//! gs3 itself live elsewhere.
+//! Published single-image super-resolution networks, for comparison: with their own weights, or with weights of gs3's
+//! trainer ([`Trained`]). All run on gs3's engine, so their times are due to their designs. The networks of gs3
+//! itself are elsewhere.
 
 mod rt4ksr;
 mod runner;

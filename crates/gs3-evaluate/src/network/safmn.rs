@@ -22,8 +22,8 @@ const NAME: &str = "safmn";
 /// SAFMN++ light.
 #[derive(Clone, Debug)]
 pub struct Safmn {
-    /// What comes before the coarse version that the first block wants, between those of two blocks, and after the
-    /// last.
+    /// The layers before the coarse version that the first block needs, the layers between two blocks, and the layers
+    /// after the last block.
     parts: [Runner; BLOCKS + 1],
     /// Of each block one 3×3 kernel per modulated channel, `[9, MODULATED]`.
     depthwise: [Vec<[f32; MODULATED]>; BLOCKS],

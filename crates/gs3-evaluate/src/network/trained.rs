@@ -24,7 +24,7 @@ impl Trained {
     /// `peer` with `weights`, as `gs3 train baseline` writes them.
     ///
     /// # Errors
-    /// [`RunError`] if they are not those of the network.
+    /// [`RunError`] if the weights do not fit the network.
     pub fn new(peer: PublishedNetwork, weights: neural::Weights) -> Result<Self, RunError> {
         let actual = weights.header.network.clone();
         if actual != peer.name() {

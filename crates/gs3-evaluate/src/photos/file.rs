@@ -43,7 +43,8 @@ fn decode_error(path: &Path, message: String) -> PhotoError {
     PhotoError::Decode { path: path.into(), message }
 }
 
-/// A reader at the first frame of an image whose sides cameras can have, which bounds what is allocated for it.
+/// A reader at the first frame of an image with sides that cameras can have. This bounds the memory that is
+/// allocated.
 fn png_reader(bytes: &[u8]) -> Result<png::Reader<Cursor<&[u8]>>, String> {
     let mut decoder = png::Decoder::new(Cursor::new(bytes));
     decoder.set_transformations(png::Transformations::normalize_to_color8());
@@ -93,7 +94,7 @@ fn jpeg_size(bytes: &[u8]) -> Result<(u32, u32), String> {
     let mut decoder = jpeg_decoder(bytes);
     decoder.decode_headers().map_err(|e| e.to_string())?;
     let (width, height) = decoder.dimensions().ok_or("no size in its header")?;
-    // The decoder was told the largest side.
+    // The decoder limits the sides.
     Ok((width as u32, height as u32))
 }
 

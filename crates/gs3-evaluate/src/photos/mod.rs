@@ -1,11 +1,10 @@
 //! Renders against captured images of a scene that was trained on them.
 //!
-//! Every camera of the capture names its photo. Renders and photos are compared at 8 bits, as files of them would be,
-//! each photo twice: on its own, without any history, and at the end of a short way to it (`approach`), which is
-//! what somebody sees who moves through the scene. Nothing is carried from one photo to the next. Photos taken through a
-//! lens that is no pinhole are undistorted first, and the part of them that shows something everywhere is compared; a
-//! photo whose file is an enlarged or reduced version of its camera's image is compared at its own size, the camera
-//! following.
+//! Every camera of the capture names its photo. Renders and photos are compared at 8 bits, as if saved to files. Each
+//! photo is compared twice: on its own, without any history, and at the end of a short path to it (`approach`), as
+//! seen by a user who moves through the scene. Nothing is carried from one photo to the next. Photos of a lens that
+//! is no pinhole are undistorted first, and only the part with content everywhere is compared. A photo with a file
+//! larger or smaller than its camera's image is compared at the file's size, and the camera is scaled.
 
 mod approach;
 mod error;
@@ -297,7 +296,7 @@ impl PhotoProtocol {
     /// Everything that results depend on but the methods and what they read, which [`part_of`] tells apart.
     fn key(&self, photos: &[Photo]) -> String {
         let Self { scene_name, scale, culling, background, .. } = self;
-        // Another photo under the same name is told by its length and time.
+        // Another photo with the same name is detected by its length and time.
         let state = |p: &Photo| std::fs::metadata(&p.file).map(|m| (m.len(), m.modified().ok())).ok();
         let cameras: Vec<_> = photos.iter().map(|p| (&p.file, state(p), p.camera, &p.way)).collect();
         let scene = digest::of_scene(&self.scene);
@@ -310,7 +309,7 @@ impl PhotoProtocol {
     }
 }
 
-/// The one file in `folder` whose name is `name`, or that and an extension of photos, but for the case of letters.
+/// The only file in `folder` with the name `name`, or with `name` and an extension of photos, ignoring case.
 fn alike(folder: &Path, name: &str) -> Option<PathBuf> {
     let wanted = folder.join(name);
     let (parent, name) = (wanted.parent()?, wanted.file_name()?.to_str()?.to_lowercase());
@@ -320,7 +319,7 @@ fn alike(folder: &Path, name: &str) -> Option<PathBuf> {
     };
     let files = std::fs::read_dir(parent).ok()?.flatten().map(|entry| entry.path());
     let mut found = files.filter(|file| file.is_file() && is_alike(file));
-    // Two that differ in case from each other are not told apart by it.
+    // Two files that differ only in case cannot be distinguished.
     found.next().filter(|_| found.next().is_none())
 }
 

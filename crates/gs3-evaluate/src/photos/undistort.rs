@@ -25,7 +25,7 @@ impl Undistortion {
     pub(super) fn new(camera: &Camera, lens: &Lens) -> Option<Self> {
         let intrinsics = camera.intrinsics();
         let whole = Self { intrinsics, lens: *lens, part: [0, 0, intrinsics.width, intrinsics.height] };
-        // The largest part in the middle whose rim is shown, by bisection of its share of both sides.
+        // The largest part in the middle with a rim that is shown, by bisection of its share of both sides.
         let part = |share: f64| {
             let side = |side: u32| {
                 let kept = ((f64::from(side) * share) as u32).max(1);
@@ -113,7 +113,7 @@ mod tests {
         Camera::new(DAffine3::IDENTITY, intrinsics).unwrap()
     }
 
-    /// A photo of a scene whose colour is the ray's slope comes back as what a pinhole sees.
+    /// A photo of a scene with the ray's slope as its colour becomes the image of a pinhole camera.
     #[test]
     fn photos_become_what_a_pinhole_sees() {
         let camera = camera();

@@ -59,8 +59,8 @@ impl Cache {
     }
 }
 
-/// The name of the part of `method`. Of one that reads weights it tells them: with others it is another part, so that
-/// their scores are not taken for those of these.
+/// The name of the part of `method`. For a method that reads weights, the name includes the weights. With other
+/// weights it is another part, so that scores of different weights are not mixed up.
 pub(crate) fn part_of(
     method: MethodSpec,
     scale: u32,

@@ -113,7 +113,7 @@ pub(super) fn judge(
     let crop_at = timeline.steps().len() / 2;
     let mut video: [Vec<Image>; 2] = Default::default();
     for (i, step) in timeline.steps().iter().enumerate() {
-        // Whatever a method still shows from before, the first frame has nothing before it.
+        // The first frame has no frame before it, also if a method still shows older images.
         let shown = method.render(&step.camera, step.middle.as_ref())?;
         let (between, current) = (
             shown.in_between.filter(|_| i > 0).map(|image| Arc::new(image.clone())),

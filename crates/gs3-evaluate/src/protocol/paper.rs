@@ -42,8 +42,8 @@ pub struct PaperRow {
     /// The figures; speed-ups are over native rendering with the same acceleration.
     #[serde(flatten)]
     pub row: ResultRow,
-    /// [`ResultRow::displayed_fps`] over that of native rendering as 3DGS publishes it (`plain`, of the whole scene),
-    /// which ran beside it.
+    /// [`ResultRow::displayed_fps`] over the speed of native rendering as 3DGS publishes it (`plain`, of the whole
+    /// scene), measured beside it.
     pub speedup_over_plain: Option<f64>,
 }
 
@@ -96,7 +96,7 @@ const TRAINED: [&str; 3] = ["ecbsr_trained+blend", "rt4ksr_trained+blend", "nina
 /// gs3 with learning, compared where its weights are there.
 const LEARNED: [&str; 3] = ["fast", "balanced", "high"];
 
-/// The method whose parts are left out and which is accelerated.
+/// The complete method: parts of it are left out, and it is accelerated.
 const WHOLE: &str = "analytic";
 
 /// What is left out, and the method without it.

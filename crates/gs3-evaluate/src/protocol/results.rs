@@ -105,10 +105,10 @@ pub struct ResultRow {
     pub flicker: Option<f64>,
     /// ColorVideoVDP in JOD, of all frames together, where it was asked for.
     pub jod: Option<f64>,
-    /// Frames displayed per second: what the median rendered frame takes. None for methods whose LR frames need the
-    /// native image.
+    /// Frames displayed per second, by the time of the median rendered frame. None for methods with LR frames that
+    /// need the native image.
     pub displayed_fps: Option<f64>,
-    /// [`Self::displayed_fps`] over that of native rendering, both against native rendering beside them.
+    /// [`Self::displayed_fps`] over native rendering's, each against native rendering measured beside it.
     pub speedup_over_native: Option<f64>,
     /// How the LR frames came about; none for native rendering.
     pub lr_formation: Option<String>,
@@ -144,7 +144,7 @@ impl Failure {
     /// That `method` failed with `error`.
     pub(crate) fn of(method: MethodSpec, error: &EvaluateError) -> Self {
         let (method, error) = (method.to_string(), error.to_string());
-        // Errors of weights say whose they are, since they are also told where no method runs yet.
+        // Errors of weights name their method, because they are also reported where no method runs yet.
         let error = error.strip_prefix(&format!("{method}: ")).map(str::to_owned).unwrap_or(error);
         Self { method, error }
     }

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-/// Colours of methods, in order; told apart on white, repeated after the last.
+/// Colours of methods, in order; distinguishable on white, repeated after the last.
 const COLORS: [&str; 18] = [
     "#4a4a4a", "#1b6ca8", "#d1495b", "#2a9d4a", "#8f5bb5", "#e08e0b", "#17a2a2", "#8c564b", "#c73e9c",
     "#6b7a1e", "#5b8def", "#b03a2e", "#0f5c3f", "#b79f00", "#403f8f", "#e377c2", "#7f9aa8", "#96460e",

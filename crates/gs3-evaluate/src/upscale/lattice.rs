@@ -1,7 +1,8 @@
-//! Where HR pixels lie between LR samples, and LR planes with repeated borders to read around them.
+//! The places of HR pixels between LR samples, and LR planes with repeated borders to read around them.
 //!
-//! HR pixels whose index has the same remainder modulo the scale, one *phase*, lie at the same offset from their LR
-//! sample. All filters here run phase by phase: their weights are constants then, and their taps contiguous.
+//! HR pixels with the same remainder of their index modulo the scale are one *phase*: they lie at the same offset
+//! from their LR sample. All filters here run phase by phase: their weights are then constants, and their taps
+//! contiguous.
 
 use gs3_scene::Planes;
 use rayon::prelude::*;

@@ -77,7 +77,7 @@ pub trait Upscaler: Send {
         [0.0; 2]
     }
 
-    /// Enlarges `lr` by `scale` into `out`, whose size is `scale` times that of `lr`. The fourth channel becomes 0.
+    /// Enlarges `lr` by `scale` into `out`, which has `scale` times the size of `lr`. The fourth channel becomes 0.
     ///
     /// # Errors
     /// [`UpscaleError`] if sizes, scale or planes do not suit the method.

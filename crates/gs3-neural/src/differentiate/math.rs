@@ -6,7 +6,7 @@ use fearless_simd::{Simd, f32x16};
 use crate::engine::math::{normal_density, normal_distribution, sigmoid};
 use crate::graph::Activation;
 
-/// Whether the derivative cannot be told from the activation's result.
+/// Whether the derivative cannot be computed from the activation's result alone.
 pub fn needs_argument(activation: Activation) -> bool {
     match activation {
         Activation::Identity | Activation::Relu | Activation::Sigmoid | Activation::Tanh => false,

@@ -34,8 +34,9 @@ use plan::{Export, Kind, Plan, Step};
 use turned::Turned;
 use weights::{ROWS, WeightSums, through_activation};
 
-/// Pixels of which sums over products are made in registers before these go to memory: so many that their way there and
-/// back is small beside the multiply-adds, so few that the rows stay in the first cache. Empirical.
+/// Number of pixels with sums over products in registers before the sums go to memory. It is so large that loading
+/// and storing the sums costs little beside the multiply-adds, and so small that the rows stay in the first-level
+/// cache. Empirical.
 const PIXELS: usize = 128;
 
 /// Derivatives of one network on images of one size. Cheap to clone and to share.
@@ -80,7 +81,7 @@ pub struct Scratch {
     plan: Arc<Plan>,
     /// Derivatives by results.
     v: Vec<Block>,
-    /// Of which results there are any.
+    /// Which results have a derivative already.
     begun: Vec<bool>,
     /// A row of derivatives with the copies of the border.
     row: Vec<Block>,
@@ -298,7 +299,7 @@ impl Differentiator {
         Ok(())
     }
 
-    /// The way back through a convolution whose result has the derivative `v`.
+    /// The way back through a convolution; `v` is the derivative by its result.
     fn convolution(
         &self,
         step: &Step,

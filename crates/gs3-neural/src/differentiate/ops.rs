@@ -13,7 +13,7 @@ use crate::engine::ops::{Factor, load, run_len};
 use crate::graph::Op;
 use crate::shape::pooled;
 
-/// What is done to a derivative of which there may already be a part.
+/// How a derivative is stored if a part of it may already exist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Write {
     /// This is the first part.
@@ -135,7 +135,7 @@ impl Adjoint<'_> {
             Op::AveragePool { side, stride } => write.each(simd, out, |x| {
                 let result = self.v_result.shape;
                 let mut sum = f32x16::splat(simd, 0.0);
-                // The windows that see the pixel: those whose centres are within half a side.
+                // The windows that see the pixel: their centres are within half a side.
                 let windows = |at: usize, length: usize| {
                     at.saturating_sub(side / 2).div_ceil(stride)..((at + side / 2) / stride + 1).min(length)
                 };
@@ -303,8 +303,8 @@ impl Adjoint<'_> {
         }
     }
 
-    /// Copied channels: those of the result from `target`, of which the input's first is `source`. The input's others
-    /// have no derivative.
+    /// Copied channels: the result's channels from `target` on are the input's channels from `source` on. The input's
+    /// other channels have no derivative.
     #[inline(always)]
     fn copied(&self, y: usize, b: usize, out: &mut [Block], write: Write, [target, source]: [usize; 2]) {
         let (result, input) = (self.v_result.shape.channels, self.v_input.shape.channels);
@@ -417,7 +417,7 @@ struct Place {
 }
 
 impl Place {
-    /// `place`, at whose integers pixels' centres are, moved to a row of `side` pixels.
+    /// `place`, with pixel centres at integers, moved into a row of `side` pixels.
     #[inline(always)]
     fn new(place: f32, side: usize) -> Self {
         let last = (side - 1) as f32;

@@ -29,7 +29,7 @@ pub struct Step {
     /// Of the graph.
     pub layer: usize,
     pub kind: Kind,
-    /// The steps whose results it reads.
+    /// The steps that it reads the results of.
     pub inputs: Vec<usize>,
     /// Their results.
     pub layouts: Vec<Layout>,
@@ -176,7 +176,7 @@ fn place_derivatives(border: Border, steps: &mut [Step], exports: &[Export]) -> 
     arena.len
 }
 
-/// The inputs whose numbers `op` reads: not those that only give a size.
+/// The inputs with numbers that `op` reads: without the inputs that only give a size.
 pub fn read_inputs<'a>(op: &Op, inputs: &'a [usize]) -> &'a [usize] {
     match op {
         Op::PixelShuffle { .. } | Op::Upsample { .. } => &inputs[..1],
@@ -184,8 +184,8 @@ pub fn read_inputs<'a>(op: &Op, inputs: &'a [usize]) -> &'a [usize] {
     }
 }
 
-/// Pixels beside the image of which a convolution's input has copies of the border there: derivatives by these are
-/// derivatives by the border.
+/// Width in pixels of the border copies around a convolution's input. Derivatives by the copies are derivatives by
+/// the border.
 pub fn extension(border: Border, conv: &Conv2d) -> usize {
     match border {
         Border::Zero => 0,
@@ -217,7 +217,7 @@ pub fn targets(step: &Step, steps: &[Step]) -> Vec<Target> {
 /// A block of channels of a convolution's input.
 #[derive(Clone, Copy, Debug)]
 pub struct Target {
-    /// Whose result it is.
+    /// The step that the result belongs to.
     pub step: usize,
     /// The derivative by that result.
     pub v: Layout,

@@ -28,7 +28,7 @@ pub struct Turned {
 }
 
 impl Turned {
-    /// That of the convolution `step`, with `weights` `oihw`; none if no derivatives are needed.
+    /// The turned convolution of the convolution `step`, with `weights` `oihw`; none if no derivatives are needed.
     pub fn new(border: Border, conv: &Conv2d, step: &Step, steps: &[Step], weights: &[f32]) -> Option<Self> {
         let targets = targets(step, steps);
         let v = step.v.filter(|_| !targets.is_empty())?;
@@ -59,7 +59,7 @@ impl Turned {
         self.row.row_len()
     }
 
-    /// The rows to be run: those of the image and of the copies above and below.
+    /// The rows to be run: the image's rows, and the rows of the copies above and below.
     pub fn rows(&self) -> Range<isize> {
         let height = self.targets.first().map_or(0, |target| target.v.shape.height);
         -(self.extension as isize)..(height + self.extension) as isize

@@ -16,7 +16,7 @@ use crate::engine::conv::{Segment, group, unrolled};
 use crate::engine::ops::load;
 use crate::graph::{Activation, Border, Conv2d};
 
-/// The most rows of which sums are made at a time.
+/// Most rows that are summed at a time.
 pub const ROWS: usize = 8;
 
 /// The derivative by the sum before the activation from that by the result: both `v`, rows of `layout` from `first` on,
@@ -61,7 +61,7 @@ fn through_activation_on<S: Simd>(
     }
 }
 
-/// A convolution whose weights' derivatives are summed.
+/// A convolution with the derivatives of its weights being summed.
 #[derive(Clone, Debug)]
 pub struct WeightSums<'a> {
     pub conv: &'a Conv2d,
@@ -212,8 +212,8 @@ struct View<'a> {
 }
 
 impl View<'_> {
-    /// Adds to `sums` those of `N` input channels from `i`. As in the forward kernel, all indices into what stays in
-    /// registers are constants.
+    /// Adds the sums of `N` input channels from `i` to `sums`. As in the forward kernel, all indices into registers
+    /// are constants.
     #[inline(always)]
     fn sum<S: Simd, const V: usize, const N: usize>(&self, simd: S, i: usize, sums: &mut [[Block; V]]) {
         let Pass { of: WeightSums { conv, border, .. }, values, v, v_layout, rows, .. } = self.pass;

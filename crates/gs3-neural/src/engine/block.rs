@@ -88,7 +88,7 @@ impl Layout {
     }
 }
 
-/// Memory of which a part is being written: what is left of it.
+/// Memory that is being written part by part: the remaining part.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Remainder<'a> {
     before: &'a [Block],

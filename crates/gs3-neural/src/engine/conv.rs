@@ -55,7 +55,7 @@ pub struct Segment {
 }
 
 impl Segment {
-    /// Those of `inputs`, in the order of the weights.
+    /// The segments of `inputs`, in the order of the weights.
     pub fn all(inputs: &[Layout]) -> Vec<Self> {
         let mut segments = Vec::new();
         for layout in inputs {
@@ -68,8 +68,8 @@ impl Segment {
     }
 }
 
-/// What a convolution is made from: that of `inputs`, concatenated, in strips of `width` pixels, with `weights`
-/// `oihw` and `bias`, empty where there is none.
+/// The inputs for building a convolution: the convolution of `inputs`, concatenated, in strips of `width` pixels,
+/// with `weights` `oihw` and `bias`, which is empty if there is none.
 #[derive(Clone, Copy, Debug)]
 pub struct Source<'a> {
     pub conv: Conv2d,

@@ -21,7 +21,7 @@ pub struct Exchange {
 }
 
 impl Exchange {
-    /// Of a whole tensor of `layout`, whose channels are those of blocks of `factor`² pixels.
+    /// The exchange of a whole tensor of `layout`. Its channels are the channels of blocks of `factor`² pixels.
     pub fn new(layout: &Layout, factor: usize) -> Self {
         let channels = layout.shape.channels / (factor * factor);
         Self { factor, channels, width: layout.shape.width, first: 0 }
@@ -150,8 +150,8 @@ impl Exchange {
         }
     }
 
-    /// [`Exchange::import_row`] of 4×4 pixels of `C` channels, of which each becomes a block; `N` = 4 · `C` numbers
-    /// of a row of the image are side by side.
+    /// [`Exchange::import_row`] for 4×4 pixels of `C` channels, where each channel becomes a block. `N` = 4 · `C`
+    /// numbers of a row of the image are side by side.
     #[inline(always)]
     fn import_fours<S: Simd, const C: usize, const N: usize>(
         &self,
@@ -317,7 +317,7 @@ pub fn joined<S: Simd>(simd: S, [a, b, c, d]: [f32x4<S>; 4]) -> [f32; LANES] {
     simd.combine_f32x8(simd.combine_f32x4(a, b), simd.combine_f32x4(c, d)).to_array()
 }
 
-/// Copies numbers of which there are multiples of four.
+/// Copies numbers; their count is a multiple of four.
 #[inline(always)]
 pub fn copy_fours<S: Simd>(simd: S, from: &[f32], to: &mut [f32]) {
     for (from, to) in from.chunks_exact(4).zip(to.chunks_exact_mut(4)) {

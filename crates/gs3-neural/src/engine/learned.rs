@@ -19,7 +19,7 @@ pub struct Learned {
 }
 
 impl Learned {
-    /// That of the layer `name`, if `op` is one.
+    /// The parameters of the layer `name`, if `op` has any.
     pub fn new(op: &Op, name: &str, weights: &Weights) -> Option<Self> {
         let blocks = |kind: &str| {
             let lanes = |values: &[f32]| {
@@ -97,7 +97,7 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Those of a pixel of `channels`, of which `pixel` gives the blocks.
+    /// The values of a pixel of `channels`; `pixel` gives the blocks.
     #[inline(always)]
     pub fn new<'a, S: Simd>(
         simd: S,

@@ -26,9 +26,9 @@ pub fn sigmoid<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
     reciprocal(simd, exp(simd, -x) + 1.0)
 }
 
-/// 1 / x of numbers from 1 to 2¹²⁶, relative error below 2e-7. Two of Newton's steps square that of the processor's
-/// estimate, below 2⁻⁸ wherever there is one, to 2⁻¹⁶ and to rounding. A division takes as long as all else that
-/// [`sigmoid`] does.
+/// 1 / x of numbers from 1 to 2¹²⁶, relative error below 2e-7. The CPU's estimate has an error below 2⁻⁸ on every CPU
+/// that has one. Each of two Newton steps squares the error: to 2⁻¹⁶, then to rounding. A division takes as long as
+/// the whole rest of [`sigmoid`].
 #[inline(always)]
 fn reciprocal<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
     let one = f32x16::splat(simd, 1.0);

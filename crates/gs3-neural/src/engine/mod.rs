@@ -1,15 +1,16 @@
 //! The CPU engine: a network for one image size, planned once, run without allocation.
 //!
-//! `nodes` are the graph's layers without those that only rearrange what convolutions and images bring. `passes` groups
-//! them: a pass goes over the rows once, strip by strip, and what its nodes make of a pixel stays in scratch memory
-//! of the thread; only what a later pass reads, or a neighbouring pixel, is kept. Passes of a group follow each other
-//! row by row, so that of that, too, only the last rows are kept, and what is read again is still in a cache. `plan`
-//! places everything. `run` gives each thread a slab of rows, in which it waits for nobody: the few rows of
-//! neighbouring slabs that it sees it computes itself. Images are read where they are needed, as often as that is,
-//! and written where they are made.
+//! `nodes` are the graph's layers, without layers that only rearrange inputs of convolutions or images. `passes`
+//! groups them. A pass goes over the rows once, strip by strip. The values of a pixel stay in scratch memory of the
+//! thread; only values that a later pass or a neighbouring pixel reads are kept. Passes of a group follow each other
+//! row by row, so only the last rows are kept, and rows that are read again are still in a cache. `plan` gives every
+//! buffer its place. `run` gives each thread a slab of rows. Threads do not wait for each other: a thread computes
+//! the few rows of neighbouring slabs that it needs itself. Images are read at each use, and written where they are
+//! made.
 //!
-//! What it takes, of which peak, and where the rest goes is in `docs/performance.md` (`examples/engine_speed.rs` measures it).
-//! The floor is memory: of super sampling of tier fast at 480×270, ×4, 180 MB of images in and out.
+//! `docs/performance.md` has the engine's time, its share of the peak, and the rest (`examples/engine_speed.rs`
+//! measures them). The lower bound is memory: super sampling of tier fast at 480×270, ×4, moves 180 MB of images in
+//! and out.
 
 mod bf16;
 pub(crate) mod block;
@@ -42,9 +43,9 @@ use run::{Exports, Job, Slab};
 pub enum Arithmetic {
     /// f32: results within 1e-4 of exact ones.
     F32,
-    /// Products of bf16, sums of f32, where the machine has AMX or AVX-512 BF16 and a convolution gains; f32
-    /// elsewhere. Results within 2e-2. A refined frame (the 20th of `gs3 render --arithmetic` on a capture) is 72 dB
-    /// from that of f32, and as far from the native one to 1e-4 dB.
+    /// Products of bf16 with sums of f32, where the machine has AMX or AVX-512 BF16 and a convolution gains; f32
+    /// elsewhere. Results are within 2e-2. A refined frame (the 20th of `gs3 render --arithmetic` on a capture)
+    /// differs from f32's frame by 72 dB, and is as far from the native frame, to 1e-4 dB.
     Bf16,
 }
 
@@ -58,11 +59,11 @@ impl Arithmetic {
         }
     }
 
-    /// [`Self::Bf16`] on processors with AMX, if the operating system lets the process use it, and on those of AMD
-    /// with AVX-512 BF16; else [`Self::F32`]. Zen 4 starts its instruction for pairs of bf16 as often as that for
-    /// f32, which does half as much; Granite Rapids, the one processor of Intel that was measured, half as often, and
-    /// rounding costs on top: balanced super sampling to 1920×1080 took 91 ms so, 70 in f32. Its tiles take half as
-    /// long as f32 (`examples/engine_speed.rs`).
+    /// [`Self::Bf16`] on CPUs with AMX, if the operating system lets the process use it, and on AMD's CPUs with
+    /// AVX-512 BF16; else [`Self::F32`]. Zen 4 issues its instruction for pairs of bf16 as often as the f32
+    /// instruction, which does half as much. Granite Rapids, the only Intel CPU measured, issues it half as often,
+    /// and rounding adds to the cost: balanced super sampling to 1920×1080 took 91 ms in this way, and 70 ms in f32.
+    /// Its tiles take half as long as f32 (`examples/engine_speed.rs`).
     #[must_use]
     pub fn fastest() -> Self {
         match Unit::best() {
@@ -134,8 +135,8 @@ impl Engine {
         input.or_else(|| self.output(name).map(|output| self.plan.outputs[output]))
     }
 
-    /// Runs the network on `images`, all its inputs, and writes those of its outputs that are asked for. Images are
-    /// channels last.
+    /// Runs the network on `images`, all its inputs, and writes the outputs that are asked for. Images are channels
+    /// last.
     ///
     /// # Errors
     /// [`RunError`] if an image is missing, unknown or of another size; nothing is computed then.

@@ -8,7 +8,7 @@ use crate::shape::Shape;
 #[derive(Clone, Debug)]
 pub struct Node {
     pub made: Made,
-    /// The nodes whose results it reads.
+    /// The nodes that it reads the results of.
     pub inputs: Vec<usize>,
     /// Of its result; of an export, of what it reads.
     pub shape: Shape,
@@ -146,7 +146,7 @@ fn repeated(graph: &Graph, shapes: &[Shape], tensor: Tensor) -> Option<Tensor> {
     (is_whole(&shapes[first.index()]) && inputs.iter().all(|t| *t == first)).then_some(first)
 }
 
-/// The inputs of which a layer reads more than the size.
+/// The inputs that a layer reads numbers of, not only the size.
 fn read(layer: &Layer) -> &[Tensor] {
     match layer.op {
         Op::PixelShuffle { .. } | Op::Upsample { .. } => &layer.inputs[..1],
@@ -154,8 +154,8 @@ fn read(layer: &Layer) -> &[Tensor] {
     }
 }
 
-/// A convolution's inputs, of which those that follow one another with less than a block of channels are joined: they
-/// take less memory so, and the kernel has fewer and longer loops.
+/// A convolution's inputs. Consecutive inputs with less than a block of channels are joined: they then take less
+/// memory, and the kernel has fewer and longer loops.
 fn with_narrow_parts_joined(nodes: &mut Vec<Node>, parts: Vec<usize>) -> Vec<usize> {
     let mut inputs = Vec::new();
     let mut rest = &parts[..];

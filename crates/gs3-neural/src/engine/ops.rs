@@ -193,7 +193,7 @@ impl<'a> Row<'a> {
         });
     }
 
-    /// Input 0 at (x, y), whose integers are pixels' centres, moved into the image.
+    /// Input 0 at (x, y), with pixel centres at integers, moved into the image.
     #[inline(always)]
     fn bilinear<S: Simd>(&self, simd: S, b: usize, x: f32, y: f32) -> f32x16<S> {
         let input = &self.inputs[0];
@@ -226,7 +226,8 @@ impl<'a> Row<'a> {
         }
     }
 
-    /// [`Op::PixelShuffle`] by 2 to whole blocks, each of four blocks, of which a pixel has two of each four channels.
+    /// [`Op::PixelShuffle`] by 2 to whole blocks. Each is made from four blocks, and a pixel has two of every four
+    /// channels.
     #[inline(always)]
     fn shuffle_twos<S: Simd>(&self, simd: S, out: &mut [Block]) {
         for (b, out) in out.chunks_exact_mut(self.layout.stride()).enumerate() {
@@ -349,7 +350,7 @@ struct Corners {
 }
 
 impl Corners {
-    /// Those around `place` (x, y), whose integers are pixels' centres, moved into an image of `[width, height]`.
+    /// The neighbours of `place` (x, y), with pixel centres at integers, moved into an image of `[width, height]`.
     #[inline(always)]
     fn new<S: Simd>(simd: S, [width, height]: [usize; 2], [x, y]: [f32; 2]) -> Self {
         // Both axes at once.

@@ -40,7 +40,7 @@ pub struct Passes {
     pub waves: Vec<Wave>,
 }
 
-/// How a pass goes over its rows among those of its group.
+/// How a pass goes over its rows, relative to the group's rows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Wave {
     /// Rows that it is behind the first of them.
@@ -52,7 +52,7 @@ pub struct Wave {
 }
 
 impl Passes {
-    /// Those of `nodes` of `graph`, if rows are shared out among `slabs` threads.
+    /// The passes of `nodes` of `graph`, with rows divided among `slabs` threads.
     pub fn new(graph: &Graph, nodes: &[Node], slabs: usize) -> Self {
         let readers = readers(graph, nodes);
         let is_placed = |n: usize| match nodes[n].made {
@@ -62,7 +62,7 @@ impl Passes {
         };
         let mut levels = earliest(graph, nodes, &is_placed);
         move_late(nodes, &readers, &is_placed, &mut levels);
-        // Large images first: they follow those of the level before if nothing smaller comes between.
+        // Large images first: they follow the images of the level before, if nothing smaller comes between.
         let key = |n: usize| (levels[n], Reverse(nodes[n].shape.height), nodes[n].shape.width);
         let mut keys: Vec<_> = (0..nodes.len()).filter(|n| is_placed(*n)).map(key).collect();
         keys.sort_unstable();
@@ -178,7 +178,7 @@ fn readers(graph: &Graph, nodes: &[Node]) -> Vec<Vec<Reader>> {
     readers
 }
 
-/// How many passes must be before that of each node.
+/// For each node, the number of passes that must come before its pass.
 fn earliest(graph: &Graph, nodes: &[Node], is_placed: &impl Fn(usize) -> bool) -> Vec<usize> {
     let mut levels: Vec<usize> = Vec::with_capacity(nodes.len());
     for (n, node) in nodes.iter().enumerate() {

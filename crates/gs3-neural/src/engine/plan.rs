@@ -20,8 +20,8 @@ use crate::weights::Weights;
 /// what is made of them stays in the first cache, where 64 channels take 12 KiB. Empirical.
 const STRIP: usize = 48;
 
-/// Strips are multiples of this, if images are wide enough: of all numbers of pixels whose sums convolutions keep in
-/// registers, but one.
+/// Strips are multiples of this value, if images are wide enough: a multiple of all but one of the numbers of pixels
+/// with sums in registers.
 const MULTIPLE: usize = 12;
 
 /// All that is computed for one image size.
@@ -63,7 +63,7 @@ pub struct Pass {
     pub wave: Wave,
     /// Whether to prefetch the images of the next strip while one is computed.
     pub prefetches: bool,
-    /// Where the rows that it keeps for passes of the group are among those of a slab.
+    /// Place of the rows that it keeps for passes of the group, among the rows of a slab.
     pub start: usize,
     /// Blocks of such a row, of all of its tensors.
     pub row_len: usize,
@@ -194,8 +194,8 @@ impl Planner<'_> {
         Group { passes: Vec::new(), height, width, start, row_len, exports: Vec::new() }
     }
 
-    /// Gives what `pass` keeps for those of its group a place from `start` on, which moves behind it: its start, the
-    /// blocks of a row, and the bits of a row's number that tell its place.
+    /// Gives the rows that `pass` keeps for passes of its group a place from `start` on, and moves `start` behind it.
+    /// Returns the start, the blocks of a row, and the bits of a row's number that determine its place.
     fn keep(&mut self, pass: usize, start: &mut usize) -> [usize; 3] {
         let members: Vec<usize> = self.members(pass).filter(|n| self.passes.is_kept(*n)).collect();
         let rows = self.passes.waves[pass].kept.next_power_of_two();
@@ -292,7 +292,7 @@ impl Planner<'_> {
         }
     }
 
-    /// The node whose strip that of node `n` is, or is part of.
+    /// The node with the strip that node `n` writes to, as a whole or in part.
     fn owner(&self, n: usize) -> usize {
         match self.view(n) {
             Some(_) => self.owner(self.nodes[n].inputs[0]),
@@ -310,8 +310,8 @@ impl Planner<'_> {
         last.max().unwrap_or(0)
     }
 
-    /// The input of node `order[now]` whose strip can become the result's: as large, and read by nothing else from
-    /// then on.
+    /// The input of node `order[now]` with a strip that can become the result's: as large, and not read by any other
+    /// node from then on.
     fn updated(&self, order: &[usize], now: usize) -> Option<usize> {
         let n = order[now];
         let node = &self.nodes[n];
@@ -326,7 +326,7 @@ impl Planner<'_> {
         })
     }
 
-    /// The steps of `pass`, whose strips lie in `scratch` blocks or more.
+    /// The steps of `pass`; its strips lie in `scratch` blocks or more.
     fn pass(
         &self,
         pass: usize,

@@ -14,7 +14,7 @@ use super::plan::{Group, Kind, Pass, Step};
 use crate::graph::Border;
 use crate::images::Named;
 
-/// Images that a group writes, those of the rows that a thread computes; empty where one is not asked for.
+/// Images that a group writes: the rows that a thread computes. An image that is not asked for is empty.
 pub type Exports<'a> = [&'a mut [f32]; EXPORTS];
 
 thread_local! {
@@ -66,8 +66,8 @@ impl<'a> Slab<'a> {
 }
 
 impl Job<'_> {
-    /// Computes `slab` in as many parts as there are `rings`, for each of which that is the memory of rows that
-    /// passes keep for each other.
+    /// Computes `slab` in as many parts as there are `rings`. The ring of a part is the memory of rows that passes
+    /// keep for each other.
     pub fn slabs(&self, slab: Slab<'_>, rings: &mut [Vec<Block>]) {
         match rings {
             [] => {}
@@ -82,8 +82,8 @@ impl Job<'_> {
         }
     }
 
-    /// Computes a slab row by row, each pass its rows behind the others: those of the slab, and those above and below
-    /// that later passes see of them.
+    /// Computes a slab row by row, each pass its rows behind the others: the slab's rows, and the rows above and
+    /// below that later passes need.
     fn slab(&self, mut slab: Slab<'_>, ring: &mut [Block]) {
         let Range { start, end } = slab.rows;
         if slab.rows.is_empty() {
@@ -126,7 +126,7 @@ impl Job<'_> {
         let own = slab.rows.contains(&y).then(|| y - slab.rows.start);
         let mut stored = own.map(|row| &mut slab.stored[row * row_len..][..*row_len]);
         for x in (0..*width).step_by(pass.strip) {
-            // The last strip overlaps that before, whose pixels get the same values again.
+            // The last strip overlaps the strip before. The shared pixels get the same values again.
             let x = x.min(width - pass.strip);
             if pass.prefetches {
                 self.prefetch_next(pass, [x + pass.strip, y]);

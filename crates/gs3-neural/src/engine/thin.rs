@@ -1,4 +1,4 @@
-//! Convolutions of one output channel, whose vectors are pixels, not channels: of 16 channels 15 would be for nothing.
+//! Convolutions of one output channel. Their vectors are pixels, not channels: of 16 channels 15 would be wasted.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, dispatch, f32x16};
@@ -8,7 +8,7 @@ use super::conv::{Seen, Segment, Source};
 use super::math::activate;
 use crate::graph::{Border, Conv2d};
 
-/// Vectors of pixels computed together: those of a strip.
+/// Vectors of pixels computed together: one strip.
 const VECTORS: usize = 3;
 
 /// Pixels that a window may reach beside them.
@@ -36,7 +36,7 @@ impl ThinConvolution {
         conv.outputs == 1 && conv.kernel >= KERNEL && fits
     }
 
-    /// That of `source`; none if it is not for it.
+    /// The convolution of `source`; none if this kernel does not fit it.
     pub fn new(source: &Source<'_>) -> Option<Self> {
         let Source { conv, border, inputs, weights, bias, .. } = *source;
         if !Self::takes(&conv, source.width) {
@@ -59,7 +59,7 @@ impl ThinConvolution {
     fn row<S: Simd>(&self, simd: S, sources: Sources<'_>, layout: &Layout, y: isize, out: &mut [Block]) {
         let Conv2d { kernel, dilation, activation, .. } = self.conv;
         let (width, reach) = (layout.shape.width, self.conv.reach());
-        // Beyond the width and what the window reaches, numbers that make sums which nobody reads.
+        // Beyond the width and the window's reach, numbers go into sums that are never read.
         let mut pixels = [[0.0; VECTORS * LANES + MARGIN]; 2];
         let mut sums = [f32x16::splat(simd, self.bias); VECTORS];
         let mut weights = self.weights.chunks_exact(kernel);
@@ -67,7 +67,7 @@ impl ThinConvolution {
         for ky in 0..kernel {
             for segment in &self.segments {
                 let row = seen.pixels(segment, ky, y, 0).map(|row| &row[..width + 2 * reach]);
-                // A pixel is a cache line, of which two channels are taken at once.
+                // A pixel is a cache line; two of its channels are processed at once.
                 for c in (0..segment.channels).step_by(2) {
                     let is_pair = c + 1 < segment.channels;
                     let pair = [weights.next(), if is_pair { weights.next() } else { None }];

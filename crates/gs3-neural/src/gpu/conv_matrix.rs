@@ -1,8 +1,8 @@
 //! Convolutions as products of matrices in hardware (cooperative matrices, "tensor cores").
 //!
-//! Matrices of 8×8 ran on lavapipe; those of 16×16 have run nowhere, and nothing is tuned: no such hardware was at
-//! hand. So they are for those who ask for them. A run of pixels is loaded once for all columns, a matrix of weights
-//! once for [`RUNS`].
+//! Matrices of 8×8 were run on lavapipe. Matrices of 16×16 have not been run, and nothing is tuned: no such hardware
+//! was at hand. So they are used only on request. A run of pixels is loaded once for all columns, and a matrix of
+//! weights once for [`RUNS`].
 
 use gs3_compute::{Capabilities, Gpu, Subgroups, Use, constants};
 
@@ -30,9 +30,8 @@ pub struct MatrixUnit {
 }
 
 impl MatrixUnit {
-    /// The one to use of what a device can do, if it was opened with [`gs3_compute::OptionalFeatures::Experimental`].
-    /// Its subgroups must be of one size, as those of NVIDIA: work is divided among them before it is known which
-    /// they will be.
+    /// The unit to use on a device, if the device was opened with [`gs3_compute::OptionalFeatures::Experimental`].
+    /// Its subgroups must have one size, as on NVIDIA: work is divided among subgroups before their size is known.
     #[must_use]
     pub fn of(capabilities: &Capabilities) -> Option<Self> {
         let Subgroups::Present { min, max } = capabilities.subgroups else { return None };

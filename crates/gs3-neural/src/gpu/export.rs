@@ -5,8 +5,8 @@ use super::expression::{Expressions, Width};
 use super::source::{self, BLOCK, image_words};
 use crate::shape::Shape;
 
-/// The kernel of an image of `shape` from what `expressions` have as `name`, and its invocations. `header` is that of
-/// all kernels.
+/// The kernel of an image of `shape` from the value `name` of `expressions`, and its invocations. `header` is the
+/// header of all kernels.
 pub fn export(
     header: &str,
     expressions: &Expressions<'_>,

@@ -14,7 +14,7 @@ use crate::shape::Shape;
 /// Where a tensor is, before buffers are given out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
-    /// In a buffer of the engine, by the first layer whose result is in it.
+    /// In a buffer of the engine, identified by the first layer with its result there.
     Tensor(usize),
     /// In the buffer of an input.
     Input(usize),
@@ -138,8 +138,8 @@ impl<'a> Expressions<'a> {
         self.text += &(text + "}\n");
     }
 
-    /// `fn finish(block, x, y, sum) -> vec4<f32>`: what `branches`, whose results follow each other, make of sums of
-    /// their convolutions, all with the same `activation`.
+    /// `fn finish(block, x, y, sum) -> vec4<f32>`: the results of `branches`, which follow each other, from the sums
+    /// of their convolutions, all with the same `activation`.
     pub fn finish(&mut self, activation: Activation, branches: &[Branch]) {
         self.text += &source::activate("activate", activation);
         let mut text = "fn finish(block: u32, x: u32, y: u32, sum: vec4<f32>) -> vec4<f32> {\n".to_owned();

@@ -1,16 +1,16 @@
 //! Which results are stored, and which are computed where they are read: a pure function of the graph.
 //!
-//! What limits networks on GPUs is mostly memory, and how many kernels there are. So a convolution takes what is done
-//! with its result pixel by pixel along ([`Branch`]), convolutions of the same inputs are one kernel, and whatever else
-//! is no convolution may be computed by its readers, again and again. Which of these are is found by descent: of all
-//! changes that lower the bytes that a run reads and writes, the best, until none does.
+//! Networks on GPUs are mostly limited by memory and by the number of kernels. So a convolution's kernel also does
+//! the pixel-by-pixel work on its result ([`Branch`]). Convolutions of the same inputs are one kernel. Every layer
+//! that is no convolution may be computed by its readers, once per reader. The choice is found by descent: of all
+//! changes that lower the bytes that a run reads and writes, the best is taken, until there is none.
 
 use super::conv::TILE;
 use super::source::{BLOCK, PARTS, blocks};
 use crate::graph::{Conv2d, Graph, Op, Tensor};
 use crate::shape::Shape;
 
-/// Side of the LR grid for which it is decided, whatever size is run: six poolings leave it whole.
+/// Side of the LR grid that the choice is made for, at any size that is run: six poolings leave it whole.
 const NOMINAL: usize = 64;
 
 /// What one kernel more costs, bytes an LR pixel: it waits for those before it, about 2 µs, in which a card moves 2 to
@@ -26,7 +26,7 @@ const STARTS: usize = 3;
 /// How a layer's result comes about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
-    /// Nobody needs it.
+    /// No layer reads it.
     Unused,
     /// It is given in the engine's own format.
     Given,
@@ -38,7 +38,7 @@ pub enum Role {
     Absorbed,
 }
 
-/// A convolution and what is done with its result, pixel by pixel: layers each of which reads the one before.
+/// A convolution and the pixel-by-pixel work on its result: layers that each read the layer before.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Branch {
     pub conv: usize,
@@ -46,7 +46,7 @@ pub struct Branch {
 }
 
 impl Branch {
-    /// The layer whose result is stored.
+    /// The layer with the stored result.
     pub fn stored(&self) -> usize {
         self.then.last().copied().unwrap_or(self.conv)
     }
@@ -106,7 +106,7 @@ fn convolution(graph: &Graph, layer: usize) -> Option<Conv2d> {
     }
 }
 
-/// The parts that convolution `conv` reads: those of a concatenation that is not stored.
+/// The parts that convolution `conv` reads: the parts of a concatenation that is not stored.
 pub fn parts(graph: &Graph, roles: &[Role], conv: usize) -> Vec<usize> {
     let flat = |k: usize| match (&graph.layers()[k].op, roles[k]) {
         (Op::Concat, Role::Inlined) => operands(graph, k).collect(),
@@ -120,7 +120,8 @@ impl Fusion {
     pub fn new(graph: &Graph, wanted: &Wanted<'_>) -> Self {
         let mut search = Search::new(graph, wanted);
         search.merge();
-        // Descents end in the nearest valley: several starts, of which branches have gone on with more and more.
+        // A descent ends in the nearest minimum. So there are several starts, with more and more of the branches
+        // moved into their convolutions.
         let mut best: Option<(f64, Search<'_>)> = None;
         for _ in 0..STARTS {
             let mut descent = search.clone();

@@ -158,8 +158,8 @@ impl GpuEngine {
         self.slots.iter().map(Buffer::bytes).sum()
     }
 
-    /// Bytes that a run reads and writes, each tensor and image once per kernel, weights aside: over what a device
-    /// copies in a second, the least time of a run whose tensors no cache keeps.
+    /// Bytes that a run reads and writes: each tensor and image once per kernel, without weights. Divided by the
+    /// bytes that a device copies per second, this is the least time of a run with tensors larger than any cache.
     #[must_use]
     pub fn bytes_moved(&self) -> u64 {
         self.plan.steps.iter().map(|step| step.bytes).sum()
@@ -183,8 +183,8 @@ impl GpuEngine {
         &self.plan.outputs
     }
 
-    /// Will run the network from the buffers of all its inputs to those of all its outputs, by name. No output is in
-    /// the buffer of an input.
+    /// Binds the network to the buffers of all its inputs and outputs, by name. An output must not be in the buffer
+    /// of an input.
     ///
     /// # Errors
     /// [`GpuRunError`] if an image is missing, unknown or too short.

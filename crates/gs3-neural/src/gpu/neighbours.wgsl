@@ -1,4 +1,4 @@
-// Two neighbours along an axis and the weight of the second: of a place whose integers are pixels' centres, moved into
+// Two neighbours along an axis and the weight of the second, for a place with pixel centres at integers, moved into
 // the image.
 struct Neighbours {
     first: u32,

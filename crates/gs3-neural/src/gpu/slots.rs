@@ -29,7 +29,7 @@ impl Slots {
         }
     }
 
-    /// Nobody needs `slot` any longer.
+    /// `slot` is no longer needed.
     pub fn give_back(&mut self, slot: usize) {
         self.free.push(slot);
     }

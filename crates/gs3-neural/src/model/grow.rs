@@ -1,5 +1,5 @@
-//! Weights of a network grown into those of a larger one that computes the same (Net2Net, Chen et al. 2016), so that
-//! its training begins where the smaller one's ended.
+//! Weights of a network grown into weights of a larger network that computes the same (Net2Net, Chen et al. 2016).
+//! Training of the larger network then begins where the smaller network's ended.
 
 use super::initial_weights;
 use crate::arrays::Array;
@@ -113,7 +113,7 @@ fn is_pooled(graph: &Graph, index: usize) -> bool {
         .any(|reader| over_all(&reader.op) && reader.inputs.iter().any(|t| t.index() == index))
 }
 
-/// Whether outputs whose weights are zero are zero.
+/// Whether outputs are zero if their weights are zero.
 fn keeps_zero(op: &Op) -> bool {
     matches!(op, Op::Conv2d(conv) if conv.activation != Activation::Sigmoid)
 }
@@ -152,7 +152,7 @@ fn result(
             let is_within = old.outputs <= new.outputs && old.kernel <= new.kernel;
             let is_alike =
                 (old.dilation, old.activation, old.bias) == (new.dilation, new.activation, new.bias);
-            // Windows grow around their middle, whose distance between taps stays.
+            // Windows grow around their middle; the distance between taps stays.
             (is_within && is_alike).then(|| (0..old.outputs).map(at).collect())
         }
         (Op::Concat, Op::Concat) => {
@@ -188,8 +188,8 @@ fn result(
     }
 }
 
-/// Puts the weights or biases of a convolution that reads channels `read` into those of a larger one, whose first
-/// outputs are then the smaller one's.
+/// Copies the weights or biases of a convolution that reads channels `read` into a larger convolution. The first
+/// outputs of the larger one are then the outputs of the smaller one.
 fn embed(old: &Array, read: &[Channel], new: &mut Array) {
     let (&[outputs, inputs, kernel, _], &[_, channels, side, _]) = (old.shape(), new.shape()) else {
         // Biases.

@@ -1,6 +1,6 @@
-//! Where training starts: random features and last layers that are zero. Interpolation is then that of the pipeline
-//! without learning; super sampling is the mean of the present and the previous frame where both may count, and an
-//! eighth of the drift.
+//! Initial weights for training: random features, and last layers that are zero. Interpolation then equals the
+//! pipeline without learning. Super sampling is the mean of the current and the previous frame where both may count,
+//! plus an eighth of the drift.
 
 use crate::graph::Graph;
 use crate::weights::{Header, Weights};

@@ -128,10 +128,10 @@ pub fn tier_of(header: &Header) -> Result<Tier, WeightError> {
     Tier::from_name(&header.tier).ok_or_else(|| unknown("tier", "one of fast, balanced, high", &header.tier))
 }
 
-/// The network whose weights a file with `header` holds.
+/// The network of a weights file with `header`.
 ///
 /// # Errors
-/// [`RunError`] if there is none of that name, tier, scale and version.
+/// [`RunError`] if there is no network of this name, tier, scale and version.
 pub fn graph_of(header: &Header) -> Result<Graph, RunError> {
     let scale = header.scale as usize;
     if let Some(peer) = PublishedNetwork::from_name(&header.network) {

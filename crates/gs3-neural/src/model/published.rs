@@ -155,7 +155,7 @@ fn ninasr(scale: usize) -> Result<Graph, GraphError> {
     g.finish()
 }
 
-/// Channels weighed by what surrounds them: a squeeze-and-excitation block whose mean is local.
+/// Channels weighted by their surroundings: a squeeze-and-excitation block with a local mean.
 fn attention(g: &mut GraphBuilder, name: &str, x: Tensor) -> Tensor {
     const STRIDE: usize = 16;
     let part = |part: &str| format!("{name}.{part}");

@@ -1,14 +1,14 @@
-//! Networks as ONNX files, for ONNX Runtime, TensorRT and whatever else reads them.
+//! Networks as ONNX files, for ONNX Runtime, TensorRT and other readers.
 //!
 //! The export interprets the same [`Graph`] as the engines. Images are `[1, channels, height, width]` in f32, of any
-//! size: inputs on the LR grid are `height`×`width`, those `scale` times as fine `scale*height`×`scale*width`. Inputs
-//! have the graph's names, initializers those of the weights. Outputs have the graph's names too, but values of ONNX
-//! have one space of names: an output called as an input gets `_out` (super sampling reads `color` and gives
-//! `color_out`; both networks read `hidden` and give `hidden_out`, which is the next frame's `hidden`). The fields of
-//! the weights' header are the file's metadata.
+//! size. Inputs on the LR grid are `height`×`width`; inputs on the HR grid are `scale*height`×`scale*width`. Inputs
+//! have the graph's names, and initializers have the weights' names. Outputs have the graph's names as well. But ONNX
+//! has one namespace for values, so an output with the name of an input gets `_out` (super sampling reads `color` and
+//! gives `color_out`; both networks read `hidden` and give `hidden_out`, which is the next frame's `hidden`). The
+//! fields of the weights' header are the file's metadata.
 //!
-//! Operators are those of opset 20, in files of IR version 9 as that opset came with: every TensorRT 10 reads opsets
-//! up to 20 (10.0: 9 to 20, 10.15: 9 to 24), ONNX Runtime since 1.17, and 20 is the first with a GELU of its own.
+//! Operators are from opset 20, in files of IR version 9, which came with opset 20. Every TensorRT 10 reads opset 20
+//! (10.0: 9 to 20, 10.15: 9 to 24), and ONNX Runtime does since 1.17. Opset 20 is the first with a GELU of its own.
 //! Only operators that TensorRT 10 lists as supported are used.
 //!
 //! Weights are f32: runtimes that compute in f16 or bf16 convert when they load.
@@ -101,7 +101,7 @@ fn nodes(graph: &Graph, weights: &Weights) -> proto::GraphProto {
     writer.finish()
 }
 
-/// The grid of a layer's result from those of its inputs.
+/// The grid of a layer's result from the grids of its inputs.
 fn scale(op: &Op, mut inputs: impl Iterator<Item = Scale>) -> Scale {
     let first = inputs.next().flatten();
     match op {

@@ -205,7 +205,7 @@ impl Nodes<'_> {
         self.result(op_type, &[x], attributes);
     }
 
-    /// A node whose result is cut to the size of `like`, where there is one.
+    /// A node with its result cut to the size of `like`, if there is one.
     fn cropped(
         &mut self,
         op_type: &str,

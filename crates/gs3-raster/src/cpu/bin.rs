@@ -1,5 +1,4 @@
-//! Splats to tiles, in one pass: lists that keep their memory from frame to frame need no count of what will be in
-//! them.
+//! Splats to tiles, in one pass. The lists keep their memory from frame to frame, so no counting pass is needed.
 
 use std::ops::Range;
 
@@ -15,13 +14,13 @@ pub const TILE_WIDTH: usize = 32;
 /// See [`TILE_WIDTH`].
 pub const TILE_HEIGHT: usize = 16;
 
-/// Bits of an id that name the splat within its projection job.
+/// Number of bits in an id for the splat within its projection job.
 const LOCAL_BITS: u32 = 16;
 
 /// Largest number of Gaussians in a projection job.
 pub const MAX_JOB_SIZE: usize = 1 << LOCAL_BITS;
 
-/// A splat: its projection job in the upper half, the index within in the lower.
+/// A splat's id: its projection job in the upper half, and its index in the job in the lower half.
 #[derive(Clone, Copy)]
 pub struct Id(u32);
 
@@ -30,41 +29,42 @@ impl Id {
         Self((job << LOCAL_BITS | local) as u32)
     }
 
-    /// Job and index within.
+    /// The job, and the index in the job.
     #[inline(always)]
     pub const fn place(self) -> (usize, usize) {
         ((self.0 >> LOCAL_BITS) as usize, self.0 as usize % MAX_JOB_SIZE)
     }
 }
 
-/// Splats by tile, in scene order whatever thread finds them.
+/// Splats by tile, in scene order, independent of the threads.
 #[derive(Default)]
 pub struct Bins {
-    /// For each run of jobs what is found of it, `[tiles or more]`: more after a larger frame.
+    /// For each run of jobs, the lists of its splats, `[tiles or more]`: there are more after a larger frame.
     runs: Vec<Vec<Vec<Id>>>,
-    /// The number of the first tile that is there.
+    /// The number of the first tile with a list.
     first_tile: usize,
 }
 
-/// Most entries of bins at once, where more than a row of tiles has fewer: 128 MiB of ids, and as much again while lists
-/// grow. Frames of captures have up to a tenth. Beyond, a frame is made in bands of rows.
+/// Largest number of bin entries at once, unless a single row of tiles has more: 128 MiB of ids, and as much again
+/// while lists grow. Frames of captures have up to a tenth of it. A frame with more entries is made in bands of rows.
 pub const MOST_ENTRIES: u64 = 1 << 25;
 
 impl Bins {
-    /// The splats of `tile`, in scene order: a slice for each run of jobs, empty where none of them touches it.
+    /// The splats of `tile`, in scene order: one slice for each run of jobs, empty if none of its splats touches the
+    /// tile.
     #[inline(always)]
     pub fn of_tile(&self, tile: usize) -> impl Iterator<Item = &[Id]> {
         self.runs.iter().map(move |tiles| &tiles[tile - self.first_tile][..])
     }
 
-    /// Bands of rows of tiles of `grid`, in order, each with at most `most` entries or one row high.
+    /// Bands of rows of tiles of `grid`, in order. Each band has at most `most` entries or is one row high.
     pub fn bands(jobs: &[Projected], grid: &Grid, most: u64) -> Vec<Range<usize>> {
         let ([columns, rows], [width, height]) = (grid.tiles(), grid.tile_size());
         let splats: u64 = jobs.iter().map(|job| job.rects.len() as u64).sum();
         if splats.saturating_mul((columns * rows) as u64) <= most {
             return std::iter::once(0..rows).collect();
         }
-        // How many entries each row has at most, as differences from the row before: by the splats' boxes.
+        // Upper bound of the entries of each row, from the splats' boxes, as differences from the row before.
         let differences = jobs
             .par_iter()
             .fold(
@@ -107,7 +107,7 @@ impl Bins {
         let runs = balanced_runs(jobs, rayon::current_num_threads());
         self.runs.resize_with(runs.len(), Vec::new);
         self.runs.par_iter_mut().zip(runs).for_each(|(tiles, run)| {
-            // Tiles keep their memory, those beyond a smaller frame, too.
+            // Tiles keep their memory, also the tiles beyond a smaller frame.
             tiles.resize_with(tiles.len().max(count), Vec::new);
             tiles.iter_mut().for_each(Vec::clear);
             for (job, projected) in run.clone().zip(&jobs[run]) {
@@ -165,7 +165,7 @@ fn for_each_tile(
         return;
     }
     if first_x == last_x || top_y == bottom_y || !matches!(culling, Culling::AccuTile | Culling::Exact) {
-        // The box is tight: the support reaches every tile of a single row or column.
+        // The box is tight: a support in a single row or column of tiles reaches every tile of the box.
         for y in first_y..=last_y {
             for x in first_x..=last_x {
                 visit(y * columns + x);
@@ -200,7 +200,7 @@ mod tests {
     use super::super::splat::PixelRect;
     use super::*;
 
-    /// Bands cover all rows in order, and none has more entries than there is room for, but where a row alone does.
+    /// Bands cover all rows in order. No band exceeds the entry limit, unless a single row does.
     #[test]
     fn bands_have_room() {
         let rect = |x0, y0, x1, y1| PixelRect { x0, y0, x1, y1 };

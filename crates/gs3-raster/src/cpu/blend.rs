@@ -1,8 +1,8 @@
 //! Tiles to pixels: front-to-back blending of colour, exact image gradients, depth and normal.
 //!
-//! A tile is 8×4 blocks of 4×4 pixels; a block is sixteen lanes. For each splat, front to back, a 32-bit mask names the
-//! blocks that its support touches and that are not yet opaque; only those are evaluated. Gradients follow UpscaleGS
-//! (Niedermayr et al. 2025), depth and normals RaDe-GS (Zhang et al. 2024).
+//! A tile is 8×4 blocks of 4×4 pixels, and a block is sixteen lanes. For each splat, front to back, a 32-bit mask has
+//! the blocks that the support touches and that are not yet opaque. Only these blocks are evaluated. Gradients follow
+//! UpscaleGS (Niedermayr et al. 2025), depth and normals RaDe-GS (Zhang et al. 2024).
 
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*};
 
@@ -15,7 +15,8 @@ use super::project::{HALF_LOG2_E_SQRT, Projected, lanes};
 use super::splat::{MIN_ALPHA, Splat, SplatGeometry};
 use crate::settings::{ExpectedDepth, Rules};
 
-/// A pixel is finished before the contribution that would bring its transmittance below this (Kerbl et al. 2023).
+/// A pixel is finished before the contribution that would reduce its transmittance below this value (Kerbl et al.
+/// 2023).
 pub const MIN_TRANSMITTANCE: f32 = 1e-4;
 
 /// Undoes the scaling of the Cholesky factor: 1 / (½ log₂ e).
@@ -53,21 +54,21 @@ pub mod plane {
 #[repr(C, align(64))]
 pub struct Block(pub [[f32; 16]; plane::COUNT]);
 
-/// What [`blend_tile`] computes; kernels are compiled once for each.
+/// The outputs of [`blend_tile`]; kernels are compiled once for each.
 pub const COLOR: usize = 0;
-/// With gradients and median depth: what a sample of the history has.
+/// With gradients and median depth: the values of a sample of the history.
 pub const SAMPLE: usize = 1;
-/// With mean depth and normal too.
+/// With mean depth and normal as well.
 pub const GBUFFER: usize = 2;
-/// With the mixed derivative too.
+/// With the mixed derivative as well.
 pub const GBUFFER_MIXED: usize = 3;
 
-/// What blending reads of [`Rules`].
+/// The part of [`Rules`] that blending reads.
 #[derive(Clone, Copy)]
 pub struct BlendRules {
-    /// Contributions are capped here; a capped contribution is constant, its derivatives are zero.
+    /// Cap of contributions. A capped contribution is constant, so its derivatives are zero.
     pub max_alpha: f32,
-    /// Whether the mean depth is that of centres, along z, instead of surfaces, along the ray.
+    /// Whether the mean depth averages depths of centres, along z, instead of depths of surfaces, along the ray.
     pub has_depths_of_centers: bool,
 }
 
@@ -78,19 +79,19 @@ impl From<Rules> for BlendRules {
     }
 }
 
-/// State of a tile and its splats in order; one per thread, reused.
+/// The state of a tile and its splats in order; one per thread, reused.
 pub struct TileScratch {
     pub blocks: Box<[Block; BLOCKS]>,
-    /// Front to back, positions in `splats`.
+    /// Positions in `splats`, front to back.
     pub order: DepthOrder,
-    /// In scene order.
+    /// The splats in scene order.
     pub splats: Vec<Splat>,
     pub geometry: Vec<SplatGeometry>,
     pub cover: Box<Cover>,
 }
 
 impl TileScratch {
-    /// Takes a splat of a projection job.
+    /// Adds a splat of a projection job.
     #[inline(always)]
     pub fn take<const OUTPUTS: usize>(&mut self, job: &Projected, local: usize) {
         self.splats.push(job.splats[local]);
@@ -130,8 +131,8 @@ pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
         height - tile[1] * TILE_HEIGHT,
     );
     let [columns, _] = grid.tiles();
-    // All of the tile's splats are copied in scene order, near the order of memory, and only then visited by depth:
-    // the random accesses stay within the second-level cache.
+    // All splats of the tile are first copied in scene order, which is near the order of memory. Then they are
+    // visited by depth, so that random accesses stay within the second-level cache.
     scratch.splats.clear();
     scratch.geometry.clear();
     for ids in bins.of_tile(tile[1] * columns + tile[0]) {
@@ -146,7 +147,7 @@ pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
     blend_places::<_, OUTPUTS>(s, &places, grid, rules, open, order, splats, geometry, cover, blocks);
 }
 
-/// Blends the splats that `order` names, front to back, into the open ones of the blocks at `places`.
+/// Blends the splats in `order`, front to back, into the open blocks at `places`.
 #[inline(always)]
 pub fn blend_places<S: Simd, const OUTPUTS: usize>(
     s: S,
@@ -163,7 +164,7 @@ pub fn blend_places<S: Simd, const OUTPUTS: usize>(
     let before = grid.before.map(|pixels| pixels as f32);
     for visited in order.chunks(RUN) {
         cover.fill(s, splats, visited, places, before, open);
-        // Block by block, so that the state stays in registers over the run.
+        // Block by block, so that the state stays in registers during the run.
         for b in 0..places.len() {
             let touching = cover.of_block(b);
             if touching.is_empty() {
@@ -201,7 +202,7 @@ pub fn start_tile<const OUTPUTS: usize>(
     open
 }
 
-/// Clears the state of a block of which `left` columns and rows lie in the image; the others start finished.
+/// Clears the state of a block with `left` columns and rows inside the image. Pixels outside start finished.
 #[inline(always)]
 pub fn start_block<const OUTPUTS: usize>(block: &mut Block, left: [usize; 2]) {
     let planes = match OUTPUTS {
@@ -252,7 +253,7 @@ impl<S: Simd> State<S> {
         }
     }
 
-    /// Writes back what [`Self::blend_run`] changes for these outputs.
+    /// Writes back the values that [`Self::blend_run`] changes for these outputs.
     #[inline(always)]
     fn store<const OUTPUTS: usize>(&self, block: &mut Block) {
         let plane = &mut block.0;
@@ -276,7 +277,7 @@ impl<S: Simd> State<S> {
         }
     }
 
-    /// Blends the splats named by `touching` over the block; returns whether all its pixels are finished.
+    /// Blends the splats in `touching` over the block. Returns whether all its pixels are finished.
     #[inline(always)]
     fn blend_run<const OUTPUTS: usize>(
         &mut self,
@@ -301,7 +302,7 @@ impl<S: Simd> State<S> {
                 self.color[k] = color[k].mul_add(weight, self.color[k]);
             }
             if OUTPUTS >= SAMPLE {
-                // g = (A·dx + B·dy, B·dx + C·dy) from the factor; α derivatives vanish where α is capped.
+                // g = (A·dx + B·dy, B·dx + C·dy) from the factor. Derivatives of α vanish where α is capped.
                 let slope = raw.simd_lt(max_alpha).select(alpha, zero) * lanes(s, UNSCALE);
                 let gx = lanes(s, splat.l11) * u;
                 let gy = lanes(s, splat.l21).mul_add(u, lanes(s, splat.l22) * v);
@@ -322,7 +323,7 @@ impl<S: Simd> State<S> {
                     }
                     self.alpha_dxy += weight_xy;
                 }
-                // A(1 − α) + T·αx = A + weight_x, and likewise for the others.
+                // A(1 − α) + T·αx = A + weight_x; the other values are alike.
                 self.alpha_dx += weight_x;
                 self.alpha_dy += weight_y;
 
@@ -355,7 +356,7 @@ impl<S: Simd> State<S> {
     }
 }
 
-/// What one splat contributes to sixteen pixels.
+/// The contribution of one splat to sixteen pixels.
 pub struct Contribution<S: Simd> {
     /// Mean − sample.
     dx: f32x16<S>,
@@ -370,12 +371,12 @@ pub struct Contribution<S: Simd> {
     /// Transmittance behind the splat where it is blended.
     pub after: f32x16<S>,
     pub blended: mask32x16<S>,
-    /// Pixels that end before this splat.
+    /// Pixels that are finished before this splat.
     pub finished: mask32x16<S>,
 }
 
 impl<S: Simd> Contribution<S> {
-    /// `None` if the splat reaches no pixel whose transmittance `t` is positive.
+    /// `None` if the splat reaches no pixel with a positive transmittance `t`.
     #[inline(always)]
     pub fn of(
         s: S,
@@ -390,7 +391,7 @@ impl<S: Simd> Contribution<S> {
         let u = lanes(s, splat.l11).mul_add(dx, lanes(s, splat.l21) * dy);
         let v = lanes(s, splat.l22) * dy;
         let q = u.mul_add(u, v * v);
-        // The bound is at hand long before the exponential, so a mispredicted branch costs little.
+        // The bound is known long before the exponential, so a mispredicted branch costs little.
         if (q.simd_gt(lanes(s, splat.support)) | t.simd_le(zero)).all_true() {
             return None;
         }

@@ -1,7 +1,8 @@
-//! Exact blocks: pixels of the native image beside the samples of a low-resolution frame, of the same splats.
+//! Exact blocks: pixels of the native image, made from the splats of a low-resolution frame.
 //!
 //! The low-resolution frame has projected, coloured, binned and sorted all splats of the native image. Its tiles span
-//! stride times as many pixels; of a tile's splats only those whose rectangles meet a block are blended again.
+//! stride times as many pixels. Of a tile's splats, only splats with a rectangle that meets a block are blended
+//! again.
 
 use fearless_simd::{Simd, dispatch};
 use gs3_scene::{BLOCK_SIDE, ExactBlock, ExactBlocks};
@@ -22,16 +23,16 @@ const _: () = assert!(BLOCK == BLOCK_SIDE);
 /// Most rows of blocks in a tile: a stride of 8.
 const MAX_ROWS: usize = TILE_HEIGHT * 8 / BLOCK;
 
-/// What blending the blocks of a tile needs; one per thread, reused.
+/// Scratch memory for blending the blocks of a tile; one per thread, reused.
 #[derive(Default)]
 struct Scratch {
     tile: TileScratch,
-    /// Places of the tile's splats among those taken; [`DROPPED`] for the others.
+    /// The index of each of the tile's splats among the splats taken; [`DROPPED`] for the others.
     taken: Vec<u32>,
     order: Vec<u32>,
 }
 
-/// The place of a splat that meets no block.
+/// The index of a splat that meets no block.
 const DROPPED: u32 = u32::MAX;
 
 /// The blocks of one tile.
@@ -43,13 +44,13 @@ struct TileBlocks<'a> {
 }
 
 impl Rasterizer {
-    /// Rasterizes the native image's pixels in blocks of 4×4, of the frame that [`Self::rasterize_low_resolution`] made
-    /// last: its splats are shared. `places` are columns and rows of blocks; those beyond the image are left out, and
-    /// one that is named twice is made once. Colours are those of [`Self::rasterize_image`] of the same camera, bit for
-    /// bit; derivatives are per pixel of the native image.
+    /// Rasterizes the native image's pixels in blocks of 4×4, with the splats of the last frame of
+    /// [`Self::rasterize_low_resolution`]. `places` are columns and rows of blocks. Blocks beyond the image are left
+    /// out, and a block named twice is made once. Colours have the same bits as by [`Self::rasterize_image`] with the
+    /// same camera. Derivatives are per pixel of the native image.
     ///
     /// # Errors
-    /// [`RasterError::NoFrame`] if no low-resolution frame came before, or it had colour alone.
+    /// [`RasterError::NoFrame`] if no low-resolution frame was made before, or the frame had only colour.
     pub fn rasterize_blocks(
         &mut self,
         places: &[[u16; 2]],
@@ -59,7 +60,7 @@ impl Rasterizer {
             return Err(RasterError::NoFrame);
         };
         let [width, height] = grid.tile_size();
-        // Tiles begin at blocks: margins are whole blocks.
+        // Tiles start at block boundaries: margins are whole blocks.
         let tile_of = |[x, y]: [u16; 2]| {
             [
                 (usize::from(x) * BLOCK + grid.before[0]) / width,
@@ -107,7 +108,7 @@ impl Rasterizer {
 }
 
 impl Scratch {
-    /// Makes the blocks of a tile, whose splats are to be visited in `order`; it is found anew where there is none.
+    /// Makes the blocks of a tile. Its splats are visited in `order`; without an order, the splats are sorted.
     #[inline(always)]
     fn fill<S: Simd>(
         &mut self,
@@ -138,7 +139,7 @@ impl Scratch {
             meeting.extend(order.iter().map(|i| taken[*i as usize]).filter(|place| *place != DROPPED));
         } else {
             let TileScratch { order, splats, .. } = scratch;
-            // Those taken are in scene order, as all of the tile's are where their depths are equal.
+            // The splats taken are in scene order, as all splats of the tile are if their depths are equal.
             order.sort_front_to_back(splats.iter().map(|splat| splat.depth_bits));
             meeting.extend_from_slice(order.sorted());
         }
@@ -174,7 +175,7 @@ impl Scratch {
         }
     }
 
-    /// Takes the splats of `tile` whose rectangles meet one of its blocks, a bit each in `rows`.
+    /// Takes the splats of `tile` with a rectangle that meets one of the tile's blocks, one bit per block in `rows`.
     #[inline(always)]
     fn take_meeting(
         &mut self,
@@ -213,7 +214,8 @@ fn meets(rect: PixelRect, corner: [usize; 2], size: [usize; 2], rows: &[u64; MAX
     rows[first(rect.y0, 1)..=last(rect.y1, 1)].iter().any(|row| row & columns != 0)
 }
 
-/// Makes black and infinitely far what lies beyond the image, of which there are `left` columns and rows from here.
+/// Sets pixels beyond the image to black and infinitely far. `left` columns and rows from the block's first pixel are
+/// inside.
 fn clear_beyond(block: &mut ExactBlock, left: [usize; 2]) {
     if left[0] >= BLOCK && left[1] >= BLOCK {
         return;
@@ -236,8 +238,8 @@ mod tests {
 
     use crate::{Culling, Importance, Outputs, RasterSettings, Rasterizer, matched_dilation};
 
-    /// Frames, blocks and importance are the same bit for bit whether there is room for all entries at once or for those
-    /// of a row of tiles.
+    /// Frames, blocks and importance have the same bits, both with memory for all entries at once and with memory for
+    /// one row of tiles only.
     #[test]
     fn frames_in_bands_are_the_same() {
         let scene = Arc::new(demo::scene().expect("the demo"));
@@ -256,7 +258,7 @@ mod tests {
                 rasterizer.rasterize_low_resolution(&camera, 2, &settings, &mut lr).expect("valid settings");
                 rasterizer.bands.len()
             }];
-            // Twice: what the first leaves must serve the second.
+            // Twice: the second run must work on the memory that the first run leaves.
             for _ in 0..2 {
                 rasterizer.rasterize_blocks(&places, &mut blocks).expect("a frame before");
             }

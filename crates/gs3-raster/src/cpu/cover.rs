@@ -1,5 +1,5 @@
-//! Which splats of a run touch which blocks of 4×4 samples: the exact extent per row of blocks, sixteen splats at a
-//! time.
+//! Which splats of a run touch which blocks of 4×4 samples: the exact extent per row of blocks, for sixteen splats at
+//! a time.
 
 use fearless_simd::{Simd, f32x16, prelude::*, u32x16};
 
@@ -12,11 +12,11 @@ pub const BLOCKS_X: usize = TILE_WIDTH / BLOCK;
 pub const BLOCKS_Y: usize = TILE_HEIGHT / BLOCK;
 pub const BLOCKS: usize = BLOCKS_X * BLOCKS_Y;
 
-/// Splats handled at a time. The lists stay in the second-level cache, and a block's state is loaded and stored once
+/// Splats processed at a time. The lists stay in the second-level cache. A block's state is loaded and stored once
 /// for the dozens of splats of a run that touch it.
 pub const RUN: usize = 256;
 
-/// BlockPlaces of 4×4 samples that are blended together, row by row.
+/// Places of blocks of 4×4 samples that are blended together, row by row.
 #[derive(Clone, Copy, Debug)]
 pub struct BlockPlaces {
     /// Distance between samples, pixels.
@@ -27,14 +27,14 @@ pub struct BlockPlaces {
     columns: [f32; BLOCKS],
     /// Samples of the area above the first of each block.
     lines: [f32; BLOCKS],
-    /// The rows: samples of the area above the first of the row, and the place of its first block.
+    /// Per row of blocks: the number of the area's samples above it, and the index of its first block.
     rows: [(f32, usize); BLOCKS],
     row_count: usize,
     count: usize,
 }
 
 impl BlockPlaces {
-    /// No blocks yet, of samples `pitch` pixels apart.
+    /// No blocks yet, with samples `pitch` pixels apart.
     pub const fn new(pitch: f32, corner: [f32; 2]) -> Self {
         Self {
             pitch,
@@ -47,7 +47,7 @@ impl BlockPlaces {
         }
     }
 
-    /// All blocks of a tile, whose samples are `pitch` pixels apart from `corner` on.
+    /// All blocks of a tile, with samples `pitch` pixels apart from `corner` on.
     pub fn of_tile(pitch: f32, corner: [f32; 2]) -> Self {
         let mut blocks = Self::new(pitch, corner);
         for b in 0..BLOCKS {
@@ -56,7 +56,7 @@ impl BlockPlaces {
         blocks
     }
 
-    /// Adds the block whose first sample is in column and row `first` of the area; rows must not go back.
+    /// Adds the block with its first sample in column and row `first` of the area. Rows must not decrease.
     pub fn push(&mut self, first: [usize; 2]) {
         let [column, row] = first.map(|at| at as f32);
         if self.row_count == 0 || self.rows[self.row_count - 1].0 != row {
@@ -72,7 +72,7 @@ impl BlockPlaces {
         self.count
     }
 
-    /// Samples of the area above the first of row `row`, and its blocks.
+    /// The number of the area's samples above row `row`, and the row's blocks.
     #[inline(always)]
     fn row(&self, row: usize) -> (f32, std::ops::Range<usize>) {
         let (at, first) = self.rows[row];
@@ -83,7 +83,7 @@ impl BlockPlaces {
     /// Positions of the samples of block `b`, pixels.
     #[inline(always)]
     pub fn samples<S: Simd>(&self, s: S, b: usize) -> [f32x16<S>; 2] {
-        // No closure: one may be compiled without the kernel's vector instructions.
+        // Not a closure: a closure may be compiled without the kernel's vector instructions.
         let x = f32x16::from_slice(s, &LANES_X) + self.columns[b];
         let y = f32x16::from_slice(s, &LANES_Y) + self.lines[b];
         let corner = [f32x16::splat(s, self.corner[0]), f32x16::splat(s, self.corner[1])];
@@ -96,10 +96,10 @@ pub static LANES_X: [f32; 16] = [0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3.,
 /// See [`LANES_X`].
 pub static LANES_Y: [f32; 16] = [0., 0., 0., 0., 1., 1., 1., 1., 2., 2., 2., 2., 3., 3., 3., 3.];
 
-/// Slack, in samples, on the edges of a splat in units of samples: they are off by 2⁻²³ of at most 256 pixels.
+/// Slack on the edges of a splat, in samples: edges are inexact by 2⁻²³ of at most 256 pixels.
 const SNAP: f32 = 1e-4;
 
-/// What the extents depend on, one array per value.
+/// The values that extents depend on, one array per value.
 #[derive(Clone)]
 struct Extents {
     mean_x: [f32; RUN],
@@ -119,7 +119,7 @@ pub struct Cover {
     /// The splats.
     run: [u32; RUN],
     extents: Extents,
-    /// Sixteen spare places let whole vectors be stored at the end of a list.
+    /// Sixteen spare places, so that whole vectors can be stored at the end of a list.
     lists: [[u32; RUN + 16]; BLOCKS],
     counts: [usize; BLOCKS],
 }
@@ -152,11 +152,12 @@ impl Cover {
         &self.lists[block][..self.counts[block]]
     }
 
-    /// Makes the lists of a run, the splats that `visited` names in order, for those of `blocks` in the bit mask `open`.
-    /// Rectangles of splats count from `before` pixels left of and above position `(0, 0)`.
+    /// Makes the lists of a run of splats, which `visited` names in order, for the blocks of `blocks` in the bit mask
+    /// `open`. Rectangles of splats count from `before` pixels left of and above position `(0, 0)`.
     ///
-    /// Over a row of blocks a support's right edge is highest at `dy_at_max_dx` or at the sample row nearest to it, the
-    /// left edge by symmetry at its negative (Speedy-Splat's AccuTile, Hanson et al. 2025; see [`Splat::x_span`]).
+    /// Over a row of blocks, a support's right edge is farthest right at `dy_at_max_dx` or at the sample row nearest
+    /// to it. The left edge follows by symmetry at the negative value (Speedy-Splat's AccuTile, Hanson et al. 2025;
+    /// see [`Splat::x_span`]).
     #[inline(always)]
     pub fn fill<S: Simd>(
         &mut self,
@@ -176,7 +177,7 @@ impl Cover {
         }
         let padded = count.next_multiple_of(16);
         self.run[..count].copy_from_slice(visited);
-        // An empty rectangle keeps the padding off every list.
+        // An empty rectangle keeps padding splats out of every list.
         e.rect[0][count..padded].fill(f32::INFINITY);
         e.rect[1][count..padded].fill(f32::INFINITY);
         let per_pixel = 1.0 / blocks.pitch;
@@ -197,7 +198,7 @@ impl Cover {
             let index = u32x16::from_slice(s, &self.run[start..start + 16]);
             for row in 0..blocks.row_count {
                 let (first_row, of_row) = blocks.row(row);
-                // No shift by 32: a row ends at most at the last bit.
+                // The shift is never 32: a row ends at most at the last bit.
                 let row_open = open >> of_row.start & (u32::MAX >> (BLOCKS - of_row.len()));
                 let last_row = first_row + last_of_block;
                 let in_rows = top.simd_le(last_row) & bottom.simd_ge(first_row) & top.simd_le(bottom);
@@ -213,7 +214,7 @@ impl Cover {
                 let v = l22 * dy;
                 let half = (support - v * v).max(zero).sqrt();
                 let reach_left = (zero - half - l21 * dy) * inv_l11;
-                // The slack covers rounding; a block too many costs time only.
+                // The slack covers rounding. One block too many only costs time.
                 let slack =
                     (reach_right - reach_left).mul_add(f32x16::splat(s, 1e-5), f32x16::splat(s, 0.01));
                 // Columns of samples between the edges.
@@ -236,8 +237,8 @@ impl Cover {
 }
 
 impl Extents {
-    /// Notes splat `i` of the run for samples from position `corner` on, which is pixel `rect_origin` as rectangles
-    /// count.
+    /// Stores splat `i` of the run, for samples from position `corner` on. `rect_origin` is the same corner as a
+    /// pixel in the rectangles' coordinates.
     #[inline(always)]
     fn set(&mut self, i: usize, splat: &Splat, corner: [f32; 2], rect_origin: [f32; 2]) {
         self.mean_x[i] = splat.mean[0] - corner[0];

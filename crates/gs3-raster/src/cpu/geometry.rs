@@ -8,10 +8,10 @@ use crate::view::View;
 /// Values per Gaussian that [`project`] returns: ray distance, its slopes along x and y, the normal.
 pub const PLANES: usize = 6;
 
-/// Ray distance at the centre (world units), its change per pixel of mean − sample along x and y, and the view-space
-/// normal, from the view-space means, the principal axes (world space) and the scales.
+/// Computes the ray distance at the centre (world units), its change per pixel of mean − sample along x and y, and
+/// the view-space normal. The inputs are the view-space means, the principal axes (world space) and the scales.
 ///
-/// With U = μ/z, the plane that the rays' maxima of the Gaussian form has the normal m = Σ⁻¹U. Σ⁻¹ is scaled by the
+/// With U = μ/z, the maxima of the Gaussian along rays form a plane with the normal m = Σ⁻¹U. Σ⁻¹ is scaled by the
 /// square of the smallest axis, so flat Gaussians stay finite.
 #[inline(always)]
 pub fn project<S: Simd>(
@@ -29,7 +29,7 @@ pub fn project<S: Simd>(
     let mut m = [zero; 3];
     for k in 0..3 {
         let axis = rotate(s, view, axes[k]);
-        // 0/0 of a degenerate axis counts as the smallest itself.
+        // 0/0 of a degenerate axis counts as the smallest axis itself.
         let ratio = scales[k].simd_gt(smallest).select(smallest / scales[k], one);
         let weight = ratio * ratio * dot(axis, ray);
         for i in 0..3 {
@@ -38,14 +38,14 @@ pub fn project<S: Simd>(
     }
     let ray_length2 = dot(ray, ray);
     let inv_ray_length2 = one / ray_length2;
-    // An edge-on flat Gaussian has no plane of maxima; its centre's depth is used.
+    // An edge-on flat Gaussian has no such plane; the depth of its centre is used.
     let along = dot(m, ray);
     let has_plane = along.simd_gt(tiny);
     let distance = mean[2] * ray_length2.sqrt();
     let mut slopes = [zero; 2];
     for a in 0..2 {
         let slope = distance * (m[a] / along - ray[a] * inv_ray_length2) * lanes(s, 1.0 / view.focal[a]);
-        // So steep a plane is edge-on too; times a pixel distance it would overflow.
+        // A slope this steep counts as edge-on as well: times a pixel distance it would overflow.
         let is_usable = has_plane & slope.abs().simd_lt(lanes(s, 1e20));
         slopes[a] = is_usable.select(slope, zero);
     }

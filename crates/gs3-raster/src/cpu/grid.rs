@@ -1,4 +1,4 @@
-//! Which positions of the native image a frame samples.
+//! The positions of the native image that a frame samples.
 
 use gs3_scene::Camera;
 
@@ -8,12 +8,12 @@ use crate::settings::RasterSettings;
 /// A lattice of sample positions: every `stride`-th pixel of the native image, along both axes.
 ///
 /// A frame rasterized at its own size has a stride of one. A low-resolution frame of stride S has the same splats as
-/// the native image, which lets [`super::Rasterizer::rasterize_blocks`] share them.
+/// the native image, so [`super::Rasterizer::rasterize_blocks`] can share them.
 #[derive(Clone, Copy, Debug)]
 pub struct Grid {
     /// Pixels of the native image between samples.
     pub stride: usize,
-    /// Position of the first sample in pixels of the native image, negative in a margin.
+    /// Position of the first sample in pixels of the native image; negative in a margin.
     pub first: [f32; 2],
     /// Pixels of the native image left of and above position `(0, 0)`.
     pub before: [usize; 2],
@@ -32,10 +32,10 @@ impl Grid {
         let lr = camera.low_resolution(scale);
         let margin = settings.margin;
         let before = [margin.left, margin.top].map(|side| (side * scale) as usize);
-        // Sample (i, j) lies at scale·(i + ½ + jitter) of the native image, whose pixel centres lie at halves.
+        // Sample (i, j) lies at scale·(i + ½ + jitter) in the native image, where pixel centres lie at halves.
         let first = [0, 1].map(|a| {
             let at = f64::from(scale) * (0.5 + f64::from(settings.jitter[a])) - 0.5;
-            // Jitter of the exact grid is a sum of rounded fractions: its samples lie on pixels.
+            // Jitter on the exact grid is a sum of rounded fractions: its samples must lie on pixels.
             let at = if (at - at.round()).abs() < ON_PIXEL { at.round() } else { at };
             at as f32 - before[a] as f32
         });
@@ -53,7 +53,7 @@ impl Grid {
         [TILE_WIDTH * self.stride, TILE_HEIGHT * self.stride]
     }
 
-    /// The first pixel of tile `(column, row)`, counted as splats' rectangles are.
+    /// The first pixel of tile `(column, row)`, in the coordinates of splats' rectangles.
     pub const fn tile_corner(&self, tile: [usize; 2]) -> [usize; 2] {
         let [width, height] = self.tile_size();
         [tile[0] * width, tile[1] * height]
@@ -66,6 +66,6 @@ impl Grid {
     }
 }
 
-/// Distance from a pixel centre, pixels, below which a sample lies on it: offsets in single precision are off by 2⁻²⁵
+/// A sample lies on a pixel centre if it is nearer than this, in pixels: single-precision offsets are inexact by 2⁻²⁵
 /// LR pixels, times a scale of at most 8.
 const ON_PIXEL: f64 = 1e-5;

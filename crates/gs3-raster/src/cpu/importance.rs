@@ -1,7 +1,7 @@
-//! What each Gaussian gives to an image: the statistics that simplification by importance rests on.
+//! The contribution of each Gaussian to an image: the statistics for simplification by importance.
 //!
-//! A tile is blended twice: first for its colours, then once more with these at hand, since what a splat changes
-//! depends on the colour behind it. The order, the cover and the contributions are those of blending.
+//! A tile is blended twice: first for its colours, then again with these colours known, because the effect of a splat
+//! depends on the colour behind it. Order, cover and contributions are the same as in blending.
 
 use std::ops::Range;
 
@@ -19,7 +19,7 @@ use super::splat::Splat;
 use crate::settings::{RasterError, RasterSettings};
 use crate::view::View;
 
-/// Rows of tiles per thread between two reductions: bounds the memory of what is not yet added up.
+/// Rows of tiles per thread between two reductions. It limits the memory of statistics that are not yet added.
 const ROWS_PER_THREAD: usize = 4;
 
 /// Per-Gaussian statistics of rendered views, in the scene's order; each array is `[N]`.
@@ -27,16 +27,16 @@ const ROWS_PER_THREAD: usize = 4;
 /// Below, α is the contribution of a Gaussian at a pixel, T the transmittance in front of it and c its colour.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Importance {
-    /// Σ over pixels of αT, the Gaussian's share of the image in pixels (Mini-Splatting, Fang and Wang 2024).
+    /// Σ over pixels of αT: the Gaussian's share of the image in pixels (Mini-Splatting, Fang and Wang 2024).
     pub weight: Vec<f64>,
-    /// Number of pixels in which the Gaussian is blended (α ≥ 1/255, in front of where blending stops).
+    /// Number of pixels where the Gaussian is blended (α ≥ 1/255, in front of the place where blending stops).
     pub pixels: Vec<u64>,
-    /// Number of pixels in which no Gaussian has a larger αT; the nearest of equal ones counts.
+    /// Number of pixels where no Gaussian has a larger αT. Among equal ones, the nearest counts.
     pub dominant: Vec<u64>,
-    /// Σ over pixels of |∂colour/∂g|², the squares of the three channels added, where α = o·g with opacity o
-    /// (Speedy-Splat, Hanson et al. 2025): |o T (c − behind)|², `behind` being the colour of what follows, background
-    /// included, were it not covered. As in training, the derivative passes through the cap of α at 0.99; else the
-    /// middle of an opaque Gaussian would count for nothing.
+    /// Σ over pixels of |∂colour/∂g|², summed over the three channels, where α = o·g with opacity o (Speedy-Splat,
+    /// Hanson et al. 2025). The derivative is |o T (c − behind)|, where `behind` is the colour of everything behind
+    /// the Gaussian, background included, as if the Gaussian did not cover it. As in training, the derivative passes
+    /// through the cap of α at 0.99; otherwise the middle of an opaque Gaussian would count for nothing.
     pub sensitivity: Vec<f64>,
 }
 
@@ -89,11 +89,12 @@ impl Importance {
 }
 
 impl Rasterizer {
-    /// Adds to `importance` what the Gaussians give to the image of `settings` seen by `camera`. `settings.outputs` is
-    /// not read. The sums are the same bit for bit whatever the number of threads.
+    /// Adds the Gaussians' statistics in the image of `camera` with `settings` to `importance`. `settings.outputs` is
+    /// not read. The sums have the same bits with any number of threads.
     ///
     /// # Errors
-    /// [`RasterError`] if a setting is out of range or `importance` is not of the scene's length; it is untouched then.
+    /// [`RasterError`] if a setting is out of range or `importance` has not the scene's length. `importance` is
+    /// unchanged then.
     pub fn importance(
         &mut self,
         camera: &Camera,
@@ -136,7 +137,7 @@ impl Rasterizer {
                     found
                 })
                 .collect();
-            // Tile by tile: floating-point sums depend on their order, and this one never changes.
+            // Tile by tile, in a fixed order: floating-point sums depend on their order.
             for (index, share) in rows.iter().flatten() {
                 importance.add(*index as usize, share);
             }
@@ -159,14 +160,14 @@ struct Share {
 struct Pixels {
     /// 0 once the pixel is finished.
     transmittance: [f32; 16],
-    /// Colour of what follows, as it reaches the eye.
+    /// The colour of everything behind, as it reaches the eye.
     behind: [[f32; 16]; 3],
-    /// Largest αT so far, and the splat that has it as a position in the tile.
+    /// Largest αT so far, and its splat as a position in the tile.
     largest: [f32; 16],
     owner: [u32; 16],
 }
 
-/// What measuring a tile needs; one per thread, reused.
+/// Scratch memory for measuring a tile; one per thread, reused.
 struct Scratch {
     tile: TileScratch,
     pixels: [Pixels; BLOCKS],
@@ -233,8 +234,8 @@ impl Scratch {
     }
 }
 
-/// Before the first splat, all of a pixel's colour is behind. Blocks outside the image hold an older tile's state; they
-/// are never open.
+/// Before the first splat, all of a pixel's colour is behind. Blocks outside the image hold an older tile's state;
+/// they are never open.
 #[inline(always)]
 fn start_pixels(pixels: &mut [Pixels; BLOCKS], tile: &TileScratch, background: [f32; 3]) {
     for (pixels, block) in pixels.iter_mut().zip(&tile.blocks[..]) {
@@ -250,7 +251,7 @@ fn start_pixels(pixels: &mut [Pixels; BLOCKS], tile: &TileScratch, background: [
 }
 
 impl Pixels {
-    /// Adds what the splats named by `touching` give to these pixels; returns whether all are finished.
+    /// Adds the contributions of the splats in `touching` to these pixels. Returns whether all pixels are finished.
     #[inline(always)]
     fn measure<S: Simd>(
         &mut self,
@@ -279,7 +280,7 @@ impl Pixels {
                 let mut squares = zero;
                 for k in 0..3 {
                     behind[k] -= color[k] * weight;
-                    // T (c − behind), what is behind having passed T (1 − α).
+                    // T (c − behind), where `behind` has already been attenuated by T (1 − α).
                     let change = t.mul_add(color[k], zero - behind[k] * uncover);
                     squares = change.mul_add(change, squares);
                 }

@@ -2,14 +2,15 @@
 
 use fearless_simd::{Simd, f32x16, i32x16, prelude::*};
 
-/// Below any exponent that counts, but so far above the least normal number, 2⁻¹²⁶, that its products with opacities
-/// are normal as well: processors take a hundred cycles and more for each vector in which one is not.
+/// Clamp of exponents: below any exponent that counts, but far enough above the least normal number, 2⁻¹²⁶, that
+/// products with opacities are normal as well. CPUs take a hundred cycles and more for each vector with a subnormal
+/// number.
 const LEAST: f32 = -100.0;
 
 /// 2ˣ for `x ≤ 0` (clamped at [`LEAST`]), relative error below 3e-7.
 ///
-/// x = n + f with |f| ≤ ½; 2ᶠ by the polynomial of degree 5 with the smallest relative error on that interval (Remez:
-/// 7.5e-8, the rest is rounding), 2ⁿ by the exponent bits.
+/// x = n + f with |f| ≤ ½. 2ᶠ is the polynomial of degree 5 with the smallest relative error on this interval (Remez:
+/// 7.5e-8; the rest is rounding). 2ⁿ comes from the exponent bits.
 #[inline(always)]
 pub fn exp2<S: Simd>(s: S, x: f32x16<S>) -> f32x16<S> {
     let x = x.max(f32x16::splat(s, LEAST));
@@ -76,7 +77,7 @@ mod tests {
         for x in [-101.0, -126.0, -1e4, f32::NEG_INFINITY] {
             for (actual, _) in apply(f64::exp2, [x; 16], true) {
                 assert!(actual < 1e-20, "{x}: {actual}");
-                // The least opacity that a splat may have.
+                // The least opacity of a splat.
                 assert!((actual as f32 * super::super::splat::MIN_ALPHA).is_normal(), "{x}: {actual}");
             }
         }

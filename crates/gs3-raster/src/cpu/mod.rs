@@ -1,7 +1,7 @@
 //! The CPU rasterizer: `project` → `bin` → `blend` → `resolve`, all cores, SIMD chosen at run time.
 //!
-//! Deterministic: a frame is the same bit for bit whatever the number of threads, because every tile sorts its splats
-//! by a unique key (depth, then scene order) and is blended by one thread.
+//! Frames have the same bits with any number of threads: every tile sorts its splats by a unique key (depth, then
+//! scene order), and is blended by one thread.
 
 mod bin;
 pub(crate) mod blend;
@@ -37,12 +37,12 @@ pub use importance::Importance;
 use project::{ProjectInput, Projected};
 use resolve::{Band, Resolver};
 
-/// Chunks per projection job: large enough to amortise scheduling, small enough to balance; a job's splats fit the
-/// bits that keys have for them.
+/// Chunks per projection job: large enough to amortise scheduling, small enough to balance the threads. A job's
+/// splats fit the bits that keys have for them.
 const JOB_CHUNKS: usize = 64;
 const _: () = assert!(JOB_CHUNKS * CHUNK <= bin::MAX_JOB_SIZE);
 
-/// Largest ratio of a low-resolution frame: a tile's blocks are bits of one number.
+/// Largest scale of a low-resolution frame: a tile's blocks are the bits of one number.
 const MAX_STRIDE: u32 = 8;
 const _: () = assert!(TILE_WIDTH * MAX_STRIDE as usize / BLOCK_SIDE <= u64::BITS as usize);
 const _: () = assert!(TILE_HEIGHT.is_multiple_of(BLOCK_SIDE) && TILE_WIDTH.is_multiple_of(BLOCK_SIDE));
@@ -70,16 +70,16 @@ pub struct Rasterizer {
     bins: Bins,
     /// Most entries of `bins` at once.
     most_entries: u64,
-    /// Bands of rows of tiles that the last frame was made in; `bins` has those of one.
+    /// The bands of rows of tiles of the last frame; `bins` has the entries of one band.
     bands: Vec<Range<usize>>,
-    /// Front to back, the splats of each tile of the last frame; empty where it was made in several bands.
+    /// The splats of each tile of the last frame, front to back; empty if the frame was made in several bands.
     orders: Vec<Vec<u32>>,
-    /// The low-resolution frame whose splats are here, if they are those of one.
+    /// The low-resolution frame that the splats belong to, if the last frame was one.
     last: Option<LastFrame>,
     times: RasterTimes,
 }
 
-/// What [`Rasterizer::rasterize_blocks`] goes on from.
+/// The state that [`Rasterizer::rasterize_blocks`] needs.
 struct LastFrame {
     view: View,
     grid: Grid,
@@ -98,7 +98,7 @@ impl fmt::Debug for Rasterizer {
 }
 
 impl Rasterizer {
-    /// Prepares `scene`: bounds of runs of Gaussians, for culling.
+    /// Prepares `scene`: computes bounds of runs of Gaussians, for culling.
     #[must_use]
     pub fn new(scene: Arc<Scene>, culling: Culling) -> Self {
         Self::with_level(scene, culling, gs3_simd::level())
@@ -143,11 +143,11 @@ impl Rasterizer {
         self.jobs.iter().map(|job| job.splats.len()).sum()
     }
 
-    /// Rasterizes the scene seen by `camera` into `out`, which takes the camera's size and the margin around it; its
-    /// memory is reused.
+    /// Rasterizes the scene seen by `camera` into `out`, which gets the camera's size plus the margin. Its memory is
+    /// reused.
     ///
     /// # Errors
-    /// [`RasterError`] if a setting is out of range; `out` is untouched then.
+    /// [`RasterError`] if a setting is out of range; `out` is unchanged then.
     pub fn rasterize(
         &mut self,
         camera: &Camera,
@@ -161,14 +161,14 @@ impl Rasterizer {
         Ok(())
     }
 
-    /// Rasterizes the low-resolution frame of `camera`, `scale` (1 to 8) times coarser than what it sees, into `out`:
-    /// the samples of [`Self::rasterize`] of [`Camera::low_resolution`] under the same `settings`, but for rounding.
-    /// With matched dilation and a jitter of the exact grid a sample is a pixel of the native image, bit for bit. The
-    /// frame's splats are those of the native image, which [`Self::rasterize_blocks`] shares.
+    /// Rasterizes the low-resolution frame of `camera`, `scale` (1 to 8) times coarser than the camera's image, into
+    /// `out`. The samples equal those by [`Self::rasterize`] of [`Camera::low_resolution`] with the same `settings`,
+    /// except for rounding. With matched dilation and jitter on the exact grid, a sample has the bits of a pixel of
+    /// the native image. The frame's splats are the native image's, so [`Self::rasterize_blocks`] can share them.
     ///
     /// # Errors
-    /// [`RasterError`] if a setting is out of range, or if the margin's left or top side, times `scale`, is no multiple of
-    /// a block's four pixels; `out` is untouched then.
+    /// [`RasterError`] if a setting is out of range, or if the margin's left or top side times `scale` is not a
+    /// multiple of a block's four pixels. `out` is unchanged then.
     pub fn rasterize_low_resolution(
         &mut self,
         camera: &Camera,
@@ -205,11 +205,11 @@ impl Rasterizer {
         }
     }
 
-    /// Rasterizes colour only, as an [`Image`] whose fourth channel is alpha. `settings.outputs` and
+    /// Rasterizes colour only, as an [`Image`] with alpha in the fourth channel. `settings.outputs` and
     /// `settings.margin` are not read.
     ///
     /// # Errors
-    /// [`RasterError`] if a setting is out of range; `out` is untouched then.
+    /// [`RasterError`] if a setting is out of range; `out` is unchanged then.
     pub fn rasterize_image(
         &mut self,
         camera: &Camera,
@@ -238,7 +238,7 @@ impl Rasterizer {
 
         let [columns, rows] = grid.tiles();
         self.bands = Bins::bands(&self.jobs, grid, self.most_entries);
-        // Of a frame in several bands, orders would take the memory that bands save.
+        // In a frame of several bands, orders would use the memory that bands save.
         let keeps_orders = OUTPUTS != COLOR && self.bands.len() == 1;
         if self.bands.len() > 1 {
             self.orders.clear();
@@ -252,7 +252,7 @@ impl Rasterizer {
             let binned = Instant::now();
             let (jobs, bins, level) = (&self.jobs, &self.bins, self.level);
             let of_band = orders.split_off_mut(..band.len() * columns).unwrap_or_default();
-            // Rows last: `zip` may take one too many of what comes before.
+            // Rows last: `zip` may consume one item too many of the iterators before.
             let of_band = band.clone().zip(of_band.chunks_exact_mut(columns)).zip(of_rows.by_ref());
             let of_band: Vec<_> = of_band.collect();
             of_band.into_par_iter().for_each_init(

@@ -33,7 +33,7 @@ impl DepthOrder {
         if self.keys.len() < SMALL {
             self.keys.sort_unstable();
         } else {
-            // Only bits below the highest that differs anywhere need sorting.
+            // Only bits up to the highest bit that differs need sorting.
             let varying = 32 - (all_or ^ all_and).leading_zeros();
             self.radix_sort(varying.div_ceil(PASSES).max(1));
         }

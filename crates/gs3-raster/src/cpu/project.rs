@@ -1,7 +1,7 @@
 //! Gaussians to splats: culling, EWA projection (Kerbl et al. 2023), rejection of splats that touch no sample, colour.
 //!
-//! Sixteen Gaussians at a time. A splat is rejected before its colour is evaluated or anything is sorted when no
-//! sample position lies in its support: at low resolution with matched dilation that is most of them.
+//! Sixteen Gaussians are projected at a time. A splat with no sample position in its support is rejected before its
+//! colour is evaluated or anything is sorted. At low resolution with matched dilation, most splats are rejected.
 
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*};
 use gs3_scene::{Gaussians, OpacityMode};
@@ -13,14 +13,14 @@ use super::splat::{PixelRect, Splat, SplatGeometry};
 use crate::settings::Culling;
 use crate::view::View;
 
-/// Slack on `support` for the rounding of the contribution's exponent between here and blending.
+/// Slack on `support`, for the different rounding of the contribution's exponent here and in blending.
 pub const SUPPORT_MARGIN: f32 = 1e-3;
 
 /// Slack in pixels on the support's extents, for the rounding of positions up to 8192 px (2⁻¹¹ px).
 pub const EXTENT_MARGIN: f32 = 2e-3;
 
-/// Centres farther off the axis than this multiple of their depth are culled: at a focal length of a thousand pixels
-/// their position, 10⁹ px, is known to 64 px only, and its square must not overflow.
+/// Centres farther off the axis than this multiple of their depth are culled. At a focal length of a thousand pixels
+/// their position, 10⁹ px, is only known to 64 px, and its square must not overflow.
 pub const MAX_SLOPE: f32 = 1e6;
 
 /// Upper bound of 2·ln 255, the largest squared Mahalanobis radius of a support.
@@ -29,15 +29,16 @@ pub const MAX_SQUARED_RADIUS: f32 = 11.1;
 /// 2·ln 2, which turns log₂(255 o) into the squared Mahalanobis radius 2·ln(255 o).
 pub const TWO_LN_2: f32 = 2.0 * std::f32::consts::LN_2;
 
-/// The largest standard deviation that is projected, pixels, with what slopes stretch it by: the product of two stays
-/// finite. (From 4·10⁹ on, the determinant of a round one overflows, and it is not drawn either.)
+/// The largest standard deviation that is projected, in pixels, including the stretch by slopes: the product of two
+/// such numbers stays finite. (From 4·10⁹ on, the determinant of a round splat overflows, and it is not drawn
+/// either.)
 pub const MAX_DEVIATION: f32 = 1e16;
 
 /// √(½·log₂ e): the Cholesky factor is scaled by it so that blending uses powers of 2.
 pub const HALF_LOG2_E_SQRT: f32 = 0.849_321_8;
 
-/// The steepest that a splat may be, square roots of binary orders per pixel: one thinner than a nanopixel meets a
-/// sample by accident only, and its derivatives would overflow. It takes a dilation of 0 to get here.
+/// The largest steepness of a splat, in square roots of binary orders per pixel. A splat thinner than a nanopixel
+/// meets a sample only by accident, and its derivatives would overflow. Only a dilation of 0 gets here.
 pub const MAX_STEEPNESS: f32 = 1e9;
 
 /// Visible splats of one job, and scratch that keeps its memory between frames.
@@ -48,7 +49,7 @@ pub struct Projected {
     pub geometry: Vec<SplatGeometry>,
     /// The splats' places in the scene; empty unless asked for.
     pub indices: Vec<u32>,
-    /// The splats' rectangles once more: all that most of binning reads.
+    /// The splats' rectangles again: most of binning reads only these.
     pub rects: Vec<PixelRect>,
 }
 
@@ -61,7 +62,7 @@ impl Projected {
     }
 }
 
-/// Constant inputs of a frame's projection.
+/// Inputs of a frame's projection that are the same for all Gaussians.
 pub struct ProjectInput<'a> {
     pub gaussians: &'a Gaussians,
     pub opacity_mode: OpacityMode,
@@ -153,7 +154,7 @@ fn project_lanes<S: Simd>(
 
     let valid_lanes = mask32x16::from_bitmask(s, (1_u64 << count) - 1);
     let mut visible = valid_lanes & z.simd_gt(lanes(s, view.near)) & z.simd_lt(lanes(s, view.far));
-    // Per image axis: μ/z, the same limited for the Jacobian, the projected mean.
+    // Per image axis: μ/z, μ/z limited for the Jacobian, and the projected mean.
     let (mut slope, mut limited, mut mean) = ([zero; 2], [zero; 2], [zero; 2]);
     for a in 0..2 {
         slope[a] = view_space[a] * inv_z;
@@ -161,7 +162,7 @@ fn project_lanes<S: Simd>(
         mean[a] = slope[a].mul_add(lanes(s, view.focal[a]), lanes(s, view.center[a]));
         let [least, most] = view.jacobian_limits[a].map(|limit| lanes(s, limit));
         limited[a] = slope[a].min(most).max(least);
-        // A bound of the extent from the largest scale alone, before rotation and opacity are read.
+        // A bound of the extent by the largest scale alone, before rotation and opacity are read.
         let per_unit = lanes(s, view.focal[a]) * inv_z * largest;
         let deviation = per_unit * (lanes(s, 1.0) + limited[a].abs());
         visible &= deviation.simd_lt(lanes(s, MAX_DEVIATION));
@@ -236,7 +237,7 @@ fn project_lanes<S: Simd>(
     let steepest = l11.max(l22).max(l21.abs());
     visible &= steepest.simd_lt(lanes(s, MAX_STEEPNESS));
 
-    // Where at most two by two samples are in the box, all of them may miss the ellipse.
+    // If at most two by two samples are in the box, all of them may miss the ellipse.
     let small = (x1 - x0).simd_le(lanes(s, 1.0)) & (y1 - y0).simd_le(lanes(s, 1.0));
     let mut hit = mask32x16::splat(s, false);
     for (x, y) in [(x0, y0), (x1, y0), (x0, y1), (x1, y1)] {
@@ -300,8 +301,8 @@ fn project_lanes<S: Simd>(
     visible
 }
 
-/// First and last pixel of the 16-px tiles that `mean ± radius` touches by the published rule: tiles
-/// ⌊(mean − radius)/16⌋ to ⌊(mean + radius + 15)/16⌋, exclusive.
+/// First and last pixel of the 16-px tiles that `mean ± radius` touches by the published rule: from tile ⌊(mean −
+/// radius)/16⌋ to tile ⌊(mean + radius + 15)/16⌋, exclusive.
 #[inline(always)]
 fn published_tiles<S: Simd>(s: S, mean: f32x16<S>, radius: f32x16<S>) -> [f32x16<S>; 2] {
     let first = ((mean - radius) * lanes(s, 1.0 / 16.0)).floor() * lanes(s, 16.0);

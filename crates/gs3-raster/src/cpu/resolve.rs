@@ -14,11 +14,11 @@ use crate::view::View;
 pub enum Band<'a> {
     /// Rows of an image.
     Image(&'a mut [[f32; 4]]),
-    /// Rows of a G-buffer's planes, each with the plane of a finished block that goes there.
+    /// Rows of a G-buffer's planes, each with the index of the block plane that is written there.
     GBuffer(Vec<(usize, &'a mut [f32])>),
 }
 
-/// Gives `out` the `[width, height]` of a frame with its margin, and the planes that `settings` asks for.
+/// Gives `out` the `[width, height]` of a frame with its margin, and the planes of `settings`.
 pub fn prepare(out: &mut GBuffer, [w, h]: [usize; 2], settings: &RasterSettings) {
     (out.jitter, out.margin) = (settings.jitter, settings.margin);
     out.color.resize(w, h);
@@ -72,7 +72,8 @@ pub fn gbuffer_bands(out: &mut GBuffer) -> Vec<Band<'_>> {
     bands.collect()
 }
 
-/// Appends the planes of `from`, cut into bands of `length` values; they take block planes `first`, `first + 1`, ….
+/// Appends the planes of `from`, cut into bands of `length` values. They get the block planes `first`, `first + 1`,
+/// ….
 fn split<'a, const C: usize>(
     from: &'a mut Planes<C>,
     first: usize,
@@ -89,7 +90,7 @@ pub struct Resolver {
     background: [f32; 3],
     inv_focal: [f32; 2],
     center: [f32; 2],
-    /// By what rules its blocks are blended.
+    /// The rules of blending.
     pub rules: BlendRules,
 }
 
@@ -144,8 +145,9 @@ impl Resolver {
         }
     }
 
-    /// Turns the state of a block, whose samples lie at `samples`, into what is stored: background added, derivatives
-    /// per `pitch` pixels, distances along the ray turned into depths along z, alpha in [`plane::ALPHA`].
+    /// Converts the state of a block with samples at `samples` to the stored values: the background is added,
+    /// derivatives are per `pitch` pixels, distances along the ray become depths along z, and alpha goes to
+    /// [`plane::ALPHA`].
     #[inline(always)]
     pub fn finish<S: Simd, const OUTPUTS: usize>(
         &self,
@@ -166,7 +168,7 @@ impl Resolver {
         if OUTPUTS == COLOR {
             return;
         }
-        // The background shows through T: its share of a derivative is −∂(1 − T)·background.
+        // The background shows through T: its part of a derivative is −∂(1 − T)·background.
         let alpha_dx = zero - f32x16::from_slice(s, &plane[plane::ALPHA_DX]);
         let alpha_dy = zero - f32x16::from_slice(s, &plane[plane::ALPHA_DY]);
         for k in 0..3 {

@@ -44,7 +44,8 @@ pub fn color(coefficients: &[f32], direction: [f32; 3]) -> [f32; 3] {
             }
         }
     }
-    // Four lanes a coefficient, the fourth unused, so that the sum runs on one vector; the last row has no fourth.
+    // Four lanes a coefficient, the fourth unused, so that the sum runs on one vector. The last row has no fourth
+    // number.
     let mut sum = [0.5; 4];
     let last = coefficients.len() / 3 - 1;
     for k in 0..last {

@@ -1,13 +1,13 @@
-//! What projection hands to blending: one record per visible Gaussian.
+//! The output of projection and the input of blending: one record per visible Gaussian.
 
 /// A contribution below this is not blended (Kerbl et al. 2023).
 pub const MIN_ALPHA: f32 = 1.0 / 255.0;
 
 /// A projected Gaussian. Lengths in pixels, positions in the frame of [`crate::view::View`] (samples at integers).
 ///
-/// The quadratic form is kept as a Cholesky factor: with d = mean − sample, `u = l11·dx + l21·dy` and `v = l22·dy`,
-/// the contribution is `opacity · 2^−(u² + v²)`. Unlike the conic A·dx² + 2B·dx·dy + C·dy², the sum of squares does not
-/// cancel, so long thin splats keep their precision and the exponent is never positive.
+/// The quadratic form is stored as a Cholesky factor. With d = mean − sample, `u = l11·dx + l21·dy` and `v = l22·dy`,
+/// the contribution is `opacity · 2^−(u² + v²)`. Unlike the conic A·dx² + 2B·dx·dy + C·dy², the sum of squares does
+/// not cancel. So long thin splats keep their precision, and the exponent is never positive.
 ///
 /// One cache line.
 #[derive(Clone, Copy, Debug, Default)]
@@ -19,9 +19,9 @@ pub struct Splat {
     pub l22: f32,
     pub opacity: f32,
     pub color: [f32; 3],
-    /// Upper bound of u² + v² on the support: log₂(255·opacity) and a margin for rounding.
+    /// Upper bound of u² + v² on the support: log₂(255·opacity) plus a slack for rounding.
     pub support: f32,
-    /// The support's largest dx is reached at this dy (its smallest at the negative).
+    /// The dy where the support has its largest dx; the smallest dx is at the negative dy.
     pub dy_at_max_dx: f32,
     /// 1 / l11.
     pub inv_l11: f32,
@@ -31,7 +31,7 @@ pub struct Splat {
     pub depth_bits: u32,
 }
 
-/// What depth and normal need of a projected Gaussian (RaDe-GS, Zhang et al. 2024).
+/// Depth and normal of a projected Gaussian (RaDe-GS, Zhang et al. 2024).
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C)]
 pub struct SplatGeometry {
@@ -42,8 +42,8 @@ pub struct SplatGeometry {
     pub normal: [f32; 3],
 }
 
-/// Pixels `[x0, x1) × [y0, y1)`, inside the image and counted from its first pixel, that of the margin if there is
-/// one ([`crate::view::View::before`]).
+/// Pixels `[x0, x1) × [y0, y1)` inside the image, counted from its first pixel, with the margin included
+/// ([`crate::view::View::before`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PixelRect {
     pub x0: u16,
@@ -53,11 +53,11 @@ pub struct PixelRect {
 }
 
 impl Splat {
-    /// First and last x of the support over sample rows `y0..=y1`, with a slack for rounding. Meaningful where the
-    /// support reaches those rows (Speedy-Splat's AccuTile, Hanson et al. 2025).
+    /// First and last x of the support over sample rows `y0..=y1`, with a slack for rounding. Valid only if the
+    /// support reaches these rows (Speedy-Splat's AccuTile, Hanson et al. 2025).
     ///
-    /// Over a band of rows the support's right edge is highest at `dy_at_max_dx` or at the row nearest to it, the left
-    /// edge by symmetry at its negative. (dx runs against x: d = mean − sample.)
+    /// Over a band of rows, the support's right edge is farthest right at `dy_at_max_dx` or at the row nearest to it.
+    /// The left edge follows by symmetry at the negative value. (dx runs against x: d = mean − sample.)
     #[inline(always)]
     pub fn x_span(&self, y0: f32, y1: f32) -> [f32; 2] {
         let (low, high) = (self.mean[1] - y1, self.mean[1] - y0);
@@ -72,7 +72,7 @@ impl Splat {
     }
 
     /// Whether the support reaches the rectangle of sample positions `[x0, x1] × [y0, y1]` (StopThePop, Radl et al.
-    /// 2024): the quadratic form is convex, so outside the centre its minimum lies on an edge.
+    /// 2024). The quadratic form is convex, so if the centre is outside the rectangle, the minimum lies on an edge.
     #[inline]
     pub fn reaches(&self, x0: f32, y0: f32, x1: f32, y1: f32) -> bool {
         let [x, y] = self.mean;
@@ -92,7 +92,7 @@ impl Splat {
             let dy = y - edge;
             form((-self.l21 * dy * self.inv_l11).min(x - x0).max(x - x1), dy)
         };
-        // The slack covers rounding; a tile too many costs time only.
+        // The slack covers rounding. One tile too many only costs time.
         column(x0).min(column(x1)).min(row(y0)).min(row(y1)) <= self.support * (1.0 + 1e-4) + 1e-3
     }
 }

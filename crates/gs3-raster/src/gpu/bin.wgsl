@@ -1,10 +1,11 @@
-// Splats to tiles; see bin.rs. Splats come front to back. `count` says how many tiles of the band each covers; once a
-// scan has turned counts into places, `emit` writes one entry (tile, splat) for each, and a stable sort by tile gives
-// every tile its splats front to back.
+// Splats to tiles; see bin.rs. Splats come front to back. `count` counts the tiles of the band that each splat
+// covers. A scan turns the counts into places. `emit` writes one entry (tile, splat) per tile, and a stable sort by
+// tile gives every tile its splats front to back.
 
 override CULLING: u32 = 3u;
 
-// Splats that cover more tiles of the band are written by the whole workgroup: one lane would keep it waiting.
+// Splats that cover more tiles of the band are written by the whole workgroup: otherwise one lane would delay the
+// others.
 const ALONE: u32 = 64u;
 
 @group(0) @binding(0) var<storage, read> splats_a: array<vec4<f32>>;
@@ -13,7 +14,7 @@ const ALONE: u32 = 64u;
 @group(0) @binding(2) var<storage, read> order: array<u32>;
 @group(0) @binding(3) var<storage, read_write> counters: Counters;
 @group(0) @binding(4) var<uniform> band: Band;
-// Tiles of the splats in order; a scan makes them first places, the entry after the last splat the sum.
+// Tile counts of the splats in order. A scan makes them first places; the entry after the last splat becomes the sum.
 @group(0) @binding(5) var<storage, read_write> tile_counts: array<u32>;
 @group(0) @binding(6) var<storage, read_write> entry_tiles: array<u32>;
 @group(0) @binding(7) var<storage, read_write> entry_splats: array<u32>;
@@ -33,7 +34,7 @@ fn tiles_of(b: vec4<u32>) -> Tiles {
     }
     let first = rect.xy / TILE;
     let last = (rect.zw - 1u) / TILE;
-    // The box is tight: the support reaches every tile of a single row or column.
+    // The box is tight: a support in a single row or column of tiles reaches every tile of the box.
     let is_cut = (CULLING == ACCU_TILE || CULLING == EXACT) && all(first < last);
     let rows = vec2(max(first.y, band.first_row), min(last.y, band.first_row + band.rows - 1u));
     if rows.y < rows.x {
@@ -42,7 +43,7 @@ fn tiles_of(b: vec4<u32>) -> Tiles {
     return Tiles(vec2(first.x, rows.x), vec2(last.x, rows.y), is_cut);
 }
 
-// First tile of a row and the one after its last, that the splat is assigned to.
+// The first tile of a row that the splat is assigned to, and the tile after the last.
 fn row_span(tiles: Tiles, splat: u32, b: vec4<u32>, row: u32) -> vec2<u32> {
     var span = vec2(tiles.first.x, tiles.last.x + 1u);
     if !tiles.is_cut {
@@ -56,7 +57,7 @@ fn row_span(tiles: Tiles, splat: u32, b: vec4<u32>, row: u32) -> vec2<u32> {
     span.x = max(span.x, u32(x.x) / TILE);
     span.y = min(span.y, u32(x.y) / TILE + 1u);
     if CULLING == EXACT {
-        // What the support reaches of a row is connected: only the ends can be in vain.
+        // The support's part of a row is connected: only the tiles at the ends may be missed.
         while span.x < span.y && !reaches_tile(s, span.x, top, bottom) {
             span.x++;
         }
@@ -95,8 +96,8 @@ fn count(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_
         tile_counts[i] = 0u;
     }
     workgroupBarrier();
-    // A group's sum is below 2^26: 256 splats on 512×512 tiles. The sum of all may pass 2^32, which the scan would not
-    // notice; shares of 4,096 do not.
+    // A group's sum is below 2^26: 256 splats on 512×512 tiles. The sum of everything may overflow 2^32, which the
+    // scan would not notice; shares of 4,096 do not overflow.
     if lane == 0u {
         atomicAdd(&counters.entry_shares, atomicLoad(&group_count) / ENTRY_SHARE);
     }
@@ -105,7 +106,7 @@ fn count(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_
 var<workgroup> large_count: atomic<u32>;
 var<workgroup> large_lanes: array<u32, GROUP>;
 var<workgroup> large: u32;
-// Inclusive sums of a row's tiles, of two steps of the scan in turn.
+// Inclusive sums of the tiles of rows, for alternating steps of the scan.
 var<workgroup> sums: array<array<u32, GROUP>, 2>;
 
 fn write_entry(place: u32, tile: u32, splat: u32) {
@@ -145,14 +146,14 @@ fn emit(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     }
     let count = workgroupUniformLoad(&large);
     for (var k = 0u; k < count; k++) {
-        // Which lane's splat comes first does not matter: places are fixed.
+        // The order of the lanes' splats does not matter: places are fixed.
         let which = workgroupUniformLoad(&large_lanes[k]);
         emit_together(first_splat + which, lane);
     }
 }
 
-// `count` and `emit` call the same code, which compilers may round differently: entries beyond the counted ones are
-// tiles that only the slack reaches, and places left over go to a tile that is not drawn.
+// `count` and `emit` call the same code, which compilers may round differently. Entries beyond the counted ones are
+// tiles that only the slack reaches, and are dropped. Unused places go to a tile that is not drawn.
 fn emit_alone(splat: u32, first: u32, end: u32) {
     let b = splats_b[splat];
     let tiles = tiles_of(b);
@@ -171,7 +172,7 @@ fn fill(first: u32, end: u32, splat: u32) {
     }
 }
 
-// A row a lane; their places by a scan of the rows' counts.
+// One lane per row; a scan of the rows' counts gives the places.
 fn emit_together(i: u32, lane: u32) {
     let splat = order[i];
     let b = splats_b[splat];

@@ -1,6 +1,6 @@
-// Tiles to pixels: front-to-back blending; see blend.rs. A workgroup is a tile, an invocation a pixel; sixteen
-// consecutive invocations are a 4×4 block, and visit the staged splats that touch their block. What is blended
-// besides colour comes from one of the outputs_*.wgsl.
+// Tiles to pixels: front-to-back blending; see blend.rs. A workgroup is a tile, and an invocation a pixel. Sixteen
+// consecutive invocations are a 4×4 block, and visit the staged splats that touch their block. Outputs besides colour
+// come from one of the outputs_*.wgsl.
 
 @group(0) @binding(1) var<uniform> band: Band;
 @group(0) @binding(2) var<storage, read> ranges: array<vec2<u32>>;
@@ -8,14 +8,14 @@
 @group(0) @binding(4) var<storage, read> splats_a: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read> splats_b: array<vec4<u32>>;
 @group(0) @binding(6) var<storage, read> splats_c: array<vec4<f32>>;
-// RGB and alpha of the band's pixels, row by row; the other planes likewise.
+// RGB and alpha of the band's pixels, row by row; the other planes have the same layout.
 @group(0) @binding(7) var<storage, read_write> color_alpha: array<vec4<f32>>;
 @group(0) @binding(14) var<storage, read_write> counters: Counters;
 
 var<workgroup> staged_a: array<vec4<f32>, BATCH>;
 var<workgroup> staged_b: array<vec4<u32>, BATCH>;
 var<workgroup> staged_c: array<vec4<f32>, BATCH>;
-// Whether a pixel is open. All who write it at a time write the same.
+// Whether a pixel is open. All invocations that write it at the same time write the same value.
 var<workgroup> is_open: u32;
 
 // One splat at one pixel.
@@ -24,22 +24,22 @@ struct Contribution {
     d: vec2<f32>,
     u: f32,
     v: f32,
-    // Of α; zero where it is capped.
+    // Slope of α; zero where α is capped.
     slope: f32,
     alpha: f32,
-    // Transmittance before it.
+    // Transmittance before the splat.
     t: f32,
     // α·t.
     weight: f32,
 }
 
-// What later stages find of a pixel.
+// A pixel as later stages read it.
 struct Pixel {
-    // In the band's planes.
+    // Index in the band's planes.
     index: u32,
     // Sample position.
     sample: vec2<f32>,
-    // What passes all splats, and 1 − t.
+    // Transmittance behind all splats, and 1 − t.
     t: f32,
     alpha: f32,
 }
@@ -53,16 +53,16 @@ fn blend(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_
     let is_inside = all(pixel < view.size);
     let sample = vec2<f32>(pixel);
 
-    // Transmittance while the pixel is open, 0 once it is finished; and at which it was finished.
+    // Transmittance while the pixel is open, 0 once it is finished; and the transmittance at which it was finished.
     var t = select(0.0, 1.0, is_inside);
     var last = 0.0;
     var color = vec3(0.0);
-    // llvmpipe ends all loops of an invocation after 65,535 rounds, without a word: what is left then is told.
+    // llvmpipe ends all loops of an invocation after 65,535 rounds, without an error. Unfinished pixels are reported.
     var is_finished = false;
     var is_cut = false;
     var first = range.x;
     for (; first < range.y; first += BATCH) {
-        // The batch before has been read to its end.
+        // All invocations have read the batch before.
         workgroupBarrier();
         if lane < BLOCKS * BLOCKS * WORDS {
             atomicStore(&cover[lane], 0u);
@@ -120,7 +120,7 @@ fn blend(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_
                     t = 0.0;
                     break;
                 }
-                // α's derivatives vanish where it is capped.
+                // The derivatives of α vanish where α is capped.
                 let slope = select(0.0, alpha * UNSCALE, raw < MAX_ALPHA);
                 let weight = alpha * t;
                 color = fma(c.xyz, vec3(weight), color);

@@ -10,7 +10,7 @@ fn may_see(chunk: Chunk) -> bool {
     for (var k = 0u; k < 4u; k++) {
         let plane = view.frustum[k];
         let coordinate = select(center.y, center.x, k < 2u);
-        // A chunk with non-finite bounds is seen.
+        // A chunk with non-finite bounds counts as visible.
         if plane.x * coordinate + plane.y * center.z - plane.z * radius > plane.w * chunk.largest_scale {
             return false;
         }

@@ -1,4 +1,4 @@
-//! The picture out of a frame with a margin around it.
+//! Copies the picture out of a frame with a margin.
 
 use bytemuck::{Pod, Zeroable};
 use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Recorder, Use};
@@ -18,17 +18,17 @@ struct CropUniform {
     _pad: u32,
 }
 
-/// What a picture is copied by: a kernel for each plane, and where it lies. The picture's own, as other rasterizers
-/// may make frames into it.
+/// The kernels that copy a picture, one per plane, and the copy's parameters. They belong to the picture, because
+/// other rasterizers may also make frames into it.
 #[derive(Default)]
 pub struct BoundCrop {
-    /// Which planes it is copied from.
+    /// Number of the planes that the picture is copied from.
     padded: u64,
     planes: Vec<Bound>,
     uniform: Option<Buffer>,
 }
 
-/// Records the picture of `padded`, without its margin, into `picture`, which has been made for its size.
+/// Records the copy of the picture of `padded`, without its margin, into `picture`, which has the picture's size.
 pub fn record(
     kernel: &Kernel,
     gpu: &Gpu,

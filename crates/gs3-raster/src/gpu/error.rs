@@ -1,4 +1,4 @@
-//! What can go wrong.
+//! Errors of rasterization on a GPU.
 
 use gs3_compute::GpuError;
 
@@ -10,7 +10,7 @@ pub enum GpuRasterError {
     /// A setting is out of range.
     #[error(transparent)]
     Settings(#[from] RasterError),
-    /// The device refused, is lost, or has no room.
+    /// The device refuses, is lost, or has too little memory.
     #[error(transparent)]
     Gpu(#[from] GpuError),
 }

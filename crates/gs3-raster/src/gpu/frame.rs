@@ -1,4 +1,4 @@
-//! The kernels with the buffers of a picture's size: a frame records them and makes nothing.
+//! The kernels bound to the buffers of one picture size. A frame records them and creates nothing.
 
 use gs3_compute::{
     Arena, Bound, BoundScan, BoundSort, Buffer, Gpu, GpuError, Kernel, Pairs, Recorder, Slice, Use, grid,
@@ -13,16 +13,16 @@ use crate::settings::Outputs;
 /// Invocations of the workgroups that `dispatches` counts, `GROUP` of `plan.wgsl`.
 pub const GROUP: u32 = 256;
 
-/// Where `plan.wgsl` leaves counts of workgroups over splats and over entries, bytes.
+/// Byte offsets where `plan.wgsl` writes the counts of workgroups over splats and over entries.
 const OVER_SPLATS: u64 = 0;
 const OVER_ENTRIES: u64 = 3 * 4;
 
-/// Where bindings of single counts start in [`Counters`], bytes.
+/// Byte offsets of single counts in [`Counters`].
 const SPLATS: u64 = std::mem::offset_of!(Counters, splats) as u64;
 const PLACES: u64 = std::mem::offset_of!(Counters, places) as u64;
 const ENTRIES: u64 = std::mem::offset_of!(Counters, entries) as u64;
 
-/// Where [`Counters`] has what is counted over frames, the most that they needed first.
+/// Byte offset in [`Counters`] of the maxima over frames.
 const MOST: u64 = std::mem::offset_of!(Counters, most_splats) as u64;
 const MOST_BYTES: u64 = size_of::<Counters>() as u64 - MOST;
 
@@ -60,13 +60,13 @@ struct BoundPage {
 struct BoundBand {
     count: Bound,
     emit: Bound,
-    /// Workgroups over tiles, the one that takes what is not drawn included.
+    /// Workgroups over tiles, including the tile of entries that are not drawn.
     tiles: [u32; 3],
-    /// A workgroup a tile.
+    /// One workgroup per tile.
     blend: [u32; 3],
 }
 
-/// A frame's kernels, all but the ones that write a G-buffer.
+/// A frame's kernels, except the kernels that write a G-buffer.
 pub struct Frame {
     pub plan: FramePlan,
     pages: Vec<BoundPage>,
@@ -83,12 +83,12 @@ pub struct Frame {
     /// Uniforms of bands.
     band_buffers: Vec<Buffer>,
     dispatches: Buffer,
-    /// Which of a sort's two halves has its result.
+    /// Which of a sort's two buffers has the result.
     sorted: [usize; 2],
 }
 
-/// The buffers of a frame by the names that kernels have for them. Each is cut to what the plan says, so that its
-/// length is its capacity.
+/// The buffers of a frame, by the names in the kernels. Each slice has the length in the plan, so that its length is
+/// its capacity.
 struct Buffers<'a> {
     plan: &'a FramePlan,
     arena: &'a Arena,
@@ -110,14 +110,14 @@ impl<'a> Buffers<'a> {
     }
 }
 
-/// Names of a sort's halves.
+/// Names of a sort's two buffers.
 const ORDER: [&str; 2] = ["order0", "order1"];
 const DEPTH_KEYS: [&str; 2] = ["depth_keys0", "depth_keys1"];
 const ENTRY_TILES: [&str; 2] = ["entry_tiles0", "entry_tiles1"];
 const ENTRY_SPLATS: [&str; 2] = ["entry_splats0", "entry_splats1"];
 
 impl Frame {
-    /// Makes room for `plan` and binds the kernels to it.
+    /// Allocates the buffers of `plan` and binds the kernels to them.
     pub fn new(
         gpu: &Gpu,
         plan: FramePlan,
@@ -127,7 +127,7 @@ impl Frame {
         fixed: &Fixed,
         arena: &mut Arena,
     ) -> Result<Self, GpuError> {
-        // Everything is bound anew below, whether or not it grew.
+        // Everything is bound again below, whether or not the buffers grew.
         let _ = arena.fit(gpu, &plan.needs)?;
         let blend = kernels.blend(gpu, plan.outputs)?;
         let sorts = &*sorts.insert(Sorts::new(gpu, &plan, sorts.as_ref())?);
@@ -224,7 +224,7 @@ impl Frame {
         })
     }
 
-    /// Blending with the G-buffer's planes, for each band.
+    /// Binds blending to the G-buffer's planes, for each band.
     pub fn bind_target(
         &self,
         gpu: &Gpu,
@@ -253,7 +253,7 @@ impl Frame {
         self.plan.bands.iter().zip(&self.band_buffers).map(bind).collect()
     }
 
-    /// Records that the most that frames needed is counted anew.
+    /// Records a reset of the maxima over frames.
     pub fn record_clearing(recorder: &mut Recorder<'_>, fixed: &Fixed) {
         recorder.stage("project");
         recorder.clear(&fixed.counters.part(MOST, MOST_BYTES));

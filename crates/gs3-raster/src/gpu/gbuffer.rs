@@ -13,21 +13,21 @@ use crate::settings::Outputs;
 /// Bytes read back at a time.
 const STEP_BYTES: u64 = 32 << 20;
 
-/// What a frame was rasterized into, in device memory: planes of four f32 a pixel, row by row, `[height, width, 4]`;
-/// where there is room for margins, rows lie [`Self::stride`] pixels apart. Later stages read the buffers in the same
-/// submission or in a later one.
+/// The output of a frame in device memory: planes of four f32 a pixel, row by row, `[height, width, 4]`. If there is
+/// memory for margins, rows lie [`Self::stride`] pixels apart. Later stages read the buffers in the same submission
+/// or in a later one.
 ///
-/// Two of them keep the frame before while the next one is made.
+/// With two G-buffers, the previous frame is kept while the next frame is made.
 #[derive(Default)]
 pub struct GpuGBuffer {
     size: [u32; 2],
-    /// Pixels that there is memory for, in a row and in a column.
+    /// Capacity in pixels, per row and per column.
     room: [u32; 2],
     jitter: [f32; 2],
     margin: Margin,
-    /// Which of all planes ever made these are, 0 for none.
+    /// Number of these planes among all planes ever made; 0 for none.
     made: u64,
-    /// By the names that the shaders have for them.
+    /// The planes by their names in the shaders.
     planes: Vec<(&'static str, Buffer)>,
     pub(super) target: Target,
     pub(super) crop: BoundCrop,
@@ -39,19 +39,20 @@ impl fmt::Debug for GpuGBuffer {
     }
 }
 
-/// Planes of all G-buffers, counted from 1, so that a picture knows from which ones it is copied.
+/// Number of planes made by all G-buffers, counted from 1. A picture uses it to identify the planes that it is copied
+/// from.
 static MADE: AtomicU64 = AtomicU64::new(1);
 
 /// Blending into a G-buffer.
 #[derive(Default)]
 pub struct Target {
-    /// Which of all frames it is bound to, 0 for none.
+    /// Number of the frame that it is bound to, among all frames; 0 for none.
     pub frame: u64,
-    /// A kernel for each band.
+    /// One kernel per band.
     pub blend: Vec<Bound>,
 }
 
-/// Names of the planes that `outputs` asks for.
+/// Names of the planes of `outputs`.
 const fn plane_names(outputs: Outputs) -> &'static [&'static str] {
     match outputs {
         Outputs::Color => &["color_alpha"],
@@ -67,13 +68,13 @@ impl GpuGBuffer {
         self.size
     }
 
-    /// Pixels from a row of the planes to the next.
+    /// Distance of the planes' rows, in pixels.
     #[must_use]
     pub const fn stride(&self) -> u32 {
         self.room[0]
     }
 
-    /// How much lies beyond the edges of the picture.
+    /// The margin beyond the edges of the picture.
     #[must_use]
     pub const fn margin(&self) -> Margin {
         self.margin
@@ -91,13 +92,13 @@ impl GpuGBuffer {
         self.plane("color_alpha")
     }
 
-    /// ∂colour/∂x per pixel, and the median depth along z, world units, 0 where nothing was hit.
+    /// ∂colour/∂x per pixel, and the median depth along z in world units, 0 where there is no surface.
     #[must_use]
     pub fn dx_median(&self) -> Option<&Buffer> {
         self.plane("dx_median")
     }
 
-    /// ∂colour/∂y per pixel, and the expected depth along z, world units, 0 where nothing was hit.
+    /// ∂colour/∂y per pixel, and the expected depth along z in world units, 0 where there is no surface.
     #[must_use]
     pub fn dy_expected(&self) -> Option<&Buffer> {
         self.plane("dy_expected")
@@ -123,12 +124,12 @@ impl GpuGBuffer {
         self.made
     }
 
-    /// Takes note of how it is going to be sampled.
+    /// Stores the size, margin and jitter of the next frame.
     pub(super) fn set(&mut self, size: [u32; 2], margin: Margin, jitter: [f32; 2]) {
         (self.size, self.margin, self.jitter) = (size, margin, jitter);
     }
 
-    /// Gives it the planes of `outputs` with `room` for so many pixels.
+    /// Allocates the planes of `outputs` for `room` pixels.
     pub(super) fn fit(&mut self, gpu: &Gpu, outputs: Outputs, room: [u32; 2]) -> Result<(), GpuError> {
         let names = plane_names(outputs);
         if self.room == room && self.planes.iter().map(|(name, _)| *name).eq(names.iter().copied()) {
@@ -144,7 +145,7 @@ impl GpuGBuffer {
         Ok(())
     }
 
-    /// Reads everything back into `out`, which takes the size and the planes. It waits for the device.
+    /// Reads everything back into `out`, which gets the size and the planes. The call waits for the device.
     ///
     /// # Errors
     /// [`GpuError`] if the device fails.
@@ -171,7 +172,7 @@ impl GpuGBuffer {
         Ok(())
     }
 
-    /// Reads colour and alpha back as an image. It waits for the device.
+    /// Reads colour and alpha back as an image. The call waits for the device.
     ///
     /// # Errors
     /// [`GpuError`] if the device fails.
@@ -211,7 +212,7 @@ impl GpuGBuffer {
         })
     }
 
-    /// Calls `take` with runs of the pixels of `plane`, each with the place of its first among all.
+    /// Calls `take` with runs of the pixels of `plane`, and the index of each run's first pixel.
     fn read_runs(
         &self,
         gpu: &Gpu,
@@ -220,7 +221,7 @@ impl GpuGBuffer {
     ) -> Result<(), GpuError> {
         let Some(plane) = plane else { return Ok(()) };
         let [width, height] = self.size.map(|side| side as usize);
-        // Whole rows, of which the picture may be a part.
+        // Whole rows; the picture may be a part of each row.
         let row_bytes = u64::from(self.stride()) * PIXEL_BYTES;
         let rows = (STEP_BYTES / row_bytes).max(1) as usize;
         for first in (0..height).step_by(rows) {

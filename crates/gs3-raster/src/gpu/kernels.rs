@@ -23,11 +23,11 @@ pub struct Kernels {
     pub clear: Kernel,
     pub find: Kernel,
     pub copy_picture: Kernel,
-    /// Tiles to pixels, for each of the outputs: compiled when they are first asked for.
+    /// Tiles to pixels, one kernel per outputs, compiled at the first use.
     blend: HashMap<Outputs, Kernel>,
 }
 
-/// What depends on sizes, of kernels that do not.
+/// The sorts, which depend on sizes.
 pub struct Sorts {
     pub by_depth: Sort,
     pub by_tile: Sort,
@@ -97,7 +97,7 @@ impl Kernels {
 }
 
 impl Sorts {
-    /// Those for `plan`, with the kernels of `before` where they serve.
+    /// The sorts for `plan`. Kernels of `before` are reused where they fit.
     pub fn new(gpu: &Gpu, plan: &FramePlan, before: Option<&Self>) -> Result<Self, GpuError> {
         let sort = |before: Option<&Sort>, capacity, bits| match before {
             Some(before) => before.resized(gpu, capacity, bits),

@@ -7,11 +7,12 @@
 //! | bin | `bin`, `tiles` | front to back, writes an entry for each tile of a splat; a stable sort by tile keeps that order within tiles |
 //! | blend | `cover`, `blend`, `outputs_*`, `mixed*` | a workgroup a tile, an invocation a pixel |
 //!
-//! Deterministic but for what the driver does: splats of equal depth keep scene order, whatever workgroup wrote them.
+//! Deterministic except for the driver: splats of equal depth keep scene order, independent of the workgroup that
+//! wrote them.
 //!
-//! A frame reads nothing back, and allocates nothing but when size or outputs change. How many splats are visible and
-//! how many tiles they cover only the device knows; where there was no room for all of them,
-//! [`GpuRasterizer::check_capacity`] says so and makes room, and the frame is to be made again.
+//! A frame reads nothing back, and allocates memory only when size or outputs change. Only the device knows how many
+//! splats are visible and how many tiles they cover. If the buffers overflow, [`GpuRasterizer::check_capacity`]
+//! reports it and grows them, and the frame must be made again.
 
 mod crop;
 mod error;
@@ -55,20 +56,20 @@ pub struct GpuRasterizer {
     kernels: Kernels,
     fixed: Fixed,
     arena: Arena,
-    /// Whether frames have room for margins.
+    /// Whether frames have memory for margins.
     has_margins: bool,
-    /// Those of the last size, whose kernels serve others too.
+    /// The sorts of the last size; their kernels may fit other sizes as well.
     sorts: Option<Sorts>,
-    /// Kept when the size changes, so that a window that is resized does not learn it anew.
+    /// Kept when the size changes, so that a resized window does not measure it again.
     capacity: Option<Capacity>,
     frame: Option<Frame>,
     /// Number of `frame` among all frames of all rasterizers.
     frame_number: u64,
-    /// Whether the next frame counts anew what frames need.
+    /// Whether the next frame resets the maxima over frames.
     resets_counters: bool,
-    /// What a frame needed, on its way back.
+    /// The counters of frames, being read back.
     counters_back: Readback,
-    /// For [`Self::rasterize_to`].
+    /// The G-buffer of [`Self::rasterize_to`].
     gbuffer: GpuGBuffer,
 }
 
@@ -95,14 +96,14 @@ pub enum CapacityCheck {
     Grown,
 }
 
-/// Frames of all rasterizers, counted from 1, so that a G-buffer knows to which one it is bound.
+/// Number of frames of all rasterizers, counted from 1. A G-buffer uses it to identify the frame that it is bound to.
 static FRAMES: AtomicU64 = AtomicU64::new(1);
 
 impl GpuRasterizer {
     /// Packs `scene`, sends it to the device and compiles the kernels.
     ///
     /// # Errors
-    /// [`GpuRasterError::Gpu`] if the device has no room for it or fails.
+    /// [`GpuRasterError::Gpu`] if the device has too little memory for the scene or fails.
     pub fn new(
         gpu: &Gpu,
         scene: Arc<Scene>,
@@ -112,7 +113,7 @@ impl GpuRasterizer {
         Self::with_limits(gpu, scene, culling, precision, gpu.capabilities().limits)
     }
 
-    /// As [`Self::new`], within `limits` that the device may exceed.
+    /// As [`Self::new`], within `limits`, which may be smaller than the device's.
     fn with_limits(
         gpu: &Gpu,
         scene: Arc<Scene>,
@@ -162,12 +163,12 @@ impl GpuRasterizer {
         &self.gpu
     }
 
-    /// Records the scene seen by `camera` into `out`, which takes the camera's size and the margin around it. Once in
-    /// a submission at most; what is recorded after it finds the G-buffer finished. From the first frame with a
-    /// margin on there is room for any, so that others allocate nothing.
+    /// Records the scene seen by `camera` into `out`, which gets the camera's size plus the margin. At most once in a
+    /// submission. Commands recorded afterwards find the G-buffer finished. From the first frame with a margin on,
+    /// there is memory for the widest margin, so later frames allocate nothing.
     ///
     /// # Errors
-    /// [`GpuRasterError`] if a setting is out of range, or the device has no room for the size.
+    /// [`GpuRasterError`] if a setting is out of range, or the device has too little memory for the size.
     pub fn record(
         &mut self,
         recorder: &mut Recorder<'_>,
@@ -200,8 +201,8 @@ impl GpuRasterizer {
         Ok(())
     }
 
-    /// As [`Self::record`] into `padded`, always with room for margins, and what of it is the picture into `picture`,
-    /// whose rows lie one after the other.
+    /// As [`Self::record`] into `padded`, always with memory for margins. The picture without the margin is copied
+    /// into `picture`, with rows one after the other.
     ///
     /// # Errors
     /// As [`Self::record`].
@@ -231,14 +232,14 @@ impl GpuRasterizer {
         self.check_capacity_with(&counters)
     }
 
-    /// Where the device counts what frames need. The bytes read back after a frame are the needs of all frames since the
-    /// bytes were read back last.
+    /// The device's counters of the needs of frames. The bytes read back after a frame are the maxima over all frames
+    /// since the counters were last read back.
     #[must_use]
     pub fn counters(&self) -> Slice<'_> {
         self.fixed.counters.slice()
     }
 
-    /// As [`Self::check_capacity`], by the bytes of [`Self::counters`] after the last submitted frame.
+    /// As [`Self::check_capacity`], from the bytes of [`Self::counters`] after the last submitted frame.
     ///
     /// # Errors
     /// [`GpuRasterError::Gpu`] if the device cannot hold what the frame needs, or its driver cut loops short.
@@ -262,11 +263,11 @@ impl GpuRasterizer {
         }
     }
 
-    /// Rasterizes the scene seen by `camera` into `out`, as often as it takes until all of it had room, and waits for
-    /// it.
+    /// Rasterizes the scene seen by `camera` into `out` and waits for the frame. After an overflow the frame is made
+    /// again until it is complete.
     ///
     /// # Errors
-    /// [`GpuRasterError`] if a setting is out of range, or the device has no room or fails.
+    /// [`GpuRasterError`] if a setting is out of range, or the device has too little memory or fails.
     pub fn rasterize(
         &mut self,
         camera: &Camera,
@@ -303,7 +304,7 @@ impl GpuRasterizer {
         Ok(self.gbuffer.read(&self.gpu, out)?)
     }
 
-    /// Rasterizes colour only, read back as an [`Image`] whose fourth channel is alpha. `settings.outputs` and
+    /// Rasterizes colour only, read back as an [`Image`] with alpha in the fourth channel. `settings.outputs` and
     /// `settings.margin` are not read.
     ///
     /// # Errors
@@ -322,7 +323,7 @@ impl GpuRasterizer {
         Ok(self.gbuffer.read_image(&self.gpu, out)?)
     }
 
-    /// Makes sure that `self.frame` is one of that size and those outputs.
+    /// Makes sure that `self.frame` has this size and these outputs.
     fn fit(&mut self, size: [u32; 2], outputs: Outputs) -> Result<(), GpuRasterError> {
         if self.frame.as_ref().is_some_and(|frame| frame.plan.size == size && frame.plan.outputs == outputs) {
             return Ok(());
@@ -335,12 +336,12 @@ impl GpuRasterizer {
     }
 
     fn set_frame(&mut self, plan: FramePlan) -> Result<(), GpuRasterError> {
-        // Where making it fails, buffers may be gone that the old one is bound to.
+        // If creation fails, buffers that the old frame is bound to may be gone.
         self.frame = None;
         let Self { gpu, kernels, sorts, pages, fixed, arena, .. } = self;
         self.frame = Some(Frame::new(gpu, plan, kernels, sorts, pages, fixed, arena)?);
         self.frame_number = FRAMES.fetch_add(1, Ordering::Relaxed);
-        // What frames of another size needed says nothing of these.
+        // The needs of frames of another size say nothing about these frames.
         self.resets_counters = true;
         Ok(())
     }

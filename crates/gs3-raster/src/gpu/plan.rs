@@ -1,4 +1,4 @@
-//! All sizes of the GPU rasterizer, from the scene, the picture and the device: pure functions.
+//! All sizes of the GPU rasterizer, from the scene, the picture's size and the device's limits: pure functions.
 
 use bytemuck::{Pod, Zeroable};
 use gs3_compute::{ChunkPlan, GpuError, Limits, MAX_PAIRS, Need, Use};
@@ -10,7 +10,7 @@ use crate::settings::Outputs;
 /// Side of a tile in pixels, `TILE` of `splat.wgsl`.
 pub const TILE: u32 = 16;
 
-/// Bits of a depth that differ: it is positive.
+/// Bits of a depth that may differ: depths are positive, so the sign bit never differs.
 pub const DEPTH_BITS: u32 = 31;
 
 /// Bytes of a pixel in a plane of the G-buffer: four f32.
@@ -42,7 +42,7 @@ pub struct Band {
     pub _pad: u32,
 }
 
-/// How a scene is divided.
+/// The division of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ScenePlan {
     pub gaussians: u32,
@@ -78,7 +78,7 @@ impl ScenePlan {
     }
 }
 
-/// What only a frame itself shows to be enough.
+/// Capacities that only the frame itself can prove to be sufficient.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Capacity {
     /// Visible Gaussians.
@@ -89,16 +89,16 @@ pub struct Capacity {
     pub band_rows: u32,
 }
 
-/// Splats and entries that one binding each holds.
+/// The most splats and entries that one binding each can hold.
 fn most(limits: &Limits) -> Capacity {
     let bytes = limits.binding_bytes.min(limits.buffer_bytes);
-    // Splats are 16 bytes in each of their arrays. A sort's digits take fewer bytes than its keys.
+    // Splats are 16 bytes in each of their arrays. The digits of a sort take fewer bytes than its keys.
     let items = |size: u64| (bytes / size).min(MAX_PAIRS.into()) as u32;
     Capacity { splats: items(16), entries: items(4), band_rows: u32::MAX }
 }
 
-/// Capacity for `count` items: powers of two up to 2²⁰ and its multiples, so that room that has grown seldom has to grow
-/// again.
+/// Capacity for `count` items: powers of two up to 2²⁰, then multiples of 2²⁰, so that buffers that have grown seldom
+/// grow again.
 fn rounded(count: u32, max: u32) -> u32 {
     const STEP: u32 = 1 << 20;
     const LEAST: u32 = 1 << 16;
@@ -110,13 +110,13 @@ fn rounded(count: u32, max: u32) -> u32 {
 }
 
 impl Capacity {
-    /// A first guess.
+    /// The initial capacity, a guess.
     pub fn new(limits: &Limits, scene: &ScenePlan, size: [u32; 2]) -> Self {
         let most = most(limits);
-        // Of large scenes rarely more than half is in view at a time.
+        // Rarely more than half of a large scene is in view.
         let splats = scene.gaussians.min((1 << 20).max(scene.gaussians / 2)).min(most.splats);
         let tiles = size[0].div_ceil(TILE) * size[1].div_ceil(TILE);
-        // Low-resolution splats touch one tile or two, those of native frames three to ten.
+        // Low-resolution splats touch one or two tiles, and splats of native frames three to ten.
         let entries = u64::from(splats) * 4 + u64::from(tiles) * 16;
         let entries = entries.min(most.entries.into()) as u32;
         Self {
@@ -126,10 +126,11 @@ impl Capacity {
         }
     }
 
-    /// Capacity for a frame that needs so much, a quarter more than that where there is any; `None` if it had enough.
+    /// The capacity for a frame with these needs, plus a quarter where possible; `None` if the capacity was
+    /// sufficient.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] if the device cannot hold as much.
+    /// [`GpuError::TooLarge`] if the device cannot hold the frame's needs.
     pub fn grown(
         self,
         limits: &Limits,
@@ -172,22 +173,22 @@ impl Capacity {
 /// Sizes of a frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FramePlan {
-    /// Pixels that there is room for.
+    /// Capacity in pixels.
     pub size: [u32; 2],
     pub outputs: Outputs,
     pub capacity: Capacity,
-    /// Parts of the picture that are binned and blended one after the other: as many rows of tiles as have their
-    /// pixels in one binding.
+    /// Parts of the picture that are binned and blended one after the other. A band has as many rows of tiles as fit
+    /// one binding of pixels.
     pub bands: Vec<Band>,
-    /// Bits of a tile's number in a band, and of the number after the last.
+    /// Bits of a tile's number in a band, including the number after the last tile.
     pub tile_bits: u32,
-    /// Buffers, all but the G-buffer's.
+    /// All buffers except the G-buffer's.
     pub needs: Vec<Need>,
 }
 
 impl FramePlan {
     /// # Errors
-    /// [`GpuError::TooLarge`] if the device cannot bind as much.
+    /// [`GpuError::TooLarge`] if the device cannot bind buffers of this size.
     pub fn new(
         limits: &Limits,
         scene: &ScenePlan,
@@ -227,7 +228,7 @@ impl FramePlan {
         Ok(plan)
     }
 
-    /// Where a band's pixels lie in a plane, bytes: start and length.
+    /// Where a band's pixels are in a plane, in bytes: start and length.
     pub fn band_bytes(&self, band: &Band) -> (u64, u64) {
         let row = u64::from(self.size[0]) * PIXEL_BYTES;
         let first = band.first_row * TILE;
@@ -241,7 +242,7 @@ impl FramePlan {
     }
 }
 
-/// Buffers of a frame. Names ending in 0 and 1 are a sort's two halves.
+/// Buffers of a frame. Names ending in 0 and 1 are a sort's two buffers.
 fn needs(scene: &ScenePlan, outputs: Outputs, capacity: Capacity, tiles: u32) -> Vec<Need> {
     let Capacity { splats, entries, .. } = capacity;
     let storage =
@@ -301,8 +302,8 @@ mod tests {
     const SIZES: [[u32; 2]; 8] =
         [[1, 1], [15, 17], [480, 270], [1920, 1080], [4096, 2160], [7680, 4320], [8192, 8192], [8192, 1]];
 
-    /// Whatever the picture and the scene, every binding fits the smallest devices that gs3 runs on, bands cover the
-    /// picture once, and bindings of bands start where devices take them.
+    /// For every picture and scene, every binding fits the smallest devices that gs3 supports. Bands cover the
+    /// picture once, and bindings of bands start at offsets that devices accept.
     #[test]
     fn every_size_fits_the_smallest_device() {
         for binding_bytes in [128 << 20, 2 << 30, (4 << 30) - 4] {
@@ -368,7 +369,7 @@ mod tests {
         assert_eq!(grown(8_388_608, 0), Some(Capacity { splats: 8_388_608, ..capacity }));
     }
 
-    /// Where no binding holds a band's entries, bands shrink, down to one row of tiles.
+    /// If no binding can hold a band's entries, bands shrink, down to one row of tiles.
     #[test]
     fn bands_shrink_when_entries_do_not_fit() {
         let limits = limits(128 << 20);

@@ -11,19 +11,19 @@ use rayon::prelude::*;
 use super::plan::ScenePlan;
 use crate::chunk::CHUNK;
 
-/// How the scene lies in device memory.
+/// The precision of the scene in device memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ScenePrecision {
-    /// Colours in f16; means and largest scales in f32, the rest of the shape packed to 128 bits so closely that the
-    /// same samples are hit: 40 bytes a Gaussian of degree 0, 128 of degree 3, 184 of degree 4.
+    /// Colours in f16, means and largest scales in f32. The rest of the shape is packed to 128 bits, precisely enough
+    /// to hit the same samples. 40 bytes a Gaussian of degree 0, 128 of degree 3, 184 of degree 4.
     #[default]
     F16,
-    /// All in f32, as the CPU has it: 60 bytes a Gaussian of degree 0, 240 of degree 3, 348 of degree 4.
+    /// Everything in f32, as on the CPU: 60 bytes a Gaussian of degree 0, 240 of degree 3, 348 of degree 4.
     F32,
 }
 
 impl ScenePrecision {
-    /// Bytes of a Gaussian's shape but for its mean and largest scale.
+    /// Bytes of a Gaussian's shape, without its mean and largest scale.
     pub(super) const fn shape_bytes(self) -> u64 {
         match self {
             Self::F16 => 16,
@@ -44,7 +44,7 @@ impl ScenePrecision {
 /// Gaussians packed and sent at a time.
 const STEP: usize = 256 * CHUNK;
 
-/// Bytes sent after which the device is waited for, so that drivers need not hold the scene twice.
+/// Bytes sent before waiting for the device, so that drivers need not hold the scene twice.
 const FLUSH_BYTES: u64 = 256 << 20;
 
 /// `Chunk` of `scene.wgsl`.
@@ -80,7 +80,7 @@ pub struct Page {
 }
 
 impl Page {
-    /// The page's buffers by the names that kernels have for them.
+    /// The page's buffers, by the names in the kernels.
     pub fn bindings(&self) -> [(&'static str, Slice<'_>); 5] {
         [
             ("page", self.uniform.slice()),
@@ -92,10 +92,10 @@ impl Page {
     }
 }
 
-/// Uploads `gaussians` as `plan` says.
+/// Uploads `gaussians` according to `plan`.
 ///
 /// # Errors
-/// [`GpuError`] if the device has no room for them.
+/// [`GpuError`] if the device has too little memory for the Gaussians.
 pub fn upload(gpu: &Gpu, gaussians: &Gaussians, plan: &ScenePlan) -> Result<Vec<Page>, GpuError> {
     let mut chunks = crate::chunk::of_gaussians(gaussians);
     let mut pages = Vec::new();
@@ -186,11 +186,11 @@ impl Packed {
     }
 }
 
-/// Scales, opacity and rotation in 128 bits, of which an ellipse's edge moves by about 1e-5 of its radius. With 16
-/// bits for each value, as colours have, it would move by 5e-4, and one sample in 10⁵ be hit by one machine only: its
-/// depth is then there or not.
+/// Scales, opacity and rotation in 128 bits. This moves an ellipse's edge by about 1e-5 of its radius. With 16 bits
+/// for each value, as for colours, the edge would move by 5e-4, and one sample in 10⁵ would be hit on one machine
+/// only, which adds or removes its depth.
 ///
-/// The axes are taken in turn so that the first is the longest, whose scale lies beside the mean. `scene_f16.wgsl`
+/// The axes are rotated so that the first is the longest; its scale is stored beside the mean. `scene_f16.wgsl`
 /// unpacks:
 ///
 /// | word | bits 31 to 10 | bits 9 to 0 |
@@ -217,13 +217,13 @@ fn packed_shape(scales: [f32; 3], opacity: f32, rotation: [f32; 4]) -> [u32; 4] 
     ]
 }
 
-/// Parts of a unit quaternion other than its largest are at most √½: 2¹⁹ − 1 steps and a sign.
+/// The parts of a unit quaternion besides its largest are at most √½: 2¹⁹ − 1 steps and a sign.
 pub const QUATERNION_STEPS: f64 = 524_287.0 * std::f64::consts::SQRT_2;
 
-/// Steps of the opacity up to 1, in 22 bits: the 8 bits that most formats of scenes have for it stay exact.
+/// Steps of the opacity up to 1, in 22 bits: the 8-bit opacities of most scene formats stay exact.
 pub const OPACITY_STEPS: f64 = 255.0 * 16_384.0;
 
-/// Codes of ratios start here: at 2⁻³¹, as an f32 without its lowest six bits.
+/// The smallest code of a ratio: 2⁻³¹, as an f32 without its lowest six bits.
 pub const FIRST_RATIO: u32 = 96 << 17;
 
 /// `scale / largest` in 22 bits, 17 of them mantissa; 0 below 2⁻³¹.
@@ -232,15 +232,15 @@ fn ratio_bits(scale: f32, largest: f32) -> u32 {
     ((ratio.to_bits() + (1 << 5)) >> 6).saturating_sub(FIRST_RATIO)
 }
 
-/// The rotation `q` with its axes in turn: axis `first` becomes the first one. It turns by a third about (1, 1, 1)
-/// before `q` as often as needed.
+/// The rotation `q` with its axes permuted: axis `first` becomes the first one. A rotation by a third of a turn about
+/// (1, 1, 1) is applied before `q`, as often as needed.
 fn turned(q: [f32; 4], first: usize) -> [f32; 4] {
     (0..first).fold(q, |[w, x, y, z], _| {
         [w - x - y - z, w + x + y - z, w - x + y + z, w + x - y + z].map(|v| 0.5 * v)
     })
 }
 
-/// Which part of `q` is largest, and the others of the same rotation where that part is positive.
+/// The index of the largest part of `q`, and the other parts of the same rotation with that part positive.
 fn smallest_three(q: [f32; 4]) -> (usize, [f32; 3]) {
     let part = (1..4).fold(0, |best, k| if q[k].abs() > q[best].abs() { k } else { best });
     let sign = if q[part] < 0.0 { -1.0 } else { 1.0 };
@@ -253,7 +253,7 @@ fn sh_f16(sh: &[f32], stride: usize) -> Vec<u32> {
     let mut packed = vec![0_u32; sh.len() / stride * halves / 2];
     let rows: &mut [u16] = bytemuck::cast_slice_mut(&mut packed);
     rows.par_chunks_mut(halves).zip(sh.par_chunks(stride)).for_each(|(to, from)| {
-        // No scene has numbers beyond those of f16.
+        // No scene has numbers beyond the range of f16.
         let to: &mut [f16] = bytemuck::cast_slice_mut(&mut to[..stride]);
         to.convert_from_f32_slice(from);
     });
@@ -274,7 +274,7 @@ mod tests {
         assert_layout!(&[source], Chunk, ChunkBounds { center, radius, largest_scale, _pad, _pad2, _pad3 });
     }
 
-    /// What `scene_f16.wgsl` makes of packed words: scales, opacity, quaternion.
+    /// The values that `scene_f16.wgsl` unpacks: scales, opacity, quaternion.
     fn unpacked(words: [u32; 4], largest: f32) -> ([f32; 3], f64, [f32; 4]) {
         let ratio = |word: u32| match word >> 10 {
             0 => 0.0,
@@ -303,7 +303,7 @@ mod tests {
         ]
     }
 
-    /// Whatever the scene's unit of length, axis and part of the quaternion is largest.
+    /// For every scale of the scene, and every axis and part of the quaternion as the largest.
     #[test]
     fn shapes_keep_axes_scales_and_opacity() {
         let mut state = 1_u32;

@@ -1,4 +1,4 @@
-//! The kernels' sources, put together: what kernels share is written once.
+//! The kernels' sources: shared parts are written once.
 
 use gs3_compute::{GRID_WGSL, constants};
 use gs3_scene::OpacityMode;
@@ -13,14 +13,14 @@ use crate::cpu::cover::BLOCK;
 use crate::cpu::{blend, project, splat};
 use crate::settings::{Culling, Outputs, Rules};
 
-/// Storage bindings of the kernel that has most, `project_gbuffer`. Desktop drivers have 16 or more.
+/// Storage bindings of the kernel with the most, `project_gbuffer`. Desktop drivers have 16 or more.
 pub const STORAGE_BINDINGS: u32 = 13;
 
 const VIEW: &str = include_str!("view.wgsl");
 const SPLAT: &str = include_str!("splat.wgsl");
 const FRAME: &str = include_str!("frame.wgsl");
 
-/// Numbers that kernels share with the CPU's code, where their reasons are.
+/// Constants that kernels share with the CPU's code, where their reasons are given.
 fn numbers() -> String {
     let reals = constants(&[
         ("SUPPORT_MARGIN", project::SUPPORT_MARGIN),

@@ -1,4 +1,4 @@
-//! The stages one by one beside the CPU's, and devices smaller than any real one.
+//! The stages one by one against the CPU's, and devices smaller than any real one.
 
 use glam::{DAffine3, DVec3};
 use gs3_compute::GpuSettings;
@@ -8,7 +8,7 @@ use super::*;
 use crate::cpu::Rasterizer;
 use crate::settings::{Rules, matched_dilation};
 
-/// The adapter of this machine, or a word that there is none.
+/// The adapter of this machine; without one, a message.
 fn gpu() -> Option<Gpu> {
     Gpu::new(&GpuSettings::default()).inspect_err(|error| eprintln!("skipped: no adapter: {error}")).ok()
 }
@@ -115,7 +115,7 @@ fn stages_match_the_cpu() {
         let order = rasterizer.numbers("order0", count);
         let mut expected: Vec<u32> = (0..count).collect();
         expected.sort_by_key(|&i| splats[i as usize].depth_bits);
-        // A rounded depth may exchange neighbours.
+        // Rounding of depths may exchange neighbours.
         let exchanged = order.iter().zip(&expected).filter(|(a, e)| a != e).count();
         assert!(exchanged * 100 <= expected.len(), "{exchanged} of {count} splats elsewhere");
 
@@ -165,8 +165,8 @@ fn stages_match_the_cpu() {
     }
 }
 
-/// A device whose bindings hold little: the scene takes pages, the picture bands, entries shrink the bands further.
-/// What comes out is the same bit for bit.
+/// A device with small bindings: the scene is split into pages and the picture into bands, and entries shrink the
+/// bands further. The result has the same bits.
 #[test]
 fn small_bindings_change_nothing() {
     let Some(gpu) = gpu() else { return };
@@ -196,7 +196,7 @@ fn small_bindings_change_nothing() {
     assert!(matches!(refused, Err(GpuRasterError::Gpu(GpuError::Unsupported { .. }))), "{refused:?}");
 }
 
-/// What a frame had no room for is said, and there the next time.
+/// An overflow is reported, and the next frame has enough memory.
 #[test]
 fn a_frame_without_room_is_made_again() {
     let Some(gpu) = gpu() else { return };
@@ -226,7 +226,7 @@ fn a_frame_without_room_is_made_again() {
     }
 }
 
-/// Of frames that follow each other one lacked room, and another that had room came after it.
+/// In a sequence of frames one frame overflows, and a later frame does not.
 #[test]
 fn no_frame_lacks_room_unseen() {
     let Some(gpu) = gpu() else { return };
@@ -256,13 +256,13 @@ fn no_frame_lacks_room_unseen() {
     assert_eq!(checked(&[&before, &behind]), CapacityCheck::Grown);
     let all = CapacityCheck::Sufficient { splats: 50, entries: 50 * 4096 };
     assert_eq!(checked(&[&behind, &before, &behind]), all);
-    // Asked again it says the same; the frames after that are others.
+    // A second check gives the same answer; the frames after it are counted separately.
     assert_eq!(checked(&[]), all);
     assert_eq!(checked(&[&behind]), CapacityCheck::Sufficient { splats: 0, entries: 0 });
 }
 
-/// A tile whose pixels wait for their last splat behind more of them than some drivers' loops have rounds: it is right,
-/// or refused.
+/// A tile with pixels that wait for their last splat behind more splats than some drivers' loops have rounds: the
+/// frame is correct, or refused.
 #[test]
 fn tiles_of_very_many_splats_are_right_or_refused() {
     let Some(gpu) = gpu() else { return };
@@ -270,7 +270,7 @@ fn tiles_of_very_many_splats_are_right_or_refused() {
     let camera = camera(32, 32);
     let mut g = Gaussians::zeroed(COUNT, 0);
     for i in 0..COUNT {
-        // All but the last on one sample; that one behind them, all over the picture.
+        // All splats except the last on one sample. The last splat is behind them, all over the picture.
         let depth = if i + 1 < COUNT { 2.0 } else { 5.0 };
         let mean = camera.unproject([5.5, 5.5].into(), depth).to_array();
         (0..3).for_each(|k| g.means[k][i] = mean[k] as f32);

@@ -6,7 +6,7 @@ use crate::chunk::Frustum;
 use crate::settings::RasterSettings;
 use crate::view::View;
 
-/// What kernels read of a [`View`]; `View` of `view.wgsl`.
+/// The part of a [`View`] that kernels read; `View` of `view.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub struct ViewUniform {
@@ -28,7 +28,7 @@ pub struct ViewUniform {
 }
 
 impl ViewUniform {
-    /// Of a frame in planes whose rows are `stride` pixels apart.
+    /// The view of a frame in planes with rows `stride` pixels apart.
     pub fn new(view: &View, settings: &RasterSettings, stride: u32) -> Self {
         let frustum = Frustum::new(view);
         Self {

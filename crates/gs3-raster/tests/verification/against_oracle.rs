@@ -133,8 +133,8 @@ fn antialiased_opacity_has_a_floor() {
     assert_matches(&gbuffer, &samples, TOLERANCE, "floor");
 }
 
-/// What gsplat does differently: its cap of α and its depths, which are those of centres. The least compensation and
-/// the planes are not the oracle's and have tests of their own.
+/// The differences of gsplat: its cap of α, and its depths, which are depths of centres. The least compensation and
+/// the planes are not part of the oracle and have tests of their own.
 #[test]
 fn rules_of_gsplat() {
     let camera = camera_at_origin(64, 48, DVec2::ZERO);

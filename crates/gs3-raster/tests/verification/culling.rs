@@ -111,7 +111,7 @@ fn three_sigma_methods_lose_what_is_published() {
     }
 }
 
-/// What 3σ keeps is exact: where the support lies within it, the picture is that of the exact methods bit for bit.
+/// 3σ is exact where the support lies within it: there the picture has the same bits as with the exact methods.
 #[test]
 fn faint_splats_lose_nothing_at_three_sigma() {
     let camera = camera_at_origin(150, 110, DVec2::ZERO);

@@ -1,4 +1,4 @@
-//! The GPU rasterizer beside the CPU's: the same planes within rounding, on whatever adapter is at hand.
+//! The GPU rasterizer against the CPU's: the same planes within rounding, on any adapter at hand.
 
 use std::sync::{Arc, OnceLock};
 
@@ -144,7 +144,7 @@ fn random_scenes_match_the_cpu() {
     }
 }
 
-/// A picture copied out of its margin is the CPU's, whichever rasterizer made it and whatever was in the planes before.
+/// A picture copied out of its margin equals the CPU's, with either rasterizer and any old contents of the planes.
 #[test]
 fn pictures_are_copied_out_of_any_margin() {
     let Some(gpu) = gpu() else { return };
@@ -179,8 +179,8 @@ fn pictures_are_copied_out_of_any_margin() {
     }
 }
 
-/// Methods that lose nothing give the same bits on one device, and so does the same frame again, whatever was rendered
-/// in between.
+/// Lossless culling methods give the same bits on one device. The same frame rendered again also has the same bits,
+/// after any frames in between.
 #[test]
 fn frames_repeat_and_exact_methods_agree_bit_for_bit() {
     let Some(gpu) = gpu() else { return };
@@ -217,10 +217,10 @@ fn frames_repeat_and_exact_methods_agree_bit_for_bit() {
     }
 }
 
-/// Low-resolution frames of the demo and of captures. A single pixel of 480×270 whose depth jumps makes 51 dB, so one
-/// that the oracle says is on a step may be left out, but of a path's first camera. On the step of the median depth
-/// is a pixel whose transmittance is ½ within a tenth of the oracle's own band, or within all of it where splats are
-/// f16.
+/// Low-resolution frames of the demo and of captures. A single pixel of 480×270 with a depth jump makes 51 dB. So one
+/// pixel on a step of the oracle's depth may be left out, except for a path's first camera. A pixel is on the step of
+/// the median depth if its transmittance is ½ within a tenth of the oracle's own band, or within the whole band with
+/// f16 splats.
 #[test]
 fn real_scenes_match_the_cpu() {
     let Some(gpu) = gpu() else { return };

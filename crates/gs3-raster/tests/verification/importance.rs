@@ -1,5 +1,5 @@
-//! Per-Gaussian statistics against a naive double-precision evaluation, against differences of images, and what must
-//! hold whatever the scene.
+//! Per-Gaussian statistics against a naive double-precision evaluation, against differences of images, and properties
+//! that hold for every scene.
 
 use std::sync::Arc;
 

@@ -30,7 +30,8 @@ fn test_camera() -> Camera {
 proptest! {
     #![proptest_config(cases(24))]
 
-    /// Behind opaque walls nothing shows: two of α = 0.99 leave T = 1e-4, and whatever follows would leave less.
+    /// Opaque walls hide everything behind them: two of α = 0.99 leave T = 1e-4, and any further splat would leave
+    /// less.
     #[test]
     fn hidden_splats_change_nothing(seed: u64, count in 1_usize..60) {
         let camera = test_camera();
@@ -96,7 +97,7 @@ proptest! {
         assert_identical(&before, &after, "permuted");
     }
 
-    /// Equal depths are drawn in a fixed order, whatever the culling and the number of threads.
+    /// Equal depths are drawn in a fixed order, with any culling and any number of threads.
     #[test]
     fn ties_are_deterministic(recipe in recipes(), layers in 1_usize..4) {
         let camera = test_camera();

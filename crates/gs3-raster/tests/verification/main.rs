@@ -1,5 +1,5 @@
-//! Independent verification of the rasterizer: what it draws against a naive double-precision evaluation of the same
-//! published rules, and properties that must hold whatever the implementation.
+//! Independent verification of the rasterizer: its images against a naive double-precision evaluation of the same
+//! published rules, and properties that every implementation must have.
 
 mod against_oracle;
 mod blocks;

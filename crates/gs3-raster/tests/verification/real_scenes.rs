@@ -11,7 +11,7 @@ use crate::scenes::Random;
 
 const SHARED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared");
 
-/// Scenes with a camera each: the demo, and those of `../shared` that exist.
+/// Scenes with a camera each: the demo, and the scenes of `../shared` that exist.
 pub fn scenes() -> Vec<(&'static str, Arc<Scene>, Camera)> {
     paths().into_iter().map(|(name, scene, cameras)| (name, scene, cameras[0])).collect()
 }

@@ -1,22 +1,22 @@
-//! The frame between two neighbours, gathered from both and blended by visibility, time and uncertainty.
+//! The in-between frame, gathered from both neighbours and blended by visibility, time and uncertainty.
 //!
-//! Errors of a frame are about in proportion to its uncertainty, so neighbours count by its inverse. The one with the
-//! longer history, or with samples of its own beside a pixel, then counts more.
+//! The error of a frame is about in proportion to its uncertainty, so neighbours are weighted by inverse uncertainty.
+//! The neighbour with the longer history, or with a sample of its own beside a pixel, then counts more.
 
 use fearless_simd::{Simd, f32x16, prelude::*, u8x64};
 
 use crate::cpu::lanes::spread;
 use crate::cpu::warp::{Clip, LANES, Patch, Run, SIDE, Warp};
 
-/// Weights that do not show in the finest of displays.
+/// Weights below this value are not visible on the finest display.
 pub(crate) const NEGLIGIBLE: f32 = 1e-4;
 
-/// Added to uncertainties, pixel²: what warping leaves unsure of a pixel that was exact (empirical, on clips of eight
-/// scenes: 0.01 is alike, 0.2 gains a fifth less on captures and a little more on generated scenes; weights by
-/// inverse squares gain as much on captures, and lose on generated scenes).
+/// Added to uncertainties, in pixel²: warping makes an exact pixel uncertain by about this much. (Empirical, on clips
+/// of eight scenes: 0.01 is alike; 0.2 gains a fifth less on captures and a little more on generated scenes. Weights
+/// by inverse squares gain as much on captures, and lose on generated scenes.)
 pub(crate) const UNSURE: f32 = 0.05;
 
-/// All that rows are made from.
+/// Inputs of the rows.
 pub(crate) struct Blend<'a> {
     pub warp: Warp<'a, 2>,
     /// Time, `[0, 1]` from the first neighbour to the second.
@@ -24,7 +24,7 @@ pub(crate) struct Blend<'a> {
 }
 
 impl Blend<'_> {
-    /// Blends the rows of pixels `rows` from row `top` on, a band.
+    /// Blends the rows of a band: `rows`, starting at row `top`.
     #[inline(always)]
     pub fn blend<S: Simd>(&self, simd: S, top: usize, rows: &mut [[f32; 4]]) {
         let warp = &self.warp;
@@ -34,7 +34,7 @@ impl Blend<'_> {
             let run = warp.correspondence_of_run(simd, x, y);
             let clip = |k: usize| Clip::new(x + (k * SIDE) as isize, y, top, width, count);
             let even_share = share(simd, &run.visibility, self.t).to_array();
-            // One neighbour after the other, so that the rows gathered from stay in the cache.
+            // One neighbour after the other, so that the source rows stay in the cache.
             let mut rigid = 0;
             for k in 0..LANES {
                 if run.rigid >> k & 1 == 1 && clip(k).is_whole() {
@@ -62,7 +62,7 @@ impl Blend<'_> {
                     false => share(simd, &patch.visibility, self.t).to_array(),
                 };
                 if !(is_rigid && self.mix_second(simd, &run, k, &first[k], &share, &clip, rows)) {
-                    // One of both may be inside even so.
+                    // One of the two neighbours may be inside nevertheless.
                     let mut alike = [None; 2];
                     if moves_alike {
                         for (n, alike) in alike.iter_mut().enumerate() {
@@ -75,7 +75,8 @@ impl Blend<'_> {
         }
     }
 
-    /// Gathers what the first neighbour gives to a rigid patch, if it is wanted; `false` if that is not all inside.
+    /// Gathers the first neighbour's pixels of a rigid patch, if it is wanted. Returns `false` if the patch is not
+    /// all inside.
     #[inline(always)]
     fn gather_first<S: Simd>(
         &self,
@@ -95,8 +96,8 @@ impl Blend<'_> {
         true
     }
 
-    /// Blends what the first neighbour gives to an even patch with what the second does, and writes it; `false`, and
-    /// nothing written, if that is not all inside.
+    /// Blends the first neighbour's pixels of an even patch with the second neighbour's, and writes the result.
+    /// Returns `false` and writes nothing if the second neighbour's patch is not all inside.
     #[inline(always)]
     fn gather_second<S: Simd>(
         &self,
@@ -115,7 +116,7 @@ impl Blend<'_> {
             return true;
         }
         let Some(second) = self.warp.quads(simd, 1, run, k) else { return false };
-        // The first one was not gathered.
+        // The first neighbour was not gathered.
         if share == 1.0 {
             for r in 0..SIDE {
                 clip.store(second[r], r, rows);
@@ -127,7 +128,7 @@ impl Blend<'_> {
             both[0][r] = f32x16::load_array_ref(simd, &first[r]);
             both[1][r] = second[r];
         }
-        // A division for all sixteen pixels.
+        // One division for all sixteen pixels.
         let [of_first, of_second] = [pack_uncertainty(simd, &both[0]), pack_uncertainty(simd, &both[1])];
         let by = surer(f32x16::splat(simd, share), of_first, of_second);
         for r in 0..SIDE {
@@ -137,8 +138,8 @@ impl Blend<'_> {
         true
     }
 
-    /// Blends what the first neighbour gives to a patch with what the second does, pixel by pixel, and writes it;
-    /// `false`, and nothing written, if that is not all inside.
+    /// Blends the first neighbour's pixels of a patch with the second neighbour's, pixel by pixel, and writes the
+    /// result. Returns `false` and writes nothing if the patch is not all inside.
     #[inline(always)]
     fn mix_second<S: Simd>(
         &self,
@@ -158,7 +159,7 @@ impl Blend<'_> {
         true
     }
 
-    /// Blends the pixels of a patch row by row, of which those of neighbours in `alike` are there already.
+    /// Blends the pixels of a patch row by row. The pixels of neighbours in `alike` have already been gathered.
     #[inline(always)]
     fn blend_patch<S: Simd>(
         &self,
@@ -172,7 +173,7 @@ impl Blend<'_> {
         for r in clip.rows.clone() {
             let share = &share[r * SIDE..(r + 1) * SIDE];
             let shown = &share[clip.columns.clone()];
-            // What no pixel is made of is not gathered.
+            // Neighbours that no pixel uses are not gathered.
             let (mut first, mut second) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 0.0));
             if shown.iter().any(|share| *share < 1.0) {
                 first = self.gather_side(simd, 0, patch, alike, r, clip);
@@ -202,7 +203,7 @@ impl Blend<'_> {
     }
 }
 
-/// Within every four lanes, the bytes of lane `r`, for all four.
+/// For every four lanes, the bytes of lane `r`, repeated four times.
 const LANE_BYTES: [[u8; 64]; SIDE] = {
     let mut bytes = [[0; 64]; SIDE];
     let mut k = 0;
@@ -224,7 +225,7 @@ const LANE_ONLY: [[f32; LANES]; SIDE] = {
     lanes
 };
 
-/// The uncertainties of a patch's pixels: in lane `4 c + r` that of column `c` of row `r`.
+/// The uncertainties of a patch's pixels: lane `4 c + r` has the pixel in column `c` of row `r`.
 #[inline(always)]
 fn pack_uncertainty<S: Simd>(simd: S, rows: &[f32x16<S>; SIDE]) -> f32x16<S> {
     let bytes = u8x64::load_array_ref(simd, &LANE_BYTES[SIDE - 1]);
@@ -236,28 +237,28 @@ fn pack_uncertainty<S: Simd>(simd: S, rows: &[f32x16<S>; SIDE]) -> f32x16<S> {
     packed
 }
 
-/// Four pixels of the first neighbour and of the second, whose shares by time and visibility are in the lanes of
-/// `share`, blended.
+/// Blends four pixels of the first neighbour with four of the second. The lanes of `share` have the pixels' shares by
+/// time and visibility.
 #[inline(always)]
 fn mix<S: Simd>(simd: S, first: f32x16<S>, second: f32x16<S>, share: f32x16<S>) -> f32x16<S> {
     let uncertainty = u8x64::load_array_ref(simd, &LANE_BYTES[SIDE - 1]);
     let of_first = first.swizzle_dyn_within_blocks(uncertainty);
     let of_second = second.swizzle_dyn_within_blocks(uncertainty);
     let mixed = (second - first).mul_add(surer(share, of_first, of_second), first);
-    // What does not count is not read, so that nothing not finite spreads.
+    // A neighbour with no weight is not read, so that its numbers that are not finite do not spread.
     let mixed = share.simd_eq(0.0).select(first, mixed);
     share.simd_eq(1.0).select(second, mixed)
 }
 
-/// The share of the second neighbour, of which time and visibility say `share`, where the neighbours' uncertainties are
-/// these. Interpolation can make them negative.
+/// The share of the second neighbour with these uncertainties, where `share` is its share by time and visibility.
+/// Interpolation can make uncertainties negative.
 #[inline(always)]
 fn surer<S: Simd>(share: f32x16<S>, first: f32x16<S>, second: f32x16<S>) -> f32x16<S> {
     let weight = share * (first.max(0.0) + UNSURE);
     weight / (weight + (1.0 - share) * (second.max(0.0) + UNSURE))
 }
 
-/// What time `t` and visibility say of the second neighbour's share.
+/// The second neighbour's share by time `t` and visibility.
 #[inline(always)]
 fn share<S: Simd>(simd: S, visibility: &[[f32; LANES]; 2], t: f32) -> f32x16<S> {
     let [before, after] = visibility;
@@ -268,7 +269,7 @@ fn share<S: Simd>(simd: S, visibility: &[[f32; LANES]; 2], t: f32) -> f32x16<S> 
     share.simd_gt(1.0 - NEGLIGIBLE).select(f32x16::splat(simd, 1.0), share)
 }
 
-/// The shares of the second neighbour at time `t`, of pixels of `images` seen so well in each.
+/// The shares of the second neighbour at time `t`, for pixels of `images` with these visibilities in each.
 #[inline(always)]
 pub(crate) fn shares<S: Simd>(
     simd: S,
@@ -287,13 +288,13 @@ pub(crate) fn shares<S: Simd>(
         let counts = share.simd_gt(0.0) & share.simd_lt(1.0);
         let first = uncertainties(simd, &images[0][pixels.clone()]);
         let second = uncertainties(simd, &images[1][pixels]);
-        // What does not count may be anything.
+        // Pixels without weight may have any value.
         let share = counts.select(surer(share, first, second), share);
         out.copy_from_slice(&share.to_array()[..out.len()]);
     }
 }
 
-/// The uncertainties of up to sixteen pixels, and 0 for others.
+/// The uncertainties of up to sixteen pixels; 0 for the others.
 #[inline(always)]
 fn uncertainties<S: Simd>(simd: S, pixels: &[[f32; 4]]) -> f32x16<S> {
     let mut all = [0.0; LANES];

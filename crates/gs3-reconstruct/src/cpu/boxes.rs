@@ -1,4 +1,4 @@
-//! Where chunks of samples are in the current frame: boxes that contain them.
+//! Bounding boxes of chunks of samples in the current frame.
 
 use std::ops::Range;
 
@@ -8,13 +8,13 @@ use crate::cpu::displacement::Displacement;
 use crate::cpu::samples::SampleFrame;
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
 
-/// HR pixels, pixel centres at whole numbers, that a box exceeds what it contains by: far more than positions are off
-/// because a corner was rounded in another way than a sample.
+/// A box is larger than its contents by this many HR pixels, pixel centres at whole numbers. This is far more than
+/// the difference in rounding between a corner and a sample.
 const SLACK: f32 = 0.5;
 
 const LANES: usize = 16;
 
-/// Chunks that one mask tells of.
+/// Number of chunks in one mask.
 const WORD: usize = 64;
 
 /// A range of HR pixels along x and y, ends included.
@@ -27,18 +27,18 @@ pub(crate) struct BoxLimits {
 }
 
 impl BoxLimits {
-    /// The same with `by` pixels more on each side.
+    /// The range widened by `by` pixels on each side.
     pub fn wider(self, by: f32) -> Self {
         let Self { left, right, top, bottom } = self;
         Self { left: left - by, right: right + by, top: top - by, bottom: bottom + by }
     }
 }
 
-/// The boxes of the chunks of one frame, `[height, stride]` each, and of its rows, `[height]`. A box of nothing has a
+/// The boxes of the chunks of one frame, `[height, stride]` each, and of its rows, `[height]`. An empty box has a
 /// left end of ∞.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Boxes {
-    /// Chunks per row, made a multiple of [`LANES`] by boxes of nothing.
+    /// Chunks per row, padded to a multiple of [`LANES`] with empty boxes.
     stride: usize,
     left: Vec<f32>,
     right: Vec<f32>,
@@ -48,10 +48,11 @@ pub(crate) struct Boxes {
 }
 
 impl Boxes {
-    /// Finds the boxes of `frame`, whose samples are `scale` HR pixels apart, under `reprojection`, reusing memory.
+    /// Finds the boxes of `frame`, with samples `scale` HR pixels apart, under `reprojection`. Memory is reused.
     ///
-    /// Along a row or a column at one inverse depth, and along inverse depths at one place, positions are monotonic as
-    /// long as everything is in front of the camera. So the extremes of a chunk are at its ends, nearest and farthest.
+    /// Positions are monotonic along a row or a column at one inverse depth, and along inverse depths at one place,
+    /// if everything is in front of the camera. So the extremes of a chunk are at its ends, at its nearest and
+    /// farthest depth.
     #[inline(always)]
     pub fn set<S: Simd>(&mut self, simd: S, frame: &SampleFrame, reprojection: &Reprojection, scale: f32) {
         let chunks = frame.chunks_per_row();
@@ -64,7 +65,7 @@ impl Boxes {
         let lanes = f32x16::from_fn(simd, |i| i as f32);
         for row in 0..frame.height {
             let in_row = frame.extents(row).len();
-            // The end of a row of exact blocks, which need not be full.
+            // The end of a row of exact blocks, which may be partial.
             let padding = row * self.stride + in_row.next_multiple_of(LANES)..(row + 1) * self.stride;
             self.left[padding].fill(f32::INFINITY);
             let (mut row_top, mut row_bottom) = (splat(f32::INFINITY), splat(f32::NEG_INFINITY));
@@ -99,7 +100,8 @@ impl Boxes {
                     (left, right) = (left.min(u), right.max(u));
                     (top, bottom) = (top.min(v), bottom.max(v));
                 }
-                // Partly behind the camera: anywhere. All behind it, or no chunk at all: nowhere.
+                // A chunk partly behind the camera may be anywhere. A chunk wholly behind it, or no chunk, is
+                // nowhere.
                 let is_none = is_behind | !is_chunk;
                 let low = |v: f32x16<S>| {
                     let v = is_ahead.select(v - (0.5 + SLACK), splat(f32::NEG_INFINITY));
@@ -128,7 +130,7 @@ impl Boxes {
         }
     }
 
-    /// Makes the box of a chunk contain its samples also where they have moved, each its own way.
+    /// Extends the box of a chunk so that it contains its samples at their displaced places as well.
     #[inline(always)]
     fn widen<S: Simd>(
         &mut self,
@@ -164,13 +166,13 @@ impl Boxes {
         first.zip(last).map_or(0..0, |(first, last)| first..last + 1)
     }
 
-    /// The row and the place in it of each chunk of `rows` that meets `limits`, in order.
+    /// Row, and place in the row, of each chunk of `rows` that meets `limits`, in order.
     #[inline(always)]
     pub fn chunks_meeting<S: Simd>(&self, simd: S, rows: Range<usize>, limits: BoxLimits) -> Meeting<'_, S> {
         self.chunks_beginning(simd, rows, limits, f32::NEG_INFINITY..f32::INFINITY)
     }
 
-    /// Of these, those whose boxes begin within `tops`.
+    /// The chunks of [`Self::chunks_meeting`] with boxes that begin within `tops`.
     #[inline(always)]
     pub fn chunks_beginning<S: Simd>(
         &self,
@@ -189,13 +191,14 @@ impl Boxes {
         (left <= right).then_some(BoxLimits { left, right, top, bottom })
     }
 
-    /// The middle of the box of chunk `chunk` of row `row`, HR pixels; not finite where the chunk is nowhere, or anywhere.
+    /// The middle of the box of chunk `chunk` of row `row`, in HR pixels. Not finite if the chunk is nowhere or
+    /// anywhere.
     pub fn middle(&self, row: usize, chunk: usize) -> [f32; 2] {
         let k = row * self.stride + chunk;
         [0.5 * (self.left[k] + self.right[k]), 0.5 * (self.top[k] + self.bottom[k])]
     }
 
-    /// Masks per row.
+    /// Number of masks per row.
     const fn words(&self) -> usize {
         self.stride.div_ceil(WORD)
     }
@@ -234,19 +237,19 @@ impl Boxes {
     }
 }
 
-/// Goes over chunks that meet limits. An iterator and no closure, which would be a call outside of the kernel.
+/// Iterates over chunks that meet limits. Not a closure, which would be a call outside of the kernel.
 pub(crate) struct Meeting<'a, S> {
     boxes: &'a Boxes,
     simd: S,
-    /// Rows to come.
+    /// Rows still to come.
     rows: Range<usize>,
     limits: BoxLimits,
-    /// Where their boxes may begin.
+    /// Range where the boxes may begin.
     tops: Range<f32>,
     row: usize,
-    /// The word of `row` to come.
+    /// The next word of `row`.
     word: usize,
-    /// Chunks to come of the word before.
+    /// Chunks of the last word still to come.
     mask: u64,
 }
 
@@ -273,7 +276,7 @@ mod tests {
     use super::*;
     use fearless_simd::dispatch;
 
-    /// Boxes of pixels of two words of chunks, the second not full, in three rows.
+    /// Boxes of pixels of two words of chunks, the second partial, in three rows.
     fn boxes() -> Boxes {
         let (stride, height) = (WORD + LANES, 3);
         let from = |k: usize| ((k * 37 % 101) as f32, (k * 53 % 97) as f32);

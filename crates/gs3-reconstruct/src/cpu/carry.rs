@@ -1,8 +1,8 @@
-//! The history follows what moves.
+//! Carries the history along with moving objects.
 //!
-//! Before a frame is remembered, every sample of the past that was seen where something moved from goes with it, by its
-//! displacement in the world; one whose surface moved already and is not found again is lost. Afterwards, what is seen now
-//! where something moves no longer counts as at rest, whether it moves itself or not: something may hide it.
+//! Before a frame is remembered, every past sample at a place where something moved away is moved by its surface's
+//! displacement in the world. A sample of a moving surface that is not found again is lost. Afterwards, samples at
+//! places where something moves now no longer count as resting, even if they do not move: something may hide them.
 
 use fearless_simd::{Level, dispatch, f32x16, prelude::*};
 
@@ -12,7 +12,7 @@ use crate::cpu::samples::{CHUNK, SampleFrame};
 use crate::cpu::surface_motion::{Departure, SurfaceMotion};
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
 
-/// Where sixteen samples of a frame are in another: HR positions and inverse depths, and which of them are there.
+/// Places of sixteen samples of a frame in another frame: HR positions, inverse depths, and which samples are valid.
 struct ChunkPositions {
     x: [f32; CHUNK],
     y: [f32; CHUNK],
@@ -49,14 +49,14 @@ fn reproject(
 }
 
 impl ChunkPositions {
-    /// The samples that are there.
+    /// The valid samples.
     fn samples(&self) -> impl Iterator<Item = usize> + use<'_> {
         (0..CHUNK).filter(|i| self.is_there >> i & 1 == 1)
     }
 }
 
-/// Moves the samples of the LR frame `frame`, which `reprojection` shows in the frame before, where `boxes` contain them,
-/// to where `motion` says that their surfaces are now.
+/// Moves the samples of the LR frame `frame` to the current places of their surfaces, according to `motion`.
+/// `reprojection` gives the samples' places in the previous frame, and `boxes` contain them.
 pub(crate) fn advance(
     level: Level,
     frame: &mut SampleFrame,
@@ -83,7 +83,7 @@ pub(crate) fn advance(
                 let by = match departure {
                     Departure::Moved(by) => Some(by),
                     Departure::Unknown if is_mover => None,
-                    // What stood still and is hidden now has most likely stayed.
+                    // A surface that stood still and is hidden now has most likely stayed.
                     Departure::Unknown | Departure::Still => continue,
                 };
                 let Some(displacement) = frame.displacement_mut(row, chunk) else { continue };
@@ -96,8 +96,8 @@ pub(crate) fn advance(
     }
 }
 
-/// Tells the samples of the LR frame `frame`, which `reprojection` shows in the current frame, where `boxes` contain them,
-/// how far surfaces move there.
+/// Adds the surfaces' shifts at the samples' places to the samples of the LR frame `frame`. `reprojection` gives the
+/// samples' places in the current frame, and `boxes` contain them.
 pub(crate) fn add_surface_shifts(
     level: Level,
     frame: &mut SampleFrame,

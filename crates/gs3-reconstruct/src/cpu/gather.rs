@@ -5,8 +5,8 @@ use gs3_scene::Image;
 
 use crate::cpu::resample::clamped;
 
-/// Binary digits of positions after the point: 1/128 px is the largest error, far below what reprojected depths are
-/// good for, and the weights of all phases fit into the first-level cache.
+/// Fractional bits of positions. The largest error is 1/128 px, far below the accuracy of reprojected depths. The
+/// weights of all phases fit into the first-level cache.
 pub(crate) const PHASE_BITS: u32 = 6;
 const PHASES: usize = 1 << PHASE_BITS;
 /// Fixed-point positions per pixel.
@@ -15,13 +15,13 @@ pub(crate) const UNITS: f32 = PHASES as f32;
 /// Pixels in a run that is gathered at once: four RGBA pixels are one vector.
 pub(crate) const QUAD: usize = 4;
 
-/// Pixels along each axis that a value is interpolated from.
+/// Number of pixels along each axis that a value is interpolated from.
 pub(crate) const TAPS: usize = 6;
 
-/// How many of them lie before the position, less the one at it.
+/// Number of taps before the tap at the position.
 pub(crate) const BEFORE: usize = TAPS / 2 - 1;
 
-/// Weights of the taps, each repeated for four channels; two zeros make the vectors whole.
+/// Weights of the taps, each repeated for four channels. Two zeros fill up the vectors.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
 struct Taps([[f32; 16]; 2]);
@@ -33,7 +33,8 @@ impl Taps {
     }
 }
 
-/// Interpolation of RGBA images from 6×6 pixels ([`weights`]); pixel centres at whole numbers, the border repeats.
+/// Interpolation of RGBA images from 6×6 pixels ([`weights`]). Pixel centres are at whole numbers; the border
+/// repeats.
 ///
 /// Positions are fixed-point numbers of 1/[`UNITS`] px, any value of `i32`.
 #[derive(Debug)]
@@ -41,19 +42,19 @@ pub(crate) struct Gather {
     phases: Box<[Taps; PHASES]>,
 }
 
-/// Factors of `f` (1 − `f`) and of `f`² (1 − `f`) in the weights of the taps −2, −1 and 0; those of 3, 2 and 1 mirror
-/// them.
+/// Factors of `f` (1 − `f`) and of `f`² (1 − `f`) in the weights of the taps −2, −1 and 0. The factors of 3, 2 and 1
+/// mirror them.
 ///
-/// They are fitted, within 0.004, to the weights of least mean squared error for images like those of splats: a
-/// spectrum that falls with the square of the frequency (natural images; Field 1987), low-passed by the native
-/// dilation of 0.3 px², sampled at pixels. Whatever the factors, the weights are those of the pixels themselves at
-/// `f` = 0, and these sum to 1.
+/// They are fitted, within 0.004, to the weights of least mean squared error for images like splats: a spectrum that
+/// falls with the square of the frequency (natural images; Field 1987), low-passed by the native dilation of 0.3 px²,
+/// sampled at pixels. With any factors, the weights at `f` = 0 are the pixel itself, and the weights sum to 1.
 pub(crate) const FIT: [[f32; 2]; BEFORE + 1] = [[0.204, -0.102], [-0.879, 0.515], [1.0045, -1.072]];
 
 /// Weights of the samples −2 to 3 at `f` ∈ `[0, 1)` between samples 0 and 1.
 ///
-/// On four captured paths, frames between true ones are 0.9 to 2.5 dB nearer to the truth than by Catmull–Rom, frames
-/// between kriged ones 0.3 to 0.65 dB (`docs/performance.md`); eight taps would gain 0.01 to 0.04 dB more.
+/// On four captured paths, in-between frames of true frames are 0.9 to 2.5 dB nearer to the truth than with
+/// Catmull–Rom, and in-between frames of kriged frames 0.3 to 0.65 dB (`docs/performance.md`). Eight taps would gain
+/// 0.01 to 0.04 dB more.
 fn weights(f: f32) -> [f32; TAPS] {
     let half = |f: f32| FIT.map(|[first, second]| f * (1.0 - f) * (first + second * f));
     let ([a, b, c], [z, y, x]) = (half(f), half(1.0 - f));
@@ -70,15 +71,14 @@ impl Gather {
         Self { phases: Box::new(std::array::from_fn(taps)) }
     }
 
-    /// The weights at a position, and the pixel of the first of them.
+    /// The weights at a position, and the pixel of the first tap.
     #[inline(always)]
     fn place(&self, position: i32) -> (&Taps, isize) {
         let phase = position as usize % PHASES;
         (&self.phases[phase], (position >> PHASE_BITS) as isize - BEFORE as isize)
     }
 
-    /// `rows` rows of `columns` pixels from `(column, row)` on, the image's width apart; `None` if they are not all
-    /// inside.
+    /// `rows` rows of `columns` pixels from `(column, row)` on, the image's width apart; `None` if some are outside.
     #[inline(always)]
     fn inside(image: &Image, [column, row]: [isize; 2], columns: usize, rows: usize) -> Option<&[f32]> {
         let (width, height) = (image.width(), image.height());
@@ -92,7 +92,7 @@ impl Gather {
         Some(image.pixels()[start..start + (rows - 1) * width + columns].as_flattened())
     }
 
-    /// Four pixels from the twelve that they are made from.
+    /// Four pixels from the twelve pixels that they are interpolated from.
     #[inline(always)]
     fn across<S: Simd>([a, b, c]: [f32x16<S>; 3], weights: &Taps) -> f32x16<S> {
         let odd = a.slide::<4>(b).mul_add(weights.weight(1), a * weights.weight(0));
@@ -153,8 +153,8 @@ impl Gather {
             of_rows[k] = f32x16::splat(simd, down.weight(k));
         }
         let mut sums = [f32x16::splat(simd, 0.0); QUAD];
-        // Rows first: what a tap needs of a row's pixels is a load at another place, not a shift of vectors, and four
-        // sums and a row fit the sixteen registers of AVX2.
+        // Rows first: a tap's pixels are then an unaligned load instead of a shift of vectors. Four sums and a row
+        // fit the sixteen registers of AVX2.
         for k in 0..SIDE {
             let pixels = &pixels[4 * k * image.width()..][..4 * SIDE];
             let mut row = f32x16::from_slice(simd, &pixels[..4 * QUAD]) * of_columns[0];
@@ -271,7 +271,7 @@ mod tests {
                 }
             });
         }
-        // What needs pixels beyond the border is left to code that can repeat it.
+        // A gather that needs pixels beyond the border is left to code that repeats the border.
         let beyond = [(1.9, 5.0), (5.0, 1.9), (18.1, 5.0), (5.0, 14.1)];
         for (x, y) in beyond.map(|(x, y): (f32, f32)| ((x * UNITS) as i32, (y * UNITS) as i32)) {
             fearless_simd::dispatch!(level, simd => {

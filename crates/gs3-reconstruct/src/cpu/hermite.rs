@@ -1,8 +1,8 @@
 //! Gradient-aware tensor cubic Hermite interpolation of one LR frame.
 //!
-//! A cubic per axis through the values and the exact derivatives of the two samples around a pixel; the tensor product
-//! needs the mixed derivative as well, which is estimated from the gradients of the neighbours where it was not
-//! rendered: ½ (Δx I_y + Δy I_x), as in UpscaleGS.
+//! A cubic per axis passes through the values and the exact derivatives of the two samples around a pixel. The tensor
+//! product also needs the mixed derivative. If the renderer gives none, it is estimated from the gradients of the
+//! neighbours: ½ (Δx I_y + Δy I_x), as in UpscaleGS.
 
 use std::ops::Range;
 
@@ -17,8 +17,8 @@ use crate::cpu::tile_size::{PAD_X, SPAN, STRIDE};
 use crate::error::{ReconstructError, check_frame_of};
 use crate::sample_grid::{GridPosition, SampleAxis};
 
-/// Enlarges `gbuffer` by `scale` into `out`, whose size says how large. Outside the LR frame the border colour goes on,
-/// flat. The fourth channel becomes 0.
+/// Enlarges `gbuffer` by `scale` into `out`, which has the output's size. Outside the LR frame the border colour
+/// continues, constant. The fourth channel becomes 0.
 ///
 /// # Errors
 /// [`ReconstructError`] if `scale` is not supported, `out` is empty, or `gbuffer` is not its LR frame or has no
@@ -46,7 +46,7 @@ pub fn hermite(gbuffer: &GBuffer, scale: u32, out: &mut Image) -> Result<(), Rec
     Ok(())
 }
 
-/// The surface through the samples of a frame. Derivatives are those by HR pixels.
+/// The surface through the samples of a frame. Derivatives are per HR pixel.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Surface {
     width: usize,
@@ -62,9 +62,9 @@ pub(crate) struct Surface {
     scale: f32,
     x_axis: SampleAxis,
     y_axis: SampleAxis,
-    /// The first pixel of cell 0, between samples 0 and 1; the others follow, `scale` pixels each.
+    /// The first pixel of cell 0, between samples 0 and 1. The other cells follow, `scale` pixels each.
     x_first: isize,
-    /// Weights of `[value₀, slope₀, value₁, slope₁]` for the pixels of a cell, from its first on.
+    /// Weights of `[value₀, slope₀, value₁, slope₁]` for the pixels of a cell, from its first pixel on.
     x_weights: Vec<[f32; 4]>,
 }
 
@@ -82,7 +82,7 @@ impl Columns {
 }
 
 impl Surface {
-    /// Makes this the surface through the samples of `gbuffer`, whose gradients these are, reusing memory.
+    /// Computes the surface through the samples of `gbuffer` with the gradients `gradients`. Memory is reused.
     pub fn set(&mut self, gbuffer: &GBuffer, gradients: &Gradients, scale: u32) {
         self.scale = scale as f32;
         (self.width, self.height) = (gbuffer.width(), gbuffer.height());
@@ -115,7 +115,7 @@ impl Surface {
         });
     }
 
-    /// The places of the pixels of a cell along x, from its first on.
+    /// The places of the pixels of a cell along x, from its first pixel on.
     pub fn x_fractions(&self) -> impl Iterator<Item = f32> {
         (0..self.x_weights.len()).map(|k| {
             self.x_axis.position(self.x_first.rem_euclid(self.x_weights.len() as isize) as usize + k).fraction
@@ -128,8 +128,8 @@ impl Surface {
     }
 
     /// Interpolates `pixels`, at most [`SPAN`], of HR row `y` into `out` from [`PAD_X`] on: RGB and 1, times the
-    /// pixel's entry in `factors`, which holds one for each pixel of a cell. What `out` holds around them afterwards is
-    /// not specified.
+    /// pixel's entry in `factors`, which has one entry per pixel of a cell. Values of `out` around these pixels are
+    /// unspecified afterwards.
     #[inline(always)]
     pub fn row<S: Simd>(
         &self,
@@ -152,7 +152,8 @@ impl Surface {
                 weights[4 * (k % QUAD)..][..4].fill(tap * factor);
             }
         }
-        // Place in `out` of the first pixel of a cell; those of the first cell may lie before the first pixel wanted.
+        // Place in `out` of the first pixel of a cell. Pixels of the first cell may lie before the first wanted
+        // pixel.
         let start = self.x_first + first * scale as isize - pixels.start as isize + PAD_X as isize;
         for cell in 0..count {
             let [v0, v1] = [&columns.values[cell], &columns.values[cell + 1]];
@@ -163,15 +164,15 @@ impl Surface {
                 let weight = |k: usize| f32x16::load_array_ref(simd, &weights[k]);
                 let value =
                     v0.mul_add(weight(0), s0.mul_add(weight(1), v1.mul_add(weight(2), s1 * weight(3))));
-                // What a cell has less than whole vectors, the next one writes over.
+                // The last vector of a cell may be too long; the next cell overwrites the excess.
                 let at = start as usize + cell * scale + group * QUAD;
                 value.store_slice(out[at..at + QUAD].as_flattened_mut());
             }
         }
     }
 
-    /// The cubics along x at the height of HR row `y`, from LR column `first` on; beyond the border, the nearest column
-    /// is repeated, flat along.
+    /// The cubics along x at the height of HR row `y`, from LR column `first` on. Beyond the border the nearest
+    /// column is repeated, with slope 0 along x.
     #[inline(always)]
     fn blend_rows<S: Simd>(
         &self,
@@ -184,13 +185,13 @@ impl Surface {
         let GridPosition { index, fraction } = self.y_axis.position(y);
         let mut weights = weights(fraction, self.scale);
         let [j0, j1] = [index, index + 1].map(|j| clamped(j, self.height));
-        // Beyond the border the nearest row is repeated, flat across.
+        // Beyond the border the nearest row is repeated, with slope 0 along y.
         for (k, (j, inside)) in [(1, (index, j0)), (3, (index + 1, j1))] {
             if j != inside as isize {
                 weights[k] = 0.0;
             }
         }
-        // The columns within the frame, and where they are among those wanted: nowhere, if samples lie far beyond
+        // The columns inside the frame, and their places among the wanted columns: empty, if samples lie far beyond
         // their pixels.
         let [start, end] =
             [first, first + values.len() as isize].map(|i| i.clamp(0, self.width as isize) as usize);
@@ -210,7 +211,7 @@ impl Surface {
     }
 }
 
-/// Σ weight · entry, of values and slopes in two rows, which begin at `rows`, from column `start` on.
+/// Σ weight · entry over values and slopes in two rows, which begin at `rows`, from column `start` on.
 #[inline(always)]
 fn weighted_sum<S: Simd>(
     simd: S,

@@ -1,9 +1,9 @@
-//! A frame between two reconstructed frames, at its true pose, without learning.
+//! An in-between frame of two reconstructed frames, at its true pose, without learning.
 //!
-//! Depth forward, colour backward: the depths of both neighbours are splatted to the middle pose on the LR grid
-//! (nearest wins), holes take the farthest depth beside them, and every HR pixel then gathers its colour from both HR
-//! neighbours, blended by visibility, time and uncertainty. [`Interpolator::warp`] leaves the blend to the caller,
-//! and [`Interpolator::reproject`] asks for one neighbour only.
+//! Depth forward, colour backward. (1) The depths of both neighbours are splatted to the middle pose on the LR grid;
+//! the nearest depth wins. (2) Holes take the farthest depth beside them. (3) Every HR pixel gathers its colour from
+//! both HR neighbours, blended by visibility, time and uncertainty. [`Interpolator::warp`] leaves the blend to the
+//! caller, and [`Interpolator::reproject`] warps one neighbour only.
 
 use fearless_simd::{Level, dispatch};
 use gs3_scene::{Camera, GBuffer, Image, Planes};
@@ -18,43 +18,43 @@ use crate::cpu::warp::{Warp, band_top, bands};
 use crate::error::{ReconstructError, camera_size, check_gbuffer, check_scale, check_size, image_size};
 use crate::reprojection::Reprojection;
 
-/// A reconstructed frame beside the one to be interpolated.
+/// A reconstructed frame next to the in-between frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Neighbor<'a> {
     /// The camera of `image`.
     pub camera: &'a Camera,
-    /// The HR frame: RGB and uncertainty, as [`crate::SuperSampler::super_sample`] gives it; the neighbour that is less
-    /// uncertain counts more. Where uncertainties are unknown they should be alike.
+    /// The HR frame: RGB and uncertainty, as [`crate::SuperSampler::super_sample`] writes them. The neighbour with
+    /// the smaller uncertainty counts more. If uncertainties are unknown, both neighbours should have the same value.
     pub image: &'a Image,
-    /// The LR frame it was reconstructed from, with geometry.
+    /// The LR frame that `image` was reconstructed from, with geometry.
     pub gbuffer: &'a GBuffer,
 }
 
-/// Both neighbours seen from the pose between them.
+/// Both neighbours, warped to the pose of the in-between frame.
 ///
-/// Where a neighbour does not show what lies there, its pixels are what it has at that place (at its border, beyond its
-/// edges). Its visibility says so.
+/// Where a neighbour does not show a pixel's surface, the warped pixel is whatever the neighbour has at that place
+/// (beyond its edges, the border pixel). The visibility is then next to nothing.
 #[derive(Clone, Debug, Default)]
 pub struct Warped {
-    /// The frame before; all four channels are interpolated alike (from 6×6 pixels, with overshoot).
+    /// The frame before. All four channels are interpolated in the same way (from 6×6 pixels, with overshoot).
     pub before: Image,
-    /// The frame after, likewise.
+    /// The frame after, in the same way.
     pub after: Image,
-    /// Weight of `after` in the blend that [`Interpolator::interpolate`] makes, `[0, 1]`; HR.
+    /// Weight of `after` in the blend of [`Interpolator::interpolate`], `[0, 1]`; HR.
     pub share: Planes<1>,
-    /// How well the frame before and the frame after see each pixel's surface, `[0, 1]`: 1, about 0.3 beside
-    /// silhouettes, at most 1e-5 where it is hidden or outside; HR.
+    /// How well the frame before and the frame after see each pixel's surface, `[0, 1]`; HR. It is 1 for a visible
+    /// surface, about 0.3 beside silhouettes, and at most 1e-5 where the surface is hidden or outside.
     pub visibility: Planes<2>,
-    /// Inverse depths of the in-between frame at its pixel centres, holes filled; 0 where nothing was hit; LR.
+    /// Inverse depths of the in-between frame at its pixel centres, holes filled; 0 where there is no surface; LR.
     pub inverse_depth: Planes<1>,
 }
 
-/// A frame as another camera sees it; see [`Warped`].
+/// A frame warped to another camera; see [`Warped`].
 #[derive(Clone, Debug, Default)]
 pub struct Reprojected {
-    /// The frame; all four channels are interpolated alike (from 6×6 pixels, with overshoot).
+    /// The frame. All four channels are interpolated in the same way (from 6×6 pixels, with overshoot).
     pub image: Image,
-    /// How well each pixel's surface is seen, `[0, 1]`; HR.
+    /// How well the frame sees each pixel's surface, `[0, 1]`; HR.
     pub visibility: Planes<1>,
 }
 
@@ -92,11 +92,11 @@ impl Interpolator {
         })
     }
 
-    /// Interpolates what `camera` sees at time `t` ∈ `[0, 1]` between `before` (0) and `after` (1) into `out`, which is
-    /// resized. The fourth channel is the blended one of the neighbours.
+    /// Interpolates the image of `camera` at time `t` ∈ `[0, 1]` between `before` (0) and `after` (1) into `out`,
+    /// which is resized. The fourth channel is the blend of the neighbours' uncertainties.
     ///
     /// # Errors
-    /// [`ReconstructError`] if sizes do not match `camera`, geometry is missing or `t` is outside.
+    /// [`ReconstructError`] if sizes do not match `camera`, geometry is missing, or `t` is outside `[0, 1]`.
     pub fn interpolate(
         &mut self,
         before: Neighbor<'_>,
@@ -108,8 +108,8 @@ impl Interpolator {
         self.interpolate_moving(before, after, None, t, camera, out)
     }
 
-    /// As [`Self::interpolate`], where things move by themselves: `displacements` are those of the LR samples of both
-    /// neighbours from `before` to `after`, world units, `[LR height, LR width]`.
+    /// As [`Self::interpolate`], with moving objects. `displacements` are the displacements of the LR samples of both
+    /// neighbours from `before` to `after`, in world units, `[LR height, LR width]`.
     pub(crate) fn interpolate_moving(
         &mut self,
         before: Neighbor<'_>,
@@ -131,8 +131,8 @@ impl Interpolator {
         Ok(())
     }
 
-    /// Warps `before` (time 0) and `after` (1) to what `camera` sees at time `t` ∈ `[0, 1]`, without blending them,
-    /// into `out`, whose memory is reused.
+    /// Warps `before` (time 0) and `after` (1) to the pose of `camera` at time `t` ∈ `[0, 1]` into `out`, without
+    /// blending. The memory of `out` is reused.
     ///
     /// # Errors
     /// As of [`Self::interpolate`].
@@ -171,8 +171,8 @@ impl Interpolator {
         Ok(())
     }
 
-    /// Shows the frame `before` as the camera of `now` sees it, with what both know of the depths there, in `out`,
-    /// whose memory is reused. The image of `now` is not read.
+    /// Warps the frame `before` to the camera of `now`, with the depths of both frames, into `out`. The memory of
+    /// `out` is reused. The image of `now` is not read.
     ///
     /// # Errors
     /// As of [`Self::interpolate`].
@@ -183,7 +183,7 @@ impl Interpolator {
         out: &mut Reprojected,
     ) -> Result<(), ReconstructError> {
         let level = self.level;
-        // Nothing here depends on the moment.
+        // Nothing here depends on the time.
         let warp = self.prepare([before, now], 0.5, now.camera, None)?.of_first();
         let (width, height) = camera_size(now.camera);
         out.image.resize(width, height);

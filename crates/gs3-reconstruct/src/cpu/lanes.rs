@@ -1,11 +1,11 @@
-//! Values put into lanes.
+//! Arranging values in lanes.
 
 use fearless_simd::{Simd, f32x4, f32x16, i32x16, prelude::*, u8x64};
 
-/// Samples of a row that are worked on together: one vector.
+/// Samples of a row that are processed together: one vector.
 pub(crate) const CHUNK: usize = 16;
 
-/// Of four blocks that are alike, the bytes that become all four lanes of block `b`: its lane `b`.
+/// For four identical blocks, the byte indices that fill all four lanes of block `b` with its lane `b`.
 const SPREAD: [u8; 64] = {
     let mut bytes = [0; 64];
     let mut k = 0;
@@ -40,16 +40,16 @@ pub(crate) fn load<S: Simd>(simd: S, values: &[f32]) -> f32x16<S> {
     f32x16::load_array(simd, padded)
 }
 
-/// Values of a row that [`look_up`] can look up at once.
+/// Number of values of a row that [`look_up`] covers at once.
 pub(crate) const WINDOW: usize = 32;
 
-/// What [`look_up`] needs to know of places, `0..WINDOW`: the bytes of the window's values.
+/// The byte indices of the window's values at places in `0..WINDOW`, for [`look_up`].
 #[inline(always)]
 pub(crate) fn window_bytes<S: Simd>(places: f32x16<S>) -> u8x64<S> {
     (places.to_int::<i32x16<S>>() * 0x0404_0404 + 0x0302_0100).bitcast()
 }
 
-/// Sixteen of the first [`WINDOW`] values of `values`.
+/// Looks up sixteen of the first [`WINDOW`] values of `values`.
 #[inline(always)]
 pub(crate) fn look_up<S: Simd>(simd: S, values: &[f32], bytes: u8x64<S>) -> f32x16<S> {
     let (low, high) = values[..WINDOW].split_at(WINDOW / 2);

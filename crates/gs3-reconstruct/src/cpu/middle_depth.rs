@@ -1,4 +1,4 @@
-//! The depths of two neighbours, seen from the pose between them.
+//! The depths of two neighbours, reprojected to the pose between them.
 
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -10,7 +10,7 @@ use crate::cpu::lanes::{repeat, spread};
 use crate::cpu::neighbor_depth::NeighborDepth;
 use crate::reprojection::{MIN_DIVISOR, Reprojection, SAME_SURFACE};
 
-/// Inverse depths at the pixel centres of the LR grid of the middle frame.
+/// Inverse depths at the LR pixel centres of the in-between frame.
 #[derive(Debug, Default)]
 pub(crate) struct MiddleDepth {
     pub width: usize,
@@ -18,76 +18,78 @@ pub(crate) struct MiddleDepth {
     scale: usize,
     /// `[height, width]`, ≥ 0.
     pub inverse: Vec<f32>,
-    /// Where HR columns are among the samples, from column −[`MARGIN`] on.
+    /// Places of HR columns among the samples, from column −[`MARGIN`] on.
     columns: Vec<Place>,
-    /// The same for rows.
+    /// Places of HR rows among the samples.
     rows: Vec<Place>,
-    /// The nearest inverse depth splatted, as [`encode`]d bits.
+    /// The nearest splatted inverse depth, as [`encode`]d bits.
     splatted: Vec<AtomicU32>,
-    /// Holes being filled, and the places beside them that they become like.
+    /// Holes being filled, each with the neighbouring place that it copies.
     ring: Vec<(usize, usize)>,
-    /// The holes beside those.
+    /// The holes beside the holes being filled.
     next: Vec<(usize, usize)>,
-    /// What moves by itself.
+    /// Moving surfaces.
     moving: Moving,
 }
 
-/// Displacements in the world of the surfaces of the middle frame, from the first neighbour to the second.
+/// Displacements in the world of the surfaces of the in-between frame, from the first neighbour to the second.
 #[derive(Debug, Default)]
 struct Moving {
     /// `[height, width]`; none if nothing moves.
     displacements: Vec<[f32; 3]>,
-    /// Which row has any.
+    /// Whether each row has any displacement.
     rows: Vec<bool>,
-    /// The sample of both neighbours, one after the other, that is nearest, if that moves; one more than its number.
+    /// Number of the nearest sample plus one, counted over both neighbours, one after the other; only samples that
+    /// move.
     nearest: Vec<AtomicU32>,
-    /// Focal length of the middle frame, HR pixels.
+    /// Focal length of the in-between frame, in HR pixels.
     focal: f32,
 }
 
-/// What moves by itself between the neighbours of a frame.
+/// Moving objects between the neighbours of a frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Passage<'a> {
-    /// Displacements in the world of the samples of the first neighbour and of the second, from that to this,
-    /// `[height, width]`.
+    /// Displacements in the world of the samples of the first neighbour and of the second, from the first neighbour
+    /// to the second, `[height, width]`.
     pub displacements: [&'a [[f32; 3]]; 2],
-    /// Time of the middle frame, `[0, 1]`.
+    /// Time of the in-between frame, `[0, 1]`.
     pub t: f32,
 }
 
 impl Passage<'_> {
-    /// The shares of the displacements from the middle frame to each neighbour.
+    /// The shares of the displacements from the in-between frame to each neighbour.
     pub const fn to_neighbors(t: f32) -> [f32; 2] {
         [-t, 1.0 - t]
     }
 }
 
-/// A neighbour's samples on their way to the middle frame.
+/// The samples of a neighbour on their way to the in-between frame.
 struct Splatter<'a> {
     neighbor: &'a NeighborDepth,
     reprojection: Reprojection,
     scale: f32,
-    /// The displacements of its samples, and what share of them leads to the middle frame.
+    /// The displacements of the neighbour's samples, and the share of them that leads to the in-between frame.
     moving: Option<(&'a [[f32; 3]], f32)>,
 }
 
-/// Surfaces whose displacements between samples differ by more than this, HR pixels, are not one, whatever their depths.
+/// Samples with displacements that differ by more than this, in HR pixels, are on different surfaces, at any depths.
 const TORN: f32 = 0.5;
 
-/// HR columns and rows outside the image whose depths may be asked for, on either side. They are those at the border.
+/// Number of HR columns and rows outside the image, on either side, with valid depths: the depths of the border.
 const MARGIN: usize = 64;
 
-/// Where an HR column or row is: between two samples, which are one outside of the first and the last.
+/// The place of an HR column or row: between two samples. Before the first and after the last sample, both are one
+/// sample.
 #[derive(Clone, Copy, Debug)]
 struct Place {
     samples: [u32; 2],
-    /// `[0, 1)` of the way.
+    /// Fraction of the way, `[0, 1)`.
     fraction: f32,
 }
 
 impl MiddleDepth {
-    /// Splats the depths of both neighbours to `camera` (nearest wins), moved as far as `passage` says, and fills the
-    /// holes.
+    /// Splats the depths of both neighbours to `camera` (the nearest wins), with moving samples displaced according
+    /// to `passage`, and fills the holes.
     pub fn set(
         &mut self,
         level: Level,
@@ -124,7 +126,7 @@ impl MiddleDepth {
         *focal = camera.intrinsics().fx as f32;
     }
 
-    /// Finds the displacements of what is nearest; those of holes are 0.
+    /// Finds the displacements of the nearest samples; displacements of holes are 0.
     fn find_displacements(&mut self, level: Level, splatters: &[Splatter<'_>; 2]) {
         let size = self.width * self.height;
         self.moving.displacements.clear();
@@ -157,7 +159,7 @@ impl MiddleDepth {
         }
     }
 
-    /// Displacements at the sixteen HR pixels that are `columns` after column `x` and `rows` after row `y`.
+    /// Displacements at sixteen HR pixels: `columns` after column `x` and `rows` after row `y`.
     #[inline(always)]
     pub fn displacements_at<S: Simd>(
         &self,
@@ -192,14 +194,14 @@ impl MiddleDepth {
         ]
     }
 
-    /// Inverse depths at the sixteen HR pixels in row `y` from column `x` on, `step` apart.
+    /// Inverse depths at sixteen HR pixels in row `y`, from column `x` on, `step` apart.
     #[inline(always)]
     pub fn along_row<S: Simd>(&self, simd: S, x: isize, step: usize, y: isize) -> f32x16<S> {
         let Place { samples: rows, fraction } = self.rows[(y + MARGIN as isize) as usize];
         let above = &self.inverse[rows[0] as usize * self.width..][..self.width];
         let below = &self.inverse[rows[1] as usize * self.width..][..self.width];
         let places = &self.columns[(x + MARGIN as isize) as usize..];
-        // Sixteen cells in a row, as at scale 4, all but at the borders.
+        // Sixteen cells in a row, as everywhere at scale 4 except at the borders.
         let ([left, right], [last, _]) = (places[0].samples, places[15 * step].samples);
         let (left, right) = (left as usize, right as usize);
         if step == self.scale && last as usize == left + 15 && right == left + 1 && right + 16 <= self.width {
@@ -256,8 +258,8 @@ impl MiddleDepth {
         between(load_all(simd, &found), load_all(simd, &fractions))
     }
 
-    /// Where the sixteen samples from column `first` of row `row` on, of inverse depths `w`, land: their places among
-    /// the pixels, −1 for none, and their inverse depths there.
+    /// Where the sixteen samples from column `first` of row `row` on, with inverse depths `w`, land: their places
+    /// among the pixels, −1 for none, and their inverse depths there.
     #[inline(always)]
     fn target_pixels<S: Simd>(
         &self,
@@ -301,7 +303,7 @@ impl MiddleDepth {
                 // −1 is no place.
                 let Some(nearest) = self.splatted.get(cells[k] as usize) else { continue };
                 let bits = encode(nearness[k]);
-                // The largest wins, whichever comes first: the result does not depend on the threads.
+                // The largest value wins in any order, so the result does not depend on the threads.
                 if bits > nearest.load(Relaxed) {
                     nearest.fetch_max(bits, Relaxed);
                 }
@@ -309,8 +311,8 @@ impl MiddleDepth {
         }
     }
 
-    /// Tells of which pixels the samples of row `row` that move are the nearest, once all are splatted. The first
-    /// sample of the neighbour is number `base`.
+    /// Records the pixels where moving samples of row `row` are the nearest, once all samples are splatted. The
+    /// neighbour's first sample has number `base`.
     #[inline(always)]
     fn claim<S: Simd>(&self, simd: S, splatter: &Splatter<'_>, row: usize, depths: &[f32], base: usize) {
         let Some((displacements, _)) = splatter.moving else { return };
@@ -332,8 +334,8 @@ impl MiddleDepth {
         }
     }
 
-    /// Fills LR pixels that no sample reached with the farthest depth beside them, ring by ring from the rims
-    /// inwards. A ring reads only what was filled before it, so that the order within it does not matter.
+    /// Fills LR pixels without a sample with the farthest depth beside them, ring by ring from the rims inwards. A
+    /// ring reads only values filled before it, so the order within a ring does not matter.
     fn fill_holes(&mut self) {
         let Self { width, height, ref mut inverse, ref mut ring, ref mut next, ref mut moving, .. } = *self;
         let around = |k: usize| {
@@ -346,7 +348,7 @@ impl MiddleDepth {
         let holes = inverse.iter().enumerate().filter(|(_, w)| **w < 0.0).map(|(k, _)| k);
         ring.extend(holes.filter(|&k| around(k).any(|n| inverse[n] >= 0.0)).map(|k| (k, k)));
         if ring.is_empty() && inverse.first().is_some_and(|w| *w < 0.0) {
-            // Nothing was seen at all: everything is as far as can be.
+            // There is no sample at all: everything is infinitely far.
             inverse.fill(0.0);
         }
         while !ring.is_empty() {
@@ -376,7 +378,8 @@ impl MiddleDepth {
     }
 }
 
-/// Finds the places of all HR columns (or rows) of `len` samples `scale` apart, and of [`MARGIN`] more on either side.
+/// Finds the places of all HR columns (or rows) for `len` samples `scale` apart, and of [`MARGIN`] more on either
+/// side.
 fn set_places(places: &mut Vec<Place>, len: usize, scale: usize) {
     places.clear();
     places.extend((0..len * scale + 2 * MARGIN).map(|k| {
@@ -399,15 +402,15 @@ fn load_all<S: Simd, const N: usize>(simd: S, values: &[[f32; 16]; N]) -> [f32x1
     vectors
 }
 
-/// Inverse depths between the samples `a b` above and `c d` below, `(x, y)` of the way: linear within a surface, the
-/// nearest sample's at an edge.
+/// Inverse depths between the samples `a b` above and `c d` below, at `(x, y)` of the way: linear within a surface,
+/// and the nearest sample's at an edge.
 #[inline(always)]
 fn between<S: Simd>([a, b, c, d]: [f32x16<S>; 4], [x, y]: [f32x16<S>; 2]) -> f32x16<S> {
     let (far, near) = (a.min(b).min(c.min(d)), a.max(b).max(c.max(d)));
     between_of((near - far).simd_le(near * SAME_SURFACE), [a, b, c, d], [x, y])
 }
 
-/// The same of any values, told where they are `of_surface`.
+/// The same for any values, with `of_surface` true where the samples are one surface.
 #[inline(always)]
 fn between_of<S: Simd>(
     of_surface: mask32x16<S>,
@@ -422,14 +425,14 @@ fn between_of<S: Simd>(
     of_surface.select(linear, nearest)
 }
 
-/// The largest of four less the smallest.
+/// The largest of four values less the smallest.
 #[inline(always)]
 fn spread_of<S: Simd>([a, b, c, d]: &[f32x16<S>; 4]) -> f32x16<S> {
     a.max(*b).max(c.max(*d)) - a.min(*b).min(c.min(*d))
 }
 
 impl Splatter<'_> {
-    /// How far the `count` samples from sample `first` on move to the middle frame; none if they do not.
+    /// Displacements to the in-between frame of the `count` samples from sample `first` on; none if nothing moves.
     #[inline(always)]
     fn moved<S: Simd>(&self, simd: S, first: usize, count: usize) -> Option<[f32x16<S>; 3]> {
         let (displacements, share) = self.moving?;
@@ -455,13 +458,13 @@ fn encode(w: f32) -> u32 {
     w.max(0.0).to_bits() + 1
 }
 
-/// In place of the inverse depth of a hole.
+/// Stands for the inverse depth of a hole.
 const UNREACHED: f32 = -1.0;
 
-/// The same, of one that is to be filled next.
+/// Stands for the inverse depth of a hole that is to be filled next.
 const QUEUED: f32 = -2.0;
 
-/// [`UNREACHED`] for [`HOLE`].
+/// [`UNREACHED`] for [`HOLE`], else the inverse depth.
 #[inline(always)]
 fn decode(bits: u32) -> f32 {
     if bits == HOLE { UNREACHED } else { f32::from_bits(bits - 1) }

@@ -1,7 +1,7 @@
-//! Where the surfaces of a frame were in another one, on the LR grid.
+//! The motion of a frame's surfaces from another frame, on the LR grid.
 //!
-//! Every sample is reprojected through its own depth; it counts as seen there as far as the samples around that place
-//! belong to the same surface.
+//! Every sample is reprojected through its own depth. It counts as seen there to the degree that the samples around
+//! that place belong to the same surface.
 
 use fearless_simd::{Simd, dispatch, f32x16, i32x16, prelude::*};
 use gs3_scene::{Camera, GBuffer, Planes};
@@ -15,7 +15,7 @@ const LANES: usize = 16;
 /// A camera on its own grid of samples, with depths.
 #[derive(Clone, Copy, Debug)]
 pub struct DepthView<'a> {
-    /// The camera whose pixels are the grid, i.e. [`Camera::low_resolution`] of the HR camera.
+    /// The camera with the grid as its pixels: [`Camera::low_resolution`] of the HR camera.
     pub camera: Camera,
     /// Offset of the samples from the pixel centres, in pixels of the grid, within ±1.
     pub jitter: [f32; 2],
@@ -26,28 +26,28 @@ pub struct DepthView<'a> {
 /// View-space depths z in one of two forms, `[height, width]`.
 #[derive(Clone, Copy, Debug)]
 pub enum Depth<'a> {
-    /// z, world units; 0 where nothing was hit.
+    /// z in world units; 0 where there is no surface.
     Z(&'a Planes<1>),
-    /// 1/z; 0 where nothing was hit.
+    /// 1/z; 0 where there is no surface.
     Inverse(&'a Planes<1>),
 }
 
-/// Where the surfaces of a frame were in another one.
+/// The places of a frame's surfaces in another frame.
 ///
 /// Memory: 24 B per sample.
 #[derive(Clone, Debug, Default)]
 pub struct Motion {
-    /// Per sample of the frame, the way to its place among the samples of the other one, x and y, in pixels of the
-    /// grid: the surface at index `(i, j)` was at index `(i + flow₀, j + flow₁)`, jitter of both frames taken into
-    /// account. Finite; 0 where the validity is.
+    /// Per sample of the frame, the offset to its place among the other frame's samples, x and y, in pixels of the
+    /// grid. The surface at index `(i, j)` was at index `(i + flow₀, j + flow₁)`, with the jitter of both frames
+    /// included. Finite; 0 where the validity is 0.
     pub flow: Planes<2>,
-    /// How much of what bilinear interpolation finds there belongs to the same surface, `[0, 1]`: 0 for what the other
-    /// frame does not see, between 0 and 1 at silhouettes. Background, where nothing was hit, is infinitely far and
+    /// Share of the bilinear interpolation at that place that belongs to the same surface, `[0, 1]`: 0 for surfaces
+    /// hidden in the other frame, between 0 and 1 at silhouettes. Background (no surface) is infinitely far and
     /// belongs to background.
     pub validity: Planes<1>,
     /// Inverse depths of the other frame, `[height, width]`.
     inverse: Vec<f32>,
-    /// The same, and by how much those of the same surface may differ from it, `[height, width]`.
+    /// The inverse depths, and the largest difference from them on the same surface, `[height, width]`.
     surfaces: Vec<[f32; 2]>,
 }
 
@@ -77,14 +77,14 @@ impl<'a> DepthView<'a> {
         check_jitter(self.jitter)
     }
 
-    /// Inverse depths of row `y`, made fit for arithmetic.
+    /// Inverse depths of row `y`, with values outside the valid range replaced by 0.
     fn inverse_depths(&self, y: usize, out: &mut [f32]) {
         match self.depth {
             Depth::Z(plane) => {
                 out.iter_mut().zip(plane.row(0, y)).for_each(|(w, z)| *w = inverse_depth(*z));
             }
             Depth::Inverse(plane) => {
-                // The same range as of inverse_depth.
+                // The same range as in inverse_depth.
                 let fit = |w: f32| if (0.0..=1e6).contains(&w) { w } else { 0.0 };
                 out.iter_mut().zip(plane.row(0, y)).for_each(|(to, w)| *to = fit(*w));
             }
@@ -93,10 +93,10 @@ impl<'a> DepthView<'a> {
 }
 
 impl Motion {
-    /// Makes this the motion from the samples of `now` to their places in `before`, reusing memory.
+    /// Computes the motion from the samples of `now` to their places in `before`. Memory is reused.
     ///
     /// # Errors
-    /// [`ReconstructError`] if the grids are not of one size or a jitter is not usable.
+    /// [`ReconstructError`] if the grids have different sizes or a jitter is not usable.
     pub fn set(&mut self, now: &DepthView<'_>, before: &DepthView<'_>) -> Result<(), ReconstructError> {
         now.check()?;
         before.check()?;
@@ -130,8 +130,8 @@ impl Motion {
         Ok(())
     }
 
-    /// Inverse depths of `view` and their tolerance: [`SAME_SURFACE`] of them or the surface's slope, whichever is
-    /// more.
+    /// Inverse depths of `view` and their tolerance: the larger of [`SAME_SURFACE`] of the inverse depth and the
+    /// surface's slope.
     fn find_surfaces(&mut self, view: &DepthView<'_>) {
         let (width, height) = view.size();
         self.inverse.resize(width * height, 0.0);
@@ -153,22 +153,22 @@ impl Motion {
     }
 }
 
-/// The indices around `i`, which is the middle one except at the ends of the `len` there are.
+/// The indices around `i` in `len` entries; `i` is the middle index except at the ends.
 #[inline(always)]
 fn around(i: usize, len: usize) -> [usize; 3] {
     let first = (i.max(1) - 1).min(len.saturating_sub(3));
     [first, first + 1, first + 2].map(|i| i.min(len - 1))
 }
 
-/// The smaller of two differences in a row where they agree in sign (minmod): a jump to another surface is on one
-/// side only, or makes a peak.
+/// The smaller of two consecutive differences if they agree in sign (minmod), else 0. A jump to another surface is on
+/// one side only, or makes a peak.
 #[inline(always)]
 fn slope([before, w, after]: [f32; 3]) -> f32 {
     let (a, b) = (w - before, after - w);
     if a * b > 0.0 { a.abs().min(b.abs()) } else { 0.0 }
 }
 
-/// The frame in which surfaces are sought.
+/// The frame that surfaces are looked up in.
 struct Target<'a> {
     width: usize,
     height: usize,
@@ -198,7 +198,7 @@ impl Target<'_> {
             & v.simd_ge(splat(0.0))
             & u.simd_le(width)
             & v.simd_le(height);
-        // Differences first, so that what rests has no flow, whatever the rounding of its position.
+        // Differences first: a resting surface then has no flow, despite rounding of its position.
         let flow_x = u - x + splat(jitter[0] - self.jitter[0]);
         let flow_y = v - y + splat(jitter[1] - self.jitter[1]);
         let place = |place: f32x16<S>, len: usize| {

@@ -1,35 +1,35 @@
-//! What is nearest around the pixels of a tile: a z-buffer of all samples, the current ones and those of the past.
+//! The depth pre-pass: a z-buffer of all samples, current and past, around the pixels of a tile.
 //!
-//! The current frame alone misses what is thinner than the distance between its samples. Samples of the past that lie
-//! behind such things would show through them; but other samples, of other frames, have met them.
+//! The current frame alone misses surfaces thinner than the distance between its samples. Past samples behind such a
+//! thin surface would show through it. But other past frames have samples on the thin surface.
 
 use fearless_simd::{Simd, f32x16, i32x16, prelude::*};
 
 use crate::cpu::samples::CHUNK;
 use crate::cpu::tile_size::{RING, SPAN, TILE_HEIGHT};
 
-/// Pixels beside those that are made: samples up to two pixels away reach them, and these look one pixel further.
+/// Pixels around the tile: samples up to two pixels away reach the tile, and these samples look one pixel further.
 pub(crate) const RIM: usize = 3;
 
-/// Pixels from one row to the next.
+/// Pixels from the start of one row to the next.
 const STRIDE: usize = (SPAN + 2 * RIM).next_multiple_of(LANES) + LANES;
 
-/// Rows of memory.
+/// Number of rows in memory.
 const ROWS: usize = TILE_HEIGHT + 2 * RING + 2 * RIM;
 
 const LANES: usize = CHUNK;
 
-/// Places, a power of two, so that none is ever outside.
+/// Number of places: a power of two, so that no masked index is ever outside.
 pub(crate) const PLACES: usize = (STRIDE * ROWS).next_power_of_two();
 
-/// Samples of every so many frames are looked at: each tells of nine pixels, so half of S² frames miss next to nothing.
+/// The pre-pass reads every second frame. Each sample covers nine pixels, so half of S² frames miss next to nothing.
 pub(crate) const EVERY: usize = 2;
 
-/// Largest inverse depths, 0 where there is no sample; the first pixel made is `(RIM, RIM)`.
+/// Largest inverse depths, 0 where there is no sample. The tile's first pixel is `(RIM, RIM)`.
 pub(crate) struct Nearest {
-    /// Of the samples nearest to each pixel.
+    /// Largest inverse depth of the samples nearest to each pixel.
     pub at: Vec<f32>,
-    /// Of those and the samples nearest to the eight pixels around it.
+    /// Largest inverse depth of the samples nearest to the pixel and to the eight pixels around it.
     around: Vec<f32>,
 }
 
@@ -38,16 +38,16 @@ impl Nearest {
         Self { at: vec![0.0; PLACES], around: vec![0.0; PLACES] }
     }
 
-    /// Forgets all samples.
+    /// Removes all samples.
     pub fn clear(&mut self) {
         self.at[..STRIDE * ROWS].fill(0.0);
     }
 
-    /// Finds what is around, once all samples are there.
+    /// Fills `around`, once all samples are in.
     #[inline(always)]
     pub fn spread<S: Simd>(&mut self, simd: S) {
         let load = |row: &[f32], x: usize| f32x16::from_slice(simd, &row[x..x + LANES]);
-        // The first pixel of a row is beyond those that anybody asks for.
+        // The first pixel of a row is outside the pixels that are read.
         let runs = || (1..STRIDE - LANES).step_by(LANES);
         let mut across = [[0.0; STRIDE]; 3];
         for r in 0..ROWS {
@@ -68,18 +68,18 @@ impl Nearest {
         }
     }
 
-    /// The largest inverse depths around sixteen pixels relative to the first made; anything for those more than two
-    /// pixels away.
+    /// The largest inverse depths around sixteen pixels, given relative to the tile's first pixel. Values of pixels
+    /// more than two pixels outside are unspecified.
     #[inline(always)]
     pub fn around<S: Simd>(&self, simd: S, pixels: [f32x16<S>; 2]) -> f32x16<S> {
         let places = place(simd, pixels).to_array();
-        // Of known length, no place needs to be checked.
+        // The length is known to the compiler, so no index needs a check.
         let Some(around) = self.around.first_chunk::<PLACES>() else { return f32x16::splat(simd, 0.0) };
         f32x16::load_array(simd, places.map(|place| around[place as usize % PLACES]))
     }
 }
 
-/// Places of pixels relative to the first made.
+/// Places of pixels, given relative to the tile's first pixel.
 #[inline(always)]
 pub(crate) fn place<S: Simd>(simd: S, [x, y]: [f32x16<S>; 2]) -> i32x16<S> {
     let rim = f32x16::splat(simd, (RIM * STRIDE + RIM) as f32);

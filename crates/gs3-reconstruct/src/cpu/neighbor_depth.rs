@@ -1,4 +1,4 @@
-//! What a neighbour of an interpolated frame sees at which depth.
+//! The visibility of a point in a neighbour of an in-between frame, by its depth.
 
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*};
 use gs3_scene::{GBuffer, Geometry};
@@ -7,20 +7,20 @@ use rayon::prelude::*;
 use crate::cpu::lanes::{WINDOW, look_up, window_bytes};
 use crate::reprojection::{SAME_SURFACE, inverse_depth};
 
-/// Weight of a neighbour whose depths change between the samples around a point, so that the point may be hidden or
-/// mixed with another surface (empirical).
+/// Weight of a neighbour with different depths at the samples around a point: the point may be hidden, or mixed with
+/// another surface (empirical).
 pub(crate) const SILHOUETTE: f32 = 0.3;
 
-/// Weight of a neighbour that sees something else: it decides between two that do not show the point, and is nothing
-/// beside one that does.
+/// Weight of a neighbour that sees another surface. It decides between two neighbours that do not show the point, and
+/// is negligible beside a neighbour that does.
 pub(crate) const HIDDEN: f32 = 1e-5;
 
 const LANES: usize = 16;
 
-/// Cells of a row looked up before that of the first point: positions need not increase along a row.
+/// Number of cells of a row that are read before the first point's cell: positions need not increase along a row.
 const BACK: f32 = 8.0;
 
-/// Inverse median depths of an LR grid whose samples lie `jitter` off the pixel centres.
+/// Inverse median depths of an LR grid with samples `jitter` off the pixel centres.
 #[derive(Debug, Default)]
 pub(crate) struct NeighborDepth {
     pub width: usize,
@@ -29,14 +29,14 @@ pub(crate) struct NeighborDepth {
     /// `[height, width]`, ≥ 0.
     pub inverse: Vec<f32>,
     /// Smallest inverse depth visible in cell `(i, j)`, between samples `(i, j)` and `(i + 1, j + 1)`: `[height,
-    /// width]`, and a window more, so that one can be loaded from any place.
+    /// width]`, with one more window at the end, so that a window can be loaded from any place.
     far: Vec<f32>,
-    /// The largest, likewise.
+    /// Largest inverse depth visible in each cell, in the same layout.
     near: Vec<f32>,
 }
 
 impl NeighborDepth {
-    /// Takes over the depths of `geometry`, which belongs to `gbuffer`.
+    /// Copies the depths of `geometry`, which belongs to `gbuffer`.
     pub fn set(&mut self, gbuffer: &GBuffer, geometry: &Geometry) {
         let (width, height) = (gbuffer.width(), gbuffer.height());
         (self.width, self.height, self.jitter) = (width, height, gbuffer.jitter);
@@ -61,8 +61,8 @@ impl NeighborDepth {
         });
     }
 
-    /// How well points at HR positions `(u, v)`, pixel centres at whole numbers, and inverse depths `w` are seen: 1,
-    /// [`SILHOUETTE`] or [`HIDDEN`]. Outside, the depths at the border decide. The points are about in a row.
+    /// Visibility of points at HR positions `(u, v)`, pixel centres at whole numbers, with inverse depths `w`: 1,
+    /// [`SILHOUETTE`] or [`HIDDEN`]. Outside the frame the border's depths are used. The points lie about in a row.
     #[inline(always)]
     pub fn visibility_along<S: Simd>(&self, simd: S, [u, v, w]: [f32x16<S>; 3], scale: f32) -> f32x16<S> {
         let [i, j] = self.cells(simd, [u, v], scale);
@@ -79,7 +79,7 @@ impl NeighborDepth {
         Self::judge(simd, w, far, near)
     }
 
-    /// As [`Self::visibility_along`], of points that are close to each other.
+    /// As [`Self::visibility_along`], for points that are close to each other.
     #[inline(always)]
     pub fn visibility_within<S: Simd>(&self, simd: S, [u, v, w]: [f32x16<S>; 3], scale: f32) -> f32x16<S> {
         let [i, j] = self.cells(simd, [u, v], scale);
@@ -89,14 +89,14 @@ impl NeighborDepth {
         if !is_near.all_true() {
             return self.visibility_anywhere(simd, [i, j, w]);
         }
-        // Four cells; those beyond the grid are not asked for, whatever stands in their place.
+        // Four cells. Values of cells beyond the grid are never used.
         let start = top as usize * self.width + left as usize;
         let far = select_cell(simd, &self.far, start, self.width, is_left, is_top);
         let near = select_cell(simd, &self.near, start, self.width, is_left, is_top);
         Self::judge(simd, w, far, near)
     }
 
-    /// The visibility of points of inverse depth `w` in cells `(i, j)`, anywhere.
+    /// The visibility of points with inverse depth `w` in arbitrary cells `(i, j)`.
     #[inline(always)]
     fn visibility_anywhere<S: Simd>(&self, simd: S, [i, j, w]: [f32x16<S>; 3]) -> f32x16<S> {
         let (i, j) = (i.to_array(), j.to_array());
@@ -108,7 +108,7 @@ impl NeighborDepth {
         Self::judge(simd, w, f32x16::load_array(simd, far), f32x16::load_array(simd, near))
     }
 
-    /// The cells, column and row, at HR positions; the nearest ones outside.
+    /// The cells, column and row, at HR positions; the nearest cells for positions outside.
     #[inline(always)]
     fn cells<S: Simd>(&self, simd: S, [u, v]: [f32x16<S>; 2], scale: f32) -> [f32x16<S>; 2] {
         let mut cells = [f32x16::splat(simd, 0.0); 2];
@@ -121,7 +121,7 @@ impl NeighborDepth {
         cells
     }
 
-    /// The visibility of points of inverse depth `w` where inverse depths from `far` to `near` are seen.
+    /// The visibility of points with inverse depth `w` in a cell with inverse depths from `far` to `near`.
     #[inline(always)]
     fn judge<S: Simd>(simd: S, w: f32x16<S>, far: f32x16<S>, near: f32x16<S>) -> f32x16<S> {
         let one_surface = (near - far).simd_le(near * (4.0 * SAME_SURFACE));
@@ -130,7 +130,7 @@ impl NeighborDepth {
     }
 }
 
-/// Of the 2×2 cells from `start` on, `width` cells a row, the ones that points lie in.
+/// Selects, from the 2×2 cells from `start` on (`width` cells a row), the cells that the points lie in.
 #[inline(always)]
 fn select_cell<S: Simd>(
     simd: S,

@@ -1,4 +1,4 @@
-//! What is remembered of a frame.
+//! A remembered frame.
 
 use gs3_scene::Camera;
 
@@ -11,23 +11,23 @@ use crate::reprojection::Reprojection;
 #[derive(Clone, Debug)]
 pub(crate) struct Past {
     pub camera: Camera,
-    /// Frames since then.
+    /// Age in frames.
     pub age: usize,
-    /// Of what an LR frame shows.
+    /// Mean inverse depth of an LR frame.
     pub mean_inverse_depth: f32,
     pub frame: SampleFrame,
-    /// From its camera to the current one.
+    /// From the frame's camera to the current camera.
     pub reprojection: Reprojection,
-    /// Parallax at depth 1 between both, HR pixels.
+    /// Parallax at depth 1 between both cameras, in HR pixels.
     pub parallax: f32,
     /// Focal length of the current camera, HR pixels.
     pub focal: f32,
-    /// Where its chunks are in the current frame.
+    /// Boxes of the frame's chunks in the current frame.
     pub boxes: Boxes,
 }
 
 impl Past {
-    /// Nothing yet, of the frame of `camera`.
+    /// An empty frame of `camera`.
     pub fn empty(camera: &Camera) -> Self {
         Self {
             camera: *camera,
@@ -41,7 +41,7 @@ impl Past {
         }
     }
 
-    /// As it is seen now.
+    /// The frame as seen by the current camera.
     #[inline(always)]
     pub fn source(&self, scale: u32) -> Source<'_> {
         let Self { age, frame, reprojection, parallax, focal, .. } = self;

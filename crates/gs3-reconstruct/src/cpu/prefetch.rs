@@ -1,11 +1,11 @@
-//! Asks for memory ahead of its use.
+//! Prefetches memory.
 
 /// Bytes of a cache line.
 const LINE: usize = 64;
 
-/// Asks for `values` to be brought into the caches. Useful where a few cache lines each are read from many places:
-/// too few for the hardware to see a stream. Does nothing where the architecture has no such instruction in safe
-/// reach.
+/// Asks the CPU to load `values` into the caches. This helps where a few cache lines each are read from many places:
+/// too few for the hardware to detect a stream. Does nothing if safe Rust has no such instruction for the
+/// architecture.
 #[inline(always)]
 #[allow(unsafe_code, reason = "the intrinsic takes a raw pointer")]
 pub(crate) fn prefetch<T>(values: &[T]) {
@@ -14,8 +14,8 @@ pub(crate) fn prefetch<T>(values: &[T]) {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
         let start = values.as_ptr().cast::<i8>();
         for at in (0..size_of_val(values)).step_by(LINE) {
-            // SAFETY: a prefetch is a hint that neither reads nor faults, whatever the address; the instruction (SSE)
-            // is part of x86-64.
+            // SAFETY: a prefetch is a hint that neither reads nor faults, at any address; the instruction (SSE) is
+            // part of x86-64.
             unsafe { _mm_prefetch::<_MM_HINT_T0>(start.wrapping_add(at)) };
         }
     }

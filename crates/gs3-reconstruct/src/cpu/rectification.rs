@@ -1,12 +1,12 @@
-//! What the current frame says about samples of the past: whether they are still visible, and still true.
+//! Rectification: the current frame decides whether past samples are still visible, and still true.
 //!
-//! A past sample is wrong where something hides it now, where the surface it was attributed to was not what gave it its
-//! colour (reflections, translucent layers), or where its colour depends on the view. The first shows in its depth, the
-//! others in its colour: within a cell of four current samples, colours outside the range that their first-order
-//! extrapolations span are unlikely. The range is the idea of the neighbourhood clamp of temporal anti-aliasing (Karis
-//! 2014, FSR 2), with exact gradients instead of neighbours, and a weight instead of a clamp. Where the current samples
-//! predict each other well, a slow drift of colour would stay within that range; there, the past is worth less than the
-//! current frame alone, and the less the farther the view has turned since.
+//! A past sample is wrong in three cases: (1) something hides it now; (2) another surface gave it its colour
+//! (reflections, translucent layers); (3) its colour depends on the view. Depth shows the first case, and colour the
+//! other two. Within a cell of four current samples, colours outside the range of their first-order extrapolations
+//! are unlikely. This range is the neighbourhood clamp of temporal anti-aliasing (Karis 2014, FSR 2), with exact
+//! gradients instead of neighbours, and a weight instead of a clamp. Where the current samples predict each other
+//! well, a slow drift of colour stays within the range. There, past samples count less than the current frame alone,
+//! and still less, the farther the view has turned since.
 
 use fearless_simd::{Level, Simd, dispatch, f32x16, mask32x16, prelude::*};
 use gs3_scene::{GBuffer, Gradients, Planes};
@@ -16,61 +16,62 @@ use crate::cpu::lanes::{WINDOW, load, look_up, window_bytes};
 use crate::cpu::samples::CHUNK;
 use crate::reprojection::inverse_depth_16;
 
-/// Depths may exceed the farthest current one, and the nearest of all samples, by this share: 2 % is the usual
+/// A depth may exceed the farthest current depth, or the nearest of all samples, by this share: 2 % is the usual
 /// tolerance of reprojection.
 pub(crate) const DEPTH_TOLERANCE: f32 = 0.02;
 
-/// How far a cell's samples are extrapolated to find the range of plausible colours, in spacings of samples: half a
-/// cell is where the extrapolations of two neighbours meet, and half as much again is for curvature. (Empirical: 0.5
-/// loses up to 0.19 dB, 1 gains up to 0.08.)
+/// How far a cell's samples are extrapolated for the range of plausible colours, in sample spacings. At half a cell
+/// the extrapolations of two neighbours meet; half as much again is for curvature. (Empirical: 0.5 loses up to 0.19
+/// dB, 1 gains up to 0.08.)
 pub(crate) const EXTRAPOLATION: f32 = 0.75;
 
 /// Variance (pixel⁴) of a sample with a colour off by the whole range (empirical: 30 to 300 are alike).
 pub(crate) const MISMATCH: f32 = 100.0;
 
-/// How far colours may drift with the view, per pixel of staleness, where nothing in the current frame contradicts:
-/// on glossy and translucent surfaces (empirical: 0.002 to 0.004 are alike).
+/// How far colours may drift with the view, per pixel of staleness, if nothing in the current frame contradicts them:
+/// for glossy and translucent surfaces (empirical: 0.002 to 0.004 are alike).
 pub(crate) const DRIFT: f32 = 0.004;
 
-/// Variance of a sample that something hides now: beyond use as soon as it has moved a fraction of a pixel. At rest it
-/// cannot have become hidden; it lies in a gap that the current samples miss.
+/// Variance of a sample that is hidden now: useless as soon as it has moved a fraction of a pixel. At rest a sample
+/// cannot have become hidden; it lies in a gap between the current samples.
 pub(crate) const HIDDEN: f32 = 1e4;
 
 const LANES: usize = CHUNK;
 
-/// Cells of a row looked up before that of the first sample: positions need not increase along a row.
+/// Number of cells of a row that are read before the first sample's cell: positions need not increase along a row.
 const BACK: f32 = 8.0;
 
-/// What is known of a cell.
+/// Number of values per cell.
 const VALUES: usize = 9;
-/// Middles of the ranges of plausible red, green, blue: these and the next two.
+/// Index of the middle of the range of plausible red; green and blue follow.
 const MIDDLE: usize = 0;
-/// Half the extents of the ranges.
+/// Index of half the extent of the range of red; green and blue follow.
 const HALF: usize = 3;
-/// Smallest inverse depth that is not hidden.
+/// Index of the smallest inverse depth that is not hidden.
 const FARTHEST: usize = 6;
-/// [`MISMATCH`] over the squared extent of the range.
+/// Index of [`MISMATCH`] over the squared extent of the range.
 const GAIN: usize = 7;
-/// Squared [`DRIFT`] over the squared error with which the current samples predict each other.
+/// Index of squared [`DRIFT`] over the squared error of the current samples' predictions of each other.
 const DRIFT_GAIN: usize = 8;
 
 /// Ranges of all cells: cell `(i, j)` lies between samples `i`, `i + 1` and `j`, `j + 1`.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Rectification {
     width: usize,
-    /// `(x, y)` HR position to cell: multiply, then add.
+    /// Scale from `(x, y)` HR position to cell; `offset` is added afterwards.
     per_hr_pixel: f32,
     offset: [f32; 2],
     last: [f32; 2],
-    /// `[LR height, VALUES, LR width]`, and a window more, so that one can be loaded from any place.
+    /// `[LR height, VALUES, LR width]`, with one more window at the end, so that a window can be loaded from any
+    /// place.
     cells: Vec<f32>,
-    /// Squared errors, over the channels, with which its neighbours in the row or the column predict a sample: the
-    /// larger of both. `[LR height, LR width]`.
+    /// Squared error, summed over the channels, of predicting a sample from its neighbours in the row and in the
+    /// column: the larger of both. `[LR height, LR width]`.
     errors: Vec<f32>,
 }
 
 impl Rectification {
-    /// Makes this the ranges of `gbuffer`, reusing memory. Samples are `scale` HR pixels apart.
+    /// Computes the ranges of `gbuffer`. Memory is reused. Samples are `scale` HR pixels apart.
     pub fn set(
         &mut self,
         level: Level,
@@ -82,7 +83,7 @@ impl Rectification {
         let (width, height) = (gbuffer.width(), gbuffer.height());
         self.width = width;
         self.per_hr_pixel = 1.0 / scale as f32;
-        // A position is given with pixel centres at whole numbers.
+        // Positions are given with pixel centres at whole numbers.
         self.offset = gbuffer.jitter.map(|j| 0.5 * self.per_hr_pixel - 0.5 - j);
         self.last = [(width - 1) as f32, (height - 1) as f32];
         self.errors.resize(width * height, 0.0);
@@ -101,9 +102,10 @@ impl Rectification {
         });
     }
 
-    /// The variances, pixel⁴, that the current frame gives sixteen past samples of colours `colors` seen now at HR
-    /// positions `(x, y)`, pixel centres at whole numbers, and inverse depths `w`, so stale (pixels), which may have
-    /// changed their colour by `change`. Outside, the nearest cells decide. Those that are not `wanted` have any.
+    /// The variances, in pixel⁴, that the current frame gives sixteen past samples. The samples have colours
+    /// `colors`, and are seen now at HR positions `(x, y)`, pixel centres at whole numbers, with inverse depths `w`.
+    /// Staleness is in pixels, and `change` is a possible change of their colour. Samples outside the frame use the
+    /// nearest cells. Lanes that are not `wanted` are unspecified.
     #[inline(always)]
     pub fn variance<S: Simd>(
         &self,
@@ -122,8 +124,8 @@ impl Rectification {
         let (i, j) = (place(x, 0), place(y, 1));
         let (columns, rows) = (i.to_array(), j.to_array());
         let mut values = [f32x16::splat(simd, 0.0); VALUES];
-        // Sixteen samples of a row mostly lie in sixteen cells of one row or two: loads, and bytes put in place, once
-        // or twice.
+        // Sixteen samples of a row mostly lie in sixteen cells of one or two rows: one or two rounds of loads and
+        // byte shuffles are enough.
         let mut left = wanted.to_bitmask() & 0xffff;
         while left != 0 {
             let lane = left.trailing_zeros() as usize;
@@ -149,22 +151,23 @@ impl Rectification {
     }
 }
 
-/// In the values of a row of cells, where the lows and highs of the ranges are until columns are joined.
+/// Index in a row of cells of the ranges' lows and highs, before columns are joined.
 const LOW: usize = MIDDLE;
 const HIGH: usize = HALF;
 
-/// Finds how well the samples of row `j` are predicted by the cubic Hermite curves between their neighbours.
+/// Finds how well cubic Hermite curves between neighbours predict the samples of row `j`.
 #[inline(always)]
 fn predict<S: Simd>(simd: S, gbuffer: &GBuffer, gradients: &Gradients, j: usize, errors: &mut [f32]) {
     let (width, height) = (errors.len(), gbuffer.height());
-    // The column's three samples around this one, or the next to its end; where there are fewer, the row must do.
+    // The column's three samples around row `j`; at an end, the nearest three. With fewer rows, the row's error is
+    // used alone.
     let above = j.saturating_sub(1).min(height.saturating_sub(3));
     let below = (above + 2).min(height - 1);
     for first in (0..width).step_by(LANES) {
         let count = LANES.min(width - first);
         let (mut across, mut down) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 0.0));
         for c in 0..3 {
-            // The curve half-way between two samples two spacings apart.
+            // The curve's value half-way between two samples two spacings apart.
             let middle = |a: f32x16<S>, b: f32x16<S>, da: f32x16<S>, db: f32x16<S>| {
                 (a + b).mul_add(0.5, (da - db) * 0.25)
             };
@@ -197,8 +200,8 @@ fn predict<S: Simd>(simd: S, gbuffer: &GBuffer, gradients: &Gradients, j: usize,
     }
 }
 
-/// Finds what the first-order extrapolations of the samples of two rows span together, and the farthest depths,
-/// column by column. `cells` is `[VALUES, width]`.
+/// Finds the joint range of the first-order extrapolations of two rows of samples, and the farthest depths, column by
+/// column. `cells` is `[VALUES, width]`.
 #[inline(always)]
 fn join_rows<S: Simd>(
     simd: S,
@@ -233,7 +236,7 @@ fn join_rows<S: Simd>(
     }
 }
 
-/// Joins each column of a row of cells with the next one, and finds the values of the cells.
+/// Joins each column of a row of cells with the next column, and computes the values of the cells.
 #[inline(always)]
 fn join_columns<S: Simd>(simd: S, width: usize, cells: &mut [f32]) {
     for first in (0..width).step_by(LANES) {
@@ -258,9 +261,9 @@ fn join_columns<S: Simd>(simd: S, width: usize, cells: &mut [f32]) {
         let at = DRIFT_GAIN * width + first;
         let (error, next) = (load(simd, &cells[at..]), load(simd, &cells[at + 1..]));
         let error = is_inner.select(error.max(next), error);
-        // Errors below 1/4096 are none.
+        // Errors below 1/4096 count as none.
         store(DRIFT * DRIFT / (error + 6e-8), &mut cells[at..], count);
-        // Where nothing varies, rounding alone must not make a sample implausible.
+        // Where the colour is constant, rounding alone must not make a sample implausible.
         store(MISMATCH / (extent + 1e-6), &mut cells[GAIN * width + first..], count);
     }
 }

@@ -1,4 +1,4 @@
-//! Classical interpolation of colour alone, honouring the jitter: the baselines of the field.
+//! Classical interpolation of colour alone, with the jitter taken into account: the baselines of the field.
 
 use gs3_scene::{GBuffer, Image};
 use rayon::prelude::*;
@@ -36,7 +36,7 @@ pub(crate) fn catmull_rom(f: f32) -> [f32; 4] {
     [-0.5 * f3 + f2 - 0.5 * f, 1.5 * f3 - 2.5 * f2 + 1.0, -1.5 * f3 + 2.0 * f2 + 0.5 * f, 0.5 * f3 - 0.5 * f2]
 }
 
-/// Enlarges the colour of `gbuffer` by `scale` into `out`, whose size says how large; samples outside the LR frame
+/// Enlarges the colour of `gbuffer` by `scale` into `out`, which has the output's size. Samples outside the LR frame
 /// repeat its border. The fourth channel becomes 0.
 ///
 /// # Errors
@@ -76,7 +76,7 @@ pub fn resample(
     Ok(())
 }
 
-/// `index` moved into `0..len`.
+/// `index` clamped to `0..len`.
 #[inline(always)]
 pub(crate) fn clamped(index: isize, len: usize) -> usize {
     index.clamp(0, len as isize - 1) as usize

@@ -10,32 +10,32 @@ use crate::cpu::lanes::load;
 use crate::error::ReconstructError;
 use crate::reprojection::inverse_depth_16;
 
-/// A sample is beside something nearer if its inverse depth is below this share of that of a sample around it: what
-/// is more may be the slant of a surface. (Empirical: 0.95 gains 0.1 dB over 0.8 at 1920×1080, and loses 0.15 at
-/// 160×90.)
+/// A sample is beside a nearer surface if its inverse depth is below this share of a neighbouring sample's inverse
+/// depth. Larger ratios may be the slant of one surface. (Empirical: 0.95 gains 0.1 dB over 0.8 at 1920×1080, and
+/// loses 0.15 at 160×90.)
 pub(crate) const EDGE_RATIO: f32 = 0.9;
 
-/// How much of the way that something nearer moves counts: edges lie along it as well as across, and not every sample
-/// beside one shows it. (Empirical, at 1920×1080: 0 loses 0.2 to 0.3 dB where the camera moves, 0.3 to 1 are alike
-/// within 0.2; at 160×90, where a texture is often taken for an edge, 1 loses 0.5 dB.)
+/// Share of a nearer surface's motion that counts as crossing its edge. Edges also lie along the motion, and not
+/// every sample beside an edge shows it. (Empirical, at 1920×1080: 0 loses 0.2 to 0.3 dB where the camera moves; 0.3
+/// to 1 are alike within 0.2. At 160×90, where texture often looks like an edge, 1 loses 0.5 dB.)
 pub(crate) const CROSSING: f32 = 0.5;
 
-/// What is known at one sample position: RGB, ∂RGB/∂x and ∂RGB/∂y per HR pixel.
+/// The values of one sample: RGB, ∂RGB/∂x and ∂RGB/∂y per HR pixel.
 pub(crate) type Sample = [f32; 9];
 
-/// Where in a sample its derivatives begin.
+/// Index of the first derivative in a sample.
 pub(crate) const DX: usize = 3;
 pub(crate) const DY: usize = 6;
 
-/// Numbers of all samples of a chunk.
+/// Number of f32 values in all samples of a chunk.
 const SAMPLES: usize = CHUNK * size_of::<Sample>() / size_of::<f32>();
 
-/// [`CHUNK`] samples in a row: all that is read of them, in cache lines of its own, one after the other. (Apart, in
-/// planes, what a tile needs of one chunk lies on six pages, and super sampling waits for their addresses.) What lies
-/// beyond the end of the row is black and infinitely far.
+/// [`CHUNK`] samples in a row. All values of these samples lie in consecutive cache lines. (In separate planes, one
+/// chunk would lie on six pages, and super sampling would wait for their addresses.) Samples beyond the end of the
+/// row are black and infinitely far.
 ///
-/// First the samples, then planes of what all of them are asked for at once; in one array, so that four numbers can
-/// be loaded where a sample has the last three.
+/// First come the samples, then planes of the values that are read for all samples at once. Everything is one array,
+/// so that loading four numbers is valid at the last three numbers of a sample.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct Chunk([f32; SAMPLES + 5 * CHUNK]);
@@ -43,7 +43,7 @@ pub(crate) struct Chunk([f32; SAMPLES + 5 * CHUNK]);
 impl Chunk {
     const EMPTY: Self = Self([0.0; SAMPLES + 5 * CHUNK]);
 
-    /// `1 / z` of the median depth; 0 where nothing was hit, and if the frame came without geometry.
+    /// `1 / z` of the median depth; 0 where there is no surface, and for frames without geometry.
     #[inline(always)]
     pub fn inverse_depth(&self) -> &[f32; CHUNK] {
         self.plane(0)
@@ -58,7 +58,7 @@ impl Chunk {
         self.plane(1)
     }
 
-    /// Red, green, blue once more.
+    /// Red, green and blue again, as planes.
     #[inline(always)]
     pub fn colors(&self) -> [&[f32; CHUNK]; 3] {
         [self.plane(2), self.plane(3), self.plane(4)]
@@ -70,7 +70,7 @@ impl Chunk {
         &self.samples()[i]
     }
 
-    /// RGB, ∂RGB/∂x and ∂RGB/∂y of sample `i`, and anything beside each.
+    /// RGB, ∂RGB/∂x and ∂RGB/∂y of sample `i`, each with an unspecified fourth number.
     #[inline(always)]
     pub fn quads(&self, i: usize) -> [&[f32]; 3] {
         let first = i * (SAMPLES / CHUNK);
@@ -87,13 +87,13 @@ impl Chunk {
         &self.0[SAMPLES..].as_chunks().0[k]
     }
 
-    /// Writes plane `k`: that of [`Self::inverse_depth`], [`Self::edge_slopes`] or one of [`Self::colors`].
+    /// Writes plane `k`: [`Self::inverse_depth`], [`Self::edge_slopes`] or one of [`Self::colors`].
     #[inline(always)]
     fn set_plane<S: Simd>(&mut self, k: usize, values: f32x16<S>) {
         values.store_array(&mut self.0[SAMPLES..].as_chunks_mut().0[k]);
     }
 
-    /// Writes number `k` of all samples.
+    /// Writes number `k` of every sample.
     #[inline(always)]
     fn set_samples<S: Simd>(&mut self, k: usize, values: f32x16<S>) {
         let samples: &mut [Sample] = self.0[..SAMPLES].as_chunks_mut().0;
@@ -101,24 +101,24 @@ impl Chunk {
     }
 }
 
-/// What the samples of a chunk have in common.
+/// Values that the samples of a chunk share.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Extent {
     /// Smallest inverse depth.
     pub far: f32,
     /// Largest inverse depth.
     pub near: f32,
-    /// The colour of all samples if nothing was hit and nothing varies.
+    /// The colour of all samples, if there is no surface and the colour is constant.
     pub bare: Option<[f32; 3]>,
 }
 
-/// Where the samples of a frame lie.
+/// The layout of a frame's samples.
 #[derive(Clone, Debug, Default)]
 enum Layout {
-    /// Sixteen in a row of LR pixels make a chunk.
+    /// Sixteen samples in a row of LR pixels are a chunk.
     #[default]
     Rows,
-    /// A block of 4×4 HR pixels is a chunk, [`BLOCKS_PER_ROW`] of them a row.
+    /// A block of 4×4 HR pixels is a chunk; [`BLOCKS_PER_ROW`] blocks are a row of chunks.
     Blocks {
         /// First pixel of each block.
         corners: Vec<[f32; 2]>,
@@ -127,53 +127,53 @@ enum Layout {
     },
 }
 
-/// Blocks that count as one row of chunks: as many as one mask of [`crate::cpu::boxes`] tells of.
+/// Blocks in a row of chunks: the number of chunks in one mask of [`crate::cpu::boxes`].
 const BLOCKS_PER_ROW: usize = 64;
 
-/// Numbers of the lanes of a vector. (Constants are loaded: a closure that fills lanes may be compiled without the
+/// The numbers of a vector's lanes. (Constants are loaded: a closure that fills lanes may be compiled without the
 /// kernel's vector instructions.)
 const LANES: [f32; CHUNK] = [0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12., 13., 14., 15.];
 
-/// Pixel centres of a block along x, from its first pixel's edge.
+/// Pixel centres of a block along x, measured from the left edge of its first pixel.
 const BLOCK_X: [f32; CHUNK] =
     [0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5];
 
-/// The same along y.
+/// Pixel centres of a block along y.
 const BLOCK_Y: [f32; CHUNK] =
     [0.5, 0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 2.5, 2.5, 2.5, 2.5, 3.5, 3.5, 3.5, 3.5];
 
-/// Places of sixteen samples, HR pixels, and which of them are there.
+/// Places of sixteen samples in HR pixels, and a mask of the samples that exist.
 pub(crate) struct Places<S: Simd> {
     pub x: f32x16<S>,
     pub y: f32x16<S>,
     pub is_sample: mask32x16<S>,
 }
 
-/// The samples of one frame: of an LR frame, `[height, width]`, those in the margin around its picture included, or of
-/// exact blocks.
+/// The samples of one frame: either of an LR frame, `[height, width]`, with the samples in its margin, or of exact
+/// blocks.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SampleFrame {
     layout: Layout,
-    /// Of an LR frame, in samples.
+    /// Width of an LR frame, in samples.
     pub width: usize,
-    /// Rows of chunks.
+    /// Number of rows of chunks.
     pub height: usize,
     /// Offset of the sample positions from the LR pixel centres, in LR pixels.
     pub jitter: [f32; 2],
     margin: Margin,
-    /// `[height, chunks per row]`, the last of a row may be a part.
+    /// `[height, chunks per row]`; the last chunk of a row may be partial.
     chunks: Vec<Chunk>,
-    /// Of each chunk.
+    /// One extent per chunk.
     extents: Vec<Extent>,
-    /// Of each chunk, or none of any as long as nothing has moved.
+    /// One displacement per chunk; empty as long as nothing has moved.
     displacements: Vec<Displacement>,
 }
 
 impl SampleFrame {
-    /// Takes over a checked G-buffer of an output `scale` times larger, reusing memory.
+    /// Copies a checked G-buffer of an output `scale` times larger. Memory is reused.
     ///
     /// # Errors
-    /// [`ReconstructError::Missing`] if there are no gradients.
+    /// [`ReconstructError::Missing`] if `gbuffer` has no gradients.
     pub fn fill(&mut self, level: Level, gbuffer: &GBuffer, scale: u32) -> Result<(), ReconstructError> {
         let Some(gradients) = &gbuffer.gradients else {
             return Err(ReconstructError::Missing { what: "image gradients" });
@@ -200,7 +200,7 @@ impl SampleFrame {
         Ok(())
     }
 
-    /// Takes over exact blocks of a picture of `[width, height]`, reusing memory.
+    /// Copies exact blocks of a picture of `[width, height]`. Memory is reused.
     pub fn fill_blocks(&mut self, level: Level, blocks: &ExactBlocks, picture: [usize; 2]) {
         let corner = |[column, row]: &[u16; 2]| [*column, *row].map(|k| (usize::from(k) * BLOCK_SIDE) as f32);
         let corners = blocks.places.iter().map(corner).collect();
@@ -221,15 +221,15 @@ impl SampleFrame {
         self.chunks.len()
     }
 
-    /// Whether its samples are those of exact blocks.
+    /// Whether the samples are exact blocks.
     pub const fn is_blocks(&self) -> bool {
         matches!(self.layout, Layout::Blocks { .. })
     }
 
-    /// Keeps the exact blocks that `keep` says, by their number, and forgets the others.
+    /// Keeps the exact blocks with a number that `keep` accepts, and drops the others.
     pub fn retain_blocks(&mut self, keep: impl Fn(usize) -> bool) {
         let Layout::Blocks { corners, .. } = &mut self.layout else { return };
-        // From the end, so that what takes a forgotten block's place is one that stays.
+        // From the end, so that the block moved into a dropped block's place is one that stays.
         for k in (0..corners.len()).rev().filter(|k| !keep(*k)) {
             corners.swap_remove(k);
             self.chunks.swap_remove(k);
@@ -238,12 +238,12 @@ impl SampleFrame {
         self.height = corners.len().div_ceil(BLOCKS_PER_ROW);
     }
 
-    /// Row and place in it of chunk `k` of all.
+    /// Row, and place in the row, of chunk `k` among all blocks.
     pub const fn row_of_block(k: usize) -> (usize, usize) {
         (k / BLOCKS_PER_ROW, k % BLOCKS_PER_ROW)
     }
 
-    /// Where the samples of chunk `chunk` of row `row` lie; LR pixels are `scale` HR pixels wide.
+    /// Places of the samples of chunk `chunk` of row `row`. LR pixels are `scale` HR pixels wide.
     #[inline(always)]
     pub fn places<S: Simd>(&self, simd: S, row: usize, chunk: usize, scale: f32) -> Places<S> {
         match &self.layout {
@@ -267,8 +267,8 @@ impl SampleFrame {
         }
     }
 
-    /// The first and last positions, along x and along y, of sixteen chunks of row `row` from `first` on, HR pixels.
-    /// Those of chunks beyond the end of the row are any.
+    /// The first and last positions, along x and along y, of sixteen chunks of row `row` from `first` on, in HR
+    /// pixels. Positions of chunks beyond the end of the row are unspecified.
     #[inline(always)]
     pub fn ends<S: Simd>(&self, simd: S, row: usize, first: usize, scale: f32) -> [[f32x16<S>; 2]; 2] {
         match &self.layout {
@@ -291,7 +291,7 @@ impl SampleFrame {
         }
     }
 
-    /// Offset of the positions of samples `(i, j)` from `(i + 0.5, j + 0.5)` of the picture's LR pixels: the jitter
+    /// Offset of the position of sample `(i, j)` from `(i + 0.5, j + 0.5)` in LR pixels of the picture: the jitter
     /// less the margin.
     #[inline(always)]
     pub fn offset(&self) -> [f32; 2] {
@@ -304,7 +304,7 @@ impl SampleFrame {
         self.chunk(y, x / CHUNK).inverse_depth()[x % CHUNK]
     }
 
-    /// Where the sample in column `x` of row `y` of the picture of an LR frame lies, HR pixels, and its inverse depth; LR
+    /// The HR position and the inverse depth of the sample in column `x` of row `y` of an LR frame's picture. LR
     /// pixels are `scale` HR pixels wide.
     pub fn picture_place(&self, x: usize, y: usize, scale: f32) -> ([f32; 2], f32) {
         let Margin { left, top, .. } = self.margin;
@@ -312,7 +312,7 @@ impl SampleFrame {
         (at, self.inverse_depth(x + left as usize, y + top as usize))
     }
 
-    /// Samples in a row and in a column of the picture.
+    /// Number of samples in a row and in a column of the picture.
     pub fn picture_size(&self) -> [usize; 2] {
         let Margin { left, top, right, bottom } = self.margin;
         [self.width - (left + right) as usize, self.height - (top + bottom) as usize]
@@ -324,7 +324,7 @@ impl SampleFrame {
         self.sample(x + self.margin.left as usize, y + self.margin.top as usize)
     }
 
-    /// Chunks per row of samples, the last of which may be a part. The last row of exact blocks may have fewer.
+    /// Chunks per row of samples; the last chunk may be partial. The last row of exact blocks may have fewer chunks.
     pub const fn chunks_per_row(&self) -> usize {
         match self.layout {
             Layout::Rows => self.width.div_ceil(CHUNK),
@@ -338,13 +338,13 @@ impl SampleFrame {
         &self.chunks[row * self.chunks_per_row() + chunk]
     }
 
-    /// How the samples of chunk `chunk` of row `row` have moved; none as long as none of the frame has.
+    /// Displacements of the samples of chunk `chunk` of row `row`; none as long as nothing in the frame has moved.
     #[inline(always)]
     pub fn displacement(&self, row: usize, chunk: usize) -> Option<&Displacement> {
         self.displacements.get(row * self.chunks_per_row() + chunk)
     }
 
-    /// The same, to be changed; makes room for those of all chunks.
+    /// The same, mutable. The first call allocates displacements for all chunks.
     pub fn displacement_mut(&mut self, row: usize, chunk: usize) -> Option<&mut Displacement> {
         if self.displacements.is_empty() {
             self.displacements.resize_with(self.chunks.len(), Displacement::default);
@@ -353,7 +353,7 @@ impl SampleFrame {
         self.displacements.get_mut(at)
     }
 
-    /// What the samples of the chunks of row `row` have in common.
+    /// The extents of the chunks of row `row`.
     pub fn extents(&self, row: usize) -> &[Extent] {
         let rest = &self.extents[row * self.chunks_per_row()..];
         &rest[..self.chunks_per_row().min(rest.len())]
@@ -383,7 +383,7 @@ fn fill_block<S: Simd>(simd: S, block: &ExactBlock, chunk: &mut Chunk) -> Extent
     }
     let here = inverse_depth_16(simd, f32x16::load_array_ref(simd, &block.depth_median));
     let depths = here.to_array();
-    // The nearest of the pixels around each, within the block.
+    // The nearest of the pixels around each pixel, within the block.
     let mut nearest = depths;
     for (i, nearest) in nearest.iter_mut().enumerate() {
         let (x, y) = (i % BLOCK_SIDE, i / BLOCK_SIDE);
@@ -402,7 +402,7 @@ fn fill_block<S: Simd>(simd: S, block: &ExactBlock, chunk: &mut Chunk) -> Extent
     Extent { far: here.reduce_min(), near: here.reduce_max(), bare: is_bare.then_some([r, g, b]) }
 }
 
-/// What samples are made from.
+/// The planes that samples are made from.
 struct SamplePlanes<'a> {
     color: &'a Planes<3>,
     gradients: &'a Gradients,
@@ -412,8 +412,8 @@ struct SamplePlanes<'a> {
 }
 
 impl SamplePlanes<'_> {
-    /// The largest inverse depths of the three samples of each column of row `y` and the rows beside it, from entry 1
-    /// on; beyond the first and the last column there is nothing.
+    /// Per column of row `y`, the largest inverse depth of the samples in this row, the row above and the row below,
+    /// from entry 1 on. Entries beyond the first and the last column are 0.
     #[inline(always)]
     fn find_nearest<S: Simd>(&self, simd: S, y: usize, nearest: &mut Vec<f32>) {
         let (width, height) = (self.color.width(), self.color.height());
@@ -427,7 +427,7 @@ impl SamplePlanes<'_> {
         }
     }
 
-    /// Fills the chunk whose first sample is in column `first` of row `y`.
+    /// Fills the chunk with its first sample in column `first` of row `y`.
     #[inline(always)]
     fn fill_chunk<S: Simd>(
         &self,
@@ -481,11 +481,11 @@ mod tests {
     use super::*;
     use crate::reprojection::inverse_depth;
 
-    /// A chunk and a part of one.
+    /// Width of a full chunk and a partial one.
     const WIDTH: usize = 21;
     const HEIGHT: usize = 4;
 
-    /// A frame of anything, from row 2 on of one colour and infinitely far but for its last sample.
+    /// A frame with arbitrary values. From row 2 on it has one colour and no surface, except for its last sample.
     fn gbuffer() -> GBuffer {
         let value = |k: usize| (k * 7919 % 1009) as f32 / 1009.0;
         let is_bare = |k: usize| k % (WIDTH * HEIGHT) >= 2 * WIDTH;

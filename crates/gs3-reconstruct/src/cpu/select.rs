@@ -1,15 +1,15 @@
-//! Which blocks of a frame are worth rasterizing exactly, and how they enter it.
+//! The choice of blocks that are worth rasterizing exactly, and writing these blocks into a frame.
 
 use gs3_scene::{BLOCK_SIDE, ExactBlocks, Image, block_grid};
 use rayon::prelude::*;
 
-/// How many blocks may be exact, and which need not be.
+/// How many blocks may be exact, and which blocks need not be.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BlockBudget {
     /// Largest share of an image's blocks, `[0, 1]`.
     pub most: f32,
-    /// Blocks whose expected mean squared error of a number, colours in `[0, 1]`, is not above this are left out; none
-    /// is below 0.
+    /// Blocks with an expected mean squared error per number (colours in `[0, 1]`) of at most this are left out; none
+    /// if it is negative.
     pub least_error: f32,
 }
 
@@ -18,15 +18,16 @@ impl BlockBudget {
     pub const ALL: Self = Self { most: 1.0, least_error: -1.0 };
 }
 
-/// The blocks of 4×4 pixels of an image of `size`, width and height, whose expected errors are largest, within `budget`:
-/// columns and rows. `errors` are those of [`crate::SuperSampler::expected_errors`]. Of equal errors the first in row
-/// order is taken. The order of the result is not specified.
+/// The blocks of 4×4 pixels with the largest expected errors, within `budget`, of an image of `size`, width and
+/// height. Blocks are given as columns and rows. `errors` are [`crate::SuperSampler::expected_errors`]. Among equal
+/// errors, the first in row order wins. The order of the result is unspecified.
 #[must_use]
 pub fn select_blocks(errors: &[f32], size: [usize; 2], budget: BlockBudget) -> Vec<[u16; 2]> {
     let [columns, rows] = block_grid(size);
     let numbers = (3 * BLOCK_SIDE * BLOCK_SIDE) as f32;
     let least = budget.least_error * numbers;
-    // Positive numbers sort as their bits do; the complement of the place makes the first of equals the largest.
+    // Positive numbers sort like their bits. The complement of the place makes the first of equal errors the largest
+    // key.
     let key = |(k, error): (usize, &f32)| u64::from(error.to_bits()) << 32 | u64::from(!(k as u32));
     let errors = errors.iter().take(columns * rows).enumerate();
     let mut keys: Vec<u64> =
@@ -50,7 +51,7 @@ pub fn select_blocks(errors: &[f32], size: [usize; 2], budget: BlockBudget) -> V
 pub(crate) fn write_blocks(blocks: &ExactBlocks, image: &mut Image) {
     let size = [image.width(), image.height()];
     let [columns, rows] = block_grid(size);
-    // Which block is to be written where, one more than its number.
+    // The number plus one of the block to be written at each place.
     let mut number = vec![0_u32; columns * rows];
     for (k, [column, row]) in (1..).zip(&blocks.places) {
         if let Some(number) = number.get_mut(usize::from(*row) * columns + usize::from(*column)) {

@@ -1,4 +1,4 @@
-//! Neighbours at the pose between, unblended, and how well they are seen there.
+//! Both neighbours at the pose of the in-between frame, not blended, and their visibility there.
 
 use fearless_simd::Simd;
 
@@ -13,7 +13,7 @@ pub(crate) struct Part<'a> {
 }
 
 impl<const N: usize> Warp<'_, N> {
-    /// Makes the rows of pixels of `parts`, one for each neighbour, from row `top` on, a band.
+    /// Makes the rows of a band, one part per neighbour, from row `top` on.
     #[inline(always)]
     pub fn separate<S: Simd>(&self, simd: S, top: usize, mut parts: [Part<'_>; N]) {
         let width = self.images.first().map_or(0, |image| image.width());
@@ -21,7 +21,7 @@ impl<const N: usize> Warp<'_, N> {
         for [x, y] in self.runs(count / width.max(1), top) {
             let run = self.correspondence_of_run(simd, x, y);
             let mut patches = [const { None }; LANES];
-            // One neighbour after the other, so that the rows gathered from stay in the cache.
+            // One neighbour after the other, so that the source rows stay in the cache.
             for (n, part) in parts.iter_mut().enumerate() {
                 for (k, patch) in patches.iter_mut().enumerate() {
                     let x = x + (k * SIDE) as isize;
@@ -32,7 +32,7 @@ impl<const N: usize> Warp<'_, N> {
                     let is_rigid = run.rigid >> k & 1 == 1 && clip.is_whole();
                     let is_even = is_rigid && run.even >> k & 1 == 1;
                     let quads = if is_rigid { self.quads(simd, n, &run, k) } else { None };
-                    // Not by the array's iterator: it would hand the vectors on through memory.
+                    // Not by the array's iterator: it would pass the vectors through memory.
                     if let Some(quads) = &quads {
                         for r in 0..SIDE {
                             clip.store(quads[r], r, part.image);

@@ -1,14 +1,16 @@
-//! Exact samples of past frames, carried to the pixels of the current one.
+//! Splatting: exact samples of past frames, carried to the pixels of the current frame.
 //!
-//! Every sample of the last frames is reprojected through its own depth, so it lands on the HR grid at an exact,
-//! generally fractional position, with its exact gradient. Around it the image is known to first order; the remainder
-//! grows with the square of the distance δ, its variance with δ⁴. A pixel is the mean of these first-order
-//! predictions with the inverse variances as weights (Shepard's method with exact gradients, Renka 1988). Nothing is
-//! ever resampled twice, so nothing blurs with time, and a sample that falls on a pixel centre is that pixel.
+//! Every sample of the last frames is reprojected through its own depth. It lands on the HR grid at an exact,
+//! generally fractional position, with its exact gradient. Around a sample the image is known to first order. The
+//! remainder grows with the square of the distance δ, and its variance with δ⁴. A pixel is the mean of these
+//! first-order predictions, weighted by inverse variances (Shepard's method with exact gradients, Renka 1988).
+//! Samples are never resampled twice, so the image does not blur with time. A sample that falls on a pixel centre is
+//! that pixel.
 //!
-//! What is the same for all channels of a pixel is made with samples or pixels as lanes: sixteen samples land at
-//! once, four samples' weights of a row of pixels are one vector. What differs between channels, a sample's
-//! prediction of four pixels in a row, is one vector again: two multiply-adds, one load and one store.
+//! Values shared by all channels of a pixel are computed with samples or pixels as lanes: sixteen samples land at
+//! once, and the weights of four samples for a row of pixels are one vector. Values that differ between channels, a
+//! sample's predictions of four pixels in a row, are one vector with channels as lanes: two multiply-adds, one load
+//! and one store.
 
 use fearless_simd::{Simd, f32x16, i32x16, mask32x16, prelude::*};
 
@@ -21,40 +23,42 @@ use crate::cpu::tile::{NOISE, Tile};
 use crate::cpu::tile_size::{PAD_X, PAD_Y, STRIDE};
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
 
-/// A sample reaches this many pixels in a row, those less than two away along x: they are one vector.
+/// A sample reaches this many pixels in a row: those less than two pixels away along x. They are one vector.
 pub(crate) const COLUMNS: usize = 4;
 
-/// A sample reaches the rows nearest to it, all less than two away along y.
+/// A sample reaches this many rows, the nearest ones; all are less than two pixels away along y.
 pub(crate) const ROWS: usize = 3;
 
-/// Pixels that a sample may be away from the last it reaches, rounded up.
+/// Largest distance of a sample from a pixel that it reaches, rounded up, in pixels.
 pub(crate) const REACH: f32 = 2.0;
 
-/// Variance that a moved sample gains per pixel of staleness, pixel⁴ (empirical): depths are not exact where layers
-/// blend, and colours depend on the view. On paths of 0.1° to 1.2° a frame at 1920×1080, 0.003 to 0.008 are alike; at
-/// 960×540 twice as much loses 0.05 to 0.1 dB. A gain per frame, whatever the camera does, loses 0.1 to 0.6 dB.
+/// Variance that a moved sample gains per pixel of staleness, in pixel⁴ (empirical): depths are not exact where
+/// layers blend, and colours depend on the view. On paths of 0.1° to 1.2° a frame at 1920×1080, 0.003 to 0.008 are
+/// alike. At 960×540, twice as much loses 0.05 to 0.1 dB. A gain per frame, independent of the camera, loses 0.1 to
+/// 0.6 dB.
 pub(crate) const AGING: f32 = 0.006;
 
-/// What a frame of age adds to staleness, pixels: with many samples, the newer ones are a little better (empirical:
-/// 0.4 to 1 are alike; 0 loses 0.1 dB where the camera mostly turns).
+/// Staleness per frame of age, in pixels: with many samples, newer samples are a little better (empirical: 0.4 to 1
+/// are alike; 0 loses 0.1 dB where the camera mostly turns).
 pub(crate) const PER_FRAME: f32 = 0.75;
 
-/// Samples with a larger variance, pixel⁴, are not worth their time: the interpolated current frame's is at most 7
-/// where it is least certain.
+/// Samples with a larger variance (pixel⁴) are skipped to save time: the variance of the interpolated current frame
+/// is at most 7, where it is least certain.
 pub(crate) const MAX_NOISE: f32 = 16.0;
 
-/// Variance, pixel⁴, of a sample behind what is nearest within a pixel of it, per squared pixel by which the two have
-/// moved apart since (empirical: 0.3 loses up to 0.1 dB, 3 is alike, 10 loses up to 0.2). Where the camera only turns
-/// nothing is hidden that was not.
+/// Variance, in pixel⁴, of a sample behind a nearer sample within a pixel, per squared pixel of relative motion of
+/// the two since then (empirical: 0.3 loses up to 0.1 dB, 3 is alike, 10 loses up to 0.2). If the camera only turns,
+/// nothing becomes hidden.
 pub(crate) const OCCLUDED: f32 = 1.0;
 
-/// A past frame seen by the current camera.
+/// A past frame as seen by the current camera.
 pub(crate) struct Source<'a> {
     pub frame: &'a SampleFrame,
     pub reprojection: &'a Reprojection,
-    /// In frames.
+    /// Age in frames.
     pub age: usize,
-    /// Parallax at depth 1 between its camera and the current one, HR pixels ([`crate::reprojection::parallax`]).
+    /// Parallax at depth 1 between the frame's camera and the current camera, in HR pixels
+    /// ([`crate::reprojection::parallax`]).
     pub parallax: f32,
     /// Focal length of the current camera, HR pixels.
     pub focal: f32,
@@ -64,20 +68,20 @@ pub(crate) struct Source<'a> {
 
 /// Where the samples of a chunk are in a tile.
 struct Footprints {
-    /// Place in the tile of the first pixel reached.
+    /// Place in the tile of the first pixel that the sample reaches.
     first: [i32; CHUNK],
-    /// Position, relative to that pixel.
+    /// Position of the sample relative to that pixel.
     x: [f32; CHUNK],
     y: [f32; CHUNK],
-    /// Variance of the prediction where the sample is, pixel⁴.
+    /// Variance of the prediction at the sample's position, in pixel⁴.
     noise: [f32; CHUNK],
-    /// Bit `i`: sample `i` is in front of the camera, reaches the tile and is worth it.
+    /// Bit `i`: sample `i` is in front of the camera, reaches the tile, and has a small enough variance.
     seen: u64,
 }
 
-/// Where sixteen samples are now.
+/// Places of sixteen samples in the current frame.
 pub(crate) struct ReprojectedSamples<S: Simd> {
-    /// HR positions, pixel centres at halves; only where `q` exceeds [`MIN_DIVISOR`].
+    /// HR positions, pixel centres at halves. Valid only where `q` exceeds [`MIN_DIVISOR`].
     pub x: f32x16<S>,
     pub y: f32x16<S>,
     pub inverse_depth: f32x16<S>,
@@ -85,11 +89,11 @@ pub(crate) struct ReprojectedSamples<S: Simd> {
     pub q: f32x16<S>,
     /// Squared distance moved, pixel².
     pub moved: f32x16<S>,
-    /// How stale it is, pixels: its parallax since then, and [`PER_FRAME`].
+    /// Staleness in pixels: the parallax since the sample's frame, plus [`PER_FRAME`] times its age.
     pub staleness: f32x16<S>,
-    /// How far surfaces have moved where it was seen, pixels ([`Displacement`]).
+    /// Motion of surfaces at the sample's old place, in pixels ([`Displacement`]).
     pub surface_shift: f32x16<S>,
-    /// False for what is beyond the end of the row.
+    /// False for lanes beyond the end of the row.
     pub is_sample: mask32x16<S>,
 }
 
@@ -98,7 +102,7 @@ impl Source<'_> {
     #[inline(always)]
     pub fn reproject<S: Simd>(&self, simd: S, row: usize, chunk: usize) -> ReprojectedSamples<S> {
         let splat = |v: f32| f32x16::splat(simd, v);
-        // Positions on its own HR grid.
+        // Positions on the frame's own HR grid.
         let Places { x: from_x, y: from_y, is_sample } = self.frame.places(simd, row, chunk, self.scale);
         let w = f32x16::load_array_ref(simd, self.frame.chunk(row, chunk).inverse_depth());
         if let Some(displacement) = self.frame.displacement(row, chunk) {
@@ -112,15 +116,15 @@ impl Source<'_> {
             inverse_depth: w * (1.0 / q),
             q,
             moved: moved_x.mul_add(moved_x, moved_y * moved_y),
-            // As if the camera moved across: what it moves ahead counts, too, since footprints change.
+            // As if the camera moved sideways: motion along the view counts as well, because footprints change.
             staleness: w.mul_add(self.parallax, splat(PER_FRAME * self.age as f32)),
             surface_shift: splat(0.0),
             is_sample,
         }
     }
 
-    /// Reprojects samples at `from`, x, y and inverse depth, that may have moved since. What has not is as
-    /// [`Self::reproject`] has it.
+    /// Reprojects samples at `from` (x, y and inverse depth) that may have moved since. A sample that has not moved
+    /// gets the same result as by [`Self::reproject`].
     #[inline(always)]
     fn reproject_displaced<S: Simd>(
         &self,
@@ -134,7 +138,8 @@ impl Source<'_> {
         let [x, y, q] = self.reprojection.apply_moved_16(simd, from_x, from_y, w, [dx, dy, dz]);
         let (moved_x, moved_y) = (x - from_x, y - from_y);
         let moved = moved_x.mul_add(moved_x, moved_y * moved_y);
-        // What moves before the camera is seen from another side as what the camera moves around.
+        // An object that moves in front of the camera is seen from another side, just as when the camera moves around
+        // it.
         let way = dx.mul_add(dx, dy.mul_add(dy, dz * dz)).sqrt();
         let staleness = w.mul_add(self.parallax, f32x16::splat(simd, PER_FRAME * self.age as f32));
         ReprojectedSamples {
@@ -165,7 +170,7 @@ impl Source<'_> {
         let (x, y, w) = (seen.x - 0.5, seen.y - 0.5, seen.inverse_depth);
         let change = f32x16::load_array_ref(simd, chunk.edge_slopes()) * self.parallax;
         let position = [x, y, w];
-        // Relative to the tile. Its first pixel is (PAD_X, PAD_Y).
+        // Positions relative to the tile, with its first pixel at (PAD_X, PAD_Y).
         let (x, y) = (x - (tile.left as f32 - PAD_X as f32), y - (tile.top as f32 - PAD_Y as f32));
         let (first_x, first_y) = (x.floor() - 1.0, (y + 0.5).floor() - 1.0);
         let reached = seen.is_sample
@@ -178,13 +183,13 @@ impl Source<'_> {
             rectification.variance(simd, position, chunk.colors(), seen.staleness, change, reached);
         let pixel = [(x + 0.5).floor() - PAD_X as f32, first_y + (1.0 - PAD_Y as f32)];
         let nearest = tile.nearest.around(simd, pixel);
-        // What is nearer may hide it now, the rather the farther the two have moved apart. It is not beyond use:
-        // depths at silhouettes are off, and there may be nothing better.
+        // A nearer sample may hide this one now. This is more likely, the farther the two have moved apart. The
+        // sample is not excluded: depths at silhouettes are inexact, and there may be no better sample.
         let apart = (nearest - w) * self.parallax + seen.surface_shift;
         let is_behind = w.simd_lt(nearest * (1.0 - DEPTH_TOLERANCE));
         let variance = is_behind.select(apart.mul_add(apart * OCCLUDED, variance), variance);
-        // What does not move keeps its exact value: only motion, 0 at rest and towards 1 for a pixel or more, makes
-        // staleness and rectification matter.
+        // A sample that does not move keeps its exact value. Only motion (0 at rest, towards 1 for a pixel or more)
+        // gives weight to staleness and rectification.
         let motion = seen.moved / (seen.moved + 1.0);
         let noise = seen.staleness.mul_add(AGING, variance).mul_add(motion, splat(NOISE));
         let seen = reached & noise.simd_le(MAX_NOISE);
@@ -200,7 +205,7 @@ impl Source<'_> {
 }
 
 impl<'a> Tile<'a> {
-    /// Adds what the samples of chunk `chunk` of row `row` predict for the pixels around them.
+    /// Adds the predictions of the samples of chunk `chunk` of row `row` for the pixels around them.
     #[inline(always)]
     pub fn splat_color<S: Simd>(
         &mut self,
@@ -250,7 +255,7 @@ impl<'a> Tile<'a> {
                 let [color, dx, dy] = chunk.quads(i);
                 let along_y = is_color.select(repeat(simd, dy), zero);
                 let along_x = repeat(simd, dx).mul_add(pixels - footprints.x[i], repeat(simd, color));
-                // Beside the weighted colour the weight itself.
+                // The fourth lane is the weight itself, beside the weighted colour.
                 let mut prediction = is_color.select(along_y.mul_add(-footprints.y[i], along_x), one);
                 let Some(target) = self.pixels.get_mut(first..first + (ROWS - 1) * STRIDE + COLUMNS) else {
                     break;
@@ -267,7 +272,7 @@ impl<'a> Tile<'a> {
 }
 
 impl Tile<'_> {
-    /// The depth pre-pass: takes the depths of the samples of chunk `chunk` of row `row` into what is nearest.
+    /// The depth pre-pass: adds the depths of the samples of chunk `chunk` of row `row` to the nearest depths.
     #[inline(always)]
     pub fn splat_depth<S: Simd>(&mut self, simd: S, source: &Source<'_>, row: usize, chunk: usize) {
         let seen = source.reproject(simd, row, chunk);
@@ -279,12 +284,12 @@ impl Tile<'_> {
             & y.simd_ge(-rim)
             & x.simd_lt(self.width as f32 + rim)
             & y.simd_lt(self.height as f32 + rim);
-        // What is not in goes to the first place, at no depth, which changes nothing.
+        // Samples outside go to the first place with depth 0, which changes nothing.
         let nothing = f32x16::splat(simd, 0.0);
         let [x, y] = [x, y].map(|v| is_in.select(v, nothing - rim));
         let (places, depths) =
             (place(simd, [x, y]).to_array(), is_in.select(seen.inverse_depth, nothing).to_array());
-        // Of known length, no place needs to be checked.
+        // The length is known to the compiler, so no index needs a check.
         let Some(at) = self.nearest.at.first_chunk_mut::<PLACES>() else { return };
         for (place, depth) in places.into_iter().zip(depths) {
             let nearest = &mut at[place as usize % PLACES];

@@ -1,18 +1,19 @@
-//! Which frames of a history with exact blocks are worth their time: those whose view has not turned away too far.
+//! The frames that a history with exact blocks keeps: frames with a similar view to the current one.
 
 use gs3_scene::Camera;
 
-/// Frames that are remembered however far the camera moves, the current one included.
+/// Number of frames that are always remembered, the current frame included.
 const LEAST_REMEMBERED: usize = 4;
 
-/// How far the camera may move, as a share of the mean depth, until a frame is forgotten: 2.9° around what it shows.
-/// (Empirical, with a twentieth of the pixels exact: on an orbit of 1.2° a frame 0.1 gains 0.3 dB over 0.05 and takes
-/// half as long again, 0.2 loses 0.6 dB and takes twice as long; slow dollies and pans reach none of them.)
+/// Distance of a camera from the current one at which its frame is dropped, as a share of the mean depth: 2.9° around
+/// the scene. (Empirical, with a twentieth of the pixels exact: on an orbit of 1.2° a frame, 0.1 gains 0.3 dB over
+/// 0.05 and takes half as long again; 0.2 loses 0.6 dB and takes twice as long. Slow dollies and pans reach none of
+/// these distances.)
 const MOST_VIEW_CHANGE: f32 = 0.05;
 
-/// Number of frames to remember for `camera`, of which the newest is the one before it: frames are forgotten from the
-/// oldest on, as long as the view has turned away. `past` are their cameras and the mean inverse depths of what they saw
-/// (0 where unknown: never forgotten), newest first.
+/// Number of frames to remember for `camera`, counted from the newest. Frames are dropped from the oldest on, as long
+/// as their view has turned away too far. `past` are the frames' cameras and mean inverse depths (0 if unknown: such
+/// a frame is never dropped), newest first.
 pub(crate) fn count_remembered(past: &[(Camera, f32)], camera: &Camera) -> usize {
     let is_stale = |(then, mean_inverse_depth): &(Camera, f32)| {
         then.position().distance(camera.position()) as f32 * mean_inverse_depth > MOST_VIEW_CHANGE

@@ -30,31 +30,31 @@ use crate::sequence::ResetReason;
 use crate::settings::Kriging;
 use crate::settings::MAX_PAST;
 
-/// What happened since the frame before.
+/// Changes since the previous frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Since<'a> {
-    /// Why there is no history, if there is none.
+    /// Why there is no history; none if there is one.
     pub reset: Option<ResetReason>,
-    /// From where the surfaces of the current frame, margin included, are to where they were in the frame before, LR
-    /// pixels; none if everything stands still.
+    /// Motion vectors in LR pixels, from the places of surfaces in the current frame (margin included) to their
+    /// places in the previous frame; none if everything stands still.
     pub vectors: Option<&'a Planes<2>>,
 }
 
-/// Rows of pixels within which all frames' samples are added to a tile before the next rows' are: the pixels of a strip
-/// stay in the first-level cache.
+/// Rows of pixels in a strip. The samples of all frames are added to one strip of a tile before the next strip, so
+/// that the strip's pixels stay in the first-level cache.
 const STRIP: f32 = 8.0;
 
-/// Chunks of samples that are found before they are added.
+/// Number of chunks of samples that are queued before they are added.
 const QUEUE: usize = 256;
 
-/// How many chunks ahead of its use the memory of one is asked for: sixteen samples take about a hundred nanoseconds,
-/// and memory a few hundred.
+/// How many chunks ahead memory is prefetched: sixteen samples take about a hundred nanoseconds, and memory takes a
+/// few hundred.
 const AHEAD: usize = 3;
 
-/// The same where only depths are read.
+/// The same for passes that read depths only.
 const DEPTHS_AHEAD: usize = 8;
 
-/// Most frames in the history, those of exact blocks included.
+/// Most frames in the history, exact blocks counted as frames of their own.
 const MAX_SOURCES: usize = 2 * MAX_PAST;
 
 /// A chunk of samples of a past frame.
@@ -65,30 +65,30 @@ struct Task {
     chunk: u16,
 }
 
-/// Whole rows of pixels, and the rows of current samples that lie on them.
+/// Whole rows of pixels, and the rows of current samples on these pixels.
 struct Band<'a> {
     top: usize,
     pixels: &'a mut [[f32; 4]],
     errors: &'a mut [f32],
     innovation: &'a mut [[f32; 4]],
-    /// The first row of `innovation` among all.
+    /// Index of the first row of `innovation` among all rows.
     first_row: usize,
 }
 
 /// Super-samples a sequence of jittered LR frames on the HR grid.
 ///
-/// The history is the last S² LR frames themselves: exact samples, splatted anew for every frame (see the module
-/// `splat`). At rest under the exact S×S grid jitter the result therefore is the native image after S² frames.
+/// The history is the last S² LR frames themselves: exact samples, splatted again for every frame (see the module
+/// `splat`). So a resting camera with jitter on the exact S×S grid gives the native image after S² frames.
 ///
-/// Memory: 58 B per LR pixel, margins included, and remembered frame, that is per HR pixel; a third more once something
-/// moves by itself, which only a [`crate::Reconstructor`] is told.
+/// Memory: 58 B per LR pixel (margins included) and remembered frame, which is 58 B per HR pixel with a full history.
+/// A third more once something moves, which only a [`crate::Reconstructor`] follows.
 #[derive(Debug)]
 pub struct SuperSampler {
     scale: u32,
     kriging: Kriging,
-    /// The last LR frames, newest first, and after each the exact blocks of it that are remembered.
+    /// The last LR frames, newest first. After each frame come its exact blocks that are still remembered.
     past: Vec<Past>,
-    /// Memory of frames that are forgotten.
+    /// Memory of frames that have left the history.
     spare: Vec<Past>,
     /// `[block rows, block columns]`.
     errors: Vec<f32>,
@@ -96,18 +96,19 @@ pub struct SuperSampler {
     rectification: Rectification,
     /// `[LR height, LR width]`.
     innovation: Vec<[f32; 4]>,
-    /// What moves by itself since the frame before.
+    /// Motion of moving surfaces since the previous frame.
     motion: SurfaceMotion,
     invalid: Option<ResetReason>,
     level: Level,
 }
 
-/// The planes of `gbuffer` besides colour that super sampling reads, if all of its numbers are finite.
+/// The planes of `gbuffer` besides colour that super sampling reads, if all numbers of the colour and these planes
+/// are finite.
 fn usable_planes(gbuffer: &GBuffer) -> Result<(&Gradients, &Geometry), ReconstructError> {
     let GBuffer { color, gradients, geometry, .. } = gbuffer;
     let geometry = geometry.as_ref().ok_or(ReconstructError::Missing { what: "depth" })?;
     let gradients = gradients.as_ref().ok_or(ReconstructError::Missing { what: "image gradients" })?;
-    // Once here, as what is not a number would stay as long as its frame is remembered.
+    // Checked once, here: a number that is not finite would stay as long as its frame is remembered.
     check_finite("G-buffer colour", color)?;
     check_finite("G-buffer gradients", &gradients.color_dx)?;
     check_finite("G-buffer gradients", &gradients.color_dy)?;
@@ -139,40 +140,44 @@ impl SuperSampler {
         })
     }
 
-    /// Forgets the history. The next frame is reconstructed from itself alone.
+    /// Drops the history. The next frame is reconstructed from its own samples alone.
     pub fn reset(&mut self, reason: ResetReason) {
         self.invalid = Some(reason);
     }
 
-    /// Why the next frame will have no history, if it will have none.
+    /// Why the next frame will have no history; none if it will have one.
     #[must_use]
     pub const fn history_invalid(&self) -> Option<ResetReason> {
         self.invalid
     }
 
-    /// What the last frame's samples say that the frames before did not, `[LR height, LR width]`: RGB less the RGB
-    /// that those predict there, and how much they know, `[0, 1]`: Σw / (1 + Σw) with Σw the sum of the inverse
-    /// variances (pixel⁻⁴) of their predictions. Where the past knows next to nothing RGB is 0; all is 0 if samples
-    /// do not lie on pixel centres.
+    /// The innovation of the last frame, `[LR height, LR width]`: the difference of its samples from the history.
+    /// Channels 0 to 2 are RGB less the RGB that the history predicts at the sample. Channel 3 is the confidence of
+    /// the prediction, `[0, 1]`: Σw / (1 + Σw), where Σw is the sum of the inverse variances (pixel⁻⁴) of the past
+    /// samples' predictions. RGB is 0 where the confidence is next to nothing. All channels are 0 if samples do not
+    /// lie on pixel centres.
     #[must_use]
     pub fn innovation(&self) -> &[[f32; 4]] {
         &self.innovation
     }
 
-    /// Reconstructs the image of `camera` from `gbuffer`, its LR frame, and the frames before it, into `out`, which is
-    /// resized. The fourth channel becomes the uncertainty, `[0, 1]`: √(1/Σw) less that of one exact sample, with Σw
-    /// the sum of the inverse variances (pixel⁻⁴) of all that predicts the pixel. Its unit is pixel²: what the
-    /// curvature of the image is to be multiplied with to give the expected error. It is 0 where a pixel has a sample
-    /// of its own, so everywhere at rest with a full history, and where all there is to see, now and in the past, is
-    /// background of one colour; it is larger where samples are far, old, doubtful or missing. Another size than
-    /// before resets the history.
+    /// Reconstructs the image of `camera` from its LR frame `gbuffer` and the history, into `out`, which is resized.
+    /// Another size than before resets the history.
     ///
-    /// `gbuffer` is what [`Camera::low_resolution`] of `camera` sees, with gradients and geometry, point-sampled at its
-    /// jitter (`dilation` matched to the scale).
+    /// The fourth channel of `out` is the uncertainty, `[0, 1]`, in pixel²: √(1/Σw) less the value of one exact
+    /// sample. Σw is the sum of the inverse variances (pixel⁻⁴) of all predictions of the pixel. The uncertainty
+    /// times the image's curvature is the expected error. The uncertainty is
+    ///
+    /// * 0 where a pixel has a sample of its own, so everywhere at rest with a full history;
+    /// * 0 where the current frame and the history show only background of one colour;
+    /// * larger where samples are far away, old, doubtful or missing.
+    ///
+    /// `gbuffer` is the frame of [`Camera::low_resolution`] of `camera`, with gradients and geometry, point-sampled
+    /// at its jitter (`dilation` matched to the scale).
     ///
     /// # Errors
     /// [`ReconstructError`] if `gbuffer` is not the LR frame of `camera`, lacks gradients or geometry, or has colours
-    /// or gradients that are not finite; the history is then as before.
+    /// or gradients that are not finite. The history stays unchanged then.
     pub fn super_sample(
         &mut self,
         camera: &Camera,
@@ -182,12 +187,12 @@ impl SuperSampler {
         self.super_sample_padded(camera, gbuffer, gbuffer, out)
     }
 
-    /// As [`Self::super_sample`] from `gbuffer`, the LR frame of `camera`, and remembers with it what lies beyond its
-    /// edges: `padded` is the same frame with a margin ([`GBuffer::crop`] makes the one of the other). What a turning
-    /// camera reveals then has a past.
+    /// As [`Self::super_sample`] from `gbuffer`, the LR frame of `camera`, but the history also remembers the margin:
+    /// `padded` is the same frame with a margin ([`GBuffer::crop`] makes `gbuffer` from `padded`). The parts that
+    /// come into view when the camera turns then have past samples.
     ///
     /// # Errors
-    /// As [`Self::super_sample`], also if `padded` less its margin is not of the size and jitter of `gbuffer`.
+    /// As [`Self::super_sample`]; also if `padded` without its margin has not the size and jitter of `gbuffer`.
     pub fn super_sample_padded(
         &mut self,
         camera: &Camera,
@@ -198,7 +203,8 @@ impl SuperSampler {
         self.super_sample_since(Since::default(), camera, gbuffer, padded, out)
     }
 
-    /// As [`Self::super_sample_padded`], told what happened `since` the frame before. Where it errs, that is not heard.
+    /// As [`Self::super_sample_padded`], with the changes `since` the previous frame. After an error these are
+    /// ignored.
     pub(crate) fn super_sample_since(
         &mut self,
         since: Since<'_>,
@@ -221,7 +227,8 @@ impl SuperSampler {
             self.reset(ResetReason::SizeOrTierChange);
         }
         if self.invalid.take().is_some() || since.reset.is_some() {
-            // A frame that was exact as a whole has room for all blocks, which one with few would keep.
+            // A frame that was exact as a whole has memory for all blocks. A frame with few blocks would keep this
+            // memory.
             self.past.clear();
             self.spare.clear();
         }
@@ -238,8 +245,8 @@ impl SuperSampler {
         Ok(())
     }
 
-    /// Moves the history to where `vectors` say that its surfaces are in the current frame, `padded`; whether they say
-    /// anything.
+    /// Moves the history along `vectors` to the places of its surfaces in the current frame, `padded`. Returns
+    /// whether anything moves.
     fn follow(&mut self, vectors: Option<&Planes<2>>, camera: &Camera, padded: &GBuffer) -> bool {
         let (Some(vectors), Some(newest)) = (vectors, self.past.first()) else {
             self.motion.clear();
@@ -250,16 +257,16 @@ impl SuperSampler {
             Frames { cameras: [&before, camera], before: &newest.frame, now: padded, scale: self.scale };
         self.motion.set(&frames, vectors);
         let (motion, level, scale) = (&self.motion, self.level, self.scale as f32);
-        // Exact blocks are of scenes that stand still.
+        // Exact blocks are only made for scenes that stand still.
         let lr_frames = self.past.par_iter_mut().filter(|past| !past.frame.is_blocks());
-        // Boxes and reprojections are still those to the frame before.
+        // Boxes and reprojections still belong to the previous frame.
         lr_frames.for_each(|Past { frame, reprojection, boxes, .. }| {
             advance(level, frame, reprojection, boxes, scale, motion);
         });
         true
     }
 
-    /// Tells the history where something moves in the current frame, and the newest frame which of its surfaces do.
+    /// Marks where something moves in the current frame in the history, and in the newest frame its moving surfaces.
     fn add_surface_shifts(&mut self) {
         let (motion, level, scale) = (&self.motion, self.level, self.scale as f32);
         let Some((newest, past)) = self.past.split_first_mut() else { return };
@@ -274,13 +281,13 @@ impl SuperSampler {
         });
     }
 
-    /// Displacements of the LR samples of the frame before, and of the last one, from then to now, world units, `[LR
-    /// height, LR width]`; none if nothing moves by itself.
+    /// Displacements of the LR samples of the previous frame and of the last frame, from then to now, in world units,
+    /// `[LR height, LR width]`; none if nothing moves.
     pub(crate) fn displacements(&self) -> Option<[&[[f32; 3]]; 2]> {
         self.motion.displacements()
     }
 
-    /// Takes the current frame into the history, as its newest.
+    /// Adds the current frame to the history, as its newest frame.
     fn remember(
         &mut self,
         camera: &Camera,
@@ -294,7 +301,8 @@ impl SuperSampler {
         let remembered = (self.scale * self.scale) as usize;
         self.past.iter_mut().for_each(|past| past.age += 1);
         let mut oldest = remembered - 1;
-        // Exact blocks make up for what stale frames knew. Without them, as below networks, all frames stay.
+        // Exact blocks replace the knowledge of stale frames. Without exact blocks, as below networks, all frames
+        // stay.
         if self.past.iter().any(|past| past.frame.is_blocks()) {
             // The ages of LR frames are 1, 2, 3, … up to the oldest.
             let lr_frames = self.past.iter().filter(|past| !past.frame.is_blocks());
@@ -306,8 +314,8 @@ impl SuperSampler {
         Ok(())
     }
 
-    /// The squared errors expected of the last image in blocks of 4×4 pixels, `[rows, columns]` of [`block_grid`]: sums
-    /// over the pixels and over RGB.
+    /// The squared errors that are expected of the last image, in blocks of 4×4 pixels, `[rows, columns]` of
+    /// [`block_grid`]. Each is a sum over the block's pixels and over RGB.
     #[must_use]
     pub fn expected_errors(&self) -> &[f32] {
         &self.errors
@@ -319,15 +327,15 @@ impl SuperSampler {
         self.past.iter().filter(|past| past.frame.is_blocks()).map(|past| past.frame.chunk_count()).sum()
     }
 
-    /// Puts exact blocks of the last frame into `image`, the image that [`Self::super_sample`] made of it, with an
-    /// uncertainty of 0, and remembers them: the next frames reproject their samples.
+    /// Writes exact blocks of the last frame into `image`, the image that [`Self::super_sample`] made, with an
+    /// uncertainty of 0. The blocks are remembered: the next frames reproject their samples.
     pub fn refine(&mut self, blocks: &ExactBlocks, image: &mut Image) {
         let Some(current) = self.past.first() else { return };
         let camera = current.camera;
         let size = [image.width(), image.height()];
         let [columns, rows] = block_grid(size);
         write_blocks(blocks, image);
-        // What is known anew replaces what was known of it.
+        // New exact blocks replace the remembered blocks at the same places.
         let mut is_new = vec![false; columns * rows];
         for [column, row] in &blocks.places {
             is_new[usize::from(*row) * columns + usize::from(*column)] = true;
@@ -351,7 +359,7 @@ impl SuperSampler {
         }
     }
 
-    /// Finds where the samples of the past are now.
+    /// Finds where the past samples are in the current frame.
     fn find_boxes(&mut self, camera: &Camera) {
         let (scale, level) = (self.scale as f32, self.level);
         self.past.par_iter_mut().for_each(|past| {
@@ -362,7 +370,7 @@ impl SuperSampler {
         });
     }
 
-    /// Combines the samples of the past with the interpolated current frame.
+    /// Combines the past samples with the interpolated current frame.
     fn accumulate(&mut self, out: &mut Image) {
         let size = [out.width(), out.height()];
         let mut innovation = std::mem::take(&mut self.innovation);
@@ -394,8 +402,8 @@ impl SuperSampler {
         (self.innovation, self.errors) = (innovation, errors);
     }
 
-    /// Fills a band of an image of `[width, height]`, whose current samples lie on the pixels of `sampled`, in the
-    /// memory of `tile`.
+    /// Fills a band of an image of `[width, height]`, in the memory of `tile`. The current samples lie on the pixels
+    /// of `sampled`.
     #[inline(always)]
     fn fill_band<'a, S: Simd>(
         &'a self,
@@ -442,8 +450,8 @@ impl SuperSampler {
         }
     }
 
-    /// The pixels on which what the frame of age `age` holds may bear on `tile`: samples reach out, and the current
-    /// frame, which is interpolated, has its next samples within a cell.
+    /// The pixels where samples of the frame of age `age` can affect `tile`. Past samples reach out by a few pixels;
+    /// the current frame is interpolated from samples within a cell.
     fn limits(&self, tile: &Tile<'_>, age: usize) -> BoxLimits {
         let reach = if age == 0 { REACH.max(self.scale as f32 + 1.0) } else { REACH };
         let ends = |first: usize, count: usize| [first as f32 - reach, (first + count) as f32 + reach];
@@ -451,8 +459,8 @@ impl SuperSampler {
         BoxLimits { left, right, top, bottom }
     }
 
-    /// The colour of the tile if there is nothing in it, now and in the past, but background of one colour. Row ranges
-    /// `of_past` are those to look at.
+    /// The colour of the tile if the current frame and the history show only background of one colour there.
+    /// `of_past` are the row ranges to examine.
     #[inline(always)]
     fn bare_color<S: Simd>(&self, simd: S, tile: &Tile<'_>, of_past: &[Range<usize>]) -> Option<[f32; 3]> {
         let mut color = None;
@@ -468,7 +476,7 @@ impl SuperSampler {
         color
     }
 
-    /// Finds what is nearest in `tile` and around it; row ranges `of_past` are those to look at.
+    /// Finds the nearest depths in `tile` and around it. `of_past` are the row ranges to examine.
     #[inline(always)]
     fn splat_depths<S: Simd>(&self, simd: S, tile: &mut Tile<'_>, of_past: &[Range<usize>]) {
         let rim = RIM as f32;
@@ -493,8 +501,8 @@ impl SuperSampler {
         tile.nearest.spread(simd);
     }
 
-    /// Adds the samples of frames to `tile`, strip by strip: those of ages from `youngest` to the end of `of_past`,
-    /// the row ranges to look at.
+    /// Adds samples of past frames to `tile`, strip by strip: frames of ages from `youngest` to the end of `of_past`,
+    /// the row ranges to examine.
     #[inline(always)]
     fn add_frames<'a, S: Simd>(
         &'a self,
@@ -507,12 +515,13 @@ impl SuperSampler {
         let (mut from, end) = (limits.top, limits.bottom);
         let (mut queue, mut count) = ([Task::default(); QUEUE], 0);
         while from <= end {
-            // A chunk belongs to the strip in which it begins; one that begins above the tile, to the first.
+            // A chunk belongs to the strip that it begins in. A chunk that begins above the tile belongs to the first
+            // strip.
             let first = if from == limits.top { f32::NEG_INFINITY } else { from };
             let strip = first..from + STRIP;
             for (k, (past, rows)) in self.past.iter().zip(of_past).enumerate().skip(youngest) {
                 for (row, chunk) in past.boxes.chunks_beginning(simd, rows.clone(), limits, strip.clone()) {
-                    // All are far below 2¹⁶.
+                    // All of these numbers are far below 2¹⁶.
                     queue[count] = Task { source: k as u16, row: row as u16, chunk: chunk as u16 };
                     count += 1;
                     if count == QUEUE {
@@ -526,7 +535,7 @@ impl SuperSampler {
         self.add_all(tile, &queue[..count]);
     }
 
-    /// Adds chunks of samples to `tile`, in their order.
+    /// Adds chunks of samples to `tile`, in order.
     fn add_all<'a>(&'a self, tile: &mut Tile<'a>, tasks: &[Task]) {
         dispatch!(self.level, simd => for (k, task) in tasks.iter().enumerate() {
             if let Some(next) = tasks.get(k + AHEAD) {

@@ -13,25 +13,26 @@ use crate::cpu::samples::SampleFrame;
 use crate::cpu::tile_size::{PAD_X, PAD_Y, RING, ROWS, RUN, STRIDE, TILE_HEIGHT, TILE_WIDTH};
 use crate::sample_grid::SampledPixels;
 
-/// Variance floor of a prediction in pixel⁴. A sample on a pixel centre then has 10⁵ times the weight of one a pixel
-/// away: at rest all neighbours together change a pixel by less than 1e-4 of their own error.
+/// Variance floor of a prediction, in pixel⁴. A sample on a pixel centre then has 10⁵ times the weight of a sample
+/// one pixel away. At rest, all neighbours together change a pixel by less than 1e-4 of their own error.
 pub(crate) const NOISE: f32 = 1e-5;
 
-/// Variance of the interpolated current frame at distance d from its nearest sample, pixel⁴: that of one sample's
-/// first-order prediction, d⁴, times [`SURFACE`] because it joins four samples, and flattening to a square, because no
-/// error exceeds the contrast of the image (both empirical).
+/// Variance of the interpolated current frame at distance d from its nearest sample, in pixel⁴. The variance of one
+/// sample's first-order prediction is d⁴. It is multiplied by [`SURFACE`], because the surface joins four samples. It
+/// flattens to a square, because no error exceeds the contrast of the image (both empirical).
 pub(crate) const SURFACE: f32 = 0.5;
 
-/// Deviation up to which a pixel counts as exact, pixel²: that of one sample on its centre, √[`NOISE`] = 0.00316, and
-/// room for the rounding of places and weights.
+/// Deviation up to which a pixel counts as exact, in pixel²: the deviation of one sample on its centre, √[`NOISE`] =
+/// 0.00316, plus a little for the rounding of places and weights.
 pub(crate) const EXACT: f32 = 0.0033;
 
-/// What a pixel's Laplacian times its uncertainty, pixel², adds to it. First-order predictions at a distance d err by
-/// −½ dᵀH d; from one sample on each side that is a quarter of d² times the Laplacian, and the uncertainty is d² over
-/// the root of the number of samples (empirical: 0.15 to 0.25 are alike). Uncertainties end at 1.
+/// Factor of a pixel's Laplacian times its uncertainty (pixel²) in the correction that is added to the pixel.
+/// First-order predictions at a distance d err by −½ dᵀH d. With one sample on each side, the error is a quarter of
+/// d² times the Laplacian. The uncertainty is d² over the root of the number of samples (empirical: 0.15 to 0.25 are
+/// alike). Uncertainties end at 1.
 pub(crate) const CURVATURE: f32 = 0.2;
 
-/// Numbers of four pixels in a row, their colours and uncertainties.
+/// Number of channels of four pixels in a row: colours and uncertainties.
 const CHANNELS_OF_ROW: usize = 4 * BLOCK_SIDE;
 const _: () = assert!(QUAD == BLOCK_SIDE && TILE_WIDTH.is_multiple_of(BLOCK_SIDE));
 const _: () = assert!(TILE_HEIGHT.is_multiple_of(BLOCK_SIDE));
@@ -40,28 +41,27 @@ const _: () = assert!(TILE_HEIGHT.is_multiple_of(BLOCK_SIDE));
 /// errors 2.1 to 3 times the correction, over tenths of the blocks of five paths.)
 const PER_LAPLACIAN: f32 = 6.0;
 
-/// Inverse variances, pixel⁻⁴, below this say nothing: samples of the past more than 2.6 pixels away, or of a larger
+/// Inverse variances (pixel⁻⁴) below this value say nothing: past samples more than 2.6 pixels away, or with a larger
 /// variance.
 pub(crate) const FAINT: f32 = 0.02;
 
-/// Accumulating pixels: per pixel Σ weight·RGB and Σ weight. 16 B each; the memory of the tile is in no image,
-/// because there rows may lie a multiple of the caches' period apart (of 4096 pixels: 64 KiB) and drive each other
-/// out.
+/// A tile accumulates pixels: per pixel Σ weight·RGB and Σ weight, 16 B each. Its memory is not part of an image. In
+/// an image, rows may lie a multiple of the caches' period apart (4096 pixels: 64 KiB) and evict each other.
 pub(crate) struct Tile<'a> {
-    /// First column in the image of the pixels that are made.
+    /// Column in the image of the tile's first pixel.
     pub left: usize,
-    /// First row in the image of the pixels that are made.
+    /// Row in the image of the tile's first pixel.
     pub top: usize,
     /// At most [`SPAN`].
     pub width: usize,
-    /// At most [`TILE_HEIGHT`] and twice [`RING`].
+    /// At most [`TILE_HEIGHT`] plus twice [`RING`].
     pub height: usize,
-    /// The first pixel of the tile is `(PAD_X, PAD_Y)`; what lies around is not specified.
+    /// The first pixel of the tile is `(PAD_X, PAD_Y)`. The values around the tile are unspecified.
     pub pixels: Vec<[f32; 4]>,
-    /// What is nearest around these pixels, and beyond them as far as samples that reach them may lie.
+    /// The nearest depths on the tile's pixels and around them, as far as samples that reach the tile may lie.
     pub nearest: Nearest,
     columns: Columns,
-    /// If pixels are to be kriged.
+    /// The neighbourhoods, if pixels are to be kriged.
     pub neighborhoods: Option<Neighborhoods<'a>>,
 }
 
@@ -79,7 +79,7 @@ impl<'a> Tile<'a> {
         }
     }
 
-    /// Begins the tile with the interpolated current frame.
+    /// Starts the tile with the interpolated current frame.
     #[inline(always)]
     pub fn begin<S: Simd>(&mut self, simd: S, surface: &Surface, scale: f32) {
         if let Some(neighborhoods) = &mut self.neighborhoods {
@@ -100,7 +100,7 @@ impl<'a> Tile<'a> {
         }
     }
 
-    /// Sets the pixels of `sampled` to nothing, so that splatting makes them the prediction of the past alone.
+    /// Empties the pixels of `sampled`. Splatting then makes them the prediction of the history alone.
     pub fn clear_pixels(&mut self, sampled: &SampledPixels) {
         for (_, y) in sampled.along(1, self.top, self.height) {
             for (_, x) in sampled.along(0, self.left, self.width) {
@@ -109,9 +109,9 @@ impl<'a> Tile<'a> {
         }
     }
 
-    /// Adds the samples of `frame`, the current one, to the pixels of `sampled` that [`Self::clear_pixels`] emptied, and
-    /// writes how those in `wanted` pixels differ from what the past alone says into `rows`. The first row of samples in
-    /// `rows` is row `first_row`.
+    /// Adds the samples of the current frame `frame` to the pixels of `sampled`, which [`Self::clear_pixels`]
+    /// emptied. The difference of each sample on `wanted` pixels from the history's prediction goes into `rows`. The
+    /// first row of samples in `rows` is row `first_row`.
     pub fn insert_current(
         &mut self,
         sampled: &SampledPixels,
@@ -149,8 +149,8 @@ impl<'a> Tile<'a> {
         }
     }
 
-    /// Writes the colours and uncertainties of `wanted` pixels into `rows`, rows of an image from the first wanted one on,
-    /// and the squared errors expected of the blocks of 4×4 pixels in these rows into `errors`.
+    /// Writes colours and uncertainties of the `wanted` pixels into `rows`, image rows from the first wanted row on.
+    /// The expected squared errors of the blocks of 4×4 pixels in these rows go into `errors`.
     #[inline(always)]
     pub fn resolve<S: Simd>(&mut self, simd: S, wanted: &Wanted, rows: &mut [[f32; 4]], errors: &mut [f32]) {
         let mut sums = [[0.0; CHANNELS_OF_ROW]; TILE_WIDTH / BLOCK_SIDE];
@@ -158,7 +158,7 @@ impl<'a> Tile<'a> {
         let mut neighborhoods = self.neighborhoods.take();
         let mut resolved = [const { Resolved::new() }; 3];
         let (before_row, within) = (wanted.top - self.top, wanted.left - self.left);
-        // Neighbours beyond the image are the pixels at its border.
+        // Neighbours beyond the image are its border pixels.
         let row_at = |r: isize| (r.max(0) as usize).min(self.height - 1);
         let [a, b, c] = &mut resolved;
         let (mut above, mut here, mut below) = (a, b, c);
@@ -181,7 +181,7 @@ impl<'a> Tile<'a> {
                 for (i, (before, after)) in (0..).step_by(QUAD).zip(pixels) {
                     let before = load(simd, before[..after.len()].as_flattened());
                     let after = load(simd, after.as_flattened());
-                    // Uncertainties do not change.
+                    // Uncertainties are not changed.
                     let mut changed = (after - before).abs().simd_gt(neighborhoods.threshold).to_bitmask();
                     while changed != 0 {
                         let k = changed.trailing_zeros() as usize / 4;
@@ -199,18 +199,18 @@ impl<'a> Tile<'a> {
     }
 }
 
-/// Which pixels of an image a tile is to write.
+/// The part of a tile that is written to an image.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Wanted {
     pub left: usize,
     pub top: usize,
     pub width: usize,
     pub height: usize,
-    /// Pixels in a row of the image.
+    /// Pixels per row of the image.
     pub stride: usize,
 }
 
-/// A row of colours and uncertainties: the pixel to the left of those wanted, those, and the pixel to their right.
+/// A row of colours and uncertainties: the wanted pixels, with one pixel on their left and one on their right.
 struct Resolved {
     pixels: [[f32; 4]; STRIDE],
 }
@@ -220,12 +220,12 @@ impl Resolved {
         Self { pixels: [[0.0; 4]; STRIDE] }
     }
 
-    /// Becomes row `r` of `tile`. The first wanted pixel of the row is pixel `within`: 0 or [`RING`].
+    /// Loads row `r` of `tile`. The first wanted pixel of the row is pixel `within`: 0 or [`RING`].
     #[inline(always)]
     fn fill<S: Simd>(&mut self, simd: S, tile: &Tile<'_>, r: usize, within: usize) {
         let row = &tile.pixels[(PAD_Y + r) * STRIDE + PAD_X..];
         let start = RING - within;
-        // All lanes of a block become its lane k.
+        // Every lane of a block gets the value of lane k.
         let lane = |k: usize| u8x64::from_fn(simd, |i| (4 * k + i % 4) as u8);
         let place = f32x16::from_fn(simd, |i| (i % 4) as f32);
         let of_quad = |k: usize| place.simd_eq(k as f32);
@@ -235,7 +235,7 @@ impl Resolved {
         for (pixels, out) in row.chunks_exact(RUN).zip(self.pixels[start..].chunks_exact_mut(RUN)).take(runs)
         {
             let (pixels, out) = (pixels.as_flattened(), out.as_flattened_mut());
-            // Lane 4 b + k: weight of pixel b of vector k.
+            // Lane 4 b + k has the weight of pixel b of vector k.
             let mut weight = f32x16::splat(simd, 1.0);
             for (k, of_quad) in of_quads.into_iter().enumerate() {
                 let sums = f32x16::from_slice(simd, &pixels[RUN * k..RUN * k + RUN]);
@@ -253,14 +253,14 @@ impl Resolved {
         if start == RING {
             self.pixels[0] = self.pixels[RING];
         }
-        // At the right border this pixel repeats the last; else it is the last, and this changes one that nobody reads.
+        // At the right border this pixel repeats the last pixel. Elsewhere this writes an entry that is never read.
         let end = start + tile.width;
         self.pixels[end] = self.pixels[end - 1];
     }
 }
 
-/// Corrects the row between two others for the curvature that first-order predictions leave out, and adds the squares
-/// of what the curvature makes of the uncertainty to `sums`, four pixels each.
+/// Corrects the row between two other rows for the curvature that first-order predictions leave out. The squared
+/// products of curvature and uncertainty are added to `sums`, one sum per four pixels.
 #[inline(always)]
 fn correct<S: Simd>(simd: S, rows: [&Resolved; 3], out: &mut [[f32; 4]], sums: &mut [[f32; 16]]) {
     let uncertainty_lane = u8x64::from_fn(simd, |i| (12 + i % 4) as u8);

@@ -1,15 +1,16 @@
-//! Where the pixels of a frame are in its neighbours, patch by patch.
+//! The places of an in-between frame's pixels in its neighbours, patch by patch.
 //!
-//! A patch is 4×4 pixels. Sixteen patches in a row are looked at together, by their corners: where a patch moves
-//! alike and is seen alike, all of it is gathered with one displacement. The others are looked at pixel by pixel,
-//! sixteen lanes, and gathered four pixels or one at a time. Patches lie on the cells between LR samples where they
-//! can (at scales 2, 4 and 8), so that a patch seldom holds two surfaces.
+//! A patch is 4×4 pixels. Sixteen patches in a row are examined together by their corners. If the corners of a patch
+//! move alike and have the same visibility, the whole patch is gathered with one displacement. The other patches are
+//! examined pixel by pixel in sixteen lanes, and gathered four pixels or one pixel at a time. Patches lie on the
+//! cells between LR samples where possible (at scales 2, 4 and 8), so that few patches hold two surfaces.
 //!
-//! A patch costs 54 loads and 78 multiply-adds of sixteen lanes per neighbour: 20 cycles a pixel for both neighbours on a
-//! processor that does eight lanes a cycle (AVX2 on Zen 1), 5 on one with two multiply-adds of sixteen. Memory is 16 B read
-//! from each neighbour and 16 B written a pixel.
+//! A patch costs 54 loads and 78 multiply-adds of sixteen lanes per neighbour. For both neighbours this is 20 cycles
+//! a pixel on a CPU with eight lanes a cycle (AVX2 on Zen 1), and 5 on a CPU with two multiply-adds of sixteen lanes.
+//! Per pixel, 16 B are read from each neighbour and 16 B written.
 //!
-//! Kernels here call no closures: one would be compiled for the narrowest vectors, and called with its vectors in memory.
+//! Kernels here call no closures: a closure would be compiled for the narrowest vectors, and called with its vectors
+//! in memory.
 
 use std::ops::Range;
 
@@ -25,22 +26,22 @@ use crate::reprojection::{MIN_DIVISOR, Reprojection};
 /// Pixels along a side of a patch.
 pub(crate) const SIDE: usize = QUAD;
 
-/// Patches looked at together, and pixels of a patch.
+/// Patches examined together; also the pixels of a patch.
 pub(crate) const LANES: usize = 16;
 
-/// Pixels along the patches looked at together.
+/// Pixels along the patches examined together.
 const RUN: usize = LANES * SIDE;
 
-/// Pixels along what is made from the top of a band to its bottom before what is beside it: nine rows of as much of both
-/// neighbours are 150 KB, which second-level caches hold.
+/// Width in pixels of a column that is made from the top of a band to its bottom before the next column. Nine rows of
+/// this width of both neighbours are 150 KB, which second-level caches hold.
 const TILE: usize = 8 * RUN;
 
-/// Rows of pixels of a task.
+/// Rows of pixels per task.
 const BAND: usize = 32;
 
-/// Pixels whose displacements lie within this many pixels, along x and along y, are gathered at once, moved by the
-/// middle of the displacements. The largest error, half of it, is 1/32 px; on real scenes it costs no more than 0.001
-/// dB.
+/// Pixels are gathered at once if their displacements differ by at most this many pixels, along x and along y. They
+/// are moved by the middle of the displacements. The largest error is half of this value, 1/32 px; on real scenes it
+/// costs at most 0.001 dB.
 pub(crate) const RIGID: f32 = 1.0 / 16.0;
 
 /// The first columns of sixteen patches in a row.
@@ -54,7 +55,7 @@ const FIRSTS: [f32; LANES] = {
     firsts
 };
 
-/// The same as whole numbers.
+/// The first columns as whole numbers.
 const FIRST_COLUMNS: [usize; LANES] = {
     let mut firsts = [0; LANES];
     let mut k = 0;
@@ -69,11 +70,11 @@ const FIRST_COLUMNS: [usize; LANES] = {
 const PATCH_COLUMNS: [usize; LANES] = [0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3];
 const PATCH_ROWS: [usize; LANES] = [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3];
 
-/// The same as numbers to add.
+/// The columns and the rows as floating-point numbers.
 const COLUMNS: [f32; LANES] = [0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3.];
 const ROWS: [f32; LANES] = [0., 0., 0., 0., 1., 1., 1., 1., 2., 2., 2., 2., 3., 3., 3., 3.];
 
-/// All that rows are made from, gathered from `N` neighbours.
+/// Inputs of the rows, gathered from `N` neighbours.
 pub(crate) struct Warp<'a, const N: usize> {
     pub scale: usize,
     pub gather: &'a Gather,
@@ -81,17 +82,17 @@ pub(crate) struct Warp<'a, const N: usize> {
     pub depths: [&'a NeighborDepth; N],
     pub images: [&'a Image; N],
     pub reprojections: [Reprojection; N],
-    /// The shares of displacements from the middle frame to each neighbour ([`MiddleDepth::displacements_at`]).
+    /// Shares of the displacements from the middle frame to each neighbour ([`MiddleDepth::displacements_at`]).
     pub shares: [f32; N],
 }
 
 /// Sixteen patches in a row.
 pub(crate) struct Run<const N: usize> {
-    /// Bit `k`: patch `k` moves alike in every neighbour; places are specified for such patches only.
+    /// Bit `k`: patch `k` moves as a whole in every neighbour. Places are valid for such patches only.
     pub rigid: u64,
-    /// Bit `k`: patch `k` is seen alike; visibility is specified for such patches only.
+    /// Bit `k`: patch `k` has the same visibility at all corners. Visibility is valid for such patches only.
     pub even: u64,
-    /// Fixed-point x and y of the first pixels in each neighbour.
+    /// Fixed-point x and y of each patch's first pixel in each neighbour.
     places: [[[i32; LANES]; 2]; N],
     /// Visibility per neighbour.
     pub visibility: [[f32; LANES]; N],
@@ -99,26 +100,26 @@ pub(crate) struct Run<const N: usize> {
 
 /// The pixels of a patch, row by row.
 pub(crate) struct Patch<const N: usize> {
-    /// Fixed-point x and y in each neighbour; those of a rigid row differ by whole pixels.
+    /// Fixed-point x and y in each neighbour. Pixels of a rigid row are whole pixels apart.
     places: [[[i32; LANES]; 2]; N],
-    /// Per neighbour, a bit per pixel: whether the four pixels of its row move alike.
+    /// Per neighbour, one bit per pixel: whether the four pixels of its row move alike.
     rigid: [u64; N],
     /// Visibility per neighbour.
     pub visibility: [[f32; LANES]; N],
 }
 
-/// The pixels of a patch that are in the image and in the rows being made.
+/// The pixels of a patch that are inside the image and inside the rows being made.
 pub(crate) struct Clip {
-    /// Of the patch.
+    /// Rows of the patch.
     pub rows: Range<usize>,
-    /// Of the patch.
+    /// Columns of the patch.
     pub columns: Range<usize>,
-    /// Place of the patch's first pixel among the rows being made; may be before them.
+    /// Place of the patch's first pixel relative to the rows being made; may be negative.
     origin: isize,
     width: usize,
 }
 
-/// Splits rows of `width` values into the bands that tasks make: the first ends where patches begin.
+/// Splits rows of `width` values into the bands of tasks. The first band ends where a patch begins.
 pub(crate) fn bands<T: Send>(
     scale: usize,
     width: usize,
@@ -133,13 +134,13 @@ pub(crate) const fn band_top(scale: usize, band: usize) -> usize {
     if band == 0 { 0 } else { offset(scale) + (band - 1) * BAND }
 }
 
-/// Where the first whole patch begins: a cell between samples begins half an LR pixel after the image.
+/// Where the first whole patch begins: a cell between samples begins half an LR pixel inside the image.
 pub(crate) const fn offset(scale: usize) -> usize {
     scale / 2 % SIDE
 }
 
 impl<'a> Warp<'a, 2> {
-    /// The same, of the first neighbour alone.
+    /// The same for the first neighbour alone.
     pub fn of_first(self) -> Warp<'a, 1> {
         let Self { scale, gather, middle, depths: [depth, _], images: [image, _], .. } = self;
         let ([reprojection, _], [share, _]) = (self.reprojections, self.shares);
@@ -149,11 +150,11 @@ impl<'a> Warp<'a, 2> {
 }
 
 impl<const N: usize> Warp<'_, N> {
-    /// The first pixels of every sixteen patches of a band, so that what they are gathered from stays in the cache
-    /// until the patches below need it.
+    /// The first pixels of every sixteen patches of a band. The order keeps the source pixels in the cache until the
+    /// patches below need them.
     pub fn runs(&self, rows: usize, top: usize) -> impl Iterator<Item = [isize; 2]> + use<N> {
         let (width, offset) = (self.images[0].width() as isize, offset(self.scale) as isize);
-        // The first patches may begin before the image.
+        // The first patches may begin outside the image.
         let start = |first: isize| if first == 0 && offset > 0 { offset - SIDE as isize } else { first };
         let (left, top, bottom) = (start(0), start(top as isize), (top + rows) as isize);
         (left..width).step_by(TILE).flat_map(move |tile| {
@@ -162,7 +163,7 @@ impl<const N: usize> Warp<'_, N> {
         })
     }
 
-    /// Looks at the corners of the sixteen patches from `(x, y)` on.
+    /// Examines the corners of the sixteen patches from `(x, y)` on.
     #[inline(always)]
     pub fn correspondence_of_run<S: Simd>(&self, simd: S, x: isize, y: isize) -> Run<N> {
         let firsts = f32x16::load_array_ref(simd, &FIRSTS) + x as f32;
@@ -202,7 +203,7 @@ impl<const N: usize> Warp<'_, N> {
         Run { rigid, even, ..run }
     }
 
-    /// Looks at every pixel of the patch from `(x, y)` on.
+    /// Examines every pixel of the patch from `(x, y)` on.
     #[inline(always)]
     pub fn correspondence_of_patch<S: Simd>(&self, simd: S, x: isize, y: isize) -> Patch<N> {
         let depth = self.middle.in_patch(simd, x, y);
@@ -231,8 +232,8 @@ impl<const N: usize> Warp<'_, N> {
         patch
     }
 
-    /// Pixel positions in neighbour `n`, of what moves by `moved` from neighbour to neighbour if it does, and inverse
-    /// depths there, −1 behind it.
+    /// Pixel positions in neighbour `n`, and inverse depths there, −1 behind its camera. `moved` is the displacement
+    /// from neighbour to neighbour, if there is motion.
     #[inline(always)]
     fn reproject<S: Simd>(
         &self,
@@ -254,7 +255,7 @@ impl<const N: usize> Warp<'_, N> {
         [u - 0.5, v - 0.5, w]
     }
 
-    /// The visibility `seen` within neighbour `n`, next to nothing outside.
+    /// The visibility `seen` inside neighbour `n`, next to nothing outside.
     #[inline(always)]
     fn inside<S: Simd>(&self, simd: S, n: usize, [u, v, w]: [f32x16<S>; 3], seen: f32x16<S>) -> f32x16<S> {
         let (width, height) = (self.images[n].width() as f32, self.images[n].height() as f32);
@@ -266,14 +267,14 @@ impl<const N: usize> Warp<'_, N> {
         inside.select(seen, f32x16::splat(simd, HIDDEN * HIDDEN))
     }
 
-    /// Patch `k` of a run in neighbour `n`, row by row, if all it needs is inside.
+    /// Patch `k` of a run in neighbour `n`, row by row, if all pixels needed are inside.
     #[inline(always)]
     pub fn quads<S: Simd>(&self, simd: S, n: usize, run: &Run<N>, k: usize) -> Option<[f32x16<S>; SIDE]> {
         let [x, y] = &run.places[n];
         self.gather.patch(simd, self.images[n], [x[k], y[k]])
     }
 
-    /// The pixels `columns` of row `r` of a patch in neighbour `n`; the other lanes are not specified.
+    /// The pixels `columns` of row `r` of a patch in neighbour `n`. The other lanes are unspecified.
     #[inline(always)]
     pub fn gather_row<S: Simd>(
         &self,
@@ -306,7 +307,7 @@ impl<const N: usize> Patch<N> {
 }
 
 impl Clip {
-    /// The patch from `(x, y)` on within the image, `width` wide, and its `count` pixels from row `top` on.
+    /// The clip of the patch from `(x, y)` on in an image `width` wide, for `count` pixels from row `top` on.
     #[inline(always)]
     pub fn new(x: isize, y: isize, top: usize, width: usize, count: usize) -> Self {
         let y = y - top as isize;
@@ -346,7 +347,7 @@ impl Clip {
     }
 }
 
-/// Whether displacements, x and y, are rigid between their least and most.
+/// Whether displacements between these least and largest values, x and y, are rigid.
 #[inline(always)]
 fn is_rigid<S: Simd>(least: &[f32x16<S>; 3], most: &[f32x16<S>; 3]) -> mask32x16<S> {
     (most[0] - least[0]).simd_le(RIGID) & (most[1] - least[1]).simd_le(RIGID)
@@ -363,15 +364,15 @@ fn middle<S: Simd>(
     units((least[c] + most[c]) * 0.5, pixel).to_array()
 }
 
-/// Fixed-point positions of pixels moved by `moved`. Whole pixels are added in whole numbers, so that pixels that move
-/// alike stay whole pixels apart.
+/// Fixed-point positions of pixels moved by `moved`. Whole pixels are added as integers, so that pixels with the same
+/// motion stay whole pixels apart.
 #[inline(always)]
 fn units<S: Simd>(moved: f32x16<S>, pixel: f32x16<S>) -> i32x16<S> {
     let units: i32x16<S> = (moved * UNITS + 0.5).floor().to_int();
     units + (pixel * UNITS).to_int::<i32x16<S>>()
 }
 
-/// The least and the largest of every four lanes, in all of them.
+/// The least and the largest of every four lanes, in all four lanes.
 #[inline(always)]
 fn extremes<S: Simd>(v: f32x16<S>) -> (f32x16<S>, f32x16<S>) {
     let turned = v.slide_within_blocks::<1>(v);

@@ -17,7 +17,7 @@ fn pixel_of(n: u32, x: i32, y: i32) -> vec4<f32> {
     return vec4(unpack2x16float(packed.x), unpack2x16float(packed.y));
 }
 
-// Weights of the taps −2, −1 and 0 at `f` without the linear part; with 1 − `f`, those of 3, 2 and 1.
+// Weights of the taps −2, −1 and 0 at `f`, without the linear part; at 1 − `f` they are the weights of 3, 2 and 1.
 fn half_weights(f: f32) -> vec3<f32> {
     return f * (1.0 - f) * fma(vec3(f), FIT_SECOND, FIT_FIRST);
 }
@@ -29,7 +29,7 @@ fn weights(position: i32) -> array<f32, TAPS> {
     return array(before.x, before.y, 1.0 - f + before.z, f + after.z, after.y, after.x);
 }
 
-// Of `count` pixels in a row of neighbour `n` from `position` on, whole pixels apart.
+// Gathers `count` pixels in a row of neighbour `n` from `position` on, whole pixels apart.
 fn gather_row(n: u32, position: vec2<i32>, count: u32) -> array<vec4<f32>, 4> {
     var wx = weights(position.x);
     let wy = weights(position.y);
@@ -45,7 +45,7 @@ fn gather_row(n: u32, position: vec2<i32>, count: u32) -> array<vec4<f32>, 4> {
         column = fma(pixel_of(n, x, first.y + 4), vec4(wy[4]), column);
         column = fma(pixel_of(n, x, first.y + 5), vec4(wy[5]), column);
         for (var k = 0u; k < count; k++) {
-            // Which of the pixel's columns it is; others wrap to large numbers.
+            // Index of the pixel's column; other columns wrap to large numbers.
             let tap = c - k;
             if tap < TAPS {
                 row[k] = fma(column, vec4(wx[tap]), row[k]);

@@ -5,11 +5,11 @@
 @group(0) @binding(3) var<storage, read> samples_c: array<vec2<u32>>;
 @group(0) @binding(4) var<storage, read> mixed: array<vec2<u32>>;
 
-// The cubic along x's value and slope at an LR column, at the height of a row of pixels.
+// Value and slope of the cubic along x at an LR column, at the height of a row of pixels.
 struct Column {
     value: vec3<f32>,
     slope: vec3<f32>,
-    // All that it is made from is bare, and of the colour asked for.
+    // All samples that it is made from are bare, and of the colour asked for.
     is_bare: bool,
 }
 
@@ -26,11 +26,11 @@ fn hermite_weights(f: f32) -> vec4<f32> {
 struct Rows {
     inside: vec2<u32>,
     weights: vec4<f32>,
-    // Of the way between them.
+    // Fraction of the way between the rows.
     fraction: f32,
 }
 
-// The samples' rows above and below row `y` of pixels. Beyond the border the nearest row is repeated, flat across.
+// The rows of samples above and below row `y` of pixels. Beyond the border the nearest row is repeated, with slope 0.
 fn rows_around(y: u32) -> Rows {
     let place = frame.y_places[y % SCALE];
     let index = i32(place.x) + i32(y / SCALE);
@@ -52,7 +52,7 @@ fn mixed_at(i: u32) -> vec3<f32> {
     return vec3(unpack2x16float(packed.x), unpack2x16float(packed.y).x);
 }
 
-// Beyond the border the nearest column is repeated, flat along.
+// Beyond the border the nearest column is repeated, with slope 0.
 fn column_at(index: i32, rows: Rows, bare: vec3<f32>) -> Column {
     let inside = clamp(index, 0, i32(frame.lr.x) - 1);
     let i = rows.inside * frame.lr.x + u32(inside);

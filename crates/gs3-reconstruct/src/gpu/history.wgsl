@@ -4,7 +4,7 @@ struct Sample {
     // Per HR pixel.
     dx: vec3<f32>,
     dy: vec3<f32>,
-    // Nothing was hit and nothing varies.
+    // There is no surface, and the colour is constant.
     is_bare: bool,
 }
 

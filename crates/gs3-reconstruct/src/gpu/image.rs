@@ -24,7 +24,7 @@ impl GpuImage {
     /// An image of zeros of `size`, width and height.
     ///
     /// # Errors
-    /// [`GpuReconstructError`] if no frame can have that size, or the device has no room for it.
+    /// [`GpuReconstructError`] if frames cannot have this size, or the device has too little memory.
     pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuReconstructError> {
         check_frame_size(size)?;
         let bytes = u64::from(size[0]) * u64::from(size[1]) * IMAGE_PIXEL_BYTES;
@@ -37,19 +37,19 @@ impl GpuImage {
         self.size
     }
 
-    /// Its pixels.
+    /// The pixels' buffer.
     #[must_use]
     pub const fn pixels(&self) -> &Buffer {
         &self.pixels
     }
 
-    /// Its length in bytes.
+    /// Length in bytes.
     #[must_use]
     pub const fn bytes(&self) -> u64 {
         self.size[0] as u64 * self.size[1] as u64 * IMAGE_PIXEL_BYTES
     }
 
-    /// What was read back of such an image as `out`, which takes its size.
+    /// Decodes `bytes`, read back from such an image, into `out`, which is resized.
     pub fn decode(&self, bytes: &[u8], out: &mut Image) {
         out.resize(self.size[0] as usize, self.size[1] as usize);
         let pixels = out.pixels_mut().par_chunks_mut(DECODED);
@@ -59,7 +59,7 @@ impl GpuImage {
         });
     }
 
-    /// Reads it back into `out`, which takes its size. It waits for the device; a frame's own way back is
+    /// Reads the image back into `out`, which is resized. The call waits for the device. Inside a frame, use
     /// [`Recorder::read_back`](gs3_compute::Recorder::read_back) and [`Self::decode`].
     ///
     /// # Errors
@@ -71,15 +71,15 @@ impl GpuImage {
     }
 }
 
-/// The planes of an LR G-buffer that reconstruction reads, in device memory, of any renderer: four f32 a pixel, row
+/// The planes of an LR G-buffer that reconstruction reads, in device memory, from any renderer: four f32 a pixel, row
 /// by row, `[height, width, 4]`.
 #[derive(Clone, Copy, Debug)]
 pub struct GpuPlanes<'a> {
-    /// Colour, display-encoded RGB, and anything.
+    /// Colour, display-encoded RGB; the fourth number is not read.
     pub color_alpha: &'a Buffer,
-    /// ∂colour/∂x per LR pixel, and the median depth along z, world units, 0 where nothing was hit.
+    /// ∂colour/∂x per LR pixel, and the median depth along z in world units, 0 where there is no surface.
     pub dx_median: &'a Buffer,
-    /// ∂colour/∂y per LR pixel, and anything.
+    /// ∂colour/∂y per LR pixel; the fourth number is not read.
     pub dy_expected: &'a Buffer,
 }
 
@@ -87,7 +87,7 @@ pub struct GpuPlanes<'a> {
 const PLANE_PIXEL_BYTES: u64 = 16;
 
 impl GpuPlanes<'_> {
-    /// Whether they hold an LR frame of `size`, width and height.
+    /// Checks that the planes hold an LR frame of `size`, width and height.
     pub(super) fn check(&self, size: [u32; 2]) -> Result<(), GpuError> {
         let min = u64::from(size[0]) * u64::from(size[1]) * PLANE_PIXEL_BYTES;
         let planes = [

@@ -1,12 +1,13 @@
-// What all kernels of interpolation know: beside InBetweenUniform in interpolate.rs, layouts compared by a test.
+// Data for all kernels of interpolation: the layouts equal InBetweenUniform in interpolate.rs, which a test checks.
 
 // A neighbour of the in-between frame.
 struct Neighbor {
-    // From its HR pixels to those of the in-between frame: rows of the homography, and the epipole (Reprojection).
+    // From the neighbour's HR pixels to the in-between frame's: rows of the homography, and the epipole
+    // (Reprojection).
     to_middle: array<vec4<f32>, 3>,
-    // And back.
+    // The opposite direction.
     from_middle: array<vec4<f32>, 3>,
-    // Of its samples, LR pixels.
+    // Jitter of the neighbour's samples, LR pixels.
     jitter: vec2<f32>,
     _pad: vec2<f32>,
 }

@@ -1,10 +1,11 @@
-//! What the samples of a frame say that the past did not: `innovation.wgsl`, or `innovation_none.wgsl` without.
+//! The innovation, the difference of a frame's samples from the history: `innovation.wgsl`, or `innovation_none.wgsl`
+//! without.
 
-/// Whether a super sampler tells what its samples say that the past did not.
+/// Whether a super sampler computes the innovation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Innovation {
-    /// It does, for a network.
+    /// The innovation is computed, for a network.
     Wanted,
-    /// It does not.
+    /// The innovation is not computed.
     NotWanted,
 }

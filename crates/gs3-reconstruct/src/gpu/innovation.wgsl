@@ -1,9 +1,9 @@
-// What the current samples say that the past did not; see Tile::insert_current in tile.rs.
+// The innovation: the difference of the current samples from the history; see Tile::insert_current in tile.rs.
 
-// RGB that the samples differ by from what the past predicts there, and how much it knows.
+// RGB of the samples less the RGB that the history predicts there, and the confidence of the prediction.
 @group(0) @binding(9) var<storage, read_write> innovation: array<vec4<f32>>;
 
-// What the past alone says of the four pixels: Σ weight·RGB, Σ weight.
+// The history's prediction of the four pixels: Σ weight·RGB, Σ weight.
 var<private> past_sum: array<vec4<f32>, 4>;
 
 fn add_past(k: u32, is_past: bool, weighed: vec4<f32>) {

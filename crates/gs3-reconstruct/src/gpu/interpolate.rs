@@ -1,4 +1,4 @@
-//! A frame between two reconstructed frames, without learning, on a GPU.
+//! An in-between frame of two reconstructed frames, without learning, on a GPU.
 
 use std::fmt;
 
@@ -38,16 +38,16 @@ struct InBetweenUniform {
     neighbors: [NeighborUniform; 2],
 }
 
-/// A reconstructed frame in device memory beside the one to be interpolated.
+/// A reconstructed frame in device memory, next to the in-between frame.
 #[derive(Clone, Copy, Debug)]
 pub struct GpuNeighbor<'a> {
     /// The HR frame.
     pub image: &'a GpuImage,
-    /// The LR frame it was reconstructed from.
+    /// The LR frame that the image was reconstructed from.
     pub planes: GpuPlanes<'a>,
 }
 
-/// What a neighbour was seen by.
+/// The view of a neighbour.
 #[derive(Clone, Copy, Debug)]
 pub struct NeighborView {
     /// The HR camera.
@@ -56,11 +56,11 @@ pub struct NeighborView {
     pub jitter: [f32; 2],
 }
 
-/// Interpolates frames of one size between two neighbours in device memory: [`crate::Interpolator`]'s rules. Nothing is
-/// allocated after its making and binding.
+/// Makes in-between frames of one size from two neighbours in device memory, by the rules of [`crate::Interpolator`].
+/// Nothing is allocated after construction and binding.
 ///
-/// Holes of the middle depth farther than 64 LR pixels from anything that is seen are infinitely far, where the CPU
-/// goes on to the end of the picture.
+/// Holes of the middle depth more than 64 LR pixels from any sample become infinitely far. The CPU fills holes up to
+/// the border of the picture.
 pub struct GpuInterpolator {
     gpu: Gpu,
     scale: u32,
@@ -79,26 +79,26 @@ impl fmt::Debug for GpuInterpolator {
     }
 }
 
-/// What is made of two neighbours.
+/// The outputs made from two neighbours.
 #[derive(Clone, Copy)]
 enum Make<'a> {
     Blend,
-    /// The first, with its visibility.
+    /// The first neighbour, with its visibility.
     First(&'a Buffer),
-    /// Both, and the share of the second.
+    /// Both neighbours, and the share of the second.
     Both(&'a GpuImage, &'a Buffer),
 }
 
-/// Interpolation between two images into a third, or the first of them or both warped.
+/// Interpolation of two images into a third, or warping of the first or both.
 #[derive(Clone, Debug)]
 pub struct BoundInterpolator {
-    /// That of the images bound.
+    /// Size of the bound images.
     size: [u32; 2],
     uniform: Buffer,
     scatter_depth: Bound,
     fill: Bound,
     make: Bound,
-    /// Names of its stages.
+    /// Names of the stages.
     stages: [&'static str; 2],
 }
 
@@ -107,7 +107,7 @@ impl GpuInterpolator {
     /// their G-buffers.
     ///
     /// # Errors
-    /// [`GpuReconstructError`] if `scale` is not supported, or the device has no room for the size.
+    /// [`GpuReconstructError`] if `scale` is not supported, or the device has too little memory for the size.
     pub fn new(gpu: &Gpu, scale: u32, size: [u32; 2]) -> Result<Self, GpuReconstructError> {
         check_scale(scale)?;
         check_frame_size(size)?;
@@ -130,7 +130,7 @@ impl GpuInterpolator {
         })
     }
 
-    /// Will interpolate between `before` and `after` into `out`.
+    /// Binds the interpolation of `before` and `after` into `out`.
     ///
     /// # Errors
     /// [`GpuReconstructError`] if an image has another size, or the device refuses.
@@ -143,8 +143,8 @@ impl GpuInterpolator {
         self.bind_to(before, after, out, Make::Blend)
     }
 
-    /// Will warp `before` alone to what is seen between it and `after`, into `out`, and write how well it is seen
-    /// there to `visibility`, an f32 a pixel, `[0, 1]` ([`crate::Warped::visibility`]).
+    /// Binds the warp of `before` alone to a pose between it and `after`, into `out`. The visibility is written to
+    /// `visibility`, an f32 a pixel, `[0, 1]` ([`crate::Warped::visibility`]).
     ///
     /// # Errors
     /// [`GpuReconstructError`] if an image has another size, or the device refuses.
@@ -158,8 +158,8 @@ impl GpuInterpolator {
         self.bind_to(before, after, out, Make::First(visibility))
     }
 
-    /// Will warp `before` and `after` to what is seen between them, without blending them, into `out`, and write the
-    /// share that the second has in the blend to `share`, an f32 a pixel, `[0, 1]` ([`crate::Warped`]).
+    /// Binds the warp of `before` and `after` to a pose between them, without blending, into `out`. The second
+    /// neighbour's share of the blend is written to `share`, an f32 a pixel, `[0, 1]` ([`crate::Warped`]).
     ///
     /// # Errors
     /// [`GpuReconstructError`] if an image has another size, or the device refuses.
@@ -173,8 +173,8 @@ impl GpuInterpolator {
         self.bind_to(before, after, out[0], Make::Both(out[1], share))
     }
 
-    /// The inverse depths of the in-between frame that was recorded last, an f32 an LR sample, where it looked at its
-    /// pixel centres; holes are filled, and 0 is where nothing was hit.
+    /// The inverse depths of the last recorded in-between frame at its LR pixel centres, an f32 a sample. Holes are
+    /// filled; 0 where there is no surface.
     #[must_use]
     pub fn inverse_depth(&self) -> Option<&Buffer> {
         self.buffers.iter().find(|(name, _)| *name == "middle").map(|(_, buffer)| buffer)
@@ -224,11 +224,11 @@ impl GpuInterpolator {
         Ok(BoundInterpolator { size: self.plan.size, uniform, scatter_depth, fill, make, stages })
     }
 
-    /// Records the interpolation of what `camera` sees at time `t` ∈ `[0, 1]` between `before` (0) and `after` (1), the
-    /// views of the images bound. What is bound together is recorded once in a submission at most.
+    /// Records the interpolation of the image of `camera` at time `t` ∈ `[0, 1]` between `before` (0) and `after`
+    /// (1), the views of the bound images. Each binding may be recorded at most once in a submission.
     ///
     /// # Errors
-    /// [`GpuReconstructError`] if a size or jitter does not fit, `t` is outside, or the device is lost.
+    /// [`GpuReconstructError`] if a size or jitter does not fit, `t` is outside `[0, 1]`, or the device is lost.
     pub fn record(
         &self,
         recorder: &mut Recorder<'_>,

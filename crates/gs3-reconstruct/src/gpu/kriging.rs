@@ -1,20 +1,20 @@
-//! Lines of `kriging.wgsl` that are written out: rows in registers have places that do not depend on loops.
+//! Generated lines of `kriging.wgsl`: rows in registers need indices that do not depend on loops.
 
 use crate::cpu::kriging::SAMPLES;
 
-/// Vectors of a row of a system; one more holds what the row is to explain.
+/// Vectors of a row of a system, without the vector of the right-hand side.
 const ROW: usize = 3 * SAMPLES / 4;
 
-/// Invocations of a workgroup: pixels that are looked around at a time.
+/// Invocations of a workgroup: pixels examined at a time.
 pub const THREADS: usize = 64;
 
-/// Rows of a sample, by what of it they are of.
+/// The rows of a sample: value and derivatives.
 const DATA: [&str; 3] = ["value", "dx", "dy"];
 
-/// Vectors of a row with what it is to explain.
+/// Vectors of a row, with the right-hand side.
 pub const WIDTH: usize = ROW + 1;
 
-/// The rows of an invocation's sample: covariances with all samples.
+/// Fills the rows of an invocation's sample: covariances with all samples.
 pub fn fill() -> String {
     let mut text = String::new();
     for j in 0..SAMPLES {
@@ -23,7 +23,7 @@ pub fn fill() -> String {
         );
     }
     for data in DATA {
-        // Four samples' three are three vectors.
+        // Four samples have twelve numbers: three vectors.
         for (v, j) in (0..SAMPLES).step_by(4).map(|j| (3 * j / 4, j)) {
             let of = |k: usize| format!("with{}.{data}", j + k);
             let vectors = [
@@ -39,11 +39,11 @@ pub fn fill() -> String {
     text
 }
 
-/// Sample after sample hands out its rows, and all others take them off their own.
+/// Eliminates: sample after sample shares its rows, and all other samples subtract them from theirs.
 pub fn eliminate() -> String {
     let mut text = String::new();
     for i in 0..SAMPLES {
-        // Two places in turn: who reads the one is done when all have written the other.
+        // Two places alternate: reads of one place are finished when all have written the other.
         let place = format!("({}u + system) * {}u", i % 2 * (THREADS / SAMPLES), 3 * WIDTH);
         let vectors: Vec<usize> = (3 * i / 4..WIDTH).collect();
         text += &format!("if sample == {i}u {{\n");

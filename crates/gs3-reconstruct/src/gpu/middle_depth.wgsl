@@ -1,13 +1,13 @@
-// The depths of the in-between frame without holes; see middle_depth.rs. An invocation an LR pixel.
+// The depths of the in-between frame without holes; see middle_depth.rs. One invocation per LR pixel.
 //
-// The CPU fills holes ring by ring from their rims inwards, with the farthest depth beside. So a pixel that is k pixels
-// (along the longer axis) from the nearest that has a depth gets the farthest of those exactly k away: an invocation
-// looks at ever wider rings around its pixel until one has a depth.
+// The CPU fills holes ring by ring from their rims inwards, with the farthest depth beside each hole. So a pixel that
+// is k pixels (along the longer axis) from the nearest pixel with a depth gets the farthest depth at distance k. An
+// invocation examines ever wider rings around its pixel until one has a depth.
 
 @group(0) @binding(1) var<storage, read> splatted: array<u32>;
 @group(0) @binding(2) var<storage, read_write> middle: array<f32>;
 
-// Where nothing is seen within so many LR pixels, everything is as far as can be. It bounds the work where next to
+// A pixel without any depth within this many LR pixels is infinitely far. The limit bounds the work where almost
 // nothing is in view.
 const MOST_RINGS: i32 = 64;
 

@@ -9,9 +9,9 @@
 //! | warp | `gather`, `warp`, `separate` | an invocation four pixels: both neighbours, blended, or the first alone |
 //! | | `motion` | where the surfaces of an LR frame were, for what networks remember |
 //!
-//! No floats are added atomically and what comes in any order is put in order, so the same frames give the same bits
-//! on a device. Sizes follow from the picture alone (`plan`): whatever the motion, there is room. Images and colours
-//! of the history are halves, sums and positions are f32.
+//! No floats are added atomically, and lists in arbitrary order are sorted, so the same frames give the same bits on
+//! a device. Sizes follow from the picture's size alone (`plan`): buffers cannot overflow under any motion. Images
+//! and colours of the history are halves; sums and positions are f32.
 
 mod error;
 mod image;

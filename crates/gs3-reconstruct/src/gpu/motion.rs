@@ -1,4 +1,4 @@
-//! Where the surfaces of a frame were in another one, on a GPU.
+//! The motion of a frame's surfaces from another frame, on a GPU.
 
 use std::fmt;
 
@@ -24,7 +24,7 @@ struct MotionUniform {
     _pad: [f32; 2],
 }
 
-/// Finds the motion between LR frames of one size in device memory: [`crate::Motion`]'s rules.
+/// Finds the motion between LR frames of one size in device memory, by the rules of [`crate::Motion`].
 pub struct GpuMotion {
     gpu: Gpu,
     lr: [u32; 2],
@@ -53,8 +53,8 @@ impl GpuMotion {
         Ok(Self { gpu: gpu.clone(), lr, uniform, find })
     }
 
-    /// Will find where what `now` sees was in `before`, planes of median depths in the fourth place, and write
-    /// `flow`, two f32 a sample, and `validity`, one.
+    /// Binds the motion from `now` to `before`, planes with median depths in the fourth channel. The outputs are
+    /// `flow`, two f32 a sample, and `validity`, one f32 a sample.
     ///
     /// # Errors
     /// [`GpuReconstructError`] if the device refuses.
@@ -76,7 +76,7 @@ impl GpuMotion {
     }
 
     /// Records the motion from the samples of the LR camera `now` to their places in `before`, each with its jitter.
-    /// Once in a submission at most.
+    /// At most once in a submission.
     ///
     /// # Errors
     /// [`GpuReconstructError`] if a camera has another size, or the device is lost.

@@ -1,10 +1,10 @@
-// Where the surfaces of an LR frame were in another one; see motion.rs. An invocation a sample.
+// The places of an LR frame's surfaces in another frame; see motion.rs. One invocation per sample.
 
 struct MotionView {
-    // From its LR pixels to those of the other frame: rows of the homography, and the epipole (Reprojection).
+    // From the frame's LR pixels to the other frame's: rows of the homography, and the epipole (Reprojection).
     rows: array<vec4<f32>, 3>,
     lr: vec2<u32>,
-    // Of the samples of both, LR pixels.
+    // Jitter of the samples of both frames, LR pixels.
     jitter: vec2<f32>,
     before_jitter: vec2<f32>,
     _pad: vec2<f32>,
@@ -20,20 +20,20 @@ fn before_at(x: u32, y: u32) -> f32 {
     return inverse_depth(before_median[y * view.lr.x + x].w);
 }
 
-// The indices around `i`, which is the middle one except at the ends of the `len` there are.
+// The indices around `i` in `len` entries; `i` is the middle index except at the ends.
 fn around(i: u32, len: u32) -> vec3<u32> {
     let first = min(max(i, 1u) - 1u, max(len, 3u) - 3u);
     return min(vec3(first, first + 1u, first + 2u), vec3(len - 1u));
 }
 
-// The smaller of two differences in a row where they agree in sign (minmod).
+// The smaller of two consecutive differences if they agree in sign (minmod), else 0.
 fn slope(a: f32, b: f32, c: f32) -> f32 {
     let left = b - a;
     let right = c - b;
     return select(0.0, min(abs(left), abs(right)), left * right > 0.0);
 }
 
-// The inverse depth at (x, y), and by how much those of the same surface may differ from it.
+// The inverse depth at (x, y), and the largest difference from it on the same surface.
 fn surface_at(x: u32, y: u32) -> vec2<f32> {
     let columns = around(x, view.lr.x);
     let rows = around(y, view.lr.y);
@@ -57,7 +57,7 @@ fn find_motion(@builtin(global_invocation_id) at: vec3<u32>) {
     var moved = vec2(0.0);
     var sum = 0.0;
     if seen.z > MIN_DIVISOR && all(seen.xy >= vec2(0.0)) && all(seen.xy <= vec2<f32>(view.lr)) {
-        // Differences first, so that what rests has no flow, whatever the rounding of its position.
+        // Differences first: a resting surface then has no flow, despite rounding of its position.
         moved = seen.xy - from_own + (view.jitter - view.before_jitter);
         let place = clamp(index + moved, vec2(0.0), last);
         let cell = floor(place);

@@ -1,6 +1,6 @@
-// Both neighbours' depths; see neighbor_depth.rs and MiddleDepth::splat in middle_depth.rs. An invocation a sample of
-// one of them: the range of depths visible in its cell, and its own depth where the in-between frame has it. The nearest
-// wins, whoever comes first: the bits of floats that are not negative are ordered like them.
+// Both neighbours' depths; see neighbor_depth.rs and MiddleDepth::splat in middle_depth.rs. One invocation per sample
+// of one neighbour. It writes the range of depths visible in its cell, and splats its own depth to the in-between
+// frame. The nearest depth wins in any order: bits of non-negative floats are ordered like the floats.
 
 @group(0) @binding(1) var<storage, read> before_median: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> after_median: array<vec4<f32>>;

@@ -1,4 +1,4 @@
-//! All sizes of reconstruction on a GPU, from the picture and the device: pure functions.
+//! All sizes of reconstruction on a GPU, from the picture's size and the device's limits: pure functions.
 
 use gs3_compute::{GpuError, Limits};
 
@@ -8,23 +8,23 @@ use crate::cpu::splat::{COLUMNS, ROWS};
 /// Bytes of a pixel of an image: four halves.
 pub const IMAGE_PIXEL_BYTES: u64 = 8;
 
-/// Sides of the workgroups whose invocations are LR samples.
+/// Sides of the workgroups with one invocation per LR sample.
 const SAMPLES: [u32; 2] = [64, 4];
 
 /// Pixels in a row that a workgroup of `warp.wgsl` makes, `PATCHES` patches, and its rows, `LINES`.
 const WARPED: [u32; 2] = [64, 16];
 
-/// Sides of the pixels among which a workgroup of `kriging.wgsl` looks for marked ones.
+/// Pixels, in width and height, that a workgroup of `kriging.wgsl` searches for marked ones.
 pub const KRIGED: [u32; 2] = [32, 16];
 
-/// Width of the pixels that a workgroup of `tile.wgsl` makes, those beside the tile included.
+/// Width in pixels made by a workgroup of `tile.wgsl`, with the pixels around the tile.
 pub const MADE_WIDTH: u32 = 32;
 
-/// Bytes that a sample takes in workgroup memory: its number, position, variance, colour and gradient, 36; and one
-/// place of 16 bytes in nine stays empty (`tile.wgsl`).
+/// Bytes of a sample in workgroup memory: number, position, variance, colour and gradient are 36. One of nine places
+/// of 16 bytes stays empty (`tile.wgsl`).
 const STAGED_BYTES: u32 = 40;
 
-/// Places of 16 bytes for the halves of so many samples (`tile.wgsl`).
+/// Places of 16 bytes for the halves of `capacity` samples (`tile.wgsl`).
 fn staged_places(capacity: u32) -> u32 {
     2 * (capacity + capacity / 8)
 }
@@ -36,25 +36,25 @@ pub struct SuperSamplePlan {
     pub size: [u32; 2],
     /// LR samples.
     pub lr: [u32; 2],
-    /// LR pixels beyond each edge that there is room for.
+    /// Widest margin that the buffers hold, in LR pixels beyond each edge.
     pub margin: u32,
     /// LR samples with the widest margin.
     pub padded: [u32; 2],
     /// HR pixels between samples.
     pub scale: u32,
-    /// Frames remembered, the current one included.
+    /// Frames in the history, the current frame included.
     pub frames: u32,
-    /// Rows of the pixels that a workgroup of `tile.wgsl` makes, those above and below the tile included.
+    /// Rows of pixels made by a workgroup of `tile.wgsl`, with the pixels above and below the tile.
     pub made_height: u32,
-    /// Samples in its memory at a time.
+    /// Capacity of a workgroup's memory in samples.
     pub capacity: u32,
-    /// Workgroups over LR samples; of one frame.
+    /// Workgroups over the LR samples of one frame.
     pub over_samples: [u32; 3],
-    /// The same with the widest margin.
+    /// Workgroups over the LR samples of one frame with the widest margin.
     pub over_around: [u32; 3],
     /// Workgroups over tiles.
     pub over_tiles: [u32; 3],
-    /// Workgroups over pixels, to krige marked ones.
+    /// Workgroups over pixels, to krige the marked pixels.
     pub over_kriged: [u32; 3],
 }
 
@@ -78,7 +78,7 @@ fn area(size: [u32; 2]) -> u64 {
     u64::from(size[0]) * u64::from(size[1])
 }
 
-/// Whether everything fits bindings and dispatches.
+/// Checks that all bindings and dispatches fit the limits.
 fn check(limits: &Limits, buffers: &[NamedBytes], dispatches: &[[u32; 3]]) -> Result<(), GpuError> {
     let max = limits.binding_bytes.min(limits.buffer_bytes);
     if let Some((name, actual)) = buffers.iter().find(|(_, bytes)| *bytes > max) {
@@ -92,28 +92,28 @@ fn check(limits: &Limits, buffers: &[NamedBytes], dispatches: &[[u32; 3]]) -> Re
     Ok(())
 }
 
-/// Bytes of workgroup memory of a tile at most. A full history has a sample a pixel, about 1,190 in the cells of a
-/// tile: two windows of them have place in this as in all that larger devices offer, and several workgroups run side
-/// by side.
+/// Largest workgroup memory of a tile, in bytes. A full history has one sample a pixel, about 1,190 in the cells of a
+/// tile. Two windows of samples fit into this memory, just as into the memory of larger devices, and several
+/// workgroups run side by side.
 const TILE_BYTES: u32 = 32 << 10;
 
 impl SuperSamplePlan {
-    /// The plan for frames of `size`, `scale` (1 to [`crate::MAX_SCALE`]) times their G-buffers, with at most
-    /// `margin` LR pixels beyond each edge.
+    /// The plan for frames of `size`, `scale` (1 to [`crate::MAX_SCALE`]) times the size of their G-buffers, with at
+    /// most `margin` LR pixels beyond each edge.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] if the device cannot bind as much.
+    /// [`GpuError::TooLarge`] if the device cannot bind buffers of this size.
     pub fn new(limits: &Limits, size: [u32; 2], scale: u32, margin: u32) -> Result<Self, GpuError> {
-        // Half as many rows where workgroups share little memory; every device has enough for them.
+        // Half as many rows on devices with little workgroup memory; every device has enough for them.
         let room = |made_height: u32| {
             let cells = (MADE_WIDTH + COLUMNS as u32 - 1) * (made_height + ROWS as u32 - 1);
             let threads = MADE_WIDTH / 4 * made_height;
-            // Starts of cells, sums of invocations, and the two words of flags.
+            // Starts of cells, sums of invocations, and two words of flags.
             let bytes =
                 limits.workgroup_bytes.min(TILE_BYTES).saturating_sub((cells + 1 + threads + 2) * 4 + 64);
             bytes / STAGED_BYTES
         };
-        // At the end, the memory of the samples takes the pixels.
+        // At the end, the pixels use the memory of the samples.
         let fits = |made_height: u32| {
             staged_places(room(made_height)) >= MADE_WIDTH * made_height
                 && MADE_WIDTH / 4 * made_height <= limits.workgroup_invocations
@@ -129,7 +129,7 @@ impl SuperSamplePlan {
             scale,
             frames: scale * scale,
             made_height,
-            // More than a tile's cells would not be needed often enough.
+            // More samples than in a tile's cells are seldom needed.
             capacity: room(made_height).min(1024),
             over_samples: over_samples(lr),
             over_around: over_samples(padded),
@@ -151,7 +151,7 @@ impl SuperSamplePlan {
         area(self.lr) * 16
     }
 
-    /// The buffers that stay from frame to frame, and those between its kernels.
+    /// The buffers that are kept between frames, and the buffers between kernels.
     pub fn buffers(&self) -> [NamedBytes; 11] {
         let (samples, remembered) = (area(self.lr), area(self.padded) * u64::from(self.frames));
         let cells = [self.size[0] + COLUMNS as u32 - 1, self.size[1] + ROWS as u32 - 1];
@@ -186,10 +186,10 @@ pub struct InterpolatePlan {
 }
 
 impl InterpolatePlan {
-    /// The plan for frames of `size`, `scale` (1 to [`crate::MAX_SCALE`]) times their G-buffers.
+    /// The plan for frames of `size`, `scale` (1 to [`crate::MAX_SCALE`]) times the size of their G-buffers.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] if the device cannot bind as much.
+    /// [`GpuError::TooLarge`] if the device cannot bind buffers of this size.
     pub fn new(limits: &Limits, size: [u32; 2], scale: u32) -> Result<Self, GpuError> {
         let lr = low_resolution(size, scale);
         let plan = Self {
@@ -266,7 +266,7 @@ mod tests {
         assert_eq!(SuperSamplePlan::new(&limits(1 << 30, 16 << 10), [64, 64], 4, 0).unwrap().made_height, 16);
     }
 
-    /// The smallest devices take 4096×2160; larger pictures they refuse with a word.
+    /// The smallest devices make frames of 4096×2160, and refuse larger frames with an error.
     #[test]
     fn the_smallest_devices_take_4k() {
         let small = limits(128 << 20, 32 << 10);

@@ -1,15 +1,15 @@
-// The mixed derivative of the surface through the samples of the current picture, and how well they predict each
-// other. An invocation a sample. See estimate_mixed in hermite.rs, predict in rectification.rs.
+// The mixed derivative of the surface through the samples of the current picture, and how well the samples predict
+// each other. One invocation per sample. See estimate_mixed in hermite.rs, predict in rectification.rs.
 
 @group(0) @binding(1) var<storage, read> color_alpha: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> dx_median: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read> dy_expected: array<vec4<f32>>;
 // ∂²RGB/∂x∂y per HR pixel², halves.
 @group(0) @binding(4) var<storage, read_write> mixed: array<vec2<u32>>;
-// Squared errors with which its neighbours predict a sample.
+// Squared errors of predicting a sample from its neighbours.
 @group(0) @binding(5) var<storage, read_write> errors: array<f32>;
 
-// Half-way between two samples two spacings apart, the cubic through their values and slopes.
+// The value half-way between two samples two spacings apart, of the cubic through their values and slopes.
 fn middle(a: vec3<f32>, b: vec3<f32>, da: vec3<f32>, db: vec3<f32>) -> vec3<f32> {
     return fma(a + b, vec3(0.5), (da - db) * 0.25);
 }
@@ -25,12 +25,12 @@ fn predict(@builtin(global_invocation_id) at: vec3<u32>) {
     let scale = f32(frame.scale);
     let color = color_alpha[i].xyz;
 
-    // Neighbours, the sample itself at the border.
+    // The neighbours; at the border, the sample itself.
     let left = at.y * width + max(at.x, 1u) - 1u;
     let right = at.y * width + min(at.x + 1u, last.x);
     let above = (max(at.y, 1u) - 1u) * width + at.x;
     let below = min(at.y + 1u, last.y) * width + at.x;
-    // Two spacings apart, one at the border, and derivatives per HR pixel².
+    // Neighbours are two spacings apart, one at the border. Derivatives are per HR pixel².
     let per_x = select(0.0, 0.5 / (f32(right - left) * scale * scale), right > left);
     let per_y = select(0.0, 0.5 / (f32((below - above) / width) * scale * scale), below > above);
     let cross = per_y * (dx_median[below].xyz - dx_median[above].xyz)
@@ -44,7 +44,8 @@ fn predict(@builtin(global_invocation_id) at: vec3<u32>) {
         );
         across = predicted - color;
     }
-    // The column's three samples around this one, or the next to its end; where there are fewer, the row must do.
+    // The column's three samples around this one; at an end, the nearest three. With fewer rows, the row's error is
+    // used alone.
     let top = min(max(at.y, 1u) - 1u, max(frame.lr.y, 3u) - 3u);
     let bottom = min(top + 2u, last.y);
     let a = top * width + at.x;

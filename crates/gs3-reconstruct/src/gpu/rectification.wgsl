@@ -1,12 +1,12 @@
-// What the current frame says about samples of the past; see rectification.rs. An invocation a cell: cell (i, j) lies
+// Rectification of past samples by the current frame; see rectification.rs. One invocation per cell: cell (i, j) lies
 // between samples i, i + 1 and j, j + 1.
 
 @group(0) @binding(1) var<storage, read> color_alpha: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> dx_median: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read> dy_expected: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read> errors: array<f32>;
-// Two for each cell: middles of the ranges of plausible RGB and what a mismatch counts; half their extents, three
-// halves, what drift counts, and the smallest inverse depth that is not hidden.
+// Two vectors per cell. First: the middles of the ranges of plausible RGB, and the weight of a mismatch. Second: half
+// the ranges' extents as three halves, the weight of drift, and the smallest inverse depth that is not hidden.
 @group(0) @binding(5) var<storage, read_write> cells: array<vec4<u32>>;
 
 @compute @workgroup_size(64, 4)
@@ -30,7 +30,8 @@ fn find_ranges(@builtin(global_invocation_id) at: vec3<u32>) {
         error = max(error, errors[i]);
     }
     let extent = high - low;
-    // Where nothing varies, rounding alone must not make a sample implausible; errors below 1/4096 are none.
+    // Where the colour is constant, rounding alone must not make a sample implausible. Errors below 1/4096 count as
+    // none.
     let gain = MISMATCH / (dot(extent, extent) + 1e-6);
     let restless = DRIFT * DRIFT / (error + 6e-8);
     let i = at.y * frame.lr.x + at.x;

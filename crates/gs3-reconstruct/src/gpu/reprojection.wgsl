@@ -1,4 +1,4 @@
-// Where pixel `at` of inverse depth `w` is, and the divisor; see reprojection.rs.
+// The place of pixel `at` with inverse depth `w` in another camera, and the divisor; see reprojection.rs.
 fn reproject(rows: array<vec4<f32>, 3>, at: vec2<f32>, w: f32) -> vec3<f32> {
     let a = reproject_row(rows[0], at, w);
     let b = reproject_row(rows[1], at, w);
@@ -11,7 +11,7 @@ fn reproject_row(row: vec4<f32>, at: vec2<f32>, w: f32) -> f32 {
     return fma(at.x, row.x, fma(at.y, row.y, fma(w, row.w, row.z)));
 }
 
-// Inverse view-space depth; 0 where nothing was hit.
+// Inverse view-space depth; 0 where there is no surface.
 fn inverse_depth(z: f32) -> f32 {
     return select(0.0, 1.0 / z, z > NEAREST_DEPTH);
 }

@@ -1,15 +1,15 @@
-// The current LR frame into the history, its margin included: exact samples in half precision (a colour is off by at
-// most 2^-12, inverse depths not at all), and which of them lie beside something nearer. An invocation a sample. See
-// samples.rs.
+// Writes the current LR frame, margin included, into the history: exact samples in half precision (colours are off by
+// at most 2^-12, inverse depths not at all), and the samples' edge slopes beside nearer surfaces. One invocation per
+// sample. See samples.rs.
 
 @group(0) @binding(1) var<storage, read> color_alpha: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> dx_median: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read> dy_expected: array<vec4<f32>>;
-// The history: inverse depth, red and green; blue and ∂x; ∂y and whether the sample is bare.
+// The history: inverse depth, red and green; blue and ∂x; ∂y and a flag for bare samples.
 @group(0) @binding(4) var<storage, read_write> samples_a: array<vec2<u32>>;
 @group(0) @binding(5) var<storage, read_write> samples_b: array<vec2<u32>>;
 @group(0) @binding(6) var<storage, read_write> samples_c: array<vec2<u32>>;
-// Of the history: what colours change by per HR pixel of parallax at depth 1.
+// The history's edge slopes: colour change per HR pixel of parallax at depth 1.
 @group(0) @binding(7) var<storage, read_write> edge_slopes: array<f32>;
 
 // The edge slope of sample `at`.

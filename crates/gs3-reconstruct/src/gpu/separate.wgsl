@@ -1,11 +1,12 @@
-// Neighbours at the pose between, unblended; see Warp::separate in separate.rs. An invocation four pixels in a row.
+// Both neighbours at the pose of the in-between frame, not blended; see Warp::separate in separate.rs. One invocation
+// per four pixels in a row.
 
 // HR, row by row.
 @group(0) @binding(6) var<storage, read_write> visibility: array<f32>;
 @group(0) @binding(7) var<storage, read_write> second_result: array<vec2<u32>>;
 @group(0) @binding(8) var<storage, read_write> share: array<f32>;
 
-// The first neighbour, and how well it is seen there.
+// The first neighbour, and its visibility.
 @compute @workgroup_size(PATCHES, LINES)
 fn separate(
     @builtin(global_invocation_id) at: vec3<u32>,
@@ -30,7 +31,7 @@ fn separate(
     }
 }
 
-// Both, and the share of the second in their blend.
+// Both neighbours, and the second neighbour's share of their blend.
 @compute @workgroup_size(PATCHES, LINES)
 fn separate_both(
     @builtin(global_invocation_id) at: vec3<u32>,

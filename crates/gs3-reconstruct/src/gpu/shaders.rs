@@ -1,4 +1,4 @@
-//! The kernels' sources, put together: what kernels share is written once, and constants are those of the CPU's code.
+//! The kernels' sources: shared parts are written once, and constants come from the CPU's code.
 
 use gs3_compute::constants;
 
@@ -21,7 +21,7 @@ fn joined(parts: &[&str]) -> String {
     parts.concat()
 }
 
-/// The current frame into the history, and what lies beside nearer surfaces: entry `remember`.
+/// The current frame into the history, with its depth edges: entry `remember`.
 pub fn samples() -> String {
     let numbers = constants(&[
         ("EDGE_RATIO", crate::cpu::samples::EDGE_RATIO),
@@ -30,7 +30,7 @@ pub fn samples() -> String {
     joined(&[&numbers, FRAME, &reprojection(), HALVES, include_str!("samples.wgsl")])
 }
 
-/// What the current picture's samples say of each other: entry `predict`.
+/// How well the current picture's samples predict each other: entry `predict`.
 pub fn predict() -> String {
     joined(&[FRAME, HALVES, include_str!("predict.wgsl")])
 }
@@ -46,7 +46,7 @@ pub fn rectification() -> String {
     joined(&[&numbers, FRAME, &reprojection(), HALVES, include_str!("rectification.wgsl")])
 }
 
-/// What is nearest, and samples to where they are now: entries `splat_depth` and `splat_color`.
+/// Depth pre-pass, and splatting of samples to their current places: entries `splat_depth` and `splat_color`.
 pub fn splat() -> String {
     let numbers = constants(&[
         ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
@@ -62,12 +62,12 @@ pub fn splat() -> String {
     joined(&[&numbers, &rim, &reach(), FRAME, &reprojection(), include_str!("splat.wgsl")])
 }
 
-/// Where samples of one view lie in another.
+/// The places of one view's samples in another view.
 fn reprojection() -> String {
     constants(&[("NEAREST_DEPTH", reprojection::NEAREST_DEPTH)]) + include_str!("reprojection.wgsl")
 }
 
-/// Samples to pixels, with what the innovation takes: entry `accumulate`.
+/// Samples to pixels, with the bindings of the innovation: entry `accumulate`.
 pub fn tile(plan: &SuperSamplePlan, innovation: Innovation, kriging: Kriging) -> String {
     let numbers = constants(&[
         ("NOISE", tile::NOISE),
@@ -78,7 +78,7 @@ pub fn tile(plan: &SuperSamplePlan, innovation: Innovation, kriging: Kriging) ->
         ("THRESHOLD", kriging.threshold().unwrap_or_default()),
     ]);
     let kriging = format!("const KRIGING: bool = {};\n", kriging.threshold().is_some());
-    // Dividing by a constant takes a fraction of the time.
+    // Dividing by a constant is several times faster.
     let sizes = constants(&[
         ("MADE_WIDTH", MADE_WIDTH),
         ("MADE_HEIGHT", plan.made_height),
@@ -116,7 +116,7 @@ pub fn krige() -> String {
     joined(&[&numbers, &sizes, &reach(), FRAME, HISTORY, &own])
 }
 
-/// Neighbours' depths at the pose between: entry `scatter_depth`.
+/// The neighbours' depths at the pose of the in-between frame: entry `scatter_depth`.
 pub fn neighbor_depth() -> String {
     let numbers = constants(&[
         ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
@@ -130,7 +130,7 @@ pub fn middle_depth() -> String {
     joined(&[IN_BETWEEN, include_str!("middle_depth.wgsl")])
 }
 
-/// Surfaces to where they were: entry `find_motion`.
+/// Surfaces to their previous places: entry `find_motion`.
 pub fn motion() -> String {
     let numbers = constants(&[
         ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
@@ -139,7 +139,7 @@ pub fn motion() -> String {
     joined(&[&numbers, &reprojection(), include_str!("motion.wgsl")])
 }
 
-/// Neighbours to the in-between frame: entries `blend` and `separate`.
+/// Both neighbours to the in-between frame: entries `blend` and `separate`.
 pub fn warp() -> String {
     let numbers = constants(&[
         ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
@@ -178,7 +178,7 @@ mod tests {
     use super::*;
     use gs3_compute::{Limits, validate};
 
-    /// What WebGPU guarantees.
+    /// The number that WebGPU guarantees.
     const STORAGE_BINDINGS: usize = 8;
 
     #[test]

@@ -1,36 +1,36 @@
-// Every remembered sample to where it is now; see splat.rs. An invocation a sample, all frames at once.
+// Splats every remembered sample to its current place; see splat.rs. One invocation per sample, all frames at once.
 //
-// A sample reaches four columns and three rows of pixels; the first of them is its cell, of which there are as many
-// as HR pixels and a rim. Samples of a cell form a list, in whatever order they come: tile.wgsl puts them in order.
-// Nothing is sorted, and whatever the motion, there is room for all. Before that, `splat_depth` finds what is nearest;
-// see nearest.rs.
+// A sample reaches four columns and three rows of pixels. The first of these pixels is the sample's cell. There is
+// one cell per HR pixel, plus a rim. The samples of a cell form a list, in any order; tile.wgsl sorts the lists.
+// There is no global sort, and the lists cannot overflow under any motion. The depth pre-pass `splat_depth` runs
+// before; see nearest.rs.
 
 @group(0) @binding(1) var<storage, read> samples_a: array<vec2<u32>>;
 @group(0) @binding(2) var<storage, read> samples_b: array<vec2<u32>>;
 @group(0) @binding(3) var<storage, read> cells: array<vec4<u32>>;
 @group(0) @binding(4) var<storage, read> edge_slopes: array<f32>;
-// Numbers, from 1 on, of the last samples that came to each cell; 0 where none has.
+// Per cell, the number (from 1 on) of the last sample added; 0 if there is none.
 @group(0) @binding(5) var<storage, read_write> heads: array<atomic<u32>>;
 // HR positions, pixel centres at whole numbers.
 @group(0) @binding(6) var<storage, read_write> places: array<vec2<f32>>;
-// Variance of the prediction where the sample is, pixel⁴; number of the next sample of the cell.
+// Variance of the prediction at the sample's place, pixel⁴; number of the next sample of the cell.
 @group(0) @binding(7) var<storage, read_write> links: array<vec2<u32>>;
 
-// Bits of the largest inverse depths of the samples nearest to each pixel, 0 where there is none: in order, as these
-// are not negative. As many as HR pixels and RIM more on each side.
+// Bits of the largest inverse depth of the samples nearest to each pixel, 0 where there is none. Bits of non-negative
+// floats are ordered like the floats. One entry per HR pixel, plus RIM pixels on each side.
 @group(0) @binding(8) var<storage, read_write> nearest: array<atomic<u32>>;
-// The same for `splat_color`, which only reads: atomic loads would pass the first cache by.
+// The same for `splat_color`, which only reads: atomic loads would bypass the first-level cache.
 @group(0) @binding(9) var<storage, read> nearest_found: array<u32>;
 
 struct ReprojectedSample {
-    // HR position on its own grid and on the current one, pixel centres at halves.
+    // HR position on the sample's own grid and on the current grid, pixel centres at halves.
     own: vec2<f32>,
     to: vec2<f32>,
     inverse_depth: f32,
     is_ahead: bool,
 }
 
-// Where sample `at`, column, row and age, is now.
+// The current place of sample `at`: column, row and age.
 fn reproject_sample(at: vec3<u32>) -> ReprojectedSample {
     let past = frame.past[at.z];
     let own = (vec2<f32>(at.xy) + (0.5 + past.offset)) * f32(frame.scale);
@@ -63,7 +63,7 @@ fn splat_depth(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
     }
 }
 
-// The largest inverse depth around a pixel that is at most two outside the image.
+// The largest inverse depth around a pixel at most two pixels outside the image.
 fn nearest_around(pixel: vec2<f32>) -> f32 {
     let place = place_of(pixel) - (frame.size.x + 2u * RIM) - 1u;
     var most = 0u;
@@ -75,8 +75,9 @@ fn nearest_around(pixel: vec2<f32>) -> f32 {
     return bitcast<f32>(most);
 }
 
-// The variance, pixel⁴, that the current frame gives a sample of that colour seen now at `at` and inverse depth `w`,
-// so stale (pixels), which may have changed its colour by `change`. Outside, the nearest cells decide.
+// The variance, pixel⁴, that the current frame gives a past sample with colour `color`, seen now at `at` with inverse
+// depth `w`. `staleness` is in pixels, and `change` is a possible change of its colour. Outside the frame the nearest
+// cells are used.
 fn rectification_variance(at: vec2<f32>, w: f32, color: vec3<f32>, staleness: f32, change: f32) -> f32 {
     let last = vec2<f32>(frame.lr - 1u);
     let place = vec2<u32>(clamp(fma(at, vec2(1.0 / f32(frame.scale)), frame.cell_offset), vec2(0.0), last));
@@ -91,7 +92,7 @@ fn rectification_variance(at: vec2<f32>, w: f32, color: vec3<f32>, staleness: f3
     return fma(fma(change, change, dot(outside, outside)), middle.w, bitcast<f32>(rest.z) * (staleness * staleness));
 }
 
-// The last samples come first: for tests that this does not show.
+// Reverses the order of samples in lists: for tests that the order has no effect.
 override BACKWARD: bool = false;
 
 @compute @workgroup_size(64, 4)
@@ -118,14 +119,14 @@ fn splat_color(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
     let parallax = frame.past[at.z].parallax;
     let staleness = fma(bitcast<f32>(samples_a[id].x), parallax, PER_FRAME * f32(at.z));
     var variance = rectification_variance(to, seen.inverse_depth, color, staleness, edge_slopes[id] * parallax);
-    // What is nearer may hide it now, the rather the farther the two have moved apart.
+    // A nearer sample may hide this one now. This is more likely, the farther the two have moved apart.
     let near = nearest_around(floor(seen.to));
     if seen.inverse_depth < near * (1.0 - DEPTH_TOLERANCE) {
         let apart = (near - seen.inverse_depth) * parallax;
         variance = fma(apart, apart * OCCLUDED, variance);
     }
-    // What does not move keeps its exact value: only motion, 0 at rest and towards 1 for a pixel or more, makes
-    // staleness and rectification matter.
+    // A sample that does not move keeps its exact value. Only motion (0 at rest, towards 1 for a pixel or more) gives
+    // weight to staleness and rectification.
     let motion = moved2 / (moved2 + 1.0);
     let noise = fma(fma(staleness, AGING, variance), motion, NOISE);
     if !(noise <= MAX_NOISE) {

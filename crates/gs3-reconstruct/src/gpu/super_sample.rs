@@ -57,7 +57,7 @@ struct Past {
     camera: Camera,
     jitter: [f32; 2],
     margin: Margin,
-    /// Which part of the history's buffers holds it.
+    /// The part of the history's buffers that holds the frame.
     slot: u32,
 }
 
@@ -67,10 +67,12 @@ pub(super) fn rows(reprojection: &Reprojection) -> [[f32; 4]; 3] {
     std::array::from_fn(|k| [rows[k][0], rows[k][1], rows[k][2], epipole[k]])
 }
 
-/// Super-samples a sequence of jittered LR frames of one size in device memory: [`crate::SuperSampler`]'s rules.
+/// Super-samples a sequence of jittered LR frames of one size in device memory, by the rules of
+/// [`crate::SuperSampler`].
 ///
-/// Memory: 52 B per LR pixel and remembered frame, that is per HR pixel, and of these 44 for the widest margin;
-/// nothing is allocated after its making. Two submissions of the same frames give the same bits on a device.
+/// Memory: 52 B per LR pixel and remembered frame, which is 52 B per HR pixel; 44 of them are needed for the widest
+/// margin as well. Nothing is allocated after construction. Two submissions of the same frames give the same bits on
+/// a device.
 pub struct GpuSuperSampler {
     gpu: Gpu,
     scale: u32,
@@ -89,7 +91,7 @@ pub struct GpuSuperSampler {
     innovation: Option<Buffer>,
     /// The last frames, newest first.
     past: Vec<Past>,
-    /// The one recorded last, until it is kept.
+    /// The frame recorded last, until it is committed.
     pending: Option<Past>,
     invalid: Option<ResetReason>,
 }
@@ -107,7 +109,7 @@ impl fmt::Debug for GpuSuperSampler {
 /// Super sampling from one G-buffer to one image.
 #[derive(Clone, Debug)]
 pub struct BoundSuperSampler {
-    /// That of the super sampler that it is of.
+    /// The uniform of the super sampler that made this binding.
     uniform: Buffer,
     remember: Bound,
     predict: Bound,
@@ -121,7 +123,7 @@ impl GpuSuperSampler {
     /// history. Its LR frames may have `margin` pixels beyond each edge, 0 if they have none.
     ///
     /// # Errors
-    /// [`GpuReconstructError`] if `scale`, `size` or `margin` is not supported, or the device has no room for it.
+    /// [`GpuReconstructError`] if `scale`, `size` or `margin` is not supported, or the device has too little memory.
     pub fn new(
         gpu: &Gpu,
         scale: u32,
@@ -133,7 +135,7 @@ impl GpuSuperSampler {
         Self::with_constants(gpu, [scale, margin], size, innovation, kriging, &[])
     }
 
-    /// The same with kriging and without innovation, to whose pixels the last samples come first. For tests.
+    /// With kriging, without innovation, and with the last samples first in a pixel's list. For tests.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -159,7 +161,7 @@ impl GpuSuperSampler {
     ) -> Result<Self, GpuReconstructError> {
         check_scale(scale)?;
         check_frame_size(size)?;
-        // Wider than a frame no margin is of use.
+        // A margin wider than a frame is useless.
         if margin > MAX_SIDE {
             return Err(ReconstructError::Margin { max: MAX_SIDE, actual: margin }.into());
         }
@@ -203,27 +205,27 @@ impl GpuSuperSampler {
         })
     }
 
-    /// Forgets the history. The next frame is reconstructed from itself alone.
+    /// Drops the history. The next frame is reconstructed from its own samples alone.
     pub fn reset(&mut self, reason: ResetReason) {
         self.invalid = Some(reason);
     }
 
-    /// What the samples of the last frame recorded say that the frames before did not
-    /// ([`crate::SuperSampler::innovation`]), `[LR height, LR width, 4]` of f32, if it is wanted.
+    /// The innovation of the last recorded frame ([`crate::SuperSampler::innovation`]), `[LR height, LR width, 4]` of
+    /// f32, if it is computed.
     #[must_use]
     pub const fn innovation(&self) -> Option<&Buffer> {
         self.innovation.as_ref()
     }
 
-    /// Why the next frame will have no history, if it will have none.
+    /// Why the next frame will have no history; none if it will have one.
     #[must_use]
     pub const fn history_invalid(&self) -> Option<ResetReason> {
         self.invalid
     }
 
-    /// Will read frames from `planes` and write them to `out`. `padded` is the same frames with their margins, in
-    /// planes whose rows lie as far apart as a frame with the widest margin is wide; `planes` again if there are
-    /// none.
+    /// Binds the planes that frames are read from, and `out`, which they are written to. `padded` are the same frames
+    /// with their margins; its rows lie as far apart as a frame with the widest margin is wide. Without margins, pass
+    /// `planes` again.
     ///
     /// # Errors
     /// [`GpuReconstructError`] if `out` has another size, a plane is too small, or the device refuses.
@@ -250,13 +252,14 @@ impl GpuSuperSampler {
         })
     }
 
-    /// Records the reconstruction of what `camera` sees from the G-buffer that `bound` reads, its LR frame sampled at
-    /// `jitter` with `margin` around it, and the frames before. Once in a submission at most. The frame joins the
-    /// history with [`Self::commit`]; recorded again before, it is made anew.
+    /// Records the reconstruction of the image of `camera` from the G-buffer that `bound` reads, and the history. The
+    /// G-buffer is the LR frame of `camera`, sampled at `jitter`, with `margin` around it. At most once in a
+    /// submission. [`Self::commit`] adds the frame to the history. A frame recorded again before the commit is
+    /// replaced.
     ///
     /// # Errors
-    /// [`GpuReconstructError`] if `bound` is another super sampler's, the size of `camera`, the jitter or the margin
-    /// does not fit, or the device is lost; the history is then as before.
+    /// [`GpuReconstructError`] if `bound` belongs to another super sampler, the size of `camera`, the jitter or the
+    /// margin does not fit, or the device is lost. The history stays unchanged then.
     pub fn record(
         &mut self,
         recorder: &mut Recorder<'_>,
@@ -277,7 +280,7 @@ impl GpuSuperSampler {
         }
         let history: &[Past] = if self.invalid.is_some() { &[] } else { &self.past };
         let slots = self.plan.frames;
-        // The oldest makes room once all are taken.
+        // When all slots are in use, the oldest frame is replaced.
         let is_full = history.len() == slots as usize;
         let (kept, free) = match history.split_last() {
             Some((oldest, kept)) if is_full => (kept, oldest.slot),
@@ -310,7 +313,7 @@ impl GpuSuperSampler {
         Ok(())
     }
 
-    /// Takes the frame recorded last into the history.
+    /// Adds the frame recorded last to the history.
     pub fn commit(&mut self) {
         let Some(newest) = self.pending.take() else { return };
         if self.invalid.take().is_some() {
@@ -320,7 +323,7 @@ impl GpuSuperSampler {
         self.past.insert(0, newest);
     }
 
-    /// The sampler's buffers and those of `planes` by the names that kernels have for them.
+    /// The sampler's buffers and the buffers of `planes`, by the names in the kernels.
     fn slices_with<'a>(&'a self, planes: &GpuPlanes<'a>) -> Vec<(&'static str, Slice<'a>)> {
         let mut all = own_slices(&self.uniform, &self.buffers);
         all.push(("color_alpha", planes.color_alpha.slice()));
@@ -360,7 +363,7 @@ impl GpuSuperSampler {
             lr: self.plan.lr,
             scale: self.scale,
             frames: kept.len() as u32 + 1,
-            // A position is given with pixel centres at whole numbers.
+            // Positions are given with pixel centres at whole numbers.
             first_sampled,
             padded: self.plan.padded,
             cell_offset: current.jitter.map(|j| 0.5 / self.scale as f32 - 0.5 - j),
@@ -371,19 +374,19 @@ impl GpuSuperSampler {
     }
 }
 
-/// The sampler's buffers by the names that kernels have for them.
+/// The sampler's buffers, by the names in the kernels.
 fn own_slices<'a>(
     uniform: &'a Buffer,
     buffers: &'a [(&'static str, Buffer)],
 ) -> Vec<(&'static str, Slice<'a>)> {
     let storage = buffers.iter().map(|(name, buffer)| (*name, buffer.slice()));
-    // What only reads `nearest` has it by another name.
+    // Kernels that only read `nearest` use another name for it.
     let nearest = buffers.iter().filter(|(name, _)| *name == "nearest");
     let found = nearest.map(|(_, buffer)| ("nearest_found", buffer.slice()));
     storage.chain(found).chain([("frame", uniform.slice())]).collect()
 }
 
-/// The first slot that no frame of `history` has.
+/// The first slot that no frame of `history` uses.
 fn first_free(history: &[Past], slots: u32) -> u32 {
     (0..slots).find(|slot| history.iter().all(|past| past.slot != *slot)).unwrap_or(0)
 }

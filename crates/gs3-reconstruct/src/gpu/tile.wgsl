@@ -1,10 +1,10 @@
-// Samples of the past over the surface of the current ones; see splat.rs and tile.rs.
+// Adds past samples to the surface of the current samples; see splat.rs and tile.rs.
 //
-// A workgroup makes a tile of pixels and one more around it, which the correction for curvature needs; an invocation
-// makes four pixels in a row. The lists of the samples that reach the tile are put in order, by cells and within a
-// cell by the samples' numbers, so that sums do not depend on who came first. Then as many samples as there is room
-// for are brought into workgroup memory at a time, whole cells, and every invocation adds those of the seven cells in
-// three rows that reach its pixels: three runs of consecutive samples.
+// A workgroup makes a tile of pixels plus one pixel around it, which the correction for curvature needs. An
+// invocation makes four pixels in a row. The lists of the samples that reach the tile are sorted by cell, and within
+// a cell by the samples' numbers, so that sums do not depend on the order of arrival. Then a window of whole cells,
+// as many samples as fit, is loaded into workgroup memory at a time. Every invocation adds the samples of the cells
+// that reach its pixels, seven cells in each of three rows: three runs of consecutive samples.
 
 @group(0) @binding(5) var<storage, read> heads: array<u32>;
 @group(0) @binding(6) var<storage, read> places: array<vec2<f32>>;
@@ -16,17 +16,18 @@ const QUADS: u32 = MADE_WIDTH / 4u;
 const THREADS: u32 = QUADS * MADE_HEIGHT;
 const CELLS_X: u32 = MADE_WIDTH + COLUMNS - 1u;
 const CELLS: u32 = CELLS_X * (MADE_HEIGHT + ROWS - 1u);
-// Cells whose lists an invocation puts in order.
+// Number of cells with lists that one invocation sorts.
 const OWN: u32 = (CELLS + THREADS - 1u) / THREADS;
 
-// Samples before each cell, the last entry being the number of all.
+// Number of samples before each cell; the last entry is the total.
 var<workgroup> starts: array<u32, CELLS + 1u>;
 var<workgroup> sums: array<u32, THREADS>;
 // Numbers of the samples in memory.
 var<workgroup> order: array<u32, CAPACITY>;
-// The samples: position in the tile, variance, five words of colour and gradient, the first halves of all before the
-// second. After each eight a place stays empty: neighbouring invocations read samples four cells apart, which at rest
-// are four places apart, and would wait for the same banks. At the end, the pixels.
+// The samples: position in the tile, variance, and five words of colour and gradient. The first halves of all samples
+// come before the second halves. After every eight samples one place stays empty: neighbouring invocations read
+// samples four cells apart, which at rest are four places apart, and would otherwise wait for the same banks. At the
+// end, this memory holds the pixels.
 const HALF: u32 = CAPACITY + CAPACITY / 8u;
 var<workgroup> staged: array<vec4<u32>, 2u * HALF>;
 
@@ -35,10 +36,11 @@ fn place_of(slot: u32) -> u32 {
     return slot + slot / 8u;
 }
 var<workgroup> window_end: u32;
-// Not 0 if there is anything but bare background of one colour. All who write it at a time write the same.
+// Not 0 if there is anything but bare background of one colour. All invocations that write it at a time write the
+// same.
 var<workgroup> varied: u32;
 
-// The list of cell `c` of the tile whose first made pixel is `corner`.
+// The list of cell `c` of the tile with the first made pixel `corner`.
 fn head_of(c: u32, corner: vec2<i32>) -> u32 {
     let at = corner + vec2<i32>(vec2(c % CELLS_X, c / CELLS_X));
     let size = vec2<i32>(frame.size) + vec2(i32(COLUMNS) - 1, i32(ROWS) - 1);
@@ -48,7 +50,7 @@ fn head_of(c: u32, corner: vec2<i32>) -> u32 {
     return heads[u32(at.y * size.x + at.x)];
 }
 
-// The end of the window of cells that begins at `first`: as many as there is room for, at least one.
+// The end of the window of cells that begins at `first`: as many cells as fit, at least one.
 fn end_of_window(first: u32) -> u32 {
     var low = first + 1u;
     var high = CELLS;
@@ -63,8 +65,8 @@ fn end_of_window(first: u32) -> u32 {
     return low;
 }
 
-// The list of cell `c` from place `base` of `order` on, smallest number first. Where there are more than `room`,
-// which no camera but one that flees from the scene brings about, the smallest stay.
+// Writes the list of cell `c` to `order` from place `base` on, smallest number first. If there are more than `room`,
+// the smallest stay; this needs a camera that moves away from the scene very fast.
 fn put_in_order(c: u32, corner: vec2<i32>, base: u32, room: u32) {
     var count = 0u;
     for (var id = head_of(c, corner); id != 0u; id = links[id - 1u].y) {
@@ -84,7 +86,7 @@ fn put_in_order(c: u32, corner: vec2<i32>, base: u32, room: u32) {
     }
 }
 
-// In the variance's sign: the sample is one of the current frame.
+// In the variance's sign: the sample belongs to the current frame.
 const CURRENT: u32 = 0x80000000u;
 
 // Four pixels in a row: Σ weight·RGB, Σ weight.
@@ -117,12 +119,12 @@ fn add_run(first: u32, end: u32, pixel: vec2<f32>) {
 
 @compute @workgroup_size(THREADS)
 fn accumulate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    // First pixel made, in the image; −1 for the first tiles.
+    // The first made pixel, in the image; −1 for the first tiles.
     let corner = vec2<i32>(group.xy * vec2(MADE_WIDTH - 2u, MADE_HEIGHT - 2u)) - 1;
     let last = vec2<i32>(frame.size) - 1;
     let pixel = vec2(lane % QUADS * 4u, lane / QUADS);
 
-    // How many samples there are in each cell, and before it.
+    // Number of samples in each cell, and before it.
     var own = 0u;
     for (var k = 0u; k < OWN; k++) {
         let c = lane * OWN + k;
@@ -192,7 +194,7 @@ fn accumulate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
 
     // The samples.
     for (var first = 0u; first < CELLS;) {
-        // What is in memory has been used.
+        // All invocations have used the samples in memory.
         workgroupBarrier();
         if lane == 0u {
             window_end = end_of_window(first);
@@ -266,7 +268,7 @@ fn accumulate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
     }
 }
 
-// The colour of the made pixel at `at` of the image, of the nearest in the image.
+// The colour of the made pixel at `at` of the image; outside, of the nearest pixel in the image.
 fn made_at(at: vec2<i32>, corner: vec2<i32>) -> vec3<f32> {
     let made = vec2<u32>(clamp(at, vec2(0), vec2<i32>(frame.size) - 1) - corner);
     return bitcast<vec3<f32>>(staged[made.y * MADE_WIDTH + made.x].xyz);

@@ -1,18 +1,18 @@
-// The in-between frame, gathered from both neighbours; see warp.rs. An invocation four pixels in a row: a row of a patch
-// of 4×4. It looks at one of the patch's corners for all; where the patch moves alike, its pixels are gathered with
-// one displacement, where it is seen alike, with one weight.
+// The in-between frame, gathered from both neighbours; see warp.rs. One invocation per four pixels in a row, a row of
+// a 4×4 patch. Each invocation examines one corner of the patch for all four. If the corners move alike, the patch is
+// gathered with one displacement; if they have the same visibility, with one weight.
 
 @group(0) @binding(3) var<storage, read> middle: array<f32>;
 @group(0) @binding(4) var<storage, read> ranges: array<vec2<f32>>;
 @group(0) @binding(5) var<storage, read_write> result: array<vec2<u32>>;
 
-// Patches in a row that a workgroup makes, and rows of pixels.
+// Number of patches in a row that a workgroup makes, and number of rows of pixels.
 const PATCHES: u32 = 16u;
 const LINES: u32 = 16u;
 
-// Where pixels of a patch are in both neighbours, and how well they are seen there.
+// The places of a patch's pixels in both neighbours, and their visibility there.
 struct Correspondence {
-    // Displacements in the first, then in the second.
+    // Displacements in the first neighbour, then in the second.
     moved: vec4<f32>,
     visibility: vec2<f32>,
 }
@@ -20,7 +20,7 @@ struct Correspondence {
 var<workgroup> corner_moved: array<vec4<f32>, PATCHES * LINES>;
 var<workgroup> corner_visibility: array<vec2<f32>, PATCHES * LINES>;
 
-// Where HR column (or row) `x` of `len` samples is: the samples around it, and the way between them.
+// The place of HR column (or row) `x` among `len` samples: the samples around it, and the fraction of the way.
 struct Place {
     samples: vec2<u32>,
     fraction: f32,
@@ -56,7 +56,7 @@ fn middle_at(at: vec2<i32>) -> f32 {
     return select(right, left, column.fraction < 0.5);
 }
 
-// Displacement of pixel `at` of inverse depth `depth` in neighbour `n`, and how well that sees it: next to nothing
+// Displacement of pixel `at` with inverse depth `depth` in neighbour `n`, and its visibility there: next to nothing
 // outside.
 fn correspondence_in(n: u32, at: vec2<f32>, depth: f32) -> vec3<f32> {
     let neighbor = in_between.neighbors[n];
@@ -84,7 +84,7 @@ fn correspondence(at: vec2<i32>) -> Correspondence {
     return Correspondence(vec4(first.xy, second.xy), vec2(first.z, second.z));
 }
 
-// What time and visibility say of the second neighbour's share.
+// The second neighbour's share by time and visibility.
 fn share_of(visibility: vec2<f32>) -> f32 {
     let before = visibility.x * (1.0 - in_between.t);
     let after = visibility.y * in_between.t;
@@ -92,23 +92,23 @@ fn share_of(visibility: vec2<f32>) -> f32 {
     return select(select(share, 0.0, share < NEGLIGIBLE), 1.0, share > 1.0 - NEGLIGIBLE);
 }
 
-// Fixed-point positions of pixel `at` moved by `moved`. Whole pixels are added in whole numbers, so that pixels that
-// move alike stay whole pixels apart.
+// Fixed-point positions of pixel `at` moved by `moved`. Whole pixels are added as integers, so that pixels with the
+// same motion stay whole pixels apart.
 fn units(moved: vec4<f32>, at: vec2<i32>) -> vec4<i32> {
     return vec4<i32>(floor(fma(moved, vec4(f32(UNITS)), vec4(0.5)))) + at.xyxy * UNITS;
 }
 
-// What the four pixels get from each neighbour, and where from.
+// The four pixels' visibility and positions in each neighbour.
 struct Quad {
     share: array<f32, 4>,
     visibility: array<vec2<f32>, 4>,
     positions: array<vec4<i32>, 4>,
-    // Whether they move alike in the first, in the second neighbour.
+    // Whether the four pixels move alike in the first and in the second neighbour.
     alike: vec2<bool>,
 }
 
 fn quad_at(patch_corner: vec2<i32>, line: u32, lane: u32) -> Quad {
-    // The corner that this invocation looks at for its patch.
+    // The corner that this invocation examines for its patch.
     let own_corner = vec2(i32(line % 2u), i32(line / 2u)) * 3;
     let corner = correspondence(patch_corner + own_corner);
     corner_moved[lane] = corner.moved;
@@ -173,7 +173,7 @@ fn gather_quad(n: u32, positions: array<vec4<i32>, 4>, alike: bool) -> array<vec
     return row;
 }
 
-// The second neighbour's share where the uncertainties are these: the less uncertain one counts more.
+// The second neighbour's share with these uncertainties: the less uncertain neighbour counts more.
 fn surer(share: f32, first: f32, second: f32) -> f32 {
     let weight = share * (max(first, 0.0) + UNSURE);
     return weight / (weight + (1.0 - share) * (max(second, 0.0) + UNSURE));
@@ -184,7 +184,7 @@ fn pack(color: vec4<f32>) -> vec2<u32> {
     return vec2(pack2x16float(c.xy), pack2x16float(c.zw));
 }
 
-// The first pixel of the patch that invocation `at` makes a row of.
+// The first pixel of the patch with the row of invocation `at`.
 fn patch_corner(at: vec3<u32>) -> vec2<i32> {
     let start = select(0, i32(in_between.offset) - 4, in_between.offset > 0u);
     return vec2<i32>(vec2(at.x * 4u, at.y - at.y % 4u)) + start;

@@ -54,7 +54,7 @@ pub fn spz(data: &[u8]) {
     check(load("fuzz.spz", &gzip.finish().expect("writing to memory")));
 }
 
-/// An SPZ file of version 4, whose frames are changed as they are.
+/// An SPZ file of version 4. Its frames are mutated without unpacking.
 pub fn spz_4(data: &[u8]) {
     check(load("fuzz.spz", data));
 }

@@ -28,7 +28,7 @@ impl<'a> Context<'a> {
         Self { folder: Some(folder), ..Self::in_memory(options) }
     }
 
-    /// Adds to what is told, unless the same was told already.
+    /// Adds a note, unless the same note has been added.
     pub(super) fn note(&self, note: String) {
         let mut notes = self.notes.borrow_mut();
         if !notes.contains(&note) {

@@ -80,8 +80,8 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// The members of this object that are none of `known`, where it is an object; those that are false, 0 or null say
-    /// nothing.
+    /// The members of this object that are not in `known`, if it is an object. Members that are false, 0 or null are
+    /// ignored.
     pub fn unknown(&self, known: &[&str]) -> Vec<String> {
         let members = self.value.as_object().into_iter().flatten();
         let says_something =

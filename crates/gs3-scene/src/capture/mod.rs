@@ -33,15 +33,15 @@ use fields::Field;
 /// Frames per second given to photo collections, which name none.
 pub const DEFAULT_FRAMES_PER_SECOND: f64 = 30.0;
 
-/// Bytes of a JSON file of cameras at most: room for a hundred thousand cameras of 600 bytes, which few exceed. In
-/// memory JSON takes up to eighty times its size, if all of it is objects of one short field: then these are 5 GB.
+/// Largest size of a JSON file of cameras, in bytes: a hundred thousand cameras of 600 bytes; few cameras take more.
+/// In memory JSON takes up to eighty times its size, if it consists of objects with one short field: then 5 GB.
 pub const MAX_JSON_BYTES: u64 = 64 << 20;
 
-/// Bytes of each file of a COLMAP model at most: room for the 24 bytes of each of ten thousand observed points in
-/// fifteen thousand photos.
+/// Largest size of each file of a COLMAP model, in bytes: fifteen thousand photos with ten thousand observed points
+/// of 24 bytes each.
 pub const MAX_COLMAP_BYTES: u64 = 4 << 30;
 
-/// What a caller knows of cameras whose file does not say it.
+/// Knowledge of the caller about cameras that their file does not state.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CaptureOptions {
     /// Width and height of the images, pixels, of files that state none. (Others are brought to a size by
@@ -49,8 +49,8 @@ pub struct CaptureOptions {
     pub size: Option<(u32, u32)>,
     /// Vertical field of view in radians, of files that state no intrinsics at all.
     pub fov_y: Option<f64>,
-    /// A `dataparser_transforms.json` of nerfstudio, into whose frame the cameras are brought; the one beside a
-    /// `transforms.json` where this is `None`.
+    /// A `dataparser_transforms.json` of nerfstudio. The cameras are transformed to its frame. If this is `None`, the
+    /// file beside a `transforms.json` is used.
     pub dataparser: Option<PathBuf>,
 }
 
@@ -149,7 +149,7 @@ pub fn parse_json(bytes: &[u8]) -> Result<CameraPath, CaptureFault> {
     Ok(parsed.captured.with_notes(context.into_notes()).into_path())
 }
 
-/// Reads a RealityScan CSV from memory, whose pictures are of size `(width, height)`.
+/// Reads a RealityScan CSV from memory, with pictures of size `(width, height)`.
 ///
 /// # Errors
 /// [`CaptureFault`], naming field, expected and actual.
@@ -223,7 +223,7 @@ struct Captured {
 }
 
 impl Captured {
-    /// Adds what there is to tell, lenses included.
+    /// Adds the notes, including the notes about lenses.
     fn with_notes(mut self, notes: Vec<String>) -> Self {
         let distorted = self.facts.lenses.iter().flatten().count();
         if distorted > 0 {

@@ -63,8 +63,8 @@ pub(super) fn parse(root: &Field, context: &Context<'_>) -> Result<Captured, Cap
             if !(degrees > 0.0 && degrees < 180.0) {
                 return Err(fov.wrong("degrees between 0 and 180"));
             }
-            // A frame's `aspect` says nothing: nerfstudio does not read it, and its Blender add-on writes 1 whatever
-            // the size.
+            // A frame's `aspect` is not used: nerfstudio does not read it, and its Blender add-on writes 1 at every
+            // size.
             Intrinsics::from_fov_y(width, height, degrees.to_radians())
         };
         cameras.push(camera_from_opengl(frame.place(), rows, intrinsics)?);

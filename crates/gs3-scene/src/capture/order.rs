@@ -10,7 +10,7 @@ pub fn in_order(a: &str, b: &str) -> Ordering {
         let ((x, y), order) = match (left.first(), right.first()) {
             (Some(x), Some(y)) if x.is_ascii_digit() && y.is_ascii_digit() => {
                 let ((x, left_rest), (y, right_rest)) = (number(left), number(right));
-                // More digits make a larger number, whatever its size.
+                // A number with more digits is larger.
                 ((left_rest, right_rest), x.len().cmp(&y.len()).then(x.cmp(y)))
             }
             (Some(x), Some(y)) => ((&left[1..], &right[1..]), x.cmp(y)),

@@ -93,8 +93,8 @@ fn animation(track: &Field, default_fov: f64, size: (u32, u32)) -> Result<Captur
         ]
     };
     let keys: Vec<Key> = (0..count).map(key).collect();
-    // The viewer's animations go on into their beginning, whatever the loop mode; where the last key is the end, a frame
-    // later.
+    // The viewer's animations continue into their beginning in every loop mode. If the last key is at the end, the
+    // period is one frame longer.
     let period = if key_times[count - 1] >= frames { key_times[count - 1] + 1.0 } else { frames };
     let curve = Curve { times: key_times, keys, period, smoothness, is_stepped };
     captured((0..frames as usize).map(|frame| curve.at(frame as f64)), rate, is_cycle, size)

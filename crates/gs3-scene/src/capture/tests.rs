@@ -85,7 +85,7 @@ fn nerfstudio_path() {
                             {{"camera_to_world": [0,0,-1,1, -1,0,0,2, 0,1,0,3, 0,0,0,1], "fov": {fov}}}]}}"#
     );
     let path = parse_json(json.as_bytes()).unwrap();
-    // As the Blender add-on writes it: the aspect is not that of the images.
+    // As the Blender add-on writes it: the aspect is not the images' aspect.
     assert_is_the_camera(&path, 0);
     assert_is_the_camera(&path, 1);
     assert_eq!((path.frames_per_second(), path.is_cycle(), path.name(0)), (24.0, true, None));
@@ -296,7 +296,7 @@ fn distortion_in_transforms_is_a_lens() {
         let path = parse_json(json(fisheye).as_bytes()).unwrap();
         assert!(matches!(path.lens(0), Some(Lens::Fisheye { .. })), "{fisheye}");
     }
-    // What is not known is told once, by name; what is false or 0 says nothing.
+    // An unknown member is reported once, by name; a false or 0 value is ignored.
     let path = parse_json(json(r#""rolling_shutter_time": 0.01, "is_hdr": false"#).as_bytes()).unwrap();
     assert_eq!(path.facts().notes, ["fields not used: \"rolling_shutter_time\""]);
 }
@@ -339,7 +339,7 @@ fn sizes_that_are_not_stated_are_those_of_the_pictures() {
         assert_is_the_camera(&path, 0);
         assert!(path.facts().notes.is_empty(), "{:?}", path.facts().notes);
     }
-    // Without pictures an angle is all there is: a size is assumed and told, and other sizes keep the angle.
+    // Without pictures only an angle is known: a size is assumed and reported, and other sizes keep the angle.
     std::fs::remove_file(folder.path().join("images/a.png")).unwrap();
     let path = load(&file).unwrap();
     assert_eq!((path.cameras()[0].width(), path.facts().notes.len()), (800, 1));
@@ -518,7 +518,7 @@ fn pipes_are_read_to_their_end_or_the_limit_and_devices_are_not() {
     let writer = write(json.into_bytes());
     assert_eq!(load(&pipe).unwrap().cameras().len(), 1);
     writer.join().unwrap().unwrap();
-    // Whoever writes more than the limit finds the pipe closed.
+    // A writer of more bytes than the limit finds the pipe closed.
     let writer = write(vec![0; 1 << 20]);
     let message = read(&pipe, 1000).unwrap_err().to_string();
     assert!(message.contains("size: expected at most 1000 bytes, found more"), "{message}");

@@ -7,7 +7,7 @@ use super::{CaptureFault, Captured, Field, Photo, camera_from_opengl, path_throu
 use crate::camera::Intrinsics;
 use crate::lens::Lens;
 
-/// Image side of the NeRF synthetic scenes, the commonest whose `transforms.json` states no size.
+/// Image side of the NeRF synthetic scenes, the most common scenes without a size in `transforms.json`.
 const NERF_SYNTHETIC_SIDE: u32 = 800;
 
 /// What states another lens than a pinhole unless it is false or 0: flags of instant-ngp and of exporters to it, and

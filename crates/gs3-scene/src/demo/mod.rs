@@ -1,8 +1,8 @@
 //! A procedural scene that needs no download: a stone court with a gilded knot, marble, columns, trees, grass and sky.
 //!
-//! It asks of a renderer what a capture does: 530,000 Gaussians of all sizes, thin foliage, fine texture, glossy
-//! view-dependent colour, and a sky dome around it. World units are metres, z points up. The same Gaussians come out
-//! on every machine with the same floating-point functions, whatever the number of threads.
+//! It is as hard for a renderer as a capture: 530,000 Gaussians of all sizes, thin foliage, fine texture, glossy
+//! view-dependent colour, and a sky dome around it. World units are metres, z points up. Every machine with the same
+//! floating-point functions generates the same Gaussians, with any number of threads.
 
 mod court;
 mod light;
@@ -31,7 +31,7 @@ const PATH_FRAMES: usize = 240;
 /// Generates the scene.
 ///
 /// # Errors
-/// None in practice: the generated Gaussians are valid. The type is that of [`Scene::new`].
+/// None in practice: the generated Gaussians are valid. The error type comes from [`Scene::new`].
 pub fn scene() -> Result<Scene, SceneError> {
     let parts: [fn() -> Vec<Splat>; 3] = [court::splats, plants::splats, light::sky_dome];
     let parts: Vec<Vec<Splat>> = parts.par_iter().map(|part| part()).collect();

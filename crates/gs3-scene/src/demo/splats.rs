@@ -23,7 +23,7 @@ pub struct Splat {
 /// A grid of Gaussians on a surface.
 pub struct Patch {
     pub seed: u64,
-    /// Gaussians along u and v, both of which run over `[0, 1)`.
+    /// Number of Gaussians along u and v; u and v run over `[0, 1)`.
     pub counts: [usize; 2],
     /// Standard deviation of a Gaussian in steps of the grid: about 0.6 covers the surface without blurring it.
     pub overlap: f32,

@@ -20,7 +20,7 @@ pub enum LoadError {
         /// What the system says.
         source: io::Error,
     },
-    /// Whoever loads it has stopped it ([`super::load_until`]).
+    /// The caller has stopped loading ([`super::load_until`]).
     #[error("{file}: stopped before it was loaded")]
     Stopped {
         /// The file that was being read.

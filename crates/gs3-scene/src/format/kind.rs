@@ -1,4 +1,4 @@
-//! Formats, told apart by content; by name where a format has no signature.
+//! Formats, detected by content, or by name if a format has no signature.
 
 use serde_json::Value;
 
@@ -7,7 +7,7 @@ use super::error::LoadError;
 use super::source::Source;
 use super::{gltf, has_extension, lcc2, rad};
 
-/// The formats as they are told apart.
+/// The detected formats.
 pub(super) enum Kind<'a> {
     Ply,
     Spz,

@@ -1,6 +1,7 @@
-//! LCC2 (XGRIDS): an octree in JSON, whose nodes name ranges of SOG or SPZ files beside it, a level of detail a depth.
+//! LCC2 (XGRIDS): an octree in JSON. Its nodes name ranges of SOG or SPZ files beside it, with one level of detail
+//! per depth.
 //!
-//! Source: what splat-transform reads, which agrees with files of LCC Studio; the format has no description of its own.
+//! Source: the code of splat-transform, which agrees with files of LCC Studio; the format has no specification.
 //! Coordinates are right-front-up.
 
 use std::collections::BTreeMap;
@@ -140,8 +141,8 @@ impl Index {
         Ok(Self { levels: count, files, environment, root })
     }
 
-    /// Adds the rows of the nodes under `node`, which is at `depth`, that are of `level`; without one, those that have
-    /// none under them. Whether any were found.
+    /// Adds the rows of the nodes of `level` under `node`, which is at `depth`. Without a level, the rows of the
+    /// leaves are added. Returns whether any were found.
     fn select(
         &self,
         name: &str,

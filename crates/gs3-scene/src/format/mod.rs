@@ -62,7 +62,7 @@ use kind::Kind;
 /// Gaussians decoded by one task: enough work that scheduling costs nothing, small enough to stay in cache.
 const BLOCK: usize = 4096;
 
-/// What to load of a scene that holds several representations of itself; [`streamed`] tells what there is.
+/// The part to load of a scene with several representations; [`streamed`] lists the representations.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LoadOptions {
     /// Level of detail of a streamed SOG scene, 0 the finest. Parts of the scene that have nothing at this level are
@@ -174,7 +174,7 @@ pub fn load_source(
     Ok(scene.with_near(near))
 }
 
-/// Reads `source` in whatever format it is.
+/// Reads `source` in any format.
 fn decode(
     source: &Source<'_>,
     files: &dyn Files,

@@ -35,7 +35,7 @@ mod tests {
             let expected = (0..16).fold(0, |bits, k| bits | u64::from(code >> k & 1u16) << (3 * k));
             assert_eq!(spread(code), expected, "code {code:04x}");
         }
-        // The far corner of a cube comes last, whatever the order of the points.
+        // The far corner of a cube comes last, in any order of the points.
         assert_eq!(order(3, |i| [[9, 9, 9], [0, 0, 0], [9, 0, 0]][i]), [1, 2, 0]);
     }
 }

@@ -1,4 +1,4 @@
-//! The origin of scenes whose positions need more than single precision.
+//! The origin of scenes with positions that need more than single precision.
 
 use glam::DVec3;
 

@@ -1,7 +1,7 @@
 //! Unit quaternions without their largest component.
 
-/// The quaternion whose component `largest` was left out because the other three and its length of 1 give it.
-/// `others` are those three in order. Where rounding made them longer than 1 the missing one is 0.
+/// The quaternion without its component `largest` in the file: the other three and the length of 1 determine it.
+/// `others` are those three in order. If rounding made them longer than 1, the missing component is 0.
 pub(super) fn with_largest(largest: usize, others: [f32; 3]) -> [f32; 4] {
     let squares: f32 = others.iter().map(|v| v * v).sum();
     let mut quaternion = [(1.0 - squares).max(0.0).sqrt(); 4];

@@ -143,9 +143,9 @@ impl<'a> Source<'a> {
     }
 }
 
-/// How much memory a file of `file_bytes` may unpack to: trained scenes stay below 30 times the size of their
-/// file, so 100 times, and a quarter of a gibibyte for the smallest, leave room for odd ones and none for
-/// bombs.
+/// How much memory a file of `file_bytes` may unpack to. Trained scenes stay below 30 times the size of their file.
+/// So 100 times the size, and a quarter of a gibibyte for the smallest files, allow unusual scenes and exclude
+/// decompression bombs.
 pub(crate) fn allowance(file_bytes: u64) -> u64 {
     file_bytes.saturating_mul(100).max(256 << 20)
 }

@@ -48,7 +48,7 @@ fn unpack(record: &[u8; RECORD], i: usize, slots: &mut Slots<'_>) {
     }
 }
 
-/// Writes `scene`, its Gaussians in order; colours are those that look alike from everywhere.
+/// Writes `scene`, with its Gaussians in order. Colours are the view-independent parts.
 pub(super) fn write(scene: &Scene, writer: &mut impl Write) -> io::Result<()> {
     let gaussians = scene.gaussians();
     let origin = scene.details().origin;

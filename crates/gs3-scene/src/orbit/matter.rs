@@ -19,7 +19,7 @@ pub(super) struct Matter {
 /// What is in a cell.
 #[derive(Clone, Copy, Default)]
 struct Cell {
-    /// Optical depth of crossing the cell: opacity × area of the Gaussians in it, over that of a side.
+    /// Optical depth of crossing the cell: opacity × area of the Gaussians in the cell, over the area of a side.
     depth: f32,
     /// Radius of the Gaussians in it, in world units: the mean, weighted as `depth`.
     radius: f32,

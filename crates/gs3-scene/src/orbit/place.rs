@@ -26,8 +26,8 @@ const ELBOW: f64 = 0.03;
 /// Things nearer than this share of the extent fill too much of the image.
 const NEAR: f64 = 0.08;
 
-/// Things whose Gaussians appear larger were never seen from so near, and are blurred: 0.01 are 12 pixels of an image
-/// 1080 pixels high.
+/// Objects with Gaussians that appear larger than this were never seen from so near, and are blurred: 0.01 is 12
+/// pixels of an image 1080 pixels high.
 const SHARP: f64 = 0.01;
 
 /// A level circle of eyes that look across it.

@@ -123,7 +123,7 @@ fn gltf_without_gaussians_or_with_broken_parts_is_refused() {
     assert_eq!(scene.gaussians(), load_bytes("s.glb", &gltf()).unwrap().gaussians());
 }
 
-/// A primitive whose Gaussians are those of `spz`.
+/// A primitive with the Gaussians of `spz`.
 pub fn gltf_spz(has_kernel: bool) -> Vec<u8> {
     let bytes = spz(3);
     let inner = r#""extensions":{"KHR_gaussian_splatting_compression_spz_2":{"bufferView":0}}"#;

@@ -79,7 +79,7 @@ pub enum ClipError {
         /// The input.
         name: String,
     },
-    /// The inputs of a frame come in another order than those of the first frame.
+    /// The inputs of a frame have another order than the inputs of the first frame.
     #[error("frame {frame}: expected inputs in the order {expected:?}, found {actual:?}")]
     Order {
         /// The frame.

@@ -1,4 +1,4 @@
-//! Clips as files: safetensors with a header, of which parts can be read.
+//! Clips as files: safetensors with a header. Parts of a file can be read on their own.
 //!
 //! Header texts: `clip` (version of this format), `network`, `scene`, `scale`. Arrays: `inputs/NAME`, f16, and
 //! `target`, u16; both `[frames, height, width, channels]`.
@@ -19,10 +19,10 @@ use super::{Clip, ClipError, ClipFrame, ClipPlane, HIDDEN, Network, Window};
 /// Version of the format.
 const VERSION: &str = "1";
 
-/// The longest header of safetensors that is read: thousands of times that of a clip.
+/// The longest safetensors header that is read: thousands of times a clip's.
 const MAX_HEADER: u64 = 1 << 20;
 
-/// A clip on disk, of which parts are read when they are needed.
+/// A clip on disk. Parts are read when they are needed.
 #[derive(Clone, Debug)]
 pub struct ClipFile {
     path: PathBuf,
@@ -178,7 +178,7 @@ impl ClipFile {
 }
 
 impl Head {
-    /// Reads the header of a file and checks that the arrays are those of the network.
+    /// Reads the header of a file and checks that the arrays fit the network.
     fn read(source: &mut (impl Read + Seek)) -> Result<Self, ClipError> {
         let length = source.seek(SeekFrom::End(0))?;
         source.rewind()?;
@@ -198,7 +198,7 @@ impl Head {
         Self::check(&metadata, 8 + size)
     }
 
-    /// Whether the arrays, which begin at byte `data`, are those of the network that the header names.
+    /// Checks that the arrays, which begin at byte `data`, fit the network that the header names.
     fn check(metadata: &Metadata, data: u64) -> Result<Self, ClipError> {
         let text = |field: &'static str, expected: &str| {
             let found = metadata.metadata().as_ref().and_then(|texts| texts.get(field));

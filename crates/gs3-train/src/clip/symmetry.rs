@@ -15,7 +15,7 @@ pub struct Symmetry {
     pub mirrored_y: bool,
 }
 
-/// Planes whose channels are x and y parts, and how many numbers a part has: derivatives are RGB each.
+/// Planes with x and y parts as channels, and the length of a part: derivatives are RGB each.
 const VECTORS: [(&str, usize); 4] = [("gradients", 3), ("compressed", 3), ("jitter", 1), ("motion", 1)];
 
 impl Symmetry {

@@ -90,8 +90,9 @@ impl Batch<'_> {
         self.tasks().len()
     }
 
-    /// Makes all clips that are not there yet, as many at once as the current rayon pool has threads. `done` is told of
-    /// each, in the order in which they are finished, and says whether to go on; those begun are finished all the same.
+    /// Makes all clips that do not exist yet, as many at once as the current rayon pool has threads. `done` is called
+    /// for each finished clip, in the order of finishing, and returns whether to continue. Clips already begun are
+    /// finished in any case.
     ///
     /// # Errors
     /// [`MakeError`] of the first clip that cannot be made, or that is there with other settings.
@@ -135,7 +136,7 @@ impl Batch<'_> {
         })
     }
 
-    /// Makes one clip after another, until there are none left or it is told to stop.
+    /// Makes one clip after another, until none are left or it is stopped.
     fn work(
         &self,
         tasks: &[Task],

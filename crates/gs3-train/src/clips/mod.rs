@@ -48,9 +48,10 @@ pub struct ClipSettings {
     pub held_out: f64,
     /// What all that is random depends on, together with a scene's name and a clip's number.
     pub seed: u64,
-    /// What refines the frames that others are made from: those between which is interpolated, and the previous one of
-    /// super sampling. Without it they are those of the pipeline without networks. Super sampling is trained in rounds:
-    /// the first without, the next ones on clips of the weights of the round before.
+    /// Weights of super sampling for the frames that others are made from: the neighbours of in-between frames, and
+    /// the previous frame of super sampling. Without weights, these frames come from the pipeline without networks.
+    /// Super sampling is trained in rounds: the first round without weights, and each later round on clips with the
+    /// weights of the round before.
     pub super_sample: Option<Arc<Weights>>,
     /// Which pixels are kriged, as they are below the network to be trained: coarsely for tier fast, finely for tier
     /// high.

@@ -162,7 +162,7 @@ impl Plan {
 }
 
 impl Sway {
-    /// A sway whose speed is about `share` of a step.
+    /// A sway with a speed of about `share` of a step.
     fn draw(draw: &mut Draw, share: f64) -> Self {
         let frequency = draw.log_uniform(SWAY_FREQUENCIES[0], SWAY_FREQUENCIES[1]);
         let amplitude = share / (TAU * frequency);
@@ -173,8 +173,8 @@ impl Sway {
 }
 
 impl Movement {
-    /// `plan` around the pose `world_from_view`. What is looked at lies at `target`, in view space, whose z is
-    /// positive; `points` are what is seen, in world space, and `pixel` says where one is in the image of a
+    /// `plan` around the pose `world_from_view`. The target of the view is at `target`, in view space, with positive
+    /// z. `points` are the visible points in world space. `pixel` gives a point's place in the image of a
     /// view_from_world pose. `speed` is in pixels a frame.
     pub fn new(
         plan: Plan,

@@ -65,7 +65,7 @@ fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
     files
 }
 
-/// The same files whatever the number of threads, and however often it was stopped; what is there stays.
+/// The files are the same with any number of threads and after any number of interruptions; existing files stay.
 #[test]
 fn batches_are_taken_up_again_and_deterministic() {
     let source = source();
@@ -140,7 +140,7 @@ fn batches_do_not_mix_settings() {
     assert_eq!(files(folder.path()), before);
 }
 
-/// Colours of the frame before, found where `motion` says, are those of this frame.
+/// The previous frame's colours, found along `motion`, equal this frame's colours.
 #[test]
 fn motion_carries_colours_along() {
     let source = source();
@@ -203,8 +203,8 @@ fn borders_have_a_past() {
     assert!(border < 1.05 * inside, "{border} {inside}");
 }
 
-/// Frames between others are at their own poses: blending what surrounds them comes near the native frame there, nearer
-/// than the frame before alone; and their time is told.
+/// In-between frames are at their own poses: a blend of the neighbours is near the native frame there, nearer than
+/// the previous frame alone. Their time is recorded.
 #[test]
 fn frames_between_are_between() {
     let source = source();

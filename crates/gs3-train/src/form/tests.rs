@@ -21,7 +21,7 @@ fn trained(peer: PublishedNetwork) -> (Graph, Form, Weights) {
     (graph, form, weights)
 }
 
-/// One pixel of `conv` of an image of which `at` gives channel i of the pixel at tap t.
+/// One pixel of `conv`; `at` gives channel i of the input pixel at tap t.
 fn convolved(weight: &[f32], bias: f32, inputs: usize, at: impl Fn(usize, usize) -> f32) -> f32 {
     let taps = weight.len() / inputs;
     bias + (0..weight.len()).map(|k| weight[k] * at(k / taps, k % taps)).sum::<f32>()

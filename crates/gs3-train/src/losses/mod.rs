@@ -1,5 +1,5 @@
-//! What training lowers. All terms but that of α are functions of errors, output − truth, so they vanish at the truth;
-//! each adds its derivative to that of the others.
+//! The losses of training. All terms except the one of α are functions of errors, output − truth, so they vanish at
+//! the truth. Each term adds its derivative to the others'.
 //!
 //! Error images are HR, `[height, width, 4]`; the fourth number of a pixel is 0, as is what it adds to any loss.
 

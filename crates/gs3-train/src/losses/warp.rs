@@ -14,13 +14,13 @@ pub struct Moved<'a> {
     pub validity: &'a [f32],
 }
 
-/// The sum over the interior of Charbonnier's loss of e − W(e₀), times validity: e the errors now, W(e₀) those of the
-/// frame before at the places where the pixels were, found bilinearly. What moves with its errors costs nothing, what
-/// flickers while it moves does. Pixels that were not seen, or at the border where nothing is known of errors, do not
-/// count.
+/// Charbonnier's loss of e − W(e₀), times validity, summed over the interior. e are the current errors. W(e₀) are the
+/// previous frame's errors at the places where the pixels were, found bilinearly. Errors that move with their surface
+/// cost nothing; errors that flicker while the surface moves do. Pixels that were not seen, and pixels at the border
+/// without known errors, do not count.
 ///
-/// The paper compares the images themselves; their truth differs along the motion, too, by what reflects and what
-/// sampling does, so here errors are compared: the loss vanishes at the truth.
+/// The paper compares the images themselves. But the truth also changes along the motion, by reflections and
+/// sampling. So here errors are compared: the loss vanishes at the truth.
 ///
 /// Adds `factor` times the derivatives to `v_before` and `v_now`.
 pub fn warp(
@@ -40,7 +40,8 @@ pub fn warp(
     for y in rows.clone() {
         let mut row_sum = [0.0_f32; CHANNELS];
         for x in columns.clone() {
-            // A block of HR pixels moves as its LR pixel: motion between LR pixels may be that of no surface.
+            // A block of HR pixels moves like its LR pixel: motion interpolated between LR pixels may belong to no
+            // surface.
             let lr = y / moved.scale * (width / moved.scale) + x / moved.scale;
             let valid = moved.validity[lr];
             let [from_x, from_y] = [x as f32 + scale * motion[lr][0], y as f32 + scale * motion[lr][1]];

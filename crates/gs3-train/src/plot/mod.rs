@@ -18,7 +18,7 @@ use panel::{Axis, Panel, Series};
 /// Size of the picture in pixels.
 const SIZE: [u32; 2] = [1200, 900];
 
-/// Of the series, told apart by most eyes (Okabe and Ito 2008).
+/// Colours of the series, distinguishable by most eyes (Okabe and Ito 2008).
 const COLORS: [Rgb888; 6] = [
     Rgb888::new(0, 0, 0),
     Rgb888::new(0, 114, 178),

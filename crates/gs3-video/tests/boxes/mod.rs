@@ -42,7 +42,7 @@ fn int(bytes: &[u8], at: usize) -> u32 {
     u32::from_be_bytes(bytes[at..at + 4].try_into().unwrap())
 }
 
-/// The entries of `words` numbers each of a table whose count is at `at`.
+/// The entries of a table, `words` numbers each; the table's count is at `at`.
 fn table(bytes: &[u8], at: usize, words: usize) -> Vec<Vec<u32>> {
     let count = int(bytes, at) as usize;
     assert_eq!(bytes.len(), at + 4 + 4 * words * count, "a table of {count}");

@@ -1,4 +1,4 @@
-//! The frame on the processor, read top to bottom. `gpu/mod.rs` has the same stages on a device.
+//! The frame on the CPU, read top to bottom. `gpu/mod.rs` has the same stages on a device.
 
 use std::sync::Arc;
 
@@ -18,7 +18,7 @@ use crate::refine::{Refine, ShareController};
 use crate::settings::Mode;
 use crate::stages::{Stage, StageTimes};
 
-/// Makes frames on the processor.
+/// Makes frames on the CPU.
 pub struct CpuMachine {
     pub rasterizer: Rasterizer,
     stages: CpuStages,
@@ -32,7 +32,7 @@ impl CpuMachine {
         Ok(Self { rasterizer: Rasterizer::new(scene, plan.settings.culling), stages })
     }
 
-    /// Makes `frames.current`, and the frames between it and `frames.previous`.
+    /// Makes `frames.current` and the in-between frames before it.
     pub fn make(&mut self, inputs: &FrameInputs, frames: &mut Frames) -> Result<Made, PipelineError> {
         self.stages.make(inputs, &mut self.rasterizer, frames)
     }
@@ -46,16 +46,16 @@ impl CpuMachine {
     }
 }
 
-/// The stages of a frame in the processor's memory, whoever rasterizes, and all that they remember.
+/// The stages of a frame in the CPU's memory, with any rasterizer, and everything that the stages remember.
 pub struct CpuStages {
     plan: FramePlan,
     super_sampler: SuperSampler,
     learned_super_sampler: Option<LearnedSuperSampler>,
     interpolator: Interpolator,
     learned_interpolator: Option<LearnedInterpolator>,
-    /// The LR frame with its margin, where it has one.
+    /// The LR frame with its margin, if it has one.
     padded: GBuffer,
-    /// The frame before a network refined it, where one does.
+    /// The frame before a network refines it, if there is a network.
     analytic: Image,
     /// The exact blocks of the frame.
     blocks: ExactBlocks,
@@ -68,7 +68,8 @@ impl CpuStages {
     pub fn new(plan: &FramePlan) -> Result<Self, PipelineError> {
         let (scale, networks) = (plan.scale, &plan.networks);
         let arithmetic = networks.arithmetic;
-        // First, because both check the scale and everything else builds on it.
+        // The interpolator and the super sampler come first: both check the scale, and everything else depends on the
+        // scale.
         let interpolator = Interpolator::new(scale)?;
         let super_sampler = SuperSampler::new(scale, plan.kriging)?;
         let super_sample = networks.super_sample.clone();
@@ -90,7 +91,7 @@ impl CpuStages {
         })
     }
 
-    /// Makes `frames.current`, and the frames between it and `frames.previous`.
+    /// Makes `frames.current` and the in-between frames before it.
     pub fn make(
         &mut self,
         inputs: &FrameInputs,
@@ -119,12 +120,12 @@ impl CpuStages {
                 // G-buffer and history to the frame, which a network may refine.
                 times.time(Stage::SuperSample, || self.super_sample(inputs, frames))?;
 
-                // Exact pixels to where that is not to be trusted.
+                // Exact pixels where the reconstruction cannot be trusted.
                 if self.plan.refine.is_on() && rasterizer.makes_blocks() {
                     times.time(Stage::Refine, || self.refine(inputs, rasterizer, frames))?;
                 }
 
-                // The previous frame and this one to those between.
+                // The previous frame and this one to the in-between frames.
                 if !inputs.moments.is_empty() {
                     times.time(Stage::Interpolate, || self.interpolate(inputs, frames))?;
                 }
@@ -142,27 +143,28 @@ impl CpuStages {
         Ok(Made { lattice, in_between: inputs.moments.len(), refined, times })
     }
 
-    /// Takes another choice of exact pixels, which [`FramePlan::set_refine`] has checked.
+    /// Changes the choice of exact pixels, which [`FramePlan::set_refine`] has checked.
     pub const fn set_refine(&mut self, refine: Refine) {
         self.plan.refine = refine;
     }
 
-    /// Places of the exact blocks of the last frame.
+    /// Places of the exact blocks of the last frame, in blocks.
     pub fn exact_places(&self) -> &[[u16; 2]] {
         &self.blocks.places
     }
 
-    /// The squared errors expected of the last frame before its exact blocks; empty in modes without history.
+    /// The squared errors that were expected of the last frame before its exact blocks. Empty in modes without
+    /// history.
     pub fn expected_errors(&self) -> &[f32] {
         if self.plan.settings.mode.has_history() { self.super_sampler.expected_errors() } else { &[] }
     }
 
-    /// Drops what is remembered of the frames before, where this frame has no history.
+    /// Drops everything remembered of earlier frames, if this frame has no history.
     fn forget_before(&mut self, inputs: &FrameInputs) {
         let Some(reason) = inputs.reset else { return };
         self.super_sampler.reset(reason);
         self.learned_super_sampler.iter_mut().for_each(LearnedSuperSampler::reset);
-        // In-between frames lead to a keyframe, from before it.
+        // A keyframe has in-between frames before it, so the interpolation network keeps its state for them.
         if reason != ResetReason::Keyframe {
             self.learned_interpolator.iter_mut().for_each(LearnedInterpolator::reset);
         }
@@ -236,7 +238,7 @@ impl CpuStages {
         Ok(())
     }
 
-    /// Share of the last frame's pixels that are exact blocks.
+    /// Share of the last frame's pixels that are exact blocks, `[0, 1]`.
     fn refined_share(&self, inputs: &FrameInputs) -> f32 {
         let [columns, rows] = block_grid([inputs.camera.width() as usize, inputs.camera.height() as usize]);
         self.blocks.len() as f32 / (columns * rows) as f32

@@ -1,5 +1,5 @@
-//! The pipeline: what a frame is asked for, what it goes on from, and what it gives. The stages are in `cpu.rs` and
-//! `gpu/mod.rs`, side by side.
+//! The pipeline: its requests, its state between frames, and its results. The stages are in `cpu.rs` and
+//! `gpu/mod.rs`, in the same order.
 
 mod cpu;
 #[cfg(feature = "gpu")]
@@ -30,11 +30,11 @@ use crate::refine::Refine;
 use crate::settings::{MAX_IN_BETWEEN, Mode, PipelineSettings};
 use crate::stages::StageTimes;
 
-/// What a rendered frame gives to show, in order.
+/// The images that a rendered frame adds to the display, in order.
 #[derive(Clone, Copy, Debug)]
 pub struct Presented<'a> {
-    /// The frames between the previous one and this one, in order ([`Mode::Full`], from the second frame on). After a
-    /// camera cut or another reset nothing lies between, and the previous frame stays on for these moments.
+    /// The in-between frames of the previous frame and this one, in order ([`Mode::Full`], from the second frame on).
+    /// After a camera cut or another reset there are none, and the previous frame is shown at these moments.
     pub in_between: [Option<&'a Image>; MAX_IN_BETWEEN as usize],
     /// The frame at the camera asked for.
     pub current: &'a Image,
@@ -47,16 +47,16 @@ impl<'a> Presented<'a> {
     }
 }
 
-/// What begins anew at a keyframe.
+/// What starts anew at a keyframe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Keyframe {
-    /// The choice of sampling offsets. Low-resolution frames leave the history by themselves.
+    /// The choice of sampling offsets. The history stays: old LR frames leave it on their own.
     Sampling,
-    /// All: the frame is exact as a whole, and the history begins with it.
+    /// Everything: the whole frame is exact, and the history starts with it.
     All,
 }
 
-/// What makes frames.
+/// The machine that makes the frames.
 enum Machine {
     Cpu(Box<CpuMachine>),
     #[cfg(feature = "gpu")]
@@ -69,17 +69,17 @@ enum Machine {
 pub struct FramePipeline {
     plan: FramePlan,
     machine: Machine,
-    /// Tells cuts, chooses jitter and margins.
+    /// Detects cuts, and chooses jitter and margins.
     sequence: FrameSequence,
     frames: Frames,
-    /// Of the next frame on its path.
+    /// Number of the next frame on its path.
     frame_number: u64,
-    /// How many frames lie before the current one.
+    /// Number of in-between frames before the current frame.
     in_between: usize,
-    /// Share of the current frame's pixels that are exact blocks.
+    /// Share of the current frame's pixels that are exact blocks, `[0, 1]`.
     refined: f32,
     times: StageTimes,
-    /// Why the last frame has no history, if it has none.
+    /// Why the last frame has no history; none if it has one.
     last_reset: Option<ResetReason>,
 }
 
@@ -94,7 +94,7 @@ impl fmt::Debug for FramePipeline {
 }
 
 impl FramePipeline {
-    /// A pipeline for `scene` without learning.
+    /// A pipeline for `scene` without networks.
     ///
     /// # Errors
     /// [`PipelineError`] if a setting is not supported.
@@ -102,7 +102,7 @@ impl FramePipeline {
         Self::with_networks(scene, settings, &Networks::default())
     }
 
-    /// A pipeline for `scene` whose frames `networks` refine.
+    /// A pipeline for `scene` with frames refined by `networks`.
     ///
     /// # Errors
     /// [`PipelineError`] if a setting is not supported, or weights do not fit the scale.
@@ -138,12 +138,13 @@ impl FramePipeline {
         self.render_with_poses(camera, &[])
     }
 
-    /// As [`Self::render`], where the caller knows the true cameras at [`PipelineSettings::moments`] between the previous
-    /// frame and this one: `poses` are all of them, in order, or none. Modes without in-between frames do not read them.
+    /// Renders as [`Self::render`] does, with the true cameras at [`PipelineSettings::moments`] between the previous
+    /// frame and this one. `poses` are all of these cameras in order, or none. Modes without in-between frames do not
+    /// read `poses`.
     ///
     /// # Errors
-    /// [`PipelineError`] if `poses` are of another number than the in-between frames or of another size than `camera`, or a
-    /// device fails.
+    /// [`PipelineError`] if the number of `poses` is not the number of in-between frames, if a pose has another size
+    /// than `camera`, or if a device fails.
     pub fn render_with_poses(
         &mut self,
         camera: &Camera,
@@ -153,12 +154,12 @@ impl FramePipeline {
         Ok(self.presented())
     }
 
-    /// Renders as [`Self::render_with_poses`] does, on the device, and leaves the images there: for programs that show
-    /// them from there (on a device of their own, [`Gpu::of`]). Some hundred bytes come back, for which this waits.
-    /// [`Self::presented`] and [`Self::last_image`] are empty until the next [`Self::render`].
+    /// Renders as [`Self::render_with_poses`] does, on the device, and leaves the images on the device. This is for
+    /// programs that show images from their own device ([`Gpu::of`]). The call waits for a few hundred bytes that are
+    /// read back. [`Self::presented`] and [`Self::last_image`] are empty until the next [`Self::render`].
     ///
     /// # Errors
-    /// [`PipelineError::NotOnDevice`] where [`Self::is_on_device`] says no, else as [`Self::render_with_poses`].
+    /// [`PipelineError::NotOnDevice`] if [`Self::is_on_device`] is false, else as [`Self::render_with_poses`].
     #[cfg(feature = "gpu")]
     pub fn render_to_device(
         &mut self,
@@ -168,9 +169,10 @@ impl FramePipeline {
         self.make_frame_on_device(camera, poses, ReadBack::Counters)
     }
 
-    /// As [`Self::render_to_device`] without waiting for the device, so that one frame follows the other there. What is
-    /// waited for otherwise is then not known: frames are sampled, and their margins and camera cuts are decided, as if
-    /// everything were far away; and a frame may lack splats, which [`Self::wait_for_device`] tells.
+    /// Renders as [`Self::render_to_device`] does, without waiting for the device, so that frames queue up there. The
+    /// depths of the frame are then unknown to the CPU: jitter, margins and camera cuts are decided as if everything
+    /// were far away. A frame may be incomplete if its splats overflow the buffers; [`Self::wait_for_device`] reports
+    /// an overflow.
     ///
     /// # Errors
     /// As [`Self::render_to_device`].
@@ -183,11 +185,11 @@ impl FramePipeline {
         self.make_frame_on_device(camera, poses, ReadBack::Nothing)
     }
 
-    /// Waits for the frames of [`Self::submit_to_device`]. Whether all of them are complete: where one is not, it lacked
-    /// memory for its splats, and later frames have that memory.
+    /// Waits for the frames of [`Self::submit_to_device`]. Returns whether all of them are complete. An incomplete
+    /// frame had more splats than the buffers hold; the buffers have grown for later frames.
     ///
     /// # Errors
-    /// [`PipelineError::NotOnDevice`] without a device, or [`PipelineError`] if it fails.
+    /// [`PipelineError::NotOnDevice`] without a device, or another [`PipelineError`] if the device fails.
     #[cfg(feature = "gpu")]
     pub fn wait_for_device(&mut self) -> Result<bool, PipelineError> {
         match &mut self.machine {
@@ -213,7 +215,7 @@ impl FramePipeline {
         }
     }
 
-    /// The whole frame. `read_back` says what comes to the processor of a frame that a GPU makes.
+    /// Makes the whole frame. `read_back` says what a frame made by a GPU copies back to the CPU.
     #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "there is no GPU to read back from"))]
     fn make_frame(
         &mut self,
@@ -230,8 +232,8 @@ impl FramePipeline {
         self.finish(&inputs, made)
     }
 
-    /// Decides all about the frame of `camera` that its stages do not: whether it has a history, where it is sampled,
-    /// what is rasterized beyond its edges, which frames lie before it. What is refused changes nothing.
+    /// Decides everything about the frame of `camera` that its stages do not decide: its history, its jitter, its
+    /// margin, and its in-between frames. A refused request changes nothing.
     fn begin(&mut self, camera: &Camera, poses: &[Camera]) -> Result<FrameInputs, PipelineError> {
         self.check_poses(camera, poses)?;
         let keyframe = self.keyframe_at(self.frame_number);
@@ -240,7 +242,7 @@ impl FramePipeline {
         }
         let FrameStart { mut reset, jitter, mut margin, previous } = self.sequence.begin(camera);
         if keyframe == Some(Keyframe::All) {
-            // As the first frame of a part that begins here, whose margins nothing tells.
+            // The keyframe is the first frame of a part of the path, so no earlier frame may influence its margin.
             (reset, margin) = (reset.or(Some(ResetReason::Keyframe)), Margin::NONE);
         }
         let moment = |previous: &Camera, k: usize, t: f64| {
@@ -271,7 +273,7 @@ impl FramePipeline {
         }
     }
 
-    /// Makes the frame the last one, or, if it failed, keeps the last one to show and begins anew after it.
+    /// On success, makes the frame the last one. On failure, keeps showing the last frame and starts anew after it.
     fn finish(
         &mut self,
         inputs: &FrameInputs,
@@ -295,21 +297,20 @@ impl FramePipeline {
         }
     }
 
-    /// Says which frame of its path the next one is; those after are numbered on from there, and the first is 0 where
-    /// nothing is said. Keyframes ([`PipelineSettings::keyframes`]) follow from it.
+    /// Sets the number of the next frame on its path; later frames count on from there. The first frame has number 0
+    /// by default. Keyframes ([`PipelineSettings::keyframes`]) depend on this number.
     pub const fn set_frame_number(&mut self, number: u64) {
         self.frame_number = number;
     }
 
-    /// Where to begin on a path so that frame `number`, those after it, and the frames between it and the one before it
-    /// have the same bits as if the path had been rendered from frame 0 on: at most `keyframes` + S² frames before it, 48 by
-    /// default. The frames from there to `number` are rendered and not shown, the first of them after
-    /// [`Self::set_frame_number`].
+    /// Where to start on a path so that frame `number`, its in-between frames and all later frames have the same bits
+    /// as in a run from frame 0: at most `keyframes` + S² frames earlier, 48 by default. Call
+    /// [`Self::set_frame_number`] with the result. Then render the frames up to `number` without showing them.
     ///
-    /// Two settings never make the same bits again. [`Refine::FrameTime`] has no keyframes: as for
-    /// [`PipelineSettings::keyframes`] 0, the frames that the history holds are to be rendered, at most S² + 1. A network
-    /// without exact keyframes has a state that is older than the history: the frames from the keyframe before that
-    /// history are to be rendered, at most `keyframes` + S².
+    /// Two settings never give the same bits again. (1) [`Refine::FrameTime`] has no keyframes. Then, as with
+    /// [`PipelineSettings::keyframes`] 0, the warm-up is the frames that the history holds, at most S² + 1. (2) A
+    /// network without exact keyframes has a state older than the history. Then the warm-up starts at the keyframe
+    /// before that history, at most `keyframes` + S² frames earlier.
     #[must_use]
     pub fn first_of_warm_up(&self, number: u64) -> u64 {
         let mode = self.plan.settings.mode;
@@ -317,12 +318,12 @@ impl FramePipeline {
             return number;
         }
         let shows_before = u64::from(self.plan.in_between > 0);
-        // The last S² frames are remembered, wherever they are sampled. The history of the frame before shall not hold the
-        // first one, which has no margin.
+        // The last S² frames are remembered, at any jitter. The history of the frame before `number` must not hold
+        // the first frame of the warm-up, which has no margin.
         let reach = if mode.has_history() { u64::from(self.plan.scale).pow(2) + shows_before } else { 0 };
         let interval = u64::from(self.plan.settings.keyframes);
         let latest = match self.keyframe_at(0) {
-            // In-between frames need the frame before.
+            // In-between frames need the frame before `number`.
             Some(Keyframe::All) => number.saturating_sub(shows_before),
             Some(Keyframe::Sampling) => number.saturating_sub(reach),
             None => return number.saturating_sub(reach),
@@ -330,7 +331,7 @@ impl FramePipeline {
         latest / interval * interval
     }
 
-    /// What begins anew at frame `number`, if anything does.
+    /// What starts anew at frame `number`; none if the frame is no keyframe.
     fn keyframe_at(&self, number: u64) -> Option<Keyframe> {
         let settings = &self.plan.settings;
         let interval = u64::from(settings.keyframes);
@@ -360,16 +361,16 @@ impl FramePipeline {
         self.refined
     }
 
-    /// Columns and rows of the blocks of 4×4 pixels that are exact in the last frame besides the low-resolution grid:
-    /// block `[c, r]` begins at pixel `[4c, 4r]`. Empty where a GPU made the frame.
+    /// Columns and rows of the blocks of 4×4 pixels that are exact in the last frame besides the low-resolution grid.
+    /// Block `[c, r]` starts at pixel `[4c, 4r]`. Empty if a GPU made the frame.
     #[must_use]
     pub fn exact_places(&self) -> &[[u16; 2]] {
         self.stages().map_or(&[], CpuStages::exact_places)
     }
 
-    /// The squared errors that were expected of the last frame before its exact blocks, in blocks of 4×4 pixels,
-    /// `[rows, columns]` of [`gs3_scene::block_grid`]: sums over the pixels and over RGB. Empty in modes without history
-    /// and where a GPU made the frame.
+    /// The squared errors that were expected of the last frame before its exact blocks, one per block of 4×4 pixels,
+    /// `[rows, columns]` of [`gs3_scene::block_grid`]. Each is a sum over the block's pixels and over RGB. Empty in
+    /// modes without history, and if a GPU made the frame.
     #[must_use]
     pub fn expected_errors(&self) -> &[f32] {
         self.stages().map_or(&[], CpuStages::expected_errors)
@@ -383,11 +384,11 @@ impl FramePipeline {
         }
     }
 
-    /// Which pixels are rasterized exactly from the next frame on; the history stays. For programs whose frames may take
-    /// another time than those before ([`Refine::FrameTime`]).
+    /// Chooses the pixels that are rasterized exactly from the next frame on. The history stays. For programs that
+    /// change the time a frame may take ([`Refine::FrameTime`]).
     ///
     /// # Errors
-    /// [`PipelineError::RefineShare`] if `refine` names a share that is none; the old choice stays.
+    /// [`PipelineError::RefineShare`] if the share is not in `[0, 1]`; the old choice stays.
     pub fn set_refine(&mut self, refine: Refine) -> Result<(), PipelineError> {
         self.plan.set_refine(refine)?;
         match &mut self.machine {
@@ -398,13 +399,13 @@ impl FramePipeline {
         Ok(())
     }
 
-    /// Forgets the frames before: the next one starts anew, for this reason unless another came first.
+    /// Drops the history: the next frame starts anew, for this reason unless an earlier reason is pending.
     pub fn reset(&mut self, reason: ResetReason) {
         self.sequence.reset(reason);
     }
 
-    /// Why the last frame began without history, if it did. But for [`ResetReason::Keyframe`] there are no in-between frames
-    /// then: the frame before stays on.
+    /// Why the last frame started without history; none if it had one. There are then no in-between frames, except at
+    /// [`ResetReason::Keyframe`]: the previous frame is shown instead.
     #[must_use]
     pub const fn last_reset(&self) -> Option<ResetReason> {
         self.last_reset
@@ -413,7 +414,7 @@ impl FramePipeline {
     /// Shows another scene from the next frame on.
     ///
     /// # Errors
-    /// [`PipelineError`] if the scene does not fit the GPU that rasterizes; the old one stays.
+    /// [`PipelineError`] if the scene does not fit the GPU that rasterizes; the old scene stays.
     pub fn set_scene(&mut self, scene: impl Into<Arc<Scene>>) -> Result<(), PipelineError> {
         match &mut self.machine {
             Machine::Cpu(cpu) => cpu.rasterizer = Rasterizer::new(scene.into(), self.plan.settings.culling),
@@ -424,13 +425,13 @@ impl FramePipeline {
         Ok(())
     }
 
-    /// Renders on `gpu` from the next frame on, without history. In modes with history whole frames are made there
-    /// and only images come back ([`Self::is_on_device`]); in the other modes it rasterizes, and the rest stays on
-    /// the CPU.
+    /// Renders on `gpu` from the next frame on, without history. In modes with history the GPU makes whole frames,
+    /// and only images are read back ([`Self::is_on_device`]). In the other modes the GPU rasterizes and the CPU does
+    /// the rest.
     ///
     /// # Errors
-    /// [`PipelineError`] if the scene does not fit the device, or it was opened for products of matrices and gets
-    /// them wrong; everything stays as it was.
+    /// [`PipelineError`] if the scene does not fit the device, or if there are networks and the device computes wrong
+    /// matrix products. Everything stays unchanged then.
     #[cfg(feature = "gpu")]
     pub fn render_on(&mut self, gpu: &Gpu) -> Result<(), PipelineError> {
         self.machine = Machine::Gpu(Box::new(GpuMachine::new(gpu, &self.plan, Arc::clone(self.scene()))?));
@@ -438,10 +439,11 @@ impl FramePipeline {
         Ok(())
     }
 
-    /// Renders on the CPU from the next frame on, without history: after [`Self::render_on`], where its device fails.
+    /// Renders on the CPU from the next frame on, without history. Call it when the device of [`Self::render_on`]
+    /// fails.
     ///
     /// # Errors
-    /// None that [`Self::with_networks`] did not have, of the same settings and networks.
+    /// None beyond the errors of [`Self::with_networks`] with the same settings and networks.
     #[cfg(feature = "gpu")]
     pub fn render_on_cpu(&mut self) -> Result<(), PipelineError> {
         self.machine = Machine::Cpu(Box::new(CpuMachine::new(&self.plan, Arc::clone(self.scene()))?));
@@ -449,8 +451,8 @@ impl FramePipeline {
         Ok(())
     }
 
-    /// Whether all of the frame of `camera` is made on a GPU. Where there are networks and the size is no multiple of
-    /// the scale, a GPU rasterizes and the rest stays on the CPU.
+    /// Whether a GPU makes the whole frame of `camera`. With networks and a size that is not a multiple of the scale,
+    /// the GPU rasterizes and the CPU does the rest.
     #[must_use]
     pub fn is_on_device(&self, camera: &Camera) -> bool {
         match &self.machine {
@@ -473,14 +475,14 @@ impl FramePipeline {
         }
     }
 
-    /// Number of frames after which a resting camera repeats its sampling offsets, which is also how many frames the
-    /// history holds.
+    /// Number of frames after which a resting camera repeats its sampling offsets. The history holds the same number
+    /// of frames.
     #[must_use]
     pub fn jitter_period(&self) -> usize {
         self.sequence.period()
     }
 
-    /// What the last frame gave to show; an empty image before the first one.
+    /// The images of the last frame; an empty image before the first frame.
     #[must_use]
     pub fn presented(&self) -> Presented<'_> {
         let mut in_between = [None; MAX_IN_BETWEEN as usize];
@@ -503,15 +505,15 @@ impl FramePipeline {
         &self.plan.settings
     }
 
-    /// How long the stages of the last frame took: by the device's clock where a GPU made it, without the way back. Where
-    /// that has no clock, all of the frame and its way back count as rasterization.
+    /// How long the stages of the last frame took. If a GPU made the frame, times are by the device's clock and
+    /// exclude reading back. On a GPU without a clock, the whole frame and reading back count as rasterization.
     #[must_use]
     pub const fn times(&self) -> StageTimes {
         self.times
     }
 
-    /// What each stage of the device took, in the order in which they began, where a GPU with a clock made the last frame
-    /// that was waited for; else empty.
+    /// Time of each device stage of the last frame that the CPU waited for, in the order in which the stages began.
+    /// Empty unless a GPU with a clock made that frame.
     #[cfg(feature = "gpu")]
     #[must_use]
     pub fn device_times(&self) -> &[StageTime] {
@@ -521,7 +523,7 @@ impl FramePipeline {
         }
     }
 
-    /// Number of Gaussians that the last frame shows; none where a GPU keeps the count.
+    /// Number of Gaussians that the last frame shows; none if the count is on a GPU.
     #[must_use]
     pub fn visible_count(&self) -> Option<usize> {
         match &self.machine {
@@ -531,14 +533,14 @@ impl FramePipeline {
         }
     }
 
-    /// The low-resolution G-buffer of the last frame; empty in [`Mode::Native`], colour only in [`Mode::Bicubic`].
-    /// Where whole frames are made on a GPU it is that of the last [`Self::fetch_gbuffer`].
+    /// The LR G-buffer of the last frame. Empty in [`Mode::Native`], colour only in [`Mode::Bicubic`]. If a GPU makes
+    /// whole frames, this is the G-buffer of the last [`Self::fetch_gbuffer`].
     #[must_use]
     pub const fn gbuffer(&self) -> &GBuffer {
         &self.frames.current.gbuffer
     }
 
-    /// Brings the low-resolution G-buffer of the last frame here, if it is on a GPU.
+    /// Reads back the LR G-buffer of the last frame, if it is on a GPU.
     ///
     /// # Errors
     /// [`PipelineError`] if the device fails.

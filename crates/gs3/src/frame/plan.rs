@@ -1,4 +1,4 @@
-//! What follows from settings and networks.
+//! What follows from the settings and the networks.
 
 use gs3_neural::Weights;
 use gs3_neural::model::{Tier, tier_of};
@@ -11,31 +11,31 @@ use crate::learned::{NetworkError, Networks};
 use crate::refine::Refine;
 use crate::settings::{MAX_IN_BETWEEN, Mode, PipelineSettings};
 
-/// How all frames of a pipeline are made: its settings, and what follows from them and from its networks. Both machines
-/// take it, so that neither derives anything by itself.
+/// How all frames of a pipeline are made: its settings, and the values derived from the settings and the networks.
+/// Both machines read this plan, so neither derives values on its own.
 #[derive(Clone, Debug)]
 pub struct FramePlan {
-    /// As they were asked for.
+    /// The settings as the caller gave them.
     pub settings: PipelineSettings,
-    /// How many times coarser than the frame the grid is that is rasterized: 1 in [`Mode::Native`].
+    /// How many times coarser the rasterized grid is than the frame: 1 in [`Mode::Native`].
     pub scale: u32,
     pub sampling: Sampling,
-    /// Which pixels are kriged: at least those that the network's tier was trained on.
+    /// Which pixels are kriged: at least the pixels that were kriged when the network's tier was trained.
     pub kriging: Kriging,
     /// Which pixels are rasterized exactly.
     pub refine: Refine,
-    /// LR pixels beyond each edge that LR frames have at most, 0 if they have no margins.
+    /// The widest margin of LR frames beyond each edge, in LR pixels; 0 if they have no margins.
     pub widest_margin: u32,
-    /// Frames interpolated before each rendered one.
+    /// Number of frames interpolated before each rendered frame.
     pub in_between: usize,
-    /// Those that the mode has a use for.
+    /// The networks that the mode uses.
     pub networks: Networks,
 }
 
 impl FramePlan {
     /// # Errors
-    /// [`PipelineError::InBetween`] if too many or too few frames are to be made between rendered ones;
-    /// [`PipelineError`] of the network if its weights name no tier.
+    /// [`PipelineError::InBetween`] if the number of in-between frames is too small or too large; [`PipelineError`]
+    /// of the network if its weights name no tier.
     pub fn new(settings: PipelineSettings, networks: &Networks) -> Result<Self, PipelineError> {
         let mode = settings.mode;
         if mode == Mode::Full && !(1..=MAX_IN_BETWEEN).contains(&settings.in_between) {
@@ -62,10 +62,10 @@ impl FramePlan {
         })
     }
 
-    /// Takes another choice of exact pixels.
+    /// Changes the choice of exact pixels.
     ///
     /// # Errors
-    /// [`PipelineError::RefineShare`] if it names a share that is none.
+    /// [`PipelineError::RefineShare`] if the share is not in `[0, 1]`.
     pub fn set_refine(&mut self, refine: Refine) -> Result<(), PipelineError> {
         check_refine(refine)?;
         self.settings.refine = refine;
@@ -73,7 +73,7 @@ impl FramePlan {
         Ok(())
     }
 
-    /// How the rasterizer makes `outputs` of a frame.
+    /// The rasterizer's settings for `outputs` of a frame.
     pub fn raster(&self, outputs: Outputs, inputs: &FrameInputs) -> RasterSettings {
         RasterSettings {
             dilation: self.settings.dilation.at_scale(self.scale),
@@ -84,7 +84,7 @@ impl FramePlan {
         }
     }
 
-    /// Checks what the rasterizer is told about every frame.
+    /// Checks the rasterizer's settings that are the same for every frame.
     pub fn check_raster(&self) -> Result<(), PipelineError> {
         Ok(RasterSettings {
             dilation: self.settings.dilation.at_scale(self.scale),
@@ -104,7 +104,7 @@ fn check_refine(refine: Refine) -> Result<(), PipelineError> {
     }
 }
 
-/// The fewest pixels that may be kriged below the network of `weights`: its tier was trained on frames kriged so.
+/// The least kriging that the network of `weights` needs: its tier was trained on frames kriged in this way.
 ///
 /// # Errors
 /// [`NetworkError`] if the weights name no tier.

@@ -1,4 +1,4 @@
-//! What can be wrong with networks in a pipeline.
+//! Errors of networks in a pipeline.
 
 use gs3_neural::{RunError, WeightError};
 use gs3_reconstruct::ReconstructError;
@@ -11,9 +11,9 @@ pub enum NetworkError {
     /// Weights of another network.
     #[error("weights: expected those of {expected}, found those of {actual}")]
     Other {
-        /// The network wanted.
+        /// The network expected.
         expected: &'static str,
-        /// The network of the weights.
+        /// The network that the weights are of.
         actual: String,
     },
     /// Weights for another scale.
@@ -21,10 +21,10 @@ pub enum NetworkError {
     Scale {
         /// The pipeline's scale.
         expected: u32,
-        /// The weights'.
+        /// The weights' scale.
         actual: u32,
     },
-    /// Two weights for one network.
+    /// Two weights files for one network.
     #[error("weights: expected at most one file for {network}, found two")]
     Twice {
         /// The network.
@@ -37,16 +37,16 @@ pub enum NetworkError {
         tier: &'static str,
         /// Scale asked for.
         scale: u32,
-        /// Tiers and scales there are.
+        /// Tiers and scales that there are.
         available: String,
     },
-    /// Weights that are not their network's.
+    /// Weights that do not fit their network.
     #[error(transparent)]
     Weights(#[from] WeightError),
     /// The network refuses its inputs.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// The GPU does not take the network.
+    /// The GPU cannot run the network.
     #[cfg(feature = "gpu")]
     #[error(transparent)]
     Gpu(#[from] gs3_neural::GpuRunError),

@@ -1,6 +1,6 @@
-//! What the networks are fed besides images: planes on the LR grid, channels last, as their graphs name them.
+//! The inputs of the networks besides images: planes on the LR grid, channels last, with the names of the graphs.
 //!
-//! Training and rendering fill them here, so a network sees while it runs what it was trained on.
+//! Training and rendering both fill the planes here, so a network gets the same inputs while it runs as in training.
 
 use gs3_neural::Named;
 use gs3_reconstruct::{
@@ -9,20 +9,20 @@ use gs3_reconstruct::{
 use gs3_scene::{Camera, GBuffer, Gradients, Image, Planes};
 use rayon::prelude::*;
 
-/// A frame to which a hidden state belongs.
+/// A frame that a hidden state belongs to.
 #[derive(Clone, Copy, Debug)]
 pub struct CameraDepth<'a> {
     /// The HR camera.
     pub camera: &'a Camera,
-    /// Depths on its LR grid.
+    /// Depths on the camera's LR grid.
     pub depth: Depth<'a>,
 }
 
 impl<'a> CameraDepth<'a> {
-    /// What `camera`, an HR camera, sees in `gbuffer`, its LR frame.
+    /// The frame of `gbuffer`, an LR frame of the HR camera `camera`.
     ///
     /// # Errors
-    /// [`ReconstructError::Missing`] if it has no geometry.
+    /// [`ReconstructError::Missing`] if `gbuffer` has no geometry.
     pub fn of_gbuffer(camera: &'a Camera, gbuffer: &'a GBuffer) -> Result<Self, ReconstructError> {
         match &gbuffer.geometry {
             Some(geometry) => Ok(Self { camera, depth: Depth::Z(&geometry.depth_median) }),
@@ -30,13 +30,13 @@ impl<'a> CameraDepth<'a> {
         }
     }
 
-    /// States live on the LR grid itself, wherever within its pixels the samples lie.
+    /// The depths without jitter: states lie on the LR grid itself, independent of the samples' places within pixels.
     fn view(&self, scale: u32) -> DepthView<'a> {
         DepthView { camera: self.camera.low_resolution(scale), jitter: [0.0; 2], depth: self.depth }
     }
 }
 
-/// Where the hidden state of the last frame belongs now.
+/// Where each value of the last frame's hidden state moves in the current frame.
 #[derive(Clone, Debug, Default)]
 struct Carry {
     motion: Motion,
@@ -71,8 +71,8 @@ impl Carry {
     }
 }
 
-/// Uncertainty above which the previous frame and the drift may count fully (pixel²): in motion most pixels' lie
-/// above, pixels beside a sample below.
+/// Above this uncertainty (pixel²) the previous frame and the drift may get full weight. In motion most pixels have a
+/// larger uncertainty; pixels beside a sample have a smaller one.
 pub(crate) const UNCERTAIN: f32 = 0.2;
 
 /// Inputs of the super-sampling network ([`gs3_neural::model::super_sample`]).
@@ -80,13 +80,13 @@ pub(crate) const UNCERTAIN: f32 = 0.2;
 pub struct SuperSampleFeatures {
     scale: u32,
     interpolator: Interpolator,
-    /// The previous frame at the present camera.
+    /// The previous frame, reprojected to the current camera.
     reprojected: Reprojected,
     /// `[HR height, HR width]`.
     share: Vec<f32>,
     /// `[HR height, HR width, 3]`.
     drift: Vec<f32>,
-    /// Per HR column, the LR sample before it and how far it lies towards the next.
+    /// For each HR column, the LR sample before it and the fraction of the way to the next sample.
     columns: Vec<(usize, f32)>,
     /// `[height, width, 4]`.
     innovation: Vec<f32>,
@@ -126,14 +126,15 @@ impl SuperSampleFeatures {
         })
     }
 
-    /// Makes these the features of the frame `now`, made without learning, whose samples differ by `innovation`
-    /// ([`gs3_reconstruct::SuperSampler::innovation`]) from what the past says. Its hidden state and what it is
-    /// blended with come from `previous`, the frame before, as the network refined it, where there is one.
+    /// Makes these the features of the analytic frame `now`. `innovation`
+    /// ([`gs3_reconstruct::SuperSampler::innovation`]) is the difference of the frame's samples from the history.
+    /// `previous` is the previous frame as the network refined it, if there is one; it gives the hidden state and the
+    /// image for blending.
     ///
     /// # Errors
-    /// [`ReconstructError`] if the image or a plane of `now` has another size than its camera says, it has no
-    /// gradients or geometry, its alpha or normals are not finite, or `innovation` or `previous` has another size.
-    /// Colours and gradients are what super sampling without learning has checked before.
+    /// [`ReconstructError`] if the image or a plane of `now` has another size than its camera, if gradients or
+    /// geometry are missing, if its alpha or normals are not finite, or if `innovation` or `previous` has another
+    /// size. Colours and gradients are not checked here: analytic super sampling has checked them before.
     pub fn set(
         &mut self,
         now: Neighbor<'_>,
@@ -199,7 +200,7 @@ impl SuperSampleFeatures {
         Ok(())
     }
 
-    /// The previous frame at the present camera, and how the samples differ from it.
+    /// The previous frame at the current camera, and the difference of the samples from it.
     fn set_previous(&mut self, now: Neighbor<'_>, previous: Neighbor<'_>) -> Result<(), ReconstructError> {
         self.interpolator.reproject(previous, now, &mut self.reprojected)?;
         let visibility = self.reprojected.visibility.plane(0);
@@ -207,7 +208,7 @@ impl SuperSampleFeatures {
         let [width, lr_width] = [now.image.width(), color.width()];
         let scale = self.scale as f32;
         let last = [width - 1, now.image.height() - 1];
-        // The pixel in which a sample lies.
+        // The pixel that a sample lies in.
         let pixel = |sample: usize, axis: usize| {
             (((sample as f32 + 0.5 + jitter[axis]) * scale) as usize).min(last[axis])
         };
@@ -223,8 +224,9 @@ impl SuperSampleFeatures {
         Ok(())
     }
 
-    /// How far the previous frame may count, and the innovation of the LR samples, jittered so, between them:
-    /// bilinear, and flat beyond the outermost. Both once `image`, whose uncertainty they follow, is in a cache.
+    /// Sets the previous frame's share, and the innovation interpolated between the jittered LR samples: bilinear,
+    /// and constant beyond the outermost samples. One pass sets both, because both read the uncertainty of `image`,
+    /// which is then in a cache.
     fn set_share_and_drift(
         &mut self,
         image: &Image,
@@ -234,7 +236,7 @@ impl SuperSampleFeatures {
     ) {
         let scale = self.scale as f32;
         let lr_height = innovation.len() / lr_width;
-        // Where a pixel lies: in LR samples from the first.
+        // Place of a pixel: in LR samples from the first sample.
         let place = |pixel: usize, axis: usize, samples: usize| {
             let at = (pixel as f32 + 0.5) / scale - 0.5 - jitter[axis];
             at.clamp(0.0, (samples - 1) as f32)
@@ -263,7 +265,8 @@ impl SuperSampleFeatures {
                 }
                 None => share.fill(0.0),
             }
-            // Not fused, here and below: outside of kernels compiled for wide vectors that would be a call.
+            // Not fused, here and below: outside of kernels compiled for wide vectors, a fused multiply-add would be
+            // a function call.
             let mix = |a: [f32; 4], b: [f32; 4], t: f32| -> [f32; 4] {
                 std::array::from_fn(|c| a[c] + (b[c] - a[c]) * t)
             };
@@ -273,7 +276,7 @@ impl SuperSampleFeatures {
             for ((line, above), below) in line.iter_mut().zip(above).zip(below) {
                 *line = mix(*above, *below, at.fract());
             }
-            // One sample more, of which nothing counts: no pixel lies beyond the last.
+            // One more sample with zero weight: no pixel lies beyond the last sample.
             let pixels = pixels.iter().zip(columns);
             for (drift, (pixel, &(left, across))) in drift.as_chunks_mut::<3>().0.iter_mut().zip(pixels) {
                 let mixed = mix(line[left], line[left + 1], across);
@@ -283,7 +286,7 @@ impl SuperSampleFeatures {
         });
     }
 
-    /// Inverse depth of the frame's scale, cosine between normal and ray, alpha.
+    /// Inverse depth relative to the frame's mean, cosine between normal and ray, alpha.
     fn set_geometry(
         &mut self,
         camera: &Camera,
@@ -311,10 +314,10 @@ impl SuperSampleFeatures {
         });
     }
 
-    /// All inputs of the network but its state, `hidden`. `history` is the image that [`Self::set`] was given.
+    /// All inputs of the network except its state, `hidden`. `history` is the image that [`Self::set`] was given.
     #[must_use]
     pub fn named<'a>(&'a self, history: &'a Image) -> [Named<'a>; 13] {
-        // Without a previous frame its share is 0, and any image will do.
+        // Without a previous frame its share is 0, so any image will do.
         let previous = if self.has_previous { &self.reprojected.image } else { history };
         [
             ("history", history.pixels().as_flattened()),
@@ -334,7 +337,7 @@ impl SuperSampleFeatures {
     }
 }
 
-/// LR inputs of the interpolating network ([`gs3_neural::model::interpolate`]).
+/// LR inputs of the interpolation network ([`gs3_neural::model::interpolate`]).
 #[derive(Clone, Debug, Default)]
 pub struct InterpolateFeatures {
     geometry: Vec<f32>,
@@ -342,9 +345,9 @@ pub struct InterpolateFeatures {
 }
 
 impl InterpolateFeatures {
-    /// Makes these the features of the frame at time `t` between two others, seen by the HR `camera` with the inverse
-    /// depths `inverse_depth` on the LR grid. Its hidden state comes from `previous`, the interpolated frame before,
-    /// where there is one.
+    /// Makes these the features of the in-between frame at time `t`, seen by the HR `camera` with the inverse depths
+    /// `inverse_depth` on the LR grid. The hidden state comes from `previous`, the in-between frame before, if there
+    /// is one.
     ///
     /// # Errors
     /// [`ReconstructError`] if sizes do not match.
@@ -367,8 +370,8 @@ impl InterpolateFeatures {
         Ok(())
     }
 
-    /// All inputs of the network but its state, `hidden`. The HR images `before` and `after`, RGB and uncertainty, and
-    /// the HR plane `share` are given.
+    /// All inputs of the network except its state, `hidden`. The HR images `before` and `after` (RGB and uncertainty)
+    /// and the HR plane `share` are given by the caller.
     #[must_use]
     pub fn named<'a>(&'a self, before: &'a [f32], after: &'a [f32], share: &'a [f32]) -> [Named<'a>; 6] {
         [
@@ -382,13 +385,13 @@ impl InterpolateFeatures {
     }
 }
 
-/// Checks that `actual` is the size of `camera`'s image.
+/// Checks that `actual` is the size of the image of `camera`.
 fn check_size(what: &'static str, camera: &Camera, actual: (usize, usize)) -> Result<(), ReconstructError> {
     let expected = (camera.width() as usize, camera.height() as usize);
     if expected == actual { Ok(()) } else { Err(ReconstructError::Size { what, expected, actual }) }
 }
 
-/// The mean inverse depth of what was hit; 1 where nothing was.
+/// The mean inverse depth of pixels that show a surface; 1 if no pixel does.
 fn typical(plane: &[f32], inverse: impl Fn(f32) -> f32) -> f32 {
     let (mut sum, mut count) = (0.0_f64, 0_usize);
     for w in plane.iter().map(|v| inverse(*v)).filter(|w| *w > 0.0) {
@@ -398,14 +401,14 @@ fn typical(plane: &[f32], inverse: impl Fn(f32) -> f32) -> f32 {
     if count > 0 { (sum / count as f64) as f32 } else { 1.0 }
 }
 
-/// An inverse depth free of the scene's unit: 0 at infinity, ½ at the frame's mean, towards 1 near the camera.
+/// An inverse depth independent of the scene's unit: 0 at infinity, ½ at the frame's mean, towards 1 near the camera.
 fn relative(inverse: f32, typical: f32) -> f32 {
     inverse / (inverse + typical)
 }
 
-/// Planes side by side, channels last.
+/// Interleaves planes, channels last.
 fn interleave(out: &mut Vec<f32>, planes: &[&[f32]]) {
-    /// Pixels of a task: as many as stay in a first cache with six channels, 24 KiB of each side.
+    /// Pixels of a task: with six channels, 24 KiB of input and 24 KiB of output, which stay in a first-level cache.
     const PIXELS: usize = 1024;
     let (channels, len) = (planes.len(), planes.first().map_or(0, |plane| plane.len()));
     out.resize(channels * len, 0.0);

@@ -11,23 +11,23 @@ use super::error::NetworkError;
 use super::features::{CameraDepth, InterpolateFeatures};
 use super::recurrent::Recurrent;
 
-/// Fuses both neighbours of a frame, warped to it, by a network.
+/// Fuses both neighbours of an in-between frame, warped to its pose, by a network.
 #[derive(Debug)]
 pub struct LearnedInterpolator {
     scale: u32,
     network: Recurrent,
     features: InterpolateFeatures,
     warped: Warped,
-    /// The frame interpolated last.
+    /// The in-between frame made last.
     last: Warped,
     last_camera: Option<Camera>,
 }
 
 impl LearnedInterpolator {
-    /// The interpolator of `weights`, which must be for `scale`, computing with `arithmetic`.
+    /// The interpolator of `weights`, which must be for `scale`. It computes with `arithmetic`.
     ///
     /// # Errors
-    /// [`NetworkError`] if they are those of another network or another scale.
+    /// [`NetworkError`] if the weights are of another network or another scale.
     pub fn new(weights: Arc<Weights>, scale: u32, arithmetic: Arithmetic) -> Result<Self, NetworkError> {
         let network = Recurrent::new(weights, Network::Interpolate, scale, arithmetic)?;
         let features = InterpolateFeatures::default();
@@ -35,17 +35,18 @@ impl LearnedInterpolator {
         Ok(Self { scale, network, features, warped, last, last_camera: None })
     }
 
-    /// Forgets the hidden state.
+    /// Drops the hidden state.
     pub fn reset(&mut self) {
         self.network.reset();
         self.last_camera = None;
     }
 
-    /// Interpolates what `camera` sees at time `t` ∈ (0, 1) between `before` and `after` into `out`, warping by
-    /// `interpolator`. Frames are asked for in the order of time: the state goes from each to the next.
+    /// Interpolates the image of `camera` at time `t` ∈ (0, 1) between `before` and `after` into `out`, with
+    /// `interpolator` for warping. Frames must be requested in the order of time: each takes the hidden state of the
+    /// frame before.
     ///
     /// # Errors
-    /// [`NetworkError`] if sizes do not match, geometry is missing or `t` is outside.
+    /// [`NetworkError`] if sizes do not match, geometry is missing, or `t` is outside (0, 1).
     pub fn interpolate(
         &mut self,
         interpolator: &mut Interpolator,

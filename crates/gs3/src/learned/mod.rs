@@ -1,5 +1,4 @@
-//! The networks within the pipeline: what they are fed, what they remember, which weights they have. `gpu` has the same
-//! on a device.
+//! The networks in the pipeline: their inputs, their states, their weights. `gpu` has the same on a device.
 
 mod error;
 mod features;

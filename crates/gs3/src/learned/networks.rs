@@ -7,14 +7,14 @@ use gs3_neural::{Arithmetic, Weights};
 
 use super::error::NetworkError;
 
-/// Weights of the networks that refine frames; without one, what is made without learning stays.
+/// Weights of the networks that refine frames. Without weights, the analytic frame stays as it is.
 #[derive(Clone, Debug, Default)]
 pub struct Networks {
-    /// Of super sampling.
+    /// Weights of the super-sampling network.
     pub super_sample: Option<Arc<Weights>>,
-    /// Of interpolation.
+    /// Weights of the interpolation network.
     pub interpolate: Option<Arc<Weights>>,
-    /// What they compute with on the CPU.
+    /// The arithmetic of the networks on the CPU.
     pub arithmetic: Arithmetic,
 }
 
@@ -25,7 +25,7 @@ struct Shipped {
     bytes: &'static [u8],
 }
 
-/// All of them; each tells in its header which network it is. Their model cards lie beside them.
+/// All weights files of the library. The header of each file names its network. Model cards lie beside the files.
 const SHIPPED: &[Shipped] = &[
     Shipped {
         scale: 2,
@@ -65,10 +65,10 @@ const SHIPPED: &[Shipped] = &[
 ];
 
 impl Networks {
-    /// The weights that come with the library: of super sampling, and of interpolation where there are any.
+    /// The weights that come with the library: for super sampling, and for interpolation if there are any.
     ///
     /// # Errors
-    /// [`NetworkError::NotShipped`] if there are none of `tier` for `scale`.
+    /// [`NetworkError::NotShipped`] if there are no weights of `tier` for `scale`.
     pub fn shipped(scale: u32, tier: Tier) -> Result<Self, NetworkError> {
         let mut networks = Self::default();
         for file in SHIPPED.iter().filter(|file| file.scale == scale && file.tier == tier) {
@@ -79,7 +79,7 @@ impl Networks {
             None => {
                 let mut available: Vec<String> =
                     SHIPPED.iter().map(|file| format!("{} ×{}", file.tier.name(), file.scale)).collect();
-                // Some have two networks.
+                // Some tiers and scales have two networks.
                 available.dedup();
                 let available = if available.is_empty() { "none".to_owned() } else { available.join(", ") };
                 Err(NetworkError::NotShipped { tier: tier.name(), scale, available })
@@ -87,10 +87,10 @@ impl Networks {
         }
     }
 
-    /// Adds the weights of one network; which one, their header says.
+    /// Adds the weights of one network. The weights' header names the network.
     ///
     /// # Errors
-    /// [`NetworkError`] if it is none of the two, or there already.
+    /// [`NetworkError`] if the network is neither of the two, or already has weights.
     pub fn add(&mut self, weights: Weights) -> Result<(), NetworkError> {
         let network = weights.header.network.clone();
         let place = match Network::from_name(&network) {

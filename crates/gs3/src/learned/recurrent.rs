@@ -7,22 +7,22 @@ use gs3_neural::{Arithmetic, Engine, Graph, Named, Op, Weights};
 
 use super::error::NetworkError;
 
-/// More than any of the networks has: those of a frame are put together without allocation.
+/// More inputs than any of the networks has: the inputs of a frame are collected without allocation.
 const MAX_INPUTS: usize = 16;
 
-/// A network, an engine for the last size asked for, and the hidden state of the last frame.
+/// A network, an engine for the last size requested, and the hidden state of the last frame.
 #[derive(Debug)]
 pub(super) struct Recurrent {
     graph: Graph,
     weights: Arc<Weights>,
     arithmetic: Arithmetic,
-    /// LR `[height, width]` and the engine planned for it.
+    /// LR `[height, width]` and the engine planned for this size.
     engine: Option<([usize; 2], Engine)>,
     /// The state of the last frame, LR, channels last.
     hidden: Vec<f32>,
     next: Vec<f32>,
     has_state: bool,
-    /// HR inputs and the output, for images that are no whole number of blocks.
+    /// HR inputs and the output, padded for images that are not a whole number of blocks.
     padded: [Vec<f32>; MAX_INPUTS],
 }
 
@@ -54,7 +54,7 @@ impl Recurrent {
         })
     }
 
-    /// Forgets the state.
+    /// Drops the hidden state.
     pub fn reset(&mut self) {
         self.has_state = false;
     }
@@ -63,8 +63,8 @@ impl Recurrent {
         self.has_state
     }
 
-    /// Runs the network for an LR grid of `[height, width]` and HR images of that size or up to a block less on
-    /// `images` and the state, writes its output `color` and keeps its state.
+    /// Runs the network on `images` and the hidden state, writes its output to `color` and keeps its new state. The
+    /// LR grid is `[height, width]`; HR images have S times this size, or up to one block less.
     pub fn run(
         &mut self,
         lr: [usize; 2],

@@ -11,7 +11,7 @@ use super::error::NetworkError;
 use super::features::SuperSampleFeatures;
 use super::recurrent::Recurrent;
 
-/// Refines analytic frames: adds what a network has learned to add to them.
+/// Refines analytic frames: adds the correction of a network.
 #[derive(Debug)]
 pub struct LearnedSuperSampler {
     network: Recurrent,
@@ -19,26 +19,26 @@ pub struct LearnedSuperSampler {
 }
 
 impl LearnedSuperSampler {
-    /// The super sampler of `weights`, which must be for `scale`, computing with `arithmetic`.
+    /// The super sampler of `weights`, which must be for `scale`. It computes with `arithmetic`.
     ///
     /// # Errors
-    /// [`NetworkError`] if they are those of another network or another scale.
+    /// [`NetworkError`] if the weights are of another network or another scale.
     pub fn new(weights: Arc<Weights>, scale: u32, arithmetic: Arithmetic) -> Result<Self, NetworkError> {
         let network = Recurrent::new(weights, Network::SuperSample, scale, arithmetic)?;
         Ok(Self { network, features: SuperSampleFeatures::new(scale)? })
     }
 
-    /// Forgets the hidden state.
+    /// Drops the hidden state.
     pub fn reset(&mut self) {
         self.network.reset();
     }
 
-    /// Refines `now`, a frame made without learning with its uncertainty in the fourth channel, into `out`, likewise.
-    /// `innovation` is what its samples say that the past did not ([`gs3_reconstruct::SuperSampler::innovation`]).
-    /// `previous` is the frame refined last, as it became then; without it the state begins anew.
+    /// Refines the analytic frame `now` into `out`; both have the uncertainty in the fourth channel. `innovation` is
+    /// the difference of the samples from the history ([`gs3_reconstruct::SuperSampler::innovation`]). `previous` is
+    /// the last frame as it was refined; without it the hidden state starts anew.
     ///
     /// # Errors
-    /// [`NetworkError`] if sizes do not match or gradients or geometry are missing.
+    /// [`NetworkError`] if sizes do not match, or gradients or geometry are missing.
     pub fn refine(
         &mut self,
         now: Neighbor<'_>,

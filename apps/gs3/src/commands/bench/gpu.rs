@@ -163,7 +163,7 @@ fn measure_frames(
             measured.push(pipeline.device_times().to_vec());
         }
     }
-    // Nobody waits for these, so whether all of them had room shows at their end.
+    // The CPU does not wait for these frames, so an overflow only shows at their end.
     let fps = loop {
         pipeline.reset(ResetReason::CameraCut);
         let (mut started, mut displayed, mut is_complete) = (Instant::now(), 0, true);

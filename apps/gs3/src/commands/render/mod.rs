@@ -208,7 +208,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         written.encode_time.as_secs_f64(),
     ));
     let numbers = first_number.unwrap_or_default()..numbers_of(&range, shown_each).end;
-    // Whoever skips what is there knows of it.
+    // A user who skips existing frames knows of them.
     if let Target::Folder(folder) | Target::Video { frames: folder, .. } = &target
         && !args.skip_existing
         && let count @ 1.. = others(folder, &numbers)

@@ -10,8 +10,9 @@ use crate::io::manifest::Manifest;
 use crate::io::output::Target;
 use crate::io::video::{Stream, by_hand, no_option, quoted};
 
-/// What to run after an interruption for the frames `left` of those from `first` on. A video begins anew with the
-/// frames that it is given, so that of all of them, with these `numbers`, is made once they are there.
+/// The command to run after an interruption, for the frames `left` of the frames from `first` on. A video starts anew
+/// with the frames that it is given. So the video of all frames, with these `numbers`, is made once all of them
+/// exist.
 pub fn remainder(
     target: &Target,
     first: usize,
@@ -23,7 +24,7 @@ pub fn remainder(
     match target {
         Target::Video { file, frames } if left.start > first => format!(
             "{same} --out {}, and then, for the video of all frames, {}",
-            // A separator at its end: a folder whatever its name.
+            // With a separator at its end the path is a folder, with any name.
             quoted(&no_option(frames).join("").display().to_string()),
             by_hand(file, frames, numbers, stream)
         ),

@@ -51,7 +51,7 @@ pub fn by_hand(file: &Path, frames: &Path, numbers: &Range<usize>, stream: &Stre
     words.map(quoted).collect::<Vec<_>>().join(" ")
 }
 
-/// `path` such that no command takes it for an option, whatever it begins with.
+/// `path` in a form that no command takes for an option, with any beginning.
 pub fn no_option(path: &Path) -> PathBuf {
     Path::new(".").join(path)
 }
@@ -72,7 +72,7 @@ fn failed(reason: &impl Display) -> Failure {
 /// How often it is looked whether `ffmpeg` has ended: unnoticed by people, and nothing beside encoding.
 const LOOK: Duration = Duration::from_millis(10);
 
-/// Most of what `ffmpeg` says that is kept: its first line is told, and no line is as long.
+/// Most bytes kept of `ffmpeg`'s messages: the first line is reported, and no line is as long.
 const MOST_SAID: u64 = 1 << 16;
 
 /// A running `ffmpeg` that takes raw frames. Its file appears under its name when the video is whole; until then a
@@ -175,7 +175,7 @@ fn lock(process: &Mutex<Child>) -> MutexGuard<'_, Child> {
     process.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The beginning of what `ffmpeg` says, all of which is read.
+/// The beginning of `ffmpeg`'s messages. All messages are read.
 fn said(mut stderr: ChildStderr) -> String {
     let mut bytes = Vec::new();
     // What was read before an error may still tell something.

@@ -24,8 +24,8 @@ pub enum Video {
 }
 
 impl Video {
-    /// Begins the video `file`. Without an `ffmpeg` it is of our own making, and that is told; one that fails is an
-    /// error, as whoever has it counts on it.
+    /// Begins the video `file`. Without an `ffmpeg`, gs3 encodes the video itself, and reports it. An `ffmpeg` that
+    /// fails is an error, because its owner expects it to work.
     pub fn start(file: &Path, stream: &Stream) -> Result<Self, Failure> {
         if let Some(ffmpeg) = Ffmpeg::start(file, stream)? {
             return Ok(Self::Ffmpeg(ffmpeg));

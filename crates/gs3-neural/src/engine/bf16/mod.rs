@@ -1,4 +1,4 @@
-//! Convolutions in bf16 with sums in f32, on x86 machines whose processors multiply bf16.
+//! Convolutions in bf16 with sums in f32, on x86 CPUs that multiply bf16.
 //!
 //! There is a kernel for each of the two instructions that processors have for it ([`Unit`]). A row of a convolution
 //! rounds what it sees of tensors in f32 to a buffer of the thread; tensors that only AMX reads are stored in bf16.
@@ -43,8 +43,8 @@ enum Kernel {
 }
 
 impl Bf16Convolution {
-    /// That of `source` on `unit`, if the machine has it; none where f32 is better: on images of few columns, or with
-    /// more inputs than caches hold.
+    /// The convolution of `source` on `unit`, if the machine has it. None if f32 is faster: on images of few columns,
+    /// or with more inputs than caches hold.
     pub fn new(unit: Unit, source: &Source<'_>) -> Option<Self> {
         let kernel = match unit {
             _ if !unit.is_available() => None,

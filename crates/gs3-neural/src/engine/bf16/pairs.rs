@@ -9,7 +9,7 @@ use crate::engine::block::{Block, LANES, Layout, Sources};
 use crate::engine::conv::group;
 use crate::graph::{Border, Conv2d};
 
-/// Pixels of a run: a multiple of all numbers of pixels whose sums stay in registers.
+/// Pixels of a run: a multiple of all numbers of pixels with sums in registers.
 const RUN: usize = 48;
 
 /// Blocks of 16 channels of pixels that a run sees at most: 32 KiB of bf16, the first cache. Wider convolutions stay
@@ -35,7 +35,8 @@ pub struct Pairs {
 }
 
 impl Pairs {
-    /// That of `source`; none on images of few columns, or with more inputs than the first cache holds.
+    /// The convolution of `source`; none on images of few columns, or with more inputs than the first-level cache
+    /// holds.
     pub fn new(source: &Source<'_>) -> Option<Self> {
         let conv = source.conv;
         let segments = Segment::all(source.inputs);
@@ -126,7 +127,7 @@ mod kernel {
     #[inline(always)]
     pub fn prefetch(numbers: &[f32]) {
         for line in numbers.chunks(LANES) {
-            // SAFETY: a hint, which neither reads nor faults, whatever the address; the instruction (SSE) is part of
+            // SAFETY: a hint, which neither reads nor faults, at any address; the instruction (SSE) is part of
             // x86-64.
             unsafe { _mm_prefetch::<_MM_HINT_T1>(line.as_ptr().cast()) };
         }
@@ -150,7 +151,7 @@ mod kernel {
         buffer: &mut Buffer,
     ) {
         for start in (0..layout.shape.width).step_by(RUN) {
-            // The last run overlaps that before, whose pixels get the same values again.
+            // The last run overlaps the run before. The shared pixels get the same values again.
             let x = start.min(layout.shape.width - RUN);
             round(conv, sources, y, x, buffer);
             let (mut first, mut weights) = (0, &conv.weights[..]);
@@ -245,7 +246,7 @@ mod kernel {
 
     #[target_feature(enable = "avx512f")]
     fn pairs_of(bits: __m512i) -> __m512bh {
-        // SAFETY: both are 512 bits, of which any are valid.
+        // SAFETY: both types are 512 bits, and all bit patterns are valid.
         unsafe { std::mem::transmute::<__m512i, __m512bh>(bits) }
     }
 

@@ -21,7 +21,7 @@ fn numbers_are_rounded_to_the_nearest() {
     }
 }
 
-/// A tensor of f32 in ±1 whose lanes beyond the channels are not numbers: nothing may read them.
+/// A tensor of f32 in ±1. Its lanes beyond the channels are NaN: nothing may read them.
 fn tensor(layout: &Layout, border: Border, random: &mut Random) -> Vec<Block> {
     let mut tensor = vec![Block([f32::NAN; LANES]); layout.len()];
     for row in tensor.chunks_exact_mut(layout.row_len()) {
@@ -36,7 +36,7 @@ fn tensor(layout: &Layout, border: Border, random: &mut Random) -> Vec<Block> {
 
 /// The same tensor as `layout`, of bf16, stores it, in two strips.
 fn stored(tensor: &[Block], of: &Layout, layout: &Layout, border: Border) -> Vec<Block> {
-    // Whatever was there before: tiles see it unless it is written.
+    // Old contents of the memory: tiles see them unless they are overwritten.
     let mut rows = vec![Block([f32::NAN; LANES]); layout.len()];
     let (width, half) = (of.shape.width, of.shape.width.div_ceil(2));
     for (row, from) in rows.chunks_exact_mut(layout.row_len()).zip(tensor.chunks_exact(of.row_len())) {
@@ -77,7 +77,7 @@ impl Case {
         Self { conv, border, inputs, weights, bias }
     }
 
-    /// Output `o` at (x, y): the sum of products of rounded numbers, and that of their sizes.
+    /// Output `o` at (x, y): the sum of products of rounded numbers, and the sum of the products' magnitudes.
     fn sum(&self, o: usize, x: usize, y: usize) -> [f64; 2] {
         let Conv2d { kernel, dilation, .. } = self.conv;
         let (taps, all) = (kernel * kernel, self.weights.len() / self.conv.outputs);
@@ -104,7 +104,7 @@ impl Case {
         [sum, size]
     }
 
-    /// Compares what `unit` makes of it in strips of `width`, of inputs of which each is stored as `numbers` says.
+    /// Checks the results of `unit` in strips of `width`. Each input is stored according to `numbers`.
     fn check(&self, unit: Unit, numbers: &[Numbers], width: usize) {
         let name = format!("{unit:?}: {:?}, {:?}, {numbers:?}, {width}", self.conv, self.border);
         let (mut layouts, mut arena) = (Vec::new(), Vec::new());
@@ -146,7 +146,7 @@ impl Case {
             for (o, k) in (0..self.conv.outputs).flat_map(|o| (0..width).map(move |k| (o, k))) {
                 let value = f64::from(actual[o / LANES * width + k].0[o % LANES]);
                 let [sum, size] = self.sum(o, x + k, y);
-                // Rounding of f32 sums, in whatever order.
+                // Rounding of f32 sums, in any order.
                 let error = (value - sum).abs() / size;
                 assert!(error < 1e-6, "{name}: ({}, {y}) of {o}: {value}, not {sum}", x + k);
             }

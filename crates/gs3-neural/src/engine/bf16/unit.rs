@@ -66,7 +66,7 @@ mod machine {
     fn may_use_tiles() -> bool {
         /// `asm/prctl.h`.
         const ARCH_REQ_XCOMP_PERM: libc::c_long = 0x1023;
-        /// Of the state of extensions, that of tiles.
+        /// The state component of tiles, among the extended states.
         const XTILEDATA: libc::c_long = 18;
         // SAFETY: it takes numbers and gives one; nothing of this process changes but what it may use.
         unsafe { libc::syscall(libc::SYS_arch_prctl, ARCH_REQ_XCOMP_PERM, XTILEDATA) == 0 }

@@ -18,8 +18,8 @@ fn networks(tier: Tier) -> [Graph; 2] {
     [super_sample(4, tier), interpolate(4, tier)].map(|graph| graph.unwrap())
 }
 
-/// What reads a buffer finds what it should, nobody reads and writes one, and every kernel is valid and small enough
-/// for the limits that every device has.
+/// Every read of a buffer finds the right data, no buffer is read and written at once, and every kernel is valid and
+/// within the limits that every device has.
 #[test]
 fn plans_are_consistent_up_to_the_largest_frames() {
     let [single, half] = [Precision::Single, Precision::Half].map(GpuEngineSettings::new);
@@ -108,8 +108,9 @@ fn more_parts_than_a_kernel_binds_are_refused() {
 const COLOR_AND_STATE: [(&str, ImageFormat); 2] =
     [("color", ImageFormat::HalfPixels), ("hidden", ImageFormat::Blocks)];
 
-/// What a network reads and writes limits it on a GPU: a few kernels, each of which does all that can be done with what
-/// it has read. Without fusion super sampling was 42 kernels and 6,510 B an LR pixel, interpolation 53 and 6,860.
+/// Reads and writes limit a network on a GPU: there are few kernels, and each does all the work possible on the data
+/// it has read. Without fusion, super sampling was 42 kernels and 6,510 B an LR pixel, and interpolation 53 and
+/// 6,860.
 #[test]
 fn networks_are_few_kernels_that_move_few_bytes() {
     let lr = [540, 1024];
@@ -136,8 +137,8 @@ fn networks_are_few_kernels_that_move_few_bytes() {
     }
 }
 
-/// What is done with a convolution's result pixel by pixel is done in its kernel, convolutions of the same parts are
-/// one, and nothing that is needed is left out: here one step, whose second result another's kernel reads.
+/// Pixel-by-pixel work on a convolution's result is done in its kernel, convolutions of the same parts are one
+/// kernel, and nothing needed is left out: here one step, with a second result that another kernel reads.
 #[test]
 fn convolutions_of_the_same_parts_are_one_kernel_with_what_follows_them() {
     let mut g = GraphBuilder::new("fused", 1, Border::Zero);

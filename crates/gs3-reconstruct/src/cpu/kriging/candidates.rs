@@ -1,19 +1,19 @@
-//! Of the samples around pixels, the best.
+//! Selects the best of the samples around pixels.
 
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*, u32x16};
 
 use super::{FARTHEST, SAMPLES};
 use crate::cpu::samples::CHUNK;
 
-/// Room for the samples around a pixel, but where the camera flees from the scene: a power of two. Where there are
-/// more, those seen so far make way, but for the best.
+/// Capacity for the samples around a pixel, a power of two. It overflows only if the camera moves away from the scene
+/// very fast. Then all samples except the best ones are dropped to make room.
 pub(super) const SEEN: usize = 64;
 
 /// The samples around sixteen pixels that are near enough.
 pub(super) struct Candidates {
-    /// Of each pixel, variances of their first-order predictions; of those it has room for, and a vector.
+    /// Per pixel, variances of the samples' first-order predictions: the capacity, plus one vector.
     variances: [[f32; SEEN + CHUNK]; CHUNK],
-    /// And their places.
+    /// The places of the same samples.
     pub places: [[u32; SEEN + CHUNK]; CHUNK],
     counts: [u32; CHUNK],
 }
@@ -27,12 +27,12 @@ impl Candidates {
         }
     }
 
-    /// Forgets all.
+    /// Removes all samples.
     pub fn begin(&mut self) {
         self.counts = [0; CHUNK];
     }
 
-    /// Sees samples around the pixel of a lane: those that are `near`.
+    /// Adds samples around the pixel of a lane: the samples that are `near`.
     #[inline(always)]
     pub fn see<S: Simd>(&mut self, lane: usize, near: mask32x16<S>, variances: f32x16<S>, places: u32x16<S>) {
         let count = near.to_bitmask().count_ones();
@@ -45,7 +45,7 @@ impl Candidates {
         self.counts[lane] += count;
     }
 
-    /// Forgets all samples around a pixel but as many as matter.
+    /// Drops all samples around a pixel except the best ones.
     #[cold]
     #[inline(never)]
     fn keep_best(&mut self, lane: usize) {
@@ -60,7 +60,7 @@ impl Candidates {
         }
     }
 
-    /// The least variances around each pixel, in order, their last bits the sample's place in the list.
+    /// The least variances around each pixel, in order. Their last bits are the sample's place in the list.
     #[inline(always)]
     pub fn least<S: Simd>(&self, simd: S, least: &mut [[f32; CHUNK]; SAMPLES + 1]) {
         let none = f32x16::splat(simd, FARTHEST);
@@ -89,10 +89,11 @@ impl Candidates {
     }
 }
 
-/// Columns of what rows are given of.
+/// Transposes: columns of `rows`.
 #[inline(always)]
 fn transposed<S: Simd>(rows: [f32x16<S>; CHUNK]) -> [f32x16<S>; CHUNK] {
-    // Interleaving both halves, as one shuffles cards, moves a bit of the row's number to the end of the column's.
+    // Interleaving both halves, as in a shuffle of cards, moves one bit of the row's number to the end of the
+    // column's.
     let mut all = rows;
     for _ in 0..CHUNK.ilog2() {
         let before = all;

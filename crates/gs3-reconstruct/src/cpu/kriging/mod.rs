@@ -1,13 +1,14 @@
-//! Pixels that first-order predictions leave uncertain, by gradient-enhanced kriging.
+//! Gradient-enhanced kriging of pixels that first-order predictions leave uncertain.
 //!
-//! A mean of first-order predictions weighs every sample by its own distance alone: samples that tell the same are
-//! counted twice, and where colours change within a pixel or two, gradients carry too far. The best linear prediction
-//! of a pixel from the values and the gradients of the samples around it follows from how colours of pixels vary
-//! together: kriging (Matheron 1963), with gradients as further data (Morris, Mitchell & Ylvisaker 1993). For data d
-//! with covariances K among each other and k with the pixel it is kᵀK⁻¹d, here of what d differs from the mean by.
+//! A mean of first-order predictions weights every sample by its own distance alone. Samples with the same
+//! information are counted twice. Where colours change within a pixel or two, gradients carry too far. The best
+//! linear prediction of a pixel from the values and the gradients of the samples around it follows from the
+//! covariance of pixel colours: kriging (Matheron 1963), with gradients as further data (Morris, Mitchell & Ylvisaker
+//! 1993). For data d with covariances K among each other and k with the pixel, the prediction is kᵀK⁻¹d. Here d is
+//! the data's difference from the mean.
 //!
-//! It is a small dense system per pixel, so it is kept for those pixels where the mean errs visibly. Sixteen pixels are
-//! solved at once, one in each lane.
+//! Each pixel needs a small dense system, so only pixels with a visible error of the mean are kriged. Sixteen pixels
+//! are solved at once, one in each lane.
 
 mod candidates;
 mod system;
@@ -20,49 +21,53 @@ use crate::cpu::samples::{CHUNK, Sample};
 use candidates::{Candidates, SEEN};
 use system::{Around, NOTHING, ROWS, solve};
 
-/// Samples that a pixel is predicted from, at most: of those around it the ones whose first-order predictions are best.
-/// (Empirical: 6 lose 0.2 to 0.4 dB, 12 gain 0.1; time grows with the third power.)
+/// Largest number of samples that a pixel is predicted from: the samples around it with the best first-order
+/// predictions. (Empirical: 6 lose 0.2 to 0.4 dB, 12 gain 0.1; time grows with the third power.)
 pub(crate) const SAMPLES: usize = 8;
 
 /// Values and derivatives of a pixel's samples.
 const DATA: usize = 3 * SAMPLES;
 
-/// Length of the covariance, pixels: a rational quadratic (Rasmussen & Williams 2006, 4.19) with α = 1,
-/// `1 / (1 + δ² / (2 LENGTH²))`, a mixture of Gaussians of all widths as images are of detail. (Simulated with
-/// samples of true frames: where detail is finest 1 and 2 lose 0.1 to 1 dB, elsewhere 2 is alike.)
+/// Length of the covariance, in pixels. The covariance is a rational quadratic (Rasmussen & Williams 2006, 4.19) with
+/// α = 1, `1 / (1 + δ² / (2 LENGTH²))`: a mixture of Gaussians of all widths, just as images have detail of all
+/// sizes. (Simulated with samples of true frames: where detail is finest, 1 and 2 lose 0.1 to 1 dB; elsewhere 2 is
+/// alike.)
 pub(crate) const LENGTH: f32 = 1.5;
 
-/// Variance of data, as a share of the image's: what the covariance does not know of. It also keeps systems well
-/// conditioned: a pivot is not below it but by rounding. (Empirical: half of it is alike.)
+/// Variance of data that the covariance does not explain, as a share of the image's variance. It also keeps systems
+/// well conditioned: only rounding brings a pivot below it. (Empirical: half of it is alike.)
 pub(crate) const NUGGET: f32 = 1e-3;
 
-/// Variance of what a datum errs by, as a share of the image's, per pixel⁴ of the sample's noise. By this covariance
-/// second derivatives have the variance 6 / LENGTH⁴, so a first-order prediction at distance δ errs with 1.5 /
-/// LENGTH⁴ δ⁴: 0.3 per pixel⁴; half of it is a little better.
+/// Error variance of a datum, as a share of the image's variance, per pixel⁴ of the sample's noise. With this
+/// covariance, second derivatives have the variance 6 / LENGTH⁴. So a first-order prediction at distance δ errs with
+/// 1.5 / LENGTH⁴ δ⁴: 0.3 per pixel⁴. Half of it is a little better.
 ///
-/// What samples err by is not theirs alone: a surface that has changed its look since, or moved otherwise than its
-/// depth says, is wrong for all its samples, the more the older they are, and over about as many pixels as its
-/// colours vary. So errors have the image's covariance in space, and are a Brownian motion in noise: two samples
-/// share what the less noisy one errs by, and what they differ by tells nearly as much as if both were true.
-/// (Measured, of samples eight and four frames old by their distance: correlated by 0.6 to 0.7 within a pixel, 0.3 to
-/// 0.6 at two. Errors apart lose 0.1 dB where single pixels are kriged, 0.25 where many are; 0.1 and 0.2 per pixel⁴
-/// are alike.)
+/// Errors of samples are correlated. A surface that has changed its look, or moved otherwise than its depth says, is
+/// wrong for all its samples. The error grows with the age of the samples, and varies over about as many pixels as
+/// the surface's colours. So errors have the image's covariance k in space, and are a Brownian motion in noise:
+/// cov(eᵢ, eⱼ) = PER_NOISE · min(nᵢ, nⱼ) · k(δ). Two samples share the error of the less noisy one, and their
+/// difference is nearly as informative as the difference of two true samples. (Measured on samples eight and four
+/// frames old, by their distance: the correlation is 0.6 to 0.7 within a pixel, and 0.3 to 0.6 at two pixels.
+/// Independent errors lose 0.1 dB where single pixels are kriged, and 0.25 where many are; 0.1 and 0.2 per pixel⁴ are
+/// alike.)
 pub(crate) const PER_NOISE: f32 = 0.15;
 
-/// Samples whose first-order predictions have this variance, pixel⁴, or more do not count: that of one two pixels away.
+/// Samples with first-order predictions of this variance (pixel⁴) or more do not count: two pixels away or farther.
 pub(crate) const FARTHEST: f32 = 16.0;
 
-/// Variance, as a share of the image's, that samples gain towards that of the best one left out: as s² / (1 − s),
-/// where s is their own as a share of it. So none comes or goes at once.
+/// Fading of samples near the limit: a sample's variance grows by this share of the image's variance times s² / (1 −
+/// s). Here s is the sample's variance over the variance of the best sample left out. So no sample appears or
+/// disappears abruptly.
 pub(crate) const FADE: f32 = 0.003;
 
-/// Up to the first share of a pixel's variance that its data explain, the mean stays as it is, and from the second on
-/// they are trusted fully: where samples are few, the mean, which knows the current frame's surface as well, is the
-/// better one.
+/// If the data explain at most this share of a pixel's variance, the mean stays unchanged; from the second share on
+/// the data are trusted fully. Where samples are few the mean is better, because it includes the current frame's
+/// surface.
 pub(crate) const UNTRUSTED: f32 = 0.65;
 pub(crate) const TRUSTED: f32 = 0.9;
 
-/// Where samples so near may lie: runs of cells, first and last column and the row, relative to the pixel's.
+/// Cells that samples in reach may lie in: runs of cells, given as first column, last column and row, relative to the
+/// pixel's cell.
 const CELLS: [([isize; 2], isize); 5] =
     [([-1, 1], -2), ([-2, 2], -1), ([-2, 2], 0), ([-2, 2], 1), ([-1, 1], 2)];
 
@@ -74,41 +79,41 @@ const LANES: [u32; CHUNK] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 1
 struct Landed<'a> {
     /// Position in the tile's memory, pixel centres at whole numbers.
     at: [f32; 2],
-    /// Variance of its first-order prediction where it is, pixel⁴.
+    /// Variance of the sample's first-order prediction at its own place, in pixel⁴.
     noise: f32,
-    /// The pixel that it lies in, in the tile's memory.
+    /// The pixel that the sample lies in, in the tile's memory.
     cell: u32,
     sample: &'a Sample,
 }
 
-/// The samples of a tile, by the pixels that they lie in, and the pixels that are worth kriging.
+/// The samples of a tile, sorted by the pixels that they lie in, and the pixels that are to be kriged.
 #[derive(Debug, Default)]
 pub(crate) struct Neighborhoods<'a> {
-    /// What makes a pixel worth kriging; see [`Kriging::threshold`].
+    /// Threshold for a pixel to be kriged; see [`Kriging::threshold`].
     pub threshold: f32,
     /// Pixels from one row to the next.
     stride: usize,
-    /// The samples as they came.
+    /// The samples in order of arrival.
     arrived: Vec<Landed<'a>>,
-    /// Of each cell, once they are in order, its first sample's place; until then the number of samples of the cell
-    /// before it.
+    /// For each cell, the place of its first sample once the samples are sorted. Before sorting: the number of
+    /// samples in the cell before it.
     starts: Vec<u32>,
-    /// The samples in the order of their cells; of what vectors read, a vector more.
+    /// The samples, sorted by cell. Arrays that are read by vectors are one vector longer.
     x: Vec<f32>,
     y: Vec<f32>,
     noise: Vec<f32>,
     samples: Vec<&'a Sample>,
-    /// Pixels of the tile's memory, and the places that their colours have in the image.
+    /// Pixels to be kriged in the tile's memory, and the places of their colours in the image.
     pixels: Vec<([u16; 2], usize)>,
 }
 
 impl<'a> Neighborhoods<'a> {
-    /// Of no tile yet; `threshold` of [`Kriging::threshold`].
+    /// No tile yet; `threshold` is [`Kriging::threshold`].
     pub fn new(threshold: f32) -> Self {
         Self { threshold, ..Self::default() }
     }
 
-    /// Begins a tile of `rows` rows of memory `stride` pixels apart.
+    /// Begins a tile with `rows` rows of memory, `stride` pixels apart.
     pub fn begin(&mut self, stride: usize, rows: usize) {
         self.stride = stride;
         self.starts.clear();
@@ -117,7 +122,7 @@ impl<'a> Neighborhoods<'a> {
         self.pixels.clear();
     }
 
-    /// Takes a sample at `at` in the tile's memory.
+    /// Adds a sample at `at` in the tile's memory.
     #[inline(always)]
     pub fn take(&mut self, at: [f32; 2], noise: f32, sample: &'a Sample) {
         let (x, y) = ((at[0] + 0.5) as usize, (at[1] + 0.5) as usize);
@@ -131,26 +136,27 @@ impl<'a> Neighborhoods<'a> {
         }
     }
 
-    /// Will krige the pixel at `x`, `y` in the tile's memory, whose colour is in `place` of an image.
+    /// Adds the pixel at `x`, `y` in the tile's memory to the pixels to be kriged. `place` is the place of its colour
+    /// in an image.
     #[inline(always)]
     pub fn want(&mut self, [x, y]: [usize; 2], place: usize) {
         // Tiles are small.
         self.pixels.push(([x as u16, y as u16], place));
     }
 
-    /// Puts the samples in the order of their cells.
+    /// Sorts the samples by cell.
     fn put_in_order(&mut self) {
         let mut before = 0;
         for start in &mut self.starts {
-            // Where the cell before begins: as its samples take their places below, that moves to its end, where this
-            // one begins.
+            // `start` becomes the beginning of the cell before. As that cell's samples take their places below,
+            // `start` moves to the cell's end, where this cell begins.
             before += std::mem::replace(start, before);
         }
         for values in [&mut self.x, &mut self.y, &mut self.noise] {
             values.resize(self.arrived.len() + CHUNK, 0.0);
         }
         self.samples.clear();
-        // In any order, to have room: each place is taken below.
+        // In any order, to reserve memory: each place is overwritten below.
         self.samples.extend(self.arrived.iter().map(|landed| landed.sample));
         for landed in &self.arrived {
             let end = &mut self.starts[landed.cell as usize + 1];
@@ -161,7 +167,7 @@ impl<'a> Neighborhoods<'a> {
         }
     }
 
-    /// Predicts all pixels that are wanted; `image` has what their mean is.
+    /// Predicts all pixels to be kriged; `image` has their means.
     #[inline(always)]
     pub fn krige<S: Simd>(&mut self, simd: S, image: &mut [[f32; 4]]) {
         if self.pixels.is_empty() {
@@ -202,7 +208,7 @@ impl<'a> Neighborhoods<'a> {
             let first = (middle as isize + row * self.stride as isize + columns[0]) as usize;
             let end = first.wrapping_add((columns[1] - columns[0] + 1) as usize);
             let (Some(first), Some(end)) = (self.starts.get(first), self.starts.get(end)) else { continue };
-            // Mostly one vector has them all, and a loop that always runs once is not mispredicted.
+            // Usually one vector holds all samples. A loop that always runs once is not mispredicted.
             let (mut first, end) = (*first, *end);
             loop {
                 let at = first as usize;
@@ -219,7 +225,7 @@ impl<'a> Neighborhoods<'a> {
         }
     }
 
-    /// Takes the best of the candidates; positions are still in pixels.
+    /// Takes the best of the candidates. Positions are still in pixels.
     #[inline(always)]
     fn choose(&self, lane: usize, pixel: [u16; 2], candidates: &Candidates, around: &mut Around<'a>) {
         let center = [f32::from(pixel[0]), f32::from(pixel[1])];
@@ -238,7 +244,7 @@ impl<'a> Neighborhoods<'a> {
     }
 }
 
-/// Vector from `at` on. (A closure would not be inlined where vectors are enabled.)
+/// The vector from `at` on. (A closure would not be inlined where vectors are enabled.)
 #[inline(always)]
 fn vector<S: Simd>(simd: S, values: &[f32], at: usize) -> f32x16<S> {
     f32x16::from_slice(simd, &values[at..at + CHUNK])

@@ -5,17 +5,17 @@ use fearless_simd::{Simd, f32x16, prelude::*};
 use super::{DATA, FADE, FARTHEST, LENGTH, NUGGET, PER_NOISE, SAMPLES, TRUSTED, UNTRUSTED};
 use crate::cpu::samples::{CHUNK, DX, DY, Sample};
 
-/// The samples around sixteen pixels. Where there are too few, others in the pixel's place count for nothing by their
-/// nugget.
+/// The samples around sixteen pixels. If there are too few, samples at the pixel's place with a huge nugget fill the
+/// system; they have no weight.
 pub(super) struct Around<'a> {
-    /// Variances of their first-order predictions, and of the best one left out.
+    /// Variances of the samples' first-order predictions, and of the best sample left out.
     pub keys: [[f32; CHUNK]; SAMPLES + 1],
     /// Positions relative to the pixel, in lengths of the covariance.
     pub x: [[f32; CHUNK]; SAMPLES],
     pub y: [[f32; CHUNK]; SAMPLES],
-    /// Variances of their first-order predictions where they are, pixel⁴.
+    /// Variances of the samples' first-order predictions at their own places, in pixel⁴.
     pub noise: [[f32; CHUNK]; SAMPLES],
-    /// Variances of what the data alone err by.
+    /// Independent error variances of the data.
     pub nugget: [[f32; CHUNK]; SAMPLES],
     pub samples: [[Option<&'a Sample>; SAMPLES]; CHUNK],
 }
@@ -23,16 +23,16 @@ pub(super) struct Around<'a> {
 /// Three vectors: a row of the three columns of a sample.
 pub(super) type Row = [[f32; CHUNK]; 3];
 
-/// Three rows of it in registers.
+/// Three rows in registers.
 pub(super) type Rows<S> = [[f32x16<S>; 3]; 3];
 
-/// Rows of all columns.
+/// Number of rows of all columns.
 pub(super) const ROWS: usize = start(SAMPLES);
 
-/// Sixteen systems: lower triangles, sample by sample the rows from its own on, and as one row more the pixel's.
+/// Sixteen systems: lower triangles. For each sample the rows from its own on, plus one more row for the pixel.
 pub(super) type Systems = [Row; ROWS];
 
-/// Nugget of what is not there.
+/// Nugget of a missing sample.
 pub(super) const NOTHING: f32 = 1e6;
 
 impl Around<'_> {
@@ -64,7 +64,7 @@ impl Around<'_> {
             load(simd, &self.y[i]) - load(simd, &self.y[j]),
         );
         let (q, one) = (covariance(simd, ux, uy), f32x16::splat(simd, 1.0));
-        // The image's, and that of what both samples err by alike.
+        // The image's covariance, plus the covariance of the error that both samples share.
         let grown = load(simd, &self.noise[i]).min(load(simd, &self.noise[j])).mul_add(PER_NOISE, one);
         let q2 = q * q * grown;
         let (qx, qy) = (q2 * ux, q2 * uy);
@@ -90,7 +90,7 @@ impl Around<'_> {
         [q, -q2 * x, -q2 * y]
     }
 
-    /// Changes `pixel`, whose RGB is the mean, into what the samples of a lane say.
+    /// Changes `pixel`, which has the mean as its RGB, into the prediction from the samples of a lane.
     #[inline(always)]
     pub fn predict(&self, lane: usize, weights: &[[f32; CHUNK]; DATA], pixel: &mut [f32; 4]) {
         let mut sum = [0.0_f32; 3];
@@ -135,12 +135,12 @@ fn store<S: Simd>(values: [f32x16<S>; 3], to: &mut Row) {
     }
 }
 
-/// Where the rows of sample `sample` begin: samples before have DATA + 1, DATA − 2, … rows.
+/// Index of the first row of sample `sample`: samples before it have DATA + 1, DATA − 2, … rows.
 pub(super) const fn start(sample: usize) -> usize {
     sample * (DATA + 1) - 3 * sample * sample.saturating_sub(1) / 2
 }
 
-/// What the three columns of a sample come to in their own rows: below the diagonal of L, and the inverse of D.
+/// The factored block of a sample's three columns in its own rows: L below the diagonal, and the inverse of D.
 #[derive(Clone, Copy)]
 struct Factor<S: Simd> {
     below: [f32x16<S>; 3],
@@ -169,8 +169,8 @@ impl<S: Simd> Factor<S> {
     }
 }
 
-/// What is left of a row without what columns before explain: `of_row` are the row's numbers in those of a sample,
-/// `by` the rows of the columns' sample there, times −D⁻¹.
+/// A row minus the part that earlier columns explain. `of_row` are the row's numbers in an earlier sample's columns.
+/// `by` are the rows of the columns' sample there, times −D⁻¹.
 #[inline(always)]
 fn reduced<S: Simd>(simd: S, left: [f32x16<S>; 3], of_row: &Row, by: &Rows<S>) -> [f32x16<S>; 3] {
     let u = row(simd, of_row);
@@ -181,9 +181,9 @@ fn reduced<S: Simd>(simd: S, left: [f32x16<S>; 3], of_row: &Row, by: &Rows<S>) -
     sums
 }
 
-/// Solves the systems of `around` by their factors LDLᵀ, of which LD goes to `systems`: column by column, each number
-/// from its covariance to what is final in registers, as memory takes a vector only every other cycle on some
-/// processors.
+/// Solves the systems of `around` by their factors LDLᵀ, and writes LD to `systems`. It goes column by column, and
+/// each number goes from its covariance to its final value in registers, because some CPUs store a vector only every
+/// other cycle.
 #[inline(always)]
 pub(super) fn solve<S: Simd>(
     simd: S,
@@ -193,7 +193,7 @@ pub(super) fn solve<S: Simd>(
 ) {
     let zero = f32x16::splat(simd, 0.0);
     let mut factors = [Factor { below: [zero; 3], inverses: [zero; 3] }; SAMPLES];
-    // The rows of the sample whose columns are made, in the columns before, times −D⁻¹.
+    // The rows of the sample that is being factored, in the columns before, times −D⁻¹.
     let mut by = [[[zero; 3]; 3]; SAMPLES];
     for j in 0..SAMPLES {
         let (done, rows) = systems.split_at_mut(start(j));
@@ -227,7 +227,8 @@ pub(super) fn solve<S: Simd>(
         }
         store(factors[j].eliminate(last), &mut rows[start(j + 1) - start(j) - 1]);
     }
-    // The last rows now are L⁻¹k: what the data explain is their sum of squares by D⁻¹, and from them come L⁻ᵀD⁻¹L⁻¹k.
+    // The last rows are now L⁻¹k. The variance that the data explain is their sum of squares by D⁻¹. From them come
+    // L⁻ᵀD⁻¹L⁻¹k.
     let mut explained = zero;
     for (sample, factor) in factors.iter().enumerate() {
         let [d0, d1, d2] = factor.inverses;

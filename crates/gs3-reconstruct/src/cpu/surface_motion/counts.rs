@@ -1,15 +1,15 @@
-//! Counts in rectangles of a grid, by sums over all that is left and above.
+//! Counts in rectangles of a grid, by sums over everything left of and above a corner.
 
-/// How many there are in rectangles of a grid.
+/// Counts of items in rectangles of a grid.
 #[derive(Debug, Default)]
 pub(super) struct Counts {
     size: [usize; 2],
-    /// Of each corner between pixels, how many are left of and above it: `[height + 1, width + 1]`.
+    /// Per corner between pixels, the number of items left of and above it: `[height + 1, width + 1]`.
     sums: Vec<u32>,
 }
 
 impl Counts {
-    /// Counts what `all` hands over, column and row, on a grid of `size`.
+    /// Counts the items that `all` passes on, as column and row, on a grid of `size`.
     pub fn set(&mut self, size: [usize; 2], all: impl FnOnce(&mut dyn FnMut([usize; 2]))) {
         let stride = size[0] + 1;
         self.size = size;
@@ -26,7 +26,7 @@ impl Counts {
         }
     }
 
-    /// Whether there are any from column and row `first` to before `end`.
+    /// Whether there are items from column and row `first` to before `end`.
     pub fn any(&self, first: [usize; 2], end: [usize; 2]) -> bool {
         let stride = self.size[0] + 1;
         let [end_x, end_y] = [end[0].min(self.size[0]), end[1].min(self.size[1])];

@@ -1,8 +1,9 @@
-//! What moves in a frame by itself: the renderer's motion vectors less what the cameras explain.
+//! The motion of moving objects in a frame: the renderer's motion vectors less the motion that the cameras explain.
 //!
-//! Vectors lead back: from where a surface is to where it was. With the depths at both ends they become displacements in
-//! the world, which stay true whatever the camera does afterwards. What is remembered has to go forward; so every vector
-//! is also entered where it leads to, the nearest surface first, and whoever was there finds where it went.
+//! Vectors point backwards: from a surface's current place to its previous place. With the depths at both ends they
+//! become displacements in the world, which stay valid under any camera motion afterwards. Remembered samples must
+//! move forwards. So every vector is also entered at its previous place, the nearest surface first, and a sample that
+//! was there finds its new place.
 
 mod counts;
 #[cfg(test)]
@@ -20,18 +21,18 @@ use crate::cpu::boxes::BoxLimits;
 use crate::cpu::samples::SampleFrame;
 use crate::reprojection::{Reprojection, inverse_depth};
 
-/// What became of a surface that the frame before saw.
+/// What happened to a surface of the previous frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Departure {
     /// It stands still.
     Still,
-    /// It moved by so much, world units.
+    /// It moved by this displacement, in world units.
     Moved([f32; 3]),
-    /// The current frame does not see it.
+    /// The current frame does not show it.
     Unknown,
 }
 
-/// Motion of the surfaces of a frame since the frame before.
+/// Motion of the surfaces of a frame since the previous frame.
 ///
 /// Memory: 72 B per LR pixel, margins included.
 #[derive(Debug, Default)]
@@ -46,41 +47,41 @@ pub(crate) struct SurfaceMotion {
     corner: [usize; 2],
     /// `[height, width]`.
     surfaces: Vec<Surface>,
-    /// Which surface came from a pixel of the frame before, [`encode`]d: `[height, width]`.
+    /// The surface that came from each pixel of the previous frame, [`encode`]d: `[height, width]`.
     arrivals: Vec<AtomicU64>,
-    /// Samples of things that move, at their places now, and at those where they were.
+    /// Counts of samples of moving objects, at their current places and at their previous places.
     here: Counts,
     left: Counts,
-    /// Displacements of the picture's samples, from the frame before to the current one: those of the frame before, and
-    /// those of the current one; `[LR height, LR width]`.
+    /// Displacements of the picture's samples from the previous frame to the current one, of the previous frame's
+    /// samples and of the current frame's; `[LR height, LR width]`.
     displacements: [Vec<[f32; 3]>; 2],
 }
 
-/// The frame before and the current one.
+/// The previous frame and the current frame.
 pub(crate) struct Frames<'a> {
     pub cameras: [&'a Camera; 2],
     pub before: &'a SampleFrame,
-    /// With its margin.
+    /// The current frame with its margin.
     pub now: &'a GBuffer,
     /// HR pixels per LR pixel.
     pub scale: u32,
 }
 
 impl SurfaceMotion {
-    /// Forgets everything: what comes next stands still.
+    /// Resets the motion: everything stands still.
     pub fn clear(&mut self) {
         self.displacements.iter_mut().for_each(Vec::clear);
     }
 
-    /// Displacements of the samples of the frame before, and of the current one, both without margins, world units,
-    /// `[LR height, LR width]`; none if nothing moves.
+    /// Displacements of the samples of the previous frame and of the current frame, both without margins, in world
+    /// units, `[LR height, LR width]`; none if nothing moves.
     pub fn displacements(&self) -> Option<[&[[f32; 3]]; 2]> {
         let [before, now] = &self.displacements;
         let moves = |of: &[[f32; 3]]| of.iter().any(|displacement| *displacement != [0.0; 3]);
         (moves(before) || moves(now)).then_some([before, now])
     }
 
-    /// Makes this the motion between `frames` that `vectors`, LR pixels, tell.
+    /// Computes the motion between `frames` from `vectors`, in LR pixels.
     pub fn set(&mut self, frames: &Frames<'_>, vectors: &Planes<2>) {
         let Frames { cameras: [camera_before, camera], before, now, scale } = *frames;
         let Some(geometry) = &now.geometry else { return };
@@ -124,7 +125,7 @@ impl SurfaceMotion {
         self.set_displacements(frames);
     }
 
-    /// Enters every surface where it was.
+    /// Enters every surface at its previous place.
     fn enter_arrivals(&mut self) {
         let Self { width, height, scale, corner, .. } = *self;
         self.arrivals.resize_with(width * height, AtomicU64::default);
@@ -132,7 +133,7 @@ impl SurfaceMotion {
         let arrivals = &self.arrivals;
         self.surfaces.par_iter().enumerate().with_min_len(1 << 12).for_each(|(k, surface)| {
             if let Some([x, y]) = cell(surface, corner, scale, [width, height]) {
-                // The nearest wins, and of those the last: the result does not depend on the threads.
+                // The nearest surface wins, and the last of equal ones: the result does not depend on the threads.
                 arrivals[y * width + x].fetch_max(encode(surface.origin_inverse, k), Relaxed);
             }
         });
@@ -141,7 +142,7 @@ impl SurfaceMotion {
     /// Finds the displacements of the picture's samples.
     fn set_displacements(&mut self, frames: &Frames<'_>) {
         let [columns, rows] = frames.before.picture_size();
-        // Those of the frame before were its own.
+        // The displacements of the previous frame were computed as the current ones one frame ago.
         self.displacements.swap(0, 1);
         let [mut before, mut now] = std::mem::take(&mut self.displacements);
         before.resize(columns * rows, [0.0; 3]);
@@ -159,7 +160,7 @@ impl SurfaceMotion {
                 match this.departure(at, inverse, *before != [0.0; 3]) {
                     Departure::Still => *before = [0.0; 3],
                     Departure::Moved(by) => *before = by,
-                    // What moved goes on as it did.
+                    // A moving sample keeps its displacement.
                     Departure::Unknown => {}
                 }
             }
@@ -167,8 +168,8 @@ impl SurfaceMotion {
         self.displacements = [before, now];
     }
 
-    /// What became of what was seen in the frame before at `at`, HR pixels, and inverse depth `inverse`. What moved
-    /// already (`is_mover`) does not stand still for lack of evidence.
+    /// What happened to the surface at HR position `at` with inverse depth `inverse` in the previous frame. A surface
+    /// that was moving (`is_mover`) is not assumed to stand still for lack of evidence.
     pub fn departure(&self, at: [f32; 2], inverse: f32, is_mover: bool) -> Departure {
         let Self { width, height, corner, scale, .. } = *self;
         let Some([x, y]) = cell_of(at, corner, scale, [width, height]) else { return Departure::Unknown };
@@ -184,7 +185,7 @@ impl SurfaceMotion {
             let distance = away[0].mul_add(away[0], away[1] * away[1]);
             self.is_of(k, surface.origin_inverse, inverse).then_some((k, away, distance))
         };
-        // Mostly its own pixel has it; else the closest of those around.
+        // Usually the surface is entered at its own pixel; otherwise the closest of the pixels around is taken.
         let mut found = find(y * width + x);
         if found.is_none() {
             for found_here in rows.flat_map(|y| columns.clone().map(move |x| y * width + x)).filter_map(find)
@@ -201,8 +202,8 @@ impl SurfaceMotion {
         }
     }
 
-    /// How far surfaces move where the current frame shows HR position `at`, HR pixels: the most of the four samples
-    /// around it.
+    /// How far surfaces move, in HR pixels, where the current frame shows HR position `at`: the maximum of the four
+    /// samples around it.
     pub fn surface_shift(&self, at: [f32; 2]) -> f32 {
         let Some(([x, y], _)) = self.cell_between(at) else { return 0.0 };
         let [right, below] = [(x + 1).min(self.width - 1), (y + 1).min(self.height - 1)];
@@ -210,18 +211,18 @@ impl SurfaceMotion {
         of(x, y).max(of(right, y)).max(of(x, below).max(of(right, below)))
     }
 
-    /// Whether anything within `limits`, HR pixels, pixel centres at whole numbers, moved from there since the frame
-    /// before.
+    /// Whether anything moved away from `limits` (HR pixels, pixel centres at whole numbers) since the previous
+    /// frame.
     pub fn any_left(&self, limits: BoxLimits) -> bool {
         self.any_within(&self.left, limits)
     }
 
-    /// Whether anything that moves is now within `limits`, or next to it.
+    /// Whether anything that moves is now within `limits` or next to it.
     pub fn any_here(&self, limits: BoxLimits) -> bool {
         self.any_within(&self.here, limits)
     }
 
-    /// The samples that move and were somewhere, column and row.
+    /// The moving samples with a previous place, as column and row.
     pub fn movers(&self) -> impl Iterator<Item = [usize; 2]> + use<'_> {
         let moves = |surface: &Surface| !surface.is_still() && surface.origin_inverse >= 0.0;
         let movers = self.surfaces.iter().enumerate().filter(move |(_, surface)| moves(surface));
@@ -229,7 +230,7 @@ impl SurfaceMotion {
     }
 
     fn any_within(&self, counts: &Counts, limits: BoxLimits) -> bool {
-        // Two samples more: those around a place, and those that a place may be off.
+        // Two samples more: the samples around a place, and the tolerance of the place.
         let first =
             |at: f32, axis: usize| (at / self.scale + self.corner[axis] as f32 - 2.0).max(0.0) as usize;
         let end = |at: f32, axis: usize| (at / self.scale + self.corner[axis] as f32 + 3.0).max(0.0) as usize;
@@ -237,7 +238,7 @@ impl SurfaceMotion {
             .any([first(limits.left, 0), first(limits.top, 1)], [end(limits.right, 0), end(limits.bottom, 1)])
     }
 
-    /// The sample left of and above HR position `at`, and the way from there to `at` in spacings of samples.
+    /// The sample left of and above HR position `at`, and the offset from the sample to `at` in sample spacings.
     fn cell_between(&self, at: [f32; 2]) -> Option<([usize; 2], [f32; 2])> {
         let place = [0, 1].map(|axis| at[axis] / self.scale - 0.5 - self.offset[axis]);
         let last = [self.width, self.height].map(|side| side as f32 - 0.5);
@@ -246,13 +247,13 @@ impl SurfaceMotion {
         is_in.then(|| (place.map(|v| v as usize), place.map(|v| v - v.floor())))
     }
 
-    /// Whether inverse depths, seen two samples apart at most, are both of the surface of sample `k`.
+    /// Whether two inverse depths, seen at most two samples apart, are both on the surface of sample `k`.
     fn is_of(&self, k: usize, a: f32, b: f32) -> bool {
         is_same(a, b) || (a - b).abs() <= 2.0 * self.slope(k)
     }
 
-    /// By how much inverse depths of the surface of sample `k` change from sample to sample: the smaller of the changes
-    /// to both sides, where they agree in sign, along x and along y.
+    /// Change of the inverse depth of the surface of sample `k` from sample to sample: the smaller of the changes to
+    /// both sides, if they agree in sign, along x and along y.
     fn slope(&self, k: usize) -> f32 {
         let Self { width, height, .. } = *self;
         let along = |at: usize, len: usize, step: usize| {
@@ -266,8 +267,8 @@ impl SurfaceMotion {
         along(k % width, width, 1) + along(k / width, height, width)
     }
 
-    /// The displacement of the surface of sample `k` at a place that is `by` samples away from it: between the samples
-    /// around that move and are of the same surface.
+    /// The displacement of the surface of sample `k` at a place `by` samples away from it, interpolated between the
+    /// surrounding samples that move and are on the same surface.
     fn displacement_beside(&self, k: usize, by: [f32; 2]) -> [f32; 3] {
         let surface = &self.surfaces[k];
         let [column, row] = [(k % self.width) as f32 + by[0], (k / self.width) as f32 + by[1]];
@@ -285,31 +286,31 @@ impl SurfaceMotion {
                 weights += weight;
             }
         }
-        // Far outside of the surface's samples its nearest is better than what little of others counts.
+        // Far outside of the surface's samples, the nearest sample is better than others with small weights.
         if weights > 0.25 { sum.map(|v| v / weights) } else { surface.displacement }
     }
 }
 
-/// The pixel of the frame before, among `size` with the margin whose first is `corner` pixels before the picture, that
-/// `surface` came from.
+/// The pixel of the previous frame that `surface` came from, on a grid of `size` with the margin. The grid's first
+/// pixel is `corner` pixels before the picture.
 fn cell(surface: &Surface, corner: [usize; 2], scale: f32, size: [usize; 2]) -> Option<[usize; 2]> {
     if surface.origin_inverse < 0.0 { None } else { cell_of(surface.origin, corner, scale, size) }
 }
 
-/// The same of HR position `at`.
+/// The pixel of HR position `at`.
 fn cell_of(at: [f32; 2], corner: [usize; 2], scale: f32, size: [usize; 2]) -> Option<[usize; 2]> {
     let place = [0, 1].map(|axis| at[axis] / scale + corner[axis] as f32);
     let is_in = place.iter().zip(size).all(|(place, side)| (0.0..side as f32).contains(place));
     is_in.then(|| place.map(|v| v as usize))
 }
 
-/// Orders surfaces that came from one pixel: above 0, the nearer the larger.
+/// Orders surfaces that came from one pixel: above 0, larger for nearer surfaces.
 fn encode(inverse: f32, k: usize) -> u64 {
-    // The bits of numbers that are not negative are ordered as they are; samples are far fewer than 2³².
+    // Bits of non-negative floats are ordered like the floats. There are far fewer than 2³² samples.
     u64::from(inverse.max(0.0).to_bits()) << 32 | (k as u64 + 1)
 }
 
-/// The sample that [`encode`] was told; none where there was none.
+/// The sample that [`encode`] was given; none if there was none.
 fn decode(arrival: u64) -> Option<usize> {
     (arrival as u32).checked_sub(1).map(|k| k as usize)
 }

@@ -23,7 +23,7 @@ fn gbuffer(left: f32) -> GBuffer {
     }
 }
 
-/// Whether sample `k` is of the square whose left edge is `left` of the picture's.
+/// Whether sample `k` is on the square with its left edge `left` of the picture's.
 fn is_square(k: usize, width: usize, left: f32) -> bool {
     let [x, y] = [k % width, k / width].map(|v| v as f32 + 0.5 - MARGIN as f32);
     (left..left + 6.0).contains(&x) && (5.0..11.0).contains(&y)

@@ -6,39 +6,41 @@ use gs3_scene::Camera;
 use crate::cpu::samples::SampleFrame;
 use crate::reprojection::{MIN_DIVISOR, Reprojection, SAME_SURFACE};
 
-/// Surfaces whose vectors differ by less than this from what the cameras explain stand still, LR pixels: rounding is a
-/// tenth of it, and over 16 frames even what moves just slower goes no farther than a quarter of an HR pixel at scale 4.
+/// A surface stands still if its vector differs by less than this from the cameras' motion, in LR pixels. Rounding is
+/// a tenth of this value. Over 16 frames, a surface that moves just slower goes at most a quarter of an HR pixel at
+/// scale 4.
 const STILL: f32 = 1.0 / 256.0;
 
-/// The same as a share of the vector: what half precision, in which renderers keep vectors, rounds by at most.
+/// The same tolerance as a share of the vector: the largest rounding error of half precision, in which renderers keep
+/// vectors.
 const ROUNDING: f32 = 1.0 / 1024.0;
 
-/// Surfaces may have come nearer by this share of their depth since the frame before, or gone as far away; depths there
-/// that differ by more are another's.
+/// Largest change of a surface's depth since the previous frame, as a share of the depth. Depths that differ by more
+/// belong to another surface.
 const APPROACH: f32 = 0.1;
 
-/// Vectors beyond this many frame widths or heights say that a surface was nowhere.
+/// A vector longer than this many frame widths or heights means that the surface was nowhere in the previous frame.
 pub(super) const FARTHEST: f32 = 2.0;
 
-/// Displacements have to be below this, world units, so that no sum of 64 of their squares overflows.
+/// Displacements must be below this value, in world units, so that no sum of 64 of their squares overflows.
 const LARGEST: f32 = 1e18;
 
-/// A surface that was nowhere, or is infinitely far, disturbs what is seen in its place by this, HR pixels: as much as
-/// makes the past count by what the current frame says of it alone.
+/// Surface shift, in HR pixels, where a surface was nowhere or is infinitely far: enough that past samples count only
+/// as far as the current frame confirms them.
 const UNKNOWN: f32 = 8.0;
 
-/// What one sample of the current frame says about the motion of its surface.
+/// The motion of the surface of one sample of the current frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Surface {
-    /// From where it was in the world to where it is, world units. 0 if it stands still.
+    /// Displacement in the world from its previous place to its current place, world units. 0 if it stands still.
     pub displacement: [f32; 3],
-    /// How far it is from where it would be if it stood still, HR pixels; 0 if it does.
+    /// Distance from where it would be if it stood still, in HR pixels; 0 if it stands still.
     pub residual: f32,
-    /// Where it was in the frame before, HR pixels.
+    /// Its place in the previous frame, HR pixels.
     pub origin: [f32; 2],
-    /// Inverse depth now.
+    /// Current inverse depth.
     pub inverse: f32,
-    /// Inverse depth then; negative if it was nowhere.
+    /// Previous inverse depth; negative if the surface was nowhere.
     pub origin_inverse: f32,
 }
 
@@ -48,16 +50,16 @@ impl Surface {
     }
 }
 
-/// Whether inverse depths are those of one surface, whatever its slope.
+/// Whether two inverse depths are on one surface, at any slope.
 pub(super) fn is_same(a: f32, b: f32) -> bool {
     (a - b).abs() <= SAME_SURFACE * a.max(b)
 }
 
-/// What vectors are followed with.
+/// The inputs for tracing vectors.
 pub(super) struct Tracer<'a> {
-    /// The one before, the current one.
+    /// The previous camera and the current camera.
     pub cameras: [&'a Camera; 2],
-    /// From the current one to the one before.
+    /// From the current camera to the previous camera.
     pub reprojection: Reprojection,
     pub before: &'a SampleFrame,
     pub scale: f32,
@@ -66,7 +68,8 @@ pub(super) struct Tracer<'a> {
 }
 
 impl Tracer<'_> {
-    /// Follows the vector of the sample at HR position `at` and inverse depth `inverse`, HR pixels.
+    /// Traces the vector `vector` of the sample at HR position `at` with inverse depth `inverse`. Positions and
+    /// vectors are in HR pixels.
     pub fn trace(&self, at: [f32; 2], inverse: f32, vector: [f32; 2]) -> Surface {
         let [u, v, q] = self.reprojection.apply(at, inverse);
         let origin = [at[0] + vector[0], at[1] + vector[1]];
@@ -79,7 +82,7 @@ impl Tracer<'_> {
         }
         let nowhere = Surface { residual: UNKNOWN, inverse, origin_inverse: -1.0, ..Surface::default() };
         let is_far = vector.iter().zip(self.farthest).any(|(way, most)| way.abs() > most);
-        // What is infinitely far has no displacement that could be told.
+        // An infinitely far surface has no finite displacement.
         if !is_ahead || is_far || inverse == 0.0 {
             return nowhere;
         }
@@ -97,8 +100,8 @@ impl Tracer<'_> {
         Surface { displacement, residual, origin, inverse, origin_inverse }
     }
 
-    /// The inverse depth that the frame before has at HR position `at`, of a surface that should be at about `expected`;
-    /// that, where nothing like it is seen.
+    /// The inverse depth in the previous frame at HR position `at`, of a surface expected at about `expected`.
+    /// Returns `expected` if there is no similar depth.
     fn depth_before(&self, at: [f32; 2], expected: f32) -> f32 {
         let [jx, jy] = self.before.offset();
         let place = [at[0] / self.scale - 0.5 - jx, at[1] / self.scale - 0.5 - jy];

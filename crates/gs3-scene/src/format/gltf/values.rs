@@ -34,7 +34,7 @@ impl Component {
         }
     }
 
-    /// The value in the first bytes, of which there are enough.
+    /// The value in the first bytes. The caller ensures that there are enough bytes.
     fn read(self, bytes: &[u8], is_normalized: bool) -> f32 {
         let (value, largest) = match *bytes {
             [a, ..] if self == Self::I8 => (f32::from(a as i8), 127.0),

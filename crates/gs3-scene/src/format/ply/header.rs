@@ -5,7 +5,7 @@ use super::super::source::Source;
 use super::column::{Endian, Scalar};
 use super::comments::Comments;
 
-/// The longest header that is read; those of 3D Gaussian Splatting have about 1,500 bytes.
+/// The longest header that is read; headers of 3D Gaussian Splatting have about 1,500 bytes.
 const LONGEST_HEADER: usize = 1 << 20;
 
 /// How the values after the header are written.

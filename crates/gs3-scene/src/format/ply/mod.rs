@@ -18,7 +18,7 @@ use header::{Element, Header};
 pub(super) use write::write;
 pub(super) use write_compressed::{is_sh_cut, write as write_compressed};
 
-/// Reads either kind, told apart by the element `chunk`.
+/// Reads both kinds; the element `chunk` distinguishes them.
 pub(super) fn read(source: &Source<'_>, progress: Progress<'_>) -> Result<Decoded, LoadError> {
     let header = Header::read(source)?;
     if header.elements.iter().any(|element| element.name == "chunk") {

@@ -250,7 +250,7 @@ impl Layout {
             .any(|(column, target)| matches!(target, Target::Mean(_)) && is_precise(column.scalar))
     }
 
-    /// The origin for scenes of which `rows` are a sample.
+    /// The origin for a scene; `rows` are a sample of the scene.
     fn origin_of(&self, rows: &[u8]) -> DVec3 {
         let mut positions = [const { Vec::new() }; 3];
         for (column, target) in &self.columns {

@@ -43,7 +43,7 @@ enum Images<'a> {
 }
 
 impl<'a> Chunk<'a> {
-    /// Opens a bundle, or a `meta.json` whose images are in `folder` of `files`.
+    /// Opens a bundle, or a `meta.json` with its images in `folder` of `files`.
     pub(super) fn open(
         source: &'a Source<'a>,
         files: &'a dyn Files,
@@ -185,7 +185,7 @@ impl<'a> Chunk<'a> {
     }
 }
 
-/// The coordinate whose sign(x)·ln(|x| + 1) is `log`.
+/// The coordinate x with sign(x)·ln(|x| + 1) = `log`.
 fn linear(log: f64) -> f64 {
     log.abs().exp_m1() * log.signum()
 }

@@ -75,8 +75,9 @@ fn few_values(sorted: &[f32]) -> Option<[f32; 256]> {
     Some(codes)
 }
 
-/// Density of codes proportional to the cube root of the density of weight, which minimises the squared distance for
-/// many codes (Panter and Dite 1951). `before` has the weight before each of the sorted values, of which there are some.
+/// Density of codes proportional to the cube root of the density of weight. It minimises the squared distance for
+/// many codes (Panter and Dite 1951). `before` has the weight before each of the sorted values; there is at least one
+/// value.
 fn first_guess(values: &[f32], before: &[f64]) -> [f32; 256] {
     let (smallest, largest) = (f64::from(values[0]), f64::from(values[values.len() - 1]));
     let edge = |bin: usize| smallest + (largest - smallest) * bin as f64 / BINS as f64;

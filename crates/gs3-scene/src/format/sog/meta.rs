@@ -60,7 +60,7 @@ pub(super) struct Means {
     pub(super) files: [String; 2],
 }
 
-/// An image whose bytes index a codebook for each of three channels.
+/// An image with bytes that index one codebook for each of three channels.
 #[derive(Debug, Deserialize)]
 #[serde(from = "CodedAlike")]
 pub(super) struct Coded {
@@ -68,7 +68,7 @@ pub(super) struct Coded {
     pub(super) files: [String; 1],
 }
 
-/// One whose channels share a codebook, as version 2 has it.
+/// An image with channels that share a codebook, as in version 2.
 #[derive(Debug, Deserialize)]
 struct CodedAlike {
     codebook: Codebook,

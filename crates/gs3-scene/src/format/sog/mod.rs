@@ -58,7 +58,7 @@ fn decode(file: &str, selections: Vec<Selection<'_>>, progress: Progress<'_>) ->
     for (chunk, _) in &selections {
         let (mode, of_chunk) = chunk.mode();
         modes.push(mode);
-        // What all chunks have alike is told once.
+        // A note that all chunks share is given once.
         of_chunk.into_iter().for_each(|note| {
             if !notes.contains(&note) {
                 notes.push(note);

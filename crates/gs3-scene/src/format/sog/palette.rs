@@ -124,7 +124,7 @@ struct Statistics {
 }
 
 impl Statistics {
-    /// Large sets are summed in fixed blocks, so that the result is the same whatever the number of threads.
+    /// Large sets are summed in fixed blocks, so that the result is the same with any number of threads.
     fn of(vectors: Vectors<'_>, dimensions: usize, members: &[u32]) -> Self {
         let blocks: Vec<Vec<f64>> = members
             .par_chunks(PARALLEL_FROM)

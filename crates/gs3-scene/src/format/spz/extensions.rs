@@ -10,7 +10,7 @@ const AXES: u32 = 0xadbe_0003;
 /// Adobe's limits of an orbit, which are for viewers and change no picture.
 const SAFE_ORBIT: u32 = 0xadbe_0002;
 
-/// Bytes of extensions that are read at most. Those that are published have 4 to 12 each.
+/// Most bytes of extensions that are read. Published extensions have 4 to 12 bytes each.
 pub(super) const MOST_BYTES: usize = 1 << 20;
 
 /// What extensions say.

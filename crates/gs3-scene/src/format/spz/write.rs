@@ -158,9 +158,9 @@ fn is_sh_clamped(gaussians: &Gaussians, i: usize, signs: &Signs) -> bool {
     codes.any(|code| !(0.0..=255.0).contains(&code.round()))
 }
 
-/// Writes `scene` with positions of the given [`fractional_bits`], in [`Version::axes`]. The scene's degree is at most
-/// that of `version`. Higher harmonics keep all 8 bits, where Niantic's encoder rounds them to 5 and 4 for a
-/// smaller file. [`clamped`] tells what is cut.
+/// Writes `scene` with positions of the given [`fractional_bits`], in [`Version::axes`]. The scene's degree is at
+/// most the degree of `version`. Higher harmonics keep all 8 bits; Niantic's encoder rounds them to 5 and 4 bits for
+/// a smaller file. [`clamped`] reports the values that are cut.
 pub(in super::super) fn write(
     scene: &Scene,
     version: Version,
@@ -226,7 +226,7 @@ struct Arrays<'a> {
 }
 
 impl Arrays<'_> {
-    /// Those that have bytes, by their place in the file.
+    /// The extensions that have bytes, by their place in the file.
     fn present(&self) -> impl Iterator<Item = usize> {
         let sizes = self.sizes.in_order();
         (0..sizes.len()).filter(move |k| sizes[*k] > 0)
@@ -269,8 +269,8 @@ impl Arrays<'_> {
     }
 }
 
-/// Constant terms, scales and higher coefficients (number `k` of their row) as numbers of which a file holds 0 to 255,
-/// rounded.
+/// Constant terms, scales and higher coefficients (number `k` of their row), scaled to the range 0 to 255 of a file
+/// and rounded.
 fn color_code(dc: f32) -> f32 {
     (dc * COLOR_SCALE + 0.5) * 255.0
 }

@@ -17,7 +17,7 @@ use squeezenet::{AFTER_CONV1, CONV1_BEFORE, CONV1_MORE, FEATURES, INPUT, parts};
 const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
 const DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];
 
-/// A mean square of features below which a difference is not relative to it: that of an image without anything.
+/// A mean square of features below which a difference is not divided by it: the mean square of an empty image.
 const LEAST_SQUARE: f64 = 1e-6;
 
 /// Differences of features of SqueezeNet v1.0 (Iandola et al. 2016) after conv1, fire4 and fire5: the mean squared
@@ -31,7 +31,7 @@ pub struct Perceptual {
     parts: Vec<Part>,
 }
 
-/// A part of the network, at the end of which features are compared.
+/// A part of the network; features are compared at its end.
 #[derive(Clone, Debug)]
 struct Part {
     /// From the features of the part before; the first part sees the image.
@@ -56,7 +56,7 @@ struct PartMemory {
     v_features: Vec<f32>,
     /// Features of the truth.
     truth: Vec<f32>,
-    /// Nobody asks for these.
+    /// Derivatives by the weights, which are not used.
     v_weights: Arrays,
 }
 
@@ -126,7 +126,7 @@ impl Perceptual {
         PerceptualMemory { parts: self.parts.iter().map(part).collect() }
     }
 
-    /// The loss of `color`, an HR image `[height, width, 4]`, whose errors are `error`. Adds `factor` times its
+    /// The loss of `color`, an HR image `[height, width, 4]` with the errors `error`. Adds `factor` times its
     /// derivative to `v`.
     ///
     /// # Errors
@@ -159,7 +159,7 @@ impl Perceptual {
         Ok(sum)
     }
 
-    /// Features of the image whose number `k` is `value(k)`.
+    /// Features of the image with the numbers `value(k)`.
     fn forward(&self, memory: &mut PerceptualMemory, value: impl Fn(usize) -> f32) -> Result<(), RunError> {
         for (k, part) in self.parts.iter().enumerate() {
             let (before, rest) = memory.parts.split_at_mut(k);

@@ -76,8 +76,8 @@ fn fire(g: &mut GraphBuilder, name: &str, squeezed: usize, expanded: usize, x: T
     g.layer(&format!("{name}.expanded"), Op::Concat, &[one, three])
 }
 
-/// conv1 has windows of 7×7 every second pixel. Of an image whose blocks of 2×2 pixels are channels they are windows of
-/// 4×4 at every place; with a row and a column of zeros, of 5×5 about a centre.
+/// conv1 has windows of 7×7 at every second pixel. On an image with blocks of 2×2 pixels as channels, these are
+/// windows of 4×4 at every place; with a row and a column of zeros, they are 5×5 about a centre.
 fn unshuffled(conv1: &Array) -> Result<Array, WeightError> {
     let expected = [AFTER_CONV1, 3, 7, 7];
     let name = "conv1.weight";

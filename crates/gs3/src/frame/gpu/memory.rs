@@ -1,4 +1,4 @@
-//! What the frames of one size are made in on a device, and each stage's recording there.
+//! The device memory of frames of one size, and the recording of each stage.
 
 use gs3_compute::{Bound, Buffer, Gpu, Kernel, Readback, Recorder, Slice, Submission, Use};
 use gs3_raster::{CapacityCheck, GpuGBuffer, GpuRasterizer, Outputs, RasterSettings};
@@ -20,13 +20,13 @@ const LATTICE_BYTES: u64 = (DepthLattice::LEN * 4) as u64;
 
 const DEPTH_LATTICE_WGSL: &str = include_str!("depth_lattice.wgsl");
 
-/// One of the two frames that are there at a time: the previous one, and the one being made.
+/// One of the two frames in memory: the previous frame, or the frame being made.
 struct Side {
     gbuffer: GpuGBuffer,
     image: GpuImage,
-    /// What it was seen by, once it is whole.
+    /// Camera and jitter of the frame, once the frame is complete.
     view: Option<NeighborView>,
-    /// The kernels that read and write it. They are bound when its G-buffer has its memory.
+    /// The kernels that read and write this frame. They are bound once the G-buffer has its memory.
     bound: Option<BoundSide>,
 }
 
@@ -44,20 +44,20 @@ pub struct FrameMemory {
     interpolator: GpuInterpolator,
     learned_interpolator: Option<GpuLearnedInterpolator>,
     sides: [Side; 2],
-    /// Which of them was made last.
+    /// Index of the side that was made last.
     newest: usize,
-    /// The LR frame being made with its margin, where frames have margins.
+    /// The LR frame being made with its margin, if frames have margins.
     padded: Option<GpuGBuffer>,
-    /// The frame being made before a network refines it, where one does.
+    /// The frame being made before a network refines it, if there is a network.
     analytic: Option<GpuImage>,
-    /// The frames between both.
+    /// The in-between frames.
     in_between: Vec<GpuImage>,
-    /// How many of them belong to the frame made last.
+    /// How many in-between frames belong to the frame made last.
     in_between_made: usize,
-    /// Interpolation into each of them, by which side is the newer one.
+    /// The interpolation into each in-between frame, indexed by the newer side.
     bound_in_between: [Vec<BoundInterpolator>; 2],
     sample_depths: Kernel,
-    /// The depths of [`DepthLattice`], and the size of what they are taken from.
+    /// The depths of [`DepthLattice`], and the LR size that they are sampled from.
     lattice: Buffer,
     lattice_size: Buffer,
     readback: Readback,
@@ -65,7 +65,8 @@ pub struct FrameMemory {
 }
 
 impl FrameMemory {
-    /// That in `slot` if it is of `camera`'s size, else a new one there. `counters` are the rasterizer's.
+    /// The memory in `slot` if it has the size of `camera`, else new memory put there. `counters` are the
+    /// rasterizer's.
     pub fn fitting<'a>(
         slot: &'a mut Option<Self>,
         gpu: &Gpu,
@@ -83,12 +84,12 @@ impl FrameMemory {
         }
     }
 
-    /// For frames of `size`; `counters` bytes of the rasterizer's are read back with each.
+    /// Memory for frames of `size`. Each frame reads back `counters` bytes of the rasterizer's counters.
     fn new(gpu: &Gpu, plan: &FramePlan, size: [u32; 2], counters: u64) -> Result<Self, PipelineError> {
         let scale = plan.scale;
         let super_sample = &plan.networks.super_sample;
         let innovation = if super_sample.is_some() { Innovation::Wanted } else { Innovation::NotWanted };
-        // First, because it checks scale and size, on which everything else builds.
+        // The super sampler comes first: it checks scale and size, and everything else depends on them.
         let super_sampler =
             GpuSuperSampler::new(gpu, scale, size, innovation, plan.kriging, plan.widest_margin)?;
         let side = || {
@@ -124,12 +125,12 @@ impl FrameMemory {
         })
     }
 
-    /// The side that the frame being made is made in; the other one is the previous frame.
+    /// Index of the side that the frame being made uses; the other side is the previous frame.
     const fn current(&self) -> usize {
         1 - self.newest
     }
 
-    /// What saw the previous frame, if the frame being made goes on from it.
+    /// Camera and jitter of the previous frame, if the frame being made has a history.
     fn previous_view(&self, inputs: &FrameInputs) -> Option<NeighborView> {
         self.sides[self.newest].view.filter(|_| inputs.reset.is_none())
     }
@@ -156,7 +157,7 @@ impl FrameMemory {
         Ok(())
     }
 
-    /// Records super sampling of the frame being made, whose G-buffer has been rasterized, and its refinement.
+    /// Records super sampling and refinement of the frame being made, after the G-buffer has been rasterized.
     pub fn super_sample(
         &mut self,
         recorder: &mut Recorder<'_>,
@@ -196,7 +197,7 @@ impl FrameMemory {
         learned.record(recorder, stages, analytic, places, current, &view, previous_view.as_ref())
     }
 
-    /// Records the frames between the previous one and the one being made.
+    /// Records the in-between frames of the previous frame and the one being made.
     pub fn interpolate(
         &mut self,
         recorder: &mut Recorder<'_>,
@@ -231,7 +232,7 @@ impl FrameMemory {
         Ok(())
     }
 
-    /// Records the way back of what `read_back` says.
+    /// Records the copies that `read_back` asks for.
     pub fn record_read_back(
         &self,
         recorder: &mut Recorder<'_>,
@@ -256,8 +257,8 @@ impl FrameMemory {
         }
     }
 
-    /// Waits for the frame of `submission` and receives what comes back of it; its images, where they do, into `frames`.
-    /// Returns some of its depths, or nothing if it lacked room for its splats and is to be made again.
+    /// Waits for the frame of `submission` and receives the data read back; images, if they were read back, go into
+    /// `frames`. Returns the frame's depths. Returns nothing after an overflow: the frame must be rendered again.
     pub fn receive(
         &self,
         gpu: &Gpu,
@@ -283,7 +284,7 @@ impl FrameMemory {
         })?
     }
 
-    /// Makes the frame submitted last the one that the next frame goes on from.
+    /// Makes the frame submitted last the previous frame of the next one.
     pub fn commit(&mut self, inputs: &FrameInputs) {
         self.super_sampler.commit();
         self.newest = self.current();
@@ -291,13 +292,13 @@ impl FrameMemory {
         self.in_between_made = inputs.moments.len();
     }
 
-    /// The frame committed last and those before it.
+    /// The frame committed last and its in-between frames.
     pub fn presented(&self) -> GpuPresented<'_> {
         let in_between = self.in_between.get(..self.in_between_made).unwrap_or_default();
         GpuPresented { in_between, current: &self.sides[self.newest].image }
     }
 
-    /// Reads the low-resolution G-buffer of the frame committed last.
+    /// Reads the LR G-buffer of the frame committed last.
     pub fn read_gbuffer(&self, gpu: &Gpu, out: &mut GBuffer) -> Result<(), PipelineError> {
         Ok(self.sides[self.newest].gbuffer.read(gpu, out)?)
     }
@@ -307,7 +308,7 @@ fn view_of(inputs: &FrameInputs) -> NeighborView {
     NeighborView { camera: inputs.camera, jitter: inputs.jitter }
 }
 
-/// Where what is read back lies: the rasterizer's counters, the lattice, the frame, the in-between frames.
+/// Byte offsets in the read-back buffer: the rasterizer's counters, the lattice, the frame, the in-between frames.
 #[derive(Clone, Copy, Debug)]
 struct Places {
     lattice: u64,
@@ -322,12 +323,12 @@ impl Places {
         Self { lattice, image: first, in_between: first + image }
     }
 
-    /// Of all bytes the rasterizer's counters.
+    /// The rasterizer's counters in `bytes`.
     fn counters_in<'a>(&self, bytes: &'a [u8]) -> &'a [u8] {
         part(bytes, 0, self.lattice)
     }
 
-    /// Of all bytes the depths that the processor knows.
+    /// The depths for the CPU in `bytes`.
     fn lattice_in(&self, bytes: &[u8]) -> DepthLattice {
         let mut depths = [0.0; DepthLattice::LEN];
         let found = part(bytes, self.lattice, self.image).as_chunks().0;
@@ -335,12 +336,12 @@ impl Places {
         DepthLattice::new(depths)
     }
 
-    /// Of all bytes the frame.
+    /// The frame in `bytes`.
     fn image_in<'a>(&self, bytes: &'a [u8]) -> &'a [u8] {
         part(bytes, self.image, self.in_between)
     }
 
-    /// Of all bytes the `k`-th in-between frame.
+    /// The `k`-th in-between frame in `bytes`.
     fn in_between_in<'a>(&self, bytes: &'a [u8], k: usize) -> &'a [u8] {
         part(bytes, self.of_in_between(k), self.of_in_between(k + 1))
     }

@@ -1,5 +1,5 @@
-//! The frame on a device, read top to bottom: one submission, from which only what is shown comes back. `cpu.rs` has the
-//! same stages on the processor.
+//! The frame on a device, read top to bottom. One submission makes the whole frame, and only the results to show are
+//! read back. `cpu.rs` has the same stages on the CPU.
 
 mod memory;
 
@@ -20,14 +20,14 @@ use super::plan::FramePlan;
 use crate::error::PipelineError;
 use crate::stages::{Stage, StageTimes};
 
-/// A frame in device memory. [`GpuImage::pixels`] are four halves a pixel: red, green, blue, and one that is no part of
-/// the picture.
+/// A frame in device memory. [`GpuImage::pixels`] are four halves a pixel: red, green, blue, and one that is not part
+/// of the picture.
 ///
-/// `in_between` is valid until the next frame is rendered, `current` until the one after that. Commands that are submitted
-/// to the same queue afterwards find the images finished.
+/// `in_between` is valid until the next frame is rendered, and `current` until the frame after the next. Commands
+/// submitted later to the same queue find the images finished.
 #[derive(Clone, Copy, Debug)]
 pub struct GpuPresented<'a> {
-    /// The frames between the last one and this one, in order; none after a cut.
+    /// The in-between frames of the last frame and this one, in order; none after a cut.
     pub in_between: &'a [GpuImage],
     /// The frame.
     pub current: &'a GpuImage,
@@ -41,18 +41,18 @@ pub struct GpuMachine {
     memory: Option<FrameMemory>,
     /// The device's clock, if it has one.
     timings: Option<Timings>,
-    /// What the stages of the last frame took by that clock.
+    /// Times of the last frame's stages by the device's clock.
     stage_times: Vec<StageTime>,
-    /// The stages of frames that the device only rasterizes, once there has been one.
+    /// The stages on the CPU, created by the first frame that the device only rasterizes.
     stages_here: Option<CpuStages>,
 }
 
 impl GpuMachine {
     /// # Errors
-    /// [`PipelineError`] if the scene does not fit the device, or it gets products of matrices wrong.
+    /// [`PipelineError`] if the scene does not fit the device, or the device computes wrong matrix products.
     pub fn new(gpu: &Gpu, plan: &FramePlan, scene: Arc<Scene>) -> Result<Self, PipelineError> {
         let networks = &plan.networks;
-        // A device that errs in products of matrices would show a wrong picture without a word.
+        // A device with wrong matrix products would show a wrong picture without an error.
         if (networks.super_sample.is_some() || networks.interpolate.is_some())
             && let Some(unit) = MatrixUnit::of(gpu.capabilities())
         {
@@ -70,8 +70,8 @@ impl GpuMachine {
         })
     }
 
-    /// Makes `frames.current`, and the frames between it and `frames.previous`; `read_back` of them comes here, and
-    /// images that do not are empty here.
+    /// Makes `frames.current` and the in-between frames before it. `read_back` says what is copied into `frames`;
+    /// images that are not copied are empty there.
     pub fn make(
         &mut self,
         inputs: &FrameInputs,
@@ -102,7 +102,7 @@ impl GpuMachine {
             // G-buffer and history to the frame, which a network may refine.
             memory.super_sample(&mut recorder, inputs)?;
 
-            // The previous frame and this one to those between.
+            // The previous frame and this one to the in-between frames.
             memory.interpolate(&mut recorder, inputs)?;
 
             memory.record_read_back(&mut recorder, inputs, read_back, &rasterizer.counters());
@@ -110,7 +110,7 @@ impl GpuMachine {
             if read_back == ReadBack::Nothing {
                 break (submission, DepthLattice::default());
             }
-            // A frame that lacked room for its splats is made again: there is room now.
+            // After an overflow the frame is rendered again: its splats fit into the grown buffers.
             if let Some(lattice) = memory.receive(gpu, &submission, rasterizer, inputs, read_back, frames)? {
                 break (submission, lattice);
             }
@@ -124,15 +124,15 @@ impl GpuMachine {
                     .iter()
                     .for_each(|StageTime { stage, time }| times.add(stage_of(stage), *time));
             }
-            // Without a clock nobody knows which stage took what.
+            // Without a clock the time of a single stage is unknown, so the whole frame counts as rasterization.
             None if read_back != ReadBack::Nothing => times.add(Stage::Rasterize, started.elapsed()),
             None => {}
         }
         Ok(Made { lattice, in_between: inputs.moments.len(), refined: 0.0, times })
     }
 
-    /// Whether it makes all of the frame of `camera`. Otherwise it rasterizes, and the processor does the rest: in modes
-    /// without history, and where networks, which want whole blocks of pixels, find others.
+    /// Whether the device makes the whole frame of `camera`. If not, the device rasterizes and the CPU does the rest.
+    /// This is so in modes without history, and with networks at a size that is not a multiple of the scale.
     pub fn makes_all_of(&self, camera: &Camera) -> bool {
         let FramePlan { settings, networks, scale, .. } = &self.plan;
         let is_whole = [camera.width(), camera.height()].iter().all(|side| side.is_multiple_of(*scale));
@@ -140,17 +140,18 @@ impl GpuMachine {
         settings.mode.has_history() && (is_whole || !has_networks)
     }
 
-    /// The frame made last, on the device; none before the first one made there.
+    /// The last frame on the device; none before the device has made its first frame.
     pub fn presented(&self) -> Option<GpuPresented<'_>> {
         self.memory.as_ref().map(FrameMemory::presented)
     }
 
-    /// Waits for all frames. Whether each since the last answer had room for its splats; what lacked room has it now.
+    /// Waits for all frames. Returns whether the splats of every frame since the last call fitted into the buffers.
+    /// Buffers that overflowed have grown.
     pub fn wait(&mut self) -> Result<bool, PipelineError> {
         Ok(self.rasterizer.check_capacity()? != gs3_raster::CapacityCheck::Grown)
     }
 
-    /// What the stages of the last frame took by the device's clock, in the order in which they began.
+    /// Times of the last frame's stages by the device's clock, in the order in which the stages began.
     pub fn stage_times(&self) -> &[StageTime] {
         &self.stage_times
     }
@@ -166,12 +167,12 @@ impl GpuMachine {
         Ok(())
     }
 
-    /// The stages on the processor, where there has been a frame that the device only rasterizes.
+    /// The stages on the CPU, once the device has only rasterized a frame.
     pub const fn stages_here(&self) -> Option<&CpuStages> {
         self.stages_here.as_ref()
     }
 
-    /// Takes the choice of exact pixels of `plan`, for frames that the processor finishes.
+    /// Takes the choice of exact pixels of `plan`, for frames that the CPU finishes.
     pub const fn set_refine(&mut self, plan: &FramePlan) {
         (self.plan.refine, self.plan.settings.refine) = (plan.refine, plan.settings.refine);
         if let Some(stages) = &mut self.stages_here {
@@ -179,7 +180,7 @@ impl GpuMachine {
         }
     }
 
-    /// Reads the low-resolution G-buffer of the last frame, if it is on the device alone, into `out`.
+    /// Reads the LR G-buffer of the last frame into `out`, if only the device has it.
     pub fn read_gbuffer(&self, camera: &Camera, out: &mut GBuffer) -> Result<(), PipelineError> {
         match &self.memory {
             Some(memory) if self.makes_all_of(camera) => memory.read_gbuffer(&self.gpu, out),
@@ -192,8 +193,8 @@ fn rasterizer(gpu: &Gpu, plan: &FramePlan, scene: Arc<Scene>) -> Result<GpuRaste
     Ok(GpuRasterizer::new(gpu, scene, plan.settings.culling, ScenePrecision::default())?)
 }
 
-/// The stage of the frame that a stage of the device belongs to. The first part of its name says it; the rasterizer,
-/// which knows of no frame, names its own stages only.
+/// The stage of the frame that a stage of the device belongs to. The first part of the device stage's name is the
+/// frame stage. The rasterizer names its own stages only, because it does not know the frame's stages.
 fn stage_of(name: &str) -> Stage {
     let named = |stage: &Stage| name.split('.').next() == Some(stage.name());
     Stage::ALL.into_iter().find(named).unwrap_or(Stage::Rasterize)

@@ -1,5 +1,5 @@
-//! Frame interpolation refined by a network, on a device: what it is fed, what it remembers. `../interpolator.rs` has
-//! the same on the processor.
+//! Frame interpolation refined by a network, on a device: inputs and state. `../interpolator.rs` has the same on the
+//! CPU.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -27,11 +27,12 @@ struct FeaturesUniform {
     _pad: u32,
 }
 
-/// An in-between frame: the side it lies before, and its place there.
+/// An in-between frame: the index of the side that it lies before, and its index among the in-between frames.
 type At = (usize, usize);
 
-/// The network with all that it reads and keeps. A frame that is submitted again reads what it read before: frames
-/// between are remembered beside the side they lie before, and read those of the other side.
+/// The network with all memory that it reads and keeps. A frame that is submitted again must read the same inputs
+/// again. So in-between frames are stored with the side they lie before, and read the in-between frames of the other
+/// side.
 pub struct GpuLearnedInterpolator {
     gpu: Gpu,
     lr: [u32; 2],
@@ -39,23 +40,23 @@ pub struct GpuLearnedInterpolator {
     network: GpuNetwork,
     sum_depths: Kernel,
     geometry: Kernel,
-    /// Both neighbours at the pose between.
+    /// Both neighbours, warped to the pose of the in-between frame.
     warped: [GpuImage; 2],
     sums: Buffer,
-    /// By side, and place between.
+    /// By side, and index of the in-between frame.
     slots: [Vec<Slot>; 2],
-    /// By frame, and the one before it.
+    /// By in-between frame, and the in-between frame before it.
     bound: HashMap<(At, At), BoundInBetween>,
 }
 
 /// An in-between frame.
 struct Slot {
     hidden: Buffer,
-    /// Its depths, as a G-buffer has them.
+    /// The frame's depths, in a G-buffer's layout.
     median: Buffer,
     uniform: Buffer,
     motion: GpuMotion,
-    /// What saw it, if it belongs to the last frame.
+    /// The frame's camera, if the frame belongs to the last rendered frame.
     camera: Option<Camera>,
 }
 
@@ -67,7 +68,7 @@ struct BoundInBetween {
     engine: BoundEngine,
 }
 
-/// What a frame between two others is made from, and where it goes.
+/// The inputs of an in-between frame, and its output.
 pub struct InBetween<'a> {
     pub interpolator: &'a GpuInterpolator,
     pub neighbors: [GpuNeighbor<'a>; 2],
@@ -114,13 +115,13 @@ impl GpuLearnedInterpolator {
         })
     }
 
-    /// Begins a frame of side `current`: it has no in-between frames yet.
+    /// Begins a rendered frame on side `current`, with no in-between frames yet.
     pub fn begin(&mut self, current: usize) {
         self.slots[current].iter_mut().for_each(|slot| slot.camera = None);
     }
 
-    /// Records the `k`-th frame between the last frame and that of side `current`. Its hidden state comes from the
-    /// one before it, where there is one.
+    /// Records the `k`-th in-between frame of the last frame and the one on side `current`. The hidden state comes
+    /// from the in-between frame before, if there is one.
     pub fn record(
         &mut self,
         recorder: &mut Recorder<'_>,
@@ -130,7 +131,7 @@ impl GpuLearnedInterpolator {
     ) -> Result<(), PipelineError> {
         let at = (current, k);
         let last = |side: usize| self.slots[side].iter().rposition(|slot| slot.camera.is_some());
-        // Where there was none, any state will do: it is cleared.
+        // If there was no in-between frame before, any state will do: it is cleared.
         let before = if k > 0 { (current, k - 1) } else { (1 - current, last(1 - current).unwrap_or(0)) };
         if !self.bound.contains_key(&(at, before)) {
             let bound = self.bind(at, before, frame)?;
@@ -149,7 +150,7 @@ impl GpuLearnedInterpolator {
         match &previous.camera {
             Some(last) => {
                 let [now, last] = [camera, last].map(|camera| camera.low_resolution(self.scale));
-                // States live on the LR grid itself.
+                // States lie on the LR grid itself, without jitter.
                 slot.motion.record(recorder, &bound.motion, [(&now, [0.0; 2]), (&last, [0.0; 2])])?;
             }
             None => {

@@ -1,4 +1,4 @@
-// What the interpolating network is fed, channels last; see InterpolateFeatures in learned/features.rs.
+// Inputs of the interpolation network, channels last; see InterpolateFeatures in learned/features.rs.
 
 struct Features {
     // LR samples.
@@ -12,9 +12,10 @@ struct Features {
 // Inverse depths of the in-between frame.
 @group(0) @binding(1) var<storage, read> middle: array<f32>;
 @group(0) @binding(2) var<storage, read_write> geometry: array<vec2<f32>>;
-// Its depths in the fourth place, as a G-buffer has them: where its hidden state belongs in the next in-between frame.
+// Depths of the in-between frame in the fourth channel, in a G-buffer's layout. They say where its hidden state moves
+// in the next in-between frame.
 @group(0) @binding(3) var<storage, read_write> median: array<vec4<f32>>;
-// Sums and counts of the inverse depths of what was hit, of each workgroup.
+// Sums and counts of the inverse depths of pixels that show a surface, one pair per workgroup.
 @group(0) @binding(4) var<storage, read_write> sums: array<vec2<f32>>;
 
 @compute @workgroup_size(256)

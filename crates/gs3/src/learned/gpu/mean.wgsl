@@ -1,11 +1,11 @@
-// The mean inverse depth of what was hit, in two steps: sums and counts of workgroups, then their sum.
+// The mean inverse depth of pixels that show a surface, in two steps: sums and counts per workgroup, then their sum.
 
-// Workgroups that sum.
+// Number of workgroups that sum.
 const PARTS: u32 = 64u;
 
 var<workgroup> partial: array<vec2<f32>, 256>;
 
-// Always the same numbers in the same order: the sum does not depend on who comes first.
+// Sums the same numbers in the same order every time, so the result does not depend on the order of execution.
 fn summed(lane: u32, own: vec2<f32>) -> vec2<f32> {
     partial[lane] = own;
     workgroupBarrier();
@@ -18,7 +18,7 @@ fn summed(lane: u32, own: vec2<f32>) -> vec2<f32> {
     return partial[0];
 }
 
-// 1 where nothing was hit.
+// 1 if no pixel shows a surface.
 fn mean_of(sum: vec2<f32>) -> f32 {
     return select(1.0, sum.x / sum.y, sum.y > 0.0);
 }

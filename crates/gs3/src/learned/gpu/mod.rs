@@ -1,4 +1,4 @@
-//! The networks on a device, file by file the twins of those of `learned`, whose rules they have.
+//! The networks on a device. Each file has a twin of the same name in `learned`, with the same rules.
 
 mod interpolator;
 mod network;
@@ -10,13 +10,13 @@ use gs3_reconstruct::gpu::GpuPlanes;
 pub use interpolator::{GpuLearnedInterpolator, InBetween};
 pub use super_sampler::{GpuLearnedSuperSampler, Refined};
 
-/// The mean depth, which both networks are told depths by.
+/// The mean depth of a frame. Both networks get depths relative to it.
 const MEAN_WGSL: &str = include_str!("mean.wgsl");
 
 /// `PARTS` of `mean.wgsl`.
 const PARTS: u32 = 64;
 
-/// The planes that reconstruction reads of a G-buffer that has them.
+/// The planes of a G-buffer that reconstruction reads, if the G-buffer has them.
 pub fn planes(gbuffer: &GpuGBuffer) -> Result<GpuPlanes<'_>, GpuError> {
     let missing = || GpuError::Bindings {
         kernel: "reconstruction".to_owned(),

@@ -1,4 +1,4 @@
-//! A network on a device with the memory of its inputs.
+//! A network on a device, with the memory of its inputs.
 
 use std::sync::Arc;
 
@@ -9,18 +9,18 @@ use gs3_neural::{GpuEngine, GpuEngineSettings, ImageFormat, MatrixUnit, Precisio
 use crate::error::PipelineError;
 use crate::learned::NetworkError;
 
-/// Bytes of a buffer in the place of an input that a graph does not have: the least there is.
+/// Bytes of a buffer for an input that a graph does not have: the smallest size possible.
 const LEAST: u64 = 4;
 
-/// An engine, and its inputs on the LR grid by the names that the network has for them.
+/// An engine, and its inputs on the LR grid by the network's names.
 pub struct GpuNetwork {
     pub engine: GpuEngine,
     inputs: Vec<(&'static str, Buffer)>,
 }
 
 impl GpuNetwork {
-    /// The network of `weights` for an LR grid of `lr`, width and height, in half precision if the device has it. It
-    /// reads two `images` of halves, its hidden state, and `planes`, whose memory is made here.
+    /// The network of `weights` for an LR grid of `lr`, width and height, in half precision if the device has it. The
+    /// network reads two `images` of halves, its hidden state, and `planes`; the memory of `planes` is made here.
     pub fn new(
         gpu: &Gpu,
         weights: &Arc<Weights>,
@@ -66,7 +66,7 @@ impl GpuNetwork {
     }
 }
 
-/// The network wants an input that is not there.
+/// The network needs an input that is missing.
 pub fn missing(name: &str) -> GpuError {
     GpuError::Bindings {
         kernel: "the network".to_owned(),

@@ -1,5 +1,4 @@
-//! Super sampling refined by a network, on a device: what it is fed, what it remembers. `../super_sampler.rs` has the
-//! same on the processor.
+//! Super sampling refined by a network, on a device: inputs and state. `../super_sampler.rs` has the same on the CPU.
 
 use std::sync::Arc;
 
@@ -33,7 +32,8 @@ struct FeaturesUniform {
     _pad: [f32; 2],
 }
 
-/// The network with all that it reads and keeps. Frames are made in two places in turn, so everything is bound twice.
+/// The network with all memory that it reads and keeps. Frames alternate between two places, so everything is bound
+/// twice.
 pub struct GpuLearnedSuperSampler {
     gpu: Gpu,
     size: [u32; 2],
@@ -44,9 +44,9 @@ pub struct GpuLearnedSuperSampler {
     motion: GpuMotion,
     uniform: Buffer,
     sums: Buffer,
-    /// The last refined frame at the present camera.
+    /// The last refined frame, reprojected to the current camera.
     previous: GpuImage,
-    /// Hidden states of both places.
+    /// Hidden states of the frames in both places.
     hidden: [Buffer; 2],
     bound: [Option<BoundLearned>; 2],
 }
@@ -85,7 +85,7 @@ struct BoundLearned {
     shares: Bound,
     drifts: Bound,
     engine: BoundEngine,
-    /// What needs the frame before, bound when there is one.
+    /// Work on the previous frame, bound once there is one.
     before: Option<(BoundInterpolator, BoundMotion)>,
 }
 
@@ -128,8 +128,8 @@ impl GpuLearnedSuperSampler {
         })
     }
 
-    /// Records the refinement of `analytic`, made without learning for `view`, into place `current`. `last` is the
-    /// view of the other place, the frame before, where there is one.
+    /// Records the refinement of `analytic`, the analytic frame of `view`, into place `current`. `last` is the view
+    /// of the previous frame, in the other place, if there is one.
     pub fn record(
         &mut self,
         recorder: &mut Recorder<'_>,
@@ -155,11 +155,11 @@ impl GpuLearnedSuperSampler {
         recorder.write(&self.uniform.slice(), &[self.uniform_of(&lr_camera, view.jitter)])?;
         match (last, &bound.before) {
             (Some(last), Some((warp, motion))) => {
-                // Any moment will do: what is wanted is the frame before, not a blend.
+                // Any moment will do: only the warped previous frame is used, not a blend.
                 interpolator.record(recorder, warp, [last, view], 0.5, &view.camera)?;
                 recorder.stage("super_sample.features");
                 let before = last.camera.low_resolution(self.scale);
-                // States live on the LR grid itself, wherever within its pixels the samples lie.
+                // States lie on the LR grid itself, independent of the samples' places within pixels.
                 self.motion.record(recorder, motion, [(&lr_camera, [0.0; 2]), (&before, [0.0; 2])])?;
                 recorder.dispatch(&bound.previous_innovations, over(self.lr));
                 recorder.dispatch(&bound.shares, over(self.size));
@@ -170,7 +170,7 @@ impl GpuLearnedSuperSampler {
                     recorder.clear(&self.network.input(name)?.slice());
                 }
                 recorder.clear(&self.hidden[1 - current].slice());
-                // Its share is 0, but the network looks at it.
+                // The previous frame's share is 0, but the network still reads the image.
                 recorder.copy(&analytic.pixels().slice(), &self.previous.pixels().slice());
             }
         }
@@ -249,7 +249,7 @@ impl GpuLearnedSuperSampler {
     }
 }
 
-/// Workgroups of 64×4 over a grid.
+/// Workgroups of 64×4 that cover a grid.
 fn over(size: [u32; 2]) -> [u32; 3] {
     [size[0].div_ceil(64), size[1].div_ceil(4), 1]
 }

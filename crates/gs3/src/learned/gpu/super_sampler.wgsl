@@ -1,13 +1,13 @@
-// What the super-sampling network is fed, channels last; see SuperSampleFeatures in learned/features.rs.
+// Inputs of the super-sampling network, channels last; see SuperSampleFeatures in learned/features.rs.
 
 struct Features {
     // HR pixels.
     size: vec2<u32>,
     // LR samples.
     lr: vec2<u32>,
-    // Of the samples, LR pixels.
+    // Jitter of the samples, in LR pixels.
     jitter: vec2<f32>,
-    // Of the LR camera, pixels.
+    // Focal lengths of the LR camera, in pixels.
     focal: vec2<f32>,
     center: vec2<f32>,
     _pad: vec2<f32>,
@@ -23,15 +23,15 @@ struct Features {
 @group(0) @binding(7) var<storage, read_write> compressed: array<f32>;
 @group(0) @binding(8) var<storage, read_write> geometry: array<f32>;
 @group(0) @binding(9) var<storage, read_write> jitter: array<vec2<f32>>;
-// Sums and counts of the inverse depths of what was hit, of each workgroup.
+// Sums and counts of the inverse depths of pixels that show a surface, one pair per workgroup.
 @group(0) @binding(10) var<storage, read_write> sums: array<vec2<f32>>;
-// The analytic frame, halves; how well the one before is seen, and then how far it may count.
+// The analytic frame, halves; then the share: at first the previous frame's visibility, later its weight.
 @group(0) @binding(11) var<storage, read> history: array<vec2<u32>>;
 @group(0) @binding(12) var<storage, read_write> share: array<f32>;
-// What the samples say that the past did not, and that between them.
+// The innovation: the difference of the samples from the history, and its interpolation between the samples.
 @group(0) @binding(13) var<storage, read> innovation: array<vec4<f32>>;
 @group(0) @binding(14) var<storage, read_write> drift: array<f32>;
-// The refined frame before, as it is seen now, halves, and what the samples say that it does not.
+// The previous refined frame at the current camera, halves, and the difference of the samples from it.
 @group(0) @binding(15) var<storage, read> previous: array<vec2<u32>>;
 @group(0) @binding(16) var<storage, read_write> previous_innovation: array<f32>;
 
@@ -91,7 +91,7 @@ fn geometry_of(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocatio
     geometry[3u * i + 2u] = color_alpha[i].w;
 }
 
-// Before `shares`: `share` is still how well the frame before is seen.
+// Runs before `shares`: `share` is still the previous frame's visibility.
 @compute @workgroup_size(64, 4)
 fn previous_innovations(@builtin(global_invocation_id) at: vec3<u32>) {
     if any(at.xy >= features.lr) {
@@ -117,7 +117,7 @@ fn shares(@builtin(global_invocation_id) at: vec3<u32>) {
     share[i] *= min(uncertainty / UNCERTAIN, 1.0);
 }
 
-// The innovation between the samples: bilinear, and flat beyond the outermost.
+// The innovation between the samples: bilinear, and constant beyond the outermost samples.
 @compute @workgroup_size(64, 4)
 fn drifts(@builtin(global_invocation_id) at: vec3<u32>) {
     if any(at.xy >= features.size) {

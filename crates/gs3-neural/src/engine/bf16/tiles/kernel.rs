@@ -36,7 +36,7 @@ struct Buffer {
 struct Place {
     /// Those of the strip's first pixel.
     first: *const u16,
-    /// Bytes from those of one pixel to those of the next.
+    /// Bytes from the numbers of one pixel to the numbers of the next.
     pixel: usize,
 }
 
@@ -95,7 +95,7 @@ impl Drop for TileConfig {
     }
 }
 
-/// Writes a strip of `width` pixels to `row` of `whole`, whose numbers are bf16, from pixel `x` on.
+/// Writes a strip of `width` pixels to `row` of `whole`, which has numbers in bf16, from pixel `x` on.
 pub fn store(strip: &[Block], width: usize, row: &mut [Block], whole: &Layout, x: usize) {
     let pixels = &mut pixels_mut(row)[(whole.halo + x) * whole.blocks()..][..width * whole.blocks()];
     for (b, blocks) in strip.chunks_exact(width).enumerate() {
@@ -105,8 +105,8 @@ pub fn store(strip: &[Block], width: usize, row: &mut [Block], whole: &Layout, x
     }
 }
 
-/// Fills the pixels beside `row` of `layout`, whose numbers are bf16, as `border` says, and what a tile sees beyond
-/// them.
+/// Fills the pixels beside `row` of `layout`, which has numbers in bf16, according to `border`, and the numbers
+/// beyond them that a tile reads.
 pub fn fill_halo(border: Border, layout: &Layout, row: &mut [Block]) {
     let (halo, width, blocks) = (layout.halo, layout.shape.width, layout.blocks());
     let (pixels, beyond) = pixels_mut(row).split_at_mut(layout.stride() * blocks);
@@ -152,8 +152,8 @@ pub fn row(
 ) {
     BUFFER_OF_THREAD.with_borrow_mut(|buffer| {
         let Buffer { seen, zeros, places } = &mut **buffer;
-        // SAFETY: `Tiles` are only made where `Unit::is_available` found the instructions of both. Tiles are
-        // configured; places are those of numbers that `find` has found.
+        // SAFETY: `Tiles` are only made where `Unit::is_available` found both sets of instructions. Tiles are
+        // configured. Places point to numbers that `find` has found.
         unsafe {
             if !tiles.segments.is_empty() {
                 round(tiles, sources, y, seen);
@@ -243,7 +243,7 @@ fn find<'a>(
 /// All sums of the strip, to `out`.
 ///
 /// # Safety
-/// The thread has a [`TileConfig`]. `places` are those of the steps of `tiles` for a strip of `layout`.
+/// The thread has a [`TileConfig`]. `places` belong to the steps of `tiles` for a strip of `layout`.
 unsafe fn multiply(tiles: &Tiles, places: &[Place], layout: &Layout, out: &mut [Block]) {
     let (width, stride) = (layout.shape.width, layout.stride());
     let (mut first, mut weights) = (0, &tiles.weights[..]);
@@ -253,8 +253,8 @@ unsafe fn multiply(tiles: &Tiles, places: &[Place], layout: &Layout, out: &mut [
         let most = if count == 2 { 2 } else { 3 };
         let mut x = 0;
         while x < width {
-            // As many tiles of pixels as there are tiles for their sums, or one; the last overlaps those before,
-            // whose pixels get the same values again.
+            // As many tiles of pixels as there are tiles for their sums, or one. The last tile overlaps the tiles
+            // before. The shared pixels get the same values again.
             let many = if width - x >= most * ROWS { most } else { 1 };
             let start = x.min(width - many * ROWS);
             let out = &mut out[first * stride + layout.halo + start..][..(count - 1) * stride + many * ROWS];

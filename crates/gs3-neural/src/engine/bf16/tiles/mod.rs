@@ -1,11 +1,11 @@
-//! The kernel for tiles (AMX): one instruction multiplies 16 pixels × 32 channels by 32 channels × 16 outputs, in the
-//! time in which vectors do a sixteenth of that in f32.
+//! The kernel for tiles (AMX): one instruction multiplies 16 pixels × 32 channels by 32 channels × 16 outputs. In the
+//! same time, vectors do a sixteenth of this in f32.
 //!
-//! It reads pixels whose channels are side by side in bf16, pixel after pixel. So what a row of a window sees of a
-//! pixel is one run of numbers, those of the next pixel after those of one; it is multiplied 32 at a time, the last
-//! ones with zeros. Tiles overlap in memory: rows of one begin a pixel apart. Tensors that only such convolutions
-//! read are stored like that ([`Numbers::Bf16`]); others are rounded to a buffer of the thread, for each row of the
-//! window anew.
+//! The kernel reads pixels with channels side by side in bf16, pixel after pixel. So the part of a pixel in a row of
+//! a window is one run of numbers, and the next pixel's run follows. A run is multiplied 32 numbers at a time; the
+//! last ones are padded with zeros. Tiles overlap in memory: the rows of a tile begin a pixel apart. Tensors that
+//! only such convolutions read are stored in this layout ([`Numbers::Bf16`]). Other tensors are rounded into a buffer
+//! of the thread, again for each row of the window.
 
 #[cfg_attr(not(target_arch = "x86_64"), path = "absent.rs")]
 mod kernel;
@@ -22,11 +22,11 @@ const ROWS: usize = 16;
 /// Numbers of a row of a tile of bf16.
 const DEPTH: usize = 32;
 
-/// Numbers that a strip sees at most, 64 KiB of bf16: more would leave no room for weights in the second cache of small
-/// processors. Wider convolutions stay f32.
+/// Most numbers that a strip reads, 64 KiB of bf16: with more, weights would not fit the second-level cache of small
+/// CPUs. Wider convolutions stay f32.
 const BUFFER: usize = 32 * 1024;
 
-/// Products of a pixel at most, a few more than those of what fits the buffer in strips of 48 pixels.
+/// Most products of a pixel: a few more than fit the buffer in strips of 48 pixels.
 const STEPS: usize = 128;
 
 /// A convolution ready to run on tiles.
@@ -41,7 +41,7 @@ pub struct Tiles {
     steps: Vec<Step>,
     /// Pixels that a strip sees in a row.
     columns: usize,
-    /// `[groups of output blocks, bias and steps, blocks of the group]`: bias as a tile whose rows are equal.
+    /// `[groups of output blocks, bias and steps, blocks of the group]`: the bias is a tile with equal rows.
     weights: Vec<Tile>,
     output_blocks: usize,
 }
@@ -49,9 +49,9 @@ pub struct Tiles {
 /// What pixels are read from.
 #[derive(Clone, Debug)]
 struct Input {
-    /// That of a tensor stored in bf16; none for the buffer.
+    /// The layout of a tensor stored in bf16; none for the buffer.
     stored: Option<Layout>,
-    /// Of each number of a pixel the channel among those of all inputs, if it has one.
+    /// For each number of a pixel, its channel among the channels of all inputs, if it has one.
     channels: Vec<Option<usize>>,
 }
 
@@ -85,7 +85,7 @@ impl Tiles {
         width >= ROWS && fits
     }
 
-    /// That of `source`; none if it is not for tiles.
+    /// The tiles of `source`; none if tiles do not fit it.
     pub fn new(source: &Source<'_>) -> Option<Self> {
         let Source { conv, border, .. } = *source;
         let all = source.inputs.iter().map(|layout| layout.shape.channels);
@@ -116,8 +116,8 @@ impl Tiles {
             channel += channels;
         }
         if !segments.is_empty() {
-            // So that of a tile's rows only every second lies across two cache lines: loading it takes 20 cycles
-            // then, 8 where none does, 50 where all do; a product takes 16.
+            // Of a tile's rows, only every second row then crosses a cache line: loading the tile takes 20 cycles. It
+            // would take 8 with no row crossing, and 50 with all rows crossing; a product takes 16.
             joined.resize(joined.len().next_multiple_of(LANES), None);
             inputs.push(Input { stored: None, channels: joined });
         }
@@ -180,7 +180,7 @@ impl Tile {
         Self(std::array::from_fn(row))
     }
 
-    /// Of sums that are those of `block` for all pixels.
+    /// The bias tile: every pixel has the sums `block`.
     fn of_sums(block: &Block) -> Self {
         let halves = |k: usize| (block.0[k / 2].to_bits() >> (16 * (k % 2))) as u16;
         Self([PairWeights(std::array::from_fn(halves)); ROWS])
