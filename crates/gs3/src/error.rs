@@ -35,7 +35,7 @@ pub enum PipelineError {
     #[error(transparent)]
     Network(#[from] NetworkError),
     /// The number of in-between frames is too small or too large.
-    #[error("in-between frames: expected 1 to {MAX_IN_BETWEEN} for each rendered one, found {actual}")]
+    #[error("in-between frames: expected 1 to {MAX_IN_BETWEEN} frames for each rendered one, found {actual}")]
     InBetween {
         /// Frames asked for.
         actual: u32,

@@ -304,7 +304,7 @@ fn two_and_three_frames_are_made_between_rendered_ones() {
     assert_eq!(error, "cameras between two frames: expected none or 3, found 2");
     let settings = PipelineSettings { in_between: 4, refine: Refine::Off, ..Default::default() };
     let error = FramePipeline::new(scene(), settings).err().unwrap().to_string();
-    assert_eq!(error, "in-between frames: expected 1 to 3 for each rendered one, found 4");
+    assert_eq!(error, "in-between frames: expected 1 to 3 frames for each rendered one, found 4");
 }
 
 #[test]
