@@ -202,9 +202,9 @@ impl Controls {
     }
 
     /// Scales the distance to the pivot by `factor`, within a thousandth and a thousand radii of the scene. A factor
-    /// that is not a positive number is ignored.
+    /// that is NaN is ignored.
     pub fn approach(&mut self, factor: f64) {
-        if !(factor > 0.0 && factor.is_finite()) {
+        if factor.is_nan() {
             return;
         }
         let rig = &mut self.aimed;
