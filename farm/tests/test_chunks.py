@@ -58,7 +58,7 @@ def test_kubernetes_runs_the_chunk_of_its_index(job, environment):
     assert set(values) <= {"SCENE", "FRAMES", "CHUNK", "OUT", "OPTIONS", "GS3"}
     codes = spec["podFailurePolicy"]["rules"][0]
     assert codes["action"] == "FailIndex" and codes["onExitCodes"]["values"] == [2]
-    command = [word.replace("/farm/", f"{FARM}/") for word in container["command"]]
+    command = [word.replace("/opt/gs3/", f"{FARM}/") for word in container["command"]]
     environment |= {"JOB_COMPLETION_INDEX": "3", "OUT": "pod"}
     subprocess.run(command, cwd=job, env=environment, check=True)
     made = digests(job / "pod")

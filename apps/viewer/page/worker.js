@@ -167,13 +167,15 @@ const inputs = {
     viewer.presented(performance.now() - shownAt);
   },
   open(source) {
+    if (source.files?.length === 0) return viewer.failed("expected a file, found none");
+    let name;
     try {
-      const name = source.files ? nameOfFiles(source.files) : nameOf(source.url);
-      sources.set(name, source);
-      viewer.open(name);
+      name = source.files ? nameOfFiles(source.files) : nameOf(source.url);
     } catch {
-      viewer.failed(`${source.url}: expected a URL, found none`);
+      return viewer.failed(`expected a URL, found "${source.url}"`);
     }
+    sources.set(name, source);
+    viewer.open(name);
   },
 };
 

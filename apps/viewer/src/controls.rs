@@ -61,17 +61,6 @@ impl Rig {
         }
     }
 
-    /// A rig at `position`, with `target` in the middle of its picture and `up` pointing up. `None` if the two are
-    /// one point, or the rig looks along `up`.
-    #[must_use]
-    pub fn looking(position: DVec3, target: DVec3, up: DVec3, fov_y: f64) -> Option<Self> {
-        let forward = (target - position).try_normalize()?;
-        let right = forward.cross(up).try_normalize()?;
-        let view_from_world = DMat3::from_cols(right, forward.cross(right), forward).transpose();
-        let offset = DVec3::new(0.0, 0.0, position.distance(target));
-        Some(Self { pivot: target, rotation: DQuat::from_mat3(&view_from_world).normalize(), offset, fov_y })
-    }
-
     /// The camera for a picture of `size`.
     ///
     /// # Errors

@@ -149,6 +149,7 @@ await check("the split screen, keyframes and their path, a screenshot and their 
   await page.waitForTimeout(300);
   await atRest(page);
   await writeFile(path.join(out, "split.png"), await canvasOf(page));
+  await writeFile(path.join(out, "split.json"), JSON.stringify(await camera(page)));
   for (let k = 0; k < 3; k++) await page.keyboard.press("c");
   await page.keyboard.press("k");
   await page.mouse.wheel(0, -240);
@@ -160,6 +161,7 @@ await check("the split screen, keyframes and their path, a screenshot and their 
   const [shot] = await page.evaluate(() => window.saved);
   assert.equal(shot.name, "gs3-0001.png");
   await writeFile(path.join(out, "shot.png"), Buffer.from(shot.bytes));
+  await writeFile(path.join(out, "shot.json"), JSON.stringify(await camera(page)));
   const before = await camera(page);
   await page.keyboard.press(" ");
   await page.waitForTimeout(800);

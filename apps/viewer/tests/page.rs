@@ -19,7 +19,7 @@ const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
 /// What a page shows and what the CPU renders natively are told apart by 8 bits and by the order of sums at most.
 const LEAST_PSNR: f64 = 50.0;
 
-/// The node program that finds playwright-core, if there is one.
+/// What the test lacks, if it lacks anything.
 fn missing() -> Option<String> {
     let page = page();
     if !page.join("gs3_viewer_bg.wasm").is_file() {
@@ -94,7 +94,7 @@ fn a_session_in_a_browser() {
 
     let settings = SessionSettings { backend: Backend::Cpu, ..SessionSettings::default() };
     let mut session = Session::new(demo::scene().unwrap(), settings).unwrap();
-    for name in ["demo", "moved"] {
+    for name in ["demo", "moved", "shot"] {
         let (size, shown) = rgb(&out.join(format!("{name}.png")));
         assert_eq!(size, [400, 240]);
         let expected = native(&mut session, &out.join(format!("{name}.json")), size);
@@ -102,7 +102,16 @@ fn a_session_in_a_browser() {
         println!("{name}: {psnr:.1} dB of the native image");
         assert!(psnr >= LEAST_PSNR, "{name}: {psnr} dB");
     }
-    // The screenshot is what was shown; the split screen is native on its left alone.
-    let (size, _) = rgb(&out.join("shot.png"));
-    assert_eq!(size, [400, 240]);
+    // The split screen: bicubic on the left, and the native image of a resting camera on the right.
+    let (size, split) = rgb(&out.join("split.png"));
+    let expected = native(&mut session, &out.join("split.json"), size);
+    let half = |image: &[u8], columns: std::ops::Range<usize>| -> Vec<u8> {
+        let rows = image.chunks_exact(3 * size[0] as usize);
+        rows.flat_map(|row| row[3 * columns.start..3 * columns.end].to_vec()).collect()
+    };
+    // The divider and the columns beside it belong to neither side.
+    let [left, right] =
+        [0..196, 204..400].map(|side| psnr(&half(&split, side.clone()), &half(&expected, side)));
+    println!("split screen: {left:.1} and {right:.1} dB of the native image");
+    assert!(left < 40.0 && right >= LEAST_PSNR, "{left} and {right} dB");
 }

@@ -20,19 +20,7 @@ def seconds(work):
     return time.perf_counter() - begun, result
 
 
-def test_frames_cost_little_more_than_rendering_them():
-    scene, path = gs3.demo(), gs3.demo_path().resized(1920, 1080)
-    renderer = gs3.Renderer(scene, 1920, 1080, backend="cpu")
-    pairs = [seconds(lambda: renderer.render(path.viewmats[k], path.Ks[k]))[0] for k in range(12)]
-    # A native frame of the same camera is kept: the second time it is handed over alone.
-    native = lambda: renderer.native(path.viewmats[0], path.Ks[0])  # noqa: E731
-    native()
-    handed = statistics.median(seconds(native)[0] for _ in range(20))
-    frame = statistics.median(pairs[2:]) / 2
-    print(f"a frame {frame * 1e3:.1f} ms, handing it over {handed * 1e3:.2f} ms, {handed / frame:.2%}")
-    assert handed <= 0.03 * frame
-
-
+# First in this file: memory that another test has freed would hide what the scene takes.
 def test_three_million_gaussians_become_a_scene_without_needless_copies():
     count, rng = 3_000_000, np.random.default_rng(0)
     normal = lambda *shape: rng.normal(size=(count, *shape)).astype(np.float32)  # noqa: E731
@@ -45,3 +33,16 @@ def test_three_million_gaussians_become_a_scene_without_needless_copies():
     ratio = (resident() - before) / held
     print(f"{took:.2f} s, {ratio:.2f} times the arrays")
     assert len(scene.means) == count and took <= 1.5 and ratio <= 1.3
+
+
+def test_frames_cost_little_more_than_rendering_them():
+    scene, path = gs3.demo(), gs3.demo_path().resized(1920, 1080)
+    renderer = gs3.Renderer(scene, 1920, 1080, backend="cpu")
+    pairs = [seconds(lambda: renderer.render(path.viewmats[k], path.Ks[k]))[0] for k in range(12)]
+    # A native frame of the same camera is kept: the second time it is handed over alone.
+    native = lambda: renderer.native(path.viewmats[0], path.Ks[0])  # noqa: E731
+    native()
+    handed = statistics.median(seconds(native)[0] for _ in range(20))
+    frame = statistics.median(pairs[2:]) / 2
+    print(f"a frame {frame * 1e3:.1f} ms, handing it over {handed * 1e3:.2f} ms, {handed / frame:.2%}")
+    assert handed <= 0.03 * frame

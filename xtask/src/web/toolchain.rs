@@ -10,7 +10,7 @@ use crate::XtaskError;
 /// Where Debian's packages `rustc-web` and `cargo-web` are, beside a compiler that comes first on PATH.
 const DEBIAN: &str = "/usr/bin";
 
-/// Names of the linker in Debian's packages `lld-*`, the newest first. A rustup toolchain brings one of its own.
+/// Names that Debian's packages `lld-*` give the linker, the newest first. A rustup toolchain has its own linker.
 const LINKERS: [&str; 6] = ["wasm-ld", "wasm-ld-22", "wasm-ld-21", "wasm-ld-20", "wasm-ld-19", "wasm-ld-18"];
 
 /// How WebAssembly is compiled.

@@ -24,7 +24,7 @@ pub struct View {
     pub path: Option<PathBuf>,
     #[command(flatten)]
     pub stated: StatedCameras,
-    /// Image size [default: that of the cameras, 1920x1080 without --path]
+    /// Image size [default: the size of the cameras, 1920x1080 without --path]
     #[arg(long, value_name = "WxH", allow_hyphen_values = true)]
     pub size: Option<Size>,
     /// Threads [default: one per core]

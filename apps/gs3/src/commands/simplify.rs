@@ -41,7 +41,7 @@ pub struct SimplifyArgs {
     /// Cameras to use, the last one excluded [default: all]
     #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     pub frames: Option<FrameRange>,
-    /// Image size [default: that of the cameras, 1920x1080 without --cameras]
+    /// Image size [default: the size of the cameras, 1920x1080 without --cameras]
     #[arg(long, value_name = "WxH", allow_hyphen_values = true)]
     pub size: Option<Size>,
     /// Fraction of the Gaussians to keep, above 0 and at most 1

@@ -4,16 +4,13 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-use gs3::scene::format::{self, LoadOptions, Source};
+use gs3::scene::format::{self, INDEXES, LoadOptions, Source};
 use gs3::scene::{capture, demo};
 
 use crate::viewer::Opened;
 
 /// Files by their paths within the folder that was dropped, or by their names.
 pub type FileMap = BTreeMap<String, Vec<u8>>;
-
-/// By which of its files a folder is opened, the first that is there.
-const INDEXES: [&str; 3] = ["lod-meta.json", "meta.json", "meta.lcc2"];
 
 /// Opens `name`: the built-in scene `demo` if there are no files; else the scene or the cameras that `files` hold. The content
 /// says what it is.

@@ -1,6 +1,8 @@
 //! Where the camera is, as a page states it.
 
 use gs3::glam::DVec3;
+use gs3::scene::Intrinsics;
+use gs3::scene::orbit::look_at;
 use serde::{Deserialize, Serialize};
 
 use crate::controls::{FOV, Rig};
@@ -69,9 +71,11 @@ impl Place {
                 self.position, self.target
             )));
         }
-        Rig::looking(position, target, up, fov_y).ok_or_else(|| {
+        let intrinsics = Intrinsics::from_fov_y(2, 2, fov_y);
+        let camera = look_at(position, target, up, intrinsics).map_err(|_| {
             error(format!("expected a camera that does not look along the up axis, found {:?}", self.target))
-        })
+        })?;
+        Ok(Rig::of(&camera, distance))
     }
 }
 

@@ -75,7 +75,7 @@ fn covariance(u: vec2<f32>) -> f32 {
     return 1.0 / fma(0.5, dot(u, u), 1.0);
 }
 
-// Covariances of the value, ∂x and ∂y of one sample with those of another sample.
+// Covariances between two samples: (value, ∂x, ∂y) of one with (value, ∂x, ∂y) of the other.
 struct Shared {
     value: vec3<f32>,
     dx: vec3<f32>,

@@ -133,8 +133,8 @@ fn index_of(path: &Path) -> Result<PathBuf, LoadError> {
     })
 }
 
-/// The files by which folders are opened.
-const INDEXES: [&str; 3] = ["lod-meta.json", "meta.json", "meta.lcc2"];
+/// Names of the files that open a folder; of several in a folder the first one counts.
+pub const INDEXES: [&str; 3] = ["lod-meta.json", "meta.json", "meta.lcc2"];
 
 /// What the streamed scene (SOG or LCC2) at `path`, given as to [`load`], has to choose from by [`LoadOptions`]; `None` of other
 /// scenes, which have one level and no environment of their own. Reads the index alone.
