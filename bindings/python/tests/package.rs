@@ -52,7 +52,7 @@ fn pytest(folder: &str) {
         return;
     }
     let mut command = Command::new(&python);
-    command.args(["-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider", "--color=no"]);
+    command.args(["-m", "pytest", "-q", "-rfEs", "-p", "no:cacheprovider", "--color=no"]);
     command.arg(Path::new(ROOT).join(folder)).env("PYTHONPATH", site()).env("PYTHONDONTWRITEBYTECODE", "1");
     // The command of the same build, where the whole workspace is tested.
     let gs3 = built().parent().expect("a folder").join(format!("gs3{}", env::consts::EXE_SUFFIX));

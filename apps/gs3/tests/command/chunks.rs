@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::Path;
+use std::time::SystemTime;
 
 use super::{gs3, json, names, png, stderr, succeed};
 
@@ -78,6 +79,10 @@ fn parts_of_a_path_have_the_bits_of_one_run() {
     assert!(cold[1] != whole[87] && cold[12] != whole[98]);
 }
 
+fn written_at(file: &Path) -> SystemTime {
+    fs::metadata(file).unwrap().modified().unwrap()
+}
+
 #[test]
 fn frames_that_are_there_are_not_made_again() {
     let folder = few_gaussians();
@@ -93,8 +98,12 @@ fn frames_that_are_there_are_not_made_again() {
     for number in [13, 14, 17, 45] {
         fs::remove_file(at.join(format!("out/frame_{number:06}.png"))).unwrap();
     }
+    // The rendered frames whose in-between frame is missing are made again, and their files stay.
+    let times = || [18, 46].map(|number| written_at(&at.join(format!("out/frame_{number:06}.png"))));
+    let kept = times();
     assert_eq!(made("--frames 0..30 --skip-existing"), 3);
     assert!(frames(&at.join("out")) == before);
+    assert_eq!(times(), kept);
     assert_eq!(made("--skip-existing"), 20);
     assert_eq!(names(&at.join("out")).len(), 99);
     let output = gs3(at, "render few.ply --skip-existing --out v.mp4").output().unwrap();

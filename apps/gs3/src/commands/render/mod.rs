@@ -31,7 +31,7 @@ use crate::io::video::Stream;
 pub use args::RenderArgs;
 use compare::Comparison;
 use course::Course;
-use parts::{claim, frames_missing, numbers_of, remainder};
+use parts::{claim, frames_missing, is_there, numbers_of, remainder};
 
 pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     start_threads(args.view.threads)?;
@@ -152,9 +152,14 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         first_number.get_or_insert(last_number + 1 - frames.len());
         let covered: Vec<_> = coverage.iter().flat_map(|coverage| coverage.presented().iter()).collect();
         for (i, image) in frames.iter().enumerate() {
+            let number = last_number + i + 1 - frames.len();
+            // A frame that is there is made again where the one beside it is missing, and its file stays.
+            if args.skip_existing && is_there(&target, number) {
+                continue;
+            }
             // The last of both is the rendered frame.
             let covered = (covered.len() + i).checked_sub(frames.len()).map(|i| covered[i]);
-            writer.write(last_number + i + 1 - frames.len(), image, covered)?;
+            writer.write(number, image, covered)?;
         }
         let displayed = frames.len();
         times.add(pipeline.times(), displayed);

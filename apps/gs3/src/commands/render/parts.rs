@@ -38,6 +38,11 @@ pub fn numbers_of(range: &Range<usize>, each: usize) -> Range<usize> {
     (range.start * each + 1).saturating_sub(each)..(range.end - 1) * each + 1
 }
 
+/// Whether the folder of `target` has the file of the frame with this number.
+pub fn is_there(target: &Target, number: usize) -> bool {
+    target.folder().is_some_and(|folder| folder.join(frame_name(number)).is_file())
+}
+
 /// Which frames of `range` are rendered. With `--skip-existing` a frame is left out if the folder has its file and the files of
 /// the in-between frames before it. Frames of other `facts` are refused before any is made.
 pub fn frames_missing(
@@ -54,9 +59,8 @@ pub fn frames_missing(
     if !args.skip_existing {
         return Ok(range.clone().collect());
     }
-    let is_there = |number: usize| folder.join(frame_name(number)).is_file();
-    let missing: Vec<usize> =
-        range.clone().filter(|k| !numbers_of(&(*k..k + 1), each).all(is_there)).collect();
+    let is_whole = |k: &usize| numbers_of(&(*k..k + 1), each).all(|number| is_there(target, number));
+    let missing: Vec<usize> = range.clone().filter(|k| !is_whole(k)).collect();
     note(format_args!("{} of {} frames are there already", range.len() - missing.len(), range.len()));
     Ok(missing)
 }
