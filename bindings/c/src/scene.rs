@@ -110,6 +110,7 @@ pub unsafe extern "C" fn gs3_scene_open(
             level_of_detail: options.level_of_detail.checked_sub(1),
             environment: !flag("options: without_environment", options.without_environment)?,
             axes,
+            ..LoadOptions::default()
         };
         gs3_scene::hand_out(format::load(path, &options, &|_| {})?, to);
         Ok(())

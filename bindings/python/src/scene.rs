@@ -90,7 +90,7 @@ impl Scene {
         environment: bool,
         progress: Option<Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let options = LoadOptions { level_of_detail: level, environment, axes: None };
+        let options = LoadOptions { level_of_detail: level, environment, ..LoadOptions::default() };
         let what = path.display().to_string();
         let loaded = patience::run(py, &what, progress.as_ref(), |tell, stop| {
             format::load_until(&path, &options, tell, stop)

@@ -32,7 +32,7 @@ pub mod gpu;
 mod settings;
 mod view;
 
-pub use cpu::{Importance, RasterTimes, Rasterizer};
+pub use cpu::{Importance, LIST_MEMORY, RasterTimes, Rasterizer};
 pub use fearless_simd::Level;
 #[cfg(feature = "gpu")]
 pub use gpu::{CapacityCheck, GpuGBuffer, GpuRasterError, GpuRasterizer, ScenePrecision};

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use gs3_raster::{Culling, STOCK_DILATION, matched_dilation};
+use gs3_raster::{Culling, LIST_MEMORY, STOCK_DILATION, matched_dilation};
 use gs3_reconstruct::{Kriging, Sampling};
 use gs3_scene::{Camera, CameraPath};
 
@@ -116,6 +116,9 @@ pub struct PipelineSettings {
     pub in_between: u32,
     /// Background colour: display-encoded RGB, finite.
     pub background: [f32; 3],
+    /// Most bytes that a CPU's lists of the splats of tiles take at once
+    /// ([`with_list_memory`](gs3_raster::Rasterizer::with_list_memory)). Frames have the same bits with any number.
+    pub list_memory: u64,
 }
 
 impl Default for PipelineSettings {
@@ -133,6 +136,7 @@ impl Default for PipelineSettings {
             culling: Culling::default(),
             in_between: 1,
             background: [0.0; 3],
+            list_memory: LIST_MEMORY,
         }
     }
 }

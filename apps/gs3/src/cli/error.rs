@@ -114,6 +114,7 @@ impl CliError {
         match self {
             Self::Write { source, .. } | Self::Read { source, .. } => is_passing(source),
             Self::Load(LoadError::Io { source, .. }) => is_passing(source),
+            Self::Load(LoadError::Memory { .. }) => true,
             Self::Threads { .. } | Self::Pipeline(PipelineError::Gpu(_)) => true,
             _ => false,
         }

@@ -5,6 +5,7 @@ pub mod backend;
 pub mod error;
 pub mod exit;
 pub mod interrupt;
+pub mod memory;
 pub mod options;
 pub mod terminal;
 pub mod threads;

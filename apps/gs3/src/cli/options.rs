@@ -11,7 +11,8 @@ use gs3::{
     Backend, Culling, KEYFRAMES, Kriging, MAX_IN_BETWEEN, Mode, PipelineSettings, Quality, Refine, Sampling,
 };
 
-use super::values::{Degrees, DilationArg, Distance, Rgb, Size, scale};
+use super::memory;
+use super::values::{Bytes, Degrees, DilationArg, Distance, Rgb, Size, scale};
 
 /// What to look at.
 #[derive(Debug, clap::Args)]
@@ -124,6 +125,10 @@ pub struct FrameOptions {
     /// Background colour, each from 0 to 1
     #[arg(long, default_value = "0,0,0", value_name = "R,G,B", allow_hyphen_values = true)]
     pub background: Rgb,
+    /// Most memory for the CPU's lists of the splats of tiles, like 64M or 2G. A frame with longer lists is made in parts
+    /// [default: a quarter of what is free, at most 256M]
+    #[arg(long, value_name = "SIZE", help_heading = ADVANCED)]
+    pub memory: Option<Bytes>,
 }
 
 impl FrameOptions {
@@ -149,6 +154,7 @@ impl FrameOptions {
             culling: self.culling.into(),
             in_between: self.in_between,
             background: self.background.0,
+            list_memory: memory::for_lists(self.memory),
         }
     }
 }
@@ -284,6 +290,10 @@ pub struct SceneOptions {
     /// Level of detail of a streamed scene (lod-meta.json), 0 the finest [default: the finest that each part of it has]
     #[arg(long, value_name = "N")]
     pub lod: Option<u32>,
+    /// Gaussians to show of a streamed scene, at most: each part at the level that leaves the least error in the images of
+    /// --path. The environment comes on top
+    #[arg(long, value_name = "N", conflicts_with = "lod")]
+    pub budget: Option<u64>,
     /// Whether the environment of a streamed scene (sky, far background) is part of it [default: on]
     #[arg(long, value_name = "on|off")]
     pub environment: Option<Switch>,
@@ -300,6 +310,6 @@ pub struct SceneOptions {
 impl SceneOptions {
     /// The same options for another file, which is not streamed.
     pub const fn of_whole(self) -> Self {
-        Self { lod: None, environment: None, ..self }
+        Self { lod: None, budget: None, environment: None, ..self }
     }
 }

@@ -31,6 +31,25 @@ impl FromStr for Size {
     }
 }
 
+/// An amount of memory: bytes, or with K, M or G the 1024-fold, its square or its cube.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Bytes(pub u64);
+
+impl FromStr for Bytes {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let units = [("K", 10), ("M", 20), ("G", 30)];
+        let unit = units.into_iter().find_map(|(unit, bits)| Some((text.strip_suffix(unit)?, bits)));
+        let (number, bits) = unit.unwrap_or((text, 0));
+        let bytes = number.parse().ok().and_then(|number: u64| number.checked_mul(1 << bits));
+        bytes
+            .filter(|bytes| *bytes > 0)
+            .map(Self)
+            .ok_or_else(|| format!("expected bytes, or a number with K, M or G, found {text}"))
+    }
+}
+
 /// An angle of a field of view in degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Degrees(pub f64);

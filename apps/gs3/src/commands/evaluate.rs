@@ -127,7 +127,7 @@ pub fn run(args: &EvaluateArgs) -> Result<Outcome, CliError> {
         args.view.inputs().chain(args.simplified.as_deref()),
     )?;
     start_threads(args.view.threads)?;
-    let (scene, _) = inputs::scene_at(&args.view.scene, args.scene_options)?;
+    let (scene, _) = inputs::scene_of(&args.view, args.scene_options)?;
     if let Some(capture) = &args.photos {
         return photos(args, scene, capture);
     }

@@ -61,7 +61,7 @@ pub struct GbufferArgs {
 pub fn run(args: &GbufferArgs) -> Result<Outcome, CliError> {
     start_threads(args.view.threads)?;
     destination::check(&[Destination::file("--out", &args.out, "npz")], args.view.inputs())?;
-    let (scene, _) = inputs::scene_at(&args.view.scene, args.scene_options)?;
+    let (scene, _) = inputs::scene_of(&args.view, args.scene_options)?;
     let path = inputs::cameras(&args.view, &scene)?;
     inputs::check_is_perspective(&path)?;
     inputs::check_frames("--frame", &(args.frame..args.frame.saturating_add(1)), &path)?;

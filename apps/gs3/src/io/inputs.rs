@@ -10,7 +10,7 @@ use gs3::neural::model::Tier;
 use gs3::neural::{Arithmetic, WeightError, Weights};
 use gs3::scene::camera::MAX_SIDE;
 use gs3::scene::capture::CaptureOptions;
-use gs3::scene::format::{self, LoadOptions, Streamed};
+use gs3::scene::format::{self, Budget, LoadOptions, Streamed};
 use gs3::scene::glam::{DMat3, DVec3};
 use gs3::scene::transform::Similarity;
 use gs3::scene::{Camera, CameraPath, Scene, capture, demo, orbit};
@@ -40,9 +40,10 @@ pub fn streamed(path: &Path) -> Result<Option<Streamed>, CliError> {
     if is_demo(path) || !is_there { Ok(None) } else { Ok(format::streamed(path)?) }
 }
 
-/// What to load of `scene`. Options that the scene would not read are refused.
-fn load_options(options: SceneOptions, scene: &Path) -> Result<LoadOptions, CliError> {
-    let given = options.lod.map(|_| "--lod").or(options.environment.map(|_| "--environment"));
+/// What to load of `scene`, which `cameras` see. Options that the scene would not read are refused.
+fn load_options(options: SceneOptions, scene: &Path, cameras: Vec<Camera>) -> Result<LoadOptions, CliError> {
+    let given = options.lod.map(|_| "--lod");
+    let given = given.or(options.budget.map(|_| "--budget")).or(options.environment.map(|_| "--environment"));
     if let Some(option) = given
         && streamed(scene)?.is_none()
     {
@@ -57,13 +58,37 @@ fn load_options(options: SceneOptions, scene: &Path) -> Result<LoadOptions, CliE
         return Err(CliError::Option { option: "--axes", expected, actual: "demo".to_owned() });
     }
     let environment = !matches!(options.environment, Some(Switch::Off));
-    Ok(LoadOptions { level_of_detail: options.lod, environment, axes: options.axes })
+    let budget = options.budget.map(|gaussians| Budget { gaussians, cameras });
+    Ok(LoadOptions { level_of_detail: options.lod, budget, environment, axes: options.axes })
+}
+
+/// As [`scene_at`]. A budget of Gaussians is spent where the cameras of `view` see most of it.
+pub fn scene_of(view: &View, options: SceneOptions) -> Result<(Arc<Scene>, Duration), CliError> {
+    /// More cameras of a path change little, and each visits all parts of a scene.
+    const CAMERAS: usize = 64;
+    let cameras = match (&view.path, options.budget) {
+        (Some(file), Some(_)) => {
+            let path = capture::load_with(file, &capture_options(&view.stated, view.size))?;
+            let cameras = path.cameras();
+            cameras.iter().step_by(cameras.len().div_ceil(CAMERAS)).copied().collect()
+        }
+        _ => Vec::new(),
+    };
+    load(&view.scene, options, cameras)
 }
 
 /// Loads the scene as `options` ask for, showing progress; says what its file has that is not used, and how long it took.
 pub fn scene_at(path: &Path, options: SceneOptions) -> Result<(Arc<Scene>, Duration), CliError> {
+    load(path, options, Vec::new())
+}
+
+fn load(
+    path: &Path,
+    options: SceneOptions,
+    cameras: Vec<Camera>,
+) -> Result<(Arc<Scene>, Duration), CliError> {
     let started = Instant::now();
-    let load_options = load_options(options, path)?;
+    let load_options = load_options(options, path, cameras)?;
     let mut scene = if is_demo(path) {
         demo::scene()?
     } else {
@@ -183,6 +208,14 @@ fn no_interpolation(tier: &str) -> CliError {
     }
 }
 
+fn capture_options(stated: &StatedCameras, size: Option<Size>) -> CaptureOptions {
+    CaptureOptions {
+        size: size.map(|size| (size.width, size.height)),
+        fov_y: stated.fov.map(|fov| fov.0.to_radians()),
+        dataparser: stated.dataparser.clone(),
+    }
+}
+
 /// The cameras in `file`, brought into the frame of `scene`, as far as they are `stated` outside of it; `size` is for
 /// cameras without a size in their file. Says what the file has that is not used.
 pub fn capture(
@@ -191,12 +224,7 @@ pub fn capture(
     size: Option<Size>,
     scene: &Scene,
 ) -> Result<CameraPath, CliError> {
-    let options = CaptureOptions {
-        size: size.map(|size| (size.width, size.height)),
-        fov_y: stated.fov.map(|fov| fov.0.to_radians()),
-        dataparser: stated.dataparser.clone(),
-    };
-    let mut path = capture::load_with(file, &options)?;
+    let mut path = capture::load_with(file, &capture_options(stated, size))?;
     for text in &path.facts().notes {
         note(format_args!("{}: {}", file.display(), single_line(text)));
     }

@@ -38,6 +38,7 @@ fn one_line_that_names_field_expected_and_actual() {
             "gbuffer demo --size 16x9 --frame 18446744073709551615 --out o.npz",
             &["--frame: expected frames within 0..", "18446744073709551615"],
         ),
+        ("render demo --budget 5 --out o", &["--budget: expected a streamed scene", "found demo"]),
         ("render demo --size 0x5 --out o", &["--size", "expected WIDTHxHEIGHT from 1x1", "0x5"]),
         ("render demo --size 9999x5 --out o", &["--size", "9999x5"]),
         ("render demo --size 64x36 --scale 0 --out o", &["scale: expected 1 to", "found 0"]),

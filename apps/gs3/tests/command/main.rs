@@ -8,6 +8,7 @@ mod chunks;
 mod export;
 mod frames;
 mod kinds;
+mod memory;
 mod outputs;
 mod scenes;
 mod simplify;

@@ -192,6 +192,7 @@ fn pipeline(mode: Mode, spec: MethodSpec, settings: &MethodSettings) -> Result<F
         culling: settings.culling,
         in_between: 1,
         background: settings.background,
+        ..PipelineSettings::default()
     };
     let networks = learned::networks(spec, settings.scale, settings.weights.as_deref())?;
     Ok(FramePipeline::with_networks(Arc::clone(&settings.scene), settings_, &networks)?)

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::grid::Grid;
 use super::project::Projected;
+use super::splat::PixelRect;
 use crate::settings::Culling;
 
 /// Tile size in samples. 32×16 keeps a tile's blending state (up to 22 values a pixel) near the first-level cache,
@@ -36,90 +37,138 @@ impl Id {
     }
 }
 
+/// A part of a frame, in tiles: whole rows, or a piece of one row.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Part {
+    /// Rows of tiles.
+    pub rows: Range<usize>,
+    /// Columns of tiles.
+    pub columns: Range<usize>,
+}
+
+impl Part {
+    /// The place of `tile`, a column and a row in the part, among the part's tiles.
+    #[inline(always)]
+    const fn index(&self, [column, row]: [usize; 2]) -> usize {
+        (row - self.rows.start) * (self.columns.end - self.columns.start) + column - self.columns.start
+    }
+
+    const fn len(&self) -> usize {
+        (self.rows.end - self.rows.start) * (self.columns.end - self.columns.start)
+    }
+}
+
 /// Splats by tile, in scene order, independent of the threads.
 #[derive(Default)]
 pub struct Bins {
-    /// For each run of jobs, the lists of its splats, `[tiles or more]`: there are more after a larger frame.
+    /// For each run of jobs, the lists of its splats, `[tiles or more]`: there are more after a larger part.
     runs: Vec<Vec<Vec<Id>>>,
-    /// The number of the first tile with a list.
-    first_tile: usize,
+    /// The tiles with lists.
+    part: Part,
 }
 
-/// Largest number of bin entries at once, unless a single row of tiles has more: 128 MiB of ids, and as much again
-/// while lists grow. Frames of captures have up to a tenth of it. A frame with more entries is made in bands of rows.
-pub const MOST_ENTRIES: u64 = 1 << 25;
+/// Bytes of memory for each entry: its id, and as much again while lists grow.
+pub const ENTRY_BYTES: u64 = 2 * size_of::<Id>() as u64;
 
 impl Bins {
     /// The splats of `tile`, in scene order: one slice for each run of jobs, empty if none of its splats touches the
     /// tile.
     #[inline(always)]
-    pub fn of_tile(&self, tile: usize) -> impl Iterator<Item = &[Id]> {
-        self.runs.iter().map(move |tiles| &tiles[tile - self.first_tile][..])
+    pub fn of_tile(&self, tile: [usize; 2]) -> impl Iterator<Item = &[Id]> {
+        let index = self.part.index(tile);
+        self.runs.iter().map(move |tiles| &tiles[index][..])
     }
 
-    /// Bands of rows of tiles of `grid`, in order. Each band has at most `most` entries or is one row high.
-    pub fn bands(jobs: &[Projected], grid: &Grid, most: u64) -> Vec<Range<usize>> {
+    /// Parts of `grid`, in the order of their tiles. Each part has at most `most` entries or is one tile.
+    pub fn parts(jobs: &[Projected], grid: &Grid, most: u64) -> Vec<Part> {
         let ([columns, rows], [width, height]) = (grid.tiles(), grid.tile_size());
         let splats: u64 = jobs.iter().map(|job| job.rects.len() as u64).sum();
         if splats.saturating_mul((columns * rows) as u64) <= most {
-            return std::iter::once(0..rows).collect();
+            return vec![Part { rows: 0..rows, columns: 0..columns }];
         }
-        // Upper bound of the entries of each row, from the splats' boxes, as differences from the row before.
-        let differences = jobs
-            .par_iter()
-            .fold(
-                || vec![0_i64; rows + 1],
-                |mut differences, job| {
-                    for rect in &job.rects {
-                        let tiles = (rect.x1 as usize - 1) / width - rect.x0 as usize / width + 1;
-                        differences[rect.y0 as usize / height] += tiles as i64;
-                        differences[(rect.y1 as usize - 1) / height + 1] -= tiles as i64;
-                    }
-                    differences
-                },
-            )
-            .reduce(
-                || vec![0; rows + 1],
-                |mut sum, differences| {
-                    sum.iter_mut().zip(differences).for_each(|(a, b)| *a += b);
-                    sum
-                },
-            );
-        let mut groups = Vec::new();
-        let (mut start, mut entries, mut of_row) = (0, 0, 0);
-        for (row, difference) in differences[..rows].iter().enumerate() {
-            of_row += difference;
-            if row > start && entries + of_row > most as i64 {
-                groups.push(start..row);
-                (start, entries) = (row, 0);
+        let span =
+            |from: u16, to: u16, side: usize| usize::from(from) / side..(usize::from(to) - 1) / side + 1;
+        let of_rows = entries(jobs, rows, |rect| {
+            Some((span(rect.y0, rect.y1, height), span(rect.x0, rect.x1, width).len()))
+        });
+        let mut parts = Vec::new();
+        for rows in groups(&of_rows, most) {
+            if of_rows[rows.clone()].iter().sum::<u64>() <= most {
+                parts.push(Part { rows, columns: 0..columns });
+                continue;
             }
-            entries += of_row;
+            // A single row with too many.
+            let row = rows.start;
+            let of_columns = entries(jobs, columns, |rect| {
+                span(rect.y0, rect.y1, height).contains(&row).then(|| (span(rect.x0, rect.x1, width), 1))
+            });
+            let pieces = groups(&of_columns, most).into_iter();
+            parts.extend(pieces.map(|columns| Part { rows: rows.clone(), columns }));
         }
-        groups.push(start..rows);
-        groups
+        parts
     }
 
-    /// Fills the bins of the tiles of `grid` in the rows `rows`.
-    pub fn fill(&mut self, jobs: &[Projected], grid: &Grid, rows: Range<usize>, culling: Culling) {
-        let [columns, _] = grid.tiles();
-        self.first_tile = rows.start * columns;
-        let (first_tile, count) = (self.first_tile, rows.len() * columns);
+    /// Fills the bins of the tiles of `part`.
+    pub fn fill(&mut self, jobs: &[Projected], grid: &Grid, part: &Part, culling: Culling) {
+        self.part = part.clone();
         let runs = balanced_runs(jobs, rayon::current_num_threads());
         self.runs.resize_with(runs.len(), Vec::new);
         self.runs.par_iter_mut().zip(runs).for_each(|(tiles, run)| {
-            // Tiles keep their memory, also the tiles beyond a smaller frame.
-            tiles.resize_with(tiles.len().max(count), Vec::new);
+            // Tiles keep their memory, also the tiles beyond a smaller part.
+            tiles.resize_with(tiles.len().max(part.len()), Vec::new);
             tiles.iter_mut().for_each(Vec::clear);
             for (job, projected) in run.clone().zip(&jobs[run]) {
                 for local in 0..projected.splats.len() {
                     let id = Id::new(job, local);
-                    for_each_tile(projected, local, culling, grid, &rows, |tile| {
-                        tiles[tile - first_tile].push(id);
+                    for_each_tile(projected, local, culling, grid, part, |tile| {
+                        tiles[part.index(tile)].push(id);
                     });
                 }
             }
         });
     }
+}
+
+/// Upper bound of the entries of each of `count` rows or columns, from the splats' boxes. `of_box` gives the rows that a box
+/// meets and its entries in each.
+fn entries(
+    jobs: &[Projected],
+    count: usize,
+    of_box: impl Fn(&PixelRect) -> Option<(Range<usize>, usize)> + Sync,
+) -> Vec<u64> {
+    // As differences from the row before.
+    let zeros = || vec![0_i64; count + 1];
+    let differences = jobs.par_iter().fold(zeros, |mut differences, job| {
+        for (rows, of_each) in job.rects.iter().filter_map(&of_box) {
+            differences[rows.start] += of_each as i64;
+            differences[rows.end] -= of_each as i64;
+        }
+        differences
+    });
+    let differences = differences.reduce(zeros, |mut sum, differences| {
+        sum.iter_mut().zip(differences).for_each(|(a, b)| *a += b);
+        sum
+    });
+    let sums = differences[..count].iter().scan(0, |sum, difference| {
+        *sum += difference;
+        Some(*sum as u64)
+    });
+    sums.collect()
+}
+
+/// Groups of neighbours that have at most `most` entries together, or are one.
+fn groups(entries: &[u64], most: u64) -> Vec<Range<usize>> {
+    let mut groups = Vec::new();
+    let (mut start, mut sum) = (0, 0);
+    for (i, of_one) in entries.iter().enumerate() {
+        if i > start && sum + of_one > most {
+            groups.push(start..i);
+            (start, sum) = (i, 0);
+        }
+        sum += of_one;
+    }
+    groups.push(start..entries.len());
+    groups
 }
 
 /// Splits the jobs into `count` runs of about equally many splats.
@@ -141,34 +190,35 @@ fn balanced_runs(jobs: &[Projected], count: usize) -> Vec<Range<usize>> {
     runs
 }
 
-/// Calls `visit` with each tile within `rows` that `culling` assigns the splat to.
+/// Calls `visit` with each tile (column, row) of `part` that `culling` assigns the splat to.
 #[inline(always)]
 fn for_each_tile(
     job: &Projected,
     local: usize,
     culling: Culling,
     grid: &Grid,
-    rows: &Range<usize>,
-    mut visit: impl FnMut(usize),
+    part: &Part,
+    mut visit: impl FnMut([usize; 2]),
 ) {
-    let ([columns, _], [width, height]) = (grid.tiles(), grid.tile_size());
+    let [width, height] = grid.tile_size();
     let rect = job.rects[local];
-    let (first_x, last_x) = (rect.x0 as usize / width, (rect.x1 as usize - 1) / width);
+    let (left_x, right_x) = (rect.x0 as usize / width, (rect.x1 as usize - 1) / width);
     let (top_y, bottom_y) = (rect.y0 as usize / height, (rect.y1 as usize - 1) / height);
-    let (first_y, end_y) = (top_y.max(rows.start), (bottom_y + 1).min(rows.end));
-    if end_y <= first_y {
+    let (first_x, end_x) = (left_x.max(part.columns.start), (right_x + 1).min(part.columns.end));
+    let (first_y, end_y) = (top_y.max(part.rows.start), (bottom_y + 1).min(part.rows.end));
+    if end_x <= first_x || end_y <= first_y {
         return;
     }
-    let last_y = end_y - 1;
-    if first_x == last_x && top_y == bottom_y {
-        visit(first_y * columns + first_x);
+    let (last_x, last_y) = (end_x - 1, end_y - 1);
+    if left_x == right_x && top_y == bottom_y {
+        visit([first_x, first_y]);
         return;
     }
-    if first_x == last_x || top_y == bottom_y || !matches!(culling, Culling::AccuTile | Culling::Exact) {
+    if left_x == right_x || top_y == bottom_y || !matches!(culling, Culling::AccuTile | Culling::Exact) {
         // The box is tight: a support in a single row or column of tiles reaches every tile of the box.
         for y in first_y..=last_y {
             for x in first_x..=last_x {
-                visit(y * columns + x);
+                visit([x, y]);
             }
         }
         return;
@@ -189,7 +239,7 @@ fn for_each_tile(
             let left = (x * width) as f32 - before_x;
             let right = left + (width - 1) as f32;
             if culling != Culling::Exact || splat.reaches(left, top, right, bottom) {
-                visit(y * columns + x);
+                visit([x, y]);
             }
         }
     }
@@ -197,23 +247,28 @@ fn for_each_tile(
 
 #[cfg(test)]
 mod tests {
-    use super::super::splat::PixelRect;
     use super::*;
 
-    /// Bands cover all rows in order. No band exceeds the entry limit, unless a single row does.
+    /// Parts cover all tiles in order. No part exceeds the entry limit, unless a single tile does.
     #[test]
-    fn bands_have_room() {
+    fn parts_have_room() {
         let rect = |x0, y0, x1, y1| PixelRect { x0, y0, x1, y1 };
         // Ten rows of four columns: a splat everywhere, and ten in the fourth row.
         let mut rects = vec![rect(0, 0, 128, 160)];
         rects.extend([rect(0, 48, 128, 64); 10]);
         let jobs = [Projected { rects, ..Projected::default() }];
         let grid = Grid::native([128, 160]);
-        assert_eq!(Bins::bands(&jobs, &grid, 1000), std::iter::once(0..10).collect::<Vec<_>>());
-        assert_eq!(Bins::bands(&jobs, &grid, 12), [0..3, 3..4, 4..7, 7..10]);
-        assert_eq!(Bins::bands(&jobs, &grid, 1).len(), 10);
+        let rows = |rows| Part { rows, columns: 0..4 };
+        let piece = |row, columns| Part { rows: row..row + 1, columns };
+        assert_eq!(Bins::parts(&jobs, &grid, 1000), [rows(0..10)]);
+        assert_eq!(Bins::parts(&jobs, &grid, 44), [rows(0..3), rows(3..4), rows(4..10)]);
+        // 44 entries in the fourth row, 11 in each of its tiles.
+        assert_eq!(Bins::parts(&jobs, &grid, 24), [rows(0..3), piece(3, 0..2), piece(3, 2..4), rows(4..10)]);
+        let one = Bins::parts(&jobs, &grid, 1);
+        assert_eq!((one.len(), &one[4]), (40, &piece(1, 0..1)));
         // Tiles of a coarser frame span more pixels: five rows of two columns, the ten splats in the second.
         let coarse = Grid { stride: 2, size: [64, 80], ..grid };
-        assert_eq!(Bins::bands(&jobs, &coarse, 6), [0..1, 1..2, 2..5]);
+        let rows = |rows| Part { rows, columns: 0..2 };
+        assert_eq!(Bins::parts(&jobs, &coarse, 22), [rows(0..1), rows(1..2), rows(2..5)]);
     }
 }

@@ -130,12 +130,11 @@ pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
         width - tile[0] * TILE_WIDTH,
         height - tile[1] * TILE_HEIGHT,
     );
-    let [columns, _] = grid.tiles();
     // All splats of the tile are first copied in scene order, which is near the order of memory. Then they are
     // visited by depth, so that random accesses stay within the second-level cache.
     scratch.splats.clear();
     scratch.geometry.clear();
-    for ids in bins.of_tile(tile[1] * columns + tile[0]) {
+    for ids in bins.of_tile(tile) {
         for (job, local) in ids.iter().map(|id| id.place()) {
             scratch.take::<OUTPUTS>(&jobs[job], local);
         }

@@ -86,19 +86,21 @@ impl Rasterizer {
         }
         let resolver = Resolver::new(view, settings);
         let [columns, _] = grid.tiles();
-        let is_whole = self.bands.len() == 1;
+        let is_whole = self.parts.len() == 1;
         let mut tiles = &mut tiles[..];
-        for band in &self.bands {
-            let count = tiles.partition_point(|tile| tile.tile[1] < band.end);
-            let of_band = tiles.split_off_mut(..count).unwrap_or_default();
-            if of_band.is_empty() {
+        for part in &self.parts {
+            // Parts are in the order of tiles.
+            let end = (part.rows.end - 1, part.columns.end);
+            let count = tiles.partition_point(|tile| (tile.tile[1], tile.tile[0]) < end);
+            let of_part = tiles.split_off_mut(..count).unwrap_or_default();
+            if of_part.is_empty() {
                 continue;
             }
             if !is_whole {
-                self.bins.fill(&self.jobs, grid, band.clone(), self.culling);
+                self.bins.fill(&self.jobs, grid, part, self.culling);
             }
             let (jobs, bins, orders, level) = (&self.jobs, &self.bins, &self.orders, self.level);
-            of_band.par_iter_mut().with_max_len(4).for_each_init(Scratch::default, |scratch, tile| {
+            of_part.par_iter_mut().with_max_len(4).for_each_init(Scratch::default, |scratch, tile| {
                 let order = is_whole.then(|| &orders[tile.tile[1] * columns + tile.tile[0]][..]);
                 dispatch!(level, s => scratch.fill(s, jobs, bins, order, grid, *size, &resolver, tile));
             });
@@ -186,11 +188,10 @@ impl Scratch {
         rows: &[u64; MAX_ROWS],
     ) {
         let corner = grid.tile_corner(tile);
-        let [columns, _] = grid.tiles();
         self.taken.clear();
         self.tile.splats.clear();
         self.tile.geometry.clear();
-        for ids in bins.of_tile(tile[1] * columns + tile[0]) {
+        for ids in bins.of_tile(tile) {
             for (job, local) in ids.iter().map(|id| id.place()) {
                 let job = &jobs[job];
                 if meets(job.rects[local], corner, grid.tile_size(), rows) {
@@ -238,10 +239,10 @@ mod tests {
 
     use crate::{Culling, Importance, Outputs, RasterSettings, Rasterizer, matched_dilation};
 
-    /// Frames, blocks and importance have the same bits, both with memory for all entries at once and with memory for
-    /// one row of tiles only.
+    /// Frames, blocks and importance have the same bits with memory for all entries at once, for some tiles of a row, and for
+    /// one tile only.
     #[test]
-    fn frames_in_bands_are_the_same() {
+    fn frames_in_parts_are_the_same() {
         let scene = Arc::new(demo::scene().expect("the demo"));
         let camera = demo::path().cameras()[0].resized(310, 170).expect("a valid size");
         let settings =
@@ -254,9 +255,9 @@ mod tests {
             rasterizer.most_entries = most_entries;
             let (mut image, mut lr, mut blocks) = (Image::default(), GBuffer::default(), Default::default());
             rasterizer.rasterize_image(&camera, &settings, &mut image).expect("valid settings");
-            let bands = [rasterizer.bands.len(), {
+            let parts = [rasterizer.parts.len(), {
                 rasterizer.rasterize_low_resolution(&camera, 2, &settings, &mut lr).expect("valid settings");
-                rasterizer.bands.len()
+                rasterizer.parts.len()
             }];
             // Twice: the second run must work on the memory that the first run leaves.
             for _ in 0..2 {
@@ -264,18 +265,23 @@ mod tests {
             }
             let mut importance = Importance::zeroed(scene.gaussians().len());
             rasterizer.importance(&camera, &settings, &mut importance).expect("valid settings");
-            (bands, image, lr, blocks, importance)
+            (parts, image, lr, blocks, importance)
         };
-        let (whole, many) = (run(u64::MAX), run(1));
-        assert_eq!((whole.0, many.0), ([1, 1], [11, 6]));
-        assert_eq!(whole.1.pixels(), many.1.pixels());
-        assert_eq!(whole.2.color.data(), many.2.color.data());
-        let depth = |lr: &GBuffer| lr.geometry.as_ref().map(|g| g.depth_median.data().to_vec());
-        assert_eq!(depth(&whole.2), depth(&many.2));
-        assert_eq!(whole.3.places, many.3.places);
-        for (a, b) in whole.3.blocks.iter().zip(&many.3.blocks) {
-            assert_eq!((a.color, a.color_dx, a.depth_median), (b.color, b.color_dx, b.depth_median));
+        let whole = run(u64::MAX);
+        assert_eq!(whole.0, [1, 1]);
+        // 10 columns and 11 rows of tiles, and 5 and 6 of the coarser frame.
+        for (most_entries, parts) in [(1, [110, 30]), (20_000, [29, 18])] {
+            let many = run(most_entries);
+            assert_eq!(many.0, parts);
+            assert_eq!(whole.1.pixels(), many.1.pixels());
+            assert_eq!(whole.2.color.data(), many.2.color.data());
+            let depth = |lr: &GBuffer| lr.geometry.as_ref().map(|g| g.depth_median.data().to_vec());
+            assert_eq!(depth(&whole.2), depth(&many.2));
+            assert_eq!(whole.3.places, many.3.places);
+            for (a, b) in whole.3.blocks.iter().zip(&many.3.blocks) {
+                assert_eq!((a.color, a.color_dx, a.depth_median), (b.color, b.color_dx, b.depth_median));
+            }
+            assert_eq!(whole.4, many.4);
         }
-        assert_eq!(whole.4, many.4);
     }
 }

@@ -10,7 +10,7 @@ use gs3_scene::Camera;
 use rayon::prelude::*;
 
 use super::Rasterizer;
-use super::bin::{Bins, TILE_HEIGHT, TILE_WIDTH};
+use super::bin::{Bins, Part, TILE_HEIGHT, TILE_WIDTH};
 use super::blend::{self, BlendRules, Contribution, TileScratch, lanes3, plane};
 use super::cover::{BLOCKS, BlockPlaces, RUN};
 use super::grid::Grid;
@@ -106,31 +106,29 @@ impl Rasterizer {
         let view = View::new(camera, settings, self.scene.details().near);
         self.project(&view, false, true);
         let grid = Grid::native([camera.width(), camera.height()]);
-        let [columns, _] = grid.tiles();
         self.last = None;
         let at_once = ROWS_PER_THREAD * rayon::current_num_threads();
-        let bands = Bins::bands(&self.jobs, &grid, self.most_entries);
-        let parts = |band: Range<usize>| {
-            let Range { start, end } = band;
-            (start..end).step_by(at_once).map(move |first| first..end.min(first + at_once))
+        let parts = Bins::parts(&self.jobs, &grid, self.most_entries);
+        let pieces = |part: Part| {
+            let Range { start, end } = part.rows;
+            let rows = (start..end).step_by(at_once).map(move |first| first..end.min(first + at_once));
+            rows.map(move |rows| (part.clone(), rows))
         };
-        for (band, part) in
-            bands.into_iter().flat_map(|band| parts(band.clone()).map(move |part| (band.clone(), part)))
-        {
-            if part.start == band.start {
-                self.bins.fill(&self.jobs, &grid, band, self.culling);
+        for (part, rows) in parts.into_iter().flat_map(pieces) {
+            if rows.start == part.rows.start {
+                self.bins.fill(&self.jobs, &grid, &part, self.culling);
             }
             let (jobs, bins, level) = (&self.jobs, &self.bins, self.level);
-            let rows: Vec<Vec<(u32, Share)>> = part
+            let rows: Vec<Vec<(u32, Share)>> = rows
                 .into_par_iter()
                 .map_init(Scratch::default, |scratch, row| {
                     let mut found = Vec::new();
-                    for column in 0..columns {
+                    for column in part.columns.clone() {
                         let tile = [column, row];
                         dispatch!(level, s => {
                             scratch.measure_tile(s, jobs, bins, tile, &grid, settings);
                         });
-                        let places = bins.of_tile(row * columns + column).flatten().map(|id| id.place());
+                        let places = bins.of_tile(tile).flatten().map(|id| id.place());
                         let shares = places.zip(&scratch.shares).filter(|(_, share)| share.pixels > 0);
                         found.extend(shares.map(|((job, local), &share)| (jobs[job].indices[local], share)));
                     }

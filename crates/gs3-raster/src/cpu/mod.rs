@@ -18,7 +18,6 @@ pub(crate) mod sh;
 pub(crate) mod splat;
 
 use std::fmt;
-use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -30,7 +29,7 @@ use web_time::Instant;
 use crate::chunk::{self, CHUNK, Chunk};
 use crate::settings::{Culling, Outputs, RasterError, RasterSettings};
 use crate::view::View;
-use bin::{Bins, MOST_ENTRIES, TILE_HEIGHT, TILE_WIDTH};
+use bin::{Bins, ENTRY_BYTES, Part, TILE_HEIGHT, TILE_WIDTH};
 use blend::{COLOR, GBUFFER, GBUFFER_MIXED, TileScratch};
 use grid::Grid;
 pub use importance::Importance;
@@ -46,6 +45,9 @@ const _: () = assert!(JOB_CHUNKS * CHUNK <= bin::MAX_JOB_SIZE);
 const MAX_STRIDE: u32 = 8;
 const _: () = assert!(TILE_WIDTH * MAX_STRIDE as usize / BLOCK_SIDE <= u64::BITS as usize);
 const _: () = assert!(TILE_HEIGHT.is_multiple_of(BLOCK_SIDE) && TILE_WIDTH.is_multiple_of(BLOCK_SIDE));
+
+/// Default of [`Rasterizer::with_list_memory`] in bytes: 2²⁵ splats of tiles. Frames of captures have up to a tenth of them.
+pub const LIST_MEMORY: u64 = 256 << 20;
 
 /// Wall-clock time of the stages of the last frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -70,9 +72,9 @@ pub struct Rasterizer {
     bins: Bins,
     /// Most entries of `bins` at once.
     most_entries: u64,
-    /// The bands of rows of tiles of the last frame; `bins` has the entries of one band.
-    bands: Vec<Range<usize>>,
-    /// The splats of each tile of the last frame, front to back; empty if the frame was made in several bands.
+    /// The parts of the last frame; `bins` has the entries of one part.
+    parts: Vec<Part>,
+    /// The splats of each tile of the last frame, front to back; empty if the frame was made in several parts.
     orders: Vec<Vec<u32>>,
     /// The low-resolution frame that the splats belong to, if the last frame was one.
     last: Option<LastFrame>,
@@ -117,12 +119,20 @@ impl Rasterizer {
             chunks,
             jobs,
             bins: Bins::default(),
-            most_entries: MOST_ENTRIES,
-            bands: Vec::new(),
+            most_entries: LIST_MEMORY / ENTRY_BYTES,
+            parts: Vec::new(),
             orders: Vec::new(),
             last: None,
             times: RasterTimes::default(),
         }
+    }
+
+    /// The same rasterizer, whose lists of the splats of tiles take at most `bytes` at once instead of [`LIST_MEMORY`], or one
+    /// tile's. A frame with longer lists is made in parts, one after the other, with the same bits. Each part visits all
+    /// splats again.
+    #[must_use]
+    pub fn with_list_memory(self, bytes: u64) -> Self {
+        Self { most_entries: bytes / ENTRY_BYTES, ..self }
     }
 
     /// The scene.
@@ -237,36 +247,32 @@ impl Rasterizer {
         self.times = RasterTimes { project: started.elapsed(), ..RasterTimes::default() };
 
         let [columns, rows] = grid.tiles();
-        self.bands = Bins::bands(&self.jobs, grid, self.most_entries);
-        // In a frame of several bands, orders would use the memory that bands save.
-        let keeps_orders = OUTPUTS != COLOR && self.bands.len() == 1;
-        if self.bands.len() > 1 {
+        self.parts = Bins::parts(&self.jobs, grid, self.most_entries);
+        // In a frame of several parts, orders would use the memory that parts save.
+        let keeps_orders = OUTPUTS != COLOR && self.parts.len() == 1;
+        if self.parts.len() > 1 {
             self.orders.clear();
         }
         self.orders.resize_with(columns * rows, Vec::new);
         let (resolver, rules) = (Resolver::new(view, settings), settings.rules.into());
-        let (mut of_rows, mut orders) = (bands.into_iter(), &mut self.orders[..]);
-        for band in &self.bands {
+        let mut of_rows: Vec<_> = bands.into_iter().zip(self.orders.chunks_exact_mut(columns)).collect();
+        for part in &self.parts {
             let started = Instant::now();
-            self.bins.fill(&self.jobs, grid, band.clone(), self.culling);
+            self.bins.fill(&self.jobs, grid, part, self.culling);
             let binned = Instant::now();
             let (jobs, bins, level) = (&self.jobs, &self.bins, self.level);
-            let of_band = orders.split_off_mut(..band.len() * columns).unwrap_or_default();
-            // Rows last: `zip` may consume one item too many of the iterators before.
-            let of_band = band.clone().zip(of_band.chunks_exact_mut(columns)).zip(of_rows.by_ref());
-            let of_band: Vec<_> = of_band.collect();
-            of_band.into_par_iter().for_each_init(
+            of_rows[part.rows.clone()].par_iter_mut().zip(part.rows.clone()).for_each_init(
                 TileScratch::default,
-                |scratch, ((row, orders), mut out)| {
-                    for (column, order) in orders.iter_mut().enumerate() {
+                |scratch, ((out, orders), row)| {
+                    for column in part.columns.clone() {
                         dispatch!(level, s => {
                             let tile = [column, row];
                             blend::blend_tile::<_, OUTPUTS>(s, jobs, bins, tile, grid, rules, scratch);
-                            resolver.resolve::<_, OUTPUTS>(s, &mut scratch.blocks, tile, grid, &mut out);
+                            resolver.resolve::<_, OUTPUTS>(s, &mut scratch.blocks, tile, grid, out);
                         });
-                        order.clear();
+                        orders[column].clear();
                         if keeps_orders {
-                            order.extend_from_slice(scratch.order.sorted());
+                            orders[column].extend_from_slice(scratch.order.sorted());
                         }
                     }
                 },

@@ -4,7 +4,7 @@ use std::io::Read;
 
 use zip::ZipArchive;
 
-use super::error::{LoadError, quoted};
+use super::error::{LoadError, quoted, spelled};
 use super::sog::missing;
 use super::source::{Cursor, Files, Source, allowance};
 
@@ -62,7 +62,7 @@ impl<'a> Archive<'a> {
 
 impl Files for Archive<'_> {
     fn open(&self, name: &str) -> Result<Source<'_>, LoadError> {
-        let label = format!("{}/{name}", self.source.name());
+        let label = spelled(&format!("{}/{name}", self.source.name()));
         let unreadable =
             |error: String| LoadError::invalid(&label, "archive entry", "a readable ZIP entry", error);
         let mut zip = self.zip.clone();

@@ -79,6 +79,14 @@ pub enum LoadError {
         /// How many bytes the part asks for.
         actual: u64,
     },
+    /// The system has not enough memory for the scene.
+    #[error("{file}: Gaussians: expected {expected} bytes of free memory, found less")]
+    Memory {
+        /// The file.
+        file: String,
+        /// How many bytes the Gaussians take.
+        expected: u64,
+    },
     /// A field does not hold what the format asks for.
     #[error("{file}: {field}: expected {expected}, found {actual}")]
     Invalid {
@@ -149,6 +157,13 @@ pub enum SaveError {
         /// What the scene has.
         actual: String,
     },
+}
+
+/// The name of a file for a message. Control characters, which names in archives may have, are spelled: they would break the
+/// line, or change the terminal.
+pub(crate) fn spelled(name: &str) -> String {
+    let spell = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
+    name.chars().map(spell).collect()
 }
 
 /// `text` from outside, fit for one line of a message: quoted, control characters escaped, cut at 60

@@ -9,8 +9,8 @@ use rayon::prelude::*;
 use super::error::LoadError;
 use super::progress::{Progress, Work};
 use super::source::{Source, check_allowance};
-use super::{BLOCK, Decoded};
-use crate::gaussians::{Gaussians, SH_C0, Slots, sh_coefficient_count};
+use super::{BLOCK, Decoded, memory};
+use crate::gaussians::{SH_C0, Slots, sh_coefficient_count};
 use crate::scene::OpacityMode;
 
 /// Bytes of the header of the file, and of each section's.
@@ -117,7 +117,7 @@ pub(super) fn read(source: &Source<'_>, progress: Progress<'_>) -> Result<Decode
     let floats = 11 + 3 * sh_coefficient_count(degree) as u64;
     check_allowance(name, "splat count", source.len(), (count as u64).checked_mul(floats * 4))?;
     let work = Work::new(count as u64, progress);
-    let mut gaussians = Gaussians::zeroed(count, degree);
+    let mut gaussians = memory::gaussians(name, count, degree)?;
     let mut rest = gaussians.slots();
     for section in &sections {
         let (slots, others) = rest.split_at(section.count);

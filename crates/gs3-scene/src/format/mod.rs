@@ -25,6 +25,7 @@ mod gltf;
 mod kind;
 mod ksplat;
 mod lcc2;
+mod memory;
 mod morton;
 mod origin;
 mod ply;
@@ -47,7 +48,7 @@ pub(crate) use error::quoted;
 pub use error::{LoadError, SaveError};
 pub use progress::Progress;
 pub use save::{SaveOptions, SpzVersion, clamped, format_of, losses, position_step, save, save_with};
-pub use sog::Streamed;
+pub use sog::{Budget, Streamed};
 pub use source::{Files, Source};
 pub use spz::Clamped;
 
@@ -63,12 +64,15 @@ use kind::Kind;
 const BLOCK: usize = 4096;
 
 /// The part to load of a scene with several representations; [`streamed`] lists the representations.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct LoadOptions {
     /// Level of detail of a streamed SOG scene, 0 the finest. Parts of the scene that have nothing at this level are
     /// left out. `None` takes the finest that each part has. A level that a scene does not have is an error; scenes of
     /// other formats have level 0 alone.
     pub level_of_detail: Option<u32>,
+    /// How many Gaussians to load of a streamed SOG scene, at the level of detail for each part that leaves the least error.
+    /// Other scenes must be within the budget. Not together with a level.
+    pub budget: Option<Budget>,
     /// Whether the environment (sky, far background) of a streamed SOG scene is appended, where it has one.
     pub environment: bool,
     /// Which way the axes of the file point, where that is not what the file states or its format says.
@@ -77,7 +81,7 @@ pub struct LoadOptions {
 
 impl Default for LoadOptions {
     fn default() -> Self {
-        Self { level_of_detail: None, environment: true, axes: None }
+        Self { level_of_detail: None, budget: None, environment: true, axes: None }
     }
 }
 
@@ -167,6 +171,15 @@ pub fn load_source(
 ) -> Result<Scene, LoadError> {
     let decoded = decode(source, files, options, progress)?;
     progress(1.0);
+    if let Some(budget) =
+        options.budget.as_ref().filter(|_| !matches!(Kind::of(source), Ok(Kind::StreamedSog)))
+        && decoded.gaussians.len() as u64 > budget.gaussians
+    {
+        let expected =
+            format!("at most {}, or a streamed SOG scene, which has coarser levels", budget.gaussians);
+        let actual = decoded.gaussians.len().to_string();
+        return Err(LoadError::invalid(source.name(), "Gaussians", expected, actual));
+    }
     let scene = decoded
         .into_scene(options.axes)
         .map_err(|error| LoadError::Scene { file: source.name().to_owned(), source: error })?;

@@ -8,7 +8,7 @@ use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::error::{LoadError, quoted};
+use super::error::{LoadError, quoted, spelled};
 
 /// Random access to named bytes, from many threads at once.
 pub struct Source<'a> {
@@ -35,7 +35,7 @@ impl<'a> Source<'a> {
     /// # Errors
     /// [`LoadError::Io`] if it cannot be opened, [`LoadError::Invalid`] if it is not a regular file.
     pub fn open(path: &Path) -> Result<Self, LoadError> {
-        let name = path.display().to_string();
+        let name = spelled(&path.display().to_string());
         let io_error = |source| LoadError::Io { file: path.display().to_string(), source };
         // Before opening: opening a pipe would wait for its writer.
         if !std::fs::metadata(path).map_err(io_error)?.is_file() {
@@ -49,7 +49,7 @@ impl<'a> Source<'a> {
     /// Bytes in memory; `name` is for messages and, where the content has no signature, for its extension.
     pub fn memory(name: impl Into<String>, bytes: impl Into<Cow<'a, [u8]>>) -> Self {
         let bytes = bytes.into();
-        Self { name: name.into(), len: bytes.len() as u64, bytes: Bytes::Memory(bytes), stop: None }
+        Self { name: spelled(&name.into()), len: bytes.len() as u64, bytes: Bytes::Memory(bytes), stop: None }
     }
 
     /// The same bytes, which cannot be read any more once `stop` is set.
@@ -223,7 +223,7 @@ impl Files for Folder<'_> {
 impl Files for BTreeMap<String, Vec<u8>> {
     fn open(&self, name: &str) -> Result<Source<'_>, LoadError> {
         let bytes = self.get(name).ok_or_else(|| LoadError::Io {
-            file: name.to_owned(),
+            file: spelled(name),
             source: io::Error::from(io::ErrorKind::NotFound),
         })?;
         Ok(Source::memory(name, bytes))

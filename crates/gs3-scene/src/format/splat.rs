@@ -8,8 +8,8 @@ use super::error::LoadError;
 use super::progress::{Progress, Work};
 use super::rows::write_rows;
 use super::source::Source;
-use super::{BLOCK, Decoded};
-use crate::gaussians::{Gaussians, SH_C0, Slots};
+use super::{BLOCK, Decoded, memory};
+use crate::gaussians::{SH_C0, Slots};
 use crate::scene::{OpacityMode, Scene};
 
 /// Position and linear scale as 3 × f32 each, RGB and opacity as 4 × u8, quaternion (w first) as 4 × u8.
@@ -21,7 +21,7 @@ pub(super) fn read(source: &Source<'_>, progress: Progress<'_>) -> Result<Decode
         return Err(LoadError::invalid(source.name(), "size", expected, source.len().to_string()));
     }
     let count = (source.len() / RECORD as u64) as usize;
-    let mut gaussians = Gaussians::zeroed(count, 0);
+    let mut gaussians = memory::gaussians(source.name(), count, 0)?;
     let work = Work::new(count as u64, progress);
     gaussians.slots().blocks(BLOCK).into_par_iter().try_for_each(|(first, mut slots)| {
         let mut bytes = vec![0; slots.len() * RECORD];

@@ -7,7 +7,7 @@ use gs3_scene::capture::{CaptureFault, ColmapEncoding, parse_colmap, parse_json}
 use gs3_scene::glam::{DMat3, DVec3};
 use gs3_scene::{Camera, CameraPath};
 
-use crate::entry::{pack, unpack};
+use crate::readers::{pack, unpack};
 
 /// Both files of a binary model: one pinhole camera of 64 × 48 pixels, photos `a.jpg` and `b.jpg` with a point each.
 fn colmap_binary() -> BTreeMap<String, Vec<u8>> {

@@ -5,7 +5,7 @@ use std::io::Write;
 
 use image_webp::{ColorType, WebPEncoder};
 
-use crate::entry::{TARGETS, pack};
+use crate::readers::{TARGETS, pack};
 use crate::{cameras, gltf, ksplat, lcc2, rad, sog_1, spz_4};
 
 /// Two Gaussians of degree 1. Properties are out of the trainer's order, of four types; an element with a
@@ -266,7 +266,7 @@ pub fn seeds(target: &str) -> Vec<(&'static str, Vec<u8>)> {
 /// The corpus in the repository has the seeds as they are made here. `GS3_WRITE_SEEDS=1` writes it anew.
 #[test]
 fn the_corpus_of_the_fuzz_targets_has_the_seeds() {
-    let corpus = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus");
+    let corpus = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz/corpus");
     for (target, _) in TARGETS {
         let folder = corpus.join(target);
         for (name, bytes) in seeds(target) {

@@ -5,14 +5,14 @@ use std::path::Path;
 use proptest::prelude::*;
 use proptest::test_runner::Config;
 
-use crate::entry::TARGETS;
 use crate::handmade::{seeds, spz};
 use crate::load_bytes;
+use crate::readers::TARGETS;
 
 #[test]
 fn the_fuzz_corpus_is_harmless() {
     for (target, run) in TARGETS {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus").join(target);
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz/corpus").join(target);
         let files: Vec<_> = std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
         assert!(!files.is_empty(), "{} has no seed", folder.display());
         for file in files {

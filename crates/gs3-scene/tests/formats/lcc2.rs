@@ -24,7 +24,8 @@ pub fn lcc2() -> BTreeMap<String, Vec<u8>> {
 #[test]
 fn lcc2_levels_and_environment() {
     let files = lcc2();
-    let options = |level_of_detail, environment| LoadOptions { level_of_detail, environment, axes: None };
+    let options =
+        |level_of_detail, environment| LoadOptions { level_of_detail, environment, ..LoadOptions::default() };
     let count =
         |options: &LoadOptions| load_folder("meta.lcc2", &files, options).map(|s| s.gaussians().len());
     assert_eq!(count(&options(None, false)).unwrap(), 2);

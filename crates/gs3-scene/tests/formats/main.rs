@@ -3,8 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a step that fails is a test that fails")]
 
 mod cameras;
-#[path = "../../fuzz/src/entry.rs"]
-#[allow(dead_code, reason = "shared with the fuzz targets, which use all of it")]
+#[path = "../../../../fuzz/src/entry.rs"]
 mod entry;
 mod gltf;
 mod handmade;
@@ -13,6 +12,9 @@ mod ksplat;
 mod lcc2;
 mod ply;
 mod rad;
+#[path = "../../../../fuzz/src/readers.rs"]
+#[allow(dead_code, reason = "shared with the fuzz targets, which use all of it")]
+mod readers;
 mod real;
 mod round_trip;
 mod sog;

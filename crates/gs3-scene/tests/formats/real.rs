@@ -60,7 +60,7 @@ fn the_environment_is_optional() {
     let Some(path) = real("lacadiere") else { return };
     assert_eq!(streamed(&path).unwrap(), Some(Streamed { levels: 1, has_environment: true }));
     let count = |environment| {
-        let options = LoadOptions { level_of_detail: Some(0), environment, axes: None };
+        let options = LoadOptions { level_of_detail: Some(0), environment, ..LoadOptions::default() };
         load(&path, &options, &|_| {}).unwrap().gaussians().len()
     };
     assert_eq!(count(false), 537_127 + 543_312 + 415_197);

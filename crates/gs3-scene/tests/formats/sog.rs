@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use gs3_scene::OpacityMode;
-use gs3_scene::format::{LoadOptions, Source, Streamed, load_source, streamed};
+use gs3_scene::format::{Budget, LoadOptions, Source, Streamed, load_source, streamed};
 use image_webp::ColorType;
 
 use crate::handmade::{ply_text, sog, sog_bundle, splat, spz, streamed_sog, webp};
@@ -46,7 +46,7 @@ fn a_stream_gives_the_chosen_level_and_the_environment() {
     let files = streamed_sog();
     let chunk = load_folder("meta.json", &sog(), &LoadOptions::default()).unwrap();
     let load = |level_of_detail, environment| {
-        let options = LoadOptions { level_of_detail, environment, axes: None };
+        let options = LoadOptions { level_of_detail, environment, ..LoadOptions::default() };
         load_folder("lod-meta.json", &files, &options)
     };
     let means = |scene: gs3_scene::Scene| {
@@ -61,6 +61,42 @@ fn a_stream_gives_the_chosen_level_and_the_environment() {
         load(Some(2), true),
         &["lod-meta.json", "level of detail", "below 2, the number of", "found 2"],
     );
+}
+
+#[test]
+fn a_budget_chooses_the_level_of_each_leaf() {
+    let files = streamed_sog();
+    let load = |gaussians, level_of_detail| {
+        let budget = Some(Budget { gaussians, cameras: Vec::new() });
+        let options = LoadOptions { level_of_detail, budget, environment: false, ..LoadOptions::default() };
+        load_folder("lod-meta.json", &files, &options)
+    };
+    let count = |gaussians| load(gaussians, None).unwrap().gaussians().len();
+    // The first leaf has two Gaussians, or one at its coarser level; the second leaf has one at its only level.
+    assert_eq!([0, 2, 3, 100].map(count), [2, 2, 3, 3]);
+    let coarse = load(2, None).unwrap();
+    let level_1 = {
+        let options = LoadOptions { level_of_detail: Some(1), environment: false, ..LoadOptions::default() };
+        load_folder("lod-meta.json", &files, &options).unwrap()
+    };
+    let means = |scene: &gs3_scene::Scene| -> Vec<_> {
+        (0..scene.gaussians().len()).map(|i| scene.gaussians().mean(i).map(f32::to_bits)).collect()
+    };
+    assert!(means(&coarse).contains(&means(&level_1)[0]));
+    assert_error(load(2, Some(1)), &["lod-meta.json", "level of detail", "a budget or one level"]);
+    // Of a scene in one piece nothing can be left out.
+    for (gaussians, is_within) in [(4, true), (3, false)] {
+        let budget = Some(Budget { gaussians, cameras: Vec::new() });
+        let options = LoadOptions { budget, ..LoadOptions::default() };
+        let loaded = load_folder("meta.json", &sog(), &options);
+        assert_eq!(loaded.is_ok(), is_within);
+        if !is_within {
+            assert_error(
+                loaded,
+                &["meta.json", "Gaussians", "at most 3, or a streamed SOG scene", "found 4"],
+            );
+        }
+    }
 }
 
 #[test]
@@ -103,7 +139,8 @@ fn scenes_in_one_piece_have_one_level() {
         [("s.sog", sog_bundle()), ("s.ply", ply_text()), ("s.spz", spz(3)), ("s.splat", splat())]
     {
         let load = |level| {
-            let options = LoadOptions { level_of_detail: Some(level), environment: false, axes: None };
+            let options =
+                LoadOptions { level_of_detail: Some(level), environment: false, ..LoadOptions::default() };
             load_source(&Source::memory(name, bytes.as_slice()), &BTreeMap::new(), &options, &|_| {})
         };
         assert_eq!(load(0).unwrap(), load_bytes(name, &bytes).unwrap());

@@ -24,12 +24,17 @@ pub struct CpuMachine {
     stages: CpuStages,
 }
 
+/// The rasterizer of `scene` with the settings of `plan`.
+pub fn rasterizer(plan: &FramePlan, scene: Arc<Scene>) -> Rasterizer {
+    Rasterizer::new(scene, plan.settings.culling).with_list_memory(plan.settings.list_memory)
+}
+
 impl CpuMachine {
     /// # Errors
     /// [`PipelineError`] if the scale is not supported, or weights do not fit it.
     pub fn new(plan: &FramePlan, scene: Arc<Scene>) -> Result<Self, PipelineError> {
         let stages = CpuStages::new(plan)?;
-        Ok(Self { rasterizer: Rasterizer::new(scene, plan.settings.culling), stages })
+        Ok(Self { rasterizer: rasterizer(plan, scene), stages })
     }
 
     /// Makes `frames.current` and the in-between frames before it.

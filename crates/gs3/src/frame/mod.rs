@@ -12,7 +12,6 @@ use std::sync::Arc;
 
 #[cfg(feature = "gpu")]
 use gs3_compute::{Gpu, StageTime};
-use gs3_raster::Rasterizer;
 use gs3_reconstruct::{FrameSequence, FrameStart, ResetReason};
 use gs3_scene::camera_path::pose_between;
 use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
@@ -417,7 +416,7 @@ impl FramePipeline {
     /// [`PipelineError`] if the scene does not fit the GPU that rasterizes; the old scene stays.
     pub fn set_scene(&mut self, scene: impl Into<Arc<Scene>>) -> Result<(), PipelineError> {
         match &mut self.machine {
-            Machine::Cpu(cpu) => cpu.rasterizer = Rasterizer::new(scene.into(), self.plan.settings.culling),
+            Machine::Cpu(cpu) => cpu.rasterizer = cpu::rasterizer(&self.plan, scene.into()),
             #[cfg(feature = "gpu")]
             Machine::Gpu(gpu) => gpu.set_scene(scene.into())?,
         }

@@ -36,7 +36,7 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
     start_threads(args.view.threads)?;
     let json = args.json.as_deref().map(|file| Destination::file("--json", file, "json"));
     destination::check(json.as_slice(), args.view.inputs())?;
-    let (scene, load_time) = inputs::scene_at(&args.view.scene, args.scene_options)?;
+    let (scene, load_time) = inputs::scene_of(&args.view, args.scene_options)?;
     let path = inputs::cameras(&args.view, &scene)?;
     inputs::check_is_perspective(&path)?;
     let range = inputs::first_frames(args.frames.as_ref(), DEFAULT_FRAMES, &path);

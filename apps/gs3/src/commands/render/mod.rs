@@ -48,7 +48,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     destinations.extend(args.compare.iter().map(|file| Destination::file("--compare", file, "png")));
     destinations.extend(args.json.iter().map(|file| Destination::file("--json", file, "json")));
     destination::check(&destinations, args.view.inputs())?;
-    let (scene, load_time) = inputs::scene_at(&args.view.scene, args.scene_options)?;
+    let (scene, load_time) = inputs::scene_of(&args.view, args.scene_options)?;
     let mut path = inputs::cameras(&args.view, &scene)?;
     if let Some(frames) = args.smooth {
         path = path.smoothed(frames as usize, Pace::Speed);

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::super::error::{LoadError, quoted};
 use super::super::progress::{Progress, Work};
 use super::super::source::{Files, Source, check_allowance};
-use super::super::{BLOCK, Decoded, origin, spz, unused_note};
+use super::super::{BLOCK, Decoded, memory, origin, spz, unused_note};
 use super::EXTENSION;
 use super::document::{Buffer, Document, Node, Primitive, open};
 use super::values::Values;
@@ -200,7 +200,7 @@ impl<'a> Reader<'a> {
         let floats = 11 + 3 * sh_coefficient_count(sh_degree) as u64;
         let file_bytes = self.buffers.iter().map(|buffer| buffer.length).sum();
         check_allowance(self.file, "count", file_bytes, (count as u64).checked_mul(floats * 4))?;
-        let mut gaussians = Gaussians::zeroed(count, sh_degree);
+        let mut gaussians = memory::gaussians(self.file, count, sh_degree)?;
         gaussians.slots().blocks(BLOCK).into_par_iter().try_for_each(|(first, mut slots)| {
             let count = slots.len();
             let Slots {

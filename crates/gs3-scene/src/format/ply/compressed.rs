@@ -6,13 +6,13 @@ use super::super::error::LoadError;
 use super::super::progress::{Progress, Work};
 use super::super::quaternion::with_largest;
 use super::super::source::Source;
-use super::super::{BLOCK, Decoded};
+use super::super::{BLOCK, Decoded, memory};
 use super::column::{Column, Endian, Scalar};
 use super::header::{Element, Encoding, Header};
 use super::text::end_of;
 use super::vertices::unused_properties;
 use crate::gaussians::SH_C0;
-use crate::gaussians::{Gaussians, MAX_SH_DEGREE, Slots, sh_coefficient_count};
+use crate::gaussians::{MAX_SH_DEGREE, Slots, sh_coefficient_count};
 
 /// Gaussians that share bounds.
 pub(super) const CHUNK: usize = 256;
@@ -54,7 +54,7 @@ pub(super) fn read(
         let expected = format!("{} rows for {} vertices", rows.count.div_ceil(CHUNK), rows.count);
         return Err(LoadError::invalid(file, "element \"chunk\"", expected, bounds.len().to_string()));
     }
-    let mut gaussians = Gaussians::zeroed(rows.count, sh_degree);
+    let mut gaussians = memory::gaussians(file, rows.count, sh_degree)?;
     let work = Work::new(rows.count as u64, progress);
     gaussians.slots().blocks(BLOCK).into_par_iter().try_for_each(|(first, mut slots)| {
         let count = slots.len();

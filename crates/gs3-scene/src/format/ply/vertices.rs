@@ -7,7 +7,7 @@ use super::super::error::{LoadError, quoted};
 use super::super::origin;
 use super::super::progress::{Progress, Work};
 use super::super::source::Source;
-use super::super::{Decoded, unused_note};
+use super::super::{Decoded, memory, unused_note};
 use super::column::{Column, Endian, Scalar};
 use super::header::{Element, Encoding, Header};
 use super::text::{Tokens, end_of};
@@ -116,7 +116,7 @@ fn read_binary(
     if layout.has_precise_positions() {
         layout.origin = sampled_origin(source, &layout, start, vertex.count)?;
     }
-    let mut gaussians = Gaussians::zeroed(count, layout.sh_degree);
+    let mut gaussians = memory::gaussians(source.name(), count, layout.sh_degree)?;
     let work = Work::new(vertex.count, progress);
     let rows_at_once = (READ_BYTES / layout.row_bytes).max(1);
     gaussians.slots().blocks(rows_at_once).into_par_iter().try_for_each_init(
@@ -161,7 +161,7 @@ fn read_text(
     for element in header.elements.iter().take_while(|element| element.name != "vertex") {
         tokens.skip(element)?;
     }
-    let mut gaussians = Gaussians::zeroed(vertex.count as usize, layout.sh_degree);
+    let mut gaussians = memory::gaussians(source.name(), vertex.count as usize, layout.sh_degree)?;
     let work = Work::new(vertex.count, progress);
     let mut rows = Vec::new();
     for (first, mut slots) in gaussians.slots().blocks(super::super::BLOCK) {

@@ -8,11 +8,11 @@ mod decode;
 use rayon::prelude::*;
 use serde::Deserialize;
 
-use super::Decoded;
 use super::error::LoadError;
 use super::progress::{Progress, Work};
 use super::source::{Files, Source, check_allowance, inside};
-use crate::gaussians::{Gaussians, SH_C0, Slots, sh_coefficient_count};
+use super::{Decoded, memory};
+use crate::gaussians::{SH_C0, Slots, sh_coefficient_count};
 use crate::scene::OpacityMode;
 use decode::Property;
 
@@ -109,7 +109,7 @@ pub(super) fn read(
         _ => None,
     };
     let work = Work::new(total, progress);
-    let mut gaussians = Gaussians::zeroed(total as usize, meta.max_sh);
+    let mut gaussians = memory::gaussians(name, total as usize, meta.max_sh)?;
     let mut is_leaf = vec![true; total as usize];
     let mut rest = (gaussians.slots(), &mut is_leaf[..]);
     let mut tasks = Vec::with_capacity(chunks.len());

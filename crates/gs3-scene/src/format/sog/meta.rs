@@ -134,6 +134,18 @@ pub(super) struct Node {
     pub(super) children: Vec<Self>,
     #[serde(default)]
     pub(super) lods: BTreeMap<u32, Run>,
+    /// What contains the Gaussians with their extents, in the file's axes.
+    pub(super) bound: Option<Bound>,
+    /// For each level, how much it differs from the leaf's finest one: 0 is not at all. Only with `lodErrors`.
+    #[serde(default)]
+    pub(super) errors: Vec<Option<f64>>,
+}
+
+/// A box along the axes, world units.
+#[derive(Clone, Copy, Debug, Deserialize)]
+pub(super) struct Bound {
+    pub(super) min: [f64; 3],
+    pub(super) max: [f64; 3],
 }
 
 /// Gaussians `offset` to `offset + count` of chunk `file`.

@@ -3,6 +3,7 @@
 //! Source: the SOG format specification, versions 1 and 2, and the streamed SOG specification, version 1, both by
 //! PlayCanvas. Every per-Gaussian image has Gaussian `i` at pixel `(i mod width, i / width)`.
 
+mod budget;
 mod chunk;
 mod codebook;
 mod meta;
@@ -16,12 +17,13 @@ use std::io;
 
 use rayon::prelude::*;
 
-use super::error::LoadError;
+use super::error::{LoadError, spelled};
 use super::progress::{Progress, Work};
 use super::source::{Files, Source, check_allowance};
-use super::{Decoded, origin};
+use super::{Decoded, memory, origin};
 use crate::gaussians::Gaussians;
 use crate::scene::OpacityMode;
+pub use budget::Budget;
 use chunk::{Chunk, Ranges};
 pub use stream::Streamed;
 pub(super) use stream::{read as read_streamed, streamed};
@@ -79,7 +81,7 @@ fn decode(file: &str, selections: Vec<Selection<'_>>, progress: Progress<'_>) ->
         bounds.collect()
     }));
     let work = Work::new(selections.iter().map(|(chunk, _)| chunk.work()).sum(), progress);
-    let mut gaussians = Gaussians::zeroed(count, degree);
+    let mut gaussians = memory::gaussians(file, count, degree)?;
     let mut rest = gaussians.slots();
     let mut tasks = Vec::with_capacity(selections.len());
     for ((chunk, ranges), count) in selections.into_iter().zip(counts) {
@@ -95,5 +97,5 @@ fn decode(file: &str, selections: Vec<Selection<'_>>, progress: Progress<'_>) ->
 
 /// The error of a file that a SOG scene names and does not have.
 pub(super) fn missing(name: &str) -> LoadError {
-    LoadError::Io { file: name.to_owned(), source: io::Error::from(io::ErrorKind::NotFound) }
+    LoadError::Io { file: spelled(name), source: io::Error::from(io::ErrorKind::NotFound) }
 }

@@ -4,9 +4,11 @@ use super::super::LoadOptions;
 use super::super::error::LoadError;
 use super::super::progress::Progress;
 use super::super::source::{Files, Source, inside};
+use super::budget::{leaves, levels};
 use super::chunk::{Chunk, Ranges};
 use super::meta::{LodMeta, Node, Run};
 use super::{Decoded, Selection, decode};
+use crate::axes::Axes;
 
 /// A chunk that `lod-meta.json` names.
 struct Wanted<'a> {
@@ -47,7 +49,18 @@ pub(in super::super) fn read(
         return Err(LoadError::invalid(name, "level of detail", expected, level.to_string()));
     }
     let mut runs = vec![Vec::new(); meta.filenames.len()];
-    collect_runs(name, &meta.tree, options.level_of_detail, &mut runs)?;
+    let leaves = leaves(&meta.tree);
+    let levels = match (&options.budget, options.level_of_detail) {
+        (None, level) => vec![level; leaves.len()],
+        (Some(budget), None) => levels(&meta.tree, budget, options.axes.unwrap_or(Axes::RDF).to_rdf()),
+        (Some(budget), Some(level)) => {
+            let actual = format!("a budget of {} Gaussians and level {level}", budget.gaussians);
+            return Err(LoadError::invalid(name, "level of detail", "a budget or one level", actual));
+        }
+    };
+    for (leaf, level) in leaves.into_iter().zip(levels) {
+        add_run(name, leaf, level, &mut runs)?;
+    }
 
     let mut wanted: Vec<Wanted<'_>> = Vec::new();
     for (file, runs) in meta.filenames.iter().zip(runs) {
@@ -78,25 +91,20 @@ pub(in super::super) fn read(
     decode(name, selections, progress)
 }
 
-/// Adds the ranges of the leaves under `node`, by chunk. The depth of the tree is bounded by the JSON parser
-/// (128).
-fn collect_runs(name: &str, node: &Node, level: Option<u32>, runs: &mut [Ranges]) -> Result<(), LoadError> {
+/// Adds the range of `leaf` at `level`, or at its finest one, to the runs of its chunk.
+fn add_run(name: &str, leaf: &Node, level: Option<u32>, runs: &mut [Ranges]) -> Result<(), LoadError> {
     let run = match level {
-        Some(level) => node.lods.get(&level),
-        None => node.lods.first_key_value().map(|(_, run)| run),
+        Some(level) => leaf.lods.get(&level),
+        None => leaf.lods.first_key_value().map(|(_, run)| run),
     };
-    if let Some(Run { file, offset, count }) = run.filter(|run| run.count > 0) {
-        let known = runs.len();
-        let (Some(runs), Some(end)) = (runs.get_mut(*file), offset.checked_add(*count)) else {
-            let expected = format!("a file below {known} and a range within it");
-            let actual = format!("file {file}, offset {offset}, count {count}");
-            return Err(LoadError::invalid(name, "tree", expected, actual));
-        };
-        runs.push(*offset..end);
-    }
-    for child in &node.children {
-        collect_runs(name, child, level, runs)?;
-    }
+    let Some(Run { file, offset, count }) = run.filter(|run| run.count > 0) else { return Ok(()) };
+    let known = runs.len();
+    let (Some(runs), Some(end)) = (runs.get_mut(*file), offset.checked_add(*count)) else {
+        let expected = format!("a file below {known} and a range within it");
+        let actual = format!("file {file}, offset {offset}, count {count}");
+        return Err(LoadError::invalid(name, "tree", expected, actual));
+    };
+    runs.push(*offset..end);
     Ok(())
 }
 

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::super::error::LoadError;
 use super::super::progress::{Progress, Work};
 use super::super::source::{Source, check_allowance};
-use super::super::{BLOCK, Decoded};
+use super::super::{BLOCK, Decoded, memory};
 use super::arrays::Arrays;
 use super::extensions::{Extensions, MOST_BYTES};
 use super::{ANTIALIASED, EXTENDED, HEADER, MAGIC, Sizes, streams};
@@ -90,7 +90,7 @@ fn decode(
         }
     };
     let arrays = Arrays::new(arrays, sizes, header.fractional_bits);
-    let mut gaussians = Gaussians::zeroed(header.count, header.sh_degree);
+    let mut gaussians = memory::gaussians(source.name(), header.count, header.sh_degree)?;
     gaussians.slots().blocks(BLOCK).into_par_iter().for_each(|(first, mut slots)| {
         arrays.unpack(first, &mut slots);
         work.add(slots.len() * sizes.total());

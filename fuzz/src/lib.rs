@@ -1,0 +1,5 @@
+//! Entries of the fuzz targets.
+
+pub mod entry;
+pub mod frames;
+pub mod readers;
