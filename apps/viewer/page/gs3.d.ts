@@ -53,10 +53,11 @@ export interface Figures {
 
 /**
  * Events: "frame" and "idle" with `detail: Figures`; "error" with `detail: {message}` after which the viewer is closed; "save" with
- * `detail: {name, bytes}`, which `preventDefault()` keeps from the downloads.
+ * `detail: {name, bytes}`, which `preventDefault()` keeps from the downloads; "choose" when the user asks for files to open, which
+ * `preventDefault()` keeps from the browser's dialog.
  */
 export interface Viewer extends EventTarget {
-  /** Opens a scene or cameras: a URL, "demo", a file, or the files of one folder. */
+  /** Opens a scene or cameras: a URL, "demo", a file, the files of one folder, or a scene and its cameras. */
   open(source: string | Blob | Iterable<File>): void;
   camera(): Promise<Camera>;
   setCamera(camera: Camera): Promise<void>;

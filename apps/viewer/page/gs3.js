@@ -48,7 +48,7 @@ class PageViewer extends EventTarget {
     return started;
   }
 
-  /** Opens the scene or the cameras at `source`: a URL, "demo", a File, or a list of Files of one folder. */
+  /** Opens the scene or the cameras at `source`: a URL, "demo", a File, or a list of Files: a folder's, or a scene and its cameras. */
   open(source) {
     const files = source instanceof Blob ? [source] : source;
     const message = typeof source === "string" ? { url: source } : { files: Array.from(files, (file) => [pathOf(file), file]) };
@@ -135,6 +135,29 @@ class PageViewer extends EventTarget {
         return this.#emit("idle", data.figures);
       case "save":
         return this.#save(data);
+      case "choose":
+        return this.#choose();
+    }
+  }
+
+  // The button and the key that ask for files. A page may ask in its own way: `event.preventDefault()`, then `open`.
+  #choose() {
+    if (!this.dispatchEvent(new CustomEvent("choose", { cancelable: true }))) return;
+    const input = document.createElement("input");
+    [input.type, input.multiple, input.hidden] = ["file", true, true];
+    const post = (message) => this.#worker.postMessage(message);
+    input.addEventListener("change", () => {
+      if (input.files.length > 0) this.open(input.files);
+      input.remove();
+    });
+    input.addEventListener("cancel", () => input.remove());
+    document.body.append(input);
+    try {
+      // Browsers let a page ask for files for some seconds after a click or a key.
+      input.showPicker();
+    } catch (error) {
+      input.remove();
+      post({ kind: "notChosen", message: `file dialog: expected one after a click or a key, found ${error.message}` });
     }
   }
 
@@ -203,6 +226,8 @@ class PageViewer extends EventTarget {
         if (event.repeat || event.metaKey || (event.ctrlKey && event.key.length > 1)) return;
         // Space and Backspace are the viewer's here, not the page's.
         if ([" ", "Backspace"].includes(event.key)) event.preventDefault();
+        // The browser's own dialog would leave the page.
+        if (event.ctrlKey && event.key === "o") event.preventDefault();
         post({ kind: "key", key: event.key, isPressed: name === "keydown" });
       });
     }

@@ -54,6 +54,7 @@ function step() {
   }
   for (const effect of viewer.takeEffects()) {
     if (effect.kind === "open") open(effect.name);
+    else if (effect.kind === "choose") postMessage({ kind: "choose" });
     else save(effect);
   }
   schedule();
@@ -135,7 +136,7 @@ function nameOf(url) {
   return decodeURIComponent(path.slice(path.lastIndexOf("/") + 1)) || path;
 }
 
-// What the page shows of several files of a folder is the folder's name.
+// What the page shows of several files is the name of their folder, or of the first of them.
 function nameOfFiles(files) {
   const [path] = files[0];
   return files.length === 1 ? path : path.split("/")[0];
@@ -166,6 +167,7 @@ const inputs = {
     isShowing = false;
     viewer.presented(performance.now() - shownAt);
   },
+  notChosen: ({ message }) => viewer.notChosen(message),
   open(source) {
     if (source.files?.length === 0) return viewer.failed("expected a file, found none");
     let name;

@@ -12,9 +12,11 @@ pub mod input;
 pub mod page;
 pub mod paint;
 pub mod panels;
+pub mod path_file;
 mod screenshot;
 pub mod script;
 pub mod tour;
+pub mod video;
 pub mod viewer;
 pub mod views;
 #[cfg(feature = "window")]

@@ -12,6 +12,7 @@ use crate::compare::Compare;
 use crate::controls::FOV;
 use crate::input::{Button, Input, Modifiers};
 use crate::paint::{Painter, Picture};
+use crate::path_file::PathFormat;
 use crate::views::View;
 
 /// The keys' functions, for the help.
@@ -29,7 +30,7 @@ const HELP: &[(&str, &str)] = &[
     ("C", "next comparison; drag its dividers"),
     ("K, Backspace", "add a keyframe, remove the last"),
     ("Space", "play or stop the keyframes"),
-    ("P", "screenshot"),
+    ("P, O", "screenshot; open files"),
     ("M, I, H", "controls, figures, this help"),
     ("Escape", "close what is open"),
     ("drop a file", "open a scene or cameras"),
@@ -56,8 +57,14 @@ pub enum Action {
     Play,
     /// Shows the tour's camera at this time, seconds.
     Scrub(f64),
-    /// Writes the keyframes.
-    SaveTour,
+    /// Writes the keyframes in this format.
+    SaveTour(PathFormat),
+    /// Renders the keyframes' path to a video.
+    Video,
+    /// Ends the video under way without a file.
+    StopVideo,
+    /// Asks for files to open.
+    Open,
     /// Takes a screenshot, so many times larger.
     Shoot(u32),
     /// Frames the scene.
@@ -79,6 +86,10 @@ pub struct Facts {
     pub note: Option<String>,
     /// Name of the file being opened, and the share that is done.
     pub opening: Option<(String, f32)>,
+    /// Whether videos can be made.
+    pub has_videos: bool,
+    /// The share of the video under way that is done.
+    pub video: Option<f32>,
     /// Whether a file is held over the window.
     pub is_hovering: bool,
     /// The view shown.
@@ -97,8 +108,10 @@ pub struct Facts {
     pub keys: usize,
     /// Length of the tour, seconds.
     pub tour_seconds: f64,
-    /// Where the tour is, while it plays.
-    pub playing: Option<f64>,
+    /// Whether the tour plays.
+    pub is_playing: bool,
+    /// Where the tour was shown last, seconds from its beginning.
+    pub tour_time: f64,
 }
 
 /// The panels and their memory.
@@ -113,7 +126,6 @@ pub struct Panels {
     is_help: bool,
     is_menu: bool,
     is_figures: bool,
-    scrubbed: f64,
 }
 
 impl std::fmt::Debug for Panels {
@@ -149,7 +161,6 @@ impl Default for Panels {
             is_help: false,
             is_menu: false,
             is_figures: true,
-            scrubbed: 0.0,
         }
     }
 }
@@ -266,6 +277,9 @@ impl Panels {
         if self.is_help {
             show_help(&context, size);
         }
+        if let Some(share) = facts.video {
+            show_video(&context, share, actions);
+        }
         if let Some((name, share)) = &facts.opening {
             note(&context, "opening", &format!("opening {name}: {:.0} %", share * 100.0));
         } else if facts.is_hovering {
@@ -312,14 +326,16 @@ impl Panels {
                     }
                 });
                 ui.horizontal(|ui| {
-                    for (name, action) in [("Frame", Action::Frame), ("Reset", Action::Reset)] {
+                    let buttons =
+                        [("Open…", Action::Open), ("Frame", Action::Frame), ("Reset", Action::Reset)];
+                    for (name, action) in buttons {
                         if ui.button(name).clicked() {
                             actions.push(action);
                         }
                     }
                 });
                 ui.separator();
-                self.show_tour(ui, facts, actions);
+                show_tour(ui, facts, actions);
                 ui.separator();
                 ui.horizontal(|ui| {
                     ui.label("screenshot");
@@ -331,37 +347,6 @@ impl Panels {
                 });
             });
         self.is_menu &= is_open;
-    }
-
-    fn show_tour(&mut self, ui: &mut Ui, facts: &Facts, actions: &mut Vec<Action>) {
-        ui.horizontal(|ui| {
-            ui.label(format!("keyframes: {}", facts.keys));
-            if ui.button("Add").clicked() {
-                actions.push(Action::AddKey);
-            }
-            if ui.add_enabled(facts.keys > 0, egui::Button::new("Remove")).clicked() {
-                actions.push(Action::RemoveKey);
-            }
-            if ui.add_enabled(facts.keys > 0, egui::Button::new("Save")).clicked() {
-                actions.push(Action::SaveTour);
-            }
-        });
-        if facts.tour_seconds <= 0.0 {
-            return;
-        }
-        ui.horizontal(|ui| {
-            if ui.button(if facts.playing.is_some() { "Stop" } else { "Play" }).clicked() {
-                actions.push(Action::Play);
-            }
-            if let Some(seconds) = facts.playing {
-                self.scrubbed = seconds;
-            }
-            let slider =
-                Slider::new(&mut self.scrubbed, 0.0..=facts.tour_seconds).fixed_decimals(1).suffix(" s");
-            if ui.add(slider).changed() {
-                actions.push(Action::Scrub(self.scrubbed));
-            }
-        });
     }
 }
 
@@ -388,6 +373,45 @@ fn pick<T: Copy + PartialEq, const N: usize>(
             if ui.selectable_label(choice == current, name(choice)).clicked() {
                 picked(choice);
             }
+        }
+    });
+}
+
+fn show_tour(ui: &mut Ui, facts: &Facts, actions: &mut Vec<Action>) {
+    ui.horizontal(|ui| {
+        ui.label(format!("keyframes: {}", facts.keys));
+        if ui.button("Add").clicked() {
+            actions.push(Action::AddKey);
+        }
+        if ui.add_enabled(facts.keys > 0, egui::Button::new("Remove")).clicked() {
+            actions.push(Action::RemoveKey);
+        }
+    });
+    ui.horizontal(|ui| {
+        ui.label("save");
+        for (name, format) in
+            [("camera path", PathFormat::CameraPath), ("SuperSplat", PathFormat::SuperSplat)]
+        {
+            if ui.add_enabled(facts.keys > 0, egui::Button::new(name)).clicked() {
+                actions.push(Action::SaveTour(format));
+            }
+        }
+        let can_begin = facts.tour_seconds > 0.0 && facts.video.is_none();
+        if facts.has_videos && ui.add_enabled(can_begin, egui::Button::new("Video")).clicked() {
+            actions.push(Action::Video);
+        }
+    });
+    if facts.tour_seconds <= 0.0 {
+        return;
+    }
+    ui.horizontal(|ui| {
+        if ui.button(if facts.is_playing { "Stop" } else { "Play" }).clicked() {
+            actions.push(Action::Play);
+        }
+        let mut seconds = facts.tour_time;
+        let slider = Slider::new(&mut seconds, 0.0..=facts.tour_seconds).fixed_decimals(1).suffix(" s");
+        if ui.add(slider).changed() {
+            actions.push(Action::Scrub(seconds));
         }
     });
 }
@@ -446,6 +470,22 @@ fn show_message(context: &Context, message: &str, size: Vec2, actions: &mut Vec<
                 actions.push(Action::Dismiss);
             }
         });
+}
+
+/// The video under way, over the picture even while the controls are closed.
+fn show_video(context: &Context, share: f32, actions: &mut Vec<Action>) {
+    Area::new(Id::unique("video")).anchor(Align2::LEFT_BOTTOM, vec2(8.0, -8.0)).show(context, |ui| {
+        panel().show(ui, |ui| {
+            ui.horizontal(|ui| {
+                line_of(ui, RichText::new("video"));
+                let text = format!("{:.0} %", share * 100.0);
+                ui.add(egui::ProgressBar::new(share).desired_width(120.0).text(text));
+                if ui.button("Cancel").clicked() {
+                    actions.push(Action::StopVideo);
+                }
+            });
+        });
+    });
 }
 
 fn note(context: &Context, id: &str, text: &str) {

@@ -6,7 +6,8 @@ use std::path::PathBuf;
 use serde::Deserialize;
 
 use crate::input::{Button, Input, Key, Modifiers, Touch};
-use crate::viewer::{Shot, Viewer};
+use crate::video::VideoWish;
+use crate::viewer::{Place, Shot, Viewer};
 
 /// Loops in which a script waits for rest at most: some minutes at 30 frames a second.
 const MOST_WAITS: usize = 10_000;
@@ -86,8 +87,16 @@ enum Step {
         scale: u32,
         camera: Option<PathBuf>,
     },
-    /// Writes the keyframes as a `camera_path.json`.
+    /// Writes the keyframes, in the format of the file's name.
     SavePath { file: PathBuf },
+    /// Shows the camera at this share of the keyframes' path.
+    Scrub { at: f64 },
+    /// Begins to render the keyframes' path to an MP4 file.
+    Video { file: PathBuf, size: Option<[u32; 2]>, fps: Option<f64>, frames: Option<u32> },
+    /// Waits until no video is under way.
+    WaitVideo {},
+    /// Ends the video under way without a file.
+    StopVideo {},
     /// Writes figures of the frames displayed last as JSON.
     Figures { file: PathBuf },
     /// Ends with an error unless all of it is so.
@@ -96,7 +105,9 @@ enum Step {
         playing: Option<bool>,
         gaussians: Option<usize>,
         keys: Option<usize>,
+        video: Option<bool>,
         message: Option<String>,
+        note: Option<String>,
     },
     /// Closes the viewer.
     End {},
@@ -123,6 +134,11 @@ enum Op {
     WaitIdle,
     Shot(Shot),
     SavePath(PathBuf),
+    /// Goes to a share of the keyframes' path.
+    Scrub(f64),
+    Video(VideoWish),
+    WaitVideo,
+    StopVideo,
     Figures(PathBuf),
     Expect(Expected),
     End,
@@ -134,7 +150,9 @@ struct Expected {
     playing: Option<bool>,
     gaussians: Option<usize>,
     keys: Option<usize>,
+    video: Option<bool>,
     message: Option<String>,
+    note: Option<String>,
 }
 
 /// Whether a script goes on.
@@ -194,9 +212,14 @@ impl Script {
                 }
                 return Ok(Playing::On);
             }
+            // A video ends in time of its own, by itself or by an error.
+            if matches!(op, Op::WaitVideo) && viewer.video().is_some() {
+                return Ok(Playing::On);
+            }
             self.ops.pop_front();
             match op {
                 Op::WaitIdle => self.waited = 0,
+                Op::WaitVideo => {}
                 Op::Frame => return Ok(Playing::On),
                 Op::Input(input) => viewer.input(input),
                 Op::Move(at) => viewer.input(Input::PointerMoved(pixels(at, viewer))),
@@ -204,7 +227,20 @@ impl Script {
                     viewer.input(Input::Touch(finger, touch, pixels(at, viewer)));
                 }
                 Op::Shot(shot) => viewer.shoot(shot),
-                Op::SavePath(file) => viewer.save_tour(Some(file)),
+                Op::SavePath(file) => viewer.save_tour(Place::File(file)),
+                Op::Scrub(at) => {
+                    if viewer.tour().way().is_none() {
+                        let actual = format!("{}", viewer.tour().keys());
+                        return Err(ScriptFailure {
+                            step,
+                            expected: "at least 2 keyframes".to_owned(),
+                            actual,
+                        });
+                    }
+                    viewer.scrub(at * viewer.tour().seconds());
+                }
+                Op::Video(wish) => viewer.make_video(wish),
+                Op::StopVideo => viewer.stop_video(),
                 Op::Figures(file) => viewer.save_figures(file),
                 Op::Expect(expected) => expected.check(viewer, step)?,
                 Op::End => return Ok(Playing::End),
@@ -228,14 +264,16 @@ impl Expected {
         check("playing", self.playing.map(text), text(viewer.tour().playing().is_some()))?;
         check("gaussians", self.gaussians.map(|v| v.to_string()), viewer.gaussians().to_string())?;
         check("keys", self.keys.map(|v| v.to_string()), viewer.tour().keys().to_string())?;
-        let shown = viewer.message().unwrap_or_default();
-        match &self.message {
+        check("video", self.video.map(text), text(viewer.video().is_some()))?;
+        let contains = |what: &str, part: &Option<String>, shown: &str| match part {
             Some(part) if !shown.contains(part.as_str()) || (part.is_empty() && !shown.is_empty()) => {
-                let expected = format!("a message with {part:?}");
+                let expected = format!("a {what} with {part:?}");
                 Err(ScriptFailure { step, expected, actual: format!("{shown:?}") })
             }
             _ => Ok(()),
-        }
+        };
+        contains("message", &self.message, viewer.message().unwrap_or_default())?;
+        contains("note", &self.note, viewer.note().unwrap_or_default())
     }
 }
 
@@ -324,9 +362,20 @@ fn expand(step: Step) -> Result<Vec<Op>, String> {
             vec![Op::Shot(Shot { file: Some(file), panels, scale, camera }), Op::Frame]
         }
         Step::SavePath { file } => vec![Op::SavePath(file), Op::Frame],
+        Step::Scrub { at } => {
+            if !(0.0..=1.0).contains(&at) {
+                return Err(format!("at: expected a share from 0 to 1, found {at}"));
+            }
+            vec![Op::Scrub(at), Op::Frame]
+        }
+        Step::Video { file, size, fps, frames } => {
+            vec![Op::Video(VideoWish { file: Some(file), size, fps, frames }), Op::Frame]
+        }
+        Step::WaitVideo {} => vec![Op::WaitVideo],
+        Step::StopVideo {} => vec![Op::StopVideo, Op::Frame],
         Step::Figures { file } => vec![Op::Figures(file), Op::Frame],
-        Step::Expect { idle, playing, gaussians, keys, message } => {
-            vec![Op::Expect(Expected { idle, playing, gaussians, keys, message })]
+        Step::Expect { idle, playing, gaussians, keys, video, message, note } => {
+            vec![Op::Expect(Expected { idle, playing, gaussians, keys, video, message, note })]
         }
         Step::End {} => vec![Op::End],
     })
@@ -365,6 +414,8 @@ mod tests {
             (r#"{"do": "key", "key": "Hyper"}"#, &["key: expected a key as W", "found \"Hyper\""]),
             (r#"{"do": "move", "to": [0.5, 1.5]}"#, &["two shares from 0 to 1, found [0.5, 1.5]"]),
             (r#"{"do": "press", "button": "fourth"}"#, &["unknown variant `fourth`, expected one of `left`"]),
+            (r#"{"do": "scrub", "at": 1.5}"#, &["at: expected a share from 0 to 1, found 1.5"]),
+            (r#"{"do": "video"}"#, &["missing field `file`"]),
             (r#"{"do": "screenshot", "file": "a.png", "scale": 9}"#, &["scale: expected 1 to 8, found 9"]),
             (
                 r#"{"do": "screenshot", "file": "a.png", "scale": 2, "panels": true}"#,
@@ -390,13 +441,15 @@ mod tests {
             {"do": "wheel", "lines": 2, "at": [0.1, 0.1]}, {"do": "key", "key": "F"},
             {"do": "hold", "key": "W", "frames": 4, "shift": true}, {"do": "drop", "file": "a.ply"},
             {"do": "screenshot", "file": "a.png", "camera": "a.json"}, {"do": "save_path", "file": "p.json"},
-            {"do": "figures", "file": "f.json"}, {"do": "expect", "idle": true, "message": ""}, {"do": "end"}
+            {"do": "figures", "file": "f.json"}, {"do": "expect", "idle": true, "message": "", "note": "w", "video": false},
+            {"do": "scrub", "at": 0.25}, {"do": "video", "file": "a.mp4"}, {"do": "wait_video"}, {"do": "stop_video"},
+            {"do": "video", "file": "a.mp4", "size": [64, 36], "fps": 24, "frames": 9}, {"do": "end"}
         ]}"#;
         let script = Script::parse(script).unwrap();
         let steps: std::collections::BTreeSet<usize> = script.ops.iter().map(|(step, _)| *step).collect();
-        assert_eq!(steps.len(), 18);
+        assert_eq!(steps.len(), 23);
         let frames = script.ops.iter().filter(|(_, op)| matches!(op, Op::Frame)).count();
-        // 2 + 1 + 1 + 1 + 1 + (3 + 3) + 1 + 5 + 1 + 1 + 2 + (4 + 1) + 1 + 1 + 1 + 1
-        assert_eq!(frames, 31);
+        // 2 + 1 + 1 + 1 + 1 + (3 + 3) + 1 + 5 + 1 + 1 + 2 + (4 + 1) + 1 + 1 + 1 + 1, and 4 of the last lines.
+        assert_eq!(frames, 35);
     }
 }

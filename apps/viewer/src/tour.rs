@@ -1,10 +1,10 @@
-//! Keyframes of the camera: recorded, played, written and read.
+//! Keyframes of the camera: recorded, played and written.
 
-use gs3::glam::{DMat3, DVec3};
+use gs3::glam::DVec3;
 use gs3::scene::camera_path::Pace;
-use gs3::scene::transform::Similarity;
-use gs3::scene::{Camera, CameraError, CameraPath};
-use serde_json::{Value, json};
+use gs3::scene::{Camera, CameraPath};
+
+use crate::path_file::{PathFile, PathFileError, PathFormat, moved};
 
 /// Seconds from one recorded keyframe to the next, on average.
 const SECONDS_PER_KEY: f64 = 2.0;
@@ -20,8 +20,9 @@ pub struct Tour {
     is_recorded: bool,
     /// The way through the keyframes, once there are two.
     way: Option<CameraPath>,
-    /// Seconds since the beginning, while it plays.
-    playing: Option<f64>,
+    /// Seconds from the beginning to where the tour was shown last.
+    time: f64,
+    is_playing: bool,
 }
 
 impl Tour {
@@ -29,7 +30,7 @@ impl Tour {
     #[must_use]
     pub fn along(path: &CameraPath) -> Self {
         let way = (path.cameras().len() > 1).then(|| path.clone());
-        Self { keys: path.cameras().to_vec(), is_recorded: false, way, playing: None }
+        Self { keys: path.cameras().to_vec(), way, ..Self::default() }
     }
 
     /// Adds a keyframe at the end. After a path that was read, a recording begins with it.
@@ -51,7 +52,7 @@ impl Tour {
     }
 
     fn smooth(&mut self) {
-        self.playing = None;
+        (self.time, self.is_playing) = (0.0, false);
         let way = CameraPath::new(self.keys.clone(), WRITTEN_FPS, false).ok().filter(|_| self.keys.len() > 1);
         self.way = way.map(|path| {
             let seconds = SECONDS_PER_KEY * (self.keys.len() - 1) as f64;
@@ -74,20 +75,30 @@ impl Tour {
         })
     }
 
-    /// Begins to play, from the beginning; does nothing without two keyframes.
+    /// Plays on from where the tour was shown last, or from the beginning after its end. Does nothing without two
+    /// keyframes.
     pub fn play(&mut self) {
-        self.playing = self.way.as_ref().map(|_| 0.0);
+        if self.time >= self.seconds() {
+            self.time = 0.0;
+        }
+        self.is_playing = self.way.is_some();
     }
 
     /// Stops where it is.
-    pub fn stop(&mut self) {
-        self.playing = None;
+    pub const fn stop(&mut self) {
+        self.is_playing = false;
     }
 
     /// Seconds since the beginning, while it plays.
     #[must_use]
-    pub const fn playing(&self) -> Option<f64> {
-        self.playing
+    pub fn playing(&self) -> Option<f64> {
+        self.is_playing.then_some(self.time)
+    }
+
+    /// Seconds from the beginning to where the tour was shown last.
+    #[must_use]
+    pub const fn time(&self) -> f64 {
+        self.time
     }
 
     /// The camera `seconds` after the beginning.
@@ -96,72 +107,51 @@ impl Tour {
         self.way.as_ref().map(|way| way.at(seconds * way.frames_per_second()))
     }
 
+    /// Goes to `seconds` after the beginning, or to the nearer end, and stops there: the camera then. `None` without two
+    /// keyframes.
+    pub fn scrub(&mut self, seconds: f64) -> Option<Camera> {
+        self.is_playing = false;
+        self.time = if seconds.is_finite() { seconds.clamp(0.0, self.seconds()) } else { 0.0 };
+        self.at(self.time)
+    }
+
     /// Goes on by `seconds`, if it plays: the camera now. It ends at its last keyframe.
     pub fn advance(&mut self, seconds: f64) -> Option<Camera> {
-        let time = (self.playing? + seconds).min(self.seconds());
-        self.playing = (time < self.seconds()).then_some(time);
+        let time = (self.playing()? + seconds).min(self.seconds());
+        (self.time, self.is_playing) = (time, time < self.seconds());
         self.at(time)
     }
 
-    /// The tour as nerfstudio's `camera_path.json`, which `gs3 render --path` reads, with pictures of `size`. The
-    /// scene's `origin` is measured from the origin of the file's world. `None` without a keyframe.
+    /// The way through the keyframes; `None` without two keyframes.
     #[must_use]
-    pub fn to_camera_path(&self, size: [u32; 2], origin: DVec3) -> Option<Vec<u8>> {
+    pub const fn way(&self) -> Option<&CameraPath> {
+        self.way.as_ref()
+    }
+
+    /// The tour as a file of `format`, which `gs3 render --path` reads, with pictures of `size`. The scene's `origin` is
+    /// measured from the origin of the file's world. A viewer that orbits does so `distance` (positive) before the first
+    /// camera. `None` without a keyframe.
+    ///
+    /// # Errors
+    /// [`PathFileError`] if the format has no place for one of the cameras.
+    pub fn to_file(
+        &self,
+        format: PathFormat,
+        size: [u32; 2],
+        origin: DVec3,
+        distance: f64,
+    ) -> Result<Option<PathFile>, PathFileError> {
         let single;
-        let path = match &self.way {
-            Some(way) => way,
-            None => {
-                single = CameraPath::new(self.keys.clone(), WRITTEN_FPS, false).ok()?;
+        let path = match (&self.way, self.keys.first()) {
+            (Some(way), _) => way,
+            (None, Some(key)) => {
+                single = CameraPath::new(vec![*key], WRITTEN_FPS, false)?;
                 &single
             }
+            (None, None) => return Ok(None),
         };
-        Some(camera_path_json(&moved(path, origin).ok()?, size))
+        PathFile::new(format, &moved(path, origin)?, size, distance).map(Some)
     }
-}
-
-/// `path` in a world that has been moved by `shift`.
-///
-/// # Errors
-/// [`CameraError`] if a pose becomes none.
-pub fn moved(path: &CameraPath, shift: DVec3) -> Result<CameraPath, CameraError> {
-    path.in_moved_world(&Similarity { shift, ..Similarity::orthogonal(DMat3::IDENTITY) })
-}
-
-/// `path` as nerfstudio's `camera_path.json`, with pictures of `size`. What the format has no place for, principal points
-/// beside the centre and pixels that are no squares, is left out.
-#[must_use]
-pub fn camera_path_json(path: &CameraPath, size: [u32; 2]) -> Vec<u8> {
-    let frames: Vec<Value> = path.cameras().iter().map(frame).collect();
-    let fps = path.frames_per_second();
-    let json = json!({
-        "camera_type": "perspective",
-        "render_width": size[0],
-        "render_height": size[1],
-        "fps": fps,
-        "seconds": frames.len() as f64 / fps,
-        "is_cycle": path.is_cycle(),
-        "camera_path": frames,
-    });
-    let mut bytes = format!("{json:#}").into_bytes();
-    bytes.push(b'\n');
-    bytes
-}
-
-/// One camera in OpenGL's axes: x right, y up, z backward.
-fn frame(camera: &Camera) -> Value {
-    let world_from_view = camera.world_from_view();
-    let turned = world_from_view.matrix3 * DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
-    let [x, y, z] = [turned.x_axis, turned.y_axis, turned.z_axis];
-    let t = world_from_view.translation;
-    let rows = [0, 1, 2].map(|r| [x[r], y[r], z[r], t[r]]);
-    let matrix: Vec<f64> = rows.into_iter().flatten().chain([0.0, 0.0, 0.0, 1.0]).collect();
-    let i = camera.intrinsics();
-    let fov = 2.0 * (0.5 * f64::from(i.height) / i.fy).atan();
-    json!({
-        "camera_to_world": matrix,
-        "fov": fov.to_degrees(),
-        "aspect": f64::from(i.width) / f64::from(i.height),
-    })
 }
 
 #[cfg(test)]
@@ -172,6 +162,12 @@ mod tests {
 
     fn path() -> CameraPath {
         demo::path().resized(64, 40).unwrap()
+    }
+
+    /// The tour as a `camera_path.json`.
+    fn json(tour: &Tour) -> Option<Vec<u8>> {
+        let file = tour.to_file(PathFormat::CameraPath, [64, 40], DVec3::ZERO, 1.0).unwrap();
+        file.map(|file| file.bytes)
     }
 
     fn tour() -> Tour {
@@ -195,22 +191,42 @@ mod tests {
     }
 
     #[test]
+    fn playing_goes_on_where_the_tour_was_scrubbed_to() {
+        let mut tour = tour();
+        let near = |a: Camera, b: Camera| a.view_from_world().abs_diff_eq(b.view_from_world(), 1e-9);
+        assert!(near(tour.scrub(3.0).unwrap(), tour.at(3.0).unwrap()));
+        assert_eq!((tour.time(), tour.playing()), (3.0, None));
+        tour.play();
+        assert!(near(tour.advance(0.5).unwrap(), tour.at(3.5).unwrap()));
+        tour.stop();
+        assert_eq!((tour.time(), tour.playing()), (3.5, None));
+        for (beyond, end) in [(-1.0, 0.0), (9.0, 4.0), (f64::NAN, 0.0)] {
+            assert!(near(tour.scrub(beyond).unwrap(), tour.at(end).unwrap()), "{beyond}");
+        }
+        // After its end it plays from the beginning.
+        tour.scrub(4.0);
+        tour.play();
+        assert_eq!(tour.playing(), Some(0.0));
+        assert!(Tour::default().scrub(1.0).is_none());
+    }
+
+    #[test]
     fn a_single_key_is_no_way_and_can_be_written() {
         let mut tour = tour();
         tour.remove_last();
         tour.remove_last();
         tour.play();
         assert!(tour.playing().is_none() && tour.keys() == 1 && tour.seconds() == 0.0);
-        let read = capture::parse_json(&tour.to_camera_path([64, 40], DVec3::ZERO).unwrap()).unwrap();
+        let read = capture::parse_json(&json(&tour).unwrap()).unwrap();
         assert_eq!(read.cameras().len(), 1);
         tour.remove_last();
-        assert!(tour.to_camera_path([64, 40], DVec3::ZERO).is_none());
+        assert!(json(&tour).is_none());
     }
 
     #[test]
     fn what_is_written_is_read() {
         let mut tour = tour();
-        let read = capture::parse_json(&tour.to_camera_path([64, 40], DVec3::ZERO).unwrap()).unwrap();
+        let read = capture::parse_json(&json(&tour).unwrap()).unwrap();
         assert_eq!((read.cameras().len(), read.frames_per_second()), (121, WRITTEN_FPS));
         tour.play();
         for camera in read.cameras().iter().take(120) {

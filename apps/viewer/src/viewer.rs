@@ -5,6 +5,7 @@ mod frames;
 mod inputs;
 mod shown;
 mod touch;
+mod video;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -23,6 +24,7 @@ use crate::input::{Button, Input, Modifiers};
 use crate::paint::Picture;
 use crate::panels::Panels;
 use crate::tour::Tour;
+use crate::video::VideoPlan;
 use crate::views::View;
 use touch::Fingers;
 
@@ -79,13 +81,28 @@ pub enum Place {
     },
 }
 
+impl std::fmt::Display for Place {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::File(file) => write!(f, "{}", file.display()),
+            Self::Numbered { stem, extension } => write!(f, "{stem}-NNNN.{extension}"),
+        }
+    }
+}
+
 /// Requests of the viewer to its surroundings.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Effect {
+    /// Asks the user for files, and answers with [`Input::Dropped`] for each, or with [`Viewer::not_chosen`].
+    Choose,
     /// Opens a file or folder, and answers with [`Viewer::opened`].
     Open(PathBuf),
     /// Writes a file, and answers with [`Viewer::saved`].
     Save(Place, Vec<u8>),
+    /// Renders a video of the viewer's scene, tells [`Viewer::video_progress`], and answers with [`Viewer::video_ended`].
+    Video(Place, Box<VideoPlan>),
+    /// Ends the video under way without a file.
+    StopVideo,
 }
 
 /// A requested screenshot.
@@ -186,6 +203,12 @@ pub struct Viewer {
     note: Option<(String, Duration)>,
     is_hovering: bool,
     opening: Option<(String, f32)>,
+    /// What the format of the path being saved has no place for.
+    left_out: Vec<String>,
+    /// Whether the surroundings make videos.
+    has_videos: bool,
+    /// The share of the video under way that is done.
+    video: Option<f32>,
     shots: Vec<Shot>,
     effects: Vec<Effect>,
     last_step: Option<Duration>,
@@ -242,6 +265,9 @@ impl Viewer {
             note: None,
             is_hovering: false,
             opening: None,
+            left_out: Vec::new(),
+            has_videos: false,
+            video: None,
             shots: Vec::new(),
             effects: Vec::new(),
             last_step: None,
@@ -410,6 +436,12 @@ impl Viewer {
     #[must_use]
     pub fn message(&self) -> Option<&str> {
         self.message.as_deref()
+    }
+
+    /// What has been done, while the note of it is shown.
+    #[must_use]
+    pub fn note(&self) -> Option<&str> {
+        self.note.as_ref().map(|(note, _)| note.as_str())
     }
 
     /// The keyframes.

@@ -1,7 +1,9 @@
 //! The native window: winit's events come in, the CPU's pixels go out, and files are read and written in threads.
 
+mod dialog;
 mod files;
 mod input;
+mod video;
 
 use std::collections::VecDeque;
 use std::num::NonZeroU32;
@@ -95,17 +97,24 @@ pub fn run(settings: WindowSettings) -> Result<(), WindowError> {
         memory_due: Duration::ZERO,
         queue: VecDeque::new(),
         is_loading: false,
+        is_choosing: false,
+        video: None,
         failed: None,
     };
+    shell.viewer.offer_videos();
     events.run_app(&mut shell).map_err(|e| display(&e))?;
+    // The window goes at once; a video under way ends after its frame.
+    (shell.window, shell.video) = (None, None);
     shell.failed.map_or(Ok(()), Err)
 }
 
-/// Messages of the thread that reads files.
+/// Messages of the threads that read files, ask for files and render videos.
 #[derive(Debug)]
 enum Loaded {
     Progress(f32),
     Done(Result<Opened, String>),
+    Chosen(Result<Vec<PathBuf>, String>),
+    Video(video::Told),
 }
 
 struct Shell {
@@ -121,6 +130,10 @@ struct Shell {
     /// Files that wait to be read.
     queue: VecDeque<PathBuf>,
     is_loading: bool,
+    /// Whether a file dialog is open.
+    is_choosing: bool,
+    /// The video under way.
+    video: Option<video::Rendering>,
     failed: Option<WindowError>,
 }
 
@@ -160,7 +173,7 @@ impl ApplicationHandler<Loaded> for Shell {
         }
     }
 
-    fn user_event(&mut self, _: &ActiveEventLoop, loaded: Loaded) {
+    fn user_event(&mut self, events: &ActiveEventLoop, loaded: Loaded) {
         match loaded {
             Loaded::Progress(share) => self.viewer.progress(share),
             Loaded::Done(opened) => {
@@ -168,6 +181,16 @@ impl ApplicationHandler<Loaded> for Shell {
                 self.viewer.opened(opened, self.started.elapsed());
                 self.load_next();
             }
+            Loaded::Chosen(chosen) => {
+                self.is_choosing = false;
+                match chosen {
+                    Ok(files) => {
+                        files.into_iter().for_each(|file| self.viewer.input(Input::Dropped(file)));
+                    }
+                    Err(message) => self.viewer.not_chosen(message),
+                }
+            }
+            Loaded::Video(told) => self.hear_of_video(events, told),
         }
         self.next = Next::At(Duration::ZERO);
     }
@@ -259,6 +282,48 @@ impl Shell {
                 self.viewer.saved(saved, self.started.elapsed());
                 self.next = Next::At(Duration::ZERO);
             }
+            Effect::Choose => self.choose(),
+            Effect::Video(place, plan) => {
+                let session = self.viewer.session();
+                let (scene, settings) = (Arc::clone(session.scene()), session.settings().clone());
+                let proxy = self.proxy.clone();
+                // The window may be closed already.
+                let tell = move |told| _ = proxy.send_event(Loaded::Video(told));
+                let job = video::Job { scene, session: settings, plan: *plan, place };
+                match video::Rendering::start(job, tell) {
+                    Ok(rendering) => self.video = Some(rendering),
+                    Err(error) => {
+                        let message = format!("no thread to render the video: {error}");
+                        self.hear_of_video(events, video::Told::Ended(Err(message)));
+                    }
+                }
+            }
+            Effect::StopVideo => self.video.iter().for_each(video::Rendering::stop),
+        }
+    }
+
+    fn hear_of_video(&mut self, events: &ActiveEventLoop, told: video::Told) {
+        match told {
+            video::Told::Progress(share) => self.viewer.video_progress(share),
+            video::Told::Notice(notice) => self.viewer.notify(notice, self.started.elapsed()),
+            video::Told::Ended(ended) => {
+                self.video = None;
+                if let (Some(_), Err(message)) = (&self.script, &ended) {
+                    return self.fail(events, WindowError::Save { message: message.clone() });
+                }
+                self.viewer.video_ended(ended, self.started.elapsed());
+            }
+        }
+    }
+
+    /// Asks for files in a dialog of the system. The thread waits for the user; the window does not.
+    fn choose(&mut self) {
+        let Some(shown) = self.window.as_ref().filter(|_| !self.is_choosing) else { return };
+        let proxy = self.proxy.clone();
+        let asked = dialog::ask(&shown.window, move |chosen| _ = proxy.send_event(Loaded::Chosen(chosen)));
+        match asked {
+            Ok(()) => self.is_choosing = true,
+            Err(error) => self.viewer.not_chosen(format!("no thread for the file dialog: {error}")),
         }
     }
 
@@ -268,9 +333,9 @@ impl Shell {
             return;
         }
         let Some(file) = self.queue.pop_front() else { return };
-        let proxy = self.proxy.clone();
+        let (proxy, size) = (self.proxy.clone(), self.viewer.size());
         let load = move || {
-            let opened = files::open(&file, &|share| {
+            let opened = files::open(&file, size, &|share| {
                 // The window may be closed already.
                 _ = proxy.send_event(Loaded::Progress(share));
             });

@@ -1,6 +1,7 @@
 // A hand at the page in a browser: real events of mouse, keyboard, wheel and touch. `page.rs` runs it and judges the pictures.
 //
-// node page.mjs PAGE SCENES OUT, where PAGE is the built page, SCENES has few.ply, bad.ply and folder/, and OUT takes what was seen.
+// node page.mjs PAGE SCENES OUT, where PAGE is the built page, SCENES has few.ply, bad.ply and cameras.json, and OUT takes what was
+// seen.
 
 import assert from "node:assert/strict";
 import { createReadStream } from "node:fs";
@@ -186,6 +187,24 @@ await check("a dropped scene is shown; a bad one is told and leaves the scene", 
   const { message, gaussians } = await figures(page);
   assert.match(message, /^bad\.ply: /);
   assert.equal(gaussians, 3);
+});
+
+await check("O asks for files; several may be chosen; a page may ask in its own way", async () => {
+  const [chooser] = await Promise.all([page.waitForEvent("filechooser"), page.keyboard.press("o")]);
+  assert.ok(chooser.isMultiple());
+  await chooser.setFiles([path.join(scenes, "few.ply"), path.join(scenes, "cameras.json")]);
+  await until(page, "the scene and its cameras", "f.gaussians === 3 && f.message === null && !f.opening");
+  await atRest(page);
+  const before = await camera(page);
+  await page.keyboard.press(" ");
+  await page.waitForTimeout(500);
+  assert.notDeepEqual(await camera(page), before);
+  await until(page, "rest after the path", "f.idle && f.native");
+  const asked = await page.evaluate(() => new Promise((resolve) => {
+    window.viewer.addEventListener("choose", (event) => (event.preventDefault(), resolve(true)), { once: true });
+    window.viewer.press("o");
+  }));
+  assert.equal(asked, true);
 });
 
 await check("the window is resized", async () => {

@@ -9,10 +9,12 @@ use std::{env, fs};
 
 use gs3::glam::DVec3;
 use gs3::scene::format::save;
-use gs3::scene::{Gaussians, OpacityMode, Scene, demo};
+use gs3::scene::orbit::look_at;
+use gs3::scene::{CameraPath, Gaussians, Intrinsics, OpacityMode, Scene, demo};
 use gs3::{Backend, Mode, Session, SessionSettings};
 use gs3_viewer::controls::Rig;
 use gs3_viewer::page::Place;
+use gs3_viewer::path_file::{PathFile, PathFormat};
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
 
@@ -85,6 +87,13 @@ fn a_session_in_a_browser() {
     }
     save(&Scene::new(few, OpacityMode::Default).unwrap(), scenes.join("few.ply")).unwrap();
     fs::write(scenes.join("bad.ply"), "ply\nformat nonsense").unwrap();
+    let camera = |k: u32| {
+        let eye = DVec3::new(0.02 * f64::from(k), -1.0, -6.0);
+        look_at(eye, DVec3::ZERO, DVec3::NEG_Y, Intrinsics::from_fov_y(400, 240, 0.8)).unwrap()
+    };
+    let way = CameraPath::new((0..40).map(camera).collect(), 20.0, false).unwrap();
+    let cameras = PathFile::new(PathFormat::SuperSplat, &way, [400, 240], 6.0).unwrap();
+    fs::write(scenes.join("cameras.json"), cameras.bytes).unwrap();
 
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/page.mjs");
     let output = Command::new("node").arg(script).args([&page(), &scenes, &out]).output().unwrap();

@@ -84,8 +84,17 @@ impl AtomicFile {
     /// # Errors
     /// What the system reports; `path` is unchanged then.
     pub fn commit(self) -> io::Result<()> {
+        let path = self.path.clone();
+        self.commit_as(&path)
+    }
+
+    /// The same under another name: `path` lies in the folder of the path that [`Self::create`] was given.
+    ///
+    /// # Errors
+    /// What the system reports; `path` is unchanged then.
+    pub fn commit_as(self, path: &Path) -> io::Result<()> {
         self.writer.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
-        self.temporary.rename(&self.path)
+        self.temporary.rename(path)
     }
 }
 

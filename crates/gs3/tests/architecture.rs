@@ -69,7 +69,17 @@ fn crates_know_only_what_the_map_says() {
     // Without its window the viewer is a library for any screen.
     let viewer = transitive("gs3-viewer", CPU_ONLY);
     assert_eq!(direct("gs3-viewer", CPU_ONLY).iter().filter(|name| name.starts_with("gs3")).count(), 1);
-    for foreign in ["gs3-cli", "gs3-evaluate", "gs3-train", "clap", "indicatif", "winit", "softbuffer"] {
+    for foreign in [
+        "gs3-cli",
+        "gs3-evaluate",
+        "gs3-train",
+        "gs3-video",
+        "clap",
+        "indicatif",
+        "rfd",
+        "softbuffer",
+        "winit",
+    ] {
         assert!(!viewer.contains(foreign), "the viewer depends on {foreign}");
     }
     // The C interface is a border around the library, and nothing of its own.

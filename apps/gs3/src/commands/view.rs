@@ -17,8 +17,9 @@ use crate::io::inputs;
 
 /// What the keys do.
 const HELP: &str = "Keys: H in the window lists them. Left drag orbits, right drag pans, the wheel moves closer, W A S D Q E fly, a double \
-click sets the pivot, F frames the scene, R goes back, C compares, V shows depth and more, P takes a screenshot. A file \
-dropped into the window is opened. docs/viewer.md has the rest, and the steps of scripts.";
+click sets the pivot, F frames the scene, R goes back, C compares, V shows depth and more, P takes a screenshot, O asks \
+for files to open; a file dropped into the window is opened, too. The controls (M) record a camera path and make videos. \
+docs/viewer.md has the rest, and the steps of scripts.";
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = HELP)]
@@ -26,8 +27,8 @@ pub struct ViewArgs {
     /// Scene file or folder, or `demo` for the built-in scene
     #[arg(default_value = "demo")]
     pub scene: PathBuf,
-    /// Cameras to begin with and to play: COLMAP model, transforms.json, cameras.json or camera_path.json [default: all of
-    /// the scene in view]
+    /// Cameras to begin with and to play: COLMAP model, transforms.json, cameras.json, camera_path.json or
+    /// settings of SuperSplat [default: all of the scene in view]
     #[arg(long, value_name = "CAMERAS")]
     pub path: Option<PathBuf>,
     #[command(flatten)]
@@ -58,7 +59,7 @@ pub fn run(args: &ViewArgs) -> Result<Outcome, CliError> {
     let script = args.script.as_deref().map(script).transpose()?;
     let (scene, _) = inputs::scene_at(&args.scene, args.scene_options)?;
     let cameras = match &args.path {
-        Some(file) => Some(inputs::capture(file, &StatedCameras::default(), None, &scene)?),
+        Some(file) => Some(inputs::capture(file, &StatedCameras::default(), Some(args.size), &scene)?),
         None => inputs::is_demo(&args.scene).then(demo::path),
     };
     cameras.as_ref().map_or(Ok(()), inputs::check_is_perspective)?;

@@ -4,38 +4,38 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
+use gs3::scene::capture::{self, CaptureOptions};
 use gs3::scene::format::{self, INDEXES, LoadOptions, Source};
-use gs3::scene::{capture, demo};
+use gs3::scene::{CameraPath, Scene, demo};
 
+use crate::path_file::moved;
 use crate::viewer::Opened;
 
 /// Files by their paths within the folder that was dropped, or by their names.
 pub type FileMap = BTreeMap<String, Vec<u8>>;
 
-/// Opens `name`: the built-in scene `demo` if there are no files; else the scene or the cameras that `files` hold. The content
-/// says what it is.
+/// Opens `name`: the built-in scene `demo` if there are no files; else the scene or the cameras that `files` hold, or a scene
+/// and its cameras. The content says what it is. Cameras that state no size of their pictures get `size`.
 ///
 /// # Errors
 /// One line with the file, what was expected and what was found.
-pub fn open(name: &str, mut files: FileMap) -> Result<Opened, String> {
-    let line = |text: String| text.split(['\n', '\r']).map(str::trim).collect::<Vec<_>>().join(" ");
+pub fn open(name: &str, mut files: FileMap, size: [u32; 2]) -> Result<Opened, String> {
     if name == "demo" && files.is_empty() {
-        let scene = Arc::new(demo::scene().map_err(|e| line(e.to_string()))?);
+        let scene = Arc::new(demo::scene().map_err(|e| line(&e))?);
         return Ok(Opened::Scene { name: name.to_owned(), scene, cameras: Some(demo::path()) });
+    }
+    if let Some(opened) = scene_and_cameras(&files, size)? {
+        return Ok(opened);
     }
     let Some(index) = index(&files) else {
         let found = files.len();
         return Err(format!(
-            "{name}: expected one file, or a folder with {}, found {found} files",
+            "{name}: expected one file, a scene and its cameras, or a folder with {}, found {found} files",
             INDEXES.join(", ")
         ));
     };
     let bytes = files.remove(&index).unwrap_or_default();
-    let has_extension =
-        |wanted: &str| Path::new(&index).extension().is_some_and(|e| e.eq_ignore_ascii_case(wanted));
-    if has_extension("json")
-        && let Ok(path) = capture::parse_json(&bytes)
-    {
+    if let Some(path) = cameras(&index, &bytes, size) {
         return Ok(Opened::Cameras { name: name.to_owned(), path });
     }
     // What an index names lies beside it.
@@ -43,10 +43,46 @@ pub fn open(name: &str, mut files: FileMap) -> Result<Opened, String> {
         Some((folder, _)) => inside(files, folder),
         None => files,
     };
-    let source = Source::memory(name, bytes);
-    let scene = format::load_source(&source, &beside, &LoadOptions::default(), &|_| {});
-    let scene = Arc::new(scene.map_err(|e| line(e.to_string()))?);
+    let scene = Arc::new(scene(name, bytes, &beside)?);
     Ok(Opened::Scene { name: name.to_owned(), scene, cameras: None })
+}
+
+/// The scene and the cameras, if `files` are one of each.
+fn scene_and_cameras(files: &FileMap, size: [u32; 2]) -> Result<Option<Opened>, String> {
+    let [first, second] = files.iter().collect::<Vec<_>>()[..] else { return Ok(None) };
+    let read = |(name, bytes): (&String, &Vec<u8>)| cameras(name, bytes, size);
+    let ((name, bytes), path) = match (read(first), read(second)) {
+        (None, Some(path)) => (first, path),
+        (Some(path), None) => (second, path),
+        _ => return Ok(None),
+    };
+    if path.facts().is_panorama {
+        return Err(format!(
+            "{name}: expected perspective cameras beside the scene, found equirectangular ones"
+        ));
+    }
+    let scene = scene(name, bytes.clone(), &FileMap::new())?;
+    // Cameras are in the coordinates of the scene's file.
+    let path = moved(&path, -scene.details().origin).map_err(|e| line(&e))?;
+    Ok(Some(Opened::Scene { name: name.clone(), scene: Arc::new(scene), cameras: Some(path) }))
+}
+
+fn cameras(name: &str, bytes: &[u8], size: [u32; 2]) -> Option<CameraPath> {
+    if !Path::new(name).extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
+        return None;
+    }
+    let options = CaptureOptions { size: Some(size.into()), ..CaptureOptions::default() };
+    // Scenes have JSON files, too: the index of a SOG is one.
+    capture::parse_json_with(bytes, &options).ok()
+}
+
+fn scene(name: &str, bytes: Vec<u8>, beside: &FileMap) -> Result<Scene, String> {
+    let source = Source::memory(name, bytes);
+    format::load_source(&source, beside, &LoadOptions::default(), &|_| {}).map_err(|e| line(&e))
+}
+
+fn line(error: &dyn std::fmt::Display) -> String {
+    error.to_string().split(['\n', '\r']).map(str::trim).collect::<Vec<_>>().join(" ")
 }
 
 /// The file that opens all of `files`: the only one, or the index that lies highest.
@@ -98,7 +134,7 @@ mod tests {
     #[test]
     fn scenes_folders_and_cameras_are_told_apart() {
         let bundle = sog();
-        assert_eq!(count(open("a.sog", FileMap::from([("a.sog".to_owned(), bundle.clone())]))), 3);
+        assert_eq!(count(open("a.sog", FileMap::from([("a.sog".to_owned(), bundle.clone())]), [64, 40])), 3);
         // The same unpacked, as a dropped folder with something else in it.
         let mut archive = zip::ZipArchive::new(std::io::Cursor::new(bundle)).unwrap();
         let mut files = FileMap::from([("garden/notes/meta.json".to_owned(), b"{}".to_vec())]);
@@ -109,12 +145,19 @@ mod tests {
             let name = file.name().unwrap().into_owned();
             files.insert(format!("garden/{name}"), bytes);
         }
-        assert_eq!(count(open("garden", files)), 3);
+        assert_eq!(count(open("garden", files, [64, 40])), 3);
         let path = demo::path().resized(64, 40).unwrap();
-        let json = crate::tour::camera_path_json(&path, [64, 40]);
-        let opened = open("cameras.json", FileMap::from([("cameras.json".to_owned(), json)]));
+        let json = crate::path_file::camera_path_json(&path, [64, 40]);
+        let opened = open("cameras.json", FileMap::from([("cameras.json".to_owned(), json)]), [64, 40]);
         assert!(matches!(opened, Ok(Opened::Cameras { .. })));
-        assert!(count(open("demo", FileMap::new())) > 100_000);
+        // A scene and its cameras together.
+        let json = crate::path_file::camera_path_json(&path, [64, 40]);
+        let both = FileMap::from([("a.sog".to_owned(), sog()), ("way.json".to_owned(), json)]);
+        let opened = open("a.sog", both, [64, 40]);
+        let Ok(Opened::Scene { name, scene, cameras: Some(cameras) }) = opened else { panic!("{opened:?}") };
+        assert_eq!((name.as_str(), scene.gaussians().len()), ("a.sog", 3));
+        assert_eq!(cameras.cameras().len(), path.cameras().len());
+        assert!(count(open("demo", FileMap::new(), [64, 40])) > 100_000);
     }
 
     #[test]
@@ -122,12 +165,17 @@ mod tests {
         for (name, bytes) in
             [("bad.ply", &b"ply\nformat nonsense"[..]), ("bad.json", b"{"), ("empty.spz", b"")]
         {
-            let error = open(name, FileMap::from([(name.to_owned(), bytes.to_vec())])).unwrap_err();
+            let error = open(name, FileMap::from([(name.to_owned(), bytes.to_vec())]), [64, 40]).unwrap_err();
             assert!(error.contains(name) && error.lines().count() == 1, "{error}");
         }
         let files = ["a.txt", "b.txt"].map(|name| (name.to_owned(), Vec::new()));
-        let error = open("folder", FileMap::from(files)).unwrap_err();
-        assert!(error.starts_with("folder: expected one file, or a folder with lod-meta.json"), "{error}");
-        assert!(open("none", FileMap::new()).is_err());
+        let error = open("folder", FileMap::from(files), [64, 40]).unwrap_err();
+        assert!(
+            error.starts_with(
+                "folder: expected one file, a scene and its cameras, or a folder with lod-meta.json"
+            ),
+            "{error}"
+        );
+        assert!(open("none", FileMap::new(), [64, 40]).is_err());
     }
 }

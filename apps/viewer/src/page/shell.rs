@@ -177,7 +177,7 @@ impl PageViewer {
             let bytes: Uint8Array = entry.get(1).dyn_into().ok()?;
             Some((entry.get(0).as_string()?, bytes.to_vec()))
         });
-        let opened = open(name, files.collect::<FileMap>());
+        let opened = open(name, files.collect::<FileMap>(), self.viewer.size());
         self.viewer.opened(opened, self.started.elapsed());
     }
 
@@ -186,10 +186,17 @@ impl PageViewer {
         self.viewer.opened(Err(message.to_owned()), self.started.elapsed());
     }
 
-    /// What the viewer wants: an array of `{kind: "open", name}` and `{kind: "save", stem, extension, bytes}`.
+    /// Says why the user cannot be asked for files.
+    #[wasm_bindgen(js_name = notChosen)]
+    pub fn not_chosen(&mut self, message: &str) {
+        self.viewer.not_chosen(message.to_owned());
+    }
+
+    /// What the viewer wants: an array of `{kind: "open", name}`, `{kind: "save", stem, extension, bytes}` and
+    /// `{kind: "choose"}`.
     #[wasm_bindgen(js_name = takeEffects)]
     pub fn take_effects(&mut self) -> Array {
-        self.viewer.take_effects().into_iter().map(|effect| JsValue::from(describe(effect))).collect()
+        self.viewer.take_effects().into_iter().filter_map(describe).map(JsValue::from).collect()
     }
 
     /// Tells under which name a file went to the downloads.
@@ -238,11 +245,14 @@ impl PageViewer {
     }
 }
 
-fn describe(effect: Effect) -> Object {
+/// None of an effect that no page is asked for: it offers no videos.
+fn describe(effect: Effect) -> Option<Object> {
     let object = Object::new();
     // An object made here takes any field.
     let set = |key: &str, value: JsValue| _ = Reflect::set(&object, &key.into(), &value);
     match effect {
+        Effect::Choose => set("kind", "choose".into()),
+        Effect::Video(..) | Effect::StopVideo => return None,
         Effect::Open(name) => {
             set("kind", "open".into());
             set("name", name.display().to_string().into());
@@ -263,5 +273,5 @@ fn describe(effect: Effect) -> Object {
             set("bytes", Uint8Array::from(&bytes[..]).into());
         }
     }
-    object
+    Some(object)
 }

@@ -9,8 +9,9 @@ use gs3::scene::orbit::Bulk;
 
 use super::{Effect, Opened, Place, Rest, Shot, Viewer, ViewerError, first_camera};
 use crate::controls::Controls;
+use crate::path_file::{PathFile, PathFileError, PathFormat, camera_path_json, moved};
 use crate::screenshot::png;
-use crate::tour::{Tour, camera_path_json, moved};
+use crate::tour::Tour;
 
 impl Viewer {
     /// Requests a screenshot, which the next step takes.
@@ -57,17 +58,33 @@ impl Viewer {
         bytes
     }
 
-    /// Writes the keyframes to `file`; none is a numbered file.
-    pub fn save_tour(&mut self, file: Option<PathBuf>) {
+    /// Writes the keyframes to `place`, in the format of its name ([`PathFormat::of`]).
+    pub fn save_tour(&mut self, place: Place) {
+        self.is_woken = true;
+        let format = match &place {
+            Place::File(file) => PathFormat::of(file),
+            Place::Numbered { stem, extension } => {
+                PathFormat::of(&PathBuf::from(format!("{stem}.{extension}")))
+            }
+        };
+        match self.tour_file(format) {
+            Ok(Some(PathFile { bytes, notes })) => {
+                self.effects.push(Effect::Save(place, bytes));
+                // Told together with the name of the file.
+                self.left_out = notes;
+            }
+            Ok(None) => self.message = Some("keyframes: expected at least 1 to write, found 0".to_owned()),
+            Err(error) => self.message = Some(error.to_string()),
+        }
+    }
+
+    fn tour_file(&self, format: PathFormat) -> Result<Option<PathFile>, PathFileError> {
         // Files use the coordinates of the scene's file.
         let origin = self.session.scene().details().origin;
-        let Some(bytes) = self.tour.to_camera_path(self.size, origin) else {
-            self.message = Some("keyframes: expected at least 1 to write, found 0".to_owned());
-            self.is_woken = true;
-            return;
-        };
-        let numbered = Place::Numbered { stem: "camera_path", extension: "json" };
-        self.effects.push(Effect::Save(file.map_or(numbered, Place::File), bytes));
+        // A pivot beside the line of sight has its depth; one behind the camera has none that a viewer could orbit at.
+        let rig = self.controls.shown();
+        let distance = if rig.offset.z > 0.0 { rig.offset.z } else { rig.offset.length() };
+        self.tour.to_file(format, self.size, origin, distance)
     }
 
     /// Writes [`Self::figures_json`] to `file`.
@@ -164,7 +181,12 @@ impl Viewer {
     /// Reports where an [`Effect::Save`] was written, or why it was not.
     pub fn saved(&mut self, saved: Result<PathBuf, String>, now: Duration) {
         match saved {
-            Ok(file) => self.tell(format!("written: {}", file.display()), now),
+            Ok(file) => {
+                let written = format!("written: {}", file.display());
+                let told: Vec<String> =
+                    std::iter::once(written).chain(std::mem::take(&mut self.left_out)).collect();
+                self.tell(told.join("; "), now);
+            }
             Err(message) => {
                 self.message = Some(message);
                 self.is_woken = true;

@@ -8,11 +8,12 @@ use gs3::scene::Camera;
 use gs3::scene::camera::MAX_SIDE;
 
 use super::touch::Fingers;
-use super::{Effect, Shot, Viewer, interval};
+use super::{Effect, Place, Shot, Viewer, interval};
 use crate::compare::Dividers;
 use crate::controls::{Flight, Rig, flight_speed};
 use crate::input::{Button, Input, Key};
 use crate::panels::{Action, UPS};
+use crate::video::VideoWish;
 use crate::views::View;
 
 /// Two clicks within this time and this many points are a double click: the usual setting of desktops.
@@ -69,6 +70,12 @@ impl Viewer {
         self.message = None;
         self.is_woken = true;
         self.effects.push(Effect::Open(file));
+    }
+
+    /// Reports why the user cannot be asked for files ([`Effect::Choose`]).
+    pub fn not_chosen(&mut self, message: String) {
+        self.message = Some(message);
+        self.is_woken = true;
     }
 
     pub(super) fn is_over_panel(&self) -> bool {
@@ -175,6 +182,7 @@ impl Viewer {
             Key::Backspace => self.act(Action::RemoveKey, now),
             Key::Space => self.act(Action::Play, now),
             Key::P => self.act(Action::Shoot(1), now),
+            Key::O => self.act(Action::Open, now),
             Key::H => self.panels.toggle_help(),
             Key::M => self.panels.toggle_menu(),
             Key::I => self.panels.toggle_figures(),
@@ -226,13 +234,14 @@ impl Viewer {
                     }
                 }
             }
-            Action::Scrub(seconds) => {
-                self.tour.stop();
-                if let Some(camera) = self.tour.at(seconds) {
-                    self.jump(&camera);
-                }
+            Action::Scrub(seconds) => self.scrub(seconds),
+            Action::SaveTour(format) => {
+                let extension = format.extension();
+                self.save_tour(Place::Numbered { stem: "camera_path", extension });
             }
-            Action::SaveTour => self.save_tour(None),
+            Action::Video => self.make_video(VideoWish::default()),
+            Action::StopVideo => self.stop_video(),
+            Action::Open => self.effects.push(Effect::Choose),
             Action::Shoot(scale) => self.shoot(Shot { file: None, panels: false, scale, camera: None }),
             Action::Frame => {
                 self.tour.stop();
@@ -243,6 +252,14 @@ impl Viewer {
                 self.controls.reset();
             }
             Action::Dismiss => self.message = None,
+        }
+    }
+
+    /// Shows the keyframes' path `seconds` after its beginning, or at the nearer end.
+    pub fn scrub(&mut self, seconds: f64) {
+        (self.is_woken, self.is_idle, self.has_failed) = (true, false, false);
+        if let Some(camera) = self.tour.scrub(seconds) {
+            self.jump(&camera);
         }
     }
 

@@ -24,6 +24,8 @@ impl Viewer {
             message: self.message.clone(),
             note: self.note.as_ref().map(|(note, _)| note.clone()),
             opening: self.opening.clone(),
+            has_videos: self.has_videos,
+            video: self.video,
             is_hovering: self.is_hovering,
             view: self.view,
             compare: self.compare,
@@ -33,7 +35,8 @@ impl Viewer {
             up: self.controls.up(),
             keys: self.tour.keys(),
             tour_seconds: self.tour.seconds(),
-            playing: self.tour.playing(),
+            is_playing: self.tour.playing().is_some(),
+            tour_time: self.tour.time(),
         }
     }
 

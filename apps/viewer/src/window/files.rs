@@ -5,8 +5,9 @@ use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use gs3::scene::capture::{self, CaptureOptions};
+use gs3::scene::demo;
 use gs3::scene::format::{self, LoadOptions};
-use gs3::scene::{capture, demo};
 use gs3_files::write_atomically;
 
 use crate::viewer::{Opened, Place};
@@ -14,11 +15,12 @@ use crate::viewer::{Opened, Place};
 /// Numbers of numbered files.
 const NUMBERS: std::ops::RangeInclusive<u32> = 1..=9999;
 
-/// Opens the scene or the cameras at `file`; `demo` is the built-in scene. What it is, its content says.
+/// Opens the scene or the cameras at `file`; `demo` is the built-in scene. What it is, its content says. Cameras that state no
+/// size of their pictures get `size`.
 ///
 /// # Errors
 /// One line with file, expected and actual.
-pub fn open(file: &Path, progress: &(dyn Fn(f32) + Sync)) -> Result<Opened, String> {
+pub fn open(file: &Path, size: [u32; 2], progress: &(dyn Fn(f32) + Sync)) -> Result<Opened, String> {
     let line = |text: String| text.split(['\n', '\r']).map(str::trim).collect::<Vec<_>>().join(" ");
     if file.as_os_str() == "demo" && !file.exists() {
         let scene = Arc::new(demo::scene().map_err(|e| line(e.to_string()))?);
@@ -26,15 +28,16 @@ pub fn open(file: &Path, progress: &(dyn Fn(f32) + Sync)) -> Result<Opened, Stri
     }
     let name =
         file.file_name().map_or_else(|| file.display().to_string(), |n| n.to_string_lossy().into_owned());
+    let options = CaptureOptions { size: Some(size.into()), ..CaptureOptions::default() };
     let is_json = file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
     // Scenes have JSON files, too: the index of a SOG is one.
-    if is_json && let Ok(path) = capture::load(file) {
+    if is_json && let Ok(path) = capture::load_with(file, &options) {
         return Ok(Opened::Cameras { name, path });
     }
     match format::load(file, &LoadOptions::default(), progress) {
         Ok(scene) => Ok(Opened::Scene { name, scene: Arc::new(scene), cameras: None }),
         // A folder of cameras is no scene.
-        Err(error) => match capture::load(file) {
+        Err(error) => match capture::load_with(file, &options) {
             Ok(path) => Ok(Opened::Cameras { name, path }),
             Err(_) => Err(line(error.to_string())),
         },
@@ -46,8 +49,6 @@ pub fn open(file: &Path, progress: &(dyn Fn(f32) + Sync)) -> Result<Opened, Stri
 /// # Errors
 /// One line with the file and why it cannot be written.
 pub fn save(place: &Place, bytes: &[u8]) -> Result<PathBuf, String> {
-    let failed =
-        |file: &Path, error: &std::io::Error| format!("{}: cannot be written: {error}", file.display());
     let write = |file: &Path| write_atomically(file, |writer| writer.write_all(bytes));
     match place {
         Place::File(file) => {
@@ -55,27 +56,41 @@ pub fn save(place: &Place, bytes: &[u8]) -> Result<PathBuf, String> {
             Ok(file.clone())
         }
         Place::Numbered { stem, extension } => {
-            for number in NUMBERS {
-                let file = PathBuf::from(format!("{stem}-{number:04}.{extension}"));
-                match OpenOptions::new().write(true).create_new(true).open(&file) {
-                    // The name is taken; what it names comes whole or not at all.
-                    Ok(_) => {
-                        let written = write(&file).map_err(|e| failed(&file, &e));
-                        if written.is_err() {
-                            _ = fs::remove_file(&file);
-                        }
-                        return written.map(|()| file);
-                    }
-                    Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
-                    Err(error) => return Err(failed(&file, &error)),
-                }
+            let file = claim(stem, extension)?;
+            // The name is taken; what it names comes whole or not at all.
+            let written = write(&file).map_err(|e| failed(&file, &e));
+            if written.is_err() {
+                give_up(&file);
             }
-            Err(format!(
-                "{stem}-NNNN.{extension}: expected a free number up to {}, found none",
-                NUMBERS.end()
-            ))
+            written.map(|()| file)
         }
     }
+}
+
+/// Makes an empty file of the first free name of `stem-0001.extension` and so on, so that nobody else takes the name.
+///
+/// # Errors
+/// One line with the file and why it cannot be made.
+pub fn claim(stem: &str, extension: &str) -> Result<PathBuf, String> {
+    for number in NUMBERS {
+        let file = PathBuf::from(format!("{stem}-{number:04}.{extension}"));
+        match OpenOptions::new().write(true).create_new(true).open(&file) {
+            Ok(_) => return Ok(file),
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(failed(&file, &error)),
+        }
+    }
+    Err(format!("{stem}-NNNN.{extension}: expected a free number up to {}, found none", NUMBERS.end()))
+}
+
+/// Removes the empty file of a claimed name.
+pub fn give_up(file: &Path) {
+    // The error that led here is already on its way.
+    _ = fs::remove_file(file);
+}
+
+fn failed(file: &Path, error: &std::io::Error) -> String {
+    format!("{}: cannot be written: {error}", file.display())
 }
 
 /// Memory of this process that is in use, bytes, where the system tells (Linux).
@@ -98,10 +113,10 @@ mod tests {
         {
             let file = folder.path().join(name);
             fs::write(&file, bytes).unwrap();
-            let error = open(&file, &|_| {}).unwrap_err();
+            let error = open(&file, [64, 40], &|_| {}).unwrap_err();
             assert!(error.contains(name) && error.lines().count() == 1, "{error}");
         }
-        assert!(open(&folder.path().join("none.ply"), &|_| {}).is_err());
+        assert!(open(&folder.path().join("none.ply"), [64, 40], &|_| {}).is_err());
     }
 
     #[test]
@@ -109,9 +124,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("cameras.json");
         let path = demo::path().resized(64, 40).unwrap();
-        fs::write(&file, crate::tour::camera_path_json(&path, [64, 40])).unwrap();
-        assert!(matches!(open(&file, &|_| {}), Ok(Opened::Cameras { path, .. }) if path.cameras().len() > 1));
-        let opened = open(Path::new("demo"), &|_| {});
+        fs::write(&file, crate::path_file::camera_path_json(&path, [64, 40])).unwrap();
+        assert!(
+            matches!(open(&file, [64, 40], &|_| {}), Ok(Opened::Cameras { path, .. }) if path.cameras().len() > 1)
+        );
+        let opened = open(Path::new("demo"), [64, 40], &|_| {});
         assert!(matches!(opened, Ok(Opened::Scene { scene, .. }) if scene.gaussians().len() > 100_000));
     }
 

@@ -1,5 +1,6 @@
-//! Readers for the camera files of captures and of viewers: COLMAP, `transforms.json`, Inria's `cameras.json`,
-//! nerfstudio's `camera_path.json` and exported cameras, SuperSplat's settings, RealityScan's CSV.
+//! Camera files of captures and of viewers. Readers: COLMAP, `transforms.json`, Inria's `cameras.json`,
+//! nerfstudio's `camera_path.json` and exported cameras, SuperSplat's settings, RealityScan's CSV. Writer: SuperSplat's
+//! settings ([`supersplat_settings`]).
 //!
 //! [`load`] tells the formats apart by content. Every reader flips the axes of its format to gs3's (x right, y down,
 //! z forward).
@@ -23,6 +24,7 @@ use gs3_files::read_within;
 
 pub use colmap::ColmapEncoding;
 pub use error::{CaptureError, CaptureFault};
+pub use supersplat::{SuperSplatSettings, supersplat_settings};
 
 use crate::camera::{Camera, Intrinsics};
 use crate::camera_path::{CameraPath, CameraPathError, PathFacts};
@@ -143,8 +145,15 @@ fn file_of(path: &Path) -> Result<CameraFile, CaptureError> {
 /// # Errors
 /// [`CaptureFault`], naming field, expected and actual.
 pub fn parse_json(bytes: &[u8]) -> Result<CameraPath, CaptureFault> {
-    let options = CaptureOptions::default();
-    let context = Context::in_memory(&options);
+    parse_json_with(bytes, &CaptureOptions::default())
+}
+
+/// The same with what the caller knows of the cameras; [`CaptureOptions::dataparser`] is not read.
+///
+/// # Errors
+/// [`CaptureFault`], naming field, expected and actual.
+pub fn parse_json_with(bytes: &[u8], options: &CaptureOptions) -> Result<CameraPath, CaptureFault> {
+    let context = Context::in_memory(options);
     let parsed = parse(bytes, &context)?;
     Ok(parsed.captured.with_notes(context.into_notes()).into_path())
 }

@@ -1,7 +1,11 @@
 //! Settings of the SuperSplat viewer, versions 1 and 2: a camera, and animations as keyframes of eye, target and field
 //! of view. Axes are right-up-back, to which scenes are turned by half a turn about z.
 
+mod write;
+
 use glam::DVec3;
+
+pub use write::{SuperSplatSettings, supersplat_settings};
 
 use super::context::Context;
 use super::{CaptureFault, Captured, Field};
