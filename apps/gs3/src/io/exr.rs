@@ -1,4 +1,5 @@
-//! OpenEXR files: one part with channels of f32, compressed without loss (ZIP), rows from top to bottom.
+//! OpenEXR files: one part with channels of f32, rows from top to bottom, repeated bytes shortened (RLE). What is covered by
+//! Gaussians hardly compresses: ZIP makes files of the demo scene 5 to 16 % smaller and takes seven times as long.
 
 use std::io::{self, Seek, Write};
 
@@ -13,8 +14,8 @@ use exr::meta::header::Header;
 use exr::prelude::Compression;
 use rayon::prelude::*;
 
-/// Blocks, of 16 rows each, that are compressed before they are written: enough for all threads, and few beside the image.
-const BLOCKS_AT_ONCE: usize = 64;
+/// Blocks, of a row each, that are compressed before they are written: enough for all threads, and few beside the image.
+const BLOCKS_AT_ONCE: usize = 256;
 
 /// The primaries and the white point of BT.709, which sRGB has.
 const BT709: Chromaticities = Chromaticities {
@@ -41,7 +42,7 @@ pub fn write(
         ChannelDescription::new(*name, SampleType::F32, true)
     });
     let mut header = Header::new(Text::from(""), Vec2(width, height), described.collect()).with_encoding(
-        Compression::ZIP16,
+        Compression::RLE,
         BlockDescription::ScanLines,
         LineOrder::Increasing,
     );
@@ -89,8 +90,8 @@ mod tests {
 
     #[test]
     fn channels_come_back_with_their_names_and_bits() {
-        // More rows than are compressed at once would have if a block had one row, and a last block that is not full.
-        let (width, height) = (7, 100);
+        // More rows than are compressed at once.
+        let (width, height) = (7, BLOCKS_AT_ONCE + 9);
         let plane =
             |k: usize| (0..width * height).map(|i| (i * (k + 1)) as f32 * 0.37 - 9.0).collect::<Vec<_>>();
         let mut planes = [plane(0), plane(1), plane(2)];

@@ -275,7 +275,7 @@ mod tests {
 
     #[test]
     fn tiles_of_one_size_cover_a_side() {
-        for (side, largest) in [(20_000, 4096), (8193, 4096), (7, 3), (5, 9), (1, 1), (65_535, 4096)] {
+        for (side, largest) in [(20_000_u32, 4096), (8193, 4096), (7, 3), (5, 9), (1, 1), (65_535, 4096)] {
             let tile = side.div_ceil(side.div_ceil(largest));
             let firsts: Vec<u32> = firsts(side, tile).collect();
             assert!(tile <= largest && firsts[0] == 0 && firsts[firsts.len() - 1] + tile == side);
