@@ -37,7 +37,7 @@ pub use fearless_simd::Level;
 #[cfg(feature = "gpu")]
 pub use gpu::{CapacityCheck, GpuGBuffer, GpuRasterError, GpuRasterizer, ScenePrecision};
 pub use settings::{
-    Culling, ExpectedDepth, MAX_MARGIN, Outputs, RasterError, RasterSettings, Rules, STOCK_DILATION,
+    Culling, ExpectedDepth, MAX_MARGIN, Outputs, RasterError, RasterSettings, Rules, STOCK_DILATION, Window,
     matched_dilation,
 };
 pub use view::NEAR;

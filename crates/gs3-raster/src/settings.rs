@@ -52,6 +52,32 @@ impl Culling {
     }
 }
 
+/// A part of an image, in pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Window {
+    /// Columns of the image left of the window.
+    pub left: u32,
+    /// Rows of the image above the window.
+    pub top: u32,
+    /// Columns of the window, at least 1.
+    pub width: u32,
+    /// Rows of the window, at least 1.
+    pub height: u32,
+}
+
+impl Window {
+    /// Checks that the window lies in an image of `size` and is not empty.
+    pub(crate) fn check(self, size: [u32; 2]) -> Result<(), RasterError> {
+        let fits = |first: u32, count: u32, side| {
+            count > 0 && first.checked_add(count).is_some_and(|end| end <= side)
+        };
+        match fits(self.left, self.width, size[0]) && fits(self.top, self.height, size[1]) {
+            true => Ok(()),
+            false => Err(RasterError::Window { size, actual: self }),
+        }
+    }
+}
+
 /// Which planes to produce.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Outputs {
@@ -223,6 +249,17 @@ pub enum RasterError {
     /// Exact blocks share the splats of a low-resolution frame, and no such frame was made.
     #[error("exact blocks: expected a low-resolution frame with gradients and depth before, found none")]
     NoFrame,
+    /// The window is empty or reaches beyond the image.
+    #[error(
+        "window: expected one within 0,0 and {},{}, found {}x{} from {},{}",
+        size[0], size[1], actual.width, actual.height, actual.left, actual.top
+    )]
+    Window {
+        /// Width and height of the image.
+        size: [u32; 2],
+        /// The window found.
+        actual: Window,
+    },
     /// The background is not finite.
     #[error("background: expected three finite numbers, found {}, {}, {}", actual[0], actual[1], actual[2])]
     Background {

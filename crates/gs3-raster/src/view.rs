@@ -5,7 +5,7 @@ use glam::DVec3;
 pub use gs3_scene::camera::NEAR;
 use gs3_scene::{Camera, Margin};
 
-use crate::settings::{RasterSettings, STOCK_DILATION, matched_dilation};
+use crate::settings::{RasterSettings, STOCK_DILATION, Window, matched_dilation};
 
 /// Limit of the Jacobian: the projection of positions is exact, but its Jacobian is evaluated with x/z and y/z at
 /// most this far outside the image, as a share of half the image's extent. In total this is 1.3 times the tangent of
@@ -30,7 +30,8 @@ pub struct View {
     pub jacobian_limits: [[f32; 2]; 2],
     /// Width and height in pixels, the margin included.
     pub size: [u32; 2],
-    /// Number of pixels left of and above the pixel at position `(0, 0)`.
+    /// Number of pixels left of and above the pixel at position `(0, 0)`; negative in a window that begins right of and
+    /// below that pixel.
     pub before: [f32; 2],
     /// Smallest factor on opacity in antialiased scenes.
     pub min_compensation: f32,
@@ -88,6 +89,26 @@ impl View {
         let is_matched = settings.dilation == matched_dilation(scale);
         let dilation = if is_matched { STOCK_DILATION } else { settings.dilation * (scale * scale) as f32 };
         Self { size: lr_size.map(|side| side * scale), before, dilation, ..Self::new(camera, &native, near) }
+    }
+
+    /// The view of `window` of the image of `camera`. Positions have the same bits as in the whole image.
+    pub fn of_window(camera: &Camera, window: Window, settings: &RasterSettings, near: f32) -> Self {
+        let settings = RasterSettings { margin: Margin::NONE, ..*settings };
+        let before = [window.left, window.top].map(|side| -(side as f32));
+        Self { size: [window.width, window.height], before, ..Self::new(camera, &settings, near) }
+    }
+
+    /// As [`Self::of_window`], with positions counted from the window's first pixel: for kernels that count from there.
+    /// They differ from those in the whole image by rounding alone.
+    #[cfg(feature = "gpu")]
+    pub fn from_window(camera: &Camera, window: Window, settings: &RasterSettings, near: f32) -> Self {
+        let i = camera.intrinsics();
+        let center = [
+            i.cx - 0.5 - f64::from(settings.jitter[0]) - f64::from(window.left),
+            i.cy - 0.5 - f64::from(settings.jitter[1]) - f64::from(window.top),
+        ];
+        let view = Self::of_window(camera, window, settings, near);
+        Self { center: center.map(|v| v as f32), before: [0.0; 2], ..view }
     }
 
     /// View-space coordinates of the world-space offset `d` from the camera centre.

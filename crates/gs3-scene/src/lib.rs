@@ -32,5 +32,5 @@ pub use gbuffer::{GBuffer, Geometry, Gradients, Margin, Planes};
 pub use image::Image;
 pub use jitter::Jitter;
 pub use lens::Lens;
-pub use png_file::{PngChannels, write_png};
+pub use png_file::{PngChannels, write_png, write_png_rows};
 pub use scene::{Details, Dropped, OpacityMode, Scene, SceneError};

@@ -15,12 +15,38 @@ pub enum PngChannels {
 ///
 /// # Errors
 /// What `writer` reports; [`io::ErrorKind::InvalidInput`] where `pixels` are not `width` × `height` × channels.
-pub fn write_png(
+pub fn write_png(writer: impl Write, size: [u32; 2], channels: PngChannels, pixels: &[u8]) -> io::Result<()> {
+    let mut writer = header(writer, size, channels)?;
+    writer.write_image_data(pixels)?;
+    Ok(writer.finish()?)
+}
+
+/// As [`write_png`], for images that memory does not hold: `rows` writes the pixels, row by row.
+///
+/// # Errors
+/// What `writer` and `rows` report; [`io::ErrorKind::InvalidInput`] where the pixels are fewer than `width` × `height` ×
+/// channels, [`io::ErrorKind::WriteZero`] where they are more.
+pub fn write_png_rows(
     writer: impl Write,
+    size: [u32; 2],
+    channels: PngChannels,
+    rows: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<()> {
+    let mut writer = header(writer, size, channels)?;
+    let mut stream = writer.stream_writer_with_size(CHUNK_BYTES)?;
+    rows(&mut stream)?;
+    stream.finish()?;
+    Ok(writer.finish()?)
+}
+
+/// Bytes of a chunk of compressed rows: long enough that a chunk's header and checksum are nothing beside it.
+const CHUNK_BYTES: usize = 1 << 16;
+
+fn header<W: Write>(
+    writer: W,
     [width, height]: [u32; 2],
     channels: PngChannels,
-    pixels: &[u8],
-) -> io::Result<()> {
+) -> io::Result<png::Writer<W>> {
     let mut encoder = png::Encoder::new(writer, width, height);
     encoder.set_color(match channels {
         PngChannels::Rgb => png::ColorType::Rgb,
@@ -29,9 +55,7 @@ pub fn write_png(
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_compression(png::Compression::Fast);
     encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
-    let mut writer = encoder.write_header()?;
-    writer.write_image_data(pixels)?;
-    Ok(writer.finish()?)
+    Ok(encoder.write_header()?)
 }
 
 #[cfg(test)]
@@ -51,5 +75,32 @@ mod tests {
             (4, 2, png::ColorType::Rgb, pixels.clone())
         );
         assert!(write_png(Vec::new(), [4, 2], PngChannels::Rgba, &pixels).is_err());
+    }
+
+    #[test]
+    fn rows_give_the_file_of_the_whole() {
+        let pixels: Vec<u8> = (0..=255).cycle().take(3 * 40 * 30).collect();
+        let mut whole = Vec::new();
+        write_png(&mut whole, [40, 30], PngChannels::Rgb, &pixels).unwrap();
+        let mut rows = Vec::new();
+        write_png_rows(&mut rows, [40, 30], PngChannels::Rgb, |rows| {
+            pixels.chunks(3 * 40 * 7).try_for_each(|part| rows.write_all(part))
+        })
+        .unwrap();
+        let decode = |file: &[u8]| {
+            let mut reader = png::Decoder::new(io::Cursor::new(file)).read_info().unwrap();
+            let mut read = vec![0; 3 * 40 * 30];
+            reader.next_frame(&mut read).unwrap();
+            reader.finish().unwrap();
+            assert_eq!(reader.info().srgb, Some(png::SrgbRenderingIntent::Perceptual));
+            read
+        };
+        assert!(decode(&rows) == pixels && decode(&whole) == pixels);
+        // Too few, too many.
+        for (count, expected) in [(12, io::ErrorKind::InvalidInput), (25, io::ErrorKind::WriteZero)] {
+            let write = |rows: &mut dyn Write| rows.write_all(&[0; 25][..count]);
+            let error = write_png_rows(Vec::new(), [4, 2], PngChannels::Rgb, write).unwrap_err();
+            assert_eq!(error.kind(), expected, "{count}: {error}");
+        }
     }
 }

@@ -82,7 +82,8 @@ pub fn take_over(
     }
 }
 
-fn tell_take_over(error: &impl std::fmt::Display) {
+/// Says that the CPU takes over after `error`.
+pub fn tell_take_over(error: &impl std::fmt::Display) {
     note(format_args!("the CPU takes over: {error}"));
 }
 

@@ -26,7 +26,7 @@ pub struct View {
     #[command(flatten)]
     pub stated: StatedCameras,
     /// Image size [default: the size of the cameras, 1920x1080 without --path]
-    #[arg(long, value_name = "WxH", allow_hyphen_values = true)]
+    #[arg(long, value_name = "WxH", allow_hyphen_values = true, value_parser = Size::of_cameras)]
     pub size: Option<Size>,
     /// Threads [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
@@ -311,5 +311,48 @@ impl SceneOptions {
     /// The same options for another file, which is not streamed.
     pub const fn of_whole(self) -> Self {
         Self { lod: None, budget: None, environment: None, ..self }
+    }
+}
+
+/// A quantity of every pixel besides its colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Aov {
+    /// Distance along the view, in the scene's unit
+    Depth,
+    /// Direction of the surface, in world space
+    Normal,
+    /// Where the surface was in the frame before, in pixels
+    Motion,
+}
+
+impl Aov {
+    /// All of them, in the order of files.
+    pub const ALL: [Self; 3] = [Self::Depth, Self::Normal, Self::Motion];
+
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Depth => "depth",
+            Self::Normal => "normal",
+            Self::Motion => "motion",
+        }
+    }
+}
+
+/// The format of files with quantities of pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum AovFormat {
+    /// OpenEXR
+    Exr,
+    /// NumPy arrays
+    Npz,
+}
+
+impl AovFormat {
+    /// The format's name, and the extension of its files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Exr => "exr",
+            Self::Npz => "npz",
+        }
     }
 }

@@ -1,7 +1,6 @@
 //! `gs3 gbuffer`.
 
 use std::io::{self, Seek, Write};
-use std::mem;
 use std::path::PathBuf;
 
 use gs3::Machine;
@@ -86,16 +85,7 @@ pub fn run(args: &GbufferArgs) -> Result<Outcome, CliError> {
     if gbuffer.alpha.plane(0).iter().all(|alpha| *alpha == 0.0) {
         inputs::warn_of_nothing_visible(scene.details().near);
     }
-    write_file(&args.out, |writer| {
-        let mut zip = ZipWriter::new(writer);
-        if let Err(error) = write_planes(&mut zip, &gbuffer).and_then(|()| zip.flush()) {
-            // Dropped, it would try to end the archive and say on its own that it cannot.
-            mem::forget(zip);
-            return Err(error);
-        }
-        zip.finish()?;
-        Ok(())
-    })?;
+    write_file(&args.out, |writer| npz::write(writer, |zip| write_planes(zip, &gbuffer)))?;
     Ok(Outcome::Done)
 }
 

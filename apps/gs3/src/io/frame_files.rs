@@ -7,7 +7,12 @@ use std::path::Path;
 
 /// Name of the frame with the number `number` among all displayed ones.
 pub fn frame_name(number: usize) -> String {
-    format!("frame_{number:06}.png")
+    name_with(number, "png")
+}
+
+/// Name of the file with this extension that belongs to the frame with the number `number`.
+pub fn name_with(number: usize, extension: &str) -> String {
+    format!("frame_{number:06}.{extension}")
 }
 
 /// Whether `name` is the name of a frame's file.

@@ -266,21 +266,32 @@ pub fn tell_what_is_too_near(scene: &Scene, cameras: &[Camera]) {
     }
 }
 
-/// Refuses cameras with images larger than what is rendered.
-fn check_renderable(path: &CameraPath) -> Result<(), CliError> {
-    let is_large = |camera: &&Camera| camera.width().max(camera.height()) > MAX_SIDE;
-    match path.cameras().iter().find(is_large) {
-        None => Ok(()),
-        Some(camera) => Err(CliError::Option {
-            option: "--size",
-            expected: format!("a size up to {MAX_SIDE}x{MAX_SIDE}, as the images of the cameras are larger"),
-            actual: format!("none, for {}x{}", camera.width(), camera.height()),
-        }),
-    }
+/// Whether the camera's image is larger than what is rendered at once.
+pub fn is_large(camera: &Camera) -> bool {
+    camera.width().max(camera.height()) > MAX_SIDE
+}
+
+/// Refuses cameras of `view` with images larger than what is rendered at once.
+pub fn check_renderable(view: &View, path: &CameraPath) -> Result<(), CliError> {
+    let Some(camera) = path.cameras().iter().find(|camera| is_large(camera)) else { return Ok(()) };
+    let size = format!("{}x{}", camera.width(), camera.height());
+    let most = format!("a size up to {MAX_SIDE}x{MAX_SIDE} (gs3 render --mode native makes larger pictures)");
+    let (expected, actual) = match view.size {
+        Some(_) => (most, size),
+        None => (format!("{most}, as the images of the cameras are larger"), format!("none, for {size}")),
+    };
+    Err(CliError::Option { option: "--size", expected, actual })
+}
+
+/// The cameras of `view` at the size asked for, none of them larger than what is rendered at once.
+pub fn cameras(view: &View, scene: &Scene) -> Result<CameraPath, CliError> {
+    let path = cameras_of_any_size(view, scene)?;
+    check_renderable(view, &path)?;
+    Ok(path)
 }
 
 /// The cameras of `view` at the size asked for.
-pub fn cameras(view: &View, scene: &Scene) -> Result<CameraPath, CliError> {
+pub fn cameras_of_any_size(view: &View, scene: &Scene) -> Result<CameraPath, CliError> {
     let given = view.stated.fov.map(|_| "--fov").or(view.stated.dataparser.as_ref().map(|_| "--dataparser"));
     if let (None, Some(option)) = (&view.path, given) {
         let expected = "--path with it, for it is about cameras of a file".to_owned();
@@ -292,9 +303,7 @@ pub fn cameras(view: &View, scene: &Scene) -> Result<CameraPath, CliError> {
         None => orbit::around(scene, ORBIT_FRAMES, DEFAULT_SIZE.width, DEFAULT_SIZE.height)?,
     };
     let size = view.size.or(view.path.is_none().then_some(DEFAULT_SIZE));
-    let path = size.map_or(Ok(path.clone()), |size| path.resized(size.width, size.height))?;
-    check_renderable(&path)?;
-    Ok(path)
+    Ok(size.map_or(Ok(path.clone()), |size| path.resized(size.width, size.height))?)
 }
 
 /// Refuses panoramas, which only `gs3 render` makes.

@@ -11,6 +11,7 @@ use serde_json::{Map, Value, json};
 
 use super::output::write_text;
 use crate::cli::error::CliError;
+use crate::cli::options::{Aov, AovFormat};
 
 /// Name of the file in the folder of the frames.
 pub const NAME: &str = "manifest.json";
@@ -73,6 +74,16 @@ impl Manifest {
             Value::Object(facts) => Ok(Self(facts)),
             _ => Err(PipelineError::Internal { expected: "an object of facts" }.into()),
         }
+    }
+
+    /// The same frames with these quantities of pixels beside each; with none, the same.
+    pub fn with_aovs(mut self, aovs: &[Aov], format: AovFormat) -> Self {
+        let names: Vec<&str> = Aov::ALL.into_iter().filter(|aov| aovs.contains(aov)).map(Aov::name).collect();
+        if !names.is_empty() {
+            self.0.insert("aov".to_owned(), json!(names.join(",")));
+            self.0.insert("aov_format".to_owned(), json!(format.name()));
+        }
+        self
     }
 
     /// The manifest in `folder`, if there is one.

@@ -3,8 +3,10 @@
 
 pub mod alpha;
 pub mod destination;
+pub mod exr;
 pub mod frame_files;
 pub mod inputs;
+pub mod layers;
 pub mod manifest;
 pub mod npz;
 pub mod output;

@@ -1,9 +1,25 @@
 //! NumPy archives: `.npy` arrays in a zip file.
 
 use std::io::{self, Seek, Write};
+use std::mem;
 
 use zip::ZipWriter;
 use zip::write::SimpleFileOptions;
+
+/// Writes an archive of the arrays that `add` adds.
+pub fn write<W: Write + Seek>(
+    writer: W,
+    add: impl FnOnce(&mut ZipWriter<W>) -> io::Result<()>,
+) -> io::Result<()> {
+    let mut zip = ZipWriter::new(writer);
+    if let Err(error) = add(&mut zip).and_then(|()| zip.flush()) {
+        // Dropped, it would try to end the archive and say on its own that it cannot.
+        mem::forget(zip);
+        return Err(error);
+    }
+    zip.finish()?;
+    Ok(())
+}
 
 /// Adds the array `name` of `shape` (row-major, f32, little endian).
 pub fn add(

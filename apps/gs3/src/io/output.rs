@@ -1,4 +1,4 @@
-//! Where frames go: PNG files that are always whole, and a video.
+//! Where frames go: PNG files that are always whole, files in numbers, and a video.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
@@ -13,7 +13,8 @@ use rayon::prelude::*;
 
 use super::alpha::straight_rgba8;
 use super::destination::{Destination, has_extension};
-use super::frame_files::frame_name;
+use super::frame_files::{frame_name, name_with};
+use super::layers::Layers;
 use super::video::{Failure, Stream, Video};
 use crate::cli::error::CliError;
 use crate::cli::terminal::note;
@@ -21,7 +22,7 @@ use crate::cli::terminal::note;
 /// What `--out` asks for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Target {
-    /// One PNG file.
+    /// One PNG file, or one EXR file ([`Target::is_exr`]).
     Single(PathBuf),
     /// A folder of PNG files.
     Folder(PathBuf),
@@ -36,13 +37,13 @@ impl Target {
             return Ok(Self::Folder(out.into()));
         }
         match out.extension() {
-            Some(_) if has_extension(out, "png") => Ok(Self::Single(out.into())),
+            Some(_) if has_extension(out, "png") || has_extension(out, EXR) => Ok(Self::Single(out.into())),
             Some(_) if has_extension(out, "mp4") => {
                 Ok(Self::Video { file: out.into(), frames: out.with_extension("") })
             }
             Some(_) if !out.is_dir() => Err(CliError::Option {
                 option: "--out",
-                expected: "DIR, FILE.png or FILE.mp4 (DIR/ if its name has a dot)".to_owned(),
+                expected: "DIR, FILE.png, FILE.exr or FILE.mp4 (DIR/ if its name has a dot)".to_owned(),
                 actual: out.display().to_string(),
             }),
             _ => Ok(Self::Folder(out.into())),
@@ -57,10 +58,33 @@ impl Target {
         }
     }
 
+    /// Whether the frame is written in numbers alone.
+    pub fn is_exr(&self) -> bool {
+        matches!(self, Self::Single(file) if has_extension(file, EXR))
+    }
+
+    /// The file of the picture of the frame with this number.
+    pub fn picture(&self, number: usize) -> PathBuf {
+        match self {
+            Self::Single(file) => file.clone(),
+            Self::Folder(frames) | Self::Video { frames, .. } => frames.join(frame_name(number)),
+        }
+    }
+
+    /// The file that belongs to the frame with this number, in a format of files with this `extension`.
+    pub fn file(&self, number: usize, extension: &str) -> PathBuf {
+        match self {
+            Self::Single(file) => file.with_extension(extension),
+            Self::Folder(frames) | Self::Video { frames, .. } => frames.join(name_with(number, extension)),
+        }
+    }
+
     /// What is written.
     pub fn destinations(&self) -> Vec<Destination<'_>> {
         match self {
-            Self::Single(file) => vec![Destination::file("--out", file, "png")],
+            Self::Single(file) => {
+                vec![Destination::file("--out", file, if self.is_exr() { EXR } else { "png" })]
+            }
             Self::Folder(folder) => vec![Destination::frames("--out", folder)],
             Self::Video { file, frames } => {
                 vec![Destination::video("--out", file), Destination::frames("--out, its frames", frames)]
@@ -69,7 +93,7 @@ impl Target {
     }
 
     /// The folder of the frames, made if it is not there; so that an unwritable output is known before the work.
-    fn prepare(&self) -> Result<(), CliError> {
+    pub fn prepare(&self) -> Result<(), CliError> {
         match self {
             Self::Single(file) => make_folder_of(file),
             Self::Folder(frames) | Self::Video { frames, .. } => {
@@ -78,6 +102,9 @@ impl Target {
         }
     }
 }
+
+/// The extension of OpenEXR files.
+const EXR: &str = "exr";
 
 /// Most frames that are held to be encoded at once, however many threads there are: one takes 3 B a pixel, and 2 more
 /// while it is compressed. Eight are 40 B of the 250 B a pixel that a command may take beside its scene
@@ -124,13 +151,28 @@ impl FrameWriter {
     }
 
     /// Takes the frame with the number `number` among all displayed ones, and its `coverage`, if it is to be transparent
-    /// where nothing is.
-    pub fn write(&mut self, number: usize, image: &Image, coverage: Option<&Image>) -> Result<(), CliError> {
+    /// where nothing is. Its `layers`, if there are any, are written at once, before its picture.
+    pub fn write(
+        &mut self,
+        number: usize,
+        image: &Image,
+        coverage: Option<&Image>,
+        layers: Option<&Layers>,
+    ) -> Result<(), CliError> {
         let started = Instant::now();
-        let file = match &self.target {
-            Target::Single(file) => file.clone(),
-            Target::Folder(frames) | Target::Video { frames, .. } => frames.join(frame_name(number)),
-        };
+        if let Some(layers) = layers {
+            let file = match self.target.is_exr() {
+                true => self.target.picture(number),
+                false => self.target.file(number, layers.format.name()),
+            };
+            layers.write(&file)?;
+        }
+        if self.target.is_exr() {
+            self.written.frames += 1;
+            self.written.encode_time += started.elapsed();
+            return Ok(());
+        }
+        let file = self.target.picture(number);
         let pixels = match coverage {
             None => rgb8(image),
             Some(coverage) => {
@@ -244,7 +286,7 @@ fn rgb8(image: &Image) -> Pixels {
 
 /// No RGB pixels for an image of the size of `image`.
 fn blank_like(image: &Image) -> Pixels {
-    // Image sides come from cameras, which are at most 8192.
+    // Image sides come from cameras, which are at most 65,535.
     let [width, height] = [image.width(), image.height()].map(|side| side as u32);
     Pixels { width, height, channels: PngChannels::Rgb, bytes: Vec::new() }
 }

@@ -7,7 +7,7 @@ use std::time::SystemTime;
 use super::{gs3, json, names, png, stderr, succeed};
 
 /// A folder with a scene that takes little time: a fiftieth of the demo's Gaussians.
-fn few_gaussians() -> tempfile::TempDir {
+pub fn few_gaussians() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     succeed(folder.path(), "simplify demo --size 64x36 --frames 0..2 --keep 0.02 --out few.ply");
     fs::write(folder.path().join("path.json"), cameras(50)).unwrap();
@@ -15,7 +15,7 @@ fn few_gaussians() -> tempfile::TempDir {
 }
 
 /// A path around the scene's middle, `count` frames, as nerfstudio writes it.
-fn cameras(count: usize) -> String {
+pub fn cameras(count: usize) -> String {
     let pose = |k: usize| {
         let turn = 0.02 * k as f64;
         let (s, c) = (turn.sin(), turn.cos());

@@ -1,6 +1,7 @@
 //! The command as its users meet it: what it writes, what it says, how it ends.
 #![allow(clippy::unwrap_used, reason = "a failed helper is a failed test")]
 
+mod aov;
 mod asked;
 mod backend;
 mod bad_input;
@@ -8,6 +9,7 @@ mod chunks;
 mod export;
 mod frames;
 mod kinds;
+mod large;
 mod memory;
 mod outputs;
 mod scenes;

@@ -50,7 +50,7 @@ fn outputs_are_checked_before_anything_is_read() {
             "render s.ply --out cf.mp4 --compare ./cf/frame_1000000.png",
             "--compare: expected another name than those of the frames in cf, found ./cf/frame_1000000.png",
         ),
-        ("render s.ply --out vid.mov", "--out: expected DIR, FILE.png or FILE.mp4"),
+        ("render s.ply --out vid.mov", "--out: expected DIR, FILE.png, FILE.exr or FILE.mp4"),
         ("render s.ply --out there.mp4", "--out: expected a file, found there.mp4, a folder"),
         (
             "render s.ply --out one.mp4 --path one --json one",

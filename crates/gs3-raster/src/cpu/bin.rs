@@ -225,18 +225,18 @@ fn for_each_tile(
     }
     let splat = &job.splats[local];
     // From places counted from the first pixel to positions.
-    let [before_x, before_y] = grid.before.map(|pixels| pixels as f32);
+    let [origin_x, origin_y] = grid.origin;
     for y in first_y..=last_y {
-        let top = (y * height) as f32 - before_y;
+        let top = (y * height) as f32 + origin_y;
         let bottom = top + (height - 1) as f32;
         let (mut from, mut to) = (first_x, last_x);
         if culling == Culling::AccuTile {
             let [left, right] = splat.x_span(top, bottom);
-            from = from.max(((left + before_x).max(0.0) as usize) / width);
-            to = to.min(((right + before_x).max(0.0) as usize) / width);
+            from = from.max(((left - origin_x).max(0.0) as usize) / width);
+            to = to.min(((right - origin_x).max(0.0) as usize) / width);
         }
         for x in from..=to {
-            let left = (x * width) as f32 - before_x;
+            let left = (x * width) as f32 + origin_x;
             let right = left + (width - 1) as f32;
             if culling != Culling::Exact || splat.reaches(left, top, right, bottom) {
                 visit([x, y]);

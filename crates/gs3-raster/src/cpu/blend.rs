@@ -160,9 +160,8 @@ pub fn blend_places<S: Simd, const OUTPUTS: usize>(
     cover: &mut Cover,
     blocks: &mut [Block; BLOCKS],
 ) {
-    let before = grid.before.map(|pixels| pixels as f32);
     for visited in order.chunks(RUN) {
-        cover.fill(s, splats, visited, places, before, open);
+        cover.fill(s, splats, visited, places, grid.origin, open);
         // Block by block, so that the state stays in registers during the run.
         for b in 0..places.len() {
             let touching = cover.of_block(b);

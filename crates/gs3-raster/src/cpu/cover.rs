@@ -153,7 +153,7 @@ impl Cover {
     }
 
     /// Makes the lists of a run of splats, which `visited` names in order, for the blocks of `blocks` in the bit mask
-    /// `open`. Rectangles of splats count from `before` pixels left of and above position `(0, 0)`.
+    /// `open`. Rectangles of splats count from the pixel at position `origin`.
     ///
     /// Over a row of blocks, a support's right edge is farthest right at `dy_at_max_dx` or at the sample row nearest
     /// to it. The left edge follows by symmetry at the negative value (Speedy-Splat's AccuTile, Hanson et al. 2025;
@@ -165,13 +165,13 @@ impl Cover {
         splats: &[Splat],
         visited: &[u32],
         blocks: &BlockPlaces,
-        before: [f32; 2],
+        origin: [f32; 2],
         open: u32,
     ) {
         let zero = f32x16::splat(s, 0.0);
         self.counts = [0; BLOCKS];
         let (e, count) = (&mut self.extents, visited.len());
-        let rect_origin = [0, 1].map(|a| before[a] + blocks.corner[a]);
+        let rect_origin = [0, 1].map(|a| blocks.corner[a] - origin[a]);
         for (i, &index) in visited.iter().enumerate() {
             e.set(i, &splats[index as usize], blocks.corner, rect_origin);
         }

@@ -3,7 +3,7 @@
 use gs3_scene::Camera;
 
 use super::bin::{TILE_HEIGHT, TILE_WIDTH};
-use crate::settings::RasterSettings;
+use crate::settings::{RasterSettings, Window};
 
 /// A lattice of sample positions: every `stride`-th pixel of the native image, along both axes.
 ///
@@ -17,6 +17,8 @@ pub struct Grid {
     pub first: [f32; 2],
     /// Pixels of the native image left of and above position `(0, 0)`.
     pub before: [usize; 2],
+    /// Position of the first pixel that splats' rectangles count from: negative in a margin.
+    pub origin: [f32; 2],
     /// Columns and rows of samples.
     pub size: [usize; 2],
 }
@@ -24,7 +26,14 @@ pub struct Grid {
 impl Grid {
     /// Every pixel of an image of `size`.
     pub fn native(size: [u32; 2]) -> Self {
-        Self { stride: 1, first: [0.0; 2], before: [0; 2], size: size.map(|side| side as usize) }
+        let size = size.map(|side| side as usize);
+        Self { stride: 1, first: [0.0; 2], before: [0; 2], origin: [0.0; 2], size }
+    }
+
+    /// Every pixel of `window` of an image, at its position in the image.
+    pub fn window(window: Window) -> Self {
+        let origin = [window.left, window.top].map(|side| side as f32);
+        Self { first: origin, origin, ..Self::native([window.width, window.height]) }
     }
 
     /// The samples of the low-resolution frame of `camera`, `scale` times coarser, under `settings` of that frame.
@@ -40,7 +49,8 @@ impl Grid {
             at as f32 - before[a] as f32
         });
         let size = margin.padded([lr.width(), lr.height()]).map(|side| side as usize);
-        Self { stride: scale as usize, first, before, size }
+        let origin = before.map(|side| -(side as f32));
+        Self { stride: scale as usize, first, before, origin, size }
     }
 
     /// Columns and rows of tiles.

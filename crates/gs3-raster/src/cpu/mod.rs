@@ -27,7 +27,7 @@ use rayon::prelude::*;
 use web_time::Instant;
 
 use crate::chunk::{self, CHUNK, Chunk};
-use crate::settings::{Culling, Outputs, RasterError, RasterSettings};
+use crate::settings::{Culling, Outputs, RasterError, RasterSettings, Window};
 use crate::view::View;
 use bin::{Bins, ENTRY_BYTES, Part, TILE_HEIGHT, TILE_WIDTH};
 use blend::{COLOR, GBUFFER, GBUFFER_MIXED, TileScratch};
@@ -231,6 +231,28 @@ impl Rasterizer {
         out.resize(camera.width() as usize, camera.height() as usize);
         let view = View::new(camera, &settings, self.scene.details().near);
         self.run::<COLOR>(&view, &Grid::native(view.size), &settings, resolve::image_bands(out));
+        Ok(())
+    }
+
+    /// Rasterizes colour only, as [`Self::rasterize_image`] does, of a `window` of the camera's image: `out` gets the
+    /// window's size and has the bits of those pixels of the whole image. Gaussians that reach into the window from
+    /// outside are in it. Images larger than memory are made window by window.
+    ///
+    /// # Errors
+    /// [`RasterError`] if a setting is out of range, or the window is empty or not within the image; `out` is unchanged
+    /// then.
+    pub fn rasterize_window(
+        &mut self,
+        camera: &Camera,
+        window: Window,
+        settings: &RasterSettings,
+        out: &mut Image,
+    ) -> Result<(), RasterError> {
+        settings.check()?;
+        window.check([camera.width(), camera.height()])?;
+        out.resize(window.width as usize, window.height as usize);
+        let view = View::of_window(camera, window, settings, self.scene.details().near);
+        self.run::<COLOR>(&view, &Grid::window(window), settings, resolve::image_bands(out));
         Ok(())
     }
 

@@ -16,7 +16,7 @@ use crate::view::View;
 /// Slack on `support`, for the different rounding of the contribution's exponent here and in blending.
 pub const SUPPORT_MARGIN: f32 = 1e-3;
 
-/// Slack in pixels on the support's extents, for the rounding of positions up to 8192 px (2⁻¹¹ px).
+/// Slack in pixels on the support's extents, for the rounding of positions: by 2⁻¹² px up to 8192 px, 2⁻⁹ px up to 65,536 px.
 pub const EXTENT_MARGIN: f32 = 2e-3;
 
 /// Centres farther off the axis than this multiple of their depth are culled. At a focal length of a thousand pixels

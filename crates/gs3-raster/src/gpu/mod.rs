@@ -33,7 +33,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use gs3_compute::{Arena, Gpu, GpuError, Limits, Readback, Recorder, Slice};
 use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
 
-use crate::settings::{Culling, MAX_MARGIN, Outputs, RasterError, RasterSettings, Rules};
+use crate::settings::{Culling, MAX_MARGIN, Outputs, RasterError, RasterSettings, Rules, Window};
 use crate::view::View;
 pub use error::GpuRasterError;
 use frame::{Fixed, Frame};
@@ -176,12 +176,21 @@ impl GpuRasterizer {
         settings: &RasterSettings,
         out: &mut GpuGBuffer,
     ) -> Result<(), GpuRasterError> {
-        settings.check()?;
-        if settings.rules != Rules::KERBL {
-            return Err(RasterError::Rules { actual: settings.rules }.into());
-        }
+        check(settings)?;
+        let view = View::new(camera, settings, self.scene.details().near);
+        self.record_view(recorder, [camera.width(), camera.height()], &view, settings, out)
+    }
+
+    /// Records the `picture`, in pixels without its margin, that `view` shows. The settings are checked.
+    fn record_view(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        picture: [u32; 2],
+        view: &View,
+        settings: &RasterSettings,
+        out: &mut GpuGBuffer,
+    ) -> Result<(), GpuRasterError> {
         self.has_margins |= settings.margin != Margin::NONE;
-        let picture = [camera.width(), camera.height()];
         let room = if self.has_margins { Margin::all(MAX_MARGIN).padded(picture) } else { picture };
         self.fit(room, settings.outputs)?;
         let Some(frame) = &self.frame else { return Ok(()) };
@@ -191,9 +200,7 @@ impl GpuRasterizer {
             let blend = frame.bind_target(&self.gpu, &self.fixed, &self.arena, out.planes())?;
             out.target = Target { frame: self.frame_number, blend };
         }
-        let view =
-            ViewUniform::new(&View::new(camera, settings, self.scene.details().near), settings, out.stride());
-        recorder.write(&self.fixed.view.slice(), &[view])?;
+        recorder.write(&self.fixed.view.slice(), &[ViewUniform::new(view, settings, out.stride())])?;
         if std::mem::take(&mut self.resets_counters) {
             Frame::record_clearing(recorder, &self.fixed);
         }
@@ -274,10 +281,18 @@ impl GpuRasterizer {
         settings: &RasterSettings,
         out: &mut GpuGBuffer,
     ) -> Result<(), GpuRasterError> {
+        self.make_whole(|rasterizer, recorder| rasterizer.record(recorder, camera, settings, out))
+    }
+
+    /// Submits what `record` records, and again after an overflow, until the frame is complete.
+    fn make_whole(
+        &mut self,
+        mut record: impl FnMut(&mut Self, &mut Recorder<'_>) -> Result<(), GpuRasterError>,
+    ) -> Result<(), GpuRasterError> {
         loop {
             let gpu = self.gpu.clone();
             let mut recorder = gpu.recorder(None);
-            self.record(&mut recorder, camera, settings, out)?;
+            record(self, &mut recorder)?;
             recorder.read_back(&self.counters(), &self.counters_back, 0);
             let submission = recorder.submit()?;
             let counters = self.counters_back.read(&gpu, &submission, <[u8]>::to_vec)?;
@@ -323,6 +338,33 @@ impl GpuRasterizer {
         Ok(self.gbuffer.read_image(&self.gpu, out)?)
     }
 
+    /// Rasterizes colour only, as [`Self::rasterize_image`] does, of a `window` of the camera's image: `out` gets the
+    /// window's size. Its pixels are those of the whole image but for the rounding of positions, which count from the
+    /// window's first pixel.
+    ///
+    /// # Errors
+    /// As [`Self::rasterize`]; [`RasterError::Window`] if the window is empty or not within the image.
+    pub fn rasterize_window(
+        &mut self,
+        camera: &Camera,
+        window: Window,
+        settings: &RasterSettings,
+        out: &mut Image,
+    ) -> Result<(), GpuRasterError> {
+        let settings = RasterSettings { outputs: Outputs::Color, margin: Margin::NONE, ..*settings };
+        check(&settings)?;
+        window.check([camera.width(), camera.height()])?;
+        let view = View::from_window(camera, window, &settings, self.scene.details().near);
+        let size = [window.width, window.height];
+        let mut gbuffer = std::mem::take(&mut self.gbuffer);
+        let result = self.make_whole(|rasterizer, recorder| {
+            rasterizer.record_view(recorder, size, &view, &settings, &mut gbuffer)
+        });
+        self.gbuffer = gbuffer;
+        result?;
+        Ok(self.gbuffer.read_image(&self.gpu, out)?)
+    }
+
     /// Makes sure that `self.frame` has this size and these outputs.
     fn fit(&mut self, size: [u32; 2], outputs: Outputs) -> Result<(), GpuRasterError> {
         if self.frame.as_ref().is_some_and(|frame| frame.plan.size == size && frame.plan.outputs == outputs) {
@@ -344,5 +386,14 @@ impl GpuRasterizer {
         // The needs of frames of another size say nothing about these frames.
         self.resets_counters = true;
         Ok(())
+    }
+}
+
+/// Checks `settings` against what a GPU supports.
+fn check(settings: &RasterSettings) -> Result<(), RasterError> {
+    settings.check()?;
+    match settings.rules == Rules::KERBL {
+        true => Ok(()),
+        false => Err(RasterError::Rules { actual: settings.rules }),
     }
 }

@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3};
 use gs3_compute::{Gpu, GpuError, GpuSettings};
 use gs3_raster::{
     Culling, GpuGBuffer, GpuRasterError, GpuRasterizer, Outputs, RasterError, RasterSettings, Rasterizer,
-    ScenePrecision, matched_dilation,
+    ScenePrecision, Window, matched_dilation,
 };
 use gs3_scene::gaussians::MAX_SH;
 use gs3_scene::{Camera, GBuffer, Image, Margin, OpacityMode, Scene};
@@ -142,6 +142,39 @@ fn random_scenes_match_the_cpu() {
         let packed = gpu_frame(&gpu, &scene, culling, ScenePrecision::F16, &camera, &settings);
         assert_close(&packed, &expected, never, 55.0, &format!("{what}, f16"));
     }
+}
+
+/// A window is a part of the image, but for the rounding of positions: 70 dB, as between machines.
+#[test]
+fn windows_are_parts_of_the_image() {
+    let Some(gpu) = gpu() else { return };
+    let camera = camera_at_origin(203, 117, DVec2::new(0.05, -0.1));
+    let recipe = RandomScene { count: 500, sigma: [0.1, 25.0], anisotropy: 30.0, ..RandomScene::BASE };
+    let settings = RasterSettings::new(Outputs::Color);
+    let mut rasterizer = GpuRasterizer::new(
+        &gpu,
+        Arc::new(recipe.build(&camera)),
+        Culling::AccuTile,
+        ScenePrecision::default(),
+    )
+    .unwrap_or_else(|e| panic!("{e}"));
+    let (mut whole, mut part) = (Image::default(), Image::default());
+    rasterizer.rasterize_image(&camera, &settings, &mut whole).unwrap_or_else(|e| panic!("{e}"));
+    for (left, top, width, height) in [(0, 0, 64, 48), (64, 48, 64, 48), (101, 3, 102, 50)] {
+        let window = Window { left, top, width, height };
+        rasterizer.rasterize_window(&camera, window, &settings, &mut part).unwrap_or_else(|e| panic!("{e}"));
+        let mut sum = 0.0;
+        for y in 0..height as usize {
+            let expected = &whole.row(y + top as usize)[left as usize..][..width as usize];
+            let pairs = part.row(y).as_flattened().iter().zip(expected.as_flattened());
+            sum += pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>();
+        }
+        let psnr = 10.0 * (f64::from(4 * width * height) / sum).log10();
+        assert!(psnr > 70.0, "{window:?}: {psnr} dB");
+    }
+    let window = Window { left: 200, top: 0, width: 4, height: 1 };
+    let error = rasterizer.rasterize_window(&camera, window, &settings, &mut part);
+    assert!(matches!(error, Err(GpuRasterError::Settings(RasterError::Window { .. }))), "{error:?}");
 }
 
 /// A picture copied out of its margin equals the CPU's, with either rasterizer and any old contents of the planes.

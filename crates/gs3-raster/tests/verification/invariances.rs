@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec2, DVec3};
-use gs3_raster::{Culling, Outputs, RasterSettings, Rasterizer, matched_dilation};
-use gs3_scene::{Camera, GBuffer, Margin, OpacityMode, Scene};
+use gs3_raster::{Culling, Outputs, RasterError, RasterSettings, Rasterizer, Window, matched_dilation};
+use gs3_scene::{Camera, GBuffer, Image, Margin, OpacityMode, Scene};
 use proptest::prelude::*;
 
 use crate::compare::{
@@ -279,6 +279,46 @@ fn a_window_shows_what_its_view_shows_there() {
     }
     // Positions on the image are rounded where the window begins or where the view does.
     assert!(largest < 1e-3, "{largest}");
+}
+
+/// Windows of an image have its bits wherever they begin, with any culling: what is made in parts is made as a whole.
+#[test]
+fn windows_have_the_bits_of_the_image() {
+    let camera = camera_at_origin(203, 117, DVec2::new(0.05, -0.1));
+    let recipe = RandomScene { count: 500, sigma: [0.1, 25.0], anisotropy: 30.0, ..RandomScene::BASE };
+    let scene = Arc::new(recipe.build(&camera));
+    let settings = RasterSettings { background: [0.1, 0.2, 0.3], ..RasterSettings::new(Outputs::Color) };
+    let cullings = [Culling::Aabb3Sigma, Culling::Adr, Culling::SnugBox, Culling::AccuTile, Culling::Exact];
+    for culling in cullings {
+        let mut rasterizer = Rasterizer::new(Arc::clone(&scene), culling);
+        let mut whole = Image::default();
+        rasterizer.rasterize_image(&camera, &settings, &mut whole).expect("valid settings");
+        let mut part = Image::default();
+        for (left, top, width, height) in [
+            (0, 0, 203, 117),
+            (0, 0, 64, 48),
+            (64, 48, 64, 48),
+            (37, 51, 1, 1),
+            (101, 3, 102, 50),
+            (200, 116, 3, 1),
+        ] {
+            let window = Window { left, top, width, height };
+            rasterizer.rasterize_window(&camera, window, &settings, &mut part).expect("valid settings");
+            for y in 0..height as usize {
+                let expected = &whole.row(y + top as usize)[left as usize..][..width as usize];
+                assert!(part.row(y) == expected, "{culling:?}, {window:?}: row {y}");
+            }
+        }
+        assert!(whole.pixels().iter().any(|pixel| pixel[3] > 0.9), "something is shown");
+    }
+    let mut rasterizer = Rasterizer::new(scene, Culling::AccuTile);
+    for (left, top, width, height) in
+        [(0, 0, 0, 1), (100, 0, 104, 117), (0, 1, 203, 117), (u32::MAX, 0, 2, 1)]
+    {
+        let window = Window { left, top, width, height };
+        let error = rasterizer.rasterize_window(&camera, window, &settings, &mut Image::default());
+        assert_eq!(error, Err(RasterError::Window { size: [203, 117], actual: window }));
+    }
 }
 
 /// What is rasterized around a picture changes nothing in it, and shows what a wider camera sees.

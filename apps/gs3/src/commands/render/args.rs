@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::ValueEnum;
 use gs3::Mode;
 
-use crate::cli::options::{Device, FrameOptions, SceneOptions, View};
+use crate::cli::options::{Aov, AovFormat, Device, FrameOptions, SceneOptions, View};
 use crate::cli::values::FrameRange;
 
 #[derive(Debug, clap::Args)]
@@ -34,15 +34,23 @@ pub struct RenderArgs {
     pub frame_options: FrameOptions,
     #[command(flatten)]
     pub device: Device,
-    /// Folder for PNG frames, FILE.png for a single frame, or FILE.mp4 for a video with its frames in folder FILE.
+    /// Folder for PNG frames, FILE.png or FILE.exr (linear light) for a single frame, or FILE.mp4 for a video with its
+    /// frames in folder FILE.
     /// Frames are numbered as they are shown: frame K of the path is number K, in mode `full` K · (in_between + 1), with
     /// those between before it
-    #[arg(long, value_name = "DIR|FILE.png|FILE.mp4")]
+    #[arg(long, value_name = "DIR|FILE.png|FILE.exr|FILE.mp4")]
     pub out: PathBuf,
     /// Write RGBA: transparent where nothing is, straight alpha, instead of a background. Takes about twice as long, as
     /// alpha is reconstructed as colours are
     #[arg(long, conflicts_with = "background")]
     pub alpha: bool,
+    /// Also write each frame in numbers, beside its PNG file: linear colour and depth, normal or motion, separated by
+    /// commas. They are rasterized natively, which takes longer than a frame in mode `native`
+    #[arg(long, value_name = "depth,normal,motion", value_delimiter = ',')]
+    pub aov: Vec<Aov>,
+    /// Format of these files
+    #[arg(long, value_name = "exr|npz", default_value = "exr", requires = "aov")]
+    pub aov_format: AovFormat,
     /// Also compare with native rendering: write the last frame's middle (native, bicubic, this mode), and say how much
     /// faster than native up to 8 frames were
     #[arg(long, value_name = "FILE.png")]

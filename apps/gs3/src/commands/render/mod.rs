@@ -1,12 +1,16 @@
 //! `gs3 render`.
 
+mod aov;
 mod args;
 mod compare;
 mod course;
+mod native;
 mod panorama;
 mod parts;
+mod tiles;
 
 use std::ops::Range;
+use std::path::Path;
 
 use gs3::scene::CameraPath;
 use gs3::scene::camera_path::Pace;
@@ -18,6 +22,7 @@ use crate::cli::backend;
 use crate::cli::error::CliError;
 use crate::cli::exit::Outcome;
 use crate::cli::interrupt;
+use crate::cli::options::AovFormat;
 use crate::cli::terminal::note;
 use crate::cli::threads::start_threads;
 use crate::io::alpha::coverage;
@@ -28,6 +33,7 @@ use crate::io::manifest::Manifest;
 use crate::io::output::{FrameWriter, Target, Written, write_text};
 use crate::io::report::{self, Times};
 use crate::io::video::Stream;
+use aov::LayerMaker;
 pub use args::RenderArgs;
 use compare::Comparison;
 use course::Course;
@@ -44,12 +50,14 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         });
     }
     let target = Target::of(&args.out)?;
+    let in_numbers = target.file(0, args.aov_format.name());
     let mut destinations = target.destinations();
+    destinations.extend(aov_destination(args, &target, &in_numbers)?);
     destinations.extend(args.compare.iter().map(|file| Destination::file("--compare", file, "png")));
     destinations.extend(args.json.iter().map(|file| Destination::file("--json", file, "json")));
     destination::check(&destinations, args.view.inputs())?;
     let (scene, load_time) = inputs::scene_of(&args.view, args.scene_options)?;
-    let mut path = inputs::cameras(&args.view, &scene)?;
+    let mut path = inputs::cameras_of_any_size(&args.view, &scene)?;
     if let Some(frames) = args.smooth {
         path = path.smoothed(frames as usize, Pace::Speed);
     }
@@ -61,6 +69,11 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
             actual: format!("--out {}", args.out.display()),
         });
     }
+    let may_be_large = mode == Mode::Native && !path.facts().is_panorama;
+    if !may_be_large {
+        inputs::check_renderable(&args.view, &path)?;
+    }
+    let in_tiles = may_be_large && path.cameras()[range.clone()].iter().any(inputs::is_large);
     inputs::tell_what_is_too_near(&scene, &path.cameras()[range.clone()]);
     let (networks, tier) = inputs::networks(&args.frame_options)?;
     if mode == Mode::SuperSample && networks.interpolate.is_some() {
@@ -71,6 +84,9 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         });
     }
     let settings = args.frame_options.settings(mode);
+    if in_tiles {
+        return tiles::run(args, &target, &scene, &path, range, load_time);
+    }
     if path.facts().is_panorama {
         return panorama::run(args, &target, &scene, &path, range, &networks);
     }
@@ -85,6 +101,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         pipeline.render_on(gpu)?;
         coverage.as_mut().map_or(Ok(()), |coverage| coverage.render_on(gpu))
     })?;
+    let mut layer_maker = LayerMaker::new(args, &target, pipeline.scene(), &settings, &machine)?;
     let first = path.cameras()[range.start];
     if mode.has_history() && args.frame_options.refine.is_on() && !matches!(machine, Machine::Cpu) {
         note(
@@ -103,7 +120,8 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         frames: numbers_of(&range, shown_each).len(),
     };
 
-    let facts = Manifest::new(pipeline.scene(), &path, &settings, &networks, &machine, args.alpha)?;
+    let facts = Manifest::new(pipeline.scene(), &path, &settings, &networks, &machine, args.alpha)?
+        .with_aovs(&args.aov, args.aov_format);
     let missing = frames_missing(args, &target, &facts, &range, shown_each)?;
     let mut comparison = match &args.compare {
         Some(_) => Some(Comparison::new(&pipeline, &machine, &missing)?),
@@ -151,15 +169,21 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         let last_number = k * shown_each;
         first_number.get_or_insert(last_number + 1 - frames.len());
         let covered: Vec<_> = coverage.iter().flat_map(|coverage| coverage.presented().iter()).collect();
+        let views = aov::views(&pipeline, &path, k, is_alone);
         for (i, image) in frames.iter().enumerate() {
             let number = last_number + i + 1 - frames.len();
             // A frame that is there is made again where the one beside it is missing, and its file stays.
-            if args.skip_existing && is_there(&target, number) {
+            if args.skip_existing && is_there(args, &target, number) {
                 continue;
             }
-            // The last of both is the rendered frame.
+            // The last of all is the rendered frame.
             let covered = (covered.len() + i).checked_sub(frames.len()).map(|i| covered[i]);
-            writer.write(number, image, covered)?;
+            let view = (views.len() + i).checked_sub(frames.len()).and_then(|i| views.get(i));
+            let layers = match (&mut layer_maker, view) {
+                (Some(maker), Some(view)) => Some(maker.make(image, covered, view)?),
+                _ => None,
+            };
+            writer.write(number, image, covered, layers.as_ref())?;
         }
         let displayed = frames.len();
         times.add(pipeline.times(), displayed);
@@ -190,6 +214,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         "size": [first.width(), first.height()],
         "is_complete": is_complete,
         "alpha": args.alpha,
+        "aov": args.aov.iter().map(|aov| aov.name()).collect::<Vec<_>>(),
     });
     figures = report::join(figures, what_ran(&settings, &networks, &tier));
     figures = report::join(figures, report::asked(&args.view, &range, &settings));
@@ -233,6 +258,29 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         remainder(&target, range.start, &(missing[done]..range.end), &numbers, &stream)
     ));
     Ok(Outcome::Interrupted)
+}
+
+/// The file in numbers beside a single picture, if there is one.
+fn aov_destination<'a>(
+    args: &RenderArgs,
+    target: &Target,
+    file: &'a Path,
+) -> Result<Option<Destination<'a>>, CliError> {
+    if args.aov.is_empty() {
+        return Ok(None);
+    }
+    match (target, args.aov_format) {
+        (Target::Single(_), AovFormat::Npz) if target.is_exr() => Err(CliError::Option {
+            option: "--aov-format",
+            expected: format!("exr, as all of the frame is in {}", args.out.display()),
+            actual: "npz".to_owned(),
+        }),
+        (Target::Single(_), format) if !target.is_exr() => {
+            Ok(Some(Destination::file("--aov", file, format.name())))
+        }
+        // Frames of a folder have names of their own.
+        _ => Ok(None),
+    }
 }
 
 /// The mode with those settings that it reads.

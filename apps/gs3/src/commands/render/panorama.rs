@@ -18,6 +18,7 @@ use crate::cli::interrupt;
 use crate::cli::terminal::note;
 use crate::io::alpha::coverage;
 use crate::io::inputs;
+use crate::io::layers::Layers;
 use crate::io::manifest::Manifest;
 use crate::io::output::{FrameWriter, Target};
 use crate::io::video::Stream;
@@ -34,7 +35,11 @@ pub fn run(
     range: Range<usize>,
     networks: &Networks,
 ) -> Result<Outcome, CliError> {
-    let unmade = [("--compare", args.compare.is_some()), ("--json", args.json.is_some())];
+    let unmade = [
+        ("--compare", args.compare.is_some()),
+        ("--json", args.json.is_some()),
+        ("--aov", !args.aov.is_empty()),
+    ];
     if let Some((option, _)) = unmade.into_iter().find(|(_, is_asked)| *is_asked) {
         return Err(CliError::Option {
             option,
@@ -87,7 +92,8 @@ pub fn run(
             numbers = Some(numbers.map_or(number, |numbers| numbers.start)..number + 1);
             // The last of both is the rendered frame.
             let covered = (covered.len() + i).checked_sub(frames.len()).and_then(|i| covered.get(i));
-            writer.write(number, image, covered)?;
+            let layers = target.is_exr().then(|| Layers::of_frame(image, covered, args.aov_format));
+            writer.write(number, image, covered, layers.as_ref())?;
         }
         shown += frames.len();
         is_blank &= shown_faces.is_blank();

@@ -38,12 +38,13 @@ pub fn numbers_of(range: &Range<usize>, each: usize) -> Range<usize> {
     (range.start * each + 1).saturating_sub(each)..(range.end - 1) * each + 1
 }
 
-/// Whether the folder of `target` has the file of the frame with this number.
-pub fn is_there(target: &Target, number: usize) -> bool {
-    target.folder().is_some_and(|folder| folder.join(frame_name(number)).is_file())
+/// Whether the folder of `target` has all files of the frame with this number.
+pub fn is_there(args: &RenderArgs, target: &Target, number: usize) -> bool {
+    let in_numbers = || args.aov.is_empty() || target.file(number, args.aov_format.name()).is_file();
+    target.folder().is_some_and(|folder| folder.join(frame_name(number)).is_file()) && in_numbers()
 }
 
-/// Which frames of `range` are rendered. With `--skip-existing` a frame is left out if the folder has its file and the files of
+/// Which frames of `range` are rendered. With `--skip-existing` a frame is left out if the folder has its files and those of
 /// the in-between frames before it. Frames of other `facts` are refused before any is made.
 pub fn frames_missing(
     args: &RenderArgs,
@@ -59,7 +60,7 @@ pub fn frames_missing(
     if !args.skip_existing {
         return Ok(range.clone().collect());
     }
-    let is_whole = |k: &usize| numbers_of(&(*k..k + 1), each).all(|number| is_there(target, number));
+    let is_whole = |k: &usize| numbers_of(&(*k..k + 1), each).all(|number| is_there(args, target, number));
     let missing: Vec<usize> = range.clone().filter(|k| !is_whole(k)).collect();
     note(format_args!("{} of {} frames are there already", range.len() - missing.len(), range.len()));
     Ok(missing)
