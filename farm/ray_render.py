@@ -2,7 +2,7 @@
 
     python farm/ray_render.py garden.ply --path cameras.json --size 3840x2160 --out frames --workers 8
 
-Each worker keeps the scene loaded and takes one chunk after the other. A chunk whose worker dies goes to another one, which
+Each worker keeps the scene loaded and takes one chunk after the other. A chunk of a worker that dies goes to another one, which
 renders only the frames that are not there. Workers share the folder OUT.
 """
 

@@ -17,7 +17,7 @@ const GAUSSIAN: usize = 4 * (3 + 3 + 4 + 1 + 12);
 /// Bytes before the Gaussians: switches, and two cameras of 3 × 4 pose, focal lengths and principal point.
 const HEADER: usize = 4 + 2 * 4 * 16;
 
-/// Two frames of the CPU's pipeline, of a scene and two cameras whose numbers are the input's bits.
+/// Two frames of the CPU's pipeline, of a scene and two cameras with the input's bits as their numbers.
 pub fn frames(data: &[u8]) {
     let Some((header, body)) = data.split_at_checked(HEADER) else { return };
     let mut values = header[4..].chunks_exact(4).map(float);

@@ -17,7 +17,7 @@
 // The version that this header describes: major * 10000 + minor * 100 + patch.
 #define GS3_VERSION 100
 
-// What gs3_memory.device_bytes says of a GPU whose driver does not tell.
+// What gs3_memory.device_bytes says of a GPU with a driver that does not tell.
 #define GS3_UNKNOWN_BYTES UINT64_MAX
 
 // Most frames between two.
@@ -182,9 +182,9 @@ typedef enum gs3_quality {
     GS3_QUALITY_HIGH = 2,
 } gs3_quality;
 
-// Which pixels the CPU rasterizes exactly besides the low-resolution grid: blocks of 4 x 4 whose expected error is largest.
+// Which pixels the CPU rasterizes exactly besides the low-resolution grid: the blocks of 4 x 4 with the largest expected error.
 typedef enum gs3_refine {
-    // Those whose expected error would be seen, within the budget of the quality.
+    // Those with an expected error that would be seen, within the budget of the quality.
     GS3_REFINE_AUTO = 0,
     // None.
     GS3_REFINE_OFF = 1,
@@ -607,7 +607,7 @@ const char *gs3_last_error(void);
 
 // Sets what takes the library's messages from now on, all handles' and threads'; NULL for nobody, as at the start.
 //
-// Messages come from the thread whose call they are about, before that call returns. The callback may call the library. A call
+// Messages come from the thread of the call that they are about, before that call returns. The callback may call the library. A call
 // that runs in another thread may still use the callback that was set before.
 //
 // What is passed:
@@ -619,7 +619,7 @@ void gs3_set_log_callback(gs3_log_callback callback,
 // number.
 uint32_t gs3_query_version(void);
 
-// Tells how large the low-resolution frames are of which an image of width x height pixels is made: both divided by the
+// Tells how large the low-resolution frames of an image of width x height pixels are: both divided by the
 // scale (0 for 4), rounded up.
 //
 // What is passed:
@@ -655,21 +655,21 @@ enum gs3_status gs3_query_adapter_count(uint32_t *count);
 // Tells what the adapter of number index is, counted from 0.
 //
 // What is passed:
-// info points to a gs3_adapter_info whose struct_size is set.
+// info points to a gs3_adapter_info with struct_size set.
 enum gs3_status gs3_query_adapter(uint32_t index, struct gs3_adapter_info *info);
 
 // What the whole library has allocated on the processor: all handles, and what belongs to none. device_bytes is 0:
 // memory of GPUs is told by handle.
 //
 // What is passed:
-// `memory` points to a gs3_memory whose struct_size is set.
+// `memory` points to a gs3_memory with struct_size set.
 enum gs3_status gs3_query_memory(struct gs3_memory *memory);
 
 // The camera at eye that looks at target, world units, where up points up in its image as far as possible. fov_y is the
 // vertical field of view in radians, between 0 and pi. Pixels are square, and the principal point is the centre.
 //
 // What is passed:
-// eye, target and up point to three doubles each, and camera to a gs3_camera whose struct_size is set.
+// eye, target and up point to three doubles each, and camera to a gs3_camera with struct_size set.
 enum gs3_status gs3_camera_look_at(const double *eye,
                                    const double *target,
                                    const double *up,
@@ -682,7 +682,7 @@ enum gs3_status gs3_camera_look_at(const double *eye,
 // 0. For programs that know nothing of the scene yet.
 //
 // What is passed:
-// scene is a scene, and camera points to a gs3_camera whose struct_size is set.
+// scene is a scene, and camera points to a gs3_camera with struct_size set.
 enum gs3_status gs3_camera_orbit(const struct gs3_scene *scene,
                                  uint32_t frame,
                                  uint32_t frames,
@@ -714,13 +714,13 @@ enum gs3_status gs3_scene_from_arrays(const struct gs3_scene_arrays *arrays,
 // Tells what a scene is.
 //
 // What is passed:
-// scene is a scene, and info points to a gs3_scene_info whose struct_size is set.
+// scene is a scene, and info points to a gs3_scene_info with struct_size set.
 enum gs3_status gs3_scene_query_info(const struct gs3_scene *scene, struct gs3_scene_info *info);
 
 // Tells how much memory a scene has. It is the scene's own, however many renderers show it.
 //
 // What is passed:
-// scene is a scene, and memory points to a gs3_memory whose struct_size is set.
+// scene is a scene, and memory points to a gs3_memory with struct_size set.
 enum gs3_status gs3_scene_query_memory(const struct gs3_scene *scene, struct gs3_memory *memory);
 
 // Destroys a scene; NULL is none. Renderers that show it keep what they show.
@@ -758,7 +758,7 @@ enum gs3_status gs3_renderer_set_scene(struct gs3_renderer *renderer, const stru
 // If it fails, nothing was written, and the next frame begins as if this one had not been asked for, or without history.
 //
 // What is passed:
-// renderer is a renderer, desc as its structure describes, and info NULL or a gs3_frame_info whose struct_size is set.
+// renderer is a renderer, desc as its structure describes, and info NULL or a gs3_frame_info with struct_size set.
 enum gs3_status gs3_renderer_render(struct gs3_renderer *renderer,
                                     const struct gs3_render_desc *desc,
                                     struct gs3_frame_info *info);
@@ -772,13 +772,13 @@ enum gs3_status gs3_renderer_reset(struct gs3_renderer *renderer);
 // Tells what a renderer is.
 //
 // What is passed:
-// renderer is a renderer, and info points to a gs3_renderer_info whose struct_size is set.
+// renderer is a renderer, and info points to a gs3_renderer_info with struct_size set.
 enum gs3_status gs3_renderer_query_info(struct gs3_renderer *renderer, struct gs3_renderer_info *info);
 
 // Tells how much memory a renderer has, besides its scene.
 //
 // What is passed:
-// renderer is a renderer, and memory points to a gs3_memory whose struct_size is set.
+// renderer is a renderer, and memory points to a gs3_memory with struct_size set.
 enum gs3_status gs3_renderer_query_memory(struct gs3_renderer *renderer, struct gs3_memory *memory);
 
 // Destroys a renderer; NULL is none.
@@ -806,8 +806,8 @@ enum gs3_status gs3_reconstructor_configure(struct gs3_reconstructor *reconstruc
 // intrinsics divided by the scale. Asking changes nothing.
 //
 // What is passed:
-// reconstructor is a reconstructor, camera as its structure describes, and start points to a gs3_frame_start whose
-// struct_size is set.
+// reconstructor is a reconstructor, camera as its structure describes, and start points to a gs3_frame_start with
+// struct_size set.
 enum gs3_status gs3_reconstructor_query_next(struct gs3_reconstructor *reconstructor,
                                              const struct gs3_camera *camera,
                                              struct gs3_frame_start *start);
@@ -818,8 +818,7 @@ enum gs3_status gs3_reconstructor_query_next(struct gs3_reconstructor *reconstru
 // If it fails, nothing was written, and the history is as before, but for a reset that was asked for.
 //
 // What is passed:
-// reconstructor is a reconstructor, desc as its structure describes, and info NULL or a gs3_frame_info whose struct_size is
-// set.
+// reconstructor is a reconstructor, desc as its structure describes, and info NULL or a gs3_frame_info with struct_size set.
 enum gs3_status gs3_reconstructor_reconstruct(struct gs3_reconstructor *reconstructor,
                                               const struct gs3_reconstruct_desc *desc,
                                               struct gs3_frame_info *info);
@@ -833,7 +832,7 @@ enum gs3_status gs3_reconstructor_reset(struct gs3_reconstructor *reconstructor)
 // Tells how much memory a reconstructor has.
 //
 // What is passed:
-// reconstructor is a reconstructor, and memory points to a gs3_memory whose struct_size is set.
+// reconstructor is a reconstructor, and memory points to a gs3_memory with struct_size set.
 enum gs3_status gs3_reconstructor_query_memory(struct gs3_reconstructor *reconstructor, struct gs3_memory *memory);
 
 // Destroys a reconstructor; NULL is none.

@@ -113,7 +113,7 @@ impl gs3_camera {
 /// vertical field of view in radians, between 0 and pi. Pixels are square, and the principal point is the centre.
 ///
 /// # Safety
-/// eye, target and up point to three doubles each, and camera to a gs3_camera whose struct_size is set.
+/// eye, target and up point to three doubles each, and camera to a gs3_camera with struct_size set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn gs3_camera_look_at(
     eye: *const f64,
@@ -148,7 +148,7 @@ pub unsafe extern "C" fn gs3_camera_look_at(
 /// 0. For programs that know nothing of the scene yet.
 ///
 /// # Safety
-/// scene is a scene, and camera points to a gs3_camera whose struct_size is set.
+/// scene is a scene, and camera points to a gs3_camera with struct_size set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn gs3_camera_orbit(
     scene: *const gs3_scene,

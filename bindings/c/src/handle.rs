@@ -34,7 +34,7 @@ impl<T: Send> Handle<T> {
     ) -> Result<R, Fault> {
         let broken = || {
             let text =
-                "handle: expected one whose calls ended, found one after an internal error; destroy it";
+                "handle: expected one with calls that ended, found one after an internal error; destroy it";
             Fault::new(GS3_ERROR_INTERNAL, text)
         };
         let mut guard = self.state.try_lock().map_err(|error| match error {

@@ -46,7 +46,7 @@ pub fn tell(level: gs3_log_level, text: &CStr) {
 
 /// Sets what takes the library's messages from now on, all handles' and threads'; NULL for nobody, as at the start.
 ///
-/// Messages come from the thread whose call they are about, before that call returns. The callback may call the library. A call
+/// Messages come from the thread of the call that they are about, before that call returns. The callback may call the library. A call
 /// that runs in another thread may still use the callback that was set before.
 ///
 /// # Safety

@@ -147,7 +147,7 @@ impl Drop for Shift {
     }
 }
 
-/// What gs3_memory.device_bytes says of a GPU whose driver does not tell.
+/// What gs3_memory.device_bytes says of a GPU with a driver that does not tell.
 pub const GS3_UNKNOWN_BYTES: u64 = u64::MAX;
 
 /// Memory that is allocated and not freed, bytes.
@@ -180,7 +180,7 @@ impl gs3_memory {
 /// memory of GPUs is told by handle.
 ///
 /// # Safety
-/// `memory` points to a gs3_memory whose struct_size is set.
+/// `memory` points to a gs3_memory with struct_size set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn gs3_query_memory(memory: *mut gs3_memory) -> gs3_status {
     guard("gs3_query_memory", || {

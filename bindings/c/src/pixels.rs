@@ -253,7 +253,7 @@ impl Output {
         Ok(Self { format, data: output.data.cast(), size, row_stride, pixel_stride, opaque })
     }
 
-    /// Writes `image`, whose fourth channel is worth telling if `has_fourth` says so; else it becomes 1.
+    /// Writes `image`. With `has_fourth` its fourth channel is written; else the fourth channel becomes 1.
     pub fn write(&self, image: &Image, has_fourth: bool) -> Result<(), Fault> {
         let size = [image.width(), image.height()];
         if size != self.size {

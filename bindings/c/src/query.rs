@@ -32,7 +32,7 @@ fn checked_scale(scale: u32) -> Result<u32, Fault> {
     Err(Fault::argument("scale", format_args!("1 to {MAX_SCALE}, or 0 for 4"), scale))
 }
 
-/// Tells how large the low-resolution frames are of which an image of width x height pixels is made: both divided by the
+/// Tells how large the low-resolution frames of an image of width x height pixels are: both divided by the
 /// scale (0 for 4), rounded up.
 ///
 /// # Safety
@@ -146,7 +146,7 @@ pub unsafe extern "C" fn gs3_query_adapter_count(count: *mut u32) -> gs3_status 
 /// Tells what the adapter of number index is, counted from 0.
 ///
 /// # Safety
-/// info points to a gs3_adapter_info whose struct_size is set.
+/// info points to a gs3_adapter_info with struct_size set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn gs3_query_adapter(index: u32, info: *mut gs3_adapter_info) -> gs3_status {
     guard("gs3_query_adapter", || {

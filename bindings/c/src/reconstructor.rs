@@ -156,8 +156,8 @@ unsafe impl Descriptor for gs3_frame_start {
 /// intrinsics divided by the scale. Asking changes nothing.
 ///
 /// # Safety
-/// reconstructor is a reconstructor, camera as its structure describes, and start points to a gs3_frame_start whose
-/// struct_size is set.
+/// reconstructor is a reconstructor, camera as its structure describes, and start points to a gs3_frame_start with
+/// struct_size set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn gs3_reconstructor_query_next(
     reconstructor: *mut gs3_reconstructor,
@@ -341,8 +341,7 @@ impl gs3_reconstruct_desc {
 /// If it fails, nothing was written, and the history is as before, but for a reset that was asked for.
 ///
 /// # Safety
-/// reconstructor is a reconstructor, desc as its structure describes, and info NULL or a gs3_frame_info whose struct_size is
-/// set.
+/// reconstructor is a reconstructor, desc as its structure describes, and info NULL or a gs3_frame_info with struct_size set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn gs3_reconstructor_reconstruct(
     reconstructor: *mut gs3_reconstructor,
@@ -397,7 +396,7 @@ pub unsafe extern "C" fn gs3_reconstructor_reset(reconstructor: *mut gs3_reconst
 /// Tells how much memory a reconstructor has.
 ///
 /// # Safety
-/// reconstructor is a reconstructor, and memory points to a gs3_memory whose struct_size is set.
+/// reconstructor is a reconstructor, and memory points to a gs3_memory with struct_size set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn gs3_reconstructor_query_memory(
     reconstructor: *mut gs3_reconstructor,

@@ -63,11 +63,11 @@ pub enum gs3_networks {
     GS3_NETWORKS_HIGH = 3,
 }
 
-/// Which pixels the CPU rasterizes exactly besides the low-resolution grid: blocks of 4 x 4 whose expected error is largest.
+/// Which pixels the CPU rasterizes exactly besides the low-resolution grid: the blocks of 4 x 4 with the largest expected error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub enum gs3_refine {
-    /// Those whose expected error would be seen, within the budget of the quality.
+    /// Those with an expected error that would be seen, within the budget of the quality.
     GS3_REFINE_AUTO = 0,
     /// None.
     GS3_REFINE_OFF = 1,
@@ -361,7 +361,7 @@ unsafe impl Descriptor for gs3_render_desc {
 /// If it fails, nothing was written, and the next frame begins as if this one had not been asked for, or without history.
 ///
 /// # Safety
-/// renderer is a renderer, desc as its structure describes, and info NULL or a gs3_frame_info whose struct_size is set.
+/// renderer is a renderer, desc as its structure describes, and info NULL or a gs3_frame_info with struct_size set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn gs3_renderer_render(
     renderer: *mut gs3_renderer,
@@ -474,7 +474,7 @@ pub fn name(text: &str) -> [c_char; GS3_NAME_BYTES] {
 /// Tells what a renderer is.
 ///
 /// # Safety
-/// renderer is a renderer, and info points to a gs3_renderer_info whose struct_size is set.
+/// renderer is a renderer, and info points to a gs3_renderer_info with struct_size set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn gs3_renderer_query_info(
     renderer: *mut gs3_renderer,
@@ -507,7 +507,7 @@ pub unsafe extern "C" fn gs3_renderer_query_info(
 /// Tells how much memory a renderer has, besides its scene.
 ///
 /// # Safety
-/// renderer is a renderer, and memory points to a gs3_memory whose struct_size is set.
+/// renderer is a renderer, and memory points to a gs3_memory with struct_size set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn gs3_renderer_query_memory(
     renderer: *mut gs3_renderer,

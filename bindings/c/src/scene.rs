@@ -263,7 +263,7 @@ unsafe impl Descriptor for gs3_scene_info {
 /// Tells what a scene is.
 ///
 /// # Safety
-/// scene is a scene, and info points to a gs3_scene_info whose struct_size is set.
+/// scene is a scene, and info points to a gs3_scene_info with struct_size set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn gs3_scene_query_info(
     scene: *const gs3_scene,
@@ -296,7 +296,7 @@ pub unsafe extern "C" fn gs3_scene_query_info(
 /// Tells how much memory a scene has. It is the scene's own, however many renderers show it.
 ///
 /// # Safety
-/// scene is a scene, and memory points to a gs3_memory whose struct_size is set.
+/// scene is a scene, and memory points to a gs3_memory with struct_size set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn gs3_scene_query_memory(
     scene: *const gs3_scene,

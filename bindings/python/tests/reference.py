@@ -1,6 +1,6 @@
 """gsplat's rasterization, written down naively in f64: every Gaussian at every pixel, front to back.
 
-Sources: Kerbl et al. 2023; Ye et al. 2024, "gsplat: An Open-Source Library for Gaussian Splatting", whose appendix has the
+Sources: Kerbl et al. 2023; Ye et al. 2024, "gsplat: An Open-Source Library for Gaussian Splatting", with an appendix that has the
 projection and the blending. Thresholds are gsplat's: α from 1/255 on and at most 0.999, blending until transmittance would
 fall to 1e-4.
 """

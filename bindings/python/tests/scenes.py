@@ -20,7 +20,7 @@ class Gaussians:
 
 
 def camera(width, height, tilt=0.0, cx=0.0, focal=0.9):
-    """World to camera, turned by `tilt` about an oblique axis, and intrinsics whose centre is off by `cx` pixels."""
+    """World to camera, turned by `tilt` about an oblique axis, and intrinsics with a centre that is off by `cx` pixels."""
     axis = np.array([0.48, 0.6, 0.64])
     cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     view = np.eye(4)

@@ -42,7 +42,7 @@ pub fn of_gaussians(g: &Gaussians) -> Vec<Chunk> {
         .collect()
 }
 
-/// Half spaces of view space outside of which a chunk has no visible Gaussian.
+/// Half spaces of view space. A chunk outside of one has no visible Gaussian.
 ///
 /// A splat reaches pixel x = W when fx·x/z + cx − W − 3.34·√(Σxx + ε) < 0, and Σxx is bounded by (fx/z)²(1 +
 /// limit²)·s². Multiplied by z, the condition is linear in (x, z), except for a constant times the largest scale s.

@@ -19,7 +19,7 @@ use crate::validate::{Validation, validate};
 /// Where a training reads and writes, and how often.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Places {
-    /// Clips, `*.clip`; those whose names begin with `held` are kept for validation.
+    /// Clips, `*.clip`; clips with names that begin with `held` are kept for validation.
     pub clips: PathBuf,
     /// Checkpoints, `log.csv` and `log.png`.
     pub checkpoint: PathBuf,

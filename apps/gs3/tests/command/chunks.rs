@@ -98,7 +98,7 @@ fn frames_that_are_there_are_not_made_again() {
     for number in [13, 14, 17, 45] {
         fs::remove_file(at.join(format!("out/frame_{number:06}.png"))).unwrap();
     }
-    // The rendered frames whose in-between frame is missing are made again, and their files stay.
+    // Rendered frames without their in-between frame are made again, and their files stay.
     let times = || [18, 46].map(|number| written_at(&at.join(format!("out/frame_{number:06}.png"))));
     let kept = times();
     assert_eq!(made("--frames 0..30 --skip-existing"), 3);

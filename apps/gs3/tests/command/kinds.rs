@@ -156,7 +156,7 @@ fn left_out_gaussians_and_unused_fields_are_told_by_every_command() {
 fn the_vertical_axis_of_a_file_is_up() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    // A column along z, wider than a place would be, whose upper quarter is red.
+    // A column along z, wider than a place would be. The upper quarter is red.
     let mut random = random(3);
     let mut column = ply([0.0; 3], 1.0, 0, "comment Vertical Axis: z", &|_| String::new());
     column = column.replace("element vertex 0", "element vertex 600");

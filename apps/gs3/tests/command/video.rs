@@ -272,7 +272,7 @@ fn after_an_interruption_it_is_said_how_the_whole_video_is_made() {
     let said = stderr(&output);
     assert_eq!(output.status.code(), Some(130), "{said}");
     let names = names(&frames);
-    // Frames 3 to 478, of which the next one to render shows two.
+    // Frames 3 to 478. The next one to render shows two.
     let left = 2 + names.len() / 2;
     assert_eq!(names[0], "frame_000003.png");
     let rest = format!("To go on: the same command with --frames {left}..240 --out ./clip/, and then, ");

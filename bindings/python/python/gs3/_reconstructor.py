@@ -102,7 +102,7 @@ class Reconstructor:
 
         Args:
             viewmat, K: The high-resolution camera, [4, 4] and [3, 3].
-            color: Display-encoded RGB, [h, w, 3 or 4], of which three are read.
+            color: Display-encoded RGB, [h, w, 3 or 4]. Three channels are read.
             depth: Of the visible surface, [h, w], as ``depth_encoding`` says.
             color_dx, color_dy: Derivatives of the colour per low-resolution pixel, [h, w, 3]; differenced where there are
                 none, which costs sharpness.

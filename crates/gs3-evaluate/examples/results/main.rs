@@ -1,4 +1,4 @@
-//! Writes `docs/results.md`: gs3, without learning and with every tier whose weights come with it, against native
+//! Writes `docs/results.md`: gs3, without learning and with every tier with shipped weights, against native
 //! rendering, baselines and published networks, at rest and with parts left out, on captured scenes.
 //!
 //!     cargo run --release -p gs3-evaluate --example results -- FOLDER [FRAMES [FILE]]

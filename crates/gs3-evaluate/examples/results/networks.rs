@@ -10,7 +10,7 @@ use gs3_scene::{Camera, CameraPath, Image};
 use crate::along::HISTORY;
 use crate::score::{Row, mean, milliseconds, shown};
 
-/// The paths whose frames networks get, and how many of them.
+/// The paths of the networks' frames, and how many of them.
 pub const PATHS: [&str; 3] = ["flowers_drift", "fungi_drift", "hqgarden_drift"];
 pub const FRAMES: usize = 4;
 const METHODS: [&str; 16] = [

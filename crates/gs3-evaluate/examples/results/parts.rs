@@ -8,7 +8,7 @@ use gs3_scene::CameraPath;
 
 use crate::score::{Row, follow, mean, shown};
 
-/// The paths whose frames they get, and how many of them: from an empty history on, all that it holds, and half of that
+/// The paths of their frames, and how many of them: from an empty history on, all that it holds, and half of that
 /// again.
 pub const PATHS: [&str; 3] = ["fungi_pan", "hqgarden_drift", "lacadiere_pan"];
 pub const FRAMES: usize = 24;

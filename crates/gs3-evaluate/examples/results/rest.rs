@@ -10,7 +10,7 @@ use gs3_scene::CameraPath;
 
 use crate::along::OURS;
 
-/// The paths at whose first cameras it rests: one of each scene.
+/// The paths with the first cameras that it rests at: one of each scene.
 pub const PATHS: [&str; 4] = ["flowers_drift", "fungi_pan", "hqgarden_drift", "lacadiere_pan"];
 /// After how many frames it is judged: the last is a period of the jitter, S².
 pub const FRAMES: [usize; 3] = [4, 8, 16];

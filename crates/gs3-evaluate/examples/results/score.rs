@@ -39,7 +39,7 @@ impl Row {
         }
     }
 
-    /// Displayed frames per second by the median time; none for methods whose frames need the native image.
+    /// Displayed frames per second by the median time; none for methods with frames that need the native image.
     pub fn fps(&self) -> Option<f64> {
         let mut times = self.milliseconds.clone();
         times.sort_by(f64::total_cmp);

@@ -2,7 +2,7 @@
 //!
 //! Tensors are planes of four channels (`[ceil(C / 4)][height][width]`, each a vec4): neighbouring invocations read and
 //! write neighbouring vectors. Few results are stored ([`fuse`]); the others are functions in the kernels that read
-//! them ([`expression`]), whose WGSL is written for their sizes; the plan ([`plan`]) is a pure function. Convolutions
+//! them ([`expression`]), with WGSL written for their sizes; the plan ([`plan`]) is a pure function. Convolutions
 //! stage a tile of their input and the weights of four channels in workgroup memory, and keep four pixels × 16 channels
 //! in registers, or products of matrices where hardware makes them ([`MatrixUnit`]); the parts of a concatenation are
 //! read where they are; blocks of pixels become channels while images come in and pixels again while they go out.

@@ -127,8 +127,8 @@ impl Rasterizer {
         }
     }
 
-    /// The same rasterizer, whose lists of the splats of tiles take at most `bytes` at once instead of [`LIST_MEMORY`], or one
-    /// tile's. A frame with longer lists is made in parts, one after the other, with the same bits. Each part visits all
+    /// The same rasterizer, with lists of the splats of tiles that take at most `bytes` at once instead of [`LIST_MEMORY`], or
+    /// as much as one tile's list. A frame with longer lists is made in parts, one after the other, with the same bits. Each part visits all
     /// splats again.
     #[must_use]
     pub fn with_list_memory(self, bytes: u64) -> Self {

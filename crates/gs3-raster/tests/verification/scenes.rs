@@ -165,7 +165,7 @@ impl RandomScene {
     }
 }
 
-/// A scene whose image is smooth: wide, half-transparent splats that cover the whole image above α = 1/255, few enough
+/// A scene with a smooth image: wide, half-transparent splats that cover the whole image above α = 1/255, few enough
 /// that blending never stops.
 pub fn smooth_scene(camera: &Camera, seed: u64, sh_degree: u8, opacity_mode: OpacityMode) -> Scene {
     let mut random = Random(seed);

@@ -34,7 +34,7 @@ const OTHERS: [(&[u8], &str); 10] = [
     (b"# Blender", "a mesh (OBJ)"),
     (b"mtllib", "a mesh (OBJ)"),
     (b"solid ", "a mesh (STL)"),
-    (b"RADC", "one chunk of a .rad scene, whose file begins with RAD0"),
+    (b"RADC", "one chunk of a .rad scene; the scene's file begins with RAD0"),
 ];
 
 impl<'a> Kind<'a> {

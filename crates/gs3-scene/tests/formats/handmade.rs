@@ -168,7 +168,7 @@ pub fn webp(width: u32, color: ColorType, bytes: &[u8]) -> Vec<u8> {
     image
 }
 
-/// A codebook whose byte `i` stands for `i · step + first`.
+/// A codebook with `i · step + first` for byte `i`.
 fn codebook(first: f32, step: f32) -> String {
     let values: Vec<String> = (0..256).map(|i| (i as f32 * step + first).to_string()).collect();
     format!("[{}]", values.join(","))
@@ -219,7 +219,7 @@ pub fn sog_bundle() -> Vec<u8> {
     zip.finish().unwrap().into_inner()
 }
 
-/// Two chunks, of which level 0 takes Gaussians 0, 2, 3 of the first, and level 1 Gaussian 1 of the second; the
+/// Two chunks. Level 0 takes Gaussians 0, 2, 3 of the first, level 1 Gaussian 1 of the second; the
 /// environment is a third.
 pub fn streamed_sog() -> BTreeMap<String, Vec<u8>> {
     let index = r#"{"lodLevels":2,"environment":"env/meta.json","filenames":["0_0/meta.json","1_0/meta.json"],

@@ -102,7 +102,7 @@ fn compare_with(
     }
 }
 
-/// The angle between two ellipsoids' rotations, whose principal axes have no signs: half a turn about one is none.
+/// The angle between two ellipsoids' rotations. Principal axes have no signs: half a turn about one is none.
 fn angle(a: [f32; 4], [w, x, y, z]: [f32; 4]) -> f32 {
     let turned = [[w, x, y, z], [-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w]];
     let dots = turned.map(|b| a.iter().zip(b).map(|(x, y)| x * y).sum::<f32>().abs());

@@ -14,7 +14,7 @@ use crate::{assert_close, assert_error, load_bytes};
 /// A Zstandard frame of one raw block.
 fn zstd_frame(bytes: &[u8]) -> Vec<u8> {
     let mut frame = 0xfd2f_b528_u32.to_le_bytes().to_vec();
-    // A single segment whose size is stated in 4 bytes; no checksum.
+    // A single segment with its size in 4 bytes; no checksum.
     frame.push(0b1010_0000);
     frame.extend((bytes.len() as u32).to_le_bytes());
     // The last block, raw.

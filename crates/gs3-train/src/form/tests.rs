@@ -104,7 +104,7 @@ fn derivatives_go_back_through_the_fold() {
         };
         let v = form.pull_back(&weights, factors.clone());
         assert!(v.keys().eq(weights.arrays.keys()), "{peer:?}");
-        // Shares of the loss are products of at most three weights, each of which it is linear in: large steps do no
+        // Shares of the loss are products of at most three weights, and linear in each of them: large steps do no
         // harm.
         let step = 0.25;
         let names: Vec<String> = weights.arrays.keys().cloned().collect();

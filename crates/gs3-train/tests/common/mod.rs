@@ -24,7 +24,7 @@ pub fn settings(network: Network, steps: u64) -> Settings {
     }
 }
 
-/// A clip whose truth is a pattern of two waves that moves. Images that the network refines are the truth minus half of
+/// A clip of a pattern of two waves that moves. Images that the network refines are the truth minus half of
 /// its high wave, with an uncertainty of 1; `color` is the truth at the jittered LR grid. Everything else is noise.
 pub fn clip(network: Network, frames: usize, lr: [usize; 2], seed: u64) -> Clip {
     let mut random = Random::new(seed);

@@ -51,7 +51,7 @@ pub struct BaselineArgs {
 #[derive(Debug, Args)]
 #[command(group = ArgGroup::new("length").required(true))]
 pub struct SessionArgs {
-    /// Folder of clips, as `gs3 train clips` writes them; those whose names begin with `held` are for validation
+    /// Folder of clips, as `gs3 train clips` writes them; clips with names that begin with `held` are for validation
     #[arg(long, value_name = "DIR")]
     pub clips: PathBuf,
     /// Folder for checkpoints and the log; if it has a checkpoint, the training goes on from there

@@ -88,7 +88,7 @@ pub(super) fn leaves(root: &Node) -> Vec<&Node> {
 }
 
 /// The levels of `leaf` from the smallest to the finest, without those that another one beats: by less error for fewer
-/// Gaussians, or by two neighbours of which each Gaussian removes more.
+/// Gaussians, or by two neighbours with more error removed by each Gaussian.
 fn worthwhile(leaf: &Node) -> Vec<Step> {
     let finest = leaf.lods.values().map(|run| run.count).max().unwrap_or(0).max(1) as f64;
     let mut levels: Vec<Step> = leaf
