@@ -129,15 +129,22 @@ fn check(args: &RenderArgs, target: &Target) -> Result<(), CliError> {
     }
 }
 
-/// Width and height of the tiles of the image of `camera`, at most `largest`: as few as there can be, all of one size.
+/// Tiles begin at multiples of this many pixels: the published rules of culling cut splats at tiles of 16 pixels.
+const STEP: u32 = 16;
+
+/// Width and height of the tiles of the image of `camera`, about `largest` at most: as few as there can be, of nearly one
+/// size. The last ones end with the image.
 fn tile_size(camera: &Camera, largest: [u32; 2]) -> [u32; 2] {
-    let size = [camera.width(), camera.height()];
-    [0, 1].map(|a| size[a].div_ceil(size[a].div_ceil(largest[a].max(1))))
+    [tile_side(camera.width(), largest[0]), tile_side(camera.height(), largest[1])]
 }
 
-/// First pixels of the tiles of a side: the last tile ends where the side ends, and may repeat pixels of the one before.
-fn firsts(side: u32, tile: u32) -> impl Iterator<Item = u32> {
-    (0..side.div_ceil(tile)).map(move |i| (i * tile).min(side - tile))
+fn tile_side(side: u32, largest: u32) -> u32 {
+    side.div_ceil(side.div_ceil(largest.max(1))).next_multiple_of(STEP).min(side)
+}
+
+/// The first pixel and the number of pixels of each tile along a side.
+fn parts(side: u32, tile: u32) -> impl Iterator<Item = (u32, u32)> {
+    (0..side).step_by(tile.max(1) as usize).map(move |first| (first, tile.min(side - first)))
 }
 
 /// Makes pictures of tiles.
@@ -221,14 +228,13 @@ impl Painter {
         camera: &Camera,
         write: &mut dyn FnMut(&[u8], u32) -> io::Result<()>,
     ) -> Result<io::Result<()>, Stop> {
-        let [width, height] = tile_size(camera, self.largest_tile);
+        let tile = tile_size(camera, self.largest_tile);
         let bytes_each = if self.coverage.is_some() { 4 } else { 3 };
         let row_bytes = bytes_each * camera.width() as usize;
-        let mut band = vec![0; row_bytes * height as usize];
-        let mut next_row = 0;
-        for top in firsts(camera.height(), height) {
+        let mut band = vec![0; row_bytes * tile[1] as usize];
+        for (top, height) in parts(camera.height(), tile[1]) {
             let started = Instant::now();
-            for left in firsts(camera.width(), width) {
+            for (left, width) in parts(camera.width(), tile[0]) {
                 if interrupt::requested() {
                     return Err(Stop::Interrupted);
                 }
@@ -240,13 +246,10 @@ impl Painter {
             }
             let rendered = Instant::now();
             self.render_time += rendered - started;
-            // The last row of tiles may repeat rows that are written.
-            let new = &band[row_bytes * (next_row - top) as usize..];
-            if let Err(error) = write(new, top + height - next_row) {
+            if let Err(error) = write(&band[..row_bytes * height as usize], height) {
                 return Ok(Err(error));
             }
             self.encode_time += rendered.elapsed();
-            next_row = top + height;
         }
         Ok(Ok(()))
     }
@@ -269,36 +272,44 @@ impl Painter {
 #[cfg(test)]
 mod tests {
     use gs3::FramePipeline;
+    use gs3::raster::Culling;
     use gs3::scene::demo;
 
     use super::*;
 
     #[test]
-    fn tiles_of_one_size_cover_a_side() {
-        for (side, largest) in [(20_000_u32, 4096), (8193, 4096), (7, 3), (5, 9), (1, 1), (65_535, 4096)] {
-            let tile = side.div_ceil(side.div_ceil(largest));
-            let firsts: Vec<u32> = firsts(side, tile).collect();
-            assert!(tile <= largest && firsts[0] == 0 && firsts[firsts.len() - 1] + tile == side);
-            assert!(firsts.windows(2).all(|pair| pair[0] < pair[1] && pair[1] <= pair[0] + tile));
+    fn tiles_cover_a_side() {
+        for side in [20_000, 8193, 4096, 4097, 7, 1, 65_535] {
+            let tile = tile_side(side, LARGEST_TILE[0]);
+            let parts: Vec<_> = parts(side, tile).collect();
+            let expected = side.div_ceil(LARGEST_TILE[0]) as usize;
+            assert!(tile <= LARGEST_TILE[0] && parts.len() == expected, "{side}: {tile}");
+            let end = parts.iter().fold(0, |end, (first, count)| if *first == end { end + count } else { 0 });
+            assert_eq!(end, side);
+            assert!(parts.iter().all(|(first, count)| first.is_multiple_of(STEP) && *count > 0));
         }
     }
 
-    /// Tiles that end anywhere, within tiles of the rasterizer too, give the bytes of the pipeline's native frame.
+    /// Tiles of any size give the bytes of the pipeline's native frame, with any culling.
     #[test]
     fn a_picture_of_tiles_is_the_picture() {
         let scene = Arc::new(demo::scene().unwrap());
         let camera = demo::path().resized(211, 123).unwrap().cameras()[7];
-        let settings =
-            PipelineSettings { mode: Mode::Native, background: [0.3, 0.1, 0.6], ..Default::default() };
-        let native = |scene: &Arc<Scene>| {
-            let mut pipeline = FramePipeline::new(Arc::clone(scene), settings).unwrap();
-            pipeline.render(&camera).unwrap().current.clone()
-        };
-        let image = native(&scene);
-        let covered = native(&coverage(&scene).unwrap());
-        for with_alpha in [false, true] {
-            let expected = if with_alpha { straight_rgba8(&image, &covered) } else { image.to_rgb8() };
-            for largest_tile in [[4096, 1024], [64, 48], [37, 19], [211, 1], [3, 123]] {
+        let cullings = [Culling::Aabb3Sigma, Culling::Adr, Culling::AccuTile];
+        for (culling, with_alpha) in cullings.into_iter().flat_map(|c| [(c, false), (c, true)]) {
+            let background = [0.3, 0.1, 0.6];
+            let settings =
+                PipelineSettings { mode: Mode::Native, culling, background, ..PipelineSettings::default() };
+            let native = |scene: &Arc<Scene>| {
+                let mut pipeline = FramePipeline::new(Arc::clone(scene), settings).unwrap();
+                pipeline.render(&camera).unwrap().current.clone()
+            };
+            let image = native(&scene);
+            let expected = match with_alpha {
+                true => straight_rgba8(&image, &native(&coverage(&scene).unwrap())),
+                false => image.to_rgb8(),
+            };
+            for largest_tile in [LARGEST_TILE, [64, 48], [37, 19], [211, 1], [3, 123]] {
                 let mut painter = Painter::new(&scene, &settings, &Machine::Cpu, with_alpha).unwrap();
                 painter.largest_tile = largest_tile;
                 let mut found = Vec::new();
@@ -309,7 +320,7 @@ mod tests {
                     Ok(())
                 });
                 assert!(matches!(painted, Ok(Ok(()))) && rows == 123);
-                assert!(found == expected, "{largest_tile:?}, alpha {with_alpha}");
+                assert!(found == expected, "{culling:?}, {largest_tile:?}, alpha {with_alpha}");
                 assert!(!painter.is_blank);
             }
         }
