@@ -72,7 +72,7 @@ def jobs(gs3, base):
     return [
         Job("render", f"render {base}/few.ply --size 160x90 --frames 0..24 --backend cpu --skip-existing --out out", "out/frame_*.png", is_png),
         Job("convert", f"convert {base}/demo.ply out.sog", "out.sog", opens),
-        Job("join", f"join {base}/frames --out out.mp4", "out.mp4", plays),
+        Job("join", f"join {base}/frames --frames 0..47 --out out.mp4", "out.mp4", plays),
         Job("train", train.format(base=base), "net.safetensors", holds, compares=False),
     ]
 

@@ -92,7 +92,8 @@ impl Ffmpeg {
     /// Starts `ffmpeg` for the frames of `stream`; none if there is none on PATH.
     pub fn start(file: &Path, stream: &Stream) -> Result<Option<Self>, Failure> {
         let file = end_of_links(file).map_err(|error| failed(&error))?;
-        let partial = file.with_extension("mp4.partial");
+        // A name of this process alone: the `ffmpeg` of a process that was killed may still be ending its own file.
+        let partial = file.with_extension(format!("{}.mp4.partial", std::process::id()));
         let mut command = Command::new("ffmpeg");
         let [width, height] = stream.size.map(|side| side.next_multiple_of(2));
         command.args(["-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "yuv420p"]).args(COLOURS);
