@@ -17,8 +17,8 @@ pub enum PngChannels {
 /// What `writer` reports; [`io::ErrorKind::InvalidInput`] where `pixels` are not `width` × `height` × channels.
 pub fn write_png(writer: impl Write, size: [u32; 2], channels: PngChannels, pixels: &[u8]) -> io::Result<()> {
     let mut writer = header(writer, size, channels)?;
-    writer.write_image_data(pixels)?;
-    Ok(writer.finish()?)
+    writer.write_image_data(pixels).map_err(told)?;
+    writer.finish().map_err(told)
 }
 
 /// As [`write_png`], for images that memory does not hold: `rows` writes the pixels, row by row.
@@ -33,10 +33,10 @@ pub fn write_png_rows(
     rows: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> io::Result<()> {
     let mut writer = header(writer, size, channels)?;
-    let mut stream = writer.stream_writer_with_size(CHUNK_BYTES)?;
+    let mut stream = writer.stream_writer_with_size(CHUNK_BYTES).map_err(told)?;
     rows(&mut stream)?;
-    stream.finish()?;
-    Ok(writer.finish()?)
+    stream.finish().map_err(told)?;
+    writer.finish().map_err(told)
 }
 
 /// Bytes of a chunk of compressed rows: long enough that a chunk's header and checksum are nothing beside it.
@@ -55,7 +55,15 @@ fn header<W: Write>(
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_compression(png::Compression::Fast);
     encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
-    Ok(encoder.write_header()?)
+    encoder.write_header().map_err(told)
+}
+
+/// An encoder's error: what the writer said, or that the pixels do not fit the image.
+fn told(error: png::EncodingError) -> io::Error {
+    match error {
+        png::EncodingError::IoError(error) => error,
+        other => io::Error::new(io::ErrorKind::InvalidInput, other),
+    }
 }
 
 #[cfg(test)]
@@ -74,7 +82,8 @@ mod tests {
             (info.width, info.height, info.color_type, read),
             (4, 2, png::ColorType::Rgb, pixels.clone())
         );
-        assert!(write_png(Vec::new(), [4, 2], PngChannels::Rgba, &pixels).is_err());
+        let error = write_png(Vec::new(), [4, 2], PngChannels::Rgba, &pixels).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::InvalidInput, "{error}");
     }
 
     #[test]
