@@ -1,9 +1,10 @@
-"""Kills gs3 at random moments, and looks at what is left: whole files only, and the same command goes on to the same result.
+"""Kills gs3 at random moments, and looks at what is left: whole files only, and the same command goes on to the end.
 
     python reliability/kill.py --gs3 target/release/gs3 --times 200
 
 Each round runs one command, kills it (SIGKILL) after a random share of the time that the command takes, checks every file under
-its final name, runs the command again, and compares the result with the result of a run that nobody killed.
+its final name, runs the command again, and compares the result with the result of a run that nobody killed. Weights are not
+compared: they must be whole.
 """
 
 import argparse

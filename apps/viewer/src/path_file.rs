@@ -79,7 +79,7 @@ impl PathFile {
         Ok(match format {
             PathFormat::CameraPath => Self { bytes: camera_path_json(path, size), notes: Vec::new() },
             PathFormat::SuperSplat => {
-                // The field of view is that of the longer side of this picture.
+                // SuperSplat's field of view is along the longer side, so this picture's size decides.
                 let written = supersplat_settings(&path.resized(size[0], size[1])?, distance)?;
                 Self { bytes: written.json, notes: written.notes }
             }

@@ -30,7 +30,7 @@ fn encoded(light: f32) -> i32 {
     (value.min(1.0) * 255.0).round() as i32
 }
 
-/// Asserts that the colours of an EXR file are those of the picture, but for values that lie between two codes.
+/// Asserts that an EXR file has the colours of the picture. Values between two codes may round to either.
 fn assert_same_colors(planes: &BTreeMap<String, Vec<f32>>, picture: &[u8]) {
     let mut off = 0;
     for (i, pixel) in picture.chunks_exact(3).enumerate() {
@@ -77,7 +77,7 @@ fn depth_normals_and_motion_lie_beside_each_frame() {
     assert_eq!(channels, ["B", "G", "N.X", "N.Y", "N.Z", "R", "Z", "motion.X", "motion.Y"]);
     assert_same_colors(&planes[1], &png(&at.join("out/frame_000001.png")).2);
 
-    // Depth and normals are those of the G-buffer: the first camera is turned from the world's axes by none but OpenGL's.
+    // Depth and normals equal the G-buffer's. The first camera differs from the world's axes by OpenGL's convention alone.
     succeed(at, "gbuffer few.ply --path path.json --backend cpu --scale 1 --out g.npz");
     let arrays = npz(&at.join("g.npz"));
     let (mut hits, mut misses) = (0, 0);

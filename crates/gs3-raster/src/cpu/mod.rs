@@ -238,8 +238,8 @@ impl Rasterizer {
     /// window's size and has the bits of those pixels of the whole image. Gaussians that reach into the window from
     /// outside are in it. Images larger than memory are made window by window.
     ///
-    /// With [`Culling::Aabb3Sigma`] and [`Culling::Adr`], which cut splats at tiles of 16 pixels, the bits are those of the
-    /// whole image if the window begins at multiples of 4 pixels: pixels are blended in blocks of 4×4.
+    /// [`Culling::Aabb3Sigma`] and [`Culling::Adr`] cut splats, and pixels are blended in blocks of 4×4. With these two the
+    /// window has the whole image's bits if the window begins at multiples of 4 pixels.
     ///
     /// # Errors
     /// [`RasterError`] if a setting is out of range, or the window is empty or not within the image; `out` is unchanged

@@ -339,9 +339,8 @@ impl GpuRasterizer {
     }
 
     /// Rasterizes colour only, as [`Self::rasterize_image`] does, of a `window` of the camera's image: `out` gets the
-    /// window's size. Its pixels are those of the whole image but for the rounding of positions, which count from the
-    /// window's first pixel. With [`Culling::Aabb3Sigma`] and [`Culling::Adr`] the window must begin at multiples of 16
-    /// pixels for that.
+    /// window's size. The window has the whole image's pixels but for rounding: positions count from the window's first
+    /// pixel. With [`Culling::Aabb3Sigma`] and [`Culling::Adr`] this holds if the window begins at multiples of 16 pixels.
     ///
     /// # Errors
     /// As [`Self::rasterize`]; [`RasterError::Window`] if the window is empty or not within the image.

@@ -36,7 +36,7 @@ impl<'a> Source<'a> {
     /// [`LoadError::Io`] if it cannot be opened, [`LoadError::Invalid`] if it is not a regular file.
     pub fn open(path: &Path) -> Result<Self, LoadError> {
         let name = spelled(&path.display().to_string());
-        let io_error = |source| LoadError::Io { file: path.display().to_string(), source };
+        let io_error = |source| LoadError::Io { file: name.clone(), source };
         // Before opening: opening a pipe would wait for its writer.
         if !std::fs::metadata(path).map_err(io_error)?.is_file() {
             return Err(LoadError::invalid(&name, "path", "a regular file", "something else"));

@@ -29,7 +29,7 @@ pub struct SuperSplatSettings {
 
 /// `path` as settings of the SuperSplat viewer, version 2: an animation with one keyframe per camera, or a single camera.
 ///
-/// The coordinates of `path` are those of the scene's file. The field of view is that of the longer side of each camera's
+/// `path` has the coordinates of the scene's file. The field of view written is along the longer side of each camera's
 /// picture. Targets lie `distance` (positive) before their cameras, and the viewer orbits around the first of them.
 /// [`super::super::parse_json`] reads the same cameras back, but for what the notes name: a roll around the line of sight,
 /// principal points beside the centre, and pixels that are no squares.
