@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use gs3::scene::format::{SaveOptions, SpzVersion, format_of};
+use gs3::scene::format::{STREAMED_SOG, SaveOptions, SpzVersion, format_of};
 
 use crate::cli::error::CliError;
 use crate::cli::exit::Outcome;
@@ -15,11 +15,15 @@ use crate::io::output::save_scene;
 pub struct ConvertArgs {
     /// Scene file or folder, or `demo` for the built-in scene
     pub input: PathBuf,
-    /// Output file: .ply, .compressed.ply, .spz, .sog, .glb or .splat
+    /// Output file: .ply, .compressed.ply, .spz, .sog, .glb, .splat; or DIR/lod-meta.json for streamed SOG
     pub output: PathBuf,
     /// Version of .spz files: 3 for programs that do not know 4 yet
     #[arg(long, value_name = "3|4", value_parser = clap::value_parser!(u8).range(3..=4))]
     pub spz_version: Option<u8>,
+    /// Most Gaussians of a part of streamed SOG, in thousands: smaller parts have closer colours and more bytes. 131 unless
+    /// stated
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=200_000))]
+    pub lod_chunk_count: Option<u32>,
     #[command(flatten)]
     pub scene_options: SceneOptions,
 }
@@ -39,6 +43,17 @@ pub fn run(args: &ConvertArgs) -> Result<Outcome, CliError> {
         Some(3) => SpzVersion::Three,
         _ => SpzVersion::Four,
     };
-    save_scene(&scene, &args.output, &SaveOptions { spz_version })?;
+    let mut options = SaveOptions { spz_version, ..SaveOptions::default() };
+    if let Some(thousands) = args.lod_chunk_count {
+        if format != STREAMED_SOG {
+            return Err(CliError::Option {
+                option: "--lod-chunk-count",
+                expected: format!("an output that ends in {STREAMED_SOG}"),
+                actual: format!("{thousands} with {}", args.output.display()),
+            });
+        }
+        options.chunk = thousands as usize * 1000;
+    }
+    save_scene(&scene, &args.output, &options)?;
     Ok(Outcome::Done)
 }

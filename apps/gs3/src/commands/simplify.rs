@@ -69,7 +69,7 @@ pub struct SimplifyArgs {
     /// Threads [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
-    /// Output file: .ply, .compressed.ply, .spz, .sog, .glb or .splat
+    /// Output file: .ply, .compressed.ply, .spz, .sog, .glb, .splat or lod-meta.json
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
 }

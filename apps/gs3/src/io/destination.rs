@@ -4,7 +4,7 @@
 use std::fs::{self, Metadata};
 use std::path::{Path, PathBuf};
 
-use gs3::scene::format::format_of;
+use gs3::scene::format::{STREAMED_SOG, format_of};
 use gs3_files::{check_writable, end_of_links};
 
 use super::frame_files::is_frame_name;
@@ -67,11 +67,13 @@ impl<'a> Destination<'a> {
             }
             // Its encoder goes back to the beginning once it knows the end.
             Kind::Video if !is_file => return Err(self.wrong("a file", ", a device or a pipe")),
-            Kind::Scene => _ = format_of(self.path)?,
+            Kind::Scene if format_of(self.path)? == STREAMED_SOG && found.is_some() => {
+                return Err(self.wrong("a folder without a streamed scene", ", which is there already"));
+            }
             Kind::File(extension) if is_file && !has_extension(self.path, extension) => {
                 return Err(self.wrong(&format!("FILE.{extension}"), ""));
             }
-            Kind::File(_) | Kind::Video | Kind::Folder | Kind::Frames => {}
+            Kind::File(_) | Kind::Scene | Kind::Video | Kind::Folder | Kind::Frames => {}
         }
         let writable = match self.kind {
             Kind::Folder | Kind::Frames => check_writable(&self.path.join("file")),

@@ -160,7 +160,15 @@ fn one_line_that_names_field_expected_and_actual() {
         ("export nope --out o.onnx", &["error: nope: No such file"]),
         (
             "convert demo scene.xyz",
-            &["scene.xyz", "expected .ply, .compressed.ply, .spz, .sog, .glb or .splat", "xyz"],
+            &[
+                "scene.xyz",
+                "expected .ply, .compressed.ply, .spz, .sog, .glb, .splat or lod-meta.json",
+                "xyz",
+            ],
+        ),
+        (
+            "convert demo scene.sog --lod-chunk-count 9",
+            &["--lod-chunk-count: expected an output that ends in lod-meta.json, found 9 with scene.sog"],
         ),
         ("bench demo --frames 0..9999", &["--frames: expected", "0..9999"]),
     ];

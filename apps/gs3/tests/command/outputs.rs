@@ -22,11 +22,11 @@ fn outputs_are_checked_before_anything_is_read() {
     for (arguments, expected) in [
         (
             "simplify s.ply --keep 0.5 --out z.xyz",
-            "z.xyz: extension: expected .ply, .compressed.ply, .spz, .sog, .glb or .splat, found \"xyz\"",
+            "z.xyz: extension: expected .ply, .compressed.ply, .spz, .sog, .glb, .splat or lod-meta.json, found \"xyz\"",
         ),
         (
             "convert s.ply o.ksplat",
-            "extension: expected .ply, .compressed.ply, .spz, .sog, .glb or .splat, found \"ksplat\"",
+            "extension: expected .ply, .compressed.ply, .spz, .sog, .glb, .splat or lod-meta.json, found \"ksplat\"",
         ),
         ("convert s.ply ./s.ply", "OUTPUT: expected another place than that of an input, found ./s.ply"),
         ("convert s.ply one.json/o.ply", "one.json/o.ply: cannot be written: Not a directory"),

@@ -5,7 +5,7 @@ use std::fs;
 use std::io::Read;
 use std::path::Path;
 
-use super::{gs3, stderr, succeed};
+use super::{gs3, names, stderr, succeed};
 
 /// The arrays of an archive: shape as written, values.
 pub fn npz(file: &Path) -> BTreeMap<String, (String, Vec<f32>)> {
@@ -83,6 +83,23 @@ fn streamed(at: &Path) {
     let index = r#"{"lodLevels": 2, "environment": "sky.sog", "filenames": ["fine.sog", "coarse.sog"], "tree":
         {"children": [{"lods": {"0": {"file": 0, "offset": 0, "count": 3}, "1": {"file": 1, "offset": 0, "count": 1}}}]}}"#;
     fs::write(at.join("streamed/lod-meta.json"), index).unwrap();
+}
+
+#[test]
+fn a_streamed_scene_is_written_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    succeed(at, "convert demo parts/lod-meta.json --lod-chunk-count 100");
+    let facts: serde_json::Value = serde_json::from_slice(&succeed(at, "info parts --json").stdout).unwrap();
+    let count = facts["gaussians"].as_u64().unwrap();
+    // Halved until no part has more than 100,000.
+    let parts = names(&at.join("parts"));
+    let halvings = (count as f64 / 1e5).log2().ceil().exp2() as usize;
+    assert_eq!(parts.len(), halvings + 1, "{count} Gaussians: {parts:?}");
+    let output = gs3(at, "convert demo parts/lod-meta.json").output().unwrap();
+    let expected = "error: OUTPUT: expected a folder without a streamed scene, found parts/lod-meta.json, which is there already\n";
+    assert_eq!((output.status.code(), stderr(&output).as_str()), (Some(2), expected));
+    assert_eq!(names(&at.join("parts")), parts);
 }
 
 #[test]

@@ -116,7 +116,7 @@ fn bad_input_gets_one_line_and_exit_code_2() {
         ("--keep 0.5 --frames 0..9999 --out o.ply", "--frames: expected frames within 0..240"),
         (
             "--keep 0.5 --frames 0..1 --out o.xyz",
-            "expected .ply, .compressed.ply, .spz, .sog, .glb or .splat",
+            "expected .ply, .compressed.ply, .spz, .sog, .glb, .splat or lod-meta.json",
         ),
         ("--keep 0.5 --frames 0..1 --out file/o.ply", "file/o.ply"),
         ("--keep 0.5 --cameras nowhere.json --out o.ply", "nowhere.json"),

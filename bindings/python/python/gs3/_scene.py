@@ -90,7 +90,7 @@ class Scene:
         )
 
     def save(self, path: Path) -> List[str]:
-        """Saves the scene; the end of the name says the format: .ply, .compressed.ply, .spz, .sog, .glb or .splat.
+        """Saves the scene; the end of the name says the format: .ply, .compressed.ply, .spz, .sog, .glb, .splat or lod-meta.json.
 
         The file appears whole or not at all. Gives what the format does not keep: sentences, none if it keeps all.
         """

@@ -138,7 +138,7 @@ pub enum SaveError {
         source: io::Error,
     },
     /// The extension names no format that is written.
-    #[error("{}: extension: expected .ply, .compressed.ply, .spz, .sog, .glb or .splat, found {actual:?}", file.display())]
+    #[error("{}: extension: expected .ply, .compressed.ply, .spz, .sog, .glb, .splat or lod-meta.json, found {actual:?}", file.display())]
     UnknownFormat {
         /// The file.
         file: PathBuf,

@@ -8,7 +8,7 @@
 //! | `.ksplat` (GaussianSplats3D) | yes | |
 //! | SPZ (Niantic), versions 1 to 4 | yes | versions 4 and 3 |
 //! | SOG (PlayCanvas), versions 1 and 2: bundle, or folder with `meta.json` | yes | bundle of version 2 |
-//! | streamed SOG: folder with `lod-meta.json` | yes | |
+//! | streamed SOG: folder with `lod-meta.json` | yes | one level of detail |
 //! | glTF and GLB with `KHR_gaussian_splatting`, also compressed as SPZ by its drafts | yes | GLB |
 //! | `.rad` (Spark) | yes | |
 //! | LCC2 (XGRIDS): `meta.lcc2` with its SOG or SPZ files | yes | |
@@ -47,7 +47,9 @@ use glam::DVec3;
 pub(crate) use error::quoted;
 pub use error::{LoadError, SaveError};
 pub use progress::Progress;
-pub use save::{SaveOptions, SpzVersion, clamped, format_of, losses, position_step, save, save_with};
+pub use save::{
+    STREAMED_SOG, SaveOptions, SpzVersion, clamped, format_of, losses, position_step, save, save_with,
+};
 pub use sog::{Budget, Streamed};
 pub use source::{Files, Source};
 pub use spz::Clamped;
@@ -138,7 +140,7 @@ fn index_of(path: &Path) -> Result<PathBuf, LoadError> {
 }
 
 /// Names of the files that open a folder; of several in a folder the first one counts.
-pub const INDEXES: [&str; 3] = ["lod-meta.json", "meta.json", "meta.lcc2"];
+pub const INDEXES: [&str; 3] = [STREAMED_SOG, "meta.json", "meta.lcc2"];
 
 /// What the streamed scene (SOG or LCC2) at `path`, given as to [`load`], has to choose from by [`LoadOptions`]; `None` of other
 /// scenes, which have one level and no environment of their own. Reads the index alone.

@@ -1,6 +1,7 @@
 //! Writing scenes.
 
 use std::ffi::OsStr;
+use std::io::{self, Cursor, Seek, Write};
 use std::path::Path;
 
 use gs3_files::write_atomically;
@@ -32,10 +33,20 @@ impl From<SpzVersion> for spz::Version {
 }
 
 /// How to write what a format leaves open.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SaveOptions {
     /// The version of SPZ.
     pub spz_version: SpzVersion,
+    /// Most Gaussians of a data set of streamed SOG. Each has a palette of at most 65,536 rows for its spherical harmonics
+    /// above degree 0: smaller data sets are closer to the scene, and larger files together.
+    pub chunk: usize,
+}
+
+impl Default for SaveOptions {
+    /// SPZ version 4; 131,072 Gaussians a data set, so that a row of a palette stands for two.
+    fn default() -> Self {
+        Self { spz_version: SpzVersion::default(), chunk: 1 << 17 }
+    }
 }
 
 /// Saves `scene` as [`save_with`] does with what [`SaveOptions`] are unless stated.
@@ -47,11 +58,13 @@ pub fn save(scene: &Scene, path: impl AsRef<Path>) -> Result<(), SaveError> {
 }
 
 /// Saves `scene` at `path`. The end of the name says the format ([`format_of`]). The file appears whole or not at all.
-/// Positions are in the frame of the file that the scene came from, in right-down-front or the axes of the format. PLY
+/// Streamed SOG has other files beside its `lod-meta.json`, which appears last; where one is already, it stays, and that is an
+/// error. Positions are in the frame of the file that the scene came from, in right-down-front or the axes of the format. PLY
 /// and GLB are exact to rounding, the others quantise. SOG and compressed PLY reorder the Gaussians.
 ///
 /// # Errors
-/// [`SaveError`] if the name ends otherwise, the scene does not fit the format, or the file cannot be written.
+/// [`SaveError`] if the name ends otherwise, the scene does not fit the format, the file cannot be written, or a streamed scene
+/// is there already.
 pub fn save_with(scene: &Scene, path: impl AsRef<Path>, options: &SaveOptions) -> Result<(), SaveError> {
     let path = path.as_ref();
     let io_error = |source| SaveError::Io { file: path.to_owned(), source };
@@ -77,7 +90,7 @@ pub fn save_with(scene: &Scene, path: impl AsRef<Path>, options: &SaveOptions) -
             let bits = spz::fractional_bits(scene).map_err(|largest| {
                 unrepresentable("position", "coordinates up to 8388607".to_owned(), largest.to_string())
             })?;
-            write_atomically(path, |writer| spz::write(scene, version, bits, writer)).map_err(io_error)
+            write_seekable(path, |writer| spz::write(scene, version, bits, writer)).map_err(io_error)
         }
         "compressed.ply" => {
             write_atomically(path, |writer| ply::write_compressed(scene, writer)).map_err(io_error)
@@ -88,14 +101,39 @@ pub fn save_with(scene: &Scene, path: impl AsRef<Path>, options: &SaveOptions) -
             Err(unrepresentable("count", expected, count.to_string()))
         }
         "glb" => write_atomically(path, |writer| gltf::write(scene, writer)).map_err(io_error),
+        STREAMED_SOG => {
+            check_degree(3)?;
+            let chunk = options.chunk.clamp(1, sog::MOST_GAUSSIANS);
+            if path.exists() {
+                let why = "a streamed scene is there already";
+                return Err(io_error(io::Error::new(io::ErrorKind::AlreadyExists, why)));
+            }
+            sog::write_streamed(scene, path.parent().unwrap_or(Path::new("")), chunk).map_err(io_error)
+        }
         _ if count > sog::MOST_GAUSSIANS => {
             Err(unrepresentable("count", format!("at most {}", sog::MOST_GAUSSIANS), count.to_string()))
         }
         _ => {
             check_degree(3)?;
-            write_atomically(path, |writer| sog::write(scene, writer)).map_err(io_error)
+            write_seekable(path, |writer| sog::write(scene, writer)).map_err(io_error)
         }
     }
+}
+
+/// What formats that go back to their beginning write to.
+trait Seekable: Write + Seek + Send {}
+impl<T: Write + Seek + Send> Seekable for T {}
+
+/// As [`write_atomically`]. What goes into a pipe waits in memory until it is whole.
+fn write_seekable(path: &Path, write: impl FnOnce(&mut dyn Seekable) -> io::Result<()>) -> io::Result<()> {
+    write_atomically(path, |writer| {
+        if writer.stream_position().is_ok() {
+            return write(writer);
+        }
+        let mut whole = Cursor::new(Vec::new());
+        write(&mut whole)?;
+        writer.write_all(whole.get_ref())
+    })
 }
 
 /// What a file of `scene` at `path` does not keep and could change the picture, beyond the rounding of its values:
@@ -151,8 +189,11 @@ pub fn clamped(scene: &Scene, path: impl AsRef<Path>, options: &SaveOptions) -> 
         .filter(|clamped| *clamped != Clamped::default())
 }
 
+/// The name of the file that a streamed SOG scene is opened by.
+pub const STREAMED_SOG: &str = "lod-meta.json";
+
 /// The format that [`save`] writes at `path`, by how its name ends: `compressed.ply`, `ply`, `spz`, `sog`, `glb` or
-/// `splat`.
+/// `splat`; or `lod-meta.json`, streamed SOG, by the whole name.
 ///
 /// # Errors
 /// [`SaveError::UnknownFormat`] if it ends otherwise.
@@ -161,6 +202,9 @@ pub fn format_of(path: impl AsRef<Path>) -> Result<&'static str, SaveError> {
     let lower = |part: Option<&OsStr>| part.unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let name = lower(path.file_name());
     let ends = |format: &&&str| name.ends_with(&format!(".{format}"));
+    if name == STREAMED_SOG {
+        return Ok(STREAMED_SOG);
+    }
     let found = ["compressed.ply", "ply", "spz", "sog", "glb", "splat"].iter().find(ends);
     found
         .copied()

@@ -22,6 +22,7 @@ mod sog_1;
 mod splat_and_spz;
 mod splat_transform;
 mod spz_4;
+mod streamed;
 
 use std::collections::BTreeMap;
 

@@ -74,7 +74,7 @@ pub fn compare(before: &Scene, after: &Scene, tolerance: &Tolerance, partner: im
 
 /// The same, where what has codebooks may be off by `slack(i)` times as much.
 #[track_caller]
-fn compare_with(
+pub fn compare_with(
     before: &Scene,
     after: &Scene,
     tolerance: &Tolerance,
@@ -153,7 +153,7 @@ proptest! {
         let mode = if antialiased { OpacityMode::Antialiased } else { OpacityMode::Default };
         let before = scene(seed, count, degree.min(if is_old { 3 } else { 4 }), mode);
         let spz_version = if is_old { SpzVersion::Three } else { SpzVersion::Four };
-        let after = round_trip_with(&before, "spz", &SaveOptions { spz_version });
+        let after = round_trip_with(&before, "spz", &SaveOptions { spz_version, ..SaveOptions::default() });
         compare(&before, &after, &SPZ, |i| i);
     }
 
@@ -189,7 +189,7 @@ proptest! {
 /// How much wider the codes of a SOG's codebooks may lie for Gaussians that show less than the mean: their density goes
 /// with the cube root of the weight, the square of opacity times area, of which each counts a thousandth of the mean at
 /// least.
-fn sog_slack(scene: &Scene) -> impl Fn(usize) -> f32 {
+pub fn sog_slack(scene: &Scene) -> impl Fn(usize) -> f32 {
     let gaussians = scene.gaussians();
     let shown = |i: usize| {
         let [a, b, c] = gaussians.scale(i);
@@ -264,7 +264,7 @@ fn limits_of_the_values() {
 fn what_spz_cuts_is_counted() {
     let path = Path::new("scene.spz");
     // Version 3 has other signs of y and z.
-    let old = SaveOptions { spz_version: SpzVersion::Three };
+    let old = SaveOptions { spz_version: SpzVersion::Three, ..SaveOptions::default() };
     assert_eq!(clamped(&scene(3, 5000, 3, OpacityMode::Default), path, &old), None);
     let mut gaussians = Gaussians::zeroed(9, 1);
     gaussians.rotations[0] = vec![1.0; 9];
@@ -365,7 +365,7 @@ fn what_a_format_cannot_hold_is_told_or_refused() {
     assert!(losses(&antialiased, "s.glb")[0].contains("antialiased"));
     assert_eq!(losses(&antialiased, "s.splat").len(), 2);
     let folder = tempfile::tempdir().unwrap();
-    let options = SaveOptions { spz_version: SpzVersion::Three };
+    let options = SaveOptions { spz_version: SpzVersion::Three, ..SaveOptions::default() };
     let error = save_with(&antialiased, folder.path().join("s.spz"), &options).unwrap_err().to_string();
     assert!(error.contains("SH degree: expected at most 3, found 4"), "{error}");
     let error = save(&antialiased, folder.path().join("s.sog")).unwrap_err().to_string();

@@ -81,9 +81,13 @@ fn our_files_are_read_by_it() {
     for before in scenes() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
-        for (name, tolerance) in
-            [("s.ply", &PLY), ("s.spz", &SPZ), ("s.compressed.ply", &COMPRESSED_PLY), ("s.sog", &SOG)]
-        {
+        for (name, tolerance) in [
+            ("s.ply", &PLY),
+            ("s.spz", &SPZ),
+            ("s.compressed.ply", &COMPRESSED_PLY),
+            ("s.sog", &SOG),
+            ("lod-meta.json", &SOG),
+        ] {
             save(&before, at(name)).unwrap();
             if !splat_transform(folder.path(), &["-w", name, "back.ply"]) {
                 return;
@@ -92,7 +96,7 @@ fn our_files_are_read_by_it() {
             let tolerance = Tolerance { mean: tolerance.mean.max(1e-6), ..*tolerance };
             compare(&before, &after, &tolerance, |i| nearest(&after, before.gaussians().mean(i)));
         }
-        let old = SaveOptions { spz_version: SpzVersion::Three };
+        let old = SaveOptions { spz_version: SpzVersion::Three, ..SaveOptions::default() };
         save_with(&before, at("old.spz"), &old).unwrap();
         // It takes all for right-down-front; version 3 is right-up-back, half a turn about x.
         splat_transform(folder.path(), &["-w", "old.spz", "-r", "180,0,0", "back.ply"]);

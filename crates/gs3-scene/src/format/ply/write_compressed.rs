@@ -26,12 +26,8 @@ type Bounds = [[[f32; 3]; 2]; 3];
 /// Writes `scene` in Morton order. Positions of the file's frame are rounded to f32 where the scene has an origin.
 pub(in super::super) fn write(scene: &Scene, writer: &mut impl Write) -> io::Result<()> {
     let gaussians = scene.gaussians();
-    let origin = scene.details().origin;
-    let positions: [Vec<f32>; 3] = std::array::from_fn(|axis| {
-        gaussians.means[axis].par_iter().map(|mean| (f64::from(*mean) + origin[axis]) as f32).collect()
-    });
-    let order = morton_order(&positions);
-    let values = |i: usize| values(gaussians, &positions, i);
+    let order = morton_order(scene);
+    let values = |i: usize| values(scene, i);
     let bounds: Vec<Bounds> = order
         .par_chunks(CHUNK)
         .map(|chunk| {
@@ -98,25 +94,34 @@ pub(in super::super) fn is_sh_cut(gaussians: &Gaussians, i: usize) -> bool {
     gaussians.sh_of(i)[3..].iter().any(|value| value.abs() > SH_RANGE)
 }
 
+/// The position of Gaussian `i` in the file's frame, along one axis.
+fn position(scene: &Scene, axis: usize, i: usize) -> f32 {
+    (f64::from(scene.gaussians().means[axis][i]) + scene.details().origin[axis]) as f32
+}
+
 /// Position, log scale and colour.
-fn values(gaussians: &Gaussians, positions: &[Vec<f32>; 3], i: usize) -> [[f32; 3]; 3] {
+fn values(scene: &Scene, i: usize) -> [[f32; 3]; 3] {
+    let gaussians = scene.gaussians();
     let sh = gaussians.sh_of(i);
     [
-        [0, 1, 2].map(|axis| positions[axis][i]),
+        [0, 1, 2].map(|axis| position(scene, axis, i)),
         gaussians.scale(i).map(|scale| log_scale(scale).clamp(LOG_SCALES[0], LOG_SCALES[1])),
         [0, 1, 2].map(|c| sh[c] * SH_C0 + 0.5),
     ]
 }
 
-fn morton_order(positions: &[Vec<f32>; 3]) -> Vec<u32> {
-    let bounds = positions.each_ref().map(|plane| {
-        let bound = |pick: fn(f32, f32) -> f32| plane.iter().copied().reduce(pick).unwrap_or_default();
+fn morton_order(scene: &Scene) -> Vec<u32> {
+    let count = scene.gaussians().len();
+    let bounds = [0, 1, 2].map(|axis| {
+        let bound = |pick: fn(f32, f32) -> f32| {
+            (0..count).into_par_iter().map(|i| position(scene, axis, i)).reduce_with(pick).unwrap_or_default()
+        };
         [bound(f32::min), bound(f32::max)].map(f64::from)
     });
-    morton::order(positions[0].len(), |i| {
+    morton::order(count, |i| {
         std::array::from_fn(|axis| {
             let [low, high] = bounds[axis];
-            let share = (f64::from(positions[axis][i]) - low) / (high - low).max(f64::MIN_POSITIVE);
+            let share = (f64::from(position(scene, axis, i)) - low) / (high - low).max(f64::MIN_POSITIVE);
             (share * 65_535.0) as u16
         })
     })

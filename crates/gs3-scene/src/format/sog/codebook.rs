@@ -8,6 +8,9 @@ const ROUNDS: usize = 16;
 /// Bins of the histogram that places the first guess.
 const BINS: usize = 4096;
 
+/// Bits of a value that [`Codebook::fit_many`] tells apart.
+const KEPT_BITS: u32 = 20;
+
 /// 256 values in ascending order with small weighted squared distance to the values they are made from.
 pub(super) struct Codebook(pub(super) [f32; 256]);
 
@@ -50,6 +53,20 @@ impl Codebook {
             codes.sort_unstable_by(f32::total_cmp);
         }
         Self(codes)
+    }
+
+    /// As [`Self::fit`], with 25 MB however many values there are. Values that agree in the first [`KEPT_BITS`] bits, 11 of them
+    /// of the mantissa, count as their mean: they differ by at most a 2,048th of themselves, and 256 codes over the range of a
+    /// scene's values are farther apart.
+    pub(super) fn fit_many(weighted: impl Iterator<Item = (f32, f32)>) -> Self {
+        let mut bins = vec![[0.0_f64; 2]; 1 << KEPT_BITS];
+        for (value, weight) in weighted {
+            let [weights, sum] = &mut bins[(value.to_bits() >> (32 - KEPT_BITS)) as usize];
+            *weights += f64::from(weight);
+            *sum += f64::from(weight) * f64::from(value);
+        }
+        let filled = bins.into_iter().filter(|[weight, _]| *weight > 0.0);
+        Self::fit(filled.map(|[weight, sum]| ((sum / weight) as f32, weight as f32)).collect())
     }
 
     /// Index of the nearest value.
@@ -109,9 +126,11 @@ mod tests {
 
     #[test]
     fn few_values_are_kept_exactly() {
-        let book = Codebook::fit([3.0, -1.0, 3.0, 0.25, -1.0].map(|value| (value, 1.0)).to_vec());
-        for value in [3.0, -1.0, 0.25] {
-            assert_eq!(book.0[usize::from(book.encode(value))], value);
+        let values = [3.0, -1.0, 3.0, 0.25, -1.0].map(|value| (value, 1.0));
+        for book in [Codebook::fit(values.to_vec()), Codebook::fit_many(values.into_iter())] {
+            for value in [3.0, -1.0, 0.25] {
+                assert_eq!(book.0[usize::from(book.encode(value))], value);
+            }
         }
     }
 
@@ -120,11 +139,13 @@ mod tests {
         // Dense near 0 with two far outliers: evenly spaced codes would be 0.8 apart.
         let mut values: Vec<f32> = (0..100_000).map(|i| (i as f32 / 100_000.0 - 0.5).powi(3) * 8.0).collect();
         values.extend([-100.0, 100.0]);
-        let book = Codebook::fit(values.iter().map(|value| (*value, 1.0)).collect());
-        assert!(book.0.is_sorted());
-        let errors = values.iter().map(|value| (value - book.0[usize::from(book.encode(*value))]).abs());
-        let worst = errors.fold(0.0, f32::max);
-        assert!(worst < 0.1, "worst error {worst}");
+        let weighted = || values.iter().map(|value| (*value, 1.0));
+        for book in [Codebook::fit(weighted().collect()), Codebook::fit_many(weighted())] {
+            assert!(book.0.is_sorted());
+            let errors = values.iter().map(|value| (value - book.0[usize::from(book.encode(*value))]).abs());
+            let worst = errors.fold(0.0, f32::max);
+            assert!(worst < 0.1, "worst error {worst}");
+        }
     }
 
     /// Where the weight is, codes are dense.

@@ -12,6 +12,7 @@ mod plane;
 mod stream;
 mod version_1;
 mod write;
+mod write_stream;
 
 use std::io;
 
@@ -28,6 +29,7 @@ use chunk::{Chunk, Ranges};
 pub use stream::Streamed;
 pub(super) use stream::{read as read_streamed, streamed};
 pub(super) use write::{MOST_GAUSSIANS, write};
+pub(super) use write_stream::write_streamed;
 
 /// Reads a bundle, or a `meta.json`, which names its images among `files`.
 pub(super) fn read(

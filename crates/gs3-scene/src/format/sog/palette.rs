@@ -17,45 +17,52 @@ const ROUNDS: usize = 2;
 pub(super) struct Palette {
     /// `[rows, dimensions]`.
     pub(super) rows: Vec<f32>,
-    /// `[N]`.
+    /// `[N]`, in the order of the vectors given.
     pub(super) labels: Vec<u16>,
 }
 
-/// Vectors of `dimensions` values at `offset` of every `stride` values.
+/// Vectors that a palette is for: those with the `indices` among vectors of `stride` values, without the first `offset` of each.
 #[derive(Clone, Copy)]
 pub(super) struct Vectors<'a> {
     pub(super) values: &'a [f32],
-    /// How much the error of each counts, positive.
+    pub(super) indices: &'a [u32],
+    /// How much the error of each counts, positive; in the order of `indices`.
     pub(super) weights: &'a [f32],
     pub(super) stride: usize,
     pub(super) offset: usize,
 }
 
 impl Vectors<'_> {
-    fn get(&self, i: u32) -> &[f32] {
-        let start = i as usize * self.stride;
+    /// The vector at a place among the indices.
+    fn get(&self, place: u32) -> &[f32] {
+        let start = self.indices[place as usize] as usize * self.stride;
         &self.values[start + self.offset..start + self.stride]
+    }
+
+    fn weight(&self, place: u32) -> f64 {
+        f64::from(self.weights[place as usize])
     }
 }
 
 impl Palette {
-    /// Fits at most [`LARGEST_PALETTE`] rows to `count` vectors. Equal vectors share a row.
-    pub(super) fn fit(vectors: Vectors<'_>, count: usize) -> Self {
+    /// Fits at most [`LARGEST_PALETTE`] rows. Equal vectors share a row.
+    pub(super) fn fit(vectors: Vectors<'_>) -> Self {
         let dimensions = vectors.stride - vectors.offset;
+        let count = vectors.indices.len();
         let budget = count.min(LARGEST_PALETTE);
         let mut rows = vec![0.0; budget * dimensions];
-        let mut members: Vec<u32> = (0..count as u32).collect();
-        let mut of_members = vec![0; count];
-        let node = Node { members: &mut members, labels: &mut of_members, rows: &mut rows, first_row: 0 };
+        let mut places: Vec<u32> = (0..count as u32).collect();
+        let mut of_places = vec![0; count];
+        let node = Node { members: &mut places, labels: &mut of_places, rows: &mut rows, first_row: 0 };
         node.split(vectors, dimensions);
         let mut labels = vec![0; count];
-        for (member, label) in members.iter().zip(of_members) {
-            labels[*member as usize] = label;
+        for (place, label) in places.iter().zip(of_places) {
+            labels[*place as usize] = label;
         }
         Self { rows, labels }
     }
 
-    /// The rows' values, each with the weight of all vectors that the row stands for.
+    /// The rows' values, each with the weight of all vectors that the row stands for; `weights` in the order of the labels.
     pub(super) fn weighted_values(&self, weights: &[f32], dimensions: usize) -> Vec<(f32, f32)> {
         let mut of_rows = vec![0.0f32; self.rows.len() / dimensions];
         for (label, weight) in self.labels.iter().zip(weights) {
@@ -131,7 +138,7 @@ impl Statistics {
             .map(|block| {
                 let mut sums = vec![0.0; 2 * dimensions + 1];
                 for member in block {
-                    let weight = f64::from(vectors.weights[*member as usize]);
+                    let weight = vectors.weight(*member);
                     let (first, rest) = sums.split_at_mut(dimensions);
                     for ((a, b), value) in first.iter_mut().zip(&mut *rest).zip(vectors.get(*member)) {
                         let weighted = weight * f64::from(*value);
@@ -166,7 +173,7 @@ fn bisect(vectors: Vectors<'_>, members: &mut [u32], mean: &[f64], variance: &[f
     let mut direction = vec![0.0f64; dimensions];
     for member in members.iter() {
         let vector = vectors.get(*member);
-        let weight = f64::from(vectors.weights[*member as usize]);
+        let weight = vectors.weight(*member);
         let along = weight * (f64::from(vector[widest]) - mean[widest]);
         for k in 0..dimensions {
             direction[k] += along * (f64::from(vector[k]) - mean[k]);
@@ -219,9 +226,13 @@ mod tests {
     fn different_vectors_get_rows_of_their_own_while_there_are_enough() {
         let values: Vec<f32> =
             (0..300).flat_map(|i| [f32::NAN, (i % 100) as f32, (i % 7) as f32 * 0.5]).collect();
-        let palette =
-            Palette::fit(Vectors { values: &values, weights: &[1.0; 300], stride: 3, offset: 1 }, 300);
-        for (i, label) in palette.labels.iter().enumerate() {
+        // Of these, the later two thirds in the opposite order.
+        let chosen: Vec<u32> = (100..300).rev().collect();
+        let vectors =
+            Vectors { values: &values, indices: &chosen, weights: &[1.0; 200], stride: 3, offset: 1 };
+        let palette = Palette::fit(vectors);
+        assert_eq!(palette.labels.len(), 200);
+        for (i, label) in chosen.iter().zip(&palette.labels) {
             let row = &palette.rows[usize::from(*label) * 2..][..2];
             assert!((row[0] - (i % 100) as f32).abs() < 1e-3, "vector {i} is {row:?}");
             assert!((row[1] - (i % 7) as f32 * 0.5).abs() < 1e-3, "vector {i} is {row:?}");

@@ -1,6 +1,6 @@
-//! Writing a SOG bundle, version 2.
+//! Writing SOG data sets, version 2, and bundles of them.
 
-use std::io::{self, Cursor, Write};
+use std::io::{self, Seek, Write};
 
 use glam::DVec3;
 use image_webp::{ColorType, WebPEncoder};
@@ -9,6 +9,7 @@ use serde_json::json;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
+use super::super::BLOCK;
 use super::super::activation::log_scale;
 use super::super::morton;
 use super::super::quaternion::without_largest;
@@ -18,108 +19,170 @@ use super::palette::{Palette, Vectors};
 use crate::gaussians::Gaussians;
 use crate::scene::{OpacityMode, Scene};
 
+/// What the files say that they were written by.
+pub(super) const GENERATOR: &str = concat!("gs3 ", env!("CARGO_PKG_VERSION"));
+
 /// Most Gaussians of a data set: the pixels of the largest square WebP image with sides that are multiples of
 /// 4. WebP allows 16,384 pixels on a side; image-webp 0.2 reads 16,383.
 pub(in super::super) const MOST_GAUSSIANS: usize = 16_380 * 16_380;
 
-/// Writes `scene`, its Gaussians in Morton order, which makes neighbouring pixels alike. Precision: 16 bits
+/// From so many Gaussians on memory counts more than time: images are made and compressed one after the other, and codebooks are
+/// fitted to a histogram. All at once takes about 100 bytes a Gaussian, twice a scene without harmonics.
+const MANY: usize = 1 << 22;
+
+/// Writes `scene` as a bundle, its Gaussians in Morton order, which makes neighbouring pixels alike. Precision: 16 bits
 /// for the logarithm of positions, 8 bits for the others, the higher harmonics by a palette of at most 65,536
 /// rows.
-pub(in super::super) fn write(scene: &Scene, writer: &mut impl Write) -> io::Result<()> {
-    let gaussians = scene.gaussians();
-    let means = Means::new(scene);
-    let order = means.morton_order();
-    let weights = weights(gaussians);
-    let stride = gaussians.sh_stride();
-    let weighted = |of: &(dyn Fn(usize) -> [f32; 3] + Sync)| {
-        let three = |i: usize| of(i).map(|value| (value, weights[i]));
-        (0..gaussians.len()).into_par_iter().flat_map_iter(three).collect()
-    };
-    let scales = Codebook::fit(weighted(&|i| gaussians.scale(i).map(log_scale)));
-    let sh0 = Codebook::fit(weighted(&|i| [0, 1, 2].map(|c| gaussians.sh_of(i)[c])));
-    let per_gaussian =
-        |channels: ColorType, pixel: &(dyn Fn(usize, &mut [u8]) + Sync)| image(&order, channels, pixel);
+pub(in super::super) fn write(scene: &Scene, writer: impl Write + Seek) -> io::Result<()> {
+    let count = scene.gaussians().len();
+    let means = Means::new(scene, &(0..count as u32).collect::<Vec<_>>());
+    let order = morton::order(count, |i| means.codes(i));
+    let mut zip = ZipWriter::new(writer);
+    let meta = encode(scene, &Weights::new(scene.gaussians()), &order, &mut |name, image| {
+        // Stored: images are compressed already.
+        zip.start_file(name, SimpleFileOptions::default().compression_method(CompressionMethod::Stored))?;
+        zip.write_all(&image)
+    })?;
+    zip.start_file("meta.json", SimpleFileOptions::default())?;
+    zip.write_all(&meta)?;
+    zip.finish()?;
+    Ok(())
+}
 
-    let rgb = ColorType::Rgb8;
-    let mut images: Vec<(&str, Image)> = vec![
-        ("means_l.webp", per_gaussian(rgb, &|i, p| set(p, means.codes(i).map(|code| code.to_le_bytes()[0])))),
-        ("means_u.webp", per_gaussian(rgb, &|i, p| set(p, means.codes(i).map(|code| code.to_le_bytes()[1])))),
-        (
-            "scales.webp",
-            per_gaussian(rgb, &|i, p| set(p, gaussians.scale(i).map(|s| scales.encode(log_scale(s))))),
-        ),
-        ("quats.webp", per_gaussian(ColorType::Rgba8, &|i, p| set(p, pack_rotation(gaussians.rotation(i))))),
-        (
-            "sh0.webp",
-            per_gaussian(ColorType::Rgba8, &|i, p| {
-                let sh = gaussians.sh_of(i);
-                let opacity = (gaussians.opacities[i] * 255.0).round() as u8;
-                set(p, [sh0.encode(sh[0]), sh0.encode(sh[1]), sh0.encode(sh[2]), opacity]);
-            }),
-        ),
-    ];
+/// Makes a data set of the Gaussians with the indices `order`, in this order: gives each image, compressed, to `sink`, and
+/// returns what describes them, `meta.json`.
+pub(super) fn encode(
+    scene: &Scene,
+    weights: &Weights<'_>,
+    order: &[u32],
+    sink: &mut dyn FnMut(&str, Vec<u8>) -> io::Result<()>,
+) -> io::Result<Vec<u8>> {
+    let gaussians = scene.gaussians();
+    let means = Means::new(scene, order);
+    let stride = gaussians.sh_stride();
+    let fit = |of: &(dyn Fn(usize) -> [f32; 3] + Sync)| {
+        let three = |i: &u32| of(*i as usize).map(|value| (value, weights.of(*i as usize)));
+        if order.len() > MANY {
+            Codebook::fit_many(order.iter().flat_map(three))
+        } else {
+            Codebook::fit(order.par_iter().flat_map_iter(three).collect())
+        }
+    };
+    let scales = fit(&|i| gaussians.scale(i).map(log_scale));
+    let sh0 = fit(&|i| [0, 1, 2].map(|c| gaussians.sh_of(i)[c]));
     let mut meta = json!({
         "version": 2,
-        "asset": { "generator": concat!("gs3 ", env!("CARGO_PKG_VERSION")) },
-        "count": gaussians.len(),
+        "asset": { "generator": GENERATOR },
+        "count": order.len(),
         "antialias": scene.opacity_mode() == OpacityMode::Antialiased,
         "means": { "mins": means.mins, "maxs": means.maxs, "files": ["means_l.webp", "means_u.webp"] },
         "scales": { "codebook": scales.0.to_vec(), "files": ["scales.webp"] },
         "quats": { "files": ["quats.webp"] },
         "sh0": { "codebook": sh0.0.to_vec(), "files": ["sh0.webp"] },
     });
-    if gaussians.sh_degree > 0 {
-        let palette = Palette::fit(
-            Vectors { values: &gaussians.sh, weights: &weights, stride, offset: 3 },
-            gaussians.len(),
-        );
-        let codebook = Codebook::fit(palette.weighted_values(&weights, stride - 3));
-        let rows = palette.rows.len() / (stride - 3);
-        images.push(("shN_centroids.webp", palette_image(&palette.rows, stride - 3, &codebook)));
-        let labels = per_gaussian(rgb, &|i, p| {
-            let [low, high] = palette.labels[i].to_le_bytes();
-            set(p, [low, high, 0]);
+    let rest = (gaussians.sh_degree > 0).then(|| {
+        let weights: Vec<f32> = order.par_iter().map(|i| weights.of(*i as usize)).collect();
+        let palette = Palette::fit(Vectors {
+            values: &gaussians.sh,
+            indices: order,
+            weights: &weights,
+            stride,
+            offset: 3,
         });
-        images.push(("shN_labels.webp", labels));
+        let codebook = Codebook::fit(palette.weighted_values(&weights, stride - 3));
         meta["shN"] = json!({
-            "count": rows,
+            "count": palette.rows.len() / (stride - 3),
             "bands": gaussians.sh_degree,
             "codebook": codebook.0.to_vec(),
             "files": ["shN_centroids.webp", "shN_labels.webp"],
         });
+        (palette, codebook)
+    });
+
+    let per_gaussian = |channels: ColorType, pixel: &(dyn Fn(usize, &mut [u8]) + Sync)| {
+        image(order.len(), channels, &|place, bytes| pixel(order[place] as usize, bytes))
+    };
+    let rgb = ColorType::Rgb8;
+    type Maker<'a> = (&'static str, Box<dyn Fn() -> Image + Sync + 'a>);
+    let mut images: Vec<Maker<'_>> = vec![
+        (
+            "means_l.webp",
+            Box::new(|| per_gaussian(rgb, &|i, p| set(p, means.codes(i).map(|code| code.to_le_bytes()[0])))),
+        ),
+        (
+            "means_u.webp",
+            Box::new(|| per_gaussian(rgb, &|i, p| set(p, means.codes(i).map(|code| code.to_le_bytes()[1])))),
+        ),
+        (
+            "scales.webp",
+            Box::new(|| {
+                per_gaussian(rgb, &|i, p| set(p, gaussians.scale(i).map(|s| scales.encode(log_scale(s)))))
+            }),
+        ),
+        (
+            "quats.webp",
+            Box::new(|| per_gaussian(ColorType::Rgba8, &|i, p| set(p, pack_rotation(gaussians.rotation(i))))),
+        ),
+        (
+            "sh0.webp",
+            Box::new(|| {
+                per_gaussian(ColorType::Rgba8, &|i, p| {
+                    let sh = gaussians.sh_of(i);
+                    let opacity = (gaussians.opacities[i] * 255.0).round() as u8;
+                    set(p, [sh0.encode(sh[0]), sh0.encode(sh[1]), sh0.encode(sh[2]), opacity]);
+                })
+            }),
+        ),
+    ];
+    if let Some((palette, codebook)) = &rest {
+        images.push(("shN_centroids.webp", Box::new(|| palette_image(&palette.rows, stride - 3, codebook))));
+        images.push((
+            "shN_labels.webp",
+            Box::new(|| {
+                image(order.len(), rgb, &|place, p| {
+                    let [low, high] = palette.labels[place].to_le_bytes();
+                    set(p, [low, high, 0]);
+                })
+            }),
+        ));
     }
-    let encoded: io::Result<Vec<(&str, Vec<u8>)>> =
-        images.into_par_iter().map(|(name, image)| Ok((name, image.encode()?))).collect();
-    let bundle = bundle(&encoded?, &serde_json::to_vec(&meta)?)?;
-    writer.write_all(&bundle)
+    let at_once = if order.len() > MANY { 1 } else { images.len() };
+    for images in images.chunks(at_once) {
+        let encoded: io::Result<Vec<_>> =
+            images.par_iter().map(|(name, make)| Ok((*name, make().encode()?))).collect();
+        encoded?.into_iter().try_for_each(|(name, bytes)| sink(name, bytes))?;
+    }
+    Ok(serde_json::to_vec(&meta)?)
 }
 
 /// How much an error of each Gaussian's colours and scales counts: the square of what it shows, its opacity times its
 /// size on an image from afar. A thousandth of the mean at least, so that none is lost.
-fn weights(gaussians: &Gaussians) -> Vec<f32> {
-    let shown = |i: usize| {
-        let [a, b, c] = gaussians.scale(i);
-        // The largest of the three faces of the box around the ellipsoid.
-        let area = (a * b).max(b * c).max(c * a).min(f32::MAX.sqrt());
-        gaussians.opacities[i].powi(2) * area
-    };
-    let mut weights: Vec<f32> = (0..gaussians.len()).into_par_iter().map(shown).collect();
-    let mean = weights.iter().map(|w| f64::from(*w)).sum::<f64>() / weights.len().max(1) as f64;
-    let least = (1e-3 * mean).max(f64::from(f32::MIN_POSITIVE)) as f32;
-    weights.par_iter_mut().for_each(|weight| *weight = weight.max(least));
-    weights
+pub(super) struct Weights<'a> {
+    gaussians: &'a Gaussians,
+    least: f32,
 }
 
-/// The archive: images stored, for they are compressed already.
-fn bundle(images: &[(&str, Vec<u8>)], meta: &[u8]) -> io::Result<Vec<u8>> {
-    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
-    for (name, bytes) in images {
-        zip.start_file(*name, SimpleFileOptions::default().compression_method(CompressionMethod::Stored))?;
-        zip.write_all(bytes)?;
+impl<'a> Weights<'a> {
+    pub(super) fn new(gaussians: &'a Gaussians) -> Self {
+        let all = Self { gaussians, least: 0.0 };
+        // In blocks, so that the sum has the same bits with any number of threads.
+        let sums: Vec<f64> = (0..gaussians.len().div_ceil(BLOCK))
+            .into_par_iter()
+            .map(|block| {
+                let members = block * BLOCK..((block + 1) * BLOCK).min(gaussians.len());
+                members.map(|i| f64::from(all.of(i))).sum()
+            })
+            .collect();
+        let mean = sums.iter().sum::<f64>() / gaussians.len().max(1) as f64;
+        Self { least: (1e-3 * mean).max(f64::from(f32::MIN_POSITIVE)) as f32, ..all }
     }
-    zip.start_file("meta.json", SimpleFileOptions::default())?;
-    zip.write_all(meta)?;
-    Ok(zip.finish()?.into_inner())
+
+    fn of(&self, i: usize) -> f32 {
+        let [a, b, c] = self.gaussians.scale(i);
+        // The largest of the three faces of the box around the ellipsoid.
+        let area = (a * b).max(b * c).max(c * a).min(f32::MAX.sqrt());
+        (self.gaussians.opacities[i].powi(2) * area).max(self.least)
+    }
 }
 
 /// An image before its compression.
@@ -140,18 +203,19 @@ impl Image {
     }
 }
 
-/// An image with a pixel per Gaussian in the given order; about square, sides multiples of 4.
-fn image(order: &[u32], color: ColorType, pixel: &(dyn Fn(usize, &mut [u8]) + Sync)) -> Image {
+/// An image of `count` pixels, one for each Gaussian; about square, sides multiples of 4.
+fn image(count: usize, color: ColorType, pixel: &(dyn Fn(usize, &mut [u8]) + Sync)) -> Image {
     let channels = if matches!(color, ColorType::Rgba8) { 4 } else { 3 };
-    let width = ((order.len() as f64).sqrt() / 4.0).ceil() as usize * 4;
-    let height = order.len().div_ceil(width).next_multiple_of(4);
+    let width = ((count as f64).sqrt() / 4.0).ceil() as usize * 4;
+    let height = count.div_ceil(width).next_multiple_of(4);
     // Pixels beyond the last Gaussian stay zero; opaque alpha is not needed where nothing is read.
     let mut bytes = vec![0; width * height * channels];
     bytes
         .par_chunks_exact_mut(channels)
         .with_min_len(4096)
-        .zip(order.par_iter().with_min_len(4096))
-        .for_each(|(bytes, i)| pixel(*i as usize, bytes));
+        .take(count)
+        .enumerate()
+        .for_each(|(place, bytes)| pixel(place, bytes));
     Image { width, height, color, bytes }
 }
 
@@ -173,8 +237,8 @@ fn set<const CHANNELS: usize>(pixel: &mut [u8], values: [u8; CHANNELS]) {
     pixel.copy_from_slice(&values);
 }
 
-/// Means as 16-bit codes between the bounds of sign(x)·ln(|x| + 1).
-struct Means<'a> {
+/// Means as 16-bit codes between the bounds of sign(x)·ln(|x| + 1) of some Gaussians.
+pub(super) struct Means<'a> {
     gaussians: &'a Gaussians,
     origin: DVec3,
     mins: [f64; 3],
@@ -182,14 +246,18 @@ struct Means<'a> {
 }
 
 impl<'a> Means<'a> {
-    fn new(scene: &'a Scene) -> Self {
+    /// With the bounds of the Gaussians with the indices `chosen`.
+    pub(super) fn new(scene: &'a Scene, chosen: &[u32]) -> Self {
         let gaussians = scene.gaussians();
+        let origin = scene.details().origin;
         let bound = |pick: fn(f32, f32) -> f32| {
-            let of = |plane: &Vec<f32>| plane.iter().copied().reduce(pick).unwrap_or_default();
-            let (means, origin) = (gaussians.means.each_ref(), scene.details().origin);
-            std::array::from_fn(|axis| log_position(f64::from(of(means[axis])) + origin[axis]))
+            let of = |plane: &[f32]| {
+                let values = chosen.par_iter().map(|i| plane[*i as usize]);
+                values.reduce_with(pick).unwrap_or_default()
+            };
+            std::array::from_fn(|axis| log_position(f64::from(of(&gaussians.means[axis])) + origin[axis]))
         };
-        Self { gaussians, origin: scene.details().origin, mins: bound(f32::min), maxs: bound(f32::max) }
+        Self { gaussians, origin, mins: bound(f32::min), maxs: bound(f32::max) }
     }
 
     fn codes(&self, i: usize) -> [u16; 3] {
@@ -202,9 +270,11 @@ impl<'a> Means<'a> {
         })
     }
 
-    /// Indices of the Gaussians along a space-filling curve.
-    fn morton_order(&self) -> Vec<u32> {
-        morton::order(self.gaussians.len(), |i| self.codes(i))
+    /// The indices `chosen` along a space-filling curve.
+    pub(super) fn morton_order(&self, chosen: &[u32]) -> Vec<u32> {
+        let mut order = morton::order(chosen.len(), |place| self.codes(chosen[place] as usize));
+        order.iter_mut().for_each(|place| *place = chosen[*place as usize]);
+        order
     }
 }
 

@@ -1,16 +1,17 @@
 //! Writing SPZ, versions 3 and 4.
 
 use std::fmt;
-use std::io::{self, Write};
+use std::io::{self, Seek, SeekFrom, Write};
+use std::iter;
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use rayon::prelude::*;
-use ruzstd::encoding::{CompressionLevel, compress_to_vec};
+use ruzstd::encoding::{CompressionLevel, compress};
 
 use super::super::activation::log_scale;
 use super::super::quaternion::without_largest;
-use super::super::rows::write_rows;
+use super::super::rows::{Rows, write_rows};
 use super::extensions::axes_record;
 use super::{
     ANTIALIASED, COLOR_SCALE, EXTENDED, MAGIC, POSITION_SIGNS, QUATERNION_SIGNS, SH_SIGNS, STREAMS_HEADER,
@@ -165,7 +166,7 @@ pub(in super::super) fn write(
     scene: &Scene,
     version: Version,
     fractional_bits: u8,
-    writer: &mut impl Write,
+    mut writer: impl Write + Seek + Send,
 ) -> io::Result<()> {
     let degree = scene.gaussians().sh_degree;
     let sizes = Sizes::new(version.number(), degree);
@@ -197,22 +198,55 @@ pub(in super::super) fn write(
             let table_start = STREAMS_HEADER + extension.len();
             header.extend_from_slice(&(table_start as u32).to_le_bytes());
             header.resize(STREAMS_HEADER, 0);
-            let frames = present
-                .into_par_iter()
-                .map(|k| {
-                    let mut array = Vec::with_capacity(scene.gaussians().len() * sizes.in_order()[k]);
-                    arrays.write(k, &mut array)?;
-                    Ok((compress_to_vec(array.as_slice(), CompressionLevel::Fastest), array.len()))
-                })
-                .collect::<io::Result<Vec<(Vec<u8>, usize)>>>()?;
             writer.write_all(&header)?;
             writer.write_all(&extension)?;
-            for (frame, size) in &frames {
-                writer.write_all(&(frame.len() as u64).to_le_bytes())?;
-                writer.write_all(&(*size as u64).to_le_bytes())?;
+            let table = writer.stream_position()?;
+            writer.write_all(&vec![0; present.len() * 16])?;
+            // The first, which is large and of random bits, goes to the file at once, while the others wait in memory.
+            let (first, others) = rayon::join(
+                || arrays.compress(present[0], &mut writer),
+                || {
+                    let compressed = present[1..].par_iter().map(|k| {
+                        let mut frame = Vec::new();
+                        arrays.compress(*k, &mut frame).map(|size| (frame, size))
+                    });
+                    compressed.collect::<io::Result<Vec<(Vec<u8>, u64)>>>()
+                },
+            );
+            let (first, others) = (first?, others?);
+            let end_of_first = writer.stream_position()?;
+            others.iter().try_for_each(|(frame, _)| writer.write_all(frame))?;
+            let end = writer.stream_position()?;
+            writer.seek(SeekFrom::Start(table))?;
+            let lengths = others.iter().map(|(frame, size)| (frame.len() as u64, *size));
+            for (length, size) in
+                iter::once((end_of_first - table - 16 * present.len() as u64, first)).chain(lengths)
+            {
+                writer.write_all(&length.to_le_bytes())?;
+                writer.write_all(&size.to_le_bytes())?;
             }
-            frames.iter().try_for_each(|(frame, _)| writer.write_all(frame))
+            writer.seek(SeekFrom::Start(end))?;
+            Ok(())
         }
+    }
+}
+
+/// What the compressor writes to: it panics where it cannot write, so the first error waits here.
+struct Drain<W> {
+    writer: W,
+    result: io::Result<()>,
+}
+
+impl<W: Write> Write for Drain<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if self.result.is_ok() {
+            self.result = self.writer.write_all(bytes);
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
     }
 }
 
@@ -234,9 +268,26 @@ impl Arrays<'_> {
 
     /// Writes the array at place `k`.
     fn write(&self, k: usize, writer: &mut impl Write) -> io::Result<()> {
-        let gaussians = self.scene.gaussians();
         let size = self.sizes.in_order()[k];
-        write_rows(writer, gaussians.len(), size, |i, row| match k {
+        write_rows(writer, self.scene.gaussians().len(), size, |i, row| self.pack(k, i, row))
+    }
+
+    /// Writes the array at place `k` as a Zstandard frame, and gives its size before.
+    fn compress(&self, k: usize, writer: impl Write) -> io::Result<u64> {
+        let (count, size) = (self.scene.gaussians().len(), self.sizes.in_order()[k]);
+        let mut drain = Drain { writer, result: Ok(()) };
+        compress(
+            Rows::new(count, size, |i, row| self.pack(k, i, row)),
+            &mut drain,
+            CompressionLevel::Fastest,
+        );
+        drain.result.map(|()| (count * size) as u64)
+    }
+
+    /// The row of Gaussian `i` in the array at place `k`.
+    fn pack(&self, k: usize, i: usize, row: &mut [u8]) {
+        let gaussians = self.scene.gaussians();
+        match k {
             0 => self.pack_position(gaussians.mean(i), row),
             1 => row[0] = code(gaussians.opacities[i] * 255.0),
             2 => {
@@ -255,7 +306,7 @@ impl Arrays<'_> {
                     *byte = code(sh_code(k, *value, &self.signs));
                 }
             }
-        })
+        }
     }
 
     fn pack_position(&self, mean: [f32; 3], row: &mut [u8]) {

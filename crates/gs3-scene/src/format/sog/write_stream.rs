@@ -1,0 +1,149 @@
+//! Writing streamed SOG: a folder of data sets, each of neighbours in space, and a tree over them in `lod-meta.json`.
+
+use std::fs;
+use std::io::{self, Write};
+use std::path::Path;
+
+use glam::{DVec3, Mat3, Quat, Vec3};
+use gs3_files::write_atomically;
+use rayon::prelude::*;
+use serde_json::{Value, json};
+
+use super::write::{GENERATOR, Means, Weights, encode};
+use crate::scene::Scene;
+
+/// Most Gaussians of a leaf of the tree: what a player shows or leaves out at once. A leaf's entry in `lod-meta.json` takes
+/// about 200 bytes, a hundredth of a byte for each of its Gaussians, which take about 20.
+const LEAF: usize = 16_384;
+
+/// How many standard deviations a Gaussian reaches: beyond 3 the rasterizer of Kerbl et al. draws nothing.
+const EXTENT: f64 = 3.0;
+
+/// Writes `scene` into `folder`, at most `chunk` Gaussians a data set; one level of detail. `lod-meta.json` comes last: without
+/// it the folder is no scene.
+pub(in super::super) fn write_streamed(scene: &Scene, folder: &Path, chunk: usize) -> io::Result<()> {
+    let mut all: Vec<u32> = (0..scene.gaussians().len() as u32).collect();
+    let mut writer =
+        Writer { scene, folder, chunk, weights: Weights::new(scene.gaussians()), names: Vec::new() };
+    let (tree, _) = writer.node(&mut all, None)?;
+    let meta = json!({
+        "version": 1,
+        "asset": { "generator": GENERATOR },
+        "count": all.len(),
+        "counts": [all.len()],
+        "lodLevels": 1,
+        "filenames": writer.names,
+        "tree": tree,
+    });
+    write_file(&folder.join("lod-meta.json"), &serde_json::to_vec(&meta)?)
+}
+
+struct Writer<'a> {
+    scene: &'a Scene,
+    folder: &'a Path,
+    chunk: usize,
+    weights: Weights<'a>,
+    /// The `meta.json` of each data set, as `lod-meta.json` names them.
+    names: Vec<String>,
+}
+
+/// A data set to be: the Gaussians of the leaves so far, one leaf after the other.
+struct Open {
+    file: usize,
+    order: Vec<u32>,
+}
+
+impl Writer<'_> {
+    /// The tree of the Gaussians with the indices `members`, and its bound. Its leaves go into `open`, or, where there is none,
+    /// into data sets of their own.
+    fn node(&mut self, members: &mut [u32], open: Option<&mut Open>) -> io::Result<(Value, Bound)> {
+        let Some(open) = open else {
+            if members.len() > self.chunk {
+                let (left, right) = self.split(members);
+                return inner([self.node(left, None)?, self.node(right, None)?]);
+            }
+            let mut open = Open { file: self.names.len(), order: Vec::with_capacity(members.len()) };
+            let node = self.node(members, Some(&mut open))?;
+            let name = format!("0_{}", open.file);
+            self.write_data_set(&self.folder.join(&name), &open.order)?;
+            self.names.push(format!("{name}/meta.json"));
+            return Ok(node);
+        };
+        if members.len() > LEAF {
+            let (left, right) = self.split(members);
+            return inner([self.node(left, Some(open))?, self.node(right, Some(open))?]);
+        }
+        let run = json!({ "file": open.file, "offset": open.order.len(), "count": members.len() });
+        open.order.extend(Means::new(self.scene, members).morton_order(members));
+        let bound = Bound::of(self.scene, members);
+        Ok((json!({ "bound": bound.json(), "lods": { "0": run } }), bound))
+    }
+
+    /// The files of one data set: images, then `meta.json`.
+    fn write_data_set(&self, folder: &Path, order: &[u32]) -> io::Result<()> {
+        fs::create_dir_all(folder)?;
+        let meta = encode(self.scene, &self.weights, order, &mut |name, image| {
+            write_file(&folder.join(name), &image)
+        })?;
+        write_file(&folder.join("meta.json"), &meta)
+    }
+
+    /// Two halves, on both sides of the median along the longest axis.
+    fn split<'m>(&self, members: &'m mut [u32]) -> (&'m mut [u32], &'m mut [u32]) {
+        let means = &self.scene.gaussians().means;
+        let extent = |axis: usize| {
+            let values = || members.par_iter().map(|i| means[axis][*i as usize]);
+            let [low, high] = [values().reduce_with(f32::min), values().reduce_with(f32::max)];
+            high.unwrap_or_default() - low.unwrap_or_default()
+        };
+        let extents = [0, 1, 2].map(extent);
+        let longest = (0..3).max_by(|a, b| extents[*a].total_cmp(&extents[*b])).unwrap_or_default();
+        let plane = &means[longest];
+        let middle = members.len() / 2;
+        // Of equal ones the first come first, so that a scene has one tree.
+        members.select_nth_unstable_by(middle, |a, b| {
+            plane[*a as usize].total_cmp(&plane[*b as usize]).then(a.cmp(b))
+        });
+        members.split_at_mut(middle)
+    }
+}
+
+fn inner([left, right]: [(Value, Bound); 2]) -> io::Result<(Value, Bound)> {
+    let bound = Bound { low: left.1.low.min(right.1.low), high: left.1.high.max(right.1.high) };
+    Ok((json!({ "bound": bound.json(), "children": [left.0, right.0] }), bound))
+}
+
+/// The box along the axes that contains Gaussians with their extents, world units.
+#[derive(Clone, Copy, Debug)]
+struct Bound {
+    low: DVec3,
+    high: DVec3,
+}
+
+impl Bound {
+    fn of(scene: &Scene, members: &[u32]) -> Self {
+        let (gaussians, origin) = (scene.gaussians(), scene.details().origin);
+        let none = Self { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY };
+        let bound = members.iter().map(|i| *i as usize).fold(none, |bound, i| {
+            let [w, x, y, z] = gaussians.rotation(i);
+            // A row of the rotation times the scales: its length is the standard deviation along that axis.
+            let axes =
+                Mat3::from_quat(Quat::from_xyzw(x, y, z, w)) * Mat3::from_diagonal(gaussians.scale(i).into());
+            let deviations =
+                axes.transpose().to_cols_array_2d().map(|row| f64::from(Vec3::from(row).length()));
+            let reach = EXTENT * DVec3::from(deviations);
+            let mean = Vec3::from(gaussians.mean(i)).as_dvec3() + origin;
+            Self { low: bound.low.min(mean - reach), high: bound.high.max(mean + reach) }
+        });
+        // A scene without Gaussians has one empty leaf.
+        if members.is_empty() { Self { low: origin, high: origin } } else { bound }
+    }
+
+    fn json(self) -> Value {
+        json!({ "min": self.low.to_array(), "max": self.high.to_array() })
+    }
+}
+
+fn write_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    write_atomically(path, |writer| writer.write_all(bytes))
+}

@@ -1,0 +1,111 @@
+//! Streamed SOG as it is written: the tree over its data sets, and what is there already.
+
+use std::collections::BTreeSet;
+use std::fs;
+
+use gs3_scene::format::{SaveOptions, load, save, save_with};
+use gs3_scene::{OpacityMode, Scene};
+use serde_json::Value;
+
+use super::round_trip::{SOG, compare_with, nearest, scene, sog_slack};
+
+/// The leaves under `node`: bound, file, offset, count.
+fn leaves(node: &Value, into: &mut Vec<(Value, [usize; 3])>) {
+    for child in node["children"].as_array().into_iter().flatten() {
+        leaves(child, into);
+    }
+    if let Some(run) = node["lods"].get("0") {
+        let field = |name: &str| run[name].as_u64().unwrap() as usize;
+        into.push((node["bound"].clone(), [field("file"), field("offset"), field("count")]));
+    }
+}
+
+#[test]
+fn data_sets_hold_neighbours_and_the_tree_has_each_gaussian_once() {
+    let before = scene(5, 40_000, 1, OpacityMode::Antialiased);
+    let folder = tempfile::tempdir().unwrap();
+    let index = folder.path().join("lod-meta.json");
+    save_with(&before, &index, &SaveOptions { chunk: 30_000, ..SaveOptions::default() }).unwrap();
+    let meta: Value = serde_json::from_slice(&fs::read(&index).unwrap()).unwrap();
+    assert_eq!((&meta["lodLevels"], &meta["count"]), (&1.into(), &40_000.into()));
+    assert_eq!(meta["filenames"].as_array().unwrap().len(), 2);
+    let mut found = Vec::new();
+    leaves(&meta["tree"], &mut found);
+    // 20,000 in each data set is more than a leaf has.
+    assert_eq!(found.iter().map(|(_, [file, ..])| *file).collect::<Vec<_>>(), [0, 0, 1, 1]);
+    assert_eq!(found.iter().map(|(_, [.., count])| count).sum::<usize>(), 40_000);
+
+    let after = load(folder.path(), &Default::default(), &|_| {}).unwrap();
+    assert_eq!(after.opacity_mode(), OpacityMode::Antialiased);
+    // A sample of them, each found by its place.
+    let part = |of: &Scene, keep: &dyn Fn(usize) -> bool| {
+        let mut gaussians = of.clone().into_gaussians();
+        gaussians.retain(|_, i| keep(i));
+        Scene::new(gaussians, OpacityMode::Antialiased).unwrap()
+    };
+    let sample = part(&before, &|i| i % 97 == 0);
+    let means = (0..sample.gaussians().len()).map(|i| sample.gaussians().mean(i));
+    let found_again: BTreeSet<usize> = means.map(|mean| nearest(&after, mean)).collect();
+    let again = part(&after, &|i| found_again.contains(&i));
+    compare_with(&sample, &again, &SOG, |i| nearest(&again, sample.gaussians().mean(i)), sog_slack(&sample));
+
+    // The reader gives the leaves one after the other: each inside its bound, with three standard deviations.
+    let mut first = 0;
+    for (bound, [.., count]) in &found {
+        let side = |end: &str, axis: usize| bound[end][axis].as_f64().unwrap();
+        for i in first..first + count {
+            let (mean, scale) = (after.gaussians().mean(i), after.gaussians().scale(i));
+            let least = scale.into_iter().fold(f32::INFINITY, f32::min);
+            for axis in 0..3 {
+                let [low, high] = [mean[axis] - 2.9 * least, mean[axis] + 2.9 * least].map(f64::from);
+                assert!(
+                    side("min", axis) <= low && high <= side("max", axis),
+                    "Gaussian {i}: {low}..{high} in {bound}"
+                );
+            }
+        }
+        first += count;
+    }
+}
+
+/// Two Gaussians of different harmonics must not share a row while there are rows.
+#[test]
+fn smaller_data_sets_have_closer_harmonics() {
+    let before = scene(6, 140_000, 1, OpacityMode::Default);
+    let error = |chunk: usize| {
+        let folder = tempfile::tempdir().unwrap();
+        let index = folder.path().join("lod-meta.json");
+        save_with(&before, &index, &SaveOptions { chunk, ..SaveOptions::default() }).unwrap();
+        let after = load(&index, &Default::default(), &|_| {}).unwrap();
+        let sum = |scene: &Scene| {
+            let gaussians = scene.gaussians();
+            let square = |i: usize| gaussians.sh_of(i)[3..].iter().map(|v| f64::from(v * v)).sum::<f64>();
+            (0..gaussians.len()).map(square).sum::<f64>()
+        };
+        // What rows that stand for several lose: the variance within them.
+        1.0 - sum(&after) / sum(&before)
+    };
+    let (coarse, fine) = (error(140_000), error(50_000));
+    assert!(fine < 0.2 * coarse, "{fine} with a row each, {coarse} with one for two");
+}
+
+#[test]
+fn a_streamed_scene_that_is_there_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let index = folder.path().join("lod-meta.json");
+    save(&scene(1, 9, 0, OpacityMode::Default), &index).unwrap();
+    let files = |at: &std::path::Path| -> BTreeSet<_> {
+        fs::read_dir(at).unwrap().map(|entry| entry.unwrap().file_name()).collect()
+    };
+    let before = (fs::read(&index).unwrap(), files(folder.path()), files(&folder.path().join("0_0")));
+    let error = save(&scene(2, 5, 0, OpacityMode::Default), &index).unwrap_err();
+    assert!(
+        error.to_string().ends_with("lod-meta.json: cannot be written: a streamed scene is there already"),
+        "{error}"
+    );
+    assert_eq!(before, (fs::read(&index).unwrap(), files(folder.path()), files(&folder.path().join("0_0"))));
+    // Cut off before its end, it is no scene, and the next one takes its place.
+    fs::remove_file(&index).unwrap();
+    save(&scene(2, 5, 0, OpacityMode::Default), &index).unwrap();
+    assert_eq!(load(&index, &Default::default(), &|_| {}).unwrap().gaussians().len(), 5);
+}

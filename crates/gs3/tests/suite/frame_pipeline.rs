@@ -1,0 +1,238 @@
+//! The pipeline's promises: what rests becomes native, history ends when it must, threads do not matter.
+
+use std::sync::Arc;
+
+use gs3::scene::camera_path::CameraPath;
+use gs3::scene::{Image, demo};
+use gs3::{Dilation, FramePipeline, Mode, PipelineSettings, Refine, ResetReason, Sampling, Stage};
+
+use crate::{psnr, scene};
+
+const WIDTH: u32 = 256;
+const HEIGHT: u32 = 144;
+
+fn path() -> CameraPath {
+    demo::path().resized(WIDTH, HEIGHT).unwrap()
+}
+
+fn pipeline(mode: Mode) -> FramePipeline {
+    FramePipeline::new(scene(), PipelineSettings { mode, ..Default::default() }).unwrap()
+}
+
+#[test]
+fn a_resting_camera_becomes_native() {
+    let camera = path().cameras()[17];
+    let native = pipeline(Mode::Native).render(&camera).unwrap().current.clone();
+    let settings = PipelineSettings { mode: Mode::SuperSample, refine: Refine::Off, ..Default::default() };
+    let mut resting = FramePipeline::new(scene(), settings).unwrap();
+    let first = psnr(resting.render(&camera).unwrap().current, &native);
+    for _ in 1..16 {
+        resting.render(&camera).unwrap();
+    }
+    let last = psnr(resting.render(&camera).unwrap().current, &native);
+    assert!(last >= 50.0 && last > first + 15.0, "{first} dB, then {last} dB");
+}
+
+#[test]
+fn every_mode_shows_the_scene_and_the_order_of_quality_holds() {
+    let path = path();
+    let frames = 12;
+    let native: Vec<Image> = {
+        let mut pipeline = pipeline(Mode::Native);
+        path.cameras()[..frames].iter().map(|c| pipeline.render(c).unwrap().current.clone()).collect()
+    };
+    let quality = |mode| {
+        let mut pipeline = pipeline(mode);
+        path.cameras()[..frames].iter().fold(0.0, |_, camera| {
+            let shown = pipeline.render(camera).unwrap();
+            psnr(shown.current, &native[frames - 1])
+        })
+    };
+    let (bicubic, super_sampled, full) =
+        (quality(Mode::Bicubic), quality(Mode::SuperSample), quality(Mode::Full));
+    assert!(super_sampled > bicubic + 2.0, "bicubic {bicubic} dB, super-sampled {super_sampled} dB");
+    assert_eq!(full, super_sampled, "interpolation does not touch rendered frames");
+}
+
+#[test]
+fn full_mode_shows_the_true_moment_between() {
+    let path = path();
+    let (a, b, middle) = (path.at(3.0), path.at(5.0), path.at(4.0));
+    let truth = pipeline(Mode::Native).render(&middle).unwrap().current.clone();
+    let mut full = pipeline(Mode::Full);
+    assert!(full.render(&a).unwrap().in_between == [None; 3], "nothing lies before the first frame");
+    let held = psnr(full.render_with_poses(&b, &[middle]).unwrap().current, &truth);
+    let mut full = pipeline(Mode::Full);
+    full.render(&a).unwrap();
+    let shown = full.render_with_poses(&b, &[middle]).unwrap();
+    assert_eq!(shown.iter().count(), 2);
+    let between = psnr(shown.in_between[0].unwrap(), &truth);
+    assert!(between > held + 2.0, "between {between} dB, a neighbour {held} dB");
+    assert!(Stage::ALL.iter().all(|stage| full.times().get(*stage).is_some()));
+}
+
+/// The frame of `camera` with no past at all.
+fn fresh(mode: Mode, camera: &gs3::scene::Camera) -> Image {
+    pipeline(mode).render(camera).unwrap().current.clone()
+}
+
+/// A viewer renders on a thread of its own.
+const _: () = {
+    const fn is_send<T: Send>() {}
+    is_send::<FramePipeline>();
+};
+
+#[test]
+fn history_says_why_it_ended() {
+    let cameras = path().cameras().to_vec();
+    let turned = {
+        let pose = glam::DAffine3::from_rotation_y(std::f64::consts::PI) * cameras[0].view_from_world();
+        gs3::scene::Camera::new(pose, cameras[0].intrinsics()).unwrap()
+    };
+    let larger = cameras[0].resized(WIDTH + 4, HEIGHT + 4).unwrap();
+    let mut p = pipeline(Mode::SuperSample);
+    // Nothing was there that another reason could end.
+    p.reset(ResetReason::SceneChange);
+    for (camera, reason) in [
+        (&cameras[0], Some(ResetReason::FirstFrame)),
+        (&cameras[1], None),
+        (&turned, Some(ResetReason::CameraCut)),
+        (&turned, None),
+        (&larger, Some(ResetReason::SizeOrTierChange)),
+    ] {
+        p.render(camera).unwrap();
+        assert_eq!(p.last_reset(), reason);
+    }
+    p.set_scene(Arc::clone(p.scene())).unwrap();
+    // The first reason counts.
+    p.reset(ResetReason::CameraCut);
+    p.render(&larger).unwrap();
+    assert_eq!(p.last_reset(), Some(ResetReason::SceneChange));
+    p.render(&larger).unwrap();
+    assert_eq!(p.last_reset(), None);
+}
+
+#[test]
+fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
+    let path = path();
+    let (near, far) = (path.cameras()[0], path.cameras()[0]);
+    // The camera turned by half a circle about its own axis sees nothing of what it saw.
+    let turned = {
+        let pose = glam::DAffine3::from_rotation_y(std::f64::consts::PI) * far.view_from_world();
+        gs3::scene::Camera::new(pose, far.intrinsics()).unwrap()
+    };
+    let mut p = pipeline(Mode::Full);
+    p.render(&near).unwrap();
+    let shown = p.render(&turned).unwrap();
+    assert_eq!(shown.current, &fresh(Mode::Full, &turned));
+    assert_eq!(shown.in_between[0], Some(&fresh(Mode::Full, &near)), "the previous frame is held over a cut");
+
+    let next = path.cameras()[1];
+    let with_history = |reset: Option<ResetReason>| {
+        let mut p = pipeline(Mode::SuperSample);
+        p.render(&near).unwrap();
+        if let Some(reason) = reset {
+            p.reset(reason);
+        }
+        p.render(&next).unwrap().current.clone()
+    };
+    let anew = fresh(Mode::SuperSample, &next);
+    assert!(with_history(None) != anew, "a small motion keeps the history");
+    assert!(with_history(Some(ResetReason::SceneChange)) == anew);
+
+    let larger = next.resized(WIDTH + 5, HEIGHT + 3).unwrap();
+    let mut p = pipeline(Mode::Full);
+    p.render(&near).unwrap();
+    let shown = p.render(&larger).unwrap();
+    assert!(shown.in_between == [None; 3] && shown.current == &fresh(Mode::Full, &larger));
+
+    let mut p = pipeline(Mode::SuperSample);
+    p.render(&near).unwrap();
+    p.set_scene(scene()).expect("the CPU takes any scene");
+    assert!(p.render(&next).unwrap().current == &anew);
+}
+
+#[test]
+fn a_jump_across_an_orbit_is_a_cut_and_brisk_motion_is_none() {
+    // Around the knot in the middle of the demo scene, which stays in view from everywhere.
+    let intrinsics = path().cameras()[0].intrinsics();
+    let target = glam::DVec3::new(0.0, 0.0, 1.25);
+    let orbit = |degrees: f64| {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        let eye = target + glam::DVec3::new(4.0 * cos, 4.0 * sin, 0.6);
+        gs3::scene::orbit::look_at(eye, target, glam::DVec3::Z, intrinsics).unwrap()
+    };
+    let pan = |degrees: f64| {
+        let turn = glam::DAffine3::from_rotation_y(degrees.to_radians());
+        gs3::scene::Camera::new(turn * orbit(0.0).view_from_world(), intrinsics).unwrap()
+    };
+    let is_cut = |from: gs3::scene::Camera, to: gs3::scene::Camera| {
+        let mut p = pipeline(Mode::SuperSample);
+        p.render(&from).unwrap();
+        *p.render(&to).unwrap().current == fresh(Mode::SuperSample, &to)
+    };
+    for (degrees, cut) in [(1.2, false), (6.0, false), (90.0, true), (180.0, true)] {
+        assert_eq!(is_cut(orbit(0.0), orbit(degrees)), cut, "orbit by {degrees}°");
+    }
+    for (degrees, cut) in [(3.0, false), (10.0, false), (120.0, true)] {
+        assert_eq!(is_cut(pan(0.0), pan(degrees)), cut, "pan by {degrees}°");
+    }
+}
+
+#[test]
+fn frames_do_not_depend_on_the_number_of_threads() {
+    let path = path();
+    let frames = |threads: usize| -> Vec<Image> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut p = pipeline(Mode::Full);
+            let render = |camera| -> Vec<Image> { p.render(camera).unwrap().iter().cloned().collect() };
+            path.cameras()[..3].iter().flat_map(render).collect()
+        })
+    };
+    let one = frames(1);
+    assert_eq!(one.len(), 5);
+    assert!(one == frames(3));
+}
+
+/// What is refused leaves no trace: the frames after it are those that would have come without.
+#[test]
+fn refused_cameras_change_nothing() {
+    let (path, small) = (path(), demo::path().resized(WIDTH / 2, HEIGHT / 2).unwrap());
+    let shown = |refused: bool| {
+        let mut pipeline = pipeline(Mode::Full);
+        let mut shown = Vec::new();
+        for (k, camera) in path.cameras()[..4].iter().enumerate() {
+            if refused {
+                let last = pipeline.last_image().clone();
+                let error =
+                    pipeline.render_with_poses(camera, &small.cameras()[..1]).unwrap_err().to_string();
+                assert_eq!(error, "camera between two frames: expected 256x144 pixels, found 128x72");
+                assert!(*pipeline.last_image() == last, "frame {k}");
+            }
+            shown.extend(pipeline.render(camera).unwrap().iter().cloned());
+        }
+        shown
+    };
+    assert_eq!(shown(false).len(), 7);
+    assert!(shown(true) == shown(false));
+}
+
+#[test]
+fn settings_out_of_range_are_errors() {
+    let settings = |scale| PipelineSettings { scale, ..Default::default() };
+    let error = FramePipeline::new(scene(), settings(0)).err().unwrap();
+    assert!(error.to_string().contains("scale: expected 1 to"), "{error}");
+    let settings = PipelineSettings { dilation: Dilation::Value(-1.0), ..Default::default() };
+    let error = FramePipeline::new(scene(), settings).err().unwrap();
+    assert!(error.to_string().contains("dilation: expected"), "{error}");
+    let settings = PipelineSettings { background: [f32::NAN; 3], ..Default::default() };
+    let error = FramePipeline::new(scene(), settings).err().unwrap();
+    assert!(error.to_string().contains("background: expected"), "{error}");
+    let settings = PipelineSettings { mode: Mode::Native, in_between: 0, ..Default::default() };
+    assert!(FramePipeline::new(scene(), settings).is_ok(), "native frames have none between");
+    let centered = PipelineSettings { sampling: Sampling::Centered, ..Default::default() };
+    let mut p = FramePipeline::new(scene(), centered).unwrap();
+    p.render(&path().cameras()[0]).unwrap();
+    assert_eq!(p.gbuffer().jitter, [0.0, 0.0]);
+}
