@@ -160,10 +160,18 @@ pub enum SaveError {
 }
 
 /// The name of a file for a message. Control characters, which names in archives may have, are spelled: they would break the
-/// line, or change the terminal.
+/// line, or change the terminal. Names in archives have up to 65,535 bytes: of a long one the beginning and the end are left.
 pub(crate) fn spelled(name: &str) -> String {
+    const LONGEST: usize = 400;
     let spell = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
-    name.chars().map(spell).collect()
+    let spelled: String = name.chars().map(spell).collect();
+    let count = spelled.chars().count();
+    if count <= LONGEST {
+        return spelled;
+    }
+    let begin: String = spelled.chars().take(LONGEST / 2).collect();
+    let end: String = spelled.chars().skip(count - LONGEST / 2).collect();
+    format!("{begin}…{end}")
 }
 
 /// `text` from outside, fit for one line of a message: quoted, control characters escaped, cut at 60
@@ -174,5 +182,19 @@ pub(crate) fn quoted(text: &str) -> String {
         format!("{:?}…", text.chars().take(LONGEST).collect::<String>())
     } else {
         format!("{text:?}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::spelled;
+
+    #[test]
+    fn names_are_one_line_of_a_readable_length() {
+        assert_eq!(spelled("gärten/a\n\u{1b}[2J.ply"), "gärten/a\\n\\u{1b}[2J.ply");
+        let long = format!("{}/{}.ply", "a".repeat(30_000), "\u{0}".repeat(30_000));
+        let short = spelled(&long);
+        assert_eq!(short.chars().count(), 401);
+        assert!(short.starts_with("aaaa") && short.ends_with("\\u{0}.ply"), "{short}");
     }
 }
