@@ -4,10 +4,11 @@
 use std::ffi::{CStr, c_char};
 use std::sync::Arc;
 
-use gs3::scene::format::{self, LoadOptions};
+use gs3::scene::format::{self, Budget, LoadOptions};
 use gs3::scene::gaussians::{MAX_SH_DEGREE, sh_coefficient_count};
 use gs3::scene::{Axes, Gaussians, OpacityMode, Scene, orbit};
 
+use crate::camera::gs3_camera;
 use crate::choice::{choice, flag};
 use crate::descriptor::{self, Answer, Descriptor, Out};
 use crate::handle;
@@ -59,11 +60,19 @@ pub struct gs3_scene_options {
     /// Which way the axes of the file point, as three letters (RDF: right, down, front), where that is not what the file
     /// states or its format says; else NULL.
     pub axes: *const c_char,
+    /// Most Gaussians of a streamed SOG scene; each part has the level of detail that leaves the least error. Not together with
+    /// level_of_detail. 0 for no budget.
+    pub budget: u64,
+    /// budget_camera_count cameras that show the scene: error counts where they see it. NULL if it may be seen from anywhere.
+    pub budget_cameras: *const *const gs3_camera,
+    pub budget_camera_count: u32,
+    /// 0.
+    pub reserved_2: u32,
 }
 
 // SAFETY: as the trait demands.
 unsafe impl Descriptor for gs3_scene_options {
-    const BYTES: usize = 4 * 4 + 8;
+    const BYTES: usize = 4 * 4 + 8 + 8 + 8 + 2 * 4;
     const LEAST: usize = 4;
 }
 
@@ -86,7 +95,8 @@ unsafe fn text<'a>(field: &str, from: *const c_char) -> Result<&'a str, Fault> {
 /// GS3_ERROR_FILE, with a text that names file and field, if there is no such scene.
 ///
 /// # Safety
-/// path and options->axes end with a zero; scene points to a pointer.
+/// path and options->axes end with a zero; options->budget_cameras is null or points to that many pointers to cameras; scene
+/// points to a pointer.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn gs3_scene_open(
     path: *const c_char,
@@ -106,11 +116,20 @@ pub unsafe extern "C" fn gs3_scene_open(
             let parsed = axes.parse::<Axes>();
             Some(parsed.map_err(|error| Fault::new(GS3_ERROR_ARGUMENT, error).within("options: axes"))?)
         };
+        // SAFETY: likewise.
+        let cameras = unsafe {
+            gs3_camera::read_all(
+                "options: budget_cameras",
+                options.budget_cameras,
+                options.budget_camera_count,
+            )
+        }?;
+        let budget = (options.budget > 0).then_some(Budget { gaussians: options.budget, cameras });
         let options = LoadOptions {
             level_of_detail: options.level_of_detail.checked_sub(1),
             environment: !flag("options: without_environment", options.without_environment)?,
             axes,
-            ..LoadOptions::default()
+            budget,
         };
         gs3_scene::hand_out(format::load(path, &options, &|_| {})?, to);
         Ok(())

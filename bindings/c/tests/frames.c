@@ -95,6 +95,18 @@ static void scenes(const char *path, const gs3_scene *scene) {
                 "without_environment: expected 0 or 1, found 2");
     options = (gs3_scene_options){.struct_size = sizeof options, .axes = "XYZ"};
     CHECK_FAILS(gs3_scene_open(path, &options, &none), GS3_ERROR_ARGUMENT, "axes: ");
+    /* 300 Gaussians without coarser levels do not fit 299. */
+    options = (gs3_scene_options){.struct_size = sizeof options, .budget = 299};
+    CHECK_FAILS(gs3_scene_open(path, &options, &none), GS3_ERROR_FILE, "Gaussians: expected at most 299");
+    const gs3_camera *camera = NULL;
+    options = (gs3_scene_options){
+        .struct_size = sizeof options, .budget = 300, .budget_cameras = &camera, .budget_camera_count = 1};
+    CHECK_FAILS(gs3_scene_open(path, &options, &none), GS3_ERROR_ARGUMENT,
+                "options: budget_cameras[0]: expected a pointer, found null");
+    options.budget_camera_count = 0;
+    CHECK(gs3_scene_open(path, &options, &none) == GS3_OK);
+    gs3_scene_destroy(none);
+    none = NULL;
     options.struct_size = 2;
     CHECK_FAILS(gs3_scene_open(path, &options, &none), GS3_ERROR_DESCRIPTOR,
                 "options: struct_size: expected");

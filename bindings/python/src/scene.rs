@@ -4,9 +4,9 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
 use gs3::raster::Rasterizer;
-use gs3::scene::format::{self, LoadOptions};
+use gs3::scene::format::{self, Budget, LoadOptions};
 use gs3::scene::gaussians::SH_C0;
-use gs3::scene::{Gaussians, OpacityMode, demo};
+use gs3::scene::{Axes, Gaussians, OpacityMode, demo};
 use numpy::{
     PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,
 };
@@ -15,6 +15,7 @@ use pyo3::types::PyDict;
 use rayon::prelude::*;
 
 use crate::arrays::{Matrices, check_shape, slice, to_numpy};
+use crate::cameras::CameraPath;
 use crate::{error, patience, raster};
 
 /// Gaussians that a thread copies at a time.
@@ -88,9 +89,16 @@ impl Scene {
         path: PathBuf,
         level: Option<u32>,
         environment: bool,
+        budget: Option<u64>,
+        cameras: Option<&CameraPath>,
+        axes: Option<&str>,
         progress: Option<Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let options = LoadOptions { level_of_detail: level, environment, ..LoadOptions::default() };
+        let axes =
+            axes.map(str::parse::<Axes>).transpose().map_err(|e| error::input(format_args!("axes: {e}")))?;
+        let cameras = cameras.map_or_else(Vec::new, |path| path.path.cameras().to_vec());
+        let budget = budget.map(|gaussians| Budget { gaussians, cameras });
+        let options = LoadOptions { level_of_detail: level, environment, budget, axes };
         let what = path.display().to_string();
         let loaded = patience::run(py, &what, progress.as_ref(), |tell, stop| {
             format::load_until(&path, &options, tell, stop)

@@ -1,5 +1,6 @@
 """Scenes: arrays and files in and out."""
 
+import json
 import threading
 import time
 
@@ -70,6 +71,34 @@ def test_files_that_cannot_be_read_say_so(tmp_path):
     with pytest.raises(gs3.InputError, match="expected .*ply"):
         gs3.Scene.from_arrays(*some().arrays()[:4], sh=some().colors).save(tmp_path / "a.xyz")
     assert issubclass(gs3.FileError, OSError) and issubclass(gs3.InputError, ValueError)
+
+
+def test_a_budget_takes_coarser_levels(tmp_path):
+    counts = {"fine": 400, "coarse": 100}
+    for name, count in counts.items():
+        g = some(count=count, sh_degree=0)
+        gs3.Scene.from_arrays(*g.arrays()[:4], sh=g.colors).save(tmp_path / name / "lod-meta.json")
+    lods = {str(k): {"file": k, "offset": 0, "count": count} for k, count in enumerate(counts.values())}
+    index = {"lodLevels": 2, "filenames": [f"{name}/0_0/meta.json" for name in counts], "tree": {"lods": lods}}
+    (tmp_path / "lod-meta.json").write_text(json.dumps(index))
+    for options, count in [
+        ({}, 400),
+        ({"level": 1}, 100),
+        ({"budget": 399}, 100),
+        ({"budget": 400}, 400),
+        ({"budget": 399, "cameras": gs3.demo_path()}, 100),
+        ({"axes": "rub"}, 400),
+    ]:
+        assert len(gs3.Scene.open(tmp_path, **options)) == count, options
+    right, turned = gs3.Scene.open(tmp_path).means, gs3.Scene.open(tmp_path, axes="rub").means
+    np.testing.assert_allclose(turned, right * [1, -1, -1], atol=1e-6)
+    for options, message in [
+        ({"budget": 9, "level": 1}, "a budget of 9 Gaussians and level 1"),
+        ({"cameras": gs3.demo_path()}, "cameras: expected a budget with them, found none"),
+        ({"axes": "xyz"}, "axes: "),
+    ]:
+        with pytest.raises(gs3.InputError, match=message):
+            gs3.Scene.open(tmp_path, **options)
 
 
 def large(folder):

@@ -13,7 +13,15 @@ _Progress = Callable[[float], Optional[bool]]
 
 class Scene:
     @staticmethod
-    def open(path: str, level: Optional[int], environment: bool, progress: Optional[_Progress]) -> "Scene": ...
+    def open(
+        path: str,
+        level: Optional[int],
+        environment: bool,
+        budget: Optional[int],
+        cameras: Optional["CameraPath"],
+        axes: Optional[str],
+        progress: Optional[_Progress],
+    ) -> "Scene": ...
     @staticmethod
     def from_arrays(
         means: _F32,

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
-from typing import Any, Callable, Dict, List, Optional, Tuple, Union
+from typing import TYPE_CHECKING, Any, Callable, Dict, List, Optional, Tuple, Union
 
 import numpy as np
 
 from . import _gs3
 from ._arrays import array, from_any, matrices, size
 from ._errors import InputError
+
+if TYPE_CHECKING:
+    from ._cameras import CameraPath
 
 Progress = Callable[[float], Optional[bool]]
 Path = Union[str, "os.PathLike[str]"]
@@ -31,18 +34,28 @@ class Scene:
         *,
         level: Optional[int] = None,
         environment: bool = True,
+        budget: Optional[int] = None,
+        cameras: Optional[CameraPath] = None,
+        axes: Optional[str] = None,
         progress: Optional[Progress] = None,
     ) -> "Scene":
         """Opens a scene file of any format: PLY, compressed PLY, .splat, .ksplat, SPZ, SOG, glTF, .rad, LCC2.
 
         ``level`` is the level of detail of a streamed scene, 0 the finest; ``environment`` says whether its sky is loaded.
+        Instead of ``level``, ``budget`` is the most Gaussians of a streamed SOG scene: each part has the level that leaves the
+        least error in the images of ``cameras``, or by its size without them. The environment comes on top.
+        ``axes`` states which way the axes of the file point, as three letters such as ``"rub"`` (right, up, back), where that
+        is not what the file states or its format says.
         ``progress`` is called some twenty times a second with the share that is done, 0 to 1; where it returns ``False``
         loading stops.
 
         Raises ``FileError`` if the file cannot be read, ``InputError`` if it is no scene, ``Cancelled`` if ``progress`` said
         no.
         """
-        return cls(_gs3.Scene.open(os.fspath(path), level, environment, progress))
+        if cameras is not None and budget is None:
+            raise InputError("cameras: expected a budget with them, found none")
+        seen = None if cameras is None else cameras._native
+        return cls(_gs3.Scene.open(os.fspath(path), level, environment, budget, seen, axes, progress))
 
     @classmethod
     def from_arrays(
