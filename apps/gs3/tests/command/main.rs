@@ -16,6 +16,7 @@ mod memory;
 mod outputs;
 mod photos;
 mod scenes;
+mod sharing;
 mod simplify;
 mod train_clips;
 mod video;

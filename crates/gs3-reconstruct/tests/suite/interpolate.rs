@@ -298,9 +298,3 @@ proptest! {
         prop_assert!(warped.inverse_depth.data().iter().all(|w| w.is_finite() && *w >= 0.0));
     }
 }
-
-/// Every test of kernels, once more on each other SIMD level of this processor.
-#[test]
-fn all_of_this_on_every_simd_level() {
-    gs3_simd::repeat_tests_on_levels("all_of_this_on_every_simd_level", &[]);
-}

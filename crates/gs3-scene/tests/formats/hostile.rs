@@ -5,6 +5,7 @@ use std::path::Path;
 use proptest::prelude::*;
 use proptest::test_runner::Config;
 
+use crate::found::found;
 use crate::handmade::{seeds, spz};
 use crate::load_bytes;
 use crate::readers::TARGETS;
@@ -18,6 +19,14 @@ fn the_fuzz_corpus_is_harmless() {
         for file in files {
             run(&std::fs::read(&file).unwrap());
         }
+    }
+}
+
+#[test]
+fn what_fuzzing_found_is_harmless() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz/found");
+    for (target, run) in TARGETS {
+        found(&folder, target).iter().for_each(|input| run(input));
     }
 }
 

@@ -5,6 +5,8 @@
 mod cameras;
 #[path = "../../../../fuzz/src/entry.rs"]
 mod entry;
+#[path = "../../../../fuzz/src/found.rs"]
+mod found;
 mod gltf;
 mod handmade;
 mod hostile;

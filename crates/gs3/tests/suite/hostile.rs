@@ -6,6 +6,7 @@ use std::path::Path;
 use proptest::prelude::*;
 use proptest::test_runner::Config;
 
+use crate::found::found;
 use crate::frames::{self, TARGETS};
 
 fn files(folder: &str) -> Vec<Vec<u8>> {
@@ -24,6 +25,14 @@ fn the_fuzz_corpus_is_harmless() {
         let seeds = corpus(target);
         assert!(!seeds.is_empty(), "{target} has no seed");
         seeds.iter().for_each(|seed| run(seed));
+    }
+}
+
+#[test]
+fn what_fuzzing_found_is_harmless() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz/found");
+    for (target, run) in TARGETS {
+        found(&folder, target).iter().for_each(|input| run(input));
     }
 }
 

@@ -4,6 +4,8 @@
 mod architecture;
 #[path = "../../../../fuzz/src/entry.rs"]
 mod entry;
+#[path = "../../../../fuzz/src/found.rs"]
+mod found;
 mod frame_pipeline;
 #[path = "../../../../fuzz/src/frames.rs"]
 mod frames;
