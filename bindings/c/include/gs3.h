@@ -310,6 +310,14 @@ typedef struct gs3_scene_options {
     // Which way the axes of the file point, as three letters (RDF: right, down, front), where that is not what the file
     // states or its format says; else NULL.
     const char *axes;
+    // Most Gaussians of a streamed SOG scene; each part has the level of detail that leaves the least error. Not together with
+    // level_of_detail. 0 for no budget.
+    uint64_t budget;
+    // budget_camera_count cameras that show the scene: error counts where they see it. NULL if it may be seen from anywhere.
+    const struct gs3_camera *const *budget_cameras;
+    uint32_t budget_camera_count;
+    // 0.
+    uint32_t reserved_2;
 } gs3_scene_options;
 
 // Gaussians in the caller's memory, which is read during the call alone. Values are activated: scales are lengths, opacities
@@ -696,7 +704,8 @@ enum gs3_status gs3_camera_orbit(const struct gs3_scene *scene,
 // GS3_ERROR_FILE, with a text that names file and field, if there is no such scene.
 //
 // What is passed:
-// path and options->axes end with a zero; scene points to a pointer.
+// path and options->axes end with a zero; options->budget_cameras is null or points to that many pointers to cameras; scene
+// points to a pointer.
 enum gs3_status gs3_scene_open(const char *path,
                                const struct gs3_scene_options *options,
                                struct gs3_scene **scene);
