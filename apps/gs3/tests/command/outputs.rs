@@ -223,3 +223,22 @@ fn a_command_that_is_ended_leaves_no_part_of_a_file() {
     assert_eq!(output.status.code(), Some(130), "{}", stderr(&output));
     assert_eq!(names(at), [""; 0]);
 }
+
+/// Some formats go back to their beginning, which a pipe does not allow.
+#[test]
+#[cfg(unix)]
+fn a_pipe_gets_the_bytes_of_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    for extension in ["spz", "sog", "ply", "compressed.ply", "glb", "splat"] {
+        let pipe = at.join(format!("pipe.{extension}"));
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let child =
+            gs3(at, &format!("convert demo pipe.{extension}")).stderr(Stdio::piped()).spawn().unwrap();
+        let bytes = fs::read(&pipe).unwrap();
+        let output = child.wait_with_output().unwrap();
+        assert!(output.status.success(), "{extension}: {}", stderr(&output));
+        super::succeed(at, &format!("convert demo file.{extension}"));
+        assert!(bytes == fs::read(at.join(format!("file.{extension}"))).unwrap(), "{extension} differs");
+    }
+}
