@@ -238,7 +238,7 @@ fn a_pipe_gets_the_bytes_of_the_file() {
         let bytes = fs::read(&pipe).unwrap();
         let output = child.wait_with_output().unwrap();
         assert!(output.status.success(), "{extension}: {}", stderr(&output));
-        super::succeed(at, &format!("convert demo file.{extension}"));
+        succeed(at, &format!("convert demo file.{extension}"));
         assert!(bytes == fs::read(at.join(format!("file.{extension}"))).unwrap(), "{extension} differs");
     }
 }
