@@ -11,14 +11,10 @@ import gzip
 import pathlib
 import struct
 
-# Longer inputs show little that shorter ones do not, and make the repository large.
-MOST_BYTES = 32768
-
-
 def pack(packed, folder):
     inputs = [file.read_bytes() for file in sorted(folder.iterdir())]
     # Inputs that begin alike side by side: they compress each other.
-    inputs = sorted((data for data in inputs if len(data) <= MOST_BYTES), key=lambda data: (data[:64], len(data), data))
+    inputs = sorted(inputs, key=lambda data: (data[:64], len(data), data))
     raw = b"".join(struct.pack("<I", len(data)) + data for data in inputs)
     packed.write_bytes(gzip.compress(raw, 9, mtime=0))
     print(f"{packed.name}: {len(inputs)} inputs, {packed.stat().st_size} bytes")

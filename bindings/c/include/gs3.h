@@ -305,8 +305,8 @@ typedef struct gs3_scene_options {
     uint32_t level_of_detail;
     // 1 to leave out the environment (sky, far background) of a streamed scene.
     uint32_t without_environment;
-    // 0.
-    uint32_t reserved;
+    // Pointers in budget_cameras.
+    uint32_t budget_camera_count;
     // Which way the axes of the file point, as three letters (RDF: right, down, front), where that is not what the file
     // states or its format says; else NULL.
     const char *axes;
@@ -315,9 +315,6 @@ typedef struct gs3_scene_options {
     uint64_t budget;
     // budget_camera_count cameras that show the scene: error counts where they see it. NULL if it may be seen from anywhere.
     const struct gs3_camera *const *budget_cameras;
-    uint32_t budget_camera_count;
-    // 0.
-    uint32_t reserved_2;
 } gs3_scene_options;
 
 // Gaussians in the caller's memory, which is read during the call alone. Values are activated: scales are lengths, opacities

@@ -55,8 +55,8 @@ pub struct gs3_scene_options {
     pub level_of_detail: u32,
     /// 1 to leave out the environment (sky, far background) of a streamed scene.
     pub without_environment: u32,
-    /// 0.
-    pub reserved: u32,
+    /// Pointers in budget_cameras.
+    pub budget_camera_count: u32,
     /// Which way the axes of the file point, as three letters (RDF: right, down, front), where that is not what the file
     /// states or its format says; else NULL.
     pub axes: *const c_char,
@@ -65,14 +65,11 @@ pub struct gs3_scene_options {
     pub budget: u64,
     /// budget_camera_count cameras that show the scene: error counts where they see it. NULL if it may be seen from anywhere.
     pub budget_cameras: *const *const gs3_camera,
-    pub budget_camera_count: u32,
-    /// 0.
-    pub reserved_2: u32,
 }
 
 // SAFETY: as the trait demands.
 unsafe impl Descriptor for gs3_scene_options {
-    const BYTES: usize = 4 * 4 + 8 + 8 + 8 + 2 * 4;
+    const BYTES: usize = 4 * 4 + 3 * 8;
     const LEAST: usize = 4;
 }
 

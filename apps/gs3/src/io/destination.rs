@@ -67,13 +67,16 @@ impl<'a> Destination<'a> {
             }
             // Its encoder goes back to the beginning once it knows the end.
             Kind::Video if !is_file => return Err(self.wrong("a file", ", a device or a pipe")),
-            Kind::Scene if format_of(self.path)? == STREAMED_SOG && found.is_some() => {
-                return Err(self.wrong("a folder without a streamed scene", ", which is there already"));
+            Kind::Scene => {
+                let is_streamed = format_of(self.path)? == STREAMED_SOG;
+                if is_streamed && found.is_some() {
+                    return Err(self.wrong("a folder without a streamed scene", ", which is there already"));
+                }
             }
             Kind::File(extension) if is_file && !has_extension(self.path, extension) => {
                 return Err(self.wrong(&format!("FILE.{extension}"), ""));
             }
-            Kind::File(_) | Kind::Scene | Kind::Video | Kind::Folder | Kind::Frames => {}
+            Kind::File(_) | Kind::Video | Kind::Folder | Kind::Frames => {}
         }
         let writable = match self.kind {
             Kind::Folder | Kind::Frames => check_writable(&self.path.join("file")),

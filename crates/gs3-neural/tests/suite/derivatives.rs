@@ -6,6 +6,8 @@ use gs3_neural::adjoint::walk_back;
 use gs3_neural::model::{Tier, interpolate, super_sample};
 use gs3_neural::{Activation, Border, Conv2d, Graph, GraphBuilder, Header, Op, Random, Weights, reference};
 
+use crate::common::operations;
+
 const LR: [usize; 2] = [4, 6];
 
 /// A loss that weighs each number of every output by another factor, its derivatives, and how they compare.
@@ -94,30 +96,8 @@ impl<'a> Check<'a> {
 
 #[test]
 fn every_adjoint_is_the_derivative() {
-    let upsample = |factor| Op::Upsample { factor };
-    let mut ops: Vec<(Op, Vec<&str>)> = vec![
-        (Op::PixelShuffle { factor: 2 }, vec!["a"]),
-        (Op::PixelShuffle { factor: 2 }, vec!["a", "b"]),
-        (Op::PixelUnshuffle { factor: 2 }, vec!["a"]),
-        (upsample(3), vec!["a"]),
-        (upsample(2), vec!["a", "f"]),
-        (Op::MaxPool2, vec!["a"]),
-        (Op::Concat, vec!["a", "f", "b"]),
-        (Op::Slice { first: 1, count: 2 }, vec!["a"]),
-        (Op::Add, vec!["a", "b"]),
-        (Op::Add, vec!["a", "a"]),
-        (Op::Multiply, vec!["a", "b"]),
-        (Op::Multiply, vec!["a", "f"]),
-        (Op::Mix, vec!["a", "b", "f"]),
-        (Op::ChannelMean, vec!["a"]),
-        (Op::ChannelMax, vec!["a"]),
-        (Op::Warp, vec!["a", "flow"]),
-        (Op::Prelu, vec!["a"]),
-        (Op::LayerNorm { epsilon: 1e-2 }, vec!["a"]),
-        (Op::Scale { factor: -0.7 }, vec!["a"]),
-        (Op::AveragePool { side: 5, stride: 3 }, vec!["a"]),
-        (Op::AveragePool { side: 3, stride: 1 }, vec!["a"]),
-    ];
+    let mut ops = operations();
+    ops.push((Op::PixelUnshuffle { factor: 2 }, vec!["a"]));
     let leaky = Activation::LeakyRelu { slope: 0.1 };
     for activation in [
         Activation::Identity,

@@ -10,6 +10,8 @@ use gs3_neural::{
 };
 use rayon::prelude::*;
 
+use crate::common::operations;
+
 /// An image by name.
 type Image = (String, Vec<f32>);
 
@@ -147,33 +149,7 @@ fn single(op: Op, channels: usize, names: &[&str], border: Border) -> Graph {
 
 #[test]
 fn every_operation_has_the_oracles_derivatives() {
-    let upsample = |factor| Op::Upsample { factor };
-    let ops: Vec<(Op, Vec<&str>)> = vec![
-        (Op::PixelShuffle { factor: 2 }, vec!["a"]),
-        (Op::PixelShuffle { factor: 2 }, vec!["a", "b"]),
-        (upsample(3), vec!["a"]),
-        (upsample(2), vec!["a"]),
-        (upsample(2), vec!["a", "f"]),
-        (Op::MaxPool2, vec!["a"]),
-        (Op::Concat, vec!["a", "f", "b"]),
-        (Op::Concat, vec!["a", "a"]),
-        (Op::Slice { first: 1, count: 3 }, vec!["a"]),
-        (Op::Add, vec!["a", "b"]),
-        (Op::Add, vec!["a", "a"]),
-        (Op::Multiply, vec!["a", "b"]),
-        (Op::Multiply, vec!["a", "f"]),
-        (Op::Mix, vec!["a", "b", "f"]),
-        (Op::Mix, vec!["a", "b", "b"]),
-        (Op::ChannelMean, vec!["a"]),
-        (Op::ChannelMax, vec!["a"]),
-        (Op::Warp, vec!["a", "flow"]),
-        (Op::Prelu, vec!["a"]),
-        (Op::LayerNorm { epsilon: 1e-2 }, vec!["a"]),
-        (Op::Scale { factor: -0.7 }, vec!["a"]),
-        (Op::AveragePool { side: 5, stride: 3 }, vec!["a"]),
-        (Op::AveragePool { side: 3, stride: 1 }, vec!["a"]),
-    ];
-    for (op, inputs) in ops {
+    for (op, inputs) in operations() {
         for (channels, border) in [(4, Border::Zero), (36, Border::Replicate)] {
             compare(&single(op, channels, &inputs, border), [5, 7], 3);
         }

@@ -1,21 +1,9 @@
 //! The engine computes what the reference says.
 
 use gs3_neural::model::{PublishedNetwork, Tier, initial_weights, interpolate, super_sample};
-use gs3_neural::{
-    Activation, Border, Conv2d, Engine, Graph, GraphBuilder, Header, Op, Random, RunError, Weights, reference,
-};
+use gs3_neural::{Activation, Border, Conv2d, Engine, Graph, GraphBuilder, Op, RunError, Weights, reference};
 
-fn header(graph: &Graph) -> Header {
-    let [tier, training_data, licence] = ["", "", ""].map(str::to_owned);
-    Header {
-        network: graph.name().to_owned(),
-        version: graph.version(),
-        scale: 4,
-        tier,
-        training_data,
-        licence,
-    }
-}
+use crate::common::{header, images, named, operations, single};
 
 /// Weights with biases, slopes and the like that differ from channel to channel.
 fn weights(graph: &Graph) -> Weights {
@@ -24,17 +12,6 @@ fn weights(graph: &Graph) -> Weights {
         array.values_mut().iter_mut().enumerate().for_each(|(k, v)| *v = k as f32 * 0.01 - 0.1);
     }
     weights
-}
-
-/// Images of numbers in ±1 for all inputs of `graph`.
-fn images(graph: &Graph, lr: [usize; 2], seed: u64) -> Vec<(String, Vec<f32>)> {
-    let (shapes, mut random) = (graph.shapes(lr).expect("a size it takes"), Random::new(seed));
-    let image = |len: usize, random: &mut Random| (0..len).map(|_| random.signed()).collect();
-    graph.inputs().map(|(t, l)| (l.name.clone(), image(shapes[t.index()].len(), &mut random))).collect()
-}
-
-fn named(images: &[(String, Vec<f32>)]) -> Vec<(&str, &[f32])> {
-    images.iter().map(|(name, image)| (name.as_str(), &image[..])).collect()
 }
 
 /// Runs `graph` both ways and compares every output.
@@ -127,59 +104,9 @@ fn any_number_of_outputs_is_written() {
     assert!(a.iter().any(|v| *v != 0.0));
 }
 
-/// A graph of one operation on images `a` and `b` of `channels`, and a factor `f` of one channel and a `flow`.
-fn single(op: Op, channels: usize, inputs: &[&str], border: Border) -> Graph {
-    let mut g = GraphBuilder::new("single", 1, border);
-    let inputs: Vec<_> = inputs
-        .iter()
-        .map(|name| {
-            g.input(
-                name,
-                match *name {
-                    "f" => 1,
-                    "flow" => 2,
-                    _ => channels,
-                },
-                1,
-            )
-        })
-        .collect();
-    let result = g.layer("result", op, &inputs);
-    // Something that reads the result with a halo, and something that is not fused into the output.
-    let again = g.layer("again", Op::Activate(Activation::Identity), &[result]);
-    let next = g.conv("next", Conv2d::new(5, 3), &[result]);
-    g.output("again", again);
-    g.output("next", next);
-    g.output("result", result);
-    g.finish().expect("a graph")
-}
-
 #[test]
 fn every_operation_computes_what_the_reference_says() {
-    let upsample = |factor| Op::Upsample { factor };
-    let ops: Vec<(Op, Vec<&str>)> = vec![
-        (Op::PixelShuffle { factor: 2 }, vec!["a"]),
-        (Op::PixelShuffle { factor: 2 }, vec!["a", "b"]),
-        (upsample(3), vec!["a"]),
-        (upsample(2), vec!["a"]),
-        (upsample(2), vec!["a", "f"]),
-        (Op::MaxPool2, vec!["a"]),
-        (Op::Concat, vec!["a", "f", "b"]),
-        (Op::Slice { first: 1, count: 2 }, vec!["a"]),
-        (Op::Add, vec!["a", "b"]),
-        (Op::Multiply, vec!["a", "b"]),
-        (Op::Multiply, vec!["a", "f"]),
-        (Op::Mix, vec!["a", "b", "f"]),
-        (Op::ChannelMean, vec!["a"]),
-        (Op::ChannelMax, vec!["a"]),
-        (Op::Warp, vec!["a", "flow"]),
-        (Op::Prelu, vec!["a"]),
-        (Op::LayerNorm { epsilon: 1e-2 }, vec!["a"]),
-        (Op::Scale { factor: -0.7 }, vec!["a"]),
-        (Op::AveragePool { side: 5, stride: 3 }, vec!["a"]),
-        (Op::AveragePool { side: 3, stride: 1 }, vec!["a"]),
-    ];
-    for (op, inputs) in ops {
+    for (op, inputs) in operations() {
         for (channels, border) in [(4, Border::Zero), (36, Border::Replicate)] {
             let graph = single(op, channels, &inputs, border);
             compare(&graph, &weights(&graph), [5, 7]);

@@ -4,8 +4,10 @@ use gs3_compute::{Buffer, Gpu, GpuError, GpuSettings, OptionalFeatures, Slice, U
 use gs3_neural::model::{Tier, interpolate, super_sample};
 use gs3_neural::{
     Activation, Border, Conv2d, GpuEngine, GpuEngineSettings, GpuRunError, GpuTensorImage, Graph,
-    GraphBuilder, Header, ImageFormat, MatrixUnit, Op, Precision, Random, RunError, Weights, reference,
+    GraphBuilder, ImageFormat, MatrixUnit, Op, Precision, RunError, Weights, reference,
 };
+
+use crate::common::{header, images, named, single};
 
 /// The device of this machine, if it has one.
 fn device(features: OptionalFeatures) -> Option<Gpu> {
@@ -32,29 +34,6 @@ fn ways(gpu: &Gpu) -> Vec<(GpuEngineSettings<'static>, f64)> {
         (settings, tolerance)
     });
     [single].into_iter().chain(half).chain(matrices).collect()
-}
-
-fn header(graph: &Graph) -> Header {
-    let [tier, training_data, licence] = ["", "", ""].map(str::to_owned);
-    Header {
-        network: graph.name().to_owned(),
-        version: graph.version(),
-        scale: 4,
-        tier,
-        training_data,
-        licence,
-    }
-}
-
-/// Images of numbers in ±1 for all inputs of `graph`.
-fn images(graph: &Graph, lr: [usize; 2], seed: u64) -> Vec<(String, Vec<f32>)> {
-    let (shapes, mut random) = (graph.shapes(lr).unwrap(), Random::new(seed));
-    let mut image = |len: usize| (0..len).map(|_| random.signed()).collect();
-    graph.inputs().map(|(t, l)| (l.name.clone(), image(shapes[t.index()].len()))).collect()
-}
-
-fn named(images: &[(String, Vec<f32>)]) -> Vec<(&str, &[f32])> {
-    images.iter().map(|(name, image)| (name.as_str(), &image[..])).collect()
 }
 
 /// Buffers by name.
@@ -127,30 +106,6 @@ fn networks_compute_what_the_reference_says() {
             compare(&gpu, &graph, &Weights::random(&graph, header(&graph), 5), [11, 27]);
         }
     }
-}
-
-/// A graph of one operation on images `a` and `b` of `channels`, and a factor `f` of one channel and a `flow`.
-fn single(op: Op, channels: usize, inputs: &[&str], border: Border) -> Graph {
-    let mut g = GraphBuilder::new("single", 1, border);
-    let channels = |name: &str| match name {
-        "f" => 1,
-        "flow" => 2,
-        _ => channels,
-    };
-    let mut tensors = Vec::new();
-    for (k, name) in inputs.iter().enumerate() {
-        let first = inputs.iter().position(|n| n == name).unwrap_or(k);
-        let tensor = if first < k { tensors[first] } else { g.input(name, channels(name), 1) };
-        tensors.push(tensor);
-    }
-    let result = g.layer("result", op, &tensors);
-    // Something that reads the result with a margin, and something that is not fused into the output.
-    let again = g.layer("again", Op::Activate(Activation::Identity), &[result]);
-    let next = g.conv("next", Conv2d::new(5, 3), &[result]);
-    g.output("again", again);
-    g.output("next", next);
-    g.output("result", result);
-    g.finish().unwrap()
 }
 
 #[test]

@@ -3,6 +3,7 @@
 
 mod adam;
 mod agreement;
+mod common;
 mod derivatives;
 mod differentiate;
 mod engine;

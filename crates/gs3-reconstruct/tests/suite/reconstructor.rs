@@ -1,6 +1,7 @@
 //! The reconstructor: frames of any renderer, in any memory layout.
 
-use crate::world::{World, camera, psnr};
+use crate::common::psnr;
+use crate::world::{World, camera};
 use gs3_reconstruct::{
     DepthEncoding, GBufferView, PlanesView, ReconstructError, Reconstructor, ReconstructorSettings, Strides,
 };

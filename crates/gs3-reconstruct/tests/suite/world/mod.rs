@@ -178,11 +178,7 @@ pub fn turned_camera(x: f64, yaw: f64) -> Camera {
     Camera::new(rotation * DAffine3::from_translation(DVec3::new(-x, 0.0, 0.0)), intrinsics).unwrap()
 }
 
-pub fn psnr(a: &Image, b: &Image) -> f64 {
-    psnr_where(a, b, |_| true)
-}
-
-/// Of the pixels that `is_wanted` says, by their number.
+/// PSNR over RGB of the pixels that `is_wanted` says, by their number, dB.
 pub fn psnr_where(a: &Image, b: &Image, is_wanted: impl Fn(usize) -> bool) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for (k, (a, b)) in a.pixels().iter().zip(b.pixels()).enumerate() {

@@ -9,6 +9,7 @@ use gs3_files::write_atomically;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
+use super::super::save::STREAMED_SOG;
 use super::write::{GENERATOR, Means, Weights, encode};
 use crate::scene::Scene;
 
@@ -19,13 +20,13 @@ const LEAF: usize = 16_384;
 /// How many standard deviations a Gaussian reaches: beyond 3 the rasterizer of Kerbl et al. draws nothing.
 const EXTENT: f64 = 3.0;
 
-/// Writes `scene` into `folder`, at most `chunk` Gaussians a data set; one level of detail. `lod-meta.json` comes last: without
+/// Writes `scene` into `folder`, at most `chunk` Gaussians a data set; one level of detail. [`STREAMED_SOG`] comes last: without
 /// it the folder is no scene.
 pub(in super::super) fn write_streamed(scene: &Scene, folder: &Path, chunk: usize) -> io::Result<()> {
     let mut all: Vec<u32> = (0..scene.gaussians().len() as u32).collect();
     let mut writer =
         Writer { scene, folder, chunk, weights: Weights::new(scene.gaussians()), names: Vec::new() };
-    let (tree, _) = writer.node(&mut all, None)?;
+    let (tree, _) = writer.data_sets(&mut all)?;
     let meta = json!({
         "version": 1,
         "asset": { "generator": GENERATOR },
@@ -35,7 +36,7 @@ pub(in super::super) fn write_streamed(scene: &Scene, folder: &Path, chunk: usiz
         "filenames": writer.names,
         "tree": tree,
     });
-    write_file(&folder.join("lod-meta.json"), &serde_json::to_vec(&meta)?)
+    write_file(&folder.join(STREAMED_SOG), &serde_json::to_vec(&meta)?)
 }
 
 struct Writer<'a> {
@@ -47,36 +48,31 @@ struct Writer<'a> {
     names: Vec<String>,
 }
 
-/// A data set to be: the Gaussians of the leaves so far, one leaf after the other.
-struct Open {
-    file: usize,
-    order: Vec<u32>,
-}
-
 impl Writer<'_> {
-    /// The tree of the Gaussians with the indices `members`, and its bound. Its leaves go into `open`, or, where there is none,
-    /// into data sets of their own.
-    fn node(&mut self, members: &mut [u32], open: Option<&mut Open>) -> io::Result<(Value, Bound)> {
-        let Some(open) = open else {
-            if members.len() > self.chunk {
-                let (left, right) = self.split(members);
-                return inner([self.node(left, None)?, self.node(right, None)?]);
-            }
-            let mut open = Open { file: self.names.len(), order: Vec::with_capacity(members.len()) };
-            let node = self.node(members, Some(&mut open))?;
-            let name = format!("0_{}", open.file);
-            self.write_data_set(&self.folder.join(&name), &open.order)?;
-            self.names.push(format!("{name}/meta.json"));
-            return Ok(node);
-        };
+    /// The tree of the Gaussians with the indices `members`, and its bound: data sets of neighbours, and leaves within each.
+    fn data_sets(&mut self, members: &mut [u32]) -> io::Result<(Value, Bound)> {
+        if members.len() > self.chunk {
+            let (left, right) = self.split(members);
+            return Ok(inner([self.data_sets(left)?, self.data_sets(right)?]));
+        }
+        let mut order = Vec::with_capacity(members.len());
+        let tree = self.leaves(members, &mut order);
+        let name = format!("0_{}", self.names.len());
+        self.write_data_set(&self.folder.join(&name), &order)?;
+        self.names.push(format!("{name}/meta.json"));
+        Ok(tree)
+    }
+
+    /// The tree of the `members` within the next data set, and its bound. Its Gaussians follow those in `order`.
+    fn leaves(&self, members: &mut [u32], order: &mut Vec<u32>) -> (Value, Bound) {
         if members.len() > LEAF {
             let (left, right) = self.split(members);
-            return inner([self.node(left, Some(open))?, self.node(right, Some(open))?]);
+            return inner([self.leaves(left, order), self.leaves(right, order)]);
         }
-        let run = json!({ "file": open.file, "offset": open.order.len(), "count": members.len() });
-        open.order.extend(Means::new(self.scene, members).morton_order(members));
+        let run = json!({ "file": self.names.len(), "offset": order.len(), "count": members.len() });
+        order.extend(Means::new(self.scene, members).morton_order(members));
         let bound = Bound::of(self.scene, members);
-        Ok((json!({ "bound": bound.json(), "lods": { "0": run } }), bound))
+        (json!({ "bound": bound.json(), "lods": { "0": run } }), bound)
     }
 
     /// The files of one data set: images, then `meta.json`.
@@ -108,9 +104,9 @@ impl Writer<'_> {
     }
 }
 
-fn inner([left, right]: [(Value, Bound); 2]) -> io::Result<(Value, Bound)> {
+fn inner([left, right]: [(Value, Bound); 2]) -> (Value, Bound) {
     let bound = Bound { low: left.1.low.min(right.1.low), high: left.1.high.max(right.1.high) };
-    Ok((json!({ "bound": bound.json(), "children": [left.0, right.0] }), bound))
+    (json!({ "bound": bound.json(), "children": [left.0, right.0] }), bound)
 }
 
 /// The box along the axes that contains Gaussians with their extents, world units.
