@@ -10,7 +10,7 @@ use serde_json::json;
 use crate::XtaskError;
 use crate::folder::{SUBJECTS, Subject};
 use crate::machine::Machine;
-use crate::run::Run;
+use crate::run::{Networks, Run};
 use crate::table;
 
 /// All together by default: what somebody waits for, and less than most machines are lent for.
@@ -82,14 +82,16 @@ fn measure(folder: &Path, args: &MeasureArgs) -> Result<(), XtaskError> {
     }
 }
 
-/// All that is measured, in the order of the report: with products of matrices right after the same without.
+/// All that is measured, in the order of the report: each size without networks, then with them.
 fn runs<'a>(subjects: &'a [Subject], args: &'a MeasureArgs, matrix_products: bool) -> Vec<Run<'a>> {
+    let networks: &[Networks] = match matrix_products {
+        true => &[Networks::None, Networks::Balanced, Networks::BalancedByMatrixProducts],
+        false => &[Networks::None, Networks::Balanced],
+    };
     let mut runs = Vec::new();
     for subject in subjects {
         for (size, copies) in args.sizes.iter().flat_map(|size| args.copies.iter().map(move |n| (size, n))) {
-            let run = Run { subject, size, copies, matrix_products: false };
-            runs.push(run);
-            runs.extend(matrix_products.then_some(Run { matrix_products, ..run }));
+            runs.extend(networks.iter().map(|networks| Run { subject, size, copies, networks: *networks }));
         }
     }
     runs

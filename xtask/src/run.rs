@@ -14,6 +14,37 @@ use crate::measure::MeasureArgs;
 /// Where `gs3 bench` leaves its figures, in the carried folder.
 const FIGURES: &str = "figures.json";
 
+/// The networks that improve the frames of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Networks {
+    /// None, the default of `gs3`.
+    None,
+    /// Those of tier balanced.
+    Balanced,
+    /// The same, by products of matrices in hardware.
+    BalancedByMatrixProducts,
+}
+
+impl Networks {
+    /// For people, in the report.
+    pub const fn label(self) -> &'static str {
+        match self {
+            Self::None => "",
+            Self::Balanced => ", tier balanced",
+            Self::BalancedByMatrixProducts => ", tier balanced by matrix products",
+        }
+    }
+
+    /// Options of `gs3 bench`.
+    const fn options(self) -> &'static [&'static str] {
+        match self {
+            Self::None => &["--tier", "analytic"],
+            Self::Balanced => &["--tier", "balanced"],
+            Self::BalancedByMatrixProducts => &["--tier", "balanced", "--matrix-products"],
+        }
+    }
+}
+
 /// What is measured at once.
 #[derive(Clone, Copy, Debug)]
 pub struct Run<'a> {
@@ -23,16 +54,15 @@ pub struct Run<'a> {
     pub size: &'a str,
     /// Of the scene, side by side.
     pub copies: &'a str,
-    /// Whether networks multiply matrices in hardware for them.
-    pub matrix_products: bool,
+    /// Which networks frames go through.
+    pub networks: Networks,
 }
 
 impl Run<'_> {
     /// What is measured, for people.
     pub fn title(&self) -> String {
-        let Self { subject, size, copies, matrix_products } = self;
-        let products = if *matrix_products { " with matrix products" } else { "" };
-        format!("{copies} × {} at {size}{products}", subject.scene.display())
+        let Self { subject, size, copies, networks } = self;
+        format!("{copies} × {} at {size}{}", subject.scene.display(), networks.label())
     }
 
     /// The figures that `gs3 bench` gives within `limit`, or how it ended and what it said.
@@ -53,7 +83,9 @@ impl Run<'_> {
                 let file = machine.gs3.folder.join(FIGURES);
                 let text = fs::read_to_string(&file).map_err(XtaskError::io(&file))?;
                 fs::remove_file(&file).map_err(XtaskError::io(&file))?;
-                serde_json::from_str(&text).map_err(XtaskError::json(&file))
+                let mut figures: Value = serde_json::from_str(&text).map_err(XtaskError::json(&file))?;
+                figures["networks"] = self.networks.label().into();
+                Ok(figures)
             }
             Some(it) => {
                 let reason = child::reason(&said.stderr);
@@ -66,7 +98,7 @@ impl Run<'_> {
     }
 
     fn arguments(&self, adapter: &str, args: &MeasureArgs) -> Vec<String> {
-        let Self { subject, size, copies, matrix_products } = *self;
+        let Self { subject, size, copies, networks } = *self;
         let scene = subject.scene.to_string_lossy();
         let mut arguments =
             vec!["bench", &scene, "--backend", "gpu", "--adapter", adapter, "--json", FIGURES];
@@ -82,14 +114,14 @@ impl Run<'_> {
         ]);
         let cameras = subject.cameras.as_ref().map(|cameras| cameras.to_string_lossy());
         arguments.extend(cameras.iter().flat_map(|cameras| ["--path", cameras]));
-        arguments.extend(matrix_products.then_some("--matrix-products"));
+        arguments.extend(networks.options());
         arguments.into_iter().map(str::to_owned).collect()
     }
 
     fn failure(&self, error: &str, status: &str, stderr: &str) -> Value {
-        let Self { subject, size, copies, matrix_products } = self;
+        let Self { subject, size, copies, networks } = self;
         json!({
-            "scene": subject.scene.to_string_lossy(), "size": size, "copies": copies, "matrix_products": matrix_products,
+            "scene": subject.scene.to_string_lossy(), "size": size, "copies": copies, "networks": networks.label(),
             "error": error, "status": status, "stderr": stderr,
         })
     }

@@ -28,9 +28,9 @@ pub fn markdown(report: &Value) -> String {
             let cells = STAGES.map(|stage| cell(&run[frame]["stages"], stage)).join(" | ");
             let fps = run[frame]["fps"].as_f64().unwrap_or(f64::NAN);
             let size = format!("{}×{}", run["size"][0], run["size"][1]);
-            let products = products(run);
+            let networks = networks(run);
             let _ =
-                writeln!(text, "| {scene} | {gaussians} | {size} | {frame}{products} | {cells} | {fps:.1} |");
+                writeln!(text, "| {scene} | {gaussians} | {size} | {frame}{networks} | {cells} | {fps:.1} |");
         }
     }
     // Neither has to do with scenes; every run measured both once more.
@@ -53,14 +53,14 @@ pub fn markdown(report: &Value) -> String {
     }
     for run in runs().filter(|run| run["error"].is_string()) {
         let [copies, scene, size, error] = ["copies", "scene", "size", "error"].map(|key| plain(&run[key]));
-        let _ = writeln!(text, "\n{copies} × {scene} at {size}{} failed: {error}", products(run));
+        let _ = writeln!(text, "\n{copies} × {scene} at {size}{} failed: {error}", networks(run));
     }
     text
 }
 
-/// Distinguishes runs with networks that multiply matrices in hardware from the others.
-fn products(run: &Value) -> &'static str {
-    if run["matrix_products"] == true { " with matrix products" } else { "" }
+/// Distinguishes runs with networks from those without.
+fn networks(run: &Value) -> &str {
+    run["networks"].as_str().unwrap_or_default()
 }
 
 /// The parts of `stage` added up: of percentiles, at least their whole.
@@ -114,11 +114,11 @@ mod tests {
                     "sort": { "pairs": 1024, "key_bits": 32, "keys_per_s": 2.5e9, "median_ms": 1.0, "p99_ms": 3.0 },
                 },
                 {
-                    "scene": "demo", "gaussians": 5, "size": [64, 36], "matrix_products": true, "full": side(20.0),
+                    "scene": "demo", "gaussians": 5, "size": [64, 36], "networks": ", tier balanced", "full": side(20.0),
                     "ceilings": { "copy_gb_per_s": 2345.67, "f32_tflop_per_s": 51.234, "f16_tflop_per_s": 102.5 },
                 },
-                { "scene": "demo", "size": "9x9", "copies": "3", "matrix_products": false, "error": "error: lost" },
-                { "scene": "demo", "size": "9x9", "copies": "1", "matrix_products": true, "error": "killed" },
+                { "scene": "demo", "size": "9x9", "copies": "3", "networks": "", "error": "error: lost" },
+                { "scene": "demo", "size": "9x9", "copies": "1", "networks": ", tier balanced", "error": "killed" },
             ],
         });
         let text = markdown(&report);
@@ -133,10 +133,10 @@ mod tests {
             "| lr_gbuffer | 0.500",
             "| 100.0 |\n",
             "\nSort of 1024 pairs by 32 bits: 2500.0 million keys/s, 1.000 / 3.000 ms\n",
-            "| demo | 5 | 64×36 | full with matrix products | 0.500",
+            "| demo | 5 | 64×36 | full, tier balanced | 0.500",
             "\nCeilings: copies 2345.7 GB/s, f32 51.23 TFLOP/s, f16 102.50 TFLOP/s\n",
             "\n3 × demo at 9x9 failed: error: lost\n",
-            "\n1 × demo at 9x9 with matrix products failed: killed\n",
+            "\n1 × demo at 9x9, tier balanced failed: killed\n",
         ] {
             assert!(text.contains(expected), "{expected}\n---\n{text}");
         }

@@ -15,6 +15,7 @@ mod ceilings;
 mod chunks;
 mod device_id;
 mod error;
+mod for_tests;
 mod gpu;
 mod grid;
 mod kernel;
@@ -34,6 +35,8 @@ pub use capabilities::{Capabilities, Limits, OptionalFeatures, Subgroups};
 pub use ceilings::Ceilings;
 pub use chunks::ChunkPlan;
 pub use error::GpuError;
+#[doc(hidden)]
+pub use for_tests::{device_for_tests, skip_without_gpu};
 pub use gpu::{Gpu, GpuSettings};
 pub use grid::{GRID_ROW, GRID_WGSL, grid};
 pub use kernel::{Bound, Kernel, Module};

@@ -415,8 +415,7 @@ mod tests {
     fn the_cpu_takes_over_from_a_gpu_that_nobody_asked_for_only() {
         for is_found in [true, false] {
             let Ok(mut session) = on(Backend::Gpu) else {
-                eprintln!("skipped: no GPU adapter");
-                return;
+                return crate::compute::skip_without_gpu("no session has one");
             };
             if is_found {
                 let Machine::Gpu(gpu) = &session.machine else { panic!("no GPU") };

@@ -53,8 +53,8 @@ fn software_is_measured_only_for_who_asks() {
     measure(folder.path(), &MeasureArgs { adapter: Some(0), ..args() }).unwrap();
     let report = report(&folder);
     assert_eq!(report["adapter"]["name"], "llvmpipe");
-    assert_eq!(report["runs"].as_array().unwrap().len(), 1);
-    assert_eq!(report["runs"][0]["matrix_products"], false);
+    let networks: Vec<_> = report["runs"].as_array().unwrap().iter().map(|run| &run["networks"]).collect();
+    assert_eq!(networks, ["", ", tier balanced"]);
 }
 
 #[test]
@@ -71,29 +71,31 @@ fn what_only_the_driver_for_egl_shows_is_measured_by_it() {
 }
 
 #[test]
-fn an_adapter_with_matrix_products_is_measured_both_ways() {
+fn an_adapter_with_matrix_products_is_measured_with_them_too() {
     let folder = folder(CARD, &["demo"]);
     measure(folder.path(), &MeasureArgs { sizes: vec!["8x8".into(), "9x9".into()], ..args() }).unwrap();
     let asked = fs::read_to_string(folder.path().join("bench.txt")).unwrap();
     let common = "bench demo --backend gpu --adapter 0 --json figures.json --size";
     let rest = "--copies 1 --frames 0..2 --warm-up 0";
-    let lines = ["8x8", "9x9"]
-        .map(|size| format!("{common} {size} {rest}\n{common} {size} {rest} --matrix-products\n"));
-    assert_eq!(asked, lines.concat());
+    let lines = ["8x8", "9x9"].map(|size| {
+        ["analytic", "balanced", "balanced --matrix-products"]
+            .map(|tier| format!("{common} {size} {rest} --tier {tier}\n"))
+    });
+    assert_eq!(asked, lines.concat().concat());
     let report = report(&folder);
-    let ways: Vec<_> = report["runs"].as_array().unwrap().iter().map(|run| &run["matrix_products"]).collect();
-    assert_eq!(ways, [false, true, false, true]);
+    assert_eq!(report["runs"].as_array().unwrap().len(), 6);
     let table = fs::read_to_string(folder.path().join("report.md")).unwrap();
-    assert_eq!(table.matches("| full with matrix products |").count(), 2, "{table}");
+    assert_eq!(table.matches("| full, tier balanced by matrix products |").count(), 2, "{table}");
 }
 
 #[test]
 fn runs_that_fail_or_hang_leave_what_they_said_and_the_others_go_on() {
     let folder = folder(SOFTWARE, &["fails", "hangs", "demo", "crashes"]);
     let ended = measure(folder.path(), &MeasureArgs { adapter: Some(0), limit: Some(3), ..args() });
-    assert!(matches!(ended, Err(XtaskError::Incomplete { failed: 3, all: 4 })), "{ended:?}");
+    assert!(matches!(ended, Err(XtaskError::Incomplete { failed: 6, all: 8 })), "{ended:?}");
     let report = report(&folder);
-    let [failed, hung, done, crashed] = [0, 1, 2, 3].map(|run| &report["runs"][run]);
+    // With networks and without.
+    let [failed, hung, done, crashed] = [0, 2, 4, 6].map(|run| &report["runs"][run]);
     assert_eq!(failed["error"], "error: no room");
     assert_eq!(failed["status"], "exit status: 3");
     assert_eq!(failed["stderr"], "error: early\n\nerror: no room\nnote: after\n");
@@ -114,7 +116,7 @@ fn by_default_a_run_has_two_minutes_and_all_have_ten() {
     let folder = folder(SOFTWARE, &["demo"]);
     let machine = Machine::find(folder.path(), Some(0), Duration::from_secs(30)).unwrap();
     let subject = "demo".parse().unwrap();
-    let run = Run { subject: &subject, size: "8x8", copies: "1", matrix_products: false };
+    let run = Run { subject: &subject, size: "8x8", copies: "1", networks: Networks::None };
     let late = run.figures(&machine, &args(), Duration::ZERO).unwrap();
     assert!(late["error"].as_str().unwrap().starts_with("not begun"), "{late}");
     assert!(!folder.path().join("bench.txt").exists());

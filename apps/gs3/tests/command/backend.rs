@@ -11,8 +11,7 @@ fn the_gpu_draws_what_the_cpu_draws() {
     succeed(at, &format!("{render} --backend cpu --json cpu.json --out cpu.png"));
     let output = gs3(at, &format!("{render} --backend gpu --json gpu.json --out gpu.png")).output().unwrap();
     if !output.status.success() && stderr(&output).contains("GPU adapter: expected") {
-        eprintln!("skipped: no adapter: {}", stderr(&output));
-        return;
+        return gs3::compute::skip_without_gpu(stderr(&output));
     }
     assert!(output.status.success(), "{}", stderr(&output));
     let [on_cpu, on_gpu] = ["cpu.json", "gpu.json"].map(|name| json(&at.join(name)));
@@ -38,8 +37,7 @@ fn bench_tells_the_stages_of_the_gpu() {
     let bench = "bench demo --size 256x144 --frames 0..3 --warm-up 1 --backend gpu --json b.json";
     let output = gs3(at, bench).output().unwrap();
     if !output.status.success() && stderr(&output).contains("GPU adapter: expected") {
-        eprintln!("skipped: no adapter: {}", stderr(&output));
-        return;
+        return gs3::compute::skip_without_gpu(stderr(&output));
     }
     assert!(output.status.success(), "{}", stderr(&output));
     let figures = json(&at.join("b.json"));

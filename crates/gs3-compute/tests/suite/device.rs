@@ -203,9 +203,9 @@ fn long_uploads_arrive() {
 /// What wgpu calls experimental is there for those who ask for it.
 #[test]
 fn experimental_features_are_asked_for() {
-    let open = |features| Gpu::new(&GpuSettings { features, ..GpuSettings::default() });
-    let (Ok(plain), Ok(asked)) = (open(OptionalFeatures::All), open(OptionalFeatures::Experimental)) else {
-        eprintln!("skipped: no adapter");
+    let open = |features| device_for_tests(&GpuSettings { features, ..GpuSettings::default() });
+    let (Some(plain), Some(asked)) = (open(OptionalFeatures::All), open(OptionalFeatures::Experimental))
+    else {
         return;
     };
     assert_eq!(plain.capabilities().cooperative_matrix, Vec::<[u32; 3]>::new());
@@ -298,11 +298,8 @@ fn data_beyond_one_binding_is_divided() {
 /// wgpu would take it for something of the device's own, or panic.
 #[test]
 fn what_belongs_to_another_device_is_refused() {
-    let open = || Gpu::new(&GpuSettings::default());
-    let (Ok(gpu), Ok(other)) = (open(), open()) else {
-        eprintln!("skipped: no adapter");
-        return;
-    };
+    let open = || device_for_tests(&GpuSettings::default());
+    let (Some(gpu), Some(other)) = (open(), open()) else { return };
     let refused = |result: Result<(), GpuError>| {
         let error = result.unwrap_err();
         assert!(matches!(error, GpuError::OtherDevice { .. }), "{error}");
@@ -353,8 +350,7 @@ fn a_device_may_be_the_callers_own() {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
     let adapter = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all())).into_iter().next();
     let Some(adapter) = adapter else {
-        eprintln!("skipped: no adapter");
-        return;
+        return skip_without_gpu("the instance lists none");
     };
     let open = |descriptor| pollster::block_on(adapter.request_device(&descriptor)).unwrap();
     // As a program opens it that knows nothing of gs3: the limits of WebGPU, and no features.

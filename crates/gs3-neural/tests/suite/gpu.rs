@@ -1,6 +1,6 @@
 //! The GPU engine computes the reference's results, on any adapter.
 
-use gs3_compute::{Buffer, Gpu, GpuError, GpuSettings, OptionalFeatures, Slice, Use};
+use gs3_compute::{Buffer, Gpu, GpuSettings, OptionalFeatures, Slice, Use, device_for_tests};
 use gs3_neural::model::{Tier, interpolate, super_sample};
 use gs3_neural::{
     Activation, Border, Conv2d, GpuEngine, GpuEngineSettings, GpuRunError, GpuTensorImage, Graph,
@@ -11,13 +11,7 @@ use crate::common::{header, images, named, single};
 
 /// The device of this machine, if it has one.
 fn device(features: OptionalFeatures) -> Option<Gpu> {
-    match Gpu::new(&GpuSettings { features, ..GpuSettings::default() }) {
-        Err(GpuError::NoAdapter { .. }) => {
-            eprintln!("skipped: no adapter");
-            None
-        }
-        other => Some(other.unwrap()),
-    }
+    device_for_tests(&GpuSettings { features, ..GpuSettings::default() })
 }
 
 /// In which ways a device computes, and how far from the reference it may be, of numbers about 1.

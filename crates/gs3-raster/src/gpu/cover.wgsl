@@ -3,9 +3,12 @@
 // Blocks along a side of a tile.
 const BLOCKS: u32 = TILE / BLOCK;
 
-// Splats staged at a time: with depth and normal 8 KiB, so that four or more workgroups share a multiprocessor.
+// Splats staged at a time: with depth and normal, and what touches what, 13 KiB, so that every device has room and several
+// workgroups share a multiprocessor.
 const BATCH: u32 = 128u;
 const WORDS: u32 = BATCH / 32u;
+
+const PIXELS: u32 = TILE * TILE;
 
 // Bit i of word k of a block: whether staged splat 32·k + i touches it.
 var<workgroup> cover: array<atomic<u32>, BLOCKS * BLOCKS * WORDS>;

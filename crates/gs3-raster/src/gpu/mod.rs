@@ -14,6 +14,7 @@
 //! splats are visible and how many tiles they cover. If the buffers overflow, [`GpuRasterizer::check_capacity`]
 //! reports it and grows them, and the frame must be made again.
 
+mod blend;
 mod crop;
 mod error;
 mod frame;

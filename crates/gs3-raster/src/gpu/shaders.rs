@@ -106,12 +106,14 @@ pub const CROP: &str = include_str!("crop.wgsl");
 /// Tiles to pixels: entry `blend`.
 pub fn blend(outputs: Outputs) -> String {
     let gbuffer = include_str!("outputs_gbuffer.wgsl");
-    let [outputs, mixed] = match outputs {
-        Outputs::Color => [include_str!("outputs_color.wgsl"), ""],
-        Outputs::GBuffer => [gbuffer, include_str!("mixed_none.wgsl")],
-        Outputs::GBufferMixed => [gbuffer, include_str!("mixed.wgsl")],
+    let pixels = include_str!("cover_pixels.wgsl");
+    let [pixels, outputs, mixed] = match outputs {
+        Outputs::Color => [include_str!("cover_pixels_none.wgsl"), include_str!("outputs_color.wgsl"), ""],
+        Outputs::GBuffer => [pixels, gbuffer, include_str!("mixed_none.wgsl")],
+        Outputs::GBufferMixed => [pixels, gbuffer, include_str!("mixed.wgsl")],
     };
-    joined(&[VIEW, FRAME, SPLAT, include_str!("cover.wgsl"), include_str!("blend.wgsl"), outputs, mixed])
+    let blend = include_str!("blend.wgsl").replace("                SPLATS\n", &super::blend::splats());
+    joined(&[VIEW, FRAME, SPLAT, include_str!("cover.wgsl"), pixels, &blend, outputs, mixed])
 }
 
 #[cfg(test)]

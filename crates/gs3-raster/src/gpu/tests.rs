@@ -1,7 +1,7 @@
 //! The stages one by one against the CPU's, and devices smaller than any real one.
 
 use glam::{DAffine3, DVec3};
-use gs3_compute::GpuSettings;
+use gs3_compute::{GpuSettings, device_for_tests};
 use gs3_scene::{Gaussians, Intrinsics, Margin, OpacityMode};
 
 use super::*;
@@ -10,7 +10,7 @@ use crate::settings::{Rules, matched_dilation};
 
 /// The adapter of this machine; without one, a message.
 fn gpu() -> Option<Gpu> {
-    Gpu::new(&GpuSettings::default()).inspect_err(|error| eprintln!("skipped: no adapter: {error}")).ok()
+    device_for_tests(&GpuSettings::default())
 }
 
 /// `count` Gaussians in a box before the camera, most of them a few pixels wide or less, one in fifty all over the

@@ -3,7 +3,7 @@
 use std::sync::{Arc, OnceLock};
 
 use glam::{DVec2, DVec3};
-use gs3_compute::{Gpu, GpuError, GpuSettings};
+use gs3_compute::{Gpu, GpuError, GpuSettings, device_for_tests};
 use gs3_raster::{
     Culling, GpuGBuffer, GpuRasterError, GpuRasterizer, Outputs, RasterError, RasterSettings, Rasterizer,
     ScenePrecision, Window, matched_dilation,
@@ -19,14 +19,7 @@ use crate::scenes::{Random, RandomScene, Spec, camera_at_origin, gaussians, pose
 /// The adapter of this machine, or a word that there is none.
 pub fn gpu() -> Option<Gpu> {
     static GPU: OnceLock<Option<Gpu>> = OnceLock::new();
-    let open = || match Gpu::new(&GpuSettings::default()) {
-        Ok(gpu) => Some(gpu),
-        Err(error) => {
-            eprintln!("skipped: no adapter: {error}");
-            None
-        }
-    };
-    GPU.get_or_init(open).clone()
+    GPU.get_or_init(|| device_for_tests(&GpuSettings::default())).clone()
 }
 
 pub fn cpu_frame(
@@ -335,10 +328,7 @@ fn poisoned_scenes_give_finite_output() {
 #[test]
 fn bad_settings_and_lost_devices_are_typed_errors() {
     // A device of its own, which it gives back.
-    let Ok(gpu) = Gpu::new(&GpuSettings::default()) else {
-        eprintln!("skipped: no adapter");
-        return;
-    };
+    let Some(gpu) = device_for_tests(&GpuSettings::default()) else { return };
     let camera = camera_at_origin(16, 16, DVec2::ZERO);
     let scene = Arc::new(RandomScene::BASE.build(&camera));
     let mut rasterizer =

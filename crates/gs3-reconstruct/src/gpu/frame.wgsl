@@ -46,9 +46,3 @@ struct Frame {
 fn newest() -> u32 {
     return frame.past[0].slot * frame.padded.x * frame.padded.y;
 }
-
-// The index in the history of the current frame's sample `at` of the picture.
-fn id_in_picture(at: vec2<u32>) -> u32 {
-    let place = at + frame.past[0].margin;
-    return newest() + place.y * frame.padded.x + place.x;
-}

@@ -1,9 +1,7 @@
 // The Hermite surface through the current samples; see hermite.rs.
 
-@group(0) @binding(1) var<storage, read> samples_a: array<vec2<u32>>;
-@group(0) @binding(2) var<storage, read> samples_b: array<vec2<u32>>;
-@group(0) @binding(3) var<storage, read> samples_c: array<vec2<u32>>;
-@group(0) @binding(4) var<storage, read> mixed: array<vec2<u32>>;
+// See predict.wgsl, which writes it.
+@group(0) @binding(1) var<storage, read> surface: array<vec4<u32>>;
 
 // Value and slope of the cubic along x at an LR column, at the height of a row of pixels.
 struct Column {
@@ -42,27 +40,32 @@ fn rows_around(y: u32) -> Rows {
     return Rows(vec2<u32>(inside), weights, place.y);
 }
 
-fn sample_at(at: vec2<u32>) -> Sample {
-    let id = id_in_picture(at);
-    return unpack_sample(samples_a[id].y, samples_b[id], samples_c[id]);
+// A sample of the picture, and the mixed derivative there.
+struct SurfaceSample {
+    sample: Sample,
+    mixed: vec3<f32>,
 }
 
-fn mixed_at(i: u32) -> vec3<f32> {
-    let packed = mixed[i];
-    return vec3(unpack2x16float(packed.x), unpack2x16float(packed.y).x);
+fn surface_at(at: vec2<u32>) -> SurfaceSample {
+    let i = at.y * frame.lr.x + at.x;
+    let first = surface[2u * i];
+    let second = surface[2u * i + 1u];
+    let mixed = vec3(unpack2x16float(second.y), unpack2x16float(second.z).x);
+    return SurfaceSample(unpack_sample(first.x, first.yz, vec2(first.w, second.x)), mixed);
 }
 
 // Beyond the border the nearest column is repeated, with slope 0.
 fn column_at(index: i32, rows: Rows, bare: vec3<f32>) -> Column {
     let inside = clamp(index, 0, i32(frame.lr.x) - 1);
-    let i = rows.inside * frame.lr.x + u32(inside);
-    let a = sample_at(vec2(u32(inside), rows.inside.x));
-    let b = sample_at(vec2(u32(inside), rows.inside.y));
+    let above = surface_at(vec2(u32(inside), rows.inside.x));
+    let below = surface_at(vec2(u32(inside), rows.inside.y));
+    let a = above.sample;
+    let b = below.sample;
     let w = rows.weights;
     let value = a.color * w.x + a.dy * w.y + b.color * w.z + b.dy * w.w;
     var slope = vec3(0.0);
     if index == inside {
-        slope = a.dx * w.x + mixed_at(i.x) * w.y + b.dx * w.z + mixed_at(i.y) * w.w;
+        slope = a.dx * w.x + above.mixed * w.y + b.dx * w.z + below.mixed * w.w;
     }
     let is_bare = a.is_bare && b.is_bare && all(a.color == bare) && all(b.color == bare);
     return Column(value, slope, is_bare);

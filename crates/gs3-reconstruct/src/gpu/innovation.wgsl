@@ -20,6 +20,6 @@ fn write_innovation(k: u32, at: vec2<u32>, tile_varies: bool) {
     let i = sample.y * frame.lr.x + sample.x;
     let past = past_sum[k];
     let knows = past.w / (1.0 + past.w);
-    let differs = select(vec3(0.0), sample_at(sample).color - past.xyz / past.w, past.w > FAINT);
+    let differs = select(vec3(0.0), surface_at(sample).sample.color - past.xyz / past.w, past.w > FAINT);
     innovation[i] = vec4(differs, knows);
 }

@@ -20,13 +20,9 @@ pub const KRIGED: [u32; 2] = [32, 16];
 /// Width in pixels made by a workgroup of `tile.wgsl`, with the pixels around the tile.
 pub const MADE_WIDTH: u32 = 32;
 
-/// Bytes of a sample in workgroup memory: number, position, variance, colour and gradient are 36. One of nine places
-/// of 16 bytes stays empty (`tile.wgsl`).
-const STAGED_BYTES: u32 = 40;
-
-/// Places of 16 bytes for the halves of `capacity` samples (`tile.wgsl`).
-fn staged_places(capacity: u32) -> u32 {
-    2 * (capacity + capacity / 8)
+/// Workgroup memory of `tile.wgsl` in bytes: four numbers a made pixel, and a flag.
+fn tile_bytes(made_height: u32) -> u32 {
+    MADE_WIDTH * made_height * 16 + 16
 }
 
 /// Sizes of super sampling.
@@ -46,8 +42,6 @@ pub struct SuperSamplePlan {
     pub frames: u32,
     /// Rows of pixels made by a workgroup of `tile.wgsl`, with the pixels above and below the tile.
     pub made_height: u32,
-    /// Capacity of a workgroup's memory in samples.
-    pub capacity: u32,
     /// Workgroups over the LR samples of one frame.
     pub over_samples: [u32; 3],
     /// Workgroups over the LR samples of one frame with the widest margin.
@@ -92,11 +86,6 @@ fn check(limits: &Limits, buffers: &[NamedBytes], dispatches: &[[u32; 3]]) -> Re
     Ok(())
 }
 
-/// Largest workgroup memory of a tile, in bytes. A full history has one sample a pixel, about 1,190 in the cells of a
-/// tile. Two windows of samples fit into this memory, just as into the memory of larger devices, and several
-/// workgroups run side by side.
-const TILE_BYTES: u32 = 32 << 10;
-
 impl SuperSamplePlan {
     /// The plan for frames of `size`, `scale` (1 to [`crate::MAX_SCALE`]) times the size of their G-buffers, with at
     /// most `margin` LR pixels beyond each edge.
@@ -105,17 +94,8 @@ impl SuperSamplePlan {
     /// [`GpuError::TooLarge`] if the device cannot bind buffers of this size.
     pub fn new(limits: &Limits, size: [u32; 2], scale: u32, margin: u32) -> Result<Self, GpuError> {
         // Half as many rows on devices with little workgroup memory; every device has enough for them.
-        let room = |made_height: u32| {
-            let cells = (MADE_WIDTH + COLUMNS as u32 - 1) * (made_height + ROWS as u32 - 1);
-            let threads = MADE_WIDTH / 4 * made_height;
-            // Starts of cells, sums of invocations, and two words of flags.
-            let bytes =
-                limits.workgroup_bytes.min(TILE_BYTES).saturating_sub((cells + 1 + threads + 2) * 4 + 64);
-            bytes / STAGED_BYTES
-        };
-        // At the end, the pixels use the memory of the samples.
         let fits = |made_height: u32| {
-            staged_places(room(made_height)) >= MADE_WIDTH * made_height
+            tile_bytes(made_height) <= limits.workgroup_bytes
                 && MADE_WIDTH / 4 * made_height <= limits.workgroup_invocations
         };
         let made_height = if fits(32) { 32 } else { 16 };
@@ -129,8 +109,6 @@ impl SuperSamplePlan {
             scale,
             frames: scale * scale,
             made_height,
-            // More samples than in a tile's cells are seldom needed.
-            capacity: room(made_height).min(1024),
             over_samples: over_samples(lr),
             over_around: over_samples(padded),
             over_tiles: over(size, [MADE_WIDTH - 2, made_height - 2]),
@@ -151,20 +129,29 @@ impl SuperSamplePlan {
         area(self.lr) * 16
     }
 
+    /// Number of cells (`cells.wgsl`).
+    pub fn cells(&self) -> u64 {
+        area([self.size[0] + COLUMNS as u32 - 1, self.size[1] + ROWS as u32 - 1])
+    }
+
     /// The buffers that are kept between frames, and the buffers between kernels.
-    pub fn buffers(&self) -> [NamedBytes; 11] {
+    pub fn buffers(&self) -> [NamedBytes; 16] {
         let (samples, remembered) = (area(self.lr), area(self.padded) * u64::from(self.frames));
-        let cells = [self.size[0] + COLUMNS as u32 - 1, self.size[1] + ROWS as u32 - 1];
         let with_rim = self.size.map(|side| side + 2 * RIM as u32);
         [
             ("samples_a", remembered * 8),
             ("samples_b", remembered * 8),
             ("samples_c", remembered * 8),
             ("places", remembered * 8),
-            ("links", remembered * 8),
-            ("heads", area(cells) * 4),
+            ("landed", remembered * 8),
+            ("listed", remembered * 4),
+            ("order", remembered * 4),
+            ("ordered_places", remembered * 8),
+            ("ordered_a", remembered * 8),
+            ("cell_ends", self.cells() * 4),
+            ("sum", 4),
             ("nearest", area(with_rim) * 4),
-            ("mixed", samples * 8),
+            ("surface", samples * 32),
             ("errors", samples * 4),
             ("cells", samples * 32),
             ("edge_slopes", remembered * 4),
@@ -250,12 +237,8 @@ mod tests {
                         assert!(plan.over_samples[k] * SAMPLES[k] >= size[k].div_ceil(scale));
                         assert!(plan.over_around[k] * SAMPLES[k] >= size[k].div_ceil(scale) + 64);
                     }
-                    let cells = (MADE_WIDTH + 3) * (plan.made_height + 2) + 1;
-                    let threads = MADE_WIDTH / 4 * plan.made_height;
-                    let places = staged_places(plan.capacity);
-                    let bytes = 4 * (cells + threads + 2 + plan.capacity) + 16 * places;
+                    let bytes = tile_bytes(plan.made_height);
                     assert!(bytes <= workgroup_bytes, "{bytes} of {workgroup_bytes}");
-                    assert!(places >= MADE_WIDTH * plan.made_height, "room for the pixels");
                     let plan = InterpolatePlan::new(&limits, size, scale).unwrap();
                     // Patches begin at most three pixels before the image.
                     assert!(plan.over_pixels[0] * WARPED[0] >= size[0] + 3);

@@ -1,11 +1,11 @@
-// The mixed derivative of the surface through the samples of the current picture, and how well the samples predict
-// each other. One invocation per sample. See estimate_mixed in hermite.rs, predict in rectification.rs.
+// The current picture's samples with the mixed derivative of the surface through them, and how well the samples
+// predict each other. One invocation per sample. See estimate_mixed in hermite.rs, predict in rectification.rs.
 
 @group(0) @binding(1) var<storage, read> color_alpha: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> dx_median: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read> dy_expected: array<vec4<f32>>;
-// ∂²RGB/∂x∂y per HR pixel², halves.
-@group(0) @binding(4) var<storage, read_write> mixed: array<vec2<u32>>;
+// Two vectors of halves for each sample: RGB, ∂x, ∂y, a flag for bare samples, ∂²RGB/∂x∂y per HR pixel² (hermite.wgsl).
+@group(0) @binding(4) var<storage, read_write> surface: array<vec4<u32>>;
 // Squared errors of predicting a sample from its neighbours.
 @group(0) @binding(5) var<storage, read_write> errors: array<f32>;
 
@@ -35,7 +35,10 @@ fn predict(@builtin(global_invocation_id) at: vec3<u32>) {
     let per_y = select(0.0, 0.5 / (f32((below - above) / width) * scale * scale), below > above);
     let cross = per_y * (dx_median[below].xyz - dx_median[above].xyz)
         + per_x * (dy_expected[right].xyz - dy_expected[left].xyz);
-    mixed[i] = vec2(halves(cross.x, cross.y), halves(cross.z, 0.0));
+    let w = inverse_depth(dx_median[i].w);
+    let packed = pack_sample(color, dx_median[i].xyz, dy_expected[i].xyz, w);
+    surface[2u * i] = vec4(packed.red_green, packed.b, packed.c.x);
+    surface[2u * i + 1u] = vec4(packed.c.y, halves(cross.x, cross.y), halves(cross.z, 0.0), 0u);
 
     var across = vec3(0.0);
     if at.x > 0u && at.x < last.x {

@@ -36,18 +36,11 @@ fn remember(@builtin(global_invocation_id) at: vec3<u32>) {
         return;
     }
     let i = at.y * frame.padded.x + at.x;
-    let scale = f32(frame.scale);
-    let color = color_alpha[i].xyz;
-    let dx_and_depth = dx_median[i];
-    let dy = dy_expected[i].xyz;
-    let w = inverse_depth(dx_and_depth.w);
-    let per = 1.0 / scale;
-    let hx = dx_and_depth.xyz * per;
-    let hy = dy * per;
-    let is_bare = w == 0.0 && all(hx == vec3(0.0)) && all(hy == vec3(0.0));
+    let w = inverse_depth(dx_median[i].w);
+    let packed = pack_sample(color_alpha[i].xyz, dx_median[i].xyz, dy_expected[i].xyz, w);
     let to = newest() + i;
-    samples_a[to] = vec2(bitcast<u32>(w), halves(color.x, color.y));
-    samples_b[to] = vec2(halves(color.z, hx.x), halves(hx.y, hx.z));
-    samples_c[to] = vec2(halves(hy.x, hy.y), halves(hy.z, select(0.0, 1.0, is_bare)));
+    samples_a[to] = vec2(bitcast<u32>(w), packed.red_green);
+    samples_b[to] = packed.b;
+    samples_c[to] = packed.c;
     edge_slopes[to] = edge_slope(at.xy);
 }

@@ -8,13 +8,17 @@ use crate::cpu::{blend, gather, kriging, nearest, neighbor_depth, rectification,
 use crate::reprojection;
 use crate::settings::Kriging;
 
+const CELLS: &str = include_str!("cells.wgsl");
 const FRAME: &str = include_str!("frame.wgsl");
 const HALVES: &str = include_str!("halves.wgsl");
 const HISTORY: &str = include_str!("history.wgsl");
 const IN_BETWEEN: &str = include_str!("in_between.wgsl");
+const ORDERED: &str = include_str!("ordered.wgsl");
+const PACK_SAMPLE: &str = include_str!("pack_sample.wgsl");
 
-fn reach() -> String {
-    constants(&[("COLUMNS", splat::COLUMNS as u32), ("ROWS", splat::ROWS as u32)])
+/// Cells, and how far a sample reaches.
+fn cells() -> String {
+    constants(&[("COLUMNS", splat::COLUMNS as u32), ("ROWS", splat::ROWS as u32)]) + CELLS
 }
 
 fn joined(parts: &[&str]) -> String {
@@ -27,12 +31,12 @@ pub fn samples() -> String {
         ("EDGE_RATIO", crate::cpu::samples::EDGE_RATIO),
         ("CROSSING", crate::cpu::samples::CROSSING),
     ]);
-    joined(&[&numbers, FRAME, &reprojection(), HALVES, include_str!("samples.wgsl")])
+    joined(&[&numbers, FRAME, &reprojection(), HALVES, PACK_SAMPLE, include_str!("samples.wgsl")])
 }
 
-/// How well the current picture's samples predict each other: entry `predict`.
+/// The current picture's samples for its surface, and how well they predict each other: entry `predict`.
 pub fn predict() -> String {
-    joined(&[FRAME, HALVES, include_str!("predict.wgsl")])
+    joined(&[FRAME, &reprojection(), HALVES, PACK_SAMPLE, include_str!("predict.wgsl")])
 }
 
 /// Ranges of plausible colours: entry `find_ranges`.
@@ -59,7 +63,17 @@ pub fn splat() -> String {
         ("OCCLUDED", splat::OCCLUDED),
     ]);
     let rim = constants(&[("RIM", nearest::RIM as u32), ("EVERY", nearest::EVERY as u32)]);
-    joined(&[&numbers, &rim, &reach(), FRAME, &reprojection(), include_str!("splat.wgsl")])
+    joined(&[&numbers, &rim, FRAME, &cells(), &reprojection(), include_str!("splat.wgsl")])
+}
+
+/// Samples in the order of their cells: entries `list` and `rank`.
+pub fn order() -> String {
+    joined(&[FRAME, &cells(), include_str!("order.wgsl")])
+}
+
+/// The rest of the samples in that order: entry `copy`.
+pub fn copy() -> String {
+    joined(&[FRAME, &cells(), include_str!("copy.wgsl")])
 }
 
 /// The places of one view's samples in another view.
@@ -79,18 +93,14 @@ pub fn tile(plan: &SuperSamplePlan, innovation: Innovation, kriging: Kriging) ->
     ]);
     let kriging = format!("const KRIGING: bool = {};\n", kriging.threshold().is_some());
     // Dividing by a constant is several times faster.
-    let sizes = constants(&[
-        ("MADE_WIDTH", MADE_WIDTH),
-        ("MADE_HEIGHT", plan.made_height),
-        ("CAPACITY", plan.capacity),
-        ("SCALE", plan.scale),
-    ]);
-    let own = [include_str!("hermite.wgsl"), include_str!("tile.wgsl")];
+    let sizes =
+        constants(&[("MADE_WIDTH", MADE_WIDTH), ("MADE_HEIGHT", plan.made_height), ("SCALE", plan.scale)]);
+    let own = [include_str!("hermite.wgsl"), ORDERED, include_str!("tile.wgsl")].concat();
     let innovation = match innovation {
         Innovation::Wanted => include_str!("innovation.wgsl"),
         Innovation::NotWanted => include_str!("innovation_none.wgsl"),
     };
-    joined(&[&numbers, &kriging, &sizes, &reach(), FRAME, HISTORY, own[0], own[1], innovation])
+    joined(&[&numbers, &kriging, &sizes, FRAME, &cells(), HISTORY, &own, innovation])
 }
 
 /// Marked pixels from the samples around them: entry `krige_marked`.
@@ -113,7 +123,7 @@ pub fn krige() -> String {
     ]);
     let own = include_str!("kriging.wgsl").replace("    FILL\n", &super::kriging::fill());
     let own = own.replace("    ELIMINATE\n", &super::kriging::eliminate());
-    joined(&[&numbers, &sizes, &reach(), FRAME, HISTORY, &own])
+    joined(&[&numbers, &sizes, FRAME, &cells(), HISTORY, ORDERED, &own])
 }
 
 /// The neighbours' depths at the pose of the in-between frame: entry `scatter_depth`.
@@ -198,6 +208,8 @@ mod tests {
             ("predict", predict()),
             ("rectification", rectification()),
             ("splat", splat()),
+            ("order", order()),
+            ("copy", copy()),
             ("tile", tile(&plan(32 << 10), Innovation::NotWanted, Kriging::Off)),
             ("tile", tile(&plan(16 << 10), Innovation::NotWanted, Kriging::On)),
             ("tile with innovation", tile(&plan(32 << 10), Innovation::Wanted, Kriging::On)),
@@ -209,11 +221,10 @@ mod tests {
         ];
         for (label, source) in &shaders {
             validate(label, &[source]).unwrap_or_else(|e| panic!("{label}: {e}"));
-            // `nearest` has two names, and an entry uses one of them.
-            let bindings = source.matches("var<storage").count() - usize::from(*label == "splat");
-            // Networks want drivers of their own kind.
-            let most = STORAGE_BINDINGS + usize::from(label.ends_with("innovation"));
-            assert!(bindings <= most, "{label}: {bindings} storage bindings");
+            // `nearest` and the cells' counts have two names, and an entry uses one of them.
+            let bindings =
+                source.matches("var<storage").count() - usize::from(["splat", "order"].contains(label));
+            assert!(bindings <= STORAGE_BINDINGS, "{label}: {bindings} storage bindings");
         }
         // No file is forgotten.
         let mut files = 0;
@@ -230,6 +241,6 @@ mod tests {
                 files += 1;
             }
         }
-        assert_eq!(files, 20);
+        assert_eq!(files, 25);
     }
 }

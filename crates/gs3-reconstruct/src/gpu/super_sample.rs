@@ -3,7 +3,7 @@
 use std::fmt;
 
 use bytemuck::{Pod, Zeroable};
-use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Recorder, Slice, Use};
+use gs3_compute::{Bound, BoundScan, Buffer, Gpu, GpuError, Kernel, Recorder, Scan, Slice, Use};
 use gs3_scene::camera::MAX_SIDE;
 use gs3_scene::{Camera, Margin};
 
@@ -70,7 +70,7 @@ pub(super) fn rows(reprojection: &Reprojection) -> [[f32; 4]; 3] {
 /// Super-samples a sequence of jittered LR frames of one size in device memory, by the rules of
 /// [`crate::SuperSampler`].
 ///
-/// Memory: 52 B per LR pixel and remembered frame, which is 52 B per HR pixel; 44 of them are needed for the widest
+/// Memory: 80 B per LR pixel and remembered frame, which is 80 B per HR pixel; 68 of them are needed for the widest
 /// margin as well. Nothing is allocated after construction. Two submissions of the same frames give the same bits on
 /// a device.
 pub struct GpuSuperSampler {
@@ -84,6 +84,10 @@ pub struct GpuSuperSampler {
     find_ranges: Kernel,
     splat_depth: Bound,
     splat_color: Bound,
+    scan_cells: BoundScan,
+    list: Bound,
+    rank: Bound,
+    copy: Bound,
     accumulate: Kernel,
     /// If pixels are to be kriged.
     krige: Option<Kernel>,
@@ -135,7 +139,8 @@ impl GpuSuperSampler {
         Self::with_constants(gpu, [scale, margin], size, innovation, kriging, &[])
     }
 
-    /// With kriging, without innovation, and with the last samples first in a pixel's list. For tests.
+    /// With kriging, without innovation, and with the last samples first among those of a cell before they are in order.
+    /// For tests.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -157,7 +162,7 @@ impl GpuSuperSampler {
         size: [u32; 2],
         innovation: Innovation,
         kriging: Kriging,
-        splat_color_constants: &[(&str, f64)],
+        list_constants: &[(&str, f64)],
     ) -> Result<Self, GpuReconstructError> {
         check_scale(scale)?;
         check_frame_size(size)?;
@@ -171,12 +176,17 @@ impl GpuSuperSampler {
         let uniform = gpu.buffer("frame", Use::Uniform, size_of::<FrameUniform>() as u64)?;
         let kernel =
             |label: &str, source: String, entry: &str| gpu.module(label, &[&source])?.kernel(gpu, entry, &[]);
+        let own = own_slices(&uniform, &buffers);
         let splat = gpu.module("splat", &[&shaders::splat()])?;
-        let splat_depth =
-            splat.kernel(gpu, "splat_depth", &[])?.bind(gpu, &own_slices(&uniform, &buffers))?;
-        let splat_color = splat
-            .kernel(gpu, "splat_color", splat_color_constants)?
-            .bind(gpu, &own_slices(&uniform, &buffers))?;
+        let splat_depth = splat.kernel(gpu, "splat_depth", &[])?.bind(gpu, &own)?;
+        let splat_color = splat.kernel(gpu, "splat_color", &[])?.bind(gpu, &own)?;
+        let order = gpu.module("order", &[&shaders::order()])?;
+        let list = order.kernel(gpu, "list", list_constants)?.bind(gpu, &own)?;
+        let rank = order.kernel(gpu, "rank", &[])?.bind(gpu, &own)?;
+        let copy = gpu.module("copy", &[&shaders::copy()])?.kernel(gpu, "copy", &[])?.bind(gpu, &own)?;
+        let count = gpu.buffer_with("cells", Use::Storage, &[plan.cells() as u32])?;
+        let [cells, sum] = ["cell_ends", "sum"].map(|name| named(&own, name));
+        let scan_cells = Scan::new(gpu)?.bind(gpu, count.slice(), cells, sum)?;
         let buffer = |bytes| gpu.buffer("innovation", Use::Storage, bytes);
         let innovation_buffer = match innovation {
             Innovation::Wanted => Some(buffer(plan.innovation_bytes())?),
@@ -193,6 +203,10 @@ impl GpuSuperSampler {
             find_ranges: kernel("rectification", shaders::rectification(), "find_ranges")?,
             splat_depth,
             splat_color,
+            scan_cells,
+            list,
+            rank,
+            copy,
             accumulate: kernel("tile", shaders::tile(&plan, innovation, kriging), "accumulate")?,
             krige: kriging
                 .threshold()
@@ -295,7 +309,7 @@ impl GpuSuperSampler {
         recorder.dispatch(&bound.predict, self.plan.over_samples);
         recorder.dispatch(&bound.find_ranges, self.plan.over_samples);
         recorder.stage("super_sample.splat");
-        for (_, buffer) in self.buffers.iter().filter(|(name, _)| ["heads", "nearest"].contains(name)) {
+        for (_, buffer) in self.buffers.iter().filter(|(name, _)| ["cell_ends", "nearest"].contains(name)) {
             recorder.clear(&buffer.slice());
         }
         if let Some(innovation) = &self.innovation {
@@ -303,6 +317,11 @@ impl GpuSuperSampler {
         }
         recorder.dispatch(&self.splat_depth, self.plan.over_history(frames.div_ceil(EVERY as u32)));
         recorder.dispatch(&self.splat_color, self.plan.over_history(frames));
+        recorder.stage("super_sample.order");
+        self.scan_cells.record(recorder);
+        recorder.dispatch(&self.list, self.plan.over_history(frames));
+        recorder.dispatch(&self.rank, self.plan.over_history(frames));
+        recorder.dispatch(&self.copy, self.plan.over_history(frames));
         recorder.stage("super_sample.tile");
         recorder.dispatch(&bound.accumulate, self.plan.over_tiles);
         if let Some(krige) = &bound.krige {
@@ -374,16 +393,32 @@ impl GpuSuperSampler {
     }
 }
 
+/// Further names of buffers: kernels that only read `nearest` or count in `cell_ends`, and what takes the memory of
+/// `places` and `landed`, which are not needed any more once samples are in order.
+const OTHER_NAMES: [(&str, &str); 4] = [
+    ("nearest_found", "nearest"),
+    ("cell_counts", "cell_ends"),
+    ("ordered_b", "places"),
+    ("ordered_c", "landed"),
+];
+
 /// The sampler's buffers, by the names in the kernels.
 fn own_slices<'a>(
     uniform: &'a Buffer,
     buffers: &'a [(&'static str, Buffer)],
 ) -> Vec<(&'static str, Slice<'a>)> {
-    let storage = buffers.iter().map(|(name, buffer)| (*name, buffer.slice()));
-    // Kernels that only read `nearest` use another name for it.
-    let nearest = buffers.iter().filter(|(name, _)| *name == "nearest");
-    let found = nearest.map(|(_, buffer)| ("nearest_found", buffer.slice()));
-    storage.chain(found).chain([("frame", uniform.slice())]).collect()
+    let mut all: Vec<_> = buffers.iter().map(|(name, buffer)| (*name, buffer.slice())).collect();
+    for (other, name) in OTHER_NAMES {
+        all.push((other, named(&all, name)));
+    }
+    all.push(("frame", uniform.slice()));
+    all
+}
+
+/// The buffer called `name`.
+fn named<'a>(all: &[(&'static str, Slice<'a>)], name: &str) -> Slice<'a> {
+    let found = all.iter().find(|(it, _)| *it == name);
+    found.unwrap_or_else(|| unreachable!("the plan has a buffer {name}")).1
 }
 
 /// The first slot that no frame of `history` uses.

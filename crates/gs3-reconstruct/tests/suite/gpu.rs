@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 
 use crate::common::{Sheet, World, camera, grid_jitter, psnr, wall_and_post};
-use gs3_compute::{Buffer, Gpu, GpuError, GpuSettings, Use};
+use gs3_compute::{Buffer, Gpu, GpuError, GpuSettings, Use, device_for_tests};
 use gs3_reconstruct::gpu::{
     GpuImage, GpuInterpolator, GpuNeighbor, GpuPlanes, GpuReconstructError, GpuSuperSampler, Innovation,
     NeighborView,
@@ -25,14 +25,7 @@ const FLIPPED: f64 = 2e-3;
 /// The adapter of this machine, or a word that there is none.
 fn gpu() -> Option<Gpu> {
     static GPU: OnceLock<Option<Gpu>> = OnceLock::new();
-    let open = || match Gpu::new(&GpuSettings::default()) {
-        Ok(gpu) => Some(gpu),
-        Err(error) => {
-            eprintln!("skipped: no adapter: {error}");
-            None
-        }
-    };
-    GPU.get_or_init(open).clone()
+    GPU.get_or_init(|| device_for_tests(&GpuSettings::default())).clone()
 }
 
 /// An LR G-buffer in device memory.

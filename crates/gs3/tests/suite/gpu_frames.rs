@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-use gs3::compute::{Allocations, Gpu, GpuSettings, OptionalFeatures};
+use gs3::compute::{Allocations, Gpu, GpuSettings, OptionalFeatures, device_for_tests, skip_without_gpu};
 use gs3::neural::model::{Tier, interpolate};
 use gs3::neural::{Header, Weights};
 use gs3::reconstruct::{Interpolator, Kriging, Neighbor, SuperSampler};
@@ -20,13 +20,7 @@ fn gpu() -> Option<Gpu> {
 }
 
 fn opened(features: OptionalFeatures) -> Option<Gpu> {
-    match Gpu::new(&GpuSettings { features, ..GpuSettings::default() }) {
-        Ok(gpu) => Some(gpu),
-        Err(error) => {
-            eprintln!("skipped: no adapter: {error}");
-            None
-        }
-    }
+    device_for_tests(&GpuSettings { features, ..GpuSettings::default() })
 }
 
 /// The same, and it without subgroups and half precision.
@@ -347,8 +341,7 @@ fn frames_may_stay_on_the_device_of_the_program() {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
     let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
     let Some(adapter) = adapters.into_iter().next() else {
-        eprintln!("skipped: no adapter");
-        return;
+        return skip_without_gpu("the instance lists none");
     };
     let (device, queue) =
         pollster::block_on(adapter.request_device(&Gpu::wanted(&adapter, OptionalFeatures::All))).unwrap();

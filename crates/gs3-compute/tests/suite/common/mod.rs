@@ -1,19 +1,12 @@
 //! What the tests of devices share.
 
-use gs3_compute::{Gpu, GpuError, GpuSettings, OptionalFeatures};
+use gs3_compute::{Gpu, GpuSettings, OptionalFeatures, device_for_tests};
 
 /// The devices of this machine: with all features and with none.
 pub fn devices() -> Vec<Gpu> {
     let features = [OptionalFeatures::All, OptionalFeatures::None];
-    let open = |features| match Gpu::new(&GpuSettings { features, ..GpuSettings::default() }) {
-        Err(GpuError::NoAdapter { .. }) => None,
-        other => Some(other.unwrap()),
-    };
-    let devices: Vec<Gpu> = features.into_iter().filter_map(open).collect();
-    if devices.is_empty() {
-        eprintln!("skipped: no adapter");
-    }
-    devices
+    let open = |features| device_for_tests(&GpuSettings { features, ..GpuSettings::default() });
+    features.into_iter().filter_map(open).collect()
 }
 
 /// xorshift32*: numbers without pattern, the same every time.

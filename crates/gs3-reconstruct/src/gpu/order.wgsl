@@ -1,0 +1,60 @@
+// Samples in the order of their cells: what a pixel needs then lies in three runs of memory, one a row of cells. Within
+// a cell samples are ordered by their numbers, so that sums do not depend on the order of arrival.
+//
+// splat.wgsl counts the samples of each cell, and a scan turns the counts into first places. `list` gives every sample
+// a place among those of its cell, in any order, and leaves the end of each cell behind. `rank` finds the places in
+// order; copy.wgsl fills in the rest.
+
+@group(0) @binding(1) var<storage, read> landed: array<vec2<u32>>;
+// The first place of each cell, while `list` turns them into ends.
+@group(0) @binding(2) var<storage, read_write> cell_counts: array<atomic<u32>>;
+@group(0) @binding(3) var<storage, read> cell_ends: array<u32>;
+// The samples of each cell in any order.
+@group(0) @binding(4) var<storage, read_write> listed: array<u32>;
+@group(0) @binding(5) var<storage, read> places: array<vec2<f32>>;
+@group(0) @binding(6) var<storage, read> samples_a: array<vec2<u32>>;
+// In order: places; variance, with CURRENT, and red and green; numbers.
+@group(0) @binding(7) var<storage, read_write> ordered_places: array<vec2<f32>>;
+@group(0) @binding(8) var<storage, read_write> ordered_a: array<vec2<u32>>;
+@group(0) @binding(9) var<storage, read_write> order: array<u32>;
+
+// Reverses the order of arrival: for tests that this order has no effect.
+override BACKWARD: bool = false;
+
+@compute @workgroup_size(64, 4)
+fn list(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
+    if any(id_in_order.xy >= frame.padded) {
+        return;
+    }
+    let at = select(id_in_order, vec3(frame.padded - 1u, frame.frames - 1u) - id_in_order, BACKWARD);
+    if any(at.xy >= frame.past[at.z].extent) {
+        return;
+    }
+    let id = id_of(at);
+    let cell = landed[id].y;
+    if cell != NOWHERE {
+        listed[atomicAdd(&cell_counts[cell], 1u)] = id;
+    }
+}
+
+@compute @workgroup_size(64, 4)
+fn rank(@builtin(global_invocation_id) at: vec3<u32>) {
+    let place = (at.z * frame.padded.y + at.y) * frame.padded.x + at.x;
+    if any(at.xy >= frame.padded) || place >= cell_ends[cell_count() - 1u] {
+        return;
+    }
+    let id = listed[place];
+    let here = landed[id];
+    var first = 0u;
+    if here.y > 0u {
+        first = cell_ends[here.y - 1u];
+    }
+    var to = first;
+    for (var k = first; k < cell_ends[here.y]; k++) {
+        to += u32(listed[k] < id);
+    }
+    let is_current = id - newest() < frame.padded.x * frame.padded.y;
+    ordered_places[to] = places[id];
+    ordered_a[to] = vec2(here.x | select(0u, CURRENT, is_current), samples_a[id].y);
+    order[to] = id;
+}
