@@ -40,6 +40,9 @@ const NEWEST: f64 = 0.5;
 pub struct ViewerSettings {
     /// How the session renders. The viewer sets [`gs3::PipelineSettings::refine`] if it is a time.
     pub session: SessionSettings,
+    /// Whether frames of a moving camera are native too where the machine makes them in half of the time between frames,
+    /// or faster than reconstructed ones. Only if [`gs3::PipelineSettings::refine`] is a time.
+    pub native_when_fast: bool,
     /// Target of displayed frames per second.
     pub fps: f64,
     /// Width and height of the picture.
@@ -159,12 +162,22 @@ struct Rest {
     is_native: bool,
 }
 
+/// How long frames take, for the choice between native and reconstructed ones.
+#[derive(Clone, Copy, Debug, Default)]
+struct Pace {
+    /// The last native frame; none before the first of this scene and size.
+    native: Option<Duration>,
+    /// The last reconstructed frame.
+    reconstructed: Option<Duration>,
+}
+
 /// The viewer without a window.
 ///
 /// [`Viewer::input`] takes inputs at any time; they take effect in the next [`Viewer::step`]. A step moves the
 /// camera, renders at most one frame and paints the panels. While a camera moves, steps are due at the target rate,
 /// and a frame has as many exact pixels as this rate leaves time for. Once the camera rests, frames continue until
-/// the history holds every pixel. The native image follows. Then no step is due until an input comes.
+/// the history holds every pixel. The native image follows. Then no step is due until an input comes. Where native frames
+/// are fast ([`ViewerSettings::native_when_fast`]), frames of a moving camera are native as well.
 #[derive(Debug)]
 pub struct Viewer {
     session: Session,
@@ -186,6 +199,8 @@ pub struct Viewer {
     dividers: Dividers,
     tour: Tour,
     rest: Rest,
+    native_when_fast: bool,
+    pace: Pace,
     /// Whether the last frame failed, and nothing has happened since.
     has_failed: bool,
     /// Whether the shown part of the frame has changed, so that the picture must be composed again.
@@ -229,7 +244,7 @@ impl Viewer {
         cameras: Option<&CameraPath>,
         settings: ViewerSettings,
     ) -> Result<Self, ViewerError> {
-        let ViewerSettings { session, fps, size } = settings;
+        let ViewerSettings { session, native_when_fast, fps, size } = settings;
         let bulk = Bulk::of(&scene);
         let controls = Controls::new(&first_camera(&scene, cameras, size)?, &bulk);
         Ok(Self {
@@ -252,6 +267,8 @@ impl Viewer {
             dividers: Dividers::default(),
             tour: cameras.map(Tour::along).unwrap_or_default(),
             rest: Rest::default(),
+            native_when_fast,
+            pace: Pace::default(),
             has_failed: false,
             is_stale: true,
             is_woken: true,

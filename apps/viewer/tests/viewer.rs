@@ -36,13 +36,17 @@ struct Hand {
 
 impl Hand {
     fn new() -> Self {
+        Self::of(false)
+    }
+
+    fn of(native_when_fast: bool) -> Self {
         let pipeline = PipelineSettings {
             mode: Mode::SuperSample,
             refine: Refine::FrameTime(Duration::from_millis(33)),
             ..PipelineSettings::default()
         };
         let session = SessionSettings { pipeline, backend: Backend::Cpu, ..SessionSettings::default() };
-        let settings = ViewerSettings { session, fps: 30.0, size: SIZE };
+        let settings = ViewerSettings { session, native_when_fast, fps: 30.0, size: SIZE };
         let viewer = Viewer::new("demo", scene(), Some(&demo::path()), settings).unwrap();
         Self { viewer, now: Cell::new(Duration::ZERO) }
     }
@@ -106,6 +110,40 @@ fn a_resting_camera_reaches_the_native_image_and_then_no_frame_is_made() {
         assert!(!step.is_new && step.next == Next::Idle);
     }
     assert_eq!((hand.frames(), hand.viewer.figures().displayed()), (17, displayed));
+}
+
+#[test]
+fn frames_of_a_moving_camera_are_native_where_that_is_fast() {
+    let mut hand = Hand::of(true);
+    hand.rest();
+    hand.viewer.input(Input::Wheel(1.0));
+    // The clock stands still while a frame is made.
+    hand.step();
+    assert_eq!(hand.viewer.frame().to_rgb8(), native(&hand.viewer.camera().unwrap()));
+    hand.rest();
+    assert_eq!(hand.viewer.frame().to_rgb8(), native(&hand.viewer.camera().unwrap()));
+    // A comparison is with what gs3 reconstructs, so the history is completed.
+    let frames = hand.frames();
+    hand.press(Key::C);
+    hand.rest();
+    assert_eq!(hand.frames(), frames + 17);
+}
+
+#[test]
+fn frames_of_a_moving_camera_are_reconstructed_where_native_ones_are_slow() {
+    let mut hand = Hand::of(true);
+    let slowly = |hand: &mut Hand| {
+        let Hand { viewer, now } = hand;
+        // Each frame takes 20 of 33 ms.
+        viewer.step(&|| {
+            now.set(now.get() + Duration::from_millis(20));
+            now.get()
+        })
+    };
+    while slowly(&mut hand).next != Next::Idle {}
+    hand.viewer.input(Input::Wheel(1.0));
+    slowly(&mut hand);
+    assert_ne!(hand.viewer.frame().to_rgb8(), native(&hand.viewer.camera().unwrap()));
 }
 
 #[test]

@@ -76,7 +76,7 @@ pub fn run(args: &ViewArgs) -> Result<Outcome, CliError> {
         SessionSettings { pipeline, networks, backend: args.device.backend, adapter: args.device.adapter };
     let size = [args.size.width, args.size.height];
     let name = args.scene.file_name().unwrap_or(args.scene.as_os_str()).to_string_lossy().into_owned();
-    let viewer = ViewerSettings { session, fps: f64::from(args.fps), size };
+    let viewer = ViewerSettings { session, native_when_fast: true, fps: f64::from(args.fps), size };
     window::run(WindowSettings { name, scene, cameras, viewer, script })?;
     Ok(Outcome::Done)
 }

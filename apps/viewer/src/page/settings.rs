@@ -75,7 +75,8 @@ impl PageSettings {
             backend: Backend::Cpu,
             ..SessionSettings::default()
         };
-        Ok(ViewerSettings { session, fps: self.fps, size: [self.width, self.height] })
+        let size = [self.width, self.height];
+        Ok(ViewerSettings { session, native_when_fast: true, fps: self.fps, size })
     }
 }
 

@@ -7,7 +7,7 @@ use gs3::Mode;
 use gs3::scene::CameraPath;
 use gs3::scene::orbit::Bulk;
 
-use super::{Effect, Opened, Place, Rest, Shot, Viewer, ViewerError, first_camera};
+use super::{Effect, Opened, Pace, Place, Rest, Shot, Viewer, ViewerError, first_camera};
 use crate::controls::Controls;
 use crate::path_file::{PathFile, PathFileError, PathFormat, camera_path_json, moved};
 use crate::screenshot::png;
@@ -105,7 +105,7 @@ impl Viewer {
             "rendered_per_second": rates.map(|rates| rates.rendered),
             "interval_median_ms": rates.map(|rates| rates.median),
             "interval_95_percent_ms": rates.map(|rates| rates.percentile_95),
-            "frame_ms": pipeline.times().total().as_secs_f64() * 1e3,
+            "frame_ms": self.frame_time().as_secs_f64() * 1e3,
             "overhead_ms": self.overhead * 1e3,
             "exact_share": pipeline.refined_share(),
             "width": self.size[0],
@@ -155,7 +155,7 @@ impl Viewer {
                 self.session.set_scene(scene)?;
                 self.controls = Controls::new(&camera, &bulk);
                 self.tour = cameras.as_ref().map(Tour::along).unwrap_or_default();
-                (self.bulk, self.rest) = (bulk, Rest::default());
+                (self.bulk, self.rest, self.pace) = (bulk, Rest::default(), Pace::default());
                 self.tell(told, now);
                 self.name = name;
             }

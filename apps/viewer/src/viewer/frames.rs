@@ -4,12 +4,16 @@ use std::time::Duration;
 
 use gs3::{Mode, Refine};
 
-use super::{Rest, Viewer, ViewerError};
+use super::{Pace, Rest, Viewer, ViewerError};
 use crate::compare::{Compare, Method};
 use crate::views::{View, show_difference, show_image, show_view};
 
 /// Least share of the interval for rendering, however long the rest takes.
 const LEAST_SHARE: f64 = 0.25;
+
+/// Largest share of the interval that a native frame of a moving camera may take; and once frames are native, for as long as
+/// they stay so. The difference keeps the choice from changing to and fro.
+const NATIVE_SHARES: [f64; 2] = [0.5, 0.9];
 
 /// Factor on the differences to native, so that one step of 8 bits is visible.
 const DIFFERENCE_GAIN: f32 = 8.0;
@@ -23,11 +27,36 @@ impl Viewer {
     pub(super) fn is_rendering_due(&self) -> bool {
         let camera = self.controls.shown().camera(self.size).ok();
         // After a failure, the frame is not tried again until something changes.
-        camera.is_some()
-            && !self.has_failed
-            && (self.rest.camera != camera
-                || self.rest.frames < self.frames_to_rest()
-                || (self.view == View::Picture && !self.rest.is_native))
+        camera.is_some() && !self.has_failed && (self.rest.camera != camera || !self.is_complete())
+    }
+
+    /// Whether a resting camera needs no more frames: the native image is shown, and whatever else is shown has its
+    /// history.
+    fn is_complete(&self) -> bool {
+        let has_history = self.rest.frames >= self.frames_to_rest();
+        match self.view {
+            View::Picture => self.rest.is_native && (has_history || self.compare == Compare::Off),
+            _ => has_history,
+        }
+    }
+
+    /// Whether the next frame is native though the camera may move: what is exact and fast needs no reconstruction.
+    fn is_native_fast(&self) -> bool {
+        let Pace { native: Some(native), reconstructed } = self.pace else { return false };
+        let share = NATIVE_SHARES[usize::from(self.rest.is_native)];
+        self.native_when_fast
+            && matches!(self.session.settings().pipeline.refine, Refine::FrameTime(_))
+            && (self.view, self.compare) == (View::Picture, Compare::Off)
+            && (native.as_secs_f64() <= share * self.interval.as_secs_f64()
+                || reconstructed.is_some_and(|reconstructed| native < reconstructed))
+    }
+
+    /// How long the last frame took: its stages, or all of a native frame.
+    pub(super) fn frame_time(&self) -> Duration {
+        match self.pace.native {
+            Some(native) if self.rest.is_native && self.rest.frames == 0 => native,
+            _ => self.session.pipeline().times().total(),
+        }
     }
 
     /// Renders at most one frame. Returns whether it did, and how long the session took.
@@ -36,7 +65,7 @@ impl Viewer {
             return (false, Duration::ZERO);
         }
         let started = clock();
-        let made = self.make_frame();
+        let made = self.make_frame(clock);
         for notice in self.session.take_notices() {
             self.tell(notice, started);
         }
@@ -51,12 +80,14 @@ impl Viewer {
         (true, clock().saturating_sub(started))
     }
 
-    pub(super) fn make_frame(&mut self) -> Result<(), ViewerError> {
+    fn make_frame(&mut self, clock: &dyn Fn() -> Duration) -> Result<(), ViewerError> {
         let camera = self.controls.shown().camera(self.size)?;
+        let is_native_fast = self.is_native_fast();
         if self.rest.camera != Some(camera) {
             self.rest = Rest { camera: Some(camera), frames: 0, is_native: false };
         }
-        if self.rest.frames < self.frames_to_rest() {
+        let begun = clock();
+        if self.rest.frames < self.frames_to_rest() && !is_native_fast {
             if matches!(self.session.settings().pipeline.refine, Refine::FrameTime(_)) {
                 let interval = self.interval.as_secs_f64();
                 let budget = (interval - self.overhead).max(LEAST_SHARE * interval);
@@ -64,12 +95,14 @@ impl Viewer {
             }
             self.session.render(&camera)?;
             self.rest.frames += 1;
+            self.pace.reconstructed = Some(clock().saturating_sub(begun));
             if self.view.reads_gbuffer() {
                 self.session.fetch_gbuffer()?;
             }
         } else {
             self.session.reference(Mode::Native, &camera)?;
             self.rest.is_native = true;
+            self.pace.native = Some(clock().saturating_sub(begun));
         }
         for method in self.compare.methods() {
             if let Method::Reference(mode) = method {
@@ -88,8 +121,9 @@ impl Viewer {
             return;
         }
         let pipeline = self.session.pipeline();
-        let rendered = pipeline.last_image();
-        let size = [rendered.width(), rendered.height()];
+        let native = self.session.last_reference(Mode::Native);
+        let shown = native.filter(|_| self.rest.is_native).unwrap_or_else(|| pipeline.last_image());
+        let size = [shown.width(), shown.height()];
         if size != self.size.map(|side| side as usize) {
             // A frame of the new size is on its way; until then there is no frame to show.
             self.frame.resize(self.size.map(|side| side as usize));
@@ -97,8 +131,6 @@ impl Viewer {
             return;
         }
         self.frame.resize(size);
-        let native = self.session.last_reference(Mode::Native);
-        let shown = native.filter(|_| self.rest.is_native).unwrap_or(rendered);
         if self.view != View::Picture {
             return show_view(self.view, pipeline, &mut self.frame);
         }

@@ -8,7 +8,7 @@ use gs3::scene::Camera;
 use gs3::scene::camera::MAX_SIDE;
 
 use super::touch::Fingers;
-use super::{Effect, Place, Shot, Viewer, interval};
+use super::{Effect, Pace, Place, Shot, Viewer, interval};
 use crate::compare::Dividers;
 use crate::controls::{Flight, Rig, flight_speed};
 use crate::input::{Button, Input, Key};
@@ -43,6 +43,7 @@ impl Viewer {
             Input::Modifiers(modifiers) => self.modifiers = modifiers,
             Input::Resized(size) => {
                 self.size = size.map(|side| side.clamp(1, MAX_SIDE));
+                self.pace = Pace::default();
                 self.is_stale = true;
             }
             Input::Scale(scale) if scale.is_finite() => self.scale = scale.clamp(0.5, 8.0),

@@ -44,8 +44,10 @@ impl Viewer {
     pub(super) fn lines(&self, is_rendered: bool) -> Vec<String> {
         let pipeline = self.session.pipeline();
         let count = thousands(self.gaussians());
-        let visible =
-            pipeline.visible_count().map(|n| format!(", {} visible", thousands(n))).unwrap_or_default();
+        // Counted for reconstructed frames only.
+        let is_reconstructed = self.rest.frames > 0;
+        let visible = pipeline.visible_count().filter(|_| is_reconstructed);
+        let visible = visible.map(|n| format!(", {} visible", thousands(n))).unwrap_or_default();
         let mut lines = vec![format!("{}: {count} Gaussians{visible}", self.name)];
         let is_resting = !(is_rendered || self.is_rendering_due());
         lines.push(match (is_resting, self.figures.rates()) {
@@ -56,6 +58,28 @@ impl Viewer {
             (false, None) => "the first frame".to_owned(),
             (true, _) => "no more frames are made until something happens".to_owned(),
         });
+        if self.rest.is_native && !is_reconstructed {
+            let time = self.frame_time().as_secs_f64() * 1e3;
+            let [width, height] = self.size;
+            lines.push(format!("{time:.1} ms a frame: native, {width}×{height}, as this is fast enough"));
+        } else {
+            self.add_stages(&mut lines);
+        }
+        let machine = self.session.adapter().unwrap_or_else(|| "CPU".to_owned());
+        let memory = self.memory.map(|bytes| format!(", {} MB of memory", bytes >> 20)).unwrap_or_default();
+        lines.push(format!("{machine}{memory}"));
+        let frames = self.frames_to_rest();
+        lines.push(match self.rest {
+            _ if self.controls.is_moving() || self.tour.playing().is_some() => "moving".to_owned(),
+            Rest { is_native: true, .. } => "at rest: the native image".to_owned(),
+            rest => format!("at rest: {} of {frames} frames of the native image", rest.frames.min(frames)),
+        });
+        lines
+    }
+
+    /// The stages of a reconstructed frame, and what it is made from.
+    fn add_stages(&self, lines: &mut Vec<String>) {
+        let pipeline = self.session.pipeline();
         let times = pipeline.times();
         let stages = Stage::ALL.iter().filter_map(|stage| {
             let time = times.get(*stage)?;
@@ -74,16 +98,6 @@ impl Viewer {
             height.div_ceil(scale),
             pipeline.refined_share() * 100.0
         ));
-        let machine = self.session.adapter().unwrap_or_else(|| "CPU".to_owned());
-        let memory = self.memory.map(|bytes| format!(", {} MB of memory", bytes >> 20)).unwrap_or_default();
-        lines.push(format!("{machine}{memory}"));
-        let frames = self.frames_to_rest();
-        lines.push(match self.rest {
-            Rest { is_native: true, .. } => "at rest: the native image".to_owned(),
-            _ if self.controls.is_moving() || self.tour.playing().is_some() => "moving".to_owned(),
-            rest => format!("at rest: {} of {frames} frames of the native image", rest.frames.min(frames)),
-        });
-        lines
     }
 }
 

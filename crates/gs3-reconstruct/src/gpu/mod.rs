@@ -3,14 +3,15 @@
 //! | stage | shaders beside the CPU's stems | what |
 //! |---|---|---|
 //! | samples | `samples`, `rectification` | the current LR frame into the history, and what it says about the past |
-//! | splat | `splat` | every remembered sample to where it is now, into the list of its pixel |
-//! | tile | `hermite`, `tile` | a workgroup a tile: lists in order, then samples over the surface, from workgroup memory |
+//! | splat | `cells`, `splat` | every remembered sample to where it is now, counted by its first pixel |
+//! | order | `order`, `copy` | the samples into the order of their first pixels |
+//! | tile | `hermite`, `ordered`, `tile` | a workgroup a tile: the surface, then the samples over it, in three runs a pixel |
 //! | depth | `neighbor_depth`, `middle_depth` | depths of both neighbours at the pose between, nearest wins, holes filled |
 //! | warp | `gather`, `warp`, `separate` | an invocation four pixels: both neighbours, blended, or the first alone |
 //! | | `motion` | where the surfaces of an LR frame were, for what networks remember |
 //!
-//! No floats are added atomically, and lists in arbitrary order are sorted, so the same frames give the same bits on
-//! a device. Sizes follow from the picture's size alone (`plan`): buffers cannot overflow under any motion. Images
+//! No floats are added atomically, and samples with one first pixel are ordered by their numbers, so the same frames give
+//! the same bits on a device. Sizes follow from the picture's size alone (`plan`): buffers cannot overflow under any motion. Images
 //! and colours of the history are halves; sums and positions are f32.
 
 mod error;
