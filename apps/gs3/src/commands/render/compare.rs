@@ -25,6 +25,8 @@ const GAP: usize = 4;
 /// does slows both. All threads are the same.
 pub struct Comparison {
     native: FramePipeline,
+    /// Whether a GPU makes the native frames.
+    is_on_device: bool,
     /// The frames of the path that are compared, the run's last among them.
     frames: Vec<usize>,
     compared: usize,
@@ -41,12 +43,14 @@ impl Comparison {
     pub fn new(pipeline: &FramePipeline, machine: &Machine, frames: &[usize]) -> Result<Self, CliError> {
         let settings = PipelineSettings { mode: Mode::Native, ..*pipeline.settings() };
         let mut native = FramePipeline::new(pipeline.scene().clone(), settings)?;
-        if let Some(gpu) = machine.gpu() {
+        let gpu = machine.gpu();
+        if let Some(gpu) = gpu {
             native.render_on(gpu)?;
         }
         let frames = compared(frames);
         let (own_time, native_time) = (Duration::ZERO, Duration::ZERO);
-        Ok(Self { native, frames, compared: 0, displayed: 0, own_time, native_time, psnr: 0.0 })
+        let is_on_device = gpu.is_some();
+        Ok(Self { native, is_on_device, frames, compared: 0, displayed: 0, own_time, native_time, psnr: 0.0 })
     }
 
     /// Looks at frame `k`, which `pipeline` has just rendered at `camera` to show `displayed` frames.
@@ -60,8 +64,8 @@ impl Comparison {
         if !self.frames.contains(&k) {
             return Ok(());
         }
-        if self.compared == 0 {
-            // The first one makes its memory.
+        // The first one makes its memory. A device that has waited is slow at first (an H200: ten times as long).
+        if self.compared == 0 || self.is_on_device {
             self.native.render(camera)?;
         }
         let native = self.native.render(camera)?.current;
