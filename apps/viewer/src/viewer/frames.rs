@@ -40,10 +40,15 @@ impl Viewer {
         }
     }
 
+    /// Whether the last frame was native without a history before it.
+    pub(super) const fn is_native_alone(&self) -> bool {
+        self.rest.is_native && self.rest.frames == 0
+    }
+
     /// Whether the next frame is native though the camera may move: what is exact and fast needs no reconstruction.
     fn is_native_fast(&self) -> bool {
         let Pace { native: Some(native), reconstructed } = self.pace else { return false };
-        let share = NATIVE_SHARES[usize::from(self.rest.is_native)];
+        let share = NATIVE_SHARES[usize::from(self.is_native_alone())];
         self.native_when_fast
             && matches!(self.session.settings().pipeline.refine, Refine::FrameTime(_))
             && (self.view, self.compare) == (View::Picture, Compare::Off)
@@ -54,7 +59,7 @@ impl Viewer {
     /// How long the last frame took: its stages, or all of a native frame.
     pub(super) fn frame_time(&self) -> Duration {
         match self.pace.native {
-            Some(native) if self.rest.is_native && self.rest.frames == 0 => native,
+            Some(native) if self.is_native_alone() => native,
             _ => self.session.pipeline().times().total(),
         }
     }

@@ -45,8 +45,7 @@ impl Viewer {
         let pipeline = self.session.pipeline();
         let count = thousands(self.gaussians());
         // Counted for reconstructed frames only.
-        let is_reconstructed = self.rest.frames > 0;
-        let visible = pipeline.visible_count().filter(|_| is_reconstructed);
+        let visible = pipeline.visible_count().filter(|_| !self.is_native_alone());
         let visible = visible.map(|n| format!(", {} visible", thousands(n))).unwrap_or_default();
         let mut lines = vec![format!("{}: {count} Gaussians{visible}", self.name)];
         let is_resting = !(is_rendered || self.is_rendering_due());
@@ -58,7 +57,7 @@ impl Viewer {
             (false, None) => "the first frame".to_owned(),
             (true, _) => "no more frames are made until something happens".to_owned(),
         });
-        if self.rest.is_native && !is_reconstructed {
+        if self.is_native_alone() {
             let time = self.frame_time().as_secs_f64() * 1e3;
             let [width, height] = self.size;
             lines.push(format!("{time:.1} ms a frame: native, {width}×{height}, as this is fast enough"));
