@@ -26,6 +26,7 @@ use crate::panels::Panels;
 use crate::tour::Tour;
 use crate::video::VideoPlan;
 use crate::views::View;
+use frames::Pace;
 use touch::Fingers;
 
 /// Longest time that a movement advances in one step, in seconds: no jumps after a slow frame.
@@ -160,15 +161,6 @@ struct Rest {
     frames: usize,
     /// Whether the native image is shown.
     is_native: bool,
-}
-
-/// How long frames take, for the choice between native and reconstructed ones.
-#[derive(Clone, Copy, Debug, Default)]
-struct Pace {
-    /// The last native frame; none before the first of this scene and size.
-    native: Option<Duration>,
-    /// The last reconstructed frame.
-    reconstructed: Option<Duration>,
 }
 
 /// The viewer without a window.

@@ -24,7 +24,7 @@ pub fn device_for_tests(settings: &GpuSettings) -> Option<Gpu> {
     }
 }
 
-/// Says that a test is skipped because there is no adapter, and how that shows.
+/// Says that a test is skipped because there is no adapter. `why` is the error that says so.
 ///
 /// # Panics
 /// If `GS3_REQUIRE_GPU=1` asks for an adapter.

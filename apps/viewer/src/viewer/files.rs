@@ -7,7 +7,8 @@ use gs3::Mode;
 use gs3::scene::CameraPath;
 use gs3::scene::orbit::Bulk;
 
-use super::{Effect, Opened, Pace, Place, Rest, Shot, Viewer, ViewerError, first_camera};
+use super::frames::Pace;
+use super::{Effect, Opened, Place, Rest, Shot, Viewer, ViewerError, first_camera};
 use crate::controls::Controls;
 use crate::path_file::{PathFile, PathFileError, PathFormat, camera_path_json, moved};
 use crate::screenshot::png;

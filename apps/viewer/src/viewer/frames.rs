@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use gs3::{Mode, Refine};
 
-use super::{Pace, Rest, Viewer, ViewerError};
+use super::{Rest, Viewer, ViewerError};
 use crate::compare::{Compare, Method};
 use crate::views::{View, show_difference, show_image, show_view};
 
@@ -17,6 +17,15 @@ const NATIVE_SHARES: [f64; 2] = [0.5, 0.9];
 
 /// Factor on the differences to native, so that one step of 8 bits is visible.
 const DIFFERENCE_GAIN: f32 = 8.0;
+
+/// How long frames take, for the choice between native and reconstructed ones.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Pace {
+    /// The last native frame; none before the first of this scene and size.
+    native: Option<Duration>,
+    /// The last reconstructed frame.
+    reconstructed: Option<Duration>,
+}
 
 impl Viewer {
     /// Frames that a resting camera takes until its history holds every pixel.

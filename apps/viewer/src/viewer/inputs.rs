@@ -7,8 +7,9 @@ use gs3::glam::DVec2;
 use gs3::scene::Camera;
 use gs3::scene::camera::MAX_SIDE;
 
+use super::frames::Pace;
 use super::touch::Fingers;
-use super::{Effect, Pace, Place, Shot, Viewer, interval};
+use super::{Effect, Place, Shot, Viewer, interval};
 use crate::compare::Dividers;
 use crate::controls::{Flight, Rig, flight_speed};
 use crate::input::{Button, Input, Key};

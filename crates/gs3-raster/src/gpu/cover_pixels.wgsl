@@ -1,8 +1,8 @@
 // Which small staged splats touch which pixel of a tile, for G-buffers: at low resolution most splats are as small as
 // pixels, and a block has several times as many splats as one of its pixels.
 
-// The splats of the next batch are read before they are needed. Colour alone has no use for it: its splats are larger,
-// and a kernel with more registers runs fewer workgroups side by side (a tenth longer on an H100).
+// The splats of the next batch are read before they are needed. With colour alone they are not: blending takes a tenth
+// longer then on an H100.
 const READS_AHEAD: bool = true;
 
 // Splats at most this wide and high, in pixels, are noted pixel by pixel. (On an H100, 4 and 6 are alike, 9 is slower.)

@@ -19,6 +19,11 @@ fn cell_count() -> u32 {
     return cell_columns() * cell_rows();
 }
 
+// The place in order that invocation `at` makes; NOWHERE beyond the history's memory.
+fn place_in_order(at: vec3<u32>) -> u32 {
+    return select((at.z * frame.padded.y + at.y) * frame.padded.x + at.x, NOWHERE, any(at.xy >= frame.padded));
+}
+
 // The number of sample `at`: column, row and age.
 fn id_of(at: vec3<u32>) -> u32 {
     return (frame.past[at.z].slot * frame.padded.y + at.y) * frame.padded.x + at.x;

@@ -1,4 +1,4 @@
-// The rest of the samples in the order of their cells; see order.wgsl.
+// Blue and the gradients of the samples in the order of their cells; see order.wgsl.
 
 @group(0) @binding(1) var<storage, read> order: array<u32>;
 @group(0) @binding(2) var<storage, read> cell_ends: array<u32>;
@@ -9,8 +9,8 @@
 
 @compute @workgroup_size(64, 4)
 fn copy(@builtin(global_invocation_id) at: vec3<u32>) {
-    let place = (at.z * frame.padded.y + at.y) * frame.padded.x + at.x;
-    if any(at.xy >= frame.padded) || place >= cell_ends[cell_count() - 1u] {
+    let place = place_in_order(at);
+    if place >= cell_ends[cell_count() - 1u] {
         return;
     }
     let id = order[place];

@@ -1,9 +1,9 @@
 // Samples in the order of their cells: what a pixel needs then lies in three runs of memory, one a row of cells. Within
 // a cell samples are ordered by their numbers, so that sums do not depend on the order of arrival.
 //
-// splat.wgsl counts the samples of each cell, and a scan turns the counts into first places. `list` gives every sample
-// a place among those of its cell, in any order, and leaves the end of each cell behind. `rank` finds the places in
-// order; copy.wgsl fills in the rest.
+// splat.wgsl counts the samples of each cell. A scan turns the counts into first places. `list` gives each sample a place
+// in its cell, in any order, and turns the first places into ends. `rank` finds the places in order. copy.wgsl copies
+// the gradients.
 
 @group(0) @binding(1) var<storage, read> landed: array<vec2<u32>>;
 // The first place of each cell, while `list` turns them into ends.
@@ -39,8 +39,8 @@ fn list(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
 
 @compute @workgroup_size(64, 4)
 fn rank(@builtin(global_invocation_id) at: vec3<u32>) {
-    let place = (at.z * frame.padded.y + at.y) * frame.padded.x + at.x;
-    if any(at.xy >= frame.padded) || place >= cell_ends[cell_count() - 1u] {
+    let place = place_in_order(at);
+    if place >= cell_ends[cell_count() - 1u] {
         return;
     }
     let id = listed[place];

@@ -139,8 +139,7 @@ impl GpuSuperSampler {
         Self::with_constants(gpu, [scale, margin], size, innovation, kriging, &[])
     }
 
-    /// With kriging, without innovation, and with the last samples first among those of a cell before they are in order.
-    /// For tests.
+    /// For tests: with kriging and without innovation. The samples of a cell are listed in the opposite order.
     ///
     /// # Errors
     /// As [`Self::new`].
