@@ -4,6 +4,7 @@ use std::fmt;
 
 use crate::capabilities::{Capabilities, missing};
 use crate::error::GpuError;
+use crate::waiting::at_once;
 
 /// Which adapter to take.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -11,6 +12,8 @@ pub enum AdapterChoice {
     /// The best by [`choose`].
     #[default]
     Auto,
+    /// The best that is not software.
+    Fast,
     /// That place in [`adapters`].
     Number(usize),
     /// The best of one programming interface.
@@ -21,6 +24,7 @@ impl fmt::Display for AdapterChoice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Auto => write!(f, "any adapter"),
+            Self::Fast => write!(f, "an adapter that is not software"),
             Self::Number(number) => write!(f, "adapter {number}"),
             Self::Api(api) => write!(f, "a {api} adapter"),
         }
@@ -36,6 +40,8 @@ pub enum Api {
     Metal,
     /// Microsoft Direct3D 12.
     Dx12,
+    /// A browser's own.
+    WebGpu,
     /// Something else that wgpu knows.
     Other,
 }
@@ -46,6 +52,7 @@ impl fmt::Display for Api {
             Self::Vulkan => "Vulkan",
             Self::Metal => "Metal",
             Self::Dx12 => "DX12",
+            Self::WebGpu => "WebGPU",
             Self::Other => "other",
         })
     }
@@ -95,10 +102,35 @@ pub struct AdapterReport {
     pub missing: Option<GpuError>,
 }
 
-/// All adapters of this machine, in the driver's order. Empty where there is no driver.
+/// All adapters of this machine, in the driver's order. Empty where there is no driver, and in a browser, which lists
+/// none.
 #[must_use]
 pub fn adapters() -> Vec<AdapterReport> {
-    found(&instance()).iter().map(report).collect()
+    let found = at_once(async { instance().enumerate_adapters(wgpu::Backends::all()).await });
+    found.iter().flatten().map(report).collect()
+}
+
+/// The adapter that `choice` means.
+#[cfg(not(target_arch = "wasm32"))]
+pub(crate) async fn take(choice: AdapterChoice) -> Result<(wgpu::Adapter, AdapterReport), GpuError> {
+    let mut found = instance().enumerate_adapters(wgpu::Backends::all()).await;
+    let reports: Vec<AdapterReport> = found.iter().map(report).collect();
+    let (number, _) = choose(&reports, choice)?;
+    Ok((found.swap_remove(number), reports[number].clone()))
+}
+
+/// The adapter that the browser offers, if `choice` means it.
+#[cfg(target_arch = "wasm32")]
+pub(crate) async fn take(choice: AdapterChoice) -> Result<(wgpu::Adapter, AdapterReport), GpuError> {
+    let wanted = wgpu::RequestAdapterOptions {
+        power_preference: wgpu::PowerPreference::HighPerformance,
+        ..Default::default()
+    };
+    let found = instance().request_adapter(&wanted).await.ok();
+    let reports: Vec<AdapterReport> = found.iter().map(report).collect();
+    choose(&reports, choice)?;
+    let none = || GpuError::NoAdapter { expected: choice.to_string(), actual: "none".to_owned() };
+    found.zip(reports.into_iter().next()).ok_or_else(none)
 }
 
 /// The index in `adapters` of the adapter that `choice` means, and the reason: the fastest kind of the adapters that
@@ -124,6 +156,7 @@ pub fn choose(adapters: &[AdapterReport], choice: AdapterChoice) -> Result<(usiz
     }
     let asked = |a: &&(usize, &AdapterReport)| match choice {
         AdapterChoice::Api(api) => a.1.api == api,
+        AdapterChoice::Fast => a.1.kind != AdapterKind::Software,
         _ => true,
     };
     let all: Vec<(usize, &AdapterReport)> = adapters.iter().enumerate().collect();
@@ -153,16 +186,14 @@ pub fn choose(adapters: &[AdapterReport], choice: AdapterChoice) -> Result<(usiz
 /// wgpu with the drivers of this machine.
 pub(crate) fn instance() -> wgpu::Instance {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
-    descriptor.backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
+    descriptor.backends = wgpu::Backends::VULKAN
+        | wgpu::Backends::METAL
+        | wgpu::Backends::DX12
+        | wgpu::Backends::BROWSER_WEBGPU;
     // Without it every indirect dispatch costs a second one that checks its counts. Ours come from kernels that bound
     // them (`grid_of`), and none reads `num_workgroups`, which DX12 then lacks.
     descriptor.flags.remove(wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL);
     wgpu::Instance::new(descriptor)
-}
-
-/// The adapters of `instance`.
-pub(crate) fn found(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
-    pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()))
 }
 
 /// What is known of `adapter`.
@@ -172,6 +203,7 @@ pub(crate) fn report(adapter: &wgpu::Adapter) -> AdapterReport {
         wgpu::Backend::Vulkan => Api::Vulkan,
         wgpu::Backend::Metal => Api::Metal,
         wgpu::Backend::Dx12 => Api::Dx12,
+        wgpu::Backend::BrowserWebGpu => Api::WebGpu,
         _ => Api::Other,
     };
     let kind = match info.device_type {

@@ -1,14 +1,12 @@
 //! Memory of a device.
 
-use std::sync::mpsc;
-use std::time::Duration;
-
 use bytemuck::Pod;
 
 use crate::device_id::DeviceId;
 use crate::error::GpuError;
 use crate::gpu::Gpu;
 use crate::readback::Readback;
+use crate::waiting::answer;
 
 /// What a buffer is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -167,7 +165,7 @@ pub fn write(gpu: &Gpu, slice: &Slice<'_>, bytes: &[u8]) -> Result<(), GpuError>
 }
 
 /// The numbers in `slice`.
-pub fn read<T: Pod>(gpu: &Gpu, slice: &Slice<'_>) -> Result<Vec<T>, GpuError> {
+pub async fn read<T: Pod>(gpu: &Gpu, slice: &Slice<'_>) -> Result<Vec<T>, GpuError> {
     gpu.device_id.check(slice.buffer.device_id, "a buffer that is read")?;
     let size = slice.bytes - slice.bytes % WORD;
     if size == 0 {
@@ -187,16 +185,14 @@ pub fn read<T: Pod>(gpu: &Gpu, slice: &Slice<'_>) -> Result<Vec<T>, GpuError> {
         let length = target.len();
         target.copy_from_slice(&bytes[..length]);
         values
-    });
+    })
+    .await;
     gpu.reads.give_back(readback);
     values
 }
 
-/// How long the answer to a finished submission may take: far longer than a thread that has it ever sleeps.
-const ANSWER: Duration = Duration::from_secs(30);
-
 /// What `f` makes of the first `size` bytes of `staging`, once submission `index` is done.
-pub fn mapped<R>(
+pub async fn mapped<R>(
     gpu: &Gpu,
     staging: &wgpu::Buffer,
     size: u64,
@@ -204,23 +200,21 @@ pub fn mapped<R>(
     f: impl FnOnce(&[u8]) -> R,
 ) -> Result<R, GpuError> {
     let refused = |message: String| GpuError::Refused { what: "reading a buffer".to_owned(), message };
-    let (sender, receiver) = mpsc::channel();
-    staging.map_async(wgpu::MapMode::Read, ..size, move |result| {
-        // If waiting failed, no receiver is left.
-        let _ = sender.send(result);
-    });
-    let answer = || {
+    let (tell, told) = answer();
+    staging.map_async(wgpu::MapMode::Read, ..size, tell);
+    let result = async {
         gpu.poll(wgpu::PollType::Wait { submission_index: Some(index), timeout: None })?;
-        // Another thread that polled meanwhile may have taken the answer and be about to send it.
-        match receiver.recv_timeout(ANSWER) {
-            Ok(Ok(())) => {}
-            Ok(Err(error)) => return Err(refused(error.to_string())),
-            Err(error) => return Err(refused(error.to_string())),
+        let answer = told.await;
+        gpu.check()?;
+        match answer {
+            Some(Ok(())) => {}
+            Some(Err(error)) => return Err(refused(error.to_string())),
+            None => return Err(refused("expected an answer of the device, found none".to_owned())),
         }
         let view = staging.get_mapped_range(..size).map_err(|e| refused(e.to_string()))?;
         Ok(f(&view))
-    };
-    let result = answer();
+    }
+    .await;
     // In all cases: nothing can be copied to a buffer that is mapped or about to be mapped.
     gpu.quietly(|| staging.unmap());
     result

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use bytemuck::Pod;
 
-use crate::adapter::{self, AdapterChoice, AdapterReport, choose};
+use crate::adapter::{self, AdapterChoice, AdapterReport};
 use crate::allocations::{Allocations, Counts, count};
 use crate::buffer::{Buffer, Slice, Use};
 use crate::capabilities::{Capabilities, OptionalFeatures, experimental, missing};
@@ -14,8 +14,10 @@ use crate::error::GpuError;
 use crate::kernel::Module;
 use crate::readback::ReadPool;
 use crate::recorder::{Recorder, Submission};
+use crate::scopes;
 use crate::timings::Timings;
 use crate::uploads::UploadPool;
+use crate::waiting::now;
 
 /// How to open a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -51,15 +53,23 @@ impl Gpu {
     /// Opens a device.
     ///
     /// # Errors
-    /// [`GpuError`] if there is no such adapter, it lacks something, or does not open.
+    /// [`GpuError`] if there is no such adapter, it lacks something, or does not open; in a browser, which has no
+    /// call that waits: [`Self::open`] is for it.
     pub fn new(settings: &GpuSettings) -> Result<Self, GpuError> {
-        let mut found = adapter::found(&adapter::instance());
-        let reports: Vec<AdapterReport> = found.iter().map(adapter::report).collect();
-        let (number, _) = choose(&reports, settings.adapter)?;
-        let (adapter, report) = (found.swap_remove(number), reports[number].clone());
+        now(Self::open(settings))
+    }
+
+    /// Opens a device, as [`Self::new`] does, without blocking a browser. A browser offers one adapter: there every
+    /// [`AdapterChoice`] but a number above 0 means that one.
+    ///
+    /// # Errors
+    /// [`GpuError`] if there is no such adapter, it lacks something, or does not open.
+    pub async fn open(settings: &GpuSettings) -> Result<Self, GpuError> {
+        let (adapter, report) = adapter::take(settings.adapter).await?;
         let descriptor = Self::wanted(&adapter, settings.features);
-        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).map_err(|e| {
-            GpuError::Refused { what: format!("opening {}", report.name), message: e.to_string() }
+        let (device, queue) = adapter.request_device(&descriptor).await.map_err(|e| GpuError::Refused {
+            what: format!("opening {}", report.name),
+            message: e.to_string(),
         })?;
         let gpu = Self::with(report, device, queue);
         let state = gpu.trouble.clone();
@@ -234,12 +244,20 @@ impl Gpu {
     /// results, not for data within a frame.
     ///
     /// # Errors
-    /// [`GpuError`] if the device fails.
+    /// [`GpuError`] if the device fails; in a browser [`Self::read_async`] is for it.
     pub fn read<T: Pod>(&self, slice: &Slice<'_>) -> Result<Vec<T>, GpuError> {
-        crate::buffer::read(self, slice)
+        now(self.read_async(slice))
     }
 
-    /// Waits until `submission` is done.
+    /// The numbers in `slice`, as [`Self::read`] has them, without blocking a browser.
+    ///
+    /// # Errors
+    /// [`GpuError`] if the device fails.
+    pub async fn read_async<T: Pod>(&self, slice: &Slice<'_>) -> Result<Vec<T>, GpuError> {
+        crate::buffer::read(self, slice).await
+    }
+
+    /// Waits until `submission` is done. In a browser, which paces submissions itself, the call returns at once.
     ///
     /// # Errors
     /// [`GpuError`] if the device failed meanwhile.
@@ -279,25 +297,17 @@ impl Gpu {
     /// Makes a call that may only fail because the device is lost, which is reported elsewhere. On a caller's own
     /// device wgpu would panic.
     pub(crate) fn quietly(&self, call: impl FnOnce()) {
-        let scope = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
-        call();
         // Nothing can be done about an error here.
-        let _ = pollster::block_on(scope.pop());
+        let _ = scopes::caught(&self.device, [wgpu::ErrorFilter::Validation], call);
     }
 
-    /// The result of `call`, or its first error. `bytes` is the memory that it asks for.
+    /// The result of `call`, or its first error. `bytes` is the memory that it asks for. A browser reports errors
+    /// later: there the next check has them.
     pub(crate) fn checked<T>(&self, what: &str, bytes: u64, call: impl FnOnce() -> T) -> Result<T, GpuError> {
         self.check()?;
         let filters =
             [wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::OutOfMemory, wgpu::ErrorFilter::Validation];
-        let scopes = filters.map(|filter| self.device.push_error_scope(filter));
-        let result = call();
-        let mut first = None;
-        for scope in scopes.into_iter().rev() {
-            if let Some(error) = pollster::block_on(scope.pop()) {
-                first.get_or_insert(error);
-            }
-        }
+        let (result, first) = scopes::caught(&self.device, filters, call);
         self.check()?;
         match first {
             Some(error) => Err(typed(what, bytes, error)),

@@ -46,18 +46,18 @@ impl Readback {
         self.bytes
     }
 
-    /// The result of `f` on all bytes that `submission` copied here. The call waits for the submission.
+    /// The result of `f` on all bytes that `submission` copied here, once the submission is done.
     ///
     /// # Errors
     /// [`GpuError`] if the device fails.
-    pub fn read<R>(
+    pub async fn read<R>(
         &self,
         gpu: &Gpu,
         submission: &Submission,
         f: impl FnOnce(&[u8]) -> R,
     ) -> Result<R, GpuError> {
         gpu.device_id.check(self.device_id, "memory that is read back to")?;
-        mapped(gpu, &self.staging, self.bytes, submission.index_of(gpu)?, f)
+        mapped(gpu, &self.staging, self.bytes, submission.index_of(gpu)?, f).await
     }
 }
 

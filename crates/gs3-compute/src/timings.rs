@@ -7,6 +7,7 @@ use crate::device_id::DeviceId;
 use crate::error::GpuError;
 use crate::gpu::Gpu;
 use crate::recorder::Submission;
+use crate::waiting::now;
 
 /// Most passes of a frame that are timed.
 const MAX_PASSES: u32 = 256;
@@ -78,14 +79,23 @@ impl Timings {
     /// the frame.
     ///
     /// # Errors
-    /// [`GpuError`] if the device fails.
+    /// [`GpuError`] if the device fails; in a browser [`Self::read_async`] is for it.
     pub fn read(&self, gpu: &Gpu, submission: &Submission) -> Result<Vec<StageTime>, GpuError> {
+        now(self.read_async(gpu, submission))
+    }
+
+    /// The times of the last recorded frame, as [`Self::read`] has them, without blocking a browser.
+    ///
+    /// # Errors
+    /// [`GpuError`] if the device fails.
+    pub async fn read_async(&self, gpu: &Gpu, submission: &Submission) -> Result<Vec<StageTime>, GpuError> {
         gpu.device_id.check(self.device_id, "times of stages")?;
         let index = submission.index_of(gpu)?;
         let ticks = mapped(gpu, &self.staging, self.staging.size(), index, |bytes| {
             let times = bytes.chunks_exact(TIME_BYTES as usize);
             times.map(bytemuck::pod_read_unaligned::<u64>).collect::<Vec<u64>>()
-        })?;
+        })
+        .await?;
         Ok(stage_times(&self.passes, &ticks, self.period))
     }
 

@@ -13,6 +13,21 @@ pub fn validate(label: &str, sources: &[&str]) -> Result<(), GpuError> {
     Reflected::new(label, &sources.concat()).map(|_| ())
 }
 
+/// Storage bindings of the entry point of `sources` that has the most.
+///
+/// # Errors
+/// [`GpuError::Shader`] with the place of the first mistake.
+pub fn storage_bindings(label: &str, sources: &[&str]) -> Result<usize, GpuError> {
+    let reflected = Reflected::new(label, &sources.concat())?;
+    let mut most = 0;
+    for entry in &reflected.module.entry_points {
+        let bindings = reflected.bindings(label, &entry.name)?;
+        let is_storage = |b: &&Binding| matches!(b.ty, wgpu::BufferBindingType::Storage { .. });
+        most = most.max(bindings.iter().filter(is_storage).count());
+    }
+    Ok(most)
+}
+
 /// A number that Rust and WGSL both have.
 pub trait Number: Copy {
     /// Its type in WGSL.
@@ -26,7 +41,9 @@ impl Number for f32 {
     const TYPE: &'static str = "f32";
 
     fn literal(self) -> String {
-        format!("{self:e}f")
+        // In the digits of an f64, which has the number exactly: browsers refuse the shortest digits of the largest f32, as
+        // they are above the number.
+        format!("{:e}f", f64::from(self))
     }
 }
 

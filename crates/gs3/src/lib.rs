@@ -117,6 +117,7 @@ mod error;
 mod frame;
 pub mod learned;
 mod machine;
+mod now;
 mod rasterizer;
 mod refine;
 mod session;

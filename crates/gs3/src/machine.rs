@@ -4,9 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 #[cfg(feature = "gpu")]
-use gs3_compute::{
-    AdapterChoice, AdapterKind, Gpu, GpuError, GpuSettings, OptionalFeatures, adapters, choose,
-};
+use gs3_compute::{AdapterChoice, Gpu, GpuError, GpuSettings, OptionalFeatures, now};
 
 #[cfg(not(feature = "gpu"))]
 use crate::error::PipelineError;
@@ -76,38 +74,44 @@ pub enum Machine {
 }
 
 impl Machine {
-    /// Opens the machine that `backend` means. A GPU is opened with `features`. It is number `adapter` of
-    /// [`adapters`], if a number is given ([`Backend::Cpu`] does not read it). Without a number, [`Backend::Auto`]
-    /// takes no emulated GPU. [`Backend::Auto`] takes the CPU if the GPU cannot be opened; the second value then says
-    /// why.
+    /// Opens the machine that `backend` means, as [`Self::open_async`] does.
     ///
     /// # Errors
-    /// [`GpuError`] if a GPU that was asked for cannot be opened.
+    /// As [`Self::open_async`]; in a browser for a GPU that was asked for, as no call waits there.
     #[cfg(feature = "gpu")]
     pub fn open(
         backend: Backend,
         adapter: Option<usize>,
         features: OptionalFeatures,
     ) -> Result<(Self, Option<GpuError>), GpuError> {
-        let open = |adapter| Gpu::new(&GpuSettings { adapter, features });
+        now(Self::open_async(backend, adapter, features))
+    }
+
+    /// Opens the machine that `backend` means. A GPU is opened with `features`. It is number `adapter` of
+    /// [`gs3_compute::adapters`], if a number is given ([`Backend::Cpu`] does not read it). Without a number, [`Backend::Auto`]
+    /// takes no emulated GPU. [`Backend::Auto`] takes the CPU if the GPU cannot be opened; the second value then says
+    /// why.
+    ///
+    /// # Errors
+    /// [`GpuError`] if a GPU that was asked for cannot be opened.
+    #[cfg(feature = "gpu")]
+    pub async fn open_async(
+        backend: Backend,
+        adapter: Option<usize>,
+        features: OptionalFeatures,
+    ) -> Result<(Self, Option<GpuError>), GpuError> {
+        let open = async |adapter| Gpu::open(&GpuSettings { adapter, features }).await;
         Ok(match (backend, adapter) {
             (Backend::Cpu, _) => (Self::Cpu, None),
             (Backend::Auto | Backend::Gpu, Some(number)) => {
-                (Self::Gpu(open(AdapterChoice::Number(number))?), None)
+                (Self::Gpu(open(AdapterChoice::Number(number)).await?), None)
             }
-            (Backend::Gpu, None) => (Self::Gpu(open(AdapterChoice::Auto)?), None),
-            (Backend::Auto, None) => {
-                let found = adapters();
-                let best = choose(&found, AdapterChoice::Auto).ok().map(|(number, _)| number);
-                // An emulated GPU is slower than the CPU's own path.
-                match best.filter(|number| found[*number].kind != AdapterKind::Software) {
-                    None => (Self::Cpu, None),
-                    Some(number) => match open(AdapterChoice::Number(number)) {
-                        Ok(gpu) => (Self::FoundGpu(gpu), None),
-                        Err(error) => (Self::Cpu, Some(error)),
-                    },
-                }
-            }
+            (Backend::Gpu, None) => (Self::Gpu(open(AdapterChoice::Auto).await?), None),
+            (Backend::Auto, None) => match open(AdapterChoice::Fast).await {
+                Ok(gpu) => (Self::FoundGpu(gpu), None),
+                Err(GpuError::NoAdapter { .. } | GpuError::Unsupported { .. }) => (Self::Cpu, None),
+                Err(error) => (Self::Cpu, Some(error)),
+            },
         })
     }
 

@@ -7,10 +7,11 @@ use gs3_scene::{Camera, ExactBlocks, GBuffer, Image};
 
 use crate::error::PipelineError;
 
-/// A rasterizer with results in the CPU's memory, written there or read back.
+/// A rasterizer with results in the CPU's memory, written there or read back. Its futures are ready at the first poll,
+/// but for those of a device in a browser.
 pub trait RasterizeHere {
     /// Rasterizes the LR frame of `camera`, `scale` times coarser, into planes.
-    fn rasterize(
+    async fn rasterize(
         &mut self,
         camera: &Camera,
         scale: u32,
@@ -25,7 +26,7 @@ pub trait RasterizeHere {
     fn rasterize_blocks(&mut self, places: &[[u16; 2]], out: &mut ExactBlocks) -> Result<(), PipelineError>;
 
     /// Rasterizes into an image.
-    fn rasterize_image(
+    async fn rasterize_image(
         &mut self,
         camera: &Camera,
         settings: &RasterSettings,
@@ -34,7 +35,7 @@ pub trait RasterizeHere {
 }
 
 impl RasterizeHere for Rasterizer {
-    fn rasterize(
+    async fn rasterize(
         &mut self,
         camera: &Camera,
         scale: u32,
@@ -52,7 +53,7 @@ impl RasterizeHere for Rasterizer {
         Ok(Self::rasterize_blocks(self, places, out)?)
     }
 
-    fn rasterize_image(
+    async fn rasterize_image(
         &mut self,
         camera: &Camera,
         settings: &RasterSettings,
@@ -64,14 +65,14 @@ impl RasterizeHere for Rasterizer {
 
 #[cfg(feature = "gpu")]
 impl RasterizeHere for GpuRasterizer {
-    fn rasterize(
+    async fn rasterize(
         &mut self,
         camera: &Camera,
         scale: u32,
         settings: &RasterSettings,
         out: &mut GBuffer,
     ) -> Result<(), PipelineError> {
-        Ok(self.rasterize_to(&camera.low_resolution(scale), settings, out)?)
+        Ok(self.rasterize_to_async(&camera.low_resolution(scale), settings, out).await?)
     }
 
     fn makes_blocks(&self) -> bool {
@@ -83,12 +84,12 @@ impl RasterizeHere for GpuRasterizer {
         Ok(())
     }
 
-    fn rasterize_image(
+    async fn rasterize_image(
         &mut self,
         camera: &Camera,
         settings: &RasterSettings,
         out: &mut Image,
     ) -> Result<(), PipelineError> {
-        Ok(Self::rasterize_image(self, camera, settings, out)?)
+        Ok(self.rasterize_image_async(camera, settings, out).await?)
     }
 }

@@ -12,6 +12,7 @@ use crate::error::PipelineError;
 use crate::frame::{FramePipeline, Presented};
 use crate::learned::Networks;
 use crate::machine::{Backend, Machine};
+use crate::now::now;
 use crate::refine::Refine;
 use crate::settings::{Mode, PipelineSettings};
 
@@ -94,11 +95,23 @@ impl Session {
     ///
     /// # Errors
     /// [`PipelineError`] if a setting is not supported, if a GPU that was asked for cannot be opened, or if the scene
-    /// does not fit into its memory.
+    /// does not fit into its memory; in a browser [`Self::open`] is for GPUs.
     pub fn new(scene: impl Into<Arc<Scene>>, settings: SessionSettings) -> Result<Self, PipelineError> {
+        now(Self::open(scene, settings))
+    }
+
+    /// A session that shows `scene`, as [`Self::new`] makes it, without blocking a browser.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub async fn open(
+        scene: impl Into<Arc<Scene>>,
+        settings: SessionSettings,
+    ) -> Result<Self, PipelineError> {
         let pipeline = FramePipeline::with_networks(scene, settings.pipeline, &settings.networks)?;
         #[cfg(feature = "gpu")]
-        let (machine, failure) = Machine::open(settings.backend, settings.adapter, OptionalFeatures::All)?;
+        let (machine, failure) =
+            Machine::open_async(settings.backend, settings.adapter, OptionalFeatures::All).await?;
         #[cfg(not(feature = "gpu"))]
         let (machine, failure) = (Machine::open(settings.backend)?, None::<PipelineError>);
         let notices = failure.iter().map(tell_take_over).collect();
@@ -145,6 +158,18 @@ impl Session {
         self.render_with_poses(camera, &[])
     }
 
+    /// Renders as [`Self::render`] does, without blocking a browser ([`FramePipeline::render_async`]).
+    ///
+    /// # Errors
+    /// As [`Self::render`].
+    pub async fn render_async(&mut self, camera: &Camera) -> Result<Presented<'_>, PipelineError> {
+        if let Err(error) = self.pipeline.render_async(camera).await.map(|_| ()) {
+            self.take_over(error)?;
+            self.pipeline.render_async(camera).await?;
+        }
+        Ok(self.pipeline.presented())
+    }
+
     /// Renders as [`Self::render`] does, with the true cameras of the in-between frames
     /// ([`FramePipeline::render_with_poses`]).
     ///
@@ -182,14 +207,22 @@ impl Session {
     /// # Errors
     /// [`PipelineError`] as [`Self::render`], and if the scene does not fit on a GPU for a second time.
     pub fn reference(&mut self, mode: Mode, camera: &Camera) -> Result<&Image, PipelineError> {
-        if let Err(error) = self.make_reference(mode, camera) {
+        now(self.reference_async(mode, camera))
+    }
+
+    /// The frame of `camera` in `mode`, as [`Self::reference`] makes it, without blocking a browser.
+    ///
+    /// # Errors
+    /// As [`Self::reference`].
+    pub async fn reference_async(&mut self, mode: Mode, camera: &Camera) -> Result<&Image, PipelineError> {
+        if let Err(error) = self.make_reference(mode, camera).await {
             self.take_over(error)?;
-            self.make_reference(mode, camera)?;
+            self.make_reference(mode, camera).await?;
         }
         self.last_reference(mode).ok_or(PipelineError::Internal { expected: "a reference frame" })
     }
 
-    fn make_reference(&mut self, mode: Mode, camera: &Camera) -> Result<(), PipelineError> {
+    async fn make_reference(&mut self, mode: Mode, camera: &Camera) -> Result<(), PipelineError> {
         let place = self.references.iter().position(|made| made.pipeline.settings().mode == mode);
         let place = match place {
             Some(place) => place,
@@ -205,7 +238,7 @@ impl Session {
         }
         *last = None;
         pipeline.reset(ResetReason::CameraCut);
-        pipeline.render(camera)?;
+        pipeline.render_async(camera).await?;
         *last = Some(*camera);
         Ok(())
     }
@@ -284,9 +317,17 @@ impl Session {
     /// [`Self::pipeline`] then has it.
     ///
     /// # Errors
-    /// [`PipelineError`] if the device fails.
+    /// [`PipelineError`] if the device fails; in a browser [`Self::fetch_gbuffer_async`] is for it.
     pub fn fetch_gbuffer(&mut self) -> Result<(), PipelineError> {
         self.pipeline.fetch_gbuffer()
+    }
+
+    /// Reads back the LR G-buffer, as [`Self::fetch_gbuffer`] does, without blocking a browser.
+    ///
+    /// # Errors
+    /// [`PipelineError`] if the device fails.
+    pub async fn fetch_gbuffer_async(&mut self) -> Result<(), PipelineError> {
+        self.pipeline.fetch_gbuffer_async().await
     }
 
     /// The pipeline that makes the frames: figures of the last frame, its G-buffer, its exact blocks.

@@ -56,10 +56,10 @@ impl StageTimes {
         *self.0[stage as usize].get_or_insert_default() += time;
     }
 
-    /// Runs `work` and adds its time to `stage`.
-    pub(crate) fn time<T>(&mut self, stage: Stage, work: impl FnOnce() -> T) -> T {
+    /// Awaits `work` and takes its time as the time of `stage`.
+    pub(crate) async fn time<T>(&mut self, stage: Stage, work: impl Future<Output = T>) -> T {
         let started = Instant::now();
-        let result = work();
+        let result = work.await;
         self.0[stage as usize] = Some(started.elapsed());
         result
     }

@@ -7,12 +7,15 @@ use crate::gpu::Gpu;
 use crate::kernel::{Bound, Kernel};
 use crate::recorder::Recorder;
 
-/// Workgroups, each with a range of its own: enough for the largest devices, few enough that each sums up what all
-/// others found.
+/// Workgroups at most, each with a range of its own: enough for the largest devices, few enough that each sums up what
+/// all others found.
 const BLOCKS: u32 = 1024;
 
 /// Invocations of a workgroup.
 const THREADS: u32 = 256;
+
+/// Bytes that a workgroup scans at a time: `STEP` of `scan.wgsl`, four values an invocation.
+const STEP_BYTES: u64 = THREADS as u64 * 4 * 4;
 
 /// Replaces numbers by the sums of those before them, modulo 2³².
 #[derive(Clone, Debug)]
@@ -28,6 +31,12 @@ pub struct Scan {
 pub struct BoundScan {
     sum: Bound,
     scan: Bound,
+    blocks: u32,
+}
+
+/// Workgroups for values of `bytes`.
+fn blocks(bytes: u64) -> u32 {
+    (bytes / 4 * 4).div_ceil(STEP_BYTES).clamp(1, BLOCKS.into()) as u32
 }
 
 /// The WGSL for devices with such subgroups.
@@ -74,15 +83,16 @@ impl Scan {
         values: Slice<'_>,
         total: Slice<'_>,
     ) -> Result<BoundScan, GpuError> {
+        let blocks = blocks(values.bytes());
         let buffers = [("count", count), ("values", values), ("sums", self.sums.slice()), ("total", total)];
-        Ok(BoundScan { sum: self.sum.bind(gpu, &buffers)?, scan: self.scan.bind(gpu, &buffers)? })
+        Ok(BoundScan { sum: self.sum.bind(gpu, &buffers)?, scan: self.scan.bind(gpu, &buffers)?, blocks })
     }
 }
 
 impl BoundScan {
     /// Records the scan: two dispatches.
     pub fn record(&self, recorder: &mut Recorder<'_>) {
-        recorder.dispatch(&self.sum, [BLOCKS, 1, 1]);
-        recorder.dispatch(&self.scan, [BLOCKS, 1, 1]);
+        recorder.dispatch(&self.sum, [self.blocks, 1, 1]);
+        recorder.dispatch(&self.scan, [self.blocks, 1, 1]);
     }
 }

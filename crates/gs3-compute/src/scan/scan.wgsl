@@ -1,5 +1,5 @@
-// Exclusive scan in place. BLOCKS workgroups own equal ranges. The first kernel sums each range; the second scans
-// each range, starting from the sum of everything before it. Two dispatches of fixed size, for every count.
+// Exclusive scan in place. Workgroups own equal ranges. The first kernel sums each range; the second scans each range,
+// starting from the sum of everything before it. Two dispatches, as large for every count.
 
 @group(0) @binding(0) var<storage> count: array<u32>;
 @group(0) @binding(1) var<storage, read_write> values: array<u32>;
@@ -10,11 +10,16 @@
 const ITEMS: u32 = 4u;
 const STEP: u32 = THREADS * ITEMS;
 
+// Workgroups of both dispatches, as `blocks` in mod.rs.
+fn blocks() -> u32 {
+    return clamp((arrayLength(&values) + STEP - 1u) / STEP, 1u, BLOCKS);
+}
+
 // The range of block `block`: start and end, starts being multiples of STEP.
 fn range_of(block: u32) -> vec2<u32> {
     let n = min(count[0], arrayLength(&values));
     let steps = (n + STEP - 1u) / STEP;
-    let per_block = (steps + BLOCKS - 1u) / BLOCKS * STEP;
+    let per_block = (steps + blocks() - 1u) / blocks() * STEP;
     return min(vec2<u32>(block, block + 1u) * per_block, vec2<u32>(n));
 }
 
@@ -57,7 +62,7 @@ fn scan_block(thread: Thread, block: u32) {
         }
         carry += around.y;
     }
-    if block == BLOCKS - 1u && thread.index == 0u {
+    if block == blocks() - 1u && thread.index == 0u {
         total[0] = carry;
     }
 }

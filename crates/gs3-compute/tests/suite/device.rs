@@ -261,6 +261,8 @@ fn adapters_are_chosen_by_kind() {
     assert_eq!(choose(&all, AdapterChoice::Auto).unwrap().0, 3);
     assert_eq!(choose(&all[..3], AdapterChoice::Auto).unwrap().0, 2);
     assert!(choose(&all[..1], AdapterChoice::Auto).unwrap().1.contains("software"));
+    assert_eq!(choose(&all, AdapterChoice::Fast).unwrap().0, 3);
+    assert!(matches!(choose(&all[..1], AdapterChoice::Fast), Err(GpuError::NoAdapter { .. })));
     assert_eq!(choose(&all, AdapterChoice::Number(0)).unwrap().0, 0);
     assert_eq!(choose(&all, AdapterChoice::Number(1)).unwrap_err(), lacking);
     assert_eq!(choose(&all, AdapterChoice::Api(Api::Dx12)).unwrap_err(), lacking);
@@ -335,7 +337,7 @@ fn what_belongs_to_another_device_is_refused() {
     }
     let submission = other.recorder(None).submit().unwrap();
     refused(gpu.wait(&submission));
-    refused(readback.read(&gpu, &submission, |_| ()));
+    refused(now(readback.read(&gpu, &submission, |_| ())));
     // Neither is any the worse for it.
     let mut recorder = gpu.recorder(None);
     recorder.dispatch(&own_bound, [1; 3]);

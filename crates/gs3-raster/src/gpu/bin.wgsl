@@ -8,16 +8,16 @@ override CULLING: u32 = 3u;
 // others.
 const ALONE: u32 = 64u;
 
-@group(0) @binding(0) var<storage, read> splats_a: array<vec4<f32>>;
-@group(0) @binding(1) var<storage, read> splats_b: array<vec4<u32>>;
+// Splats, as many in each array as `order` has room for; see splat.wgsl.
+@group(0) @binding(0) var<storage, read> splats: array<vec4<u32>>;
 // Splats front to back.
-@group(0) @binding(2) var<storage, read> order: array<u32>;
-@group(0) @binding(3) var<storage, read_write> counters: Counters;
-@group(0) @binding(4) var<uniform> band: Band;
+@group(0) @binding(1) var<storage, read> order: array<u32>;
+@group(0) @binding(2) var<storage, read_write> counters: Counters;
+@group(0) @binding(3) var<uniform> band: Band;
 // Tile counts of the splats in order. A scan makes them first places; the entry after the last splat becomes the sum.
-@group(0) @binding(5) var<storage, read_write> tile_counts: array<u32>;
-@group(0) @binding(6) var<storage, read_write> entry_tiles: array<u32>;
-@group(0) @binding(7) var<storage, read_write> entry_splats: array<u32>;
+@group(0) @binding(4) var<storage, read_write> tile_counts: array<u32>;
+@group(0) @binding(5) var<storage, read_write> entry_tiles: array<u32>;
+@group(0) @binding(6) var<storage, read_write> entry_splats: array<u32>;
 
 // A splat's tiles, its last ones inclusive, rows cut to the band's.
 struct Tiles {
@@ -49,7 +49,7 @@ fn row_span(tiles: Tiles, splat: u32, b: vec4<u32>, row: u32) -> vec2<u32> {
     if !tiles.is_cut {
         return span;
     }
-    let s = splat_of(splats_a[splat], b);
+    let s = splat_of(bitcast<vec4<f32>>(splats[splat]), b);
     let top = f32(row * TILE);
     let bottom = f32(row * TILE + TILE - 1u);
     let limit = f32(TILE * (tiles.last.x + 1u));
@@ -83,7 +83,7 @@ fn count(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_
     let i = group_index(workgroup) * GROUP + lane;
     if i < counters.splats {
         let splat = order[i];
-        let b = splats_b[splat];
+        let b = splats[arrayLength(&order) + splat];
         let tiles = tiles_of(b);
         var count = 0u;
         for (var row = tiles.first.y; row <= tiles.last.y; row++) {
@@ -155,7 +155,7 @@ fn emit(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
 // `count` and `emit` call the same code, which compilers may round differently. Entries beyond the counted ones are
 // tiles that only the slack reaches, and are dropped. Unused places go to a tile that is not drawn.
 fn emit_alone(splat: u32, first: u32, end: u32) {
-    let b = splats_b[splat];
+    let b = splats[arrayLength(&order) + splat];
     let tiles = tiles_of(b);
     var place = first;
     for (var row = tiles.first.y; row <= tiles.last.y; row++) {
@@ -175,7 +175,7 @@ fn fill(first: u32, end: u32, splat: u32) {
 // One lane per row; a scan of the rows' counts gives the places.
 fn emit_together(i: u32, lane: u32) {
     let splat = order[i];
-    let b = splats_b[splat];
+    let b = splats[arrayLength(&order) + splat];
     let tiles = tiles_of(b);
     var place = tile_counts[i];
     let end = tile_counts[i + 1u];

@@ -6,12 +6,11 @@
 @group(0) @binding(1) var<uniform> band: Band;
 @group(0) @binding(2) var<storage, read> ranges: array<vec2<u32>>;
 @group(0) @binding(3) var<storage, read> entry_splats: array<u32>;
-@group(0) @binding(4) var<storage, read> splats_a: array<vec4<f32>>;
-@group(0) @binding(5) var<storage, read> splats_b: array<vec4<u32>>;
-@group(0) @binding(6) var<storage, read> splats_c: array<vec4<f32>>;
+// Splats, SPLAT_VECTORS arrays of them; see splat.wgsl.
+@group(0) @binding(4) var<storage, read> splats: array<vec4<u32>>;
+@group(0) @binding(5) var<storage, read_write> counters: Counters;
 // RGB and alpha of the band's pixels, row by row; the other planes have the same layout.
-@group(0) @binding(7) var<storage, read_write> color_alpha: array<vec4<f32>>;
-@group(0) @binding(14) var<storage, read_write> counters: Counters;
+@group(0) @binding(6) var<storage, read_write> color_alpha: array<vec4<f32>>;
 
 var<workgroup> staged_a: array<vec4<f32>, BATCH>;
 var<workgroup> staged_b: array<vec4<u32>, BATCH>;
@@ -53,6 +52,7 @@ fn blend(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_
     let pixel = corner + vec2(block % BLOCKS, block / BLOCKS) * BLOCK + vec2(lane % BLOCK, lane % 16u / BLOCK);
     let is_inside = all(pixel < view.size);
     let sample = vec2<f32>(pixel);
+    let room = arrayLength(&splats) / SPLAT_VECTORS;
 
     // Transmittance while the pixel is open, 0 once it is finished; and the transmittance at which it was finished.
     var t = select(0.0, 1.0, is_inside);
@@ -84,11 +84,11 @@ fn blend(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_
                 next_splat = entry_splats[first + own_slot];
             }
             if lane % 2u == 0u {
-                staged_a[own_slot] = splats_a[next_splat];
-                staged_b[own_slot] = splats_b[next_splat];
+                staged_a[own_slot] = bitcast<vec4<f32>>(splats[next_splat]);
+                staged_b[own_slot] = splats[room + next_splat];
             } else {
-                staged_c[own_slot] = splats_c[next_splat];
-                stage_outputs(own_slot, next_splat);
+                staged_c[own_slot] = bitcast<vec4<f32>>(splats[2u * room + next_splat]);
+                stage_outputs(own_slot, next_splat, room);
             }
             if READS_AHEAD && first + BATCH + own_slot < range.y {
                 next_splat = entry_splats[first + BATCH + own_slot];

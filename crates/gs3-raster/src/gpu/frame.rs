@@ -8,7 +8,6 @@ use super::gbuffer::Target;
 use super::kernels::{Kernels, Sorts};
 use super::plan::{Counters, FramePlan};
 use super::scene::Page;
-use crate::settings::Outputs;
 
 /// Invocations of the workgroups that `dispatches` counts, `GROUP` of `plan.wgsl`.
 pub const GROUP: u32 = 256;
@@ -141,12 +140,8 @@ impl Frame {
             ("depth_keys", buffers.get(DEPTH_KEYS[0])?),
             ("order", buffers.get(ORDER[0])?),
         ];
-        for name in ["marks", "places", "splats_a", "splats_b", "splats_c"] {
+        for name in ["marks", "places", "splats"] {
             projected.push((name, buffers.get(name)?));
-        }
-        if plan.outputs != Outputs::Color {
-            projected.push(("geometry_a", buffers.get("geometry_a")?));
-            projected.push(("geometry_b", buffers.get("geometry_b")?));
         }
         let bound_page = |page: &Page| {
             let bindings = [&projected[..], &page.bindings()].concat();
@@ -174,8 +169,7 @@ impl Frame {
         let mut bands = Vec::with_capacity(plan.bands.len());
         for (band, buffer) in plan.bands.iter().zip(&band_buffers) {
             let binned = [
-                ("splats_a", buffers.get("splats_a")?),
-                ("splats_b", buffers.get("splats_b")?),
+                ("splats", buffers.get("splats")?),
                 ("order", buffers.get(ORDER[sorted[0]])?),
                 ("counters", counters),
                 ("band", buffer.slice()),
@@ -236,12 +230,8 @@ impl Frame {
         let mut blended =
             vec![("view", fixed.view.slice()), ("entry_splats", buffers.get(ENTRY_SPLATS[self.sorted[1]])?)];
         blended.push(("counters", fixed.counters.slice()));
-        for name in ["ranges", "splats_a", "splats_b", "splats_c"] {
+        for name in ["ranges", "splats"] {
             blended.push((name, buffers.get(name)?));
-        }
-        if self.plan.outputs != Outputs::Color {
-            blended.push(("geometry_a", buffers.get("geometry_a")?));
-            blended.push(("geometry_b", buffers.get("geometry_b")?));
         }
         let bind = |(band, uniform): (_, &Buffer)| {
             let (start, bytes) = self.plan.band_bytes(band);

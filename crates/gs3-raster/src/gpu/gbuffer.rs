@@ -3,7 +3,7 @@
 use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use gs3_compute::{Bound, Buffer, Gpu, GpuError, Use};
+use gs3_compute::{Bound, Buffer, Gpu, GpuError, Use, now};
 use gs3_scene::{GBuffer, Geometry, Gradients, Image, Margin, Planes};
 
 use super::crop::BoundCrop;
@@ -148,10 +148,18 @@ impl GpuGBuffer {
     /// Reads everything back into `out`, which gets the size and the planes. The call waits for the device.
     ///
     /// # Errors
-    /// [`GpuError`] if the device fails.
+    /// [`GpuError`] if the device fails; in a browser [`Self::read_async`] is for it.
     pub fn read(&self, gpu: &Gpu, out: &mut GBuffer) -> Result<(), GpuError> {
+        now(self.read_async(gpu, out))
+    }
+
+    /// Reads everything back, as [`Self::read`] does, without blocking a browser.
+    ///
+    /// # Errors
+    /// [`GpuError`] if the device fails.
+    pub async fn read_async(&self, gpu: &Gpu, out: &mut GBuffer) -> Result<(), GpuError> {
         (out.jitter, out.margin) = (self.jitter, self.margin);
-        self.read_into(gpu, self.color_alpha(), &mut out.color, Some(&mut out.alpha))?;
+        self.read_into(gpu, self.color_alpha(), &mut out.color, Some(&mut out.alpha)).await?;
         if self.dx_median().is_none() {
             out.gradients = None;
             out.geometry = None;
@@ -160,27 +168,28 @@ impl GpuGBuffer {
         let Gradients { color_dx, color_dy, color_dxy } =
             out.gradients.get_or_insert_with(Gradients::default);
         let geometry = out.geometry.get_or_insert_with(Geometry::default);
-        self.read_into(gpu, self.dx_median(), color_dx, Some(&mut geometry.depth_median))?;
-        self.read_into(gpu, self.dy_expected(), color_dy, Some(&mut geometry.depth_expected))?;
-        self.read_into(gpu, self.normal(), &mut geometry.normal, None)?;
+        self.read_into(gpu, self.dx_median(), color_dx, Some(&mut geometry.depth_median)).await?;
+        self.read_into(gpu, self.dy_expected(), color_dy, Some(&mut geometry.depth_expected)).await?;
+        self.read_into(gpu, self.normal(), &mut geometry.normal, None).await?;
         match self.dxdy() {
             Some(dxdy) => {
-                self.read_into(gpu, Some(dxdy), color_dxy.get_or_insert_with(Planes::default), None)?
+                self.read_into(gpu, Some(dxdy), color_dxy.get_or_insert_with(Planes::default), None).await?
             }
             None => *color_dxy = None,
         }
         Ok(())
     }
 
-    /// Reads colour and alpha back as an image. The call waits for the device.
+    /// Reads colour and alpha back as an image. The future waits for the device.
     ///
     /// # Errors
     /// [`GpuError`] if the device fails.
-    pub fn read_image(&self, gpu: &Gpu, out: &mut Image) -> Result<(), GpuError> {
+    pub async fn read_image(&self, gpu: &Gpu, out: &mut Image) -> Result<(), GpuError> {
         out.resize(self.size[0] as usize, self.size[1] as usize);
         self.read_runs(gpu, self.color_alpha(), |first, pixels| {
             out.pixels_mut()[first..first + pixels.len()].copy_from_slice(pixels);
         })
+        .await
     }
 
     fn plane(&self, name: &str) -> Option<&Buffer> {
@@ -188,7 +197,7 @@ impl GpuGBuffer {
     }
 
     /// Three planes and a fourth one from one buffer.
-    fn read_into(
+    async fn read_into(
         &self,
         gpu: &Gpu,
         from: Option<&Buffer>,
@@ -210,10 +219,11 @@ impl GpuGBuffer {
                 }
             }
         })
+        .await
     }
 
     /// Calls `take` with runs of the pixels of `plane`, and the index of each run's first pixel.
-    fn read_runs(
+    async fn read_runs(
         &self,
         gpu: &Gpu,
         plane: Option<&Buffer>,
@@ -227,7 +237,7 @@ impl GpuGBuffer {
         for first in (0..height).step_by(rows) {
             let count = rows.min(height - first);
             let part = plane.part(first as u64 * row_bytes, count as u64 * row_bytes);
-            let pixels = gpu.read::<[f32; 4]>(&part)?;
+            let pixels = gpu.read_async::<[f32; 4]>(&part).await?;
             for (y, row) in (first..).zip(pixels.chunks(self.stride() as usize)) {
                 take(y * width, &row[..width]);
             }

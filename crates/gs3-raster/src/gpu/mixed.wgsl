@@ -1,6 +1,6 @@
 // The mixed derivative ∂²colour/∂x∂y.
 
-@group(0) @binding(13) var<storage, read_write> dxdy: array<vec4<f32>>;
+@group(0) @binding(10) var<storage, read_write> dxdy: array<vec4<f32>>;
 
 var<private> color_dxy: vec3<f32>;
 var<private> alpha_dxy: f32;

@@ -31,7 +31,7 @@ use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use gs3_compute::{Arena, Gpu, GpuError, Limits, Readback, Recorder, Slice};
+use gs3_compute::{Arena, Gpu, GpuError, Limits, Readback, Recorder, Slice, now};
 use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
 
 use crate::settings::{Culling, MAX_MARGIN, Outputs, RasterError, RasterSettings, Rules, Window};
@@ -282,11 +282,11 @@ impl GpuRasterizer {
         settings: &RasterSettings,
         out: &mut GpuGBuffer,
     ) -> Result<(), GpuRasterError> {
-        self.make_whole(|rasterizer, recorder| rasterizer.record(recorder, camera, settings, out))
+        now(self.make_whole(|rasterizer, recorder| rasterizer.record(recorder, camera, settings, out)))
     }
 
     /// Submits what `record` records, and again after an overflow, until the frame is complete.
-    fn make_whole(
+    async fn make_whole(
         &mut self,
         mut record: impl FnMut(&mut Self, &mut Recorder<'_>) -> Result<(), GpuRasterError>,
     ) -> Result<(), GpuRasterError> {
@@ -296,7 +296,7 @@ impl GpuRasterizer {
             record(self, &mut recorder)?;
             recorder.read_back(&self.counters(), &self.counters_back, 0);
             let submission = recorder.submit()?;
-            let counters = self.counters_back.read(&gpu, &submission, <[u8]>::to_vec)?;
+            let counters = self.counters_back.read(&gpu, &submission, <[u8]>::to_vec).await?;
             if self.check_capacity_with(&counters)? != CapacityCheck::Grown {
                 return Ok(());
             }
@@ -306,37 +306,69 @@ impl GpuRasterizer {
     /// As [`Self::rasterize`], read back.
     ///
     /// # Errors
-    /// As [`Self::rasterize`].
+    /// As [`Self::rasterize`]; in a browser [`Self::rasterize_to_async`] is for it.
     pub fn rasterize_to(
         &mut self,
         camera: &Camera,
         settings: &RasterSettings,
         out: &mut GBuffer,
     ) -> Result<(), GpuRasterError> {
-        let mut gbuffer = std::mem::take(&mut self.gbuffer);
-        let result = self.rasterize(camera, settings, &mut gbuffer);
-        self.gbuffer = gbuffer;
-        result?;
-        Ok(self.gbuffer.read(&self.gpu, out)?)
+        now(self.rasterize_to_async(camera, settings, out))
+    }
+
+    /// As [`Self::rasterize_to`], without blocking a browser.
+    ///
+    /// # Errors
+    /// As [`Self::rasterize`].
+    pub async fn rasterize_to_async(
+        &mut self,
+        camera: &Camera,
+        settings: &RasterSettings,
+        out: &mut GBuffer,
+    ) -> Result<(), GpuRasterError> {
+        self.make_own(|rasterizer, recorder, own| rasterizer.record(recorder, camera, settings, own)).await?;
+        Ok(self.gbuffer.read_async(&self.gpu, out).await?)
     }
 
     /// Rasterizes colour only, read back as an [`Image`] with alpha in the fourth channel. `settings.outputs` and
     /// `settings.margin` are not read.
     ///
     /// # Errors
-    /// As [`Self::rasterize`].
+    /// As [`Self::rasterize`]; in a browser [`Self::rasterize_image_async`] is for it.
     pub fn rasterize_image(
         &mut self,
         camera: &Camera,
         settings: &RasterSettings,
         out: &mut Image,
     ) -> Result<(), GpuRasterError> {
+        now(self.rasterize_image_async(camera, settings, out))
+    }
+
+    /// As [`Self::rasterize_image`], without blocking a browser.
+    ///
+    /// # Errors
+    /// As [`Self::rasterize`].
+    pub async fn rasterize_image_async(
+        &mut self,
+        camera: &Camera,
+        settings: &RasterSettings,
+        out: &mut Image,
+    ) -> Result<(), GpuRasterError> {
         let settings = RasterSettings { outputs: Outputs::Color, margin: Margin::NONE, ..*settings };
-        let mut gbuffer = std::mem::take(&mut self.gbuffer);
-        let result = self.rasterize(camera, &settings, &mut gbuffer);
-        self.gbuffer = gbuffer;
-        result?;
-        Ok(self.gbuffer.read_image(&self.gpu, out)?)
+        self.make_own(|rasterizer, recorder, own| rasterizer.record(recorder, camera, &settings, own))
+            .await?;
+        Ok(self.gbuffer.read_image(&self.gpu, out).await?)
+    }
+
+    /// Submits what `record` records into the G-buffer of this rasterizer, until the frame is complete.
+    async fn make_own(
+        &mut self,
+        mut record: impl FnMut(&mut Self, &mut Recorder<'_>, &mut GpuGBuffer) -> Result<(), GpuRasterError>,
+    ) -> Result<(), GpuRasterError> {
+        let mut own = std::mem::take(&mut self.gbuffer);
+        let made = self.make_whole(|rasterizer, recorder| record(rasterizer, recorder, &mut own)).await;
+        self.gbuffer = own;
+        made
     }
 
     /// Rasterizes colour only, as [`Self::rasterize_image`] does, of a `window` of the camera's image: `out` gets the
@@ -357,13 +389,10 @@ impl GpuRasterizer {
         window.check([camera.width(), camera.height()])?;
         let view = View::from_window(camera, window, &settings, self.scene.details().near);
         let size = [window.width, window.height];
-        let mut gbuffer = std::mem::take(&mut self.gbuffer);
-        let result = self.make_whole(|rasterizer, recorder| {
-            rasterizer.record_view(recorder, size, &view, &settings, &mut gbuffer)
-        });
-        self.gbuffer = gbuffer;
-        result?;
-        Ok(self.gbuffer.read_image(&self.gpu, out)?)
+        now(self.make_own(|rasterizer, recorder, own| {
+            rasterizer.record_view(recorder, size, &view, &settings, own)
+        }))?;
+        Ok(now(self.gbuffer.read_image(&self.gpu, out))?)
     }
 
     /// Makes sure that `self.frame` has this size and these outputs.

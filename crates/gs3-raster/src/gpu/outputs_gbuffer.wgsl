@@ -1,11 +1,11 @@
 // Image gradients (UpscaleGS, Niedermayr et al. 2025), depth and normal (RaDe-GS, Zhang et al. 2024).
 
-@group(0) @binding(8) var<storage, read> geometry_a: array<vec4<f32>>;
-@group(0) @binding(9) var<storage, read> geometry_b: array<vec2<f32>>;
 // ∂colour/∂x and the median depth; ∂colour/∂y and the expected depth; the normal and 0.
-@group(0) @binding(10) var<storage, read_write> dx_median: array<vec4<f32>>;
-@group(0) @binding(11) var<storage, read_write> dy_expected: array<vec4<f32>>;
-@group(0) @binding(12) var<storage, read_write> normal: array<vec4<f32>>;
+@group(0) @binding(7) var<storage, read_write> dx_median: array<vec4<f32>>;
+@group(0) @binding(8) var<storage, read_write> dy_expected: array<vec4<f32>>;
+@group(0) @binding(9) var<storage, read_write> normal: array<vec4<f32>>;
+
+const SPLAT_VECTORS: u32 = 5u;
 
 var<workgroup> staged_geometry_a: array<vec4<f32>, BATCH>;
 var<workgroup> staged_geometry_b: array<vec2<f32>, BATCH>;
@@ -19,9 +19,9 @@ var<private> distance_sum: f32;
 var<private> median: f32;
 var<private> normal_sum: vec3<f32>;
 
-fn stage_outputs(slot: u32, splat: u32) {
-    staged_geometry_a[slot] = geometry_a[splat];
-    staged_geometry_b[slot] = geometry_b[splat];
+fn stage_outputs(slot: u32, splat: u32, room: u32) {
+    staged_geometry_a[slot] = bitcast<vec4<f32>>(splats[3u * room + splat]);
+    staged_geometry_b[slot] = bitcast<vec2<f32>>(splats[4u * room + splat].xy);
 }
 
 fn add_outputs(slot: u32, s: Splat, color: vec3<f32>, at: Contribution) {

@@ -89,12 +89,20 @@ pub struct Capacity {
     pub band_rows: u32,
 }
 
+/// Bytes of a splat: the vectors of `splat.wgsl`.
+const fn splat_bytes(outputs: Outputs) -> u64 {
+    match outputs {
+        Outputs::Color => 3 * 16,
+        Outputs::GBuffer | Outputs::GBufferMixed => 5 * 16,
+    }
+}
+
 /// The most splats and entries that one binding each can hold.
 fn most(limits: &Limits) -> Capacity {
     let bytes = limits.binding_bytes.min(limits.buffer_bytes);
-    // Splats are 16 bytes in each of their arrays. The digits of a sort take fewer bytes than its keys.
+    // The digits of a sort take fewer bytes than its keys.
     let items = |size: u64| (bytes / size).min(MAX_PAIRS.into()) as u32;
-    Capacity { splats: items(16), entries: items(4), band_rows: u32::MAX }
+    Capacity { splats: items(splat_bytes(Outputs::GBufferMixed)), entries: items(4), band_rows: u32::MAX }
 }
 
 /// Capacity for `count` items: powers of two up to 2²⁰, then multiples of 2²⁰, so that buffers that have grown seldom
@@ -247,12 +255,10 @@ fn needs(scene: &ScenePlan, outputs: Outputs, capacity: Capacity, tiles: u32) ->
     let Capacity { splats, entries, .. } = capacity;
     let storage =
         |name, count: u32, size: u64| Need { name, usage: Use::Storage, bytes: u64::from(count) * size };
-    let mut needs = vec![
+    vec![
         storage("marks", scene.chunks, CHUNK as u64 / 8),
         storage("places", scene.chunks, 4),
-        storage("splats_a", splats, 16),
-        storage("splats_b", splats, 16),
-        storage("splats_c", splats, 16),
+        storage("splats", splats, splat_bytes(outputs)),
         storage("depth_keys0", splats, 4),
         storage("depth_keys1", splats, 4),
         storage("order0", splats, 4),
@@ -263,11 +269,7 @@ fn needs(scene: &ScenePlan, outputs: Outputs, capacity: Capacity, tiles: u32) ->
         storage("entry_splats0", entries, 4),
         storage("entry_splats1", entries, 4),
         storage("ranges", tiles + 1, 8),
-    ];
-    if outputs != Outputs::Color {
-        needs.extend([storage("geometry_a", splats, 16), storage("geometry_b", splats, 8)]);
-    }
-    needs
+    ]
 }
 
 #[cfg(test)]
@@ -365,8 +367,8 @@ mod tests {
         assert_eq!(grown(1000, 2000), None);
         assert_eq!(grown(1001, 2000), Some(Capacity { splats: 1 << 16, ..capacity }));
         assert_eq!(grown(1000, 400_000), Some(Capacity { entries: 1 << 19, ..capacity }));
-        assert_eq!(grown(3_000_000, 0), Some(Capacity { splats: 4 << 20, ..capacity }));
-        assert_eq!(grown(8_388_608, 0), Some(Capacity { splats: 8_388_608, ..capacity }));
+        assert_eq!(grown(800_000, 0), Some(Capacity { splats: 1 << 20, ..capacity }));
+        assert_eq!(grown(1_677_721, 0), Some(Capacity { splats: 1_677_721, ..capacity }));
     }
 
     /// If no binding can hold a band's entries, bands shrink, down to one row of tiles.
@@ -397,7 +399,7 @@ mod tests {
         assert_eq!(seen.last(), Some(&1));
         let over = capacity.grown(&limits, rows, 9_000_000, 0);
         assert!(
-            matches!(over, Err(GpuError::TooLarge { max: 8_388_608, actual: 9_000_000, .. })),
+            matches!(over, Err(GpuError::TooLarge { max: 1_677_721, actual: 9_000_000, .. })),
             "{over:?}"
         );
     }

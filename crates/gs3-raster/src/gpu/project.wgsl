@@ -12,15 +12,11 @@ const WORDS: u32 = CHUNK / 32u;
 @group(0) @binding(6) var<storage, read_write> marks: array<u32>;
 // Visible Gaussians of each chunk; between the entry points a scan makes them first places.
 @group(0) @binding(7) var<storage, read_write> places: array<u32>;
-// Splats; see splat.wgsl.
-@group(0) @binding(8) var<storage, read_write> splats_a: array<vec4<f32>>;
-@group(0) @binding(9) var<storage, read_write> splats_b: array<vec4<u32>>;
-@group(0) @binding(10) var<storage, read_write> splats_c: array<vec4<f32>>;
-@group(0) @binding(11) var<storage, read_write> geometry_a: array<vec4<f32>>;
-@group(0) @binding(12) var<storage, read_write> geometry_b: array<vec2<f32>>;
+// Splats, as many in each array as `order` has room for; see splat.wgsl.
+@group(0) @binding(8) var<storage, read_write> splats: array<vec4<u32>>;
 // Depth as bits that sort as unsigned integers, and the splat's place.
-@group(0) @binding(13) var<storage, read_write> depth_keys: array<u32>;
-@group(0) @binding(14) var<storage, read_write> order: array<u32>;
+@group(0) @binding(9) var<storage, read_write> depth_keys: array<u32>;
+@group(0) @binding(10) var<storage, read_write> order: array<u32>;
 
 struct Projection {
     is_visible: bool,
@@ -230,7 +226,7 @@ fn place_of(workgroup: vec3<u32>, lane: u32) -> Place {
         count += countOneBits(marks[place * WORDS + k]);
     }
     let bits = marks[place * WORDS + lane / 32u];
-    if (bits >> (lane % 32u) & 1u) == 1u {
+    if ((bits >> (lane % 32u)) & 1u) == 1u {
         var rank = countOneBits(bits & ((1u << (lane % 32u)) - 1u));
         for (var k = 0u; k < lane / 32u; k++) {
             rank += countOneBits(marks[place * WORDS + k]);
@@ -251,13 +247,14 @@ fn write_splat(place: Place, p: Projection) {
     var x = 0u;
     var y = 0u;
     if p.is_visible {
-        x = u32(p.low.x) | u32(p.high.x + 1.0) << 16u;
-        y = u32(p.low.y) | u32(p.high.y + 1.0) << 16u;
+        x = u32(p.low.x) | (u32(p.high.x + 1.0) << 16u);
+        y = u32(p.low.y) | (u32(p.high.y + 1.0) << 16u);
     }
     let color = color_of(place.gaussian, p.direction);
-    splats_a[place.splat] = vec4(p.mean, p.factor.xy);
-    splats_b[place.splat] = vec4(bitcast<u32>(p.factor.z), bitcast<u32>(p.support), x, y);
-    splats_c[place.splat] = vec4(color, p.opacity);
+    let room = arrayLength(&order);
+    splats[place.splat] = bitcast<vec4<u32>>(vec4(p.mean, p.factor.xy));
+    splats[room + place.splat] = vec4(bitcast<u32>(p.factor.z), bitcast<u32>(p.support), x, y);
+    splats[2u * room + place.splat] = bitcast<vec4<u32>>(vec4(color, p.opacity));
     depth_keys[place.splat] = bitcast<u32>(p.view_space.z);
     order[place.splat] = place.splat;
 }
@@ -279,6 +276,7 @@ fn project_gbuffer(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_i
     let p = project(place.gaussian);
     write_splat(place, p);
     let g = geometry_of(p.view_space, p.axes, p.scales);
-    geometry_a[place.splat] = vec4(g.ray_distance, g.ray_plane, g.normal.x);
-    geometry_b[place.splat] = g.normal.yz;
+    let room = arrayLength(&order);
+    splats[3u * room + place.splat] = bitcast<vec4<u32>>(vec4(g.ray_distance, g.ray_plane, g.normal.x));
+    splats[4u * room + place.splat] = bitcast<vec4<u32>>(vec4(g.normal.yz, 0.0, 0.0));
 }

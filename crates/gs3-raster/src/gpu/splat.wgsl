@@ -1,7 +1,8 @@
-// Projected Gaussians as three arrays, so that each is one binding for as many splats as possible. Quantities as in
-// splat.rs.
+// Projected Gaussians as arrays of vectors, one array after the other in one buffer: a kernel of a browser has eight
+// storage bindings. Quantities as in splat.rs.
 //
 //     a: mean x, mean y, l11, l21    b: l22, support, x0 | x1 << 16, y0 | y1 << 16    c: color, opacity
+//     of a G-buffer: d: ray distance, ray plane x and y, normal x    e: normal y and z, 0, 0
 
 struct Splat {
     mean: vec2<f32>,

@@ -186,7 +186,7 @@ pub fn warp() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use gs3_compute::{Limits, validate};
+    use gs3_compute::{Limits, storage_bindings, validate};
 
     /// The number that WebGPU guarantees.
     const STORAGE_BINDINGS: usize = 8;
@@ -221,9 +221,7 @@ mod tests {
         ];
         for (label, source) in &shaders {
             validate(label, &[source]).unwrap_or_else(|e| panic!("{label}: {e}"));
-            // `nearest` and the cells' counts have two names, and an entry uses one of them.
-            let bindings =
-                source.matches("var<storage").count() - usize::from(["splat", "order"].contains(label));
+            let bindings = storage_bindings(label, &[source]).unwrap();
             assert!(bindings <= STORAGE_BINDINGS, "{label}: {bindings} storage bindings");
         }
         // No file is forgotten.

@@ -38,8 +38,8 @@ impl CpuMachine {
     }
 
     /// Makes `frames.current` and the in-between frames before it.
-    pub fn make(&mut self, inputs: &FrameInputs, frames: &mut Frames) -> Result<Made, PipelineError> {
-        self.stages.make(inputs, &mut self.rasterizer, frames)
+    pub async fn make(&mut self, inputs: &FrameInputs, frames: &mut Frames) -> Result<Made, PipelineError> {
+        self.stages.make(inputs, &mut self.rasterizer, frames).await
     }
 
     pub const fn stages(&self) -> &CpuStages {
@@ -97,42 +97,41 @@ impl CpuStages {
     }
 
     /// Makes `frames.current` and the in-between frames before it.
-    pub fn make(
+    pub async fn make(
         &mut self,
         inputs: &FrameInputs,
-        rasterizer: &mut dyn RasterizeHere,
+        rasterizer: &mut impl RasterizeHere,
         frames: &mut Frames,
     ) -> Result<Made, PipelineError> {
         let mut times = StageTimes::default();
         self.blocks.clear();
         match self.plan.settings.mode {
             Mode::Native => {
-                times.time(Stage::Rasterize, || self.rasterize_native(inputs, rasterizer, frames))?;
+                times.time(Stage::Rasterize, self.rasterize_native(inputs, rasterizer, frames)).await?;
             }
             Mode::Bicubic => {
-                times
-                    .time(Stage::Rasterize, || self.rasterize(inputs, Outputs::Color, rasterizer, frames))?;
-                times.time(Stage::SuperSample, || self.enlarge(inputs, frames))?;
+                let rasterized = self.rasterize(inputs, Outputs::Color, rasterizer, frames);
+                times.time(Stage::Rasterize, rasterized).await?;
+                times.time(Stage::SuperSample, async { self.enlarge(inputs, frames) }).await?;
             }
             Mode::SuperSample | Mode::Full => {
                 self.forget_before(inputs);
 
                 // Gaussians to the low-resolution G-buffer.
-                times.time(Stage::Rasterize, || {
-                    self.rasterize(inputs, Outputs::GBuffer, rasterizer, frames)
-                })?;
+                let rasterized = self.rasterize(inputs, Outputs::GBuffer, rasterizer, frames);
+                times.time(Stage::Rasterize, rasterized).await?;
 
                 // G-buffer and history to the frame, which a network may refine.
-                times.time(Stage::SuperSample, || self.super_sample(inputs, frames))?;
+                times.time(Stage::SuperSample, async { self.super_sample(inputs, frames) }).await?;
 
                 // Exact pixels where the reconstruction cannot be trusted.
                 if self.plan.refine.is_on() && rasterizer.makes_blocks() {
-                    times.time(Stage::Refine, || self.refine(inputs, rasterizer, frames))?;
+                    times.time(Stage::Refine, async { self.refine(inputs, rasterizer, frames) }).await?;
                 }
 
                 // The previous frame and this one to the in-between frames.
                 if !inputs.moments.is_empty() {
-                    times.time(Stage::Interpolate, || self.interpolate(inputs, frames))?;
+                    times.time(Stage::Interpolate, async { self.interpolate(inputs, frames) }).await?;
                 }
                 if inputs.reset == Some(ResetReason::Keyframe) {
                     self.learned_interpolator.iter_mut().for_each(LearnedInterpolator::reset);
@@ -175,30 +174,30 @@ impl CpuStages {
         }
     }
 
-    fn rasterize_native(
+    async fn rasterize_native(
         &self,
         inputs: &FrameInputs,
-        rasterizer: &mut dyn RasterizeHere,
+        rasterizer: &mut impl RasterizeHere,
         frames: &mut Frames,
     ) -> Result<(), PipelineError> {
         let settings = self.plan.raster(Outputs::Color, inputs);
-        rasterizer.rasterize_image(&inputs.camera, &settings, &mut frames.current.image)
+        rasterizer.rasterize_image(&inputs.camera, &settings, &mut frames.current.image).await
     }
 
-    fn rasterize(
+    async fn rasterize(
         &mut self,
         inputs: &FrameInputs,
         outputs: Outputs,
-        rasterizer: &mut dyn RasterizeHere,
+        rasterizer: &mut impl RasterizeHere,
         frames: &mut Frames,
     ) -> Result<(), PipelineError> {
         let settings = self.plan.raster(outputs, inputs);
         let (camera, scale) = (&inputs.camera, self.plan.scale);
         let gbuffer = &mut frames.current.gbuffer;
         if inputs.margin == Margin::NONE {
-            return rasterizer.rasterize(camera, scale, &settings, gbuffer);
+            return rasterizer.rasterize(camera, scale, &settings, gbuffer).await;
         }
-        rasterizer.rasterize(camera, scale, &settings, &mut self.padded)?;
+        rasterizer.rasterize(camera, scale, &settings, &mut self.padded).await?;
         self.padded.crop(gbuffer);
         Ok(())
     }
@@ -225,7 +224,7 @@ impl CpuStages {
     fn refine(
         &mut self,
         inputs: &FrameInputs,
-        rasterizer: &mut dyn RasterizeHere,
+        rasterizer: &mut impl RasterizeHere,
         frames: &mut Frames,
     ) -> Result<(), PipelineError> {
         let image = &mut frames.current.image;

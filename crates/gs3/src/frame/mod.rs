@@ -5,13 +5,13 @@ mod cpu;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod inputs;
+#[cfg(feature = "gpu")]
+mod on_device;
 mod plan;
 
 use std::fmt;
 use std::sync::Arc;
 
-#[cfg(feature = "gpu")]
-use gs3_compute::{Gpu, StageTime};
 use gs3_reconstruct::{FrameSequence, FrameStart, ResetReason};
 use gs3_scene::camera_path::pose_between;
 use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
@@ -25,6 +25,7 @@ use self::inputs::{FrameInputs, Frames, Made, Moment, ReadBack};
 use self::plan::FramePlan;
 use crate::error::PipelineError;
 use crate::learned::Networks;
+use crate::now::now;
 use crate::refine::Refine;
 use crate::settings::{MAX_IN_BETWEEN, Mode, PipelineSettings};
 use crate::stages::StageTimes;
@@ -137,6 +138,16 @@ impl FramePipeline {
         self.render_with_poses(camera, &[])
     }
 
+    /// Renders as [`Self::render`] does, without blocking a browser whose GPU makes the frame. A future that is dropped
+    /// before its end leaves a frame unfinished: call [`Self::reset`] then.
+    ///
+    /// # Errors
+    /// As [`Self::render`].
+    pub async fn render_async(&mut self, camera: &Camera) -> Result<Presented<'_>, PipelineError> {
+        self.make_frame(camera, &[], ReadBack::Images).await?;
+        Ok(self.presented())
+    }
+
     /// Renders as [`Self::render`] does, with the true cameras at [`PipelineSettings::moments`] between the previous
     /// frame and this one. `poses` are all of these cameras in order, or none. Modes without in-between frames do not
     /// read `poses`.
@@ -149,74 +160,13 @@ impl FramePipeline {
         camera: &Camera,
         poses: &[Camera],
     ) -> Result<Presented<'_>, PipelineError> {
-        self.make_frame(camera, poses, ReadBack::Images)?;
+        now(self.make_frame(camera, poses, ReadBack::Images))?;
         Ok(self.presented())
-    }
-
-    /// Renders as [`Self::render_with_poses`] does, on the device, and leaves the images on the device. This is for
-    /// programs that show images from their own device ([`Gpu::of`]). The call waits for a few hundred bytes that are
-    /// read back. [`Self::presented`] and [`Self::last_image`] are empty until the next [`Self::render`].
-    ///
-    /// # Errors
-    /// [`PipelineError::NotOnDevice`] if [`Self::is_on_device`] is false, else as [`Self::render_with_poses`].
-    #[cfg(feature = "gpu")]
-    pub fn render_to_device(
-        &mut self,
-        camera: &Camera,
-        poses: &[Camera],
-    ) -> Result<GpuPresented<'_>, PipelineError> {
-        self.make_frame_on_device(camera, poses, ReadBack::Counters)
-    }
-
-    /// Renders as [`Self::render_to_device`] does, without waiting for the device, so that frames queue up there. The
-    /// depths of the frame are then unknown to the CPU: jitter, margins and camera cuts are decided as if everything
-    /// were far away. A frame may be incomplete if its splats overflow the buffers; [`Self::wait_for_device`] reports
-    /// an overflow.
-    ///
-    /// # Errors
-    /// As [`Self::render_to_device`].
-    #[cfg(feature = "gpu")]
-    pub fn submit_to_device(
-        &mut self,
-        camera: &Camera,
-        poses: &[Camera],
-    ) -> Result<GpuPresented<'_>, PipelineError> {
-        self.make_frame_on_device(camera, poses, ReadBack::Nothing)
-    }
-
-    /// Waits for the frames of [`Self::submit_to_device`]. Returns whether all of them are complete. An incomplete
-    /// frame had more splats than the buffers hold; the buffers have grown for later frames.
-    ///
-    /// # Errors
-    /// [`PipelineError::NotOnDevice`] without a device, or another [`PipelineError`] if the device fails.
-    #[cfg(feature = "gpu")]
-    pub fn wait_for_device(&mut self) -> Result<bool, PipelineError> {
-        match &mut self.machine {
-            Machine::Cpu(_) => Err(PipelineError::NotOnDevice),
-            Machine::Gpu(gpu) => gpu.wait(),
-        }
-    }
-
-    #[cfg(feature = "gpu")]
-    fn make_frame_on_device(
-        &mut self,
-        camera: &Camera,
-        poses: &[Camera],
-        read_back: ReadBack,
-    ) -> Result<GpuPresented<'_>, PipelineError> {
-        if !self.is_on_device(camera) {
-            return Err(PipelineError::NotOnDevice);
-        }
-        self.make_frame(camera, poses, read_back)?;
-        match &self.machine {
-            Machine::Cpu(_) => Err(PipelineError::NotOnDevice),
-            Machine::Gpu(gpu) => gpu.presented().ok_or(PipelineError::NotOnDevice),
-        }
     }
 
     /// Makes the whole frame. `read_back` says what a frame made by a GPU copies back to the CPU.
     #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "there is no GPU to read back from"))]
-    fn make_frame(
+    async fn make_frame(
         &mut self,
         camera: &Camera,
         poses: &[Camera],
@@ -224,9 +174,9 @@ impl FramePipeline {
     ) -> Result<(), PipelineError> {
         let inputs = self.begin(camera, poses)?;
         let made = match &mut self.machine {
-            Machine::Cpu(cpu) => cpu.make(&inputs, &mut self.frames),
+            Machine::Cpu(cpu) => cpu.make(&inputs, &mut self.frames).await,
             #[cfg(feature = "gpu")]
-            Machine::Gpu(gpu) => gpu.make(&inputs, &mut self.frames, read_back),
+            Machine::Gpu(gpu) => gpu.make(&inputs, &mut self.frames, read_back).await,
         };
         self.finish(&inputs, made)
     }
@@ -424,32 +374,6 @@ impl FramePipeline {
         Ok(())
     }
 
-    /// Renders on `gpu` from the next frame on, without history. In modes with history the GPU makes whole frames,
-    /// and only images are read back ([`Self::is_on_device`]). In the other modes the GPU rasterizes and the CPU does
-    /// the rest.
-    ///
-    /// # Errors
-    /// [`PipelineError`] if the scene does not fit the device, or if there are networks and the device computes wrong
-    /// matrix products. Everything stays unchanged then.
-    #[cfg(feature = "gpu")]
-    pub fn render_on(&mut self, gpu: &Gpu) -> Result<(), PipelineError> {
-        self.machine = Machine::Gpu(Box::new(GpuMachine::new(gpu, &self.plan, Arc::clone(self.scene()))?));
-        self.reset(ResetReason::BackendChange);
-        Ok(())
-    }
-
-    /// Renders on the CPU from the next frame on, without history. Call it when the device of [`Self::render_on`]
-    /// fails.
-    ///
-    /// # Errors
-    /// None beyond the errors of [`Self::with_networks`] with the same settings and networks.
-    #[cfg(feature = "gpu")]
-    pub fn render_on_cpu(&mut self) -> Result<(), PipelineError> {
-        self.machine = Machine::Cpu(Box::new(CpuMachine::new(&self.plan, Arc::clone(self.scene()))?));
-        self.reset(ResetReason::BackendChange);
-        Ok(())
-    }
-
     /// Whether a GPU makes the whole frame of `camera`. With networks and a size that is not a multiple of the scale,
     /// the GPU rasterizes and the CPU does the rest.
     #[must_use]
@@ -511,17 +435,6 @@ impl FramePipeline {
         self.times
     }
 
-    /// Time of each device stage of the last frame that the CPU waited for, in the order in which the stages began.
-    /// Empty unless a GPU with a clock made that frame.
-    #[cfg(feature = "gpu")]
-    #[must_use]
-    pub fn device_times(&self) -> &[StageTime] {
-        match &self.machine {
-            Machine::Cpu(_) => &[],
-            Machine::Gpu(gpu) => gpu.stage_times(),
-        }
-    }
-
     /// Number of Gaussians that the last frame shows; none if the count is on a GPU.
     #[must_use]
     pub fn visible_count(&self) -> Option<usize> {
@@ -542,11 +455,19 @@ impl FramePipeline {
     /// Reads back the LR G-buffer of the last frame, if it is on a GPU.
     ///
     /// # Errors
-    /// [`PipelineError`] if the device fails.
+    /// [`PipelineError`] if the device fails; in a browser [`Self::fetch_gbuffer_async`] is for it.
     pub fn fetch_gbuffer(&mut self) -> Result<(), PipelineError> {
+        now(self.fetch_gbuffer_async())
+    }
+
+    /// Reads back the LR G-buffer, as [`Self::fetch_gbuffer`] does, without blocking a browser.
+    ///
+    /// # Errors
+    /// [`PipelineError`] if the device fails.
+    pub async fn fetch_gbuffer_async(&mut self) -> Result<(), PipelineError> {
         #[cfg(feature = "gpu")]
         if let (Machine::Gpu(gpu), Some(camera)) = (&self.machine, &self.frames.current.camera) {
-            gpu.read_gbuffer(camera, &mut self.frames.current.gbuffer)?;
+            gpu.read_gbuffer(camera, &mut self.frames.current.gbuffer).await?;
         }
         Ok(())
     }

@@ -259,7 +259,7 @@ impl FrameMemory {
 
     /// Waits for the frame of `submission` and receives the data read back; images, if they were read back, go into
     /// `frames`. Returns the frame's depths. Returns nothing after an overflow: the frame must be rendered again.
-    pub fn receive(
+    pub async fn receive(
         &self,
         gpu: &Gpu,
         submission: &Submission,
@@ -269,7 +269,7 @@ impl FrameMemory {
         frames: &mut Frames,
     ) -> Result<Option<DepthLattice>, PipelineError> {
         let (image, in_between) = (&mut frames.current.image, &mut frames.in_between);
-        self.readback.read(gpu, submission, |bytes| -> Result<_, PipelineError> {
+        let received = self.readback.read(gpu, submission, |bytes| -> Result<_, PipelineError> {
             if rasterizer.check_capacity_with(self.places.counters_in(bytes))? == CapacityCheck::Grown {
                 return Ok(None);
             }
@@ -281,7 +281,8 @@ impl FrameMemory {
                 }
             }
             Ok(Some(self.places.lattice_in(bytes)))
-        })?
+        });
+        received.await?
     }
 
     /// Makes the frame submitted last the previous frame of the next one.
@@ -299,8 +300,8 @@ impl FrameMemory {
     }
 
     /// Reads the LR G-buffer of the frame committed last.
-    pub fn read_gbuffer(&self, gpu: &Gpu, out: &mut GBuffer) -> Result<(), PipelineError> {
-        Ok(self.sides[self.newest].gbuffer.read(gpu, out)?)
+    pub async fn read_gbuffer(&self, gpu: &Gpu, out: &mut GBuffer) -> Result<(), PipelineError> {
+        Ok(self.sides[self.newest].gbuffer.read_async(gpu, out).await?)
     }
 }
 

@@ -4,7 +4,6 @@
 mod memory;
 
 use std::sync::Arc;
-use std::time::Instant;
 
 use gs3_compute::{Gpu, StageTime, Timings};
 use gs3_neural::MatrixUnit;
@@ -12,6 +11,7 @@ use gs3_raster::{GpuRasterizer, ScenePrecision};
 use gs3_reconstruct::DepthLattice;
 use gs3_reconstruct::gpu::GpuImage;
 use gs3_scene::{Camera, GBuffer, Scene};
+use web_time::Instant;
 
 use self::memory::FrameMemory;
 use super::cpu::CpuStages;
@@ -72,7 +72,7 @@ impl GpuMachine {
 
     /// Makes `frames.current` and the in-between frames before it. `read_back` says what is copied into `frames`;
     /// images that are not copied are empty there.
-    pub fn make(
+    pub async fn make(
         &mut self,
         inputs: &FrameInputs,
         frames: &mut Frames,
@@ -83,7 +83,7 @@ impl GpuMachine {
                 Some(stages) => stages,
                 none => none.insert(CpuStages::new(&self.plan)?),
             };
-            return stages.make(inputs, &mut *self.rasterizer, frames);
+            return stages.make(inputs, &mut *self.rasterizer, frames).await;
         }
         let Self { gpu, plan, rasterizer, memory, .. } = self;
         let mut timings = self.timings.as_mut().filter(|_| read_back != ReadBack::Nothing);
@@ -111,7 +111,8 @@ impl GpuMachine {
                 break (submission, DepthLattice::default());
             }
             // After an overflow the frame is rendered again: its splats fit into the grown buffers.
-            if let Some(lattice) = memory.receive(gpu, &submission, rasterizer, inputs, read_back, frames)? {
+            let received = memory.receive(gpu, &submission, rasterizer, inputs, read_back, frames);
+            if let Some(lattice) = received.await? {
                 break (submission, lattice);
             }
         };
@@ -119,7 +120,7 @@ impl GpuMachine {
         let mut times = StageTimes::default();
         match &timings {
             Some(timings) => {
-                self.stage_times = timings.read(gpu, &submission)?;
+                self.stage_times = timings.read_async(gpu, &submission).await?;
                 self.stage_times
                     .iter()
                     .for_each(|StageTime { stage, time }| times.add(stage_of(stage), *time));
@@ -181,9 +182,9 @@ impl GpuMachine {
     }
 
     /// Reads the LR G-buffer of the last frame into `out`, if only the device has it.
-    pub fn read_gbuffer(&self, camera: &Camera, out: &mut GBuffer) -> Result<(), PipelineError> {
+    pub async fn read_gbuffer(&self, camera: &Camera, out: &mut GBuffer) -> Result<(), PipelineError> {
         match &self.memory {
-            Some(memory) if self.makes_all_of(camera) => memory.read_gbuffer(&self.gpu, out),
+            Some(memory) if self.makes_all_of(camera) => memory.read_gbuffer(&self.gpu, out).await,
             _ => Ok(()),
         }
     }

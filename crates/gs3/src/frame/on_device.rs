@@ -1,0 +1,107 @@
+//! Frames that a device makes and keeps, and the change of machines.
+
+use std::sync::Arc;
+
+use gs3_compute::{Gpu, StageTime};
+use gs3_reconstruct::ResetReason;
+use gs3_scene::Camera;
+
+use super::cpu::CpuMachine;
+use super::gpu::{GpuMachine, GpuPresented};
+use super::inputs::ReadBack;
+use super::{FramePipeline, Machine};
+use crate::error::PipelineError;
+use crate::now::now;
+
+impl FramePipeline {
+    /// Renders as [`Self::render_with_poses`] does, on the device, and leaves the images on the device. This is for
+    /// programs that show images from their own device ([`Gpu::of`]). The call waits for a few hundred bytes that are
+    /// read back. [`Self::presented`] and [`Self::last_image`] are empty until the next [`Self::render`].
+    ///
+    /// # Errors
+    /// [`PipelineError::NotOnDevice`] if [`Self::is_on_device`] is false, else as [`Self::render_with_poses`].
+    pub fn render_to_device(
+        &mut self,
+        camera: &Camera,
+        poses: &[Camera],
+    ) -> Result<GpuPresented<'_>, PipelineError> {
+        self.make_frame_on_device(camera, poses, ReadBack::Counters)
+    }
+
+    /// Renders as [`Self::render_to_device`] does, without waiting for the device, so that frames queue up there. The
+    /// depths of the frame are then unknown to the CPU: jitter, margins and camera cuts are decided as if everything
+    /// were far away. A frame may be incomplete if its splats overflow the buffers; [`Self::wait_for_device`] reports
+    /// an overflow.
+    ///
+    /// # Errors
+    /// As [`Self::render_to_device`].
+    pub fn submit_to_device(
+        &mut self,
+        camera: &Camera,
+        poses: &[Camera],
+    ) -> Result<GpuPresented<'_>, PipelineError> {
+        self.make_frame_on_device(camera, poses, ReadBack::Nothing)
+    }
+
+    /// Waits for the frames of [`Self::submit_to_device`]. Returns whether all of them are complete. An incomplete
+    /// frame had more splats than the buffers hold; the buffers have grown for later frames.
+    ///
+    /// # Errors
+    /// [`PipelineError::NotOnDevice`] without a device, or another [`PipelineError`] if the device fails.
+    pub fn wait_for_device(&mut self) -> Result<bool, PipelineError> {
+        match &mut self.machine {
+            Machine::Cpu(_) => Err(PipelineError::NotOnDevice),
+            Machine::Gpu(gpu) => gpu.wait(),
+        }
+    }
+
+    fn make_frame_on_device(
+        &mut self,
+        camera: &Camera,
+        poses: &[Camera],
+        read_back: ReadBack,
+    ) -> Result<GpuPresented<'_>, PipelineError> {
+        if !self.is_on_device(camera) {
+            return Err(PipelineError::NotOnDevice);
+        }
+        now(self.make_frame(camera, poses, read_back))?;
+        match &self.machine {
+            Machine::Cpu(_) => Err(PipelineError::NotOnDevice),
+            Machine::Gpu(gpu) => gpu.presented().ok_or(PipelineError::NotOnDevice),
+        }
+    }
+
+    /// Renders on `gpu` from the next frame on, without history. In modes with history the GPU makes whole frames,
+    /// and only images are read back ([`Self::is_on_device`]). In the other modes the GPU rasterizes and the CPU does
+    /// the rest.
+    ///
+    /// # Errors
+    /// [`PipelineError`] if the scene does not fit the device, or if there are networks and the device computes wrong
+    /// matrix products. Everything stays unchanged then.
+    pub fn render_on(&mut self, gpu: &Gpu) -> Result<(), PipelineError> {
+        self.machine = Machine::Gpu(Box::new(GpuMachine::new(gpu, &self.plan, Arc::clone(self.scene()))?));
+        self.reset(ResetReason::BackendChange);
+        Ok(())
+    }
+
+    /// Renders on the CPU from the next frame on, without history. Call it when the device of [`Self::render_on`]
+    /// fails.
+    ///
+    /// # Errors
+    /// None beyond the errors of [`Self::with_networks`] with the same settings and networks.
+    pub fn render_on_cpu(&mut self) -> Result<(), PipelineError> {
+        self.machine = Machine::Cpu(Box::new(CpuMachine::new(&self.plan, Arc::clone(self.scene()))?));
+        self.reset(ResetReason::BackendChange);
+        Ok(())
+    }
+
+    /// Time of each device stage of the last frame that the CPU waited for, in the order in which the stages began.
+    /// Empty unless a GPU with a clock made that frame.
+    #[must_use]
+    pub fn device_times(&self) -> &[StageTime] {
+        match &self.machine {
+            Machine::Cpu(_) => &[],
+            Machine::Gpu(gpu) => gpu.stage_times(),
+        }
+    }
+}
