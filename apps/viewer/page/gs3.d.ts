@@ -19,9 +19,11 @@ export interface ViewerOptions {
   fps?: number;
   /** High-resolution over low-resolution size; 4. */
   scale?: number;
+  /** The machine that renders; "auto", the default, is a GPU that the browser offers, if it is none in software. */
+  backend?: "auto" | "gpu" | "cpu";
   /** No panels over the picture. */
   noui?: boolean;
-  /** Pixels of the picture at most; larger canvases stretch the picture. 230400 (640×360). */
+  /** Pixels of the picture at most; larger canvases stretch the picture. 230400 (640×360) on the CPU, 921600 (1280×720) on a GPU. */
   maxPixels?: number;
 }
 

@@ -1,17 +1,18 @@
 // gs3 in a web page: `createViewer(canvas, options)`. Types and all options: gs3.d.ts.
 
 const WORKER = new URL("./worker.js", import.meta.url);
-// Pixels that one thread of a browser rasterizes at rates fit for moving a camera; larger canvases are stretched.
-const MOST_PIXELS = 640 * 360;
+// Pixels at rates fit for moving a camera; larger canvases are stretched. One thread of a browser rasterizes the first number,
+// and takes the second from a GPU.
+const MOST_PIXELS = { cpu: 640 * 360, gpu: 1280 * 720 };
 // Pixels of a touch pad that count as a line of a wheel, and lines of a page.
 const WHEEL_LINE = { 0: 1 / 40, 1: 1, 2: 20 };
 
 /** Shows scenes in `canvas`. Resolves once the viewer runs; rejects with one line where it cannot. */
 export async function createViewer(canvas, options = {}) {
-  const { url, camera, noui = false, maxPixels = MOST_PIXELS, ...settings } = options;
+  const { url, camera, noui = false, maxPixels, ...settings } = options;
   if (!(canvas instanceof HTMLCanvasElement)) throw new TypeError(`canvas: expected a canvas element, found ${canvas}`);
   if (typeof WebAssembly !== "object") throw new Error("WebAssembly: expected a browser that has it, found none");
-  if (!(maxPixels >= 64)) throw new TypeError(`maxPixels: expected 64 or more, found ${maxPixels}`);
+  if (maxPixels !== undefined && !(maxPixels >= 64)) throw new TypeError(`maxPixels: expected 64 or more, found ${maxPixels}`);
   const worker = new Worker(WORKER, { type: "module" });
   const viewer = new PageViewer(canvas, worker, maxPixels);
   await viewer.start(settings, { url, camera, noui });
@@ -23,6 +24,7 @@ class PageViewer extends EventTarget {
   #context;
   #worker;
   #maxPixels;
+  #isSizeAsked;
   #asked = new Map();
   #asks = 0;
   #ready;
@@ -34,7 +36,8 @@ class PageViewer extends EventTarget {
 
   constructor(canvas, worker, maxPixels) {
     super();
-    [this.#canvas, this.#worker, this.#maxPixels] = [canvas, worker, maxPixels];
+    [this.#canvas, this.#worker, this.#maxPixels] = [canvas, worker, maxPixels ?? MOST_PIXELS.cpu];
+    this.#isSizeAsked = maxPixels !== undefined;
     this.#context = canvas.getContext("2d", { alpha: false });
   }
 
@@ -113,6 +116,8 @@ class PageViewer extends EventTarget {
   #take(data) {
     switch (data.kind) {
       case "ready":
+        if (!this.#isSizeAsked) this.#maxPixels = MOST_PIXELS[data.backend];
+        this.#resize();
         return this.#ready.resolve();
       case "end":
         return this.#end(data.message);
@@ -244,11 +249,13 @@ class PageViewer extends EventTarget {
       const files = await filesOf(event.dataTransfer);
       if (files.length > 0) post({ kind: "open", files });
     });
-    this.#resizes = new ResizeObserver(() => {
-      const [width, height] = this.#size();
-      post({ kind: "resized", width, height, scale: this.#scale() });
-    });
+    this.#resizes = new ResizeObserver(() => this.#resize());
     this.#resizes.observe(canvas);
+  }
+
+  #resize() {
+    const [width, height] = this.#size();
+    this.#worker.postMessage({ kind: "resized", width, height, scale: this.#scale() });
   }
 }
 

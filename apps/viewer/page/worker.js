@@ -15,25 +15,39 @@ let shownAt = 0;
 let wasIdle = false;
 let isOver = false;
 
+// Whether a step is under way: the viewer takes no calls then, and `waiting` has them.
+let isStepping = false;
+let waiting = [];
+
 const figures = () => JSON.parse(viewer.figures());
 
 // A trap of WebAssembly leaves no viewer to go on with.
+function end(error) {
+  if (isOver) return;
+  isOver = true;
+  const isMemory = error instanceof RangeError || /memory/i.test(String(error));
+  const message = isMemory ? "the scene needs more memory than the browser gives a page" : `the viewer has failed: ${error?.message ?? error}`;
+  postMessage({ kind: "end", message });
+}
+
+// Traps within a step: the promise of that step is never kept.
+self.onerror = (message, source, line, column, error) => (end(error ?? message), true);
+self.onunhandledrejection = (event) => (event.preventDefault(), end(event.reason));
+
+// Does `work` with the viewer, after the step that is under way.
 function guarded(work) {
-  if (isOver) return undefined;
+  if (isOver) return;
+  if (isStepping) return void waiting.push(work);
   try {
-    return work();
+    work();
   } catch (error) {
-    isOver = true;
-    const isMemory = error instanceof RangeError || /memory/i.test(String(error));
-    const message = isMemory ? "the scene needs more memory than the browser gives a page" : `the viewer has failed: ${error.message ?? error}`;
-    postMessage({ kind: "end", message });
-    return undefined;
+    end(error);
   }
 }
 
 function schedule() {
   clearTimeout(timer);
-  if (isShowing || isOver) return;
+  if (isShowing || isStepping || isOver) return;
   const wait = viewer.untilNext();
   if (wait < 0) {
     if (!wasIdle) postMessage({ kind: "idle", figures: figures() });
@@ -44,8 +58,11 @@ function schedule() {
   timer = setTimeout(() => guarded(step), wait);
 }
 
-function step() {
-  if (viewer.step()) {
+async function step() {
+  isStepping = true;
+  const isNew = await viewer.step();
+  isStepping = false;
+  if (isNew) {
     const { width, height } = viewer;
     const pixels = viewer.rgba();
     isShowing = true;
@@ -57,6 +74,9 @@ function step() {
     else if (effect.kind === "choose") postMessage({ kind: "choose" });
     else save(effect);
   }
+  const work = waiting;
+  waiting = [];
+  work.forEach(guarded);
   schedule();
 }
 
@@ -80,20 +100,27 @@ async function open(name) {
   sources.delete(name);
   try {
     const files = await read(source, (share) => {
-      if (mine !== opening || isOver) return;
-      viewer.progress(share);
-      schedule();
+      if (mine !== opening) return;
+      guarded(() => viewer.progress(share));
+      guarded(schedule);
     });
-    if (mine !== opening) return;
-    guarded(() => viewer.opened(name, files));
-    if (firstCamera !== undefined) {
-      viewer.setCamera(JSON.stringify(firstCamera));
-      firstCamera = undefined;
-    }
+    guarded(() => mine === opening && show(name, files));
   } catch (error) {
-    if (mine === opening) guarded(() => viewer.failed(`${name}: ${error.message ?? error}`));
+    guarded(() => mine === opening && viewer.failed(`${name}: ${error.message ?? error}`));
   }
   guarded(schedule);
+}
+
+function show(name, files) {
+  viewer.opened(name, files);
+  const camera = firstCamera;
+  firstCamera = undefined;
+  if (camera === undefined) return;
+  try {
+    viewer.setCamera(JSON.stringify(camera));
+  } catch (error) {
+    viewer.failed(`camera: ${error.message ?? error}`);
+  }
 }
 
 // `[path, bytes]` of each file.
@@ -177,18 +204,18 @@ const inputs = {
       return viewer.failed(`expected a URL, found "${source.url}"`);
     }
     sources.set(name, source);
-    viewer.open(name);
+    viewer.ask(name);
   },
 };
 
 async function begin({ settings, url, camera, noui, scale }) {
   await init({ module_or_path: new URL("./gs3_viewer_bg.wasm", import.meta.url) });
-  viewer = new PageViewer(JSON.stringify(settings));
+  viewer = await PageViewer.open(JSON.stringify(settings));
   viewer.scale(scale);
   if (noui) viewer.setPanels(false);
   firstCamera = camera;
   inputs.open({ url: url ?? "demo" });
-  postMessage({ kind: "ready" });
+  postMessage({ kind: "ready", backend: viewer.backend });
 }
 
 function take(data) {

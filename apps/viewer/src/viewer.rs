@@ -185,6 +185,8 @@ pub struct Viewer {
     drag: Option<Button>,
     fingers: Fingers,
     last_click: Option<(Duration, [f32; 2])>,
+    /// Where the surface is to become the pivot.
+    pivot_at: Option<[f32; 2]>,
     panels: Panels,
     view: View,
     compare: Compare,
@@ -229,18 +231,43 @@ impl Viewer {
     /// scene.
     ///
     /// # Errors
-    /// [`ViewerError`] if a setting is not supported, or the requested GPU does not exist.
+    /// [`ViewerError`] if a setting is not supported, or the requested GPU does not exist; in a browser
+    /// [`Self::new_async`] is for GPUs.
     pub fn new(
         name: &str,
         scene: Arc<Scene>,
         cameras: Option<&CameraPath>,
         settings: ViewerSettings,
     ) -> Result<Self, ViewerError> {
-        let ViewerSettings { session, native_when_fast, fps, size } = settings;
-        let bulk = Bulk::of(&scene);
-        let controls = Controls::new(&first_camera(&scene, cameras, size)?, &bulk);
+        let session = Session::new(scene, settings.session.clone())?;
+        Self::of(name, session, cameras, &settings)
+    }
+
+    /// A viewer of `scene`, as [`Self::new`] makes it, without blocking a browser.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub async fn new_async(
+        name: &str,
+        scene: Arc<Scene>,
+        cameras: Option<&CameraPath>,
+        settings: ViewerSettings,
+    ) -> Result<Self, ViewerError> {
+        let session = Session::open(scene, settings.session.clone()).await?;
+        Self::of(name, session, cameras, &settings)
+    }
+
+    fn of(
+        name: &str,
+        session: Session,
+        cameras: Option<&CameraPath>,
+        settings: &ViewerSettings,
+    ) -> Result<Self, ViewerError> {
+        let &ViewerSettings { native_when_fast, fps, size, .. } = settings;
+        let bulk = Bulk::of(session.scene());
+        let controls = Controls::new(&first_camera(session.scene(), cameras, size)?, &bulk);
         Ok(Self {
-            session: Session::new(scene, session)?,
+            session,
             controls,
             bulk,
             name: name.to_owned(),
@@ -253,6 +280,7 @@ impl Viewer {
             drag: None,
             fingers: Fingers::default(),
             last_click: None,
+            pivot_at: None,
             panels: Panels::default(),
             view: View::default(),
             compare: Compare::default(),
@@ -292,8 +320,14 @@ impl Viewer {
         self.is_idle = false;
     }
 
-    /// Advances to the current time. `clock` is the time since any fixed moment.
+    /// Advances to the current time. `clock` is the time since any fixed moment. In a browser [`Self::step_async`] is
+    /// for sessions on GPUs.
     pub fn step(&mut self, clock: &dyn Fn() -> Duration) -> Step {
+        pollster::block_on(self.step_async(clock))
+    }
+
+    /// Advances to the current time, as [`Self::step`] does, without blocking a browser.
+    pub async fn step_async(&mut self, clock: &dyn Fn() -> Duration) -> Step {
         let started = clock();
         let seconds = match self.last_step {
             Some(last) if !self.figures_paused() => started.saturating_sub(last).as_secs_f64(),
@@ -305,16 +339,21 @@ impl Viewer {
         is_due |= self.panels.due().is_some_and(|due| due <= started);
         is_due |= self.note.take_if(|(_, until)| *until <= started).is_some();
         self.has_failed &= inputs.is_empty();
-        inputs.into_iter().for_each(|input| self.handle(input, started));
+        for input in inputs {
+            self.handle(input, started);
+        }
+        if let Some(at) = self.pivot_at.take() {
+            self.set_pivot(at, started).await;
+        }
         self.move_camera(seconds.min(LONGEST_STEP));
-        let (is_rendered, rendering) = self.render(clock);
+        let (is_rendered, rendering) = self.render(clock).await;
         is_due |= is_rendered || self.is_stale;
         if is_due {
             self.compose();
             let actions = self.paint(started, is_rendered);
             self.figures.show(started, is_rendered);
             actions.into_iter().for_each(|action| self.act(action, started));
-            self.take_shots();
+            self.take_shots().await;
             let rest = clock().saturating_sub(started).saturating_sub(rendering).as_secs_f64();
             self.overhead += NEWEST * (rest - self.overhead);
         }

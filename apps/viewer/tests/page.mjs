@@ -1,6 +1,6 @@
 // A hand at the page in a browser: real events of mouse, keyboard, wheel and touch. `page.rs` runs it and judges the pictures.
 //
-// node page.mjs PAGE SCENES OUT, where PAGE is the built page, SCENES has few.ply, bad.ply and cameras.json, and OUT takes what was
+// node page.mjs PAGE SCENES OUT, where PAGE is the built page, SCENES has few.ply, part.ply, bad.ply and cameras.json, and OUT takes what was
 // seen.
 
 import assert from "node:assert/strict";
@@ -17,11 +17,25 @@ const TYPES = { ".html": "text/html", ".js": "text/javascript", ".wasm": "applic
 const HOST = `<!doctype html><title>host</title><iframe src="/index.html?noui" width="320" height="200"></iframe>
 <script>window.told = []; addEventListener("message", ({ data }) => told.push(data));</script>`;
 
+// What the worker runs first: it keeps the devices that are opened, so that one can be lost.
+const KEEP_DEVICES = `const request = GPUAdapter.prototype.requestDevice;
+GPUAdapter.prototype.requestDevice = async function (...wishes) {
+  self.device = await request.apply(this, wishes);
+  return self.device;
+};`;
+// The GPU of this browser is one in software, which only who asks for it gets; with this the page does not see that.
+const AS_HARDWARE = `Object.defineProperty(GPUAdapterInfo.prototype, "isFallbackAdapter", { get: () => false });`;
+let isAsHardware = false;
+
 const server = createServer(async (request, response) => {
   const { pathname } = new URL(request.url, "http://x");
   if (pathname === "/host.html") return response.writeHead(200, { "Content-Type": "text/html" }).end(HOST);
   const file = pathname.startsWith("/scenes/") ? path.join(scenes, pathname.slice(8)) : path.join(pageFolder, pathname);
   if (!(await stat(file).catch(() => undefined))?.isFile()) return response.writeHead(404).end();
+  if (pathname === "/worker.js") {
+    const worker = await readFile(file, "utf8");
+    return response.writeHead(200, { "Content-Type": TYPES[".js"] }).end(KEEP_DEVICES + (isAsHardware ? AS_HARDWARE : "") + worker);
+  }
   const { size } = await stat(file);
   response.writeHead(200, { "Content-Type": TYPES[path.extname(file)] ?? "application/octet-stream", "Content-Length": size });
   createReadStream(file).pipe(response);
@@ -31,13 +45,15 @@ const base = `http://127.0.0.1:${server.address().port}`;
 
 const browser = await chromium.launch({
   executablePath: process.env.GS3_CHROMIUM ?? "/usr/bin/chromium",
-  args: ["--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"],
+  args: ["--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    "--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader", "--enable-features=Vulkan"],
 });
 const context = await browser.newContext({ viewport: { width: 400, height: 240 }, hasTouch: true, acceptDownloads: true });
 const failures = [];
 
-async function opened(query = "") {
+async function opened(query = "", size = { width: 400, height: 240 }) {
   const page = await context.newPage();
+  await page.setViewportSize(size);
   page.on("pageerror", (error) => failures.push(`page error: ${error.message}`));
   page.on("console", (message) => message.type() === "error" && console.log(`console: ${message.text()}`));
   await page.goto(`${base}/index.html${query}`);
@@ -238,14 +254,68 @@ await check("?url= and #camera= are shown; the address keeps the view", async ()
   await linked.close();
 });
 
+// SwiftShader takes a millisecond for each workgroup with barriers: few Gaussians, and few pixels.
+const SMALL = { width: 200, height: 120 };
+const drag = async (page) => {
+  const { rendered } = await figures(page);
+  // Away from the divider of a split screen.
+  await page.mouse.move(50, 60);
+  await page.mouse.down();
+  await page.mouse.move(70, 70, { steps: 4 });
+  await page.mouse.up();
+  await until(page, "frames after a drag", `f.rendered > ${rendered} || typeof f.message === "string"`);
+};
+const loseDevice = (page) => page.workers()[0].evaluate(() => self.device.destroy());
+
+await check("a GPU renders: rest at the native image, a drag, a pivot, a split screen; once it is lost, a message says so", async () => {
+  const gpu = await opened("?backend=gpu&noui&url=/scenes/part.ply", SMALL);
+  await atRest(gpu);
+  assert.equal((await figures(gpu)).backend, "gpu");
+  await drag(gpu);
+  await atRest(gpu);
+  const before = await camera(gpu);
+  await gpu.mouse.dblclick(100, 60);
+  await gpu.waitForTimeout(500);
+  assert.notDeepEqual((await camera(gpu)).target, before.target);
+  await writeFile(path.join(out, "gpu.png"), await canvasOf(gpu));
+  await writeFile(path.join(out, "gpu.json"), JSON.stringify(await camera(gpu)));
+  const { rendered } = await figures(gpu);
+  await gpu.keyboard.press("c");
+  await gpu.keyboard.press("c");
+  await until(gpu, "frames of the split screen", `f.rendered > ${rendered} + 1`);
+  await atRest(gpu);
+  await writeFile(path.join(out, "gpu-split.png"), await canvasOf(gpu));
+  await writeFile(path.join(out, "gpu-split.json"), JSON.stringify(await camera(gpu)));
+  await loseDevice(gpu);
+  await drag(gpu);
+  await until(gpu, "a message", "typeof f.message === 'string'");
+  assert.match((await figures(gpu)).message, /^GPU.*lost/);
+  await gpu.close();
+});
+
+await check("a GPU in software is not taken unasked; the CPU takes over from one that is lost", async () => {
+  isAsHardware = true;
+  const auto = await opened("?noui&url=/scenes/part.ply", SMALL);
+  isAsHardware = false;
+  await until(auto, "frames of a GPU", "f.backend === 'gpu' && f.gaussians > 3 && f.rendered > 0");
+  await loseDevice(auto);
+  await drag(auto);
+  await until(auto, "frames of the CPU", "f.backend === 'cpu' && f.message === null");
+  await atRest(auto);
+  await writeFile(path.join(out, "taken-over.png"), await canvasOf(auto));
+  await writeFile(path.join(out, "taken-over.json"), JSON.stringify(await camera(auto)));
+  await auto.close();
+});
+
 await check("what cannot be is told in one line", async () => {
   const missing = await opened("?url=/scenes/none.ply");
   await until(missing, "a message", "typeof f.message === 'string'");
   assert.match((await figures(missing)).message, /^none\.ply: expected a file, found 404/);
   await missing.close();
   for (const [query, expected] of [
-    ["?speed=3", "?speed: expected one of url, quality, fps, maxPixels, noui, found speed"],
+    ["?speed=3", "?speed: expected one of url, quality, backend, fps, maxPixels, noui, found speed"],
     ["?fps=fast", 'fps: expected a number, found "fast"'],
+    ["?backend=cuda", 'settings: backend: expected auto, cpu or gpu, found "cuda"'],
     ["?quality=best", 'settings: quality: expected fast, balanced or high, found "best"'],
   ]) {
     const refused = await opened(query);

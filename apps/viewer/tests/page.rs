@@ -67,6 +67,14 @@ fn native(session: &mut Session, camera: &Path, size: [u32; 2]) -> Vec<u8> {
     session.reference(Mode::Native, &camera).unwrap().to_rgb8()
 }
 
+/// Every fiftieth Gaussian of the demo, seven times as wide: the same picture roughly.
+fn part_of_demo() -> Scene {
+    let mut gaussians = demo::scene().unwrap().into_gaussians();
+    gaussians.retain(|_, i| i % 50 == 0);
+    gaussians.scales.iter_mut().flatten().for_each(|scale| *scale *= 7.0);
+    Scene::new(gaussians, OpacityMode::Default).unwrap()
+}
+
 #[test]
 fn a_session_in_a_browser() {
     if let Some(missing) = missing() {
@@ -86,6 +94,8 @@ fn a_session_in_a_browser() {
         few.scales.iter_mut().for_each(|axis| axis[k] = 0.3);
     }
     save(&Scene::new(few, OpacityMode::Default).unwrap(), scenes.join("few.ply")).unwrap();
+    let part = part_of_demo();
+    save(&part, scenes.join("part.ply")).unwrap();
     fs::write(scenes.join("bad.ply"), "ply\nformat nonsense").unwrap();
     let camera = |k: u32| {
         let eye = DVec3::new(0.02 * f64::from(k), -1.0, -6.0);
@@ -102,25 +112,33 @@ fn a_session_in_a_browser() {
     assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
 
     let settings = SessionSettings { backend: Backend::Cpu, ..SessionSettings::default() };
-    let mut session = Session::new(demo::scene().unwrap(), settings).unwrap();
-    for name in ["demo", "moved", "shot"] {
+    let mut whole = Session::new(demo::scene().unwrap(), settings.clone()).unwrap();
+    let mut part = Session::new(part, settings).unwrap();
+    for name in ["demo", "moved", "shot", "gpu", "taken-over"] {
         let (size, shown) = rgb(&out.join(format!("{name}.png")));
-        assert_eq!(size, [400, 240]);
-        let expected = native(&mut session, &out.join(format!("{name}.json")), size);
+        let session = match size {
+            [400, 240] => &mut whole,
+            [200, 120] => &mut part,
+            other => panic!("{name}: {other:?} pixels"),
+        };
+        let expected = native(session, &out.join(format!("{name}.json")), size);
         let psnr = psnr(&shown, &expected);
         println!("{name}: {psnr:.1} dB of the native image");
         assert!(psnr >= LEAST_PSNR, "{name}: {psnr} dB");
     }
     // The split screen: bicubic on the left, and the native image of a resting camera on the right.
-    let (size, split) = rgb(&out.join("split.png"));
-    let expected = native(&mut session, &out.join("split.json"), size);
-    let half = |image: &[u8], columns: std::ops::Range<usize>| -> Vec<u8> {
+    let half = |image: &[u8], columns: std::ops::Range<usize>, size: [u32; 2]| -> Vec<u8> {
         let rows = image.chunks_exact(3 * size[0] as usize);
         rows.flat_map(|row| row[3 * columns.start..3 * columns.end].to_vec()).collect()
     };
-    // The divider and the columns beside it belong to neither side.
-    let [left, right] =
-        [0..196, 204..400].map(|side| psnr(&half(&split, side.clone()), &half(&expected, side)));
-    println!("split screen: {left:.1} and {right:.1} dB of the native image");
-    assert!(left < 40.0 && right >= LEAST_PSNR, "{left} and {right} dB");
+    for (name, session) in [("split", &mut whole), ("gpu-split", &mut part)] {
+        let (size, split) = rgb(&out.join(format!("{name}.png")));
+        let expected = native(session, &out.join(format!("{name}.json")), size);
+        // The divider and the columns beside it belong to neither side.
+        let (middle, end) = (size[0] as usize / 2, size[0] as usize);
+        let [left, right] = [0..middle - 4, middle + 4..end]
+            .map(|side| psnr(&half(&split, side.clone(), size), &half(&expected, side, size)));
+        println!("{name}: {left:.1} and {right:.1} dB of the native image");
+        assert!(left < 40.0 && right >= LEAST_PSNR, "{name}: {left} and {right} dB");
+    }
 }

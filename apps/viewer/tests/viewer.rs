@@ -237,9 +237,16 @@ fn one_finger_orbits_and_two_pan_and_pinch() {
     assert_eq!(*hand.viewer.rig(), pinched);
 }
 
+/// Also where the frame of the camera is native from the start, so that the last G-buffer is one of an earlier camera.
 #[test]
 fn a_double_click_sets_the_pivot_on_the_surface() {
-    let mut hand = Hand::new();
+    [false, true].into_iter().for_each(check_pivot);
+}
+
+fn check_pivot(native_when_fast: bool) {
+    let mut hand = Hand::of(native_when_fast);
+    hand.rest();
+    hand.viewer.input(Input::Wheel(-8.0));
     hand.rest();
     let before = hand.viewer.camera().unwrap();
     let at = [60.0, 100.0];

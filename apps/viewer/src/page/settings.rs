@@ -22,12 +22,14 @@ pub struct PageSettings {
     /// `fast`, `balanced` or `high`: exact pixels by the error that may be seen. Without it they are as many as the frame rate
     /// leaves time for.
     pub quality: Option<String>,
+    /// `auto`, `gpu` or `cpu`. `auto` takes a GPU that the browser offers, if it is none in software.
+    pub backend: Option<String>,
 }
 
 impl Default for PageSettings {
     fn default() -> Self {
         let scale = PipelineSettings::default().scale;
-        Self { width: 640, height: 360, fps: 30.0, scale, quality: None }
+        Self { width: 640, height: 360, fps: 30.0, scale, quality: None, backend: None }
     }
 }
 
@@ -47,10 +49,10 @@ impl PageSettings {
         serde_json::from_str(json).map_err(|e| PageSettingsError { message: e.to_string() })
     }
 
-    /// The settings of the viewer, which renders on the CPU.
+    /// The settings of the viewer.
     ///
     /// # Errors
-    /// [`PageSettingsError`] if the quality has no such name, or the frame rate is none.
+    /// [`PageSettingsError`] if the quality or the backend has no such name, or the frame rate is none.
     pub fn viewer(&self) -> Result<ViewerSettings, PageSettingsError> {
         let error = |message: String| PageSettingsError { message };
         if !(1.0..=1000.0).contains(&self.fps) {
@@ -69,10 +71,12 @@ impl PageSettings {
                 .ok_or_else(|| error(format!("quality: expected fast, balanced or high, found {name:?}")))?;
             pipeline.refine = Refine::Auto;
         }
+        let backend = self.backend.as_deref().unwrap_or(Backend::Auto.name());
+        let backend = backend.parse().map_err(|e| error(format!("backend: {e}")))?;
         let session = SessionSettings {
             pipeline,
             networks: Networks::default(),
-            backend: Backend::Cpu,
+            backend,
             ..SessionSettings::default()
         };
         let size = [self.width, self.height];
@@ -101,6 +105,13 @@ mod tests {
         assert_eq!(
             refused(r#"{"quality": "best"}"#),
             "settings: quality: expected fast, balanced or high, found \"best\""
+        );
+        assert_eq!(plain.session.backend, Backend::Auto);
+        let gpu = PageSettings::parse(r#"{"backend": "gpu"}"#).unwrap().viewer().unwrap();
+        assert_eq!(gpu.session.backend, Backend::Gpu);
+        assert_eq!(
+            refused(r#"{"backend": "cuda"}"#),
+            "settings: backend: expected auto, cpu or gpu, found \"cuda\""
         );
         assert_eq!(refused(r#"{"fps": 0}"#), "settings: fps: expected 1 to 1000, found 0");
     }

@@ -35,23 +35,29 @@ fn nothing() -> Gaussians {
 
 #[wasm_bindgen]
 impl PageViewer {
-    /// A viewer without a scene. `settings` is a `PageSettings`.
+    /// A promise of a viewer without a scene. `settings` is a `PageSettings`.
     ///
     /// # Errors
     /// One line with what was expected and what was found.
-    #[wasm_bindgen(constructor)]
-    pub fn new(settings: &str) -> Result<Self, JsError> {
+    pub async fn open(settings: String) -> Result<Self, JsError> {
         console_error_panic_hook::set_once();
-        let settings = PageSettings::parse(settings).and_then(|s| s.viewer()).map_err(failure)?;
-        let nothing = Scene::new(nothing(), OpacityMode::Default).map_err(failure)?;
-        let viewer = Viewer::new("no scene", Arc::new(nothing), None, settings).map_err(failure)?;
+        let settings = PageSettings::parse(&settings).and_then(|s| s.viewer()).map_err(failure)?;
+        let nothing = Arc::new(Scene::new(nothing(), OpacityMode::Default).map_err(failure)?);
+        let viewer = Viewer::new_async("no scene", nothing, None, settings).await.map_err(failure)?;
         Ok(Self { viewer, started: Instant::now() })
     }
 
-    /// Goes on to now: whether the picture is another.
-    pub fn step(&mut self) -> bool {
+    /// Goes on to now: a promise of whether the picture is another. Until it is kept, nothing else may be called.
+    pub async fn step(&mut self) -> bool {
         let started = self.started;
-        self.viewer.step(&|| started.elapsed()).is_new
+        self.viewer.step_async(&|| started.elapsed()).await.is_new
+    }
+
+    /// The machine that renders: `cpu` or `gpu`.
+    #[wasm_bindgen(getter)]
+    #[must_use]
+    pub fn backend(&self) -> String {
+        self.viewer.session().backend().to_string()
     }
 
     /// Milliseconds until the next step is due; negative if that takes an input.
@@ -161,7 +167,8 @@ impl PageViewer {
     }
 
     /// Asks for `name` to be opened: an effect asks for its files.
-    pub fn open(&mut self, name: &str) {
+    #[wasm_bindgen(js_name = ask)]
+    pub fn open_name(&mut self, name: &str) {
         self.viewer.input(Input::Dropped(PathBuf::from(name)));
     }
 

@@ -21,9 +21,9 @@ impl Viewer {
         self.is_idle = false;
     }
 
-    pub(super) fn take_shots(&mut self) {
+    pub(super) async fn take_shots(&mut self) {
         for shot in std::mem::take(&mut self.shots) {
-            match self.take_shot(&shot) {
+            match self.take_shot(&shot).await {
                 Ok(bytes) => {
                     let numbered = Place::Numbered { stem: "gs3", extension: "png" };
                     self.effects.push(Effect::Save(shot.file.map_or(numbered, Place::File), bytes));
@@ -43,7 +43,7 @@ impl Viewer {
         }
     }
 
-    pub(super) fn take_shot(&mut self, shot: &Shot) -> Result<Vec<u8>, String> {
+    pub(super) async fn take_shot(&mut self, shot: &Shot) -> Result<Vec<u8>, String> {
         let encode = |size: [u32; 2], rgb: &[u8]| png(size, rgb).map_err(|e| format!("screenshot: {e}"));
         if shot.scale <= 1 {
             let picture = if shot.panels { &self.picture } else { &self.frame };
@@ -52,7 +52,8 @@ impl Viewer {
         let size = self.size.map(|side| side.saturating_mul(shot.scale));
         let rig = self.controls.shown();
         let camera = rig.camera(size).map_err(|e| format!("screenshot: {e}"))?;
-        let image = self.session.reference(Mode::Native, &camera).map_err(|e| format!("screenshot: {e}"))?;
+        let reference = self.session.reference_async(Mode::Native, &camera).await;
+        let image = reference.map_err(|e| format!("screenshot: {e}"))?;
         let bytes = encode(size, &image.to_rgb8());
         // The last native frame is this one now.
         self.rest.is_native = false;

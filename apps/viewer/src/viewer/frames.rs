@@ -74,12 +74,12 @@ impl Viewer {
     }
 
     /// Renders at most one frame. Returns whether it did, and how long the session took.
-    pub(super) fn render(&mut self, clock: &dyn Fn() -> Duration) -> (bool, Duration) {
+    pub(super) async fn render(&mut self, clock: &dyn Fn() -> Duration) -> (bool, Duration) {
         if !self.is_rendering_due() {
             return (false, Duration::ZERO);
         }
         let started = clock();
-        let made = self.make_frame(clock);
+        let made = self.make_frame(clock).await;
         for notice in self.session.take_notices() {
             self.tell(notice, started);
         }
@@ -94,7 +94,7 @@ impl Viewer {
         (true, clock().saturating_sub(started))
     }
 
-    fn make_frame(&mut self, clock: &dyn Fn() -> Duration) -> Result<(), ViewerError> {
+    async fn make_frame(&mut self, clock: &dyn Fn() -> Duration) -> Result<(), ViewerError> {
         let camera = self.controls.shown().camera(self.size)?;
         let is_native_fast = self.is_native_fast();
         if self.rest.camera != Some(camera) {
@@ -107,24 +107,24 @@ impl Viewer {
                 let budget = (interval - self.overhead).max(LEAST_SHARE * interval);
                 self.session.set_refine(Refine::FrameTime(Duration::from_secs_f64(budget)))?;
             }
-            self.session.render(&camera)?;
+            self.session.render_async(&camera).await?;
             self.rest.frames += 1;
             self.pace.reconstructed = Some(clock().saturating_sub(begun));
             if self.view.reads_gbuffer() {
-                self.session.fetch_gbuffer()?;
+                self.session.fetch_gbuffer_async().await?;
             }
         } else {
-            self.session.reference(Mode::Native, &camera)?;
+            self.session.reference_async(Mode::Native, &camera).await?;
             self.rest.is_native = true;
             self.pace.native = Some(clock().saturating_sub(begun));
         }
         for method in self.compare.methods() {
             if let Method::Reference(mode) = method {
-                self.session.reference(*mode, &camera)?;
+                self.session.reference_async(*mode, &camera).await?;
             }
         }
         if self.compare == Compare::Difference {
-            self.session.reference(Mode::Native, &camera)?;
+            self.session.reference_async(Mode::Native, &camera).await?;
         }
         Ok(())
     }

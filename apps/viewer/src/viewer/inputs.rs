@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use gs3::PipelineError;
 use gs3::glam::DVec2;
 use gs3::scene::Camera;
 use gs3::scene::camera::MAX_SIDE;
@@ -117,20 +118,29 @@ impl Viewer {
             let last = self.last_click.replace((now, at));
             if last.is_some_and(|(then, from)| now.saturating_sub(then) <= DOUBLE_CLICK.0 && is_near(from)) {
                 self.last_click = None;
-                self.set_pivot(at, now);
+                self.pivot_at = Some(at);
                 return;
             }
         }
         self.drag = Some(button);
     }
 
+    /// Makes the G-buffer of `camera` the session's last one.
+    async fn fetch_gbuffer_of(&mut self, camera: &Camera) -> Result<(), PipelineError> {
+        // A frame that is native from the start has none.
+        if self.is_native_alone() {
+            self.session.render_async(camera).await?;
+        }
+        self.session.fetch_gbuffer_async().await
+    }
+
     /// Makes the surface at `at` the pivot.
-    pub(super) fn set_pivot(&mut self, at: [f32; 2], now: Duration) {
-        if let Err(error) = self.session.fetch_gbuffer() {
+    pub(super) async fn set_pivot(&mut self, at: [f32; 2], now: Duration) {
+        let Some(camera) = self.rest.camera else { return };
+        if let Err(error) = self.fetch_gbuffer_of(&camera).await {
             self.message = Some(error.to_string());
             return;
         }
-        let Some(camera) = self.rest.camera else { return };
         let pipeline = self.session.pipeline();
         let geometry = pipeline.gbuffer().geometry.as_ref();
         let scale = pipeline.settings().scale.max(1) as usize;
