@@ -21,6 +21,8 @@ export interface ViewerOptions {
   scale?: number;
   /** The machine that renders; "auto", the default, is a GPU that the browser offers, if it is none in software. */
   backend?: "auto" | "gpu" | "cpu";
+  /** Gaussians of a streamed scene at most, at the levels that leave the least error. Missing: its finest levels. */
+  budget?: number;
   /** No panels over the picture. */
   noui?: boolean;
   /** Pixels of the picture at most; larger canvases stretch the picture. 230400 (640×360) on the CPU, 921600 (1280×720) on a GPU. */

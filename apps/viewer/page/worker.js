@@ -94,28 +94,66 @@ let firstCamera;
 // Only the last thing that was asked for is opened.
 let opening = 0;
 
+// The value of `work` with the viewer, after the step that is under way.
+const asked = (work) => new Promise((resolve, reject) => guarded(() => {
+  try {
+    resolve(work());
+  } catch (error) {
+    reject(error);
+    throw error;
+  }
+}));
+
 async function open(name) {
   const mine = ++opening;
   const source = sources.get(name);
   sources.delete(name);
+  const isCurrent = () => mine === opening;
+  const progress = (share) => {
+    guarded(() => isCurrent() && viewer.progress(share));
+    guarded(schedule);
+  };
   try {
-    const files = await read(source, (share) => {
-      if (mine !== opening) return;
-      guarded(() => viewer.progress(share));
+    const files = await read(source, progress);
+    const base = source?.url && source.url !== "demo" ? new URL(source.url, self.location.href) : undefined;
+    await asked(() => isCurrent() && viewer.begin(name, files, base !== undefined));
+    for (let missing = []; missing !== undefined; ) {
+      missing = await asked(() => (isCurrent() ? viewer.goOn() : undefined));
+      if (!isCurrent()) return;
+      if (!missing?.length) guarded(look);
       guarded(schedule);
-    });
-    guarded(() => mine === opening && show(name, files));
+      if (missing?.length) await supply(missing, base, isCurrent, progress);
+    }
   } catch (error) {
-    guarded(() => mine === opening && viewer.failed(`${name}: ${error.message ?? error}`));
+    guarded(() => isCurrent() && viewer.failed(`${name}: ${error.message ?? error}`));
   }
   guarded(schedule);
 }
 
-function show(name, files) {
-  viewer.opened(name, files);
+// Files at a time: browsers open six connections to a server.
+const CONNECTIONS = 6;
+
+// Fetches the files at the paths `missing` beside `base`, and hands them to the viewer.
+async function supply(missing, base, isCurrent, progress) {
+  let next = 0;
+  let done = 0;
+  const fetchSome = async () => {
+    while (next < missing.length && isCurrent()) {
+      const path = missing[next++];
+      const url = new URL(path.split("/").map(encodeURIComponent).join("/"), base);
+      const bytes = await fetched(url, () => {}).catch((error) => Promise.reject(new Error(`${path}: ${error.message ?? error}`)));
+      await asked(() => isCurrent() && viewer.supply(path, bytes));
+      progress(++done / missing.length);
+    }
+  };
+  await Promise.all(Array.from({ length: CONNECTIONS }, fetchSome));
+}
+
+// Moves the camera to where the page begins, once its scene is there.
+function look() {
+  if (firstCamera === undefined) return;
   const camera = firstCamera;
   firstCamera = undefined;
-  if (camera === undefined) return;
   try {
     viewer.setCamera(JSON.stringify(camera));
   } catch (error) {
@@ -134,9 +172,13 @@ async function read(source, progress) {
     }
     return files;
   }
-  const response = await fetch(source.url);
+  return [[nameOf(source.url), await fetched(source.url, progress)]];
+}
+
+// The bytes at `url`.
+async function fetched(url, progress) {
+  const response = await fetch(url);
   if (!response.ok) throw new Error(`expected a file, found ${response.status} ${response.statusText}`.trim());
-  const path = nameOf(source.url);
   const length = Number(response.headers.get("content-length"));
   const reader = response.body.getReader();
   const parts = [];
@@ -154,7 +196,7 @@ async function read(source, progress) {
     bytes.set(part, offset);
     offset += part.length;
   }
-  return [[path, bytes]];
+  return bytes;
 }
 
 function nameOf(url) {

@@ -211,6 +211,13 @@ impl Controls {
         }
     }
 
+    /// Goes along with a world that is moved by `by`.
+    pub fn shift(&mut self, by: DVec3) {
+        for rig in [&mut self.shown, &mut self.aimed, &mut self.home] {
+            rig.pivot += by;
+        }
+    }
+
     /// Begins or ends a flight in one direction.
     pub fn hold(&mut self, flight: Flight, is_held: bool) {
         self.held[flight as usize] = is_held;

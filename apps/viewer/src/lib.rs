@@ -8,6 +8,7 @@ pub mod compare;
 pub mod controls;
 pub mod figures;
 pub mod input;
+pub mod opening;
 #[cfg(feature = "page")]
 pub mod page;
 pub mod paint;

@@ -1,8 +1,8 @@
 //! Keyframes of the camera: recorded, played and written.
 
-use gs3::glam::DVec3;
+use gs3::glam::{DAffine3, DVec3};
 use gs3::scene::camera_path::Pace;
-use gs3::scene::{Camera, CameraPath};
+use gs3::scene::{Camera, CameraError, CameraPath};
 
 use crate::path_file::{PathFile, PathFileError, PathFormat, moved};
 
@@ -58,6 +58,19 @@ impl Tour {
             let seconds = SECONDS_PER_KEY * (self.keys.len() - 1) as f64;
             path.smoothed((seconds * WRITTEN_FPS) as usize + 1, Pace::Speed)
         });
+    }
+
+    /// Goes along with a world that is moved by `by`.
+    ///
+    /// # Errors
+    /// [`CameraError`] if a pose becomes none.
+    pub fn shift(&mut self, by: DVec3) -> Result<(), CameraError> {
+        let back = DAffine3::from_translation(-by);
+        let key = |key: &Camera| Camera::new(key.view_from_world() * back, key.intrinsics());
+        let keys = self.keys.iter().map(key).collect::<Result<_, _>>()?;
+        let way = self.way.as_ref().map(|way| moved(way, by)).transpose()?;
+        (self.keys, self.way) = (keys, way);
+        Ok(())
     }
 
     /// Number of keyframes.

@@ -62,6 +62,11 @@ pub enum Opened {
         /// Its cameras.
         cameras: Option<CameraPath>,
     },
+    /// The scene that is shown, with more Gaussians: the camera stays.
+    Finer {
+        /// The scene.
+        scene: Arc<Scene>,
+    },
     /// Cameras for the scene that is shown.
     Cameras {
         /// Name of the cameras.

@@ -3,6 +3,7 @@
 mod dialog;
 mod files;
 mod input;
+mod url;
 mod video;
 
 use std::collections::VecDeque;
@@ -39,9 +40,15 @@ pub struct WindowSettings {
     pub cameras: Option<CameraPath>,
     /// Settings of the viewer.
     pub viewer: ViewerSettings,
+    /// Files and URLs to open at the start, one after the other.
+    pub open: Vec<PathBuf>,
+    /// Gaussians of a streamed scene from a URL at most; none for its finest levels.
+    pub budget: Option<u64>,
     /// The script to play at the start.
     pub script: Option<Script>,
 }
+
+pub use url::url_of;
 
 /// Why a window cannot open, or ends early.
 #[derive(Debug, thiserror::Error)]
@@ -80,9 +87,10 @@ pub enum WindowError {
 /// expectations.
 pub fn run(settings: WindowSettings) -> Result<(), WindowError> {
     let display = |e: &dyn std::fmt::Display| WindowError::Display { message: e.to_string() };
-    let WindowSettings { name, scene, cameras, viewer, script } = settings;
+    let WindowSettings { name, scene, cameras, viewer, open, budget, script } = settings;
     let size = viewer.size;
-    let viewer = Viewer::new(&name, scene, cameras.as_ref(), viewer)?;
+    let mut viewer = Viewer::new(&name, scene, cameras.as_ref(), viewer)?;
+    open.into_iter().for_each(|place| viewer.input(Input::Dropped(place)));
     let events = EventLoop::<Loaded>::with_user_event().build().map_err(|e| display(&e))?;
     let context = Context::new(events.owned_display_handle()).map_err(|e| display(&e))?;
     let mut shell = Shell {
@@ -96,6 +104,7 @@ pub fn run(settings: WindowSettings) -> Result<(), WindowError> {
         next: Next::At(Duration::ZERO),
         memory_due: Duration::ZERO,
         queue: VecDeque::new(),
+        budget,
         is_loading: false,
         is_choosing: false,
         video: None,
@@ -112,6 +121,8 @@ pub fn run(settings: WindowSettings) -> Result<(), WindowError> {
 #[derive(Debug)]
 enum Loaded {
     Progress(f32),
+    /// The coarsest levels of a streamed scene; finer ones follow.
+    Coarse(Opened),
     Done(Result<Opened, String>),
     Chosen(Result<Vec<PathBuf>, String>),
     Video(video::Told),
@@ -127,8 +138,10 @@ struct Shell {
     started: Instant,
     next: Next,
     memory_due: Duration,
-    /// Files that wait to be read.
+    /// Files and URLs that wait to be read.
     queue: VecDeque<PathBuf>,
+    /// See [`WindowSettings::budget`].
+    budget: Option<u64>,
     is_loading: bool,
     /// Whether a file dialog is open.
     is_choosing: bool,
@@ -176,6 +189,10 @@ impl ApplicationHandler<Loaded> for Shell {
     fn user_event(&mut self, events: &ActiveEventLoop, loaded: Loaded) {
         match loaded {
             Loaded::Progress(share) => self.viewer.progress(share),
+            Loaded::Coarse(opened) => {
+                self.viewer.opened(Ok(opened), self.started.elapsed());
+                self.viewer.expect_finer();
+            }
             Loaded::Done(opened) => {
                 self.is_loading = false;
                 self.viewer.opened(opened, self.started.elapsed());
@@ -333,12 +350,15 @@ impl Shell {
             return;
         }
         let Some(file) = self.queue.pop_front() else { return };
-        let (proxy, size) = (self.proxy.clone(), self.viewer.size());
+        let (proxy, size, budget) = (self.proxy.clone(), self.viewer.size(), self.budget);
         let load = move || {
-            let opened = files::open(&file, size, &|share| {
-                // The window may be closed already.
-                _ = proxy.send_event(Loaded::Progress(share));
-            });
+            // The window may be closed already.
+            let progress = |share| _ = proxy.send_event(Loaded::Progress(share));
+            let coarse = |opened| _ = proxy.send_event(Loaded::Coarse(opened));
+            let opened = match url_of(&file) {
+                Some(url) => url::open(url, size, budget, &progress, &coarse),
+                None => files::open(&file, size, &progress),
+            };
             _ = proxy.send_event(Loaded::Done(opened));
         };
         match std::thread::Builder::new().name("open".to_owned()).spawn(load) {

@@ -1,6 +1,6 @@
 // A hand at the page in a browser: real events of mouse, keyboard, wheel and touch. `page.rs` runs it and judges the pictures.
 //
-// node page.mjs PAGE SCENES OUT, where PAGE is the built page, SCENES has few.ply, part.ply, bad.ply and cameras.json, and OUT takes what was
+// node page.mjs PAGE SCENES OUT, where PAGE is the built page, SCENES has few.ply, part.ply, bad.ply, cameras.json, streamed/ and torn/, and OUT takes what was
 // seen.
 
 import assert from "node:assert/strict";
@@ -307,13 +307,33 @@ await check("a GPU in software is not taken unasked; the CPU takes over from one
   await auto.close();
 });
 
+await check("a streamed scene is coarse first, then fine, where the camera is; a budget holds it back", async () => {
+  const place = { position: [4, -1, -6], target: [4, 0, 0], fov: 60 };
+  const streamed = await opened(`?noui&url=/scenes/streamed/lod-meta.json#camera=${encodeURIComponent(JSON.stringify(place))}`);
+  await streamed.evaluate(() => (window.seen = []));
+  await streamed.evaluate(() => viewer.addEventListener("frame", ({ detail }) => window.seen.push(detail.gaussians)));
+  await until(streamed, "the finest level", "f.gaussians === 9 && !f.opening");
+  await atRest(streamed);
+  assert.ok((await streamed.evaluate(() => window.seen)).every((count) => [1, 3, 9].includes(count)));
+  const { position } = await camera(streamed);
+  position.forEach((v, k) => assert.ok(Math.abs(v - place.position[k]) < 1e-6));
+  await streamed.close();
+  const held = await opened("?noui&budget=5&url=/scenes/streamed/lod-meta.json");
+  await until(held, "the coarse level", "f.gaussians === 3 && !f.opening");
+  await held.close();
+  const torn = await opened("?noui&url=/scenes/torn/lod-meta.json");
+  await until(torn, "a message", "typeof f.message === 'string'");
+  assert.match((await figures(torn)).message, /^lod-meta.json: none.sog: expected a file, found 404/);
+  await torn.close();
+});
+
 await check("what cannot be is told in one line", async () => {
   const missing = await opened("?url=/scenes/none.ply");
   await until(missing, "a message", "typeof f.message === 'string'");
   assert.match((await figures(missing)).message, /^none\.ply: expected a file, found 404/);
   await missing.close();
   for (const [query, expected] of [
-    ["?speed=3", "?speed: expected one of url, quality, backend, fps, maxPixels, noui, found speed"],
+    ["?speed=3", "?speed: expected one of url, quality, backend, fps, maxPixels, budget, noui, found speed"],
     ["?fps=fast", 'fps: expected a number, found "fast"'],
     ["?backend=cuda", 'settings: backend: expected auto, cpu or gpu, found "cuda"'],
     ["?quality=best", 'settings: quality: expected fast, balanced or high, found "best"'],

@@ -67,6 +67,38 @@ fn native(session: &mut Session, camera: &Path, size: [u32; 2]) -> Vec<u8> {
     session.reference(Mode::Native, &camera).unwrap().to_rgb8()
 }
 
+/// A streamed scene of nine Gaussians, three at its coarser level, and one whose files are not there.
+fn streamed(scenes: &Path) {
+    for folder in ["streamed", "torn"] {
+        fs::create_dir_all(scenes.join(folder)).unwrap();
+    }
+    for (file, count) in [("fine.sog", 9), ("coarse.sog", 3)] {
+        save(&Scene::new(row(count), OpacityMode::Default).unwrap(), scenes.join("streamed").join(file))
+            .unwrap();
+    }
+    let lod = |files: &str, lods: &str| {
+        format!(
+            r#"{{"version": 1, "lodLevels": 2, "filenames": [{files}],
+                "tree": {{"bound": {{"min": [-1, -1, -1], "max": [9, 1, 1]}}, "lods": {{{lods}}}}}}}"#
+        )
+    };
+    let fine = r#""0": {"file": 0, "offset": 0, "count": 9}"#;
+    let both = format!(r#"{fine}, "1": {{"file": 1, "offset": 0, "count": 3}}"#);
+    let index = |folder: &str| scenes.join(folder).join("lod-meta.json");
+    fs::write(index("streamed"), lod(r#""fine.sog", "coarse.sog""#, &both)).unwrap();
+    fs::write(index("torn"), lod(r#""none.sog""#, fine)).unwrap();
+}
+
+/// Gaussians in a row along x, one unit apart.
+fn row(count: usize) -> Gaussians {
+    let mut row = Gaussians::zeroed(count, 0);
+    for k in 0..count {
+        (row.rotations[0][k], row.opacities[k], row.means[0][k]) = (1.0, 0.9, k as f32 - 1.0);
+        row.scales.iter_mut().for_each(|axis| axis[k] = 0.3);
+    }
+    row
+}
+
 /// Every fiftieth Gaussian of the demo, seven times as wide: the same picture roughly.
 fn part_of_demo() -> Scene {
     let mut gaussians = demo::scene().unwrap().into_gaussians();
@@ -88,12 +120,8 @@ fn a_session_in_a_browser() {
     for folder in [&scenes, &out] {
         fs::create_dir_all(folder).unwrap();
     }
-    let mut few = Gaussians::zeroed(3, 0);
-    for k in 0..3 {
-        (few.rotations[0][k], few.opacities[k], few.means[0][k]) = (1.0, 0.9, k as f32 - 1.0);
-        few.scales.iter_mut().for_each(|axis| axis[k] = 0.3);
-    }
-    save(&Scene::new(few, OpacityMode::Default).unwrap(), scenes.join("few.ply")).unwrap();
+    save(&Scene::new(row(3), OpacityMode::Default).unwrap(), scenes.join("few.ply")).unwrap();
+    streamed(&scenes);
     let part = part_of_demo();
     save(&part, scenes.join("part.ply")).unwrap();
     fs::write(scenes.join("bad.ply"), "ply\nformat nonsense").unwrap();

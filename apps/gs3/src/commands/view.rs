@@ -1,9 +1,11 @@
 //! `gs3 view`.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
-use gs3::scene::demo;
+use gs3::scene::{CameraPath, Scene, demo};
 use gs3::{Mode, Networks, PipelineSettings, Refine, SessionSettings};
+use gs3_viewer::opening::nothing;
 use gs3_viewer::window::{self, WindowSettings};
 use gs3_viewer::{Script, ViewerSettings};
 
@@ -24,7 +26,7 @@ docs/viewer.md has the rest, and the steps of scripts.";
 #[derive(Debug, clap::Args)]
 #[command(after_help = HELP)]
 pub struct ViewArgs {
-    /// Scene file or folder, or `demo` for the built-in scene
+    /// Scene file or folder, `demo` for the built-in scene, or an http or https URL of either
     #[arg(default_value = "demo")]
     pub scene: PathBuf,
     /// Cameras to begin with and to play: COLMAP model, transforms.json, cameras.json, camera_path.json or
@@ -57,12 +59,18 @@ pub fn run(args: &ViewArgs) -> Result<Outcome, CliError> {
     backend::check(&args.device)?;
     // First, since it is quick.
     let script = args.script.as_deref().map(script).transpose()?;
-    let (scene, _) = inputs::scene_at(&args.scene, args.scene_options)?;
-    let cameras = match &args.path {
-        Some(file) => Some(inputs::capture(file, &StatedCameras::default(), Some(args.size), &scene)?),
-        None => inputs::is_demo(&args.scene).then(demo::path),
+    let (scene, cameras, open) = match window::url_of(&args.scene) {
+        // The window opens it, and the cameras after it.
+        Some(_) => {
+            check_fetched(args)?;
+            let open = [Some(&args.scene), args.path.as_ref()];
+            (Arc::new(nothing()?), None, open.into_iter().flatten().cloned().collect())
+        }
+        None => {
+            let (scene, cameras) = read(args)?;
+            (scene, cameras, Vec::new())
+        }
     };
-    cameras.as_ref().map_or(Ok(()), inputs::check_is_perspective)?;
     let pipeline = PipelineSettings {
         mode: Mode::SuperSample,
         refine: Refine::FrameTime(std::time::Duration::from_secs_f64(1.0 / f64::from(args.fps))),
@@ -77,8 +85,34 @@ pub fn run(args: &ViewArgs) -> Result<Outcome, CliError> {
     let size = [args.size.width, args.size.height];
     let name = args.scene.file_name().unwrap_or(args.scene.as_os_str()).to_string_lossy().into_owned();
     let viewer = ViewerSettings { session, native_when_fast: true, fps: f64::from(args.fps), size };
-    window::run(WindowSettings { name, scene, cameras, viewer, script })?;
+    let budget = args.scene_options.budget;
+    window::run(WindowSettings { name, scene, cameras, viewer, open, budget, script })?;
     Ok(Outcome::Done)
+}
+
+/// The scene in the file system, and cameras for it.
+fn read(args: &ViewArgs) -> Result<(Arc<Scene>, Option<CameraPath>), CliError> {
+    let (scene, _) = inputs::scene_at(&args.scene, args.scene_options)?;
+    let cameras = match &args.path {
+        Some(file) => Some(inputs::capture(file, &StatedCameras::default(), Some(args.size), &scene)?),
+        None => inputs::is_demo(&args.scene).then(demo::path),
+    };
+    cameras.as_ref().map_or(Ok(()), inputs::check_is_perspective)?;
+    Ok((scene, cameras))
+}
+
+/// Refuses options that a scene from a URL would not read.
+fn check_fetched(args: &ViewArgs) -> Result<(), CliError> {
+    let SceneOptions { lod, budget: _, environment, axes, near } = args.scene_options;
+    let given = lod.map(|_| "--lod").or(environment.map(|_| "--environment"));
+    match given.or(axes.map(|_| "--axes")).or(near.map(|_| "--near")) {
+        None => Ok(()),
+        Some(option) => Err(CliError::Option {
+            option,
+            expected: "a scene in the file system".to_owned(),
+            actual: args.scene.display().to_string(),
+        }),
+    }
 }
 
 /// Bytes of a script at most: hours of hands.

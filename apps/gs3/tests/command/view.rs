@@ -1,6 +1,7 @@
 //! `gs3 view` in a window that nobody sees: a script plays what a hand does, on the CPU, without a driver.
 use std::fs;
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpListener;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
@@ -48,8 +49,12 @@ fn view(display: &Display, folder: &Path, arguments: &str, steps: &str) -> Outpu
 }
 
 fn viewing(display: &Display, folder: &Path, arguments: &str, steps: &str) -> Command {
+    viewing_of("demo", display, folder, arguments, steps)
+}
+
+fn viewing_of(scene: &str, display: &Display, folder: &Path, arguments: &str, steps: &str) -> Command {
     fs::write(folder.join("script.json"), format!("{{\"steps\": [{steps}]}}")).unwrap();
-    let mut command = gs3(folder, &format!("view demo --backend cpu --script script.json {arguments}"));
+    let mut command = gs3(folder, &format!("view {scene} --backend cpu --script script.json {arguments}"));
     command.env("DISPLAY", &display.name).env_remove("WAYLAND_DISPLAY").env_remove("WAYLAND_SOCKET");
     // There is no driver to find.
     command.env("VK_DRIVER_FILES", "/nonexistent");
@@ -203,12 +208,7 @@ fn settings_of_supersplat_come_back_and_files_are_chosen_in_a_dialog() {
     let answer = "#!/bin/sh\n[ -e asked ] && exit 1\n: > asked\nsleep 0.3\necho 'one.ply|way.json'\n";
     fs::write(&zenity, answer).unwrap();
     fs::set_permissions(&zenity, fs::Permissions::from_mode(0o755)).unwrap();
-    let mut few = Gaussians::zeroed(3, 0);
-    for k in 0..3 {
-        (few.rotations[0][k], few.opacities[k], few.means[0][k]) = (1.0, 0.9, k as f32 - 1.0);
-        few.scales.iter_mut().for_each(|axis| axis[k] = 0.3);
-    }
-    save(&Scene::new(few, OpacityMode::Default).unwrap(), folder.join("one.ply")).unwrap();
+    save(&three(), folder.join("one.ply")).unwrap();
     let steps = r#"{"do": "key", "key": "O"}, {"do": "wait", "frames": 60},
         {"do": "expect", "gaussians": 3, "keys": 61, "message": ""},
         {"do": "key", "key": "O"}, {"do": "wait", "frames": 30}, {"do": "expect", "gaussians": 3, "message": ""},
@@ -218,6 +218,57 @@ fn settings_of_supersplat_come_back_and_files_are_chosen_in_a_dialog() {
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", stderr(&output));
+}
+
+/// Three Gaussians in a row.
+fn three() -> Scene {
+    let mut few = Gaussians::zeroed(3, 0);
+    for k in 0..3 {
+        (few.rotations[0][k], few.opacities[k], few.means[0][k]) = (1.0, 0.9, k as f32 - 1.0);
+        few.scales.iter_mut().for_each(|axis| axis[k] = 0.3);
+    }
+    Scene::new(few, OpacityMode::Default).unwrap()
+}
+
+#[test]
+fn a_scene_comes_from_a_url() {
+    let Some(display) = Display::new() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    save(&three(), folder.join("three.ply")).unwrap();
+    let bytes = fs::read(folder.join("three.ply")).unwrap();
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = format!("http://{}", listener.local_addr().unwrap());
+    // A server of one file.
+    std::thread::spawn(move || {
+        for stream in listener.incoming().flatten() {
+            let mut lines = BufReader::new(&stream).lines().map_while(Result::ok);
+            let is_there = lines.next().is_some_and(|line| line.starts_with("GET /three.ply "));
+            lines.find(|line| line.is_empty());
+            let (status, body) = if is_there { ("200 OK", &bytes[..]) } else { ("404 Not Found", &b""[..]) };
+            let head =
+                format!("HTTP/1.1 {status}\r\nContent-Length: {}\r\nConnection: close\r\n\r\n", body.len());
+            let mut stream = &stream;
+            _ = stream.write_all(head.as_bytes()).and_then(|()| stream.write_all(body));
+        }
+    });
+    let steps = r#"{"do": "wait_idle"}, {"do": "expect", "gaussians": 3, "message": "", "note": "opened three.ply"},
+        {"do": "end"}"#;
+    let output = viewing_of(&format!("{address}/three.ply"), &display, folder, "--size 64x36", steps)
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+    let steps = r#"{"do": "wait_idle"}, {"do": "expect", "message": "none.ply: expected a file, found 404"}, {"do": "end"}"#;
+    let output =
+        viewing_of(&format!("{address}/none.ply"), &display, folder, "--size 64x36", steps).output().unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+    let output = viewing_of(&address, &display, folder, "--size 64x36 --axes rub", steps).output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    let text = stderr(&output);
+    assert!(
+        text.contains("--axes: expected a scene in the file system") && text.trim().lines().count() == 1,
+        "{text}"
+    );
 }
 
 #[test]

@@ -1,12 +1,10 @@
 //! The viewer for a web page: what JavaScript calls. A worker drives it (`page/worker.js`), as the window drives it natively.
 
-mod open;
 mod place;
 mod settings;
 #[cfg(target_arch = "wasm32")]
 mod shell;
 
-pub use open::{FileMap, open};
 pub use place::{Place, PlaceError};
 pub use settings::{PageSettings, PageSettingsError};
 #[cfg(target_arch = "wasm32")]

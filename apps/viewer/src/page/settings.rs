@@ -24,12 +24,14 @@ pub struct PageSettings {
     pub quality: Option<String>,
     /// `auto`, `gpu` or `cpu`. `auto` takes a GPU that the browser offers, if it is none in software.
     pub backend: Option<String>,
+    /// Gaussians of a streamed scene at most, at the levels that leave the least error. Without it its finest levels are shown.
+    pub budget: Option<u64>,
 }
 
 impl Default for PageSettings {
     fn default() -> Self {
         let scale = PipelineSettings::default().scale;
-        Self { width: 640, height: 360, fps: 30.0, scale, quality: None, backend: None }
+        Self { width: 640, height: 360, fps: 30.0, scale, quality: None, backend: None, budget: None }
     }
 }
 

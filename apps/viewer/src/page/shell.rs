@@ -4,13 +4,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use gs3::scene::{Gaussians, OpacityMode, Scene};
 use js_sys::{Array, Object, Reflect, Uint8Array};
 use wasm_bindgen::prelude::*;
 use web_time::Instant;
 
-use super::{FileMap, PageSettings, Place as CameraPlace, open};
+use super::{PageSettings, Place as CameraPlace};
 use crate::input::{Button, Input, Key, Modifiers, Touch};
+use crate::opening::{FileMap, Opening, Progress, nothing};
 use crate::panels::Action;
 use crate::viewer::{Effect, Next, Place, Viewer};
 
@@ -20,17 +20,12 @@ use crate::viewer::{Effect, Next, Place, Viewer};
 pub struct PageViewer {
     viewer: Viewer,
     started: Instant,
+    budget: Option<u64>,
+    opening: Option<Opening>,
 }
 
 fn failure(error: impl std::fmt::Display) -> JsError {
     JsError::new(&error.to_string())
-}
-
-/// What is shown before a scene is there: one Gaussian below the opacity that is drawn.
-fn nothing() -> Gaussians {
-    let mut one = Gaussians::zeroed(1, 0);
-    (one.rotations[0][0], one.opacities[0]) = (1.0, 1e-3);
-    one
 }
 
 #[wasm_bindgen]
@@ -41,10 +36,11 @@ impl PageViewer {
     /// One line with what was expected and what was found.
     pub async fn open(settings: String) -> Result<Self, JsError> {
         console_error_panic_hook::set_once();
-        let settings = PageSettings::parse(&settings).and_then(|s| s.viewer()).map_err(failure)?;
-        let nothing = Arc::new(Scene::new(nothing(), OpacityMode::Default).map_err(failure)?);
+        let settings = PageSettings::parse(&settings).map_err(failure)?;
+        let (budget, settings) = (settings.budget, settings.viewer().map_err(failure)?);
+        let nothing = Arc::new(nothing().map_err(failure)?);
         let viewer = Viewer::new_async("no scene", nothing, None, settings).await.map_err(failure)?;
-        Ok(Self { viewer, started: Instant::now() })
+        Ok(Self { viewer, started: Instant::now(), budget, opening: None })
     }
 
     /// Goes on to now: a promise of whether the picture is another. Until it is kept, nothing else may be called.
@@ -177,19 +173,47 @@ impl PageViewer {
         self.viewer.progress(share);
     }
 
-    /// Shows the scene or the cameras in `files`, an array of `[path, Uint8Array]`; `demo` needs none.
-    pub fn opened(&mut self, name: &str, files: &Array) {
+    /// Takes the scene or the cameras in `files`, an array of `[path, Uint8Array]`; `demo` needs none. If `can_fetch`, there
+    /// is one file, and what it names can be fetched.
+    pub fn begin(&mut self, name: &str, files: &Array, can_fetch: bool) {
         let files = files.iter().filter_map(|entry| {
             let entry: Array = entry.dyn_into().ok()?;
             let bytes: Uint8Array = entry.get(1).dyn_into().ok()?;
             Some((entry.get(0).as_string()?, bytes.to_vec()))
         });
-        let opened = open(name, files.collect::<FileMap>(), self.viewer.size());
+        self.opening = Some(Opening::new(name, files.collect::<FileMap>(), can_fetch, self.budget));
+    }
+
+    /// Takes a file that [`Self::go_on`] asked for.
+    pub fn supply(&mut self, path: &str, bytes: Vec<u8>) {
+        if let Some(opening) = &mut self.opening {
+            opening.supply(path, bytes);
+        }
+    }
+
+    /// Opens what [`Self::begin`] took, as far as its files are there: the paths of files that are missing, from the folder
+    /// of the first one; an empty array once a coarse scene is shown; nothing once all is done or told.
+    #[wasm_bindgen(js_name = goOn)]
+    pub fn go_on(&mut self) -> Option<Array> {
+        let opening = self.opening.as_mut()?;
+        let (opened, is_coarse) = match opening.go_on(self.viewer.size()) {
+            Ok(Progress::Missing(names)) => return Some(names.into_iter().map(JsValue::from).collect()),
+            Ok(Progress::Coarse(opened)) => (Ok(opened), true),
+            Ok(Progress::Done(opened)) => (Ok(opened), false),
+            Err(message) => (Err(message), false),
+        };
         self.viewer.opened(opened, self.started.elapsed());
+        if is_coarse {
+            self.viewer.expect_finer();
+            return Some(Array::new());
+        }
+        self.opening = None;
+        None
     }
 
     /// Says why what was to be opened is not there; the old scene stays.
     pub fn failed(&mut self, message: &str) {
+        self.opening = None;
         self.viewer.opened(Err(message.to_owned()), self.started.elapsed());
     }
 

@@ -130,6 +130,12 @@ impl Viewer {
         }
     }
 
+    /// Says that the scene is shown coarsely, and that a finer one is being opened.
+    pub fn expect_finer(&mut self) {
+        self.opening = Some((self.name.clone(), 0.0));
+        self.is_woken = true;
+    }
+
     /// Shows an opened file, or reports why it cannot be shown; the old scene stays then.
     pub fn opened(&mut self, opened: Result<Opened, String>, now: Duration) {
         self.opening = None;
@@ -160,6 +166,15 @@ impl Viewer {
                 (self.bulk, self.rest, self.pace) = (bulk, Rest::default(), Pace::default());
                 self.tell(told, now);
                 self.name = name;
+            }
+            Opened::Finer { scene } => {
+                // Positions count from the origin of their scene.
+                let moved = self.session.scene().details().origin - scene.details().origin;
+                let bulk = Bulk::of(&scene);
+                self.session.set_scene(scene)?;
+                self.controls.shift(moved);
+                self.tour.shift(moved)?;
+                (self.bulk, self.rest, self.pace) = (bulk, Rest::default(), Pace::default());
             }
             Opened::Cameras { name, path } if path.facts().is_panorama => {
                 self.message =

@@ -148,11 +148,18 @@ pub const INDEXES: [&str; 3] = [STREAMED_SOG, "meta.json", "meta.lcc2"];
 /// # Errors
 /// [`LoadError`] if that cannot be read or is of no format.
 pub fn streamed(path: impl AsRef<Path>) -> Result<Option<Streamed>, LoadError> {
-    let source = Source::open(&index_of(path.as_ref())?)?;
-    match Kind::of(&source)? {
-        Kind::StreamedSog => sog::streamed(&source).map(Some),
+    streamed_source(&Source::open(&index_of(path.as_ref())?)?)
+}
+
+/// As [`streamed`], of an index that is not in the file system.
+///
+/// # Errors
+/// As [`streamed`].
+pub fn streamed_source(source: &Source<'_>) -> Result<Option<Streamed>, LoadError> {
+    match Kind::of(source)? {
+        Kind::StreamedSog => sog::streamed(source).map(Some),
         Kind::Lcc2(json) => {
-            let (levels, has_environment) = lcc2::streamed(&source, &json)?;
+            let (levels, has_environment) = lcc2::streamed(source, &json)?;
             Ok(Some(Streamed { levels, has_environment }))
         }
         _ => Ok(None),

@@ -69,11 +69,11 @@ impl<'a> Chunk<'a> {
         }
         let mut chunk = Self { name, count: meta.count as usize, meta, images, file_bytes: source.len() };
         if matches!(chunk.images, Images::Beside { .. }) {
-            let mut file_bytes = chunk.file_bytes;
-            for file in chunk.image_names() {
-                file_bytes = file_bytes.saturating_add(chunk.image(file)?.len());
+            // All of them are asked for before one that is missing is told: who fetches files learns of all at once.
+            let lengths: Vec<_> = chunk.image_names().map(|file| Ok(chunk.image(file)?.len())).collect();
+            for length in lengths {
+                chunk.file_bytes = chunk.file_bytes.saturating_add(length?);
             }
-            chunk.file_bytes = file_bytes;
         }
         Ok(chunk)
     }

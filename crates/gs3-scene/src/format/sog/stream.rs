@@ -71,14 +71,20 @@ pub(in super::super) fn read(
     if let Some(file) = meta.environment.as_deref().filter(|_| options.environment) {
         wanted.push(Wanted { field: "environment", file, ranges: None });
     }
-    let mut sources = Vec::with_capacity(wanted.len());
-    for Wanted { field, file, .. } in &wanted {
-        sources.push(files.open(&inside(name, field, "", file)?)?);
-    }
+    // All files are asked for before one that is missing is told: who fetches files learns of all at once.
+    let open = |Wanted { field, file, .. }: &Wanted<'_>| files.open(&inside(name, field, "", file)?);
+    let sources: Vec<_> = wanted.iter().map(open).collect();
+    let sources = sources.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let chunks: Vec<_> = sources
+        .iter()
+        .zip(&wanted)
+        .map(|(source, Wanted { file, .. })| {
+            Chunk::open(source, files, file.rsplit_once('/').map_or("", |(folder, _)| folder))
+        })
+        .collect();
     let mut selections: Vec<Selection<'_>> = Vec::with_capacity(wanted.len());
-    for (source, Wanted { file, ranges, .. }) in sources.iter().zip(wanted) {
-        let folder = file.rsplit_once('/').map_or("", |(folder, _)| folder);
-        let chunk = Chunk::open(source, files, folder)?;
+    for (chunk, Wanted { ranges, .. }) in chunks.into_iter().zip(wanted) {
+        let chunk = chunk?;
         let ranges = ranges.unwrap_or_else(|| chunk.all());
         if let Some(end) = ranges.last().map(|range| range.end)
             && end > chunk.count()

@@ -1,0 +1,227 @@
+//! Scenes and cameras from URLs.
+
+use std::io::{self, Read};
+use std::path::Path;
+use std::sync::Mutex;
+use std::sync::PoisonError;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, percent_decode_str, utf8_percent_encode};
+use ureq::Agent;
+
+use crate::opening::{FileMap, Opening, Progress};
+use crate::viewer::Opened;
+
+/// Files at a time, as browsers open connections to a server.
+const CONNECTIONS: usize = 6;
+
+/// How long a server may take to connect, and to begin its answer.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// Bytes read between two reports of the progress.
+const STEP: usize = 1 << 16;
+
+/// What stays as it is in a path (RFC 3986).
+const PATH: &AsciiSet = &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~').remove(b'/');
+
+/// The URL that `place` is, if it is one.
+pub fn url_of(place: &Path) -> Option<&str> {
+    place.to_str().filter(|text| text.starts_with("http://") || text.starts_with("https://"))
+}
+
+/// Opens the scene or the cameras at `url`, and fetches the files that a scene names beside it. `coarse` gets the coarsest
+/// levels of a streamed scene first. Of a streamed scene `budget` Gaussians are shown at most. Cameras that state no size
+/// of their pictures get `size`.
+///
+/// # Errors
+/// One line with the file, what was expected and what was found.
+pub fn open(
+    url: &str,
+    size: [u32; 2],
+    budget: Option<u64>,
+    progress: &(dyn Fn(f32) + Sync),
+    coarse: &dyn Fn(Opened),
+) -> Result<Opened, String> {
+    let agent: Agent = Agent::config_builder()
+        .timeout_connect(Some(PATIENCE))
+        .timeout_recv_response(Some(PATIENCE))
+        .build()
+        .into();
+    let name = name_of(url);
+    let first = fetched(&agent, url, progress).map_err(|message| format!("{name}: {message}"))?;
+    let mut opening = Opening::new(&name, FileMap::from([(name.clone(), first)]), true, budget);
+    loop {
+        match opening.go_on(size)? {
+            Progress::Done(opened) => return Ok(opened),
+            Progress::Coarse(opened) => coarse(opened),
+            Progress::Missing(paths) => {
+                for (path, bytes) in all_fetched(&agent, url, &paths, progress) {
+                    opening.supply(&path, bytes.map_err(|message| format!("{name}: {path}: {message}"))?);
+                }
+            }
+        }
+    }
+}
+
+/// The files at `paths` beside `url`.
+fn all_fetched(
+    agent: &Agent,
+    url: &str,
+    paths: &[String],
+    progress: &(dyn Fn(f32) + Sync),
+) -> Vec<(String, Result<Vec<u8>, String>)> {
+    let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    let files = Mutex::new(Vec::with_capacity(paths.len()));
+    std::thread::scope(|scope| {
+        for _ in 0..CONNECTIONS.min(paths.len()) {
+            scope.spawn(|| {
+                while let Some(path) = paths.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    let bytes = fetched(agent, &beside(url, path), &|_| {});
+                    files.lock().unwrap_or_else(PoisonError::into_inner).push((path.clone(), bytes));
+                    progress((done.fetch_add(1, Ordering::Relaxed) + 1) as f32 / paths.len() as f32);
+                }
+            });
+        }
+    });
+    files.into_inner().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The bytes at `url`, or what was found instead.
+fn fetched(agent: &Agent, url: &str, progress: &(dyn Fn(f32) + Sync)) -> Result<Vec<u8>, String> {
+    let wrong = |found: String| format!("expected a file, found {found}");
+    let response = agent.get(url).call();
+    let mut response = response.map_err(|error| match error {
+        ureq::Error::StatusCode(code) => wrong(code.to_string()),
+        other => wrong(other.to_string()),
+    })?;
+    let length = response.body().content_length();
+    let mut reader = response.body_mut().as_reader();
+    let mut bytes = Vec::new();
+    let mut step = vec![0; STEP];
+    loop {
+        match reader.read(&mut step) {
+            Ok(0) => return Ok(bytes),
+            Ok(count) => bytes.extend_from_slice(&step[..count]),
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(wrong(error.to_string())),
+        }
+        if let Some(length) = length {
+            progress((bytes.len() as f32 / length.max(1) as f32).min(1.0));
+        }
+    }
+}
+
+/// `url` without what follows its path, and the place of its last `/`.
+fn path_of(url: &str) -> (&str, usize) {
+    let path = &url[..url.find(['?', '#']).unwrap_or(url.len())];
+    let host = path.find("://").map_or(0, |place| place + 3);
+    (path, path[host..].rfind('/').map_or(path.len(), |place| host + place))
+}
+
+/// The URL of `path` in the folder of `url`.
+fn beside(url: &str, path: &str) -> String {
+    let (whole, end) = path_of(url);
+    format!("{}/{}", &whole[..end], utf8_percent_encode(path, PATH))
+}
+
+/// What messages call the file at `url`.
+fn name_of(url: &str) -> String {
+    let (path, end) = path_of(url);
+    match path.get(end + 1..).unwrap_or_default() {
+        "" => path.to_owned(),
+        name => percent_decode_str(name).decode_utf8_lossy().into_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::{BufRead, BufReader, Write};
+    use std::net::TcpListener;
+
+    use gs3::scene::format::save;
+    use gs3::scene::{Gaussians, OpacityMode, Scene};
+
+    use super::*;
+
+    /// Answers `GET` with the files of `folder` for as long as the test runs; returns the server's address.
+    fn served(folder: &Path) -> String {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = format!("http://{}", listener.local_addr().unwrap());
+        let folder = folder.to_owned();
+        std::thread::spawn(move || {
+            for stream in listener.incoming().flatten() {
+                let mut reader = BufReader::new(&stream);
+                let mut line = String::new();
+                reader.read_line(&mut line).unwrap();
+                let path = line.split(' ').nth(1).unwrap_or_default().trim_start_matches('/').to_owned();
+                while reader.read_line(&mut line).is_ok_and(|count| count > 2) {}
+                let path = percent_decode_str(&path).decode_utf8_lossy().into_owned();
+                let (status, body) = match std::fs::read(folder.join(path)) {
+                    Ok(body) => ("200 OK", body),
+                    Err(_) => ("404 Not Found", Vec::new()),
+                };
+                let head = format!(
+                    "HTTP/1.1 {status}\r\nContent-Length: {}\r\nConnection: close\r\n\r\n",
+                    body.len()
+                );
+                let mut stream = &stream;
+                _ = stream.write_all(head.as_bytes()).and_then(|()| stream.write_all(&body));
+            }
+        });
+        address
+    }
+
+    fn row(count: usize) -> Scene {
+        let mut row = Gaussians::zeroed(count, 0);
+        for k in 0..count {
+            (row.rotations[0][k], row.opacities[k], row.means[0][k]) = (1.0, 0.9, k as f32);
+        }
+        Scene::new(row, OpacityMode::Default).unwrap()
+    }
+
+    #[test]
+    fn scenes_come_from_urls_coarse_first() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir(at("a garden")).unwrap();
+        save(&row(5), at("five.ply")).unwrap();
+        save(&row(9), at("a garden/fine one.sog")).unwrap();
+        save(&row(3), at("a garden/coarse.sog")).unwrap();
+        let lod = r#"{"version": 1, "lodLevels": 2, "filenames": ["fine one.sog", "coarse.sog"],
+            "tree": {"bound": {"min": [0, 0, 0], "max": [9, 1, 1]},
+            "lods": {"0": {"file": 0, "offset": 0, "count": 9}, "1": {"file": 1, "offset": 0, "count": 3}}}}"#;
+        std::fs::write(at("a garden/lod-meta.json"), lod).unwrap();
+        std::fs::write(at("a garden/torn.json"), lod.replace("coarse", "none")).unwrap();
+        let address = served(folder.path());
+        let of = |opened: &Opened| match opened {
+            Opened::Scene { scene, .. } | Opened::Finer { scene } => scene.gaussians().len(),
+            Opened::Cameras { .. } => panic!("cameras"),
+        };
+        let seen = Mutex::new(Vec::new());
+        let coarse = |opened: Opened| seen.lock().unwrap().push(of(&opened));
+        let get = |path: &str| open(&format!("{address}/{path}"), [64, 40], None, &|_| {}, &coarse);
+        assert_eq!(of(&get("five.ply?a=b#c").unwrap()), 5);
+        let finer = get("a%20garden/lod-meta.json").unwrap();
+        assert!(matches!(finer, Opened::Finer { .. }));
+        assert_eq!((of(&finer), seen.lock().unwrap().clone()), (9, vec![3]));
+        for (path, expected) in [
+            ("none.ply", "none.ply: expected a file, found 404"),
+            ("a%20garden/torn.json", "torn.json: none.sog: expected a file, found 404"),
+        ] {
+            assert_eq!(get(path).unwrap_err(), expected);
+        }
+        let gone = open("http://127.0.0.1:9/a.ply", [64, 40], None, &|_| {}, &coarse).unwrap_err();
+        assert!(gone.starts_with("a.ply: expected a file, found ") && gone.lines().count() == 1, "{gone}");
+    }
+
+    #[test]
+    fn urls_are_told_from_files_and_joined() {
+        assert_eq!(url_of(Path::new("https://a.b/c.ply")), Some("https://a.b/c.ply"));
+        assert_eq!(url_of(Path::new("https.ply")), None);
+        assert_eq!(beside("http://a.b/c/d.json?e=/f", "g h/i.webp"), "http://a.b/c/g%20h/i.webp");
+        assert_eq!(beside("http://a.b", "c"), "http://a.b/c");
+        assert_eq!(name_of("http://a.b/c%20d.ply#e"), "c d.ply");
+        assert_eq!(name_of("http://a.b/"), "http://a.b/");
+    }
+}
