@@ -1,8 +1,8 @@
 // gs3 in a web page: `createViewer(canvas, options)`. Types and all options: gs3.d.ts.
 
 const WORKER = new URL("./worker.js", import.meta.url);
-// Pixels at rates fit for moving a camera; larger canvases are stretched. One thread of a browser rasterizes the first number,
-// and takes the second from a GPU.
+// Pixels at rates fit for moving a camera; larger canvases are stretched. `cpu`: what one thread of a browser rasterizes. `gpu`:
+// what one thread reads back from a GPU.
 const MOST_PIXELS = { cpu: 640 * 360, gpu: 1280 * 720 };
 // Pixels of a touch pad that count as a line of a wheel, and lines of a page.
 const WHEEL_LINE = { 0: 1 / 40, 1: 1, 2: 20 };
@@ -25,6 +25,7 @@ class PageViewer extends EventTarget {
   #worker;
   #maxPixels;
   #isSizeAsked;
+  #backend;
   #asked = new Map();
   #asks = 0;
   #ready;
@@ -116,8 +117,7 @@ class PageViewer extends EventTarget {
   #take(data) {
     switch (data.kind) {
       case "ready":
-        if (!this.#isSizeAsked) this.#maxPixels = MOST_PIXELS[data.backend];
-        this.#resize();
+        this.#rendersOn(data.backend);
         return this.#ready.resolve();
       case "end":
         return this.#end(data.message);
@@ -132,6 +132,7 @@ class PageViewer extends EventTarget {
         if (this.#canvas.height !== height) this.#canvas.height = height;
         this.#context.putImageData(new ImageData(pixels, width, height), 0, 0);
         this.#figures = data.figures;
+        this.#rendersOn(data.figures.backend);
         this.#worker.postMessage({ kind: "shown" });
         return this.#emit("frame", data.figures);
       }
@@ -251,6 +252,14 @@ class PageViewer extends EventTarget {
     });
     this.#resizes = new ResizeObserver(() => this.#resize());
     this.#resizes.observe(canvas);
+  }
+
+  // The machine may change: the CPU takes over from a GPU that is lost.
+  #rendersOn(backend) {
+    if (backend === this.#backend) return;
+    this.#backend = backend;
+    if (!this.#isSizeAsked) this.#maxPixels = MOST_PIXELS[backend];
+    this.#resize();
   }
 
   #resize() {

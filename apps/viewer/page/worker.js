@@ -6,7 +6,7 @@ let viewer;
 let timer;
 // Messages of before the WebAssembly was there.
 let early = [];
-// Sources that wait to be opened, by the name that the viewer asks for them with.
+// Sources that wait to be opened, in order, by the name that the viewer asks for them with.
 const sources = new Map();
 const numbers = new Map();
 // A picture that the page has not shown yet: no second one is made meanwhile.
@@ -30,7 +30,7 @@ function end(error) {
   postMessage({ kind: "end", message });
 }
 
-// Traps within a step: the promise of that step is never kept.
+// Traps within a step: the promise of that step is never settled.
 self.onerror = (message, source, line, column, error) => (end(error ?? message), true);
 self.onunhandledrejection = (event) => (event.preventDefault(), end(event.reason));
 
@@ -91,8 +91,8 @@ function save({ stem, extension, bytes }) {
 // The camera that the page begins with, once its scene is there.
 let firstCamera;
 
-// Only the last thing that was asked for is opened.
-let opening = 0;
+// Number of the last opening.
+let openings = 0;
 
 // The value of `work` with the viewer, after the step that is under way.
 const asked = (work) => new Promise((resolve, reject) => guarded(() => {
@@ -104,28 +104,32 @@ const asked = (work) => new Promise((resolve, reject) => guarded(() => {
   }
 }));
 
+// Openings run side by side; the viewer ends those before a scene that is shown.
 async function open(name) {
-  const mine = ++opening;
-  const source = sources.get(name);
-  sources.delete(name);
-  const isCurrent = () => mine === opening;
+  const number = ++openings;
+  const waiting = sources.get(name) ?? [];
+  const source = waiting.shift();
+  if (waiting.length === 0) sources.delete(name);
   const progress = (share) => {
-    guarded(() => isCurrent() && viewer.progress(share));
+    guarded(() => viewer.progress(share));
     guarded(schedule);
   };
+  let isBegun = false;
   try {
-    const files = await read(source, progress);
-    const base = source?.url && source.url !== "demo" ? new URL(source.url, self.location.href) : undefined;
-    await asked(() => isCurrent() && viewer.begin(name, files, base !== undefined));
+    const { files, base } = await read(source, progress);
+    await asked(() => viewer.begin(number, name, files, base !== undefined));
+    isBegun = true;
     for (let missing = []; missing !== undefined; ) {
-      missing = await asked(() => (isCurrent() ? viewer.goOn() : undefined));
-      if (!isCurrent()) return;
+      missing = await asked(() => viewer.goOn(number));
       if (!missing?.length) guarded(look);
       guarded(schedule);
-      if (missing?.length) await supply(missing, base, isCurrent, progress);
+      if (missing?.length) await supply(number, missing, base, progress);
     }
   } catch (error) {
-    guarded(() => isCurrent() && viewer.failed(`${name}: ${error.message ?? error}`));
+    guarded(() => {
+      if (!isBegun) viewer.begin(number, name, [], false);
+      viewer.failed(number, `${name}: ${error.message ?? error}`);
+    });
   }
   guarded(schedule);
 }
@@ -133,16 +137,23 @@ async function open(name) {
 // Files at a time: browsers open six connections to a server.
 const CONNECTIONS = 6;
 
-// Fetches the files at the paths `missing` beside `base`, and hands them to the viewer.
-async function supply(missing, base, isCurrent, progress) {
+// Fetches the files at the paths `missing` beside `base`, and hands them to the viewer. The first that fails ends it.
+async function supply(number, missing, base, progress) {
   let next = 0;
   let done = 0;
+  const stop = new AbortController();
   const fetchSome = async () => {
-    while (next < missing.length && isCurrent()) {
+    while (next < missing.length && !stop.signal.aborted) {
       const path = missing[next++];
       const url = new URL(path.split("/").map(encodeURIComponent).join("/"), base);
-      const bytes = await fetched(url, () => {}).catch((error) => Promise.reject(new Error(`${path}: ${error.message ?? error}`)));
-      await asked(() => isCurrent() && viewer.supply(path, bytes));
+      try {
+        const { bytes } = await fetched(url, () => {}, stop.signal);
+        if (!(await asked(() => viewer.supply(number, path, bytes)))) stop.abort();
+      } catch (error) {
+        if (stop.signal.aborted) return;
+        stop.abort();
+        throw new Error(`${path}: ${error.message ?? error}`);
+      }
       progress(++done / missing.length);
     }
   };
@@ -157,27 +168,29 @@ function look() {
   try {
     viewer.setCamera(JSON.stringify(camera));
   } catch (error) {
-    viewer.failed(`camera: ${error.message ?? error}`);
+    viewer.notChosen(error.message ?? String(error));
   }
 }
 
-// `[path, bytes]` of each file.
+// The `files` of a source, `[path, bytes]` each, and of a URL the `base` of what they name.
 async function read(source, progress) {
-  if (source === undefined || source.url === "demo") return [];
+  if (source === undefined || source.url === "demo") return { files: [] };
   if (source.files) {
     const files = [];
     for (const [path, file] of source.files) {
       files.push([path, new Uint8Array(await file.arrayBuffer())]);
       progress(files.length / source.files.length);
     }
-    return files;
+    return { files };
   }
-  return [[nameOf(source.url), await fetched(source.url, progress)]];
+  // Servers may send elsewhere.
+  const { bytes, url } = await fetched(source.url, progress);
+  return { files: [[nameOf(source.url), bytes]], base: new URL(url, self.location.href) };
 }
 
-// The bytes at `url`.
-async function fetched(url, progress) {
-  const response = await fetch(url);
+// The bytes at `url`, and where they were found.
+async function fetched(url, progress, signal) {
+  const response = await fetch(url, { signal });
   if (!response.ok) throw new Error(`expected a file, found ${response.status} ${response.statusText}`.trim());
   const length = Number(response.headers.get("content-length"));
   const reader = response.body.getReader();
@@ -196,7 +209,7 @@ async function fetched(url, progress) {
     bytes.set(part, offset);
     offset += part.length;
   }
-  return bytes;
+  return { bytes, url: response.url };
 }
 
 function nameOf(url) {
@@ -238,14 +251,14 @@ const inputs = {
   },
   notChosen: ({ message }) => viewer.notChosen(message),
   open(source) {
-    if (source.files?.length === 0) return viewer.failed("expected a file, found none");
+    if (source.files?.length === 0) return viewer.notChosen("expected a file, found none");
     let name;
     try {
       name = source.files ? nameOfFiles(source.files) : nameOf(source.url);
     } catch {
-      return viewer.failed(`expected a URL, found "${source.url}"`);
+      return viewer.notChosen(`expected a URL, found "${source.url}"`);
     }
-    sources.set(name, source);
+    sources.set(name, [...(sources.get(name) ?? []), source]);
     viewer.ask(name);
   },
 };

@@ -211,11 +211,12 @@ impl Controls {
         }
     }
 
-    /// Goes along with a world that is moved by `by`.
-    pub fn shift(&mut self, by: DVec3) {
+    /// Adds `by`, world units, to every position, for another scene of the same place with the bulk `bulk`.
+    pub fn shift(&mut self, by: DVec3, bulk: &Bulk) {
         for rig in [&mut self.shown, &mut self.aimed, &mut self.home] {
             rig.pivot += by;
         }
+        self.radius = bulk.radius;
     }
 
     /// Begins or ends a flight in one direction.

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use gs3::scene::capture::{self, CaptureOptions};
-use gs3::scene::format::{self, Budget, Files, INDEXES, LoadError, LoadOptions, Source};
+use gs3::scene::format::{self, Budget, Files, INDEXES, LoadError, LoadOptions, Source, Streamed};
 use gs3::scene::{CameraPath, Gaussians, OpacityMode, Scene, SceneError, demo};
 
 use crate::path_file::moved;
@@ -14,7 +14,7 @@ use crate::viewer::Opened;
 /// What is shown before a scene is there: one Gaussian below the opacity that is drawn.
 ///
 /// # Errors
-/// None that a scene of one Gaussian has.
+/// None in practice: one Gaussian is a scene.
 pub fn nothing() -> Result<Scene, SceneError> {
     let mut one = Gaussians::zeroed(1, 0);
     (one.rotations[0][0], one.opacities[0]) = (1.0, 1e-3);
@@ -37,9 +37,9 @@ pub struct Opening {
     is_coarse_shown: bool,
 }
 
-/// How far the opening has come.
+/// What comes of the files so far.
 #[derive(Debug)]
-pub enum Progress {
+pub enum OpeningStep {
     /// These files are missing, by their paths from the folder of the first one. They are to be supplied.
     Missing(Vec<String>),
     /// The coarsest levels of a streamed scene. Finer ones follow.
@@ -49,7 +49,7 @@ pub enum Progress {
 }
 
 impl Opening {
-    /// The built-in scene `demo` if there are no `files`; else the scene or the cameras that `files` hold, or a scene and
+    /// The built-in scene if `name` is `demo` and there are no `files`; else the scene or the cameras that `files` hold, or a scene and
     /// its cameras. The content says what it is. If `can_fetch`, there is one file, and what it names can be fetched. Of a
     /// streamed scene `budget` Gaussians are shown at most.
     #[must_use]
@@ -67,17 +67,17 @@ impl Opening {
     ///
     /// # Errors
     /// One line with the file, what was expected and what was found.
-    pub fn go_on(&mut self, size: [u32; 2]) -> Result<Progress, String> {
+    pub fn go_on(&mut self, size: [u32; 2]) -> Result<OpeningStep, String> {
         let Self { name, files, .. } = self;
         if name == "demo" && files.is_empty() {
             let scene = Arc::new(demo::scene().map_err(|e| line(&e))?);
             let cameras = Some(demo::path());
-            return Ok(Progress::Done(Opened::Scene { name: name.clone(), scene, cameras }));
+            return Ok(OpeningStep::Done(Opened::Scene { name: name.clone(), scene, cameras }));
         }
         if self.index.is_none()
             && let Some(opened) = scene_and_cameras(files, size)?
         {
-            return Ok(Progress::Done(opened));
+            return Ok(OpeningStep::Done(opened));
         }
         let Some(index) = self.index.clone().or_else(|| index(files)) else {
             let found = files.len();
@@ -88,35 +88,47 @@ impl Opening {
         };
         let bytes = files.get(&index).map(Vec::as_slice).unwrap_or_default();
         if let Some(path) = cameras(&index, bytes, size) {
-            return Ok(Progress::Done(Opened::Cameras { name: name.clone(), path }));
+            return Ok(OpeningStep::Done(Opened::Cameras { name: name.clone(), path }));
         }
         let source = Source::memory(name.as_str(), bytes);
-        // What an index names lies beside it.
-        let folder = index.rsplit_once('/').map_or("", |(folder, _)| folder);
+        // What an index names lies beside it; what was fetched goes by its path from there.
+        let folder = match &self.index {
+            Some(_) => "",
+            None => index.rsplit_once('/').map_or("", |(folder, _)| folder),
+        };
         let beside = Beside { files, folder, missing: Mutex::default() };
-        let has_levels =
-            || matches!(format::streamed_source(&source), Ok(Some(streamed)) if streamed.levels > 1);
-        let is_coarse = !self.is_coarse_shown && self.index.is_some() && has_levels();
-        // No Gaussian more than the smallest levels have.
-        let gaussians = if is_coarse { Some(0) } else { self.budget };
-        let budget = gaussians.map(|gaussians| Budget { gaussians, cameras: Vec::new() });
-        let loaded =
-            format::load_source(&source, &beside, &LoadOptions { budget, ..LoadOptions::default() }, &|_| {});
+        let streamed = format::streamed_source(&source).ok().flatten();
+        let is_coarse = !self.is_coarse_shown
+            && self.index.is_some()
+            && streamed.is_some_and(|streamed| streamed.levels > 1);
+        let options = match streamed {
+            // No Gaussian more than the smallest levels have.
+            Some(Streamed { takes_budget: true, .. }) => {
+                let gaussians = if is_coarse { Some(0) } else { self.budget };
+                let budget = gaussians.map(|gaussians| Budget { gaussians, cameras: Vec::new() });
+                LoadOptions { budget, ..LoadOptions::default() }
+            }
+            Some(Streamed { levels, .. }) if is_coarse => {
+                LoadOptions { level_of_detail: Some(levels - 1), ..LoadOptions::default() }
+            }
+            _ => LoadOptions::default(),
+        };
+        let loaded = format::load_source(&source, &beside, &options, &|_| {});
         let scene = match loaded {
             Ok(scene) => Arc::new(scene),
             Err(error) => {
                 let missing = beside.missing.into_inner().unwrap_or_else(PoisonError::into_inner);
                 return match missing.is_empty() || self.index.is_none() {
                     true => Err(line(&error)),
-                    false => Ok(Progress::Missing(missing)),
+                    false => Ok(OpeningStep::Missing(missing)),
                 };
             }
         };
         if is_coarse {
             self.is_coarse_shown = true;
-            return Ok(Progress::Coarse(Opened::Scene { name: name.clone(), scene, cameras: None }));
+            return Ok(OpeningStep::Coarse(Opened::Scene { name: name.clone(), scene, cameras: None }));
         }
-        Ok(Progress::Done(match self.is_coarse_shown {
+        Ok(OpeningStep::Done(match self.is_coarse_shown {
             true => Opened::Finer { scene },
             false => Opened::Scene { name: name.clone(), scene, cameras: None },
         }))
@@ -215,7 +227,7 @@ mod tests {
 
     fn open(name: &str, files: FileMap, size: [u32; 2]) -> Result<Opened, String> {
         match Opening::new(name, files, false, None).go_on(size)? {
-            Progress::Done(opened) => Ok(opened),
+            OpeningStep::Done(opened) => Ok(opened),
             other => panic!("{other:?}"),
         }
     }
@@ -276,11 +288,11 @@ mod tests {
     }
 
     /// The files that `opening` asks for until it comes to something else, and that.
-    fn fetched(opening: &mut Opening, all: &FileMap) -> (Vec<Vec<String>>, Progress) {
+    fn fetched(opening: &mut Opening, all: &FileMap) -> (Vec<Vec<String>>, OpeningStep) {
         let mut rounds = Vec::new();
         loop {
             match opening.go_on([64, 40]).unwrap() {
-                Progress::Missing(names) => {
+                OpeningStep::Missing(names) => {
                     names.iter().for_each(|name| opening.supply(name, all[name].clone()));
                     rounds.push(names);
                 }
@@ -303,19 +315,27 @@ mod tests {
             Opened::Cameras { .. } => panic!("cameras"),
         };
         let mut opening = Opening::new("garden", index.clone(), true, None);
-        let (rounds, Progress::Coarse(coarse)) = fetched(&mut opening, &all) else { panic!("not coarse") };
+        let (rounds, OpeningStep::Coarse(coarse)) = fetched(&mut opening, &all) else { panic!("not coarse") };
         assert_eq!(rounds, [["rest/coarse.sog", "other.sog"]], "one round for all files");
         assert_eq!(of(coarse), 3 + 4);
-        let (rounds, Progress::Done(finer)) = fetched(&mut opening, &all) else { panic!("not done") };
+        let (rounds, OpeningStep::Done(finer)) = fetched(&mut opening, &all) else { panic!("not done") };
         assert_eq!(rounds, [["fine.sog"]]);
         assert!(matches!(finer, Opened::Finer { .. }));
         assert_eq!(of(finer), 9 + 4);
         // What does not fit into the budget stays coarse.
         let mut opening = Opening::new("garden", index.clone(), true, Some(10));
         let coarse = fetched(&mut opening, &all).1;
-        assert!(matches!(coarse, Progress::Coarse(_)));
-        let (rounds, Progress::Done(finer)) = fetched(&mut opening, &all) else { panic!("not done") };
+        assert!(matches!(coarse, OpeningStep::Coarse(_)));
+        let (rounds, OpeningStep::Done(finer)) = fetched(&mut opening, &all) else { panic!("not done") };
         assert_eq!((rounds.len(), of(finer)), (0, 7));
+        // A name with a folder in it, as of a URL that ends with one.
+        let named = FileMap::from([("http://a.b/c/".to_owned(), lod.as_bytes().to_vec())]);
+        assert!(matches!(fetched(&mut Opening::new("c", named, true, None), &all).1, OpeningStep::Coarse(_)));
+        // The budget is none of a scene that is not streamed.
+        let whole = FileMap::from([("fine.sog".to_owned(), all["fine.sog"].clone())]);
+        let mut opening = Opening::new("fine.sog", whole, true, Some(5));
+        let (_, OpeningStep::Done(whole)) = fetched(&mut opening, &all) else { panic!("not done") };
+        assert_eq!(of(whole), 9);
         // Dropped files cannot be fetched.
         let error = Opening::new("garden", index, false, None).go_on([64, 40]).unwrap_err();
         assert!(error.starts_with("fine.sog: ") && error.lines().count() == 1, "{error}");

@@ -60,17 +60,16 @@ impl Tour {
         });
     }
 
-    /// Goes along with a world that is moved by `by`.
+    /// The same tour with `by`, world units, added to every position.
     ///
     /// # Errors
     /// [`CameraError`] if a pose becomes none.
-    pub fn shift(&mut self, by: DVec3) -> Result<(), CameraError> {
+    pub fn shifted(&self, by: DVec3) -> Result<Self, CameraError> {
         let back = DAffine3::from_translation(-by);
         let key = |key: &Camera| Camera::new(key.view_from_world() * back, key.intrinsics());
         let keys = self.keys.iter().map(key).collect::<Result<_, _>>()?;
         let way = self.way.as_ref().map(|way| moved(way, by)).transpose()?;
-        (self.keys, self.way) = (keys, way);
-        Ok(())
+        Ok(Self { keys, way, ..*self })
     }
 
     /// Number of keyframes.

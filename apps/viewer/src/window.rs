@@ -190,8 +190,9 @@ impl ApplicationHandler<Loaded> for Shell {
         match loaded {
             Loaded::Progress(share) => self.viewer.progress(share),
             Loaded::Coarse(opened) => {
-                self.viewer.opened(Ok(opened), self.started.elapsed());
-                self.viewer.expect_finer();
+                if self.viewer.opened(Ok(opened), self.started.elapsed()) {
+                    self.viewer.expect_finer();
+                }
             }
             Loaded::Done(opened) => {
                 self.is_loading = false;

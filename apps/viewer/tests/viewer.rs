@@ -9,10 +9,11 @@ use std::time::Duration;
 use gs3::glam::DVec3;
 use gs3::scene::capture::{self, CaptureOptions};
 use gs3::scene::orbit::look_at;
-use gs3::scene::{Camera, Gaussians, Intrinsics, OpacityMode, Scene, demo};
+use gs3::scene::{Camera, Details, Gaussians, Intrinsics, OpacityMode, Scene, demo};
 use gs3::{Backend, FramePipeline, Mode, PipelineSettings, Refine, SessionSettings};
 use gs3_viewer::controls::Rig;
 use gs3_viewer::input::{Button, Key, Touch};
+use gs3_viewer::panels::Action;
 use gs3_viewer::video::VideoWish;
 use gs3_viewer::{Effect, Input, Next, Opened, Place, Playing, Script, Step, Viewer, ViewerSettings};
 
@@ -322,6 +323,38 @@ fn another_scene_is_shown_from_where_it_is_in_view() {
     assert_eq!(hand.viewer.gaussians(), 1);
     let (pixel, z) = hand.viewer.camera().unwrap().project(DVec3::new(40.0, 0.0, 0.0));
     assert!(z > 0.0 && (pixel.x - 120.0).abs() < 1.0 && (pixel.y - 68.0).abs() < 1.0, "{pixel}");
+}
+
+/// The same Gaussians around another origin: in the file's coordinates nothing has moved.
+#[test]
+fn a_finer_scene_leaves_the_camera_and_its_path_where_they_are() {
+    let mut hand = Hand::new();
+    hand.rest();
+    hand.press(Key::K);
+    hand.viewer.input(Input::Wheel(1.0));
+    hand.rest();
+    hand.press(Key::K);
+    hand.rest();
+    let coarse = Arc::clone(hand.viewer.session().scene());
+    let origin = DVec3::new(5.0, -1.0, 3.0);
+    let mut gaussians = coarse.gaussians().clone();
+    for (means, by) in gaussians.means.iter_mut().zip(origin.to_array()) {
+        means.iter_mut().for_each(|mean| *mean -= by as f32);
+    }
+    let details = Details { origin: coarse.details().origin + origin, ..coarse.details().clone() };
+    let finer = Arc::new(Scene::new(gaussians, OpacityMode::Default).unwrap().with_details(details));
+    let (before, shown) = (hand.viewer.camera().unwrap(), hand.viewer.frame().to_rgb8());
+    assert!(hand.viewer.opened(Ok(Opened::Finer { scene: finer }), hand.now.get()));
+    hand.rest();
+    let after = hand.viewer.camera().unwrap();
+    assert!((after.position() + origin).distance(before.position()) < 1e-9);
+    let now = hand.viewer.frame().to_rgb8();
+    let different = now.iter().zip(&shown).filter(|(a, b)| a.abs_diff(**b) > 2).count();
+    assert!(different * 1000 < now.len(), "{different} of {} bytes differ", now.len());
+    // The path still ends at its second key, which is this camera.
+    hand.viewer.act(Action::Scrub(1e9), hand.now.get());
+    hand.rest();
+    assert!(hand.viewer.camera().unwrap().position().distance(after.position()) < 1e-9);
 }
 
 #[test]

@@ -201,21 +201,29 @@ pub async fn mapped<R>(
 ) -> Result<R, GpuError> {
     let refused = |message: String| GpuError::Refused { what: "reading a buffer".to_owned(), message };
     let (tell, told) = answer();
+    // From here on, also if the caller gives up waiting: nothing can be copied to a buffer that is mapped or about to be.
+    let _unmapped = Unmapped { gpu, staging };
     staging.map_async(wgpu::MapMode::Read, ..size, tell);
-    let result = async {
-        gpu.poll(wgpu::PollType::Wait { submission_index: Some(index), timeout: None })?;
-        let answer = told.await;
-        gpu.check()?;
-        match answer {
-            Some(Ok(())) => {}
-            Some(Err(error)) => return Err(refused(error.to_string())),
-            None => return Err(refused("expected an answer of the device, found none".to_owned())),
-        }
-        let view = staging.get_mapped_range(..size).map_err(|e| refused(e.to_string()))?;
-        Ok(f(&view))
+    gpu.poll(wgpu::PollType::Wait { submission_index: Some(index), timeout: None })?;
+    let answer = told.await;
+    gpu.check()?;
+    match answer {
+        Some(Ok(())) => {}
+        Some(Err(error)) => return Err(refused(error.to_string())),
+        None => return Err(refused("expected an answer of the device, found none".to_owned())),
     }
-    .await;
-    // In all cases: nothing can be copied to a buffer that is mapped or about to be mapped.
-    gpu.quietly(|| staging.unmap());
-    result
+    let view = staging.get_mapped_range(..size).map_err(|e| refused(e.to_string()))?;
+    Ok(f(&view))
+}
+
+/// Unmaps a buffer at the end.
+struct Unmapped<'a> {
+    gpu: &'a Gpu,
+    staging: &'a wgpu::Buffer,
+}
+
+impl Drop for Unmapped<'_> {
+    fn drop(&mut self) {
+        self.gpu.quietly(|| self.staging.unmap());
+    }
 }

@@ -69,6 +69,9 @@ pub enum GpuError {
         /// What the driver says.
         message: String,
     },
+    /// A call would have to wait, which a browser lets no call do.
+    #[error("GPU: expected the asynchronous call of the same name, as no call can wait in a browser")]
+    WouldBlock,
     /// Something is used on a device that it does not belong to.
     #[error("GPU, {what}: expected that of the device that uses it, found that of another")]
     OtherDevice {

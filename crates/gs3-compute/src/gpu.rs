@@ -59,8 +59,8 @@ impl Gpu {
         now(Self::open(settings))
     }
 
-    /// Opens a device, as [`Self::new`] does, without blocking a browser. A browser offers one adapter: there every
-    /// [`AdapterChoice`] but a number above 0 means that one.
+    /// Opens a device, as [`Self::new`] does. In a browser the future does not block; natively the future waits within
+    /// its first poll. A browser offers one adapter, of [`Api::WebGpu`](crate::Api::WebGpu).
     ///
     /// # Errors
     /// [`GpuError`] if there is no such adapter, it lacks something, or does not open.

@@ -9,12 +9,9 @@ use crate::error::GpuError;
 /// device within its first poll. In a browser it may have to wait for the event loop, and a call cannot.
 ///
 /// # Errors
-/// Those of `future`; [`GpuError::Refused`] if it is not ready.
+/// Those of `future`; [`GpuError::WouldBlock`] if it is not ready.
 pub fn now<T, E: From<GpuError>>(future: impl Future<Output = Result<T, E>>) -> Result<T, E> {
-    at_once(future).unwrap_or_else(|| {
-        let message = "expected an asynchronous call, as a browser lets no call wait".to_owned();
-        Err(GpuError::Refused { what: "waiting".to_owned(), message }.into())
-    })
+    at_once(future).unwrap_or_else(|| Err(GpuError::WouldBlock.into()))
 }
 
 /// The result of `future`, if it is ready at its first poll.
@@ -55,8 +52,7 @@ mod tests {
     #[test]
     fn what_is_not_ready_is_an_error() {
         assert_eq!(now(async { Ok::<_, GpuError>(7) }), Ok(7));
-        let error = now(std::future::pending::<Result<(), GpuError>>()).unwrap_err();
-        assert!(error.to_string().contains("expected an asynchronous call"), "{error}");
+        assert_eq!(now(std::future::pending::<Result<(), GpuError>>()), Err(GpuError::WouldBlock));
     }
 
     #[test]

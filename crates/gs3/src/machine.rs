@@ -77,7 +77,7 @@ impl Machine {
     /// Opens the machine that `backend` means, as [`Self::open_async`] does.
     ///
     /// # Errors
-    /// As [`Self::open_async`]; in a browser for a GPU that was asked for, as no call waits there.
+    /// As [`Self::open_async`]; [`GpuError::WouldBlock`] in a browser, but for [`Backend::Cpu`].
     #[cfg(feature = "gpu")]
     pub fn open(
         backend: Backend,

@@ -4,7 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 
 #[cfg(feature = "gpu")]
-use gs3_compute::OptionalFeatures;
+use gs3_compute::{GpuError, OptionalFeatures};
 use gs3_reconstruct::ResetReason;
 use gs3_scene::{Camera, Image, Scene};
 
@@ -153,12 +153,13 @@ impl Session {
     /// for, the CPU renders this frame and all later ones, and [`Self::take_notices`] reports the change.
     ///
     /// # Errors
-    /// [`PipelineError`] if a GPU that was asked for fails.
+    /// [`PipelineError`] if a GPU that was asked for fails; in a browser [`Self::render_async`] is for GPUs.
     pub fn render(&mut self, camera: &Camera) -> Result<Presented<'_>, PipelineError> {
         self.render_with_poses(camera, &[])
     }
 
-    /// Renders as [`Self::render`] does, without blocking a browser ([`FramePipeline::render_async`]).
+    /// Renders as [`Self::render`] does. In a browser the future does not block; natively the future waits within its first
+    /// poll ([`FramePipeline::render_async`]).
     ///
     /// # Errors
     /// As [`Self::render`].
@@ -319,15 +320,19 @@ impl Session {
     /// # Errors
     /// [`PipelineError`] if the device fails; in a browser [`Self::fetch_gbuffer_async`] is for it.
     pub fn fetch_gbuffer(&mut self) -> Result<(), PipelineError> {
-        self.pipeline.fetch_gbuffer()
+        now(self.fetch_gbuffer_async())
     }
 
-    /// Reads back the LR G-buffer, as [`Self::fetch_gbuffer`] does, without blocking a browser.
+    /// Reads back the LR G-buffer, as [`Self::fetch_gbuffer`] does, without blocking a browser. If a GPU fails that was found
+    /// and not asked for, the CPU takes over, and there is no G-buffer before its first frame.
     ///
     /// # Errors
-    /// [`PipelineError`] if the device fails.
+    /// [`PipelineError`] if a GPU that was asked for fails.
     pub async fn fetch_gbuffer_async(&mut self) -> Result<(), PipelineError> {
-        self.pipeline.fetch_gbuffer_async().await
+        match self.pipeline.fetch_gbuffer_async().await {
+            Ok(()) => Ok(()),
+            Err(error) => self.take_over(error),
+        }
     }
 
     /// The pipeline that makes the frames: figures of the last frame, its G-buffer, its exact blocks.
@@ -380,7 +385,11 @@ fn tell_take_over(error: &impl fmt::Display) -> String {
 /// Whether `error` is a fault of a device, so that the CPU may succeed.
 #[cfg(feature = "gpu")]
 const fn is_of_device(error: &PipelineError) -> bool {
-    matches!(error, PipelineError::Gpu(_) | PipelineError::Network(_))
+    match error {
+        // A fault of the caller.
+        PipelineError::Gpu(GpuError::WouldBlock) => false,
+        error => matches!(error, PipelineError::Gpu(_) | PipelineError::Network(_)),
+    }
 }
 
 #[cfg(test)]

@@ -41,14 +41,14 @@ pub fn run(args: &InfoArgs) -> Result<Outcome, CliError> {
     let bulk =
         json!({ "center": center, "radius": radius, "extent": extent, "is_object": is_object, "up": up });
     let mut facts = report::join(json!(info), json!({ "bulk": bulk, "load_s": load_time.as_secs_f64() }));
-    if let Some(Streamed { levels, has_environment }) = streamed {
+    if let Some(Streamed { levels, has_environment, .. }) = streamed {
         facts = report::join(facts, json!({ "levels": levels, "has_environment": has_environment }));
     }
     print(format_args!("{facts:#}\n"))?;
     Ok(Outcome::Done)
 }
 
-fn levels_of(Streamed { levels, has_environment }: Streamed) -> String {
+fn levels_of(Streamed { levels, has_environment, .. }: Streamed) -> String {
     format!("levels          {levels}{}", if has_environment { ", and an environment" } else { "" })
 }
 

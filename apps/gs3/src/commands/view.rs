@@ -26,7 +26,7 @@ docs/viewer.md has the rest, and the steps of scripts.";
 #[derive(Debug, clap::Args)]
 #[command(after_help = HELP)]
 pub struct ViewArgs {
-    /// Scene file or folder, `demo` for the built-in scene, or an http or https URL of either
+    /// Scene file or folder, `demo` for the built-in scene, or the http or https URL of a scene file or a lod-meta.json
     #[arg(default_value = "demo")]
     pub scene: PathBuf,
     /// Cameras to begin with and to play: COLMAP model, transforms.json, cameras.json, camera_path.json or

@@ -1,5 +1,6 @@
 //! What JavaScript calls.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -10,9 +11,9 @@ use web_time::Instant;
 
 use super::{PageSettings, Place as CameraPlace};
 use crate::input::{Button, Input, Key, Modifiers, Touch};
-use crate::opening::{FileMap, Opening, Progress, nothing};
+use crate::opening::{FileMap, Opening, OpeningStep, nothing};
 use crate::panels::Action;
-use crate::viewer::{Effect, Next, Place, Viewer};
+use crate::viewer::{Effect, Next, Opened, Place, Viewer};
 
 /// The viewer of a page. Positions are pixels of the picture; JSON is text.
 #[wasm_bindgen]
@@ -21,7 +22,8 @@ pub struct PageViewer {
     viewer: Viewer,
     started: Instant,
     budget: Option<u64>,
-    opening: Option<Opening>,
+    /// What is being opened, by numbers that grow.
+    openings: BTreeMap<u32, Opening>,
 }
 
 fn failure(error: impl std::fmt::Display) -> JsError {
@@ -40,10 +42,10 @@ impl PageViewer {
         let (budget, settings) = (settings.budget, settings.viewer().map_err(failure)?);
         let nothing = Arc::new(nothing().map_err(failure)?);
         let viewer = Viewer::new_async("no scene", nothing, None, settings).await.map_err(failure)?;
-        Ok(Self { viewer, started: Instant::now(), budget, opening: None })
+        Ok(Self { viewer, started: Instant::now(), budget, openings: BTreeMap::new() })
     }
 
-    /// Goes on to now: a promise of whether the picture is another. Until it is kept, nothing else may be called.
+    /// Goes on to now: a promise of whether the picture is another. Until it is settled, nothing else may be called.
     pub async fn step(&mut self) -> bool {
         let started = self.started;
         self.viewer.step_async(&|| started.elapsed()).await.is_new
@@ -173,51 +175,69 @@ impl PageViewer {
         self.viewer.progress(share);
     }
 
-    /// Takes the scene or the cameras in `files`, an array of `[path, Uint8Array]`; `demo` needs none. If `can_fetch`, there
-    /// is one file, and what it names can be fetched.
-    pub fn begin(&mut self, name: &str, files: &Array, can_fetch: bool) {
+    /// Takes the scene or the cameras in `files`, an array of `[path, Uint8Array]`, as opening `number`, which is above all
+    /// before; `demo` needs none. If `can_fetch`, there is one file, and what it names can be fetched.
+    pub fn begin(&mut self, number: u32, name: &str, files: &Array, can_fetch: bool) {
         let files = files.iter().filter_map(|entry| {
             let entry: Array = entry.dyn_into().ok()?;
             let bytes: Uint8Array = entry.get(1).dyn_into().ok()?;
             Some((entry.get(0).as_string()?, bytes.to_vec()))
         });
-        self.opening = Some(Opening::new(name, files.collect::<FileMap>(), can_fetch, self.budget));
+        let opening = Opening::new(name, files.collect::<FileMap>(), can_fetch, self.budget);
+        self.openings.insert(number, opening);
     }
 
-    /// Takes a file that [`Self::go_on`] asked for.
-    pub fn supply(&mut self, path: &str, bytes: Vec<u8>) {
-        if let Some(opening) = &mut self.opening {
-            opening.supply(path, bytes);
-        }
+    /// Takes a file that [`Self::go_on`] asked for. Returns whether opening `number` is still under way.
+    pub fn supply(&mut self, number: u32, path: &str, bytes: Vec<u8>) -> bool {
+        let Some(opening) = self.openings.get_mut(&number) else { return false };
+        opening.supply(path, bytes);
+        true
     }
 
-    /// Opens what [`Self::begin`] took, as far as its files are there: the paths of files that are missing, from the folder
-    /// of the first one; an empty array once a coarse scene is shown; nothing once all is done or told.
+    /// Goes on with opening `number`, as far as its files are there: the paths of files that are missing, from the folder of
+    /// the first one; an empty array once a coarse scene is shown; nothing at its end. A scene ends all openings before it.
     #[wasm_bindgen(js_name = goOn)]
-    pub fn go_on(&mut self) -> Option<Array> {
-        let opening = self.opening.as_mut()?;
-        let (opened, is_coarse) = match opening.go_on(self.viewer.size()) {
-            Ok(Progress::Missing(names)) => return Some(names.into_iter().map(JsValue::from).collect()),
-            Ok(Progress::Coarse(opened)) => (Ok(opened), true),
-            Ok(Progress::Done(opened)) => (Ok(opened), false),
-            Err(message) => (Err(message), false),
+    pub fn go_on(&mut self, number: u32) -> Option<Array> {
+        let opening = self.openings.get_mut(&number)?;
+        let step = match opening.go_on(self.viewer.size()) {
+            Ok(OpeningStep::Missing(names)) => return Some(names.into_iter().map(JsValue::from).collect()),
+            other => other,
         };
-        self.viewer.opened(opened, self.started.elapsed());
-        if is_coarse {
-            self.viewer.expect_finer();
-            return Some(Array::new());
+        let is_coarse = matches!(step, Ok(OpeningStep::Coarse(_)));
+        let opened = step.map(|step| match step {
+            OpeningStep::Coarse(opened) | OpeningStep::Done(opened) => Some(opened),
+            OpeningStep::Missing(_) => None,
+        });
+        let opened = opened.transpose()?;
+        let is_scene = matches!(opened, Ok(Opened::Scene { .. }));
+        let is_shown = self.viewer.opened(opened, self.started.elapsed());
+        if is_scene && is_shown {
+            self.openings.retain(|other, _| *other >= number);
         }
-        self.opening = None;
-        None
+        let goes_on = is_coarse && is_shown;
+        if !goes_on {
+            self.openings.remove(&number);
+        }
+        self.tell_of_openings();
+        goes_on.then(Array::new)
     }
 
-    /// Says why what was to be opened is not there; the old scene stays.
-    pub fn failed(&mut self, message: &str) {
-        self.opening = None;
-        self.viewer.opened(Err(message.to_owned()), self.started.elapsed());
+    /// Says why opening `number` is given up; the old scene stays.
+    pub fn failed(&mut self, number: u32, message: &str) {
+        if self.openings.remove(&number).is_some() {
+            self.viewer.opened(Err(message.to_owned()), self.started.elapsed());
+            self.tell_of_openings();
+        }
     }
 
-    /// Says why the user cannot be asked for files.
+    /// Shows that something is still being opened.
+    fn tell_of_openings(&mut self) {
+        if !self.openings.is_empty() {
+            self.viewer.expect_finer();
+        }
+    }
+
+    /// Says why the user cannot be asked for files, or what else cannot be.
     #[wasm_bindgen(js_name = notChosen)]
     pub fn not_chosen(&mut self, message: &str) {
         self.viewer.not_chosen(message.to_owned());

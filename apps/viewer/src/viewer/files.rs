@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use gs3::Mode;
-use gs3::scene::CameraPath;
 use gs3::scene::orbit::Bulk;
+use gs3::scene::{CameraPath, Scene};
 
 use super::frames::Pace;
 use super::{Effect, Opened, Place, Rest, Shot, Viewer, ViewerError, first_camera};
@@ -136,13 +136,17 @@ impl Viewer {
         self.is_woken = true;
     }
 
-    /// Shows an opened file, or reports why it cannot be shown; the old scene stays then.
-    pub fn opened(&mut self, opened: Result<Opened, String>, now: Duration) {
+    /// Shows an opened file, or reports why it cannot be shown; the old scene stays then. Returns whether it is shown.
+    pub fn opened(&mut self, opened: Result<Opened, String>, now: Duration) -> bool {
         self.opening = None;
         (self.is_woken, self.is_idle, self.has_failed) = (true, false, false);
         let shown = opened.and_then(|opened| self.show(opened, now).map_err(|error| error.to_string()));
-        if let Err(message) = shown {
-            self.message = Some(message);
+        match shown {
+            Ok(()) => true,
+            Err(message) => {
+                self.message = Some(message);
+                false
+            }
         }
     }
 
@@ -151,15 +155,7 @@ impl Viewer {
             Opened::Scene { name, scene, cameras } => {
                 let camera = first_camera(&scene, cameras.as_ref(), self.size)?;
                 let bulk = Bulk::of(&scene);
-                // Contents of the file that are not shown are reported.
-                let dropped = scene.dropped().total();
-                let mut told = format!("opened {name}");
-                if dropped > 0 {
-                    told += &format!("; {dropped} invalid Gaussians are left out");
-                }
-                for note in &scene.details().notes {
-                    told += &format!("; {note}");
-                }
+                let told = report(&name, &scene);
                 self.session.set_scene(scene)?;
                 self.controls = Controls::new(&camera, &bulk);
                 self.tour = cameras.as_ref().map(Tour::along).unwrap_or_default();
@@ -169,11 +165,13 @@ impl Viewer {
             }
             Opened::Finer { scene } => {
                 // Positions count from the origin of their scene.
-                let moved = self.session.scene().details().origin - scene.details().origin;
-                let bulk = Bulk::of(&scene);
+                let by = self.session.scene().details().origin - scene.details().origin;
+                let (bulk, told) = (Bulk::of(&scene), report(&self.name, &scene));
+                let tour = self.tour.shifted(by)?;
                 self.session.set_scene(scene)?;
-                self.controls.shift(moved);
-                self.tour.shift(moved)?;
+                self.controls.shift(by, &bulk);
+                self.tour = tour;
+                self.tell(told, now);
                 (self.bulk, self.rest, self.pace) = (bulk, Rest::default(), Pace::default());
             }
             Opened::Cameras { name, path } if path.facts().is_panorama => {
@@ -210,4 +208,17 @@ impl Viewer {
             }
         }
     }
+}
+
+/// The note that `scene` is open, with the contents of its file that are not shown.
+fn report(name: &str, scene: &Scene) -> String {
+    let dropped = scene.dropped().total();
+    let mut told = format!("opened {name}");
+    if dropped > 0 {
+        told += &format!("; {dropped} invalid Gaussians are left out");
+    }
+    for note in &scene.details().notes {
+        told += &format!("; {note}");
+    }
+    told
 }

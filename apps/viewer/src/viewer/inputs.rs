@@ -10,7 +10,7 @@ use gs3::scene::camera::MAX_SIDE;
 
 use super::frames::Pace;
 use super::touch::Fingers;
-use super::{Effect, Place, Shot, Viewer, interval};
+use super::{Effect, Place, Rest, Shot, Viewer, interval};
 use crate::compare::Dividers;
 use crate::controls::{Flight, Rig, flight_speed};
 use crate::input::{Button, Input, Key};
@@ -131,7 +131,14 @@ impl Viewer {
         if self.is_native_alone() {
             self.session.render_async(camera).await?;
         }
-        self.session.fetch_gbuffer_async().await
+        let backend = self.session.backend();
+        self.session.fetch_gbuffer_async().await?;
+        if self.session.backend() != backend {
+            // The machine that took over has made no frame yet, and nothing is at rest.
+            self.rest = Rest { camera: Some(*camera), ..Rest::default() };
+            self.session.render_async(camera).await?;
+        }
+        Ok(())
     }
 
     /// Makes the surface at `at` the pivot.

@@ -2,15 +2,14 @@
 
 use std::io::{self, Read};
 use std::path::Path;
-use std::sync::Mutex;
-use std::sync::PoisonError;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, percent_decode_str, utf8_percent_encode};
-use ureq::Agent;
+use ureq::{Agent, ResponseExt};
 
-use crate::opening::{FileMap, Opening, Progress};
+use crate::opening::{FileMap, Opening, OpeningStep};
 use crate::viewer::Opened;
 
 /// Files at a time, as browsers open connections to a server.
@@ -49,37 +48,46 @@ pub fn open(
         .build()
         .into();
     let name = name_of(url);
-    let first = fetched(&agent, url, progress).map_err(|message| format!("{name}: {message}"))?;
+    let (first, url) = fetched(&agent, url, progress).map_err(|message| format!("{name}: {message}"))?;
     let mut opening = Opening::new(&name, FileMap::from([(name.clone(), first)]), true, budget);
     loop {
         match opening.go_on(size)? {
-            Progress::Done(opened) => return Ok(opened),
-            Progress::Coarse(opened) => coarse(opened),
-            Progress::Missing(paths) => {
-                for (path, bytes) in all_fetched(&agent, url, &paths, progress) {
-                    opening.supply(&path, bytes.map_err(|message| format!("{name}: {path}: {message}"))?);
+            OpeningStep::Done(opened) => return Ok(opened),
+            OpeningStep::Coarse(opened) => coarse(opened),
+            OpeningStep::Missing(paths) => {
+                let files = all_fetched(&agent, &url, &paths, progress);
+                for (path, bytes) in files.map_err(|message| format!("{name}: {message}"))? {
+                    opening.supply(&path, bytes);
                 }
             }
         }
     }
 }
 
-/// The files at `paths` beside `url`.
+/// The files at `paths` beside `url`, or the first error.
 fn all_fetched(
     agent: &Agent,
     url: &str,
     paths: &[String],
     progress: &(dyn Fn(f32) + Sync),
-) -> Vec<(String, Result<Vec<u8>, String>)> {
-    let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
-    let files = Mutex::new(Vec::with_capacity(paths.len()));
+) -> Result<Vec<(String, Vec<u8>)>, String> {
+    let next = AtomicUsize::new(0);
+    let files = Mutex::new(Ok(Vec::with_capacity(paths.len())));
     std::thread::scope(|scope| {
         for _ in 0..CONNECTIONS.min(paths.len()) {
             scope.spawn(|| {
                 while let Some(path) = paths.get(next.fetch_add(1, Ordering::Relaxed)) {
                     let bytes = fetched(agent, &beside(url, path), &|_| {});
-                    files.lock().unwrap_or_else(PoisonError::into_inner).push((path.clone(), bytes));
-                    progress((done.fetch_add(1, Ordering::Relaxed) + 1) as f32 / paths.len() as f32);
+                    let mut files = files.lock().unwrap_or_else(PoisonError::into_inner);
+                    let Ok(done) = &mut *files else { return };
+                    match bytes {
+                        Ok((bytes, _)) => done.push((path.clone(), bytes)),
+                        Err(message) => {
+                            *files = Err(format!("{path}: {message}"));
+                            return;
+                        }
+                    }
+                    progress(done.len() as f32 / paths.len() as f32);
                 }
             });
         }
@@ -87,21 +95,23 @@ fn all_fetched(
     files.into_inner().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The bytes at `url`, or what was found instead.
-fn fetched(agent: &Agent, url: &str, progress: &(dyn Fn(f32) + Sync)) -> Result<Vec<u8>, String> {
+/// The bytes at `url`, and the URL that they came from; or what was found instead.
+fn fetched(agent: &Agent, url: &str, progress: &(dyn Fn(f32) + Sync)) -> Result<(Vec<u8>, String), String> {
     let wrong = |found: String| format!("expected a file, found {found}");
     let response = agent.get(url).call();
     let mut response = response.map_err(|error| match error {
         ureq::Error::StatusCode(code) => wrong(code.to_string()),
         other => wrong(other.to_string()),
     })?;
+    // Servers may send elsewhere.
+    let found_at = response.get_uri().to_string();
     let length = response.body().content_length();
     let mut reader = response.body_mut().as_reader();
     let mut bytes = Vec::new();
     let mut step = vec![0; STEP];
     loop {
         match reader.read(&mut step) {
-            Ok(0) => return Ok(bytes),
+            Ok(0) => return Ok((bytes, found_at)),
             Ok(count) => bytes.extend_from_slice(&step[..count]),
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
             Err(error) => return Err(wrong(error.to_string())),

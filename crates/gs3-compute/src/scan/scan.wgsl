@@ -1,5 +1,5 @@
 // Exclusive scan in place. Workgroups own equal ranges. The first kernel sums each range; the second scans each range,
-// starting from the sum of everything before it. Two dispatches, as large for every count.
+// starting from the sum of everything before it. Two dispatches. Their size depends on the buffer, not on the count.
 
 @group(0) @binding(0) var<storage> count: array<u32>;
 @group(0) @binding(1) var<storage, read_write> values: array<u32>;

@@ -122,14 +122,7 @@ impl GpuRasterizer {
         precision: ScenePrecision,
         limits: Limits,
     ) -> Result<Self, GpuRasterError> {
-        if limits.storage_bindings < STORAGE_BINDINGS {
-            return Err(GpuRasterError::Gpu(GpuError::Unsupported {
-                adapter: gpu.adapter().name.clone(),
-                what: "storage bindings of a kernel".to_owned(),
-                expected: format!("at least {STORAGE_BINDINGS}"),
-                actual: limits.storage_bindings.to_string(),
-            }));
-        }
+        check_bindings(gpu, &limits, STORAGE_BINDINGS)?;
         let g = scene.gaussians();
         let plan = ScenePlan::new(&limits, g.len() as u64, g.sh_degree, precision)?;
         Ok(Self {
@@ -400,6 +393,9 @@ impl GpuRasterizer {
         if self.frame.as_ref().is_some_and(|frame| frame.plan.size == size && frame.plan.outputs == outputs) {
             return Ok(());
         }
+        if outputs == Outputs::GBufferMixed {
+            check_bindings(&self.gpu, &self.limits, STORAGE_BINDINGS + 1)?;
+        }
         let guess = Capacity::new(&self.limits, &self.plan, size);
         let known = self.capacity.get_or_insert(guess);
         known.entries = known.entries.max(guess.entries);
@@ -417,6 +413,19 @@ impl GpuRasterizer {
         self.resets_counters = true;
         Ok(())
     }
+}
+
+/// Checks that a kernel of `gpu` may have `needed` storage bindings.
+fn check_bindings(gpu: &Gpu, limits: &Limits, needed: u32) -> Result<(), GpuError> {
+    if limits.storage_bindings >= needed {
+        return Ok(());
+    }
+    Err(GpuError::Unsupported {
+        adapter: gpu.adapter().name.clone(),
+        what: "storage bindings of a kernel".to_owned(),
+        expected: format!("at least {needed}"),
+        actual: limits.storage_bindings.to_string(),
+    })
 }
 
 /// Checks `settings` against what a GPU supports.

@@ -69,12 +69,17 @@ pub(super) fn read(
     let mut mode = OpacityMode::Default;
     let mut notes = Vec::new();
     let count = selected.len();
-    for (i, (number, ranges)) in selected.into_iter().enumerate() {
+    let open = |(number, ranges): (usize, _)| {
         let Some(file) = index.files.get(number) else {
             let expected = format!("one of {} files", index.files.len());
             return Err(LoadError::invalid(name, "root", expected, number.to_string()));
         };
-        let part = files.open(&inside(name, "splatFiles", "", file)?)?;
+        Ok((files.open(&inside(name, "splatFiles", "", file)?)?, ranges))
+    };
+    // All files are asked for before one that is missing is told: who fetches files learns of all at once.
+    let parts: Vec<_> = selected.into_iter().map(open).collect();
+    for (i, part) in parts.into_iter().collect::<Result<Vec<_>, LoadError>>()?.into_iter().enumerate() {
+        let (part, ranges): (_, Vec<Option<Range<usize>>>) = part;
         let part_progress = |share: f32| progress((i as f32 + share) / count as f32);
         let decoded = if part.head(2)?.starts_with(b"PK") {
             sog::read(&part, files, &part_progress)?

@@ -160,7 +160,7 @@ pub fn streamed_source(source: &Source<'_>) -> Result<Option<Streamed>, LoadErro
         Kind::StreamedSog => sog::streamed(source).map(Some),
         Kind::Lcc2(json) => {
             let (levels, has_environment) = lcc2::streamed(source, &json)?;
-            Ok(Some(Streamed { levels, has_environment }))
+            Ok(Some(Streamed { levels, has_environment, takes_budget: false }))
         }
         _ => Ok(None),
     }

@@ -42,7 +42,7 @@ fn lcc2_levels_and_environment() {
     for (name, bytes) in &files {
         std::fs::write(folder.path().join(name), bytes).unwrap();
     }
-    let expected = Streamed { levels: 2, has_environment: true };
+    let expected = Streamed { levels: 2, has_environment: true, takes_budget: false };
     assert_eq!(streamed(folder.path()).unwrap(), Some(expected));
 }
 

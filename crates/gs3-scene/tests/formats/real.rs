@@ -58,7 +58,10 @@ fn streamed_scenes_fill_the_bounds_that_their_index_states() {
 #[test]
 fn the_environment_is_optional() {
     let Some(path) = real("lacadiere") else { return };
-    assert_eq!(streamed(&path).unwrap(), Some(Streamed { levels: 1, has_environment: true }));
+    assert_eq!(
+        streamed(&path).unwrap(),
+        Some(Streamed { levels: 1, has_environment: true, takes_budget: true })
+    );
     let count = |environment| {
         let options = LoadOptions { level_of_detail: Some(0), environment, ..LoadOptions::default() };
         load(&path, &options, &|_| {}).unwrap().gaussians().len()

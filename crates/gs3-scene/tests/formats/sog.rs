@@ -111,12 +111,15 @@ fn levels_and_environment_are_known_before_loading() {
     // The index alone is enough.
     let index = streamed_sog()["lod-meta.json"].clone();
     let path = write("all/lod-meta.json", &index);
-    let expected = Some(Streamed { levels: 2, has_environment: true });
+    let expected = Some(Streamed { levels: 2, has_environment: true, takes_budget: true });
     assert_eq!(streamed(&path).unwrap(), expected);
     assert_eq!(streamed(path.parent().unwrap()).unwrap(), expected);
     let bare = String::from_utf8(index).unwrap().replace("\"environment\":\"env/meta.json\",", "");
     let path = write("bare/lod-meta.json", bare.as_bytes());
-    assert_eq!(streamed(&path).unwrap(), Some(Streamed { levels: 2, has_environment: false }));
+    assert_eq!(
+        streamed(&path).unwrap(),
+        Some(Streamed { levels: 2, has_environment: false, takes_budget: true })
+    );
 
     for (name, bytes) in [
         ("scene/meta.json", sog()["meta.json"].clone()),

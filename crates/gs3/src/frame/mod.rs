@@ -138,8 +138,9 @@ impl FramePipeline {
         self.render_with_poses(camera, &[])
     }
 
-    /// Renders as [`Self::render`] does, without blocking a browser whose GPU makes the frame. A future that is dropped
-    /// before its end leaves a frame unfinished: call [`Self::reset`] then.
+    /// Renders as [`Self::render`] does. In a browser whose GPU makes the frame the future does not block; natively the future
+    /// waits within its first poll. A future that is dropped before its end leaves a frame unfinished: call
+    /// [`Self::reset`] then.
     ///
     /// # Errors
     /// As [`Self::render`].

@@ -25,12 +25,14 @@ pub struct Streamed {
     pub levels: u32,
     /// Whether it has an environment (sky, far background).
     pub has_environment: bool,
+    /// Whether [`LoadOptions::budget`] chooses levels of it.
+    pub takes_budget: bool,
 }
 
 /// What the `lod-meta.json` states.
 pub(in super::super) fn streamed(source: &Source<'_>) -> Result<Streamed, LoadError> {
     let meta = LodMeta::parse(source)?;
-    Ok(Streamed { levels: meta.level_count, has_environment: meta.environment.is_some() })
+    Ok(Streamed { levels: meta.level_count, has_environment: meta.environment.is_some(), takes_budget: true })
 }
 
 /// Reads the wanted level of detail of all leaves, then the environment.

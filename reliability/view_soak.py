@@ -1,0 +1,93 @@
+"""Plays a hand in the viewer's window and watches the memory: scenes are opened and closed, the camera moves, methods are compared.
+
+    python reliability/view_soak.py --gs3 target/release/gs3 --rounds 100 --minutes 30 garden.ply lod-meta.json
+
+One process shows the scenes and the built-in one in turn, on an X server without a screen (Xvfb). Every second its memory is read
+from /proc. The first tenth of the time does not count.
+"""
+
+import argparse
+import json
+import pathlib
+import subprocess
+import tempfile
+import time
+
+from soak import resident
+
+# Loops of the viewer a second.
+FPS = 30
+
+
+def steps_of(scenes, rounds, minutes):
+    """What the hand does: as many loops in each round, so that all rounds take the time asked for."""
+    loops = int(minutes * 60 * FPS / rounds)
+    steps = []
+    for k in range(rounds):
+        hand = [
+            {"do": "drop", "file": scenes[k % len(scenes)]},
+            {"do": "expect", "message": ""},
+            {"do": "drag", "button": "left", "from": [0.5, 0.5], "to": [0.6, 0.45], "frames": loops // 4},
+            {"do": "hold", "key": "W", "frames": loops // 8},
+            {"do": "key", "key": "C"},
+            {"do": "key", "key": "V"},
+            {"do": "wait", "frames": loops // 4},
+            {"do": "wheel", "lines": 2, "at": [0.5, 0.5]},
+            {"do": "wait", "frames": loops // 4},
+            {"do": "drop", "file": "no-scene.ply"},
+            {"do": "key", "key": "Escape"},
+            {"do": "wait", "frames": loops // 8},
+        ]
+        steps += hand
+    return [*steps, {"do": "wait_idle"}, {"do": "figures", "file": "figures.json"}, {"do": "end"}]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--gs3", type=pathlib.Path, required=True)
+    parser.add_argument("--rounds", type=int, default=100)
+    parser.add_argument("--minutes", type=float, default=30.0)
+    parser.add_argument("--size", default="640x360")
+    parser.add_argument("--backend", default="cpu")
+    parser.add_argument("scenes", nargs="*", type=pathlib.Path)
+    args = parser.parse_args()
+    scenes = [*(str(scene.resolve()) for scene in args.scenes), "demo"]
+    with tempfile.TemporaryDirectory() as folder:
+        script = pathlib.Path(folder, "script.json")
+        script.write_text(json.dumps({"steps": steps_of(scenes, args.rounds, args.minutes)}))
+        command = [args.gs3.resolve(), "view", "demo", "--size", args.size, "--backend", args.backend, "--script", script]
+        command = ["xvfb-run", "-a", *command]
+        begun, found = time.monotonic(), []
+        process = subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True)
+        while process.poll() is None:
+            time.sleep(1)
+            if viewer := child_of(process.pid):
+                found.append((time.monotonic() - begun, resident(viewer)))
+        assert process.returncode == 0, process.stderr.read()
+        figures = json.loads(pathlib.Path(folder, "figures.json").read_text())
+    passed = found[-1][0]
+    counted = [memory for at, memory in found if at >= passed / 10]
+    # Whole rounds of all scenes at both ends: scenes differ in size.
+    part = max(1, int(len(counted) * len(scenes) / args.rounds))
+    first, last = sum(counted[:part]) / part, sum(counted[-part:]) / part
+    print(
+        f"{passed / 60:.1f} minutes, {args.rounds} scenes opened, {figures['rendered']} frames rendered; "
+        f"memory {min(counted):.0f} to {max(counted):.0f} MiB, {last / first - 1:+.1%} from begin to end"
+    )
+    assert abs(last / first - 1) <= 0.05, "memory is not flat"
+
+
+def child_of(pid):
+    """The process called gs3 below `pid`, if it runs."""
+    for status in pathlib.Path("/proc").glob("[0-9]*/status"):
+        try:
+            fields = dict(line.split(":\t", 1) for line in status.read_text().splitlines() if ":\t" in line)
+        except OSError:
+            continue
+        if fields.get("Name") == "gs3" and fields.get("PPid") == str(pid):
+            return int(fields["Pid"])
+    return None
+
+
+if __name__ == "__main__":
+    main()
