@@ -21,6 +21,9 @@ const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
 /// What a page shows and what the CPU renders natively are told apart by 8 bits and by the order of sums at most.
 const LEAST_PSNR: f64 = 50.0;
 
+/// How much farther from the native image bicubic frames are at least: 62 dB with the demo, 29 with a part of it.
+const BICUBIC_LOSS: f64 = 20.0;
+
 /// What the test lacks, if it lacks anything.
 fn missing() -> Option<String> {
     let page = page();
@@ -167,6 +170,6 @@ fn a_session_in_a_browser() {
         let [left, right] = [0..middle - 4, middle + 4..end]
             .map(|side| psnr(&half(&split, side.clone(), size), &half(&expected, side, size)));
         println!("{name}: {left:.1} and {right:.1} dB of the native image");
-        assert!(left < 40.0 && right >= LEAST_PSNR, "{name}: {left} and {right} dB");
+        assert!(left + BICUBIC_LOSS < right && right >= LEAST_PSNR, "{name}: {left} and {right} dB");
     }
 }
