@@ -166,7 +166,9 @@ mod tests {
                 reader.read_line(&mut line).unwrap();
                 let path = line.split(' ').nth(1).unwrap_or_default().trim_start_matches('/').to_owned();
                 while reader.read_line(&mut line).is_ok_and(|count| count > 2) {}
-                let path = percent_decode_str(&path).decode_utf8_lossy().into_owned();
+                let path = percent_decode_str(path.split('?').next().unwrap_or_default())
+                    .decode_utf8_lossy()
+                    .into_owned();
                 let (status, body) = match std::fs::read(folder.join(path)) {
                     Ok(body) => ("200 OK", body),
                     Err(_) => ("404 Not Found", Vec::new()),
