@@ -107,9 +107,9 @@ const asked = (work) => new Promise((resolve, reject) => guarded(() => {
 // Openings run side by side; the viewer ends those before a scene that is shown.
 async function open(name) {
   const number = ++openings;
-  const waiting = sources.get(name) ?? [];
-  const source = waiting.shift();
-  if (waiting.length === 0) sources.delete(name);
+  const queue = sources.get(name) ?? [];
+  const source = queue.shift();
+  if (queue.length === 0) sources.delete(name);
   const progress = (share) => {
     guarded(() => viewer.progress(share));
     guarded(schedule);

@@ -1,4 +1,4 @@
-//! What comes from a page or from a URL: files in memory, of which a scene may ask for more.
+//! Opens files that are in memory. A scene may name more files; the caller fetches them.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -49,13 +49,19 @@ pub enum OpeningStep {
 }
 
 impl Opening {
-    /// The built-in scene if `name` is `demo` and there are no `files`; else the scene or the cameras that `files` hold, or a scene and
-    /// its cameras. The content says what it is. If `can_fetch`, there is one file, and what it names can be fetched. Of a
-    /// streamed scene `budget` Gaussians are shown at most.
+    /// The built-in scene if `name` is `demo` and there are no `files`. Else `files` hold a scene, cameras, or a scene and
+    /// its cameras; their content says which. With `can_fetch` there is one file, and the caller can fetch the files that
+    /// it names. At most `budget` Gaussians of a streamed scene are shown.
     #[must_use]
     pub fn new(name: &str, files: FileMap, can_fetch: bool, budget: Option<u64>) -> Self {
         let index = files.keys().next().filter(|_| can_fetch).cloned();
         Self { name: name.to_owned(), files, index, budget, is_coarse_shown: false }
+    }
+
+    /// What messages call it.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
     }
 
     /// Takes a file that was missing.

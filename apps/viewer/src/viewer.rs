@@ -449,6 +449,12 @@ impl Viewer {
         self.is_idle
     }
 
+    /// The name of the scene shown.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
     /// Whether something is being opened.
     #[must_use]
     pub const fn is_opening(&self) -> bool {

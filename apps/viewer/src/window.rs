@@ -191,7 +191,8 @@ impl ApplicationHandler<Loaded> for Shell {
             Loaded::Progress(share) => self.viewer.progress(share),
             Loaded::Coarse(opened) => {
                 if self.viewer.opened(Ok(opened), self.started.elapsed()) {
-                    self.viewer.expect_finer();
+                    let name = self.viewer.name().to_owned();
+                    self.viewer.expect(&name);
                 }
             }
             Loaded::Done(opened) => {

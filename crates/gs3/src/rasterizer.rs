@@ -7,8 +7,8 @@ use gs3_scene::{Camera, ExactBlocks, GBuffer, Image};
 
 use crate::error::PipelineError;
 
-/// A rasterizer with results in the CPU's memory, written there or read back. Its futures are ready at the first poll,
-/// but for those of a device in a browser.
+/// A rasterizer with results in the CPU's memory, written there or read back. The futures are ready at the first poll. Only
+/// those of a GPU in a browser wait for the event loop.
 pub trait RasterizeHere {
     /// Rasterizes the LR frame of `camera`, `scale` times coarser, into planes.
     async fn rasterize(

@@ -232,8 +232,8 @@ impl PageViewer {
 
     /// Shows that something is still being opened.
     fn tell_of_openings(&mut self) {
-        if !self.openings.is_empty() {
-            self.viewer.expect_finer();
+        if let Some((_, opening)) = self.openings.last_key_value() {
+            self.viewer.expect(opening.name());
         }
     }
 

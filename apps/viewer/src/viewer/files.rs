@@ -130,9 +130,9 @@ impl Viewer {
         }
     }
 
-    /// Says that the scene is shown coarsely, and that a finer one is being opened.
-    pub fn expect_finer(&mut self) {
-        self.opening = Some((self.name.clone(), 0.0));
+    /// Shows that `name` is still being opened: more of a scene that is shown already, or another file.
+    pub fn expect(&mut self, name: &str) {
+        self.opening = Some((name.to_owned(), 0.0));
         self.is_woken = true;
     }
 
