@@ -136,23 +136,37 @@ fn triangle(
     for y in first(low[1], clip[1])..end(high[1], clip[3]) {
         let row = &mut picture.pixels[y * picture.size[0]..(y + 1) * picture.size[0]];
         let center_y = y as f64 + 0.5;
-        for x in first(low[0], clip[0])..end(high[0], clip[2]) {
+        let at = |x: usize| {
             let center_x = x as f64 + 0.5;
-            let w = edges.map(|(a, step, owns)| {
+            edges.map(|(a, step, owns)| {
                 let e = step[0] * (center_x - a[0]) + step[1] * (center_y - a[1]);
                 (e, e > 0.0 || (e == 0.0 && owns))
-            });
-            if !w.iter().all(|(_, is_inside)| *is_inside) {
-                continue;
+            })
+        };
+        let is_inside = |x: &usize| at(*x).iter().all(|(_, is_inside)| *is_inside);
+        // The pixels inside are next to each other: a triangle is convex. Each edge bounds them on one side, and what rounding
+        // leaves open is tried.
+        let (mut left, mut right) = (first(low[0], clip[0]), end(high[0], clip[2]));
+        for (a, step, _) in edges {
+            let bound = a[0] - step[1] * (center_y - a[1]) / step[0];
+            if step[0] > 0.0 {
+                left = left.max((bound - 1.5).max(0.0) as usize);
+            } else if step[0] < 0.0 {
+                right = right.min((bound + 1.5).max(0.0) as usize);
             }
-            let color = plain.unwrap_or_else(|| {
-                let share = w.map(|(e, _)| (e / area) as f32);
-                let mix = |of: [f32; 3]| of[0] * share[0] + of[1] * share[1] + of[2] * share[2];
-                let uv = [mix(v.map(|c| c.uv.x)), mix(v.map(|c| c.uv.y))];
-                let tint = [0, 1, 2, 3].map(|k| mix(v.map(|c| f32::from(c.color.to_array()[k]))));
-                modulate(tint, texel(texture, uv))
-            });
-            row[x] = over(color, row[x]);
+        }
+        let Some(left) = (left..right).find(is_inside) else { continue };
+        let Some(last) = (left..right).rev().find(is_inside) else { continue };
+        if let Some(color) = plain {
+            row[left..=last].iter_mut().for_each(|pixel| *pixel = over(color, *pixel));
+            continue;
+        }
+        for (x, pixel) in (left..=last).zip(&mut row[left..=last]) {
+            let share = at(x).map(|(e, _)| (e / area) as f32);
+            let mix = |of: [f32; 3]| of[0] * share[0] + of[1] * share[1] + of[2] * share[2];
+            let uv = [mix(v.map(|c| c.uv.x)), mix(v.map(|c| c.uv.y))];
+            let tint = [0, 1, 2, 3].map(|k| mix(v.map(|c| f32::from(c.color.to_array()[k]))));
+            *pixel = over(modulate(tint, texel(texture, uv)), *pixel);
         }
     }
 }

@@ -74,7 +74,9 @@ impl VideoPlan {
         shown: [u32; 2],
         settings: &PipelineSettings,
     ) -> Result<Self, VideoPlanError> {
-        let settings = PipelineSettings { mode: Mode::Full, refine: Refine::default(), ..*settings };
+        let PipelineSettings { in_between, .. } = PipelineSettings::default();
+        let settings =
+            PipelineSettings { mode: Mode::Full, refine: Refine::default(), in_between, ..*settings };
         let each = settings.displayed_per_rendered() as f64;
         let rate = wish.fps.unwrap_or_else(|| way.frames_per_second() * each);
         let count = way.cameras().len();

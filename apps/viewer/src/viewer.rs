@@ -1,21 +1,27 @@
 //! The viewer without a window: inputs and time go in; pictures and requests come out.
 
+mod desk;
+mod display;
 mod files;
 mod frames;
 mod inputs;
+mod job;
+mod pace;
 mod shown;
+mod step;
 mod touch;
 mod video;
 
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::task::Waker;
 use std::time::Duration;
 
 use gs3::glam::DVec3;
 use gs3::scene::camera::MAX_SIDE;
 use gs3::scene::orbit::{self, Bulk};
 use gs3::scene::{Camera, CameraError, CameraPath, Scene};
-use gs3::{PipelineError, Session, SessionSettings};
+use gs3::{Backend, PipelineError, Session, SessionSettings};
 
 use crate::compare::{Compare, Dividers};
 use crate::controls::{Controls, Rig};
@@ -26,21 +32,22 @@ use crate::panels::Panels;
 use crate::tour::Tour;
 use crate::video::VideoPlan;
 use crate::views::View;
-use frames::Pace;
+use desk::Desk;
+use display::Display;
+use frames::Track;
+use pace::Pace;
 use touch::Fingers;
-
-/// Longest time that a movement advances in one step, in seconds: no jumps after a slow frame.
-const LONGEST_STEP: f64 = 0.1;
-
-/// Weight of a new measurement of the time beside rendering against the earlier ones: as in the controller of exact
-/// pixels.
-const NEWEST: f64 = 0.5;
 
 /// Settings of a viewer at its start.
 #[derive(Clone, Debug)]
 pub struct ViewerSettings {
-    /// How the session renders. The viewer sets [`gs3::PipelineSettings::refine`] if it is a time.
+    /// How the session renders. The viewer sets [`gs3::PipelineSettings::refine`] if it is a time. In [`gs3::Mode::Full`] the
+    /// viewer interpolates as few frames as the target rate allows, at most [`gs3::PipelineSettings::in_between`] before each
+    /// rendered one, and none unless it renders apart.
     pub session: SessionSettings,
+    /// If there is a waker, frames are rendered in a thread of their own, so that pictures and panels follow each other
+    /// meanwhile. The waker is woken when a frame is finished: the viewer is to step then. None in a browser.
+    pub renders_apart: Option<Waker>,
     /// Whether frames of a moving camera are native too where the machine makes them in half of the time between frames,
     /// or faster than reconstructed ones. Only if [`gs3::PipelineSettings::refine`] is a time.
     pub native_when_fast: bool,
@@ -155,29 +162,38 @@ pub enum ViewerError {
     /// The picture's size is 0.
     #[error(transparent)]
     Camera(#[from] CameraError),
+    /// There is no thread for rendering apart.
+    #[error("viewer: no thread to render frames: {0}")]
+    Thread(#[from] std::io::Error),
 }
 
-/// Progress of the picture of a resting camera.
+/// Progress of the frames of a resting camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Rest {
-    /// The camera of the last frame; none before the first frame and after a failed one.
+    /// The camera of the last frame made; none before the first frame and after a failed one.
     camera: Option<Camera>,
     /// Frames since the camera has been there.
     frames: usize,
-    /// Whether the native image is shown.
+    /// Whether the native image is made.
     is_native: bool,
 }
 
 /// The viewer without a window.
 ///
 /// [`Viewer::input`] takes inputs at any time; they take effect in the next [`Viewer::step`]. A step moves the
-/// camera, renders at most one frame and paints the panels. While a camera moves, steps are due at the target rate,
-/// and a frame has as many exact pixels as this rate leaves time for. Once the camera rests, frames continue until
+/// camera, renders at most one frame and paints the panels. While a camera moves, pictures follow each other at the target
+/// rate, and a frame has as many exact pixels as this rate leaves time for. Once the camera rests, frames continue until
 /// the history holds every pixel. The native image follows. Then no step is due until an input comes. Where native frames
 /// are fast ([`ViewerSettings::native_when_fast`]), frames of a moving camera are native as well.
+///
+/// If frames are rendered apart ([`ViewerSettings::renders_apart`]), a step begins a frame and does not wait for it. A finished
+/// frame brings its in-between frames, and all of them are shown one after the other, evenly, while the next frame is
+/// rendered.
 #[derive(Debug)]
 pub struct Viewer {
-    session: Session,
+    desk: Desk,
+    /// How the session renders.
+    settings: SessionSettings,
     controls: Controls,
     bulk: Bulk,
     name: String,
@@ -200,6 +216,12 @@ pub struct Viewer {
     rest: Rest,
     native_when_fast: bool,
     pace: Pace,
+    display: Display,
+    track: Track,
+    /// The camera of `frame`.
+    camera: Option<Camera>,
+    /// Pictures whose memory frames may use.
+    spare: Vec<Picture>,
     /// Whether the last frame failed, and nothing has happened since.
     has_failed: bool,
     /// Whether the shown part of the frame has changed, so that the picture must be composed again.
@@ -272,7 +294,8 @@ impl Viewer {
         let bulk = Bulk::of(session.scene());
         let controls = Controls::new(&first_camera(session.scene(), cameras, size)?, &bulk);
         Ok(Self {
-            session,
+            desk: Desk::new(session, settings.renders_apart.clone())?,
+            settings: settings.session.clone(),
             controls,
             bulk,
             name: name.to_owned(),
@@ -294,6 +317,10 @@ impl Viewer {
             rest: Rest::default(),
             native_when_fast,
             pace: Pace::default(),
+            display: Display::default(),
+            track: Track::default(),
+            camera: None,
+            spare: Vec::new(),
             has_failed: false,
             is_stale: true,
             is_woken: true,
@@ -317,102 +344,6 @@ impl Viewer {
             next: Next::At(Duration::ZERO),
             has_panels: true,
         })
-    }
-
-    /// Takes an input, which takes effect in the next step.
-    pub fn input(&mut self, input: Input) {
-        self.inputs.push(input);
-        self.is_idle = false;
-    }
-
-    /// Advances to the current time. `clock` is the time since any fixed moment. In a browser [`Self::step_async`] is
-    /// for sessions on GPUs.
-    pub fn step(&mut self, clock: &dyn Fn() -> Duration) -> Step {
-        pollster::block_on(self.step_async(clock))
-    }
-
-    /// Advances to the current time, as [`Self::step`] does, without blocking a browser.
-    pub async fn step_async(&mut self, clock: &dyn Fn() -> Duration) -> Step {
-        let started = clock();
-        let seconds = match self.last_step {
-            Some(last) if !self.figures_paused() => started.saturating_sub(last).as_secs_f64(),
-            _ => self.interval.as_secs_f64(),
-        };
-        self.last_step = Some(started);
-        let inputs = std::mem::take(&mut self.inputs);
-        let mut is_due = std::mem::take(&mut self.is_woken) || !inputs.is_empty() || !self.shots.is_empty();
-        is_due |= self.panels.due().is_some_and(|due| due <= started);
-        is_due |= self.note.take_if(|(_, until)| *until <= started).is_some();
-        self.has_failed &= inputs.is_empty();
-        for input in inputs {
-            self.handle(input, started);
-        }
-        if let Some(at) = self.pivot_at.take() {
-            self.set_pivot(at, started).await;
-        }
-        self.move_camera(seconds.min(LONGEST_STEP));
-        let (is_rendered, rendering) = self.render(clock).await;
-        is_due |= is_rendered || self.is_stale;
-        if is_due {
-            self.compose();
-            let actions = self.paint(started, is_rendered);
-            self.figures.show(started, is_rendered);
-            actions.into_iter().for_each(|action| self.act(action, started));
-            self.take_shots().await;
-            let rest = clock().saturating_sub(started).saturating_sub(rendering).as_secs_f64();
-            self.overhead += NEWEST * (rest - self.overhead);
-        }
-        self.next = self.next(started);
-        Step { is_new: is_due, next: self.next }
-    }
-
-    /// When the next step is due: as the last step said, or at once after an input or another request.
-    #[must_use]
-    pub const fn next_step(&self) -> Next {
-        if self.is_woken || !self.inputs.is_empty() || !self.shots.is_empty() {
-            Next::At(Duration::ZERO)
-        } else {
-            self.next
-        }
-    }
-
-    /// Reports how long the picture took to reach the screen after a step.
-    pub fn presented(&mut self, took: Duration) {
-        // The step's own part has been measured already; this time is added to it.
-        self.overhead += NEWEST * took.as_secs_f64();
-    }
-
-    fn next(&mut self, started: Duration) -> Next {
-        let is_active = self.is_woken
-            || self.is_stale
-            || !self.inputs.is_empty()
-            || !self.shots.is_empty()
-            || self.controls.is_moving()
-            || self.tour.playing().is_some()
-            || self.is_rendering_due();
-        let due = self.due + self.interval;
-        // A late step is not followed by hurried steps.
-        self.due = if due + self.interval < started || due > started + self.interval {
-            started + self.interval
-        } else {
-            due
-        };
-        if is_active {
-            self.is_idle = false;
-            return Next::At(self.due);
-        }
-        if !std::mem::replace(&mut self.is_idle, true) {
-            self.figures.pause();
-        }
-        let note = self.note.as_ref().map(|(_, until)| *until);
-        match [self.panels.due(), note].into_iter().flatten().min() {
-            Some(due) => Next::At(due.max(self.due)),
-            None => Next::Idle,
-        }
-    }
-
-    fn figures_paused(&self) -> bool {
-        self.is_idle
     }
 
     /// Reports the memory of the process, in bytes.
@@ -461,10 +392,10 @@ impl Viewer {
         self.opening.is_some()
     }
 
-    /// The camera shown.
+    /// The camera of the picture shown.
     #[must_use]
     pub const fn camera(&self) -> Option<Camera> {
-        self.rest.camera
+        self.camera
     }
 
     /// The place of the camera, and its pivot.
@@ -518,7 +449,7 @@ impl Viewer {
     /// Number of Gaussians of the scene shown.
     #[must_use]
     pub fn gaussians(&self) -> usize {
-        self.session.scene().gaussians().len()
+        self.scene().gaussians().len()
     }
 
     /// The target time from one displayed frame to the next.
@@ -527,10 +458,22 @@ impl Viewer {
         self.interval
     }
 
+    /// The scene shown.
+    #[must_use]
+    pub fn scene(&self) -> Arc<Scene> {
+        self.desk.status().scene
+    }
+
     /// The machine that renders.
     #[must_use]
-    pub const fn session(&self) -> &Session {
-        &self.session
+    pub fn backend(&self) -> Backend {
+        self.desk.status().backend
+    }
+
+    /// How the viewer was asked to render.
+    #[must_use]
+    pub const fn session_settings(&self) -> &SessionSettings {
+        &self.settings
     }
 }
 

@@ -1,5 +1,6 @@
 //! What may be looked at besides the picture, and how it is coloured.
 
+use fearless_simd::{Simd, dispatch, f32x16, i32x16, prelude::*};
 use gs3::FramePipeline;
 use gs3::scene::{BLOCK_SIDE, GBuffer, Image, block_grid};
 use rayon::prelude::*;
@@ -62,12 +63,30 @@ pub fn show_image(image: &Image, columns: std::ops::Range<usize>, picture: &mut 
     if image.width() != width || image.height() != picture.size[1] || width == 0 {
         return;
     }
+    let level = gs3::simd::level();
     picture.pixels.par_chunks_exact_mut(width).enumerate().for_each(|(y, row)| {
-        let pixels = &image.row(y)[columns.clone()];
-        for (to, pixel) in row[columns.clone()].iter_mut().zip(pixels) {
-            *to = rgb([pixel[0], pixel[1], pixel[2]]);
-        }
+        let (row, pixels) = (&mut row[columns.clone()], &image.row(y)[columns.clone()]);
+        dispatch!(level, simd => to_8_bits(simd, pixels, row));
     });
+}
+
+/// As [`rgb`] for each of `pixels`.
+#[inline(always)]
+fn to_8_bits<S: Simd>(simd: S, pixels: &[[f32; 4]], to: &mut [u32]) {
+    let (quads, rest) = pixels.as_chunks::<4>();
+    let (to, to_rest) = to.split_at_mut(4 * quads.len());
+    for (to, quad) in to.as_chunks_mut::<4>().0.iter_mut().zip(quads) {
+        let values = f32x16::from_slice(simd, quad.as_flattened());
+        // NaN becomes 0, as in `as`.
+        let values = (values * 255.0 + 0.5).max_precise(0.0).min(255.0);
+        let values = values.to_int::<i32x16<S>>().to_array();
+        for (k, to) in to.iter_mut().enumerate() {
+            *to = (values[4 * k] << 16 | values[4 * k + 1] << 8 | values[4 * k + 2]) as u32;
+        }
+    }
+    for (to, pixel) in to_rest.iter_mut().zip(rest) {
+        *to = rgb([pixel[0], pixel[1], pixel[2]]);
+    }
 }
 
 /// How far two images are apart, `gain` times, into `picture`.
@@ -222,6 +241,19 @@ mod tests {
         let (pipeline, mut picture) = rendered();
         show_view(View::Picture, &pipeline, &mut picture);
         assert_eq!(picture.to_rgb8(), pipeline.last_image().to_rgb8());
+    }
+
+    #[test]
+    fn values_that_are_no_colours_are_brought_into_range() {
+        let values =
+            [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -0.2, 0.0, 0.5, 1.0, 7.0, 0.998_039_25, 1e30, -1e30];
+        let mut image = Image::new(11, 1);
+        for (k, pixel) in image.pixels_mut().iter_mut().enumerate() {
+            *pixel = [values[k], values[(k + 3) % 11], values[(k + 7) % 11], f32::NAN];
+        }
+        let mut picture = Picture { size: [11, 1], pixels: vec![7; 11] };
+        show_image(&image, 1..11, &mut picture);
+        assert_eq!((picture.pixels[0], &picture.to_rgb8()[3..]), (7, &image.to_rgb8()[3..]));
     }
 
     #[test]

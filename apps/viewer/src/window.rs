@@ -11,6 +11,7 @@ use std::num::NonZeroU32;
 use std::path::PathBuf;
 use std::rc::Rc;
 use std::sync::Arc;
+use std::task::{Wake, Waker};
 use std::time::{Duration, Instant};
 
 use gs3::scene::{CameraPath, Scene};
@@ -38,7 +39,7 @@ pub struct WindowSettings {
     pub scene: Arc<Scene>,
     /// Cameras; without them, the whole scene is in view.
     pub cameras: Option<CameraPath>,
-    /// Settings of the viewer.
+    /// Settings of the viewer. The window always renders apart, with a waker of its own.
     pub viewer: ViewerSettings,
     /// Files and URLs to open at the start, one after the other.
     pub open: Vec<PathBuf>,
@@ -89,9 +90,11 @@ pub fn run(settings: WindowSettings) -> Result<(), WindowError> {
     let display = |e: &dyn std::fmt::Display| WindowError::Display { message: e.to_string() };
     let WindowSettings { name, scene, cameras, viewer, open, budget, script } = settings;
     let size = viewer.size;
+    let events = EventLoop::<Loaded>::with_user_event().build().map_err(|e| display(&e))?;
+    let waker = Waker::from(Arc::new(Awaker(events.create_proxy())));
+    let viewer = ViewerSettings { renders_apart: Some(waker), ..viewer };
     let mut viewer = Viewer::new(&name, scene, cameras.as_ref(), viewer)?;
     open.into_iter().for_each(|place| viewer.input(Input::Dropped(place)));
-    let events = EventLoop::<Loaded>::with_user_event().build().map_err(|e| display(&e))?;
     let context = Context::new(events.owned_display_handle()).map_err(|e| display(&e))?;
     let mut shell = Shell {
         proxy: events.create_proxy(),
@@ -99,6 +102,7 @@ pub fn run(settings: WindowSettings) -> Result<(), WindowError> {
         window: None,
         viewer,
         script,
+        script_due: Duration::ZERO,
         size,
         started: Instant::now(),
         next: Next::At(Duration::ZERO),
@@ -117,9 +121,21 @@ pub fn run(settings: WindowSettings) -> Result<(), WindowError> {
     shell.failed.map_or(Ok(()), Err)
 }
 
-/// Messages of the threads that read files, ask for files and render videos.
+/// Wakes the window when a frame is finished.
+struct Awaker(EventLoopProxy<Loaded>);
+
+impl Wake for Awaker {
+    fn wake(self: Arc<Self>) {
+        // The window may be closed already.
+        _ = self.0.send_event(Loaded::Frame);
+    }
+}
+
+/// Messages of the threads that render, read files, ask for files and render videos.
 #[derive(Debug)]
 enum Loaded {
+    /// A frame is finished.
+    Frame,
     Progress(f32),
     /// The coarsest levels of a streamed scene; finer ones follow.
     Coarse(Opened),
@@ -134,6 +150,8 @@ struct Shell {
     window: Option<Shown>,
     viewer: Viewer,
     script: Option<Script>,
+    /// When the script goes on.
+    script_due: Duration,
     size: [u32; 2],
     started: Instant,
     next: Next,
@@ -188,6 +206,7 @@ impl ApplicationHandler<Loaded> for Shell {
 
     fn user_event(&mut self, events: &ActiveEventLoop, loaded: Loaded) {
         match loaded {
+            Loaded::Frame => {}
             Loaded::Progress(share) => self.viewer.progress(share),
             Loaded::Coarse(opened) => {
                 if self.viewer.opened(Ok(opened), self.started.elapsed()) {
@@ -252,7 +271,9 @@ impl Shell {
     /// One round: the script's inputs, a step, the picture, files.
     fn round(&mut self, events: &ActiveEventLoop) {
         let before = self.started.elapsed();
-        if let Some(script) = &mut self.script {
+        if let Some(script) = self.script.as_mut().filter(|_| before >= self.script_due) {
+            // A script goes on at the pace of pictures, also at rest.
+            self.script_due = before + self.viewer.interval();
             match script.tick(&mut self.viewer) {
                 Ok(Playing::On) => {}
                 Ok(Playing::Over) => self.script = None,
@@ -277,12 +298,10 @@ impl Shell {
         for effect in self.viewer.take_effects() {
             self.carry_out(events, effect);
         }
-        // A script continues at the viewer's pace, also at rest.
         if self.script.is_some() {
-            let pace = self.viewer.interval();
             self.next = match self.next {
-                Next::At(due) => Next::At(due.min(before + pace)),
-                Next::Idle => Next::At(before + pace),
+                Next::At(due) => Next::At(due.min(self.script_due)),
+                Next::Idle => Next::At(self.script_due),
             };
         }
     }
@@ -303,8 +322,7 @@ impl Shell {
             }
             Effect::Choose => self.choose(),
             Effect::Video(place, plan) => {
-                let session = self.viewer.session();
-                let (scene, settings) = (Arc::clone(session.scene()), session.settings().clone());
+                let (scene, settings) = (self.viewer.scene(), self.viewer.session_settings().clone());
                 let proxy = self.proxy.clone();
                 // The window may be closed already.
                 let tell = move |told| _ = proxy.send_event(Loaded::Video(told));

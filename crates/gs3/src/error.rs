@@ -4,7 +4,6 @@ use gs3_raster::RasterError;
 use gs3_reconstruct::ReconstructError;
 
 use crate::learned::NetworkError;
-use crate::settings::MAX_IN_BETWEEN;
 
 /// Why a frame could not be made. No frame is presented then, and the last frame stays. An invalid request is refused
 /// before anything changes. If a device fails later, the next frame starts without history.
@@ -35,8 +34,14 @@ pub enum PipelineError {
     #[error(transparent)]
     Network(#[from] NetworkError),
     /// The number of in-between frames is too small or too large.
-    #[error("in-between frames: expected 1 to {MAX_IN_BETWEEN} frames for each rendered one, found {actual}")]
+    #[error(
+        "in-between frames: expected {} to {} frames for each rendered one, found {actual}",
+        expected[0],
+        expected[1]
+    )]
     InBetween {
+        /// Least and largest number.
+        expected: [u32; 2],
         /// Frames asked for.
         actual: u32,
     },

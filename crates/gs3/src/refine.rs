@@ -141,9 +141,6 @@ pub struct ShareController {
 /// The share of the first frame: small, as the machine's speed is still unknown.
 const FIRST_SHARE: f32 = 0.01;
 
-/// The least share: about 60 blocks at 1280×720, enough to keep measuring their time.
-const LEAST_SHARE: f32 = 0.001;
-
 /// Weight of a new measurement against the earlier ones: half. A single slow frame then does not swing the share, and
 /// a change is followed within three frames.
 const NEWEST: f64 = 0.5;
@@ -174,7 +171,7 @@ impl ShareController {
         }
         if self.per_share > 0.0 {
             let left = PLANNED * target.as_secs_f64() - self.fixed;
-            self.share = ((left / self.per_share) as f32).clamp(LEAST_SHARE, 1.0);
+            self.share = ((left / self.per_share) as f32).clamp(0.0, 1.0);
         }
     }
 }
@@ -229,10 +226,18 @@ mod tests {
     }
 
     #[test]
-    fn a_machine_without_time_left_refines_next_to_nothing() {
+    fn a_machine_without_time_left_refines_nothing_until_there_is_time_again() {
         let mut controller = ShareController::default();
         let target = Duration::from_millis(10);
         controller.learn(target, Duration::from_millis(50), Duration::from_millis(2), 0.01);
-        assert_eq!(controller.share(), LEAST_SHARE);
+        assert_eq!(controller.share(), 0.0);
+        controller.learn(target, Duration::from_millis(50), Duration::ZERO, 0.0);
+        assert_eq!(controller.share(), 0.0);
+        // Frames become fast: what blocks take is known from before.
+        for _ in 0..10 {
+            controller.learn(target, Duration::from_millis(5), Duration::ZERO, 0.0);
+        }
+        let expected = (0.95 * 0.01 - 0.005) / (0.002 / 0.01);
+        assert!((f64::from(controller.share()) - expected).abs() < 1e-3, "{}", controller.share());
     }
 }

@@ -164,11 +164,7 @@ impl Session {
     /// # Errors
     /// As [`Self::render`].
     pub async fn render_async(&mut self, camera: &Camera) -> Result<Presented<'_>, PipelineError> {
-        if let Err(error) = self.pipeline.render_async(camera).await.map(|_| ()) {
-            self.take_over(error)?;
-            self.pipeline.render_async(camera).await?;
-        }
-        Ok(self.pipeline.presented())
+        self.render_with_poses_async(camera, &[]).await
     }
 
     /// Renders as [`Self::render`] does, with the true cameras of the in-between frames
@@ -181,9 +177,21 @@ impl Session {
         camera: &Camera,
         poses: &[Camera],
     ) -> Result<Presented<'_>, PipelineError> {
-        if let Err(error) = self.pipeline.render_with_poses(camera, poses).map(|_| ()) {
+        now(self.render_with_poses_async(camera, poses))
+    }
+
+    /// Renders as [`Self::render_with_poses`] does, without blocking a browser.
+    ///
+    /// # Errors
+    /// As [`Self::render_with_poses`].
+    pub async fn render_with_poses_async(
+        &mut self,
+        camera: &Camera,
+        poses: &[Camera],
+    ) -> Result<Presented<'_>, PipelineError> {
+        if let Err(error) = self.pipeline.render_with_poses_async(camera, poses).await.map(|_| ()) {
             self.take_over(error)?;
-            self.pipeline.render_with_poses(camera, poses)?;
+            self.pipeline.render_with_poses_async(camera, poses).await?;
         }
         Ok(self.pipeline.presented())
     }
@@ -312,6 +320,15 @@ impl Session {
         self.pipeline.set_refine(refine)?;
         self.settings.pipeline.refine = refine;
         Ok(())
+    }
+
+    /// Chooses how many frames are interpolated before each rendered frame from the next frame on. The history stays
+    /// ([`FramePipeline::set_in_between`]).
+    ///
+    /// # Errors
+    /// [`PipelineError::InBetween`] if there are too many; the old choice stays.
+    pub const fn set_in_between(&mut self, count: u32) -> Result<(), PipelineError> {
+        self.pipeline.set_in_between(count)
     }
 
     /// Reads back the LR G-buffer of the last frame, if it is on a GPU. [`FramePipeline::gbuffer`] of

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use gs3::scene::{CameraPath, Scene, demo};
-use gs3::{Mode, Networks, PipelineSettings, Refine, SessionSettings};
+use gs3::{MAX_IN_BETWEEN, Mode, Networks, PipelineSettings, Refine, SessionSettings};
 use gs3_viewer::opening::nothing;
 use gs3_viewer::window::{self, WindowSettings};
 use gs3_viewer::{Script, ViewerSettings};
@@ -41,6 +41,9 @@ pub struct ViewArgs {
     /// Displayed frames per second to aim at: on the CPU as many pixels are exact as the time allows
     #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u16).range(1..=240))]
     pub fps: u16,
+    /// Frames interpolated before each rendered one at most, where rendering is slower than --fps
+    #[arg(long, value_name = "N", default_value_t = MAX_IN_BETWEEN, value_parser = clap::value_parser!(u32).range(..=i64::from(MAX_IN_BETWEEN)))]
+    pub in_between: u32,
     #[command(flatten)]
     pub device: Device,
     /// Network that improves the frames: none (analytic) or the paper's in three sizes
@@ -72,7 +75,8 @@ pub fn run(args: &ViewArgs) -> Result<Outcome, CliError> {
         }
     };
     let pipeline = PipelineSettings {
-        mode: Mode::SuperSample,
+        mode: if args.in_between > 0 { Mode::Full } else { Mode::SuperSample },
+        in_between: args.in_between,
         refine: Refine::FrameTime(std::time::Duration::from_secs_f64(1.0 / f64::from(args.fps))),
         ..PipelineSettings::default()
     };
@@ -84,7 +88,14 @@ pub fn run(args: &ViewArgs) -> Result<Outcome, CliError> {
         SessionSettings { pipeline, networks, backend: args.device.backend, adapter: args.device.adapter };
     let size = [args.size.width, args.size.height];
     let name = args.scene.file_name().unwrap_or(args.scene.as_os_str()).to_string_lossy().into_owned();
-    let viewer = ViewerSettings { session, native_when_fast: true, fps: f64::from(args.fps), size };
+    let viewer = ViewerSettings {
+        session,
+        // The window wakes itself.
+        renders_apart: None,
+        native_when_fast: true,
+        fps: f64::from(args.fps),
+        size,
+    };
     let budget = args.scene_options.budget;
     window::run(WindowSettings { name, scene, cameras, viewer, open, budget, script })?;
     Ok(Outcome::Done)

@@ -55,7 +55,7 @@ impl PageViewer {
     #[wasm_bindgen(getter)]
     #[must_use]
     pub fn backend(&self) -> String {
-        self.viewer.session().backend().to_string()
+        self.viewer.backend().to_string()
     }
 
     /// Milliseconds until the next step is due; negative if that takes an input.
@@ -260,7 +260,7 @@ impl PageViewer {
     /// # Errors
     /// None that a camera has.
     pub fn camera(&self) -> Result<String, JsError> {
-        let (rig, origin) = (self.viewer.rig(), self.viewer.session().scene().details().origin);
+        let (rig, origin) = (self.viewer.rig(), self.viewer.scene().details().origin);
         serde_json::to_string(&CameraPlace::of(rig, origin)).map_err(failure)
     }
 
@@ -270,7 +270,7 @@ impl PageViewer {
     /// One line with what was expected and what was found; the camera stays.
     #[wasm_bindgen(js_name = setCamera)]
     pub fn set_camera(&mut self, json: &str) -> Result<(), JsError> {
-        let origin = self.viewer.session().scene().details().origin;
+        let origin = self.viewer.scene().details().origin;
         let place = CameraPlace::parse(json).map_err(failure)?;
         let rig = place.rig(self.viewer.rig(), self.viewer.up(), origin).map_err(failure)?;
         self.viewer.look(rig);

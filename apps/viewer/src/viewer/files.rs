@@ -1,14 +1,14 @@
 //! Opening and writing of files.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use gs3::Mode;
 use gs3::scene::orbit::Bulk;
 use gs3::scene::{CameraPath, Scene};
+use gs3::{Mode, Stage};
 
-use super::frames::Pace;
-use super::{Effect, Opened, Place, Rest, Shot, Viewer, ViewerError, first_camera};
+use super::{Effect, Opened, Place, Shot, Viewer, ViewerError, first_camera};
 use crate::controls::Controls;
 use crate::path_file::{PathFile, PathFileError, PathFormat, camera_path_json, moved};
 use crate::screenshot::png;
@@ -21,9 +21,9 @@ impl Viewer {
         self.is_idle = false;
     }
 
-    pub(super) async fn take_shots(&mut self) {
+    pub(super) async fn take_shots(&mut self, now: Duration) {
         for shot in std::mem::take(&mut self.shots) {
-            match self.take_shot(&shot).await {
+            match self.take_shot(&shot, now).await {
                 Ok(bytes) => {
                     let numbered = Place::Numbered { stem: "gs3", extension: "png" };
                     self.effects.push(Effect::Save(shot.file.map_or(numbered, Place::File), bytes));
@@ -34,16 +34,16 @@ impl Viewer {
                     continue;
                 }
             }
-            if let (Some(file), Some(camera)) = (shot.camera, self.rest.camera)
+            if let (Some(file), Some(camera)) = (shot.camera, self.camera)
                 && let Ok(path) = CameraPath::new(vec![camera], 30.0, false)
-                && let Ok(path) = moved(&path, self.session.scene().details().origin)
+                && let Ok(path) = moved(&path, self.scene().details().origin)
             {
                 self.effects.push(Effect::Save(Place::File(file), camera_path_json(&path, self.size)));
             }
         }
     }
 
-    pub(super) async fn take_shot(&mut self, shot: &Shot) -> Result<Vec<u8>, String> {
+    pub(super) async fn take_shot(&mut self, shot: &Shot, now: Duration) -> Result<Vec<u8>, String> {
         let encode = |size: [u32; 2], rgb: &[u8]| png(size, rgb).map_err(|e| format!("screenshot: {e}"));
         if shot.scale <= 1 {
             let picture = if shot.panels { &self.picture } else { &self.frame };
@@ -52,7 +52,8 @@ impl Viewer {
         let size = self.size.map(|side| side.saturating_mul(shot.scale));
         let rig = self.controls.shown();
         let camera = rig.camera(size).map_err(|e| format!("screenshot: {e}"))?;
-        let reference = self.session.reference_async(Mode::Native, &camera).await;
+        self.wait_for_frame(now);
+        let reference = self.desk.session().reference_async(Mode::Native, &camera).await;
         let image = reference.map_err(|e| format!("screenshot: {e}"))?;
         let bytes = encode(size, &image.to_rgb8());
         // The last native frame is this one now.
@@ -82,7 +83,7 @@ impl Viewer {
 
     fn tour_file(&self, format: PathFormat) -> Result<Option<PathFile>, PathFileError> {
         // Files use the coordinates of the scene's file.
-        let origin = self.session.scene().details().origin;
+        let origin = self.scene().details().origin;
         // A pivot beside the line of sight has its depth; one behind the camera has none that a viewer could orbit at.
         let rig = self.controls.shown();
         let distance = if rig.offset.z > 0.0 { rig.offset.z } else { rig.offset.length() };
@@ -98,8 +99,10 @@ impl Viewer {
     /// Figures of the last displayed frames, the scene, the message shown, and whether the viewer rests.
     #[must_use]
     pub fn figures_json(&self) -> serde_json::Value {
-        let pipeline = self.session.pipeline();
+        let status = self.desk.status();
         let rates = self.figures.rates();
+        let stage = |stage: &Stage| Some((stage.name(), status.times.get(*stage)?.as_secs_f64() * 1e3));
+        let stages: BTreeMap<&str, f64> = Stage::ALL.iter().filter_map(stage).collect();
         serde_json::json!({
             "displayed": self.figures.displayed(),
             "rendered": self.figures.rendered(),
@@ -107,14 +110,17 @@ impl Viewer {
             "rendered_per_second": rates.map(|rates| rates.rendered),
             "interval_median_ms": rates.map(|rates| rates.median),
             "interval_95_percent_ms": rates.map(|rates| rates.percentile_95),
+            "latency_median_ms": rates.map(|rates| rates.latency),
+            "in_between": self.pace.in_between(),
             "frame_ms": self.frame_time().as_secs_f64() * 1e3,
+            "stages_ms": stages,
             "overhead_ms": self.overhead * 1e3,
-            "exact_share": pipeline.refined_share(),
+            "exact_share": status.exact_share,
             "width": self.size[0],
             "height": self.size[1],
-            "backend": self.session.backend().name(),
+            "backend": status.backend.name(),
             "scene": self.name,
-            "gaussians": self.gaussians(),
+            "gaussians": status.scene.gaussians().len(),
             "idle": self.is_idle,
             "native": self.rest.is_native,
             "opening": self.opening.is_some(),
@@ -151,35 +157,38 @@ impl Viewer {
     }
 
     pub(super) fn show(&mut self, opened: Opened, now: Duration) -> Result<(), ViewerError> {
+        self.wait_for_frame(now);
         match opened {
             Opened::Scene { name, scene, cameras } => {
                 let camera = first_camera(&scene, cameras.as_ref(), self.size)?;
                 let bulk = Bulk::of(&scene);
                 let told = report(&name, &scene);
-                self.session.set_scene(scene)?;
+                self.desk.session().set_scene(scene)?;
                 self.controls = Controls::new(&camera, &bulk);
                 self.tour = cameras.as_ref().map(Tour::along).unwrap_or_default();
-                (self.bulk, self.rest, self.pace) = (bulk, Rest::default(), Pace::default());
+                self.bulk = bulk;
+                self.forget_frames();
                 self.tell(told, now);
                 self.name = name;
             }
             Opened::Finer { scene } => {
                 // Positions count from the origin of their scene.
-                let by = self.session.scene().details().origin - scene.details().origin;
+                let by = self.scene().details().origin - scene.details().origin;
                 let (bulk, told) = (Bulk::of(&scene), report(&self.name, &scene));
                 let tour = self.tour.shifted(by)?;
-                self.session.set_scene(scene)?;
+                self.desk.session().set_scene(scene)?;
                 self.controls.shift(by, &bulk);
                 self.tour = tour;
                 self.tell(told, now);
-                (self.bulk, self.rest, self.pace) = (bulk, Rest::default(), Pace::default());
+                self.bulk = bulk;
+                self.forget_frames();
             }
             Opened::Cameras { name, path } if path.facts().is_panorama => {
                 self.message =
                     Some(format!("{name}: expected perspective cameras, found equirectangular ones"));
             }
             Opened::Cameras { name, path } => {
-                let path = moved(&path, -self.session.scene().details().origin)?;
+                let path = moved(&path, -self.scene().details().origin)?;
                 self.tour = Tour::along(&path);
                 let first = path.cameras()[0].resized(self.size[0], self.size[1])?;
                 self.jump(&first);

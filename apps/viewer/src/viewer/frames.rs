@@ -1,36 +1,81 @@
-//! The choice of the next frame, and of the part of it that is shown.
+//! The choice of the next frame, and what is done with the frames that come back.
 
 use std::time::Duration;
 
-use gs3::{Mode, Refine};
+use gs3::scene::Camera;
+use gs3::scene::camera_path::pose_between;
+use gs3::{MAX_IN_BETWEEN, Mode, Refine};
 
-use super::{Rest, Viewer, ViewerError};
-use crate::compare::{Compare, Method};
-use crate::views::{View, show_difference, show_image, show_view};
+use super::job::{Finished, Job, Make, Shown};
+use super::pace::Pace;
+use super::{Rest, Viewer};
+use crate::compare::Compare;
+use crate::figures::Displayed;
+use crate::views::View;
 
 /// Least share of the interval for rendering, however long the rest takes.
 const LEAST_SHARE: f64 = 0.25;
 
-/// Largest share of the interval that a native frame of a moving camera may take; and once frames are native, for as long as
-/// they stay so. The difference keeps the choice from changing to and fro.
-const NATIVE_SHARES: [f64; 2] = [0.5, 0.9];
+/// How much earlier than expected a frame is asked for, as a share of the interval: frames differ by as much.
+const EARLY: f64 = 0.5;
 
-/// Factor on the differences to native, so that one step of 8 bits is visible.
-const DIFFERENCE_GAIN: f32 = 8.0;
+/// Share of its intervals that a frame rendered apart may take. A frame that comes late is seen, so this is less than of a
+/// frame that is shown at once.
+const APART: f64 = 0.95;
 
-/// How long frames take, for the choice between native and reconstructed ones.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Pace {
-    /// The last native frame; none before the first of this scene and size.
-    native: Option<Duration>,
-    /// The last reconstructed frame.
-    reconstructed: Option<Duration>,
+/// Pictures whose memory is kept: those of a frame with most in-between frames.
+const SPARE: usize = MAX_IN_BETWEEN as usize + 1;
+
+/// The cameras shown since the last frame was asked for, and when: the way that in-between frames follow.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Track {
+    /// In order of time. The first one is the camera of the last frame.
+    cameras: Vec<(Duration, Camera)>,
+}
+
+impl Track {
+    pub fn push(&mut self, now: Duration, camera: Camera) {
+        let size = |camera: &Camera| (camera.width(), camera.height());
+        if self.cameras.last().is_some_and(|(_, last)| size(last) != size(&camera)) {
+            self.cameras.clear();
+        }
+        self.cameras.push((now, camera));
+    }
+
+    /// Begins anew with the newest camera.
+    pub fn restart(&mut self) {
+        self.cameras.drain(..self.cameras.len().saturating_sub(1));
+    }
+
+    pub fn clear(&mut self) {
+        self.cameras.clear();
+    }
+
+    /// The cameras at `count` moments that part the time from the first to the last one evenly. None of a track that stands
+    /// still.
+    pub fn between(&self, count: u32) -> Vec<(Duration, Camera)> {
+        let (Some((first, from)), Some((last, to))) = (self.cameras.first(), self.cameras.last()) else {
+            return Vec::new();
+        };
+        if from == to || first >= last {
+            return Vec::new();
+        }
+        let at = |k: u32| {
+            let at = *first + (*last - *first) * k / (count + 1);
+            let next = self.cameras.partition_point(|(time, _)| *time < at).max(1);
+            let ((before, a), (after, b)) = (self.cameras[next - 1], self.cameras[next]);
+            let span = (after - before).as_secs_f64();
+            let t = if span > 0.0 { (at - before).as_secs_f64() / span } else { 1.0 };
+            (at, pose_between(&a, &b, t))
+        };
+        (1..=count).map(at).collect()
+    }
 }
 
 impl Viewer {
     /// Frames that a resting camera takes until its history holds every pixel.
     pub(super) fn frames_to_rest(&self) -> usize {
-        self.session.pipeline().jitter_period()
+        self.desk.status().period
     }
 
     pub(super) fn is_rendering_due(&self) -> bool {
@@ -54,113 +99,219 @@ impl Viewer {
         self.rest.is_native && self.rest.frames == 0
     }
 
+    const fn has_frame_time(&self) -> bool {
+        matches!(self.settings.pipeline.refine, Refine::FrameTime(_))
+    }
+
+    const fn shows_plain_frames(&self) -> bool {
+        matches!((self.view, self.compare), (View::Picture, Compare::Off))
+    }
+
     /// Whether the next frame is native though the camera may move: what is exact and fast needs no reconstruction.
     fn is_native_fast(&self) -> bool {
-        let Pace { native: Some(native), reconstructed } = self.pace else { return false };
-        let share = NATIVE_SHARES[usize::from(self.is_native_alone())];
         self.native_when_fast
-            && matches!(self.session.settings().pipeline.refine, Refine::FrameTime(_))
-            && (self.view, self.compare) == (View::Picture, Compare::Off)
-            && (native.as_secs_f64() <= share * self.interval.as_secs_f64()
-                || reconstructed.is_some_and(|reconstructed| native < reconstructed))
+            && self.has_frame_time()
+            && self.shows_plain_frames()
+            && self.pace.is_native_fast(self.interval.as_secs_f64(), self.is_native_alone())
     }
 
     /// How long the last frame took: its stages, or all of a native frame.
     pub(super) fn frame_time(&self) -> Duration {
-        match self.pace.native {
+        match self.pace.native() {
             Some(native) if self.is_native_alone() => native,
-            _ => self.session.pipeline().times().total(),
+            _ => self.desk.status().times.total(),
         }
     }
 
-    /// Renders at most one frame. Returns whether it did, and how long the session took.
-    pub(super) async fn render(&mut self, clock: &dyn Fn() -> Duration) -> (bool, Duration) {
-        if !self.is_rendering_due() {
-            return (false, Duration::ZERO);
+    /// Largest number of in-between frames.
+    const fn most_in_between(&self) -> u32 {
+        match self.settings.pipeline.mode {
+            // Only frames that are rendered apart leave time to show frames in between.
+            Mode::Full if self.desk.is_apart() && self.shows_plain_frames() => {
+                self.settings.pipeline.in_between
+            }
+            _ => 0,
         }
-        let started = clock();
-        let made = self.make_frame(clock).await;
-        for notice in self.session.take_notices() {
-            self.tell(notice, started);
-        }
-        if let Err(error) = made {
-            self.rest = Rest::default();
-            self.has_failed = true;
-            self.message = Some(error.to_string());
-            self.is_woken = true;
-            return (false, Duration::ZERO);
-        }
-        self.is_stale = true;
-        (true, clock().saturating_sub(started))
     }
 
-    async fn make_frame(&mut self, clock: &dyn Fn() -> Duration) -> Result<(), ViewerError> {
-        let camera = self.controls.shown().camera(self.size)?;
-        let is_native_fast = self.is_native_fast();
-        if self.rest.camera != Some(camera) {
+    /// The frame that is due: the next one of a moving or resting camera, or the last one shown in another way.
+    fn next_frame(&mut self, now: Duration) -> Option<Job> {
+        let camera = self.controls.shown().camera(self.size).ok()?;
+        let make = if !self.is_rendering_due() {
+            if !self.is_stale {
+                return None;
+            }
+            Make::Nothing
+        } else if self.is_native_fast()
+            || (self.rest.camera == Some(camera) && self.rest.frames >= self.frames_to_rest())
+        {
+            // In-between frames need a reconstructed frame before them.
+            self.track.clear();
+            Make::Native
+        } else {
+            let most = self.most_in_between();
+            let count = self.pace.choose_in_between(most, self.interval.as_secs_f64());
+            self.track.push(now, camera);
+            let between = self.track.between(count);
+            self.track.restart();
+            let refine = self.has_frame_time().then(|| self.frame_time_left(between.len()));
+            Make::Reconstructed { refine, between }
+        };
+        let camera = if make == Make::Nothing { self.rest.camera.unwrap_or(camera) } else { camera };
+        Some(Job {
+            camera,
+            asked: now,
+            shows_native: make == Make::Native || (self.rest.is_native && self.rest.camera == Some(camera)),
+            make,
+            view: self.view,
+            compare: self.compare,
+            columns: self.dividers.columns(self.compare, self.size[0] as usize).collect(),
+            spare: std::mem::take(&mut self.spare),
+        })
+    }
+
+    /// The time for the stages of a frame with `in_between` frames before it.
+    fn frame_time_left(&self, in_between: usize) -> Refine {
+        let intervals = self.interval.as_secs_f64() * (in_between + 1) as f64;
+        // A frame that is rendered apart shares its time with nothing.
+        let left = match self.desk.is_apart() {
+            true => APART * intervals - self.pace.beside(),
+            false => intervals - self.overhead,
+        };
+        Refine::FrameTime(Duration::from_secs_f64(left.max(LEAST_SHARE * intervals)))
+    }
+
+    /// When the next frame is to be asked for: so that it comes when the pictures before it have been shown.
+    fn begins(&self) -> Duration {
+        let early = self.pace.expected(self.pace.in_between()) + self.interval.mul_f64(EARLY);
+        self.display.runs_dry().saturating_sub(early)
+    }
+
+    /// Begins the frame that is due, unless another one is under way. Returns how long the session rendered meanwhile.
+    pub(super) async fn render(&mut self, now: Duration, clock: &dyn Fn() -> Duration) -> Duration {
+        if self.desk.is_busy() || (self.desk.is_apart() && self.begins() > now) {
+            return Duration::ZERO;
+        }
+        let Some(job) = self.next_frame(now) else { return Duration::ZERO };
+        self.is_stale = false;
+        self.desk.begin(job, clock).await;
+        self.collect(now)
+    }
+
+    /// Takes the frame that has been finished. Returns how long the session rendered.
+    pub(super) fn collect(&mut self, now: Duration) -> Duration {
+        let Some(finished) = self.desk.finished() else { return Duration::ZERO };
+        self.pace.learn(&finished);
+        let Finished { camera, make, compare, pictures, rendering, notices, spare, .. } = finished;
+        notices.into_iter().for_each(|notice| self.tell(notice, now));
+        self.spare.extend(spare);
+        self.spare.truncate(SPARE);
+        let pictures = match pictures {
+            Ok(pictures) => pictures,
+            Err(error) => {
+                (self.rest, self.has_failed) = (Rest::default(), true);
+                (self.message, self.is_woken) = (Some(error.to_string()), true);
+                return Duration::ZERO;
+            }
+        };
+        if make != Make::Nothing && self.rest.camera != Some(camera) {
             self.rest = Rest { camera: Some(camera), frames: 0, is_native: false };
         }
-        let begun = clock();
-        if self.rest.frames < self.frames_to_rest() && !is_native_fast {
-            if matches!(self.session.settings().pipeline.refine, Refine::FrameTime(_)) {
-                let interval = self.interval.as_secs_f64();
-                let budget = (interval - self.overhead).max(LEAST_SHARE * interval);
-                self.session.set_refine(Refine::FrameTime(Duration::from_secs_f64(budget)))?;
-            }
-            self.session.render_async(&camera).await?;
-            self.rest.frames += 1;
-            self.pace.reconstructed = Some(clock().saturating_sub(begun));
-            if self.view.reads_gbuffer() {
-                self.session.fetch_gbuffer_async().await?;
-            }
-        } else {
-            self.session.reference_async(Mode::Native, &camera).await?;
-            self.rest.is_native = true;
-            self.pace.native = Some(clock().saturating_sub(begun));
+        match make {
+            Make::Nothing => {}
+            Make::Reconstructed { .. } => self.rest.frames += 1,
+            // What a comparison shows beside it comes with the next frame.
+            Make::Native => self.rest.is_native = compare == self.compare,
         }
-        for method in self.compare.methods() {
-            if let Method::Reference(mode) = method {
-                self.session.reference_async(*mode, &camera).await?;
-            }
-        }
-        if self.compare == Compare::Difference {
-            self.session.reference_async(Mode::Native, &camera).await?;
-        }
-        Ok(())
+        let count = pictures.len().max(1) as u32;
+        let pace = self.interval.max(self.pace.expected(count - 1) / count);
+        self.display.add(pictures, pace);
+        rendering
     }
 
-    /// Composes the shown part of the last frame in `frame`.
-    pub(super) fn compose(&mut self) {
-        if !std::mem::take(&mut self.is_stale) {
-            return;
+    /// Waits for the frame under way, so that the session is free.
+    pub(super) fn wait_for_frame(&mut self, now: Duration) {
+        _ = self.desk.session();
+        self.collect(now);
+    }
+
+    /// Shows the picture that is due.
+    pub(super) fn show_next(&mut self, now: Duration) -> Option<Displayed> {
+        let shown = match self.desk.is_apart() {
+            true => self.display.take(now),
+            false => self.display.take_newest(&mut self.spare),
+        };
+        let Shown { picture, camera, asked, is_rendered } = shown?;
+        self.spare.push(std::mem::replace(&mut self.frame, picture));
+        self.camera = Some(camera);
+        Some(Displayed { asked, is_rendered })
+    }
+
+    /// Forgets the pictures and the way of the camera: what comes is of another scene.
+    pub(super) fn forget_frames(&mut self) {
+        _ = self.display.take_newest(&mut self.spare);
+        self.track.clear();
+        (self.rest, self.pace) = (Rest::default(), Pace::default());
+    }
+
+    /// Notes where the camera is, for frames in between.
+    pub(super) fn follow_camera(&mut self, now: Duration) {
+        if self.is_displaying()
+            && let Ok(camera) = self.controls.shown().camera(self.size)
+        {
+            self.track.push(now, camera);
         }
-        let pipeline = self.session.pipeline();
-        let native = self.session.last_reference(Mode::Native);
-        let shown = native.filter(|_| self.rest.is_native).unwrap_or_else(|| pipeline.last_image());
-        let size = [shown.width(), shown.height()];
-        if size != self.size.map(|side| side as usize) {
-            // A frame of the new size is on its way; until then there is no frame to show.
-            self.frame.resize(self.size.map(|side| side as usize));
-            self.frame.pixels.fill(0);
-            return;
+    }
+
+    /// Whether pictures follow each other by themselves: nothing else needs to be shown between them.
+    pub(super) fn is_displaying(&self) -> bool {
+        self.desk.is_apart() && (self.desk.is_busy() || !self.display.is_empty())
+    }
+
+    /// When a viewer that renders apart is to step next, while something happens.
+    pub(super) fn next_apart(&self, now: Duration) -> Duration {
+        // The end of a frame under way wakes the viewer.
+        let begins = (!self.desk.is_busy() && self.is_rendering_due()).then(|| self.begins());
+        let shows = (!self.display.is_empty()).then(|| self.display.due());
+        let next = begins.into_iter().chain(shows).min().unwrap_or(now + self.interval);
+        next.clamp(now, now + self.interval)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gs3::scene::demo;
+
+    use super::*;
+
+    const fn at(milliseconds: u64) -> Duration {
+        Duration::from_millis(milliseconds)
+    }
+
+    #[test]
+    fn frames_in_between_follow_the_way_of_the_camera() {
+        let cameras = demo::path();
+        let mut track = Track::default();
+        assert_eq!(track.between(3), []);
+        track.push(at(100), cameras.cameras()[0]);
+        assert_eq!(track.between(3), []);
+        // It stands still for a while, and then moves: a straight line would be another way.
+        for (time, camera) in [(120, 0), (140, 0), (160, 1), (180, 2)] {
+            track.push(at(time), cameras.cameras()[camera]);
         }
-        self.frame.resize(size);
-        if self.view != View::Picture {
-            return show_view(self.view, pipeline, &mut self.frame);
+        let between = track.between(3);
+        let times: Vec<Duration> = between.iter().map(|(time, _)| *time).collect();
+        assert_eq!(times, [at(120), at(140), at(160)]);
+        for ((_, camera), expected) in between.iter().zip([0, 0, 1]) {
+            let apart = (camera.position() - cameras.cameras()[expected].position()).length();
+            assert!(apart < 1e-9, "{apart}");
         }
-        if let (Compare::Difference, Some(native)) = (self.compare, native) {
-            return show_difference(shown, native, DIFFERENCE_GAIN, &mut self.frame);
-        }
-        let mut from = 0;
-        let mut ends = self.dividers.columns(self.compare, size[0]);
-        for method in self.compare.methods() {
-            let end = ends.next().unwrap_or(size[0]);
-            let image = match method {
-                Method::Reference(mode) => self.session.last_reference(*mode).unwrap_or(shown),
-                Method::Gs3 => shown,
-            };
-            show_image(image, from..end, &mut self.frame);
-            from = end;
-        }
+        track.restart();
+        assert_eq!(track.between(1), []);
+        track.push(at(220), cameras.cameras()[3]);
+        assert_eq!(track.between(1)[0].0, at(200));
+        // Frames of another size have none in between.
+        track.push(at(240), cameras.cameras()[4].resized(64, 36).unwrap());
+        assert_eq!(track.between(1), []);
     }
 }

@@ -8,7 +8,6 @@ use gs3::glam::DVec2;
 use gs3::scene::Camera;
 use gs3::scene::camera::MAX_SIDE;
 
-use super::frames::Pace;
 use super::touch::Fingers;
 use super::{Effect, Place, Rest, Shot, Viewer, interval};
 use crate::compare::Dividers;
@@ -45,7 +44,7 @@ impl Viewer {
             Input::Modifiers(modifiers) => self.modifiers = modifiers,
             Input::Resized(size) => {
                 self.size = size.map(|side| side.clamp(1, MAX_SIDE));
-                self.pace = Pace::default();
+                self.forget_frames();
                 self.is_stale = true;
             }
             Input::Scale(scale) if scale.is_finite() => self.scale = scale.clamp(0.5, 8.0),
@@ -128,27 +127,30 @@ impl Viewer {
     /// Makes the G-buffer of `camera` the session's last one.
     async fn fetch_gbuffer_of(&mut self, camera: &Camera) -> Result<(), PipelineError> {
         // A frame that is native from the start has none.
-        if self.is_native_alone() {
-            self.session.render_async(camera).await?;
+        let is_native_alone = self.is_native_alone();
+        let session = self.desk.session();
+        if is_native_alone {
+            session.render_async(camera).await?;
         }
-        let backend = self.session.backend();
-        self.session.fetch_gbuffer_async().await?;
-        if self.session.backend() != backend {
+        let backend = session.backend();
+        session.fetch_gbuffer_async().await?;
+        if session.backend() != backend {
             // The machine that took over has made no frame yet, and nothing is at rest.
             self.rest = Rest { camera: Some(*camera), ..Rest::default() };
-            self.session.render_async(camera).await?;
+            session.render_async(camera).await?;
         }
         Ok(())
     }
 
     /// Makes the surface at `at` the pivot.
     pub(super) async fn set_pivot(&mut self, at: [f32; 2], now: Duration) {
+        self.wait_for_frame(now);
         let Some(camera) = self.rest.camera else { return };
         if let Err(error) = self.fetch_gbuffer_of(&camera).await {
             self.message = Some(error.to_string());
             return;
         }
-        let pipeline = self.session.pipeline();
+        let pipeline = self.desk.session().pipeline();
         let geometry = pipeline.gbuffer().geometry.as_ref();
         let scale = pipeline.settings().scale.max(1) as usize;
         let depth =

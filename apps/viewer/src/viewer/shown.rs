@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use gs3::Stage;
 
+use super::desk::Status;
 use super::{Rest, Viewer};
 use crate::panels::{Action, Facts};
 
@@ -42,17 +43,17 @@ impl Viewer {
 
     /// The figures, a line each.
     pub(super) fn lines(&self, is_rendered: bool) -> Vec<String> {
-        let pipeline = self.session.pipeline();
-        let count = thousands(self.gaussians());
+        let status = self.desk.status();
+        let count = thousands(status.scene.gaussians().len());
         // Counted for reconstructed frames only.
-        let visible = pipeline.visible_count().filter(|_| !self.is_native_alone());
+        let visible = status.visible.filter(|_| !self.is_native_alone());
         let visible = visible.map(|n| format!(", {} visible", thousands(n))).unwrap_or_default();
         let mut lines = vec![format!("{}: {count} Gaussians{visible}", self.name)];
         let is_resting = !(is_rendered || self.is_rendering_due());
         lines.push(match (is_resting, self.figures.rates()) {
             (false, Some(rates)) => format!(
-                "{:.1} frames a second displayed, {:.1} rendered; interval {:.0} ms, 95 % within {:.0} ms",
-                rates.displayed, rates.rendered, rates.median, rates.percentile_95
+                "{:.1} frames a second displayed, {:.1} rendered; interval {:.0} ms, 95 % within {:.0} ms; latency {:.0} ms",
+                rates.displayed, rates.rendered, rates.median, rates.percentile_95, rates.latency
             ),
             (false, None) => "the first frame".to_owned(),
             (true, _) => "no more frames are made until something happens".to_owned(),
@@ -62,12 +63,12 @@ impl Viewer {
             let [width, height] = self.size;
             lines.push(format!("{time:.1} ms a frame: native, {width}×{height}, as this is fast enough"));
         } else {
-            self.add_stages(&mut lines);
+            self.add_stages(&status, &mut lines);
         }
-        let machine = self.session.adapter().unwrap_or_else(|| "CPU".to_owned());
+        let machine = status.adapter.unwrap_or_else(|| "CPU".to_owned());
         let memory = self.memory.map(|bytes| format!(", {} MB of memory", bytes >> 20)).unwrap_or_default();
         lines.push(format!("{machine}{memory}"));
-        let frames = self.frames_to_rest();
+        let frames = status.period;
         lines.push(match self.rest {
             _ if self.controls.is_moving() || self.tour.playing().is_some() => "moving".to_owned(),
             Rest { is_native: true, .. } => "at rest: the native image".to_owned(),
@@ -77,9 +78,8 @@ impl Viewer {
     }
 
     /// The stages of a reconstructed frame, and what it is made from.
-    fn add_stages(&self, lines: &mut Vec<String>) {
-        let pipeline = self.session.pipeline();
-        let times = pipeline.times();
+    fn add_stages(&self, status: &Status, lines: &mut Vec<String>) {
+        let times = status.times;
         let stages = Stage::ALL.iter().filter_map(|stage| {
             let time = times.get(*stage)?;
             Some(format!("{} {:.1}", stage.name().replace('_', " "), time.as_secs_f64() * 1e3))
@@ -89,13 +89,13 @@ impl Viewer {
             let total = times.total().as_secs_f64() * 1e3;
             lines.push(format!("{total:.1} ms a frame: {}", stages.join(", ")));
         }
-        let scale = pipeline.settings().scale.max(1);
+        let scale = status.scale.max(1);
         let [width, height] = self.size;
         lines.push(format!(
             "{width}×{height} from {}×{}, {:.1} % exact besides",
             width.div_ceil(scale),
             height.div_ceil(scale),
-            pipeline.refined_share() * 100.0
+            status.exact_share * 100.0
         ));
     }
 }

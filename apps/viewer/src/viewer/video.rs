@@ -30,7 +30,7 @@ impl Viewer {
             return Err(VideoPlanError::UnderWay { share });
         }
         let way = self.tour.way().ok_or(VideoPlanError::Keys { actual: self.tour.keys() })?;
-        VideoPlan::new(way, wish, self.size, &self.session.settings().pipeline)
+        VideoPlan::new(way, wish, self.size, &self.settings.pipeline)
     }
 
     /// Requests that the video under way ends without a file.

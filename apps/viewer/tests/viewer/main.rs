@@ -1,6 +1,7 @@
 //! The viewer without a window: what frames come, when, and what inputs do.
 #![allow(clippy::unwrap_used, reason = "a failed helper is a failed test")]
 
+mod apart;
 mod inputs;
 mod opening;
 mod pictures;
@@ -44,7 +45,8 @@ impl Hand {
             ..PipelineSettings::default()
         };
         let session = SessionSettings { pipeline, backend: Backend::Cpu, ..SessionSettings::default() };
-        let settings = ViewerSettings { session, native_when_fast, fps: 30.0, size: SIZE };
+        let settings =
+            ViewerSettings { session, native_when_fast, renders_apart: None, fps: 30.0, size: SIZE };
         let viewer = Viewer::new("demo", scene(), Some(&demo::path()), settings).unwrap();
         Self { viewer, now: Cell::new(Duration::ZERO) }
     }

@@ -67,7 +67,7 @@ fn a_finer_scene_leaves_the_camera_and_its_path_where_they_are() {
     hand.rest();
     hand.press(Key::K);
     hand.rest();
-    let coarse = Arc::clone(hand.viewer.session().scene());
+    let coarse = hand.viewer.scene();
     let origin = DVec3::new(5.0, -1.0, 3.0);
     let mut gaussians = coarse.gaussians().clone();
     for (means, by) in gaussians.means.iter_mut().zip(origin.to_array()) {

@@ -74,7 +74,8 @@ pub struct FramePipeline {
     frames: Frames,
     /// Number of the next frame on its path.
     frame_number: u64,
-    /// Number of in-between frames before the current frame.
+    /// Number of in-between frames that were asked for before the current frame, and number of those made.
+    asked_in_between: usize,
     in_between: usize,
     /// Share of the current frame's pixels that are exact blocks, `[0, 1]`.
     refined: f32,
@@ -114,13 +115,14 @@ impl FramePipeline {
         let plan = FramePlan::new(settings, networks)?;
         let machine = Machine::Cpu(Box::new(CpuMachine::new(&plan, scene.into())?));
         plan.check_raster()?;
-        let in_between = vec![Image::default(); plan.in_between];
+        let in_between = vec![Image::default(); plan.most_in_between as usize];
         Ok(Self {
             machine,
             sequence: FrameSequence::new(plan.scale, plan.sampling, plan.widest_margin),
             plan,
             frames: Frames { in_between, ..Frames::default() },
             frame_number: 0,
+            asked_in_between: 0,
             in_between: 0,
             refined: 0.0,
             times: StageTimes::default(),
@@ -145,8 +147,7 @@ impl FramePipeline {
     /// # Errors
     /// As [`Self::render`].
     pub async fn render_async(&mut self, camera: &Camera) -> Result<Presented<'_>, PipelineError> {
-        self.make_frame(camera, &[], ReadBack::Images).await?;
-        Ok(self.presented())
+        self.render_with_poses_async(camera, &[]).await
     }
 
     /// Renders as [`Self::render`] does, with the true cameras at [`PipelineSettings::moments`] between the previous
@@ -161,7 +162,19 @@ impl FramePipeline {
         camera: &Camera,
         poses: &[Camera],
     ) -> Result<Presented<'_>, PipelineError> {
-        now(self.make_frame(camera, poses, ReadBack::Images))?;
+        now(self.render_with_poses_async(camera, poses))
+    }
+
+    /// Renders as [`Self::render_with_poses`] does, without blocking a browser ([`Self::render_async`]).
+    ///
+    /// # Errors
+    /// As [`Self::render_with_poses`].
+    pub async fn render_with_poses_async(
+        &mut self,
+        camera: &Camera,
+        poses: &[Camera],
+    ) -> Result<Presented<'_>, PipelineError> {
+        self.make_frame(camera, poses, ReadBack::Images).await?;
         Ok(self.presented())
     }
 
@@ -212,7 +225,7 @@ impl FramePipeline {
         if self.plan.settings.mode != Mode::Full {
             return Ok(());
         }
-        let expected = self.plan.in_between;
+        let expected = self.plan.settings.in_between as usize;
         if ![0, expected].contains(&poses.len()) {
             return Err(PipelineError::Between { expected, actual: poses.len() });
         }
@@ -234,6 +247,7 @@ impl FramePipeline {
                 self.frame_number += 1;
                 self.sequence.commit(&inputs.camera, inputs.reset, inputs.jitter, lattice);
                 self.frames.current.camera = Some(inputs.camera);
+                self.asked_in_between = self.plan.settings.displayed_per_rendered() - 1;
                 (self.in_between, self.refined) = (in_between, refined);
                 (self.times, self.last_reset) = (times, inputs.reset);
                 Ok(())
@@ -267,7 +281,7 @@ impl FramePipeline {
         if mode == Mode::Native {
             return number;
         }
-        let shows_before = u64::from(self.plan.in_between > 0);
+        let shows_before = u64::from(self.plan.settings.displayed_per_rendered() > 1);
         // The last S² frames are remembered, at any jitter. The history of the frame before `number` must not hold
         // the first frame of the warm-up, which has no margin.
         let reach = if mode.has_history() { u64::from(self.plan.scale).pow(2) + shows_before } else { 0 };
@@ -349,6 +363,17 @@ impl FramePipeline {
         Ok(())
     }
 
+    /// Chooses how many frames are interpolated before each rendered frame from the next frame on: 0 to the
+    /// [`PipelineSettings::in_between`] that the pipeline was created with. The history stays. For programs that hold a
+    /// rate of displayed frames.
+    ///
+    /// # Errors
+    /// [`PipelineError::InBetween`] if there is no memory for so many; modes other than [`Mode::Full`] take 0 only. The old
+    /// choice stays.
+    pub const fn set_in_between(&mut self, count: u32) -> Result<(), PipelineError> {
+        self.plan.set_in_between(count)
+    }
+
     /// Drops the history: the next frame starts anew, for this reason unless an earlier reason is pending.
     pub fn reset(&mut self, reason: ResetReason) {
         self.sequence.reset(reason);
@@ -411,7 +436,8 @@ impl FramePipeline {
     pub fn presented(&self) -> Presented<'_> {
         let mut in_between = [None; MAX_IN_BETWEEN as usize];
         let held = self.held_frame();
-        for (k, (place, made)) in in_between.iter_mut().zip(&self.frames.in_between).enumerate() {
+        let made = self.frames.in_between.iter().take(self.asked_in_between);
+        for (k, (place, made)) in in_between.iter_mut().zip(made).enumerate() {
             *place = if k < self.in_between { Some(made) } else { held };
         }
         Presented { in_between, current: &self.frames.current.image }

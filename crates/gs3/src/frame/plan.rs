@@ -26,8 +26,9 @@ pub struct FramePlan {
     pub refine: Refine,
     /// The widest margin of LR frames beyond each edge, in LR pixels; 0 if they have no margins.
     pub widest_margin: u32,
-    /// Number of frames interpolated before each rendered frame.
-    pub in_between: usize,
+    /// Largest number of frames interpolated before a rendered frame, which machines have memory for. The number before the
+    /// next frame is that of `settings`.
+    pub most_in_between: u32,
     /// The networks that the mode uses.
     pub networks: Networks,
 }
@@ -39,7 +40,10 @@ impl FramePlan {
     pub fn new(settings: PipelineSettings, networks: &Networks) -> Result<Self, PipelineError> {
         let mode = settings.mode;
         if mode == Mode::Full && !(1..=MAX_IN_BETWEEN).contains(&settings.in_between) {
-            return Err(PipelineError::InBetween { actual: settings.in_between });
+            return Err(PipelineError::InBetween {
+                expected: [1, MAX_IN_BETWEEN],
+                actual: settings.in_between,
+            });
         }
         check_refine(settings.refine)?;
         let Networks { super_sample, interpolate, arithmetic } = networks.clone();
@@ -57,7 +61,7 @@ impl FramePlan {
             kriging: settings.kriging.max(weights.map_or(Ok(Kriging::Off), least_kriging)?),
             refine: if mode.has_history() { settings.refine } else { Refine::Off },
             widest_margin: if has_margins { MAX_MARGIN } else { 0 },
-            in_between: settings.displayed_per_rendered() - 1,
+            most_in_between: settings.displayed_per_rendered() as u32 - 1,
             networks,
         })
     }
@@ -70,6 +74,20 @@ impl FramePlan {
         check_refine(refine)?;
         self.settings.refine = refine;
         self.refine = if self.settings.mode.has_history() { refine } else { Refine::Off };
+        Ok(())
+    }
+
+    /// Changes the number of frames interpolated before each rendered frame.
+    ///
+    /// # Errors
+    /// [`PipelineError::InBetween`] if there is no memory for so many.
+    pub const fn set_in_between(&mut self, count: u32) -> Result<(), PipelineError> {
+        if count > self.most_in_between {
+            return Err(PipelineError::InBetween { expected: [0, self.most_in_between], actual: count });
+        }
+        if matches!(self.settings.mode, Mode::Full) {
+            self.settings.in_between = count;
+        }
         Ok(())
     }
 

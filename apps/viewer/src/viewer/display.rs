@@ -1,0 +1,110 @@
+//! When pictures are shown: evenly, also where frames come in groups.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use super::job::Shown;
+use crate::paint::Picture;
+
+/// Pictures that wait to be shown.
+#[derive(Debug, Default)]
+pub(super) struct Display {
+    waiting: VecDeque<Shown>,
+    /// The time from one picture to the next.
+    pace: Duration,
+    /// When the next picture is due.
+    due: Duration,
+}
+
+impl Display {
+    /// Adds `pictures` after those that wait, and shows all at `pace`.
+    pub fn add(&mut self, pictures: Vec<Shown>, pace: Duration) {
+        self.waiting.extend(pictures);
+        self.pace = pace;
+    }
+
+    /// The picture that is due at `now`, if there is one.
+    pub fn take(&mut self, now: Duration) -> Option<Shown> {
+        if now < self.due {
+            return None;
+        }
+        let shown = self.waiting.pop_front()?;
+        // A late picture is not followed by hurried ones.
+        let due = self.due + self.pace;
+        self.due = if due < now { now + self.pace } else { due };
+        Some(shown)
+    }
+
+    /// The newest picture. The others are not shown any more: their memory goes to `spare`.
+    pub fn take_newest(&mut self, spare: &mut Vec<Picture>) -> Option<Shown> {
+        let newest = self.waiting.pop_back();
+        spare.extend(self.waiting.drain(..).map(|shown| shown.picture));
+        newest
+    }
+
+    /// Whether no picture waits.
+    pub fn is_empty(&self) -> bool {
+        self.waiting.is_empty()
+    }
+
+    /// When the next picture is due.
+    pub const fn due(&self) -> Duration {
+        self.due
+    }
+
+    /// When a picture is due that does not wait yet.
+    pub fn runs_dry(&self) -> Duration {
+        self.due + self.pace * self.waiting.len() as u32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gs3::scene::demo;
+
+    use super::*;
+
+    fn pictures(count: usize) -> Vec<Shown> {
+        let camera = demo::path().cameras()[0];
+        let one = |k| Shown {
+            picture: Picture { size: [k, 1], pixels: vec![0; k] },
+            camera,
+            asked: Duration::ZERO,
+            is_rendered: false,
+        };
+        (1..=count).map(one).collect()
+    }
+
+    const fn at(milliseconds: u64) -> Duration {
+        Duration::from_millis(milliseconds)
+    }
+
+    fn width(shown: Option<Shown>) -> Option<usize> {
+        shown.map(|shown| shown.picture.size[0])
+    }
+
+    #[test]
+    fn groups_are_shown_evenly_and_a_late_picture_hurries_none() {
+        let mut display = Display::default();
+        display.add(pictures(3), at(30));
+        assert_eq!(width(display.take(at(100))), Some(1));
+        assert_eq!(width(display.take(at(110))), None, "too early");
+        assert_eq!(display.runs_dry(), at(190));
+        // A few milliseconds late: the next one keeps to the grid.
+        assert_eq!((width(display.take(at(134))), display.due()), (Some(2), at(160)));
+        // Late by more than the pace.
+        assert_eq!((width(display.take(at(250))), display.due()), (Some(3), at(280)));
+        assert_eq!(width(display.take(at(300))), None);
+        assert!(display.is_empty());
+    }
+
+    #[test]
+    fn the_newest_is_taken_and_the_memory_of_the_others_is_kept() {
+        let mut display = Display::default();
+        let mut spare = Vec::new();
+        assert_eq!(width(display.take_newest(&mut spare)), None);
+        display.add(pictures(3), at(30));
+        assert_eq!(width(display.take_newest(&mut spare)), Some(3));
+        assert_eq!((spare.len(), display.is_empty()), (2, true));
+    }
+}
