@@ -9,7 +9,7 @@ use crate::input::{Button, Input, Key, Modifiers, Touch};
 use crate::video::VideoWish;
 use crate::viewer::{Place, Shot, Viewer};
 
-/// Loops in which a script waits for rest at most: some minutes at 30 frames a second.
+/// Loops in which a script waits for rest at most: five minutes at 30 frames a second.
 const MOST_WAITS: usize = 10_000;
 
 /// Most loops that a single step may take.
@@ -196,7 +196,7 @@ impl Script {
         Ok(Self { ops, waited: 0 })
     }
 
-    /// Gives `viewer` the inputs of one loop. To be called before each [`Viewer::step`].
+    /// Gives `viewer` the inputs of one loop. To be called before a [`Viewer::step`], as often as the viewer aims to show pictures.
     ///
     /// # Errors
     /// [`ScriptFailure`] if something is not as a step expects.

@@ -174,7 +174,7 @@ struct Rest {
     camera: Option<Camera>,
     /// Frames since the camera has been there.
     frames: usize,
-    /// Whether the native image is made.
+    /// Whether one of them was the native image.
     is_native: bool,
 }
 
@@ -218,6 +218,12 @@ pub struct Viewer {
     pace: Pace,
     display: Display,
     track: Track,
+    /// Whether the frame under way, or the last one, is followed by frames that can have others in between.
+    is_followed: bool,
+    /// Whether panels are to be painted again.
+    is_unpainted: bool,
+    /// When the picture was painted.
+    painted: Duration,
     /// The camera of `frame`.
     camera: Option<Camera>,
     /// Pictures whose memory frames may use.
@@ -319,6 +325,9 @@ impl Viewer {
             pace: Pace::default(),
             display: Display::default(),
             track: Track::default(),
+            is_followed: false,
+            is_unpainted: false,
+            painted: Duration::ZERO,
             camera: None,
             spare: Vec::new(),
             has_failed: false,

@@ -168,6 +168,9 @@ impl ShareController {
         self.fixed = follow(self.fixed, fixed);
         if refined > 0.0 {
             self.per_share = follow(self.per_share, refining.as_secs_f64() / f64::from(refined));
+        } else if self.share > 0.0 {
+            // Less than a block was asked for. If a block was measured as too slow, then this is found out again.
+            self.per_share *= NEWEST;
         }
         if self.per_share > 0.0 {
             let left = PLANNED * target.as_secs_f64() - self.fixed;

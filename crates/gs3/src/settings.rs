@@ -79,7 +79,8 @@ impl fmt::Display for Dilation {
 }
 
 /// Settings of a [`crate::FramePipeline`]. They are fixed at its construction, except
-/// [`refine`](crate::FramePipeline::set_refine).
+/// [`refine`](crate::FramePipeline::set_refine). Fewer in-between frames than here are a choice for each frame
+/// ([`FramePipeline::set_in_between`](crate::FramePipeline::set_in_between)).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PipelineSettings {
     /// How frames are made.

@@ -41,7 +41,7 @@ pub struct ViewArgs {
     /// Displayed frames per second to aim at: on the CPU as many pixels are exact as the time allows
     #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u16).range(1..=240))]
     pub fps: u16,
-    /// Frames interpolated before each rendered one at most, where rendering is slower than --fps
+    /// Most frames interpolated before each rendered one; there are some where rendering is slower than --fps
     #[arg(long, value_name = "N", default_value_t = MAX_IN_BETWEEN, value_parser = clap::value_parser!(u32).range(..=i64::from(MAX_IN_BETWEEN)))]
     pub in_between: u32,
     #[command(flatten)]
@@ -90,7 +90,7 @@ pub fn run(args: &ViewArgs) -> Result<Outcome, CliError> {
     let name = args.scene.file_name().unwrap_or(args.scene.as_os_str()).to_string_lossy().into_owned();
     let viewer = ViewerSettings {
         session,
-        // The window wakes itself.
+        // The window has a waker of its own.
         renders_apart: None,
         native_when_fast: true,
         fps: f64::from(args.fps),

@@ -49,7 +49,8 @@ impl Status {
 /// A thread that does jobs with the session that comes with each, and gives the session back.
 #[derive(Debug)]
 struct Worker {
-    jobs: Sender<(Box<Session>, Job)>,
+    /// None once the thread is to end.
+    jobs: Option<Sender<(Box<Session>, Job)>>,
     ended: Receiver<(Box<Session>, Finished)>,
     thread: Option<JoinHandle<()>>,
 }
@@ -71,13 +72,24 @@ impl Worker {
             }
         };
         let thread = std::thread::Builder::new().name("render".to_owned()).spawn(work)?;
-        Ok(Self { jobs, ended, thread: Some(thread) })
+        Ok(Self { jobs: Some(jobs), ended, thread: Some(thread) })
     }
 
     /// Goes on with the panic that ended the thread: the thread ends in no other way while the viewer lives.
     fn fail(&mut self) -> ! {
         let panic = self.thread.take().and_then(|thread| thread.join().err());
         std::panic::resume_unwind(panic.unwrap_or_else(|| Box::new("the thread that renders has ended")))
+    }
+}
+
+/// Waits for the job under way: a driver is not left alone with it.
+impl Drop for Worker {
+    fn drop(&mut self) {
+        self.jobs = None;
+        if let Some(thread) = self.thread.take() {
+            // A panic has been told by the thread.
+            _ = thread.join();
+        }
     }
 }
 
@@ -120,7 +132,8 @@ impl Desk {
         if let Some(worker) = &mut self.worker {
             let Some(session) = self.session.take() else { return };
             self.status = Status::of(&session);
-            if worker.jobs.send((session, job)).is_err() {
+            let is_sent = worker.jobs.as_ref().is_some_and(|jobs| jobs.send((session, job)).is_ok());
+            if !is_sent {
                 worker.fail();
             }
             return;

@@ -23,6 +23,13 @@ impl Display {
         self.pace = pace;
     }
 
+    /// Shows `pictures` at once, instead of those that wait: their memory goes to `spare`.
+    pub fn replace(&mut self, pictures: Vec<Shown>, now: Duration, spare: &mut Vec<Picture>) {
+        spare.extend(self.waiting.drain(..).map(|shown| shown.picture));
+        self.waiting.extend(pictures);
+        self.due = self.due.min(now);
+    }
+
     /// The picture that is due at `now`, if there is one.
     pub fn take(&mut self, now: Duration) -> Option<Shown> {
         if now < self.due {
@@ -96,6 +103,16 @@ mod tests {
         assert_eq!((width(display.take(at(250))), display.due()), (Some(3), at(280)));
         assert_eq!(width(display.take(at(300))), None);
         assert!(display.is_empty());
+    }
+
+    #[test]
+    fn what_replaces_the_waiting_pictures_is_due_at_once() {
+        let (mut display, mut spare) = (Display::default(), Vec::new());
+        display.add(pictures(4), at(100));
+        assert_eq!(width(display.take(at(10))), Some(1));
+        display.replace(pictures(2), at(20), &mut spare);
+        assert_eq!((spare.len(), width(display.take(at(20)))), (3, Some(1)));
+        assert_eq!((width(display.take(at(30))), width(display.take(at(120)))), (None, Some(2)));
     }
 
     #[test]

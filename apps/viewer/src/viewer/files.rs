@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use gs3::scene::orbit::Bulk;
-use gs3::scene::{CameraPath, Scene};
+use gs3::scene::{Camera, CameraPath, Scene};
 use gs3::{Mode, Stage};
 
 use super::{Effect, Opened, Place, Shot, Viewer, ViewerError, first_camera};
@@ -23,18 +23,17 @@ impl Viewer {
 
     pub(super) async fn take_shots(&mut self, now: Duration) {
         for shot in std::mem::take(&mut self.shots) {
-            match self.take_shot(&shot, now).await {
-                Ok(bytes) => {
-                    let numbered = Place::Numbered { stem: "gs3", extension: "png" };
-                    self.effects.push(Effect::Save(shot.file.map_or(numbered, Place::File), bytes));
-                }
+            let (bytes, camera) = match self.take_shot(&shot, now).await {
+                Ok(taken) => taken,
                 Err(message) => {
                     self.message = Some(message);
                     self.is_woken = true;
                     continue;
                 }
-            }
-            if let (Some(file), Some(camera)) = (shot.camera, self.camera)
+            };
+            let numbered = Place::Numbered { stem: "gs3", extension: "png" };
+            self.effects.push(Effect::Save(shot.file.map_or(numbered, Place::File), bytes));
+            if let (Some(file), Some(camera)) = (shot.camera, camera)
                 && let Ok(path) = CameraPath::new(vec![camera], 30.0, false)
                 && let Ok(path) = moved(&path, self.scene().details().origin)
             {
@@ -43,22 +42,24 @@ impl Viewer {
         }
     }
 
-    pub(super) async fn take_shot(&mut self, shot: &Shot, now: Duration) -> Result<Vec<u8>, String> {
+    /// The PNG file, and the camera that the picture shows, at the size of the window's picture.
+    async fn take_shot(&mut self, shot: &Shot, now: Duration) -> Result<(Vec<u8>, Option<Camera>), String> {
         let encode = |size: [u32; 2], rgb: &[u8]| png(size, rgb).map_err(|e| format!("screenshot: {e}"));
         if shot.scale <= 1 {
             let picture = if shot.panels { &self.picture } else { &self.frame };
-            return encode(picture.size.map(|side| side as u32), &picture.to_rgb8());
+            let bytes = encode(picture.size.map(|side| side as u32), &picture.to_rgb8())?;
+            return Ok((bytes, self.camera));
         }
         let size = self.size.map(|side| side.saturating_mul(shot.scale));
-        let rig = self.controls.shown();
-        let camera = rig.camera(size).map_err(|e| format!("screenshot: {e}"))?;
+        let [shown, camera] = [self.size, size].map(|size| self.controls.shown().camera(size));
+        let camera = camera.map_err(|e| format!("screenshot: {e}"))?;
         self.wait_for_frame(now);
         let reference = self.desk.session().reference_async(Mode::Native, &camera).await;
         let image = reference.map_err(|e| format!("screenshot: {e}"))?;
-        let bytes = encode(size, &image.to_rgb8());
+        let bytes = encode(size, &image.to_rgb8())?;
         // The last native frame is this one now.
         self.rest.is_native = false;
-        bytes
+        Ok((bytes, shown.ok()))
     }
 
     /// Writes the keyframes to `place`, in the format of its name ([`PathFormat::of`]).
@@ -157,7 +158,9 @@ impl Viewer {
     }
 
     pub(super) fn show(&mut self, opened: Opened, now: Duration) -> Result<(), ViewerError> {
-        self.wait_for_frame(now);
+        if !matches!(opened, Opened::Cameras { .. }) {
+            self.wait_for_frame(now);
+        }
         match opened {
             Opened::Scene { name, scene, cameras } => {
                 let camera = first_camera(&scene, cameras.as_ref(), self.size)?;
@@ -166,7 +169,7 @@ impl Viewer {
                 self.desk.session().set_scene(scene)?;
                 self.controls = Controls::new(&camera, &bulk);
                 self.tour = cameras.as_ref().map(Tour::along).unwrap_or_default();
-                self.bulk = bulk;
+                (self.bulk, self.camera) = (bulk, None);
                 self.forget_frames();
                 self.tell(told, now);
                 self.name = name;
@@ -180,7 +183,7 @@ impl Viewer {
                 self.controls.shift(by, &bulk);
                 self.tour = tour;
                 self.tell(told, now);
-                self.bulk = bulk;
+                (self.bulk, self.camera) = (bulk, None);
                 self.forget_frames();
             }
             Opened::Cameras { name, path } if path.facts().is_panorama => {

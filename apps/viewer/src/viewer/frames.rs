@@ -6,6 +6,7 @@ use gs3::scene::Camera;
 use gs3::scene::camera_path::pose_between;
 use gs3::{MAX_IN_BETWEEN, Mode, Refine};
 
+use super::display::Display;
 use super::job::{Finished, Job, Make, Shown};
 use super::pace::Pace;
 use super::{Rest, Viewer};
@@ -19,14 +20,14 @@ const LEAST_SHARE: f64 = 0.25;
 /// How much earlier than expected a frame is asked for, as a share of the interval: frames differ by as much.
 const EARLY: f64 = 0.5;
 
-/// Share of its intervals that a frame rendered apart may take. A frame that comes late is seen, so this is less than of a
-/// frame that is shown at once.
+/// Share of its intervals that a frame rendered apart may take. The rest is for frames that take longer than expected: a late
+/// frame is a visible stop among evenly shown ones.
 const APART: f64 = 0.95;
 
 /// Pictures whose memory is kept: those of a frame with most in-between frames.
 const SPARE: usize = MAX_IN_BETWEEN as usize + 1;
 
-/// The cameras shown since the last frame was asked for, and when: the way that in-between frames follow.
+/// Where the camera has been since the last frame was asked for, and when: the way that in-between frames follow.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Track {
     /// In order of time. The first one is the camera of the last frame.
@@ -145,7 +146,6 @@ impl Viewer {
         } else if self.is_native_fast()
             || (self.rest.camera == Some(camera) && self.rest.frames >= self.frames_to_rest())
         {
-            // In-between frames need a reconstructed frame before them.
             self.track.clear();
             Make::Native
         } else {
@@ -173,7 +173,7 @@ impl Viewer {
     /// The time for the stages of a frame with `in_between` frames before it.
     fn frame_time_left(&self, in_between: usize) -> Refine {
         let intervals = self.interval.as_secs_f64() * (in_between + 1) as f64;
-        // A frame that is rendered apart shares its time with nothing.
+        // What else the viewer does takes no time of a frame that is rendered apart.
         let left = match self.desk.is_apart() {
             true => APART * intervals - self.pace.beside(),
             false => intervals - self.overhead,
@@ -183,17 +183,22 @@ impl Viewer {
 
     /// When the next frame is to be asked for: so that it comes when the pictures before it have been shown.
     fn begins(&self) -> Duration {
-        let early = self.pace.expected(self.pace.in_between()) + self.interval.mul_f64(EARLY);
-        self.display.runs_dry().saturating_sub(early)
+        let expected = match self.is_native_fast() || self.rest.frames >= self.frames_to_rest() {
+            true => self.pace.native().unwrap_or_default(),
+            false => self.pace.expected(self.pace.in_between()),
+        };
+        self.display.runs_dry().saturating_sub(expected + self.interval.mul_f64(EARLY))
     }
 
     /// Begins the frame that is due, unless another one is under way. Returns how long the session rendered meanwhile.
     pub(super) async fn render(&mut self, now: Duration, clock: &dyn Fn() -> Duration) -> Duration {
-        if self.desk.is_busy() || (self.desk.is_apart() && self.begins() > now) {
+        let is_early = self.desk.is_apart() && self.is_rendering_due() && self.begins() > now;
+        if self.desk.is_busy() || is_early {
             return Duration::ZERO;
         }
         let Some(job) = self.next_frame(now) else { return Duration::ZERO };
         self.is_stale = false;
+        self.is_followed = matches!(job.make, Make::Reconstructed { .. });
         self.desk.begin(job, clock).await;
         self.collect(now)
     }
@@ -201,19 +206,29 @@ impl Viewer {
     /// Takes the frame that has been finished. Returns how long the session rendered.
     pub(super) fn collect(&mut self, now: Duration) -> Duration {
         let Some(finished) = self.desk.finished() else { return Duration::ZERO };
-        self.pace.learn(&finished);
-        let Finished { camera, make, compare, pictures, rendering, notices, spare, .. } = finished;
+        let is_current = [finished.camera.width(), finished.camera.height()] == self.size;
+        if is_current {
+            self.pace.learn(&finished);
+        }
+        let Finished { camera, make, view, compare, pictures, rendering, took, notices, spare, .. } =
+            finished;
         notices.into_iter().for_each(|notice| self.tell(notice, now));
         self.spare.extend(spare);
         self.spare.truncate(SPARE);
-        let pictures = match pictures {
+        let mut pictures = match pictures {
             Ok(pictures) => pictures,
             Err(error) => {
-                (self.rest, self.has_failed) = (Rest::default(), true);
+                self.rest = Rest::default();
+                // The failure of a frame that nobody wants any more says nothing about the next one.
+                self.has_failed = self.controls.shown().camera(self.size).ok() == Some(camera);
+                self.is_stale |= self.frame.size != self.size.map(|side| side as usize);
                 (self.message, self.is_woken) = (Some(error.to_string()), true);
                 return Duration::ZERO;
             }
         };
+        if !is_current {
+            return rendering;
+        }
         if make != Make::Nothing && self.rest.camera != Some(camera) {
             self.rest = Rest { camera: Some(camera), frames: 0, is_native: false };
         }
@@ -223,9 +238,23 @@ impl Viewer {
             // What a comparison shows beside it comes with the next frame.
             Make::Native => self.rest.is_native = compare == self.compare,
         }
+        if view != self.view {
+            // Its normals come with the next frame.
+            self.recall_normals();
+        }
+        if (view, compare) != (self.view, self.compare) {
+            self.spare.extend(pictures.drain(..).map(|shown| shown.picture));
+            self.is_stale = true;
+        }
         let count = pictures.len().max(1) as u32;
-        let pace = self.interval.max(self.pace.expected(count - 1) / count);
-        self.display.add(pictures, pace);
+        match make {
+            Make::Nothing => self.display.replace(pictures, now, &mut self.spare),
+            Make::Native => self.display.add(pictures, self.interval.max(took)),
+            Make::Reconstructed { .. } => {
+                let pace = self.interval.max(self.pace.expected(count - 1) / count);
+                self.display.add(pictures, pace);
+            }
+        }
         rendering
     }
 
@@ -249,14 +278,27 @@ impl Viewer {
 
     /// Forgets the pictures and the way of the camera: what comes is of another scene.
     pub(super) fn forget_frames(&mut self) {
-        _ = self.display.take_newest(&mut self.spare);
-        self.track.clear();
-        (self.rest, self.pace) = (Rest::default(), Pace::default());
+        (self.display, self.track) = (Display::default(), Track::default());
+        (self.rest, self.pace, self.has_failed) = (Rest::default(), Pace::default(), false);
+    }
+
+    /// Makes sure that another frame follows if normals are shown: frames for other views have none.
+    pub(super) fn recall_normals(&mut self) {
+        if self.view == View::Normals {
+            self.rest.frames = self.rest.frames.min(self.frames_to_rest().saturating_sub(1));
+        }
+    }
+
+    /// Forgets the pictures that wait, as something else is to be shown.
+    pub(super) fn drop_pictures(&mut self, now: Duration) {
+        self.display.replace(Vec::new(), now, &mut self.spare);
     }
 
     /// Notes where the camera is, for frames in between.
     pub(super) fn follow_camera(&mut self, now: Duration) {
-        if self.is_displaying()
+        // In-between frames need a reconstructed frame before them.
+        if self.is_followed
+            && self.is_displaying()
             && let Ok(camera) = self.controls.shown().camera(self.size)
         {
             self.track.push(now, camera);

@@ -129,6 +129,7 @@ impl Viewer {
         // A frame that is native from the start has none.
         let is_native_alone = self.is_native_alone();
         let session = self.desk.session();
+        session.set_in_between(0)?;
         if is_native_alone {
             session.render_async(camera).await?;
         }
@@ -223,6 +224,8 @@ impl Viewer {
             Action::View(view) => {
                 (self.view, self.is_stale) = (view, true);
                 self.rest.is_native &= view == View::Picture;
+                self.recall_normals();
+                self.drop_pictures(now);
                 self.tell(format!("view: {}", view.name()), now);
             }
             Action::Compare(compare) => {
@@ -230,6 +233,7 @@ impl Viewer {
                 self.dividers = Dividers::even(compare);
                 // References are made with the next frame.
                 self.rest.is_native = false;
+                self.drop_pictures(now);
                 self.tell(format!("compare: {}", compare.name()), now);
             }
             Action::Fps(fps) => self.interval = interval(fps),

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use gs3::scene::Camera;
-use gs3::{Mode, PipelineError, Refine, Session, StageTimes};
+use gs3::{Mode, PipelineError, Refine, ResetReason, Session, StageTimes};
 
 use crate::compare::{Compare, Method};
 use crate::paint::Picture;
@@ -62,10 +62,12 @@ pub(super) struct Shown {
 pub(super) struct Finished {
     pub camera: Camera,
     pub make: Make,
+    pub view: View,
     pub compare: Compare,
     /// The pictures in the order in which they are shown, or why there are none.
     pub pictures: Result<Vec<Shown>, PipelineError>,
-    /// How long the session rendered.
+    /// How long the frame took, and all that the session rendered with it: frames to compare with, a G-buffer.
+    pub making: Duration,
     pub rendering: Duration,
     /// How long all of the job took.
     pub took: Duration,
@@ -80,13 +82,20 @@ impl Job {
     /// Does what is asked.
     pub async fn run(mut self, session: &mut Session, clock: &dyn Fn() -> Duration) -> Finished {
         let begun = clock();
-        let rendered = self.render(session).await;
+        let made = self.make(session).await;
+        let making = clock().saturating_sub(begun);
+        let rendered = match made {
+            Ok(()) => self.make_beside(session).await,
+            Err(error) => Err(error),
+        };
         let rendering = clock().saturating_sub(begun);
         let pictures = rendered.map(|()| self.compose(session));
         Finished {
             camera: self.camera,
+            view: self.view,
             compare: self.compare,
             pictures,
+            making,
             rendering,
             took: clock().saturating_sub(begun),
             times: session.pipeline().times(),
@@ -96,21 +105,31 @@ impl Job {
         }
     }
 
-    async fn render(&self, session: &mut Session) -> Result<(), PipelineError> {
+    /// Makes the frame.
+    async fn make(&self, session: &mut Session) -> Result<(), PipelineError> {
         match &self.make {
-            Make::Nothing => return Ok(()),
+            Make::Nothing => {}
             Make::Reconstructed { refine, between } => {
                 if let Some(refine) = refine {
                     session.set_refine(*refine)?;
                 }
                 session.set_in_between(between.len() as u32)?;
+                session.set_all_planes(self.view == View::Normals);
                 let poses: Vec<Camera> = between.iter().map(|(_, camera)| *camera).collect();
                 session.render_with_poses_async(&self.camera, &poses).await?;
-                if self.view.reads_gbuffer() {
-                    session.fetch_gbuffer_async().await?;
-                }
             }
             Make::Native => _ = session.reference_async(Mode::Native, &self.camera).await?,
+        }
+        Ok(())
+    }
+
+    /// Makes what is shown beside the frame or instead of it.
+    async fn make_beside(&self, session: &mut Session) -> Result<(), PipelineError> {
+        if self.make == Make::Nothing {
+            return Ok(());
+        }
+        if matches!(self.make, Make::Reconstructed { .. }) && self.view.reads_gbuffer() {
+            session.fetch_gbuffer_async().await?;
         }
         for method in self.compare.methods() {
             if let Method::Reference(mode) = method {
@@ -126,9 +145,9 @@ impl Job {
     /// The in-between frames, and the shown part of the frame.
     fn compose(&mut self, session: &Session) -> Vec<Shown> {
         let mut shown = Vec::new();
-        // A frame after a reset has none in between.
+        // Frames without history have none in between, except keyframes.
         if let Make::Reconstructed { between, .. } = &self.make
-            && session.pipeline().last_reset().is_none()
+            && matches!(session.pipeline().last_reset(), None | Some(ResetReason::Keyframe))
         {
             for (image, (asked, camera)) in session.pipeline().presented().iter().zip(between) {
                 let mut picture = self.spare.pop().unwrap_or_default();
@@ -150,9 +169,9 @@ impl Job {
         let native = session.last_reference(Mode::Native);
         let shown = native.filter(|_| self.shows_native).unwrap_or_else(|| pipeline.last_image());
         let size = [shown.width(), shown.height()];
-        let asked = [self.camera.width() as usize, self.camera.height() as usize];
-        picture.resize(asked);
-        if size != asked {
+        let wanted = [self.camera.width() as usize, self.camera.height() as usize];
+        picture.resize(wanted);
+        if size != wanted {
             // A frame of the new size is on its way; until then there is no frame to show.
             return picture.pixels.fill(0);
         }

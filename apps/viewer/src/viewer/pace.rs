@@ -11,7 +11,7 @@ use super::job::{Finished, Make};
 const NATIVE_SHARES: [f64; 2] = [0.5, 0.9];
 
 /// Largest share of its intervals that a rendered frame may take with the in-between frames before it and without exact
-/// pixels, for which the rest is; and where there are fewer in-between frames than before.
+/// pixels. Exact pixels take the rest. The second value applies to fewer in-between frames than before.
 const GROUP_SHARES: [f64; 2] = [0.85, 0.7];
 
 /// Weight of a new measurement against the earlier ones, as in the controller of exact pixels.
@@ -44,7 +44,7 @@ fn follow(old: Option<f64>, new: f64) -> f64 {
 impl Pace {
     /// Takes the times of a frame.
     pub fn learn(&mut self, finished: &Finished) {
-        let Finished { rendering, took, times, make, .. } = finished;
+        let Finished { making, rendering, took, times, make, .. } = finished;
         let pictures = finished.pictures.as_ref().map_or(0, Vec::len);
         if pictures == 0 {
             return;
@@ -52,11 +52,11 @@ impl Pace {
         let composing = took.saturating_sub(*rendering).as_secs_f64() / pictures as f64;
         match make {
             Make::Nothing => {}
-            Make::Native => self.native = Some(rendering.as_secs_f64()),
+            Make::Native => self.native = Some(making.as_secs_f64()),
             Make::Reconstructed { between, .. } => {
                 let stage = |stage| times.get(stage).unwrap_or_default();
                 let [refining, interpolating] = [Stage::Refine, Stage::Interpolate].map(stage);
-                let plain = rendering.saturating_sub(refining).saturating_sub(interpolating);
+                let plain = making.saturating_sub(refining).saturating_sub(interpolating);
                 self.plain = Some(follow(self.plain, plain.as_secs_f64()));
                 self.refining += NEWEST * (refining.as_secs_f64() - self.refining);
                 self.composing += NEWEST * (composing - self.composing);
@@ -64,8 +64,9 @@ impl Pace {
                     let each = interpolating.as_secs_f64() / between.len() as f64;
                     self.between = Some(follow(self.between, each));
                 }
-                let beside = took.saturating_sub(times.total()).as_secs_f64();
-                self.beside += NEWEST * (beside - self.beside);
+                // Without what is rendered to compare with.
+                let beside = took.saturating_sub(*rendering) + making.saturating_sub(times.total());
+                self.beside += NEWEST * (beside.as_secs_f64() - self.beside);
             }
         }
     }

@@ -10,18 +10,18 @@ use crate::panels::{Action, Facts};
 
 impl Viewer {
     /// Puts the panels over the frame.
-    pub(super) fn paint(&mut self, now: Duration, is_rendered: bool) -> Vec<Action> {
+    pub(super) fn paint(&mut self, now: Duration, is_new: bool) -> Vec<Action> {
         self.picture.clone_from(&self.frame);
         if !self.has_panels {
             return Vec::new();
         }
-        let facts = self.facts(is_rendered);
+        let facts = self.facts(is_new);
         self.panels.paint(&facts, self.scale, now, &mut self.picture)
     }
 
-    pub(super) fn facts(&self, is_rendered: bool) -> Facts {
+    pub(super) fn facts(&self, is_new: bool) -> Facts {
         Facts {
-            figures: self.lines(is_rendered),
+            figures: self.lines(is_new),
             message: self.message.clone(),
             note: self.note.as_ref().map(|(note, _)| note.clone()),
             opening: self.opening.clone(),
@@ -41,15 +41,15 @@ impl Viewer {
         }
     }
 
-    /// The figures, a line each.
-    pub(super) fn lines(&self, is_rendered: bool) -> Vec<String> {
+    /// The figures, a line each. `is_new` says whether they come with another picture of the scene.
+    pub(super) fn lines(&self, is_new: bool) -> Vec<String> {
         let status = self.desk.status();
         let count = thousands(status.scene.gaussians().len());
         // Counted for reconstructed frames only.
         let visible = status.visible.filter(|_| !self.is_native_alone());
         let visible = visible.map(|n| format!(", {} visible", thousands(n))).unwrap_or_default();
         let mut lines = vec![format!("{}: {count} Gaussians{visible}", self.name)];
-        let is_resting = !(is_rendered || self.is_rendering_due());
+        let is_resting = !(is_new || self.is_rendering_due());
         lines.push(match (is_resting, self.figures.rates()) {
             (false, Some(rates)) => format!(
                 "{:.1} frames a second displayed, {:.1} rendered; interval {:.0} ms, 95 % within {:.0} ms; latency {:.0} ms",

@@ -35,8 +35,9 @@ impl Viewer {
         self.last_step = Some(started);
         let inputs = std::mem::take(&mut self.inputs);
         let mut is_due = std::mem::take(&mut self.is_woken) || !self.shots.is_empty();
-        is_due |= !inputs.is_empty() && !self.is_displaying();
-        is_due |= !self.is_displaying() && self.panels.due().is_some_and(|due| due <= started);
+        self.is_unpainted |= !inputs.is_empty() || self.panels.due().is_some_and(|due| due <= started);
+        // Pictures that follow each other bring the panels along. Between them, panels are painted as often.
+        is_due |= self.is_unpainted && !(self.is_displaying() && started < self.painted + self.interval);
         is_due |= self.note.take_if(|(_, until)| *until <= started).is_some();
         self.has_failed &= inputs.is_empty();
         for input in inputs {
@@ -53,7 +54,10 @@ impl Viewer {
         is_due |= shown.is_some();
         if is_due {
             let actions = self.paint(started, shown.is_some());
-            shown.into_iter().for_each(|displayed| self.figures.show(started, displayed));
+            (self.is_unpainted, self.painted) = (false, started);
+            if let Some(displayed) = shown {
+                self.figures.show(clock(), displayed);
+            }
             actions.into_iter().for_each(|action| self.act(action, started));
             self.take_shots(started).await;
             let rest = clock().saturating_sub(started).saturating_sub(rendering).as_secs_f64();
@@ -81,6 +85,7 @@ impl Viewer {
 
     fn next(&mut self, started: Duration) -> Next {
         let is_active = self.is_woken
+            || self.is_unpainted
             || self.is_stale
             || !self.inputs.is_empty()
             || !self.shots.is_empty()

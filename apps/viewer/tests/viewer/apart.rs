@@ -1,7 +1,8 @@
 //! Frames rendered in a thread of their own, with frames in between, by a real clock.
 
 use std::sync::Arc;
-use std::task::Waker;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::task::{Wake, Waker};
 use std::time::{Duration, Instant};
 
 use gs3::scene::{Camera, Gaussians, OpacityMode, Scene, demo};
@@ -17,6 +18,17 @@ const PATIENCE: Duration = Duration::from_secs(120);
 struct Apart {
     viewer: Viewer,
     started: Instant,
+    /// How often the viewer asked to be stepped.
+    woken: Arc<Woken>,
+}
+
+#[derive(Default)]
+struct Woken(AtomicUsize);
+
+impl Wake for Woken {
+    fn wake(self: Arc<Self>) {
+        self.0.fetch_add(1, Ordering::Relaxed);
+    }
 }
 
 impl Apart {
@@ -25,12 +37,12 @@ impl Apart {
         let pipeline =
             PipelineSettings { mode: Mode::Full, in_between: 3, refine, ..PipelineSettings::default() };
         let session = SessionSettings { pipeline, backend: Backend::Cpu, ..SessionSettings::default() };
-        // Steps are so close to each other that nobody needs to be woken.
-        let renders_apart = Some(Waker::noop().clone());
+        let woken = Arc::new(Woken::default());
+        let renders_apart = Some(Waker::from(Arc::clone(&woken)));
         let settings =
             ViewerSettings { session, native_when_fast: false, renders_apart, fps: 1000.0, size: SIZE };
         let viewer = Viewer::new("demo", scene(), Some(&demo::path()), settings).unwrap();
-        Self { viewer, started: Instant::now() }
+        Self { viewer, started: Instant::now(), woken }
     }
 
     /// A step, and the pause until the next one. Returns whether there is another picture.
@@ -65,11 +77,21 @@ fn steps_do_not_wait_for_frames() {
     assert_eq!(apart.viewer.figures().rendered(), 17);
     apart.viewer.input(Input::Wheel(1.0));
     let started = apart.started;
+    let wait_for = |woken: usize| {
+        while apart.woken.0.load(Ordering::Relaxed) < woken {
+            std::thread::sleep(Duration::from_millis(1));
+            assert!(started.elapsed() < PATIENCE, "never woken");
+        }
+    };
+    wait_for(17);
     let step = apart.viewer.step(&|| started.elapsed());
     // The frame has been begun, and is not there yet.
     assert!(matches!(step.next, Next::At(_)) && apart.viewer.figures().rendered() == 17);
+    // The end of the frame wakes the viewer, which does nothing by itself.
+    wait_for(18);
+    apart.viewer.step(&|| started.elapsed());
+    assert_eq!(apart.viewer.figures().rendered(), 18);
     apart.rest();
-    assert!(apart.viewer.figures().rendered() > 17);
     assert_eq!(apart.viewer.frame().to_rgb8(), native(&apart.viewer.camera().unwrap()));
 }
 
@@ -139,7 +161,7 @@ fn what_needs_the_session_waits_for_the_frame_under_way() {
     }
     apart.viewer.shoot(gs3_viewer::Shot { file: None, panels: false, scale: 2, camera: None });
     apart.step();
-    assert!(apart.viewer.note().is_some_and(|note| note.contains("pivot")), "{:?}", apart.viewer.note());
+    assert!(apart.viewer.note().is_some_and(|note| note == "the pivot is here"), "{:?}", apart.viewer.note());
     assert_eq!(apart.viewer.take_effects().len(), 1);
     // Another view and another size come at once, too.
     apart.viewer.input(Input::Key(Key::V, true));

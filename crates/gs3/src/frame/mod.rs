@@ -115,7 +115,7 @@ impl FramePipeline {
         let plan = FramePlan::new(settings, networks)?;
         let machine = Machine::Cpu(Box::new(CpuMachine::new(&plan, scene.into())?));
         plan.check_raster()?;
-        let in_between = vec![Image::default(); plan.most_in_between as usize];
+        let in_between = vec![Image::default(); plan.most_in_between() as usize];
         Ok(Self {
             machine,
             sequence: FrameSequence::new(plan.scale, plan.sampling, plan.widest_margin),
@@ -212,7 +212,7 @@ impl FramePipeline {
             let pose = poses.get(k).copied().unwrap_or_else(|| pose_between(previous, camera, t));
             Moment { t: t as f32, camera: pose }
         };
-        let moments = self.plan.settings.moments().enumerate();
+        let moments = self.plan.moments().enumerate();
         let moments = match &previous {
             Some(previous) => moments.map(|(k, t)| moment(previous, k, t)).collect(),
             None => Vec::new(),
@@ -225,7 +225,7 @@ impl FramePipeline {
         if self.plan.settings.mode != Mode::Full {
             return Ok(());
         }
-        let expected = self.plan.settings.in_between as usize;
+        let expected = self.plan.in_between as usize;
         if ![0, expected].contains(&poses.len()) {
             return Err(PipelineError::Between { expected, actual: poses.len() });
         }
@@ -247,7 +247,7 @@ impl FramePipeline {
                 self.frame_number += 1;
                 self.sequence.commit(&inputs.camera, inputs.reset, inputs.jitter, lattice);
                 self.frames.current.camera = Some(inputs.camera);
-                self.asked_in_between = self.plan.settings.displayed_per_rendered() - 1;
+                self.asked_in_between = self.plan.in_between as usize;
                 (self.in_between, self.refined) = (in_between, refined);
                 (self.times, self.last_reset) = (times, inputs.reset);
                 Ok(())
@@ -363,15 +363,24 @@ impl FramePipeline {
         Ok(())
     }
 
-    /// Chooses how many frames are interpolated before each rendered frame from the next frame on: 0 to the
-    /// [`PipelineSettings::in_between`] that the pipeline was created with. The history stays. For programs that hold a
+    /// Chooses how many frames are interpolated before each rendered frame from the next frame on: 0 to
+    /// [`PipelineSettings::in_between`], which is the number without this call. The history stays. For programs that hold a
     /// rate of displayed frames.
     ///
     /// # Errors
-    /// [`PipelineError::InBetween`] if there is no memory for so many; modes other than [`Mode::Full`] take 0 only. The old
-    /// choice stays.
+    /// [`PipelineError::InBetween`] if there are too many; modes other than [`Mode::Full`] take 0 only. The old choice
+    /// stays.
     pub const fn set_in_between(&mut self, count: u32) -> Result<(), PipelineError> {
         self.plan.set_in_between(count)
+    }
+
+    /// Whether LR frames hold mean depths and normals from the next frame on, also where nothing reads them. For programs that
+    /// show [`Self::gbuffer`]. A GPU makes all planes in any case.
+    pub fn set_all_planes(&mut self, are_wanted: bool) {
+        self.plan.set_all_planes(are_wanted);
+        if let Machine::Cpu(cpu) = &mut self.machine {
+            cpu.stages_mut().set_all_planes(are_wanted);
+        }
     }
 
     /// Drops the history: the next frame starts anew, for this reason unless an earlier reason is pending.
@@ -472,8 +481,9 @@ impl FramePipeline {
         }
     }
 
-    /// The LR G-buffer of the last frame. Empty in [`Mode::Native`], colour only in [`Mode::Bicubic`]. If a GPU makes
-    /// whole frames, this is the G-buffer of the last [`Self::fetch_gbuffer`].
+    /// The LR G-buffer of the last frame. Empty in [`Mode::Native`], colour only in [`Mode::Bicubic`]. If a CPU makes frames
+    /// without networks, mean depths and normals are empty without [`Self::set_all_planes`]. If a GPU makes whole frames, this
+    /// is the G-buffer of the last [`Self::fetch_gbuffer`].
     #[must_use]
     pub const fn gbuffer(&self) -> &GBuffer {
         &self.frames.current.gbuffer

@@ -24,11 +24,12 @@ pub struct FramePlan {
     pub kriging: Kriging,
     /// Which pixels are rasterized exactly.
     pub refine: Refine,
+    /// The planes of LR frames: at least those that the mode and the networks read.
+    pub lr_outputs: Outputs,
     /// The widest margin of LR frames beyond each edge, in LR pixels; 0 if they have no margins.
     pub widest_margin: u32,
-    /// Largest number of frames interpolated before a rendered frame, which machines have memory for. The number before the
-    /// next frame is that of `settings`.
-    pub most_in_between: u32,
+    /// Number of frames interpolated before the next rendered frame, at most [`Self::most_in_between`].
+    pub in_between: u32,
     /// The networks that the mode uses.
     pub networks: Networks,
 }
@@ -60,8 +61,9 @@ impl FramePlan {
             sampling: if mode == Mode::Native { Sampling::Centered } else { settings.sampling },
             kriging: settings.kriging.max(weights.map_or(Ok(Kriging::Off), least_kriging)?),
             refine: if mode.has_history() { settings.refine } else { Refine::Off },
+            lr_outputs: lr_outputs(&networks),
             widest_margin: if has_margins { MAX_MARGIN } else { 0 },
-            most_in_between: settings.displayed_per_rendered() as u32 - 1,
+            in_between: settings.displayed_per_rendered() as u32 - 1,
             networks,
         })
     }
@@ -82,13 +84,27 @@ impl FramePlan {
     /// # Errors
     /// [`PipelineError::InBetween`] if there is no memory for so many.
     pub const fn set_in_between(&mut self, count: u32) -> Result<(), PipelineError> {
-        if count > self.most_in_between {
-            return Err(PipelineError::InBetween { expected: [0, self.most_in_between], actual: count });
+        let most = self.most_in_between();
+        if count > most {
+            return Err(PipelineError::InBetween { expected: [0, most], actual: count });
         }
-        if matches!(self.settings.mode, Mode::Full) {
-            self.settings.in_between = count;
-        }
+        self.in_between = count;
         Ok(())
+    }
+
+    /// Largest number of frames interpolated before a rendered frame. Machines have memory for as many.
+    pub const fn most_in_between(&self) -> u32 {
+        self.settings.displayed_per_rendered() as u32 - 1
+    }
+
+    /// Moments of the frames interpolated before the next rendered frame, in (0, 1), in order.
+    pub fn moments(&self) -> impl Iterator<Item = f64> + use<> {
+        PipelineSettings { in_between: self.in_between, ..self.settings }.moments()
+    }
+
+    /// Makes LR frames hold all planes, or those that are read.
+    pub fn set_all_planes(&mut self, are_wanted: bool) {
+        self.lr_outputs = if are_wanted { Outputs::GBuffer } else { lr_outputs(&self.networks) };
     }
 
     /// The rasterizer's settings for `outputs` of a frame.
@@ -110,6 +126,14 @@ impl FramePlan {
             ..RasterSettings::new(Outputs::GBuffer)
         }
         .check()?)
+    }
+}
+
+/// The planes of LR frames that reconstruction with `networks` reads.
+const fn lr_outputs(networks: &Networks) -> Outputs {
+    match (&networks.super_sample, &networks.interpolate) {
+        (None, None) => Outputs::Samples,
+        _ => Outputs::GBuffer,
     }
 }
 

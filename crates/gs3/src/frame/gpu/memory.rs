@@ -97,7 +97,7 @@ impl FrameMemory {
             Ok::<_, PipelineError>(Side { gbuffer: GpuGBuffer::default(), image, view: None, bound: None })
         };
         let sides = [side()?, side()?];
-        let count = plan.most_in_between as usize;
+        let count = plan.most_in_between() as usize;
         let in_between = (0..count).map(|_| GpuImage::new(gpu, size)).collect::<Result<Vec<_>, _>>()?;
         let places = Places::new(counters, sides[0].image.bytes());
         let learned_super_sampler = |weights| GpuLearnedSuperSampler::new(gpu, weights, size, scale);
