@@ -238,9 +238,24 @@ mod tests {
         assert_eq!(controller.share(), 0.0);
         // Frames become fast: what blocks take is known from before.
         for _ in 0..10 {
-            controller.learn(target, Duration::from_millis(5), Duration::ZERO, 0.0);
+            let refining = Duration::from_secs_f64(0.2 * f64::from(controller.share()));
+            let total = Duration::from_millis(5) + refining;
+            controller.learn(target, total, refining, controller.share());
         }
         let expected = (0.95 * 0.01 - 0.005) / (0.002 / 0.01);
         assert!((f64::from(controller.share()) - expected).abs() < 1e-3, "{}", controller.share());
+    }
+
+    #[test]
+    fn a_single_block_that_was_slow_does_not_end_all_blocks() {
+        let mut controller = ShareController::default();
+        let target = Duration::from_millis(10);
+        // A stall of a second while one block of two thousand was made.
+        controller.learn(target, Duration::from_millis(1005), Duration::from_millis(1000), 0.0005);
+        assert!(controller.share() < 1e-5);
+        for _ in 0..12 {
+            controller.learn(target, Duration::from_millis(5), Duration::ZERO, 0.0);
+        }
+        assert!(controller.share() > 0.0005, "{}", controller.share());
     }
 }

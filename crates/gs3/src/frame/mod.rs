@@ -378,8 +378,10 @@ impl FramePipeline {
     /// show [`Self::gbuffer`]. A GPU makes all planes in any case.
     pub fn set_all_planes(&mut self, are_wanted: bool) {
         self.plan.set_all_planes(are_wanted);
-        if let Machine::Cpu(cpu) = &mut self.machine {
-            cpu.stages_mut().set_all_planes(are_wanted);
+        match &mut self.machine {
+            Machine::Cpu(cpu) => cpu.stages_mut().set_all_planes(are_wanted),
+            #[cfg(feature = "gpu")]
+            Machine::Gpu(_) => {}
         }
     }
 
