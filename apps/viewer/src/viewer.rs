@@ -18,8 +18,7 @@ use std::task::Waker;
 use std::time::Duration;
 
 use gs3::glam::DVec3;
-use gs3::scene::camera::MAX_SIDE;
-use gs3::scene::orbit::{self, Bulk};
+use gs3::scene::orbit::Bulk;
 use gs3::scene::{Camera, CameraError, CameraPath, Scene};
 use gs3::{Backend, PipelineError, Session, SessionSettings};
 
@@ -34,6 +33,7 @@ use crate::video::VideoPlan;
 use crate::views::View;
 use desk::Desk;
 use display::Display;
+use files::first_camera;
 use frames::Track;
 use pace::Pace;
 use touch::Fingers;
@@ -47,7 +47,7 @@ pub struct ViewerSettings {
     pub session: SessionSettings,
     /// If there is a waker, frames are rendered in a thread of their own, so that pictures and panels follow each other
     /// meanwhile. The waker is woken when a frame is finished: the viewer is to step then. None in a browser.
-    pub renders_apart: Option<Waker>,
+    pub waker: Option<Waker>,
     /// Whether frames of a moving camera are native too where the machine makes them in half of the time between frames,
     /// or faster than reconstructed ones. Only if [`gs3::PipelineSettings::refine`] is a time.
     pub native_when_fast: bool,
@@ -186,7 +186,7 @@ struct Rest {
 /// the history holds every pixel. The native image follows. Then no step is due until an input comes. Where native frames
 /// are fast ([`ViewerSettings::native_when_fast`]), frames of a moving camera are native as well.
 ///
-/// If frames are rendered apart ([`ViewerSettings::renders_apart`]), a step begins a frame and does not wait for it. A finished
+/// If frames are rendered apart ([`ViewerSettings::waker`]), a step begins a frame and does not wait for it. A finished
 /// frame brings its in-between frames, and all of them are shown one after the other, evenly, while the next frame is
 /// rendered.
 #[derive(Debug)]
@@ -300,7 +300,7 @@ impl Viewer {
         let bulk = Bulk::of(session.scene());
         let controls = Controls::new(&first_camera(session.scene(), cameras, size)?, &bulk);
         Ok(Self {
-            desk: Desk::new(session, settings.renders_apart.clone())?,
+            desk: Desk::new(session, settings.waker.clone())?,
             settings: settings.session.clone(),
             controls,
             bulk,
@@ -490,13 +490,4 @@ impl Viewer {
 fn interval(fps: f64) -> Duration {
     let fps = if fps.is_finite() { fps.clamp(1.0, 1000.0) } else { 30.0 };
     Duration::from_secs_f64(1.0 / fps)
-}
-
-/// The first of `cameras`, or a camera with all of `scene` in view, for a picture of `size`.
-fn first_camera(scene: &Scene, cameras: Option<&CameraPath>, size: [u32; 2]) -> Result<Camera, CameraError> {
-    let [width, height] = size.map(|side| side.clamp(1, MAX_SIDE));
-    match cameras {
-        Some(path) => path.cameras()[0].resized(width, height),
-        None => Ok(orbit::around(scene, 1, width, height)?.cameras()[0]),
-    }
 }

@@ -227,7 +227,6 @@ mod tests {
         let settings =
             PipelineSettings { mode: Mode::SuperSample, refine: Refine::Share(0.1), ..Default::default() };
         let mut pipeline = FramePipeline::new(demo::scene().unwrap(), settings).unwrap();
-        pipeline.set_all_planes(true);
         let path = demo::path().resized(96, 60).unwrap();
         path.cameras().iter().take(2).for_each(|camera| {
             pipeline.render(camera).unwrap();

@@ -92,7 +92,7 @@ pub fn run(settings: WindowSettings) -> Result<(), WindowError> {
     let size = viewer.size;
     let events = EventLoop::<Loaded>::with_user_event().build().map_err(|e| display(&e))?;
     let waker = Waker::from(Arc::new(Awaker(events.create_proxy())));
-    let viewer = ViewerSettings { renders_apart: Some(waker), ..viewer };
+    let viewer = ViewerSettings { waker: Some(waker), ..viewer };
     let mut viewer = Viewer::new(&name, scene, cameras.as_ref(), viewer)?;
     open.into_iter().for_each(|place| viewer.input(Input::Dropped(place)));
     let context = Context::new(events.owned_display_handle()).map_err(|e| display(&e))?;

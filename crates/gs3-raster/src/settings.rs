@@ -83,10 +83,7 @@ impl Window {
 pub enum Outputs {
     /// Colour and alpha.
     Color,
-    /// Colour, alpha, ∂/∂x and ∂/∂y of colour, and median depth: the values that reconstruction reads without networks. The
-    /// planes of mean depth and normal are empty. A GPU produces [`Outputs::GBuffer`] instead.
-    Samples,
-    /// Colour, alpha, ∂/∂x and ∂/∂y of colour, both depths and normal.
+    /// Colour, alpha, ∂/∂x and ∂/∂y of colour, depth and normal.
     GBuffer,
     /// [`Outputs::GBuffer`] and the mixed derivative ∂²/∂x∂y of colour.
     GBufferMixed,

@@ -147,11 +147,10 @@ pub struct Geometry {
     /// View-space depth z of the surface at which transmittance falls to one half, world units, forward positive; 0, as
     /// anything that is not positive and finite, where nothing was hit.
     pub depth_median: Planes<1>,
-    /// Mean view-space depth z of what was blended, weighted by contribution, world units; 0 where nothing was hit. Empty if
-    /// nobody asked for it.
+    /// Mean view-space depth z of what was blended, weighted by contribution, world units; 0 where nothing was hit.
     pub depth_expected: Planes<1>,
     /// View-space normal, accumulated with the blending weights (length = share of opaque, agreeing normals),
-    /// x right, y down, z forward; facing normals have negative z. Empty if nobody asked for it.
+    /// x right, y down, z forward; facing normals have negative z.
     pub normal: Planes<3>,
 }
 
@@ -197,7 +196,7 @@ impl Margin {
 /// One rasterized frame with what only Gaussians give: exact gradients, depth, normals.
 ///
 /// Pixel `(i, j)` is the point sample of the image at `(i + 0.5 + jitter.x, j + 0.5 + jitter.y)` of this grid. The
-/// grid's origin lies [`Self::margin`] left of and above the picture's. All planes that are there have the same size. All values
+/// grid's origin lies [`Self::margin`] left of and above the picture's. All planes have the same size. All values
 /// except depths are finite.
 ///
 /// Another renderer must fill the planes that are read: enlarging reads colour; Hermite interpolation also reads

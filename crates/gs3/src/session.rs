@@ -331,12 +331,6 @@ impl Session {
         self.pipeline.set_in_between(count)
     }
 
-    /// Whether LR frames hold mean depths and normals from the next frame on, also where nothing reads them
-    /// ([`FramePipeline::set_all_planes`]).
-    pub fn set_all_planes(&mut self, are_wanted: bool) {
-        self.pipeline.set_all_planes(are_wanted);
-    }
-
     /// Reads back the LR G-buffer of the last frame, if it is on a GPU. [`FramePipeline::gbuffer`] of
     /// [`Self::pipeline`] then has it.
     ///

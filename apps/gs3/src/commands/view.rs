@@ -91,7 +91,7 @@ pub fn run(args: &ViewArgs) -> Result<Outcome, CliError> {
     let viewer = ViewerSettings {
         session,
         // The window has a waker of its own.
-        renders_apart: None,
+        waker: None,
         native_when_fast: true,
         fps: f64::from(args.fps),
         size,

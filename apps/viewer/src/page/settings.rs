@@ -82,7 +82,7 @@ impl PageSettings {
             ..SessionSettings::default()
         };
         let size = [self.width, self.height];
-        Ok(ViewerSettings { session, native_when_fast: true, renders_apart: None, fps: self.fps, size })
+        Ok(ViewerSettings { session, native_when_fast: true, waker: None, fps: self.fps, size })
     }
 }
 

@@ -4,11 +4,12 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use gs3::scene::orbit::Bulk;
-use gs3::scene::{Camera, CameraPath, Scene};
+use gs3::scene::camera::MAX_SIDE;
+use gs3::scene::orbit::{self, Bulk};
+use gs3::scene::{Camera, CameraError, CameraPath, Scene};
 use gs3::{Mode, Stage};
 
-use super::{Effect, Opened, Place, Shot, Viewer, ViewerError, first_camera};
+use super::{Effect, Opened, Place, Shot, Viewer, ViewerError};
 use crate::controls::Controls;
 use crate::path_file::{PathFile, PathFileError, PathFormat, camera_path_json, moved};
 use crate::screenshot::png;
@@ -233,4 +234,17 @@ fn report(name: &str, scene: &Scene) -> String {
         told += &format!("; {note}");
     }
     told
+}
+
+/// The first of `cameras`, or a camera with all of `scene` in view, for a picture of `size`.
+pub(super) fn first_camera(
+    scene: &Scene,
+    cameras: Option<&CameraPath>,
+    size: [u32; 2],
+) -> Result<Camera, CameraError> {
+    let [width, height] = size.map(|side| side.clamp(1, MAX_SIDE));
+    match cameras {
+        Some(path) => path.cameras()[0].resized(width, height),
+        None => Ok(orbit::around(scene, 1, width, height)?.cameras()[0]),
+    }
 }

@@ -24,7 +24,7 @@ const EARLY: f64 = 0.5;
 /// frame is a visible stop among evenly shown ones.
 const APART: f64 = 0.95;
 
-/// Pictures whose memory is kept: those of a frame with most in-between frames.
+/// Pictures whose memory is kept: a rendered frame and the most in-between frames before it.
 const SPARE: usize = MAX_IN_BETWEEN as usize + 1;
 
 /// Where the camera has been since the last frame was asked for, and when: the way that in-between frames follow.
@@ -238,10 +238,6 @@ impl Viewer {
             // What a comparison shows beside it comes with the next frame.
             Make::Native => self.rest.is_native = compare == self.compare,
         }
-        if view != self.view {
-            // Its normals come with the next frame.
-            self.recall_normals();
-        }
         if (view, compare) != (self.view, self.compare) {
             self.spare.extend(pictures.drain(..).map(|shown| shown.picture));
             self.is_stale = true;
@@ -280,13 +276,6 @@ impl Viewer {
     pub(super) fn forget_frames(&mut self) {
         (self.display, self.track) = (Display::default(), Track::default());
         (self.rest, self.pace, self.has_failed) = (Rest::default(), Pace::default(), false);
-    }
-
-    /// Makes sure that another frame follows if normals are shown: frames for other views have none.
-    pub(super) fn recall_normals(&mut self) {
-        if self.view == View::Normals {
-            self.rest.frames = self.rest.frames.min(self.frames_to_rest().saturating_sub(1));
-        }
     }
 
     /// Forgets the pictures that wait, as something else is to be shown.

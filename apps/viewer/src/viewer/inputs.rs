@@ -224,7 +224,6 @@ impl Viewer {
             Action::View(view) => {
                 (self.view, self.is_stale) = (view, true);
                 self.rest.is_native &= view == View::Picture;
-                self.recall_normals();
                 self.drop_pictures(now);
                 self.tell(format!("view: {}", view.name()), now);
             }

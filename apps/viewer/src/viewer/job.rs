@@ -114,7 +114,6 @@ impl Job {
                     session.set_refine(*refine)?;
                 }
                 session.set_in_between(between.len() as u32)?;
-                session.set_all_planes(self.view == View::Normals);
                 let poses: Vec<Camera> = between.iter().map(|(_, camera)| *camera).collect();
                 session.render_with_poses_async(&self.camera, &poses).await?;
             }

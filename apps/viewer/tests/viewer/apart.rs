@@ -38,9 +38,8 @@ impl Apart {
             PipelineSettings { mode: Mode::Full, in_between: 3, refine, ..PipelineSettings::default() };
         let session = SessionSettings { pipeline, backend: Backend::Cpu, ..SessionSettings::default() };
         let woken = Arc::new(Woken::default());
-        let renders_apart = Some(Waker::from(Arc::clone(&woken)));
-        let settings =
-            ViewerSettings { session, native_when_fast: false, renders_apart, fps: 1000.0, size: SIZE };
+        let waker = Some(Waker::from(Arc::clone(&woken)));
+        let settings = ViewerSettings { session, native_when_fast: false, waker, fps: 1000.0, size: SIZE };
         let viewer = Viewer::new("demo", scene(), Some(&demo::path()), settings).unwrap();
         Self { viewer, started: Instant::now(), woken }
     }

@@ -45,8 +45,7 @@ impl Hand {
             ..PipelineSettings::default()
         };
         let session = SessionSettings { pipeline, backend: Backend::Cpu, ..SessionSettings::default() };
-        let settings =
-            ViewerSettings { session, native_when_fast, renders_apart: None, fps: 30.0, size: SIZE };
+        let settings = ViewerSettings { session, native_when_fast, waker: None, fps: 30.0, size: SIZE };
         let viewer = Viewer::new("demo", scene(), Some(&demo::path()), settings).unwrap();
         Self { viewer, now: Cell::new(Duration::ZERO) }
     }

@@ -72,19 +72,3 @@ fn another_size_and_scale_are_shown_at_once() {
     hand.step();
     assert_eq!(hand.viewer.size(), [1, 1]);
 }
-
-#[test]
-fn normals_are_made_once_somebody_looks() {
-    let mut hand = Hand::new();
-    hand.rest();
-    let frames = hand.frames();
-    let colours =
-        |hand: &Hand| hand.viewer.frame().pixels.iter().collect::<std::collections::BTreeSet<_>>().len();
-    // Depth is there already; normals take another frame.
-    hand.press(Key::V);
-    hand.rest();
-    assert!(colours(&hand) > 20 && hand.frames() == frames);
-    hand.press(Key::V);
-    hand.rest();
-    assert!(colours(&hand) > 20 && hand.frames() == frames + 1, "{} frames", hand.frames() - frames);
-}

@@ -30,7 +30,7 @@ use crate::chunk::{self, CHUNK, Chunk};
 use crate::settings::{Culling, Outputs, RasterError, RasterSettings, Window};
 use crate::view::View;
 use bin::{Bins, ENTRY_BYTES, Part, TILE_HEIGHT, TILE_WIDTH};
-use blend::{COLOR, GBUFFER, GBUFFER_MIXED, SAMPLE, TileScratch};
+use blend::{COLOR, GBUFFER, GBUFFER_MIXED, TileScratch};
 use grid::Grid;
 pub use importance::Importance;
 use project::{ProjectInput, Projected};
@@ -210,7 +210,6 @@ impl Rasterizer {
         let bands = resolve::gbuffer_bands(out);
         match settings.outputs {
             Outputs::Color => self.run::<COLOR>(view, grid, settings, bands),
-            Outputs::Samples => self.run::<SAMPLE>(view, grid, settings, bands),
             Outputs::GBuffer => self.run::<GBUFFER>(view, grid, settings, bands),
             Outputs::GBufferMixed => self.run::<GBUFFER_MIXED>(view, grid, settings, bands),
         }

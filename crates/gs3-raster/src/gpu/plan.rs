@@ -93,7 +93,7 @@ pub struct Capacity {
 const fn splat_bytes(outputs: Outputs) -> u64 {
     match outputs {
         Outputs::Color => 3 * 16,
-        Outputs::Samples | Outputs::GBuffer | Outputs::GBufferMixed => 5 * 16,
+        Outputs::GBuffer | Outputs::GBufferMixed => 5 * 16,
     }
 }
 

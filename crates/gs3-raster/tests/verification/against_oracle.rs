@@ -2,7 +2,7 @@
 
 use glam::DVec2;
 use gs3_raster::{Outputs, RasterSettings, Rules, matched_dilation};
-use gs3_scene::{Gaussians, OpacityMode, Planes, Scene};
+use gs3_scene::{Gaussians, OpacityMode, Scene};
 
 use crate::compare::{EVERYTHING, EXACT_CULLING, Tally, assert_matches, oracle, oracle_samples, render};
 use crate::scenes::{RandomScene, camera_at_origin, posed, tilted_pose};
@@ -63,24 +63,6 @@ fn all_modes() {
     eprintln!("{tally:?}: {:.2} % near a cut-off", 100.0 * tally.excluded_share());
     assert!(tally.excluded_share() < 0.05, "too much excluded: {tally:?}");
     assert!(tally.compared > 1_000_000, "too little compared: {tally:?}");
-}
-
-/// The planes that reconstruction reads have the same bits without the others.
-#[test]
-fn samples_are_a_part_of_the_gbuffer() {
-    for (seed, [width, height]) in (700..).zip(SIZES) {
-        let camera = camera_at_origin(width, height, DVec2::ZERO);
-        let scene = RandomScene { seed, sh_degree: 2, ..RandomScene::BASE }.build(&camera);
-        let of = |outputs| {
-            let settings =
-                RasterSettings { jitter: [0.2, -0.4], background: [0.3, 0.5, 0.1], outputs, ..EVERYTHING };
-            render(&scene, EXACT_CULLING[2], &camera, &settings)
-        };
-        let (samples, mut all) = (of(Outputs::Samples), of(Outputs::GBuffer));
-        let geometry = all.geometry.as_mut().expect("a G-buffer has depths");
-        (geometry.depth_expected, geometry.normal) = (Planes::default(), Planes::default());
-        assert_eq!(samples, all);
-    }
 }
 
 /// Many layers, so that blending stops within most pixels.

@@ -118,7 +118,7 @@ impl CpuStages {
                 self.forget_before(inputs);
 
                 // Gaussians to the low-resolution G-buffer.
-                let rasterized = self.rasterize(inputs, self.plan.lr_outputs, rasterizer, frames);
+                let rasterized = self.rasterize(inputs, Outputs::GBuffer, rasterizer, frames);
                 times.time(Stage::Rasterize, rasterized).await?;
 
                 // G-buffer and history to the frame, which a network may refine.
@@ -150,11 +150,6 @@ impl CpuStages {
     /// Changes the choice of exact pixels, which [`FramePlan::set_refine`] has checked.
     pub const fn set_refine(&mut self, refine: Refine) {
         self.plan.refine = refine;
-    }
-
-    /// See [`FramePlan::set_all_planes`].
-    pub fn set_all_planes(&mut self, are_wanted: bool) {
-        self.plan.set_all_planes(are_wanted);
     }
 
     /// Places of the exact blocks of the last frame, in blocks.

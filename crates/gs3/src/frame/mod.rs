@@ -1,6 +1,7 @@
 //! The pipeline: its requests, its state between frames, and its results. The stages are in `cpu.rs` and
 //! `gpu/mod.rs`, in the same order.
 
+mod choices;
 mod cpu;
 #[cfg(feature = "gpu")]
 mod gpu;
@@ -261,12 +262,6 @@ impl FramePipeline {
         }
     }
 
-    /// Sets the number of the next frame on its path; later frames count on from there. The first frame has number 0
-    /// by default. Keyframes ([`PipelineSettings::keyframes`]) depend on this number.
-    pub const fn set_frame_number(&mut self, number: u64) {
-        self.frame_number = number;
-    }
-
     /// Where to start on a path so that frame `number`, its in-between frames and all later frames have the same bits
     /// as in a run from frame 0: at most `keyframes` + S² frames earlier, 48 by default. Call
     /// [`Self::set_frame_number`] with the result. Then render the frames up to `number` without showing them.
@@ -346,48 +341,6 @@ impl FramePipeline {
             #[cfg(feature = "gpu")]
             Machine::Gpu(gpu) => gpu.stages_here(),
         }
-    }
-
-    /// Chooses the pixels that are rasterized exactly from the next frame on. The history stays. For programs that
-    /// change the time a frame may take ([`Refine::FrameTime`]).
-    ///
-    /// # Errors
-    /// [`PipelineError::RefineShare`] if the share is not in `[0, 1]`; the old choice stays.
-    pub fn set_refine(&mut self, refine: Refine) -> Result<(), PipelineError> {
-        self.plan.set_refine(refine)?;
-        match &mut self.machine {
-            Machine::Cpu(cpu) => cpu.stages_mut().set_refine(self.plan.refine),
-            #[cfg(feature = "gpu")]
-            Machine::Gpu(gpu) => gpu.set_refine(&self.plan),
-        }
-        Ok(())
-    }
-
-    /// Chooses how many frames are interpolated before each rendered frame from the next frame on: 0 to
-    /// [`PipelineSettings::in_between`], which is the number without this call. The history stays. For programs that hold a
-    /// rate of displayed frames.
-    ///
-    /// # Errors
-    /// [`PipelineError::InBetween`] if there are too many; modes other than [`Mode::Full`] take 0 only. The old choice
-    /// stays.
-    pub const fn set_in_between(&mut self, count: u32) -> Result<(), PipelineError> {
-        self.plan.set_in_between(count)
-    }
-
-    /// Whether LR frames hold mean depths and normals from the next frame on, also where nothing reads them. For programs that
-    /// show [`Self::gbuffer`]. A GPU makes all planes in any case.
-    pub fn set_all_planes(&mut self, are_wanted: bool) {
-        self.plan.set_all_planes(are_wanted);
-        match &mut self.machine {
-            Machine::Cpu(cpu) => cpu.stages_mut().set_all_planes(are_wanted),
-            #[cfg(feature = "gpu")]
-            Machine::Gpu(_) => {}
-        }
-    }
-
-    /// Drops the history: the next frame starts anew, for this reason unless an earlier reason is pending.
-    pub fn reset(&mut self, reason: ResetReason) {
-        self.sequence.reset(reason);
     }
 
     /// Why the last frame started without history; none if it had one. There are then no in-between frames, except at
@@ -483,9 +436,8 @@ impl FramePipeline {
         }
     }
 
-    /// The LR G-buffer of the last frame. Empty in [`Mode::Native`], colour only in [`Mode::Bicubic`]. If a CPU makes frames
-    /// without networks, mean depths and normals are empty without [`Self::set_all_planes`]. If a GPU makes whole frames, this
-    /// is the G-buffer of the last [`Self::fetch_gbuffer`].
+    /// The LR G-buffer of the last frame. Empty in [`Mode::Native`], colour only in [`Mode::Bicubic`]. If a GPU makes
+    /// whole frames, this is the G-buffer of the last [`Self::fetch_gbuffer`].
     #[must_use]
     pub const fn gbuffer(&self) -> &GBuffer {
         &self.frames.current.gbuffer

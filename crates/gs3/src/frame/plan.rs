@@ -24,8 +24,6 @@ pub struct FramePlan {
     pub kriging: Kriging,
     /// Which pixels are rasterized exactly.
     pub refine: Refine,
-    /// The planes of LR frames: at least those that the mode and the networks read.
-    pub lr_outputs: Outputs,
     /// The widest margin of LR frames beyond each edge, in LR pixels; 0 if they have no margins.
     pub widest_margin: u32,
     /// Number of frames interpolated before the next rendered frame, at most [`Self::most_in_between`].
@@ -61,7 +59,6 @@ impl FramePlan {
             sampling: if mode == Mode::Native { Sampling::Centered } else { settings.sampling },
             kriging: settings.kriging.max(weights.map_or(Ok(Kriging::Off), least_kriging)?),
             refine: if mode.has_history() { settings.refine } else { Refine::Off },
-            lr_outputs: lr_outputs(&networks),
             widest_margin: if has_margins { MAX_MARGIN } else { 0 },
             in_between: settings.displayed_per_rendered() as u32 - 1,
             networks,
@@ -102,11 +99,6 @@ impl FramePlan {
         PipelineSettings { in_between: self.in_between, ..self.settings }.moments()
     }
 
-    /// Makes LR frames hold all planes, or those that are read.
-    pub fn set_all_planes(&mut self, are_wanted: bool) {
-        self.lr_outputs = if are_wanted { Outputs::GBuffer } else { lr_outputs(&self.networks) };
-    }
-
     /// The rasterizer's settings for `outputs` of a frame.
     pub fn raster(&self, outputs: Outputs, inputs: &FrameInputs) -> RasterSettings {
         RasterSettings {
@@ -126,14 +118,6 @@ impl FramePlan {
             ..RasterSettings::new(Outputs::GBuffer)
         }
         .check()?)
-    }
-}
-
-/// The planes of LR frames that reconstruction with `networks` reads.
-const fn lr_outputs(networks: &Networks) -> Outputs {
-    match (&networks.super_sample, &networks.interpolate) {
-        (None, None) => Outputs::Samples,
-        _ => Outputs::GBuffer,
     }
 }
 

@@ -204,27 +204,11 @@ fn the_number_of_frames_in_between_changes_without_losing_the_history() {
     let error = changing.set_in_between(4).unwrap_err();
     assert!(error.to_string().contains("expected 0 to 3 frames for each rendered one, found 4"), "{error}");
     assert_eq!(changing.settings().in_between, 3);
-    // Poses are those of the frames that are asked for.
+    // One frame in between takes one pose.
     changing.set_in_between(1).unwrap();
     assert!(changing.render_with_poses(&path.cameras()[5], &path.cameras()[..3]).is_err());
     let mut plain = pipeline(Mode::SuperSample);
     assert!(plain.set_in_between(0).is_ok() && plain.set_in_between(1).is_err());
-}
-
-#[test]
-fn planes_that_nothing_reads_change_no_frame() {
-    let (mut least, mut all) = (pipeline(Mode::Full), pipeline(Mode::Full));
-    all.set_all_planes(true);
-    for camera in &path().cameras()[..4] {
-        let images = |pipeline: &mut FramePipeline| -> Vec<Image> {
-            pipeline.render(camera).unwrap().iter().cloned().collect()
-        };
-        assert_eq!(images(&mut least), images(&mut all));
-        let [least, all] = [&least, &all].map(|pipeline| pipeline.gbuffer().geometry.as_ref().unwrap());
-        assert_eq!(least.depth_median, all.depth_median);
-        assert_eq!([least.normal.width(), least.depth_expected.width()], [0, 0]);
-        assert!(all.normal.data().iter().any(|n| *n != 0.0) && all.depth_expected.width() > 0);
-    }
 }
 
 #[test]
