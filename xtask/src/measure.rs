@@ -69,7 +69,7 @@ fn measure(folder: &Path, args: &MeasureArgs) -> Result<(), XtaskError> {
     let mut figures = Vec::new();
     for run in runs(&subjects, args, machine.adapter.matrix_products) {
         eprintln!("{}", run.title());
-        figures.push(run.figures(&machine, args, limit(args.limit, started.elapsed()))?);
+        figures.push(run.figures(&machine, limit(args.limit, started.elapsed()))?);
         report["runs"] = json!(figures);
         report["seconds"] = json!(started.elapsed().as_secs());
         write(&folder.join("report.json"), &format!("{report:#}\n"))?;
@@ -91,7 +91,15 @@ fn runs<'a>(subjects: &'a [Subject], args: &'a MeasureArgs, matrix_products: boo
     let mut runs = Vec::new();
     for subject in subjects {
         for (size, copies) in args.sizes.iter().flat_map(|size| args.copies.iter().map(move |n| (size, n))) {
-            runs.extend(networks.iter().map(|networks| Run { subject, size, copies, networks: *networks }));
+            let run = |networks: &Networks| Run {
+                subject,
+                size,
+                copies,
+                networks: *networks,
+                frames: &args.frames,
+                warm_up: &args.warm_up,
+            };
+            runs.extend(networks.iter().map(run));
         }
     }
     runs

@@ -9,7 +9,6 @@ use crate::XtaskError;
 use crate::child;
 use crate::folder::Subject;
 use crate::machine::{Machine, told};
-use crate::measure::MeasureArgs;
 
 /// Where `gs3 bench` leaves its figures, in the carried folder.
 const FIGURES: &str = "figures.json";
@@ -56,27 +55,26 @@ pub struct Run<'a> {
     pub copies: &'a str,
     /// Which networks frames go through.
     pub networks: Networks,
+    /// Of the scene's cameras, as `A..B`.
+    pub frames: &'a str,
+    /// How many frames come before the measured ones.
+    pub warm_up: &'a str,
 }
 
 impl Run<'_> {
     /// What is measured, for people.
     pub fn title(&self) -> String {
-        let Self { subject, size, copies, networks } = self;
+        let Self { subject, size, copies, networks, .. } = self;
         format!("{copies} × {} at {size}{}", subject.scene.display(), networks.label())
     }
 
     /// The figures that `gs3 bench` gives within `limit`, or how it ended and what it said.
-    pub fn figures(
-        &self,
-        machine: &Machine,
-        args: &MeasureArgs,
-        limit: Duration,
-    ) -> Result<Value, XtaskError> {
+    pub fn figures(&self, machine: &Machine, limit: Duration) -> Result<Value, XtaskError> {
         if limit.is_zero() {
             let error = "not begun: no time is left (--limit SECONDS gives each run its own)";
             return Ok(self.failure(error, "not begun", ""));
         }
-        let said = machine.gs3.run(&self.arguments(&machine.adapter.number.to_string(), args), limit)?;
+        let said = machine.gs3.run(&self.arguments(&machine.adapter.number.to_string()), limit)?;
         let status = told(said.status, limit);
         match said.status {
             Some(it) if it.success() => {
@@ -97,21 +95,12 @@ impl Run<'_> {
         }
     }
 
-    fn arguments(&self, adapter: &str, args: &MeasureArgs) -> Vec<String> {
-        let Self { subject, size, copies, networks } = *self;
+    fn arguments(&self, adapter: &str) -> Vec<String> {
+        let Self { subject, size, copies, networks, frames, warm_up } = *self;
         let scene = subject.scene.to_string_lossy();
         let mut arguments =
             vec!["bench", &scene, "--backend", "gpu", "--adapter", adapter, "--json", FIGURES];
-        arguments.extend([
-            "--size",
-            size,
-            "--copies",
-            copies,
-            "--frames",
-            &args.frames,
-            "--warm-up",
-            &args.warm_up,
-        ]);
+        arguments.extend(["--size", size, "--copies", copies, "--frames", frames, "--warm-up", warm_up]);
         let cameras = subject.cameras.as_ref().map(|cameras| cameras.to_string_lossy());
         arguments.extend(cameras.iter().flat_map(|cameras| ["--path", cameras]));
         arguments.extend(networks.options());
@@ -119,7 +108,7 @@ impl Run<'_> {
     }
 
     fn failure(&self, error: &str, status: &str, stderr: &str) -> Value {
-        let Self { subject, size, copies, networks } = self;
+        let Self { subject, size, copies, networks, .. } = self;
         json!({
             "scene": subject.scene.to_string_lossy(), "size": size, "copies": copies, "networks": networks.label(),
             "error": error, "status": status, "stderr": stderr,

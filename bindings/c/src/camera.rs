@@ -7,7 +7,6 @@ use gs3::scene::{Camera, CameraError, Intrinsics, orbit};
 
 use crate::choice::choice;
 use crate::descriptor::{self, Answer, Descriptor};
-use crate::scene::gs3_scene;
 use crate::status::{Fault, gs3_status, guard};
 
 /// Which way the axes of view space point.
@@ -97,7 +96,7 @@ impl gs3_camera {
         Ok(make(view_from_world, Intrinsics { width, height, fx, fy, cx, cy })?)
     }
 
-    fn of(camera: &Camera) -> Self {
+    pub fn of(camera: &Camera) -> Self {
         let Intrinsics { width, height, fx, fy, cx, cy } = camera.intrinsics();
         let DAffine3 { matrix3, translation } = camera.view_from_world();
         let row = |k: usize| [matrix3.x_axis[k], matrix3.y_axis[k], matrix3.z_axis[k], translation[k]];
@@ -140,38 +139,6 @@ pub unsafe extern "C" fn gs3_camera_look_at(
         }
         let intrinsics = Intrinsics::from_fov_y(width, height, fov_y);
         answer.write(&gs3_camera::of(&orbit::look_at(eye, target, up, intrinsics)?));
-        Ok(())
-    })
-}
-
-/// A camera of a closed orbit of frames cameras (1 or more) that keeps the scene in view: that of number frame, counted from
-/// 0. For programs that know nothing of the scene yet.
-///
-/// # Safety
-/// scene is a scene, and camera points to a gs3_camera with struct_size set.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn gs3_camera_orbit(
-    scene: *const gs3_scene,
-    frame: u32,
-    frames: u32,
-    width: u32,
-    height: u32,
-    camera: *mut gs3_camera,
-) -> gs3_status {
-    /// An hour at 30 frames per second.
-    const MOST: u32 = 108_000;
-    guard("gs3_camera_orbit", || {
-        // SAFETY: the contract of this function.
-        let (scene, answer) =
-            unsafe { (crate::handle::read("scene", scene)?, Answer::at("camera", camera)?) };
-        if !(1..=MOST).contains(&frames) {
-            return Err(Fault::argument("frames", format_args!("1 to {MOST}"), frames));
-        }
-        let path = orbit::around(scene.scene(), frames as usize, width, height)?;
-        let Some(camera) = path.cameras().get(frame as usize) else {
-            return Err(Fault::argument("frame", format_args!("0 to {}", frames - 1), frame));
-        };
-        answer.write(&gs3_camera::of(camera));
         Ok(())
     })
 }

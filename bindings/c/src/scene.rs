@@ -343,3 +343,34 @@ pub unsafe extern "C" fn gs3_scene_destroy(scene: *mut gs3_scene) {
         Ok(())
     });
 }
+
+/// A camera of a closed orbit of frames cameras (1 or more) that keeps the scene in view: that of number frame, counted from
+/// 0. For programs that know nothing of the scene yet.
+///
+/// # Safety
+/// scene is a scene, and camera points to a gs3_camera with struct_size set.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn gs3_camera_orbit(
+    scene: *const gs3_scene,
+    frame: u32,
+    frames: u32,
+    width: u32,
+    height: u32,
+    camera: *mut gs3_camera,
+) -> gs3_status {
+    /// An hour at 30 frames per second.
+    const MOST: u32 = 108_000;
+    guard("gs3_camera_orbit", || {
+        // SAFETY: the contract of this function.
+        let (scene, answer) = unsafe { (handle::read("scene", scene)?, Answer::at("camera", camera)?) };
+        if !(1..=MOST).contains(&frames) {
+            return Err(Fault::argument("frames", format_args!("1 to {MOST}"), frames));
+        }
+        let path = orbit::around(scene.scene(), frames as usize, width, height)?;
+        let Some(camera) = path.cameras().get(frame as usize) else {
+            return Err(Fault::argument("frame", format_args!("0 to {}", frames - 1), frame));
+        };
+        answer.write(&gs3_camera::of(camera));
+        Ok(())
+    })
+}

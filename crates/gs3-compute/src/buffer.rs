@@ -5,8 +5,8 @@ use bytemuck::Pod;
 use crate::device_id::DeviceId;
 use crate::error::GpuError;
 use crate::gpu::Gpu;
-use crate::readback::Readback;
-use crate::waiting::answer;
+use crate::readback::{Readback, mapped};
+use crate::waiting::now;
 
 /// What a buffer is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -132,8 +132,54 @@ impl<'a> From<&'a Buffer> for Slice<'a> {
     }
 }
 
+impl Gpu {
+    /// A buffer of zeros.
+    ///
+    /// # Errors
+    /// [`GpuError`] if the size exceeds the device's limits or memory.
+    pub fn buffer(&self, label: &str, usage: Use, bytes: u64) -> Result<Buffer, GpuError> {
+        Buffer::new(self, label, usage, bytes)
+    }
+
+    /// A buffer that holds `values`.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn buffer_with<T: Pod>(&self, label: &str, usage: Use, values: &[T]) -> Result<Buffer, GpuError> {
+        let buffer = self.buffer(label, usage, size_of_val(values) as u64)?;
+        self.write(&buffer.slice(), values)?;
+        Ok(buffer)
+    }
+
+    /// Writes `values` to the start of `slice`, before the next submission. Bytes are padded with zeros to a multiple
+    /// of four.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] if `slice` is shorter; device loss.
+    pub fn write<T: Pod>(&self, slice: &Slice<'_>, values: &[T]) -> Result<(), GpuError> {
+        write(self, slice, bytemuck::cast_slice(values))
+    }
+
+    /// The numbers in `slice`, after everything submitted before. The call waits for the device: for tests and final
+    /// results, not for data within a frame.
+    ///
+    /// # Errors
+    /// [`GpuError`] if the device fails; in a browser [`Self::read_async`] is for it.
+    pub fn read<T: Pod>(&self, slice: &Slice<'_>) -> Result<Vec<T>, GpuError> {
+        now(self.read_async(slice))
+    }
+
+    /// The numbers in `slice`, as [`Self::read`] has them, without blocking a browser.
+    ///
+    /// # Errors
+    /// [`GpuError`] if the device fails.
+    pub async fn read_async<T: Pod>(&self, slice: &Slice<'_>) -> Result<Vec<T>, GpuError> {
+        read(self, slice).await
+    }
+}
+
 /// Writes `bytes` to the start of `slice`.
-pub fn write(gpu: &Gpu, slice: &Slice<'_>, bytes: &[u8]) -> Result<(), GpuError> {
+fn write(gpu: &Gpu, slice: &Slice<'_>, bytes: &[u8]) -> Result<(), GpuError> {
     let actual = bytes.len() as u64;
     if actual > slice.bytes {
         return Err(GpuError::TooLarge {
@@ -165,14 +211,14 @@ pub fn write(gpu: &Gpu, slice: &Slice<'_>, bytes: &[u8]) -> Result<(), GpuError>
 }
 
 /// The numbers in `slice`.
-pub async fn read<T: Pod>(gpu: &Gpu, slice: &Slice<'_>) -> Result<Vec<T>, GpuError> {
+async fn read<T: Pod>(gpu: &Gpu, slice: &Slice<'_>) -> Result<Vec<T>, GpuError> {
     gpu.device_id.check(slice.buffer.device_id, "a buffer that is read")?;
     let size = slice.bytes - slice.bytes % WORD;
     if size == 0 {
         return gpu.check().map(|()| Vec::new());
     }
-    let kept = gpu.reads.take().filter(|readback| readback.bytes() >= size);
-    let readback = kept.map_or_else(|| Readback::new(gpu, size), Ok)?;
+    let kept = gpu.reads.take().filter(|staging| staging.size() >= size);
+    let readback = kept.map_or_else(|| Readback::new(gpu, size), |staging| Ok(Readback::of(gpu, staging)))?;
     let index = gpu.checked("reading a buffer", size, || {
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         encoder.copy_buffer_to_buffer(&slice.buffer.raw, slice.start, &readback.staging, 0, size);
@@ -187,43 +233,6 @@ pub async fn read<T: Pod>(gpu: &Gpu, slice: &Slice<'_>) -> Result<Vec<T>, GpuErr
         values
     })
     .await;
-    gpu.reads.give_back(readback);
+    gpu.reads.give_back(readback.staging);
     values
-}
-
-/// What `f` makes of the first `size` bytes of `staging`, once submission `index` is done.
-pub async fn mapped<R>(
-    gpu: &Gpu,
-    staging: &wgpu::Buffer,
-    size: u64,
-    index: wgpu::SubmissionIndex,
-    f: impl FnOnce(&[u8]) -> R,
-) -> Result<R, GpuError> {
-    let refused = |message: String| GpuError::Refused { what: "reading a buffer".to_owned(), message };
-    let (tell, told) = answer();
-    // From here on, also if the caller gives up waiting: nothing can be copied to a buffer that is mapped or about to be.
-    let _unmapped = Unmapped { gpu, staging };
-    staging.map_async(wgpu::MapMode::Read, ..size, tell);
-    gpu.poll(wgpu::PollType::Wait { submission_index: Some(index), timeout: None })?;
-    let answer = told.await;
-    gpu.check()?;
-    match answer {
-        Some(Ok(())) => {}
-        Some(Err(error)) => return Err(refused(error.to_string())),
-        None => return Err(refused("expected an answer of the device, found none".to_owned())),
-    }
-    let view = staging.get_mapped_range(..size).map_err(|e| refused(e.to_string()))?;
-    Ok(f(&view))
-}
-
-/// Unmaps a buffer at the end.
-struct Unmapped<'a> {
-    gpu: &'a Gpu,
-    staging: &'a wgpu::Buffer,
-}
-
-impl Drop for Unmapped<'_> {
-    fn drop(&mut self) {
-        self.gpu.quietly(|| self.staging.unmap());
-    }
 }

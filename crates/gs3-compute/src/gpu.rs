@@ -3,20 +3,13 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use bytemuck::Pod;
-
 use crate::adapter::{self, AdapterChoice, AdapterReport};
 use crate::allocations::{Allocations, Counts, count};
-use crate::buffer::{Buffer, Slice, Use};
 use crate::capabilities::{Capabilities, OptionalFeatures, experimental, missing};
 use crate::device_id::DeviceId;
 use crate::error::GpuError;
-use crate::kernel::Module;
-use crate::readback::ReadPool;
-use crate::recorder::{Recorder, Submission};
+use crate::pools::{ReadPool, UploadPool};
 use crate::scopes;
-use crate::timings::Timings;
-use crate::uploads::UploadPool;
 use crate::waiting::now;
 
 /// How to open a device.
@@ -96,7 +89,8 @@ impl Gpu {
 
     /// Uses the caller's own device of `adapter`, with its queue, so that the caller can show the results of gs3
     /// directly. gs3 uses the features that the device was opened with. gs3 also takes the device's callback for
-    /// device loss; [`Gpu::check`] reports the loss from then on. [`Buffer::raw`] and [`Buffer::of`] convert between
+    /// device loss; [`Gpu::check`] reports the loss from then on. [`Buffer::raw`](crate::Buffer::raw) and
+    /// [`Buffer::of`](crate::Buffer::of) convert between
     /// the buffers of both.
     ///
     /// Frames take less time without [`wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL`], which gs3 does not need.
@@ -197,72 +191,6 @@ impl Gpu {
             return Err(GpuError::DeviceLost { message: message.clone() });
         }
         trouble.error.take().map_or(Ok(()), Err)
-    }
-
-    /// A buffer of zeros.
-    ///
-    /// # Errors
-    /// [`GpuError`] if the size exceeds the device's limits or memory.
-    pub fn buffer(&self, label: &str, usage: Use, bytes: u64) -> Result<Buffer, GpuError> {
-        Buffer::new(self, label, usage, bytes)
-    }
-
-    /// A buffer that holds `values`.
-    ///
-    /// # Errors
-    /// As [`Gpu::buffer`].
-    pub fn buffer_with<T: Pod>(&self, label: &str, usage: Use, values: &[T]) -> Result<Buffer, GpuError> {
-        let buffer = self.buffer(label, usage, size_of_val(values) as u64)?;
-        self.write(&buffer.slice(), values)?;
-        Ok(buffer)
-    }
-
-    /// A module of WGSL: `sources` one after the other. Its loops must end: they are not counted.
-    ///
-    /// # Errors
-    /// [`GpuError::Shader`] if it is not valid.
-    pub fn module(&self, label: &str, sources: &[&str]) -> Result<Module, GpuError> {
-        Module::new(self, label, sources)
-    }
-
-    /// A recorder of a frame's work. With `timings` its stages are timed.
-    #[must_use]
-    pub fn recorder<'a>(&'a self, timings: Option<&'a mut Timings>) -> Recorder<'a> {
-        Recorder::new(self, timings)
-    }
-
-    /// Writes `values` to the start of `slice`, before the next submission. Bytes are padded with zeros to a multiple
-    /// of four.
-    ///
-    /// # Errors
-    /// [`GpuError::TooLarge`] if `slice` is shorter; device loss.
-    pub fn write<T: Pod>(&self, slice: &Slice<'_>, values: &[T]) -> Result<(), GpuError> {
-        crate::buffer::write(self, slice, bytemuck::cast_slice(values))
-    }
-
-    /// The numbers in `slice`, after everything submitted before. The call waits for the device: for tests and final
-    /// results, not for data within a frame.
-    ///
-    /// # Errors
-    /// [`GpuError`] if the device fails; in a browser [`Self::read_async`] is for it.
-    pub fn read<T: Pod>(&self, slice: &Slice<'_>) -> Result<Vec<T>, GpuError> {
-        now(self.read_async(slice))
-    }
-
-    /// The numbers in `slice`, as [`Self::read`] has them, without blocking a browser.
-    ///
-    /// # Errors
-    /// [`GpuError`] if the device fails.
-    pub async fn read_async<T: Pod>(&self, slice: &Slice<'_>) -> Result<Vec<T>, GpuError> {
-        crate::buffer::read(self, slice).await
-    }
-
-    /// Waits until `submission` is done. In a browser, which paces submissions itself, the call returns at once.
-    ///
-    /// # Errors
-    /// [`GpuError`] if the device failed meanwhile.
-    pub fn wait(&self, submission: &Submission) -> Result<(), GpuError> {
-        self.poll(wgpu::PollType::Wait { submission_index: Some(submission.index_of(self)?), timeout: None })
     }
 
     /// Destroys the device: every later use returns [`GpuError::DeviceLost`].

@@ -36,8 +36,18 @@ pub struct Bound {
     pub(crate) group: wgpu::BindGroup,
 }
 
+impl Gpu {
+    /// A module of WGSL: `sources` one after the other. Its loops must end: they are not counted.
+    ///
+    /// # Errors
+    /// [`GpuError::Shader`] if it is not valid.
+    pub fn module(&self, label: &str, sources: &[&str]) -> Result<Module, GpuError> {
+        Module::new(self, label, sources)
+    }
+}
+
 impl Module {
-    pub(crate) fn new(gpu: &Gpu, label: &str, sources: &[&str]) -> Result<Self, GpuError> {
+    fn new(gpu: &Gpu, label: &str, sources: &[&str]) -> Result<Self, GpuError> {
         let source = sources.concat();
         let reflected = Arc::new(Reflected::new(label, &source)?);
         let descriptor = wgpu::ShaderModuleDescriptor {

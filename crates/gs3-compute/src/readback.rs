@@ -1,12 +1,10 @@
 //! Results on their way to the CPU, in memory that is reused.
 
-use std::sync::{Mutex, PoisonError};
-
-use crate::buffer::mapped;
 use crate::device_id::DeviceId;
 use crate::error::GpuError;
 use crate::gpu::Gpu;
-use crate::recorder::Submission;
+use crate::submission::Submission;
+use crate::waiting::answer;
 
 /// Memory that the CPU reads, for the results of one frame after the other. [`Recorder::read_back`] copies results
 /// there in the frame's own submission.
@@ -37,7 +35,13 @@ impl Readback {
             mapped_at_creation: false,
         };
         let staging = gpu.checked("memory read back", bytes, || gpu.create_buffer(&descriptor))?;
-        Ok(Self { staging, device_id: gpu.device_id, bytes })
+        Ok(Self::of(gpu, staging))
+    }
+
+    /// `staging`, which was made on the device of `gpu` for this use.
+    pub(crate) fn of(gpu: &Gpu, staging: wgpu::Buffer) -> Self {
+        let bytes = staging.size();
+        Self { staging, device_id: gpu.device_id, bytes }
     }
 
     /// Its size.
@@ -61,21 +65,39 @@ impl Readback {
     }
 }
 
-/// Most bytes of memory that are kept for the next read.
-const KEPT: u64 = 64 << 20;
-
-/// Memory that was read and can be used again: the memory of the last finished read.
-#[derive(Debug, Default)]
-pub struct ReadPool(Mutex<Option<Readback>>);
-
-impl ReadPool {
-    pub fn take(&self) -> Option<Readback> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
+/// What `f` makes of the first `size` bytes of `staging`, once submission `index` is done.
+pub async fn mapped<R>(
+    gpu: &Gpu,
+    staging: &wgpu::Buffer,
+    size: u64,
+    index: wgpu::SubmissionIndex,
+    f: impl FnOnce(&[u8]) -> R,
+) -> Result<R, GpuError> {
+    let refused = |message: String| GpuError::Refused { what: "reading a buffer".to_owned(), message };
+    let (tell, told) = answer();
+    // From here on, also if the caller gives up waiting: nothing can be copied to a buffer that is mapped or about to be.
+    let _unmapped = Unmapped { gpu, staging };
+    staging.map_async(wgpu::MapMode::Read, ..size, tell);
+    gpu.poll(wgpu::PollType::Wait { submission_index: Some(index), timeout: None })?;
+    let answer = told.await;
+    gpu.check()?;
+    match answer {
+        Some(Ok(())) => {}
+        Some(Err(error)) => return Err(refused(error.to_string())),
+        None => return Err(refused("expected an answer of the device, found none".to_owned())),
     }
+    let view = staging.get_mapped_range(..size).map_err(|e| refused(e.to_string()))?;
+    Ok(f(&view))
+}
 
-    pub fn give_back(&self, readback: Readback) {
-        if readback.bytes <= KEPT {
-            *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(readback);
-        }
+/// Unmaps a buffer at the end.
+struct Unmapped<'a> {
+    gpu: &'a Gpu,
+    staging: &'a wgpu::Buffer,
+}
+
+impl Drop for Unmapped<'_> {
+    fn drop(&mut self) {
+        self.gpu.quietly(|| self.staging.unmap());
     }
 }

@@ -8,23 +8,9 @@ use crate::error::GpuError;
 use crate::gpu::Gpu;
 use crate::kernel::Bound;
 use crate::readback::Readback;
+use crate::submission::Submission;
 use crate::timings::Timings;
 use crate::uploads::Uploads;
-
-/// Work that was handed to a device.
-#[derive(Clone, Debug)]
-pub struct Submission {
-    device_id: DeviceId,
-    index: wgpu::SubmissionIndex,
-}
-
-impl Submission {
-    /// wgpu's index of the submission on the device of `gpu`.
-    pub(crate) fn index_of(&self, gpu: &Gpu) -> Result<wgpu::SubmissionIndex, GpuError> {
-        gpu.device_id.check(self.device_id, "a submission")?;
-        Ok(self.index.clone())
-    }
-}
 
 /// Records work for one submission. What is recorded later sees what was written before.
 #[derive(Debug)]
@@ -41,8 +27,16 @@ pub struct Recorder<'a> {
     other_device: Option<GpuError>,
 }
 
+impl Gpu {
+    /// A recorder of a frame's work. With `timings` its stages are timed.
+    #[must_use]
+    pub fn recorder<'a>(&'a self, timings: Option<&'a mut Timings>) -> Recorder<'a> {
+        Recorder::new(self, timings)
+    }
+}
+
 impl<'a> Recorder<'a> {
-    pub(crate) fn new(gpu: &'a Gpu, timings: Option<&'a mut Timings>) -> Self {
+    fn new(gpu: &'a Gpu, timings: Option<&'a mut Timings>) -> Self {
         let encoder =
             gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
         let other_device =

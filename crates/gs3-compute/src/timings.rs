@@ -2,11 +2,11 @@
 
 use std::time::Duration;
 
-use crate::buffer::mapped;
 use crate::device_id::DeviceId;
 use crate::error::GpuError;
 use crate::gpu::Gpu;
-use crate::recorder::Submission;
+use crate::readback::mapped;
+use crate::submission::Submission;
 use crate::waiting::now;
 
 /// Most passes of a frame that are timed.

@@ -1,7 +1,5 @@
 //! The inputs of a frame's kernels, on their way to the device.
 
-use std::sync::{Mutex, PoisonError};
-
 use crate::allocations::count;
 use crate::buffer::Slice;
 use crate::error::GpuError;
@@ -9,21 +7,6 @@ use crate::gpu::Gpu;
 
 /// Bytes of a piece of memory on the way: the uniforms of a frame, a dozen structs of up to 256 B, fit into one.
 const CHUNK_BYTES: u64 = 4 << 10;
-
-/// Memory that frames have written through, for reuse. [`wgpu::Queue::write_buffer`] would make a buffer for each
-/// struct of each frame.
-#[derive(Debug, Default)]
-pub struct UploadPool(Mutex<Vec<wgpu::util::StagingBelt>>);
-
-impl UploadPool {
-    fn take(&self) -> Option<wgpu::util::StagingBelt> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).pop()
-    }
-
-    fn give_back(&self, belt: wgpu::util::StagingBelt) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(belt);
-    }
-}
 
 /// Writes of one submission, which come before everything else in it.
 #[derive(Debug)]

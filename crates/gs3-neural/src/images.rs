@@ -1,8 +1,8 @@
 //! Images that go into a network, by name.
 
 use crate::error::RunError;
+use crate::graph::Shape;
 use crate::graph::{Graph, Tensor};
-use crate::shape::Shape;
 
 /// An image by name: channels last (`hwc`).
 pub type Named<'a> = (&'a str, &'a [f32]);

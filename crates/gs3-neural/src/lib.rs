@@ -3,10 +3,7 @@
 //! A network is defined once, as a [`Graph`] of named layers ([`model`]). Layer names are the names of their weights.
 //! Images go in and out as planes of numbers; nothing here knows how they were rendered.
 
-mod adam;
-pub mod adjoint;
 pub mod arrays;
-mod differentiate;
 mod engine;
 mod error;
 #[cfg(feature = "gpu")]
@@ -17,20 +14,20 @@ pub mod model;
 pub mod onnx;
 mod random;
 pub mod reference;
-mod shape;
+mod train;
 mod weights;
 
-pub use adam::Adam;
-pub use differentiate::{Differentiator, Packed, Scratch, Tape};
 pub use engine::{Arithmetic, Engine};
-pub use error::{GraphError, RunError, WeightError};
+pub use error::{RunError, WeightError};
 #[cfg(feature = "gpu")]
 pub use gpu::{
     BoundEngine, GpuEngine, GpuEngineSettings, GpuRunError, GpuTensorImage, ImageFormat, MatrixUnit,
     Precision,
 };
-pub use graph::{Activation, Border, Conv2d, Graph, GraphBuilder, Layer, Op, Output, Parameter, Tensor};
+pub use graph::{
+    Activation, Border, Conv2d, Graph, GraphBuilder, GraphError, Layer, Op, Output, Parameter, Shape, Tensor,
+};
 pub use images::Named;
 pub use random::Random;
-pub use shape::Shape;
+pub use train::{Adam, Differentiator, Packed, Scratch, Tape, adjoint};
 pub use weights::{Header, Weights};

@@ -1,9 +1,9 @@
 //! What every operation means: naive loops in double precision, the oracle of the engines and of derivatives.
 
 use crate::error::RunError;
+use crate::graph::Shape;
 use crate::graph::{Activation, Border, Conv2d, Graph, Op, Tensor};
 use crate::images::{self, Named};
-use crate::shape::Shape;
 use crate::weights::Weights;
 
 /// A tensor in double precision, channels last.

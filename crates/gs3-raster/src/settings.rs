@@ -2,7 +2,8 @@
 
 use gs3_scene::Margin;
 
-use crate::cpu::splat::MIN_ALPHA;
+/// A contribution below this is not blended (Kerbl et al. 2023).
+pub(crate) const MIN_ALPHA: f32 = 1.0 / 255.0;
 
 /// Dilation of the projected covariance in px² that 3D Gaussian Splatting trains with (Kerbl et al. 2023).
 pub const STOCK_DILATION: f32 = 0.3;

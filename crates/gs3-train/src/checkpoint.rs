@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::TrainError;
 use crate::settings::MAX_SECONDS;
-use crate::trainer::{Best, State};
+use crate::state::{Best, State};
 
 /// What folders of checkpoints are called, before their step.
 const PREFIX: &str = "step-";

@@ -13,7 +13,8 @@ use crate::losses::Terms;
 use crate::plot;
 use crate::provenance::continued;
 use crate::settings::{MAX_SECONDS, Settings};
-use crate::trainer::{Best, State, TrainStep, Trainer};
+use crate::state::{Best, State};
+use crate::trainer::{TrainStep, Trainer};
 use crate::validate::{Validation, validate};
 
 /// Where a training reads and writes, and how often.

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Mutex;
 
 use gs3_neural::model::{Tier, grown, initial_weights};
-use gs3_neural::{Adam, Graph, Header, Weights};
+use gs3_neural::{Graph, Header, Weights};
 use rayon::prelude::*;
 
 use crate::batch::Choice;
@@ -15,51 +15,9 @@ use crate::form::Form;
 use crate::losses::Terms;
 use crate::optimise;
 use crate::settings::Settings;
+use crate::state::State;
 use crate::trained_network::TrainedNetwork;
 use crate::unroll::{ItemResult, Memory, Unroll, operations_per_pixel};
-
-/// What a training has come to: all that a checkpoint holds.
-#[derive(Clone, Debug, PartialEq)]
-pub struct State {
-    /// The weights that steps move: in the form in which they are trained.
-    pub weights: Weights,
-    /// Their running mean, which is what is used in the end, in the same form.
-    pub average: Weights,
-    /// The optimiser's means.
-    pub adam: Adam,
-    /// The average that was best on held-out clips.
-    pub best: Option<Best>,
-    /// Seconds of training.
-    pub seconds: f64,
-}
-
-/// Weights and what they gain.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Best {
-    /// The weights, as they are run.
-    pub weights: Weights,
-    /// Their step.
-    pub step: u64,
-    /// Their mean gain on held-out clips in dB.
-    pub gain: f64,
-    /// [`ClipFolder::digest`](crate::ClipFolder::digest) of these clips: on others gains are others.
-    pub held: u64,
-}
-
-impl State {
-    /// Before the first step.
-    #[must_use]
-    pub fn new(weights: Weights) -> Self {
-        let adam = Adam::new(&weights.arrays);
-        Self { average: weights.clone(), weights, adam, best: None, seconds: 0.0 }
-    }
-
-    /// Steps made.
-    #[must_use]
-    pub fn steps(&self) -> u64 {
-        self.adam.steps()
-    }
-}
 
 /// Makes steps. Results depend on settings, weights and clips alone, not on the number of threads.
 #[derive(Debug)]

@@ -126,7 +126,7 @@ mod stages;
 
 use std::path::Path;
 
-pub use error::PipelineError;
+pub use error::{NetworkError, PipelineError};
 #[cfg(feature = "gpu")]
 pub use frame::GpuPresented;
 pub use frame::{FramePipeline, Presented};
@@ -143,7 +143,7 @@ pub use gs3_reconstruct::{
 pub use gs3_scene as scene;
 pub use gs3_scene::glam;
 pub use gs3_simd as simd;
-pub use learned::{NetworkError, Networks};
+pub use learned::Networks;
 pub use machine::{Backend, BackendError, Machine};
 pub use refine::{Quality, Refine, RefineError};
 pub use session::{Session, SessionSettings};

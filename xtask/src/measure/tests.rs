@@ -116,8 +116,15 @@ fn by_default_a_run_has_two_minutes_and_all_have_ten() {
     let folder = folder(SOFTWARE, &["demo"]);
     let machine = Machine::find(folder.path(), Some(0), Duration::from_secs(30)).unwrap();
     let subject = "demo".parse().unwrap();
-    let run = Run { subject: &subject, size: "8x8", copies: "1", networks: Networks::None };
-    let late = run.figures(&machine, &args(), Duration::ZERO).unwrap();
+    let run = Run {
+        subject: &subject,
+        size: "8x8",
+        copies: "1",
+        networks: Networks::None,
+        frames: "0..2",
+        warm_up: "0",
+    };
+    let late = run.figures(&machine, Duration::ZERO).unwrap();
     assert!(late["error"].as_str().unwrap().starts_with("not begun"), "{late}");
     assert!(!folder.path().join("bench.txt").exists());
 }

@@ -17,7 +17,6 @@ use crate::metrics::{
     Quantisation, SsimBorder, Viewing, block_rmse_p99, color_video_vdp, edge_psnr, flicker, flip, psnr, ssim,
     tpsnr, warping_error,
 };
-use crate::report::png_rgb8;
 
 /// PSNR of frames that agree better, or exactly, counts as this many dB, so that means exist.
 pub const PSNR_CAP: f64 = 100.0;
@@ -229,4 +228,20 @@ fn detail(image: &Image, (left, top): (usize, usize), (width, height): (usize, u
     rows.flat_map(|y| image.row(y)[left..left + width].windows(2))
         .map(|pair| f64::from((pair[1][1] - pair[0][1]).abs()))
         .sum()
+}
+
+/// The part of `image` at `(left, top)`, as an 8-bit RGB PNG.
+fn png_rgb8(image: &Image, (left, top): (usize, usize), (width, height): (usize, usize)) -> Vec<u8> {
+    let pixels = (top..top + height).flat_map(|y| image.row(y)[left..left + width].iter().copied()).collect();
+    let part = Image::from_pixels(width, height, pixels).unwrap_or_default();
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, width as u32, height as u32);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    // Writing to memory fails only for sizes of 0, and images have none.
+    let written = encoder.write_header().and_then(|mut writer| writer.write_image_data(&part.to_rgb8()));
+    if written.is_err() {
+        bytes.clear();
+    }
+    bytes
 }

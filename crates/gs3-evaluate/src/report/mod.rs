@@ -11,28 +11,6 @@ pub use markdown::markdown;
 pub use paper::{paper_html, paper_markdown};
 pub use photos::{photos_html, photos_markdown};
 
-use gs3_scene::Image;
-
-/// The part of `image` at `(left, top)`, as an 8-bit RGB PNG.
-pub(crate) fn png_rgb8(
-    image: &Image,
-    (left, top): (usize, usize),
-    (width, height): (usize, usize),
-) -> Vec<u8> {
-    let pixels = (top..top + height).flat_map(|y| image.row(y)[left..left + width].iter().copied()).collect();
-    let part = Image::from_pixels(width, height, pixels).unwrap_or_default();
-    let mut bytes = Vec::new();
-    let mut encoder = png::Encoder::new(&mut bytes, width as u32, height as u32);
-    encoder.set_color(png::ColorType::Rgb);
-    encoder.set_depth(png::BitDepth::Eight);
-    // Writing to memory fails only for sizes of 0, and images have none.
-    let written = encoder.write_header().and_then(|mut writer| writer.write_image_data(&part.to_rgb8()));
-    if written.is_err() {
-        bytes.clear();
-    }
-    bytes
-}
-
 /// Bytes in base 64, for data URIs.
 fn base64(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::shape::Shape;
+use crate::graph::Shape;
 
 /// Channels that are computed together.
 pub const LANES: usize = 16;

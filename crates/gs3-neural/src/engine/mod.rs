@@ -29,8 +29,8 @@ use fearless_simd::Level;
 
 use crate::error::RunError;
 use crate::graph::Graph;
+use crate::graph::Shape;
 use crate::images::{self, Named};
-use crate::shape::Shape;
 use crate::weights::Weights;
 use bf16::Unit;
 use block::{Block, Remainder};

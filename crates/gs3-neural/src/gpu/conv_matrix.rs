@@ -9,9 +9,9 @@ use gs3_compute::{Capabilities, Gpu, Subgroups, Use, constants};
 use super::conv::{TILE, WORKGROUP_BYTES, seen};
 use super::source::{self, BLOCK, blocks};
 use super::{GpuEngine, GpuEngineSettings, GpuRunError, GpuTensorImage, Precision};
+use crate::graph::Shape;
 use crate::graph::{Border, Conv2d, Graph, GraphBuilder};
 use crate::random::Random;
-use crate::shape::Shape;
 use crate::weights::{Header, Weights};
 
 /// Runs of pixels of a subgroup.

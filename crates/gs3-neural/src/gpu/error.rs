@@ -3,7 +3,8 @@
 use gs3_compute::GpuError;
 use thiserror::Error;
 
-use crate::error::{GraphError, RunError, WeightError};
+use crate::error::{RunError, WeightError};
+use crate::graph::GraphError;
 
 /// A network that a GPU cannot run, or images that do not fit it.
 #[derive(Debug, Error)]

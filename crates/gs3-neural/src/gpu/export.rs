@@ -3,7 +3,7 @@
 use super::ImageFormat;
 use super::expression::{Expressions, Width};
 use super::source::{self, BLOCK, image_words};
-use crate::shape::Shape;
+use crate::graph::Shape;
 
 /// The kernel of an image of `shape` from the value `name` of `expressions`, and its invocations. `header` is the
 /// header of all kernels.

@@ -26,7 +26,7 @@ use gs3_compute::{Bound, Buffer, Gpu, Kernel, Recorder, Slice, Use};
 
 use crate::error::RunError;
 use crate::graph::Graph;
-use crate::shape::Shape;
+use crate::graph::Shape;
 use crate::weights::Weights;
 use plan::{Plan, Stored};
 

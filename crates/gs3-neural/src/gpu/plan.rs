@@ -13,8 +13,8 @@ use super::slots::Slots;
 use super::source::{self, PARTS, blocks, image_words, tensor_bytes};
 use super::{GpuEngineSettings, GpuRunError, GpuTensorImage, ImageFormat, MatrixUnit, Precision};
 use crate::error::RunError;
+use crate::graph::Shape;
 use crate::graph::{Conv2d, Graph, Op};
-use crate::shape::Shape;
 use crate::weights::Weights;
 
 /// Invocations of a workgroup of all kernels but convolutions.

@@ -4,7 +4,7 @@ use gs3_compute::{GRID_WGSL, constants};
 
 use super::{ImageFormat, Precision};
 use crate::graph::Activation;
-use crate::shape::Shape;
+use crate::graph::Shape;
 
 /// Names of what a kernel reads. Its weights and its result are two more storage bindings of the eight that every
 /// device has.

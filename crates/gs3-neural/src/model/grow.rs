@@ -3,7 +3,7 @@
 
 use super::initial_weights;
 use crate::arrays::Array;
-use crate::error::GraphError;
+use crate::graph::GraphError;
 use crate::graph::{Activation, Graph, Op, Tensor};
 use crate::weights::{Header, Weights};
 

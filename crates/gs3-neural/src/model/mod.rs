@@ -17,7 +17,8 @@ pub use interpolate::interpolate;
 pub use published::PublishedNetwork;
 pub use super_sample::super_sample;
 
-use crate::error::{GraphError, RunError, WeightError};
+use crate::error::{RunError, WeightError};
+use crate::graph::GraphError;
 use crate::graph::{Activation, Graph, GraphBuilder, Op, Tensor};
 use crate::weights::Header;
 

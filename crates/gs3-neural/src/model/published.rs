@@ -5,7 +5,7 @@
 //! fold to exactly.
 
 use super::check_scale;
-use crate::error::GraphError;
+use crate::graph::GraphError;
 use crate::graph::{Activation, Border, Conv2d, Graph, GraphBuilder, Op, Tensor};
 
 /// A published single-image network.

@@ -12,7 +12,8 @@ use super::grid::Grid;
 use super::math::exp2;
 use super::order::DepthOrder;
 use super::project::{HALF_LOG2_E_SQRT, Projected, lanes};
-use super::splat::{MIN_ALPHA, Splat, SplatGeometry};
+use super::splat::{Splat, SplatGeometry};
+use crate::settings::MIN_ALPHA;
 use crate::settings::{ExpectedDepth, Rules};
 
 /// A pixel is finished before the contribution that would reduce its transmittance below this value (Kerbl et al.

@@ -78,7 +78,7 @@ mod tests {
             for (actual, _) in apply(f64::exp2, [x; 16], true) {
                 assert!(actual < 1e-20, "{x}: {actual}");
                 // The least opacity of a splat.
-                assert!((actual as f32 * super::super::splat::MIN_ALPHA).is_normal(), "{x}: {actual}");
+                assert!((actual as f32 * crate::settings::MIN_ALPHA).is_normal(), "{x}: {actual}");
             }
         }
     }

@@ -1,8 +1,5 @@
 //! The output of projection and the input of blending: one record per visible Gaussian.
 
-/// A contribution below this is not blended (Kerbl et al. 2023).
-pub const MIN_ALPHA: f32 = 1.0 / 255.0;
-
 /// A projected Gaussian. Lengths in pixels, positions in the frame of [`crate::view::View`] (samples at integers).
 ///
 /// The quadratic form is stored as a Cholesky factor. With d = mean − sample, `u = l11·dx + l21·dy` and `v = l22·dy`,

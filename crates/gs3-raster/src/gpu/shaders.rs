@@ -10,8 +10,8 @@ use super::plan::TILE;
 use super::scene::{FIRST_RATIO, OPACITY_STEPS, QUATERNION_STEPS, ScenePrecision};
 use crate::chunk::CHUNK;
 use crate::cpu::cover::BLOCK;
-use crate::cpu::{blend, project, splat};
-use crate::settings::{Culling, Outputs, Rules};
+use crate::cpu::{blend, project};
+use crate::settings::{Culling, MIN_ALPHA, Outputs, Rules};
 
 /// Storage bindings that a kernel may have: what WebGPU guarantees. `blend` with mixed derivatives, which no frame of a
 /// viewer has, takes one more; desktop drivers have 16 or more.
@@ -38,7 +38,7 @@ fn numbers() -> String {
         ("C0", SH_C0),
         ("C1", SH_C1),
         ("MAX_ALPHA", Rules::KERBL.max_alpha),
-        ("MIN_ALPHA", splat::MIN_ALPHA),
+        ("MIN_ALPHA", MIN_ALPHA),
         ("MIN_TRANSMITTANCE", blend::MIN_TRANSMITTANCE),
         ("UNSCALE", blend::UNSCALE),
         ("OPACITY_STEPS", OPACITY_STEPS as f32),

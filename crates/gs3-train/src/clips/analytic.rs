@@ -4,7 +4,7 @@ use half::f16;
 
 use crate::clip::{Clip, ClipFrame, Network};
 use crate::losses::CHANNELS;
-use crate::validate::{psnr, subtract};
+use crate::psnr::{psnr, subtract};
 
 /// The frame without networks: HR RGB and uncertainty, row by row. Empty if `frame` is none of a clip for `network`.
 #[must_use]

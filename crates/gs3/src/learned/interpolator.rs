@@ -7,9 +7,9 @@ use gs3_neural::{Arithmetic, Weights};
 use gs3_reconstruct::{Depth, Interpolator, Neighbor, Warped};
 use gs3_scene::{Camera, Image};
 
-use super::error::NetworkError;
 use super::features::{CameraDepth, InterpolateFeatures};
 use super::recurrent::Recurrent;
+use crate::error::NetworkError;
 
 /// Fuses both neighbours of an in-between frame, warped to its pose, by a network.
 #[derive(Debug)]

@@ -1,6 +1,5 @@
 //! The networks in the pipeline: their inputs, their states, their weights. `gpu` has the same on a device.
 
-mod error;
 mod features;
 #[cfg(feature = "gpu")]
 pub(crate) mod gpu;
@@ -9,7 +8,6 @@ mod networks;
 mod recurrent;
 mod super_sampler;
 
-pub use error::NetworkError;
 #[cfg(feature = "gpu")]
 pub(crate) use features::UNCERTAIN;
 pub use features::{CameraDepth, InterpolateFeatures, SuperSampleFeatures};

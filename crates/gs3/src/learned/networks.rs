@@ -5,7 +5,7 @@ use std::sync::Arc;
 use gs3_neural::model::{Network, Tier};
 use gs3_neural::{Arithmetic, Weights};
 
-use super::error::NetworkError;
+use crate::error::NetworkError;
 
 /// Weights of the networks that refine frames. Without weights, the analytic frame stays as it is.
 #[derive(Clone, Debug, Default)]

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use gs3_neural::model::{Network, graph_of};
 use gs3_neural::{Arithmetic, Engine, Graph, Named, Op, Weights};
 
-use super::error::NetworkError;
+use crate::error::NetworkError;
 
 /// More inputs than any of the networks has: the inputs of a frame are collected without allocation.
 const MAX_INPUTS: usize = 16;

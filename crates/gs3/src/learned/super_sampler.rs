@@ -7,9 +7,9 @@ use gs3_neural::{Arithmetic, Weights};
 use gs3_reconstruct::Neighbor;
 use gs3_scene::Image;
 
-use super::error::NetworkError;
 use super::features::SuperSampleFeatures;
 use super::recurrent::Recurrent;
+use crate::error::NetworkError;
 
 /// Refines analytic frames: adds the correction of a network.
 #[derive(Debug)]

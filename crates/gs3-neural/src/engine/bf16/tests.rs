@@ -1,9 +1,9 @@
 use super::{Bf16Convolution, Source, Unit, rounded};
 use crate::engine::block::{Block, LANES, Layout, Numbers, Remainder, Sources, Storage};
 use crate::engine::conv::fill_halo;
+use crate::graph::Shape;
 use crate::graph::{Border, Conv2d};
 use crate::random::Random;
-use crate::shape::Shape;
 
 #[test]
 fn numbers_are_rounded_to_the_nearest() {

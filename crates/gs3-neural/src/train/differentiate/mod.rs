@@ -5,7 +5,7 @@
 //! time by a tape for each frame: forward frame by frame, then backward from the last, the derivative by an input state
 //! of one frame being that by the output state of the frame before.
 //!
-//! The same operations in double precision are [`adjoint`](crate::adjoint).
+//! The same operations in double precision are [`adjoint`](crate::train::adjoint).
 
 mod learned;
 mod math;
@@ -25,9 +25,9 @@ use crate::engine::exchange::Exchange;
 use crate::engine::learned::Learned;
 use crate::engine::ops::run_row;
 use crate::error::{RunError, WeightError};
+use crate::graph::Shape;
 use crate::graph::{Conv2d, Graph, Op};
 use crate::images::{self, Named};
-use crate::shape::Shape;
 use crate::weights::Weights;
 use ops::{Adjoint, Write};
 use plan::{Export, Kind, Plan, Step};

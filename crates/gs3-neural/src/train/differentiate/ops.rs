@@ -11,7 +11,7 @@ use super::plan::Step;
 use crate::engine::block::{Block, LANES, Layout, Sources};
 use crate::engine::ops::{Factor, load, run_len};
 use crate::graph::Op;
-use crate::shape::pooled;
+use crate::graph::pooled;
 
 /// How a derivative is stored if a part of it may already exist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
