@@ -213,21 +213,16 @@ fn index(files: &FileMap) -> Option<String> {
 mod tests {
     use super::*;
     use gs3::scene::format::save;
+    use gs3_test_support::row_of_gaussians;
 
     fn sog() -> Vec<u8> {
         sog_of(3)
     }
 
     fn sog_of(count: usize) -> Vec<u8> {
-        let mut gaussians = Gaussians::zeroed(count, 0);
-        for k in 0..count {
-            (gaussians.rotations[0][k], gaussians.opacities[k]) = (1.0, 0.9);
-            gaussians.means[0][k] = k as f32;
-        }
-        let scene = Scene::new(gaussians, OpacityMode::Default).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.sog");
-        save(&scene, &file).unwrap();
+        save(&row_of_gaussians(count, 0.0), &file).unwrap();
         std::fs::read(file).unwrap()
     }
 

@@ -10,8 +10,9 @@ use std::{env, fs};
 use gs3::glam::DVec3;
 use gs3::scene::format::save;
 use gs3::scene::orbit::look_at;
-use gs3::scene::{CameraPath, Gaussians, Intrinsics, OpacityMode, Scene, demo};
+use gs3::scene::{CameraPath, Intrinsics, OpacityMode, Scene, demo};
 use gs3::{Backend, Mode, Session, SessionSettings};
+use gs3_test_support::{psnr_of_bytes, row_of_gaussians};
 use gs3_viewer::controls::Rig;
 use gs3_viewer::page::Place;
 use gs3_viewer::path_file::{PathFile, PathFormat};
@@ -55,12 +56,6 @@ fn rgb(file: &Path) -> ([u32; 2], Vec<u8>) {
     ([info.width, info.height], rgb)
 }
 
-fn psnr(a: &[u8], b: &[u8]) -> f64 {
-    assert_eq!(a.len(), b.len());
-    let squares: f64 = a.iter().zip(b).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum();
-    10.0 * (255.0_f64.powi(2) * a.len() as f64 / squares).log10()
-}
-
 /// What the CPU renders natively from the camera that the page tells.
 fn native(session: &mut Session, camera: &Path, size: [u32; 2]) -> Vec<u8> {
     let place = Place::parse(&fs::read_to_string(camera).unwrap()).unwrap();
@@ -76,8 +71,7 @@ fn streamed(scenes: &Path) {
         fs::create_dir_all(scenes.join(folder)).unwrap();
     }
     for (file, count) in [("fine.sog", 9), ("coarse.sog", 3)] {
-        save(&Scene::new(row(count), OpacityMode::Default).unwrap(), scenes.join("streamed").join(file))
-            .unwrap();
+        save(&row_of_gaussians(count, 0.3), scenes.join("streamed").join(file)).unwrap();
     }
     let lod = |files: &str, lods: &str| {
         format!(
@@ -90,16 +84,6 @@ fn streamed(scenes: &Path) {
     let index = |folder: &str| scenes.join(folder).join("lod-meta.json");
     fs::write(index("streamed"), lod(r#""fine.sog", "coarse.sog""#, &both)).unwrap();
     fs::write(index("torn"), lod(r#""none.sog""#, fine)).unwrap();
-}
-
-/// Gaussians in a row along x, one unit apart.
-fn row(count: usize) -> Gaussians {
-    let mut row = Gaussians::zeroed(count, 0);
-    for k in 0..count {
-        (row.rotations[0][k], row.opacities[k], row.means[0][k]) = (1.0, 0.9, k as f32 - 1.0);
-        row.scales.iter_mut().for_each(|axis| axis[k] = 0.3);
-    }
-    row
 }
 
 /// Every fiftieth Gaussian of the demo, seven times as wide: the same picture roughly.
@@ -123,7 +107,7 @@ fn a_session_in_a_browser() {
     for folder in [&scenes, &out] {
         fs::create_dir_all(folder).unwrap();
     }
-    save(&Scene::new(row(3), OpacityMode::Default).unwrap(), scenes.join("few.ply")).unwrap();
+    save(&row_of_gaussians(3, 0.3), scenes.join("few.ply")).unwrap();
     streamed(&scenes);
     let part = part_of_demo();
     save(&part, scenes.join("part.ply")).unwrap();
@@ -153,7 +137,7 @@ fn a_session_in_a_browser() {
             other => panic!("{name}: {other:?} pixels"),
         };
         let expected = native(session, &out.join(format!("{name}.json")), size);
-        let psnr = psnr(&shown, &expected);
+        let psnr = psnr_of_bytes(&shown, &expected);
         println!("{name}: {psnr:.1} dB of the native image");
         assert!(psnr >= LEAST_PSNR, "{name}: {psnr} dB");
     }
@@ -168,7 +152,7 @@ fn a_session_in_a_browser() {
         // The divider and the columns beside it belong to neither side.
         let (middle, end) = (size[0] as usize / 2, size[0] as usize);
         let [left, right] = [0..middle - 4, middle + 4..end]
-            .map(|side| psnr(&half(&split, side.clone(), size), &half(&expected, side, size)));
+            .map(|side| psnr_of_bytes(&half(&split, side.clone(), size), &half(&expected, side, size)));
         println!("{name}: {left:.1} and {right:.1} dB of the native image");
         assert!(left + BICUBIC_LOSS < right && right >= LEAST_PSNR, "{name}: {left} and {right} dB");
     }

@@ -10,6 +10,7 @@ use std::sync::Arc;
 use gs3_raster::{Culling, Outputs, RasterSettings, Rasterizer, matched_dilation};
 use gs3_reconstruct::{GBufferView, PlanesView, Reconstructor, ReconstructorSettings};
 use gs3_scene::{Camera, GBuffer, Image, Planes, capture, demo, format};
+use gs3_test_support::psnr_shown;
 
 const SCALE: u32 = 4;
 
@@ -23,14 +24,6 @@ enum Derivatives {
     Exact,
     WithinSurfaces,
     Central,
-}
-
-/// PSNR in dB over RGB clamped to `[0, 1]`.
-fn psnr(a: &Image, b: &Image) -> f64 {
-    let pixels = a.pixels().iter().zip(b.pixels());
-    let channels = pixels.flat_map(|(p, q)| (0..3).map(|c| p[c].clamp(0.0, 1.0) - q[c].clamp(0.0, 1.0)));
-    let sum: f64 = channels.map(|d| f64::from(d) * f64::from(d)).sum();
-    -10.0 * (sum / (3 * a.pixels().len()) as f64).max(1e-12).log10()
 }
 
 /// Central differences of `planes` along x and y, one-sided at the borders as if colours went on flat.
@@ -74,7 +67,7 @@ fn quality(
         };
         let shown = reconstructor.reconstruct(camera, &GBufferView { gradients, ..exact })?;
         if k >= WARM_UP {
-            sum += psnr(shown.current, &natives[k - WARM_UP]);
+            sum += psnr_shown(shown.current, &natives[k - WARM_UP]);
         }
     }
     Ok(sum / natives.len() as f64)

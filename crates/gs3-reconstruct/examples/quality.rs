@@ -11,16 +11,9 @@ use std::time::Instant;
 use gs3_raster::{Culling, Outputs, RasterSettings, Rasterizer, matched_dilation};
 use gs3_reconstruct::{Interpolator, Kriging, Neighbor, ResampleKernel, SuperSampler, hermite, resample};
 use gs3_scene::{Camera, CameraPath, GBuffer, Image, capture, format, jitter::Jitter};
+use gs3_test_support::psnr_shown;
 
 const SCALE: u32 = 4;
-
-/// PSNR in dB over RGB clamped to `[0, 1]`.
-fn psnr(a: &Image, b: &Image) -> f64 {
-    let pixels = a.pixels().iter().zip(b.pixels());
-    let channels = pixels.flat_map(|(p, q)| (0..3).map(|c| p[c].clamp(0.0, 1.0) - q[c].clamp(0.0, 1.0)));
-    let sum: f64 = channels.map(|d| f64::from(d) * f64::from(d)).sum();
-    -10.0 * (sum / (3 * a.pixels().len()) as f64).log10()
-}
 
 struct Measurement {
     rasterizer: Rasterizer,
@@ -58,16 +51,16 @@ impl Measurement {
             let native = self.native(&camera)?;
             let centred = self.gbuffer(&camera, [0.0; 2])?;
             resample(&centred, SCALE, ResampleKernel::Bicubic, &mut single)?;
-            sums[0] += psnr(&single, &native);
+            sums[0] += psnr_shown(&single, &native);
             hermite(&centred, SCALE, &mut single)?;
-            sums[1] += psnr(&single, &native);
+            sums[1] += psnr_shown(&single, &native);
             let gbuffer = self.gbuffer(&camera, jitter.offset(k))?;
             let start = Instant::now();
             sampler.super_sample(&camera, &gbuffer, &mut current)?;
             if k >= jitter.period() as u64 {
                 best[0] = start.elapsed().as_secs_f64().min(best[0]);
             }
-            sums[2] += psnr(&current, &native);
+            sums[2] += psnr_shown(&current, &native);
             if let Some((camera_before, image, gbuffer_before)) = &before {
                 let camera_between = self.path.at(k as f64 - 0.5);
                 let from = Neighbor { camera: camera_before, image, gbuffer: gbuffer_before };
@@ -76,7 +69,7 @@ impl Measurement {
                 interpolator.interpolate(from, to, 0.5, &camera_between, &mut middle)?;
                 best[1] = start.elapsed().as_secs_f64().min(best[1]);
                 let native = self.native(&camera_between)?;
-                sums[3] += psnr(&middle, &native);
+                sums[3] += psnr_shown(&middle, &native);
             }
             before = Some((camera, current.clone(), gbuffer));
         }
@@ -99,7 +92,11 @@ impl Measurement {
         for k in 0..jitter.period() as u64 {
             sampler.super_sample(&camera, &self.gbuffer(&camera, jitter.offset(k))?, &mut image)?;
         }
-        println!("at rest after {} frames: {:.1} dB", jitter.period(), psnr(&image, &self.native(&camera)?));
+        println!(
+            "at rest after {} frames: {:.1} dB",
+            jitter.period(),
+            psnr_shown(&image, &self.native(&camera)?)
+        );
         Ok(())
     }
 }

@@ -8,7 +8,9 @@
 use std::path::Path;
 use std::process::Command;
 
-use super::{png, psnr};
+use gs3_test_support::psnr_of_bytes;
+
+use super::png;
 
 /// PSNR that a frame must have against the stored one. The margin is for SIMD levels that round differently; the
 /// frames were stored on AVX-512, and how far the others differ has not been measured.
@@ -33,7 +35,7 @@ fn check(mode: &str, frame: &str) {
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let stored = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/golden/{mode}.png"));
-    let psnr = psnr(&pixels(&folder.path().join(frame)), &pixels(&stored));
+    let psnr = psnr_of_bytes(&pixels(&folder.path().join(frame)), &pixels(&stored));
     assert!(psnr >= SAME, "{mode}: expected at least {SAME} dB against the stored frame, found {psnr:.1}");
 }
 

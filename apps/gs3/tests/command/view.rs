@@ -1,15 +1,14 @@
 //! `gs3 view` in a window that nobody sees: a script plays what a hand does, on the CPU, without a driver.
 use std::fs;
-use std::io::{BufRead, BufReader, Read, Write};
-use std::net::TcpListener;
+use std::io::{BufRead, BufReader, Read};
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 
 use gs3::scene::format::save;
-use gs3::scene::{Gaussians, OpacityMode, Scene};
+use gs3_test_support::{psnr_of_bytes, row_of_gaussians, serve};
 
-use super::{gs3, png, psnr, stderr};
+use super::{gs3, png, stderr};
 
 /// An X server without a screen, ended with the value.
 struct Display {
@@ -104,11 +103,11 @@ fn a_script_plays_in_a_window_and_its_screenshots_are_what_render_writes() {
         let shown = png(&folder.join(format!("{shot}.png")));
         let expected = png(&folder.join(format!("{shot}-rendered.png")));
         assert_eq!((shown.0, shown.1), (320, 180));
-        let psnr = psnr(&shown.2, &expected.2);
+        let psnr = psnr_of_bytes(&shown.2, &expected.2);
         assert!(psnr > 50.0, "{shot}: {psnr:.1} dB");
     }
     let [first, second] = ["first.png", "second.png"].map(|name| png(&folder.join(name)).2);
-    assert!(psnr(&first, &second) < 40.0, "the camera has moved");
+    assert!(psnr_of_bytes(&first, &second) < 40.0, "the camera has moved");
     let tour = fs::read_to_string(folder.join("tour.json")).unwrap();
     assert!(tour.contains("camera_to_world"));
 }
@@ -208,7 +207,7 @@ fn settings_of_supersplat_come_back_and_files_are_chosen_in_a_dialog() {
     let answer = "#!/bin/sh\n[ -e asked ] && exit 1\n: > asked\nsleep 0.3\necho 'one.ply|way.json'\n";
     fs::write(&zenity, answer).unwrap();
     fs::set_permissions(&zenity, fs::Permissions::from_mode(0o755)).unwrap();
-    save(&three(), folder.join("one.ply")).unwrap();
+    save(&row_of_gaussians(3, 0.3), folder.join("one.ply")).unwrap();
     let steps = r#"{"do": "key", "key": "O"}, {"do": "wait", "frames": 60},
         {"do": "expect", "gaussians": 3, "keys": 61, "message": ""},
         {"do": "key", "key": "O"}, {"do": "wait", "frames": 30}, {"do": "expect", "gaussians": 3, "message": ""},
@@ -220,38 +219,13 @@ fn settings_of_supersplat_come_back_and_files_are_chosen_in_a_dialog() {
     assert!(output.status.success(), "{}", stderr(&output));
 }
 
-/// Three Gaussians in a row.
-fn three() -> Scene {
-    let mut few = Gaussians::zeroed(3, 0);
-    for k in 0..3 {
-        (few.rotations[0][k], few.opacities[k], few.means[0][k]) = (1.0, 0.9, k as f32 - 1.0);
-        few.scales.iter_mut().for_each(|axis| axis[k] = 0.3);
-    }
-    Scene::new(few, OpacityMode::Default).unwrap()
-}
-
 #[test]
 fn a_scene_comes_from_a_url() {
     let Some(display) = Display::new() else { return };
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    save(&three(), folder.join("three.ply")).unwrap();
-    let bytes = fs::read(folder.join("three.ply")).unwrap();
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = format!("http://{}", listener.local_addr().unwrap());
-    // A server of one file.
-    std::thread::spawn(move || {
-        for stream in listener.incoming().flatten() {
-            let mut lines = BufReader::new(&stream).lines().map_while(Result::ok);
-            let is_there = lines.next().is_some_and(|line| line.starts_with("GET /three.ply "));
-            lines.find(|line| line.is_empty());
-            let (status, body) = if is_there { ("200 OK", &bytes[..]) } else { ("404 Not Found", &b""[..]) };
-            let head =
-                format!("HTTP/1.1 {status}\r\nContent-Length: {}\r\nConnection: close\r\n\r\n", body.len());
-            let mut stream = &stream;
-            _ = stream.write_all(head.as_bytes()).and_then(|()| stream.write_all(body));
-        }
-    });
+    save(&row_of_gaussians(3, 0.3), folder.join("three.ply")).unwrap();
+    let address = serve(folder);
     let steps = r#"{"do": "wait_idle"}, {"do": "expect", "gaussians": 3, "message": "", "note": "opened three.ply"},
         {"do": "end"}"#;
     let output = viewing_of(&format!("{address}/three.ply"), &display, folder, "--size 64x36", steps)

@@ -146,66 +146,25 @@ fn name_of(url: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use std::io::{BufRead, BufReader, Write};
-    use std::net::TcpListener;
-
     use gs3::scene::format::save;
-    use gs3::scene::{Gaussians, OpacityMode, Scene};
+    use gs3_test_support::{row_of_gaussians, serve};
 
     use super::*;
-
-    /// Answers `GET` with the files of `folder` for as long as the test runs; returns the server's address.
-    fn served(folder: &Path) -> String {
-        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        let address = format!("http://{}", listener.local_addr().unwrap());
-        let folder = folder.to_owned();
-        std::thread::spawn(move || {
-            for stream in listener.incoming().flatten() {
-                let mut reader = BufReader::new(&stream);
-                let mut line = String::new();
-                reader.read_line(&mut line).unwrap();
-                let path = line.split(' ').nth(1).unwrap_or_default().trim_start_matches('/').to_owned();
-                while reader.read_line(&mut line).is_ok_and(|count| count > 2) {}
-                let path = percent_decode_str(path.split('?').next().unwrap_or_default())
-                    .decode_utf8_lossy()
-                    .into_owned();
-                let (status, body) = match std::fs::read(folder.join(path)) {
-                    Ok(body) => ("200 OK", body),
-                    Err(_) => ("404 Not Found", Vec::new()),
-                };
-                let head = format!(
-                    "HTTP/1.1 {status}\r\nContent-Length: {}\r\nConnection: close\r\n\r\n",
-                    body.len()
-                );
-                let mut stream = &stream;
-                _ = stream.write_all(head.as_bytes()).and_then(|()| stream.write_all(&body));
-            }
-        });
-        address
-    }
-
-    fn row(count: usize) -> Scene {
-        let mut row = Gaussians::zeroed(count, 0);
-        for k in 0..count {
-            (row.rotations[0][k], row.opacities[k], row.means[0][k]) = (1.0, 0.9, k as f32);
-        }
-        Scene::new(row, OpacityMode::Default).unwrap()
-    }
 
     #[test]
     fn scenes_come_from_urls_coarse_first() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         std::fs::create_dir(at("a garden")).unwrap();
-        save(&row(5), at("five.ply")).unwrap();
-        save(&row(9), at("a garden/fine one.sog")).unwrap();
-        save(&row(3), at("a garden/coarse.sog")).unwrap();
+        save(&row_of_gaussians(5, 0.0), at("five.ply")).unwrap();
+        save(&row_of_gaussians(9, 0.0), at("a garden/fine one.sog")).unwrap();
+        save(&row_of_gaussians(3, 0.0), at("a garden/coarse.sog")).unwrap();
         let lod = r#"{"version": 1, "lodLevels": 2, "filenames": ["fine one.sog", "coarse.sog"],
             "tree": {"bound": {"min": [0, 0, 0], "max": [9, 1, 1]},
             "lods": {"0": {"file": 0, "offset": 0, "count": 9}, "1": {"file": 1, "offset": 0, "count": 3}}}}"#;
         std::fs::write(at("a garden/lod-meta.json"), lod).unwrap();
         std::fs::write(at("a garden/torn.json"), lod.replace("coarse", "none")).unwrap();
-        let address = served(folder.path());
+        let address = serve(folder.path());
         let of = |opened: &Opened| match opened {
             Opened::Scene { scene, .. } | Opened::Finer { scene } => scene.gaussians().len(),
             Opened::Cameras { .. } => panic!("cameras"),

@@ -5,12 +5,13 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::task::{Wake, Waker};
 use std::time::{Duration, Instant};
 
-use gs3::scene::{Camera, Gaussians, OpacityMode, Scene, demo};
+use gs3::scene::{Camera, demo};
 use gs3::{Backend, Mode, PipelineSettings, Refine, SessionSettings};
+use gs3_test_support::{psnr_of_bytes, row_of_gaussians};
 use gs3_viewer::input::Key;
 use gs3_viewer::{Input, Next, Opened, Viewer, ViewerSettings};
 
-use super::{SIZE, native, psnr, scene};
+use super::{SIZE, native, scene};
 
 /// Longer than any of these tests takes on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -125,7 +126,7 @@ fn a_moving_camera_has_frames_in_between_on_its_way() {
     let place = shown.iter().rposition(|(is_rendered, ..)| !is_rendered).unwrap();
     let (_, camera, picture) = &shown[place];
     let (_, next, _) = shown[place..].iter().find(|(is_rendered, ..)| *is_rendered).unwrap();
-    let [own, other] = [camera, next].map(|camera| psnr(picture, &native(camera)));
+    let [own, other] = [camera, next].map(|camera| psnr_of_bytes(picture, &native(camera)));
     assert!(own > 20.0 && own > other, "{own:.1} and {other:.1} dB");
     // At rest there are none.
     assert_eq!(apart.viewer.frame().to_rgb8(), native(&apart.viewer.camera().unwrap()));
@@ -135,10 +136,7 @@ fn a_moving_camera_has_frames_in_between_on_its_way() {
 fn a_scene_that_is_opened_while_a_frame_is_under_way_is_the_one_shown() {
     let mut apart = Apart::new(Refine::FrameTime(Duration::from_millis(33)));
     apart.until(|apart| apart.viewer.figures().rendered() > 2);
-    let mut one = Gaussians::zeroed(1, 0);
-    (one.rotations[0][0], one.opacities[0]) = (1.0, 0.9);
-    one.scales.iter_mut().for_each(|axis| axis[0] = 0.2);
-    let other = Arc::new(Scene::new(one, OpacityMode::Default).unwrap());
+    let other = Arc::new(row_of_gaussians(1, 0.2));
     let opened = Opened::Scene { name: "one".to_owned(), scene: Arc::clone(&other), cameras: None };
     assert!(apart.viewer.opened(Ok(opened), apart.started.elapsed()));
     assert_eq!(apart.viewer.gaussians(), 1);

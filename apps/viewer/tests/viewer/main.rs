@@ -9,6 +9,7 @@ mod tours;
 
 use gs3::scene::{Camera, OpacityMode, Scene, demo};
 use gs3::{Backend, FramePipeline, Mode, PipelineSettings, Refine, SessionSettings};
+use gs3_test_support::psnr_of_bytes;
 use gs3_viewer::input::Key;
 use gs3_viewer::{Input, Next, Step, Viewer, ViewerSettings};
 use std::cell::Cell;
@@ -101,7 +102,7 @@ fn a_resting_camera_reaches_the_native_image_and_then_no_frame_is_made() {
     assert_eq!(hand.frames(), 17);
     assert_eq!(hand.viewer.frame().to_rgb8(), native(&hand.viewer.camera().unwrap()));
     // The camera is the path's, as `gs3 render` has it.
-    let psnr = psnr(&hand.viewer.frame().to_rgb8(), &native(&first_camera()));
+    let psnr = psnr_of_bytes(&hand.viewer.frame().to_rgb8(), &native(&first_camera()));
     assert!(psnr > 60.0, "{psnr:.1} dB");
     let displayed = hand.viewer.figures().displayed();
     for _ in 0..50 {
@@ -147,11 +148,4 @@ fn frames_of_a_moving_camera_are_reconstructed_where_native_ones_are_slow() {
         let shown = hand.viewer.frame().to_rgb8();
         assert_eq!(shown == native(&hand.viewer.camera().unwrap()), is_native, "{reconstructed} ms");
     }
-}
-
-/// Of 8-bit pictures.
-fn psnr(a: &[u8], b: &[u8]) -> f64 {
-    assert_eq!(a.len(), b.len());
-    let sum: f64 = a.iter().zip(b).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum();
-    10.0 * (255.0 * 255.0 / (sum / a.len() as f64)).log10()
 }

@@ -1,10 +1,11 @@
 //! What a picture shows: comparisons, screenshots, other sizes.
 
 use gs3::{FramePipeline, Mode, PipelineSettings};
+use gs3_test_support::psnr_of_bytes;
 use gs3_viewer::input::{Button, Key};
 use gs3_viewer::{Effect, Input, Place};
 
-use super::{Hand, SIZE, first_camera, native, psnr, scene};
+use super::{Hand, SIZE, first_camera, native, scene};
 
 #[test]
 fn comparisons_show_each_method_on_its_side() {
@@ -52,7 +53,7 @@ fn large_screenshots_are_native_frames() {
     let mut rgb = vec![0; reader.output_buffer_size().unwrap()];
     reader.next_frame(&mut rgb).unwrap();
     let camera = first_camera().resized(480, 272).unwrap();
-    let psnr = psnr(&rgb, &native(&camera));
+    let psnr = psnr_of_bytes(&rgb, &native(&camera));
     assert!(psnr > 60.0, "{psnr:.1} dB");
     // The native image is back.
     assert_eq!(hand.viewer.frame().to_rgb8(), native(&hand.viewer.camera().unwrap()));

@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use crate::common::{Sheet, World, camera, grid_jitter, psnr, wall_and_post};
+use crate::common::{Sheet, World, camera, grid_jitter, wall_and_post};
 use gs3_compute::{Buffer, Gpu, GpuError, GpuSettings, Use, device_for_tests};
 use gs3_reconstruct::gpu::{
     GpuImage, GpuInterpolator, GpuNeighbor, GpuPlanes, GpuReconstructError, GpuSuperSampler, Innovation,
@@ -10,6 +10,7 @@ use gs3_reconstruct::gpu::{
 };
 use gs3_reconstruct::{Interpolator, Kriging, Neighbor, ReconstructError, ResetReason, SuperSampler, Warped};
 use gs3_scene::{Camera, GBuffer, Image, Margin, Planes};
+use gs3_test_support::psnr;
 
 /// What halves leave of an image of values up to 1: an error of 2⁻¹² makes 72 dB.
 const FLOOR: f64 = 68.0;

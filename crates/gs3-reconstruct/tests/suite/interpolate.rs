@@ -1,8 +1,9 @@
 //! Frame interpolation at the true middle pose.
 
-use crate::common::{Sheet, World, camera, psnr, wall_and_post};
+use crate::common::{Sheet, World, camera, wall_and_post};
 use gs3_reconstruct::{Interpolator, Neighbor, ReconstructError, Reprojected, Warped};
 use gs3_scene::{Camera, GBuffer, Image};
+use gs3_test_support::psnr;
 use proptest::prelude::*;
 
 struct Frame {

@@ -1,11 +1,11 @@
 //! The reconstructor: frames of any renderer, in any memory layout.
 
-use crate::common::psnr;
 use crate::world::{World, camera};
 use gs3_reconstruct::{
     DepthEncoding, GBufferView, PlanesView, ReconstructError, Reconstructor, ReconstructorSettings, Strides,
 };
 use gs3_scene::{GBuffer, Image};
+use gs3_test_support::psnr;
 
 #[test]
 fn a_resting_camera_becomes_native_with_exact_derivatives_and_without() {

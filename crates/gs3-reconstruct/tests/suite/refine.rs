@@ -1,8 +1,9 @@
 //! Exact blocks: expected errors, selection, the image and the history.
 
-use crate::common::{World, camera, grid_jitter, psnr, wall_and_post};
+use crate::common::{World, camera, grid_jitter, wall_and_post};
 use gs3_reconstruct::{BlockBudget, Kriging, SuperSampler, select_blocks};
 use gs3_scene::{BLOCK_SIDE, Camera, ExactBlock, ExactBlocks, Image, block_grid};
+use gs3_test_support::psnr;
 
 const SCALE: u32 = 4;
 /// No multiple of a block's side along y.

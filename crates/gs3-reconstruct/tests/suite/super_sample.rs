@@ -1,8 +1,9 @@
 //! Temporal super sampling: convergence, gain in motion, disocclusion, reset, determinism.
 
-use crate::common::{Sheet, World, camera, grid_jitter, psnr, wall_and_post};
+use crate::common::{Sheet, World, camera, grid_jitter, wall_and_post};
 use gs3_reconstruct::{Kriging, ReconstructError, ResetReason, SuperSampler, hermite};
 use gs3_scene::{Camera, GBuffer, Image, Margin};
+use gs3_test_support::psnr;
 use proptest::prelude::*;
 
 const SIZE: (u32, u32) = (240, 136);

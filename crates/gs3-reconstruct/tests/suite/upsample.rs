@@ -1,8 +1,9 @@
 //! Single-frame interpolation: the classical kernels and the gradient-aware Hermite surface.
 
-use crate::common::{camera, grid_jitter, psnr, wall_and_post};
+use crate::common::{camera, grid_jitter, wall_and_post};
 use gs3_reconstruct::{ReconstructError, ResampleKernel, hermite, resample};
 use gs3_scene::{GBuffer, Gradients, Image, Planes};
+use gs3_test_support::psnr;
 use proptest::prelude::*;
 
 /// A G-buffer of the polynomial Σ c[m][n] xᵐ yⁿ of the LR position in pixels.

@@ -5,8 +5,9 @@ use std::sync::Arc;
 use gs3::scene::camera_path::CameraPath;
 use gs3::scene::{Image, demo};
 use gs3::{Dilation, FramePipeline, Mode, PipelineSettings, Refine, ResetReason, Sampling, Stage};
+use gs3_test_support::psnr_shown;
 
-use crate::{psnr, scene};
+use crate::scene;
 
 const WIDTH: u32 = 256;
 const HEIGHT: u32 = 144;
@@ -25,11 +26,11 @@ fn a_resting_camera_becomes_native() {
     let native = pipeline(Mode::Native).render(&camera).unwrap().current.clone();
     let settings = PipelineSettings { mode: Mode::SuperSample, refine: Refine::Off, ..Default::default() };
     let mut resting = FramePipeline::new(scene(), settings).unwrap();
-    let first = psnr(resting.render(&camera).unwrap().current, &native);
+    let first = psnr_shown(resting.render(&camera).unwrap().current, &native);
     for _ in 1..16 {
         resting.render(&camera).unwrap();
     }
-    let last = psnr(resting.render(&camera).unwrap().current, &native);
+    let last = psnr_shown(resting.render(&camera).unwrap().current, &native);
     assert!(last >= 50.0 && last > first + 15.0, "{first} dB, then {last} dB");
 }
 
@@ -45,7 +46,7 @@ fn every_mode_shows_the_scene_and_the_order_of_quality_holds() {
         let mut pipeline = pipeline(mode);
         path.cameras()[..frames].iter().fold(0.0, |_, camera| {
             let shown = pipeline.render(camera).unwrap();
-            psnr(shown.current, &native[frames - 1])
+            psnr_shown(shown.current, &native[frames - 1])
         })
     };
     let (bicubic, super_sampled, full) =
@@ -61,12 +62,12 @@ fn full_mode_shows_the_true_moment_between() {
     let truth = pipeline(Mode::Native).render(&middle).unwrap().current.clone();
     let mut full = pipeline(Mode::Full);
     assert!(full.render(&a).unwrap().in_between == [None; 3], "nothing lies before the first frame");
-    let held = psnr(full.render_with_poses(&b, &[middle]).unwrap().current, &truth);
+    let held = psnr_shown(full.render_with_poses(&b, &[middle]).unwrap().current, &truth);
     let mut full = pipeline(Mode::Full);
     full.render(&a).unwrap();
     let shown = full.render_with_poses(&b, &[middle]).unwrap();
     assert_eq!(shown.iter().count(), 2);
-    let between = psnr(shown.in_between[0].unwrap(), &truth);
+    let between = psnr_shown(shown.in_between[0].unwrap(), &truth);
     assert!(between > held + 2.0, "between {between} dB, a neighbour {held} dB");
     assert!(Stage::ALL.iter().all(|stage| full.times().get(*stage).is_some()));
 }

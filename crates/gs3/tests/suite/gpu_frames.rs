@@ -10,6 +10,7 @@ use gs3::reconstruct::{Interpolator, Kriging, Neighbor, SuperSampler};
 use gs3::scene::camera_path::{CameraPath, pose_between};
 use gs3::scene::{Camera, GBuffer, Image, Scene, capture, demo};
 use gs3::{FramePipeline, Mode, Networks, PipelineError, PipelineSettings, Refine, ResetReason, Stage};
+use gs3_test_support::psnr;
 
 const SHARED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared");
 
@@ -48,14 +49,6 @@ fn pipeline(gpu: Option<&Gpu>, scene: &Arc<Scene>, mode: Mode, in_between: u32) 
         pipeline.render_on(gpu).unwrap();
     }
     pipeline
-}
-
-fn psnr(a: &Image, b: &Image) -> f64 {
-    assert_eq!((a.width(), a.height()), (b.width(), b.height()));
-    let pairs = a.pixels().iter().zip(b.pixels());
-    let squares = pairs.flat_map(|(a, b)| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)));
-    let mse = squares.sum::<f64>() / (3 * a.pixels().len()) as f64;
-    -10.0 * mse.max(1e-12).log10()
 }
 
 /// The same frames, reconstructed by the processor from the device's G-buffers.

@@ -17,19 +17,10 @@ mod refine;
 
 use std::sync::{Arc, OnceLock};
 
-use gs3::scene::{Image, Scene, demo};
+use gs3::scene::{Scene, demo};
 
 /// The built-in scene, made once.
 fn scene() -> Arc<Scene> {
     static SCENE: OnceLock<Arc<Scene>> = OnceLock::new();
     Arc::clone(SCENE.get_or_init(|| Arc::new(demo::scene().unwrap())))
-}
-
-/// PSNR of what is shown of two images of one size, dB.
-fn psnr(a: &Image, b: &Image) -> f64 {
-    assert_eq!((a.width(), a.height()), (b.width(), b.height()));
-    let shown = |v: f32| f64::from(v.clamp(0.0, 1.0));
-    let pairs = a.pixels().iter().zip(b.pixels());
-    let squares = pairs.flat_map(|(a, b)| (0..3).map(move |c| (shown(a[c]) - shown(b[c])).powi(2)));
-    -10.0 * (squares.sum::<f64>() / (3 * a.pixels().len()) as f64).max(1e-12).log10()
 }

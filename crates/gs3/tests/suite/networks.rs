@@ -9,6 +9,7 @@ use gs3::raster::{Culling, Outputs, RasterSettings, Rasterizer};
 use gs3::reconstruct::Neighbor;
 use gs3::scene::{Camera, CameraPath, GBuffer, Image, Planes, demo};
 use gs3::{FramePipeline, Kriging, Mode, Networks, PipelineSettings, Refine, ResetReason};
+use gs3_test_support::psnr;
 
 use crate::scene;
 
@@ -337,12 +338,6 @@ fn weights_that_do_not_fit_are_refused() {
     assert_eq!(error, "weights: expected at most one file for super_sample, found two");
 }
 
-fn psnr_of(image: &Image, truth: &Image) -> f64 {
-    let pairs = image.pixels().iter().zip(truth.pixels());
-    let squares = pairs.map(|(a, b)| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>());
-    -10.0 * (squares.sum::<f64>() / (3 * truth.pixels().len()) as f64).log10()
-}
-
 /// The weights that come with the library belong to a network of this version, and gain on the pipeline without
 /// learning, on a scene that is generated and frames that are not among their training clips.
 #[test]
@@ -355,13 +350,12 @@ fn shipped_weights_gain() {
         frames(&mut pipeline, if mode == Mode::Native { &cameras[11..] } else { cameras }).pop().unwrap()
     };
     let truth = pipeline(Mode::Native, SCALE, &Networks::default());
-    let psnr = |image: &Image| psnr_of(image, &truth);
     for (scale, tier) in [(4, Tier::Fast), (4, Tier::Balanced), (4, Tier::High), (2, Tier::Balanced)] {
-        let analytic = psnr(&pipeline(Mode::SuperSample, scale, &Networks::default()));
+        let analytic = psnr(&pipeline(Mode::SuperSample, scale, &Networks::default()), &truth);
         let shipped = Networks::shipped(scale, tier).unwrap();
         let header = &shipped.super_sample.as_ref().unwrap().header;
         assert_eq!((header.scale, header.tier.as_str()), (scale, tier.name()));
-        let learned = psnr(&pipeline(Mode::SuperSample, scale, &shipped));
+        let learned = psnr(&pipeline(Mode::SuperSample, scale, &shipped), &truth);
         let what = format!("x{scale}: analytic {analytic:.2} dB, {} {learned:.2} dB", tier.name());
         println!("{what}");
         assert!(learned > analytic + 0.2, "{what}");
@@ -382,11 +376,8 @@ fn shipped_weights_gain() {
             let mut pipeline = FramePipeline::with_networks(scene.clone(), unrefined, networks).unwrap();
             let (last, before) = cameras.split_last().unwrap();
             before.iter().for_each(|camera| _ = pipeline.render(camera).unwrap());
-            psnr_of(
-                pipeline.render_with_poses(last, std::slice::from_ref(&middle)).unwrap().in_between[0]
-                    .unwrap(),
-                &truth,
-            )
+            let shown = pipeline.render_with_poses(last, std::slice::from_ref(&middle)).unwrap();
+            psnr(shown.in_between[0].unwrap(), &truth)
         };
         let warped = between(&Networks { interpolate: None, ..shipped.clone() });
         let learned = between(&shipped);

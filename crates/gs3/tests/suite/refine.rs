@@ -5,8 +5,9 @@ use std::time::Duration;
 use gs3::scene::camera_path::CameraPath;
 use gs3::scene::{Camera, Image, demo};
 use gs3::{FramePipeline, Mode, PipelineError, PipelineSettings, Quality, Refine, ResetReason};
+use gs3_test_support::psnr_shown;
 
-use crate::{psnr, scene};
+use crate::scene;
 
 fn path() -> CameraPath {
     demo::path().resized(320, 180).unwrap()
@@ -63,7 +64,7 @@ fn more_exact_pixels_give_better_frames() {
         for (k, camera) in path.cameras()[..12].iter().enumerate() {
             let image = pipeline.render(camera).unwrap().current;
             if k >= 4 {
-                sum += psnr(image, &truth[k - 4]) / 8.0;
+                sum += psnr_shown(image, &truth[k - 4]) / 8.0;
             }
         }
         sum
@@ -94,12 +95,12 @@ fn a_resting_camera_is_native_after_sixteen_frames_within_any_budget() {
     for _ in 0..16 {
         resting.render(&camera).unwrap();
     }
-    let reached = psnr(resting.last_image(), &truth);
+    let reached = psnr_shown(resting.last_image(), &truth);
     assert!(reached > 80.0, "{reached:.2} dB");
     let before = resting.last_image().clone();
     resting.render(&camera).unwrap();
     assert_eq!(resting.refined_share(), 0.0, "nothing is left to refine");
-    assert!(psnr(resting.last_image(), &before) > 80.0);
+    assert!(psnr_shown(resting.last_image(), &before) > 80.0);
 }
 
 #[test]

@@ -186,18 +186,6 @@ pub fn grid_jitter(scale: u32, k: usize) -> [f32; 2] {
     [offset(a), offset(b)]
 }
 
-/// PSNR over RGB, without clamping.
-pub fn psnr(a: &Image, b: &Image) -> f64 {
-    assert_eq!((a.width(), a.height()), (b.width(), b.height()));
-    let sum: f64 = a
-        .pixels()
-        .iter()
-        .zip(b.pixels())
-        .map(|(p, q)| (0..3).map(|c| f64::from(p[c] - q[c]).powi(2)).sum::<f64>())
-        .sum();
-    -10.0 * (sum / (3 * a.pixels().len()) as f64).log10()
-}
-
 /// A wall with a post in front.
 pub fn wall_and_post(frequency: f64) -> World {
     let mut post = Sheet::endless(3.0, 7, frequency * 2.0);

@@ -1,0 +1,23 @@
+//! What tests and examples of several crates share. No crate builds on this one outside its tests.
+
+mod psnr;
+mod server;
+
+use gs3_scene::{Gaussians, OpacityMode, Scene};
+
+pub use psnr::{psnr, psnr_of_bytes, psnr_shown};
+pub use server::serve;
+
+/// `count` opaque Gaussians (0.9) along the x axis, 1 apart, with standard deviations of `scale` in world units.
+///
+/// # Panics
+/// Where `scale` is no size of a Gaussian.
+#[must_use]
+pub fn row_of_gaussians(count: usize, scale: f32) -> Scene {
+    let mut row = Gaussians::zeroed(count, 0);
+    for k in 0..count {
+        (row.rotations[0][k], row.opacities[k], row.means[0][k]) = (1.0, 0.9, k as f32);
+        row.scales.iter_mut().for_each(|axis| axis[k] = scale);
+    }
+    Scene::new(row, OpacityMode::Default).expect("a scene")
+}

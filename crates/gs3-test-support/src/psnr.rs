@@ -1,0 +1,61 @@
+//! Peak signal-to-noise ratios, dB.
+
+use gs3_scene::Image;
+
+/// A mean squared error below which images count as equal: 120 dB.
+const LEAST: f64 = 1e-12;
+
+/// PSNR of the colours of `image` against `truth`, peak 1, at most 120 dB.
+///
+/// # Panics
+/// If the images have different sizes.
+#[must_use]
+pub fn psnr(image: &Image, truth: &Image) -> f64 {
+    of(image, truth, f64::from)
+}
+
+/// As [`psnr`], of the colours as they are shown: clamped to `[0, 1]`.
+///
+/// # Panics
+/// If the images have different sizes.
+#[must_use]
+pub fn psnr_shown(image: &Image, truth: &Image) -> f64 {
+    of(image, truth, |v| f64::from(v.clamp(0.0, 1.0)))
+}
+
+/// PSNR of bytes against `truth`, peak 255, at most 120 dB.
+///
+/// # Panics
+/// If there are different numbers of bytes.
+#[must_use]
+pub fn psnr_of_bytes(bytes: &[u8], truth: &[u8]) -> f64 {
+    assert_eq!(bytes.len(), truth.len(), "bytes of two images");
+    let squares =
+        bytes.iter().zip(truth).map(|(a, b)| (f64::from(*a) / 255.0 - f64::from(*b) / 255.0).powi(2));
+    decibels(squares.sum::<f64>() / truth.len() as f64)
+}
+
+fn of(image: &Image, truth: &Image, seen: impl Fn(f32) -> f64) -> f64 {
+    assert_eq!((image.width(), image.height()), (truth.width(), truth.height()), "sizes of two images");
+    let pairs = image.pixels().iter().zip(truth.pixels());
+    let squares = pairs.map(|(a, b)| (0..3).map(|c| (seen(a[c]) - seen(b[c])).powi(2)).sum::<f64>());
+    decibels(squares.sum::<f64>() / (3 * truth.pixels().len()) as f64)
+}
+
+fn decibels(mse: f64) -> f64 {
+    -10.0 * mse.max(LEAST).log10()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tenth_of_the_peak_is_20_db() {
+        let image = |value: f32| Image::from_pixels(2, 1, vec![[value; 4]; 2]).expect("two pixels");
+        assert!((psnr(&image(0.5), &image(0.6)) - 20.0).abs() < 1e-5);
+        assert!((psnr_shown(&image(0.9), &image(7.0)) - 20.0).abs() < 1e-5);
+        assert!((psnr_of_bytes(&[0, 51], &[51, 0]) - 13.979_4).abs() < 1e-4);
+        assert!((psnr(&image(0.5), &image(0.5)) - 120.0).abs() < 1e-9);
+    }
+}
