@@ -5,7 +5,7 @@ mod server;
 
 use gs3_scene::{Gaussians, OpacityMode, Scene};
 
-pub use psnr::{psnr, psnr_of_bytes, psnr_shown};
+pub use psnr::{largest_difference_but, psnr, psnr_of_bytes, psnr_shown};
 pub use server::serve;
 
 /// `count` opaque Gaussians (0.9) along the x axis, 1 apart, with standard deviations of `scale` in world units.

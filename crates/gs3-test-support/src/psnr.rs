@@ -35,6 +35,21 @@ pub fn psnr_of_bytes(bytes: &[u8], truth: &[u8]) -> f64 {
     decibels(squares.sum::<f64>() / truth.len() as f64)
 }
 
+/// The largest difference of a colour between `image` and `truth` once the `share` of the pixels with the largest
+/// differences is left out: what a mean does not show.
+///
+/// # Panics
+/// If the images have different sizes, or `share` leaves no pixel.
+#[must_use]
+pub fn largest_difference_but(image: &Image, truth: &Image, share: f64) -> f32 {
+    assert_eq!((image.width(), image.height()), (truth.width(), truth.height()), "sizes of two images");
+    let pairs = image.pixels().iter().zip(truth.pixels());
+    let mut differences: Vec<f32> =
+        pairs.map(|(a, b)| (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f32::max)).collect();
+    let last = differences.len() - 1 - (share * differences.len() as f64) as usize;
+    *differences.select_nth_unstable_by(last, f32::total_cmp).1
+}
+
 fn of(image: &Image, truth: &Image, seen: impl Fn(f32) -> f64) -> f64 {
     assert_eq!((image.width(), image.height()), (truth.width(), truth.height()), "sizes of two images");
     let pairs = image.pixels().iter().zip(truth.pixels());
@@ -57,5 +72,16 @@ mod tests {
         assert!((psnr_shown(&image(0.9), &image(7.0)) - 20.0).abs() < 1e-5);
         assert!((psnr_of_bytes(&[0, 51], &[51, 0]) - 13.979_4).abs() < 1e-4);
         assert!((psnr(&image(0.5), &image(0.5)) - 120.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_share_of_the_pixels_is_left_out() {
+        let truth = Image::from_pixels(4, 1, vec![[0.0; 4]; 4]).expect("four pixels");
+        let values = [0.5, 0.0, 0.25, 0.125].map(|v| [0.0, v, 0.0, 9.0]);
+        let image = Image::from_pixels(4, 1, values.to_vec()).expect("four pixels");
+        assert_eq!(
+            [0.0, 0.25, 0.5].map(|share| largest_difference_but(&image, &truth, share)),
+            [0.5, 0.25, 0.125]
+        );
     }
 }

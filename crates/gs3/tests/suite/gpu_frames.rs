@@ -10,7 +10,7 @@ use gs3::reconstruct::{Interpolator, Kriging, Neighbor, SuperSampler};
 use gs3::scene::camera_path::{CameraPath, pose_between};
 use gs3::scene::{Camera, GBuffer, Image, Scene, capture, demo};
 use gs3::{FramePipeline, Mode, Networks, PipelineError, PipelineSettings, Refine, ResetReason, Stage};
-use gs3_test_support::psnr;
+use gs3_test_support::{largest_difference_but, psnr};
 
 const SHARED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared");
 
@@ -112,6 +112,9 @@ fn frames_of_a_moving_camera_match_the_cpu() {
     }
 }
 
+/// The share of the pixels that may lie on a step of the formulas: a visibility or a rigid patch that rounding decides.
+const FLIPPED: f64 = 1e-3;
+
 /// All of it, rasterization included: what the packed scene's rounding leaves.
 #[test]
 fn whole_frames_match_the_cpu_pipeline() {
@@ -125,22 +128,28 @@ fn whole_frames_match_the_cpu_pipeline() {
             pipeline
         });
         let (mut worst_wide, mut effect) = (f64::INFINITY, f64::INFINITY);
-        let mut worst = f64::INFINITY;
+        let (mut worst, mut largest) = (f64::INFINITY, 0.0_f32);
         for camera in &path.cameras()[..5] {
             let expected: Vec<Image> = on_cpu.render(camera).unwrap().iter().cloned().collect();
             let shown = on_gpu.render(camera).unwrap();
             assert_eq!(shown.iter().count(), expected.len());
             worst = shown.iter().zip(&expected).fold(worst, |least, (a, e)| least.min(psnr(a, e)));
+            largest = shown
+                .iter()
+                .zip(&expected)
+                .fold(largest, |most, (a, e)| most.max(largest_difference_but(a, e, FLIPPED)));
             let wide: Vec<Image> = wide_on_cpu.render(camera).unwrap().iter().cloned().collect();
             let shown = wide_on_gpu.render(camera).unwrap();
             worst_wide = shown.iter().zip(&wide).fold(worst_wide, |least, (a, e)| least.min(psnr(a, e)));
             effect = wide.iter().zip(&expected).fold(effect, |least, (a, e)| least.min(psnr(a, e)));
         }
         let what = format!(
-            "{name}: {worst:.1} dB at worst, with overscan {worst_wide:.1} dB, which changes {effect:.1} dB"
+            "{name}: {worst:.1} dB at worst, {largest} but for flips, with overscan {worst_wide:.1} dB, which changes {effect:.1} dB"
         );
         eprintln!("{what}");
-        assert!(worst >= 50.0 && worst_wide >= 50.0 && effect < worst_wide, "{what}");
+        // 75.9 and 0.0005 were found with Mesa's lavapipe.
+        assert!(worst >= 60.0 && worst_wide >= 60.0 && effect < worst_wide, "{what}");
+        assert!(largest <= 1.0 / 255.0, "{what}");
     }
 }
 
