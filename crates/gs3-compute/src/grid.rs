@@ -1,6 +1,7 @@
 //! Counts of workgroups beyond what one dimension of a dispatch takes.
 
 use crate::GpuError;
+use crate::wgsl::constants;
 
 /// Workgroups in a row of a dispatch's grid. Every device takes 65,535 along each dimension; a power of two divides
 /// fast.
@@ -8,7 +9,10 @@ pub const GRID_ROW: u32 = 1 << 15;
 
 /// WGSL beside [`grid`]: `grid_of(groups)` gives a dispatch's counts, `group_index(workgroup_id)` a workgroup's place.
 /// The last row may be longer than needed: kernels return where `group_index` is not below their count of groups.
-pub const GRID_WGSL: &str = include_str!("grid.wgsl");
+#[must_use]
+pub fn grid_source() -> String {
+    constants(&[("GRID_ROW", GRID_ROW)]) + include_str!("grid.wgsl")
+}
 
 /// The counts of a dispatch of at least `groups` workgroups.
 ///

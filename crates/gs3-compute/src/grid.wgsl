@@ -1,5 +1,4 @@
-// Beside grid() in grid.rs, tested against it. num_workgroups is not used: indirect dispatches on DX12 lack it.
-const GRID_ROW: u32 = 32768u;
+// Beside grid() in grid.rs, which also gives GRID_ROW. num_workgroups is not used: indirect dispatches on DX12 lack it.
 
 fn grid_of(groups: u32) -> vec3<u32> {
     return vec3<u32>(min(groups, GRID_ROW), (groups + GRID_ROW - 1u) / GRID_ROW, min(groups, 1u));

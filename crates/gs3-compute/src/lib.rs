@@ -19,6 +19,7 @@ mod for_tests;
 mod gpu;
 mod grid;
 mod kernel;
+mod literals;
 mod pools;
 mod readback;
 mod recorder;
@@ -42,8 +43,10 @@ pub use error::GpuError;
 #[doc(hidden)]
 pub use for_tests::{device_for_tests, skip_without_gpu};
 pub use gpu::{Gpu, GpuSettings};
-pub use grid::{GRID_ROW, GRID_WGSL, grid};
+pub use grid::{GRID_ROW, grid, grid_source};
 pub use kernel::{Bound, Kernel, Module};
+#[doc(hidden)]
+pub use literals::{check_literals, unexplained_literals};
 pub use readback::Readback;
 pub use recorder::Recorder;
 pub use scan::{BoundScan, Scan};

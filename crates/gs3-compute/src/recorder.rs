@@ -82,7 +82,7 @@ impl<'a> Recorder<'a> {
     }
 
     /// Runs `kernel` in as many workgroups as three u32 at byte `offset` of `counts` say, each at most 65,535: kernels
-    /// that write them use `grid_of` ([`GRID_WGSL`](crate::GRID_WGSL)).
+    /// that write them use `grid_of` ([`grid_source`](crate::grid_source)).
     pub fn dispatch_indirect(&mut self, kernel: &Bound, counts: &Buffer, offset: u64) {
         if !self.owns([kernel.device_id, counts.device_id], "a kernel or the count of its workgroups") {
             return;

@@ -2,8 +2,11 @@
 
 use gs3_scene::Margin;
 
+/// The inverse of [`MIN_ALPHA`], which is rounded: its own inverse would be 254.99998.
+pub(crate) const MIN_ALPHA_INVERSE: f32 = 255.0;
+
 /// A contribution below this is not blended (Kerbl et al. 2023).
-pub(crate) const MIN_ALPHA: f32 = 1.0 / 255.0;
+pub(crate) const MIN_ALPHA: f32 = 1.0 / MIN_ALPHA_INVERSE;
 
 /// Dilation of the projected covariance in px² that 3D Gaussian Splatting trains with (Kerbl et al. 2023).
 pub const STOCK_DILATION: f32 = 0.3;

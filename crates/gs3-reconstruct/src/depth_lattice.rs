@@ -14,6 +14,9 @@ pub(crate) const SKY: f64 = 1e9;
 pub struct DepthLattice(pub(crate) [f32; DepthLattice::LEN]);
 
 impl DepthLattice {
+    /// Points per axis.
+    pub const SIDE: usize = LATTICE;
+
     /// Number of depths.
     pub const LEN: usize = LATTICE * LATTICE;
 

@@ -1,8 +1,6 @@
 // Memory alone: every vector is read once and written once.
 
-// Vectors of an invocation, a workgroup apart: several loads are under way at a time.
-const ITEMS: u32 = 4u;
-const THREADS: u32 = 256u;
+// An invocation has ITEMS vectors, a workgroup apart: several loads are under way at a time. They are written out.
 
 @group(0) @binding(0) var<storage, read> source: array<vec4<f32>>;
 @group(0) @binding(1) var<storage, read_write> copied: array<vec4<f32>>;

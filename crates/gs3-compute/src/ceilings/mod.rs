@@ -11,6 +11,7 @@ use crate::gpu::Gpu;
 use crate::kernel::Bound;
 use crate::recorder::Recorder;
 use crate::timings::Timings;
+use crate::wgsl::constants;
 
 /// The measured ceilings of a device.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,15 +31,18 @@ const COPIED: u64 = 256 << 20;
 /// Where even that much has no room, there is no measuring.
 const LEAST_COPIED: u64 = 4 << 20;
 
-/// Bytes of a workgroup of `copy.wgsl`: 256 invocations, four vectors of 16 bytes each.
-const COPY_GROUP: u64 = 256 * 4 * 16;
+/// Invocations of the workgroups of both kernels.
+const THREADS: u32 = 256;
+
+/// Vectors of an invocation of `copy.wgsl`, which writes them out.
+const COPY_ITEMS: u32 = 4;
+
+/// Bytes of a workgroup of `copy.wgsl`: vectors of 16 bytes.
+const COPY_GROUP: u64 = (THREADS * COPY_ITEMS) as u64 * 16;
 
 /// Invocations of `multiply_add.wgsl`: four times as many as run at once on the largest GPUs (148 multiprocessors of
 /// 2,048), so that the device is little idle when the first ones end.
 const INVOCATIONS: u32 = 1 << 20;
-
-/// Invocations of one of its workgroups.
-const MULTIPLY_GROUP: u32 = 256;
 
 /// Operations of a round of an invocation: 2 × 8 vectors of four, two operations each.
 const ROUND_FLOP: f64 = 2.0 * 8.0 * 4.0 * 2.0;
@@ -180,7 +184,7 @@ impl Copy {
     fn with_bytes(gpu: &Gpu, bytes: u64) -> Result<Self, GpuError> {
         let [source, copied] =
             [gpu.buffer("source", Use::Storage, bytes)?, gpu.buffer("copied", Use::Storage, bytes)?];
-        let kernel = gpu.module("copy", &[COPY_WGSL])?.kernel(gpu, "copy", &[])?;
+        let kernel = gpu.module("copy", &[&copy_source()])?.kernel(gpu, "copy", &[])?;
         let kernel = kernel.bind(gpu, &[("source", source.slice()), ("copied", copied.slice())])?;
         Ok(Self {
             kernel,
@@ -209,12 +213,12 @@ struct MultiplyAdds {
 
 impl MultiplyAdds {
     /// 4,096, which every device takes.
-    const GROUPS: [u32; 3] = [INVOCATIONS / MULTIPLY_GROUP, 1, 1];
+    const GROUPS: [u32; 3] = [INVOCATIONS / THREADS, 1, 1];
 
     fn new(gpu: &Gpu, number: Number) -> Result<Self, GpuError> {
         let load = gpu.buffer_with("load", Use::Uniform, &[Load::of(1)])?;
         let results = gpu.buffer("results", Use::Storage, u64::from(INVOCATIONS) * 4)?;
-        let module = gpu.module("multiply_add", &multiply_add_source(number))?;
+        let module = gpu.module("multiply_add", &[&multiply_add_source(number)])?;
         let kernel = module.kernel(gpu, "multiply_add", &[])?;
         let kernel = kernel.bind(gpu, &[("load", load.slice()), ("results", results.slice())])?;
         Ok(Self {
@@ -226,22 +230,23 @@ impl MultiplyAdds {
     }
 }
 
-const COPY_WGSL: &str = include_str!("copy.wgsl");
-const MULTIPLY_ADD_WGSL: &str = include_str!("multiply_add.wgsl");
+fn copy_source() -> String {
+    constants(&[("THREADS", THREADS), ("ITEMS", COPY_ITEMS)]) + include_str!("copy.wgsl")
+}
 
-fn multiply_add_source(number: Number) -> [&'static str; 2] {
+fn multiply_add_source(number: Number) -> String {
+    // `enable` comes before everything else.
     let names = match number {
         Number::Single => "alias Number = f32;\nalias Vector = vec4<f32>;\n",
         Number::Half => "enable f16;\nalias Number = f16;\nalias Vector = vec4<f16>;\n",
     };
-    [names, MULTIPLY_ADD_WGSL]
+    names.to_owned() + &constants(&[("THREADS", THREADS)]) + include_str!("multiply_add.wgsl")
 }
 
 /// All its sources, for the test that every shader is valid.
 #[cfg(test)]
-pub(crate) fn sources() -> Vec<Vec<&'static str>> {
-    let [single, half] = [Number::Single, Number::Half].map(multiply_add_source);
-    vec![vec![COPY_WGSL], single.into(), half.into()]
+pub(crate) fn sources() -> [String; 3] {
+    [copy_source(), multiply_add_source(Number::Single), multiply_add_source(Number::Half)]
 }
 
 #[cfg(test)]
@@ -337,7 +342,7 @@ mod tests {
     #[test]
     fn layouts_are_those_of_the_shader() {
         crate::assert_layout!(
-            &multiply_add_source(Number::Single),
+            &[&multiply_add_source(Number::Single)],
             Load,
             Load { factor, summand, rounds, _pad }
         );

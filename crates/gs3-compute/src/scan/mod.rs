@@ -6,6 +6,7 @@ use crate::error::GpuError;
 use crate::gpu::Gpu;
 use crate::kernel::{Bound, Kernel};
 use crate::recorder::Recorder;
+use crate::wgsl::constants;
 
 /// Workgroups at most, each with a range of its own: enough for the largest devices, few enough that each sums up what
 /// all others found.
@@ -14,8 +15,11 @@ const BLOCKS: u32 = 1024;
 /// Invocations of a workgroup.
 const THREADS: u32 = 256;
 
-/// Bytes that a workgroup scans at a time: `STEP` of `scan.wgsl`, four values an invocation.
-const STEP_BYTES: u64 = THREADS as u64 * 4 * 4;
+/// Neighbouring values that an invocation takes at once.
+const ITEMS: u32 = 4;
+
+/// Bytes that a workgroup scans at a time: `STEP` of `scan.wgsl`, values of four bytes.
+const STEP_BYTES: u64 = (THREADS * ITEMS) as u64 * 4;
 
 /// Replaces numbers by the sums of those before them, modulo 2³².
 #[derive(Clone, Debug)]
@@ -41,17 +45,17 @@ fn blocks(bytes: u64) -> u32 {
 
 /// The WGSL for devices with such subgroups.
 pub(crate) fn source(subgroups: Subgroups) -> Vec<String> {
-    let constants = format!("const THREADS: u32 = {THREADS}u;\nconst BLOCKS: u32 = {BLOCKS}u;\n");
+    let numbers = constants(&[("THREADS", THREADS), ("BLOCKS", BLOCKS), ("ITEMS", ITEMS)]);
     let common = include_str!("scan.wgsl").to_owned();
     match subgroups {
         Subgroups::Present { min, .. } => vec![
-            format!("{constants}const MIN_SUBGROUP: u32 = {min}u;\n"),
+            numbers + &constants(&[("MIN_SUBGROUP", min)]),
             include_str!("../prefix_subgroups.wgsl").to_owned(),
             common,
             include_str!("entry_subgroups.wgsl").to_owned(),
         ],
         Subgroups::Absent => vec![
-            constants,
+            numbers,
             include_str!("../prefix_shared.wgsl").to_owned(),
             common,
             include_str!("entry_shared.wgsl").to_owned(),

@@ -6,8 +6,7 @@
 @group(0) @binding(2) var<storage, read_write> sums: array<u32>;
 @group(0) @binding(3) var<storage, read_write> total: array<u32>;
 
-// Neighbouring values that a thread takes at once.
-const ITEMS: u32 = 4u;
+// Values that a workgroup takes at once, ITEMS neighbours a thread.
 const STEP: u32 = THREADS * ITEMS;
 
 // Workgroups of both dispatches, as `blocks` in mod.rs.

@@ -8,7 +8,7 @@ use crate::buffer::{Buffer, Slice, Use};
 use crate::capabilities::Subgroups;
 use crate::error::GpuError;
 use crate::gpu::Gpu;
-use crate::grid::GRID_WGSL;
+use crate::grid::grid_source;
 use crate::kernel::{Bound, Kernel, Module};
 use crate::recorder::Recorder;
 
@@ -59,7 +59,7 @@ pub(crate) fn source(plan: &SortPlan) -> Vec<String> {
         }
         Subgroups::Absent => (include_str!("../prefix_shared.wgsl"), include_str!("rank_shared.wgsl")),
     };
-    let parts = [&plan.constants(), GRID_WGSL, prefix, include_str!("sort.wgsl"), rank];
+    let parts: [&str; 5] = [&plan.constants(), &grid_source(), prefix, include_str!("sort.wgsl"), rank];
     parts.map(str::to_owned).into()
 }
 

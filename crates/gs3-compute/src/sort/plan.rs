@@ -2,8 +2,9 @@
 
 use crate::capabilities::{Limits, Subgroups};
 use crate::error::GpuError;
+use crate::wgsl::constants;
 
-/// The most pairs of a sort: counts share a word with two bits of state.
+/// The most pairs of a sort: counts share a word with two bits of state, `MAX_PAIRS` of `sort.wgsl`.
 pub const MAX_PAIRS: u32 = (1 << 30) - 1;
 
 /// Number of tiles that one workgroup counts the digits of.
@@ -104,15 +105,18 @@ impl SortPlan {
 
     /// Constants of the WGSL: none tells how many pairs there are, so that sorts of any capacity have the same kernels.
     pub(crate) fn constants(&self) -> String {
-        let Self { threads, items, passes, digit_bits, key_bits, .. } = self;
-        let mut text = format!(
-            "const THREADS: u32 = {threads}u;\nconst ITEMS: u32 = {items}u;\nconst PASSES: u32 = {passes}u;\n\
-             const DIGIT_BITS: u32 = {digit_bits}u;\nconst BINS: u32 = {}u;\nconst KEY_MASK: u32 = {}u;\n",
-            1u32 << digit_bits,
-            u32::MAX >> (32 - key_bits),
-        );
+        let mut text = constants(&[
+            ("THREADS", self.threads),
+            ("ITEMS", self.items),
+            ("PASSES", self.passes),
+            ("DIGIT_BITS", self.digit_bits),
+            ("BINS", 1_u32 << self.digit_bits),
+            ("KEY_MASK", u32::MAX >> (32 - self.key_bits)),
+            ("HISTOGRAMS", HISTOGRAMS),
+            ("MAX_PAIRS", MAX_PAIRS),
+        ]);
         if let Subgroups::Present { min, .. } = self.subgroups {
-            text += &format!("const MIN_SUBGROUP: u32 = {min}u;\n");
+            text += &constants(&[("MIN_SUBGROUP", min)]);
         }
         text
     }

@@ -28,14 +28,13 @@ override POLLS: u32 = 1024u;
 const LATER_POLLS: u32 = 16u;
 
 const TILE: u32 = THREADS * ITEMS;
-const HISTOGRAMS: u32 = 4u;
 // Digits of a thread.
 const DIGITS: u32 = (BINS + THREADS - 1u) / THREADS;
 
-// A status word: nothing yet, the count of this tile, or the count of all tiles up to this one.
-const OWN: u32 = 1u << 30u;
-const ALL: u32 = 2u << 30u;
-const COUNT: u32 = OWN - 1u;
+// A status word: nothing yet, the count of this tile, or the count of all tiles up to this one. MAX_PAIRS is the mask
+// of the count.
+const OWN: u32 = MAX_PAIRS + 1u;
+const ALL: u32 = 2u * OWN;
 
 var<workgroup> exchange: array<u32, TILE>;
 // Where a digit starts in the sorted tile.
@@ -212,7 +211,7 @@ fn sweep_tile(thread: Thread) {
                         break;
                     }
                 } else {
-                    before[k] += word & COUNT;
+                    before[k] += word & MAX_PAIRS;
                     next[k] = select(next[k] - 1u, 0u, word >= ALL);
                 }
             }

@@ -18,7 +18,7 @@ pub fn export(
         ImageFormat::HalfPixels => ("u32", 2),
         ImageFormat::Pixels | ImageFormat::Blocks => ("f32", 1),
     };
-    let mut text = header.to_owned() + &source::sizes(shape);
+    let mut text = header.to_owned() + &source::sizes(shape) + &source::threads();
     text += &format!("@group(0) @binding(0) var<storage, read_write> result: array<{element}>;\n");
     text += &expressions.text;
     let word = |numbers: &[String]| match numbers {

@@ -5,9 +5,9 @@ fn number(at: u32) -> f32 {
     return value(at % CHANNELS, pixel % WIDTH, pixel / WIDTH);
 }
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) index: u32) {
-    let at = group_index(group) * 256u + index;
+    let at = group_index(group) * THREADS + index;
     if at < WORDS {
         result[at] = WORD;
     }

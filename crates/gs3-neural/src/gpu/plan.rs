@@ -10,15 +10,12 @@ use super::export::{export, value_of};
 use super::expression::{Expressions, Layout, Located, Place, Width};
 use super::fuse::{Branch, Fusion, Role, Wanted, Work, parts};
 use super::slots::Slots;
-use super::source::{self, PARTS, blocks, image_words, tensor_bytes};
+use super::source::{self, PARTS, THREADS, blocks, image_words, tensor_bytes};
 use super::{GpuEngineSettings, GpuRunError, GpuTensorImage, ImageFormat, MatrixUnit, Precision};
 use crate::error::RunError;
 use crate::graph::Shape;
 use crate::graph::{Conv2d, Graph, Op};
 use crate::weights::Weights;
-
-/// Invocations of a workgroup of all kernels but convolutions.
-const THREADS: usize = 256;
 
 /// Multiple at which the weights of a layer start, bytes: what every device can bind.
 const WEIGHT_ALIGNMENT: usize = 256;
@@ -379,7 +376,8 @@ impl Planner<'_> {
 /// The kernel of a tensor of `shape` from what `expressions` have as `name`, one block per invocation.
 fn blocks_of(header: &str, expressions: &Expressions<'_>, name: &str, shape: Shape) -> String {
     let value = value_of(name, Width::Block);
-    [header, &source::result(shape), &expressions.text, &value, include_str!("map.wgsl")].concat()
+    let (result, threads) = (source::result(shape), source::threads());
+    [header, &result, &threads, &expressions.text, &value, include_str!("map.wgsl")].concat()
 }
 
 /// `buffers`, if a kernel can bind as many.

@@ -1,6 +1,6 @@
 //! What the WGSL of all kernels has in common, and how large what they read and write is.
 
-use gs3_compute::{GRID_WGSL, constants};
+use gs3_compute::{constants, grid_source};
 
 use super::{ImageFormat, Precision};
 use crate::graph::Activation;
@@ -13,6 +13,14 @@ pub const PARTS: [&str; 6] = ["part0", "part1", "part2", "part3", "part4", "part
 /// Four channels of a pixel, as tensors are stored.
 pub const BLOCK: usize = 4;
 
+/// Invocations of a workgroup of all kernels but convolutions.
+pub const THREADS: usize = 256;
+
+/// `THREADS`, for all kernels but convolutions, which have their own.
+pub fn threads() -> String {
+    constants(&[("THREADS", THREADS)])
+}
+
 /// Blocks of `shape`.
 pub fn blocks(shape: Shape) -> usize {
     shape.channels.div_ceil(BLOCK)
@@ -24,7 +32,7 @@ pub fn header(precision: Precision) -> String {
         Precision::Single => "alias real = f32;\n",
         Precision::Half => "enable f16;\nalias real = f16;\n",
     };
-    format!("{types}alias Block = vec4<real>;\nalias Matrix = mat4x4<real>;\n{GRID_WGSL}")
+    format!("{types}alias Block = vec4<real>;\nalias Matrix = mat4x4<real>;\n{}", grid_source())
 }
 
 /// The result of a kernel, a tensor: its binding and sizes.

@@ -4,7 +4,7 @@
 use fearless_simd::{Simd, f32x16, prelude::*, u32x16};
 
 use super::bin::{TILE_HEIGHT, TILE_WIDTH};
-use super::splat::Splat;
+use super::splat::{SPAN_SLACK, SPAN_SLACK_PER_PIXEL, Splat};
 
 /// Side of a block in samples: its sixteen samples are the lanes of a vector.
 pub const BLOCK: usize = 4;
@@ -215,8 +215,8 @@ impl Cover {
                 let half = (support - v * v).max(zero).sqrt();
                 let reach_left = (zero - half - l21 * dy) * inv_l11;
                 // The slack covers rounding. One block too many only costs time.
-                let slack =
-                    (reach_right - reach_left).mul_add(f32x16::splat(s, 1e-5), f32x16::splat(s, 0.01));
+                let slack = (reach_right - reach_left)
+                    .mul_add(f32x16::splat(s, SPAN_SLACK_PER_PIXEL), f32x16::splat(s, SPAN_SLACK));
                 // Columns of samples between the edges.
                 let from = ((mean_x - reach_right - slack).max(left) * per_pixel - SNAP).ceil();
                 let to = ((mean_x - reach_left + slack).min(right) * per_pixel + SNAP).floor();

@@ -8,6 +8,11 @@ use crate::view::View;
 /// Values per Gaussian that [`project`] returns: ray distance, its slopes along x and y, the normal.
 pub const PLANES: usize = 6;
 
+/// Steeper planes of maxima (world units per pixel) count as edge-on. A splat's samples are at most 10¹⁰ px from its mean
+/// ([`super::project::MAX_SLOPE`] times a focal length of 10⁴ px), so a distance along the ray is at most 10³⁰, and sums of
+/// weights up to 1 stay below the largest f32, 3.4·10³⁸.
+pub const STEEPEST_PLANE: f32 = 1e20;
+
 /// Computes the ray distance at the centre (world units), its change per pixel of mean − sample along x and y, and
 /// the view-space normal. The inputs are the view-space means, the principal axes (world space) and the scales.
 ///
@@ -46,7 +51,7 @@ pub fn project<S: Simd>(
     for a in 0..2 {
         let slope = distance * (m[a] / along - ray[a] * inv_ray_length2) * lanes(s, 1.0 / view.focal[a]);
         // A slope this steep counts as edge-on as well: times a pixel distance it would overflow.
-        let is_usable = has_plane & slope.abs().simd_lt(lanes(s, 1e20));
+        let is_usable = has_plane & slope.abs().simd_lt(lanes(s, STEEPEST_PLANE));
         slopes[a] = is_usable.select(slope, zero);
     }
     let length2 = dot(m, m);

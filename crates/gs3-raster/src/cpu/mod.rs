@@ -7,7 +7,7 @@ mod bin;
 pub(crate) mod blend;
 mod blocks;
 pub(crate) mod cover;
-mod geometry;
+pub(crate) mod geometry;
 mod grid;
 mod importance;
 mod math;

@@ -10,13 +10,16 @@ use super::geometry;
 use super::math::log2;
 use super::sh;
 use super::splat::{PixelRect, Splat, SplatGeometry};
-use crate::settings::Culling;
+use crate::settings::{Culling, MIN_ALPHA_INVERSE};
 use crate::view::View;
 
-/// Slack on `support`, for the different rounding of the contribution's exponent here and in blending.
+/// Slack on `support`, for the rounding of log₂ here and of 2ˣ in blending. With exponents up to 8 they are off by 1e-6 and
+/// 4.3e-7 on a CPU ([`super::math`]), and by 1.4e-6 (3 ULP) and 3.3e-6 (3 + 2·8 ULP) on a GPU: 5e-6 at most. This is 200
+/// times as much. [`super::splat::SPAN_SLACK`] and [`super::splat::REACH_FACTOR`] count on the rest.
 pub const SUPPORT_MARGIN: f32 = 1e-3;
 
 /// Slack in pixels on the support's extents, for the rounding of positions: by 2⁻¹² px up to 8192 px, 2⁻⁹ px up to 65,536 px.
+/// (The extents themselves are off by at most 16·2⁻²⁴ of their lengths. [`SUPPORT_MARGIN`] adds 6e-5 of them.)
 pub const EXTENT_MARGIN: f32 = 2e-3;
 
 /// Centres farther off the axis than this multiple of their depth are culled. At a focal length of a thousand pixels
@@ -40,6 +43,12 @@ pub const HALF_LOG2_E_SQRT: f32 = 0.849_321_8;
 /// The largest steepness of a splat, in square roots of binary orders per pixel. A splat thinner than a nanopixel
 /// meets a sample only by accident, and its derivatives would overflow. Only a dilation of 0 gets here.
 pub const MAX_STEEPNESS: f32 = 1e9;
+
+/// Standard deviations that the published boxes reach to (Kerbl et al. 2023; [`Culling::Aabb3Sigma`], [`Culling::Adr`]).
+pub const PUBLISHED_SIGMAS: f32 = 3.0;
+
+/// Side in pixels of the tiles that the published rules cut splats to, on any machine.
+pub const PUBLISHED_TILE: f32 = 16.0;
 
 /// Visible splats of one job, and scratch that keeps its memory between frames.
 #[derive(Default)]
@@ -212,7 +221,7 @@ fn project_lanes<S: Simd>(
         let floor = lanes(s, view.min_compensation * view.min_compensation);
         opacity *= (raw_det / det).max(floor).sqrt();
     }
-    let reach = opacity * lanes(s, 255.0);
+    let reach = opacity * lanes(s, MIN_ALPHA_INVERSE);
     visible &= reach.simd_ge(lanes(s, 1.0));
     let support = log2(s, reach.max(lanes(s, 1.0))) + lanes(s, SUPPORT_MARGIN);
 
@@ -252,13 +261,15 @@ fn project_lanes<S: Simd>(
         Culling::Aabb3Sigma => {
             let half = (raw_xx + raw_yy) * lanes(s, 0.5) + dilation;
             let spread = (raw_xx - raw_yy) * lanes(s, 0.5);
-            let radius = ((half + spread.mul_add(spread, xy * xy).sqrt()).sqrt() * lanes(s, 3.0)).ceil();
+            let radius =
+                ((half + spread.mul_add(spread, xy * xy).sqrt()).sqrt() * lanes(s, PUBLISHED_SIGMAS)).ceil();
             Some([radius, radius])
         }
         Culling::Adr => {
             let reach = (support - lanes(s, SUPPORT_MARGIN)) * lanes(s, TWO_LN_2);
-            let radius =
-                |variance: f32x16<S>| (variance.sqrt() * lanes(s, 3.0)).min((reach * variance).sqrt().ceil());
+            let radius = |variance: f32x16<S>| {
+                (variance.sqrt() * lanes(s, PUBLISHED_SIGMAS)).min((reach * variance).sqrt().ceil())
+            };
             Some([radius(xx), radius(yy)])
         }
         Culling::SnugBox | Culling::AccuTile | Culling::Exact => None,
@@ -305,8 +316,9 @@ fn project_lanes<S: Simd>(
 /// radius)/16⌋ to tile ⌊(mean + radius + 15)/16⌋, exclusive.
 #[inline(always)]
 fn published_tiles<S: Simd>(s: S, mean: f32x16<S>, radius: f32x16<S>) -> [f32x16<S>; 2] {
-    let first = ((mean - radius) * lanes(s, 1.0 / 16.0)).floor() * lanes(s, 16.0);
-    let end = ((mean + radius + lanes(s, 15.0)) * lanes(s, 1.0 / 16.0)).floor() * lanes(s, 16.0);
+    let (side, per_tile) = (lanes(s, PUBLISHED_TILE), lanes(s, 1.0 / PUBLISHED_TILE));
+    let first = ((mean - radius) * per_tile).floor() * side;
+    let end = ((mean + radius + lanes(s, PUBLISHED_TILE - 1.0)) * per_tile).floor() * side;
     [first, end - lanes(s, 1.0)]
 }
 

@@ -1,5 +1,35 @@
 //! The output of projection and the input of blending: one record per visible Gaussian.
 
+/// Slack in pixels on either end of a span ([`Splat::x_span`], [`super::cover`]). It covers rounding. A tile, block or
+/// pixel too many only costs time.
+///
+/// An end and the pixel that it must not miss are rounded sixteen times at most, each time by ε = 2⁻²⁴ of a distance or
+/// less: l21·dy, its difference from the root, and the quotient by l11 (1, 1, and 5: the 2.5 ULP of a GPU); the mean less
+/// the corner of the tile, the end, and the slack (3); dy less the corner and the row, as dy moves a slanted splat (2); the
+/// pixel's dx, dy, l11·dx and l21·dy (4). Distances are up to 8192 px: 16·2⁻²⁴·8192 = 7.8e-3 px. The slack is 1.3 times as
+/// much, and enough up to 10,000 px. The rounding of `dy_at_max_dx` counts in second order only, and
+/// [`super::project::SUPPORT_MARGIN`] is more than that.
+pub const SPAN_SLACK: f32 = 0.01;
+
+/// The slack's share of the span's length, beside [`SPAN_SLACK`]. The root and the pixel's u are rounded by at most 12·2⁻²⁴
+/// of half the length, 3.6e-7 of the length. The share is 28 times as much, and costs 0.08 px of a span of 8192 px. (What
+/// cancels in the root, support − v², is off by 3·2⁻²⁴·8 = 1.4e-6, and SUPPORT_MARGIN is more than that.)
+pub const SPAN_SLACK_PER_PIXEL: f32 = 1e-5;
+
+/// Factor of the support where it is tested against a tile ([`Splat::reaches`]); [`REACH_SLACK`] is added. Both cover
+/// rounding, as far as stated here. A tile too many only costs time.
+///
+/// Where a long thin splat is slanted, the products in u = l11·dx + l21·dy cancel. Two products are rounded in the test and
+/// two in blending, each by 2⁻²⁴ of L = |l11·dx|. So u² + v² is off by at most 2·√8·4·2⁻²⁴ L = 1.35e-6 L, as supports are
+/// at most 8 (log₂ 255). Factor, slack and [`super::project::SUPPORT_MARGIN`] are 2.8e-3 there: enough up to L = 2,000. This
+/// is 1,300 px from the mean for the thinnest splats of a dilation of 0.3 px² (l11 up to 1.55), and more for others.
+/// Farther away the test may leave out a tile that has only the rim of such a splat: pixels with α within 1 % of 1/255 (at
+/// 8192 px).
+pub const REACH_FACTOR: f32 = 1.0 + 1e-4;
+
+/// See [`REACH_FACTOR`].
+pub const REACH_SLACK: f32 = 1e-3;
+
 /// A projected Gaussian. Lengths in pixels, positions in the frame of [`crate::view::View`] (samples at integers).
 ///
 /// The quadratic form is stored as a Cholesky factor. With d = mean − sample, `u = l11·dx + l21·dy` and `v = l22·dy`,
@@ -64,7 +94,7 @@ impl Splat {
         };
         let right = edge(self.dy_at_max_dx.min(high).max(low), 1.0);
         let left = edge((-self.dy_at_max_dx).min(high).max(low), -1.0);
-        let slack = 0.01 + 1e-5 * (right - left);
+        let slack = SPAN_SLACK + SPAN_SLACK_PER_PIXEL * (right - left);
         [self.mean[0] - right - slack, self.mean[0] - left + slack]
     }
 
@@ -90,6 +120,7 @@ impl Splat {
             form((-self.l21 * dy * self.inv_l11).min(x - x0).max(x - x1), dy)
         };
         // The slack covers rounding. One tile too many only costs time.
-        column(x0).min(column(x1)).min(row(y0)).min(row(y1)) <= self.support * (1.0 + 1e-4) + 1e-3
+        let nearest = column(x0).min(column(x1)).min(row(y0)).min(row(y1));
+        nearest <= self.support * REACH_FACTOR + REACH_SLACK
     }
 }

@@ -2,7 +2,7 @@
 
 fn may_see(chunk: Chunk) -> bool {
     let center = rotate(chunk.center - view.origin);
-    let slack = 1e-4 * (abs(center.x) + abs(center.y) + abs(center.z) + chunk.radius);
+    let slack = CHUNK_SLACK * (abs(center.x) + abs(center.y) + abs(center.z) + chunk.radius);
     let radius = chunk.radius + slack;
     if center.z + radius <= view.near {
         return false;

@@ -31,7 +31,7 @@ fn cover_rows(slot: u32, s: Splat, rect: vec4<u32>, origin: vec2<f32>, first_row
         let right = edge(s, max(min(dy_at_max_dx, farthest), nearest), 1.0);
         let left = edge(s, max(min(-dy_at_max_dx, farthest), nearest), -1.0);
         // The slack covers rounding; a block too many costs time only.
-        let slack = fma(right - left, 1e-5, 0.01);
+        let slack = fma(right - left, SPAN_SLACK_PER_PIXEL, SPAN_SLACK);
         let begin = max(mean.x - right - slack, low.x);
         let end = min(mean.x - left + slack, high.x);
         for (var column = 0u; column < BLOCKS; column++) {

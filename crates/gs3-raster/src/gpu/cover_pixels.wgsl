@@ -22,7 +22,7 @@ fn cover_pixels(slot: u32, s: Splat, rect: vec4<u32>, origin: vec2<u32>, first_r
         let right = edge(s, dy, 1.0);
         let left = edge(s, dy, -1.0);
         // The slack covers rounding; a pixel too many costs time only.
-        let slack = fma(right - left, 1e-5, 0.01);
+        let slack = fma(right - left, SPAN_SLACK_PER_PIXEL, SPAN_SLACK);
         let begin = max(ceil(s.mean.x - right - slack), low);
         let end = min(floor(s.mean.x - left + slack), high);
         for (var x = begin; x <= end; x += 1.0) {

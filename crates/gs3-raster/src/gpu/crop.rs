@@ -6,7 +6,7 @@ use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Recorder, Use};
 use super::gbuffer::GpuGBuffer;
 
 /// Sides of the workgroups of `crop.wgsl`.
-const GROUP: [u32; 2] = [64, 4];
+pub const GROUP: [u32; 2] = [64, 4];
 
 /// `Crop` of `crop.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -65,6 +65,6 @@ mod tests {
 
     #[test]
     fn layout_is_that_of_the_shader() {
-        assert_layout!(&[include_str!("crop.wgsl")], Crop, CropUniform { size, first, stride, _pad });
+        assert_layout!(&[&crate::gpu::shaders::crop()], Crop, CropUniform { size, first, stride, _pad });
     }
 }

@@ -15,7 +15,7 @@ struct Crop {
 @group(0) @binding(1) var<storage, read> padded: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read_write> picture: array<vec4<f32>>;
 
-@compute @workgroup_size(64, 4)
+@compute @workgroup_size(WORKGROUP_X, WORKGROUP_Y)
 fn copy_picture(@builtin(global_invocation_id) at: vec3<u32>) {
     if any(at.xy >= crop.size) {
         return;

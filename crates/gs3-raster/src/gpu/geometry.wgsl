@@ -26,7 +26,7 @@ fn geometry_of(mean: vec3<f32>, axes: mat3x3<f32>, scales: vec3<f32>) -> Geometr
     if along > TINY {
         let slopes = distance * (m.xy / along - ray.xy * inv_ray_length2) * (1.0 / view.focal);
         // So steep a plane is edge-on too; times a pixel distance it would overflow.
-        plane = select(vec2(0.0), slopes, abs(slopes) < vec2(1e20));
+        plane = select(vec2(0.0), slopes, abs(slopes) < vec2(STEEPEST_PLANE));
     }
     let length2 = dot3(m, m);
     var normal = -ray * sqrt(inv_ray_length2);

@@ -72,7 +72,7 @@ impl Kernels {
             emit: bin.kernel(gpu, "emit", &[culling])?,
             clear: tiles.kernel(gpu, "clear", &[])?,
             find: tiles.kernel(gpu, "find", &[])?,
-            copy_picture: gpu.module("crop", &[shaders::CROP])?.kernel(gpu, "copy_picture", &[])?,
+            copy_picture: gpu.module("crop", &[&shaders::crop()])?.kernel(gpu, "copy_picture", &[])?,
             blend: HashMap::new(),
         })
     }

@@ -1,7 +1,5 @@
 // Colour and alpha alone.
 
-const SPLAT_VECTORS: u32 = 3u;
-
 fn stage_outputs(slot: u32, splat: u32, room: u32) {}
 
 fn add_outputs(slot: u32, s: Splat, color: vec3<f32>, at: Contribution) {}

@@ -5,8 +5,6 @@
 @group(0) @binding(8) var<storage, read_write> dy_expected: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read_write> normal: array<vec4<f32>>;
 
-const SPLAT_VECTORS: u32 = 5u;
-
 var<workgroup> staged_geometry_a: array<vec4<f32>, BATCH>;
 var<workgroup> staged_geometry_b: array<vec2<f32>, BATCH>;
 

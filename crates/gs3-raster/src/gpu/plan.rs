@@ -7,7 +7,7 @@ use super::scene::ScenePrecision;
 use crate::chunk::CHUNK;
 use crate::settings::Outputs;
 
-/// Side of a tile in pixels, `TILE` of `splat.wgsl`.
+/// Side of a tile in pixels, `TILE` of the shaders.
 pub const TILE: u32 = 16;
 
 /// Bits of a depth that may differ: depths are positive, so the sign bit never differs.
@@ -89,12 +89,17 @@ pub struct Capacity {
     pub band_rows: u32,
 }
 
-/// Bytes of a splat: the vectors of `splat.wgsl`.
-const fn splat_bytes(outputs: Outputs) -> u64 {
+/// Vectors of a splat (`splat.wgsl`).
+pub const fn splat_vectors(outputs: Outputs) -> u32 {
     match outputs {
-        Outputs::Color => 3 * 16,
-        Outputs::GBuffer | Outputs::GBufferMixed => 5 * 16,
+        Outputs::Color => 3,
+        Outputs::GBuffer | Outputs::GBufferMixed => 5,
     }
+}
+
+/// Bytes of a splat.
+const fn splat_bytes(outputs: Outputs) -> u64 {
+    splat_vectors(outputs) as u64 * 16
 }
 
 /// The most splats and entries that one binding each can hold.

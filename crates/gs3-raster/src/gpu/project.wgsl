@@ -91,7 +91,7 @@ fn project(i: u32) -> Projection {
     if OPACITY_MODE == ANTIALIASED {
         p.opacity *= sqrt(max(raw_det / det, MIN_COMPENSATION * MIN_COMPENSATION));
     }
-    let reach = p.opacity * 255.0;
+    let reach = p.opacity * MIN_ALPHA_INVERSE;
     if !(reach >= 1.0) {
         return p;
     }
@@ -131,14 +131,14 @@ fn project(i: u32) -> Projection {
         if CULLING == AABB_3_SIGMA {
             let half = (raw_xx + raw_yy) * 0.5 + view.dilation;
             let spread = (raw_xx - raw_yy) * 0.5;
-            radius = vec2(ceil(sqrt(half + sqrt(fma(spread, spread, xy * xy))) * 3.0));
+            radius = vec2(ceil(sqrt(half + sqrt(fma(spread, spread, xy * xy))) * PUBLISHED_SIGMAS));
         } else {
             let squared = (p.support - SUPPORT_MARGIN) * TWO_LN_2;
-            radius = min(sqrt(variance) * 3.0, ceil(sqrt(squared * variance)));
+            radius = min(sqrt(variance) * PUBLISHED_SIGMAS, ceil(sqrt(squared * variance)));
         }
-        // First and last pixel of the 16-px tiles that mean ± radius touches by the published rule.
-        p.low = max(p.low, floor((p.mean - radius) / 16.0) * 16.0);
-        p.high = min(p.high, floor((p.mean + radius + 15.0) / 16.0) * 16.0 - 1.0);
+        // First and last pixel of the tiles that mean ± radius touches by the published rule.
+        p.low = max(p.low, floor((p.mean - radius) / PUBLISHED_TILE) * PUBLISHED_TILE);
+        p.high = min(p.high, floor((p.mean + radius + (PUBLISHED_TILE - 1.0)) / PUBLISHED_TILE) * PUBLISHED_TILE - 1.0);
         if !all(p.low <= p.high) {
             return p;
         }

@@ -1,17 +1,17 @@
 //! The kernels' sources: shared parts are written once.
 
-use gs3_compute::{GRID_WGSL, constants};
+use gs3_compute::{constants, grid_source};
 use gs3_scene::OpacityMode;
 use gs3_scene::gaussians::{SH_C0, SH_C1, SH_C2, SH_C3, SH_C4};
 
 use super::frame::GROUP;
 use super::kernels::{culling_number, opacity_number};
-use super::plan::TILE;
+use super::plan::{TILE, splat_vectors};
 use super::scene::{FIRST_RATIO, OPACITY_STEPS, QUATERNION_STEPS, ScenePrecision};
-use crate::chunk::CHUNK;
+use crate::chunk::{self, CHUNK};
 use crate::cpu::cover::BLOCK;
-use crate::cpu::{blend, project};
-use crate::settings::{Culling, MIN_ALPHA, Outputs, Rules};
+use crate::cpu::{blend, geometry, project, splat};
+use crate::settings::{Culling, MIN_ALPHA, MIN_ALPHA_INVERSE, Outputs, Rules};
 
 /// Storage bindings that a kernel may have: what WebGPU guarantees. `blend` with mixed derivatives, which no frame of a
 /// viewer has, takes one more; desktop drivers have 16 or more.
@@ -24,6 +24,7 @@ const FRAME: &str = include_str!("frame.wgsl");
 /// Constants that kernels share with the CPU's code, where their reasons are given.
 fn numbers() -> String {
     let reals = constants(&[
+        ("CHUNK_SLACK", chunk::SLACK),
         ("SUPPORT_MARGIN", project::SUPPORT_MARGIN),
         ("EXTENT_MARGIN", project::EXTENT_MARGIN),
         ("MAX_SLOPE", project::MAX_SLOPE),
@@ -33,12 +34,20 @@ fn numbers() -> String {
         ("HALF_LOG2_E_SQRT", project::HALF_LOG2_E_SQRT),
         ("MAX_STEEPNESS", project::MAX_STEEPNESS),
         ("MAX_DEVIATION", project::MAX_DEVIATION),
+        ("PUBLISHED_SIGMAS", project::PUBLISHED_SIGMAS),
+        ("PUBLISHED_TILE", project::PUBLISHED_TILE),
+        ("STEEPEST_PLANE", geometry::STEEPEST_PLANE),
+        ("SPAN_SLACK", splat::SPAN_SLACK),
+        ("SPAN_SLACK_PER_PIXEL", splat::SPAN_SLACK_PER_PIXEL),
+        ("REACH_FACTOR", splat::REACH_FACTOR),
+        ("REACH_SLACK", splat::REACH_SLACK),
         ("MAX_FINITE", f32::MAX),
         ("TINY", f32::MIN_POSITIVE),
         ("C0", SH_C0),
         ("C1", SH_C1),
         ("MAX_ALPHA", Rules::KERBL.max_alpha),
         ("MIN_ALPHA", MIN_ALPHA),
+        ("MIN_ALPHA_INVERSE", MIN_ALPHA_INVERSE),
         ("MIN_TRANSMITTANCE", blend::MIN_TRANSMITTANCE),
         ("UNSCALE", blend::UNSCALE),
         ("OPACITY_STEPS", OPACITY_STEPS as f32),
@@ -75,7 +84,7 @@ pub fn project(precision: ScenePrecision) -> String {
         ScenePrecision::F32 => include_str!("scene_f32.wgsl"),
     };
     joined(&[
-        GRID_WGSL,
+        &grid_source(),
         VIEW,
         include_str!("scene.wgsl"),
         scene,
@@ -88,24 +97,28 @@ pub fn project(precision: ScenePrecision) -> String {
 
 /// Splats to tiles: entries `count` and `emit`.
 pub fn bin() -> String {
-    joined(&[GRID_WGSL, FRAME, SPLAT, include_str!("bin.wgsl")])
+    joined(&[&grid_source(), FRAME, SPLAT, include_str!("bin.wgsl")])
 }
 
 /// Counts between the stages: entries `plan_splats` and `plan_entries`.
 pub fn plan() -> String {
-    joined(&[GRID_WGSL, FRAME, include_str!("plan.wgsl")])
+    joined(&[&grid_source(), FRAME, include_str!("plan.wgsl")])
 }
 
 /// Entries of tiles: entries `clear` and `find`.
 pub fn tiles() -> String {
-    joined(&[GRID_WGSL, FRAME, include_str!("tiles.wgsl")])
+    joined(&[&grid_source(), FRAME, include_str!("tiles.wgsl")])
 }
 
 /// The picture without its margin: entry `copy_picture`.
-pub const CROP: &str = include_str!("crop.wgsl");
+pub fn crop() -> String {
+    let [x, y] = super::crop::GROUP;
+    constants(&[("WORKGROUP_X", x), ("WORKGROUP_Y", y)]) + include_str!("crop.wgsl")
+}
 
 /// Tiles to pixels: entry `blend`.
 pub fn blend(outputs: Outputs) -> String {
+    let vectors = constants(&[("SPLAT_VECTORS", splat_vectors(outputs))]);
     let gbuffer = include_str!("outputs_gbuffer.wgsl");
     let pixels = include_str!("cover_pixels.wgsl");
     let [pixels, outputs, mixed] = match outputs {
@@ -114,13 +127,13 @@ pub fn blend(outputs: Outputs) -> String {
         Outputs::GBufferMixed => [pixels, gbuffer, include_str!("mixed.wgsl")],
     };
     let blend = include_str!("blend.wgsl").replace("                SPLATS\n", &super::blend::splats());
-    joined(&[VIEW, FRAME, SPLAT, include_str!("cover.wgsl"), pixels, &blend, outputs, mixed])
+    joined(&[&vectors, VIEW, FRAME, SPLAT, include_str!("cover.wgsl"), pixels, &blend, outputs, mixed])
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use gs3_compute::{storage_bindings, validate};
+    use gs3_compute::{check_literals, storage_bindings, validate};
 
     #[test]
     fn no_kernel_has_more_bindings_than_said() {
@@ -130,7 +143,7 @@ mod tests {
         assert_eq!(bindings(&project(ScenePrecision::F32)), most);
         assert_eq!(bindings(&blend(Outputs::GBuffer)), most);
         assert_eq!(bindings(&blend(Outputs::GBufferMixed)), most + 1);
-        for source in [bin(), plan(), tiles(), CROP.to_owned(), blend(Outputs::Color)] {
+        for source in [bin(), plan(), tiles(), crop(), blend(Outputs::Color)] {
             assert!(bindings(&source) < most);
         }
     }
@@ -140,13 +153,12 @@ mod tests {
         for precision in [ScenePrecision::F16, ScenePrecision::F32] {
             validate("project", &[&project(precision)]).unwrap_or_else(|e| panic!("{precision:?}: {e}"));
         }
-        for (label, source) in
-            [("bin", bin()), ("plan", plan()), ("tiles", tiles()), ("crop", CROP.to_owned())]
-        {
+        for (label, source) in [("bin", bin()), ("plan", plan()), ("tiles", tiles()), ("crop", crop())] {
             validate(label, &[&source]).unwrap_or_else(|e| panic!("{e}"));
         }
         for outputs in [Outputs::Color, Outputs::GBuffer, Outputs::GBufferMixed] {
             validate("blend", &[&blend(outputs)]).unwrap_or_else(|e| panic!("{outputs:?}: {e}"));
         }
+        assert_eq!(check_literals(concat!(env!("CARGO_MANIFEST_DIR"), "/src/gpu")), 22);
     }
 }

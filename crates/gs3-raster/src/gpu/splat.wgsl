@@ -31,7 +31,7 @@ fn x_span(s: Splat, y0: f32, y1: f32) -> vec2<f32> {
     let dy_at_max_dx = -s.l21 * (sqrt(s.support) / s.l22) / steepness;
     let right = edge(s, max(min(dy_at_max_dx, high), low), 1.0);
     let left = edge(s, max(min(-dy_at_max_dx, high), low), -1.0);
-    let slack = fma(right - left, 1e-5, 0.01);
+    let slack = fma(right - left, SPAN_SLACK_PER_PIXEL, SPAN_SLACK);
     return vec2(s.mean.x - right - slack, s.mean.x - left + slack);
 }
 
@@ -49,7 +49,7 @@ fn reaches(s: Splat, low: vec2<f32>, high: vec2<f32>) -> bool {
     let nearest = min(min(column(s, low.x, low.y, high.y), column(s, high.x, low.y, high.y)),
         min(row(s, low.y, low.x, high.x), row(s, high.y, low.x, high.x)));
     // The slack covers rounding; a tile too many costs time only.
-    return nearest <= s.support * (1.0 + 1e-4) + 1e-3;
+    return nearest <= s.support * REACH_FACTOR + REACH_SLACK;
 }
 
 fn form(s: Splat, dx: f32, dy: f32) -> f32 {

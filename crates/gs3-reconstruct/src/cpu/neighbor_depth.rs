@@ -15,6 +15,11 @@ pub(crate) const SILHOUETTE: f32 = 0.3;
 /// is negligible beside a neighbour that does.
 pub(crate) const HIDDEN: f32 = 1e-5;
 
+/// The samples around a point are on one surface if their range of inverse depths, already widened by [`SAME_SURFACE`] at
+/// both ends, is at most this share of the nearest. It leaves the samples themselves two steps of [`SAME_SURFACE`]: one
+/// along x and one along y.
+pub(crate) const ONE_SURFACE: f32 = 4.0 * SAME_SURFACE;
+
 const LANES: usize = 16;
 
 /// Number of cells of a row that are read before the first point's cell: positions need not increase along a row.
@@ -124,7 +129,7 @@ impl NeighborDepth {
     /// The visibility of points with inverse depth `w` in a cell with inverse depths from `far` to `near`.
     #[inline(always)]
     fn judge<S: Simd>(simd: S, w: f32x16<S>, far: f32x16<S>, near: f32x16<S>) -> f32x16<S> {
-        let one_surface = (near - far).simd_le(near * (4.0 * SAME_SURFACE));
+        let one_surface = (near - far).simd_le(near * ONE_SURFACE);
         let seen = one_surface.select(f32x16::splat(simd, 1.0), f32x16::splat(simd, SILHOUETTE));
         (w.simd_ge(far) & w.simd_le(near)).select(seen, f32x16::splat(simd, HIDDEN))
     }

@@ -32,6 +32,17 @@ pub(crate) const MISMATCH: f32 = 100.0;
 /// for glossy and translucent surfaces (empirical: 0.002 to 0.004 are alike).
 pub(crate) const DRIFT: f32 = 0.004;
 
+/// Added to squared errors of the current samples' predictions of each other: errors below 1/4096 count as none. The
+/// largest gain of drift is then [`DRIFT`]² over this, 267 pixel⁴ per squared pixel of staleness.
+pub(crate) const ERROR_FLOOR: f32 = 6e-8;
+
+/// Added to the squared extent of a cell's range, so that rounding alone does not make a sample implausible where the
+/// colour is constant. Range and sample are off by at most 4·2⁻²⁴ of colours up to 1, squared over three channels 1.7e-13.
+/// [`MISMATCH`] over this makes 1.7e-5 pixel⁴ of it, about [`NOISE`](crate::cpu::tile::NOISE). (Halves of a GPU's history
+/// are off by up to 2⁻¹², which makes up to 18 pixel⁴: there the samples of a constant colour may lose their weight once
+/// they move. The surface has that colour.)
+pub(crate) const EXTENT_FLOOR: f32 = 1e-6;
+
 /// Variance of a sample that is hidden now: useless as soon as it has moved a fraction of a pixel. At rest a sample
 /// cannot have become hidden; it lies in a gap between the current samples.
 pub(crate) const HIDDEN: f32 = 1e4;
@@ -261,10 +272,8 @@ fn join_columns<S: Simd>(simd: S, width: usize, cells: &mut [f32]) {
         let at = DRIFT_GAIN * width + first;
         let (error, next) = (load(simd, &cells[at..]), load(simd, &cells[at + 1..]));
         let error = is_inner.select(error.max(next), error);
-        // Errors below 1/4096 count as none.
-        store(DRIFT * DRIFT / (error + 6e-8), &mut cells[at..], count);
-        // Where the colour is constant, rounding alone must not make a sample implausible.
-        store(MISMATCH / (extent + 1e-6), &mut cells[GAIN * width + first..], count);
+        store(DRIFT * DRIFT / (error + ERROR_FLOOR), &mut cells[at..], count);
+        store(MISMATCH / (extent + EXTENT_FLOOR), &mut cells[GAIN * width + first..], count);
     }
 }
 

@@ -7,7 +7,7 @@
 @group(0) @binding(5) var<storage, read_write> ordered_b: array<vec2<u32>>;
 @group(0) @binding(6) var<storage, read_write> ordered_c: array<vec2<u32>>;
 
-@compute @workgroup_size(64, 4)
+@compute @workgroup_size(WORKGROUP_X, WORKGROUP_Y)
 fn copy(@builtin(global_invocation_id) at: vec3<u32>) {
     let place = place_in_order(at);
     if place >= cell_ends[cell_count() - 1u] {

@@ -149,7 +149,7 @@ fn krige(corner: vec2<u32>, slot: u32, list_place: u32, system: u32, sample: u32
         let noise = bitcast<f32>(a.x & ~CURRENT);
         let d2 = dot(d, d);
         let share = fma(d2, d2, noise) / left_out[slot];
-        own = NUGGET + FADE * share * share / (1.0 + 1e-4 - share);
+        own = NUGGET + FADE * share * share / (FADE_LIMIT - share);
         here = vec4(d / LENGTH, noise, 1.0);
         let q = covariance(here.xy);
         let s = unpack_sample(a.y, ordered_b[id - 1u], ordered_c[id - 1u]);
@@ -167,7 +167,7 @@ fn krige(corner: vec2<u32>, slot: u32, list_place: u32, system: u32, sample: u32
     ELIMINATE
     if is_pixel && sample == 0u {
         let trust = saturate((all.x - UNTRUSTED) / (TRUSTED - UNTRUSTED));
-        let color = clamp(fma(all.yzw, vec3(trust), mean), vec3(-65504.0), vec3(65504.0));
+        let color = clamp(fma(all.yzw, vec3(trust), mean), vec3(-LARGEST_HALF), vec3(LARGEST_HALF));
         image[place] = vec2(pack2x16float(color.xy), pack2x16float(vec2(color.z, -rest.y)));
     }
 }

@@ -11,7 +11,8 @@
 // nothing is in view.
 const MOST_RINGS: i32 = 64;
 
-const NONE: f32 = 3.4e38;
+// More than any inverse depth.
+const NONE: f32 = MAX_FINITE;
 
 // The inverse depth at (x, y), NONE where there is none.
 fn splatted_at(x: i32, y: i32) -> f32 {
@@ -22,7 +23,7 @@ fn splatted_at(x: i32, y: i32) -> f32 {
     return select(NONE, bitcast<f32>(bits - 1u), bits > 0u);
 }
 
-@compute @workgroup_size(64, 4)
+@compute @workgroup_size(WORKGROUP_X, WORKGROUP_Y)
 fn fill(@builtin(global_invocation_id) id: vec3<u32>) {
     if any(id.xy >= in_between.lr) {
         return;

@@ -43,7 +43,7 @@ fn surface_at(x: u32, y: u32) -> vec2<f32> {
     return vec2(w, max(across + down, SAME_SURFACE * w));
 }
 
-@compute @workgroup_size(64, 4)
+@compute @workgroup_size(WORKGROUP_X, WORKGROUP_Y)
 fn find_motion(@builtin(global_invocation_id) at: vec3<u32>) {
     if any(at.xy >= view.lr) {
         return;

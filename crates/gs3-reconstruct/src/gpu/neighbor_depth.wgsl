@@ -17,7 +17,7 @@ fn depth_of(neighbor: u32, x: u32, y: u32) -> f32 {
     return inverse_depth(after_median[i].w);
 }
 
-@compute @workgroup_size(64, 4)
+@compute @workgroup_size(WORKGROUP_X, WORKGROUP_Y)
 fn scatter_depth(@builtin(global_invocation_id) at: vec3<u32>) {
     if any(at.xy >= in_between.lr) {
         return;

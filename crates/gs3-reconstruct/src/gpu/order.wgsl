@@ -21,7 +21,7 @@
 // Reverses the order of arrival: for tests that this order has no effect.
 override BACKWARD: bool = false;
 
-@compute @workgroup_size(64, 4)
+@compute @workgroup_size(WORKGROUP_X, WORKGROUP_Y)
 fn list(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
     if any(id_in_order.xy >= frame.padded) {
         return;
@@ -37,7 +37,7 @@ fn list(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
     }
 }
 
-@compute @workgroup_size(64, 4)
+@compute @workgroup_size(WORKGROUP_X, WORKGROUP_Y)
 fn rank(@builtin(global_invocation_id) at: vec3<u32>) {
     let place = place_in_order(at);
     if place >= cell_ends[cell_count() - 1u] {

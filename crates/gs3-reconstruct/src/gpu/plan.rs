@@ -9,10 +9,10 @@ use crate::cpu::splat::{COLUMNS, ROWS};
 pub const IMAGE_PIXEL_BYTES: u64 = 8;
 
 /// Sides of the workgroups with one invocation per LR sample.
-const SAMPLES: [u32; 2] = [64, 4];
+pub const WORKGROUP: [u32; 2] = [64, 4];
 
 /// Pixels in a row that a workgroup of `warp.wgsl` makes, `PATCHES` patches, and its rows, `LINES`.
-const WARPED: [u32; 2] = [64, 16];
+pub const WARPED: [u32; 2] = [64, 16];
 
 /// Pixels, in width and height, that a workgroup of `kriging.wgsl` searches for marked ones.
 pub const KRIGED: [u32; 2] = [32, 16];
@@ -65,7 +65,7 @@ fn over(size: [u32; 2], groups: [u32; 2]) -> [u32; 3] {
 
 /// Workgroups over LR samples.
 pub fn over_samples(lr: [u32; 2]) -> [u32; 3] {
-    over(lr, SAMPLES)
+    over(lr, WORKGROUP)
 }
 
 fn area(size: [u32; 2]) -> u64 {
@@ -234,8 +234,8 @@ mod tests {
                     for k in 0..2 {
                         assert!(plan.over_tiles[k] * tile[k] >= size[k]);
                         assert!((plan.over_tiles[k] - 1) * tile[k] < size[k]);
-                        assert!(plan.over_samples[k] * SAMPLES[k] >= size[k].div_ceil(scale));
-                        assert!(plan.over_around[k] * SAMPLES[k] >= size[k].div_ceil(scale) + 64);
+                        assert!(plan.over_samples[k] * WORKGROUP[k] >= size[k].div_ceil(scale));
+                        assert!(plan.over_around[k] * WORKGROUP[k] >= size[k].div_ceil(scale) + 64);
                     }
                     let bytes = tile_bytes(plan.made_height);
                     assert!(bytes <= workgroup_bytes, "{bytes} of {workgroup_bytes}");

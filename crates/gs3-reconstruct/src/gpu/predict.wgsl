@@ -14,7 +14,7 @@ fn middle(a: vec3<f32>, b: vec3<f32>, da: vec3<f32>, db: vec3<f32>) -> vec3<f32>
     return fma(a + b, vec3(0.5), (da - db) * 0.25);
 }
 
-@compute @workgroup_size(64, 4)
+@compute @workgroup_size(WORKGROUP_X, WORKGROUP_Y)
 fn predict(@builtin(global_invocation_id) at: vec3<u32>) {
     if any(at.xy >= frame.lr) {
         return;

@@ -9,15 +9,15 @@
 // the ranges' extents as three halves, the weight of drift, and the smallest inverse depth that is not hidden.
 @group(0) @binding(5) var<storage, read_write> cells: array<vec4<u32>>;
 
-@compute @workgroup_size(64, 4)
+@compute @workgroup_size(WORKGROUP_X, WORKGROUP_Y)
 fn find_ranges(@builtin(global_invocation_id) at: vec3<u32>) {
     if any(at.xy >= frame.lr) {
         return;
     }
     let next = min(at.xy + 1u, frame.lr - 1u);
-    var low = vec3(3.4e38);
-    var high = vec3(-3.4e38);
-    var far = 3.4e38;
+    var low = vec3(MAX_FINITE);
+    var high = vec3(-MAX_FINITE);
+    var far = MAX_FINITE;
     var error = 0.0;
     for (var k = 0u; k < 4u; k++) {
         let i = select(at.y, next.y, k >= 2u) * frame.lr.x + select(at.x, next.x, k % 2u == 1u);
@@ -30,12 +30,10 @@ fn find_ranges(@builtin(global_invocation_id) at: vec3<u32>) {
         error = max(error, errors[i]);
     }
     let extent = high - low;
-    // Where the colour is constant, rounding alone must not make a sample implausible. Errors below 1/4096 count as
-    // none.
-    let gain = MISMATCH / (dot(extent, extent) + 1e-6);
-    let restless = DRIFT * DRIFT / (error + 6e-8);
+    let gain = MISMATCH / (dot(extent, extent) + EXTENT_FLOOR);
+    let restless = DRIFT * DRIFT / (error + ERROR_FLOOR);
     let i = at.y * frame.lr.x + at.x;
-    let extents = min(extent * 0.5, vec3(MOST));
+    let extents = min(extent * 0.5, vec3(LARGEST_HALF));
     let packed = vec2(pack2x16float(extents.xy), pack2x16float(vec2(extents.z, 0.0)));
     cells[2u * i] = bitcast<vec4<u32>>(vec4((low + high) * 0.5, gain));
     cells[2u * i + 1u] = vec4(packed, bitcast<vec2<u32>>(vec2(restless, far * (1.0 - DEPTH_TOLERANCE))));

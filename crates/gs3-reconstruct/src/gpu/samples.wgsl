@@ -30,7 +30,7 @@ fn edge_slope(at: vec2<u32>) -> f32 {
     return select(0.0, CROSSING * (near - w) * slope, w < near * EDGE_RATIO);
 }
 
-@compute @workgroup_size(64, 4)
+@compute @workgroup_size(WORKGROUP_X, WORKGROUP_Y)
 fn remember(@builtin(global_invocation_id) at: vec3<u32>) {
     if any(at.xy >= frame.past[0].extent) {
         return;

@@ -1,20 +1,35 @@
 //! The kernels' sources: shared parts are written once, and constants come from the CPU's code.
 
 use gs3_compute::constants;
+use half::f16;
 
 use super::innovation::Innovation;
-use super::plan::{KRIGED, MADE_WIDTH, SuperSamplePlan};
+use super::plan::{KRIGED, MADE_WIDTH, SuperSamplePlan, WARPED, WORKGROUP};
 use crate::cpu::{blend, gather, kriging, nearest, neighbor_depth, rectification, splat, tile, warp};
 use crate::reprojection;
 use crate::settings::Kriging;
 
 const CELLS: &str = include_str!("cells.wgsl");
 const FRAME: &str = include_str!("frame.wgsl");
-const HALVES: &str = include_str!("halves.wgsl");
 const HISTORY: &str = include_str!("history.wgsl");
 const IN_BETWEEN: &str = include_str!("in_between.wgsl");
 const ORDERED: &str = include_str!("ordered.wgsl");
 const PACK_SAMPLE: &str = include_str!("pack_sample.wgsl");
+
+/// Sides of the workgroups with an invocation a sample.
+fn workgroup() -> String {
+    constants(&[("WORKGROUP_X", WORKGROUP[0]), ("WORKGROUP_Y", WORKGROUP[1])])
+}
+
+/// The largest half: larger numbers would become infinite.
+fn largest_half() -> String {
+    constants(&[("LARGEST_HALF", f16::MAX.to_f32())])
+}
+
+/// Numbers as halves.
+fn halves() -> String {
+    largest_half() + include_str!("halves.wgsl")
+}
 
 /// Cells, and how far a sample reaches.
 fn cells() -> String {
@@ -31,12 +46,13 @@ pub fn samples() -> String {
         ("EDGE_RATIO", crate::cpu::samples::EDGE_RATIO),
         ("CROSSING", crate::cpu::samples::CROSSING),
     ]);
-    joined(&[&numbers, FRAME, &reprojection(), HALVES, PACK_SAMPLE, include_str!("samples.wgsl")])
+    let own = include_str!("samples.wgsl");
+    joined(&[&numbers, &workgroup(), FRAME, &reprojection(), &halves(), PACK_SAMPLE, own])
 }
 
 /// The current picture's samples for its surface, and how well they predict each other: entry `predict`.
 pub fn predict() -> String {
-    joined(&[FRAME, &reprojection(), HALVES, PACK_SAMPLE, include_str!("predict.wgsl")])
+    joined(&[&workgroup(), FRAME, &reprojection(), &halves(), PACK_SAMPLE, include_str!("predict.wgsl")])
 }
 
 /// Ranges of plausible colours: entry `find_ranges`.
@@ -46,8 +62,12 @@ pub fn rectification() -> String {
         ("EXTRAPOLATION", rectification::EXTRAPOLATION),
         ("MISMATCH", rectification::MISMATCH),
         ("DRIFT", rectification::DRIFT),
+        ("ERROR_FLOOR", rectification::ERROR_FLOOR),
+        ("EXTENT_FLOOR", rectification::EXTENT_FLOOR),
+        ("MAX_FINITE", f32::MAX),
     ]);
-    joined(&[&numbers, FRAME, &reprojection(), HALVES, include_str!("rectification.wgsl")])
+    let own = include_str!("rectification.wgsl");
+    joined(&[&numbers, &workgroup(), FRAME, &reprojection(), &halves(), own])
 }
 
 /// Depth pre-pass, and splatting of samples to their current places: entries `splat_depth` and `splat_color`.
@@ -63,17 +83,18 @@ pub fn splat() -> String {
         ("OCCLUDED", splat::OCCLUDED),
     ]);
     let rim = constants(&[("RIM", nearest::RIM as u32), ("EVERY", nearest::EVERY as u32)]);
-    joined(&[&numbers, &rim, FRAME, &cells(), &reprojection(), include_str!("splat.wgsl")])
+    let own = include_str!("splat.wgsl");
+    joined(&[&numbers, &rim, &workgroup(), FRAME, &cells(), &reprojection(), own])
 }
 
 /// Samples in the order of their cells: entries `list` and `rank`.
 pub fn order() -> String {
-    joined(&[FRAME, &cells(), include_str!("order.wgsl")])
+    joined(&[&workgroup(), FRAME, &cells(), include_str!("order.wgsl")])
 }
 
 /// The rest of the samples in that order: entry `copy`.
 pub fn copy() -> String {
-    joined(&[FRAME, &cells(), include_str!("copy.wgsl")])
+    joined(&[&workgroup(), FRAME, &cells(), include_str!("copy.wgsl")])
 }
 
 /// The places of one view's samples in another view.
@@ -100,7 +121,7 @@ pub fn tile(plan: &SuperSamplePlan, innovation: Innovation, kriging: Kriging) ->
         Innovation::Wanted => include_str!("innovation.wgsl"),
         Innovation::NotWanted => include_str!("innovation_none.wgsl"),
     };
-    joined(&[&numbers, &kriging, &sizes, FRAME, &cells(), HISTORY, &own, innovation])
+    joined(&[&numbers, &largest_half(), &kriging, &sizes, FRAME, &cells(), HISTORY, &own, innovation])
 }
 
 /// Marked pixels from the samples around them: entry `krige_marked`.
@@ -111,6 +132,7 @@ pub fn krige() -> String {
         ("PER_NOISE", kriging::PER_NOISE),
         ("FARTHEST", kriging::FARTHEST),
         ("FADE", kriging::FADE),
+        ("FADE_LIMIT", kriging::FADE_LIMIT),
         ("UNTRUSTED", kriging::UNTRUSTED),
         ("TRUSTED", kriging::TRUSTED),
     ]);
@@ -123,7 +145,7 @@ pub fn krige() -> String {
     ]);
     let own = include_str!("kriging.wgsl").replace("    FILL\n", &super::kriging::fill());
     let own = own.replace("    ELIMINATE\n", &super::kriging::eliminate());
-    joined(&[&numbers, &sizes, FRAME, &cells(), HISTORY, ORDERED, &own])
+    joined(&[&numbers, &largest_half(), &sizes, FRAME, &cells(), HISTORY, ORDERED, &own])
 }
 
 /// The neighbours' depths at the pose of the in-between frame: entry `scatter_depth`.
@@ -132,12 +154,13 @@ pub fn neighbor_depth() -> String {
         ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
         ("SAME_SURFACE", reprojection::SAME_SURFACE),
     ]);
-    joined(&[&numbers, IN_BETWEEN, &reprojection(), include_str!("neighbor_depth.wgsl")])
+    joined(&[&numbers, &workgroup(), IN_BETWEEN, &reprojection(), include_str!("neighbor_depth.wgsl")])
 }
 
 /// Depths without holes: entry `fill`.
 pub fn middle_depth() -> String {
-    joined(&[IN_BETWEEN, include_str!("middle_depth.wgsl")])
+    let numbers = constants(&[("MAX_FINITE", f32::MAX)]);
+    joined(&[&numbers, &workgroup(), IN_BETWEEN, include_str!("middle_depth.wgsl")])
 }
 
 /// Surfaces to their previous places: entry `find_motion`.
@@ -146,7 +169,7 @@ pub fn motion() -> String {
         ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
         ("SAME_SURFACE", reprojection::SAME_SURFACE),
     ]);
-    joined(&[&numbers, &reprojection(), include_str!("motion.wgsl")])
+    joined(&[&numbers, &workgroup(), &reprojection(), include_str!("motion.wgsl")])
 }
 
 /// Both neighbours to the in-between frame: entries `blend` and `separate`.
@@ -154,12 +177,15 @@ pub fn warp() -> String {
     let numbers = constants(&[
         ("MIN_DIVISOR", reprojection::MIN_DIVISOR),
         ("SAME_SURFACE", reprojection::SAME_SURFACE),
+        ("ONE_SURFACE", neighbor_depth::ONE_SURFACE),
         ("SILHOUETTE", neighbor_depth::SILHOUETTE),
         ("UNSEEN", neighbor_depth::HIDDEN),
         ("RIGID", warp::RIGID),
         ("NEGLIGIBLE", blend::NEGLIGIBLE),
         ("UNSURE", blend::UNSURE),
+        ("MAX_FINITE", f32::MAX),
     ]);
+    let sizes = constants(&[("PATCHES", WARPED[0] / warp::SIDE as u32), ("LINES", WARPED[1])]);
     let bits = gather::PHASE_BITS;
     let phases = format!("const PHASE_BITS: u32 = {bits}u;\nconst UNITS: i32 = {};\n", 1 << bits);
     let factors = |k: usize| gather::FIT.map(|factors| format!("{:?}", factors[k])).join(", ");
@@ -173,6 +199,8 @@ pub fn warp() -> String {
     let [gather, warp] = [include_str!("gather.wgsl"), include_str!("warp.wgsl")];
     joined(&[
         &numbers,
+        &sizes,
+        &largest_half(),
         &phases,
         &taps,
         IN_BETWEEN,
@@ -186,7 +214,7 @@ pub fn warp() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use gs3_compute::{Limits, storage_bindings, validate};
+    use gs3_compute::{Limits, check_literals, storage_bindings, validate};
 
     /// The number that WebGPU guarantees.
     const STORAGE_BINDINGS: usize = 8;
@@ -239,6 +267,7 @@ mod tests {
                 files += 1;
             }
         }
-        assert_eq!(files, 25);
+        let explained = check_literals(concat!(env!("CARGO_MANIFEST_DIR"), "/src/gpu"));
+        assert_eq!((files, explained), (25, 25));
     }
 }

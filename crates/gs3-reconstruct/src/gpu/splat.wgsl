@@ -43,7 +43,7 @@ fn place_of(pixel: vec2<f32>) -> u32 {
     return place.y * (frame.size.x + 2u * RIM) + place.x;
 }
 
-@compute @workgroup_size(64, 4)
+@compute @workgroup_size(WORKGROUP_X, WORKGROUP_Y)
 fn splat_depth(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
     let at = id_in_order * vec3(1u, 1u, EVERY);
     if any(at.xy >= frame.past[at.z].extent) {
@@ -91,7 +91,7 @@ fn rectification_variance(at: vec2<f32>, w: f32, color: vec3<f32>, staleness: f3
 // on the CPU: with 16 times as much, one of a test's samples has others, and a kriged pixel that needs it is wrong.
 const WHOLE: f32 = 9.5367431640625e-7;
 
-@compute @workgroup_size(64, 4)
+@compute @workgroup_size(WORKGROUP_X, WORKGROUP_Y)
 fn splat_color(@builtin(global_invocation_id) at: vec3<u32>) {
     if any(at.xy >= frame.past[at.z].extent) {
         return;

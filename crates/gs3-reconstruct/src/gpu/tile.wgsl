@@ -105,7 +105,7 @@ fn accumulate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
                 color = reference.color;
                 uncertainty = 0.0;
             }
-            color = clamp(color, vec3(-65504.0), vec3(65504.0));
+            color = clamp(color, vec3(-LARGEST_HALF), vec3(LARGEST_HALF));
             let packed = vec2(pack2x16float(color.xy), pack2x16float(vec2(color.z, uncertainty)));
             image[u32(to.y) * frame.size.x + u32(to.x)] = packed;
             write_innovation(k, vec2<u32>(to), tile_varies);

@@ -6,9 +6,7 @@
 @group(0) @binding(4) var<storage, read> ranges: array<vec2<f32>>;
 @group(0) @binding(5) var<storage, read_write> result: array<vec2<u32>>;
 
-// Number of patches in a row that a workgroup makes, and number of rows of pixels.
-const PATCHES: u32 = 16u;
-const LINES: u32 = 16u;
+// A workgroup makes PATCHES patches in a row, and LINES rows of pixels.
 
 // The places of a patch's pixels in both neighbours, and their visibility there.
 struct Correspondence {
@@ -72,7 +70,7 @@ fn correspondence_in(n: u32, at: vec2<f32>, depth: f32) -> vec3<f32> {
     let place = fma(to, vec2(1.0 / scale), vec2(0.5 / scale - 0.5) - neighbor.jitter);
     let cell = vec2<u32>(clamp(place, vec2(0.0), vec2<f32>(in_between.lr - 1u)));
     let range = ranges[n * in_between.lr.x * in_between.lr.y + cell.y * in_between.lr.x + cell.x];
-    let one_surface = range.y - range.x <= range.y * (4.0 * SAME_SURFACE);
+    let one_surface = range.y - range.x <= range.y * ONE_SURFACE;
     let is_seen = w >= range.x && w <= range.y;
     return vec3(to - at, select(UNSEEN, select(SILHOUETTE, 1.0, one_surface), is_seen));
 }
@@ -141,8 +139,8 @@ fn quad_at(patch_corner: vec2<i32>, line: u32, lane: u32) -> Quad {
         return quad;
     }
     var moved: array<vec4<f32>, 4>;
-    var row_least = vec4(3.4e38);
-    var row_most = vec4(-3.4e38);
+    var row_least = vec4(MAX_FINITE);
+    var row_most = vec4(-MAX_FINITE);
     for (var k = 0; k < 4; k++) {
         let seen = correspondence(first + vec2(k, 0));
         moved[k] = seen.moved;
@@ -180,7 +178,7 @@ fn surer(share: f32, first: f32, second: f32) -> f32 {
 }
 
 fn pack(color: vec4<f32>) -> vec2<u32> {
-    let c = clamp(color, vec4(-65504.0), vec4(65504.0));
+    let c = clamp(color, vec4(-LARGEST_HALF), vec4(LARGEST_HALF));
     return vec2(pack2x16float(c.xy), pack2x16float(c.zw));
 }
 

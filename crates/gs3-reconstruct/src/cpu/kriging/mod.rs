@@ -60,6 +60,11 @@ pub(crate) const FARTHEST: f32 = 16.0;
 /// disappears abruptly.
 pub(crate) const FADE: f32 = 0.003;
 
+/// The 1 of 1 − s in [`FADE`], and a little more: s is 1 where a sample is as good as the best one left out. Its variance
+/// then grows by 30 times the image's, so it has next to no weight, and nothing is divided by 0. (Rounding of s, at most
+/// 16·2⁻²⁴ on a GPU, is a hundredth of the 1e-4.)
+pub(crate) const FADE_LIMIT: f32 = 1.0 + 1e-4;
+
 /// If the data explain at most this share of a pixel's variance, the mean stays unchanged; from the second share on
 /// the data are trusted fully. Where samples are few the mean is better, because it includes the current frame's
 /// surface.

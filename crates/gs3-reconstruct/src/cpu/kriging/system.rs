@@ -2,7 +2,7 @@
 
 use fearless_simd::{Simd, f32x16, prelude::*};
 
-use super::{DATA, FADE, FARTHEST, LENGTH, NUGGET, PER_NOISE, SAMPLES, TRUSTED, UNTRUSTED};
+use super::{DATA, FADE, FADE_LIMIT, FARTHEST, LENGTH, NUGGET, PER_NOISE, SAMPLES, TRUSTED, UNTRUSTED};
 use crate::cpu::samples::{CHUNK, DX, DY, Sample};
 
 /// The samples around sixteen pixels. If there are too few, samples at the pixel's place with a huge nugget fill the
@@ -72,7 +72,7 @@ impl Around<'_> {
         let mut own = f32x16::splat(simd, 0.0);
         if i == j {
             let share = load(simd, &self.keys[i]) * (1.0 / load(simd, &self.keys[SAMPLES]));
-            own = share * share * FADE / (1.0 + 1e-4 - share) + load(simd, &self.nugget[i]);
+            own = share * share * FADE / (FADE_LIMIT - share) + load(simd, &self.nugget[i]);
         }
         [
             [q.mul_add(grown, own), qx, qy],

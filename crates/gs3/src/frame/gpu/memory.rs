@@ -1,6 +1,6 @@
 //! The device memory of frames of one size, and the recording of each stage.
 
-use gs3_compute::{Bound, Buffer, Gpu, Kernel, Readback, Recorder, Slice, Submission, Use};
+use gs3_compute::{Bound, Buffer, Gpu, Kernel, Readback, Recorder, Slice, Submission, Use, constants};
 use gs3_raster::{CapacityCheck, GpuGBuffer, GpuRasterizer, Outputs, RasterSettings};
 use gs3_reconstruct::DepthLattice;
 use gs3_reconstruct::gpu::{
@@ -18,7 +18,11 @@ use crate::learned::gpu::{GpuLearnedInterpolator, GpuLearnedSuperSampler, InBetw
 /// Bytes of [`DepthLattice`].
 const LATTICE_BYTES: u64 = (DepthLattice::LEN * 4) as u64;
 
-const DEPTH_LATTICE_WGSL: &str = include_str!("depth_lattice.wgsl");
+/// Depths on the lattice: entry `sample_depths`.
+fn depth_lattice_source() -> String {
+    constants(&[("SIDE", DepthLattice::SIDE), ("DEPTHS", DepthLattice::LEN)])
+        + include_str!("depth_lattice.wgsl")
+}
 
 /// One of the two frames in memory: the previous frame, or the frame being made.
 struct Side {
@@ -103,6 +107,7 @@ impl FrameMemory {
         let learned_super_sampler = |weights| GpuLearnedSuperSampler::new(gpu, weights, size, scale);
         let learned_interpolator = |weights| GpuLearnedInterpolator::new(gpu, weights, size, scale, count);
         let lr_size = size.map(|side| side.div_ceil(scale));
+        let lattice = gpu.module("lattice", &[&depth_lattice_source()])?;
         Ok(Self {
             gpu: gpu.clone(),
             size,
@@ -117,7 +122,7 @@ impl FrameMemory {
             in_between,
             in_between_made: 0,
             bound_in_between: [Vec::new(), Vec::new()],
-            sample_depths: gpu.module("lattice", &[DEPTH_LATTICE_WGSL])?.kernel(gpu, "sample_depths", &[])?,
+            sample_depths: lattice.kernel(gpu, "sample_depths", &[])?,
             lattice: gpu.buffer("lattice", Use::Storage, LATTICE_BYTES)?,
             lattice_size: gpu.buffer_with("lattice size", Use::Uniform, &lr_size)?,
             readback: Readback::new(gpu, places.of_in_between(count))?,
@@ -372,6 +377,12 @@ mod tests {
         assert_eq!(places.image_in(&bytes), &bytes[120..920]);
         assert_eq!(places.in_between_in(&bytes, 1), &bytes[1720..2520]);
         assert_eq!(places.of_in_between(2), bytes.len() as u64);
-        gs3_compute::validate("lattice", &[DEPTH_LATTICE_WGSL]).unwrap();
+    }
+
+    #[test]
+    fn the_shader_is_valid_and_its_numbers_are_explained() {
+        gs3_compute::validate("lattice", &[&depth_lattice_source()]).unwrap();
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/src/frame/gpu");
+        assert_eq!(gs3_compute::check_literals(folder), 1);
     }
 }

@@ -13,10 +13,13 @@ use gs3_reconstruct::gpu::{
 use gs3_scene::Camera;
 
 use super::network::{GpuNetwork, missing};
-use super::{MEAN_WGSL, PARTS};
+use super::{PARTS, THREADS, mean_source};
 use crate::error::PipelineError;
 
-const INTERPOLATOR_WGSL: &str = include_str!("interpolator.wgsl");
+/// Inputs of the network: entries `sum_depths` and `geometry_of`.
+fn features_source() -> String {
+    mean_source() + include_str!("interpolator.wgsl")
+}
 
 /// `Features` of `interpolator.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -99,7 +102,7 @@ impl GpuLearnedInterpolator {
                 camera: None,
             })
         };
-        let module = gpu.module("interpolator features", &[MEAN_WGSL, INTERPOLATOR_WGSL])?;
+        let module = gpu.module("interpolator features", &[&features_source()])?;
         let slots = || (0..count).map(slot).collect::<Result<Vec<_>, PipelineError>>();
         Ok(Self {
             slots: [slots()?, slots()?],
@@ -146,7 +149,7 @@ impl GpuLearnedInterpolator {
         interpolator.record(recorder, &bound.warp, views, t, camera)?;
         recorder.stage("interpolate.features");
         recorder.dispatch(&bound.sum_depths, [PARTS, 1, 1]);
-        recorder.dispatch(&bound.geometry, [self.lr[0].div_ceil(256), self.lr[1], 1]);
+        recorder.dispatch(&bound.geometry, [self.lr[0].div_ceil(THREADS), self.lr[1], 1]);
         match &previous.camera {
             Some(last) => {
                 let [now, last] = [camera, last].map(|camera| camera.low_resolution(self.scale));
@@ -204,10 +207,6 @@ mod tests {
 
     #[test]
     fn the_shader_is_valid_and_its_struct_lies_as_here() {
-        gs3_compute::assert_layout!(
-            &[MEAN_WGSL, INTERPOLATOR_WGSL],
-            Features,
-            FeaturesUniform { lr, t, _pad }
-        );
+        gs3_compute::assert_layout!(&[&features_source()], Features, FeaturesUniform { lr, t, _pad });
     }
 }

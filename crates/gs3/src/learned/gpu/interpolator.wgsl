@@ -18,11 +18,11 @@ struct Features {
 // Sums and counts of the inverse depths of pixels that show a surface, one pair per workgroup.
 @group(0) @binding(4) var<storage, read_write> sums: array<vec2<f32>>;
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn sum_depths(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     var own = vec2(0.0);
     let count = features.lr.x * features.lr.y;
-    for (var i = group.x * 256u + lane; i < count; i += PARTS * 256u) {
+    for (var i = group.x * THREADS + lane; i < count; i += PARTS * THREADS) {
         let w = middle[i];
         own += select(vec2(0.0), vec2(w, 1.0), w > 0.0);
         median[i] = vec4(0.0, 0.0, 0.0, select(0.0, 1.0 / w, w > 0.0));
@@ -33,14 +33,14 @@ fn sum_depths(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
     }
 }
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn geometry_of(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     var part = vec2(0.0);
     if lane < PARTS {
         part = sums[lane];
     }
     let typical = mean_of(summed(lane, part));
-    let at = vec2(group.x * 256u + lane, group.y);
+    let at = vec2(group.x * THREADS + lane, group.y);
     if at.x >= features.lr.x {
         return;
     }

@@ -14,11 +14,19 @@ use gs3_reconstruct::gpu::{
 use gs3_scene::Camera;
 
 use super::network::{GpuNetwork, missing};
-use super::{MEAN_WGSL, PARTS, planes};
+use super::{PARTS, THREADS, mean_source, planes};
 use crate::error::PipelineError;
 use crate::learned::UNCERTAIN;
 
-const SUPER_SAMPLER_WGSL: &str = include_str!("super_sampler.wgsl");
+/// Sides of the workgroups with an invocation a pixel or a sample.
+const WORKGROUP: [u32; 2] = [64, 4];
+
+/// Inputs of the network: the entries of [`Kernels`].
+fn features_source() -> String {
+    let numbers = constants(&[("UNCERTAIN", UNCERTAIN), ("NEAREST_DEPTH", NEAREST_DEPTH)]);
+    let sizes = constants(&[("WORKGROUP_X", WORKGROUP[0]), ("WORKGROUP_Y", WORKGROUP[1])]);
+    numbers + &sizes + &mean_source() + include_str!("super_sampler.wgsl")
+}
 
 /// `Features` of `super_sampler.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -63,8 +71,7 @@ struct Kernels {
 
 impl Kernels {
     fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        let numbers = constants(&[("UNCERTAIN", UNCERTAIN), ("NEAREST_DEPTH", NEAREST_DEPTH)]);
-        let module = gpu.module("super_sampler features", &[&numbers, MEAN_WGSL, SUPER_SAMPLER_WGSL])?;
+        let module = gpu.module("super_sampler features", &[&features_source()])?;
         let kernel = |entry: &str| module.kernel(gpu, entry, &[]);
         Ok(Self {
             planes: kernel("planes")?,
@@ -178,7 +185,7 @@ impl GpuLearnedSuperSampler {
         recorder.dispatch(&bound.planes, over(self.lr));
         recorder.dispatch(&bound.drifts, over(self.size));
         recorder.dispatch(&bound.sum_depths, [PARTS, 1, 1]);
-        recorder.dispatch(&bound.geometry, [self.lr[0].div_ceil(256), self.lr[1], 1]);
+        recorder.dispatch(&bound.geometry, [self.lr[0].div_ceil(THREADS), self.lr[1], 1]);
         recorder.stage("super_sample.network");
         bound.engine.record(recorder);
         Ok(())
@@ -249,9 +256,9 @@ impl GpuLearnedSuperSampler {
     }
 }
 
-/// Workgroups of 64×4 that cover a grid.
+/// Workgroups that cover a grid.
 fn over(size: [u32; 2]) -> [u32; 3] {
-    [size[0].div_ceil(64), size[1].div_ceil(4), 1]
+    [size[0].div_ceil(WORKGROUP[0]), size[1].div_ceil(WORKGROUP[1]), 1]
 }
 
 #[cfg(test)]
@@ -260,10 +267,8 @@ mod tests {
 
     #[test]
     fn the_shader_is_valid_and_its_struct_lies_as_here() {
-        let numbers = constants(&[("UNCERTAIN", UNCERTAIN), ("NEAREST_DEPTH", NEAREST_DEPTH)]);
-        let source = [&numbers[..], MEAN_WGSL, SUPER_SAMPLER_WGSL];
         gs3_compute::assert_layout!(
-            &source,
+            &[&features_source()],
             Features,
             FeaturesUniform { size, lr, jitter, focal, center, _pad }
         );

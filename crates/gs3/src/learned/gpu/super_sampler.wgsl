@@ -35,7 +35,7 @@ struct Features {
 @group(0) @binding(15) var<storage, read> previous: array<vec2<u32>>;
 @group(0) @binding(16) var<storage, read_write> previous_innovation: array<f32>;
 
-@compute @workgroup_size(64, 4)
+@compute @workgroup_size(WORKGROUP_X, WORKGROUP_Y)
 fn planes(@builtin(global_invocation_id) at: vec3<u32>) {
     if any(at.xy >= features.lr) {
         return;
@@ -58,11 +58,11 @@ fn inverse(z: f32) -> f32 {
     return select(0.0, 1.0 / z, z > NEAREST_DEPTH);
 }
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn sum_depths(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     var own = vec2(0.0);
     let count = features.lr.x * features.lr.y;
-    for (var i = group.x * 256u + lane; i < count; i += PARTS * 256u) {
+    for (var i = group.x * THREADS + lane; i < count; i += PARTS * THREADS) {
         let w = inverse(dx_median[i].w);
         own += select(vec2(0.0), vec2(w, 1.0), w > 0.0);
     }
@@ -72,14 +72,14 @@ fn sum_depths(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
     }
 }
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn geometry_of(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     var part = vec2(0.0);
     if lane < PARTS {
         part = sums[lane];
     }
     let typical = mean_of(summed(lane, part));
-    let at = vec2(group.x * 256u + lane, group.y);
+    let at = vec2(group.x * THREADS + lane, group.y);
     if at.x >= features.lr.x {
         return;
     }
@@ -92,7 +92,7 @@ fn geometry_of(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocatio
 }
 
 // Runs before `shares`: `share` is still the previous frame's visibility.
-@compute @workgroup_size(64, 4)
+@compute @workgroup_size(WORKGROUP_X, WORKGROUP_Y)
 fn previous_innovations(@builtin(global_invocation_id) at: vec3<u32>) {
     if any(at.xy >= features.lr) {
         return;
@@ -107,7 +107,7 @@ fn previous_innovations(@builtin(global_invocation_id) at: vec3<u32>) {
     previous_innovation[3u * i + 2u] = differs.z;
 }
 
-@compute @workgroup_size(64, 4)
+@compute @workgroup_size(WORKGROUP_X, WORKGROUP_Y)
 fn shares(@builtin(global_invocation_id) at: vec3<u32>) {
     if any(at.xy >= features.size) {
         return;
@@ -118,7 +118,7 @@ fn shares(@builtin(global_invocation_id) at: vec3<u32>) {
 }
 
 // The innovation between the samples: bilinear, and constant beyond the outermost samples.
-@compute @workgroup_size(64, 4)
+@compute @workgroup_size(WORKGROUP_X, WORKGROUP_Y)
 fn drifts(@builtin(global_invocation_id) at: vec3<u32>) {
     if any(at.xy >= features.size) {
         return;
