@@ -10,9 +10,9 @@ use std::{env, fs};
 use gs3::glam::DVec3;
 use gs3::scene::format::save;
 use gs3::scene::orbit::look_at;
-use gs3::scene::{CameraPath, Intrinsics, OpacityMode, Scene, demo};
+use gs3::scene::{CameraPath, Intrinsics, demo};
 use gs3::{Backend, Mode, Session, SessionSettings};
-use gs3_test_support::{psnr_of_bytes, row_of_gaussians};
+use gs3_test_support::{part_of_demo, psnr_of_bytes, row_of_gaussians};
 use gs3_viewer::controls::Rig;
 use gs3_viewer::page::Place;
 use gs3_viewer::path_file::{PathFile, PathFormat};
@@ -86,14 +86,6 @@ fn streamed(scenes: &Path) {
     fs::write(index("torn"), lod(r#""none.sog""#, fine)).unwrap();
 }
 
-/// Every fiftieth Gaussian of the demo, seven times as wide: the same picture roughly.
-fn part_of_demo() -> Scene {
-    let mut gaussians = demo::scene().unwrap().into_gaussians();
-    gaussians.retain(|_, i| i % 50 == 0);
-    gaussians.scales.iter_mut().flatten().for_each(|scale| *scale *= 7.0);
-    Scene::new(gaussians, OpacityMode::Default).unwrap()
-}
-
 #[test]
 fn a_session_in_a_browser() {
     if let Some(missing) = missing() {
@@ -109,7 +101,7 @@ fn a_session_in_a_browser() {
     }
     save(&row_of_gaussians(3, 0.3), scenes.join("few.ply")).unwrap();
     streamed(&scenes);
-    let part = part_of_demo();
+    let part = part_of_demo(50);
     save(&part, scenes.join("part.ply")).unwrap();
     fs::write(scenes.join("bad.ply"), "ply\nformat nonsense").unwrap();
     let camera = |k: u32| {

@@ -19,7 +19,6 @@ mod for_tests;
 mod gpu;
 mod grid;
 mod kernel;
-mod literals;
 mod pools;
 mod readback;
 mod recorder;
@@ -45,8 +44,6 @@ pub use for_tests::{device_for_tests, skip_without_gpu};
 pub use gpu::{Gpu, GpuSettings};
 pub use grid::{GRID_ROW, grid, grid_source};
 pub use kernel::{Bound, Kernel, Module};
-#[doc(hidden)]
-pub use literals::{check_literals, unexplained_literals};
 pub use readback::Readback;
 pub use recorder::Recorder;
 pub use scan::{BoundScan, Scan};

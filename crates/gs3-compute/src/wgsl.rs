@@ -194,7 +194,9 @@ mod tests {
     }
     use crate::capabilities::{Limits, Subgroups};
     use crate::sort::SortPlan;
-    use crate::{ceilings, check_literals, scan, sort};
+    use gs3_test_support::check_literals;
+
+    use crate::{ceilings, scan, sort};
 
     fn check(label: &str, sources: &[String]) {
         validate(label, &sources.iter().map(String::as_str).collect::<Vec<_>>()).unwrap();

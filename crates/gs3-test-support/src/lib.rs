@@ -1,10 +1,12 @@
 //! What tests and examples of several crates share. No crate builds on this one outside its tests.
 
+mod literals;
 mod psnr;
 mod server;
 
-use gs3_scene::{Gaussians, OpacityMode, Scene};
+use gs3_scene::{Gaussians, OpacityMode, Scene, demo};
 
+pub use literals::{check_literals, unexplained_literals};
 pub use psnr::{largest_difference_but, psnr, psnr_of_bytes, psnr_shown};
 pub use server::serve;
 
@@ -20,4 +22,18 @@ pub fn row_of_gaussians(count: usize, scale: f32) -> Scene {
         row.scales.iter_mut().for_each(|axis| axis[k] = scale);
     }
     Scene::new(row, OpacityMode::Default).expect("a scene")
+}
+
+/// One of `every` Gaussians of the demo scene, widened so that they cover as much: about the same picture, in a fraction of
+/// the time where a device in software projects them.
+///
+/// # Panics
+/// If `every` is 0.
+#[must_use]
+pub fn part_of_demo(every: usize) -> Scene {
+    let mut part = demo::scene().expect("the demo").into_gaussians();
+    part.retain(|_, i| i % every == 0);
+    let wider = (every as f32).sqrt();
+    part.scales.iter_mut().flatten().for_each(|scale| *scale *= wider);
+    Scene::new(part, OpacityMode::Default).expect("a scene")
 }

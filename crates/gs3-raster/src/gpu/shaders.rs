@@ -133,7 +133,8 @@ pub fn blend(outputs: Outputs) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use gs3_compute::{check_literals, storage_bindings, validate};
+    use gs3_compute::{storage_bindings, validate};
+    use gs3_test_support::check_literals;
 
     #[test]
     fn no_kernel_has_more_bindings_than_said() {

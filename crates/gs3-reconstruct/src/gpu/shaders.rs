@@ -214,7 +214,8 @@ pub fn warp() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use gs3_compute::{Limits, check_literals, storage_bindings, validate};
+    use gs3_compute::{Limits, storage_bindings, validate};
+    use gs3_test_support::check_literals;
 
     /// The number that WebGPU guarantees.
     const STORAGE_BINDINGS: usize = 8;

@@ -10,7 +10,7 @@ use gs3::reconstruct::{Interpolator, Kriging, Neighbor, SuperSampler};
 use gs3::scene::camera_path::{CameraPath, pose_between};
 use gs3::scene::{Camera, GBuffer, Image, Scene, capture, demo};
 use gs3::{FramePipeline, Mode, Networks, PipelineError, PipelineSettings, Refine, ResetReason, Stage};
-use gs3_test_support::{largest_difference_but, psnr};
+use gs3_test_support::{largest_difference_but, part_of_demo, psnr};
 
 const SHARED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared");
 
@@ -29,9 +29,15 @@ fn gpu_and_its_least() -> Option<[Gpu; 2]> {
     Some([gpu()?, opened(OptionalFeatures::None)?])
 }
 
+/// A part of the demo: devices in software take most of a frame for projection.
+fn demo_part() -> Arc<Scene> {
+    static PART: OnceLock<Arc<Scene>> = OnceLock::new();
+    Arc::clone(PART.get_or_init(|| Arc::new(part_of_demo(8))))
+}
+
 /// The demo, and a trained scene where it is at hand.
 fn scenes(width: u32, height: u32) -> Vec<(&'static str, Arc<Scene>, CameraPath)> {
-    let demo = ("demo", Arc::new(demo::scene().unwrap()), demo::path().resized(width, height).unwrap());
+    let demo = ("demo", demo_part(), demo::path().resized(width, height).unwrap());
     let file = Path::new(SHARED).join("scenes/playbot");
     let path = Path::new(SHARED).join("paths/playbot_orbit.json");
     if !(file.exists() && path.exists()) {
@@ -315,7 +321,7 @@ fn frames_between_are_refined_as_on_the_cpu() {
 #[test]
 fn later_frames_make_nothing_and_are_one_submission_each() {
     let Some(gpu) = opened(OptionalFeatures::All) else { return };
-    let scene = Arc::new(demo::scene().unwrap());
+    let scene = demo_part();
     let path = demo::path().resized(160, 88).unwrap();
     let networks = Networks::shipped(4, Tier::Fast).unwrap();
     for (mode, submissions) in [(Mode::Native, 2), (Mode::SuperSample, 1), (Mode::Full, 1)] {
@@ -348,7 +354,7 @@ fn frames_may_stay_on_the_device_of_the_program() {
     let (device, queue) =
         pollster::block_on(adapter.request_device(&Gpu::wanted(&adapter, OptionalFeatures::All))).unwrap();
     let gpu = Gpu::of(&adapter, device, queue).unwrap();
-    let scene = Arc::new(demo::scene().unwrap());
+    let scene = demo_part();
     let path = demo::path().resized(160, 88).unwrap();
     let networks = Networks::shipped(4, Tier::Fast).unwrap();
     let settings = PipelineSettings { mode: Mode::Full, refine: Refine::Off, ..Default::default() };

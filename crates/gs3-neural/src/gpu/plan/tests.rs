@@ -70,7 +70,7 @@ fn plans_are_consistent_up_to_the_largest_frames() {
 
 #[test]
 fn numbers_of_the_shaders_are_explained() {
-    assert_eq!(gs3_compute::check_literals(concat!(env!("CARGO_MANIFEST_DIR"), "/src/gpu")), 7);
+    assert_eq!(gs3_test_support::check_literals(concat!(env!("CARGO_MANIFEST_DIR"), "/src/gpu")), 7);
 }
 
 /// What the largest frame needs: 7680×4320 at ×4, high tier.

@@ -383,6 +383,6 @@ mod tests {
     fn the_shader_is_valid_and_its_numbers_are_explained() {
         gs3_compute::validate("lattice", &[&depth_lattice_source()]).unwrap();
         let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/src/frame/gpu");
-        assert_eq!(gs3_compute::check_literals(folder), 1);
+        assert_eq!(gs3_test_support::check_literals(folder), 1);
     }
 }

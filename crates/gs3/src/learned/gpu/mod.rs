@@ -41,6 +41,6 @@ mod tests {
     #[test]
     fn numbers_of_the_shaders_are_explained() {
         let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/src/learned/gpu");
-        assert_eq!(gs3_compute::check_literals(folder), 3);
+        assert_eq!(gs3_test_support::check_literals(folder), 3);
     }
 }

@@ -2,7 +2,7 @@
 
 /// The literals of a WGSL file that need an explanation and have none, each as "line N: LITERAL in `code`".
 ///
-/// Numbers that Rust has too are written in Rust only, and come into the WGSL by [`constants`](crate::constants). The
+/// Numbers that Rust has too are written in Rust only, and come into the WGSL by `gs3_compute::constants`. The
 /// rules for the others:
 ///
 /// * `//` begins a comment, which is not code. (There are no `/* */` comments.)
@@ -13,7 +13,6 @@
 ///   begins, on the line above, or on the literal's own line.
 ///
 /// `source` is the text of a file, not a module that is put together: constants from Rust have their reasons there.
-#[doc(hidden)]
 #[must_use]
 pub fn unexplained_literals(source: &str) -> Vec<String> {
     let mut found = Vec::new();
@@ -64,7 +63,6 @@ pub fn unexplained_literals(source: &str) -> Vec<String> {
 ///
 /// # Panics
 /// If a file has unexplained literals, or cannot be read.
-#[doc(hidden)]
 pub fn check_literals(folder: &str) -> usize {
     let entries = std::fs::read_dir(folder).unwrap_or_else(|error| panic!("{folder}: {error}"));
     let mut files = 0;
