@@ -4,14 +4,14 @@ use gs3::Mode;
 
 /// What a part of the picture shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Method {
+pub enum ComparedMethod {
     /// A frame that is no part of any history.
     Reference(Mode),
     /// The frame of the session.
     Gs3,
 }
 
-impl Method {
+impl ComparedMethod {
     /// Its name in the picture.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -63,12 +63,16 @@ impl Compare {
 
     /// What is side by side, from left to right.
     #[must_use]
-    pub const fn methods(self) -> &'static [Method] {
+    pub const fn methods(self) -> &'static [ComparedMethod] {
         match self {
-            Self::Off | Self::Difference => &[Method::Gs3],
-            Self::Native => &[Method::Reference(Mode::Native), Method::Gs3],
-            Self::Bicubic => &[Method::Reference(Mode::Bicubic), Method::Gs3],
-            Self::All => &[Method::Reference(Mode::Native), Method::Reference(Mode::Bicubic), Method::Gs3],
+            Self::Off | Self::Difference => &[ComparedMethod::Gs3],
+            Self::Native => &[ComparedMethod::Reference(Mode::Native), ComparedMethod::Gs3],
+            Self::Bicubic => &[ComparedMethod::Reference(Mode::Bicubic), ComparedMethod::Gs3],
+            Self::All => &[
+                ComparedMethod::Reference(Mode::Native),
+                ComparedMethod::Reference(Mode::Bicubic),
+                ComparedMethod::Gs3,
+            ],
         }
     }
 }

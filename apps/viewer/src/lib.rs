@@ -25,4 +25,4 @@ pub mod window;
 
 pub use input::Input;
 pub use script::{Playing, Script, ScriptError, ScriptFailure};
-pub use viewer::{Effect, Next, Opened, Place, Shot, Step, Viewer, ViewerError, ViewerSettings};
+pub use viewer::{Destination, Effect, Next, Opened, Shot, Step, Viewer, ViewerError, ViewerSettings};

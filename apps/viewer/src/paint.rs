@@ -7,14 +7,14 @@ use egui::{ClippedPrimitive, Color32, ColorImage, ImageData, Rect, TextureId, Te
 
 /// A picture as windows take it: `0x00RRGGBB`, row by row.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Picture {
+pub struct Framebuffer {
     /// Width and height in pixels.
     pub size: [usize; 2],
     /// `[height, width]`.
     pub pixels: Vec<u32>,
 }
 
-impl Picture {
+impl Framebuffer {
     /// Makes the picture `size`, reusing its memory. The contents are unspecified afterwards.
     pub fn resize(&mut self, size: [usize; 2]) {
         self.size = size;
@@ -77,7 +77,7 @@ impl Painter {
     }
 
     /// Paints `primitives` over `picture`. Positions are points of `scale` pixels.
-    pub fn paint(&self, primitives: &[ClippedPrimitive], scale: f32, picture: &mut Picture) {
+    pub fn paint(&self, primitives: &[ClippedPrimitive], scale: f32, picture: &mut Framebuffer) {
         for ClippedPrimitive { clip_rect, primitive } in primitives {
             // Callbacks are drawn by devices; no panel of the viewer has any.
             let Primitive::Mesh(mesh) = primitive else { continue };
@@ -105,7 +105,7 @@ fn triangle(
     scale: f32,
     texture: &ColorImage,
     clip: [usize; 4],
-    picture: &mut Picture,
+    picture: &mut Framebuffer,
 ) {
     let mut p = corners.map(|v| [f64::from(v.pos.x * scale), f64::from(v.pos.y * scale)]);
     let mut v = corners;
@@ -218,8 +218,8 @@ mod tests {
         ClippedPrimitive { clip_rect: Rect::EVERYTHING, primitive: Primitive::Mesh(mesh) }
     }
 
-    fn picture() -> Picture {
-        Picture { size: [8, 6], pixels: vec![0; 48] }
+    fn picture() -> Framebuffer {
+        Framebuffer { size: [8, 6], pixels: vec![0; 48] }
     }
 
     /// Both triangles of a half transparent rectangle: each pixel once, the diagonal too.

@@ -11,7 +11,7 @@ use gs3::glam::DVec3;
 use crate::compare::Compare;
 use crate::controls::FOV;
 use crate::input::{Button, Input, Modifiers};
-use crate::paint::{Painter, Picture};
+use crate::paint::{Framebuffer, Painter};
 use crate::path_file::PathFormat;
 use crate::views::View;
 
@@ -242,7 +242,13 @@ impl Panels {
     }
 
     /// Paints all panels over `picture` and returns the actions that the user chose in them.
-    pub fn paint(&mut self, facts: &Facts, scale: f32, now: Duration, picture: &mut Picture) -> Vec<Action> {
+    pub fn paint(
+        &mut self,
+        facts: &Facts,
+        scale: f32,
+        now: Duration,
+        picture: &mut Framebuffer,
+    ) -> Vec<Action> {
         let size = vec2(picture.size[0] as f32, picture.size[1] as f32) / scale;
         let mut input = RawInput {
             screen_rect: Some(Rect::from_min_size(Pos2::ZERO, size)),

@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use crate::input::{Button, Input, Key, Modifiers, Touch};
 use crate::video::VideoWish;
-use crate::viewer::{Place, Shot, Viewer};
+use crate::viewer::{Destination, Shot, Viewer};
 
 /// Loops in which a script waits for rest at most: five minutes at 30 frames a second.
 const MOST_WAITS: usize = 10_000;
@@ -227,7 +227,7 @@ impl Script {
                     viewer.input(Input::Touch(finger, touch, pixels(at, viewer)));
                 }
                 Op::Shot(shot) => viewer.shoot(shot),
-                Op::SavePath(file) => viewer.save_tour(Place::File(file)),
+                Op::SavePath(file) => viewer.save_tour(Destination::File(file)),
                 Op::Scrub(at) => {
                     if viewer.tour().way().is_none() {
                         let actual = format!("{}", viewer.tour().keys());

@@ -26,7 +26,7 @@ use crate::compare::{Compare, Dividers};
 use crate::controls::{Controls, Rig};
 use crate::figures::Figures;
 use crate::input::{Button, Input, Modifiers};
-use crate::paint::Picture;
+use crate::paint::Framebuffer;
 use crate::panels::Panels;
 use crate::tour::Tour;
 use crate::video::VideoPlan;
@@ -85,7 +85,7 @@ pub enum Opened {
 
 /// Where a file is written.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum Destination {
     /// This path.
     File(PathBuf),
     /// The first free name of `stem-0001.extension` and so on.
@@ -97,7 +97,7 @@ pub enum Place {
     },
 }
 
-impl std::fmt::Display for Place {
+impl std::fmt::Display for Destination {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::File(file) => write!(f, "{}", file.display()),
@@ -114,9 +114,9 @@ pub enum Effect {
     /// Opens a file or folder, and answers with [`Viewer::opened`].
     Open(PathBuf),
     /// Writes a file, and answers with [`Viewer::saved`].
-    Save(Place, Vec<u8>),
+    Save(Destination, Vec<u8>),
     /// Renders a video of the viewer's scene, tells [`Viewer::video_progress`], and answers with [`Viewer::video_ended`].
-    Video(Place, Box<VideoPlan>),
+    Video(Destination, Box<VideoPlan>),
     /// Ends the video under way without a file.
     StopVideo,
 }
@@ -227,7 +227,7 @@ pub struct Viewer {
     /// The camera of `frame`.
     camera: Option<Camera>,
     /// Pictures whose memory frames may use.
-    spare: Vec<Picture>,
+    spare: Vec<Framebuffer>,
     /// Whether the last frame failed, and nothing has happened since.
     has_failed: bool,
     /// Whether the shown part of the frame has changed, so that the picture must be composed again.
@@ -236,8 +236,8 @@ pub struct Viewer {
     is_woken: bool,
     is_idle: bool,
     figures: Figures,
-    frame: Picture,
-    picture: Picture,
+    frame: Framebuffer,
+    picture: Framebuffer,
     /// Seconds of a step that are not rendering.
     overhead: f64,
     memory: Option<u64>,
@@ -335,8 +335,8 @@ impl Viewer {
             is_woken: true,
             is_idle: false,
             figures: Figures::default(),
-            frame: Picture::default(),
-            picture: Picture::default(),
+            frame: Framebuffer::default(),
+            picture: Framebuffer::default(),
             overhead: 0.0,
             memory: None,
             message: None,
@@ -367,13 +367,13 @@ impl Viewer {
 
     /// The picture of the last step, panels included.
     #[must_use]
-    pub const fn picture(&self) -> &Picture {
+    pub const fn picture(&self) -> &Framebuffer {
         &self.picture
     }
 
     /// The shown part of the frame, without panels.
     #[must_use]
-    pub const fn frame(&self) -> &Picture {
+    pub const fn frame(&self) -> &Framebuffer {
         &self.frame
     }
 

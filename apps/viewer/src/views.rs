@@ -5,7 +5,7 @@ use gs3::FramePipeline;
 use gs3::scene::{BLOCK_SIDE, GBuffer, Image, block_grid};
 use rayon::prelude::*;
 
-use crate::paint::Picture;
+use crate::paint::Framebuffer;
 
 /// What is shown of the scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -58,7 +58,7 @@ impl View {
 }
 
 /// Columns `columns` of `image` into `picture`, which has its size.
-pub fn show_image(image: &Image, columns: std::ops::Range<usize>, picture: &mut Picture) {
+pub fn show_image(image: &Image, columns: std::ops::Range<usize>, picture: &mut Framebuffer) {
     let width = picture.size[0];
     if image.width() != width || image.height() != picture.size[1] || width == 0 {
         return;
@@ -90,7 +90,7 @@ fn to_8_bits<S: Simd>(simd: S, pixels: &[[f32; 4]], to: &mut [u32]) {
 }
 
 /// How far two images are apart, `gain` times, into `picture`.
-pub fn show_difference(a: &Image, b: &Image, gain: f32, picture: &mut Picture) {
+pub fn show_difference(a: &Image, b: &Image, gain: f32, picture: &mut Framebuffer) {
     let width = picture.size[0];
     let fits = |image: &Image| image.width() == width && image.height() == picture.size[1];
     if !(fits(a) && fits(b)) || width == 0 {
@@ -105,7 +105,7 @@ pub fn show_difference(a: &Image, b: &Image, gain: f32, picture: &mut Picture) {
 
 /// `view` of the last frame of `pipeline` into `picture`, which has the frame's size. Black where the machine that made the
 /// frame does not know.
-pub fn show_view(view: View, pipeline: &FramePipeline, picture: &mut Picture) {
+pub fn show_view(view: View, pipeline: &FramePipeline, picture: &mut Framebuffer) {
     let scale = pipeline.settings().scale as usize;
     let gbuffer = pipeline.gbuffer();
     match view {
@@ -125,7 +125,7 @@ pub fn show_view(view: View, pipeline: &FramePipeline, picture: &mut Picture) {
 fn enlarge(
     [width, height]: [usize; 2],
     scale: usize,
-    picture: &mut Picture,
+    picture: &mut Framebuffer,
     color: impl Fn(usize, usize) -> u32 + Sync,
 ) {
     let columns = picture.size[0];
@@ -140,7 +140,7 @@ fn enlarge(
     });
 }
 
-fn show_depth(gbuffer: &GBuffer, scale: usize, picture: &mut Picture) {
+fn show_depth(gbuffer: &GBuffer, scale: usize, picture: &mut Framebuffer) {
     let Some(geometry) = &gbuffer.geometry else { return picture.pixels.fill(0) };
     let depth = &geometry.depth_median;
     let is_hit = |z: &f32| *z > 0.0 && z.is_finite();
@@ -158,7 +158,7 @@ fn show_depth(gbuffer: &GBuffer, scale: usize, picture: &mut Picture) {
     });
 }
 
-fn show_normals(gbuffer: &GBuffer, scale: usize, picture: &mut Picture) {
+fn show_normals(gbuffer: &GBuffer, scale: usize, picture: &mut Framebuffer) {
     let Some(geometry) = &gbuffer.geometry else { return picture.pixels.fill(0) };
     let normal = &geometry.normal;
     enlarge([normal.width(), normal.height()], scale, picture, |x, y| {
@@ -169,7 +169,7 @@ fn show_normals(gbuffer: &GBuffer, scale: usize, picture: &mut Picture) {
     });
 }
 
-fn show_gradients(gbuffer: &GBuffer, scale: usize, picture: &mut Picture) {
+fn show_gradients(gbuffer: &GBuffer, scale: usize, picture: &mut Framebuffer) {
     /// A step of an eighth of the range from one low-resolution pixel to the next is fully bright.
     const GAIN: f32 = 8.0;
     let Some(gradients) = &gbuffer.gradients else { return picture.pixels.fill(0) };
@@ -182,7 +182,7 @@ fn show_gradients(gbuffer: &GBuffer, scale: usize, picture: &mut Picture) {
     });
 }
 
-fn show_expected_errors(errors: &[f32], picture: &mut Picture) {
+fn show_expected_errors(errors: &[f32], picture: &mut Framebuffer) {
     /// Steps of 8 bits that are fully bright.
     const BRIGHT: f32 = 16.0;
     let grid = block_grid(picture.size);
@@ -197,7 +197,7 @@ fn show_expected_errors(errors: &[f32], picture: &mut Picture) {
     });
 }
 
-fn tint_blocks(places: &[[u16; 2]], picture: &mut Picture) {
+fn tint_blocks(places: &[[u16; 2]], picture: &mut Framebuffer) {
     let [width, height] = picture.size;
     for [column, row] in places {
         let (left, top) = (usize::from(*column) * BLOCK_SIDE, usize::from(*row) * BLOCK_SIDE);
@@ -223,7 +223,7 @@ mod tests {
 
     use super::*;
 
-    fn rendered() -> (FramePipeline, Picture) {
+    fn rendered() -> (FramePipeline, Framebuffer) {
         let settings =
             PipelineSettings { mode: Mode::SuperSample, refine: Refine::Share(0.1), ..Default::default() };
         let mut pipeline = FramePipeline::new(demo::scene().unwrap(), settings).unwrap();
@@ -231,7 +231,7 @@ mod tests {
         path.cameras().iter().take(2).for_each(|camera| {
             pipeline.render(camera).unwrap();
         });
-        let mut picture = Picture::default();
+        let mut picture = Framebuffer::default();
         picture.resize([96, 60]);
         (pipeline, picture)
     }
@@ -251,7 +251,7 @@ mod tests {
         for (k, pixel) in image.pixels_mut().iter_mut().enumerate() {
             *pixel = [values[k], values[(k + 3) % 11], values[(k + 7) % 11], f32::NAN];
         }
-        let mut picture = Picture { size: [11, 1], pixels: vec![7; 11] };
+        let mut picture = Framebuffer { size: [11, 1], pixels: vec![7; 11] };
         show_image(&image, 1..11, &mut picture);
         assert_eq!((picture.pixels[0], &picture.to_rgb8()[3..]), (7, &image.to_rgb8()[3..]));
     }
@@ -259,7 +259,7 @@ mod tests {
     #[test]
     fn every_view_shows_something_of_its_own() {
         let (pipeline, mut picture) = rendered();
-        let mut pictures: Vec<Picture> = Vec::new();
+        let mut pictures: Vec<Framebuffer> = Vec::new();
         for view in View::ALL {
             picture.pixels.fill(0);
             show_view(view, &pipeline, &mut picture);

@@ -23,7 +23,7 @@ use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy,
 use winit::window::{Window, WindowId};
 
 use crate::input::Input;
-use crate::paint::Picture;
+use crate::paint::Framebuffer;
 use crate::script::{Playing, Script, ScriptFailure};
 use crate::viewer::{Effect, Next, Opened, Viewer, ViewerError, ViewerSettings};
 
@@ -401,7 +401,7 @@ impl Shell {
 impl Shown {
     /// Shows `picture` in the top left corner of the window: while the window is resized, the picture has another
     /// size for a frame.
-    fn show(&mut self, picture: &Picture) -> Result<(), String> {
+    fn show(&mut self, picture: &Framebuffer) -> Result<(), String> {
         let size = self.window.inner_size();
         let (Some(width), Some(height)) = (NonZeroU32::new(size.width), NonZeroU32::new(size.height)) else {
             return Ok(());

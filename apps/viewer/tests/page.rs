@@ -14,7 +14,7 @@ use gs3::scene::{CameraPath, Intrinsics, demo};
 use gs3::{Backend, Mode, Session, SessionSettings};
 use gs3_test_support::{part_of_demo, psnr_of_bytes, row_of_gaussians};
 use gs3_viewer::controls::Rig;
-use gs3_viewer::page::Place;
+use gs3_viewer::page::CameraPlace;
 use gs3_viewer::path_file::{PathFile, PathFormat};
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
@@ -58,7 +58,7 @@ fn rgb(file: &Path) -> ([u32; 2], Vec<u8>) {
 
 /// What the CPU renders natively from the camera that the page tells.
 fn native(session: &mut Session, camera: &Path, size: [u32; 2]) -> Vec<u8> {
-    let place = Place::parse(&fs::read_to_string(camera).unwrap()).unwrap();
+    let place = CameraPlace::parse(&fs::read_to_string(camera).unwrap()).unwrap();
     let bulk = gs3::scene::orbit::Bulk::of(session.scene());
     let before = Rig { pivot: DVec3::ZERO, rotation: Default::default(), offset: DVec3::Z, fov_y: 1.0 };
     let camera = place.rig(&before, bulk.up, DVec3::ZERO).unwrap().camera(size).unwrap();

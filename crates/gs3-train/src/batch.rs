@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use gs3_neural::Random;
 
-use crate::clip::{Clip, ClipError, ClipFile, Symmetry, Window};
+use crate::clip::{Clip, ClipError, ClipFile, ClipWindow, Symmetry};
 use crate::error::TrainError;
 use crate::settings::{Settings, Symmetries};
 
@@ -106,7 +106,7 @@ fn check(clip: &ClipFile, settings: &Settings, held: bool) -> Result<(), TrainEr
 #[derive(Clone, Debug)]
 pub struct Choice<'a> {
     clip: &'a ClipFile,
-    window: Window,
+    window: ClipWindow,
     symmetry: Symmetry,
 }
 
@@ -131,7 +131,7 @@ impl<'a> Choice<'a> {
             Symmetries::All => Symmetry::ALL[below(Symmetry::ALL.len())],
             Symmetries::None => Symmetry::default(),
         };
-        Some(Self { clip, window: Window { frames, rows, columns }, symmetry })
+        Some(Self { clip, window: ClipWindow { frames, rows, columns }, symmetry })
     }
 
     /// Reads it.

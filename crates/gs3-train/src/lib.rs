@@ -26,7 +26,7 @@ mod validate;
 
 pub use batch::ClipFolder;
 pub use checkpoint::save_weights;
-pub use clip::{Clip, ClipError, ClipFile, ClipFrame, ClipPlane, Network, Window};
+pub use clip::{Clip, ClipError, ClipFile, ClipFrame, ClipPlane, ClipWindow, Network};
 pub use error::TrainError;
 pub use log::{Log, Row};
 pub use plot::draw as draw_log;

@@ -5,7 +5,7 @@ use gs3::reconstruct::{ResampleKernel, resample};
 use gs3::scene::{GBuffer, Image, Planes};
 use gs3_neural::{Engine, Graph, Named, Weights};
 
-use crate::clip::{ClipFile, ClipFrame, HIDDEN, Window};
+use crate::clip::{ClipFile, ClipFrame, ClipWindow, HIDDEN};
 use crate::clips::analytic;
 use crate::error::TrainError;
 use crate::losses::CHANNELS;
@@ -81,7 +81,7 @@ fn gain(
     for k in 0..file.frames() {
         // Frame by frame: a clip of whole images need not fit into memory.
         let [rows, columns] = file.lr();
-        let clip = file.read(&Window { frames: k..k + 1, rows: 0..rows, columns: 0..columns })?;
+        let clip = file.read(&ClipWindow { frames: k..k + 1, rows: 0..rows, columns: 0..columns })?;
         let Some(frame) = clip.frames.first() else { continue };
         decode(frame, &mut inputs);
         let named = frame.inputs.iter().zip(&inputs);

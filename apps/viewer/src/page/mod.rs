@@ -5,7 +5,7 @@ mod settings;
 #[cfg(target_arch = "wasm32")]
 mod shell;
 
-pub use place::{Place, PlaceError};
+pub use place::{CameraPlace, CameraPlaceError};
 pub use settings::{PageSettings, PageSettingsError};
 #[cfg(target_arch = "wasm32")]
 pub use shell::PageViewer;

@@ -10,7 +10,7 @@ use crate::controls::{FOV, Rig};
 /// A camera as JSON: `{"position": [x, y, z], "target": [x, y, z], "fov": 50}`, in the coordinates of the scene's file.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Place {
+pub struct CameraPlace {
     /// Where the camera is.
     pub position: [f64; 3],
     /// The pivot, in the middle of the picture.
@@ -22,17 +22,17 @@ pub struct Place {
 /// The text that is no camera.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("camera: {message}")]
-pub struct PlaceError {
+pub struct CameraPlaceError {
     message: String,
 }
 
-impl Place {
+impl CameraPlace {
     /// Reads `json`.
     ///
     /// # Errors
-    /// [`PlaceError`] with what was expected and what was found.
-    pub fn parse(json: &str) -> Result<Self, PlaceError> {
-        serde_json::from_str(json).map_err(|e| PlaceError { message: e.to_string() })
+    /// [`CameraPlaceError`] with what was expected and what was found.
+    pub fn parse(json: &str) -> Result<Self, CameraPlaceError> {
+        serde_json::from_str(json).map_err(|e| CameraPlaceError { message: e.to_string() })
     }
 
     /// The place of `rig` in a scene with this `origin`. The target lies where the pivot is deep, straight ahead.
@@ -50,9 +50,9 @@ impl Place {
     /// The rig at this place, with `up` upwards; `before` has the field of view of a place without one.
     ///
     /// # Errors
-    /// [`PlaceError`] if position and target are no two points, or the field of view is none.
-    pub fn rig(&self, before: &Rig, up: DVec3, origin: DVec3) -> Result<Rig, PlaceError> {
-        let error = |message: String| PlaceError { message };
+    /// [`CameraPlaceError`] if position and target are no two points, or the field of view is none.
+    pub fn rig(&self, before: &Rig, up: DVec3, origin: DVec3) -> Result<Rig, CameraPlaceError> {
+        let error = |message: String| CameraPlaceError { message };
         let [position, target] = [self.position, self.target].map(|at| DVec3::from_array(at) - origin);
         let fov_y = self.fov.map_or(before.fov_y, f64::to_radians);
         if !(FOV[0]..=FOV[1]).contains(&fov_y) {
@@ -91,12 +91,12 @@ mod tests {
 
     #[test]
     fn a_place_in_is_the_place_out() {
-        let place = Place { position: [13.0, -4.0, 1.5], target: [10.0, 0.0, 0.0], fov: Some(40.0) };
+        let place = CameraPlace { position: [13.0, -4.0, 1.5], target: [10.0, 0.0, 0.0], fov: Some(40.0) };
         let origin = DVec3::new(10.0, 0.0, 0.0);
         let set = place.rig(&rig(), DVec3::Z, origin).unwrap();
         assert!((set.position() - DVec3::new(3.0, -4.0, 1.5)).length() < 1e-12);
-        let told = Place::of(&set, origin);
-        let read = Place::parse(&serde_json::to_string(&told).unwrap()).unwrap();
+        let told = CameraPlace::of(&set, origin);
+        let read = CameraPlace::parse(&serde_json::to_string(&told).unwrap()).unwrap();
         assert_eq!(read, told);
         for axis in 0..3 {
             assert!((told.position[axis] - place.position[axis]).abs() < 1e-9);
@@ -108,7 +108,7 @@ mod tests {
     #[test]
     fn what_is_no_camera_is_told() {
         let refused = |json: &str| {
-            let placed = Place::parse(json).and_then(|place| place.rig(&rig(), DVec3::Z, DVec3::ZERO));
+            let placed = CameraPlace::parse(json).and_then(|place| place.rig(&rig(), DVec3::Z, DVec3::ZERO));
             placed.unwrap_err().to_string()
         };
         assert!(refused("{}").contains("missing field `position`"));

@@ -9,11 +9,11 @@ use js_sys::{Array, Object, Reflect, Uint8Array};
 use wasm_bindgen::prelude::*;
 use web_time::Instant;
 
-use super::{PageSettings, Place as CameraPlace};
+use super::{CameraPlace, PageSettings};
 use crate::input::{Button, Input, Key, Modifiers, Touch};
 use crate::opening::{FileMap, Opening, OpeningStep, nothing};
 use crate::panels::Action;
-use crate::viewer::{Effect, Next, Opened, Place, Viewer};
+use crate::viewer::{Destination, Effect, Next, Opened, Viewer};
 
 /// The viewer of a page. Positions are pixels of the picture; JSON is text.
 #[wasm_bindgen]
@@ -310,8 +310,8 @@ fn describe(effect: Effect) -> Option<Object> {
         }
         Effect::Save(place, bytes) => {
             let (stem, extension) = match place {
-                Place::Numbered { stem, extension } => (stem.to_owned(), extension.to_owned()),
-                Place::File(file) => {
+                Destination::Numbered { stem, extension } => (stem.to_owned(), extension.to_owned()),
+                Destination::File(file) => {
                     let text = |part: Option<&std::ffi::OsStr>| {
                         part.unwrap_or_default().to_string_lossy().into_owned()
                     };

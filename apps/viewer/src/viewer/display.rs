@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use super::job::Shown;
-use crate::paint::Picture;
+use crate::paint::Framebuffer;
 
 /// Pictures that wait to be shown.
 #[derive(Debug, Default)]
@@ -24,7 +24,7 @@ impl Display {
     }
 
     /// Shows `pictures` at once, instead of those that wait: their memory goes to `spare`.
-    pub fn replace(&mut self, pictures: Vec<Shown>, now: Duration, spare: &mut Vec<Picture>) {
+    pub fn replace(&mut self, pictures: Vec<Shown>, now: Duration, spare: &mut Vec<Framebuffer>) {
         spare.extend(self.waiting.drain(..).map(|shown| shown.picture));
         self.waiting.extend(pictures);
         self.due = self.due.min(now);
@@ -43,7 +43,7 @@ impl Display {
     }
 
     /// The newest picture. The others are not shown any more: their memory goes to `spare`.
-    pub fn take_newest(&mut self, spare: &mut Vec<Picture>) -> Option<Shown> {
+    pub fn take_newest(&mut self, spare: &mut Vec<Framebuffer>) -> Option<Shown> {
         let newest = self.waiting.pop_back();
         spare.extend(self.waiting.drain(..).map(|shown| shown.picture));
         newest
@@ -74,7 +74,7 @@ mod tests {
     fn pictures(count: usize) -> Vec<Shown> {
         let camera = demo::path().cameras()[0];
         let one = |k| Shown {
-            picture: Picture { size: [k, 1], pixels: vec![0; k] },
+            picture: Framebuffer { size: [k, 1], pixels: vec![0; k] },
             camera,
             asked: Duration::ZERO,
             is_rendered: false,

@@ -9,7 +9,7 @@ use gs3::scene::orbit::{self, Bulk};
 use gs3::scene::{Camera, CameraError, CameraPath, Scene};
 use gs3::{Mode, Stage};
 
-use super::{Effect, Opened, Place, Shot, Viewer, ViewerError};
+use super::{Destination, Effect, Opened, Shot, Viewer, ViewerError};
 use crate::controls::Controls;
 use crate::path_file::{PathFile, PathFileError, PathFormat, camera_path_json, moved};
 use crate::screenshot::png;
@@ -32,13 +32,13 @@ impl Viewer {
                     continue;
                 }
             };
-            let numbered = Place::Numbered { stem: "gs3", extension: "png" };
-            self.effects.push(Effect::Save(shot.file.map_or(numbered, Place::File), bytes));
+            let numbered = Destination::Numbered { stem: "gs3", extension: "png" };
+            self.effects.push(Effect::Save(shot.file.map_or(numbered, Destination::File), bytes));
             if let (Some(file), Some(camera)) = (shot.camera, camera)
                 && let Ok(path) = CameraPath::new(vec![camera], 30.0, false)
                 && let Ok(path) = moved(&path, self.scene().details().origin)
             {
-                self.effects.push(Effect::Save(Place::File(file), camera_path_json(&path, self.size)));
+                self.effects.push(Effect::Save(Destination::File(file), camera_path_json(&path, self.size)));
             }
         }
     }
@@ -64,11 +64,11 @@ impl Viewer {
     }
 
     /// Writes the keyframes to `place`, in the format of its name ([`PathFormat::of`]).
-    pub fn save_tour(&mut self, place: Place) {
+    pub fn save_tour(&mut self, place: Destination) {
         self.is_woken = true;
         let format = match &place {
-            Place::File(file) => PathFormat::of(file),
-            Place::Numbered { stem, extension } => {
+            Destination::File(file) => PathFormat::of(file),
+            Destination::Numbered { stem, extension } => {
                 PathFormat::of(&PathBuf::from(format!("{stem}.{extension}")))
             }
         };
@@ -95,7 +95,7 @@ impl Viewer {
     /// Writes [`Self::figures_json`] to `file`.
     pub fn save_figures(&mut self, file: PathBuf) {
         let json = self.figures_json();
-        self.effects.push(Effect::Save(Place::File(file), format!("{json:#}\n").into_bytes()));
+        self.effects.push(Effect::Save(Destination::File(file), format!("{json:#}\n").into_bytes()));
     }
 
     /// Figures of the last displayed frames, the scene, the message shown, and whether the viewer rests.

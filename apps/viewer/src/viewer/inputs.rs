@@ -9,7 +9,7 @@ use gs3::scene::Camera;
 use gs3::scene::camera::MAX_SIDE;
 
 use super::touch::Fingers;
-use super::{Effect, Place, Rest, Shot, Viewer, interval};
+use super::{Destination, Effect, Rest, Shot, Viewer, interval};
 use crate::compare::Dividers;
 use crate::controls::{Flight, Rig, flight_speed};
 use crate::input::{Button, Input, Key};
@@ -261,7 +261,7 @@ impl Viewer {
             Action::Scrub(seconds) => self.scrub(seconds),
             Action::SaveTour(format) => {
                 let extension = format.extension();
-                self.save_tour(Place::Numbered { stem: "camera_path", extension });
+                self.save_tour(Destination::Numbered { stem: "camera_path", extension });
             }
             Action::Video => self.make_video(VideoWish::default()),
             Action::StopVideo => self.stop_video(),

@@ -5,8 +5,8 @@ use std::time::Duration;
 use gs3::scene::Camera;
 use gs3::{Mode, PipelineError, Refine, ResetReason, Session, StageTimes};
 
-use crate::compare::{Compare, Method};
-use crate::paint::Picture;
+use crate::compare::{Compare, ComparedMethod};
+use crate::paint::Framebuffer;
 use crate::views::{View, show_difference, show_image, show_view};
 
 /// Factor on the differences to native, so that one step of 8 bits is visible.
@@ -43,13 +43,13 @@ pub(super) struct Job {
     /// The first column of each part of a comparison but the first.
     pub columns: Vec<usize>,
     /// Pictures whose memory can be used again.
-    pub spare: Vec<Picture>,
+    pub spare: Vec<Framebuffer>,
 }
 
 /// A picture to show.
 #[derive(Clone, Debug)]
 pub(super) struct Shown {
-    pub picture: Picture,
+    pub picture: Framebuffer,
     pub camera: Camera,
     /// When the camera was there.
     pub asked: Duration,
@@ -75,7 +75,7 @@ pub(super) struct Finished {
     pub times: StageTimes,
     /// Notices of the session.
     pub notices: Vec<String>,
-    pub spare: Vec<Picture>,
+    pub spare: Vec<Framebuffer>,
 }
 
 impl Job {
@@ -131,7 +131,7 @@ impl Job {
             session.fetch_gbuffer_async().await?;
         }
         for method in self.compare.methods() {
-            if let Method::Reference(mode) = method {
+            if let ComparedMethod::Reference(mode) = method {
                 session.reference_async(*mode, &self.camera).await?;
             }
         }
@@ -163,7 +163,7 @@ impl Job {
     }
 
     /// The shown part of the frame.
-    fn compose_frame(&self, session: &Session, picture: &mut Picture) {
+    fn compose_frame(&self, session: &Session, picture: &mut Framebuffer) {
         let pipeline = session.pipeline();
         let native = session.last_reference(Mode::Native);
         let shown = native.filter(|_| self.shows_native).unwrap_or_else(|| pipeline.last_image());
@@ -185,8 +185,8 @@ impl Job {
         for method in self.compare.methods() {
             let end = ends.next().unwrap_or(size[0]);
             let image = match method {
-                Method::Reference(mode) => session.last_reference(*mode).unwrap_or(shown),
-                Method::Gs3 => shown,
+                ComparedMethod::Reference(mode) => session.last_reference(*mode).unwrap_or(shown),
+                ComparedMethod::Gs3 => shown,
             };
             show_image(image, from..end, picture);
             from = end;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::{Effect, Place, Viewer};
+use super::{Destination, Effect, Viewer};
 use crate::video::{VideoPlan, VideoPlanError, VideoWish};
 
 impl Viewer {
@@ -17,9 +17,10 @@ impl Viewer {
         (self.is_woken, self.is_idle) = (true, false);
         match self.plan_video(&wish) {
             Ok(plan) => {
-                let numbered = Place::Numbered { stem: "gs3", extension: "mp4" };
+                let numbered = Destination::Numbered { stem: "gs3", extension: "mp4" };
                 self.video = Some(0.0);
-                self.effects.push(Effect::Video(wish.file.map_or(numbered, Place::File), Box::new(plan)));
+                self.effects
+                    .push(Effect::Video(wish.file.map_or(numbered, Destination::File), Box::new(plan)));
             }
             Err(error) => self.message = Some(error.to_string()),
         }

@@ -10,7 +10,7 @@ use gs3::scene::demo;
 use gs3::scene::format::{self, LoadOptions};
 use gs3_files::write_atomically;
 
-use crate::viewer::{Opened, Place};
+use crate::viewer::{Destination, Opened};
 
 /// Numbers of numbered files.
 const NUMBERS: std::ops::RangeInclusive<u32> = 1..=9999;
@@ -48,14 +48,14 @@ pub fn open(file: &Path, size: [u32; 2], progress: &(dyn Fn(f32) + Sync)) -> Res
 ///
 /// # Errors
 /// One line with the file and why it cannot be written.
-pub fn save(place: &Place, bytes: &[u8]) -> Result<PathBuf, String> {
+pub fn save(place: &Destination, bytes: &[u8]) -> Result<PathBuf, String> {
     let write = |file: &Path| write_atomically(file, |writer| writer.write_all(bytes));
     match place {
-        Place::File(file) => {
+        Destination::File(file) => {
             write(file).map_err(|e| failed(file, &e))?;
             Ok(file.clone())
         }
-        Place::Numbered { stem, extension } => {
+        Destination::Numbered { stem, extension } => {
             let file = claim(stem, extension)?;
             // The name is taken; what it names comes whole or not at all.
             let written = write(&file).map_err(|e| failed(&file, &e));
@@ -136,14 +136,14 @@ mod tests {
     fn numbered_files_replace_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.txt");
-        assert_eq!(save(&Place::File(file.clone()), b"one"), Ok(file.clone()));
-        assert_eq!(save(&Place::File(file.clone()), b"two"), Ok(file.clone()));
+        assert_eq!(save(&Destination::File(file.clone()), b"one"), Ok(file.clone()));
+        assert_eq!(save(&Destination::File(file.clone()), b"two"), Ok(file.clone()));
         assert_eq!(fs::read(&file).unwrap(), b"two");
-        let error = save(&Place::File(folder.path().join("none/a.txt")), b"").unwrap_err();
+        let error = save(&Destination::File(folder.path().join("none/a.txt")), b"").unwrap_err();
         assert!(error.contains("a.txt: cannot be written"), "{error}");
         // Numbers begin in the folder that the stem names.
         let stem: &'static str = Box::leak(folder.path().join("shot").display().to_string().into_boxed_str());
-        let place = Place::Numbered { stem, extension: "png" };
+        let place = Destination::Numbered { stem, extension: "png" };
         let saved = [save(&place, b"1").unwrap(), save(&place, b"2").unwrap()];
         for (k, file) in saved.iter().enumerate() {
             assert!(file.ends_with(format!("shot-000{}.png", k + 1)));

@@ -15,7 +15,7 @@ use rayon::ThreadPoolBuilder;
 
 use super::files;
 use crate::video::VideoPlan;
-use crate::viewer::Place;
+use crate::viewer::Destination;
 
 /// What to render, and where to.
 #[derive(Debug)]
@@ -27,7 +27,7 @@ pub struct Job {
     /// The frames.
     pub plan: VideoPlan,
     /// The MP4 file.
-    pub place: Place,
+    pub place: Destination,
 }
 
 /// What the thread tells.
@@ -142,11 +142,11 @@ fn frames(
     }
     let file = video.finish()?;
     let path = match &job.place {
-        Place::File(path) => {
+        Destination::File(path) => {
             file.commit()?;
             path.clone()
         }
-        Place::Numbered { stem, extension } => {
+        Destination::Numbered { stem, extension } => {
             let path = files::claim(stem, extension).map_err(VideoFault::Name)?;
             if let Err(error) = file.commit_as(&path) {
                 files::give_up(&path);
@@ -159,9 +159,9 @@ fn frames(
 }
 
 /// Where the file begins: a numbered one gets its number when it is whole.
-fn beginning(place: &Place) -> PathBuf {
+fn beginning(place: &Destination) -> PathBuf {
     match place {
-        Place::File(file) => file.clone(),
-        Place::Numbered { stem, extension } => Path::new(stem).with_extension(extension),
+        Destination::File(file) => file.clone(),
+        Destination::Numbered { stem, extension } => Path::new(stem).with_extension(extension),
     }
 }

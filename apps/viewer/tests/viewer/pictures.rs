@@ -3,7 +3,7 @@
 use gs3::{FramePipeline, Mode, PipelineSettings};
 use gs3_test_support::psnr_of_bytes;
 use gs3_viewer::input::{Button, Key};
-use gs3_viewer::{Effect, Input, Place};
+use gs3_viewer::{Destination, Effect, Input};
 
 use super::{Hand, SIZE, first_camera, native, scene};
 
@@ -46,7 +46,7 @@ fn large_screenshots_are_native_frames() {
     hand.viewer.shoot(shot(2));
     hand.rest();
     let effects = hand.viewer.take_effects();
-    let [Effect::Save(Place::Numbered { stem: "gs3", extension: "png" }, bytes)] = &effects[..] else {
+    let [Effect::Save(Destination::Numbered { stem: "gs3", extension: "png" }, bytes)] = &effects[..] else {
         panic!("{} effects", effects.len())
     };
     let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();

@@ -7,7 +7,7 @@ use gs3::scene::orbit::look_at;
 use gs3_viewer::controls::Rig;
 use gs3_viewer::input::Key;
 use gs3_viewer::video::VideoWish;
-use gs3_viewer::{Effect, Input, Opened, Place, Playing, Script};
+use gs3_viewer::{Destination, Effect, Input, Opened, Playing, Script};
 use std::path::PathBuf;
 
 use super::{Hand, SIZE};
@@ -30,9 +30,9 @@ fn a_recorded_tour_plays_ends_and_is_written() {
     assert!(hand.viewer.tour().playing().is_none());
     assert!(hand.viewer.camera().unwrap().position().distance(near.position()) < 1e-6);
     hand.viewer.take_effects();
-    hand.viewer.save_tour(Place::File(PathBuf::from("tour.json")));
+    hand.viewer.save_tour(Destination::File(PathBuf::from("tour.json")));
     let effects = hand.viewer.take_effects();
-    let [Effect::Save(Place::File(file), bytes)] = &effects[..] else { panic!("{effects:?}") };
+    let [Effect::Save(Destination::File(file), bytes)] = &effects[..] else { panic!("{effects:?}") };
     assert_eq!(*file, PathBuf::from("tour.json"));
     let path = capture::parse_json(bytes).unwrap();
     assert!(path.cameras()[0].position().distance(home.position()) < 1e-6);
@@ -64,7 +64,7 @@ fn hand_with_a_tour() -> Hand {
 fn a_tour_goes_to_supersplat_and_comes_back() {
     let mut hand = hand_with_a_tour();
     let given = hand.viewer.tour().way().unwrap().clone();
-    hand.viewer.save_tour(Place::File(PathBuf::from("a/garden.settings.json")));
+    hand.viewer.save_tour(Destination::File(PathBuf::from("a/garden.settings.json")));
     let effects = hand.viewer.take_effects();
     let [Effect::Save(_, bytes)] = &effects[..] else { panic!("{effects:?}") };
     let json: serde_json::Value = serde_json::from_slice(bytes).unwrap();
@@ -84,7 +84,7 @@ fn a_tour_goes_to_supersplat_and_comes_back() {
     let mut hand = Hand::new();
     hand.rest();
     hand.press(Key::K);
-    hand.viewer.save_tour(Place::Numbered { stem: "camera_path", extension: "settings.json" });
+    hand.viewer.save_tour(Destination::Numbered { stem: "camera_path", extension: "settings.json" });
     hand.viewer.saved(Ok(PathBuf::from("camera_path-0001.settings.json")), hand.now.get());
     let note = hand.viewer.note().unwrap();
     assert!(
@@ -127,7 +127,7 @@ fn a_video_is_asked_for_told_of_and_stopped() {
     assert!(!hand.viewer.is_idle() && hand.viewer.video() == Some(0.0));
     hand.rest();
     let effects = hand.viewer.take_effects();
-    let [Effect::Video(Place::Numbered { stem: "gs3", extension: "mp4" }, plan)] = &effects[..] else {
+    let [Effect::Video(Destination::Numbered { stem: "gs3", extension: "mp4" }, plan)] = &effects[..] else {
         panic!("{effects:?}")
     };
     let way = hand.viewer.tour().way().unwrap().resized(SIZE[0], SIZE[1]).unwrap();

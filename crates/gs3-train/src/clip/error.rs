@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use gs3_neural::{GraphError, Shape};
 
-use super::Window;
+use super::ClipWindow;
 
 /// A clip that cannot be read, or holds something else than its network needs.
 #[derive(Debug, thiserror::Error)]
@@ -107,6 +107,6 @@ pub enum ClipError {
         /// Its LR grid, `[height, width]`.
         lr: [usize; 2],
         /// The part asked for.
-        actual: Window,
+        actual: ClipWindow,
     },
 }

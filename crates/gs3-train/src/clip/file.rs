@@ -14,7 +14,7 @@ use gs3_neural::model::Tier;
 use half::f16;
 use safetensors::tensor::{Dtype, Metadata, TensorView};
 
-use super::{Clip, ClipError, ClipFrame, ClipPlane, HIDDEN, Network, Window};
+use super::{Clip, ClipError, ClipFrame, ClipPlane, ClipWindow, HIDDEN, Network};
 
 /// Version of the format.
 const VERSION: &str = "1";
@@ -98,7 +98,7 @@ impl Clip {
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, ClipError> {
         let mut source = Cursor::new(bytes);
         let head = Head::read(&mut source)?;
-        let window = Window { frames: 0..head.frames, rows: 0..head.lr[0], columns: 0..head.lr[1] };
+        let window = ClipWindow { frames: 0..head.frames, rows: 0..head.lr[0], columns: 0..head.lr[1] };
         head.window(&mut source, &window)
     }
 
@@ -129,7 +129,7 @@ impl ClipFile {
     ///
     /// # Errors
     /// [`ClipError`] if the window is empty or not within the clip, or the file has changed.
-    pub fn read(&self, window: &Window) -> Result<Clip, ClipError> {
+    pub fn read(&self, window: &ClipWindow) -> Result<Clip, ClipError> {
         let within = |source| ClipError::Within { path: self.path.clone(), source: Box::new(source) };
         let file = File::open(&self.path).map_err(|source| within(source.into()))?;
         self.head.window(&mut &file, window).map_err(within)
@@ -253,7 +253,7 @@ impl Head {
     }
 
     /// Reads a part of the clip.
-    fn window(&self, source: &mut (impl Read + Seek), window: &Window) -> Result<Clip, ClipError> {
+    fn window(&self, source: &mut (impl Read + Seek), window: &ClipWindow) -> Result<Clip, ClipError> {
         window.check(self.frames, self.lr)?;
         let mut frames = Vec::with_capacity(window.frames.len());
         for frame in window.frames.clone() {
@@ -280,7 +280,7 @@ impl Head {
         source: &mut (impl Read + Seek),
         stored: &Stored,
         frame: usize,
-        window: &Window,
+        window: &ClipWindow,
         number: impl Fn([u8; 2]) -> T,
     ) -> Result<Vec<T>, ClipError> {
         let pixel = 2 * stored.channels * stored.factor;

@@ -69,7 +69,7 @@ pub fn from_unorm(value: u16) -> f32 {
 
 /// A part of a clip.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Window {
+pub struct ClipWindow {
     /// Frames.
     pub frames: Range<usize>,
     /// Rows of the LR grid.
@@ -78,7 +78,7 @@ pub struct Window {
     pub columns: Range<usize>,
 }
 
-impl Window {
+impl ClipWindow {
     /// Size on the LR grid, `[height, width]`.
     #[must_use]
     pub fn lr(&self) -> [usize; 2] {
@@ -147,7 +147,7 @@ impl Clip {
     ///
     /// # Errors
     /// [`ClipError`] if the window is empty or not within the clip, or the clip not whole.
-    pub fn crop(&self, window: &Window) -> Result<Self, ClipError> {
+    pub fn crop(&self, window: &ClipWindow) -> Result<Self, ClipError> {
         self.check()?;
         window.check(self.frames.len(), self.lr)?;
         let scale = self.scale as usize;
@@ -196,7 +196,13 @@ fn is_input(graph: &Graph, name: &str) -> bool {
 }
 
 /// The pixels within `window` of an image `factor` times as fine as an LR grid of `width` columns.
-fn cut_out<T: Copy>(values: &[T], width: usize, channels: usize, factor: usize, window: &Window) -> Vec<T> {
+fn cut_out<T: Copy>(
+    values: &[T],
+    width: usize,
+    channels: usize,
+    factor: usize,
+    window: &ClipWindow,
+) -> Vec<T> {
     let pixel = channels * factor;
     let mut out = Vec::with_capacity(window.rows.len() * factor * window.columns.len() * pixel);
     for row in

@@ -4,7 +4,7 @@ use glam::DAffine3;
 use gs3::scene::{Camera, CameraError, Intrinsics};
 
 use super::draw::Draw;
-use crate::clip::Window;
+use crate::clip::ClipWindow;
 
 /// Sizes of views, and how often they come.
 const SIZES: [(f64, [u32; 2]); 5] =
@@ -71,12 +71,12 @@ impl Framing {
     }
 
     /// The window on the LR grid of what is rendered, in `frames` frames.
-    pub fn window(&self, frames: usize) -> Window {
+    pub fn window(&self, frames: usize) -> ClipWindow {
         let [left, top, width, height] = self.window;
         let [first_column, first_row, ..] = self.rendered();
         let lr = |pixels: u32| (pixels / self.scale) as usize;
         let (column, row) = (lr(left - first_column), lr(top - first_row));
-        Window { frames: 0..frames, rows: row..row + lr(height), columns: column..column + lr(width) }
+        ClipWindow { frames: 0..frames, rows: row..row + lr(height), columns: column..column + lr(width) }
     }
 
     /// Left, top, right and bottom of the window as shares of the view.

@@ -4,13 +4,13 @@ use std::fs;
 
 use crate::common::{SCALE, clip};
 use gs3_train::clip::{from_unorm, to_unorm};
-use gs3_train::{Clip, ClipError, ClipFile, Network, Window};
+use gs3_train::{Clip, ClipError, ClipFile, ClipWindow, Network};
 use half::f16;
 
 const LR: [usize; 2] = [7, 9];
 
-fn window() -> Window {
-    Window { frames: 1..3, rows: 2..6, columns: 3..8 }
+fn window() -> ClipWindow {
+    ClipWindow { frames: 1..3, rows: 2..6, columns: 3..8 }
 }
 
 #[test]
@@ -60,7 +60,7 @@ fn a_part_holds_the_pixels_of_its_place() {
     assert_eq!(value(&part, 0, "history", 3, 5, 1, 2), value(&whole, 1, "history", 9, 9, 1, 2));
     assert_eq!(part.frames[0].target[(5 * 10 + 3) * 3 + 2], whole.frames[1].target[(9 * 18 + 9) * 3 + 2]);
     // Nothing but validity depends on where a part is cut.
-    let again = part.crop(&Window { frames: 0..2, rows: 0..4, columns: 0..5 }).unwrap();
+    let again = part.crop(&ClipWindow { frames: 0..2, rows: 0..4, columns: 0..5 }).unwrap();
     assert!(again == part);
 }
 
@@ -122,13 +122,13 @@ fn clips_that_are_not_whole_are_refused() {
 #[test]
 fn parts_beyond_a_clip_are_refused() {
     let clip = clip(Network::SuperSample, 4, LR, 5);
-    let all = Window { frames: 0..4, rows: 0..7, columns: 0..9 };
+    let all = ClipWindow { frames: 0..4, rows: 0..7, columns: 0..9 };
     clip.crop(&all).unwrap();
     for wrong in [
-        Window { frames: 0..5, ..all.clone() },
-        Window { rows: 0..8, ..all.clone() },
-        Window { columns: 9..10, ..all.clone() },
-        Window { columns: 3..3, ..all.clone() },
+        ClipWindow { frames: 0..5, ..all.clone() },
+        ClipWindow { rows: 0..8, ..all.clone() },
+        ClipWindow { columns: 9..10, ..all.clone() },
+        ClipWindow { columns: 3..3, ..all.clone() },
     ] {
         assert!(matches!(clip.crop(&wrong), Err(ClipError::Window { .. })), "{wrong:?}");
     }

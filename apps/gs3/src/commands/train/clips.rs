@@ -9,7 +9,7 @@ use gs3::NetworkError;
 use gs3::neural::Weights;
 use gs3::scene::{CameraPath, Scene, demo, orbit};
 use gs3_train::clips::{Batch, ClipSettings, ClipSource, preview};
-use gs3_train::{ClipFile, Network, Window};
+use gs3_train::{ClipFile, ClipWindow, Network};
 use indicatif::ProgressBar;
 
 use crate::cli::error::CliError;
@@ -146,7 +146,7 @@ pub fn run(args: &ClipsArgs) -> Result<Outcome, CliError> {
     if let (Some(picture), Some(clip)) = (&args.preview, first) {
         let clip = ClipFile::open(&clip)?;
         let [rows, columns] = clip.lr().map(|side| 0..side);
-        write_png(picture, &preview(&clip.read(&Window { frames: 0..clip.frames(), rows, columns })?))?;
+        write_png(picture, &preview(&clip.read(&ClipWindow { frames: 0..clip.frames(), rows, columns })?))?;
     }
     Ok(Outcome::Done)
 }

@@ -23,7 +23,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch};
 
 use super::block::{Block, LANES, Layout, Sources};
-use super::conv::{Seen, Segment, Source};
+use super::conv::{Segment, Source};
 use super::math::activate;
 use super::ops::load;
 use crate::graph::Activation;

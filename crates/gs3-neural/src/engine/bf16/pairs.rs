@@ -111,8 +111,8 @@ mod kernel {
         _mm512_setzero_ps, _mm512_store_ps,
     };
 
-    use super::super::Seen;
     use super::{BUFFER, Block, LANES, Layout, PAIRS, PairWeights, Pairs, RUN, Sources, group};
+    use crate::engine::conv::Seen;
     use crate::engine::conv::unrolled;
 
     /// What a run sees: for each pixel 16 channels, a pair in each number.

@@ -9,8 +9,9 @@ use std::arch::x86_64::{
 use std::cell::RefCell;
 use std::marker::PhantomData;
 
-use super::super::{Seen, Unit};
+use super::super::Unit;
 use super::{BUFFER, Block, Border, DEPTH, Input, LANES, Layout, ROWS, STEPS, Sources, Tile, Tiles, group};
+use crate::engine::conv::Seen;
 
 /// Bytes of a row of a tile.
 const ROW: usize = 64;
