@@ -683,18 +683,6 @@ enum gs3_status gs3_camera_look_at(const double *eye,
                                    uint32_t height,
                                    struct gs3_camera *camera);
 
-// A camera of a closed orbit of frames cameras (1 or more) that keeps the scene in view: that of number frame, counted from
-// 0. For programs that know nothing of the scene yet.
-//
-// What is passed:
-// scene is a scene, and camera points to a gs3_camera with struct_size set.
-enum gs3_status gs3_camera_orbit(const struct gs3_scene *scene,
-                                 uint32_t frame,
-                                 uint32_t frames,
-                                 uint32_t width,
-                                 uint32_t height,
-                                 struct gs3_camera *camera);
-
 // Opens the scene file, or the folder of a streamed scene, at path (UTF-8): PLY, compressed PLY, .splat, .ksplat, SPZ, SOG,
 // glTF with KHR_gaussian_splatting, .rad, LCC2. options may be NULL. The handle is written to scene.
 //
@@ -734,6 +722,18 @@ enum gs3_status gs3_scene_query_memory(const struct gs3_scene *scene, struct gs3
 // What is passed:
 // scene is NULL, or a scene that nobody uses any more.
 void gs3_scene_destroy(struct gs3_scene *scene);
+
+// A camera of a closed orbit of frames cameras (1 or more) that keeps the scene in view: that of number frame, counted from
+// 0. For programs that know nothing of the scene yet.
+//
+// What is passed:
+// scene is a scene, and camera points to a gs3_camera with struct_size set.
+enum gs3_status gs3_camera_orbit(const struct gs3_scene *scene,
+                                 uint32_t frame,
+                                 uint32_t frames,
+                                 uint32_t width,
+                                 uint32_t height,
+                                 struct gs3_camera *camera);
 
 // Makes a renderer of a scene. desc may be NULL for all defaults. The handle is written to renderer.
 //
