@@ -113,6 +113,22 @@ impl<'a> Recorder<'a> {
         self.encoder.copy_buffer_to_buffer(&from.buffer.raw, from.start, &to.staging, at, bytes);
     }
 
+    /// Copies rows of `row_bytes` each, a multiple of [`wgpu::COPY_BYTES_PER_ROW_ALIGNMENT`], from the start of `from` to
+    /// all of `texture`, which the submission checks.
+    pub fn copy_to_texture(&mut self, from: &Slice<'_>, row_bytes: u32, texture: &wgpu::Texture) {
+        if !self.owns([from.buffer.device_id], "a buffer that is copied to a texture") {
+            return;
+        }
+        self.end_pass();
+        let layout = wgpu::TexelCopyBufferLayout {
+            offset: from.start,
+            bytes_per_row: Some(row_bytes),
+            rows_per_image: None,
+        };
+        let from = wgpu::TexelCopyBufferInfo { buffer: &from.buffer.raw, layout };
+        self.encoder.copy_buffer_to_texture(from, texture.as_image_copy(), texture.size());
+    }
+
     /// Fills `slice` with zeros.
     pub fn clear(&mut self, slice: &Slice<'_>) {
         if !self.owns([slice.buffer.device_id], "a buffer that is cleared") {

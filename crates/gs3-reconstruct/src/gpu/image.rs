@@ -1,6 +1,8 @@
 //! Images and G-buffers in device memory.
 
-use gs3_compute::{Buffer, Gpu, GpuError, Use};
+use std::sync::{Arc, OnceLock};
+
+use gs3_compute::{Buffer, Gpu, GpuError, Recorder, Use, wgpu};
 use gs3_scene::Image;
 use half::f16;
 use rayon::prelude::*;
@@ -18,6 +20,8 @@ const DECODED: usize = 1 << 14;
 pub struct GpuImage {
     size: [u32; 2],
     pixels: Buffer,
+    /// The rows as far apart as textures want them, once a texture wanted some.
+    rows: Arc<OnceLock<Buffer>>,
 }
 
 impl GpuImage {
@@ -28,7 +32,7 @@ impl GpuImage {
     pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuReconstructError> {
         check_frame_size(size)?;
         let bytes = u64::from(size[0]) * u64::from(size[1]) * IMAGE_PIXEL_BYTES;
-        Ok(Self { size, pixels: gpu.buffer("image", Use::Storage, bytes)? })
+        Ok(Self { size, pixels: gpu.buffer("image", Use::Storage, bytes)?, rows: Arc::default() })
     }
 
     /// Width and height in pixels.
@@ -57,6 +61,54 @@ impl GpuImage {
             let halves = bytes.chunks_exact(2).map(|half| f16::from_le_bytes([half[0], half[1]]));
             pixels.as_flattened_mut().iter_mut().zip(halves).for_each(|(to, half)| *to = half.to_f32());
         });
+    }
+
+    /// Records a copy of the image to `texture`, for programs that draw frames. The texture has format `Rgba16Float`, the
+    /// size of the image, and usage `COPY_DST`. Its alpha is the uncertainty: draw the texture without blending.
+    ///
+    /// Images with a width that is no multiple of 32 need a copy of their own, made at the first call, as rows of
+    /// textures begin at multiples of 256 bytes.
+    ///
+    /// # Errors
+    /// [`GpuError::Refused`] if the texture has another size, format or usage; otherwise if the copy cannot be made.
+    pub fn copy_to_texture(
+        &self,
+        gpu: &Gpu,
+        recorder: &mut Recorder<'_>,
+        texture: &wgpu::Texture,
+    ) -> Result<(), GpuError> {
+        const EXPECTED: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
+        let refused =
+            |message: String| GpuError::Refused { what: "a texture for a frame".to_owned(), message };
+        let [width, height] = self.size;
+        let expected = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
+        if texture.size() != expected {
+            return Err(refused(format!("expected {expected:?}, found {:?}", texture.size())));
+        }
+        if texture.format() != EXPECTED {
+            return Err(refused(format!("expected {EXPECTED:?}, found {:?}", texture.format())));
+        }
+        if !texture.usage().contains(wgpu::TextureUsages::COPY_DST) {
+            return Err(refused(format!("expected usage COPY_DST, found {:?}", texture.usage())));
+        }
+        let row = u64::from(width) * IMAGE_PIXEL_BYTES;
+        let apart = row.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT.into());
+        if row == apart {
+            recorder.copy_to_texture(&self.pixels.slice(), apart as u32, texture);
+            return Ok(());
+        }
+        let rows = match self.rows.get() {
+            Some(rows) => rows,
+            None => {
+                let made = gpu.buffer("rows of a texture", Use::Storage, apart * u64::from(height))?;
+                self.rows.get_or_init(|| made)
+            }
+        };
+        for y in 0..u64::from(height) {
+            recorder.copy(&self.pixels.part(y * row, row), &rows.part(y * apart, row));
+        }
+        recorder.copy_to_texture(&rows.slice(), apart as u32, texture);
+        Ok(())
     }
 
     /// Reads the image back into `out`, which is resized. The call waits for the device. Inside a frame, use

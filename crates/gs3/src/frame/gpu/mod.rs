@@ -21,7 +21,7 @@ use crate::error::PipelineError;
 use crate::stages::{Stage, StageTimes};
 
 /// A frame in device memory. [`GpuImage::pixels`] are four halves a pixel: red, green, blue, and one that is not part
-/// of the picture.
+/// of the picture. [`GpuImage::copy_to_texture`] copies the pixels to a texture, to be drawn.
 ///
 /// `in_between` is valid until the next frame is rendered, and `current` until the frame after the next. Commands
 /// submitted later to the same queue find the images finished.
