@@ -3,6 +3,7 @@
 use std::io::{self, Read};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{self, Receiver};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
@@ -15,11 +16,14 @@ use crate::viewer::Opened;
 /// Files at a time, as browsers open connections to a server.
 const CONNECTIONS: usize = 6;
 
-/// How long a server may take to connect, and to begin its answer.
-const PATIENCE: Duration = Duration::from_secs(30);
+/// How long a server may take to connect, to begin its answer, and to send the next bytes.
+const PATIENCE: Duration = Duration::from_secs(if cfg!(test) { 1 } else { 30 });
 
 /// Bytes read between two reports of the progress.
 const STEP: usize = 1 << 16;
+
+/// Steps that are read before somebody wants them.
+const AHEAD: usize = 4;
 
 /// What stays as it is in a path (RFC 3986).
 const PATH: &AsciiSet = &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~').remove(b'/');
@@ -99,27 +103,49 @@ fn all_fetched(
 fn fetched(agent: &Agent, url: &str, progress: &(dyn Fn(f32) + Sync)) -> Result<(Vec<u8>, String), String> {
     let wrong = |found: String| format!("expected a file, found {found}");
     let response = agent.get(url).call();
-    let mut response = response.map_err(|error| match error {
+    let response = response.map_err(|error| match error {
         ureq::Error::StatusCode(code) => wrong(code.to_string()),
         other => wrong(other.to_string()),
     })?;
     // Servers may send elsewhere.
     let found_at = response.get_uri().to_string();
     let length = response.body().content_length();
-    let mut reader = response.body_mut().as_reader();
+    let steps = steps(response.into_body().into_reader()).map_err(|error| wrong(error.to_string()))?;
     let mut bytes = Vec::new();
-    let mut step = vec![0; STEP];
     loop {
-        match reader.read(&mut step) {
-            Ok(0) => return Ok((bytes, found_at)),
-            Ok(count) => bytes.extend_from_slice(&step[..count]),
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            Err(error) => return Err(wrong(error.to_string())),
+        match steps.recv_timeout(PATIENCE) {
+            Ok(Ok(step)) if step.is_empty() => return Ok((bytes, found_at)),
+            Ok(Ok(step)) => bytes.extend_from_slice(&step),
+            Ok(Err(error)) => return Err(wrong(error.to_string())),
+            Err(_) => return Err(wrong(format!("no more bytes for {} s", PATIENCE.as_secs()))),
         }
         if let Some(length) = length {
             progress((bytes.len() as f32 / length.max(1) as f32).min(1.0));
         }
     }
+}
+
+/// What `reader` reads, step by step, at last an empty step or an error. A thread of its own reads: a server that stalls
+/// holds that thread alone, until the connection ends.
+fn steps(mut reader: impl Read + Send + 'static) -> io::Result<Receiver<io::Result<Vec<u8>>>> {
+    let (sender, receiver) = mpsc::sync_channel(AHEAD);
+    let read = move || loop {
+        let mut step = vec![0; STEP];
+        let result = match reader.read(&mut step) {
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+            Ok(count) => {
+                step.truncate(count);
+                Ok(step)
+            }
+            Err(error) => Err(error),
+        };
+        let is_last = result.as_ref().map_or(true, Vec::is_empty);
+        if sender.send(result).is_err() || is_last {
+            return;
+        }
+    };
+    std::thread::Builder::new().name("fetch".to_owned()).spawn(read)?;
+    Ok(receiver)
 }
 
 /// `url` without what follows its path, and the place of its last `/`.
@@ -146,6 +172,9 @@ fn name_of(url: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::io::Write;
+    use std::net::TcpListener;
+
     use gs3::scene::format::save;
     use gs3_test_support::{row_of_gaussians, serve};
 
@@ -184,6 +213,21 @@ mod tests {
         }
         let gone = open("http://127.0.0.1:9/a.ply", [64, 40], None, &|_| {}, &coarse).unwrap_err();
         assert!(gone.starts_with("a.ply: expected a file, found ") && gone.lines().count() == 1, "{gone}");
+    }
+
+    #[test]
+    fn a_server_that_stalls_is_an_error() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = format!("http://{}/a.ply", listener.local_addr().unwrap());
+        let server = std::thread::spawn(move || {
+            let (mut stream, _) = listener.accept().unwrap();
+            stream.write_all(b"HTTP/1.1 200 OK\r\nContent-Length: 100\r\n\r\nply").unwrap();
+            // Until the client goes.
+            _ = stream.read_to_end(&mut Vec::new());
+        });
+        let error = open(&address, [64, 40], None, &|_| {}, &|_| {}).unwrap_err();
+        assert_eq!(error, "a.ply: expected a file, found no more bytes for 1 s");
+        drop(server);
     }
 
     #[test]
