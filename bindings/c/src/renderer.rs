@@ -333,7 +333,7 @@ unsafe fn inputs(desc: &gs3_render_desc) -> Result<(Camera, Vec<Camera>, Outputs
     unsafe {
         let camera = gs3_camera::read("camera", desc.camera)?;
         let poses = gs3_camera::read_all("in_between_cameras", in_between_cameras, desc.in_between_count)?;
-        let size = [camera.width(), camera.height()];
+        let size = camera.size();
         let outputs = Outputs::read(output, in_between_outputs, desc.in_between_count, size)?;
         Ok((camera, poses, outputs))
     }

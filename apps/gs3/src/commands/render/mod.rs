@@ -115,7 +115,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     }
     let shown_each = settings.displayed_per_rendered();
     let stream = Stream {
-        size: [first.width(), first.height()],
+        size: first.size(),
         rate: path.frames_per_second() * shown_each as f64,
         frames: numbers_of(&range, shown_each).len(),
     };
@@ -211,7 +211,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         "encode_s": written.encode_time.as_secs_f64(),
         "gaussians": pipeline.scene().gaussians().len(),
         "is_all_on_device": pipeline.is_on_device(&first),
-        "size": [first.width(), first.height()],
+        "size": first.size(),
         "is_complete": is_complete,
         "alpha": args.alpha,
         "aov": args.aov.iter().map(|aov| aov.name()).collect::<Vec<_>>(),

@@ -57,7 +57,7 @@ pub fn run(
     };
     let first = path.cameras()[range.start];
     let stream = Stream {
-        size: [first.width(), first.height()],
+        size: first.size(),
         rate: path.frames_per_second() * settings.displayed_per_rendered() as f64,
         frames: numbers_of(&range, settings.displayed_per_rendered()).len(),
     };
@@ -161,7 +161,7 @@ impl Faces {
             self.times.push(pipeline.times());
         }
         let count = shown.iter().map(Vec::len).min().unwrap_or(0);
-        let size = [camera.width(), camera.height()];
+        let size = camera.size();
         let frame = |k: usize| panorama(size, &shown.iter().map(|frames| &frames[k]).collect::<Vec<_>>());
         Ok((0..count).map(frame).collect())
     }

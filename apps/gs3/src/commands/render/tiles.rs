@@ -85,7 +85,7 @@ pub fn run(
             "load_s": load,
             "encode_s": encode,
             "gaussians": scene.gaussians().len(),
-            "size": [first.width(), first.height()],
+            "size": first.size(),
             "tile": tile_size(&first, LARGEST_TILE),
             "is_complete": is_complete,
             "alpha": args.alpha,
@@ -103,8 +103,7 @@ pub fn run(
     if is_complete {
         return Ok(Outcome::Done);
     }
-    let stream =
-        Stream { size: [first.width(), first.height()], rate: path.frames_per_second(), frames: range.len() };
+    let stream = Stream { size: first.size(), rate: path.frames_per_second(), frames: range.len() };
     let again = remainder(target, range.start, &(missing[done]..range.end), &range, &stream);
     note(format_args!("interrupted; all files are whole. To go on: {again}"));
     Ok(Outcome::Interrupted)
@@ -199,7 +198,7 @@ impl Painter {
         let channels = if self.coverage.is_some() { PngChannels::Rgba } else { PngChannels::Rgb };
         let mut stop = None;
         let written = write_file(file, |writer| {
-            write_png_rows(writer, [camera.width(), camera.height()], channels, |rows| {
+            write_png_rows(writer, camera.size(), channels, |rows| {
                 let painted = self.rows(camera, &mut |pixels, count| {
                     rows.write_all(pixels)?;
                     bar.inc(u64::from(count));
