@@ -301,7 +301,7 @@ impl gs3_reconstruct_desc {
             };
             let poses =
                 gs3_camera::read_all("in_between_cameras", self.in_between_cameras, self.in_between_count)?;
-            let shown = [camera.width(), camera.height()];
+            let shown = camera.size();
             let outputs = Outputs::read(self.output, self.in_between_outputs, self.in_between_count, shown)?;
             Ok(Frame { camera, view, poses, outputs, reset })
         }

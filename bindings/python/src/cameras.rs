@@ -113,7 +113,7 @@ impl CameraPath {
 
     /// Width and height.
     fn sizes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
-        let sizes = self.path.cameras().iter().flat_map(|c| [c.width(), c.height()].map(i64::from));
+        let sizes = self.path.cameras().iter().flat_map(|c| c.size().map(i64::from));
         to_numpy(py, sizes.collect(), [self.__len__(), 2])
     }
 }

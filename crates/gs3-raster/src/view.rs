@@ -83,7 +83,7 @@ impl View {
     pub fn of_low_resolution(camera: &Camera, scale: u32, settings: &RasterSettings, near: f32) -> Self {
         let native = RasterSettings { jitter: [0.0; 2], margin: Margin::NONE, ..*settings };
         let lr = camera.low_resolution(scale);
-        let lr_size = settings.margin.padded([lr.width(), lr.height()]);
+        let lr_size = settings.margin.padded(lr.size());
         let before = [settings.margin.left, settings.margin.top].map(|side| (side * scale) as f32);
         // With scales that are not powers of two, rounding must not change the native image's dilation.
         let is_matched = settings.dilation == matched_dilation(scale);

@@ -70,10 +70,9 @@ impl FrameSequence {
     /// How to render the frame of `camera`.
     #[must_use]
     pub fn begin(&self, camera: &Camera) -> FrameStart {
-        let size = |camera: &Camera| (camera.width(), camera.height());
         let reset = self.next_reset.or_else(|| match &self.last {
             None => Some(ResetReason::FirstFrame),
-            Some((last, _)) if size(last) != size(camera) => Some(ResetReason::SizeOrTierChange),
+            Some((last, _)) if last.size() != camera.size() => Some(ResetReason::SizeOrTierChange),
             Some((last, depths)) if is_cut(last, camera, depths) => Some(ResetReason::CameraCut),
             Some(_) => None,
         });

@@ -182,6 +182,12 @@ impl Camera {
         self.intrinsics.height
     }
 
+    /// Image width and height in pixels.
+    #[must_use]
+    pub const fn size(&self) -> [u32; 2] {
+        [self.intrinsics.width, self.intrinsics.height]
+    }
+
     /// The same view at another size: the vertical field of view and the pixel aspect are kept, the principal point
     /// keeps its place relative to the centre.
     ///

@@ -177,8 +177,7 @@ impl PipelineSettings {
             None => return Vec::new(),
             Some(before) => before,
         };
-        let size = |camera: &Camera| (camera.width(), camera.height());
-        match size(&cameras[before]) == size(&cameras[k]) {
+        match cameras[before].size() == cameras[k].size() {
             true => self.moments().map(|t| path.at(k as f64 - 1.0 + t)).collect(),
             false => Vec::new(),
         }

@@ -116,6 +116,11 @@ pub fn warn_of_nothing_visible(near: f32) {
     ));
 }
 
+/// The size of the image of `camera` as options have it: WxH.
+pub fn size_text(camera: &Camera) -> String {
+    format!("{}x{}", camera.width(), camera.height())
+}
+
 /// Checks that the cameras of the frames `range` have pictures of one size, which `what` needs. The error names
 /// `option`.
 pub fn check_one_size(
@@ -124,7 +129,7 @@ pub fn check_one_size(
     range: &Range<usize>,
     path: &CameraPath,
 ) -> Result<(), CliError> {
-    let size = |k: usize| format!("{}x{}", path.cameras()[k].width(), path.cameras()[k].height());
+    let size = |k: usize| size_text(&path.cameras()[k]);
     let first = size(range.start);
     match range.clone().find(|k| size(*k) != first) {
         None => Ok(()),
@@ -274,7 +279,7 @@ pub fn is_large(camera: &Camera) -> bool {
 /// Refuses cameras of `view` with images larger than what is rendered at once.
 pub fn check_renderable(view: &View, path: &CameraPath) -> Result<(), CliError> {
     let Some(camera) = path.cameras().iter().find(|camera| is_large(camera)) else { return Ok(()) };
-    let size = format!("{}x{}", camera.width(), camera.height());
+    let size = size_text(camera);
     let most = format!("a size up to {MAX_SIDE}x{MAX_SIDE} (gs3 render --mode native makes larger pictures)");
     let (expected, actual) = match view.size {
         Some(_) => (most, size),

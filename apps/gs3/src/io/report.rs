@@ -29,8 +29,7 @@ impl Times {
 
     /// Frames shown per second of rendering.
     pub fn displayed_fps(&self) -> f64 {
-        let seconds: f64 = self.frames.iter().map(|t| t.total().as_secs_f64()).sum();
-        if seconds > 0.0 { self.displayed as f64 / seconds } else { 0.0 }
+        per_second(self.displayed, self.frames.iter().map(|t| t.total().as_secs_f64()).sum())
     }
 
     /// Median time of `stage` over the frames in which it ran.
@@ -49,6 +48,11 @@ impl Times {
             Stage::ALL.iter().filter_map(|s| Some((s.name().to_owned(), json!(self.median_ms(*s)?))));
         Value::Object(stages.collect::<Map<_, _>>())
     }
+}
+
+/// Frames per second; 0 of no time.
+pub fn per_second(frames: usize, seconds: f64) -> f64 {
+    if seconds > 0.0 { frames as f64 / seconds } else { 0.0 }
 }
 
 /// The settings of a run: everything that changes pictures or speed, so that figures of different runs can be

@@ -36,8 +36,7 @@ pub(super) struct Track {
 
 impl Track {
     pub fn push(&mut self, now: Duration, camera: Camera) {
-        let size = |camera: &Camera| (camera.width(), camera.height());
-        if self.cameras.last().is_some_and(|(_, last)| size(last) != size(&camera)) {
+        if self.cameras.last().is_some_and(|(_, last)| last.size() != camera.size()) {
             self.cameras.clear();
         }
         self.cameras.push((now, camera));
@@ -206,7 +205,7 @@ impl Viewer {
     /// Takes the frame that has been finished. Returns how long the session rendered.
     pub(super) fn collect(&mut self, now: Duration) -> Duration {
         let Some(finished) = self.desk.finished() else { return Duration::ZERO };
-        let is_current = [finished.camera.width(), finished.camera.height()] == self.size;
+        let is_current = finished.camera.size() == self.size;
         if is_current {
             self.pace.learn(&finished);
         }

@@ -15,7 +15,7 @@ const NATIVE_SHARES: [f64; 2] = [0.5, 0.9];
 const GROUP_SHARES: [f64; 2] = [0.85, 0.7];
 
 /// Weight of a new measurement against the earlier ones, as in the controller of exact pixels.
-const NEWEST: f64 = 0.5;
+pub(super) const NEWEST: f64 = 0.5;
 
 /// How long frames take, in seconds.
 #[derive(Clone, Copy, Debug, Default)]

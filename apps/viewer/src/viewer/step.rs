@@ -2,15 +2,12 @@
 
 use std::time::Duration;
 
+use super::pace::NEWEST;
 use super::{Next, Step, Viewer};
 use crate::input::Input;
 
 /// Longest time that a movement advances in one step, in seconds: no jumps after a slow frame.
 const LONGEST_STEP: f64 = 0.1;
-
-/// Weight of a new measurement of the time beside rendering against the earlier ones: as in the controller of exact
-/// pixels.
-const NEWEST: f64 = 0.5;
 
 impl Viewer {
     /// Takes an input, which takes effect in the next step.

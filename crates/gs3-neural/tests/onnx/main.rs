@@ -1,5 +1,7 @@
 //! Networks as ONNX files: what is in them, and that ONNX Runtime computes with them what the graph means.
 
+#[path = "../suite/operations.rs"]
+mod operations;
 mod runtime;
 mod structure;
 

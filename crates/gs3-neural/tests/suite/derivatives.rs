@@ -6,7 +6,7 @@ use gs3_neural::adjoint::walk_back;
 use gs3_neural::model::{Tier, interpolate, super_sample};
 use gs3_neural::{Activation, Border, Conv2d, Graph, GraphBuilder, Header, Op, Random, Weights, reference};
 
-use crate::common::operations;
+use crate::operations::operations;
 
 const LR: [usize; 2] = [4, 6];
 

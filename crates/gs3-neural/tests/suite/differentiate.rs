@@ -10,7 +10,7 @@ use gs3_neural::{
 };
 use rayon::prelude::*;
 
-use crate::common::operations;
+use crate::operations::operations;
 
 /// An image by name.
 type Image = (String, Vec<f32>);

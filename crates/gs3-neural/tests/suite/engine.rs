@@ -3,7 +3,8 @@
 use gs3_neural::model::{PublishedNetwork, Tier, initial_weights, interpolate, super_sample};
 use gs3_neural::{Activation, Border, Conv2d, Engine, Graph, GraphBuilder, Op, RunError, Weights, reference};
 
-use crate::common::{header, images, named, operations, single};
+use crate::common::{header, images, named, single};
+use crate::operations::operations;
 
 /// Weights with biases, slopes and the like that differ from channel to channel.
 fn weights(graph: &Graph) -> Weights {

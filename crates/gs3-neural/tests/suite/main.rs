@@ -11,4 +11,5 @@ mod engine;
 mod gpu;
 mod graphs;
 mod grow;
+mod operations;
 mod weights;

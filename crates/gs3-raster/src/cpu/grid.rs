@@ -48,7 +48,7 @@ impl Grid {
             let at = if (at - at.round()).abs() < ON_PIXEL { at.round() } else { at };
             at as f32 - before[a] as f32
         });
-        let size = margin.padded([lr.width(), lr.height()]).map(|side| side as usize);
+        let size = margin.padded(lr.size()).map(|side| side as usize);
         let origin = before.map(|side| -(side as f32));
         Self { stride: scale as usize, first, before, origin, size }
     }

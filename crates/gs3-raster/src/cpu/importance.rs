@@ -105,7 +105,7 @@ impl Rasterizer {
         importance.check(self.scene.gaussians().len())?;
         let view = View::new(camera, settings, self.scene.details().near);
         self.project(&view, false, true);
-        let grid = Grid::native([camera.width(), camera.height()]);
+        let grid = Grid::native(camera.size());
         self.last = None;
         let at_once = ROWS_PER_THREAD * rayon::current_num_threads();
         let parts = Bins::parts(&self.jobs, &grid, self.most_entries);

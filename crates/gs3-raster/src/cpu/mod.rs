@@ -252,7 +252,7 @@ impl Rasterizer {
         out: &mut Image,
     ) -> Result<(), RasterError> {
         settings.check()?;
-        window.check([camera.width(), camera.height()])?;
+        window.check(camera.size())?;
         out.resize(window.width as usize, window.height as usize);
         let view = View::of_window(camera, window, settings, self.scene.details().near);
         self.run::<COLOR>(&view, &Grid::window(window), settings, resolve::image_bands(out));

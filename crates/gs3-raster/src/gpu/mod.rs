@@ -172,7 +172,7 @@ impl GpuRasterizer {
     ) -> Result<(), GpuRasterError> {
         check(settings)?;
         let view = View::new(camera, settings, self.scene.details().near);
-        self.record_view(recorder, [camera.width(), camera.height()], &view, settings, out)
+        self.record_view(recorder, camera.size(), &view, settings, out)
     }
 
     /// Records the `picture`, in pixels without its margin, that `view` shows. The settings are checked.
@@ -217,7 +217,7 @@ impl GpuRasterizer {
     ) -> Result<(), GpuRasterError> {
         self.has_margins = true;
         self.record(recorder, camera, settings, padded)?;
-        let size = [camera.width(), camera.height()];
+        let size = camera.size();
         picture.fit(&self.gpu, settings.outputs, size)?;
         picture.set(size, Margin::NONE, settings.jitter);
         Ok(crop::record(&self.kernels.copy_picture, &self.gpu, recorder, padded, picture)?)
@@ -379,7 +379,7 @@ impl GpuRasterizer {
     ) -> Result<(), GpuRasterError> {
         let settings = RasterSettings { outputs: Outputs::Color, margin: Margin::NONE, ..*settings };
         check(&settings)?;
-        window.check([camera.width(), camera.height()])?;
+        window.check(camera.size())?;
         let view = View::from_window(camera, window, &settings, self.scene.details().near);
         let size = [window.width, window.height];
         now(self.make_own(|rasterizer, recorder, own| {

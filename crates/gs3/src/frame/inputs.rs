@@ -68,7 +68,7 @@ pub struct Frame {
 impl Frame {
     /// Width and height, once the frame is made.
     pub fn size(&self) -> Option<[u32; 2]> {
-        self.camera.map(|camera| [camera.width(), camera.height()])
+        self.camera.map(|camera| camera.size())
     }
 
     /// The frame as later stages and frames read it, once it is made.

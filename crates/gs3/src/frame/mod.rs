@@ -230,10 +230,11 @@ impl FramePipeline {
         if ![0, expected].contains(&poses.len()) {
             return Err(PipelineError::Between { expected, actual: poses.len() });
         }
-        let size = |camera: &Camera| (camera.width(), camera.height());
-        match poses.iter().find(|pose| !is_same_size(pose, camera)) {
+        match poses.iter().map(Camera::size).find(|size| *size != camera.size()) {
             None => Ok(()),
-            Some(pose) => Err(PipelineError::BetweenSize { expected: size(camera), actual: size(pose) }),
+            Some(size) => {
+                Err(PipelineError::BetweenSize { expected: camera.size().into(), actual: size.into() })
+            }
         }
     }
 
@@ -468,8 +469,4 @@ impl FramePipeline {
         let Frames { previous, current, .. } = &self.frames;
         (previous.size().is_some() && previous.size() == current.size()).then_some(&previous.image)
     }
-}
-
-fn is_same_size(a: &Camera, b: &Camera) -> bool {
-    (a.width(), a.height()) == (b.width(), b.height())
 }

@@ -57,9 +57,8 @@ impl LearnedInterpolator {
         out: &mut Image,
     ) -> Result<(), NetworkError> {
         interpolator.warp(before, after, t, camera, &mut self.warped)?;
-        let last = self.last_camera.as_ref().filter(|last| {
-            self.network.has_state() && (last.width(), last.height()) == (camera.width(), camera.height())
-        });
+        let has_state = self.network.has_state();
+        let last = self.last_camera.as_ref().filter(|last| has_state && last.size() == camera.size());
         let last = last.map(|camera| CameraDepth { camera, depth: Depth::Inverse(&self.last.inverse_depth) });
         let Warped { before, after, share, inverse_depth, .. } = &self.warped;
         self.features.set(camera, inverse_depth, t, last, self.scale)?;

@@ -60,7 +60,7 @@ pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -
         "scene": args.view.scene.display().to_string(),
         "gaussians": gaussians,
         "copies": args.copies,
-        "size": [cameras[0].width(), cameras[0].height()],
+        "size": cameras[0].size(),
         "scale": look.scale,
         "warm_up_frames": args.warm_up,
         "native": native,
@@ -149,7 +149,7 @@ fn measure_frames(
         return Err(CliError::Option {
             option: "--size",
             expected: "a multiple of the scale, as networks on a GPU need, or --tier analytic".into(),
-            actual: format!("{}x{}", odd.width(), odd.height()),
+            actual: inputs::size_text(odd),
         });
     }
     let walk = || {

@@ -82,7 +82,7 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
         inputs::warn_of_nothing_visible(full.scene().details().near);
     }
 
-    let size = [first.width(), first.height()];
+    let size = first.size();
     let figures = figures(&rounds, args, &tier, load_time.as_secs_f64(), size);
     let mut figures = report::join(figures, report::asked(&args.view, &range, full.settings()));
     if args.stages {

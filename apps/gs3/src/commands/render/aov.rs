@@ -131,8 +131,7 @@ fn world_normals(normal: &Planes<3>, camera: &Camera) -> [Vec<f32>; 3] {
 /// lay behind its camera.
 fn motion(depth: &Planes<1>, View { camera, before }: &View) -> [Vec<f32>; 2] {
     let (width, height) = (depth.width(), depth.height());
-    let size = |camera: &Camera| [camera.width(), camera.height()];
-    let Some(before) = before.filter(|before| size(before) == size(camera)) else {
+    let Some(before) = before.filter(|before| before.size() == camera.size()) else {
         return [(); 2].map(|()| vec![0.0; width * height]);
     };
     let (now, then) = (camera.intrinsics(), before.intrinsics());

@@ -32,12 +32,11 @@ use crate::io::inputs;
 use crate::io::manifest::Manifest;
 use crate::io::output::{FrameWriter, Target, Written, write_text};
 use crate::io::report::{self, Times};
-use crate::io::video::Stream;
 use aov::LayerMaker;
 pub use args::RenderArgs;
 use compare::Comparison;
 use course::Course;
-use parts::{claim, frames_missing, is_there, numbers_of, remainder};
+use parts::{claim, end, frames_missing, is_there, numbers_of, stream_of};
 
 pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     start_threads(args.view.threads)?;
@@ -114,11 +113,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         );
     }
     let shown_each = settings.displayed_per_rendered();
-    let stream = Stream {
-        size: [first.width(), first.height()],
-        rate: path.frames_per_second() * shown_each as f64,
-        frames: numbers_of(&range, shown_each).len(),
-    };
+    let stream = stream_of(&path, &range, shown_each);
 
     let facts = Manifest::new(pipeline.scene(), &path, &settings, &networks, &machine, args.alpha)?
         .with_aovs(&args.aov, args.aov_format);
@@ -211,7 +206,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         "encode_s": written.encode_time.as_secs_f64(),
         "gaussians": pipeline.scene().gaussians().len(),
         "is_all_on_device": pipeline.is_on_device(&first),
-        "size": [first.width(), first.height()],
+        "size": first.size(),
         "is_complete": is_complete,
         "alpha": args.alpha,
         "aov": args.aov.iter().map(|aov| aov.name()).collect::<Vec<_>>(),
@@ -245,19 +240,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     {
         note(format_args!("{count} frames in {} are of other runs than this one", folder.display()));
     }
-    if is_complete {
-        return match (&target, written.no_video) {
-            (Target::Video { file, frames }, Some(failure)) => {
-                Err(failure.tell(file, frames, &numbers, &stream))
-            }
-            _ => Ok(Outcome::Done),
-        };
-    }
-    note(format_args!(
-        "interrupted; all files are whole. To go on: {}",
-        remainder(&target, range.start, &(missing[done]..range.end), &numbers, &stream)
-    ));
-    Ok(Outcome::Interrupted)
+    end(&target, &range, missing.get(done).copied(), &numbers, &stream, written.no_video)
 }
 
 /// The file in numbers beside a single picture, if there is one.

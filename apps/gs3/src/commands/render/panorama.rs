@@ -10,7 +10,7 @@ use indicatif::ProgressBar;
 
 use super::args::RenderArgs;
 use super::course::{Course, Leg};
-use super::parts::{claim, frames_missing, numbers_of, remainder};
+use super::parts::{claim, end, frames_missing, numbers_of, stream_of};
 use crate::cli::backend;
 use crate::cli::error::CliError;
 use crate::cli::exit::Outcome;
@@ -21,7 +21,7 @@ use crate::io::inputs;
 use crate::io::layers::Layers;
 use crate::io::manifest::Manifest;
 use crate::io::output::{FrameWriter, Target};
-use crate::io::video::Stream;
+use crate::io::report;
 
 /// Pixels of a face beyond its edges on each side, so that pixels between faces are interpolated within one.
 const RIM: u32 = 2;
@@ -55,13 +55,8 @@ pub fn run(
         true => Some(faces(&coverage(scene)?)?),
         false => None,
     };
-    let first = path.cameras()[range.start];
-    let stream = Stream {
-        size: [first.width(), first.height()],
-        rate: path.frames_per_second() * settings.displayed_per_rendered() as f64,
-        frames: numbers_of(&range, settings.displayed_per_rendered()).len(),
-    };
     let each = settings.displayed_per_rendered();
+    let stream = stream_of(path, &range, each);
     let facts = Manifest::new(scene, path, &settings, networks, &machine, args.alpha)?;
     let missing = frames_missing(args, target, &facts, &range, each)?;
     let mut writer = FrameWriter::new(target.clone(), &stream)?;
@@ -109,19 +104,11 @@ pub fn run(
     let numbers = numbers.unwrap_or_default();
     note(format_args!(
         "{shown} frames shown, {:.2} per second of rendering ({} in {})",
-        if seconds > 0.0 { shown as f64 / seconds } else { 0.0 },
+        report::per_second(shown, seconds),
         settings.mode.name(),
         args.out.display(),
     ));
-    if !is_complete {
-        let again = remainder(target, range.start, &(missing[done]..range.end), &numbers, &stream);
-        note(format_args!("interrupted; all files are whole. To go on: {again}"));
-        return Ok(Outcome::Interrupted);
-    }
-    match (target, written.no_video) {
-        (Target::Video { file, frames }, Some(failure)) => Err(failure.tell(file, frames, &numbers, &stream)),
-        _ => Ok(Outcome::Done),
-    }
+    end(target, &range, missing.get(done).copied(), &numbers, &stream, written.no_video)
 }
 
 /// Renders the faces of panoramas, each with a pipeline of its own, and puts them together.
@@ -161,7 +148,7 @@ impl Faces {
             self.times.push(pipeline.times());
         }
         let count = shown.iter().map(Vec::len).min().unwrap_or(0);
-        let size = [camera.width(), camera.height()];
+        let size = camera.size();
         let frame = |k: usize| panorama(size, &shown.iter().map(|frames| &frames[k]).collect::<Vec<_>>());
         Ok((0..count).map(frame).collect())
     }

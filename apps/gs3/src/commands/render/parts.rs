@@ -1,19 +1,54 @@
-//! Frames of a part of a path: their numbers, which of them are there, and what is left of them after an interruption.
+//! Frames of a part of a path: their numbers, which of them are there, and what is told at their end or after an
+//! interruption.
 
 use std::ops::Range;
 
+use gs3::scene::CameraPath;
+
 use super::args::RenderArgs;
 use crate::cli::error::CliError;
+use crate::cli::exit::Outcome;
 use crate::cli::terminal::note;
 use crate::io::frame_files::{frame_name, others};
 use crate::io::manifest::Manifest;
 use crate::io::output::Target;
-use crate::io::video::{Stream, by_hand, no_option, quoted};
+use crate::io::video::{Failure, Stream, by_hand, no_option, quoted};
+
+/// What a video of the rendered frames `range` of `path` is, where `each` are shown for one.
+pub fn stream_of(path: &CameraPath, range: &Range<usize>, each: usize) -> Stream {
+    Stream {
+        size: path.cameras()[range.start].size(),
+        rate: path.frames_per_second() * each as f64,
+        frames: numbers_of(range, each).len(),
+    }
+}
+
+/// Ends a run over the rendered frames `range`, which wrote frames of `stream` with these `numbers`. After an
+/// interruption `next` is the first frame that is left, and the user is told how to go on. After a whole run the video
+/// that was asked for may be missing, which is an error.
+pub fn end(
+    target: &Target,
+    range: &Range<usize>,
+    next: Option<usize>,
+    numbers: &Range<usize>,
+    stream: &Stream,
+    no_video: Option<Failure>,
+) -> Result<Outcome, CliError> {
+    if let Some(next) = next {
+        let again = remainder(target, range.start, &(next..range.end), numbers, stream);
+        note(format_args!("interrupted; all files are whole. To go on: {again}"));
+        return Ok(Outcome::Interrupted);
+    }
+    match (target, no_video) {
+        (Target::Video { file, frames }, Some(failure)) => Err(failure.tell(file, frames, numbers, stream)),
+        _ => Ok(Outcome::Done),
+    }
+}
 
 /// The command to run after an interruption, for the frames `left` of the frames from `first` on. A video starts anew
 /// with the frames that it is given. So the video of all frames, with these `numbers`, is made once all of them
 /// exist.
-pub fn remainder(
+fn remainder(
     target: &Target,
     first: usize,
     left: &Range<usize>,

@@ -18,7 +18,7 @@ use serde_json::json;
 
 use super::args::RenderArgs;
 use super::native::NativeRasterizer;
-use super::parts::{claim, frames_missing, remainder};
+use super::parts::{claim, end, frames_missing, stream_of};
 use crate::cli::backend;
 use crate::cli::error::CliError;
 use crate::cli::exit::Outcome;
@@ -29,7 +29,6 @@ use crate::io::inputs;
 use crate::io::manifest::Manifest;
 use crate::io::output::{Target, write_file, write_text};
 use crate::io::report;
-use crate::io::video::Stream;
 
 /// Largest tile, width and height in pixels: 64 MiB in f32. Wide tiles repeat less of the projection of Gaussians, and
 /// low ones make rows of tiles that fit in memory at any width.
@@ -73,7 +72,6 @@ pub fn run(
         inputs::warn_of_nothing_visible(scene.details().near);
     }
     let seconds = painter.render_time.as_secs_f64();
-    let fps = if seconds > 0.0 { done as f64 / seconds } else { 0.0 };
     let [load, encode] = [load_time, painter.encode_time].map(|time| time.as_secs_f64());
     if let Some(file) = &args.json {
         let figures = json!({
@@ -81,11 +79,11 @@ pub fn run(
             "frames_displayed": done,
             "frames_rendered": done,
             "frames_written": done,
-            "displayed_fps": fps,
+            "displayed_fps": report::per_second(done, seconds),
             "load_s": load,
             "encode_s": encode,
             "gaussians": scene.gaussians().len(),
-            "size": [first.width(), first.height()],
+            "size": first.size(),
             "tile": tile_size(&first, LARGEST_TILE),
             "is_complete": is_complete,
             "alpha": args.alpha,
@@ -100,14 +98,7 @@ pub fn run(
         Mode::Native.name(),
         args.out.display(),
     ));
-    if is_complete {
-        return Ok(Outcome::Done);
-    }
-    let stream =
-        Stream { size: [first.width(), first.height()], rate: path.frames_per_second(), frames: range.len() };
-    let again = remainder(target, range.start, &(missing[done]..range.end), &range, &stream);
-    note(format_args!("interrupted; all files are whole. To go on: {again}"));
-    Ok(Outcome::Interrupted)
+    end(target, &range, missing.get(done).copied(), &range, &stream_of(path, &range, 1), None)
 }
 
 /// Refuses what is not made of pictures as large as this.
@@ -199,7 +190,7 @@ impl Painter {
         let channels = if self.coverage.is_some() { PngChannels::Rgba } else { PngChannels::Rgb };
         let mut stop = None;
         let written = write_file(file, |writer| {
-            write_png_rows(writer, [camera.width(), camera.height()], channels, |rows| {
+            write_png_rows(writer, camera.size(), channels, |rows| {
                 let painted = self.rows(camera, &mut |pixels, count| {
                     rows.write_all(pixels)?;
                     bar.inc(u64::from(count));

@@ -96,7 +96,7 @@ impl SurfaceMotion {
             reprojection: Reprojection::new(camera, camera_before),
             before,
             scale: self.scale,
-            farthest: [camera.width(), camera.height()].map(|side| FARTHEST * side as f32),
+            farthest: camera.size().map(|side| FARTHEST * side as f32),
         };
         self.surfaces.resize(width * height, Surface::default());
         let (scale, offset) = (self.scale, self.offset);

@@ -78,7 +78,7 @@ impl FrameMemory {
         camera: &Camera,
         counters: &Slice<'_>,
     ) -> Result<&'a mut Self, PipelineError> {
-        let size = [camera.width(), camera.height()];
+        let size = camera.size();
         if slot.as_ref().is_some_and(|memory| memory.size != size) {
             *slot = None;
         }

@@ -136,7 +136,7 @@ impl GpuMachine {
     /// This is so in modes without history, and with networks at a size that is not a multiple of the scale.
     pub fn makes_all_of(&self, camera: &Camera) -> bool {
         let FramePlan { settings, networks, scale, .. } = &self.plan;
-        let is_whole = [camera.width(), camera.height()].iter().all(|side| side.is_multiple_of(*scale));
+        let is_whole = camera.size().iter().all(|side| side.is_multiple_of(*scale));
         let has_networks = networks.super_sample.is_some() || networks.interpolate.is_some();
         settings.mode.has_history() && (is_whole || !has_networks)
     }

@@ -1,0 +1,162 @@
+//! What samples are made from: LR frames and exact blocks.
+
+use fearless_simd::{Level, Simd, dispatch, f32x16, mask32x16, prelude::*};
+use gs3_scene::{BLOCK_SIDE, ExactBlock, ExactBlocks, GBuffer, Gradients, Margin, Planes};
+use rayon::prelude::*;
+
+use super::chunk::{Chunk, DX, DY, Extent};
+use super::{BLOCKS_PER_ROW, CROSSING, EDGE_RATIO, Layout, SampleFrame};
+use crate::cpu::lanes::{CHUNK, load};
+use crate::error::ReconstructError;
+use crate::reprojection::inverse_depth_16;
+
+impl SampleFrame {
+    /// Copies a checked G-buffer of an output `scale` times larger. Memory is reused.
+    ///
+    /// # Errors
+    /// [`ReconstructError::Missing`] if `gbuffer` has no gradients.
+    pub fn fill(&mut self, level: Level, gbuffer: &GBuffer, scale: u32) -> Result<(), ReconstructError> {
+        let Some(gradients) = &gbuffer.gradients else {
+            return Err(ReconstructError::Missing { what: "image gradients" });
+        };
+        self.layout = Layout::Rows;
+        (self.width, self.height) = (gbuffer.width(), gbuffer.height());
+        (self.jitter, self.margin) = (gbuffer.jitter, gbuffer.margin);
+        let per_row = self.chunks_per_row();
+        self.chunks.resize(per_row * self.height, Chunk::EMPTY);
+        self.extents.resize(per_row * self.height, Extent::default());
+        self.displacements.clear();
+        let depth = gbuffer.geometry.as_ref().map(|geometry| &geometry.depth_median);
+        let planes =
+            SamplePlanes { color: &gbuffer.color, gradients, depth, per_hr_pixel: 1.0 / scale as f32 };
+        let rows = self.chunks.par_chunks_exact_mut(per_row).zip(self.extents.par_chunks_exact_mut(per_row));
+        rows.enumerate().with_min_len(8).for_each_init(Vec::new, |nearest, (y, (chunks, extents))| {
+            dispatch!(level, simd => {
+                planes.find_nearest(simd, y, nearest);
+                for (k, (chunk, extent)) in chunks.iter_mut().zip(extents).enumerate() {
+                    *extent = planes.fill_chunk(simd, [k * CHUNK, y], nearest, chunk);
+                }
+            });
+        });
+        Ok(())
+    }
+
+    /// Copies exact blocks of a picture of `[width, height]`. Memory is reused.
+    pub fn fill_blocks(&mut self, level: Level, blocks: &ExactBlocks, picture: [usize; 2]) {
+        let corner = |[column, row]: &[u16; 2]| [*column, *row].map(|k| (usize::from(k) * BLOCK_SIDE) as f32);
+        let corners = blocks.places.iter().map(corner).collect();
+        self.layout = Layout::Blocks { corners, picture: picture.map(|side| side as f32) };
+        (self.width, self.height) = (0, blocks.len().div_ceil(BLOCKS_PER_ROW));
+        (self.jitter, self.margin) = ([0.0; 2], Margin::NONE);
+        self.chunks.resize(blocks.len(), Chunk::EMPTY);
+        self.extents.resize(blocks.len(), Extent::default());
+        self.displacements.clear();
+        let chunks = self.chunks.par_iter_mut().zip(&mut self.extents).zip(&blocks.blocks).with_min_len(64);
+        chunks.for_each(|((chunk, extent), block)| {
+            dispatch!(level, simd => *extent = fill_block(simd, block, chunk));
+        });
+    }
+}
+
+/// Fills the chunk of an exact block.
+#[inline(always)]
+fn fill_block<S: Simd>(simd: S, block: &ExactBlock, chunk: &mut Chunk) -> Extent {
+    let zero = f32x16::splat(simd, 0.0);
+    let (mut squares, mut is_bare) = (zero, mask32x16::splat(simd, true));
+    for c in 0..3 {
+        let load = |plane: &[f32; 16]| f32x16::load_array_ref(simd, plane);
+        let (color, dx, dy) = (load(&block.color[c]), load(&block.color_dx[c]), load(&block.color_dy[c]));
+        squares = dx.mul_add(dx, dy.mul_add(dy, squares));
+        is_bare &= color.simd_eq(color[0]) & dx.simd_eq(0.0) & dy.simd_eq(0.0);
+        chunk.set_plane(2 + c, color);
+        chunk.set_samples(c, color);
+        chunk.set_samples(DX + c, dx);
+        chunk.set_samples(DY + c, dy);
+    }
+    let here = inverse_depth_16(simd, f32x16::load_array_ref(simd, &block.depth_median));
+    let depths = here.to_array();
+    // The nearest of the pixels around each pixel, within the block.
+    let mut nearest = depths;
+    for (i, nearest) in nearest.iter_mut().enumerate() {
+        let (x, y) = (i % BLOCK_SIDE, i / BLOCK_SIDE);
+        for v in y.saturating_sub(1)..(y + 2).min(BLOCK_SIDE) {
+            for u in x.saturating_sub(1)..(x + 2).min(BLOCK_SIDE) {
+                *nearest = nearest.max(depths[v * BLOCK_SIDE + u]);
+            }
+        }
+    }
+    let near = f32x16::load_array(simd, nearest);
+    chunk.set_plane(0, here);
+    let change = (near - here) * CROSSING * squares.sqrt();
+    chunk.set_plane(1, here.simd_lt(near * EDGE_RATIO).select(change, zero));
+    let [r, g, b] = chunk.colors().map(|plane| plane[0]);
+    let is_bare = here.reduce_max() == 0.0 && is_bare.all_true();
+    Extent { far: here.reduce_min(), near: here.reduce_max(), bare: is_bare.then_some([r, g, b]) }
+}
+
+/// The planes that samples are made from.
+struct SamplePlanes<'a> {
+    color: &'a Planes<3>,
+    gradients: &'a Gradients,
+    depth: Option<&'a Planes<1>>,
+    /// LR pixels per HR pixel.
+    per_hr_pixel: f32,
+}
+
+impl SamplePlanes<'_> {
+    /// Per column of row `y`, the largest inverse depth of the samples in this row, the row above and the row below,
+    /// from entry 1 on. Entries beyond the first and the last column are 0.
+    #[inline(always)]
+    fn find_nearest<S: Simd>(&self, simd: S, y: usize, nearest: &mut Vec<f32>) {
+        let (width, height) = (self.color.width(), self.color.height());
+        nearest.clear();
+        nearest.resize(width.next_multiple_of(CHUNK) + 2, 0.0);
+        let Some(depth) = self.depth else { return };
+        let (above, below) = (y.saturating_sub(1), (y + 1).min(height - 1));
+        for first in (0..width).step_by(CHUNK) {
+            let at = |y: usize| inverse_depth_16(simd, load(simd, &depth.row(0, y)[first..]));
+            at(above).max(at(y)).max(at(below)).store_slice(&mut nearest[1 + first..][..CHUNK]);
+        }
+    }
+
+    /// Fills the chunk with its first sample in column `first` of row `y`.
+    #[inline(always)]
+    fn fill_chunk<S: Simd>(
+        &self,
+        simd: S,
+        [first, y]: [usize; 2],
+        nearest: &[f32],
+        chunk: &mut Chunk,
+    ) -> Extent {
+        let zero = f32x16::splat(simd, 0.0);
+        let count = CHUNK.min(self.color.width() - first);
+        let is_sample = f32x16::from_fn(simd, |i| i as f32).simd_lt(count as f32);
+        let Gradients { color_dx, color_dy, .. } = self.gradients;
+        let (mut squares, mut is_bare) = (zero, mask32x16::splat(simd, true));
+        for c in 0..3 {
+            let color = load(simd, &self.color.row(c, y)[first..]);
+            let dx = load(simd, &color_dx.row(c, y)[first..]) * self.per_hr_pixel;
+            let dy = load(simd, &color_dy.row(c, y)[first..]) * self.per_hr_pixel;
+            squares = dx.mul_add(dx, dy.mul_add(dy, squares));
+            is_bare &= color.simd_eq(color[0]) & dx.simd_eq(0.0) & dy.simd_eq(0.0);
+            chunk.set_plane(2 + c, color);
+            chunk.set_samples(c, color);
+            chunk.set_samples(DX + c, dx);
+            chunk.set_samples(DY + c, dy);
+        }
+        let here = match self.depth {
+            Some(depth) => inverse_depth_16(simd, load(simd, &depth.row(0, y)[first..])),
+            None => zero,
+        };
+        chunk.set_plane(0, here);
+        let column = |k: usize| f32x16::from_slice(simd, &nearest[first + k..][..CHUNK]);
+        let near = column(0).max(column(1)).max(column(2));
+        let change = (near - here) * CROSSING * squares.sqrt();
+        chunk.set_plane(1, here.simd_lt(near * EDGE_RATIO).select(change, zero));
+        let far = is_sample.select(here, f32x16::splat(simd, f32::INFINITY)).reduce_min();
+        let near = here.reduce_max();
+        let [r, g, b] = chunk.colors().map(|plane| plane[0]);
+        let is_bare = near == 0.0 && (is_bare | !is_sample).all_true();
+        Extent { far, near, bare: is_bare.then_some([r, g, b]) }
+    }
+}

@@ -1,0 +1,81 @@
+//! What chunks hold, compared with the G-buffer that they are made from.
+
+use gs3_scene::{GBuffer, Geometry, Gradients};
+
+use super::*;
+use crate::error::ReconstructError;
+use crate::reprojection::inverse_depth;
+
+/// Width of a full chunk and a partial one.
+const WIDTH: usize = 21;
+const HEIGHT: usize = 4;
+
+/// A frame with arbitrary values. From row 2 on it has one colour and no surface, except for its last sample.
+fn gbuffer() -> GBuffer {
+    let value = |k: usize| (k * 7919 % 1009) as f32 / 1009.0;
+    let is_bare = |k: usize| k % (WIDTH * HEIGHT) >= 2 * WIDTH;
+    let planes = |seed: usize, bare: f32| {
+        let mut planes = Planes::<3>::new(WIDTH, HEIGHT);
+        for (k, v) in planes.data_mut().iter_mut().enumerate() {
+            *v = if is_bare(k) { bare } else { value(k + seed) };
+        }
+        planes
+    };
+    let mut depth_median = Planes::<1>::new(WIDTH, HEIGHT);
+    for (k, z) in depth_median.data_mut().iter_mut().enumerate() {
+        *z = if is_bare(k) { 0.0 } else { 1.0 + value(3 * k) };
+    }
+    depth_median.data_mut()[WIDTH * HEIGHT - 1] = 2.0;
+    let gradients = Gradients { color_dx: planes(11, 0.0), color_dy: planes(23, 0.0), color_dxy: None };
+    GBuffer {
+        color: planes(5, 0.25),
+        gradients: Some(gradients),
+        geometry: Some(Geometry { depth_median, ..Geometry::default() }),
+        ..GBuffer::default()
+    }
+}
+
+#[test]
+fn chunks_hold_what_the_gbuffer_says() -> Result<(), ReconstructError> {
+    let gbuffer = gbuffer();
+    let mut frame = SampleFrame::default();
+    frame.fill(gs3_simd::level(), &gbuffer, 2)?;
+    let (Some(gradients), Some(geometry)) = (&gbuffer.gradients, &gbuffer.geometry) else {
+        return Err(ReconstructError::Missing { what: "all" });
+    };
+    let inverse = |x: usize, y: usize| inverse_depth(geometry.depth_median.row(0, y)[x]);
+    for (x, y) in (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
+        let (chunk, lane) = (frame.chunk(y, x / CHUNK), x % CHUNK);
+        let mut squares = 0.0;
+        for c in 0..3 {
+            let color = gbuffer.color.row(c, y)[x];
+            let [dx, dy] = [&gradients.color_dx, &gradients.color_dy].map(|planes| planes.row(c, y)[x] / 2.0);
+            let sample = frame.sample(x, y);
+            assert_eq!([sample[c], sample[DX + c], sample[DY + c]], [color, dx, dy], "{x}, {y}");
+            assert_eq!(chunk.colors()[c][lane], color);
+            assert_eq!(chunk.quads(lane).map(|quad| quad[c]), [color, dx, dy]);
+            squares += dx * dx + dy * dy;
+        }
+        assert_eq!(chunk.inverse_depth()[lane], inverse(x, y));
+        let around = (y.saturating_sub(1)..(y + 2).min(HEIGHT))
+            .flat_map(|y| (x.saturating_sub(1)..(x + 2).min(WIDTH)).map(move |x| (x, y)));
+        let near = around.map(|(x, y)| inverse(x, y)).fold(0.0, f32::max);
+        let is_beside = inverse(x, y) < near * EDGE_RATIO;
+        let expected = if is_beside { CROSSING * (near - inverse(x, y)) * squares.sqrt() } else { 0.0 };
+        assert!(
+            (chunk.edge_slopes()[lane] - expected).abs() <= 1e-6,
+            "{x}, {y}: {}",
+            chunk.edge_slopes()[lane]
+        );
+    }
+    let row_of = |x: usize, y: usize| (x..(x + CHUNK).min(WIDTH)).map(move |x| inverse(x, y));
+    for (x, y) in [(0, 0), (CHUNK, 1), (CHUNK, HEIGHT - 1)] {
+        let extent = frame.extents(y)[x / CHUNK];
+        let far = row_of(x, y).fold(f32::INFINITY, f32::min);
+        let near = row_of(x, y).fold(0.0, f32::max);
+        assert_eq!(extent, Extent { far, near, bare: None }, "{x}, {y}");
+    }
+    let bare = Some([0.25; 3]);
+    assert_eq!(frame.extents(2).iter().map(|extent| extent.bare).collect::<Vec<_>>(), [bare, bare]);
+    Ok(())
+}
