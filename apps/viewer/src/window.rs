@@ -376,7 +376,7 @@ impl Shell {
             let progress = |share| _ = proxy.send_event(Loaded::Progress(share));
             let coarse = |opened| _ = proxy.send_event(Loaded::Coarse(opened));
             let opened = match url_of(&file) {
-                Some(url) => url::open(url, size, budget, &progress, &coarse),
+                Some(url) => url::open(url, size, budget, url::PATIENCE, &progress, &coarse),
                 None => files::open(&file, size, &progress),
             };
             _ = proxy.send_event(Loaded::Done(opened));

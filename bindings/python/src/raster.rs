@@ -1,10 +1,10 @@
 //! Rasterization in the shapes and by the rules of gsplat.
 
-use std::sync::{Arc, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use gs3::Culling;
 use gs3::raster::{Outputs, RasterSettings, Rasterizer, Rules};
-use gs3::scene::{Camera, GBuffer, Planes};
+use gs3::scene::{Camera, GBuffer, Planes, Scene};
 use numpy::PyReadonlyArray2;
 use numpy::PyUntypedArrayMethods;
 use pyo3::prelude::*;
@@ -13,10 +13,27 @@ use rayon::prelude::*;
 
 use crate::arrays::{self, Matrices, check_shape, slice, to_numpy};
 use crate::error;
-use crate::scene::Scene;
 
 /// Pixels that a thread copies at a time.
 const AT_ONCE: usize = 1 << 14;
+
+/// A rasterizer of one scene from one call to the next, once it was needed.
+#[derive(Debug, Default)]
+pub struct KeptRasterizer(Mutex<Option<Rasterizer>>);
+
+impl KeptRasterizer {
+    fn rasterize(
+        &self,
+        scene: &Arc<Scene>,
+        camera: &Camera,
+        settings: &RasterSettings,
+        out: &mut GBuffer,
+    ) -> Result<(), gs3::raster::RasterError> {
+        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let rasterizer = kept.get_or_insert_with(|| Rasterizer::new(Arc::clone(scene), Culling::default()));
+        rasterizer.rasterize(camera, settings, out)
+    }
+}
 
 /// A plane of each of many frames, `[C, H, W, channels]`.
 struct Batch {
@@ -110,11 +127,12 @@ impl Batches {
     }
 }
 
-/// Rasterizes `scene`. `render_mode` is one of gsplat's. Gives `render`, `alphas` and, where `planes` are asked for, those, all
+/// Rasterizes `scene`, which `kept` is of. `render_mode` is one of gsplat's. Gives `render`, `alphas` and, where `planes` are asked for, those, all
 /// `[C, H, W, …]`.
 pub fn rasterize<'py>(
     py: Python<'py>,
-    scene: &Scene,
+    scene: &Arc<Scene>,
+    kept: &KeptRasterizer,
     viewmats: Matrices<'py>,
     ks: Matrices<'py>,
     width: u32,
@@ -157,7 +175,7 @@ pub fn rasterize<'py>(
         let background = backgrounds.map_or([0.0; 3], |values| values[k]);
         let settings = RasterSettings { background, ..settings };
         py.detach(|| -> Result<(), gs3::raster::RasterError> {
-            scene.rasterize_frame(camera, &settings, &mut frame)?;
+            kept.rasterize(scene, camera, &settings, &mut frame)?;
             batches.take(k, &frame, wanted);
             Ok(())
         })
@@ -172,18 +190,4 @@ pub fn rasterize<'py>(
         }
     }
     Ok(dict)
-}
-
-impl Scene {
-    fn rasterize_frame(
-        &self,
-        camera: &Camera,
-        settings: &RasterSettings,
-        out: &mut GBuffer,
-    ) -> Result<(), gs3::raster::RasterError> {
-        let mut kept = self.rasterizer.lock().unwrap_or_else(PoisonError::into_inner);
-        let rasterizer =
-            kept.get_or_insert_with(|| Rasterizer::new(Arc::clone(&self.scene), Culling::default()));
-        rasterizer.rasterize(camera, settings, out)
-    }
 }

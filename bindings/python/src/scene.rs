@@ -1,9 +1,8 @@
 //! Scenes: files and arrays in, arrays and files out.
 
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
-use gs3::raster::Rasterizer;
 use gs3::scene::format::{self, Budget, LoadOptions};
 use gs3::scene::gaussians::SH_C0;
 use gs3::scene::{Axes, Gaussians, OpacityMode, demo};
@@ -16,7 +15,8 @@ use rayon::prelude::*;
 
 use crate::arrays::{Matrices, check_shape, slice, to_numpy};
 use crate::cameras::CameraPath;
-use crate::{error, patience, raster};
+use crate::raster::{self, KeptRasterizer};
+use crate::{error, patience};
 
 /// Gaussians that a thread copies at a time.
 const AT_ONCE: usize = 1 << 14;
@@ -26,13 +26,13 @@ const AT_ONCE: usize = 1 << 14;
 #[pyclass(frozen, module = "gs3._gs3")]
 pub struct Scene {
     pub scene: Arc<gs3::scene::Scene>,
-    /// What [`Self::rasterize`] keeps from one call to the next, once it was called.
-    pub rasterizer: Mutex<Option<Rasterizer>>,
+    /// For [`Self::rasterize`].
+    rasterizer: KeptRasterizer,
 }
 
 impl Scene {
     pub fn new(scene: gs3::scene::Scene) -> Self {
-        Self { scene: Arc::new(scene), rasterizer: Mutex::new(None) }
+        Self { scene: Arc::new(scene), rasterizer: KeptRasterizer::default() }
     }
 
     fn gaussians(&self) -> &Gaussians {
@@ -183,7 +183,8 @@ impl Scene {
     ) -> PyResult<Bound<'py, PyDict>> {
         raster::rasterize(
             py,
-            self,
+            &self.scene,
+            &self.rasterizer,
             viewmats,
             ks,
             width,

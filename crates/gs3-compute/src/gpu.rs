@@ -90,8 +90,7 @@ impl Gpu {
     /// Uses the caller's own device of `adapter`, with its queue, so that the caller can show the results of gs3
     /// directly. gs3 uses the features that the device was opened with. gs3 also takes the device's callback for
     /// device loss; [`Gpu::check`] reports the loss from then on. [`Buffer::raw`](crate::Buffer::raw) and
-    /// [`Buffer::of`](crate::Buffer::of) convert between
-    /// the buffers of both.
+    /// [`Buffer::of`](crate::Buffer::of) convert between the buffers of both.
     ///
     /// Frames take less time without [`wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL`], which gs3 does not need.
     ///

@@ -1,8 +1,7 @@
 //! Images that go into a network, by name.
 
 use crate::error::RunError;
-use crate::graph::Shape;
-use crate::graph::{Graph, Tensor};
+use crate::graph::{Graph, Shape, Tensor};
 
 /// An image by name: channels last (`hwc`).
 pub type Named<'a> = (&'a str, &'a [f32]);

@@ -1,8 +1,7 @@
 //! What every operation means: naive loops in double precision, the oracle of the engines and of derivatives.
 
 use crate::error::RunError;
-use crate::graph::Shape;
-use crate::graph::{Activation, Border, Conv2d, Graph, Op, Tensor};
+use crate::graph::{Activation, Border, Conv2d, Graph, Op, Shape, Tensor};
 use crate::images::{self, Named};
 use crate::weights::Weights;
 

@@ -20,8 +20,8 @@ const MAX_RADIUS: f32 = 3.34;
 /// the plane by 5. The slack is 1,680 ε, 84 times as much.
 ///
 /// The rest is for chunks far from the world's origin. Their centre and the camera's origin are each rounded by ε of their
-/// distance from the world's origin. The slack covers this up to 830 times the distance between the two. In images of 8192
-/// pixels the pixel that [`Frustum`] adds is as much again, and in smaller ones more.
+/// distance from the world's origin. The slack covers this up to 830 times the distance between the two. The pixel
+/// that [`Frustum`] adds is as much again at a focal length of 10,000 pixels, and more at shorter ones.
 pub const SLACK: f32 = 1e-4;
 
 /// Factor of a chunk's radius. It covers rounding: the sides of the box, their squares, the sum and the root are off by 5 ε

@@ -3,9 +3,6 @@
 use glam::DVec2;
 use gs3_scene::GBuffer;
 
-/// Lattice points per axis.
-pub(crate) const LATTICE: usize = 5;
-
 /// Distance assumed for pixels without a surface, in world units: turning the camera moves them, walking does not.
 pub(crate) const SKY: f64 = 1e9;
 
@@ -15,21 +12,21 @@ pub struct DepthLattice(pub(crate) [f32; DepthLattice::LEN]);
 
 impl DepthLattice {
     /// Points per axis.
-    pub const SIDE: usize = LATTICE;
+    pub const SIDE: usize = 5;
 
     /// Number of depths.
-    pub const LEN: usize = LATTICE * LATTICE;
+    pub const LEN: usize = Self::SIDE * Self::SIDE;
 
     /// A lattice of the given median depths at [`Self::pixels`], in this order, 0 where there is no surface. This is
     /// for renderers with their G-buffer elsewhere.
     #[must_use]
-    pub const fn new(depths: [f32; LATTICE * LATTICE]) -> Self {
+    pub const fn new(depths: [f32; DepthLattice::LEN]) -> Self {
         Self(depths)
     }
 
     /// The lattice's pixels `[x, y]` in a frame of `size`, width and height.
     pub fn pixels(size: [usize; 2]) -> impl Iterator<Item = [usize; 2]> {
-        (0..LATTICE * LATTICE).map(move |k| {
+        (0..DepthLattice::LEN).map(move |k| {
             let at = fraction(k) * DVec2::from(size.map(|side| side as f64));
             [at.x as usize, at.y as usize]
         })
@@ -40,7 +37,7 @@ impl DepthLattice {
     pub fn of(gbuffer: &GBuffer) -> Self {
         let Some(geometry) = &gbuffer.geometry else { return Self::default() };
         let depth = &geometry.depth_median;
-        let mut depths = [0.0; LATTICE * LATTICE];
+        let mut depths = [0.0; DepthLattice::LEN];
         for (to, [x, y]) in depths.iter_mut().zip(Self::pixels([depth.width(), depth.height()])) {
             // An empty frame has no pixels.
             if y < depth.height() {
@@ -72,7 +69,10 @@ impl DepthLattice {
 
 /// The place of lattice point `k`, as a fraction of the picture.
 fn fraction(k: usize) -> DVec2 {
-    DVec2::from([k % LATTICE, k / LATTICE].map(|k| (k as f64 + 0.5) / LATTICE as f64))
+    DVec2::from(
+        [k % DepthLattice::SIDE, k / DepthLattice::SIDE]
+            .map(|k| (k as f64 + 0.5) / DepthLattice::SIDE as f64),
+    )
 }
 
 #[cfg(test)]
@@ -86,14 +86,14 @@ mod tests {
         let [width, height] = [33, 18];
         let depths = (0..width * height).map(|i| i as f32).collect();
         let depth_median = Planes::<1>::from_data(width, height, depths).expect("of this size");
-        let mut depths = [0.0; LATTICE * LATTICE];
+        let mut depths = [0.0; DepthLattice::LEN];
         for (to, [x, y]) in depths.iter_mut().zip(DepthLattice::pixels([width, height])) {
             *to = depth_median.row(0, y)[x];
         }
         let geometry = Some(Geometry { depth_median, ..Geometry::default() });
         let gbuffer = GBuffer { geometry, ..GBuffer::default() };
         assert_eq!(DepthLattice::of(&gbuffer), DepthLattice::new(depths));
-        assert_eq!(depths[LATTICE * LATTICE / 2], (9 * width + 16) as f32, "the middle of the picture");
+        assert_eq!(depths[DepthLattice::LEN / 2], (9 * width + 16) as f32, "the middle of the picture");
         assert_eq!(depths[0], (width + 3) as f32, "a tenth of the sides from the corner");
         assert_eq!(DepthLattice::of(&GBuffer::default()), DepthLattice::default());
     }

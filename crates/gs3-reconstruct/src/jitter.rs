@@ -171,7 +171,6 @@ mod tests {
     use gs3_scene::Intrinsics;
 
     use super::*;
-    use crate::depth_lattice::LATTICE;
 
     /// A camera at x before a wall at z = 4, where a step of 1 is 200 pixels.
     fn camera(x: f64) -> Camera {
@@ -179,7 +178,7 @@ mod tests {
         Camera::new(DAffine3::from_translation(DVec3::new(-x, 0.0, 0.0)), intrinsics).unwrap()
     }
 
-    const WALL: DepthLattice = DepthLattice([4.0; LATTICE * LATTICE]);
+    const WALL: DepthLattice = DepthLattice([4.0; DepthLattice::LEN]);
 
     fn cell(scale: u32, offset: [f32; 2]) -> usize {
         let s = scale as f32;

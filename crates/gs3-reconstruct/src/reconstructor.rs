@@ -8,8 +8,7 @@ use crate::cpu::super_sample::{Since, SuperSampler};
 use crate::depth_lattice::DepthLattice;
 use crate::error::{ReconstructError, camera_size, check_size};
 use crate::jitter::Sampling;
-use crate::sequence::ResetReason;
-use crate::sequence::{FrameSequence, FrameStart};
+use crate::sequence::{FrameSequence, FrameStart, ResetReason};
 use crate::settings::Kriging;
 use crate::view::GBufferView;
 

@@ -6,14 +6,14 @@ mod server;
 
 use gs3_scene::{Gaussians, OpacityMode, Scene, demo};
 
-pub use literals::{check_literals, unexplained_literals};
+pub use literals::check_literals;
 pub use psnr::{largest_difference_but, psnr, psnr_of_bytes, psnr_shown};
 pub use server::serve;
 
-/// `count` opaque Gaussians (0.9) along the x axis, 1 apart, with standard deviations of `scale` in world units.
+/// `count` Gaussians of opacity 0.9 along the x axis, 1 apart, with standard deviations of `scale` in world units.
 ///
 /// # Panics
-/// Where `scale` is no size of a Gaussian.
+/// If `scale` is negative or not finite.
 #[must_use]
 pub fn row_of_gaussians(count: usize, scale: f32) -> Scene {
     let mut row = Gaussians::zeroed(count, 0);
@@ -24,7 +24,7 @@ pub fn row_of_gaussians(count: usize, scale: f32) -> Scene {
     Scene::new(row, OpacityMode::Default).expect("a scene")
 }
 
-/// One of `every` Gaussians of the demo scene, widened so that they cover as much: about the same picture, in a fraction of
+/// Every `every`-th Gaussian of the demo scene, widened so that they cover as much: about the same picture, in a fraction of
 /// the time where a device in software projects them.
 ///
 /// # Panics

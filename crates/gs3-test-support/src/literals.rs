@@ -6,15 +6,14 @@
 /// rules for the others:
 ///
 /// * `//` begins a comment, which is not code. (There are no `/* */` comments.)
-/// * Integers are free: they are indices, masks and shifts. Only an argument of `@workgroup_size` is 1 or a name,
+/// * Integers are free: they are indices, masks and shifts. (WGSL also takes them as floats; the rule does not see that.) Only an argument of `@workgroup_size` must be 1 or a name,
 ///   because Rust counts workgroups by it.
 /// * Floats are free if they are whole numbers up to 64, 0.5 or 0.25: factors of formulas.
 /// * All other floats stand in a declaration (`const` or `override`) with a comment: on the line where the declaration
 ///   begins, on the line above, or on the literal's own line.
 ///
-/// `source` is the text of a file, not a module that is put together: constants from Rust have their reasons there.
-#[must_use]
-pub fn unexplained_literals(source: &str) -> Vec<String> {
+/// `source` is the text of a file, not a module that is put together: constants from Rust have their reasons in Rust.
+fn unexplained_literals(source: &str) -> Vec<String> {
     let mut found = Vec::new();
     // Whether the declaration that is open has a comment; none outside of declarations.
     let mut declaration: Option<bool> = None;

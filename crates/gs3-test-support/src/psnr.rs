@@ -45,9 +45,14 @@ pub fn largest_difference_but(image: &Image, truth: &Image, share: f64) -> f32 {
     assert_eq!((image.width(), image.height()), (truth.width(), truth.height()), "sizes of two images");
     let pairs = image.pixels().iter().zip(truth.pixels());
     let mut differences: Vec<f32> =
-        pairs.map(|(a, b)| (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f32::max)).collect();
+        pairs.map(|(a, b)| (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, worse)).collect();
     let last = differences.len() - 1 - (share * differences.len() as f64) as usize;
     *differences.select_nth_unstable_by(last, f32::total_cmp).1
+}
+
+/// The larger of two differences, of which one that is not a number is the largest.
+fn worse(a: f32, b: f32) -> f32 {
+    if b <= a { a } else { b }
 }
 
 fn of(image: &Image, truth: &Image, seen: impl Fn(f32) -> f64) -> f64 {
@@ -57,7 +62,10 @@ fn of(image: &Image, truth: &Image, seen: impl Fn(f32) -> f64) -> f64 {
     decibels(squares.sum::<f64>() / (3 * truth.pixels().len()) as f64)
 }
 
+/// # Panics
+/// If a number was not finite: comparisons would pass it.
 fn decibels(mse: f64) -> f64 {
+    assert!(mse.is_finite(), "expected finite colours, found a mean squared error of {mse}");
     -10.0 * mse.max(LEAST).log10()
 }
 
@@ -72,6 +80,14 @@ mod tests {
         assert!((psnr_shown(&image(0.9), &image(7.0)) - 20.0).abs() < 1e-5);
         assert!((psnr_of_bytes(&[0, 51], &[51, 0]) - 13.979_4).abs() < 1e-4);
         assert!((psnr(&image(0.5), &image(0.5)) - 120.0).abs() < 1e-9);
+    }
+
+    #[test]
+    #[should_panic(expected = "expected finite colours")]
+    fn what_is_no_number_is_not_equal() {
+        let image = |value: f32| Image::from_pixels(1, 1, vec![[value; 4]]).expect("a pixel");
+        assert!(largest_difference_but(&image(f32::NAN), &image(0.0), 0.0).is_nan());
+        let _ = psnr(&image(f32::NAN), &image(0.0));
     }
 
     #[test]

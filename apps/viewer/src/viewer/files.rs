@@ -64,9 +64,9 @@ impl Viewer {
     }
 
     /// Writes the keyframes to `place`, in the format of its name ([`PathFormat::of`]).
-    pub fn save_tour(&mut self, place: Destination) {
+    pub fn save_tour(&mut self, destination: Destination) {
         self.is_woken = true;
-        let format = match &place {
+        let format = match &destination {
             Destination::File(file) => PathFormat::of(file),
             Destination::Numbered { stem, extension } => {
                 PathFormat::of(&PathBuf::from(format!("{stem}.{extension}")))
@@ -74,7 +74,7 @@ impl Viewer {
         };
         match self.tour_file(format) {
             Ok(Some(PathFile { bytes, notes })) => {
-                self.effects.push(Effect::Save(place, bytes));
+                self.effects.push(Effect::Save(destination, bytes));
                 // Told together with the name of the file.
                 self.left_out = notes;
             }

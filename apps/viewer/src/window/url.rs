@@ -16,8 +16,8 @@ use crate::viewer::Opened;
 /// Files at a time, as browsers open connections to a server.
 const CONNECTIONS: usize = 6;
 
-/// How long a server may take to connect, to begin its answer, and to send the next bytes.
-const PATIENCE: Duration = Duration::from_secs(if cfg!(test) { 1 } else { 30 });
+/// How long a server may take to connect, to begin its answer, and to send the next bytes, by default.
+pub const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Bytes read between two reports of the progress.
 const STEP: usize = 1 << 16;
@@ -35,7 +35,7 @@ pub fn url_of(place: &Path) -> Option<&str> {
 
 /// Opens the scene or the cameras at `url`, and fetches the files that a scene names beside it. `coarse` gets the coarsest
 /// levels of a streamed scene first. Of a streamed scene `budget` Gaussians are shown at most. Cameras that state no size
-/// of their pictures get `size`.
+/// of their pictures get `size`. A server has `patience` to connect, to begin its answer, and to send the next bytes.
 ///
 /// # Errors
 /// One line with the file, what was expected and what was found.
@@ -43,23 +43,25 @@ pub fn open(
     url: &str,
     size: [u32; 2],
     budget: Option<u64>,
+    patience: Duration,
     progress: &(dyn Fn(f32) + Sync),
     coarse: &dyn Fn(Opened),
 ) -> Result<Opened, String> {
     let agent: Agent = Agent::config_builder()
-        .timeout_connect(Some(PATIENCE))
-        .timeout_recv_response(Some(PATIENCE))
+        .timeout_connect(Some(patience))
+        .timeout_recv_response(Some(patience))
         .build()
         .into();
     let name = name_of(url);
-    let (first, url) = fetched(&agent, url, progress).map_err(|message| format!("{name}: {message}"))?;
+    let (first, url) =
+        fetched(&agent, url, patience, progress).map_err(|message| format!("{name}: {message}"))?;
     let mut opening = Opening::new(&name, FileMap::from([(name.clone(), first)]), true, budget);
     loop {
         match opening.go_on(size)? {
             OpeningStep::Done(opened) => return Ok(opened),
             OpeningStep::Coarse(opened) => coarse(opened),
             OpeningStep::Missing(paths) => {
-                let files = all_fetched(&agent, &url, &paths, progress);
+                let files = all_fetched(&agent, &url, &paths, patience, progress);
                 for (path, bytes) in files.map_err(|message| format!("{name}: {message}"))? {
                     opening.supply(&path, bytes);
                 }
@@ -73,6 +75,7 @@ fn all_fetched(
     agent: &Agent,
     url: &str,
     paths: &[String],
+    patience: Duration,
     progress: &(dyn Fn(f32) + Sync),
 ) -> Result<Vec<(String, Vec<u8>)>, String> {
     let next = AtomicUsize::new(0);
@@ -81,7 +84,7 @@ fn all_fetched(
         for _ in 0..CONNECTIONS.min(paths.len()) {
             scope.spawn(|| {
                 while let Some(path) = paths.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    let bytes = fetched(agent, &beside(url, path), &|_| {});
+                    let bytes = fetched(agent, &beside(url, path), patience, &|_| {});
                     let mut files = files.lock().unwrap_or_else(PoisonError::into_inner);
                     let Ok(done) = &mut *files else { return };
                     match bytes {
@@ -100,7 +103,12 @@ fn all_fetched(
 }
 
 /// The bytes at `url`, and the URL that they came from; or what was found instead.
-fn fetched(agent: &Agent, url: &str, progress: &(dyn Fn(f32) + Sync)) -> Result<(Vec<u8>, String), String> {
+fn fetched(
+    agent: &Agent,
+    url: &str,
+    patience: Duration,
+    progress: &(dyn Fn(f32) + Sync),
+) -> Result<(Vec<u8>, String), String> {
     let wrong = |found: String| format!("expected a file, found {found}");
     let response = agent.get(url).call();
     let response = response.map_err(|error| match error {
@@ -113,11 +121,11 @@ fn fetched(agent: &Agent, url: &str, progress: &(dyn Fn(f32) + Sync)) -> Result<
     let steps = steps(response.into_body().into_reader()).map_err(|error| wrong(error.to_string()))?;
     let mut bytes = Vec::new();
     loop {
-        match steps.recv_timeout(PATIENCE) {
+        match steps.recv_timeout(patience) {
             Ok(Ok(step)) if step.is_empty() => return Ok((bytes, found_at)),
             Ok(Ok(step)) => bytes.extend_from_slice(&step),
             Ok(Err(error)) => return Err(wrong(error.to_string())),
-            Err(_) => return Err(wrong(format!("no more bytes for {} s", PATIENCE.as_secs()))),
+            Err(_) => return Err(wrong(format!("no more bytes for {} s", patience.as_secs()))),
         }
         if let Some(length) = length {
             progress((bytes.len() as f32 / length.max(1) as f32).min(1.0));
@@ -200,7 +208,7 @@ mod tests {
         };
         let seen = Mutex::new(Vec::new());
         let coarse = |opened: Opened| seen.lock().unwrap().push(of(&opened));
-        let get = |path: &str| open(&format!("{address}/{path}"), [64, 40], None, &|_| {}, &coarse);
+        let get = |path: &str| open(&format!("{address}/{path}"), [64, 40], None, PATIENCE, &|_| {}, &coarse);
         assert_eq!(of(&get("five.ply?a=b#c").unwrap()), 5);
         let finer = get("a%20garden/lod-meta.json").unwrap();
         assert!(matches!(finer, Opened::Finer { .. }));
@@ -211,7 +219,7 @@ mod tests {
         ] {
             assert_eq!(get(path).unwrap_err(), expected);
         }
-        let gone = open("http://127.0.0.1:9/a.ply", [64, 40], None, &|_| {}, &coarse).unwrap_err();
+        let gone = open("http://127.0.0.1:9/a.ply", [64, 40], None, PATIENCE, &|_| {}, &coarse).unwrap_err();
         assert!(gone.starts_with("a.ply: expected a file, found ") && gone.lines().count() == 1, "{gone}");
     }
 
@@ -219,15 +227,14 @@ mod tests {
     fn a_server_that_stalls_is_an_error() {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = format!("http://{}/a.ply", listener.local_addr().unwrap());
-        let server = std::thread::spawn(move || {
+        std::thread::spawn(move || {
             let (mut stream, _) = listener.accept().unwrap();
             stream.write_all(b"HTTP/1.1 200 OK\r\nContent-Length: 100\r\n\r\nply").unwrap();
             // Until the client goes.
             _ = stream.read_to_end(&mut Vec::new());
         });
-        let error = open(&address, [64, 40], None, &|_| {}, &|_| {}).unwrap_err();
+        let error = open(&address, [64, 40], None, Duration::from_secs(1), &|_| {}, &|_| {}).unwrap_err();
         assert_eq!(error, "a.ply: expected a file, found no more bytes for 1 s");
-        drop(server);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 // Memory alone: every vector is read once and written once.
 
-// An invocation has ITEMS vectors, a workgroup apart: several loads are under way at a time. They are written out.
+// An invocation has ITEMS vectors, a workgroup apart: several loads are under way at a time. The loop over them is written out.
 
 @group(0) @binding(0) var<storage, read> source: array<vec4<f32>>;
 @group(0) @binding(1) var<storage, read_write> copied: array<vec4<f32>>;

@@ -36,6 +36,7 @@ const THREADS: u32 = 256;
 
 /// Vectors of an invocation of `copy.wgsl`, which writes them out.
 const COPY_ITEMS: u32 = 4;
+const _: () = assert!(COPY_ITEMS == 4, "as many as copy.wgsl writes out");
 
 /// Bytes of a workgroup of `copy.wgsl`: vectors of 16 bytes.
 const COPY_GROUP: u64 = (THREADS * COPY_ITEMS) as u64 * 16;

@@ -12,8 +12,8 @@ struct Load {
 @group(0) @binding(0) var<uniform> load: Load;
 @group(0) @binding(1) var<storage, read_write> results: array<f32>;
 
-// An invocation's sums begin 1/128 above those of the invocation before.
-const APART: Number = 128.0;
+// Invocations per unit: an invocation's sums begin 1/128 above those of the invocation before.
+const PER_UNIT: Number = 128.0;
 
 fn eight(v: Vector, factor: Vector, summand: Vector) -> Vector {
     let w = fma(fma(fma(fma(v, factor, summand), factor, summand), factor, summand), factor, summand);
@@ -26,7 +26,7 @@ fn multiply_add(@builtin(global_invocation_id) id: vec3<u32>) {
     let summand = Vector(Number(load.summand));
     // Eight sums that do not wait for each other, as many as a processor's two pipes of four cycles need; a GPU has
     // the other invocations besides. All begin elsewhere, so that none is another's.
-    var a = Vector(0.0, 1.0, 2.0, 3.0) / 8.0 + Vector(Number(id.x % 64u) / APART);
+    var a = Vector(0.0, 1.0, 2.0, 3.0) / 8.0 + Vector(Number(id.x % 64u) / PER_UNIT);
     var b = a + Vector(1.0);
     for (var round = 0u; round < load.rounds; round++) {
         a = eight(a, factor, summand);

@@ -4,7 +4,7 @@ use crate::capabilities::{Limits, Subgroups};
 use crate::error::GpuError;
 use crate::wgsl::constants;
 
-/// The most pairs of a sort: counts share a word with two bits of state, `MAX_PAIRS` of `sort.wgsl`.
+/// The most pairs of a sort. In `sort.wgsl` a count shares a word with two bits of state.
 pub const MAX_PAIRS: u32 = (1 << 30) - 1;
 
 /// Number of tiles that one workgroup counts the digits of.

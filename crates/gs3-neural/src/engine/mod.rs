@@ -28,8 +28,7 @@ mod thin;
 use fearless_simd::Level;
 
 use crate::error::RunError;
-use crate::graph::Graph;
-use crate::graph::Shape;
+use crate::graph::{Graph, Shape};
 use crate::images::{self, Named};
 use crate::weights::Weights;
 use bf16::Unit;

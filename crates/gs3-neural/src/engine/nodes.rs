@@ -1,8 +1,7 @@
 //! What is computed of a graph: its layers but those that only rearrange what convolutions read and images bring.
 
 use super::block::LANES;
-use crate::graph::Shape;
-use crate::graph::{Graph, Layer, Op, Tensor};
+use crate::graph::{Graph, Layer, Op, Shape, Tensor};
 
 /// Something to compute.
 #[derive(Clone, Debug)]

@@ -7,8 +7,7 @@ use super::block::{Block, LANES, Layout, Sources};
 use super::conv::fill_halo;
 use super::exchange::{copy_fours, joined};
 use super::math::activate;
-use crate::graph::pooled;
-use crate::graph::{Border, Op};
+use crate::graph::{Border, Op, pooled};
 
 /// Writes row `y`, with halo, of `op` of `inputs` to `out`, a row of `layout`: a strip of it where that is one. Where
 /// the first of `inputs` is `layout` itself, `out` holds it and becomes the result in its place ([`updates`]).

@@ -12,8 +12,7 @@ use super::nodes::{Made, Node, nodes};
 use super::ops::updates;
 use super::passes::{Passes, Reader, Wave};
 use super::thin::ThinConvolution;
-use crate::graph::Shape;
-use crate::graph::{Graph, Op};
+use crate::graph::{Graph, Op, Shape};
 use crate::weights::Weights;
 
 /// Pixels of a row that a thread computes together: so many that weights are loaded for enough of them, so few that

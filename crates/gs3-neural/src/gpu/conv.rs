@@ -4,8 +4,7 @@ use gs3_compute::{GpuError, constants, grid};
 
 use super::Precision;
 use super::source::{self, BLOCK, blocks};
-use crate::graph::Shape;
-use crate::graph::{Border, Conv2d};
+use crate::graph::{Border, Conv2d, Shape};
 
 /// Pixels of a tile along a side.
 pub const TILE: usize = 16;

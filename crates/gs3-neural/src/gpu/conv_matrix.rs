@@ -9,8 +9,7 @@ use gs3_compute::{Capabilities, Gpu, Subgroups, Use, constants};
 use super::conv::{TILE, WORKGROUP_BYTES, seen};
 use super::source::{self, BLOCK, blocks};
 use super::{GpuEngine, GpuEngineSettings, GpuRunError, GpuTensorImage, Precision};
-use crate::graph::Shape;
-use crate::graph::{Border, Conv2d, Graph, GraphBuilder};
+use crate::graph::{Border, Conv2d, Graph, GraphBuilder, Shape};
 use crate::random::Random;
 use crate::weights::{Header, Weights};
 

@@ -8,8 +8,7 @@ use std::fmt::Write;
 use super::fuse::{Branch, operands};
 use super::source::{self, BLOCK, PARTS, blocks};
 use super::{ImageFormat, Precision};
-use crate::graph::Shape;
-use crate::graph::{Activation, Graph, Op};
+use crate::graph::{Activation, Graph, Op, Shape};
 
 /// Where a tensor is, before buffers are given out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -7,8 +7,7 @@
 
 use super::conv::TILE;
 use super::source::{BLOCK, PARTS, blocks};
-use crate::graph::Shape;
-use crate::graph::{Conv2d, Graph, Op, Tensor};
+use crate::graph::{Conv2d, Graph, Op, Shape, Tensor};
 
 /// Side of the LR grid that the choice is made for, at any size that is run: six poolings leave it whole.
 const NOMINAL: usize = 64;

@@ -25,8 +25,7 @@ use std::collections::HashMap;
 use gs3_compute::{Bound, Buffer, Gpu, Kernel, Recorder, Slice, Use};
 
 use crate::error::RunError;
-use crate::graph::Graph;
-use crate::graph::Shape;
+use crate::graph::{Graph, Shape};
 use crate::weights::Weights;
 use plan::{Plan, Stored};
 

@@ -13,8 +13,7 @@ use super::slots::Slots;
 use super::source::{self, PARTS, THREADS, blocks, image_words, tensor_bytes};
 use super::{GpuEngineSettings, GpuRunError, GpuTensorImage, ImageFormat, MatrixUnit, Precision};
 use crate::error::RunError;
-use crate::graph::Shape;
-use crate::graph::{Conv2d, Graph, Op};
+use crate::graph::{Conv2d, Graph, Op, Shape};
 use crate::weights::Weights;
 
 /// Multiple at which the weights of a layer start, bytes: what every device can bind.

@@ -3,8 +3,7 @@
 use gs3_compute::{constants, grid_source};
 
 use super::{ImageFormat, Precision};
-use crate::graph::Activation;
-use crate::graph::Shape;
+use crate::graph::{Activation, Shape};
 
 /// Names of what a kernel reads. Its weights and its result are two more storage bindings of the eight that every
 /// device has.

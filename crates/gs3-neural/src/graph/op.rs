@@ -7,7 +7,7 @@ use std::ops::RangeInclusive;
 pub struct Tensor(pub(crate) usize);
 
 impl Tensor {
-    /// Place of its layer in [`Graph::layers`].
+    /// Place of its layer in [`Graph::layers`](super::Graph::layers).
     #[must_use]
     pub fn index(self) -> usize {
         self.0

@@ -3,8 +3,7 @@
 
 use super::initial_weights;
 use crate::arrays::Array;
-use crate::graph::GraphError;
-use crate::graph::{Activation, Graph, Op, Tensor};
+use crate::graph::{Activation, Graph, GraphError, Op, Tensor};
 use crate::weights::{Header, Weights};
 
 /// A channel of the larger network's tensor that holds one of the smaller one's.

@@ -1,8 +1,7 @@
 //! Frame interpolation: feature fusion U-Net with spatial attention and a temporal recurrent unit (the paper's LTFI).
 
 use super::{FEATURES, Tier, add_residual, carried_state, check_scale};
-use crate::graph::GraphError;
-use crate::graph::{Activation, Border, Conv2d, Graph, GraphBuilder, Op, Tensor};
+use crate::graph::{Activation, Border, Conv2d, Graph, GraphBuilder, GraphError, Op, Tensor};
 
 /// The network that makes the frame at time t between HR frames 0 and 1, both warped to t.
 ///

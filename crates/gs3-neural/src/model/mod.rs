@@ -18,8 +18,7 @@ pub use published::PublishedNetwork;
 pub use super_sample::super_sample;
 
 use crate::error::{RunError, WeightError};
-use crate::graph::GraphError;
-use crate::graph::{Activation, Graph, GraphBuilder, Op, Tensor};
+use crate::graph::{Activation, Graph, GraphBuilder, GraphError, Op, Tensor};
 use crate::weights::Header;
 
 /// The largest enlargement.

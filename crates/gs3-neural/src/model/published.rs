@@ -5,8 +5,7 @@
 //! fold to exactly.
 
 use super::check_scale;
-use crate::graph::GraphError;
-use crate::graph::{Activation, Border, Conv2d, Graph, GraphBuilder, Op, Tensor};
+use crate::graph::{Activation, Border, Conv2d, Graph, GraphBuilder, GraphError, Op, Tensor};
 
 /// A published single-image network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

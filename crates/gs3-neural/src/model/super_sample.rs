@@ -1,8 +1,7 @@
 //! Super sampling: gradient-aware interpolation and geometry-temporal recurrent refinement (the paper's GASS).
 
 use super::{FEATURES, Tier, add_residual, carried_state, check_scale};
-use crate::graph::GraphError;
-use crate::graph::{Activation, Border, Conv2d, Graph, GraphBuilder, Op};
+use crate::graph::{Activation, Border, Conv2d, Graph, GraphBuilder, GraphError, Op};
 
 /// The network that enlarges an LR frame by `scale`, 1 to 8, given the frames before it.
 ///

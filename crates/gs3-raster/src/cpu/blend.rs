@@ -13,8 +13,7 @@ use super::math::exp2;
 use super::order::DepthOrder;
 use super::project::{HALF_LOG2_E_SQRT, Projected, lanes};
 use super::splat::{Splat, SplatGeometry};
-use crate::settings::MIN_ALPHA;
-use crate::settings::{ExpectedDepth, Rules};
+use crate::settings::{ExpectedDepth, MIN_ALPHA, Rules};
 
 /// A pixel is finished before the contribution that would reduce its transmittance below this value (Kerbl et al.
 /// 2023).

@@ -8,9 +8,9 @@ use crate::view::View;
 /// Values per Gaussian that [`project`] returns: ray distance, its slopes along x and y, the normal.
 pub const PLANES: usize = 6;
 
-/// Steeper planes of maxima (world units per pixel) count as edge-on. A splat's samples are at most 10¹⁰ px from its mean
-/// ([`super::project::MAX_SLOPE`] times a focal length of 10⁴ px), so a distance along the ray is at most 10³⁰, and sums of
-/// weights up to 1 stay below the largest f32, 3.4·10³⁸.
+/// Steeper planes of maxima (world units per pixel) count as edge-on. At a focal length of 10⁴ px a splat's samples are
+/// at most 10¹⁰ px from its mean ([`super::project::MAX_SLOPE`]). A distance along the ray is then at most 10³⁰, 10⁸ times
+/// less than the largest f32, so sums of weights up to 1 stay finite.
 pub const STEEPEST_PLANE: f32 = 1e20;
 
 /// Computes the ray distance at the centre (world units), its change per pixel of mean − sample along x and y, and

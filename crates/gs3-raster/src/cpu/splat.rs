@@ -7,7 +7,7 @@
 /// less: l21·dy, its difference from the root, and the quotient by l11 (1, 1, and 5: the 2.5 ULP of a GPU); the mean less
 /// the corner of the tile, the end, and the slack (3); dy less the corner and the row, as dy moves a slanted splat (2); the
 /// pixel's dx, dy, l11·dx and l21·dy (4). Distances are up to 8192 px: 16·2⁻²⁴·8192 = 7.8e-3 px. The slack is 1.3 times as
-/// much, and enough up to 10,000 px. The rounding of `dy_at_max_dx` counts in second order only, and
+/// much, and enough up to 10,000 px; pictures in tiles may be larger, and there a rim pixel with α of 1/255 may be missed. The rounding of `dy_at_max_dx` counts in second order only, and
 /// [`super::project::SUPPORT_MARGIN`] is more than that.
 pub const SPAN_SLACK: f32 = 0.01;
 
@@ -21,10 +21,10 @@ pub const SPAN_SLACK_PER_PIXEL: f32 = 1e-5;
 ///
 /// Where a long thin splat is slanted, the products in u = l11·dx + l21·dy cancel. Two products are rounded in the test and
 /// two in blending, each by 2⁻²⁴ of L = |l11·dx|. So u² + v² is off by at most 2·√8·4·2⁻²⁴ L = 1.35e-6 L, as supports are
-/// at most 8 (log₂ 255). Factor, slack and [`super::project::SUPPORT_MARGIN`] are 2.8e-3 there: enough up to L = 2,000. This
-/// is 1,300 px from the mean for the thinnest splats of a dilation of 0.3 px² (l11 up to 1.55), and more for others.
-/// Farther away the test may leave out a tile that has only the rim of such a splat: pixels with α within 1 % of 1/255 (at
-/// 8192 px).
+/// at most 8 (log₂ 255). Factor, slack and [`super::project::SUPPORT_MARGIN`] are 2.8e-3 there: enough up to L = 2,000. For
+/// the thinnest splats of a dilation of 0.3 px², L is at most 0.78 of the distance from the mean (at a slant of 45°), so
+/// this is at least 2,500 px. Farther away the test may leave out a tile that has only the rim of such a splat: pixels with
+/// α within half a percent of 1/255 (at 8192 px).
 pub const REACH_FACTOR: f32 = 1.0 + 1e-4;
 
 /// See [`REACH_FACTOR`].

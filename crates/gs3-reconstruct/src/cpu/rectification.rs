@@ -32,7 +32,7 @@ pub(crate) const MISMATCH: f32 = 100.0;
 /// for glossy and translucent surfaces (empirical: 0.002 to 0.004 are alike).
 pub(crate) const DRIFT: f32 = 0.004;
 
-/// Added to squared errors of the current samples' predictions of each other: errors below 1/4096 count as none. The
+/// Added to squared errors of the current samples' predictions of each other: errors below 1/4096, a sixteenth of a step of 8-bit displays, count as none. The
 /// largest gain of drift is then [`DRIFT`]² over this, 267 pixel⁴ per squared pixel of staleness.
 pub(crate) const ERROR_FLOOR: f32 = 6e-8;
 

@@ -64,13 +64,13 @@ impl GpuImage {
     }
 
     /// Records a copy of the image to `texture`, for programs that draw frames. The texture has format `Rgba16Float`, the
-    /// size of the image, and usage `COPY_DST`. Its alpha is the uncertainty: draw the texture without blending.
+    /// size of the image, one sample a pixel, and usage `COPY_DST`. Its alpha is the uncertainty: draw the texture without blending.
     ///
     /// Images with a width that is no multiple of 32 need a copy of their own, made at the first call, as rows of
     /// textures begin at multiples of 256 bytes.
     ///
     /// # Errors
-    /// [`GpuError::Refused`] if the texture has another size, format or usage; otherwise if the copy cannot be made.
+    /// [`GpuError::Refused`] for any other texture; otherwise if the copy cannot be made.
     pub fn copy_to_texture(
         &self,
         gpu: &Gpu,
@@ -87,6 +87,9 @@ impl GpuImage {
         }
         if texture.format() != EXPECTED {
             return Err(refused(format!("expected {EXPECTED:?}, found {:?}", texture.format())));
+        }
+        if texture.sample_count() != 1 {
+            return Err(refused(format!("expected 1 sample a pixel, found {}", texture.sample_count())));
         }
         if !texture.usage().contains(wgpu::TextureUsages::COPY_DST) {
             return Err(refused(format!("expected usage COPY_DST, found {:?}", texture.usage())));

@@ -15,8 +15,7 @@ use super::shaders;
 use crate::cpu::nearest::EVERY;
 use crate::error::{ReconstructError, camera_size, check_frame_size, check_jitter, check_scale, check_size};
 use crate::reprojection::{Reprojection, parallax};
-use crate::sample_grid::SampleAxis;
-use crate::sample_grid::SampledPixels;
+use crate::sample_grid::{SampleAxis, SampledPixels};
 use crate::sequence::ResetReason;
 use crate::settings::{Kriging, MAX_PAST};
 

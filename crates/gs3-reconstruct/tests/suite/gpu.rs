@@ -172,7 +172,8 @@ fn kriged_psnr(actual: &Image, ways: &[Image], own: usize) -> (f64, f64) {
 
 #[test]
 fn super_sampling_matches_the_cpu() {
-    compare_super_sampling(4, [158, 91], &[Kriging::Off, Kriging::Coarse, Kriging::On, Kriging::Fine]);
+    // More LR columns than a workgroup has.
+    compare_super_sampling(4, [266, 54], &[Kriging::Off, Kriging::Coarse, Kriging::On, Kriging::Fine]);
 }
 
 /// How much is kriged is the same choice at any scale.
@@ -183,14 +184,16 @@ fn super_sampling_by_other_scales_matches_the_cpu() {
     }
 }
 
-/// Over all motions; at scale 8 over one, as a history of 64 frames takes most of the time.
+/// Over all motions; at scale 8 over two, as a history of 64 frames takes most of the time.
 fn compare_super_sampling(scale: u32, size: [u32; 2], ways: &[Kriging]) {
     let Some(gpu) = gpu() else { return };
     let world = wall_and_post(60.0);
     let each = || ways.iter().copied();
     // Their kernels take long to compile.
     let mut on_gpu: Vec<_> = each().map(|way| Sampler::new(&gpu, scale, size, way)).collect();
-    for (name, pose) in motions(size).into_iter().filter(|(name, _)| scale < 8 || *name == "drift") {
+    for (name, pose) in
+        motions(size).into_iter().filter(|(name, _)| scale < 8 || ["drift", "turn"].contains(name))
+    {
         let mut on_cpu: Vec<_> = each().map(|way| SuperSampler::new(scale, way).unwrap()).collect();
         on_gpu.iter_mut().for_each(|gpu| gpu.sampler.reset(ResetReason::SceneChange));
         let mut expected = vec![Image::default(); ways.len()];
@@ -245,7 +248,7 @@ fn compare_super_sampling(scale: u32, size: [u32; 2], ways: &[Kriging]) {
 fn frames_repeat_bit_for_bit() {
     let Some(gpu) = gpu() else { return };
     let world = wall_and_post(60.0);
-    let size = [150, 87];
+    let size = [266, 50];
     let pose = |k: usize| camera(size[0], size[1], [0.0, 0.0, 2.0 - 0.9 * k as f64], 0.0, 0.0);
     let run = |sampler: GpuSuperSampler| {
         let mut sampler = Sampler { gpu: gpu.clone(), size, sampler };

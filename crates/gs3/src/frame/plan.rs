@@ -6,8 +6,7 @@ use gs3_raster::{MAX_MARGIN, Outputs, RasterSettings};
 use gs3_reconstruct::{Kriging, Sampling};
 
 use super::inputs::FrameInputs;
-use crate::error::NetworkError;
-use crate::error::PipelineError;
+use crate::error::{NetworkError, PipelineError};
 use crate::learned::Networks;
 use crate::refine::Refine;
 use crate::settings::{MAX_IN_BETWEEN, Mode, PipelineSettings};

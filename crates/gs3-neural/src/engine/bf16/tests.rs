@@ -1,8 +1,7 @@
 use super::{Bf16Convolution, Source, Unit, rounded};
 use crate::engine::block::{Block, LANES, Layout, Numbers, Remainder, Sources, Storage};
 use crate::engine::conv::fill_halo;
-use crate::graph::Shape;
-use crate::graph::{Border, Conv2d};
+use crate::graph::{Border, Conv2d, Shape};
 use crate::random::Random;
 
 #[test]

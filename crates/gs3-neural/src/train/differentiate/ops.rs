@@ -10,8 +10,7 @@ use super::math::derivative;
 use super::plan::Step;
 use crate::engine::block::{Block, LANES, Layout, Sources};
 use crate::engine::ops::{Factor, load, run_len};
-use crate::graph::Op;
-use crate::graph::pooled;
+use crate::graph::{Op, pooled};
 
 /// How a derivative is stored if a part of it may already exist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,8 +5,7 @@ use crate::engine::block::Layout;
 use crate::engine::conv::Segment;
 use crate::engine::nodes::Readers;
 use crate::engine::plan::Arena;
-use crate::graph::Shape;
-use crate::graph::{Activation, Border, Conv2d, Graph, Op};
+use crate::graph::{Activation, Border, Conv2d, Graph, Op, Shape};
 
 use super::math::needs_argument;
 

@@ -10,8 +10,7 @@ use super::plan::{Step, Target, extension, targets};
 use crate::engine::block::{Block, LANES, Layout, Sources};
 use crate::engine::conv::Convolution;
 use crate::engine::ops::load;
-use crate::graph::Shape;
-use crate::graph::{Activation, Border, Conv2d};
+use crate::graph::{Activation, Border, Conv2d, Shape};
 
 /// A convolution from derivatives by a result to those by its inputs. Inputs by which none are needed are left out.
 ///

@@ -11,8 +11,7 @@ use super::column::{Column, Endian, Scalar};
 use super::header::{Element, Encoding, Header};
 use super::text::end_of;
 use super::vertices::unused_properties;
-use crate::gaussians::SH_C0;
-use crate::gaussians::{MAX_SH_DEGREE, Slots, sh_coefficient_count};
+use crate::gaussians::{MAX_SH_DEGREE, SH_C0, Slots, sh_coefficient_count};
 
 /// Gaussians that share bounds.
 pub(super) const CHUNK: usize = 256;

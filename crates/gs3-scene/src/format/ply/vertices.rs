@@ -4,10 +4,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::super::error::{LoadError, quoted};
-use super::super::origin;
 use super::super::progress::{Progress, Work};
 use super::super::source::Source;
-use super::super::{Decoded, memory, unused_note};
+use super::super::{Decoded, memory, origin, unused_note};
 use super::column::{Column, Endian, Scalar};
 use super::header::{Element, Encoding, Header};
 use super::text::{Tokens, end_of};

@@ -9,10 +9,9 @@ use serde_json::json;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-use super::super::BLOCK;
 use super::super::activation::log_scale;
-use super::super::morton;
 use super::super::quaternion::without_largest;
+use super::super::{BLOCK, morton};
 use super::chunk::PALETTE_COLUMNS;
 use super::codebook::Codebook;
 use super::palette::{Palette, Vectors};

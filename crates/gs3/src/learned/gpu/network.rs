@@ -6,8 +6,7 @@ use gs3_compute::{Buffer, Gpu, GpuError, Slice, Use};
 use gs3_neural::model::graph_of;
 use gs3_neural::{GpuEngine, GpuEngineSettings, ImageFormat, MatrixUnit, Precision, Weights};
 
-use crate::error::NetworkError;
-use crate::error::PipelineError;
+use crate::error::{NetworkError, PipelineError};
 
 /// Bytes of a buffer for an input that a graph does not have: the smallest size possible.
 const LEAST: u64 = 4;
