@@ -173,7 +173,7 @@ fn kriged_psnr(actual: &Image, ways: &[Image], own: usize) -> (f64, f64) {
 #[test]
 fn super_sampling_matches_the_cpu() {
     // More LR columns than a workgroup has.
-    compare_super_sampling(4, [266, 54], &[Kriging::Off, Kriging::Coarse, Kriging::On, Kriging::Fine]);
+    compare_super_sampling(4, [266, 115], &[Kriging::Off, Kriging::Coarse, Kriging::On, Kriging::Fine]);
 }
 
 /// How much is kriged is the same choice at any scale.
@@ -499,8 +499,9 @@ fn images_become_textures() {
         for (y, expected) in pixels.chunks_exact(row).enumerate() {
             assert_eq!(&found[y * apart..][..row], expected, "{size:?}, row {y}");
         }
+        let wider = format!("expected ({0}, {1}, 1), found ({2}, {1}, 1)", size[0], size[1], size[0] + 1);
         for (wrong, expected) in [
-            (texture([size[0] + 1, size[1]], half, both), "width"),
+            (texture([size[0] + 1, size[1]], half, both), wider.as_str()),
             (texture(size, wgpu::TextureFormat::Rgba8Unorm, both), "expected Rgba16Float, found Rgba8Unorm"),
             (texture(size, half, wgpu::TextureUsages::COPY_SRC), "expected usage COPY_DST"),
         ] {
