@@ -172,8 +172,8 @@ fn kriged_psnr(actual: &Image, ways: &[Image], own: usize) -> (f64, f64) {
 
 #[test]
 fn super_sampling_matches_the_cpu() {
-    // More LR columns than a workgroup has.
-    compare_super_sampling(4, [266, 115], &[Kriging::Off, Kriging::Coarse, Kriging::On, Kriging::Fine]);
+    // With a margin, more LR columns than a workgroup has.
+    compare_super_sampling(4, [230, 133], &[Kriging::Off, Kriging::Coarse, Kriging::On, Kriging::Fine]);
 }
 
 /// How much is kriged is the same choice at any scale.
