@@ -267,3 +267,21 @@ impl Camera {
         self.world_from_view().transform_point3(view)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unprojecting_undoes_projecting() {
+        let intrinsics = Intrinsics { fx: 50.0, fy: 70.0, cx: 20.0, cy: 31.0, width: 64, height: 48 };
+        let turned = DMat3::from_rotation_y(0.4) * DMat3::from_rotation_x(-0.2);
+        let camera =
+            Camera::new(DAffine3::from_mat3_translation(turned, DVec3::new(0.3, -1.0, 4.0)), intrinsics);
+        let camera = camera.expect("a camera");
+        for point in [DVec3::new(0.2, -0.7, 1.5), DVec3::new(-3.0, 2.0, 6.0)] {
+            let (pixel, z) = camera.project(point);
+            assert!(z > 0.0 && camera.unproject(pixel, z).distance(point) < 1e-9, "{point}");
+        }
+    }
+}

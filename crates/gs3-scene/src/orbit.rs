@@ -389,6 +389,22 @@ mod tests {
     }
 
     #[test]
+    fn the_near_plane_follows_small_scenes() {
+        let row = |step: f32| {
+            let mut g = Gaussians::zeroed(101, 0);
+            for i in 0..g.len() {
+                (g.means[0][i], g.rotations[0][i]) = (i as f32 * step, 1.0);
+            }
+            near_plane(&Scene::new(g, OpacityMode::Default).unwrap())
+        };
+        // Half of a row of 101 lies within 25 steps of its middle.
+        let least = 25.0 * 1e-3 / USUAL_SIZE as f32 * NEAR;
+        assert!((row(1e-3) - least).abs() < 0.05 * least, "{}, expected {least}", row(1e-3));
+        // Usual scenes, and those without a size.
+        assert_eq!([row(1.0), row(0.0)], [NEAR; 2]);
+    }
+
+    #[test]
     fn opengl_looks_along_minus_z_with_y_up() {
         let pose = DAffine3::from_translation(DVec3::new(0.0, 0.0, -5.0));
         let intrinsics = Intrinsics::from_fov_y(64, 48, 1.0);
