@@ -50,7 +50,7 @@ pub fn largest_difference_but(image: &Image, truth: &Image, share: f64) -> f32 {
     *differences.select_nth_unstable_by(last, f32::total_cmp).1
 }
 
-/// The larger of two differences, of which one that is not a number is the largest.
+/// The larger of two differences. A difference that is not a number counts as larger than any number.
 fn worse(a: f32, b: f32) -> f32 {
     if b <= a { a } else { b }
 }

@@ -34,9 +34,6 @@ pub struct WebArgs {
     /// Serve the page on this port of the loopback, 0 for any free one, until the program is ended
     #[arg(long, value_name = "PORT")]
     pub serve: Option<u16>,
-    /// Build in about half the time, for tests: larger and slower code
-    #[arg(long)]
-    pub quick: bool,
     /// Serve what was built before
     #[arg(long, requires = "serve")]
     pub no_build: bool,
@@ -45,7 +42,7 @@ pub struct WebArgs {
 /// Builds the page, and serves it if that is asked for.
 pub fn run(args: &WebArgs) -> Result<(), XtaskError> {
     if !args.no_build {
-        build(&args.out, if args.quick { "web-quick" } else { "web" })?;
+        build(&args.out)?;
     }
     match args.serve {
         Some(port) => serve::serve(&args.out, port),
@@ -53,7 +50,7 @@ pub fn run(args: &WebArgs) -> Result<(), XtaskError> {
     }
 }
 
-fn build(out: &Path, profile: &str) -> Result<(), XtaskError> {
+fn build(out: &Path) -> Result<(), XtaskError> {
     let toolchain = Toolchain::find()?;
     eprintln!("{TARGET}: {toolchain}");
     // Apart from other builds: flags and compiler differ, and neither is to undo the other's work.
@@ -68,7 +65,7 @@ fn build(out: &Path, profile: &str) -> Result<(), XtaskError> {
         "--crate-type",
         "cdylib",
         "--profile",
-        profile,
+        "web",
         "--no-default-features",
         "--features",
         "page",
@@ -79,7 +76,7 @@ fn build(out: &Path, profile: &str) -> Result<(), XtaskError> {
     crate::folder::succeed(&mut cargo)?;
 
     fs::create_dir_all(out).map_err(XtaskError::io(out))?;
-    let wasm = target.join(TARGET).join(profile).join("gs3_viewer.wasm");
+    let wasm = target.join(TARGET).join("web/gs3_viewer.wasm");
     let glue = |error: anyhow::Error| XtaskError::Glue { path: wasm.clone(), message: format!("{error:#}") };
     let mut bindgen = Bindgen::new();
     bindgen.input_path(&wasm).typescript(false).remove_name_section(true).remove_producers_section(true);

@@ -12,7 +12,7 @@ struct Load {
 @group(0) @binding(0) var<uniform> load: Load;
 @group(0) @binding(1) var<storage, read_write> results: array<f32>;
 
-// Invocations per unit: an invocation's sums begin 1/128 above those of the invocation before.
+// The sums of neighbouring invocations begin 1/128 apart: 128 invocations begin within 1.
 const PER_UNIT: Number = 128.0;
 
 fn eight(v: Vector, factor: Vector, summand: Vector) -> Vector {

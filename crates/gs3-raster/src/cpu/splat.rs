@@ -7,8 +7,8 @@
 /// less: l21·dy, its difference from the root, and the quotient by l11 (1, 1, and 5: the 2.5 ULP of a GPU); the mean less
 /// the corner of the tile, the end, and the slack (3); dy less the corner and the row, as dy moves a slanted splat (2); the
 /// pixel's dx, dy, l11·dx and l21·dy (4). Distances are up to 8192 px: 16·2⁻²⁴·8192 = 7.8e-3 px. The slack is 1.3 times as
-/// much, and enough up to 10,000 px; pictures in tiles may be larger, and there a rim pixel with α of 1/255 may be missed. The rounding of `dy_at_max_dx` counts in second order only, and
-/// [`super::project::SUPPORT_MARGIN`] is more than that.
+/// much, and enough up to 10,000 px. Pictures in tiles may be larger: there a rim pixel with α of 1/255 may be missed. The
+/// rounding of `dy_at_max_dx` counts in second order only, and [`super::project::SUPPORT_MARGIN`] is more than that.
 pub const SPAN_SLACK: f32 = 0.01;
 
 /// The slack's share of the span's length, beside [`SPAN_SLACK`]. The root and the pixel's u are rounded by at most 12·2⁻²⁴

@@ -10,12 +10,13 @@ mod moving;
 mod reconstructor;
 mod refine;
 mod super_sample;
+mod textures;
 mod upsample;
 mod world;
 
 /// The kernels' tests. Those of whole frames are made of the same kernels.
 #[test]
 fn all_of_this_on_every_simd_level() {
-    let others = ["gpu::", "moving::", "reconstructor::"];
+    let others = ["gpu::", "moving::", "reconstructor::", "textures::"];
     gs3_simd::repeat_tests_on_levels("all_of_this_on_every_simd_level", &others);
 }
