@@ -58,7 +58,7 @@ fn unexplained_literals(source: &str) -> Vec<String> {
     found
 }
 
-/// Checks all WGSL files of `folder` by [`unexplained_literals`], and returns their number.
+/// Checks that the literals of all WGSL files of `folder` are explained, and returns the number of files.
 ///
 /// # Panics
 /// If a file has unexplained literals, or cannot be read.
