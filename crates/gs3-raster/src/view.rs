@@ -33,6 +33,8 @@ pub struct View {
     /// Number of pixels left of and above the pixel at position `(0, 0)`; negative in a window that begins right of and
     /// below that pixel.
     pub before: [f32; 2],
+    /// Whether samples lie at whole positions only.
+    pub has_whole_positions: bool,
     /// Smallest factor on opacity in antialiased scenes.
     pub min_compensation: f32,
     /// ε in px².
@@ -70,6 +72,7 @@ impl View {
             jacobian_limits: [limits(i.width, i.cx, i.fx), limits(i.height, i.cy, i.fy)],
             size: margin.padded([i.width, i.height]),
             before: [0.0; 2],
+            has_whole_positions: true,
             dilation: settings.dilation,
             min_compensation: settings.rules.min_compensation,
             near: settings.rules.near.unwrap_or(near),
@@ -88,7 +91,10 @@ impl View {
         // With scales that are not powers of two, rounding must not change the native image's dilation.
         let is_matched = settings.dilation == matched_dilation(scale);
         let dilation = if is_matched { STOCK_DILATION } else { settings.dilation * (scale * scale) as f32 };
-        Self { size: lr_size.map(|side| side * scale), before, dilation, ..Self::new(camera, &native, near) }
+        let first = first_sample(scale, settings.jitter);
+        let has_whole_positions = first.iter().all(|at| at.fract() == 0.0);
+        let size = lr_size.map(|side| side * scale);
+        Self { size, before, has_whole_positions, dilation, ..Self::new(camera, &native, near) }
     }
 
     /// The view of `window` of the image of `camera`. Positions have the same bits as in the whole image.
@@ -116,3 +122,17 @@ impl View {
         self.rotation.map(|row| row[0] * d[0] + row[1] * d[1] + row[2] * d[2])
     }
 }
+
+/// The position of sample `(0, 0)` of a low-resolution frame in pixels of the native image. Sample `(i, j)` lies at
+/// scale·(i + ½ + jitter) there, where pixel centres lie at halves.
+pub fn first_sample(scale: u32, jitter: [f32; 2]) -> [f64; 2] {
+    jitter.map(|jitter| {
+        let at = f64::from(scale) * (0.5 + f64::from(jitter)) - 0.5;
+        // Jitter on the exact grid is a sum of rounded fractions: its samples must lie on pixels.
+        if (at - at.round()).abs() < ON_PIXEL { at.round() } else { at }
+    })
+}
+
+/// A sample lies on a pixel centre if it is nearer than this, in pixels: single-precision offsets are inexact by 2⁻²⁵
+/// LR pixels, times a scale of at most 8.
+const ON_PIXEL: f64 = 1e-5;

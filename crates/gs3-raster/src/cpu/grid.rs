@@ -4,6 +4,7 @@ use gs3_scene::Camera;
 
 use super::bin::{TILE_HEIGHT, TILE_WIDTH};
 use crate::settings::{RasterSettings, Window};
+use crate::view::first_sample;
 
 /// A lattice of sample positions: every `stride`-th pixel of the native image, along both axes.
 ///
@@ -41,13 +42,8 @@ impl Grid {
         let lr = camera.low_resolution(scale);
         let margin = settings.margin;
         let before = [margin.left, margin.top].map(|side| (side * scale) as usize);
-        // Sample (i, j) lies at scale·(i + ½ + jitter) in the native image, where pixel centres lie at halves.
-        let first = [0, 1].map(|a| {
-            let at = f64::from(scale) * (0.5 + f64::from(settings.jitter[a])) - 0.5;
-            // Jitter on the exact grid is a sum of rounded fractions: its samples must lie on pixels.
-            let at = if (at - at.round()).abs() < ON_PIXEL { at.round() } else { at };
-            at as f32 - before[a] as f32
-        });
+        let first = first_sample(scale, settings.jitter);
+        let first = [0, 1].map(|a| first[a] as f32 - before[a] as f32);
         let size = margin.padded(lr.size()).map(|side| side as usize);
         let origin = before.map(|side| -(side as f32));
         Self { stride: scale as usize, first, before, origin, size }
@@ -75,7 +71,3 @@ impl Grid {
         [0, 1].map(|a| corner[a] as f32 + self.first[a])
     }
 }
-
-/// A sample lies on a pixel centre if it is nearer than this, in pixels: single-precision offsets are inexact by 2⁻²⁵
-/// LR pixels, times a scale of at most 8.
-const ON_PIXEL: f64 = 1e-5;

@@ -137,6 +137,23 @@ fn blocks_of_real_scenes_are_the_native_image() {
     }
 }
 
+/// Samples between the native image's pixels see splats that touch none of these pixels.
+#[test]
+fn samples_between_pixels_see_what_lies_between() {
+    let camera = camera_at_origin(128, 72, DVec2::ZERO);
+    let recipe = RandomScene { seed: 4, count: 3000, sigma: [0.05, 0.3], ..RandomScene::BASE };
+    let mut rasterizer = Rasterizer::new(Arc::new(recipe.build(&camera)), Culling::AccuTile);
+    let settings = settings(4, [0.0; 2]);
+    let (mut shared, mut alone) = (GBuffer::default(), GBuffer::default());
+    rasterizer.rasterize(&camera.low_resolution(4), &settings, &mut alone).expect("valid settings");
+    rasterizer.rasterize_low_resolution(&camera, 4, &settings, &mut shared).expect("valid settings");
+    let pairs = || shared.alpha.data().iter().zip(alone.alpha.data());
+    assert!(pairs().any(|(_, alone)| (0.05..0.9).contains(alone)), "something small");
+    let most = pairs().map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    // A contribution of 1/255 may fall to either side.
+    assert!(most < 0.01, "{most}");
+}
+
 /// What a scene says of itself holds for low-resolution frames and blocks as for native frames: its near plane, and
 /// harmonics of degree 4.
 #[test]
