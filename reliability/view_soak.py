@@ -61,9 +61,10 @@ def main():
         process = subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True)
         while process.poll() is None:
             time.sleep(1)
-            if viewer := child_of(process.pid):
+            if viewer := child_of(process.pid, args.gs3.name):
                 found.append((time.monotonic() - begun, resident(viewer)))
         assert process.returncode == 0, process.stderr.read()
+        assert found, f"expected a process {args.gs3.name} below xvfb-run, found none"
         figures = json.loads(pathlib.Path(folder, "figures.json").read_text())
     passed = found[-1][0]
     counted = [memory for at, memory in found if at >= passed / 10]
@@ -77,14 +78,15 @@ def main():
     assert abs(last / first - 1) <= 0.05, "memory is not flat"
 
 
-def child_of(pid):
-    """The process called gs3 below `pid`, if it runs."""
+def child_of(pid, name):
+    """The process called `name` below `pid`, if it runs."""
     for status in pathlib.Path("/proc").glob("[0-9]*/status"):
         try:
             fields = dict(line.split(":\t", 1) for line in status.read_text().splitlines() if ":\t" in line)
         except OSError:
             continue
-        if fields.get("Name") == "gs3" and fields.get("PPid") == str(pid):
+        # Linux keeps 15 characters of a name.
+        if fields.get("Name") == name[:15] and fields.get("PPid") == str(pid):
             return int(fields["Pid"])
     return None
 

@@ -254,7 +254,7 @@ class PageViewer extends EventTarget {
     this.#resizes.observe(canvas);
   }
 
-  // The machine may change: the CPU takes over from a GPU that is lost.
+  // The machine may change: a GPU goes on once it is ready, and the CPU once a GPU is lost.
   #rendersOn(backend) {
     if (backend === this.#backend) return;
     this.#backend = backend;

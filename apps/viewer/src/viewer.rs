@@ -11,6 +11,7 @@ mod shown;
 mod step;
 mod touch;
 mod video;
+mod warm_up;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -37,6 +38,7 @@ use files::first_camera;
 use frames::Track;
 use pace::Pace;
 use touch::Fingers;
+use warm_up::WarmUp;
 
 /// Settings of a viewer at its start.
 #[derive(Clone, Debug)]
@@ -192,6 +194,7 @@ struct Rest {
 #[derive(Debug)]
 pub struct Viewer {
     desk: Desk,
+    warm_up: Option<WarmUp>,
     /// How the session renders.
     settings: SessionSettings,
     controls: Controls,
@@ -273,10 +276,11 @@ impl Viewer {
         settings: ViewerSettings,
     ) -> Result<Self, ViewerError> {
         let session = Session::new(scene, settings.session.clone())?;
-        Self::of(name, session, cameras, &settings)
+        Self::of(name, session, None, cameras, &settings)
     }
 
-    /// A viewer of `scene`, as [`Self::new`] makes it, without blocking a browser.
+    /// As [`Self::new`], without blocking a browser. If a GPU is to render, the CPU renders until the GPU has compiled its
+    /// kernels.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -287,12 +291,14 @@ impl Viewer {
         settings: ViewerSettings,
     ) -> Result<Self, ViewerError> {
         let session = Session::open(scene, settings.session.clone()).await?;
-        Self::of(name, session, cameras, &settings)
+        let (session, warm_up) = warm_up::begin(session, &settings.session, cameras).await?;
+        Self::of(name, session, warm_up, cameras, &settings)
     }
 
     fn of(
         name: &str,
         session: Session,
+        warm_up: Option<WarmUp>,
         cameras: Option<&CameraPath>,
         settings: &ViewerSettings,
     ) -> Result<Self, ViewerError> {
@@ -301,6 +307,7 @@ impl Viewer {
         let controls = Controls::new(&first_camera(session.scene(), cameras, size)?, &bulk);
         Ok(Self {
             desk: Desk::new(session, settings.waker.clone())?,
+            warm_up,
             settings: settings.session.clone(),
             controls,
             bulk,

@@ -60,6 +60,8 @@ impl Viewer {
             let rest = clock().saturating_sub(started).saturating_sub(rendering).as_secs_f64();
             self.overhead += NEWEST * (rest - self.overhead);
         }
+        // After the frame: natively this waits for the GPU.
+        self.change_over(started);
         self.next = self.next(started);
         Step { is_new: is_due, next: self.next }
     }
@@ -89,6 +91,7 @@ impl Viewer {
             || self.controls.is_moving()
             || self.tour.playing().is_some()
             || self.is_rendering_due()
+            || self.is_warming_up()
             || self.is_displaying();
         let due = self.due + self.interval;
         // A late step is not followed by hurried steps.

@@ -6,6 +6,7 @@ mod inputs;
 mod opening;
 mod pictures;
 mod tours;
+mod warm_up;
 
 use gs3::scene::{Camera, OpacityMode, Scene, demo};
 use gs3::{Backend, FramePipeline, Mode, PipelineSettings, Refine, SessionSettings};

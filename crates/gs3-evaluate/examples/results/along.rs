@@ -1,22 +1,28 @@
 //! All methods along a path.
 
 use std::error::Error;
+use std::sync::Arc;
 
 use gs3::Stage;
 use gs3_evaluate::methods::{MethodSettings, MethodSpec, build};
-use gs3_scene::{CameraPath, Image};
+use gs3_evaluate::metrics::DepthEdges;
+use gs3_raster::{Outputs, RasterSettings, Rasterizer};
+use gs3_scene::{CameraPath, GBuffer, Image};
 
 use crate::score::{Row, follow, milliseconds};
 
 /// gs3: the names of super sampling alone and with the in-between frames. Learned ones are left out, aloud, where their
 /// weights are not there.
-pub const OURS: [[&str; 2]; 6] = [
+pub const OURS: [[&str; 2]; 9] = [
     ["history", "analytic"],
     ["kriging", "kriged"],
     ["overscan", "overscanned"],
     ["fast_ss", "fast"],
     ["balanced_ss", "balanced"],
     ["high_ss", "high"],
+    ["refined_fast", "refined_fast+warp"],
+    ["refined", "default"],
+    ["refined_high", "refined_high+warp"],
 ];
 /// Baselines, without in-between frames.
 const BASELINES: [&str; 2] = ["bicubic", "hermite"];
@@ -58,6 +64,8 @@ pub fn along(
     // Truth and image of the frame before, by row; of those with in-between frames, the last one displayed.
     let mut before: Vec<Option<(Image, Image)>> = vec![None; rows.len()];
     let cameras = path.cameras();
+    let mut rasterizer = Rasterizer::new(Arc::clone(&settings.scene), settings.culling);
+    let mut gbuffer = GBuffer::default();
     for k in 0..frames {
         let middle = (k > 0).then(|| path.at(k as f64 - 0.5));
         let truth_between = match &middle {
@@ -68,11 +76,15 @@ pub fn along(
         if k > 0 {
             rows[NATIVE].milliseconds.push(milliseconds(native.as_ref(), &Stage::ALL));
         }
+        rasterizer.rasterize(&cameras[k], &RasterSettings::new(Outputs::GBuffer), &mut gbuffer)?;
+        let depth = gbuffer.geometry.as_ref().ok_or("expected a G-buffer with depth")?;
+        let edges = DepthEdges::of(&depth.depth_median);
         for (i, method) in baselines.iter_mut().enumerate() {
             let image = method.render(&cameras[k], None)?.current.clone();
             let ms = milliseconds(method.as_ref(), &Stage::ALL);
             let row = &mut rows[BICUBIC + i];
             row.rendered.add(&truth, &image)?;
+            row.rendered.add_faults(&truth, &image, &edges)?;
             if k > 0 {
                 row.milliseconds.push(ms);
             }
@@ -83,6 +95,7 @@ pub fn along(
             let shown = method.render(&cameras[k], middle.as_ref())?;
             let (between, current) = (shown.in_between.cloned(), shown.current.clone());
             rows[alone].rendered.add(&truth, &current)?;
+            rows[alone].rendered.add_faults(&truth, &current, &edges)?;
             rows[whole].rendered = rows[alone].rendered.clone();
             if let (Some(truth), Some(image)) = (&truth_between, between) {
                 rows[whole].between.add(truth, &image)?;

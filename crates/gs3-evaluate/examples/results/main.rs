@@ -1,5 +1,6 @@
-//! Writes `docs/results.md`: gs3, without learning and with every tier with shipped weights, against native
-//! rendering, baselines and published networks, at rest and with parts left out, on captured scenes.
+//! Writes `docs/results.md` and its plot `docs/results.svg`: gs3, with exact pixels, without learning and with every tier with
+//! shipped weights, against native rendering, baselines and published networks, at rest and with parts left out, on captured
+//! scenes.
 //!
 //!     cargo run --release -p gs3-evaluate --example results -- FOLDER [FRAMES [FILE]]
 //!
@@ -9,6 +10,7 @@
 //! flicker and percentiles of times run `gs3 evaluate`.
 
 mod along;
+mod front;
 mod networks;
 mod page;
 mod parts;
@@ -89,7 +91,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
         sections.paths.push((path_name, settings.scene.gaussians().len(), rows));
     }
-    std::fs::write(&file, page::page(&sections, frames))?;
-    eprintln!("{}", file.display());
+    let plot = file.with_extension("svg");
+    std::fs::write(&plot, front::plot(&sections.paths))?;
+    let plot_name = plot.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    std::fs::write(&file, page::page(&sections, frames, &plot_name))?;
+    eprintln!("{} and {}", file.display(), plot.display());
     Ok(())
 }

@@ -6,7 +6,7 @@ use gs3_evaluate::protocol::MachineReport;
 
 use crate::along::{ANALYTIC, BICUBIC, HISTORY, KRIGING, NATIVE, OVERSCAN};
 use crate::score::{Row, mean, shown};
-use crate::{SCALE, SIZE, networks, parts, rest};
+use crate::{SCALE, SIZE, front, networks, parts, rest};
 
 /// What the page says.
 #[derive(Default)]
@@ -41,12 +41,16 @@ const METHODS: &str = "\
     camera turns to |\n\
     | `fast_ss`, `fast`, `balanced_ss`, `balanced`, `high_ss`, `high` | the same, with super sampling \
     by the tier's network; kriging is coarse below `fast` and fine below `high` |\n\
+    | `refined_fast`, `refined`, `refined_high` | `history` with exact pixels at the quality fast, balanced and high; \
+    `default` is `refined` with in-between frames: what gs3 does unless it is told otherwise |\n\
     \n\
     | measure | is |\n\
     |---|---|\n\
     | PSNR rendered, PSNR between | one mean squared error a frame over RGB in [0, 1], mean over \
     frames; in-between frames are compared with native rendering at the true pose |\n\
     | SSIM | as in scikit-image, over rendered frames |\n\
+    | edge PSNR | PSNR of the pixels within 2 px of a discontinuity of the native depth of 10 %, over rendered frames |\n\
+    | block RMSE | 99th percentile of the RMSE of 8×8 blocks, of 255, mean over rendered frames |\n\
     | tPSNR | PSNR of the differences of consecutive displayed frames; in-between frames halve the \
     time between them |\n\
     | displayed FPS | frames displayed for a rendered frame, over the median time of the rendered \
@@ -66,15 +70,15 @@ const NETWORKS: &str = "\
     | `antialiased` | the native image reduced by a bicubic filter, as networks are trained; no \
     renderer has such frames without native rendering |\n";
 
-/// The text of the page.
-pub fn page(sections: &Sections, frames: usize) -> String {
+/// The text of the page. `plot` is the plot's file beside the page.
+pub fn page(sections: &Sections, frames: usize, plot: &str) -> String {
     let machine = MachineReport::this();
     let mut text = format!(
         "# Results\n\n\
          Written by `cargo run --release -p gs3-evaluate --example results -- FOLDER {frames}`; gs3 {}, {}, \
          {} threads, {}. FOLDER has the folders `scenes`, `paths` and `weights`.\n\n\
-         {}×{} from {}×{} (×{SCALE}), frames 0..{frames} of each path, against the scene's own native rendering, \
-         without exact pixels. The history is empty at frame 0, and the first frames count. Networks compute in \
+         {}×{} from {}×{} (×{SCALE}), frames 0..{frames} of each path, against the scene's own native rendering. \
+         The history is empty at frame 0, and the first frames count. Networks compute in \
          bf16 where bf16 is faster.{}\n\n{METHODS}\n",
         env!("CARGO_PKG_VERSION"),
         machine.processor,
@@ -86,23 +90,32 @@ pub fn page(sections: &Sections, frames: usize) -> String {
         SIZE.1 / SCALE,
         sections.absent.iter().map(|reason| format!(" Absent: {reason}.")).collect::<String>(),
     );
+    let _ = writeln!(
+        text,
+        "## Quality and speed\n\n![PSNR over displayed frames, by path]({plot})\n\n\
+         PSNR of rendered frames over displayed frames a second, as a multiple of native rendering's, by path. The line joins \
+         the methods that no other method of gs3 or baseline exceeds in both.\n\n{}\n",
+        front::dominated(&sections.paths)
+    );
     text += &behind(sections);
     for (path, gaussians, rows) in &sections.paths {
         // Writing to a string does not fail.
         let _ = writeln!(
             text,
-            "## {path} ({gaussians} Gaussians)\n\n| method | PSNR rendered | PSNR between | SSIM | tPSNR | displayed FPS | \
-             × native |\n|---|--:|--:|--:|--:|--:|--:|"
+            "## {path} ({gaussians} Gaussians)\n\n| method | PSNR rendered | PSNR between | SSIM | edge PSNR | block RMSE | \
+             tPSNR | displayed FPS | × native |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|"
         );
         let native = rows[NATIVE].fps();
         for row in rows {
             let _ = writeln!(
                 text,
-                "| {} | {} | {} | {} | {} | {} | {} |",
+                "| {} | {} | {} | {} | {} | {} | {} | {} | {} |",
                 row.name,
                 shown(mean(&row.rendered.psnr), 2),
                 shown(mean(&row.between.psnr), 2),
                 shown(mean(&row.rendered.ssim), 4),
+                shown(mean(&row.rendered.edge_psnr), 2),
+                shown(mean(&row.rendered.block_rmse_p99), 1),
                 shown(mean(&row.tpsnr), 2),
                 shown(row.fps(), 2),
                 shown(row.fps().zip(native).map(|(fps, native)| fps / native), 2),

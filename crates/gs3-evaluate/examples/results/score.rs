@@ -5,7 +5,9 @@ use std::time::Duration;
 
 use gs3::Stage;
 use gs3_evaluate::methods::Method;
-use gs3_evaluate::metrics::{Quantisation, SsimBorder, psnr, ssim, tpsnr};
+use gs3_evaluate::metrics::{
+    DepthEdges, Quantisation, SsimBorder, block_rmse_p99, edge_psnr, psnr, ssim, tpsnr,
+};
 use gs3_evaluate::protocol::PSNR_CAP;
 use gs3_scene::Image;
 
@@ -25,6 +27,8 @@ pub struct Row {
 pub struct Scores {
     pub psnr: Vec<f64>,
     pub ssim: Vec<f64>,
+    pub edge_psnr: Vec<f64>,
+    pub block_rmse_p99: Vec<f64>,
 }
 
 impl Row {
@@ -51,6 +55,19 @@ impl Scores {
     pub fn add(&mut self, truth: &Image, image: &Image) -> Result<(), Box<dyn Error>> {
         self.psnr.push(psnr(truth, image, Quantisation::None)?.min(PSNR_CAP));
         self.ssim.push(ssim(truth, image, SsimBorder::Crop)?);
+        Ok(())
+    }
+
+    /// Adds what shows faults that cover little of an image.
+    pub fn add_faults(
+        &mut self,
+        truth: &Image,
+        image: &Image,
+        edges: &DepthEdges,
+    ) -> Result<(), Box<dyn Error>> {
+        let at_edges = edge_psnr(truth, image, edges, Quantisation::None)?;
+        self.edge_psnr.extend(at_edges.map(|value| value.min(PSNR_CAP)));
+        self.block_rmse_p99.push(block_rmse_p99(truth, image, Quantisation::None)?);
         Ok(())
     }
 }
