@@ -36,20 +36,20 @@ const page = await browser.newPage({ viewport: { width: Number(width), height: N
 const begun = Date.now();
 await page.goto(`http://127.0.0.1:${server.address().port}/index.html?backend=${backend}&url=${encodeURIComponent(`/scene/${scene}`)}`);
 
-// Waits until the figures of the viewer, `f`, are so.
-async function until(isSo) {
-  await page.waitForFunction(`(() => { const f = window.viewer?.figures; return f && (${isSo}); })()`, undefined, { timeout: LONGEST, polling: OFTEN });
-  return page.evaluate(() => window.viewer.figures);
-}
-// Waits for the next frame after the figures are so, and tells when.
+// Waits for the first frame at which the figures of the viewer, `f`, are so, and tells when.
 async function tell(what, isSo) {
-  const { rendered } = await until(isSo);
-  const f = await until(`f.rendered > ${rendered}`);
+  await page.waitForFunction(`(() => {
+    const f = window.viewer?.figures;
+    if (f?.message) throw new Error(f.message);
+    if (!f || !(${isSo})) return void (window.renderedBefore = f?.rendered ?? 0);
+    return f.rendered > window.renderedBefore;
+  })()`, undefined, { timeout: LONGEST, polling: OFTEN });
   const seconds = ((Date.now() - begun) / 1000).toFixed(1);
+  const f = await page.evaluate(() => window.viewer.figures);
   console.log(`${what}: ${seconds} s; ${f.gaussians} Gaussians, ${f.width}×${f.height}, by the ${f.backend}`);
   return f;
 }
-// Before a scene is there, the page shows one Gaussian.
+// Before a scene is there, the page shows one Gaussian. A streamed scene has opened with its finest level.
 const first = await tell("first frame", "!f.opening && f.gaussians > 1");
 if (backend === "gpu" && first.backend === "cpu") await tell("first frame of the GPU", "f.backend === 'gpu'");
 await browser.close();

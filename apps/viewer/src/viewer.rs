@@ -291,7 +291,7 @@ impl Viewer {
         settings: ViewerSettings,
     ) -> Result<Self, ViewerError> {
         let session = Session::open(scene, settings.session.clone()).await?;
-        let (session, warm_up) = warm_up::begin(session, &settings.session, cameras).await?;
+        let (session, warm_up) = warm_up::begin(session, &settings.session, cameras, settings.size).await?;
         Self::of(name, session, warm_up, cameras, &settings)
     }
 

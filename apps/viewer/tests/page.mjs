@@ -273,6 +273,7 @@ const loseDevice = (page) => page.workers()[0].evaluate(() => self.device.destro
 
 await check("a GPU renders: rest at the native image, a drag, a pivot, a split screen; once it is lost, a message says so", async () => {
   const gpu = await opened("?backend=gpu&noui&url=/scenes/part.ply", SMALL);
+  await until(gpu, "frames of the CPU before", "f.backend === 'cpu' && f.gaussians > 3 && f.rendered > 0");
   await atRest(gpu);
   assert.equal((await figures(gpu)).backend, "gpu");
   await drag(gpu);
@@ -295,6 +296,17 @@ await check("a GPU renders: rest at the native image, a drag, a pivot, a split s
   await until(gpu, "a message", "typeof f.message === 'string'");
   assert.match((await figures(gpu)).message, /^GPU.*lost/);
   await gpu.close();
+});
+
+await check("the CPU goes on where a GPU is lost before it is ready, and a message says so", async () => {
+  const early = await opened("?backend=gpu&noui&url=/scenes/part.ply", SMALL);
+  await until(early, "frames of the CPU", "f.backend === 'cpu' && f.gaussians > 3 && f.rendered > 0");
+  await loseDevice(early);
+  await until(early, "a message", "typeof f.message === 'string'");
+  const { message, backend } = await figures(early);
+  assert.match(message, /^GPU.*lost.*; the CPU renders$/);
+  assert.equal(backend, "cpu");
+  await early.close();
 });
 
 await check("a GPU in software is not taken unasked; the CPU takes over from one that is lost", async () => {

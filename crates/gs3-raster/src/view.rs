@@ -33,8 +33,6 @@ pub struct View {
     /// Number of pixels left of and above the pixel at position `(0, 0)`; negative in a window that begins right of and
     /// below that pixel.
     pub before: [f32; 2],
-    /// Whether samples lie at whole positions only.
-    pub has_whole_positions: bool,
     /// Smallest factor on opacity in antialiased scenes.
     pub min_compensation: f32,
     /// ε in px².
@@ -72,7 +70,6 @@ impl View {
             jacobian_limits: [limits(i.width, i.cx, i.fx), limits(i.height, i.cy, i.fy)],
             size: margin.padded([i.width, i.height]),
             before: [0.0; 2],
-            has_whole_positions: true,
             dilation: settings.dilation,
             min_compensation: settings.rules.min_compensation,
             near: settings.rules.near.unwrap_or(near),
@@ -81,7 +78,7 @@ impl View {
     }
 
     /// The view of the native image of `camera`. It contains every sample of the low-resolution frame, `scale` times
-    /// coarser, with the frame's `settings`. Positions have the same bits as in the native image: the margin is at
+    /// coarser, with the frame's `settings`, if these samples are pixels ([`samples_pixels`]). Positions have the same bits as in the native image: the margin is at
     /// negative positions.
     pub fn of_low_resolution(camera: &Camera, scale: u32, settings: &RasterSettings, near: f32) -> Self {
         let native = RasterSettings { jitter: [0.0; 2], margin: Margin::NONE, ..*settings };
@@ -91,10 +88,7 @@ impl View {
         // With scales that are not powers of two, rounding must not change the native image's dilation.
         let is_matched = settings.dilation == matched_dilation(scale);
         let dilation = if is_matched { STOCK_DILATION } else { settings.dilation * (scale * scale) as f32 };
-        let first = first_sample(scale, settings.jitter);
-        let has_whole_positions = first.iter().all(|at| at.fract() == 0.0);
-        let size = lr_size.map(|side| side * scale);
-        Self { size, before, has_whole_positions, dilation, ..Self::new(camera, &native, near) }
+        Self { size: lr_size.map(|side| side * scale), before, dilation, ..Self::new(camera, &native, near) }
     }
 
     /// The view of `window` of the image of `camera`. Positions have the same bits as in the whole image.
@@ -131,6 +125,12 @@ pub fn first_sample(scale: u32, jitter: [f32; 2]) -> [f64; 2] {
         // Jitter on the exact grid is a sum of rounded fractions: its samples must lie on pixels.
         if (at - at.round()).abs() < ON_PIXEL { at.round() } else { at }
     })
+}
+
+/// Whether the samples of a low-resolution frame are pixels of the native image, and those of its margin pixels around.
+pub fn samples_pixels(scale: u32, jitter: [f32; 2]) -> bool {
+    let last = f64::from(scale - 1);
+    first_sample(scale, jitter).iter().all(|at| at.fract() == 0.0 && (0.0..=last).contains(at))
 }
 
 /// A sample lies on a pixel centre if it is nearer than this, in pixels: single-precision offsets are inexact by 2⁻²⁵

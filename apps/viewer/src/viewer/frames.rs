@@ -192,7 +192,7 @@ impl Viewer {
     /// Begins the frame that is due, unless another one is under way. Returns how long the session rendered meanwhile.
     pub(super) async fn render(&mut self, now: Duration, clock: &dyn Fn() -> Duration) -> Duration {
         let is_early = self.desk.is_apart() && self.is_rendering_due() && self.begins() > now;
-        if self.desk.is_busy() || is_early {
+        if self.desk.is_busy() || is_early || self.waits_for_gpu() {
             return Duration::ZERO;
         }
         let Some(job) = self.next_frame(now) else { return Duration::ZERO };

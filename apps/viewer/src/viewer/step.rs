@@ -91,7 +91,6 @@ impl Viewer {
             || self.controls.is_moving()
             || self.tour.playing().is_some()
             || self.is_rendering_due()
-            || self.is_warming_up()
             || self.is_displaying();
         let due = self.due + self.interval;
         // A late step is not followed by hurried steps.
@@ -107,6 +106,11 @@ impl Viewer {
         if !std::mem::replace(&mut self.is_idle, true) {
             self.figures.pause();
             self.track.clear();
+        }
+        if self.is_warming_up() {
+            // More frames are to come, without an event.
+            self.is_idle = false;
+            return Next::At(self.due);
         }
         let note = self.note.as_ref().map(|(_, until)| *until);
         match [self.panels.due(), note].into_iter().flatten().min() {

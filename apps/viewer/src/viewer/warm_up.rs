@@ -3,24 +3,33 @@
 use std::fmt;
 use std::future::Future;
 use std::pin::Pin;
+use std::sync::Arc;
 use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
-use gs3::scene::{CameraError, CameraPath};
-use gs3::{Backend, Mode, PipelineError, Session, SessionSettings};
+use gs3::scene::{Camera, CameraPath};
+use gs3::{Backend, Mode, PipelineError, ResetReason, Session, SessionSettings};
 
 use super::files::first_camera;
 use super::{Viewer, ViewerError};
 
-/// Width and height of the frames of a warm-up: kernels do not depend on the size.
-const SIZE: [u32; 2] = [64, 36];
+/// Unseen frames: without history, and with one.
+const FRAMES: usize = 2;
 
-/// Frames that use all kernels of a moving camera: without history, with one, and with exact pixels.
-const FRAMES: usize = 3;
+/// Most Gaussians of a scene that the CPU renders meanwhile. A visible one takes about 100 bytes, so a frame takes 400 MB of the
+/// 4 GB that a browser's page has at most. Larger scenes wait for the GPU.
+const MOST_GAUSSIANS: usize = 4_000_000;
+
+/// What becomes a session that is ready. Natively it may be sent to another thread, as all of the viewer.
+#[cfg(not(target_arch = "wasm32"))]
+type Ready = dyn Future<Output = Result<Session, PipelineError>> + Send;
+#[cfg(target_arch = "wasm32")]
+type Ready = dyn Future<Output = Result<Session, PipelineError>>;
 
 /// A session on a GPU that renders its first frames, unseen. Drivers compile kernels at their first use, and a browser's
-/// GPU may take many seconds for all of them.
-pub(super) struct WarmUp(Pin<Box<dyn Future<Output = Result<Session, PipelineError>>>>);
+/// GPU may take many seconds for all of them. (The kernels that sort depend on the size. They are compiled anew for another
+/// size.)
+pub(super) struct WarmUp(Pin<Box<Ready>>);
 
 impl fmt::Debug for WarmUp {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -29,17 +38,16 @@ impl fmt::Debug for WarmUp {
 }
 
 impl WarmUp {
-    /// The warm-up of `session`, which shows any scene.
-    fn of(mut session: Session, cameras: Option<&CameraPath>) -> Result<Self, CameraError> {
-        let camera = first_camera(session.scene(), cameras, SIZE)?;
-        let warmed = async move {
+    /// The warm-up of `session` with frames of `camera`.
+    fn of(mut session: Session, camera: Camera) -> Self {
+        Self(Box::pin(async move {
             for _ in 0..FRAMES {
                 session.render_async(&camera).await?;
             }
             session.reference_async(Mode::Native, &camera).await?;
+            session.reset(ResetReason::CameraCut);
             Ok(session)
-        };
-        Ok(Self(Box::pin(warmed)))
+        }))
     }
 
     /// The session, once it is ready. Natively the first call waits.
@@ -57,13 +65,15 @@ pub(super) async fn begin(
     session: Session,
     settings: &SessionSettings,
     cameras: Option<&CameraPath>,
+    size: [u32; 2],
 ) -> Result<(Session, Option<WarmUp>), ViewerError> {
     if session.backend() != Backend::Gpu {
         return Ok((session, None));
     }
     let on_cpu = SessionSettings { backend: Backend::Cpu, ..settings.clone() };
-    let first = Session::open(session.scene().clone(), on_cpu).await?;
-    Ok((first, Some(WarmUp::of(session, cameras)?)))
+    let first = Session::open(Arc::clone(session.scene()), on_cpu).await?;
+    let camera = first_camera(session.scene(), cameras, size)?;
+    Ok((first, Some(WarmUp::of(session, camera))))
 }
 
 impl Viewer {
@@ -72,20 +82,34 @@ impl Viewer {
         self.warm_up.is_some()
     }
 
+    /// Whether the scene is too large for the CPU, and a GPU is soon ready.
+    pub(super) fn waits_for_gpu(&self) -> bool {
+        self.is_warming_up() && self.gaussians() > MOST_GAUSSIANS
+    }
+
     /// Goes on with the GPU if the GPU is ready. If the GPU has failed, the CPU goes on, and a message says so.
     pub(super) fn change_over(&mut self, now: Duration) {
         let Some(warmed) = self.warm_up.as_mut().and_then(WarmUp::poll) else { return };
         self.warm_up = None;
-        let scene = self.scene();
-        let shows_scene = warmed.and_then(|mut session| session.set_scene(scene).map(|()| session));
-        match shows_scene {
-            Ok(session) => {
-                self.wait_for_frame(now);
-                *self.desk.session() = session;
-                self.forget_frames();
-            }
-            Err(error) => self.message = Some(format!("{error}; the CPU renders")),
+        if let Err(error) = warmed.and_then(|session| self.go_on_with(session, now)) {
+            self.message = Some(format!("{error}; the CPU renders"));
         }
         self.is_woken = true;
+    }
+
+    /// Renders with `session` from now on. If it is for another scene than is shown, it is made ready for this one first.
+    fn go_on_with(&mut self, mut session: Session, now: Duration) -> Result<(), PipelineError> {
+        let scene = self.scene();
+        if !Arc::ptr_eq(session.scene(), &scene)
+            && let Ok(camera) = self.controls.shown().camera(self.size)
+        {
+            session.set_scene(scene)?;
+            self.warm_up = Some(WarmUp::of(session, camera));
+            return Ok(());
+        }
+        self.wait_for_frame(now);
+        *self.desk.session() = session;
+        self.forget_frames();
+        Ok(())
     }
 }

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use crate::along::NATIVE;
-use crate::score::{Row, mean};
+use crate::score::{Row, mean_of_rendered};
 
 /// A panel of the plot and what is around its axes, in px; panels stand in rows of two.
 const PANEL: [f64; 2] = [560.0, 300.0];
@@ -35,7 +35,11 @@ impl Point<'_> {
 fn points(rows: &[Row]) -> Vec<Point<'_>> {
     let Some(native) = rows[NATIVE].fps() else { return Vec::new() };
     let points = rows[NATIVE + 1..].iter().filter_map(|row| {
-        Some(Point { name: &row.name, speed: row.fps()? / native, psnr: mean(&row.rendered.psnr)? })
+        Some(Point {
+            name: &row.name,
+            speed: row.fps()? / native,
+            psnr: mean_of_rendered(&row.rendered.psnr)?,
+        })
     });
     points.collect()
 }
@@ -91,6 +95,9 @@ fn panel(svg: &mut String, path: &str, points: &[Point<'_>]) {
     // Native rendering's own speed is always in the plot.
     let (slow, fast) = range(&mut points.iter().map(|point| point.speed).chain([1.0]));
     let (low, high) = range(&mut points.iter().map(|point| point.psnr));
+    if slow >= fast || low >= high {
+        return;
+    }
     let x = |speed: f64| LEFT + (speed / slow).ln() / (fast / slow).ln() * (PANEL[0] - LEFT - RIGHT);
     let y = |psnr: f64| PANEL[1] - BOTTOM - (psnr - low) / (high - low) * (PANEL[1] - TOP - BOTTOM);
     let _ = writeln!(

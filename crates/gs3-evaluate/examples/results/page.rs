@@ -2,10 +2,11 @@
 
 use std::fmt::Write;
 
-use gs3_evaluate::protocol::MachineReport;
+use gs3::KEYFRAMES;
+use gs3_evaluate::protocol::{MachineReport, PSNR_CAP};
 
 use crate::along::{ANALYTIC, BICUBIC, HISTORY, KRIGING, NATIVE, OVERSCAN};
-use crate::score::{Row, mean, shown};
+use crate::score::{Row, mean, mean_of_rendered, shown};
 use crate::{SCALE, SIZE, front, networks, parts, rest};
 
 /// What the page says.
@@ -78,7 +79,8 @@ pub fn page(sections: &Sections, frames: usize, plot: &str) -> String {
          Written by `cargo run --release -p gs3-evaluate --example results -- FOLDER {frames}`; gs3 {}, {}, \
          {} threads, {}. FOLDER has the folders `scenes`, `paths` and `weights`.\n\n\
          {}×{} from {}×{} (×{SCALE}), frames 0..{frames} of each path, against the scene's own native rendering. \
-         The history is empty at frame 0, and the first frames count. Networks compute in \
+         The history is empty at frame 0. Means over rendered frames leave frame 0 and every \
+         {KEYFRAMES}nd frame out, which `refined*` makes natively as a whole; displayed FPS are of median frames. Networks compute in \
          bf16 where bf16 is faster.{}\n\n{METHODS}\n",
         env!("CARGO_PKG_VERSION"),
         machine.processor,
@@ -111,11 +113,11 @@ pub fn page(sections: &Sections, frames: usize, plot: &str) -> String {
                 text,
                 "| {} | {} | {} | {} | {} | {} | {} | {} | {} |",
                 row.name,
-                shown(mean(&row.rendered.psnr), 2),
+                shown(mean_of_rendered(&row.rendered.psnr), 2),
                 shown(mean(&row.between.psnr), 2),
-                shown(mean(&row.rendered.ssim), 4),
-                shown(mean(&row.rendered.edge_psnr), 2),
-                shown(mean(&row.rendered.block_rmse_p99), 1),
+                shown(mean_of_rendered(&row.rendered.ssim), 4),
+                shown(mean_of_rendered(&row.rendered.edge_psnr), 2),
+                shown(mean_of_rendered(&row.rendered.block_rmse_p99), 1),
                 shown(mean(&row.tpsnr), 2),
                 shown(row.fps(), 2),
                 shown(row.fps().zip(native).map(|(fps, native)| fps / native), 2),
@@ -126,7 +128,8 @@ pub fn page(sections: &Sections, frames: usize, plot: &str) -> String {
     let (of_networks, of_parts, of_rest) = (networks::FRAMES, parts::FRAMES, rest::FRAMES);
     let _ = writeln!(
         text,
-        "## At rest\n\nPSNR after {} frames of the path's first camera.\n\n| path | method | {} |\n|---|---|{}\n{}",
+        "## At rest\n\nPSNR after {} frames of the path's first camera, at most {PSNR_CAP} dB. The first frame of `refined*` is native \
+         as a whole.\n\n| path | method | {} |\n|---|---|{}\n{}",
         of_rest.map(|k| k.to_string()).join(", "),
         of_rest.map(|k| format!("{k} frames")).join(" | "),
         "--:|".repeat(of_rest.len()),
@@ -152,14 +155,18 @@ fn behind(sections: &Sections) -> String {
     let mut lines: Vec<String> = sections.ahead.iter().map(|line| format!("- {line}\n")).collect();
     let mut add = |line: String| lines.push(format!("- {line}\n"));
     for (path, _, rows) in &sections.paths {
-        let psnr = |i: usize| mean(&rows[i].rendered.psnr).unwrap_or_default();
-        let ssim = |i: usize| mean(&rows[i].rendered.ssim).unwrap_or_default();
+        let psnr = |i: usize| mean_of_rendered(&rows[i].rendered.psnr).unwrap_or_default();
+        let ssim = |i: usize| mean_of_rendered(&rows[i].rendered.ssim).unwrap_or_default();
         let between = |i: usize| mean(&rows[i].between.psnr).unwrap_or_default();
         let name = |i: usize| &rows[i].name;
-        // Ours against baselines, and against what of ours they build on.
+        // Ours against baselines, and against what of ours they build on: exact pixels on history alone.
         for ours in (HISTORY..rows.len()).step_by(2) {
-            let simpler = (BICUBIC..HISTORY)
-                .chain([HISTORY, KRIGING, OVERSCAN].into_iter().filter(|part| *part < ours));
+            let parts = if name(ours).starts_with("refined") {
+                &[HISTORY][..]
+            } else {
+                &[HISTORY, KRIGING, OVERSCAN]
+            };
+            let simpler = (BICUBIC..HISTORY).chain(parts.iter().copied().filter(|part| *part < ours));
             for other in simpler {
                 if psnr(other) > psnr(ours) {
                     let lead = psnr(other) - psnr(ours);

@@ -3,7 +3,7 @@
 use std::error::Error;
 use std::time::Duration;
 
-use gs3::Stage;
+use gs3::{KEYFRAMES, Stage};
 use gs3_evaluate::methods::Method;
 use gs3_evaluate::metrics::{
     DepthEdges, Quantisation, SsimBorder, block_rmse_p99, edge_psnr, psnr, ssim, tpsnr,
@@ -22,11 +22,12 @@ pub struct Row {
     pub displayed_per_rendered: f64,
 }
 
-/// Scores of frames.
+/// Scores of frames, in their order.
 #[derive(Clone, Default)]
 pub struct Scores {
     pub psnr: Vec<f64>,
     pub ssim: Vec<f64>,
+    /// Not a number where a frame has no edge.
     pub edge_psnr: Vec<f64>,
     pub block_rmse_p99: Vec<f64>,
 }
@@ -66,7 +67,7 @@ impl Scores {
         edges: &DepthEdges,
     ) -> Result<(), Box<dyn Error>> {
         let at_edges = edge_psnr(truth, image, edges, Quantisation::None)?;
-        self.edge_psnr.extend(at_edges.map(|value| value.min(PSNR_CAP)));
+        self.edge_psnr.push(at_edges.map_or(f64::NAN, |value| value.min(PSNR_CAP)));
         self.block_rmse_p99.push(block_rmse_p99(truth, image, Quantisation::None)?);
         Ok(())
     }
@@ -95,6 +96,13 @@ pub fn milliseconds(method: &dyn Method, stages: &[Stage]) -> f64 {
 
 pub fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+/// The mean over rendered frames, without those that `refined*` makes natively as a whole: the first one and the keyframes.
+pub fn mean_of_rendered(values: &[f64]) -> Option<f64> {
+    let judged =
+        values.iter().enumerate().filter(|(k, value)| k % KEYFRAMES as usize != 0 && value.is_finite());
+    mean(&judged.map(|(_, value)| *value).collect::<Vec<_>>())
 }
 
 pub fn shown(value: Option<f64>, digits: usize) -> String {

@@ -56,7 +56,8 @@ impl Rasterizer {
         places: &[[u16; 2]],
         out: &mut ExactBlocks,
     ) -> Result<(), RasterError> {
-        let Some(LastFrame { view, grid, settings, size }) = &self.last else {
+        self.share_splats();
+        let Some(LastFrame { view, grid, settings, size, .. }) = &self.last else {
             return Err(RasterError::NoFrame);
         };
         let [width, height] = grid.tile_size();
@@ -87,6 +88,7 @@ impl Rasterizer {
         let resolver = Resolver::new(view, settings);
         let [columns, _] = grid.tiles();
         let is_whole = self.parts.len() == 1;
+        let has_orders = is_whole && !self.orders.is_empty();
         let mut tiles = &mut tiles[..];
         for part in &self.parts {
             // Parts are in the order of tiles.
@@ -101,11 +103,25 @@ impl Rasterizer {
             }
             let (jobs, bins, orders, level) = (&self.jobs, &self.bins, &self.orders, self.level);
             of_part.par_iter_mut().with_max_len(4).for_each_init(Scratch::default, |scratch, tile| {
-                let order = is_whole.then(|| &orders[tile.tile[1] * columns + tile.tile[0]][..]);
+                let order = has_orders.then(|| &orders[tile.tile[1] * columns + tile.tile[0]][..]);
                 dispatch!(level, s => scratch.fill(s, jobs, bins, order, grid, *size, &resolver, tile));
             });
         }
         Ok(())
+    }
+
+    /// Projects and bins the splats of the native image if the last low-resolution frame had others.
+    fn share_splats(&mut self) {
+        let Some(last) = self.last.take() else { return };
+        if !last.is_shared {
+            self.project(&last.view, true, false);
+            self.parts = Bins::parts(&self.jobs, &last.grid, self.most_entries);
+            self.orders.clear();
+            if let [whole] = &self.parts[..] {
+                self.bins.fill(&self.jobs, &last.grid, whole, self.culling);
+            }
+        }
+        self.last = Some(LastFrame { is_shared: true, ..last });
     }
 }
 

@@ -28,7 +28,7 @@ use web_time::Instant;
 
 use crate::chunk::{self, CHUNK, Chunk};
 use crate::settings::{Culling, Outputs, RasterError, RasterSettings, Window};
-use crate::view::View;
+use crate::view::{View, samples_pixels};
 use bin::{Bins, ENTRY_BYTES, Part, TILE_HEIGHT, TILE_WIDTH};
 use blend::{COLOR, GBUFFER, GBUFFER_MIXED, TileScratch};
 use grid::Grid;
@@ -88,6 +88,8 @@ struct LastFrame {
     settings: RasterSettings,
     /// Width and height of the native image.
     size: [usize; 2],
+    /// Whether the splats at hand are those of `view`.
+    is_shared: bool,
 }
 
 impl fmt::Debug for Rasterizer {
@@ -173,8 +175,9 @@ impl Rasterizer {
 
     /// Rasterizes the low-resolution frame of `camera`, `scale` (1 to 8) times coarser than the camera's image, into
     /// `out`. The samples equal those by [`Self::rasterize`] of [`Camera::low_resolution`] with the same `settings`,
-    /// except for rounding. With matched dilation and jitter on the exact grid, a sample has the bits of a pixel of
-    /// the native image. The frame's splats are the native image's, so [`Self::rasterize_blocks`] can share them.
+    /// except for rounding. With matched dilation and jitter on the exact grid ([`gs3_scene::jitter::Jitter::grid`]), a sample
+    /// has the bits of a pixel of the native image, and the frame's splats are the native image's, which
+    /// [`Self::rasterize_blocks`] shares. With other jitter [`Self::rasterize_blocks`] projects the scene again.
     ///
     /// # Errors
     /// [`RasterError`] if a setting is out of range, or if the margin's left or top side times `scale` is not a
@@ -198,10 +201,16 @@ impl Rasterizer {
         }
         let view = View::of_low_resolution(camera, scale, settings, self.scene.details().near);
         let grid = Grid::low_resolution(camera, scale, settings);
-        self.fill(&view, &grid, settings, out);
+        let is_shared = samples_pixels(scale, settings.jitter);
+        if is_shared {
+            self.fill(&view, &grid, settings, out);
+        } else {
+            // The native image's splats are cut to its pixels, so they are not enough between and beyond these.
+            self.rasterize(&camera.low_resolution(scale), settings, out)?;
+        }
         let size = [camera.width() as usize, camera.height() as usize];
-        let shares = settings.outputs != Outputs::Color;
-        self.last = shares.then_some(LastFrame { view, grid, settings: *settings, size });
+        let has_blocks = settings.outputs != Outputs::Color;
+        self.last = has_blocks.then_some(LastFrame { view, grid, settings: *settings, size, is_shared });
         Ok(())
     }
 

@@ -231,9 +231,6 @@ fn project_lanes<S: Simd>(
     let extent_y = (squared_radius * yy).sqrt() + lanes(s, EXTENT_MARGIN);
     let before = view.before.map(|pixels| lanes(s, pixels));
     let last = [0, 1].map(|a| lanes(s, view.size[a] as f32 - 1.0 - view.before[a]));
-    // Samples between whole positions are within one of the nearest whole position outside.
-    let outside = lanes(s, if view.has_whole_positions { 0.0 } else { 1.0 });
-    let (extent_x, extent_y) = (extent_x + outside, extent_y + outside);
     let x0 = (mean[0] - extent_x).ceil().max(zero - before[0]);
     let x1 = (mean[0] + extent_x).floor().min(last[0]);
     let y0 = (mean[1] - extent_y).ceil().max(zero - before[1]);
@@ -249,17 +246,15 @@ fn project_lanes<S: Simd>(
     let steepest = l11.max(l22).max(l21.abs());
     visible &= steepest.simd_lt(lanes(s, MAX_STEEPNESS));
 
-    if view.has_whole_positions {
-        // If at most two by two samples are in the box, all of them may miss the ellipse.
-        let small = (x1 - x0).simd_le(lanes(s, 1.0)) & (y1 - y0).simd_le(lanes(s, 1.0));
-        let mut hit = mask32x16::splat(s, false);
-        for (x, y) in [(x0, y0), (x1, y0), (x0, y1), (x1, y1)] {
-            let (dx, dy) = (mean[0] - x, mean[1] - y);
-            let (u, v) = (l11.mul_add(dx, l21 * dy), l22 * dy);
-            hit |= u.mul_add(u, v * v).simd_le(support);
-        }
-        visible &= hit | !small;
+    // If at most two by two samples are in the box, all of them may miss the ellipse.
+    let small = (x1 - x0).simd_le(lanes(s, 1.0)) & (y1 - y0).simd_le(lanes(s, 1.0));
+    let mut hit = mask32x16::splat(s, false);
+    for (x, y) in [(x0, y0), (x1, y0), (x0, y1), (x1, y1)] {
+        let (dx, dy) = (mean[0] - x, mean[1] - y);
+        let (u, v) = (l11.mul_add(dx, l21 * dy), l22 * dy);
+        hit |= u.mul_add(u, v * v).simd_le(support);
     }
+    visible &= hit | !small;
 
     let (mut x0, mut x1, mut y0, mut y1) = (x0, x1, y0, y1);
     let clip = match input.culling {

@@ -137,21 +137,34 @@ fn blocks_of_real_scenes_are_the_native_image() {
     }
 }
 
-/// Samples between the native image's pixels see splats that touch none of these pixels.
+/// Frames with samples between and beyond the native image's pixels have the bits of the low-resolution camera's frames, and
+/// blocks after them the bits of the native image.
 #[test]
-fn samples_between_pixels_see_what_lies_between() {
+fn samples_off_the_pixels_see_all_splats() {
     let camera = camera_at_origin(128, 72, DVec2::ZERO);
     let recipe = RandomScene { seed: 4, count: 3000, sigma: [0.05, 0.3], ..RandomScene::BASE };
-    let mut rasterizer = Rasterizer::new(Arc::new(recipe.build(&camera)), Culling::AccuTile);
-    let settings = settings(4, [0.0; 2]);
-    let (mut shared, mut alone) = (GBuffer::default(), GBuffer::default());
-    rasterizer.rasterize(&camera.low_resolution(4), &settings, &mut alone).expect("valid settings");
-    rasterizer.rasterize_low_resolution(&camera, 4, &settings, &mut shared).expect("valid settings");
-    let pairs = || shared.alpha.data().iter().zip(alone.alpha.data());
-    assert!(pairs().any(|(_, alone)| (0.05..0.9).contains(alone)), "something small");
-    let most = pairs().map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-    // A contribution of 1/255 may fall to either side.
-    assert!(most < 0.01, "{most}");
+    let scene = Arc::new(recipe.build(&camera));
+    let margin = Margin { left: 4, top: 8, right: 3, bottom: 5 };
+    for culling in [Culling::AccuTile, Culling::Exact, Culling::SnugBox] {
+        let mut rasterizer = Rasterizer::new(Arc::clone(&scene), culling);
+        let (image, gbuffer) = native(&mut rasterizer, &camera);
+        for (jitter, margin) in [([0.0; 2], Margin::NONE), ([-0.45, 0.5], margin)] {
+            let settings = RasterSettings { margin, ..settings(4, jitter) };
+            let (mut lr, mut alone) = (GBuffer::default(), GBuffer::default());
+            rasterizer.rasterize(&camera.low_resolution(4), &settings, &mut alone).expect("valid settings");
+            rasterizer.rasterize_low_resolution(&camera, 4, &settings, &mut lr).expect("valid settings");
+            assert_eq!(lr.color.data(), alone.color.data(), "{culling:?} {jitter:?}");
+            assert!(lr.color.data().iter().any(|v| *v > 0.1), "something is in view");
+            let mut blocks = ExactBlocks::default();
+            // Twice: the second time the splats are at hand.
+            for _ in 0..2 {
+                let places = some_blocks(&image, 3, &mut Random(2));
+                rasterizer.rasterize_blocks(&places, &mut blocks).expect("a frame before");
+                assert_eq!(blocks.len(), places.len());
+                assert_native(&blocks, &image, &gbuffer);
+            }
+        }
+    }
 }
 
 /// What a scene says of itself holds for low-resolution frames and blocks as for native frames: its near plane, and
