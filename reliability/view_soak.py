@@ -17,6 +17,8 @@ from soak import resident
 
 # Loops of the viewer a second.
 FPS = 30
+# Parts of the time that counts: ninths, of ten rounds if there are a hundred.
+PARTS = 9
 
 
 def steps_of(scenes, rounds, minutes):
@@ -68,14 +70,14 @@ def main():
         figures = json.loads(pathlib.Path(folder, "figures.json").read_text())
     passed = found[-1][0]
     counted = [memory for at, memory in found if at >= passed / 10]
-    # Whole rounds of all scenes at both ends: scenes differ in size.
-    part = max(1, int(len(counted) * len(scenes) / args.rounds))
-    first, last = sum(counted[:part]) / part, sum(counted[-part:]) / part
+    # Parts of many rounds, as scenes differ in size.
+    parts = [counted[len(counted) * k // PARTS : len(counted) * (k + 1) // PARTS] for k in range(PARTS)]
+    means = [sum(part) / len(part) for part in parts]
     print(
         f"{passed / 60:.1f} minutes, {args.rounds} scenes opened, {figures['rendered']} frames rendered; "
-        f"memory {min(counted):.0f} to {max(counted):.0f} MiB, {last / first - 1:+.1%} from begin to end"
+        f"memory {min(counted):.0f} to {max(counted):.0f} MiB, mean of each ninth {', '.join(f'{mean:.0f}' for mean in means)} MiB"
     )
-    assert abs(last / first - 1) <= 0.05, "memory is not flat"
+    assert abs(means[-1] / means[0] - 1) <= 0.05, "memory is not flat"
 
 
 def child_of(pid, name):

@@ -304,7 +304,8 @@ await check("the CPU goes on where a GPU is lost before it is ready, and a messa
   await loseDevice(early);
   await until(early, "a message", "typeof f.message === 'string'");
   const { message, backend } = await figures(early);
-  assert.match(message, /^GPU.*lost.*; the CPU renders$/);
+  // The answer that the warm-up waits for may fail before the loss is told.
+  assert.match(message, /^GPU.*; the CPU renders$/);
   assert.equal(backend, "cpu");
   await early.close();
 });
