@@ -20,7 +20,7 @@ const FRAMES: usize = 2;
 /// 4 GB that a browser's page has at most. Larger scenes wait for the GPU.
 const MOST_GAUSSIANS: usize = 4_000_000;
 
-/// What becomes a session that is ready. Natively it may be sent to another thread, as all of the viewer.
+/// The future of a session that is ready. Natively a viewer may be sent to another thread, so the future must be `Send`.
 #[cfg(not(target_arch = "wasm32"))]
 type Ready = dyn Future<Output = Result<Session, PipelineError>> + Send;
 #[cfg(target_arch = "wasm32")]
