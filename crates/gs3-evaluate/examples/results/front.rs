@@ -12,6 +12,9 @@ const TOP: f64 = 30.0;
 const RIGHT: f64 = 96.0;
 const BOTTOM: f64 = 36.0;
 const COLUMNS: usize = 2;
+/// Width of a letter and height of a line of names, px: a font of 11 px.
+const LETTER: f64 = 6.2;
+const LINE: f64 = 11.0;
 
 /// A method on one path.
 struct Point<'a> {
@@ -139,7 +142,8 @@ fn panel(svg: &mut String, path: &str, points: &[Point<'_>]) {
         .map(|(point, _)| format!("{:.1},{:.1}", x(point.speed), y(point.psnr)))
         .collect();
     let _ = writeln!(svg, "<polyline points=\"{}\" fill=\"none\" stroke=\"#d1495b\"/>", line.join(" "));
-    let mut names: Vec<[f64; 2]> = Vec::new();
+    // Left, right and line of each name.
+    let mut names: Vec<[f64; 3]> = Vec::new();
     for (point, is_on_front) in sorted {
         let (at, down) = (x(point.speed), y(point.psnr));
         let color = match (point.name, is_on_front) {
@@ -147,17 +151,18 @@ fn panel(svg: &mut String, path: &str, points: &[Point<'_>]) {
             (_, true) => "#d1495b",
             (_, false) => "#888",
         };
-        // A name that would cover another one moves down.
-        let mut line = down + 4.0;
-        while names.iter().any(|[u, v]| (u - at).abs() < 100.0 && (v - line).abs() < 11.0) {
-            line += 4.0;
-        }
-        names.push([at, line]);
+        let (left, right) = (at + 7.0, at + 7.0 + LETTER * point.name.len() as f64);
+        let is_free = |line: f64| {
+            !names.iter().any(|[from, to, taken]| *from < right && left < *to && (taken - line).abs() < LINE)
+        };
+        // The nearest free line, below and above in turn.
+        let shifts = (0..8).flat_map(|k| [f64::from(k) * LINE, -f64::from(k) * LINE]);
+        let line = shifts.map(|shift| down + 4.0 + shift).find(|line| is_free(*line)).unwrap_or(down + 4.0);
+        names.push([left, right, line]);
         let _ = writeln!(
             svg,
             "<circle cx=\"{at:.1}\" cy=\"{down:.1}\" r=\"4\" fill=\"{color}\"/>\
-             <text x=\"{:.1}\" y=\"{line:.1}\" fill=\"{color}\">{}</text>",
-            at + 7.0,
+             <text x=\"{left:.1}\" y=\"{line:.1}\" fill=\"{color}\">{}</text>",
             point.name
         );
     }
