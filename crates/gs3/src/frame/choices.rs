@@ -8,7 +8,7 @@ use crate::refine::Refine;
 
 impl FramePipeline {
     /// Sets the number of the next frame on its path; later frames count on from there. The first frame has number 0
-    /// by default. Keyframes ([`PipelineSettings::keyframes`]) depend on this number.
+    /// by default. Keyframes ([`crate::PipelineSettings::keyframes`]) depend on this number.
     pub const fn set_frame_number(&mut self, number: u64) {
         self.frame_number = number;
     }
@@ -29,11 +29,11 @@ impl FramePipeline {
     }
 
     /// Chooses how many frames are interpolated before each rendered frame from the next frame on: 0 to
-    /// [`PipelineSettings::in_between`], which is the number without this call. The history stays. For programs that hold a
+    /// [`crate::PipelineSettings::in_between`], which is the number without this call. The history stays. For programs that hold a
     /// rate of displayed frames.
     ///
     /// # Errors
-    /// [`PipelineError::InBetween`] if there are too many; modes other than [`Mode::Full`] take 0 only. The old choice
+    /// [`PipelineError::InBetween`] if there are too many; modes other than [`crate::Mode::Full`] take 0 only. The old choice
     /// stays.
     pub const fn set_in_between(&mut self, count: u32) -> Result<(), PipelineError> {
         self.plan.set_in_between(count)
