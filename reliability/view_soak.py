@@ -71,13 +71,20 @@ def main():
     passed = found[-1][0]
     counted = [memory for at, memory in found if at >= passed / 10]
     parts = [counted[len(counted) * k // PARTS : len(counted) * (k + 1) // PARTS] for k in range(PARTS)]
-    # What is left between scenes. Means depend on how long loading takes, and maxima on the moment of a sample.
+    means = [sum(part) / len(part) for part in parts]
+    # What is left between scenes. Means also grow where loading takes longer, as beside other work.
     least = [min(part) for part in parts]
     print(
         f"{passed / 60:.1f} minutes, {args.rounds} scenes opened, {figures['rendered']} frames rendered; "
-        f"memory {min(counted):.0f} to {max(counted):.0f} MiB, least of each third {', '.join(f'{memory:.0f}' for memory in least)} MiB"
+        f"memory {min(counted):.0f} to {max(counted):.0f} MiB, by thirds least {listed(least)} MiB, mean {listed(means)} MiB"
     )
-    assert max(least) <= 1.05 * min(least), "memory is not flat"
+    # Each third against each other one, so also the last against the first.
+    for memories in (least, means):
+        assert max(memories) <= 1.05 * min(memories), "memory is not flat"
+
+
+def listed(memories):
+    return ", ".join(f"{memory:.0f}" for memory in memories)
 
 
 def child_of(pid, name):

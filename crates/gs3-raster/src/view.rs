@@ -77,9 +77,9 @@ impl View {
         }
     }
 
-    /// The view of the native image of `camera`. It contains every sample of the low-resolution frame, `scale` times
-    /// coarser, with the frame's `settings`, if these samples are pixels ([`samples_pixels`]). Positions have the same bits as in the native image: the margin is at
-    /// negative positions.
+    /// The view of the native image of `camera`, widened to the margin of a low-resolution frame, `scale` times coarser, with
+    /// that frame's `settings`. Positions have the same bits as in the native image: the margin is at negative positions. The
+    /// view has all splats of the frame's samples only where [`samples_pixels`].
     pub fn of_low_resolution(camera: &Camera, scale: u32, settings: &RasterSettings, near: f32) -> Self {
         let native = RasterSettings { jitter: [0.0; 2], margin: Margin::NONE, ..*settings };
         let lr = camera.low_resolution(scale);
@@ -127,7 +127,8 @@ pub fn first_sample(scale: u32, jitter: [f32; 2]) -> [f64; 2] {
     })
 }
 
-/// Whether the samples of a low-resolution frame are pixels of the native image, and those of its margin pixels around.
+/// Whether the samples of a low-resolution frame lie on pixel centres of the native image. Samples in the frame's margin lie on the
+/// same lattice, beyond the image.
 pub fn samples_pixels(scale: u32, jitter: [f32; 2]) -> bool {
     let last = f64::from(scale - 1);
     first_sample(scale, jitter).iter().all(|at| at.fract() == 0.0 && (0.0..=last).contains(at))

@@ -60,7 +60,7 @@ impl WarmUp {
     }
 }
 
-/// The session that shows frames first, and the warm-up of `session` if that is on a GPU.
+/// The session that shows frames first. A `session` on a GPU gets a warm-up.
 pub(super) async fn begin(
     session: Session,
     settings: &SessionSettings,
@@ -97,7 +97,7 @@ impl Viewer {
         self.is_woken = true;
     }
 
-    /// Renders with `session` from now on. If it is for another scene than is shown, it is made ready for this one first.
+    /// Renders with `session` from now on. A session of another scene is first made ready for the scene that is shown.
     fn go_on_with(&mut self, mut session: Session, now: Duration) -> Result<(), PipelineError> {
         let scene = self.scene();
         if !Arc::ptr_eq(session.scene(), &scene)

@@ -29,12 +29,12 @@ impl FramePipeline {
     }
 
     /// Chooses how many frames are interpolated before each rendered frame from the next frame on: 0 to
-    /// [`crate::PipelineSettings::in_between`], which is the number without this call. The history stays. For programs that hold a
-    /// rate of displayed frames.
+    /// [`crate::PipelineSettings::in_between`], which is the number without this call. The history stays. For programs
+    /// that hold a rate of displayed frames.
     ///
     /// # Errors
-    /// [`PipelineError::InBetween`] if there are too many; modes other than [`crate::Mode::Full`] take 0 only. The old choice
-    /// stays.
+    /// [`PipelineError::InBetween`] if there are too many; modes other than [`crate::Mode::Full`] take 0 only. The old
+    /// choice stays.
     pub const fn set_in_between(&mut self, count: u32) -> Result<(), PipelineError> {
         self.plan.set_in_between(count)
     }
