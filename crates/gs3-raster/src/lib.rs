@@ -35,7 +35,9 @@ mod view;
 pub use cpu::{Importance, LIST_MEMORY, RasterTimes, Rasterizer};
 pub use fearless_simd::Level;
 #[cfg(feature = "gpu")]
-pub use gpu::{CapacityCheck, GpuGBuffer, GpuRasterError, GpuRasterizer, ScenePrecision};
+pub use gpu::{
+    BLOCKS_STAGE, CapacityCheck, GpuBlocks, GpuGBuffer, GpuRasterError, GpuRasterizer, LowResolution, ScenePrecision,
+};
 pub use settings::{
     Culling, ExpectedDepth, MAX_MARGIN, Outputs, RasterError, RasterSettings, Rules, STOCK_DILATION, Window,
     matched_dilation,

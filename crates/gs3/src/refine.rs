@@ -46,10 +46,11 @@ impl Quality {
 }
 
 /// Which pixels of a rendered frame are rasterized exactly besides the low-resolution grid: the blocks of 4×4 pixels
-/// with the largest expected error. Exact blocks equal the native image, and later frames reproject them.
+/// with the largest expected error. Exact blocks equal the native image.
 ///
-/// Read by [`Mode::SuperSample`](crate::Mode::SuperSample) and [`Mode::Full`](crate::Mode::Full) on a CPU. Frames that a GPU
-/// makes or rasterizes have no exact blocks.
+/// Read by [`Mode::SuperSample`](crate::Mode::SuperSample) and [`Mode::Full`](crate::Mode::Full). On a CPU later frames
+/// reproject exact blocks. On a GPU exact blocks belong to their frame alone, and some frames have none
+/// ([`FramePipeline::makes_exact_pixels`](crate::FramePipeline::makes_exact_pixels)).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Refine {
     /// None, as in the paper.

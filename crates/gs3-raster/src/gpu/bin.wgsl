@@ -9,15 +9,15 @@ override CULLING: u32 = 3u;
 const ALONE: u32 = 64u;
 
 // Splats, as many in each array as `order` has room for; see splat.wgsl.
-@group(0) @binding(0) var<storage, read> splats: array<vec4<u32>>;
+@group(0) @binding(1) var<storage, read> splats: array<vec4<u32>>;
 // Splats front to back.
-@group(0) @binding(1) var<storage, read> order: array<u32>;
-@group(0) @binding(2) var<storage, read_write> counters: Counters;
-@group(0) @binding(3) var<uniform> band: Band;
+@group(0) @binding(2) var<storage, read> order: array<u32>;
+@group(0) @binding(3) var<storage, read_write> counters: Counters;
+@group(0) @binding(4) var<uniform> band: Band;
 // Tile counts of the splats in order. A scan makes them first places; the entry after the last splat becomes the sum.
-@group(0) @binding(4) var<storage, read_write> tile_counts: array<u32>;
-@group(0) @binding(5) var<storage, read_write> entry_tiles: array<u32>;
-@group(0) @binding(6) var<storage, read_write> entry_splats: array<u32>;
+@group(0) @binding(5) var<storage, read_write> tile_counts: array<u32>;
+@group(0) @binding(6) var<storage, read_write> entry_tiles: array<u32>;
+@group(0) @binding(7) var<storage, read_write> entry_splats: array<u32>;
 
 // A splat's tiles, its last ones inclusive, rows cut to the band's.
 struct Tiles {
@@ -50,10 +50,11 @@ fn row_span(tiles: Tiles, splat: u32, b: vec4<u32>, row: u32) -> vec2<u32> {
         return span;
     }
     let s = splat_of(bitcast<vec4<f32>>(splats[splat]), b);
-    let top = f32(row * TILE);
-    let bottom = f32(row * TILE + TILE - 1u);
+    let top = f32(row * TILE) - view.cell_before.y;
+    let bottom = f32(row * TILE + TILE - 1u) + view.cell_after.y;
     let limit = f32(TILE * (tiles.last.x + 1u));
-    let x = clamp(x_span(s, top, bottom), vec2(0.0), vec2(limit));
+    let reached = x_span(s, top, bottom) + vec2(-view.cell_after.x, view.cell_before.x);
+    let x = clamp(reached, vec2(0.0), vec2(limit));
     span.x = max(span.x, u32(x.x) / TILE);
     span.y = min(span.y, u32(x.y) / TILE + 1u);
     if CULLING == EXACT {
@@ -69,7 +70,9 @@ fn row_span(tiles: Tiles, splat: u32, b: vec4<u32>, row: u32) -> vec2<u32> {
 }
 
 fn reaches_tile(s: Splat, column: u32, top: f32, bottom: f32) -> bool {
-    return reaches(s, vec2(f32(column * TILE), top), vec2(f32(column * TILE + TILE - 1u), bottom));
+    let left = f32(column * TILE) - view.cell_before.x;
+    let right = f32(column * TILE + TILE - 1u) + view.cell_after.x;
+    return reaches(s, vec2(left, top), vec2(right, bottom));
 }
 
 var<workgroup> group_count: atomic<u32>;

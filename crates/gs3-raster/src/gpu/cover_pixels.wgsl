@@ -35,8 +35,14 @@ fn cover_pixels(slot: u32, s: Splat, rect: vec4<u32>, origin: vec2<u32>, first_r
     }
 }
 
-fn is_noted_by_pixel(rect: vec4<u32>) -> bool {
-    return all(rect.zw - rect.xy <= vec2(SMALL));
+// Notes what staged splat `slot` touches in one half of the tile.
+fn cover_splat(slot: u32, s: Splat, rect: vec4<u32>, workgroup: vec3<u32>, half: u32) {
+    let corner = corner_of(workgroup);
+    if all(rect.zw - rect.xy <= vec2(SMALL)) {
+        cover_pixels(slot, s, rect, corner, 2u * half);
+    } else {
+        cover_rows(slot, s, rect, vec2<f32>(corner), 2u * half);
+    }
 }
 
 fn clear_pixel(lane: u32) {

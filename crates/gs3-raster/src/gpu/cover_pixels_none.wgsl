@@ -2,11 +2,9 @@
 
 const READS_AHEAD: bool = false;
 
-fn is_noted_by_pixel(rect: vec4<u32>) -> bool {
-    return false;
+fn cover_splat(slot: u32, s: Splat, rect: vec4<u32>, workgroup: vec3<u32>, half: u32) {
+    cover_rows(slot, s, rect, vec2<f32>(corner_of(workgroup)), 2u * half);
 }
-
-fn cover_pixels(slot: u32, s: Splat, rect: vec4<u32>, origin: vec2<u32>, first_row: u32) {}
 
 fn clear_pixel(lane: u32) {}
 

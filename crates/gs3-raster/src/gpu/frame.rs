@@ -6,7 +6,8 @@ use gs3_compute::{
 
 use super::gbuffer::Target;
 use super::kernels::{Kernels, Sorts};
-use super::plan::{Counters, FramePlan};
+use super::blocks::BLOCKS_STAGE;
+use super::plan::{Band, Counters, FramePlan};
 use super::scene::Page;
 
 /// Invocations of the workgroups that `dispatches` counts, `GROUP` of `plan.wgsl`.
@@ -173,6 +174,7 @@ impl Frame {
                 ("order", buffers.get(ORDER[sorted[0]])?),
                 ("counters", counters),
                 ("band", buffer.slice()),
+                ("view", fixed.view.slice()),
                 ("tile_counts", buffers.get("tile_counts")?),
                 ("entry_tiles", buffers.get(ENTRY_TILES[0])?),
                 ("entry_splats", buffers.get(ENTRY_SPLATS[0])?),
@@ -226,6 +228,34 @@ impl Frame {
         arena: &Arena,
         planes: &[(&'static str, Buffer)],
     ) -> Result<Vec<Bound>, GpuError> {
+        self.bind_blending(gpu, fixed, arena, &self.blend, |band| {
+            let (start, bytes) = self.plan.band_bytes(band);
+            planes.iter().map(|(name, plane)| (*name, plane.part(start, bytes))).collect()
+        })
+    }
+
+    /// Binds `kernel`, which blends exact blocks, for each band: the blocks that `chosen` marks, into `image`.
+    pub fn bind_blocks(
+        &self,
+        gpu: &Gpu,
+        fixed: &Fixed,
+        arena: &Arena,
+        kernel: &Kernel,
+        [chosen, image]: [&Buffer; 2],
+    ) -> Result<Vec<Bound>, GpuError> {
+        let outputs = || vec![("chosen", chosen.slice()), ("image", image.slice())];
+        self.bind_blending(gpu, fixed, arena, kernel, |_| outputs())
+    }
+
+    /// Binds `kernel` for each band to what blending reads, and to the band's `outputs`.
+    fn bind_blending<'a>(
+        &self,
+        gpu: &Gpu,
+        fixed: &Fixed,
+        arena: &Arena,
+        kernel: &Kernel,
+        outputs: impl Fn(&Band) -> Vec<(&'static str, Slice<'a>)>,
+    ) -> Result<Vec<Bound>, GpuError> {
         let buffers = Buffers { plan: &self.plan, arena };
         let mut blended =
             vec![("view", fixed.view.slice()), ("entry_splats", buffers.get(ENTRY_SPLATS[self.sorted[1]])?)];
@@ -234,11 +264,9 @@ impl Frame {
             blended.push((name, buffers.get(name)?));
         }
         let bind = |(band, uniform): (_, &Buffer)| {
-            let (start, bytes) = self.plan.band_bytes(band);
-            let outputs = planes.iter().map(|(name, plane)| (*name, plane.part(start, bytes)));
             let all: Vec<_> =
-                blended.iter().copied().chain([("band", uniform.slice())]).chain(outputs).collect();
-            self.blend.bind(gpu, &all)
+                blended.iter().copied().chain([("band", uniform.slice())]).chain(outputs(band)).collect();
+            kernel.bind(gpu, &all)
         };
         self.plan.bands.iter().zip(&self.band_buffers).map(bind).collect()
     }
@@ -263,16 +291,34 @@ impl Frame {
         recorder.stage("order");
         self.sort_by_depth.record(recorder);
         for (band, blend) in self.bands.iter().zip(&target.blend) {
-            recorder.stage("bin");
-            recorder.dispatch_indirect(&band.count, &self.dispatches, OVER_SPLATS);
-            self.scan_tiles.record(recorder);
-            recorder.dispatch(&self.plan_entries, [1, 1, 1]);
-            recorder.dispatch_indirect(&band.emit, &self.dispatches, OVER_SPLATS);
-            self.sort_by_tile.record(recorder);
-            recorder.dispatch(&self.clear, band.tiles);
-            recorder.dispatch_indirect(&self.find, &self.dispatches, OVER_ENTRIES);
+            self.record_bin(recorder, band);
             recorder.stage("blend");
             recorder.dispatch(blend, band.blend);
         }
+    }
+
+    /// Records the exact blocks of the frame recorded last. `blend` is of [`Self::bind_blocks`]; a tile has at most
+    /// `most` times sixteen blocks.
+    pub fn record_blocks(&self, recorder: &mut Recorder<'_>, blend: &[Bound], most: u32) {
+        for (band, blend) in self.bands.iter().zip(blend) {
+            // Only the last band's entries are still there.
+            if self.bands.len() > 1 {
+                self.record_bin(recorder, band);
+            }
+            recorder.stage(BLOCKS_STAGE);
+            let [columns, rows, _] = band.blend;
+            recorder.dispatch(blend, [columns, rows, most]);
+        }
+    }
+
+    fn record_bin(&self, recorder: &mut Recorder<'_>, band: &BoundBand) {
+        recorder.stage("bin");
+        recorder.dispatch_indirect(&band.count, &self.dispatches, OVER_SPLATS);
+        self.scan_tiles.record(recorder);
+        recorder.dispatch(&self.plan_entries, [1, 1, 1]);
+        recorder.dispatch_indirect(&band.emit, &self.dispatches, OVER_SPLATS);
+        self.sort_by_tile.record(recorder);
+        recorder.dispatch(&self.clear, band.tiles);
+        recorder.dispatch_indirect(&self.find, &self.dispatches, OVER_ENTRIES);
     }
 }

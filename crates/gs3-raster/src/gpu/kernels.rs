@@ -25,6 +25,8 @@ pub struct Kernels {
     pub copy_picture: Kernel,
     /// Tiles to pixels, one kernel per outputs, compiled at the first use.
     blend: HashMap<Outputs, Kernel>,
+    /// Tiles to the pixels of exact blocks, in the same way.
+    blend_blocks: HashMap<Outputs, Kernel>,
 }
 
 /// The sorts, which depend on sizes.
@@ -74,18 +76,20 @@ impl Kernels {
             find: tiles.kernel(gpu, "find", &[])?,
             copy_picture: gpu.module("crop", &[&shaders::crop()])?.kernel(gpu, "copy_picture", &[])?,
             blend: HashMap::new(),
+            blend_blocks: HashMap::new(),
         })
     }
 
     /// Tiles to pixels.
     pub fn blend(&mut self, gpu: &Gpu, outputs: Outputs) -> Result<Kernel, GpuError> {
-        match self.blend.entry(outputs) {
-            Entry::Occupied(compiled) => Ok(compiled.get().clone()),
-            Entry::Vacant(place) => {
-                let module = gpu.module("blend", &[&shaders::blend(outputs)])?;
-                Ok(place.insert(module.kernel(gpu, "blend", &[])?).clone())
-            }
-        }
+        compiled(&mut self.blend, outputs, || gpu.module("blend", &[&shaders::blend(outputs)])?.kernel(gpu, "blend", &[]))
+    }
+
+    /// Tiles to the pixels of exact blocks, from the splats of frames of `outputs`.
+    pub fn blend_blocks(&mut self, gpu: &Gpu, outputs: Outputs) -> Result<Kernel, GpuError> {
+        compiled(&mut self.blend_blocks, outputs, || {
+            gpu.module("blocks", &[&shaders::blend_blocks(outputs)])?.kernel(gpu, "blend", &[])
+        })
     }
 
     pub const fn project(&self, outputs: Outputs) -> &Kernel {
@@ -93,6 +97,18 @@ impl Kernels {
             Outputs::Color => &self.project_color,
             Outputs::GBuffer | Outputs::GBufferMixed => &self.project_gbuffer,
         }
+    }
+}
+
+/// The kernel of `outputs`, made by `compile` if there is none yet.
+fn compiled(
+    kernels: &mut HashMap<Outputs, Kernel>,
+    outputs: Outputs,
+    compile: impl FnOnce() -> Result<Kernel, GpuError>,
+) -> Result<Kernel, GpuError> {
+    match kernels.entry(outputs) {
+        Entry::Occupied(compiled) => Ok(compiled.get().clone()),
+        Entry::Vacant(place) => Ok(place.insert(compile()?).clone()),
     }
 }
 

@@ -5,7 +5,8 @@
 //! | project | `chunk`, `project`, `geometry`, `sh` | marks the Gaussians that touch a sample, counts them, and writes their splats in scene order |
 //! | order | | sorts the visible splats by depth, once for the whole picture |
 //! | bin | `bin`, `tiles` | front to back, writes an entry for each tile of a splat; a stable sort by tile keeps that order within tiles |
-//! | blend | `cover*`, `blend`, `outputs_*`, `mixed*` | a workgroup a tile, an invocation a pixel |
+//! | blend | `cover*`, `blend`, `places_tile`, `outputs_*`, `mixed*` | a workgroup a tile, an invocation a pixel |
+//! | blocks | `places_blocks`, `cover_blocks`, `blend` | the same for exact blocks, pixels of the native image, with the splats of a low-resolution frame |
 //!
 //! Deterministic except for the driver: splats of equal depth keep scene order, independent of the workgroup that
 //! wrote them.
@@ -15,6 +16,7 @@
 //! reports it and grows them, and the frame must be made again.
 
 mod blend;
+mod blocks;
 mod crop;
 mod error;
 mod frame;
@@ -36,6 +38,7 @@ use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
 
 use crate::settings::{Culling, MAX_MARGIN, Outputs, RasterError, RasterSettings, Rules, Window};
 use crate::view::View;
+pub use blocks::{BLOCKS_STAGE, GpuBlocks};
 pub use error::GpuRasterError;
 use frame::{Fixed, Frame};
 pub use gbuffer::GpuGBuffer;
@@ -45,7 +48,7 @@ use plan::{Capacity, Counters, FramePlan, ScenePlan};
 use scene::Page;
 pub use scene::ScenePrecision;
 use shaders::STORAGE_BINDINGS;
-use view::ViewUniform;
+use view::{Native, ViewUniform};
 
 /// Rasterizes one scene on a GPU; keeps its memory between frames.
 pub struct GpuRasterizer {
@@ -53,6 +56,7 @@ pub struct GpuRasterizer {
     scene: Arc<Scene>,
     limits: Limits,
     plan: ScenePlan,
+    culling: Culling,
     pages: Vec<Page>,
     kernels: Kernels,
     fixed: Fixed,
@@ -66,6 +70,8 @@ pub struct GpuRasterizer {
     frame: Option<Frame>,
     /// Number of `frame` among all frames of all rasterizers.
     frame_number: u64,
+    /// The native picture of the frame recorded last, if the frame has the picture's splats.
+    native: Option<Native>,
     /// Whether the next frame resets the maxima over frames.
     resets_counters: bool,
     /// The counters of frames, being read back.
@@ -95,6 +101,17 @@ pub enum CapacityCheck {
     },
     /// A frame overflowed. The buffers have grown, and the frame is to be made again.
     Grown,
+}
+
+/// A low-resolution frame.
+#[derive(Clone, Copy, Debug)]
+pub struct LowResolution<'a> {
+    /// The camera of the native image.
+    pub camera: &'a Camera,
+    /// How many times coarser the frame is.
+    pub scale: u32,
+    /// Whether [`GpuRasterizer::record_blocks`] follows. Splats that lie between samples are projected as well then.
+    pub has_blocks: bool,
 }
 
 /// Number of frames of all rasterizers, counted from 1. A G-buffer uses it to identify the frame that it is bound to.
@@ -132,6 +149,7 @@ impl GpuRasterizer {
             gpu: gpu.clone(),
             limits,
             plan,
+            culling,
             scene,
             arena: Arena::default(),
             has_margins: false,
@@ -139,6 +157,7 @@ impl GpuRasterizer {
             capacity: None,
             frame: None,
             frame_number: 0,
+            native: None,
             resets_counters: true,
             counters_back: Readback::new(gpu, size_of::<Counters>() as u64)?,
             gbuffer: GpuGBuffer::default(),
@@ -172,18 +191,81 @@ impl GpuRasterizer {
     ) -> Result<(), GpuRasterError> {
         check(settings)?;
         let view = View::new(camera, settings, self.scene.details().near);
-        self.record_view(recorder, camera.size(), &view, settings, out)
+        self.record_view(recorder, camera.size(), &view, None, settings, out)
     }
 
-    /// Records the `picture`, in pixels without its margin, that `view` shows. The settings are checked.
+    /// As [`Self::record`] of the low-resolution camera. Samples are the same with and without exact blocks.
+    ///
+    /// # Errors
+    /// As [`Self::record`].
+    pub fn record_low_resolution(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        frame: LowResolution<'_>,
+        settings: &RasterSettings,
+        out: &mut GpuGBuffer,
+    ) -> Result<(), GpuRasterError> {
+        check(settings)?;
+        let near = self.scene.details().near;
+        let camera = frame.camera.low_resolution(frame.scale);
+        let view = View::new(&camera, settings, near);
+        let native = Native { scale: frame.scale, size: frame.camera.size() };
+        if !frame.has_blocks {
+            return self.record_view(recorder, camera.size(), &view, None, settings, out);
+        }
+        // Where the size is no multiple of the scale, the limits of the native image differ.
+        let View { jacobian_limits, .. } = View::new(frame.camera, settings, near);
+        let view = View { jacobian_limits, ..view };
+        self.record_view(recorder, camera.size(), &view, Some(native), settings, out)
+    }
+
+    /// Whether [`Self::record_blocks`] makes the native image's pixels. [`Culling::Aabb3Sigma`] and [`Culling::Adr`] cut
+    /// splats at tiles, and the tiles of a low-resolution frame are not those of the native image.
+    #[must_use]
+    pub const fn makes_blocks(&self) -> bool {
+        !matches!(self.culling, Culling::Aabb3Sigma | Culling::Adr)
+    }
+
+    /// Records exact blocks of the frame of [`Self::record_low_resolution`] recorded last, which had
+    /// [`LowResolution::has_blocks`]: the pixels of the chosen blocks are written into the image, with the native image's
+    /// colours but for rounding. Other pixels keep their values.
+    ///
+    /// # Errors
+    /// [`RasterError::NoFrame`] if no such frame was recorded, or the rasterizer makes no blocks; [`GpuRasterError::Gpu`] if
+    /// the buffers are too small for the camera's picture, or the device fails.
+    pub fn record_blocks(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        blocks: &mut GpuBlocks,
+    ) -> Result<(), GpuRasterError> {
+        let (true, Some(Native { scale, size }), Some(frame)) = (self.makes_blocks(), self.native, &self.frame)
+        else {
+            return Err(RasterError::NoFrame.into());
+        };
+        blocks.check(size)?;
+        if blocks.frame != self.frame_number {
+            let kernel = self.kernels.blend_blocks(&self.gpu, frame.plan.outputs)?;
+            let buffers = [&blocks.chosen, &blocks.image];
+            blocks.blend = frame.bind_blocks(&self.gpu, &self.fixed, &self.arena, &kernel, buffers)?;
+            blocks.frame = self.frame_number;
+        }
+        // A tile of 16×16 samples has 16 · scale² blocks of 4×4 pixels.
+        frame.record_blocks(recorder, &blocks.blend, scale * scale);
+        Ok(())
+    }
+
+    /// Records the `picture`, in pixels without its margin, that `view` shows, with the splats of the `native` picture. The
+    /// settings are checked.
     fn record_view(
         &mut self,
         recorder: &mut Recorder<'_>,
         picture: [u32; 2],
         view: &View,
+        native: Option<Native>,
         settings: &RasterSettings,
         out: &mut GpuGBuffer,
     ) -> Result<(), GpuRasterError> {
+        self.native = native;
         self.has_margins |= settings.margin != Margin::NONE;
         let room = if self.has_margins { Margin::all(MAX_MARGIN).padded(picture) } else { picture };
         self.fit(room, settings.outputs)?;
@@ -194,7 +276,7 @@ impl GpuRasterizer {
             let blend = frame.bind_target(&self.gpu, &self.fixed, &self.arena, out.planes())?;
             out.target = Target { frame: self.frame_number, blend };
         }
-        recorder.write(&self.fixed.view.slice(), &[ViewUniform::new(view, settings, out.stride())])?;
+        recorder.write(&self.fixed.view.slice(), &[ViewUniform::new(view, settings, out.stride(), native)])?;
         if std::mem::take(&mut self.resets_counters) {
             Frame::record_clearing(recorder, &self.fixed);
         }
@@ -202,7 +284,7 @@ impl GpuRasterizer {
         Ok(())
     }
 
-    /// As [`Self::record`] into `padded`, always with memory for margins. The picture without the margin is copied
+    /// As [`Self::record_low_resolution`] into `padded`, always with memory for margins. The picture without the margin is copied
     /// into `picture`, with rows one after the other.
     ///
     /// # Errors
@@ -210,14 +292,14 @@ impl GpuRasterizer {
     pub fn record_padded(
         &mut self,
         recorder: &mut Recorder<'_>,
-        camera: &Camera,
+        frame: LowResolution<'_>,
         settings: &RasterSettings,
         padded: &mut GpuGBuffer,
         picture: &mut GpuGBuffer,
     ) -> Result<(), GpuRasterError> {
         self.has_margins = true;
-        self.record(recorder, camera, settings, padded)?;
-        let size = camera.size();
+        self.record_low_resolution(recorder, frame, settings, padded)?;
+        let size = frame.camera.low_resolution(frame.scale).size();
         picture.fit(&self.gpu, settings.outputs, size)?;
         picture.set(size, Margin::NONE, settings.jitter);
         Ok(crop::record(&self.kernels.copy_picture, &self.gpu, recorder, padded, picture)?)
@@ -383,7 +465,7 @@ impl GpuRasterizer {
         let view = View::from_window(camera, window, &settings, self.scene.details().near);
         let size = [window.width, window.height];
         now(self.make_own(|rasterizer, recorder, own| {
-            rasterizer.record_view(recorder, size, &view, &settings, own)
+            rasterizer.record_view(recorder, size, &view, None, &settings, own)
         }))?;
         Ok(now(self.gbuffer.read_image(&self.gpu, out))?)
     }

@@ -29,7 +29,7 @@ struct Projection {
     factor: vec3<f32>,
     opacity: f32,
     support: f32,
-    // First and last pixel, x then y.
+    // First and last sample, x then y.
     low: vec2<f32>,
     high: vec2<f32>,
 }
@@ -61,7 +61,7 @@ fn project(i: u32) -> Projection {
     let bound = fma(per_unit * per_unit, fma(limited, limited, vec2(1.0)), vec2(view.dilation));
     let bound_extent = sqrt(bound * MAX_SQUARED_RADIUS) + 1.0;
     let last = vec2<f32>(view.size) - 1.0;
-    if !(all(p.mean + bound_extent >= vec2(0.0)) && all(p.mean - bound_extent <= last)) {
+    if !(all(p.mean + bound_extent + view.cell_before >= vec2(0.0)) && all(p.mean - bound_extent - view.cell_after <= last)) {
         return p;
     }
 
@@ -97,12 +97,12 @@ fn project(i: u32) -> Projection {
     }
     p.support = log2(reach) + SUPPORT_MARGIN;
 
-    // Rows and columns of samples in the support's box.
+    // Rows and columns of samples, or of cells with a pixel, in the support's box.
     let squared_radius = p.support * TWO_LN_2;
     let variance = vec2(xx, yy);
     let extent = sqrt(squared_radius * variance) + EXTENT_MARGIN;
-    p.low = max(ceil(p.mean - extent), vec2(0.0));
-    p.high = min(floor(p.mean + extent), last);
+    p.low = max(ceil(p.mean - extent - view.cell_after), vec2(0.0));
+    p.high = min(floor(p.mean + extent + view.cell_before), last);
     if !all(p.low <= p.high) {
         return p;
     }
@@ -117,8 +117,8 @@ fn project(i: u32) -> Projection {
         return p;
     }
 
-    // Where at most two by two samples are in the box, all of them may miss the ellipse.
-    if all(p.high - p.low <= vec2(1.0)) {
+    // Where at most two by two samples are in the box, all of them may miss the ellipse. Cells of several pixels hardly do.
+    if view.scale == 1u && all(p.high - p.low <= vec2(1.0)) {
         let hit = reaches_sample(p, p.low) || reaches_sample(p, p.high)
             || reaches_sample(p, vec2(p.high.x, p.low.y)) || reaches_sample(p, vec2(p.low.x, p.high.y));
         if !hit {

@@ -3,6 +3,7 @@
 use gs3_compute::{constants, grid_source};
 use gs3_scene::OpacityMode;
 use gs3_scene::gaussians::{SH_C0, SH_C1, SH_C2, SH_C3, SH_C4};
+use half::f16;
 
 use super::frame::GROUP;
 use super::kernels::{culling_number, opacity_number};
@@ -20,6 +21,7 @@ pub const STORAGE_BINDINGS: u32 = 8;
 const VIEW: &str = include_str!("view.wgsl");
 const SPLAT: &str = include_str!("splat.wgsl");
 const FRAME: &str = include_str!("frame.wgsl");
+const COVER: &str = include_str!("cover.wgsl");
 
 /// Constants that kernels share with the CPU's code, where their reasons are given.
 fn numbers() -> String {
@@ -97,7 +99,7 @@ pub fn project(precision: ScenePrecision) -> String {
 
 /// Splats to tiles: entries `count` and `emit`.
 pub fn bin() -> String {
-    joined(&[&grid_source(), FRAME, SPLAT, include_str!("bin.wgsl")])
+    joined(&[&grid_source(), VIEW, FRAME, SPLAT, include_str!("bin.wgsl")])
 }
 
 /// Counts between the stages: entries `plan_splats` and `plan_entries`.
@@ -126,8 +128,21 @@ pub fn blend(outputs: Outputs) -> String {
         Outputs::GBuffer => [pixels, gbuffer, include_str!("mixed_none.wgsl")],
         Outputs::GBufferMixed => [pixels, gbuffer, include_str!("mixed.wgsl")],
     };
-    let blend = include_str!("blend.wgsl").replace("                SPLATS\n", &super::blend::splats());
-    joined(&[&vectors, VIEW, FRAME, SPLAT, include_str!("cover.wgsl"), pixels, &blend, outputs, mixed])
+    let places = include_str!("places_tile.wgsl");
+    joined(&[&vectors, VIEW, FRAME, SPLAT, COVER, pixels, places, &blending(), outputs, mixed])
+}
+
+/// Tiles to the pixels of exact blocks, from the splats of frames of `outputs`: entry `blend`.
+pub fn blend_blocks(outputs: Outputs) -> String {
+    let numbers = constants(&[("SPLAT_VECTORS", splat_vectors(outputs))])
+        + &constants(&[("LARGEST_HALF", f16::MAX.to_f32())]);
+    let own = [include_str!("cover_blocks.wgsl"), include_str!("places_blocks.wgsl")].concat();
+    joined(&[&numbers, VIEW, FRAME, SPLAT, COVER, &own, &blending(), include_str!("outputs_color.wgsl")])
+}
+
+/// Front-to-back blending, with its generated lines.
+fn blending() -> String {
+    include_str!("blend.wgsl").replace("                SPLATS\n", &super::blend::splats())
 }
 
 #[cfg(test)]
@@ -144,7 +159,7 @@ mod tests {
         assert_eq!(bindings(&project(ScenePrecision::F32)), most);
         assert_eq!(bindings(&blend(Outputs::GBuffer)), most);
         assert_eq!(bindings(&blend(Outputs::GBufferMixed)), most + 1);
-        for source in [bin(), plan(), tiles(), crop(), blend(Outputs::Color)] {
+        for source in [bin(), plan(), tiles(), crop(), blend(Outputs::Color), blend_blocks(Outputs::GBuffer)] {
             assert!(bindings(&source) < most);
         }
     }
@@ -159,6 +174,7 @@ mod tests {
         }
         for outputs in [Outputs::Color, Outputs::GBuffer, Outputs::GBufferMixed] {
             validate("blend", &[&blend(outputs)]).unwrap_or_else(|e| panic!("{outputs:?}: {e}"));
+            validate("blocks", &[&blend_blocks(outputs)]).unwrap_or_else(|e| panic!("{outputs:?}: {e}"));
         }
         assert_eq!(check_literals(concat!(env!("CARGO_MANIFEST_DIR"), "/src/gpu")), 22);
     }

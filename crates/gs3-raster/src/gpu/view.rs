@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::chunk::Frustum;
 use crate::settings::RasterSettings;
-use crate::view::View;
+use crate::view::{View, first_sample};
 
 /// The part of a [`View`] that kernels read; `View` of `view.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -24,13 +24,40 @@ pub struct ViewUniform {
     jacobian_high: [f32; 2],
     size: [u32; 2],
     stride: u32,
-    _pad3: u32,
+    scale: u32,
+    cell_before: [f32; 2],
+    cell_after: [f32; 2],
+    picture: [u32; 2],
+    margin: [u32; 2],
+    first_sample: [f32; 2],
+    _pad3: [u32; 2],
+}
+
+/// The native picture between the samples of a low-resolution frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Native {
+    /// How many times coarser the frame is.
+    pub scale: u32,
+    /// Pixels of the picture.
+    pub size: [u32; 2],
 }
 
 impl ViewUniform {
-    /// The view of a frame in planes with rows `stride` pixels apart.
-    pub fn new(view: &View, settings: &RasterSettings, stride: u32) -> Self {
-        let frustum = Frustum::new(view);
+    /// The view of a frame in planes with rows `stride` pixels apart. With `native`, splats that reach its pixels alone
+    /// are projected as well.
+    pub fn new(view: &View, settings: &RasterSettings, stride: u32, native: Option<Native>) -> Self {
+        let Native { scale, size: picture } = native.unwrap_or(Native { scale: 1, size: view.size });
+        let first = first_sample(scale, settings.jitter).map(|first| if native.is_some() { first } else { 0.0 });
+        let scale_f64 = f64::from(scale);
+        let last = scale_f64 - 1.0;
+        // Native pixels lie less than a sample's distance beyond the outermost samples.
+        let beyond = f32::from(u8::from(native.is_some()));
+        let widened = View {
+            size: view.size.map(|side| side + u32::from(native.is_some())),
+            before: view.before.map(|before| before + beyond),
+            ..*view
+        };
+        let frustum = Frustum::new(&widened);
         Self {
             rotation: view.rotation.map(|[x, y, z]| [x, y, z, 0.0]),
             frustum: frustum.planes.map(|(_, [a, b, length], spread)| [a, b, length, spread]),
@@ -50,7 +77,13 @@ impl ViewUniform {
             jacobian_high: view.jacobian_limits.map(|[_, high]| high),
             size: view.size,
             stride,
-            _pad3: 0,
+            scale,
+            cell_before: first.map(|first| (first.max(0.0) / scale_f64) as f32),
+            cell_after: first.map(|first| ((last - first).max(0.0) / scale_f64) as f32),
+            picture,
+            margin: [settings.margin.left, settings.margin.top],
+            first_sample: first.map(|first| first as f32),
+            _pad3: [0; 2],
         }
     }
 }
@@ -81,6 +114,12 @@ mod tests {
                 jacobian_high,
                 size,
                 stride,
+                scale,
+                cell_before,
+                cell_after,
+                picture,
+                margin,
+                first_sample,
                 _pad3,
             }
         );

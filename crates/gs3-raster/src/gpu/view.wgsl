@@ -23,7 +23,17 @@ struct View {
     size: vec2<u32>,
     // From a row of the planes to the next.
     stride: u32,
-    _pad3: u32,
+    // Pixels of the picture along a side of a sample's cell: 1 if nothing but samples is made.
+    scale: u32,
+    // How far a cell's first and last pixels lie before and after its sample, in samples; 0 if nothing but samples is made.
+    cell_before: vec2<f32>,
+    cell_after: vec2<f32>,
+    // Pixels of the picture; samples of the margin left of and above the picture.
+    picture: vec2<u32>,
+    margin: vec2<u32>,
+    // Position of the picture's first sample in pixels of the picture.
+    first_sample: vec2<f32>,
+    _pad3: vec2<u32>,
 }
 
 @group(0) @binding(0) var<uniform> view: View;

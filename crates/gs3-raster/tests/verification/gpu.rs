@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 use glam::{DVec2, DVec3};
 use gs3_compute::{Gpu, GpuError, GpuSettings, device_for_tests};
 use gs3_raster::{
-    Culling, GpuGBuffer, GpuRasterError, GpuRasterizer, Outputs, RasterError, RasterSettings, Rasterizer,
+    Culling, GpuGBuffer, GpuRasterError, GpuRasterizer, LowResolution, Outputs, RasterError, RasterSettings, Rasterizer,
     ScenePrecision, Window, matched_dilation,
 };
 use gs3_scene::gaussians::MAX_SH;
@@ -192,8 +192,9 @@ fn pictures_are_copied_out_of_any_margin() {
         for (rasterizer, scene) in [(&mut first, &scenes[0]), (&mut second, &scenes[1])] {
             let settings = RasterSettings { margin, ..settings };
             let mut recorder = gpu.recorder(None);
+            let frame = LowResolution { camera: &camera, scale: 1, has_blocks: false };
             rasterizer
-                .record_padded(&mut recorder, &camera, &settings, &mut padded, &mut picture)
+                .record_padded(&mut recorder, frame, &settings, &mut padded, &mut picture)
                 .expect("room");
             recorder.submit().expect("a device");
             let mut frame = GBuffer::default();

@@ -39,7 +39,7 @@ const _: () = assert!(TILE_HEIGHT.is_multiple_of(BLOCK_SIDE));
 
 /// The squared error expected per squared correction for curvature. (Empirical: `examples/expected_error.rs` finds true
 /// errors 2.1 to 3 times the correction, over tenths of the blocks of five paths.)
-const PER_LAPLACIAN: f32 = 6.0;
+pub(crate) const PER_LAPLACIAN: f32 = 6.0;
 
 /// Inverse variances (pixel⁻⁴) below this value say nothing: past samples more than 2.6 pixels away, or with a larger
 /// variance.
@@ -275,10 +275,19 @@ fn correct<S: Simd>(simd: S, rows: [&Resolved; 3], out: &mut [[f32; 4]], sums: &
         let uncertainty = here.swizzle_dyn_within_blocks(uncertainty_lane);
         let remainder = laplacian * (uncertainty * factor);
         let corrected = here + remainder;
-        remainder.mul_add(remainder, f32x16::load_array_ref(simd, sums)).store_array(sums);
+        let add = |remainder: f32x16<S>, sums: &mut [f32; 16]| {
+            remainder.mul_add(remainder, f32x16::load_array_ref(simd, sums)).store_array(sums);
+        };
         match out.as_flattened_mut().first_chunk_mut() {
-            Some(out) => corrected.store_array(out),
+            Some(out) => {
+                add(remainder, sums);
+                corrected.store_array(out);
+            }
             None => {
+                // What lies beyond the image is no pixel, and perhaps no number.
+                let count = (4 * out.len()) as f32;
+                let is_pixel = f32x16::from_fn(simd, |i| i as f32).simd_lt(count);
+                add(is_pixel.select(remainder, f32x16::splat(simd, 0.0)), sums);
                 let corrected = corrected.to_array();
                 for (pixel, corrected) in out.iter_mut().zip(corrected.as_chunks().0) {
                     *pixel = *corrected;

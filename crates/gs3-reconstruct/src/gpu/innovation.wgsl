@@ -23,3 +23,9 @@ fn write_innovation(k: u32, at: vec2<u32>, tile_varies: bool) {
     let differs = select(vec3(0.0), surface_at(sample).sample.color - past.xyz / past.w, past.w > FAINT);
     innovation[i] = vec4(differs, knows);
 }
+
+fn begin_errors(lane: u32) {}
+
+fn add_error(at: vec2<u32>, corner: vec2<i32>, correction: vec3<f32>) {}
+
+fn write_errors(corner: vec2<i32>, lane: u32) {}

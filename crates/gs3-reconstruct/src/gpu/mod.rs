@@ -6,6 +6,7 @@
 //! | splat | `cells`, `splat` | every remembered sample to where it is now, counted by its first pixel |
 //! | order | `order`, `copy` | the samples into the order of their first pixels |
 //! | tile | `hermite`, `ordered`, `tile` | a workgroup a tile: the surface, then the samples over it, in three runs a pixel |
+//! | select | `expected_errors`, `select` | the blocks with the largest expected errors, to be rasterized exactly |
 //! | depth | `neighbor_depth`, `middle_depth` | depths of both neighbours at the pose between, nearest wins, holes filled |
 //! | warp | `gather`, `warp`, `separate` | an invocation four pixels: both neighbours, blended, or the first alone |
 //! | | `motion` | where the surfaces of an LR frame were, for what networks remember |
@@ -16,17 +17,19 @@
 
 mod error;
 mod image;
-mod innovation;
 mod interpolate;
 mod kriging;
 mod motion;
 mod plan;
+mod select;
 mod shaders;
+mod side_output;
 mod super_sample;
 
 pub use error::GpuReconstructError;
 pub use image::{GpuImage, GpuPlanes};
-pub use innovation::Innovation;
 pub use interpolate::{BoundInterpolator, GpuInterpolator, GpuNeighbor, NeighborView};
 pub use motion::{BoundMotion, GpuMotion};
+pub use select::GpuBlockSelector;
+pub use side_output::SideOutput;
 pub use super_sample::{BoundSuperSampler, GpuSuperSampler};

@@ -1,6 +1,7 @@
 //! All sizes of reconstruction on a GPU, from the picture's size and the device's limits: pure functions.
 
 use gs3_compute::{GpuError, Limits};
+use gs3_scene::BLOCK_SIDE;
 
 use crate::cpu::nearest::RIM;
 use crate::cpu::splat::{COLUMNS, ROWS};
@@ -20,9 +21,10 @@ pub const KRIGED: [u32; 2] = [32, 16];
 /// Width in pixels made by a workgroup of `tile.wgsl`, with the pixels around the tile.
 pub const MADE_WIDTH: u32 = 32;
 
-/// Workgroup memory of `tile.wgsl` in bytes: four numbers a made pixel, and a flag.
+/// Workgroup memory of `tile.wgsl` in bytes: four numbers a made pixel, a flag, and with `expected_errors.wgsl` a number for
+/// each of 9×9 blocks.
 fn tile_bytes(made_height: u32) -> u32 {
-    MADE_WIDTH * made_height * 16 + 16
+    MADE_WIDTH * made_height * 16 + 16 + 9 * 9 * 4
 }
 
 /// Sizes of super sampling.
@@ -127,6 +129,11 @@ impl SuperSamplePlan {
     /// Bytes of the innovation.
     pub fn innovation_bytes(&self) -> u64 {
         area(self.lr) * 16
+    }
+
+    /// Bytes of a number for each block of 4×4 pixels.
+    pub fn block_bytes(&self) -> u64 {
+        area(self.size.map(|side| side.div_ceil(BLOCK_SIDE as u32))) * 4
     }
 
     /// Number of cells (`cells.wgsl`).

@@ -1,10 +1,12 @@
 //! The kernels' sources: shared parts are written once, and constants come from the CPU's code.
 
-use gs3_compute::constants;
+use gs3_compute::{constants, grid_source};
+use gs3_scene::BLOCK_SIDE;
 use half::f16;
 
-use super::innovation::Innovation;
 use super::plan::{KRIGED, MADE_WIDTH, SuperSamplePlan, WARPED, WORKGROUP};
+use super::select::{ERROR_UNITS, GROUP, LARGEST_ERROR};
+use super::side_output::SideOutput;
 use crate::cpu::{blend, gather, kriging, nearest, neighbor_depth, rectification, splat, tile, warp};
 use crate::reprojection;
 use crate::settings::Kriging;
@@ -102,8 +104,19 @@ fn reprojection() -> String {
     constants(&[("NEAREST_DEPTH", reprojection::NEAREST_DEPTH)]) + include_str!("reprojection.wgsl")
 }
 
-/// Samples to pixels, with the bindings of the innovation: entry `accumulate`.
-pub fn tile(plan: &SuperSamplePlan, innovation: Innovation, kriging: Kriging) -> String {
+/// Errors of blocks as whole numbers.
+fn errors() -> String {
+    constants(&[("ERROR_UNITS", ERROR_UNITS), ("LARGEST_ERROR", LARGEST_ERROR)])
+        + &constants(&[("BLOCK_SIDE", BLOCK_SIDE as u32)])
+}
+
+/// The blocks with the largest expected errors: entries `rank` and `choose`.
+pub fn select() -> String {
+    joined(&[&errors(), &constants(&[("GROUP", GROUP)]), &grid_source(), include_str!("select.wgsl")])
+}
+
+/// Samples to pixels, with the bindings of the side output: entry `accumulate`.
+pub fn tile(plan: &SuperSamplePlan, side_output: SideOutput, kriging: Kriging) -> String {
     let numbers = constants(&[
         ("NOISE", tile::NOISE),
         ("SURFACE", tile::SURFACE),
@@ -117,11 +130,12 @@ pub fn tile(plan: &SuperSamplePlan, innovation: Innovation, kriging: Kriging) ->
     let sizes =
         constants(&[("MADE_WIDTH", MADE_WIDTH), ("MADE_HEIGHT", plan.made_height), ("SCALE", plan.scale)]);
     let own = [include_str!("hermite.wgsl"), ORDERED, include_str!("tile.wgsl")].concat();
-    let innovation = match innovation {
-        Innovation::Wanted => include_str!("innovation.wgsl"),
-        Innovation::NotWanted => include_str!("innovation_none.wgsl"),
+    let side_output = match side_output {
+        SideOutput::None => include_str!("side_output_none.wgsl").to_owned(),
+        SideOutput::Innovation => include_str!("innovation.wgsl").to_owned(),
+        SideOutput::ExpectedErrors => errors() + include_str!("expected_errors.wgsl"),
     };
-    joined(&[&numbers, &largest_half(), &kriging, &sizes, FRAME, &cells(), HISTORY, &own, innovation])
+    joined(&[&numbers, &largest_half(), &kriging, &sizes, FRAME, &cells(), HISTORY, &own, &side_output])
 }
 
 /// Marked pixels from the samples around them: entry `krige_marked`.
@@ -239,9 +253,11 @@ mod tests {
             ("splat", splat()),
             ("order", order()),
             ("copy", copy()),
-            ("tile", tile(&plan(32 << 10), Innovation::NotWanted, Kriging::Off)),
-            ("tile", tile(&plan(16 << 10), Innovation::NotWanted, Kriging::On)),
-            ("tile with innovation", tile(&plan(32 << 10), Innovation::Wanted, Kriging::On)),
+            ("tile", tile(&plan(32 << 10), SideOutput::None, Kriging::Off)),
+            ("tile", tile(&plan(16 << 10), SideOutput::None, Kriging::On)),
+            ("tile with innovation", tile(&plan(32 << 10), SideOutput::Innovation, Kriging::On)),
+            ("tile with errors", tile(&plan(16 << 10), SideOutput::ExpectedErrors, Kriging::On)),
+            ("select", select()),
             ("krige", krige()),
             ("neighbor_depth", neighbor_depth()),
             ("middle_depth", middle_depth()),
@@ -269,6 +285,6 @@ mod tests {
             }
         }
         let explained = check_literals(concat!(env!("CARGO_MANIFEST_DIR"), "/src/gpu"));
-        assert_eq!((files, explained), (25, 25));
+        assert_eq!((files, explained), (27, 26));
     }
 }

@@ -9,9 +9,9 @@ use gs3_scene::{Camera, Margin};
 
 use super::error::{GpuReconstructError, other_bound};
 use super::image::{GpuImage, GpuPlanes};
-use super::innovation::Innovation;
 use super::plan::SuperSamplePlan;
 use super::shaders;
+use super::side_output::SideOutput;
 use crate::cpu::nearest::EVERY;
 use crate::error::{ReconstructError, camera_size, check_frame_size, check_jitter, check_scale, check_size};
 use crate::reprojection::{Reprojection, parallax};
@@ -90,8 +90,8 @@ pub struct GpuSuperSampler {
     accumulate: Kernel,
     /// If pixels are to be kriged.
     krige: Option<Kernel>,
-    /// `[LR height, LR width, 4]` of f32.
-    innovation: Option<Buffer>,
+    /// The innovation, `[LR height, LR width, 4]` of f32, or the errors of blocks.
+    side_output: Option<(SideOutput, Buffer)>,
     /// The last frames, newest first.
     past: Vec<Past>,
     /// The frame recorded last, until it is committed.
@@ -131,14 +131,14 @@ impl GpuSuperSampler {
         gpu: &Gpu,
         scale: u32,
         size: [u32; 2],
-        innovation: Innovation,
+        side_output: SideOutput,
         kriging: Kriging,
         margin: u32,
     ) -> Result<Self, GpuReconstructError> {
-        Self::with_constants(gpu, [scale, margin], size, innovation, kriging, &[])
+        Self::with_constants(gpu, [scale, margin], size, side_output, kriging, &[])
     }
 
-    /// For tests: with kriging and without innovation. The samples of a cell are listed in the opposite order.
+    /// For tests: with kriging and without a side output. The samples of a cell are listed in the opposite order.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -148,7 +148,7 @@ impl GpuSuperSampler {
             gpu,
             [scale, margin],
             size,
-            Innovation::NotWanted,
+            SideOutput::None,
             Kriging::On,
             &[("BACKWARD", 1.0)],
         )
@@ -158,7 +158,7 @@ impl GpuSuperSampler {
         gpu: &Gpu,
         [scale, margin]: [u32; 2],
         size: [u32; 2],
-        innovation: Innovation,
+        side_output: SideOutput,
         kriging: Kriging,
         list_constants: &[(&str, f64)],
     ) -> Result<Self, GpuReconstructError> {
@@ -185,14 +185,14 @@ impl GpuSuperSampler {
         let count = gpu.buffer_with("cells", Use::Storage, &[plan.cells() as u32])?;
         let [cells, sum] = ["cell_ends", "sum"].map(|name| named(&own, name));
         let scan_cells = Scan::new(gpu)?.bind(gpu, count.slice(), cells, sum)?;
-        let buffer = |bytes| gpu.buffer("innovation", Use::Storage, bytes);
-        let innovation_buffer = match innovation {
-            Innovation::Wanted => Some(buffer(plan.innovation_bytes())?),
-            Innovation::NotWanted => None,
+        let side_output_buffer = match side_output {
+            SideOutput::None => None,
+            SideOutput::Innovation => Some(gpu.buffer("innovation", Use::Storage, plan.innovation_bytes())?),
+            SideOutput::ExpectedErrors => Some(gpu.buffer("block_errors", Use::Storage, plan.block_bytes())?),
         };
         Ok(Self {
             gpu: gpu.clone(),
-            innovation: innovation_buffer,
+            side_output: side_output_buffer.map(|buffer| (side_output, buffer)),
             scale,
             uniform,
             buffers,
@@ -205,7 +205,7 @@ impl GpuSuperSampler {
             list,
             rank,
             copy,
-            accumulate: kernel("tile", shaders::tile(&plan, innovation, kriging), "accumulate")?,
+            accumulate: kernel("tile", shaders::tile(&plan, side_output, kriging), "accumulate")?,
             krige: kriging
                 .threshold()
                 .map(|_| kernel("krige", shaders::krige(), "krige_marked"))
@@ -226,7 +226,20 @@ impl GpuSuperSampler {
     /// f32, if it is computed.
     #[must_use]
     pub const fn innovation(&self) -> Option<&Buffer> {
-        self.innovation.as_ref()
+        match &self.side_output {
+            Some((SideOutput::Innovation, buffer)) => Some(buffer),
+            _ => None,
+        }
+    }
+
+    /// The errors expected of the last recorded frame ([`crate::SuperSampler::expected_errors`]), `[block rows, block
+    /// columns]` of u32, if they are computed. [`super::GpuBlockSelector`] reads them.
+    #[must_use]
+    pub const fn expected_errors(&self) -> Option<&Buffer> {
+        match &self.side_output {
+            Some((SideOutput::ExpectedErrors, buffer)) => Some(buffer),
+            _ => None,
+        }
     }
 
     /// Why the next frame will have no history; none if it will have one.
@@ -253,7 +266,8 @@ impl GpuSuperSampler {
         padded.check(self.plan.padded)?;
         let mut all = self.slices_with(planes);
         all.push(("image", out.pixels().slice()));
-        all.extend(self.innovation.iter().map(|buffer| ("innovation", buffer.slice())));
+        all.extend(self.innovation().map(|buffer| ("innovation", buffer.slice())));
+        all.extend(self.expected_errors().map(|buffer| ("block_errors", buffer.slice())));
         Ok(BoundSuperSampler {
             uniform: self.uniform.clone(),
             remember: self.remember.bind(&self.gpu, &self.slices_with(padded))?,
@@ -310,8 +324,8 @@ impl GpuSuperSampler {
         for (_, buffer) in self.buffers.iter().filter(|(name, _)| ["cell_ends", "nearest"].contains(name)) {
             recorder.clear(&buffer.slice());
         }
-        if let Some(innovation) = &self.innovation {
-            recorder.clear(&innovation.slice());
+        if let Some((_, side_output)) = &self.side_output {
+            recorder.clear(&side_output.slice());
         }
         recorder.dispatch(&self.splat_depth, self.plan.over_history(frames.div_ceil(EVERY as u32)));
         recorder.dispatch(&self.splat_color, self.plan.over_history(frames));

@@ -26,6 +26,7 @@ fn accumulate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
     if lane == 0u {
         varied = 0u;
     }
+    begin_errors(lane);
 
     // The surface.
     let middle = vec2<u32>(clamp(corner + vec2(i32(MADE_WIDTH), i32(MADE_HEIGHT)) / 2, vec2(0), last)) / SCALE;
@@ -95,6 +96,8 @@ fn accumulate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
                 + (made_at(to + vec2(-1, 0), corner) + made_at(to + vec2(1, 0), corner));
             let here = made[u32(pixel.y) * MADE_WIDTH + u32(pixel.x)];
             let laplacian = fma(here.xyz, vec3(-4.0), around);
+            let correction = laplacian * (here.w * CURVATURE);
+            add_error(vec2<u32>(to), corner, select(vec3(0.0), correction, tile_varies));
             var color = fma(laplacian, vec3(here.w * CURVATURE), here.xyz);
             var uncertainty = here.w;
             if KRIGING && any(abs(color - here.xyz) > vec3(THRESHOLD)) {
@@ -111,6 +114,7 @@ fn accumulate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
             write_innovation(k, vec2<u32>(to), tile_varies);
         }
     }
+    write_errors(corner, lane);
 }
 
 // The colour of the made pixel at `at` of the image; outside, of the nearest pixel in the image.

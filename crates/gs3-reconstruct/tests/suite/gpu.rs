@@ -5,8 +5,8 @@ use std::sync::OnceLock;
 use crate::common::{Sheet, World, camera, grid_jitter, wall_and_post};
 use gs3_compute::{Buffer, Gpu, GpuError, GpuSettings, Use, device_for_tests};
 use gs3_reconstruct::gpu::{
-    GpuImage, GpuInterpolator, GpuNeighbor, GpuPlanes, GpuReconstructError, GpuSuperSampler, Innovation,
-    NeighborView,
+    GpuImage, GpuInterpolator, GpuNeighbor, GpuPlanes, GpuReconstructError, GpuSuperSampler,
+    NeighborView, SideOutput,
 };
 use gs3_reconstruct::{Interpolator, Kriging, Neighbor, ReconstructError, ResetReason, SuperSampler, Warped};
 use gs3_scene::{Camera, GBuffer, Image, Margin, Planes};
@@ -67,22 +67,29 @@ impl Uploaded {
 const MARGIN: u32 = 8;
 
 /// A super sampler that reads and writes as the CPU's does.
-struct Sampler {
+pub struct Sampler {
     gpu: Gpu,
     size: [u32; 2],
-    sampler: GpuSuperSampler,
+    pub sampler: GpuSuperSampler,
 }
 
 impl Sampler {
     fn new(gpu: &Gpu, scale: u32, size: [u32; 2], kriging: Kriging) -> Self {
-        Self {
-            gpu: gpu.clone(),
-            size,
-            sampler: GpuSuperSampler::new(gpu, scale, size, Innovation::Wanted, kriging, MARGIN).unwrap(),
-        }
+        Self::with_side_output(gpu, scale, size, SideOutput::Innovation, kriging)
     }
 
-    fn super_sample(&mut self, camera: &Camera, gbuffer: &GBuffer) -> (Image, GpuImage) {
+    pub fn with_side_output(
+        gpu: &Gpu,
+        scale: u32,
+        size: [u32; 2],
+        side_output: SideOutput,
+        kriging: Kriging,
+    ) -> Self {
+        let sampler = GpuSuperSampler::new(gpu, scale, size, side_output, kriging, MARGIN).unwrap();
+        Self { gpu: gpu.clone(), size, sampler }
+    }
+
+    pub fn super_sample(&mut self, camera: &Camera, gbuffer: &GBuffer) -> (Image, GpuImage) {
         self.super_sample_padded(camera, gbuffer, gbuffer)
     }
 
@@ -258,9 +265,9 @@ fn frames_repeat_bit_for_bit() {
         };
         (0..16).map(frame).map(|(image, _)| image).collect::<Vec<_>>()
     };
-    let first = run(GpuSuperSampler::new(&gpu, 4, size, Innovation::NotWanted, Kriging::On, MARGIN).unwrap());
+    let first = run(GpuSuperSampler::new(&gpu, 4, size, SideOutput::None, Kriging::On, MARGIN).unwrap());
     assert!(
-        run(GpuSuperSampler::new(&gpu, 4, size, Innovation::NotWanted, Kriging::On, MARGIN).unwrap())
+        run(GpuSuperSampler::new(&gpu, 4, size, SideOutput::None, Kriging::On, MARGIN).unwrap())
             == first
     );
     // Software adapters may run everything in order.
@@ -392,10 +399,10 @@ fn interpolation_matches_the_cpu() {
 #[test]
 fn what_does_not_fit_is_a_typed_error() {
     let Some(gpu) = gpu() else { return };
-    let scale = GpuSuperSampler::new(&gpu, 9, [64, 64], Innovation::NotWanted, Kriging::On, 0).map(|_| ());
+    let scale = GpuSuperSampler::new(&gpu, 9, [64, 64], SideOutput::None, Kriging::On, 0).map(|_| ());
     assert_eq!(scale, Err(ReconstructError::Scale { actual: 9 }.into()));
     let sampler = |size, margin| {
-        GpuSuperSampler::new(&gpu, 1, size, Innovation::NotWanted, Kriging::On, margin).map(|_| ())
+        GpuSuperSampler::new(&gpu, 1, size, SideOutput::None, Kriging::On, margin).map(|_| ())
     };
     // Frames of a valid size; one device in a hundred has memory for their history.
     if gpu.capabilities().limits.binding_bytes < (8192 * 8192) * 32 {
@@ -410,7 +417,7 @@ fn what_does_not_fit_is_a_typed_error() {
     }
     let wide = ReconstructError::Margin { max: 8192, actual: u32::MAX };
     assert_eq!(sampler([64; 2], u32::MAX), Err(wide.into()));
-    let mut sampler = GpuSuperSampler::new(&gpu, 4, [64, 64], Innovation::NotWanted, Kriging::On, 0).unwrap();
+    let mut sampler = GpuSuperSampler::new(&gpu, 4, [64, 64], SideOutput::None, Kriging::On, 0).unwrap();
     let pose = camera(64, 64, [0.0; 3], 0.0, 0.0);
     let uploaded = Uploaded::new(&gpu, &wall_and_post(60.0).gbuffer(&pose.low_resolution(4), [0.0; 2]));
     let small = GpuImage::new(&gpu, [60, 64]).unwrap();
@@ -425,7 +432,7 @@ fn what_does_not_fit_is_a_typed_error() {
     for (planes, padded) in [(planes, uploaded.planes()), (uploaded.planes(), planes)] {
         assert_eq!(sampler.bind(&planes, &padded, &out).map(|_| ()), Err(short.clone().into()));
     }
-    let twin = GpuSuperSampler::new(&gpu, 4, [64, 64], Innovation::NotWanted, Kriging::On, 0).unwrap();
+    let twin = GpuSuperSampler::new(&gpu, 4, [64, 64], SideOutput::None, Kriging::On, 0).unwrap();
     let strange = twin.bind(&uploaded.planes(), &uploaded.planes(), &out).unwrap();
     let strange =
         sampler.record(&mut gpu.recorder(None), &strange, &pose, [0.0; 2], Margin::NONE).unwrap_err();

@@ -4,6 +4,8 @@
 mod common;
 #[cfg(feature = "gpu")]
 mod gpu;
+#[cfg(feature = "gpu")]
+mod gpu_select;
 mod interpolate;
 mod motion;
 mod moving;
@@ -17,6 +19,6 @@ mod world;
 /// The kernels' tests. Those of whole frames are made of the same kernels.
 #[test]
 fn all_of_this_on_every_simd_level() {
-    let others = ["gpu::", "moving::", "reconstructor::", "textures::"];
+    let others = ["gpu::", "gpu_select::", "moving::", "reconstructor::", "textures::"];
     gs3_simd::repeat_tests_on_levels("all_of_this_on_every_simd_level", &others);
 }

@@ -102,6 +102,28 @@ fn expected_errors_find_the_blocks_that_err() {
     }
 }
 
+/// Blocks that reach beyond the image have the errors of their pixels in it.
+#[test]
+fn errors_of_blocks_at_the_border_are_those_of_their_pixels() {
+    let world = wall_and_post(60.0);
+    for width in 237..=240 {
+        let mut sampler = SuperSampler::new(SCALE, Kriging::Off).unwrap();
+        let mut image = Image::default();
+        // Memory of tiles is not zero from the second frame on.
+        for k in 0..3 {
+            let camera = camera(width, SIZE.1, [0.02 * f64::from(k), 0.0, 0.0], 0.0, 0.0);
+            let gbuffer = world.gbuffer(&camera.low_resolution(SCALE), grid_jitter(SCALE, k as usize));
+            sampler.super_sample(&camera, &gbuffer, &mut image).unwrap();
+            let errors = sampler.expected_errors();
+            let [columns, rows] = block_grid([image.width(), image.height()]);
+            let of_column = |x: usize| (0..rows).map(|y| errors[y * columns + x]).sum::<f32>();
+            let most = (columns - 20..columns - 1).map(of_column).fold(0.0, f32::max);
+            let last = of_column(columns - 1);
+            assert!(last > 0.0 && last < 1.5 * most, "width {width}, frame {k}: {last} of {most}");
+        }
+    }
+}
+
 #[test]
 fn what_is_refined_is_exact_and_certain() {
     let world = wall_and_post(60.0);

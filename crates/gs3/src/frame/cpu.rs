@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use gs3_raster::{Outputs, Rasterizer};
 use gs3_reconstruct::{
-    BlockBudget, DepthLattice, Interpolator, Neighbor, ResampleKernel, ResetReason, SuperSampler, resample,
+    DepthLattice, Interpolator, Neighbor, ResampleKernel, ResetReason, SuperSampler, resample,
     select_blocks,
 };
 use gs3_scene::{ExactBlocks, GBuffer, Image, Margin, Scene, block_grid};
@@ -228,13 +228,7 @@ impl CpuStages {
         frames: &mut Frames,
     ) -> Result<(), PipelineError> {
         let image = &mut frames.current.image;
-        let budget = match self.plan.refine {
-            Refine::Off => return Ok(()),
-            refine if inputs.reset.is_some() && refine.starts_exact() => BlockBudget::ALL,
-            Refine::Auto => self.plan.settings.quality.budget(),
-            Refine::Share(share) => BlockBudget { most: share, least_error: 0.0 },
-            Refine::FrameTime(_) => BlockBudget { most: self.controller.share(), least_error: 0.0 },
-        };
+        let budget = self.plan.block_budget(inputs.reset, self.controller.share());
         let places =
             select_blocks(self.super_sampler.expected_errors(), [image.width(), image.height()], budget);
         rasterizer.rasterize_blocks(&places, &mut self.blocks)?;

@@ -300,17 +300,31 @@ impl FramePipeline {
         }
         match self.plan.refine {
             Refine::FrameTime(_) => None,
-            refine if refine.is_on() && refine.starts_exact() && self.makes_blocks() => Some(Keyframe::All),
+            refine if refine.is_on() && refine.starts_exact() && self.remembers_blocks() => {
+                Some(Keyframe::All)
+            }
             _ => Some(Keyframe::Sampling),
         }
     }
 
-    /// Whether frames can have exact blocks.
-    const fn makes_blocks(&self) -> bool {
+    /// Whether the history remembers exact blocks.
+    const fn remembers_blocks(&self) -> bool {
         match &self.machine {
             Machine::Cpu(_) => true,
             #[cfg(feature = "gpu")]
             Machine::Gpu(_) => false,
+        }
+    }
+
+    /// Whether frames of `camera` can have exact pixels ([`PipelineSettings::refine`]). Frames of a GPU have none where a
+    /// network makes the picture, where the GPU only rasterizes ([`Self::is_on_device`]), and with
+    /// [`Culling::Aabb3Sigma`](crate::Culling::Aabb3Sigma) and [`Culling::Adr`](crate::Culling::Adr).
+    #[must_use]
+    pub fn makes_exact_pixels(&self, camera: &Camera) -> bool {
+        match &self.machine {
+            Machine::Cpu(_) => self.plan.settings.mode.has_history(),
+            #[cfg(feature = "gpu")]
+            Machine::Gpu(gpu) => gpu.makes_all_of(camera) && gpu.makes_blocks(),
         }
     }
 

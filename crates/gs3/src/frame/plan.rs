@@ -3,7 +3,7 @@
 use gs3_neural::Weights;
 use gs3_neural::model::{Tier, tier_of};
 use gs3_raster::{MAX_MARGIN, Outputs, RasterSettings};
-use gs3_reconstruct::{Kriging, Sampling};
+use gs3_reconstruct::{BlockBudget, Kriging, ResetReason, Sampling};
 
 use super::inputs::FrameInputs;
 use crate::error::{NetworkError, PipelineError};
@@ -74,6 +74,17 @@ impl FramePlan {
         self.settings.refine = refine;
         self.refine = if self.settings.mode.has_history() { refine } else { Refine::Off };
         Ok(())
+    }
+
+    /// The blocks that may be exact in a frame. `fitting` is the share of the pixels that fits the time of a frame.
+    pub fn block_budget(&self, reset: Option<ResetReason>, fitting: f32) -> BlockBudget {
+        match self.refine {
+            Refine::Off => BlockBudget { most: 0.0, least_error: 0.0 },
+            refine if reset.is_some() && refine.starts_exact() => BlockBudget::ALL,
+            Refine::Auto => self.settings.quality.budget(),
+            Refine::Share(share) => BlockBudget { most: share, least_error: 0.0 },
+            Refine::FrameTime(_) => BlockBudget { most: fitting, least_error: 0.0 },
+        }
     }
 
     /// Changes the number of frames interpolated before each rendered frame.

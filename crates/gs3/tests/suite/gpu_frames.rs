@@ -15,7 +15,7 @@ use gs3_test_support::{largest_difference_but, part_of_demo, psnr};
 const SHARED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared");
 
 /// The adapter of this machine, or a word that there is none.
-fn gpu() -> Option<Gpu> {
+pub fn gpu() -> Option<Gpu> {
     static GPU: OnceLock<Option<Gpu>> = OnceLock::new();
     GPU.get_or_init(|| opened(OptionalFeatures::All)).clone()
 }

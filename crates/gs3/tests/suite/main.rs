@@ -11,6 +11,8 @@ mod frame_pipeline;
 mod frames;
 #[cfg(feature = "gpu")]
 mod gpu_frames;
+#[cfg(feature = "gpu")]
+mod gpu_refine;
 mod hostile;
 mod networks;
 mod refine;

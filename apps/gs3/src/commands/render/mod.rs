@@ -102,9 +102,10 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     })?;
     let mut layer_maker = LayerMaker::new(args, &target, pipeline.scene(), &settings, &machine)?;
     let first = path.cameras()[range.start];
-    if mode.has_history() && args.frame_options.refine.is_on() && !matches!(machine, Machine::Cpu) {
+    if mode.has_history() && args.frame_options.refine.is_on() && !pipeline.makes_exact_pixels(&first) {
         note(
-            "no pixels are rasterized exactly: a GPU makes or rasterizes the frames, and --refine is for the CPU",
+            "no pixels are rasterized exactly: frames of a GPU have no exact pixels with a network, and with --culling \
+             aabb3sigma or adr",
         );
     }
     if mode.has_history() && !pipeline.is_on_device(&first) && !matches!(machine, Machine::Cpu) {

@@ -1,11 +1,11 @@
 //! The device memory of frames of one size, and the recording of each stage.
 
 use gs3_compute::{Bound, Buffer, Gpu, Kernel, Readback, Recorder, Slice, Submission, Use, constants};
-use gs3_raster::{CapacityCheck, GpuGBuffer, GpuRasterizer, Outputs, RasterSettings};
-use gs3_reconstruct::DepthLattice;
+use gs3_raster::{CapacityCheck, GpuBlocks, GpuGBuffer, GpuRasterizer, LowResolution, Outputs, RasterSettings};
+use gs3_reconstruct::{BlockBudget, DepthLattice};
 use gs3_reconstruct::gpu::{
-    BoundInterpolator, BoundSuperSampler, GpuImage, GpuInterpolator, GpuNeighbor, GpuSuperSampler,
-    Innovation, NeighborView,
+    BoundInterpolator, BoundSuperSampler, GpuBlockSelector, GpuImage, GpuInterpolator, GpuNeighbor,
+    GpuSuperSampler, NeighborView, SideOutput,
 };
 use gs3_scene::{Camera, GBuffer, Margin};
 
@@ -32,6 +32,8 @@ struct Side {
     view: Option<NeighborView>,
     /// The kernels that read and write this frame. They are bound once the G-buffer has its memory.
     bound: Option<BoundSide>,
+    /// The exact blocks of this frame, once frames have some.
+    blocks: Option<GpuBlocks>,
 }
 
 struct BoundSide {
@@ -45,6 +47,8 @@ pub struct FrameMemory {
     size: [u32; 2],
     super_sampler: GpuSuperSampler,
     learned_super_sampler: Option<GpuLearnedSuperSampler>,
+    /// The choice of exact blocks, made by the first frame that has some.
+    selector: Option<GpuBlockSelector>,
     interpolator: GpuInterpolator,
     learned_interpolator: Option<GpuLearnedInterpolator>,
     sides: [Side; 2],
@@ -92,13 +96,14 @@ impl FrameMemory {
     fn new(gpu: &Gpu, plan: &FramePlan, size: [u32; 2], counters: u64) -> Result<Self, PipelineError> {
         let scale = plan.scale;
         let super_sample = &plan.networks.super_sample;
-        let innovation = if super_sample.is_some() { Innovation::Wanted } else { Innovation::NotWanted };
+        let side_output =
+            if super_sample.is_some() { SideOutput::Innovation } else { SideOutput::ExpectedErrors };
         // The super sampler comes first: it checks scale and size, and everything else depends on them.
         let super_sampler =
-            GpuSuperSampler::new(gpu, scale, size, innovation, plan.kriging, plan.widest_margin)?;
+            GpuSuperSampler::new(gpu, scale, size, side_output, plan.kriging, plan.widest_margin)?;
         let side = || {
             let image = GpuImage::new(gpu, size)?;
-            Ok::<_, PipelineError>(Side { gbuffer: GpuGBuffer::default(), image, view: None, bound: None })
+            Ok::<_, PipelineError>(Side { gbuffer: GpuGBuffer::default(), image, view: None, bound: None, blocks: None })
         };
         let sides = [side()?, side()?];
         let count = plan.most_in_between() as usize;
@@ -113,6 +118,7 @@ impl FrameMemory {
             size,
             super_sampler,
             learned_super_sampler: super_sample.as_ref().map(learned_super_sampler).transpose()?,
+            selector: None,
             interpolator: GpuInterpolator::new(gpu, scale, size)?,
             learned_interpolator: plan.networks.interpolate.as_ref().map(learned_interpolator).transpose()?,
             sides,
@@ -140,26 +146,47 @@ impl FrameMemory {
         self.sides[self.newest].view.filter(|_| inputs.reset.is_none())
     }
 
-    /// Records the G-buffer of the frame being made.
+    /// Records the G-buffer of the frame being made, which may have exact blocks.
     pub fn rasterize(
         &mut self,
         recorder: &mut Recorder<'_>,
         inputs: &FrameInputs,
         plan: &FramePlan,
+        has_blocks: bool,
         rasterizer: &mut GpuRasterizer,
     ) -> Result<(), PipelineError> {
         let settings = plan.raster(Outputs::GBuffer, inputs);
-        let lr_camera = inputs.camera.low_resolution(plan.scale);
+        let frame = LowResolution { camera: &inputs.camera, scale: plan.scale, has_blocks };
         let current = self.current();
         let gbuffer = &mut self.sides[current].gbuffer;
         match &mut self.padded {
-            Some(padded) => rasterizer.record_padded(recorder, &lr_camera, &settings, padded, gbuffer)?,
+            Some(padded) => rasterizer.record_padded(recorder, frame, &settings, padded, gbuffer)?,
             None => {
                 let settings = RasterSettings { margin: Margin::NONE, ..settings };
-                rasterizer.record(recorder, &lr_camera, &settings, gbuffer)?;
+                rasterizer.record_low_resolution(recorder, frame, &settings, gbuffer)?;
             }
         }
         Ok(())
+    }
+
+    /// Records the exact blocks of the frame being made, after super sampling without a network.
+    pub fn refine(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        budget: BlockBudget,
+        rasterizer: &mut GpuRasterizer,
+    ) -> Result<(), PipelineError> {
+        let current = self.current();
+        let Some(errors) = self.super_sampler.expected_errors() else { return Ok(()) };
+        let selector = match &mut self.selector {
+            Some(selector) => selector,
+            none => none.insert(GpuBlockSelector::new(&self.gpu, self.size, errors)?),
+        };
+        selector.record(recorder, budget)?;
+        let Side { image, blocks, .. } = &mut self.sides[current];
+        let blocks =
+            blocks.get_or_insert_with(|| GpuBlocks::new(selector.chosen().clone(), image.pixels().clone()));
+        Ok(rasterizer.record_blocks(recorder, blocks)?)
     }
 
     /// Records super sampling and refinement of the frame being made, after the G-buffer has been rasterized.
@@ -237,12 +264,13 @@ impl FrameMemory {
         Ok(())
     }
 
-    /// Records the copies that `read_back` asks for.
+    /// Records the copies that `read_back` asks for, of a frame that may have exact blocks.
     pub fn record_read_back(
         &self,
         recorder: &mut Recorder<'_>,
         inputs: &FrameInputs,
         read_back: ReadBack,
+        has_blocks: bool,
         counters: &Slice<'_>,
     ) {
         if read_back == ReadBack::Nothing {
@@ -250,6 +278,9 @@ impl FrameMemory {
         }
         recorder.read_back(counters, &self.readback, 0);
         recorder.read_back(&self.lattice.part(0, LATTICE_BYTES), &self.readback, self.places.lattice);
+        if let Some(selector) = self.selector.as_ref().filter(|_| has_blocks) {
+            recorder.read_back(&selector.chosen_count().slice(), &self.readback, self.places.chosen);
+        }
         if read_back == ReadBack::Counters {
             return;
         }
@@ -263,7 +294,8 @@ impl FrameMemory {
     }
 
     /// Waits for the frame of `submission` and receives the data read back; images, if they were read back, go into
-    /// `frames`. Returns the frame's depths. Returns nothing after an overflow: the frame must be rendered again.
+    /// `frames`. Returns the frame's depths and the number of blocks chosen by the last frame with exact blocks. Returns
+    /// nothing after an overflow: the frame must be rendered again.
     pub async fn receive(
         &self,
         gpu: &Gpu,
@@ -272,7 +304,7 @@ impl FrameMemory {
         inputs: &FrameInputs,
         read_back: ReadBack,
         frames: &mut Frames,
-    ) -> Result<Option<DepthLattice>, PipelineError> {
+    ) -> Result<Option<(DepthLattice, u32)>, PipelineError> {
         let (image, in_between) = (&mut frames.current.image, &mut frames.in_between);
         let received = self.readback.read(gpu, submission, |bytes| -> Result<_, PipelineError> {
             if rasterizer.check_capacity_with(self.places.counters_in(bytes))? == CapacityCheck::Grown {
@@ -285,7 +317,7 @@ impl FrameMemory {
                     decoder.decode(self.places.in_between_in(bytes, k), image);
                 }
             }
-            Ok(Some(self.places.lattice_in(bytes)))
+            Ok(Some((self.places.lattice_in(bytes), self.places.chosen_in(bytes))))
         });
         received.await?
     }
@@ -296,6 +328,11 @@ impl FrameMemory {
         self.newest = self.current();
         self.sides[self.newest].view = Some(view_of(inputs));
         self.in_between_made = inputs.moments.len();
+    }
+
+    /// Share of the picture's blocks that `chosen` blocks are.
+    pub fn share_of(&self, chosen: u32) -> f32 {
+        self.selector.as_ref().map_or(0.0, |selector| chosen as f32 / selector.blocks() as f32)
     }
 
     /// The frame committed last and its in-between frames.
@@ -314,10 +351,12 @@ fn view_of(inputs: &FrameInputs) -> NeighborView {
     NeighborView { camera: inputs.camera, jitter: inputs.jitter }
 }
 
-/// Byte offsets in the read-back buffer: the rasterizer's counters, the lattice, the frame, the in-between frames.
+/// Byte offsets in the read-back buffer: the rasterizer's counters, the lattice, the number of chosen blocks, the frame, the
+/// in-between frames.
 #[derive(Clone, Copy, Debug)]
 struct Places {
     lattice: u64,
+    chosen: u64,
     image: u64,
     in_between: u64,
 }
@@ -325,8 +364,9 @@ struct Places {
 impl Places {
     fn new(counters: u64, image: u64) -> Self {
         let lattice = counters.next_multiple_of(4);
-        let first = lattice + LATTICE_BYTES;
-        Self { lattice, image: first, in_between: first + image }
+        let chosen = lattice + LATTICE_BYTES;
+        let first = chosen + 4;
+        Self { lattice, chosen, image: first, in_between: first + image }
     }
 
     /// The rasterizer's counters in `bytes`.
@@ -337,9 +377,14 @@ impl Places {
     /// The depths for the CPU in `bytes`.
     fn lattice_in(&self, bytes: &[u8]) -> DepthLattice {
         let mut depths = [0.0; DepthLattice::LEN];
-        let found = part(bytes, self.lattice, self.image).as_chunks().0;
+        let found = part(bytes, self.lattice, self.chosen).as_chunks().0;
         depths.iter_mut().zip(found).for_each(|(to, depth)| *to = f32::from_le_bytes(*depth));
         DepthLattice::new(depths)
+    }
+
+    /// The number of chosen blocks in `bytes`.
+    fn chosen_in(&self, bytes: &[u8]) -> u32 {
+        part(bytes, self.chosen, self.image).first_chunk().map_or(0, |count| u32::from_le_bytes(*count))
     }
 
     /// The frame in `bytes`.
@@ -368,14 +413,15 @@ mod tests {
     #[test]
     fn what_is_read_back_lies_apart() {
         let places = Places::new(18, 800);
-        let bytes: Vec<u8> = (0..20 + 100 + 3 * 800).map(|k| (k % 251) as u8).collect();
+        let bytes: Vec<u8> = (0..20 + 100 + 4 + 3 * 800).map(|k| (k % 251) as u8).collect();
         assert_eq!(places.counters_in(&bytes), &bytes[..20]);
         assert_eq!(
             places.lattice_in(&bytes).depths()[1],
             f32::from_le_bytes(bytes[24..28].try_into().unwrap())
         );
-        assert_eq!(places.image_in(&bytes), &bytes[120..920]);
-        assert_eq!(places.in_between_in(&bytes, 1), &bytes[1720..2520]);
+        assert_eq!(places.chosen_in(&bytes), u32::from_le_bytes(bytes[120..124].try_into().unwrap()));
+        assert_eq!(places.image_in(&bytes), &bytes[124..924]);
+        assert_eq!(places.in_between_in(&bytes, 1), &bytes[1724..2524]);
         assert_eq!(places.of_in_between(2), bytes.len() as u64);
     }
 

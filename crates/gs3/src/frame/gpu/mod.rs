@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use gs3_compute::{Gpu, StageTime, Timings};
 use gs3_neural::MatrixUnit;
-use gs3_raster::{GpuRasterizer, ScenePrecision};
+use gs3_raster::{BLOCKS_STAGE, GpuRasterizer, ScenePrecision};
 use gs3_reconstruct::DepthLattice;
 use gs3_reconstruct::gpu::GpuImage;
 use gs3_scene::{Camera, GBuffer, Scene};
@@ -18,6 +18,7 @@ use super::cpu::CpuStages;
 use super::inputs::{FrameInputs, Frames, Made, ReadBack};
 use super::plan::FramePlan;
 use crate::error::PipelineError;
+use crate::refine::{Refine, ShareController};
 use crate::stages::{Stage, StageTimes};
 
 /// A frame in device memory. [`GpuImage::pixels`] are four halves a pixel: red, green, blue, and one that is not part
@@ -43,6 +44,7 @@ pub struct GpuMachine {
     timings: Option<Timings>,
     /// Times of the last frame's stages by the device's clock.
     stage_times: Vec<StageTime>,
+    controller: ShareController,
     /// The stages on the CPU, created by the first frame that the device only rasterizes.
     stages_here: Option<CpuStages>,
 }
@@ -66,6 +68,7 @@ impl GpuMachine {
             memory: None,
             timings: if has_clock { Some(Timings::new(gpu)?) } else { None },
             stage_times: Vec::new(),
+            controller: ShareController::default(),
             stages_here: None,
         })
     }
@@ -85,6 +88,8 @@ impl GpuMachine {
             };
             return stages.make(inputs, &mut *self.rasterizer, frames).await;
         }
+        let budget = self.plan.block_budget(inputs.reset, self.controller.share());
+        let has_blocks = budget.most > 0.0 && self.makes_blocks();
         let Self { gpu, plan, rasterizer, memory, .. } = self;
         let mut timings = self.timings.as_mut().filter(|_| read_back != ReadBack::Nothing);
         let memory = FrameMemory::fitting(memory, gpu, plan, &inputs.camera, &rasterizer.counters())?;
@@ -93,27 +98,32 @@ impl GpuMachine {
             frames.in_between.iter_mut().for_each(|image| image.resize(0, 0));
         }
         let started = Instant::now();
-        let (submission, lattice) = loop {
+        let (submission, lattice, chosen) = loop {
             let mut recorder = gpu.recorder(timings.as_deref_mut());
 
             // Gaussians to the low-resolution G-buffer.
-            memory.rasterize(&mut recorder, inputs, plan, rasterizer)?;
+            memory.rasterize(&mut recorder, inputs, plan, has_blocks, rasterizer)?;
 
             // G-buffer and history to the frame, which a network may refine.
             memory.super_sample(&mut recorder, inputs)?;
 
+            // Exact pixels where the reconstruction cannot be trusted.
+            if has_blocks {
+                memory.refine(&mut recorder, budget, rasterizer)?;
+            }
+
             // The previous frame and this one to the in-between frames.
             memory.interpolate(&mut recorder, inputs)?;
 
-            memory.record_read_back(&mut recorder, inputs, read_back, &rasterizer.counters());
+            memory.record_read_back(&mut recorder, inputs, read_back, has_blocks, &rasterizer.counters());
             let submission = recorder.submit()?;
             if read_back == ReadBack::Nothing {
-                break (submission, DepthLattice::default());
+                break (submission, DepthLattice::default(), 0);
             }
             // After an overflow the frame is rendered again: its splats fit into the grown buffers.
             let received = memory.receive(gpu, &submission, rasterizer, inputs, read_back, frames);
-            if let Some(lattice) = received.await? {
-                break (submission, lattice);
+            if let Some((lattice, chosen)) = received.await? {
+                break (submission, lattice, chosen);
             }
         };
         memory.commit(inputs);
@@ -129,7 +139,17 @@ impl GpuMachine {
             None if read_back != ReadBack::Nothing => times.add(Stage::Rasterize, started.elapsed()),
             None => {}
         }
-        Ok(Made { lattice, in_between: inputs.moments.len(), refined: 0.0, times })
+        let refined = if has_blocks { memory.share_of(chosen) } else { 0.0 };
+        if let Refine::FrameTime(target) = plan.refine {
+            let refining = times.get(Stage::Refine).unwrap_or_default();
+            self.controller.learn(target, times.total(), refining, refined);
+        }
+        Ok(Made { lattice, in_between: inputs.moments.len(), refined, times })
+    }
+
+    /// Whether frames can have exact blocks: the pixels of a network are the network's.
+    pub const fn makes_blocks(&self) -> bool {
+        self.plan.networks.super_sample.is_none() && self.rasterizer.makes_blocks()
     }
 
     /// Whether the device makes the whole frame of `camera`. If not, the device rasterizes and the CPU does the rest.
@@ -173,7 +193,7 @@ impl GpuMachine {
         self.stages_here.as_ref()
     }
 
-    /// Takes the choice of exact pixels of `plan`, for frames that the CPU finishes.
+    /// Takes the choice of exact pixels of `plan`.
     pub const fn set_refine(&mut self, plan: &FramePlan) {
         (self.plan.refine, self.plan.settings.refine) = (plan.refine, plan.settings.refine);
         if let Some(stages) = &mut self.stages_here {
@@ -197,6 +217,9 @@ fn rasterizer(gpu: &Gpu, plan: &FramePlan, scene: Arc<Scene>) -> Result<GpuRaste
 /// The stage of the frame that a stage of the device belongs to. The first part of the device stage's name is the
 /// frame stage. The rasterizer names its own stages only, because it does not know the frame's stages.
 fn stage_of(name: &str) -> Stage {
+    if name == BLOCKS_STAGE {
+        return Stage::Refine;
+    }
     let named = |stage: &Stage| name.split('.').next() == Some(stage.name());
     Stage::ALL.into_iter().find(named).unwrap_or(Stage::Rasterize)
 }

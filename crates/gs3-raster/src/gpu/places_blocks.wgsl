@@ -1,0 +1,90 @@
+// Exact blocks: a workgroup makes up to sixteen of the chosen blocks of 4×4 pixels whose samples lie in a tile, and an
+// invocation a pixel. The z-th workgroup of a tile makes the z-th sixteen of its blocks. The pixels lie between the
+// samples of the low-resolution frame, so positions are fractions of samples.
+
+// The picture: RGB and 0 as four halves a pixel, row by row.
+@group(0) @binding(6) var<storage, read_write> image: array<vec2<u32>>;
+// Not 0 for the chosen blocks of the picture, row by row.
+@group(0) @binding(7) var<storage, read> chosen: array<u32>;
+
+// Bits of the blocks of a tile: 32×32 blocks at the largest scale, 8.
+const WORDS_OF_TILE: u32 = 32u;
+const NO_BLOCK: u32 = 0xffffffffu;
+
+var<workgroup> chosen_bits: array<atomic<u32>, WORDS_OF_TILE>;
+var<workgroup> chosen_count: u32;
+// The numbers in the tile of the workgroup's blocks; NO_BLOCK after the last.
+var<workgroup> numbers: array<u32, BLOCKS * BLOCKS>;
+
+// Blocks along a side of a tile.
+fn blocks_along() -> u32 {
+    return TILE * view.scale / BLOCK;
+}
+
+// Column and row of the tile's first block; negative in a margin, which has whole blocks.
+fn first_block(workgroup: vec3<u32>) -> vec2<i32> {
+    return vec2<i32>(corner_of(workgroup) * view.scale / BLOCK) - vec2<i32>(view.margin * view.scale / BLOCK);
+}
+
+fn block_of(number: u32, workgroup: vec3<u32>) -> vec2<i32> {
+    return first_block(workgroup) + vec2<i32>(vec2(number % blocks_along(), number / blocks_along()));
+}
+
+// The position in samples of pixel `at` of the picture.
+fn sample_of(at: vec2<i32>) -> vec2<f32> {
+    return (vec2<f32>(at) - view.first_sample) / f32(view.scale) + vec2<f32>(view.margin);
+}
+
+// Finds the workgroup's blocks. Returns the tile's splats; none if there are no blocks.
+fn range_of(workgroup: vec3<u32>, lane: u32) -> vec2<u32> {
+    if lane < WORDS_OF_TILE {
+        atomicStore(&chosen_bits[lane], 0u);
+    }
+    workgroupBarrier();
+    let side = blocks_along();
+    let grid = vec2<i32>((view.picture + BLOCK - 1u) / BLOCK);
+    for (var number = lane; number < side * side; number += PIXELS) {
+        let at = block_of(number, workgroup);
+        if all(at >= vec2(0)) && all(at < grid) && chosen[at.y * grid.x + at.x] != 0u {
+            atomicOr(&chosen_bits[number / 32u], 1u << (number % 32u));
+        }
+    }
+    workgroupBarrier();
+    if lane < BLOCKS * BLOCKS {
+        var before = workgroup.z * BLOCKS * BLOCKS + lane;
+        var number = NO_BLOCK;
+        for (var word = 0u; word < WORDS_OF_TILE && number == NO_BLOCK; word++) {
+            var bits = atomicLoad(&chosen_bits[word]);
+            let count = countOneBits(bits);
+            if before < count {
+                for (; before > 0u; before--) {
+                    bits &= bits - 1u;
+                }
+                number = word * 32u + firstTrailingBit(bits);
+            } else {
+                before -= count;
+            }
+        }
+        numbers[lane] = number;
+        if lane == 0u {
+            chosen_count = u32(number != NO_BLOCK);
+        }
+    }
+    let is_any = workgroupUniformLoad(&chosen_count) != 0u;
+    return select(vec2(0u), ranges[workgroup.y * band.columns + workgroup.x], is_any);
+}
+
+fn place_of(workgroup: vec3<u32>, lane: u32) -> Place {
+    let number = numbers[lane / 16u];
+    if number == NO_BLOCK {
+        return Place(0u, vec2(0.0), false);
+    }
+    let pixel = block_of(number, workgroup) * i32(BLOCK) + vec2<i32>(vec2(lane % BLOCK, lane % 16u / BLOCK));
+    let is_inside = all(pixel < vec2<i32>(view.picture));
+    return Place(u32(pixel.y) * view.picture.x + u32(pixel.x), sample_of(pixel), is_inside);
+}
+
+fn write_color(index: u32, color: vec3<f32>, alpha: f32) {
+    let limited = clamp(color, vec3(-LARGEST_HALF), vec3(LARGEST_HALF));
+    image[index] = vec2(pack2x16float(limited.xy), pack2x16float(vec2(limited.z, 0.0)));
+}
