@@ -1,6 +1,6 @@
 //! The settings of a rasterized frame.
 
-use gs3_scene::Margin;
+use gs3_scene::{BLOCK_SIDE, Margin};
 
 /// The inverse of [`MIN_ALPHA`], which is rounded: its own inverse would be 254.99998.
 pub(crate) const MIN_ALPHA_INVERSE: f32 = 255.0;
@@ -22,6 +22,9 @@ pub fn matched_dilation(scale: u32) -> f32 {
 /// margins of 48 and 64 pixels gain only 0.01 to 0.02 dB more (`docs/performance.md`). Memory for margins is
 /// allocated for this width.
 pub const MAX_MARGIN: u32 = 32;
+
+/// Largest scale of a low-resolution frame with exact blocks.
+pub(crate) const MAX_BLOCK_SCALE: u32 = 8;
 
 /// Which tiles a splat is assigned to.
 ///
@@ -209,6 +212,21 @@ impl RasterSettings {
             return Err(RasterError::Background { actual: self.background });
         }
         self.rules.check()
+    }
+
+    /// Checks that a frame `scale` times coarser than its camera's image can have exact blocks.
+    ///
+    /// # Errors
+    /// [`RasterError::Scale`] if `scale` is not 1 to 8; [`RasterError::MarginBlocks`] if the margin does not start at a block.
+    pub(crate) fn check_blocks(&self, scale: u32) -> Result<(), RasterError> {
+        if !(1..=MAX_BLOCK_SCALE).contains(&scale) {
+            return Err(RasterError::Scale { actual: scale });
+        }
+        let starts = [self.margin.left, self.margin.top];
+        match starts.into_iter().find(|side| !(side * scale).is_multiple_of(BLOCK_SIDE as u32)) {
+            Some(actual) => Err(RasterError::MarginBlocks { scale, actual }),
+            None => Ok(()),
+        }
     }
 }
 

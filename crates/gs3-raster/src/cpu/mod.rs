@@ -27,7 +27,7 @@ use rayon::prelude::*;
 use web_time::Instant;
 
 use crate::chunk::{self, CHUNK, Chunk};
-use crate::settings::{Culling, Outputs, RasterError, RasterSettings, Window};
+use crate::settings::{Culling, MAX_BLOCK_SCALE, Outputs, RasterError, RasterSettings, Window};
 use crate::view::{View, samples_pixels};
 use bin::{Bins, ENTRY_BYTES, Part, TILE_HEIGHT, TILE_WIDTH};
 use blend::{COLOR, GBUFFER, GBUFFER_MIXED, TileScratch};
@@ -41,9 +41,8 @@ use resolve::{Band, Resolver};
 const JOB_CHUNKS: usize = 64;
 const _: () = assert!(JOB_CHUNKS * CHUNK <= bin::MAX_JOB_SIZE);
 
-/// Largest scale of a low-resolution frame: a tile's blocks are the bits of one number.
-const MAX_STRIDE: u32 = 8;
-const _: () = assert!(TILE_WIDTH * MAX_STRIDE as usize / BLOCK_SIDE <= u64::BITS as usize);
+// A row of a tile's blocks is the bits of one number.
+const _: () = assert!(TILE_WIDTH * MAX_BLOCK_SCALE as usize / BLOCK_SIDE <= u64::BITS as usize);
 const _: () = assert!(TILE_HEIGHT.is_multiple_of(BLOCK_SIDE) && TILE_WIDTH.is_multiple_of(BLOCK_SIDE));
 
 /// Default of [`Rasterizer::with_list_memory`] in bytes: 2²⁵ splats of tiles. Frames of captures have up to a tenth of them.
@@ -190,15 +189,7 @@ impl Rasterizer {
         out: &mut GBuffer,
     ) -> Result<(), RasterError> {
         settings.check()?;
-        if !(1..=MAX_STRIDE).contains(&scale) {
-            return Err(RasterError::Scale { actual: scale });
-        }
-        if let Some(actual) = [settings.margin.left, settings.margin.top]
-            .into_iter()
-            .find(|side| !(side * scale).is_multiple_of(BLOCK_SIDE as u32))
-        {
-            return Err(RasterError::MarginBlocks { scale, actual });
-        }
+        settings.check_blocks(scale)?;
         let view = View::of_low_resolution(camera, scale, settings, self.scene.details().near);
         let grid = Grid::low_resolution(camera, scale, settings);
         let is_shared = samples_pixels(scale, settings.jitter);

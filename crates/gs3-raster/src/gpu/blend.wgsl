@@ -80,7 +80,7 @@ fn blend(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_
     for (; first < range.y; first += BATCH) {
         // All invocations have read the batch before.
         workgroupBarrier();
-        if lane < BLOCKS * BLOCKS * WORDS {
+        if lane < GROUP_BLOCKS * WORDS {
             atomicStore(&cover[lane], 0u);
         }
         clear_pixel(lane);

@@ -3,6 +3,9 @@
 use gs3_compute::{Bound, Buffer, GpuError};
 use gs3_scene::block_grid;
 
+/// Invocations of a workgroup that makes exact blocks, one a pixel: sixteen blocks.
+pub const BLOCK_PIXELS: u32 = 256;
+
 /// The name of the stage of exact blocks.
 pub const BLOCKS_STAGE: &str = "blocks";
 

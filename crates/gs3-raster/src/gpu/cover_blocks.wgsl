@@ -1,6 +1,6 @@
 // Which staged splats touch which exact block of the workgroup.
 
-const READS_AHEAD: bool = false;
+const READS_AHEAD: bool = true;
 
 // Notes the blocks of one half that staged splat `slot` touches: its exact extent on the block's rows; see cover.rs.
 fn cover_splat(slot: u32, s: Splat, rect: vec4<u32>, workgroup: vec3<u32>, half: u32) {
@@ -11,11 +11,12 @@ fn cover_splat(slot: u32, s: Splat, rect: vec4<u32>, workgroup: vec3<u32>, half:
     let low = s.mean - reach - slack;
     let high = s.mean + reach + slack;
     let side = f32(BLOCK - 1u) / f32(view.scale);
-    for (var block = half * 8u; block < half * 8u + 8u; block++) {
+    let first_block = half * (GROUP_BLOCKS / 2u);
+    for (var block = first_block; block < first_block + GROUP_BLOCKS / 2u; block++) {
         if numbers[block] == NO_BLOCK {
             return;
         }
-        let first = sample_of(block_of(numbers[block], workgroup) * i32(BLOCK));
+        let first = corners[block];
         let last = first + side;
         if any(high < first) || any(low > last) {
             continue;

@@ -11,10 +11,10 @@ const SMALL: u32 = 6u;
 // Bit i of word k of a pixel: whether small splat 32·k + i touches it. Word k of all pixels lies before word k + 1.
 var<workgroup> pixel_cover: array<atomic<u32>, PIXELS * WORDS>;
 
-// Notes the pixels in two rows of blocks that staged splat `slot` touches; `origin` is the tile's first pixel.
+// Notes the pixels in half of the tile's rows of blocks that staged splat `slot` touches; `origin` is the tile's first pixel.
 fn cover_pixels(slot: u32, s: Splat, rect: vec4<u32>, origin: vec2<u32>, first_row: u32) {
     let top = max(rect.y, origin.y + first_row * BLOCK);
-    let bottom = min(rect.w, origin.y + (first_row + 2u) * BLOCK);
+    let bottom = min(rect.w, origin.y + (first_row + BLOCKS / 2u) * BLOCK);
     let low = f32(max(rect.x, origin.x));
     let high = f32(min(rect.z, origin.x + TILE)) - 1.0;
     for (var y = top; y < bottom; y++) {
@@ -39,9 +39,9 @@ fn cover_pixels(slot: u32, s: Splat, rect: vec4<u32>, origin: vec2<u32>, first_r
 fn cover_splat(slot: u32, s: Splat, rect: vec4<u32>, workgroup: vec3<u32>, half: u32) {
     let corner = corner_of(workgroup);
     if all(rect.zw - rect.xy <= vec2(SMALL)) {
-        cover_pixels(slot, s, rect, corner, 2u * half);
+        cover_pixels(slot, s, rect, corner, BLOCKS / 2u * half);
     } else {
-        cover_rows(slot, s, rect, vec2<f32>(corner), 2u * half);
+        cover_rows(slot, s, rect, vec2<f32>(corner), BLOCKS / 2u * half);
     }
 }
 

@@ -4,10 +4,10 @@ use gs3_compute::{
     Arena, Bound, BoundScan, BoundSort, Buffer, Gpu, GpuError, Kernel, Pairs, Recorder, Slice, Use, grid,
 };
 
+use super::blocks::{BLOCK_PIXELS, BLOCKS_STAGE};
 use super::gbuffer::Target;
 use super::kernels::{Kernels, Sorts};
-use super::blocks::BLOCKS_STAGE;
-use super::plan::{Band, Counters, FramePlan};
+use super::plan::{Band, Counters, FramePlan, tile_side};
 use super::scene::Page;
 
 /// Invocations of the workgroups that `dispatches` counts, `GROUP` of `plan.wgsl`.
@@ -130,6 +130,7 @@ impl Frame {
         // Everything is bound again below, whether or not the buffers grew.
         let _ = arena.fit(gpu, &plan.needs)?;
         let blend = kernels.blend(gpu, plan.outputs)?;
+        let [count, emit] = kernels.bin(gpu, plan.outputs)?;
         let sorts = &*sorts.insert(Sorts::new(gpu, &plan, sorts.as_ref())?);
         let sorted = [sorts.by_depth.plan().result(), sorts.by_tile.plan().result()];
         let buffers = Buffers { plan: &plan, arena };
@@ -180,8 +181,8 @@ impl Frame {
                 ("entry_splats", buffers.get(ENTRY_SPLATS[0])?),
             ];
             bands.push(BoundBand {
-                count: kernels.count.bind(gpu, &binned)?,
-                emit: kernels.emit.bind(gpu, &binned)?,
+                count: count.bind(gpu, &binned)?,
+                emit: emit.bind(gpu, &binned)?,
                 tiles: grid((band.rows * band.columns + 1).div_ceil(GROUP))?,
                 blend: [band.columns, band.rows, 1],
             });
@@ -297,9 +298,10 @@ impl Frame {
         }
     }
 
-    /// Records the exact blocks of the frame recorded last. `blend` is of [`Self::bind_blocks`]; a tile has at most
-    /// `most` times sixteen blocks.
-    pub fn record_blocks(&self, recorder: &mut Recorder<'_>, blend: &[Bound], most: u32) {
+    /// Records the exact blocks of the frame recorded last, `scale` times coarser. `blend` is of [`Self::bind_blocks`].
+    pub fn record_blocks(&self, recorder: &mut Recorder<'_>, blend: &[Bound], scale: u32) {
+        let pixels_of_tile = (tile_side(self.plan.outputs) * scale).pow(2);
+        let groups = pixels_of_tile.div_ceil(BLOCK_PIXELS);
         for (band, blend) in self.bands.iter().zip(blend) {
             // Only the last band's entries are still there.
             if self.bands.len() > 1 {
@@ -307,7 +309,7 @@ impl Frame {
             }
             recorder.stage(BLOCKS_STAGE);
             let [columns, rows, _] = band.blend;
-            recorder.dispatch(blend, [columns, rows, most]);
+            recorder.dispatch(blend, [columns, rows, groups]);
         }
     }
 

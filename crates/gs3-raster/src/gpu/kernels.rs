@@ -18,12 +18,14 @@ pub struct Kernels {
     pub scan: Scan,
     pub plan_splats: Kernel,
     pub plan_entries: Kernel,
-    pub count: Kernel,
-    pub emit: Kernel,
     pub clear: Kernel,
     pub find: Kernel,
     pub copy_picture: Kernel,
-    /// Tiles to pixels, one kernel per outputs, compiled at the first use.
+    /// `CULLING` of `bin.wgsl`.
+    culling: (&'static str, f64),
+    /// Splats to tiles, `count` and `emit`, per outputs, compiled at the first use.
+    bin: HashMap<Outputs, [Kernel; 2]>,
+    /// Tiles to pixels, in the same way.
     blend: HashMap<Outputs, Kernel>,
     /// Tiles to the pixels of exact blocks, in the same way.
     blend_blocks: HashMap<Outputs, Kernel>,
@@ -60,7 +62,6 @@ impl Kernels {
         let mode = ("OPACITY_MODE", f64::from(opacity_number(mode)));
         let constants = [culling, mode, ("SH_DEGREE", f64::from(scene.sh_degree))];
         let project = gpu.module("project", &[&shaders::project(scene.precision)])?;
-        let bin = gpu.module("bin", &[&shaders::bin()])?;
         let plan = gpu.module("plan", &[&shaders::plan()])?;
         let tiles = gpu.module("tiles", &[&shaders::tiles()])?;
         Ok(Self {
@@ -70,19 +71,30 @@ impl Kernels {
             scan: Scan::new(gpu)?,
             plan_splats: plan.kernel(gpu, "plan_splats", &[])?,
             plan_entries: plan.kernel(gpu, "plan_entries", &[])?,
-            count: bin.kernel(gpu, "count", &[culling])?,
-            emit: bin.kernel(gpu, "emit", &[culling])?,
             clear: tiles.kernel(gpu, "clear", &[])?,
             find: tiles.kernel(gpu, "find", &[])?,
             copy_picture: gpu.module("crop", &[&shaders::crop()])?.kernel(gpu, "copy_picture", &[])?,
+            culling,
+            bin: HashMap::new(),
             blend: HashMap::new(),
             blend_blocks: HashMap::new(),
         })
     }
 
+    /// Splats to tiles: `count` and `emit`.
+    pub fn bin(&mut self, gpu: &Gpu, outputs: Outputs) -> Result<[Kernel; 2], GpuError> {
+        let culling = self.culling;
+        compiled(&mut self.bin, outputs, || {
+            let module = gpu.module("bin", &[&shaders::bin(outputs)])?;
+            Ok([module.kernel(gpu, "count", &[culling])?, module.kernel(gpu, "emit", &[culling])?])
+        })
+    }
+
     /// Tiles to pixels.
     pub fn blend(&mut self, gpu: &Gpu, outputs: Outputs) -> Result<Kernel, GpuError> {
-        compiled(&mut self.blend, outputs, || gpu.module("blend", &[&shaders::blend(outputs)])?.kernel(gpu, "blend", &[]))
+        compiled(&mut self.blend, outputs, || {
+            gpu.module("blend", &[&shaders::blend(outputs)])?.kernel(gpu, "blend", &[])
+        })
     }
 
     /// Tiles to the pixels of exact blocks, from the splats of frames of `outputs`.
@@ -100,12 +112,12 @@ impl Kernels {
     }
 }
 
-/// The kernel of `outputs`, made by `compile` if there is none yet.
-fn compiled(
-    kernels: &mut HashMap<Outputs, Kernel>,
+/// The kernels of `outputs`, made by `compile` if there are none yet.
+fn compiled<K: Clone>(
+    kernels: &mut HashMap<Outputs, K>,
     outputs: Outputs,
-    compile: impl FnOnce() -> Result<Kernel, GpuError>,
-) -> Result<Kernel, GpuError> {
+    compile: impl FnOnce() -> Result<K, GpuError>,
+) -> Result<K, GpuError> {
     match kernels.entry(outputs) {
         Entry::Occupied(compiled) => Ok(compiled.get().clone()),
         Entry::Vacant(place) => Ok(place.insert(compile()?).clone()),

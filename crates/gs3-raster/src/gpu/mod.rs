@@ -32,8 +32,9 @@ mod view;
 use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
-use gs3_compute::{Arena, Gpu, GpuError, Limits, Readback, Recorder, Slice, now};
+use gs3_compute::{Arena, Gpu, GpuError, Limits, Readback, Recorder, Slice, Timings, now};
 use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
 
 use crate::settings::{Culling, MAX_MARGIN, Outputs, RasterError, RasterSettings, Rules, Window};
@@ -78,6 +79,9 @@ pub struct GpuRasterizer {
     counters_back: Readback,
     /// The G-buffer of [`Self::rasterize_to`].
     gbuffer: GpuGBuffer,
+    /// The device's clock, if it has one, for the frames that the caller waits for.
+    clock: Option<Timings>,
+    last_time: Option<Duration>,
 }
 
 impl fmt::Debug for GpuRasterizer {
@@ -161,6 +165,8 @@ impl GpuRasterizer {
             resets_counters: true,
             counters_back: Readback::new(gpu, size_of::<Counters>() as u64)?,
             gbuffer: GpuGBuffer::default(),
+            clock: gpu.capabilities().timestamps.then(|| Timings::new(gpu)).transpose()?,
+            last_time: None,
         })
     }
 
@@ -197,7 +203,7 @@ impl GpuRasterizer {
     /// As [`Self::record`] of the low-resolution camera. Samples are the same with and without exact blocks.
     ///
     /// # Errors
-    /// As [`Self::record`].
+    /// As [`Self::record`]; with exact blocks, as [`crate::Rasterizer::rasterize_low_resolution`].
     pub fn record_low_resolution(
         &mut self,
         recorder: &mut Recorder<'_>,
@@ -213,6 +219,7 @@ impl GpuRasterizer {
         if !frame.has_blocks {
             return self.record_view(recorder, camera.size(), &view, None, settings, out);
         }
+        settings.check_blocks(frame.scale)?;
         // Where the size is no multiple of the scale, the limits of the native image differ.
         let View { jacobian_limits, .. } = View::new(frame.camera, settings, near);
         let view = View { jacobian_limits, ..view };
@@ -238,7 +245,8 @@ impl GpuRasterizer {
         recorder: &mut Recorder<'_>,
         blocks: &mut GpuBlocks,
     ) -> Result<(), GpuRasterError> {
-        let (true, Some(Native { scale, size }), Some(frame)) = (self.makes_blocks(), self.native, &self.frame)
+        let (true, Some(Native { scale, size }), Some(frame)) =
+            (self.makes_blocks(), self.native, &self.frame)
         else {
             return Err(RasterError::NoFrame.into());
         };
@@ -249,8 +257,7 @@ impl GpuRasterizer {
             blocks.blend = frame.bind_blocks(&self.gpu, &self.fixed, &self.arena, &kernel, buffers)?;
             blocks.frame = self.frame_number;
         }
-        // A tile of 16×16 samples has 16 · scale² blocks of 4×4 pixels.
-        frame.record_blocks(recorder, &blocks.blend, scale * scale);
+        frame.record_blocks(recorder, &blocks.blend, scale);
         Ok(())
     }
 
@@ -276,7 +283,8 @@ impl GpuRasterizer {
             let blend = frame.bind_target(&self.gpu, &self.fixed, &self.arena, out.planes())?;
             out.target = Target { frame: self.frame_number, blend };
         }
-        recorder.write(&self.fixed.view.slice(), &[ViewUniform::new(view, settings, out.stride(), native)])?;
+        recorder
+            .write(&self.fixed.view.slice(), &[ViewUniform::new(view, settings, out.stride(), native)])?;
         if std::mem::take(&mut self.resets_counters) {
             Frame::record_clearing(recorder, &self.fixed);
         }
@@ -360,21 +368,48 @@ impl GpuRasterizer {
         now(self.make_whole(|rasterizer, recorder| rasterizer.record(recorder, camera, settings, out)))
     }
 
+    /// Time of the last frame of [`Self::rasterize`] and the methods built on it, by the device's clock, without reading the
+    /// frame back; none before the first frame, or without a clock.
+    #[must_use]
+    pub const fn last_time(&self) -> Option<Duration> {
+        self.last_time
+    }
+
     /// Submits what `record` records, and again after an overflow, until the frame is complete.
     async fn make_whole(
         &mut self,
-        mut record: impl FnMut(&mut Self, &mut Recorder<'_>) -> Result<(), GpuRasterError>,
+        record: impl FnMut(&mut Self, &mut Recorder<'_>) -> Result<(), GpuRasterError>,
     ) -> Result<(), GpuRasterError> {
+        let mut clock = self.clock.take();
+        let made = self.make_timed(clock.as_mut(), record).await;
+        self.clock = clock;
+        self.last_time = made?;
+        Ok(())
+    }
+
+    /// As [`Self::make_whole`]; the frame's time by `clock`.
+    async fn make_timed(
+        &mut self,
+        mut clock: Option<&mut Timings>,
+        mut record: impl FnMut(&mut Self, &mut Recorder<'_>) -> Result<(), GpuRasterError>,
+    ) -> Result<Option<Duration>, GpuRasterError> {
         loop {
             let gpu = self.gpu.clone();
-            let mut recorder = gpu.recorder(None);
+            let mut recorder = gpu.recorder(clock.as_deref_mut());
             record(self, &mut recorder)?;
             recorder.read_back(&self.counters(), &self.counters_back, 0);
             let submission = recorder.submit()?;
             let counters = self.counters_back.read(&gpu, &submission, <[u8]>::to_vec).await?;
-            if self.check_capacity_with(&counters)? != CapacityCheck::Grown {
-                return Ok(());
+            if self.check_capacity_with(&counters)? == CapacityCheck::Grown {
+                continue;
             }
+            return match &clock {
+                Some(clock) => {
+                    let times = clock.read_async(&gpu, &submission).await?;
+                    Ok(Some(times.iter().map(|stage| stage.time).sum()))
+                }
+                None => Ok(None),
+            };
         }
     }
 
@@ -478,7 +513,7 @@ impl GpuRasterizer {
         if outputs == Outputs::GBufferMixed {
             check_bindings(&self.gpu, &self.limits, STORAGE_BINDINGS + 1)?;
         }
-        let guess = Capacity::new(&self.limits, &self.plan, size);
+        let guess = Capacity::new(&self.limits, &self.plan, size, outputs);
         let known = self.capacity.get_or_insert(guess);
         known.entries = known.entries.max(guess.entries);
         let plan = FramePlan::new(&self.limits, &self.plan, size, outputs, *known)?;

@@ -1,20 +1,21 @@
-// Exact blocks: a workgroup makes up to sixteen of the chosen blocks of 4×4 pixels whose samples lie in a tile, and an
-// invocation a pixel. The z-th workgroup of a tile makes the z-th sixteen of its blocks. The pixels lie between the
-// samples of the low-resolution frame, so positions are fractions of samples.
+// Exact blocks: a workgroup makes up to GROUP_BLOCKS of the chosen blocks of 4×4 pixels whose samples lie in a tile, and an
+// invocation a pixel. The z-th workgroup of a tile makes the z-th so many of its blocks. The pixels lie between the samples
+// of the low-resolution frame, so positions are fractions of samples.
 
 // The picture: RGB and 0 as four halves a pixel, row by row.
 @group(0) @binding(6) var<storage, read_write> image: array<vec2<u32>>;
 // Not 0 for the chosen blocks of the picture, row by row.
 @group(0) @binding(7) var<storage, read> chosen: array<u32>;
 
-// Bits of the blocks of a tile: 32×32 blocks at the largest scale, 8.
-const WORDS_OF_TILE: u32 = 32u;
+// Bits of the blocks of a tile, at the largest scale.
+const WORDS_OF_TILE: u32 = (TILE * MAX_SCALE / BLOCK) * (TILE * MAX_SCALE / BLOCK) / 32u;
 const NO_BLOCK: u32 = 0xffffffffu;
 
 var<workgroup> chosen_bits: array<atomic<u32>, WORDS_OF_TILE>;
 var<workgroup> chosen_count: u32;
-// The numbers in the tile of the workgroup's blocks; NO_BLOCK after the last.
-var<workgroup> numbers: array<u32, BLOCKS * BLOCKS>;
+// The numbers in the tile of the workgroup's blocks, NO_BLOCK after the last; and the positions of their first pixels.
+var<workgroup> numbers: array<u32, GROUP_BLOCKS>;
+var<workgroup> corners: array<vec2<f32>, GROUP_BLOCKS>;
 
 // Blocks along a side of a tile.
 fn blocks_along() -> u32 {
@@ -50,8 +51,8 @@ fn range_of(workgroup: vec3<u32>, lane: u32) -> vec2<u32> {
         }
     }
     workgroupBarrier();
-    if lane < BLOCKS * BLOCKS {
-        var before = workgroup.z * BLOCKS * BLOCKS + lane;
+    if lane < GROUP_BLOCKS {
+        var before = workgroup.z * GROUP_BLOCKS + lane;
         var number = NO_BLOCK;
         for (var word = 0u; word < WORDS_OF_TILE && number == NO_BLOCK; word++) {
             var bits = atomicLoad(&chosen_bits[word]);
@@ -66,6 +67,9 @@ fn range_of(workgroup: vec3<u32>, lane: u32) -> vec2<u32> {
             }
         }
         numbers[lane] = number;
+        if number != NO_BLOCK {
+            corners[lane] = sample_of(block_of(number, workgroup) * i32(BLOCK));
+        }
         if lane == 0u {
             chosen_count = u32(number != NO_BLOCK);
         }

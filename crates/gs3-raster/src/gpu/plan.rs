@@ -7,8 +7,14 @@ use super::scene::ScenePrecision;
 use crate::chunk::CHUNK;
 use crate::settings::Outputs;
 
-/// Side of a tile in pixels, `TILE` of the shaders.
-pub const TILE: u32 = 16;
+/// Side of a tile in pixels, `TILE` of the shaders. G-buffers are of low-resolution frames: few pixels, with many splats
+/// each, so smaller tiles keep more of a device busy, and a tile's list is shorter.
+pub const fn tile_side(outputs: Outputs) -> u32 {
+    match outputs {
+        Outputs::Color => 16,
+        Outputs::GBuffer | Outputs::GBufferMixed => 8,
+    }
+}
 
 /// Bits of a depth that may differ: depths are positive, so the sign bit never differs.
 pub const DEPTH_BITS: u32 = 31;
@@ -124,11 +130,12 @@ fn rounded(count: u32, max: u32) -> u32 {
 
 impl Capacity {
     /// The initial capacity, a guess.
-    pub fn new(limits: &Limits, scene: &ScenePlan, size: [u32; 2]) -> Self {
+    pub fn new(limits: &Limits, scene: &ScenePlan, size: [u32; 2], outputs: Outputs) -> Self {
         let most = most(limits);
         // Rarely more than half of a large scene is in view.
         let splats = scene.gaussians.min((1 << 20).max(scene.gaussians / 2)).min(most.splats);
-        let tiles = size[0].div_ceil(TILE) * size[1].div_ceil(TILE);
+        let tile = tile_side(outputs);
+        let tiles = size[0].div_ceil(tile) * size[1].div_ceil(tile);
         // Low-resolution splats touch one or two tiles, and splats of native frames three to ten.
         let entries = u64::from(splats) * 4 + u64::from(tiles) * 16;
         let entries = entries.min(most.entries.into()) as u32;
@@ -209,8 +216,9 @@ impl FramePlan {
         outputs: Outputs,
         capacity: Capacity,
     ) -> Result<Self, GpuError> {
-        let (columns, rows) = (size[0].div_ceil(TILE), size[1].div_ceil(TILE));
-        let row_bytes = u64::from(TILE) * u64::from(size[0]) * PIXEL_BYTES;
+        let tile = tile_side(outputs);
+        let (columns, rows) = (size[0].div_ceil(tile), size[1].div_ceil(tile));
+        let row_bytes = u64::from(tile) * u64::from(size[0]) * PIXEL_BYTES;
         let bytes = limits.binding_bytes.min(limits.buffer_bytes);
         let band_rows =
             u32::try_from(bytes / row_bytes).unwrap_or(u32::MAX).min(capacity.band_rows).min(rows);
@@ -244,8 +252,9 @@ impl FramePlan {
     /// Where a band's pixels are in a plane, in bytes: start and length.
     pub fn band_bytes(&self, band: &Band) -> (u64, u64) {
         let row = u64::from(self.size[0]) * PIXEL_BYTES;
-        let first = band.first_row * TILE;
-        let last = ((band.first_row + band.rows) * TILE).min(self.size[1]);
+        let tile = tile_side(self.outputs);
+        let first = band.first_row * tile;
+        let last = ((band.first_row + band.rows) * tile).min(self.size[1]);
         (u64::from(first) * row, u64::from(last - first) * row)
     }
 
@@ -323,7 +332,7 @@ mod tests {
                     check_pages(&scene, &limits);
                     for size in SIZES {
                         for outputs in [Outputs::Color, Outputs::GBufferMixed] {
-                            let capacity = Capacity::new(&limits, &scene, size);
+                            let capacity = Capacity::new(&limits, &scene, size, outputs);
                             let plan = FramePlan::new(&limits, &scene, size, outputs, capacity).unwrap();
                             check_frame(&plan, &limits);
                         }
@@ -361,7 +370,7 @@ mod tests {
         }
         let [width, height] = plan.size.map(u64::from);
         assert_eq!(end, width * height * PIXEL_BYTES, "{:?}", plan.size);
-        assert_eq!(row, plan.size[1].div_ceil(TILE));
+        assert_eq!(row, plan.size[1].div_ceil(tile_side(plan.outputs)));
     }
 
     #[test]
@@ -382,7 +391,7 @@ mod tests {
         let limits = limits(128 << 20);
         let most = (128 << 20) / 4;
         let scene = ScenePlan::new(&limits, 3_000_000, 0, ScenePrecision::F16).unwrap();
-        let mut capacity = Capacity::new(&limits, &scene, [7680, 4320]);
+        let mut capacity = Capacity::new(&limits, &scene, [7680, 4320], Outputs::Color);
         let rows = 270;
         let mut seen = Vec::new();
         loop {

@@ -5,14 +5,15 @@ use gs3_scene::OpacityMode;
 use gs3_scene::gaussians::{SH_C0, SH_C1, SH_C2, SH_C3, SH_C4};
 use half::f16;
 
+use super::blocks::BLOCK_PIXELS;
 use super::frame::GROUP;
 use super::kernels::{culling_number, opacity_number};
-use super::plan::{TILE, splat_vectors};
+use super::plan::{splat_vectors, tile_side};
 use super::scene::{FIRST_RATIO, OPACITY_STEPS, QUATERNION_STEPS, ScenePrecision};
 use crate::chunk::{self, CHUNK};
 use crate::cpu::cover::BLOCK;
 use crate::cpu::{blend, geometry, project, splat};
-use crate::settings::{Culling, MIN_ALPHA, MIN_ALPHA_INVERSE, Outputs, Rules};
+use crate::settings::{Culling, MAX_BLOCK_SCALE, MIN_ALPHA, MIN_ALPHA_INVERSE, Outputs, Rules};
 
 /// Storage bindings that a kernel may have: what WebGPU guarantees. `blend` with mixed derivatives, which no frame of a
 /// viewer has, takes one more; desktop drivers have 16 or more.
@@ -57,7 +58,6 @@ fn numbers() -> String {
     ]);
     let counts = constants(&[
         ("CHUNK", CHUNK as u32),
-        ("TILE", TILE),
         ("BLOCK", BLOCK as u32),
         ("GROUP", GROUP),
         ("FIRST_RATIO", FIRST_RATIO),
@@ -97,9 +97,10 @@ pub fn project(precision: ScenePrecision) -> String {
     ])
 }
 
-/// Splats to tiles: entries `count` and `emit`.
-pub fn bin() -> String {
-    joined(&[&grid_source(), VIEW, FRAME, SPLAT, include_str!("bin.wgsl")])
+/// Splats to the tiles of frames of `outputs`: entries `count` and `emit`.
+pub fn bin(outputs: Outputs) -> String {
+    let tile = constants(&[("TILE", tile_side(outputs))]);
+    joined(&[&tile, &grid_source(), VIEW, FRAME, SPLAT, include_str!("bin.wgsl")])
 }
 
 /// Counts between the stages: entries `plan_splats` and `plan_entries`.
@@ -120,7 +121,8 @@ pub fn crop() -> String {
 
 /// Tiles to pixels: entry `blend`.
 pub fn blend(outputs: Outputs) -> String {
-    let vectors = constants(&[("SPLAT_VECTORS", splat_vectors(outputs))]);
+    let side = tile_side(outputs);
+    let sizes = blend_sizes(outputs, side * side);
     let gbuffer = include_str!("outputs_gbuffer.wgsl");
     let pixels = include_str!("cover_pixels.wgsl");
     let [pixels, outputs, mixed] = match outputs {
@@ -129,15 +131,22 @@ pub fn blend(outputs: Outputs) -> String {
         Outputs::GBufferMixed => [pixels, gbuffer, include_str!("mixed.wgsl")],
     };
     let places = include_str!("places_tile.wgsl");
-    joined(&[&vectors, VIEW, FRAME, SPLAT, COVER, pixels, places, &blending(), outputs, mixed])
+    joined(&[&sizes, VIEW, FRAME, SPLAT, COVER, pixels, places, &blending(), outputs, mixed])
 }
 
 /// Tiles to the pixels of exact blocks, from the splats of frames of `outputs`: entry `blend`.
 pub fn blend_blocks(outputs: Outputs) -> String {
-    let numbers = constants(&[("SPLAT_VECTORS", splat_vectors(outputs))])
+    let numbers = blend_sizes(outputs, BLOCK_PIXELS)
+        + &constants(&[("MAX_SCALE", MAX_BLOCK_SCALE)])
         + &constants(&[("LARGEST_HALF", f16::MAX.to_f32())]);
     let own = [include_str!("cover_blocks.wgsl"), include_str!("places_blocks.wgsl")].concat();
     joined(&[&numbers, VIEW, FRAME, SPLAT, COVER, &own, &blending(), include_str!("outputs_color.wgsl")])
+}
+
+/// Sizes of blending with the splats of frames of `outputs`, with `pixels` invocations.
+fn blend_sizes(outputs: Outputs, pixels: u32) -> String {
+    let vectors = splat_vectors(outputs);
+    constants(&[("SPLAT_VECTORS", vectors), ("TILE", tile_side(outputs)), ("PIXELS", pixels)])
 }
 
 /// Front-to-back blending, with its generated lines.
@@ -159,7 +168,14 @@ mod tests {
         assert_eq!(bindings(&project(ScenePrecision::F32)), most);
         assert_eq!(bindings(&blend(Outputs::GBuffer)), most);
         assert_eq!(bindings(&blend(Outputs::GBufferMixed)), most + 1);
-        for source in [bin(), plan(), tiles(), crop(), blend(Outputs::Color), blend_blocks(Outputs::GBuffer)] {
+        for source in [
+            bin(Outputs::GBuffer),
+            plan(),
+            tiles(),
+            crop(),
+            blend(Outputs::Color),
+            blend_blocks(Outputs::GBuffer),
+        ] {
             assert!(bindings(&source) < most);
         }
     }
@@ -169,13 +185,14 @@ mod tests {
         for precision in [ScenePrecision::F16, ScenePrecision::F32] {
             validate("project", &[&project(precision)]).unwrap_or_else(|e| panic!("{precision:?}: {e}"));
         }
-        for (label, source) in [("bin", bin()), ("plan", plan()), ("tiles", tiles()), ("crop", crop())] {
+        for (label, source) in [("plan", plan()), ("tiles", tiles()), ("crop", crop())] {
             validate(label, &[&source]).unwrap_or_else(|e| panic!("{e}"));
         }
         for outputs in [Outputs::Color, Outputs::GBuffer, Outputs::GBufferMixed] {
             validate("blend", &[&blend(outputs)]).unwrap_or_else(|e| panic!("{outputs:?}: {e}"));
+            validate("bin", &[&bin(outputs)]).unwrap_or_else(|e| panic!("{outputs:?}: {e}"));
             validate("blocks", &[&blend_blocks(outputs)]).unwrap_or_else(|e| panic!("{outputs:?}: {e}"));
         }
-        assert_eq!(check_literals(concat!(env!("CARGO_MANIFEST_DIR"), "/src/gpu")), 22);
+        assert_eq!(check_literals(concat!(env!("CARGO_MANIFEST_DIR"), "/src/gpu")), 25);
     }
 }

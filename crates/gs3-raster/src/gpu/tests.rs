@@ -1,9 +1,10 @@
 //! The stages one by one against the CPU's, and devices smaller than any real one.
 
 use glam::{DAffine3, DVec3};
-use gs3_compute::{GpuSettings, device_for_tests};
+use gs3_compute::{GpuSettings, Use, device_for_tests};
 use gs3_scene::{Gaussians, Intrinsics, Margin, OpacityMode};
 
+use super::plan::tile_side;
 use super::*;
 use crate::cpu::Rasterizer;
 use crate::settings::{Rules, matched_dilation};
@@ -67,6 +68,27 @@ fn frame(rasterizer: &mut GpuRasterizer, camera: &Camera, settings: &RasterSetti
     gbuffer
 }
 
+/// Exact blocks, every third one, of a picture twice as large as the frame of `camera`: four halves a pixel.
+fn blocks(rasterizer: &mut GpuRasterizer, camera: &Camera) -> Vec<[u16; 4]> {
+    let gpu = rasterizer.gpu.clone();
+    let camera = camera.resized(2 * camera.width(), 2 * camera.height()).expect("valid");
+    let chosen: Vec<u32> = (0..camera.width() * camera.height()).map(|k| u32::from(k % 3 == 0)).collect();
+    let image =
+        gpu.buffer("image", Use::Storage, u64::from(camera.width() * camera.height()) * 8).expect("room");
+    let marks = gpu.buffer_with("chosen", Use::Storage, &chosen).expect("room");
+    let (mut blocks, mut out) = (GpuBlocks::new(marks, image.clone()), GpuGBuffer::default());
+    let frame = LowResolution { camera: &camera, scale: 2, has_blocks: true };
+    loop {
+        let mut recorder = gpu.recorder(None);
+        rasterizer.record_low_resolution(&mut recorder, frame, &SETTINGS, &mut out).expect("valid");
+        rasterizer.record_blocks(&mut recorder, &mut blocks).expect("a frame");
+        recorder.submit().expect("a device");
+        if rasterizer.check_capacity().expect("room") != CapacityCheck::Grown {
+            break gpu.read(&image.slice()).expect("a device");
+        }
+    }
+}
+
 impl GpuRasterizer {
     /// The first `count` numbers of a frame's buffer.
     fn numbers(&self, name: &str, count: u32) -> Vec<u32> {
@@ -128,7 +150,7 @@ fn stages_match_the_cpu() {
         // bin: tiles have their splats in that order, and all that contribute to a pixel.
         let plan = &rasterizer.frame.as_ref().expect("a frame").plan;
         let half = (plan.tile_bits.div_ceil(8) % 2) as usize;
-        let (columns, rows) = (plan.bands[0].columns, plan.bands[0].rows);
+        let (columns, rows, side) = (plan.bands[0].columns, plan.bands[0].rows, tile_side(plan.outputs));
         let ranges = rasterizer.numbers("ranges", 2 * columns * rows);
         let entry_splats = rasterizer.numbers(["entry_splats0", "entry_splats1"][half], entries);
         let mut place = vec![0; count as usize];
@@ -141,19 +163,20 @@ fn stages_match_the_cpu() {
             let of_tile = &entry_splats[start..end];
             total += of_tile.len();
             assert!(of_tile.is_sorted_by_key(|&splat| place[splat as usize]), "{culling:?}: tile {tile}");
-            let [x0, y0] = [tile % columns, tile / columns].map(|k| (k * 16) as f32);
+            let [x0, y0] = [tile % columns, tile / columns].map(|k| (k * side) as f32);
             for (i, splat) in splats.iter().enumerate() {
                 let is_listed = of_tile.contains(&(i as u32));
-                let is_near = splat.reaches(x0 - 0.1, y0 - 0.1, x0 + 15.1, y0 + 15.1);
+                let last = side as f32 - 0.9;
+                let is_near = splat.reaches(x0 - 0.1, y0 - 0.1, x0 + last, y0 + last);
                 if culling == Culling::Exact && is_listed {
                     assert!(is_near, "tile {tile} lists splat {i} in vain");
                 }
                 let contributes = || {
-                    (0..256).any(|p| {
-                        let (dx, dy) =
-                            (splat.mean[0] - x0 - (p % 16) as f32, splat.mean[1] - y0 - (p / 16) as f32);
+                    (0..side * side).any(|p| {
+                        let (x, y) = (x0 + (p % side) as f32, y0 + (p / side) as f32);
+                        let (dx, dy) = (splat.mean[0] - x, splat.mean[1] - y);
                         let (u, v) = (splat.l11 * dx + splat.l21 * dy, splat.l22 * dy);
-                        let inside = x0 + ((p % 16) as f32) < 250.0 && y0 + ((p / 16) as f32) < 170.0;
+                        let inside = x < 250.0 && y < 170.0;
                         inside && splat.opacity * (-(u * u + v * v)).exp2() > 1.001 / 255.0
                     })
                 };
@@ -185,15 +208,16 @@ fn small_bindings_change_nothing() {
     };
     let mut large = rasterizer(128 << 20).expect("room");
     let expected = frame(&mut large, &camera, &SETTINGS);
-    // The sort's capacity is 2¹⁶ at least; the picture is 11 rows of tiles of 64,000 bytes, a splat 80 bytes.
+    // The sort's capacity is 2¹⁶ at least; the picture is 22 rows of tiles of 32,000 bytes, a splat 80 bytes.
     let mut small = rasterizer(650_000).expect("room");
     assert_eq!(frame(&mut small, &camera, &SETTINGS), expected);
+    assert_eq!(blocks(&mut small, &camera), blocks(&mut large, &camera));
     let bands = &small.frame.as_ref().expect("a frame").plan.bands;
     assert_eq!((small.pages.len(), large.pages.len()), (2, 1));
     assert!(bands.len() >= 2, "{bands:?}");
 
     // Too small for a row of tiles.
-    let mut tiny = rasterizer(60_000).expect("pages");
+    let mut tiny = rasterizer(30_000).expect("pages");
     let refused = tiny.rasterize_to(&camera, &SETTINGS, &mut GBuffer::default());
     assert!(matches!(refused, Err(GpuRasterError::Gpu(GpuError::TooLarge { .. }))), "{refused:?}");
 

@@ -47,7 +47,8 @@ impl ViewUniform {
     /// are projected as well.
     pub fn new(view: &View, settings: &RasterSettings, stride: u32, native: Option<Native>) -> Self {
         let Native { scale, size: picture } = native.unwrap_or(Native { scale: 1, size: view.size });
-        let first = first_sample(scale, settings.jitter).map(|first| if native.is_some() { first } else { 0.0 });
+        let first =
+            first_sample(scale, settings.jitter).map(|first| if native.is_some() { first } else { 0.0 });
         let scale_f64 = f64::from(scale);
         let last = scale_f64 - 1.0;
         // Native pixels lie less than a sample's distance beyond the outermost samples.

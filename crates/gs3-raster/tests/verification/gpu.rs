@@ -5,8 +5,8 @@ use std::sync::{Arc, OnceLock};
 use glam::{DVec2, DVec3};
 use gs3_compute::{Gpu, GpuError, GpuSettings, device_for_tests};
 use gs3_raster::{
-    Culling, GpuGBuffer, GpuRasterError, GpuRasterizer, LowResolution, Outputs, RasterError, RasterSettings, Rasterizer,
-    ScenePrecision, Window, matched_dilation,
+    Culling, GpuGBuffer, GpuRasterError, GpuRasterizer, LowResolution, Outputs, RasterError, RasterSettings,
+    Rasterizer, ScenePrecision, Window, matched_dilation,
 };
 use gs3_scene::gaussians::MAX_SH;
 use gs3_scene::{Camera, GBuffer, Image, Margin, OpacityMode, Scene};

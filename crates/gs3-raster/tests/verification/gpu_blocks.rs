@@ -29,12 +29,21 @@ const UNTOUCHED: f32 = -7.0;
 
 fn settings(scale: u32, jitter: [f32; 2], margin: Margin) -> RasterSettings {
     let dilation = matched_dilation(scale);
-    RasterSettings { dilation, jitter, margin, background: BACKGROUND, ..RasterSettings::new(Outputs::GBuffer) }
+    RasterSettings {
+        dilation,
+        jitter,
+        margin,
+        background: BACKGROUND,
+        ..RasterSettings::new(Outputs::GBuffer)
+    }
 }
 
 fn native(scene: &Arc<Scene>, camera: &Camera) -> Image {
-    let settings =
-        RasterSettings { background: BACKGROUND, dilation: STOCK_DILATION, ..RasterSettings::new(Outputs::Color) };
+    let settings = RasterSettings {
+        background: BACKGROUND,
+        dilation: STOCK_DILATION,
+        ..RasterSettings::new(Outputs::Color)
+    };
     let mut image = Image::default();
     let mut rasterizer = Rasterizer::new(Arc::clone(scene), Culling::AccuTile);
     rasterizer.rasterize_image(camera, &settings, &mut image).expect("valid settings");
@@ -123,9 +132,11 @@ fn blocks_are_the_native_image_at_every_scale() {
         _ => Margin { left: 3, top: 1, right: 2, bottom: 32 },
     };
     for (k, scale) in (1..=8_u32).enumerate().filter(|(_, scale)| [1, 2, 3, 4, 8].contains(scale)) {
-        for (size, margin, share) in
-            [([101, 67], Margin::NONE, 0.4), ([330, 150], margin_of(scale), 0.06), ([3, 2], Margin::NONE, 1.0)]
-        {
+        for (size, margin, share) in [
+            ([101, 67], Margin::NONE, 0.4),
+            ([330, 150], margin_of(scale), 0.06),
+            ([3, 2], Margin::NONE, 1.0),
+        ] {
             let camera = posed(&camera_at_origin(size[0], size[1], DVec2::new(0.05, 0.1)), tilted_pose());
             let recipe = RandomScene {
                 seed: k as u64,
@@ -137,14 +148,12 @@ fn blocks_are_the_native_image_at_every_scale() {
             let scene = Arc::new(recipe.build(&camera));
             let image = native(&scene, &camera);
             let culling = [Culling::AccuTile, Culling::Exact, Culling::SnugBox][k % 3];
-            let mut rasterizer =
-                GpuRasterizer::new(&gpu, scene, culling, ScenePrecision::F32).expect("room");
+            let mut rasterizer = GpuRasterizer::new(&gpu, scene, culling, ScenePrecision::F32).expect("room");
             let grid = Jitter::grid(scale);
             for frame in [0, grid.period() as u64 / 2] {
                 let settings = settings(scale, grid.offset(frame), margin);
                 let mut target = Target::new(&gpu, size, share, &mut random);
-                let [with, without] =
-                    frames(&gpu, &mut rasterizer, (&camera, scale), &settings, &mut target);
+                let [with, without] = frames(&gpu, &mut rasterizer, (&camera, scale), &settings, &mut target);
                 let what = format!("x{scale}, {size:?}, frame {frame}");
                 assert_identical(&with, &without, &what);
                 target.assert_native(&gpu, &image, &what);
@@ -175,9 +184,8 @@ fn blocks_without_their_frame_or_room_are_typed_errors() {
     let Some(gpu) = gpu() else { return };
     let camera = camera_at_origin(64, 40, DVec2::ZERO);
     let scene = Arc::new(RandomScene { count: 20, ..RandomScene::BASE }.build(&camera));
-    let new = |culling| {
-        GpuRasterizer::new(&gpu, Arc::clone(&scene), culling, ScenePrecision::F32).expect("room")
-    };
+    let new =
+        |culling| GpuRasterizer::new(&gpu, Arc::clone(&scene), culling, ScenePrecision::F32).expect("room");
     let mut target = Target::new(&gpu, [64, 40], 1.0, &mut Random(1));
     let mut small = Target::new(&gpu, [64, 36], 1.0, &mut Random(1));
     let (settings, mut out) = (settings(4, [0.125; 2], Margin::NONE), GpuGBuffer::default());

@@ -20,5 +20,8 @@ mod scenes;
 /// Every test of kernels, once more on each other SIMD level of this processor.
 #[test]
 fn all_of_this_on_every_simd_level() {
-    gs3_simd::repeat_tests_on_levels("all_of_this_on_every_simd_level", &["gpu::", "gpu_blocks::", "real_scenes::"]);
+    gs3_simd::repeat_tests_on_levels(
+        "all_of_this_on_every_simd_level",
+        &["gpu::", "gpu_blocks::", "real_scenes::"],
+    );
 }

@@ -145,7 +145,11 @@ mod tests {
 
     #[test]
     fn layouts_are_those_of_the_shader() {
-        assert_layout!(&[include_str!("select.wgsl")], Selection, Selection { blocks, most, least, wants_all });
+        assert_layout!(
+            &[include_str!("select.wgsl")],
+            Selection,
+            Selection { blocks, most, least, wants_all }
+        );
     }
 
     #[test]

@@ -144,14 +144,7 @@ impl GpuSuperSampler {
     /// As [`Self::new`].
     #[doc(hidden)]
     pub fn backward(gpu: &Gpu, scale: u32, size: [u32; 2], margin: u32) -> Result<Self, GpuReconstructError> {
-        Self::with_constants(
-            gpu,
-            [scale, margin],
-            size,
-            SideOutput::None,
-            Kriging::On,
-            &[("BACKWARD", 1.0)],
-        )
+        Self::with_constants(gpu, [scale, margin], size, SideOutput::None, Kriging::On, &[("BACKWARD", 1.0)])
     }
 
     fn with_constants(
@@ -187,8 +180,12 @@ impl GpuSuperSampler {
         let scan_cells = Scan::new(gpu)?.bind(gpu, count.slice(), cells, sum)?;
         let side_output_buffer = match side_output {
             SideOutput::None => None,
-            SideOutput::Innovation => Some(gpu.buffer("innovation", Use::Storage, plan.innovation_bytes())?),
-            SideOutput::ExpectedErrors => Some(gpu.buffer("block_errors", Use::Storage, plan.block_bytes())?),
+            SideOutput::Innovation => {
+                Some(gpu.buffer("innovation", Use::Storage, plan.innovation_bytes())?)
+            }
+            SideOutput::ExpectedErrors => {
+                Some(gpu.buffer("block_errors", Use::Storage, plan.block_bytes())?)
+            }
         };
         Ok(Self {
             gpu: gpu.clone(),

@@ -5,8 +5,8 @@ use std::sync::OnceLock;
 use crate::common::{Sheet, World, camera, grid_jitter, wall_and_post};
 use gs3_compute::{Buffer, Gpu, GpuError, GpuSettings, Use, device_for_tests};
 use gs3_reconstruct::gpu::{
-    GpuImage, GpuInterpolator, GpuNeighbor, GpuPlanes, GpuReconstructError, GpuSuperSampler,
-    NeighborView, SideOutput,
+    GpuImage, GpuInterpolator, GpuNeighbor, GpuPlanes, GpuReconstructError, GpuSuperSampler, NeighborView,
+    SideOutput,
 };
 use gs3_reconstruct::{Interpolator, Kriging, Neighbor, ReconstructError, ResetReason, SuperSampler, Warped};
 use gs3_scene::{Camera, GBuffer, Image, Margin, Planes};
@@ -267,8 +267,7 @@ fn frames_repeat_bit_for_bit() {
     };
     let first = run(GpuSuperSampler::new(&gpu, 4, size, SideOutput::None, Kriging::On, MARGIN).unwrap());
     assert!(
-        run(GpuSuperSampler::new(&gpu, 4, size, SideOutput::None, Kriging::On, MARGIN).unwrap())
-            == first
+        run(GpuSuperSampler::new(&gpu, 4, size, SideOutput::None, Kriging::On, MARGIN).unwrap()) == first
     );
     // Software adapters may run everything in order.
     assert!(run(GpuSuperSampler::backward(&gpu, 4, size, MARGIN).unwrap()) == first);
@@ -401,9 +400,8 @@ fn what_does_not_fit_is_a_typed_error() {
     let Some(gpu) = gpu() else { return };
     let scale = GpuSuperSampler::new(&gpu, 9, [64, 64], SideOutput::None, Kriging::On, 0).map(|_| ());
     assert_eq!(scale, Err(ReconstructError::Scale { actual: 9 }.into()));
-    let sampler = |size, margin| {
-        GpuSuperSampler::new(&gpu, 1, size, SideOutput::None, Kriging::On, margin).map(|_| ())
-    };
+    let sampler =
+        |size, margin| GpuSuperSampler::new(&gpu, 1, size, SideOutput::None, Kriging::On, margin).map(|_| ());
     // Frames of a valid size; one device in a hundred has memory for their history.
     if gpu.capabilities().limits.binding_bytes < (8192 * 8192) * 32 {
         let large = sampler([8192; 2], 8192);

@@ -45,9 +45,16 @@ fn the_choice_is_the_cpus() {
         .collect();
     let as_floats: Vec<f32> = errors.iter().map(|units| *units as f32 * PER_UNIT).collect();
     let step = (0.5_f32 / 255.0).powi(2);
-    for (most, least_error) in
-        [(0.06, 0.0), (0.06, step), (0.9, step), (1.0, step), (1.0, 0.0), (0.3, -1.0), (1.0, -1.0), (0.0, 0.0)]
-    {
+    for (most, least_error) in [
+        (0.06, 0.0),
+        (0.06, step),
+        (0.9, step),
+        (1.0, step),
+        (1.0, 0.0),
+        (0.3, -1.0),
+        (1.0, -1.0),
+        (0.0, 0.0),
+    ] {
         let budget = BlockBudget { most, least_error };
         let (places, count) = chosen(&gpu, &errors, size, budget);
         let mut expected = select_blocks(&as_floats, [410, 250], budget);
@@ -55,7 +62,10 @@ fn the_choice_is_the_cpus() {
         assert_eq!(count as usize, places.len());
         // Errors of more than 24 bits may be one float.
         let sum = |places: &[[u16; 2]]| -> f64 {
-            places.iter().map(|[x, y]| f64::from(as_floats[usize::from(*y) * columns + usize::from(*x)])).sum()
+            places
+                .iter()
+                .map(|[x, y]| f64::from(as_floats[usize::from(*y) * columns + usize::from(*x)]))
+                .sum()
         };
         assert_eq!((places.len(), sum(&places)), (expected.len(), sum(&expected)), "{budget:?}");
         if !(0.1..1.0).contains(&most) {
@@ -69,10 +79,12 @@ fn expected_errors_match_the_cpu() {
     let Some(gpu) = gpu() else { return };
     let world = wall_and_post(60.0);
     for (scale, size) in [(4, [230, 133]), (2, [101, 66])] {
-        let pose =
-            |k: usize| camera(size[0], size[1], [0.02 * k as f64, 0.006 * k as f64, 0.004 * k as f64], 0.0, 0.0);
+        let pose = |k: usize| {
+            camera(size[0], size[1], [0.02 * k as f64, 0.006 * k as f64, 0.004 * k as f64], 0.0, 0.0)
+        };
         let mut cpu = SuperSampler::new(scale, Kriging::Off).unwrap();
-        let mut device = Sampler::with_side_output(&gpu, scale, size, SideOutput::ExpectedErrors, Kriging::Off);
+        let mut device =
+            Sampler::with_side_output(&gpu, scale, size, SideOutput::ExpectedErrors, Kriging::Off);
         for k in 0..6 {
             let gbuffer = world.gbuffer(&pose(k).low_resolution(scale), grid_jitter(scale, k));
             let mut image = Image::default();

@@ -4,8 +4,7 @@ use std::sync::Arc;
 
 use gs3_raster::{Outputs, Rasterizer};
 use gs3_reconstruct::{
-    DepthLattice, Interpolator, Neighbor, ResampleKernel, ResetReason, SuperSampler, resample,
-    select_blocks,
+    DepthLattice, Interpolator, Neighbor, ResampleKernel, ResetReason, SuperSampler, resample, select_blocks,
 };
 use gs3_scene::{ExactBlocks, GBuffer, Image, Margin, Scene, block_grid};
 

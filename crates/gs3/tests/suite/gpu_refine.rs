@@ -18,8 +18,7 @@ fn settings(mode: Mode, refine: Refine) -> PipelineSettings {
 }
 
 fn native(scene: &Arc<Scene>, camera: &Camera) -> Image {
-    let mut pipeline =
-        FramePipeline::new(Arc::clone(scene), settings(Mode::Native, Refine::Off)).unwrap();
+    let mut pipeline = FramePipeline::new(Arc::clone(scene), settings(Mode::Native, Refine::Off)).unwrap();
     pipeline.render(camera).unwrap().current.clone()
 }
 
@@ -28,8 +27,7 @@ fn exact_pixels_make_better_frames_on_a_gpu() {
     let Some(gpu) = gpu() else { return };
     let (scene, cameras) = (Arc::new(part_of_demo(8)), cameras());
     let on_gpu = |refine| {
-        let mut pipeline =
-            FramePipeline::new(Arc::clone(&scene), settings(Mode::Full, refine)).unwrap();
+        let mut pipeline = FramePipeline::new(Arc::clone(&scene), settings(Mode::Full, refine)).unwrap();
         pipeline.render_on(&gpu).unwrap();
         pipeline
     };

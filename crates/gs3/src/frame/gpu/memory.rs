@@ -1,12 +1,14 @@
 //! The device memory of frames of one size, and the recording of each stage.
 
 use gs3_compute::{Bound, Buffer, Gpu, Kernel, Readback, Recorder, Slice, Submission, Use, constants};
-use gs3_raster::{CapacityCheck, GpuBlocks, GpuGBuffer, GpuRasterizer, LowResolution, Outputs, RasterSettings};
-use gs3_reconstruct::{BlockBudget, DepthLattice};
+use gs3_raster::{
+    CapacityCheck, GpuBlocks, GpuGBuffer, GpuRasterizer, LowResolution, Outputs, RasterSettings,
+};
 use gs3_reconstruct::gpu::{
     BoundInterpolator, BoundSuperSampler, GpuBlockSelector, GpuImage, GpuInterpolator, GpuNeighbor,
     GpuSuperSampler, NeighborView, SideOutput,
 };
+use gs3_reconstruct::{BlockBudget, DepthLattice};
 use gs3_scene::{Camera, GBuffer, Margin};
 
 use super::super::inputs::{FrameInputs, Frames, ReadBack};
@@ -103,7 +105,13 @@ impl FrameMemory {
             GpuSuperSampler::new(gpu, scale, size, side_output, plan.kriging, plan.widest_margin)?;
         let side = || {
             let image = GpuImage::new(gpu, size)?;
-            Ok::<_, PipelineError>(Side { gbuffer: GpuGBuffer::default(), image, view: None, bound: None, blocks: None })
+            Ok::<_, PipelineError>(Side {
+                gbuffer: GpuGBuffer::default(),
+                image,
+                view: None,
+                bound: None,
+                blocks: None,
+            })
         };
         let sides = [side()?, side()?];
         let count = plan.most_in_between() as usize;

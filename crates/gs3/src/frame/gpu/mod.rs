@@ -19,6 +19,7 @@ use super::inputs::{FrameInputs, Frames, Made, ReadBack};
 use super::plan::FramePlan;
 use crate::error::PipelineError;
 use crate::refine::{Refine, ShareController};
+use crate::settings::Mode;
 use crate::stages::{Stage, StageTimes};
 
 /// A frame in device memory. [`GpuImage::pixels`] are four halves a pixel: red, green, blue, and one that is not part
@@ -86,7 +87,13 @@ impl GpuMachine {
                 Some(stages) => stages,
                 none => none.insert(CpuStages::new(&self.plan)?),
             };
-            return stages.make(inputs, &mut *self.rasterizer, frames).await;
+            let mut made = stages.make(inputs, &mut *self.rasterizer, frames).await?;
+            // As of whole frames, the time that the device takes, without reading back.
+            if let (Mode::Native, Some(time)) = (self.plan.settings.mode, self.rasterizer.last_time()) {
+                made.times = StageTimes::default();
+                made.times.add(Stage::Rasterize, time);
+            }
+            return Ok(made);
         }
         let budget = self.plan.block_budget(inputs.reset, self.controller.share());
         let has_blocks = budget.most > 0.0 && self.makes_blocks();
