@@ -72,7 +72,7 @@ fn blend(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_
     var is_cut = false;
     var first = range.x;
     // The splat that the invocation stages next: read a batch ahead, its data wait for one read instead of two.
-    let own_slot = lane / 2u;
+    let own_slot = lane / STAGERS;
     var next_splat = 0u;
     if READS_AHEAD && first + own_slot < range.y {
         next_splat = entry_splats[first + own_slot];
@@ -92,10 +92,11 @@ fn blend(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_
             if !READS_AHEAD {
                 next_splat = entry_splats[first + own_slot];
             }
-            if lane % 2u == 0u {
+            if lane % STAGERS == 0u {
                 staged_a[own_slot] = bitcast<vec4<f32>>(splats[next_splat]);
                 staged_b[own_slot] = splats[room + next_splat];
-            } else {
+            }
+            if lane % STAGERS == STAGERS - 1u {
                 staged_c[own_slot] = bitcast<vec4<f32>>(splats[2u * room + next_splat]);
                 stage_outputs(own_slot, next_splat, room);
             }
@@ -107,7 +108,7 @@ fn blend(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_
         if is_staged {
             let s = splat_of(staged_a[own_slot], staged_b[own_slot]);
             let rect = rect_of(staged_b[own_slot]);
-            cover_splat(own_slot, s, rect, workgroup, lane % 2u);
+            cover_splat(own_slot, s, rect, workgroup, lane % STAGERS);
         }
         if t > 0.0 {
             is_open = 1u;

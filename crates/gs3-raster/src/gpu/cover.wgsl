@@ -4,22 +4,24 @@
 const BLOCKS: u32 = TILE / BLOCK;
 const GROUP_BLOCKS: u32 = PIXELS / (BLOCK * BLOCK);
 
-// Splats staged at a time, one by two invocations: with depth and normal, and what touches what, 3 KiB for 64 invocations and
-// 13 KiB for 256, so that every device has room and several workgroups share a multiprocessor.
-const BATCH: u32 = PIXELS / 2u;
+// BATCH splats are staged at a time: with depth and normal, and what touches what, 7 KiB for 64 invocations and 13 KiB for 256,
+// so that every device has room and several workgroups share a multiprocessor.
 const WORDS: u32 = BATCH / 32u;
+
+// Invocations that stage a splat: one or two.
+const STAGERS: u32 = PIXELS / BATCH;
 
 // Bit i of word k of a block: whether staged splat 32·k + i touches it.
 var<workgroup> cover: array<atomic<u32>, GROUP_BLOCKS * WORDS>;
 
-// Notes the blocks of half of the tile's rows that staged splat `slot` touches; `origin` is the tile's first pixel.
+// Notes the blocks of a stager's rows, from `first_row` on, that staged splat `slot` touches; `origin` is the tile's first pixel.
 fn cover_rows(slot: u32, s: Splat, rect: vec4<u32>, origin: vec2<f32>, first_row: u32) {
     let mean = s.mean - origin;
     let low = vec2<f32>(rect.xy) - origin;
     let high = vec2<f32>(rect.zw) - 1.0 - origin;
     let steepness = sqrt(fma(s.l21, s.l21, s.l22 * s.l22));
     let dy_at_max_dx = -s.l21 * (sqrt(s.support) / s.l22) / steepness;
-    for (var row = first_row; row < first_row + BLOCKS / 2u; row++) {
+    for (var row = first_row; row < first_row + BLOCKS / STAGERS; row++) {
         let top = f32(row * BLOCK);
         let bottom = f32(row * BLOCK + BLOCK - 1u);
         if low.y > bottom || high.y < top {

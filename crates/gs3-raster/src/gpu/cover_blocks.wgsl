@@ -2,8 +2,8 @@
 
 const READS_AHEAD: bool = true;
 
-// Notes the blocks of one half that staged splat `slot` touches: its exact extent on the block's rows; see cover.rs.
-fn cover_splat(slot: u32, s: Splat, rect: vec4<u32>, workgroup: vec3<u32>, half: u32) {
+// Notes the blocks of a stager's share that staged splat `slot` touches: its exact extent on the block's rows; see cover.rs.
+fn cover_splat(slot: u32, s: Splat, rect: vec4<u32>, workgroup: vec3<u32>, part: u32) {
     let root = sqrt(s.support);
     let reach = vec2(root * sqrt(fma(s.l21, s.l21, s.l22 * s.l22)) / (s.l11 * s.l22), root / s.l22);
     // The slack covers rounding; a block too many costs time only.
@@ -11,8 +11,8 @@ fn cover_splat(slot: u32, s: Splat, rect: vec4<u32>, workgroup: vec3<u32>, half:
     let low = s.mean - reach - slack;
     let high = s.mean + reach + slack;
     let side = f32(BLOCK - 1u) / f32(view.scale);
-    let first_block = half * (GROUP_BLOCKS / 2u);
-    for (var block = first_block; block < first_block + GROUP_BLOCKS / 2u; block++) {
+    let first_block = part * (GROUP_BLOCKS / STAGERS);
+    for (var block = first_block; block < first_block + GROUP_BLOCKS / STAGERS; block++) {
         if numbers[block] == NO_BLOCK {
             return;
         }

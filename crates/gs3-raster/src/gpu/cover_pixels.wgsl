@@ -11,10 +11,10 @@ const SMALL: u32 = 6u;
 // Bit i of word k of a pixel: whether small splat 32·k + i touches it. Word k of all pixels lies before word k + 1.
 var<workgroup> pixel_cover: array<atomic<u32>, PIXELS * WORDS>;
 
-// Notes the pixels in half of the tile's rows of blocks that staged splat `slot` touches; `origin` is the tile's first pixel.
+// Notes the pixels in a stager's rows of blocks, from `first_row` on, that staged splat `slot` touches; `origin` is the tile's first pixel.
 fn cover_pixels(slot: u32, s: Splat, rect: vec4<u32>, origin: vec2<u32>, first_row: u32) {
     let top = max(rect.y, origin.y + first_row * BLOCK);
-    let bottom = min(rect.w, origin.y + (first_row + BLOCKS / 2u) * BLOCK);
+    let bottom = min(rect.w, origin.y + (first_row + BLOCKS / STAGERS) * BLOCK);
     let low = f32(max(rect.x, origin.x));
     let high = f32(min(rect.z, origin.x + TILE)) - 1.0;
     for (var y = top; y < bottom; y++) {
@@ -35,13 +35,13 @@ fn cover_pixels(slot: u32, s: Splat, rect: vec4<u32>, origin: vec2<u32>, first_r
     }
 }
 
-// Notes what staged splat `slot` touches in one half of the tile.
-fn cover_splat(slot: u32, s: Splat, rect: vec4<u32>, workgroup: vec3<u32>, half: u32) {
+// Notes what staged splat `slot` touches in a stager's part of the tile.
+fn cover_splat(slot: u32, s: Splat, rect: vec4<u32>, workgroup: vec3<u32>, part: u32) {
     let corner = corner_of(workgroup);
     if all(rect.zw - rect.xy <= vec2(SMALL)) {
-        cover_pixels(slot, s, rect, corner, BLOCKS / 2u * half);
+        cover_pixels(slot, s, rect, corner, BLOCKS / STAGERS * part);
     } else {
-        cover_rows(slot, s, rect, vec2<f32>(corner), BLOCKS / 2u * half);
+        cover_rows(slot, s, rect, vec2<f32>(corner), BLOCKS / STAGERS * part);
     }
 }
 

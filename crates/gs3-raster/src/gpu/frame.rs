@@ -7,7 +7,7 @@ use gs3_compute::{
 use super::blocks::{BLOCK_PIXELS, BLOCKS_STAGE};
 use super::gbuffer::Target;
 use super::kernels::{Kernels, Sorts};
-use super::plan::{Band, Counters, FramePlan, tile_side};
+use super::plan::{Band, Counters, FramePlan};
 use super::scene::Page;
 
 /// Invocations of the workgroups that `dispatches` counts, `GROUP` of `plan.wgsl`.
@@ -129,8 +129,8 @@ impl Frame {
     ) -> Result<Self, GpuError> {
         // Everything is bound again below, whether or not the buffers grew.
         let _ = arena.fit(gpu, &plan.needs)?;
-        let blend = kernels.blend(gpu, plan.outputs)?;
-        let [count, emit] = kernels.bin(gpu, plan.outputs)?;
+        let blend = kernels.blend(gpu, &plan)?;
+        let [count, emit] = kernels.bin(gpu, plan.tile)?;
         let sorts = &*sorts.insert(Sorts::new(gpu, &plan, sorts.as_ref())?);
         let sorted = [sorts.by_depth.plan().result(), sorts.by_tile.plan().result()];
         let buffers = Buffers { plan: &plan, arena };
@@ -300,7 +300,7 @@ impl Frame {
 
     /// Records the exact blocks of the frame recorded last, `scale` times coarser. `blend` is of [`Self::bind_blocks`].
     pub fn record_blocks(&self, recorder: &mut Recorder<'_>, blend: &[Bound], scale: u32) {
-        let pixels_of_tile = (tile_side(self.plan.outputs) * scale).pow(2);
+        let pixels_of_tile = (self.plan.tile * scale).pow(2);
         let groups = pixels_of_tile.div_ceil(BLOCK_PIXELS);
         for (band, blend) in self.bands.iter().zip(blend) {
             // Only the last band's entries are still there.

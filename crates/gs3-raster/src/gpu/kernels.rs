@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
+use std::hash::Hash;
 
 use gs3_compute::{Gpu, GpuError, Kernel, Scan, Sort};
 use gs3_scene::OpacityMode;
@@ -23,12 +24,12 @@ pub struct Kernels {
     pub copy_picture: Kernel,
     /// `CULLING` of `bin.wgsl`.
     culling: (&'static str, f64),
-    /// Splats to tiles, `count` and `emit`, per outputs, compiled at the first use.
-    bin: HashMap<Outputs, [Kernel; 2]>,
-    /// Tiles to pixels, in the same way.
-    blend: HashMap<Outputs, Kernel>,
+    /// Splats to tiles, `count` and `emit`, by the side of a tile, compiled at the first use.
+    bin: HashMap<u32, [Kernel; 2]>,
+    /// Tiles to pixels, by outputs and the side of a tile, in the same way.
+    blend: HashMap<(Outputs, u32), Kernel>,
     /// Tiles to the pixels of exact blocks, in the same way.
-    blend_blocks: HashMap<Outputs, Kernel>,
+    blend_blocks: HashMap<(Outputs, u32), Kernel>,
 }
 
 /// The sorts, which depend on sizes.
@@ -81,26 +82,28 @@ impl Kernels {
         })
     }
 
-    /// Splats to tiles: `count` and `emit`.
-    pub fn bin(&mut self, gpu: &Gpu, outputs: Outputs) -> Result<[Kernel; 2], GpuError> {
+    /// Splats to tiles of `tile`×`tile` pixels: `count` and `emit`.
+    pub fn bin(&mut self, gpu: &Gpu, tile: u32) -> Result<[Kernel; 2], GpuError> {
         let culling = self.culling;
-        compiled(&mut self.bin, outputs, || {
-            let module = gpu.module("bin", &[&shaders::bin(outputs)])?;
+        compiled(&mut self.bin, tile, || {
+            let module = gpu.module("bin", &[&shaders::bin(tile)])?;
             Ok([module.kernel(gpu, "count", &[culling])?, module.kernel(gpu, "emit", &[culling])?])
         })
     }
 
     /// Tiles to pixels.
-    pub fn blend(&mut self, gpu: &Gpu, outputs: Outputs) -> Result<Kernel, GpuError> {
-        compiled(&mut self.blend, outputs, || {
-            gpu.module("blend", &[&shaders::blend(outputs)])?.kernel(gpu, "blend", &[])
+    pub fn blend(&mut self, gpu: &Gpu, plan: &FramePlan) -> Result<Kernel, GpuError> {
+        let FramePlan { outputs, tile, .. } = *plan;
+        compiled(&mut self.blend, (outputs, tile), || {
+            gpu.module("blend", &[&shaders::blend(outputs, tile)])?.kernel(gpu, "blend", &[])
         })
     }
 
-    /// Tiles to the pixels of exact blocks, from the splats of frames of `outputs`.
-    pub fn blend_blocks(&mut self, gpu: &Gpu, outputs: Outputs) -> Result<Kernel, GpuError> {
-        compiled(&mut self.blend_blocks, outputs, || {
-            gpu.module("blocks", &[&shaders::blend_blocks(outputs)])?.kernel(gpu, "blend", &[])
+    /// Tiles to the pixels of exact blocks, with the splats of frames of `plan`.
+    pub fn blend_blocks(&mut self, gpu: &Gpu, plan: &FramePlan) -> Result<Kernel, GpuError> {
+        let FramePlan { outputs, tile, .. } = *plan;
+        compiled(&mut self.blend_blocks, (outputs, tile), || {
+            gpu.module("blocks", &[&shaders::blend_blocks(outputs, tile)])?.kernel(gpu, "blend", &[])
         })
     }
 
@@ -112,13 +115,13 @@ impl Kernels {
     }
 }
 
-/// The kernels of `outputs`, made by `compile` if there are none yet.
-fn compiled<K: Clone>(
-    kernels: &mut HashMap<Outputs, K>,
-    outputs: Outputs,
+/// The kernels of `of`, made by `compile` if there are none yet.
+fn compiled<Of: Eq + Hash, K: Clone>(
+    kernels: &mut HashMap<Of, K>,
+    of: Of,
     compile: impl FnOnce() -> Result<K, GpuError>,
 ) -> Result<K, GpuError> {
-    match kernels.entry(outputs) {
+    match kernels.entry(of) {
         Entry::Occupied(compiled) => Ok(compiled.get().clone()),
         Entry::Vacant(place) => Ok(place.insert(compile()?).clone()),
     }

@@ -252,7 +252,7 @@ impl GpuRasterizer {
         };
         blocks.check(size)?;
         if blocks.frame != self.frame_number {
-            let kernel = self.kernels.blend_blocks(&self.gpu, frame.plan.outputs)?;
+            let kernel = self.kernels.blend_blocks(&self.gpu, &frame.plan)?;
             let buffers = [&blocks.chosen, &blocks.image];
             blocks.blend = frame.bind_blocks(&self.gpu, &self.fixed, &self.arena, &kernel, buffers)?;
             blocks.frame = self.frame_number;

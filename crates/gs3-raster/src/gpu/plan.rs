@@ -7,14 +7,17 @@ use super::scene::ScenePrecision;
 use crate::chunk::CHUNK;
 use crate::settings::Outputs;
 
-/// Side of a tile in pixels, `TILE` of the shaders. G-buffers are of low-resolution frames: few pixels, with many splats
-/// each, so smaller tiles keep more of a device busy, and a tile's list is shorter.
-pub const fn tile_side(outputs: Outputs) -> u32 {
-    match outputs {
-        Outputs::Color => 16,
-        Outputs::GBuffer | Outputs::GBufferMixed => 8,
-    }
+/// Side of a tile in pixels, `TILE` of the shaders. Low-resolution frames have few pixels, with many splats each: smaller
+/// tiles keep more of a device busy, and the longest list, which the frame waits for, is shorter. Larger frames are busy
+/// anyway, and small tiles are more work for `bin`.
+const fn tile_side(outputs: Outputs, size: [u32; 2]) -> u32 {
+    let is_small = size[0] as u64 * size[1] as u64 <= SMALL_FRAME;
+    if matches!(outputs, Outputs::GBuffer | Outputs::GBufferMixed) && is_small { 8 } else { 16 }
 }
+
+/// Pixels of the largest frame with small tiles: 1,024 tiles of 16×16. (H100, hqgarden, `bin` and `blend`: 480×270 takes 0.84
+/// ms with small tiles and 1.30 ms with large ones, 1024×540 0.89 and 0.79 ms.)
+const SMALL_FRAME: u64 = 1024 * 256;
 
 /// Bits of a depth that may differ: depths are positive, so the sign bit never differs.
 pub const DEPTH_BITS: u32 = 31;
@@ -134,7 +137,7 @@ impl Capacity {
         let most = most(limits);
         // Rarely more than half of a large scene is in view.
         let splats = scene.gaussians.min((1 << 20).max(scene.gaussians / 2)).min(most.splats);
-        let tile = tile_side(outputs);
+        let tile = tile_side(outputs, size);
         let tiles = size[0].div_ceil(tile) * size[1].div_ceil(tile);
         // Low-resolution splats touch one or two tiles, and splats of native frames three to ten.
         let entries = u64::from(splats) * 4 + u64::from(tiles) * 16;
@@ -196,6 +199,8 @@ pub struct FramePlan {
     /// Capacity in pixels.
     pub size: [u32; 2],
     pub outputs: Outputs,
+    /// Side of a tile in pixels.
+    pub tile: u32,
     pub capacity: Capacity,
     /// Parts of the picture that are binned and blended one after the other. A band has as many rows of tiles as fit
     /// one binding of pixels.
@@ -216,7 +221,18 @@ impl FramePlan {
         outputs: Outputs,
         capacity: Capacity,
     ) -> Result<Self, GpuError> {
-        let tile = tile_side(outputs);
+        Self::with_tiles(limits, scene, size, outputs, capacity, tile_side(outputs, size))
+    }
+
+    /// As [`Self::new`], with tiles of `tile`×`tile` pixels.
+    pub fn with_tiles(
+        limits: &Limits,
+        scene: &ScenePlan,
+        size: [u32; 2],
+        outputs: Outputs,
+        capacity: Capacity,
+        tile: u32,
+    ) -> Result<Self, GpuError> {
         let (columns, rows) = (size[0].div_ceil(tile), size[1].div_ceil(tile));
         let row_bytes = u64::from(tile) * u64::from(size[0]) * PIXEL_BYTES;
         let bytes = limits.binding_bytes.min(limits.buffer_bytes);
@@ -235,6 +251,7 @@ impl FramePlan {
         let plan = Self {
             size,
             outputs,
+            tile,
             capacity,
             bands,
             tile_bits: u32::BITS - tiles.leading_zeros(),
@@ -252,7 +269,7 @@ impl FramePlan {
     /// Where a band's pixels are in a plane, in bytes: start and length.
     pub fn band_bytes(&self, band: &Band) -> (u64, u64) {
         let row = u64::from(self.size[0]) * PIXEL_BYTES;
-        let tile = tile_side(self.outputs);
+        let tile = self.tile;
         let first = band.first_row * tile;
         let last = ((band.first_row + band.rows) * tile).min(self.size[1]);
         (u64::from(first) * row, u64::from(last - first) * row)
@@ -370,7 +387,7 @@ mod tests {
         }
         let [width, height] = plan.size.map(u64::from);
         assert_eq!(end, width * height * PIXEL_BYTES, "{:?}", plan.size);
-        assert_eq!(row, plan.size[1].div_ceil(tile_side(plan.outputs)));
+        assert_eq!(row, plan.size[1].div_ceil(plan.tile));
     }
 
     #[test]

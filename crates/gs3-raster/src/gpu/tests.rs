@@ -4,7 +4,6 @@ use glam::{DAffine3, DVec3};
 use gs3_compute::{GpuSettings, Use, device_for_tests};
 use gs3_scene::{Gaussians, Intrinsics, Margin, OpacityMode};
 
-use super::plan::tile_side;
 use super::*;
 use crate::cpu::Rasterizer;
 use crate::settings::{Rules, matched_dilation};
@@ -150,7 +149,7 @@ fn stages_match_the_cpu() {
         // bin: tiles have their splats in that order, and all that contribute to a pixel.
         let plan = &rasterizer.frame.as_ref().expect("a frame").plan;
         let half = (plan.tile_bits.div_ceil(8) % 2) as usize;
-        let (columns, rows, side) = (plan.bands[0].columns, plan.bands[0].rows, tile_side(plan.outputs));
+        let (columns, rows, side) = (plan.bands[0].columns, plan.bands[0].rows, plan.tile);
         let ranges = rasterizer.numbers("ranges", 2 * columns * rows);
         let entry_splats = rasterizer.numbers(["entry_splats0", "entry_splats1"][half], entries);
         let mut place = vec![0; count as usize];
@@ -225,6 +224,26 @@ fn small_bindings_change_nothing() {
     let (culling, precision) = (Culling::AccuTile, ScenePrecision::F16);
     let refused = GpuRasterizer::with_limits(&gpu, scene, culling, precision, limits).map(|_| ());
     assert!(matches!(refused, Err(GpuRasterError::Gpu(GpuError::Unsupported { .. }))), "{refused:?}");
+}
+
+/// The sides of tiles change no bit, of frames and of exact blocks.
+#[test]
+fn tiles_of_any_size_make_the_same_frames() {
+    let Some(gpu) = gpu() else { return };
+    let (scene, camera) = (scene(20_000, [0.002, 0.01]), camera(250, 170));
+    let mut rasterizer =
+        GpuRasterizer::new(&gpu, scene, Culling::AccuTile, ScenePrecision::F16).expect("room");
+    let made = [8, 16].map(|tile| {
+        let capacity = Capacity { splats: 1 << 16, entries: 1 << 20, band_rows: u32::MAX };
+        let (limits, plan) = (&rasterizer.limits, &rasterizer.plan);
+        let plan = FramePlan::with_tiles(limits, plan, [250, 170], SETTINGS.outputs, capacity, tile);
+        rasterizer.capacity = Some(capacity);
+        rasterizer.set_frame(plan.expect("sizes")).expect("room");
+        let made = (frame(&mut rasterizer, &camera, &SETTINGS), blocks(&mut rasterizer, &camera));
+        assert_eq!(rasterizer.frame.as_ref().expect("a frame").plan.tile, tile, "no frame was planned anew");
+        made
+    });
+    assert!(made[0] == made[1]);
 }
 
 /// An overflow is reported, and the next frame has enough memory.
