@@ -322,7 +322,10 @@ impl FramePipeline {
     #[must_use]
     pub fn makes_exact_pixels(&self, camera: &Camera) -> bool {
         match &self.machine {
-            Machine::Cpu(_) => self.plan.settings.mode.has_history(),
+            Machine::Cpu(_) => {
+                _ = camera;
+                self.plan.settings.mode.has_history()
+            }
             #[cfg(feature = "gpu")]
             Machine::Gpu(gpu) => gpu.makes_all_of(camera) && gpu.makes_blocks(),
         }
