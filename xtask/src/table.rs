@@ -6,7 +6,8 @@ use serde_json::Value;
 
 /// Stages of a frame in their order, then all together; see `gs3 bench --backend gpu`. Super sampling and
 /// interpolation have parts, named after a dot, which the report in JSON lists one by one.
-const STAGES: [&str; 7] = ["project", "order", "bin", "blend", "super_sample", "interpolate", "all"];
+const STAGES: [&str; 9] =
+    ["project", "order", "bin", "blend", "super_sample", "refine", "blocks", "interpolate", "all"];
 
 /// The report that `measure` makes.
 pub fn markdown(report: &Value) -> String {

@@ -182,7 +182,7 @@ typedef enum gs3_quality {
     GS3_QUALITY_HIGH = 2,
 } gs3_quality;
 
-// Which pixels the CPU rasterizes exactly besides the low-resolution grid: the blocks of 4 x 4 with the largest expected error.
+// Which pixels are rasterized exactly besides the low-resolution grid: the blocks of 4 x 4 with the largest expected error.
 typedef enum gs3_refine {
     // Those with an expected error that would be seen, within the budget of the quality.
     GS3_REFINE_AUTO = 0,

@@ -60,7 +60,7 @@ pub enum gs3_networks {
     GS3_NETWORKS_HIGH = 3,
 }
 
-/// Which pixels the CPU rasterizes exactly besides the low-resolution grid: the blocks of 4 x 4 with the largest expected error.
+/// Which pixels are rasterized exactly besides the low-resolution grid: the blocks of 4 x 4 with the largest expected error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub enum gs3_refine {

@@ -6,6 +6,8 @@ use std::time::Duration;
 
 use gs3_reconstruct::BlockBudget;
 
+use crate::stages::{Stage, StageTimes};
+
 /// The default effort for a frame: the error that may stay in a block of 4×4 pixels, and the largest share of pixels
 /// that is rasterized exactly to reduce it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -64,7 +66,7 @@ pub enum Refine {
     Share(f32),
     /// As many blocks as fit into this time for a rendered frame and the in-between frames before it. This is for
     /// interactive programs. A frame without history also keeps to the time. The number of blocks depends on the
-    /// machine's speed.
+    /// machine's speed. On a GPU without timestamps at most 1 % of the pixels are exact.
     FrameTime(Duration),
 }
 
@@ -161,9 +163,20 @@ impl ShareController {
         self.share
     }
 
+    /// Records the `times` of a frame made under `refine`, with a share `refined` of exact pixels.
+    pub fn learn_frame(&mut self, refine: Refine, times: &StageTimes, refined: f32) {
+        let Refine::FrameTime(target) = refine else { return };
+        // Frames that nobody waits for have no time.
+        if times.total() > Duration::ZERO {
+            let refining = times.get(Stage::Refine).unwrap_or_default();
+            self.learn(target, times.total(), refining, refined);
+        }
+    }
+
     /// Records the time of a frame: `total`, with `refining` for its exact blocks, which are a share `refined` of its
-    /// pixels.
-    pub fn learn(&mut self, target: Duration, total: Duration, refining: Duration, refined: f32) {
+    /// pixels. While the time of blocks is unknown (on a GPU without a clock always), the share is the first one if the frame
+    /// fits its time, and zero else.
+    fn learn(&mut self, target: Duration, total: Duration, refining: Duration, refined: f32) {
         let follow = |old: f64, new: f64| if old > 0.0 { old + NEWEST * (new - old) } else { new };
         let fixed = total.saturating_sub(refining).as_secs_f64();
         self.fixed = follow(self.fixed, fixed);
@@ -173,10 +186,14 @@ impl ShareController {
             // Less than a block was asked for. If a block was measured as too slow, then this is found out again.
             self.per_share *= NEWEST;
         }
-        if self.per_share > 0.0 {
+        self.share = if self.per_share > 0.0 {
             let left = PLANNED * target.as_secs_f64() - self.fixed;
-            self.share = ((left / self.per_share) as f32).clamp(0.0, 1.0);
-        }
+            ((left / self.per_share) as f32).clamp(0.0, 1.0)
+        } else if total <= target {
+            FIRST_SHARE
+        } else {
+            0.0
+        };
     }
 }
 
@@ -245,6 +262,21 @@ mod tests {
         }
         let expected = (0.95 * 0.01 - 0.005) / (0.002 / 0.01);
         assert!((f64::from(controller.share()) - expected).abs() < 1e-3, "{}", controller.share());
+    }
+
+    /// Without a clock all of a frame counts as work before its blocks.
+    #[test]
+    fn without_a_clock_few_blocks_are_made_where_there_is_time() {
+        let mut controller = ShareController::default();
+        let target = Duration::from_millis(10);
+        for (total, share) in [(5, FIRST_SHARE), (20, 0.0), (20, 0.0), (5, FIRST_SHARE)] {
+            controller.learn(target, Duration::from_millis(total), Duration::ZERO, controller.share());
+            assert_eq!(controller.share(), share);
+        }
+        // Frames that nobody waits for teach nothing.
+        let before = controller.share();
+        controller.learn_frame(Refine::FrameTime(target), &StageTimes::default(), 0.0);
+        assert_eq!(controller.share(), before);
     }
 
     #[test]

@@ -98,7 +98,7 @@ pub struct PipelineSettings {
     /// have past samples for the parts that come into view. Frames that a network refines always have overscan. Read
     /// by [`Mode::SuperSample`] and [`Mode::Full`].
     pub overscan: bool,
-    /// Which pixels are rasterized exactly. Read by [`Mode::SuperSample`] and [`Mode::Full`] on a CPU.
+    /// Which pixels are rasterized exactly. Read by [`Mode::SuperSample`] and [`Mode::Full`].
     pub refine: Refine,
     /// The budget of [`Refine::Auto`].
     pub quality: Quality,
@@ -106,7 +106,7 @@ pub struct PipelineSettings {
     /// ([`FramePipeline::set_frame_number`](crate::FramePipeline::set_frame_number)) is a multiple of this value.
     /// Frames after a keyframe depend on no frame before the keyframe. So parts of a path can be rendered separately
     /// ([`FramePipeline::first_of_warm_up`](crate::FramePipeline::first_of_warm_up)). If [`Refine`] starts exact, a
-    /// keyframe is rasterized exactly as a whole. Otherwise only the sampling offsets start anew. Not read by
+    /// keyframe of a CPU is rasterized exactly as a whole. Otherwise only the sampling offsets start anew. Not read by
     /// [`Mode::Native`].
     pub keyframes: u32,
     /// Dilation of the projected covariances. Exact pixels equal the native image's with [`Dilation::Matched`].

@@ -74,7 +74,7 @@ pub struct FrameOptions {
     #[arg(long, default_value = "balanced", value_name = "fast|balanced|high")]
     pub quality: QualityArg,
     /// Pixels rasterized exactly, where reconstruction is not to be trusted: none, those that --quality says, this share of
-    /// all (0 to 1), or as many as fit into a frame of so many milliseconds (33ms). On a GPU without networks only
+    /// all (0 to 1), or as many as fit into a frame of so many milliseconds (33ms). Not on a GPU with a super-sampling network
     #[arg(long, default_value = "auto", value_name = "off|auto|SHARE|TIMEms", allow_hyphen_values = true)]
     pub refine: Refine,
     /// High-resolution over low-resolution size

@@ -38,7 +38,7 @@ pub struct ViewArgs {
     /// Size of the window's picture
     #[arg(long, value_name = "WxH", default_value = "1280x720", allow_hyphen_values = true)]
     pub size: Size,
-    /// Displayed frames per second to aim at: on the CPU as many pixels are exact as the time allows
+    /// Displayed frames per second to aim at: as many pixels are exact as the time allows
     #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u16).range(1..=240))]
     pub fps: u16,
     /// Most frames interpolated before each rendered one; there are some where rendering is slower than --fps

@@ -26,7 +26,7 @@ class Renderer:
         width, height: Size of the frames, pixels.
         quality: How large an error may be left: ``fast``, ``balanced`` or ``high``.
         refine: Which pixels are rasterized exactly besides: ``auto`` (what ``quality`` says), ``off``, a share of all, 0 to 1,
-            or the time of a frame, ``"33ms"``. On a GPU without networks only.
+            or the time of a frame, ``"33ms"``. Not on a GPU with a super-sampling network.
         scale: High over low resolution, 1 to 8.
         frames_between: Frames interpolated before each rendered one in mode ``full``, 1 to 3.
         mode: ``full``, ``super-sample`` (none between), ``native`` (every pixel rasterized), ``bicubic`` (the baseline).

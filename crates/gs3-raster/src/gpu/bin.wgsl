@@ -99,7 +99,7 @@ fn count(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_
         tile_counts[i] = 0u;
     }
     workgroupBarrier();
-    // A group's sum is at most 2^28: 256 splats on 1024×1024 tiles. The sum of everything may overflow 2^32, which the
+    // A group's sum is below 2^27: 256 splats on at most 516×516 tiles. The sum of everything may overflow 2^32, which the
     // scan would not notice; shares of 4,096 do not overflow.
     if lane == 0u {
         atomicAdd(&counters.entry_shares, atomicLoad(&group_count) / ENTRY_SHARE);

@@ -4,7 +4,7 @@
 const BLOCKS: u32 = TILE / BLOCK;
 const GROUP_BLOCKS: u32 = PIXELS / (BLOCK * BLOCK);
 
-// BATCH splats are staged at a time: with depth and normal, and what touches what, 7 KiB for 64 invocations and 13 KiB for 256,
+// BATCH splats are staged at a time: with depth and normal, and what touches what, 5 KiB for 64 invocations and 13 KiB for 256,
 // so that every device has room and several workgroups share a multiprocessor.
 const WORDS: u32 = BATCH / 32u;
 

@@ -1,5 +1,6 @@
 // Which staged splats touch which exact block of the workgroup.
 
+// A workgroup has few pixels for the length of its list, and waits for the splats.
 const READS_AHEAD: bool = true;
 
 // Notes the blocks of a stager's share that staged splat `slot` touches: its exact extent on the block's rows; see cover.rs.

@@ -292,7 +292,7 @@ impl Frame {
         recorder.stage("order");
         self.sort_by_depth.record(recorder);
         for (band, blend) in self.bands.iter().zip(&target.blend) {
-            self.record_bin(recorder, band);
+            self.record_bin(recorder, "bin", band);
             recorder.stage("blend");
             recorder.dispatch(blend, band.blend);
         }
@@ -305,7 +305,7 @@ impl Frame {
         for (band, blend) in self.bands.iter().zip(blend) {
             // Only the last band's entries are still there.
             if self.bands.len() > 1 {
-                self.record_bin(recorder, band);
+                self.record_bin(recorder, BLOCKS_STAGE, band);
             }
             recorder.stage(BLOCKS_STAGE);
             let [columns, rows, _] = band.blend;
@@ -313,8 +313,8 @@ impl Frame {
         }
     }
 
-    fn record_bin(&self, recorder: &mut Recorder<'_>, band: &BoundBand) {
-        recorder.stage("bin");
+    fn record_bin(&self, recorder: &mut Recorder<'_>, stage: &'static str, band: &BoundBand) {
+        recorder.stage(stage);
         recorder.dispatch_indirect(&band.count, &self.dispatches, OVER_SPLATS);
         self.scan_tiles.record(recorder);
         recorder.dispatch(&self.plan_entries, [1, 1, 1]);

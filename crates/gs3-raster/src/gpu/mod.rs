@@ -2,7 +2,7 @@
 //!
 //! | stage | shaders beside the CPU's stems | what |
 //! |---|---|---|
-//! | project | `chunk`, `project`, `geometry`, `sh` | marks the Gaussians that touch a sample, counts them, and writes their splats in scene order |
+//! | project | `chunk`, `project`, `geometry`, `sh` | marks the Gaussians that touch a sample, or with exact blocks a pixel, counts them, and writes their splats in scene order |
 //! | order | | sorts the visible splats by depth, once for the whole picture |
 //! | bin | `bin`, `tiles` | front to back, writes an entry for each tile of a splat; a stable sort by tile keeps that order within tiles |
 //! | blend | `cover*`, `blend`, `places_tile`, `outputs_*`, `mixed*` | a workgroup a tile, an invocation a pixel |
@@ -98,7 +98,7 @@ impl fmt::Debug for GpuRasterizer {
 pub enum CapacityCheck {
     /// The buffers held all of each frame.
     Sufficient {
-        /// The most Gaussians projected onto at least one sample.
+        /// The most Gaussians projected onto at least one sample, or one pixel with exact blocks.
         splats: u32,
         /// The most tiles that they cover in all, or in the fullest band where the picture takes several.
         entries: u32,
@@ -214,16 +214,14 @@ impl GpuRasterizer {
         check(settings)?;
         let near = self.scene.details().near;
         let camera = frame.camera.low_resolution(frame.scale);
-        let view = View::new(&camera, settings, near);
-        let native = Native { scale: frame.scale, size: frame.camera.size() };
-        if !frame.has_blocks {
-            return self.record_view(recorder, camera.size(), &view, None, settings, out);
-        }
-        settings.check_blocks(frame.scale)?;
-        // Where the size is no multiple of the scale, the limits of the native image differ.
+        // The limits of the native image: those of a size that is no multiple of the scale differ.
         let View { jacobian_limits, .. } = View::new(frame.camera, settings, near);
-        let view = View { jacobian_limits, ..view };
-        self.record_view(recorder, camera.size(), &view, Some(native), settings, out)
+        let view = View { jacobian_limits, ..View::new(&camera, settings, near) };
+        if frame.has_blocks {
+            settings.check_blocks(frame.scale)?;
+        }
+        let native = frame.has_blocks.then_some(Native { scale: frame.scale, size: frame.camera.size() });
+        self.record_view(recorder, camera.size(), &view, native, settings, out)
     }
 
     /// Whether [`Self::record_blocks`] makes the native image's pixels. [`Culling::Aabb3Sigma`] and [`Culling::Adr`] cut

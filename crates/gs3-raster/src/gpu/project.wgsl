@@ -1,4 +1,4 @@
-// Gaussians to splats: culling, EWA projection (Kerbl et al. 2023), rejection of splats that touch no sample, colour;
+// Gaussians to splats: culling, EWA projection (Kerbl et al. 2023), rejection of splats that touch no sample (with exact blocks, no pixel's cell), colour;
 // see project.rs. `mark` notes what is visible, one workgroup a chunk; once their places are known, `project_color` and
 // `project_gbuffer` write the splats of a chunk, in scene order, with as many lanes as there are visible ones. Whatever
 // the second evaluation rounds otherwise, a marked Gaussian has a place and fills it.
@@ -118,7 +118,7 @@ fn project(i: u32) -> Projection {
     }
 
     // Where at most two by two samples are in the box, all of them may miss the ellipse. Cells of several pixels hardly do.
-    if view.scale == 1u && all(p.high - p.low <= vec2(1.0)) {
+    if view.has_blocks == 0u && all(p.high - p.low <= vec2(1.0)) {
         let hit = reaches_sample(p, p.low) || reaches_sample(p, p.high)
             || reaches_sample(p, vec2(p.high.x, p.low.y)) || reaches_sample(p, vec2(p.low.x, p.high.y));
         if !hit {

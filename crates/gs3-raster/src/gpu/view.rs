@@ -30,7 +30,8 @@ pub struct ViewUniform {
     picture: [u32; 2],
     margin: [u32; 2],
     first_sample: [f32; 2],
-    _pad3: [u32; 2],
+    has_blocks: u32,
+    _pad3: u32,
 }
 
 /// The native picture between the samples of a low-resolution frame.
@@ -51,11 +52,11 @@ impl ViewUniform {
             first_sample(scale, settings.jitter).map(|first| if native.is_some() { first } else { 0.0 });
         let scale_f64 = f64::from(scale);
         let last = scale_f64 - 1.0;
-        // Native pixels lie less than a sample's distance beyond the outermost samples.
-        let beyond = f32::from(u8::from(native.is_some()));
+        // Native pixels lie less than two samples' distances beyond the outermost samples, with jitter up to one.
+        let beyond = 2 * u32::from(native.is_some());
         let widened = View {
-            size: view.size.map(|side| side + u32::from(native.is_some())),
-            before: view.before.map(|before| before + beyond),
+            size: view.size.map(|side| side + beyond),
+            before: view.before.map(|before| before + beyond as f32),
             ..*view
         };
         let frustum = Frustum::new(&widened);
@@ -84,7 +85,8 @@ impl ViewUniform {
             picture,
             margin: [settings.margin.left, settings.margin.top],
             first_sample: first.map(|first| first as f32),
-            _pad3: [0; 2],
+            has_blocks: u32::from(native.is_some()),
+            _pad3: 0,
         }
     }
 }
@@ -121,6 +123,7 @@ mod tests {
                 picture,
                 margin,
                 first_sample,
+                has_blocks,
                 _pad3,
             }
         );

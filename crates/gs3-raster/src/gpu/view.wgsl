@@ -33,7 +33,9 @@ struct View {
     margin: vec2<u32>,
     // Position of the picture's first sample in pixels of the picture.
     first_sample: vec2<f32>,
-    _pad3: vec2<u32>,
+    // Not 0 if pixels between the samples may be made.
+    has_blocks: u32,
+    _pad3: u32,
 }
 
 @group(0) @binding(0) var<uniform> view: View;

@@ -16,6 +16,12 @@ pub struct BlockBudget {
 impl BlockBudget {
     /// Every block.
     pub const ALL: Self = Self { most: 1.0, least_error: -1.0 };
+
+    /// The most blocks of `blocks` that may be exact.
+    #[must_use]
+    pub fn blocks_of(self, blocks: usize) -> usize {
+        (f64::from(self.most.clamp(0.0, 1.0)) * blocks as f64).round() as usize
+    }
 }
 
 /// The blocks of 4×4 pixels with the largest expected errors, within `budget`, of an image of `size`, width and
@@ -32,7 +38,7 @@ pub fn select_blocks(errors: &[f32], size: [usize; 2], budget: BlockBudget) -> V
     let errors = errors.iter().take(columns * rows).enumerate();
     let mut keys: Vec<u64> =
         errors.filter(|(_, error)| **error > least && error.is_finite()).map(key).collect();
-    let most = (f64::from(budget.most.clamp(0.0, 1.0)) * (columns * rows) as f64).round() as usize;
+    let most = budget.blocks_of(columns * rows);
     if most == 0 {
         return Vec::new();
     }

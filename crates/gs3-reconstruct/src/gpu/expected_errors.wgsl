@@ -3,8 +3,6 @@
 
 @group(0) @binding(8) var<storage, read_write> block_errors: array<atomic<u32>>;
 
-// Blocks along a side of a tile, at most: whole ones, and parts on both sides.
-const BLOCKS_ALONG: u32 = (MADE_WIDTH - 2u) / BLOCK_SIDE + 2u;
 const BLOCKS_OF_TILE: u32 = BLOCKS_ALONG * BLOCKS_ALONG;
 
 var<workgroup> tile_errors: array<atomic<u32>, BLOCKS_OF_TILE>;

@@ -21,10 +21,13 @@ pub const KRIGED: [u32; 2] = [32, 16];
 /// Width in pixels made by a workgroup of `tile.wgsl`, with the pixels around the tile.
 pub const MADE_WIDTH: u32 = 32;
 
-/// Workgroup memory of `tile.wgsl` in bytes: four numbers a made pixel, a flag, and with `expected_errors.wgsl` a number for
-/// each of 9×9 blocks.
+/// Blocks of 4×4 pixels along a side of the pixels that a workgroup of `tile.wgsl` writes, at most: whole blocks, and parts on
+/// both sides.
+pub const BLOCKS_ALONG: u32 = (MADE_WIDTH - 2) / BLOCK_SIDE as u32 + 2;
+
+/// Workgroup memory of `tile.wgsl` in bytes: four numbers a made pixel, a flag, and with `expected_errors.wgsl` a number a block.
 fn tile_bytes(made_height: u32) -> u32 {
-    MADE_WIDTH * made_height * 16 + 16 + 9 * 9 * 4
+    MADE_WIDTH * made_height * 16 + 16 + BLOCKS_ALONG * BLOCKS_ALONG * 4
 }
 
 /// Sizes of super sampling.

@@ -13,7 +13,7 @@ use crate::cpu::tile::PER_LAPLACIAN;
 pub const GROUP: u32 = 256;
 
 /// Units of the sum of the squared corrections of a pixel, three numbers in `[0, 1]`: 2²⁴ make the least error of
-/// the highest quality, half a step of 8 bits, 515 units a block. Rounding changes a block by at most 8 units.
+/// the highest quality, half a step of 8 bits, 516 units a block. Rounding changes a block by at most 8 units.
 pub const ERROR_UNITS: f32 = (1 << 24) as f32;
 
 /// The largest sum of squared corrections of a pixel that counts: more than any picture has. The 16 pixels of a block then
@@ -35,7 +35,7 @@ struct Selection {
 
 impl Selection {
     fn new(blocks: u32, budget: BlockBudget) -> Self {
-        let most = (f64::from(budget.most.clamp(0.0, 1.0)) * f64::from(blocks)).round() as u32;
+        let most = budget.blocks_of(blocks as usize) as u32;
         let numbers = (3 * BLOCK_SIDE * BLOCK_SIDE) as f32;
         let least = budget.least_error.max(0.0) * numbers / PER_LAPLACIAN * ERROR_UNITS;
         Self { blocks, most, least: least as u32, wants_all: u32::from(budget.least_error < 0.0) }

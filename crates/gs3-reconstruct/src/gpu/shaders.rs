@@ -4,7 +4,7 @@ use gs3_compute::{constants, grid_source};
 use gs3_scene::BLOCK_SIDE;
 use half::f16;
 
-use super::plan::{KRIGED, MADE_WIDTH, SuperSamplePlan, WARPED, WORKGROUP};
+use super::plan::{BLOCKS_ALONG, KRIGED, MADE_WIDTH, SuperSamplePlan, WARPED, WORKGROUP};
 use super::select::{ERROR_UNITS, GROUP, LARGEST_ERROR};
 use super::side_output::SideOutput;
 use crate::cpu::{blend, gather, kriging, nearest, neighbor_depth, rectification, splat, tile, warp};
@@ -133,7 +133,9 @@ pub fn tile(plan: &SuperSamplePlan, side_output: SideOutput, kriging: Kriging) -
     let side_output = match side_output {
         SideOutput::None => include_str!("side_output_none.wgsl").to_owned(),
         SideOutput::Innovation => include_str!("innovation.wgsl").to_owned(),
-        SideOutput::ExpectedErrors => errors() + include_str!("expected_errors.wgsl"),
+        SideOutput::ExpectedErrors => {
+            constants(&[("BLOCKS_ALONG", BLOCKS_ALONG)]) + &errors() + include_str!("expected_errors.wgsl")
+        }
     };
     joined(&[&numbers, &largest_half(), &kriging, &sizes, FRAME, &cells(), HISTORY, &own, &side_output])
 }

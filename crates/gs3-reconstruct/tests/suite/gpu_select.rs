@@ -60,17 +60,7 @@ fn the_choice_is_the_cpus() {
         let mut expected = select_blocks(&as_floats, [410, 250], budget);
         expected.sort_unstable_by_key(|[x, y]| (*y, *x));
         assert_eq!(count as usize, places.len());
-        // Errors of more than 24 bits may be one float.
-        let sum = |places: &[[u16; 2]]| -> f64 {
-            places
-                .iter()
-                .map(|[x, y]| f64::from(as_floats[usize::from(*y) * columns + usize::from(*x)]))
-                .sum()
-        };
-        assert_eq!((places.len(), sum(&places)), (expected.len(), sum(&expected)), "{budget:?}");
-        if !(0.1..1.0).contains(&most) {
-            assert_eq!(places, expected, "{budget:?}");
-        }
+        assert_eq!(places, expected, "{budget:?}");
     }
 }
 
@@ -99,7 +89,8 @@ fn expected_errors_match_the_cpu() {
             let off: f64 =
                 pairs.map(|(found, error)| f64::from((*found as f32 * PER_UNIT - error).abs())).sum();
             eprintln!("x{scale}, frame {k}: {:.1e} of {total:.3} off", off / total);
-            assert!(total > 0.1 && off < 0.02 * total, "x{scale}, frame {k}: {off} of {total}");
+            // Halves of the history change a correction by a few thousandths (found: 3e-4 of all errors).
+            assert!(total > 1.0 && off < 2e-3 * total, "x{scale}, frame {k}: {off} of {total}");
         }
     }
 }

@@ -138,10 +138,7 @@ impl CpuStages {
             }
         }
         let refined = self.refined_share(inputs);
-        if let Refine::FrameTime(target) = self.plan.refine {
-            let refining = times.get(Stage::Refine).unwrap_or_default();
-            self.controller.learn(target, times.total(), refining, refined);
-        }
+        self.controller.learn_frame(self.plan.refine, &times, refined);
         let lattice = DepthLattice::of(&frames.current.gbuffer);
         Ok(Made { lattice, in_between: inputs.moments.len(), refined, times })
     }

@@ -332,7 +332,7 @@ impl FramePipeline {
     }
 
     /// Share of the last frame's pixels that were rasterized exactly besides the low-resolution grid, `[0, 1]`
-    /// ([`PipelineSettings::refine`]).
+    /// ([`PipelineSettings::refine`]); 0 after `submit_to_device`, which waits for no number.
     #[must_use]
     pub const fn refined_share(&self) -> f32 {
         self.refined

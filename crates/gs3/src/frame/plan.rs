@@ -79,9 +79,9 @@ impl FramePlan {
     /// The blocks that may be exact in a frame. `fitting` is the share of the pixels that fits the time of a frame.
     pub fn block_budget(&self, reset: Option<ResetReason>, fitting: f32) -> BlockBudget {
         match self.refine {
-            Refine::Off => BlockBudget { most: 0.0, least_error: 0.0 },
+            refine if !refine.is_on() => BlockBudget { most: 0.0, least_error: 0.0 },
             refine if reset.is_some() && refine.starts_exact() => BlockBudget::ALL,
-            Refine::Auto => self.settings.quality.budget(),
+            Refine::Off | Refine::Auto => self.settings.quality.budget(),
             Refine::Share(share) => BlockBudget { most: share, least_error: 0.0 },
             Refine::FrameTime(_) => BlockBudget { most: fitting, least_error: 0.0 },
         }

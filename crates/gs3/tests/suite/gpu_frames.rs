@@ -326,8 +326,15 @@ fn later_frames_make_nothing_and_are_one_submission_each() {
     let scene = demo_part();
     let path = demo::path().resized(160, 88).unwrap();
     let networks = Networks::shipped(4, Tier::Fast).unwrap();
-    for (mode, submissions) in [(Mode::Native, 2), (Mode::SuperSample, 1), (Mode::Full, 1)] {
-        let settings = PipelineSettings { mode, refine: Refine::Off, ..Default::default() };
+    for (mode, refine, submissions) in [
+        (Mode::Native, Refine::Off, 2),
+        (Mode::SuperSample, Refine::Off, 1),
+        (Mode::Full, Refine::Off, 1),
+        (Mode::Full, Refine::Auto, 1),
+    ] {
+        let settings = PipelineSettings { mode, refine, ..Default::default() };
+        // Frames of a network have no exact blocks.
+        let networks = if refine == Refine::Off { networks.clone() } else { Networks::default() };
         let mut frames = FramePipeline::with_networks(Arc::clone(&scene), settings, &networks).unwrap();
         frames.render_on(&gpu).unwrap();
         let mut before = gpu.allocations();
@@ -336,7 +343,7 @@ fn later_frames_make_nothing_and_are_one_submission_each() {
             let made = gpu.allocations();
             if k >= 4 {
                 let expected = Allocations { submissions: before.submissions + submissions, ..before };
-                assert_eq!(made, expected, "{mode:?}, frame {k}");
+                assert_eq!(made, expected, "{mode:?}, {refine}, frame {k}");
             }
             before = made;
         }

@@ -99,6 +99,10 @@ fn exact_pixels_of_a_gpu_keep_to_a_time_and_end_at_rest() {
         pipeline.render(&cameras[5]).unwrap();
         assert!(pipeline.refined_share() > 0.05 && pipeline.last_reset().is_none());
     }
+    // No share is no exact pixel, of a frame without history neither.
+    let mut none = with(settings(Mode::SuperSample, Refine::Share(0.0)));
+    none.render(&cameras[0]).unwrap();
+    assert_eq!(none.refined_share(), 0.0);
     let mut resting = with(settings(Mode::SuperSample, Refine::Auto));
     for _ in 0..17 {
         resting.render(&cameras[17]).unwrap();
@@ -109,4 +113,53 @@ fn exact_pixels_of_a_gpu_keep_to_a_time_and_end_at_rest() {
         with(PipelineSettings { culling: Culling::Adr, ..settings(Mode::SuperSample, Refine::Share(0.5)) });
     published.render(&cameras[0]).unwrap();
     assert_eq!(published.refined_share(), 0.0);
+}
+
+/// Of any size, scene and margin, and of frames that stay on the device.
+#[test]
+fn exact_pixels_of_a_gpu_follow_sizes_scenes_and_margins() {
+    let Some(gpu) = gpu() else { return };
+    let [scene, other] = [8, 5].map(|every| Arc::new(part_of_demo(every)));
+    let cameras = cameras();
+    let with = |settings| {
+        let mut pipeline = FramePipeline::new(Arc::clone(&scene), settings).unwrap();
+        pipeline.render_on(&gpu).unwrap();
+        pipeline
+    };
+    let mut all = with(settings(Mode::SuperSample, Refine::Share(1.0)));
+    let small = cameras[3].resized(101, 67).unwrap();
+    // What halves leave of a picture is 72 dB; steps of the formulas may take some of this.
+    let floor = 60.0;
+    for (camera, scene) in [(&cameras[0], &scene), (&small, &scene), (&small, &other), (&cameras[1], &other)]
+    {
+        if !Arc::ptr_eq(all.scene(), scene) {
+            all.set_scene(Arc::clone(scene)).unwrap();
+        }
+        let found = psnr(all.render(camera).unwrap().current, &native(scene, camera));
+        assert!(found >= floor, "{:?}: {found:.1} dB", camera.size());
+    }
+    // The margin follows the turn.
+    let overscan = PipelineSettings { overscan: true, ..settings(Mode::SuperSample, Refine::Share(1.0)) };
+    let mut turning = with(overscan);
+    for k in 0..6 {
+        let turn = glam::DAffine3::from_rotation_y(0.03 * f64::from(k));
+        let pose = turn * cameras[0].view_from_world();
+        let camera = Camera::new(pose, cameras[0].intrinsics()).unwrap();
+        let found = psnr(turning.render(&camera).unwrap().current, &native(&scene, &camera));
+        assert!(found >= floor, "frame {k}: {found:.1} dB");
+    }
+
+    let auto = settings(Mode::SuperSample, Refine::Auto);
+    let [mut here, mut there] = [with(auto), with(auto)];
+    for camera in &cameras[..4] {
+        let expected = here.render(camera).unwrap().current.clone();
+        let mut image = Image::default();
+        there.render_to_device(camera, &[]).unwrap().current.read(&gpu, &mut image).unwrap();
+        assert!(image == expected);
+        assert_eq!(there.refined_share(), here.refined_share());
+    }
+    // Nobody waits for these frames, so nothing is known of them.
+    there.submit_to_device(&cameras[4], &[]).unwrap();
+    assert_eq!(there.refined_share(), 0.0);
+    assert!(there.wait_for_device().unwrap());
 }

@@ -287,7 +287,7 @@ impl FrameMemory {
         recorder.read_back(counters, &self.readback, 0);
         recorder.read_back(&self.lattice.part(0, LATTICE_BYTES), &self.readback, self.places.lattice);
         if let Some(selector) = self.selector.as_ref().filter(|_| has_blocks) {
-            recorder.read_back(&selector.chosen_count().slice(), &self.readback, self.places.chosen);
+            recorder.read_back(&selector.chosen_count().part(0, 4), &self.readback, self.places.chosen);
         }
         if read_back == ReadBack::Counters {
             return;

@@ -8,9 +8,9 @@ use std::sync::Arc;
 use gs3_compute::{Gpu, StageTime, Timings};
 use gs3_neural::MatrixUnit;
 use gs3_raster::{BLOCKS_STAGE, GpuRasterizer, ScenePrecision};
-use gs3_reconstruct::DepthLattice;
 use gs3_reconstruct::gpu::GpuImage;
-use gs3_scene::{Camera, GBuffer, Scene};
+use gs3_reconstruct::{BlockBudget, DepthLattice};
+use gs3_scene::{Camera, GBuffer, Scene, block_grid};
 use web_time::Instant;
 
 use self::memory::FrameMemory;
@@ -18,7 +18,7 @@ use super::cpu::CpuStages;
 use super::inputs::{FrameInputs, Frames, Made, ReadBack};
 use super::plan::FramePlan;
 use crate::error::PipelineError;
-use crate::refine::{Refine, ShareController};
+use crate::refine::ShareController;
 use crate::settings::Mode;
 use crate::stages::{Stage, StageTimes};
 
@@ -88,7 +88,7 @@ impl GpuMachine {
                 none => none.insert(CpuStages::new(&self.plan)?),
             };
             let mut made = stages.make(inputs, &mut *self.rasterizer, frames).await?;
-            // As of whole frames, the time that the device takes, without reading back.
+            // A native frame's time is the device's, as a whole frame's is. Reading back is left out.
             if let (Mode::Native, Some(time)) = (self.plan.settings.mode, self.rasterizer.last_time()) {
                 made.times = StageTimes::default();
                 made.times.add(Stage::Rasterize, time);
@@ -96,7 +96,7 @@ impl GpuMachine {
             return Ok(made);
         }
         let budget = self.plan.block_budget(inputs.reset, self.controller.share());
-        let has_blocks = budget.most > 0.0 && self.makes_blocks();
+        let has_blocks = most_blocks(budget, inputs.camera.size()) > 0 && self.makes_blocks();
         let Self { gpu, plan, rasterizer, memory, .. } = self;
         let mut timings = self.timings.as_mut().filter(|_| read_back != ReadBack::Nothing);
         let memory = FrameMemory::fitting(memory, gpu, plan, &inputs.camera, &rasterizer.counters())?;
@@ -147,10 +147,7 @@ impl GpuMachine {
             None => {}
         }
         let refined = if has_blocks { memory.share_of(chosen) } else { 0.0 };
-        if let Refine::FrameTime(target) = plan.refine {
-            let refining = times.get(Stage::Refine).unwrap_or_default();
-            self.controller.learn(target, times.total(), refining, refined);
-        }
+        self.controller.learn_frame(plan.refine, &times, refined);
         Ok(Made { lattice, in_between: inputs.moments.len(), refined, times })
     }
 
@@ -215,6 +212,12 @@ impl GpuMachine {
             _ => Ok(()),
         }
     }
+}
+
+/// Number of blocks of a picture of `size` that `budget` allows.
+fn most_blocks(budget: BlockBudget, size: [u32; 2]) -> usize {
+    let [columns, rows] = block_grid(size.map(|side| side as usize));
+    budget.blocks_of(columns * rows)
 }
 
 fn rasterizer(gpu: &Gpu, plan: &FramePlan, scene: Arc<Scene>) -> Result<GpuRasterizer, PipelineError> {
