@@ -110,7 +110,8 @@ mod tests {
                     "scene": "scenes/garden", "gaussians": 3000, "size": [640, 360],
                     "native": side(10.0), "lr_gbuffer": side(99.96),
                     "full": { "fps": 500.0, "stages": [
-                        stage("super_sample.splat", 0.5), stage("super_sample.tile", 0.25), stage("interpolate.warp", 1.0),
+                        stage("super_sample.splat", 0.5), stage("super_sample.tile", 0.25),
+                        stage("refine.select", 0.25), stage("blocks", 0.125), stage("interpolate.warp", 1.0),
                     ] },
                     "sort": { "pairs": 1024, "key_bits": 32, "keys_per_s": 2.5e9, "median_ms": 1.0, "p99_ms": 3.0 },
                 },
@@ -123,14 +124,14 @@ mod tests {
             ],
         });
         let text = markdown(&report);
-        let native = "| scenes/garden | 3000 | 640×360 | native | 0.500 / 1.000 | – | – | 1.250 / 2.500 | – | – | \
+        let native = "| scenes/garden | 3000 | 640×360 | native | 0.500 / 1.000 | – | – | 1.250 / 2.500 | – | – | – | – | \
                       1.750 / 3.500 | 10.0 |\n";
         for expected in [
             "Measured in 12 s on adapter 0.",
             "```json\n{\n  \"adapters\": [\n    \"fast\"\n  ]\n}\n```\n",
-            "| project | order | bin | blend | super_sample | interpolate | all | fps |\n|---|---|---|---|---|",
+            "| project | order | bin | blend | super_sample | refine | blocks | interpolate | all | fps |\n|---|---|---|---|---|",
             native,
-            "| full | – | – | – | – | 0.750 / 1.500 | 1.000 / 2.000 | – | 500.0 |\n",
+            "| full | – | – | – | – | 0.750 / 1.500 | 0.250 / 0.500 | 0.125 / 0.250 | 1.000 / 2.000 | – | 500.0 |\n",
             "| lr_gbuffer | 0.500",
             "| 100.0 |\n",
             "\nSort of 1024 pairs by 32 bits: 2500.0 million keys/s, 1.000 / 3.000 ms\n",

@@ -145,11 +145,8 @@ mod tests {
 
     #[test]
     fn layouts_are_those_of_the_shader() {
-        assert_layout!(
-            &[include_str!("select.wgsl")],
-            Selection,
-            Selection { blocks, most, least, wants_all }
-        );
+        let source = shaders::select();
+        assert_layout!(&[&source], Selection, Selection { blocks, most, least, wants_all });
     }
 
     #[test]
