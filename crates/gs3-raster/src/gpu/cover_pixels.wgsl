@@ -11,7 +11,8 @@ const SMALL: u32 = 6u;
 // Bit i of word k of a pixel: whether small splat 32·k + i touches it. Word k of all pixels lies before word k + 1.
 var<workgroup> pixel_cover: array<atomic<u32>, PIXELS * WORDS>;
 
-// Notes the pixels in a stager's rows of blocks, from `first_row` on, that staged splat `slot` touches; `origin` is the tile's first pixel.
+// Notes the pixels in a stager's rows of blocks, from `first_row` on, that staged splat `slot` touches; `origin` is the
+// tile's first pixel.
 fn cover_pixels(slot: u32, s: Splat, rect: vec4<u32>, origin: vec2<u32>, first_row: u32) {
     let top = max(rect.y, origin.y + first_row * BLOCK);
     let bottom = min(rect.w, origin.y + (first_row + BLOCKS / STAGERS) * BLOCK);

@@ -1,7 +1,7 @@
-// Gaussians to splats: culling, EWA projection (Kerbl et al. 2023), rejection of splats that touch no sample (with exact blocks, no pixel's cell), colour;
-// see project.rs. `mark` notes what is visible, one workgroup a chunk; once their places are known, `project_color` and
-// `project_gbuffer` write the splats of a chunk, in scene order, with as many lanes as there are visible ones. Whatever
-// the second evaluation rounds otherwise, a marked Gaussian has a place and fills it.
+// Gaussians to splats: culling, EWA projection (Kerbl et al. 2023), rejection of splats that touch no sample (with exact
+// blocks, no pixel's cell), colour; see project.rs. `mark` notes what is visible, one workgroup a chunk; once their places are
+// known, `project_color` and `project_gbuffer` write the splats of a chunk, in scene order, with as many lanes as there are
+// visible ones. Whatever the second evaluation rounds otherwise, a marked Gaussian has a place and fills it.
 
 override CULLING: u32 = 3u;
 override OPACITY_MODE: u32 = 0u;
