@@ -17,8 +17,10 @@ from soak import resident
 
 # Loops of the viewer a second.
 FPS = 30
-# Parts of the time that counts: thirds, of thirty rounds if there are a hundred, so that samples meet the moments between scenes.
-PARTS = 3
+# Parts of the time that counts, of ten rounds if there are a hundred, in which the least memory is found.
+PARTS = 9
+# Parts whose means are compared: of thirty rounds, as means also depend on how long each scene takes to load.
+MEAN_PARTS = 3
 
 
 def steps_of(scenes, rounds, minutes):
@@ -70,17 +72,22 @@ def main():
         figures = json.loads(pathlib.Path(folder, "figures.json").read_text())
     passed = found[-1][0]
     counted = [memory for at, memory in found if at >= passed / 10]
-    parts = [counted[len(counted) * k // PARTS : len(counted) * (k + 1) // PARTS] for k in range(PARTS)]
-    means = [sum(part) / len(part) for part in parts]
-    # What is left between scenes. Means also grow where loading takes longer, as beside other work.
-    least = [min(part) for part in parts]
+    means = [sum(part) / len(part) for part in divided(counted, MEAN_PARTS)]
+    # What is left between scenes.
+    least = [min(part) for part in divided(counted, PARTS)]
     print(
         f"{passed / 60:.1f} minutes, {args.rounds} scenes opened, {figures['rendered']} frames rendered; "
-        f"memory {min(counted):.0f} to {max(counted):.0f} MiB, by thirds least {listed(least)} MiB, mean {listed(means)} MiB"
+        f"memory {min(counted):.0f} to {max(counted):.0f} MiB, by ninths least {listed(least)} MiB, by thirds mean {listed(means)} MiB"
     )
-    # Each third against each other one, so also the last against the first.
+    # Each part against each other one, so also the last against the first.
     for memories in (least, means):
         assert max(memories) <= 1.05 * min(memories), "memory is not flat"
+
+
+def divided(memories, count):
+    """`count` parts of `memories`, one after the other."""
+    ends = [len(memories) * k // count for k in range(count + 1)]
+    return [memories[begin:end] for begin, end in zip(ends, ends[1:])]
 
 
 def listed(memories):

@@ -150,7 +150,7 @@ impl Viewer {
         self.opening = None;
         (self.is_woken, self.is_idle, self.has_failed) = (true, false, false);
         let shown = opened.and_then(|opened| self.show(opened, now).map_err(|error| error.to_string()));
-        // What reading took, and the scene before.
+        // Reading and the scene before leave freed memory behind.
         give_back();
         match shown {
             Ok(()) => true,

@@ -1,7 +1,13 @@
-//! Exact blocks: pixels of the native image, made from the splats of a low-resolution frame; see `cpu/blocks.rs`.
+//! Low-resolution frames, and exact blocks beside them: pixels of the native image, made from the frame's splats; see
+//! `cpu/blocks.rs`.
 
-use gs3_compute::{Bound, Buffer, GpuError};
-use gs3_scene::block_grid;
+use gs3_compute::{Bound, Buffer, GpuError, Recorder};
+use gs3_scene::{Camera, block_grid};
+
+use super::view::Native;
+use super::{GpuGBuffer, GpuRasterError, GpuRasterizer, check};
+use crate::settings::{Culling, RasterError, RasterSettings};
+use crate::view::View;
 
 /// Invocations of a workgroup that makes exact blocks, one a pixel: sixteen blocks.
 pub const BLOCK_PIXELS: u32 = 256;
@@ -14,6 +20,17 @@ const IMAGE_PIXEL_BYTES: u64 = 8;
 
 /// Bytes of a block's entry that says whether the block is made.
 const CHOSEN_BYTES: u64 = 4;
+
+/// A low-resolution frame.
+#[derive(Clone, Copy, Debug)]
+pub struct LowResolution<'a> {
+    /// The camera of the native image.
+    pub camera: &'a Camera,
+    /// How many times coarser the frame is.
+    pub scale: u32,
+    /// Whether [`GpuRasterizer::record_blocks`] follows. Splats that lie between samples are projected as well then.
+    pub has_blocks: bool,
+}
 
 /// Which blocks of 4×4 pixels are made, and the image that they are written into. Frames that alternate between images
 /// have an object for each.
@@ -52,5 +69,66 @@ impl GpuBlocks {
                 actual: buffer.bytes().to_string(),
             }),
         }
+    }
+}
+
+impl GpuRasterizer {
+    /// As [`Self::record`] of the low-resolution camera. Samples are the same with and without exact blocks.
+    ///
+    /// # Errors
+    /// As [`Self::record`]; with exact blocks, as [`crate::Rasterizer::rasterize_low_resolution`].
+    pub fn record_low_resolution(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        frame: LowResolution<'_>,
+        settings: &RasterSettings,
+        out: &mut GpuGBuffer,
+    ) -> Result<(), GpuRasterError> {
+        check(settings)?;
+        let near = self.scene.details().near;
+        let camera = frame.camera.low_resolution(frame.scale);
+        // The limits come from the native image. Where the scale does not divide the size, the low-resolution camera has others.
+        let View { jacobian_limits, .. } = View::new(frame.camera, settings, near);
+        let view = View { jacobian_limits, ..View::new(&camera, settings, near) };
+        if frame.has_blocks {
+            settings.check_blocks(frame.scale)?;
+        }
+        let native = frame.has_blocks.then_some(Native { scale: frame.scale, size: frame.camera.size() });
+        self.record_view(recorder, camera.size(), &view, native, settings, out)
+    }
+
+    /// Whether [`Self::record_blocks`] makes the native image's pixels. [`Culling::Aabb3Sigma`] and [`Culling::Adr`] cut
+    /// splats at tiles. A low-resolution frame and the native image have different tiles.
+    #[must_use]
+    pub const fn makes_blocks(&self) -> bool {
+        !matches!(self.culling, Culling::Aabb3Sigma | Culling::Adr)
+    }
+
+    /// Records exact blocks of the frame of [`Self::record_low_resolution`] recorded last, which had
+    /// [`LowResolution::has_blocks`]: the pixels of the chosen blocks are written into the image, with the native image's
+    /// colours but for rounding. Other pixels keep their values.
+    ///
+    /// # Errors
+    /// [`RasterError::NoFrame`] if no such frame was recorded, or the rasterizer makes no blocks; [`GpuRasterError::Gpu`] if
+    /// the buffers are too small for the camera's picture, or the device fails.
+    pub fn record_blocks(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        blocks: &mut GpuBlocks,
+    ) -> Result<(), GpuRasterError> {
+        let (true, Some(Native { scale, size }), Some(frame)) =
+            (self.makes_blocks(), self.native, &self.frame)
+        else {
+            return Err(RasterError::NoFrame.into());
+        };
+        blocks.check(size)?;
+        if blocks.frame != self.frame_number {
+            let kernel = self.kernels.blend_blocks(&self.gpu, &frame.plan)?;
+            let buffers = [&blocks.chosen, &blocks.image];
+            blocks.blend = frame.bind_blocks(&self.gpu, &self.fixed, &self.arena, &kernel, buffers)?;
+            blocks.frame = self.frame_number;
+        }
+        frame.record_blocks(recorder, &blocks.blend, scale);
+        Ok(())
     }
 }

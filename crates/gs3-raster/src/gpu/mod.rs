@@ -39,7 +39,7 @@ use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
 
 use crate::settings::{Culling, MAX_MARGIN, Outputs, RasterError, RasterSettings, Rules, Window};
 use crate::view::View;
-pub use blocks::{BLOCKS_STAGE, GpuBlocks};
+pub use blocks::{BLOCKS_STAGE, GpuBlocks, LowResolution};
 pub use error::GpuRasterError;
 use frame::{Fixed, Frame};
 pub use gbuffer::GpuGBuffer;
@@ -105,17 +105,6 @@ pub enum CapacityCheck {
     },
     /// A frame overflowed. The buffers have grown, and the frame is to be made again.
     Grown,
-}
-
-/// A low-resolution frame.
-#[derive(Clone, Copy, Debug)]
-pub struct LowResolution<'a> {
-    /// The camera of the native image.
-    pub camera: &'a Camera,
-    /// How many times coarser the frame is.
-    pub scale: u32,
-    /// Whether [`GpuRasterizer::record_blocks`] follows. Splats that lie between samples are projected as well then.
-    pub has_blocks: bool,
 }
 
 /// Number of frames of all rasterizers, counted from 1. A G-buffer uses it to identify the frame that it is bound to.
@@ -198,65 +187,6 @@ impl GpuRasterizer {
         check(settings)?;
         let view = View::new(camera, settings, self.scene.details().near);
         self.record_view(recorder, camera.size(), &view, None, settings, out)
-    }
-
-    /// As [`Self::record`] of the low-resolution camera. Samples are the same with and without exact blocks.
-    ///
-    /// # Errors
-    /// As [`Self::record`]; with exact blocks, as [`crate::Rasterizer::rasterize_low_resolution`].
-    pub fn record_low_resolution(
-        &mut self,
-        recorder: &mut Recorder<'_>,
-        frame: LowResolution<'_>,
-        settings: &RasterSettings,
-        out: &mut GpuGBuffer,
-    ) -> Result<(), GpuRasterError> {
-        check(settings)?;
-        let near = self.scene.details().near;
-        let camera = frame.camera.low_resolution(frame.scale);
-        // The limits of the native image: those of a size that is no multiple of the scale differ.
-        let View { jacobian_limits, .. } = View::new(frame.camera, settings, near);
-        let view = View { jacobian_limits, ..View::new(&camera, settings, near) };
-        if frame.has_blocks {
-            settings.check_blocks(frame.scale)?;
-        }
-        let native = frame.has_blocks.then_some(Native { scale: frame.scale, size: frame.camera.size() });
-        self.record_view(recorder, camera.size(), &view, native, settings, out)
-    }
-
-    /// Whether [`Self::record_blocks`] makes the native image's pixels. [`Culling::Aabb3Sigma`] and [`Culling::Adr`] cut
-    /// splats at tiles, and the tiles of a low-resolution frame are not those of the native image.
-    #[must_use]
-    pub const fn makes_blocks(&self) -> bool {
-        !matches!(self.culling, Culling::Aabb3Sigma | Culling::Adr)
-    }
-
-    /// Records exact blocks of the frame of [`Self::record_low_resolution`] recorded last, which had
-    /// [`LowResolution::has_blocks`]: the pixels of the chosen blocks are written into the image, with the native image's
-    /// colours but for rounding. Other pixels keep their values.
-    ///
-    /// # Errors
-    /// [`RasterError::NoFrame`] if no such frame was recorded, or the rasterizer makes no blocks; [`GpuRasterError::Gpu`] if
-    /// the buffers are too small for the camera's picture, or the device fails.
-    pub fn record_blocks(
-        &mut self,
-        recorder: &mut Recorder<'_>,
-        blocks: &mut GpuBlocks,
-    ) -> Result<(), GpuRasterError> {
-        let (true, Some(Native { scale, size }), Some(frame)) =
-            (self.makes_blocks(), self.native, &self.frame)
-        else {
-            return Err(RasterError::NoFrame.into());
-        };
-        blocks.check(size)?;
-        if blocks.frame != self.frame_number {
-            let kernel = self.kernels.blend_blocks(&self.gpu, &frame.plan)?;
-            let buffers = [&blocks.chosen, &blocks.image];
-            blocks.blend = frame.bind_blocks(&self.gpu, &self.fixed, &self.arena, &kernel, buffers)?;
-            blocks.frame = self.frame_number;
-        }
-        frame.record_blocks(recorder, &blocks.blend, scale);
-        Ok(())
     }
 
     /// Records the `picture`, in pixels without its margin, that `view` shows, with the splats of the `native` picture. The

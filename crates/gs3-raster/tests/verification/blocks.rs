@@ -11,13 +11,13 @@ use gs3_scene::{BLOCK_SIDE, Camera, ExactBlocks, GBuffer, Image, Jitter, Margin,
 use crate::real_scenes::scenes;
 use crate::scenes::{Random, RandomScene, camera_at_origin};
 
-fn settings(scale: u32, jitter: [f32; 2]) -> RasterSettings {
+pub fn settings(scale: u32, jitter: [f32; 2]) -> RasterSettings {
     let background = [0.1, 0.3, 0.2];
     let dilation = matched_dilation(scale);
     RasterSettings { dilation, jitter, background, ..RasterSettings::new(Outputs::GBuffer) }
 }
 
-fn native(rasterizer: &mut Rasterizer, camera: &Camera) -> (Image, GBuffer) {
+pub fn native(rasterizer: &mut Rasterizer, camera: &Camera) -> (Image, GBuffer) {
     let settings = RasterSettings { dilation: STOCK_DILATION, ..settings(1, [0.0; 2]) };
     let (mut image, mut gbuffer) = (Image::default(), GBuffer::default());
     rasterizer.rasterize_image(camera, &settings, &mut image).expect("valid settings");

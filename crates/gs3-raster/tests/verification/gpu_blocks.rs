@@ -11,6 +11,7 @@ use gs3_raster::{
 use gs3_scene::{BLOCK_SIDE, Camera, GBuffer, Image, Jitter, Margin, Scene, block_grid};
 use half::f16;
 
+use crate::blocks;
 use crate::compare::assert_identical;
 use crate::gpu::gpu;
 use crate::real_scenes;
@@ -22,32 +23,15 @@ const FLOOR: f64 = 70.0;
 /// Where α or the transmittance is at a step of the formulas, rounding decides: so many pixels in all may differ.
 const STEPS: usize = 3;
 
-const BACKGROUND: [f32; 3] = [0.1, 0.3, 0.2];
-
 /// The value of pixels that no block covers.
 const UNTOUCHED: f32 = -7.0;
 
 fn settings(scale: u32, jitter: [f32; 2], margin: Margin) -> RasterSettings {
-    let dilation = matched_dilation(scale);
-    RasterSettings {
-        dilation,
-        jitter,
-        margin,
-        background: BACKGROUND,
-        ..RasterSettings::new(Outputs::GBuffer)
-    }
+    RasterSettings { margin, ..blocks::settings(scale, jitter) }
 }
 
 fn native(scene: &Arc<Scene>, camera: &Camera) -> Image {
-    let settings = RasterSettings {
-        background: BACKGROUND,
-        dilation: STOCK_DILATION,
-        ..RasterSettings::new(Outputs::Color)
-    };
-    let mut image = Image::default();
-    let mut rasterizer = Rasterizer::new(Arc::clone(scene), Culling::AccuTile);
-    rasterizer.rasterize_image(camera, &settings, &mut image).expect("valid settings");
-    image
+    blocks::native(&mut Rasterizer::new(Arc::clone(scene), Culling::AccuTile), camera).0
 }
 
 /// An image with blocks, and which blocks are to be made.

@@ -104,8 +104,8 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     let first = path.cameras()[range.start];
     if mode.has_history() && args.frame_options.refine.is_on() && !pipeline.makes_exact_pixels(&first) {
         note(
-            "no pixels are rasterized exactly: frames of a GPU have no exact pixels with a network, and with --culling \
-             aabb3sigma or adr",
+            "no pixels are rasterized exactly: frames of a GPU have no exact pixels with a super-sampling network, \
+             with --culling aabb3sigma or adr, and where the CPU runs the networks",
         );
     }
     if mode.has_history() && !pipeline.is_on_device(&first) && !matches!(machine, Machine::Cpu) {
