@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::DVec2;
 use gs3_compute::{Buffer, Gpu, Use};
 use gs3_raster::{
-    Culling, GpuBlocks, GpuGBuffer, GpuRasterError, GpuRasterizer, LowResolution, Outputs, RasterError,
-    RasterSettings, Rasterizer, STOCK_DILATION, ScenePrecision, matched_dilation,
+    Culling, GpuBlocks, GpuGBuffer, GpuRasterError, GpuRasterizer, LowResolution, RasterError,
+    RasterSettings, Rasterizer, ScenePrecision,
 };
 use gs3_scene::{BLOCK_SIDE, Camera, GBuffer, Image, Jitter, Margin, Scene, block_grid};
 use half::f16;
