@@ -125,7 +125,7 @@ fn blocks_are_the_native_image_at_every_scale() {
         ] {
             let at = |width: u32| camera_at_origin(width, size[1], DVec2::new(0.05, 0.1));
             let camera = posed(&at(size[0]), tilted_pose());
-            // Splats beyond the picture too, where the limits of the Jacobian decide.
+            // Splats beyond the picture too.
             let wide = posed(&at(2 * size[0]), tilted_pose());
             let recipe = RandomScene {
                 seed: k as u64,
