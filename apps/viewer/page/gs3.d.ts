@@ -23,9 +23,14 @@ export interface ViewerOptions {
   backend?: "auto" | "gpu" | "cpu";
   /** Gaussians of a streamed scene at most, at the levels that leave the least error. Missing: its finest levels. */
   budget?: number;
+  /** Threads of the CPU; all of its cores. One where the page is not isolated from others, or was built for one. */
+  threads?: number;
   /** No panels over the picture. */
   noui?: boolean;
-  /** Pixels of the picture at most; larger canvases stretch the picture. 230400 (640×360) on the CPU, 921600 (1280×720) on a GPU. */
+  /**
+   * Pixels of the picture at most; larger canvases stretch the picture. 230400 (640×360) for each thread of the CPU up to 921600,
+   * 921600 (1280×720) on a GPU.
+   */
   maxPixels?: number;
 }
 
@@ -69,6 +74,7 @@ export interface Viewer extends EventTarget {
   setPanels(areShown: boolean): Promise<void>;
   /** Presses and releases a key, as `KeyboardEvent.key` names it. */
   press(key: string): void;
+  readonly threads: number;
   readonly figures: Figures;
   destroy(): void;
 }

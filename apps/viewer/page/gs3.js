@@ -1,21 +1,22 @@
 // gs3 in a web page: `createViewer(canvas, options)`. Types and all options: gs3.d.ts.
 
 const WORKER = new URL("./worker.js", import.meta.url);
-// Pixels at rates fit for moving a camera; larger canvases are stretched. `cpu`: what one thread of a browser rasterizes. `gpu`:
-// what one thread reads back from a GPU.
+// Pixels at rates fit for moving a camera; larger canvases are stretched. `cpu`: what each thread of a browser rasterizes. `gpu`:
+// what one thread reads back from a GPU, and what a browser shows of the CPU's pictures.
 const MOST_PIXELS = { cpu: 640 * 360, gpu: 1280 * 720 };
 // Pixels of a touch pad that count as a line of a wheel, and lines of a page.
 const WHEEL_LINE = { 0: 1 / 40, 1: 1, 2: 20 };
 
 /** Shows scenes in `canvas`. Resolves once the viewer runs; rejects with one line where it cannot. */
 export async function createViewer(canvas, options = {}) {
-  const { url, camera, noui = false, maxPixels, ...settings } = options;
+  const { url, camera, noui = false, maxPixels, threads = navigator.hardwareConcurrency, ...settings } = options;
   if (!(canvas instanceof HTMLCanvasElement)) throw new TypeError(`canvas: expected a canvas element, found ${canvas}`);
   if (typeof WebAssembly !== "object") throw new Error("WebAssembly: expected a browser that has it, found none");
   if (maxPixels !== undefined && !(maxPixels >= 64)) throw new TypeError(`maxPixels: expected 64 or more, found ${maxPixels}`);
+  if (!(Number.isInteger(threads) && threads >= 1)) throw new TypeError(`threads: expected 1 or more, found ${threads}`);
   const worker = new Worker(WORKER, { type: "module" });
   const viewer = new PageViewer(canvas, worker, maxPixels);
-  await viewer.start(settings, { url, camera, noui });
+  await viewer.start(settings, { url, camera, noui, threads });
   return viewer;
 }
 
@@ -26,6 +27,7 @@ class PageViewer extends EventTarget {
   #maxPixels;
   #isSizeAsked;
   #backend;
+  #threads = 1;
   #asked = new Map();
   #asks = 0;
   #ready;
@@ -84,6 +86,11 @@ class PageViewer extends EventTarget {
     for (const isPressed of [true, false]) this.#worker.postMessage({ kind: "key", key, isPressed });
   }
 
+  /** Threads of the CPU that render. */
+  get threads() {
+    return this.#threads;
+  }
+
   /** Figures of the frames displayed last. */
   get figures() {
     return this.#figures;
@@ -117,6 +124,7 @@ class PageViewer extends EventTarget {
   #take(data) {
     switch (data.kind) {
       case "ready":
+        this.#threads = data.threads;
         this.#rendersOn(data.backend);
         return this.#ready.resolve();
       case "end":
@@ -258,7 +266,7 @@ class PageViewer extends EventTarget {
   #rendersOn(backend) {
     if (backend === this.#backend) return;
     this.#backend = backend;
-    if (!this.#isSizeAsked) this.#maxPixels = MOST_PIXELS[backend];
+    if (!this.#isSizeAsked) this.#maxPixels = Math.min(MOST_PIXELS.gpu, MOST_PIXELS[backend] * this.#threads);
     this.#resize();
   }
 

@@ -1,6 +1,6 @@
 // index.html: a viewer as large as the window, told what to show by its URL and by messages of the page around it.
 //
-// ?url=SCENE &quality=fast|balanced|high &backend=auto|gpu|cpu &fps=N &maxPixels=N &budget=N &noui   and   #camera={"position":…,"target":…,"fov":…}
+// ?url=SCENE &quality=fast|balanced|high &backend=auto|gpu|cpu &fps=N &maxPixels=N &budget=N &threads=N &noui   and   #camera={"position":…,"target":…,"fov":…}
 
 import { createViewer } from "./gs3.js";
 
@@ -34,13 +34,13 @@ function cameraOf(hash) {
 }
 
 function options() {
-  const known = ["url", "quality", "backend", "fps", "maxPixels", "budget", "noui"];
+  const known = ["url", "quality", "backend", "fps", "maxPixels", "budget", "threads", "noui"];
   for (const name of parameters.keys()) {
     if (!known.includes(name)) throw new Error(`?${name}: expected one of ${known.join(", ")}, found ${name}`);
   }
   const named = ["url", "quality", "backend"].filter((name) => parameters.has(name)).map((name) => [name, parameters.get(name)]);
   return {
-    ...Object.fromEntries(named), ...number("fps"), ...number("maxPixels"), ...number("budget"),
+    ...Object.fromEntries(named), ...number("fps"), ...number("maxPixels"), ...number("budget"), ...number("threads"),
     noui: parameters.has("noui"), camera: cameraOf(location.hash),
   };
 }

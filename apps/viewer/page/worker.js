@@ -1,6 +1,6 @@
 // The viewer's own thread: WebAssembly in, pictures out. gs3.js talks to it.
 
-import init, { PageViewer } from "./gs3_viewer.js";
+import { hasThreads } from "./built.js";
 
 let viewer;
 let timer;
@@ -263,14 +263,31 @@ const inputs = {
   },
 };
 
-async function begin({ settings, url, camera, noui, scale }) {
+// The WebAssembly of the viewer, and how many threads it has. Browsers let isolated pages alone share memory between threads.
+async function load(threads) {
+  if (hasThreads && threads > 1 && self.crossOriginIsolated) {
+    try {
+      const { default: init, initThreadPool, PageViewer } = await import("./threads/gs3_viewer.js");
+      await init({ module_or_path: new URL("./threads/gs3_viewer_bg.wasm", import.meta.url) });
+      await initThreadPool(threads);
+      return { PageViewer, threads };
+    } catch (error) {
+      console.warn(`one thread: ${error.message ?? error}`);
+    }
+  }
+  const { default: init, PageViewer } = await import("./gs3_viewer.js");
   await init({ module_or_path: new URL("./gs3_viewer_bg.wasm", import.meta.url) });
+  return { PageViewer, threads: 1 };
+}
+
+async function begin({ settings, url, camera, noui, scale, threads: wanted }) {
+  const { PageViewer, threads } = await load(wanted);
   viewer = await PageViewer.open(JSON.stringify(settings));
   viewer.scale(scale);
   if (noui) viewer.setPanels(false);
   firstCamera = camera;
   inputs.open({ url: url ?? "demo" });
-  postMessage({ kind: "ready", backend: viewer.backend });
+  postMessage({ kind: "ready", backend: viewer.backend, threads });
 }
 
 function take(data) {

@@ -26,6 +26,9 @@ GPUAdapter.prototype.requestDevice = async function (...wishes) {
 // The GPU of this browser is one in software, which only who asks for it gets; with this the page does not see that.
 const AS_HARDWARE = `Object.defineProperty(GPUAdapterInfo.prototype, "isFallbackAdapter", { get: () => false });`;
 let isAsHardware = false;
+// What lets a page share memory between threads.
+const ISOLATED = { "Cross-Origin-Opener-Policy": "same-origin", "Cross-Origin-Embedder-Policy": "require-corp" };
+let isIsolated = false;
 // The finer level of the streamed scene is held back until this is called.
 let letFineOne;
 const fineOne = new Promise((resolve) => (letFineOne = resolve));
@@ -37,11 +40,11 @@ const server = createServer(async (request, response) => {
   if (!(await stat(file).catch(() => undefined))?.isFile()) return response.writeHead(404).end();
   if (pathname === "/worker.js") {
     const worker = await readFile(file, "utf8");
-    return response.writeHead(200, { "Content-Type": TYPES[".js"] }).end(KEEP_DEVICES + (isAsHardware ? AS_HARDWARE : "") + worker);
+    return response.writeHead(200, { "Content-Type": TYPES[".js"], ...(isIsolated && ISOLATED) }).end(KEEP_DEVICES + (isAsHardware ? AS_HARDWARE : "") + worker);
   }
   if (pathname.endsWith("/fine.sog")) await fineOne;
   const { size } = await stat(file);
-  response.writeHead(200, { "Content-Type": TYPES[path.extname(file)] ?? "application/octet-stream", "Content-Length": size });
+  response.writeHead(200, { "Content-Type": TYPES[path.extname(file)] ?? "application/octet-stream", "Content-Length": size, ...(isIsolated && ISOLATED) });
   createReadStream(file).pipe(response);
 });
 await new Promise((resolve) => server.listen(0, "127.0.0.1", resolve));
@@ -103,6 +106,20 @@ await check("the built-in scene comes to rest at the native image, and no more f
   await writeFile(path.join(out, "demo.json"), JSON.stringify(await camera(page)));
 });
 const firstCamera = await camera(page);
+
+// On any number of threads a frame has the same bits.
+const { hasThreads } = await import(`data:text/javascript,${encodeURIComponent(await readFile(path.join(pageFolder, "built.js"), "utf8"))}`);
+if (!hasThreads) console.log("skipped: a page built with --threads");
+else await check("an isolated page renders the same image on all threads that it is given", async () => {
+  isIsolated = true;
+  const onThreads = await opened("?noui&threads=3");
+  await atRest(onThreads);
+  assert.equal(await onThreads.evaluate(() => window.viewer.threads), 3);
+  assert.ok((await canvasOf(onThreads)).equals(await readFile(path.join(out, "demo.png"))));
+  await onThreads.close();
+  isIsolated = false;
+  assert.equal(await page.evaluate(() => window.viewer.threads), 1);
+});
 
 await check("drags orbit and pan, the wheel comes closer, keys fly, a double click sets the pivot", async () => {
   const places = [await camera(page)];
@@ -352,7 +369,7 @@ await check("what cannot be is told in one line", async () => {
   assert.match((await figures(missing)).message, /^none\.ply: expected a file, found 404/);
   await missing.close();
   for (const [query, expected] of [
-    ["?speed=3", "?speed: expected one of url, quality, backend, fps, maxPixels, budget, noui, found speed"],
+    ["?speed=3", "?speed: expected one of url, quality, backend, fps, maxPixels, budget, threads, noui, found speed"],
     ["?fps=fast", 'fps: expected a number, found "fast"'],
     ["?backend=cuda", 'settings: backend: expected auto, cpu or gpu, found "cuda"'],
     ["?quality=best", 'settings: quality: expected fast, balanced or high, found "best"'],

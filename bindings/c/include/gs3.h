@@ -103,7 +103,7 @@ typedef enum gs3_dilation {
     // By 0.3 px^2 of the image shown: low-resolution samples are exact samples of it.
     GS3_DILATION_MATCHED = 0,
     // By 0.3 px^2 of the grid that is rasterized.
-    GS3_DILATION_STOCK = 1,
+    GS3_DILATION_KERBL = 1,
     // By dilation_value, px^2 of the grid that is rasterized.
     GS3_DILATION_VALUE = 2,
 } gs3_dilation;

@@ -93,7 +93,7 @@ pub enum gs3_dilation {
     /// By 0.3 px^2 of the image shown: low-resolution samples are exact samples of it.
     GS3_DILATION_MATCHED = 0,
     /// By 0.3 px^2 of the grid that is rasterized.
-    GS3_DILATION_STOCK = 1,
+    GS3_DILATION_KERBL = 1,
     /// By dilation_value, px^2 of the grid that is rasterized.
     GS3_DILATION_VALUE = 2,
 }
@@ -196,6 +196,7 @@ pub unsafe extern "C" fn gs3_renderer_create(
                 networks,
                 backend: desc.backend()?,
                 adapter: desc.adapter.checked_sub(1).map(|number| number as usize),
+                ..SessionSettings::default()
             };
             Ok::<_, Fault>(Session::new(Arc::clone(scene.scene()), settings)?)
         };

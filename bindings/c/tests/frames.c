@@ -286,7 +286,7 @@ static void settings(const gs3_scene *scene, const char *folder) {
         {.networks = GS3_NETWORKS_FAST, .refine = GS3_REFINE_OFF},
         {.scale = 2, .kriging = GS3_KRIGING_ON, .quality = GS3_QUALITY_HIGH, .overscan = 1},
         {.scale = 2, .refine = GS3_REFINE_SHARE, .refine_value = 0.2f, .sampling = GS3_SAMPLING_CENTERED},
-        {.scale = 2, .mode = GS3_MODE_BICUBIC, .dilation = GS3_DILATION_STOCK},
+        {.scale = 2, .mode = GS3_MODE_BICUBIC, .dilation = GS3_DILATION_KERBL},
         {.scale = 3, .dilation = GS3_DILATION_VALUE, .dilation_value = 0.05f, .kriging = GS3_KRIGING_FINE},
     };
     for (size_t k = 0; k < sizeof descs / sizeof descs[0]; k++) {

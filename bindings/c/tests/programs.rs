@@ -205,7 +205,7 @@ fn frames_in_c_are_those_of_the_library() {
         PipelineSettings { scale: 4, refine: Refine::Off, ..plain },
         PipelineSettings { kriging: Kriging::On, quality: Quality::High, overscan: true, ..plain },
         PipelineSettings { refine: Refine::Share(0.2), sampling: Sampling::Centered, ..plain },
-        PipelineSettings { mode: Mode::Bicubic, dilation: Dilation::Stock, ..plain },
+        PipelineSettings { mode: Mode::Bicubic, dilation: Dilation::Kerbl, ..plain },
         PipelineSettings { scale: 3, dilation: Dilation::Value(0.05), kriging: Kriging::Fine, ..plain },
     ];
     for (k, settings) in of_c.into_iter().enumerate() {

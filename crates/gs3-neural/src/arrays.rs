@@ -1,9 +1,10 @@
 //! Named arrays of numbers, and the safetensors files that hold them.
 
 use std::collections::{BTreeMap, HashMap};
-use std::io::Write;
-use std::path::Path;
+#[cfg(feature = "fs")]
+use std::{io::Write, path::Path};
 
+#[cfg(feature = "fs")]
 use gs3_files::{ReadError, read_within, write_atomically};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 
@@ -143,6 +144,7 @@ fn sorted(header: &[u8]) -> Result<Vec<u8>, serde_json::Error> {
 ///
 /// # Errors
 /// [`WeightError`] if it cannot be read, has more than [`MAX_BYTES`] or holds something else.
+#[cfg(feature = "fs")]
 pub fn load(path: &Path) -> Result<(Texts, Arrays), WeightError> {
     let read = |error: ReadError| WeightError::File { path: path.to_owned(), source: error.into() };
     from_bytes(&read_within(path, MAX_BYTES).map_err(read)?)
@@ -152,6 +154,7 @@ pub fn load(path: &Path) -> Result<(Texts, Arrays), WeightError> {
 ///
 /// # Errors
 /// [`WeightError::File`] if it cannot be written.
+#[cfg(feature = "fs")]
 pub fn save(path: &Path, texts: &Texts, arrays: &Arrays) -> Result<(), WeightError> {
     let bytes = to_bytes(texts, arrays)?;
     write_atomically(path, |writer| writer.write_all(&bytes))

@@ -1,5 +1,6 @@
 //! What a network has learned: arrays named as its layers, and where they come from.
 
+#[cfg(feature = "fs")]
 use std::path::Path;
 
 use crate::arrays::{self, Array, Arrays, Texts};
@@ -141,6 +142,7 @@ impl Weights {
     ///
     /// # Errors
     /// [`WeightError`] if it cannot be read, or as [`Weights::from_bytes`].
+    #[cfg(feature = "fs")]
     pub fn load(path: impl AsRef<Path>) -> Result<Self, WeightError> {
         let (texts, arrays) = arrays::load(path.as_ref())?;
         Ok(Self { header: Header::from_texts(&texts)?, arrays })
@@ -150,6 +152,7 @@ impl Weights {
     ///
     /// # Errors
     /// [`WeightError`] if it cannot be written.
+    #[cfg(feature = "fs")]
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), WeightError> {
         arrays::save(path.as_ref(), &self.header.to_texts(), &self.arrays)
     }

@@ -40,7 +40,7 @@ pub use gpu::{
     ScenePrecision,
 };
 pub use settings::{
-    Culling, ExpectedDepth, MAX_MARGIN, Outputs, RasterError, RasterSettings, Rules, STOCK_DILATION, Window,
+    Culling, ExpectedDepth, KERBL_DILATION, MAX_MARGIN, Outputs, RasterError, RasterSettings, Rules, Window,
     matched_dilation,
 };
 pub use view::NEAR;

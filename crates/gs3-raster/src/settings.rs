@@ -9,13 +9,13 @@ pub(crate) const MIN_ALPHA_INVERSE: f32 = 255.0;
 pub(crate) const MIN_ALPHA: f32 = 1.0 / MIN_ALPHA_INVERSE;
 
 /// Dilation of the projected covariance in px² that 3D Gaussian Splatting trains with (Kerbl et al. 2023).
-pub const STOCK_DILATION: f32 = 0.3;
+pub const KERBL_DILATION: f32 = 0.3;
 
 /// The matched dilation in px² of a grid `scale` times coarser. Low-resolution samples are then exact point samples
-/// of the high-resolution image rendered with [`STOCK_DILATION`]: lengths shrink by `scale`, areas by its square.
+/// of the high-resolution image rendered with [`KERBL_DILATION`]: lengths shrink by `scale`, areas by its square.
 #[must_use]
 pub fn matched_dilation(scale: u32) -> f32 {
-    STOCK_DILATION / (scale as f32 * scale as f32)
+    KERBL_DILATION / (scale as f32 * scale as f32)
 }
 
 /// Widest margin beyond an edge of the picture, in pixels. A turn by 32 of 480 pixels in a few frames is fast, and
@@ -181,12 +181,12 @@ pub struct RasterSettings {
 }
 
 impl RasterSettings {
-    /// Stock dilation, no jitter, black background, [`Rules::KERBL`].
+    /// Kerbl's dilation, no jitter, black background, [`Rules::KERBL`].
     #[must_use]
     pub const fn new(outputs: Outputs) -> Self {
         Self {
             outputs,
-            dilation: STOCK_DILATION,
+            dilation: KERBL_DILATION,
             jitter: [0.0; 2],
             margin: Margin::NONE,
             background: [0.0; 3],

@@ -5,7 +5,7 @@ use glam::DVec3;
 pub use gs3_scene::camera::NEAR;
 use gs3_scene::{Camera, Margin};
 
-use crate::settings::{RasterSettings, STOCK_DILATION, Window, matched_dilation};
+use crate::settings::{KERBL_DILATION, RasterSettings, Window, matched_dilation};
 
 /// Limit of the Jacobian: the projection of positions is exact, but its Jacobian is evaluated with x/z and y/z at
 /// most this far outside the image, as a share of half the image's extent. In total this is 1.3 times the tangent of
@@ -87,7 +87,7 @@ impl View {
         let before = [settings.margin.left, settings.margin.top].map(|side| (side * scale) as f32);
         // With scales that are not powers of two, rounding must not change the native image's dilation.
         let is_matched = settings.dilation == matched_dilation(scale);
-        let dilation = if is_matched { STOCK_DILATION } else { settings.dilation * (scale * scale) as f32 };
+        let dilation = if is_matched { KERBL_DILATION } else { settings.dilation * (scale * scale) as f32 };
         Self { size: lr_size.map(|side| side * scale), before, dilation, ..Self::new(camera, &native, near) }
     }
 

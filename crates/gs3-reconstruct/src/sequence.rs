@@ -22,7 +22,7 @@ pub enum ResetReason {
     SceneChange,
     /// Another machine renders, and the history is on the old one.
     BackendChange,
-    /// The previous frame could not be made.
+    /// The previous frame could not be made, or one shortly before is incomplete.
     Failure,
     /// The frame is a keyframe: at fixed frame numbers of a path everything starts anew, so that parts of the path
     /// can be rendered separately. A keyframe has in-between frames before it.
@@ -109,6 +109,14 @@ impl FrameSequence {
         self.jitter.remember(camera, jitter);
         self.last = Some((*camera, depths));
         self.next_reset = None;
+    }
+
+    /// Takes `depths`, of the last frame or of one shortly before it, for the depths of the last frame. A frame whose depths
+    /// are known late is recorded with unknown ones.
+    pub const fn learn_depths(&mut self, depths: DepthLattice) {
+        if let Some((_, last)) = &mut self.last {
+            *last = depths;
+        }
     }
 
     /// Records that the frame which began with `reset` could not be made: the next frame has no history.

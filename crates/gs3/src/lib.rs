@@ -124,6 +124,7 @@ mod session;
 mod settings;
 mod stages;
 
+#[cfg(feature = "fs")]
 use std::path::Path;
 
 pub use error::{NetworkError, PipelineError};
@@ -150,13 +151,17 @@ pub use session::{Session, SessionSettings};
 pub use settings::{Dilation, KEYFRAMES, MAX_IN_BETWEEN, Mode, PipelineSettings};
 pub use stages::{Stage, StageTimes};
 
-use gs3_scene::Scene;
-use gs3_scene::format::{LoadError, LoadOptions};
+#[cfg(feature = "fs")]
+use gs3_scene::{
+    Scene,
+    format::{LoadError, LoadOptions},
+};
 
 /// Opens a trained scene of any supported format ([`gs3_scene::format`]) at its finest level of detail.
 ///
 /// # Errors
 /// [`LoadError`], naming file, field, expected and actual.
+#[cfg(feature = "fs")]
 pub fn open(path: impl AsRef<Path>) -> Result<Scene, LoadError> {
     gs3_scene::format::load(path, &LoadOptions::default(), &|_| {})
 }

@@ -60,8 +60,8 @@ impl FromStr for Backend {
     }
 }
 
-/// The machine that renders.
-#[derive(Debug)]
+/// The machine that renders. Clones share a GPU.
+#[derive(Clone, Debug)]
 pub enum Machine {
     /// The CPU.
     Cpu,

@@ -32,6 +32,9 @@ pub struct SessionSettings {
     /// [`Backend::Cpu`].
     #[cfg(feature = "gpu")]
     pub adapter: Option<usize>,
+    /// What a GPU is opened with beyond what every GPU has.
+    #[cfg(feature = "gpu")]
+    pub features: OptionalFeatures,
 }
 
 impl Default for SessionSettings {
@@ -43,6 +46,8 @@ impl Default for SessionSettings {
             backend: Backend::default(),
             #[cfg(feature = "gpu")]
             adapter: None,
+            #[cfg(feature = "gpu")]
+            features: OptionalFeatures::All,
         }
     }
 }
@@ -107,24 +112,44 @@ impl Session {
         let pipeline = FramePipeline::with_networks(scene, settings.pipeline, &settings.networks)?;
         #[cfg(feature = "gpu")]
         let (machine, failure) =
-            Machine::open_async(settings.backend, settings.adapter, OptionalFeatures::All).await?;
+            Machine::open_async(settings.backend, settings.adapter, settings.features).await?;
         #[cfg(not(feature = "gpu"))]
         let (machine, failure) = (Machine::open(settings.backend)?, None::<PipelineError>);
-        let notices = failure.iter().map(tell_take_over).collect();
-        let mut session = Self { settings, machine, pipeline, references: Vec::new(), notices };
-        session.start()?;
-        Ok(session)
+        Self::start(settings, machine, pipeline, failure.iter().map(tell_take_over).collect())
     }
 
-    /// Makes the machine render from now on. If a GPU that was found (not asked for) fails, the CPU takes over.
-    fn start(&mut self) -> Result<(), PipelineError> {
+    /// Another session on the same machine, of another scene or with other settings: sessions share an open GPU.
+    ///
+    /// # Errors
+    /// [`PipelineError`] if a setting is not supported, or if the scene does not fit beside the others into the memory of
+    /// a GPU that was asked for.
+    pub fn beside(
+        &self,
+        scene: impl Into<Arc<Scene>>,
+        pipeline: PipelineSettings,
+        networks: &Networks,
+    ) -> Result<Self, PipelineError> {
+        let settings = SessionSettings { pipeline, networks: networks.clone(), ..self.settings.clone() };
+        let pipeline = FramePipeline::with_networks(scene, pipeline, networks)?;
+        Self::start(settings, self.machine.clone(), pipeline, Vec::new())
+    }
+
+    /// The session with `pipeline` on `machine`. If a GPU that was found (not asked for) fails, the CPU takes over.
+    #[cfg_attr(not(feature = "gpu"), expect(unused_mut, reason = "no GPU takes the pipeline"))]
+    fn start(
+        settings: SessionSettings,
+        machine: Machine,
+        pipeline: FramePipeline,
+        notices: Vec<String>,
+    ) -> Result<Self, PipelineError> {
+        let mut session = Self { settings, machine, pipeline, references: Vec::new(), notices };
         #[cfg(feature = "gpu")]
-        if let Some(gpu) = self.machine.gpu()
-            && let Err(error) = self.pipeline.render_on(gpu)
+        if let Some(gpu) = session.machine.gpu()
+            && let Err(error) = session.pipeline.render_on(gpu)
         {
-            self.take_over(error)?;
+            session.take_over(error)?;
         }
-        Ok(())
+        Ok(session)
     }
 
     /// Continues on the CPU after `error` of a GPU that was found and not asked for, and adds a notice. Frames start
@@ -304,7 +329,13 @@ impl Session {
         &self.settings
     }
 
-    /// The machine that renders now: [`Backend::Cpu`] or [`Backend::Gpu`].
+    /// The machine that renders now.
+    #[must_use]
+    pub const fn machine(&self) -> &Machine {
+        &self.machine
+    }
+
+    /// The kind of the machine that renders now: [`Backend::Cpu`] or [`Backend::Gpu`].
     #[must_use]
     pub const fn backend(&self) -> Backend {
         self.machine.backend()

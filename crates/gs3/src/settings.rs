@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use gs3_raster::{Culling, LIST_MEMORY, STOCK_DILATION, matched_dilation};
+use gs3_raster::{Culling, KERBL_DILATION, LIST_MEMORY, matched_dilation};
 use gs3_reconstruct::{Kriging, Sampling};
 use gs3_scene::{Camera, CameraPath};
 
@@ -50,7 +50,7 @@ pub enum Dilation {
     Matched,
     /// 0.3 at any resolution, as in the original 3D Gaussian Splatting and as the paper assumes. The signal is
     /// blurrier.
-    Stock,
+    Kerbl,
     /// Any other value, finite and not negative.
     Value(f32),
 }
@@ -61,7 +61,7 @@ impl Dilation {
     pub fn at_scale(self, scale: u32) -> f32 {
         match self {
             Self::Matched => matched_dilation(scale),
-            Self::Stock => STOCK_DILATION,
+            Self::Kerbl => KERBL_DILATION,
             Self::Value(value) => value,
         }
     }
@@ -72,7 +72,7 @@ impl fmt::Display for Dilation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Matched => write!(f, "matched"),
-            Self::Stock => write!(f, "stock"),
+            Self::Kerbl => write!(f, "kerbl"),
             Self::Value(value) => write!(f, "{value}"),
         }
     }

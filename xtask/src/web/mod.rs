@@ -4,6 +4,7 @@ mod serve;
 mod toolchain;
 
 use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -25,12 +26,27 @@ const TARGET: &str = "wasm32-unknown-unknown";
 /// WebAssembly's vectors, which all browsers of this decade have, and bulk copies.
 const RUSTFLAGS: &str = "-C target-feature=+simd128,+bulk-memory";
 
+/// Memory that workers share, imported by each of them. Such memory has a largest size from the start: the 4 GiB that a page can
+/// address at most. The exports are where wasm-bindgen gives each worker its thread's own variables.
+const RUSTFLAGS_OF_THREADS: &str = "-C target-feature=+simd128,+bulk-memory,+atomics -C link-arg=--shared-memory \
+    -C link-arg=--import-memory -C link-arg=--max-memory=4294967296 -C link-arg=--export=__wasm_init_tls \
+    -C link-arg=--export=__tls_size -C link-arg=--export=__tls_align -C link-arg=--export=__tls_base";
+
+/// The folder of the page that has the module for several threads.
+const THREADS: &str = "threads";
+
+/// The module that says what was built.
+const BUILT: &str = "built.js";
+
 /// Arguments of `web`.
 #[derive(Debug, clap::Args)]
 pub struct WebArgs {
     /// Where the page goes; the folder is made if it does not exist
     #[arg(long, value_name = "DIR", default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/../target/web"))]
     pub out: PathBuf,
+    /// Also build for all cores: pages isolated from others then render on them. This needs the sources of the standard library
+    #[arg(long)]
+    pub threads: bool,
     /// Serve the page on this port of the loopback, 0 for any free one, until the program is ended
     #[arg(long, value_name = "PORT")]
     pub serve: Option<u16>,
@@ -42,7 +58,7 @@ pub struct WebArgs {
 /// Builds the page, and serves it if that is asked for.
 pub fn run(args: &WebArgs) -> Result<(), XtaskError> {
     if !args.no_build {
-        build(&args.out)?;
+        build(&args.out, args.threads)?;
     }
     match args.serve {
         Some(port) => serve::serve(&args.out, port),
@@ -50,13 +66,38 @@ pub fn run(args: &WebArgs) -> Result<(), XtaskError> {
     }
 }
 
-fn build(out: &Path) -> Result<(), XtaskError> {
-    let toolchain = Toolchain::find()?;
+fn build(out: &Path, has_threads: bool) -> Result<(), XtaskError> {
+    fs::create_dir_all(out).map_err(XtaskError::io(out))?;
+    module(out, false)?;
+    let threads = out.join(THREADS);
+    match fs::remove_dir_all(&threads) {
+        Err(error) if error.kind() != ErrorKind::NotFound => return Err(XtaskError::io(&threads)(error)),
+        _ => {}
+    }
+    if has_threads {
+        module(&threads, true)?;
+    }
+    for name in FILES {
+        copy(&Path::new(ROOT).join("apps/viewer/page").join(name), &out.join(name))?;
+    }
+    let built = format!(
+        "// Whether threads/ has a module for several threads.\nexport const hasThreads = {has_threads};\n"
+    );
+    fs::write(out.join(BUILT), built).map_err(XtaskError::io(&out.join(BUILT)))
+}
+
+/// Builds the module of the page and its glue into `out`, for one thread or for several.
+fn module(out: &Path, has_threads: bool) -> Result<(), XtaskError> {
+    let toolchain = Toolchain::find(has_threads)?;
     eprintln!("{TARGET}: {toolchain}");
     // Apart from other builds: flags and compiler differ, and neither is to undo the other's work.
-    let target = Path::new(ROOT).join("target/web-build");
+    let (folder, flags, features) = match has_threads {
+        false => ("target/web-build", RUSTFLAGS, "page"),
+        true => ("target/web-build/threads", RUSTFLAGS_OF_THREADS, "threads"),
+    };
+    let target = Path::new(ROOT).join(folder);
     let mut cargo: Command = toolchain.cargo();
-    cargo.current_dir(ROOT).env("RUSTFLAGS", RUSTFLAGS).env("CARGO_TARGET_DIR", &target).args([
+    cargo.current_dir(ROOT).env("RUSTFLAGS", flags).env("CARGO_TARGET_DIR", &target).args([
         "rustc",
         "--locked",
         "--package",
@@ -68,23 +109,19 @@ fn build(out: &Path) -> Result<(), XtaskError> {
         "web",
         "--no-default-features",
         "--features",
-        "page",
+        features,
         "--target",
         TARGET,
     ]);
     cargo.args(toolchain.arguments());
     crate::folder::succeed(&mut cargo)?;
 
-    fs::create_dir_all(out).map_err(XtaskError::io(out))?;
     let wasm = target.join(TARGET).join("web/gs3_viewer.wasm");
     let glue = |error: anyhow::Error| XtaskError::Glue { path: wasm.clone(), message: format!("{error:#}") };
     let mut bindgen = Bindgen::new();
     bindgen.input_path(&wasm).typescript(false).remove_name_section(true).remove_producers_section(true);
     bindgen.web(true).map_err(glue)?;
     bindgen.generate(out).map_err(glue)?;
-    for name in FILES {
-        copy(&Path::new(ROOT).join("apps/viewer/page").join(name), &out.join(name))?;
-    }
     let whole = out.join("gs3_viewer_bg.wasm");
     let bytes = fs::metadata(&whole).map_err(XtaskError::io(&whole))?.len();
     eprintln!("{}: the page, {:.1} MB of WebAssembly", out.display(), bytes as f64 / 1e6);

@@ -26,8 +26,8 @@ pub struct Toolchain {
 enum Std {
     /// It is there, compiled.
     Installed,
-    /// It is compiled from the compiler's sources, and linked by this.
-    Built { linker: PathBuf },
+    /// It is compiled from the compiler's sources, and linked by this; by the compiler's own linker if this is none.
+    Built { linker: Option<PathBuf> },
 }
 
 impl fmt::Display for Toolchain {
@@ -41,30 +41,36 @@ impl fmt::Display for Toolchain {
 }
 
 impl Toolchain {
-    /// The compiler on PATH, or else Debian's.
+    /// The compiler on PATH, or else Debian's. An installed standard library has no atomics, so `with_threads` takes one that is
+    /// built.
     ///
     /// # Errors
     /// [`XtaskError::NoTarget`] if neither compiles WebAssembly.
-    pub fn find() -> Result<Self, XtaskError> {
+    pub fn find(with_threads: bool) -> Result<Self, XtaskError> {
         let places = [PathBuf::new(), PathBuf::from(DEBIAN)];
-        let found = places.iter().find_map(|place| Self::at(&place.join("cargo"), &place.join("rustc")));
+        let found = places
+            .iter()
+            .find_map(|place| Self::at(&place.join("cargo"), &place.join("rustc"), with_threads));
         found.ok_or(XtaskError::NoTarget { target: TARGET })
     }
 
-    fn at(cargo: &Path, rustc: &Path) -> Option<Self> {
+    fn at(cargo: &Path, rustc: &Path, with_threads: bool) -> Option<Self> {
         let told = |what: &[&str]| {
             let output = Command::new(rustc).args(what).output().ok()?;
             let text = String::from_utf8(output.stdout).ok()?;
             output.status.success().then(|| PathBuf::from(text.trim()))
         };
         let of = |std| Some(Self { cargo: cargo.to_owned(), rustc: rustc.to_owned(), std });
-        if told(&["--print", "target-libdir", "--target", TARGET])?.is_dir() {
+        let is_installed = told(&["--print", "target-libdir", "--target", TARGET])?.is_dir();
+        if is_installed && !with_threads {
             return of(Std::Installed);
         }
         let sources = told(&["--print", "sysroot"])?.join("lib/rustlib/src/rust/library/std");
         let linker =
-            LINKERS.into_iter().find(|linker| Command::new(linker).arg("--version").output().is_ok())?;
-        sources.is_dir().then(|| of(Std::Built { linker: PathBuf::from(linker) }))?
+            LINKERS.into_iter().find(|linker| Command::new(linker).arg("--version").output().is_ok());
+        // A compiler that comes with the target comes with its linker.
+        (sources.is_dir() && (is_installed || linker.is_some()))
+            .then(|| of(Std::Built { linker: linker.map(PathBuf::from) }))?
     }
 
     /// Cargo of this toolchain.
@@ -78,7 +84,9 @@ impl Toolchain {
         if let Std::Built { linker } = &self.std {
             // Building the standard library is an unstable feature of cargo, which stable compilers allow by this name alone.
             command.env("RUSTC_BOOTSTRAP", "1");
-            command.env("CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_LINKER", linker);
+            if let Some(linker) = linker {
+                command.env("CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_LINKER", linker);
+            }
         }
         command
     }
@@ -98,8 +106,8 @@ mod tests {
 
     #[test]
     fn a_compiler_that_is_none_is_not_taken() {
-        assert_eq!(Toolchain::at(Path::new("cargo"), Path::new("/none/rustc")), None);
+        assert_eq!(Toolchain::at(Path::new("cargo"), Path::new("/none/rustc"), false), None);
         // `false` says nothing and fails.
-        assert_eq!(Toolchain::at(Path::new("cargo"), Path::new("false")), None);
+        assert_eq!(Toolchain::at(Path::new("cargo"), Path::new("false"), true), None);
     }
 }

@@ -115,6 +115,10 @@ impl CliError {
             Self::Write { source, .. } | Self::Read { source, .. } => is_passing(source),
             Self::Load(LoadError::Io { source, .. }) => is_passing(source),
             Self::Load(LoadError::Memory { .. }) => true,
+            // A GPU that is not there, or lacks a feature.
+            Self::Pipeline(PipelineError::Gpu(GpuError::NoAdapter { .. } | GpuError::Unsupported { .. })) => {
+                false
+            }
             Self::Threads { .. } | Self::Pipeline(PipelineError::Gpu(_)) => true,
             _ => false,
         }

@@ -7,6 +7,7 @@ pub mod exit;
 pub mod interrupt;
 pub mod memory;
 pub mod options;
+pub mod rasterizer;
 pub mod terminal;
 pub mod threads;
 pub mod usage;

@@ -116,8 +116,8 @@ pub struct FrameOptions {
     /// 0 for none
     #[arg(long, default_value_t = KEYFRAMES, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=1_000_000), help_heading = ADVANCED)]
     pub keyframes: u32,
-    /// Dilation of splats in px² of the rendered grid: matched (0.3/S²), stock (0.3) or a number
-    #[arg(long, default_value = "matched", value_name = "matched|stock|VALUE", allow_hyphen_values = true, help_heading = ADVANCED)]
+    /// Dilation of splats in px² of the rendered grid: matched (0.3/S²), kerbl (0.3, as Kerbl et al.; also stock) or a number
+    #[arg(long, default_value = "matched", value_name = "matched|kerbl|VALUE", allow_hyphen_values = true, help_heading = ADVANCED)]
     pub dilation: DilationArg,
     /// Which tiles a splat is assigned to
     #[arg(long, default_value = "accutile", help_heading = ADVANCED)]

@@ -113,11 +113,12 @@ impl FromStr for DilationArg {
         let value = || text.parse().ok().filter(|v: &f32| v.is_finite() && *v >= 0.0).map(Dilation::Value);
         match text {
             "matched" => Some(Dilation::Matched),
-            "stock" => Some(Dilation::Stock),
+            // The name that users of other programs know.
+            "kerbl" | "stock" => Some(Dilation::Kerbl),
             _ => value(),
         }
         .map(Self)
-        .ok_or_else(|| format!("expected matched, stock or a number of at least 0, found {text}"))
+        .ok_or_else(|| format!("expected matched, kerbl or a number of at least 0, found {text}"))
     }
 }
 

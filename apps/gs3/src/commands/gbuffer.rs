@@ -3,9 +3,8 @@
 use std::io::{self, Seek, Write};
 use std::path::PathBuf;
 
-use gs3::Machine;
 use gs3::compute::OptionalFeatures;
-use gs3::raster::{GpuRasterError, GpuRasterizer, Outputs, RasterSettings, Rasterizer, ScenePrecision};
+use gs3::raster::{Outputs, RasterSettings};
 use gs3::scene::{GBuffer, Planes};
 use zip::ZipWriter;
 
@@ -13,6 +12,7 @@ use crate::cli::backend;
 use crate::cli::error::CliError;
 use crate::cli::exit::Outcome;
 use crate::cli::options::{CullingArg, Device, SceneOptions, View};
+use crate::cli::rasterizer::MachineRasterizer;
 use crate::cli::threads::start_threads;
 use crate::cli::values::{DilationArg, Pair, Rgb, scale};
 use crate::io::destination::{self, Destination};
@@ -35,8 +35,8 @@ pub struct GbufferArgs {
     /// Offset of the samples from the pixel centres
     #[arg(long, default_value = "0,0", value_name = "X,Y", allow_hyphen_values = true)]
     pub jitter: Pair,
-    /// Dilation of splats in px² of the rendered grid: matched (0.3/S²), stock (0.3) or a number
-    #[arg(long, default_value = "matched", value_name = "matched|stock|VALUE", allow_hyphen_values = true)]
+    /// Dilation of splats in px² of the rendered grid: matched (0.3/S²), kerbl (0.3, as Kerbl et al.; also stock) or a number
+    #[arg(long, default_value = "matched", value_name = "matched|kerbl|VALUE", allow_hyphen_values = true)]
     pub dilation: DilationArg,
     /// Which tiles a splat is assigned to
     #[arg(long, default_value = "accutile")]
@@ -73,14 +73,11 @@ pub fn run(args: &GbufferArgs) -> Result<Outcome, CliError> {
     let mut gbuffer = GBuffer::default();
     let camera = &path.cameras()[args.frame];
     let machine = backend::open(&args.device, OptionalFeatures::All)?;
-    let machine =
-        backend::start(machine, |gpu| -> Result<(), GpuRasterError> {
-            GpuRasterizer::new(gpu, scene.clone(), args.culling.into(), ScenePrecision::default())?
-                .rasterize_to(camera, &settings, &mut gbuffer)
-        })?;
-    if matches!(machine, Machine::Cpu) {
-        Rasterizer::new(scene.clone(), args.culling.into()).rasterize(camera, &settings, &mut gbuffer)?;
-    }
+    MachineRasterizer::new(&scene, args.culling.into(), &machine)?.gbuffer(
+        camera,
+        &settings,
+        &mut gbuffer,
+    )?;
     inputs::tell_what_is_too_near(&scene, &path.cameras()[args.frame..=args.frame]);
     if gbuffer.alpha.plane(0).iter().all(|alpha| *alpha == 0.0) {
         inputs::warn_of_nothing_visible(scene.details().near);

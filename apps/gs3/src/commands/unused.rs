@@ -89,7 +89,7 @@ fn simplify(args: &SimplifyArgs, given: &Given) -> Result<(), CliError> {
 fn gbuffer(args: &GbufferArgs, given: &Given) -> Result<(), CliError> {
     let dilation = match args.dilation.0 {
         Dilation::Matched => return Ok(()),
-        Dilation::Stock => "stock".to_owned(),
+        Dilation::Kerbl => "kerbl".to_owned(),
         Dilation::Value(value) => value.to_string(),
     };
     refuse(given, "--scale", "--dilation matched", &format!("--dilation {dilation}"))

@@ -84,8 +84,8 @@ pub fn run(args: &ViewArgs) -> Result<Outcome, CliError> {
         Some(tier) => Networks { interpolate: None, ..Networks::shipped(pipeline.scale, tier)? },
         None => Networks::default(),
     };
-    let session =
-        SessionSettings { pipeline, networks, backend: args.device.backend, adapter: args.device.adapter };
+    let Device { backend, adapter } = args.device;
+    let session = SessionSettings { pipeline, networks, backend, adapter, ..SessionSettings::default() };
     let size = [args.size.width, args.size.height];
     let name = args.scene.file_name().unwrap_or(args.scene.as_os_str()).to_string_lossy().into_owned();
     let viewer = ViewerSettings {

@@ -51,14 +51,14 @@ fn figures_tell_what_was_asked_for() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let render = "render demo --size 64x48 --frames 3..4 --tier analytic --backend cpu";
-    let others = "--kriging --overscan --dilation stock --jitter off --culling exact --background 1,1,1";
+    let others = "--kriging --overscan --dilation kerbl --jitter off --culling exact --background 1,1,1";
     succeed(at, &format!("{render} --json a.json --out a"));
     succeed(at, &format!("{render} {others} --json b.json --out b"));
     let [a, b] = ["a.json", "b.json"].map(|file| json(&at.join(file)));
     for (key, values) in [
         ("kriging", ["\"off\"", "\"on\""]),
         ("overscan", ["false", "true"]),
-        ("dilation", ["\"matched\"", "\"stock\""]),
+        ("dilation", ["\"matched\"", "\"kerbl\""]),
         ("sampling", ["\"jittered\"", "\"centered\""]),
         ("culling", ["\"accutile\"", "\"exact\""]),
         ("background", ["[0.0,0.0,0.0]", "[1.0,1.0,1.0]"]),

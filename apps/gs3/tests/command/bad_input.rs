@@ -46,7 +46,7 @@ fn one_line_that_names_field_expected_and_actual() {
         ("render demo --frames 5..5 --out o", &["--frames", "expected A..B with A < B", "5..5"]),
         (
             "render demo --dilation -1 --out o",
-            &["--dilation: expected matched, stock or a number", "found -1"],
+            &["--dilation: expected matched, kerbl or a number", "found -1"],
         ),
         (
             "render demo --background -1,0,0 --out o",
@@ -109,7 +109,7 @@ fn one_line_that_names_field_expected_and_actual() {
         ("simplify demo --keep 0.5 --indoor --out o", &["--indoor: expected --by mini-splatting"]),
         ("evaluate demo --every 2 --out o", &["--photos"]),
         ("info .", &[".: expected a scene file, or a folder with lod-meta.json, meta.json or meta.lcc2"]),
-        ("render demo --dilation nan --out o", &["expected matched, stock or a number", "nan"]),
+        ("render demo --dilation nan --out o", &["expected matched, kerbl or a number", "nan"]),
         ("render demo --background 1,2 --out o", &["expected R,G,B from 0 to 1", "1,2"]),
         ("render demo --threads 0 --out o", &["--threads", "0"]),
         ("render demo --size 64x36 --frames 0..1 --out file/o", &["file/o: cannot be written"]),
@@ -138,8 +138,8 @@ fn one_line_that_names_field_expected_and_actual() {
         ("gbuffer demo --jitter 3,0 --out g.npz", &["expected X,Y from -1 to 1", "3,0"]),
         ("gbuffer demo --scale 0 --out g.npz", &["scale: expected 1 to"]),
         (
-            "gbuffer demo --scale 2 --dilation stock --out g.npz",
-            &["--scale: expected --dilation matched, found --dilation stock"],
+            "gbuffer demo --scale 2 --dilation kerbl --out g.npz",
+            &["--scale: expected --dilation matched, found --dilation kerbl"],
         ),
         (
             "gbuffer demo --dilation 0.1 --scale 4 --out g.npz",

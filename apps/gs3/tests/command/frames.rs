@@ -100,7 +100,8 @@ fn options_reach_the_picture() {
         png(&folder.path().join(format!("{name}.png"))).2
     };
     let plain = render("plain", "--mode bicubic");
-    assert!(plain != render("stock", "--mode bicubic --dilation stock"));
+    let kerbl = render("kerbl", "--mode bicubic --dilation kerbl");
+    assert!(plain != kerbl && kerbl == render("stock", "--mode bicubic --dilation stock"));
     assert!(plain == render("value", "--mode bicubic --dilation 0.01875"), "matched is 0.3 / 4²");
     assert!(plain != render("centered", "--mode bicubic --jitter off"));
     assert!(plain == render("exact", "--mode bicubic --culling exact"));

@@ -59,7 +59,7 @@ fn camera(center: [f64; 3], more: &str) -> String {
 
 /// The colours of `gs3 gbuffer {arguments}`, and what it said.
 fn color(at: &Path, arguments: &str) -> (Vec<f32>, String) {
-    let output = succeed(at, &format!("gbuffer {arguments} --backend cpu --dilation stock --out o.npz"));
+    let output = succeed(at, &format!("gbuffer {arguments} --backend cpu --dilation kerbl --out o.npz"));
     (npz(&at.join("o.npz"))["color"].1.clone(), stderr(&output))
 }
 

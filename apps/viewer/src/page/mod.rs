@@ -9,3 +9,5 @@ pub use place::{CameraPlace, CameraPlaceError};
 pub use settings::{PageSettings, PageSettingsError};
 #[cfg(target_arch = "wasm32")]
 pub use shell::PageViewer;
+#[cfg(all(feature = "threads", target_arch = "wasm32"))]
+pub use wasm_bindgen_rayon::init_thread_pool;

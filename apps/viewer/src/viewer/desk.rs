@@ -1,10 +1,10 @@
 //! The session, here or in the thread that renders with it.
 
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError};
 use std::task::Waker;
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use gs3::scene::Scene;
 use gs3::{Backend, Session, StageTimes};
@@ -56,12 +56,19 @@ struct Worker {
 }
 
 impl Worker {
+    /// No worker: a page steps the viewer in a worker of its own, and waits for nothing there but promises.
+    #[cfg(target_arch = "wasm32")]
+    fn start(_: Waker) -> std::io::Result<Self> {
+        Err(std::io::ErrorKind::Unsupported.into())
+    }
+
     /// A worker that wakes `waker` after each job.
+    #[cfg(not(target_arch = "wasm32"))]
     fn start(waker: Waker) -> std::io::Result<Self> {
-        let (jobs, waiting) = channel::<(Box<Session>, Job)>();
-        let (done, ended) = channel();
+        let (jobs, waiting) = std::sync::mpsc::channel::<(Box<Session>, Job)>();
+        let (done, ended) = std::sync::mpsc::channel();
         let work = move || {
-            let started = Instant::now();
+            let started = std::time::Instant::now();
             for (mut session, job) in waiting {
                 let finished = pollster::block_on(job.run(&mut session, &|| started.elapsed()));
                 if done.send((session, finished)).is_err() {

@@ -26,7 +26,7 @@ impl gs3_renderer_desc {
         ];
         let dilations = [
             (gs3_dilation::GS3_DILATION_MATCHED as u32, Dilation::Matched),
-            (gs3_dilation::GS3_DILATION_STOCK as u32, Dilation::Stock),
+            (gs3_dilation::GS3_DILATION_KERBL as u32, Dilation::Kerbl),
             (gs3_dilation::GS3_DILATION_VALUE as u32, Dilation::Value(self.dilation_value)),
         ];
         let settings = PipelineSettings {

@@ -67,7 +67,7 @@ const NETWORKS: &str = "\
     | LR frames | are |\n\
     |---|---|\n\
     | `matched` | point samples of the native image (dilation 0.3/S²) |\n\
-    | `stock` | rendered at LR with the dilation 0.3 of 3D Gaussian Splatting |\n\
+    | `kerbl` | rendered at LR with the dilation 0.3 of 3D Gaussian Splatting (Kerbl et al.) |\n\
     | `antialiased` | the native image reduced by a bicubic filter, as networks are trained; no \
     renderer has such frames without native rendering |\n";
 

@@ -18,7 +18,7 @@ pub const FRAMES: usize = 24;
 const PARTS: [(&str, &str); 11] = [
     ("nothing, learned", "balanced_ss+balanced"),
     ("learned interpolation", "balanced"),
-    ("matched dilation (stock 0.3 instead), learned", "balanced@stock"),
+    ("matched dilation (0.3 instead), learned", "balanced@kerbl"),
     ("learning", "overscanned"),
     ("learning and overscan", "kriged"),
     ("learning, overscan and kriging", "analytic"),
@@ -26,7 +26,7 @@ const PARTS: [(&str, &str); 11] = [
     ("all three and gradients (those of bicubic interpolation)", "history_gradientless+warp"),
     ("all three and jitter", "history_centered+warp"),
     ("all three and history (recurrence)", "hermite+warp"),
-    ("all three and matched dilation (stock 0.3 instead)", "analytic@stock"),
+    ("all three and matched dilation (0.3 instead)", "analytic@kerbl"),
 ];
 
 /// The row that lacks nothing but learning, overscan and kriging.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use gs3::{AdaptiveJitter, DepthLattice, FramePipeline, Mode, ResetReason, Sampling, Stage};
-use gs3_raster::{Outputs, RasterSettings, Rasterizer, STOCK_DILATION, matched_dilation};
+use gs3_raster::{KERBL_DILATION, Outputs, RasterSettings, Rasterizer, matched_dilation};
 use gs3_reconstruct::{Interpolator, Kriging, ResampleKernel, SuperSampler};
 use gs3_scene::{Camera, GBuffer, Gradients, Image};
 use rayon::prelude::*;
@@ -214,7 +214,7 @@ impl LrSource {
     ) -> Result<Option<Duration>, MethodError> {
         let dilation = match self.formation {
             Formation::Matched => matched_dilation(self.scale),
-            Formation::Stock => STOCK_DILATION,
+            Formation::Kerbl => KERBL_DILATION,
             Formation::Antialiased => {
                 self.render_native(camera)?;
                 reduce(&self.native, self.scale, lr);

@@ -169,7 +169,7 @@ pub fn build(spec: MethodSpec, settings: &MethodSettings) -> Result<Box<dyn Meth
 
 fn pipeline(mode: Mode, spec: MethodSpec, settings: &MethodSettings) -> Result<FramePipeline, MethodError> {
     let dilation = match (mode, spec.formation) {
-        (Mode::Native, _) | (_, Formation::Stock) => Dilation::Stock,
+        (Mode::Native, _) | (_, Formation::Kerbl) => Dilation::Kerbl,
         (_, Formation::Matched | Formation::Antialiased) => Dilation::Matched,
     };
     let settings_ = PipelineSettings {

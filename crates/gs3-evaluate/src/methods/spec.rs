@@ -58,8 +58,8 @@ pub enum Formation {
     /// Rasterized at LR with dilation 0.3/S²: exact point samples of the native image.
     #[default]
     Matched,
-    /// Rasterized at LR with the stock dilation 0.3: a blurrier signal, as 3D Gaussian Splatting renders at that size.
-    Stock,
+    /// Rasterized at LR with the dilation 0.3 of Kerbl et al.: a blurrier signal, as 3D Gaussian Splatting renders at that size.
+    Kerbl,
     /// The native image reduced by an antialiasing bicubic filter, as image super resolution is trained. It needs the
     /// native image, so methods fed with it have no speed.
     Antialiased,
@@ -147,7 +147,7 @@ const SPATIAL: [(&str, Spatial); 26] = [
     ("ninasr_trained", Spatial::Trained(PublishedNetwork::Ninasr)),
 ];
 const FORMATIONS: [(&str, Formation); 3] =
-    [("matched", Formation::Matched), ("stock", Formation::Stock), ("antialiased", Formation::Antialiased)];
+    [("matched", Formation::Matched), ("kerbl", Formation::Kerbl), ("antialiased", Formation::Antialiased)];
 const INTERPOLATIONS: [(&str, Interpolation); 6] = [
     ("repeat", Interpolation::Repeat),
     ("blend", Interpolation::Blend),
@@ -171,7 +171,7 @@ const WHOLE: [(&str, (Spatial, Interpolation)); 7] = [
 
 /// The methods compared where none are named.
 pub const DEFAULT_METHODS: &str = "native,nearest,bilinear,bicubic,lanczos,fsr1,hermite,spline,ridge,history,refined,\
-     bicubic@stock,bicubic+repeat,bicubic+blend,history+repeat,history+blend,analytic,default";
+     bicubic@kerbl,bicubic+repeat,bicubic+blend,history+repeat,history+blend,analytic,default";
 
 impl Spatial {
     /// The file of a published network's weights in their folder, if the method is one.
@@ -292,9 +292,9 @@ impl MethodSpec {
         let expected = if self.spatial == Spatial::Native && (self.formation != Formation::Matched || warps) {
             "no LR formation and no warp with native rendering"
         } else if self.formation == Formation::Antialiased && (self.spatial.reads_gbuffer() || warps) {
-            "a rasterized LR formation (matched or stock) where gradients or depth are read"
+            "a rasterized LR formation (matched or kerbl) where gradients or depth are read"
         } else if self.formation == Formation::Antialiased && matches!(self.spatial, Spatial::Trained(_)) {
-            "a rasterized LR formation (matched or stock), sampled as the network was trained"
+            "a rasterized LR formation (matched or kerbl), sampled as the network was trained"
         } else if learned && !self.spatial.is_pipeline() {
             "learned interpolation of frames that gs3 super-samples (history, fast_ss, balanced_ss, high_ss)"
         } else {
@@ -372,11 +372,11 @@ mod tests {
     fn names_read_back_as_written() {
         let names = DEFAULT_METHODS
             .split(',')
-            .chain(["span@antialiased", "analytic@stock", "hermite@stock+warp", "ecbsr_trained+warp"])
+            .chain(["span@antialiased", "analytic@kerbl", "hermite@kerbl+warp", "ecbsr_trained+warp"])
             .chain([
                 "fast",
                 "balanced_ss",
-                "high@stock",
+                "high@kerbl",
                 "balanced_ss+balanced",
                 "history+balanced",
                 "fast_ss+high",
@@ -406,7 +406,7 @@ mod tests {
         assert!(message("bicubic@blurry").contains("found 'blurry'"));
         assert!(message("bicubic+flow").contains("repeat, blend, warp"));
         for name in [
-            "native@stock",
+            "native@kerbl",
             "native+warp",
             "hermite@antialiased",
             "bicubic@antialiased+warp",

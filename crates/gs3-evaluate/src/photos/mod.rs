@@ -33,7 +33,7 @@ use approach::{Depth, approach};
 use undistort::Undistortion;
 
 /// The methods compared with photos where none are named.
-pub const DEFAULT_PHOTO_METHODS: &str = "native,bicubic,hermite,spline,history,overscan,bicubic@stock";
+pub const DEFAULT_PHOTO_METHODS: &str = "native,bicubic,hermite,spline,history,overscan,bicubic@kerbl";
 
 /// Extensions that captures leave out.
 const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];

@@ -83,8 +83,8 @@ const COMPARED: [&str; 12] = [
     "hermite+warp",
     "history+blend",
     "analytic",
-    "bicubic@stock+blend",
-    "analytic@stock",
+    "bicubic@kerbl+blend",
+    "analytic@kerbl",
 ];
 
 /// Published networks, compared where their weights are given.
@@ -107,7 +107,7 @@ const ABLATIONS: [(&str, &str); 7] = [
     ("history", "hermite+warp"),
     ("history and gradients", "bicubic+warp"),
     ("interpolation", "history+repeat"),
-    ("matched dilation (stock 0.3 instead)", "analytic@stock"),
+    ("matched dilation (0.3 instead)", "analytic@kerbl"),
 ];
 
 /// What is left out of [`LEARNED`] in the middle tier.
@@ -115,7 +115,7 @@ const LEARNED_ABLATIONS: [(&str, &str); 4] = [
     ("nothing", "balanced_ss+balanced"),
     ("learned interpolation", "balanced"),
     ("learned super sampling", "overscan+balanced"),
-    ("matched dilation (stock 0.3 instead)", "balanced@stock"),
+    ("matched dilation (0.3 instead)", "balanced@kerbl"),
 ];
 
 /// Accelerations by tile culling, `plain` being 3DGS as published.

@@ -316,7 +316,7 @@ fn facts(protocol: &Protocol, timeline: &Timeline, truth: TruthFacts) -> Protoco
         culling: format!("{:?}", protocol.culling),
         background: protocol.background,
         warm_up_frames: protocol.warm_up_frames,
-        ground_truth: "the scene rasterized at full size by the same rasterizer, stock dilation 0.3 px², tile culling without loss (AccuTile), at the poses of \
+        ground_truth: "the scene rasterized at full size by the same rasterizer, dilation 0.3 px², tile culling without loss (AccuTile), at the poses of \
                        rendered frames and at the true poses half-way between"
             .into(),
         truth,
@@ -340,7 +340,7 @@ fn facts(protocol: &Protocol, timeline: &Timeline, truth: TruthFacts) -> Protoco
             "JOD: ColorVideoVDP of the middle 1280×720 pixels of all displayed frames, watched on a 30-inch 4K display from \
              0.75 m at the method's own displayed rate; 10 is no visible difference.".into(),
             "Methods with history start without one at the first frame: the first frames count as they are.".into(),
-            "LR formation `matched`: rasterized at LR with dilation 0.3/S² (exact point samples of the native image); `stock`: \
+            "LR formation `matched`: rasterized at LR with dilation 0.3/S² (exact point samples of the native image); `kerbl`: \
              dilation 0.3; `antialiased`: the native image reduced by an antialiasing bicubic filter."
                 .into(),
             "Displayed FPS: frames shown per rendered frame over its median time, all stages in sequence, the first frame \

@@ -69,7 +69,7 @@ fn run(protocol: &Protocol, folder: &Path) -> (Results, [Vec<String>; 3]) {
 #[test]
 fn methods_are_scored_by_subset_and_rank_as_they_should() {
     let folder = tempfile::tempdir().unwrap();
-    let methods = "nearest,bicubic,bicubic@stock,bicubic@antialiased,hermite,spline,ridge,history,history+repeat,analytic";
+    let methods = "nearest,bicubic,bicubic@kerbl,bicubic@antialiased,hermite,spline,ridge,history,history+repeat,analytic";
     let (results, _) = run(&protocol(methods, Case::Path), folder.path());
     assert_eq!(results.failures, []);
     let psnr = |method: &str, subset| results.row(method, subset).unwrap().psnr;
@@ -77,7 +77,7 @@ fn methods_are_scored_by_subset_and_rank_as_they_should() {
     assert!(rendered("native") > 95.0, "{}", rendered("native"));
     for (better, worse) in [
         ("bicubic", "nearest"),
-        ("bicubic", "bicubic@stock"),
+        ("bicubic", "bicubic@kerbl"),
         ("hermite", "bicubic"),
         ("spline", "bicubic"),
         ("ridge", "hermite"),
@@ -387,7 +387,7 @@ fn protocols_that_make_no_sense_are_refused() {
     };
     assert!(matches!(error(without("span", None)), EvaluateError::Method(MethodError::NoWeights { .. })));
     assert!(matches!(
-        error(without("bicubic,span@stock", Some(folder.path()))),
+        error(without("bicubic,span@kerbl", Some(folder.path()))),
         EvaluateError::Method(MethodError::WeightFile { .. })
     ));
     let high = Protocol { scale: 8, ..without("high", Some(folder.path())) };

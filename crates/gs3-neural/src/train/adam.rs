@@ -1,8 +1,11 @@
 //! The optimiser Adam (Kingma and Ba 2015), with a state that can be saved and taken up again bit for bit.
 
+#[cfg(feature = "fs")]
 use std::path::Path;
 
-use crate::arrays::{self, Array, Arrays, Texts};
+#[cfg(feature = "fs")]
+use crate::arrays::{self, Texts};
+use crate::arrays::{Array, Arrays};
 use crate::error::WeightError;
 
 /// Shares of the means that each step keeps, and what is added to the root: the paper's.
@@ -68,6 +71,7 @@ impl Adam {
     ///
     /// # Errors
     /// [`WeightError`] if it cannot be written.
+    #[cfg(feature = "fs")]
     pub fn save(&self, path: &Path) -> Result<(), WeightError> {
         let mut all = Arrays::new();
         for (kind, arrays) in [("first", &self.first), ("second", &self.second)] {
@@ -81,6 +85,7 @@ impl Adam {
     /// # Errors
     /// [`WeightError`] if the file cannot be read or is something else. [`Adam::step`] checks whether the state fits
     /// the weights.
+    #[cfg(feature = "fs")]
     pub fn load(path: &Path) -> Result<Self, WeightError> {
         let (texts, arrays) = arrays::load(path)?;
         let step =

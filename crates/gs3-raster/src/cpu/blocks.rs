@@ -23,10 +23,10 @@ const _: () = assert!(BLOCK == BLOCK_SIDE);
 /// Most rows of blocks in a tile: a stride of 8.
 const MAX_ROWS: usize = TILE_HEIGHT * 8 / BLOCK;
 
-/// Scratch memory for blending the blocks of a tile; one per thread, reused.
+/// Scratch memory for blending a tile or its blocks; one per thread, reused.
 #[derive(Default)]
-struct Scratch {
-    tile: TileScratch,
+pub(super) struct Scratch {
+    pub(super) tile: TileScratch,
     /// The index of each of the tile's splats among the splats taken; [`DROPPED`] for the others.
     taken: Vec<u32>,
     order: Vec<u32>,
@@ -102,7 +102,8 @@ impl Rasterizer {
                 self.bins.fill(&self.jobs, grid, part, self.culling);
             }
             let (jobs, bins, orders, level) = (&self.jobs, &self.bins, &self.orders, self.level);
-            of_part.par_iter_mut().with_max_len(4).for_each_init(Scratch::default, |scratch, tile| {
+            of_part.par_iter_mut().with_max_len(4).for_each(|tile| {
+                let mut scratch = self.scratch.get_or_default().borrow_mut();
                 let order = has_orders.then(|| &orders[tile.tile[1] * columns + tile.tile[0]][..]);
                 dispatch!(level, s => scratch.fill(s, jobs, bins, order, grid, *size, &resolver, tile));
             });

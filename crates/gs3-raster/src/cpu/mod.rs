@@ -17,6 +17,7 @@ mod resolve;
 pub(crate) mod sh;
 pub(crate) mod splat;
 
+use std::cell::RefCell;
 use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
@@ -24,13 +25,15 @@ use std::time::Duration;
 use fearless_simd::{Level, dispatch};
 use gs3_scene::{BLOCK_SIDE, Camera, GBuffer, Image, Margin, Scene};
 use rayon::prelude::*;
+use thread_local::ThreadLocal;
 use web_time::Instant;
 
 use crate::chunk::{self, CHUNK, Chunk};
 use crate::settings::{Culling, MAX_BLOCK_SCALE, Outputs, RasterError, RasterSettings, Window};
 use crate::view::{View, samples_pixels};
 use bin::{Bins, ENTRY_BYTES, Part, TILE_HEIGHT, TILE_WIDTH};
-use blend::{COLOR, GBUFFER, GBUFFER_MIXED, TileScratch};
+use blend::{COLOR, GBUFFER, GBUFFER_MIXED};
+use blocks::Scratch;
 use grid::Grid;
 pub use importance::Importance;
 use project::{ProjectInput, Projected};
@@ -77,6 +80,8 @@ pub struct Rasterizer {
     orders: Vec<Vec<u32>>,
     /// The low-resolution frame that the splats belong to, if the last frame was one.
     last: Option<LastFrame>,
+    /// Of the threads that blend: new memory in each frame would cost a tenth of the blending.
+    scratch: ThreadLocal<RefCell<Scratch>>,
     times: RasterTimes,
 }
 
@@ -124,6 +129,7 @@ impl Rasterizer {
             parts: Vec::new(),
             orders: Vec::new(),
             last: None,
+            scratch: ThreadLocal::new(),
             times: RasterTimes::default(),
         }
     }
@@ -286,9 +292,9 @@ impl Rasterizer {
             self.bins.fill(&self.jobs, grid, part, self.culling);
             let binned = Instant::now();
             let (jobs, bins, level) = (&self.jobs, &self.bins, self.level);
-            of_rows[part.rows.clone()].par_iter_mut().zip(part.rows.clone()).for_each_init(
-                TileScratch::default,
-                |scratch, ((out, orders), row)| {
+            of_rows[part.rows.clone()].par_iter_mut().zip(part.rows.clone()).for_each(
+                |((out, orders), row)| {
+                    let scratch = &mut self.scratch.get_or_default().borrow_mut().tile;
                     for column in part.columns.clone() {
                         dispatch!(level, s => {
                             let tile = [column, row];

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::DVec2;
 use gs3_raster::{
-    Culling, NEAR, Outputs, RasterError, RasterSettings, Rasterizer, STOCK_DILATION, matched_dilation,
+    Culling, KERBL_DILATION, NEAR, Outputs, RasterError, RasterSettings, Rasterizer, matched_dilation,
 };
 use gs3_scene::{BLOCK_SIDE, Camera, ExactBlocks, GBuffer, Image, Jitter, Margin, block_grid};
 
@@ -18,7 +18,7 @@ pub fn settings(scale: u32, jitter: [f32; 2]) -> RasterSettings {
 }
 
 pub fn native(rasterizer: &mut Rasterizer, camera: &Camera) -> (Image, GBuffer) {
-    let settings = RasterSettings { dilation: STOCK_DILATION, ..settings(1, [0.0; 2]) };
+    let settings = RasterSettings { dilation: KERBL_DILATION, ..settings(1, [0.0; 2]) };
     let (mut image, mut gbuffer) = (Image::default(), GBuffer::default());
     rasterizer.rasterize_image(camera, &settings, &mut image).expect("valid settings");
     rasterizer.rasterize(camera, &settings, &mut gbuffer).expect("valid settings");

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use gs3_raster::{Culling, Outputs, RasterSettings, Rasterizer, Rules, STOCK_DILATION};
+use gs3_raster::{Culling, KERBL_DILATION, Outputs, RasterSettings, Rasterizer, Rules};
 use gs3_scene::{Camera, GBuffer, Image, Margin, Planes, Scene};
 
 use crate::oracle::{Oracle, Sample};
@@ -10,10 +10,10 @@ use crate::oracle::{Oracle, Sample};
 /// The three culling methods that must not change the image.
 pub const EXACT_CULLING: [Culling; 3] = [Culling::SnugBox, Culling::AccuTile, Culling::Exact];
 
-/// Everything at the stock dilation, unjittered, over black.
+/// Everything at Kerbl's dilation, unjittered, over black.
 pub const EVERYTHING: RasterSettings = RasterSettings {
     outputs: Outputs::GBufferMixed,
-    dilation: STOCK_DILATION,
+    dilation: KERBL_DILATION,
     jitter: [0.0; 2],
     margin: Margin::NONE,
     background: [0.0; 3],

@@ -14,6 +14,7 @@ use crate::cpu::samples::{CHUNK, SampleFrame};
 use crate::cpu::select::write_blocks;
 use crate::cpu::staleness::count_remembered;
 use crate::cpu::surface_motion::{Frames, SurfaceMotion};
+use crate::cpu::tile::Tiles;
 use crate::depth_lattice::DepthLattice;
 use crate::error::{ReconstructError, camera_size, check_finite, check_gbuffer, check_padded, check_scale};
 use crate::reprojection::{Reprojection, parallax};
@@ -54,6 +55,7 @@ pub struct SuperSampler {
     /// Motion of moving surfaces since the previous frame.
     motion: SurfaceMotion,
     invalid: Option<ResetReason>,
+    tiles: Tiles,
     level: Level,
 }
 
@@ -91,6 +93,7 @@ impl SuperSampler {
             innovation: Vec::new(),
             motion: SurfaceMotion::default(),
             invalid: Some(ResetReason::FirstFrame),
+            tiles: Tiles::default(),
             level: gs3_simd::level(),
         })
     }

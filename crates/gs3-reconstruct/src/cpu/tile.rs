@@ -1,8 +1,11 @@
 //! A rectangle of HR pixels being made, small enough to stay in the caches.
 
-use fearless_simd::{Simd, f32x16, prelude::*, u8x64};
+use std::cell::Cell;
+use std::fmt;
 
+use fearless_simd::{Simd, f32x16, prelude::*, u8x64};
 use gs3_scene::BLOCK_SIDE;
+use thread_local::ThreadLocal;
 
 use crate::cpu::gather::QUAD;
 use crate::cpu::hermite::{Columns, Surface};
@@ -65,8 +68,8 @@ pub(crate) struct Tile<'a> {
     pub neighborhoods: Option<Neighborhoods<'a>>,
 }
 
-impl<'a> Tile<'a> {
-    pub fn new(neighborhoods: Option<Neighborhoods<'a>>) -> Self {
+impl Default for Tile<'_> {
+    fn default() -> Self {
         Self {
             left: 0,
             top: 0,
@@ -75,8 +78,37 @@ impl<'a> Tile<'a> {
             pixels: vec![[0.0; 4]; STRIDE * ROWS],
             nearest: Nearest::new(),
             columns: Columns::new(),
-            neighborhoods,
+            neighborhoods: None,
         }
+    }
+}
+
+/// The tiles of all threads. New and zeroed for most bands of each frame, their memory would cost time.
+#[derive(Default)]
+pub(crate) struct Tiles(ThreadLocal<Cell<Option<Tile<'static>>>>);
+
+impl fmt::Debug for Tiles {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Tiles").finish_non_exhaustive()
+    }
+}
+
+impl Tiles {
+    /// Does `work` with the tile of this thread.
+    #[inline(always)]
+    pub fn with<'a>(&self, neighborhoods: Option<Neighborhoods<'a>>, work: impl FnOnce(&mut Tile<'a>)) {
+        let kept = self.0.get_or_default();
+        let mut tile = Tile { neighborhoods, ..kept.take().unwrap_or_default() };
+        work(&mut tile);
+        kept.set(Some(tile.without_neighborhoods()));
+    }
+}
+
+impl<'a> Tile<'a> {
+    /// What is kept of the tile: neighbourhoods belong to a frame.
+    fn without_neighborhoods(self) -> Tile<'static> {
+        let Self { left, top, width, height, pixels, nearest, columns, neighborhoods: _ } = self;
+        Tile { left, top, width, height, pixels, nearest, columns, neighborhoods: None }
     }
 
     /// Starts the tile with the interpolated current frame.

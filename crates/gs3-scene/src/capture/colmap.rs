@@ -6,12 +6,15 @@ mod binary;
 mod text;
 
 use std::collections::HashMap;
+#[cfg(feature = "fs")]
 use std::path::Path;
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use super::order::in_order;
-use super::{CaptureError, CaptureFault, Captured, MAX_COLMAP_BYTES, Photo, path_through, read};
+#[cfg(feature = "fs")]
+use super::{CaptureError, MAX_COLMAP_BYTES, file::read};
+use super::{CaptureFault, Captured, Photo, path_through};
 use crate::camera::{Camera, Intrinsics};
 use crate::format::quoted;
 use crate::lens::Lens;
@@ -42,6 +45,7 @@ pub enum ColmapEncoding {
 }
 
 impl ColmapEncoding {
+    #[cfg(feature = "fs")]
     const fn extension(self) -> &'static str {
         match self {
             Self::Binary => "bin",
@@ -87,6 +91,7 @@ struct PosedImage {
 }
 
 /// Whether `folder` holds a sparse model.
+#[cfg(feature = "fs")]
 pub(super) fn is_model(folder: &Path) -> bool {
     [ColmapEncoding::Binary, ColmapEncoding::Text].iter().any(|encoding| {
         let kind = encoding.extension();
@@ -95,6 +100,7 @@ pub(super) fn is_model(folder: &Path) -> bool {
 }
 
 /// Reads the model in `folder`, the binary one if both are there; photos in the order of their names.
+#[cfg(feature = "fs")]
 pub(super) fn load(folder: &Path) -> Result<Captured, CaptureError> {
     let is_binary = folder.join("images.bin").is_file();
     let encoding = if is_binary { ColmapEncoding::Binary } else { ColmapEncoding::Text };

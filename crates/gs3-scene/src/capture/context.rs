@@ -1,17 +1,22 @@
 //! What a reader knows beside the bytes of its file: what the caller states, and files beside it.
 
 use std::cell::RefCell;
+#[cfg(feature = "fs")]
 use std::path::{Path, PathBuf};
 
+#[cfg(feature = "fs")]
 use gs3_files::read_within;
 
-use super::{CaptureOptions, MAX_JSON_BYTES, picture};
+use super::CaptureOptions;
+#[cfg(feature = "fs")]
+use super::{MAX_JSON_BYTES, picture};
 use crate::format::unused_note;
 
 /// Where a file of cameras lies, and what its reader has to tell.
 pub(super) struct Context<'a> {
     pub(super) options: &'a CaptureOptions,
     /// The folder of the file; none of bytes in memory, which have no files beside them.
+    #[cfg(feature = "fs")]
     folder: Option<PathBuf>,
     notes: RefCell<Vec<String>>,
 }
@@ -19,13 +24,12 @@ pub(super) struct Context<'a> {
 impl<'a> Context<'a> {
     /// The context of bytes in memory: no files beside them.
     pub(super) const fn in_memory(options: &'a CaptureOptions) -> Self {
-        Self { options, folder: None, notes: RefCell::new(Vec::new()) }
-    }
-
-    /// The context of the file at `path`: its folder is looked into.
-    pub(super) fn beside(path: &Path, options: &'a CaptureOptions) -> Self {
-        let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-        Self { folder: Some(folder), ..Self::in_memory(options) }
+        Self {
+            options,
+            #[cfg(feature = "fs")]
+            folder: None,
+            notes: RefCell::new(Vec::new()),
+        }
     }
 
     /// Adds a note, unless the same note has been added.
@@ -49,6 +53,15 @@ impl<'a> Context<'a> {
     pub(super) fn into_notes(self) -> Vec<String> {
         self.notes.into_inner()
     }
+}
+
+#[cfg(feature = "fs")]
+impl<'a> Context<'a> {
+    /// The context of the file at `path`: its folder is looked into.
+    pub(super) fn beside(path: &Path, options: &'a CaptureOptions) -> Self {
+        let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+        Self { folder: Some(folder), ..Self::in_memory(options) }
+    }
 
     /// The bytes of the file called `name` beside this one, where there is one.
     pub(super) fn sibling(&self, name: &str) -> Option<Vec<u8>> {
@@ -70,7 +83,22 @@ impl<'a> Context<'a> {
     }
 }
 
+/// Without a file system there is nothing beside bytes.
+#[cfg(not(feature = "fs"))]
+impl Context<'_> {
+    #[expect(clippy::unused_self, reason = "a folder would answer")]
+    pub(super) const fn sibling(&self, _: &str) -> Option<Vec<u8>> {
+        None
+    }
+
+    #[expect(clippy::unused_self, reason = "a folder would answer")]
+    pub(super) const fn picture_size(&self, _: &str) -> Option<(u32, u32)> {
+        None
+    }
+}
+
 /// `file`, and the same with the extensions that captures leave out.
+#[cfg(feature = "fs")]
 fn with_extensions(file: &Path) -> Vec<PathBuf> {
     let with = |extension: &str| PathBuf::from(format!("{}.{extension}", file.display()));
     std::iter::once(file.to_owned()).chain(["png", "jpg", "jpeg", "JPG", "PNG"].map(with)).collect()

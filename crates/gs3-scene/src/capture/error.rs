@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+#[cfg(feature = "fs")]
 use gs3_files::ReadError;
 
 use crate::camera::CameraError;
@@ -21,6 +22,7 @@ pub struct CaptureError {
 #[non_exhaustive]
 pub enum CaptureFault {
     /// The file cannot be read, or is too large.
+    #[cfg(feature = "fs")]
     #[error(transparent)]
     Read(#[from] ReadError),
     /// It is none of the known formats.

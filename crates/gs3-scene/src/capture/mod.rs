@@ -2,7 +2,7 @@
 //! nerfstudio's `camera_path.json` and exported cameras, SuperSplat's settings, RealityScan's CSV. Writer: SuperSplat's
 //! settings ([`supersplat_settings`]).
 //!
-//! [`load`] tells the formats apart by content. Every reader flips the axes of its format to gs3's (x right, y down,
+//! The content tells the formats apart. Every reader flips the axes of its format to gs3's (x right, y down,
 //! z forward).
 
 mod cameras_json;
@@ -10,20 +10,24 @@ mod colmap;
 mod context;
 mod error;
 mod fields;
+#[cfg(feature = "fs")]
+mod file;
 mod nerfstudio;
 mod order;
+#[cfg(feature = "fs")]
 mod picture;
 mod realityscan;
 mod supersplat;
 mod transforms;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use glam::{DAffine3, DMat3, DVec3};
-use gs3_files::read_within;
 
 pub use colmap::ColmapEncoding;
 pub use error::{CaptureError, CaptureFault};
+#[cfg(feature = "fs")]
+pub use file::{load, load_with};
 pub use supersplat::{SuperSplatSettings, supersplat_settings};
 
 use crate::camera::{Camera, Intrinsics};
@@ -52,7 +56,7 @@ pub struct CaptureOptions {
     /// Vertical field of view in radians, of files that state no intrinsics at all.
     pub fov_y: Option<f64>,
     /// A `dataparser_transforms.json` of nerfstudio. The cameras are transformed to its frame. If this is `None`, the
-    /// file beside a `transforms.json` is used.
+    /// file beside a `transforms.json` is used. Only files of cameras read it.
     pub dataparser: Option<PathBuf>,
 }
 
@@ -64,83 +68,7 @@ impl CaptureOptions {
     }
 }
 
-/// Reads the cameras at `path`: a JSON file of any known kind, a RealityScan CSV, a COLMAP `images.bin` or `images.txt`,
-/// or a folder that holds one of these (COLMAP also in `sparse/0` and `sparse`).
-///
-/// Cameras of photos come in the order of the photos' names, in which digits count as numbers, where all have one;
-/// others in the order of the file. Files are regular ones or pipes, of [`MAX_JSON_BYTES`] or [`MAX_COLMAP_BYTES`] at
-/// most. Pictures beside a file are looked at for the size that it does not state.
-///
-/// # Errors
-/// [`CaptureError`], naming file, field, expected and actual.
-pub fn load(path: impl AsRef<Path>) -> Result<CameraPath, CaptureError> {
-    load_with(path, &CaptureOptions::default())
-}
-
-/// The same with what the caller knows of the cameras.
-///
-/// # Errors
-/// [`CaptureError`], naming file, field, expected and actual.
-pub fn load_with(path: impl AsRef<Path>, options: &CaptureOptions) -> Result<CameraPath, CaptureError> {
-    let file = file_of(path.as_ref())?;
-    let mut moved_by = options.dataparser.clone();
-    let captured = match &file {
-        CameraFile::Colmap(folder) => colmap::load(folder)?.with_notes(Vec::new()),
-        CameraFile::Single(file) => {
-            let bytes = read(file, MAX_JSON_BYTES)?;
-            let context = Context::beside(file, options);
-            let is_table = realityscan::is_table(&bytes);
-            let parsed = if is_table {
-                realityscan::parse(&bytes, &context).map(Parsed::from)
-            } else {
-                parse(&bytes, &context)
-            };
-            let captured = parsed.map_err(|fault| fault.at(file))?;
-            let beside = file.with_file_name("dataparser_transforms.json");
-            if moved_by.is_none() && captured.is_world && beside.is_file() {
-                moved_by = Some(beside);
-            }
-            captured.captured.with_notes(context.into_notes())
-        }
-    };
-    let Some(file) = moved_by else { return Ok(captured.into_path()) };
-    let bytes = read(&file, MAX_JSON_BYTES)?;
-    let by = nerfstudio::dataparser(&bytes).map_err(|fault| fault.at(&file))?;
-    let Captured { path, mut facts } = captured;
-    facts.notes.push(format!("cameras are brought into the frame of {}", file.display()));
-    let path = path.in_moved_world(&by).map_err(|e| CaptureFault::camera("transform", e).at(&file))?;
-    Ok(Captured { path, facts }.into_path())
-}
-
-/// Where cameras are read from.
-enum CameraFile {
-    /// The folder of a COLMAP model.
-    Colmap(PathBuf),
-    Single(PathBuf),
-}
-
-fn file_of(path: &Path) -> Result<CameraFile, CaptureError> {
-    let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default();
-    match path.parent() {
-        Some(folder) if ["images.bin", "cameras.bin", "images.txt", "cameras.txt"].contains(&name) => {
-            return Ok(CameraFile::Colmap(folder.to_owned()));
-        }
-        _ if !path.is_dir() => return Ok(CameraFile::Single(path.to_owned())),
-        _ => {}
-    }
-    for sub in ["", "sparse/0", "sparse"] {
-        let candidate = if sub.is_empty() { path.to_path_buf() } else { path.join(sub) };
-        if colmap::is_model(&candidate) {
-            return Ok(CameraFile::Colmap(candidate));
-        }
-    }
-    let names = ["transforms.json", "cameras.json", "camera_path.json"].map(|name| path.join(name));
-    let found = names.into_iter().find(|file| file.is_file());
-    let actual = || "a folder without any of them".to_owned();
-    found.map(CameraFile::Single).ok_or_else(|| CaptureFault::Unrecognized { actual: actual() }.at(path))
-}
-
-/// Reads any of the JSON formats from memory; [`load`] for a file already read.
+/// Reads any of the JSON formats from memory.
 ///
 /// # Errors
 /// [`CaptureFault`], naming field, expected and actual.
@@ -173,6 +101,7 @@ pub fn parse_csv(bytes: &[u8], size: (u32, u32)) -> Result<CameraPath, CaptureFa
 struct Parsed {
     captured: Captured,
     /// Whether they are in the frame of a capture, from which nerfstudio's leads.
+    #[cfg_attr(not(feature = "fs"), expect(dead_code, reason = "a file beside has the way"))]
     is_world: bool,
 }
 
@@ -200,7 +129,7 @@ fn parse(bytes: &[u8], context: &Context<'_>) -> Result<Parsed, CaptureFault> {
     }
 }
 
-/// Reads the two files of a COLMAP model from memory; [`load`] for files already read.
+/// Reads the two files of a COLMAP model from memory.
 ///
 /// # Errors
 /// [`CaptureFault`], naming field, expected and actual.
@@ -210,11 +139,6 @@ pub fn parse_colmap(
     images: &[u8],
 ) -> Result<CameraPath, CaptureFault> {
     Ok(colmap::parse(encoding, cameras, images)?.with_notes(Vec::new()).into_path())
-}
-
-/// All of a file that ends within `most` bytes.
-fn read(path: &Path, most: u64) -> Result<Vec<u8>, CaptureError> {
-    read_within(path, most).map_err(|error| CaptureFault::Read(error).at(path))
 }
 
 /// One photo of a collection.
@@ -294,5 +218,6 @@ fn camera_from_world_pose(
     Camera::new(pose, intrinsics).map_err(|source| CaptureFault::camera(field, source))
 }
 
+#[cfg(feature = "fs")]
 #[cfg(test)]
 mod tests;

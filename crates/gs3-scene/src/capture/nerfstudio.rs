@@ -1,12 +1,14 @@
 //! nerfstudio's `camera_path.json`: rendered paths, OpenGL axes, vertical field of view in degrees; and its
 //! `dataparser_transforms.json`, which says where a trained splat is.
 
+#[cfg(feature = "fs")]
 use glam::{DMat3, DVec3};
 
 use super::context::Context;
 use super::{CaptureFault, Captured, Field, camera_from_opengl};
 use crate::camera::Intrinsics;
 use crate::camera_path::{CameraPath, PathFacts};
+#[cfg(feature = "fs")]
 use crate::transform::Similarity;
 
 /// What is read of the file and of its frames, and what says nothing about the frames.
@@ -76,6 +78,7 @@ pub(super) fn parse(root: &Field, context: &Context<'_>) -> Result<Captured, Cap
 }
 
 /// The `dataparser_transforms.json` in `bytes`: p' = scale · (transform · p).
+#[cfg(feature = "fs")]
 pub(super) fn dataparser(bytes: &[u8]) -> Result<Similarity, CaptureFault> {
     let json: serde_json::Value = serde_json::from_slice(bytes)?;
     let root = Field::root(&json);

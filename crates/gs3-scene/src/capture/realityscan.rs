@@ -22,6 +22,7 @@ const REQUIRED: [&str; 8] = ["name", "x", "y", "alt", "heading", "pitch", "roll"
 const OPTIONAL: [&str; 8] = ["px", "py", "k1", "k2", "k3", "k4", "t1", "t2"];
 
 /// Whether `bytes` begin as such a table.
+#[cfg(feature = "fs")]
 pub(super) fn is_table(bytes: &[u8]) -> bool {
     let line = bytes.split(|byte| *byte == b'\n').next().unwrap_or_default();
     let line = String::from_utf8_lossy(&line[..line.len().min(1000)]).to_ascii_lowercase();

@@ -3,6 +3,9 @@
 mod of_colmap;
 mod of_transforms;
 
+use std::path::Path;
+
+use super::file::read;
 use super::*;
 use proptest::prelude::*;
 

@@ -1,4 +1,5 @@
-//! Scene files: [`load`] any of them, [`save`] in the formats that are written.
+//! Scene files: read any of them ([`load_source`]), and [`write`] in the formats that are written; with feature `fs` also at
+//! paths (`load`, `save`).
 //!
 //! | format | read | written |
 //! |---|---|---|
@@ -21,6 +22,8 @@
 mod activation;
 mod archive;
 mod error;
+#[cfg(feature = "fs")]
+mod file;
 mod gltf;
 mod kind;
 mod ksplat;
@@ -39,16 +42,17 @@ mod source;
 mod splat;
 mod spz;
 
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::path::Path;
 
 use glam::DVec3;
 
 pub(crate) use error::quoted;
 pub use error::{LoadError, SaveError};
+#[cfg(feature = "fs")]
+pub use file::{load, load_until, save, save_with, streamed};
 pub use progress::Progress;
 pub use save::{
-    STREAMED_SOG, SaveOptions, SpzVersion, clamped, format_of, losses, position_step, save, save_with,
+    STREAMED_SOG, SaveOptions, Seekable, SpzVersion, clamped, format_of, losses, position_step, write,
 };
 pub use sog::{Budget, Streamed};
 pub use source::{Files, Source};
@@ -65,7 +69,7 @@ use kind::Kind;
 /// Gaussians decoded by one task: enough work that scheduling costs nothing, small enough to stay in cache.
 const BLOCK: usize = 4096;
 
-/// The part to load of a scene with several representations; [`streamed`] lists the representations.
+/// The part to load of a scene with several representations; [`streamed_source`] lists the representations.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadOptions {
     /// Level of detail of a streamed SOG scene, 0 the finest. Parts of the scene that have nothing at this level are
@@ -87,74 +91,14 @@ impl Default for LoadOptions {
     }
 }
 
-/// Loads the scene at `path`: a file of any format in the module's table, or a folder with a `lod-meta.json`,
-/// `meta.json` or `meta.lcc2`. The content decides on the format; only `.splat` and `.ksplat`, which have no signature, go
-/// by their names.
-///
-/// `progress` is called from several threads with the share that is done, 0 to 1.
-///
-/// # Errors
-/// [`LoadError`], one line that names file, field, expected and actual.
-pub fn load(
-    path: impl AsRef<Path>,
-    options: &LoadOptions,
-    progress: Progress<'_>,
-) -> Result<Scene, LoadError> {
-    load_until(path, options, progress, &AtomicBool::new(false))
-}
-
-/// As [`load`], until `stop` is set, from any thread: no file is read any further then.
-///
-/// # Errors
-/// As [`load`]; [`LoadError::Stopped`] if it was stopped before all was read.
-pub fn load_until(
-    path: impl AsRef<Path>,
-    options: &LoadOptions,
-    progress: Progress<'_>,
-    stop: &AtomicBool,
-) -> Result<Scene, LoadError> {
-    let index = index_of(path.as_ref())?;
-    let folder = source::Folder { path: index.parent().unwrap_or(Path::new("")).to_owned(), stop };
-    let loaded = load_source(&Source::open(&index)?.until(stop), &folder, options, progress);
-    // Readers of archives and streams tell it as what they could not read.
-    match loaded {
-        Err(_) if stop.load(Ordering::Relaxed) => {
-            Err(LoadError::Stopped { file: index.display().to_string() })
-        }
-        loaded => loaded,
-    }
-}
-
-/// The file that a scene is opened by: `path` itself, or what a folder has of it.
-fn index_of(path: &Path) -> Result<PathBuf, LoadError> {
-    if !path.is_dir() {
-        return Ok(path.to_owned());
-    }
-    let names = INDEXES.map(|name| path.join(name));
-    let index = names.into_iter().find(|file| file.exists());
-    index.ok_or_else(|| {
-        let files = std::fs::read_dir(path).into_iter().flatten().flatten();
-        let scenes = files.filter(|file| has_extension(&file.file_name().to_string_lossy(), "ply")).count();
-        LoadError::NoScene { folder: path.to_owned(), plys: scenes }
-    })
-}
-
 /// Names of the files that open a folder; of several in a folder the first one counts.
 pub const INDEXES: [&str; 3] = [STREAMED_SOG, "meta.json", "meta.lcc2"];
 
-/// What the streamed scene (SOG or LCC2) at `path`, given as to [`load`], has to choose from by [`LoadOptions`]; `None` of other
-/// scenes, which have one level and no environment of their own. Reads the index alone.
+/// What the streamed scene (SOG or LCC2) with the index `source` has to choose from by [`LoadOptions`]; `None` of other scenes,
+/// which have one level and no environment of their own.
 ///
 /// # Errors
-/// [`LoadError`] if that cannot be read or is of no format.
-pub fn streamed(path: impl AsRef<Path>) -> Result<Option<Streamed>, LoadError> {
-    streamed_source(&Source::open(&index_of(path.as_ref())?)?)
-}
-
-/// As [`streamed`], of an index that is not in the file system.
-///
-/// # Errors
-/// As [`streamed`].
+/// [`LoadError`] if the index cannot be read or is of no format.
 pub fn streamed_source(source: &Source<'_>) -> Result<Option<Streamed>, LoadError> {
     match Kind::of(source)? {
         Kind::StreamedSog => sog::streamed(source).map(Some),
@@ -166,12 +110,12 @@ pub fn streamed_source(source: &Source<'_>) -> Result<Option<Streamed>, LoadErro
     }
 }
 
-/// Loads a scene from `source`, which may name others among `files`: the same as [`load`] for bytes that are
-/// not in the file system. A scene in one piece needs no `files`; an empty `BTreeMap<String, Vec<u8>>`
-/// serves.
+/// Loads a scene from `source`, which may name others among `files`. A scene in one piece needs no `files`; an empty
+/// `BTreeMap<String, Vec<u8>>` serves. The content decides on the format; only `.splat` and `.ksplat`, which have no signature,
+/// go by their names. `progress` is called from several threads with the share that is done, 0 to 1.
 ///
 /// # Errors
-/// As [`load`].
+/// [`LoadError`], one line that names file, field, expected and actual.
 pub fn load_source(
     source: &Source<'_>,
     files: &dyn Files,

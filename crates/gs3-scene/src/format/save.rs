@@ -1,10 +1,9 @@
-//! Writing scenes.
+//! Writing scenes: formats, what they hold of a scene, and what they lose.
 
 use std::ffi::OsStr;
-use std::io::{self, Cursor, Seek, Write};
+use std::io::{self, Seek, Write};
 use std::path::Path;
 
-use gs3_files::write_atomically;
 use rayon::prelude::*;
 
 use super::error::SaveError;
@@ -49,32 +48,89 @@ impl Default for SaveOptions {
     }
 }
 
-/// Saves `scene` as [`save_with`] does with what [`SaveOptions`] are unless stated.
+/// What a format writes to that goes back to its beginning.
+pub trait Seekable: Write + Seek + Send {}
+impl<T: Write + Seek + Send> Seekable for T {}
+
+/// Writes `scene` to `writer` as [`save_with`](super::save_with) writes the file called `name`, in one of its formats of a single
+/// file.
 ///
 /// # Errors
-/// As [`save_with`].
-pub fn save(scene: &Scene, path: impl AsRef<Path>) -> Result<(), SaveError> {
-    save_with(scene, path, &SaveOptions::default())
+/// [`SaveError`] if the name ends otherwise, the scene does not fit the format, or `writer` fails.
+pub fn write(
+    scene: &Scene,
+    name: impl AsRef<Path>,
+    options: &SaveOptions,
+    mut writer: &mut dyn Seekable,
+) -> Result<(), SaveError> {
+    let name = name.as_ref();
+    let written = match checked(scene, name, options)? {
+        Checked::Forward(encoding) => encoding.write(scene, &mut writer),
+        Checked::Seeking(encoding) => encoding.write(scene, writer),
+        Checked::Streamed { .. } => {
+            let (file, actual) = (name.to_owned(), STREAMED_SOG.to_owned());
+            return Err(SaveError::UnknownFormat { file, actual });
+        }
+    };
+    written.map_err(|source| SaveError::Io { file: name.to_owned(), source })
 }
 
-/// Saves `scene` at `path`. The end of the name says the format ([`format_of`]). The file appears whole or not at all.
-/// Streamed SOG has other files beside its `lod-meta.json`, which appears last; where one is already, it stays, and that is an
-/// error. Positions are in the frame of the file that the scene came from, in right-down-front or the axes of the format. PLY
-/// and GLB are exact to rounding, the others quantise. SOG and compressed PLY reorder the Gaussians.
+/// How a scene is written that fits its format.
+pub(super) enum Checked {
+    Forward(Forward),
+    Seeking(Seeking),
+    /// Into a folder, with at most `chunk` Gaussians a data set.
+    #[cfg_attr(not(feature = "fs"), expect(dead_code, reason = "folders are of file systems"))]
+    Streamed {
+        chunk: usize,
+    },
+}
+
+/// Formats that are written from their beginning to their end.
+pub(super) enum Forward {
+    Ply,
+    CompressedPly,
+    Splat,
+    Glb,
+}
+
+impl Forward {
+    pub(super) fn write(&self, scene: &Scene, writer: &mut impl Write) -> io::Result<()> {
+        match self {
+            Self::Ply => ply::write(scene, writer),
+            Self::CompressedPly => ply::write_compressed(scene, writer),
+            Self::Splat => splat::write(scene, writer),
+            Self::Glb => gltf::write(scene, writer),
+        }
+    }
+}
+
+/// Formats that go back to their beginning.
+pub(super) enum Seeking {
+    Spz { version: spz::Version, fractional_bits: u8 },
+    Sog,
+}
+
+impl Seeking {
+    pub(super) fn write(&self, scene: &Scene, writer: &mut dyn Seekable) -> io::Result<()> {
+        match self {
+            Self::Spz { version, fractional_bits } => spz::write(scene, *version, *fractional_bits, writer),
+            Self::Sog => sog::write(scene, writer),
+        }
+    }
+}
+
+/// How `scene` is written at `path`.
 ///
 /// # Errors
-/// [`SaveError`] if the name ends otherwise, the scene does not fit the format, the file cannot be written, or a streamed scene
-/// is there already.
-pub fn save_with(scene: &Scene, path: impl AsRef<Path>, options: &SaveOptions) -> Result<(), SaveError> {
-    let path = path.as_ref();
-    let io_error = |source| SaveError::Io { file: path.to_owned(), source };
+/// [`SaveError`] if the name says no format, or the scene does not fit the format.
+pub(super) fn checked(scene: &Scene, path: &Path, options: &SaveOptions) -> Result<Checked, SaveError> {
     let unrepresentable = |field, expected: String, actual: String| SaveError::Unrepresentable {
         file: path.to_owned(),
         field,
         expected,
         actual,
     };
-    let format = format_of(path)?;
     let (count, degree) = (scene.gaussians().len(), scene.gaussians().sh_degree);
     let check_degree = |most: u8| match degree {
         degree if degree > most => {
@@ -82,57 +138,35 @@ pub fn save_with(scene: &Scene, path: impl AsRef<Path>, options: &SaveOptions) -
         }
         _ => Ok(()),
     };
-    match format {
-        "ply" => write_atomically(path, |writer| ply::write(scene, writer)).map_err(io_error),
+    Ok(match format_of(path)? {
+        "ply" => Checked::Forward(Forward::Ply),
         "spz" => {
             let version = spz::Version::from(options.spz_version);
             check_degree(version.max_sh_degree())?;
-            let bits = spz::fractional_bits(scene).map_err(|largest| {
+            let fractional_bits = spz::fractional_bits(scene).map_err(|largest| {
                 unrepresentable("position", "coordinates up to 8388607".to_owned(), largest.to_string())
             })?;
-            write_seekable(path, |writer| spz::write(scene, version, bits, writer)).map_err(io_error)
+            Checked::Seeking(Seeking::Spz { version, fractional_bits })
         }
-        "compressed.ply" => {
-            write_atomically(path, |writer| ply::write_compressed(scene, writer)).map_err(io_error)
-        }
-        "splat" => write_atomically(path, |writer| splat::write(scene, writer)).map_err(io_error),
+        "compressed.ply" => Checked::Forward(Forward::CompressedPly),
+        "splat" => Checked::Forward(Forward::Splat),
         "glb" if !gltf::fits(scene) => {
             let expected = "a scene of less than 4 GiB".to_owned();
-            Err(unrepresentable("count", expected, count.to_string()))
+            return Err(unrepresentable("count", expected, count.to_string()));
         }
-        "glb" => write_atomically(path, |writer| gltf::write(scene, writer)).map_err(io_error),
+        "glb" => Checked::Forward(Forward::Glb),
         STREAMED_SOG => {
             check_degree(3)?;
-            let chunk = options.chunk.clamp(1, sog::MOST_GAUSSIANS);
-            if path.exists() {
-                let why = "a streamed scene is there already";
-                return Err(io_error(io::Error::new(io::ErrorKind::AlreadyExists, why)));
-            }
-            sog::write_streamed(scene, path.parent().unwrap_or(Path::new("")), chunk).map_err(io_error)
+            Checked::Streamed { chunk: options.chunk.clamp(1, sog::MOST_GAUSSIANS) }
         }
         _ if count > sog::MOST_GAUSSIANS => {
-            Err(unrepresentable("count", format!("at most {}", sog::MOST_GAUSSIANS), count.to_string()))
+            let expected = format!("at most {}", sog::MOST_GAUSSIANS);
+            return Err(unrepresentable("count", expected, count.to_string()));
         }
         _ => {
             check_degree(3)?;
-            write_seekable(path, |writer| sog::write(scene, writer)).map_err(io_error)
+            Checked::Seeking(Seeking::Sog)
         }
-    }
-}
-
-/// What formats that go back to their beginning write to.
-trait Seekable: Write + Seek + Send {}
-impl<T: Write + Seek + Send> Seekable for T {}
-
-/// As [`write_atomically`]. What goes into a pipe waits in memory until it is whole.
-fn write_seekable(path: &Path, write: impl FnOnce(&mut dyn Seekable) -> io::Result<()>) -> io::Result<()> {
-    write_atomically(path, |writer| {
-        if writer.stream_position().is_ok() {
-            return write(writer);
-        }
-        let mut whole = Cursor::new(Vec::new());
-        write(&mut whole)?;
-        writer.write_all(whole.get_ref())
     })
 }
 
@@ -169,7 +203,7 @@ pub fn losses(scene: &Scene, path: impl AsRef<Path>) -> Vec<String> {
     losses
 }
 
-/// The step that [`save`] rounds the positions of `scene` to at `path`, world units. SPZ has such a step: coordinates are
+/// The step that [`write`] rounds the positions of `scene` to at `path`, world units. SPZ has such a step: coordinates are
 /// 24-bit numbers, and the farthest Gaussian must fit. `None` for other formats, which round relatively, and for scenes
 /// that do not fit.
 #[must_use]
@@ -178,7 +212,7 @@ pub fn position_step(scene: &Scene, path: impl AsRef<Path>) -> Option<f32> {
     is_fixed.then(|| spz::fractional_bits(scene).ok().map(spz::step)).flatten()
 }
 
-/// How many Gaussians [`save_with`] changes beyond rounding as it writes `scene` at `path`. SPZ stores scales and spherical
+/// How many Gaussians [`write`] changes beyond rounding as it writes `scene` at `path`. SPZ stores scales and spherical
 /// harmonics as bytes over a fixed range, and what lies outside is clamped. `None` if nothing is clamped, and for other
 /// formats, which take their ranges from the scene.
 #[must_use]
@@ -192,7 +226,7 @@ pub fn clamped(scene: &Scene, path: impl AsRef<Path>, options: &SaveOptions) -> 
 /// The name of the file that a streamed SOG scene is opened by.
 pub const STREAMED_SOG: &str = "lod-meta.json";
 
-/// The format that [`save`] writes at `path`, by how its name ends: `compressed.ply`, `ply`, `spz`, `sog`, `glb` or
+/// The format that [`write`] writes at `path`, by how its name ends: `compressed.ply`, `ply`, `spz`, `sog`, `glb` or
 /// `splat`; or `lod-meta.json`, streamed SOG, by the whole name.
 ///
 /// # Errors

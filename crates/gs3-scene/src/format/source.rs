@@ -3,9 +3,11 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fmt;
+#[cfg(feature = "fs")]
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
-use std::path::{Path, PathBuf};
+#[cfg(feature = "fs")]
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::error::{LoadError, quoted, spelled};
@@ -25,6 +27,7 @@ impl fmt::Debug for Source<'_> {
 }
 
 enum Bytes<'a> {
+    #[cfg(feature = "fs")]
     File(File),
     Memory(Cow<'a, [u8]>),
 }
@@ -34,6 +37,7 @@ impl<'a> Source<'a> {
     ///
     /// # Errors
     /// [`LoadError::Io`] if it cannot be opened, [`LoadError::Invalid`] if it is not a regular file.
+    #[cfg(feature = "fs")]
     pub fn open(path: &Path) -> Result<Self, LoadError> {
         let name = spelled(&path.display().to_string());
         let io_error = |source| LoadError::Io { file: name.clone(), source };
@@ -87,6 +91,7 @@ impl<'a> Source<'a> {
             return Err(LoadError::Stopped { file: self.name.clone() });
         }
         match &self.bytes {
+            #[cfg(feature = "fs")]
             Bytes::File(file) => read_exact_at(file, buffer, offset)
                 .map_err(|source| LoadError::Io { file: self.name.clone(), source }),
             Bytes::Memory(bytes) => {
@@ -123,6 +128,7 @@ impl<'a> Source<'a> {
     pub(crate) fn bytes(&self) -> Result<Cow<'_, [u8]>, LoadError> {
         match &self.bytes {
             Bytes::Memory(bytes) => Ok(Cow::Borrowed(bytes)),
+            #[cfg(feature = "fs")]
             Bytes::File(_) => {
                 let len = usize::try_from(self.len).map_err(|_| LoadError::TooLarge {
                     file: self.name.clone(),
@@ -207,19 +213,6 @@ pub trait Files: Sync {
     fn open(&self, name: &str) -> Result<Source<'_>, LoadError>;
 }
 
-/// A folder of the file system.
-pub(crate) struct Folder<'a> {
-    pub(crate) path: PathBuf,
-    /// See [`Source::until`].
-    pub(crate) stop: &'a AtomicBool,
-}
-
-impl Files for Folder<'_> {
-    fn open(&self, name: &str) -> Result<Source<'_>, LoadError> {
-        Ok(Source::open(&self.path.join(name))?.until(self.stop))
-    }
-}
-
 impl Files for BTreeMap<String, Vec<u8>> {
     fn open(&self, name: &str) -> Result<Source<'_>, LoadError> {
         let bytes = self.get(name).ok_or_else(|| LoadError::Io {
@@ -242,12 +235,12 @@ pub(crate) fn inside(file: &str, field: &str, folder: &str, name: &str) -> Resul
     Ok(if folder.is_empty() { name.to_owned() } else { format!("{folder}/{name}") })
 }
 
-#[cfg(unix)]
+#[cfg(all(feature = "fs", unix))]
 fn read_exact_at(file: &File, buffer: &mut [u8], offset: u64) -> io::Result<()> {
     std::os::unix::fs::FileExt::read_exact_at(file, buffer, offset)
 }
 
-#[cfg(windows)]
+#[cfg(all(feature = "fs", windows))]
 fn read_exact_at(file: &File, mut buffer: &mut [u8], mut offset: u64) -> io::Result<()> {
     while !buffer.is_empty() {
         let count = std::os::windows::fs::FileExt::seek_read(file, buffer, offset)?;
@@ -260,9 +253,8 @@ fn read_exact_at(file: &File, mut buffer: &mut [u8], mut offset: u64) -> io::Res
     Ok(())
 }
 
-/// Elsewhere (a web page has no threads by default and no files) one position is shared; reads are one after
-/// another.
-#[cfg(not(any(unix, windows)))]
+/// Elsewhere one position is shared; reads are one after another.
+#[cfg(all(feature = "fs", not(any(unix, windows))))]
 fn read_exact_at(mut file: &File, buffer: &mut [u8], offset: u64) -> io::Result<()> {
     file.seek(SeekFrom::Start(offset))?;
     file.read_exact(buffer)

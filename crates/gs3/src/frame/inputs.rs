@@ -35,9 +35,10 @@ pub struct Moment {
 #[cfg_attr(not(feature = "gpu"), expect(dead_code, reason = "the processor has all that it makes"))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReadBack {
-    /// Nothing, and the CPU does not wait for the frame.
-    Nothing,
-    /// The rasterizer's counters and some depths, a few hundred bytes. Images stay on the device.
+    /// The rasterizer's counters and some depths, a few hundred bytes, while the frame after it is made. Images stay on
+    /// the device.
+    Late,
+    /// The counters and the depths. Images stay on the device.
     Counters,
     /// The counters, the depths, and all images.
     Images,

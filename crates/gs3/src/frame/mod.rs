@@ -187,7 +187,10 @@ impl FramePipeline {
         poses: &[Camera],
         read_back: ReadBack,
     ) -> Result<(), PipelineError> {
-        let inputs = self.begin(camera, poses)?;
+        self.check_poses(camera, poses)?;
+        #[cfg(feature = "gpu")]
+        self.settle(camera, read_back).await?;
+        let inputs = self.begin(camera, poses);
         let made = match &mut self.machine {
             Machine::Cpu(cpu) => cpu.make(&inputs, &mut self.frames).await,
             #[cfg(feature = "gpu")]
@@ -197,9 +200,8 @@ impl FramePipeline {
     }
 
     /// Decides everything about the frame of `camera` that its stages do not decide: its history, its jitter, its
-    /// margin, and its in-between frames. A refused request changes nothing.
-    fn begin(&mut self, camera: &Camera, poses: &[Camera]) -> Result<FrameInputs, PipelineError> {
-        self.check_poses(camera, poses)?;
+    /// margin, and its in-between frames.
+    fn begin(&mut self, camera: &Camera, poses: &[Camera]) -> FrameInputs {
         let keyframe = self.keyframe_at(self.frame_number);
         if keyframe.is_some() {
             self.sequence.restart_sampling();
@@ -219,9 +221,10 @@ impl FramePipeline {
             None => Vec::new(),
         };
         self.frames.advance();
-        Ok(FrameInputs { camera: *camera, reset, jitter, margin, moments })
+        FrameInputs { camera: *camera, reset, jitter, margin, moments }
     }
 
+    /// A refused request changes nothing.
     fn check_poses(&self, camera: &Camera, poses: &[Camera]) -> Result<(), PipelineError> {
         if self.plan.settings.mode != Mode::Full {
             return Ok(());

@@ -7,7 +7,7 @@ use gs3_reconstruct::ResetReason;
 use gs3_scene::Camera;
 
 use super::cpu::CpuMachine;
-use super::gpu::{GpuMachine, GpuPresented};
+use super::gpu::{GpuMachine, GpuPresented, Settled};
 use super::inputs::ReadBack;
 use super::{FramePipeline, Machine};
 use crate::error::PipelineError;
@@ -19,43 +19,92 @@ impl FramePipeline {
     /// read back. [`Self::presented`] and [`Self::last_image`] are empty until the next [`Self::render`].
     ///
     /// # Errors
-    /// [`PipelineError::NotOnDevice`] if [`Self::is_on_device`] is false, else as [`Self::render_with_poses`].
+    /// [`PipelineError::NotOnDevice`] if [`Self::is_on_device`] is false, else as [`Self::render_with_poses`]; in a browser
+    /// [`Self::render_to_device_async`] is for GPUs.
     pub fn render_to_device(
         &mut self,
         camera: &Camera,
         poses: &[Camera],
     ) -> Result<GpuPresented<'_>, PipelineError> {
-        self.make_frame_on_device(camera, poses, ReadBack::Counters)
+        now(self.render_to_device_async(camera, poses))
     }
 
-    /// Renders as [`Self::render_to_device`] does, without waiting for the device, so that frames queue up there. The
-    /// depths of the frame are then unknown to the CPU: jitter, margins and camera cuts are decided as if everything
-    /// were far away. A frame may be incomplete if its splats overflow the buffers; [`Self::wait_for_device`] reports
-    /// an overflow.
+    /// Renders as [`Self::render_to_device`] does, without blocking a browser.
     ///
     /// # Errors
     /// As [`Self::render_to_device`].
+    pub async fn render_to_device_async(
+        &mut self,
+        camera: &Camera,
+        poses: &[Camera],
+    ) -> Result<GpuPresented<'_>, PipelineError> {
+        self.make_frame_on_device(camera, poses, ReadBack::Counters).await
+    }
+
+    /// Renders as [`Self::render_to_device`] does, without waiting for the frame. The call waits for the frame before the
+    /// last one, so the device always has a frame to work on. What a frame tells is known one frame late: jitter, margins
+    /// and camera cuts are decided from the depths of the frame before the last one. If the splats of a frame overflow the
+    /// buffers, this frame and perhaps the next one are incomplete; then the buffers grow, and a frame starts without
+    /// history ([`ResetReason::Failure`]).
+    ///
+    /// # Errors
+    /// As [`Self::render_to_device`]. In a browser [`Self::submit_to_device_async`] is for GPUs.
     pub fn submit_to_device(
         &mut self,
         camera: &Camera,
         poses: &[Camera],
     ) -> Result<GpuPresented<'_>, PipelineError> {
-        self.make_frame_on_device(camera, poses, ReadBack::Nothing)
+        now(self.submit_to_device_async(camera, poses))
     }
 
-    /// Waits for the frames of [`Self::submit_to_device`]. Returns whether all of them are complete. An incomplete
-    /// frame had more splats than the buffers hold; the buffers have grown for later frames.
+    /// Renders as [`Self::submit_to_device`] does, without blocking a browser.
+    ///
+    /// # Errors
+    /// As [`Self::submit_to_device`].
+    pub async fn submit_to_device_async(
+        &mut self,
+        camera: &Camera,
+        poses: &[Camera],
+    ) -> Result<GpuPresented<'_>, PipelineError> {
+        self.make_frame_on_device(camera, poses, ReadBack::Late).await
+    }
+
+    /// Waits for the frames of [`Self::submit_to_device`]. Returns whether all of them since the last call are complete. An
+    /// incomplete frame had more splats than the buffers hold; the buffers have grown for later frames.
     ///
     /// # Errors
     /// [`PipelineError::NotOnDevice`] without a device, or another [`PipelineError`] if the device fails.
     pub fn wait_for_device(&mut self) -> Result<bool, PipelineError> {
         match &mut self.machine {
             Machine::Cpu(_) => Err(PipelineError::NotOnDevice),
-            Machine::Gpu(gpu) => gpu.wait(),
+            Machine::Gpu(gpu) => {
+                let (settled, are_complete) = now(gpu.wait())?;
+                self.learn(settled);
+                Ok(are_complete)
+            }
         }
     }
 
-    fn make_frame_on_device(
+    /// Waits for earlier frames of [`Self::submit_to_device`] as a frame of `camera` with `read_back` needs, and takes what they
+    /// tell into account.
+    pub(super) async fn settle(&mut self, camera: &Camera, read_back: ReadBack) -> Result<(), PipelineError> {
+        if let Machine::Gpu(gpu) = &mut self.machine {
+            let settled = gpu.settle(camera, read_back).await?;
+            self.learn(settled);
+        }
+        Ok(())
+    }
+
+    fn learn(&mut self, Settled { lattice, is_incomplete }: Settled) {
+        if let Some(lattice) = lattice {
+            self.sequence.learn_depths(lattice);
+        }
+        if is_incomplete {
+            self.reset(ResetReason::Failure);
+        }
+    }
+
+    async fn make_frame_on_device(
         &mut self,
         camera: &Camera,
         poses: &[Camera],
@@ -64,7 +113,7 @@ impl FramePipeline {
         if !self.is_on_device(camera) {
             return Err(PipelineError::NotOnDevice);
         }
-        now(self.make_frame(camera, poses, read_back))?;
+        self.make_frame(camera, poses, read_back).await?;
         match &self.machine {
             Machine::Cpu(_) => Err(PipelineError::NotOnDevice),
             Machine::Gpu(gpu) => gpu.presented().ok_or(PipelineError::NotOnDevice),

@@ -12,6 +12,8 @@ mod frames;
 #[cfg(feature = "gpu")]
 mod gpu_frames;
 #[cfg(feature = "gpu")]
+mod gpu_late;
+#[cfg(feature = "gpu")]
 mod gpu_refine;
 mod hostile;
 mod networks;

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use gs3::compute::{AdapterKind, Ceilings, Gpu, Pairs, Sort, StageTime, Timings, Use};
 use gs3::raster::{
-    CapacityCheck, GpuGBuffer, GpuRasterizer, Outputs, RasterSettings, STOCK_DILATION, ScenePrecision,
+    CapacityCheck, GpuGBuffer, GpuRasterizer, KERBL_DILATION, Outputs, RasterSettings, ScenePrecision,
 };
 use gs3::scene::{Camera, Scene};
 use gs3::{FramePipeline, Mode, Networks, PipelineSettings, ResetReason};
@@ -44,7 +44,7 @@ pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -
             gbuffer: GpuGBuffer::default(),
             warm_up: args.warm_up,
         };
-        let native = bench.measure(cameras, &with(Outputs::Color, STOCK_DILATION))?;
+        let native = bench.measure(cameras, &with(Outputs::Color, KERBL_DILATION))?;
         let lr_settings = with(Outputs::GBuffer, look.dilation.at_scale(look.scale));
         (native, bench.measure(&low, &lr_settings)?)
         // Here its scene leaves the device: each pipeline brings its own.

@@ -1,17 +1,16 @@
 //! Frames in numbers: linear colour, depth, normals and motion. Depth and normals are rasterized natively at the camera of
 //! the frame, because a reconstructed frame has them at low resolution only.
 
-use std::sync::Arc;
-
+use gs3::raster::Outputs;
 use gs3::scene::glam::DVec3;
-use gs3::scene::{Camera, CameraPath, GBuffer, Geometry, Image, Planes, Scene};
-use gs3::{FramePipeline, Machine, Mode, PipelineError, PipelineSettings, ResetReason};
+use gs3::scene::{Camera, CameraPath, GBuffer, Geometry, Image, Planes};
+use gs3::{FramePipeline, Mode, PipelineError, PipelineSettings, ResetReason, Session};
 use rayon::prelude::*;
 
 use super::args::RenderArgs;
-use super::native::NativeRasterizer;
 use crate::cli::error::CliError;
 use crate::cli::options::{Aov, AovFormat};
+use crate::cli::rasterizer::{MachineRasterizer, native};
 use crate::io::layers::{Layer, Layers};
 use crate::io::output::Target;
 
@@ -22,8 +21,9 @@ const SHORTEST: f64 = 1e-6;
 pub struct LayerMaker {
     asked: Vec<Aov>,
     format: AovFormat,
+    settings: PipelineSettings,
     /// Where more than colour is asked for.
-    rasterizer: Option<NativeRasterizer>,
+    rasterizer: Option<MachineRasterizer>,
     gbuffer: GBuffer,
 }
 
@@ -35,28 +35,24 @@ pub struct View {
 }
 
 impl LayerMaker {
-    /// A maker of what `args` ask for of frames of `scene`; none if they ask for pictures alone.
-    pub fn new(
-        args: &RenderArgs,
-        target: &Target,
-        scene: &Arc<Scene>,
-        settings: &PipelineSettings,
-        machine: &Machine,
-    ) -> Result<Option<Self>, CliError> {
+    /// A maker of what `args` ask for of frames of `session`; none if they ask for pictures alone.
+    pub fn new(args: &RenderArgs, target: &Target, session: &Session) -> Result<Option<Self>, CliError> {
+        let settings = session.settings().pipeline;
         let rasterizer = match args.aov.is_empty() {
             true if !target.is_exr() => return Ok(None),
             true => None,
-            false => Some(NativeRasterizer::new(scene, settings, machine)?),
+            false => Some(MachineRasterizer::new(session.scene(), settings.culling, session.machine())?),
         };
         let (asked, format) = (args.aov.clone(), args.aov_format);
-        Ok(Some(Self { asked, format, rasterizer, gbuffer: GBuffer::default() }))
+        Ok(Some(Self { asked, format, settings, rasterizer, gbuffer: GBuffer::default() }))
     }
 
     /// The layers of the frame `image` with its `coverage`, seen by `view`.
     pub fn make(&mut self, image: &Image, coverage: Option<&Image>, view: &View) -> Result<Layers, CliError> {
         let mut layers = Layers::of_frame(image, coverage, self.format);
         if let Some(rasterizer) = &mut self.rasterizer {
-            rasterizer.gbuffer(&view.camera, &mut self.gbuffer)?;
+            let settings = native(&self.settings, Outputs::GBuffer);
+            rasterizer.gbuffer(&view.camera, &settings, &mut self.gbuffer)?;
             let geometry = self.gbuffer.geometry.as_ref();
             let geometry = geometry.ok_or(PipelineError::Internal { expected: "depth and normals" })?;
             let asked = Aov::ALL.into_iter().filter(|aov| self.asked.contains(aov));

@@ -6,11 +6,12 @@ use std::time::Duration;
 
 use gs3::reconstruct::{ResampleKernel, resample};
 use gs3::scene::{Camera, Image};
-use gs3::{FramePipeline, Machine, Mode, PipelineSettings};
+use gs3::{Backend, Mode, Networks, PipelineError, PipelineSettings, Session};
 use gs3_evaluate::metrics::{Quantisation, psnr};
 use gs3_evaluate::protocol::PSNR_CAP;
 use serde_json::{Value, json};
 
+use crate::cli::backend::tell_notices;
 use crate::cli::error::CliError;
 use crate::cli::terminal::note;
 use crate::io::output::write_png;
@@ -24,9 +25,7 @@ const GAP: usize = 4;
 /// Native rendering beside a run: of some of its frames, each right after the run's own, so that what else the machine
 /// does slows both. All threads are the same.
 pub struct Comparison {
-    native: FramePipeline,
-    /// Whether a GPU makes the native frames.
-    is_on_device: bool,
+    native: Session,
     /// The frames of the path that are compared, the run's last among them.
     frames: Vec<usize>,
     compared: usize,
@@ -39,24 +38,19 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// A comparison over `frames` of a path, which `pipeline` renders on `machine`.
-    pub fn new(pipeline: &FramePipeline, machine: &Machine, frames: &[usize]) -> Result<Self, CliError> {
-        let settings = PipelineSettings { mode: Mode::Native, ..*pipeline.settings() };
-        let mut native = FramePipeline::new(pipeline.scene().clone(), settings)?;
-        let gpu = machine.gpu();
-        if let Some(gpu) = gpu {
-            native.render_on(gpu)?;
-        }
+    /// A comparison over `frames` of a path, which `session` renders.
+    pub fn new(session: &Session, frames: &[usize]) -> Result<Self, PipelineError> {
+        let settings = PipelineSettings { mode: Mode::Native, ..session.settings().pipeline };
+        let native = session.beside(session.scene().clone(), settings, &Networks::default())?;
         let frames = compared(frames);
         let (own_time, native_time) = (Duration::ZERO, Duration::ZERO);
-        let is_on_device = gpu.is_some();
-        Ok(Self { native, is_on_device, frames, compared: 0, displayed: 0, own_time, native_time, psnr: 0.0 })
+        Ok(Self { native, frames, compared: 0, displayed: 0, own_time, native_time, psnr: 0.0 })
     }
 
-    /// Looks at frame `k`, which `pipeline` has just rendered at `camera` to show `displayed` frames.
+    /// Looks at frame `k`, which `session` has just rendered at `camera` to show `displayed` frames.
     pub fn observe(
         &mut self,
-        pipeline: &FramePipeline,
+        session: &Session,
         k: usize,
         camera: &Camera,
         displayed: usize,
@@ -65,25 +59,29 @@ impl Comparison {
             return Ok(());
         }
         // The first one makes its memory. A device that has waited is slow at first (an H200: ten times as long).
-        if self.compared == 0 || self.is_on_device {
+        if self.compared == 0 || self.native.backend() == Backend::Gpu {
             self.native.render(camera)?;
         }
-        let native = self.native.render(camera)?.current;
-        self.psnr += psnr(native, pipeline.last_image(), Quantisation::EightBit)?.min(PSNR_CAP);
+        self.native.render(camera)?;
+        tell_notices(&mut self.native);
+        let native = self.native.pipeline();
+        let (own, own_time) = (session.pipeline().last_image(), session.pipeline().times().total());
+        self.psnr += psnr(native.last_image(), own, Quantisation::EightBit)?.min(PSNR_CAP);
         self.compared += 1;
         self.displayed += displayed;
-        self.own_time += pipeline.times().total();
+        self.own_time += own_time;
         // Shown natively, the in-between frames would each take as long.
-        self.native_time += self.native.times().total() * displayed as u32;
+        self.native_time += native.times().total() * displayed as u32;
         Ok(())
     }
 
     /// Writes the middle thirds of the run's last frame: native, bicubic enlargement of the same low-resolution frame, the
-    /// pipeline's own. Says how good and how fast the run was, and gives these figures.
-    pub fn write(self, pipeline: &mut FramePipeline, file: &Path) -> Result<Value, CliError> {
-        let native = self.native.last_image();
+    /// session's own. Says how good and how fast the run was, and gives these figures.
+    pub fn write(self, session: &mut Session, file: &Path) -> Result<Value, CliError> {
+        let native = self.native.pipeline().last_image();
         let mut bicubic = Image::new(native.width(), native.height());
-        pipeline.fetch_gbuffer()?;
+        session.fetch_gbuffer()?;
+        let pipeline = session.pipeline();
         resample(pipeline.gbuffer(), pipeline.settings().scale, ResampleKernel::Bicubic, &mut bicubic)?;
         let own = pipeline.last_image();
         write_png(file, &side_by_side([native, &bicubic, own]))?;

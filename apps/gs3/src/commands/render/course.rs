@@ -3,9 +3,11 @@
 use std::ops::Range;
 
 use gs3::scene::CameraPath;
-use gs3::{FramePipeline, PipelineError, ResetReason};
+use gs3::{PipelineError, Session};
 
-/// Where a pipeline is on a path.
+use crate::cli::backend::tell_notices;
+
+/// Where sessions are on a path.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Course {
     /// Most frames that are rendered and not shown before one; none for as many as one run's bits take.
@@ -16,16 +18,16 @@ pub struct Course {
 
 /// What is rendered to show a frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Leg {
+struct Leg {
     /// The frame, and before it those that are not shown.
-    pub frames: Range<usize>,
+    frames: Range<usize>,
     /// Whether the first of them begins anew.
-    pub begins_anew: bool,
+    begins_anew: bool,
 }
 
 impl Leg {
     /// Whether the frame shown has none before it, and so none between.
-    pub fn is_alone(&self) -> bool {
+    fn is_alone(&self) -> bool {
         self.begins_anew && self.frames.len() == 1
     }
 }
@@ -37,7 +39,7 @@ impl Course {
     }
 
     /// What is to be rendered to show frame `k`, which takes the frames from `first` on.
-    pub fn leg(&self, k: usize, first: u64) -> Leg {
+    fn leg(&self, k: usize, first: u64) -> Leg {
         let first = usize::try_from(first).unwrap_or(k).min(k);
         let first = self.most.map_or(first, |most| first.max(k.saturating_sub(most)));
         match self.next {
@@ -46,38 +48,61 @@ impl Course {
         }
     }
 
-    /// Tells that the frames of a leg were rendered, the last of them `k`.
-    pub const fn arrive(&mut self, k: usize) {
-        self.next = Some(k + 1);
-    }
-
-    /// Tells that the pipeline lost its frames.
-    pub const fn lose(&mut self) {
+    /// Tells that the frames before the next one are lost.
+    const fn lose(&mut self) {
         self.next = None;
     }
 
-    /// Renders frame `k` of `path` by `pipeline`, after those that it takes. Says whether there is none before it.
+    /// Makes frame `k` of a path by `sessions`, after the frames that it takes: `make` lets all sessions render a frame. Gives
+    /// what `make` gave for frame `k`, and whether there is no frame before it. After a change of machines all that the frame
+    /// takes is made anew, so the frame has the bits of a run on that machine.
     ///
     /// # Errors
-    /// [`PipelineError`] as of the pipeline; the next frame begins anew.
+    /// [`PipelineError`] as of `make`; the next frame begins anew.
+    pub fn travel<T>(
+        &mut self,
+        sessions: &mut [Session],
+        k: usize,
+        mut make: impl FnMut(&mut [Session], usize) -> Result<T, PipelineError>,
+    ) -> Result<(T, bool), PipelineError> {
+        loop {
+            let backends = |sessions: &[Session]| sessions.iter().map(Session::backend).collect::<Vec<_>>();
+            let before = backends(sessions);
+            let first = sessions.iter().map(|session| session.pipeline().first_of_warm_up(k as u64)).min();
+            let leg = self.leg(k, first.unwrap_or(k as u64));
+            self.lose();
+            if leg.begins_anew {
+                sessions.iter_mut().for_each(|session| session.begin_at(leg.frames.start as u64));
+            }
+            for frame in leg.frames.start..k {
+                make(sessions, frame)?;
+            }
+            let made = make(sessions, k)?;
+            sessions.iter_mut().for_each(tell_notices);
+            if backends(sessions) == before {
+                self.next = Some(k + 1);
+                return Ok((made, leg.is_alone()));
+            }
+        }
+    }
+
+    /// Renders frame `k` of `path` by `session`, as [`Self::travel`] does. Says whether there is no frame before it.
+    ///
+    /// # Errors
+    /// [`PipelineError`] as of the session; the next frame begins anew.
     pub fn render(
         &mut self,
-        pipeline: &mut FramePipeline,
+        session: &mut Session,
         path: &CameraPath,
         k: usize,
     ) -> Result<bool, PipelineError> {
-        let leg = self.leg(k, pipeline.first_of_warm_up(k as u64));
-        self.lose();
-        if leg.begins_anew {
-            pipeline.reset(ResetReason::CameraCut);
-            pipeline.set_frame_number(leg.frames.start as u64);
-        }
-        for frame in leg.frames.clone() {
-            let poses = pipeline.settings().poses_between(path, frame);
-            pipeline.render_with_poses(&path.cameras()[frame], &poses)?;
-        }
-        self.arrive(k);
-        Ok(leg.is_alone())
+        let ((), is_alone) = self.travel(std::slice::from_mut(session), k, |sessions, k| {
+            sessions.iter_mut().try_for_each(|session| {
+                let poses = session.settings().pipeline.poses_between(path, k);
+                session.render_with_poses(&path.cameras()[k], &poses).map(|_| ())
+            })
+        })?;
+        Ok(is_alone)
     }
 }
 
@@ -89,7 +114,7 @@ mod tests {
     fn frames_go_on_where_they_can() {
         let mut course = Course::new(None);
         assert_eq!(course.leg(40, 32), Leg { frames: 32..41, begins_anew: true });
-        course.arrive(40);
+        course.next = Some(41);
         assert_eq!(course.leg(41, 32), Leg { frames: 41..42, begins_anew: false });
         // A gap that is shorter than what beginning anew takes, and one that is longer.
         assert_eq!(course.leg(44, 32), Leg { frames: 41..45, begins_anew: false });

@@ -4,7 +4,6 @@ mod aov;
 mod args;
 mod compare;
 mod course;
-mod native;
 mod panorama;
 mod parts;
 mod tiles;
@@ -14,7 +13,7 @@ use std::path::Path;
 
 use gs3::scene::CameraPath;
 use gs3::scene::camera_path::Pace;
-use gs3::{FramePipeline, Machine, Mode, Networks, PipelineSettings};
+use gs3::{Backend, Mode, Networks, PipelineSettings};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
@@ -89,26 +88,25 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     if path.facts().is_panorama {
         return panorama::run(args, &target, &scene, &path, range, &networks);
     }
+    // Not before the rest is right: a driver may take long to wake, and talk.
+    let features = args.frame_options.features();
+    let mut session = backend::session(scene, settings, &networks, &args.device, features)?;
     let mut coverage = match args.alpha {
-        true => Some(FramePipeline::with_networks(coverage(&scene)?, settings, &networks)?),
+        true => Some(session.beside(coverage(session.scene())?, settings, &networks)?),
         false => None,
     };
-    let mut pipeline = FramePipeline::with_networks(scene, settings, &networks)?;
-    // Not before the rest is right: a driver may take long to wake, and talk.
-    let machine = backend::open(&args.device, args.frame_options.features())?;
-    let mut machine = backend::start(machine, |gpu| {
-        pipeline.render_on(gpu)?;
-        coverage.as_mut().map_or(Ok(()), |coverage| coverage.render_on(gpu))
-    })?;
-    let mut layer_maker = LayerMaker::new(args, &target, pipeline.scene(), &settings, &machine)?;
+    let mut layer_maker = LayerMaker::new(args, &target, &session)?;
     let first = path.cameras()[range.start];
-    if mode.has_history() && args.frame_options.refine.is_on() && !pipeline.makes_exact_pixels(&first) {
+    if mode.has_history()
+        && args.frame_options.refine.is_on()
+        && !session.pipeline().makes_exact_pixels(&first)
+    {
         note(
             "no pixels are rasterized exactly: frames of a GPU have no exact pixels with a super-sampling network, \
              with --culling aabb3sigma or adr, and where the CPU runs the networks",
         );
     }
-    if mode.has_history() && !pipeline.is_on_device(&first) && !matches!(machine, Machine::Cpu) {
+    if mode.has_history() && !session.pipeline().is_on_device(&first) && session.backend() == Backend::Gpu {
         note(
             "the GPU rasterizes, networks run on the CPU (--tier analytic makes all of the frame on the GPU)",
         );
@@ -116,11 +114,11 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     let shown_each = settings.displayed_per_rendered();
     let stream = stream_of(&path, &range, shown_each);
 
-    let facts = Manifest::new(pipeline.scene(), &path, &settings, &networks, &machine, args.alpha)?
+    let facts = Manifest::new(session.scene(), &path, &settings, &networks, session.machine(), args.alpha)?
         .with_aovs(&args.aov, args.aov_format);
     let missing = frames_missing(args, &target, &facts, &range, shown_each)?;
     let mut comparison = match &args.compare {
-        Some(_) => Some(Comparison::new(&pipeline, &machine, &missing)?),
+        Some(_) => Some(Comparison::new(&session, &missing)?),
         None => None,
     };
     let mut writer = None;
@@ -136,20 +134,12 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         && !interrupt::requested()
     {
         // Settings that the rasterizer refuses show before any file is made.
-        let is_alone = match course.render(&mut pipeline, &path, k) {
-            Ok(is_alone) => is_alone,
-            Err(error) => {
-                backend::take_over(&mut machine, &mut pipeline, error)?;
-                if let Some(coverage) = &mut coverage {
-                    coverage.render_on_cpu()?;
-                    coverage_course.lose();
-                }
-                continue;
-            }
-        };
+        // Settings that the rasterizer refuses show before any file is made.
+        let is_alone = course.render(&mut session, &path, k)?;
         if let Some(coverage) = &mut coverage {
             coverage_course.render(coverage, &path, k)?;
         }
+        let pipeline = session.pipeline();
         let shown = pipeline.presented();
         let writer = match &mut writer {
             Some(writer) => writer,
@@ -164,8 +154,9 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         // Displayed frames are counted from the start of the path, so that the parts of a path fit together.
         let last_number = k * shown_each;
         first_number.get_or_insert(last_number + 1 - frames.len());
-        let covered: Vec<_> = coverage.iter().flat_map(|coverage| coverage.presented().iter()).collect();
-        let views = aov::views(&pipeline, &path, k, is_alone);
+        let covered: Vec<_> =
+            coverage.iter().flat_map(|coverage| coverage.pipeline().presented().iter()).collect();
+        let views = aov::views(pipeline, &path, k, is_alone);
         for (i, image) in frames.iter().enumerate() {
             let number = last_number + i + 1 - frames.len();
             // A frame that is there is made again where the one beside it is missing, and its file stays.
@@ -184,16 +175,16 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         let displayed = frames.len();
         times.add(pipeline.times(), displayed);
         if let Some(comparison) = &mut comparison {
-            comparison.observe(&pipeline, k, &path.cameras()[k], displayed)?;
+            comparison.observe(&session, k, &path.cameras()[k], displayed)?;
         }
-        is_blank &= pipeline.visible_count() == Some(0);
+        is_blank &= session.pipeline().visible_count() == Some(0);
         done += 1;
         bar.inc(1);
     }
     bar.finish_and_clear();
     let is_complete = done == missing.len();
     if is_blank && done > 0 {
-        inputs::warn_of_nothing_visible(pipeline.scene().details().near);
+        inputs::warn_of_nothing_visible(session.scene().details().near);
     }
     let written = writer.map_or(Ok(Written::default()), |w| w.finish(is_complete))?;
 
@@ -205,8 +196,8 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         "stage_ms": times.stage_ms(),
         "load_s": load_time.as_secs_f64(),
         "encode_s": written.encode_time.as_secs_f64(),
-        "gaussians": pipeline.scene().gaussians().len(),
-        "is_all_on_device": pipeline.is_on_device(&first),
+        "gaussians": session.scene().gaussians().len(),
+        "is_all_on_device": session.pipeline().is_on_device(&first),
         "size": first.size(),
         "is_complete": is_complete,
         "alpha": args.alpha,
@@ -217,10 +208,10 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     if let Some((comparison, file)) =
         comparison.zip(args.compare.as_ref()).filter(|_| is_complete && done > 0)
     {
-        let compared = comparison.write(&mut pipeline, file)?;
+        let compared = comparison.write(&mut session, file)?;
         figures = report::join(figures, json!({ "compare": compared }));
     }
-    figures = report::join(figures, report::machine(&machine));
+    figures = report::join(figures, report::machine(session.machine()));
     if let Some(file) = &args.json {
         write_text(file, &format!("{figures:#}\n"))?;
     }

@@ -5,11 +5,11 @@ use std::sync::Arc;
 
 use gs3::scene::glam::{DAffine3, DMat3, DVec3};
 use gs3::scene::{Camera, CameraPath, Image, Intrinsics, Scene};
-use gs3::{FramePipeline, Machine, Networks, PipelineError, PipelineSettings, ResetReason, StageTimes};
+use gs3::{Networks, PipelineError, Session, StageTimes};
 use indicatif::ProgressBar;
 
 use super::args::RenderArgs;
-use super::course::{Course, Leg};
+use super::course::Course;
 use super::parts::{claim, end, frames_missing, numbers_of, stream_of};
 use crate::cli::backend;
 use crate::cli::error::CliError;
@@ -48,16 +48,17 @@ pub fn run(
         });
     }
     let settings = args.frame_options.settings(args.mode.into());
-    let machine = backend::open(&args.device, args.frame_options.features())?;
-    let faces = |scene: &Arc<Scene>| Faces::new(scene, &settings, networks, &machine);
-    let mut shown_faces = faces(scene)?;
+    let features = args.frame_options.features();
+    let first = backend::session(Arc::clone(scene), settings, networks, &args.device, features)?;
     let mut coverage = match args.alpha {
-        true => Some(faces(&coverage(scene)?)?),
+        true => Some(Faces::new(first.beside(coverage(scene)?, settings, networks)?, args.warm_up)?),
         false => None,
     };
+    let mut shown_faces = Faces::new(first, args.warm_up)?;
     let each = settings.displayed_per_rendered();
     let stream = stream_of(path, &range, each);
-    let facts = Manifest::new(scene, path, &settings, networks, &machine, args.alpha)?;
+    let facts =
+        Manifest::new(scene, path, &settings, networks, shown_faces.sessions[0].machine(), args.alpha)?;
     let missing = frames_missing(args, target, &facts, &range, each)?;
     let mut writer = FrameWriter::new(target.clone(), &stream)?;
     claim(target, &facts, &numbers_of(&range, each))?;
@@ -65,20 +66,17 @@ pub fn run(
     let bar = ProgressBar::new(missing.len() as u64)
         .with_style(inputs::style("{pos}/{len} rendered {wide_bar} {per_sec}, {eta} left"));
     let (mut done, mut is_blank, mut seconds, mut shown) = (0, true, 0.0, 0);
-    let mut course = Course::new(args.warm_up);
     let mut numbers: Option<Range<usize>> = None;
     while let Some(&k) = missing.get(done)
         && !interrupt::requested()
     {
-        let leg = course.leg(k, shown_faces.first_of_warm_up(k));
-        let mut frames = shown_faces.travel(&leg, path)?;
+        let (mut frames, is_alone) = shown_faces.render(path, k)?;
         seconds += shown_faces.times.iter().map(|times| times.total().as_secs_f64()).sum::<f64>();
         let covered = match &mut coverage {
-            Some(coverage) => coverage.travel(&leg, path)?,
+            Some(coverage) => coverage.render(path, k)?.0,
             None => Vec::new(),
         };
-        course.arrive(k);
-        if matches!(target, Target::Single(_)) || leg.is_alone() {
+        if matches!(target, Target::Single(_)) || is_alone {
             frames.drain(..frames.len().saturating_sub(1));
         }
         let last_number = k * each;
@@ -111,72 +109,52 @@ pub fn run(
     end(target, &range, missing.get(done).copied(), &numbers, &stream, written.no_video)
 }
 
-/// Renders the faces of panoramas, each with a pipeline of its own, and puts them together.
+/// Renders the faces of panoramas, each with a session of its own, and puts them together.
 struct Faces {
-    pipelines: Vec<FramePipeline>,
+    sessions: Vec<Session>,
+    course: Course,
     /// Stage times of the six faces of the last frame.
     times: Vec<StageTimes>,
 }
 
 impl Faces {
-    fn new(
-        scene: &Arc<Scene>,
-        settings: &PipelineSettings,
-        networks: &Networks,
-        machine: &Machine,
-    ) -> Result<Self, CliError> {
-        let pipeline = |_| {
-            let mut pipeline = FramePipeline::with_networks(Arc::clone(scene), *settings, networks)?;
-            if let Some(gpu) = machine.gpu() {
-                pipeline.render_on(gpu)?;
-            }
-            Ok(pipeline)
-        };
-        let pipelines = FACES.iter().map(pipeline).collect::<Result<Vec<_>, CliError>>()?;
-        Ok(Self { pipelines, times: Vec::new() })
+    /// Faces of the scene of `first`, which renders one of them. At most `warm_up` frames are rendered and not shown before one.
+    fn new(first: Session, warm_up: Option<usize>) -> Result<Self, PipelineError> {
+        let settings = first.settings();
+        let beside = |_| first.beside(Arc::clone(first.scene()), settings.pipeline, &settings.networks);
+        let others = (1..FACES.len()).map(beside).collect::<Result<Vec<_>, _>>()?;
+        let sessions = [first].into_iter().chain(others).collect();
+        Ok(Self { sessions, course: Course::new(warm_up), times: Vec::new() })
     }
 
-    /// The panoramas that frame `camera` of a path gives to show, in order, those at `between` before it.
-    fn render(&mut self, camera: &Camera, between: &[Camera]) -> Result<Vec<Image>, PipelineError> {
-        self.times.clear();
-        let mut shown: Vec<Vec<Image>> = Vec::with_capacity(self.pipelines.len());
-        for (face, pipeline) in self.pipelines.iter_mut().enumerate() {
-            // A face of a valid camera is one.
-            let Some(of_face) = face_camera(camera, face) else { return Ok(Vec::new()) };
-            let between: Vec<Camera> = between.iter().filter_map(|c| face_camera(c, face)).collect();
-            shown.push(pipeline.render_with_poses(&of_face, &between)?.iter().cloned().collect());
-            self.times.push(pipeline.times());
-        }
-        let count = shown.iter().map(Vec::len).min().unwrap_or(0);
-        let size = camera.size();
-        let frame = |k: usize| panorama(size, &shown.iter().map(|frames| &frames[k]).collect::<Vec<_>>());
-        Ok((0..count).map(frame).collect())
+    /// The panoramas that frame `k` of `path` gives to show, in order, those in between before it. Says whether there is no
+    /// frame before it.
+    fn render(&mut self, path: &CameraPath, k: usize) -> Result<(Vec<Image>, bool), PipelineError> {
+        let Self { sessions, course, times } = self;
+        let (of_faces, is_alone) = course.travel(sessions, k, |sessions, k| {
+            times.clear();
+            let mut of_faces = Vec::with_capacity(sessions.len());
+            for (face, session) in sessions.iter_mut().enumerate() {
+                let of_face = |camera: &Camera| face_camera(camera, face);
+                // A face of a valid camera is one.
+                let Some(camera) = of_face(&path.cameras()[k]) else { return Ok(Vec::new()) };
+                let poses = session.settings().pipeline.poses_between(path, k);
+                let poses: Vec<Camera> = poses.iter().filter_map(of_face).collect();
+                let shown = session.render_with_poses(&camera, &poses)?;
+                of_faces.push(shown.iter().cloned().collect::<Vec<_>>());
+                times.push(session.pipeline().times());
+            }
+            Ok(of_faces)
+        })?;
+        let count = of_faces.iter().map(Vec::len).min().unwrap_or(0);
+        let size = path.cameras()[k].size();
+        let frame = |i: usize| panorama(size, &of_faces.iter().map(|frames| &frames[i]).collect::<Vec<_>>());
+        Ok(((0..count).map(frame).collect(), is_alone))
     }
 
     /// Whether the last frame showed no Gaussian, where that is known.
     fn is_blank(&self) -> bool {
-        self.pipelines.iter().all(|pipeline| pipeline.visible_count() == Some(0))
-    }
-
-    /// Where to begin so that frame `k` is as in one run.
-    fn first_of_warm_up(&self, k: usize) -> u64 {
-        self.pipelines.iter().map(|pipeline| pipeline.first_of_warm_up(k as u64)).min().unwrap_or(k as u64)
-    }
-
-    /// Renders the frames of `leg` and gives what the last of them shows.
-    fn travel(&mut self, leg: &Leg, path: &CameraPath) -> Result<Vec<Image>, PipelineError> {
-        if leg.begins_anew {
-            for pipeline in &mut self.pipelines {
-                pipeline.reset(ResetReason::CameraCut);
-                pipeline.set_frame_number(leg.frames.start as u64);
-            }
-        }
-        let mut shown = Vec::new();
-        for k in leg.frames.clone() {
-            let between = self.pipelines.first().map(|first| first.settings().poses_between(path, k));
-            shown = self.render(&path.cameras()[k], &between.unwrap_or_default())?;
-        }
-        Ok(shown)
+        self.sessions.iter().all(|session| session.pipeline().visible_count() == Some(0))
     }
 }
 

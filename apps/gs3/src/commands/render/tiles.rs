@@ -8,7 +8,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use gs3::raster::Window;
+use gs3::raster::{Outputs, RasterSettings, Window};
 use gs3::scene::camera::MAX_SIDE;
 use gs3::scene::{Camera, CameraPath, Image, PngChannels, Scene, write_png_rows};
 use gs3::{Machine, Mode, Networks, PipelineSettings};
@@ -17,12 +17,12 @@ use rayon::prelude::*;
 use serde_json::json;
 
 use super::args::RenderArgs;
-use super::native::NativeRasterizer;
 use super::parts::{claim, end, frames_missing, stream_of};
 use crate::cli::backend;
 use crate::cli::error::CliError;
 use crate::cli::exit::Outcome;
 use crate::cli::interrupt;
+use crate::cli::rasterizer::{MachineRasterizer, native};
 use crate::cli::terminal::note;
 use crate::io::alpha::{coverage, straight_rgba8};
 use crate::io::inputs;
@@ -140,8 +140,9 @@ fn parts(side: u32, tile: u32) -> impl Iterator<Item = (u32, u32)> {
 
 /// Makes pictures of tiles.
 struct Painter {
-    color: NativeRasterizer,
-    coverage: Option<NativeRasterizer>,
+    color: MachineRasterizer,
+    coverage: Option<MachineRasterizer>,
+    settings: RasterSettings,
     largest_tile: [u32; 2],
     /// The colour and the coverage of a tile.
     tile: [Image; 2],
@@ -170,12 +171,13 @@ impl Painter {
         with_alpha: bool,
     ) -> Result<Self, CliError> {
         let coverage = match with_alpha {
-            true => Some(NativeRasterizer::new(&coverage(scene)?, settings, machine)?),
+            true => Some(MachineRasterizer::new(&coverage(scene)?, settings.culling, machine)?),
             false => None,
         };
         Ok(Self {
-            color: NativeRasterizer::new(scene, settings, machine)?,
+            color: MachineRasterizer::new(scene, settings.culling, machine)?,
             coverage,
+            settings: native(settings, Outputs::Color),
             largest_tile: LARGEST_TILE,
             tile: Default::default(),
             is_blank: true,
@@ -248,12 +250,12 @@ impl Painter {
     /// The pixels of a tile, RGB or straight RGBA.
     fn tile(&mut self, camera: &Camera, window: Window) -> Result<Vec<u8>, CliError> {
         let [color, alpha] = &mut self.tile;
-        self.color.window(camera, window, color)?;
+        self.color.window(camera, window, &self.settings, color)?;
         self.is_blank &= self.color.is_blank();
         match &mut self.coverage {
             None => Ok(color.to_rgb8()),
             Some(coverage) => {
-                coverage.window(camera, window, alpha)?;
+                coverage.window(camera, window, &self.settings, alpha)?;
                 Ok(straight_rgba8(color, alpha))
             }
         }

@@ -53,8 +53,8 @@ pub struct ClipsArgs {
     /// High-resolution size of a clip, a window of a view of 1280x720 to 4096x2160
     #[arg(long, default_value = "256x256", value_name = "WxH", allow_hyphen_values = true)]
     pub size: Size,
-    /// Dilation of splats in px² of the low-resolution grid: matched (0.3/S²), stock (0.3) or a number
-    #[arg(long, default_value = "matched", value_name = "matched|stock|VALUE", allow_hyphen_values = true)]
+    /// Dilation of splats in px² of the low-resolution grid: matched (0.3/S²), kerbl (0.3, as Kerbl et al.; also stock) or a number
+    #[arg(long, default_value = "matched", value_name = "matched|kerbl|VALUE", allow_hyphen_values = true)]
     pub dilation: DilationArg,
     /// Which pixels are kriged: `coarse` for tier fast, `fine` for tier high, as `gs3 render` does below them
     #[arg(long, default_value = "on", value_name = "coarse|on|fine")]

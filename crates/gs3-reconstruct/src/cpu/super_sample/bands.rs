@@ -79,9 +79,10 @@ impl SuperSampler {
                     Band { top, pixels, errors, innovation: part, first_row: rows.start }
                 })
                 .collect();
-        let tile = || Tile::new(self.kriging.threshold().map(Neighborhoods::new));
-        bands.into_par_iter().for_each_init(tile, |tile, band| {
-            dispatch!(self.level, simd => self.fill_band(simd, band, size, sampled, tile));
+        bands.into_par_iter().for_each(|band| {
+            self.tiles.with(self.kriging.threshold().map(Neighborhoods::new), |tile| {
+                dispatch!(self.level, simd => self.fill_band(simd, band, size, sampled, tile));
+            });
         });
         (self.innovation, self.errors) = (innovation, errors);
     }

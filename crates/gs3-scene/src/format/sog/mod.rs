@@ -12,6 +12,7 @@ mod plane;
 mod stream;
 mod version_1;
 mod write;
+#[cfg(feature = "fs")]
 mod write_stream;
 
 use std::io;
@@ -29,6 +30,7 @@ use chunk::{Chunk, Ranges};
 pub use stream::Streamed;
 pub(super) use stream::{read as read_streamed, streamed};
 pub(super) use write::{MOST_GAUSSIANS, write};
+#[cfg(feature = "fs")]
 pub(super) use write_stream::write_streamed;
 
 /// Reads a bundle, or a `meta.json`, which names its images among `files`.

@@ -270,6 +270,7 @@ impl<'a> Means<'a> {
     }
 
     /// The indices `chosen` along a space-filling curve.
+    #[cfg(feature = "fs")]
     pub(super) fn morton_order(&self, chosen: &[u32]) -> Vec<u32> {
         let mut order = morton::order(chosen.len(), |place| self.codes(chosen[place] as usize));
         order.iter_mut().for_each(|place| *place = chosen[*place as usize]);

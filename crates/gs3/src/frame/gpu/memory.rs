@@ -71,7 +71,17 @@ pub struct FrameMemory {
     lattice: Buffer,
     lattice_size: Buffer,
     readback: Readback,
+    /// Counters and depths of frames that nobody waits for, in turn.
+    late: [Readback; 2],
     places: Places,
+}
+
+/// What a frame tells the CPU besides its images.
+#[derive(Clone, Copy, Debug)]
+pub struct Told {
+    pub lattice: DepthLattice,
+    /// Number of blocks chosen by the last frame with exact blocks.
+    pub chosen: u32,
 }
 
 impl FrameMemory {
@@ -140,6 +150,7 @@ impl FrameMemory {
             lattice: gpu.buffer("lattice", Use::Storage, LATTICE_BYTES)?,
             lattice_size: gpu.buffer_with("lattice size", Use::Uniform, &lr_size)?,
             readback: Readback::new(gpu, places.of_in_between(count))?,
+            late: [Readback::new(gpu, places.image)?, Readback::new(gpu, places.image)?],
             places,
         })
     }
@@ -272,6 +283,11 @@ impl FrameMemory {
         Ok(())
     }
 
+    /// Width and height of the frames.
+    pub const fn size(&self) -> [u32; 2] {
+        self.size
+    }
+
     /// Records the copies that `read_back` asks for, of a frame that may have exact blocks.
     pub fn record_read_back(
         &self,
@@ -281,15 +297,14 @@ impl FrameMemory {
         has_blocks: bool,
         counters: &Slice<'_>,
     ) {
-        if read_back == ReadBack::Nothing {
-            return;
-        }
-        recorder.read_back(counters, &self.readback, 0);
-        recorder.read_back(&self.lattice.part(0, LATTICE_BYTES), &self.readback, self.places.lattice);
+        // The frame being made uses the readback of its side: the frame before the last one has been received.
+        let readback = if read_back == ReadBack::Late { &self.late[self.current()] } else { &self.readback };
+        recorder.read_back(counters, readback, 0);
+        recorder.read_back(&self.lattice.part(0, LATTICE_BYTES), readback, self.places.lattice);
         if let Some(selector) = self.selector.as_ref().filter(|_| has_blocks) {
-            recorder.read_back(&selector.chosen_count().part(0, 4), &self.readback, self.places.chosen);
+            recorder.read_back(&selector.chosen_count().part(0, 4), readback, self.places.chosen);
         }
-        if read_back == ReadBack::Counters {
+        if read_back != ReadBack::Images {
             return;
         }
         let mut read_image = |image: &GpuImage, place| {
@@ -301,9 +316,26 @@ impl FrameMemory {
         }
     }
 
+    /// Index of the side that the last committed frame used.
+    pub const fn newest(&self) -> usize {
+        self.newest
+    }
+
+    /// Waits for the frame of `submission`, which was made on `side` and read back late. Returns nothing after an overflow:
+    /// the frame is incomplete.
+    pub async fn receive_late(
+        &self,
+        gpu: &Gpu,
+        submission: &Submission,
+        side: usize,
+        rasterizer: &mut GpuRasterizer,
+    ) -> Result<Option<Told>, PipelineError> {
+        let told = self.late[side].read(gpu, submission, |bytes| self.places.told(bytes, rasterizer));
+        told.await?
+    }
+
     /// Waits for the frame of `submission` and receives the data read back; images, if they were read back, go into
-    /// `frames`. Returns the frame's depths and the number of blocks chosen by the last frame with exact blocks. Returns
-    /// nothing after an overflow: the frame must be rendered again.
+    /// `frames`. Returns nothing after an overflow: the frame must be rendered again.
     pub async fn receive(
         &self,
         gpu: &Gpu,
@@ -312,12 +344,10 @@ impl FrameMemory {
         inputs: &FrameInputs,
         read_back: ReadBack,
         frames: &mut Frames,
-    ) -> Result<Option<(DepthLattice, u32)>, PipelineError> {
+    ) -> Result<Option<Told>, PipelineError> {
         let (image, in_between) = (&mut frames.current.image, &mut frames.in_between);
         let received = self.readback.read(gpu, submission, |bytes| -> Result<_, PipelineError> {
-            if rasterizer.check_capacity_with(self.places.counters_in(bytes))? == CapacityCheck::Grown {
-                return Ok(None);
-            }
+            let Some(told) = self.places.told(bytes, rasterizer)? else { return Ok(None) };
             if read_back == ReadBack::Images {
                 let decoder = &self.sides[self.current()].image;
                 decoder.decode(self.places.image_in(bytes), image);
@@ -325,7 +355,7 @@ impl FrameMemory {
                     decoder.decode(self.places.in_between_in(bytes, k), image);
                 }
             }
-            Ok(Some((self.places.lattice_in(bytes), self.places.chosen_in(bytes))))
+            Ok(Some(told))
         });
         received.await?
     }
@@ -375,6 +405,13 @@ impl Places {
         let chosen = lattice + LATTICE_BYTES;
         let first = chosen + 4;
         Self { lattice, chosen, image: first, in_between: first + image }
+    }
+
+    /// What the frame of `bytes` tells; nothing after an overflow of the rasterizer's buffers.
+    fn told(&self, bytes: &[u8], rasterizer: &mut GpuRasterizer) -> Result<Option<Told>, PipelineError> {
+        let check = rasterizer.check_capacity_with(self.counters_in(bytes))?;
+        let told = Told { lattice: self.lattice_in(bytes), chosen: self.chosen_in(bytes) };
+        Ok((check != CapacityCheck::Grown).then_some(told))
     }
 
     /// The rasterizer's counters in `bytes`.

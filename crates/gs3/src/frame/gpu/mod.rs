@@ -3,9 +3,10 @@
 
 mod memory;
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 
-use gs3_compute::{Gpu, StageTime, Timings};
+use gs3_compute::{Gpu, StageTime, Submission, Timings};
 use gs3_neural::MatrixUnit;
 use gs3_raster::{BLOCKS_STAGE, GpuRasterizer, ScenePrecision};
 use gs3_reconstruct::gpu::GpuImage;
@@ -13,7 +14,7 @@ use gs3_reconstruct::{BlockBudget, DepthLattice};
 use gs3_scene::{Camera, GBuffer, Scene, block_grid};
 use web_time::Instant;
 
-use self::memory::FrameMemory;
+use self::memory::{FrameMemory, Told};
 use super::cpu::CpuStages;
 use super::inputs::{FrameInputs, Frames, Made, ReadBack};
 use super::plan::FramePlan;
@@ -46,8 +47,30 @@ pub struct GpuMachine {
     /// Times of the last frame's stages by the device's clock.
     stage_times: Vec<StageTime>,
     controller: ShareController,
+    /// Frames that nobody has waited for, the oldest first.
+    late: VecDeque<LateFrame>,
+    /// Whether such a frame overflowed since the last [`Self::wait`].
+    has_overflowed: bool,
     /// The stages on the CPU, created by the first frame that the device only rasterizes.
     stages_here: Option<CpuStages>,
+}
+
+/// A frame that nobody has waited for.
+struct LateFrame {
+    submission: Submission,
+    /// The side of the memory that it was made on.
+    side: usize,
+    /// Whether it has no history.
+    is_reset: bool,
+}
+
+/// What frames that nobody waited for tell once they are done.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Settled {
+    /// The depths of the newest of them, unless a frame without history came after it.
+    pub lattice: Option<DepthLattice>,
+    /// Whether one of them is incomplete. The buffers have grown.
+    pub is_incomplete: bool,
 }
 
 impl GpuMachine {
@@ -70,6 +93,8 @@ impl GpuMachine {
             timings: if has_clock { Some(Timings::new(gpu)?) } else { None },
             stage_times: Vec::new(),
             controller: ShareController::default(),
+            late: VecDeque::new(),
+            has_overflowed: false,
             stages_here: None,
         })
     }
@@ -98,7 +123,7 @@ impl GpuMachine {
         let budget = self.plan.block_budget(inputs.reset, self.controller.share());
         let has_blocks = most_blocks(budget, inputs.camera.size()) > 0 && self.makes_blocks();
         let Self { gpu, plan, rasterizer, memory, .. } = self;
-        let mut timings = self.timings.as_mut().filter(|_| read_back != ReadBack::Nothing);
+        let mut timings = self.timings.as_mut().filter(|_| read_back != ReadBack::Late);
         let memory = FrameMemory::fitting(memory, gpu, plan, &inputs.camera, &rasterizer.counters())?;
         if read_back != ReadBack::Images {
             frames.current.image.resize(0, 0);
@@ -124,12 +149,13 @@ impl GpuMachine {
 
             memory.record_read_back(&mut recorder, inputs, read_back, has_blocks, &rasterizer.counters());
             let submission = recorder.submit()?;
-            if read_back == ReadBack::Nothing {
+            if read_back == ReadBack::Late {
+                // `settle` has the rest, while the next frame is made.
                 break (submission, DepthLattice::default(), 0);
             }
             // After an overflow the frame is rendered again: its splats fit into the grown buffers.
             let received = memory.receive(gpu, &submission, rasterizer, inputs, read_back, frames);
-            if let Some((lattice, chosen)) = received.await? {
+            if let Some(Told { lattice, chosen }) = received.await? {
                 break (submission, lattice, chosen);
             }
         };
@@ -143,8 +169,11 @@ impl GpuMachine {
                     .for_each(|StageTime { stage, time }| times.add(stage_of(stage), *time));
             }
             // Without a clock the time of a single stage is unknown, so the whole frame counts as rasterization.
-            None if read_back != ReadBack::Nothing => times.add(Stage::Rasterize, started.elapsed()),
-            None => {}
+            None if read_back != ReadBack::Late => times.add(Stage::Rasterize, started.elapsed()),
+            None => {
+                let (side, is_reset) = (memory.newest(), inputs.reset.is_some());
+                self.late.push_back(LateFrame { submission, side, is_reset });
+            }
         }
         let refined = if has_blocks { memory.share_of(chosen) } else { 0.0 };
         self.controller.learn_frame(plan.refine, &times, refined);
@@ -170,10 +199,34 @@ impl GpuMachine {
         self.memory.as_ref().map(FrameMemory::presented)
     }
 
-    /// Waits for all frames. Returns whether the splats of every frame since the last call fitted into the buffers.
-    /// Buffers that overflowed have grown.
-    pub fn wait(&mut self) -> Result<bool, PipelineError> {
-        Ok(self.rasterizer.check_capacity()? != gs3_raster::CapacityCheck::Grown)
+    /// Waits for the frames that nobody has waited for, before a frame of `camera` is made with `read_back`: for all of them
+    /// before a frame that is waited for, else for all but the last, so that the device has work meanwhile.
+    pub async fn settle(&mut self, camera: &Camera, read_back: ReadBack) -> Result<Settled, PipelineError> {
+        let goes_on = self.memory.as_ref().is_some_and(|memory| memory.size() == camera.size());
+        self.settle_to(usize::from(goes_on && read_back == ReadBack::Late)).await
+    }
+
+    /// Waits for the oldest frames that nobody has waited for, until `left` are left.
+    async fn settle_to(&mut self, left: usize) -> Result<Settled, PipelineError> {
+        let mut settled = Settled::default();
+        while self.late.len() > left {
+            let (Some(frame), Some(memory)) = (self.late.pop_front(), &self.memory) else { break };
+            let LateFrame { submission, side, .. } = frame;
+            let told = memory.receive_late(&self.gpu, &submission, side, &mut self.rasterizer).await?;
+            settled.is_incomplete |= told.is_none();
+            settled.lattice = told.map(|told| told.lattice);
+        }
+        self.has_overflowed |= settled.is_incomplete;
+        if self.late.iter().any(|frame| frame.is_reset) {
+            settled.lattice = None;
+        }
+        Ok(settled)
+    }
+
+    /// Waits for all frames. Returns what they tell, and whether every frame since the last call is complete.
+    pub async fn wait(&mut self) -> Result<(Settled, bool), PipelineError> {
+        let settled = self.settle_to(0).await?;
+        Ok((settled, !std::mem::take(&mut self.has_overflowed)))
     }
 
     /// Times of the last frame's stages by the device's clock, in the order in which the stages began.
@@ -189,6 +242,8 @@ impl GpuMachine {
     /// [`PipelineError`] if the scene does not fit the device; the old one stays.
     pub fn set_scene(&mut self, scene: Arc<Scene>) -> Result<(), PipelineError> {
         *self.rasterizer = rasterizer(&self.gpu, &self.plan, scene)?;
+        // They tell of the other scene.
+        self.late.clear();
         Ok(())
     }
 
