@@ -4,7 +4,6 @@ use std::time::Duration;
 
 use super::pace::NEWEST;
 use super::{Next, Step, Viewer};
-use crate::heap::give_back;
 use crate::input::Input;
 
 /// Longest time that a movement advances in one step, in seconds: no jumps after a slow frame.
@@ -104,8 +103,7 @@ impl Viewer {
             self.is_idle = false;
             return Next::At(if self.desk.is_apart() { self.next_apart(started) } else { self.due });
         }
-        let begins_rest = !std::mem::replace(&mut self.is_idle, true);
-        if begins_rest {
+        if !std::mem::replace(&mut self.is_idle, true) {
             self.figures.pause();
             self.track.clear();
         }
@@ -113,9 +111,6 @@ impl Viewer {
             // More frames are to come, without an event.
             self.is_idle = false;
             return Next::At(self.due);
-        }
-        if begins_rest {
-            give_back();
         }
         let note = self.note.as_ref().map(|(_, until)| *until);
         match [self.panels.due(), note].into_iter().flatten().min() {
