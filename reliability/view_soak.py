@@ -17,9 +17,8 @@ from soak import resident
 
 # Loops of the viewer a second.
 FPS = 30
-# Parts of the time that counts that are compared. Each round has the next of three scenes, of five comparisons and of six views, so
-# thirty rounds have all that there is together, and parts of thirty of a hundred rounds have the same. Shorter parts differ by
-# what they show.
+# Parts of the time that counts that are compared. What rounds show repeats after thirty rounds (3 scenes, 5 comparisons, 6 views), so
+# of a hundred rounds each part shows the same. Shorter parts differ by what they show.
 PARTS = 3
 
 

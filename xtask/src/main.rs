@@ -82,6 +82,15 @@ pub enum XtaskError {
         /// What is compiled for.
         target: &'static str,
     },
+    /// No compiler has the sources of the standard library, which threads need.
+    #[error(
+        "{target} with threads: expected a compiler with the sources of the standard library (rustup component add rust-src; or \
+         Debian's rustc-web, cargo-web, rust-web-src and lld-22), found none"
+    )]
+    NoSources {
+        /// What is compiled for.
+        target: &'static str,
+    },
     /// The glue between JavaScript and WebAssembly is not made.
     #[error("{}: {message}", path.display())]
     Glue {

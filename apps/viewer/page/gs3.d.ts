@@ -74,6 +74,7 @@ export interface Viewer extends EventTarget {
   setPanels(areShown: boolean): Promise<void>;
   /** Presses and releases a key, as `KeyboardEvent.key` names it. */
   press(key: string): void;
+  /** Threads of the CPU that render. */
   readonly threads: number;
   readonly figures: Figures;
   destroy(): void;

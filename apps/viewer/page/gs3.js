@@ -9,7 +9,7 @@ const WHEEL_LINE = { 0: 1 / 40, 1: 1, 2: 20 };
 
 /** Shows scenes in `canvas`. Resolves once the viewer runs; rejects with one line where it cannot. */
 export async function createViewer(canvas, options = {}) {
-  const { url, camera, noui = false, maxPixels, threads = navigator.hardwareConcurrency, ...settings } = options;
+  const { url, camera, noui = false, maxPixels, threads = navigator.hardwareConcurrency ?? 1, ...settings } = options;
   if (!(canvas instanceof HTMLCanvasElement)) throw new TypeError(`canvas: expected a canvas element, found ${canvas}`);
   if (typeof WebAssembly !== "object") throw new Error("WebAssembly: expected a browser that has it, found none");
   if (maxPixels !== undefined && !(maxPixels >= 64)) throw new TypeError(`maxPixels: expected 64 or more, found ${maxPixels}`);

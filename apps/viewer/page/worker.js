@@ -263,14 +263,18 @@ const inputs = {
   },
 };
 
+// How long threads may take to start, in milliseconds: a worker that does not load tells nobody.
+const LONGEST_START = 10_000;
+
 // The WebAssembly of the viewer, and how many threads it has. Browsers let isolated pages alone share memory between threads.
 async function load(threads) {
   if (hasThreads && threads > 1 && self.crossOriginIsolated) {
     try {
-      const { default: init, initThreadPool, PageViewer } = await import("./threads/gs3_viewer.js");
+      const { default: init, initThreadPool, PageViewer, threadCount } = await import("./threads/gs3_viewer.js");
       await init({ module_or_path: new URL("./threads/gs3_viewer_bg.wasm", import.meta.url) });
-      await initThreadPool(threads);
-      return { PageViewer, threads };
+      const late = new Promise((_, reject) => setTimeout(() => reject(new Error("threads do not start")), LONGEST_START));
+      await Promise.race([initThreadPool(threads), late]);
+      return { PageViewer, threads: threadCount() };
     } catch (error) {
       console.warn(`one thread: ${error.message ?? error}`);
     }

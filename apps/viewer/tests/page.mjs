@@ -112,12 +112,15 @@ const { hasThreads } = await import(`data:text/javascript,${encodeURIComponent(a
 if (!hasThreads) console.log("skipped: a page built with --threads");
 else await check("an isolated page renders the same image on all threads that it is given", async () => {
   isIsolated = true;
-  const onThreads = await opened("?noui&threads=3");
-  await atRest(onThreads);
-  assert.equal(await onThreads.evaluate(() => window.viewer.threads), 3);
-  assert.ok((await canvasOf(onThreads)).equals(await readFile(path.join(out, "demo.png"))));
-  await onThreads.close();
-  isIsolated = false;
+  try {
+    const onThreads = await opened("?noui&threads=3");
+    await atRest(onThreads);
+    assert.equal(await onThreads.evaluate(() => window.viewer.threads), 3);
+    assert.ok((await canvasOf(onThreads)).equals(await readFile(path.join(out, "demo.png"))));
+    await onThreads.close();
+  } finally {
+    isIsolated = false;
+  }
   assert.equal(await page.evaluate(() => window.viewer.threads), 1);
 });
 

@@ -118,11 +118,24 @@ impl Session {
         Self::start(settings, machine, pipeline, failure.iter().map(tell_take_over).collect())
     }
 
+    /// A session that shows `scene` on a `machine` that is open. The choice of a machine in `settings` is not read.
+    ///
+    /// # Errors
+    /// [`PipelineError`] if a setting is not supported, or if the scene does not fit into the memory of a GPU that was asked
+    /// for.
+    pub fn on(
+        machine: Machine,
+        scene: impl Into<Arc<Scene>>,
+        settings: SessionSettings,
+    ) -> Result<Self, PipelineError> {
+        let pipeline = FramePipeline::with_networks(scene, settings.pipeline, &settings.networks)?;
+        Self::start(settings, machine, pipeline, Vec::new())
+    }
+
     /// Another session on the same machine, of another scene or with other settings: sessions share an open GPU.
     ///
     /// # Errors
-    /// [`PipelineError`] if a setting is not supported, or if the scene does not fit beside the others into the memory of
-    /// a GPU that was asked for.
+    /// As [`Self::on`].
     pub fn beside(
         &self,
         scene: impl Into<Arc<Scene>>,
@@ -130,8 +143,7 @@ impl Session {
         networks: &Networks,
     ) -> Result<Self, PipelineError> {
         let settings = SessionSettings { pipeline, networks: networks.clone(), ..self.settings.clone() };
-        let pipeline = FramePipeline::with_networks(scene, pipeline, networks)?;
-        Self::start(settings, self.machine.clone(), pipeline, Vec::new())
+        Self::on(self.machine.clone(), scene, settings)
     }
 
     /// The session with `pipeline` on `machine`. If a GPU that was found (not asked for) fails, the CPU takes over.
@@ -168,6 +180,19 @@ impl Session {
             return Ok(());
         }
         Err(error)
+    }
+
+    /// Continues on the CPU, without history: for a session beside another one whose GPU failed.
+    ///
+    /// # Errors
+    /// None beyond the errors of [`Self::new`] with the same settings.
+    pub fn render_on_cpu(&mut self) -> Result<(), PipelineError> {
+        if self.backend() == Backend::Gpu {
+            self.machine = Machine::Cpu;
+            self.references.clear();
+            self.pipeline.render_on_cpu()?;
+        }
+        Ok(())
     }
 
     /// Renders the frame of `camera`, as [`FramePipeline::render`] does. If a GPU fails that was found and not asked
@@ -347,7 +372,7 @@ impl Session {
         self.machine.adapter()
     }
 
-    /// Bytes that the GPU has allocated for the session, if a GPU renders and its driver reports them.
+    /// Bytes that the GPU has allocated for all its sessions, if a GPU renders and its driver reports them.
     #[must_use]
     pub fn device_bytes(&self) -> Option<u64> {
         self.machine.device_bytes()
@@ -403,6 +428,20 @@ mod tests {
         let mut native = FramePipeline::new(demo::scene().unwrap(), native).unwrap();
         let expected = native.render(&camera(5)).unwrap().current.clone();
         assert_eq!(session.reference(Mode::Native, &camera(5)).unwrap(), &expected);
+    }
+
+    #[test]
+    fn a_session_beside_another_has_frames_of_its_own() {
+        let mut session = on(Backend::Cpu).unwrap();
+        let settings = PipelineSettings { mode: Mode::Native, ..session.settings().pipeline };
+        let mut beside = session.beside(Arc::clone(session.scene()), settings, &Networks::default()).unwrap();
+        let native = beside.render(&camera(4)).unwrap().current.clone();
+        assert_eq!(session.reference(Mode::Native, &camera(4)).unwrap(), &native);
+        assert_eq!(
+            (session.settings().pipeline.mode, beside.settings().pipeline),
+            (Mode::SuperSample, settings)
+        );
+        assert!(session.pipeline().last_image().pixels().is_empty());
     }
 
     #[test]

@@ -45,13 +45,16 @@ impl Toolchain {
     /// built.
     ///
     /// # Errors
-    /// [`XtaskError::NoTarget`] if neither compiles WebAssembly.
+    /// [`XtaskError::NoTarget`] if neither compiles WebAssembly, [`XtaskError::NoSources`] if neither can build its standard library.
     pub fn find(with_threads: bool) -> Result<Self, XtaskError> {
         let places = [PathBuf::new(), PathBuf::from(DEBIAN)];
         let found = places
             .iter()
             .find_map(|place| Self::at(&place.join("cargo"), &place.join("rustc"), with_threads));
-        found.ok_or(XtaskError::NoTarget { target: TARGET })
+        found.ok_or(match with_threads {
+            true => XtaskError::NoSources { target: TARGET },
+            false => XtaskError::NoTarget { target: TARGET },
+        })
     }
 
     fn at(cargo: &Path, rustc: &Path, with_threads: bool) -> Option<Self> {

@@ -32,11 +32,14 @@ pub fn session(
     features: OptionalFeatures,
 ) -> Result<Session, CliError> {
     check(device)?;
+    if features == OptionalFeatures::Experimental {
+        // Tried before a session, which may go on where the GPU fails.
+        open(device, features)?;
+    }
     let Device { backend, adapter } = *device;
     let settings = SessionSettings { pipeline, networks: networks.clone(), backend, adapter, features };
     let mut session = Session::new(scene, settings)?;
-    tell_notices(&mut session);
-    check_matrix_products(session.machine(), features)?;
+    tell_notices(std::slice::from_mut(&mut session));
     Ok(session)
 }
 
@@ -67,9 +70,15 @@ fn check_matrix_products(machine: &Machine, features: OptionalFeatures) -> Resul
     Ok(unit.check(gpu).map_err(NetworkError::from)?)
 }
 
-/// Says what `session` has to say: that the CPU took over, and why.
-pub fn tell_notices(session: &mut Session) {
-    session.take_notices().iter().for_each(note);
+/// Says what `sessions` have to say, the same once: that the CPU took over, and why.
+pub fn tell_notices(sessions: &mut [Session]) {
+    let mut told: Vec<String> = Vec::new();
+    for notice in sessions.iter_mut().flat_map(Session::take_notices) {
+        if !told.contains(&notice) {
+            note(&notice);
+            told.push(notice);
+        }
+    }
 }
 
 /// Says that the CPU takes over after `error`.

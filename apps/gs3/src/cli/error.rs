@@ -115,11 +115,11 @@ impl CliError {
             Self::Write { source, .. } | Self::Read { source, .. } => is_passing(source),
             Self::Load(LoadError::Io { source, .. }) => is_passing(source),
             Self::Load(LoadError::Memory { .. }) => true,
-            // A GPU that is not there, or lacks a feature.
-            Self::Pipeline(PipelineError::Gpu(GpuError::NoAdapter { .. } | GpuError::Unsupported { .. })) => {
-                false
+            // A GPU that is not there or lacks a feature stays so.
+            Self::Gpu(error) | Self::Pipeline(PipelineError::Gpu(error)) => {
+                !matches!(error, GpuError::NoAdapter { .. } | GpuError::Unsupported { .. })
             }
-            Self::Threads { .. } | Self::Pipeline(PipelineError::Gpu(_)) => true,
+            Self::Threads { .. } => true,
             _ => false,
         }
     }

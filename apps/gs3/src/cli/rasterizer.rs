@@ -37,20 +37,19 @@ pub fn native(settings: &PipelineSettings, outputs: Outputs) -> RasterSettings {
 impl MachineRasterizer {
     /// A rasterizer of `scene` on `machine`.
     pub fn new(scene: &Arc<Scene>, culling: Culling, machine: &Machine) -> Result<Self, CliError> {
-        let mut rasterizer = Self {
-            scene: Arc::clone(scene),
-            culling,
-            on: On::Cpu(Box::new(Rasterizer::new(Arc::clone(scene), culling))),
-            may_change: matches!(machine, Machine::FoundGpu(_)),
-        };
-        if let Some(gpu) = machine.gpu() {
-            match GpuRasterizer::new(gpu, Arc::clone(scene), culling, ScenePrecision::default()) {
-                Ok(on_gpu) => rasterizer.on = On::Gpu(Box::new(on_gpu)),
-                Err(error) if rasterizer.may_change => backend::tell_take_over(&error),
-                Err(error) => return Err(PipelineError::from(error).into()),
+        let may_change = matches!(machine, Machine::FoundGpu(_));
+        let on_gpu = |gpu| GpuRasterizer::new(gpu, Arc::clone(scene), culling, ScenePrecision::default());
+        let on = match machine.gpu().map(on_gpu) {
+            None => None,
+            Some(Ok(on_gpu)) => Some(On::Gpu(Box::new(on_gpu))),
+            Some(Err(error)) if may_change => {
+                backend::tell_take_over(&error);
+                None
             }
-        }
-        Ok(rasterizer)
+            Some(Err(error)) => return Err(PipelineError::from(error).into()),
+        };
+        let on = on.unwrap_or_else(|| On::Cpu(Box::new(Rasterizer::new(Arc::clone(scene), culling))));
+        Ok(Self { scene: Arc::clone(scene), culling, on, may_change })
     }
 
     /// The G-buffer of the frame of `camera`.

@@ -26,6 +26,13 @@ pub struct PageViewer {
     openings: BTreeMap<u32, Opening>,
 }
 
+/// The number of threads that render.
+#[wasm_bindgen(js_name = threadCount)]
+#[must_use]
+pub fn thread_count() -> usize {
+    rayon::current_num_threads()
+}
+
 fn failure(error: impl std::fmt::Display) -> JsError {
     JsError::new(&error.to_string())
 }

@@ -80,7 +80,7 @@ pub struct Rasterizer {
     orders: Vec<Vec<u32>>,
     /// The low-resolution frame that the splats belong to, if the last frame was one.
     last: Option<LastFrame>,
-    /// Of the threads that blend: new memory in each frame would cost a tenth of the blending.
+    /// Scratch memory of each thread that blends, kept for the next frame.
     scratch: ThreadLocal<RefCell<Scratch>>,
     times: RasterTimes,
 }

@@ -94,12 +94,13 @@ impl fmt::Debug for Tiles {
 }
 
 impl Tiles {
-    /// Does `work` with the tile of this thread.
+    /// Does `work` with the tile of this thread and with `neighborhoods`.
     #[inline(always)]
-    pub fn with<'a>(&self, neighborhoods: Option<Neighborhoods<'a>>, work: impl FnOnce(&mut Tile<'a>)) {
+    pub fn with<'a>(&self, neighborhoods: &mut Option<Neighborhoods<'a>>, work: impl FnOnce(&mut Tile<'a>)) {
         let kept = self.0.get_or_default();
-        let mut tile = Tile { neighborhoods, ..kept.take().unwrap_or_default() };
+        let mut tile = Tile { neighborhoods: neighborhoods.take(), ..kept.take().unwrap_or_default() };
         work(&mut tile);
+        *neighborhoods = tile.neighborhoods.take();
         kept.set(Some(tile.without_neighborhoods()));
     }
 }

@@ -68,8 +68,12 @@ pub fn write(
         Checked::Forward(encoding) => encoding.write(scene, &mut writer),
         Checked::Seeking(encoding) => encoding.write(scene, writer),
         Checked::Streamed { .. } => {
-            let (file, actual) = (name.to_owned(), STREAMED_SOG.to_owned());
-            return Err(SaveError::UnknownFormat { file, actual });
+            return Err(SaveError::Unrepresentable {
+                file: name.to_owned(),
+                field: "format",
+                expected: "a format of one file".to_owned(),
+                actual: "streamed SOG".to_owned(),
+            });
         }
     };
     written.map_err(|source| SaveError::Io { file: name.to_owned(), source })

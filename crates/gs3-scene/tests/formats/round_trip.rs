@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use gs3_scene::format::{
-    Clamped, LoadOptions, SaveError, SaveOptions, SpzVersion, clamped, load, losses, save, save_with,
+    Clamped, LoadOptions, SaveError, SaveOptions, SpzVersion, clamped, load, losses, save, save_with, write,
 };
 use gs3_scene::glam::DVec3;
 use gs3_scene::{Details, Gaussians, OpacityMode, Scene};
@@ -370,4 +370,21 @@ fn what_a_format_cannot_hold_is_told_or_refused() {
     assert!(error.contains("SH degree: expected at most 3, found 4"), "{error}");
     let error = save(&antialiased, folder.path().join("s.sog")).unwrap_err().to_string();
     assert!(error.contains("SH degree: expected at most 3, found 4"), "{error}");
+}
+
+/// Written to memory, a scene has the bytes of its file.
+#[test]
+fn writing_to_memory_is_saving() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(5, 300, 2, OpacityMode::Default);
+    for name in ["a.ply", "a.compressed.ply", "a.splat", "a.glb", "a.spz", "a.sog"] {
+        let file = folder.path().join(name);
+        save(&scene, &file).unwrap();
+        let mut memory = std::io::Cursor::new(Vec::new());
+        write(&scene, name, &SaveOptions::default(), &mut memory).unwrap();
+        assert!(memory.into_inner() == std::fs::read(&file).unwrap(), "{name}");
+    }
+    let mut memory = std::io::Cursor::new(Vec::new());
+    let error = write(&scene, "lod-meta.json", &SaveOptions::default(), &mut memory).unwrap_err();
+    assert_eq!(error.to_string(), "lod-meta.json: format: expected a format of one file, found streamed SOG");
 }

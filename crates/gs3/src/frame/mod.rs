@@ -267,7 +267,7 @@ impl FramePipeline {
     }
 
     /// Where to start on a path so that frame `number`, its in-between frames and all later frames have the same bits
-    /// as in a run from frame 0: at most `keyframes` + S² frames earlier, 48 by default. Call
+    /// as in a run from frame 0 in which all frames are waited for: at most `keyframes` + S² frames earlier, 48 by default. Call
     /// [`Self::set_frame_number`] with the result. Then render the frames up to `number` without showing them.
     ///
     /// Two settings never give the same bits again. (1) [`Refine::FrameTime`] has no keyframes. Then, as with
@@ -335,7 +335,7 @@ impl FramePipeline {
     }
 
     /// Share of the last frame's pixels that were rasterized exactly besides the low-resolution grid, `[0, 1]`
-    /// ([`PipelineSettings::refine`]); 0 after `submit_to_device`, which waits for no number.
+    /// ([`PipelineSettings::refine`]); 0 after `submit_to_device`, which does not read the number.
     #[must_use]
     pub const fn refined_share(&self) -> f32 {
         self.refined

@@ -69,27 +69,35 @@ impl FramePipeline {
         self.make_frame_on_device(camera, poses, ReadBack::Late).await
     }
 
-    /// Waits for the frames of [`Self::submit_to_device`]. Returns whether all of them since the last call are complete. An
-    /// incomplete frame had more splats than the buffers hold; the buffers have grown for later frames.
+    /// Waits for the frames of [`Self::submit_to_device`]. Returns whether all of them since the last call are complete, but
+    /// for those of a scene before [`Self::set_scene`]. An incomplete frame had more splats than the buffers hold; the buffers
+    /// have grown for later frames.
     ///
     /// # Errors
-    /// [`PipelineError::NotOnDevice`] without a device, or another [`PipelineError`] if the device fails.
+    /// [`PipelineError::NotOnDevice`] without a device, or another [`PipelineError`] if the device fails; the next frame then has
+    /// no history. In a browser [`Self::wait_for_device_async`] is for GPUs.
     pub fn wait_for_device(&mut self) -> Result<bool, PipelineError> {
-        match &mut self.machine {
-            Machine::Cpu(_) => Err(PipelineError::NotOnDevice),
-            Machine::Gpu(gpu) => {
-                let (settled, are_complete) = now(gpu.wait())?;
-                self.learn(settled);
-                Ok(are_complete)
-            }
-        }
+        now(self.wait_for_device_async())
+    }
+
+    /// Waits as [`Self::wait_for_device`] does, without blocking a browser.
+    ///
+    /// # Errors
+    /// As [`Self::wait_for_device`].
+    pub async fn wait_for_device_async(&mut self) -> Result<bool, PipelineError> {
+        let Machine::Gpu(gpu) = &mut self.machine else { return Err(PipelineError::NotOnDevice) };
+        let waited = gpu.wait().await;
+        let (settled, are_complete) = waited.inspect_err(|_| self.sequence.fail(None))?;
+        self.learn(settled);
+        Ok(are_complete)
     }
 
     /// Waits for earlier frames of [`Self::submit_to_device`] as a frame of `camera` with `read_back` needs, and takes what they
     /// tell into account.
     pub(super) async fn settle(&mut self, camera: &Camera, read_back: ReadBack) -> Result<(), PipelineError> {
         if let Machine::Gpu(gpu) = &mut self.machine {
-            let settled = gpu.settle(camera, read_back).await?;
+            let settled = gpu.settle(camera, read_back).await;
+            let settled = settled.inspect_err(|_| self.sequence.fail(None))?;
             self.learn(settled);
         }
         Ok(())

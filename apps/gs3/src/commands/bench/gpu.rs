@@ -1,5 +1,5 @@
 //! `gs3 bench --backend gpu`: the stages of native frames, low-resolution G-buffers and whole frames by the device's
-//! clock, frames per second where each follows the other and nothing is read back, the sort alone, and what the device
+//! clock, frames per second where each follows the other and no image is read back, the sort alone, and what the device
 //! can do at most.
 
 use std::fmt::Write;
@@ -163,7 +163,7 @@ fn measure_frames(
             measured.push(pipeline.device_times().to_vec());
         }
     }
-    // The CPU does not wait for these frames, so an overflow only shows at their end.
+    // The CPU waits for none of these frames but the one before the last, so an overflow only shows later.
     let fps = loop {
         pipeline.reset(ResetReason::CameraCut);
         let (mut started, mut displayed, mut is_complete) = (Instant::now(), 0, true);

@@ -58,12 +58,23 @@ impl Comparison {
         if !self.frames.contains(&k) {
             return Ok(());
         }
+        if session.backend() == Backend::Cpu && self.native.backend() == Backend::Gpu {
+            // The CPU took over: frames before it were of another machine.
+            self.native.render_on_cpu()?;
+            (self.compared, self.displayed, self.psnr) = (0, 0, 0.0);
+            (self.own_time, self.native_time) = (Duration::ZERO, Duration::ZERO);
+        }
         // The first one makes its memory. A device that has waited is slow at first (an H200: ten times as long).
         if self.compared == 0 || self.native.backend() == Backend::Gpu {
             self.native.render(camera)?;
         }
         self.native.render(camera)?;
-        tell_notices(&mut self.native);
+        tell_notices(std::slice::from_mut(&mut self.native));
+        if self.native.backend() != session.backend() {
+            return Err(
+                PipelineError::Internal { expected: "native frames by the machine of the run" }.into()
+            );
+        }
         let native = self.native.pipeline();
         let (own, own_time) = (session.pipeline().last_image(), session.pipeline().times().total());
         self.psnr += psnr(native.last_image(), own, Quantisation::EightBit)?.min(PSNR_CAP);

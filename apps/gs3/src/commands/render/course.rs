@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use gs3::scene::CameraPath;
-use gs3::{PipelineError, Session};
+use gs3::{Backend, PipelineError, Session};
 
 use crate::cli::backend::tell_notices;
 
@@ -48,14 +48,9 @@ impl Course {
         }
     }
 
-    /// Tells that the frames before the next one are lost.
-    const fn lose(&mut self) {
-        self.next = None;
-    }
-
     /// Makes frame `k` of a path by `sessions`, after the frames that it takes: `make` lets all sessions render a frame. Gives
-    /// what `make` gave for frame `k`, and whether there is no frame before it. After a change of machines all that the frame
-    /// takes is made anew, so the frame has the bits of a run on that machine.
+    /// what `make` gave for frame `k`, and whether there is no frame before it. Where the CPU takes over for one session, all
+    /// continue on the CPU, and what the frame takes is made anew: the frame has the bits of a run on the CPU.
     ///
     /// # Errors
     /// [`PipelineError`] as of `make`; the next frame begins anew.
@@ -65,38 +60,45 @@ impl Course {
         k: usize,
         mut make: impl FnMut(&mut [Session], usize) -> Result<T, PipelineError>,
     ) -> Result<(T, bool), PipelineError> {
+        let on_gpus = |sessions: &[Session]| sessions.iter().filter(|s| s.backend() == Backend::Gpu).count();
         loop {
-            let backends = |sessions: &[Session]| sessions.iter().map(Session::backend).collect::<Vec<_>>();
-            let before = backends(sessions);
+            if on_gpus(sessions) < sessions.len() {
+                sessions.iter_mut().try_for_each(Session::render_on_cpu)?;
+            }
+            let before = on_gpus(sessions);
             let first = sessions.iter().map(|session| session.pipeline().first_of_warm_up(k as u64)).min();
             let leg = self.leg(k, first.unwrap_or(k as u64));
-            self.lose();
+            self.next = None;
             if leg.begins_anew {
                 sessions.iter_mut().for_each(|session| session.begin_at(leg.frames.start as u64));
             }
-            for frame in leg.frames.start..k {
-                make(sessions, frame)?;
+            let mut made = None;
+            for frame in leg.frames.clone() {
+                let frame_made = make(sessions, frame);
+                tell_notices(sessions);
+                made = Some(frame_made?).filter(|_| on_gpus(sessions) == before);
+                if made.is_none() {
+                    break;
+                }
             }
-            let made = make(sessions, k)?;
-            sessions.iter_mut().for_each(tell_notices);
-            if backends(sessions) == before {
+            if let Some(made) = made {
                 self.next = Some(k + 1);
                 return Ok((made, leg.is_alone()));
             }
         }
     }
 
-    /// Renders frame `k` of `path` by `session`, as [`Self::travel`] does. Says whether there is no frame before it.
+    /// Renders frame `k` of `path` by `sessions`, as [`Self::travel`] does. Says whether there is no frame before it.
     ///
     /// # Errors
-    /// [`PipelineError`] as of the session; the next frame begins anew.
+    /// [`PipelineError`] as of a session; the next frame begins anew.
     pub fn render(
         &mut self,
-        session: &mut Session,
+        sessions: &mut [Session],
         path: &CameraPath,
         k: usize,
     ) -> Result<bool, PipelineError> {
-        let ((), is_alone) = self.travel(std::slice::from_mut(session), k, |sessions, k| {
+        let ((), is_alone) = self.travel(sessions, k, |sessions, k| {
             sessions.iter_mut().try_for_each(|session| {
                 let poses = session.settings().pipeline.poses_between(path, k);
                 session.render_with_poses(&path.cameras()[k], &poses).map(|_| ())
@@ -108,6 +110,9 @@ impl Course {
 
 #[cfg(test)]
 mod tests {
+    use gs3::scene::demo;
+    use gs3::{Machine, SessionSettings};
+
     use super::*;
 
     #[test]
@@ -119,8 +124,37 @@ mod tests {
         // A gap that is shorter than what beginning anew takes, and one that is longer.
         assert_eq!(course.leg(44, 32), Leg { frames: 41..45, begins_anew: false });
         assert_eq!(course.leg(80, 64), Leg { frames: 64..81, begins_anew: true });
-        course.lose();
+        course.next = None;
         assert_eq!(course.leg(41, 32), Leg { frames: 32..42, begins_anew: true });
+    }
+
+    /// As a driver that resets: frames after it have the bits of a run on the CPU.
+    #[test]
+    fn the_cpu_takes_over_for_all_sessions() {
+        let settings = SessionSettings { backend: Backend::Gpu, ..SessionSettings::default() };
+        let Ok(first) = Session::new(demo::scene().unwrap(), settings) else {
+            return gs3::compute::skip_without_gpu("no session has one");
+        };
+        let gpu = first.machine().gpu().unwrap().clone();
+        let found = Machine::FoundGpu(gpu.clone());
+        let session =
+            || Session::on(found.clone(), demo::scene().unwrap(), first.settings().clone()).unwrap();
+        let mut sessions = [session(), session()];
+        let path = demo::path().resized(64, 36).unwrap();
+        let mut course = Course::new(None);
+        assert!(course.render(&mut sessions, &path, 0).unwrap());
+        gpu.destroy();
+        for k in 1..3 {
+            course.render(&mut sessions, &path, k).unwrap();
+        }
+        let on_cpu = SessionSettings { backend: Backend::Cpu, ..first.settings().clone() };
+        let mut expected = [Session::new(demo::scene().unwrap(), on_cpu).unwrap()];
+        let mut course = Course::new(None);
+        course.render(&mut expected, &path, 2).unwrap();
+        for session in &sessions {
+            assert_eq!(session.backend(), Backend::Cpu);
+            assert!(session.pipeline().last_image() == expected[0].pipeline().last_image());
+        }
     }
 
     #[test]

@@ -10,10 +10,11 @@ mod tiles;
 
 use std::ops::Range;
 use std::path::Path;
+use std::sync::Arc;
 
 use gs3::scene::CameraPath;
 use gs3::scene::camera_path::Pace;
-use gs3::{Backend, Mode, Networks, PipelineSettings};
+use gs3::{Backend, Mode, Networks, PipelineSettings, Session};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
@@ -90,23 +91,28 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     }
     // Not before the rest is right: a driver may take long to wake, and talk.
     let features = args.frame_options.features();
-    let mut session = backend::session(scene, settings, &networks, &args.device, features)?;
-    let mut coverage = match args.alpha {
+    let session = backend::session(scene, settings, &networks, &args.device, features)?;
+    let covering = match args.alpha {
         true => Some(session.beside(coverage(session.scene())?, settings, &networks)?),
         false => None,
     };
-    let mut layer_maker = LayerMaker::new(args, &target, &session)?;
+    // Colour, and coverage where it is asked for.
+    let mut sessions: Vec<Session> = [Some(session), covering].into_iter().flatten().collect();
+    let mut layer_maker = LayerMaker::new(args, &target, &sessions[0])?;
     let first = path.cameras()[range.start];
     if mode.has_history()
         && args.frame_options.refine.is_on()
-        && !session.pipeline().makes_exact_pixels(&first)
+        && !sessions[0].pipeline().makes_exact_pixels(&first)
     {
         note(
             "no pixels are rasterized exactly: frames of a GPU have no exact pixels with a super-sampling network, \
              with --culling aabb3sigma or adr, and where the CPU runs the networks",
         );
     }
-    if mode.has_history() && !session.pipeline().is_on_device(&first) && session.backend() == Backend::Gpu {
+    if mode.has_history()
+        && !sessions[0].pipeline().is_on_device(&first)
+        && sessions[0].backend() == Backend::Gpu
+    {
         note(
             "the GPU rasterizes, networks run on the CPU (--tier analytic makes all of the frame on the GPU)",
         );
@@ -114,11 +120,12 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     let shown_each = settings.displayed_per_rendered();
     let stream = stream_of(&path, &range, shown_each);
 
-    let facts = Manifest::new(session.scene(), &path, &settings, &networks, session.machine(), args.alpha)?
+    let scene = &Arc::clone(sessions[0].scene());
+    let facts = Manifest::new(scene, &path, &settings, &networks, sessions[0].machine(), args.alpha)?
         .with_aovs(&args.aov, args.aov_format);
     let missing = frames_missing(args, &target, &facts, &range, shown_each)?;
     let mut comparison = match &args.compare {
-        Some(_) => Some(Comparison::new(&session, &missing)?),
+        Some(_) => Some(Comparison::new(&sessions[0], &missing)?),
         None => None,
     };
     let mut writer = None;
@@ -126,7 +133,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     interrupt::watch()?;
     let bar = ProgressBar::new(missing.len() as u64)
         .with_style(inputs::style("{pos}/{len} rendered {wide_bar} {per_sec}, {eta} left"));
-    let (mut course, mut coverage_course) = (Course::new(args.warm_up), Course::new(args.warm_up));
+    let mut course = Course::new(args.warm_up);
     let mut done = 0;
     let mut first_number = None;
     let mut is_blank = true;
@@ -134,11 +141,8 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         && !interrupt::requested()
     {
         // Settings that the rasterizer refuses show before any file is made.
-        // Settings that the rasterizer refuses show before any file is made.
-        let is_alone = course.render(&mut session, &path, k)?;
-        if let Some(coverage) = &mut coverage {
-            coverage_course.render(coverage, &path, k)?;
-        }
+        let is_alone = course.render(&mut sessions, &path, k)?;
+        let session = &sessions[0];
         let pipeline = session.pipeline();
         let shown = pipeline.presented();
         let writer = match &mut writer {
@@ -155,7 +159,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         let last_number = k * shown_each;
         first_number.get_or_insert(last_number + 1 - frames.len());
         let covered: Vec<_> =
-            coverage.iter().flat_map(|coverage| coverage.pipeline().presented().iter()).collect();
+            sessions[1..].iter().flat_map(|session| session.pipeline().presented().iter()).collect();
         let views = aov::views(pipeline, &path, k, is_alone);
         for (i, image) in frames.iter().enumerate() {
             let number = last_number + i + 1 - frames.len();
@@ -175,13 +179,14 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         let displayed = frames.len();
         times.add(pipeline.times(), displayed);
         if let Some(comparison) = &mut comparison {
-            comparison.observe(&session, k, &path.cameras()[k], displayed)?;
+            comparison.observe(session, k, &path.cameras()[k], displayed)?;
         }
         is_blank &= session.pipeline().visible_count() == Some(0);
         done += 1;
         bar.inc(1);
     }
     bar.finish_and_clear();
+    let session = &mut sessions[0];
     let is_complete = done == missing.len();
     if is_blank && done > 0 {
         inputs::warn_of_nothing_visible(session.scene().details().near);
@@ -208,7 +213,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     if let Some((comparison, file)) =
         comparison.zip(args.compare.as_ref()).filter(|_| is_complete && done > 0)
     {
-        let compared = comparison.write(&mut session, file)?;
+        let compared = comparison.write(session, file)?;
         figures = report::join(figures, json!({ "compare": compared }));
     }
     figures = report::join(figures, report::machine(session.machine()));

@@ -50,11 +50,11 @@ pub fn run(
     let settings = args.frame_options.settings(args.mode.into());
     let features = args.frame_options.features();
     let first = backend::session(Arc::clone(scene), settings, networks, &args.device, features)?;
-    let mut coverage = match args.alpha {
-        true => Some(Faces::new(first.beside(coverage(scene)?, settings, networks)?, args.warm_up)?),
+    let covering = match args.alpha {
+        true => Some(coverage(scene)?),
         false => None,
     };
-    let mut shown_faces = Faces::new(first, args.warm_up)?;
+    let mut shown_faces = Faces::new(first, covering, args.warm_up)?;
     let each = settings.displayed_per_rendered();
     let stream = stream_of(path, &range, each);
     let facts =
@@ -70,12 +70,8 @@ pub fn run(
     while let Some(&k) = missing.get(done)
         && !interrupt::requested()
     {
-        let (mut frames, is_alone) = shown_faces.render(path, k)?;
+        let Shown { mut frames, covered, is_alone } = shown_faces.render(path, k)?;
         seconds += shown_faces.times.iter().map(|times| times.total().as_secs_f64()).sum::<f64>();
-        let covered = match &mut coverage {
-            Some(coverage) => coverage.render(path, k)?.0,
-            None => Vec::new(),
-        };
         if matches!(target, Target::Single(_)) || is_alone {
             frames.drain(..frames.len().saturating_sub(1));
         }
@@ -111,45 +107,68 @@ pub fn run(
 
 /// Renders the faces of panoramas, each with a session of its own, and puts them together.
 struct Faces {
+    /// The faces in colour, and after them those of the coverage, if there is one.
     sessions: Vec<Session>,
     course: Course,
-    /// Stage times of the six faces of the last frame.
+    /// Stage times of the six faces in colour of the last frame.
     times: Vec<StageTimes>,
 }
 
+/// The panoramas that a frame of a path gives to show, in order, those in between before it.
+struct Shown {
+    frames: Vec<Image>,
+    /// The same of the coverage; empty without one.
+    covered: Vec<Image>,
+    /// Whether there is no frame before it.
+    is_alone: bool,
+}
+
 impl Faces {
-    /// Faces of the scene of `first`, which renders one of them. At most `warm_up` frames are rendered and not shown before one.
-    fn new(first: Session, warm_up: Option<usize>) -> Result<Self, PipelineError> {
+    /// Faces of the scene of `first`, which renders one of them, and of its `coverage`. At most `warm_up` frames are rendered
+    /// and not shown before one.
+    fn new(
+        first: Session,
+        coverage: Option<Arc<Scene>>,
+        warm_up: Option<usize>,
+    ) -> Result<Self, PipelineError> {
         let settings = first.settings();
-        let beside = |_| first.beside(Arc::clone(first.scene()), settings.pipeline, &settings.networks);
-        let others = (1..FACES.len()).map(beside).collect::<Result<Vec<_>, _>>()?;
+        let beside =
+            |scene: &Arc<Scene>| first.beside(Arc::clone(scene), settings.pipeline, &settings.networks);
+        let others = (1..FACES.len()).map(|_| beside(first.scene()));
+        let covering = coverage.iter().flat_map(|scene| FACES.iter().map(|_| beside(scene)));
+        let others = others.chain(covering).collect::<Result<Vec<_>, _>>()?;
         let sessions = [first].into_iter().chain(others).collect();
         Ok(Self { sessions, course: Course::new(warm_up), times: Vec::new() })
     }
 
-    /// The panoramas that frame `k` of `path` gives to show, in order, those in between before it. Says whether there is no
-    /// frame before it.
-    fn render(&mut self, path: &CameraPath, k: usize) -> Result<(Vec<Image>, bool), PipelineError> {
+    /// The panoramas of frame `k` of `path`.
+    fn render(&mut self, path: &CameraPath, k: usize) -> Result<Shown, PipelineError> {
         let Self { sessions, course, times } = self;
         let (of_faces, is_alone) = course.travel(sessions, k, |sessions, k| {
             times.clear();
             let mut of_faces = Vec::with_capacity(sessions.len());
-            for (face, session) in sessions.iter_mut().enumerate() {
-                let of_face = |camera: &Camera| face_camera(camera, face);
+            for (i, session) in sessions.iter_mut().enumerate() {
+                let of_face = |camera: &Camera| face_camera(camera, i % FACES.len());
                 // A face of a valid camera is one.
                 let Some(camera) = of_face(&path.cameras()[k]) else { return Ok(Vec::new()) };
                 let poses = session.settings().pipeline.poses_between(path, k);
                 let poses: Vec<Camera> = poses.iter().filter_map(of_face).collect();
                 let shown = session.render_with_poses(&camera, &poses)?;
                 of_faces.push(shown.iter().cloned().collect::<Vec<_>>());
-                times.push(session.pipeline().times());
+                if i < FACES.len() {
+                    times.push(session.pipeline().times());
+                }
             }
             Ok(of_faces)
         })?;
-        let count = of_faces.iter().map(Vec::len).min().unwrap_or(0);
         let size = path.cameras()[k].size();
-        let frame = |i: usize| panorama(size, &of_faces.iter().map(|frames| &frames[i]).collect::<Vec<_>>());
-        Ok(((0..count).map(frame).collect(), is_alone))
+        let panoramas = |faces: &[Vec<Image>]| {
+            let count = faces.iter().map(Vec::len).min().unwrap_or(0);
+            let frame = |i: usize| panorama(size, &faces.iter().map(|frames| &frames[i]).collect::<Vec<_>>());
+            (0..count).map(frame).collect::<Vec<_>>()
+        };
+        let (color, coverage) = of_faces.split_at(FACES.len().min(of_faces.len()));
+        Ok(Shown { frames: panoramas(color), covered: panoramas(coverage), is_alone })
     }
 
     /// Whether the last frame showed no Gaussian, where that is known.

@@ -79,8 +79,9 @@ impl SuperSampler {
                     Band { top, pixels, errors, innovation: part, first_row: rows.start }
                 })
                 .collect();
-        bands.into_par_iter().for_each(|band| {
-            self.tiles.with(self.kriging.threshold().map(Neighborhoods::new), |tile| {
+        let neighborhoods = || self.kriging.threshold().map(Neighborhoods::new);
+        bands.into_par_iter().for_each_init(neighborhoods, |neighborhoods, band| {
+            self.tiles.with(neighborhoods, |tile| {
                 dispatch!(self.level, simd => self.fill_band(simd, band, size, sampled, tile));
             });
         });

@@ -301,7 +301,7 @@ impl FrameMemory {
         let readback = if read_back == ReadBack::Late { &self.late[self.current()] } else { &self.readback };
         recorder.read_back(counters, readback, 0);
         recorder.read_back(&self.lattice.part(0, LATTICE_BYTES), readback, self.places.lattice);
-        if let Some(selector) = self.selector.as_ref().filter(|_| has_blocks) {
+        if let Some(selector) = self.selector.as_ref().filter(|_| has_blocks && read_back != ReadBack::Late) {
             recorder.read_back(&selector.chosen_count().part(0, 4), readback, self.places.chosen);
         }
         if read_back != ReadBack::Images {

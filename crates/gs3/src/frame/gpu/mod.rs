@@ -212,11 +212,13 @@ impl GpuMachine {
         while self.late.len() > left {
             let (Some(frame), Some(memory)) = (self.late.pop_front(), &self.memory) else { break };
             let LateFrame { submission, side, .. } = frame;
-            let told = memory.receive_late(&self.gpu, &submission, side, &mut self.rasterizer).await?;
-            settled.is_incomplete |= told.is_none();
-            settled.lattice = told.map(|told| told.lattice);
+            let received = memory.receive_late(&self.gpu, &submission, side, &mut self.rasterizer).await;
+            // A frame that nothing is known of does not count as complete.
+            let is_complete = matches!(received, Ok(Some(_)));
+            self.has_overflowed |= !is_complete;
+            settled.is_incomplete |= !is_complete;
+            settled.lattice = received?.map(|told| told.lattice);
         }
-        self.has_overflowed |= settled.is_incomplete;
         if self.late.iter().any(|frame| frame.is_reset) {
             settled.lattice = None;
         }
