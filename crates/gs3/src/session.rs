@@ -186,6 +186,7 @@ impl Session {
     ///
     /// # Errors
     /// None beyond the errors of [`Self::new`] with the same settings.
+    #[cfg(feature = "gpu")]
     pub fn render_on_cpu(&mut self) -> Result<(), PipelineError> {
         if self.backend() == Backend::Gpu {
             self.machine = Machine::Cpu;

@@ -15,7 +15,7 @@ use crate::camera_path::CameraPath;
 /// or a folder that holds one of these (COLMAP also in `sparse/0` and `sparse`).
 ///
 /// Cameras of photos come in the order of the photos' names, in which digits count as numbers, where all have one;
-/// others in the order of the file. Files are regular ones or pipes, of [`MAX_JSON_BYTES`] or [`MAX_COLMAP_BYTES`] at
+/// others in the order of the file. Files are regular ones or pipes, of [`MAX_JSON_BYTES`] or [`MAX_COLMAP_BYTES`](super::MAX_COLMAP_BYTES) at
 /// most. Pictures beside a file are looked at for the size that it does not state.
 ///
 /// # Errors

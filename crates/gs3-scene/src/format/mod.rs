@@ -1,4 +1,4 @@
-//! Scene files: read any of them ([`load_source`]), and [`write`] in the formats that are written; with feature `fs` also at
+//! Scene files: read any of them ([`load_source`]), and [`write()`] in the formats that are written; with feature `fs` also at
 //! paths (`load`, `save`).
 //!
 //! | format | read | written |

@@ -207,7 +207,7 @@ pub fn losses(scene: &Scene, path: impl AsRef<Path>) -> Vec<String> {
     losses
 }
 
-/// The step that [`write`] rounds the positions of `scene` to at `path`, world units. SPZ has such a step: coordinates are
+/// The step that [`write()`] rounds the positions of `scene` to at `path`, world units. SPZ has such a step: coordinates are
 /// 24-bit numbers, and the farthest Gaussian must fit. `None` for other formats, which round relatively, and for scenes
 /// that do not fit.
 #[must_use]
@@ -216,7 +216,7 @@ pub fn position_step(scene: &Scene, path: impl AsRef<Path>) -> Option<f32> {
     is_fixed.then(|| spz::fractional_bits(scene).ok().map(spz::step)).flatten()
 }
 
-/// How many Gaussians [`write`] changes beyond rounding as it writes `scene` at `path`. SPZ stores scales and spherical
+/// How many Gaussians [`write()`] changes beyond rounding as it writes `scene` at `path`. SPZ stores scales and spherical
 /// harmonics as bytes over a fixed range, and what lies outside is clamped. `None` if nothing is clamped, and for other
 /// formats, which take their ranges from the scene.
 #[must_use]
@@ -230,7 +230,7 @@ pub fn clamped(scene: &Scene, path: impl AsRef<Path>, options: &SaveOptions) -> 
 /// The name of the file that a streamed SOG scene is opened by.
 pub const STREAMED_SOG: &str = "lod-meta.json";
 
-/// The format that [`write`] writes at `path`, by how its name ends: `compressed.ply`, `ply`, `spz`, `sog`, `glb` or
+/// The format that [`write()`] writes at `path`, by how its name ends: `compressed.ply`, `ply`, `spz`, `sog`, `glb` or
 /// `splat`; or `lod-meta.json`, streamed SOG, by the whole name.
 ///
 /// # Errors
