@@ -7,6 +7,7 @@
 pub mod compare;
 pub mod controls;
 pub mod figures;
+mod heap;
 pub mod input;
 pub mod opening;
 #[cfg(feature = "page")]

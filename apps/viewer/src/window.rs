@@ -2,7 +2,6 @@
 
 mod dialog;
 mod files;
-mod heap;
 mod input;
 mod url;
 mod video;
@@ -23,7 +22,6 @@ use winit::event::WindowEvent;
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy, OwnedDisplayHandle};
 use winit::window::{Window, WindowId};
 
-use self::heap::keep_no_large_blocks;
 use crate::input::Input;
 use crate::paint::Framebuffer;
 use crate::script::{Playing, Script, ScriptFailure};
@@ -89,7 +87,6 @@ pub enum WindowError {
 /// [`WindowError`] without a display or a machine that renders, and if something differs from a script's
 /// expectations.
 pub fn run(settings: WindowSettings) -> Result<(), WindowError> {
-    keep_no_large_blocks();
     let display = |e: &dyn std::fmt::Display| WindowError::Display { message: e.to_string() };
     let WindowSettings { name, scene, cameras, viewer, open, budget, script } = settings;
     let size = viewer.size;

@@ -11,6 +11,7 @@ use gs3::{Mode, Stage};
 
 use super::{Destination, Effect, Opened, Shot, Viewer, ViewerError};
 use crate::controls::Controls;
+use crate::heap::give_back;
 use crate::path_file::{PathFile, PathFileError, PathFormat, camera_path_json, moved};
 use crate::screenshot::png;
 use crate::tour::Tour;
@@ -149,6 +150,8 @@ impl Viewer {
         self.opening = None;
         (self.is_woken, self.is_idle, self.has_failed) = (true, false, false);
         let shown = opened.and_then(|opened| self.show(opened, now).map_err(|error| error.to_string()));
+        // Reading and the scene before leave freed memory behind.
+        give_back();
         match shown {
             Ok(()) => true,
             Err(message) => {

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use super::pace::NEWEST;
 use super::{Next, Step, Viewer};
+use crate::heap::give_back;
 use crate::input::Input;
 
 /// Longest time that a movement advances in one step, in seconds: no jumps after a slow frame.
@@ -103,7 +104,8 @@ impl Viewer {
             self.is_idle = false;
             return Next::At(if self.desk.is_apart() { self.next_apart(started) } else { self.due });
         }
-        if !std::mem::replace(&mut self.is_idle, true) {
+        let begins_rest = !std::mem::replace(&mut self.is_idle, true);
+        if begins_rest {
             self.figures.pause();
             self.track.clear();
         }
@@ -111,6 +113,9 @@ impl Viewer {
             // More frames are to come, without an event.
             self.is_idle = false;
             return Next::At(self.due);
+        }
+        if begins_rest {
+            give_back();
         }
         let note = self.note.as_ref().map(|(_, until)| *until);
         match [self.panels.due(), note].into_iter().flatten().min() {
