@@ -17,9 +17,11 @@ from soak import resident
 
 # Loops of the viewer a second.
 FPS = 30
-# Parts of the time that counts that are compared. What rounds show repeats after thirty rounds (3 scenes, 5 comparisons, 6 views), so
-# of a hundred rounds each part shows the same. Shorter parts differ by what they show.
-PARTS = 3
+# Parts of the time that counts, in which the least memory is found. What rounds show repeats after thirty (3 scenes, 5 comparisons,
+# 6 views): of three hundred rounds each part shows the same.
+PARTS = 9
+# Parts whose means are compared: of thirty rounds, as means also depend on how long each scene takes to load.
+MEAN_PARTS = 3
 
 
 def steps_of(scenes, rounds, minutes):
@@ -71,13 +73,12 @@ def main():
         figures = json.loads(pathlib.Path(folder, "figures.json").read_text())
     passed = found[-1][0]
     counted = [memory for at, memory in found if at >= passed / 10]
-    parts = divided(counted, PARTS)
-    means = [sum(part) / len(part) for part in parts]
+    means = [sum(part) / len(part) for part in divided(counted, MEAN_PARTS)]
     # What is left between scenes.
-    least = [min(part) for part in parts]
+    least = [min(part) for part in divided(counted, PARTS)]
     print(
         f"{passed / 60:.1f} minutes, {args.rounds} scenes opened, {figures['rendered']} frames rendered; "
-        f"memory {min(counted):.0f} to {max(counted):.0f} MiB, by thirds least {listed(least)} MiB, mean {listed(means)} MiB"
+        f"memory {min(counted):.0f} to {max(counted):.0f} MiB, by ninths least {listed(least)} MiB, by thirds mean {listed(means)} MiB"
     )
     # Each part against each other one, so also the last against the first.
     for memories in (least, means):

@@ -69,9 +69,9 @@ impl FramePipeline {
         self.make_frame_on_device(camera, poses, ReadBack::Late).await
     }
 
-    /// Waits for the frames of [`Self::submit_to_device`]. Returns whether all of them since the last call are complete, but
-    /// for those of a scene before [`Self::set_scene`]. An incomplete frame had more splats than the buffers hold; the buffers
-    /// have grown for later frames.
+    /// Waits for the frames of [`Self::submit_to_device`]. Returns whether all frames since the last call are complete. Frames
+    /// from before [`Self::set_scene`] do not count. An incomplete frame had more splats than the buffers hold. The buffers have
+    /// grown for later frames.
     ///
     /// # Errors
     /// [`PipelineError::NotOnDevice`] without a device, or another [`PipelineError`] if the device fails; the next frame then has

@@ -107,7 +107,7 @@ pub fn run(
 
 /// Renders the faces of panoramas, each with a session of its own, and puts them together.
 struct Faces {
-    /// The faces in colour, and after them those of the coverage, if there is one.
+    /// Six sessions for the faces in colour. With coverage, six sessions for its faces follow.
     sessions: Vec<Session>,
     course: Course,
     /// Stage times of the six faces in colour of the last frame.
