@@ -8,7 +8,7 @@ use gs3_scene::camera_path::Pace;
 use gs3_scene::capture::{CaptureFault, ColmapEncoding, parse_colmap, parse_csv, parse_json};
 use gs3_scene::format::{Budget, LoadError, LoadOptions, Source, load_source};
 use gs3_scene::gaussians::MAX_SH;
-use gs3_scene::{CameraPath, Scene};
+use gs3_scene::{CameraPath, Scene, Size};
 
 use crate::entry::{Entry, check_message};
 
@@ -85,7 +85,7 @@ pub fn archive(data: &[u8]) {
 
 /// A table of cameras of RealityScan.
 pub fn realityscan(data: &[u8]) {
-    check_path(parse_csv(data, (64, 48)));
+    check_path(parse_csv(data, Size::new(64, 48)));
 }
 
 /// The files of a SOG folder, packed by [`pack`].

@@ -2,7 +2,7 @@
 
 use gs3::glam::{DAffine3, DMat3, DQuat, DVec3};
 use gs3::scene::orbit::Bulk;
-use gs3::scene::{Camera, CameraError, Intrinsics};
+use gs3::scene::{Camera, CameraError, Intrinsics, Size};
 
 /// Time in which the rest of a movement falls to 1/e, in seconds: quick for the hand, and slow enough that single
 /// steps of a wheel do not jump at 30 frames a second.
@@ -65,10 +65,10 @@ impl Rig {
     ///
     /// # Errors
     /// [`CameraError`] if the size is not valid, or the rig is outside of the range of numbers.
-    pub fn camera(&self, size: [u32; 2]) -> Result<Camera, CameraError> {
+    pub fn camera(&self, size: Size) -> Result<Camera, CameraError> {
         let matrix3 = DMat3::from_quat(self.rotation);
         let pose = DAffine3 { matrix3, translation: self.offset - matrix3 * self.pivot };
-        Camera::new(pose, Intrinsics::from_fov_y(size[0], size[1], self.fov_y))
+        Camera::new(pose, Intrinsics::from_fov_y(size.width, size.height, self.fov_y))
     }
 
     /// Where the camera is.
@@ -311,14 +311,14 @@ mod tests {
 
     use super::*;
 
-    const SIZE: [u32; 2] = [320, 200];
+    const SIZE: Size = Size::new(320, 200);
 
     fn bulk() -> Bulk {
         Bulk { center: DVec3::ZERO, radius: 2.0, extent: DVec3::ONE, is_object: true, up: DVec3::Z }
     }
 
     fn controls() -> Controls {
-        let intrinsics = Intrinsics::from_fov_y(SIZE[0], SIZE[1], 0.9);
+        let intrinsics = Intrinsics::from_fov_y(SIZE.width, SIZE.height, 0.9);
         let camera = look_at(DVec3::new(3.0, -4.0, 1.5), DVec3::ZERO, DVec3::Z, intrinsics).unwrap();
         Controls::new(&camera, &bulk())
     }
@@ -338,7 +338,7 @@ mod tests {
 
     #[test]
     fn a_camera_in_is_the_camera_out() {
-        let path = gs3::scene::demo::path().resized(SIZE[0], SIZE[1]).unwrap();
+        let path = gs3::scene::demo::path().resized(SIZE.width, SIZE.height).unwrap();
         for given in path.cameras().iter().step_by(40) {
             let shown = camera(&Controls::new(given, &bulk()));
             assert!(shown.view_from_world().abs_diff_eq(given.view_from_world(), 1e-12));

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use gs3::scene::Size;
+
 pub use egui::Key;
 
 /// A button of a mouse.
@@ -64,7 +66,7 @@ pub enum Input {
     /// The keys that are held.
     Modifiers(Modifiers),
     /// The picture has this width and height.
-    Resized([u32; 2]),
+    Resized(Size),
     /// So many pixels are one point of a panel's text: 1 on most screens, 2 on dense ones.
     Scale(f32),
     /// A file is held over the window, or no longer.

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use gs3::scene::capture::{self, CaptureOptions};
 use gs3::scene::format::{self, Budget, Files, INDEXES, LoadError, LoadOptions, Source, Streamed};
-use gs3::scene::{CameraPath, Gaussians, OpacityMode, Scene, SceneError, demo};
+use gs3::scene::{CameraPath, Gaussians, OpacityMode, Scene, SceneError, Size, demo};
 
 use crate::path_file::moved;
 use crate::viewer::Opened;
@@ -73,7 +73,7 @@ impl Opening {
     ///
     /// # Errors
     /// One line with the file, what was expected and what was found.
-    pub fn go_on(&mut self, size: [u32; 2]) -> Result<OpeningStep, String> {
+    pub fn go_on(&mut self, size: Size) -> Result<OpeningStep, String> {
         let Self { name, files, .. } = self;
         if name == "demo" && files.is_empty() {
             let scene = Arc::new(demo::scene().map_err(|e| line(&e))?);
@@ -163,7 +163,7 @@ impl Files for Beside<'_> {
 }
 
 /// The scene and the cameras, if `files` are one of each.
-fn scene_and_cameras(files: &FileMap, size: [u32; 2]) -> Result<Option<Opened>, String> {
+fn scene_and_cameras(files: &FileMap, size: Size) -> Result<Option<Opened>, String> {
     let [first, second] = files.iter().collect::<Vec<_>>()[..] else { return Ok(None) };
     let read = |(name, bytes): (&String, &Vec<u8>)| cameras(name, bytes, size);
     let ((name, bytes), path) = match (read(first), read(second)) {
@@ -184,11 +184,11 @@ fn scene_and_cameras(files: &FileMap, size: [u32; 2]) -> Result<Option<Opened>, 
     Ok(Some(Opened::Scene { name: name.clone(), scene: Arc::new(scene), cameras: Some(path) }))
 }
 
-fn cameras(name: &str, bytes: &[u8], size: [u32; 2]) -> Option<CameraPath> {
+fn cameras(name: &str, bytes: &[u8], size: Size) -> Option<CameraPath> {
     if !Path::new(name).extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
         return None;
     }
-    let options = CaptureOptions { size: Some(size.into()), ..CaptureOptions::default() };
+    let options = CaptureOptions { size: Some(size), ..CaptureOptions::default() };
     // Scenes have JSON files, too: the index of a SOG is one.
     capture::parse_json_with(bytes, &options).ok()
 }
@@ -226,7 +226,7 @@ mod tests {
         std::fs::read(file).unwrap()
     }
 
-    fn open(name: &str, files: FileMap, size: [u32; 2]) -> Result<Opened, String> {
+    fn open(name: &str, files: FileMap, size: Size) -> Result<Opened, String> {
         match Opening::new(name, files, false, None).go_on(size)? {
             OpeningStep::Done(opened) => Ok(opened),
             other => panic!("{other:?}"),
@@ -243,7 +243,10 @@ mod tests {
     #[test]
     fn scenes_folders_and_cameras_are_told_apart() {
         let bundle = sog();
-        assert_eq!(count(open("a.sog", FileMap::from([("a.sog".to_owned(), bundle.clone())]), [64, 40])), 3);
+        assert_eq!(
+            count(open("a.sog", FileMap::from([("a.sog".to_owned(), bundle.clone())]), Size::new(64, 40))),
+            3
+        );
         // The same unpacked, as a dropped folder with something else in it.
         let mut archive = zip::ZipArchive::new(std::io::Cursor::new(bundle)).unwrap();
         let mut files = FileMap::from([("garden/notes/meta.json".to_owned(), b"{}".to_vec())]);
@@ -254,19 +257,20 @@ mod tests {
             let name = file.name().unwrap().into_owned();
             files.insert(format!("garden/{name}"), bytes);
         }
-        assert_eq!(count(open("garden", files, [64, 40])), 3);
+        assert_eq!(count(open("garden", files, Size::new(64, 40))), 3);
         let path = demo::path().resized(64, 40).unwrap();
-        let json = crate::path_file::camera_path_json(&path, [64, 40]);
-        let opened = open("cameras.json", FileMap::from([("cameras.json".to_owned(), json)]), [64, 40]);
+        let json = crate::path_file::camera_path_json(&path, Size::new(64, 40));
+        let opened =
+            open("cameras.json", FileMap::from([("cameras.json".to_owned(), json)]), Size::new(64, 40));
         assert!(matches!(opened, Ok(Opened::Cameras { .. })));
         // A scene and its cameras together.
-        let json = crate::path_file::camera_path_json(&path, [64, 40]);
+        let json = crate::path_file::camera_path_json(&path, Size::new(64, 40));
         let both = FileMap::from([("a.sog".to_owned(), sog()), ("way.json".to_owned(), json)]);
-        let opened = open("a.sog", both, [64, 40]);
+        let opened = open("a.sog", both, Size::new(64, 40));
         let Ok(Opened::Scene { name, scene, cameras: Some(cameras) }) = opened else { panic!("{opened:?}") };
         assert_eq!((name.as_str(), scene.gaussians().len()), ("a.sog", 3));
         assert_eq!(cameras.cameras().len(), path.cameras().len());
-        assert!(count(open("demo", FileMap::new(), [64, 40])) > 100_000);
+        assert!(count(open("demo", FileMap::new(), Size::new(64, 40))) > 100_000);
     }
 
     #[test]
@@ -274,25 +278,26 @@ mod tests {
         for (name, bytes) in
             [("bad.ply", &b"ply\nformat nonsense"[..]), ("bad.json", b"{"), ("empty.spz", b"")]
         {
-            let error = open(name, FileMap::from([(name.to_owned(), bytes.to_vec())]), [64, 40]).unwrap_err();
+            let error = open(name, FileMap::from([(name.to_owned(), bytes.to_vec())]), Size::new(64, 40))
+                .unwrap_err();
             assert!(error.contains(name) && error.lines().count() == 1, "{error}");
         }
         let files = ["a.txt", "b.txt"].map(|name| (name.to_owned(), Vec::new()));
-        let error = open("folder", FileMap::from(files), [64, 40]).unwrap_err();
+        let error = open("folder", FileMap::from(files), Size::new(64, 40)).unwrap_err();
         assert!(
             error.starts_with(
                 "folder: expected one file, a scene and its cameras, or a folder with lod-meta.json"
             ),
             "{error}"
         );
-        assert!(open("none", FileMap::new(), [64, 40]).is_err());
+        assert!(open("none", FileMap::new(), Size::new(64, 40)).is_err());
     }
 
     /// The files that `opening` asks for until it comes to something else, and that.
     fn fetched(opening: &mut Opening, all: &FileMap) -> (Vec<Vec<String>>, OpeningStep) {
         let mut rounds = Vec::new();
         loop {
-            match opening.go_on([64, 40]).unwrap() {
+            match opening.go_on(Size::new(64, 40)).unwrap() {
                 OpeningStep::Missing(names) => {
                     names.iter().for_each(|name| opening.supply(name, all[name].clone()));
                     rounds.push(names);
@@ -338,7 +343,7 @@ mod tests {
         let (_, OpeningStep::Done(whole)) = fetched(&mut opening, &all) else { panic!("not done") };
         assert_eq!(of(whole), 9);
         // Dropped files cannot be fetched.
-        let error = Opening::new("garden", index, false, None).go_on([64, 40]).unwrap_err();
+        let error = Opening::new("garden", index, false, None).go_on(Size::new(64, 40)).unwrap_err();
         assert!(error.starts_with("fine.sog: ") && error.lines().count() == 1, "{error}");
     }
 }

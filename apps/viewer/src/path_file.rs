@@ -6,7 +6,7 @@ use gs3::glam::{DMat3, DVec3};
 use gs3::scene::camera_path::CameraPathError;
 use gs3::scene::capture::{CaptureFault, supersplat_settings};
 use gs3::scene::transform::Similarity;
-use gs3::scene::{Camera, CameraError, CameraPath};
+use gs3::scene::{Camera, CameraError, CameraPath, Size};
 use serde_json::{Value, json};
 
 /// The format of a written path.
@@ -73,14 +73,14 @@ impl PathFile {
     pub fn new(
         format: PathFormat,
         path: &CameraPath,
-        size: [u32; 2],
+        size: Size,
         distance: f64,
     ) -> Result<Self, PathFileError> {
         Ok(match format {
             PathFormat::CameraPath => Self { bytes: camera_path_json(path, size), notes: Vec::new() },
             PathFormat::SuperSplat => {
                 // SuperSplat's field of view is along the longer side, so this picture's size decides.
-                let written = supersplat_settings(&path.resized(size[0], size[1])?, distance)?;
+                let written = supersplat_settings(&path.resized(size.width, size.height)?, distance)?;
                 Self { bytes: written.json, notes: written.notes }
             }
         })
@@ -98,13 +98,13 @@ pub fn moved(path: &CameraPath, shift: DVec3) -> Result<CameraPath, CameraError>
 /// `path` as nerfstudio's `camera_path.json`, with pictures of `size`. What the format has no place for, principal points
 /// beside the centre and pixels that are no squares, is left out.
 #[must_use]
-pub fn camera_path_json(path: &CameraPath, size: [u32; 2]) -> Vec<u8> {
+pub fn camera_path_json(path: &CameraPath, size: Size) -> Vec<u8> {
     let frames: Vec<Value> = path.cameras().iter().map(frame).collect();
     let fps = path.frames_per_second();
     let json = json!({
         "camera_type": "perspective",
-        "render_width": size[0],
-        "render_height": size[1],
+        "render_width": size.width,
+        "render_height": size.height,
         "fps": fps,
         "seconds": frames.len() as f64 / fps,
         "is_cycle": path.is_cycle(),

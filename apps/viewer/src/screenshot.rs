@@ -1,12 +1,14 @@
 //! Pictures as PNG files in memory.
 
+use gs3::scene::Size;
+
 /// `rgb`, `[height, width, 3]`, as a PNG file.
 ///
 /// # Errors
 /// [`png::EncodingError`] if `rgb` has another size.
-pub fn png(size: [u32; 2], rgb: &[u8]) -> Result<Vec<u8>, png::EncodingError> {
+pub fn png(size: Size, rgb: &[u8]) -> Result<Vec<u8>, png::EncodingError> {
     let mut bytes = Vec::new();
-    let mut encoder = png::Encoder::new(&mut bytes, size[0], size[1]);
+    let mut encoder = png::Encoder::new(&mut bytes, size.width, size.height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);

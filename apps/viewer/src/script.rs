@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::path::PathBuf;
 
+use gs3::scene::Size;
 use serde::Deserialize;
 
 use crate::input::{Button, Input, Key, Modifiers, Touch};
@@ -280,7 +281,7 @@ impl Expected {
 /// A position given as shares of the picture, in pixels.
 fn pixels(at: [f32; 2], viewer: &Viewer) -> [f32; 2] {
     let size = viewer.size();
-    [0, 1].map(|axis| at[axis] * size[axis] as f32)
+    [at[0] * size.width as f32, at[1] * size.height as f32]
 }
 
 /// A step as what the player does.
@@ -369,7 +370,10 @@ fn expand(step: Step) -> Result<Vec<Op>, String> {
             vec![Op::Scrub(at), Op::Frame]
         }
         Step::Video { file, size, fps, frames } => {
-            vec![Op::Video(VideoWish { file: Some(file), size, fps, frames }), Op::Frame]
+            vec![
+                Op::Video(VideoWish { file: Some(file), size: size.map(Size::from), fps, frames }),
+                Op::Frame,
+            ]
         }
         Step::WaitVideo {} => vec![Op::WaitVideo],
         Step::StopVideo {} => vec![Op::StopVideo, Op::Frame],

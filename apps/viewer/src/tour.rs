@@ -2,7 +2,7 @@
 
 use gs3::glam::{DAffine3, DVec3};
 use gs3::scene::camera_path::Pace;
-use gs3::scene::{Camera, CameraError, CameraPath};
+use gs3::scene::{Camera, CameraError, CameraPath, Size};
 
 use crate::path_file::{PathFile, PathFileError, PathFormat, moved};
 
@@ -149,7 +149,7 @@ impl Tour {
     pub fn to_file(
         &self,
         format: PathFormat,
-        size: [u32; 2],
+        size: Size,
         origin: DVec3,
         distance: f64,
     ) -> Result<Option<PathFile>, PathFileError> {
@@ -178,7 +178,7 @@ mod tests {
 
     /// The tour as a `camera_path.json`.
     fn json(tour: &Tour) -> Option<Vec<u8>> {
-        let file = tour.to_file(PathFormat::CameraPath, [64, 40], DVec3::ZERO, 1.0).unwrap();
+        let file = tour.to_file(PathFormat::CameraPath, Size::new(64, 40), DVec3::ZERO, 1.0).unwrap();
         file.map(|file| file.bytes)
     }
 

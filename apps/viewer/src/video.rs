@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use gs3::scene::camera_path::{CameraPathError, Pace};
-use gs3::scene::{CameraError, CameraPath};
+use gs3::scene::{CameraError, CameraPath, Size};
 use gs3::{Mode, PipelineSettings, Refine};
 
 /// Rendered frames of a video at most, as `gs3 render --smooth` allows.
@@ -14,8 +14,8 @@ const MOST_FRAMES: u32 = 1_000_000;
 pub struct VideoWish {
     /// The MP4 file; none is a numbered file.
     pub file: Option<PathBuf>,
-    /// Width and height in pixels; none is the size of the viewer's picture.
-    pub size: Option<[u32; 2]>,
+    /// The video's size; none is the size of the viewer's picture.
+    pub size: Option<Size>,
     /// Displayed frames per second; none is as many as the path has, times the frames shown for each rendered one.
     pub fps: Option<f64>,
     /// Rendered frames, spread evenly over the path's time; none is as many as keep the path's duration.
@@ -71,7 +71,7 @@ impl VideoPlan {
     pub fn new(
         way: &CameraPath,
         wish: &VideoWish,
-        shown: [u32; 2],
+        shown: Size,
         settings: &PipelineSettings,
     ) -> Result<Self, VideoPlanError> {
         let PipelineSettings { in_between, .. } = PipelineSettings::default();
@@ -92,7 +92,7 @@ impl VideoPlan {
         if !(1.0..=f64::from(MOST_FRAMES)).contains(&frames) {
             return Err(VideoPlanError::Frames { actual: frames });
         }
-        let [width, height] = wish.size.unwrap_or(shown);
+        let Size { width, height } = wish.size.unwrap_or(shown);
         let resized = way.resized(width, height)?;
         let frames = frames as usize;
         // A path keeps its own cameras: they are those of `gs3 render`, bit for bit.
@@ -113,7 +113,7 @@ mod tests {
     }
 
     fn plan(way: &CameraPath, wish: &VideoWish) -> Result<VideoPlan, VideoPlanError> {
-        VideoPlan::new(way, wish, [64, 40], &PipelineSettings::default())
+        VideoPlan::new(way, wish, Size::new(64, 40), &PipelineSettings::default())
     }
 
     #[test]
@@ -125,7 +125,7 @@ mod tests {
             (plain.rate, plain.settings.mode, plain.settings.refine),
             (60.0, Mode::Full, Refine::Auto)
         );
-        let wish = VideoWish { size: Some([32, 20]), fps: Some(24.0), ..VideoWish::default() };
+        let wish = VideoWish { size: Some(Size::new(32, 20)), fps: Some(24.0), ..VideoWish::default() };
         let slower = plan(&given, &wish).unwrap();
         // Two seconds: 24 steps of two displayed frames.
         assert_eq!(
@@ -162,7 +162,7 @@ mod tests {
             let wish = VideoWish { fps: Some(fps), frames: Some(3), ..none.clone() };
             assert!(refused(wish).contains("frames per second: expected a positive finite number"));
         }
-        let error = refused(VideoWish { size: Some([0, 40]), ..none });
+        let error = refused(VideoWish { size: Some(Size::new(0, 40)), ..none });
         assert!(error.starts_with("video: ") && error.contains("found 0"), "{error}");
     }
 }

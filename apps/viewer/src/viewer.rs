@@ -20,7 +20,7 @@ use std::time::Duration;
 
 use gs3::glam::DVec3;
 use gs3::scene::orbit::Bulk;
-use gs3::scene::{Camera, CameraError, CameraPath, Scene};
+use gs3::scene::{Camera, CameraError, CameraPath, Scene, Size};
 use gs3::{Backend, PipelineError, Session, SessionSettings};
 
 use crate::compare::{Compare, Dividers};
@@ -56,7 +56,7 @@ pub struct ViewerSettings {
     /// Target of displayed frames per second.
     pub fps: f64,
     /// Width and height of the picture.
-    pub size: [u32; 2],
+    pub size: Size,
 }
 
 /// A scene to show.
@@ -200,7 +200,7 @@ pub struct Viewer {
     controls: Controls,
     bulk: Bulk,
     name: String,
-    size: [u32; 2],
+    size: Size,
     scale: f32,
     interval: Duration,
     inputs: Vec<Input>,
@@ -386,7 +386,7 @@ impl Viewer {
 
     /// Width and height of the next picture.
     #[must_use]
-    pub const fn size(&self) -> [u32; 2] {
+    pub const fn size(&self) -> Size {
         self.size
     }
 

@@ -2,7 +2,7 @@
 
 use fearless_simd::{Simd, dispatch, f32x16, i32x16, prelude::*};
 use gs3::FramePipeline;
-use gs3::scene::{BLOCK_SIDE, GBuffer, Image, block_grid};
+use gs3::scene::{BLOCK_SIDE, GBuffer, Image, Size, block_grid};
 use rayon::prelude::*;
 
 use crate::paint::Framebuffer;
@@ -185,7 +185,7 @@ fn show_gradients(gbuffer: &GBuffer, scale: usize, picture: &mut Framebuffer) {
 fn show_expected_errors(errors: &[f32], picture: &mut Framebuffer) {
     /// Steps of 8 bits that are fully bright.
     const BRIGHT: f32 = 16.0;
-    let grid = block_grid(picture.size);
+    let grid = block_grid(Size::of(picture.size[0], picture.size[1]));
     if errors.len() != grid[0] * grid[1] {
         return picture.pixels.fill(0);
     }

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use std::task::{Wake, Waker};
 use std::time::{Duration, Instant};
 
-use gs3::scene::{CameraPath, Scene};
+use gs3::scene::{CameraPath, Scene, Size};
 use softbuffer::{Context, Surface};
 use winit::application::ApplicationHandler;
 use winit::dpi::PhysicalSize;
@@ -152,7 +152,7 @@ struct Shell {
     script: Option<Script>,
     /// When the script goes on.
     script_due: Duration,
-    size: [u32; 2],
+    size: Size,
     started: Instant,
     next: Next,
     memory_due: Duration,
@@ -182,7 +182,7 @@ impl ApplicationHandler<Loaded> for Shell {
         match self.open(events) {
             Ok(shown) => {
                 let size = shown.window.inner_size();
-                self.viewer.input(Input::Resized([size.width, size.height]));
+                self.viewer.input(Input::Resized(Size::new(size.width, size.height)));
                 self.viewer.input(Input::Scale(shown.window.scale_factor() as f32));
                 self.window = Some(shown);
             }
@@ -249,7 +249,7 @@ impl ApplicationHandler<Loaded> for Shell {
 
 impl Shell {
     fn open(&self, events: &ActiveEventLoop) -> Result<Shown, WindowError> {
-        let size = PhysicalSize::new(self.size[0], self.size[1]);
+        let size = PhysicalSize::new(self.size.width, self.size.height);
         let attributes = Window::default_attributes().with_title("gs3").with_inner_size(size);
         let window =
             events.create_window(attributes).map_err(|e| WindowError::Display { message: e.to_string() })?;

@@ -10,7 +10,7 @@ use std::{env, fs};
 use gs3::glam::DVec3;
 use gs3::scene::format::save;
 use gs3::scene::orbit::look_at;
-use gs3::scene::{CameraPath, Intrinsics, demo};
+use gs3::scene::{CameraPath, Intrinsics, Size, demo};
 use gs3::{Backend, Mode, Session, SessionSettings};
 use gs3_test_support::{part_of_demo, psnr_of_bytes, row_of_gaussians};
 use gs3_viewer::controls::Rig;
@@ -61,7 +61,7 @@ fn native(session: &mut Session, camera: &Path, size: [u32; 2]) -> Vec<u8> {
     let place = CameraPlace::parse(&fs::read_to_string(camera).unwrap()).unwrap();
     let bulk = gs3::scene::orbit::Bulk::of(session.scene());
     let before = Rig { pivot: DVec3::ZERO, rotation: Default::default(), offset: DVec3::Z, fov_y: 1.0 };
-    let camera = place.rig(&before, bulk.up, DVec3::ZERO).unwrap().camera(size).unwrap();
+    let camera = place.rig(&before, bulk.up, DVec3::ZERO).unwrap().camera(size.into()).unwrap();
     session.reference(Mode::Native, &camera).unwrap().to_rgb8()
 }
 
@@ -109,7 +109,7 @@ fn a_session_in_a_browser() {
         look_at(eye, DVec3::ZERO, DVec3::NEG_Y, Intrinsics::from_fov_y(400, 240, 0.8)).unwrap()
     };
     let way = CameraPath::new((0..40).map(camera).collect(), 20.0, false).unwrap();
-    let cameras = PathFile::new(PathFormat::SuperSplat, &way, [400, 240], 6.0).unwrap();
+    let cameras = PathFile::new(PathFormat::SuperSplat, &way, Size::new(400, 240), 6.0).unwrap();
     fs::write(scenes.join("cameras.json"), cameras.bytes).unwrap();
 
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/page.mjs");

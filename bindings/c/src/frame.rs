@@ -2,7 +2,7 @@
 #![allow(unsafe_code, reason = "memory of the caller")]
 
 use gs3::reconstruct::{Kriging, Sampling};
-use gs3::scene::Image;
+use gs3::scene::{Image, Size};
 use gs3::{MAX_IN_BETWEEN, ResetReason, Stage, StageTimes};
 
 use crate::choice::choice;
@@ -165,7 +165,7 @@ impl Outputs {
         current: *const gs3_output,
         between: *const *const gs3_output,
         count: u32,
-        size: [u32; 2],
+        size: Size,
     ) -> Result<Self, Fault> {
         // SAFETY: the contract of this function.
         let current = unsafe { Output::read("output", current, size) }?;

@@ -6,7 +6,7 @@ use std::mem::MaybeUninit;
 use std::slice;
 
 use gs3::reconstruct::{PlanesView, Strides};
-use gs3::scene::Image;
+use gs3::scene::{Image, Size};
 use rayon::prelude::*;
 
 use crate::choice::{choice, flag};
@@ -60,13 +60,13 @@ impl gs3_input {
     pub unsafe fn read<'a, const C: usize>(
         field: &str,
         from: *const Self,
-        size: [u32; 2],
+        size: Size,
     ) -> Result<PlanesView<'a, C>, Fault> {
         // SAFETY: the contract of this function.
         let input = unsafe { descriptor::read(field, from) }?;
         // SAFETY: likewise.
         let view = unsafe { input.numbers::<C>(size) }
-            .and_then(|(data, strides)| Ok(PlanesView::new(data, size.map(|side| side as usize), strides)?));
+            .and_then(|(data, strides)| Ok(PlanesView::new(data, size, strides)?));
         view.map_err(|fault| fault.within(field))
     }
 
@@ -77,7 +77,7 @@ impl gs3_input {
     pub unsafe fn read_scaled<const C: usize>(
         field: &str,
         from: *const Self,
-        size: [u32; 2],
+        size: Size,
         factors: [f32; C],
     ) -> Result<Vec<f32>, Fault> {
         // SAFETY: the contract of this function. All of the numbers are seen to be there before they are read.
@@ -85,7 +85,7 @@ impl gs3_input {
             Self::read::<C>(field, from, size)?;
             descriptor::read(field, from)?.numbers::<C>(size)?
         };
-        let [width, height] = size.map(|side| side as usize);
+        let [width, height] = size.to_usize();
         let mut scaled = Vec::with_capacity(C * width * height);
         for (c, factor) in factors.into_iter().enumerate() {
             let factor = if factor == 0.0 { 1.0 } else { factor };
@@ -101,11 +101,11 @@ impl gs3_input {
     ///
     /// # Safety
     /// As [`Self::read`].
-    unsafe fn numbers<'a, const C: usize>(&self, size: [u32; 2]) -> Result<(&'a [f32], Strides), Fault> {
+    unsafe fn numbers<'a, const C: usize>(&self, size: Size) -> Result<(&'a [f32], Strides), Fault> {
         choice("number", "gs3_number", self.number, &[(gs3_number::GS3_NUMBER_FLOAT32 as u32, ())])?;
         let channel = or_else(self.channel_stride, || FLOAT);
         let pixel = or_else(self.pixel_stride, || C as u64 * FLOAT);
-        let row = or_else(self.row_stride, || pixel.saturating_mul(u64::from(size[0])));
+        let row = or_else(self.row_stride, || pixel.saturating_mul(u64::from(size.width)));
         for (field, bytes) in [("row_stride", row), ("pixel_stride", pixel), ("channel_stride", channel)] {
             if bytes % FLOAT != 0 {
                 return Err(layout(field, "bytes divisible by 4", bytes));
@@ -189,8 +189,7 @@ const ROWS_AT_ONCE: usize = 16;
 pub struct Output {
     format: gs3_format,
     data: *mut u8,
-    /// Width and height.
-    size: [usize; 2],
+    size: Size,
     row_stride: usize,
     pixel_stride: usize,
     opaque: bool,
@@ -206,13 +205,13 @@ impl Output {
     ///
     /// # Safety
     /// `from` is as [`descriptor::read`] demands, and its memory stays writable until the last [`Self::write`].
-    pub unsafe fn read(field: &str, from: *const gs3_output, size: [u32; 2]) -> Result<Self, Fault> {
+    pub unsafe fn read(field: &str, from: *const gs3_output, size: Size) -> Result<Self, Fault> {
         // SAFETY: the contract of this function.
         let output = unsafe { descriptor::read(field, from) }?;
         Self::check(&output, size).map_err(|fault| fault.within(field))
     }
 
-    fn check(output: &gs3_output, size: [u32; 2]) -> Result<Self, Fault> {
+    fn check(output: &gs3_output, size: Size) -> Result<Self, Fault> {
         use gs3_format::{
             GS3_FORMAT_RGB_FLOAT32, GS3_FORMAT_RGB8, GS3_FORMAT_RGBA_FLOAT32, GS3_FORMAT_RGBA8,
         };
@@ -229,7 +228,7 @@ impl Output {
             GS3_FORMAT_RGBA8 => 4,
             GS3_FORMAT_RGB8 => 3,
         };
-        let [width, height] = size.map(u64::from);
+        let [width, height] = size.to_array().map(u64::from);
         // The bytes from the first to behind the last of `count` pieces of `bytes`, `stride` apart.
         let extent = |count: u64, stride: u64, bytes: u64| {
             count.checked_sub(1).map_or(Some(0), |last| last.checked_mul(stride)?.checked_add(bytes))
@@ -245,20 +244,18 @@ impl Output {
         }
         let needed = extent(height, row, row_bytes).unwrap_or(u64::MAX);
         if output.size < needed || needed > isize::MAX as u64 {
-            let expected = format!("at least {needed} bytes for {width}x{height} pixels");
+            let expected = format!("at least {needed} bytes for {size} pixels");
             return Err(layout("size", expected, output.size));
         }
         let [row_stride, pixel_stride] = [row, pixel].map(|stride| stride as usize);
-        let size = size.map(|side| side as usize);
         Ok(Self { format, data: output.data.cast(), size, row_stride, pixel_stride, opaque })
     }
 
     /// Writes `image`. With `has_fourth` its fourth channel is written; else the fourth channel becomes 1.
     pub fn write(&self, image: &Image, has_fourth: bool) -> Result<(), Fault> {
-        let size = [image.width(), image.height()];
-        if size != self.size {
-            let text = |[width, height]: [usize; 2]| format!("{width}x{height} pixels");
-            return Err(Fault::argument("output", text(self.size), text(size)));
+        let (expected, actual) = (self.size, image.size());
+        if expected != actual {
+            return Err(Fault::argument("output", format!("{expected} pixels"), format!("{actual} pixels")));
         }
         let is_opaque = self.opaque || !has_fourth;
         let fourth = move |pixel: &[f32; 4]| if is_opaque { 1.0 } else { pixel[3] };
@@ -282,7 +279,7 @@ impl Output {
     }
 
     fn write_pixels<const N: usize>(&self, image: &Image, bytes: impl Fn(&[f32; 4]) -> [u8; N] + Sync) {
-        let [width, height] = self.size;
+        let [width, height] = self.size.to_usize();
         let row_bytes = (width - 1) * self.pixel_stride + N;
         (0..height).into_par_iter().with_min_len(ROWS_AT_ONCE).for_each(|y| {
             // SAFETY: `check` has seen that all rows lie within the caller's memory, which `read` demands to be writable,

@@ -3,7 +3,7 @@
 
 use gs3::raster::MAX_MARGIN;
 use gs3::reconstruct::{DepthEncoding, GBufferView, PlanesView, ReconstructorSettings};
-use gs3::scene::{Camera, Margin};
+use gs3::scene::{Camera, Margin, Size};
 use gs3::{Reconstructor, ResetReason, StageTimes};
 
 use crate::camera::gs3_camera;
@@ -282,7 +282,7 @@ impl gs3_reconstruct_desc {
         ];
         let encoding = choice("depth_encoding", "gs3_depth_encoding", self.depth_encoding, &encodings)?;
         let gs3_margin { left, top, right, bottom } = self.margin;
-        let size = [self.render_width, self.render_height];
+        let size = Size::new(self.render_width, self.render_height);
         // SAFETY: the contract of this function.
         unsafe {
             let camera = gs3_camera::read("camera", self.camera)?;
@@ -291,11 +291,7 @@ impl gs3_reconstruct_desc {
             let view = GBufferView {
                 gradients: self.gradients(size)?,
                 encoding,
-                motion: if self.motion.is_null() {
-                    None
-                } else {
-                    Some(PlanesView::planar(vectors, size.map(|side| side as usize))?)
-                },
+                motion: if self.motion.is_null() { None } else { Some(PlanesView::planar(vectors, size)?) },
                 margin: Margin { left, top, right, bottom },
                 ..GBufferView::new(color, depth, self.jitter)
             };
@@ -315,14 +311,14 @@ impl gs3_reconstruct_desc {
         if self.motion.is_null() {
             return Ok(Vec::new());
         }
-        let size = [self.render_width, self.render_height];
+        let size = Size::new(self.render_width, self.render_height);
         // SAFETY: the contract of this function.
         unsafe { gs3_input::read_scaled("motion", self.motion, size, self.motion_scale) }
     }
 
     /// # Safety
     /// As [`gs3_reconstructor_reconstruct`].
-    unsafe fn gradients<'a>(&self, size: [u32; 2]) -> Result<Option<[PlanesView<'a, 3>; 2]>, Fault> {
+    unsafe fn gradients<'a>(&self, size: Size) -> Result<Option<[PlanesView<'a, 3>; 2]>, Fault> {
         if self.color_dx.is_null() && self.color_dy.is_null() {
             return Ok(None);
         }

@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use gs3::scene::camera_path::Pace;
 use gs3::scene::capture::{self, CaptureError, CaptureFault, CaptureOptions};
-use gs3::scene::demo;
 use gs3::scene::glam::{DMat3, DVec3};
 use gs3::scene::transform::Similarity;
+use gs3::scene::{Size, demo};
 use numpy::{PyArray2, PyArray3};
 use pyo3::prelude::*;
 
@@ -35,7 +35,7 @@ impl CameraPath {
         dataparser: Option<PathBuf>,
         origin: [f64; 3],
     ) -> PyResult<Self> {
-        let options = CaptureOptions { size, fov_y, dataparser };
+        let options = CaptureOptions { size: size.map(Size::from), fov_y, dataparser };
         let path = py.detach(|| capture::load_with(path, &options)).map_err(|e| of_capture(&e))?;
         if origin == [0.0; 3] {
             return Ok(Self { path });
@@ -113,7 +113,7 @@ impl CameraPath {
 
     /// Width and height.
     fn sizes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
-        let sizes = self.path.cameras().iter().flat_map(|c| c.size().map(i64::from));
+        let sizes = self.path.cameras().iter().flat_map(|c| c.size().to_array().map(i64::from));
         to_numpy(py, sizes.collect(), [self.__len__(), 2])
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use gs3::scene::{PngChannels, write_png};
+use gs3::scene::{PngChannels, Size, write_png};
 use gs3_files::write_atomically;
 use numpy::{PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -18,7 +18,7 @@ fn save_png(py: Python<'_>, path: PathBuf, frame: PyReadonlyArray3<'_, u8>) -> P
             "frame: expected u8 [H, W, 3] without gaps, found shape {shape:?}"
         )));
     };
-    let size = [width, height].map(|side| u32::try_from(side).unwrap_or(u32::MAX));
+    let size = Size::of(width, height);
     py.detach(|| write_atomically(&path, |writer| write_png(writer, size, PngChannels::Rgb, bytes)))
         .map_err(|source| error::file(format_args!("{}: cannot be written: {source}", path.display())))
 }

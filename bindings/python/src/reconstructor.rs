@@ -6,7 +6,7 @@ use gs3::Kriging;
 use gs3::reconstruct::{
     DepthEncoding, GBufferView, PlanesView, ReconstructorSettings, ResetReason, Sampling, Strides,
 };
-use gs3::scene::Margin;
+use gs3::scene::{Margin, Size};
 use numpy::{PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyList;
@@ -33,7 +33,7 @@ fn planes<'a, const C: usize>(
     if channels < C {
         return Err(error::input(format_args!("{name}: expected at least {C} channels, found {channels}")));
     }
-    PlanesView::interleaved(slice(name, array)?, [width, height], channels).map_err(error::input)
+    PlanesView::interleaved(slice(name, array)?, Size::of(width, height), channels).map_err(error::input)
 }
 
 /// What the numbers of a depth buffer mean.
@@ -114,8 +114,8 @@ impl Reconstructor {
         let camera = single_camera(&viewmat, &k, [width, height])?;
         let &[rows, columns] = depth.shape() else { return Err(error::input("depth: no image")) };
         let strides = Strides { row: columns, pixel: 1, channel: 1 };
-        let depth =
-            PlanesView::new(slice("depth", &depth)?, [columns, rows], strides).map_err(error::input)?;
+        let depth = PlanesView::new(slice("depth", &depth)?, Size::of(columns, rows), strides)
+            .map_err(error::input)?;
         let gradients = match &gradients {
             Some([dx, dy]) => Some([planes("color_dx", dx)?, planes("color_dy", dy)?]),
             None => None,

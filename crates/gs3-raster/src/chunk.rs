@@ -75,7 +75,7 @@ impl<'a> Frustum<'a> {
         let margin = MAX_RADIUS * view.dilation.sqrt() + 1.0;
         let plane = |axis: usize, sign: f32| {
             let focal = view.focal[axis];
-            let edge = if sign > 0.0 { view.size[axis] as f32 } else { 0.0 } - view.before[axis];
+            let edge = if sign > 0.0 { view.size.to_array()[axis] as f32 } else { 0.0 } - view.before[axis];
             // sign·(focal·x/z + center − edge) > margin + … means outside.
             let a = sign * focal;
             let b = sign * (view.center[axis] - edge) - margin;

@@ -1,6 +1,6 @@
 //! The settings of a rasterized frame.
 
-use gs3_scene::{BLOCK_SIDE, Margin};
+use gs3_scene::{BLOCK_SIDE, Margin, Size};
 
 /// The inverse of [`MIN_ALPHA`], which is rounded: its own inverse would be 254.99998.
 pub(crate) const MIN_ALPHA_INVERSE: f32 = 255.0;
@@ -73,12 +73,16 @@ pub struct Window {
 }
 
 impl Window {
+    pub(crate) const fn size(self) -> Size {
+        Size::new(self.width, self.height)
+    }
+
     /// Checks that the window lies in an image of `size` and is not empty.
-    pub(crate) fn check(self, size: [u32; 2]) -> Result<(), RasterError> {
+    pub(crate) fn check(self, size: Size) -> Result<(), RasterError> {
         let fits = |first: u32, count: u32, side| {
             count > 0 && first.checked_add(count).is_some_and(|end| end <= side)
         };
-        match fits(self.left, self.width, size[0]) && fits(self.top, self.height, size[1]) {
+        match fits(self.left, self.width, size.width) && fits(self.top, self.height, size.height) {
             true => Ok(()),
             false => Err(RasterError::Window { size, actual: self }),
         }
@@ -274,11 +278,11 @@ pub enum RasterError {
     /// The window is empty or reaches beyond the image.
     #[error(
         "window: expected one within 0,0 and {},{}, found {}x{} from {},{}",
-        size[0], size[1], actual.width, actual.height, actual.left, actual.top
+        size.width, size.height, actual.width, actual.height, actual.left, actual.top
     )]
     Window {
-        /// Width and height of the image.
-        size: [u32; 2],
+        /// The image's size.
+        size: Size,
         /// The window found.
         actual: Window,
     },

@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 pub use gs3_scene::camera::NEAR;
-use gs3_scene::{Camera, Margin};
+use gs3_scene::{Camera, Margin, Size};
 
 use crate::settings::{KERBL_DILATION, RasterSettings, Window, matched_dilation};
 
@@ -28,8 +28,8 @@ pub struct View {
     pub center: [f32; 2],
     /// Least and largest x/z and y/z for the Jacobian.
     pub jacobian_limits: [[f32; 2]; 2],
-    /// Width and height in pixels, the margin included.
-    pub size: [u32; 2],
+    /// Pixels, the margin included.
+    pub size: Size,
     /// Number of pixels left of and above the pixel at position `(0, 0)`; negative in a window that begins right of and
     /// below that pixel.
     pub before: [f32; 2],
@@ -68,7 +68,7 @@ impl View {
             ],
             // The limits of the picture: a margin changes nothing in the picture.
             jacobian_limits: [limits(i.width, i.cx, i.fx), limits(i.height, i.cy, i.fy)],
-            size: margin.padded([i.width, i.height]),
+            size: margin.padded(i.size()),
             before: [0.0; 2],
             dilation: settings.dilation,
             min_compensation: settings.rules.min_compensation,
@@ -95,7 +95,7 @@ impl View {
     pub fn of_window(camera: &Camera, window: Window, settings: &RasterSettings, near: f32) -> Self {
         let settings = RasterSettings { margin: Margin::NONE, ..*settings };
         let before = [window.left, window.top].map(|side| -(side as f32));
-        Self { size: [window.width, window.height], before, ..Self::new(camera, &settings, near) }
+        Self { size: window.size(), before, ..Self::new(camera, &settings, near) }
     }
 
     /// As [`Self::of_window`], with positions counted from the window's first pixel: for kernels that count from there.

@@ -11,12 +11,12 @@ use std::sync::Arc;
 use gs3_raster::{Culling, Outputs, RasterSettings, Rasterizer, matched_dilation};
 use gs3_reconstruct::{BlockBudget, Kriging, SuperSampler, select_blocks};
 use gs3_scene::{
-    BLOCK_SIDE, CameraPath, ExactBlocks, GBuffer, Image, Scene, block_grid, capture, demo, format,
+    BLOCK_SIDE, CameraPath, ExactBlocks, GBuffer, Image, Scene, Size, block_grid, capture, demo, format,
     jitter::Jitter,
 };
 
 const SCALE: u32 = 4;
-const SIZE: [u32; 2] = [1280, 720];
+const SIZE: Size = Size::new(1280, 720);
 const SHARE: f32 = 0.05;
 /// Frames that are judged, once the history is full.
 const JUDGED: std::ops::Range<u64> = 16..40;
@@ -26,7 +26,7 @@ type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
 
 /// Squared errors of `image`, clamped to `[0, 1]`, in blocks: sums over pixels and RGB.
 fn true_errors(image: &Image, native: &Image) -> Vec<f32> {
-    let [columns, rows] = block_grid([image.width(), image.height()]);
+    let [columns, rows] = block_grid(image.size());
     let mut errors = vec![0.0; columns * rows];
     for (k, (a, b)) in image.pixels().iter().zip(native.pixels()).enumerate() {
         let (x, y) = (k % image.width() / BLOCK_SIDE, k / image.width() / BLOCK_SIDE);
@@ -43,7 +43,7 @@ fn psnr_without(errors: &[f32], by: &[f32], share: f64) -> f64 {
     order.sort_unstable_by(|a, b| by[*b].total_cmp(&by[*a]));
     let left =
         order[(share * errors.len() as f64) as usize..].iter().map(|k| f64::from(errors[*k])).sum::<f64>();
-    let numbers = f64::from(3 * SIZE[0] * SIZE[1]);
+    let numbers = 3.0 * SIZE.pixels() as f64;
     -10.0 * (left / numbers).max(1e-12).log10()
 }
 
@@ -57,7 +57,7 @@ struct Calibration {
 }
 
 fn calibrate(name: &str, scene: Scene, path: &CameraPath) -> Outcome<Calibration> {
-    let path = path.resized(SIZE[0], SIZE[1])?;
+    let path = path.resized(SIZE.width, SIZE.height)?;
     let mut rasterizer = Rasterizer::new(Arc::new(scene), Culling::default());
     let mut sampler = SuperSampler::new(SCALE, Kriging::Off)?;
     let jitter = Jitter::grid(SCALE);
@@ -75,7 +75,7 @@ fn calibrate(name: &str, scene: Scene, path: &CameraPath) -> Outcome<Calibration
         rasterizer.rasterize_low_resolution(&camera, SCALE, &settings, &mut gbuffer)?;
         sampler.super_sample(&camera, &gbuffer, &mut image)?;
         let budget = BlockBudget { most: SHARE, least_error: 0.0 };
-        let places = select_blocks(sampler.expected_errors(), [image.width(), image.height()], budget);
+        let places = select_blocks(sampler.expected_errors(), image.size(), budget);
         rasterizer.rasterize_blocks(&places, &mut blocks)?;
         if JUDGED.contains(&k) {
             rasterizer.rasterize_image(&camera, &RasterSettings::new(Outputs::Color), &mut native)?;

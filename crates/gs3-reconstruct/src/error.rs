@@ -1,7 +1,7 @@
 //! Errors of the inputs of reconstruction.
 
 use gs3_scene::camera::MAX_SIDE;
-use gs3_scene::{Camera, GBuffer, Image, Margin, Planes};
+use gs3_scene::{GBuffer, Image, Margin, Planes, Size};
 
 /// Why a reconstruction did not run. After an error nothing has been written and the history is unchanged.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -14,20 +14,20 @@ pub enum ReconstructError {
         actual: u32,
     },
     /// An input does not have the size that the output requires.
-    #[error("{what}: expected {}x{} pixels, found {}x{}", expected.0, expected.1, actual.0, actual.1)]
+    #[error("{what}: expected {expected} pixels, found {actual}")]
     Size {
         /// Which input.
         what: &'static str,
-        /// Width and height expected.
-        expected: (usize, usize),
-        /// Width and height found.
-        actual: (usize, usize),
+        /// The size expected.
+        expected: Size,
+        /// The size found.
+        actual: Size,
     },
     /// Frames cannot have this size.
-    #[error("frame size: expected 1x1 to {MAX_SIDE}x{MAX_SIDE}, found {}x{}", actual[0], actual[1])]
+    #[error("frame size: expected 1x1 to {MAX_SIDE}x{MAX_SIDE}, found {actual}")]
     FrameSize {
-        /// Width and height found.
-        actual: [u32; 2],
+        /// The size found.
+        actual: Size,
     },
     /// The G-buffer lacks planes that this reconstruction needs.
     #[error("G-buffer: expected {what}, found none")]
@@ -104,19 +104,15 @@ pub(crate) fn check_scale(scale: u32) -> Result<(), ReconstructError> {
     }
 }
 
-/// Checks the size of frames in device memory, width and height. There the size does not come from a checked camera.
+/// Checks the size of frames in device memory. There the size does not come from a checked camera.
 #[cfg(feature = "gpu")]
-pub(crate) fn check_frame_size(size: [u32; 2]) -> Result<(), ReconstructError> {
-    let is_size = size.iter().all(|side| (1..=MAX_SIDE).contains(side));
+pub(crate) fn check_frame_size(size: Size) -> Result<(), ReconstructError> {
+    let is_size = size.to_array().iter().all(|side| (1..=MAX_SIDE).contains(side));
     if is_size { Ok(()) } else { Err(ReconstructError::FrameSize { actual: size }) }
 }
 
 /// Checks that `actual` is the size `expected` of the input `what`.
-pub(crate) fn check_size(
-    what: &'static str,
-    expected: (usize, usize),
-    actual: (usize, usize),
-) -> Result<(), ReconstructError> {
+pub(crate) fn check_size(what: &'static str, expected: Size, actual: Size) -> Result<(), ReconstructError> {
     if expected == actual { Ok(()) } else { Err(ReconstructError::Size { what, expected, actual }) }
 }
 
@@ -134,14 +130,9 @@ pub(crate) fn check_jitter(jitter: [f32; 2]) -> Result<(), ReconstructError> {
     if is_usable { Ok(()) } else { Err(ReconstructError::Jitter { actual: jitter }) }
 }
 
-/// Checks that `gbuffer` is the LR frame of a `width`×`height` output, without margin, and that its jitter is usable.
-pub(crate) fn check_gbuffer(
-    gbuffer: &GBuffer,
-    scale: u32,
-    (width, height): (usize, usize),
-) -> Result<(), ReconstructError> {
-    let scale = scale as usize;
-    let expected = (width.div_ceil(scale), height.div_ceil(scale));
+/// Checks that `gbuffer` is the LR frame of an output of `size`, without margin, and that its jitter is usable.
+pub(crate) fn check_gbuffer(gbuffer: &GBuffer, scale: u32, size: Size) -> Result<(), ReconstructError> {
+    let expected = size.map(|side| side.div_ceil(scale));
     if gbuffer.margin != Margin::NONE {
         return Err(ReconstructError::Margin { max: 0, actual: gbuffer.margin.widest() });
     }
@@ -154,25 +145,20 @@ pub(crate) fn check_padded(padded: &GBuffer, gbuffer: &GBuffer) -> Result<(), Re
     if expected != actual {
         return Err(ReconstructError::JitterAround { expected, actual });
     }
-    let Margin { left, top, right, bottom } = padded.margin;
-    let sum = |a: u32, b: u32| (a as usize).saturating_add(b as usize);
-    let size =
-        (gbuffer.width().saturating_add(sum(left, right)), gbuffer.height().saturating_add(sum(top, bottom)));
-    check_planes(padded, size)
+    check_planes(padded, padded.margin.padded(gbuffer.size()))
 }
 
 /// Checks that all planes of `gbuffer` that exist have the size `expected`, and that its jitter is usable.
-fn check_planes(gbuffer: &GBuffer, expected: (usize, usize)) -> Result<(), ReconstructError> {
-    check_size("G-buffer", expected, (gbuffer.width(), gbuffer.height()))?;
+fn check_planes(gbuffer: &GBuffer, expected: Size) -> Result<(), ReconstructError> {
+    check_size("G-buffer", expected, gbuffer.size())?;
     check_jitter(gbuffer.jitter)?;
     if let Some(gradients) = &gbuffer.gradients {
         for plane in [&gradients.color_dx, &gradients.color_dy].into_iter().chain(&gradients.color_dxy) {
-            check_size("G-buffer gradients", expected, (plane.width(), plane.height()))?;
+            check_size("G-buffer gradients", expected, plane.size())?;
         }
     }
     if let Some(geometry) = &gbuffer.geometry {
-        let depth = &geometry.depth_median;
-        check_size("G-buffer depth", expected, (depth.width(), depth.height()))?;
+        check_size("G-buffer depth", expected, geometry.depth_median.size())?;
     }
     Ok(())
 }
@@ -180,23 +166,13 @@ fn check_planes(gbuffer: &GBuffer, expected: (usize, usize)) -> Result<(), Recon
 /// Checks that `gbuffer` is the LR frame of `out`; the size of `out` is the size of the HR frame.
 pub(crate) fn check_frame_of(out: &Image, gbuffer: &GBuffer, scale: u32) -> Result<(), ReconstructError> {
     check_scale(scale)?;
-    let (lr, size) = ([gbuffer.width(), gbuffer.height()], image_size(out));
-    if lr.contains(&0) {
+    let (lr, size) = (gbuffer.size(), out.size());
+    if lr.pixels() == 0 {
         return Err(ReconstructError::Missing { what: "colour" });
     }
-    if [size.0, size.1].contains(&0) {
-        let expected = lr.map(|side| side * scale as usize).into();
+    if size.pixels() == 0 {
+        let expected = lr.map(|side| side.saturating_mul(scale));
         return Err(ReconstructError::Size { what: "image", expected, actual: size });
     }
     check_gbuffer(gbuffer, scale, size)
-}
-
-/// The size of a camera's image.
-pub(crate) fn camera_size(camera: &Camera) -> (usize, usize) {
-    (camera.width() as usize, camera.height() as usize)
-}
-
-/// The size of an image.
-pub(crate) fn image_size(image: &Image) -> (usize, usize) {
-    (image.width(), image.height())
 }

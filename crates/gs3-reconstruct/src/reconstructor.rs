@@ -6,7 +6,7 @@ use gs3_scene::{Camera, GBuffer, Image, Margin, Planes};
 use crate::cpu::interpolate::{Interpolator, Neighbor};
 use crate::cpu::super_sample::{Since, SuperSampler};
 use crate::depth_lattice::DepthLattice;
-use crate::error::{ReconstructError, camera_size, check_size};
+use crate::error::{ReconstructError, check_size};
 use crate::jitter::Sampling;
 use crate::sequence::{FrameSequence, FrameStart, ResetReason};
 use crate::settings::Kriging;
@@ -201,8 +201,8 @@ impl Reconstructor {
         if ![0, expected].contains(&poses.len()) {
             return Err(ReconstructError::Poses { expected, actual: poses.len() });
         }
-        let size = camera_size(camera);
-        poses.iter().try_for_each(|pose| check_size("camera between two frames", size, camera_size(pose)))
+        let size = camera.size();
+        poses.iter().try_for_each(|pose| check_size("camera between two frames", size, pose.size()))
     }
 
     /// The settings.

@@ -1,6 +1,6 @@
 //! G-buffers in the memory of other renderers, in their layouts.
 
-use gs3_scene::{GBuffer, Geometry, Gradients, Margin, Planes};
+use gs3_scene::{GBuffer, Geometry, Gradients, Margin, Planes, Size};
 use rayon::prelude::*;
 
 use crate::difference::difference;
@@ -11,7 +11,7 @@ use crate::error::{ReconstructError, check_size};
 #[derive(Clone, Copy, Debug)]
 pub struct PlanesView<'a, const C: usize> {
     data: &'a [f32],
-    size: [usize; 2],
+    size: Size,
     strides: Strides,
 }
 
@@ -27,15 +27,16 @@ pub struct Strides {
 }
 
 impl<'a, const C: usize> PlanesView<'a, C> {
-    /// An image of `[width, height]` with numbers `strides` apart.
+    /// An image of `size` with numbers `strides` apart.
     ///
     /// # Errors
     /// [`ReconstructError::TooShort`] if `data` ends before the last pixel.
-    pub fn new(data: &'a [f32], size: [usize; 2], strides: Strides) -> Result<Self, ReconstructError> {
+    pub fn new(data: &'a [f32], size: Size, strides: Strides) -> Result<Self, ReconstructError> {
         let last = |count: usize, stride: usize| count.saturating_sub(1).checked_mul(stride);
-        let parts = [last(size[1], strides.row), last(size[0], strides.pixel), last(C, strides.channel)];
+        let [width, height] = size.to_usize();
+        let parts = [last(height, strides.row), last(width, strides.pixel), last(C, strides.channel)];
         let end = parts.into_iter().try_fold(1_usize, |sum, part| sum.checked_add(part?));
-        let is_empty = size.contains(&0) || C == 0;
+        let is_empty = size.pixels() == 0 || C == 0;
         match end {
             Some(end) if is_empty || end <= data.len() => Ok(Self { data, size, strides }),
             _ => {
@@ -45,28 +46,28 @@ impl<'a, const C: usize> PlanesView<'a, C> {
         }
     }
 
-    /// An image of `[width, height]` without gaps, with `channels` numbers a pixel. The first `C` of them are read:
+    /// An image of `size` without gaps, with `channels` numbers a pixel. The first `C` of them are read:
     /// for the colour of RGBA, `channels` is 4.
     ///
     /// # Errors
     /// [`ReconstructError::TooShort`] if `data` ends before the last pixel.
-    pub fn interleaved(data: &'a [f32], size: [usize; 2], channels: usize) -> Result<Self, ReconstructError> {
-        let row = size[0].saturating_mul(channels);
+    pub fn interleaved(data: &'a [f32], size: Size, channels: usize) -> Result<Self, ReconstructError> {
+        let row = (size.width as usize).saturating_mul(channels);
         Self::new(data, size, Strides { row, pixel: channels, channel: 1 })
     }
 
-    /// An image of `[width, height]`, plane after plane without gaps.
+    /// An image of `size`, plane after plane without gaps.
     ///
     /// # Errors
     /// [`ReconstructError::TooShort`] if `data` ends before the last pixel.
-    pub fn planar(data: &'a [f32], size: [usize; 2]) -> Result<Self, ReconstructError> {
-        let channel = size[0].saturating_mul(size[1]);
-        Self::new(data, size, Strides { row: size[0], pixel: 1, channel })
+    pub fn planar(data: &'a [f32], size: Size) -> Result<Self, ReconstructError> {
+        let [width, height] = size.to_usize();
+        Self::new(data, size, Strides { row: width, pixel: 1, channel: width.saturating_mul(height) })
     }
 
     /// Width and height.
     #[must_use]
-    pub const fn size(&self) -> [usize; 2] {
+    pub const fn size(&self) -> Size {
         self.size
     }
 
@@ -75,12 +76,12 @@ impl<'a, const C: usize> PlanesView<'a, C> {
         let Strides { row, pixel, channel } = self.strides;
         let start = y * row + c * channel;
         let data = self.data.get(start..).unwrap_or_default();
-        data.iter().step_by(pixel.max(1)).take(self.size[0]).copied()
+        data.iter().step_by(pixel.max(1)).take(self.size.width as usize).copied()
     }
 
     /// Copies the image into planes, with `convert` applied to every number.
     fn copy_into(&self, out: &mut Planes<C>, convert: impl Fn(f32) -> f32 + Sync) {
-        let [width, height] = self.size;
+        let [width, height] = self.size.to_usize();
         out.resize(width, height);
         let rows = out.data_mut().par_chunks_exact_mut(width.max(1)).enumerate().with_min_len(16);
         rows.for_each(|(k, out)| {
@@ -92,9 +93,8 @@ impl<'a, const C: usize> PlanesView<'a, C> {
 
 impl<'a, const C: usize> From<&'a Planes<C>> for PlanesView<'a, C> {
     fn from(planes: &'a Planes<C>) -> Self {
-        let size = [planes.width(), planes.height()];
-        let strides = Strides { row: size[0], pixel: 1, channel: size[0] * size[1] };
-        Self { data: planes.data(), size, strides }
+        let (row, channel) = (planes.width(), planes.width() * planes.height());
+        Self { data: planes.data(), size: planes.size(), strides: Strides { row, pixel: 1, channel } }
     }
 }
 
@@ -241,14 +241,13 @@ impl<'a> GBufferView<'a> {
         vectors: &mut Planes<2>,
     ) -> Result<(), ReconstructError> {
         self.encoding.check()?;
-        let size = |[width, height]: [usize; 2]| (width, height);
-        let expected = size(self.color.size());
-        check_size("G-buffer depth", expected, size(self.depth.size()))?;
+        let expected = self.color.size();
+        check_size("G-buffer depth", expected, self.depth.size())?;
         for plane in self.gradients.iter().flatten() {
-            check_size("G-buffer gradients", expected, size(plane.size()))?;
+            check_size("G-buffer gradients", expected, plane.size())?;
         }
         if let Some(motion) = &self.motion {
-            check_size("G-buffer motion", expected, size(motion.size()))?;
+            check_size("G-buffer motion", expected, motion.size())?;
             motion.copy_into(vectors, |value| value);
         }
         (out.jitter, out.margin) = (self.jitter, self.margin);
@@ -277,7 +276,7 @@ mod tests {
         let data: Vec<f32> = (0..32).map(|k| k as f32).collect();
         let mut out = Planes::<3>::default();
         let strides = Strides { row: 16, pixel: 4, channel: 1 };
-        PlanesView::<3>::new(&data, [3, 2], strides).unwrap().copy_into(&mut out, |v| v);
+        PlanesView::<3>::new(&data, Size::new(3, 2), strides).unwrap().copy_into(&mut out, |v| v);
         for (c, y, x) in [(0, 0, 0), (2, 0, 1), (1, 1, 2)] {
             assert_eq!(out.row(c, y)[x], (16 * y + 4 * x + c) as f32);
         }
@@ -285,10 +284,10 @@ mod tests {
         PlanesView::from(&own).copy_into(&mut out, |v| v);
         assert_eq!(out, own);
         // The last number needed is the last one of the last pixel.
-        assert!(PlanesView::<3>::interleaved(&data[..31], [4, 2], 4).is_ok());
-        let error = PlanesView::<3>::interleaved(&data[..30], [4, 2], 4).unwrap_err();
+        assert!(PlanesView::<3>::interleaved(&data[..31], Size::new(4, 2), 4).is_ok());
+        let error = PlanesView::<3>::interleaved(&data[..30], Size::new(4, 2), 4).unwrap_err();
         assert_eq!(error, ReconstructError::TooShort { expected: 31, actual: 30 });
-        let huge = PlanesView::<1>::interleaved(&data, [usize::MAX, 2], 1).unwrap_err();
+        let huge = PlanesView::<1>::interleaved(&data, Size::new(u32::MAX, 2), 1).unwrap_err();
         assert!(matches!(huge, ReconstructError::TooShort { actual: 32, .. }), "{huge}");
     }
 

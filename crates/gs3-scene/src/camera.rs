@@ -5,6 +5,7 @@
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
+use crate::size::Size;
 use crate::transform::Similarity;
 
 /// Largest side of a rendered image: 7680×4320 fits, and so do portrait and square formats.
@@ -77,6 +78,12 @@ pub enum CameraError {
 }
 
 impl Intrinsics {
+    /// The image's size.
+    #[must_use]
+    pub const fn size(&self) -> Size {
+        Size::new(self.width, self.height)
+    }
+
     /// Square pixels, centred principal point, vertical field of view `fov_y` in radians.
     #[must_use]
     pub fn from_fov_y(width: u32, height: u32, fov_y: f64) -> Self {
@@ -182,10 +189,10 @@ impl Camera {
         self.intrinsics.height
     }
 
-    /// Image width and height in pixels.
+    /// The image's size.
     #[must_use]
-    pub const fn size(&self) -> [u32; 2] {
-        [self.intrinsics.width, self.intrinsics.height]
+    pub const fn size(&self) -> Size {
+        self.intrinsics.size()
     }
 
     /// The same view at another size: the vertical field of view and the pixel aspect are kept, the principal point

@@ -1,5 +1,7 @@
 //! Pixels of the native image, rasterized exactly in blocks of 4×4: where reconstruction is not to be trusted.
 
+use crate::size::Size;
+
 /// Side of a block in pixels of the native image: its sixteen pixels are the lanes of one vector.
 pub const BLOCK_SIDE: usize = 4;
 
@@ -59,8 +61,9 @@ impl ExactBlocks {
     }
 }
 
-/// Columns and rows of the blocks that cover an image of `size`, width and height.
+/// Columns and rows of the blocks that cover an image of `size`.
 #[must_use]
-pub const fn block_grid(size: [usize; 2]) -> [usize; 2] {
-    [size[0].div_ceil(BLOCK_SIDE), size[1].div_ceil(BLOCK_SIDE)]
+pub const fn block_grid(size: Size) -> [usize; 2] {
+    let [width, height] = size.to_usize();
+    [width.div_ceil(BLOCK_SIDE), height.div_ceil(BLOCK_SIDE)]
 }

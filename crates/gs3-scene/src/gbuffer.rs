@@ -2,6 +2,8 @@
 
 use rayon::prelude::*;
 
+use crate::size::Size;
+
 /// Rows that a thread copies at a time: shorter tasks cost more than they copy.
 const ROWS_AT_ONCE: usize = 64;
 
@@ -52,6 +54,12 @@ impl<const C: usize> Planes<C> {
     #[must_use]
     pub const fn height(&self) -> usize {
         self.height
+    }
+
+    /// Width and height.
+    #[must_use]
+    pub fn size(&self) -> Size {
+        Size::of(self.width, self.height)
     }
 
     /// All planes, `[C, height, width]`.
@@ -177,13 +185,13 @@ impl Margin {
         Self { left: pixels, top: pixels, right: pixels, bottom: pixels }
     }
 
-    /// The width and height of a picture of `size` with its margin.
+    /// The size of a picture of `size` with its margin.
     #[must_use]
-    pub const fn padded(self, size: [u32; 2]) -> [u32; 2] {
-        [
-            size[0].saturating_add(self.left).saturating_add(self.right),
-            size[1].saturating_add(self.top).saturating_add(self.bottom),
-        ]
+    pub const fn padded(self, size: Size) -> Size {
+        Size {
+            width: size.width.saturating_add(self.left).saturating_add(self.right),
+            height: size.height.saturating_add(self.top).saturating_add(self.bottom),
+        }
     }
 
     /// The widest of the four.
@@ -247,6 +255,12 @@ impl GBuffer {
     #[must_use]
     pub const fn height(&self) -> usize {
         self.color.height()
+    }
+
+    /// Width and height, the margin included.
+    #[must_use]
+    pub fn size(&self) -> Size {
+        self.color.size()
     }
 
     /// Makes `out` the picture alone, without the margin around it, reusing memory.

@@ -2,6 +2,8 @@
 
 use rayon::prelude::*;
 
+use crate::size::Size;
+
 /// Pixels that a thread converts at a time: shorter tasks cost more than they convert.
 const PIXELS_AT_ONCE: usize = 1 << 14;
 
@@ -42,6 +44,12 @@ impl Image {
     #[must_use]
     pub const fn height(&self) -> usize {
         self.height
+    }
+
+    /// Width and height.
+    #[must_use]
+    pub fn size(&self) -> Size {
+        Size::of(self.width, self.height)
     }
 
     /// All pixels, row by row, `[height, width]`.

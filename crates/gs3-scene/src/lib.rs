@@ -19,6 +19,7 @@ pub mod lens;
 pub mod orbit;
 mod png_file;
 pub mod scene;
+mod size;
 pub mod transform;
 
 pub use glam;
@@ -34,3 +35,4 @@ pub use jitter::Jitter;
 pub use lens::Lens;
 pub use png_file::{PngChannels, write_png, write_png_rows};
 pub use scene::{Details, Dropped, OpacityMode, Scene, SceneError};
+pub use size::Size;

@@ -2,6 +2,8 @@
 
 use std::io::{self, Write};
 
+use crate::size::Size;
+
 /// Channels of 8-bit pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PngChannels {
@@ -15,7 +17,7 @@ pub enum PngChannels {
 ///
 /// # Errors
 /// What `writer` reports; [`io::ErrorKind::InvalidInput`] where `pixels` are not `width` × `height` × channels.
-pub fn write_png(writer: impl Write, size: [u32; 2], channels: PngChannels, pixels: &[u8]) -> io::Result<()> {
+pub fn write_png(writer: impl Write, size: Size, channels: PngChannels, pixels: &[u8]) -> io::Result<()> {
     let mut writer = header(writer, size, channels)?;
     writer.write_image_data(pixels).map_err(told)?;
     writer.finish().map_err(told)
@@ -27,7 +29,7 @@ pub fn write_png(writer: impl Write, size: [u32; 2], channels: PngChannels, pixe
 /// What `writer` and `rows` report; [`io::ErrorKind::InvalidInput`] where the pixels are not `width` × `height` × channels.
 pub fn write_png_rows(
     writer: impl Write,
-    size: [u32; 2],
+    size: Size,
     channels: PngChannels,
     rows: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> io::Result<()> {
@@ -41,12 +43,8 @@ pub fn write_png_rows(
 /// Bytes of a chunk of compressed rows: long enough that a chunk's header and checksum are nothing beside it.
 const CHUNK_BYTES: usize = 1 << 16;
 
-fn header<W: Write>(
-    writer: W,
-    [width, height]: [u32; 2],
-    channels: PngChannels,
-) -> io::Result<png::Writer<W>> {
-    let mut encoder = png::Encoder::new(writer, width, height);
+fn header<W: Write>(writer: W, size: Size, channels: PngChannels) -> io::Result<png::Writer<W>> {
+    let mut encoder = png::Encoder::new(writer, size.width, size.height);
     encoder.set_color(match channels {
         PngChannels::Rgb => png::ColorType::Rgb,
         PngChannels::Rgba => png::ColorType::Rgba,
@@ -73,7 +71,7 @@ mod tests {
     fn pixels_come_back_and_a_wrong_number_is_refused() {
         let pixels: Vec<u8> = (0..24).collect();
         let mut file = Vec::new();
-        write_png(&mut file, [4, 2], PngChannels::Rgb, &pixels).unwrap();
+        write_png(&mut file, Size::new(4, 2), PngChannels::Rgb, &pixels).unwrap();
         let mut reader = png::Decoder::new(io::Cursor::new(&file)).read_info().unwrap();
         let mut read = vec![0; 24];
         let info = reader.next_frame(&mut read).unwrap();
@@ -81,7 +79,7 @@ mod tests {
             (info.width, info.height, info.color_type, read),
             (4, 2, png::ColorType::Rgb, pixels.clone())
         );
-        let error = write_png(Vec::new(), [4, 2], PngChannels::Rgba, &pixels).unwrap_err();
+        let error = write_png(Vec::new(), Size::new(4, 2), PngChannels::Rgba, &pixels).unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::InvalidInput, "{error}");
     }
 
@@ -89,9 +87,9 @@ mod tests {
     fn rows_give_the_file_of_the_whole() {
         let pixels: Vec<u8> = (0..=255).cycle().take(3 * 40 * 30).collect();
         let mut whole = Vec::new();
-        write_png(&mut whole, [40, 30], PngChannels::Rgb, &pixels).unwrap();
+        write_png(&mut whole, Size::new(40, 30), PngChannels::Rgb, &pixels).unwrap();
         let mut rows = Vec::new();
-        write_png_rows(&mut rows, [40, 30], PngChannels::Rgb, |rows| {
+        write_png_rows(&mut rows, Size::new(40, 30), PngChannels::Rgb, |rows| {
             pixels.chunks(3 * 40 * 7).try_for_each(|part| rows.write_all(part))
         })
         .unwrap();
@@ -107,7 +105,7 @@ mod tests {
         // Too few, too many.
         for count in [12, 25] {
             let write = |rows: &mut dyn Write| rows.write_all(&[0; 25][..count]);
-            let error = write_png_rows(Vec::new(), [4, 2], PngChannels::Rgb, write).unwrap_err();
+            let error = write_png_rows(Vec::new(), Size::new(4, 2), PngChannels::Rgb, write).unwrap_err();
             assert_eq!(error.kind(), io::ErrorKind::InvalidInput, "{count}: {error}");
         }
     }

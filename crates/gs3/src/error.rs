@@ -3,6 +3,7 @@
 use gs3_neural::{RunError, WeightError};
 use gs3_raster::RasterError;
 use gs3_reconstruct::ReconstructError;
+use gs3_scene::Size;
 
 /// A network that cannot be used, or frames that do not fit it.
 #[derive(Debug, thiserror::Error)]
@@ -116,12 +117,12 @@ pub enum PipelineError {
         actual: usize,
     },
     /// A camera between the previous frame and this one has another size.
-    #[error("camera between two frames: expected {}x{} pixels, found {}x{}", expected.0, expected.1, actual.0, actual.1)]
+    #[error("camera between two frames: expected {expected} pixels, found {actual}")]
     BetweenSize {
-        /// Width and height of the frame.
-        expected: (u32, u32),
-        /// Width and height of the camera between.
-        actual: (u32, u32),
+        /// The frame's size.
+        expected: Size,
+        /// The size of the camera between.
+        actual: Size,
     },
 }
 

@@ -6,13 +6,13 @@ use clap::ValueEnum;
 use gs3::compute::OptionalFeatures;
 use gs3::neural::Arithmetic;
 use gs3::neural::model::Tier;
-use gs3::scene::Axes;
+use gs3::scene::{Axes, Size};
 use gs3::{
     Backend, Culling, KEYFRAMES, Kriging, MAX_IN_BETWEEN, Mode, PipelineSettings, Quality, Refine, Sampling,
 };
 
 use super::memory;
-use super::values::{Bytes, Degrees, DilationArg, Distance, Rgb, Size, scale};
+use super::values::{Bytes, Degrees, DilationArg, Distance, Rgb, camera_size, scale};
 
 /// What to look at.
 #[derive(Debug, clap::Args)]
@@ -26,7 +26,7 @@ pub struct View {
     #[command(flatten)]
     pub stated: StatedCameras,
     /// Image size [default: the size of the cameras, 1920x1080 without --path]
-    #[arg(long, value_name = "WxH", allow_hyphen_values = true, value_parser = Size::of_cameras)]
+    #[arg(long, value_name = "WxH", allow_hyphen_values = true, value_parser = camera_size)]
     pub size: Option<Size>,
     /// Threads [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]

@@ -6,6 +6,7 @@ use std::str::FromStr;
 use clap::builder::RangedI64ValueParser;
 use gs3::Dilation;
 use gs3::reconstruct::MAX_SCALE;
+use gs3::scene::Size;
 use gs3::scene::camera::{MAX_CAMERA_SIDE, MAX_SIDE};
 
 /// Reads a scale of at least `least`.
@@ -13,33 +14,21 @@ pub fn scale(least: i64) -> RangedI64ValueParser<u32> {
     clap::value_parser!(u32).range(least..=i64::from(MAX_SCALE))
 }
 
-/// An image size, `WxH`: of what is rendered at once, unless [`Self::of_cameras`] reads it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Size {
-    pub width: u32,
-    pub height: u32,
+/// Reads the size of what is rendered at once, `WxH`.
+pub fn size(text: &str) -> Result<Size, String> {
+    size_up_to(MAX_SIDE, text)
 }
 
-impl Size {
-    /// Reads a size of cameras, which may be larger than what is rendered at once.
-    pub fn of_cameras(text: &str) -> Result<Self, String> {
-        Self::up_to(MAX_CAMERA_SIDE, text)
-    }
-
-    fn up_to(most: u32, text: &str) -> Result<Self, String> {
-        let valid = |side: &str| side.parse().ok().filter(|v| (1..=most).contains(v));
-        text.split_once('x')
-            .and_then(|(w, h)| Some(Self { width: valid(w)?, height: valid(h)? }))
-            .ok_or_else(|| format!("expected WIDTHxHEIGHT from 1x1 to {most}x{most}, found {text}"))
-    }
+/// Reads the size of cameras, which may be larger than what is rendered at once.
+pub fn camera_size(text: &str) -> Result<Size, String> {
+    size_up_to(MAX_CAMERA_SIDE, text)
 }
 
-impl FromStr for Size {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        Self::up_to(MAX_SIDE, text)
-    }
+fn size_up_to(most: u32, text: &str) -> Result<Size, String> {
+    let valid = |side: &str| side.parse().ok().filter(|v| (1..=most).contains(v));
+    text.split_once('x')
+        .and_then(|(w, h)| Some(Size { width: valid(w)?, height: valid(h)? }))
+        .ok_or_else(|| format!("expected WIDTHxHEIGHT from 1x1 to {most}x{most}, found {text}"))
 }
 
 /// An amount of memory: bytes, or with K, M or G the 1024-fold, its square or its cube.

@@ -145,7 +145,7 @@ pub fn run(args: &EvaluateArgs) -> Result<Outcome, CliError> {
         path,
         path_name: args.view.path.as_ref().map_or_else(|| "generated path".into(), |path| stem(path)),
         case: args.case.into(),
-        size: (first.width(), first.height()),
+        size: first.size(),
         scale: args.scale,
         methods: methods(args, DEFAULT_METHODS)?,
         culling: args.culling.into(),

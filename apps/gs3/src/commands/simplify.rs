@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use gs3::Culling;
 use gs3::raster::{Outputs, RasterSettings, Rasterizer};
 use gs3::scene::format::SaveOptions;
-use gs3::scene::{Camera, Image, Scene};
+use gs3::scene::{Camera, Image, Scene, Size};
 use gs3_evaluate::metrics::{Quantisation, psnr};
 use gs3_evaluate::simplify::{Criterion, Setting, simplify};
 use indicatif::ProgressBar;
@@ -17,7 +17,7 @@ use crate::cli::exit::Outcome;
 use crate::cli::options::{SceneOptions, StatedCameras, View};
 use crate::cli::terminal::print;
 use crate::cli::threads::start_threads;
-use crate::cli::values::{FrameRange, Rgb, Size};
+use crate::cli::values::{FrameRange, Rgb, size};
 use crate::io::destination::{self, Destination};
 use crate::io::inputs;
 use crate::io::output::save_scene;
@@ -42,7 +42,7 @@ pub struct SimplifyArgs {
     #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     pub frames: Option<FrameRange>,
     /// Image size [default: the size of the cameras, 1920x1080 without --cameras]
-    #[arg(long, value_name = "WxH", allow_hyphen_values = true)]
+    #[arg(long, value_name = "WxH", allow_hyphen_values = true, value_parser = size)]
     pub size: Option<Size>,
     /// Fraction of the Gaussians to keep, above 0 and at most 1
     #[arg(long, value_name = "FRACTION", allow_hyphen_values = true)]

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use gs3::scene::{CameraPath, Scene, demo};
+use gs3::scene::{CameraPath, Scene, Size, demo};
 use gs3::{MAX_IN_BETWEEN, Mode, Networks, PipelineSettings, Refine, SessionSettings};
 use gs3_viewer::opening::nothing;
 use gs3_viewer::window::{self, WindowSettings};
@@ -14,7 +14,7 @@ use crate::cli::error::CliError;
 use crate::cli::exit::Outcome;
 use crate::cli::options::{Device, SceneOptions, StatedCameras, TierArg};
 use crate::cli::threads::start_threads;
-use crate::cli::values::Size;
+use crate::cli::values::size;
 use crate::io::inputs;
 
 /// What the keys do.
@@ -36,7 +36,7 @@ pub struct ViewArgs {
     #[command(flatten)]
     pub scene_options: SceneOptions,
     /// Size of the window's picture
-    #[arg(long, value_name = "WxH", default_value = "1280x720", allow_hyphen_values = true)]
+    #[arg(long, value_name = "WxH", default_value = "1280x720", allow_hyphen_values = true, value_parser = size)]
     pub size: Size,
     /// Displayed frames per second to aim at: as many pixels are exact as the time allows
     #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u16).range(1..=240))]
@@ -86,7 +86,7 @@ pub fn run(args: &ViewArgs) -> Result<Outcome, CliError> {
     };
     let Device { backend, adapter } = args.device;
     let session = SessionSettings { pipeline, networks, backend, adapter, ..SessionSettings::default() };
-    let size = [args.size.width, args.size.height];
+    let size = args.size;
     let name = args.scene.file_name().unwrap_or(args.scene.as_os_str()).to_string_lossy().into_owned();
     let viewer = ViewerSettings {
         session,

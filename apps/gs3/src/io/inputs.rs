@@ -13,17 +13,17 @@ use gs3::scene::capture::CaptureOptions;
 use gs3::scene::format::{self, Budget, LoadOptions, Streamed};
 use gs3::scene::glam::{DMat3, DVec3};
 use gs3::scene::transform::Similarity;
-use gs3::scene::{Camera, CameraPath, Scene, capture, demo, orbit};
+use gs3::scene::{Camera, CameraPath, Scene, Size, capture, demo, orbit};
 use indicatif::{ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 
 use crate::cli::error::{CliError, single_line};
 use crate::cli::options::{FrameOptions, InterpolationArg, SceneOptions, StatedCameras, Switch, View};
 use crate::cli::terminal::note;
-use crate::cli::values::{Degrees, Distance, FrameRange, Size};
+use crate::cli::values::{Degrees, Distance, FrameRange};
 
 /// Size of frames along generated paths.
-const DEFAULT_SIZE: Size = Size { width: 1920, height: 1080 };
+const DEFAULT_SIZE: Size = Size::new(1920, 1080);
 
 /// Frames of a generated orbit: 10 s at 30 rendered frames per second.
 const ORBIT_FRAMES: usize = 300;
@@ -215,7 +215,7 @@ fn no_interpolation(tier: &str) -> CliError {
 
 fn capture_options(stated: &StatedCameras, size: Option<Size>) -> CaptureOptions {
     CaptureOptions {
-        size: size.map(|size| (size.width, size.height)),
+        size,
         fov_y: stated.fov.map(|fov| fov.0.to_radians()),
         dataparser: stated.dataparser.clone(),
     }

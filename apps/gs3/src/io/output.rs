@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use gs3::scene::format::{SaveOptions, clamped, losses, position_step, save_with};
 use gs3::scene::info::SceneInfo;
-use gs3::scene::{Image, PngChannels, Scene};
+use gs3::scene::{Image, PngChannels, Scene, Size};
 use gs3_files::write_atomically;
 use rayon::prelude::*;
 
@@ -133,8 +133,7 @@ pub struct Written {
 
 /// An 8-bit image.
 struct Pixels {
-    width: u32,
-    height: u32,
+    size: Size,
     channels: PngChannels,
     bytes: Vec<u8>,
 }
@@ -286,11 +285,9 @@ fn rgb8(image: &Image) -> Pixels {
 
 /// No RGB pixels for an image of the size of `image`.
 fn blank_like(image: &Image) -> Pixels {
-    // Image sides come from cameras, which are at most 65,535.
-    let [width, height] = [image.width(), image.height()].map(|side| side as u32);
-    Pixels { width, height, channels: PngChannels::Rgb, bytes: Vec::new() }
+    Pixels { size: image.size(), channels: PngChannels::Rgb, bytes: Vec::new() }
 }
 
 fn encode_png(image: &Pixels, writer: impl Write) -> io::Result<()> {
-    gs3::scene::write_png(writer, [image.width, image.height], image.channels, &image.bytes)
+    gs3::scene::write_png(writer, image.size, image.channels, &image.bytes)
 }

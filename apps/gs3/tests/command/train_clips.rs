@@ -27,7 +27,7 @@ fn clips_are_written_once_and_shown() {
 
     for (other, message) in [
         ("--frames 3", "frames: expected 3, found 2"),
-        ("--size 32x32", "size: expected 32×32, found 64×32"),
+        ("--size 32x32", "size: expected 32x32, found 64x32"),
         ("--scale 2", "scale: expected 2, found 4"),
         ("--network interpolate", "network: expected interpolate, found super_sample"),
     ] {
@@ -64,7 +64,7 @@ fn nonsense_is_refused_before_the_work() {
     for (arguments, message) in [
         (
             "demo --network super-sample --size 66x64",
-            "error: size of clips: expected multiples of 4 up to 4096×2160, found 66×64\n",
+            "error: size of clips: expected multiples of 4 up to 4096x2160, found 66x64\n",
         ),
         ("demo --network interpolate --frames 0", "error: frames of a clip: expected at least 1, found 0\n"),
         (

@@ -1,5 +1,6 @@
 //! What a page asks for when it begins.
 
+use gs3::scene::Size;
 use gs3::{Backend, Networks};
 use gs3::{Mode, PipelineSettings, Quality, Refine, SessionSettings};
 use serde::Deserialize;
@@ -81,7 +82,7 @@ impl PageSettings {
             backend,
             ..SessionSettings::default()
         };
-        let size = [self.width, self.height];
+        let size = Size::new(self.width, self.height);
         Ok(ViewerSettings { session, native_when_fast: true, waker: None, fps: self.fps, size })
     }
 }
@@ -94,7 +95,7 @@ mod tests {
     fn settings_are_read_and_refused() {
         let settings = PageSettings::parse(r#"{"width": 320, "height": 200, "quality": "high"}"#).unwrap();
         let viewer = settings.viewer().unwrap();
-        assert_eq!((viewer.size, viewer.fps), ([320, 200], 30.0));
+        assert_eq!((viewer.size, viewer.fps), (Size::new(320, 200), 30.0));
         assert_eq!(viewer.session.pipeline.quality, Quality::High);
         assert_eq!(viewer.session.pipeline.refine, Refine::Auto);
         let plain = PageSettings::parse("{}").unwrap().viewer().unwrap();

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use gs3::scene::camera::MAX_SIDE;
 use gs3::scene::orbit::{self, Bulk};
-use gs3::scene::{Camera, CameraError, CameraPath, Scene};
+use gs3::scene::{Camera, CameraError, CameraPath, Scene, Size};
 use gs3::{Mode, Stage};
 
 use super::{Destination, Effect, Opened, Shot, Viewer, ViewerError};
@@ -46,10 +46,10 @@ impl Viewer {
 
     /// The PNG file, and the camera that the picture shows, at the size of the window's picture.
     async fn take_shot(&mut self, shot: &Shot, now: Duration) -> Result<(Vec<u8>, Option<Camera>), String> {
-        let encode = |size: [u32; 2], rgb: &[u8]| png(size, rgb).map_err(|e| format!("screenshot: {e}"));
+        let encode = |size: Size, rgb: &[u8]| png(size, rgb).map_err(|e| format!("screenshot: {e}"));
         if shot.scale <= 1 {
             let picture = if shot.panels { &self.picture } else { &self.frame };
-            let bytes = encode(picture.size.map(|side| side as u32), &picture.to_rgb8())?;
+            let bytes = encode(Size::of(picture.size[0], picture.size[1]), &picture.to_rgb8())?;
             return Ok((bytes, self.camera));
         }
         let size = self.size.map(|side| side.saturating_mul(shot.scale));
@@ -119,8 +119,8 @@ impl Viewer {
             "stages_ms": stages,
             "overhead_ms": self.overhead * 1e3,
             "exact_share": status.exact_share,
-            "width": self.size[0],
-            "height": self.size[1],
+            "width": self.size.width,
+            "height": self.size.height,
             "backend": status.backend.name(),
             "scene": self.name,
             "gaussians": status.scene.gaussians().len(),
@@ -197,7 +197,7 @@ impl Viewer {
             Opened::Cameras { name, path } => {
                 let path = moved(&path, -self.scene().details().origin)?;
                 self.tour = Tour::along(&path);
-                let first = path.cameras()[0].resized(self.size[0], self.size[1])?;
+                let first = path.cameras()[0].resized(self.size.width, self.size.height)?;
                 self.jump(&first);
                 let mut told = format!("{name}: {} cameras; Space plays them", self.tour.keys());
                 for note in &path.facts().notes {
@@ -243,9 +243,9 @@ fn report(name: &str, scene: &Scene) -> String {
 pub(super) fn first_camera(
     scene: &Scene,
     cameras: Option<&CameraPath>,
-    size: [u32; 2],
+    size: Size,
 ) -> Result<Camera, CameraError> {
-    let [width, height] = size.map(|side| side.clamp(1, MAX_SIDE));
+    let Size { width, height } = size.map(|side| side.clamp(1, MAX_SIDE));
     match cameras {
         Some(path) => path.cameras()[0].resized(width, height),
         None => Ok(orbit::around(scene, 1, width, height)?.cameras()[0]),

@@ -164,7 +164,7 @@ impl Viewer {
             make,
             view: self.view,
             compare: self.compare,
-            columns: self.dividers.columns(self.compare, self.size[0] as usize).collect(),
+            columns: self.dividers.columns(self.compare, self.size.width as usize).collect(),
             spare: std::mem::take(&mut self.spare),
         })
     }
@@ -220,7 +220,7 @@ impl Viewer {
                 self.rest = Rest::default();
                 // The failure of a frame that nobody wants any more says nothing about the next one.
                 self.has_failed = self.controls.shown().camera(self.size).ok() == Some(camera);
-                self.is_stale |= self.frame.size != self.size.map(|side| side as usize);
+                self.is_stale |= self.frame.size != self.size.to_usize();
                 (self.message, self.is_woken) = (Some(error.to_string()), true);
                 return Duration::ZERO;
             }

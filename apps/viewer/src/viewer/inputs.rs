@@ -86,12 +86,12 @@ impl Viewer {
 
     pub(super) fn point(&mut self, to: [f32; 2]) {
         let from = self.pointer.replace(to).unwrap_or(to);
-        if self.dividers.drag(to[0], self.size[0] as usize) {
+        if self.dividers.drag(to[0], self.size.width as usize) {
             self.is_stale = true;
             return;
         }
         let delta = [0, 1].map(|axis| f64::from(to[axis] - from[axis]));
-        let height = f64::from(self.size[1]);
+        let height = f64::from(self.size.height);
         match self.drag {
             Some(Button::Left) => self.controls.orbit(delta, height),
             Some(Button::Right) => self.controls.pan(delta, height),
@@ -108,7 +108,7 @@ impl Viewer {
         }
         let Some(at) = self.pointer.filter(|_| !self.is_over_panel()) else { return };
         if button == Button::Left {
-            if self.dividers.grab(self.compare, at[0], REACH * self.scale, self.size[0] as usize) {
+            if self.dividers.grab(self.compare, at[0], REACH * self.scale, self.size.width as usize) {
                 return;
             }
             let is_near = |from: [f32; 2]| {

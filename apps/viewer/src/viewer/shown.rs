@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use gs3::Stage;
+use gs3::scene::Size;
 
 use super::desk::Status;
 use super::{Rest, Viewer};
@@ -30,7 +31,7 @@ impl Viewer {
             is_hovering: self.is_hovering,
             view: self.view,
             compare: self.compare,
-            dividers: self.dividers.columns(self.compare, self.size[0] as usize).collect(),
+            dividers: self.dividers.columns(self.compare, self.size.width as usize).collect(),
             fps: 1.0 / self.interval.as_secs_f64(),
             fov: self.controls.fov(),
             up: self.controls.up(),
@@ -60,7 +61,7 @@ impl Viewer {
         });
         if self.is_native_alone() {
             let time = self.frame_time().as_secs_f64() * 1e3;
-            let [width, height] = self.size;
+            let Size { width, height } = self.size;
             lines.push(format!("{time:.1} ms a frame: native, {width}×{height}, as this is fast enough"));
         } else {
             self.add_stages(&status, &mut lines);
@@ -90,7 +91,7 @@ impl Viewer {
             lines.push(format!("{total:.1} ms a frame: {}", stages.join(", ")));
         }
         let scale = status.scale.max(1);
-        let [width, height] = self.size;
+        let Size { width, height } = self.size;
         lines.push(format!(
             "{width}×{height} from {}×{}, {:.1} % exact besides",
             width.div_ceil(scale),

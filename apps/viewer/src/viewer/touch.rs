@@ -64,7 +64,7 @@ impl Viewer {
     fn pinch(&mut self, before: ([f32; 2], f32), after: ([f32; 2], f32)) {
         self.tour.stop();
         let delta = [0, 1].map(|axis| f64::from(after.0[axis] - before.0[axis]));
-        self.controls.pan(delta, f64::from(self.size[1]));
+        self.controls.pan(delta, f64::from(self.size.height));
         // Two fingers at one point have no ratio of distances.
         if before.1 > 0.0 && after.1 > 0.0 {
             self.controls.approach(f64::from(before.1) / f64::from(after.1));

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
-use gs3::scene::{Camera, CameraPath};
+use gs3::scene::{Camera, CameraPath, Size};
 use gs3::{Backend, Mode, PipelineError, ResetReason, Session, SessionSettings};
 
 use super::files::first_camera;
@@ -65,7 +65,7 @@ pub(super) async fn begin(
     session: Session,
     settings: &SessionSettings,
     cameras: Option<&CameraPath>,
-    size: [u32; 2],
+    size: Size,
 ) -> Result<(Session, Option<WarmUp>), ViewerError> {
     if session.backend() != Backend::Gpu {
         return Ok((session, None));

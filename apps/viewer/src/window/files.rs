@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use gs3::scene::capture::{self, CaptureOptions};
-use gs3::scene::demo;
 use gs3::scene::format::{self, LoadOptions};
+use gs3::scene::{Size, demo};
 use gs3_files::write_atomically;
 
 use crate::viewer::{Destination, Opened};
@@ -20,7 +20,7 @@ const NUMBERS: std::ops::RangeInclusive<u32> = 1..=9999;
 ///
 /// # Errors
 /// One line with file, expected and actual.
-pub fn open(file: &Path, size: [u32; 2], progress: &(dyn Fn(f32) + Sync)) -> Result<Opened, String> {
+pub fn open(file: &Path, size: Size, progress: &(dyn Fn(f32) + Sync)) -> Result<Opened, String> {
     let line = |text: String| text.split(['\n', '\r']).map(str::trim).collect::<Vec<_>>().join(" ");
     if file.as_os_str() == "demo" && !file.exists() {
         let scene = Arc::new(demo::scene().map_err(|e| line(e.to_string()))?);
@@ -28,7 +28,7 @@ pub fn open(file: &Path, size: [u32; 2], progress: &(dyn Fn(f32) + Sync)) -> Res
     }
     let name =
         file.file_name().map_or_else(|| file.display().to_string(), |n| n.to_string_lossy().into_owned());
-    let options = CaptureOptions { size: Some(size.into()), ..CaptureOptions::default() };
+    let options = CaptureOptions { size: Some(size), ..CaptureOptions::default() };
     let is_json = file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
     // Scenes have JSON files, too: the index of a SOG is one.
     if is_json && let Ok(path) = capture::load_with(file, &options) {
@@ -113,10 +113,10 @@ mod tests {
         {
             let file = folder.path().join(name);
             fs::write(&file, bytes).unwrap();
-            let error = open(&file, [64, 40], &|_| {}).unwrap_err();
+            let error = open(&file, Size::new(64, 40), &|_| {}).unwrap_err();
             assert!(error.contains(name) && error.lines().count() == 1, "{error}");
         }
-        assert!(open(&folder.path().join("none.ply"), [64, 40], &|_| {}).is_err());
+        assert!(open(&folder.path().join("none.ply"), Size::new(64, 40), &|_| {}).is_err());
     }
 
     #[test]
@@ -124,11 +124,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("cameras.json");
         let path = demo::path().resized(64, 40).unwrap();
-        fs::write(&file, crate::path_file::camera_path_json(&path, [64, 40])).unwrap();
+        fs::write(&file, crate::path_file::camera_path_json(&path, Size::new(64, 40))).unwrap();
         assert!(
-            matches!(open(&file, [64, 40], &|_| {}), Ok(Opened::Cameras { path, .. }) if path.cameras().len() > 1)
+            matches!(open(&file, Size::new(64, 40), &|_| {}), Ok(Opened::Cameras { path, .. }) if path.cameras().len() > 1)
         );
-        let opened = open(Path::new("demo"), [64, 40], &|_| {});
+        let opened = open(Path::new("demo"), Size::new(64, 40), &|_| {});
         assert!(matches!(opened, Ok(Opened::Scene { scene, .. }) if scene.gaussians().len() > 100_000));
     }
 

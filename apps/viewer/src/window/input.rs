@@ -1,5 +1,6 @@
 //! winit's events as inputs.
 
+use gs3::scene::Size;
 use winit::event::{ElementState, MouseButton, MouseScrollDelta, TouchPhase, WindowEvent};
 use winit::keyboard::{Key as WinitKey, NamedKey};
 
@@ -11,7 +12,7 @@ const PIXELS_PER_LINE: f64 = 40.0;
 /// What `event` means for the viewer.
 pub fn inputs(event: &WindowEvent) -> Vec<Input> {
     match event {
-        WindowEvent::Resized(size) => vec![Input::Resized([size.width, size.height])],
+        WindowEvent::Resized(size) => vec![Input::Resized(Size::new(size.width, size.height))],
         WindowEvent::ScaleFactorChanged { scale_factor, .. } => vec![Input::Scale(*scale_factor as f32)],
         WindowEvent::CursorMoved { position, .. } => {
             vec![Input::PointerMoved([position.x as f32, position.y as f32])]

@@ -7,6 +7,7 @@ use std::sync::mpsc::{self, Receiver};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
+use gs3::scene::Size;
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, percent_decode_str, utf8_percent_encode};
 use ureq::{Agent, ResponseExt};
 
@@ -41,7 +42,7 @@ pub fn url_of(place: &Path) -> Option<&str> {
 /// One line with the file, what was expected and what was found.
 pub fn open(
     url: &str,
-    size: [u32; 2],
+    size: Size,
     budget: Option<u64>,
     patience: Duration,
     progress: &(dyn Fn(f32) + Sync),
@@ -208,7 +209,9 @@ mod tests {
         };
         let seen = Mutex::new(Vec::new());
         let coarse = |opened: Opened| seen.lock().unwrap().push(of(&opened));
-        let get = |path: &str| open(&format!("{address}/{path}"), [64, 40], None, PATIENCE, &|_| {}, &coarse);
+        let get = |path: &str| {
+            open(&format!("{address}/{path}"), Size::new(64, 40), None, PATIENCE, &|_| {}, &coarse)
+        };
         assert_eq!(of(&get("five.ply?a=b#c").unwrap()), 5);
         let finer = get("a%20garden/lod-meta.json").unwrap();
         assert!(matches!(finer, Opened::Finer { .. }));
@@ -219,7 +222,8 @@ mod tests {
         ] {
             assert_eq!(get(path).unwrap_err(), expected);
         }
-        let gone = open("http://127.0.0.1:9/a.ply", [64, 40], None, PATIENCE, &|_| {}, &coarse).unwrap_err();
+        let gone = open("http://127.0.0.1:9/a.ply", Size::new(64, 40), None, PATIENCE, &|_| {}, &coarse)
+            .unwrap_err();
         assert!(gone.starts_with("a.ply: expected a file, found ") && gone.lines().count() == 1, "{gone}");
     }
 
@@ -233,7 +237,8 @@ mod tests {
             // Until the client goes.
             _ = stream.read_to_end(&mut Vec::new());
         });
-        let error = open(&address, [64, 40], None, Duration::from_secs(1), &|_| {}, &|_| {}).unwrap_err();
+        let error =
+            open(&address, Size::new(64, 40), None, Duration::from_secs(1), &|_| {}, &|_| {}).unwrap_err();
         assert_eq!(error, "a.ply: expected a file, found no more bytes for 1 s");
     }
 

@@ -125,7 +125,7 @@ fn frames(
     let first = path.cameras()[0];
     let count = path.cameras().len();
     let shown_in_all = (count - 1) * settings.displayed_per_rendered() + 1;
-    let mut video = VideoWriter::new(file, first.size(), *rate, shown_in_all)?;
+    let mut video = VideoWriter::new(file, first.size().to_array(), *rate, shown_in_all)?;
     session.begin_at(0);
     for (k, camera) in path.cameras().iter().enumerate() {
         if is_stopped.load(Ordering::Relaxed) {

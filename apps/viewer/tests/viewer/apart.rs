@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::task::{Wake, Waker};
 use std::time::{Duration, Instant};
 
-use gs3::scene::{Camera, demo};
+use gs3::scene::{Camera, Size, demo};
 use gs3::{Backend, Mode, PipelineSettings, Refine, SessionSettings};
 use gs3_test_support::{psnr_of_bytes, row_of_gaussians};
 use gs3_viewer::input::Key;
@@ -170,7 +170,7 @@ fn what_needs_the_session_waits_for_the_frame_under_way() {
     assert_eq!(apart.viewer.take_effects().len(), 1);
     // Another view and another size come at once, too.
     apart.viewer.input(Input::Key(Key::V, true));
-    apart.viewer.input(Input::Resized([161, 90]));
+    apart.viewer.input(Input::Resized(Size::new(161, 90)));
     apart.rest();
     assert_eq!(apart.viewer.frame().size, [161, 90]);
     assert_eq!(apart.viewer.message(), None);

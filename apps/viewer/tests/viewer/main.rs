@@ -8,7 +8,7 @@ mod pictures;
 mod tours;
 mod warm_up;
 
-use gs3::scene::{Camera, OpacityMode, Scene, demo};
+use gs3::scene::{Camera, OpacityMode, Scene, Size, demo};
 use gs3::{Backend, FramePipeline, Mode, PipelineSettings, Refine, SessionSettings};
 use gs3_test_support::psnr_of_bytes;
 use gs3_viewer::input::Key;
@@ -17,7 +17,7 @@ use std::cell::Cell;
 use std::sync::{Arc, LazyLock};
 use std::time::Duration;
 
-const SIZE: [u32; 2] = [240, 136];
+const SIZE: Size = Size::new(240, 136);
 
 /// A sixth of the demo's Gaussians: all tests together render some thousand frames.
 fn scene() -> Arc<Scene> {
@@ -91,7 +91,7 @@ fn native(camera: &Camera) -> Vec<u8> {
 }
 
 fn first_camera() -> Camera {
-    demo::path().cameras()[0].resized(SIZE[0], SIZE[1]).unwrap()
+    demo::path().cameras()[0].resized(SIZE.width, SIZE.height).unwrap()
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! What a picture shows: comparisons, screenshots, other sizes.
 
+use gs3::scene::Size;
 use gs3::{FramePipeline, Mode, PipelineSettings};
 use gs3_test_support::psnr_of_bytes;
 use gs3_viewer::input::{Button, Key};
@@ -15,7 +16,7 @@ fn comparisons_show_each_method_on_its_side() {
     let camera = hand.viewer.camera().unwrap();
     let expected = native(&camera);
     let half = |rgb: &[u8], columns: std::ops::Range<usize>| -> Vec<u8> {
-        let rows = rgb.chunks_exact(SIZE[0] as usize * 3);
+        let rows = rgb.chunks_exact(SIZE.width as usize * 3);
         rows.flat_map(|row| row[columns.start * 3..columns.end * 3].to_vec()).collect()
     };
     let shown = hand.viewer.frame().to_rgb8();
@@ -63,13 +64,13 @@ fn large_screenshots_are_native_frames() {
 fn another_size_and_scale_are_shown_at_once() {
     let mut hand = Hand::new();
     hand.rest();
-    hand.viewer.input(Input::Resized([161, 90]));
+    hand.viewer.input(Input::Resized(Size::new(161, 90)));
     hand.viewer.input(Input::Scale(2.0));
     hand.step();
     assert_eq!((hand.viewer.picture().size, hand.viewer.camera().unwrap().width()), ([161, 90], 161));
     hand.rest();
     assert_eq!(hand.viewer.frame().to_rgb8(), native(&hand.viewer.camera().unwrap()));
-    hand.viewer.input(Input::Resized([0, 0]));
+    hand.viewer.input(Input::Resized(Size::new(0, 0)));
     hand.step();
-    assert_eq!(hand.viewer.size(), [1, 1]);
+    assert_eq!(hand.viewer.size(), Size::new(1, 1));
 }

@@ -47,7 +47,7 @@ fn a_recorded_tour_plays_ends_and_is_written() {
 fn hand_with_a_tour() -> Hand {
     let mut hand = Hand::new();
     // Cameras that came with the scene are no keyframes to add to.
-    let intrinsics = Intrinsics::from_fov_y(SIZE[0], SIZE[1], 0.8);
+    let intrinsics = Intrinsics::from_fov_y(SIZE.width, SIZE.height, 0.8);
     // Turned around y alone: the cameras between are level, too.
     for turn in [0.2_f64, 0.4] {
         let eye = DVec3::new(4.0 * turn.sin(), -1.0, -4.0 * turn.cos());
@@ -69,7 +69,7 @@ fn a_tour_goes_to_supersplat_and_comes_back() {
     let [Effect::Save(_, bytes)] = &effects[..] else { panic!("{effects:?}") };
     let json: serde_json::Value = serde_json::from_slice(bytes).unwrap();
     assert_eq!((&json["version"], &json["startMode"]), (&2.into(), &"animTrack".into()));
-    let options = CaptureOptions { size: Some(SIZE.into()), ..CaptureOptions::default() };
+    let options = CaptureOptions { size: Some(SIZE), ..CaptureOptions::default() };
     let path = capture::parse_json_with(bytes, &options).unwrap();
     hand.viewer.saved(Ok(PathBuf::from("a/garden.settings.json")), hand.now.get());
     assert_eq!(hand.viewer.note(), Some("written: a/garden.settings.json"), "nothing is left out");
@@ -130,7 +130,7 @@ fn a_video_is_asked_for_told_of_and_stopped() {
     let [Effect::Video(Destination::Numbered { stem: "gs3", extension: "mp4" }, plan)] = &effects[..] else {
         panic!("{effects:?}")
     };
-    let way = hand.viewer.tour().way().unwrap().resized(SIZE[0], SIZE[1]).unwrap();
+    let way = hand.viewer.tour().way().unwrap().resized(SIZE.width, SIZE.height).unwrap();
     assert!(plan.path.cameras() == way.cameras() && plan.rate == 60.0, "{plan:?}");
     // Progress is painted, and renders nothing in the window.
     let before = hand.viewer.picture().clone();

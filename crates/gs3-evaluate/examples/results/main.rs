@@ -24,11 +24,11 @@ use std::sync::Arc;
 
 use gs3::Culling;
 use gs3_evaluate::methods::MethodSettings;
-use gs3_scene::{Scene, capture};
+use gs3_scene::{Scene, Size, capture};
 
 use page::Sections;
 
-const SIZE: (u32, u32) = (1920, 1080);
+const SIZE: Size = Size::new(1920, 1080);
 const SCALE: u32 = 4;
 const FRAMES: usize = 30;
 
@@ -60,8 +60,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             _ => Arc::new(gs3::open(folder.join("scenes").join(scene_name))?),
         };
         loaded = Some((scene_name, Arc::clone(&scene)));
-        let path =
-            capture::load(folder.join("paths").join(format!("{path_name}.json")))?.resized(SIZE.0, SIZE.1)?;
+        let path = capture::load(folder.join("paths").join(format!("{path_name}.json")))?
+            .resized(SIZE.width, SIZE.height)?;
         let available = path.cameras().len();
         if !(3..=available).contains(&frames) {
             return Err(format!("expected 3 to {available} frames, found {frames}").into());

@@ -86,10 +86,10 @@ pub fn page(sections: &Sections, frames: usize, plot: &str) -> String {
         machine.processor,
         machine.threads,
         machine.simd,
-        SIZE.0,
-        SIZE.1,
-        SIZE.0 / SCALE,
-        SIZE.1 / SCALE,
+        SIZE.width,
+        SIZE.height,
+        SIZE.width / SCALE,
+        SIZE.height / SCALE,
         sections.absent.iter().map(|reason| format!(" Absent: {reason}.")).collect::<String>(),
     );
     let _ = writeln!(

@@ -23,7 +23,7 @@ pub fn block_rmse(
     same_size(reference, "test image", test)?;
     let (width, height) = (reference.width(), reference.height());
     if width == 0 || height == 0 {
-        return Err(MetricError::TooSmall { metric: "block RMSE", min: 1, actual: (width, height) });
+        return Err(MetricError::TooSmall { metric: "block RMSE", min: 1, actual: reference.size() });
     }
     let columns = width.div_ceil(BLOCK);
     let rows: Vec<Vec<f64>> = (0..height.div_ceil(BLOCK))

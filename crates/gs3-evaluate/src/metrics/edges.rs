@@ -1,6 +1,6 @@
 //! PSNR near silhouettes, where reconstruction has least to go by and a mean over the whole image hides what it does.
 
-use gs3_scene::{Image, Planes};
+use gs3_scene::{Image, Planes, Size};
 use rayon::prelude::*;
 
 use super::mean_square::{Quantisation, shown};
@@ -100,12 +100,11 @@ pub fn edge_psnr(
     quantisation: Quantisation,
 ) -> Result<Option<f64>, MetricError> {
     same_size(reference, "test image", test)?;
-    let expected = (reference.width(), reference.height());
-    let actual = (edges.width, edges.height);
+    let (expected, actual) = (reference.size(), Size::of(edges.width, edges.height));
     if actual != expected {
         return Err(MetricError::Size { what: "depth edges", expected, actual });
     }
-    let band = BAND_ROWS * expected.0.max(1);
+    let band = BAND_ROWS * reference.width().max(1);
     let pixels = reference.pixels().par_chunks(band).zip(test.pixels().par_chunks(band));
     let sums: Vec<(f64, usize)> = pixels
         .zip(edges.is_near.par_chunks(band))

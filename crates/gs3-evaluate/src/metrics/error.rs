@@ -1,28 +1,30 @@
 //! Why inputs cannot be compared.
 
+use gs3_scene::Size;
+
 /// Why a metric has no value.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MetricError {
     /// Two inputs that belong together differ in size.
-    #[error("{what}: expected {}x{} pixels, found {}x{}", .expected.0, .expected.1, .actual.0, .actual.1)]
+    #[error("{what}: expected {expected} pixels, found {actual}")]
     Size {
         /// The input with the wrong size.
         what: &'static str,
-        /// Expected width and height.
-        expected: (usize, usize),
-        /// Actual width and height.
-        actual: (usize, usize),
+        /// The size expected.
+        expected: Size,
+        /// The size found.
+        actual: Size,
     },
     /// The images are too small for the metric.
-    #[error("{metric}: expected images of at least {min}x{min} pixels, found {}x{}", .actual.0, .actual.1)]
+    #[error("{metric}: expected images of at least {min}x{min} pixels, found {actual}")]
     TooSmall {
         /// The metric.
         metric: &'static str,
         /// Smallest side that the metric accepts.
         min: usize,
-        /// Actual width and height.
-        actual: (usize, usize),
+        /// The size found.
+        actual: Size,
     },
     /// Two sequences that belong together differ in length.
     #[error("{what}: expected {expected} frames, found {actual}")]

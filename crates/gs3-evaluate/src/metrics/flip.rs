@@ -46,7 +46,7 @@ pub fn flip_map(reference: &Image, test: &Image, pixels_per_degree: f32) -> Resu
     same_size(reference, "test image", test)?;
     let (width, height) = (reference.width(), reference.height());
     if width == 0 || height == 0 {
-        return Err(MetricError::TooSmall { metric: "FLIP", min: 1, actual: (width, height) });
+        return Err(MetricError::TooSmall { metric: "FLIP", min: 1, actual: reference.size() });
     }
     let ppd = f64::from(pixels_per_degree);
     let (reference, test) = (Perceived::new(reference, ppd), Perceived::new(test, ppd));

@@ -28,7 +28,7 @@ pub(super) fn mean_square<const N: usize>(
     }
     let (width, height) = (first.width(), first.height());
     if width == 0 || height == 0 {
-        return Err(MetricError::TooSmall { metric: "mean squared error", min: 1, actual: (width, height) });
+        return Err(MetricError::TooSmall { metric: "mean squared error", min: 1, actual: first.size() });
     }
     let level = gs3_simd::level();
     let bands: Vec<f64> = (0..height.div_ceil(BAND_ROWS))

@@ -35,8 +35,7 @@ const BAND_ROWS: usize = 40;
 
 /// Checks that `image`, called `what` in the error, has the size of `reference`.
 fn same_size(reference: &Image, what: &'static str, image: &Image) -> Result<(), MetricError> {
-    let expected = (reference.width(), reference.height());
-    let actual = (image.width(), image.height());
+    let (expected, actual) = (reference.size(), image.size());
     if expected == actual { Ok(()) } else { Err(MetricError::Size { what, expected, actual }) }
 }
 

@@ -43,7 +43,7 @@ pub fn ssim(reference: &Image, test: &Image, border: SsimBorder) -> Result<f64, 
     same_size(reference, "test image", test)?;
     let (width, height) = (reference.width(), reference.height());
     if width < TAPS || height < TAPS {
-        return Err(MetricError::TooSmall { metric: "SSIM", min: TAPS, actual: (width, height) });
+        return Err(MetricError::TooSmall { metric: "SSIM", min: TAPS, actual: reference.size() });
     }
     let margin = match border {
         SsimBorder::Crop => RADIUS,

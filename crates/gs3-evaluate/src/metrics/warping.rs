@@ -36,11 +36,9 @@ const SAME_SURFACE: f64 = 0.02;
 /// [`MetricError::Size`] if an image, camera or depth plane differs in size from the first image.
 pub fn warping_error(frames: [WarpFrame<'_>; 2]) -> Result<Option<f64>, MetricError> {
     let [from, to] = frames;
-    let expected = (from.image.width(), from.image.height());
+    let expected = from.image.size();
     for frame in frames {
-        let camera = (frame.camera.width() as usize, frame.camera.height() as usize);
-        let depth = (frame.depth.width(), frame.depth.height());
-        let image = (frame.image.width(), frame.image.height());
+        let (image, camera, depth) = (frame.image.size(), frame.camera.size(), frame.depth.size());
         for (what, actual) in [("image", image), ("camera", camera), ("depth", depth)] {
             if actual != expected {
                 return Err(MetricError::Size { what, expected, actual });
@@ -48,7 +46,7 @@ pub fn warping_error(frames: [WarpFrame<'_>; 2]) -> Result<Option<f64>, MetricEr
         }
     }
     let motion = Motion::between(from.camera, to.camera);
-    let (width, height) = expected;
+    let [width, height] = expected.to_usize();
     let bands: Vec<(f64, usize)> = (0..height.div_ceil(BAND_ROWS))
         .into_par_iter()
         .map(|band| {

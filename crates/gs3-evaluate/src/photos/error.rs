@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use gs3_files::ReadError;
-use gs3_scene::CameraError;
+use gs3_scene::{CameraError, Size};
 
 use crate::methods::MethodSpec;
 use crate::protocol::EvaluateError;
@@ -55,17 +55,17 @@ pub enum PhotoError {
     },
     /// A photo is not its camera's image, enlarged or reduced.
     #[error(
-        "{}: expected the shape of its camera's image, {}x{} pixels or the same at another scale, found {}x{}; \
+        "{}: expected the shape of its camera's image, {expected} pixels or the same at another scale, found {actual}; \
          photos must be uncropped",
-        path.display(), .expected.0, .expected.1, .actual.0, .actual.1
+        path.display()
     )]
     Shape {
         /// The file.
         path: PathBuf,
         /// Size of the camera's image.
-        expected: (u32, u32),
+        expected: Size,
         /// Size of the photo.
-        actual: (u32, u32),
+        actual: Size,
     },
     /// Photos have no frames between them.
     #[error("method '{method}': expected one without interpolation, since nothing lies between photos")]

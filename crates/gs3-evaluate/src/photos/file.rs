@@ -4,8 +4,8 @@ use std::io::Cursor;
 use std::path::Path;
 
 use gs3_files::read_within;
-use gs3_scene::Image;
 use gs3_scene::camera::MAX_SIDE;
+use gs3_scene::{Image, Size};
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
@@ -19,11 +19,15 @@ const JPEG: [u8; 3] = [0xff, 0xd8, 0xff];
 /// Bytes of a photo at most: 8,192×8,192 pixels of four 16-bit values, twice.
 const MAX_BYTES: u64 = 1 << 30;
 
-/// Width and height of the photo at `path`, from its header.
-pub(super) fn size(path: &Path) -> Result<(u32, u32), PhotoError> {
+/// The size of the photo at `path`, from its header.
+pub(super) fn size(path: &Path) -> Result<Size, PhotoError> {
     let bytes = read_bytes(path)?;
-    if bytes.starts_with(&JPEG) { jpeg_size(&bytes) } else { png_reader(&bytes).map(|r| r.info().size()) }
-        .map_err(|message| decode_error(path, message))
+    if bytes.starts_with(&JPEG) {
+        jpeg_size(&bytes)
+    } else {
+        png_reader(&bytes).map(|r| r.info().size().into())
+    }
+    .map_err(|message| decode_error(path, message))
 }
 
 /// The photo at `path`: display-encoded RGB in `[0, 1]` at 8 bits, fourth channel 1. Transparent pixels show
@@ -90,12 +94,11 @@ fn jpeg_decoder(bytes: &[u8]) -> JpegDecoder<ZCursor<&[u8]>> {
     JpegDecoder::new_with_options(ZCursor::new(bytes), options)
 }
 
-fn jpeg_size(bytes: &[u8]) -> Result<(u32, u32), String> {
+fn jpeg_size(bytes: &[u8]) -> Result<Size, String> {
     let mut decoder = jpeg_decoder(bytes);
     decoder.decode_headers().map_err(|e| e.to_string())?;
     let (width, height) = decoder.dimensions().ok_or("no size in its header")?;
-    // The decoder limits the sides.
-    Ok((width as u32, height as u32))
+    Ok(Size::of(width, height))
 }
 
 fn read_jpeg(bytes: &[u8]) -> Result<Image, String> {
@@ -123,7 +126,7 @@ mod tests {
         // Pillow wrote the JPEG file from the PNG one: quality 95, chroma at half resolution.
         let [png, jpeg] =
             ["coffee_test.png", "coffee_test.jpg"].map(|name| read(&data(name), [0.0; 3]).unwrap());
-        assert_eq!(size(&data("coffee_test.jpg")).unwrap(), (png.width() as u32, png.height() as u32));
+        assert_eq!(size(&data("coffee_test.jpg")).unwrap(), png.size());
         let psnr = psnr(&png, &jpeg, Quantisation::None).unwrap();
         assert!(psnr > 35.0, "{psnr}");
     }

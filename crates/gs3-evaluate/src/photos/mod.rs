@@ -18,7 +18,7 @@ use std::sync::Arc;
 use gs3::Culling;
 use gs3_raster::Rasterizer;
 use gs3_scene::camera_path::pose_between;
-use gs3_scene::{Camera, CameraError, CameraPath, Image, Intrinsics, Scene};
+use gs3_scene::{Camera, CameraError, CameraPath, Image, Intrinsics, Scene, Size};
 
 pub use error::PhotoError;
 pub use results::{PhotoFacts, PhotoImage, PhotoMethodScore, PhotoResults, PhotoRow, PhotoScore};
@@ -183,12 +183,12 @@ impl PhotoProtocol {
     ) -> Result<Photo, PhotoError> {
         // `find_all` has found it by this name.
         let name = self.capture.name(index).unwrap_or_default().to_owned();
-        let (width, height) = file::size(file)?;
+        let size = file::size(file)?;
         let camera = &self.capture.cameras()[index];
-        let camera = following(camera, (width, height)).ok_or_else(|| PhotoError::Shape {
+        let camera = following(camera, size).ok_or_else(|| PhotoError::Shape {
             path: file.to_owned(),
-            expected: (camera.width(), camera.height()),
-            actual: (width, height),
+            expected: camera.size(),
+            actual: size,
         })??;
         let undistortion = match self.capture.lens(index) {
             None => None,
@@ -333,18 +333,18 @@ fn shown_after<'a>(method: &'a mut dyn Method, photo: &Photo) -> Result<&'a Imag
     Ok(method.render(&photo.camera, last.as_ref()).map_err(EvaluateError::from)?.current)
 }
 
-/// `camera` with the image size `(width, height)`, if that is its image's at another scale: each side may be off by the
+/// `camera` with the image size `size`, if that is its image's at another scale: each side may be off by the
 /// rounding of a reduction to whole pixels, up or down. Both axes keep their field of view, as in training on reduced
 /// images.
-fn following(camera: &Camera, (width, height): (u32, u32)) -> Option<Result<Camera, CameraError>> {
-    let old = camera.intrinsics();
+fn following(camera: &Camera, size: Size) -> Option<Result<Camera, CameraError>> {
+    let (old, Size { width, height }) = (camera.intrinsics(), size);
     let (sx, sy) = (f64::from(width) / f64::from(old.width), f64::from(height) / f64::from(old.height));
     // The sides that the other side's scale gives, against the sides found.
     let off = [f64::from(old.width) * sy - f64::from(width), f64::from(old.height) * sx - f64::from(height)];
     // One rounding of a pixel for the side itself, and one of the other side carried over by the aspect.
     let aspect = f64::from(old.width) / f64::from(old.height);
     let allowed = [1.0 + aspect, 1.0 + 1.0 / aspect];
-    let fits = (width, height) == (old.width, old.height) || (0..2).all(|i| off[i].abs() < allowed[i]);
+    let fits = size == old.size() || (0..2).all(|i| off[i].abs() < allowed[i]);
     fits.then(|| {
         let (fx, cx) = (old.fx * sx, old.cx * sx);
         let (fy, cy) = (old.fy * sy, old.cy * sy);
@@ -396,14 +396,16 @@ mod tests {
             Intrinsics { width: 4946, height: 3286, fx: 4000.0, fy: 4010.0, cx: 2400.0, cy: 1650.0 };
         let camera = Camera::new(DAffine3::IDENTITY, intrinsics).unwrap();
         // A quarter, rounded either way (1236.5, 821.5), as collections of reduced photos have them.
-        for size in [(4946, 3286), (1236, 821), (1237, 822), (1237, 821), (1236, 822), (2473, 1643)] {
+        for size in
+            [[4946, 3286], [1236, 821], [1237, 822], [1237, 821], [1236, 822], [2473, 1643]].map(Size::from)
+        {
             let followed = following(&camera, size).unwrap().unwrap().intrinsics();
-            assert_eq!((followed.width, followed.height), size);
+            assert_eq!(followed.size(), size);
             let share = |i: Intrinsics| [i.fx / f64::from(i.width), i.cy / f64::from(i.height)];
             assert!((share(followed)[0] - share(intrinsics)[0]).abs() < 1e-12);
             assert!((share(followed)[1] - share(intrinsics)[1]).abs() < 1e-12);
         }
-        for size in [(3286, 4946), (1236, 828), (1920, 1080), (1228, 822)] {
+        for size in [[3286, 4946], [1236, 828], [1920, 1080], [1228, 822]].map(Size::from) {
             assert!(following(&camera, size).is_none(), "{size:?}");
         }
     }

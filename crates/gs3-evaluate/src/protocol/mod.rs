@@ -18,7 +18,7 @@ use std::sync::Arc;
 
 use gs3::Culling;
 use gs3_scene::camera_path::CameraPath;
-use gs3_scene::{CameraError, Scene};
+use gs3_scene::{CameraError, Scene, Size};
 
 use crate::digest;
 use crate::methods::{MethodError, MethodSettings, MethodSpec, build, check_weights};
@@ -51,8 +51,8 @@ pub struct Protocol {
     pub frames: std::ops::Range<usize>,
     /// How the camera moves over them.
     pub case: Case,
-    /// Width and height of the displayed frames.
-    pub size: (u32, u32),
+    /// The size of displayed frames.
+    pub size: Size,
     /// HR over LR size.
     pub scale: u32,
     /// Methods to compare; native rendering is always among them.
@@ -86,12 +86,12 @@ pub enum EvaluateError {
         actual: std::ops::Range<usize>,
     },
     /// The size cannot be divided by the scale.
-    #[error("size: expected sides divisible by the scale {scale}, found {}x{}", .actual.0, .actual.1)]
+    #[error("size: expected sides divisible by the scale {scale}, found {actual}")]
     Size {
         /// The scale.
         scale: u32,
         /// The size found.
-        actual: (u32, u32),
+        actual: Size,
     },
     /// The scale is not supported.
     #[error("scale: expected 2 to {}, found {actual}", gs3_reconstruct::MAX_SCALE)]
@@ -236,7 +236,7 @@ impl Protocol {
         if !(2..=gs3_reconstruct::MAX_SCALE).contains(&self.scale) {
             return Err(EvaluateError::Scale { actual: self.scale });
         }
-        if !self.size.0.is_multiple_of(self.scale) || !self.size.1.is_multiple_of(self.scale) {
+        if !self.size.to_array().iter().all(|side| side.is_multiple_of(self.scale)) {
             return Err(EvaluateError::Size { scale: self.scale, actual: self.size });
         }
         Ok(check_weights(&self.methods, self.scale, self.weights.as_deref())?)

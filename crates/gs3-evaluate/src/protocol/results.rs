@@ -311,7 +311,7 @@ fn facts(protocol: &Protocol, timeline: &Timeline, truth: TruthFacts) -> Protoco
         frames: [protocol.frames.start, protocol.frames.end],
         rendered_frames: timeline.steps().len(),
         displayed_frames: timeline.displayed_count(),
-        size: [protocol.size.0, protocol.size.1],
+        size: protocol.size.to_array(),
         scale: protocol.scale,
         culling: format!("{:?}", protocol.culling),
         background: protocol.background,

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use gs3_scene::camera_path::CameraPath;
-use gs3_scene::{Camera, CameraError};
+use gs3_scene::{Camera, CameraError, Size};
 
 /// How the camera moves over the evaluated frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -44,12 +44,7 @@ pub(super) struct Timeline {
 }
 
 impl Timeline {
-    pub fn new(
-        path: &CameraPath,
-        frames: Range<usize>,
-        case: Case,
-        size: (u32, u32),
-    ) -> Result<Self, CameraError> {
+    pub fn new(path: &CameraPath, frames: Range<usize>, case: Case, size: Size) -> Result<Self, CameraError> {
         let count = frames.len();
         let cut = count / 2;
         let length = path.cameras().len();
@@ -59,7 +54,7 @@ impl Timeline {
             Case::Cut if i < cut => (frames.start + i) as f64,
             Case::Cut => ((frames.start + i + length / 2) % length) as f64,
         };
-        let camera = |time: f64| path.at(time).resized(size.0, size.1);
+        let camera = |time: f64| path.at(time).resized(size.width, size.height);
         let step = |i: usize| {
             let is_cut = case == Case::Cut && i == cut;
             let middle = match case {
@@ -96,13 +91,13 @@ impl Timeline {
         &self,
         path: &CameraPath,
         frames: Range<usize>,
-        size: (u32, u32),
+        size: Size,
         count: usize,
     ) -> Result<Vec<Camera>, CameraError> {
         let evaluated: Vec<Camera> = self.steps.iter().map(|s| s.camera).collect();
         let mut outside = Vec::new();
         for camera in path.cameras()[..frames.start].iter().chain(&path.cameras()[frames.end..]) {
-            let camera = camera.resized(size.0, size.1)?;
+            let camera = camera.resized(size.width, size.height)?;
             if !evaluated.contains(&camera) {
                 outside.push(camera);
             }

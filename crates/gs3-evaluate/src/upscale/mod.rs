@@ -14,7 +14,7 @@ pub use ridge::{RidgeError, RidgeMap};
 
 use gs3_raster::Outputs;
 use gs3_reconstruct::{ReconstructError, ResampleKernel};
-use gs3_scene::{GBuffer, Image};
+use gs3_scene::{GBuffer, Image, Size};
 
 /// Why a frame was not upscaled.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -24,12 +24,12 @@ pub enum UpscaleError {
     #[error(transparent)]
     Reconstruct(#[from] ReconstructError),
     /// The output is not `scale` times the size of the input.
-    #[error("upscaled image: expected {}x{} pixels, found {}x{}", .expected.0, .expected.1, .actual.0, .actual.1)]
+    #[error("upscaled image: expected {expected} pixels, found {actual}")]
     Size {
         /// `scale` times the size of the LR frame.
-        expected: (usize, usize),
+        expected: Size,
         /// Size of the output.
-        actual: (usize, usize),
+        actual: Size,
     },
     /// The method is made for one scale factor.
     #[error("{method}: expected scale {expected}, found {actual}")]
@@ -114,7 +114,6 @@ impl Upscaler for Hermite {
 
 /// Checks that `out` is `scale` times the size of `lr`.
 pub(crate) fn check_size(lr: &GBuffer, scale: u32, out: &Image) -> Result<(), UpscaleError> {
-    let expected = (lr.width() * scale as usize, lr.height() * scale as usize);
-    let actual = (out.width(), out.height());
+    let (expected, actual) = (lr.size().map(|side| side.saturating_mul(scale)), out.size());
     if expected == actual { Ok(()) } else { Err(UpscaleError::Size { expected, actual }) }
 }

@@ -6,7 +6,7 @@ use gs3_evaluate::metrics::{
     MetricError, Quantisation, SsimBorder, Viewing, color_video_vdp, flicker, flip, flip_map, psnr, ssim,
     tpsnr,
 };
-use gs3_scene::Image;
+use gs3_scene::{Image, Size};
 use serde_json::Value;
 
 fn oracle() -> Value {
@@ -176,12 +176,13 @@ fn odd_sizes_work_and_unusable_ones_are_refused() {
     let narrow = crop(&reference, 3, 5, 10, 30);
     assert_eq!(
         ssim(&narrow, &narrow, SsimBorder::Crop),
-        Err(MetricError::TooSmall { metric: "SSIM", min: 11, actual: (10, 30) })
+        Err(MetricError::TooSmall { metric: "SSIM", min: 11, actual: Size::new(10, 30) })
     );
     let pixel = crop(&reference, 3, 5, 1, 1);
     assert_eq!(psnr(&pixel, &pixel, Quantisation::None), Ok(f64::INFINITY));
     assert_eq!(flip(&pixel, &pixel, DEFAULT_PIXELS_PER_DEGREE), Ok(0.0));
-    let size = MetricError::Size { what: "test image", expected: (11, 11), actual: (10, 30) };
+    let size =
+        MetricError::Size { what: "test image", expected: Size::new(11, 11), actual: Size::new(10, 30) };
     assert_eq!(psnr(&tiny, &narrow, Quantisation::None), Err(size.clone()));
     assert_eq!(ssim(&tiny, &narrow, SsimBorder::Crop), Err(size.clone()));
     assert_eq!(flip(&tiny, &narrow, DEFAULT_PIXELS_PER_DEGREE), Err(size));

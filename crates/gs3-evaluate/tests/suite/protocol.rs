@@ -9,7 +9,7 @@ use gs3::neural::{Graph, Header, Weights};
 use gs3_evaluate::methods::MethodError;
 use gs3_evaluate::protocol::{Case, EvaluateError, Event, Protocol, Results, Subset};
 use gs3_evaluate::report;
-use gs3_scene::{CameraPath, Gaussians, OpacityMode, Scene, orbit};
+use gs3_scene::{CameraPath, Gaussians, OpacityMode, Scene, Size, orbit};
 
 /// Some hundred overlapping Gaussians in a ball.
 fn scene() -> Scene {
@@ -41,7 +41,7 @@ fn protocol(methods: &str, case: Case) -> Protocol {
         path_name: "orbit".into(),
         frames: 10..16,
         case,
-        size: (96, 64),
+        size: Size::new(96, 64),
         scale: 4,
         methods: methods.split(',').map(|m| m.parse().unwrap()).collect(),
         culling: Culling::AccuTile,
@@ -376,11 +376,11 @@ fn protocols_that_make_no_sense_are_refused() {
     ));
     assert!(matches!(error(Protocol { frames: 5..7, ..base.clone() }), EvaluateError::Frames { .. }));
     assert!(matches!(
-        error(Protocol { size: (98, 64), ..base.clone() }),
+        error(Protocol { size: Size::new(98, 64), ..base.clone() }),
         EvaluateError::Size { scale: 4, .. }
     ));
     assert!(matches!(error(Protocol { scale: 1, ..base.clone() }), EvaluateError::Scale { actual: 1 }));
-    assert!(matches!(error(Protocol { size: (0, 64), ..base.clone() }), EvaluateError::Camera(_)));
+    assert!(matches!(error(Protocol { size: Size::new(0, 64), ..base.clone() }), EvaluateError::Camera(_)));
     let without = |methods: &str, weights: Option<&Path>| Protocol {
         weights: weights.map(Path::to_owned),
         ..protocol(methods, Case::Path)

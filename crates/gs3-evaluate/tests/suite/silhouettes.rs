@@ -4,7 +4,7 @@ use crate::common::{crop, image};
 use gs3_evaluate::metrics::{
     DepthEdges, MetricError, Quantisation, block_rmse, block_rmse_p99, edge_psnr, psnr,
 };
-use gs3_scene::{Image, Planes};
+use gs3_scene::{Image, Planes, Size};
 
 /// A picture and a damaged version of it, of a size that is no multiple of blocks, bands or vectors.
 fn pair() -> (Image, Image) {
@@ -150,11 +150,13 @@ fn equal_images_flat_depths_and_sizes_that_differ() {
     assert_eq!(block_rmse_p99(&reference, &reference, none), Ok(0.0));
     let flat = DepthEdges::of(&Planes::new(189, 149));
     assert_eq!((edge_psnr(&reference, &test, &flat, none), flat.share()), (Ok(None), 0.0));
-    let size = |what, actual| Err(MetricError::Size { what, expected: (189, 149), actual });
+    let size = |what, actual: [u32; 2]| {
+        Err(MetricError::Size { what, expected: Size::new(189, 149), actual: actual.into() })
+    };
     let other = crop(&test, 0, 0, 188, 149);
-    assert_eq!(edge_psnr(&reference, &other, &edges, none), size("test image", (188, 149)));
+    assert_eq!(edge_psnr(&reference, &other, &edges, none), size("test image", [188, 149]));
     let narrow = DepthEdges::of(&depth(188, 149));
-    assert_eq!(edge_psnr(&reference, &test, &narrow, none), size("depth edges", (188, 149)));
+    assert_eq!(edge_psnr(&reference, &test, &narrow, none), size("depth edges", [188, 149]));
     assert!(matches!(block_rmse(&reference, &other, none), Err(MetricError::Size { .. })));
     let empty = Image::new(0, 0);
     assert!(matches!(block_rmse_p99(&empty, &empty, none), Err(MetricError::TooSmall { .. })));

@@ -4,7 +4,7 @@
 use crate::common::{data, gbuffer, image};
 use gs3_evaluate::upscale::{Fsr1, Hermite, Lanczos, RidgeError, RidgeMap, UpscaleError, Upscaler};
 use gs3_reconstruct::ResampleKernel;
-use gs3_scene::{GBuffer, Gradients, Image, Planes};
+use gs3_scene::{GBuffer, Gradients, Image, Planes, Size};
 use serde_json::Value;
 
 /// A smooth function of HR coordinates, its samples on the LR grid with exact gradients, and its HR image.
@@ -181,7 +181,7 @@ fn the_ridge_map_recovers_a_planted_linear_map() {
 fn unsuitable_frames_are_refused() {
     let (lr, hr) = smooth(4, [0.0; 2], false);
     let mut small = Image::new(10, 10);
-    let size = Err(UpscaleError::Size { expected: (148, 84), actual: (10, 10) });
+    let size = Err(UpscaleError::Size { expected: Size::new(148, 84), actual: Size::new(10, 10) });
     assert_eq!(Lanczos::default().upscale(&lr, 4, &mut small), size);
     assert_eq!(Fsr1::default().upscale(&lr, 4, &mut small), size);
     let mut map = RidgeMap::fit(&[(&lr, &hr)], 4).unwrap();

@@ -2,7 +2,7 @@
 
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use gs3_evaluate::metrics::{MetricError, WarpFrame, warping_error};
-use gs3_scene::{Camera, Image, Intrinsics, Planes};
+use gs3_scene::{Camera, Image, Intrinsics, Planes, Size};
 
 /// A smooth texture on the world plane z = 4, seen by `camera`.
 fn render(camera: &Camera) -> (Image, Planes<1>) {
@@ -92,6 +92,6 @@ fn a_depth_of_another_size_is_refused() {
     second.depth = Planes::new(48, 32);
     assert_eq!(
         warping_error([first.view(), second.view()]),
-        Err(MetricError::Size { what: "depth", expected: (96, 64), actual: (48, 32) })
+        Err(MetricError::Size { what: "depth", expected: Size::new(96, 64), actual: Size::new(48, 32) })
     );
 }

@@ -257,7 +257,7 @@ mod tests {
         let mut rects = vec![rect(0, 0, 128, 160)];
         rects.extend([rect(0, 48, 128, 64); 10]);
         let jobs = [Projected { rects, ..Projected::default() }];
-        let grid = Grid::native([128, 160]);
+        let grid = Grid::native(gs3_scene::Size::new(128, 160));
         let rows = |rows| Part { rows, columns: 0..4 };
         let piece = |row, columns| Part { rows: row..row + 1, columns };
         assert_eq!(Bins::parts(&jobs, &grid, 1000), [rows(0..10)]);

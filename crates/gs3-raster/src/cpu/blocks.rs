@@ -264,7 +264,7 @@ mod tests {
         let camera = demo::path().cameras()[0].resized(310, 170).expect("a valid size");
         let settings =
             RasterSettings { dilation: matched_dilation(2), ..RasterSettings::new(Outputs::GBuffer) };
-        let [columns, rows] = block_grid([310, 170]);
+        let [columns, rows] = block_grid(camera.size());
         let places: Vec<[u16; 2]> =
             (0..rows).flat_map(|y| (0..columns).step_by(3).map(move |x| [x as u16, y as u16])).collect();
         let run = |most_entries: u64| {

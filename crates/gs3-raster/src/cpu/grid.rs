@@ -1,6 +1,6 @@
 //! The positions of the native image that a frame samples.
 
-use gs3_scene::Camera;
+use gs3_scene::{Camera, Size};
 
 use super::bin::{TILE_HEIGHT, TILE_WIDTH};
 use crate::settings::{RasterSettings, Window};
@@ -26,15 +26,14 @@ pub struct Grid {
 
 impl Grid {
     /// Every pixel of an image of `size`.
-    pub fn native(size: [u32; 2]) -> Self {
-        let size = size.map(|side| side as usize);
-        Self { stride: 1, first: [0.0; 2], before: [0; 2], origin: [0.0; 2], size }
+    pub const fn native(size: Size) -> Self {
+        Self { stride: 1, first: [0.0; 2], before: [0; 2], origin: [0.0; 2], size: size.to_usize() }
     }
 
     /// Every pixel of `window` of an image, at its position in the image.
     pub fn window(window: Window) -> Self {
         let origin = [window.left, window.top].map(|side| side as f32);
-        Self { first: origin, origin, ..Self::native([window.width, window.height]) }
+        Self { first: origin, origin, ..Self::native(window.size()) }
     }
 
     /// The samples of the low-resolution frame of `camera`, `scale` times coarser, under `settings` of that frame.
@@ -44,7 +43,7 @@ impl Grid {
         let before = [margin.left, margin.top].map(|side| (side * scale) as usize);
         let first = first_sample(scale, settings.jitter);
         let first = [0, 1].map(|a| first[a] as f32 - before[a] as f32);
-        let size = margin.padded(lr.size()).map(|side| side as usize);
+        let size = margin.padded(lr.size()).to_usize();
         let origin = before.map(|side| -(side as f32));
         Self { stride: scale as usize, first, before, origin, size }
     }

@@ -179,7 +179,8 @@ fn project_lanes<S: Simd>(
             .mul_add(limited[a].mul_add(limited[a], lanes(s, 1.0)), lanes(s, view.dilation));
         let extent = (variance * lanes(s, MAX_SQUARED_RADIUS)).sqrt() + lanes(s, 1.0);
         visible &= (mean[a] + extent).simd_ge(lanes(s, -view.before[a]));
-        visible &= (mean[a] - extent).simd_le(lanes(s, view.size[a] as f32 - 1.0 - view.before[a]));
+        visible &=
+            (mean[a] - extent).simd_le(lanes(s, view.size.to_array()[a] as f32 - 1.0 - view.before[a]));
     }
     if !visible.any_true() {
         return 0;
@@ -230,7 +231,7 @@ fn project_lanes<S: Simd>(
     let extent_x = (squared_radius * xx).sqrt() + lanes(s, EXTENT_MARGIN);
     let extent_y = (squared_radius * yy).sqrt() + lanes(s, EXTENT_MARGIN);
     let before = view.before.map(|pixels| lanes(s, pixels));
-    let last = [0, 1].map(|a| lanes(s, view.size[a] as f32 - 1.0 - view.before[a]));
+    let last = [0, 1].map(|a| lanes(s, view.size.to_array()[a] as f32 - 1.0 - view.before[a]));
     let x0 = (mean[0] - extent_x).ceil().max(zero - before[0]);
     let x1 = (mean[0] + extent_x).floor().min(last[0]);
     let y0 = (mean[1] - extent_y).ceil().max(zero - before[1]);

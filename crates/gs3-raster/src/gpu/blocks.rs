@@ -2,7 +2,7 @@
 //! `cpu/blocks.rs`.
 
 use gs3_compute::{Bound, Buffer, GpuError, Recorder};
-use gs3_scene::{Camera, block_grid};
+use gs3_scene::{Camera, Size, block_grid};
 
 use super::view::Native;
 use super::{GpuGBuffer, GpuRasterError, GpuRasterizer, check};
@@ -54,12 +54,11 @@ impl GpuBlocks {
     }
 
     /// Checks that the buffers hold a picture of `size`.
-    pub(super) fn check(&self, size: [u32; 2]) -> Result<(), GpuError> {
-        let area = |[width, height]: [usize; 2]| width as u64 * height as u64;
-        let size = size.map(|side| side as usize);
+    pub(super) fn check(&self, size: Size) -> Result<(), GpuError> {
+        let [columns, rows] = block_grid(size);
         let needs = [
-            ("chosen", &self.chosen, area(block_grid(size)) * CHOSEN_BYTES),
-            ("image", &self.image, area(size) * IMAGE_PIXEL_BYTES),
+            ("chosen", &self.chosen, (columns * rows) as u64 * CHOSEN_BYTES),
+            ("image", &self.image, size.pixels() * IMAGE_PIXEL_BYTES),
         ];
         match needs.into_iter().find(|(_, buffer, bytes)| buffer.bytes() < *bytes) {
             None => Ok(()),

@@ -46,11 +46,16 @@ pub fn record(
         picture.crop = BoundCrop { padded: padded.made(), planes, uniform: Some(uniform) };
     }
     let (size, margin) = (picture.size(), padded.margin());
-    let place = CropUniform { size, first: [margin.left, margin.top], stride: padded.stride(), _pad: 0 };
+    let place = CropUniform {
+        size: size.to_array(),
+        first: [margin.left, margin.top],
+        stride: padded.stride(),
+        _pad: 0,
+    };
     if let Some(uniform) = &picture.crop.uniform {
         recorder.write(&uniform.slice(), &[place])?;
     }
-    let groups = [size[0].div_ceil(GROUP[0]), size[1].div_ceil(GROUP[1]), 1];
+    let groups = [size.width.div_ceil(GROUP[0]), size.height.div_ceil(GROUP[1]), 1];
     for plane in &picture.crop.planes {
         recorder.dispatch(plane, groups);
     }

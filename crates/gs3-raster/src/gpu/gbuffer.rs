@@ -4,7 +4,7 @@ use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use gs3_compute::{Bound, Buffer, Gpu, GpuError, Use, now};
-use gs3_scene::{GBuffer, Geometry, Gradients, Image, Margin, Planes};
+use gs3_scene::{GBuffer, Geometry, Gradients, Image, Margin, Planes, Size};
 
 use super::crop::BoundCrop;
 use super::plan::PIXEL_BYTES;
@@ -20,9 +20,9 @@ const STEP_BYTES: u64 = 32 << 20;
 /// With two G-buffers, the previous frame is kept while the next frame is made.
 #[derive(Default)]
 pub struct GpuGBuffer {
-    size: [u32; 2],
+    size: Size,
     /// Capacity in pixels, per row and per column.
-    room: [u32; 2],
+    room: Size,
     jitter: [f32; 2],
     margin: Margin,
     /// Number of these planes among all planes ever made; 0 for none.
@@ -62,16 +62,16 @@ const fn plane_names(outputs: Outputs) -> &'static [&'static str] {
 }
 
 impl GpuGBuffer {
-    /// Width and height in pixels, the margin included; zeros before the first frame.
+    /// Pixels, the margin included; none before the first frame.
     #[must_use]
-    pub const fn size(&self) -> [u32; 2] {
+    pub const fn size(&self) -> Size {
         self.size
     }
 
     /// Distance of the planes' rows, in pixels.
     #[must_use]
     pub const fn stride(&self) -> u32 {
-        self.room[0]
+        self.room.width
     }
 
     /// The margin beyond the edges of the picture.
@@ -125,18 +125,18 @@ impl GpuGBuffer {
     }
 
     /// Stores the size, margin and jitter of the next frame.
-    pub(super) fn set(&mut self, size: [u32; 2], margin: Margin, jitter: [f32; 2]) {
+    pub(super) fn set(&mut self, size: Size, margin: Margin, jitter: [f32; 2]) {
         (self.size, self.margin, self.jitter) = (size, margin, jitter);
     }
 
     /// Allocates the planes of `outputs` for `room` pixels.
-    pub(super) fn fit(&mut self, gpu: &Gpu, outputs: Outputs, room: [u32; 2]) -> Result<(), GpuError> {
+    pub(super) fn fit(&mut self, gpu: &Gpu, outputs: Outputs, room: Size) -> Result<(), GpuError> {
         let names = plane_names(outputs);
         if self.room == room && self.planes.iter().map(|(name, _)| *name).eq(names.iter().copied()) {
             return Ok(());
         }
         *self = Self::default();
-        let bytes = u64::from(room[0]) * u64::from(room[1]) * PIXEL_BYTES;
+        let bytes = room.pixels() * PIXEL_BYTES;
         for name in names {
             self.planes.push((*name, gpu.buffer(name, Use::Storage, bytes)?));
         }
@@ -185,7 +185,8 @@ impl GpuGBuffer {
     /// # Errors
     /// [`GpuError`] if the device fails.
     pub async fn read_image(&self, gpu: &Gpu, out: &mut Image) -> Result<(), GpuError> {
-        out.resize(self.size[0] as usize, self.size[1] as usize);
+        let [width, height] = self.size.to_usize();
+        out.resize(width, height);
         self.read_runs(gpu, self.color_alpha(), |first, pixels| {
             out.pixels_mut()[first..first + pixels.len()].copy_from_slice(pixels);
         })
@@ -204,7 +205,7 @@ impl GpuGBuffer {
         rgb: &mut Planes<3>,
         mut fourth: Option<&mut Planes<1>>,
     ) -> Result<(), GpuError> {
-        let [width, height] = self.size.map(|side| side as usize);
+        let [width, height] = self.size.to_usize();
         let count = width * height;
         rgb.resize(width, height);
         if let Some(fourth) = &mut fourth {
@@ -230,7 +231,7 @@ impl GpuGBuffer {
         mut take: impl FnMut(usize, &[[f32; 4]]),
     ) -> Result<(), GpuError> {
         let Some(plane) = plane else { return Ok(()) };
-        let [width, height] = self.size.map(|side| side as usize);
+        let [width, height] = self.size.to_usize();
         // Whole rows; the picture may be a part of each row.
         let row_bytes = u64::from(self.stride()) * PIXEL_BYTES;
         let rows = (STEP_BYTES / row_bytes).max(1) as usize;

@@ -35,7 +35,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use gs3_compute::{Arena, Gpu, GpuError, Limits, Readback, Recorder, Slice, Timings, now};
-use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
+use gs3_scene::{Camera, GBuffer, Image, Margin, Scene, Size};
 
 use crate::settings::{Culling, MAX_MARGIN, Outputs, RasterError, RasterSettings, Rules, Window};
 use crate::view::View;
@@ -194,7 +194,7 @@ impl GpuRasterizer {
     fn record_view(
         &mut self,
         recorder: &mut Recorder<'_>,
-        picture: [u32; 2],
+        picture: Size,
         view: &View,
         native: Option<Native>,
         settings: &RasterSettings,
@@ -426,7 +426,7 @@ impl GpuRasterizer {
         check(&settings)?;
         window.check(camera.size())?;
         let view = View::from_window(camera, window, &settings, self.scene.details().near);
-        let size = [window.width, window.height];
+        let size = window.size();
         now(self.make_own(|rasterizer, recorder, own| {
             rasterizer.record_view(recorder, size, &view, None, &settings, own)
         }))?;
@@ -434,7 +434,7 @@ impl GpuRasterizer {
     }
 
     /// Makes sure that `self.frame` has this size and these outputs.
-    fn fit(&mut self, size: [u32; 2], outputs: Outputs) -> Result<(), GpuRasterError> {
+    fn fit(&mut self, size: Size, outputs: Outputs) -> Result<(), GpuRasterError> {
         if self.frame.as_ref().is_some_and(|frame| frame.plan.size == size && frame.plan.outputs == outputs) {
             return Ok(());
         }

@@ -2,6 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use gs3_compute::{ChunkPlan, GpuError, Limits, MAX_PAIRS, Need, Use};
+use gs3_scene::Size;
 
 use super::scene::ScenePrecision;
 use crate::chunk::CHUNK;
@@ -10,8 +11,8 @@ use crate::settings::Outputs;
 /// Side of a tile in pixels, `TILE` of the shaders. Low-resolution frames have few pixels, with many splats each: smaller
 /// tiles keep more of a device busy, and the longest list, which the frame waits for, is shorter. Larger frames are busy
 /// anyway, and small tiles are more work for `bin`.
-const fn tile_side(outputs: Outputs, size: [u32; 2]) -> u32 {
-    let is_small = size[0] as u64 * size[1] as u64 <= SMALL_FRAME;
+const fn tile_side(outputs: Outputs, size: Size) -> u32 {
+    let is_small = size.pixels() <= SMALL_FRAME;
     if matches!(outputs, Outputs::GBuffer | Outputs::GBufferMixed) && is_small { 8 } else { 16 }
 }
 
@@ -133,12 +134,12 @@ fn rounded(count: u32, max: u32) -> u32 {
 
 impl Capacity {
     /// The initial capacity, a guess.
-    pub fn new(limits: &Limits, scene: &ScenePlan, size: [u32; 2], outputs: Outputs) -> Self {
+    pub fn new(limits: &Limits, scene: &ScenePlan, size: Size, outputs: Outputs) -> Self {
         let most = most(limits);
         // Rarely more than half of a large scene is in view.
         let splats = scene.gaussians.min((1 << 20).max(scene.gaussians / 2)).min(most.splats);
         let tile = tile_side(outputs, size);
-        let tiles = size[0].div_ceil(tile) * size[1].div_ceil(tile);
+        let tiles = size.width.div_ceil(tile) * size.height.div_ceil(tile);
         // Low-resolution splats touch one or two tiles, and splats of native frames three to ten.
         let entries = u64::from(splats) * 4 + u64::from(tiles) * 16;
         let entries = entries.min(most.entries.into()) as u32;
@@ -197,7 +198,7 @@ impl Capacity {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FramePlan {
     /// Capacity in pixels.
-    pub size: [u32; 2],
+    pub size: Size,
     pub outputs: Outputs,
     /// Side of a tile in pixels.
     pub tile: u32,
@@ -217,7 +218,7 @@ impl FramePlan {
     pub fn new(
         limits: &Limits,
         scene: &ScenePlan,
-        size: [u32; 2],
+        size: Size,
         outputs: Outputs,
         capacity: Capacity,
     ) -> Result<Self, GpuError> {
@@ -228,13 +229,13 @@ impl FramePlan {
     pub fn with_tiles(
         limits: &Limits,
         scene: &ScenePlan,
-        size: [u32; 2],
+        size: Size,
         outputs: Outputs,
         capacity: Capacity,
         tile: u32,
     ) -> Result<Self, GpuError> {
-        let (columns, rows) = (size[0].div_ceil(tile), size[1].div_ceil(tile));
-        let row_bytes = u64::from(tile) * u64::from(size[0]) * PIXEL_BYTES;
+        let Size { width: columns, height: rows } = size.map(|side| side.div_ceil(tile));
+        let row_bytes = u64::from(tile) * u64::from(size.width) * PIXEL_BYTES;
         let bytes = limits.binding_bytes.min(limits.buffer_bytes);
         let band_rows =
             u32::try_from(bytes / row_bytes).unwrap_or(u32::MAX).min(capacity.band_rows).min(rows);
@@ -268,10 +269,10 @@ impl FramePlan {
 
     /// Where a band's pixels are in a plane, in bytes: start and length.
     pub fn band_bytes(&self, band: &Band) -> (u64, u64) {
-        let row = u64::from(self.size[0]) * PIXEL_BYTES;
+        let row = u64::from(self.size.width) * PIXEL_BYTES;
         let tile = self.tile;
         let first = band.first_row * tile;
-        let last = ((band.first_row + band.rows) * tile).min(self.size[1]);
+        let last = ((band.first_row + band.rows) * tile).min(self.size.height);
         (u64::from(first) * row, u64::from(last - first) * row)
     }
 
@@ -347,7 +348,7 @@ mod tests {
                 {
                     let scene = ScenePlan::new(&limits, gaussians, degree, precision).unwrap();
                     check_pages(&scene, &limits);
-                    for size in SIZES {
+                    for size in SIZES.map(Size::from) {
                         for outputs in [Outputs::Color, Outputs::GBufferMixed] {
                             let capacity = Capacity::new(&limits, &scene, size, outputs);
                             let plan = FramePlan::new(&limits, &scene, size, outputs, capacity).unwrap();
@@ -385,9 +386,8 @@ mod tests {
             assert!(band.rows * band.columns < 1 << plan.tile_bits);
             (row, end) = (row + band.rows, start + bytes);
         }
-        let [width, height] = plan.size.map(u64::from);
-        assert_eq!(end, width * height * PIXEL_BYTES, "{:?}", plan.size);
-        assert_eq!(row, plan.size[1].div_ceil(plan.tile));
+        assert_eq!(end, plan.size.pixels() * PIXEL_BYTES, "{}", plan.size);
+        assert_eq!(row, plan.size.height.div_ceil(plan.tile));
     }
 
     #[test]
@@ -408,7 +408,7 @@ mod tests {
         let limits = limits(128 << 20);
         let most = (128 << 20) / 4;
         let scene = ScenePlan::new(&limits, 3_000_000, 0, ScenePrecision::F16).unwrap();
-        let mut capacity = Capacity::new(&limits, &scene, [7680, 4320], Outputs::Color);
+        let mut capacity = Capacity::new(&limits, &scene, Size::new(7680, 4320), Outputs::Color);
         let rows = 270;
         let mut seen = Vec::new();
         loop {

@@ -2,7 +2,7 @@
 
 use glam::{DAffine3, DVec3};
 use gs3_compute::{GpuSettings, Use, device_for_tests};
-use gs3_scene::{Gaussians, Intrinsics, Margin, OpacityMode};
+use gs3_scene::{Gaussians, Intrinsics, Margin, OpacityMode, Size};
 
 use super::*;
 use crate::cpu::Rasterizer;
@@ -236,7 +236,7 @@ fn tiles_of_any_size_make_the_same_frames() {
     let made = [8, 16].map(|tile| {
         let capacity = Capacity { splats: 1 << 16, entries: 1 << 20, band_rows: u32::MAX };
         let (limits, plan) = (&rasterizer.limits, &rasterizer.plan);
-        let plan = FramePlan::with_tiles(limits, plan, [250, 170], SETTINGS.outputs, capacity, tile);
+        let plan = FramePlan::with_tiles(limits, plan, Size::new(250, 170), SETTINGS.outputs, capacity, tile);
         rasterizer.capacity = Some(capacity);
         rasterizer.set_frame(plan.expect("sizes")).expect("room");
         let made = (frame(&mut rasterizer, &camera, &SETTINGS), blocks(&mut rasterizer, &camera));
@@ -262,8 +262,9 @@ fn a_frame_without_room_is_made_again() {
         Capacity { splats: 7, entries: 5, band_rows: 3 },
     ] {
         let mut cramped = new();
-        let plan = FramePlan::new(&cramped.limits, &cramped.plan, [250, 170], SETTINGS.outputs, capacity)
-            .expect("sizes");
+        let plan =
+            FramePlan::new(&cramped.limits, &cramped.plan, Size::new(250, 170), SETTINGS.outputs, capacity)
+                .expect("sizes");
         cramped.capacity = Some(capacity);
         cramped.set_frame(plan).expect("room");
         let mut gbuffer = GpuGBuffer::default();

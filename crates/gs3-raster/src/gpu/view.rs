@@ -1,6 +1,7 @@
 //! The camera in device memory.
 
 use bytemuck::{Pod, Zeroable};
+use gs3_scene::Size;
 
 use crate::chunk::Frustum;
 use crate::settings::RasterSettings;
@@ -39,8 +40,8 @@ pub struct ViewUniform {
 pub struct Native {
     /// How many times coarser the frame is.
     pub scale: u32,
-    /// Pixels of the picture.
-    pub size: [u32; 2],
+    /// The picture's size.
+    pub size: Size,
 }
 
 impl ViewUniform {
@@ -77,12 +78,12 @@ impl ViewUniform {
             center: view.center,
             jacobian_low: view.jacobian_limits.map(|[low, _]| low),
             jacobian_high: view.jacobian_limits.map(|[_, high]| high),
-            size: view.size,
+            size: view.size.to_array(),
             stride,
             scale,
             cell_before: first.map(|first| (first.max(0.0) / scale_f64) as f32),
             cell_after: first.map(|first| ((last - first).max(0.0) / scale_f64) as f32),
-            picture,
+            picture: picture.to_array(),
             margin: [settings.margin.left, settings.margin.top],
             first_sample: first.map(|first| first as f32),
             has_blocks: u32::from(native.is_some()),

@@ -79,7 +79,7 @@ fn cell(scale: u32, jitter: [f32; 2]) -> [usize; 2] {
 
 /// Every `every`-th block of an image, from a random one on.
 fn some_blocks(image: &Image, every: usize, random: &mut Random) -> Vec<[u16; 2]> {
-    let [columns, rows] = block_grid([image.width(), image.height()]);
+    let [columns, rows] = block_grid(image.size());
     let all = (0..rows).flat_map(|y| (0..columns).map(move |x| [x as u16, y as u16]));
     all.skip((random.bits() as usize) % every).step_by(every).collect()
 }

@@ -8,7 +8,7 @@ use gs3_raster::{
     Culling, GpuBlocks, GpuGBuffer, GpuRasterError, GpuRasterizer, LowResolution, RasterError,
     RasterSettings, Rasterizer, ScenePrecision,
 };
-use gs3_scene::{BLOCK_SIDE, Camera, GBuffer, Image, Jitter, Margin, Scene, block_grid};
+use gs3_scene::{BLOCK_SIDE, Camera, GBuffer, Image, Jitter, Margin, Scene, Size, block_grid};
 use half::f16;
 
 use crate::blocks;
@@ -43,11 +43,11 @@ struct Target {
 
 impl Target {
     /// Each block of an image of `size` with the probability `share`.
-    fn new(gpu: &Gpu, size: [u32; 2], share: f64, random: &mut Random) -> Self {
-        let [columns, rows] = block_grid(size.map(|side| side as usize));
+    fn new(gpu: &Gpu, size: Size, share: f64, random: &mut Random) -> Self {
+        let [columns, rows] = block_grid(size);
         let is_chosen = |_| u32::from(f64::from((random.bits() % 1000) as u32) < 1000.0 * share);
         let chosen: Vec<u32> = (0..columns * rows).map(is_chosen).collect();
-        let pixels = vec![[f16::from_f32(UNTOUCHED).to_bits(); 4]; (size[0] * size[1]) as usize];
+        let pixels = vec![[f16::from_f32(UNTOUCHED).to_bits(); 4]; size.pixels() as usize];
         let image = gpu.buffer_with("image", Use::Storage, &pixels).expect("room");
         let marks = gpu.buffer_with("chosen", Use::Storage, &chosen).expect("room");
         Self { blocks: GpuBlocks::new(marks, image.clone()), image, chosen }
@@ -56,7 +56,7 @@ impl Target {
     /// Asserts that the chosen blocks are those of `native`, and that no other pixel was written.
     fn assert_native(&self, gpu: &Gpu, native: &Image, what: &str) {
         let pixels = gpu.read::<[u16; 4]>(&self.image.slice()).expect("a device");
-        let [columns, _] = block_grid([native.width(), native.height()]);
+        let [columns, _] = block_grid(native.size());
         let mut errors = Vec::new();
         for (i, (actual, expected)) in pixels.iter().zip(native.pixels()).enumerate() {
             let (x, y) = (i % native.width(), i / native.width());
@@ -143,7 +143,7 @@ fn blocks_are_the_native_image_at_every_scale() {
             let jitters = [grid.offset(0), grid.offset(grid.period() as u64 / 2), [0.37, -0.45]];
             for jitter in jitters {
                 let settings = settings(scale, jitter, margin);
-                let mut target = Target::new(&gpu, size, share, &mut random);
+                let mut target = Target::new(&gpu, camera.size(), share, &mut random);
                 let [with, without] = frames(&gpu, &mut rasterizer, (&camera, scale), &settings, &mut target);
                 let what = format!("x{scale}, {size:?}, jitter {jitter:?}");
                 assert_identical(&with, &without, &what);
@@ -162,7 +162,7 @@ fn blocks_of_real_scenes_are_the_native_image() {
         let image = native(&scene, &camera);
         let mut rasterizer =
             GpuRasterizer::new(&gpu, scene, Culling::AccuTile, ScenePrecision::F32).expect("room");
-        let mut target = Target::new(&gpu, [320, 180], 0.3, &mut random);
+        let mut target = Target::new(&gpu, camera.size(), 0.3, &mut random);
         let settings = settings(4, Jitter::grid(4).offset(random.bits() % 16), Margin::NONE);
         let [with, without] = frames(&gpu, &mut rasterizer, (&camera, 4), &settings, &mut target);
         assert_identical(&with, &without, name);
@@ -177,8 +177,8 @@ fn blocks_without_their_frame_or_room_are_typed_errors() {
     let scene = Arc::new(RandomScene { count: 20, ..RandomScene::BASE }.build(&camera));
     let new =
         |culling| GpuRasterizer::new(&gpu, Arc::clone(&scene), culling, ScenePrecision::F32).expect("room");
-    let mut target = Target::new(&gpu, [64, 40], 1.0, &mut Random(1));
-    let mut small = Target::new(&gpu, [64, 36], 1.0, &mut Random(1));
+    let mut target = Target::new(&gpu, Size::new(64, 40), 1.0, &mut Random(1));
+    let mut small = Target::new(&gpu, Size::new(64, 36), 1.0, &mut Random(1));
     let (settings, mut out) = (settings(4, [0.125; 2], Margin::NONE), GpuGBuffer::default());
     for (culling, has_blocks, makes_blocks) in
         [(Culling::AccuTile, false, true), (Culling::Adr, true, false), (Culling::AccuTile, true, true)]

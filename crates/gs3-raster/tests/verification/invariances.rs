@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use gs3_raster::{Culling, Outputs, RasterError, RasterSettings, Rasterizer, Window, matched_dilation};
-use gs3_scene::{Camera, GBuffer, Image, Margin, OpacityMode, Scene};
+use gs3_scene::{Camera, GBuffer, Image, Margin, OpacityMode, Scene, Size};
 use proptest::prelude::*;
 
 use crate::compare::{
@@ -323,7 +323,7 @@ fn windows_have_the_bits_of_the_image() {
     {
         let window = Window { left, top, width, height };
         let error = rasterizer.rasterize_window(&camera, window, &settings, &mut Image::default());
-        assert_eq!(error, Err(RasterError::Window { size: [203, 117], actual: window }));
+        assert_eq!(error, Err(RasterError::Window { size: Size::new(203, 117), actual: window }));
     }
 }
 

@@ -15,7 +15,7 @@ use crate::cpu::middle_depth::{MiddleDepth, Passage};
 use crate::cpu::neighbor_depth::NeighborDepth;
 use crate::cpu::separate::Part;
 use crate::cpu::warp::{Warp, band_top, bands};
-use crate::error::{ReconstructError, camera_size, check_gbuffer, check_scale, check_size, image_size};
+use crate::error::{ReconstructError, check_gbuffer, check_scale, check_size};
 use crate::reprojection::Reprojection;
 
 /// A reconstructed frame next to the in-between frame.
@@ -122,7 +122,7 @@ impl Interpolator {
         let level = self.level;
         let passage = displacements.map(|displacements| Passage { displacements, t });
         let blend = Blend { warp: self.prepare([before, after], t, camera, passage)?, t };
-        let (width, height) = camera_size(camera);
+        let [width, height] = camera.size().to_usize();
         out.resize(width, height);
         let scale = blend.warp.scale;
         bands(scale, width, out.pixels_mut()).enumerate().for_each(|(band, rows)| {
@@ -146,7 +146,7 @@ impl Interpolator {
     ) -> Result<(), ReconstructError> {
         let level = self.level;
         let warp = self.prepare([before, after], t, camera, None)?;
-        let (width, height) = camera_size(camera);
+        let [width, height] = camera.size().to_usize();
         out.inverse_depth.resize(warp.middle.width, warp.middle.height);
         out.inverse_depth.data_mut().copy_from_slice(&warp.middle.inverse);
         for image in [&mut out.before, &mut out.after] {
@@ -185,7 +185,7 @@ impl Interpolator {
         let level = self.level;
         // Nothing here depends on the time.
         let warp = self.prepare([before, now], 0.5, now.camera, None)?.of_first();
-        let (width, height) = camera_size(now.camera);
+        let [width, height] = now.camera.size().to_usize();
         out.image.resize(width, height);
         out.visibility.resize(width, height);
         let scale = warp.scale;
@@ -206,13 +206,13 @@ impl Interpolator {
         camera: &Camera,
         passage: Option<Passage<'_>>,
     ) -> Result<Warp<'a, 2>, ReconstructError> {
-        let size = camera_size(camera);
+        let size = camera.size();
         if !(0.0..=1.0).contains(&t) {
             return Err(ReconstructError::Time { actual: t });
         }
         for neighbor in &neighbors {
-            check_size("neighbour camera", size, camera_size(neighbor.camera))?;
-            check_size("neighbour image", size, image_size(neighbor.image))?;
+            check_size("neighbour camera", size, neighbor.camera.size())?;
+            check_size("neighbour image", size, neighbor.image.size())?;
             check_gbuffer(neighbor.gbuffer, self.scale, size)?;
         }
         for (depth, neighbor) in self.neighbors.iter_mut().zip(&neighbors) {

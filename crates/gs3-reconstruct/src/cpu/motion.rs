@@ -4,10 +4,10 @@
 //! that place belong to the same surface.
 
 use fearless_simd::{Simd, dispatch, f32x16, i32x16, prelude::*};
-use gs3_scene::{Camera, GBuffer, Planes};
+use gs3_scene::{Camera, GBuffer, Planes, Size};
 use rayon::prelude::*;
 
-use crate::error::{ReconstructError, camera_size, check_gbuffer, check_jitter, check_scale, check_size};
+use crate::error::{ReconstructError, check_gbuffer, check_jitter, check_scale, check_size};
 use crate::reprojection::{MIN_DIVISOR, Reprojection, SAME_SURFACE, inverse_depth};
 
 const LANES: usize = 16;
@@ -59,7 +59,7 @@ impl<'a> DepthView<'a> {
     /// geometry.
     pub fn of_gbuffer(gbuffer: &'a GBuffer, camera: &Camera, scale: u32) -> Result<Self, ReconstructError> {
         check_scale(scale)?;
-        check_gbuffer(gbuffer, scale, camera_size(camera))?;
+        check_gbuffer(gbuffer, scale, camera.size())?;
         let Some(geometry) = &gbuffer.geometry else {
             return Err(ReconstructError::Missing { what: "depth" });
         };
@@ -67,13 +67,13 @@ impl<'a> DepthView<'a> {
         Ok(Self { camera: camera.low_resolution(scale), jitter: gbuffer.jitter, depth })
     }
 
-    fn size(&self) -> (usize, usize) {
-        camera_size(&self.camera)
+    fn size(&self) -> Size {
+        self.camera.size()
     }
 
     fn check(&self) -> Result<(), ReconstructError> {
         let (Depth::Z(plane) | Depth::Inverse(plane)) = self.depth;
-        check_size("depth", self.size(), (plane.width(), plane.height()))?;
+        check_size("depth", self.size(), plane.size())?;
         check_jitter(self.jitter)
     }
 
@@ -101,7 +101,7 @@ impl Motion {
         now.check()?;
         before.check()?;
         check_size("previous view", now.size(), before.size())?;
-        let (width, height) = now.size();
+        let [width, height] = now.size().to_usize();
         self.find_surfaces(before);
         self.flow.resize(width, height);
         self.validity.resize(width, height);
@@ -133,7 +133,7 @@ impl Motion {
     /// Inverse depths of `view` and their tolerance: the larger of [`SAME_SURFACE`] of the inverse depth and the
     /// surface's slope.
     fn find_surfaces(&mut self, view: &DepthView<'_>) {
-        let (width, height) = view.size();
+        let [width, height] = view.size().to_usize();
         self.inverse.resize(width * height, 0.0);
         let rows = self.inverse.par_chunks_exact_mut(width).enumerate().with_min_len(4);
         rows.for_each(|(y, row)| view.inverse_depths(y, row));

@@ -1,6 +1,6 @@
 //! The choice of blocks that are worth rasterizing exactly, and writing these blocks into a frame.
 
-use gs3_scene::{BLOCK_SIDE, ExactBlocks, Image, block_grid};
+use gs3_scene::{BLOCK_SIDE, ExactBlocks, Image, Size, block_grid};
 use rayon::prelude::*;
 
 /// How many blocks may be exact, and which blocks need not be.
@@ -24,11 +24,11 @@ impl BlockBudget {
     }
 }
 
-/// The blocks of 4×4 pixels with the largest expected errors, within `budget`, of an image of `size`, width and
-/// height. Blocks are given as columns and rows. `errors` are [`crate::SuperSampler::expected_errors`]. Among equal
+/// The blocks of 4×4 pixels with the largest expected errors, within `budget`, of an image of `size`.
+/// Blocks are given as columns and rows. `errors` are [`crate::SuperSampler::expected_errors`]. Among equal
 /// errors, the first in row order wins. The order of the result is unspecified.
 #[must_use]
-pub fn select_blocks(errors: &[f32], size: [usize; 2], budget: BlockBudget) -> Vec<[u16; 2]> {
+pub fn select_blocks(errors: &[f32], size: Size, budget: BlockBudget) -> Vec<[u16; 2]> {
     let [columns, rows] = block_grid(size);
     let numbers = (3 * BLOCK_SIDE * BLOCK_SIDE) as f32;
     let least = budget.least_error * numbers;
@@ -55,8 +55,8 @@ pub fn select_blocks(errors: &[f32], size: [usize; 2], budget: BlockBudget) -> V
 
 /// Writes the pixels of `blocks` into `image`, with an uncertainty of 0.
 pub(crate) fn write_blocks(blocks: &ExactBlocks, image: &mut Image) {
-    let size = [image.width(), image.height()];
-    let [columns, rows] = block_grid(size);
+    let width = image.width();
+    let [columns, rows] = block_grid(image.size());
     // The number plus one of the block to be written at each place.
     let mut number = vec![0_u32; columns * rows];
     for (k, [column, row]) in (1..).zip(&blocks.places) {
@@ -64,11 +64,11 @@ pub(crate) fn write_blocks(blocks: &ExactBlocks, image: &mut Image) {
             *number = k;
         }
     }
-    let bands = image.pixels_mut().par_chunks_mut(BLOCK_SIDE * size[0]).zip(number.par_chunks(columns));
+    let bands = image.pixels_mut().par_chunks_mut(BLOCK_SIDE * width).zip(number.par_chunks(columns));
     bands.with_min_len(4).for_each(|(rows, numbers)| {
         for (column, number) in numbers.iter().enumerate().filter(|(_, number)| **number > 0) {
             let block = &blocks.blocks[*number as usize - 1];
-            for (y, row) in rows.chunks_mut(size[0]).enumerate() {
+            for (y, row) in rows.chunks_mut(width).enumerate() {
                 let pixels = row[column * BLOCK_SIDE..].iter_mut().take(BLOCK_SIDE).enumerate();
                 for (x, pixel) in pixels {
                     let [r, g, b] = block.color.map(|plane| plane[y * BLOCK_SIDE + x]);
@@ -84,7 +84,7 @@ mod tests {
     use super::*;
 
     /// 40×22 pixels: 10×6 blocks, the last row half outside.
-    const SIZE: [usize; 2] = [40, 22];
+    const SIZE: Size = Size::new(40, 22);
 
     fn selected(errors: &[f32], most: f32, least_error: f32) -> Vec<[u16; 2]> {
         let mut places = select_blocks(errors, SIZE, BlockBudget { most, least_error });

@@ -16,7 +16,7 @@ use crate::cpu::staleness::count_remembered;
 use crate::cpu::surface_motion::{Frames, SurfaceMotion};
 use crate::cpu::tile::Tiles;
 use crate::depth_lattice::DepthLattice;
-use crate::error::{ReconstructError, camera_size, check_finite, check_gbuffer, check_padded, check_scale};
+use crate::error::{ReconstructError, check_finite, check_gbuffer, check_padded, check_scale};
 use crate::reprojection::{Reprojection, parallax};
 use crate::sequence::ResetReason;
 use crate::settings::Kriging;
@@ -171,7 +171,7 @@ impl SuperSampler {
         padded: &GBuffer,
         out: &mut Image,
     ) -> Result<(), ReconstructError> {
-        let size = camera_size(camera);
+        let size = camera.size();
         check_gbuffer(gbuffer, self.scale, size)?;
         check_padded(padded, gbuffer)?;
         let (gradients, geometry) = usable_planes(gbuffer)?;
@@ -181,7 +181,7 @@ impl SuperSampler {
         if let Some(vectors) = since.vectors {
             check_finite("G-buffer motion", vectors)?;
         }
-        if self.past.first().is_some_and(|newest| camera_size(&newest.camera) != size) {
+        if self.past.first().is_some_and(|newest| newest.camera.size() != size) {
             self.reset(ResetReason::SizeOrTierChange);
         }
         if self.invalid.take().is_some() || since.reset.is_some() {
@@ -198,7 +198,8 @@ impl SuperSampler {
         if moves {
             self.add_surface_shifts();
         }
-        out.resize(size.0, size.1);
+        let [width, height] = size.to_usize();
+        out.resize(width, height);
         self.accumulate(out);
         Ok(())
     }
@@ -290,7 +291,7 @@ impl SuperSampler {
     pub fn refine(&mut self, blocks: &ExactBlocks, image: &mut Image) {
         let Some(current) = self.past.first() else { return };
         let camera = current.camera;
-        let size = [image.width(), image.height()];
+        let size = image.size();
         let [columns, rows] = block_grid(size);
         write_blocks(blocks, image);
         // New exact blocks replace the remembered blocks at the same places.

@@ -3,7 +3,7 @@
 use std::sync::{Arc, OnceLock};
 
 use gs3_compute::{Buffer, Gpu, GpuError, Recorder, Use, wgpu};
-use gs3_scene::Image;
+use gs3_scene::{Image, Size};
 use half::f16;
 use rayon::prelude::*;
 
@@ -18,26 +18,26 @@ const DECODED: usize = 1 << 14;
 /// value in `[0, 1]` is off by at most 2⁻¹², a sixteenth of a step of 8-bit displays.
 #[derive(Clone, Debug)]
 pub struct GpuImage {
-    size: [u32; 2],
+    size: Size,
     pixels: Buffer,
     /// The rows as far apart as textures want them, once a texture wanted some.
     rows: Arc<OnceLock<Buffer>>,
 }
 
 impl GpuImage {
-    /// An image of zeros of `size`, width and height.
+    /// An image of zeros.
     ///
     /// # Errors
     /// [`GpuReconstructError`] if frames cannot have this size, or the device has too little memory.
-    pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuReconstructError> {
+    pub fn new(gpu: &Gpu, size: Size) -> Result<Self, GpuReconstructError> {
         check_frame_size(size)?;
-        let bytes = u64::from(size[0]) * u64::from(size[1]) * IMAGE_PIXEL_BYTES;
+        let bytes = size.pixels() * IMAGE_PIXEL_BYTES;
         Ok(Self { size, pixels: gpu.buffer("image", Use::Storage, bytes)?, rows: Arc::default() })
     }
 
     /// Width and height in pixels.
     #[must_use]
-    pub const fn size(&self) -> [u32; 2] {
+    pub const fn size(&self) -> Size {
         self.size
     }
 
@@ -50,12 +50,13 @@ impl GpuImage {
     /// Length in bytes.
     #[must_use]
     pub const fn bytes(&self) -> u64 {
-        self.size[0] as u64 * self.size[1] as u64 * IMAGE_PIXEL_BYTES
+        self.size.pixels() * IMAGE_PIXEL_BYTES
     }
 
     /// Decodes `bytes`, read back from such an image, into `out`, which is resized.
     pub fn decode(&self, bytes: &[u8], out: &mut Image) {
-        out.resize(self.size[0] as usize, self.size[1] as usize);
+        let [width, height] = self.size.to_usize();
+        out.resize(width, height);
         let pixels = out.pixels_mut().par_chunks_mut(DECODED);
         pixels.zip(bytes.par_chunks(DECODED * IMAGE_PIXEL_BYTES as usize)).for_each(|(pixels, bytes)| {
             let halves = bytes.chunks_exact(2).map(|half| f16::from_le_bytes([half[0], half[1]]));
@@ -80,7 +81,7 @@ impl GpuImage {
         const EXPECTED: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
         let refused =
             |message: String| GpuError::Refused { what: "a texture for a frame".to_owned(), message };
-        let [width, height] = self.size;
+        let Size { width, height } = self.size;
         let expected = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
         if texture.size() != expected {
             return Err(refused(format!("expected {expected:?}, found {:?}", texture.size())));
@@ -142,9 +143,9 @@ pub struct GpuPlanes<'a> {
 const PLANE_PIXEL_BYTES: u64 = 16;
 
 impl GpuPlanes<'_> {
-    /// Checks that the planes hold an LR frame of `size`, width and height.
-    pub(super) fn check(&self, size: [u32; 2]) -> Result<(), GpuError> {
-        let min = u64::from(size[0]) * u64::from(size[1]) * PLANE_PIXEL_BYTES;
+    /// Checks that the planes hold an LR frame of `size`.
+    pub(super) fn check(&self, size: Size) -> Result<(), GpuError> {
+        let min = size.pixels() * PLANE_PIXEL_BYTES;
         let planes = [
             ("color_alpha", self.color_alpha),
             ("dx_median", self.dx_median),

@@ -4,7 +4,7 @@ use std::fmt;
 
 use bytemuck::{Pod, Zeroable};
 use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Recorder, Use};
-use gs3_scene::Camera;
+use gs3_scene::{Camera, Size};
 
 use super::error::GpuReconstructError;
 use super::image::{GpuImage, GpuPlanes};
@@ -12,7 +12,7 @@ use super::plan::InterpolatePlan;
 use super::shaders;
 use super::super_sample::rows;
 use crate::cpu::warp::offset;
-use crate::error::{ReconstructError, camera_size, check_frame_size, check_jitter, check_scale, check_size};
+use crate::error::{ReconstructError, check_frame_size, check_jitter, check_scale, check_size};
 use crate::reprojection::Reprojection;
 
 /// `Neighbor` of `in_between.wgsl`.
@@ -93,7 +93,7 @@ enum Make<'a> {
 #[derive(Clone, Debug)]
 pub struct BoundInterpolator {
     /// Size of the bound images.
-    size: [u32; 2],
+    size: Size,
     uniform: Buffer,
     scatter_depth: Bound,
     fill: Bound,
@@ -103,12 +103,12 @@ pub struct BoundInterpolator {
 }
 
 impl GpuInterpolator {
-    /// An interpolator for frames of `size`, width and height, `scale` (1 to [`crate::MAX_SCALE`]) times the size of
+    /// An interpolator for frames of `size`, `scale` (1 to [`crate::MAX_SCALE`]) times the size of
     /// their G-buffers.
     ///
     /// # Errors
     /// [`GpuReconstructError`] if `scale` is not supported, or the device has too little memory for the size.
-    pub fn new(gpu: &Gpu, scale: u32, size: [u32; 2]) -> Result<Self, GpuReconstructError> {
+    pub fn new(gpu: &Gpu, scale: u32, size: Size) -> Result<Self, GpuReconstructError> {
         check_scale(scale)?;
         check_frame_size(size)?;
         let plan = InterpolatePlan::new(&gpu.capabilities().limits, size, scale)?;
@@ -187,12 +187,11 @@ impl GpuInterpolator {
         out: &GpuImage,
         make: Make<'_>,
     ) -> Result<BoundInterpolator, GpuReconstructError> {
-        let size = |[w, h]: [u32; 2]| (w as usize, h as usize);
         let second = if let Make::Both(second, _) = make { second } else { out };
         let (neighbor, made) = ("neighbour image", "image of the in-between frame");
         for (what, image) in [(neighbor, before.image), (neighbor, after.image), (made, out), (made, second)]
         {
-            check_size(what, size(self.plan.size), size(image.size()))?;
+            check_size(what, self.plan.size, image.size())?;
         }
         for planes in [&before.planes, &after.planes] {
             planes.check(self.plan.lr)?;
@@ -240,14 +239,13 @@ impl GpuInterpolator {
         if !(0.0..=1.0).contains(&t) {
             return Err(ReconstructError::Time { actual: t }.into());
         }
-        let pair = |[w, h]: [u32; 2]| (w as usize, h as usize);
-        let size = pair(self.plan.size);
-        check_size("images bound", size, pair(bound.size))?;
+        let size = self.plan.size;
+        check_size("images bound", size, bound.size)?;
         for view in [before, after] {
-            check_size("neighbour camera", size, camera_size(&view.camera))?;
+            check_size("neighbour camera", size, view.camera.size())?;
             check_jitter(view.jitter)?;
         }
-        check_size("camera", size, camera_size(camera))?;
+        check_size("camera", size, camera.size())?;
         let neighbor = |view: &NeighborView| NeighborUniform {
             to_middle: rows(&Reprojection::new(&view.camera, camera)),
             from_middle: rows(&Reprojection::new(camera, &view.camera)),
@@ -255,8 +253,8 @@ impl GpuInterpolator {
             _pad: [0.0; 2],
         };
         let uniform = InBetweenUniform {
-            size: self.plan.size,
-            lr: self.plan.lr,
+            size: size.to_array(),
+            lr: self.plan.lr.to_array(),
             scale: self.scale,
             offset: offset(self.scale as usize) as u32,
             t,

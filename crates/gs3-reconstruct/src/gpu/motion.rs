@@ -4,13 +4,13 @@ use std::fmt;
 
 use bytemuck::{Pod, Zeroable};
 use gs3_compute::{Bound, Buffer, Gpu, Kernel, Recorder, Use};
-use gs3_scene::Camera;
+use gs3_scene::{Camera, Size};
 
 use super::error::GpuReconstructError;
 use super::plan::over_samples;
 use super::shaders;
 use super::super_sample::rows;
-use crate::error::{camera_size, check_size};
+use crate::error::check_size;
 use crate::reprojection::Reprojection;
 
 /// `MotionView` of `motion.wgsl`.
@@ -27,7 +27,7 @@ struct MotionUniform {
 /// Finds the motion between LR frames of one size in device memory, by the rules of [`crate::Motion`].
 pub struct GpuMotion {
     gpu: Gpu,
-    lr: [u32; 2],
+    lr: Size,
     uniform: Buffer,
     find: Kernel,
 }
@@ -43,11 +43,11 @@ impl fmt::Debug for GpuMotion {
 pub struct BoundMotion(Bound);
 
 impl GpuMotion {
-    /// Motion on grids of `lr`, width and height.
+    /// Motion on grids of `lr` samples.
     ///
     /// # Errors
     /// [`GpuReconstructError`] if the device refuses.
-    pub fn new(gpu: &Gpu, lr: [u32; 2]) -> Result<Self, GpuReconstructError> {
+    pub fn new(gpu: &Gpu, lr: Size) -> Result<Self, GpuReconstructError> {
         let uniform = gpu.buffer("motion", Use::Uniform, size_of::<MotionUniform>() as u64)?;
         let find = gpu.module("motion", &[&shaders::motion()])?.kernel(gpu, "find_motion", &[])?;
         Ok(Self { gpu: gpu.clone(), lr, uniform, find })
@@ -86,13 +86,12 @@ impl GpuMotion {
         bound: &BoundMotion,
         [now, before]: [(&Camera, [f32; 2]); 2],
     ) -> Result<(), GpuReconstructError> {
-        let size = (self.lr[0] as usize, self.lr[1] as usize);
         for (camera, _) in [now, before] {
-            check_size("low-resolution camera", size, camera_size(camera))?;
+            check_size("low-resolution camera", self.lr, camera.size())?;
         }
         let uniform = MotionUniform {
             rows: rows(&Reprojection::new(now.0, before.0)),
-            lr: self.lr,
+            lr: self.lr.to_array(),
             jitter: now.1,
             before_jitter: before.1,
             _pad: [0.0; 2],

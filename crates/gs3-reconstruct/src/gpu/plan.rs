@@ -1,7 +1,7 @@
 //! All sizes of reconstruction on a GPU, from the picture's size and the device's limits: pure functions.
 
 use gs3_compute::{GpuError, Limits};
-use gs3_scene::BLOCK_SIDE;
+use gs3_scene::{BLOCK_SIDE, Size};
 
 use crate::cpu::nearest::RIM;
 use crate::cpu::splat::{COLUMNS, ROWS};
@@ -34,13 +34,13 @@ fn tile_bytes(made_height: u32) -> u32 {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SuperSamplePlan {
     /// HR pixels.
-    pub size: [u32; 2],
+    pub size: Size,
     /// LR samples.
-    pub lr: [u32; 2],
+    pub lr: Size,
     /// Widest margin that the buffers hold, in LR pixels beyond each edge.
     pub margin: u32,
     /// LR samples with the widest margin.
-    pub padded: [u32; 2],
+    pub padded: Size,
     /// HR pixels between samples.
     pub scale: u32,
     /// Frames in the history, the current frame included.
@@ -60,21 +60,17 @@ pub struct SuperSamplePlan {
 /// A buffer and its bytes.
 pub type NamedBytes = (&'static str, u64);
 
-fn low_resolution(size: [u32; 2], scale: u32) -> [u32; 2] {
+fn low_resolution(size: Size, scale: u32) -> Size {
     size.map(|side| side.div_ceil(scale))
 }
 
-fn over(size: [u32; 2], groups: [u32; 2]) -> [u32; 3] {
-    [size[0].div_ceil(groups[0]), size[1].div_ceil(groups[1]), 1]
+const fn over(size: Size, groups: [u32; 2]) -> [u32; 3] {
+    [size.width.div_ceil(groups[0]), size.height.div_ceil(groups[1]), 1]
 }
 
 /// Workgroups over LR samples.
-pub fn over_samples(lr: [u32; 2]) -> [u32; 3] {
+pub const fn over_samples(lr: Size) -> [u32; 3] {
     over(lr, WORKGROUP)
-}
-
-fn area(size: [u32; 2]) -> u64 {
-    u64::from(size[0]) * u64::from(size[1])
 }
 
 /// Checks that all bindings and dispatches fit the limits.
@@ -97,7 +93,7 @@ impl SuperSamplePlan {
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] if the device cannot bind buffers of this size.
-    pub fn new(limits: &Limits, size: [u32; 2], scale: u32, margin: u32) -> Result<Self, GpuError> {
+    pub fn new(limits: &Limits, size: Size, scale: u32, margin: u32) -> Result<Self, GpuError> {
         // Half as many rows on devices with little workgroup memory; every device has enough for them.
         let fits = |made_height: u32| {
             tile_bytes(made_height) <= limits.workgroup_bytes
@@ -131,22 +127,22 @@ impl SuperSamplePlan {
 
     /// Bytes of the innovation.
     pub fn innovation_bytes(&self) -> u64 {
-        area(self.lr) * 16
+        self.lr.pixels() * 16
     }
 
     /// Bytes of a number for each block of 4×4 pixels.
     pub fn block_bytes(&self) -> u64 {
-        area(self.size.map(|side| side.div_ceil(BLOCK_SIDE as u32))) * 4
+        self.size.map(|side| side.div_ceil(BLOCK_SIDE as u32)).pixels() * 4
     }
 
     /// Number of cells (`cells.wgsl`).
     pub fn cells(&self) -> u64 {
-        area([self.size[0] + COLUMNS as u32 - 1, self.size[1] + ROWS as u32 - 1])
+        Size::new(self.size.width + COLUMNS as u32 - 1, self.size.height + ROWS as u32 - 1).pixels()
     }
 
     /// The buffers that are kept between frames, and the buffers between kernels.
     pub fn buffers(&self) -> [NamedBytes; 16] {
-        let (samples, remembered) = (area(self.lr), area(self.padded) * u64::from(self.frames));
+        let (samples, remembered) = (self.lr.pixels(), self.padded.pixels() * u64::from(self.frames));
         let with_rim = self.size.map(|side| side + 2 * RIM as u32);
         [
             ("samples_a", remembered * 8),
@@ -160,7 +156,7 @@ impl SuperSamplePlan {
             ("ordered_a", remembered * 8),
             ("cell_ends", self.cells() * 4),
             ("sum", 4),
-            ("nearest", area(with_rim) * 4),
+            ("nearest", with_rim.pixels() * 4),
             ("surface", samples * 32),
             ("errors", samples * 4),
             ("cells", samples * 32),
@@ -173,9 +169,9 @@ impl SuperSamplePlan {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct InterpolatePlan {
     /// HR pixels.
-    pub size: [u32; 2],
+    pub size: Size,
     /// LR samples.
-    pub lr: [u32; 2],
+    pub lr: Size,
     /// Workgroups over LR samples; of one neighbour.
     pub over_samples: [u32; 3],
     /// Workgroups over HR pixels.
@@ -187,7 +183,7 @@ impl InterpolatePlan {
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] if the device cannot bind buffers of this size.
-    pub fn new(limits: &Limits, size: [u32; 2], scale: u32) -> Result<Self, GpuError> {
+    pub fn new(limits: &Limits, size: Size, scale: u32) -> Result<Self, GpuError> {
         let lr = low_resolution(size, scale);
         let plan = Self {
             size,
@@ -196,7 +192,7 @@ impl InterpolatePlan {
             // The first patches may begin up to three pixels before the image.
             over_pixels: over(size.map(|side| side.saturating_add(3)), WARPED),
         };
-        let image = ("image", area(size) * IMAGE_PIXEL_BYTES);
+        let image = ("image", size.pixels() * IMAGE_PIXEL_BYTES);
         let all: Vec<_> = plan.buffers().into_iter().chain([image]).collect();
         check(limits, &all, &[plan.over_samples, plan.over_pixels])?;
         Ok(plan)
@@ -210,7 +206,7 @@ impl InterpolatePlan {
 
     /// The buffers between its kernels.
     pub fn buffers(&self) -> [NamedBytes; 3] {
-        let samples = area(self.lr);
+        let samples = self.lr.pixels();
         [("ranges", samples * 16), ("splatted", samples * 4), ("middle", samples * 4)]
     }
 }
@@ -237,37 +233,41 @@ mod tests {
     fn every_size_fits_and_is_covered() {
         for workgroup_bytes in [16 << 10, 32 << 10, 48 << 10] {
             let limits = limits(1 << 30, workgroup_bytes);
-            for size in SIZES {
+            for side in SIZES {
+                let size = Size::from(side);
                 for scale in 1..=crate::MAX_SCALE {
                     let plan = SuperSamplePlan::new(&limits, size, scale, 32).unwrap();
                     let tile = [MADE_WIDTH - 2, plan.made_height - 2];
                     for k in 0..2 {
-                        assert!(plan.over_tiles[k] * tile[k] >= size[k]);
-                        assert!((plan.over_tiles[k] - 1) * tile[k] < size[k]);
-                        assert!(plan.over_samples[k] * WORKGROUP[k] >= size[k].div_ceil(scale));
-                        assert!(plan.over_around[k] * WORKGROUP[k] >= size[k].div_ceil(scale) + 64);
+                        assert!(plan.over_tiles[k] * tile[k] >= side[k]);
+                        assert!((plan.over_tiles[k] - 1) * tile[k] < side[k]);
+                        assert!(plan.over_samples[k] * WORKGROUP[k] >= side[k].div_ceil(scale));
+                        assert!(plan.over_around[k] * WORKGROUP[k] >= side[k].div_ceil(scale) + 64);
                     }
                     let bytes = tile_bytes(plan.made_height);
                     assert!(bytes <= workgroup_bytes, "{bytes} of {workgroup_bytes}");
                     let plan = InterpolatePlan::new(&limits, size, scale).unwrap();
                     // Patches begin at most three pixels before the image.
-                    assert!(plan.over_pixels[0] * WARPED[0] >= size[0] + 3);
-                    assert!(plan.over_pixels[1] * WARPED[1] >= size[1] + 3);
+                    assert!(plan.over_pixels[0] * WARPED[0] >= size.width + 3);
+                    assert!(plan.over_pixels[1] * WARPED[1] >= size.height + 3);
                 }
             }
         }
-        assert_eq!(SuperSamplePlan::new(&limits(1 << 30, 16 << 10), [64, 64], 4, 0).unwrap().made_height, 16);
+        assert_eq!(
+            SuperSamplePlan::new(&limits(1 << 30, 16 << 10), Size::new(64, 64), 4, 0).unwrap().made_height,
+            16
+        );
     }
 
     /// The smallest devices make frames of 4096×2160, and refuse larger frames with an error.
     #[test]
     fn the_smallest_devices_take_4k() {
         let small = limits(128 << 20, 32 << 10);
-        assert!(SuperSamplePlan::new(&small, [4096, 2160], 4, 32).is_ok());
-        assert!(InterpolatePlan::new(&small, [4096, 2160], 4).is_ok());
+        assert!(SuperSamplePlan::new(&small, Size::new(4096, 2160), 4, 32).is_ok());
+        assert!(InterpolatePlan::new(&small, Size::new(4096, 2160), 4).is_ok());
         for refused in [
-            SuperSamplePlan::new(&small, [7680, 4320], 4, 32).map(|_| ()),
-            InterpolatePlan::new(&small, [7680, 4320], 4).map(|_| ()),
+            SuperSamplePlan::new(&small, Size::new(7680, 4320), 4, 32).map(|_| ()),
+            InterpolatePlan::new(&small, Size::new(7680, 4320), 4).map(|_| ()),
         ] {
             assert!(matches!(refused, Err(GpuError::TooLarge { max: 134_217_728, .. })), "{refused:?}");
         }

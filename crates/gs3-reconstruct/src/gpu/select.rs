@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use gs3_compute::{Bound, BoundSort, Buffer, Gpu, GpuError, Pairs, Recorder, Slice, Sort, Use, grid};
-use gs3_scene::{BLOCK_SIDE, block_grid};
+use gs3_scene::{BLOCK_SIDE, Size, block_grid};
 
 use super::error::GpuReconstructError;
 use super::shaders;
@@ -57,13 +57,13 @@ pub struct GpuBlockSelector {
 }
 
 impl GpuBlockSelector {
-    /// A selector for pictures of `size`, width and height, that reads `errors` of
+    /// A selector for pictures of `size` that reads `errors` of
     /// [`super::GpuSuperSampler::expected_errors`].
     ///
     /// # Errors
     /// [`GpuReconstructError`] if the device has too little memory.
-    pub fn new(gpu: &Gpu, size: [u32; 2], errors: &Buffer) -> Result<Self, GpuReconstructError> {
-        let [columns, rows] = block_grid(size.map(|side| side as usize)).map(|count| count as u32);
+    pub fn new(gpu: &Gpu, size: Size, errors: &Buffer) -> Result<Self, GpuReconstructError> {
+        let [columns, rows] = block_grid(size).map(|count| count as u32);
         let blocks = columns * rows;
         let buffer = |name| gpu.buffer(name, Use::Storage, u64::from(blocks) * 4);
         let keys = [buffer("keys")?, buffer("keys")?];

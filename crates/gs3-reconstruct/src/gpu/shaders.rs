@@ -231,6 +231,7 @@ pub fn warp() -> String {
 mod tests {
     use super::*;
     use gs3_compute::{Limits, storage_bindings, validate};
+    use gs3_scene::Size;
     use gs3_test_support::check_literals;
 
     /// The number that WebGPU guarantees.
@@ -247,7 +248,7 @@ mod tests {
             workgroup_invocations: 256,
             workgroups: 65_535,
         };
-        let plan = |bytes| SuperSamplePlan::new(&limits(bytes), [64, 64], 4, 0).unwrap();
+        let plan = |bytes| SuperSamplePlan::new(&limits(bytes), Size::new(64, 64), 4, 0).unwrap();
         let shaders = [
             ("samples", samples()),
             ("predict", predict()),

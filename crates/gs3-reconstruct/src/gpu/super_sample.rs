@@ -5,7 +5,7 @@ use std::fmt;
 use bytemuck::{Pod, Zeroable};
 use gs3_compute::{Bound, BoundScan, Buffer, Gpu, GpuError, Kernel, Recorder, Scan, Slice, Use};
 use gs3_scene::camera::MAX_SIDE;
-use gs3_scene::{Camera, Margin};
+use gs3_scene::{Camera, Margin, Size};
 
 use super::error::{GpuReconstructError, other_bound};
 use super::image::{GpuImage, GpuPlanes};
@@ -13,7 +13,7 @@ use super::plan::SuperSamplePlan;
 use super::shaders;
 use super::side_output::SideOutput;
 use crate::cpu::nearest::EVERY;
-use crate::error::{ReconstructError, camera_size, check_frame_size, check_jitter, check_scale, check_size};
+use crate::error::{ReconstructError, check_frame_size, check_jitter, check_scale, check_size};
 use crate::reprojection::{Reprojection, parallax};
 use crate::sample_grid::{SampleAxis, SampledPixels};
 use crate::sequence::ResetReason;
@@ -122,15 +122,14 @@ pub struct BoundSuperSampler {
 }
 
 impl GpuSuperSampler {
-    /// A super sampler of `scale` (1 to [`crate::MAX_SCALE`]) for frames of `size`, width and height, without
-    /// history. Its LR frames may have `margin` pixels beyond each edge, 0 if they have none.
+    /// A super sampler of `scale` (1 to [`crate::MAX_SCALE`]) for frames of `size`, without history. Its LR frames may have `margin` pixels beyond each edge, 0 if they have none.
     ///
     /// # Errors
     /// [`GpuReconstructError`] if `scale`, `size` or `margin` is not supported, or the device has too little memory.
     pub fn new(
         gpu: &Gpu,
         scale: u32,
-        size: [u32; 2],
+        size: Size,
         side_output: SideOutput,
         kriging: Kriging,
         margin: u32,
@@ -143,14 +142,14 @@ impl GpuSuperSampler {
     /// # Errors
     /// As [`Self::new`].
     #[doc(hidden)]
-    pub fn backward(gpu: &Gpu, scale: u32, size: [u32; 2], margin: u32) -> Result<Self, GpuReconstructError> {
+    pub fn backward(gpu: &Gpu, scale: u32, size: Size, margin: u32) -> Result<Self, GpuReconstructError> {
         Self::with_constants(gpu, [scale, margin], size, SideOutput::None, Kriging::On, &[("BACKWARD", 1.0)])
     }
 
     fn with_constants(
         gpu: &Gpu,
         [scale, margin]: [u32; 2],
-        size: [u32; 2],
+        size: Size,
         side_output: SideOutput,
         kriging: Kriging,
         list_constants: &[(&str, f64)],
@@ -257,8 +256,7 @@ impl GpuSuperSampler {
         padded: &GpuPlanes<'_>,
         out: &GpuImage,
     ) -> Result<BoundSuperSampler, GpuReconstructError> {
-        let size = |[w, h]: [u32; 2]| (w as usize, h as usize);
-        check_size("image", size(self.plan.size), size(out.size()))?;
+        check_size("image", self.plan.size, out.size())?;
         planes.check(self.plan.lr)?;
         padded.check(self.plan.padded)?;
         let mut all = self.slices_with(planes);
@@ -294,8 +292,7 @@ impl GpuSuperSampler {
         if bound.uniform != self.uniform {
             return Err(other_bound("super sampling"));
         }
-        let size = (self.plan.size[0] as usize, self.plan.size[1] as usize);
-        check_size("camera", size, camera_size(camera))?;
+        check_size("camera", self.plan.size, camera.size())?;
         check_jitter(jitter)?;
         let (max, actual) = (self.plan.margin, margin.widest());
         if actual > max {
@@ -382,18 +379,18 @@ impl GpuSuperSampler {
                 offset: [frame.jitter[0] - left as f32, frame.jitter[1] - top as f32],
                 slot: frame.slot,
                 parallax,
-                extent: frame.margin.padded(self.plan.lr),
+                extent: frame.margin.padded(self.plan.lr).to_array(),
                 margin: [left, top],
             };
         }
         FrameUniform {
-            size: self.plan.size,
-            lr: self.plan.lr,
+            size: self.plan.size.to_array(),
+            lr: self.plan.lr.to_array(),
             scale: self.scale,
             frames: kept.len() as u32 + 1,
             // Positions are given with pixel centres at whole numbers.
             first_sampled,
-            padded: self.plan.padded,
+            padded: self.plan.padded.to_array(),
             cell_offset: current.jitter.map(|j| 0.5 / self.scale as f32 - 0.5 - j),
             x_places: places(current.jitter[0]),
             y_places: places(current.jitter[1]),

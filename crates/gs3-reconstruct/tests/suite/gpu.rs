@@ -9,7 +9,7 @@ use gs3_reconstruct::gpu::{
     SideOutput,
 };
 use gs3_reconstruct::{Interpolator, Kriging, Neighbor, ReconstructError, ResetReason, SuperSampler, Warped};
-use gs3_scene::{Camera, GBuffer, Image, Margin, Planes};
+use gs3_scene::{Camera, GBuffer, Image, Margin, Planes, Size};
 use gs3_test_support::psnr;
 
 /// What halves leave of an image of values up to 1: an error of 2⁻¹² makes 72 dB.
@@ -69,19 +69,19 @@ const MARGIN: u32 = 8;
 /// A super sampler that reads and writes as the CPU's does.
 pub struct Sampler {
     gpu: Gpu,
-    size: [u32; 2],
+    size: Size,
     pub sampler: GpuSuperSampler,
 }
 
 impl Sampler {
-    fn new(gpu: &Gpu, scale: u32, size: [u32; 2], kriging: Kriging) -> Self {
+    fn new(gpu: &Gpu, scale: u32, size: Size, kriging: Kriging) -> Self {
         Self::with_side_output(gpu, scale, size, SideOutput::Innovation, kriging)
     }
 
     pub fn with_side_output(
         gpu: &Gpu,
         scale: u32,
-        size: [u32; 2],
+        size: Size,
         side_output: SideOutput,
         kriging: Kriging,
     ) -> Self {
@@ -127,8 +127,9 @@ fn uncertainty_errors(actual: &Image, expected: &Image) -> (f64, f64) {
 type Motion = (&'static str, Box<dyn Fn(usize) -> Camera>);
 
 /// Camera motions; each tests something else.
-fn motions(size: [u32; 2]) -> Vec<Motion> {
-    let at = move |position: [f64; 3], yaw: f64, pitch: f64| camera(size[0], size[1], position, yaw, pitch);
+fn motions(size: Size) -> Vec<Motion> {
+    let at =
+        move |position: [f64; 3], yaw: f64, pitch: f64| camera(size.width, size.height, position, yaw, pitch);
     vec![
         ("rest", Box::new(move |_| at([0.1, 0.0, 0.0], 0.05, 0.0))),
         ("drift", Box::new(move |k| at([0.02 * k as f64, 0.006 * k as f64, 0.004 * k as f64], 0.0, 0.0))),
@@ -180,19 +181,23 @@ fn kriged_psnr(actual: &Image, ways: &[Image], own: usize) -> (f64, f64) {
 #[test]
 fn super_sampling_matches_the_cpu() {
     // With a margin, more LR columns than a workgroup has.
-    compare_super_sampling(4, [230, 133], &[Kriging::Off, Kriging::Coarse, Kriging::On, Kriging::Fine]);
+    compare_super_sampling(
+        4,
+        Size::new(230, 133),
+        &[Kriging::Off, Kriging::Coarse, Kriging::On, Kriging::Fine],
+    );
 }
 
 /// How much is kriged is the same choice at any scale.
 #[test]
 fn super_sampling_by_other_scales_matches_the_cpu() {
     for (scale, size) in [(1, [67, 40]), (2, [101, 66]), (3, [64, 95]), (8, [90, 70])] {
-        compare_super_sampling(scale, size, &[Kriging::Off, Kriging::Fine]);
+        compare_super_sampling(scale, size.into(), &[Kriging::Off, Kriging::Fine]);
     }
 }
 
 /// Over all motions; at scale 8 over two, as a history of 64 frames takes most of the time.
-fn compare_super_sampling(scale: u32, size: [u32; 2], ways: &[Kriging]) {
+fn compare_super_sampling(scale: u32, size: Size, ways: &[Kriging]) {
     let Some(gpu) = gpu() else { return };
     let world = wall_and_post(60.0);
     let each = || ways.iter().copied();
@@ -255,8 +260,8 @@ fn compare_super_sampling(scale: u32, size: [u32; 2], ways: &[Kriging]) {
 fn frames_repeat_bit_for_bit() {
     let Some(gpu) = gpu() else { return };
     let world = wall_and_post(60.0);
-    let size = [266, 50];
-    let pose = |k: usize| camera(size[0], size[1], [0.0, 0.0, 2.0 - 0.9 * k as f64], 0.0, 0.0);
+    let size = Size::new(266, 50);
+    let pose = |k: usize| camera(size.width, size.height, [0.0, 0.0, 2.0 - 0.9 * k as f64], 0.0, 0.0);
     let run = |sampler: GpuSuperSampler| {
         let mut sampler = Sampler { gpu: gpu.clone(), size, sampler };
         let frame = |k| {
@@ -281,7 +286,7 @@ fn background_is_certain() {
     world.sheets.pop();
     world.sheets[0].softness = 5e-4;
     let pose = camera(840, 136, [0.3, 0.0, 0.0], 0.05, 0.0);
-    let mut sampler = Sampler::new(&gpu, 4, [840, 136], Kriging::Off);
+    let mut sampler = Sampler::new(&gpu, 4, Size::new(840, 136), Kriging::Off);
     let mut images: Vec<Image> = Vec::new();
     for k in 0..16 {
         let gbuffer = world.gbuffer(&pose.low_resolution(4), grid_jitter(4, k));
@@ -298,8 +303,8 @@ fn background_is_certain() {
 fn history_is_what_was_kept() {
     let Some(gpu) = gpu() else { return };
     let (world, other) = (wall_and_post(60.0), wall_and_post(35.0));
-    let size = [96, 64];
-    let pose = |k: usize| camera(size[0], size[1], [0.05 * k as f64, 0.0, 0.0], 0.0, 0.0);
+    let size = Size::new(96, 64);
+    let pose = |k: usize| camera(size.width, size.height, [0.05 * k as f64, 0.0, 0.0], 0.0, 0.0);
     let gbuffer = |world: &World, k: usize| world.gbuffer(&pose(k).low_resolution(4), grid_jitter(4, k));
     let mut sampler = Sampler::new(&gpu, 4, size, Kriging::Off);
     assert_eq!(sampler.sampler.history_invalid(), Some(ResetReason::FirstFrame));
@@ -310,7 +315,7 @@ fn history_is_what_was_kept() {
 
     // A frame that lacked something, recorded and not kept, then made again.
     let bad = Uploaded::new(&gpu, &gbuffer(&other, 3));
-    let (width, height) = (size[0].div_ceil(4) + 2 * MARGIN, size[1].div_ceil(4) + 2 * MARGIN);
+    let (width, height) = (size.width.div_ceil(4) + 2 * MARGIN, size.height.div_ceil(4) + 2 * MARGIN);
     let bad_around = Uploaded::with_rows(&gpu, &gbuffer(&other, 3), width as usize, height as usize);
     let image = GpuImage::new(&gpu, size).unwrap();
     let bound = sampler.sampler.bind(&bad.planes(), &bad_around.planes(), &image).unwrap();
@@ -339,6 +344,7 @@ fn interpolation_matches_the_cpu() {
     world.sheets[1].half_width = 3.0;
     world.sheets.push(Sheet { half_width: 9.0, softness: 0.1, ..Sheet::endless(14.0, 5, 20.0) });
     for (scale, size) in [(4, [230, 133]), (1, [67, 40]), (2, [101, 66]), (3, [64, 95]), (8, [90, 70])] {
+        let size = Size::from(size);
         for (name, pose) in motions(size) {
             let cameras = [pose(2), pose(3)];
             let gbuffers =
@@ -375,7 +381,7 @@ fn interpolation_matches_the_cpu() {
                 let mut warped = Warped::default();
                 cpu.warp(neighbor(0), neighbor(1), t, &at, &mut warped).unwrap();
                 let outs = [0, 1].map(|_| GpuImage::new(&gpu, size).unwrap());
-                let pixels = size[0] as usize * size[1] as usize;
+                let pixels = size.pixels() as usize;
                 let share = gpu.buffer("share", Use::Storage, 4 * pixels as u64).unwrap();
                 let bound = interpolator.bind_both(&on_gpu(0), &on_gpu(1), outs.each_ref(), &share).unwrap();
                 let mut recorder = gpu.recorder(None);
@@ -398,59 +404,63 @@ fn interpolation_matches_the_cpu() {
 #[test]
 fn what_does_not_fit_is_a_typed_error() {
     let Some(gpu) = gpu() else { return };
-    let scale = GpuSuperSampler::new(&gpu, 9, [64, 64], SideOutput::None, Kriging::On, 0).map(|_| ());
+    let scale =
+        GpuSuperSampler::new(&gpu, 9, Size::new(64, 64), SideOutput::None, Kriging::On, 0).map(|_| ());
     assert_eq!(scale, Err(ReconstructError::Scale { actual: 9 }.into()));
     let sampler =
         |size, margin| GpuSuperSampler::new(&gpu, 1, size, SideOutput::None, Kriging::On, margin).map(|_| ());
     // Frames of a valid size; one device in a hundred has memory for their history.
     if gpu.capabilities().limits.binding_bytes < (8192 * 8192) * 32 {
-        let large = sampler([8192; 2], 8192);
+        let large = sampler(Size::new(8192, 8192), 8192);
         assert!(matches!(large, Err(GpuReconstructError::Gpu(GpuError::TooLarge { .. }))), "{large:?}");
     }
-    for actual in [[0, 64], [64, 8193], [u32::MAX; 2]] {
+    for actual in [[0, 64], [64, 8193], [u32::MAX; 2]].map(Size::from) {
         let size = Err(ReconstructError::FrameSize { actual }.into());
         assert_eq!(sampler(actual, 0), size);
         assert_eq!(GpuInterpolator::new(&gpu, 4, actual).map(|_| ()), size);
         assert_eq!(GpuImage::new(&gpu, actual).map(|_| ()), size);
     }
     let wide = ReconstructError::Margin { max: 8192, actual: u32::MAX };
-    assert_eq!(sampler([64; 2], u32::MAX), Err(wide.into()));
-    let mut sampler = GpuSuperSampler::new(&gpu, 4, [64, 64], SideOutput::None, Kriging::On, 0).unwrap();
+    assert_eq!(sampler(Size::new(64, 64), u32::MAX), Err(wide.into()));
+    let mut sampler =
+        GpuSuperSampler::new(&gpu, 4, Size::new(64, 64), SideOutput::None, Kriging::On, 0).unwrap();
     let pose = camera(64, 64, [0.0; 3], 0.0, 0.0);
     let uploaded = Uploaded::new(&gpu, &wall_and_post(60.0).gbuffer(&pose.low_resolution(4), [0.0; 2]));
-    let small = GpuImage::new(&gpu, [60, 64]).unwrap();
-    let size = ReconstructError::Size { what: "image", expected: (64, 64), actual: (60, 64) };
+    let small = GpuImage::new(&gpu, Size::new(60, 64)).unwrap();
+    let size =
+        ReconstructError::Size { what: "image", expected: Size::new(64, 64), actual: Size::new(60, 64) };
     assert_eq!(sampler.bind(&uploaded.planes(), &uploaded.planes(), &small).map(|_| ()), Err(size.into()));
     // A row short.
     let short = gpu.buffer("short", Use::Storage, 16 * 15 * 16).unwrap();
     let planes = GpuPlanes { dy_expected: &short, ..uploaded.planes() };
-    let out = GpuImage::new(&gpu, [64, 64]).unwrap();
+    let out = GpuImage::new(&gpu, Size::new(64, 64)).unwrap();
     let short =
         GpuError::TooSmall { what: "bytes of plane dy_expected".to_owned(), min: 16 * 256, actual: 16 * 240 };
     for (planes, padded) in [(planes, uploaded.planes()), (uploaded.planes(), planes)] {
         assert_eq!(sampler.bind(&planes, &padded, &out).map(|_| ()), Err(short.clone().into()));
     }
-    let twin = GpuSuperSampler::new(&gpu, 4, [64, 64], SideOutput::None, Kriging::On, 0).unwrap();
+    let twin = GpuSuperSampler::new(&gpu, 4, Size::new(64, 64), SideOutput::None, Kriging::On, 0).unwrap();
     let strange = twin.bind(&uploaded.planes(), &uploaded.planes(), &out).unwrap();
     let strange =
         sampler.record(&mut gpu.recorder(None), &strange, &pose, [0.0; 2], Margin::NONE).unwrap_err();
     assert!(matches!(strange, GpuReconstructError::Gpu(GpuError::Bindings { .. })), "{strange}");
     let bound = sampler
-        .bind(&uploaded.planes(), &uploaded.planes(), &GpuImage::new(&gpu, [64, 64]).unwrap())
+        .bind(&uploaded.planes(), &uploaded.planes(), &GpuImage::new(&gpu, Size::new(64, 64)).unwrap())
         .unwrap();
     let mut recorder = gpu.recorder(None);
     let other = camera(60, 64, [0.0; 3], 0.0, 0.0);
-    let size = ReconstructError::Size { what: "camera", expected: (64, 64), actual: (60, 64) };
+    let size =
+        ReconstructError::Size { what: "camera", expected: Size::new(64, 64), actual: Size::new(60, 64) };
     assert_eq!(sampler.record(&mut recorder, &bound, &other, [0.0; 2], Margin::NONE), Err(size.into()));
     let jitter = sampler.record(&mut recorder, &bound, &pose, [f32::NAN, 0.0], Margin::NONE);
     let wide = Margin { right: 1, ..Margin::NONE };
     let margin = sampler.record(&mut recorder, &bound, &pose, [0.0; 2], wide);
     assert_eq!(margin, Err(ReconstructError::Margin { max: 0, actual: 1 }.into()));
     assert!(matches!(jitter, Err(GpuReconstructError::Reconstruct(ReconstructError::Jitter { .. }))));
-    let interpolator = GpuInterpolator::new(&gpu, 4, [64, 64]).unwrap();
-    let image = GpuImage::new(&gpu, [64, 64]).unwrap();
+    let interpolator = GpuInterpolator::new(&gpu, 4, Size::new(64, 64)).unwrap();
+    let image = GpuImage::new(&gpu, Size::new(64, 64)).unwrap();
     let neighbor = GpuNeighbor { image: &image, planes: uploaded.planes() };
-    let out = GpuImage::new(&gpu, [64, 64]).unwrap();
+    let out = GpuImage::new(&gpu, Size::new(64, 64)).unwrap();
     let bound = interpolator.bind(&neighbor, &neighbor, &out).unwrap();
     let view = NeighborView { camera: pose, jitter: [0.0; 2] };
     let late = interpolator.record(&mut recorder, &bound, [&view, &view], 1.5, &pose);

@@ -3,7 +3,7 @@
 use gs3_compute::{Gpu, Use};
 use gs3_reconstruct::gpu::{GpuBlockSelector, SideOutput};
 use gs3_reconstruct::{BlockBudget, Kriging, SuperSampler, select_blocks};
-use gs3_scene::{Image, block_grid};
+use gs3_scene::{Image, Size, block_grid};
 
 use crate::common::{camera, grid_jitter, wall_and_post};
 use crate::gpu::{Sampler, gpu};
@@ -12,7 +12,7 @@ use crate::gpu::{Sampler, gpu};
 const PER_UNIT: f32 = 6.0 / (1 << 24) as f32;
 
 /// The blocks that a device chooses by `errors`, in units, within `budget`.
-fn chosen(gpu: &Gpu, errors: &[u32], size: [u32; 2], budget: BlockBudget) -> (Vec<[u16; 2]>, u32) {
+fn chosen(gpu: &Gpu, errors: &[u32], size: Size, budget: BlockBudget) -> (Vec<[u16; 2]>, u32) {
     let buffer = gpu.buffer_with("errors", Use::Storage, errors).unwrap();
     let selector = GpuBlockSelector::new(gpu, size, &buffer).unwrap();
     // Twice: nothing of the first choice stays.
@@ -22,7 +22,7 @@ fn chosen(gpu: &Gpu, errors: &[u32], size: [u32; 2], budget: BlockBudget) -> (Ve
         recorder.submit().unwrap();
     }
     let marks = gpu.read::<u32>(&selector.chosen().slice()).unwrap();
-    let columns = block_grid(size.map(|side| side as usize))[0];
+    let columns = block_grid(size)[0];
     let places = marks.iter().enumerate().filter(|(_, mark)| **mark != 0);
     let places = places.map(|(k, _)| [(k % columns) as u16, (k / columns) as u16]).collect();
     (places, gpu.read::<u32>(&selector.chosen_count().slice()).unwrap()[0])
@@ -31,8 +31,8 @@ fn chosen(gpu: &Gpu, errors: &[u32], size: [u32; 2], budget: BlockBudget) -> (Ve
 #[test]
 fn the_choice_is_the_cpus() {
     let Some(gpu) = gpu() else { return };
-    let size = [410, 250];
-    let [columns, rows] = block_grid([410, 250]);
+    let size = Size::new(410, 250);
+    let [columns, rows] = block_grid(size);
     // Equal errors, none, the largest, and errors around the least one.
     let errors: Vec<u32> = (0..columns * rows)
         .map(|k| match k % 7 {
@@ -57,7 +57,7 @@ fn the_choice_is_the_cpus() {
     ] {
         let budget = BlockBudget { most, least_error };
         let (places, count) = chosen(&gpu, &errors, size, budget);
-        let mut expected = select_blocks(&as_floats, [410, 250], budget);
+        let mut expected = select_blocks(&as_floats, size, budget);
         expected.sort_unstable_by_key(|[x, y]| (*y, *x));
         assert_eq!(count as usize, places.len());
         assert_eq!(places, expected, "{budget:?}");
@@ -68,9 +68,9 @@ fn the_choice_is_the_cpus() {
 fn expected_errors_match_the_cpu() {
     let Some(gpu) = gpu() else { return };
     let world = wall_and_post(60.0);
-    for (scale, size) in [(4, [230, 133]), (2, [101, 66])] {
+    for (scale, size) in [(4, Size::new(230, 133)), (2, Size::new(101, 66))] {
         let pose = |k: usize| {
-            camera(size[0], size[1], [0.02 * k as f64, 0.006 * k as f64, 0.004 * k as f64], 0.0, 0.0)
+            camera(size.width, size.height, [0.02 * k as f64, 0.006 * k as f64, 0.004 * k as f64], 0.0, 0.0)
         };
         let mut cpu = SuperSampler::new(scale, Kriging::Off).unwrap();
         let mut device =

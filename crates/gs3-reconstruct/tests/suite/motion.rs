@@ -3,7 +3,7 @@
 use crate::common::{Sheet, World, camera, wall_and_post};
 use glam::DVec2;
 use gs3_reconstruct::{Depth, DepthView, Motion, ReconstructError};
-use gs3_scene::{Camera, GBuffer, Planes};
+use gs3_scene::{Camera, GBuffer, Planes, Size};
 use proptest::prelude::*;
 
 const SCALE: u32 = 4;
@@ -191,7 +191,10 @@ fn wrong_inputs_are_typed_errors() {
     let view = DepthView { camera, jitter: [0.0; 2], depth: Depth::Z(&depth) };
     let mut motion = Motion::default();
     let error = motion.set(&DepthView { depth: Depth::Z(&small), ..view }, &view).unwrap_err();
-    assert_eq!(error, ReconstructError::Size { what: "depth", expected: (64, 36), actual: (16, 9) });
+    assert_eq!(
+        error,
+        ReconstructError::Size { what: "depth", expected: Size::new(64, 36), actual: Size::new(16, 9) }
+    );
     let other = DepthView { camera: camera.low_resolution(4), depth: Depth::Inverse(&small), ..view };
     let error = motion.set(&view, &other).unwrap_err();
     assert!(matches!(error, ReconstructError::Size { what: "previous view", .. }));

@@ -3,7 +3,7 @@
 use crate::world::{World, camera, psnr_where, turned_camera};
 use glam::DVec3;
 use gs3_reconstruct::{GBufferView, PlanesView, ReconstructError, Reconstructor, ReconstructorSettings};
-use gs3_scene::{Camera, Image};
+use gs3_scene::{Camera, Image, Size};
 use rayon::prelude::*;
 
 /// Frames of a sequence: the history is full long before its end.
@@ -149,12 +149,12 @@ fn motion_that_cannot_be_is_refused_and_changes_nothing() {
                 bad.motion[77] = f32::INFINITY;
                 let error = reconstructor.reconstruct(&now, &bad.moving_view()).unwrap_err();
                 assert_eq!(error, ReconstructError::NotFinite { what: "G-buffer motion" });
-                let small = PlanesView::interleaved(&buffers.motion, [10, 10], 2).unwrap();
+                let small = PlanesView::interleaved(&buffers.motion, Size::new(10, 10), 2).unwrap();
                 let view = GBufferView { motion: Some(small), ..buffers.view() };
                 let error = reconstructor.reconstruct(&now, &view).unwrap_err();
-                let expected = (buffers.size[0], buffers.size[1]);
+                let expected = buffers.size;
                 let what = "G-buffer motion";
-                assert_eq!(error, ReconstructError::Size { what, expected, actual: (10, 10) });
+                assert_eq!(error, ReconstructError::Size { what, expected, actual: Size::new(10, 10) });
             }
             let made = reconstructor.reconstruct(&now, &buffers.moving_view()).unwrap();
             shown = (made.current.clone(), made.in_between.to_vec());

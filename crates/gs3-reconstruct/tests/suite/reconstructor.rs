@@ -34,7 +34,7 @@ fn buffers_are_read_however_they_lie_and_whatever_their_depths_mean() {
     for k in 0..4 {
         let now = camera(0.01 * f64::from(k));
         let buffers = world.render(&now, &now, plain.next_jitter(&now), 0.0);
-        let [width, height] = buffers.size;
+        let [width, height] = buffers.size.to_usize();
         // Planes, bottom padding of rows, reversed depth.
         let row = width + 3;
         let mut planar = vec![f32::NAN; 3 * row * height];

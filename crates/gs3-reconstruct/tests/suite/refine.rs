@@ -2,15 +2,15 @@
 
 use crate::common::{World, camera, grid_jitter, wall_and_post};
 use gs3_reconstruct::{BlockBudget, Kriging, SuperSampler, select_blocks};
-use gs3_scene::{BLOCK_SIDE, Camera, ExactBlock, ExactBlocks, Image, block_grid};
+use gs3_scene::{BLOCK_SIDE, Camera, ExactBlock, ExactBlocks, Image, Size, block_grid};
 use gs3_test_support::psnr;
 
 const SCALE: u32 = 4;
 /// No multiple of a block's side along y.
-const SIZE: (u32, u32) = (240, 134);
+const SIZE: Size = Size::new(240, 134);
 
 fn at(t: f64) -> Camera {
-    camera(SIZE.0, SIZE.1, [t, 0.3 * t, 0.2 * t], 0.1 * t, -0.05 * t)
+    camera(SIZE.width, SIZE.height, [t, 0.3 * t, 0.2 * t], 0.1 * t, -0.05 * t)
 }
 
 /// The blocks of what `camera` sees.
@@ -59,8 +59,8 @@ impl<'a> Run<'a> {
     }
 
     fn select(&self, most: f32) -> Vec<[u16; 2]> {
-        let size = [self.image.width(), self.image.height()];
-        select_blocks(self.sampler.expected_errors(), size, BlockBudget { most, least_error: 0.0 })
+        let budget = BlockBudget { most, least_error: 0.0 };
+        select_blocks(self.sampler.expected_errors(), self.image.size(), budget)
     }
 
     fn refine(&mut self, camera: &Camera, places: Vec<[u16; 2]>) {
@@ -71,7 +71,7 @@ impl<'a> Run<'a> {
 
 /// Squared errors by block: sums over pixels and RGB.
 fn true_errors(image: &Image, native: &Image) -> Vec<f32> {
-    let [columns, rows] = block_grid([image.width(), image.height()]);
+    let [columns, rows] = block_grid(image.size());
     let mut errors = vec![0.0; columns * rows];
     for (k, (a, b)) in image.pixels().iter().zip(native.pixels()).enumerate() {
         let (x, y) = (k % image.width() / BLOCK_SIDE, k / image.width() / BLOCK_SIDE);
@@ -93,7 +93,7 @@ fn expected_errors_find_the_blocks_that_err() {
         let errors = true_errors(&run.image, &world.native(&camera));
         assert_eq!(expected.len(), errors.len());
         let all: f32 = errors.iter().sum();
-        let [columns, _] = block_grid([run.image.width(), run.image.height()]);
+        let [columns, _] = block_grid(run.image.size());
         let worst = run.select(0.1);
         assert_eq!(worst.len(), (0.1 * errors.len() as f32).round() as usize);
         let found: f32 = worst.iter().map(|[x, y]| errors[usize::from(*y) * columns + usize::from(*x)]).sum();
@@ -111,11 +111,11 @@ fn errors_of_blocks_at_the_border_are_those_of_their_pixels() {
         let mut image = Image::default();
         // Memory of tiles is not zero from the second frame on.
         for k in 0..3 {
-            let camera = camera(width, SIZE.1, [0.02 * f64::from(k), 0.0, 0.0], 0.0, 0.0);
+            let camera = camera(width, SIZE.height, [0.02 * f64::from(k), 0.0, 0.0], 0.0, 0.0);
             let gbuffer = world.gbuffer(&camera.low_resolution(SCALE), grid_jitter(SCALE, k as usize));
             sampler.super_sample(&camera, &gbuffer, &mut image).unwrap();
             let errors = sampler.expected_errors();
-            let [columns, rows] = block_grid([image.width(), image.height()]);
+            let [columns, rows] = block_grid(image.size());
             let of_column = |x: usize| (0..rows).map(|y| errors[y * columns + x]).sum::<f32>();
             let most = (columns - 20..columns - 1).map(of_column).fold(0.0, f32::max);
             let last = of_column(columns - 1);
@@ -196,7 +196,7 @@ fn a_resting_camera_becomes_native_sooner_and_needs_no_more() {
     // Whole frames are exact at once and stay so.
     let mut run = Run::new(&world);
     run.frame(&camera);
-    let [columns, rows] = block_grid([run.image.width(), run.image.height()]);
+    let [columns, rows] = block_grid(run.image.size());
     let all = (0..rows).flat_map(|y| (0..columns).map(move |x| [x as u16, y as u16])).collect();
     run.refine(&camera, all);
     assert!(psnr(&run.image, &native) >= 120.0);
@@ -219,7 +219,7 @@ fn what_is_refined_again_is_remembered_once() {
     }
     // What leaves the picture is forgotten.
     for k in 0..2 {
-        let away = camera(SIZE.0, SIZE.1, [0.0; 3], 2.5, 0.0);
+        let away = camera(SIZE.width, SIZE.height, [0.0; 3], 2.5, 0.0);
         run.frame(&away);
         let places = if k == 0 { Vec::new() } else { vec![[1, 1]] };
         run.refine(&away, places);

@@ -2,14 +2,14 @@
 
 use crate::common::{Sheet, World, camera, grid_jitter, wall_and_post};
 use gs3_reconstruct::{Kriging, ReconstructError, ResetReason, SuperSampler, hermite};
-use gs3_scene::{Camera, GBuffer, Image, Margin};
+use gs3_scene::{Camera, GBuffer, Image, Margin, Size};
 use gs3_test_support::psnr;
 use proptest::prelude::*;
 
-const SIZE: (u32, u32) = (240, 136);
+const SIZE: Size = Size::new(240, 136);
 
 fn at(t: f64) -> Camera {
-    camera(SIZE.0, SIZE.1, [t, 0.3 * t, 0.2 * t], 0.1 * t, -0.05 * t)
+    camera(SIZE.width, SIZE.height, [t, 0.3 * t, 0.2 * t], 0.1 * t, -0.05 * t)
 }
 
 /// Super-samples `frames` frames; the last result.
@@ -69,7 +69,7 @@ fn history_gains_in_motion() {
     let pose = |k: usize| at(0.02 * k as f64);
     let native = world.native(&pose(19));
     let with = psnr(&run(&world, 4, 20, pose), &native);
-    let mut single = Image::new(SIZE.0 as usize, SIZE.1 as usize);
+    let mut single = Image::new(SIZE.width as usize, SIZE.height as usize);
     hermite(&world.gbuffer(&pose(19).low_resolution(4), [0.0; 2]), 4, &mut single).unwrap();
     let without = psnr(&single, &native);
     assert!(with > without + 4.0, "history {with:.2} dB, Hermite {without:.2} dB");
@@ -188,7 +188,7 @@ fn innovation_is_what_the_past_did_not_know() {
 fn curvature_leaves_no_overshoot() {
     // A turn of the camera: all samples land where they belong, between pixels.
     let world = wall_and_post(60.0);
-    let pose = |k: usize| camera(SIZE.0, SIZE.1, [0.0; 3], 0.0037 * k as f64, 0.0019 * k as f64);
+    let pose = |k: usize| camera(SIZE.width, SIZE.height, [0.0; 3], 0.0037 * k as f64, 0.0019 * k as f64);
     let psnr = psnr(&run(&world, 4, 20, pose), &world.native(&pose(19)));
     assert!(psnr > 34.1, "{psnr:.2} dB");
 }
@@ -197,7 +197,7 @@ fn curvature_leaves_no_overshoot() {
 fn what_was_hidden_is_not_smeared() {
     // Every frame the post uncovers 2.5 columns of the wall: what it covered in the past is right in few frames only.
     let world = wall_and_post(20.0);
-    let pose = |k: usize| camera(SIZE.0, SIZE.1, [0.12 * k as f64, 0.0, 0.0], 0.0, 0.0);
+    let pose = |k: usize| camera(SIZE.width, SIZE.height, [0.12 * k as f64, 0.0, 0.0], 0.0, 0.0);
     let native = world.native(&pose(12));
     let out = run(&world, 4, 13, pose);
     // Red of the post is 0.7 ± 0.2, of the wall 0.5 ± 0.2; a ghost of the post on the wall would be off by 0.2 in whole
@@ -230,7 +230,8 @@ fn what_is_behind_thin_things_does_not_show_through() {
         world.sheets.push(Sheet { center: 0.3 * f64::from(k), ..pole });
     }
     world.sheets.push(Sheet { base: [0.8, 0.8, 0.7], ..Sheet::endless(6.0, 3, 20.0) });
-    let pose = |k: usize| camera(SIZE.0, SIZE.1, [0.013 * k as f64, 0.007 * k as f64, 0.0], 0.0, 0.0);
+    let pose =
+        |k: usize| camera(SIZE.width, SIZE.height, [0.013 * k as f64, 0.007 * k as f64, 0.0], 0.0, 0.0);
     let native = world.native(&pose(24));
     let out = run(&world, 4, 25, pose);
     // 20.5 dB; 17.8 dB if nothing were behind anything.
@@ -301,7 +302,7 @@ fn another_size_resets_and_errors_do_not() {
 #[test]
 fn what_a_turn_reveals_has_a_past_in_the_margin() {
     let world = wall_and_post(60.0);
-    let pose = |k: usize| camera(SIZE.0, SIZE.1, [0.0; 3], -0.02 * k as f64, 0.0);
+    let pose = |k: usize| camera(SIZE.width, SIZE.height, [0.0; 3], -0.02 * k as f64, 0.0);
     let margin = Margin { left: 16, top: 2, right: 0, bottom: 1 };
     let super_sampled = |margin: Margin| {
         let mut sampler = SuperSampler::new(4, Kriging::Off).unwrap();
@@ -344,7 +345,8 @@ fn another_frames_margin_is_refused() {
         sampler.super_sample_padded(&at(0.0), picture, padded, &mut Image::default()).unwrap_err()
     };
     let other = GBuffer { margin: Margin::all(1), ..padded.clone() };
-    let size = ReconstructError::Size { what: "G-buffer", expected: (62, 36), actual: (62, 34) };
+    let size =
+        ReconstructError::Size { what: "G-buffer", expected: Size::new(62, 36), actual: Size::new(62, 34) };
     assert_eq!(refused(&picture, &other), size);
     assert!(matches!(
         refused(&picture, &GBuffer { margin: Margin::all(u32::MAX), ..padded.clone() }),

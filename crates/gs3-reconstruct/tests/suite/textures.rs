@@ -23,7 +23,7 @@ fn images_become_textures() {
     let (half, both) =
         (wgpu::TextureFormat::Rgba16Float, wgpu::TextureUsages::COPY_DST | wgpu::TextureUsages::COPY_SRC);
     for size in [[32, 3], [37, 5]] {
-        let image = GpuImage::new(&gpu, size).unwrap();
+        let image = GpuImage::new(&gpu, size.into()).unwrap();
         let pixels: Vec<u8> = (0..image.bytes()).map(|k| (k % 249) as u8).collect();
         gpu.write(&image.pixels().slice(), &pixels).unwrap();
         let whole = texture(size, half, both);

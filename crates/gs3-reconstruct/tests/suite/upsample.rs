@@ -2,7 +2,7 @@
 
 use crate::common::{camera, grid_jitter, wall_and_post};
 use gs3_reconstruct::{ReconstructError, ResampleKernel, hermite, resample};
-use gs3_scene::{GBuffer, Gradients, Image, Planes};
+use gs3_scene::{GBuffer, Gradients, Image, Planes, Size};
 use gs3_test_support::psnr;
 use proptest::prelude::*;
 
@@ -143,11 +143,13 @@ fn wrong_inputs_are_typed_errors() {
     let mut out = Image::new(16, 12);
     assert_eq!(hermite(&gbuffer, 0, &mut out), Err(ReconstructError::Scale { actual: 0 }));
     let mut other = Image::new(17, 12);
-    let expected = ReconstructError::Size { what: "G-buffer", expected: (5, 3), actual: (4, 3) };
+    let expected =
+        ReconstructError::Size { what: "G-buffer", expected: Size::new(5, 3), actual: Size::new(4, 3) };
     assert_eq!(resample(&gbuffer, 4, ResampleKernel::Bicubic, &mut other), Err(expected));
     let bare = GBuffer { gradients: None, ..gbuffer.clone() };
     assert!(matches!(hermite(&bare, 4, &mut out), Err(ReconstructError::Missing { .. })));
-    let expected = ReconstructError::Size { what: "image", expected: (16, 12), actual: (0, 0) };
+    let expected =
+        ReconstructError::Size { what: "image", expected: Size::new(16, 12), actual: Size::new(0, 0) };
     assert_eq!(resample(&gbuffer, 4, ResampleKernel::Bicubic, &mut Image::default()), Err(expected.clone()));
     assert_eq!(hermite(&gbuffer, 4, &mut Image::default()), Err(expected));
     let empty = GBuffer::default();

@@ -11,6 +11,7 @@ use super::CaptureOptions;
 #[cfg(feature = "fs")]
 use super::{MAX_JSON_BYTES, picture};
 use crate::format::unused_note;
+use crate::size::Size;
 
 /// Where a file of cameras lies, and what its reader has to tell.
 pub(super) struct Context<'a> {
@@ -69,9 +70,9 @@ impl<'a> Context<'a> {
         file.is_file().then(|| read_within(&file, MAX_JSON_BYTES).ok()).flatten()
     }
 
-    /// Width and height of the picture called `name`, a path from the file's folder or from its `images`; the extension
+    /// The size of the picture called `name`, a path from the file's folder or from its `images`; the extension
     /// may be missing. Only pictures within those folders are looked at.
-    pub(super) fn picture_size(&self, name: &str) -> Option<(u32, u32)> {
+    pub(super) fn picture_size(&self, name: &str) -> Option<Size> {
         let folder = self.folder.as_ref()?;
         let relative = Path::new(name.trim_start_matches("./"));
         let is_inside = relative.components().all(|part| matches!(part, std::path::Component::Normal(_)));
@@ -92,7 +93,7 @@ impl Context<'_> {
     }
 
     #[expect(clippy::unused_self, reason = "a folder would answer")]
-    pub(super) const fn picture_size(&self, _: &str) -> Option<(u32, u32)> {
+    pub(super) const fn picture_size(&self, _: &str) -> Option<Size> {
         None
     }
 }

@@ -33,6 +33,7 @@ pub use supersplat::{SuperSplatSettings, supersplat_settings};
 use crate::camera::{Camera, Intrinsics};
 use crate::camera_path::{CameraPath, CameraPathError, PathFacts};
 use crate::lens::Lens;
+use crate::size::Size;
 use context::Context;
 use fields::Field;
 
@@ -50,9 +51,9 @@ pub const MAX_COLMAP_BYTES: u64 = 4 << 30;
 /// Knowledge of the caller about cameras that their file does not state.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CaptureOptions {
-    /// Width and height of the images, pixels, of files that state none. (Others are brought to a size by
+    /// The size of the images, of files that state none. (Others are brought to a size by
     /// [`CameraPath::resized`].)
-    pub size: Option<(u32, u32)>,
+    pub size: Option<Size>,
     /// Vertical field of view in radians, of files that state no intrinsics at all.
     pub fov_y: Option<f64>,
     /// A `dataparser_transforms.json` of nerfstudio. The cameras are transformed to its frame. If this is `None`, the
@@ -63,8 +64,8 @@ pub struct CaptureOptions {
 impl CaptureOptions {
     /// Size and field of view, where both are known.
     fn calibration(&self) -> Option<Intrinsics> {
-        let ((width, height), fov_y) = self.size.zip(self.fov_y)?;
-        Some(Intrinsics::from_fov_y(width, height, fov_y))
+        let (size, fov_y) = self.size.zip(self.fov_y)?;
+        Some(Intrinsics::from_fov_y(size.width, size.height, fov_y))
     }
 }
 
@@ -86,11 +87,11 @@ pub fn parse_json_with(bytes: &[u8], options: &CaptureOptions) -> Result<CameraP
     Ok(parsed.captured.with_notes(context.into_notes()).into_path())
 }
 
-/// Reads a RealityScan CSV from memory, with pictures of size `(width, height)`.
+/// Reads a RealityScan CSV from memory, with pictures of `size`.
 ///
 /// # Errors
 /// [`CaptureFault`], naming field, expected and actual.
-pub fn parse_csv(bytes: &[u8], size: (u32, u32)) -> Result<CameraPath, CaptureFault> {
+pub fn parse_csv(bytes: &[u8], size: Size) -> Result<CameraPath, CaptureFault> {
     let options = CaptureOptions { size: Some(size), ..CaptureOptions::default() };
     let context = Context::in_memory(&options);
     let captured = realityscan::parse(bytes, &context)?;

@@ -11,6 +11,7 @@ use super::{CaptureFault, Captured, Photo, camera_from_world_pose, path_through}
 use crate::camera::Intrinsics;
 use crate::format::quoted;
 use crate::lens::Lens;
+use crate::size::Size;
 
 /// Width of the film that focal lengths are given for, millimetres.
 const FILM: f64 = 36.0;
@@ -53,12 +54,13 @@ pub(super) fn parse(bytes: &[u8], context: &Context<'_>) -> Result<Captured, Cap
             None => Err(CaptureFault::field(&format!("{field} {name}"), "a number", "nothing")),
         };
         let name = cells.get(columns["name"]).copied().unwrap_or_default().to_owned();
-        let Some((width, height)) = context.picture_size(&name).or(context.options.size) else {
+        let Some(size) = context.picture_size(&name).or(context.options.size) else {
             let expected = "the picture beside the file, or in its folder images, for its size (or --size)";
             return Err(CaptureFault::field(&format!("{field} name"), expected, quoted(&name)));
         };
-        let pixels = f64::from(width.max(height)) / FILM;
+        let pixels = f64::from(size.width.max(size.height)) / FILM;
         let focal = number("f")? * pixels;
+        let Size { width, height } = size;
         let intrinsics = Intrinsics {
             width,
             height,

@@ -12,9 +12,10 @@ use super::{CaptureFault, Captured, Field};
 use crate::camera::Intrinsics;
 use crate::camera_path::{CameraPath, PathFacts};
 use crate::orbit::look_at;
+use crate::size::Size;
 
 /// The image size of settings, which state none.
-const DEFAULT_SIZE: (u32, u32) = (1920, 1080);
+const DEFAULT_SIZE: Size = Size::new(1920, 1080);
 
 /// Frames that an animation may have: an hour at 120 frames per second.
 const MOST_FRAMES: f64 = 432_000.0;
@@ -28,7 +29,7 @@ pub(super) fn parse(root: &Field, context: &Context<'_>) -> Result<Captured, Cap
     }
     let size = context.options.size.unwrap_or(DEFAULT_SIZE);
     if context.options.size.is_none() {
-        context.note(format!("settings state no image size: {}x{} (--size sets it)", size.0, size.1));
+        context.note(format!("settings state no image size: {size} (--size sets it)"));
     }
     let first_camera = first(root.get("cameras"))?.and_then(|camera| camera.get("initial"));
     let initial = first_camera.or_else(|| root.get("camera"));
@@ -54,7 +55,7 @@ fn first<'a>(array: Option<Field<'a>>) -> Result<Option<Field<'a>>, CaptureFault
     })
 }
 
-fn animation(track: &Field, default_fov: f64, size: (u32, u32)) -> Result<Captured, CaptureFault> {
+fn animation(track: &Field, default_fov: f64, size: Size) -> Result<Captured, CaptureFault> {
     let rate = track.get("frameRate").map_or(Ok(super::DEFAULT_FRAMES_PER_SECOND), |rate| rate.number())?;
     let duration = track.require("duration", "the duration in seconds")?;
     let frames = (duration.number()? * rate).round();
@@ -148,7 +149,7 @@ fn captured(
     keys: impl Iterator<Item = Key>,
     rate: f64,
     is_cycle: bool,
-    (width, height): (u32, u32),
+    Size { width, height }: Size,
 ) -> Result<Captured, CaptureFault> {
     let mut cameras = Vec::new();
     for (i, [ex, ey, ez, tx, ty, tz, fov]) in keys.enumerate() {

@@ -174,7 +174,7 @@ fn settings_of_supersplat_are_a_camera_or_an_animation() {
 fn realityscan_tables() {
     let table = "#name,x,y,alt,heading,pitch,roll,f,px,py,k1,k2,k3,k4,t1,t2\n\
         f_10.jpg,1,2,3,90,90,0,28.125,0,0,0,0,0,0,0,0\nf_9.jpg,1,2,3,0,0,0,28.125,1.8,0,0.1,0,0,0,0,0\n";
-    let path = parse_csv(table.as_bytes(), (640, 480)).unwrap();
+    let path = parse_csv(table.as_bytes(), Size::new(640, 480)).unwrap();
     assert_eq!((path.name(0), path.name(1)), (Some("f_9.jpg"), Some("f_10.jpg")));
     // Heading east, level: right is south, forward east.
     assert_is_the_camera(&path, 1);
@@ -189,7 +189,8 @@ fn realityscan_tables() {
         ("28.125,0", "x,0", "line 2 f: expected a number"),
         (",heading", "", "line 1: expected a column heading"),
     ] {
-        let fault = parse_csv(table.replacen(from, to, 1).as_bytes(), (640, 480)).unwrap_err().to_string();
+        let fault =
+            parse_csv(table.replacen(from, to, 1).as_bytes(), Size::new(640, 480)).unwrap_err().to_string();
         assert!(fault.contains(expected), "{fault} should contain {expected}");
     }
 }

@@ -142,7 +142,7 @@ pub(super) fn calibration(
             Err(CaptureFault::field(key, "the image size in pixels, or the picture itself", "nothing"))
         }
     };
-    let (width, height) = (side("w", picture.map(|p| p.0))?, side("h", picture.map(|p| p.1))?);
+    let (width, height) = (side("w", picture.map(|p| p.width))?, side("h", picture.map(|p| p.height))?);
     let number = |key| stated(key).map(|f| f.number()).transpose();
     let focal_from_angle = |key, pixels: u32| -> Result<Option<f64>, CaptureFault> {
         let Some(field) = stated(key) else { return Ok(None) };

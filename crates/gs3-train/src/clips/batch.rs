@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
 use std::sync::mpsc;
 
+use gs3::scene::Size;
+
 use super::analytic::analytic_psnr;
 use super::draw::Draw;
 use super::error::MakeError;
@@ -67,14 +69,14 @@ impl Batch<'_> {
 
     /// Checks that the clips that are there are like those to be made, as far as their headers tell.
     fn check_kept(&self) -> Result<(), MakeError> {
-        let ClipSettings { network, scale, size: [width, height], frames, .. } = self.settings;
+        let ClipSettings { network, scale, size, frames, .. } = self.settings;
         for Task { file, .. } in self.all().into_iter().filter(|task| task.file.exists()) {
             let kept = ClipFile::open(&file)?;
             let [rows, columns] = kept.lr().map(|side| side * kept.scale() as usize);
             let fields = [
                 ("network", network.name().to_owned(), kept.network().name().to_owned()),
                 ("scale", scale.to_string(), kept.scale().to_string()),
-                ("size", format!("{width}×{height}"), format!("{columns}×{rows}")),
+                ("size", size.to_string(), Size::of(columns, rows).to_string()),
                 ("frames", frames.to_string(), kept.frames().to_string()),
             ];
             if let Some((field, expected, actual)) = fields.into_iter().find(|(_, a, b)| a != b) {

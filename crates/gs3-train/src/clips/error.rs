@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use gs3::NetworkError;
 use gs3::raster::RasterError;
 use gs3::reconstruct::ReconstructError;
-use gs3::scene::CameraError;
+use gs3::scene::{CameraError, Size};
 
 use super::framing::Framing;
 use crate::clip::ClipError;
@@ -15,15 +15,12 @@ use crate::clip::ClipError;
 #[non_exhaustive]
 pub enum MakeError {
     /// The size of a clip is not one that its network works on, or larger than any view.
-    #[error(
-        "size of clips: expected multiples of {scale} up to {}×{}, found {}×{}",
-        Framing::LARGEST[0], Framing::LARGEST[1], actual[0], actual[1]
-    )]
+    #[error("size of clips: expected multiples of {scale} up to {}, found {actual}", Framing::LARGEST)]
     Size {
         /// HR pixels per LR pixel along a side.
         scale: u32,
-        /// Width and height found.
-        actual: [u32; 2],
+        /// The size found.
+        actual: Size,
     },
     /// There are no frames to record.
     #[error("frames of a clip: expected at least 1, found 0")]

@@ -1,14 +1,19 @@
 //! The view of a clip, and the window of it that the clip shows.
 
 use glam::DAffine3;
-use gs3::scene::{Camera, CameraError, Intrinsics};
+use gs3::scene::{Camera, CameraError, Intrinsics, Size};
 
 use super::draw::Draw;
 use crate::clip::ClipWindow;
 
 /// Sizes of views, and how often they come.
-const SIZES: [(f64, [u32; 2]); 5] =
-    [(6.0, [1920, 1080]), (2.0, [1280, 720]), (1.0, [2560, 1440]), (1.0, [3840, 2160]), (1.0, [4096, 2160])];
+const SIZES: [(f64, Size); 5] = [
+    (6.0, Size::new(1920, 1080)),
+    (2.0, Size::new(1280, 720)),
+    (1.0, Size::new(2560, 1440)),
+    (1.0, Size::new(3840, 2160)),
+    (1.0, Size::new(4096, 2160)),
+];
 
 /// Vertical fields of view, in degrees.
 const FOV_Y: [f64; 2] = [40.0, 75.0];
@@ -29,17 +34,17 @@ pub(super) struct Framing {
 
 impl Framing {
     /// Largest window.
-    pub const LARGEST: [u32; 2] = SIZES[SIZES.len() - 1].1;
+    pub const LARGEST: Size = SIZES[SIZES.len() - 1].1;
 
     /// A random view that a window of `size`, multiples of `scale` within [`Self::LARGEST`], fits in; the window lies
     /// in its corner.
-    pub fn draw(draw: &mut Draw, size: [u32; 2], scale: u32) -> Self {
-        let fits = |s: &[u32; 2]| s[0] >= size[0] && s[1] >= size[1];
+    pub fn draw(draw: &mut Draw, size: Size, scale: u32) -> Self {
+        let fits = |s: &Size| s.width >= size.width && s.height >= size.height;
         let sizes: Vec<_> = SIZES.into_iter().filter(|(_, s)| fits(s)).collect();
-        let [width, height] = draw.weighted(&sizes, Self::LARGEST);
+        let Size { width, height } = draw.weighted(&sizes, Self::LARGEST);
         let fov_y = draw.uniform(FOV_Y[0], FOV_Y[1]).to_radians();
         let view = Intrinsics::from_fov_y(width, height, fov_y);
-        Self { view, window: [0, 0, size[0], size[1]], scale }
+        Self { view, window: [0, 0, size.width, size.height], scale }
     }
 
     /// The window moved to a random place of the view.
@@ -117,7 +122,7 @@ mod tests {
     fn windows_see_what_their_view_sees_there() {
         let mut draw = Draw::new(3);
         for scale in [2, 3, 4] {
-            let size = [96, 72];
+            let size = Size::new(96, 72);
             for _ in 0..200 {
                 let framing = Framing::draw(&mut draw, size, scale).moved(&mut draw);
                 let pose = DAffine3::IDENTITY;
@@ -142,11 +147,11 @@ mod tests {
     #[test]
     fn views_hold_large_windows() {
         let mut draw = Draw::new(1);
-        for size in [[2560, 1440], Framing::LARGEST] {
+        for size in [Size::new(2560, 1440), Framing::LARGEST] {
             for _ in 0..50 {
                 let framing = Framing::draw(&mut draw, size, 4).moved(&mut draw);
                 let window = framing.window(1);
-                assert_eq!(window.lr(), [size[1] as usize / 4, size[0] as usize / 4]);
+                assert_eq!(window.lr(), [size.height as usize / 4, size.width as usize / 4]);
             }
         }
     }

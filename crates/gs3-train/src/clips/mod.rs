@@ -20,7 +20,7 @@ mod tests;
 use std::sync::Arc;
 
 use gs3::neural::Weights;
-use gs3::scene::{CameraPath, Scene};
+use gs3::scene::{CameraPath, Scene, Size};
 use gs3::{Dilation, Kriging};
 
 pub use analytic::{analytic, analytic_psnr};
@@ -40,8 +40,8 @@ pub struct ClipSettings {
     pub scale: u32,
     /// Frames of a clip, at least 1.
     pub frames: usize,
-    /// Width and height in HR pixels, multiples of `scale`, up to 4096×2160.
-    pub size: [u32; 2],
+    /// HR pixels, sides that are multiples of `scale`, up to 4096×2160.
+    pub size: Size,
     /// Dilation of projected covariances in LR frames.
     pub dilation: Dilation,
     /// The last part of every path that is for held-out clips only, as a share, `[0, ½]`.
@@ -77,10 +77,8 @@ impl ClipSettings {
     pub fn check(&self) -> Result<(), MakeError> {
         // Refuses scales without a network, too.
         self.network.graph(self.scale, gs3::neural::model::Tier::Fast).map_err(crate::ClipError::from)?;
-        let fits = |k: usize| {
-            self.size[k] > 0 && self.size[k].is_multiple_of(self.scale) && self.size[k] <= Framing::LARGEST[k]
-        };
-        if !(fits(0) && fits(1)) {
+        let fits = |(side, most): (u32, u32)| side > 0 && side.is_multiple_of(self.scale) && side <= most;
+        if !self.size.to_array().into_iter().zip(Framing::LARGEST.to_array()).all(fits) {
             return Err(MakeError::Size { scale: self.scale, actual: self.size });
         }
         if self.frames == 0 {

@@ -8,7 +8,7 @@ use glam::DVec3;
 use gs3::neural::model::{Tier, initial_weights};
 use gs3::neural::{Header, Weights};
 use gs3::scene::gaussians::sh_coefficient_count;
-use gs3::scene::{Gaussians, OpacityMode, Scene, orbit};
+use gs3::scene::{Gaussians, OpacityMode, Scene, Size, orbit};
 use gs3::{Dilation, Kriging};
 use half::f16;
 
@@ -43,7 +43,7 @@ pub(super) fn settings(network: Network) -> ClipSettings {
         network,
         scale: 4,
         frames: 3,
-        size: [96, 64],
+        size: Size::new(96, 64),
         dilation: Dilation::Matched,
         held_out: 0.2,
         seed: 7,
@@ -130,8 +130,8 @@ fn batches_do_not_mix_settings() {
     assert_eq!(refused(&ClipSettings { frames: 4, ..settings.clone() }), found("frames", "4", "3"));
     assert_eq!(refused(&ClipSettings { scale: 2, ..settings.clone() }), found("scale", "2", "4"));
     assert_eq!(
-        refused(&ClipSettings { size: [96, 32], ..settings.clone() }),
-        found("size", "96×32", "96×64")
+        refused(&ClipSettings { size: Size::new(96, 32), ..settings.clone() }),
+        found("size", "96x32", "96x64")
     );
     assert_eq!(files(folder.path()), before);
     fs::write(folder.path().join("ball_0000.clip"), b"no clip").unwrap();
@@ -301,10 +301,10 @@ fn nonsense_is_refused() {
     let source = source();
     let base = settings(Network::SuperSample);
     let error = |settings: ClipSettings| source.clip(&settings, 0).unwrap_err().to_string();
-    let size = "size of clips: expected multiples of 4 up to 4096×2160, found";
-    assert_eq!(error(ClipSettings { size: [96, 62], ..base.clone() }), format!("{size} 96×62"));
-    assert_eq!(error(ClipSettings { size: [0, 64], ..base.clone() }), format!("{size} 0×64"));
-    assert_eq!(error(ClipSettings { size: [64, 4096], ..base.clone() }), format!("{size} 64×4096"));
+    let size = "size of clips: expected multiples of 4 up to 4096x2160, found";
+    assert_eq!(error(ClipSettings { size: Size::new(96, 62), ..base.clone() }), format!("{size} 96x62"));
+    assert_eq!(error(ClipSettings { size: Size::new(0, 64), ..base.clone() }), format!("{size} 0x64"));
+    assert_eq!(error(ClipSettings { size: Size::new(64, 4096), ..base.clone() }), format!("{size} 64x4096"));
     assert!(error(ClipSettings { frames: 0, ..base.clone() }).contains("expected at least 1, found 0"));
     assert!(error(ClipSettings { held_out: 0.7, ..base.clone() }).contains("found 0.7"));
     assert!(error(ClipSettings { held_out: f64::NAN, ..base.clone() }).contains("found NaN"));

@@ -225,8 +225,7 @@ impl CpuStages {
     ) -> Result<(), PipelineError> {
         let image = &mut frames.current.image;
         let budget = self.plan.block_budget(inputs.reset, self.controller.share());
-        let places =
-            select_blocks(self.super_sampler.expected_errors(), [image.width(), image.height()], budget);
+        let places = select_blocks(self.super_sampler.expected_errors(), image.size(), budget);
         rasterizer.rasterize_blocks(&places, &mut self.blocks)?;
         self.super_sampler.refine(&self.blocks, image);
         Ok(())
@@ -234,7 +233,7 @@ impl CpuStages {
 
     /// Share of the last frame's pixels that are exact blocks, `[0, 1]`.
     fn refined_share(&self, inputs: &FrameInputs) -> f32 {
-        let [columns, rows] = block_grid([inputs.camera.width() as usize, inputs.camera.height() as usize]);
+        let [columns, rows] = block_grid(inputs.camera.size());
         self.blocks.len() as f32 / (columns * rows) as f32
     }
 

@@ -1,7 +1,7 @@
 //! The values that a machine takes to make a frame, and the values that it returns.
 
 use gs3_reconstruct::{DepthLattice, Neighbor, ResetReason};
-use gs3_scene::{Camera, GBuffer, Image, Margin};
+use gs3_scene::{Camera, GBuffer, Image, Margin, Size};
 
 use crate::stages::StageTimes;
 
@@ -67,8 +67,8 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// Width and height, once the frame is made.
-    pub fn size(&self) -> Option<[u32; 2]> {
+    /// The frame's size, once the frame is made.
+    pub fn size(&self) -> Option<Size> {
         self.camera.map(|camera| camera.size())
     }
 

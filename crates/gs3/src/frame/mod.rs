@@ -235,9 +235,7 @@ impl FramePipeline {
         }
         match poses.iter().map(Camera::size).find(|size| *size != camera.size()) {
             None => Ok(()),
-            Some(size) => {
-                Err(PipelineError::BetweenSize { expected: camera.size().into(), actual: size.into() })
-            }
+            Some(actual) => Err(PipelineError::BetweenSize { expected: camera.size(), actual }),
         }
     }
 

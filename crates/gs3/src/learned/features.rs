@@ -6,7 +6,7 @@ use gs3_neural::Named;
 use gs3_reconstruct::{
     Depth, DepthView, Interpolator, Motion, Neighbor, ReconstructError, Reprojected, inverse_depth,
 };
-use gs3_scene::{Camera, GBuffer, Gradients, Image, Planes};
+use gs3_scene::{Camera, GBuffer, Gradients, Image, Planes, Size};
 use rayon::prelude::*;
 
 /// A frame that a hidden state belongs to.
@@ -149,16 +149,15 @@ impl SuperSampleFeatures {
         let Some(geometry) = &gbuffer.geometry else {
             return Err(ReconstructError::Missing { what: "depth" });
         };
-        check_size("image", camera, (image.width(), image.height()))?;
-        let lr = camera.low_resolution(scale);
-        check_size("G-buffer", &lr, (gbuffer.width(), gbuffer.height()))?;
+        check_size("image", camera.size(), image.size())?;
+        let lr = camera.low_resolution(scale).size();
+        check_size("G-buffer", lr, gbuffer.size())?;
         for planes in [&gradients.color_dx, &gradients.color_dy] {
-            check_size("G-buffer gradients", &lr, (planes.width(), planes.height()))?;
+            check_size("G-buffer gradients", lr, planes.size())?;
         }
-        let depth = &geometry.depth_median;
-        check_size("G-buffer depth", &lr, (depth.width(), depth.height()))?;
-        check_size("G-buffer normals", &lr, (geometry.normal.width(), geometry.normal.height()))?;
-        check_size("G-buffer alpha", &lr, (gbuffer.alpha.width(), gbuffer.alpha.height()))?;
+        check_size("G-buffer depth", lr, geometry.depth_median.size())?;
+        check_size("G-buffer normals", lr, geometry.normal.size())?;
+        check_size("G-buffer alpha", lr, gbuffer.alpha.size())?;
         if !geometry.normal.is_finite() {
             return Err(ReconstructError::NotFinite { what: "G-buffer normals" });
         }
@@ -169,12 +168,8 @@ impl SuperSampleFeatures {
         let before = previous.map(|p| CameraDepth::of_gbuffer(p.camera, p.gbuffer)).transpose()?;
         self.carry.set(CameraDepth::of_gbuffer(camera, gbuffer)?, before, scale, len)?;
         if innovation.len() != len {
-            let size = (gbuffer.width(), gbuffer.height());
-            return Err(ReconstructError::Size {
-                what: "innovation",
-                expected: size,
-                actual: (innovation.len(), 1),
-            });
+            let (expected, actual) = (gbuffer.size(), Size::of(innovation.len(), 1));
+            return Err(ReconstructError::Size { what: "innovation", expected, actual });
         }
         self.innovation.clear();
         self.innovation.extend_from_slice(innovation.as_flattened());
@@ -385,9 +380,8 @@ impl InterpolateFeatures {
     }
 }
 
-/// Checks that `actual` is the size of the image of `camera`.
-fn check_size(what: &'static str, camera: &Camera, actual: (usize, usize)) -> Result<(), ReconstructError> {
-    let expected = (camera.width() as usize, camera.height() as usize);
+/// Checks that `actual` is the size `expected` of the input `what`.
+fn check_size(what: &'static str, expected: Size, actual: Size) -> Result<(), ReconstructError> {
     if expected == actual { Ok(()) } else { Err(ReconstructError::Size { what, expected, actual }) }
 }
 

@@ -60,7 +60,7 @@ pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -
         "scene": args.view.scene.display().to_string(),
         "gaussians": gaussians,
         "copies": args.copies,
-        "size": cameras[0].size(),
+        "size": cameras[0].size().to_array(),
         "scale": look.scale,
         "warm_up_frames": args.warm_up,
         "native": native,

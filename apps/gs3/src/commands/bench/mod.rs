@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use gs3::raster::{Outputs, RasterSettings, RasterTimes, Rasterizer};
-use gs3::scene::{Camera, GBuffer, Scene};
+use gs3::scene::{Camera, GBuffer, Scene, Size};
 use gs3::{FramePipeline, Machine, Mode, Stage};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
@@ -101,7 +101,7 @@ fn write(args: &BenchArgs, figures: &Value, text: &dyn Fn(&Value) -> String) -> 
     Ok(Outcome::Done)
 }
 
-fn figures(rounds: &[[Times; 2]], args: &BenchArgs, tier: &str, load_s: f64, size: [u32; 2]) -> Value {
+fn figures(rounds: &[[Times; 2]], args: &BenchArgs, tier: &str, load_s: f64, size: Size) -> Value {
     let best = |side: usize| {
         rounds.iter().map(|r| &r[side]).max_by(|a, b| a.displayed_fps().total_cmp(&b.displayed_fps()))
     };
@@ -126,7 +126,7 @@ fn figures(rounds: &[[Times; 2]], args: &BenchArgs, tier: &str, load_s: f64, siz
             .iter()
             .map(|[native, full]| json!([native.displayed_fps(), full.displayed_fps()]))
             .collect::<Vec<_>>(),
-        "size": size,
+        "size": size.to_array(),
         "scale": args.frame_options.scale,
         "in_between": args.frame_options.in_between,
         "tier": tier,

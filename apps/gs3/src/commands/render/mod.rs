@@ -203,7 +203,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         "encode_s": written.encode_time.as_secs_f64(),
         "gaussians": session.scene().gaussians().len(),
         "is_all_on_device": session.pipeline().is_on_device(&first),
-        "size": first.size(),
+        "size": first.size().to_array(),
         "is_complete": is_complete,
         "alpha": args.alpha,
         "aov": args.aov.iter().map(|aov| aov.name()).collect::<Vec<_>>(),

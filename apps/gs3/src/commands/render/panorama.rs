@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use gs3::scene::glam::{DAffine3, DMat3, DVec3};
-use gs3::scene::{Camera, CameraPath, Image, Intrinsics, Scene};
+use gs3::scene::{Camera, CameraPath, Image, Intrinsics, Scene, Size};
 use gs3::{Networks, PipelineError, Session, StageTimes};
 use indicatif::ProgressBar;
 
@@ -211,7 +211,8 @@ fn face_camera(camera: &Camera, face: usize) -> Option<Camera> {
 
 /// The equirectangular panorama of `size` pixels: columns turn from behind over the left, the front (in the middle) and
 /// the right to behind again, rows from straight up to straight down.
-fn panorama([width, height]: [u32; 2], faces: &[&Image]) -> Image {
+fn panorama(size: Size, faces: &[&Image]) -> Image {
+    let Size { width, height } = size;
     let direction = |x: u32, y: u32| {
         let turn = (f64::from(x) + 0.5) / f64::from(width) * std::f64::consts::TAU - std::f64::consts::PI;
         let fall = (f64::from(y) + 0.5) / f64::from(height) * std::f64::consts::PI;
@@ -270,7 +271,7 @@ mod tests {
                 Image::from_pixels(side, side, (0..count).map(pixel).collect()).unwrap()
             })
             .collect();
-        let image = panorama([width, height], &faces.iter().collect::<Vec<_>>());
+        let image = panorama(Size::new(width, height), &faces.iter().collect::<Vec<_>>());
         // The front is in the middle, the right a quarter turn on, up in the first row.
         for ((x, y), expected) in [
             ((128, 64), [0.0, 0.0, 1.0]),

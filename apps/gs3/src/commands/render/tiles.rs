@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use gs3::raster::{Outputs, RasterSettings, Window};
 use gs3::scene::camera::MAX_SIDE;
-use gs3::scene::{Camera, CameraPath, Image, PngChannels, Scene, write_png_rows};
+use gs3::scene::{Camera, CameraPath, Image, PngChannels, Scene, Size, write_png_rows};
 use gs3::{Machine, Mode, Networks, PipelineSettings};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
@@ -32,7 +32,7 @@ use crate::io::report;
 
 /// Largest tile, width and height in pixels: 64 MiB in f32. Wide tiles repeat less of the projection of Gaussians, and
 /// low ones make rows of tiles that fit in memory at any width.
-const LARGEST_TILE: [u32; 2] = [4096, 1024];
+const LARGEST_TILE: Size = Size::new(4096, 1024);
 
 /// Renders the native frames `range` of `path`.
 pub fn run(
@@ -83,8 +83,8 @@ pub fn run(
             "load_s": load,
             "encode_s": encode,
             "gaussians": scene.gaussians().len(),
-            "size": first.size(),
-            "tile": tile_size(&first, LARGEST_TILE),
+            "size": first.size().to_array(),
+            "tile": tile_size(&first, LARGEST_TILE).to_array(),
             "is_complete": is_complete,
             "alpha": args.alpha,
         });
@@ -123,10 +123,10 @@ fn check(args: &RenderArgs, target: &Target) -> Result<(), CliError> {
 /// Tiles begin at multiples of this many pixels: the published rules of culling cut splats at tiles of 16 pixels.
 const STEP: u32 = 16;
 
-/// Width and height of the tiles of the image of `camera`, about `largest` at most: as few as there can be, of nearly one
+/// The size of the tiles of the image of `camera`, about `largest` at most: as few as there can be, of nearly one
 /// size. The last ones end with the image.
-fn tile_size(camera: &Camera, largest: [u32; 2]) -> [u32; 2] {
-    [tile_side(camera.width(), largest[0]), tile_side(camera.height(), largest[1])]
+fn tile_size(camera: &Camera, largest: Size) -> Size {
+    Size::new(tile_side(camera.width(), largest.width), tile_side(camera.height(), largest.height))
 }
 
 fn tile_side(side: u32, largest: u32) -> u32 {
@@ -143,7 +143,7 @@ struct Painter {
     color: MachineRasterizer,
     coverage: Option<MachineRasterizer>,
     settings: RasterSettings,
-    largest_tile: [u32; 2],
+    largest_tile: Size,
     /// The colour and the coverage of a tile.
     tile: [Image; 2],
     is_blank: bool,
@@ -224,10 +224,10 @@ impl Painter {
         let tile = tile_size(camera, self.largest_tile);
         let bytes_each = if self.coverage.is_some() { 4 } else { 3 };
         let row_bytes = bytes_each * camera.width() as usize;
-        let mut band = vec![0; row_bytes * tile[1] as usize];
-        for (top, height) in parts(camera.height(), tile[1]) {
+        let mut band = vec![0; row_bytes * tile.height as usize];
+        for (top, height) in parts(camera.height(), tile.height) {
             let started = Instant::now();
-            for (left, width) in parts(camera.width(), tile[0]) {
+            for (left, width) in parts(camera.width(), tile.width) {
                 if interrupt::requested() {
                     return Err(Stop::Interrupted);
                 }
@@ -273,10 +273,10 @@ mod tests {
     #[test]
     fn tiles_cover_a_side() {
         for side in [20_000, 8193, 4096, 4097, 7, 1, 65_535] {
-            let tile = tile_side(side, LARGEST_TILE[0]);
+            let tile = tile_side(side, LARGEST_TILE.width);
             let parts: Vec<_> = parts(side, tile).collect();
-            let expected = side.div_ceil(LARGEST_TILE[0]) as usize;
-            assert!(tile <= LARGEST_TILE[0] && parts.len() == expected, "{side}: {tile}");
+            let expected = side.div_ceil(LARGEST_TILE.width) as usize;
+            assert!(tile <= LARGEST_TILE.width && parts.len() == expected, "{side}: {tile}");
             let end = parts.iter().fold(0, |end, (first, count)| if *first == end { end + count } else { 0 });
             assert_eq!(end, side);
             assert!(parts.iter().all(|(first, count)| first.is_multiple_of(STEP) && *count > 0));
@@ -302,7 +302,9 @@ mod tests {
                 true => straight_rgba8(&image, &native(&coverage(&scene).unwrap())),
                 false => image.to_rgb8(),
             };
-            for largest_tile in [LARGEST_TILE, [64, 48], [37, 19], [211, 1], [3, 123]] {
+            for largest_tile in
+                [LARGEST_TILE.to_array(), [64, 48], [37, 19], [211, 1], [3, 123]].map(Size::from)
+            {
                 let mut painter = Painter::new(&scene, &settings, &Machine::Cpu, with_alpha).unwrap();
                 painter.largest_tile = largest_tile;
                 let mut found = Vec::new();

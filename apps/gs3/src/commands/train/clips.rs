@@ -7,7 +7,7 @@ use std::sync::Arc;
 use clap::{Args, ValueEnum};
 use gs3::NetworkError;
 use gs3::neural::Weights;
-use gs3::scene::{CameraPath, Scene, demo, orbit};
+use gs3::scene::{CameraPath, Scene, Size, demo, orbit};
 use gs3_train::clips::{Batch, ClipSettings, ClipSource, preview};
 use gs3_train::{ClipFile, ClipWindow, Network};
 use indicatif::ProgressBar;
@@ -18,7 +18,7 @@ use crate::cli::interrupt;
 use crate::cli::options::{KrigingArg, SceneOptions, StatedCameras};
 use crate::cli::terminal::print;
 use crate::cli::threads::start_threads;
-use crate::cli::values::{DilationArg, Size};
+use crate::cli::values::{DilationArg, size};
 use crate::io::destination::{self, Destination};
 use crate::io::inputs;
 use crate::io::output::write_png;
@@ -51,7 +51,7 @@ pub struct ClipsArgs {
     #[arg(long, default_value_t = 8, value_name = "T")]
     pub frames: usize,
     /// High-resolution size of a clip, a window of a view of 1280x720 to 4096x2160
-    #[arg(long, default_value = "256x256", value_name = "WxH", allow_hyphen_values = true)]
+    #[arg(long, default_value = "256x256", value_name = "WxH", allow_hyphen_values = true, value_parser = size)]
     pub size: Size,
     /// Dilation of splats in px² of the low-resolution grid: matched (0.3/S²), kerbl (0.3, as Kerbl et al.; also stock) or a number
     #[arg(long, default_value = "matched", value_name = "matched|kerbl|VALUE", allow_hyphen_values = true)]
@@ -104,7 +104,7 @@ pub fn run(args: &ClipsArgs) -> Result<Outcome, CliError> {
         network: args.network.into(),
         scale: args.scale,
         frames: args.frames,
-        size: [args.size.width, args.size.height],
+        size: args.size,
         dilation: args.dilation.0,
         held_out: args.held_out,
         seed: args.seed,

@@ -1,7 +1,7 @@
 //! What samples are made from: LR frames and exact blocks.
 
 use fearless_simd::{Level, Simd, dispatch, f32x16, mask32x16, prelude::*};
-use gs3_scene::{BLOCK_SIDE, ExactBlock, ExactBlocks, GBuffer, Gradients, Margin, Planes};
+use gs3_scene::{BLOCK_SIDE, ExactBlock, ExactBlocks, GBuffer, Gradients, Margin, Planes, Size};
 use rayon::prelude::*;
 
 use super::chunk::{Chunk, DX, DY, Extent};
@@ -41,11 +41,11 @@ impl SampleFrame {
         Ok(())
     }
 
-    /// Copies exact blocks of a picture of `[width, height]`. Memory is reused.
-    pub fn fill_blocks(&mut self, level: Level, blocks: &ExactBlocks, picture: [usize; 2]) {
+    /// Copies exact blocks of a picture of size `picture`. Memory is reused.
+    pub fn fill_blocks(&mut self, level: Level, blocks: &ExactBlocks, picture: Size) {
         let corner = |[column, row]: &[u16; 2]| [*column, *row].map(|k| (usize::from(k) * BLOCK_SIDE) as f32);
         let corners = blocks.places.iter().map(corner).collect();
-        self.layout = Layout::Blocks { corners, picture: picture.map(|side| side as f32) };
+        self.layout = Layout::Blocks { corners, picture: picture.to_array().map(|side| side as f32) };
         (self.width, self.height) = (0, blocks.len().div_ceil(BLOCKS_PER_ROW));
         (self.jitter, self.margin) = ([0.0; 2], Margin::NONE);
         self.chunks.resize(blocks.len(), Chunk::EMPTY);

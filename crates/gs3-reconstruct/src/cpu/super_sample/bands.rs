@@ -63,7 +63,7 @@ impl SuperSampler {
         innovation.clear();
         innovation.resize(columns * lines, [0.0; 4]);
         let mut errors = std::mem::take(&mut self.errors);
-        let blocks = block_grid(size);
+        let blocks = block_grid(out.size());
         errors.clear();
         errors.resize(blocks[0] * blocks[1], 0.0);
         let band_errors = errors.chunks_mut(TILE_HEIGHT / 4 * blocks[0]);

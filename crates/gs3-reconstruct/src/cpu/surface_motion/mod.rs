@@ -96,7 +96,7 @@ impl SurfaceMotion {
             reprojection: Reprojection::new(camera, camera_before),
             before,
             scale: self.scale,
-            farthest: camera.size().map(|side| FARTHEST * side as f32),
+            farthest: camera.size().to_array().map(|side| FARTHEST * side as f32),
         };
         self.surfaces.resize(width * height, Surface::default());
         let (scale, offset) = (self.scale, self.offset);

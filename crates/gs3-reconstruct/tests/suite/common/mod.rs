@@ -97,7 +97,7 @@ impl World {
     /// The G-buffer of `camera` (the LR camera itself) and what lies around its picture.
     pub fn gbuffer_around(&self, camera: &Camera, jitter: [f32; 2], margin: Margin) -> GBuffer {
         let mut intrinsics = camera.intrinsics();
-        [intrinsics.width, intrinsics.height] = margin.padded([intrinsics.width, intrinsics.height]);
+        [intrinsics.width, intrinsics.height] = margin.padded(intrinsics.size()).to_array();
         intrinsics.cx += f64::from(margin.left);
         intrinsics.cy += f64::from(margin.top);
         let wider = Camera::new(camera.view_from_world(), intrinsics).unwrap();

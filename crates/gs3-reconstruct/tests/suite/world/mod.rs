@@ -5,11 +5,11 @@ use std::f64::consts::TAU;
 
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use gs3_reconstruct::{GBufferView, PlanesView};
-use gs3_scene::{Camera, Image, Intrinsics};
+use gs3_scene::{Camera, Image, Intrinsics, Size};
 use rayon::prelude::*;
 
 pub const SCALE: u32 = 4;
-pub const SIZE: [u32; 2] = [256, 160];
+pub const SIZE: Size = Size::new(256, 160);
 
 /// The z of the wall.
 const WALL: f64 = 6.0;
@@ -106,11 +106,11 @@ impl World {
     /// What a renderer hands over: RGBA, derivatives per LR pixel, distances, motion since the frame of `before`.
     pub fn render(self, camera: &Camera, before: &Camera, jitter: [f32; 2], time: f64) -> Buffers {
         let (lr, lr_before) = (camera.low_resolution(SCALE), before.low_resolution(SCALE));
-        let size = [lr.width() as usize, lr.height() as usize];
+        let (size, width) = (lr.size(), lr.width() as usize);
         let mut buffers = Buffers { size, jitter, ..Buffers::default() };
         let offset = DVec2::from(jitter.map(f64::from));
-        for k in 0..size[0] * size[1] {
-            let at = center(k, size[0]) + offset;
+        for k in 0..size.pixels() as usize {
+            let at = center(k, width) + offset;
             let hit = self.hit(&lr, at, time);
             let color = self.color(hit.is_disc, hit.point, time);
             buffers.rgba.extend(color.map(|v| v as f32).into_iter().chain([1.0]));
@@ -142,7 +142,7 @@ fn center(k: usize, width: usize) -> DVec2 {
 /// The buffers of a renderer.
 #[derive(Clone, Default)]
 pub struct Buffers {
-    pub size: [usize; 2],
+    pub size: Size,
     pub jitter: [f32; 2],
     pub rgba: Vec<f32>,
     pub dx: Vec<f32>,
@@ -173,7 +173,7 @@ pub fn camera(x: f64) -> Camera {
 
 /// At x, turned by `yaw` radians from z towards x.
 pub fn turned_camera(x: f64, yaw: f64) -> Camera {
-    let intrinsics = Intrinsics::from_fov_y(SIZE[0], SIZE[1], 0.6);
+    let intrinsics = Intrinsics::from_fov_y(SIZE.width, SIZE.height, 0.6);
     let rotation = DAffine3::from_quat(DQuat::from_rotation_y(-yaw));
     Camera::new(rotation * DAffine3::from_translation(DVec3::new(-x, 0.0, 0.0)), intrinsics).unwrap()
 }

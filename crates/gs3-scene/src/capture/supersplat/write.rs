@@ -171,13 +171,14 @@ mod tests {
     use crate::camera::Intrinsics;
     use crate::capture::{CaptureOptions, parse_json_with};
     use crate::orbit::look_at;
+    use crate::size::Size;
 
     /// A way around the origin with −y up, a field of view that changes, and a picture of `size`.
-    fn path(size: (u32, u32), count: usize) -> CameraPath {
+    fn path(size: Size, count: usize) -> CameraPath {
         let camera = |k: usize| {
             let angle = 0.37 * k as f64;
             let eye = DVec3::new(3.0 * angle.cos(), -0.8 - 0.1 * k as f64, 3.0 * angle.sin());
-            let intrinsics = Intrinsics::from_fov_y(size.0, size.1, 0.7 + 0.05 * k as f64);
+            let intrinsics = Intrinsics::from_fov_y(size.width, size.height, 0.7 + 0.05 * k as f64);
             look_at(eye, DVec3::new(0.1, 0.2, 0.3), DVec3::NEG_Y, intrinsics).unwrap()
         };
         CameraPath::new((0..count).map(camera).collect(), 24.0, count.is_multiple_of(2)).unwrap()
@@ -186,7 +187,8 @@ mod tests {
     #[test]
     fn what_is_written_is_read() {
         // Both sides may be the longer one, paths open or closed, or a single camera.
-        for (size, count) in [((1280, 720), 9), ((300, 500), 8), ((64, 64), 2), ((320, 200), 1)] {
+        for (size, count) in [([1280, 720], 9), ([300, 500], 8), ([64, 64], 2), ([320, 200], 1)] {
+            let size = Size::from(size);
             let path = path(size, count);
             let written = supersplat_settings(&path, 2.5).unwrap();
             assert!(written.notes.is_empty(), "{:?}", written.notes);
@@ -212,7 +214,7 @@ mod tests {
 
     #[test]
     fn what_the_settings_have_no_place_for_is_told() {
-        let given = path((320, 200), 1).cameras()[0];
+        let given = path(Size::new(320, 200), 1).cameras()[0];
         let Intrinsics { fx, fy, .. } = given.intrinsics();
         let with = |intrinsics| {
             let camera = Camera::new(given.view_from_world(), intrinsics).unwrap();

@@ -137,7 +137,7 @@ fn cameras_are_brought_into_the_frame_of_a_dataparser() {
     let fault = load(folder.path().join("transforms_train.json")).unwrap_err().to_string();
     assert!(fault.contains("ns-export cameras") && fault.contains("--fov"), "{fault}");
     let options = CaptureOptions {
-        size: Some((640, 480)),
+        size: Some(Size::new(640, 480)),
         fov_y: Some(2.0 * (240.0_f64 / 500.0).atan()),
         dataparser: None,
     };

@@ -9,7 +9,7 @@ use gs3_reconstruct::gpu::{
     GpuSuperSampler, NeighborView, SideOutput,
 };
 use gs3_reconstruct::{BlockBudget, DepthLattice};
-use gs3_scene::{Camera, GBuffer, Margin};
+use gs3_scene::{Camera, GBuffer, Margin, Size};
 
 use super::super::inputs::{FrameInputs, Frames, ReadBack};
 use super::super::plan::FramePlan;
@@ -46,7 +46,7 @@ struct BoundSide {
 /// All memory and kernels of frames of one size.
 pub struct FrameMemory {
     gpu: Gpu,
-    size: [u32; 2],
+    size: Size,
     super_sampler: GpuSuperSampler,
     learned_super_sampler: Option<GpuLearnedSuperSampler>,
     /// The choice of exact blocks, made by the first frame that has some.
@@ -105,7 +105,7 @@ impl FrameMemory {
     }
 
     /// Memory for frames of `size`. Each frame reads back `counters` bytes of the rasterizer's counters.
-    fn new(gpu: &Gpu, plan: &FramePlan, size: [u32; 2], counters: u64) -> Result<Self, PipelineError> {
+    fn new(gpu: &Gpu, plan: &FramePlan, size: Size, counters: u64) -> Result<Self, PipelineError> {
         let scale = plan.scale;
         let super_sample = &plan.networks.super_sample;
         let side_output =
@@ -148,7 +148,7 @@ impl FrameMemory {
             bound_in_between: [Vec::new(), Vec::new()],
             sample_depths: lattice.kernel(gpu, "sample_depths", &[])?,
             lattice: gpu.buffer("lattice", Use::Storage, LATTICE_BYTES)?,
-            lattice_size: gpu.buffer_with("lattice size", Use::Uniform, &lr_size)?,
+            lattice_size: gpu.buffer_with("lattice size", Use::Uniform, &lr_size.to_array())?,
             readback: Readback::new(gpu, places.of_in_between(count))?,
             late: [Readback::new(gpu, places.image)?, Readback::new(gpu, places.image)?],
             places,
@@ -283,8 +283,8 @@ impl FrameMemory {
         Ok(())
     }
 
-    /// Width and height of the frames.
-    pub const fn size(&self) -> [u32; 2] {
+    /// The frames' size.
+    pub const fn size(&self) -> Size {
         self.size
     }
 

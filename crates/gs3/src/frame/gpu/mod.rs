@@ -11,7 +11,7 @@ use gs3_neural::MatrixUnit;
 use gs3_raster::{BLOCKS_STAGE, GpuRasterizer, ScenePrecision};
 use gs3_reconstruct::gpu::GpuImage;
 use gs3_reconstruct::{BlockBudget, DepthLattice};
-use gs3_scene::{Camera, GBuffer, Scene, block_grid};
+use gs3_scene::{Camera, GBuffer, Scene, Size, block_grid};
 use web_time::Instant;
 
 use self::memory::{FrameMemory, Told};
@@ -189,7 +189,7 @@ impl GpuMachine {
     /// This is so in modes without history, and with networks at a size that is not a multiple of the scale.
     pub fn makes_all_of(&self, camera: &Camera) -> bool {
         let FramePlan { settings, networks, scale, .. } = &self.plan;
-        let is_whole = camera.size().iter().all(|side| side.is_multiple_of(*scale));
+        let is_whole = camera.size().to_array().iter().all(|side| side.is_multiple_of(*scale));
         let has_networks = networks.super_sample.is_some() || networks.interpolate.is_some();
         settings.mode.has_history() && (is_whole || !has_networks)
     }
@@ -272,8 +272,8 @@ impl GpuMachine {
 }
 
 /// Number of blocks of a picture of `size` that `budget` allows.
-fn most_blocks(budget: BlockBudget, size: [u32; 2]) -> usize {
-    let [columns, rows] = block_grid(size.map(|side| side as usize));
+fn most_blocks(budget: BlockBudget, size: Size) -> usize {
+    let [columns, rows] = block_grid(size);
     budget.blocks_of(columns * rows)
 }
 

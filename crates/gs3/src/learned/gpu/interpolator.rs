@@ -10,7 +10,7 @@ use gs3_neural::{BoundEngine, Weights};
 use gs3_reconstruct::gpu::{
     BoundInterpolator, BoundMotion, GpuImage, GpuInterpolator, GpuMotion, GpuNeighbor, NeighborView,
 };
-use gs3_scene::Camera;
+use gs3_scene::{Camera, Size};
 
 use super::network::{GpuNetwork, missing};
 use super::{PARTS, THREADS, mean_source};
@@ -38,7 +38,7 @@ type At = (usize, usize);
 /// side.
 pub struct GpuLearnedInterpolator {
     gpu: Gpu,
-    lr: [u32; 2],
+    lr: Size,
     scale: u32,
     network: GpuNetwork,
     sum_depths: Kernel,
@@ -86,7 +86,7 @@ impl GpuLearnedInterpolator {
     pub fn new(
         gpu: &Gpu,
         weights: &Arc<Weights>,
-        size: [u32; 2],
+        size: Size,
         scale: u32,
         count: usize,
     ) -> Result<Self, PipelineError> {
@@ -96,7 +96,7 @@ impl GpuLearnedInterpolator {
         let slot = |_| {
             Ok(Slot {
                 hidden: network.buffer(gpu, "hidden")?,
-                median: gpu.buffer("median", Use::Storage, u64::from(lr[0]) * u64::from(lr[1]) * 16)?,
+                median: gpu.buffer("median", Use::Storage, lr.pixels() * 16)?,
                 uniform: gpu.buffer("features", Use::Uniform, size_of::<FeaturesUniform>() as u64)?,
                 motion: GpuMotion::new(gpu, lr)?,
                 camera: None,
@@ -145,11 +145,11 @@ impl GpuLearnedInterpolator {
         };
         let InBetween { interpolator, views, t, camera, .. } = *frame;
         let (slot, previous) = (&self.slots[at.0][at.1], &self.slots[before.0][before.1]);
-        recorder.write(&slot.uniform.slice(), &[FeaturesUniform { lr: self.lr, t, _pad: 0 }])?;
+        recorder.write(&slot.uniform.slice(), &[FeaturesUniform { lr: self.lr.to_array(), t, _pad: 0 }])?;
         interpolator.record(recorder, &bound.warp, views, t, camera)?;
         recorder.stage("interpolate.features");
         recorder.dispatch(&bound.sum_depths, [PARTS, 1, 1]);
-        recorder.dispatch(&bound.geometry, [self.lr[0].div_ceil(THREADS), self.lr[1], 1]);
+        recorder.dispatch(&bound.geometry, [self.lr.width.div_ceil(THREADS), self.lr.height, 1]);
         match &previous.camera {
             Some(last) => {
                 let [now, last] = [camera, last].map(|camera| camera.low_resolution(self.scale));

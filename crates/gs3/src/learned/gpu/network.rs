@@ -5,6 +5,7 @@ use std::sync::Arc;
 use gs3_compute::{Buffer, Gpu, GpuError, Slice, Use};
 use gs3_neural::model::graph_of;
 use gs3_neural::{GpuEngine, GpuEngineSettings, ImageFormat, MatrixUnit, Precision, Weights};
+use gs3_scene::Size;
 
 use crate::error::{NetworkError, PipelineError};
 
@@ -18,12 +19,12 @@ pub struct GpuNetwork {
 }
 
 impl GpuNetwork {
-    /// The network of `weights` for an LR grid of `lr`, width and height, in half precision if the device has it. The
+    /// The network of `weights` for an LR grid of `lr` samples, in half precision if the device has it. The
     /// network reads two `images` of halves, its hidden state, and `planes`; the memory of `planes` is made here.
     pub fn new(
         gpu: &Gpu,
         weights: &Arc<Weights>,
-        lr: [u32; 2],
+        lr: Size,
         images: [&'static str; 2],
         planes: &[&'static str],
     ) -> Result<Self, PipelineError> {
@@ -38,7 +39,8 @@ impl GpuNetwork {
             ],
             outputs: Some(&[("color", ImageFormat::HalfPixels), ("hidden", ImageFormat::Blocks)]),
         };
-        let engine = GpuEngine::new(gpu, &graph, weights, [lr[1] as usize, lr[0] as usize], &settings)?;
+        let engine =
+            GpuEngine::new(gpu, &graph, weights, [lr.height as usize, lr.width as usize], &settings)?;
         let mut network = Self { engine, inputs: Vec::with_capacity(planes.len()) };
         for name in planes {
             let buffer = network.buffer(gpu, name)?;

@@ -11,7 +11,7 @@ use gs3_reconstruct::gpu::{
     BoundInterpolator, BoundMotion, GpuImage, GpuInterpolator, GpuMotion, GpuNeighbor, GpuSuperSampler,
     NeighborView,
 };
-use gs3_scene::Camera;
+use gs3_scene::{Camera, Size};
 
 use super::network::{GpuNetwork, missing};
 use super::{PARTS, THREADS, mean_source, planes};
@@ -44,8 +44,8 @@ struct FeaturesUniform {
 /// twice.
 pub struct GpuLearnedSuperSampler {
     gpu: Gpu,
-    size: [u32; 2],
-    lr: [u32; 2],
+    size: Size,
+    lr: Size,
     scale: u32,
     network: GpuNetwork,
     kernels: Kernels,
@@ -104,7 +104,7 @@ pub struct Refined<'a> {
 
 impl GpuLearnedSuperSampler {
     /// The network of `weights` for frames of `size`, a multiple of `scale`.
-    pub fn new(gpu: &Gpu, weights: &Arc<Weights>, size: [u32; 2], scale: u32) -> Result<Self, PipelineError> {
+    pub fn new(gpu: &Gpu, weights: &Arc<Weights>, size: Size, scale: u32) -> Result<Self, PipelineError> {
         let lr = size.map(|side| side / scale);
         let planes = [
             "drift",
@@ -185,7 +185,7 @@ impl GpuLearnedSuperSampler {
         recorder.dispatch(&bound.planes, over(self.lr));
         recorder.dispatch(&bound.drifts, over(self.size));
         recorder.dispatch(&bound.sum_depths, [PARTS, 1, 1]);
-        recorder.dispatch(&bound.geometry, [self.lr[0].div_ceil(THREADS), self.lr[1], 1]);
+        recorder.dispatch(&bound.geometry, [self.lr.width.div_ceil(THREADS), self.lr.height, 1]);
         recorder.stage("super_sample.network");
         bound.engine.record(recorder);
         Ok(())
@@ -194,7 +194,7 @@ impl GpuLearnedSuperSampler {
     fn uniform_of(&self, lr_camera: &Camera, jitter: [f32; 2]) -> FeaturesUniform {
         let intrinsics = lr_camera.intrinsics();
         let [fx, fy, cx, cy] = [intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy].map(|v| v as f32);
-        let (size, lr) = (self.size, self.lr);
+        let (size, lr) = (self.size.to_array(), self.lr.to_array());
         FeaturesUniform { size, lr, jitter, focal: [fx, fy], center: [cx, cy], _pad: [0.0; 2] }
     }
 
@@ -257,8 +257,8 @@ impl GpuLearnedSuperSampler {
 }
 
 /// Workgroups that cover a grid.
-fn over(size: [u32; 2]) -> [u32; 3] {
-    [size[0].div_ceil(WORKGROUP[0]), size[1].div_ceil(WORKGROUP[1]), 1]
+const fn over(size: Size) -> [u32; 3] {
+    [size.width.div_ceil(WORKGROUP[0]), size.height.div_ceil(WORKGROUP[1]), 1]
 }
 
 #[cfg(test)]
