@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
+use gs3::scene::Size;
 use js_sys::{Array, Object, Reflect, Uint8Array};
 use wasm_bindgen::prelude::*;
 use web_time::Instant;
@@ -153,7 +154,7 @@ impl PageViewer {
 
     /// The picture has this width and height.
     pub fn resized(&mut self, width: u32, height: u32) {
-        self.viewer.input(Input::Resized([width, height]));
+        self.viewer.input(Input::Resized(Size::new(width, height)));
     }
 
     /// So many pixels of the picture are one point of a panel's text.

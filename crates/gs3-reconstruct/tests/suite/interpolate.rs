@@ -211,7 +211,7 @@ fn warped_neighbors_say_what_they_see() {
     let [mut right, mut count] = [0, 0];
     for y in 0..warped.inverse_depth.height() {
         for (x, w) in warped.inverse_depth.row(0, y).iter().enumerate() {
-            let (_, z, _) = world.sample(&lr_camera, glam::DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
+            let z = world.sample(&lr_camera, glam::DVec2::new(x as f64 + 0.5, y as f64 + 0.5)).depth;
             count += 1;
             right += usize::from((f64::from(*w) * z - 1.0).abs() < 0.01);
         }

@@ -35,7 +35,7 @@ fn judge(world: &World, cameras: [&Camera; 2], jitters: [[f32; 2]; 2]) -> Vec<Ju
         let index = DVec2::new((k % width) as f64, (k / width) as f64);
         let jitter = jitters.map(|j| DVec2::new(f64::from(j[0]), f64::from(j[1])));
         let position = index + 0.5 + jitter[0];
-        let depth = world.sample(&now, position).1;
+        let depth = world.sample(&now, position).depth;
         // Nothing is far, in any direction.
         let point = now.unproject(position, if depth > 0.0 { depth } else { 1e9 });
         let (target, z) = before.project(point);
@@ -48,7 +48,7 @@ fn judge(world: &World, cameras: [&Camera; 2], jitters: [[f32; 2]; 2]) -> Vec<Ju
         let last = DVec2::new(width as f64 - 1.0, height as f64 - 1.0);
         let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]].map(|corner| {
             let sample = (place.floor() + DVec2::from(corner)).clamp(DVec2::ZERO, last);
-            let found = world.sample(&before, sample + 0.5 + jitter[1]).1;
+            let found = world.sample(&before, sample + 0.5 + jitter[1]).depth;
             (found > 0.0) == (depth > 0.0) && (depth == 0.0 || (found - z).abs() < 0.1 * z)
         });
         let seen = match (is_inside, corners) {

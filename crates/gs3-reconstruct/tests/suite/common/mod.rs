@@ -17,6 +17,9 @@ pub struct Sheet {
     pub base: [f64; 3],
 }
 
+/// What has less than this weight is left out: less than the rounding of f32.
+const UNSEEN: f64 = 1e-12;
+
 /// Sheets, nearest first.
 pub struct World {
     pub sheets: Vec<Sheet>,
@@ -44,42 +47,81 @@ impl Sheet {
         Self { z, center: 0.0, half_width: f64::INFINITY, softness: 1.0, waves, base: [0.5, 0.45, 0.4] }
     }
 
-    fn shade(&self, p: DVec2) -> ([f64; 3], f64) {
-        let mut color = self.base;
-        for (k, (wave, amplitude)) in self.waves.iter().enumerate() {
-            let phase = wave.dot(p) + k as f64;
-            color[k % 3] += amplitude * phase.sin();
-            color[(k + 1) % 3] += 0.7 * amplitude * phase.cos();
-        }
+    /// How much of what is behind the sheet its point at `p` hides, and how this changes while `p` moves by `moved`.
+    fn alpha(&self, p: DVec2, moved: [DVec2; 2]) -> (f64, [f64; 2]) {
         let inside = self.half_width - (p.x - self.center).abs();
         let alpha = if inside == f64::INFINITY { 1.0 } else { 1.0 / (1.0 + (-inside / self.softness).exp()) };
-        (color, alpha)
+        let slope = -(p.x - self.center).signum() * alpha * (1.0 - alpha) / self.softness;
+        (alpha, moved.map(|moved| slope * moved.x))
+    }
+
+    /// The colour at `p`, and how it changes while `p` moves by `moved`.
+    fn color(&self, p: DVec2, moved: [DVec2; 2]) -> ([f64; 3], [[f64; 3]; 2]) {
+        let (mut color, mut slopes) = (self.base, [[0.0; 3]; 2]);
+        for (k, (wave, amplitude)) in self.waves.iter().enumerate() {
+            let (sin, cos) = (wave.dot(p) + k as f64).sin_cos();
+            color[k % 3] += amplitude * sin;
+            color[(k + 1) % 3] += 0.7 * amplitude * cos;
+            for (slopes, moved) in slopes.iter_mut().zip(moved) {
+                let rate = wave.dot(moved);
+                slopes[k % 3] += amplitude * cos * rate;
+                slopes[(k + 1) % 3] -= 0.7 * amplitude * sin * rate;
+            }
+        }
+        (color, slopes)
     }
 }
 
+/// What a pixel position shows.
+#[derive(Default)]
+pub struct Sample {
+    pub color: [f64; 3],
+    /// ∂colour/∂x and ∂colour/∂y, per pixel.
+    pub slopes: [[f64; 3]; 2],
+    /// The median depth, 0 for none.
+    pub depth: f64,
+    pub alpha: f64,
+}
+
 impl World {
-    /// Colour and median depth (0 for none) at a pixel position.
-    pub fn sample(&self, camera: &Camera, pixel: DVec2) -> ([f64; 3], f64, f64) {
+    /// What `camera` sees at a pixel position.
+    pub fn sample(&self, camera: &Camera, pixel: DVec2) -> Sample {
         let origin = camera.position();
-        let direction = camera.unproject(pixel, 1.0) - origin;
-        let (mut color, mut transmittance, mut depth) = ([0.0; 3], 1.0, 0.0);
+        let towards = |pixel: DVec2| camera.unproject(pixel, 1.0) - origin;
+        let direction = towards(pixel);
+        let along = [DVec2::X, DVec2::Y].map(|step| towards(pixel + step) - direction);
+        let mut sample = Sample::default();
+        // Of what is behind, and its slopes.
+        let (mut transmittance, mut falls) = (1.0, [0.0; 2]);
         for sheet in &self.sheets {
             let z = (sheet.z - origin.z) / direction.z;
             if z <= 0.0 {
                 continue;
             }
-            let hit = origin + direction * z;
-            let (c, alpha) = sheet.shade(DVec2::new(hit.x, hit.y));
-            for k in 0..3 {
-                color[k] += transmittance * alpha * c[k];
+            let hit = (origin + direction * z).truncate();
+            // The hit stays in the sheet's plane.
+            let moved = along.map(|along| ((along - direction * (along.z / direction.z)) * z).truncate());
+            let (alpha, alpha_slopes) = sheet.alpha(hit, moved);
+            if transmittance * alpha < UNSEEN {
+                continue;
+            }
+            let (color, slopes) = sheet.color(hit, moved);
+            for c in 0..3 {
+                sample.color[c] += transmittance * alpha * color[c];
+                for axis in 0..2 {
+                    let weight_slope = falls[axis] * alpha + transmittance * alpha_slopes[axis];
+                    sample.slopes[axis][c] += weight_slope * color[c] + transmittance * alpha * slopes[axis][c];
+                }
             }
             // As the rasterizer: what is too faint is not there.
             if transmittance > 0.5 && alpha >= 1.0 / 255.0 {
-                depth = z;
+                sample.depth = z;
             }
+            falls = [0, 1].map(|axis| falls[axis] * (1.0 - alpha) - transmittance * alpha_slopes[axis]);
             transmittance *= 1.0 - alpha;
         }
-        (color, depth, 1.0 - transmittance)
+        sample.alpha = 1.0 - transmittance;
+        sample
     }
 
     /// The image at all pixel centres.
@@ -88,8 +130,8 @@ impl World {
         let width = image.width();
         image.pixels_mut().par_iter_mut().enumerate().for_each(|(k, pixel)| {
             let p = DVec2::new((k % width) as f64 + 0.5, (k / width) as f64 + 0.5);
-            let (c, _, alpha) = self.sample(camera, p);
-            *pixel = [c[0] as f32, c[1] as f32, c[2] as f32, alpha as f32];
+            let Sample { color, alpha, .. } = self.sample(camera, p);
+            *pixel = [color[0] as f32, color[1] as f32, color[2] as f32, alpha as f32];
         });
         image
     }
@@ -123,32 +165,17 @@ impl World {
                 normal: Planes::new(width, height),
             }),
         };
-        let h = 1e-4;
         let size = width * height;
         let samples: Vec<_> = (0..size)
             .into_par_iter()
             .map(|k| {
-                let p = DVec2::new(
-                    (k % width) as f64 + 0.5 + f64::from(jitter[0]),
-                    (k / width) as f64 + 0.5 + f64::from(jitter[1]),
-                );
-                let at = |dx: f64, dy: f64| self.sample(camera, p + DVec2::new(dx, dy)).0;
-                let (color, depth, alpha) = self.sample(camera, p);
-                let difference = |a: [f64; 3], b: [f64; 3]| -> [f64; 3] {
-                    std::array::from_fn(|c| (a[c] - b[c]) / (2.0 * h))
-                };
-                (
-                    color,
-                    difference(at(h, 0.0), at(-h, 0.0)),
-                    difference(at(0.0, h), at(0.0, -h)),
-                    depth,
-                    alpha,
-                )
+                let p = DVec2::new((k % width) as f64, (k / width) as f64) + 0.5;
+                self.sample(camera, p + DVec2::from(jitter.map(f64::from)))
             })
             .collect();
         let gradients = out.gradients.as_mut().unwrap();
         let geometry = out.geometry.as_mut().unwrap();
-        for (k, (color, dx, dy, depth, alpha)) in samples.into_iter().enumerate() {
+        for (k, Sample { color, slopes: [dx, dy], depth, alpha }) in samples.into_iter().enumerate() {
             for c in 0..3 {
                 out.color.data_mut()[c * size + k] = color[c] as f32;
                 gradients.color_dx.data_mut()[c * size + k] = dx[c] as f32;
@@ -159,6 +186,23 @@ impl World {
             out.alpha.data_mut()[k] = alpha as f32;
         }
         out
+    }
+}
+
+#[test]
+fn slopes_are_those_of_the_colour() {
+    let (world, camera) = (wall_and_post(60.0), camera(64, 40, [0.1, 0.2, 0.3], 0.3, -0.2));
+    let step = 1e-4;
+    for k in 0..64 * 40 {
+        let pixel = DVec2::new((k % 64) as f64 + 0.3, (k / 64) as f64 + 0.8);
+        let slopes = world.sample(&camera, pixel).slopes;
+        for (slopes, axis) in slopes.into_iter().zip([DVec2::X, DVec2::Y]) {
+            let [after, before] = [step, -step].map(|step| world.sample(&camera, pixel + axis * step).color);
+            for c in 0..3 {
+                let difference = (after[c] - before[c]) / (2.0 * step);
+                assert!((slopes[c] - difference).abs() < 1e-4, "{pixel}: {} {difference}", slopes[c]);
+            }
+        }
     }
 }
 
