@@ -65,7 +65,7 @@ pub enum Input {
     Key(Key, bool),
     /// The keys that are held.
     Modifiers(Modifiers),
-    /// The picture has this width and height.
+    /// The picture has this size.
     Resized(Size),
     /// So many pixels are one point of a panel's text: 1 on most screens, 2 on dense ones.
     Scale(f32),

@@ -55,7 +55,7 @@ pub struct ViewerSettings {
     pub native_when_fast: bool,
     /// Target of displayed frames per second.
     pub fps: f64,
-    /// Width and height of the picture.
+    /// The picture's size.
     pub size: Size,
 }
 
@@ -384,7 +384,7 @@ impl Viewer {
         &self.frame
     }
 
-    /// Width and height of the next picture.
+    /// The next picture's size.
     #[must_use]
     pub const fn size(&self) -> Size {
         self.size

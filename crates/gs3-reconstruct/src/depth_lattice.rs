@@ -1,7 +1,7 @@
 //! A few depths of a frame. The CPU has them even if a GPU makes the frames.
 
 use glam::DVec2;
-use gs3_scene::GBuffer;
+use gs3_scene::{GBuffer, Size};
 
 /// Distance assumed for pixels without a surface, in world units: turning the camera moves them, walking does not.
 pub(crate) const SKY: f64 = 1e9;
@@ -24,10 +24,10 @@ impl DepthLattice {
         Self(depths)
     }
 
-    /// The lattice's pixels `[x, y]` in a frame of `size`, width and height.
-    pub fn pixels(size: [usize; 2]) -> impl Iterator<Item = [usize; 2]> {
+    /// The lattice's pixels `[x, y]` in a frame of `size`.
+    pub fn pixels(size: Size) -> impl Iterator<Item = [usize; 2]> {
         (0..DepthLattice::LEN).map(move |k| {
-            let at = fraction(k) * DVec2::from(size.map(|side| side as f64));
+            let at = fraction(k) * DVec2::from(size.to_array().map(f64::from));
             [at.x as usize, at.y as usize]
         })
     }
@@ -38,7 +38,7 @@ impl DepthLattice {
         let Some(geometry) = &gbuffer.geometry else { return Self::default() };
         let depth = &geometry.depth_median;
         let mut depths = [0.0; DepthLattice::LEN];
-        for (to, [x, y]) in depths.iter_mut().zip(Self::pixels([depth.width(), depth.height()])) {
+        for (to, [x, y]) in depths.iter_mut().zip(Self::pixels(depth.size())) {
             // An empty frame has no pixels.
             if y < depth.height() {
                 *to = depth.row(0, y).get(x).copied().unwrap_or(0.0);
@@ -87,7 +87,7 @@ mod tests {
         let depths = (0..width * height).map(|i| i as f32).collect();
         let depth_median = Planes::<1>::from_data(width, height, depths).expect("of this size");
         let mut depths = [0.0; DepthLattice::LEN];
-        for (to, [x, y]) in depths.iter_mut().zip(DepthLattice::pixels([width, height])) {
+        for (to, [x, y]) in depths.iter_mut().zip(DepthLattice::pixels(depth_median.size())) {
             *to = depth_median.row(0, y)[x];
         }
         let geometry = Some(Geometry { depth_median, ..Geometry::default() });

@@ -289,6 +289,10 @@ mod tests {
         assert_eq!(error, ReconstructError::TooShort { expected: 31, actual: 30 });
         let huge = PlanesView::<1>::interleaved(&data, Size::new(u32::MAX, 2), 1).unwrap_err();
         assert!(matches!(huge, ReconstructError::TooShort { actual: 32, .. }), "{huge}");
+        // An end beyond all numbers.
+        let apart = Strides { row: usize::MAX, pixel: usize::MAX, channel: 1 };
+        let endless = PlanesView::<1>::new(&data, Size::new(3, 2), apart).unwrap_err();
+        assert_eq!(endless, ReconstructError::TooShort { expected: usize::MAX, actual: 32 });
     }
 
     #[test]

@@ -16,7 +16,7 @@ pub enum PngChannels {
 /// Writes rows of 8-bit pixels, sRGB without gaps, as a PNG file. The same pixels give the same bytes.
 ///
 /// # Errors
-/// What `writer` reports; [`io::ErrorKind::InvalidInput`] where `pixels` are not `width` × `height` × channels.
+/// What `writer` reports; [`io::ErrorKind::InvalidInput`] where `pixels` are not those of `size` and `channels`.
 pub fn write_png(writer: impl Write, size: Size, channels: PngChannels, pixels: &[u8]) -> io::Result<()> {
     let mut writer = header(writer, size, channels)?;
     writer.write_image_data(pixels).map_err(told)?;
@@ -26,7 +26,7 @@ pub fn write_png(writer: impl Write, size: Size, channels: PngChannels, pixels: 
 /// As [`write_png`], for images that memory does not hold: `rows` writes the pixels, row by row.
 ///
 /// # Errors
-/// What `writer` and `rows` report; [`io::ErrorKind::InvalidInput`] where the pixels are not `width` × `height` × channels.
+/// What `writer` and `rows` report; [`io::ErrorKind::InvalidInput`] where the pixels are not those of `size` and `channels`.
 pub fn write_png_rows(
     writer: impl Write,
     size: Size,

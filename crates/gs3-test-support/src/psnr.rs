@@ -42,7 +42,7 @@ pub fn psnr_of_bytes(bytes: &[u8], truth: &[u8]) -> f64 {
 /// If the images have different sizes, or `share` leaves no pixel.
 #[must_use]
 pub fn largest_difference_but(image: &Image, truth: &Image, share: f64) -> f32 {
-    assert_eq!((image.width(), image.height()), (truth.width(), truth.height()), "sizes of two images");
+    assert_eq!(image.size(), truth.size(), "sizes of two images");
     let pairs = image.pixels().iter().zip(truth.pixels());
     let mut differences: Vec<f32> =
         pairs.map(|(a, b)| (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, worse)).collect();
@@ -56,7 +56,7 @@ fn worse(a: f32, b: f32) -> f32 {
 }
 
 fn of(image: &Image, truth: &Image, seen: impl Fn(f32) -> f64) -> f64 {
-    assert_eq!((image.width(), image.height()), (truth.width(), truth.height()), "sizes of two images");
+    assert_eq!(image.size(), truth.size(), "sizes of two images");
     let pairs = image.pixels().iter().zip(truth.pixels());
     let squares = pairs.map(|(a, b)| (0..3).map(|c| (seen(a[c]) - seen(b[c])).powi(2)).sum::<f64>());
     decibels(squares.sum::<f64>() / (3 * truth.pixels().len()) as f64)

@@ -6,6 +6,7 @@ use std::ops::Range;
 use std::path::Path;
 use std::path::PathBuf;
 
+use gs3::scene::Size;
 use gs3::scene::camera::MAX_SIDE;
 use indicatif::ProgressBar;
 
@@ -102,24 +103,21 @@ fn check_all_there(folder: &Path, numbers: &Range<usize>) -> Result<(), CliError
 }
 
 /// Size and RGB rows of frame `number`, of `size` if that is known.
-fn read_frame(folder: &Path, number: usize, size: Option<[u32; 2]>) -> Result<([u32; 2], Vec<u8>), CliError> {
+fn read_frame(folder: &Path, number: usize, size: Option<Size>) -> Result<(Size, Vec<u8>), CliError> {
     let file = folder.join(frame_name(number));
     let wrong = |message: String| CliError::Manifest { path: file.clone(), message };
     let opened = File::open(&file).map_err(|source| CliError::Read { path: file.clone(), source })?;
     let mut decoder = png::Decoder::new(BufReader::new(opened));
     decoder.set_transformations(png::Transformations::EXPAND | png::Transformations::STRIP_16);
     let mut reader = decoder.read_info().map_err(|error| wrong(format!("no PNG file: {error}")))?;
-    let found = [reader.info().width, reader.info().height];
-    if let Some([width, height]) = size.filter(|size| *size != found) {
-        return Err(wrong(format!("expected {width}x{height} pixels, found {}x{}", found[0], found[1])));
+    let found = Size::from(reader.info().size());
+    if let Some(size) = size.filter(|size| *size != found) {
+        return Err(wrong(format!("expected {size} pixels, found {found}")));
     }
-    if found.iter().any(|side| *side > MAX_SIDE) {
-        return Err(wrong(format!(
-            "expected at most {MAX_SIDE} pixels a side, found {}x{}",
-            found[0], found[1]
-        )));
+    if found.width.max(found.height) > MAX_SIDE {
+        return Err(wrong(format!("expected at most {MAX_SIDE} pixels a side, found {found}")));
     }
-    let pixels = found[0] as usize * found[1] as usize;
+    let pixels = found.pixels() as usize;
     // Eight bits of at most four channels.
     let mut bytes = vec![0; 4 * pixels];
     let info = reader.next_frame(&mut bytes).map_err(|error| wrong(format!("no PNG file: {error}")))?;

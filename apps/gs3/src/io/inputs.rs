@@ -116,11 +116,6 @@ pub fn warn_of_nothing_visible(near: f32) {
     ));
 }
 
-/// The size of the image of `camera` as options have it: WxH.
-pub fn size_text(camera: &Camera) -> String {
-    format!("{}x{}", camera.width(), camera.height())
-}
-
 /// Checks that the cameras of the frames `range` have pictures of one size, which `what` needs. The error names
 /// `option`.
 pub fn check_one_size(
@@ -129,7 +124,7 @@ pub fn check_one_size(
     range: &Range<usize>,
     path: &CameraPath,
 ) -> Result<(), CliError> {
-    let size = |k: usize| size_text(&path.cameras()[k]);
+    let size = |k: usize| path.cameras()[k].size();
     let first = size(range.start);
     match range.clone().find(|k| size(*k) != first) {
         None => Ok(()),
@@ -279,10 +274,10 @@ pub fn is_large(camera: &Camera) -> bool {
 /// Refuses cameras of `view` with images larger than what is rendered at once.
 pub fn check_renderable(view: &View, path: &CameraPath) -> Result<(), CliError> {
     let Some(camera) = path.cameras().iter().find(|camera| is_large(camera)) else { return Ok(()) };
-    let size = size_text(camera);
+    let size = camera.size();
     let most = format!("a size up to {MAX_SIDE}x{MAX_SIDE} (gs3 render --mode native makes larger pictures)");
     let (expected, actual) = match view.size {
-        Some(_) => (most, size),
+        Some(_) => (most, size.to_string()),
         None => (format!("{most}, as the images of the cameras are larger"), format!("none, for {size}")),
     };
     Err(CliError::Option { option: "--size", expected, actual })

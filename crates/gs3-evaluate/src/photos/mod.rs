@@ -333,9 +333,8 @@ fn shown_after<'a>(method: &'a mut dyn Method, photo: &Photo) -> Result<&'a Imag
     Ok(method.render(&photo.camera, last.as_ref()).map_err(EvaluateError::from)?.current)
 }
 
-/// `camera` with the image size `size`, if that is its image's at another scale: each side may be off by the
-/// rounding of a reduction to whole pixels, up or down. Both axes keep their field of view, as in training on reduced
-/// images.
+/// `camera` with images of `size`, if that is its image's at another scale: each side may be off by the rounding of a
+/// reduction to whole pixels, up or down. Both axes keep their field of view, as in training on reduced images.
 fn following(camera: &Camera, size: Size) -> Option<Result<Camera, CameraError>> {
     let (old, Size { width, height }) = (camera.intrinsics(), size);
     let (sx, sy) = (f64::from(width) / f64::from(old.width), f64::from(height) / f64::from(old.height));

@@ -262,9 +262,10 @@ impl Protocol {
         let [scene, reference] = [&self.scene, &self.reference].map(|scene| digest::of_scene(scene));
         // All cameras: those between the frames and before them count, too, and others are what methods fit to.
         let path = digest::of(&format!("{:?}", self.path));
+        let Size { width, height } = size;
         format!(
             "gs3-evaluate {} {scene_name} {scene:016x} {reference:016x} {path_name} {path:016x} {frames:?} {case:?} \
-             {size:?} x{scale} {culling:?} {beside:?} {background:?} {warm_up_frames} jod {jod} {} threads",
+             ({width}, {height}) x{scale} {culling:?} {beside:?} {background:?} {warm_up_frames} jod {jod} {} threads",
             env!("CARGO_PKG_VERSION"),
             rayon::current_num_threads()
         )

@@ -205,7 +205,7 @@ impl Rasterizer {
             // The native image's splats are cut to its pixels, so they are not enough between and beyond these.
             self.rasterize(&camera.low_resolution(scale), settings, out)?;
         }
-        let size = [camera.width() as usize, camera.height() as usize];
+        let size = camera.size().to_usize();
         let has_blocks = settings.outputs != Outputs::Color;
         self.last = has_blocks.then_some(LastFrame { view, grid, settings: *settings, size, is_shared });
         Ok(())

@@ -62,7 +62,7 @@ const fn plane_names(outputs: Outputs) -> &'static [&'static str] {
 }
 
 impl GpuGBuffer {
-    /// Pixels, the margin included; none before the first frame.
+    /// The size, the margin included; 0x0 before the first frame.
     #[must_use]
     pub const fn size(&self) -> Size {
         self.size

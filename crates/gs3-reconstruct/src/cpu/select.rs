@@ -24,9 +24,9 @@ impl BlockBudget {
     }
 }
 
-/// The blocks of 4×4 pixels with the largest expected errors, within `budget`, of an image of `size`.
-/// Blocks are given as columns and rows. `errors` are [`crate::SuperSampler::expected_errors`]. Among equal
-/// errors, the first in row order wins. The order of the result is unspecified.
+/// The blocks of 4×4 pixels with the largest expected errors, within `budget`, of an image of `size`. Blocks are given as
+/// columns and rows. `errors` are [`crate::SuperSampler::expected_errors`]. Among equal errors, the first in row order wins.
+/// The order of the result is unspecified.
 #[must_use]
 pub fn select_blocks(errors: &[f32], size: Size, budget: BlockBudget) -> Vec<[u16; 2]> {
     let [columns, rows] = block_grid(size);

@@ -103,8 +103,7 @@ pub struct BoundInterpolator {
 }
 
 impl GpuInterpolator {
-    /// An interpolator for frames of `size`, `scale` (1 to [`crate::MAX_SCALE`]) times the size of
-    /// their G-buffers.
+    /// An interpolator for frames of `size`, `scale` (1 to [`crate::MAX_SCALE`]) times the size of their G-buffers.
     ///
     /// # Errors
     /// [`GpuReconstructError`] if `scale` is not supported, or the device has too little memory for the size.

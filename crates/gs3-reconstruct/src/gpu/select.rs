@@ -57,8 +57,7 @@ pub struct GpuBlockSelector {
 }
 
 impl GpuBlockSelector {
-    /// A selector for pictures of `size` that reads `errors` of
-    /// [`super::GpuSuperSampler::expected_errors`].
+    /// A selector for pictures of `size` that reads `errors` of [`super::GpuSuperSampler::expected_errors`].
     ///
     /// # Errors
     /// [`GpuReconstructError`] if the device has too little memory.

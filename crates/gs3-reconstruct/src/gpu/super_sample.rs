@@ -122,7 +122,8 @@ pub struct BoundSuperSampler {
 }
 
 impl GpuSuperSampler {
-    /// A super sampler of `scale` (1 to [`crate::MAX_SCALE`]) for frames of `size`, without history. Its LR frames may have `margin` pixels beyond each edge, 0 if they have none.
+    /// A super sampler of `scale` (1 to [`crate::MAX_SCALE`]) for frames of `size`, without history. Its LR frames may have
+    /// `margin` pixels beyond each edge, 0 if they have none.
     ///
     /// # Errors
     /// [`GpuReconstructError`] if `scale`, `size` or `margin` is not supported, or the device has too little memory.

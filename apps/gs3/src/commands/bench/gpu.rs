@@ -149,7 +149,7 @@ fn measure_frames(
         return Err(CliError::Option {
             option: "--size",
             expected: "a multiple of the scale, as networks on a GPU need, or --tier analytic".into(),
-            actual: inputs::size_text(odd),
+            actual: odd.size().to_string(),
         });
     }
     let walk = || {

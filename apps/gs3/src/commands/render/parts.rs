@@ -17,7 +17,7 @@ use crate::io::video::{Failure, Stream, by_hand, no_option, quoted};
 /// What a video of the rendered frames `range` of `path` is, where `each` are shown for one.
 pub fn stream_of(path: &CameraPath, range: &Range<usize>, each: usize) -> Stream {
     Stream {
-        size: path.cameras()[range.start].size().to_array(),
+        size: path.cameras()[range.start].size(),
         rate: path.frames_per_second() * each as f64,
         frames: numbers_of(range, each).len(),
     }

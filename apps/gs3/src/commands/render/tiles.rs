@@ -30,7 +30,7 @@ use crate::io::manifest::Manifest;
 use crate::io::output::{Target, write_file, write_text};
 use crate::io::report;
 
-/// Largest tile, width and height in pixels: 64 MiB in f32. Wide tiles repeat less of the projection of Gaussians, and
+/// Largest tile: 64 MiB in f32. Wide tiles repeat less of the projection of Gaussians, and
 /// low ones make rows of tiles that fit in memory at any width.
 const LARGEST_TILE: Size = Size::new(4096, 1024);
 
@@ -303,7 +303,7 @@ mod tests {
                 false => image.to_rgb8(),
             };
             for largest_tile in
-                [LARGEST_TILE.to_array(), [64, 48], [37, 19], [211, 1], [3, 123]].map(Size::from)
+                [LARGEST_TILE, Size::new(64, 48), Size::new(37, 19), Size::new(211, 1), Size::new(3, 123)]
             {
                 let mut painter = Painter::new(&scene, &settings, &Machine::Cpu, with_alpha).unwrap();
                 painter.largest_tile = largest_tile;

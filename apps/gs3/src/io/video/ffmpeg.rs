@@ -10,6 +10,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
+use gs3::scene::Size;
 use gs3_files::end_of_links;
 use gs3_video::Picture;
 
@@ -27,9 +28,9 @@ const COLOURS: [&str; 8] =
 
 /// What does to PNG files of `size` what [`Picture`] does: BT.709 colours, even sides, the last column or row twice where
 /// a side is odd.
-fn filter([width, height]: [u32; 2]) -> String {
+fn filter(size: Size) -> String {
     let colours = "scale=out_color_matrix=bt709:out_range=tv:flags=accurate_rnd+full_chroma_inp";
-    let [right, bottom] = [width % 2, height % 2];
+    let [right, bottom] = [size.width % 2, size.height % 2];
     if right + bottom == 0 {
         return colours.to_owned();
     }
@@ -78,7 +79,7 @@ const MOST_SAID: u64 = 1 << 16;
 /// A running `ffmpeg` that takes raw frames. Its file appears under its name when the video is whole; until then a
 /// second Ctrl-C ends it, should it be stuck.
 pub struct Ffmpeg {
-    size: [u32; 2],
+    size: Size,
     /// Where the video goes: of a link the file that it leads to.
     file: PathBuf,
     partial: PathBuf,
@@ -95,9 +96,9 @@ impl Ffmpeg {
         // A name of this process alone: the `ffmpeg` of a process that was killed may still be ending its own file.
         let partial = file.with_extension(format!("{}.mp4.partial", std::process::id()));
         let mut command = Command::new("ffmpeg");
-        let [width, height] = stream.size.map(|side| side.next_multiple_of(2));
+        let even = stream.size.map(|side| side.next_multiple_of(2));
         command.args(["-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "yuv420p"]).args(COLOURS);
-        command.args(["-s", &format!("{width}x{height}"), "-r", &stream.rate.to_string(), "-i", "-"]);
+        command.args(["-s", &even.to_string(), "-r", &stream.rate.to_string(), "-i", "-"]);
         command.args(ENCODING).args(COLOURS).args(["-f", "mp4", "-y"]).arg(no_option(&partial));
         command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
         // In a process group of its own it does not see Ctrl-C, so that this command decides what is left.
@@ -121,7 +122,7 @@ impl Ffmpeg {
 
     /// Gives `ffmpeg` the next frame, RGB rows.
     pub fn write(&mut self, rgb: &[u8]) -> Result<(), Failure> {
-        let picture = Picture::from_rgb8(self.size, rgb).map_err(|error| failed(&error))?;
+        let picture = Picture::from_rgb8(self.size.to_array(), rgb).map_err(|error| failed(&error))?;
         let written = self.frames.as_mut().map(|frames| frames.write_all(picture.samples()));
         match written {
             Some(Ok(())) => Ok(()),
@@ -191,13 +192,18 @@ mod tests {
 
     #[test]
     fn what_is_to_be_typed_is_quoted_where_a_shell_needs_it() {
-        let stream = Stream { size: [96, 54], rate: 29.97, frames: 4 };
+        let stream = Stream { size: Size::new(96, 54), rate: 29.97, frames: 4 };
         let text = by_hand(Path::new("/tmp/it's.mp4"), Path::new("50 %"), &(3..7), &stream);
         let (input, output) = text.split_once(" -vf ").unwrap();
         assert_eq!(input, "ffmpeg -framerate 29.97 -start_number 3 -i './50 %%/frame_%06d.png' -frames:v 4");
         assert!(output.starts_with("scale=out_color_matrix=bt709:out_range=tv:"), "{output}");
         assert!(output.ends_with(r" '/tmp/it'\''s.mp4'"), "{output}");
-        let odd = by_hand(Path::new("v.mp4"), Path::new("v"), &(3..7), &Stream { size: [95, 54], ..stream });
+        let odd = by_hand(
+            Path::new("v.mp4"),
+            Path::new("v"),
+            &(3..7),
+            &Stream { size: Size::new(95, 54), ..stream },
+        );
         assert!(odd.contains("ceil(ih/2)*2,fillborders=right=1:bottom=0:mode=smear,scale="), "{odd}");
     }
 }

@@ -31,7 +31,7 @@ impl Video {
             return Ok(Self::Ffmpeg(ffmpeg));
         }
         let out = AtomicFile::create(file).map_err(VideoError::from)?;
-        let writer = VideoWriter::new(out, stream.size, stream.rate, stream.frames)?;
+        let writer = VideoWriter::new(out, stream.size.to_array(), stream.rate, stream.frames)?;
         note(format_args!(
             "no ffmpeg on PATH: {} is encoded by gs3 itself, which makes larger files",
             file.display()

@@ -1,12 +1,13 @@
 //! What a video is of, and why there is none.
 
+use gs3::scene::Size;
 use gs3_video::VideoError;
 
 /// What the frames of a video are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stream {
-    /// Width and height in pixels.
-    pub size: [u32; 2],
+    /// The frames' size.
+    pub size: Size,
     /// Frames per second.
     pub rate: f64,
     /// About how many there are.

@@ -56,24 +56,25 @@ struct Band<'a> {
 impl SuperSampler {
     /// Combines the past samples with the interpolated current frame.
     pub(super) fn accumulate(&mut self, out: &mut Image) {
-        let size = [out.width(), out.height()];
+        let size = out.size();
+        let [width, _] = size.to_usize();
         let mut innovation = std::mem::take(&mut self.innovation);
         let frame = &self.past[0].frame;
         let [columns, lines] = frame.picture_size();
         innovation.clear();
         innovation.resize(columns * lines, [0.0; 4]);
         let mut errors = std::mem::take(&mut self.errors);
-        let blocks = block_grid(out.size());
+        let blocks = block_grid(size);
         errors.clear();
         errors.resize(blocks[0] * blocks[1], 0.0);
         let band_errors = errors.chunks_mut(TILE_HEIGHT / 4 * blocks[0]);
         let sampled = SampledPixels::new(frame.jitter, self.scale);
         let mut rest = &mut innovation[..];
         let bands: Vec<Band<'_>> =
-            (out.pixels_mut().chunks_mut(TILE_HEIGHT * size[0]).zip(band_errors).enumerate())
+            (out.pixels_mut().chunks_mut(TILE_HEIGHT * width).zip(band_errors).enumerate())
                 .map(|(band, (pixels, errors))| {
                     let top = band * TILE_HEIGHT;
-                    let rows = sampled.map_or(0..0, |sampled| sampled.rows(top, pixels.len() / size[0]));
+                    let rows = sampled.map_or(0..0, |sampled| sampled.rows(top, pixels.len() / width));
                     let rows = rows.start.min(lines)..rows.end.min(lines);
                     let part = rest.split_off_mut(..rows.len() * columns).unwrap_or_default();
                     Band { top, pixels, errors, innovation: part, first_row: rows.start }
@@ -82,7 +83,7 @@ impl SuperSampler {
         let neighborhoods = || self.kriging.threshold().map(Neighborhoods::new);
         bands.into_par_iter().for_each_init(neighborhoods, |neighborhoods, band| {
             self.tiles.with(neighborhoods, |tile| {
-                dispatch!(self.level, simd => self.fill_band(simd, band, size, sampled, tile));
+                dispatch!(self.level, simd => self.fill_band(simd, band, size.to_usize(), sampled, tile));
             });
         });
         (self.innovation, self.errors) = (innovation, errors);
