@@ -88,7 +88,7 @@
 //! use gs3::Reconstructor;
 //! use gs3::glam::{DAffine3, DVec3};
 //! use gs3::reconstruct::{DepthEncoding, GBufferView, PlanesView, ReconstructorSettings};
-//! use gs3::scene::{Camera, Intrinsics};
+//! use gs3::scene::{Camera, Intrinsics, Size};
 //!
 //! // What a renderer has: RGBA and a reversed depth buffer, here of a grey wall five units away.
 //! let render = |_lr: &Camera, _jitter: [f32; 2]| (vec![0.5; 16 * 9 * 4], vec![0.1 / 5.0; 16 * 9]);
@@ -98,15 +98,16 @@
 //!     let pose = DAffine3::from_translation(DVec3::new(-0.01 * f64::from(k), 0.0, 0.0));
 //!     let camera = Camera::new(pose, Intrinsics::from_fov_y(64, 36, 1.0))?;
 //!     let jitter = reconstructor.next_jitter(&camera);
-//!     let (rgba, depth) = render(&camera.low_resolution(4), jitter);
-//!     let color = PlanesView::interleaved(&rgba, [16, 9], 4)?;
-//!     let depth = PlanesView::planar(&depth, [16, 9])?;
+//!     let lr = camera.low_resolution(4);
+//!     let (rgba, depth) = render(&lr, jitter);
+//!     let color = PlanesView::interleaved(&rgba, lr.size(), 4)?;
+//!     let depth = PlanesView::planar(&depth, lr.size())?;
 //!     let frame = GBufferView {
 //!         encoding: DepthEncoding::Reversed { near: 0.1, far: f32::INFINITY },
 //!         ..GBufferView::new(color, depth, jitter)
 //!     };
 //!     let shown = reconstructor.reconstruct(&camera, &frame)?; // those between, and then this one
-//!     assert_eq!((shown.current.width(), shown.current.height()), (64, 36));
+//!     assert_eq!(shown.current.size(), Size::new(64, 36));
 //!     assert_eq!(shown.in_between.len(), usize::from(k > 0));
 //! }
 //! # Ok(())
