@@ -7,6 +7,7 @@ read from /proc: little is left between scenes for less than a second. The first
 """
 
 import argparse
+import contextlib
 import json
 import pathlib
 import subprocess
@@ -18,9 +19,9 @@ from soak import resident
 # Loops of the viewer a second.
 FPS = 30
 # Parts of the time that counts, in which the least memory is found. What rounds show repeats after thirty (3 scenes, 5 comparisons,
-# 6 views): of three hundred rounds each part shows the same.
+# 6 views): of three hundred rounds each part has thirty.
 PARTS = 9
-# Parts whose means are compared: of thirty rounds, as means also depend on how long each scene takes to load.
+# Parts whose means are compared: longer ones, as means also depend on how long each scene takes to load.
 MEAN_PARTS = 3
 
 
@@ -67,9 +68,10 @@ def main():
         while process.poll() is None:
             time.sleep(0.1)
             viewer = viewer or child_of(process.pid, args.gs3.name)
-            # At its end a process has no memory.
-            if viewer and (memory := resident(viewer)):
-                found.append((time.monotonic() - begun, memory))
+            # A process that is ending has no memory to read.
+            with contextlib.suppress(OSError, StopIteration):
+                if viewer:
+                    found.append((time.monotonic() - begun, resident(viewer)))
         assert process.returncode == 0, process.stderr.read()
         assert found, f"expected a process {args.gs3.name} below xvfb-run, found none"
         figures = json.loads(pathlib.Path(folder, "figures.json").read_text())
