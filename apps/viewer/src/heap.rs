@@ -1,5 +1,22 @@
 //! Memory that scenes leave behind.
 
+/// Lets all threads take memory from one place. To be called before threads start.
+///
+/// glibc gives each thread an arena of its own. Blocks that stay in use then hold pages of every arena, and these pages get more with
+/// each scene that is opened and closed (docs/performance.md, memory). Frames allocate little, so threads seldom wait for each other.
+#[cfg(all(feature = "window", target_os = "linux", target_env = "gnu"))]
+#[allow(unsafe_code, reason = "a call of the C library")]
+pub fn use_one_arena() {
+    // SAFETY: the call takes two numbers, and any thread may make it at any time.
+    unsafe {
+        libc::mallopt(libc::M_ARENA_MAX, 1);
+    }
+}
+
+/// Other systems are left to themselves.
+#[cfg(all(feature = "window", not(all(target_os = "linux", target_env = "gnu"))))]
+pub const fn use_one_arena() {}
+
 /// Gives the system the memory that the C library keeps of what was freed. glibc keeps blocks of up to 32 MiB for later ones. With
 /// scenes opened and closed the process takes 1.7 times the memory without this call (docs/performance.md, memory).
 #[cfg(all(feature = "window", target_os = "linux", target_env = "gnu"))]

@@ -15,7 +15,6 @@ pub mod page;
 pub mod paint;
 pub mod panels;
 pub mod path_file;
-mod screenshot;
 pub mod script;
 pub mod tour;
 pub mod video;
@@ -24,6 +23,8 @@ pub mod views;
 #[cfg(feature = "window")]
 pub mod window;
 
+#[cfg(feature = "window")]
+pub use heap::use_one_arena;
 pub use input::Input;
 pub use script::{Playing, Script, ScriptError, ScriptFailure};
 pub use viewer::{Destination, Effect, Next, Opened, Shot, Step, Viewer, ViewerError, ViewerSettings};

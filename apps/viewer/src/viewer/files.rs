@@ -6,14 +6,13 @@ use std::time::Duration;
 
 use gs3::scene::camera::MAX_SIDE;
 use gs3::scene::orbit::{self, Bulk};
-use gs3::scene::{Camera, CameraError, CameraPath, Scene, Size};
+use gs3::scene::{Camera, CameraError, CameraPath, PngChannels, Scene, Size, write_png};
 use gs3::{Mode, Stage};
 
 use super::{Destination, Effect, Opened, Shot, Viewer, ViewerError};
 use crate::controls::Controls;
 use crate::heap::give_back;
 use crate::path_file::{PathFile, PathFileError, PathFormat, camera_path_json, moved};
-use crate::screenshot::png;
 use crate::tour::Tour;
 
 impl Viewer {
@@ -46,7 +45,11 @@ impl Viewer {
 
     /// The PNG file, and the camera that the picture shows, at the size of the window's picture.
     async fn take_shot(&mut self, shot: &Shot, now: Duration) -> Result<(Vec<u8>, Option<Camera>), String> {
-        let encode = |size: Size, rgb: &[u8]| png(size, rgb).map_err(|e| format!("screenshot: {e}"));
+        let encode = |size: Size, rgb: &[u8]| {
+            let mut bytes = Vec::new();
+            let written = write_png(&mut bytes, size, PngChannels::Rgb, rgb);
+            written.map(|()| bytes).map_err(|e| format!("screenshot: {e}"))
+        };
         if shot.scale <= 1 {
             let picture = if shot.panels { &self.picture } else { &self.frame };
             let bytes = encode(Size::of(picture.size[0], picture.size[1]), &picture.to_rgb8())?;
