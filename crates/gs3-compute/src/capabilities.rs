@@ -63,6 +63,19 @@ pub struct Limits {
     pub workgroups: u32,
 }
 
+impl Limits {
+    /// What every device has: the defaults of the WebGPU specification (section "Limits").
+    pub const LEAST: Self = Self {
+        buffer_bytes: 256 << 20,
+        binding_bytes: 128 << 20,
+        storage_bindings: 8,
+        binding_alignment: 256,
+        workgroup_bytes: 16 << 10,
+        workgroup_invocations: 256,
+        workgroups: 65_535,
+    };
+}
+
 impl From<wgpu::Limits> for Limits {
     fn from(limits: wgpu::Limits) -> Self {
         Self {

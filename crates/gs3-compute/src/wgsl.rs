@@ -207,11 +207,8 @@ mod tests {
         let limits = Limits {
             buffer_bytes: 1 << 30,
             binding_bytes: 1 << 30,
-            storage_bindings: 8,
-            binding_alignment: 256,
             workgroup_bytes: 32 << 10,
-            workgroup_invocations: 256,
-            workgroups: 65_535,
+            ..Limits::LEAST
         };
         let mut used = String::new();
         for subgroups in [Subgroups::Absent, Subgroups::Present { min: 8, max: 32 }] {

@@ -51,10 +51,7 @@ fn report(graph: &Graph, lr: [usize; 2], batch: usize, tier: &str) {
 /// The shortest of several passes over a batch: forward alone, and all that a step needs, packing of the weights and
 /// the sum over the batch included.
 fn time(graph: &Graph, lr: [usize; 2], batch: usize) -> [Duration; 2] {
-    let [tier, training_data, licence] = ["", "", ""].map(str::to_owned);
-    let (network, version) = (graph.name().to_owned(), graph.version());
-    let weights =
-        Weights::random(graph, Header { network, version, scale: 4, tier, training_data, licence }, 1);
+    let weights = Weights::random(graph, Header::of(graph, 4), 1);
     let differentiator = Differentiator::new(graph, lr, &["hidden"]).expect("a size");
     let mut random = Random::new(1);
     let mut image = |shape: Option<Shape>| -> Vec<f32> {

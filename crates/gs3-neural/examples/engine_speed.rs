@@ -78,16 +78,7 @@ const LAYERS: usize = 8;
 
 /// The shortest of several runs of `graph` with all its outputs.
 fn time(graph: &Graph, lr: [usize; 2], arithmetic: Arithmetic) -> Duration {
-    let [tier, training_data, licence] = ["", "", ""].map(str::to_owned);
-    let header = Header {
-        network: graph.name().to_owned(),
-        version: graph.version(),
-        scale: 4,
-        tier,
-        training_data,
-        licence,
-    };
-    let weights = initial_weights(graph, header, 1);
+    let weights = initial_weights(graph, Header::of(graph, 4), 1);
     let mut engine = Engine::with_arithmetic(graph, &weights, lr, arithmetic).expect("an engine");
     let mut random = Random::new(1);
     let names: Vec<&str> = graph.inputs().map(|(_, layer)| layer.name.as_str()).collect();

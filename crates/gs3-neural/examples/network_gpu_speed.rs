@@ -46,10 +46,7 @@ fn measure(
     lr: [usize; 2],
     way: &GpuEngineSettings<'_>,
 ) -> Result<(), GpuRunError> {
-    let [training_data, licence] = ["", ""].map(str::to_owned);
-    let (network, version, tier) = (graph.name().to_owned(), graph.version(), tier.name().to_owned());
-    let header = Header { network, version, scale: 4, tier, training_data, licence };
-    let weights = Weights::random(graph, header, 1);
+    let weights = Weights::random(graph, Header { tier: tier.name().to_owned(), ..Header::of(graph, 4) }, 1);
     let state = ("hidden", ImageFormat::Blocks);
     let outputs = [("color", ImageFormat::Pixels), state];
     let settings = GpuEngineSettings { inputs: &[state], outputs: Some(&outputs), ..*way };

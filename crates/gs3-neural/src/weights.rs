@@ -159,6 +159,20 @@ impl Weights {
 }
 
 impl Header {
+    /// Of weights of `graph` for `scale` HR pixels per LR pixel along a side; the texts are empty.
+    #[must_use]
+    pub fn of(graph: &Graph, scale: u32) -> Self {
+        let [tier, training_data, licence] = [const { String::new() }; 3];
+        Self {
+            network: graph.name().to_owned(),
+            version: graph.version(),
+            scale,
+            tier,
+            training_data,
+            licence,
+        }
+    }
+
     pub(crate) fn to_texts(&self) -> Texts {
         let fields = [
             ("network", self.network.clone()),

@@ -32,10 +32,8 @@ static ALLOCATOR: Counting = Counting;
 #[test]
 fn frames_take_no_memory_and_are_the_same_on_any_number_of_threads() {
     let (graph, lr) = (interpolate(4, Tier::Balanced).expect("a network"), [24, 40]);
-    let [tier, training_data, licence] = ["", "", ""].map(str::to_owned);
-    let (network, version) = (graph.name().to_owned(), graph.version());
-    let header = Header { network, version, scale: 4, tier, training_data, licence };
-    let mut engine = Engine::new(&graph, &initial_weights(&graph, header, 2), lr).expect("an engine");
+    let mut engine =
+        Engine::new(&graph, &initial_weights(&graph, Header::of(&graph, 4), 2), lr).expect("an engine");
     let (mut random, shapes) = (Random::new(1), graph.shapes(lr).expect("a size"));
     let images: Vec<(&str, Vec<f32>)> = graph
         .inputs()

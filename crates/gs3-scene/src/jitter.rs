@@ -33,14 +33,6 @@ impl Jitter {
         Self { offsets }
     }
 
-    /// The first `length` points of the Halton sequence with bases 2 and 3, then again from the start.
-    #[must_use]
-    pub fn halton(length: usize) -> Self {
-        // The sequence starts at index 1: index 0 is the corner (0, 0) of the pixel.
-        let point = |i: u64| [radical_inverse(i, 2) - 0.5, radical_inverse(i, 3) - 0.5];
-        Self { offsets: (1..=length.max(1) as u64).map(|i| point(i).map(|v| v as f32)).collect() }
-    }
-
     /// The offset `[x, y]` of frame `frame`.
     #[must_use]
     pub fn offset(&self, frame: u64) -> [f32; 2] {
@@ -52,17 +44,6 @@ impl Jitter {
     pub fn period(&self) -> usize {
         self.offsets.len()
     }
-}
-
-/// The van der Corput digits of `index` mirrored at the point, in `[0, 1)`.
-fn radical_inverse(mut index: u64, base: u64) -> f64 {
-    let (mut value, mut digit) = (0.0, 1.0);
-    while index > 0 {
-        digit /= base as f64;
-        value += digit * (index % base) as f64;
-        index /= base;
-    }
-    value
 }
 
 /// All cells of an `s`×`s` torus, farthest first.
@@ -121,16 +102,5 @@ mod tests {
         assert_eq!(cells[1], [2, 2]);
         assert_eq!(cells[2], [2, 0]);
         assert_eq!(cells[3], [0, 2]);
-    }
-
-    #[test]
-    fn halton_starts_as_published() {
-        let jitter = Jitter::halton(8);
-        let expected = [[1.0 / 2.0, 1.0 / 3.0], [1.0 / 4.0, 2.0 / 3.0], [3.0 / 4.0, 1.0 / 9.0]];
-        for (frame, point) in expected.iter().enumerate() {
-            let [x, y] = jitter.offset(frame as u64);
-            assert!((x + 0.5 - point[0]).abs() < 1e-6 && (y + 0.5 - point[1]).abs() < 1e-6, "{frame}");
-        }
-        assert_eq!(jitter.offset(8), jitter.offset(0));
     }
 }

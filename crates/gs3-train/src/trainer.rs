@@ -68,12 +68,10 @@ impl Trainer {
     pub fn header(settings: &Settings, training_data: &str, licence: &str) -> Result<Header, TrainError> {
         let graph = settings.subject.graph(settings.scale)?;
         Ok(Header {
-            network: graph.name().to_owned(),
-            version: graph.version(),
-            scale: settings.scale,
             tier: settings.subject.size().to_owned(),
             training_data: training_data.to_owned(),
             licence: licence.to_owned(),
+            ..Header::of(&graph, settings.scale)
         })
     }
 

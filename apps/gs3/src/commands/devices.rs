@@ -125,12 +125,9 @@ mod tests {
     fn adapters_are_told_with_the_one_taken_and_why() {
         let limits = Limits {
             buffer_bytes: 1 << 30,
-            binding_bytes: 128 << 20,
-            storage_bindings: 8,
-            binding_alignment: 256,
             workgroup_bytes: 32 << 10,
             workgroup_invocations: 1024,
-            workgroups: 65_535,
+            ..Limits::LEAST
         };
         let adapter = |name: &str, kind, shader_f16| AdapterReport {
             name: name.to_owned(),

@@ -44,6 +44,15 @@ fn succeed(folder: &Path, arguments: &str) -> Output {
     output
 }
 
+/// Runs a command that is refused with one line, and returns the line.
+fn refused(command: &mut Command) -> String {
+    let output = command.output().unwrap();
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(2), "{command:?}: {said}");
+    assert!(said.starts_with("error: ") && said.trim_end().lines().count() == 1, "{command:?}: {said}");
+    said
+}
+
 fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }

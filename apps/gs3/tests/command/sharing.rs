@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Stdio;
 
-use super::{gs3, names, stderr, succeed};
+use super::{gs3, names, refused, stderr, succeed};
 
 const RENDER: &str = "render demo --size 64x36 --frames 0..6 --tier analytic --backend cpu --threads 1";
 
@@ -54,10 +54,7 @@ fn folders_that_cannot_be_written_are_told_before_the_work() {
         format!("gbuffer demo --size 64x36 --out {place}/o.npz"),
         format!("simplify demo --keep 0.5 --out {place}/o.ply"),
     ] {
-        let output = gs3(at, &command).output().unwrap();
-        let said = stderr(&output);
-        assert_eq!(output.status.code(), Some(2), "{command}: {said}");
-        assert_eq!(said.lines().count(), 1, "{command}: {said}");
+        let said = refused(&mut gs3(at, &command));
         assert!(said.starts_with(&format!("error: {place}/o")), "{command}: {said}");
         assert!(said.contains("cannot be written: "), "{command}: {said}");
     }

@@ -326,15 +326,7 @@ mod tests {
 
     #[test]
     fn copies_fit_the_smallest_device() {
-        let limits = |binding_bytes, buffer_bytes| Limits {
-            buffer_bytes,
-            binding_bytes,
-            storage_bindings: 8,
-            binding_alignment: 256,
-            workgroup_bytes: 16 << 10,
-            workgroup_invocations: 256,
-            workgroups: 65_535,
-        };
+        let limits = |binding_bytes, buffer_bytes| Limits { buffer_bytes, binding_bytes, ..Limits::LEAST };
         assert_eq!(most_copied(&limits(1 << 31, 1 << 31)), 256 << 20);
         assert_eq!(most_copied(&limits(128 << 20, 256 << 20)), 128 << 20);
         assert_eq!(most_copied(&limits((128 << 20) - 4, 256 << 20)), (128 << 20) - COPY_GROUP);

@@ -139,15 +139,7 @@ mod tests {
     use super::*;
 
     fn limits(binding_bytes: u64, workgroup_bytes: u32) -> Limits {
-        Limits {
-            buffer_bytes: 1 << 30,
-            binding_bytes,
-            storage_bindings: 8,
-            binding_alignment: 256,
-            workgroup_bytes,
-            workgroup_invocations: 256,
-            workgroups: 65_535,
-        }
+        Limits { buffer_bytes: 1 << 30, binding_bytes, workgroup_bytes, ..Limits::LEAST }
     }
 
     #[test]

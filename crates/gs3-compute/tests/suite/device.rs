@@ -227,15 +227,8 @@ fn experimental_features_are_asked_for() {
 
 #[test]
 fn adapters_are_chosen_by_kind() {
-    let limits = Limits {
-        buffer_bytes: 1 << 30,
-        binding_bytes: 1 << 30,
-        storage_bindings: 8,
-        binding_alignment: 256,
-        workgroup_bytes: 1 << 15,
-        workgroup_invocations: 256,
-        workgroups: 65_535,
-    };
+    let limits =
+        Limits { buffer_bytes: 1 << 30, binding_bytes: 1 << 30, workgroup_bytes: 1 << 15, ..Limits::LEAST };
     let adapter = |name: &str, kind, api, missing| AdapterReport {
         name: name.to_owned(),
         api,
@@ -275,15 +268,7 @@ fn adapters_are_chosen_by_kind() {
 
 #[test]
 fn data_beyond_one_binding_is_divided() {
-    let limits = Limits {
-        buffer_bytes: 1 << 40,
-        binding_bytes: 128 << 20,
-        storage_bindings: 8,
-        binding_alignment: 256,
-        workgroup_bytes: 1 << 15,
-        workgroup_invocations: 256,
-        workgroups: 65_535,
-    };
+    let limits = Limits { buffer_bytes: 1 << 40, workgroup_bytes: 1 << 15, ..Limits::LEAST };
     let plan = ChunkPlan::new(&limits, 50_000_000, 96, 256).unwrap();
     assert_eq!(plan.per_chunk % 256, 0);
     assert!(plan.per_chunk * 96 <= 128 << 20 && (plan.per_chunk + 256) * 96 > 128 << 20);

@@ -206,28 +206,12 @@ impl Spatial {
 
     /// Whether [`gs3::FramePipeline`] makes it, and so in-between frames, too.
     pub(super) const fn is_pipeline(self) -> bool {
-        matches!(
-            self,
-            Self::History
-                | Self::Refined(_)
-                | Self::Kriging
-                | Self::Overscan
-                | Self::Centered
-                | Self::Learned(_)
-        )
+        self.has_history() && !matches!(self, Self::Gradientless)
     }
 
     /// Whether LR frames are jittered.
     pub(crate) const fn is_jittered(self) -> bool {
-        matches!(
-            self,
-            Self::History
-                | Self::Refined(_)
-                | Self::Kriging
-                | Self::Overscan
-                | Self::Gradientless
-                | Self::Learned(_)
-        )
+        self.has_history() && !matches!(self, Self::Centered)
     }
 }
 

@@ -78,10 +78,7 @@ impl PublishedWeights {
             let array = Array::new(&name, &shape, values(layer, kind, &shape)?).map_err(unusable)?;
             arrays.insert(name, array);
         }
-        let [tier, licence] = ["", ""].map(str::to_owned);
-        let (network, version) = (graph.name().to_owned(), graph.version());
-        let training_data = "as published".to_owned();
-        let header = Header { network, version, scale: 0, tier, training_data, licence };
+        let header = Header { training_data: "as published".to_owned(), ..Header::of(&graph, 0) };
         let weights = neural::Weights { header, arrays };
         Runner::new(name, graph, weights).map_err(|e| self.unusable(e))
     }

@@ -208,15 +208,8 @@ fn finished_methods_are_resumed_and_failing_ones_do_not_end_the_run() {
     assert_eq!(run(&other, folder.path()).1[1], Vec::<String>::new(), "another protocol resumes nothing");
 }
 
-fn header(network: &str, graph: &Graph) -> Header {
-    Header {
-        network: network.into(),
-        version: graph.version(),
-        scale: 4,
-        tier: "fast".into(),
-        training_data: String::new(),
-        licence: "MIT".into(),
-    }
+fn header(graph: &Graph) -> Header {
+    Header { tier: "fast".into(), licence: "MIT".into(), ..Header::of(graph, 4) }
 }
 
 /// Scores of other weights, of another scene of as many Gaussians, of another camera in between are no scores of these.
@@ -229,7 +222,7 @@ fn what_results_depend_on_is_measured_anew() {
     for (seed, weights) in [(1, &a), (2, &b)] {
         std::fs::create_dir(weights).unwrap();
         let file = weights.join("super_sample_fast_x4.safetensors");
-        Weights::random(&graph, header("super_sample", &graph), seed).save(&file).unwrap();
+        Weights::random(&graph, header(&graph), seed).save(&file).unwrap();
     }
     let with = |weights: Option<&Path>| Protocol {
         weights: weights.map(Path::to_owned),
@@ -272,12 +265,9 @@ fn what_results_depend_on_is_measured_anew() {
 #[test]
 fn learned_tiers_start_at_the_analytic_pipeline() {
     let folder = tempfile::tempdir().unwrap();
-    for (network, graph) in [
-        ("super_sample", model::super_sample(4, Tier::Fast).unwrap()),
-        ("interpolate", model::interpolate(4, Tier::Fast).unwrap()),
-    ] {
-        let file = folder.path().join(format!("{network}_fast_x4.safetensors"));
-        initial_weights(&graph, header(network, &graph), 1).save(&file).unwrap();
+    for graph in [model::super_sample(4, Tier::Fast), model::interpolate(4, Tier::Fast)].map(Result::unwrap) {
+        let file = folder.path().join(format!("{}_fast_x4.safetensors", graph.name()));
+        initial_weights(&graph, header(&graph), 1).save(&file).unwrap();
     }
     let protocol = Protocol {
         weights: Some(folder.path().to_owned()),
@@ -308,7 +298,7 @@ fn learned_tiers_start_at_the_analytic_pipeline() {
     // The networks ran: weights that say anything else spoil what they are of, and that alone.
     let graph = model::interpolate(4, Tier::Fast).unwrap();
     let file = folder.path().join("interpolate_fast_x4.safetensors");
-    Weights::random(&graph, header("interpolate", &graph), 1).save(&file).unwrap();
+    Weights::random(&graph, header(&graph), 1).save(&file).unwrap();
     let (spoiled, _) = run(&protocol, &folder.path().join("spoiled"));
     for method in ["fast_ss+fast", "history+fast"] {
         let lost = |subset| psnr(method, subset) - spoiled.row(method, subset).unwrap().psnr;
@@ -324,14 +314,7 @@ fn whole_tiers_warp_and_learned_interpolation_wants_its_weights() {
     let folder = tempfile::tempdir().unwrap();
     // No interpolation network comes for ×2.
     let graph = model::super_sample(2, Tier::Balanced).unwrap();
-    let header = Header {
-        network: "super_sample".into(),
-        version: graph.version(),
-        scale: 2,
-        tier: "balanced".into(),
-        training_data: String::new(),
-        licence: "MIT".into(),
-    };
+    let header = Header { tier: "balanced".into(), licence: "MIT".into(), ..Header::of(&graph, 2) };
     initial_weights(&graph, header, 1)
         .save(folder.path().join("super_sample_balanced_x2.safetensors"))
         .unwrap();

@@ -14,9 +14,7 @@ use gs3_scene::{Image, demo, orbit};
 /// Random weights of `peer` at ×4.
 fn weights(peer: PublishedNetwork) -> Weights {
     let graph = peer.graph(4).unwrap();
-    let [training_data, licence] = ["", ""].map(str::to_owned);
-    let (network, version, tier) = (graph.name().to_owned(), graph.version(), peer.size().to_owned());
-    Weights::random(&graph, Header { network, version, scale: 4, tier, training_data, licence }, 3)
+    Weights::random(&graph, Header { tier: peer.size().to_owned(), ..Header::of(&graph, 4) }, 3)
 }
 
 /// An ECBSR that has learned nothing repeats each LR pixel. Frames are sampled where it was trained to see them: the

@@ -247,9 +247,7 @@ fn trial() -> Result<(Graph, Weights), GpuRunError> {
         g.output(name, result);
     }
     let graph = g.finish()?;
-    let [tier, training_data, licence] = ["", "", ""].map(str::to_owned);
-    let header = Header { network: "trial".to_owned(), version: 1, scale: 1, tier, training_data, licence };
-    let mut weights = Weights::random(&graph, header, 1);
+    let mut weights = Weights::random(&graph, Header::of(&graph, 1), 1);
     for (name, conv, _) in TRIAL_CONVOLUTIONS {
         if let Some(bias) = weights.arrays.get_mut(&format!("{name}.bias")) {
             let values = bias.values_mut().iter_mut().enumerate();
@@ -330,11 +328,7 @@ mod tests {
         let limits = gs3_compute::Limits {
             buffer_bytes: 1 << 30,
             binding_bytes: 1 << 30,
-            storage_bindings: 8,
-            binding_alignment: 256,
-            workgroup_bytes: 16 << 10,
-            workgroup_invocations: 256,
-            workgroups: 65_535,
+            ..gs3_compute::Limits::LEAST
         };
         let card = Capabilities {
             subgroups: Subgroups::Present { min: 32, max: 32 },

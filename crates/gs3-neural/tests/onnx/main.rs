@@ -10,11 +10,9 @@ use gs3_neural::{Graph, Header};
 /// The header of weights of `graph`, told from those of other networks by `tier`.
 fn header(graph: &Graph, tier: &str) -> Header {
     Header {
-        network: graph.name().to_owned(),
-        version: graph.version(),
-        scale: 4,
         tier: tier.to_owned(),
         training_data: "nothing".to_owned(),
         licence: "MIT OR Apache-2.0".to_owned(),
+        ..Header::of(graph, 4)
     }
 }

@@ -23,10 +23,7 @@ fn graphs() -> Vec<(Graph, u32)> {
 
 /// Random weights, biases included: initial last layers are zero and would hide what is before them.
 fn weights(graph: &Graph, scale: u32) -> Weights {
-    let [tier, training_data, licence] = ["", "", ""].map(str::to_owned);
-    let (network, version) = (graph.name().to_owned(), graph.version());
-    let mut weights =
-        Weights::random(graph, Header { network, version, scale, tier, training_data, licence }, 5);
+    let mut weights = Weights::random(graph, Header::of(graph, scale), 5);
     let mut random = Random::new(6);
     for array in weights.arrays.values_mut().filter(|array| array.shape().len() == 1) {
         array.values_mut().iter_mut().for_each(|v| *v += 0.1 * random.signed());

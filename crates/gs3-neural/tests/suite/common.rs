@@ -1,18 +1,6 @@
 //! Graphs of one operation and what goes into them.
 
-use gs3_neural::{Activation, Border, Conv2d, Graph, GraphBuilder, Header, Op, Random};
-
-pub fn header(graph: &Graph) -> Header {
-    let [tier, training_data, licence] = ["", "", ""].map(str::to_owned);
-    Header {
-        network: graph.name().to_owned(),
-        version: graph.version(),
-        scale: 4,
-        tier,
-        training_data,
-        licence,
-    }
-}
+use gs3_neural::{Activation, Border, Conv2d, Graph, GraphBuilder, Op, Random};
 
 /// Images of numbers in ±1 for all inputs of `graph`.
 pub fn images(graph: &Graph, lr: [usize; 2], seed: u64) -> Vec<(String, Vec<f32>)> {

@@ -20,11 +20,8 @@ struct Check<'a> {
 
 impl<'a> Check<'a> {
     fn new(graph: &'a Graph, seed: u64) -> Self {
-        let [tier, training_data, licence] = ["", "", ""].map(str::to_owned);
-        let (network, version) = (graph.name().to_owned(), graph.version());
-        let header = Header { network, version, scale: 2, tier, training_data, licence };
         let (mut random, shapes) = (Random::new(seed), graph.shapes(LR).expect("a size it takes"));
-        let mut weights = Weights::random(graph, header, seed);
+        let mut weights = Weights::random(graph, Header::of(graph, 2), seed);
         for array in weights.arrays.values_mut().filter(|a| a.shape().len() == 1) {
             array.values_mut().fill_with(|| 0.3 * random.signed());
         }

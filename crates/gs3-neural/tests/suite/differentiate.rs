@@ -17,10 +17,7 @@ type Image = (String, Vec<f32>);
 
 /// Weights, biases included, that are not zero.
 fn weights(graph: &Graph, seed: u64) -> Weights {
-    let [tier, training_data, licence] = ["", "", ""].map(str::to_owned);
-    let (network, version) = (graph.name().to_owned(), graph.version());
-    let mut weights =
-        Weights::random(graph, Header { network, version, scale: 2, tier, training_data, licence }, seed);
+    let mut weights = Weights::random(graph, Header::of(graph, 2), seed);
     let mut random = Random::new(seed);
     for array in weights.arrays.values_mut().filter(|a| a.shape().len() == 1) {
         array.values_mut().fill_with(|| 0.3 * random.signed());

@@ -1,14 +1,16 @@
 //! The engine computes what the reference says.
 
 use gs3_neural::model::{PublishedNetwork, Tier, initial_weights, interpolate, super_sample};
-use gs3_neural::{Activation, Border, Conv2d, Engine, Graph, GraphBuilder, Op, RunError, Weights, reference};
+use gs3_neural::{
+    Activation, Border, Conv2d, Engine, Graph, GraphBuilder, Header, Op, RunError, Weights, reference,
+};
 
-use crate::common::{header, images, named, single};
+use crate::common::{images, named, single};
 use crate::operations::operations;
 
 /// Weights with biases, slopes and the like that differ from channel to channel.
 fn weights(graph: &Graph) -> Weights {
-    let mut weights = Weights::random(graph, header(graph), 1);
+    let mut weights = Weights::random(graph, Header::of(graph, 4), 1);
     for array in weights.arrays.values_mut().filter(|a| a.shape().len() == 1) {
         array.values_mut().iter_mut().enumerate().for_each(|(k, v)| *v = k as f32 * 0.01 - 0.1);
     }
@@ -40,11 +42,11 @@ fn networks_compute_what_the_reference_says() {
         for graph in [super_sample(4, tier), interpolate(4, tier), super_sample(2, tier)] {
             let graph = graph.expect("a network");
             // Random heads: initial ones are zero and would hide what is before them.
-            compare(&graph, &Weights::random(&graph, header(&graph), 5), [11, 27]);
+            compare(&graph, &Weights::random(&graph, Header::of(&graph, 4), 5), [11, 27]);
         }
     }
     let graph = interpolate(4, Tier::Fast).expect("a network");
-    compare(&graph, &initial_weights(&graph, header(&graph), 5), [1, 1]);
+    compare(&graph, &initial_weights(&graph, Header::of(&graph, 4), 5), [1, 1]);
 }
 
 /// Rows of several strips, which overlap.
@@ -52,7 +54,7 @@ fn networks_compute_what_the_reference_says() {
 fn wide_images_compute_what_the_reference_says() {
     for graph in [super_sample(4, Tier::Fast), super_sample(2, Tier::Balanced), interpolate(2, Tier::Fast)] {
         let graph = graph.expect("a network");
-        compare(&graph, &Weights::random(&graph, header(&graph), 5), [4, 131]);
+        compare(&graph, &Weights::random(&graph, Header::of(&graph, 4), 5), [4, 131]);
     }
 }
 
@@ -62,7 +64,7 @@ fn wide_images_compute_what_the_reference_says() {
 fn high_images_compute_what_the_reference_says_on_any_number_of_threads() {
     for graph in [super_sample(2, Tier::Fast), interpolate(2, Tier::Fast), PublishedNetwork::Ecbsr.graph(2)] {
         let graph = graph.expect("a network");
-        let (weights, lr) = (Weights::random(&graph, header(&graph), 5), [90, 14]);
+        let (weights, lr) = (Weights::random(&graph, Header::of(&graph, 4), 5), [90, 14]);
         let images = images(&graph, lr, 3);
         let shapes = graph.shapes(lr).expect("a size it takes");
         let pool =
@@ -165,7 +167,7 @@ fn a_single_output_of_several_inputs_is_what_the_reference_says() {
 #[test]
 fn images_that_do_not_fit_are_refused() {
     let graph = super_sample(2, Tier::Fast).expect("a network");
-    let weights = initial_weights(&graph, header(&graph), 1);
+    let weights = initial_weights(&graph, Header::of(&graph, 4), 1);
     let lr = [3, 5];
     let mut engine = Engine::new(&graph, &weights, lr).expect("an engine");
     let mut images = images(&graph, lr, 1);
@@ -207,9 +209,9 @@ fn where_nothing_is_learned_or_uncertain_the_analytic_frame_stays() {
             engine.run(&named(&images), &mut [("color", &mut color)]).expect("it runs");
             (color, expected)
         };
-        let (color, expected) = frame(&initial_weights(&graph, header(&graph), 3), false);
+        let (color, expected) = frame(&initial_weights(&graph, Header::of(&graph, 4), 3), false);
         assert_eq!(color, expected);
-        let learned = Weights::random(&graph, header(&graph), 3);
+        let learned = Weights::random(&graph, Header::of(&graph, 4), 3);
         let (color, expected) = frame(&learned, true);
         assert_eq!(color, expected);
         let (color, expected) = frame(&learned, false);

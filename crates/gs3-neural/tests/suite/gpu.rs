@@ -4,10 +4,10 @@ use gs3_compute::{Buffer, Gpu, GpuSettings, OptionalFeatures, Slice, Use, device
 use gs3_neural::model::{Tier, interpolate, super_sample};
 use gs3_neural::{
     Activation, Border, Conv2d, GpuEngine, GpuEngineSettings, GpuRunError, GpuTensorImage, Graph,
-    GraphBuilder, ImageFormat, MatrixUnit, Op, Precision, RunError, Weights, reference,
+    GraphBuilder, Header, ImageFormat, MatrixUnit, Op, Precision, RunError, Weights, reference,
 };
 
-use crate::common::{header, images, named, single};
+use crate::common::{images, named, single};
 
 /// The device of this machine, if it has one.
 fn device(features: OptionalFeatures) -> Option<Gpu> {
@@ -97,7 +97,7 @@ fn networks_compute_what_the_reference_says() {
         for graph in [super_sample(4, tier), interpolate(4, tier)] {
             let graph = graph.unwrap();
             // Random heads: initial ones are zero and would hide what is before them.
-            compare(&gpu, &graph, &Weights::random(&graph, header(&graph), 5), [11, 27]);
+            compare(&gpu, &graph, &Weights::random(&graph, Header::of(&graph, 4), 5), [11, 27]);
         }
     }
 }
@@ -129,10 +129,10 @@ fn every_operation_computes_what_the_reference_says() {
         // Shuffles need multiples of four; the others meet blocks that are not full.
         let channels = if matches!(op, Op::PixelShuffle { .. }) { 12 } else { 7 + k % 2 };
         let graph = single(op, channels, &inputs, Border::Zero);
-        compare(&gpu, &graph, &Weights::random(&graph, header(&graph), 1), [5, 7]);
+        compare(&gpu, &graph, &Weights::random(&graph, Header::of(&graph, 4), 1), [5, 7]);
     }
     let graph = single(Op::PixelUnshuffle { factor: 2 }, 5, &["a"], Border::Replicate);
-    compare(&gpu, &graph, &Weights::random(&graph, header(&graph), 1), [4, 6]);
+    compare(&gpu, &graph, &Weights::random(&graph, Header::of(&graph, 4), 1), [4, 6]);
 }
 
 #[test]
@@ -160,7 +160,7 @@ fn convolutions_of_any_size_compute_what_the_reference_says() {
         let result = g.conv("result", conv, &[a, b]);
         g.output("result", result);
         let graph = g.finish().unwrap();
-        let mut weights = Weights::random(&graph, header(&graph), 1);
+        let mut weights = Weights::random(&graph, Header::of(&graph, 4), 1);
         // Biases start as zero.
         for array in weights.arrays.values_mut().filter(|a| a.shape().len() == 1) {
             array.values_mut().iter_mut().enumerate().for_each(|(k, v)| *v = k as f32 * 0.01 - 0.1);
@@ -174,7 +174,7 @@ fn convolutions_of_any_size_compute_what_the_reference_says() {
 fn states_stay_on_the_device() {
     let Some(gpu) = device(OptionalFeatures::Experimental) else { return };
     let graph = super_sample(2, Tier::Fast).unwrap();
-    let weights = Weights::random(&graph, header(&graph), 5);
+    let weights = Weights::random(&graph, Header::of(&graph, 4), 5);
     let lr = [6, 9];
     let mut images = images(&graph, lr, 3);
     for (way, tolerance) in ways(&gpu) {
@@ -239,7 +239,7 @@ fn images_may_be_of_half_precision() {
         };
         g.output("image", image);
         let graph = g.finish().unwrap();
-        let weights = Weights::random(&graph, header(&graph), 1);
+        let weights = Weights::random(&graph, Header::of(&graph, 4), 1);
         let lr = if is_shuffled { [height / 2, width / 2] } else { [height, width] };
         let count = height * width * 3;
         // One more than there are where they are odd, as buffers are of whole words.
@@ -271,7 +271,7 @@ fn images_that_do_not_fit_are_refused() {
     let b = g.layer("b", Op::Activate(Activation::Relu), &[a]);
     g.output("b", b);
     let graph = g.finish().unwrap();
-    let weights = Weights::random(&graph, header(&graph), 1);
+    let weights = Weights::random(&graph, Header::of(&graph, 4), 1);
     let new = |settings: &GpuEngineSettings<'_>| GpuEngine::new(&gpu, &graph, &weights, [8, 8], settings);
     let settings = GpuEngineSettings::new(Precision::Single);
     let engine = new(&settings).unwrap();

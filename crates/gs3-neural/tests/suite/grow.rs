@@ -6,9 +6,7 @@ use gs3_neural::{Graph, GraphError, Header, Random, Weights, reference};
 const LR: [usize; 2] = [6, 5];
 
 fn header(graph: &Graph, tier: Tier) -> Header {
-    let [training_data, licence] = ["", ""].map(str::to_owned);
-    let (network, version, tier) = (graph.name().to_owned(), graph.version(), tier.name().to_owned());
-    Header { network, version, scale: 4, tier, training_data, licence }
+    Header { tier: tier.name().to_owned(), ..Header::of(graph, 4) }
 }
 
 /// Random inputs, in `[-1, 1]`; those of a smaller network are the first channels of a larger one's.

@@ -6,12 +6,10 @@ use gs3_neural::{Graph, Header, WeightError, Weights};
 
 fn header(graph: &Graph) -> Header {
     Header {
-        network: graph.name().to_owned(),
-        version: graph.version(),
-        scale: 4,
         tier: "fast".to_owned(),
         training_data: "nothing".to_owned(),
         licence: "MIT OR Apache-2.0".to_owned(),
+        ..Header::of(graph, 4)
     }
 }
 

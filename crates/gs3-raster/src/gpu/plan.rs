@@ -326,10 +326,8 @@ mod tests {
             buffer_bytes: 4 * binding_bytes,
             binding_bytes,
             storage_bindings: 16,
-            binding_alignment: 256,
             workgroup_bytes: 32 << 10,
-            workgroup_invocations: 256,
-            workgroups: 65_535,
+            ..Limits::LEAST
         }
     }
 

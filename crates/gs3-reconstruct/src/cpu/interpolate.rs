@@ -74,18 +74,10 @@ impl Interpolator {
     /// # Errors
     /// [`ReconstructError::Scale`] if `scale` is not supported.
     pub fn new(scale: u32) -> Result<Self, ReconstructError> {
-        Self::with_level(scale, gs3_simd::level())
-    }
-
-    /// As [`Self::new`] with a given SIMD level instead of [`gs3_simd::level`].
-    ///
-    /// # Errors
-    /// As of [`Self::new`].
-    pub fn with_level(scale: u32, level: Level) -> Result<Self, ReconstructError> {
         check_scale(scale)?;
         Ok(Self {
             scale,
-            level,
+            level: gs3_simd::level(),
             gather: Gather::new(),
             middle: MiddleDepth::default(),
             neighbors: [NeighborDepth::default(), NeighborDepth::default()],

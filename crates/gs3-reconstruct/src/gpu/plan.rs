@@ -216,15 +216,7 @@ mod tests {
     use super::*;
 
     fn limits(binding_bytes: u64, workgroup_bytes: u32) -> Limits {
-        Limits {
-            buffer_bytes: 4 * binding_bytes,
-            binding_bytes,
-            storage_bindings: 8,
-            binding_alignment: 256,
-            workgroup_bytes,
-            workgroup_invocations: 256,
-            workgroups: 65_535,
-        }
+        Limits { buffer_bytes: 4 * binding_bytes, binding_bytes, workgroup_bytes, ..Limits::LEAST }
     }
 
     const SIZES: [[u32; 2]; 6] = [[1, 1], [31, 29], [1920, 1080], [4096, 2160], [7680, 4320], [8192, 1]];

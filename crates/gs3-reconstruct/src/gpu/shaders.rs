@@ -242,11 +242,8 @@ mod tests {
         let limits = |workgroup_bytes| Limits {
             buffer_bytes: 1 << 30,
             binding_bytes: 1 << 30,
-            storage_bindings: 8,
-            binding_alignment: 256,
             workgroup_bytes,
-            workgroup_invocations: 256,
-            workgroups: 65_535,
+            ..Limits::LEAST
         };
         let plan = |bytes| SuperSamplePlan::new(&limits(bytes), Size::new(64, 64), 4, 0).unwrap();
         let shaders = [

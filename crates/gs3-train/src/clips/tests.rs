@@ -239,14 +239,7 @@ fn frames_around_may_be_refined() {
     let source = source();
     let settings = settings(Network::Interpolate);
     let graph = Network::SuperSample.graph(4, Tier::Fast).unwrap();
-    let header = Header {
-        network: graph.name().to_owned(),
-        version: graph.version(),
-        scale: 4,
-        tier: Tier::Fast.name().to_owned(),
-        training_data: String::new(),
-        licence: String::new(),
-    };
+    let header = Header { tier: Tier::Fast.name().to_owned(), ..Header::of(&graph, 4) };
     let mut initial = initial_weights(&graph, header.clone(), 1);
     // Nothing of the frame before, nor of the drift.
     for bias in ["head.alpha.bias", "head.beta.bias"] {

@@ -7,10 +7,7 @@ fn trained(peer: PublishedNetwork) -> (Graph, Form, Weights) {
     let subject = TrainedNetwork::Published(peer);
     let graph = subject.graph(2).unwrap_or_else(|e| panic!("{e}"));
     let form = Form::new(subject, &graph);
-    let [tier, training_data, licence] = ["", "", ""].map(str::to_owned);
-    let (network, version) = (graph.name().to_owned(), graph.version());
-    let header = Header { network, version, scale: 2, tier, training_data, licence };
-    let mut weights = form.initial(&graph, Weights::random(&graph, header, 1), 1);
+    let mut weights = form.initial(&graph, Weights::random(&graph, Header::of(&graph, 2), 1), 1);
     let mut random = Random::new(2);
     for (name, array) in &mut weights.arrays {
         if name.ends_with(".bias") || name.ends_with(".scale") {

@@ -18,50 +18,15 @@ pub struct Networks {
     pub arithmetic: Arithmetic,
 }
 
-/// A weights file that comes with the library.
-struct Shipped {
-    scale: u32,
-    tier: Tier,
-    bytes: &'static [u8],
-}
-
-/// All weights files of the library. The header of each file names its network. Model cards lie beside the files.
-const SHIPPED: &[Shipped] = &[
-    Shipped {
-        scale: 2,
-        tier: Tier::Balanced,
-        bytes: include_bytes!("../../weights/super_sample_balanced_x2.safetensors"),
-    },
-    Shipped {
-        scale: 4,
-        tier: Tier::Fast,
-        bytes: include_bytes!("../../weights/super_sample_fast_x4.safetensors"),
-    },
-    Shipped {
-        scale: 4,
-        tier: Tier::Fast,
-        bytes: include_bytes!("../../weights/interpolate_fast_x4.safetensors"),
-    },
-    Shipped {
-        scale: 4,
-        tier: Tier::Balanced,
-        bytes: include_bytes!("../../weights/super_sample_balanced_x4.safetensors"),
-    },
-    Shipped {
-        scale: 4,
-        tier: Tier::Balanced,
-        bytes: include_bytes!("../../weights/interpolate_balanced_x4.safetensors"),
-    },
-    Shipped {
-        scale: 4,
-        tier: Tier::High,
-        bytes: include_bytes!("../../weights/super_sample_high_x4.safetensors"),
-    },
-    Shipped {
-        scale: 4,
-        tier: Tier::High,
-        bytes: include_bytes!("../../weights/interpolate_high_x4.safetensors"),
-    },
+/// All weights files of the library: scale, tier, bytes. The header of each file names its network. Model cards lie beside the files.
+const SHIPPED: &[(u32, Tier, &[u8])] = &[
+    (2, Tier::Balanced, include_bytes!("../../weights/super_sample_balanced_x2.safetensors")),
+    (4, Tier::Fast, include_bytes!("../../weights/super_sample_fast_x4.safetensors")),
+    (4, Tier::Fast, include_bytes!("../../weights/interpolate_fast_x4.safetensors")),
+    (4, Tier::Balanced, include_bytes!("../../weights/super_sample_balanced_x4.safetensors")),
+    (4, Tier::Balanced, include_bytes!("../../weights/interpolate_balanced_x4.safetensors")),
+    (4, Tier::High, include_bytes!("../../weights/super_sample_high_x4.safetensors")),
+    (4, Tier::High, include_bytes!("../../weights/interpolate_high_x4.safetensors")),
 ];
 
 impl Networks {
@@ -71,14 +36,14 @@ impl Networks {
     /// [`NetworkError::NotShipped`] if there are no weights of `tier` for `scale`.
     pub fn shipped(scale: u32, tier: Tier) -> Result<Self, NetworkError> {
         let mut networks = Self::default();
-        for file in SHIPPED.iter().filter(|file| file.scale == scale && file.tier == tier) {
-            networks.add(Weights::from_bytes(file.bytes)?)?;
+        for file in SHIPPED.iter().filter(|file| (file.0, file.1) == (scale, tier)) {
+            networks.add(Weights::from_bytes(file.2)?)?;
         }
         match networks.super_sample {
             Some(_) => Ok(networks),
             None => {
                 let mut available: Vec<String> =
-                    SHIPPED.iter().map(|file| format!("{} ×{}", file.tier.name(), file.scale)).collect();
+                    SHIPPED.iter().map(|(scale, tier, _)| format!("{} ×{scale}", tier.name())).collect();
                 // Some tiers and scales have two networks.
                 available.dedup();
                 let available = if available.is_empty() { "none".to_owned() } else { available.join(", ") };

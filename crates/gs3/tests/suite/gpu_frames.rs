@@ -262,14 +262,7 @@ fn the_network_refines_as_on_the_cpu() {
 fn frames_between_are_refined_as_on_the_cpu() {
     let Some([gpu, least]) = gpu_and_its_least() else { return };
     let graph = interpolate(4, Tier::Fast).unwrap();
-    let header = Header {
-        network: graph.name().to_owned(),
-        version: graph.version(),
-        scale: 4,
-        tier: "fast".to_owned(),
-        training_data: "none".to_owned(),
-        licence: "MIT OR Apache-2.0".to_owned(),
-    };
+    let header = Header { tier: "fast".to_owned(), ..Header::of(&graph, 4) };
     // Where the state counts most, in the second half of what the residual is made from, it is seen to be right. Of a
     // trained scene, packed, a few depths differ, and motion with them: there it counts as usual.
     let networks = |state: f32| {

@@ -20,14 +20,7 @@ fn path() -> CameraPath {
 }
 
 fn header(graph: &Graph) -> Header {
-    Header {
-        network: graph.name().to_owned(),
-        version: graph.version(),
-        scale: SCALE,
-        tier: "fast".to_owned(),
-        training_data: "none".to_owned(),
-        licence: "MIT OR Apache-2.0".to_owned(),
-    }
+    Header { tier: "fast".to_owned(), ..Header::of(graph, SCALE) }
 }
 
 /// Both networks, with weights that `make` makes.

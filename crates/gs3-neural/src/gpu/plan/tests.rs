@@ -9,9 +9,7 @@ use crate::model::{Tier, interpolate, super_sample};
 use crate::weights::Header;
 
 fn weights(graph: &Graph) -> Weights {
-    let [tier, training_data, licence] = ["", "", ""].map(str::to_owned);
-    let (network, version) = (graph.name().to_owned(), graph.version());
-    Weights::random(graph, Header { network, version, scale: 4, tier, training_data, licence }, 1)
+    Weights::random(graph, Header::of(graph, 4), 1)
 }
 
 fn networks(tier: Tier) -> [Graph; 2] {

@@ -34,7 +34,7 @@ impl SampleFrame {
             dispatch!(level, simd => {
                 planes.find_nearest(simd, y, nearest);
                 for (k, (chunk, extent)) in chunks.iter_mut().zip(extents).enumerate() {
-                    *extent = planes.fill_chunk(simd, [k * CHUNK, y], nearest, chunk);
+                    *extent = planes.fill(simd, [k * CHUNK, y], nearest, chunk);
                 }
             });
         });
@@ -61,11 +61,41 @@ impl SampleFrame {
 /// Fills the chunk of an exact block.
 #[inline(always)]
 fn fill_block<S: Simd>(simd: S, block: &ExactBlock, chunk: &mut Chunk) -> Extent {
+    let here = inverse_depth_16(simd, f32x16::load_array_ref(simd, &block.depth_median));
+    let depths = here.to_array();
+    // The nearest of the pixels around each pixel, within the block.
+    let mut near = depths;
+    for (i, near) in near.iter_mut().enumerate() {
+        let (x, y) = (i % BLOCK_SIDE, i / BLOCK_SIDE);
+        for v in y.saturating_sub(1)..(y + 2).min(BLOCK_SIDE) {
+            for u in x.saturating_sub(1)..(x + 2).min(BLOCK_SIDE) {
+                *near = near.max(depths[v * BLOCK_SIDE + u]);
+            }
+        }
+    }
+    let near = f32x16::load_array(simd, near);
+    let planes = |c: usize| {
+        let plane = |planes: &[[f32; 16]; 3]| f32x16::load_array_ref(simd, &planes[c]);
+        [plane(&block.color), plane(&block.color_dx), plane(&block.color_dy)]
+    };
+    fill_chunk(simd, planes, here, near, mask32x16::splat(simd, true), chunk)
+}
+
+/// Fills a chunk. `planes` gives colour and derivatives per HR pixel of a channel; `here` has inverse depths, `near` the largest of
+/// the samples around each. Where `is_sample` is not set there is none.
+#[inline(always)]
+fn fill_chunk<S: Simd>(
+    simd: S,
+    planes: impl Fn(usize) -> [f32x16<S>; 3],
+    here: f32x16<S>,
+    near: f32x16<S>,
+    is_sample: mask32x16<S>,
+    chunk: &mut Chunk,
+) -> Extent {
     let zero = f32x16::splat(simd, 0.0);
     let (mut squares, mut is_bare) = (zero, mask32x16::splat(simd, true));
     for c in 0..3 {
-        let load = |plane: &[f32; 16]| f32x16::load_array_ref(simd, plane);
-        let (color, dx, dy) = (load(&block.color[c]), load(&block.color_dx[c]), load(&block.color_dy[c]));
+        let [color, dx, dy] = planes(c);
         squares = dx.mul_add(dx, dy.mul_add(dy, squares));
         is_bare &= color.simd_eq(color[0]) & dx.simd_eq(0.0) & dy.simd_eq(0.0);
         chunk.set_plane(2 + c, color);
@@ -73,25 +103,14 @@ fn fill_block<S: Simd>(simd: S, block: &ExactBlock, chunk: &mut Chunk) -> Extent
         chunk.set_samples(DX + c, dx);
         chunk.set_samples(DY + c, dy);
     }
-    let here = inverse_depth_16(simd, f32x16::load_array_ref(simd, &block.depth_median));
-    let depths = here.to_array();
-    // The nearest of the pixels around each pixel, within the block.
-    let mut nearest = depths;
-    for (i, nearest) in nearest.iter_mut().enumerate() {
-        let (x, y) = (i % BLOCK_SIDE, i / BLOCK_SIDE);
-        for v in y.saturating_sub(1)..(y + 2).min(BLOCK_SIDE) {
-            for u in x.saturating_sub(1)..(x + 2).min(BLOCK_SIDE) {
-                *nearest = nearest.max(depths[v * BLOCK_SIDE + u]);
-            }
-        }
-    }
-    let near = f32x16::load_array(simd, nearest);
     chunk.set_plane(0, here);
     let change = (near - here) * CROSSING * squares.sqrt();
     chunk.set_plane(1, here.simd_lt(near * EDGE_RATIO).select(change, zero));
+    let far = is_sample.select(here, f32x16::splat(simd, f32::INFINITY)).reduce_min();
+    let near = here.reduce_max();
     let [r, g, b] = chunk.colors().map(|plane| plane[0]);
-    let is_bare = here.reduce_max() == 0.0 && is_bare.all_true();
-    Extent { far: here.reduce_min(), near: here.reduce_max(), bare: is_bare.then_some([r, g, b]) }
+    let is_bare = near == 0.0 && (is_bare | !is_sample).all_true();
+    Extent { far, near, bare: is_bare.then_some([r, g, b]) }
 }
 
 /// The planes that samples are made from.
@@ -121,42 +140,20 @@ impl SamplePlanes<'_> {
 
     /// Fills the chunk with its first sample in column `first` of row `y`.
     #[inline(always)]
-    fn fill_chunk<S: Simd>(
-        &self,
-        simd: S,
-        [first, y]: [usize; 2],
-        nearest: &[f32],
-        chunk: &mut Chunk,
-    ) -> Extent {
-        let zero = f32x16::splat(simd, 0.0);
+    fn fill<S: Simd>(&self, simd: S, [first, y]: [usize; 2], nearest: &[f32], chunk: &mut Chunk) -> Extent {
         let count = CHUNK.min(self.color.width() - first);
         let is_sample = f32x16::from_fn(simd, |i| i as f32).simd_lt(count as f32);
         let Gradients { color_dx, color_dy, .. } = self.gradients;
-        let (mut squares, mut is_bare) = (zero, mask32x16::splat(simd, true));
-        for c in 0..3 {
-            let color = load(simd, &self.color.row(c, y)[first..]);
-            let dx = load(simd, &color_dx.row(c, y)[first..]) * self.per_hr_pixel;
-            let dy = load(simd, &color_dy.row(c, y)[first..]) * self.per_hr_pixel;
-            squares = dx.mul_add(dx, dy.mul_add(dy, squares));
-            is_bare &= color.simd_eq(color[0]) & dx.simd_eq(0.0) & dy.simd_eq(0.0);
-            chunk.set_plane(2 + c, color);
-            chunk.set_samples(c, color);
-            chunk.set_samples(DX + c, dx);
-            chunk.set_samples(DY + c, dy);
-        }
+        let planes = |c: usize| {
+            let row = |planes: &Planes<3>| load(simd, &planes.row(c, y)[first..]);
+            [row(self.color), row(color_dx) * self.per_hr_pixel, row(color_dy) * self.per_hr_pixel]
+        };
         let here = match self.depth {
             Some(depth) => inverse_depth_16(simd, load(simd, &depth.row(0, y)[first..])),
-            None => zero,
+            None => f32x16::splat(simd, 0.0),
         };
-        chunk.set_plane(0, here);
         let column = |k: usize| f32x16::from_slice(simd, &nearest[first + k..][..CHUNK]);
         let near = column(0).max(column(1)).max(column(2));
-        let change = (near - here) * CROSSING * squares.sqrt();
-        chunk.set_plane(1, here.simd_lt(near * EDGE_RATIO).select(change, zero));
-        let far = is_sample.select(here, f32x16::splat(simd, f32::INFINITY)).reduce_min();
-        let near = here.reduce_max();
-        let [r, g, b] = chunk.colors().map(|plane| plane[0]);
-        let is_bare = near == 0.0 && (is_bare | !is_sample).all_true();
-        Extent { far, near, bare: is_bare.then_some([r, g, b]) }
+        fill_chunk(simd, planes, here, near, is_sample, chunk)
     }
 }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use percent_encoding::percent_decode_str;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 use serde_json::Value;
@@ -143,7 +144,12 @@ pub(super) fn open<'a>(
                 return Err(LoadError::invalid(source.name(), field, expected, "data within the JSON"));
             }
             (Some(uri), _) => {
-                let part = files.open(&inside(source.name(), &field, "", &percent_decoded(uri))?)?;
+                let part = files.open(&inside(
+                    source.name(),
+                    &field,
+                    "",
+                    &percent_decode_str(uri).decode_utf8_lossy(),
+                )?)?;
                 Buffer { start: 0, length: part.len(), source: Part::Beside(part) }
             }
             (None, Some((start, length))) if i == 0 => Buffer { source: Part::Own(source), start, length },
@@ -153,22 +159,6 @@ pub(super) fn open<'a>(
         });
     }
     Ok((document, buffers))
-}
-
-/// A file name with its `%20` and the like replaced.
-fn percent_decoded(uri: &str) -> String {
-    let mut bytes = Vec::new();
-    let mut rest = uri.as_bytes();
-    while let Some((byte, others)) = rest.split_first() {
-        let code = (*byte == b'%').then(|| others.get(..2)).flatten();
-        let decoded =
-            code.and_then(|code| std::str::from_utf8(code).ok()).and_then(|c| u8::from_str_radix(c, 16).ok());
-        (bytes, rest) = match decoded {
-            Some(decoded) => ([bytes, vec![decoded]].concat(), &others[2..]),
-            None => ([bytes, vec![*byte]].concat(), others),
-        };
-    }
-    String::from_utf8_lossy(&bytes).into_owned()
 }
 
 fn text(source: &Source<'_>) -> Result<Vec<u8>, LoadError> {

@@ -51,12 +51,8 @@ pub fn parts(arrays: &Arrays) -> Result<[(Graph, Weights); 3], TrainError> {
         let names: Vec<String> = graph.parameters().into_iter().map(|parameter| parameter.name).collect();
         let mine = all.iter().filter(|(name, _)| names.contains(name));
         let arrays = mine.map(|(name, array)| (name.clone(), array.clone())).collect();
-        let (network, version) = (graph.name().to_owned(), graph.version());
-        let (tier, training_data, licence) = Default::default();
-        (
-            graph,
-            Weights { header: Header { network, version, scale: 1, tier, training_data, licence }, arrays },
-        )
+        let header = Header::of(&graph, 1);
+        (graph, Weights { header, arrays })
     }))
 }
 
