@@ -20,9 +20,6 @@ const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 /// What the page has besides the WebAssembly and its glue.
 const FILES: [&str; 5] = ["index.html", "page.js", "gs3.js", "gs3.d.ts", "worker.js"];
 
-/// The viewer's library, which the module and its glue are named after.
-const NAME: &str = "gs3_viewer";
-
 /// What is compiled for.
 const TARGET: &str = "wasm32-unknown-unknown";
 
@@ -71,22 +68,14 @@ pub fn run(args: &WebArgs) -> Result<(), XtaskError> {
 
 fn build(out: &Path, has_threads: bool) -> Result<(), XtaskError> {
     fs::create_dir_all(out).map_err(XtaskError::io(out))?;
-    let compiled = compile(has_threads)?;
-    let module = fs::read(&compiled).map_err(XtaskError::io(&compiled))?;
+    module(out, false)?;
     let threads = out.join(THREADS);
     match fs::remove_dir_all(&threads) {
         Err(error) if error.kind() != ErrorKind::NotFound => return Err(XtaskError::io(&threads)(error)),
         _ => {}
     }
-    let glue = |module: anyhow::Result<Vec<u8>>, out: &Path| {
-        let written = module.and_then(|module| write(module, out));
-        written.map_err(|error| XtaskError::Glue { path: compiled.clone(), message: format!("{error:#}") })
-    };
     if has_threads {
-        glue(unshared(&module), out)?;
-        glue(Ok(module), &threads)?;
-    } else {
-        glue(Ok(module), out)?;
+        module(&threads, true)?;
     }
     for name in FILES {
         copy(&Path::new(ROOT).join("apps/viewer/page").join(name), &out.join(name))?;
@@ -97,8 +86,11 @@ fn build(out: &Path, has_threads: bool) -> Result<(), XtaskError> {
     fs::write(out.join(BUILT), built).map_err(XtaskError::io(&out.join(BUILT)))
 }
 
-/// Compiles the page's module, for one thread or for several, and returns its path.
-fn compile(has_threads: bool) -> Result<PathBuf, XtaskError> {
+/// Builds the module of the page and its glue into `out`, for one thread or for several.
+///
+/// Each is compiled by itself. With atomics wasm-bindgen-futures waits by `Atomics.waitAsync`, which takes shared memory alone, so the
+/// module for several threads does not serve pages without such memory.
+fn module(out: &Path, has_threads: bool) -> Result<(), XtaskError> {
     let toolchain = Toolchain::find(has_threads)?;
     eprintln!("{TARGET}: {toolchain}");
     // Apart from other builds: flags and compiler differ, and neither is to undo the other's work.
@@ -126,31 +118,15 @@ fn compile(has_threads: bool) -> Result<PathBuf, XtaskError> {
     ]);
     cargo.args(toolchain.arguments());
     crate::folder::succeed(&mut cargo)?;
-    Ok(target.join(TARGET).join(format!("web/{NAME}.wasm")))
-}
 
-/// `module`, compiled for several threads, with memory of its own instead of memory that workers share. Atomic instructions on such
-/// memory are allowed (WebAssembly's threads proposal, "atomic memory accesses"), so the page is compiled once for both.
-fn unshared(module: &[u8]) -> anyhow::Result<Vec<u8>> {
-    // The compiler's output needs no check, and fails one before wasm-bindgen has read it.
-    let mut module = walrus::ModuleConfig::new().strict_validate(false).parse(module)?;
-    for memory in module.memories.iter_mut() {
-        // Only shared memory needs a largest size.
-        (memory.shared, memory.maximum) = (false, None);
-    }
-    Ok(module.emit_wasm())
-}
-
-/// Writes `module` and its glue for JavaScript into `out`.
-fn write(module: Vec<u8>, out: &Path) -> anyhow::Result<()> {
+    let wasm = target.join(TARGET).join("web/gs3_viewer.wasm");
+    let glue = |error: anyhow::Error| XtaskError::Glue { path: wasm.clone(), message: format!("{error:#}") };
     let mut bindgen = Bindgen::new();
-    bindgen
-        .input_bytes(NAME, module)
-        .typescript(false)
-        .remove_name_section(true)
-        .remove_producers_section(true);
-    bindgen.web(true)?.generate(out)?;
-    let bytes = fs::metadata(out.join(format!("{NAME}_bg.wasm")))?.len();
+    bindgen.input_path(&wasm).typescript(false).remove_name_section(true).remove_producers_section(true);
+    bindgen.web(true).map_err(glue)?;
+    bindgen.generate(out).map_err(glue)?;
+    let whole = out.join("gs3_viewer_bg.wasm");
+    let bytes = fs::metadata(&whole).map_err(XtaskError::io(&whole))?.len();
     eprintln!("{}: the page, {:.1} MB of WebAssembly", out.display(), bytes as f64 / 1e6);
     Ok(())
 }
