@@ -16,6 +16,8 @@ use std::process::ExitCode;
 use cli::exit::{BAD_INPUT, INTERRUPTED, MAY_PASS, Outcome};
 use cli::terminal::note;
 use cli::{interrupt, usage};
+#[cfg(feature = "view")]
+use commands::Command;
 use commands::{Args, unused};
 
 fn main() -> ExitCode {
@@ -29,6 +31,11 @@ fn main() -> ExitCode {
             None => error.exit(),
         },
     };
+    // Before the first thread, which waits for Ctrl-C.
+    #[cfg(feature = "view")]
+    if matches!(args.command, Command::View(_)) {
+        gs3_viewer::use_one_arena();
+    }
     interrupt::end_whole();
     let outcome = unused::check(&args.command, &given).and_then(|()| {
         gs3::simd::requested()?;

@@ -1,13 +1,14 @@
 //! Memory that scenes leave behind.
 
-/// Lets all threads take memory from one place. To be called before threads start.
+/// Lets all threads take memory from one place. The caller calls it before threads start.
 ///
-/// glibc gives each thread an arena of its own. Blocks that stay in use then hold pages of every arena, and these pages get more with
-/// each scene that is opened and closed (docs/performance.md, memory). Frames allocate little, so threads seldom wait for each other.
+/// glibc gives each thread an arena of its own. Blocks that stay in use then hold pages of every arena, and the number of these pages
+/// grows with each scene that is opened and closed (docs/performance.md, memory). Frames allocate little, so threads seldom wait for
+/// each other.
 #[cfg(all(feature = "window", target_os = "linux", target_env = "gnu"))]
 #[allow(unsafe_code, reason = "a call of the C library")]
 pub fn use_one_arena() {
-    // SAFETY: the call takes two numbers, and any thread may make it at any time.
+    // SAFETY: the call takes two numbers. glibc asks that no other thread allocates meanwhile; there is no other yet.
     unsafe {
         libc::mallopt(libc::M_ARENA_MAX, 1);
     }

@@ -64,7 +64,7 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// What every device has: the defaults of the WebGPU specification (section "Limits").
+    /// The least limits of a device of WebGPU (its specification, section "Limits").
     pub const LEAST: Self = Self {
         buffer_bytes: 256 << 20,
         binding_bytes: 128 << 20,

@@ -105,6 +105,8 @@ mod tests {
             ("/a/%2e%2e/%2e%2e/b", None),
             ("//etc/passwd", None),
             ("/%ff", None),
+            ("/%zz", Some("%zz")),
+            ("/%2e%2e%2fetc", None),
             ("a", None),
             ("", None),
         ] {

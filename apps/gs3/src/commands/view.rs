@@ -7,7 +7,7 @@ use gs3::scene::{CameraPath, Scene, Size, demo};
 use gs3::{MAX_IN_BETWEEN, Mode, Networks, PipelineSettings, Refine, SessionSettings};
 use gs3_viewer::opening::nothing;
 use gs3_viewer::window::{self, WindowSettings};
-use gs3_viewer::{Script, ViewerSettings, use_one_arena};
+use gs3_viewer::{Script, ViewerSettings};
 
 use crate::cli::backend;
 use crate::cli::error::CliError;
@@ -58,7 +58,6 @@ pub struct ViewArgs {
 }
 
 pub fn run(args: &ViewArgs) -> Result<Outcome, CliError> {
-    use_one_arena();
     start_threads(args.threads)?;
     backend::check(&args.device)?;
     // First, since it is quick.

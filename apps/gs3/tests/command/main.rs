@@ -49,7 +49,7 @@ fn refused(command: &mut Command) -> String {
     let output = command.output().unwrap();
     let said = stderr(&output);
     assert_eq!(output.status.code(), Some(2), "{command:?}: {said}");
-    assert!(said.starts_with("error: ") && said.trim_end().lines().count() == 1, "{command:?}: {said}");
+    assert!(said.starts_with("error: ") && said.lines().count() == 1, "{command:?}: {said}");
     said
 }
 

@@ -17,13 +17,13 @@ fn motion(world: &World, cameras: [&Camera; 2], jitters: [[f32; 2]; 2]) -> Motio
     motion
 }
 
-/// What a test says about one sample: flow, validity, and whether the truth is that it is seen (`None`: too near to a
-/// silhouette to say).
+/// What a test says about one sample: flow, validity, and the truth. The true validity is the bilinear share of the samples
+/// around the place that show the same surface.
 struct Judged {
     flow: [f32; 2],
     validity: f32,
     expected: [f64; 2],
-    seen: Option<bool>,
+    share: f64,
 }
 
 /// All samples, with what the world says.
@@ -46,39 +46,36 @@ fn judge(world: &World, cameras: [&Camera; 2], jitters: [[f32; 2]; 2]) -> Vec<Ju
             && target.y <= height as f64;
         // The bilinear cell of samples around the place, clamped to the frame.
         let last = DVec2::new(width as f64 - 1.0, height as f64 - 1.0);
-        let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]].map(|corner| {
-            let sample = (place.floor() + DVec2::from(corner)).clamp(DVec2::ZERO, last);
+        let held = place.clamp(DVec2::ZERO, last);
+        let shares = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]].map(|corner| {
+            let sample = (held.floor() + DVec2::from(corner)).min(last);
             let found = world.sample(&before, sample + 0.5 + jitter[1]).depth;
-            (found > 0.0) == (depth > 0.0) && (depth == 0.0 || (found - z).abs() < 0.1 * z)
+            let agrees = (found > 0.0) == (depth > 0.0) && (depth == 0.0 || (found - z).abs() < 0.1 * z);
+            let weight = (1.0 - DVec2::from(corner) - held.fract()).abs();
+            f64::from(u8::from(agrees && is_inside)) * weight.x * weight.y
         });
-        let seen = match (is_inside, corners) {
-            (false, _) | (_, [false, false, false, false]) => Some(false),
-            (true, [true, true, true, true]) => Some(true),
-            _ => None,
-        };
         let flow = [0, 1].map(|c| motion.flow.plane(c)[k]);
-        Judged { flow, validity: motion.validity.data()[k], expected: (place - index).to_array(), seen }
+        let validity = motion.validity.data()[k];
+        Judged { flow, validity, expected: (place - index).to_array(), share: shares.iter().sum() }
     };
     (0..width * height).map(judge).collect()
 }
 
-/// Checks all samples; how many were seen, hidden, and in doubt.
+/// Checks all samples; how many were seen, hidden, and seen in part.
 fn check(world: &World, cameras: [&Camera; 2], jitters: [[f32; 2]; 2]) -> [usize; 3] {
     let mut counts = [0; 3];
     for (k, judged) in judge(world, cameras, jitters).iter().enumerate() {
-        let Judged { flow, validity, expected, seen } = judged;
+        let Judged { flow, validity, expected, share } = judged;
         let error = |c: usize| (f64::from(flow[c]) - expected[c]).abs();
         assert!(*validity == 0.0 || (error(0) < 1e-3 && error(1) < 1e-3), "{k}: {flow:?}, {expected:?}");
         assert!(*validity > 0.0 || *flow == [0.0; 2], "{k}: {flow:?}");
-        match seen {
-            Some(true) => assert!(*validity > 0.9999, "{k}: seen, but validity {validity}"),
-            Some(false) => assert!(*validity == 0.0, "{k}: not seen, but validity {validity}"),
-            None => assert!((0.0..=1.0).contains(validity)),
-        }
-        counts[match seen {
-            Some(true) => 0,
-            Some(false) => 1,
-            None => 2,
+        // The place is as exact as the flow.
+        assert!((f64::from(*validity) - share).abs() < 2e-3, "{k}: {share} is seen, but validity {validity}");
+        assert!(*share > 0.0 || *validity == 0.0, "{k}: not seen, but validity {validity}");
+        counts[match share {
+            0.0 => 1,
+            share if *share > 0.9999 => 0,
+            _ => 2,
         }] += 1;
     }
     counts

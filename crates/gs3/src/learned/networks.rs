@@ -36,8 +36,8 @@ impl Networks {
     /// [`NetworkError::NotShipped`] if there are no weights of `tier` for `scale`.
     pub fn shipped(scale: u32, tier: Tier) -> Result<Self, NetworkError> {
         let mut networks = Self::default();
-        for file in SHIPPED.iter().filter(|file| (file.0, file.1) == (scale, tier)) {
-            networks.add(Weights::from_bytes(file.2)?)?;
+        for (.., bytes) in SHIPPED.iter().filter(|(s, t, _)| (*s, *t) == (scale, tier)) {
+            networks.add(Weights::from_bytes(bytes)?)?;
         }
         match networks.super_sample {
             Some(_) => Ok(networks),

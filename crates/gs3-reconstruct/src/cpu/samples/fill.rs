@@ -75,14 +75,17 @@ fn fill_block<S: Simd>(simd: S, block: &ExactBlock, chunk: &mut Chunk) -> Extent
     }
     let near = f32x16::load_array(simd, near);
     let planes = |c: usize| {
-        let plane = |planes: &[[f32; 16]; 3]| f32x16::load_array_ref(simd, &planes[c]);
-        [plane(&block.color), plane(&block.color_dx), plane(&block.color_dy)]
+        [
+            f32x16::load_array_ref(simd, &block.color[c]),
+            f32x16::load_array_ref(simd, &block.color_dx[c]),
+            f32x16::load_array_ref(simd, &block.color_dy[c]),
+        ]
     };
     fill_chunk(simd, planes, here, near, mask32x16::splat(simd, true), chunk)
 }
 
 /// Fills a chunk. `planes` gives colour and derivatives per HR pixel of a channel; `here` has inverse depths, `near` the largest of
-/// the samples around each. Where `is_sample` is not set there is none.
+/// the samples around each. A lane outside `is_sample` has no sample.
 #[inline(always)]
 fn fill_chunk<S: Simd>(
     simd: S,
@@ -133,8 +136,11 @@ impl SamplePlanes<'_> {
         let Some(depth) = self.depth else { return };
         let (above, below) = (y.saturating_sub(1), (y + 1).min(height - 1));
         for first in (0..width).step_by(CHUNK) {
-            let at = |y: usize| inverse_depth_16(simd, load(simd, &depth.row(0, y)[first..]));
-            at(above).max(at(y)).max(at(below)).store_slice(&mut nearest[1 + first..][..CHUNK]);
+            let mut near = f32x16::splat(simd, 0.0);
+            for y in [above, y, below] {
+                near = near.max(inverse_depth_16(simd, load(simd, &depth.row(0, y)[first..])));
+            }
+            near.store_slice(&mut nearest[1 + first..][..CHUNK]);
         }
     }
 
@@ -145,8 +151,11 @@ impl SamplePlanes<'_> {
         let is_sample = f32x16::from_fn(simd, |i| i as f32).simd_lt(count as f32);
         let Gradients { color_dx, color_dy, .. } = self.gradients;
         let planes = |c: usize| {
-            let row = |planes: &Planes<3>| load(simd, &planes.row(c, y)[first..]);
-            [row(self.color), row(color_dx) * self.per_hr_pixel, row(color_dy) * self.per_hr_pixel]
+            [
+                load(simd, &self.color.row(c, y)[first..]),
+                load(simd, &color_dx.row(c, y)[first..]) * self.per_hr_pixel,
+                load(simd, &color_dy.row(c, y)[first..]) * self.per_hr_pixel,
+            ]
         };
         let here = match self.depth {
             Some(depth) => inverse_depth_16(simd, load(simd, &depth.row(0, y)[first..])),

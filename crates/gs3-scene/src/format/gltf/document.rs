@@ -144,12 +144,8 @@ pub(super) fn open<'a>(
                 return Err(LoadError::invalid(source.name(), field, expected, "data within the JSON"));
             }
             (Some(uri), _) => {
-                let part = files.open(&inside(
-                    source.name(),
-                    &field,
-                    "",
-                    &percent_decode_str(uri).decode_utf8_lossy(),
-                )?)?;
+                let name = percent_decode_str(uri).decode_utf8_lossy();
+                let part = files.open(&inside(source.name(), &field, "", &name)?)?;
                 Buffer { start: 0, length: part.len(), source: Part::Beside(part) }
             }
             (None, Some((start, length))) if i == 0 => Buffer { source: Part::Own(source), start, length },
