@@ -31,10 +31,13 @@ fn main() -> ExitCode {
             None => error.exit(),
         },
     };
-    // Before the first thread, which waits for Ctrl-C.
     #[cfg(feature = "view")]
     if matches!(args.command, Command::View(_)) {
-        gs3_viewer::use_one_arena();
+        #[allow(unsafe_code, reason = "the viewer's memory is chosen before threads start")]
+        // SAFETY: the first thread besides this one is that which waits for Ctrl-C, below.
+        unsafe {
+            gs3_viewer::use_one_arena();
+        }
     }
     interrupt::end_whole();
     let outcome = unused::check(&args.command, &given).and_then(|()| {

@@ -159,7 +159,7 @@ impl Weights {
 }
 
 impl Header {
-    /// Of weights of `graph` for `scale` HR pixels per LR pixel along a side; the texts are empty.
+    /// A header for weights of `graph`, `scale` HR pixels per LR pixel along a side. The other texts are empty.
     #[must_use]
     pub fn of(graph: &Graph, scale: u32) -> Self {
         let [tier, training_data, licence] = [const { String::new() }; 3];

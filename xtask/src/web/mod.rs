@@ -88,7 +88,7 @@ fn build(out: &Path, has_threads: bool) -> Result<(), XtaskError> {
 
 /// Builds the module of the page and its glue into `out`, for one thread or for several.
 ///
-/// Each is compiled by itself. With atomics wasm-bindgen-futures waits by `Atomics.waitAsync`, which takes shared memory alone, so the
+/// Each is compiled by itself. With atomics the futures of js-sys wait by `Atomics.waitAsync`, which takes shared memory alone, so the
 /// module for several threads does not serve pages without such memory.
 fn module(out: &Path, has_threads: bool) -> Result<(), XtaskError> {
     let toolchain = Toolchain::find(has_threads)?;
