@@ -36,8 +36,8 @@ pub use cpu::{Importance, LIST_MEMORY, RasterTimes, Rasterizer};
 pub use fearless_simd::Level;
 #[cfg(feature = "gpu")]
 pub use gpu::{
-    BLOCKS_STAGE, CapacityCheck, GpuBlocks, GpuGBuffer, GpuRasterError, GpuRasterizer, LowResolution,
-    ScenePrecision,
+    BLOCKS_STAGE, CapacityCheck, EXACT_BLOCK_BYTES, GpuBlocks, GpuGBuffer, GpuRasterError, GpuRasterizer,
+    LowResolution, ScenePrecision,
 };
 pub use settings::{
     Culling, ExpectedDepth, KERBL_DILATION, MAX_MARGIN, Outputs, RasterError, RasterSettings, Rules, Window,

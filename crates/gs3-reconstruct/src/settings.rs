@@ -3,6 +3,11 @@
 /// Most LR frames in the history.
 pub(crate) const MAX_PAST: usize = (crate::MAX_SCALE * crate::MAX_SCALE) as usize;
 
+/// Most layers of exact blocks in the history of a device: a quarter of the picture, in layers as large as the LR frame of the
+/// largest scale.
+#[cfg(feature = "gpu")]
+pub(crate) const MAX_LAYERS: usize = MAX_PAST / 4;
+
 /// A pixel is kriged if the correction for curvature changes it by more than this: three quarters of a step of 8
 /// bits. (Empirical: `docs/performance.md`.)
 const THRESHOLD: f32 = 0.003;

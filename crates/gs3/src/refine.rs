@@ -50,8 +50,8 @@ impl Quality {
 /// Which pixels of a rendered frame are rasterized exactly besides the low-resolution grid: the blocks of 4×4 pixels
 /// with the largest expected error. Exact blocks equal the native image.
 ///
-/// Read by [`Mode::SuperSample`](crate::Mode::SuperSample) and [`Mode::Full`](crate::Mode::Full). On a CPU later frames
-/// reproject exact blocks. On a GPU exact blocks belong to their frame alone, and some frames have none
+/// Read by [`Mode::SuperSample`](crate::Mode::SuperSample) and [`Mode::Full`](crate::Mode::Full). Later frames reproject
+/// exact blocks; a GPU has room for those of a quarter of the picture. Some frames of a GPU have none
 /// ([`FramePipeline::makes_exact_pixels`](crate::FramePipeline::makes_exact_pixels)).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Refine {

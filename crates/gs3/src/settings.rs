@@ -105,9 +105,9 @@ pub struct PipelineSettings {
     /// Frames from one keyframe to the next, 0 for no keyframes. A frame is a keyframe if its number on its path
     /// ([`FramePipeline::set_frame_number`](crate::FramePipeline::set_frame_number)) is a multiple of this value.
     /// Frames after a keyframe depend on no frame before the keyframe. So parts of a path can be rendered separately
-    /// ([`FramePipeline::first_of_warm_up`](crate::FramePipeline::first_of_warm_up)). If [`Refine`] starts exact, a
-    /// keyframe of a CPU is rasterized exactly as a whole. Otherwise only the sampling offsets start anew. Not read by
-    /// [`Mode::Native`].
+    /// ([`FramePipeline::first_of_warm_up`](crate::FramePipeline::first_of_warm_up)). If [`Refine`] starts exact and
+    /// frames have exact pixels, a keyframe is rasterized exactly as a whole. Otherwise only the sampling offsets start
+    /// anew. Not read by [`Mode::Native`].
     pub keyframes: u32,
     /// Dilation of the projected covariances. Exact pixels equal the native image's with [`Dilation::Matched`].
     pub dilation: Dilation,

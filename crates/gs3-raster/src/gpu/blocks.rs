@@ -21,6 +21,9 @@ const IMAGE_PIXEL_BYTES: u64 = 8;
 /// Bytes of a block's entry that says whether the block is made.
 const CHOSEN_BYTES: u64 = 4;
 
+/// Bytes of the samples of a block: sixteen pixels with three vectors of four f32 each.
+pub const EXACT_BLOCK_BYTES: u64 = 16 * 3 * 16;
+
 /// A low-resolution frame.
 #[derive(Clone, Copy, Debug)]
 pub struct LowResolution<'a> {
@@ -36,21 +39,26 @@ pub struct LowResolution<'a> {
 /// have an object for each.
 #[derive(Debug)]
 pub struct GpuBlocks {
-    /// A u32 for each block, row by row: not 0 if the block is made.
-    pub(super) chosen: Buffer,
-    pub(super) image: Buffer,
+    chosen: Buffer,
+    image: Buffer,
+    samples: Buffer,
     /// Number of the frame that `blend` is bound to, among all frames; 0 for none.
-    pub(super) frame: u64,
+    frame: u64,
     /// One kernel per band.
-    pub(super) blend: Vec<Bound>,
+    blend: Vec<Bound>,
 }
 
 impl GpuBlocks {
-    /// `chosen` has a u32 for each block of the image, row by row ([`gs3_scene::block_grid`]): not 0 if the block is made.
-    /// `image` has four halves for each pixel, row by row: RGB, display-encoded, and 0.
+    /// `chosen` has a u32 for each block of the image, row by row ([`gs3_scene::block_grid`]): the block's number among the
+    /// blocks to be made, from 1 on, or 0 if the block is not made. `image` has four halves for each pixel, row by row: RGB,
+    /// display-encoded, and 0.
+    ///
+    /// `samples` takes what [`gs3_scene::ExactBlock`] holds, as f32, of as many blocks as it has room for
+    /// ([`EXACT_BLOCK_BYTES`] each), in the order of their numbers. It has three arrays of `[blocks, 16, 4]`: RGB and median
+    /// depth; ∂RGB/∂x and 0; ∂RGB/∂y and 0. Pixels beyond the edges of the image are not written.
     #[must_use]
-    pub const fn new(chosen: Buffer, image: Buffer) -> Self {
-        Self { chosen, image, frame: 0, blend: Vec::new() }
+    pub const fn new(chosen: Buffer, image: Buffer, samples: Buffer) -> Self {
+        Self { chosen, image, samples, frame: 0, blend: Vec::new() }
     }
 
     /// Checks that the buffers hold a picture of `size`.
@@ -59,6 +67,7 @@ impl GpuBlocks {
         let needs = [
             ("chosen", &self.chosen, (columns * rows) as u64 * CHOSEN_BYTES),
             ("image", &self.image, size.pixels() * IMAGE_PIXEL_BYTES),
+            ("samples", &self.samples, EXACT_BLOCK_BYTES),
         ];
         match needs.into_iter().find(|(_, buffer, bytes)| buffer.bytes() < *bytes) {
             None => Ok(()),
@@ -105,7 +114,7 @@ impl GpuRasterizer {
 
     /// Records exact blocks of the frame of [`Self::record_low_resolution`] recorded last, which had
     /// [`LowResolution::has_blocks`]: the pixels of the chosen blocks are written into the image, with the native image's
-    /// colours but for rounding. Other pixels keep their values.
+    /// colours but for rounding, and their samples into the samples. Other pixels keep their values.
     ///
     /// # Errors
     /// [`RasterError::NoFrame`] if no such frame was recorded, or the rasterizer makes no blocks; [`GpuRasterError::Gpu`] if
@@ -123,7 +132,7 @@ impl GpuRasterizer {
         blocks.check(size)?;
         if blocks.frame != self.frame_number {
             let kernel = self.kernels.blend_blocks(&self.gpu, &frame.plan)?;
-            let buffers = [&blocks.chosen, &blocks.image];
+            let buffers = [&blocks.chosen, &blocks.image, &blocks.samples];
             blocks.blend = frame.bind_blocks(&self.gpu, &self.fixed, &self.arena, &kernel, buffers)?;
             blocks.frame = self.frame_number;
         }

@@ -242,9 +242,10 @@ impl Frame {
         fixed: &Fixed,
         arena: &Arena,
         kernel: &Kernel,
-        [chosen, image]: [&Buffer; 2],
+        [chosen, image, samples]: [&Buffer; 3],
     ) -> Result<Vec<Bound>, GpuError> {
-        let outputs = || vec![("chosen", chosen.slice()), ("image", image.slice())];
+        let outputs =
+            || vec![("chosen", chosen.slice()), ("image", image.slice()), ("exact_samples", samples.slice())];
         self.bind_blending(gpu, fixed, arena, kernel, |_| outputs())
     }
 

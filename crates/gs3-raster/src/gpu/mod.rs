@@ -39,7 +39,7 @@ use gs3_scene::{Camera, GBuffer, Image, Margin, Scene, Size};
 
 use crate::settings::{Culling, MAX_MARGIN, Outputs, RasterError, RasterSettings, Rules, Window};
 use crate::view::View;
-pub use blocks::{BLOCKS_STAGE, GpuBlocks, LowResolution};
+pub use blocks::{BLOCKS_STAGE, EXACT_BLOCK_BYTES, GpuBlocks, LowResolution};
 pub use error::GpuRasterError;
 use frame::{Fixed, Frame};
 pub use gbuffer::GpuGBuffer;

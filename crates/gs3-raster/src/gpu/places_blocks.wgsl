@@ -4,7 +4,7 @@
 
 // The picture: RGB and 0 as four halves a pixel, row by row.
 @group(0) @binding(6) var<storage, read_write> image: array<vec2<u32>>;
-// Not 0 for the chosen blocks of the picture, row by row.
+// For each block of the picture, row by row: its number among the chosen blocks, from 1 on, or 0 if it is not chosen.
 @group(0) @binding(7) var<storage, read> chosen: array<u32>;
 
 // Bits of the blocks of a tile, at the largest scale.
@@ -16,6 +16,10 @@ var<workgroup> chosen_count: u32;
 // The numbers in the tile of the workgroup's blocks, NO_BLOCK after the last; and the positions of their first pixels.
 var<workgroup> numbers: array<u32, GROUP_BLOCKS>;
 var<workgroup> corners: array<vec2<f32>, GROUP_BLOCKS>;
+
+// For outputs_blocks.wgsl: the place of the invocation's pixel among the samples, and its colour.
+var<private> sample_place: u32;
+var<private> color_made: vec3<f32>;
 
 // Blocks along a side of a tile.
 fn blocks_along() -> u32 {
@@ -83,12 +87,16 @@ fn place_of(workgroup: vec3<u32>, lane: u32) -> Place {
     if number == NO_BLOCK {
         return Place(0u, vec2(0.0), false);
     }
-    let pixel = block_of(number, workgroup) * i32(BLOCK) + vec2<i32>(vec2(lane % BLOCK, lane % 16u / BLOCK));
+    let block = block_of(number, workgroup);
+    let row = (view.picture.x + BLOCK - 1u) / BLOCK;
+    sample_place = (chosen[u32(block.y) * row + u32(block.x)] - 1u) * BLOCK * BLOCK + lane % 16u;
+    let pixel = block * i32(BLOCK) + vec2<i32>(vec2(lane % BLOCK, lane % 16u / BLOCK));
     let is_inside = all(pixel < vec2<i32>(view.picture));
     return Place(u32(pixel.y) * view.picture.x + u32(pixel.x), sample_of(pixel), is_inside);
 }
 
 fn write_color(index: u32, color: vec3<f32>, alpha: f32) {
     let limited = clamp(color, vec3(-LARGEST_HALF), vec3(LARGEST_HALF));
+    color_made = color;
     image[index] = vec2(pack2x16float(limited.xy), pack2x16float(vec2(limited.z, 0.0)));
 }

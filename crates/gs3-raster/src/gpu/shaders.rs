@@ -23,6 +23,7 @@ const VIEW: &str = include_str!("view.wgsl");
 const SPLAT: &str = include_str!("splat.wgsl");
 const FRAME: &str = include_str!("frame.wgsl");
 const COVER: &str = include_str!("cover.wgsl");
+const DERIVATIVES: &str = include_str!("derivatives.wgsl");
 
 /// Constants that kernels share with the CPU's code, where their reasons are given.
 fn numbers() -> String {
@@ -127,12 +128,12 @@ const LEAST_BATCH: u32 = 64;
 /// Tiles to pixels: entry `blend`.
 pub fn blend(outputs: Outputs, tile: u32) -> String {
     let sizes = blend_sizes(outputs, tile, tile * tile);
-    let gbuffer = include_str!("outputs_gbuffer.wgsl");
+    let gbuffer = [DERIVATIVES, include_str!("outputs_gbuffer.wgsl")].concat();
     let pixels = include_str!("cover_pixels.wgsl");
     let [pixels, outputs, mixed] = match outputs {
         Outputs::Color => [include_str!("cover_pixels_none.wgsl"), include_str!("outputs_color.wgsl"), ""],
-        Outputs::GBuffer => [pixels, gbuffer, include_str!("mixed_none.wgsl")],
-        Outputs::GBufferMixed => [pixels, gbuffer, include_str!("mixed.wgsl")],
+        Outputs::GBuffer => [pixels, &gbuffer, include_str!("mixed_none.wgsl")],
+        Outputs::GBufferMixed => [pixels, &gbuffer, include_str!("mixed.wgsl")],
     };
     let places = include_str!("places_tile.wgsl");
     joined(&[&sizes, VIEW, FRAME, SPLAT, COVER, pixels, places, &blending(), outputs, mixed])
@@ -144,7 +145,8 @@ pub fn blend_blocks(outputs: Outputs, tile: u32) -> String {
         + &constants(&[("MAX_SCALE", MAX_BLOCK_SCALE)])
         + &constants(&[("LARGEST_HALF", f16::MAX.to_f32())]);
     let own = [include_str!("cover_blocks.wgsl"), include_str!("places_blocks.wgsl")].concat();
-    joined(&[&numbers, VIEW, FRAME, SPLAT, COVER, &own, &blending(), include_str!("outputs_color.wgsl")])
+    let outputs = [DERIVATIVES, include_str!("outputs_blocks.wgsl")].concat();
+    joined(&[&numbers, VIEW, FRAME, SPLAT, COVER, &own, &blending(), &outputs])
 }
 
 /// Sizes of blending with the splats of frames of `outputs` in tiles of `tile`×`tile`, with `pixels` invocations.
@@ -197,6 +199,6 @@ mod tests {
                 }
             }
         }
-        assert_eq!(check_literals(concat!(env!("CARGO_MANIFEST_DIR"), "/src/gpu")), 25);
+        assert_eq!(check_literals(concat!(env!("CARGO_MANIFEST_DIR"), "/src/gpu")), 27);
     }
 }

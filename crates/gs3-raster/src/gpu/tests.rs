@@ -71,11 +71,13 @@ fn frame(rasterizer: &mut GpuRasterizer, camera: &Camera, settings: &RasterSetti
 fn blocks(rasterizer: &mut GpuRasterizer, camera: &Camera) -> Vec<[u16; 4]> {
     let gpu = rasterizer.gpu.clone();
     let camera = camera.resized(2 * camera.width(), 2 * camera.height()).expect("valid");
-    let chosen: Vec<u32> = (0..camera.width() * camera.height()).map(|k| u32::from(k % 3 == 0)).collect();
+    let number = |k: u32| if k.is_multiple_of(3) { k / 3 + 1 } else { 0 };
+    let chosen: Vec<u32> = (0..camera.width() * camera.height()).map(number).collect();
     let image =
         gpu.buffer("image", Use::Storage, u64::from(camera.width() * camera.height()) * 8).expect("room");
     let marks = gpu.buffer_with("chosen", Use::Storage, &chosen).expect("room");
-    let (mut blocks, mut out) = (GpuBlocks::new(marks, image.clone()), GpuGBuffer::default());
+    let samples = gpu.buffer("samples", Use::Storage, EXACT_BLOCK_BYTES).expect("room");
+    let (mut blocks, mut out) = (GpuBlocks::new(marks, image.clone(), samples), GpuGBuffer::default());
     let frame = LowResolution { camera: &camera, scale: 2, has_blocks: true };
     loop {
         let mut recorder = gpu.recorder(None);

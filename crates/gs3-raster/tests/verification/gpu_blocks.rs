@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::DVec2;
 use gs3_compute::{Buffer, Gpu, Use};
 use gs3_raster::{
-    Culling, GpuBlocks, GpuGBuffer, GpuRasterError, GpuRasterizer, LowResolution, RasterError,
-    RasterSettings, Rasterizer, ScenePrecision,
+    Culling, EXACT_BLOCK_BYTES, GpuBlocks, GpuGBuffer, GpuRasterError, GpuRasterizer, LowResolution,
+    RasterError, RasterSettings, Rasterizer, ScenePrecision,
 };
 use gs3_scene::{BLOCK_SIDE, Camera, GBuffer, Image, Jitter, Margin, Scene, Size, block_grid};
 use half::f16;
@@ -23,6 +23,9 @@ const FLOOR: f64 = 70.0;
 /// Where α or the transmittance is at a step of the formulas, rounding decides: so many pixels in all may differ.
 const STEPS: usize = 3;
 
+/// The largest error of a sample's number, as a share of the plane's largest number: f32 sums in another order.
+const SAMPLE_ERROR: f32 = 1e-3;
+
 /// The value of pixels that no block covers.
 const UNTOUCHED: f32 = -7.0;
 
@@ -30,13 +33,15 @@ fn settings(scale: u32, jitter: [f32; 2], margin: Margin) -> RasterSettings {
     RasterSettings { margin, ..blocks::settings(scale, jitter) }
 }
 
-fn native(scene: &Arc<Scene>, camera: &Camera) -> Image {
-    blocks::native(&mut Rasterizer::new(Arc::clone(scene), Culling::AccuTile), camera).0
+fn native(scene: &Arc<Scene>, camera: &Camera) -> (Image, GBuffer) {
+    blocks::native(&mut Rasterizer::new(Arc::clone(scene), Culling::AccuTile), camera)
 }
 
-/// An image with blocks, and which blocks are to be made.
+/// An image with blocks, the blocks' samples, and which blocks are to be made.
 struct Target {
     image: Buffer,
+    samples: Buffer,
+    /// Numbers of the chosen blocks, from 1 on.
     chosen: Vec<u32>,
     blocks: GpuBlocks,
 }
@@ -45,16 +50,25 @@ impl Target {
     /// Each block of an image of `size` with the probability `share`.
     fn new(gpu: &Gpu, size: Size, share: f64, random: &mut Random) -> Self {
         let [columns, rows] = block_grid(size);
-        let is_chosen = |_| u32::from(f64::from((random.bits() % 1000) as u32) < 1000.0 * share);
-        let chosen: Vec<u32> = (0..columns * rows).map(is_chosen).collect();
+        let mut count = 0;
+        let number = |_| {
+            let is_chosen = f64::from((random.bits() % 1000) as u32) < 1000.0 * share;
+            count += u32::from(is_chosen);
+            if is_chosen { count } else { 0 }
+        };
+        let chosen: Vec<u32> = (0..columns * rows).map(number).collect();
         let pixels = vec![[f16::from_f32(UNTOUCHED).to_bits(); 4]; size.pixels() as usize];
         let image = gpu.buffer_with("image", Use::Storage, &pixels).expect("room");
         let marks = gpu.buffer_with("chosen", Use::Storage, &chosen).expect("room");
-        Self { blocks: GpuBlocks::new(marks, image.clone()), image, chosen }
+        // Without room for the last blocks.
+        let room = u64::from(count - count / 8).max(1) * EXACT_BLOCK_BYTES;
+        let samples = gpu.buffer("samples", Use::Storage, room).expect("room");
+        Self { blocks: GpuBlocks::new(marks, image.clone(), samples.clone()), image, samples, chosen }
     }
 
-    /// Asserts that the chosen blocks are those of `native`, and that no other pixel was written.
-    fn assert_native(&self, gpu: &Gpu, native: &Image, what: &str) {
+    /// Asserts that the chosen blocks are those of the native image and G-buffer, and that no other pixel was written.
+    fn assert_native(&self, gpu: &Gpu, (native, gbuffer): &(Image, GBuffer), what: &str) {
+        self.assert_samples(gpu, native, gbuffer, what);
         let pixels = gpu.read::<[u16; 4]>(&self.image.slice()).expect("a device");
         let [columns, _] = block_grid(native.size());
         let mut errors = Vec::new();
@@ -74,6 +88,43 @@ impl Target {
         let psnr = -10.0 * (errors.iter().sum::<f64>() / (3 * errors.len().max(1)) as f64).log10();
         eprintln!("{what}: {psnr:.1} dB of {} pixels", errors.len());
         assert!(psnr >= FLOOR, "{what}: expected at least {FLOOR} dB, found {psnr:.1}");
+    }
+}
+
+impl Target {
+    /// Asserts that the samples are those of the native G-buffer, but for steps of the formulas.
+    fn assert_samples(&self, gpu: &Gpu, native: &Image, gbuffer: &GBuffer, what: &str) {
+        let gradients = gbuffer.gradients.as_ref().expect("gradients");
+        let depths = &gbuffer.geometry.as_ref().expect("depth").depth_median;
+        let numbers = gpu.read::<[f32; 4]>(&self.samples.slice()).expect("a device");
+        let room = (self.samples.bytes() / EXACT_BLOCK_BYTES) as usize;
+        let [columns, _] = block_grid(native.size());
+        let (mut compared, mut off) = (0, [0; 4]);
+        let planes = [&gbuffer.color, &gradients.color_dx, &gradients.color_dy];
+        let largest = |values: &[f32]| values.iter().fold(0.0_f32, |most, value| most.max(value.abs()));
+        let most = planes.map(|plane| largest(plane.data()));
+        let most_depth = largest(depths.data());
+        for (place, number) in self.chosen.iter().enumerate().filter(|(_, number)| **number > 0) {
+            let block = *number as usize - 1;
+            for lane in (0..16).filter(|_| block < room) {
+                let x = place % columns * BLOCK_SIDE + lane % BLOCK_SIDE;
+                let y = place / columns * BLOCK_SIDE + lane / BLOCK_SIDE;
+                if x >= native.width() || y >= native.height() {
+                    continue;
+                }
+                compared += 1;
+                let [color, dx, dy] = [0, 1, 2].map(|k| numbers[(k * room + block) * 16 + lane]);
+                for (k, (found, plane)) in [color, dx, dy].iter().zip(planes).enumerate() {
+                    let is_off = |c: usize| (found[c] - plane.row(c, y)[x]).abs() > SAMPLE_ERROR * most[k];
+                    off[k] += usize::from((0..3).any(is_off));
+                }
+                off[3] += usize::from((color[3] - depths.row(0, y)[x]).abs() > SAMPLE_ERROR * most_depth);
+                assert!(dx[3] == 0.0 && dy[3] == 0.0, "{what}: {dx:?}, {dy:?}");
+            }
+        }
+        eprintln!("{what}: of {compared} samples, colour, ∂x, ∂y and depth are off in {off:?}");
+        assert!(compared > 0, "{what}: no samples");
+        assert!(off.iter().all(|off| *off <= STEPS), "{what}: of {compared} samples {off:?} are off");
     }
 }
 

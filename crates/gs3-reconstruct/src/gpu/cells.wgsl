@@ -24,7 +24,13 @@ fn place_in_order(at: vec3<u32>) -> u32 {
     return select((at.z * frame.padded.y + at.y) * frame.padded.x + at.x, NOWHERE, any(at.xy >= frame.padded));
 }
 
-// The number of sample `at`: column, row and age.
+// Whether there is a sample `at`: column, row and entry of `frame.past`.
+fn is_sample(at: vec3<u32>) -> bool {
+    let within = at.y * frame.padded.x + at.x;
+    return all(at.xy < frame.past[at.z].extent) && within < frame.past[at.z].count;
+}
+
+// The number of sample `at`.
 fn id_of(at: vec3<u32>) -> u32 {
-    return (frame.past[at.z].slot * frame.padded.y + at.y) * frame.padded.x + at.x;
+    return frame.past[at.z].first + at.y * frame.padded.x + at.x;
 }

@@ -1,20 +1,22 @@
 // Data of a frame for all kernels of super sampling: the layouts equal FrameUniform in super_sample.rs, which a test
 // checks.
 
-// A remembered frame.
+// A remembered LR frame, or a layer of exact blocks of one.
 struct Past {
     // Rows of the homography from the frame's HR pixels to the current ones, and the epipole (Reprojection).
     rows: array<vec4<f32>, 3>,
-    // Offset of the frame's samples from the LR pixel centres of the picture, in LR pixels: the jitter less the
+    // Offset of an LR frame's samples from the LR pixel centres of the picture, in LR pixels: the jitter less the
     // margin.
     offset: vec2<f32>,
-    // The part of the history that holds the frame.
-    slot: u32,
+    // The number of its first sample.
+    first: u32,
     // Parallax at depth 1 between the frame's camera and the current one, in HR pixels.
     parallax: f32,
-    // Number of samples, with the margin; and number of margin samples before the picture's.
+    // Columns and rows of samples, with the margin; and the number of samples, row by row, if fewer.
     extent: vec2<u32>,
-    margin: vec2<u32>,
+    count: u32,
+    // In frames.
+    age: u32,
 }
 
 struct Frame {
@@ -23,8 +25,11 @@ struct Frame {
     // LR samples of the picture.
     lr: vec2<u32>,
     scale: u32,
-    // Remembered frames, the current one included.
+    // Remembered LR frames, the current one included; and layers of exact blocks.
     frames: u32,
+    layers: u32,
+    // The number of the first sample of exact blocks: those of LR frames come before.
+    first_of_blocks: u32,
     // Scale 1/scale and this offset map an HR position, pixel centres at whole numbers, to a cell of four samples.
     cell_offset: vec2<f32>,
     // The first pixel with a sample on it; every scale-th follows. Beyond all pixels if samples are not on pixel
@@ -32,17 +37,20 @@ struct Frame {
     first_sampled: vec2<u32>,
     // Capacity in samples, with a margin.
     padded: vec2<u32>,
+    // The place of the first exact block in `edge_slopes` (block_places.wgsl).
+    first_of_places: u32,
+    _pad: u32,
     // Per phase of a pixel within an LR pixel: the sample at or before it, relative to the LR pixel, and the fraction
     // of the way to the next sample (SampleAxis). Columns, then rows.
     x_places: array<vec4<f32>, 8>,
     y_places: array<vec4<f32>, 8>,
-    // By age; entry 0 is the current frame.
-    past: array<Past, 64>,
+    // LR frames by age, entry 0 is the current frame; then layers.
+    past: array<Past, 80>,
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 
 // The part of the history that holds the current frame.
 fn newest() -> u32 {
-    return frame.past[0].slot * frame.padded.x * frame.padded.y;
+    return frame.past[0].first;
 }

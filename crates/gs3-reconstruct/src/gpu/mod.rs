@@ -7,6 +7,7 @@
 //! | order | `order`, `copy` | the samples into the order of their first pixels |
 //! | tile | `hermite`, `ordered`, `tile` | a workgroup a tile: the surface, then the samples over it, in three runs a pixel |
 //! | select | `expected_errors`, `select` | the blocks with the largest expected errors, to be rasterized exactly |
+//! | blocks | `block_places`, `blocks` | exact blocks into the history |
 //! | depth | `neighbor_depth`, `middle_depth` | depths of both neighbours at the pose between, nearest wins, holes filled |
 //! | warp | `gather`, `warp`, `separate` | an invocation four pixels: both neighbours, blended, or the first alone |
 //! | | `motion` | where the surfaces of an LR frame were, for what networks remember |
@@ -15,6 +16,7 @@
 //! the same bits on a device. Sizes follow from the picture's size alone (`plan`): buffers cannot overflow under any motion. Images
 //! and colours of the history are halves; sums and positions are f32.
 
+mod blocks;
 mod error;
 mod image;
 mod interpolate;
@@ -26,6 +28,7 @@ mod shaders;
 mod side_output;
 mod super_sample;
 
+pub use blocks::BoundBlocks;
 pub use error::GpuReconstructError;
 pub use image::{GpuImage, GpuPlanes};
 pub use interpolate::{BoundInterpolator, GpuInterpolator, GpuNeighbor, NeighborView};

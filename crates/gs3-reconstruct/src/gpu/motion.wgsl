@@ -62,7 +62,7 @@ fn find_motion(@builtin(global_invocation_id) at: vec3<u32>) {
         let place = clamp(index + moved, vec2(0.0), last);
         let cell = floor(place);
         let along = place - cell;
-        let w = own / seen.z;
+        let w = own * seen.w;
         for (var k = 0u; k < 4u; k++) {
             let corner = vec2(k % 2u, k / 2u);
             let c = min(vec2<u32>(cell) + corner, view.lr - 1u);

@@ -38,6 +38,6 @@ fn scatter_depth(@builtin(global_invocation_id) at: vec3<u32>) {
     let to = seen.xy * (1.0 / scale);
     if seen.z > MIN_DIVISOR && all(to >= vec2(0.0)) && all(to < vec2<f32>(in_between.lr)) {
         let cell = vec2<u32>(floor(to));
-        atomicMax(&splatted[cell.y * in_between.lr.x + cell.x], bitcast<u32>(max(w / seen.z, 0.0)) + 1u);
+        atomicMax(&splatted[cell.y * in_between.lr.x + cell.x], bitcast<u32>(max(w * seen.w, 0.0)) + 1u);
     }
 }

@@ -26,8 +26,9 @@ fn list(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
     if any(id_in_order.xy >= frame.padded) {
         return;
     }
-    let at = select(id_in_order, vec3(frame.padded - 1u, frame.frames - 1u) - id_in_order, BACKWARD);
-    if any(at.xy >= frame.past[at.z].extent) {
+    let last = vec3(frame.padded, frame.frames + frame.layers) - 1u;
+    let at = select(id_in_order, last - id_in_order, BACKWARD);
+    if !is_sample(at) {
         return;
     }
     let id = id_of(at);

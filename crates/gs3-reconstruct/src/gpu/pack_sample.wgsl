@@ -7,15 +7,12 @@ struct PackedSample {
     c: vec2<u32>,
 }
 
-// `dx` and `dy` are per LR pixel; `w` is the inverse depth.
+// `dx` and `dy` are per HR pixel; `w` is the inverse depth.
 fn pack_sample(color: vec3<f32>, dx: vec3<f32>, dy: vec3<f32>, w: f32) -> PackedSample {
-    let per = 1.0 / f32(frame.scale);
-    let hx = dx * per;
-    let hy = dy * per;
-    let is_bare = w == 0.0 && all(hx == vec3(0.0)) && all(hy == vec3(0.0));
+    let is_bare = w == 0.0 && all(dx == vec3(0.0)) && all(dy == vec3(0.0));
     return PackedSample(
         halves(color.x, color.y),
-        vec2(halves(color.z, hx.x), halves(hx.y, hx.z)),
-        vec2(halves(hy.x, hy.y), halves(hy.z, select(0.0, 1.0, is_bare))),
+        vec2(halves(color.z, dx.x), halves(dx.y, dx.z)),
+        vec2(halves(dy.x, dy.y), halves(dy.z, select(0.0, 1.0, is_bare))),
     );
 }

@@ -1,10 +1,20 @@
 //! All sizes of reconstruction on a GPU, from the picture's size and the device's limits: pure functions.
 
 use gs3_compute::{GpuError, Limits};
-use gs3_scene::{BLOCK_SIDE, Size};
+use gs3_scene::{BLOCK_SIDE, Size, block_grid};
 
 use crate::cpu::nearest::RIM;
 use crate::cpu::splat::{COLUMNS, ROWS};
+use crate::settings::MAX_LAYERS;
+
+/// A layer of the history has room for this part of the picture's blocks: for the exact blocks of a frame of balanced quality.
+const PER_LAYER: u32 = 16;
+
+/// The history has room for this part of the picture's blocks.
+const PER_HISTORY: u32 = 4;
+
+/// Pixels of a block.
+pub const BLOCK_PIXELS: u32 = (BLOCK_SIDE * BLOCK_SIDE) as u32;
 
 /// Bytes of a pixel of an image: four halves.
 pub const IMAGE_PIXEL_BYTES: u64 = 8;
@@ -43,8 +53,12 @@ pub struct SuperSamplePlan {
     pub padded: Size,
     /// HR pixels between samples.
     pub scale: u32,
-    /// Frames in the history, the current frame included.
+    /// LR frames in the history, the current frame included.
     pub frames: u32,
+    /// Parts of the history with exact blocks of one frame each.
+    pub layers: u32,
+    /// Exact blocks in a layer.
+    pub layer_blocks: u32,
     /// Rows of pixels made by a workgroup of `tile.wgsl`, with the pixels above and below the tile.
     pub made_height: u32,
     /// Workgroups over the LR samples of one frame.
@@ -68,6 +82,12 @@ const fn over(size: Size, groups: [u32; 2]) -> [u32; 3] {
     [size.width.div_ceil(groups[0]), size.height.div_ceil(groups[1]), 1]
 }
 
+/// Blocks of 4×4 pixels of a picture.
+fn blocks_of(size: Size) -> u32 {
+    let [columns, rows] = block_grid(size);
+    (columns * rows) as u32
+}
+
 /// Workgroups over LR samples.
 pub const fn over_samples(lr: Size) -> [u32; 3] {
     over(lr, WORKGROUP)
@@ -89,11 +109,17 @@ fn check(limits: &Limits, buffers: &[NamedBytes], dispatches: &[[u32; 3]]) -> Re
 
 impl SuperSamplePlan {
     /// The plan for frames of `size`, `scale` (1 to [`crate::MAX_SCALE`]) times the size of their G-buffers, with at
-    /// most `margin` LR pixels beyond each edge.
+    /// most `margin` LR pixels beyond each edge. `has_blocks` says whether the history holds exact blocks.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] if the device cannot bind buffers of this size.
-    pub fn new(limits: &Limits, size: Size, scale: u32, margin: u32) -> Result<Self, GpuError> {
+    pub fn new(
+        limits: &Limits,
+        size: Size,
+        scale: u32,
+        margin: u32,
+        has_blocks: bool,
+    ) -> Result<Self, GpuError> {
         // Half as many rows on devices with little workgroup memory; every device has enough for them.
         let fits = |made_height: u32| {
             tile_bytes(made_height) <= limits.workgroup_bytes
@@ -102,6 +128,12 @@ impl SuperSamplePlan {
         let made_height = if fits(32) { 32 } else { 16 };
         let lr = low_resolution(size, scale);
         let padded = lr.map(|side| side.saturating_add(margin.saturating_mul(2)));
+        let blocks = blocks_of(size);
+        // No more samples than an LR frame: the same workgroups go over both. Pictures of a few pixels have no layers.
+        let layer_blocks = blocks.div_ceil(PER_LAYER).min((padded.pixels() / u64::from(BLOCK_PIXELS)) as u32);
+        let has_layers = has_blocks && layer_blocks > 0;
+        let layers = if has_layers { blocks.div_ceil(PER_HISTORY).div_ceil(layer_blocks) } else { 0 };
+        let layers = layers.min(MAX_LAYERS as u32);
         let plan = Self {
             size,
             lr,
@@ -109,6 +141,8 @@ impl SuperSamplePlan {
             padded,
             scale,
             frames: scale * scale,
+            layers,
+            layer_blocks,
             made_height,
             over_samples: over_samples(lr),
             over_around: over_samples(padded),
@@ -119,10 +153,25 @@ impl SuperSamplePlan {
         Ok(plan)
     }
 
-    /// Workgroups over the samples of `frames` frames.
-    pub fn over_history(&self, frames: u32) -> [u32; 3] {
+    /// Workgroups over the samples of `sources` LR frames and layers.
+    pub fn over_history(&self, sources: u32) -> [u32; 3] {
         let [x, y, _] = self.over_around;
-        [x, y, frames]
+        [x, y, sources]
+    }
+
+    /// Samples of remembered LR frames.
+    fn lr_samples(&self) -> u64 {
+        self.padded.pixels() * u64::from(self.frames)
+    }
+
+    /// Exact blocks that the history holds.
+    pub fn block_room(&self) -> u32 {
+        self.layers * self.layer_blocks
+    }
+
+    /// The number of the first sample of layer `layer`.
+    pub fn first_of_layer(&self, layer: u32) -> u32 {
+        self.lr_samples() as u32 + layer * self.layer_blocks * BLOCK_PIXELS
     }
 
     /// Bytes of the innovation.
@@ -132,7 +181,7 @@ impl SuperSamplePlan {
 
     /// Bytes of a number for each block of 4×4 pixels.
     pub fn block_bytes(&self) -> u64 {
-        self.size.map(|side| side.div_ceil(BLOCK_SIDE as u32)).pixels() * 4
+        u64::from(blocks_of(self.size)) * 4
     }
 
     /// Number of cells (`cells.wgsl`).
@@ -142,7 +191,8 @@ impl SuperSamplePlan {
 
     /// The buffers that are kept between frames, and the buffers between kernels.
     pub fn buffers(&self) -> [NamedBytes; 16] {
-        let (samples, remembered) = (self.lr.pixels(), self.padded.pixels() * u64::from(self.frames));
+        let samples = self.lr.pixels();
+        let remembered = self.lr_samples() + u64::from(self.block_room() * BLOCK_PIXELS);
         let with_rim = self.size.map(|side| side + 2 * RIM as u32);
         [
             ("samples_a", remembered * 8),
@@ -160,7 +210,7 @@ impl SuperSamplePlan {
             ("surface", samples * 32),
             ("errors", samples * 4),
             ("cells", samples * 32),
-            ("edge_slopes", remembered * 4),
+            ("edge_slopes", (remembered + u64::from(self.block_room())) * 4),
         ]
     }
 }
@@ -228,7 +278,7 @@ mod tests {
             for side in SIZES {
                 let size = Size::from(side);
                 for scale in 1..=crate::MAX_SCALE {
-                    let plan = SuperSamplePlan::new(&limits, size, scale, 32).unwrap();
+                    let plan = SuperSamplePlan::new(&limits, size, scale, 32, true).unwrap();
                     let tile = [MADE_WIDTH - 2, plan.made_height - 2];
                     for k in 0..2 {
                         assert!(plan.over_tiles[k] * tile[k] >= side[k]);
@@ -246,7 +296,9 @@ mod tests {
             }
         }
         assert_eq!(
-            SuperSamplePlan::new(&limits(1 << 30, 16 << 10), Size::new(64, 64), 4, 0).unwrap().made_height,
+            SuperSamplePlan::new(&limits(1 << 30, 16 << 10), Size::new(64, 64), 4, 0, true)
+                .unwrap()
+                .made_height,
             16
         );
     }
@@ -255,10 +307,10 @@ mod tests {
     #[test]
     fn the_smallest_devices_take_4k() {
         let small = limits(128 << 20, 32 << 10);
-        assert!(SuperSamplePlan::new(&small, Size::new(4096, 2160), 4, 32).is_ok());
+        assert!(SuperSamplePlan::new(&small, Size::new(4096, 2160), 4, 32, true).is_ok());
         assert!(InterpolatePlan::new(&small, Size::new(4096, 2160), 4).is_ok());
         for refused in [
-            SuperSamplePlan::new(&small, Size::new(7680, 4320), 4, 32).map(|_| ()),
+            SuperSamplePlan::new(&small, Size::new(7680, 4320), 4, 32, true).map(|_| ()),
             InterpolatePlan::new(&small, Size::new(7680, 4320), 4).map(|_| ()),
         ] {
             assert!(matches!(refused, Err(GpuError::TooLarge { max: 134_217_728, .. })), "{refused:?}");

@@ -36,7 +36,8 @@ fn predict(@builtin(global_invocation_id) at: vec3<u32>) {
     let cross = per_y * (dx_median[below].xyz - dx_median[above].xyz)
         + per_x * (dy_expected[right].xyz - dy_expected[left].xyz);
     let w = inverse_depth(dx_median[i].w);
-    let packed = pack_sample(color, dx_median[i].xyz, dy_expected[i].xyz, w);
+    let per = 1.0 / scale;
+    let packed = pack_sample(color, dx_median[i].xyz * per, dy_expected[i].xyz * per, w);
     surface[2u * i] = vec4(packed.red_green, packed.b, packed.c.x);
     surface[2u * i + 1u] = vec4(packed.c.y, halves(cross.x, cross.y), halves(cross.z, 0.0), 0u);
 

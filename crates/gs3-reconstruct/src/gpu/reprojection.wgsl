@@ -1,10 +1,13 @@
-// The place of pixel `at` with inverse depth `w` in another camera, and the divisor; see reprojection.rs.
-fn reproject(rows: array<vec4<f32>, 3>, at: vec2<f32>, w: f32) -> vec3<f32> {
+// The place of pixel `at` with inverse depth `w` in another camera, the divisor and its reciprocal; see reprojection.rs.
+fn reproject(rows: array<vec4<f32>, 3>, at: vec2<f32>, w: f32) -> vec4<f32> {
     let a = reproject_row(rows[0], at, w);
     let b = reproject_row(rows[1], at, w);
     let q = reproject_row(rows[2], at, w);
-    let per = 1.0 / q;
-    return vec3(a * per, b * per, q);
+    // Devices divide within 2.5 units in the last place. A step of Newton's method leaves the CPU's reciprocal in nearly all
+    // cases, so that a sample that lands beside a pixel's edge reaches the same pixels.
+    let near = 1.0 / q;
+    let per = fma(fma(-q, near, 1.0), near, near);
+    return vec4(a * per, b * per, q, per);
 }
 
 fn reproject_row(row: vec4<f32>, at: vec2<f32>, w: f32) -> f32 {

@@ -9,8 +9,9 @@
 @group(0) @binding(4) var<storage, read_write> samples_a: array<vec2<u32>>;
 @group(0) @binding(5) var<storage, read_write> samples_b: array<vec2<u32>>;
 @group(0) @binding(6) var<storage, read_write> samples_c: array<vec2<u32>>;
-// The history's edge slopes: colour change per HR pixel of parallax at depth 1.
-@group(0) @binding(7) var<storage, read_write> edge_slopes: array<f32>;
+// The bits of the history's edge slopes: colour change per HR pixel of parallax at depth 1. After them come the places of exact
+// blocks (block_places.wgsl).
+@group(0) @binding(7) var<storage, read_write> edge_slopes: array<u32>;
 
 // The edge slope of sample `at`.
 fn edge_slope(at: vec2<u32>) -> f32 {
@@ -37,10 +38,11 @@ fn remember(@builtin(global_invocation_id) at: vec3<u32>) {
     }
     let i = at.y * frame.padded.x + at.x;
     let w = inverse_depth(dx_median[i].w);
-    let packed = pack_sample(color_alpha[i].xyz, dx_median[i].xyz, dy_expected[i].xyz, w);
+    let per = 1.0 / f32(frame.scale);
+    let packed = pack_sample(color_alpha[i].xyz, dx_median[i].xyz * per, dy_expected[i].xyz * per, w);
     let to = newest() + i;
     samples_a[to] = vec2(bitcast<u32>(w), packed.red_green);
     samples_b[to] = packed.b;
     samples_c[to] = packed.c;
-    edge_slopes[to] = edge_slope(at.xy);
+    edge_slopes[to] = bitcast<u32>(edge_slope(at.xy));
 }

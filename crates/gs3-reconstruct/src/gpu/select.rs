@@ -20,8 +20,15 @@ pub const ERROR_UNITS: f32 = (1 << 24) as f32;
 /// sum to at most 2³⁰ units.
 pub const LARGEST_ERROR: f32 = 4.0;
 
-/// Bits of the keys of `select.wgsl`: one number more than 2³⁰ units.
-const KEY_BITS: u32 = 31;
+/// Leading bits of an error, after the first one, that decide between two errors: errors that differ by less than 1/2048 count
+/// as equal. (Expected errors of two machines differ by 1/3000; a sort of all 31 bits takes twice as long.)
+pub const ERROR_BITS: u32 = 11;
+
+/// Bits of the keys of `select.wgsl`.
+pub const KEY_BITS: u32 = 16;
+
+// The key of the largest error is smaller than the key of a block that is left out, 2¹⁶ − 1.
+const _: () = assert!((30 - ERROR_BITS) * (1 << ERROR_BITS) + (2 << ERROR_BITS) < (1 << KEY_BITS) - 1);
 
 /// `Selection` of `select.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -43,13 +50,15 @@ impl Selection {
 }
 
 /// Chooses blocks of 4×4 pixels on a device, by the rules of [`crate::select_blocks`]: the largest expected errors
-/// first, and among equal errors the first in row order.
+/// first, and among errors that are equal within 1/2048 the first in row order.
 #[derive(Debug)]
 pub struct GpuBlockSelector {
     blocks: u32,
     uniform: Buffer,
     chosen: Buffer,
     chosen_count: Buffer,
+    /// Numbers of all blocks, the chosen ones first.
+    sorted: Buffer,
     rank: Bound,
     sort: BoundSort,
     choose: Bound,
@@ -95,6 +104,7 @@ impl GpuBlockSelector {
             uniform,
             chosen,
             chosen_count,
+            sorted: numbers[sorted].clone(),
         })
     }
 
@@ -117,7 +127,8 @@ impl GpuBlockSelector {
         Ok(())
     }
 
-    /// `[block rows, block columns]` of u32: not 0 for the chosen blocks.
+    /// `[block rows, block columns]` of u32: the block's number among the chosen blocks, from 1 on, with the largest error
+    /// first; 0 for the other blocks.
     #[must_use]
     pub const fn chosen(&self) -> &Buffer {
         &self.chosen
@@ -127,6 +138,12 @@ impl GpuBlockSelector {
     #[must_use]
     pub const fn chosen_count(&self) -> &Buffer {
         &self.chosen_count
+    }
+
+    /// Numbers of the picture's blocks, row by row, as u32: the chosen blocks come first, in the order of their errors.
+    #[must_use]
+    pub const fn sorted(&self) -> &Buffer {
+        &self.sorted
     }
 
     /// The number of blocks of the picture.

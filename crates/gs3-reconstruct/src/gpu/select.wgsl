@@ -15,13 +15,21 @@ struct Selection {
 @group(0) @binding(1) var<storage, read> block_errors: array<u32>;
 @group(0) @binding(2) var<storage, read_write> keys: array<u32>;
 @group(0) @binding(3) var<storage, read_write> numbers: array<u32>;
-// Not 0 for each chosen block.
+// For each block its number among the chosen ones, from 1 on: the largest error first; 0 for the others.
 @group(0) @binding(4) var<storage, read_write> chosen: array<u32>;
 @group(0) @binding(5) var<storage, read_write> chosen_count: atomic<u32>;
 
-// A block's largest error, in ERROR_UNITS, and the key of a block that is left out.
+// A block's largest error, in ERROR_UNITS.
 const LARGEST_SUM: u32 = u32(LARGEST_ERROR * ERROR_UNITS) * BLOCK_SIDE * BLOCK_SIDE;
-const LEFT_OUT: u32 = LARGEST_SUM + 1u;
+// The key of a block that is left out: all bits.
+const LEFT_OUT: u32 = (1u << KEY_BITS) - 1u;
+
+// Numbers that are ordered as errors are: the first bit and the ERROR_BITS after it, with the number of the other bits
+// before them.
+fn order_of(error: u32) -> u32 {
+    let dropped = max(firstLeadingBit(error | 1u), ERROR_BITS) - ERROR_BITS;
+    return (dropped << ERROR_BITS) + (error >> dropped);
+}
 
 @compute @workgroup_size(GROUP)
 fn rank(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -31,7 +39,7 @@ fn rank(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     }
     let error = min(block_errors[block], LARGEST_SUM);
     let is_wanted = selection.wants_all != 0u || error > selection.least;
-    keys[block] = select(LEFT_OUT, LARGEST_SUM - error, is_wanted);
+    keys[block] = select(LEFT_OUT, order_of(LARGEST_SUM) - order_of(error), is_wanted);
     numbers[block] = block;
 }
 
@@ -45,7 +53,7 @@ fn choose(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation
     workgroupBarrier();
     let place = group_index(workgroup) * GROUP + lane;
     if place < min(selection.most, selection.blocks) && keys[place] != LEFT_OUT {
-        chosen[numbers[place]] = 1u;
+        chosen[numbers[place]] = place + 1u;
         atomicAdd(&group_count, 1u);
     }
     workgroupBarrier();

@@ -5,12 +5,13 @@ use gs3_scene::BLOCK_SIDE;
 use half::f16;
 
 use super::plan::{BLOCKS_ALONG, KRIGED, MADE_WIDTH, SuperSamplePlan, WARPED, WORKGROUP};
-use super::select::{ERROR_UNITS, GROUP, LARGEST_ERROR};
+use super::select::{ERROR_BITS, ERROR_UNITS, GROUP, KEY_BITS, LARGEST_ERROR};
 use super::side_output::SideOutput;
 use crate::cpu::{blend, gather, kriging, nearest, neighbor_depth, rectification, splat, tile, warp};
 use crate::reprojection;
 use crate::settings::Kriging;
 
+const BLOCK_PLACES: &str = include_str!("block_places.wgsl");
 const CELLS: &str = include_str!("cells.wgsl");
 const FRAME: &str = include_str!("frame.wgsl");
 const HISTORY: &str = include_str!("history.wgsl");
@@ -44,12 +45,25 @@ fn joined(parts: &[&str]) -> String {
 
 /// The current frame into the history, with its depth edges: entry `remember`.
 pub fn samples() -> String {
-    let numbers = constants(&[
-        ("EDGE_RATIO", crate::cpu::samples::EDGE_RATIO),
-        ("CROSSING", crate::cpu::samples::CROSSING),
-    ]);
     let own = include_str!("samples.wgsl");
-    joined(&[&numbers, &workgroup(), FRAME, &reprojection(), &halves(), PACK_SAMPLE, own])
+    joined(&[&edges(), &workgroup(), FRAME, &reprojection(), &halves(), PACK_SAMPLE, own])
+}
+
+/// Edge slopes.
+fn edges() -> String {
+    constants(&[("EDGE_RATIO", crate::cpu::samples::EDGE_RATIO), ("CROSSING", crate::cpu::samples::CROSSING)])
+}
+
+/// Places of exact blocks.
+fn block_places() -> String {
+    constants(&[("BLOCK_SIDE", BLOCK_SIDE as u32)]) + BLOCK_PLACES
+}
+
+/// The current frame's exact blocks into the history: entry `remember_blocks`.
+pub fn blocks() -> String {
+    let group = constants(&[("GROUP", GROUP)]);
+    let shared = [edges(), group, block_places(), grid_source(), reprojection(), halves()].concat();
+    joined(&[&shared, FRAME, PACK_SAMPLE, include_str!("blocks.wgsl")])
 }
 
 /// The current picture's samples for its surface, and how well they predict each other: entry `predict`.
@@ -86,7 +100,7 @@ pub fn splat() -> String {
     ]);
     let rim = constants(&[("RIM", nearest::RIM as u32), ("EVERY", nearest::EVERY as u32)]);
     let own = include_str!("splat.wgsl");
-    joined(&[&numbers, &rim, &workgroup(), FRAME, &cells(), &reprojection(), own])
+    joined(&[&numbers, &rim, &workgroup(), FRAME, &cells(), &block_places(), &reprojection(), own])
 }
 
 /// Samples in the order of their cells: entries `list` and `rank`.
@@ -112,7 +126,8 @@ fn errors() -> String {
 
 /// The blocks with the largest expected errors: entries `rank` and `choose`.
 pub fn select() -> String {
-    joined(&[&errors(), &constants(&[("GROUP", GROUP)]), &grid_source(), include_str!("select.wgsl")])
+    let sizes = constants(&[("GROUP", GROUP), ("ERROR_BITS", ERROR_BITS), ("KEY_BITS", KEY_BITS)]);
+    joined(&[&errors(), &sizes, &grid_source(), include_str!("select.wgsl")])
 }
 
 /// Samples to pixels, with the bindings of the side output: entry `accumulate`.
@@ -245,7 +260,7 @@ mod tests {
             workgroup_bytes,
             ..Limits::LEAST
         };
-        let plan = |bytes| SuperSamplePlan::new(&limits(bytes), Size::new(64, 64), 4, 0).unwrap();
+        let plan = |bytes| SuperSamplePlan::new(&limits(bytes), Size::new(64, 64), 4, 0, true).unwrap();
         let shaders = [
             ("samples", samples()),
             ("predict", predict()),
@@ -258,6 +273,7 @@ mod tests {
             ("tile with innovation", tile(&plan(32 << 10), SideOutput::Innovation, Kriging::On)),
             ("tile with errors", tile(&plan(16 << 10), SideOutput::ExpectedErrors, Kriging::On)),
             ("select", select()),
+            ("blocks", blocks()),
             ("krige", krige()),
             ("neighbor_depth", neighbor_depth()),
             ("middle_depth", middle_depth()),
@@ -285,6 +301,6 @@ mod tests {
             }
         }
         let explained = check_literals(concat!(env!("CARGO_MANIFEST_DIR"), "/src/gpu"));
-        assert_eq!((files, explained), (27, 27));
+        assert_eq!((files, explained), (29, 29));
     }
 }

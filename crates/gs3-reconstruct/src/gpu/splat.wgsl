@@ -1,4 +1,5 @@
-// Splats every remembered sample to its current place; see splat.rs. One invocation per sample, all frames at once.
+// Splats every remembered sample to its current place; see splat.rs. One invocation per sample, all frames and layers of
+// exact blocks at once.
 //
 // The samples of each cell (cells.wgsl) are counted; order.wgsl then puts the samples into the order of their cells. No
 // motion makes memory overflow. The depth pre-pass `splat_depth` runs before; see nearest.rs.
@@ -6,7 +7,8 @@
 @group(0) @binding(1) var<storage, read> samples_a: array<vec2<u32>>;
 @group(0) @binding(2) var<storage, read> samples_b: array<vec2<u32>>;
 @group(0) @binding(3) var<storage, read> cells: array<vec4<u32>>;
-@group(0) @binding(4) var<storage, read> edge_slopes: array<f32>;
+// Edge slopes of samples, and behind them the places of exact blocks; see blocks.wgsl.
+@group(0) @binding(4) var<storage, read> edge_slopes: array<u32>;
 // Number of samples of each cell.
 @group(0) @binding(5) var<storage, read_write> cell_counts: array<atomic<u32>>;
 // HR positions, pixel centres at whole numbers.
@@ -25,16 +27,25 @@ struct ReprojectedSample {
     own: vec2<f32>,
     to: vec2<f32>,
     inverse_depth: f32,
+    // It exists, and lies in front of the camera.
     is_ahead: bool,
 }
 
-// The current place of sample `at`: column, row and age.
+// The current place of sample `at`: column, row and entry of `frame.past`.
 fn reproject_sample(at: vec3<u32>) -> ReprojectedSample {
-    let past = frame.past[at.z];
-    let own = (vec2<f32>(at.xy) + (0.5 + past.offset)) * f32(frame.scale);
-    let w = bitcast<f32>(samples_a[id_of(at)].x);
-    let seen = reproject(past.rows, own, w);
-    return ReprojectedSample(own, seen.xy, w / seen.z, seen.z > MIN_DIVISOR);
+    let id = id_of(at);
+    var own = (vec2<f32>(at.xy) + (0.5 + frame.past[at.z].offset)) * f32(frame.scale);
+    var is_there = true;
+    if id >= frame.first_of_blocks {
+        let index = id - frame.first_of_blocks;
+        let block = block_at(edge_slopes[frame.first_of_places + index / BLOCK_PIXELS]);
+        let pixel = block.xy + pixel_of(index);
+        own = vec2<f32>(pixel) + 0.5;
+        is_there = block.z != 0u && all(pixel < frame.size);
+    }
+    let w = bitcast<f32>(samples_a[id].x);
+    let seen = reproject(frame.past[at.z].rows, own, w);
+    return ReprojectedSample(own, seen.xy, w * seen.w, is_there && seen.z > MIN_DIVISOR);
 }
 
 // The place of a pixel in `nearest`.
@@ -45,8 +56,12 @@ fn place_of(pixel: vec2<f32>) -> u32 {
 
 @compute @workgroup_size(WORKGROUP_X, WORKGROUP_Y)
 fn splat_depth(@builtin(global_invocation_id) id_in_order: vec3<u32>) {
-    let at = id_in_order * vec3(1u, 1u, EVERY);
-    if any(at.xy >= frame.past[at.z].extent) {
+    // LR frames of every EVERY-th age, then all layers.
+    let frames = (frame.frames + EVERY - 1u) / EVERY;
+    let is_layer = id_in_order.z >= frames;
+    let z = select(id_in_order.z * EVERY, frame.frames + id_in_order.z - frames, is_layer);
+    let at = vec3(id_in_order.xy, z);
+    if !is_sample(at) || frame.past[z].age % EVERY != 0u {
         return;
     }
     let seen = reproject_sample(at);
@@ -93,7 +108,7 @@ const WHOLE: f32 = 9.5367431640625e-7;
 
 @compute @workgroup_size(WORKGROUP_X, WORKGROUP_Y)
 fn splat_color(@builtin(global_invocation_id) at: vec3<u32>) {
-    if any(at.xy >= frame.past[at.z].extent) {
+    if !is_sample(at) {
         return;
     }
     let id = id_of(at);
@@ -110,8 +125,8 @@ fn splat_color(@builtin(global_invocation_id) at: vec3<u32>) {
     let color = vec3(unpack2x16float(samples_a[id].y), unpack2x16float(samples_b[id].x).x);
     // Pixels; see ReprojectedSamples::staleness in splat.rs.
     let parallax = frame.past[at.z].parallax;
-    let staleness = fma(bitcast<f32>(samples_a[id].x), parallax, PER_FRAME * f32(at.z));
-    var variance = rectification_variance(to, seen.inverse_depth, color, staleness, edge_slopes[id] * parallax);
+    let staleness = fma(bitcast<f32>(samples_a[id].x), parallax, PER_FRAME * f32(frame.past[at.z].age));
+    var variance = rectification_variance(to, seen.inverse_depth, color, staleness, bitcast<f32>(edge_slopes[id]) * parallax);
     // A nearer sample may hide this one now. This is more likely, the farther the two have moved apart.
     let near = nearest_around(floor(seen.to));
     if seen.inverse_depth < near * (1.0 - DEPTH_TOLERANCE) {

@@ -7,9 +7,10 @@ use gs3_compute::{Bound, BoundScan, Buffer, Gpu, GpuError, Kernel, Recorder, Sca
 use gs3_scene::camera::MAX_SIDE;
 use gs3_scene::{Camera, Margin, Size};
 
+use super::blocks::BlockHistory;
 use super::error::{GpuReconstructError, other_bound};
 use super::image::{GpuImage, GpuPlanes};
-use super::plan::SuperSamplePlan;
+use super::plan::{BLOCK_PIXELS, SuperSamplePlan};
 use super::shaders;
 use super::side_output::SideOutput;
 use crate::cpu::nearest::EVERY;
@@ -17,7 +18,10 @@ use crate::error::{ReconstructError, check_frame_size, check_jitter, check_scale
 use crate::reprojection::{Reprojection, parallax};
 use crate::sample_grid::{SampleAxis, SampledPixels};
 use crate::sequence::ResetReason;
-use crate::settings::{Kriging, MAX_PAST};
+use crate::settings::{Kriging, MAX_LAYERS, MAX_PAST};
+
+/// LR frames and layers in the history.
+const MAX_SOURCES: usize = MAX_PAST + MAX_LAYERS;
 
 /// Phases of pixels within an LR pixel.
 const PHASES: usize = crate::MAX_SCALE as usize;
@@ -28,10 +32,11 @@ const PHASES: usize = crate::MAX_SCALE as usize;
 struct PastUniform {
     rows: [[f32; 4]; 3],
     offset: [f32; 2],
-    slot: u32,
+    first: u32,
     parallax: f32,
     extent: [u32; 2],
-    margin: [u32; 2],
+    count: u32,
+    age: u32,
 }
 
 /// `Frame` of `frame.wgsl`.
@@ -42,12 +47,24 @@ struct FrameUniform {
     lr: [u32; 2],
     scale: u32,
     frames: u32,
+    layers: u32,
+    first_of_blocks: u32,
     cell_offset: [f32; 2],
     first_sampled: [u32; 2],
     padded: [u32; 2],
+    first_of_places: u32,
+    _pad: u32,
     x_places: [[f32; 4]; PHASES],
     y_places: [[f32; 4]; PHASES],
-    past: [PastUniform; MAX_PAST],
+    past: [PastUniform; MAX_SOURCES],
+}
+
+impl PastUniform {
+    /// A frame of camera `past` as `current` sees it, without samples.
+    fn between(past: &Camera, current: &Camera) -> Self {
+        let rows = rows(&Reprojection::new(past, current));
+        Self { rows, parallax: parallax(past, current), ..Self::zeroed() }
+    }
 }
 
 /// A frame in the history.
@@ -70,13 +87,14 @@ pub(super) fn rows(reprojection: &Reprojection) -> [[f32; 4]; 3] {
 /// [`crate::SuperSampler`].
 ///
 /// Memory: 80 B per LR pixel and remembered frame, which is 80 B per HR pixel; 68 of them are needed for the widest
-/// margin as well. Nothing is allocated after construction. Two submissions of the same frames give the same bits on
+/// margin as well. With [`SideOutput::ExpectedErrors`] the history also holds exact blocks of a quarter of the picture, 17 B
+/// per HR pixel. Nothing is allocated after construction. Two submissions of the same frames give the same bits on
 /// a device.
 pub struct GpuSuperSampler {
-    gpu: Gpu,
+    pub(super) gpu: Gpu,
     scale: u32,
-    plan: SuperSamplePlan,
-    uniform: Buffer,
+    pub(super) plan: SuperSamplePlan,
+    pub(super) uniform: Buffer,
     buffers: Vec<(&'static str, Buffer)>,
     remember: Kernel,
     predict: Kernel,
@@ -94,6 +112,8 @@ pub struct GpuSuperSampler {
     side_output: Option<(SideOutput, Buffer)>,
     /// The last frames, newest first.
     past: Vec<Past>,
+    /// Exact blocks of these frames.
+    pub(super) blocks: BlockHistory,
     /// The frame recorded last, until it is committed.
     pending: Option<Past>,
     invalid: Option<ResetReason>,
@@ -161,7 +181,8 @@ impl GpuSuperSampler {
         if margin > MAX_SIDE {
             return Err(ReconstructError::Margin { max: MAX_SIDE, actual: margin }.into());
         }
-        let plan = SuperSamplePlan::new(&gpu.capabilities().limits, size, scale, margin)?;
+        let has_blocks = side_output == SideOutput::ExpectedErrors;
+        let plan = SuperSamplePlan::new(&gpu.capabilities().limits, size, scale, margin, has_blocks)?;
         let make = |(name, bytes): (&'static str, u64)| Ok((name, gpu.buffer(name, Use::Storage, bytes)?));
         let buffers = plan.buffers().into_iter().map(make).collect::<Result<Vec<_>, GpuError>>()?;
         let uniform = gpu.buffer("frame", Use::Uniform, size_of::<FrameUniform>() as u64)?;
@@ -207,8 +228,9 @@ impl GpuSuperSampler {
                 .threshold()
                 .map(|_| kernel("krige", shaders::krige(), "krige_marked"))
                 .transpose()?,
-            plan,
             past: Vec::new(),
+            blocks: BlockHistory::new(&plan),
+            plan,
             pending: None,
             invalid: Some(ResetReason::FirstFrame),
         })
@@ -277,7 +299,7 @@ impl GpuSuperSampler {
     /// Records the reconstruction of the image of `camera` from the G-buffer that `bound` reads, and the history. The
     /// G-buffer is the LR frame of `camera`, sampled at `jitter`, with `margin` around it. At most once in a
     /// submission. [`Self::commit`] adds the frame to the history. A frame recorded again before the commit is
-    /// replaced.
+    /// replaced. At most `blocks` exact blocks are remembered of the frame, if [`Self::record_blocks`] follows.
     ///
     /// # Errors
     /// [`GpuReconstructError`] if `bound` belongs to another super sampler, the size of `camera`, the jitter or the
@@ -289,6 +311,7 @@ impl GpuSuperSampler {
         camera: &Camera,
         jitter: [f32; 2],
         margin: Margin,
+        blocks: u32,
     ) -> Result<(), GpuReconstructError> {
         if bound.uniform != self.uniform {
             return Err(other_bound("super sampling"));
@@ -308,9 +331,20 @@ impl GpuSuperSampler {
             _ => (history, first_free(history, slots)),
         };
         let current = Past { camera: *camera, jitter, margin, slot: free };
-        let frames = kept.len() as u32 + 1;
-        let uniform = self.uniform_of(&current, kept);
+        let mut uniform = self.uniform_of(&current, kept);
+        let layers = self.blocks.begin(blocks, self.invalid.is_some());
+        uniform.layers = layers.len() as u32;
+        for (to, (layer, frame, age)) in uniform.past[uniform.frames as usize..].iter_mut().zip(layers) {
+            *to = PastUniform {
+                first: self.plan.first_of_layer(layer),
+                extent: self.plan.padded.to_array(),
+                count: self.plan.layer_blocks * BLOCK_PIXELS,
+                age,
+                ..PastUniform::between(&frame, camera)
+            };
+        }
         recorder.write(&self.uniform.slice(), &[uniform])?;
+        let sources = uniform.frames + uniform.layers;
         recorder.stage("super_sample.samples");
         recorder.dispatch(&bound.remember, self.plan.over_around);
         recorder.dispatch(&bound.predict, self.plan.over_samples);
@@ -322,13 +356,14 @@ impl GpuSuperSampler {
         if let Some((_, side_output)) = &self.side_output {
             recorder.clear(&side_output.slice());
         }
-        recorder.dispatch(&self.splat_depth, self.plan.over_history(frames.div_ceil(EVERY as u32)));
-        recorder.dispatch(&self.splat_color, self.plan.over_history(frames));
+        let in_pre_pass = uniform.frames.div_ceil(EVERY as u32) + uniform.layers;
+        recorder.dispatch(&self.splat_depth, self.plan.over_history(in_pre_pass));
+        recorder.dispatch(&self.splat_color, self.plan.over_history(sources));
         recorder.stage("super_sample.order");
         self.scan_cells.record(recorder);
-        recorder.dispatch(&self.list, self.plan.over_history(frames));
-        recorder.dispatch(&self.rank, self.plan.over_history(frames));
-        recorder.dispatch(&self.copy, self.plan.over_history(frames));
+        recorder.dispatch(&self.list, self.plan.over_history(sources));
+        recorder.dispatch(&self.rank, self.plan.over_history(sources));
+        recorder.dispatch(&self.copy, self.plan.over_history(sources));
         recorder.stage("super_sample.tile");
         recorder.dispatch(&bound.accumulate, self.plan.over_tiles);
         if let Some(krige) = &bound.krige {
@@ -342,7 +377,9 @@ impl GpuSuperSampler {
     /// Adds the frame recorded last to the history.
     pub fn commit(&mut self) {
         let Some(newest) = self.pending.take() else { return };
-        if self.invalid.take().is_some() {
+        let is_reset = self.invalid.take().is_some();
+        self.blocks.commit(&newest.camera, is_reset, self.plan.frames);
+        if is_reset {
             self.past.clear();
         }
         self.past.truncate(self.plan.frames as usize - 1);
@@ -351,11 +388,16 @@ impl GpuSuperSampler {
 
     /// The sampler's buffers and the buffers of `planes`, by the names in the kernels.
     fn slices_with<'a>(&'a self, planes: &GpuPlanes<'a>) -> Vec<(&'static str, Slice<'a>)> {
-        let mut all = own_slices(&self.uniform, &self.buffers);
+        let mut all = self.own_slices();
         all.push(("color_alpha", planes.color_alpha.slice()));
         all.push(("dx_median", planes.dx_median.slice()));
         all.push(("dy_expected", planes.dy_expected.slice()));
         all
+    }
+
+    /// The sampler's buffers, by the names in the kernels.
+    pub(super) fn own_slices(&self) -> Vec<(&'static str, Slice<'_>)> {
+        own_slices(&self.uniform, &self.buffers)
     }
 
     fn uniform_of(&self, current: &Past, kept: &[Past]) -> FrameUniform {
@@ -370,18 +412,17 @@ impl GpuSuperSampler {
         let first_sampled = SampledPixels::new(current.jitter, self.scale);
         let first_sampled = first_sampled
             .map_or([u32::MAX; 2], |first_sampled| first_sampled.first.map(|first| first as u32));
-        let mut past = [PastUniform::zeroed(); MAX_PAST];
-        for (to, frame) in past.iter_mut().zip([current].into_iter().chain(kept)) {
-            let reprojection = Reprojection::new(&frame.camera, &current.camera);
-            let parallax = parallax(&frame.camera, &current.camera);
+        let mut past = [PastUniform::zeroed(); MAX_SOURCES];
+        for ((age, to), frame) in (0..).zip(&mut past).zip([current].into_iter().chain(kept)) {
             let Margin { left, top, .. } = frame.margin;
+            let samples = self.plan.padded.pixels() as u32;
             *to = PastUniform {
-                rows: rows(&reprojection),
                 offset: [frame.jitter[0] - left as f32, frame.jitter[1] - top as f32],
-                slot: frame.slot,
-                parallax,
+                first: frame.slot * samples,
                 extent: frame.margin.padded(self.plan.lr).to_array(),
-                margin: [left, top],
+                count: samples,
+                age,
+                ..PastUniform::between(&frame.camera, &current.camera)
             };
         }
         FrameUniform {
@@ -389,9 +430,13 @@ impl GpuSuperSampler {
             lr: self.plan.lr.to_array(),
             scale: self.scale,
             frames: kept.len() as u32 + 1,
-            // Positions are given with pixel centres at whole numbers.
+            layers: 0,
+            first_of_blocks: self.plan.first_of_layer(0),
+            first_of_places: self.plan.first_of_layer(self.plan.layers),
+            _pad: 0,
             first_sampled,
             padded: self.plan.padded.to_array(),
+            // Positions are given with pixel centres at whole numbers.
             cell_offset: current.jitter.map(|j| 0.5 / self.scale as f32 - 0.5 - j),
             x_places: places(current.jitter[0]),
             y_places: places(current.jitter[1]),
@@ -442,7 +487,7 @@ mod tests {
     #[test]
     fn layouts_are_those_of_the_shader() {
         let source = include_str!("frame.wgsl");
-        assert_layout!(&[source], Past, PastUniform { rows, offset, slot, parallax, extent, margin });
+        assert_layout!(&[source], Past, PastUniform { rows, offset, first, parallax, extent, count, age });
         assert_layout!(
             &[source],
             Frame,
@@ -451,9 +496,13 @@ mod tests {
                 lr,
                 scale,
                 frames,
+                layers,
+                first_of_blocks,
                 cell_offset,
                 first_sampled,
                 padded,
+                first_of_places,
+                _pad,
                 x_places,
                 y_places,
                 past

@@ -62,7 +62,7 @@ fn correspondence_in(n: u32, at: vec2<f32>, depth: f32) -> vec3<f32> {
     let seen = reproject(neighbor.from_middle, at + 0.5, depth);
     let to = seen.xy - 0.5;
     let size = vec2<f32>(in_between.size);
-    let w = depth / seen.z;
+    let w = depth * seen.w;
     if !(seen.z > MIN_DIVISOR && all(to >= vec2(-0.5)) && all(to <= size - 0.5) && w >= 0.0) {
         return vec3(to - at, UNSEEN * UNSEEN);
     }

@@ -3,17 +3,19 @@
 use std::sync::OnceLock;
 
 use crate::common::{Sheet, World, camera, grid_jitter, wall_and_post};
-use gs3_compute::{Buffer, Gpu, GpuError, GpuSettings, Use, device_for_tests};
+use gs3_compute::{Buffer, Gpu, GpuError, GpuSettings, Recorder, Use, device_for_tests};
 use gs3_reconstruct::gpu::{
-    GpuImage, GpuInterpolator, GpuNeighbor, GpuPlanes, GpuReconstructError, GpuSuperSampler, NeighborView,
-    SideOutput,
+    BoundBlocks, GpuBlockSelector, GpuImage, GpuInterpolator, GpuNeighbor, GpuPlanes, GpuReconstructError,
+    GpuSuperSampler, NeighborView, SideOutput,
 };
-use gs3_reconstruct::{Interpolator, Kriging, Neighbor, ReconstructError, ResetReason, SuperSampler, Warped};
+use gs3_reconstruct::{
+    BlockBudget, Interpolator, Kriging, Neighbor, ReconstructError, ResetReason, SuperSampler, Warped,
+};
 use gs3_scene::{Camera, GBuffer, Image, Margin, Planes, Size};
 use gs3_test_support::psnr;
 
 /// What halves leave of an image of values up to 1: an error of 2⁻¹² makes 72 dB.
-const FLOOR: f64 = 68.0;
+pub const FLOOR: f64 = 68.0;
 
 /// The same of frames as they are, where pixels are kriged: at a scale of 8 a frame here is so small that one pixel
 /// that only one of both kriges falls below it.
@@ -93,11 +95,35 @@ impl Sampler {
         self.super_sample_padded(camera, gbuffer, gbuffer)
     }
 
+    /// With exact blocks that the next frames remember: `bound` of the choice of `selector` by `budget`.
+    pub fn super_sample_with_blocks(
+        &mut self,
+        (camera, gbuffer): (&Camera, &GBuffer),
+        (bound, selector, budget): (&BoundBlocks, &GpuBlockSelector, BlockBudget),
+    ) -> Image {
+        let blocks = budget.blocks_of(selector.blocks() as usize) as u32;
+        let remember = |sampler: &mut GpuSuperSampler, recorder: &mut Recorder<'_>| {
+            selector.record(recorder, budget).unwrap();
+            sampler.record_blocks(recorder, bound).unwrap();
+        };
+        self.super_sample_then(camera, [gbuffer, gbuffer], blocks, remember).0
+    }
+
     fn super_sample_padded(
         &mut self,
         camera: &Camera,
         gbuffer: &GBuffer,
         padded: &GBuffer,
+    ) -> (Image, GpuImage) {
+        self.super_sample_then(camera, [gbuffer, padded], 0, |_, _| ())
+    }
+
+    fn super_sample_then(
+        &mut self,
+        camera: &Camera,
+        [gbuffer, padded]: [&GBuffer; 2],
+        blocks: u32,
+        then: impl Fn(&mut GpuSuperSampler, &mut Recorder<'_>),
     ) -> (Image, GpuImage) {
         let (uploaded, to) =
             (Uploaded::new(&self.gpu, gbuffer), GpuImage::new(&self.gpu, self.size).unwrap());
@@ -106,7 +132,8 @@ impl Sampler {
             Uploaded::with_rows(&self.gpu, padded, gbuffer.width() + room, gbuffer.height() + room);
         let bound = self.sampler.bind(&uploaded.planes(), &around_uploaded.planes(), &to).unwrap();
         let mut recorder = self.gpu.recorder(None);
-        self.sampler.record(&mut recorder, &bound, camera, gbuffer.jitter, padded.margin).unwrap();
+        self.sampler.record(&mut recorder, &bound, camera, gbuffer.jitter, padded.margin, blocks).unwrap();
+        then(&mut self.sampler, &mut recorder);
         recorder.submit().unwrap();
         self.sampler.commit();
         let mut out = Image::default();
@@ -320,7 +347,7 @@ fn history_is_what_was_kept() {
     let image = GpuImage::new(&gpu, size).unwrap();
     let bound = sampler.sampler.bind(&bad.planes(), &bad_around.planes(), &image).unwrap();
     let mut recorder = gpu.recorder(None);
-    sampler.sampler.record(&mut recorder, &bound, &pose(3), grid_jitter(4, 3), Margin::NONE).unwrap();
+    sampler.sampler.record(&mut recorder, &bound, &pose(3), grid_jitter(4, 3), Margin::NONE, 0).unwrap();
     recorder.submit().unwrap();
     let after = sampler.super_sample(&pose(3), &gbuffer(&world, 3)).0;
     let mut straight = Sampler::new(&gpu, 4, size, Kriging::Off);
@@ -442,7 +469,7 @@ fn what_does_not_fit_is_a_typed_error() {
     let twin = GpuSuperSampler::new(&gpu, 4, Size::new(64, 64), SideOutput::None, Kriging::On, 0).unwrap();
     let strange = twin.bind(&uploaded.planes(), &uploaded.planes(), &out).unwrap();
     let strange =
-        sampler.record(&mut gpu.recorder(None), &strange, &pose, [0.0; 2], Margin::NONE).unwrap_err();
+        sampler.record(&mut gpu.recorder(None), &strange, &pose, [0.0; 2], Margin::NONE, 0).unwrap_err();
     assert!(matches!(strange, GpuReconstructError::Gpu(GpuError::Bindings { .. })), "{strange}");
     let bound = sampler
         .bind(&uploaded.planes(), &uploaded.planes(), &GpuImage::new(&gpu, Size::new(64, 64)).unwrap())
@@ -451,10 +478,10 @@ fn what_does_not_fit_is_a_typed_error() {
     let other = camera(60, 64, [0.0; 3], 0.0, 0.0);
     let size =
         ReconstructError::Size { what: "camera", expected: Size::new(64, 64), actual: Size::new(60, 64) };
-    assert_eq!(sampler.record(&mut recorder, &bound, &other, [0.0; 2], Margin::NONE), Err(size.into()));
-    let jitter = sampler.record(&mut recorder, &bound, &pose, [f32::NAN, 0.0], Margin::NONE);
+    assert_eq!(sampler.record(&mut recorder, &bound, &other, [0.0; 2], Margin::NONE, 0), Err(size.into()));
+    let jitter = sampler.record(&mut recorder, &bound, &pose, [f32::NAN, 0.0], Margin::NONE, 0);
     let wide = Margin { right: 1, ..Margin::NONE };
-    let margin = sampler.record(&mut recorder, &bound, &pose, [0.0; 2], wide);
+    let margin = sampler.record(&mut recorder, &bound, &pose, [0.0; 2], wide, 0);
     assert_eq!(margin, Err(ReconstructError::Margin { max: 0, actual: 1 }.into()));
     assert!(matches!(jitter, Err(GpuReconstructError::Reconstruct(ReconstructError::Jitter { .. }))));
     let interpolator = GpuInterpolator::new(&gpu, 4, Size::new(64, 64)).unwrap();

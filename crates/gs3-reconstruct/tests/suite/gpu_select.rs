@@ -1,12 +1,14 @@
-//! Exact blocks on a GPU: the errors that are expected of a frame, and the choice of blocks.
+//! Exact blocks on a GPU: the errors that are expected of a frame, the choice of blocks, and what is remembered of them.
 
-use gs3_compute::{Gpu, Use};
+use gs3_compute::{Buffer, Gpu, Use};
 use gs3_reconstruct::gpu::{GpuBlockSelector, SideOutput};
 use gs3_reconstruct::{BlockBudget, Kriging, SuperSampler, select_blocks};
-use gs3_scene::{Image, Size, block_grid};
+use gs3_scene::{ExactBlocks, Image, Size, block_grid};
+use gs3_test_support::psnr;
 
 use crate::common::{camera, grid_jitter, wall_and_post};
-use crate::gpu::{Sampler, gpu};
+use crate::gpu::{FLOOR, Sampler, gpu};
+use crate::refine::exact_blocks;
 
 /// Units of the device's errors, and the expected squared error of one of them: `ERROR_UNITS` and `PER_LAPLACIAN`.
 const PER_UNIT: f32 = 6.0 / (1 << 24) as f32;
@@ -43,7 +45,18 @@ fn the_choice_is_the_cpus() {
             _ => (k as u32).wrapping_mul(2_654_435_761) >> (3 + k % 25),
         })
         .collect();
-    let as_floats: Vec<f32> = errors.iter().map(|units| *units as f32 * PER_UNIT).collect();
+    let expected_of = |errors: &[u32], budget| {
+        let as_floats: Vec<f32> = errors.iter().map(|units| *units as f32 * PER_UNIT).collect();
+        let mut expected = select_blocks(&as_floats, size, budget);
+        expected.sort_unstable_by_key(|[x, y]| (*y, *x));
+        expected
+    };
+    // Errors that are equal within 1/2048 count as equal: twelve leading bits.
+    let leading = |units: &u32| units & !(0x7fff_ffff_u32 >> (units | 1).leading_zeros() >> 11);
+    let in_steps: Vec<u32> = errors.iter().map(leading).collect();
+    let sum = |places: &[[u16; 2]]| -> u64 {
+        places.iter().map(|[x, y]| u64::from(errors[usize::from(*y) * columns + usize::from(*x)])).sum()
+    };
     let step = (0.5_f32 / 255.0).powi(2);
     for (most, least_error) in [
         (0.06, 0.0),
@@ -57,10 +70,11 @@ fn the_choice_is_the_cpus() {
     ] {
         let budget = BlockBudget { most, least_error };
         let (places, count) = chosen(&gpu, &errors, size, budget);
-        let mut expected = select_blocks(&as_floats, size, budget);
-        expected.sort_unstable_by_key(|[x, y]| (*y, *x));
         assert_eq!(count as usize, places.len());
-        assert_eq!(places, expected, "{budget:?}");
+        assert_eq!(places, expected_of(&in_steps, budget), "{budget:?}");
+        // Of the errors that the best choice takes, next to nothing stays.
+        let (found, best) = (sum(&places), sum(&expected_of(&errors, budget)));
+        assert!(best - found <= best / 10_000, "{budget:?}: {found} of {best}");
     }
 }
 
@@ -91,6 +105,68 @@ fn expected_errors_match_the_cpu() {
             eprintln!("x{scale}, frame {k}: {:.1e} of {total:.3} off", off / total);
             // Halves of the history change a correction by a few thousandths (found: 3e-4 of all errors).
             assert!(total > 1.0 && off < 2e-3 * total, "x{scale}, frame {k}: {off} of {total}");
+        }
+    }
+}
+
+/// The samples of `blocks` as a device reads them.
+fn upload(gpu: &Gpu, blocks: &ExactBlocks) -> Buffer {
+    let pixels = blocks.blocks.iter().flat_map(|block| (0..16).map(move |lane| (block, lane)));
+    let of = |planes: &[[f32; 16]; 3], lane: usize, fourth: f32| {
+        [planes[0][lane], planes[1][lane], planes[2][lane], fourth]
+    };
+    let (mut colors, mut dx, mut dy) = (Vec::new(), Vec::new(), Vec::new());
+    for (block, lane) in pixels {
+        colors.push(of(&block.color, lane, block.depth_median[lane]));
+        dx.push(of(&block.color_dx, lane, 0.0));
+        dy.push(of(&block.color_dy, lane, 0.0));
+    }
+    gpu.buffer_with("samples", Use::Storage, &[colors, dx, dy].concat()).unwrap()
+}
+
+/// The history of a device remembers exact blocks as the CPU's does.
+#[test]
+fn exact_blocks_are_remembered_as_on_the_cpu() {
+    let Some(gpu) = gpu() else { return };
+    let world = wall_and_post(60.0);
+    // No multiple of a block's side along y.
+    let size = Size::new(240, 134);
+    let [columns, rows] = block_grid(size);
+    for scale in [2, 4, 8] {
+        let pose = |k: usize| {
+            let t = 0.004 * k as f64;
+            camera(size.width, size.height, [t, 0.3 * t, 0.2 * t], 0.1 * t, -0.05 * t)
+        };
+        let mut cpu = SuperSampler::new(scale, Kriging::Off).unwrap();
+        let new = || Sampler::with_side_output(&gpu, scale, size, SideOutput::ExpectedErrors, Kriging::Off);
+        let (mut device, mut forgetful) = (new(), new());
+        for k in 0..5 {
+            let gbuffer = world.gbuffer(&pose(k).low_resolution(scale), grid_jitter(scale, k));
+            let mut expected = Image::default();
+            cpu.super_sample(&pose(k), &gbuffer, &mut expected).unwrap();
+            // In columns that the camera carries no older block to: the CPU would forget the older block.
+            let is_chosen = |x: usize, y: usize| x % 8 == 2 * k && y % 4 == k % 4;
+            let all = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y)));
+            let places: Vec<_> = all.clone().filter(|(x, y)| is_chosen(*x, *y)).collect();
+            let places: Vec<_> = places.into_iter().map(|(x, y)| [x as u16, y as u16]).collect();
+            let errors: Vec<_> = all.map(|(x, y)| 1000 * u32::from(is_chosen(x, y))).collect();
+            let blocks = exact_blocks(&world, &pose(k), places);
+            let without = forgetful.super_sample(&pose(k), &gbuffer).0;
+            let image = if blocks.is_empty() {
+                device.super_sample(&pose(k), &gbuffer).0
+            } else {
+                let errors = gpu.buffer_with("errors", Use::Storage, &errors).unwrap();
+                let selector = GpuBlockSelector::new(&gpu, size, &errors).unwrap();
+                let bound = device.sampler.bind_blocks(&selector, &upload(&gpu, &blocks)).unwrap();
+                // One layer a frame, so that none is taken twice.
+                let budget = BlockBudget { most: 1.0 / 25.0, least_error: 0.0 };
+                device.super_sample_with_blocks((&pose(k), &gbuffer), (&bound, &selector, budget))
+            };
+            let [found, without] = [&image, &without].map(|image| psnr(image, &expected));
+            eprintln!("x{scale}, frame {k}: {found:.1} dB, {without:.1} without blocks");
+            assert!(found >= FLOOR, "x{scale}, frame {k}: {found:.1} dB");
+            assert!(k == 0 || without < found - 10.0, "x{scale}, frame {k}: no block matters");
+            cpu.refine(&blocks, &mut expected);
         }
     }
 }

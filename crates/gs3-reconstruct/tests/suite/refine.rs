@@ -14,7 +14,7 @@ fn at(t: f64) -> Camera {
 }
 
 /// The blocks of what `camera` sees.
-fn exact_blocks(world: &World, camera: &Camera, places: Vec<[u16; 2]>) -> ExactBlocks {
+pub fn exact_blocks(world: &World, camera: &Camera, places: Vec<[u16; 2]>) -> ExactBlocks {
     let native = world.gbuffer(camera, [0.0; 2]);
     let (gradients, geometry) = (native.gradients.as_ref().unwrap(), native.geometry.as_ref().unwrap());
     let block = |[column, row]: &[u16; 2]| {

@@ -301,19 +301,17 @@ impl FramePipeline {
         }
         match self.plan.refine {
             Refine::FrameTime(_) => None,
-            refine if refine.is_on() && refine.starts_exact() && self.remembers_blocks() => {
-                Some(Keyframe::All)
-            }
+            refine if refine.is_on() && refine.starts_exact() && self.makes_blocks() => Some(Keyframe::All),
             _ => Some(Keyframe::Sampling),
         }
     }
 
-    /// Whether the history remembers exact blocks.
-    const fn remembers_blocks(&self) -> bool {
+    /// Whether the machine makes exact blocks.
+    const fn makes_blocks(&self) -> bool {
         match &self.machine {
             Machine::Cpu(_) => true,
             #[cfg(feature = "gpu")]
-            Machine::Gpu(_) => false,
+            Machine::Gpu(machine) => machine.makes_blocks(),
         }
     }
 

@@ -2,11 +2,12 @@
 
 use gs3_compute::{Bound, Buffer, Gpu, Kernel, Readback, Recorder, Slice, Submission, Use, constants};
 use gs3_raster::{
-    CapacityCheck, GpuBlocks, GpuGBuffer, GpuRasterizer, LowResolution, Outputs, RasterSettings,
+    CapacityCheck, EXACT_BLOCK_BYTES, GpuBlocks, GpuGBuffer, GpuRasterizer, LowResolution, Outputs,
+    RasterSettings,
 };
 use gs3_reconstruct::gpu::{
-    BoundInterpolator, BoundSuperSampler, GpuBlockSelector, GpuImage, GpuInterpolator, GpuNeighbor,
-    GpuSuperSampler, NeighborView, SideOutput,
+    BoundBlocks, BoundInterpolator, BoundSuperSampler, GpuBlockSelector, GpuImage, GpuInterpolator,
+    GpuNeighbor, GpuSuperSampler, NeighborView, SideOutput,
 };
 use gs3_reconstruct::{BlockBudget, DepthLattice};
 use gs3_scene::{Camera, GBuffer, Margin, Size};
@@ -43,14 +44,32 @@ struct BoundSide {
     lattice: Bound,
 }
 
+/// The choice of exact blocks, and what the next frames remember of them.
+struct Refinement {
+    selector: GpuBlockSelector,
+    samples: Buffer,
+    remember: BoundBlocks,
+}
+
+impl Refinement {
+    fn new(gpu: &Gpu, size: Size, super_sampler: &GpuSuperSampler) -> Result<Self, PipelineError> {
+        let missing = PipelineError::Internal { expected: "a super sampler with expected errors" };
+        let selector = GpuBlockSelector::new(gpu, size, super_sampler.expected_errors().ok_or(missing)?)?;
+        // Pictures of a few pixels remember none.
+        let bytes = u64::from(super_sampler.block_room().max(1)) * EXACT_BLOCK_BYTES;
+        let samples = gpu.buffer("exact samples", Use::Storage, bytes)?;
+        Ok(Self { remember: super_sampler.bind_blocks(&selector, &samples)?, selector, samples })
+    }
+}
+
 /// All memory and kernels of frames of one size.
 pub struct FrameMemory {
     gpu: Gpu,
     size: Size,
     super_sampler: GpuSuperSampler,
     learned_super_sampler: Option<GpuLearnedSuperSampler>,
-    /// The choice of exact blocks, made by the first frame that has some.
-    selector: Option<GpuBlockSelector>,
+    /// What exact blocks need, made by the first frame that has some.
+    refinement: Option<Refinement>,
     interpolator: GpuInterpolator,
     learned_interpolator: Option<GpuLearnedInterpolator>,
     sides: [Side; 2],
@@ -136,7 +155,7 @@ impl FrameMemory {
             size,
             super_sampler,
             learned_super_sampler: super_sample.as_ref().map(learned_super_sampler).transpose()?,
-            selector: None,
+            refinement: None,
             interpolator: GpuInterpolator::new(gpu, scale, size)?,
             learned_interpolator: plan.networks.interpolate.as_ref().map(learned_interpolator).transpose()?,
             sides,
@@ -196,23 +215,25 @@ impl FrameMemory {
         rasterizer: &mut GpuRasterizer,
     ) -> Result<(), PipelineError> {
         let current = self.current();
-        let Some(errors) = self.super_sampler.expected_errors() else { return Ok(()) };
-        let selector = match &mut self.selector {
-            Some(selector) => selector,
-            none => none.insert(GpuBlockSelector::new(&self.gpu, self.size, errors)?),
+        let Refinement { selector, samples, remember } = match &mut self.refinement {
+            Some(refinement) => refinement,
+            none => none.insert(Refinement::new(&self.gpu, self.size, &self.super_sampler)?),
         };
         selector.record(recorder, budget)?;
         let Side { image, blocks, .. } = &mut self.sides[current];
-        let blocks =
-            blocks.get_or_insert_with(|| GpuBlocks::new(selector.chosen().clone(), image.pixels().clone()));
-        Ok(rasterizer.record_blocks(recorder, blocks)?)
+        let [chosen, image] = [selector.chosen(), image.pixels()];
+        let new = || GpuBlocks::new(chosen.clone(), image.clone(), samples.clone());
+        rasterizer.record_blocks(recorder, blocks.get_or_insert_with(new))?;
+        Ok(self.super_sampler.record_blocks(recorder, remember)?)
     }
 
-    /// Records super sampling and refinement of the frame being made, after the G-buffer has been rasterized.
+    /// Records super sampling of the frame being made, after the G-buffer has been rasterized. At most `blocks` exact blocks
+    /// follow.
     pub fn super_sample(
         &mut self,
         recorder: &mut Recorder<'_>,
         inputs: &FrameInputs,
+        blocks: u32,
     ) -> Result<(), PipelineError> {
         let (current, previous_view) = (self.current(), self.previous_view(inputs));
         if let Some(reason) = inputs.reset {
@@ -237,7 +258,7 @@ impl FrameMemory {
         };
         let margin = if self.padded.is_some() { inputs.margin } else { Margin::NONE };
         let FrameInputs { camera, jitter, .. } = inputs;
-        self.super_sampler.record(recorder, &bound.super_sampler, camera, *jitter, margin)?;
+        self.super_sampler.record(recorder, &bound.super_sampler, camera, *jitter, margin, blocks)?;
         recorder.dispatch(&bound.lattice, [1, 1, 1]);
         let (Some(learned), Some(analytic)) = (&mut self.learned_super_sampler, &self.analytic) else {
             return Ok(());
@@ -260,7 +281,8 @@ impl FrameMemory {
             return Ok(());
         }
         let missing = PipelineError::Internal { expected: "a previous frame on the device" };
-        let views = [&self.previous_view(inputs).ok_or(missing)?, &view_of(inputs)];
+        // A keyframe has no history, but in-between frames lead to it.
+        let views = [&self.sides[self.newest].view.ok_or(missing)?, &view_of(inputs)];
         let [before, after] = [&self.sides[self.newest], &self.sides[current]];
         let before = GpuNeighbor { image: &before.image, planes: planes(&before.gbuffer)? };
         let after = GpuNeighbor { image: &after.image, planes: planes(&after.gbuffer)? };
@@ -301,7 +323,9 @@ impl FrameMemory {
         let readback = if read_back == ReadBack::Late { &self.late[self.current()] } else { &self.readback };
         recorder.read_back(counters, readback, 0);
         recorder.read_back(&self.lattice.part(0, LATTICE_BYTES), readback, self.places.lattice);
-        if let Some(selector) = self.selector.as_ref().filter(|_| has_blocks && read_back != ReadBack::Late) {
+        if let Some(Refinement { selector, .. }) =
+            self.refinement.as_ref().filter(|_| has_blocks && read_back != ReadBack::Late)
+        {
             recorder.read_back(&selector.chosen_count().part(0, 4), readback, self.places.chosen);
         }
         if read_back != ReadBack::Images {
@@ -370,7 +394,7 @@ impl FrameMemory {
 
     /// Share of the picture's blocks that `chosen` blocks are.
     pub fn share_of(&self, chosen: u32) -> f32 {
-        self.selector.as_ref().map_or(0.0, |selector| chosen as f32 / selector.blocks() as f32)
+        self.refinement.as_ref().map_or(0.0, |refinement| chosen as f32 / refinement.selector.blocks() as f32)
     }
 
     /// The frame committed last and its in-between frames.

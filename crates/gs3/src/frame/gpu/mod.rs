@@ -10,7 +10,7 @@ use gs3_compute::{Gpu, StageTime, Submission, Timings};
 use gs3_neural::MatrixUnit;
 use gs3_raster::{BLOCKS_STAGE, GpuRasterizer, ScenePrecision};
 use gs3_reconstruct::gpu::GpuImage;
-use gs3_reconstruct::{BlockBudget, DepthLattice};
+use gs3_reconstruct::{BlockBudget, DepthLattice, ResetReason};
 use gs3_scene::{Camera, GBuffer, Scene, Size, block_grid};
 use web_time::Instant;
 
@@ -60,7 +60,7 @@ struct LateFrame {
     submission: Submission,
     /// The side of the memory that it was made on.
     side: usize,
-    /// Whether it has no history.
+    /// Whether what it shows has nothing to do with the frame before.
     is_reset: bool,
 }
 
@@ -121,7 +121,8 @@ impl GpuMachine {
             return Ok(made);
         }
         let budget = self.plan.block_budget(inputs.reset, self.controller.share());
-        let has_blocks = most_blocks(budget, inputs.camera.size()) > 0 && self.makes_blocks();
+        let blocks = if self.makes_blocks() { most_blocks(budget, inputs.camera.size()) } else { 0 };
+        let has_blocks = blocks > 0;
         let Self { gpu, plan, rasterizer, memory, .. } = self;
         let mut timings = self.timings.as_mut().filter(|_| read_back != ReadBack::Late);
         let memory = FrameMemory::fitting(memory, gpu, plan, &inputs.camera, &rasterizer.counters())?;
@@ -137,7 +138,7 @@ impl GpuMachine {
             memory.rasterize(&mut recorder, inputs, plan, has_blocks, rasterizer)?;
 
             // G-buffer and history to the frame, which a network may refine.
-            memory.super_sample(&mut recorder, inputs)?;
+            memory.super_sample(&mut recorder, inputs, blocks)?;
 
             // Exact pixels where the reconstruction cannot be trusted.
             if has_blocks {
@@ -171,7 +172,9 @@ impl GpuMachine {
             // Without a clock the time of a single stage is unknown, so the whole frame counts as rasterization.
             None if read_back != ReadBack::Late => times.add(Stage::Rasterize, started.elapsed()),
             None => {
-                let (side, is_reset) = (memory.newest(), inputs.reset.is_some());
+                // The depths before a keyframe are still those of what is seen.
+                let is_reset = inputs.reset.is_some_and(|reason| reason != ResetReason::Keyframe);
+                let side = memory.newest();
                 self.late.push_back(LateFrame { submission, side, is_reset });
             }
         }
@@ -272,9 +275,9 @@ impl GpuMachine {
 }
 
 /// Number of blocks of a picture of `size` that `budget` allows.
-fn most_blocks(budget: BlockBudget, size: Size) -> usize {
+fn most_blocks(budget: BlockBudget, size: Size) -> u32 {
     let [columns, rows] = block_grid(size);
-    budget.blocks_of(columns * rows)
+    budget.blocks_of(columns * rows) as u32
 }
 
 fn rasterizer(gpu: &Gpu, plan: &FramePlan, scene: Arc<Scene>) -> Result<GpuRasterizer, PipelineError> {

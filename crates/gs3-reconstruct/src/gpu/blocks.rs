@@ -1,0 +1,222 @@
+//! Exact blocks in the history of a device; see `refine` in `cpu/super_sample.rs`.
+
+use bytemuck::{Pod, Zeroable};
+use gs3_compute::{Bound, Buffer, Gpu, Module, Recorder, Slice, Use, grid};
+use gs3_scene::{BLOCK_SIDE, Camera};
+
+use super::error::{GpuReconstructError, other_bound};
+use super::plan::{BLOCK_PIXELS, SuperSamplePlan};
+use super::select::{GROUP, GpuBlockSelector};
+use super::shaders;
+use super::super_sample::GpuSuperSampler;
+
+/// `Remembered` of `blocks.wgsl`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+struct Remembered {
+    first: u32,
+    count: u32,
+    room: u32,
+    columns: u32,
+}
+
+/// A layer with exact blocks of a frame.
+#[derive(Clone, Copy, Debug)]
+struct Layer {
+    camera: Camera,
+    /// In frames.
+    age: u32,
+}
+
+/// Consecutive layers; after the last layer comes the first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Taken {
+    first: u32,
+    count: u32,
+}
+
+impl Taken {
+    /// Whether `layer` is one of them, of `all` layers.
+    const fn has(self, layer: u32, all: u32) -> bool {
+        (layer + all - self.first) % all < self.count
+    }
+}
+
+/// Which layers hold exact blocks of which frame. A frame with exact blocks takes the layers that were taken first.
+#[derive(Debug)]
+pub struct BlockHistory {
+    layers: Vec<Option<Layer>>,
+    layer_blocks: u32,
+    /// The layer that the next frame begins with.
+    next: u32,
+    /// The layers for the blocks of the frame recorded last.
+    pending: Option<Taken>,
+    /// Whether these blocks were recorded.
+    is_recorded: bool,
+}
+
+impl BlockHistory {
+    pub fn new(plan: &SuperSamplePlan) -> Self {
+        Self {
+            layers: vec![None; plan.layers as usize],
+            layer_blocks: plan.layer_blocks,
+            next: 0,
+            pending: None,
+            is_recorded: false,
+        }
+    }
+
+    /// Begins a frame with at most `blocks` exact blocks; without history if `is_reset`. Returns what is remembered
+    /// meanwhile: number of the layer, camera of the blocks' frame, and age.
+    pub fn begin(
+        &mut self,
+        blocks: u32,
+        is_reset: bool,
+    ) -> impl ExactSizeIterator<Item = (u32, Camera, u32)> + use<> {
+        let all = self.layers.len() as u32;
+        let count = blocks.div_ceil(self.layer_blocks.max(1)).min(all);
+        // A part of a path has the same layers as the whole path: a history begins with the first layer.
+        let taken = Taken { first: if is_reset { 0 } else { self.next }, count };
+        (self.pending, self.is_recorded) = (Some(taken), false);
+        let known = self.layers.iter().zip(0..).filter_map(|(layer, k)| {
+            let Layer { camera, age } = layer.filter(|_| !is_reset && !taken.has(k, all))?;
+            Some((k, camera, age))
+        });
+        known.collect::<Vec<_>>().into_iter()
+    }
+
+    /// Adds the frame of `camera` that was begun last. `frames` is the number of frames that are remembered.
+    pub fn commit(&mut self, camera: &Camera, is_reset: bool, frames: u32) {
+        if is_reset {
+            self.layers.fill(None);
+            self.next = 0;
+        }
+        let all = self.layers.len() as u32;
+        if let Some(taken) = self.pending.take().filter(|taken| self.is_recorded && taken.count > 0) {
+            let layers = self.layers.iter_mut().zip(0..).filter(|(_, k)| taken.has(*k, all));
+            layers.for_each(|(layer, _)| *layer = Some(Layer { camera: *camera, age: 0 }));
+            self.next = (taken.first + taken.count) % all;
+        }
+        for layer in &mut self.layers {
+            let older = layer.map(|layer| Layer { age: layer.age + 1, ..layer });
+            *layer = older.filter(|layer| layer.age < frames);
+        }
+    }
+}
+
+/// The kernel that remembers exact blocks, bound to their buffers.
+#[derive(Clone, Debug)]
+pub struct BoundBlocks {
+    /// The uniform of the super sampler that made this binding.
+    frame: Buffer,
+    uniform: Buffer,
+    remember: Bound,
+    columns: u32,
+}
+
+impl GpuSuperSampler {
+    /// Number of exact blocks that the history holds; 0 if it holds none ([`super::SideOutput`]).
+    #[must_use]
+    pub fn block_room(&self) -> u32 {
+        self.plan.block_room()
+    }
+
+    /// Binds the exact blocks that `selector` chooses. `samples` holds, for [`Self::block_room`] of them or fewer, in the
+    /// order of their numbers, three arrays of `[blocks, 16, 4]` f32: RGB, display-encoded, and median depth z, 0 for none;
+    /// ∂RGB/∂x and 0; ∂RGB/∂y and 0, each per HR pixel.
+    ///
+    /// # Errors
+    /// [`GpuReconstructError`] if the device refuses.
+    pub fn bind_blocks(
+        &self,
+        selector: &GpuBlockSelector,
+        samples: &Buffer,
+    ) -> Result<BoundBlocks, GpuReconstructError> {
+        let gpu: &Gpu = &self.gpu;
+        let uniform = gpu.buffer("remembered", Use::Uniform, size_of::<Remembered>() as u64)?;
+        let mut all: Vec<(&'static str, Slice<'_>)> = self.own_slices();
+        all.push(("remembered", uniform.slice()));
+        all.push(("exact_samples", samples.slice()));
+        all.push(("numbers", selector.sorted().slice()));
+        all.push(("chosen_count", selector.chosen_count().slice()));
+        let module: Module = gpu.module("blocks", &[&shaders::blocks()])?;
+        let remember = module.kernel(gpu, "remember_blocks", &[])?.bind(gpu, &all)?;
+        let columns = self.plan.size.width.div_ceil(BLOCK_SIDE as u32);
+        Ok(BoundBlocks { frame: self.uniform.clone(), remember, columns, uniform })
+    }
+
+    /// Records that the exact blocks of the frame recorded last are remembered: the next frames reproject their samples.
+    ///
+    /// # Errors
+    /// [`GpuReconstructError`] if `bound` belongs to another super sampler, or the device is lost.
+    pub fn record_blocks(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        bound: &BoundBlocks,
+    ) -> Result<(), GpuReconstructError> {
+        if bound.frame != self.uniform {
+            return Err(other_bound("exact blocks"));
+        }
+        let Some(Taken { first, count }) = self.blocks.pending.filter(|taken| taken.count > 0) else {
+            return Ok(());
+        };
+        let of_layers = |layers: u32| layers * self.plan.layer_blocks;
+        let remembered = Remembered {
+            first: of_layers(first),
+            count: of_layers(count),
+            room: self.plan.block_room(),
+            columns: bound.columns,
+        };
+        recorder.write(&bound.uniform.slice(), &[remembered])?;
+        recorder.stage("refine.remember");
+        recorder.dispatch(&bound.remember, grid((remembered.count * BLOCK_PIXELS).div_ceil(GROUP))?);
+        self.blocks.is_recorded = true;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gs3_compute::{Limits, assert_layout};
+    use gs3_scene::{Intrinsics, Size};
+
+    use super::*;
+
+    #[test]
+    fn layouts_are_those_of_the_shader() {
+        let source = shaders::blocks();
+        assert_layout!(&[&source], Remembered, Remembered { first, count, room, columns });
+    }
+
+    /// Blocks stay until their layer is taken again or their frame is forgotten.
+    #[test]
+    fn layers_are_taken_in_turn() {
+        let limits = Limits { buffer_bytes: 1 << 30, binding_bytes: 1 << 30, ..Limits::LEAST };
+        let plan = SuperSamplePlan::new(&limits, Size::new(640, 384), 4, 0, true).expect("fits");
+        assert_eq!((plan.layers, plan.layer_blocks), (4, 960));
+        let camera =
+            Camera::new(glam::DAffine3::IDENTITY, Intrinsics::from_fov_y(640, 384, 1.0)).expect("valid");
+        let mut history = BlockHistory::new(&plan);
+        let mut frame = |blocks: u32, is_reset: bool, is_recorded: bool| {
+            let known: Vec<_> = history.begin(blocks, is_reset).map(|(layer, _, age)| [layer, age]).collect();
+            history.is_recorded = is_recorded;
+            history.commit(&camera, is_reset, 6);
+            known
+        };
+        // All blocks of a first frame: as many as there is room for.
+        assert_eq!(frame(15_360, true, true), [[0; 2]; 0]);
+        // The next frame has layer 0, and not yet the frame after it.
+        assert_eq!(frame(922, false, true), [[1, 1], [2, 1], [3, 1]]);
+        assert_eq!(frame(961, false, true), [[0, 1], [3, 2]]);
+        assert_eq!(frame(0, false, true), [[0, 2], [1, 1], [2, 1], [3, 3]]);
+        // A frame recorded again, and one that has no blocks in the end.
+        assert_eq!(frame(1, false, false), [[0, 3], [1, 2], [2, 2]]);
+        assert_eq!(frame(1, false, true), [[0, 4], [1, 3], [2, 3]]);
+        // Six frames are remembered, the current one included.
+        assert_eq!(frame(0, false, true), [[0, 5], [1, 4], [2, 4], [3, 1]]);
+        assert_eq!(frame(0, false, true), [[1, 5], [2, 5], [3, 2]]);
+        // A reset forgets all, and begins with the first layer.
+        assert_eq!(frame(10, true, true), [[0; 2]; 0]);
+        assert_eq!(frame(0, false, true), [[0, 1]]);
+    }
+}
