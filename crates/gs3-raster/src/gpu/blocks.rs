@@ -2,11 +2,11 @@
 //! `cpu/blocks.rs`.
 
 use gs3_compute::{Bound, Buffer, GpuError, Recorder};
-use gs3_scene::{Camera, Size, block_grid};
+use gs3_scene::{BLOCK_SIDE, Camera, Size, block_grid};
 
 use super::view::Native;
 use super::{GpuGBuffer, GpuRasterError, GpuRasterizer, check};
-use crate::settings::{Culling, RasterError, RasterSettings};
+use crate::settings::{Culling, Outputs, RasterError, RasterSettings};
 use crate::view::View;
 
 /// Invocations of a workgroup that makes exact blocks, one a pixel: sixteen blocks.
@@ -21,8 +21,8 @@ const IMAGE_PIXEL_BYTES: u64 = 8;
 /// Bytes of a block's entry that says whether the block is made.
 const CHOSEN_BYTES: u64 = 4;
 
-/// Bytes of the samples of a block: sixteen pixels with three vectors of four f32 each.
-pub const EXACT_BLOCK_BYTES: u64 = 16 * 3 * 16;
+/// Bytes of the samples of a block: three vectors of four f32 for each pixel.
+pub const EXACT_BLOCK_BYTES: u64 = (BLOCK_SIDE * BLOCK_SIDE * 3 * size_of::<[f32; 4]>()) as u64;
 
 /// A low-resolution frame.
 #[derive(Clone, Copy, Debug)]
@@ -54,8 +54,9 @@ impl GpuBlocks {
     /// display-encoded, and 0.
     ///
     /// `samples` takes what [`gs3_scene::ExactBlock`] holds, as f32, of as many blocks as it has room for
-    /// ([`EXACT_BLOCK_BYTES`] each), in the order of their numbers. It has three arrays of `[blocks, 16, 4]`: RGB and median
-    /// depth; ∂RGB/∂x and 0; ∂RGB/∂y and 0. Pixels beyond the edges of the image are not written.
+    /// ([`EXACT_BLOCK_BYTES`] each), in the order of their numbers. It has three arrays of `[blocks, 16, 4]`: RGB,
+    /// display-encoded, and median depth z, world units, 0 for none; ∂RGB/∂x per pixel of the image and 0; ∂RGB/∂y and 0.
+    /// Pixels beyond the edges of the image are not written.
     #[must_use]
     pub const fn new(chosen: Buffer, image: Buffer, samples: Buffer) -> Self {
         Self { chosen, image, samples, frame: 0, blend: Vec::new() }
@@ -117,7 +118,7 @@ impl GpuRasterizer {
     /// colours but for rounding, and their samples into the samples. Other pixels keep their values.
     ///
     /// # Errors
-    /// [`RasterError::NoFrame`] if no such frame was recorded, or the rasterizer makes no blocks; [`GpuRasterError::Gpu`] if
+    /// [`RasterError::NoFrame`] if no such frame was recorded, the frame had only colour, or the rasterizer makes no blocks; [`GpuRasterError::Gpu`] if
     /// the buffers are too small for the camera's picture, or the device fails.
     pub fn record_blocks(
         &mut self,
@@ -129,6 +130,9 @@ impl GpuRasterizer {
         else {
             return Err(RasterError::NoFrame.into());
         };
+        if frame.plan.outputs == Outputs::Color {
+            return Err(RasterError::NoFrame.into());
+        }
         blocks.check(size)?;
         if blocks.frame != self.frame_number {
             let kernel = self.kernels.blend_blocks(&self.gpu, &frame.plan)?;

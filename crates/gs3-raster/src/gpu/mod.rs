@@ -5,7 +5,7 @@
 //! | project | `chunk`, `project`, `geometry`, `sh` | marks the Gaussians that touch a sample, or with exact blocks a pixel, counts them, and writes their splats in scene order |
 //! | order | | sorts the visible splats by depth, once for the whole picture |
 //! | bin | `bin`, `tiles` | front to back, writes an entry for each tile of a splat; a stable sort by tile keeps that order within tiles |
-//! | blend | `cover*`, `blend`, `places_tile`, `outputs_*`, `mixed*` | a workgroup a tile, an invocation a pixel |
+//! | blend | `cover*`, `blend`, `places_tile`, `outputs_*`, `derivatives`, `mixed*` | a workgroup a tile, an invocation a pixel |
 //! | blocks | `places_blocks`, `cover_blocks`, `blend` | the same for exact blocks, pixels of the native image, with the splats of a low-resolution frame |
 //!
 //! Deterministic except for the driver: splats of equal depth keep scene order, independent of the workgroup that

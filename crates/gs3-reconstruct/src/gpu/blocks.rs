@@ -1,7 +1,7 @@
 //! Exact blocks in the history of a device; see `refine` in `cpu/super_sample.rs`.
 
 use bytemuck::{Pod, Zeroable};
-use gs3_compute::{Bound, Buffer, Gpu, Module, Recorder, Slice, Use, grid};
+use gs3_compute::{Bound, Buffer, Recorder, Use, grid};
 use gs3_scene::{BLOCK_SIDE, Camera};
 
 use super::error::{GpuReconstructError, other_bound};
@@ -9,6 +9,7 @@ use super::plan::{BLOCK_PIXELS, SuperSamplePlan};
 use super::select::{GROUP, GpuBlockSelector};
 use super::shaders;
 use super::super_sample::GpuSuperSampler;
+use crate::error::check_size;
 
 /// `Remembered` of `blocks.wgsl`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
@@ -42,7 +43,7 @@ impl Taken {
     }
 }
 
-/// Which layers hold exact blocks of which frame. A frame with exact blocks takes the layers that were taken first.
+/// Which layers hold exact blocks of which frame. A frame with exact blocks takes the oldest layers.
 #[derive(Debug)]
 pub struct BlockHistory {
     layers: Vec<Option<Layer>>,
@@ -68,11 +69,7 @@ impl BlockHistory {
 
     /// Begins a frame with at most `blocks` exact blocks; without history if `is_reset`. Returns what is remembered
     /// meanwhile: number of the layer, camera of the blocks' frame, and age.
-    pub fn begin(
-        &mut self,
-        blocks: u32,
-        is_reset: bool,
-    ) -> impl ExactSizeIterator<Item = (u32, Camera, u32)> + use<> {
+    pub fn begin(&mut self, blocks: u32, is_reset: bool) -> Vec<(u32, Camera, u32)> {
         let all = self.layers.len() as u32;
         let count = blocks.div_ceil(self.layer_blocks.max(1)).min(all);
         // A part of a path has the same layers as the whole path: a history begins with the first layer.
@@ -82,7 +79,17 @@ impl BlockHistory {
             let Layer { camera, age } = layer.filter(|_| !is_reset && !taken.has(k, all))?;
             Some((k, camera, age))
         });
-        known.collect::<Vec<_>>().into_iter()
+        known.collect()
+    }
+
+    /// The blocks of the frame begun last are written into its layers: nothing else is remembered there any more.
+    fn record(&mut self) {
+        self.is_recorded = true;
+        let all = self.layers.len() as u32;
+        if let Some(taken) = self.pending {
+            let layers = self.layers.iter_mut().zip(0..).filter(|(_, k)| taken.has(*k, all));
+            layers.for_each(|(layer, _)| *layer = None);
+        }
     }
 
     /// Adds the frame of `camera` that was begun last. `frames` is the number of frames that are remembered.
@@ -126,21 +133,21 @@ impl GpuSuperSampler {
     /// ∂RGB/∂x and 0; ∂RGB/∂y and 0, each per HR pixel.
     ///
     /// # Errors
-    /// [`GpuReconstructError`] if the device refuses.
+    /// [`GpuReconstructError`] if `selector` is of another size, or the device refuses.
     pub fn bind_blocks(
         &self,
         selector: &GpuBlockSelector,
         samples: &Buffer,
     ) -> Result<BoundBlocks, GpuReconstructError> {
-        let gpu: &Gpu = &self.gpu;
-        let uniform = gpu.buffer("remembered", Use::Uniform, size_of::<Remembered>() as u64)?;
-        let mut all: Vec<(&'static str, Slice<'_>)> = self.own_slices();
+        check_size("exact blocks", self.plan.size, selector.size())?;
+        let uniform = self.gpu.buffer("remembered", Use::Uniform, size_of::<Remembered>() as u64)?;
+        let mut all = self.own_slices();
         all.push(("remembered", uniform.slice()));
         all.push(("exact_samples", samples.slice()));
         all.push(("numbers", selector.sorted().slice()));
         all.push(("chosen_count", selector.chosen_count().slice()));
-        let module: Module = gpu.module("blocks", &[&shaders::blocks()])?;
-        let remember = module.kernel(gpu, "remember_blocks", &[])?.bind(gpu, &all)?;
+        let module = self.gpu.module("blocks", &[&shaders::blocks()])?;
+        let remember = module.kernel(&self.gpu, "remember_blocks", &[])?.bind(&self.gpu, &all)?;
         let columns = self.plan.size.width.div_ceil(BLOCK_SIDE as u32);
         Ok(BoundBlocks { frame: self.uniform.clone(), remember, columns, uniform })
     }
@@ -170,7 +177,7 @@ impl GpuSuperSampler {
         recorder.write(&bound.uniform.slice(), &[remembered])?;
         recorder.stage("refine.remember");
         recorder.dispatch(&bound.remember, grid((remembered.count * BLOCK_PIXELS).div_ceil(GROUP))?);
-        self.blocks.is_recorded = true;
+        self.blocks.record();
         Ok(())
     }
 }
@@ -197,26 +204,33 @@ mod tests {
         let camera =
             Camera::new(glam::DAffine3::IDENTITY, Intrinsics::from_fov_y(640, 384, 1.0)).expect("valid");
         let mut history = BlockHistory::new(&plan);
-        let mut frame = |blocks: u32, is_reset: bool, is_recorded: bool| {
-            let known: Vec<_> = history.begin(blocks, is_reset).map(|(layer, _, age)| [layer, age]).collect();
-            history.is_recorded = is_recorded;
+        let frame = |history: &mut BlockHistory, blocks: u32, is_reset: bool, is_recorded: bool| {
+            let known: Vec<_> =
+                history.begin(blocks, is_reset).iter().map(|(layer, _, age)| [*layer, *age]).collect();
+            if is_recorded {
+                history.record();
+            }
             history.commit(&camera, is_reset, 6);
             known
         };
         // All blocks of a first frame: as many as there is room for.
-        assert_eq!(frame(15_360, true, true), [[0; 2]; 0]);
+        assert_eq!(frame(&mut history, 15_360, true, true), [[0; 2]; 0]);
         // The next frame has layer 0, and not yet the frame after it.
-        assert_eq!(frame(922, false, true), [[1, 1], [2, 1], [3, 1]]);
-        assert_eq!(frame(961, false, true), [[0, 1], [3, 2]]);
-        assert_eq!(frame(0, false, true), [[0, 2], [1, 1], [2, 1], [3, 3]]);
+        assert_eq!(frame(&mut history, 922, false, true), [[1, 1], [2, 1], [3, 1]]);
+        assert_eq!(frame(&mut history, 961, false, true), [[0, 1], [3, 2]]);
+        assert_eq!(frame(&mut history, 0, false, true), [[0, 2], [1, 1], [2, 1], [3, 3]]);
         // A frame recorded again, and one that has no blocks in the end.
-        assert_eq!(frame(1, false, false), [[0, 3], [1, 2], [2, 2]]);
-        assert_eq!(frame(1, false, true), [[0, 4], [1, 3], [2, 3]]);
+        assert_eq!(frame(&mut history, 1, false, false), [[0, 3], [1, 2], [2, 2]]);
+        assert_eq!(frame(&mut history, 1, false, true), [[0, 4], [1, 3], [2, 3]]);
         // Six frames are remembered, the current one included.
-        assert_eq!(frame(0, false, true), [[0, 5], [1, 4], [2, 4], [3, 1]]);
-        assert_eq!(frame(0, false, true), [[1, 5], [2, 5], [3, 2]]);
+        assert_eq!(frame(&mut history, 0, false, true), [[0, 5], [1, 4], [2, 4], [3, 1]]);
+        assert_eq!(frame(&mut history, 0, false, true), [[1, 5], [2, 5], [3, 2]]);
         // A reset forgets all, and begins with the first layer.
-        assert_eq!(frame(10, true, true), [[0; 2]; 0]);
-        assert_eq!(frame(0, false, true), [[0, 1]]);
+        assert_eq!(frame(&mut history, 10, true, true), [[0; 2]; 0]);
+        assert_eq!(frame(&mut history, 0, false, true), [[0, 1]]);
+        // A frame recorded again with fewer blocks: what was overwritten is not remembered as an older frame's.
+        history.begin(2881, false);
+        history.record();
+        assert!(history.begin(1, false).is_empty());
     }
 }

@@ -49,7 +49,7 @@ fn remember_blocks(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_i
     let block = numbers[select(0u, number, is_block)];
     let corner = vec2(block % remembered.columns, block / remembered.columns) * BLOCK_SIDE;
     if index % BLOCK_PIXELS == 0u {
-        edge_slopes[frame.first_of_places + to] = select(NO_PLACE, corner.x | corner.y << 16u, is_block);
+        edge_slopes[frame.first_of_corners + to] = select(NO_CORNER, corner.x | corner.y << 16u, is_block);
     }
     let at = pixel_of(index);
     if !is_block || any(corner + at >= frame.size) {
@@ -58,13 +58,7 @@ fn remember_blocks(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_i
     let color = exact_samples[index];
     let dx = exact_samples[samples + index].xyz;
     let dy = exact_samples[2u * samples + index].xyz;
-    let w = inverse_depth(color.w);
-    let packed = pack_sample(color.xyz, dx, dy, w);
-    let id = frame.first_of_blocks + to * BLOCK_PIXELS + index % BLOCK_PIXELS;
-    samples_a[id] = vec2(bitcast<u32>(w), packed.red_green);
-    samples_b[id] = packed.b;
-    samples_c[id] = packed.c;
     let near = nearest_in_block(index - index % BLOCK_PIXELS, corner, at);
-    let slope = sqrt(dot(dx, dx) + dot(dy, dy));
-    edge_slopes[id] = bitcast<u32>(select(0.0, CROSSING * (near - w) * slope, w < near * EDGE_RATIO));
+    let id = frame.first_of_blocks + to * BLOCK_PIXELS + index % BLOCK_PIXELS;
+    write_sample(id, color.xyz, dx, dy, inverse_depth(color.w), near);
 }

@@ -1,7 +1,7 @@
-// Data of a frame for all kernels of super sampling: the layouts equal FrameUniform in super_sample.rs, which a test
+// Data of a frame for all kernels of super sampling: the layouts equal FrameUniform in frame.rs, which a test
 // checks.
 
-// A remembered LR frame, or a layer of exact blocks of one.
+// A remembered LR frame, or a layer: exact blocks of one LR frame.
 struct Past {
     // Rows of the homography from the frame's HR pixels to the current ones, and the epipole (Reprojection).
     rows: array<vec4<f32>, 3>,
@@ -12,7 +12,8 @@ struct Past {
     first: u32,
     // Parallax at depth 1 between the frame's camera and the current one, in HR pixels.
     parallax: f32,
-    // Columns and rows of samples, with the margin; and the number of samples, row by row, if fewer.
+    // Columns and rows of samples, with the margin; and the number of samples, counted row by row: the last rows may have
+    // none.
     extent: vec2<u32>,
     count: u32,
     // In frames.
@@ -37,8 +38,8 @@ struct Frame {
     first_sampled: vec2<u32>,
     // Capacity in samples, with a margin.
     padded: vec2<u32>,
-    // The place of the first exact block in `edge_slopes` (block_places.wgsl).
-    first_of_places: u32,
+    // Where the corners of exact blocks begin in `edge_slopes` (block_corners.wgsl).
+    first_of_corners: u32,
     _pad: u32,
     // Per phase of a pixel within an LR pixel: the sample at or before it, relative to the LR pixel, and the fraction
     // of the way to the next sample (SampleAxis). Columns, then rows.

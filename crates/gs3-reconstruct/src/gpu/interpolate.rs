@@ -7,10 +7,10 @@ use gs3_compute::{Bound, Buffer, Gpu, GpuError, Kernel, Recorder, Use};
 use gs3_scene::{Camera, Size};
 
 use super::error::GpuReconstructError;
+use super::frame::rows;
 use super::image::{GpuImage, GpuPlanes};
 use super::plan::InterpolatePlan;
 use super::shaders;
-use super::super_sample::rows;
 use crate::cpu::warp::offset;
 use crate::error::{ReconstructError, check_frame_size, check_jitter, check_scale, check_size};
 use crate::reprojection::Reprojection;

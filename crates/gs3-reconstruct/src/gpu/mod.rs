@@ -7,7 +7,7 @@
 //! | order | `order`, `copy` | the samples into the order of their first pixels |
 //! | tile | `hermite`, `ordered`, `tile` | a workgroup a tile: the surface, then the samples over it, in three runs a pixel |
 //! | select | `expected_errors`, `select` | the blocks with the largest expected errors, to be rasterized exactly |
-//! | blocks | `block_places`, `blocks` | exact blocks into the history |
+//! | blocks | `block_corners`, `blocks` | exact blocks into the history |
 //! | depth | `neighbor_depth`, `middle_depth` | depths of both neighbours at the pose between, nearest wins, holes filled |
 //! | warp | `gather`, `warp`, `separate` | an invocation four pixels: both neighbours, blended, or the first alone |
 //! | | `motion` | where the surfaces of an LR frame were, for what networks remember |
@@ -18,6 +18,7 @@
 
 mod blocks;
 mod error;
+mod frame;
 mod image;
 mod interpolate;
 mod kriging;

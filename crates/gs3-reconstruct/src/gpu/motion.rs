@@ -7,9 +7,9 @@ use gs3_compute::{Bound, Buffer, Gpu, Kernel, Recorder, Use};
 use gs3_scene::{Camera, Size};
 
 use super::error::GpuReconstructError;
+use super::frame::rows;
 use super::plan::over_samples;
 use super::shaders;
-use super::super_sample::rows;
 use crate::error::check_size;
 use crate::reprojection::Reprojection;
 

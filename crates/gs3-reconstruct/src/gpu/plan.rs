@@ -5,13 +5,14 @@ use gs3_scene::{BLOCK_SIDE, Size, block_grid};
 
 use crate::cpu::nearest::RIM;
 use crate::cpu::splat::{COLUMNS, ROWS};
-use crate::settings::MAX_LAYERS;
+use crate::settings::{MAX_LAYERS, PER_HISTORY};
 
-/// A layer of the history has room for this part of the picture's blocks: for the exact blocks of a frame of balanced quality.
+/// A layer of the history has room for one in so many of the picture's blocks: for the exact blocks of a frame of balanced quality,
+/// 6 %.
 const PER_LAYER: u32 = 16;
 
-/// The history has room for this part of the picture's blocks.
-const PER_HISTORY: u32 = 4;
+/// Bytes of a block's samples: three arrays of sixteen vectors (`exact_samples` of `blocks.wgsl`).
+const EXACT_BLOCK_BYTES: u64 = 3 * BLOCK_PIXELS as u64 * size_of::<[f32; 4]>() as u64;
 
 /// Pixels of a block.
 pub const BLOCK_PIXELS: u32 = (BLOCK_SIDE * BLOCK_SIDE) as u32;
@@ -55,7 +56,7 @@ pub struct SuperSamplePlan {
     pub scale: u32,
     /// LR frames in the history, the current frame included.
     pub frames: u32,
-    /// Parts of the history with exact blocks of one frame each.
+    /// Layers: parts of the history with exact blocks of one frame each.
     pub layers: u32,
     /// Exact blocks in a layer.
     pub layer_blocks: u32,
@@ -129,12 +130,13 @@ impl SuperSamplePlan {
         let lr = low_resolution(size, scale);
         let padded = lr.map(|side| side.saturating_add(margin.saturating_mul(2)));
         let blocks = blocks_of(size);
-        // No more samples than an LR frame: the same workgroups go over both. Pictures of a few pixels have no layers.
+        // No more samples than an LR frame: the same workgroups go over both. Pictures of a few pixels have no layers, and at
+        // scale 1 the history is the current frame alone.
         let layer_blocks = blocks.div_ceil(PER_LAYER).min((padded.pixels() / u64::from(BLOCK_PIXELS)) as u32);
-        let has_layers = has_blocks && layer_blocks > 0;
+        let has_layers = has_blocks && layer_blocks > 0 && scale > 1;
         let layers = if has_layers { blocks.div_ceil(PER_HISTORY).div_ceil(layer_blocks) } else { 0 };
         let layers = layers.min(MAX_LAYERS as u32);
-        let plan = Self {
+        let mut plan = Self {
             size,
             lr,
             margin,
@@ -149,7 +151,17 @@ impl SuperSamplePlan {
             over_tiles: over(size, [MADE_WIDTH - 2, made_height - 2]),
             over_kriged: over(size, KRIGED),
         };
-        check(limits, &plan.buffers(), &[plan.over_around, plan.over_tiles, [plan.frames, 1, 1]])?;
+        let check = |plan: &Self| {
+            let sources = plan.frames + plan.layers;
+            let exact = ("exact samples", u64::from(plan.block_room()) * EXACT_BLOCK_BYTES);
+            let all: Vec<_> = plan.buffers().into_iter().chain([exact]).collect();
+            check(limits, &all, &[plan.over_around, plan.over_tiles, [sources, 1, 1]])
+        };
+        // As many exact blocks as the device has room for, none if need be.
+        while plan.layers > 0 && check(&plan).is_err() {
+            plan.layers -= 1;
+        }
+        check(&plan)?;
         Ok(plan)
     }
 
@@ -309,6 +321,13 @@ mod tests {
         let small = limits(128 << 20, 32 << 10);
         assert!(SuperSamplePlan::new(&small, Size::new(4096, 2160), 4, 32, true).is_ok());
         assert!(InterpolatePlan::new(&small, Size::new(4096, 2160), 4).is_ok());
+        // Larger pictures remember fewer exact blocks, and then none.
+        let layers = |width, height| {
+            SuperSamplePlan::new(&small, Size::new(width, height), 4, 0, true).map(|plan| plan.layers)
+        };
+        assert_eq!(layers(4096, 2160), Ok(4));
+        assert_eq!(layers(5120, 2880), Ok(2));
+        assert_eq!(layers(4096, 4096), Ok(0));
         for refused in [
             SuperSamplePlan::new(&small, Size::new(7680, 4320), 4, 32, true).map(|_| ()),
             InterpolatePlan::new(&small, Size::new(7680, 4320), 4).map(|_| ()),

@@ -3,10 +3,11 @@ fn reproject(rows: array<vec4<f32>, 3>, at: vec2<f32>, w: f32) -> vec4<f32> {
     let a = reproject_row(rows[0], at, w);
     let b = reproject_row(rows[1], at, w);
     let q = reproject_row(rows[2], at, w);
-    // Devices divide within 2.5 units in the last place. A step of Newton's method leaves the CPU's reciprocal in nearly all
+    // Devices divide within 2.5 units in the last place. A step of Newton's method then gives the CPU's reciprocal in nearly all
     // cases, so that a sample that lands beside a pixel's edge reaches the same pixels.
     let near = 1.0 / q;
-    let per = fma(fma(-q, near, 1.0), near, near);
+    // Not for 0, which has an infinite reciprocal.
+    let per = select(near, fma(fma(-q, near, 1.0), near, near), abs(q) > MIN_DIVISOR);
     return vec4(a * per, b * per, q, per);
 }
 

@@ -9,13 +9,12 @@
 @group(0) @binding(4) var<storage, read_write> samples_a: array<vec2<u32>>;
 @group(0) @binding(5) var<storage, read_write> samples_b: array<vec2<u32>>;
 @group(0) @binding(6) var<storage, read_write> samples_c: array<vec2<u32>>;
-// The bits of the history's edge slopes: colour change per HR pixel of parallax at depth 1. After them come the places of exact
-// blocks (block_places.wgsl).
+// The bits of the history's edge slopes: colour change per HR pixel of parallax at depth 1. After them come the corners of exact
+// blocks (block_corners.wgsl).
 @group(0) @binding(7) var<storage, read_write> edge_slopes: array<u32>;
 
-// The edge slope of sample `at`.
-fn edge_slope(at: vec2<u32>) -> f32 {
-    let i = at.y * frame.padded.x + at.x;
+// The largest inverse depth of sample `at` and the samples around it.
+fn nearest_around(at: vec2<u32>) -> f32 {
     let first = max(at, vec2(1u)) - 1u;
     let last = min(at + 1u, frame.past[0].extent - 1u);
     var near = 0.0;
@@ -24,11 +23,7 @@ fn edge_slope(at: vec2<u32>) -> f32 {
             near = max(near, inverse_depth(dx_median[y * frame.padded.x + x].w));
         }
     }
-    let w = inverse_depth(dx_median[i].w);
-    let dx = dx_median[i].xyz;
-    let dy = dy_expected[i].xyz;
-    let slope = sqrt(dot(dx, dx) + dot(dy, dy)) / f32(frame.scale);
-    return select(0.0, CROSSING * (near - w) * slope, w < near * EDGE_RATIO);
+    return near;
 }
 
 @compute @workgroup_size(WORKGROUP_X, WORKGROUP_Y)
@@ -37,12 +32,8 @@ fn remember(@builtin(global_invocation_id) at: vec3<u32>) {
         return;
     }
     let i = at.y * frame.padded.x + at.x;
-    let w = inverse_depth(dx_median[i].w);
     let per = 1.0 / f32(frame.scale);
-    let packed = pack_sample(color_alpha[i].xyz, dx_median[i].xyz * per, dy_expected[i].xyz * per, w);
-    let to = newest() + i;
-    samples_a[to] = vec2(bitcast<u32>(w), packed.red_green);
-    samples_b[to] = packed.b;
-    samples_c[to] = packed.c;
-    edge_slopes[to] = bitcast<u32>(edge_slope(at.xy));
+    let dx = dx_median[i].xyz * per;
+    let dy = dy_expected[i].xyz * per;
+    write_sample(newest() + i, color_alpha[i].xyz, dx, dy, inverse_depth(dx_median[i].w), nearest_around(at.xy));
 }

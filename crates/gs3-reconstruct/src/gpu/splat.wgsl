@@ -7,7 +7,7 @@
 @group(0) @binding(1) var<storage, read> samples_a: array<vec2<u32>>;
 @group(0) @binding(2) var<storage, read> samples_b: array<vec2<u32>>;
 @group(0) @binding(3) var<storage, read> cells: array<vec4<u32>>;
-// Edge slopes of samples, and behind them the places of exact blocks; see blocks.wgsl.
+// Edge slopes of samples, and after them the corners of exact blocks (block_corners.wgsl).
 @group(0) @binding(4) var<storage, read> edge_slopes: array<u32>;
 // Number of samples of each cell.
 @group(0) @binding(5) var<storage, read_write> cell_counts: array<atomic<u32>>;
@@ -38,7 +38,7 @@ fn reproject_sample(at: vec3<u32>) -> ReprojectedSample {
     var is_there = true;
     if id >= frame.first_of_blocks {
         let index = id - frame.first_of_blocks;
-        let block = block_at(edge_slopes[frame.first_of_places + index / BLOCK_PIXELS]);
+        let block = block_at(edge_slopes[frame.first_of_corners + index / BLOCK_PIXELS]);
         let pixel = block.xy + pixel_of(index);
         own = vec2<f32>(pixel) + 0.5;
         is_there = block.z != 0u && all(pixel < frame.size);

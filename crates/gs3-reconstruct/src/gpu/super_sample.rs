@@ -2,70 +2,23 @@
 
 use std::fmt;
 
-use bytemuck::{Pod, Zeroable};
+use bytemuck::Zeroable;
 use gs3_compute::{Bound, BoundScan, Buffer, Gpu, GpuError, Kernel, Recorder, Scan, Slice, Use};
 use gs3_scene::camera::MAX_SIDE;
 use gs3_scene::{Camera, Margin, Size};
 
 use super::blocks::BlockHistory;
 use super::error::{GpuReconstructError, other_bound};
+use super::frame::{FrameUniform, MAX_SOURCES, PHASES, PastUniform};
 use super::image::{GpuImage, GpuPlanes};
 use super::plan::{BLOCK_PIXELS, SuperSamplePlan};
 use super::shaders;
 use super::side_output::SideOutput;
 use crate::cpu::nearest::EVERY;
 use crate::error::{ReconstructError, check_frame_size, check_jitter, check_scale, check_size};
-use crate::reprojection::{Reprojection, parallax};
 use crate::sample_grid::{SampleAxis, SampledPixels};
 use crate::sequence::ResetReason;
-use crate::settings::{Kriging, MAX_LAYERS, MAX_PAST};
-
-/// LR frames and layers in the history.
-const MAX_SOURCES: usize = MAX_PAST + MAX_LAYERS;
-
-/// Phases of pixels within an LR pixel.
-const PHASES: usize = crate::MAX_SCALE as usize;
-
-/// `Past` of `frame.wgsl`.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-struct PastUniform {
-    rows: [[f32; 4]; 3],
-    offset: [f32; 2],
-    first: u32,
-    parallax: f32,
-    extent: [u32; 2],
-    count: u32,
-    age: u32,
-}
-
-/// `Frame` of `frame.wgsl`.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-struct FrameUniform {
-    size: [u32; 2],
-    lr: [u32; 2],
-    scale: u32,
-    frames: u32,
-    layers: u32,
-    first_of_blocks: u32,
-    cell_offset: [f32; 2],
-    first_sampled: [u32; 2],
-    padded: [u32; 2],
-    first_of_places: u32,
-    _pad: u32,
-    x_places: [[f32; 4]; PHASES],
-    y_places: [[f32; 4]; PHASES],
-    past: [PastUniform; MAX_SOURCES],
-}
-
-impl PastUniform {
-    /// A frame of camera `past` as `current` sees it, without samples.
-    fn between(past: &Camera, current: &Camera) -> Self {
-        let rows = rows(&Reprojection::new(past, current));
-        Self { rows, parallax: parallax(past, current), ..Self::zeroed() }
-    }
-}
+use crate::settings::Kriging;
 
 /// A frame in the history.
 #[derive(Clone, Copy, Debug)]
@@ -77,18 +30,12 @@ struct Past {
     slot: u32,
 }
 
-/// Rows of the homography, and the epipole, as kernels read them.
-pub(super) fn rows(reprojection: &Reprojection) -> [[f32; 4]; 3] {
-    let Reprojection { rows, epipole, .. } = reprojection;
-    std::array::from_fn(|k| [rows[k][0], rows[k][1], rows[k][2], epipole[k]])
-}
-
 /// Super-samples a sequence of jittered LR frames of one size in device memory, by the rules of
 /// [`crate::SuperSampler`].
 ///
 /// Memory: 80 B per LR pixel and remembered frame, which is 80 B per HR pixel; 68 of them are needed for the widest
 /// margin as well. With [`SideOutput::ExpectedErrors`] the history also holds exact blocks of a quarter of the picture, 17 B
-/// per HR pixel. Nothing is allocated after construction. Two submissions of the same frames give the same bits on
+/// per HR pixel, and the samples that it reads them from take 12 B. Nothing is allocated after construction. Two submissions of the same frames give the same bits on
 /// a device.
 pub struct GpuSuperSampler {
     pub(super) gpu: Gpu,
@@ -299,7 +246,8 @@ impl GpuSuperSampler {
     /// Records the reconstruction of the image of `camera` from the G-buffer that `bound` reads, and the history. The
     /// G-buffer is the LR frame of `camera`, sampled at `jitter`, with `margin` around it. At most once in a
     /// submission. [`Self::commit`] adds the frame to the history. A frame recorded again before the commit is
-    /// replaced. At most `blocks` exact blocks are remembered of the frame, if [`Self::record_blocks`] follows.
+    /// replaced. `blocks` is the largest number of exact blocks that [`Self::record_blocks`] will remember; the oldest blocks
+    /// give them their memory.
     ///
     /// # Errors
     /// [`GpuReconstructError`] if `bound` belongs to another super sampler, the size of `camera`, the jitter or the
@@ -432,7 +380,7 @@ impl GpuSuperSampler {
             frames: kept.len() as u32 + 1,
             layers: 0,
             first_of_blocks: self.plan.first_of_layer(0),
-            first_of_places: self.plan.first_of_layer(self.plan.layers),
+            first_of_corners: self.plan.first_of_layer(self.plan.layers),
             _pad: 0,
             first_sampled,
             padded: self.plan.padded.to_array(),
@@ -476,37 +424,4 @@ fn named<'a>(all: &[(&'static str, Slice<'a>)], name: &str) -> Slice<'a> {
 /// The first slot that no frame of `history` uses.
 fn first_free(history: &[Past], slots: u32) -> u32 {
     (0..slots).find(|slot| history.iter().all(|past| past.slot != *slot)).unwrap_or(0)
-}
-
-#[cfg(test)]
-mod tests {
-    use gs3_compute::assert_layout;
-
-    use super::*;
-
-    #[test]
-    fn layouts_are_those_of_the_shader() {
-        let source = include_str!("frame.wgsl");
-        assert_layout!(&[source], Past, PastUniform { rows, offset, first, parallax, extent, count, age });
-        assert_layout!(
-            &[source],
-            Frame,
-            FrameUniform {
-                size,
-                lr,
-                scale,
-                frames,
-                layers,
-                first_of_blocks,
-                cell_offset,
-                first_sampled,
-                padded,
-                first_of_places,
-                _pad,
-                x_places,
-                y_places,
-                past
-            }
-        );
-    }
 }

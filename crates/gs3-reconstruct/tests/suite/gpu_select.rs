@@ -31,7 +31,7 @@ fn chosen(gpu: &Gpu, errors: &[u32], size: Size, budget: BlockBudget) -> (Vec<[u
 }
 
 #[test]
-fn the_choice_is_the_cpus() {
+fn the_choice_is_the_cpus_of_twelve_leading_bits() {
     let Some(gpu) = gpu() else { return };
     let size = Size::new(410, 250);
     let [columns, rows] = block_grid(size);
@@ -51,7 +51,7 @@ fn the_choice_is_the_cpus() {
         expected.sort_unstable_by_key(|[x, y]| (*y, *x));
         expected
     };
-    // Errors that are equal within 1/2048 count as equal: twelve leading bits.
+    // Errors with the same twelve leading bits count as equal.
     let leading = |units: &u32| units & !(0x7fff_ffff_u32 >> (units | 1).leading_zeros() >> 11);
     let in_steps: Vec<u32> = errors.iter().map(leading).collect();
     let sum = |places: &[[u16; 2]]| -> u64 {
@@ -158,7 +158,7 @@ fn exact_blocks_are_remembered_as_on_the_cpu() {
                 let errors = gpu.buffer_with("errors", Use::Storage, &errors).unwrap();
                 let selector = GpuBlockSelector::new(&gpu, size, &errors).unwrap();
                 let bound = device.sampler.bind_blocks(&selector, &upload(&gpu, &blocks)).unwrap();
-                // One layer a frame, so that none is taken twice.
+                // All frames together take no layer twice.
                 let budget = BlockBudget { most: 1.0 / 25.0, least_error: 0.0 };
                 device.super_sample_with_blocks((&pose(k), &gbuffer), (&bound, &selector, budget))
             };

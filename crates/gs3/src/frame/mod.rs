@@ -301,17 +301,19 @@ impl FramePipeline {
         }
         match self.plan.refine {
             Refine::FrameTime(_) => None,
-            refine if refine.is_on() && refine.starts_exact() && self.makes_blocks() => Some(Keyframe::All),
+            refine if refine.is_on() && refine.starts_exact() && self.always_makes_blocks() => {
+                Some(Keyframe::All)
+            }
             _ => Some(Keyframe::Sampling),
         }
     }
 
-    /// Whether the machine makes exact blocks.
-    const fn makes_blocks(&self) -> bool {
+    /// Whether all frames have exact blocks, of whatever size: a GPU with an interpolation network only rasterizes some sizes.
+    const fn always_makes_blocks(&self) -> bool {
         match &self.machine {
             Machine::Cpu(_) => true,
             #[cfg(feature = "gpu")]
-            Machine::Gpu(machine) => machine.makes_blocks(),
+            Machine::Gpu(machine) => machine.makes_blocks() && self.plan.networks.interpolate.is_none(),
         }
     }
 

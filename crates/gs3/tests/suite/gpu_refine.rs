@@ -64,7 +64,7 @@ fn exact_pixels_make_better_frames_on_a_gpu() {
     eprintln!("rendered, between, share: {off:.3?}, {some:.3?}, {more:.3?}");
     assert_eq!(off.2, 0.0);
     assert!((some.2 - 0.05).abs() < 1e-3 && more.2 > some.2 && more.2 <= 0.2005, "{some:?}, {more:?}");
-    assert!(some.0 > off.0 + 1.0 && more.0 > some.0 + 1.0, "{off:.2?}, {some:.2?}, {more:.2?}");
+    assert!(more.0 > some.0 + 1.0, "{off:.2?}, {some:.2?}, {more:.2?}");
     // Exact blocks of these frames alone gain 1.7 dB.
     assert!(some.0 > off.0 + 2.5, "later frames remember exact blocks: {off:.2?}, {some:.2?}");
     assert!(some.1 > off.1 + 0.5 && more.1 > some.1 + 0.5, "{off:.2?}, {some:.2?}, {more:.2?}");

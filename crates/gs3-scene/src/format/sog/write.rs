@@ -6,6 +6,8 @@ use glam::DVec3;
 use image_webp::{ColorType, WebPEncoder};
 use rayon::prelude::*;
 use serde_json::json;
+use webp_rust::LosslessEncodingConfig;
+use webp_rust::encoder::encode_lossless_rgba_to_webp_with_config;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
@@ -25,9 +27,14 @@ pub(super) const GENERATOR: &str = concat!("gs3 ", env!("CARGO_PKG_VERSION"));
 /// 4. WebP allows 16,384 pixels on a side; image-webp 0.2 reads 16,383.
 pub(in super::super) const MOST_GAUSSIANS: usize = 16_380 * 16_380;
 
-/// From so many Gaussians on memory counts more than time: images are made and compressed one after the other, and codebooks are
-/// fitted to a histogram. All at once takes about 100 bytes a Gaussian, twice a scene without harmonics.
+/// From so many Gaussians on memory counts more than time and size: images are compressed one after the other, by the encoder that
+/// takes less memory, and codebooks are fitted to a histogram. Below, images of as many Gaussians are compressed at once, which
+/// takes 0.3 GB.
 const MANY: usize = 1 << 22;
+
+/// How hard webp-rust compresses images, from 0 to 9. (`flowers` in eight parts, 56 images: level 2 takes 11 s of a core and makes
+/// 16.3 MB, level 9 417 s and 16.0 MB, as much as libwebp by default.)
+const LEVEL: u8 = 2;
 
 /// Writes `scene` as a bundle, its Gaussians in Morton order, which makes neighbouring pixels alike. Precision: 16 bits
 /// for the logarithm of positions, 8 bits for the others, the higher harmonics by a palette of at most 65,536
@@ -98,37 +105,30 @@ pub(super) fn encode(
         (palette, codebook)
     });
 
-    let per_gaussian = |channels: ColorType, pixel: &(dyn Fn(usize, &mut [u8]) + Sync)| {
-        image(order.len(), channels, &|place, bytes| pixel(order[place] as usize, bytes))
-    };
-    let rgb = ColorType::Rgb8;
+    let per_gaussian =
+        |pixel: &(dyn Fn(usize) -> [u8; 4] + Sync)| image(order.len(), &|place| pixel(order[place] as usize));
     type Maker<'a> = (&'static str, Box<dyn Fn() -> Image + Sync + 'a>);
     let mut images: Vec<Maker<'_>> = vec![
         (
             "means_l.webp",
-            Box::new(|| per_gaussian(rgb, &|i, p| set(p, means.codes(i).map(|code| code.to_le_bytes()[0])))),
+            Box::new(|| per_gaussian(&|i| opaque(means.codes(i).map(|code| code.to_le_bytes()[0])))),
         ),
         (
             "means_u.webp",
-            Box::new(|| per_gaussian(rgb, &|i, p| set(p, means.codes(i).map(|code| code.to_le_bytes()[1])))),
+            Box::new(|| per_gaussian(&|i| opaque(means.codes(i).map(|code| code.to_le_bytes()[1])))),
         ),
         (
             "scales.webp",
-            Box::new(|| {
-                per_gaussian(rgb, &|i, p| set(p, gaussians.scale(i).map(|s| scales.encode(log_scale(s)))))
-            }),
+            Box::new(|| per_gaussian(&|i| opaque(gaussians.scale(i).map(|s| scales.encode(log_scale(s)))))),
         ),
-        (
-            "quats.webp",
-            Box::new(|| per_gaussian(ColorType::Rgba8, &|i, p| set(p, pack_rotation(gaussians.rotation(i))))),
-        ),
+        ("quats.webp", Box::new(|| per_gaussian(&|i| pack_rotation(gaussians.rotation(i))))),
         (
             "sh0.webp",
             Box::new(|| {
-                per_gaussian(ColorType::Rgba8, &|i, p| {
+                per_gaussian(&|i| {
                     let sh = gaussians.sh_of(i);
                     let opacity = (gaussians.opacities[i] * 255.0).round() as u8;
-                    set(p, [sh0.encode(sh[0]), sh0.encode(sh[1]), sh0.encode(sh[2]), opacity]);
+                    [sh0.encode(sh[0]), sh0.encode(sh[1]), sh0.encode(sh[2]), opacity]
                 })
             }),
         ),
@@ -138,17 +138,18 @@ pub(super) fn encode(
         images.push((
             "shN_labels.webp",
             Box::new(|| {
-                image(order.len(), rgb, &|place, p| {
+                image(order.len(), &|place| {
                     let [low, high] = palette.labels[place].to_le_bytes();
-                    set(p, [low, high, 0]);
+                    opaque([low, high, 0])
                 })
             }),
         ));
     }
-    let at_once = if order.len() > MANY { 1 } else { images.len() };
+    let is_many = order.len() > MANY;
+    let at_once = (MANY / order.len().max(1)).clamp(1, images.len());
     for images in images.chunks(at_once) {
         let encoded: io::Result<Vec<_>> =
-            images.par_iter().map(|(name, make)| Ok((*name, make().encode()?))).collect();
+            images.par_iter().map(|(name, make)| Ok((*name, make().encode(is_many)?))).collect();
         encoded?.into_iter().try_for_each(|(name, bytes)| sink(name, bytes))?;
     }
     Ok(serde_json::to_vec(&meta)?)
@@ -184,56 +185,55 @@ impl<'a> Weights<'a> {
     }
 }
 
-/// An image before its compression.
+/// An image before its compression: RGBA.
 struct Image {
     width: usize,
     height: usize,
-    color: ColorType,
-    bytes: Vec<u8>,
+    rgba: Vec<u8>,
 }
 
 impl Image {
-    fn encode(&self) -> io::Result<Vec<u8>> {
+    /// As small as possible, or in little memory: image-webp takes 3 bytes a pixel, webp-rust 40 to 70.
+    fn encode(&self, in_little_memory: bool) -> io::Result<Vec<u8>> {
+        if !in_little_memory {
+            let config = LosslessEncodingConfig { z_level: LEVEL };
+            return encode_lossless_rgba_to_webp_with_config(self.width, self.height, &self.rgba, &config)
+                .map_err(|error| io::Error::other(error.to_string()));
+        }
         let mut webp = Vec::new();
         WebPEncoder::new(&mut webp)
-            .encode(&self.bytes, self.width as u32, self.height as u32, self.color)
+            .encode(&self.rgba, self.width as u32, self.height as u32, ColorType::Rgba8)
             .map_err(io::Error::other)?;
         Ok(webp)
     }
 }
 
-/// An image of `count` pixels, one for each Gaussian; about square, sides multiples of 4.
-fn image(count: usize, color: ColorType, pixel: &(dyn Fn(usize, &mut [u8]) + Sync)) -> Image {
-    let channels = if matches!(color, ColorType::Rgba8) { 4 } else { 3 };
+/// An image of `count` pixels, one for each Gaussian; about square, sides multiples of 4. Pixels beyond the last Gaussian
+/// are those of the last one.
+fn image(count: usize, pixel: &(dyn Fn(usize) -> [u8; 4] + Sync)) -> Image {
     let width = ((count as f64).sqrt() / 4.0).ceil() as usize * 4;
     let height = count.div_ceil(width).next_multiple_of(4);
-    // Pixels beyond the last Gaussian stay zero; opaque alpha is not needed where nothing is read.
-    let mut bytes = vec![0; width * height * channels];
-    bytes
-        .par_chunks_exact_mut(channels)
-        .with_min_len(4096)
-        .take(count)
-        .enumerate()
-        .for_each(|(place, bytes)| pixel(place, bytes));
-    Image { width, height, color, bytes }
+    let mut rgba = vec![0; width * height * 4];
+    let pixels = rgba.as_chunks_mut().0;
+    let last = count.saturating_sub(1);
+    pixels.par_iter_mut().with_min_len(4096).enumerate().for_each(|(k, to)| *to = pixel(k.min(last)));
+    Image { width, height, rgba }
 }
 
 /// The palette: 64 rows of coefficients side by side.
 fn palette_image(rows: &[f32], dimensions: usize, codebook: &Codebook) -> Image {
-    let coefficients = dimensions / 3;
-    let width = PALETTE_COLUMNS * coefficients;
+    let width = PALETTE_COLUMNS * dimensions / 3;
     let height = (rows.len() / dimensions).div_ceil(PALETTE_COLUMNS);
-    let mut bytes = vec![0; width * height * 3];
-    bytes
-        .par_iter_mut()
-        .with_min_len(4096)
-        .zip(rows.par_iter().with_min_len(4096))
-        .for_each(|(byte, value)| *byte = codebook.encode(*value));
-    Image { width, height, color: ColorType::Rgb8, bytes }
+    let mut rgba = vec![0; width * height * 4];
+    let pixels = rgba.as_chunks_mut().0;
+    let values = rows.as_chunks().0;
+    let pairs = pixels.par_iter_mut().with_min_len(4096).zip(values);
+    pairs.for_each(|(to, rgb)| *to = opaque(rgb.map(|value| codebook.encode(value))));
+    Image { width, height, rgba }
 }
 
-fn set<const CHANNELS: usize>(pixel: &mut [u8], values: [u8; CHANNELS]) {
-    pixel.copy_from_slice(&values);
+const fn opaque([r, g, b]: [u8; 3]) -> [u8; 4] {
+    [r, g, b, 255]
 }
 
 /// Means as 16-bit codes between the bounds of sign(x)·ln(|x| + 1) of some Gaussians.
@@ -287,4 +287,27 @@ fn pack_rotation(rotation: [f32; 4]) -> [u8; 4] {
     let (largest, others) = without_largest(rotation);
     let [a, b, c] = others.map(|v| ((v * std::f32::consts::SQRT_2 * 0.5 + 0.5) * 255.0).round() as u8);
     [a, b, c, 252 + largest as u8]
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Cursor;
+
+    use image_webp::WebPDecoder;
+
+    use super::*;
+
+    #[test]
+    fn images_are_the_same_in_little_memory() {
+        // Transparent pixels keep their colours.
+        let image = image(1000, &|k| [(k * 7) as u8, (k / 3) as u8, 200, (k % 4 * 85) as u8]);
+        for in_little_memory in [false, true] {
+            let webp = image.encode(in_little_memory).unwrap();
+            let mut decoder = WebPDecoder::new(Cursor::new(&webp)).unwrap();
+            assert_eq!(decoder.dimensions(), (image.width as u32, image.height as u32));
+            let mut bytes = vec![0; decoder.output_buffer_size().unwrap()];
+            decoder.read_image(&mut bytes).unwrap();
+            assert!(bytes == image.rgba, "{in_little_memory}");
+        }
+    }
 }

@@ -2,6 +2,7 @@
 //! read back. `cpu.rs` has the same stages on the CPU.
 
 mod memory;
+mod places;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -14,7 +15,8 @@ use gs3_reconstruct::{BlockBudget, DepthLattice, ResetReason};
 use gs3_scene::{Camera, GBuffer, Scene, Size, block_grid};
 use web_time::Instant;
 
-use self::memory::{FrameMemory, Told};
+use self::memory::FrameMemory;
+use self::places::Told;
 use super::cpu::CpuStages;
 use super::inputs::{FrameInputs, Frames, Made, ReadBack};
 use super::plan::FramePlan;
@@ -60,14 +62,14 @@ struct LateFrame {
     submission: Submission,
     /// The side of the memory that it was made on.
     side: usize,
-    /// Whether what it shows has nothing to do with the frame before.
-    is_reset: bool,
+    /// Whether it shows another view or scene than the frame before; a keyframe does not.
+    is_other_view: bool,
 }
 
 /// What frames that nobody waited for tell once they are done.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Settled {
-    /// The depths of the newest of them, unless a frame without history came after it.
+    /// The depths of the newest of them, unless a frame of another view came after it.
     pub lattice: Option<DepthLattice>,
     /// Whether one of them is incomplete. The buffers have grown.
     pub is_incomplete: bool,
@@ -172,10 +174,9 @@ impl GpuMachine {
             // Without a clock the time of a single stage is unknown, so the whole frame counts as rasterization.
             None if read_back != ReadBack::Late => times.add(Stage::Rasterize, started.elapsed()),
             None => {
-                // The depths before a keyframe are still those of what is seen.
-                let is_reset = inputs.reset.is_some_and(|reason| reason != ResetReason::Keyframe);
+                let is_other_view = inputs.reset.is_some_and(|reason| reason != ResetReason::Keyframe);
                 let side = memory.newest();
-                self.late.push_back(LateFrame { submission, side, is_reset });
+                self.late.push_back(LateFrame { submission, side, is_other_view });
             }
         }
         let refined = if has_blocks { memory.share_of(chosen) } else { 0.0 };
@@ -222,7 +223,7 @@ impl GpuMachine {
             settled.is_incomplete |= !is_complete;
             settled.lattice = received?.map(|told| told.lattice);
         }
-        if self.late.iter().any(|frame| frame.is_reset) {
+        if self.late.iter().any(|frame| frame.is_other_view) {
             settled.lattice = None;
         }
         Ok(settled)
