@@ -4,7 +4,7 @@
 pub(crate) const MAX_PAST: usize = (crate::MAX_SCALE * crate::MAX_SCALE) as usize;
 
 /// The history of a device has room for the exact blocks of one in so many blocks of the picture: four frames of balanced quality.
-/// (It gains 2.8 dB for 4 % of the time on an H100: docs/performance.md.)
+/// (On an H100 it gains 2.8 dB for 5 % more time: docs/performance.md.)
 #[cfg(feature = "gpu")]
 pub(crate) const PER_HISTORY: u32 = 4;
 

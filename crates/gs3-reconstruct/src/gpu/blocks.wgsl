@@ -49,7 +49,7 @@ fn remember_blocks(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_i
     let block = numbers[select(0u, number, is_block)];
     let corner = vec2(block % remembered.columns, block / remembered.columns) * BLOCK_SIDE;
     if index % BLOCK_PIXELS == 0u {
-        edge_slopes[frame.first_of_corners + to] = select(NO_CORNER, corner.x | corner.y << 16u, is_block);
+        edge_slopes[frame.first_of_corners + to] = select(NO_CORNER, corner.x | (corner.y << 16u), is_block);
     }
     let at = pixel_of(index);
     if !is_block || any(corner + at >= frame.size) {
