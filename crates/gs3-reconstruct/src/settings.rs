@@ -8,7 +8,7 @@ pub(crate) const MAX_PAST: usize = (crate::MAX_SCALE * crate::MAX_SCALE) as usiz
 #[cfg(feature = "gpu")]
 pub(crate) const PER_HISTORY: u32 = 4;
 
-/// Most layers of exact blocks in the history of a device: those of the largest scale are as large as an LR frame.
+/// Most layers of exact blocks in the history of a device. A layer of the largest scale is as large as an LR frame.
 #[cfg(feature = "gpu")]
 pub(crate) const MAX_LAYERS: usize = MAX_PAST / PER_HISTORY as usize;
 

@@ -51,7 +51,7 @@ impl Quality {
 /// with the largest expected error. Exact blocks equal the native image.
 ///
 /// Read by [`Mode::SuperSample`](crate::Mode::SuperSample) and [`Mode::Full`](crate::Mode::Full). Later frames reproject
-/// exact blocks; a GPU those of the last frames with budgets of a quarter of the picture together. Some frames of a GPU have none
+/// exact blocks. A GPU remembers the newest blocks, up to a quarter of the picture. Some frames of a GPU have none
 /// ([`FramePipeline::makes_exact_pixels`](crate::FramePipeline::makes_exact_pixels)).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Refine {

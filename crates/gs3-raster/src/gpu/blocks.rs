@@ -118,7 +118,8 @@ impl GpuRasterizer {
     /// colours but for rounding, and their samples into the samples. Other pixels keep their values.
     ///
     /// # Errors
-    /// [`RasterError::NoFrame`] if no such frame was recorded, the frame had only colour, or the rasterizer makes no blocks; [`GpuRasterError::Gpu`] if
+    /// [`RasterError::NoFrame`] if no such frame was recorded, the frame had only colour, or the rasterizer makes no blocks;
+    /// [`GpuRasterError::Gpu`] if
     /// the buffers are too small for the camera's picture, or the device fails.
     pub fn record_blocks(
         &mut self,

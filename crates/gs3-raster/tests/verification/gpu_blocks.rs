@@ -66,7 +66,7 @@ impl Target {
         Self { blocks: GpuBlocks::new(marks, image.clone(), samples.clone()), image, samples, chosen }
     }
 
-    /// Asserts that the chosen blocks are those of the native image and G-buffer, and that no other pixel was written.
+    /// The chosen blocks equal the native image and G-buffer. No other pixel was written.
     fn assert_native(&self, gpu: &Gpu, (native, gbuffer): &(Image, GBuffer), what: &str) {
         self.assert_samples(gpu, native, gbuffer, what);
         let pixels = gpu.read::<[u16; 4]>(&self.image.slice()).expect("a device");
@@ -92,7 +92,7 @@ impl Target {
 }
 
 impl Target {
-    /// Asserts that the samples are those of the native G-buffer, but for steps of the formulas.
+    /// The samples equal the native G-buffer, but for steps of the formulas.
     fn assert_samples(&self, gpu: &Gpu, native: &Image, gbuffer: &GBuffer, what: &str) {
         let gradients = gbuffer.gradients.as_ref().expect("gradients");
         let depths = &gbuffer.geometry.as_ref().expect("depth").depth_median;

@@ -20,18 +20,8 @@ pub const ERROR_UNITS: f32 = (1 << 24) as f32;
 /// sum to at most 2³⁰ units.
 pub const LARGEST_ERROR: f32 = 4.0;
 
-/// Leading bits of an error, after the first one, that decide between two errors: errors with the same twelve leading bits count as
-/// equal; they differ by less than 1/2048. (Expected errors of two machines differ by 1/3000; a sort of all 31 bits takes twice as long.)
-pub const ERROR_BITS: u32 = 11;
-
-/// Bits of the keys of `select.wgsl`.
-pub const KEY_BITS: u32 = 16;
-
-/// The largest error of a block has its first bit here: 2³⁰ units.
-const LARGEST_BIT: u32 = ((LARGEST_ERROR * ERROR_UNITS) as u32 * (BLOCK_SIDE * BLOCK_SIDE) as u32).ilog2();
-
-// The key of the largest error is smaller than the key of a block that is left out, 2¹⁶ − 1.
-const _: () = assert!(((LARGEST_BIT - ERROR_BITS + 2) << ERROR_BITS) < (1 << KEY_BITS) - 1);
+/// Bits of the keys of `select.wgsl`: one number more than 2³⁰ units.
+const KEY_BITS: u32 = 31;
 
 /// `Selection` of `select.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -53,7 +43,7 @@ impl Selection {
 }
 
 /// Chooses blocks of 4×4 pixels on a device, by the rules of [`crate::select_blocks`]: the largest expected errors
-/// first, and among errors with the same twelve leading bits the first in row order.
+/// first, and among equal errors the first in row order.
 #[derive(Debug)]
 pub struct GpuBlockSelector {
     size: Size,

@@ -19,17 +19,9 @@ struct Selection {
 @group(0) @binding(4) var<storage, read_write> chosen: array<u32>;
 @group(0) @binding(5) var<storage, read_write> chosen_count: atomic<u32>;
 
-// A block's largest error, in ERROR_UNITS.
+// A block's largest error, in ERROR_UNITS, and the key of a block that is left out.
 const LARGEST_SUM: u32 = u32(LARGEST_ERROR * ERROR_UNITS) * BLOCK_SIDE * BLOCK_SIDE;
-// The key of a block that is left out: all bits.
-const LEFT_OUT: u32 = (1u << KEY_BITS) - 1u;
-
-// Numbers that are ordered as errors are: the first bit and the ERROR_BITS after it, with the number of the other bits
-// before them.
-fn order_of(error: u32) -> u32 {
-    let dropped = max(firstLeadingBit(error | 1u), ERROR_BITS) - ERROR_BITS;
-    return (dropped << ERROR_BITS) + (error >> dropped);
-}
+const LEFT_OUT: u32 = LARGEST_SUM + 1u;
 
 @compute @workgroup_size(GROUP)
 fn rank(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -39,7 +31,7 @@ fn rank(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     }
     let error = min(block_errors[block], LARGEST_SUM);
     let is_wanted = selection.wants_all != 0u || error > selection.least;
-    keys[block] = select(LEFT_OUT, order_of(LARGEST_SUM) - order_of(error), is_wanted);
+    keys[block] = select(LEFT_OUT, LARGEST_SUM - error, is_wanted);
     numbers[block] = block;
 }
 

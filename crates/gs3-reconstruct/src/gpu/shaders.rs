@@ -5,7 +5,7 @@ use gs3_scene::BLOCK_SIDE;
 use half::f16;
 
 use super::plan::{BLOCKS_ALONG, KRIGED, MADE_WIDTH, SuperSamplePlan, WARPED, WORKGROUP};
-use super::select::{ERROR_BITS, ERROR_UNITS, GROUP, KEY_BITS, LARGEST_ERROR};
+use super::select::{ERROR_UNITS, GROUP, LARGEST_ERROR};
 use super::side_output::SideOutput;
 use crate::cpu::{blend, gather, kriging, nearest, neighbor_depth, rectification, splat, tile, warp};
 use crate::reprojection;
@@ -129,8 +129,7 @@ fn errors() -> String {
 
 /// The blocks with the largest expected errors: entries `rank` and `choose`.
 pub fn select() -> String {
-    let sizes = constants(&[("GROUP", GROUP), ("ERROR_BITS", ERROR_BITS), ("KEY_BITS", KEY_BITS)]);
-    joined(&[&errors(), &sizes, &grid_source(), include_str!("select.wgsl")])
+    joined(&[&errors(), &constants(&[("GROUP", GROUP)]), &grid_source(), include_str!("select.wgsl")])
 }
 
 /// Samples to pixels, with the bindings of the side output: entry `accumulate`.

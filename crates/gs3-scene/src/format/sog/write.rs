@@ -208,8 +208,8 @@ impl Image {
     }
 }
 
-/// An image of `count` pixels, one for each Gaussian; about square, sides multiples of 4. Pixels beyond the last Gaussian
-/// are those of the last one.
+/// An image of `count` pixels, one for each Gaussian; about square, sides multiples of 4. The last Gaussian
+/// fills what is left.
 fn image(count: usize, pixel: &(dyn Fn(usize) -> [u8; 4] + Sync)) -> Image {
     let width = ((count as f64).sqrt() / 4.0).ceil() as usize * 4;
     let height = count.div_ceil(width).next_multiple_of(4);
