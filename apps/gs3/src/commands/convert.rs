@@ -20,8 +20,8 @@ pub struct ConvertArgs {
     /// Version of .spz files: 3 for programs that do not know 4 yet
     #[arg(long, value_name = "3|4", value_parser = clap::value_parser!(u8).range(3..=4))]
     pub spz_version: Option<u8>,
-    /// Most Gaussians of a part of streamed SOG, in thousands: smaller parts have closer colours and more bytes [default:
-    /// 131]
+    /// Most Gaussians of a part of streamed SOG, in thousands: smaller parts have closer colours and more bytes [default: the
+    /// palettes that the scene came with, else 131]
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=200_000))]
     pub lod_chunk_count: Option<u32>,
     #[command(flatten)]
@@ -52,7 +52,7 @@ pub fn run(args: &ConvertArgs) -> Result<Outcome, CliError> {
                 actual: format!("{thousands} with {}", args.output.display()),
             });
         }
-        options.chunk = thousands as usize * 1000;
+        options.chunk = Some(thousands as usize * 1000);
     }
     save_scene(&scene, &args.output, &options)?;
     Ok(Outcome::Done)

@@ -32,20 +32,15 @@ impl From<SpzVersion> for spz::Version {
 }
 
 /// How to write what a format leaves open.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SaveOptions {
     /// The version of SPZ.
     pub spz_version: SpzVersion,
-    /// Most Gaussians of a data set of streamed SOG. Each has a palette of at most 65,536 rows for its spherical harmonics
-    /// above degree 0: smaller data sets are closer to the scene, and larger files together.
-    pub chunk: usize,
-}
-
-impl Default for SaveOptions {
-    /// SPZ version 4; 131,072 Gaussians a data set, so that a row of a palette stands for two.
-    fn default() -> Self {
-        Self { spz_version: SpzVersion::default(), chunk: 1 << 17 }
-    }
+    /// Most Gaussians of a data set of streamed SOG, which are neighbours in space then. Each data set has a palette of at most
+    /// 65,536 rows for its spherical harmonics above degree 0: smaller data sets are closer to the scene, and larger files
+    /// together. `None`: a scene whose Gaussians share rows, as one from SOG does, keeps its palettes; others have at most
+    /// 131,072 Gaussians a data set, so that a row stands for two.
+    pub chunk: Option<usize>,
 }
 
 /// What a format writes to that goes back to its beginning.
@@ -83,10 +78,10 @@ pub fn write(
 pub(super) enum Checked {
     Forward(Forward),
     Seeking(Seeking),
-    /// Into a folder, with at most `chunk` Gaussians a data set.
+    /// Into a folder.
     #[cfg_attr(not(feature = "fs"), expect(dead_code, reason = "folders are of file systems"))]
     Streamed {
-        chunk: usize,
+        chunk: Option<usize>,
     },
 }
 
@@ -161,7 +156,7 @@ pub(super) fn checked(scene: &Scene, path: &Path, options: &SaveOptions) -> Resu
         "glb" => Checked::Forward(Forward::Glb),
         STREAMED_SOG => {
             check_degree(3)?;
-            Checked::Streamed { chunk: options.chunk.clamp(1, sog::MOST_GAUSSIANS) }
+            Checked::Streamed { chunk: options.chunk.map(|chunk| chunk.clamp(1, sog::MOST_GAUSSIANS)) }
         }
         _ if count > sog::MOST_GAUSSIANS => {
             let expected = format!("at most {}", sog::MOST_GAUSSIANS);

@@ -11,7 +11,7 @@ use proptest::prelude::*;
 use proptest::test_runner::Config;
 
 /// A number in ±1 that looks random.
-fn noise(seed: u64, i: usize, k: usize) -> f32 {
+pub fn noise(seed: u64, i: usize, k: usize) -> f32 {
     let mut x = seed ^ (i as u64) << 32 ^ k as u64;
     for _ in 0..3 {
         x = (x ^ x >> 31).wrapping_mul(0x9e37_79b9_7f4a_7c15);

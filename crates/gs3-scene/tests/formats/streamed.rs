@@ -8,7 +8,7 @@ use gs3_scene::format::{SaveOptions, load, save, save_with};
 use gs3_scene::{OpacityMode, Scene};
 use serde_json::Value;
 
-use super::round_trip::{SOG, compare_with, nearest, scene, sog_slack};
+use super::round_trip::{SOG, compare_with, nearest, noise, scene, sog_slack};
 
 /// The leaves under `node`: bound, file, offset, count.
 fn leaves(node: &Value, into: &mut Vec<(Value, [usize; 3])>) {
@@ -26,7 +26,7 @@ fn data_sets_hold_neighbours_and_the_tree_has_each_gaussian_once() {
     let before = scene(5, 40_000, 1, OpacityMode::Antialiased);
     let folder = tempfile::tempdir().unwrap();
     let index = folder.path().join("lod-meta.json");
-    save_with(&before, &index, &SaveOptions { chunk: 30_000, ..SaveOptions::default() }).unwrap();
+    save_with(&before, &index, &SaveOptions { chunk: Some(30_000), ..SaveOptions::default() }).unwrap();
     let meta: Value = serde_json::from_slice(&fs::read(&index).unwrap()).unwrap();
     assert_eq!((&meta["lodLevels"], &meta["count"]), (&1.into(), &40_000.into()));
     assert_eq!(meta["filenames"].as_array().unwrap().len(), 2);
@@ -81,7 +81,7 @@ fn smaller_data_sets_have_closer_harmonics() {
     let error = |chunk: usize| {
         let folder = tempfile::tempdir().unwrap();
         let index = folder.path().join("lod-meta.json");
-        save_with(&before, &index, &SaveOptions { chunk, ..SaveOptions::default() }).unwrap();
+        save_with(&before, &index, &SaveOptions { chunk: Some(chunk), ..SaveOptions::default() }).unwrap();
         let after = load(&index, &Default::default(), &|_| {}).unwrap();
         let sum = |scene: &Scene| {
             let gaussians = scene.gaussians();
@@ -93,6 +93,40 @@ fn smaller_data_sets_have_closer_harmonics() {
     };
     let (coarse, fine) = (error(140_000), error(50_000));
     assert!(fine < 0.2 * coarse, "{fine} with a row each, {coarse} with one for two");
+}
+
+/// Gaussians that came from two palettes, one after the other, everywhere in space.
+#[test]
+fn palettes_that_a_scene_came_with_are_kept() {
+    let (count, rows) = (160_000, 60_000);
+    let mut gaussians = scene(7, count, 1, OpacityMode::Default).into_gaussians();
+    // Fewer values than a codebook has, without a negative zero.
+    let level = |row: usize, k: usize| (noise(7, row, k) * 100.0).round() / 100.0 + 0.0;
+    for i in 0..count {
+        let row = i % rows + if i < count / 2 { 0 } else { rows };
+        for k in 0..9 {
+            gaussians.sh[i * 12 + 3 + k] = level(row, k);
+        }
+    }
+    let before = Scene::new(gaussians, OpacityMode::Default).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let index = folder.path().join("lod-meta.json");
+    save(&before, &index).unwrap();
+    let meta: Value = serde_json::from_slice(&fs::read(&index).unwrap()).unwrap();
+    assert_eq!(meta["filenames"].as_array().unwrap().len(), 2);
+    let after = load(&index, &Default::default(), &|_| {}).unwrap();
+    let rows = |scene: &Scene| {
+        let row = |i| scene.gaussians().sh_of(i)[3..].iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+        let mut rows: Vec<_> = (0..count).map(row).collect();
+        rows.sort_unstable();
+        rows
+    };
+    assert!(rows(&before) == rows(&after), "harmonics have changed");
+    // Asked for parts of neighbours, rows are shared by what is near.
+    let parts = tempfile::tempdir().unwrap();
+    let index = parts.path().join("lod-meta.json");
+    save_with(&before, &index, &SaveOptions { chunk: Some(80_000), ..SaveOptions::default() }).unwrap();
+    assert!(rows(&before) != rows(&load(&index, &Default::default(), &|_| {}).unwrap()));
 }
 
 #[test]

@@ -1,6 +1,8 @@
-//! A palette for weighted vectors: tree-structured vector quantisation. Splitting in two again and again takes time
-//! proportional to the logarithm of the palette's size, where plain k-means takes its size: a factor of 4,000
-//! for 65,536 rows.
+//! A palette for weighted vectors: the vectors themselves where few of them differ, else tree-structured vector quantisation.
+//! Splitting in two again and again takes time proportional to the logarithm of the palette's size, where plain k-means takes its
+//! size: a factor of 4,000 for 65,536 rows.
+
+use std::collections::HashMap;
 
 use rayon::prelude::*;
 
@@ -45,8 +47,28 @@ impl Vectors<'_> {
 }
 
 impl Palette {
-    /// Fits at most [`LARGEST_PALETTE`] rows. Equal vectors share a row.
+    /// Fits at most [`LARGEST_PALETTE`] rows. Equal vectors share a row, and up to as many different vectors are kept exactly.
     pub(super) fn fit(vectors: Vectors<'_>) -> Self {
+        Self::exact(vectors).unwrap_or_else(|| Self::tree(vectors))
+    }
+
+    /// A row for each different vector, in the order of their first places; `None` if they are too many.
+    fn exact(vectors: Vectors<'_>) -> Option<Self> {
+        let mut distinct = Distinct::default();
+        let mut rows = Vec::new();
+        let mut labels = Vec::with_capacity(vectors.indices.len());
+        for place in 0..vectors.indices.len() as u32 {
+            let vector = vectors.get(place);
+            let known = distinct.len();
+            labels.push(distinct.label(vector)?);
+            if distinct.len() > known {
+                rows.extend_from_slice(vector);
+            }
+        }
+        Some(Self { rows, labels })
+    }
+
+    fn tree(vectors: Vectors<'_>) -> Self {
         let dimensions = vectors.stride - vectors.offset;
         let count = vectors.indices.len();
         let budget = count.min(LARGEST_PALETTE);
@@ -72,6 +94,50 @@ impl Palette {
         let weight = |i: usize| of_rows[i / dimensions].max(f32::MIN_POSITIVE);
         self.rows.iter().enumerate().map(|(i, value)| (*value, weight(i))).collect()
     }
+}
+
+/// Different vectors, by their bits, and their places in a palette.
+#[derive(Default)]
+struct Distinct<'a>(HashMap<&'a [u8], u16>);
+
+impl<'a> Distinct<'a> {
+    fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// The place of `vector`, which gets the next one if it is new; `None` if a palette is full.
+    fn label(&mut self, vector: &'a [f32]) -> Option<u16> {
+        let bits = bytemuck::cast_slice(vector);
+        if let Some(label) = self.0.get(bits) {
+            return Some(*label);
+        }
+        let next = u16::try_from(self.0.len()).ok()?;
+        self.0.insert(bits, next);
+        Some(next)
+    }
+}
+
+/// Cuts the vectors, in their order, into the fewest runs that a palette each holds exactly, and gives their lengths; `None` if they
+/// are more than `most`.
+pub(super) fn exact_runs(vectors: Vectors<'_>, most: usize) -> Option<Vec<usize>> {
+    let count = vectors.indices.len();
+    let mut runs = Vec::new();
+    let mut start = 0;
+    let mut distinct = Distinct::default();
+    for place in 0..count {
+        let vector = vectors.get(place as u32);
+        if distinct.label(vector).is_none() {
+            runs.push(place - start);
+            if runs.len() >= most {
+                return None;
+            }
+            start = place;
+            distinct = Distinct::default();
+            distinct.label(vector);
+        }
+    }
+    runs.push(count - start);
+    Some(runs)
 }
 
 /// Vectors that share a part of the palette.
@@ -221,6 +287,29 @@ fn partition(vectors: Vectors<'_>, members: &mut [u32], normal: &[f32], threshol
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Vectors of one dimension with weight 1.
+    fn plain<'a>(values: &'a [f32], indices: &'a [u32], weights: &'a [f32]) -> Vectors<'a> {
+        Vectors { values, indices, weights, stride: 1, offset: 0 }
+    }
+
+    #[test]
+    fn runs_end_where_a_palette_is_full() {
+        // Twice each of 65,536 values, then the same of others, of these the last but once.
+        let half = 2 * LARGEST_PALETTE;
+        let values: Vec<f32> =
+            (0..2 * half - 1).map(|i| (i % LARGEST_PALETTE + i / half * LARGEST_PALETTE) as f32).collect();
+        let (indices, weights) = ((0..values.len() as u32).collect::<Vec<_>>(), vec![1.0; values.len()]);
+        let vectors = plain(&values, &indices, &weights);
+        assert_eq!(exact_runs(vectors, 2), Some(vec![half, half - 1]));
+        assert_eq!(exact_runs(vectors, 1), None);
+        let first = plain(&values, &indices[..half], &weights[..half]);
+        assert_eq!(exact_runs(first, 1), Some(vec![half]));
+        // A palette of that many rows has each vector's bits.
+        let palette = Palette::fit(first);
+        assert_eq!(palette.rows.len(), LARGEST_PALETTE);
+        assert!((0..half).all(|i| palette.rows[usize::from(palette.labels[i])] == values[i]));
+    }
 
     #[test]
     fn different_vectors_get_rows_of_their_own_while_there_are_enough() {

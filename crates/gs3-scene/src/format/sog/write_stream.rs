@@ -10,8 +10,16 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use super::super::save::STREAMED_SOG;
+use super::palette::{Vectors, exact_runs};
 use super::write::{GENERATOR, Means, Weights, encode};
 use crate::scene::Scene;
+
+/// Gaussians of a data set that has neighbours in space: at most two for each row of a palette, so that colours are close.
+const NEIGHBOURS: usize = 1 << 17;
+
+/// Most Gaussians of a data set whose palette is exact: about what splat-transform puts into one (512,000), so that players
+/// still load a scene part by part.
+const MOST_OF_EXACT: usize = 1 << 19;
 
 /// Most Gaussians of a leaf of the tree: what a player shows or leaves out at once. A leaf's entry in `lod-meta.json` takes
 /// about 200 bytes, a hundredth of a byte for each of its Gaussians, which take about 20.
@@ -20,13 +28,27 @@ const LEAF: usize = 16_384;
 /// How many standard deviations a Gaussian reaches: beyond 3 the rasterizer of Kerbl et al. draws nothing.
 const EXTENT: f64 = 3.0;
 
-/// Writes `scene` into `folder`, at most `chunk` Gaussians a data set; one level of detail. [`STREAMED_SOG`] comes last: without
-/// it the folder is no scene.
-pub(in super::super) fn write_streamed(scene: &Scene, folder: &Path, chunk: usize) -> io::Result<()> {
-    let mut all: Vec<u32> = (0..scene.gaussians().len() as u32).collect();
+/// Writes `scene` into `folder`; one level of detail. With `chunk` a data set has neighbours in space, at most `chunk` of them.
+/// Without it, a scene that came from palettes keeps them: Gaussians that follow one another and share rows are a data set.
+/// [`STREAMED_SOG`] comes last: without it the folder is no scene.
+pub(in super::super) fn write_streamed(scene: &Scene, folder: &Path, chunk: Option<usize>) -> io::Result<()> {
+    let count = scene.gaussians().len();
+    let mut all: Vec<u32> = (0..count as u32).collect();
+    let exact = if chunk.is_none() { runs_of_palettes(scene, &all) } else { None };
+    let (runs, chunk) = match exact {
+        Some(runs) => (runs, MOST_OF_EXACT),
+        None => (vec![count], chunk.unwrap_or(NEIGHBOURS)),
+    };
     let mut writer =
         Writer { scene, folder, chunk, weights: Weights::new(scene.gaussians()), names: Vec::new() };
-    let (tree, _) = writer.data_sets(&mut all)?;
+    let mut rest = all.as_mut_slice();
+    let mut trees = Vec::new();
+    for run in runs {
+        let (members, after) = rest.split_at_mut(run);
+        trees.push(writer.data_sets(members)?);
+        rest = after;
+    }
+    let (tree, _) = inner(trees);
     let meta = json!({
         "version": 1,
         "asset": { "generator": GENERATOR },
@@ -37,6 +59,14 @@ pub(in super::super) fn write_streamed(scene: &Scene, folder: &Path, chunk: usiz
         "tree": tree,
     });
     write_file(&folder.join(STREAMED_SOG), &serde_json::to_vec(&meta)?)
+}
+
+/// Lengths of runs of Gaussians that a palette each holds exactly, if they are no more than data sets of [`NEIGHBOURS`] would be.
+fn runs_of_palettes(scene: &Scene, all: &[u32]) -> Option<Vec<usize>> {
+    let gaussians = scene.gaussians();
+    let stride = gaussians.sh_stride();
+    let vectors = Vectors { values: &gaussians.sh, indices: all, weights: &[], stride, offset: 3 };
+    if gaussians.sh_degree > 0 { exact_runs(vectors, all.len().div_ceil(NEIGHBOURS)) } else { None }
 }
 
 struct Writer<'a> {
@@ -53,7 +83,7 @@ impl Writer<'_> {
     fn data_sets(&mut self, members: &mut [u32]) -> io::Result<(Value, Bound)> {
         if members.len() > self.chunk {
             let (left, right) = self.split(members);
-            return Ok(inner([self.data_sets(left)?, self.data_sets(right)?]));
+            return Ok(inner(vec![self.data_sets(left)?, self.data_sets(right)?]));
         }
         let mut order = Vec::with_capacity(members.len());
         let tree = self.leaves(members, &mut order);
@@ -67,7 +97,7 @@ impl Writer<'_> {
     fn leaves(&self, members: &mut [u32], order: &mut Vec<u32>) -> (Value, Bound) {
         if members.len() > LEAF {
             let (left, right) = self.split(members);
-            return inner([self.leaves(left, order), self.leaves(right, order)]);
+            return inner(vec![self.leaves(left, order), self.leaves(right, order)]);
         }
         let run = json!({ "file": self.names.len(), "offset": order.len(), "count": members.len() });
         order.extend(Means::new(self.scene, members).morton_order(members));
@@ -104,9 +134,14 @@ impl Writer<'_> {
     }
 }
 
-fn inner([left, right]: [(Value, Bound); 2]) -> (Value, Bound) {
-    let bound = Bound { low: left.1.low.min(right.1.low), high: left.1.high.max(right.1.high) };
-    (json!({ "bound": bound.json(), "children": [left.0, right.0] }), bound)
+/// A node above others; one alone is the tree.
+fn inner(mut children: Vec<(Value, Bound)>) -> (Value, Bound) {
+    if children.len() == 1 {
+        return children.remove(0);
+    }
+    let bound = children.iter().fold(Bound::NONE, |all, (_, bound)| all.union(*bound));
+    let nodes: Vec<Value> = children.into_iter().map(|(node, _)| node).collect();
+    (json!({ "bound": bound.json(), "children": nodes }), bound)
 }
 
 /// The box along the axes that contains Gaussians with their extents, world units.
@@ -117,10 +152,15 @@ struct Bound {
 }
 
 impl Bound {
+    const NONE: Self = Self { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY };
+
+    fn union(self, other: Self) -> Self {
+        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
+    }
+
     fn of(scene: &Scene, members: &[u32]) -> Self {
         let (gaussians, origin) = (scene.gaussians(), scene.details().origin);
-        let none = Self { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY };
-        let bound = members.iter().map(|i| *i as usize).fold(none, |bound, i| {
+        let bound = members.iter().map(|i| *i as usize).fold(Self::NONE, |bound, i| {
             let [w, x, y, z] = gaussians.rotation(i);
             // A row of the rotation times the scales: its length is the standard deviation along that axis.
             let axes =
@@ -129,7 +169,7 @@ impl Bound {
                 axes.transpose().to_cols_array_2d().map(|row| f64::from(Vec3::from(row).length()));
             let reach = EXTENT * DVec3::from(deviations);
             let mean = Vec3::from(gaussians.mean(i)).as_dvec3() + origin;
-            Self { low: bound.low.min(mean - reach), high: bound.high.max(mean + reach) }
+            bound.union(Self { low: mean - reach, high: mean + reach })
         });
         // A scene without Gaussians has one empty leaf.
         if members.is_empty() { Self { low: origin, high: origin } } else { bound }
