@@ -74,17 +74,19 @@ pub struct FrameOptions {
     #[arg(long, default_value = "balanced", value_name = "fast|balanced|high")]
     pub quality: QualityArg,
     /// Pixels rasterized exactly, where reconstruction is not to be trusted: none, those that --quality says, this share of
-    /// all (0 to 1), or as many as fit into a frame of so many milliseconds (33ms). Not on a GPU with a super-sampling network
+    /// all (0 to 1), or as many as fit into a frame of so many milliseconds (33ms). A GPU has no exact pixels with a
+    /// super-sampling network and with --culling aabb3sigma or adr
     #[arg(long, default_value = "auto", value_name = "off|auto|SHARE|TIMEms", allow_hyphen_values = true)]
     pub refine: Refine,
     /// High-resolution over low-resolution size
     #[arg(long, default_value_t = 4, value_name = "S", value_parser = scale(1))]
     pub scale: u32,
-    /// Networks that improve the frames: none (analytic) or the paper's in three sizes. They take a few times as long
+    /// Networks that improve the frames: none (analytic), or networks of three sizes. Frames take a few times as long. Networks
+    /// are for --scale 4, those of tier balanced also for --scale 2
     #[arg(long, value_name = "TIER", default_value = "analytic", conflicts_with = "weights", help_heading = ADVANCED)]
     pub tier: TierArg,
-    /// How in-between frames are made: warped without learning, or refined by the tier's network as well, which takes a
-    /// few times as long
+    /// How in-between frames are made: warped (analytic), or warped and refined by the network of --tier (learned), which takes a
+    /// few times as long and needs --tier fast, balanced or high
     #[arg(long, default_value = "analytic", value_name = "analytic|learned", conflicts_with = "weights", help_heading = ADVANCED)]
     pub interpolation: InterpolationArg,
     /// Weights of super sampling or of interpolation; may be given once for each. Without weights of super sampling
@@ -104,22 +106,21 @@ pub struct FrameOptions {
     /// Sub-pixel offsets of the low-resolution frames
     #[arg(long, default_value = "on", value_name = "on|off", help_heading = ADVANCED)]
     pub jitter: Switch,
-    /// Krige pixels that first-order predictions leave uncertain, without networks too; with them it is always done.
-    /// Sharper in motion, and takes longer; `coarse` less so, as below tier fast, `fine` more so, as below tier high
+    /// Predict uncertain pixels from values and gradients of up to eight samples (kriging): sharper in motion, and slower.
+    /// `coarse` kriges fewer pixels, `fine` more. Networks always krige: tier fast coarsely, balanced as `on`, high finely
     #[arg(long, value_name = "coarse|on|fine", num_args = 0..=1, require_equals = true, default_missing_value = "on", help_heading = ADVANCED)]
     pub kriging: Option<KrigingArg>,
-    /// Rasterize beyond the edges that the camera turns to, without networks too; with them it is always done. Sharper
-    /// there, and takes a little longer
+    /// Rasterize beyond the edges that the camera turns to: sharper there, and a little slower. Networks always do
     #[arg(long, help_heading = ADVANCED)]
     pub overscan: bool,
-    /// Frames from one keyframe to the next, where the history begins anew, so that parts of a path can be rendered apart;
-    /// 0 for none
+    /// Frames from one keyframe to the next, 0 for none, so that parts of a path can be rendered apart. The history begins anew
+    /// at a keyframe; with --refine off only the sub-pixel offsets do. --refine TIMEms has no keyframes
     #[arg(long, default_value_t = KEYFRAMES, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=1_000_000), help_heading = ADVANCED)]
     pub keyframes: u32,
-    /// Dilation of splats in px² of the rendered grid: matched (0.3/S²), kerbl (0.3, as Kerbl et al.; also stock) or a number
+    /// Dilation of splats in px² of the rendered grid: matched (0.3/S²), kerbl (0.3, as in Kerbl et al.) or a number
     #[arg(long, default_value = "matched", value_name = "matched|kerbl|VALUE", allow_hyphen_values = true, help_heading = ADVANCED)]
     pub dilation: DilationArg,
-    /// Which tiles a splat is assigned to
+    /// Which tiles a splat is assigned to. snugbox, accutile and exact make the same picture; the others cut the rims of splats
     #[arg(long, default_value = "accutile", help_heading = ADVANCED)]
     pub culling: CullingArg,
     /// Background colour, each from 0 to 1
@@ -261,13 +262,18 @@ impl From<KrigingArg> for Kriging {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum CullingArg {
+    /// Square of three standard deviations (Kerbl et al. 2023)
     #[value(name = "aabb3sigma")]
     Aabb3Sigma,
+    /// Box by opacity, for each axis (AdR-Gaussian)
     Adr,
+    /// Tight box (Speedy-Splat)
     #[value(name = "snugbox")]
     SnugBox,
+    /// Exact extent in each row of tiles (Speedy-Splat)
     #[value(name = "accutile")]
     AccuTile,
+    /// Exact test of each tile (StopThePop)
     Exact,
 }
 

@@ -46,8 +46,9 @@ pub struct EvaluateArgs {
     /// The scene after `gs3 simplify`, for `--protocol paper`
     #[arg(long, value_name = "SCENE")]
     pub simplified: Option<PathBuf>,
-    /// Compare with the photos of this capture instead (COLMAP model, transforms.json or cameras.json, undistorted) of
-    /// which the scene was trained; every photo at its own size, on its own and as the end of a short way to it
+    /// Compare with the photos that the scene was trained on, instead of native rendering. CAMERAS is their capture: COLMAP
+    /// model, transforms.json or cameras.json. Photos of lenses with distortion are undistorted first. Each photo is compared
+    /// at its own size, twice: alone, and at the end of a short path to it
     #[arg(long, value_name = "CAMERAS", conflicts_with_all = ["path", "size", "frames", "case", "warm_up", "protocol", "simplified", "jod"])]
     pub photos: Option<PathBuf>,
     /// Folder of the photos [default: the capture's own, or `images` beside it]
@@ -87,7 +88,7 @@ pub struct EvaluateArgs {
 fn methods_help() -> String {
     format!(
         "Methods, each NAME[@FORMATION][+INTERPOLATION]; names: {}; formations of low-resolution frames: {}; \
-         interpolations: {} [default: all but networks; for photos {DEFAULT_PHOTO_METHODS}]",
+         interpolations: {} [default: {DEFAULT_METHODS}; for photos {DEFAULT_PHOTO_METHODS}]",
         MethodSpec::names(),
         MethodSpec::formations(),
         MethodSpec::interpolations(),

@@ -29,13 +29,14 @@ pub struct GbufferArgs {
     /// Frame of the path
     #[arg(long, default_value_t = 0, value_name = "K")]
     pub frame: usize,
-    /// High-resolution over this resolution, for `--dilation matched`
+    /// Scale S of the matched dilation, 0.3/S². The image has --size whatever S is: give the low-resolution size for a
+    /// low-resolution frame
     #[arg(long, default_value_t = 4, value_name = "S", value_parser = scale(1))]
     pub scale: u32,
     /// Offset of the samples from the pixel centres
     #[arg(long, default_value = "0,0", value_name = "X,Y", allow_hyphen_values = true)]
     pub jitter: Pair,
-    /// Dilation of splats in px² of the rendered grid: matched (0.3/S²), kerbl (0.3, as Kerbl et al.; also stock) or a number
+    /// Dilation of splats in px² of the rendered grid: matched (0.3/S²), kerbl (0.3, as in Kerbl et al.) or a number
     #[arg(long, default_value = "matched", value_name = "matched|kerbl|VALUE", allow_hyphen_values = true)]
     pub dilation: DilationArg,
     /// Which tiles a splat is assigned to

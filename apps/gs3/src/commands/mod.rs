@@ -58,7 +58,7 @@ pub enum Command {
     Gbuffer(GbufferArgs),
     /// Say what is in a scene
     Info(InfoArgs),
-    /// Convert a scene to another format (.ply, .compressed.ply, .spz, .sog, .glb, .splat)
+    /// Convert a scene to another format (.ply, .compressed.ply, .spz, .sog, .glb, .splat, streamed SOG)
     Convert(ConvertArgs),
     /// Measure displayed frames per second against native rendering
     Bench(BenchArgs),

@@ -34,8 +34,8 @@ pub struct SimplifyArgs {
     pub scene_options: SceneOptions,
     #[command(flatten)]
     pub stated: StatedCameras,
-    /// Cameras to judge by, at best those of the training photos: COLMAP model, transforms.json, cameras.json or
-    /// camera_path.json [default: an orbit]
+    /// Cameras to judge by, at best those of the training photos: COLMAP model, transforms.json, cameras.json,
+    /// camera_path.json, settings of SuperSplat or RealityScan's CSV [default: an orbit]
     #[arg(long, value_name = "CAMERAS")]
     pub cameras: Option<PathBuf>,
     /// Cameras to use, the last one excluded [default: all]

@@ -29,8 +29,8 @@ pub struct ViewArgs {
     /// Scene file or folder, `demo` for the built-in scene, or the http or https URL of a scene file or a lod-meta.json
     #[arg(default_value = "demo")]
     pub scene: PathBuf,
-    /// Cameras to begin with and to play: COLMAP model, transforms.json, cameras.json, camera_path.json or
-    /// settings of SuperSplat [default: all of the scene in view]
+    /// Cameras to begin with and to play: COLMAP model, transforms.json, cameras.json, camera_path.json,
+    /// settings of SuperSplat or RealityScan's CSV [default: all of the scene in view]
     #[arg(long, value_name = "CAMERAS")]
     pub path: Option<PathBuf>,
     #[command(flatten)]

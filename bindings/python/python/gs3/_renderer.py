@@ -35,8 +35,8 @@ class Renderer:
         learned_interpolation: Whether the tier's network refines in-between frames as well.
         kriging: Sharper in motion without a network: ``off``, ``coarse``, ``on``, ``fine``.
         overscan: Whether frames are rasterized beyond the edges that the camera turns to.
-        keyframes: Frames from one keyframe to the next, 0 for none: where the history begins anew, so that parts of a path can
-            be rendered apart (``follow``).
+        keyframes: Frames from one keyframe to the next, 0 for none, so that parts of a path can be rendered apart (``follow``).
+            The history begins anew at a keyframe.
         background: RGB, 0 to 1.
     """
 

@@ -36,7 +36,7 @@ pub struct BenchArgs {
     #[arg(long)]
     pub stages: bool,
     /// Write the figures
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE.json")]
     pub json: Option<PathBuf>,
 }
 

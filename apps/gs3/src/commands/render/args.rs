@@ -14,11 +14,11 @@ pub struct RenderArgs {
     pub view: View,
     #[command(flatten)]
     pub scene_options: SceneOptions,
-    /// Frames of the path, the last one excluded [default: all; the first one for FILE.png]
+    /// Frames of the path, the last one excluded [default: all; the first one for FILE.png and FILE.exr]
     #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     pub frames: Option<FrameRange>,
-    /// Most frames before A that are rendered and not shown. Without this option as many as it takes for the bits of one
-    /// run over the whole path, up to 48
+    /// Most frames before A that are rendered and not shown [default: as many as it takes for the bits of one run over the whole
+    /// path, at most 48 at scale 4]
     #[arg(long, value_name = "N")]
     pub warm_up: Option<usize>,
     /// Render only frames that the folder lacks
@@ -27,7 +27,7 @@ pub struct RenderArgs {
     /// Render this many frames along the smooth curve through the cameras, at constant speed
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub smooth: Option<u32>,
-    /// How frames come about; `full` shows two frames per rendered one
+    /// How frames are made
     #[arg(long, default_value = "full")]
     pub mode: ModeArg,
     #[command(flatten)]
@@ -56,7 +56,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "FILE.png")]
     pub compare: Option<PathBuf>,
     /// Write figures of the run
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE.json")]
     pub json: Option<PathBuf>,
 }
 
@@ -68,7 +68,7 @@ pub enum ModeArg {
     Bicubic,
     /// Low resolution, super-sampled over time
     SuperSample,
-    /// Super-sampled, with an interpolated frame before each rendered one
+    /// Super-sampled, with interpolated frames before each rendered one (--in-between)
     Full,
 }
 

@@ -34,8 +34,8 @@ pub struct ClipsArgs {
     pub scenes: Vec<PathBuf>,
     #[command(flatten)]
     pub scene_options: SceneOptions,
-    /// Cameras that clips are taken near, for a single scene: COLMAP model, transforms.json, cameras.json or
-    /// camera_path.json [default: an orbit]
+    /// Cameras that clips are taken near, for a single scene: COLMAP model, transforms.json, cameras.json,
+    /// camera_path.json, settings of SuperSplat or RealityScan's CSV [default: an orbit]
     #[arg(long, num_args = 1.., value_name = "CAMERAS")]
     pub paths: Vec<PathBuf>,
     /// The network that the clips are for
@@ -53,7 +53,7 @@ pub struct ClipsArgs {
     /// High-resolution size of a clip, a window of a view of 1280x720 to 4096x2160
     #[arg(long, default_value = "256x256", value_name = "WxH", allow_hyphen_values = true, value_parser = size)]
     pub size: Size,
-    /// Dilation of splats in px² of the low-resolution grid: matched (0.3/S²), kerbl (0.3, as Kerbl et al.; also stock) or a number
+    /// Dilation of splats in px² of the low-resolution grid: matched (0.3/S²), kerbl (0.3, as in Kerbl et al.) or a number
     #[arg(long, default_value = "matched", value_name = "matched|kerbl|VALUE", allow_hyphen_values = true)]
     pub dilation: DilationArg,
     /// Which pixels are kriged: `coarse` for tier fast, `fine` for tier high, as `gs3 render` does below them

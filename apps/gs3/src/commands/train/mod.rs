@@ -69,7 +69,7 @@ pub struct SessionArgs {
     /// Minutes of the whole training
     #[arg(long, group = "length", value_name = "M")]
     pub minutes: Option<f64>,
-    /// Items of a step [default: 8; for baselines 32]
+    /// Items (crops of clips) of a step, the batch size [default: 8; for baselines 32]
     #[arg(long, value_name = "N")]
     pub batch: Option<usize>,
     /// Consecutive frames of an item [default: 6; for baselines 1]
@@ -78,13 +78,13 @@ pub struct SessionArgs {
     /// Side of an item in low-resolution pixels
     #[arg(long, default_value_t = 64, value_name = "PIXELS")]
     pub crop: usize,
-    /// Ways in which items are laid down
+    /// How items are mirrored and turned at random
     #[arg(long, default_value = "all")]
     pub symmetries: SymmetriesArg,
     /// Highest learning rate
     #[arg(long, default_value_t = 1e-3, value_name = "RATE")]
     pub rate: f64,
-    /// Steps over which the rate rises to it
+    /// Steps of warm-up: the learning rate rises from 0 to --rate
     #[arg(long, default_value_t = 100, value_name = "N")]
     pub warm_up: u64,
     /// Decides the weights at the beginning and what every step is trained on
@@ -94,17 +94,18 @@ pub struct SessionArgs {
     /// nothing yet]
     #[arg(long, value_name = "FILE.safetensors")]
     pub init: Option<PathBuf>,
-    /// Errors far below this count by their squares, those far above by their size
+    /// Epsilon of Charbonnier's loss: smaller errors count by their squares, larger errors by their size
     #[arg(long, default_value_t = 1e-3, value_name = "EPSILON")]
     pub epsilon: f32,
     /// Weights of terms of the loss: charbonnier, laplacian, temporal, perceptual, warp, alpha [default: charbonnier=1;
-    /// for super sampling laplacian=0.1 temporal=0.1; for interpolation perceptual=0.2 warp=0.05 alpha=0.001]
+    /// for super sampling laplacian=0.1 temporal=0.1; for interpolation perceptual=0.2 warp=0.05 alpha=0.001; perceptual counts
+    /// with --perceptual only]
     #[arg(long, num_args = 1.., value_name = "TERM=WEIGHT", value_parser = parse_weight)]
     pub loss: Vec<(Term, f64)>,
-    /// Weights of SqueezeNet v1.0, conv1 to fire5, for the perceptual term of the loss [default: no such term]
+    /// Weights of SqueezeNet v1.0, conv1 to fire5, for the perceptual term of the loss
     #[arg(long, value_name = "FILE.safetensors")]
     pub perceptual: Option<PathBuf>,
-    /// Longest derivative by all weights; longer ones are shortened to it
+    /// Largest norm of the gradient by all weights; longer gradients are shortened to it (clipping)
     #[arg(long, default_value_t = 1.0, value_name = "LENGTH")]
     pub longest_gradient: f64,
     /// Share of the weights to begin with in those that are validated and written, 0 to less than 1: trained on few
