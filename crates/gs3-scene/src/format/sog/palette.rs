@@ -119,6 +119,7 @@ impl<'a> Distinct<'a> {
 
 /// Cuts the vectors, in their order, into the fewest runs that a palette each holds exactly, and gives their lengths; `None` if they
 /// are more than `most`.
+#[cfg(any(test, feature = "fs"))]
 pub(super) fn exact_runs(vectors: Vectors<'_>, most: usize) -> Option<Vec<usize>> {
     let count = vectors.indices.len();
     let mut runs = Vec::new();
