@@ -18,7 +18,7 @@ mod tests_on_levels;
 use std::env;
 use std::sync::LazyLock;
 
-use fearless_simd::{Level, Simd};
+use fearless_simd::Level;
 
 pub use tests_on_levels::repeat_tests_on_levels;
 
@@ -98,13 +98,13 @@ pub fn levels() -> Vec<(&'static str, Level)> {
     let mut levels = Vec::new();
     #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
     {
-        levels.extend(best.as_sse2().map(Simd::level));
-        levels.extend(best.as_sse4_2().map(Simd::level));
-        levels.extend(best.as_avx2().map(Simd::level));
-        levels.extend(best.as_avx512().map(Simd::level));
+        levels.extend(best.as_sse2().map(fearless_simd::Simd::level));
+        levels.extend(best.as_sse4_2().map(fearless_simd::Simd::level));
+        levels.extend(best.as_avx2().map(fearless_simd::Simd::level));
+        levels.extend(best.as_avx512().map(fearless_simd::Simd::level));
     }
     #[cfg(target_arch = "aarch64")]
-    levels.extend(best.as_neon().map(Simd::level));
+    levels.extend(best.as_neon().map(fearless_simd::Simd::level));
     if levels.is_empty() {
         levels.push(best);
     }
