@@ -82,7 +82,7 @@ pub struct FrameOptions {
     #[arg(long, default_value_t = 4, value_name = "S", value_parser = scale(1))]
     pub scale: u32,
     /// Networks that improve the frames: none (analytic), or networks of three sizes. Frames take a few times as long. Networks
-    /// are for --scale 4, those of tier balanced also for --scale 2
+    /// are for --scale 4; that of super sampling of tier balanced is also for --scale 2
     #[arg(long, value_name = "TIER", default_value = "analytic", conflicts_with = "weights", help_heading = ADVANCED)]
     pub tier: TierArg,
     /// How in-between frames are made: warped (analytic), or warped and refined by the network of --tier (learned), which takes a
@@ -114,7 +114,7 @@ pub struct FrameOptions {
     #[arg(long, help_heading = ADVANCED)]
     pub overscan: bool,
     /// Frames from one keyframe to the next, 0 for none, so that parts of a path can be rendered apart. The history begins anew
-    /// at a keyframe; with --refine off only the sub-pixel offsets do. --refine TIMEms has no keyframes
+    /// at a keyframe if frames have exact pixels, else only the sub-pixel offsets do. --refine TIMEms has no keyframes
     #[arg(long, default_value_t = KEYFRAMES, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=1_000_000), help_heading = ADVANCED)]
     pub keyframes: u32,
     /// Dilation of splats in px² of the rendered grid: matched (0.3/S²), kerbl (0.3, as in Kerbl et al.) or a number

@@ -21,7 +21,7 @@ pub struct ConvertArgs {
     #[arg(long, value_name = "3|4", value_parser = clap::value_parser!(u8).range(3..=4))]
     pub spz_version: Option<u8>,
     /// Most Gaussians of a part of streamed SOG, in thousands: smaller parts have closer colours and more bytes [default: the
-    /// palettes that the scene came with, else 131]
+    /// parts that a scene from SOG came in, else 131]
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=200_000))]
     pub lod_chunk_count: Option<u32>,
     #[command(flatten)]

@@ -36,7 +36,7 @@ class Renderer:
         kriging: Sharper in motion without a network: ``off``, ``coarse``, ``on``, ``fine``.
         overscan: Whether frames are rasterized beyond the edges that the camera turns to.
         keyframes: Frames from one keyframe to the next, 0 for none, so that parts of a path can be rendered apart (``follow``).
-            The history begins anew at a keyframe.
+            The history begins anew at a keyframe if frames have exact pixels; else only the sub-pixel offsets do.
         background: RGB, 0 to 1.
     """
 

@@ -179,8 +179,8 @@ fn behind(sections: &Sections) -> String {
                 }
             }
             let whole = ours + 1;
-            if between(ANALYTIC) > between(whole) {
-                let lead = between(ANALYTIC) - between(whole);
+            let lead = between(ANALYTIC) - between(whole);
+            if lead >= 0.005 {
                 add(format!("{path}: between, analytic has {lead:.2} dB more PSNR than {}.", name(whole)));
             }
             if let (Some(native), Some(fps)) = (rows[NATIVE].fps(), rows[whole].fps())

@@ -36,10 +36,10 @@ impl From<SpzVersion> for spz::Version {
 pub struct SaveOptions {
     /// The version of SPZ.
     pub spz_version: SpzVersion,
-    /// Most Gaussians of a data set of streamed SOG, which are neighbours in space then. Each data set has a palette of at most
-    /// 65,536 rows for its spherical harmonics above degree 0: smaller data sets are closer to the scene, and larger files
-    /// together. `None`: a scene whose Gaussians share rows, as one from SOG does, keeps its palettes; others have at most
-    /// 131,072 Gaussians a data set, so that a row stands for two.
+    /// Most Gaussians of a data set of streamed SOG. With a number, a data set has neighbours in space. Each data set has a palette
+    /// of at most 65,536 rows for its spherical harmonics above degree 0: smaller data sets are closer to the scene, and larger
+    /// files together. `None`: a scene from SOG keeps its data sets and their palettes; others have at most 131,072 neighbours a
+    /// data set, so that a row stands for two.
     pub chunk: Option<usize>,
 }
 

@@ -78,10 +78,10 @@ fn data_sets_hold_neighbours_and_the_tree_has_each_gaussian_once() {
 #[test]
 fn smaller_data_sets_have_closer_harmonics() {
     let before = scene(6, 140_000, 1, OpacityMode::Default);
-    let error = |chunk: usize| {
+    let error = |chunk: Option<usize>| {
         let folder = tempfile::tempdir().unwrap();
         let index = folder.path().join("lod-meta.json");
-        save_with(&before, &index, &SaveOptions { chunk: Some(chunk), ..SaveOptions::default() }).unwrap();
+        save_with(&before, &index, &SaveOptions { chunk, ..SaveOptions::default() }).unwrap();
         let after = load(&index, &Default::default(), &|_| {}).unwrap();
         let sum = |scene: &Scene| {
             let gaussians = scene.gaussians();
@@ -91,21 +91,30 @@ fn smaller_data_sets_have_closer_harmonics() {
         // What rows that stand for several lose: the variance within them.
         1.0 - sum(&after) / sum(&before)
     };
-    let (coarse, fine) = (error(140_000), error(50_000));
+    let (coarse, fine) = (error(Some(140_000)), error(Some(50_000)));
     assert!(fine < 0.2 * coarse, "{fine} with a row each, {coarse} with one for two");
+    // By default two data sets, of 70,000.
+    let default = error(None);
+    assert!(default < coarse && default == error(Some(131_072)), "{default} by default, {coarse} in one");
 }
 
-/// Gaussians that came from two palettes, one after the other, everywhere in space.
+/// Gaussians that came from two data sets, one after the other, everywhere in space.
 #[test]
-fn palettes_that_a_scene_came_with_are_kept() {
+fn data_sets_that_a_scene_came_from_are_kept() {
     let (count, rows) = (160_000, 60_000);
     let mut gaussians = scene(7, count, 1, OpacityMode::Default).into_gaussians();
-    // Fewer values than a codebook has, without a negative zero.
-    let level = |row: usize, k: usize| (noise(7, row, k) * 100.0).round() / 100.0 + 0.0;
     for i in 0..count {
-        let row = i % rows + if i < count / 2 { 0 } else { rows };
+        let half = i / (count / 2);
+        // 200 values for each codebook of each half, without a negative zero: both halves are more than a codebook has.
+        let level = |k: usize| (k % 200) as f32 / 200.0 + half as f32 + 1.0;
+        let row = i % rows;
+        for k in 0..3 {
+            // The row's number, so that each Gaussian shows which row it should have.
+            gaussians.sh[i * 12 + k] = level(row / 200_usize.pow(k as u32));
+            gaussians.scales[k][i] = 0.01 * level(i + 67 * k);
+        }
         for k in 0..9 {
-            gaussians.sh[i * 12 + 3 + k] = level(row, k);
+            gaussians.sh[i * 12 + 3 + k] = level((noise(7, row, k) * 1e6) as usize);
         }
     }
     let before = Scene::new(gaussians, OpacityMode::Default).unwrap();
@@ -114,9 +123,14 @@ fn palettes_that_a_scene_came_with_are_kept() {
     save(&before, &index).unwrap();
     let meta: Value = serde_json::from_slice(&fs::read(&index).unwrap()).unwrap();
     assert_eq!(meta["filenames"].as_array().unwrap().len(), 2);
+    for part in ["0_0", "0_1"] {
+        let meta = fs::read(folder.path().join(part).join("meta.json")).unwrap();
+        let meta: Value = serde_json::from_slice(&meta).unwrap();
+        assert_eq!(meta["count"], count / 2, "{part}");
+    }
     let after = load(&index, &Default::default(), &|_| {}).unwrap();
     let rows = |scene: &Scene| {
-        let row = |i| scene.gaussians().sh_of(i)[3..].iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+        let row = |i| scene.gaussians().sh_of(i).iter().map(|value| value.to_bits()).collect::<Vec<_>>();
         let mut rows: Vec<_> = (0..count).map(row).collect();
         rows.sort_unstable();
         rows

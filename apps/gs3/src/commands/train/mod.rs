@@ -84,7 +84,7 @@ pub struct SessionArgs {
     /// Highest learning rate
     #[arg(long, default_value_t = 1e-3, value_name = "RATE")]
     pub rate: f64,
-    /// Steps of warm-up: the learning rate rises from 0 to --rate
+    /// Steps of warm-up: the learning rate rises to --rate
     #[arg(long, default_value_t = 100, value_name = "N")]
     pub warm_up: u64,
     /// Decides the weights at the beginning and what every step is trained on
@@ -105,7 +105,7 @@ pub struct SessionArgs {
     /// Weights of SqueezeNet v1.0, conv1 to fire5, for the perceptual term of the loss
     #[arg(long, value_name = "FILE.safetensors")]
     pub perceptual: Option<PathBuf>,
-    /// Largest norm of the gradient by all weights; longer gradients are shortened to it (clipping)
+    /// Largest norm of the gradient with respect to all weights; longer gradients are shortened to it (clipping)
     #[arg(long, default_value_t = 1.0, value_name = "LENGTH")]
     pub longest_gradient: f64,
     /// Share of the weights to begin with in those that are validated and written, 0 to less than 1: trained on few

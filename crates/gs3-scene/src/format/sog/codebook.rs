@@ -2,6 +2,9 @@
 
 use rayon::prelude::*;
 
+/// Values of a codebook: codes are bytes.
+pub(super) const CODES: usize = 256;
+
 /// Rounds of Lloyd's algorithm; after the good start below more change nothing visible.
 const ROUNDS: usize = 16;
 
@@ -12,7 +15,7 @@ const BINS: usize = 4096;
 const KEPT_BITS: u32 = 20;
 
 /// 256 values in ascending order with small weighted squared distance to the values they are made from.
-pub(super) struct Codebook(pub(super) [f32; 256]);
+pub(super) struct Codebook(pub(super) [f32; CODES]);
 
 impl Codebook {
     /// Fits to values, which are finite, with weights, which are positive. Up to 256 different values are kept exactly.

@@ -98,15 +98,15 @@ impl Palette {
 
 /// Different vectors, by their bits, and their places in a palette.
 #[derive(Default)]
-struct Distinct<'a>(HashMap<&'a [u8], u16>);
+pub(super) struct Distinct<'a>(HashMap<&'a [u8], u16>);
 
 impl<'a> Distinct<'a> {
-    fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.0.len()
     }
 
     /// The place of `vector`, which gets the next one if it is new; `None` if a palette is full.
-    fn label(&mut self, vector: &'a [f32]) -> Option<u16> {
+    pub(super) fn label(&mut self, vector: &'a [f32]) -> Option<u16> {
         let bits = bytemuck::cast_slice(vector);
         if let Some(label) = self.0.get(bits) {
             return Some(*label);
@@ -115,30 +115,6 @@ impl<'a> Distinct<'a> {
         self.0.insert(bits, next);
         Some(next)
     }
-}
-
-/// Cuts the vectors, in their order, into the fewest runs that a palette each holds exactly, and gives their lengths; `None` if they
-/// are more than `most`.
-#[cfg(any(test, feature = "fs"))]
-pub(super) fn exact_runs(vectors: Vectors<'_>, most: usize) -> Option<Vec<usize>> {
-    let count = vectors.indices.len();
-    let mut runs = Vec::new();
-    let mut start = 0;
-    let mut distinct = Distinct::default();
-    for place in 0..count {
-        let vector = vectors.get(place as u32);
-        if distinct.label(vector).is_none() {
-            runs.push(place - start);
-            if runs.len() >= most {
-                return None;
-            }
-            start = place;
-            distinct = Distinct::default();
-            distinct.label(vector);
-        }
-    }
-    runs.push(count - start);
-    Some(runs)
 }
 
 /// Vectors that share a part of the palette.
@@ -295,21 +271,17 @@ mod tests {
     }
 
     #[test]
-    fn runs_end_where_a_palette_is_full() {
-        // Twice each of 65,536 values, then the same of others, of these the last but once.
-        let half = 2 * LARGEST_PALETTE;
-        let values: Vec<f32> =
-            (0..2 * half - 1).map(|i| (i % LARGEST_PALETTE + i / half * LARGEST_PALETTE) as f32).collect();
+    fn as_many_vectors_as_a_palette_has_rows_are_kept_exactly() {
+        // Each twice, and then one more.
+        let count = 2 * LARGEST_PALETTE;
+        let mut values: Vec<f32> = (0..count).map(|i| (i % LARGEST_PALETTE) as f32 * 0.1).collect();
+        values.push(-1.0);
         let (indices, weights) = ((0..values.len() as u32).collect::<Vec<_>>(), vec![1.0; values.len()]);
-        let vectors = plain(&values, &indices, &weights);
-        assert_eq!(exact_runs(vectors, 2), Some(vec![half, half - 1]));
-        assert_eq!(exact_runs(vectors, 1), None);
-        let first = plain(&values, &indices[..half], &weights[..half]);
-        assert_eq!(exact_runs(first, 1), Some(vec![half]));
-        // A palette of that many rows has each vector's bits.
-        let palette = Palette::fit(first);
+        let vectors = plain(&values, &indices[..count], &weights[..count]);
+        let palette = Palette::fit(vectors);
         assert_eq!(palette.rows.len(), LARGEST_PALETTE);
-        assert!((0..half).all(|i| palette.rows[usize::from(palette.labels[i])] == values[i]));
+        assert!((0..count).all(|i| palette.rows[usize::from(palette.labels[i])] == values[i]));
+        assert!(Palette::exact(plain(&values, &indices, &weights)).is_none());
     }
 
     #[test]

@@ -1,5 +1,6 @@
-//! Writing streamed SOG: a folder of data sets, each of neighbours in space, and a tree over them in `lod-meta.json`.
+//! Writing streamed SOG: a folder of data sets, and a tree over them in `lod-meta.json`.
 
+use std::collections::HashSet;
 use std::fs;
 use std::io::{self, Write};
 use std::path::Path;
@@ -10,16 +11,18 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use super::super::save::STREAMED_SOG;
-use super::palette::{Vectors, exact_runs};
+use super::codebook::CODES;
+use super::palette::Distinct;
 use super::write::{GENERATOR, Means, Weights, encode};
+use crate::gaussians::Gaussians;
 use crate::scene::Scene;
 
 /// Gaussians of a data set that has neighbours in space: at most two for each row of a palette, so that colours are close.
 const NEIGHBOURS: usize = 1 << 17;
 
-/// Most Gaussians of a data set whose palette is exact: about what splat-transform puts into one (512,000), so that players
-/// still load a scene part by part.
-const MOST_OF_EXACT: usize = 1 << 19;
+/// Most Gaussians of a data set that is kept: splat-transform puts about 512,000 into one, up to 548,560 in the captures. Players
+/// still load such a scene part by part.
+const MOST_OF_KEPT: usize = 600_000;
 
 /// Most Gaussians of a leaf of the tree: what a player shows or leaves out at once. A leaf's entry in `lod-meta.json` takes
 /// about 200 bytes, a hundredth of a byte for each of its Gaussians, which take about 20.
@@ -29,14 +32,14 @@ const LEAF: usize = 16_384;
 const EXTENT: f64 = 3.0;
 
 /// Writes `scene` into `folder`; one level of detail. With `chunk` a data set has neighbours in space, at most `chunk` of them.
-/// Without it, a scene that came from palettes keeps them: Gaussians that follow one another and share rows are a data set.
-/// [`STREAMED_SOG`] comes last: without it the folder is no scene.
+/// Without `chunk`, a scene from SOG keeps its data sets ([`kept_data_sets`]). [`STREAMED_SOG`] comes last: without
+/// [`STREAMED_SOG`] the folder is no scene.
 pub(in super::super) fn write_streamed(scene: &Scene, folder: &Path, chunk: Option<usize>) -> io::Result<()> {
     let count = scene.gaussians().len();
     let mut all: Vec<u32> = (0..count as u32).collect();
-    let exact = if chunk.is_none() { runs_of_palettes(scene, &all) } else { None };
-    let (runs, chunk) = match exact {
-        Some(runs) => (runs, MOST_OF_EXACT),
+    let kept = if chunk.is_none() { kept_data_sets(scene.gaussians()) } else { None };
+    let (runs, chunk) = match kept {
+        Some(runs) => (runs, MOST_OF_KEPT),
         None => (vec![count], chunk.unwrap_or(NEIGHBOURS)),
     };
     let mut writer =
@@ -61,12 +64,52 @@ pub(in super::super) fn write_streamed(scene: &Scene, folder: &Path, chunk: Opti
     write_file(&folder.join(STREAMED_SOG), &serde_json::to_vec(&meta)?)
 }
 
-/// Lengths of runs of Gaussians that a palette each holds exactly, if they are no more than data sets of [`NEIGHBOURS`] would be.
-fn runs_of_palettes(scene: &Scene, all: &[u32]) -> Option<Vec<usize>> {
-    let gaussians = scene.gaussians();
-    let stride = gaussians.sh_stride();
-    let vectors = Vectors { values: &gaussians.sh, indices: all, weights: &[], stride, offset: 3 };
-    if gaussians.sh_degree > 0 { exact_runs(vectors, all.len().div_ceil(NEIGHBOURS)) } else { None }
+/// Lengths of the data sets that the Gaussians came from: of runs, in the order of the Gaussians, that a palette and codebooks each
+/// hold exactly. `None` if they would be more data sets than those of neighbours, as of scenes of other formats, or if there is no
+/// palette to keep.
+fn kept_data_sets(gaussians: &Gaussians) -> Option<Vec<usize>> {
+    if gaussians.sh_degree == 0 {
+        return None;
+    }
+    let most = gaussians.len().div_ceil(NEIGHBOURS).next_power_of_two();
+    let (mut runs, mut start) = (Vec::new(), 0);
+    let mut exact = Exact::default();
+    for i in 0..gaussians.len() {
+        if !exact.holds(gaussians, i) {
+            runs.push(i - start);
+            if runs.len() >= most {
+                return None;
+            }
+            (start, exact) = (i, Exact::default());
+            exact.holds(gaussians, i);
+        }
+    }
+    runs.push(gaussians.len() - start);
+    Some(runs)
+}
+
+/// What the palette and the three codebooks of a data set must hold so that nothing is lost.
+#[derive(Default)]
+struct Exact<'a> {
+    rows: Distinct<'a>,
+    /// Of scales, of degree 0, of the other harmonics: bits of numbers.
+    codes: [HashSet<u32>; 3],
+}
+
+impl<'a> Exact<'a> {
+    /// Adds Gaussian `i`. Whether a data set holds all Gaussians added.
+    fn holds(&mut self, gaussians: &'a Gaussians, i: usize) -> bool {
+        let (sh0, rest) = gaussians.sh_of(i).split_at(3);
+        let known = self.rows.len();
+        if self.rows.label(rest).is_none() {
+            return false;
+        }
+        let of_row = if self.rows.len() > known { rest } else { &[] };
+        self.codes.iter_mut().zip([&gaussians.scale(i), sh0, of_row]).all(|(codes, values)| {
+            codes.extend(values.iter().map(|value| value.to_bits()));
+            codes.len() <= CODES
+        })
+    }
 }
 
 struct Writer<'a> {
