@@ -105,12 +105,12 @@ fn data_sets_that_a_scene_came_from_are_kept() {
     let mut gaussians = scene(7, count, 1, OpacityMode::Default).into_gaussians();
     for i in 0..count {
         let half = i / (count / 2);
-        // 200 values for each codebook of each half, without a negative zero: both halves are more than a codebook has.
-        let level = |k: usize| (k % 200) as f32 / 200.0 + half as f32 + 1.0;
+        // 256 values for each codebook of each half: as many as a codebook has.
+        let level = |k: usize| (k % 256) as f32 / 256.0 + half as f32 + 1.0;
         let row = i % rows;
         for k in 0..3 {
             // The row's number, so that each Gaussian shows which row it should have.
-            gaussians.sh[i * 12 + k] = level(row / 200_usize.pow(k as u32));
+            gaussians.sh[i * 12 + k] = level(row / 256_usize.pow(k as u32));
             gaussians.scales[k][i] = 0.01 * level(i + 67 * k);
         }
         for k in 0..9 {
