@@ -75,14 +75,14 @@ pub struct FrameOptions {
     pub quality: QualityArg,
     /// Pixels rasterized exactly, where reconstruction is not to be trusted: none, those that --quality says, this share of
     /// all (0 to 1), or as many as fit into a frame of so many milliseconds (33ms). A GPU has no exact pixels with a
-    /// super-sampling network and with --culling aabb3sigma or adr
+    /// super-sampling network, and none with --culling aabb3sigma or adr
     #[arg(long, default_value = "auto", value_name = "off|auto|SHARE|TIMEms", allow_hyphen_values = true)]
     pub refine: Refine,
     /// High-resolution over low-resolution size
     #[arg(long, default_value_t = 4, value_name = "S", value_parser = scale(1))]
     pub scale: u32,
     /// Networks that improve the frames: none (analytic), or networks of three sizes. Frames take a few times as long. Networks
-    /// are for --scale 4; that of super sampling of tier balanced is also for --scale 2
+    /// are for --scale 4. The super-sampling network of tier balanced is also for --scale 2
     #[arg(long, value_name = "TIER", default_value = "analytic", conflicts_with = "weights", help_heading = ADVANCED)]
     pub tier: TierArg,
     /// How in-between frames are made: warped (analytic), or warped and refined by the network of --tier (learned), which takes a
@@ -110,7 +110,7 @@ pub struct FrameOptions {
     /// `coarse` kriges fewer pixels, `fine` more. Networks always krige: tier fast coarsely, balanced as `on`, high finely
     #[arg(long, value_name = "coarse|on|fine", num_args = 0..=1, require_equals = true, default_missing_value = "on", help_heading = ADVANCED)]
     pub kriging: Option<KrigingArg>,
-    /// Rasterize beyond the edges that the camera turns to: sharper there, and a little slower. Networks always do
+    /// Rasterize beyond the edges that the camera turns to: sharper there, and a little slower. Frames with networks always do so
     #[arg(long, help_heading = ADVANCED)]
     pub overscan: bool,
     /// Frames from one keyframe to the next, 0 for none, so that parts of a path can be rendered apart. The history begins anew

@@ -23,7 +23,7 @@ impl Codebook {
         weighted.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
         let values: Vec<f32> = weighted.iter().map(|(value, _)| *value).collect();
         if values.is_empty() {
-            return Self([0.0; 256]);
+            return Self([0.0; CODES]);
         }
         if let Some(exact) = few_values(&values) {
             return Self(exact);
@@ -40,7 +40,7 @@ impl Codebook {
         let mut codes = first_guess(&values, &weights);
         for _ in 0..ROUNDS {
             let mut start = 0;
-            for i in 0..256 {
+            for i in 0..CODES {
                 let end = match codes.get(i + 1) {
                     Some(next) => {
                         let middle = f64::midpoint(f64::from(codes[i]), f64::from(*next));
@@ -83,8 +83,8 @@ impl Codebook {
 }
 
 /// The different values of a sorted list if they are at most 256, the last repeated.
-fn few_values(sorted: &[f32]) -> Option<[f32; 256]> {
-    let mut codes = [*sorted.last()?; 256];
+fn few_values(sorted: &[f32]) -> Option<[f32; CODES]> {
+    let mut codes = [*sorted.last()?; CODES];
     let mut used = 0;
     let mut rest = sorted;
     while let Some(&value) = rest.first() {
@@ -98,7 +98,7 @@ fn few_values(sorted: &[f32]) -> Option<[f32; 256]> {
 /// Density of codes proportional to the cube root of the density of weight. It minimises the squared distance for
 /// many codes (Panter and Dite 1951). `before` has the weight before each of the sorted values; there is at least one
 /// value.
-fn first_guess(values: &[f32], before: &[f64]) -> [f32; 256] {
+fn first_guess(values: &[f32], before: &[f64]) -> [f32; CODES] {
     let (smallest, largest) = (f64::from(values[0]), f64::from(values[values.len() - 1]));
     let edge = |bin: usize| smallest + (largest - smallest) * bin as f64 / BINS as f64;
     let mut weights = vec![0.0; BINS];
@@ -109,7 +109,7 @@ fn first_guess(values: &[f32], before: &[f64]) -> [f32; 256] {
         start = end;
     }
     let total: f64 = weights.iter().sum();
-    let mut codes = [largest as f32; 256];
+    let mut codes = [largest as f32; CODES];
     let (mut bin, mut passed) = (0, 0.0);
     for (i, code) in codes.iter_mut().enumerate() {
         let wanted = total * (i as f64 + 0.5) / 256.0;

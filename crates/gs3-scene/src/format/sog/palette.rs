@@ -68,6 +68,7 @@ impl Palette {
         Some(Self { rows, labels })
     }
 
+    /// At most [`LARGEST_PALETTE`] rows, each the weighted mean of like vectors.
     fn tree(vectors: Vectors<'_>) -> Self {
         let dimensions = vectors.stride - vectors.offset;
         let count = vectors.indices.len();

@@ -81,6 +81,7 @@ fn kept_data_sets(gaussians: &Gaussians) -> Option<Vec<usize>> {
                 return None;
             }
             (start, exact) = (i, Exact::default());
+            // One Gaussian alone always fits: its numbers are fewer than a codebook has.
             exact.holds(gaussians, i);
         }
     }
