@@ -457,9 +457,9 @@ static void refusals(gs3_scene *scene) {
     gs3_renderer_destroy(NULL);
 }
 
-/* Memory that a renderer says it has is there until it is destroyed, and the library's is the sum. */
+/* The library's memory is the sum of what renderers say they have. */
 static void memory(const gs3_scene *scene, uint32_t threads) {
-    gs3_memory before = {.struct_size = sizeof before}, with = before, own = before, after = before;
+    gs3_memory before = {.struct_size = sizeof before}, with = before, own = before;
     CHECK(gs3_query_memory(&before) == GS3_OK);
     gs3_renderer_desc desc = {
         .struct_size = sizeof desc, .backend = GS3_BACKEND_CPU, .threads = threads, .scale = 2};
@@ -486,8 +486,20 @@ static void memory(const gs3_scene *scene, uint32_t threads) {
     uint64_t grown = with.host_bytes - before.host_bytes;
     CHECK(grown >= own.host_bytes && grown < own.host_bytes + 4096);
     gs3_renderer_destroy(renderer);
+}
+
+/* Renderers leave nothing behind, one after the other. */
+static void lives(const gs3_scene *scene, uint32_t threads) {
+    /* A thread that ends leaves 2304 + 2072 bytes, a record and a list of the library of its queues (crossbeam-epoch), until
+       threads of later renderers collect them. So what lies there is of two renderers at most. */
+    enum { LIVES = 4, LEFT_BY_THREAD = 2304 + 2072 };
+    gs3_memory before = {.struct_size = sizeof before}, after = before;
+    CHECK(gs3_query_memory(&before) == GS3_OK);
+    for (int life = 0; life < LIVES; life++) {
+        memory(scene, threads);
+    }
     CHECK(gs3_query_memory(&after) == GS3_OK);
-    CHECK(after.host_bytes < before.host_bytes + 4096);
+    CHECK(after.host_bytes <= before.host_bytes + 2 * threads * LEFT_BY_THREAD);
 }
 
 int main(int count, char **arguments) {
@@ -507,8 +519,8 @@ int main(int count, char **arguments) {
     native_frame(arrays, arguments[3], "arrays.rgb8", GS3_FORMAT_RGB8);
     settings(scene, arguments[3]);
     refusals(scene);
-    memory(scene, 1);
-    memory(scene, 2);
+    lives(scene, 1);
+    lives(scene, 2);
     gs3_set_log_callback(NULL, NULL);
     int logged = errors_logged;
     CHECK(gs3_query_jitter_count(99, NULL) == GS3_ERROR_ARGUMENT);
