@@ -94,7 +94,10 @@ impl Window {
 pub enum Outputs {
     /// Colour and alpha.
     Color,
-    /// Colour, alpha, ∂/∂x and ∂/∂y of colour, depth and normal.
+    /// Colour, alpha, ∂/∂x and ∂/∂y of colour, and median depth: what reconstruction without networks reads. GPUs make the planes of
+    /// [`Outputs::GBuffer`].
+    Samples,
+    /// [`Outputs::Samples`], expected depth and normal.
     GBuffer,
     /// [`Outputs::GBuffer`] and the mixed derivative ∂²/∂x∂y of colour.
     GBufferMixed,

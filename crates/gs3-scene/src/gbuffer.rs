@@ -149,7 +149,7 @@ pub struct Gradients {
     pub color_dxy: Option<Planes<3>>,
 }
 
-/// Depth and normals.
+/// Depth and normals. Planes that were not asked for are empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Geometry {
     /// View-space depth z of the surface at which transmittance falls to one half, world units, forward positive; 0, as

@@ -337,6 +337,14 @@ impl Session {
         }
     }
 
+    /// Makes the expected depths and the normals of the G-buffer ([`FramePipeline::fetch_normals`]).
+    ///
+    /// # Errors
+    /// As [`FramePipeline::fetch_normals`].
+    pub fn fetch_normals(&mut self) -> Result<(), PipelineError> {
+        self.pipeline.fetch_normals()
+    }
+
     /// The pipeline that makes the frames: figures of the last frame, its G-buffer, its exact blocks.
     #[must_use]
     pub const fn pipeline(&self) -> &FramePipeline {

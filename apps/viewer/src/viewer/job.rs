@@ -129,6 +129,9 @@ impl Job {
         }
         if matches!(self.make, Make::Reconstructed { .. }) && self.view.reads_gbuffer() {
             session.fetch_gbuffer_async().await?;
+            if self.view == View::Normals {
+                session.fetch_normals()?;
+            }
         }
         for method in self.compare.methods() {
             if let ComparedMethod::Reference(mode) = method {

@@ -12,7 +12,7 @@ use super::grid::Grid;
 use super::math::exp2;
 use super::order::DepthOrder;
 use super::project::{HALF_LOG2_E_SQRT, Projected, lanes};
-use super::splat::{Splat, SplatGeometry};
+use super::splat::{Splat, SplatDepth};
 use crate::settings::{ExpectedDepth, MIN_ALPHA, Rules};
 
 /// A pixel is finished before the contribution that would reduce its transmittance below this value (Kerbl et al.
@@ -56,8 +56,8 @@ pub struct Block(pub [[f32; 16]; plane::COUNT]);
 
 /// The outputs of [`blend_tile`]; kernels are compiled once for each.
 pub const COLOR: usize = 0;
-/// With gradients and median depth: the values of a sample of the history.
-pub const SAMPLE: usize = 1;
+/// With gradients and median depth: the values of samples of the history.
+pub const SAMPLES: usize = 1;
 /// With mean depth and normal as well.
 pub const GBUFFER: usize = 2;
 /// With the mixed derivative as well.
@@ -86,17 +86,28 @@ pub struct TileScratch {
     pub order: DepthOrder,
     /// The splats in scene order.
     pub splats: Vec<Splat>,
-    pub geometry: Vec<SplatGeometry>,
+    pub depths: Vec<SplatDepth>,
+    pub normals: Vec<[f32; 3]>,
     pub cover: Box<Cover>,
 }
 
 impl TileScratch {
+    /// Forgets the splats.
+    pub fn clear(&mut self) {
+        self.splats.clear();
+        self.depths.clear();
+        self.normals.clear();
+    }
+
     /// Adds a splat of a projection job.
     #[inline(always)]
     pub fn take<const OUTPUTS: usize>(&mut self, job: &Projected, local: usize) {
         self.splats.push(job.splats[local]);
-        if OUTPUTS != COLOR {
-            self.geometry.push(job.geometry[local]);
+        if OUTPUTS >= SAMPLES {
+            self.depths.push(job.depths[local]);
+        }
+        if OUTPUTS >= GBUFFER {
+            self.normals.push(job.normals[local]);
         }
     }
 }
@@ -107,7 +118,8 @@ impl Default for TileScratch {
             blocks: Box::new([Block([[0.0; 16]; plane::COUNT]); BLOCKS]),
             order: DepthOrder::default(),
             splats: Vec::new(),
-            geometry: Vec::new(),
+            depths: Vec::new(),
+            normals: Vec::new(),
             cover: Box::default(),
         }
     }
@@ -132,8 +144,7 @@ pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
     );
     // All splats of the tile are first copied in scene order, which is near the order of memory. Then they are
     // visited by depth, so that random accesses stay within the second-level cache.
-    scratch.splats.clear();
-    scratch.geometry.clear();
+    scratch.clear();
     for ids in bins.of_tile(tile) {
         for (job, local) in ids.iter().map(|id| id.place()) {
             scratch.take::<OUTPUTS>(&jobs[job], local);
@@ -141,12 +152,24 @@ pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
     }
     scratch.order.sort_front_to_back(scratch.splats.iter().map(|splat| splat.depth_bits));
     let places = BlockPlaces::of_tile(grid.stride as f32, grid.tile_first(tile));
-    let TileScratch { blocks, order, splats, geometry, cover, .. } = scratch;
-    let order = order.sorted();
-    blend_places::<_, OUTPUTS>(s, &places, grid, rules, open, order, splats, geometry, cover, blocks);
+    let TileScratch { blocks, order, splats, depths, normals, cover } = scratch;
+    let of_tile = TileSplats { order: order.sorted(), splats, depths, normals };
+    blend_places::<_, OUTPUTS>(s, &places, grid, rules, open, of_tile, cover, blocks);
 }
 
-/// Blends the splats in `order`, front to back, into the open blocks at `places`.
+/// The splats of a tile.
+#[derive(Clone, Copy)]
+pub struct TileSplats<'a> {
+    /// Positions in the other three, front to back.
+    pub order: &'a [u32],
+    pub splats: &'a [Splat],
+    /// Of [`SAMPLES`] and more.
+    pub depths: &'a [SplatDepth],
+    /// Of [`GBUFFER`] and more.
+    pub normals: &'a [[f32; 3]],
+}
+
+/// Blends the splats of a tile, front to back, into the open blocks at `places`.
 #[inline(always)]
 pub fn blend_places<S: Simd, const OUTPUTS: usize>(
     s: S,
@@ -154,14 +177,12 @@ pub fn blend_places<S: Simd, const OUTPUTS: usize>(
     grid: &Grid,
     rules: BlendRules,
     mut open: u32,
-    order: &[u32],
-    splats: &[Splat],
-    geometry: &[SplatGeometry],
+    of_tile: TileSplats<'_>,
     cover: &mut Cover,
     blocks: &mut [Block; BLOCKS],
 ) {
-    for visited in order.chunks(RUN) {
-        cover.fill(s, splats, visited, places, grid.origin, open);
+    for visited in of_tile.order.chunks(RUN) {
+        cover.fill(s, of_tile.splats, visited, places, grid.origin, open);
         // Block by block, so that the state stays in registers during the run.
         for b in 0..places.len() {
             let touching = cover.of_block(b);
@@ -170,7 +191,7 @@ pub fn blend_places<S: Simd, const OUTPUTS: usize>(
             }
             let mut state = State::load(s, &blocks[b]);
             let samples = places.samples(s, b);
-            let finished = state.blend_run::<OUTPUTS>(s, rules, samples, touching, splats, geometry);
+            let finished = state.blend_run::<OUTPUTS>(s, rules, samples, touching, of_tile);
             state.store::<OUTPUTS>(&mut blocks[b]);
             if finished {
                 open &= !(1 << b);
@@ -205,7 +226,8 @@ pub fn start_tile<const OUTPUTS: usize>(
 pub fn start_block<const OUTPUTS: usize>(block: &mut Block, left: [usize; 2]) {
     let planes = match OUTPUTS {
         COLOR => plane::ALPHA_DX,
-        SAMPLE | GBUFFER => plane::ALPHA_DXY,
+        SAMPLES => plane::NORMAL,
+        GBUFFER => plane::ALPHA_DXY,
         _ => plane::COUNT,
     };
     block.0[..planes].fill([0.0; 16]);
@@ -258,7 +280,7 @@ impl<S: Simd> State<S> {
         self.transmittance.store_slice(&mut plane[plane::TRANSMITTANCE]);
         self.last.store_slice(&mut plane[plane::FINAL]);
         store3(self.color, plane, plane::COLOR);
-        if OUTPUTS >= SAMPLE {
+        if OUTPUTS >= SAMPLES {
             self.alpha_dx.store_slice(&mut plane[plane::ALPHA_DX]);
             self.alpha_dy.store_slice(&mut plane[plane::ALPHA_DY]);
             store3(self.color_dx, plane, plane::COLOR_DX);
@@ -283,13 +305,12 @@ impl<S: Simd> State<S> {
         rules: BlendRules,
         sample: [f32x16<S>; 2],
         touching: &[u32],
-        splats: &[Splat],
-        geometry: &[SplatGeometry],
+        of_tile: TileSplats<'_>,
     ) -> bool {
         let zero = lanes(s, 0.0);
         let max_alpha = lanes(s, rules.max_alpha);
         for &i in touching {
-            let splat = &splats[i as usize];
+            let splat = &of_tile.splats[i as usize];
             let t = self.transmittance;
             let Some(contribution) = Contribution::of(s, splat, sample, t, max_alpha) else { continue };
             let Contribution { dx, dy, u, v, raw, alpha, after, blended, finished } = contribution;
@@ -299,7 +320,7 @@ impl<S: Simd> State<S> {
             for k in 0..3 {
                 self.color[k] = color[k].mul_add(weight, self.color[k]);
             }
-            if OUTPUTS >= SAMPLE {
+            if OUTPUTS >= SAMPLES {
                 // g = (A·dx + B·dy, B·dx + C·dy) from the factor. Derivatives of α vanish where α is capped.
                 let slope = raw.simd_lt(max_alpha).select(alpha, zero) * lanes(s, UNSCALE);
                 let gx = lanes(s, splat.l11) * u;
@@ -325,16 +346,16 @@ impl<S: Simd> State<S> {
                 self.alpha_dx += weight_x;
                 self.alpha_dy += weight_y;
 
-                let geometry = &geometry[i as usize];
-                let across = lanes(s, geometry.ray_plane[1]).mul_add(dy, lanes(s, geometry.ray_distance));
-                let distance = lanes(s, geometry.ray_plane[0]).mul_add(dx, across);
+                let depth = &of_tile.depths[i as usize];
+                let across = lanes(s, depth.ray_plane[1]).mul_add(dy, lanes(s, depth.ray_distance));
+                let distance = lanes(s, depth.ray_plane[0]).mul_add(dx, across);
                 let in_front = blended & t.simd_gt(lanes(s, 0.5));
                 self.median = in_front.select(distance, self.median);
                 if OUTPUTS >= GBUFFER {
                     let center = lanes(s, f32::from_bits(splat.depth_bits));
                     let distance = if rules.has_depths_of_centers { center } else { distance };
                     self.distance = distance.mul_add(weight, self.distance);
-                    let normal = lanes3(s, geometry.normal);
+                    let normal = lanes3(s, of_tile.normals[i as usize]);
                     for k in 0..3 {
                         self.normal[k] = normal[k].mul_add(weight, self.normal[k]);
                     }

@@ -9,10 +9,10 @@ use gs3_scene::{BLOCK_SIDE, ExactBlock, ExactBlocks};
 use rayon::prelude::*;
 
 use super::bin::{Bins, TILE_HEIGHT};
-use super::blend::{self, SAMPLE, TileScratch, plane};
+use super::blend::{self, SAMPLES, TileScratch, TileSplats, plane};
 use super::cover::{BLOCK, BLOCKS, BlockPlaces};
 use super::grid::Grid;
-use super::project::Projected;
+use super::project::{Facts, Projected};
 use super::resolve::Resolver;
 use super::splat::PixelRect;
 use super::{LastFrame, Rasterizer};
@@ -115,7 +115,7 @@ impl Rasterizer {
     fn share_splats(&mut self) {
         let Some(last) = self.last.take() else { return };
         if !last.is_shared {
-            self.project(&last.view, true, false);
+            self.project(&last.view, Facts { depths: true, ..Facts::default() });
             self.parts = Bins::parts(&self.jobs, &last.grid, self.most_entries);
             self.orders.clear();
             if let [whole] = &self.parts[..] {
@@ -170,17 +170,15 @@ impl Scratch {
             for (b, place) in places.iter().enumerate() {
                 batch.push(pixel(*place));
                 let left = [0, 1].map(|a| size[a] - usize::from(place[a]) * BLOCK);
-                blend::start_block::<SAMPLE>(&mut scratch.blocks[b], left);
+                blend::start_block::<SAMPLES>(&mut scratch.blocks[b], left);
                 open |= 1 << b;
             }
-            let TileScratch { blocks, splats, geometry, cover, .. } = &mut *scratch;
-            let rules = resolver.rules;
-            blend::blend_places::<_, SAMPLE>(
-                s, &batch, grid, rules, open, meeting, splats, geometry, cover, blocks,
-            );
+            let TileScratch { blocks, splats, depths, normals, cover, .. } = &mut *scratch;
+            let of_tile = TileSplats { order: meeting, splats, depths, normals };
+            blend::blend_places::<_, SAMPLES>(s, &batch, grid, resolver.rules, open, of_tile, cover, blocks);
             for (b, out) in out.iter_mut().enumerate() {
                 let block = &mut scratch.blocks[b];
-                resolver.finish::<_, SAMPLE>(s, block, batch.samples(s, b), 1.0);
+                resolver.finish::<_, SAMPLES>(s, block, batch.samples(s, b), 1.0);
                 let planes = |first: usize| [block.0[first], block.0[first + 1], block.0[first + 2]];
                 *out = ExactBlock {
                     color: planes(plane::COLOR),
@@ -206,14 +204,13 @@ impl Scratch {
     ) {
         let corner = grid.tile_corner(tile);
         self.taken.clear();
-        self.tile.splats.clear();
-        self.tile.geometry.clear();
+        self.tile.clear();
         for ids in bins.of_tile(tile) {
             for (job, local) in ids.iter().map(|id| id.place()) {
                 let job = &jobs[job];
                 if meets(job.rects[local], corner, grid.tile_size(), rows) {
                     self.taken.push(self.tile.splats.len() as u32);
-                    self.tile.take::<SAMPLE>(job, local);
+                    self.tile.take::<SAMPLES>(job, local);
                 } else {
                     self.taken.push(DROPPED);
                 }

@@ -32,11 +32,11 @@ use crate::chunk::{self, CHUNK, Chunk};
 use crate::settings::{Culling, MAX_BLOCK_SCALE, Outputs, RasterError, RasterSettings, Window};
 use crate::view::{View, samples_pixels};
 use bin::{Bins, ENTRY_BYTES, Part, TILE_HEIGHT, TILE_WIDTH};
-use blend::{COLOR, GBUFFER, GBUFFER_MIXED};
+use blend::{COLOR, GBUFFER, GBUFFER_MIXED, SAMPLES};
 use blocks::Scratch;
 use grid::Grid;
 pub use importance::Importance;
-use project::{ProjectInput, Projected};
+use project::{Facts, ProjectInput, Projected};
 use resolve::{Band, Resolver};
 
 /// Chunks per projection job: large enough to amortise scheduling, small enough to balance the threads. A job's
@@ -216,6 +216,7 @@ impl Rasterizer {
         let bands = resolve::gbuffer_bands(out);
         match settings.outputs {
             Outputs::Color => self.run::<COLOR>(view, grid, settings, bands),
+            Outputs::Samples => self.run::<SAMPLES>(view, grid, settings, bands),
             Outputs::GBuffer => self.run::<GBUFFER>(view, grid, settings, bands),
             Outputs::GBufferMixed => self.run::<GBUFFER_MIXED>(view, grid, settings, bands),
         }
@@ -274,7 +275,7 @@ impl Rasterizer {
     ) {
         self.last = None;
         let started = Instant::now();
-        self.project(view, OUTPUTS != COLOR, false);
+        self.project(view, Facts { depths: OUTPUTS >= SAMPLES, normals: OUTPUTS >= GBUFFER, indices: false });
         self.times = RasterTimes { project: started.elapsed(), ..RasterTimes::default() };
 
         let [columns, rows] = grid.tiles();
@@ -316,18 +317,17 @@ impl Rasterizer {
     /// The splats of a frame in scene order.
     #[cfg(all(test, feature = "gpu"))]
     pub(crate) fn splats(&mut self, camera: &Camera, settings: &RasterSettings) -> Vec<splat::Splat> {
-        self.project(&View::new(camera, settings, self.scene.details().near), false, false);
+        self.project(&View::new(camera, settings, self.scene.details().near), Facts::default());
         self.jobs.iter().flat_map(|job| job.splats.iter().copied()).collect()
     }
 
-    fn project(&mut self, view: &View, with_geometry: bool, with_indices: bool) {
+    fn project(&mut self, view: &View, facts: Facts) {
         let input = ProjectInput {
             gaussians: self.scene.gaussians(),
             opacity_mode: self.scene.opacity_mode(),
             view,
             culling: self.culling,
-            with_geometry,
-            with_indices,
+            facts,
         };
         let (chunks, level) = (&self.chunks, self.level);
         let frustum = chunk::Frustum::new(view);

@@ -9,7 +9,7 @@ use gs3_scene::{Gaussians, OpacityMode};
 use super::geometry;
 use super::math::log2;
 use super::sh;
-use super::splat::{PixelRect, Splat, SplatGeometry};
+use super::splat::{PixelRect, Splat, SplatDepth};
 use crate::settings::{Culling, MIN_ALPHA_INVERSE};
 use crate::view::View;
 
@@ -54,8 +54,10 @@ pub const PUBLISHED_TILE: f32 = 16.0;
 #[derive(Default)]
 pub struct Projected {
     pub splats: Vec<Splat>,
-    /// Empty unless depth and normals are asked for.
-    pub geometry: Vec<SplatGeometry>,
+    /// Empty unless depths are asked for.
+    pub depths: Vec<SplatDepth>,
+    /// View-space unit normals, facing the camera (RaDe-GS, Zhang et al. 2024); empty unless asked for.
+    pub normals: Vec<[f32; 3]>,
     /// The splats' places in the scene; empty unless asked for.
     pub indices: Vec<u32>,
     /// The splats' rectangles again: most of binning reads only these.
@@ -65,7 +67,8 @@ pub struct Projected {
 impl Projected {
     pub fn clear(&mut self) {
         self.splats.clear();
-        self.geometry.clear();
+        self.depths.clear();
+        self.normals.clear();
         self.indices.clear();
         self.rects.clear();
     }
@@ -77,8 +80,16 @@ pub struct ProjectInput<'a> {
     pub opacity_mode: OpacityMode,
     pub view: &'a View,
     pub culling: Culling,
-    pub with_geometry: bool,
-    pub with_indices: bool,
+    pub facts: Facts,
+}
+
+/// What is projected of each splat besides the splat.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Facts {
+    pub depths: bool,
+    pub normals: bool,
+    /// Places in the scene.
+    pub indices: bool,
 }
 
 /// Per-lane results of one vector of Gaussians, spilled for the scalar tail of the survivors.
@@ -288,7 +299,7 @@ fn project_lanes<S: Simd>(
         for (vector, lanes) in direction.iter().zip(&mut out.direction) {
             vector.store_slice(lanes);
         }
-        if input.with_geometry {
+        if input.facts.depths || input.facts.normals {
             let geometry = geometry::project(s, view, view_space, axes, scales);
             for (vector, lanes) in geometry.iter().zip(&mut out.geometry) {
                 vector.store_slice(lanes);
@@ -355,16 +366,15 @@ fn emit(input: &ProjectInput<'_>, lanes: &Lanes, lane: usize, index: usize, out:
         depth_bits: lanes.depth[lane].to_bits(),
     });
     out.rects.push(rect);
-    if input.with_indices {
+    if input.facts.indices {
         out.indices.push(index as u32);
     }
-    if input.with_geometry {
-        let [distance, plane_x, plane_y, nx, ny, nz] = [0, 1, 2, 3, 4, 5].map(|k| lanes.geometry[k][lane]);
-        out.geometry.push(SplatGeometry {
-            ray_distance: distance,
-            ray_plane: [plane_x, plane_y],
-            normal: [nx, ny, nz],
-        });
+    let geometry = |k: usize| lanes.geometry[k][lane];
+    if input.facts.depths {
+        out.depths.push(SplatDepth { ray_distance: geometry(0), ray_plane: [geometry(1), geometry(2)] });
+    }
+    if input.facts.normals {
+        out.normals.push([geometry(3), geometry(4), geometry(5)]);
     }
 }
 

@@ -38,6 +38,7 @@ pub fn prepare(out: &mut GBuffer, [w, h]: [usize; 2], settings: &RasterSettings)
     }
     let geometry = out.geometry.get_or_insert_with(Geometry::default);
     geometry.depth_median.resize(w, h);
+    let [w, h] = if settings.outputs == Outputs::Samples { [0, 0] } else { [w, h] };
     geometry.depth_expected.resize(w, h);
     geometry.normal.resize(w, h);
 }
@@ -73,7 +74,7 @@ pub fn gbuffer_bands(out: &mut GBuffer) -> Vec<Band<'_>> {
 }
 
 /// Appends the planes of `from`, cut into bands of `length` values. They get the block planes `first`, `first + 1`,
-/// ….
+/// …. Empty planes were not asked for.
 fn split<'a, const C: usize>(
     from: &'a mut Planes<C>,
     first: usize,
@@ -81,6 +82,9 @@ fn split<'a, const C: usize>(
     planes: &mut Vec<(usize, std::slice::ChunksMut<'a, f32>)>,
 ) {
     let size = from.width() * from.height();
+    if size == 0 {
+        return;
+    }
     let rows = from.data_mut().chunks_mut(size).map(|plane| plane.chunks_mut(length));
     planes.extend((first..).zip(rows));
 }

@@ -58,15 +58,13 @@ pub struct Splat {
     pub depth_bits: u32,
 }
 
-/// Depth and normal of a projected Gaussian (RaDe-GS, Zhang et al. 2024).
+/// Depth of a projected Gaussian (RaDe-GS, Zhang et al. 2024).
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C)]
-pub struct SplatGeometry {
+pub struct SplatDepth {
     /// Distance along the ray at the centre, world units, and its change per pixel of dx, dy (d = mean − sample).
     pub ray_distance: f32,
     pub ray_plane: [f32; 2],
-    /// View-space unit normal, facing the camera.
-    pub normal: [f32; 3],
 }
 
 /// Pixels `[x0, x1) × [y0, y1)` inside the image, counted from its first pixel, with the margin included

@@ -56,7 +56,7 @@ pub struct Target {
 const fn plane_names(outputs: Outputs) -> &'static [&'static str] {
     match outputs {
         Outputs::Color => &["color_alpha"],
-        Outputs::GBuffer => &["color_alpha", "dx_median", "dy_expected", "normal"],
+        Outputs::Samples | Outputs::GBuffer => &["color_alpha", "dx_median", "dy_expected", "normal"],
         Outputs::GBufferMixed => &["color_alpha", "dx_median", "dy_expected", "normal", "dxdy"],
     }
 }

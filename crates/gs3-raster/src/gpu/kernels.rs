@@ -110,7 +110,7 @@ impl Kernels {
     pub const fn project(&self, outputs: Outputs) -> &Kernel {
         match outputs {
             Outputs::Color => &self.project_color,
-            Outputs::GBuffer | Outputs::GBufferMixed => &self.project_gbuffer,
+            Outputs::Samples | Outputs::GBuffer | Outputs::GBufferMixed => &self.project_gbuffer,
         }
     }
 }

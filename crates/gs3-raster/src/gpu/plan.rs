@@ -13,7 +13,7 @@ use crate::settings::Outputs;
 /// anyway, and small tiles are more work for `bin`.
 const fn tile_side(outputs: Outputs, size: Size) -> u32 {
     let is_small = size.pixels() <= SMALL_FRAME;
-    if matches!(outputs, Outputs::GBuffer | Outputs::GBufferMixed) && is_small { 8 } else { 16 }
+    if !matches!(outputs, Outputs::Color) && is_small { 8 } else { 16 }
 }
 
 /// Pixels of the largest frame with small tiles: 1,024 tiles of 16×16. (H100, hqgarden, `bin` and `blend`: 480×270 takes 0.84
@@ -103,7 +103,7 @@ pub struct Capacity {
 pub const fn splat_vectors(outputs: Outputs) -> u32 {
     match outputs {
         Outputs::Color => 3,
-        Outputs::GBuffer | Outputs::GBufferMixed => 5,
+        Outputs::Samples | Outputs::GBuffer | Outputs::GBufferMixed => 5,
     }
 }
 

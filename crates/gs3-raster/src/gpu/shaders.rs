@@ -132,7 +132,7 @@ pub fn blend(outputs: Outputs, tile: u32) -> String {
     let pixels = include_str!("cover_pixels.wgsl");
     let [pixels, outputs, mixed] = match outputs {
         Outputs::Color => [include_str!("cover_pixels_none.wgsl"), include_str!("outputs_color.wgsl"), ""],
-        Outputs::GBuffer => [pixels, &gbuffer, include_str!("mixed_none.wgsl")],
+        Outputs::Samples | Outputs::GBuffer => [pixels, &gbuffer, include_str!("mixed_none.wgsl")],
         Outputs::GBufferMixed => [pixels, &gbuffer, include_str!("mixed.wgsl")],
     };
     let places = include_str!("places_tile.wgsl");

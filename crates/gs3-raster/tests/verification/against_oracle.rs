@@ -11,7 +11,7 @@ use crate::scenes::{RandomScene, camera_at_origin, posed, tilted_pose};
 const TOLERANCE: f64 = 1e-4;
 
 const SIZES: [[u32; 2]; 7] = [[1, 1], [2, 3], [17, 13], [33, 31], [64, 48], [263, 5], [5, 71]];
-const OUTPUTS: [Outputs; 3] = [Outputs::Color, Outputs::GBuffer, Outputs::GBufferMixed];
+const OUTPUTS: [Outputs; 4] = [Outputs::Color, Outputs::Samples, Outputs::GBuffer, Outputs::GBufferMixed];
 const MODES: [OpacityMode; 2] = [OpacityMode::Default, OpacityMode::Antialiased];
 
 #[test]
@@ -49,6 +49,12 @@ fn all_modes() {
                                 let gbuffer = render(&scene, culling, &camera, &settings);
                                 assert_eq!(gbuffer.gradients.is_some(), outputs != Outputs::Color, "{what}");
                                 assert_eq!(gbuffer.geometry.is_some(), outputs != Outputs::Color, "{what}");
+                                let whole = gbuffer.geometry.as_ref().is_some_and(|g| {
+                                    [g.depth_expected.size(), g.normal.size()] == [gbuffer.size(); 2]
+                                });
+                                let has_normals =
+                                    [Outputs::GBuffer, Outputs::GBufferMixed].contains(&outputs);
+                                assert_eq!(whole, has_normals, "{what}");
                                 let mixed = gbuffer.gradients.as_ref().and_then(|g| g.color_dxy.as_ref());
                                 assert_eq!(mixed.is_some(), outputs == Outputs::GBufferMixed, "{what}");
                                 assert_eq!(gbuffer.jitter, jitter, "{what}");

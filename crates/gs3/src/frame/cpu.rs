@@ -6,7 +6,7 @@ use gs3_raster::{Outputs, Rasterizer};
 use gs3_reconstruct::{
     DepthLattice, Interpolator, Neighbor, ResampleKernel, ResetReason, SuperSampler, resample, select_blocks,
 };
-use gs3_scene::{ExactBlocks, GBuffer, Image, Margin, Scene, block_grid};
+use gs3_scene::{Camera, ExactBlocks, GBuffer, Image, Margin, Scene, block_grid};
 
 use super::inputs::{Frame, FrameInputs, Frames, Made};
 use super::plan::FramePlan;
@@ -39,6 +39,24 @@ impl CpuMachine {
     /// Makes `frames.current` and the in-between frames before it.
     pub async fn make(&mut self, inputs: &FrameInputs, frames: &mut Frames) -> Result<Made, PipelineError> {
         self.stages.make(inputs, &mut self.rasterizer, frames).await
+    }
+
+    /// Makes the expected depths and the normals of `gbuffer`, the LR frame of `camera`, if it has neither.
+    pub fn add_normals(&mut self, camera: &Camera, gbuffer: &mut GBuffer) -> Result<(), PipelineError> {
+        let jitter = gbuffer.jitter;
+        let Some(geometry) = &mut gbuffer.geometry else { return Ok(()) };
+        if geometry.normal.size() == geometry.depth_median.size() {
+            return Ok(());
+        }
+        let CpuStages { plan, padded, .. } = &mut self.stages;
+        let inputs =
+            FrameInputs { camera: *camera, reset: None, jitter, margin: Margin::NONE, moments: Vec::new() };
+        let settings = plan.raster(Outputs::GBuffer, &inputs);
+        self.rasterizer.rasterize_low_resolution(camera, plan.scale, &settings, padded)?;
+        let Some(made) = &mut padded.geometry else { return Ok(()) };
+        std::mem::swap(&mut geometry.depth_expected, &mut made.depth_expected);
+        std::mem::swap(&mut geometry.normal, &mut made.normal);
+        Ok(())
     }
 
     pub const fn stages(&self) -> &CpuStages {
@@ -117,7 +135,7 @@ impl CpuStages {
                 self.forget_before(inputs);
 
                 // Gaussians to the low-resolution G-buffer.
-                let rasterized = self.rasterize(inputs, Outputs::GBuffer, rasterizer, frames);
+                let rasterized = self.rasterize(inputs, self.plan.outputs(), rasterizer, frames);
                 times.time(Stage::Rasterize, rasterized).await?;
 
                 // G-buffer and history to the frame, which a network may refine.

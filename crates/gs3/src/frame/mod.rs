@@ -3,6 +3,7 @@
 
 mod choices;
 mod cpu;
+mod gbuffer;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod inputs;
@@ -15,7 +16,7 @@ use std::sync::Arc;
 
 use gs3_reconstruct::{FrameSequence, FrameStart, ResetReason};
 use gs3_scene::camera_path::pose_between;
-use gs3_scene::{Camera, GBuffer, Image, Margin, Scene};
+use gs3_scene::{Camera, Image, Margin, Scene};
 
 use self::cpu::{CpuMachine, CpuStages};
 #[cfg(feature = "gpu")]
@@ -453,33 +454,6 @@ impl FramePipeline {
             #[cfg(feature = "gpu")]
             Machine::Gpu(_) => None,
         }
-    }
-
-    /// The LR G-buffer of the last frame. Empty in [`Mode::Native`], colour only in [`Mode::Bicubic`]. If a GPU makes
-    /// whole frames, this is the G-buffer of the last [`Self::fetch_gbuffer`].
-    #[must_use]
-    pub const fn gbuffer(&self) -> &GBuffer {
-        &self.frames.current.gbuffer
-    }
-
-    /// Reads back the LR G-buffer of the last frame, if it is on a GPU.
-    ///
-    /// # Errors
-    /// [`PipelineError`] if the device fails; in a browser [`Self::fetch_gbuffer_async`] is for it.
-    pub fn fetch_gbuffer(&mut self) -> Result<(), PipelineError> {
-        now(self.fetch_gbuffer_async())
-    }
-
-    /// Reads back the LR G-buffer, as [`Self::fetch_gbuffer`] does, without blocking a browser.
-    ///
-    /// # Errors
-    /// [`PipelineError`] if the device fails.
-    pub async fn fetch_gbuffer_async(&mut self) -> Result<(), PipelineError> {
-        #[cfg(feature = "gpu")]
-        if let (Machine::Gpu(gpu), Some(camera)) = (&self.machine, &self.frames.current.camera) {
-            gpu.read_gbuffer(camera, &mut self.frames.current.gbuffer).await?;
-        }
-        Ok(())
     }
 
     /// The previous frame, if there is one of the same size.

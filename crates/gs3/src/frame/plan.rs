@@ -110,6 +110,14 @@ impl FramePlan {
         PipelineSettings { in_between: self.in_between, ..self.settings }.moments()
     }
 
+    /// The planes of LR frames that the stages read: networks read normals, too.
+    pub const fn outputs(&self) -> Outputs {
+        match self.networks.super_sample {
+            Some(_) => Outputs::GBuffer,
+            None => Outputs::Samples,
+        }
+    }
+
     /// The rasterizer's settings for `outputs` of a frame.
     pub fn raster(&self, outputs: Outputs, inputs: &FrameInputs) -> RasterSettings {
         RasterSettings {

@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use gs3::scene::camera_path::CameraPath;
-use gs3::scene::{Image, demo};
+use gs3::scene::{GBuffer, Image, demo};
 use gs3::{Dilation, FramePipeline, Mode, PipelineSettings, Refine, ResetReason, Sampling, Stage};
+use gs3_raster::{Outputs, RasterSettings, Rasterizer};
 use gs3_test_support::psnr_shown;
 
 use crate::scene;
@@ -53,6 +54,39 @@ fn every_mode_shows_the_scene_and_the_order_of_quality_holds() {
         (quality(Mode::Bicubic), quality(Mode::SuperSample), quality(Mode::Full));
     assert!(super_sampled > bicubic + 2.0, "bicubic {bicubic} dB, super-sampled {super_sampled} dB");
     assert_eq!(full, super_sampled, "interpolation does not touch rendered frames");
+}
+
+#[test]
+fn normals_are_made_for_whoever_wants_to_look_at_them() {
+    let path = path();
+    let cameras = &path.cameras()[..3];
+    let mut looked_at = pipeline(Mode::Full);
+    let mut other = pipeline(Mode::Full);
+    for camera in cameras {
+        looked_at.render(camera).unwrap();
+        let gbuffer = looked_at.gbuffer();
+        assert!(gbuffer.geometry.as_ref().unwrap().normal.data().is_empty());
+        let settings = RasterSettings {
+            dilation: looked_at.settings().dilation.at_scale(4),
+            jitter: gbuffer.jitter,
+            ..RasterSettings::new(Outputs::GBuffer)
+        };
+        let mut expected = GBuffer::default();
+        let mut rasterizer = Rasterizer::new(scene(), looked_at.settings().culling);
+        rasterizer.rasterize_low_resolution(camera, 4, &settings, &mut expected).unwrap();
+        // The second time there is nothing left to make.
+        for _ in 0..2 {
+            looked_at.fetch_normals().unwrap();
+            assert_eq!(looked_at.gbuffer(), &expected);
+        }
+        other.render(camera).unwrap();
+        assert!(looked_at.presented().iter().eq(other.presented().iter()));
+    }
+    let mut bicubic = pipeline(Mode::Bicubic);
+    bicubic.fetch_normals().unwrap();
+    bicubic.render(&cameras[0]).unwrap();
+    bicubic.fetch_normals().unwrap();
+    assert_eq!(bicubic.gbuffer().geometry, None);
 }
 
 #[test]
