@@ -93,7 +93,7 @@ impl<'a> Frustum<'a> {
         let center = self.view.rotate(offset);
         let slack = SLACK * (center.iter().map(|v| v.abs()).sum::<f32>() + chunk.radius);
         let radius = chunk.radius + slack;
-        if center[2] + radius <= self.view.near {
+        if center[2] + radius <= self.view.near || center[2] - radius >= self.view.far {
             return false;
         }
         // The comparison is written so that a chunk with non-finite bounds counts as visible.

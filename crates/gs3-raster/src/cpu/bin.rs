@@ -79,6 +79,11 @@ impl Bins {
         self.runs.iter().map(move |tiles| &tiles[index][..])
     }
 
+    /// Whether no splat touches `tile`.
+    pub fn is_empty(&self, tile: [usize; 2]) -> bool {
+        self.of_tile(tile).all(<[Id]>::is_empty)
+    }
+
     /// Parts of `grid`, in the order of their tiles. Each part has at most `most` entries or is one tile.
     pub fn parts(jobs: &[Projected], grid: &Grid, most: u64) -> Vec<Part> {
         let ([columns, rows], [width, height]) = (grid.tiles(), grid.tile_size());

@@ -6,7 +6,7 @@
 
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*};
 
-use super::bin::{Bins, TILE_HEIGHT, TILE_WIDTH};
+use super::bin::Bins;
 use super::cover::{BLOCK, BLOCKS, BLOCKS_X, BlockPlaces, Cover, RUN};
 use super::grid::Grid;
 use super::math::exp2;
@@ -125,7 +125,18 @@ impl Default for TileScratch {
     }
 }
 
-/// Blends tile `tile` of `grid` into `scratch.blocks`, all its blocks.
+/// Number of planes of a block's state that `outputs` needs: the first ones.
+pub const fn planes(outputs: usize) -> usize {
+    match outputs {
+        COLOR => plane::ALPHA_DX,
+        SAMPLES => plane::NORMAL,
+        GBUFFER => plane::ALPHA_DXY,
+        _ => plane::COUNT,
+    }
+}
+
+/// Blends tile `tile` of `grid` into those of `scratch.blocks` in the bit mask `open`. Returns the mask of blocks that still have
+/// open pixels.
 #[inline(always)]
 pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
     s: S,
@@ -134,14 +145,9 @@ pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
     tile: [usize; 2],
     grid: &Grid,
     rules: BlendRules,
+    open: u32,
     scratch: &mut TileScratch,
-) {
-    let [width, height] = grid.size;
-    let open = start_tile::<OUTPUTS>(
-        &mut scratch.blocks,
-        width - tile[0] * TILE_WIDTH,
-        height - tile[1] * TILE_HEIGHT,
-    );
+) -> u32 {
     // All splats of the tile are first copied in scene order, which is near the order of memory. Then they are
     // visited by depth, so that random accesses stay within the second-level cache.
     scratch.clear();
@@ -154,7 +160,7 @@ pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
     let places = BlockPlaces::of_tile(grid.stride as f32, grid.tile_first(tile));
     let TileScratch { blocks, order, splats, depths, normals, cover } = scratch;
     let of_tile = TileSplats { order: order.sorted(), splats, depths, normals };
-    blend_places::<_, OUTPUTS>(s, &places, grid, rules, open, of_tile, cover, blocks);
+    blend_places::<_, OUTPUTS>(s, &places, grid, rules, open, of_tile, cover, blocks)
 }
 
 /// The splats of a tile.
@@ -169,7 +175,8 @@ pub struct TileSplats<'a> {
     pub normals: &'a [[f32; 3]],
 }
 
-/// Blends the splats of a tile, front to back, into the open blocks at `places`.
+/// Blends the splats of a tile, front to back, into the open blocks at `places`. Returns the mask of blocks that still have open
+/// pixels.
 #[inline(always)]
 pub fn blend_places<S: Simd, const OUTPUTS: usize>(
     s: S,
@@ -180,7 +187,7 @@ pub fn blend_places<S: Simd, const OUTPUTS: usize>(
     of_tile: TileSplats<'_>,
     cover: &mut Cover,
     blocks: &mut [Block; BLOCKS],
-) {
+) -> u32 {
     for visited in of_tile.order.chunks(RUN) {
         cover.fill(s, of_tile.splats, visited, places, grid.origin, open);
         // Block by block, so that the state stays in registers during the run.
@@ -201,22 +208,20 @@ pub fn blend_places<S: Simd, const OUTPUTS: usize>(
             break;
         }
     }
+    open
 }
 
-/// Clears the state; pixels outside the image start finished. Returns the mask of blocks with open pixels.
-pub fn start_tile<const OUTPUTS: usize>(
-    blocks: &mut [Block; BLOCKS],
-    width_left: usize,
-    height_left: usize,
-) -> u32 {
+/// Clears the state of a tile with `left` columns and rows inside the image; pixels outside start finished. Returns the mask of
+/// blocks with open pixels.
+pub fn start_tile<const OUTPUTS: usize>(blocks: &mut [Block; BLOCKS], left: [usize; 2]) -> u32 {
     let mut open = 0;
     for (b, block) in blocks.iter_mut().enumerate() {
         let (x, y) = (b % BLOCKS_X * BLOCK, b / BLOCKS_X * BLOCK);
-        if x >= width_left || y >= height_left {
+        if x >= left[0] || y >= left[1] {
             continue;
         }
         open |= 1 << b;
-        start_block::<OUTPUTS>(block, [width_left - x, height_left - y]);
+        start_block::<OUTPUTS>(block, [left[0] - x, left[1] - y]);
     }
     open
 }
@@ -224,13 +229,7 @@ pub fn start_tile<const OUTPUTS: usize>(
 /// Clears the state of a block with `left` columns and rows inside the image. Pixels outside start finished.
 #[inline(always)]
 pub fn start_block<const OUTPUTS: usize>(block: &mut Block, left: [usize; 2]) {
-    let planes = match OUTPUTS {
-        COLOR => plane::ALPHA_DX,
-        SAMPLES => plane::NORMAL,
-        GBUFFER => plane::ALPHA_DXY,
-        _ => plane::COUNT,
-    };
-    block.0[..planes].fill([0.0; 16]);
+    block.0[..planes(OUTPUTS)].fill([0.0; 16]);
     for lane in 0..16 {
         let inside = lane % BLOCK < left[0] && lane / BLOCK < left[1];
         block.0[plane::TRANSMITTANCE][lane] = if inside { 1.0 } else { 0.0 };

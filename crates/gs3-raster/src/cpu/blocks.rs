@@ -9,11 +9,12 @@ use gs3_scene::{BLOCK_SIDE, ExactBlock, ExactBlocks};
 use rayon::prelude::*;
 
 use super::bin::{Bins, TILE_HEIGHT};
-use super::blend::{self, SAMPLES, TileScratch, TileSplats, plane};
+use super::blend::{self, Block, SAMPLES, TileScratch, TileSplats, plane};
 use super::cover::{BLOCK, BLOCKS, BlockPlaces};
 use super::grid::Grid;
 use super::project::{Facts, Projected};
 use super::resolve::Resolver;
+use super::slabs::{self, SlabPlace};
 use super::splat::PixelRect;
 use super::{LastFrame, Rasterizer};
 use crate::settings::RasterError;
@@ -41,7 +42,15 @@ struct TileBlocks<'a> {
     /// In rows from the top.
     places: &'a [[u16; 2]],
     out: &'a mut [ExactBlock],
+    /// What blending needs from slab to slab besides `out`; empty in frames of one slab.
+    states: &'a mut [BlockState],
 }
+
+/// The planes of a block's state that [`ExactBlock`] does not have: [`plane::TRANSMITTANCE`], [`plane::FINAL`],
+/// [`plane::ALPHA_DX`] and [`plane::ALPHA_DY`].
+type BlockState = [[f32; 16]; 4];
+
+const STATE_PLANES: [usize; 4] = [plane::TRANSMITTANCE, plane::FINAL, plane::ALPHA_DX, plane::ALPHA_DY];
 
 impl Rasterizer {
     /// Rasterizes the native image's pixels in blocks of 4×4, with the splats of the last frame of
@@ -56,10 +65,15 @@ impl Rasterizer {
         places: &[[u16; 2]],
         out: &mut ExactBlocks,
     ) -> Result<(), RasterError> {
-        self.share_splats();
-        let Some(LastFrame { view, grid, settings, size, .. }) = &self.last else {
-            return Err(RasterError::NoFrame);
-        };
+        let Some(last) = self.last.take() else { return Err(RasterError::NoFrame) };
+        self.make_blocks(&last, places, out);
+        // The splats of several slabs are projected again for the next blocks.
+        self.last = Some(LastFrame { is_shared: true, ..last });
+        Ok(())
+    }
+
+    fn make_blocks(&mut self, last: &LastFrame, places: &[[u16; 2]], out: &mut ExactBlocks) {
+        let LastFrame { view, grid, settings, size, is_shared, slabs } = last;
         let [width, height] = grid.tile_size();
         // Tiles start at block boundaries: margins are whole blocks.
         let tile_of = |[x, y]: [u16; 2]| {
@@ -79,50 +93,54 @@ impl Rasterizer {
         out.places.dedup();
         out.blocks.resize(out.places.len(), ExactBlock::EMPTY);
 
+        let mut states = vec![[[0.0; 16]; 4]; if slabs.len() > 1 { out.places.len() } else { 0 }];
+        let mut rest_states = &mut states[..];
         let mut tiles = Vec::new();
         let mut rest = &mut out.blocks[..];
         for places in out.places.chunk_by(|a, b| tile_of(*a) == tile_of(*b)) {
             let blocks = rest.split_off_mut(..places.len()).unwrap_or_default();
-            tiles.push(TileBlocks { tile: tile_of(places[0]), places, out: blocks });
+            let states = rest_states.split_off_mut(..places.len()).unwrap_or_default();
+            tiles.push(TileBlocks { tile: tile_of(places[0]), places, out: blocks, states });
         }
         let resolver = Resolver::new(view, settings);
         let [columns, _] = grid.tiles();
-        let is_whole = self.parts.len() == 1;
-        let has_orders = is_whole && !self.orders.is_empty();
-        let mut tiles = &mut tiles[..];
-        for part in &self.parts {
-            // Parts are in the order of tiles.
-            let end = (part.rows.end - 1, part.columns.end);
-            let count = tiles.partition_point(|tile| (tile.tile[1], tile.tile[0]) < end);
-            let of_part = tiles.split_off_mut(..count).unwrap_or_default();
-            if of_part.is_empty() {
-                continue;
+        self.slabs.clone_from(slabs);
+        for (k, slab) in slabs.iter().enumerate() {
+            let slab_place = SlabPlace::new(k, slabs.len());
+            // The splats at hand are those of the last slab, in the bins of the last part.
+            let is_at_hand = *is_shared && slabs.len() == 1;
+            if !is_at_hand {
+                self.project(&slab.of(view), Facts { depths: true, ..Facts::default() });
+                self.parts = Bins::parts(&self.jobs, grid, self.most_entries);
+                self.orders.clear();
+                if let [whole] = &self.parts[..] {
+                    self.bins.fill(&self.jobs, grid, whole, self.culling);
+                }
             }
-            if !is_whole {
-                self.bins.fill(&self.jobs, grid, part, self.culling);
+            let is_whole = self.parts.len() == 1;
+            let has_orders = is_whole && !self.orders.is_empty();
+            let mut tiles = &mut tiles[..];
+            for part in &self.parts {
+                // Parts are in the order of tiles.
+                let end = (part.rows.end - 1, part.columns.end);
+                let count = tiles.partition_point(|tile| (tile.tile[1], tile.tile[0]) < end);
+                let of_part = tiles.split_off_mut(..count).unwrap_or_default();
+                if of_part.is_empty() {
+                    continue;
+                }
+                if !is_whole {
+                    self.bins.fill(&self.jobs, grid, part, self.culling);
+                }
+                let (jobs, bins, orders, level) = (&self.jobs, &self.bins, &self.orders, self.level);
+                of_part.par_iter_mut().with_max_len(4).for_each(|tile| {
+                    let mut scratch = self.scratch.get_or_default().borrow_mut();
+                    let order = has_orders.then(|| &orders[tile.tile[1] * columns + tile.tile[0]][..]);
+                    dispatch!(level, s => {
+                        scratch.fill(s, jobs, bins, order, grid, *size, &resolver, slab_place, tile);
+                    });
+                });
             }
-            let (jobs, bins, orders, level) = (&self.jobs, &self.bins, &self.orders, self.level);
-            of_part.par_iter_mut().with_max_len(4).for_each(|tile| {
-                let mut scratch = self.scratch.get_or_default().borrow_mut();
-                let order = has_orders.then(|| &orders[tile.tile[1] * columns + tile.tile[0]][..]);
-                dispatch!(level, s => scratch.fill(s, jobs, bins, order, grid, *size, &resolver, tile));
-            });
         }
-        Ok(())
-    }
-
-    /// Projects and bins the splats of the native image if the last low-resolution frame had others.
-    fn share_splats(&mut self) {
-        let Some(last) = self.last.take() else { return };
-        if !last.is_shared {
-            self.project(&last.view, Facts { depths: true, ..Facts::default() });
-            self.parts = Bins::parts(&self.jobs, &last.grid, self.most_entries);
-            self.orders.clear();
-            if let [whole] = &self.parts[..] {
-                self.bins.fill(&self.jobs, &last.grid, whole, self.culling);
-            }
-        }
-        self.last = Some(LastFrame { is_shared: true, ..last });
     }
 }
 
@@ -138,9 +156,10 @@ impl Scratch {
         grid: &Grid,
         size: [usize; 2],
         resolver: &Resolver,
+        SlabPlace { is_first, is_last }: SlabPlace,
         tile: &mut TileBlocks<'_>,
     ) {
-        let TileBlocks { tile, places, out } = tile;
+        let TileBlocks { tile, places, out, states } = tile;
         let (tile, places) = (*tile, *places);
         let corner = grid.tile_corner(tile);
         // Pixel of the tile, counted from its corner.
@@ -164,28 +183,33 @@ impl Scratch {
         }
 
         let origin = [0, 1].map(|a| corner[a] as f32 - grid.before[a] as f32);
-        for (places, out) in places.chunks(BLOCKS).zip(out.chunks_mut(BLOCKS)) {
+        for (n, (places, out)) in places.chunks(BLOCKS).zip(out.chunks_mut(BLOCKS)).enumerate() {
+            let [first, end] = [n * BLOCKS, n * BLOCKS + places.len()].map(|at| at.min(states.len()));
+            let states = &mut states[first..end];
             let mut batch = BlockPlaces::new(1.0, origin);
             let mut open = 0;
             for (b, place) in places.iter().enumerate() {
                 batch.push(pixel(*place));
-                let left = [0, 1].map(|a| size[a] - usize::from(place[a]) * BLOCK);
-                blend::start_block::<SAMPLES>(&mut scratch.blocks[b], left);
-                open |= 1 << b;
+                let block = &mut scratch.blocks[b];
+                if is_first {
+                    let left = [0, 1].map(|a| size[a] - usize::from(place[a]) * BLOCK);
+                    blend::start_block::<SAMPLES>(block, left);
+                } else {
+                    load(block, &out[b], &states[b]);
+                }
+                open |= u32::from(slabs::is_open(block)) << b;
             }
             let TileScratch { blocks, splats, depths, normals, cover, .. } = &mut *scratch;
             let of_tile = TileSplats { order: meeting, splats, depths, normals };
             blend::blend_places::<_, SAMPLES>(s, &batch, grid, resolver.rules, open, of_tile, cover, blocks);
             for (b, out) in out.iter_mut().enumerate() {
                 let block = &mut scratch.blocks[b];
+                if !is_last {
+                    (*out, states[b]) = (exact(block), STATE_PLANES.map(|p| block.0[p]));
+                    continue;
+                }
                 resolver.finish::<_, SAMPLES>(s, block, batch.samples(s, b), 1.0);
-                let planes = |first: usize| [block.0[first], block.0[first + 1], block.0[first + 2]];
-                *out = ExactBlock {
-                    color: planes(plane::COLOR),
-                    color_dx: planes(plane::COLOR_DX),
-                    color_dy: planes(plane::COLOR_DY),
-                    depth_median: block.0[plane::MEDIAN],
-                };
+                *out = exact(block);
                 let left = [0, 1].map(|a| size[a] - usize::from(places[b][a]) * BLOCK);
                 clear_beyond(out, left);
             }
@@ -216,6 +240,29 @@ impl Scratch {
                 }
             }
         }
+    }
+}
+
+/// The planes of a block that exact blocks have.
+fn exact(block: &Block) -> ExactBlock {
+    let planes = |first: usize| [block.0[first], block.0[first + 1], block.0[first + 2]];
+    ExactBlock {
+        color: planes(plane::COLOR),
+        color_dx: planes(plane::COLOR_DX),
+        color_dy: planes(plane::COLOR_DY),
+        depth_median: block.0[plane::MEDIAN],
+    }
+}
+
+/// Loads the state of a block from the slab before.
+fn load(block: &mut Block, from: &ExactBlock, state: &BlockState) {
+    let ExactBlock { color, color_dx, color_dy, depth_median } = from;
+    for (first, planes) in [(plane::COLOR, color), (plane::COLOR_DX, color_dx), (plane::COLOR_DY, color_dy)] {
+        block.0[first..first + 3].copy_from_slice(planes);
+    }
+    block.0[plane::MEDIAN] = *depth_median;
+    for (p, plane) in STATE_PLANES.into_iter().zip(state) {
+        block.0[p] = *plane;
     }
 }
 
@@ -254,9 +301,9 @@ mod tests {
     use crate::{Culling, Importance, Outputs, RasterSettings, Rasterizer, matched_dilation};
 
     /// Frames, blocks and importance have the same bits with memory for all entries at once, for some tiles of a row, and for
-    /// one tile only.
+    /// one tile only; and in slabs.
     #[test]
-    fn frames_in_parts_are_the_same() {
+    fn frames_in_parts_and_slabs_are_the_same() {
         let scene = Arc::new(demo::scene().expect("the demo"));
         let camera = demo::path().cameras()[0].resized(310, 170).expect("a valid size");
         let settings =
@@ -264,38 +311,60 @@ mod tests {
         let [columns, rows] = block_grid(camera.size());
         let places: Vec<[u16; 2]> =
             (0..rows).flat_map(|y| (0..columns).step_by(3).map(move |x| [x as u16, y as u16])).collect();
-        let run = |most_entries: u64| {
+        let run = |most_entries: u64, most_gaussians: [usize; 2]| {
             let mut rasterizer = Rasterizer::new(Arc::clone(&scene), Culling::AccuTile);
             rasterizer.most_entries = most_entries;
-            let (mut image, mut lr, mut blocks) = (Image::default(), GBuffer::default(), Default::default());
+            rasterizer.most_gaussians = most_gaussians;
+            let (mut image, mut counts) = (Image::default(), [[0; 2]; 4]);
             rasterizer.rasterize_image(&camera, &settings, &mut image).expect("valid settings");
-            let parts = [rasterizer.parts.len(), {
-                rasterizer.rasterize_low_resolution(&camera, 2, &settings, &mut lr).expect("valid settings");
-                rasterizer.parts.len()
-            }];
-            // Twice: the second run must work on the memory that the first run leaves.
-            for _ in 0..2 {
-                rasterizer.rasterize_blocks(&places, &mut blocks).expect("a frame before");
+            counts[0] = [rasterizer.slabs.len(), rasterizer.parts.len()];
+            let mut lr = Vec::new();
+            let mut made = Vec::new();
+            // Samples on pixels, whose splats the blocks share, and samples elsewhere, whose splats they do not share.
+            for (outputs, jitter) in [
+                (Outputs::GBuffer, [0.25; 2]),
+                (Outputs::Samples, [0.1; 2]),
+                (Outputs::GBufferMixed, [0.1; 2]),
+            ] {
+                let settings = RasterSettings { outputs, jitter, ..settings };
+                lr.push(GBuffer::default());
+                rasterizer
+                    .rasterize_low_resolution(&camera, 2, &settings, lr.last_mut().expect("one"))
+                    .expect("valid settings");
+                counts[lr.len()] = [rasterizer.slabs.len(), rasterizer.parts.len()];
+                // Twice: the second run must work on the memory that the first run leaves. The first is of no block.
+                for places in [&places[..0], &places, &places] {
+                    let mut blocks = Default::default();
+                    rasterizer.rasterize_blocks(places, &mut blocks).expect("a frame before");
+                    made.push(blocks);
+                }
             }
+            let visible = rasterizer.visible_count();
             let mut importance = Importance::zeroed(scene.gaussians().len());
             rasterizer.importance(&camera, &settings, &mut importance).expect("valid settings");
-            (parts, image, lr, blocks, importance)
+            (image, lr, made, (visible, importance), counts)
         };
-        let whole = run(u64::MAX);
-        assert_eq!(whole.0, [1, 1]);
+        let most = scene.gaussians().len();
+        let whole = run(u64::MAX, [most, 1]);
+        assert_eq!(whole.4, [[1, 1]; 4]);
         // 10 columns and 11 rows of tiles, and 5 and 6 of the coarser frame.
-        for (most_entries, parts) in [(1, [110, 30]), (20_000, [29, 18])] {
-            let many = run(most_entries);
-            assert_eq!(many.0, parts);
-            assert_eq!(whole.1.pixels(), many.1.pixels());
-            assert_eq!(whole.2.color.data(), many.2.color.data());
-            let depth = |lr: &GBuffer| lr.geometry.as_ref().map(|g| g.depth_median.data().to_vec());
-            assert_eq!(depth(&whole.2), depth(&many.2));
-            assert_eq!(whole.3.places, many.3.places);
-            for (a, b) in whole.3.blocks.iter().zip(&many.3.blocks) {
-                assert_eq!((a.color, a.color_dx, a.depth_median), (b.color, b.color_dx, b.depth_median));
+        for (most_entries, most_gaussians, counts) in [
+            (1, [most, 1], [[1, 110], [1, 30], [1, 30], [1, 30]]),
+            (20_000, [most, 1], [[1, 29], [1, 18], [1, 18], [1, 18]]),
+            // Slabs, and parts of the last slab.
+            (u64::MAX, [0, 100_000], [[5, 1]; 4]),
+            (1_000, [0, 200_000], [[3, 68], [3, 28], [3, 28], [3, 28]]),
+        ] {
+            let many = run(most_entries, most_gaussians);
+            assert_eq!(many.4.map(|[slabs, _]| slabs > 1), counts.map(|[slabs, _]| slabs > 1));
+            assert_eq!(many.4.map(|[_, parts]| parts > 1), counts.map(|[_, parts]| parts > 1));
+            assert_eq!(whole.0.pixels(), many.0.pixels());
+            assert_eq!(whole.1, many.1);
+            for (a, b) in whole.2.iter().zip(&many.2) {
+                assert_eq!((&a.places, &a.blocks), (&b.places, &b.blocks));
             }
-            assert_eq!(whole.4, many.4);
+            assert!(whole.2.iter().any(|made| !made.is_empty()));
+            assert_eq!(whole.3, many.3);
         }
     }
 }

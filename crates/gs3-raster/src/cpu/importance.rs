@@ -192,12 +192,22 @@ impl Scratch {
         settings: &RasterSettings,
     ) {
         let rules = BlendRules::from(settings.rules);
-        blend::blend_tile::<_, { blend::COLOR }>(s, jobs, bins, tile_place, grid, rules, &mut self.tile);
-        let [width, height] = grid.size;
         let (x0, y0) = (tile_place[0] * TILE_WIDTH, tile_place[1] * TILE_HEIGHT);
+        let left = [grid.size[0] - x0, grid.size[1] - y0];
+        let open = blend::start_tile::<{ blend::COLOR }>(&mut self.tile.blocks, left);
+        blend::blend_tile::<_, { blend::COLOR }>(
+            s,
+            jobs,
+            bins,
+            tile_place,
+            grid,
+            rules,
+            open,
+            &mut self.tile,
+        );
         let Self { tile, pixels, shares } = self;
         start_pixels(pixels, tile, settings.background);
-        let mut open = blend::start_tile::<{ blend::COLOR }>(&mut tile.blocks, width - x0, height - y0);
+        let mut open = blend::start_tile::<{ blend::COLOR }>(&mut tile.blocks, left);
         for (pixels, block) in pixels.iter_mut().zip(&tile.blocks[..]) {
             pixels.transmittance = block.0[plane::TRANSMITTANCE];
         }

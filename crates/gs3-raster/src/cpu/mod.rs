@@ -15,6 +15,7 @@ mod order;
 pub(crate) mod project;
 mod resolve;
 pub(crate) mod sh;
+mod slabs;
 pub(crate) mod splat;
 
 use std::cell::RefCell;
@@ -38,6 +39,7 @@ use grid::Grid;
 pub use importance::Importance;
 use project::{Facts, ProjectInput, Projected};
 use resolve::{Band, Resolver};
+use slabs::{Slab, SlabPlace, TileState};
 
 /// Chunks per projection job: large enough to amortise scheduling, small enough to balance the threads. A job's
 /// splats fit the bits that keys have for them.
@@ -74,6 +76,12 @@ pub struct Rasterizer {
     bins: Bins,
     /// Most entries of `bins` at once.
     most_entries: u64,
+    /// Most Gaussians in view of a frame that is made at once, and those of a slab of a larger frame.
+    most_gaussians: [usize; 2],
+    /// The slabs of the last frame; `jobs` has the splats of the last slab.
+    slabs: Vec<Slab>,
+    /// Splats of the last frame.
+    visible: usize,
     /// The parts of the last frame; `bins` has the entries of one part.
     parts: Vec<Part>,
     /// The splats of each tile of the last frame, front to back; empty if the frame was made in several parts.
@@ -94,6 +102,8 @@ struct LastFrame {
     size: [usize; 2],
     /// Whether the splats at hand are those of `view`.
     is_shared: bool,
+    /// The slabs of `view`.
+    slabs: Vec<Slab>,
 }
 
 impl fmt::Debug for Rasterizer {
@@ -126,6 +136,9 @@ impl Rasterizer {
             jobs,
             bins: Bins::default(),
             most_entries: LIST_MEMORY / ENTRY_BYTES,
+            most_gaussians: [slabs::MOST_AT_ONCE, slabs::SLAB],
+            slabs: Vec::new(),
+            visible: 0,
             parts: Vec::new(),
             orders: Vec::new(),
             last: None,
@@ -156,8 +169,8 @@ impl Rasterizer {
 
     /// Number of splats that the last frame projected onto at least one sample.
     #[must_use]
-    pub fn visible_count(&self) -> usize {
-        self.jobs.iter().map(|job| job.splats.len()).sum()
+    pub const fn visible_count(&self) -> usize {
+        self.visible
     }
 
     /// Rasterizes the scene seen by `camera` into `out`, which gets the camera's size plus the margin. Its memory is
@@ -207,7 +220,10 @@ impl Rasterizer {
         }
         let size = camera.size().to_usize();
         let has_blocks = settings.outputs != Outputs::Color;
-        self.last = has_blocks.then_some(LastFrame { view, grid, settings: *settings, size, is_shared });
+        if has_blocks {
+            let slabs = if is_shared { self.slabs.clone() } else { self.slabs_of(&view) };
+            self.last = Some(LastFrame { view, grid, settings: *settings, size, is_shared, slabs });
+        }
         Ok(())
     }
 
@@ -274,33 +290,77 @@ impl Rasterizer {
         bands: Vec<Band<'_>>,
     ) {
         self.last = None;
-        let started = Instant::now();
-        self.project(view, Facts { depths: OUTPUTS >= SAMPLES, normals: OUTPUTS >= GBUFFER, indices: false });
-        self.times = RasterTimes { project: started.elapsed(), ..RasterTimes::default() };
+        (self.times, self.visible) = (RasterTimes::default(), 0);
+        let slabs = self.slabs_of(view);
+        self.slabs.clone_from(&slabs);
+        let [columns, _] = grid.tiles();
+        let mut of_rows: Vec<_> = bands.into_iter().map(|out| (out, Vec::new())).collect();
+        if slabs.len() > 1 {
+            of_rows.iter_mut().for_each(|(_, states)| {
+                states.resize_with(columns, || TileState::new(OUTPUTS));
+            });
+        }
+        for (k, slab) in slabs.iter().enumerate() {
+            let started = Instant::now();
+            let facts = Facts { depths: OUTPUTS >= SAMPLES, normals: OUTPUTS >= GBUFFER, indices: false };
+            self.project(&slab.of(view), facts);
+            self.visible += self.jobs.iter().map(|job| job.splats.len()).sum::<usize>();
+            self.parts = Bins::parts(&self.jobs, grid, self.most_entries);
+            self.times.project += started.elapsed();
+            let place = SlabPlace::new(k, slabs.len());
+            self.blend_slab::<OUTPUTS>(view, grid, settings, place, &mut of_rows);
+        }
+    }
 
+    /// Blends the splats at hand over the pixels of `of_rows`, for each row of tiles its band and the states of its tiles, which
+    /// are there only in frames of several slabs.
+    fn blend_slab<const OUTPUTS: usize>(
+        &mut self,
+        view: &View,
+        grid: &Grid,
+        settings: &RasterSettings,
+        SlabPlace { is_first, is_last }: SlabPlace,
+        of_rows: &mut [(Band<'_>, Vec<TileState>)],
+    ) {
         let [columns, rows] = grid.tiles();
-        self.parts = Bins::parts(&self.jobs, grid, self.most_entries);
-        // In a frame of several parts, orders would use the memory that parts save.
-        let keeps_orders = OUTPUTS != COLOR && self.parts.len() == 1;
-        if self.parts.len() > 1 {
+        // In a frame of several parts or slabs, orders would use the memory that parts and slabs save.
+        let is_whole = self.parts.len() == 1 && is_first && is_last;
+        let keeps_orders = OUTPUTS != COLOR && is_whole;
+        if !is_whole {
             self.orders.clear();
         }
         self.orders.resize_with(columns * rows, Vec::new);
         let (resolver, rules) = (Resolver::new(view, settings), settings.rules.into());
-        let mut of_rows: Vec<_> = bands.into_iter().zip(self.orders.chunks_exact_mut(columns)).collect();
+        let orders = self.orders.chunks_exact_mut(columns);
+        let mut of_rows: Vec<_> = of_rows.iter_mut().zip(orders).collect();
         for part in &self.parts {
             let started = Instant::now();
             self.bins.fill(&self.jobs, grid, part, self.culling);
             let binned = Instant::now();
             let (jobs, bins, level) = (&self.jobs, &self.bins, self.level);
             of_rows[part.rows.clone()].par_iter_mut().zip(part.rows.clone()).for_each(
-                |((out, orders), row)| {
+                |(((out, states), orders), row)| {
                     let scratch = &mut self.scratch.get_or_default().borrow_mut().tile;
                     for column in part.columns.clone() {
+                        let tile = [column, row];
+                        let left = [grid.size[0] - column * TILE_WIDTH, grid.size[1] - row * TILE_HEIGHT];
+                        let mut state = states.get_mut(column);
+                        if !is_first && !is_last && state.as_ref().is_some_and(|state| state.open == 0 || bins.is_empty(tile)) {
+                            continue;
+                        }
+                        let open = match &state {
+                            Some(state) if !is_first => state.load(&mut scratch.blocks, OUTPUTS),
+                            _ => blend::start_tile::<OUTPUTS>(&mut scratch.blocks, left),
+                        };
                         dispatch!(level, s => {
-                            let tile = [column, row];
-                            blend::blend_tile::<_, OUTPUTS>(s, jobs, bins, tile, grid, rules, scratch);
-                            resolver.resolve::<_, OUTPUTS>(s, &mut scratch.blocks, tile, grid, out);
+                            let open = match open {
+                                0 => 0,
+                                _ => blend::blend_tile::<_, OUTPUTS>(s, jobs, bins, tile, grid, rules, open, scratch),
+                            };
+                            match &mut state {
+                                Some(state) if !is_last => state.store(&scratch.blocks, OUTPUTS, open),
+                                _ => resolver.resolve::<_, OUTPUTS>(s, &mut scratch.blocks, tile, grid, out),
+                            }
                         });
                         orders[column].clear();
                         if keeps_orders {
@@ -312,6 +372,11 @@ impl Rasterizer {
             self.times.bin += binned - started;
             self.times.blend += binned.elapsed();
         }
+    }
+
+    /// The slabs of `view`.
+    fn slabs_of(&self, view: &View) -> Vec<Slab> {
+        slabs::slabs(self.scene.gaussians(), &self.chunks, view, self.most_gaussians)
     }
 
     /// The splats of a frame in scene order.
@@ -331,6 +396,10 @@ impl Rasterizer {
         };
         let (chunks, level) = (&self.chunks, self.level);
         let frustum = chunk::Frustum::new(view);
+        if self.slabs.len() > 1 {
+            // Each slab has other jobs' splats: what all slabs need together must not stay.
+            self.jobs.par_iter_mut().for_each(|job| *job = Projected::default());
+        }
         self.jobs.par_iter_mut().enumerate().for_each(|(j, out)| {
             out.clear();
             let first = j * JOB_CHUNKS;
