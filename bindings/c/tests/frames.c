@@ -488,7 +488,7 @@ static void memory(const gs3_scene *scene, uint32_t threads) {
     gs3_renderer_destroy(renderer);
 }
 
-/* Renderers leave nothing behind, one after the other. */
+/* Renderers leave no more than the records of ended threads. */
 static void lives(const gs3_scene *scene, uint32_t threads) {
     /* A thread that ends leaves 2304 + 2072 bytes, a record and a list of the library of its queues (crossbeam-epoch), until
        threads of later renderers collect them. So what lies there is of two renderers at most. */

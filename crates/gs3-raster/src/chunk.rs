@@ -49,7 +49,8 @@ pub fn of_gaussians(g: &Gaussians) -> Vec<Chunk> {
                 let low = plane.iter().fold(f32::INFINITY, |a, b| a.min(*b));
                 let high = plane.iter().fold(f32::NEG_INFINITY, |a, b| a.max(*b));
                 center[k] = low + 0.5 * (high - low);
-                half[k] = 0.5 * (high - low);
+                // Far from the world's origin the centre is rounded by more than the other sides' slack.
+                half[k] = (high - center[k]).max(center[k] - low);
             }
             let radius = half.iter().map(|v: &f32| v * v).sum::<f32>().sqrt() * RADIUS_FACTOR;
             let scales = g.scales.iter().flat_map(|plane| &plane[range.clone()]);
@@ -89,7 +90,8 @@ impl<'a> Frustum<'a> {
 
     /// Whether any Gaussian of the chunk may touch the image. Errs towards yes.
     pub fn may_see(&self, chunk: &Chunk) -> bool {
-        let offset: [f32; 3] = std::array::from_fn(|k| chunk.center[k] - self.view.origin[k]);
+        let View { origin, origin_rest, .. } = self.view;
+        let offset: [f32; 3] = std::array::from_fn(|k| chunk.center[k] - origin[k] - origin_rest[k]);
         let center = self.view.rotate(offset);
         let slack = SLACK * (center.iter().map(|v| v.abs()).sum::<f32>() + chunk.radius);
         let radius = chunk.radius + slack;

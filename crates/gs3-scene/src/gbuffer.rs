@@ -204,8 +204,8 @@ impl Margin {
 /// One rasterized frame with what only Gaussians give: exact gradients, depth, normals.
 ///
 /// Pixel `(i, j)` is the point sample of the image at `(i + 0.5 + jitter.x, j + 0.5 + jitter.y)` of this grid. The
-/// grid's origin lies [`Self::margin`] left of and above the picture's. All planes have the same size. All values
-/// except depths are finite.
+/// grid's origin lies [`Self::margin`] left of and above the picture's. All planes that are there have
+/// the same size. All values except depths are finite.
 ///
 /// Another renderer must fill the planes that are read: enlarging reads colour; Hermite interpolation also reads
 /// gradients; super sampling and interpolation over time also read median depths; networks also read alpha and

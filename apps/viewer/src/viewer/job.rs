@@ -124,14 +124,15 @@ impl Job {
 
     /// Makes what is shown beside the frame or instead of it.
     async fn make_beside(&self, session: &mut Session) -> Result<(), PipelineError> {
-        if self.make == Make::Nothing {
-            return Ok(());
-        }
-        if matches!(self.make, Make::Reconstructed { .. }) && self.view.reads_gbuffer() {
+        // Of a frame that was made before, too: its view may be another now.
+        if !matches!(self.make, Make::Native) && self.view.reads_gbuffer() {
             session.fetch_gbuffer_async().await?;
             if self.view == View::Normals {
                 session.fetch_normals()?;
             }
+        }
+        if self.make == Make::Nothing {
+            return Ok(());
         }
         for method in self.compare.methods() {
             if let ComparedMethod::Reference(mode) = method {

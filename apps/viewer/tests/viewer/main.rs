@@ -114,6 +114,25 @@ fn a_resting_camera_reaches_the_native_image_and_then_no_frame_is_made() {
 }
 
 #[test]
+fn views_of_a_resting_camera_show_something() {
+    let mut hand = Hand::new();
+    hand.rest();
+    let picture = hand.viewer.frame().to_rgb8();
+    let mut seen = vec![picture.clone()];
+    // Depth, normals, gradients, expected errors, exact blocks.
+    for view in 1..6 {
+        hand.press(Key::V);
+        hand.rest();
+        let shown = hand.viewer.frame().to_rgb8();
+        assert!(shown.iter().any(|v| *v > 0) && !seen.contains(&shown) || view > 3, "view {view}");
+        seen.push(shown);
+    }
+    hand.press(Key::V);
+    hand.rest();
+    assert!(hand.viewer.frame().to_rgb8() == picture);
+}
+
+#[test]
 fn frames_of_a_moving_camera_are_native_where_that_is_fast() {
     let mut hand = Hand::of(true);
     hand.rest();

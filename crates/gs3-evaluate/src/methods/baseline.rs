@@ -45,7 +45,7 @@ impl Baseline {
         let of_pipeline = |mode| pipeline(mode, spec, settings).map(|p| SpatialPart::Pipeline(Box::new(p)));
         let upscaled = |upscaler: Box<dyn Upscaler>| {
             let outputs = match (upscaler.outputs(), spec.interpolation) {
-                (Outputs::Color, Interpolation::Warp) => Outputs::GBuffer,
+                (Outputs::Color, Interpolation::Warp) => Outputs::Samples,
                 (outputs, _) => outputs,
             };
             let source = Box::new(LrSource::new(spec.formation, outputs, settings));
@@ -60,7 +60,7 @@ impl Baseline {
             | Spatial::Centered
             | Spatial::Learned(_) => of_pipeline(Mode::SuperSample)?,
             Spatial::Gradientless => SpatialPart::Gradientless {
-                source: Box::new(LrSource::new(spec.formation, Outputs::GBuffer, settings)),
+                source: Box::new(LrSource::new(spec.formation, Outputs::Samples, settings)),
                 super_sampler: Box::new(SuperSampler::new(settings.scale, Kriging::Off)?),
                 jitter: AdaptiveJitter::new(settings.scale, Sampling::Jittered),
             },

@@ -102,7 +102,7 @@ pub enum Hermite {
 impl Upscaler for Hermite {
     fn outputs(&self) -> Outputs {
         match self {
-            Self::EstimatedMixed => Outputs::GBuffer,
+            Self::EstimatedMixed => Outputs::Samples,
             Self::ExactMixed => Outputs::GBufferMixed,
         }
     }

@@ -85,7 +85,7 @@ fn check<'a>(lr: &'a GBuffer, scale: u32, hr: &Image) -> Result<&'a Gradients, U
 
 impl Upscaler for RidgeMap {
     fn outputs(&self) -> Outputs {
-        Outputs::GBuffer
+        Outputs::Samples
     }
 
     fn upscale(&mut self, lr: &GBuffer, scale: u32, out: &mut Image) -> Result<(), UpscaleError> {

@@ -46,10 +46,10 @@ struct TileBlocks<'a> {
     states: &'a mut [BlockState],
 }
 
-/// The planes of a block's state that [`ExactBlock`] does not have: [`plane::TRANSMITTANCE`], [`plane::FINAL`],
-/// [`plane::ALPHA_DX`] and [`plane::ALPHA_DY`].
+/// The planes of a block's state that [`ExactBlock`] does not have: [`STATE_PLANES`].
 type BlockState = [[f32; 16]; 4];
 
+/// The first tells whether a block is open.
 const STATE_PLANES: [usize; 4] = [plane::TRANSMITTANCE, plane::FINAL, plane::ALPHA_DX, plane::ALPHA_DY];
 
 impl Rasterizer {
@@ -67,13 +67,14 @@ impl Rasterizer {
     ) -> Result<(), RasterError> {
         let Some(last) = self.last.take() else { return Err(RasterError::NoFrame) };
         self.make_blocks(&last, places, out);
-        // The splats of several slabs are projected again for the next blocks.
-        self.last = Some(LastFrame { is_shared: true, ..last });
+        // Blocks have brought the splats of `view`.
+        let is_shared = last.is_shared || !out.is_empty();
+        self.last = Some(LastFrame { is_shared, ..last });
         Ok(())
     }
 
     fn make_blocks(&mut self, last: &LastFrame, places: &[[u16; 2]], out: &mut ExactBlocks) {
-        let LastFrame { view, grid, settings, size, is_shared, slabs } = last;
+        let LastFrame { view, grid, settings, size, is_shared } = last;
         let [width, height] = grid.tile_size();
         // Tiles start at block boundaries: margins are whole blocks.
         let tile_of = |[x, y]: [u16; 2]| {
@@ -92,7 +93,12 @@ impl Rasterizer {
         });
         out.places.dedup();
         out.blocks.resize(out.places.len(), ExactBlock::EMPTY);
+        if out.is_empty() {
+            return;
+        }
 
+        let slabs = if *is_shared { self.slabs.clone() } else { self.slabs_of::<SAMPLES>(view, grid) };
+        self.slabs.clone_from(&slabs);
         let mut states = vec![[[0.0; 16]; 4]; if slabs.len() > 1 { out.places.len() } else { 0 }];
         let mut rest_states = &mut states[..];
         let mut tiles = Vec::new();
@@ -104,7 +110,6 @@ impl Rasterizer {
         }
         let resolver = Resolver::new(view, settings);
         let [columns, _] = grid.tiles();
-        self.slabs.clone_from(slabs);
         for (k, slab) in slabs.iter().enumerate() {
             let slab_place = SlabPlace::new(k, slabs.len());
             // The splats at hand are those of the last slab, in the bins of the last part.
@@ -161,6 +166,11 @@ impl Scratch {
     ) {
         let TileBlocks { tile, places, out, states } = tile;
         let (tile, places) = (*tile, *places);
+        let is_open = |state: &BlockState| state[0].iter().any(|t| *t > 0.0);
+        let is_finished = !is_first && !states.iter().any(is_open);
+        if is_finished && !is_last {
+            return;
+        }
         let corner = grid.tile_corner(tile);
         // Pixel of the tile, counted from its corner.
         let pixel =
@@ -170,7 +180,10 @@ impl Scratch {
             let [x, y] = pixel(*place);
             rows[y / BLOCK] |= 1 << (x / BLOCK);
         }
-        self.take_meeting(jobs, bins, tile, grid, &rows);
+        match is_finished {
+            true => self.tile.clear(),
+            false => self.take_meeting(jobs, bins, tile, grid, &rows),
+        }
         let Self { tile: scratch, taken, order: meeting } = self;
         meeting.clear();
         if let Some(order) = order {
@@ -296,9 +309,9 @@ fn clear_beyond(block: &mut ExactBlock, left: [usize; 2]) {
 mod tests {
     use std::sync::Arc;
 
-    use gs3_scene::{GBuffer, Image, block_grid, demo};
+    use gs3_scene::{GBuffer, Image, Margin, block_grid, demo};
 
-    use crate::{Culling, Importance, Outputs, RasterSettings, Rasterizer, matched_dilation};
+    use crate::{Culling, Importance, Outputs, RasterSettings, Rasterizer, Window, matched_dilation};
 
     /// Frames, blocks and importance have the same bits with memory for all entries at once, for some tiles of a row, and for
     /// one tile only; and in slabs.
@@ -365,6 +378,49 @@ mod tests {
             }
             assert!(whole.2.iter().any(|made| !made.is_empty()));
             assert_eq!(whole.3, many.3);
+        }
+    }
+
+    /// A rasterizer whose frames are in slabs, at once and in slabs again makes what one makes at once, with all that frames can have.
+    #[test]
+    fn slabs_come_and_go() {
+        let scene = Arc::new(demo::scene().expect("the demo"));
+        let camera = demo::path().cameras()[40].resized(218, 130).expect("a valid size");
+        let most = scene.gaussians().len();
+        for culling in [Culling::Aabb3Sigma, Culling::Adr, Culling::Exact] {
+            let run = |in_turn: [[usize; 2]; 3]| {
+                let mut rasterizer = Rasterizer::new(Arc::clone(&scene), culling);
+                let mut all = Vec::new();
+                for most_gaussians in in_turn {
+                    rasterizer.most_gaussians = most_gaussians;
+                    let margin = Margin { left: 4, top: 0, right: 8, bottom: 3 };
+                    let dilation = matched_dilation(4);
+                    let settings =
+                        RasterSettings { dilation, margin, ..RasterSettings::new(Outputs::Samples) };
+                    let (mut lr, mut blocks) = (GBuffer::default(), Default::default());
+                    rasterizer
+                        .rasterize_low_resolution(&camera, 4, &settings, &mut lr)
+                        .expect("valid settings");
+                    let slabs = rasterizer.slabs.len();
+                    let places: Vec<[u16; 2]> = (0..33).flat_map(|y| (0..55).map(move |x| [x, y])).collect();
+                    rasterizer.rasterize_blocks(&places, &mut blocks).expect("a frame before");
+                    let window = Window { left: 64, top: 32, width: 77, height: 60 };
+                    let mut image = Image::default();
+                    rasterizer
+                        .rasterize_window(&camera, window, &settings, &mut image)
+                        .expect("valid settings");
+                    let mut importance = Importance::zeroed(most);
+                    rasterizer.importance(&camera, &settings, &mut importance).expect("valid settings");
+                    all.push((lr, blocks, image, importance, slabs));
+                }
+                all
+            };
+            let (whole, slabs) = ([most, 1], [0, 50_000]);
+            let [expected, actual] = [run([whole; 3]), run([slabs, whole, slabs])];
+            for (k, (a, b)) in expected.iter().zip(&actual).enumerate() {
+                assert_eq!((a.4 > 1, b.4 > 1), (false, k != 1), "{culling:?}");
+                assert!(a.0 == b.0 && a.1 == b.1 && a.2 == b.2 && a.3 == b.3, "{culling:?}, frame {k}");
+            }
         }
     }
 }

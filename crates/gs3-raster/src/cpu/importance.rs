@@ -104,6 +104,7 @@ impl Rasterizer {
         settings.check()?;
         importance.check(self.scene.gaussians().len())?;
         let view = View::new(camera, settings, self.scene.details().near);
+        self.slabs.clear();
         self.project(&view, Facts { indices: true, ..Facts::default() });
         let grid = Grid::native(camera.size());
         self.last = None;

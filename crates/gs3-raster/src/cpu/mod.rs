@@ -39,7 +39,7 @@ use grid::Grid;
 pub use importance::Importance;
 use project::{Facts, ProjectInput, Projected};
 use resolve::{Band, Resolver};
-use slabs::{Slab, SlabPlace, TileState};
+use slabs::{Blending, Slab, SlabPlace, TileState};
 
 /// Chunks per projection job: large enough to amortise scheduling, small enough to balance the threads. A job's
 /// splats fit the bits that keys have for them.
@@ -82,9 +82,10 @@ pub struct Rasterizer {
     slabs: Vec<Slab>,
     /// Splats of the last frame.
     visible: usize,
-    /// The parts of the last frame; `bins` has the entries of one part.
+    /// The parts of the last frame's last slab; `bins` has the entries of one part.
     parts: Vec<Part>,
-    /// The splats of each tile of the last frame, front to back; empty if the frame was made in several parts.
+    /// The splats of each tile of the last frame, front to back; lists without splats if the frame was made in several parts or
+    /// slabs.
     orders: Vec<Vec<u32>>,
     /// The low-resolution frame that the splats belong to, if the last frame was one.
     last: Option<LastFrame>,
@@ -100,10 +101,8 @@ struct LastFrame {
     settings: RasterSettings,
     /// Width and height of the native image.
     size: [usize; 2],
-    /// Whether the splats at hand are those of `view`.
+    /// Whether the splats at hand are those of `view`; those of its last slab if there are several.
     is_shared: bool,
-    /// The slabs of `view`.
-    slabs: Vec<Slab>,
 }
 
 impl fmt::Debug for Rasterizer {
@@ -195,7 +194,8 @@ impl Rasterizer {
     /// `out`. The samples equal those by [`Self::rasterize`] of [`Camera::low_resolution`] with the same `settings`,
     /// except for rounding. With matched dilation and jitter on the exact grid ([`gs3_scene::jitter::Jitter::grid`]), a sample
     /// has the bits of a pixel of the native image, and the frame's splats are the native image's, which
-    /// [`Self::rasterize_blocks`] shares. With other jitter [`Self::rasterize_blocks`] projects the scene again.
+    /// [`Self::rasterize_blocks`] shares. With other jitter, and with many Gaussians in view, [`Self::rasterize_blocks`]
+    /// projects the scene again.
     ///
     /// # Errors
     /// [`RasterError`] if a setting is out of range, or if the margin's left or top side times `scale` is not a
@@ -220,10 +220,7 @@ impl Rasterizer {
         }
         let size = camera.size().to_usize();
         let has_blocks = settings.outputs != Outputs::Color;
-        if has_blocks {
-            let slabs = if is_shared { self.slabs.clone() } else { self.slabs_of(&view) };
-            self.last = Some(LastFrame { view, grid, settings: *settings, size, is_shared, slabs });
-        }
+        self.last = has_blocks.then_some(LastFrame { view, grid, settings: *settings, size, is_shared });
         Ok(())
     }
 
@@ -291,8 +288,10 @@ impl Rasterizer {
     ) {
         self.last = None;
         (self.times, self.visible) = (RasterTimes::default(), 0);
-        let slabs = self.slabs_of(view);
+        let started = Instant::now();
+        let slabs = self.slabs_of::<OUTPUTS>(view, grid);
         self.slabs.clone_from(&slabs);
+        self.times.project = started.elapsed();
         let [columns, _] = grid.tiles();
         let mut of_rows: Vec<_> = bands.into_iter().map(|out| (out, Vec::new())).collect();
         if slabs.len() > 1 {
@@ -312,25 +311,25 @@ impl Rasterizer {
         }
     }
 
-    /// Blends the splats at hand over the pixels of `of_rows`, for each row of tiles its band and the states of its tiles, which
-    /// are there only in frames of several slabs.
+    /// Blends the splats at hand over the pixels of `of_rows`, for each row of tiles its band and the states of its tiles. Frames of
+    /// one slab have no states.
     fn blend_slab<const OUTPUTS: usize>(
         &mut self,
         view: &View,
         grid: &Grid,
         settings: &RasterSettings,
-        SlabPlace { is_first, is_last }: SlabPlace,
+        place: SlabPlace,
         of_rows: &mut [(Band<'_>, Vec<TileState>)],
     ) {
         let [columns, rows] = grid.tiles();
         // In a frame of several parts or slabs, orders would use the memory that parts and slabs save.
-        let is_whole = self.parts.len() == 1 && is_first && is_last;
+        let is_whole = self.parts.len() == 1 && place.is_first && place.is_last;
         let keeps_orders = OUTPUTS != COLOR && is_whole;
         if !is_whole {
             self.orders.clear();
         }
         self.orders.resize_with(columns * rows, Vec::new);
-        let (resolver, rules) = (Resolver::new(view, settings), settings.rules.into());
+        let resolver = Resolver::new(view, settings);
         let orders = self.orders.chunks_exact_mut(columns);
         let mut of_rows: Vec<_> = of_rows.iter_mut().zip(orders).collect();
         for part in &self.parts {
@@ -338,30 +337,12 @@ impl Rasterizer {
             self.bins.fill(&self.jobs, grid, part, self.culling);
             let binned = Instant::now();
             let (jobs, bins, level) = (&self.jobs, &self.bins, self.level);
+            let blending = Blending { jobs, bins, grid, resolver: &resolver, place, level };
             of_rows[part.rows.clone()].par_iter_mut().zip(part.rows.clone()).for_each(
                 |(((out, states), orders), row)| {
                     let scratch = &mut self.scratch.get_or_default().borrow_mut().tile;
                     for column in part.columns.clone() {
-                        let tile = [column, row];
-                        let left = [grid.size[0] - column * TILE_WIDTH, grid.size[1] - row * TILE_HEIGHT];
-                        let mut state = states.get_mut(column);
-                        if !is_first && !is_last && state.as_ref().is_some_and(|state| state.open == 0 || bins.is_empty(tile)) {
-                            continue;
-                        }
-                        let open = match &state {
-                            Some(state) if !is_first => state.load(&mut scratch.blocks, OUTPUTS),
-                            _ => blend::start_tile::<OUTPUTS>(&mut scratch.blocks, left),
-                        };
-                        dispatch!(level, s => {
-                            let open = match open {
-                                0 => 0,
-                                _ => blend::blend_tile::<_, OUTPUTS>(s, jobs, bins, tile, grid, rules, open, scratch),
-                            };
-                            match &mut state {
-                                Some(state) if !is_last => state.store(&scratch.blocks, OUTPUTS, open),
-                                _ => resolver.resolve::<_, OUTPUTS>(s, &mut scratch.blocks, tile, grid, out),
-                            }
-                        });
+                        blending.tile::<OUTPUTS>([column, row], states.get_mut(column), scratch, out);
                         orders[column].clear();
                         if keeps_orders {
                             orders[column].extend_from_slice(scratch.order.sorted());
@@ -375,8 +356,9 @@ impl Rasterizer {
     }
 
     /// The slabs of `view`.
-    fn slabs_of(&self, view: &View) -> Vec<Slab> {
-        slabs::slabs(self.scene.gaussians(), &self.chunks, view, self.most_gaussians)
+    fn slabs_of<const OUTPUTS: usize>(&self, view: &View, grid: &Grid) -> Vec<Slab> {
+        let values = grid.size[0] * grid.size[1] * blend::planes(OUTPUTS);
+        slabs::slabs(self.scene.gaussians(), &self.chunks, view, values, self.most_gaussians)
     }
 
     /// The splats of a frame in scene order.
@@ -397,7 +379,7 @@ impl Rasterizer {
         let (chunks, level) = (&self.chunks, self.level);
         let frustum = chunk::Frustum::new(view);
         if self.slabs.len() > 1 {
-            // Each slab has other jobs' splats: what all slabs need together must not stay.
+            // Each job's memory is freed: other jobs have the splats of the next slab.
             self.jobs.par_iter_mut().for_each(|job| *job = Projected::default());
         }
         self.jobs.par_iter_mut().enumerate().for_each(|(j, out)| {

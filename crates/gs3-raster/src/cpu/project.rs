@@ -168,12 +168,16 @@ fn project_lanes<S: Simd>(
     }
     let view_space = rotate(s, view, direction);
     let z = view_space[2];
+    let valid_lanes = mask32x16::from_bitmask(s, (1_u64 << count) - 1);
+    let mut visible = valid_lanes & z.simd_gt(lanes(s, view.near)) & z.simd_lt(lanes(s, view.far));
+    // Chunks at the border of two slabs are visited for both.
+    if !visible.any_true() {
+        return 0;
+    }
     let inv_z = lanes(s, 1.0) / z;
     let scales = load3(s, &g.scales, start, count);
     let largest = scales[0].max(scales[1]).max(scales[2]);
 
-    let valid_lanes = mask32x16::from_bitmask(s, (1_u64 << count) - 1);
-    let mut visible = valid_lanes & z.simd_gt(lanes(s, view.near)) & z.simd_lt(lanes(s, view.far));
     // Per image axis: μ/z, μ/z limited for the Jacobian, and the projected mean.
     let (mut slope, mut limited, mut mean) = ([zero; 2], [zero; 2], [zero; 2]);
     for a in 0..2 {

@@ -7,9 +7,10 @@ use crate::error::PipelineError;
 use crate::now::now;
 
 impl FramePipeline {
-    /// The LR G-buffer of the last frame. Empty in [`Mode::Native`](crate::Mode::Native), colour only in [`Mode::Bicubic`](crate::Mode::Bicubic). If a GPU makes
-    /// whole frames, this is the G-buffer of the last [`Self::fetch_gbuffer`]. On a CPU expected depths and normals are empty, unless
-    /// a network reads them or [`Self::fetch_normals`] makes them.
+    /// The LR G-buffer of the last frame. Empty in [`Mode::Native`](crate::Mode::Native), colour only in
+    /// [`Mode::Bicubic`](crate::Mode::Bicubic). If a GPU makes whole frames, this is the G-buffer of the last
+    /// [`Self::fetch_gbuffer`]. On a CPU expected depths and normals are empty, unless a network reads them or
+    /// [`Self::fetch_normals`] makes them.
     #[must_use]
     pub const fn gbuffer(&self) -> &GBuffer {
         &self.frames.current.gbuffer
@@ -35,7 +36,7 @@ impl FramePipeline {
         Ok(())
     }
 
-    /// Makes the expected depths and the normals of [`Self::gbuffer`], if there are depths but none of these. The LR frame is
+    /// Makes the expected depths and the normals of [`Self::gbuffer`], if it has depths and no normals. The LR frame is
     /// rasterized again.
     ///
     /// # Errors

@@ -157,7 +157,7 @@ fn raster_stages(scene: &Arc<Scene>, cameras: &[Camera], args: &BenchArgs) -> Re
             "project": median(|t| t.project), "bin": median(|t| t.bin), "blend": median(|t| t.blend),
         }))
     };
-    Ok(json!({ "native": measure(Outputs::Color, 1)?, "lr_gbuffer": measure(Outputs::GBuffer, look.scale)? }))
+    Ok(json!({ "native": measure(Outputs::Color, 1)?, "lr_gbuffer": measure(Outputs::Samples, look.scale)? }))
 }
 
 /// The same for people.

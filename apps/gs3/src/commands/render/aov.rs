@@ -1,5 +1,5 @@
 //! Frames in numbers: linear colour, depth, normals and motion. Depth and normals are rasterized natively at the camera of
-//! the frame, because a reconstructed frame has them at low resolution only.
+//! the frame, because a reconstructed frame has depth at low resolution only.
 
 use gs3::raster::Outputs;
 use gs3::scene::glam::DVec3;
