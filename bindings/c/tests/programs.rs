@@ -238,6 +238,12 @@ fn frames_in_c_are_those_of_the_library() {
 }
 
 #[test]
+fn renderers_in_c_refuse_and_go_on() {
+    let Some(program) = build("cc", "-std=c99", "tests/refusals.c", false) else { return };
+    check(&program, &[scene().0.as_os_str()]);
+}
+
+#[test]
 fn the_reconstructor_in_c_reaches_the_image() {
     if let Some(program) = build("cc", "-std=c99", "tests/reconstruct.c", false) {
         check(&program, &[]);

@@ -91,6 +91,7 @@ impl Window {
 
 /// Which planes to produce.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Outputs {
     /// Colour and alpha.
     Color,
