@@ -231,6 +231,7 @@ mod tests {
         path.cameras().iter().take(2).for_each(|camera| {
             pipeline.render(camera).unwrap();
         });
+        pipeline.fetch_normals().unwrap();
         let mut picture = Framebuffer::default();
         picture.resize([96, 60]);
         (pipeline, picture)

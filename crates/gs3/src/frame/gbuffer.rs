@@ -42,10 +42,11 @@ impl FramePipeline {
     /// # Errors
     /// [`PipelineError`] if the frame cannot be rasterized.
     pub fn fetch_normals(&mut self) -> Result<(), PipelineError> {
-        let Machine::Cpu(cpu) = &mut self.machine else { return Ok(()) };
-        match &self.frames.current.camera {
-            Some(camera) => cpu.add_normals(camera, &mut self.frames.current.gbuffer),
-            None => Ok(()),
+        let Some(camera) = &self.frames.current.camera else { return Ok(()) };
+        match &mut self.machine {
+            Machine::Cpu(cpu) => cpu.add_normals(camera, &mut self.frames.current.gbuffer),
+            #[cfg(feature = "gpu")]
+            Machine::Gpu(_) => Ok(()),
         }
     }
 }
