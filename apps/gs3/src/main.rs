@@ -15,10 +15,8 @@ use std::process::ExitCode;
 
 use cli::exit::{BAD_INPUT, INTERRUPTED, MAY_PASS, Outcome};
 use cli::terminal::note;
-use cli::{interrupt, usage};
-#[cfg(feature = "view")]
-use commands::Command;
-use commands::{Args, unused};
+use cli::{interrupt, memory, usage};
+use commands::{Args, Command, unused};
 
 fn main() -> ExitCode {
     let (args, given) = match usage::parse::<Args>() {
@@ -37,6 +35,13 @@ fn main() -> ExitCode {
         // SAFETY: the first thread besides this one is that which waits for Ctrl-C, below.
         unsafe {
             gs3_viewer::use_one_arena();
+        }
+    }
+    if matches!(args.command, Command::Convert(_)) {
+        #[allow(unsafe_code, reason = "memory is chosen before threads start")]
+        // SAFETY: the first thread besides this one is that which waits for Ctrl-C, below.
+        unsafe {
+            memory::give_back_at_once();
         }
     }
     interrupt::end_whole();

