@@ -19,13 +19,13 @@ const MAX_RADIUS: f32 = 3.34;
 /// by 1, the entries of the rotation by √3, sums of three products by 3√3, the plane's coefficients by 5, and the sum along
 /// the plane by 5. The slack is 1,680 ε, 84 times as much.
 ///
-/// The rest is for chunks far from the world's origin. Their centre and the camera's origin are each rounded by ε of their
-/// distance from the world's origin. The slack covers this up to 830 times the distance between the two. The pixel
+/// The rest is for GPUs and chunks far from the world's origin. A GPU knows the camera's origin rounded, as the chunk's centre is, by
+/// ε of the distance from the world's origin. The slack covers this up to 830 times the distance between the two. The pixel
 /// that [`Frustum`] adds is as much again at a focal length of 10,000 pixels, and more at shorter ones.
 pub const SLACK: f32 = 1e-4;
 
 /// Factor of a chunk's radius. It covers rounding: the sides of the box, their squares, the sum and the root are off by 5 ε
-/// in all, and this is 1,680 ε. (The centre's rounding is part of [`SLACK`].)
+/// in all, and this is 1,680 ε. (The sides are measured from the rounded centre.)
 const RADIUS_FACTOR: f32 = 1.0001;
 
 /// A sphere around the centres of a chunk, and its largest scale, world units.
@@ -49,7 +49,7 @@ pub fn of_gaussians(g: &Gaussians) -> Vec<Chunk> {
                 let low = plane.iter().fold(f32::INFINITY, |a, b| a.min(*b));
                 let high = plane.iter().fold(f32::NEG_INFINITY, |a, b| a.max(*b));
                 center[k] = low + 0.5 * (high - low);
-                // Far from the world's origin the centre is rounded by more than the other sides' slack.
+                // The centre is rounded, and the sphere must hold both ends.
                 half[k] = (high - center[k]).max(center[k] - low);
             }
             let radius = half.iter().map(|v: &f32| v * v).sum::<f32>().sqrt() * RADIUS_FACTOR;

@@ -1,5 +1,6 @@
 //! A session: a scene, the machine that renders it, and frames of any camera. Interactive programs are built on it.
 
+mod gbuffer;
 mod reference;
 
 use std::fmt;
@@ -314,35 +315,6 @@ impl Session {
     /// [`PipelineError::InBetween`] if there are too many; the old choice stays.
     pub const fn set_in_between(&mut self, count: u32) -> Result<(), PipelineError> {
         self.pipeline.set_in_between(count)
-    }
-
-    /// Reads back the LR G-buffer of the last frame, if it is on a GPU. [`FramePipeline::gbuffer`] of
-    /// [`Self::pipeline`] then has it.
-    ///
-    /// # Errors
-    /// [`PipelineError`] if the device fails; in a browser [`Self::fetch_gbuffer_async`] is for it.
-    pub fn fetch_gbuffer(&mut self) -> Result<(), PipelineError> {
-        now(self.fetch_gbuffer_async())
-    }
-
-    /// Reads back the LR G-buffer, as [`Self::fetch_gbuffer`] does, without blocking a browser. If a GPU fails that was found
-    /// and not asked for, the CPU takes over, and there is no G-buffer before its first frame.
-    ///
-    /// # Errors
-    /// [`PipelineError`] if a GPU that was asked for fails.
-    pub async fn fetch_gbuffer_async(&mut self) -> Result<(), PipelineError> {
-        match self.pipeline.fetch_gbuffer_async().await {
-            Ok(()) => Ok(()),
-            Err(error) => self.take_over(error),
-        }
-    }
-
-    /// Makes the expected depths and the normals of the G-buffer ([`FramePipeline::fetch_normals`]).
-    ///
-    /// # Errors
-    /// As [`FramePipeline::fetch_normals`].
-    pub fn fetch_normals(&mut self) -> Result<(), PipelineError> {
-        self.pipeline.fetch_normals()
     }
 
     /// The pipeline that makes the frames: figures of the last frame, its G-buffer, its exact blocks.

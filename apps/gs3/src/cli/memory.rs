@@ -28,7 +28,7 @@ fn free() -> u64 {
 
 /// Lets glibc give freed memory back to the system at once: blocks above 128 KiB, and what is free at the end of the heap. By default
 /// glibc keeps blocks of up to 32 MiB for later ones. Conversions have few such blocks, and take 20 to 25 MB less in the same
-/// time (13.6 million Gaussians, SPZ and SOG). Other systems are left to themselves.
+/// time (SPZ and SOG of the four copies of `hqgarden` of docs/reliability.md). Other systems are left to themselves.
 ///
 /// # Safety
 /// The caller's thread is the only one: `mallopt` is not for programs whose other threads allocate meanwhile.

@@ -34,7 +34,7 @@ pub struct SimplifyArgs {
     pub scene_options: SceneOptions,
     #[command(flatten)]
     pub stated: StatedCameras,
-    /// Cameras to judge by; those of the training photos are best. COLMAP model, transforms.json, cameras.json,
+    /// Cameras to judge by. Cameras of the training photos are best. A file is a COLMAP model, transforms.json, cameras.json,
     /// camera_path.json, settings of SuperSplat or RealityScan's CSV [default: an orbit]
     #[arg(long, value_name = "CAMERAS")]
     pub cameras: Option<PathBuf>,

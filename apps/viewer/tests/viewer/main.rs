@@ -119,15 +119,15 @@ fn views_of_a_resting_camera_show_something() {
     hand.rest();
     let picture = hand.viewer.frame().to_rgb8();
     let mut seen = vec![picture.clone()];
-    // Depth, normals, gradients, expected errors, exact blocks.
-    for view in 1..6 {
+    for view in ["depth", "normals", "gradients"] {
         hand.press(Key::V);
         hand.rest();
         let shown = hand.viewer.frame().to_rgb8();
-        assert!(shown.iter().any(|v| *v > 0) && !seen.contains(&shown) || view > 3, "view {view}");
+        assert!(shown.iter().any(|v| *v > 0) && !seen.contains(&shown), "{view}");
         seen.push(shown);
     }
-    hand.press(Key::V);
+    // A native frame may have neither expected errors nor exact blocks. The picture is next.
+    (0..3).for_each(|_| hand.press(Key::V));
     hand.rest();
     assert!(hand.viewer.frame().to_rgb8() == picture);
 }

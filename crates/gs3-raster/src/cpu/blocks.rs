@@ -12,7 +12,7 @@ use super::bin::{Bins, TILE_HEIGHT};
 use super::blend::{self, Block, SAMPLES, TileScratch, TileSplats, plane};
 use super::cover::{BLOCK, BLOCKS, BlockPlaces};
 use super::grid::Grid;
-use super::project::{Facts, Projected};
+use super::project::{ProjectOutputs, Projected};
 use super::resolve::Resolver;
 use super::slabs::{self, SlabPlace};
 use super::splat::PixelRect;
@@ -112,10 +112,10 @@ impl Rasterizer {
         let [columns, _] = grid.tiles();
         for (k, slab) in slabs.iter().enumerate() {
             let slab_place = SlabPlace::new(k, slabs.len());
-            // The splats at hand are those of the last slab, in the bins of the last part.
+            // The splats of earlier slabs are no longer in memory.
             let is_at_hand = *is_shared && slabs.len() == 1;
             if !is_at_hand {
-                self.project(&slab.of(view), Facts { depths: true, ..Facts::default() });
+                self.project(&slab.of(view), ProjectOutputs { depths: true, ..ProjectOutputs::default() });
                 self.parts = Bins::parts(&self.jobs, grid, self.most_entries);
                 self.orders.clear();
                 if let [whole] = &self.parts[..] {
@@ -166,8 +166,7 @@ impl Scratch {
     ) {
         let TileBlocks { tile, places, out, states } = tile;
         let (tile, places) = (*tile, *places);
-        let is_open = |state: &BlockState| state[0].iter().any(|t| *t > 0.0);
-        let is_finished = !is_first && !states.iter().any(is_open);
+        let is_finished = !is_first && !states.iter().any(|state| slabs::is_open(&state[0]));
         if is_finished && !is_last {
             return;
         }
@@ -210,7 +209,7 @@ impl Scratch {
                 } else {
                     load(block, &out[b], &states[b]);
                 }
-                open |= u32::from(slabs::is_open(block)) << b;
+                open |= u32::from(slabs::is_open(&block.0[plane::TRANSMITTANCE])) << b;
             }
             let TileScratch { blocks, splats, depths, normals, cover, .. } = &mut *scratch;
             let of_tile = TileSplats { order: meeting, splats, depths, normals };
@@ -369,6 +368,9 @@ mod tests {
             (1_000, [0, 200_000], [[3, 68], [3, 28], [3, 28], [3, 28]]),
         ] {
             let many = run(most_entries, most_gaussians);
+            if most_gaussians[0] == most {
+                assert_eq!(many.4, counts);
+            }
             assert_eq!(many.4.map(|[slabs, _]| slabs > 1), counts.map(|[slabs, _]| slabs > 1));
             assert_eq!(many.4.map(|[_, parts]| parts > 1), counts.map(|[_, parts]| parts > 1));
             assert_eq!(whole.0.pixels(), many.0.pixels());

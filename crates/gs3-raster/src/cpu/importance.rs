@@ -14,7 +14,7 @@ use super::bin::{Bins, Part, TILE_HEIGHT, TILE_WIDTH};
 use super::blend::{self, BlendRules, Contribution, TileScratch, lanes3, plane};
 use super::cover::{BLOCKS, BlockPlaces, RUN};
 use super::grid::Grid;
-use super::project::{Facts, Projected, lanes};
+use super::project::{ProjectOutputs, Projected, lanes};
 use super::splat::Splat;
 use crate::settings::{RasterError, RasterSettings};
 use crate::view::View;
@@ -105,7 +105,7 @@ impl Rasterizer {
         importance.check(self.scene.gaussians().len())?;
         let view = View::new(camera, settings, self.scene.details().near);
         self.slabs.clear();
-        self.project(&view, Facts { indices: true, ..Facts::default() });
+        self.project(&view, ProjectOutputs { indices: true, ..ProjectOutputs::default() });
         let grid = Grid::native(camera.size());
         self.last = None;
         let at_once = ROWS_PER_THREAD * rayon::current_num_threads();

@@ -37,7 +37,7 @@ use blend::{COLOR, GBUFFER, GBUFFER_MIXED, SAMPLES};
 use blocks::Scratch;
 use grid::Grid;
 pub use importance::Importance;
-use project::{Facts, ProjectInput, Projected};
+use project::{ProjectInput, ProjectOutputs, Projected};
 use resolve::{Band, Resolver};
 use slabs::{Blending, Slab, SlabPlace, TileState};
 
@@ -76,7 +76,7 @@ pub struct Rasterizer {
     bins: Bins,
     /// Most entries of `bins` at once.
     most_entries: u64,
-    /// Most Gaussians in view of a frame that is made at once, and those of a slab of a larger frame.
+    /// [`slabs::MOST_AT_ONCE`] and [`slabs::SLAB`]. Tests choose smaller numbers.
     most_gaussians: [usize; 2],
     /// The slabs of the last frame; `jobs` has the splats of the last slab.
     slabs: Vec<Slab>,
@@ -101,7 +101,7 @@ struct LastFrame {
     settings: RasterSettings,
     /// Width and height of the native image.
     size: [usize; 2],
-    /// Whether the splats at hand are those of `view`; those of its last slab if there are several.
+    /// Whether `jobs` has splats of `view`: all of them, or those of the last slab.
     is_shared: bool,
 }
 
@@ -301,8 +301,9 @@ impl Rasterizer {
         }
         for (k, slab) in slabs.iter().enumerate() {
             let started = Instant::now();
-            let facts = Facts { depths: OUTPUTS >= SAMPLES, normals: OUTPUTS >= GBUFFER, indices: false };
-            self.project(&slab.of(view), facts);
+            let outputs =
+                ProjectOutputs { depths: OUTPUTS >= SAMPLES, normals: OUTPUTS >= GBUFFER, indices: false };
+            self.project(&slab.of(view), outputs);
             self.visible += self.jobs.iter().map(|job| job.splats.len()).sum::<usize>();
             self.parts = Bins::parts(&self.jobs, grid, self.most_entries);
             self.times.project += started.elapsed();
@@ -364,17 +365,17 @@ impl Rasterizer {
     /// The splats of a frame in scene order.
     #[cfg(all(test, feature = "gpu"))]
     pub(crate) fn splats(&mut self, camera: &Camera, settings: &RasterSettings) -> Vec<splat::Splat> {
-        self.project(&View::new(camera, settings, self.scene.details().near), Facts::default());
+        self.project(&View::new(camera, settings, self.scene.details().near), ProjectOutputs::default());
         self.jobs.iter().flat_map(|job| job.splats.iter().copied()).collect()
     }
 
-    fn project(&mut self, view: &View, facts: Facts) {
+    fn project(&mut self, view: &View, outputs: ProjectOutputs) {
         let input = ProjectInput {
             gaussians: self.scene.gaussians(),
             opacity_mode: self.scene.opacity_mode(),
             view,
             culling: self.culling,
-            facts,
+            outputs,
         };
         let (chunks, level) = (&self.chunks, self.level);
         let frustum = chunk::Frustum::new(view);

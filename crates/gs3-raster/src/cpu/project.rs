@@ -80,12 +80,12 @@ pub struct ProjectInput<'a> {
     pub opacity_mode: OpacityMode,
     pub view: &'a View,
     pub culling: Culling,
-    pub facts: Facts,
+    pub outputs: ProjectOutputs,
 }
 
 /// What is projected of each splat besides the splat.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Facts {
+pub struct ProjectOutputs {
     pub depths: bool,
     pub normals: bool,
     /// Places in the scene.
@@ -303,7 +303,7 @@ fn project_lanes<S: Simd>(
         for (vector, lanes) in direction.iter().zip(&mut out.direction) {
             vector.store_slice(lanes);
         }
-        if input.facts.depths || input.facts.normals {
+        if input.outputs.depths || input.outputs.normals {
             let geometry = geometry::project(s, view, view_space, axes, scales);
             for (vector, lanes) in geometry.iter().zip(&mut out.geometry) {
                 vector.store_slice(lanes);
@@ -370,14 +370,14 @@ fn emit(input: &ProjectInput<'_>, lanes: &Lanes, lane: usize, index: usize, out:
         depth_bits: lanes.depth[lane].to_bits(),
     });
     out.rects.push(rect);
-    if input.facts.indices {
+    if input.outputs.indices {
         out.indices.push(index as u32);
     }
     let geometry = |k: usize| lanes.geometry[k][lane];
-    if input.facts.depths {
+    if input.outputs.depths {
         out.depths.push(SplatDepth { ray_distance: geometry(0), ray_plane: [geometry(1), geometry(2)] });
     }
-    if input.facts.normals {
+    if input.outputs.normals {
         out.normals.push([geometry(3), geometry(4), geometry(5)]);
     }
 }
