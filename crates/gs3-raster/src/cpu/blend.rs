@@ -7,7 +7,7 @@
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*};
 
 use super::bin::Bins;
-use super::cover::{BLOCK, BLOCKS, BLOCKS_X, BlockPlaces, Cover, RUN};
+use super::cover::{BLOCK, BLOCKS, Cover, RUN, TileSamples, block_first};
 use super::grid::Grid;
 use super::math::exp2;
 use super::order::DepthOrder;
@@ -157,10 +157,10 @@ pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
         }
     }
     scratch.order.sort_front_to_back(scratch.splats.iter().map(|splat| splat.depth_bits));
-    let places = BlockPlaces::of_tile(grid.stride as f32, grid.tile_first(tile));
+    let samples = grid.tile_samples(tile);
     let TileScratch { blocks, order, splats, depths, normals, cover } = scratch;
     let of_tile = TileSplats { order: order.sorted(), splats, depths, normals };
-    blend_places::<_, OUTPUTS>(s, &places, grid, rules, open, of_tile, cover, blocks)
+    blend_splats::<_, OUTPUTS>(s, &samples, grid.origin, rules, open, of_tile, cover, blocks)
 }
 
 /// The splats of a tile.
@@ -175,13 +175,13 @@ pub struct TileSplats<'a> {
     pub normals: &'a [[f32; 3]],
 }
 
-/// Blends the splats of a tile, front to back, into the open blocks at `places`. Returns the mask of blocks that still have open
-/// pixels.
+/// Blends the splats of a tile with `samples`, front to back, into its blocks in the bit mask `open`. Returns the mask of blocks
+/// that still have open pixels. Rectangles of splats count from the pixel at position `origin`.
 #[inline(always)]
-pub fn blend_places<S: Simd, const OUTPUTS: usize>(
+pub fn blend_splats<S: Simd, const OUTPUTS: usize>(
     s: S,
-    places: &BlockPlaces,
-    grid: &Grid,
+    samples: &TileSamples,
+    origin: [f32; 2],
     rules: BlendRules,
     mut open: u32,
     of_tile: TileSplats<'_>,
@@ -189,16 +189,15 @@ pub fn blend_places<S: Simd, const OUTPUTS: usize>(
     blocks: &mut [Block; BLOCKS],
 ) -> u32 {
     for visited in of_tile.order.chunks(RUN) {
-        cover.fill(s, of_tile.splats, visited, places, grid.origin, open);
+        cover.fill(s, of_tile.splats, visited, samples, origin, open);
         // Block by block, so that the state stays in registers during the run.
-        for b in 0..places.len() {
+        for b in 0..BLOCKS {
             let touching = cover.of_block(b);
             if touching.is_empty() {
                 continue;
             }
             let mut state = State::load(s, &blocks[b]);
-            let samples = places.samples(s, b);
-            let finished = state.blend_run::<OUTPUTS>(s, rules, samples, touching, of_tile);
+            let finished = state.blend_run::<OUTPUTS>(s, rules, samples.of_block(s, b), touching, of_tile);
             state.store::<OUTPUTS>(&mut blocks[b]);
             if finished {
                 open &= !(1 << b);
@@ -216,7 +215,7 @@ pub fn blend_places<S: Simd, const OUTPUTS: usize>(
 pub fn start_tile<const OUTPUTS: usize>(blocks: &mut [Block; BLOCKS], left: [usize; 2]) -> u32 {
     let mut open = 0;
     for (b, block) in blocks.iter_mut().enumerate() {
-        let (x, y) = (b % BLOCKS_X * BLOCK, b / BLOCKS_X * BLOCK);
+        let [x, y] = block_first(b);
         if x >= left[0] || y >= left[1] {
             continue;
         }

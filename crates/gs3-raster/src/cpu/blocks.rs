@@ -1,16 +1,16 @@
 //! Exact blocks: pixels of the native image, made from the splats of a low-resolution frame.
 //!
 //! The low-resolution frame has projected, coloured, binned and sorted all splats of the native image. Its tiles span
-//! stride times as many pixels. Of a tile's splats, only splats with a rectangle that meets a block are blended
-//! again.
+//! stride times as many pixels along each axis: stride² native tiles. The blocks of a native tile are blended together,
+//! from the splats with a rectangle that meets one of them.
 
 use fearless_simd::{Simd, dispatch};
 use gs3_scene::{BLOCK_SIDE, ExactBlock, ExactBlocks};
 use rayon::prelude::*;
 
-use super::bin::{Bins, TILE_HEIGHT};
+use super::bin::{Bins, TILE_HEIGHT, TILE_WIDTH};
 use super::blend::{self, Block, SAMPLES, TileScratch, TileSplats, plane};
-use super::cover::{BLOCK, BLOCKS, BlockPlaces};
+use super::cover::{BLOCK, BLOCKS_X, BLOCKS_Y, TileSamples};
 use super::grid::Grid;
 use super::project::{ProjectOutputs, Projected};
 use super::resolve::Resolver;
@@ -19,10 +19,13 @@ use super::splat::PixelRect;
 use super::{LastFrame, Rasterizer};
 use crate::settings::RasterError;
 
-const _: () = assert!(BLOCK == BLOCK_SIDE);
+const _: () = assert!(BLOCK == BLOCK_SIDE && BLOCKS_X == 8);
 
-/// Most rows of blocks in a tile: a stride of 8.
-const MAX_ROWS: usize = TILE_HEIGHT * 8 / BLOCK;
+/// Largest stride: a tile's columns of blocks, and its native tiles, are the bits of a mask.
+const MAX_STRIDE: usize = 8;
+
+/// Most rows of blocks in a tile.
+const MAX_ROWS: usize = TILE_HEIGHT * MAX_STRIDE / BLOCK;
 
 /// Scratch memory for blending a tile or its blocks; one per thread, reused.
 #[derive(Default)]
@@ -30,7 +33,11 @@ pub(super) struct Scratch {
     pub(super) tile: TileScratch,
     /// The index of each of the tile's splats among the splats taken; [`DROPPED`] for the others.
     taken: Vec<u32>,
-    order: Vec<u32>,
+    /// For each splat taken, the native tiles with blocks that its rectangle meets. Bit `MAX_STRIDE · row + column` is a
+    /// native tile.
+    met: Vec<u64>,
+    /// For each native tile, the splats taken that meet its blocks, front to back.
+    lists: Vec<Vec<u32>>,
 }
 
 /// The index of a splat that meets no block.
@@ -39,7 +46,7 @@ const DROPPED: u32 = u32::MAX;
 /// The blocks of one tile.
 struct TileBlocks<'a> {
     tile: [usize; 2],
-    /// In rows from the top.
+    /// Native tile by native tile, in rows from the top.
     places: &'a [[u16; 2]],
     out: &'a mut [ExactBlock],
     /// What blending needs from slab to slab besides `out`; empty in frames of one slab.
@@ -75,21 +82,22 @@ impl Rasterizer {
 
     fn make_blocks(&mut self, last: &LastFrame, places: &[[u16; 2]], out: &mut ExactBlocks) {
         let LastFrame { view, grid, settings, size, is_shared } = last;
-        let [width, height] = grid.tile_size();
         // Tiles start at block boundaries: margins are whole blocks.
-        let tile_of = |[x, y]: [u16; 2]| {
+        let native_of = |[x, y]: [u16; 2]| {
             [
-                (usize::from(x) * BLOCK + grid.before[0]) / width,
-                (usize::from(y) * BLOCK + grid.before[1]) / height,
+                (usize::from(x) * BLOCK + grid.before[0]) / TILE_WIDTH,
+                (usize::from(y) * BLOCK + grid.before[1]) / TILE_HEIGHT,
             ]
         };
+        let tile_of = |place: [u16; 2]| native_of(place).map(|at| at / grid.stride);
         out.clear();
         let within =
             |[x, y]: &[u16; 2]| usize::from(*x) * BLOCK < size[0] && usize::from(*y) * BLOCK < size[1];
         out.places.extend(places.iter().copied().filter(within));
         out.places.par_sort_unstable_by_key(|place| {
             let [column, row] = tile_of(*place);
-            (row, column, place[1], place[0])
+            let [native_column, native_row] = native_of(*place);
+            (row, column, native_row, native_column, place[1], place[0])
         });
         out.places.dedup();
         out.blocks.resize(out.places.len(), ExactBlock::EMPTY);
@@ -180,52 +188,62 @@ impl Scratch {
             rows[y / BLOCK] |= 1 << (x / BLOCK);
         }
         match is_finished {
-            true => self.tile.clear(),
+            true => self.forget(),
             false => self.take_meeting(jobs, bins, tile, grid, &rows),
         }
-        let Self { tile: scratch, taken, order: meeting } = self;
-        meeting.clear();
-        if let Some(order) = order {
-            meeting.extend(order.iter().map(|i| taken[*i as usize]).filter(|place| *place != DROPPED));
-        } else {
-            let TileScratch { order, splats, .. } = scratch;
-            // The splats taken are in scene order, as all splats of the tile are if their depths are equal.
-            order.sort_front_to_back(splats.iter().map(|splat| splat.depth_bits));
-            meeting.extend_from_slice(order.sorted());
-        }
+        self.list(order);
 
-        let origin = [0, 1].map(|a| corner[a] as f32 - grid.before[a] as f32);
-        for (n, (places, out)) in places.chunks(BLOCKS).zip(out.chunks_mut(BLOCKS)).enumerate() {
-            let [first, end] = [n * BLOCKS, n * BLOCKS + places.len()].map(|at| at.min(states.len()));
-            let states = &mut states[first..end];
-            let mut batch = BlockPlaces::new(1.0, origin);
+        let Self { tile: TileScratch { blocks, splats, depths, normals, cover, .. }, lists, .. } = self;
+        let native_of = |place: [u16; 2]| {
+            let [x, y] = pixel(place);
+            [x / TILE_WIDTH, y / TILE_HEIGHT]
+        };
+        let (mut rest, mut rest_states) = (&mut out[..], &mut states[..]);
+        for places in places.chunk_by(|a, b| native_of(*a) == native_of(*b)) {
+            let out = rest.split_off_mut(..places.len()).unwrap_or_default();
+            let states = rest_states.split_off_mut(..places.len()).unwrap_or_default();
+            let native = native_of(places[0]);
+            let [left, top] = [native[0] * TILE_WIDTH, native[1] * TILE_HEIGHT];
+            let corner = [(corner[0] + left) as f32, (corner[1] + top) as f32];
+            let samples =
+                TileSamples { pitch: 1.0, corner: [0, 1].map(|a| corner[a] - grid.before[a] as f32) };
+            let index = |place: [u16; 2]| {
+                let [x, y] = pixel(place);
+                (y - top) / BLOCK * BLOCKS_X + (x - left) / BLOCK
+            };
+            let left = |place: [u16; 2]| [0, 1].map(|a| size[a] - usize::from(place[a]) * BLOCK);
             let mut open = 0;
-            for (b, place) in places.iter().enumerate() {
-                batch.push(pixel(*place));
-                let block = &mut scratch.blocks[b];
+            for (k, place) in places.iter().enumerate() {
+                let b = index(*place);
                 if is_first {
-                    let left = [0, 1].map(|a| size[a] - usize::from(place[a]) * BLOCK);
-                    blend::start_block::<SAMPLES>(block, left);
+                    blend::start_block::<SAMPLES>(&mut blocks[b], left(*place));
                 } else {
-                    load(block, &out[b], &states[b]);
+                    load(&mut blocks[b], &out[k], &states[k]);
                 }
-                open |= u32::from(slabs::is_open(&block.0[plane::TRANSMITTANCE])) << b;
+                open |= u32::from(slabs::is_open(&blocks[b].0[plane::TRANSMITTANCE])) << b;
             }
-            let TileScratch { blocks, splats, depths, normals, cover, .. } = &mut *scratch;
-            let of_tile = TileSplats { order: meeting, splats, depths, normals };
-            blend::blend_places::<_, SAMPLES>(s, &batch, grid, resolver.rules, open, of_tile, cover, blocks);
-            for (b, out) in out.iter_mut().enumerate() {
-                let block = &mut scratch.blocks[b];
+            let order = &lists[native[1] * MAX_STRIDE + native[0]][..];
+            let of_tile = TileSplats { order, splats, depths, normals };
+            let (rules, origin) = (resolver.rules, grid.origin);
+            blend::blend_splats::<_, SAMPLES>(s, &samples, origin, rules, open, of_tile, cover, blocks);
+            for (k, (place, out)) in places.iter().zip(out).enumerate() {
+                let b = index(*place);
+                let block = &mut blocks[b];
                 if !is_last {
-                    (*out, states[b]) = (exact(block), STATE_PLANES.map(|p| block.0[p]));
+                    (*out, states[k]) = (exact(block), STATE_PLANES.map(|p| block.0[p]));
                     continue;
                 }
-                resolver.finish::<_, SAMPLES>(s, block, batch.samples(s, b), 1.0);
+                resolver.finish::<_, SAMPLES>(s, block, samples.of_block(s, b), 1.0);
                 *out = exact(block);
-                let left = [0, 1].map(|a| size[a] - usize::from(places[b][a]) * BLOCK);
-                clear_beyond(out, left);
+                clear_beyond(out, left(*place));
             }
         }
+    }
+
+    fn forget(&mut self) {
+        self.tile.clear();
+        self.taken.clear();
+        self.met.clear();
     }
 
     /// Takes the splats of `tile` with a rectangle that meets one of the tile's blocks, one bit per block in `rows`.
@@ -239,18 +257,41 @@ impl Scratch {
         rows: &[u64; MAX_ROWS],
     ) {
         let corner = grid.tile_corner(tile);
-        self.taken.clear();
-        self.tile.clear();
+        self.forget();
         for ids in bins.of_tile(tile) {
             for (job, local) in ids.iter().map(|id| id.place()) {
                 let job = &jobs[job];
-                if meets(job.rects[local], corner, grid.tile_size(), rows) {
-                    self.taken.push(self.tile.splats.len() as u32);
-                    self.tile.take::<SAMPLES>(job, local);
-                } else {
+                let met = native_tiles_met(job.rects[local], corner, grid.tile_size(), rows);
+                if met == 0 {
                     self.taken.push(DROPPED);
+                } else {
+                    self.taken.push(self.met.len() as u32);
+                    self.met.push(met);
+                    self.tile.take::<SAMPLES>(job, local);
                 }
             }
+        }
+    }
+
+    /// Lists the splats taken for the native tiles that they meet, in `order`; without an order, the splats are sorted.
+    #[inline(always)]
+    fn list(&mut self, order: Option<&[u32]>) {
+        let Self { tile: TileScratch { order: depths, splats, .. }, taken, met, lists } = self;
+        lists.resize_with(MAX_STRIDE * MAX_STRIDE, Vec::new);
+        lists.iter_mut().for_each(Vec::clear);
+        let mut visit = |place: u32| {
+            let mut met = met[place as usize];
+            while met != 0 {
+                lists[met.trailing_zeros() as usize].push(place);
+                met &= met - 1;
+            }
+        };
+        if let Some(order) = order {
+            order.iter().map(|i| taken[*i as usize]).filter(|place| *place != DROPPED).for_each(visit);
+        } else {
+            // The splats taken are in scene order, as all splats of the tile are if their depths are equal.
+            depths.sort_front_to_back(splats.iter().map(|splat| splat.depth_bits));
+            depths.sorted().iter().for_each(|place| visit(*place));
         }
     }
 }
@@ -278,14 +319,25 @@ fn load(block: &mut Block, from: &ExactBlock, state: &BlockState) {
     }
 }
 
-/// Whether a rectangle, clipped to a tile of `size` at `corner`, meets a block.
+/// The native tiles with a block that a rectangle meets, as in [`Scratch`]. The rectangle is clipped to a tile of `size` at
+/// `corner`, and `rows` has a bit for each of the tile's blocks.
 #[inline(always)]
-fn meets(rect: PixelRect, corner: [usize; 2], size: [usize; 2], rows: &[u64; MAX_ROWS]) -> bool {
+fn native_tiles_met(rect: PixelRect, corner: [usize; 2], size: [usize; 2], rows: &[u64; MAX_ROWS]) -> u64 {
     let first = |from: u16, a: usize| usize::from(from).saturating_sub(corner[a]) / BLOCK;
     let last = |to: u16, a: usize| (usize::from(to) - 1).saturating_sub(corner[a]).min(size[a] - 1) / BLOCK;
     let (left, right) = (first(rect.x0, 0), last(rect.x1, 0));
     let columns = (u64::MAX >> (63 - right)) & (u64::MAX << left);
-    rows[first(rect.y0, 1)..=last(rect.y1, 1)].iter().any(|row| row & columns != 0)
+    let mut tiles = 0;
+    for row in first(rect.y0, 1)..=last(rect.y1, 1) {
+        let mut met = rows[row] & columns;
+        while met != 0 {
+            // A native tile has eight columns of blocks.
+            let column = met.trailing_zeros() as usize / BLOCKS_X;
+            met &= !(0xff << (column * BLOCKS_X));
+            tiles |= 1 << (row / BLOCKS_Y * MAX_STRIDE + column);
+        }
+    }
+    tiles
 }
 
 /// Sets pixels beyond the image to black and infinitely far. `left` columns and rows from the block's first pixel are

@@ -16,76 +16,29 @@ pub const BLOCKS: usize = BLOCKS_X * BLOCKS_Y;
 /// for the dozens of splats of a run that touch it.
 pub const RUN: usize = 256;
 
-/// Places of blocks of 4×4 samples that are blended together, row by row.
+/// The samples of a tile: 8×4 blocks of 4×4, row by row.
 #[derive(Clone, Copy, Debug)]
-pub struct BlockPlaces {
+pub struct TileSamples {
     /// Distance between samples, pixels.
     pub pitch: f32,
-    /// Position of the first sample of the area, pixels.
+    /// Position of the first sample, pixels.
     pub corner: [f32; 2],
-    /// Samples of the area left of the first of each block.
-    columns: [f32; BLOCKS],
-    /// Samples of the area above the first of each block.
-    lines: [f32; BLOCKS],
-    /// Per row of blocks: the number of the area's samples above it, and the index of its first block.
-    rows: [(f32, usize); BLOCKS],
-    row_count: usize,
-    count: usize,
 }
 
-impl BlockPlaces {
-    /// No blocks yet, with samples `pitch` pixels apart.
-    pub const fn new(pitch: f32, corner: [f32; 2]) -> Self {
-        Self {
-            pitch,
-            corner,
-            columns: [0.0; BLOCKS],
-            lines: [0.0; BLOCKS],
-            rows: [(0.0, 0); BLOCKS],
-            row_count: 0,
-            count: 0,
-        }
-    }
+/// The first sample of block `b` of a tile: its column and its row.
+#[inline(always)]
+pub const fn block_first(b: usize) -> [usize; 2] {
+    [b % BLOCKS_X * BLOCK, b / BLOCKS_X * BLOCK]
+}
 
-    /// All blocks of a tile, with samples `pitch` pixels apart from `corner` on.
-    pub fn of_tile(pitch: f32, corner: [f32; 2]) -> Self {
-        let mut blocks = Self::new(pitch, corner);
-        for b in 0..BLOCKS {
-            blocks.push([b % BLOCKS_X * BLOCK, b / BLOCKS_X * BLOCK]);
-        }
-        blocks
-    }
-
-    /// Adds the block with its first sample in column and row `first` of the area. Rows must not decrease.
-    pub fn push(&mut self, first: [usize; 2]) {
-        let [column, row] = first.map(|at| at as f32);
-        if self.row_count == 0 || self.rows[self.row_count - 1].0 != row {
-            self.rows[self.row_count] = (row, self.count);
-            self.row_count += 1;
-        }
-        (self.columns[self.count], self.lines[self.count]) = (column, row);
-        self.count += 1;
-    }
-
-    /// Number of blocks, at most [`BLOCKS`].
-    pub const fn len(&self) -> usize {
-        self.count
-    }
-
-    /// The number of the area's samples above row `row`, and the row's blocks.
-    #[inline(always)]
-    fn row(&self, row: usize) -> (f32, std::ops::Range<usize>) {
-        let (at, first) = self.rows[row];
-        let end = if row + 1 < self.row_count { self.rows[row + 1].1 } else { self.count };
-        (at, first..end)
-    }
-
+impl TileSamples {
     /// Positions of the samples of block `b`, pixels.
     #[inline(always)]
-    pub fn samples<S: Simd>(&self, s: S, b: usize) -> [f32x16<S>; 2] {
+    pub fn of_block<S: Simd>(&self, s: S, b: usize) -> [f32x16<S>; 2] {
         // Not a closure: a closure may be compiled without the kernel's vector instructions.
-        let x = f32x16::from_slice(s, &LANES_X) + self.columns[b];
-        let y = f32x16::from_slice(s, &LANES_Y) + self.lines[b];
+        let [column, row] = block_first(b);
+        let x = f32x16::from_slice(s, &LANES_X) + column as f32;
+        let y = f32x16::from_slice(s, &LANES_Y) + row as f32;
         let corner = [f32x16::splat(s, self.corner[0]), f32x16::splat(s, self.corner[1])];
         [x.mul_add(self.pitch, corner[0]), y.mul_add(self.pitch, corner[1])]
     }
@@ -152,7 +105,7 @@ impl Cover {
         &self.lists[block][..self.counts[block]]
     }
 
-    /// Makes the lists of a run of splats, which `visited` names in order, for the blocks of `blocks` in the bit mask
+    /// Makes the lists of a run of splats, which `visited` names in order, for the blocks of a tile in the bit mask
     /// `open`. Rectangles of splats count from the pixel at position `origin`.
     ///
     /// Over a row of blocks, a support's right edge is farthest right at `dy_at_max_dx` or at the sample row nearest
@@ -164,23 +117,23 @@ impl Cover {
         s: S,
         splats: &[Splat],
         visited: &[u32],
-        blocks: &BlockPlaces,
+        samples: &TileSamples,
         origin: [f32; 2],
         open: u32,
     ) {
         let zero = f32x16::splat(s, 0.0);
         self.counts = [0; BLOCKS];
         let (e, count) = (&mut self.extents, visited.len());
-        let rect_origin = [0, 1].map(|a| blocks.corner[a] - origin[a]);
+        let rect_origin = [0, 1].map(|a| samples.corner[a] - origin[a]);
         for (i, &index) in visited.iter().enumerate() {
-            e.set(i, &splats[index as usize], blocks.corner, rect_origin);
+            e.set(i, &splats[index as usize], samples.corner, rect_origin);
         }
         let padded = count.next_multiple_of(16);
         self.run[..count].copy_from_slice(visited);
         // An empty rectangle keeps padding splats out of every list.
         e.rect[0][count..padded].fill(f32::INFINITY);
         e.rect[1][count..padded].fill(f32::INFINITY);
-        let per_pixel = 1.0 / blocks.pitch;
+        let per_pixel = 1.0 / samples.pitch;
         let last_of_block = (BLOCK - 1) as f32;
         for start in (0..padded).step_by(16) {
             let mean_x = load(s, &e.mean_x, start);
@@ -196,16 +149,15 @@ impl Cover {
             let top = (load(s, &e.rect[1], start) * per_pixel - SNAP).ceil();
             let bottom = (load(s, &e.rect[3], start) * per_pixel + SNAP).floor();
             let index = u32x16::from_slice(s, &self.run[start..start + 16]);
-            for row in 0..blocks.row_count {
-                let (first_row, of_row) = blocks.row(row);
-                // The shift is never 32: a row ends at most at the last bit.
-                let row_open = open >> of_row.start & (u32::MAX >> (BLOCKS - of_row.len()));
+            for row in 0..BLOCKS_Y {
+                let first_row = (row * BLOCK) as f32;
+                let row_open = open >> (row * BLOCKS_X) & ((1 << BLOCKS_X) - 1);
                 let last_row = first_row + last_of_block;
                 let in_rows = top.simd_le(last_row) & bottom.simd_ge(first_row) & top.simd_le(bottom);
                 if row_open == 0 || !in_rows.any_true() {
                     continue;
                 }
-                let (low, high) = (mean_y - last_row * blocks.pitch, mean_y - first_row * blocks.pitch);
+                let (low, high) = (mean_y - last_row * samples.pitch, mean_y - first_row * samples.pitch);
                 let dy = dy_right.min(high).max(low);
                 let v = l22 * dy;
                 let half = (support - v * v).max(zero).sqrt();
@@ -221,11 +173,11 @@ impl Cover {
                 let from = ((mean_x - reach_right - slack).max(left) * per_pixel - SNAP).ceil();
                 let to = ((mean_x - reach_left + slack).min(right) * per_pixel + SNAP).floor();
                 let in_rows = in_rows & from.simd_le(to);
-                for block in of_row.clone() {
-                    if row_open >> (block - of_row.start) & 1 == 0 {
+                for column in 0..BLOCKS_X {
+                    if row_open >> column & 1 == 0 {
                         continue;
                     }
-                    let first = blocks.columns[block];
+                    let (block, first) = (row * BLOCKS_X + column, (column * BLOCK) as f32);
                     let touches = in_rows & from.simd_le(first + last_of_block) & to.simd_ge(first);
                     let end = self.counts[block];
                     index.compress(touches).store_slice(&mut self.lists[block][end..end + 16]);

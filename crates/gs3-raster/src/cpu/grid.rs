@@ -3,6 +3,7 @@
 use gs3_scene::{Camera, Size};
 
 use super::bin::{TILE_HEIGHT, TILE_WIDTH};
+use super::cover::TileSamples;
 use crate::settings::{RasterSettings, Window};
 use crate::view::first_sample;
 
@@ -64,9 +65,10 @@ impl Grid {
         [tile[0] * width, tile[1] * height]
     }
 
-    /// The position of the first sample of tile `(column, row)`.
-    pub fn tile_first(&self, tile: [usize; 2]) -> [f32; 2] {
+    /// The samples of tile `(column, row)`.
+    pub fn tile_samples(&self, tile: [usize; 2]) -> TileSamples {
         let corner = self.tile_corner(tile);
-        [0, 1].map(|a| corner[a] as f32 + self.first[a])
+        let corner = [0, 1].map(|a| corner[a] as f32 + self.first[a]);
+        TileSamples { pitch: self.stride as f32, corner }
     }
 }

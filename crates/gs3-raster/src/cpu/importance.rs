@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::Rasterizer;
 use super::bin::{Bins, Part, TILE_HEIGHT, TILE_WIDTH};
 use super::blend::{self, BlendRules, Contribution, TileScratch, lanes3, plane};
-use super::cover::{BLOCKS, BlockPlaces, RUN};
+use super::cover::{BLOCKS, RUN};
 use super::grid::Grid;
 use super::project::{ProjectOutputs, Projected, lanes};
 use super::splat::Splat;
@@ -215,16 +215,16 @@ impl Scratch {
         shares.clear();
         shares.resize(tile.splats.len(), Share::default());
 
-        let places = BlockPlaces::of_tile(1.0, grid.tile_first(tile_place));
+        let samples = grid.tile_samples(tile_place);
         let TileScratch { order, splats, cover, .. } = tile;
         for visited in order.sorted().chunks(RUN) {
-            cover.fill(s, splats, visited, &places, [0.0; 2], open);
+            cover.fill(s, splats, visited, &samples, [0.0; 2], open);
             for b in 0..BLOCKS {
                 let touching = cover.of_block(b);
                 if touching.is_empty() {
                     continue;
                 }
-                let sample = places.samples(s, b);
+                let sample = samples.of_block(s, b);
                 if pixels[b].measure(s, rules, sample, touching, splats, shares) {
                     open &= !(1 << b);
                 }

@@ -5,7 +5,7 @@ use gs3_scene::{GBuffer, Geometry, Gradients, Image, Planes};
 
 use super::bin::{TILE_HEIGHT, TILE_WIDTH};
 use super::blend::{BlendRules, Block, COLOR, GBUFFER, GBUFFER_MIXED, plane};
-use super::cover::{BLOCK, BLOCKS, BLOCKS_X, BlockPlaces};
+use super::cover::{BLOCK, BLOCKS, block_first};
 use super::grid::Grid;
 use crate::settings::{Outputs, RasterSettings};
 use crate::view::View;
@@ -119,15 +119,14 @@ impl Resolver {
         band: &mut Band<'_>,
     ) {
         let [width, height] = grid.size;
-        let places = BlockPlaces::of_tile(grid.stride as f32, grid.tile_first([column, row]));
+        let samples = grid.tile_samples([column, row]);
         for (b, block) in blocks.iter_mut().enumerate() {
-            let x = column * TILE_WIDTH + b % BLOCKS_X * BLOCK;
-            let line = b / BLOCKS_X * BLOCK;
-            let y = row * TILE_HEIGHT + line;
+            let [in_line, line] = block_first(b);
+            let (x, y) = (column * TILE_WIDTH + in_line, row * TILE_HEIGHT + line);
             if x >= width || y >= height {
                 continue;
             }
-            self.finish::<S, OUTPUTS>(s, block, places.samples(s, b), places.pitch);
+            self.finish::<S, OUTPUTS>(s, block, samples.of_block(s, b), samples.pitch);
             let (columns, rows) = (BLOCK.min(width - x), BLOCK.min(height - y));
             match band {
                 Band::Image(out) => {

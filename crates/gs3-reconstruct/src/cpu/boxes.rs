@@ -27,6 +27,10 @@ pub(crate) struct BoxLimits {
 }
 
 impl BoxLimits {
+    /// The limits of nothing.
+    const NONE: Self =
+        Self { left: f32::INFINITY, right: f32::NEG_INFINITY, top: f32::INFINITY, bottom: f32::NEG_INFINITY };
+
     /// The range widened by `by` pixels on each side.
     pub fn wider(self, by: f32) -> Self {
         let Self { left, right, top, bottom } = self;
@@ -44,7 +48,7 @@ pub(crate) struct Boxes {
     right: Vec<f32>,
     top: Vec<f32>,
     bottom: Vec<f32>,
-    rows: Vec<[f32; 2]>,
+    rows: Vec<BoxLimits>,
 }
 
 impl Boxes {
@@ -60,7 +64,7 @@ impl Boxes {
         for ends in [&mut self.left, &mut self.right, &mut self.top, &mut self.bottom] {
             ends.resize(self.stride * frame.height, f32::INFINITY);
         }
-        self.rows.resize(frame.height, [0.0; 2]);
+        self.rows.resize(frame.height, BoxLimits::NONE);
         let splat = |v: f32| f32x16::splat(simd, v);
         let lanes = f32x16::from_fn(simd, |i| i as f32);
         for row in 0..frame.height {
@@ -68,7 +72,8 @@ impl Boxes {
             // The end of a row of exact blocks, which may be partial.
             let padding = row * self.stride + in_row.next_multiple_of(LANES)..(row + 1) * self.stride;
             self.left[padding].fill(f32::INFINITY);
-            let (mut row_top, mut row_bottom) = (splat(f32::INFINITY), splat(f32::NEG_INFINITY));
+            let (mut row_left, mut row_right) = (splat(f32::INFINITY), splat(f32::NEG_INFINITY));
+            let (mut row_top, mut row_bottom) = (row_left, row_right);
             for (run, of_run) in frame.extents(row).chunks(LANES).enumerate() {
                 let (mut far, mut near) = ([0.0; LANES], [0.0; LANES]);
                 for (k, extent) in of_run.iter().enumerate() {
@@ -112,14 +117,20 @@ impl Boxes {
                     is_none.select(splat(f32::NEG_INFINITY), v)
                 };
                 let at = row * self.stride + run * LANES..row * self.stride + (run + 1) * LANES;
-                let (top, bottom) = (low(top), high(bottom));
-                low(left).store_slice(&mut self.left[at.clone()]);
-                high(right).store_slice(&mut self.right[at.clone()]);
+                let (left, right, top, bottom) = (low(left), high(right), low(top), high(bottom));
+                left.store_slice(&mut self.left[at.clone()]);
+                right.store_slice(&mut self.right[at.clone()]);
                 top.store_slice(&mut self.top[at.clone()]);
                 bottom.store_slice(&mut self.bottom[at]);
+                (row_left, row_right) = (row_left.min(left), row_right.max(right));
                 (row_top, row_bottom) = (row_top.min(top), row_bottom.max(bottom));
             }
-            self.rows[row] = [row_top.reduce_min(), row_bottom.reduce_max()];
+            self.rows[row] = BoxLimits {
+                left: row_left.reduce_min(),
+                right: row_right.reduce_max(),
+                top: row_top.reduce_min(),
+                bottom: row_bottom.reduce_max(),
+            };
             for chunk in 0..in_row {
                 if let Some(displacement) = frame.displacement(row, chunk)
                     && displacement.has_movers()
@@ -154,13 +165,18 @@ impl Boxes {
         let (top, bottom) = (least(v) - (0.5 + SLACK), most(v) - (0.5 - SLACK));
         self.top[k] = self.top[k].min(top);
         self.bottom[k] = self.bottom[k].max(bottom);
-        let [row_top, row_bottom] = self.rows[row];
-        self.rows[row] = [row_top.min(top), row_bottom.max(bottom)];
+        let of_row = &mut self.rows[row];
+        *of_row = BoxLimits {
+            left: of_row.left.min(self.left[k]),
+            right: of_row.right.max(self.right[k]),
+            top: of_row.top.min(top),
+            bottom: of_row.bottom.max(bottom),
+        };
     }
 
     /// From the first to the last row of samples that meets `limits`.
     pub fn rows_meeting(&self, limits: BoxLimits) -> Range<usize> {
-        let meets = |[top, bottom]: &[f32; 2]| *top <= limits.bottom && *bottom >= limits.top;
+        let meets = |row: &BoxLimits| row.top <= limits.bottom && row.bottom >= limits.top;
         let first = self.rows.iter().position(meets);
         let last = self.rows.iter().rposition(meets);
         first.zip(last).map_or(0..0, |(first, last)| first..last + 1)
@@ -213,8 +229,10 @@ impl Boxes {
         limits: BoxLimits,
         tops: &Range<f32>,
     ) -> u64 {
-        let [row_top, row_bottom] = self.rows[row];
-        if row_top > limits.bottom.min(tops.end) || row_bottom < limits.top.max(tops.start) {
+        let of_row = &self.rows[row];
+        let is_beside = of_row.left > limits.right || of_row.right < limits.left;
+        if is_beside || of_row.top > limits.bottom.min(tops.end) || of_row.bottom < limits.top.max(tops.start)
+        {
             return 0;
         }
         let first = word * WORD;
@@ -281,14 +299,16 @@ mod tests {
         let (stride, height) = (WORD + LANES, 3);
         let from = |k: usize| ((k * 37 % 101) as f32, (k * 53 % 97) as f32);
         let all = |f: fn((f32, f32)) -> f32| (0..stride * height).map(|k| f(from(k))).collect::<Vec<f32>>();
+        let [left, right] = [all(|(x, _)| x), all(|(x, _)| x + 7.0)];
         let [top, bottom] = [all(|(_, y)| y), all(|(_, y)| y + 9.0)];
         let ends = |row: usize| {
             let row = row * stride..(row + 1) * stride;
-            let top = top[row.clone()].iter().copied().fold(f32::INFINITY, f32::min);
-            [top, bottom[row].iter().copied().fold(f32::NEG_INFINITY, f32::max)]
+            let least = |ends: &[f32]| ends[row.clone()].iter().copied().fold(f32::INFINITY, f32::min);
+            let most = |ends: &[f32]| ends[row.clone()].iter().copied().fold(f32::NEG_INFINITY, f32::max);
+            BoxLimits { left: least(&left), right: most(&right), top: least(&top), bottom: most(&bottom) }
         };
         let rows = (0..height).map(ends).collect();
-        Boxes { stride, left: all(|(x, _)| x), right: all(|(x, _)| x + 7.0), top, bottom, rows }
+        Boxes { stride, left, right, top, bottom, rows }
     }
 
     #[test]

@@ -13,7 +13,7 @@ pub(crate) struct Past {
     pub camera: Camera,
     /// Age in frames.
     pub age: usize,
-    /// Mean inverse depth of an LR frame.
+    /// Mean inverse depth of the LR frame.
     pub mean_inverse_depth: f32,
     pub frame: SampleFrame,
     /// From the frame's camera to the current camera.

@@ -5,6 +5,7 @@ mod fill;
 
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*};
 use gs3_scene::{BLOCK_SIDE, Margin, Planes};
+use rayon::prelude::*;
 
 use crate::cpu::displacement::Displacement;
 pub(crate) use crate::cpu::lanes::CHUNK;
@@ -27,16 +28,18 @@ enum Layout {
     /// Sixteen samples in a row of LR pixels are a chunk.
     #[default]
     Rows,
-    /// A block of 4×4 HR pixels is a chunk; [`BLOCKS_PER_ROW`] blocks are a row of chunks.
+    /// A block of 4×4 HR pixels is a chunk; up to [`BLOCKS_PER_ROW`] blocks are a row of chunks.
     Blocks {
-        /// First pixel of each block.
+        /// First pixel of each block. As all values per chunk, unspecified beyond the end of a row.
         corners: Vec<[f32; 2]>,
+        /// Blocks in each row.
+        counts: Vec<usize>,
         /// Width and height of the picture, HR pixels.
         picture: [f32; 2],
     },
 }
 
-/// Blocks in a row of chunks: the number of chunks in one mask of [`crate::cpu::boxes`].
+/// Most blocks in a row of chunks: the number of chunks in one mask of [`crate::cpu::boxes`].
 const BLOCKS_PER_ROW: usize = 64;
 
 /// The numbers of a vector's lanes. (Constants are loaded: a closure that fills lanes may be compiled without the
@@ -79,9 +82,12 @@ pub(crate) struct SampleFrame {
 }
 
 impl SampleFrame {
-    /// Number of chunks.
-    pub fn chunk_count(&self) -> usize {
-        self.chunks.len()
+    /// Number of exact blocks.
+    pub fn block_count(&self) -> usize {
+        match &self.layout {
+            Layout::Rows => 0,
+            Layout::Blocks { counts, .. } => counts.iter().sum(),
+        }
     }
 
     /// Whether the samples are exact blocks.
@@ -89,21 +95,23 @@ impl SampleFrame {
         matches!(self.layout, Layout::Blocks { .. })
     }
 
-    /// Keeps the exact blocks with a number that `keep` accepts, and drops the others.
-    pub fn retain_blocks(&mut self, keep: impl Fn(usize) -> bool) {
-        let Layout::Blocks { corners, .. } = &mut self.layout else { return };
-        // From the end, so that the block moved into a dropped block's place is one that stays.
-        for k in (0..corners.len()).rev().filter(|k| !keep(*k)) {
-            corners.swap_remove(k);
-            self.chunks.swap_remove(k);
-            self.extents.swap_remove(k);
-        }
-        self.height = corners.len().div_ceil(BLOCKS_PER_ROW);
-    }
-
-    /// Row, and place in the row, of chunk `k` among all blocks.
-    pub const fn row_of_block(k: usize) -> (usize, usize) {
-        (k / BLOCKS_PER_ROW, k % BLOCKS_PER_ROW)
+    /// Keeps the exact blocks that `keep` accepts, by their row and their place in the row, and drops the others. Blocks stay
+    /// in their rows, which are compact in the picture.
+    pub fn retain_blocks(&mut self, keep: impl Fn(usize, usize) -> bool + Sync) {
+        let Layout::Blocks { corners, counts, .. } = &mut self.layout else { return };
+        let corners = corners.par_chunks_mut(BLOCKS_PER_ROW);
+        let chunks = self.chunks.par_chunks_mut(BLOCKS_PER_ROW);
+        let extents = self.extents.par_chunks_mut(BLOCKS_PER_ROW);
+        let rows = counts.par_iter_mut().zip(corners).zip(chunks.zip(extents));
+        rows.enumerate().with_min_len(64).for_each(|(row, ((count, corners), (chunks, extents)))| {
+            // From the end, so that the block moved into a dropped block's place is one that stays.
+            for k in (0..*count).rev().filter(|k| !keep(row, *k)) {
+                *count -= 1;
+                corners[k] = corners[*count];
+                chunks.swap(k, *count);
+                extents[k] = extents[*count];
+            }
+        });
     }
 
     /// Places of the samples of chunk `chunk` of row `row`. LR pixels are `scale` HR pixels wide.
@@ -121,7 +129,7 @@ impl SampleFrame {
                     is_sample: lanes.simd_lt((self.width - column) as f32),
                 }
             }
-            Layout::Blocks { corners, picture } => {
+            Layout::Blocks { corners, picture, .. } => {
                 let [x, y] = corners[row * BLOCKS_PER_ROW + chunk];
                 let x = f32x16::from_slice(simd, &BLOCK_X) + x;
                 let y = f32x16::from_slice(simd, &BLOCK_Y) + y;
@@ -187,7 +195,7 @@ impl SampleFrame {
         self.sample(x + self.margin.left as usize, y + self.margin.top as usize)
     }
 
-    /// Chunks per row of samples; the last chunk may be partial. The last row of exact blocks may have fewer chunks.
+    /// Chunks per row of samples; the last chunk may be partial. Rows of exact blocks may have fewer chunks.
     pub const fn chunks_per_row(&self) -> usize {
         match self.layout {
             Layout::Rows => self.width.div_ceil(CHUNK),
@@ -218,8 +226,11 @@ impl SampleFrame {
 
     /// The extents of the chunks of row `row`.
     pub fn extents(&self, row: usize) -> &[Extent] {
-        let rest = &self.extents[row * self.chunks_per_row()..];
-        &rest[..self.chunks_per_row().min(rest.len())]
+        let count = match &self.layout {
+            Layout::Rows => self.chunks_per_row(),
+            Layout::Blocks { counts, .. } => counts[row],
+        };
+        &self.extents[row * self.chunks_per_row()..][..count]
     }
 
     /// The sample in column `x` of row `y`.

@@ -10,9 +10,9 @@ use crate::cpu::carry::{add_surface_shifts, advance};
 use crate::cpu::hermite::Surface;
 use crate::cpu::past::Past;
 use crate::cpu::rectification::Rectification;
-use crate::cpu::samples::{CHUNK, SampleFrame};
+use crate::cpu::samples::CHUNK;
 use crate::cpu::select::write_blocks;
-use crate::cpu::staleness::count_remembered;
+use crate::cpu::staleness::{are_blocks_stale, count_remembered};
 use crate::cpu::surface_motion::{Frames, SurfaceMotion};
 use crate::cpu::tile::Tiles;
 use crate::depth_lattice::DepthLattice;
@@ -268,7 +268,12 @@ impl SuperSampler {
             let lr_frames: Vec<_> = lr_frames.map(|past| (past.camera, past.mean_inverse_depth)).collect();
             oldest = oldest.min(count_remembered(&lr_frames, camera));
         }
-        self.spare.extend(self.past.extract_if(.., |past| past.age > oldest));
+        let is_dropped = |past: &Past| {
+            let Past { camera: then, age, mean_inverse_depth, .. } = past;
+            *age > oldest
+                || past.frame.is_blocks() && are_blocks_stale(*age, then, *mean_inverse_depth, camera)
+        };
+        self.spare.extend(self.past.extract_if(.., |past| is_dropped(past)));
         self.past.insert(0, newest);
         Ok(())
     }
@@ -283,14 +288,14 @@ impl SuperSampler {
     /// Number of exact blocks in the history.
     #[must_use]
     pub fn remembered_blocks(&self) -> usize {
-        self.past.iter().filter(|past| past.frame.is_blocks()).map(|past| past.frame.chunk_count()).sum()
+        self.past.iter().map(|past| past.frame.block_count()).sum()
     }
 
     /// Writes exact blocks of the last frame into `image`, the image that [`Self::super_sample`] made, with an
     /// uncertainty of 0. The blocks are remembered: the next frames reproject their samples.
     pub fn refine(&mut self, blocks: &ExactBlocks, image: &mut Image) {
         let Some(current) = self.past.first() else { return };
-        let camera = current.camera;
+        let (camera, mean_inverse_depth) = (current.camera, current.mean_inverse_depth);
         let size = image.size();
         let [columns, rows] = block_grid(size);
         write_blocks(blocks, image);
@@ -301,18 +306,18 @@ impl SuperSampler {
         }
         self.past.par_iter_mut().filter(|past| past.frame.is_blocks()).for_each(|past| {
             let boxes = &past.boxes;
-            past.frame.retain_blocks(|k| {
-                let (row, chunk) = SampleFrame::row_of_block(k);
+            past.frame.retain_blocks(|row, chunk| {
                 let [x, y] = boxes.middle(row, chunk).map(|v| (v / 4.0).floor());
                 let is_in = x >= 0.0 && y >= 0.0 && x < columns as f32 && y < rows as f32;
                 is_in && !is_new[y as usize * columns + x as usize]
             });
         });
         let (past, spare) = (&mut self.past, &mut self.spare);
-        spare.extend(past.extract_if(.., |past| past.frame.is_blocks() && past.frame.chunk_count() == 0));
+        spare.extend(past.extract_if(.., |past| past.frame.is_blocks() && past.frame.block_count() == 0));
         if !blocks.is_empty() {
             let mut newest = self.spare.pop().unwrap_or_else(|| Past::empty(&camera));
             (newest.camera, newest.age) = (camera, 0);
+            newest.mean_inverse_depth = mean_inverse_depth;
             newest.frame.fill_blocks(self.level, blocks, size);
             self.past.insert(1, newest);
         }

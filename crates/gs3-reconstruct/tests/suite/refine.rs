@@ -155,7 +155,8 @@ fn what_is_refined_is_exact_and_certain() {
 #[test]
 fn the_next_frames_know_what_was_refined() {
     let world = wall_and_post(60.0);
-    let path = |k: usize| at(0.02 * k as f64);
+    // Slowly: blocks are forgotten once the picture has moved by 3 % of its width.
+    let path = |k: usize| at(0.01 * k as f64);
     // Before anything is refined in the last frame.
     let quality = |share: f32| {
         let mut run = Run::new(&world);

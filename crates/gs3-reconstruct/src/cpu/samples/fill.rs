@@ -44,8 +44,9 @@ impl SampleFrame {
     /// Copies exact blocks of a picture of size `picture`. Memory is reused.
     pub fn fill_blocks(&mut self, level: Level, blocks: &ExactBlocks, picture: Size) {
         let corner = |[column, row]: &[u16; 2]| [*column, *row].map(|k| (usize::from(k) * BLOCK_SIDE) as f32);
-        let corners = blocks.places.iter().map(corner).collect();
-        self.layout = Layout::Blocks { corners, picture: picture.to_array().map(|side| side as f32) };
+        let corners: Vec<_> = blocks.places.iter().map(corner).collect();
+        let counts = corners.chunks(BLOCKS_PER_ROW).map(<[_]>::len).collect();
+        self.layout = Layout::Blocks { corners, counts, picture: picture.to_array().map(|side| side as f32) };
         (self.width, self.height) = (0, blocks.len().div_ceil(BLOCKS_PER_ROW));
         (self.jitter, self.margin) = ([0.0; 2], Margin::NONE);
         self.chunks.resize(blocks.len(), Chunk::EMPTY);
