@@ -203,13 +203,13 @@ impl Scratch {
             let out = rest.split_off_mut(..places.len()).unwrap_or_default();
             let states = rest_states.split_off_mut(..places.len()).unwrap_or_default();
             let native = native_of(places[0]);
-            let [left, top] = [native[0] * TILE_WIDTH, native[1] * TILE_HEIGHT];
-            let corner = [(corner[0] + left) as f32, (corner[1] + top) as f32];
-            let samples =
-                TileSamples { pitch: 1.0, corner: [0, 1].map(|a| corner[a] - grid.before[a] as f32) };
+            let first = [native[0] * TILE_WIDTH, native[1] * TILE_HEIGHT];
+            let corner = [0, 1].map(|a| (corner[a] + first[a]) as f32 - grid.before[a] as f32);
+            let samples = TileSamples { pitch: 1.0, corner };
+            // The block's number in the native tile.
             let index = |place: [u16; 2]| {
                 let [x, y] = pixel(place);
-                (y - top) / BLOCK * BLOCKS_X + (x - left) / BLOCK
+                (y - first[1]) / BLOCK * BLOCKS_X + (x - first[0]) / BLOCK
             };
             let left = |place: [u16; 2]| [0, 1].map(|a| size[a] - usize::from(place[a]) * BLOCK);
             let mut open = 0;
