@@ -101,7 +101,7 @@ struct LastFrame {
     settings: RasterSettings,
     /// Width and height of the native image.
     size: [usize; 2],
-    /// Whether `jobs` has splats of `view`: all of them, or those of the last slab.
+    /// Whether `jobs` still has what the frame left there: the splats of `view`, or of the last slab of `view`.
     is_shared: bool,
 }
 

@@ -205,6 +205,23 @@ fn a_resting_camera_becomes_native_sooner_and_needs_no_more() {
     assert!(psnr(&run.image, &native) > 80.0, "{:.2} dB", psnr(&run.image, &native));
 }
 
+/// A block of each frame, where no other block is. The camera only turns, by 3 % of the picture's width in four frames.
+#[test]
+fn blocks_are_forgotten_after_four_frames_of_a_turn_and_not_at_rest() {
+    let world = wall_and_post(60.0);
+    let remembered = |turn: f64| {
+        let mut run = Run::new(&world);
+        for k in 0..12 {
+            let camera = camera(SIZE.width, SIZE.height, [0.0; 3], turn * f64::from(k), 0.0);
+            run.frame(&camera);
+            run.refine(&camera, vec![[30, 2 * k as u16 + 4]]);
+        }
+        run.sampler.remembered_blocks()
+    };
+    assert_eq!(remembered(0.0), 12);
+    assert_eq!(remembered(0.01), 5, "the last frame's, and those of four frames before");
+}
+
 #[test]
 fn what_is_refined_again_is_remembered_once() {
     let world = wall_and_post(60.0);
