@@ -174,7 +174,7 @@ typedef enum gs3_opacity_mode {
 
 // What GS3_REFINE_AUTO may spend.
 typedef enum gs3_quality {
-    // 6 % of the pixels, errors of a step of 8 bits.
+    // 6 % of the pixels, errors of two steps of 8 bits.
     GS3_QUALITY_BALANCED = 0,
     // 3 % of the pixels, errors of three steps.
     GS3_QUALITY_FAST = 1,

@@ -78,7 +78,7 @@ pub enum gs3_refine {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub enum gs3_quality {
-    /// 6 % of the pixels, errors of a step of 8 bits.
+    /// 6 % of the pixels, errors of two steps of 8 bits.
     GS3_QUALITY_BALANCED = 0,
     /// 3 % of the pixels, errors of three steps.
     GS3_QUALITY_FAST = 1,

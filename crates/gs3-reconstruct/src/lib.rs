@@ -51,6 +51,7 @@ mod reprojection;
 mod sample_grid;
 mod sequence;
 mod settings;
+mod staleness;
 mod view;
 
 pub use cpu::hermite::hermite;

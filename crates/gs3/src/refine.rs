@@ -14,7 +14,7 @@ use crate::stages::{Stage, StageTimes};
 pub enum Quality {
     /// Errors of three steps of 8 bits, 3 % of the pixels.
     Fast,
-    /// Errors of one step of 8 bits, 6 % of the pixels.
+    /// Errors of two steps of 8 bits, 6 % of the pixels.
     #[default]
     Balanced,
     /// Errors of half a step of 8 bits, 15 % of the pixels.
@@ -40,7 +40,7 @@ impl Quality {
     pub fn budget(self) -> BlockBudget {
         let (most, steps) = match self {
             Self::Fast => (0.03, 3.0),
-            Self::Balanced => (0.06, 1.0),
+            Self::Balanced => (0.06, 2.0),
             Self::High => (0.15, 0.5),
         };
         BlockBudget { most, least_error: (steps / 255.0_f32).powi(2) }

@@ -70,7 +70,7 @@ pub struct Device {
 #[derive(Debug, clap::Args)]
 pub struct FrameOptions {
     /// How large an error may be left, and how many pixels may be rasterized exactly for it: fast 3 steps of 8 bits and 3 %,
-    /// balanced 1 and 6 %, high half a step and 15 %
+    /// balanced 2 and 6 %, high half a step and 15 %
     #[arg(long, default_value = "balanced", value_name = "fast|balanced|high")]
     pub quality: QualityArg,
     /// Pixels rasterized exactly, where reconstruction is not to be trusted: none, those that --quality says, this share of

@@ -21,7 +21,6 @@ pub(crate) mod samples;
 pub(crate) mod select;
 pub(crate) mod separate;
 pub(crate) mod splat;
-pub(crate) mod staleness;
 pub(crate) mod super_sample;
 pub(crate) mod surface_motion;
 pub(crate) mod tile;

@@ -12,7 +12,6 @@ use crate::cpu::past::Past;
 use crate::cpu::rectification::Rectification;
 use crate::cpu::samples::CHUNK;
 use crate::cpu::select::write_blocks;
-use crate::cpu::staleness::{are_blocks_stale, count_remembered};
 use crate::cpu::surface_motion::{Frames, SurfaceMotion};
 use crate::cpu::tile::Tiles;
 use crate::depth_lattice::DepthLattice;
@@ -20,6 +19,7 @@ use crate::error::{ReconstructError, check_finite, check_gbuffer, check_padded, 
 use crate::reprojection::{Reprojection, parallax};
 use crate::sequence::ResetReason;
 use crate::settings::Kriging;
+use crate::staleness::{are_blocks_stale, count_remembered};
 
 /// Changes since the previous frame.
 #[derive(Clone, Copy, Debug, Default)]

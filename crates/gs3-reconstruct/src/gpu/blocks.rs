@@ -10,6 +10,7 @@ use super::select::{GROUP, GpuBlockSelector};
 use super::shaders;
 use super::super_sample::GpuSuperSampler;
 use crate::error::check_size;
+use crate::staleness::are_blocks_stale;
 
 /// `Remembered` of `blocks.wgsl`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
@@ -25,8 +26,18 @@ struct Remembered {
 #[derive(Clone, Copy, Debug)]
 struct Layer {
     camera: Camera,
+    /// Of the frame's surfaces.
+    mean_inverse_depth: f32,
     /// In frames.
     age: u32,
+}
+
+impl Layer {
+    /// Whether it is remembered for a frame of `camera` with LR frames up to the age `oldest`.
+    fn is_fresh(&self, camera: &Camera, oldest: u32) -> bool {
+        let Self { camera: then, mean_inverse_depth, age } = self;
+        *age <= oldest && !are_blocks_stale(*age as usize, then, *mean_inverse_depth, camera)
+    }
 }
 
 /// Consecutive layers; after the last layer comes the first.
@@ -67,17 +78,23 @@ impl BlockHistory {
         }
     }
 
-    /// Begins a frame with at most `blocks` exact blocks; without history if `is_reset`. Returns what is remembered
-    /// meanwhile: number of the layer, camera of the blocks' frame, and age.
-    pub fn begin(&mut self, blocks: u32, is_reset: bool) -> Vec<(u32, Camera, u32)> {
+    /// Whether blocks of any frame are remembered.
+    pub fn is_in_use(&self) -> bool {
+        self.layers.iter().any(Option::is_some)
+    }
+
+    /// Begins a frame of `camera` with at most `blocks` exact blocks, and LR frames up to the age `oldest`; without history if
+    /// there is no `oldest`. Returns what is remembered meanwhile: number of the layer, camera of the blocks' frame, and age.
+    pub fn begin(&mut self, blocks: u32, camera: &Camera, oldest: Option<u32>) -> Vec<(u32, Camera, u32)> {
         let all = self.layers.len() as u32;
         let count = blocks.div_ceil(self.layer_blocks.max(1)).min(all);
         // A part of a path has the same layers as the whole path: a history begins with the first layer.
-        let taken = Taken { first: if is_reset { 0 } else { self.next }, count };
+        let taken = Taken { first: oldest.map_or(0, |_| self.next), count };
         (self.pending, self.is_recorded) = (Some(taken), false);
         let known = self.layers.iter().zip(0..).filter_map(|(layer, k)| {
-            let Layer { camera, age } = layer.filter(|_| !is_reset && !taken.has(k, all))?;
-            Some((k, camera, age))
+            let layer = (*layer)?;
+            let is_known = layer.is_fresh(camera, oldest?) && !taken.has(k, all);
+            is_known.then_some((k, layer.camera, layer.age))
         });
         known.collect()
     }
@@ -92,22 +109,23 @@ impl BlockHistory {
         }
     }
 
-    /// Adds the frame of `camera` that was begun last. `frames` is the number of frames that are remembered.
-    pub fn commit(&mut self, camera: &Camera, is_reset: bool, frames: u32) {
-        if is_reset {
-            self.layers.fill(None);
+    /// Adds the frame of `camera` that was begun last, with the same `oldest`. `mean_inverse_depth` is that of its surfaces, per
+    /// world unit, 0 if unknown.
+    pub fn commit(&mut self, camera: &Camera, mean_inverse_depth: f32, oldest: Option<u32>) {
+        if oldest.is_none() {
             self.next = 0;
+        }
+        for layer in &mut self.layers {
+            *layer = layer.filter(|layer| oldest.is_some_and(|oldest| layer.is_fresh(camera, oldest)));
         }
         let all = self.layers.len() as u32;
         if let Some(taken) = self.pending.take().filter(|taken| self.is_recorded && taken.count > 0) {
             let layers = self.layers.iter_mut().zip(0..).filter(|(_, k)| taken.has(*k, all));
-            layers.for_each(|(layer, _)| *layer = Some(Layer { camera: *camera, age: 0 }));
+            layers
+                .for_each(|(layer, _)| *layer = Some(Layer { camera: *camera, mean_inverse_depth, age: 0 }));
             self.next = (taken.first + taken.count) % all;
         }
-        for layer in &mut self.layers {
-            let older = layer.map(|layer| Layer { age: layer.age + 1, ..layer });
-            *layer = older.filter(|layer| layer.age < frames);
-        }
+        self.layers.iter_mut().flatten().for_each(|layer| layer.age += 1);
     }
 }
 
@@ -204,14 +222,15 @@ mod tests {
         let camera =
             Camera::new(glam::DAffine3::IDENTITY, Intrinsics::from_fov_y(640, 384, 1.0)).expect("valid");
         let mut history = BlockHistory::new(&plan);
+        // Six frames are remembered, the current one included.
         let frame = |history: &mut BlockHistory, blocks: u32, is_reset: bool, is_recorded: bool| {
-            let known: Vec<_> =
-                history.begin(blocks, is_reset).iter().map(|(layer, _, age)| [*layer, *age]).collect();
+            let oldest = (!is_reset).then_some(5);
+            let known = history.begin(blocks, &camera, oldest);
             if is_recorded {
                 history.record();
             }
-            history.commit(&camera, is_reset, 6);
-            known
+            history.commit(&camera, 0.5, oldest);
+            known.iter().map(|(layer, _, age)| [*layer, *age]).collect::<Vec<_>>()
         };
         // All blocks of a first frame: as many as there is room for.
         assert_eq!(frame(&mut history, 15_360, true, true), [[0; 2]; 0]);
@@ -222,15 +241,38 @@ mod tests {
         // A frame recorded again, and one that has no blocks in the end.
         assert_eq!(frame(&mut history, 1, false, false), [[0, 3], [1, 2], [2, 2]]);
         assert_eq!(frame(&mut history, 1, false, true), [[0, 4], [1, 3], [2, 3]]);
-        // Six frames are remembered, the current one included.
         assert_eq!(frame(&mut history, 0, false, true), [[0, 5], [1, 4], [2, 4], [3, 1]]);
         assert_eq!(frame(&mut history, 0, false, true), [[1, 5], [2, 5], [3, 2]]);
         // A reset forgets all, and begins with the first layer.
         assert_eq!(frame(&mut history, 10, true, true), [[0; 2]; 0]);
         assert_eq!(frame(&mut history, 0, false, true), [[0, 1]]);
         // A frame recorded again with fewer blocks: what was overwritten is not remembered as an older frame's.
-        history.begin(2881, false);
+        history.begin(2881, &camera, Some(5));
         history.record();
-        assert!(history.begin(1, false).is_empty());
+        assert!(history.begin(1, &camera, Some(5)).is_empty());
+    }
+
+    /// As on the CPU: blocks of more than four frames are forgotten once the picture has moved, and with the LR frames.
+    #[test]
+    fn blocks_are_forgotten_by_how_far_the_picture_has_moved() {
+        let limits = Limits { buffer_bytes: 1 << 30, binding_bytes: 1 << 30, ..Limits::LEAST };
+        let plan = SuperSamplePlan::new(&limits, Size::new(640, 384), 4, 0, true).expect("fits");
+        let is_known = |degrees: f64, age: u32, oldest: u32| {
+            let mut history = BlockHistory::new(&plan);
+            let camera = |frame: u32| {
+                let pose = glam::DAffine3::from_rotation_y((degrees * f64::from(frame)).to_radians());
+                Camera::new(pose, Intrinsics::from_fov_y(640, 384, 1.0)).expect("valid")
+            };
+            for frame in 0..age {
+                let oldest = (frame > 0).then_some(oldest);
+                history.begin(u32::from(frame == 0), &camera(frame), oldest);
+                history.record();
+                history.commit(&camera(frame), 0.5, oldest);
+            }
+            !history.begin(0, &camera(age), Some(oldest)).is_empty()
+        };
+        assert!([1, 4, 5, 15].map(|age| is_known(0.0, age, 15)) == [true; 4], "at rest all stay");
+        assert_eq!([1, 4, 5, 15].map(|age| is_known(2.0, age, 15)), [true, true, false, false]);
+        assert_eq!([3, 4].map(|age| is_known(0.0, age, 3)), [true, false]);
     }
 }

@@ -19,6 +19,7 @@ use crate::error::{ReconstructError, check_frame_size, check_jitter, check_scale
 use crate::sample_grid::{SampleAxis, SampledPixels};
 use crate::sequence::ResetReason;
 use crate::settings::Kriging;
+use crate::staleness::count_remembered;
 
 /// A frame in the history.
 #[derive(Clone, Copy, Debug)]
@@ -28,6 +29,16 @@ struct Past {
     margin: Margin,
     /// The part of the history's buffers that holds the frame.
     slot: u32,
+    /// Of the frame's surfaces, per world unit; 0 if unknown.
+    mean_inverse_depth: f32,
+}
+
+/// The frame recorded last.
+#[derive(Clone, Copy, Debug)]
+struct Pending {
+    frame: Past,
+    /// Number of past frames that it was made with; none without history.
+    kept: Option<usize>,
 }
 
 /// Super-samples a sequence of jittered LR frames of one size in device memory, by the rules of
@@ -62,7 +73,7 @@ pub struct GpuSuperSampler {
     /// Exact blocks of these frames.
     pub(super) blocks: BlockHistory,
     /// The frame recorded last, until it is committed.
-    pending: Option<Past>,
+    pending: Option<Pending>,
     invalid: Option<ResetReason>,
 }
 
@@ -270,7 +281,7 @@ impl GpuSuperSampler {
         if actual > max {
             return Err(ReconstructError::Margin { max, actual }.into());
         }
-        let history: &[Past] = if self.invalid.is_some() { &[] } else { &self.past };
+        let history = if self.invalid.is_some() { &[] } else { self.fresh(camera) };
         let slots = self.plan.frames;
         // When all slots are in use, the oldest frame is replaced.
         let is_full = history.len() == slots as usize;
@@ -278,9 +289,10 @@ impl GpuSuperSampler {
             Some((oldest, kept)) if is_full => (kept, oldest.slot),
             _ => (history, first_free(history, slots)),
         };
-        let current = Past { camera: *camera, jitter, margin, slot: free };
+        let current = Past { camera: *camera, jitter, margin, slot: free, mean_inverse_depth: 0.0 };
         let mut uniform = self.uniform_of(&current, kept);
-        let layers = self.blocks.begin(blocks, self.invalid.is_some());
+        let kept = self.invalid.is_none().then_some(kept.len());
+        let layers = self.blocks.begin(blocks, camera, kept.map(|kept| kept as u32));
         uniform.layers = layers.len() as u32;
         for (to, (layer, frame, age)) in uniform.past[uniform.frames as usize..].iter_mut().zip(layers) {
             *to = PastUniform {
@@ -318,20 +330,28 @@ impl GpuSuperSampler {
             recorder.stage("super_sample.krige");
             recorder.dispatch(krige, self.plan.over_kriged);
         }
-        self.pending = Some(current);
+        self.pending = Some(Pending { frame: current, kept });
         Ok(())
     }
 
-    /// Adds the frame recorded last to the history.
-    pub fn commit(&mut self) {
-        let Some(newest) = self.pending.take() else { return };
-        let is_reset = self.invalid.take().is_some();
-        self.blocks.commit(&newest.camera, is_reset, self.plan.frames);
-        if is_reset {
-            self.past.clear();
+    /// The past frames for a frame of `camera`, newest first. Where exact blocks are remembered, frames are forgotten as on the
+    /// CPU.
+    fn fresh(&self, camera: &Camera) -> &[Past] {
+        if !self.blocks.is_in_use() {
+            return &self.past;
         }
-        self.past.truncate(self.plan.frames as usize - 1);
-        self.past.insert(0, newest);
+        let past: Vec<_> = self.past.iter().map(|past| (past.camera, past.mean_inverse_depth)).collect();
+        &self.past[..count_remembered(&past, camera)]
+    }
+
+    /// Adds the frame recorded last to the history. `mean_inverse_depth` is the one of its surfaces, per world unit
+    /// ([`crate::DepthLattice::mean_inverse_depth`]), 0 if unknown: it tells how far the picture moves when the camera does.
+    pub fn commit(&mut self, mean_inverse_depth: f32) {
+        let Some(Pending { frame, kept }) = self.pending.take() else { return };
+        self.invalid = None;
+        self.blocks.commit(&frame.camera, mean_inverse_depth, kept.map(|kept| kept as u32));
+        self.past.truncate(kept.unwrap_or(0));
+        self.past.insert(0, Past { mean_inverse_depth, ..frame });
     }
 
     /// The sampler's buffers and the buffers of `planes`, by the names in the kernels.

@@ -9,7 +9,8 @@ use gs3_reconstruct::gpu::{
     GpuSuperSampler, NeighborView, SideOutput,
 };
 use gs3_reconstruct::{
-    BlockBudget, Interpolator, Kriging, Neighbor, ReconstructError, ResetReason, SuperSampler, Warped,
+    BlockBudget, DepthLattice, Interpolator, Kriging, Neighbor, ReconstructError, ResetReason, SuperSampler,
+    Warped,
 };
 use gs3_scene::{Camera, GBuffer, Image, Margin, Planes, Size};
 use gs3_test_support::psnr;
@@ -135,7 +136,7 @@ impl Sampler {
         self.sampler.record(&mut recorder, &bound, camera, gbuffer.jitter, padded.margin, blocks).unwrap();
         then(&mut self.sampler, &mut recorder);
         recorder.submit().unwrap();
-        self.sampler.commit();
+        self.sampler.commit(DepthLattice::of(gbuffer).mean_inverse_depth());
         let mut out = Image::default();
         to.read(&self.gpu, &mut out).unwrap();
         (out, to)

@@ -373,9 +373,10 @@ impl FrameMemory {
         received.await?
     }
 
-    /// Makes the frame submitted last the previous frame of the next one.
-    pub fn commit(&mut self, inputs: &FrameInputs) {
-        self.super_sampler.commit();
+    /// Makes the frame submitted last the previous frame of the next one. `mean_inverse_depth` is the one of its surfaces, 0 if
+    /// unknown.
+    pub fn commit(&mut self, inputs: &FrameInputs, mean_inverse_depth: f32) {
+        self.super_sampler.commit(mean_inverse_depth);
         self.newest = self.current();
         self.sides[self.newest].view = Some(view_of(inputs));
         self.in_between_made = inputs.moments.len();

@@ -49,6 +49,8 @@ pub struct GpuMachine {
     /// Times of the last frame's stages by the device's clock.
     stage_times: Vec<StageTime>,
     controller: ShareController,
+    /// Mean inverse depth of the surfaces of the newest frame that has told its depths; 0 if none of this view has.
+    mean_inverse_depth: f32,
     /// Frames that nobody has waited for, the oldest first.
     late: VecDeque<LateFrame>,
     /// Whether such a frame overflowed since the last [`Self::wait`].
@@ -95,6 +97,7 @@ impl GpuMachine {
             timings: if has_clock { Some(Timings::new(gpu)?) } else { None },
             stage_times: Vec::new(),
             controller: ShareController::default(),
+            mean_inverse_depth: 0.0,
             late: VecDeque::new(),
             has_overflowed: false,
             stages_here: None,
@@ -162,7 +165,13 @@ impl GpuMachine {
                 break (submission, lattice, chosen);
             }
         };
-        memory.commit(inputs);
+        let is_other_view = inputs.reset.is_some_and(|reason| reason != ResetReason::Keyframe);
+        if read_back != ReadBack::Late {
+            self.mean_inverse_depth = lattice.mean_inverse_depth();
+        } else if is_other_view {
+            self.mean_inverse_depth = 0.0;
+        }
+        memory.commit(inputs, self.mean_inverse_depth);
         let mut times = StageTimes::default();
         match &timings {
             Some(timings) => {
@@ -174,7 +183,6 @@ impl GpuMachine {
             // Without a clock the time of a single stage is unknown, so the whole frame counts as rasterization.
             None if read_back != ReadBack::Late => times.add(Stage::Rasterize, started.elapsed()),
             None => {
-                let is_other_view = inputs.reset.is_some_and(|reason| reason != ResetReason::Keyframe);
                 let side = memory.newest();
                 self.late.push_back(LateFrame { submission, side, is_other_view });
             }
@@ -225,6 +233,9 @@ impl GpuMachine {
         }
         if self.late.iter().any(|frame| frame.is_other_view) {
             settled.lattice = None;
+        }
+        if let Some(lattice) = settled.lattice {
+            self.mean_inverse_depth = lattice.mean_inverse_depth();
         }
         Ok(settled)
     }
