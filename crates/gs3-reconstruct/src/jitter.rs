@@ -47,7 +47,7 @@ const AGING: f64 = 0.15;
 const EQUAL: f64 = 1e-6;
 
 /// Chooses the jitter of each frame from the offsets of the exact S×S grid ([`Jitter::grid`]), in LR pixels, so that
-/// the frame samples what the remembered frames did not. A resting camera samples every HR pixel once in S² frames. A
+/// the frame samples what the last frames did not. A resting camera samples every HR pixel once in S² frames. A
 /// first frame has the grid's first offset.
 ///
 /// The same cameras and depths always give the same offsets.
@@ -56,7 +56,7 @@ pub struct AdaptiveJitter {
     /// HR pixels between the samples of a frame.
     scale: f64,
     offsets: Jitter,
-    /// The frames remembered together with the next frame, newest first: the newest S² − 1 frames of the history.
+    /// The newest S² − 1 frames, newest first, whether or not the history has forgotten some of them.
     past: VecDeque<(Camera, [f32; 2])>,
 }
 

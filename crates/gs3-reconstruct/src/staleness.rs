@@ -1,4 +1,5 @@
-//! The frames that a history with exact blocks keeps: frames with a similar view to the current one.
+//! The frames and exact blocks that a history with exact blocks keeps. Frames are forgotten once the view has turned away or the
+//! picture has moved.
 
 use gs3_scene::Camera;
 
@@ -8,26 +9,27 @@ use crate::reprojection::Reprojection;
 const LEAST_REMEMBERED: usize = 4;
 
 /// Distance of a camera from the current one at which its frame is dropped, as a share of the mean depth: 4° around the
-/// scene. (Empirical, with 6 % of the pixels exact, frames 1 to 30: 0.05, 0.07, 0.1, 0.15 are 36.35, 36.68, 36.80, 36.80 dB on
+/// scene. (Empirical, with 6 % of the pixels exact, frames 1 to 30: 0.05, 0.07, 0.1, 0.15 give 36.35, 36.68, 36.80, 36.80 dB on
 /// the demo's orbit at 1280×720, where super sampling takes 9.2, 9.7, 10.3, 10.7 ms, and 32.67, 32.67, 32.61, 32.46 dB on
 /// `flowers_orbit`, 15.3, 14.9, 17.4, 19.9 ms. Drifts, slow dollies and pans reach none of these distances.)
 const MOST_VIEW_CHANGE: f32 = 0.07;
 
-/// Number of past LR frames that are remembered however far the picture has moved, unless the view has turned away. With the
-/// current frame there are eight, half of the jitter's positions. (Empirical, dB more than with sixteen frames, frames 1 to 30
-/// of `flowers_drift`, `fungi_drift`, `fungi_pan`, `lacadiere_drift`, `lacadiere_pan`, `hqgarden_drift`, `hqgarden_pan`: eight
-/// frames gain 0.5, 0.4, 1.0, 0.2, 0.4, -0.2, -0.3 and super sampling takes a third less time. Five frames gain 0.8, 0.6, 1.7,
-/// -0.1, 0.3, -1.6, -1.2. On pans of 4 to 18 px a frame eight frames gain 0.2 to 1.2 in `fungi` and -0.0 to -0.5 in
+/// The jitter's positions over the LR frames that stay when the picture has moved, the current frame included. A view that has
+/// turned away forgets more of them. (Empirical at scale 4, dB more than with sixteen frames, frames 1 to 30 of
+/// `flowers_drift`, `fungi_drift`, `fungi_pan`, `lacadiere_drift`, `lacadiere_pan`, `hqgarden_drift`, `hqgarden_pan`: eight
+/// frames gain 0.5, 0.4, 1.0, 0.2, 0.4, −0.2, −0.3, and super sampling takes a third less time. Five frames gain 0.8, 0.6, 1.7,
+/// −0.1, 0.3, −1.6, −1.2. On pans of 4 to 18 px a frame eight frames gain 0.2 to 1.2 in `fungi` and −0.5 to 0.0 in
 /// `hqgarden`.)
-const LEAST_LR_FRAMES: usize = 7;
+const POSITIONS_PER_FRAME_IN_MOTION: usize = 2;
 
 /// Number of frames to remember for `camera`, counted from the newest. Frames are dropped from the oldest on, as long
 /// as their view has turned away too far, or the picture has moved too far. `past` are the frames' cameras and mean inverse
-/// depths (0 if unknown, as if infinitely far away), newest first.
-pub(crate) fn count_remembered(past: &[(Camera, f32)], camera: &Camera) -> usize {
+/// depths (0 if unknown, as if infinitely far away), newest first. `positions` is the number of the jitter's positions.
+pub(crate) fn count_remembered(past: &[(Camera, f32)], camera: &Camera, positions: usize) -> usize {
+    let in_motion = (positions / POSITIONS_PER_FRAME_IN_MOTION).saturating_sub(1);
     let is_stale = |age: usize, (then, mean_inverse_depth): &(Camera, f32)| {
         let change = then.position().distance(camera.position()) as f32 * mean_inverse_depth;
-        change > MOST_VIEW_CHANGE || age > LEAST_LR_FRAMES && has_moved(then, *mean_inverse_depth, camera)
+        change > MOST_VIEW_CHANGE || age > in_motion && has_moved(then, *mean_inverse_depth, camera)
     };
     let fresh = (1..=past.len()).rev().find(|age| !is_stale(*age, &past[age - 1])).unwrap_or(0);
     fresh.max(past.len().min(LEAST_REMEMBERED - 1))
@@ -40,7 +42,7 @@ const LEAST_BLOCK_FRAMES: usize = 4;
 /// the picture's width. A splat's footprint changes as the splat moves in the picture, and sixteen samples of a block err
 /// alike, so the few newer samples around them do not outweigh them. (Empirical, dB more than with all blocks of sixteen
 /// frames, frames 1 to 33 of `fungi_drift`, `hqgarden_drift`, `lacadiere_drift`, `flowers_drift`, where 0.03 is five frames:
-/// 0.03 gains 0.5, -0.1, 0.3, 0.6; 0.05 gains 0.3, 0.1, 0.2, 0.2. On pans of 22 to 35 px a frame four frames gain 0.0 to 1.1
+/// 0.03 gains 0.5, −0.1, 0.3, 0.6; 0.05 gains 0.3, 0.1, 0.2, 0.2. On pans of 22 to 35 px a frame four frames gain 0.0 to 1.1
 /// dB. On a pan of 8 px a frame 0.03 and sixteen frames are alike, and four frames lose 0.4 dB. At rest nothing is dropped.)
 const MOST_SHIFT: f32 = 0.03;
 
@@ -86,9 +88,9 @@ mod tests {
     fn blocks_are_forgotten_by_how_far_the_picture_has_moved() {
         let is_stale = |age: usize, then: &Camera| are_blocks_stale(age, then, 0.5, &at(0.0));
         assert!(!is_stale(15, &at(0.0)), "at rest all stay");
-        // 3 % of 64 px are 1.92 px. With a focal length of 32.96 px: 0.1165 of the depth 2, and 1.7° at the corners.
+        // 3 % of 64 px are 1.92 px. With a focal length of 32.96 px: 0.1165 of the depth 2, and 1.6° at the corners.
         assert!(!is_stale(5, &at(0.110)) && is_stale(5, &at(0.123)));
-        assert!(!is_stale(5, &turned(1.5)) && is_stale(5, &turned(3.4)));
+        assert!(!is_stale(5, &turned(1.5)) && is_stale(5, &turned(1.75)));
         assert!(!is_stale(4, &turned(40.0)), "the least");
         assert!(is_stale(5, &turned(180.0)), "behind the camera");
     }
@@ -96,18 +98,23 @@ mod tests {
     #[test]
     fn frames_are_forgotten_by_how_far_the_view_has_turned() {
         let now = at(0.0);
-        assert_eq!(count_remembered(&past(15, 0.0), &now), 15, "at rest all stay");
-        assert_eq!(count_remembered(&past(15, 0.005), &now), 15);
+        let remembered = |past: &[(Camera, f32)]| count_remembered(past, &now, 16);
+        assert_eq!(remembered(&past(15, 0.0)), 15, "at rest all stay");
+        assert_eq!(remembered(&past(15, 0.005)), 15);
         // 0.14 is 0.07 of the depth 2: four steps of 0.03.
-        assert_eq!(count_remembered(&past(15, 0.03), &now), 4);
-        // The picture moves by 3 % of its width at 0.1165: eleven steps of 0.0105. Seven frames stay.
-        assert_eq!([0.0105, 0.016].map(|step| count_remembered(&past(15, step), &now)), [11, 7]);
-        assert_eq!(count_remembered(&past(15, 1.0), &now), 3, "the least");
-        assert_eq!(count_remembered(&past(2, 1.0), &now), 2);
-        assert_eq!(count_remembered(&[], &now), 0);
+        assert_eq!(remembered(&past(15, 0.03)), 4);
+        // The picture moves by 3 % of its width at 0.1165. Eleven steps of 0.0105 do not reach it. Seven steps of 0.0172 pass it,
+        // and seven frames stay.
+        assert_eq!([0.0105, 0.0172].map(|step| remembered(&past(15, step))), [11, 7]);
+        // Half of the positions of other scales, and at least four frames.
+        let moved = past(15, 0.0172);
+        assert_eq!([4, 9, 25].map(|positions| count_remembered(&moved, &now, positions)), [6, 6, 8]);
+        assert_eq!(remembered(&past(15, 1.0)), 3, "the least");
+        assert_eq!(remembered(&past(2, 1.0)), 2);
+        assert_eq!(remembered(&[]), 0);
         let turning = |degrees: f64| {
             let past: Vec<_> = (1..=15).map(|age| (turned(degrees * f64::from(age)), 0.5)).collect();
-            count_remembered(&past, &turned(0.0))
+            count_remembered(&past, &turned(0.0), 16)
         };
         // The corners move by 3 % of the width between 1.5° and 1.9°.
         assert_eq!(
@@ -116,6 +123,8 @@ mod tests {
             "turning about its own centre"
         );
         let unknown: Vec<_> = past(15, 1.0).into_iter().map(|(camera, _)| (camera, 0.0)).collect();
-        assert_eq!(count_remembered(&unknown, &now), 15, "depths that are not known forget nothing");
+        assert_eq!(remembered(&unknown), 15, "frames of unknown depth are not forgotten for walking");
+        let unknown: Vec<_> = (1..=15).map(|age| (turned(0.5 * f64::from(age)), 0.0)).collect();
+        assert_eq!(count_remembered(&unknown, &turned(0.0), 16), 7, "but for turning");
     }
 }

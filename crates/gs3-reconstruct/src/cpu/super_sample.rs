@@ -33,8 +33,9 @@ pub(crate) struct Since<'a> {
 
 /// Super-samples a sequence of jittered LR frames on the HR grid.
 ///
-/// The history is the last S² LR frames themselves: exact samples, splatted again for every frame (see the module
-/// `splat`). So a resting camera with jitter on the exact S×S grid gives the native image after S² frames.
+/// The history is the last LR frames themselves, at most S²: exact samples, splatted again for every frame (see the module
+/// `splat`). With exact blocks it forgets frames sooner in motion (`staleness`). A resting camera with jitter on the exact S×S
+/// grid gives the native image after S² frames.
 ///
 /// Memory: 58 B per LR pixel (margins included) and remembered frame, which is 58 B per HR pixel with a full history.
 /// A third more once something moves, which only a [`crate::Reconstructor`] follows.
@@ -260,13 +261,12 @@ impl SuperSampler {
         let remembered = (self.scale * self.scale) as usize;
         self.past.iter_mut().for_each(|past| past.age += 1);
         let mut oldest = remembered - 1;
-        // Exact blocks replace the knowledge of stale frames. Without exact blocks, as below networks, all frames
-        // stay.
+        // With exact blocks, frames are forgotten as `staleness` says. Without them, as below networks, all frames stay.
         if self.past.iter().any(|past| past.frame.is_blocks()) {
             // The ages of LR frames are 1, 2, 3, … up to the oldest.
             let lr_frames = self.past.iter().filter(|past| !past.frame.is_blocks());
             let lr_frames: Vec<_> = lr_frames.map(|past| (past.camera, past.mean_inverse_depth)).collect();
-            oldest = oldest.min(count_remembered(&lr_frames, camera));
+            oldest = oldest.min(count_remembered(&lr_frames, camera, remembered));
         }
         let is_dropped = |past: &Past| {
             let Past { camera: then, age, mean_inverse_depth, .. } = past;

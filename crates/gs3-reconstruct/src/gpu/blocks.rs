@@ -26,17 +26,21 @@ struct Remembered {
 #[derive(Clone, Copy, Debug)]
 struct Layer {
     camera: Camera,
-    /// Of the frame's surfaces.
+    /// Of the frame's surfaces, per world unit; 0 if unknown.
     mean_inverse_depth: f32,
     /// In frames.
     age: u32,
+    /// Whether the frame recorded last has written over it.
+    is_overwritten: bool,
 }
 
 impl Layer {
-    /// Whether it is remembered for a frame of `camera` with LR frames up to the age `oldest`.
+    /// Whether a frame of `camera` still remembers the layer. `oldest` is the age of the oldest LR frame that it remembers.
     fn is_fresh(&self, camera: &Camera, oldest: u32) -> bool {
-        let Self { camera: then, mean_inverse_depth, age } = self;
-        *age <= oldest && !are_blocks_stale(*age as usize, then, *mean_inverse_depth, camera)
+        let Self { camera: then, mean_inverse_depth, age, is_overwritten } = self;
+        !is_overwritten
+            && *age <= oldest
+            && !are_blocks_stale(*age as usize, then, *mean_inverse_depth, camera)
     }
 }
 
@@ -78,13 +82,13 @@ impl BlockHistory {
         }
     }
 
-    /// Whether blocks of any frame are remembered.
+    /// Whether blocks of frames before the one recorded last were remembered. A layer is in use even if no block was chosen for it.
     pub fn is_in_use(&self) -> bool {
         self.layers.iter().any(Option::is_some)
     }
 
-    /// Begins a frame of `camera` with at most `blocks` exact blocks, and LR frames up to the age `oldest`; without history if
-    /// there is no `oldest`. Returns what is remembered meanwhile: number of the layer, camera of the blocks' frame, and age.
+    /// Begins a frame of `camera` with at most `blocks` exact blocks. `oldest` is the age of the oldest LR frame that it remembers;
+    /// none without history. Returns the layers that it remembers: number, camera of the blocks' frame, and age.
     pub fn begin(&mut self, blocks: u32, camera: &Camera, oldest: Option<u32>) -> Vec<(u32, Camera, u32)> {
         let all = self.layers.len() as u32;
         let count = blocks.div_ceil(self.layer_blocks.max(1)).min(all);
@@ -105,7 +109,7 @@ impl BlockHistory {
         let all = self.layers.len() as u32;
         if let Some(taken) = self.pending {
             let layers = self.layers.iter_mut().zip(0..).filter(|(_, k)| taken.has(*k, all));
-            layers.for_each(|(layer, _)| *layer = None);
+            layers.flat_map(|(layer, _)| layer).for_each(|layer| layer.is_overwritten = true);
         }
     }
 
@@ -118,11 +122,15 @@ impl BlockHistory {
         for layer in &mut self.layers {
             *layer = layer.filter(|layer| oldest.is_some_and(|oldest| layer.is_fresh(camera, oldest)));
         }
+        // The frames of this history show one view: the depths of any tell of the others.
+        for layer in self.layers.iter_mut().flatten().filter(|layer| layer.mean_inverse_depth == 0.0) {
+            layer.mean_inverse_depth = mean_inverse_depth;
+        }
         let all = self.layers.len() as u32;
         if let Some(taken) = self.pending.take().filter(|taken| self.is_recorded && taken.count > 0) {
             let layers = self.layers.iter_mut().zip(0..).filter(|(_, k)| taken.has(*k, all));
-            layers
-                .for_each(|(layer, _)| *layer = Some(Layer { camera: *camera, mean_inverse_depth, age: 0 }));
+            let newest = Layer { camera: *camera, mean_inverse_depth, age: 0, is_overwritten: false };
+            layers.for_each(|(layer, _)| *layer = Some(newest));
             self.next = (taken.first + taken.count) % all;
         }
         self.layers.iter_mut().flatten().for_each(|layer| layer.age += 1);
@@ -252,7 +260,8 @@ mod tests {
         assert!(history.begin(1, &camera, Some(5)).is_empty());
     }
 
-    /// As on the CPU: blocks of more than four frames are forgotten once the picture has moved, and with the LR frames.
+    /// Blocks older than four frames are forgotten once the picture has moved. All blocks are forgotten with the LR frames of their
+    /// age.
     #[test]
     fn blocks_are_forgotten_by_how_far_the_picture_has_moved() {
         let limits = Limits { buffer_bytes: 1 << 30, binding_bytes: 1 << 30, ..Limits::LEAST };
@@ -274,5 +283,23 @@ mod tests {
         assert!([1, 4, 5, 15].map(|age| is_known(0.0, age, 15)) == [true; 4], "at rest all stay");
         assert_eq!([1, 4, 5, 15].map(|age| is_known(2.0, age, 15)), [true, true, false, false]);
         assert_eq!([3, 4].map(|age| is_known(0.0, age, 3)), [true, false]);
+        // A frame recorded again after its blocks have taken all layers counts the blocks before as in use.
+        let mut history = BlockHistory::new(&plan);
+        let camera =
+            Camera::new(glam::DAffine3::IDENTITY, Intrinsics::from_fov_y(640, 384, 1.0)).expect("valid");
+        for oldest in [None, Some(1)] {
+            assert_eq!(history.is_in_use(), oldest.is_some());
+            assert_eq!(history.begin(3840, &camera, oldest).len(), 0);
+            history.record();
+            assert_eq!(history.is_in_use(), oldest.is_some());
+            history.begin(1, &camera, oldest);
+            history.commit(&camera, 0.5, oldest);
+            if oldest.is_none() {
+                history.begin(1, &camera, oldest);
+                history.record();
+                history.commit(&camera, 0.5, oldest);
+            }
+        }
+        assert!(!history.is_in_use(), "the blocks that were overwritten are forgotten");
     }
 }

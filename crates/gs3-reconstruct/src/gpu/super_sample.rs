@@ -281,14 +281,18 @@ impl GpuSuperSampler {
         if actual > max {
             return Err(ReconstructError::Margin { max, actual }.into());
         }
-        let history = if self.invalid.is_some() { &[] } else { self.fresh(camera) };
-        let slots = self.plan.frames;
-        // When all slots are in use, the oldest frame is replaced.
-        let is_full = history.len() == slots as usize;
-        let (kept, free) = match history.split_last() {
-            Some((oldest, kept)) if is_full => (kept, oldest.slot),
-            _ => (history, first_free(history, slots)),
+        let (all, history) = match self.invalid {
+            Some(_) => (&[][..], &[][..]),
+            None => (&self.past[..], self.fresh(camera)),
         };
+        let slots = self.plan.frames;
+        // When all slots are in use, the oldest frame is replaced. Forgotten frames keep their slots until the commit, because the
+        // frame may be recorded again.
+        let free = match all.last() {
+            Some(oldest) if all.len() == slots as usize => oldest.slot,
+            _ => first_free(all, slots),
+        };
+        let kept = &history[..history.len().min(slots as usize - 1)];
         let current = Past { camera: *camera, jitter, margin, slot: free, mean_inverse_depth: 0.0 };
         let mut uniform = self.uniform_of(&current, kept);
         let kept = self.invalid.is_none().then_some(kept.len());
@@ -334,23 +338,30 @@ impl GpuSuperSampler {
         Ok(())
     }
 
-    /// The past frames for a frame of `camera`, newest first. Where exact blocks are remembered, frames are forgotten as on the
-    /// CPU.
+    /// The past frames for a frame of `camera`, newest first. While layers of exact blocks are in use, frames are forgotten as on
+    /// the CPU.
     fn fresh(&self, camera: &Camera) -> &[Past] {
         if !self.blocks.is_in_use() {
             return &self.past;
         }
         let past: Vec<_> = self.past.iter().map(|past| (past.camera, past.mean_inverse_depth)).collect();
-        &self.past[..count_remembered(&past, camera)]
+        &self.past[..count_remembered(&past, camera, self.plan.frames as usize)]
     }
 
-    /// Adds the frame recorded last to the history. `mean_inverse_depth` is the one of its surfaces, per world unit
-    /// ([`crate::DepthLattice::mean_inverse_depth`]), 0 if unknown: it tells how far the picture moves when the camera does.
+    /// Adds the frame recorded last to the history. `mean_inverse_depth` is that of the frame's surfaces, per world unit
+    /// ([`crate::DepthLattice::mean_inverse_depth`]), 0 if unknown. It tells how far the picture moves when the camera does.
     pub fn commit(&mut self, mean_inverse_depth: f32) {
         let Some(Pending { frame, kept }) = self.pending.take() else { return };
-        self.invalid = None;
+        // A reset since the frame was recorded is for the next frame.
+        if kept.is_none() {
+            self.invalid = None;
+        }
         self.blocks.commit(&frame.camera, mean_inverse_depth, kept.map(|kept| kept as u32));
         self.past.truncate(kept.unwrap_or(0));
+        // The frames of this history show one view: the depths of any tell of the others.
+        for past in self.past.iter_mut().filter(|past| past.mean_inverse_depth == 0.0) {
+            past.mean_inverse_depth = mean_inverse_depth;
+        }
         self.past.insert(0, Past { mean_inverse_depth, ..frame });
     }
 

@@ -280,7 +280,7 @@ impl FramePipeline {
             return number;
         }
         let shows_before = u64::from(self.plan.settings.displayed_per_rendered() > 1);
-        // The last S² frames are remembered, at any jitter. The history of the frame before `number` must not hold
+        // At most the last S² frames are remembered, at any jitter. The history of the frame before `number` must not hold
         // the first frame of the warm-up, which has no margin.
         let reach = if mode.has_history() { u64::from(self.plan.scale).pow(2) + shows_before } else { 0 };
         let interval = u64::from(self.plan.settings.keyframes);
@@ -408,8 +408,8 @@ impl FramePipeline {
         }
     }
 
-    /// Number of frames after which a resting camera repeats its sampling offsets. The history holds the same number
-    /// of frames.
+    /// Number of frames after which a resting camera repeats its sampling offsets. The history holds at most
+    /// as many frames.
     #[must_use]
     pub fn jitter_period(&self) -> usize {
         self.sequence.period()
