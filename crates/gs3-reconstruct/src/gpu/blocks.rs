@@ -266,27 +266,34 @@ mod tests {
     fn blocks_are_forgotten_by_how_far_the_picture_has_moved() {
         let limits = Limits { buffer_bytes: 1 << 30, binding_bytes: 1 << 30, ..Limits::LEAST };
         let plan = SuperSamplePlan::new(&limits, Size::new(640, 384), 4, 0, true).expect("fits");
-        let is_known = |degrees: f64, age: u32, oldest: u32| {
-            let mut history = BlockHistory::new(&plan);
-            let camera = |frame: u32| {
-                let pose = glam::DAffine3::from_rotation_y((degrees * f64::from(frame)).to_radians());
-                Camera::new(pose, Intrinsics::from_fov_y(640, 384, 1.0)).expect("valid")
-            };
-            for frame in 0..age {
-                let oldest = (frame > 0).then_some(oldest);
-                history.begin(u32::from(frame == 0), &camera(frame), oldest);
-                history.record();
-                history.commit(&camera(frame), 0.5, oldest);
-            }
-            !history.begin(0, &camera(age), Some(oldest)).is_empty()
+        let camera = |degrees: f64| {
+            let pose = glam::DAffine3::from_rotation_y(degrees.to_radians());
+            Camera::new(pose, Intrinsics::from_fov_y(640, 384, 1.0)).expect("valid")
         };
-        assert!([1, 4, 5, 15].map(|age| is_known(0.0, age, 15)) == [true; 4], "at rest all stay");
-        assert_eq!([1, 4, 5, 15].map(|age| is_known(2.0, age, 15)), [true, true, false, false]);
-        assert_eq!([3, 4].map(|age| is_known(0.0, age, 3)), [true, false]);
+        // Whether the frame after frames at these `degrees` remembers blocks of the first.
+        let is_known = |degrees: &[f64], next: f64, oldest: u32| {
+            let mut history = BlockHistory::new(&plan);
+            for (frame, camera) in degrees.iter().map(|degrees| camera(*degrees)).enumerate() {
+                let oldest = (frame > 0).then_some(oldest);
+                history.begin(u32::from(frame == 0), &camera, oldest);
+                history.record();
+                history.commit(&camera, 0.5, oldest);
+            }
+            !history.begin(0, &camera(next), Some(oldest)).is_empty()
+        };
+        let turning = [0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0];
+        assert!(
+            [1, 4, 5, 15].map(|age| is_known(&[0.0; 15][..age], 0.0, 15)) == [true; 4],
+            "at rest all stay"
+        );
+        assert_eq!(
+            [1, 4, 5, 6].map(|age| is_known(&turning[..age], turning[age], 15)),
+            [true, true, false, false]
+        );
+        assert!(!is_known(&turning[..6], 0.0, 15), "what is forgotten stays forgotten");
+        assert_eq!([3, 4].map(|age| is_known(&[0.0; 15][..age], 0.0, 3)), [true, false]);
         // A frame recorded again after its blocks have taken all layers counts the blocks before as in use.
-        let mut history = BlockHistory::new(&plan);
-        let camera =
-            Camera::new(glam::DAffine3::IDENTITY, Intrinsics::from_fov_y(640, 384, 1.0)).expect("valid");
+        let (mut history, camera) = (BlockHistory::new(&plan), camera(0.0));
         for oldest in [None, Some(1)] {
             assert_eq!(history.is_in_use(), oldest.is_some());
             assert_eq!(history.begin(3840, &camera, oldest).len(), 0);

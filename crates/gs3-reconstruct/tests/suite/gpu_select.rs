@@ -3,7 +3,7 @@
 use gs3_compute::{Buffer, Gpu, Use};
 use gs3_reconstruct::gpu::{GpuBlockSelector, SideOutput};
 use gs3_reconstruct::{BlockBudget, Kriging, SuperSampler, select_blocks};
-use gs3_scene::{ExactBlocks, Image, Size, block_grid};
+use gs3_scene::{Camera, ExactBlocks, GBuffer, Image, Size, block_grid};
 use gs3_test_support::psnr;
 
 use crate::common::{camera, grid_jitter, wall_and_post};
@@ -112,6 +112,28 @@ fn upload(gpu: &Gpu, blocks: &ExactBlocks) -> Buffer {
     gpu.buffer_with("samples", Use::Storage, &[colors, dx, dy].concat()).unwrap()
 }
 
+/// The frame of `device`, with `blocks`, which the next frames remember. All frames together take no layer twice.
+fn super_sample_with(
+    gpu: &Gpu,
+    device: &mut Sampler,
+    (camera, gbuffer): (&Camera, &GBuffer),
+    blocks: &ExactBlocks,
+) -> Image {
+    if blocks.is_empty() {
+        return device.super_sample(camera, gbuffer).0;
+    }
+    let [columns, rows] = block_grid(camera.size());
+    let mut errors = vec![0_u32; columns * rows];
+    for [x, y] in &blocks.places {
+        errors[usize::from(*y) * columns + usize::from(*x)] = 1000;
+    }
+    let errors = gpu.buffer_with("errors", Use::Storage, &errors).unwrap();
+    let selector = GpuBlockSelector::new(gpu, camera.size(), &errors).unwrap();
+    let bound = device.sampler.bind_blocks(&selector, &upload(gpu, blocks)).unwrap();
+    let budget = BlockBudget { most: 1.0 / 25.0, least_error: 0.0 };
+    device.super_sample_with_blocks((camera, gbuffer), (&bound, &selector, budget))
+}
+
 /// The history of a device remembers exact blocks as the CPU's does.
 #[test]
 fn exact_blocks_are_remembered_as_on_the_cpu() {
@@ -119,7 +141,6 @@ fn exact_blocks_are_remembered_as_on_the_cpu() {
     let world = wall_and_post(60.0);
     // No multiple of a block's side along y.
     let size = Size::new(240, 134);
-    let [columns, rows] = block_grid(size);
     for scale in [2, 4, 8] {
         let pose = |k: usize| {
             let t = 0.004 * k as f64;
@@ -134,22 +155,9 @@ fn exact_blocks_are_remembered_as_on_the_cpu() {
             cpu.super_sample(&pose(k), &gbuffer, &mut expected).unwrap();
             // In columns that the camera carries no older block to: the CPU would forget the older block.
             let is_chosen = |x: usize, y: usize| x % 8 == 2 * k && y % 4 == k % 4;
-            let all = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y)));
-            let places: Vec<_> = all.clone().filter(|(x, y)| is_chosen(*x, *y)).collect();
-            let places: Vec<_> = places.into_iter().map(|(x, y)| [x as u16, y as u16]).collect();
-            let errors: Vec<_> = all.map(|(x, y)| 1000 * u32::from(is_chosen(x, y))).collect();
-            let blocks = exact_blocks(&world, &pose(k), places);
+            let blocks = exact_blocks(&world, &pose(k), places(size, is_chosen));
             let without = forgetful.super_sample(&pose(k), &gbuffer).0;
-            let image = if blocks.is_empty() {
-                device.super_sample(&pose(k), &gbuffer).0
-            } else {
-                let errors = gpu.buffer_with("errors", Use::Storage, &errors).unwrap();
-                let selector = GpuBlockSelector::new(&gpu, size, &errors).unwrap();
-                let bound = device.sampler.bind_blocks(&selector, &upload(&gpu, &blocks)).unwrap();
-                // All frames together take no layer twice.
-                let budget = BlockBudget { most: 1.0 / 25.0, least_error: 0.0 };
-                device.super_sample_with_blocks((&pose(k), &gbuffer), (&bound, &selector, budget))
-            };
+            let image = super_sample_with(&gpu, &mut device, (&pose(k), &gbuffer), &blocks);
             let [found, without] = [&image, &without].map(|image| psnr(image, &expected));
             eprintln!("x{scale}, frame {k}: {found:.1} dB, {without:.1} without blocks");
             assert!(found >= FLOOR, "x{scale}, frame {k}: {found:.1} dB");
@@ -157,4 +165,43 @@ fn exact_blocks_are_remembered_as_on_the_cpu() {
             cpu.refine(&blocks, &mut expected);
         }
     }
+}
+
+/// The blocks, columns and rows, of an image of `size` that `is_chosen` names.
+fn places(size: Size, is_chosen: impl Fn(usize, usize) -> bool) -> Vec<[u16; 2]> {
+    let [columns, rows] = block_grid(size);
+    let all = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y)));
+    all.filter(|(x, y)| is_chosen(*x, *y)).map(|(x, y)| [x as u16, y as u16]).collect()
+}
+
+/// While a camera turns, the history of a device forgets LR frames and exact blocks as the CPU's does. Where there are no
+/// exact blocks, it forgets none.
+#[test]
+fn frames_are_forgotten_in_motion_as_on_the_cpu() {
+    let Some(gpu) = gpu() else { return };
+    let (world, size, scale) = (wall_and_post(60.0), Size::new(240, 136), 4);
+    // By 3 % of the picture's width in three frames.
+    let pose = |k: usize| camera(size.width, size.height, [0.0; 3], 0.02 * k as f64, 0.0);
+    let mut cpu = SuperSampler::new(scale, Kriging::Off).unwrap();
+    let mut without = SuperSampler::new(scale, Kriging::Off).unwrap();
+    let mut device = Sampler::with_side_output(&gpu, scale, size, SideOutput::ExpectedErrors, Kriging::Off);
+    let mut apart = f64::INFINITY;
+    for k in 0..14 {
+        let gbuffer = world.gbuffer(&pose(k).low_resolution(scale), grid_jitter(scale, k));
+        let (mut expected, mut unforgotten) = (Image::default(), Image::default());
+        cpu.super_sample(&pose(k), &gbuffer, &mut expected).unwrap();
+        without.super_sample(&pose(k), &gbuffer, &mut unforgotten).unwrap();
+        // In rows of their own, and far from the edges: the CPU forgets older blocks at the same places, and blocks that leave the
+        // picture.
+        // Every second frame has none, so the layers of a device hold the blocks of the last four frames.
+        let is_chosen = |x: usize, y: usize| k % 2 == 0 && (18..42).contains(&x) && y > 3 && y % 14 == k;
+        let blocks = exact_blocks(&world, &pose(k), places(size, is_chosen));
+        let image = super_sample_with(&gpu, &mut device, (&pose(k), &gbuffer), &blocks);
+        let found = psnr(&image, &expected);
+        apart = apart.min(psnr(&unforgotten, &expected));
+        eprintln!("frame {k}: {found:.1} dB, {apart:.1} from all frames without blocks");
+        assert!(found >= FLOOR, "frame {k}: {found:.1} dB");
+        cpu.refine(&blocks, &mut expected);
+    }
+    assert!(apart < FLOOR - 10.0, "neither blocks nor frames matter: {apart:.1} dB");
 }
