@@ -18,8 +18,8 @@ const MOST_VIEW_CHANGE: f32 = 0.07;
 /// turned away forgets more of them. (Empirical at scale 4, dB more than with sixteen frames, frames 1 to 30 of
 /// `flowers_drift`, `fungi_drift`, `fungi_pan`, `lacadiere_drift`, `lacadiere_pan`, `hqgarden_drift`, `hqgarden_pan`: eight
 /// frames gain 0.5, 0.4, 1.0, 0.2, 0.4, −0.2, −0.3, and super sampling takes a third less time. Five frames gain 0.8, 0.6, 1.7,
-/// −0.1, 0.3, −1.6, −1.2. On pans of 4 to 18 px a frame eight frames gain 0.2 to 1.2 in `fungi` and −0.5 to 0.0 in
-/// `hqgarden`.)
+/// −0.1, 0.3, −1.6, −1.2. At 1280×720 eight frames gain 1.0 on `fungi_pan` and −0.8 on `hqgarden_pan`. On pans of 4 to
+/// 18 px a frame eight frames gain 0.2 to 1.2 in `fungi` and −0.5 to 0.0 in `hqgarden`.)
 const POSITIONS_PER_FRAME_IN_MOTION: usize = 2;
 
 /// Number of frames to remember for `camera`, counted from the newest. Frames are dropped from the oldest on, as long
