@@ -113,8 +113,8 @@ impl BlockHistory {
         }
     }
 
-    /// Adds the frame of `camera` that was begun last, with the same `oldest`. `mean_inverse_depth` is that of its surfaces, per
-    /// world unit, 0 if unknown.
+    /// Adds the frame of `camera` that was begun last. `oldest` is the value that the frame was begun with. The mean inverse depth
+    /// is of the frame's surfaces, per world unit; 0 if unknown.
     pub fn commit(&mut self, camera: &Camera, mean_inverse_depth: f32, oldest: Option<u32>) {
         if oldest.is_none() {
             self.next = 0;
@@ -292,6 +292,23 @@ mod tests {
         );
         assert!(!is_known(&turning[..6], 0.0, 15), "what is forgotten stays forgotten");
         assert_eq!([3, 4].map(|age| is_known(&[0.0; 15][..age], 0.0, 3)), [true, false]);
+        // Depths that become known late are those of the frames before, too. Five steps are a quarter of the depth.
+        let walking = |depths: [f32; 5]| {
+            let mut history = BlockHistory::new(&plan);
+            let at = |frame: usize| {
+                let pose = glam::DAffine3::from_translation(glam::DVec3::new(-0.1 * frame as f64, 0.0, 0.0));
+                Camera::new(pose, Intrinsics::from_fov_y(640, 384, 1.0)).expect("valid")
+            };
+            for (frame, mean_inverse_depth) in depths.into_iter().enumerate() {
+                let oldest = (frame > 0).then_some(15);
+                history.begin(u32::from(frame == 0), &at(frame), oldest);
+                history.record();
+                history.commit(&at(frame), mean_inverse_depth, oldest);
+            }
+            !history.begin(0, &at(5), Some(15)).is_empty()
+        };
+        assert!(walking([0.0; 5]), "nothing is known");
+        assert!(!walking([0.5; 5]) && !walking([0.0, 0.0, 0.5, 0.5, 0.5]));
         // A frame recorded again after its blocks have taken all layers counts the blocks before as in use.
         let (mut history, camera) = (BlockHistory::new(&plan), camera(0.0));
         for oldest in [None, Some(1)] {

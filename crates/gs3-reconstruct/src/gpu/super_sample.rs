@@ -348,8 +348,8 @@ impl GpuSuperSampler {
         &self.past[..count_remembered(&past, camera, self.plan.frames as usize)]
     }
 
-    /// Adds the frame recorded last to the history. `mean_inverse_depth` is that of the frame's surfaces, per world unit
-    /// ([`crate::DepthLattice::mean_inverse_depth`]), 0 if unknown. It tells how far the picture moves when the camera does.
+    /// Adds the frame recorded last to the history. The mean inverse depth ([`crate::DepthLattice::mean_inverse_depth`]) is of the
+    /// frame's surfaces, per world unit; 0 if unknown. The depth tells how far the picture moves when the camera does.
     pub fn commit(&mut self, mean_inverse_depth: f32) {
         let Some(Pending { frame, kept }) = self.pending.take() else { return };
         // A reset since the frame was recorded is for the next frame.

@@ -119,7 +119,7 @@ impl Sampler {
         self.super_sample_then(camera, [gbuffer, padded], 0, |_, _| ())
     }
 
-    fn super_sample_then(
+    pub fn super_sample_then(
         &mut self,
         camera: &Camera,
         [gbuffer, padded]: [&GBuffer; 2],

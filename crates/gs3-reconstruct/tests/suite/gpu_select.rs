@@ -2,7 +2,7 @@
 
 use gs3_compute::{Buffer, Gpu, Use};
 use gs3_reconstruct::gpu::{GpuBlockSelector, SideOutput};
-use gs3_reconstruct::{BlockBudget, Kriging, SuperSampler, select_blocks};
+use gs3_reconstruct::{BlockBudget, Kriging, ResetReason, SuperSampler, select_blocks};
 use gs3_scene::{Camera, ExactBlocks, GBuffer, Image, Size, block_grid};
 use gs3_test_support::psnr;
 
@@ -174,8 +174,7 @@ fn places(size: Size, is_chosen: impl Fn(usize, usize) -> bool) -> Vec<[u16; 2]>
     all.filter(|(x, y)| is_chosen(*x, *y)).map(|(x, y)| [x as u16, y as u16]).collect()
 }
 
-/// While a camera turns, the history of a device forgets LR frames and exact blocks as the CPU's does. Where there are no
-/// exact blocks, it forgets none.
+/// While a camera turns, the history of a device forgets LR frames and exact blocks as the CPU's does.
 #[test]
 fn frames_are_forgotten_in_motion_as_on_the_cpu() {
     let Some(gpu) = gpu() else { return };
@@ -191,9 +190,8 @@ fn frames_are_forgotten_in_motion_as_on_the_cpu() {
         let (mut expected, mut unforgotten) = (Image::default(), Image::default());
         cpu.super_sample(&pose(k), &gbuffer, &mut expected).unwrap();
         without.super_sample(&pose(k), &gbuffer, &mut unforgotten).unwrap();
-        // In rows of their own, and far from the edges: the CPU forgets older blocks at the same places, and blocks that leave the
-        // picture.
-        // Every second frame has none, so the layers of a device hold the blocks of the last four frames.
+        // In rows of their own, and far from the edges: the CPU forgets older blocks at the same places, and blocks that leave
+        // the picture. Every second frame has none, so the layers of a device hold the blocks of the last four frames.
         let is_chosen = |x: usize, y: usize| k % 2 == 0 && (18..42).contains(&x) && y > 3 && y % 14 == k;
         let blocks = exact_blocks(&world, &pose(k), places(size, is_chosen));
         let image = super_sample_with(&gpu, &mut device, (&pose(k), &gbuffer), &blocks);
@@ -204,4 +202,20 @@ fn frames_are_forgotten_in_motion_as_on_the_cpu() {
         cpu.refine(&blocks, &mut expected);
     }
     assert!(apart < FLOOR - 10.0, "neither blocks nor frames matter: {apart:.1} dB");
+}
+
+/// A reset between the recording of a frame and its commit is for the next frame.
+#[test]
+fn a_reset_before_the_commit_is_kept() {
+    let Some(gpu) = gpu() else { return };
+    let (world, size) = (wall_and_post(60.0), Size::new(64, 64));
+    let camera = camera(size.width, size.height, [0.0; 3], 0.0, 0.0);
+    let gbuffer = world.gbuffer(&camera.low_resolution(4), grid_jitter(4, 0));
+    let mut device = Sampler::with_side_output(&gpu, 4, size, SideOutput::None, Kriging::Off);
+    device.super_sample(&camera, &gbuffer);
+    assert_eq!(device.sampler.history_invalid(), None);
+    device.super_sample_then(&camera, [&gbuffer, &gbuffer], 0, |sampler, _| {
+        sampler.reset(ResetReason::SceneChange);
+    });
+    assert_eq!(device.sampler.history_invalid(), Some(ResetReason::SceneChange));
 }

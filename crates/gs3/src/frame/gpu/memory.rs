@@ -373,8 +373,8 @@ impl FrameMemory {
         received.await?
     }
 
-    /// Makes the frame submitted last the previous frame of the next one. `mean_inverse_depth` is the one of its surfaces, 0 if
-    /// unknown.
+    /// Makes the frame submitted last the previous frame of the next one. The mean inverse depth is of the frame's surfaces, per
+    /// world unit; 0 if unknown.
     pub fn commit(&mut self, inputs: &FrameInputs, mean_inverse_depth: f32) {
         self.super_sampler.commit(mean_inverse_depth);
         self.newest = self.current();
