@@ -10,38 +10,27 @@ use rayon::prelude::*;
 
 use super::bin::{Bins, TILE_HEIGHT, TILE_WIDTH};
 use super::blend::{self, Block, SAMPLES, TileScratch, TileSplats, plane};
-use super::cover::{BLOCK, BLOCKS_X, BLOCKS_Y, TileSamples};
+use super::block_rows::{BlockRows, MAX_ROWS, MAX_STRIDE};
+use super::cover::{BLOCK, BLOCKS_X, TileSamples};
 use super::grid::Grid;
 use super::project::{ProjectOutputs, Projected};
 use super::resolve::Resolver;
 use super::slabs::{self, SlabPlace};
-use super::splat::PixelRect;
 use super::{LastFrame, Rasterizer};
 use crate::settings::RasterError;
 
-const _: () = assert!(BLOCK == BLOCK_SIDE && BLOCKS_X == 8);
-
-/// Largest stride: a tile's columns of blocks, and its native tiles, are the bits of a mask.
-const MAX_STRIDE: usize = 8;
-
-/// Most rows of blocks in a tile.
-const MAX_ROWS: usize = TILE_HEIGHT * MAX_STRIDE / BLOCK;
+const _: () = assert!(BLOCK == BLOCK_SIDE);
 
 /// Scratch memory for blending a tile or its blocks; one per thread, reused.
 #[derive(Default)]
 pub(super) struct Scratch {
     pub(super) tile: TileScratch,
-    /// The index of each of the tile's splats among the splats taken; [`DROPPED`] for the others.
-    taken: Vec<u32>,
     /// For each splat taken, the native tiles with blocks that its rectangle meets. Bit `MAX_STRIDE · row + column` is a
     /// native tile.
     met: Vec<u64>,
     /// For each native tile, the splats taken that meet its blocks, front to back.
     lists: Vec<Vec<u32>>,
 }
-
-/// The index of a splat that meets no block.
-const DROPPED: u32 = u32::MAX;
 
 /// The blocks of one tile.
 struct TileBlocks<'a> {
@@ -117,7 +106,6 @@ impl Rasterizer {
             tiles.push(TileBlocks { tile: tile_of(places[0]), places, out: blocks, states });
         }
         let resolver = Resolver::new(view, settings);
-        let [columns, _] = grid.tiles();
         for (k, slab) in slabs.iter().enumerate() {
             let slab_place = SlabPlace::new(k, slabs.len());
             // The splats of earlier slabs are no longer in memory.
@@ -125,13 +113,11 @@ impl Rasterizer {
             if !is_at_hand {
                 self.project(&slab.of(view), ProjectOutputs { depths: true, ..ProjectOutputs::default() });
                 self.parts = Bins::parts(&self.jobs, grid, self.most_entries);
-                self.orders.clear();
                 if let [whole] = &self.parts[..] {
                     self.bins.fill(&self.jobs, grid, whole, self.culling);
                 }
             }
             let is_whole = self.parts.len() == 1;
-            let has_orders = is_whole && !self.orders.is_empty();
             let mut tiles = &mut tiles[..];
             for part in &self.parts {
                 // Parts are in the order of tiles.
@@ -144,12 +130,11 @@ impl Rasterizer {
                 if !is_whole {
                     self.bins.fill(&self.jobs, grid, part, self.culling);
                 }
-                let (jobs, bins, orders, level) = (&self.jobs, &self.bins, &self.orders, self.level);
+                let (jobs, bins, level) = (&self.jobs, &self.bins, self.level);
                 of_part.par_iter_mut().with_max_len(4).for_each(|tile| {
                     let mut scratch = self.scratch.get_or_default().borrow_mut();
-                    let order = has_orders.then(|| &orders[tile.tile[1] * columns + tile.tile[0]][..]);
                     dispatch!(level, s => {
-                        scratch.fill(s, jobs, bins, order, grid, *size, &resolver, slab_place, tile);
+                        scratch.fill(s, jobs, bins, grid, *size, &resolver, slab_place, tile);
                     });
                 });
             }
@@ -158,14 +143,13 @@ impl Rasterizer {
 }
 
 impl Scratch {
-    /// Makes the blocks of a tile. Its splats are visited in `order`; without an order, the splats are sorted.
+    /// Makes the blocks of a tile.
     #[inline(always)]
     fn fill<S: Simd>(
         &mut self,
         s: S,
         jobs: &[Projected],
         bins: &Bins,
-        order: Option<&[u32]>,
         grid: &Grid,
         size: [usize; 2],
         resolver: &Resolver,
@@ -189,9 +173,9 @@ impl Scratch {
         }
         match is_finished {
             true => self.forget(),
-            false => self.take_meeting(jobs, bins, tile, grid, &rows),
+            false => self.take_meeting(jobs, bins, tile, grid, &BlockRows::new(&rows)),
         }
-        self.list(order);
+        self.list();
 
         let Self { tile: TileScratch { blocks, splats, depths, normals, cover, .. }, lists, .. } = self;
         let native_of = |place: [u16; 2]| {
@@ -242,11 +226,10 @@ impl Scratch {
 
     fn forget(&mut self) {
         self.tile.clear();
-        self.taken.clear();
         self.met.clear();
     }
 
-    /// Takes the splats of `tile` with a rectangle that meets one of the tile's blocks, one bit per block in `rows`.
+    /// Takes the splats of `tile` with a rectangle that meets one of the tile's blocks.
     #[inline(always)]
     fn take_meeting(
         &mut self,
@@ -254,18 +237,15 @@ impl Scratch {
         bins: &Bins,
         tile: [usize; 2],
         grid: &Grid,
-        rows: &[u64; MAX_ROWS],
+        rows: &BlockRows,
     ) {
         let corner = grid.tile_corner(tile);
         self.forget();
         for ids in bins.of_tile(tile) {
             for (job, local) in ids.iter().map(|id| id.place()) {
                 let job = &jobs[job];
-                let met = native_tiles_met(job.rects[local], corner, grid.tile_size(), rows);
-                if met == 0 {
-                    self.taken.push(DROPPED);
-                } else {
-                    self.taken.push(self.met.len() as u32);
+                let met = rows.native_tiles_met(job.rects[local], corner, grid.tile_size());
+                if met != 0 {
                     self.met.push(met);
                     self.tile.take::<SAMPLES>(job, local);
                 }
@@ -273,25 +253,19 @@ impl Scratch {
         }
     }
 
-    /// Lists the splats taken for the native tiles that they meet, in `order`; without an order, the splats are sorted.
-    #[inline(always)]
-    fn list(&mut self, order: Option<&[u32]>) {
-        let Self { tile: TileScratch { order: depths, splats, .. }, taken, met, lists } = self;
+    /// Lists the splats taken for the native tiles that they meet, front to back. They are in scene order, as all splats of a
+    /// native tile are, so equal depths keep the native image's order.
+    fn list(&mut self) {
+        let Self { tile: TileScratch { order, splats, .. }, met, lists } = self;
         lists.resize_with(MAX_STRIDE * MAX_STRIDE, Vec::new);
         lists.iter_mut().for_each(Vec::clear);
-        let mut visit = |place: u32| {
-            let mut met = met[place as usize];
+        order.sort_front_to_back(splats.iter().map(|splat| splat.depth_bits));
+        for place in order.sorted() {
+            let mut met = met[*place as usize];
             while met != 0 {
-                lists[met.trailing_zeros() as usize].push(place);
+                lists[met.trailing_zeros() as usize].push(*place);
                 met &= met - 1;
             }
-        };
-        if let Some(order) = order {
-            order.iter().map(|i| taken[*i as usize]).filter(|place| *place != DROPPED).for_each(visit);
-        } else {
-            // The splats taken are in scene order, as all splats of the tile are if their depths are equal.
-            depths.sort_front_to_back(splats.iter().map(|splat| splat.depth_bits));
-            depths.sorted().iter().for_each(|place| visit(*place));
         }
     }
 }
@@ -319,27 +293,6 @@ fn load(block: &mut Block, from: &ExactBlock, state: &BlockState) {
     }
 }
 
-/// The native tiles with a block that a rectangle meets, as in [`Scratch`]. The rectangle is clipped to a tile of `size` at
-/// `corner`, and `rows` has a bit for each of the tile's blocks.
-#[inline(always)]
-fn native_tiles_met(rect: PixelRect, corner: [usize; 2], size: [usize; 2], rows: &[u64; MAX_ROWS]) -> u64 {
-    let first = |from: u16, a: usize| usize::from(from).saturating_sub(corner[a]) / BLOCK;
-    let last = |to: u16, a: usize| (usize::from(to) - 1).saturating_sub(corner[a]).min(size[a] - 1) / BLOCK;
-    let (left, right) = (first(rect.x0, 0), last(rect.x1, 0));
-    let columns = (u64::MAX >> (63 - right)) & (u64::MAX << left);
-    let mut tiles = 0;
-    for row in first(rect.y0, 1)..=last(rect.y1, 1) {
-        let mut met = rows[row] & columns;
-        while met != 0 {
-            // A native tile has eight columns of blocks.
-            let column = met.trailing_zeros() as usize / BLOCKS_X;
-            met &= !(0xff << (column * BLOCKS_X));
-            tiles |= 1 << (row / BLOCKS_Y * MAX_STRIDE + column);
-        }
-    }
-    tiles
-}
-
 /// Sets pixels beyond the image to black and infinitely far. `left` columns and rows from the block's first pixel are
 /// inside.
 fn clear_beyond(block: &mut ExactBlock, left: [usize; 2]) {
@@ -364,6 +317,8 @@ mod tests {
 
     use crate::{Culling, Importance, Outputs, RasterSettings, Rasterizer, Window, matched_dilation};
 
+    /// Frames, blocks and importance have the same bits with memory for all entries at once, for some tiles of a row, and for
+    /// one tile only; and in slabs.
     /// Frames, blocks and importance have the same bits with memory for all entries at once, for some tiles of a row, and for
     /// one tile only; and in slabs.
     #[test]

@@ -5,6 +5,7 @@
 
 mod bin;
 pub(crate) mod blend;
+mod block_rows;
 mod blocks;
 pub(crate) mod cover;
 pub(crate) mod geometry;
@@ -84,9 +85,6 @@ pub struct Rasterizer {
     visible: usize,
     /// The parts of the last frame's last slab; `bins` has the entries of one part.
     parts: Vec<Part>,
-    /// The splats of each tile of the last frame, front to back; lists without splats if the frame was made in several parts or
-    /// slabs.
-    orders: Vec<Vec<u32>>,
     /// The low-resolution frame that the splats belong to, if the last frame was one.
     last: Option<LastFrame>,
     /// Scratch memory of each thread that blends, kept for the next frame.
@@ -139,7 +137,6 @@ impl Rasterizer {
             slabs: Vec::new(),
             visible: 0,
             parts: Vec::new(),
-            orders: Vec::new(),
             last: None,
             scratch: ThreadLocal::new(),
             times: RasterTimes::default(),
@@ -322,17 +319,7 @@ impl Rasterizer {
         place: SlabPlace,
         of_rows: &mut [(Band<'_>, Vec<TileState>)],
     ) {
-        let [columns, rows] = grid.tiles();
-        // In a frame of several parts or slabs, orders would use the memory that parts and slabs save.
-        let is_whole = self.parts.len() == 1 && place.is_first && place.is_last;
-        let keeps_orders = OUTPUTS != COLOR && is_whole;
-        if !is_whole {
-            self.orders.clear();
-        }
-        self.orders.resize_with(columns * rows, Vec::new);
         let resolver = Resolver::new(view, settings);
-        let orders = self.orders.chunks_exact_mut(columns);
-        let mut of_rows: Vec<_> = of_rows.iter_mut().zip(orders).collect();
         for part in &self.parts {
             let started = Instant::now();
             self.bins.fill(&self.jobs, grid, part, self.culling);
@@ -340,14 +327,10 @@ impl Rasterizer {
             let (jobs, bins, level) = (&self.jobs, &self.bins, self.level);
             let blending = Blending { jobs, bins, grid, resolver: &resolver, place, level };
             of_rows[part.rows.clone()].par_iter_mut().zip(part.rows.clone()).for_each(
-                |(((out, states), orders), row)| {
+                |((out, states), row)| {
                     let scratch = &mut self.scratch.get_or_default().borrow_mut().tile;
                     for column in part.columns.clone() {
                         blending.tile::<OUTPUTS>([column, row], states.get_mut(column), scratch, out);
-                        orders[column].clear();
-                        if keeps_orders {
-                            orders[column].extend_from_slice(scratch.order.sorted());
-                        }
                     }
                 },
             );

@@ -29,6 +29,33 @@ pub(crate) fn repeat<S: Simd>(simd: S, values: &[f32]) -> f32x16<S> {
     f32x16::block_splat(f32x4::from_slice(simd, values))
 }
 
+/// Looks up four values of sixteen lanes: numbers `first..first + 4` of entry `at[lane]` of `table`, each number in a vector of
+/// its own.
+#[inline(always)]
+pub(crate) fn look_up_four<S: Simd, const N: usize>(
+    simd: S,
+    table: &[[f32; N]],
+    at: &[i32; CHUNK],
+    first: usize,
+) -> [f32x16<S>; 4] {
+    let mut rows = [[f32x4::splat(simd, 0.0); 4]; 4];
+    for (k, quads) in rows.iter_mut().enumerate() {
+        for (i, quad) in quads.iter_mut().enumerate() {
+            *quad = f32x4::from_slice(simd, &table[at[4 * k + i] as usize][first..first + 4]);
+        }
+        let [a, b, c, d] = *quads;
+        let ((a, c), (b, d)) = (a.interleave(c), b.interleave(d));
+        let ((first, second), (third, fourth)) = (a.interleave(b), c.interleave(d));
+        *quads = [first, second, third, fourth];
+    }
+    let [a, b, c, d] = rows;
+    let mut columns = [f32x16::splat(simd, 0.0); 4];
+    for (k, column) in columns.iter_mut().enumerate() {
+        *column = a[k].combine(b[k]).combine(c[k].combine(d[k]));
+    }
+    columns
+}
+
 /// The first sixteen values of `values`, 0 beyond them.
 #[inline(always)]
 pub(crate) fn load<S: Simd>(simd: S, values: &[f32]) -> f32x16<S> {

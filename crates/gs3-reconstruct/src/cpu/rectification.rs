@@ -8,11 +8,11 @@
 //! well, a slow drift of colour stays within the range. There, past samples count less than the current frame alone,
 //! and still less, the farther the view has turned since.
 
-use fearless_simd::{Level, Simd, dispatch, f32x16, mask32x16, prelude::*};
+use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, prelude::*};
 use gs3_scene::{GBuffer, Gradients, Planes};
 use rayon::prelude::*;
 
-use crate::cpu::lanes::{WINDOW, load, look_up, window_bytes};
+use crate::cpu::lanes::{load, look_up_four};
 use crate::cpu::samples::CHUNK;
 use crate::reprojection::inverse_depth_16;
 
@@ -49,21 +49,16 @@ pub(crate) const HIDDEN: f32 = 1e4;
 
 const LANES: usize = CHUNK;
 
-/// Number of cells of a row that are read before the first sample's cell: positions need not increase along a row.
-const BACK: f32 = 8.0;
-
 /// Number of values per cell.
-const VALUES: usize = 9;
+const VALUES: usize = 8;
 /// Index of the middle of the range of plausible red; green and blue follow.
 const MIDDLE: usize = 0;
-/// Index of half the extent of the range of red; green and blue follow.
-const HALF: usize = 3;
 /// Index of the smallest inverse depth that is not hidden.
-const FARTHEST: usize = 6;
-/// Index of [`MISMATCH`] over the squared extent of the range.
-const GAIN: usize = 7;
+const FARTHEST: usize = 3;
+/// Index of half the extent of the range of red; green and blue follow.
+const HALF: usize = 4;
 /// Index of squared [`DRIFT`] over the squared error of the current samples' predictions of each other.
-const DRIFT_GAIN: usize = 8;
+const DRIFT_GAIN: usize = 7;
 
 /// Ranges of all cells: cell `(i, j)` lies between samples `i`, `i + 1` and `j`, `j + 1`.
 #[derive(Clone, Debug, Default)]
@@ -73,9 +68,8 @@ pub(crate) struct Rectification {
     per_hr_pixel: f32,
     offset: [f32; 2],
     last: [f32; 2],
-    /// `[LR height, VALUES, LR width]`, with one more window at the end, so that a window can be loaded from any
-    /// place.
-    cells: Vec<f32>,
+    /// `[LR height, LR width]`.
+    cells: Vec<[f32; VALUES]>,
     /// Squared error, summed over the channels, of predicting a sample from its neighbours in the row and in the
     /// column: the larger of both. `[LR height, LR width]`.
     errors: Vec<f32>,
@@ -101,22 +95,28 @@ impl Rectification {
         let errors = self.errors.par_chunks_exact_mut(width).enumerate().with_min_len(4);
         errors.for_each(|(j, errors)| dispatch!(level, simd => predict(simd, gbuffer, gradients, j, errors)));
         let errors = &self.errors;
-        let size = VALUES * width * height;
-        self.cells.resize(size + WINDOW, 0.0);
-        let rows = self.cells[..size].par_chunks_exact_mut(VALUES * width).enumerate().with_min_len(4);
-        rows.for_each(|(j, cells)| {
-            let rows = [j, (j + 1).min(height - 1)];
-            dispatch!(level, simd => {
-                join_rows(simd, &gbuffer.color, gradients, depth, errors, rows, cells);
-                join_columns(simd, width, cells);
-            });
-        });
+        self.cells.resize(width * height, [0.0; VALUES]);
+        let rows = self.cells.par_chunks_exact_mut(width).enumerate().with_min_len(4);
+        // One more value at the end, so that the column after the last can be loaded.
+        rows.for_each_init(
+            || vec![0.0; VALUES * width + 1],
+            |planes, (j, cells)| {
+                let rows = [j, (j + 1).min(height - 1)];
+                dispatch!(level, simd => {
+                    join_rows(simd, &gbuffer.color, gradients, depth, errors, rows, planes);
+                    join_columns(simd, width, planes);
+                });
+                for (i, cell) in cells.iter_mut().enumerate() {
+                    *cell = std::array::from_fn(|k| planes[k * width + i]);
+                }
+            },
+        );
     }
 
     /// The variances, in pixel⁴, that the current frame gives sixteen past samples. The samples have colours
     /// `colors`, and are seen now at HR positions `(x, y)`, pixel centres at whole numbers, with inverse depths `w`.
     /// Staleness is in pixels, and `change` is a possible change of their colour. Samples outside the frame use the
-    /// nearest cells. Lanes that are not `wanted` are unspecified.
+    /// nearest cells.
     #[inline(always)]
     pub fn variance<S: Simd>(
         &self,
@@ -125,40 +125,27 @@ impl Rectification {
         colors: [&[f32; LANES]; 3],
         staleness: f32x16<S>,
         change: f32x16<S>,
-        wanted: mask32x16<S>,
     ) -> f32x16<S> {
         let place = |x: f32x16<S>, axis: usize| {
             let place = x.mul_add(self.per_hr_pixel, f32x16::splat(simd, self.offset[axis]));
             // In this order, NaN becomes 0.
             place.max(0.0).min(self.last[axis]).floor()
         };
-        let (i, j) = (place(x, 0), place(y, 1));
-        let (columns, rows) = (i.to_array(), j.to_array());
-        let mut values = [f32x16::splat(simd, 0.0); VALUES];
-        // Sixteen samples of a row mostly lie in sixteen cells of one or two rows: one or two rounds of loads and
-        // byte shuffles are enough.
-        let mut left = wanted.to_bitmask() & 0xffff;
-        while left != 0 {
-            let lane = left.trailing_zeros() as usize;
-            let (row, column) = (rows[lane], (columns[lane] - BACK).max(0.0));
-            let ahead = i - column;
-            let is_near = j.simd_eq(row) & ahead.simd_ge(0.0) & ahead.simd_lt(WINDOW as f32);
-            let start = row as usize * VALUES * self.width + column as usize;
-            let bytes = window_bytes(ahead);
-            for (k, value) in values.iter_mut().enumerate() {
-                let near = look_up(simd, &self.cells[start + k * self.width..], bytes);
-                *value = is_near.select(near, *value);
-            }
-            left &= !is_near.to_bitmask();
-        }
-        let mut sum = change * change;
+        let (i, j) = (place(x, 0).to_int::<i32x16<S>>(), place(y, 1).to_int::<i32x16<S>>());
+        let at = (j * self.width as i32 + i).to_array();
+        let [middle @ .., farthest] = look_up_four(simd, &self.cells, &at, MIDDLE);
+        let [extent @ .., drift_gain] = look_up_four(simd, &self.cells, &at, HALF);
+        let (mut sum, mut square) = (change * change, f32x16::splat(simd, 0.0));
         for c in 0..3 {
-            let away = (f32x16::load_array_ref(simd, colors[c]) - values[MIDDLE + c]).abs();
-            let outside = (away - values[HALF + c]).max(0.0);
+            let away = (f32x16::load_array_ref(simd, colors[c]) - middle[c]).abs();
+            let outside = (away - extent[c]).max(0.0);
             sum = outside.mul_add(outside, sum);
+            square = extent[c].mul_add(extent[c], square);
         }
-        let variance = sum.mul_add(values[GAIN], values[DRIFT_GAIN] * (staleness * staleness));
-        w.simd_lt(values[FARTHEST]).select(f32x16::splat(simd, HIDDEN), variance)
+        // The squared extent of the range is four times that of its half.
+        let gain = f32x16::splat(simd, MISMATCH) / square.mul_add(4.0, f32x16::splat(simd, EXTENT_FLOOR));
+        let variance = sum.mul_add(gain, drift_gain * (staleness * staleness));
+        w.simd_lt(farthest).select(f32x16::splat(simd, HIDDEN), variance)
     }
 }
 
@@ -254,14 +241,12 @@ fn join_columns<S: Simd>(simd: S, width: usize, cells: &mut [f32]) {
         let count = LANES.min(width - first);
         let column = f32x16::from_fn(simd, |k| (first + k) as f32);
         let is_inner = column.simd_lt((width - 1) as f32);
-        let mut extent = f32x16::splat(simd, 0.0);
         for c in 0..3 {
             let (low_at, high_at) = ((LOW + c) * width + first, (HIGH + c) * width + first);
             let (low, high) = (load(simd, &cells[low_at..]), load(simd, &cells[high_at..]));
             let (next_low, next_high) = (load(simd, &cells[low_at + 1..]), load(simd, &cells[high_at + 1..]));
             let (low, high) =
                 (is_inner.select(low.min(next_low), low), is_inner.select(high.max(next_high), high));
-            extent = (high - low).mul_add(high - low, extent);
             store((low + high) * 0.5, &mut cells[(MIDDLE + c) * width + first..], count);
             store((high - low) * 0.5, &mut cells[(HALF + c) * width + first..], count);
         }
@@ -273,7 +258,6 @@ fn join_columns<S: Simd>(simd: S, width: usize, cells: &mut [f32]) {
         let (error, next) = (load(simd, &cells[at..]), load(simd, &cells[at + 1..]));
         let error = is_inner.select(error.max(next), error);
         store(DRIFT * DRIFT / (error + ERROR_FLOOR), &mut cells[at..], count);
-        store(MISMATCH / (extent + EXTENT_FLOOR), &mut cells[GAIN * width + first..], count);
     }
 }
 

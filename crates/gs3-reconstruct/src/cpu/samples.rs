@@ -9,8 +9,8 @@ use rayon::prelude::*;
 
 use crate::cpu::displacement::Displacement;
 pub(crate) use crate::cpu::lanes::CHUNK;
-use chunk::{Chunk, Extent};
-pub(crate) use chunk::{DX, DY, Sample};
+use chunk::Extent;
+pub(crate) use chunk::{Chunk, DX, DY, Sample};
 
 /// A sample is beside a nearer surface if its inverse depth is below this share of a neighbouring sample's inverse
 /// depth. Larger ratios may be the slant of one surface. (Empirical: 0.95 gains 0.1 dB over 0.8 at 1920×1080, and

@@ -12,13 +12,13 @@
 //! sample's predictions of four pixels in a row, are one vector with channels as lanes: two multiply-adds, one load
 //! and one store.
 
-use fearless_simd::{Simd, f32x16, i32x16, mask32x16, prelude::*};
+use fearless_simd::{Simd, f32x4, f32x16, i32x16, mask32x16, prelude::*};
 
 use crate::cpu::displacement::Displacement;
 use crate::cpu::lanes::{repeat, spread};
 use crate::cpu::nearest::{PLACES, RIM, place};
 use crate::cpu::rectification::{DEPTH_TOLERANCE, Rectification};
-use crate::cpu::samples::{CHUNK, Places, SampleFrame};
+use crate::cpu::samples::{CHUNK, Chunk, Places, SampleFrame};
 use crate::cpu::tile::{NOISE, Tile};
 use crate::cpu::tile_size::{PAD_X, PAD_Y, STRIDE};
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
@@ -28,6 +28,11 @@ pub(crate) const COLUMNS: usize = 4;
 
 /// A sample reaches this many rows, the nearest ones; all are less than two pixels away along y.
 pub(crate) const ROWS: usize = 3;
+
+/// Column and row of the pixels that a sample of an exact block reaches, from the first one on: the pixels less than one pixel
+/// away. Every pixel around has a sample of its own, which is nearer. (Empirical: as far as other samples reach, they lose 0.04 to
+/// 0.31 dB, frames 1 to 23 of six paths.)
+const CORNERS: [[usize; 2]; 4] = [[0, 0], [1, 0], [0, 1], [1, 1]];
 
 /// Largest distance of a sample from a pixel that it reaches, rounded up, in pixels.
 pub(crate) const REACH: f32 = 2.0;
@@ -172,15 +177,15 @@ impl Source<'_> {
         let position = [x, y, w];
         // Positions relative to the tile, with its first pixel at (PAD_X, PAD_Y).
         let (x, y) = (x - (tile.left as f32 - PAD_X as f32), y - (tile.top as f32 - PAD_Y as f32));
-        let (first_x, first_y) = (x.floor() - 1.0, (y + 0.5).floor() - 1.0);
+        let near = [x, y + 0.5].map(SimdFloat::floor);
+        let [first_x, first_y] = [near[0] - 1.0, near[1] - 1.0];
         let reached = seen.is_sample
             & seen.q.simd_gt(MIN_DIVISOR)
             & first_x.simd_gt(PAD_X as f32 - COLUMNS as f32)
             & first_x.simd_lt((PAD_X + tile.width) as f32)
             & first_y.simd_gt(PAD_Y as f32 - ROWS as f32)
             & first_y.simd_lt((PAD_Y + tile.height) as f32);
-        let variance =
-            rectification.variance(simd, position, chunk.colors(), seen.staleness, change, reached);
+        let variance = rectification.variance(simd, position, chunk.colors(), seen.staleness, change);
         let pixel = [(x + 0.5).floor() - PAD_X as f32, first_y + (1.0 - PAD_Y as f32)];
         let nearest = tile.nearest.around(simd, pixel);
         // A nearer sample may hide this one now. This is more likely, the farther the two have moved apart. The
@@ -193,6 +198,8 @@ impl Source<'_> {
         let motion = seen.moved / (seen.moved + 1.0);
         let noise = seen.staleness.mul_add(AGING, variance).mul_add(motion, splat(NOISE));
         let seen = reached & noise.simd_le(MAX_NOISE);
+        let [first_x, first_y] =
+            if self.frame.is_blocks() { [first_x + 1.0, y.floor()] } else { [first_x, first_y] };
         let first = first_y.mul_add(STRIDE as f32, first_x).to_int::<i32x16<S>>();
         Footprints {
             first: first.to_array(),
@@ -220,6 +227,9 @@ impl<'a> Tile<'a> {
             return;
         }
         let chunk = source.frame.chunk(row, chunk);
+        if source.frame.is_blocks() {
+            return self.splat_dense(simd, &footprints, chunk);
+        }
         let columns = f32x16::from_fn(simd, |k| (k % COLUMNS) as f32);
         let pixels = f32x16::from_fn(simd, |k| (k / 4) as f32);
         let is_color = f32x16::from_fn(simd, |k| (k % 4) as f32).simd_lt(3.0);
@@ -266,6 +276,45 @@ impl<'a> Tile<'a> {
                     prediction.mul_add(weight, f32x16::from_slice(simd, target)).store_slice(target);
                     prediction += along_y;
                 }
+            }
+        }
+    }
+}
+
+impl<'a> Tile<'a> {
+    /// Adds the predictions of the samples `chunk` of an exact block, which reach the four pixels around them.
+    #[inline(always)]
+    fn splat_dense<S: Simd>(&mut self, simd: S, footprints: &Footprints, chunk: &'a Chunk) {
+        let [x, y, noise] = [&footprints.x, &footprints.y, &footprints.noise]
+            .map(|values| f32x16::load_array_ref(simd, values));
+        let mut weights = [[0.0; CHUNK]; CORNERS.len()];
+        for (weights, [column, row]) in weights.iter_mut().zip(CORNERS) {
+            let (dx, dy) = (x - column as f32, y - row as f32);
+            let d2 = dy.mul_add(dy, dx * dx);
+            d2.mul_add(d2, noise).approximate_recip().store_array(weights);
+        }
+        let is_color = f32x4::load_array(simd, [1.0, 1.0, 1.0, 0.0]).simd_gt(0.0);
+        let (zero, one) = (f32x4::splat(simd, 0.0), f32x4::splat(simd, 1.0));
+        let mut seen = footprints.seen;
+        while seen != 0 {
+            let i = seen.trailing_zeros() as usize % CHUNK;
+            seen &= seen - 1;
+            let Ok(first) = usize::try_from(footprints.first[i]) else { break };
+            if let Some(neighborhoods) = &mut self.neighborhoods {
+                let at =
+                    [(first % STRIDE) as f32 + footprints.x[i], (first / STRIDE) as f32 + footprints.y[i]];
+                neighborhoods.take(at, footprints.noise[i], chunk.sample(i));
+            }
+            let [color, dx, dy] = chunk.quads(i);
+            let [dx, dy] = [dx, dy].map(|slope| is_color.select(f32x4::from_slice(simd, slope), zero));
+            let at_row = dx.mul_add(-footprints.x[i], f32x4::from_slice(simd, color));
+            let at_corner = is_color.select(dy.mul_add(-footprints.y[i], at_row), one);
+            let below = at_corner + dy;
+            let predictions = [at_corner, at_corner + dx, below, below + dx];
+            let Some(target) = self.pixels.get_mut(first..first + STRIDE + 2) else { break };
+            for ((prediction, weights), [column, row]) in predictions.into_iter().zip(&weights).zip(CORNERS) {
+                let pixel = &mut target[row * STRIDE + column];
+                prediction.mul_add(weights[i], f32x4::load_array_ref(simd, pixel)).store_array(pixel);
             }
         }
     }

@@ -7,6 +7,9 @@ const NOWHERE: u32 = 0xffffffffu;
 // In a variance's sign: the sample belongs to the current frame.
 const CURRENT: u32 = 0x80000000u;
 
+// In a variance's lowest bit, which counts for nothing: the sample belongs to an exact block.
+const DENSE: u32 = 1u;
+
 fn cell_columns() -> u32 {
     return frame.size.x + COLUMNS - 1u;
 }

@@ -143,6 +143,6 @@ fn splat_color(@builtin(global_invocation_id) at: vec3<u32>) {
     let corner = vec2<u32>(vec2<i32>(first) + vec2<i32>(i32(COLUMNS) - 1, i32(ROWS) - 1));
     let cell = corner.y * cell_columns() + corner.x;
     places[id] = to;
-    landed[id] = vec2(bitcast<u32>(noise), cell);
+    landed[id] = vec2((bitcast<u32>(noise) & ~DENSE) | select(0u, DENSE, id >= frame.first_of_blocks), cell);
     atomicAdd(&cell_counts[cell], 1u);
 }

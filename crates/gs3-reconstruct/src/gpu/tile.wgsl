@@ -67,6 +67,10 @@ fn accumulate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
             for (var place = run.x; place < run.y; place++) {
                 let d = vec2<f32>(to) - ordered_places[place];
                 let a = ordered_a[place];
+                // See CORNERS in splat.rs.
+                if (a.x & DENSE) != 0u && any(abs(d) >= vec2(1.0)) {
+                    continue;
+                }
                 let s = unpack_sample(a.y, ordered_b[place], ordered_c[place]);
                 let d2 = dot(d, d);
                 let weight = 1.0 / fma(d2, d2, bitcast<f32>(a.x & ~CURRENT));
